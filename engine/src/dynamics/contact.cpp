@@ -13,11 +13,11 @@ namespace {
 
 static_assert(kMostPoints == kMaxHullVertices + 1);
 
-// The points of the hull, m, world frame, that touch the obstacle: all corners of a face that lies flat.
+// Points of the hull that touch the obstacle, m, world frame. If a face lies flat, these are all its corners.
 class ContactPoints {
  public:
-  // The points lie on the surface that was hit, and no two of them are the same: points out of its plane, or a millimetre apart,
-  // would act as tiny levers that keep the body from turning. Inside an obstacle they are the deepest vertices.
+  // Inside an obstacle the points are the deepest vertices. All points are projected onto the hit surface and deduplicated:
+  // points off its plane, or a millimetre apart, would act as tiny levers that keep the body from turning.
   ContactPoints(const collision::Obstacles& obstacles, const collision::Hull& hull, const Pose& pose,
                 const collision::Contact& contact) {
     const auto vertex = [&](int i) { return Vec3(hull.vertex(i).cast<float>()); };
@@ -63,7 +63,7 @@ Surface surface_of(const DynamicsConfig& config) {
 
 ContactResult resolve_contacts(const collision::Obstacles& obstacles, const Body& body, const DynamicsConfig& config,
                                const TickMotion& motion) {
-  constexpr int kMostContacts = 3;  // of a tick: a wall, another, and where they meet
+  constexpr int kMostContacts = 3;  // per tick: two walls and their corner
   const bool terminates = config.on_contact == OnContact::terminate;
   Pose from = motion.from, to = motion.to;
   Velocity begin = motion.begin, end = motion.end;
@@ -97,7 +97,8 @@ ContactResult resolve_contacts(const collision::Obstacles& obstacles, const Body
     to = {from.position + time * (begin.linear + end.linear),
           angle > 0.0F ? (from.rotation * Quat(Eigen::AngleAxisf(angle, turn / angle))).normalized() : from.rotation};
   }
-  // It still hits something, and stays where it is: no force gives it speed inside an obstacle.
+  // After kMostContacts the drone stays at the last contact. Inside an obstacle its velocity is 0, since forces must not
+  // accelerate it there.
   result.pose = from;
   result.velocity = result.contact.inside ? Velocity{} : begin;
   return result;

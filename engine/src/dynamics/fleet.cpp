@@ -12,7 +12,7 @@ namespace flockstep::dynamics {
 namespace {
 
 GustNoise gust_noise(const Fleet& fleet, const State& state, DroneIndex drone, std::int64_t tick) {
-  constexpr std::uint32_t kDraws = 3;  // of two numbers each
+  constexpr std::uint32_t kDraws = 3;  // two numbers each
   const RandomKey key = RandomKey::of(drone, fleet.drones_per_env);
   const std::uint32_t index = kDraws * static_cast<std::uint32_t>(tick);
   const auto [a, b] = normal_pair(draw(state, key, Stream::gust, index));
@@ -30,7 +30,7 @@ void set_gust(const Wind& wind, State& state, DroneIndex drone, const GustState&
 void require_integrable(const Airframe& frame, const std::string& name, const DynamicsConfig& config, const ClockConfig& clock) {
   require(config.integrator != Integrator::rk4 || can_rk4(frame, config, clock.dt_s()), "integrator",
           "midpoint or automatic, where a tick is longer than twice the rotors' lag", "rk4");
-  constexpr double kMostStiffness = 2.0;  // per tick: beyond it, a midpoint step amplifies instead of damping
+  constexpr double kMostStiffness = 2.0;  // per tick; above this a midpoint step amplifies instead of damping
   const double ticks = clock.ticks_hz();
   if (const double rate = stiffness(frame, config); rate > kMostStiffness * ticks) {
     std::ostringstream expected;
@@ -127,7 +127,7 @@ void Fleet::update_wind(State& state, std::span<const DroneIndex> drones, int ti
   for (const DroneIndex drone : drones) {
     GustState gust;
     std::copy_n(state.flight.gust.data() + kGustStates * drone, kGustStates, gust.data());
-    // The noise is indexed by ticks, since a batch without a task has no steps.
+    // Index the noise by ticks: a batch without a task has no steps.
     const std::int64_t tick = state.tick[env_of(drone)] + ticks_ahead;
     set_gust(wind, state, drone, wind.next(gust, gust_noise(*this, state, drone, tick + 1)));
   }

@@ -1,7 +1,7 @@
-// Equations: R. Mahony, V. Kumar, P. Corke, "Multirotor aerial vehicles", IEEE Robotics and Automation Magazine 19(3), 2012, with
-// the rotor drag of that paper; the controller's attitude error turns the thrust first and the heading after it, as in D.
-// Brescianini and R. D'Andrea, "Tilt-prioritized quadrocopter attitude control", IEEE Transactions on Control Systems Technology
-// 28(2), 2020.
+// Equations of motion, including rotor drag: R. Mahony, V. Kumar, P. Corke, "Multirotor aerial vehicles", IEEE Robotics and
+// Automation Magazine 19(3), 2012. The attitude controller corrects the thrust direction first, then the heading: D.
+// Brescianini and R. D'Andrea, "Tilt-prioritized quadrocopter attitude control", IEEE Transactions on Control Systems
+// Technology 28(2), 2020.
 #include "dynamics/flight.hpp"
 
 #undef HWY_TARGET_INCLUDE
@@ -12,7 +12,7 @@
 
 #include "dynamics/lanes-inl.hpp"
 
-// Many copies of these take sanitizers minutes to compile.
+// Inlining these in debug builds makes sanitizers compile for minutes.
 #undef FLOCKSTEP_BIG_INLINE
 #if defined(NDEBUG)
 #define FLOCKSTEP_BIG_INLINE HWY_INLINE
@@ -28,13 +28,13 @@ constexpr float kTiny = 1e-6F;
 
 using Numbers = LaneNumbers;
 
-// A number of the drones in a vector of lanes.
+// Loads a number for the drones of one vector of lanes.
 struct At {
-  std::size_t lane;  // the first
+  std::size_t lane;  // first lane
   HWY_INLINE F operator()(const Lane& number) const { return load(number, lane); }
 };
 
-// What changes as a drone flies, and its rates of change.
+// The integrated state of a drone.
 struct State {
   V3 travelled, velocity;
   Q rotation;
@@ -52,13 +52,13 @@ HWY_INLINE F rotor_rate(const Numbers& n, At at, F speed, F command) {
   return difference * select(difference > 0.0F, at(n.inverse_lag_up), at(n.inverse_lag_down));
 }
 
-// The rotor speed after a tick, or half of one, under the same command.
+// The rotor speed after a tick or half a tick under the same command.
 HWY_INLINE F lagged(F speed, F command, F keep_up, F keep_down) {
   const F behind = speed - command;
   return command + behind * select(behind < 0.0F, keep_up, keep_down);
 }
 
-// Rotors without a lag have the speed that they are commanded at once.
+// Rotors without lag reach the commanded speed at once.
 HWY_INLINE void respond(const Physics& p, const Numbers& n, At at, const F* command, F* speed) {
   if (!p.instant_up && !p.instant_down) return;
   const F::Mask instant_up = at(n.inverse_lag_up) == 0.0F;
@@ -73,8 +73,8 @@ HWY_INLINE void respond(const Physics& p, const Numbers& n, At at, const F* comm
 // J dw/dt = sum r_i x (F_i e3 + H_i) - sum s_i k F_i e3 - w x J w - w x h - dh/dt,  h = J_r sum s_i W_i e3,
 // with F_i = c0 + c1 W_i + c2 W_i^2 >= 0, H_i = -W_i diag(d) v_i, v_i = R^T (v - wind) + w x r_i, D = -diag(l) v - |v| diag(q) v.
 //
-// The terms that not every frame has numbers for are switched by Physics, or not there at all where it has none of them: a branch
-// for each rotor, not taken, costs a quarter of the time.
+// Physics switches the optional rotor terms. If it has none of them, kHasRotorTerms removes their branches at compile time: an
+// untaken branch for each rotor costs a quarter of the time.
 template <bool kHasRotorTerms>
 FLOCKSTEP_BIG_INLINE Forces forces(const Physics& p, const Numbers& n, At at, const State& s, const F* command, const V3& wind,
                                    F height) {
@@ -85,8 +85,8 @@ FLOCKSTEP_BIG_INLINE Forces forces(const Physics& p, const Numbers& n, At at, co
   const V3 air = transpose_times(r, s.velocity - wind);
   V3 force{0.0F, 0.0F, 0.0F};
   V3 torque = force;
-  F momentum(0.0F);       // of the rotors about z
-  F momentum_rate(0.0F);  // of which
+  F momentum(0.0F);       // rad/s, signed sum of the rotor speeds about z
+  F momentum_rate(0.0F);  // its rate of change
   for (std::size_t i = 0; i < kRotors; ++i) {
     const F speed = s.rotor[i];
     const F x = at(n.position[i][0]), y = at(n.position[i][1]), z = at(n.position[i][2]);
@@ -102,7 +102,7 @@ FLOCKSTEP_BIG_INLINE Forces forces(const Physics& p, const Numbers& n, At at, co
         torque.z = torque.z + (x * drag.y - y * drag.x);
       }
     }
-    if (has_ground) {  // Cheeseman and Bennett: F / (1 - (r / 4h)^2), upright drones alone
+    if (has_ground) {  // Cheeseman and Bennett: F / (1 - (r / 4h)^2), for upright drones only
       const F hub_height = height + s.travelled.z + (r.zx * x + r.zy * y + r.zz * z);
       const F near = at(n.ground_quarter) / max(hub_height, at(n.least_height));
       const F gain = 1.0F / (1.0F - near * near);
@@ -137,7 +137,7 @@ FLOCKSTEP_BIG_INLINE Forces forces(const Physics& p, const Numbers& n, At at, co
           {at(n.inverse_inertia[0]) * torque.x, at(n.inverse_inertia[1]) * torque.y, at(n.inverse_inertia[2]) * torque.z}};
 }
 
-// Second order. The rotors' speeds, and the attitude at a constant angular velocity, are exact.
+// Midpoint method, second order. Rotor speeds are exact, and so is the attitude at a constant angular velocity.
 template <bool kHasRotorTerms>
 FLOCKSTEP_BIG_INLINE void midpoint(const Physics& p, const Numbers& n, At at, State& s, const F* command, const V3& wind,
                                    F height) {
@@ -189,8 +189,8 @@ HWY_INLINE void add(Rates& sum, const Rates& r, F weight) {
   for (std::size_t i = 0; i < kRotors; ++i) sum.rotor[i] = sum.rotor[i] + r.rotor[i] * weight;
 }
 
-// The classical method of fourth order, the rotors part of the state. The sum grows as it goes: four rates at once are more than
-// there are registers for.
+// The classical fourth-order Runge-Kutta method, with the rotors as part of the state. The rates are summed as they are
+// computed: four of them do not fit into registers.
 template <bool kHasRotorTerms>
 FLOCKSTEP_BIG_INLINE void runge_kutta(const Physics& p, const Numbers& n, At at, State& s, const F* command, const V3& wind,
                                       F height) {
@@ -211,14 +211,14 @@ FLOCKSTEP_BIG_INLINE void runge_kutta(const Physics& p, const Numbers& n, At at,
 
 // --------------------------------------------------------------------------------------------------------- the controller
 
-// The sine of the angle between two directions times this is 2 sin(angle / 2), which grows up to half a turn.
+// Factor that turns the sine of the angle between two directions into 2 sin(angle / 2), which grows up to half a turn.
 HWY_INLINE F turn_gain(F cosine) { return 2.0F / sqrt(max(2.0F * (1.0F + cosine), kTiny)); }
 
-// True if two directions are within 0.06 degrees of opposite. Their sine then does not give the size of the turn, and rounding
-// decides its axis, so any axis will do.
+// True if two directions are within 0.06 degrees of opposite. Their sine then does not give the angle, and rounding
+// decides the axis, so any axis will do.
 HWY_INLINE F::Mask are_opposite(F cosine, F square_of_sine) { return (square_of_sine < 1e-6F) & (cosine < 0.0F); }
 
-// No longer than a length.
+// Shortens a vector to at most this length.
 HWY_INLINE V3 shortened(const V3& v, F length) {
   const F square = dot(v, v);
   const F scale = length / sqrt(max(square, kTiny));
@@ -227,14 +227,14 @@ HWY_INLINE V3 shortened(const V3& v, F length) {
 
 HWY_INLINE F clamp(F x, float limit) { return max(min(x, limit), -limit); }
 
-// What the outer loops ask of the attitude loop.
+// The output of the outer loops, input of the attitude loop.
 struct Aim {
   F thrust;    // m/s^2, along the body's z
-  V3 up;       // unit, world frame: where z is to point
+  V3 up;       // unit, world frame; target direction of the body's z
   F yaw_rate;  // rad/s
 };
 
-// Of an acceleration that is asked for, within the limits of tilt: the vertical part is kept.
+// Converts a desired acceleration to thrust and direction. The horizontal part is reduced to keep within the maximum tilt.
 HWY_INLINE Aim push_along(const Physics& p, const M3& r, V3 desired) {
   desired.z = max(desired.z + kG, 0.3F * kG);
   const F sideways = sqrt(desired.x * desired.x + desired.y * desired.y);
@@ -247,7 +247,7 @@ HWY_INLINE Aim push_along(const Physics& p, const M3& r, V3 desired) {
   return {thrust, desired * (1.0F / length), 0.0F};
 }
 
-// How fast to yaw so that the heading becomes the one asked for.
+// Yaw rate (rad/s) towards the desired heading.
 HWY_INLINE F yaw_towards(const Numbers& n, At at, const M3& r, F cosine, F sine) {
   const F scale = 1.0F / sqrt(max(r.xx * r.xx + r.yx * r.yx, kTiny));
   const F x = r.xx * scale, y = r.yx * scale;
@@ -256,15 +256,15 @@ HWY_INLINE F yaw_towards(const Numbers& n, At at, const M3& r, F cosine, F sine)
   return at(n.yaw_gain) * select(are_opposite(along, across * across), 2.0F, across * turn_gain(along));
 }
 
-// A velocity that is asked for, by proportion and integral.
+// PI controller from desired velocity to acceleration.
 HWY_INLINE V3 accelerate(const Physics& p, const Numbers& n, At at, const V3& velocity, const V3& desired, V3& integral) {
   const V3 error = shortened(desired, p.max_speed_mps) - velocity;
   integral = shortened(integral + error * p.control_dt, at(n.max_integral));
   return shortened(error * at(n.velocity_gain) + integral * at(n.integral_gain), p.max_acceleration);
 }
 
-// Rotor speeds for a thrust (m/s^2) and body rates. Where they are more than the rotors can give, yaw is given up first, then
-// thrust moves to where roll and pitch have room, and only then are these made smaller.
+// Rotor speeds for a thrust (m/s^2) and body rates. If the rotors saturate, yaw is reduced first, then the thrust is shifted to
+// make room for roll and pitch, and roll and pitch are reduced last.
 HWY_INLINE void mix(const Physics& p, const Numbers& n, At at, const State& s, F thrust, V3 desired, F* command) {
   const V3& turn = s.turn;
   desired = {clamp(desired.x, p.max_rate), clamp(desired.y, p.max_rate), clamp(desired.z, p.max_yaw_rate)};
@@ -284,13 +284,13 @@ HWY_INLINE void mix(const Physics& p, const Numbers& n, At at, const State& s, F
   }
   const F room = at(n.max_thrust) - at(n.min_thrust);
   const F scale = min(1.0F, room / max(high - low, at(n.thrust_tiny)));
-  F below(0.0F), above(0.0F);  // how far the rotors would be out of their range
+  F below(0.0F), above(0.0F);  // N, excess beyond the range of the rotors
   for (std::size_t i = 0; i < kRotors; ++i) {
     level[i] = level[i] + scale * tilt[i];
     below = max(below, at(n.min_thrust) - level[i]);
     above = max(above, level[i] - at(n.max_thrust));
   }
-  F share(1.0F);  // of the yaw that is asked for
+  F share(1.0F);  // share of the desired yaw
   for (std::size_t i = 0; i < kRotors; ++i) {
     level[i] = level[i] + (below - above);
     const F yaw = at(n.mixer[i][3]) * z;
@@ -299,7 +299,7 @@ HWY_INLINE void mix(const Physics& p, const Numbers& n, At at, const State& s, F
   }
   for (std::size_t i = 0; i < kRotors; ++i) {
     const F want = max(min(level[i] + share * (at(n.mixer[i][3]) * z), at(n.max_thrust)), at(n.min_thrust));
-    // The inverse of the thrust: of a parabola, or of a straight line.
+    // Invert the thrust curve, which is a parabola or a straight line.
     const F root = sqrt(max(at(n.discriminant) + at(n.four_c2) * want, 0.0F)) - at(n.thrust[1]);
     F speed = root * at(n.half_over_c2);
     if (p.linear_thrust) {
@@ -314,7 +314,7 @@ HWY_INLINE void mix(const Physics& p, const Numbers& n, At at, const State& s, F
   }
 }
 
-// What the outer loops ask for, from the stage at which the setpoint enters them.
+// Runs the outer loops, starting at the stage of the setpoint.
 HWY_INLINE Aim aim_of(const Physics& p, const Numbers& n, At at, const State& s, const M3& r, const F* set, V3& integral) {
   if (p.stage == Stage::attitude) return {set[0], {set[1], set[2], set[3]}, yaw_towards(n, at, r, set[4], set[5])};
   V3 desired{set[0], set[1], set[2]};
@@ -336,7 +336,7 @@ HWY_INLINE Aim aim_of(const Physics& p, const Numbers& n, At at, const State& s,
   return aim;
 }
 
-// Body rates for that: the body's z turns to `up` the shortest way, from upside down about x, and about `up` it yaws.
+// Body rates that turn the body's z to `up` the shortest way and yaw about `up`. An inverted drone turns about x.
 HWY_INLINE V3 rates_towards(const Physics& p, const Numbers& n, At at, const M3& r, const Aim& aim) {
   const V3 up = transpose_times(r, aim.up);
   const F gain = at(n.attitude_gain) * turn_gain(up.z);
@@ -347,7 +347,7 @@ HWY_INLINE V3 rates_towards(const Physics& p, const Numbers& n, At at, const M3&
   return {roll + r.zx * yaw, pitch + r.zy * yaw, r.zz * yaw};
 }
 
-// The cascade. A call of its own, so that the loops over ticks are compiled once and not once for every stage.
+// The controller cascade. It is not inlined, so that the loops over ticks are compiled once instead of once for each stage.
 HWY_NOINLINE void control(const Physics& p, const Numbers& n, At at, const State& s, const F* set, V3& integral, F* command) {
   if (p.stage == Stage::rotors) {
     for (std::size_t i = 0; i < kRotors; ++i) command[i] = set[i];
@@ -366,13 +366,13 @@ HWY_NOINLINE void control(const Physics& p, const Numbers& n, At at, const State
 
 // -------------------------------------------------------------------------------------------------------------- the flight
 
-// 1 or 0, as Flock::is_good has it. Comparisons with what is no number do not hold.
+// 1 or 0, see Flock::is_good. Comparisons with NaN are false.
 HWY_INLINE F goodness(const Physics& p, const State& s) {
   const F fastest = max(max(abs(s.velocity.x), abs(s.velocity.y)), abs(s.velocity.z));
   const F turn2 = dot(s.turn, s.turn);
   const F square =
       s.rotation.w * s.rotation.w + s.rotation.x * s.rotation.x + s.rotation.y * s.rotation.y + s.rotation.z * s.rotation.z;
-  // Of anything that is not finite, 0 times it is no number.
+  // 0 times a non-finite number is NaN.
   F nothing = (dot(s.velocity, s.velocity) + turn2 + dot(s.travelled, s.travelled) + square) * 0.0F;
   for (std::size_t i = 0; i < kRotors; ++i) nothing = nothing + s.rotor[i] * 0.0F;
   const F yes = select(nothing < 1.0F, F(1.0F), 0.0F);
@@ -404,7 +404,7 @@ void fly_all(const Physics& p, const Numbers& n, Flock& flock, int first_tick, i
     V3 turn_before = s.turn;
     for (int tick = first_tick; tick < first_tick + ticks; ++tick) {
       if (tick % p.control_ticks == 0) {
-        const State seen = s;  // a copy, so that the state itself can stay in registers
+        const State seen = s;  // a copy lets the state itself stay in registers
         control(p, n, at, seen, set, integral, command);
       }
       respond(p, n, at, command, s.rotor);

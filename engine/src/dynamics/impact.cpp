@@ -12,11 +12,11 @@ namespace {
 using Vec3d = Eigen::Vector3d;
 using Mat3d = Eigen::Matrix3d;
 
-constexpr double kSlow = 0.05;  // m/s; what comes slower does not bounce, or a body at rest would hop for ever
+constexpr double kSlow = 0.05;  // m/s; slower impacts do not bounce, otherwise a body at rest would hop forever
 constexpr int kMostRounds = 1000;
-constexpr double kConverged = 1e-7;  // of the speed of impact: no point's changes by more in the last round
-constexpr double kSettled = 1e-3;    // likewise: rounds that end before that will do if no point goes into the surface faster
-constexpr double kRelaxation = 1.3;  // measured: least rounds over boxes and random faces
+constexpr double kConverged = 1e-7;  // largest change of a point's speed in the last round, over the impact speed
+constexpr double kSettled = 1e-3;    // largest accepted speed into the surface, over the impact speed
+constexpr double kRelaxation = 1.3;  // measured: fewest rounds over boxes and random faces
 
 // A body's motion about its centre of mass, world frame.
 struct Twist {
@@ -26,12 +26,12 @@ struct Twist {
   Vec3d at(const Vec3d& arm) const { return linear + angular.cross(arm); }
 };
 
-// One point of the body that touches.
+// A contact point of the body.
 struct Touching {
   Vec3d arm;      // m, from the centre of mass
-  double leaves;  // m/s along the normal, at least
-  double across;  // m/s that the point gains along the normal by an impulse of 1 Ns there
-  double along;   // m/s, at most, likewise in the surface
+  double leaves;  // m/s, minimum speed along the normal after the impact
+  double across;  // m/s along the normal per Ns of normal impulse at the point
+  double along;   // m/s in the surface per Ns of tangential impulse, upper bound
   Vec3d impulse;  // Ns
 };
 
@@ -58,12 +58,12 @@ class Impact {
            std::ranges::any_of(points(), [&](const Touching& point) { return before.at(point.arm).dot(normal_) < -kSlow; });
   }
 
-  // The motion after the impact. If several points touch, or one of them slides, restitution of each point's own speed can give
-  // energy. The motion is then the one on the way from the impact without restitution, which loses energy, to the one with it
-  // that has the energy from before. Both leave the surface by impulses within the cone of friction, and so does every mixture.
+  // The motion after the impact. If several points touch, or one of them slides, applying restitution to each point separately
+  // can add energy. The result is then the blend of the solutions without and with restitution that has the energy from before
+  // the impact. The solution without restitution loses energy. Both use impulses within the friction cone, so every blend does.
   Twist bounce(const Twist& before, const Surface& surface) {
     Twist hard = solve(before, surface);
-    if (!is_settled_) hard = solve(before, {surface.restitution, 0.0});  // strong friction can keep the rounds from an end
+    if (!is_settled_) hard = solve(before, {surface.restitution, 0.0});  // strong friction can prevent convergence
     if (!is_settled_) return press(before, surface.friction);
     if (energy(hard) <= energy(before)) return hard;
     const Twist soft = press(before, surface.friction);
@@ -74,15 +74,16 @@ class Impact {
     return {soft.linear + share * way.linear, soft.angular + share * way.angular};
   }
 
-  // The motion that nothing but the surface changes: no point goes on into it.
+  // The motion after contact without restitution: no point moves further into the surface.
   Twist press(const Twist& before, double friction) {
     const Twist rough = solve(before, {0.0, friction});
     if (is_settled_ && energy(rough) <= energy(before)) return rough;
     return solve(before, {0.0, 0.0});
   }
 
-  // The angular velocity after some time of what the impact turned to `after` instead of on from `hit` to `end`. Torques add what
-  // they would have added. What a body's turning changes by itself depends on how it turns, and is no energy.
+  // The angular velocity at `time` after an impact that changed it from `hit` to `after`. Without the impact it would have
+  // become `end`. Torques add the same change as without the impact. The gyroscopic change depends on the rotation itself and
+  // adds no energy.
   Vec3d turned(const Vec3d& after, const Vec3d& hit, const Vec3d& end, double time) const {
     const Vec3d torque = end - coasted(hit, time);
     const Vec3d turned = coasted(after, time) + torque;
@@ -115,7 +116,7 @@ class Impact {
     return motion;
   }
 
-  // Corrects one point's impulse; returns by how much its speed changes.
+  // Corrects the impulse of one point. Returns the change of its speed.
   double push(Touching& point, double friction, Twist& motion) const {
     const Vec3d velocity = motion.at(point.arm);
     const double speed = velocity.dot(normal_);
@@ -132,14 +133,14 @@ class Impact {
     return change.norm() * (point.across + point.along);
   }
 
-  // Turning without torque, by Euler's equations: of first order, but the energy is kept.
+  // Torque-free rotation by Euler's equations, first order, scaled to conserve the energy.
   Vec3d coasted(const Vec3d& angular, double time) const {
     const Vec3d later = angular - time * (inverse_inertia_ * angular.cross(inertia_ * angular));
     const double is = later.dot(inertia_ * later);
     return is > 0.0 ? Vec3d(std::sqrt(angular.dot(inertia_ * angular) / is) * later) : angular;
   }
 
-  // Of two motions: for the same one, twice the kinetic energy, J.
+  // Inner product of two motions, J: for equal motions twice the kinetic energy.
   double work(const Twist& a, const Twist& b) const {
     return mass_ * a.linear.dot(b.linear) + a.angular.dot(inertia_ * b.angular);
   }

@@ -1,4 +1,4 @@
-// Impact: what a contact does to a body that moves.
+// Impact: the velocity of a body after a contact.
 #pragma once
 
 #include <span>
@@ -10,8 +10,8 @@
 namespace flockstep::dynamics {
 
 struct Surface {
-  double restitution;  // speed away from it over speed towards it
-  double friction;     // Coulomb's coefficient; infinite: what touches does not slide, whether it is pressed on or not
+  double restitution;  // speed away from the surface over speed towards it
+  double friction;     // Coulomb coefficient; infinite: contact points never slide, even without normal force
 };
 
 // Velocities after a contact.
@@ -20,17 +20,17 @@ struct Rebound {
   Velocity at_end;  // at the end of the tick, if nothing else is hit
 };
 
-// What an impact in the middle of a tick, and then the surface, make of a body's motion. at_hit: the velocity before the impact;
-// at_end: what it would have been at the end of the tick, left_s later, without the contact. points: of the body that touch, m,
-// world frame, on the surface, at most kMostPoints; normal: unit, away from the surface.
+// Resolves an impact in the middle of a tick, and the contact for the rest of it. at_hit: velocity before the impact. at_end:
+// velocity at the end of the tick, left_s later, if there were no contact. points: contact points of the body on the surface,
+// m, world frame, at most kMostPoints. normal: unit, away from the surface.
 //
-// By the impact each point leaves at its share of the speed that it came with, by impulses within Coulomb's cone; what moves away
-// already goes on as it does. The impact gives the body no energy: if the restitution would, it is reduced until it does not.
-// Then the forces of the rest of the tick act, and the surface keeps the points from going into it.
+// In the impact each point rebounds with the restitution's share of its approach speed, by impulses within the Coulomb cone. A
+// point that already moves away is not affected. The impact adds no energy: if the restitution would, it is reduced. Then the
+// forces of the rest of the tick act, and the surface keeps the points from entering it.
 //
-// The impulses are solved for one point after another until none changes any more (projected Gauss-Seidel: E. Catto, "Iterative
-// Dynamics with Temporal Coherence", 2005). Points that are not in one plane, or nearly the same, take many rounds.
-inline constexpr std::size_t kMostPoints = 33;  // every vertex of a hull, and one more
+// The impulses are solved point by point until they converge (projected Gauss-Seidel: E. Catto, "Iterative Dynamics with
+// Temporal Coherence", 2005). This takes many rounds if the points are not coplanar or nearly coincide.
+inline constexpr std::size_t kMostPoints = 33;  // all vertices of a hull, plus one
 Rebound thrown_back(const Velocity& at_hit, const Velocity& at_end, double left_s, const Pose& pose, std::span<const Vec3> points,
                     const Vec3& normal, const Airframe& frame, const Surface& surface);
 

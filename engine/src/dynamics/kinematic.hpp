@@ -1,4 +1,5 @@
-// Kinematic motion, the thesis's: a drone flies straight to its setpoint and turns evenly, within one flown step.
+// Kinematic motion, as in the thesis: within one flown step a drone moves straight to its setpoint and turns at a constant
+// rate.
 #pragma once
 
 #include "collision/sweep.hpp"
@@ -6,7 +7,7 @@
 
 namespace flockstep::dynamics {
 
-// Where a motion from `from` to `target` is after the given part of its time.
+// Pose after `substep` of `substeps` equal parts of the motion from `from` to `target`.
 inline Pose integrate_kinematic(const Pose& from, const Pose& target, int substep, int substeps) {
   if (substep == substeps) return target;
   return collision::interpolate(from, target, static_cast<float>(substep) / static_cast<float>(substeps));

@@ -6,12 +6,12 @@
 namespace flockstep::dynamics {
 namespace {
 
-// An array of the state, (N, kColumns), and the lanes of the flock that belong to it.
+// An array of the state, (N, kColumns), and the lanes of the flock that hold it.
 template <class Owner, std::size_t kColumns>
 struct FlightArray {
   std::vector<float> Owner::* array;
-  Lanes<kColumns> Flock::* loaded;  // the lanes that it is loaded into; null: it is only stored
-  Lanes<kColumns> Flock::* stored;  // the lanes that it is stored from; null: it is only loaded
+  Lanes<kColumns> Flock::* loaded;  // lanes that the array is loaded into; null: only stored
+  Lanes<kColumns> Flock::* stored;  // lanes that the array is stored from; null: only loaded
 };
 
 template <class Owner, std::size_t kColumns>
@@ -32,7 +32,7 @@ constexpr FlightArray<Owner, kColumns> result_array(std::vector<float> Owner::* 
   return {array, nullptr, lanes};
 }
 
-// The list of all arrays that flight reads or writes.
+// All arrays that flight reads or writes.
 constexpr std::tuple kArrays{
     moved_array(&State::position, &Flock::origin, &Flock::position),
     moved_array(&FlightState::remainder, &Flock::travelled, &Flock::remainder),
@@ -56,7 +56,7 @@ auto& owner(auto& state) {
   }
 }
 
-// f(array, entry) for each entry of the list.
+// Calls f(array, entry) for each entry of kArrays.
 template <class AnyState, class F>
 void for_each_array(AnyState& state, const F& f) {
   std::apply([&]<class... Owner, std::size_t... kColumns>(

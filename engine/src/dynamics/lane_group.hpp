@@ -1,4 +1,4 @@
-// LaneGroup: up to kLanes drones, each in a lane of a flock, and how the arrays of the state go to the lanes and back.
+// LaneGroup: up to kLanes drones, one in each lane of a flock. Copies the arrays of the state to the lanes and back.
 #pragma once
 
 #include <algorithm>
@@ -14,7 +14,7 @@
 
 namespace flockstep::dynamics {
 
-// Consecutive drones; none if count is 0.
+// A range of consecutive drones; empty if count is 0.
 struct DroneRange {
   DroneIndex first;
   std::size_t count = 0;
@@ -24,10 +24,10 @@ using LaneFlags = std::array<bool, kLanes>;
 
 class LaneGroup {
  public:
-  // Takes the first drones of an ascending list off it: as many as fit. own: drones that no other thread reads or writes
-  // meanwhile, the listed ones among them. If own has at least kLanes drones, the lanes are consecutive drones of it, and arrays
-  // are copied in one piece; lanes of drones that are not listed are stored unchanged. Otherwise the last drone fills the
-  // remaining lanes.
+  // Takes as many drones as fit from the front of an ascending list, and removes them from it. own: a range that holds the
+  // listed drones and that no other thread reads or writes meanwhile. If it has at least kLanes drones, the lanes are
+  // consecutive drones of it, and arrays are copied in one piece; drones that are not listed are stored unchanged. Otherwise
+  // the last drone fills the remaining lanes.
   LaneGroup(std::span<const DroneIndex>& drones, const DroneRange& own);
 
   DroneIndex operator[](std::size_t lane) const { return drones_[lane]; }
@@ -35,10 +35,10 @@ class LaneGroup {
   bool is_row() const { return is_row_; }  // the lanes are consecutive drones
 
   void load(const State& state, Flock& flock) const;
-  // Stores the given lanes. The others, which must be listed as false, lose what they hold in the flock.
+  // Stores the lanes whose flag is true. The values of the other lanes in the flock may be lost.
   void store(const LaneFlags& lanes, Flock& flock, State& state) const;
   void store(std::size_t lane, const Flock& flock, State& state) const;
-  // Stores the arrays that are never loaded, the accelerations.
+  // Stores the accelerations, the only arrays that are never loaded.
   void store_accelerations(std::size_t lane, const Flock& flock, State& state) const;
 
   // Loads an array that is not part of the flock: (N, kColumns) or (N,).

@@ -1,4 +1,4 @@
-// Lanes of drones as wide numbers, and rotations of these. Included once per SIMD target.
+// Loads and stores lanes as wide numbers, and rotates them. Included once per SIMD target.
 #if defined(FLOCKSTEP_DYNAMICS_LANES_INL_HPP) == defined(HWY_TARGET_TOGGLE)
 #ifdef FLOCKSTEP_DYNAMICS_LANES_INL_HPP
 #undef FLOCKSTEP_DYNAMICS_LANES_INL_HPP
@@ -47,7 +47,7 @@ HWY_INLINE void store_rotation(const Q& q, Lanes<4>& lanes, std::size_t at) {
   store(q.y, lanes[2], at);
   store(q.z, lanes[3], at);
 }
-// Rows lie side by side: w, x, y, z, w, ...
+// Rows are interleaved: w, x, y, z, w, ...
 HWY_INLINE Q load_rows4(const float* rows) {
   Q q;
   hn::LoadInterleaved4(F::Tag(), rows, q.w.part[0], q.x.part[0], q.y.part[0], q.z.part[0]);
@@ -57,14 +57,14 @@ HWY_INLINE void store_rows4(const Q& q, float* rows) {
   hn::StoreInterleaved4(q.w.part[0], q.x.part[0], q.y.part[0], q.z.part[0], F::Tag(), rows);
 }
 
-// q times (s, v).
+// Quaternion product of q and (s, v).
 HWY_INLINE Q product(const Q& q, F s, const V3& v) {
   return {q.w * s - q.x * v.x - q.y * v.y - q.z * v.z, q.w * v.x + q.x * s + q.y * v.z - q.z * v.y,
           q.w * v.y - q.x * v.z + q.y * s + q.z * v.x, q.w * v.z + q.x * v.y - q.y * v.x + q.z * s};
 }
 
-// q turned for a time at an angular velocity of the body, by the closed form; half: half of the time, s. Sine and cosine are
-// their series: off by less than 1e-7 up to half a radian, and normalised() takes care of the length.
+// q after turning at a constant angular velocity of the body, in closed form. half: half the duration, s. Sine and cosine use
+// their series: the error is below 1e-7 up to half a radian, and normalised() corrects the length.
 HWY_INLINE Q turned(const Q& q, const V3& turn, F half) {
   const V3 v = turn * half;
   const F x = dot(v, v);
@@ -73,11 +73,11 @@ HWY_INLINE Q turned(const Q& q, const V3& turn, F half) {
   return product(q, cosine, v * sine);
 }
 
-// How fast q changes at an angular velocity of the body.
+// Time derivative of q at an angular velocity of the body.
 HWY_INLINE Q rate_of(const Q& q, const V3& turn) { return product(q, 0.0F, turn * 0.5F); }
 
-// Unit length. One step of Newton's method is exact for nearly unit quaternions; drones that turn by more than half a radian in a
-// tick need the division.
+// Normalises q. One step of Newton's method is exact for nearly unit quaternions. Drones that turn by more than half a radian
+// in a tick need the division.
 HWY_INLINE Q normalised(const Q& q) {
   const F square = q.w * q.w + q.x * q.x + q.y * q.y + q.z * q.z;
   F scale = 1.5F - 0.5F * square;
@@ -86,7 +86,7 @@ HWY_INLINE Q normalised(const Q& q) {
   return q * scale;
 }
 
-// The rotation's matrix, body to world: zx is what the body's x adds to the world's z.
+// Rotation matrix, body to world; zx is the world z component of the body's x axis.
 struct M3 {
   F xx, xy, xz, yx, yy, yz, zx, zy, zz;
 };

@@ -12,8 +12,8 @@
 namespace flockstep::dynamics {
 namespace {
 
-constexpr double kFastest = 0.25;      // of the controller's own rate: the fastest loop that it can close
-constexpr double kYawShare = 1.0 / 3;  // yaw torque is small, and what it takes is taken from the rest
+constexpr double kFastest = 0.25;      // fastest loop, as a share of the controller's rate
+constexpr double kYawShare = 1.0 / 3;  // yaw torque is small and takes thrust from the other axes
 constexpr double kIntegralShare = 0.1;
 constexpr double kUsualLag = 0.035;  // s
 constexpr double kMostLead = 4.0;
@@ -70,7 +70,7 @@ bool can_rk4(const Airframe& frame, const DynamicsConfig& config, double dt_s) {
 }
 
 double stiffness(const Airframe& frame, const DynamicsConfig& config) {
-  // Drag: the force or torque per unit of velocity or turn, over mass or inertia.
+  // Drag: force per velocity over mass, or torque per angular velocity over inertia.
   const double rotors = config.rotor_drag ? frame.max_speed_radps : 0.0;
   const double body = config.body_drag ? 1.0 : 0.0;
   const auto& drag = frame.rotor_drag;
@@ -86,7 +86,7 @@ double stiffness(const Airframe& frame, const DynamicsConfig& config) {
     }
     fastest = std::max(fastest, torque / frame.inertia_kgm2[axis]);
   }
-  // Rotor spin, with two opposite rotors at full speed and the others at rest.
+  // Rotor spin: two opposite rotors at full speed, the others at rest.
   const double momentum = config.gyroscopic ? 2.0 * frame.rotor_inertia_kgm2 * frame.max_speed_radps : 0.0;
   const double slowest = std::sqrt(frame.inertia_kgm2[0] * frame.inertia_kgm2[1]);
   return std::max(fastest, momentum / slowest);
@@ -113,7 +113,7 @@ Physics::Physics(const Airframe& frame, const DynamicsConfig& config, double dt_
   n.quadratic_drag = narrow(frame.quadratic_drag);
 
   const auto torque_ratio = narrow(frame.torque_ratio_m);
-  Eigen::Matrix4d allocation;  // thrust, and torque about x, y, z, by the thrust of each rotor
+  Eigen::Matrix4d allocation;  // from rotor thrusts to total thrust and torque about x, y, z
   for (std::size_t i = 0; i < kRotors; ++i) {
     n.position[i] = narrow(frame.position_m[i]);
     n.yaw_sign[i] = frame.spin[i] == Spin::ccw ? -1.0F : 1.0F;
@@ -168,7 +168,7 @@ Physics::Physics(const Airframe& frame, const DynamicsConfig& config, double dt_
   n.velocity_gain = narrow(gains.velocity);
   n.integral_gain = narrow(gains.integral);
   n.position_gain = narrow(gains.position);
-  n.max_integral = narrow(0.5 * static_cast<double>(config.max_acceleration_mps2) / gains.integral);  // half of the acceleration
+  n.max_integral = narrow(0.5 * static_cast<double>(config.max_acceleration_mps2) / gains.integral);  // half the acceleration
   max_rate = narrow(radians(config.max_rate_dps));
   max_yaw_rate = narrow(radians(config.max_yaw_rate_dps));
   max_speed_mps = config.max_speed_mps;
@@ -188,7 +188,7 @@ void Physics::include(const Physics& other) {
   is_rk4 &= other.is_rk4;
 }
 
-// Four numbers at a time, since vectors transpose rows of four: one number after another takes twice as long.
+// Transposes four numbers at a time with vector instructions: one number at a time takes twice as long.
 void set_lanes(const std::array<const AirframeNumbers<float>*, kLanes>& numbers, LaneNumbers& lanes) {
   using Four = std::array<float, 4>;
   constexpr std::size_t kWhole = sizeof(AirframeNumbers<float>) / sizeof(Four),

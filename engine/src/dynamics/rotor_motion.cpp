@@ -11,8 +11,8 @@
 namespace flockstep::dynamics {
 namespace {
 
-constexpr float kSearchBeyond = 0.5F;  // m: added to the radius that must be free, so that the free ball lasts for some steps
-constexpr float kGroundRadii = 16.0F;  // of a rotor: farther below, the ground's effect is less than 0.03 %
+constexpr float kSearchBeyond = 0.5F;  // m, added to the required free radius so that the ball lasts for some steps
+constexpr float kGroundRadii = 16.0F;  // in rotor radii; beyond this height the ground effect is below 0.03 %
 
 Vec3 vec3(const std::vector<float>& values, DroneIndex drone) { return Vec3::Map(values.data() + 3 * drone); }
 Vec3 vec3(const Lanes<3>& lanes, std::size_t lane) { return {lanes[0][lane], lanes[1][lane], lanes[2][lane]}; }
@@ -31,7 +31,7 @@ void set(const Quat& q, std::size_t lane, Lanes<4>& lanes) {
 // The flight of one group of drones.
 class GroupFlight {
  public:
-  // Takes the group off the list.
+  // Removes the group's drones from the list.
   GroupFlight(const FlightContext& context, std::span<const DroneIndex>& drones)
       : context_(context),
         fleet_(context.fleet),
@@ -65,7 +65,7 @@ class GroupFlight {
   }
 
  private:
-  // The numbers of the lanes' airframes. They are kept, since the next group often has the same airframes in its lanes.
+  // The coefficients of the lanes' airframes. They are cached: the next group often has the same airframes in its lanes.
   const LaneNumbers& gathered_numbers() {
     FlightScratch& scratch = context_.scratch;
     std::array<std::int32_t, kLanes> airframes;
@@ -144,7 +144,7 @@ class GroupFlight {
 
   bool is_good(std::size_t lane) const { return flock_.is_good[lane] != 0.0F && is_in_world(vec3(flock_.position, lane)); }
 
-  // The drone stays where it is until its step is over.
+  // True if the drone stays in place until the end of its step.
   bool is_held(std::size_t lane) const {
     return (fleet_.config.on_contact == OnContact::terminate && state_.contact.hit[group_[lane]]) ||
            (!context_.bad.empty() && context_.bad[row_of(lane)]);
@@ -152,7 +152,7 @@ class GroupFlight {
 
   bool is_done() const { return std::ranges::count(is_done_, true) == kLanes; }
 
-  // Flies all ticks at once and stores the drones that met no obstacle within their reach.
+  // Flies all ticks at once and stores the drones that have no obstacle within their reach.
   void fly_free(int first_tick, int ticks) {
     advance(fleet_.physics, first_tick, ticks);
     check_open_space();
@@ -164,7 +164,8 @@ class GroupFlight {
     group_.store(flies, flock_, state_);
   }
 
-  // Finds how much space each drone needs, and whether its known open space holds that. Loops without branches, for vectors.
+  // Computes the free radius that each drone needs and checks it against the cached open space. The loops have no branches, so
+  // that they vectorise.
   void check_open_space() {
     const OpenSpace& open = fleet_.open;
     alignas(64) Lanes<3> center;
@@ -186,7 +187,7 @@ class GroupFlight {
     }
   }
 
-  // Searches the world for the space that the drone needs; if it is open, it is cached.
+  // Checks the world for the free space that the drone needs, and caches it if it is open.
   bool find_open_space(std::size_t lane) {
     const Vec3 center = vec3(flock_.origin, lane);
     for (const float beyond : {kSearchBeyond, 0.0F}) {
@@ -245,7 +246,7 @@ class GroupFlight {
     }
   }
 
-  // The leg goes on from here.
+  // Continues the leg from a new origin.
   void move_origin(std::size_t lane, const Vec3& to) {
     const Vec3 moved = to - vec3(flock_.origin, lane);
     set(to, lane, flock_.origin);
@@ -255,8 +256,8 @@ class GroupFlight {
     for (std::size_t k = 0; k < 3; ++k) flock_.setpoint[k][lane] -= moved[static_cast<Eigen::Index>(k)];
   }
 
-  // The state has left the range that can be integrated: the drone rests where it was last. The episode of a task ends as a bad
-  // state; without a task the drone is counted as lost.
+  // Stops a drone whose state left the range that can be integrated: it rests at its last position. With a task its episode
+  // ends as a bad state; without a task the drone is counted as lost.
   void give_up(std::size_t lane) {
     fleet_.start(state_, group_[lane], {});
     if (context_.bad.empty()) {
@@ -273,9 +274,9 @@ class GroupFlight {
   Flock& flock_;
   LaneGroup group_;
   const LaneNumbers& numbers_;
-  alignas(64) Lane space_{};                    // m: radius around the origin that must be free for the leg to be flown at once
-  std::array<std::int32_t, kLanes> is_open_{};  // the cached open space holds that
-  LaneFlags is_done_{};                         // the leg is over for the lane
+  alignas(64) Lane space_{};                    // m, free radius around the origin that flying the leg at once requires
+  std::array<std::int32_t, kLanes> is_open_{};  // the cached open space is large enough
+  LaneFlags is_done_{};                         // the lane has finished the leg
 };
 
 }  // namespace

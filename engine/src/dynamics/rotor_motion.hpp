@@ -1,4 +1,4 @@
-// Rotor motion: flies drones by their rotors through their worlds, with contacts.
+// Rotor motion: flies rotor-driven drones through their worlds, with contacts.
 #pragma once
 
 #include <algorithm>
@@ -23,7 +23,7 @@ namespace flockstep::dynamics {
 // Drones whose state left the range that can be integrated.
 struct LostDrones {
   std::size_t count = 0;
-  std::uint32_t first = ~std::uint32_t{0};  // the lowest index
+  std::uint32_t first = ~std::uint32_t{0};  // lowest index
 
   void add(DroneIndex drone) {
     ++count;
@@ -31,35 +31,35 @@ struct LostDrones {
   }
 };
 
-// The working memory of a thread; made once.
+// Working memory of a thread; made once.
 struct FlightScratch {
   Flock flock;
-  // In a fleet of several airframes: the numbers of the last group's lanes, and the rows of their airframes; -1: no group yet.
+  // For a fleet with several airframes: the coefficients of the last group's lanes and their airframe rows; -1: no group yet.
   LaneNumbers numbers;
   std::array<std::int32_t, kLanes> airframes{-1};
-  LostDrones lost;  // in the present call, of a batch without a task
+  LostDrones lost;  // of the current call; used without a task only
 };
 
-// What flight reads and writes.
+// The data that flight reads and writes.
 struct FlightContext {
   Fleet& fleet;
   State& state;
   const collision::Hull& hull;
-  std::span<const std::int32_t> slot;                      // (E,) index of the env's world in the next two
+  std::span<const std::int32_t> slot;                      // (E,) index of the env's world in the next two arrays
   std::span<const trace::Scene* const> scenes;             // by slot
   std::span<const collision::Obstacles* const> obstacles;  // by slot
-  std::span<std::uint8_t> bad;                             // (R,) the row's episode ends as a bad state; empty without a task
-  std::size_t drones_per_row;                              // of bad
-  DroneRange own;                                          // drones that no other thread reads or writes meanwhile
+  std::span<std::uint8_t> bad;  // (R,) 1 if the row's episode ends as a bad state; empty without a task
+  std::size_t drones_per_row;   // drones for each element of bad
+  DroneRange own;               // drones that no other thread reads or writes meanwhile
   trace::Tracer& tracer;
   FlightScratch& scratch;
 };
 
-// Sets the accelerations of drones to those at their present state if the rotors keep their speed.
+// Sets the accelerations of drones for their current state, assuming constant rotor speeds.
 void update_accelerations(const FlightContext& context, std::span<const DroneIndex> drones);
 
-// Flies drones for some ticks of one step, the first of which has the index first_tick in it, and checks each tick for contacts.
-// With OnContact::terminate, drones that hit something in this step stay where they are.
+// Flies drones for `ticks` ticks of one step, from the tick with index first_tick on, and checks each tick for contacts. With
+// OnContact::terminate, drones that hit something in this step stay in place.
 void fly(const FlightContext& context, std::span<const DroneIndex> drones, const Commands& commands, int first_tick, int ticks);
 
 }  // namespace flockstep::dynamics

@@ -27,7 +27,7 @@ void store_4(const Lanes<4>& lanes, float* rows) {
   for (std::size_t lane = 0; lane < kLanes; lane += F::kCount) store_rows4(load_rotation(lanes, lane), rows + 4 * lane);
 }
 
-// D. E. Knuth, "The Art of Computer Programming", volume 2, 4.2.2: the remainder is exact.
+// Sum with exact remainder: D. E. Knuth, "The Art of Computer Programming", volume 2, 4.2.2.
 void update_position(Flock& flock) {
   for (std::size_t lane = 0; lane < kLanes; lane += F::kCount) {
     for (std::size_t axis = 0; axis < 3; ++axis) {

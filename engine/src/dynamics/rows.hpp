@@ -11,7 +11,7 @@ void load_rows(const float* rows, Lanes<4>& lanes);
 void store_rows(const Lanes<3>& lanes, float* rows);
 void store_rows(const Lanes<4>& lanes, float* rows);
 
-// Sets position and remainder to origin + travelled.
+// Sets position to origin + travelled, and remainder to the rounding error of that sum.
 void update_position(Flock& flock);
 
 }  // namespace flockstep::dynamics

@@ -8,11 +8,11 @@ namespace flockstep::dynamics {
 namespace {
 
 constexpr double kFootPerMetre = 1.0 / 0.3048;
-constexpr double kLeastSpeed = 1.0;  // m/s, that turbulence is carried by
+constexpr double kLeastSpeed = 1.0;  // m/s, minimum speed at which the wind carries turbulence
 
 }  // namespace
 
-// dx/dt = -x / T + noise of a strength that makes the variance s^2: x(t + d) = e^(-d/T) x(t) + s sqrt(1 - e^(-2d/T)) n.
+// dx/dt = -x / T + noise, scaled so that the variance of x is s^2: x(t + d) = e^(-d/T) x(t) + s sqrt(1 - e^(-2d/T)) n.
 Wind::Filter Wind::first_order(double std, double time, double step) {
   Filter filter;
   const double keep = std::exp(-step / time);
@@ -22,9 +22,10 @@ Wind::Filter Wind::first_order(double std, double time, double step) {
   return filter;
 }
 
-// Two lags, dx/dt = (-x + noise) / T and dy/dt = (x - y) / T, of which sqrt(3) x + (1 - sqrt(3)) y is the noise through
-// (1 + sqrt(3) T s) / (1 + T s)^2. For that to have the variance s^2, (x, y) has the covariance P = s^2 [[1/2, 1/4], [1/4, 1/4]];
-// over a step d it becomes F (x, y) with F = e^(-d/T) [[1, 0], [d/T, 1]], and gains noise of covariance P - F P F'.
+// Two lags in series, dx/dt = (-x + noise) / T and dy/dt = (x - y) / T. The output sqrt(3) x + (1 - sqrt(3)) y is the noise
+// filtered by (1 + sqrt(3) T s) / (1 + T s)^2. Its variance is s^2 if (x, y) has the covariance
+// P = s^2 [[1/2, 1/4], [1/4, 1/4]]. Over a step d, (x, y) becomes F (x, y) with F = e^(-d/T) [[1, 0], [d/T, 1]], plus noise of
+// covariance P - F P F'.
 Wind::Filter Wind::second_order(double std, double time, double step) {
   const double decay = std::exp(-step / time);
   const double ratio = step / time;
@@ -51,7 +52,7 @@ Wind::Wind(const WindConfig& config, double step)
   if (gusts_ == Gusts::ornstein_uhlenbeck) {
     u_ = v_ = w_ = first_order(static_cast<double>(config.gust_std_mps), static_cast<double>(config.gust_time_s), step);
   } else if (gusts_ == Gusts::dryden) {
-    const double h = static_cast<double>(config.height_m) * kFootPerMetre;  // ft, as the standard has it
+    const double h = static_cast<double>(config.height_m) * kFootPerMetre;  // ft, the unit of the standard
     const double shape = 0.177 + 0.000823 * h;
     const double length_u = h / std::pow(shape, 1.2) / kFootPerMetre;  // m
     const double length_w = h / kFootPerMetre;
