@@ -23,20 +23,20 @@ using namespace flockstep::HWY_NAMESPACE;  // the wide type
 
 using Bytes = Wide<hn::ScalableTag<std::uint8_t>>;
 
-// Green is told by the ratio of the channels, which light scales alike. The goal, render::kGoalColor, is written with G about
-// three times the larger of R and B, from (26, 120, 38) in full shade to (44, 207, 67) in full sun. White walls, the sky,
-// blue-grey, red and yellow have a G no larger than R or B, the tint of the ambient light included, and no mixture of two of them
-// at an edge has a ratio above 1.13 (yellow before a blue sky). With a threshold of 1.25, a pixel that shows the goal and
-// something else counts if at least 43 % of it is goal before a white wall, or 47 % before a blue-grey pillar; either share
-// changes by 15 % if one of the two is lit and the other in shade. So the box is the goal's to about half a pixel.
+// Green is detected by the ratio of G to the larger of R and B, m. Light scales all channels alike, so the ratio hardly depends
+// on it. In pixels of the goal, render::kGoalColor, the ratio is about 3, from (26, 120, 38) in full shade to (44, 207, 67) in
+// full sun. For white walls, the sky, blue-grey, red and yellow, G is at most the larger of R and B, even with the tint of the
+// ambient light. Mixtures of two of these at an edge have a ratio of at most 1.13 (yellow before a blue sky). With a threshold
+// of 1.25, a mixed pixel counts if it shows at least 43 % goal before a white wall, or 47 % before a blue-grey pillar. Either
+// share changes by 15 % if one of the two is lit and the other in shade. The box is therefore accurate to about half a pixel.
 //
-// Where it is almost dark, the ratio would be decided by rounding, so G has to be 16 more. In whole numbers, G > 1.25 m + 16 is
-// G > m + floor(m / 4) + 16: of m = 4 q + r, 1.25 m is 5 q + r and a fraction.
+// In near darkness rounding would decide the ratio, so G must also exceed it by 16. In integers, G > 1.25 m + 16 is equivalent
+// to G > m + floor(m / 4) + 16: with m = 4 q + r, 1.25 m is 5 q + r plus a fraction.
 constexpr int kRatioShift = 2;
 constexpr std::uint8_t kLeast = 16;
 
-// Calls mark with the channels of as many pixels as a vector holds and the index of the first, or mark_one with those of one
-// pixel of an image that is smaller, until each pixel was marked.
+// Calls mark(channels, first) for each vector of pixels; the last vector may overlap the one before. If the image is smaller
+// than a vector, calls mark_one(r, g, b, index) for each pixel instead.
 template <class Mark, class MarkOne>
 void mark_image(std::span<const std::uint8_t> image, ImageLayout layout, std::size_t pixels, const Mark& mark,
                 const MarkOne& mark_one) {
@@ -48,14 +48,14 @@ void mark_image(std::span<const std::uint8_t> image, ImageLayout layout, std::si
   };
   std::size_t first = 0;
   for (; first + Bytes::kCount <= pixels; first += Bytes::kCount) mark_at(first);
-  if (first > 0 && first < pixels) return mark_at(pixels - Bytes::kCount);  // some of them once more
+  if (first > 0 && first < pixels) return mark_at(pixels - Bytes::kCount);  // overlaps the last vector
   for (; first < pixels; ++first) {
     const auto value = [&](std::size_t channel) -> int { return image[apart ? channel * pixels + first : 3 * first + channel]; };
     mark_one(value(0), value(1), value(2), first);
   }
 }
 
-// The larger of two channels times the ratio, rounded down.
+// The larger of two channels times the threshold, rounded down.
 HWY_INLINE Bytes ratio_of_larger(Bytes a, Bytes b) {
   const Bytes larger = max(a, b);
   return saturated_add(larger, shift_right<kRatioShift>(larger));
@@ -63,7 +63,7 @@ HWY_INLINE Bytes ratio_of_larger(Bytes a, Bytes b) {
 
 HWY_INLINE void store_marks(Bytes::Mask marks, std::uint8_t* to) { value_if(marks, Bytes(255)).store_unaligned(to); }
 
-// (pixels,): 255 where a pixel is green, else 0.
+// Fills mask, (pixels,): 255 for a green pixel, else 0.
 void mark_green(std::span<const std::uint8_t> rgb, ImageLayout layout, std::span<std::uint8_t> mask) {
   mark_image(
       rgb, layout, mask.size(),
@@ -75,10 +75,11 @@ void mark_green(std::span<const std::uint8_t> rgb, ImageLayout layout, std::span
       });
 }
 
-// (pixels,): 255 where each channel is in its range, else 0. An image for the space hsv is in hsv, any other in rgb.
+// Fills mask, (pixels,): 255 if each channel is in its range, else 0. The image is in hsv for ColorSpace::hsv, otherwise in
+// rgb.
 void mark_range(std::span<const std::uint8_t> image, ImageLayout layout, const ColorRange& range, std::span<std::uint8_t> mask) {
   const bool excess = range.space == ColorSpace::excess;
-  // A hue that wraps around is outside of what lies between.
+  // If the hue range wraps around, mark the hues outside the gap.
   const bool wraps = range.space == ColorSpace::hsv && range.low[0] > range.high[0];
   const auto bound = [](int value) { return static_cast<std::uint8_t>(value); };
   const std::array<std::uint8_t, 3> low{bound(wraps ? range.high[0] + 1 : range.low[0]), bound(range.low[1]),
@@ -120,8 +121,8 @@ HWY_AFTER_NAMESPACE();
 namespace flockstep::task {
 namespace {
 
-// These figures hold as long as the colours of markers are what they were derived from: with a gamma of 2.2, a ratio of 3 as
-// written is one of 3^2.2 = 11.2 in linear light.
+// The figures above depend on the colours of the markers: with a gamma of 2.2, a pixel ratio of 3 is 3^2.2 = 11.2 in linear
+// light.
 constexpr float green_ratio(const std::array<float, 3>& color) { return color[1] / std::max(color[0], color[2]); }
 static_assert(green_ratio(render::kGoalColor) > 11.2F, "the goal is clearly green");
 static_assert(green_ratio(render::kStartColor) < 1.0F && green_ratio(render::kWaypointColor) < 1.0F, "no other marker is");
@@ -157,7 +158,7 @@ ColorBlob find_color(std::span<const std::uint8_t> rgb, int width_px, int height
 
   const auto row = [&](std::size_t y) { return std::span<const std::uint8_t>(scratch.mask).subspan(y * width, width); };
   std::size_t top = 0;
-  std::size_t bottom = height;  // past the last row
+  std::size_t bottom = height;  // one past the last row
   while (top < height && !any(row(top))) ++top;
   if (top == height) return {};
   while (!any(row(bottom - 1))) --bottom;
@@ -175,7 +176,7 @@ ColorBlob find_color(std::span<const std::uint8_t> rgb, int width_px, int height
   blob.y = static_cast<int>(top);
   blob.width = static_cast<int>(right - left);
   blob.height = static_cast<int>(bottom - top);
-  // Twice the centre is a whole number, so a box in the middle gives 0.
+  // Twice the centre is an integer, so a centred box gives exactly 0.
   blob.offset = static_cast<float>(2 * blob.x + blob.width - width_px) / static_cast<float>(width_px);
   blob.area = static_cast<float>(static_cast<std::size_t>(blob.width) * static_cast<std::size_t>(blob.height)) /
               static_cast<float>(width * height);

@@ -1,5 +1,5 @@
-// The thesis's feature of a camera image: where a colour is, such as the green of the goal, and how large. Found by a colour
-// threshold and the box around the pixels that pass it.
+// The camera feature of the thesis: position and size of a colour blob, such as the green goal. A threshold selects the pixels,
+// and the blob is their bounding box.
 #pragma once
 
 #include <cstdint>
@@ -14,22 +14,23 @@ namespace flockstep::task {
 
 struct ColorBlob {
   bool found = false;
-  int x = 0, y = 0;           // px, of the box's first pixel, from the upper left
+  int x = 0, y = 0;           // px, upper left pixel of the box
   int width = 0, height = 0;  // px
-  float offset = 0.0F;  // of the box's centre from the image's in x over half the image's width, in [-1, 1], positive to the
-                        // right; 0 where the colour is not seen
-  float area = 0.0F;    // of the box over the image's
+  float offset = 0.0F;  // horizontal offset of the box from the image centre over half the image width, in [-1, 1], positive to
+                        // the right; 0 if nothing was found
+  float area = 0.0F;    // area of the box over that of the image
 };
 
-// A thread's own; it grows to the largest image and stays.
+// Working memory of one thread; it grows to the largest image.
 struct ColorBlobScratch {
-  std::vector<std::uint8_t> mask;  // (H, W) of the last image: 255 where the colour is, else 0
-  std::vector<std::uint8_t> hsv;   // of the image, in its layout
+  std::vector<std::uint8_t> mask;  // (H, W) last image: 255 if the pixel has the colour, else 0
+  std::vector<std::uint8_t> hsv;   // the image in hsv, in its layout
   imaging::HsvScratch conversion;
-  std::vector<std::uint8_t> columns;  // (W,) not 0 where any row has the colour
+  std::vector<std::uint8_t> columns;  // (W,) nonzero if any pixel of the column has the colour
 };
 
-// By default a pixel is green where G > 1.25 * max(R, B) + 16, of values as they are written (0 to 255, gamma applied).
+// Finds the blob of a colour. With the default range a pixel counts if G > 1.25 * max(R, B) + 16, for values from 0 to 255 with
+// gamma applied.
 ColorBlob find_color(std::span<const std::uint8_t> rgb, int width_px, int height_px, ImageLayout layout, const ColorRange& range,
                      ColorBlobScratch& scratch);
 

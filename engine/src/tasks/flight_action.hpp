@@ -1,4 +1,4 @@
-// FlightAction: what actions in [-1, 1] tell drones that fly by their rotors.
+// FlightAction: converts actions in [-1, 1] to commands of rotor-driven drones.
 #pragma once
 
 #include <Eigen/Core>
@@ -13,9 +13,9 @@
 
 namespace flockstep::task {
 
-using Four = Eigen::Array4f;  // numbers side by side, without branches: which way actions go is as good as random
+using Four = Eigen::Array4f;  // a vector avoids branches: the signs of actions are unpredictable
 
-// What a number of an action goes through, from low at -1 over middle at 0 to high at 1, in two straight lines.
+// Piecewise linear range of one action: low at -1, middle at 0, high at 1.
 struct ActionRange {
   double low = -1.0, middle = 0.0, high = 1.0;
 };
@@ -36,9 +36,9 @@ class ActionRanges {
     }
   }
 
-  // Of an action within [-1, 1].
+  // Returns the values for an action within [-1, 1].
   Four at(const Four& action) const { return middle_ + (action.min(0.0F) * down_ + action.max(0.0F) * up_); }
-  // The action that tells this; beyond the range it is beyond [-1, 1].
+  // Inverse of at(). Values beyond the range give actions beyond [-1, 1].
   Four action_for(const Four& value) const {
     const Four away = value - middle_;
     return away.min(0.0F) * inverse_down_ + away.max(0.0F) * inverse_up_;
@@ -48,19 +48,20 @@ class ActionRanges {
   Four middle_, down_, up_, inverse_down_, inverse_up_;
 };
 
-// Rotors' speeds, rad/s: at 0 as in hovering.
+// Rotor speeds, rad/s; an action of 0 is hover speed.
 inline ActionRanges rotor_speed_ranges(const Airframe& frame) {
   const ActionRange range{frame.min_speed_radps, frame.hover_speed(), frame.max_speed_radps};
   return {range, range, range, range};
 }
 
-// By control, 0 hovers and 1 is the most:
-//   rotor_speeds, rotor_thrusts   from the slowest over hovering to the fastest the rotors can
-//   body_rates                    thrust likewise; rates up to max_rate_dps and max_yaw_rate_dps
-//   attitude                      thrust likewise; roll and pitch up to max_tilt_deg; yaw from the present heading, half a turn
-//   acceleration                  up to max_acceleration_mps2 along each axis; yaw likewise
+// The meaning of an action for each control. 0 hovers, and 1 is the maximum:
+//   rotor_speeds, rotor_thrusts   from the slowest speed of the rotors over hovering to the fastest
+//   body_rates                    thrust in the same range; rates up to max_rate_dps and max_yaw_rate_dps
+//   attitude                      thrust in the same range; roll and pitch up to max_tilt_deg; yaw up to half a turn from the
+//                                 current heading
+//   acceleration                  up to max_acceleration_mps2 along each axis; yaw as for attitude
 //   velocity, heading_velocity    up to max_speed_mps along each axis; yaw rate up to max_yaw_rate_dps
-//   position                      up to 1 m from where the drone is along each axis of the world; yaw likewise
+//   position                      up to 1 m from the current position along each axis of the world; yaw as for attitude
 class FlightAction {
  public:
   FlightAction() = default;

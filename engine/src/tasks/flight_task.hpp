@@ -1,4 +1,4 @@
-// FlightTask: what the tasks of drones that fly by their rotors share: actions, and what a drone knows of its own flight.
+// FlightTask: base of the tasks for rotor-driven drones. Handles the actions and the observation of a drone's own flight.
 #pragma once
 
 #include <algorithm>
@@ -22,7 +22,7 @@ namespace flockstep::task {
 
 inline constexpr std::size_t kActions = 4;
 inline constexpr std::size_t kOwnFlight = 13;
-inline constexpr float kSpinUnit = 10.0F;  // rad/s: what angular velocities are observed and scored in
+inline constexpr float kSpinUnit = 10.0F;  // rad/s, unit of observed and scored angular velocities
 inline constexpr std::uint32_t kStartStream = 0;
 
 inline Vec3 velocity_of(const State& state, DroneIndex drone) {
@@ -39,12 +39,12 @@ inline Field flight_field(std::size_t size) {
   return {.name = "observation", .shape = {static_cast<std::int64_t>(size)}, .low = {-kInfinity}, .high = {kInfinity}};
 }
 
-// Array rows of up to kLanes drones: read in place if the drones are consecutive, otherwise gathered.
+// Array rows of up to kLanes drones, read in place if the drones are consecutive, otherwise gathered.
 class GatheredRows {
  public:
   static constexpr std::size_t kCount = dynamics::kLanes;
 
-  // At least one drone, at most kCount; lanes beyond the last repeat it.
+  // Takes 1 to kCount drones; the last drone fills the remaining lanes.
   explicit GatheredRows(std::span<const DroneIndex> drones) : drones_(drones) {
     is_contiguous_ = drones.size() == kCount;
     for (std::size_t i = 1; i < drones.size(); ++i) is_contiguous_ &= drones[i] == drones[0] + i;
@@ -53,7 +53,7 @@ class GatheredRows {
   std::span<const DroneIndex> drones() const { return drones_; }
   bool is_contiguous() const { return is_contiguous_; }
 
-  // Rows of an array (N, kColumns); valid as long as this object.
+  // Returns the rows of an array (N, kColumns). They are valid as long as this object.
   template <std::size_t kColumns>
   const float* rows(std::span<const float> array) {
     if (is_contiguous_) return array.data() + kColumns * drones_[0];
@@ -71,7 +71,7 @@ class GatheredRows {
   std::array<std::array<float, 4 * kCount>, 6> gathered_;
 };
 
-// Calls f(rows) for each kLanes drones of the list.
+// Calls f(rows) for each group of kLanes drones of the list.
 template <class F>
 void for_each_lanes(std::span<const DroneIndex> drones, const F& f) {
   for (std::size_t first = 0; first < drones.size(); first += GatheredRows::kCount) {
@@ -135,7 +135,7 @@ class FlightTask : public Task {
     spec_.reward_terms = std::move(reward_terms);
   }
 
-  // The goal marker of a world, or its centre.
+  // The goal marker of a world, or the centre of the world if it has none.
   static Vec3 target_of(const World& world) {
     return world.markers().goal.value_or((world.bounds().min + world.bounds().max) / 2.0F);
   }
@@ -157,7 +157,7 @@ class FlightTask : public Task {
     return rows.rows<3>(targets_);
   }
 
-  // Velocity, up, angular velocity, rotor speeds.
+  // Writes velocity, up vector, angular velocity and rotor speeds to a row.
   void observe_flight(const State& state, DroneIndex drone, const Mat3& to_body, std::span<float> row) const {
     const Vec3 velocity = to_body * velocity_of(state, drone);
     const Vec3 up = to_body.col(2);
@@ -171,7 +171,7 @@ class FlightTask : public Task {
     Eigen::Map<Four>(row.data() + 9) = rotor_.action_for(Four(state.flight.rotor_speed.data() + kRotors * drone));
   }
 
-  // Mean square of the change of the action.
+  // The mean squared change of the action.
   float change(DroneIndex drone) const {
     const Four change = Four(action_now_.data() + kActions * drone) - Four(action_before_.data() + kActions * drone);
     return change.square().mean();
@@ -193,8 +193,8 @@ class FlightTask : public Task {
   double step_s_ = 0.0;
   std::vector<float> targets_;              // (N, 3) m
   std::vector<std::int32_t> target_world_;  // (N,) world_index of each target; -1: none yet
-  std::vector<float> action_before_;        // (N, 4) in [-1, 1], of the step before; 0 in the first
-  std::vector<float> action_now_;           // (N, 4) in [-1, 1], of the present or last step
+  std::vector<float> action_before_;        // (N, 4) in [-1, 1], previous action; 0 in the first step
+  std::vector<float> action_now_;           // (N, 4) in [-1, 1], action of the current or last step
 };
 
 }  // namespace flockstep::task

@@ -74,7 +74,7 @@ class Hover final : public FlightTask {
   void score(const TaskBlock& block, Score& score) override {
     const State& state = block.context.state();
     const auto hold = static_cast<double>(config_.hold_m);
-    // Local copies: writes through uint8_t* may alias members, and would force reloads.
+    // Local copies: writes through uint8_t* may alias members and would force reloads.
     const HoverConfig weights = config_;
     const std::int64_t hold_steps = hold_steps_;
     const std::uint8_t* const hit = state.contact.hit.data();
@@ -147,7 +147,7 @@ class Hover final : public FlightTask {
 
  private:
   enum Term : std::size_t { kNear, kHold, kSpeed, kSpin, kChange, kCrash, kTerms };
-  static constexpr std::uint32_t kTries = 64;  // starts drawn before the point itself is taken
+  static constexpr std::uint32_t kTries = 64;  // random starts to try before starting at the target
 
   std::pair<Pose, Velocity> thrown(const TaskContext& context, DroneIndex drone, std::uint32_t attempt) {
     constexpr std::uint32_t kDraws = 12;
@@ -157,7 +157,7 @@ class Hover final : public FlightTask {
     const auto around = [&](std::size_t k) {
       return Vec3(2.0F * unit[k] - 1.0F, 2.0F * unit[k + 1] - 1.0F, 2.0F * unit[k + 2] - 1.0F);
     };
-    // Turned about a level axis by the tilt, then about the vertical.
+    // Rotate by the tilt about a horizontal axis, then by the yaw about the vertical.
     const float tilt = unit[3] * config_.start_tilt_deg * kPi / 180.0F;
     const float axis = 2.0F * kPi * unit[4];
     const float yaw = 2.0F * kPi * unit[5];

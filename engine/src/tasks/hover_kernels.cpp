@@ -16,8 +16,8 @@ using namespace dynamics::HWY_NAMESPACE;
 HWY_INLINE V3 rows3(const float* rows, std::size_t lane) { return V3::load_rows(rows + 3 * lane); }
 HWY_INLINE Q rows4(const float* rows, std::size_t lane) { return load_rows4(rows + 4 * lane); }
 
-// e^x for x <= 0: 2^n times a polynomial for what is left, within half of ln 2. Coefficients of S. Moshier's Cephes library,
-// expf: off by less than 2e-7 of the result. Below e^-80 it stays there.
+// e^x for x <= 0, as 2^n times a polynomial in the remainder, which is within half of ln 2. The coefficients are from expf of
+// S. Moshier's Cephes library; the relative error is below 2e-7. Results are clamped to at least e^-80.
 HWY_INLINE F exponential(F x) {
   x = max(x, -80.0F);
   const F n = round(x * 1.44269504F);
@@ -30,10 +30,10 @@ HWY_INLINE F exponential(F x) {
   return (p * (r * r) + r + 1.0F) * bit_cast<F>(shift_left<23>(convert<F::Int>(n) + 127));
 }
 
-// In double precision: a step changes a distance by little.
+// Distances are in double precision, since they change little in a step.
 HWY_INLINE void score_distances(const HoverRows& rows, double reach_m, HoverScores& scores) {
   using Double = Wide<hn::CappedTag<double, kLanes / 2>>;
-  using Float = Wide<hn::Rebind<float, Double::Tag>>;  // as many
+  using Float = Wide<hn::Rebind<float, Double::Tag>>;  // same lane count
   alignas(64) dynamics::Lanes<3> a, b;
   for (std::size_t lane = 0; lane < kLanes; lane += F::kCount) {
     store3(rows3(rows.target, lane), a, lane);

@@ -1,5 +1,5 @@
-// What Hover scores and observes, of sixteen drones side by side. Every operation rounds correctly, so that all SIMD targets
-// agree, and what comes out for a drone depends on that drone alone.
+// Scores and observations of Hover for sixteen drones side by side. Every operation rounds correctly, so all SIMD targets
+// agree. The results of a drone depend only on that drone.
 #pragma once
 
 #include <array>
@@ -9,36 +9,36 @@
 
 namespace flockstep::task {
 
-inline constexpr std::size_t kHoverNumbers = 16;  // of an observation
+inline constexpr std::size_t kHoverNumbers = 16;  // size of an observation
 
-// Rows of arrays, kLanes of each.
+// The inputs: kLanes rows of each array.
 struct HoverRows {
-  const float* target;            // (kLanes, 3) m: the points to hold
+  const float* target;            // (kLanes, 3) m, points to hold
   const float* position;          // (kLanes, 3) m
-  const float* quat_wxyz;         // (kLanes, 4); of observations alone
+  const float* quat_wxyz;         // (kLanes, 4); observations only
   const float* velocity;          // (kLanes, 3) m/s
   const float* angular_velocity;  // (kLanes, 3) rad/s
-  const float* rotor_speed;       // (kLanes, 4) rad/s; of observations alone
-  const float* action;            // (kLanes, 4); of scores alone, like what follows
-  const float* action_before;     // (kLanes, 4)
+  const float* rotor_speed;       // (kLanes, 4) rad/s; observations only
+  const float* action;            // (kLanes, 4); scores only
+  const float* action_before;     // (kLanes, 4); scores only
 };
 
 struct alignas(64) HoverScores {
-  std::array<double, dynamics::kLanes> distance;  // m, from the point to hold
+  std::array<double, dynamics::kLanes> distance;  // m, to the point to hold
   std::array<double, dynamics::kLanes> holding;   // 1 / (1 + (distance / reach)^2)
   dynamics::Lane closeness;                       // e^(-2 distance / m)
   dynamics::Lane speed;                           // m/s
   dynamics::Lane spin;                            // rad/s
-  dynamics::Lane change;                          // mean square of what the action changed by
+  dynamics::Lane change;                          // mean squared change of the action
 };
 void score_hover(const HoverRows& rows, double reach_m, HoverScores& scores);
 
-// How speeds of rotors are observed: 0 in hovering, -1 and 1 at the slowest and the fastest.
+// Scale of observed rotor speeds: 0 at hover speed, -1 and 1 at the slowest and fastest speed.
 struct RotorUnits {
   float hovering = 0.0F, inverse_below = 1.0F, inverse_above = 1.0F;  // rad/s, s/rad
 };
-// Rows (kLanes, kHoverNumbers): way to the point, velocity, up, angular velocity in units of spin_unit, rotor speeds; all but the
-// last in the frame of the body.
+// Writes rows (kLanes, kHoverNumbers): vector to the point, velocity, up and angular velocity in units of spin_unit, all in the
+// body frame, then the rotor speeds.
 void observe_hover(const HoverRows& rows, const RotorUnits& rotors, float spin_unit, float* out);
 
 }  // namespace flockstep::task

@@ -1,4 +1,4 @@
-// The navigation tasks. They share all but what they observe beside the ranges; see ObservationKind.
+// The navigation tasks. They differ only in the part of the observation besides the ranges; see ObservationKind.
 #include <algorithm>
 #include <array>
 #include <cmath>
@@ -21,18 +21,18 @@ namespace task {
 namespace {
 
 constexpr double kCentimetresPerMetre = 100.0;
-constexpr std::uint32_t kStartTries = 64;  // random starts drawn before the start marker is taken
+constexpr std::uint32_t kStartTries = 64;  // random starts to try before using the start marker
 
-// What discrete actions mean: x, y, z.
+// Directions (x, y, z) of the discrete actions.
 constexpr std::array<std::array<float, 3>, 6> kDirections{{{1, 0, 0}, {-1, 0, 0}, {0, 1, 0}, {0, -1, 0}, {0, 0, 1}, {0, 0, -1}}};
 constexpr std::array<std::array<float, 3>, 3> kForwardDirections{{{1, 0, 0}, {0, 1, 0}, {0, -1, 0}}};
 
 // The terms of the reward, in the order of TaskSpec::reward_terms.
 enum Term : std::size_t { kDistance, kCrash, kFreeSpace, kStep, kActionChange, kOvershoot, kNumTerms };
 
-// (N,) each
+// Each array has shape (N,).
 struct NavigationState {
-  std::vector<std::int32_t> goal_index;  // waypoints reached; the final goal when it equals their number
+  std::vector<std::int32_t> goal_index;  // number of waypoints reached; the final goal comes after the last
   std::vector<double> last_distance;     // m to the current goal, after the last step
 
   static constexpr auto fields() {
@@ -41,7 +41,7 @@ struct NavigationState {
   }
 };
 
-// A goal, and what it is the goal of: it is kept beside the env, since a step in many worlds would ask each for it.
+// A cached goal and its key. Without the cache, each step of many envs would read each of their worlds.
 struct Goal {
   std::int32_t world_index = -1;
   std::int32_t goal_index = 0;
@@ -61,7 +61,8 @@ Field action_field(ActionKind action) {
   }
 }
 
-// The ranges, behind numbers with these least values, which are at most 1 and 0 where a drone is removed.
+// A field of leading numbers followed by the ranges. The leading numbers have these lower bounds and the upper bound 1, and are
+// 0 for a removed drone.
 Field vector_field(const char* name, std::vector<double> low_of_head, std::size_t rays) {
   Field field{.name = name, .shape = {static_cast<std::int64_t>(low_of_head.size() + rays)}, .low = low_of_head};
   field.absent.assign(low_of_head.size(), 0.0);
@@ -70,7 +71,7 @@ Field vector_field(const char* name, std::vector<double> low_of_head, std::size_
   return field;
 }
 
-// What the context says about all envs, asked once for a block.
+// Data of all envs, read from the context once for each block.
 struct Surroundings {
   explicit Surroundings(const TaskContext& context)
       : state(context.state()),
@@ -96,7 +97,7 @@ class Navigation final : public Task {
 
   TaskDefaults defaults() const override {
     if (config_.observation == ObservationKind::goal) return {.worlds = "train", .lidars = {LidarConfig()}};
-    // Across the playground, at 10 m, the goal is 1.6 pixels wide: it never falls between the centres of four.
+    // Across the playground, at 10 m, the goal is 1.6 pixels wide, so it always covers the centre of a pixel.
     CameraConfig camera{.width_px = 64, .height_px = 48};
     if (config_.observation == ObservationKind::pixels) camera.layout = ImageLayout::chw;
     return {.worlds = "camera-train", .lidars = {LidarConfig{.beams = 20, .hfov_deg = 180.0F}}, .cameras = {camera}};
@@ -121,7 +122,7 @@ class Navigation final : public Task {
     if (config_.observation == ObservationKind::blob) {
       const CameraConfig& camera = context.cameras().front();
       const std::vector<std::uint8_t> black(image_size(camera));
-      for (ColorBlobScratch& scratch : blobs_) {  // each grows now, not in a step
+      for (ColorBlobScratch& scratch : blobs_) {  // allocates here instead of in a step
         find_color(black, camera.image_width_px(), camera.image_height_px(), camera.layout, config_.color, scratch);
         scratch.columns.reserve(static_cast<std::size_t>(camera.image_width_px()));
       }
@@ -159,7 +160,7 @@ class Navigation final : public Task {
   }
 
   void observe(const TaskBlock& block, std::span<Buffer> observation) override {
-    const bool apart = config_.observation == ObservationKind::pixels;  // the ranges are a field of their own
+    const bool apart = config_.observation == ObservationKind::pixels;  // the ranges are a separate field
     const Surroundings around(block.context);
     for (const DroneIndex drone : block.drones) {
       const std::span<float> row = observation[apart ? 1 : 0].row<float>(drone);
@@ -180,7 +181,7 @@ class Navigation final : public Task {
           break;
         }
         case ObservationKind::pixels: {
-          // A copy: the camera's own image is written again in the next step, when this one may still be in use.
+          // Copy the image: the camera overwrites its own in the next step, while the observation may still be in use.
           const auto image = image_of(block.context, drone);
           std::copy(image.begin(), image.end(), observation[0].row<std::uint8_t>(drone).data());
           break;
@@ -193,7 +194,7 @@ class Navigation final : public Task {
 
   void check() const override {
     for (std::size_t drone = 0; drone < state_.goal_index.size(); ++drone) {
-      // More than the world's waypoints may be reached: the env has come from another world.
+      // The count may exceed the world's waypoints: the env may have come from another world.
       if (state_.goal_index[drone] < 0) refuse("snapshot: goal_index", "a number >= 0", state_.goal_index[drone]);
       if (!std::isfinite(state_.last_distance[drone])) {
         refuse("snapshot: last_distance", "finite numbers", state_.last_distance[drone]);
@@ -230,7 +231,7 @@ class Navigation final : public Task {
     return std::span(context.images(0).rgb).subspan(drone * size, size);
   }
 
-  // Values of one rgb image.
+  // The number of values of one rgb image.
   static std::size_t image_size(const CameraConfig& camera) {
     return 3 * static_cast<std::size_t>(camera.image_width_px()) * static_cast<std::size_t>(camera.image_height_px());
   }
@@ -270,7 +271,7 @@ class Navigation final : public Task {
     return {pose.position + pose.rotation * step, rotation};
   }
 
-  // The waypoint or goal that the drone flies to next.
+  // The drone's next waypoint or goal.
   const Vec3& goal(const TaskContext& context, DroneIndex drone) {
     Goal& known = goals_[drone];
     const EnvIndex env = context.env_of(drone);
@@ -288,7 +289,7 @@ class Navigation final : public Task {
     const bool crashed = state.contact.hit[drone] != 0;
     const double goal_reward = reward.goal_reward;
 
-    // Distance to the goal. Where a waypoint is reached, the next one counts from here on.
+    // Distance to the current goal. When a waypoint is reached, the next one becomes the goal.
     const Vec3 target = goal(context, drone);
     const double distance = distance_m(target, position);
     const bool reached = distance <= static_cast<double>(reward.goal_radius_m);
@@ -332,10 +333,10 @@ class Navigation final : public Task {
 
   NavigationConfig config_;
   TaskSpec spec_;
-  const TaskContext* context_ = nullptr;  // of the batch, which owns the task
+  const TaskContext* context_ = nullptr;  // context of the batch, which owns the task
   std::size_t rays_ = 0;
   NavigationState state_;
-  std::vector<Goal> goals_;              // (N,) cache of the current ones
+  std::vector<Goal> goals_;              // (N,) cache of the current goals
   std::vector<ColorBlobScratch> blobs_;  // one for each thread
 };
 

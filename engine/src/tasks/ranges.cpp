@@ -18,17 +18,17 @@ using namespace flockstep::HWY_NAMESPACE;  // the wide type
 
 constexpr std::size_t kSums = 16;
 
-// Sixteen sums side by side on every target, the i-th of every 16th range: so the total has the same bits on all of them, and no
-// addition waits for the one before.
+// Keeps sixteen partial sums on every target; sum i adds every 16th range from the i-th on. The total then has the same bits on
+// all targets, and no addition waits for the one before.
 Clearance clearance_of(std::span<const float> ranges, float max_range_m) {
   using F = WideUpTo<kSums>;
   using Double = Wide<hn::CappedTag<double, kSums / 2>>;
-  using Float = Wide<hn::Rebind<float, Double::Tag>>;  // as many
+  using Float = Wide<hn::Rebind<float, Double::Tag>>;  // same lane count
   constexpr std::size_t kVectors = kSums / Double::kCount;
   Double sums[kVectors];
   for (Double& sum : sums) sum = 0.0;
   F nearest = 1.0F;
-  alignas(64) float values[kSums];  // normalised ranges, 0 where there is none
+  alignas(64) float values[kSums];  // normalised ranges, padded with 0
   const auto add = [&]() HWY_ATTR {
     for (std::size_t i = 0; i < kVectors; ++i) {
       sums[i] = sums[i] + convert<Double>(Float::load(values + i * Double::kCount));
@@ -72,7 +72,7 @@ void normalise(std::span<const float> ranges, float max_range_m, float* normalis
     min(F::load_unaligned(ranges.data() + at) / max_range_m, 1.0F).store_unaligned(normalised + at);
   };
   for (; first + F::kCount <= ranges.size(); first += F::kCount) write(first);
-  if (first > 0) return write(ranges.size() - F::kCount);  // some of them once more
+  if (first > 0) return write(ranges.size() - F::kCount);  // overlaps the last vector
   for (; first < ranges.size(); ++first) normalised[first] = std::min(ranges[first] / max_range_m, 1.0F);
 }
 

@@ -1,4 +1,4 @@
-// The ranges of a scan over the maximum range, and how much room they show.
+// Normalises the ranges of a scan, and measures the free space that they show.
 #pragma once
 
 #include <span>
@@ -6,14 +6,14 @@
 namespace flockstep::task {
 
 struct Clearance {
-  double nearest = 1.0;  // the smallest of the normalised ranges
-  double sum = 0.0;      // of the normalised ranges
+  double nearest = 1.0;  // smallest normalised range
+  double sum = 0.0;      // sum of the normalised ranges
 };
 
-// Of ranges (m), inf on a miss, over max_range_m; a miss counts as 1.
+// Computes the clearance of ranges (m). Each is divided by max_range_m; a miss, inf, counts as 1.
 Clearance clearance_of(std::span<const float> ranges, float max_range_m);
 
-// Writes ranges (m) over max_range_m, 1 on a miss, to `normalised`, which is as long.
+// Writes ranges (m) over max_range_m to `normalised`, which has the same length; a miss is written as 1.
 void normalise(std::span<const float> ranges, float max_range_m, float* normalised);
 
 }  // namespace flockstep::task

@@ -1,4 +1,4 @@
-// Terms that tasks share: where the goal is, how far, and how much room there is. Tasks in Python ask for them by Batch.terms.
+// Terms that tasks share: direction and distance to the goal, and free space. Python tasks get them from Batch.terms.
 #pragma once
 
 #include <cstddef>
@@ -11,7 +11,7 @@
 
 namespace flockstep::task {
 
-// The waypoint of that index, from 0, else the goal; the goal marker has to be there.
+// Returns the waypoint with this index, counted from 0, or the goal after the last one. The world must have a goal marker.
 inline const Vec3& goal_of(const World& world, std::int32_t goal_index) {
   const auto& waypoints = world.markers().waypoints;
   const auto index = static_cast<std::size_t>(goal_index);
@@ -20,7 +20,7 @@ inline const Vec3& goal_of(const World& world, std::int32_t goal_index) {
 
 inline double distance_m(const Vec3& a, const Vec3& b) { return (a.cast<double>() - b.cast<double>()).norm(); }
 
-// Unit, from a drone of this pose to the point, in the body frame; 0 where they are one.
+// Unit vector from the drone to the point in the body frame; 0 if they coincide.
 inline Vec3 direction_to(const Pose& pose, const Vec3& point) {
   const Vec3 offset = point - pose.position;
   const float length = offset.norm();
@@ -28,7 +28,7 @@ inline Vec3 direction_to(const Pose& pose, const Vec3& point) {
   return direction.cwiseMax(-1.0F).cwiseMin(1.0F);
 }
 
-// sum(l / m - 1) / (n / m - n) of n normalised ranges l of this sum, m = min_clearance: 1 in the open, 0 where all are at m.
+// sum(l / m - 1) / (n / m - n) over n normalised ranges l, with m = min_clearance: 1 in the open, 0 if all ranges are m.
 inline double free_space(double sum, std::size_t count, double min_clearance) {
   const auto n = static_cast<double>(count);
   return (sum / min_clearance - n) / (n / min_clearance - n);

@@ -19,14 +19,14 @@ namespace task {
 namespace {
 
 constexpr double kTurn = 2.0 * std::numbers::pi;
-constexpr std::size_t kPhases = 9;  // of an episode, in turns: three waves along three axes; a figure-8 has one
+constexpr std::size_t kPhases = 9;  // phases of an episode: three waves along each axis; a figure-8 uses one
 constexpr std::uint32_t kPhaseStream = 1;
 
-// Where a wave is, as a turning pointer.
+// The phase of a wave as a rotating unit vector.
 struct Wave {
   float cosine, sine;
 
-  // Exact to float32 after any time: whole turns are taken off in double precision.
+  // Accurate to float32 at any time: whole turns are removed in double precision.
   static Wave at(double turns) {
     const auto angle = static_cast<float>(kTurn * (turns - std::floor(turns)));
     return {std::cos(angle), std::sin(angle)};
@@ -34,7 +34,7 @@ struct Wave {
   Wave turned(const Wave& by) const { return {cosine * by.cosine - sine * by.sine, sine * by.cosine + cosine * by.sine}; }
 };
 
-// Paths of one size and speed: sums of waves, whose phases are an episode's own.
+// A path as a sum of waves. The size and speed are fixed; the phases differ between episodes.
 class Path {
  public:
   using Waves = std::array<Wave, kPhases>;
@@ -42,7 +42,7 @@ class Path {
   explicit Path(const TrackConfig& config) : kind_(config.path), size_(config.size_m) {
     const auto speed = static_cast<double>(config.speed_mps) / static_cast<double>(config.size_m);
     if (kind_ == TrackPath::figure8) {
-      // The length of a lap of size 1, by the midpoint rule, which is exact to rounding on smooth laps.
+      // Length of a lap of size 1 by the midpoint rule, which is exact to rounding for a smooth closed curve.
       constexpr int kPieces = 1000;
       double length = 0.0;
       for (int i = 0; i < kPieces; ++i) {
@@ -88,9 +88,9 @@ class Path {
   }
 
  private:
-  static constexpr std::array kShares{1.0, 1.0, 0.5};           // of size_m, by axis
-  static constexpr std::array kSizes{0.6, 0.25, 0.15};          // of which, by wave
-  static constexpr std::array kRates{1.0, 1.618034, 2.414214};  // that never come round together
+  static constexpr std::array kShares{1.0, 1.0, 0.5};           // amplitude over size_m, by axis
+  static constexpr std::array kSizes{0.6, 0.25, 0.15};          // share of that amplitude, by wave
+  static constexpr std::array kRates{1.0, 1.618034, 2.414214};  // relative frequencies; their sum never repeats
 
   std::size_t count() const { return kind_ == TrackPath::figure8 ? 1 : kPhases; }
   static Eigen::Index axis_of(std::size_t k) { return static_cast<Eigen::Index>(k / 3); }
@@ -131,7 +131,8 @@ class Track final : public FlightTask {
     squares_.resize(context.num_drones());
   }
 
-  // A figure-8 is the same in every episode; of random paths the middle is looked at, and how far they reach.
+  // Checks points along a figure-8, which is the same in every episode. For random paths it checks only the middle and the
+  // extent.
   void require_world(const World& world, const DroneModel& drone) const override {
     FlightTask::require_world(world, drone);
     const Vec3 middle = target_of(world);
@@ -250,9 +251,9 @@ class Track final : public FlightTask {
 
   TrackConfig config_;
   Path path_;
-  Path::Waves ahead_{};          // by which waves turn in ahead_s
+  Path::Waves ahead_{};          // rotation of the waves in ahead_s
   std::vector<float> phase_;     // (N, 9) turns
-  std::vector<double> squares_;  // (N,) m^2: sum of the squared distances of all steps
+  std::vector<double> squares_;  // (N,) m^2, sum of the squared distances of all steps
 };
 
 }  // namespace
