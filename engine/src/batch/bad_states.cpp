@@ -12,7 +12,7 @@
 namespace flockstep {
 namespace {
 
-// Sets bad numbers of a row to 0. Returns whether there were any.
+// Sets bad numbers of a row to 0. Returns true if there were any.
 template <class T>
 bool clear_bad(const Field& field, std::span<T> row) {
   bool bad = false;
@@ -24,7 +24,7 @@ bool clear_bad(const Field& field, std::span<T> row) {
   return bad;
 }
 
-// Ends the episode in this step, although the step has been scored already.
+// Ends the episode in this step, after the step has been scored.
 void end_now(Simulation& sim, EnvIndex env, std::size_t row) {
   Outputs& out = sim.outputs.now();
   if (out.bad_state[row]) return;

@@ -26,7 +26,7 @@ bool selects_all(const Simulation& sim, EnvMask mask) {
   return all;
 }
 
-// The pose a row asks for: what is missing stays, quaternions are normalised.
+// The pose given by a row. A missing position or quaternion keeps its current value; quaternions are normalised.
 Pose requested_pose(const Simulation& sim, DroneIndex drone, std::size_t row, std::span<const float> position,
                     std::span<const float> quat_wxyz) {
   Pose pose = pose_of(sim.state, drone);
@@ -38,7 +38,7 @@ Pose requested_pose(const Simulation& sim, DroneIndex drone, std::size_t row, st
   return pose;
 }
 
-// The readings and outputs of a removed drone are those of an absent one from now on.
+// Deactivates a drone and sets its readings and outputs to those of an absent one.
 void mark_absent(Simulation& sim, DroneIndex drone) {
   sim.state.active[drone] = 0;
   clear_contact(sim.state, drone);
@@ -46,14 +46,14 @@ void mark_absent(Simulation& sim, DroneIndex drone) {
   sim.cameras.clear(drone);
   if (!sim.task_state) return;
   const std::size_t row = sim.row_of(drone);
-  if (sim.rows_per_env() < sim.drones_per_env() && is_active(sim, sim.env_of(drone))) return;  // others of its env fly on
+  if (sim.rows_per_env() < sim.drones_per_env() && is_active(sim, sim.env_of(drone))) return;  // its env still has other drones
   sim.outputs.mark_absent(sim.task_state->spec(), row);
   Score& score = sim.task_state->score;
   std::ranges::fill(score.terms_of(row), 0.0);
   score.terminated[row] = score.truncated[row] = score.success[row] = score.left_area[row] = 0;
 }
 
-// A time begins in which nothing has been sensed, with gusts drawn by the env's seed and episode.
+// Restarts the clock of an env, clears its readings and draws gusts from its seed and episode.
 void begin_time(Simulation& sim, EnvIndex env) {
   forget_readings(sim, env);
   for (std::size_t member = 0; member < sim.drones_per_env(); ++member) begin_gusts(sim, sim.drone_of(env, member));
@@ -140,7 +140,7 @@ void Batch::fly(std::span<const float> command, int ticks, DroneMask mask) {
   require(ticks >= 0 && ticks <= 1000000, "ticks", "an integer in [0, 1000000]", ticks);
   const int flown = ticks == 0 ? sim_->config.clock.substeps() : ticks;
   list_selected(*sim_, mask, &Block::selected);
-  constexpr int kLeg = 1000;  // ticks: long flights are interrupted between two
+  constexpr int kLeg = 1000;  // ticks; interrupts are polled between legs
   for (int first = 0; first < flown; first += kLeg) {
     Interrupt::poll();
     const int leg = std::min(kLeg, flown - first);
@@ -175,7 +175,7 @@ void Batch::spawn(std::span<const std::int64_t> indices, std::span<const float> 
   std::vector<std::uint8_t> spawned(sim_->num_drones()), begins(sim_->num_envs(), 1);
   for (const std::int64_t index : indices) spawned[static_cast<std::size_t>(index)] = 1;
   for (std::size_t i = 0; i < sim_->num_drones(); ++i) {
-    if (state.active[i] && !spawned[i]) begins[sim_->env_of(DroneIndex(i))] = 0;  // its time goes on
+    if (state.active[i] && !spawned[i]) begins[sim_->env_of(DroneIndex(i))] = 0;  // its clock goes on
   }
   checks::spawns(*sim_, indices, begins, world_index);
   for (std::size_t row = 0; row < indices.size(); ++row) {
@@ -222,7 +222,7 @@ void Batch::set_world(std::span<const std::int32_t> world_index, EnvMask mask) {
     if (const EnvIndex env(i); mask.selects(env)) sim_->state.world_index[env] = world_index[env];
   }
   if (sim_->is_stepping) {
-    sim_->scratches[0]->moved_world = true;  // the blocks follow when the step is over
+    sim_->scratches[0]->moved_world = true;  // the blocks are rebuilt after the step
   } else {
     sim_->rebuild_schedule();
   }
@@ -287,7 +287,7 @@ void Batch::reset(std::span<const std::uint64_t> seeds, EnvMask mask) {
       }
     }
     fetch_worlds(*sim_);
-    sim_->is_cut_short = true;  // until they all have moved
+    sim_->is_cut_short = true;  // until all envs have moved
     move_envs(*sim_);
   }
   sim_->is_cut_short = false;
@@ -365,7 +365,7 @@ void Batch::restore(const std::string& blob) {
   restore_snapshot(*sim_, blob);
   sim_->is_cut_short = false;
   for (std::size_t i = 0; i < sim_->num_drones(); ++i) {
-    if (!sim_->state.active[i]) mark_absent(*sim_, DroneIndex(i));  // in the other slot too, where it may have been alive
+    if (!sim_->state.active[i]) mark_absent(*sim_, DroneIndex(i));  // also in the other slot, in which it may have been active
   }
   sim_->rebuild_schedule();
   if (sim_->pool) {

@@ -1,4 +1,4 @@
-// The sensors' part of Batch.
+// The members of Batch that concern sensors.
 #include <algorithm>
 #include <stdexcept>
 #include <string>
@@ -16,7 +16,7 @@ namespace flockstep {
 
 namespace {
 
-// The index of a sensor of this name among configs; empty: the first.
+// The index of the sensor with this name; an empty name selects the first sensor.
 template <class Config>
 std::size_t index_of(const std::vector<Config>& configs, std::string_view name, const char* kind, const char* none) {
   if (configs.empty()) throw std::invalid_argument(none);
@@ -132,7 +132,7 @@ void Batch::capture(std::size_t camera, DroneMask mask) {
   const CallGuard guard(*sim_);
   checks::has_camera(*sim_, camera);
   checks::mask(*sim_, mask);
-  std::vector<DroneIndex>& drones = sim_->captured;  // in the order of the blocks, so that drones of one world are consecutive
+  std::vector<DroneIndex>& drones = sim_->captured;  // in block order: drones of one world are consecutive
   drones.clear();
   for (const Block& block : sim_->schedule.blocks()) {
     for (const DroneIndex drone : selected_drones(*sim_, block.envs, mask, *sim_->scratches[0])) drones.push_back(drone);
@@ -161,7 +161,7 @@ void Batch::set_camera(std::size_t camera, const CameraChange& change, DroneMask
 const std::string& Batch::camera_backend_report() const { return sim_->cameras.report(); }
 
 std::string Batch::take_warning() {
-  const CallGuard guard(*sim_, std::nothrow);  // whoever is in a call takes it after that
+  const CallGuard guard(*sim_, std::nothrow);  // a thread that is in a call takes it afterwards
   if (!guard.is_granted()) return {};
   return sim_->warning.empty() ? sim_->cameras.take_warning() : std::exchange(sim_->warning, std::string());
 }

@@ -1,4 +1,5 @@
-// CallGuard: a call of one thread on a batch. Calls of its tasks from within are its own.
+// CallGuard: allows calls on a batch from one thread at a time. Nested calls on that thread, such as from its task, are
+// allowed.
 #pragma once
 
 #include <atomic>
@@ -18,7 +19,7 @@ class CallGuard {
     checks::own_process(sim);
     if (!granted_) throw std::runtime_error("this Batch is in use by another thread: one call at a time");
   }
-  // is_granted() tells.
+  // Does not throw; check is_granted().
   CallGuard(Simulation& sim, std::nothrow_t) : user_(sim.user) {
     std::thread::id nobody;
     started_ = user_.compare_exchange_strong(nobody, std::this_thread::get_id(), std::memory_order_acquire);

@@ -118,7 +118,7 @@ void command(const Simulation& sim, std::span<const float> values) {
 }
 
 void angles(Control control, std::span<const float> command, std::string_view field) {
-  constexpr float kHalfTurn = 3.1416F;  // pi, and some rounding
+  constexpr float kHalfTurn = 3.1416F;  // pi plus rounding
   constexpr float kMaxYaw = 1e4F;       // 1,600 turns: float32 resolves 0.001 rad there
   const bool is_attitude = control == Control::attitude;
   if (!is_attitude && control != Control::acceleration && control != Control::position) return;
@@ -162,7 +162,7 @@ void spec(const TaskSpec& spec) {
           EnumNames<DType>::kNames[static_cast<std::size_t>(type)]);
   require(is_floating(type) || spec.action.shape.empty(), "task's action", "a scalar, where it is of an integer type",
           std::to_string(spec.action.shape.size()) + " dimensions");
-  constexpr double kLargest = 0x1p31;  // a count of choices; a double beyond the type's range would be no integer at all
+  constexpr double kLargest = 0x1p31;  // limit on the number of choices; a larger double may not fit the integer type
   require(is_floating(type) || (spec.action.low[0] >= -kLargest && spec.action.high[0] < kLargest), "task's action",
           "bounds within 32 bits, where it is of an integer type", spec.action.high[0]);
   require(!spec.observation.empty(), "task's observation", "at least one field", "none");

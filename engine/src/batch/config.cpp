@@ -13,7 +13,7 @@ namespace flockstep {
 namespace {
 
 constexpr double kLeastPhysicsHz = 50.0;
-constexpr double kRateTolerance = 1e-4;  // of the ratio of two rates, which are float32
+constexpr double kRateTolerance = 1e-4;  // relative tolerance of the ratio of two float32 rates
 
 }  // namespace
 
@@ -70,13 +70,13 @@ namespace {
 template <class T>
 concept SensorConfig = requires(const T& config) { config.rate_hz; };
 
-// Checks the rates and names of the sensors of a field of BatchConfig, one or a list; other fields are none.
+// Checks the rates and names of the sensors in a field of BatchConfig, which holds one or a list. Ignores other fields.
 template <class Value>
 void check_sensors(const std::string& field, const Value& value, const ClockConfig& clock) {
   if constexpr (SensorConfig<Value>) {
     sensors::period_in_ticks(value.rate_hz, clock, field + ".rate_hz");
   } else if constexpr (requires { requires SensorConfig<typename Value::value_type>; }) {
-    const std::string kind = field.substr(0, field.size() - 1);  // "lidars" are each a lidar
+    const std::string kind = field.substr(0, field.size() - 1);  // "lidars" becomes "lidar"
     for (auto config = value.begin(); config != value.end(); ++config) {
       sensors::period_in_ticks(config->rate_hz, clock, kind + ".rate_hz");
       const auto same = [&](const auto& other) { return other.name == config->name; };

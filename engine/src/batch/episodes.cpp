@@ -16,17 +16,17 @@
 namespace flockstep {
 namespace {
 
-// The number that changes no other by being added to it, 0 and -0 included.
+// The additive identity: adding it changes no number, not even the sign of 0 and -0.
 constexpr double kNothing = -0.0;
 
-// Whether rows differ. kColumns: how many numbers a row has, 0 if that is not known when this is compiled.
+// Compares rows and sets a flag for each pair that differs. kColumns: numbers in a row, 0 if unknown at compile time.
 template <class T, std::size_t kColumns>
 void compare_rows(const Buffer& a, const Buffer& b, std::size_t first, std::size_t count, std::uint8_t* differ) {
   const std::size_t columns = kColumns > 0 ? kColumns : a.columns();
   const T* x = a.row<T>(first).data();
   const T* y = b.row<T>(first).data();
   for (std::size_t row = 0; row < count; ++row, x += columns, y += columns) {
-    std::uint8_t is_other = 0;  // rows are short: a call of memcmp would cost more
+    std::uint8_t is_other = 0;  // rows are short: memcmp would be slower
     for (std::size_t k = 0; k < columns; ++k) is_other |= x[k] != y[k];
     differ[row] = is_other;
   }
@@ -34,12 +34,12 @@ void compare_rows(const Buffer& a, const Buffer& b, std::size_t first, std::size
 
 template <class T>
 void compare_rows(const Buffer& a, const Buffer& b, std::size_t first, std::size_t count, std::uint8_t* differ) {
-  if (a.columns() == 4) return compare_rows<T, 4>(a, b, first, count, differ);  // what rotors are told
+  if (a.columns() == 4) return compare_rows<T, 4>(a, b, first, count, differ);  // rotor commands
   if (a.columns() == 1) return compare_rows<T, 1>(a, b, first, count, differ);
   compare_rows<T, 0>(a, b, first, count, differ);
 }
 
-// Finds out for consecutive envs which actions differ from those of the step before, or are the first.
+// Sets action_changed for consecutive envs: 1 if the action differs from that of the previous step, or is the first.
 void compare_actions(const TaskState& task_state, std::size_t first_env, std::size_t num_envs, std::size_t rows,
                      EpisodeState& episodes) {
   const std::size_t first = first_env * rows, count = num_envs * rows;
@@ -65,7 +65,7 @@ void compare_actions(const TaskState& task_state, std::size_t first_env, std::si
   }
 }
 
-// The sum of each of some rows, of its numbers in their order, of several rows side by side.
+// Sums each row, adding its numbers in order. Several rows are summed side by side.
 void sum_rows(const double* rows, std::size_t columns, std::size_t count, double* sums) {
   std::fill_n(sums, count, 0.0);
   constexpr std::size_t kTogether = 16;
@@ -77,7 +77,8 @@ void sum_rows(const double* rows, std::size_t columns, std::size_t count, double
   }
 }
 
-// Adds `count` reward terms of consecutive rows, earned in one flown step, to all running sums. These loops are long.
+// Adds `count` reward terms of consecutive rows, earned in one flown step, to all running sums. The loops run over all terms at
+// once.
 void add_up(Simulation& sim, std::size_t first, std::size_t count) {
   TaskState& task_state = *sim.task_state;
   const double* const terms = task_state.score.terms.data() + first;
@@ -94,14 +95,14 @@ void add_up(Simulation& sim, std::size_t first, std::size_t count) {
   for (std::size_t i = 0; i < count; ++i) shown[i] = static_cast<float>(step[i]);
 }
 
-// Adds up what consecutive rows earned in a flown step. They are at most kSettled.
+// Adds the rewards that at most kSettled consecutive rows earned in a flown step.
 constexpr std::size_t kSettled = 64;
 void settle_rewards(Simulation& sim, std::size_t first, std::size_t count) {
   TaskState& task_state = *sim.task_state;
   Outputs& out = sim.outputs.now();
   const std::size_t num_terms = task_state.score.num_terms;
   add_up(sim, first * num_terms, count * num_terms);
-  std::array<double, kSettled> totals, step_totals;  // of this flown step, and of those flown so far
+  std::array<double, kSettled> totals, step_totals;  // of this flown step, and of all flown so far
   sum_rows(task_state.score.terms.data() + first * num_terms, num_terms, count, totals.data());
   const bool repeats = !task_state.earned.empty();
   if (repeats) sum_rows(task_state.earned.data() + first * num_terms, num_terms, count, step_totals.data());
@@ -112,7 +113,7 @@ void settle_rewards(Simulation& sim, std::size_t first, std::size_t count) {
   std::copy_n(returns, count, out.episode_return.data() + first);
 }
 
-// Why the episode of a row ended.
+// The reason why the episode of a row ended.
 EpisodeEnd reason_of(const Simulation& sim, std::size_t row, bool hit) {
   const Score& score = sim.task_state->score;
   const Outputs& out = sim.outputs.now();
@@ -128,8 +129,8 @@ EpisodeEnd reason_of(const Simulation& sim, std::size_t row, bool hit) {
   return by_task ? EpisodeEnd::task : EpisodeEnd::teammate;
 }
 
-// Decides which episodes of consecutive rows end, each by itself. lengths, limits: steps flown and allowed, of each row. Flags
-// are bytes, so that a vector holds many.
+// Decides which of `count` consecutive rows end their episodes, ignoring teammates. lengths, limits: steps flown and allowed
+// for each row. Flags are bytes, so that a vector holds many of them.
 void decide_ends(Simulation& sim, std::size_t first, std::size_t count, const std::int64_t* lengths, const std::int64_t* limits,
                  std::uint8_t* ends) {
   EpisodeState& episodes = sim.episodes;
@@ -174,10 +175,10 @@ void decide_ends(Simulation& sim, std::size_t first, std::size_t count, const st
     for (std::size_t i = 0; i < count; ++i) episodes.bad_states[first + i] += bad[i];
     std::fill_n(episodes.bad.data() + first, count, std::uint8_t{0});
   }
-  std::fill_n(episodes.action_changed.data() + first, count, std::uint8_t{0});  // if it is flown again, it is the same
+  std::fill_n(episodes.action_changed.data() + first, count, std::uint8_t{0});  // frame_skip repeats the action
 }
 
-// Finishes a flown step of consecutive envs with a row each, at most kSettled.
+// Finishes a flown step of at most kSettled consecutive envs with one row each.
 void settle_single_rows(Simulation& sim, std::size_t first, std::size_t count) {
   settle_rewards(sim, first, count);
   decide_ends(sim, first, count, sim.episodes.steps.data() + first, sim.episodes.time_limit.data() + first,
@@ -213,7 +214,7 @@ std::string quoted(Control control) {
   return '"' + std::string(EnumNames<Control>::kNames[static_cast<std::size_t>(control)]) + '"';
 }
 
-// Those that a task takes, as a message lists them.
+// The controls that a task takes, as text for a message.
 std::string controls_of(const Task& task) {
   std::string list;
   for (std::size_t i = 0; i < EnumNames<Control>::kNames.size(); ++i) {
@@ -256,7 +257,7 @@ void begin_task(Simulation& sim, std::unique_ptr<Task> task) {
   const TaskSpec& spec = task_state.spec();
   checks::spec(spec);
   task_state.rows_per_env = spec.row == Row::drone ? sim.drones_per_env() : 1;
-  double bytes = 0.0;  // of an observation, in two slots, twice: the present and the final one
+  double bytes = 0.0;  // bytes of a row: two slots, each with the current and the final observation
   for (const Field& field : spec.observation) bytes += 4.0 * static_cast<double>(field.size() * size_of(field.type));
   const std::size_t n = sim.num_rows();
   checks::memory(bytes * static_cast<double>(n));
@@ -350,7 +351,7 @@ void select_envs(Simulation& sim, Block& block) {
     sim.outputs.forget_final(first * rows, count * rows);
     all_fly &= !is_any(sim.episodes.done.data() + first, count);
   });
-  if (all_fly) {  // as in most steps
+  if (all_fly) {  // the usual case
     block.flown.assign(block.envs);
     block.flying.assign(block.envs);
     for_each_contiguous(block.envs, [&](std::size_t first, std::size_t count) {

@@ -61,7 +61,7 @@ void fly_ticks(Simulation& sim, const Block& block, std::span<const EnvIndex> en
                const dynamics::Commands& commands, int ticks, Scratch& scratch) {
   const int step = sim.config.clock.substeps();
   const bool has_gusts = sim.fleet->wind.has_gusts();
-  // Envs may be at different ticks of their step, and each keeps to its own clock: envs of one phase fly together.
+  // Envs may be at different ticks of their step, and each follows its own clock: envs at the same tick fly together.
   const int phases = has_gusts || sim.fleet->physics.control_ticks > 1 ? step : 1;
   for (int phase = 0; phase < phases; ++phase) {
     scratch.envs.clear();
@@ -69,7 +69,7 @@ void fly_ticks(Simulation& sim, const Block& block, std::span<const EnvIndex> en
                          [&](EnvIndex env) { return sim.state.tick[env] % phases == phase; });
     if (scratch.envs.empty()) continue;
     for (int flown = 0, leg = ticks; flown < ticks; flown += leg) {
-      const int tick = (phase + flown) % step;  // of the step
+      const int tick = (phase + flown) % step;  // index in the step
       const auto drones = selected_drones(sim, scratch.envs, mask, scratch);
       if (has_gusts) leg = std::min(ticks - flown, step - tick);
       if (tick == 0) sim.fleet->update_wind(sim.state, drones, flown);

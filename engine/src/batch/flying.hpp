@@ -11,7 +11,7 @@
 
 namespace flockstep {
 
-// A velocity that a drone may start with: finite, and slow enough for float32.
+// True if a drone may start with this velocity: finite, and slow enough for float32.
 inline bool is_speed(const Vec3& velocity) {
   return velocity.allFinite() && velocity.cwiseAbs().maxCoeff() <= dynamics::kMaxSpeed;
 }
@@ -19,23 +19,23 @@ inline bool is_speed(const Vec3& velocity) {
 // Starts the flight of a drone at this velocity, with its rotors at hover speed. Does nothing with kinematic motion.
 void start_flight(Simulation& sim, DroneIndex drone, const Velocity& velocity);
 
-// Draws the gusts that an episode begins with.
+// Draws the initial gusts of an episode.
 void begin_gusts(Simulation& sim, DroneIndex drone);
 
-// Moves one drone kinematically to a pose, or to where it hits something.
+// Moves one drone kinematically to a pose, or to the first contact on the way.
 void sweep_to(Simulation& sim, DroneIndex drone, const Pose& target);
 
-// The next three are for drones that fly by their rotors, some of those of a block.
+// The next three functions are for rotor-driven drones of one block.
 
-// Sets the accelerations that an episode begins with: those at the present state if the rotors keep their speed.
+// Sets the initial accelerations of an episode: those of the current state with constant rotor speeds.
 void update_accelerations(Simulation& sim, const Block& block, std::span<const DroneIndex> drones, Scratch& scratch);
 
-// Flies drones for some ticks of a task's step, the first of which has the index first_tick in the step.
+// Flies drones for `ticks` ticks of a task's step, from the tick with index first_tick on.
 void fly_by_rotors(Simulation& sim, const Block& block, std::span<const DroneIndex> drones, const dynamics::Commands& commands,
                    int first_tick, int ticks, Scratch& scratch);
 
-// Flies the selected drones of some envs of a block for some ticks outside of a task's step; other drones hold still. Gusts and
-// the controller follow each env's own clock, so that many calls of one tick do the same as one call of many ticks.
+// Flies the selected drones of some envs of a block outside of a task's step; other drones hold still. Gusts and the controller
+// follow each env's own clock, so many calls of one tick give the same result as one call of many ticks.
 void fly_ticks(Simulation& sim, const Block& block, std::span<const EnvIndex> envs, DroneMask mask,
                const dynamics::Commands& commands, int ticks, Scratch& scratch);
 

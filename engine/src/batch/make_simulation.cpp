@@ -19,7 +19,7 @@
 namespace flockstep {
 namespace {
 
-// Of the arrays that sensors write.
+// Bytes of all arrays that the sensors write.
 double sensor_bytes(const BatchConfig& config) {
   double bytes = 0.0;  // for one drone
   for (const LidarConfig& lidar : config.lidars) bytes += 4.0 * lidar.rows() * lidar.columns();
@@ -33,7 +33,7 @@ double sensor_bytes(const BatchConfig& config) {
   return bytes * config.num_drones();
 }
 
-// Drones that fly by rotors have short ticks where the caller names none.
+// Sets the default physics_hz of motion by rotors.
 void settle_rates(BatchConfig& config) {
   constexpr float kUsualPhysicsHz = 500.0F;
   ClockConfig& clock = config.clock;
@@ -46,7 +46,7 @@ void settle_rates(BatchConfig& config) {
 }
 
 BatchConfig validated(BatchConfig config, const Task* task) {
-  // Before the configuration is, which would recommend a control that such a task refuses in its turn.
+  // Check this before config.validate(), whose message would recommend a control that the task then rejects.
   require(!config.dynamics.is_kinematic() || task == nullptr || task->takes(Control::pose), "motion",
           "\"rotors\", which this task flies by", "\"kinematic\"");
   settle_rates(config);
@@ -70,7 +70,7 @@ PoolState validated(WorldPool pool, const BatchConfig& config, bool has_task, bo
   return PoolState(std::move(pool), static_cast<std::size_t>(config.num_envs));
 }
 
-// Every env begins in world 0.
+// All envs begin in world 0.
 Batch::Worlds first_world(const PoolState& pool) {
   Batch::Worlds worlds(pool.slots.size());
   worlds[0] = pool.pool.source->get(0);
@@ -121,7 +121,7 @@ Simulation::Simulation(BatchConfig config_in, Batch::Worlds worlds_in, std::uniq
     scratches.back()->envs.reserve(schedule.block_size());
   }
   sorts_by_world = config.tracer == TracerKind::embree;
-  // Built here, not by whichever thread first needs them in the middle of a step.
+  // Build these now, so that no thread has to build them during a step.
   for (const World* const world : world_pointers) {
     if (world != nullptr) build_ahead(*world, config);
     scenes.push_back(world != nullptr ? &prepared(*world).scene() : nullptr);
@@ -154,7 +154,7 @@ Simulation::Simulation(BatchConfig config_in, Batch::Worlds worlds_in, std::uniq
   listed_drones.reserve(num_drones());
   captured.reserve(num_drones());
   for (const Block& block : schedule.blocks()) listed.insert(listed.end(), block.envs.begin(), block.envs.end());
-  // Worlds come and go with a pool, and OpenGL keeps what it draws.
+  // The worlds of a pool come and go, but the OpenGL backend keeps each world that it draws.
   cameras.choose_backend(pool ? CameraBackend::raycast : config.camera_backend, drones_of(listed, *scratches[0]), workers);
 
   context = make_task_context(*this);

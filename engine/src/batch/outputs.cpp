@@ -16,7 +16,7 @@ void clear_row(Outputs& outputs, std::size_t row) {
   });
 }
 
-// Writes a value for each element of a row, given one for all or one for each.
+// Fills a row with one value for all elements or one for each.
 void fill_row(Buffer& buffer, std::size_t row, const std::vector<double>& values) {
   const auto write = [&]<class T>(std::span<T> to) {
     for (std::size_t i = 0; i < to.size(); ++i) to[i] = static_cast<T>(values.size() == 1 ? values[0] : values[i]);
@@ -52,7 +52,7 @@ void OutputSlots::allocate(const TaskSpec& spec, const ArraySizes& sizes) {
 void OutputSlots::turn_and_copy() {
   const Outputs& from = now();
   turn();
-  now() = from;  // into arrays of the same size: nothing is allocated, and views of them stay
+  now() = from;  // the arrays have the same size: nothing is allocated, and views stay valid
   has_final_[current_] = has_final_[1 - current_];
 }
 

@@ -1,4 +1,4 @@
-// OutputSlots: what steps and resets return. Two slots take turns, so that what one returned stays intact during the next.
+// OutputSlots: the outputs of steps and resets. Two slots alternate, so the outputs of one call stay intact during the next.
 #pragma once
 
 #include <array>
@@ -17,27 +17,27 @@ class OutputSlots {
   const Outputs& now() const { return slots_[current_]; }
   const Outputs& before() const { return slots_[1 - current_]; }
 
-  void turn() { current_ = 1 - current_; }  // the other slot is written from now on; it holds what it held
-  void turn_and_copy();                     // and begins with what the last one says
+  void turn() { current_ = 1 - current_; }  // makes the other slot current; its contents are kept
+  void turn_and_copy();                     // also copies the last outputs into it
 
-  // A row begins an episode: reward 0, no flags. In the present slot.
+  // Clears a row of the current slot for a new episode: reward 0, no flags.
   void clear(std::size_t row);
-  // A row that does not take part keeps what it returned last, except that its reward is 0.
+  // Copies the last outputs of a row that does not fly, with reward 0.
   void carry_over(std::size_t row);
-  // The present observation of a row is the last of its episode.
+  // Keeps the current observation of a row as the final one of its episode.
   void keep_final(std::size_t row);
-  // Clears the final observations of consecutive rows, which this slot holds from an earlier step.
+  // Clears the final observations of consecutive rows that the current slot holds from an earlier step.
   void forget_final(std::size_t first, std::size_t count);
-  // The present slot has been written from outside.
+  // Call it after the current slot has been overwritten, as by a snapshot.
   void restored();
-  // The row of a removed drone reads as absent, in both slots: no step writes it.
+  // Marks the row of a removed drone as absent in both slots, since no step writes it.
   void mark_absent(const TaskSpec& spec, std::size_t row);
 
  private:
   void clear_final(std::size_t row);
 
   std::array<Outputs, 2> slots_;
-  std::array<FlagArray, 2> has_final_;  // (R,) each: the row of final_observation is not 0
+  std::array<FlagArray, 2> has_final_;  // (R,) each; 1 if the row of final_observation may be nonzero
   std::size_t current_ = 0;
 };
 

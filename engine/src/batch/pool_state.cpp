@@ -19,9 +19,9 @@
 namespace flockstep {
 namespace {
 
-constexpr std::int32_t kMostWorlds = 1 << 24;  // as many as uniform01() can tell apart
+constexpr std::int32_t kMostWorlds = 1 << 24;  // resolution of uniform01()
 
-// The world of a slot, as a table of the simulation has it, or nothing.
+// Writes a world, or null, to a slot of the simulation's tables.
 void set_slot(Simulation& sim, std::int32_t slot, std::shared_ptr<const World> world) {
   const auto at = static_cast<std::size_t>(slot);
   sim.world_pointers[at] = world.get();
@@ -40,7 +40,7 @@ void leave(Simulation& sim, EnvIndex env) {
   set_slot(sim, slot, nullptr);
 }
 
-// Triangles of a world up to which some sensor meets them in tiles.
+// The largest number of triangles in a world for which some sensor traces tiles.
 std::size_t tile_triangle_limit(const BatchConfig& config) {
   std::size_t most = 0;
   const auto count = [&](int rows, int columns) {
@@ -118,7 +118,7 @@ void fetch_worlds(Simulation& sim) {
     }
     move.world = state.pool.source->get(move.number);
     require_world_of_pool(sim, move.number, move.world.get());
-    build_ahead(*move.world, sim.config);  // where the source has not
+    build_ahead(*move.world, sim.config);  // in case the source has not
   }
 }
 

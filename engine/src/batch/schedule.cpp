@@ -32,7 +32,7 @@ void Schedule::rebuild(std::span<const std::int32_t> world_index, std::span<cons
     if (is_active(env)) ++world_begin_[world_of(env)];
   }
   std::uint32_t end = 0;
-  for (std::uint32_t& of_world : world_begin_) end += std::exchange(of_world, end);  // from here on: where its next env goes
+  for (std::uint32_t& of_world : world_begin_) end += std::exchange(of_world, end);  // now the position of the world's next env
   for (std::size_t env = 0; env < order_.size(); ++env) {
     if (is_active(env)) order_[world_begin_[world_of(env)]++] = EnvIndex(env);
   }

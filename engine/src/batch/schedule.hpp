@@ -1,4 +1,4 @@
-// Schedule: the active envs in an order, cut into blocks.
+// Schedule: the active envs, ordered and divided into blocks.
 #pragma once
 
 #include <algorithm>
@@ -11,7 +11,7 @@
 
 namespace flockstep {
 
-// Envs of a block that something is to be done with; it never holds more than the block.
+// A list of envs of one block; it never holds more envs than the block.
 class EnvList {
  public:
   EnvList() = default;
@@ -29,7 +29,7 @@ class EnvList {
   const EnvIndex* end() const { return envs_ + count_; }
   const EnvIndex* data() const { return envs_; }
 
-  // Keeps those for which keep(env) is true.
+  // Keeps the envs for which keep(env) is true.
   template <class Keep>
   void filter(const Keep& keep) {
     std::size_t kept = 0;
@@ -45,36 +45,36 @@ class EnvList {
 };
 
 struct Block {
-  std::span<const EnvIndex> envs;  // all active ones of the block
-  bool is_contiguous = false;      // they follow each other without a gap
-  // of the step under way
-  EnvList flown;      // take part in it
-  EnvList flying;     // those of them whose episode goes on
-  EnvList resetting;  // begin an episode in it
-  // of a call about some envs
+  std::span<const EnvIndex> envs;  // all active envs of the block
+  bool is_contiguous = false;      // envs are consecutive, without gaps
+  // used during a step
+  EnvList flown;      // envs that fly in the step
+  EnvList flying;     // envs of `flown` whose episode goes on
+  EnvList resetting;  // envs that begin an episode in the step
+  // used during calls with a mask
   EnvList selected;
 };
 
 class Schedule {
  public:
-  // block_size: 0 for a good one: as many as a thread's caches hold, since long pieces of arrays are read faster than short ones,
-  // but at least eight blocks for each thread where these are not too small for that.
+  // block_size: envs in a block; 0 chooses the size. Large blocks read long pieces of arrays, which is faster, but must fit
+  // into a thread's caches. There are at least eight blocks for each thread, unless these would be too small.
   Schedule(std::size_t num_envs, std::size_t num_worlds, std::size_t block_size, std::size_t num_threads = 1);
 
-  // Call it after a change of world_index or of the active drones, (N,). It allocates nothing and clears all lists. An env is
-  // active if one of its drones is. Envs are sorted by world; without world_index they keep the order of their indices.
+  // Call it after a change of world_index or of the active drones, (N,). Allocates nothing and clears all lists. An env is
+  // active if one of its drones is. Envs are sorted by world; without world_index they stay in index order.
   void rebuild(std::span<const std::int32_t> world_index, std::span<const std::uint8_t> active);
 
   std::span<Block> blocks() { return blocks_; }
   std::size_t block_size() const { return block_size_; }
 
  private:
-  static constexpr std::size_t kLists = 4;  // of a block
+  static constexpr std::size_t kLists = 4;  // lists in a block
 
   std::size_t block_size_;
   std::vector<EnvIndex> order_;             // (E,)
-  std::vector<EnvIndex> lists_[kLists];     // (E,) storage, a block's where its envs are in order_
-  std::vector<std::uint32_t> world_begin_;  // (W,) in order_
+  std::vector<EnvIndex> lists_[kLists];     // (E,) storage; a block uses the range of its envs in order_
+  std::vector<std::uint32_t> world_begin_;  // (W,) position of each world in order_
   std::vector<Block> blocks_;
 };
 

@@ -32,7 +32,7 @@ void for_each_selected(const Simulation& sim, EnvMask mask, const F& f) {
   }
 }
 
-// Fills a list of each block with its envs that are selected, or that have a selected drone.
+// Fills a list of each block with the envs that are selected or have a selected drone.
 void list_selected(Simulation& sim, EnvMask mask, EnvList Block::* list);
 void list_selected(Simulation& sim, DroneMask mask, EnvList Block::* list);
 

@@ -1,4 +1,5 @@
-// Simulation: everything a batch is, open to the stages of its step. Each stage is a free function over a block of envs.
+// Simulation: the complete state of a batch, accessible to the stages of its step. Each stage is a free function over a block
+// of envs.
 #pragma once
 
 #include <algorithm>
@@ -30,30 +31,30 @@
 
 namespace flockstep {
 
-// What one thread needs while it steps a block; made once.
+// Working memory of a thread that steps a block; made once.
 struct Scratch {
   trace::Tracer tracer;
   dynamics::FlightScratch flight;
-  std::vector<DroneIndex> flying;  // drones of Block::flying, while it flies a step
-  std::vector<DroneIndex> drones;  // of some envs
-  std::vector<EnvIndex> envs;      // of a block
-  bool moved_world = false;        // an env has gone to another world
+  std::vector<DroneIndex> flying;  // drones of Block::flying during a step
+  std::vector<DroneIndex> drones;  // drones of some envs
+  std::vector<EnvIndex> envs;      // envs of a block
+  bool moved_world = false;        // an env has moved to another world
 };
 
-// The task of a batch, and what it and the episode machine hand each other.
+// The task of a batch, and the data that it exchanges with the episode machine.
 struct TaskState {
   std::unique_ptr<Task> task;
-  Buffer actions;                // (R, ...) of the step under way, else of the last
-  Buffer actions_before;         // of the step before it
+  Buffer actions;                // (R, ...) actions of the current or last step
+  Buffer actions_before;         // actions of the previous step
   Setpoints setpoints;           // written by task.command
-  std::vector<Pose> step_start;  // (N,) where the flown step began; empty where poses are flown to in one tick, or not told
-  Score score;                   // of the last flown step; written by task.score
-  std::vector<double> earned;    // (R, terms) of the flown steps of this step() so far; empty where it flies one
+  std::vector<Pose> step_start;  // (N,) poses before the flown step; for Control::pose with several ticks
+  Score score;                   // score of the last flown step; written by task.score
+  std::vector<double> earned;    // (R, terms) sum over the flown steps of this step(); empty without frame_skip
   int max_episode_steps = 0;     // 0: no limit
   std::size_t rows_per_env = 1;  // drones_per_env if each drone has a row
 
   const TaskSpec& spec() const { return task->spec(); }
-  // For the actions of a step that begins.
+  // Returns the buffer for the actions of a new step; those of the last step become the previous ones.
   template <class T>
   T* next_actions() {
     std::swap(actions, actions_before);
@@ -68,18 +69,18 @@ struct Simulation {
   std::size_t num_envs() const { return static_cast<std::size_t>(config.num_envs); }
   std::size_t drones_per_env() const { return static_cast<std::size_t>(config.drones_per_env); }
   std::size_t num_drones() const { return static_cast<std::size_t>(config.num_drones()); }
-  EnvIndex env_of(DroneIndex drone) const {  // without a division for single drones
+  EnvIndex env_of(DroneIndex drone) const {  // no division for single drones
     return EnvIndex(config.drones_per_env == 1 ? std::size_t{drone} : drone / drones_per_env());
   }
   DroneIndex drone_of(EnvIndex env, std::size_t member) const { return DroneIndex(env * drones_per_env() + member); }
   RandomKey random_key(DroneIndex drone) const { return RandomKey::of(drone, drones_per_env()); }
-  // Rows of actions, observations, rewards and what else an episode returns: R in all, those of an env consecutive.
+  // Rows of actions, observations, rewards and the other outputs: R in total. The rows of an env are consecutive.
   std::size_t rows_per_env() const { return task_state->rows_per_env; }
   std::size_t num_rows() const { return num_envs() * rows_per_env(); }
   std::size_t row_of(DroneIndex drone) const {
     return rows_per_env() == drones_per_env() ? std::size_t{drone} : std::size_t{env_of(drone)};
   }
-  // Where the world of each env is in the tables of worlds below.
+  // The slot of each env's world in the tables below.
   const std::vector<std::int32_t>& slots() const { return pool ? pool->slots : state.world_index; }
   std::size_t slot_of(EnvIndex env) const { return static_cast<std::size_t>(slots()[env]); }
   // The active drones of some envs, env by env; valid until the next call with this scratch.
@@ -88,14 +89,14 @@ struct Simulation {
   }
   std::span<const DroneIndex> drones_of(std::span<const EnvIndex> envs, std::vector<DroneIndex>& list) const;
 
-  // f(block, scratch, thread) for every block, on the workers.
+  // Calls f(block, scratch, thread) for every block, on the worker threads.
   template <class F>
   void for_each_block(const F& f) {
     workers.run(schedule.blocks().size(),
                 [&](std::size_t block, std::size_t thread) { f(schedule.blocks()[block], *scratches[thread], thread); });
   }
-  // What the drones after this one in a list will ask of their worlds, where these are others: worlds of their own are seldom in
-  // the cache.
+  // Prefetches the worlds of the drones that follow in a list, if they are in other worlds. If each drone has a separate world,
+  // that world is rarely in the cache.
   void fetch_ahead(std::span<const DroneIndex> drones, std::size_t i) const {
     constexpr std::size_t kParts = 4, kWhole = 8;  // drones ahead
     if (i + kWhole < drones.size()) {
@@ -126,39 +127,40 @@ struct Simulation {
   }
 
   const BatchConfig config;
-  std::optional<PoolState> pool;  // where the worlds are drawn from one
-  // Of each slot: its world, and as rays and drones meet it. They stay what they are, but with a pool, where free ones are null.
+  std::optional<PoolState> pool;  // if the worlds are drawn from a pool
+  // Tables by slot: the world, its scene for rays and its obstacles for drones. They are constant without a pool. With a pool,
+  // free slots are null.
   Batch::Worlds worlds;
   std::vector<const World*> world_pointers;
   std::vector<const trace::Scene*> scenes;
   std::vector<const collision::Obstacles*> obstacles;
   const DroneModel drone_model;
   const collision::Hull hull;
-  std::optional<dynamics::Fleet> fleet;  // if drones fly by their rotors
+  std::optional<dynamics::Fleet> fleet;  // only for rotor-driven drones
 
   State state;
   sensors::SensorSuite suite;
   sensors::CameraRig cameras;
 
-  EpisodeState episodes;                // sized where there is a task
-  std::optional<TaskState> task_state;  // likewise
+  EpisodeState episodes;                // empty without a task
+  std::optional<TaskState> task_state;  // null without a task
   std::unique_ptr<TaskContext> context;
   OutputSlots outputs;
 
   Workers workers;
-  // Whether the schedule does: rays of drones in one world share Embree's packets and trees, where some world so far needs them.
-  // Otherwise envs stay in the order of their indices, and pieces of arrays are long.
+  // True if the schedule sorts envs by world, because the tracer is Embree or some world so far may need it: rays in one world
+  // then share its packets and trees. Otherwise envs stay in index order, which keeps contiguous pieces of arrays long.
   bool sorts_by_world = false;
   Schedule schedule;
-  std::vector<std::unique_ptr<Scratch>> scratches;  // of each of the workers' threads
-  std::vector<EnvIndex> listed;                     // (E,) capacity: envs of all blocks, for a task that takes them at once
-  std::vector<DroneIndex> listed_drones;            // (N,) capacity: their drones
-  std::vector<DroneIndex> captured;                 // (N,) capacity: drones of all blocks, for capture()
-  bool is_stepping = false;                         // a step is under way: its blocks must stay
-  const long owner;                                 // the process that made this batch
-  bool is_cut_short = false;                        // an exception ended a step or reset half-way
+  std::vector<std::unique_ptr<Scratch>> scratches;  // one for each worker thread
+  std::vector<EnvIndex> listed;                     // (E,) capacity; envs of all blocks, for a task that takes all at once
+  std::vector<DroneIndex> listed_drones;            // (N,) capacity; drones of `listed`
+  std::vector<DroneIndex> captured;                 // (N,) capacity; drones of all blocks, for capture()
+  bool is_stepping = false;                         // during a step; the blocks must not change
+  const long owner;                                 // process that made this batch
+  bool is_cut_short = false;                        // an exception cut a step or reset short
   std::string warning;                              // not reported yet
-  std::atomic<std::thread::id> user{};              // the thread that is in a call on this batch; see CallGuard
+  std::atomic<std::thread::id> user{};              // thread that is in a call on this batch; see CallGuard
   std::optional<std::uint64_t> known_hash;          // see config_hash()
 };
 

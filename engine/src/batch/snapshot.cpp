@@ -16,7 +16,7 @@ namespace flockstep {
 namespace {
 
 constexpr std::uint64_t kMagic = 0x504554534b434f4cULL;  // "LOCKSTEP"
-constexpr std::uint64_t kFormat = 8;                     // of everything below; one more with each change
+constexpr std::uint64_t kFormat = 8;                     // format of a snapshot; increment with each change
 
 struct Header {
   std::uint64_t magic, format, config, length, checksum;
@@ -36,7 +36,7 @@ void for_each_sensor(Simulation& sim, const F& f) {
   for (std::size_t camera = 0; camera < sim.cameras.size(); ++camera) f(sim.cameras[camera]);
 }
 
-// Everything that a snapshot holds except the arrays of the task, in its order.
+// Visits everything that a snapshot holds except the arrays of the task, in order.
 void visit_own(Simulation& sim, ArrayVisitor& visitor) {
   visitor.fields(sim.state);
   if (sim.fleet && sim.fleet->airframes.size() > 1) visitor.array("airframe_index", sim.fleet->airframe_index);
@@ -68,7 +68,7 @@ class Writer final : public ArrayVisitor {
   std::string& to_;
 };
 
-// Goes through a snapshot and notes what belongs where.
+// Reads a snapshot without changing anything. apply() then copies the arrays to their places.
 class Reader final : public ArrayVisitor {
  public:
   explicit Reader(std::string_view body) : left_(body) {}
@@ -85,7 +85,7 @@ class Reader final : public ArrayVisitor {
   }
   void require_end() const { require(left_.empty(), "snapshot", "no bytes after its last array", left_.size()); }
 
-  // f(bytes) for each array of that name.
+  // Calls f(bytes) for each array with this name.
   template <class F>
   void for_each(std::string_view name, const F& f) const {
     for (const Array& array : arrays_) {
@@ -118,7 +118,7 @@ class Reader final : public ArrayVisitor {
   std::vector<std::function<void()>> changes_;
 };
 
-// World indices are followed as soon as the snapshot is in place.
+// Checks world indices before the restore, since they are used right after it.
 void check_world_indices(const Simulation& sim, std::span<const std::byte> bytes) {
   for (std::size_t at = 0; at < bytes.size(); at += sizeof(std::int32_t)) {
     std::int32_t world = 0;
@@ -135,7 +135,8 @@ std::vector<T> values_of(std::span<const std::byte> bytes) {
   return values;
 }
 
-// Fetches the worlds that a snapshot's envs are in, which have to be those it was taken in. The envs do not move yet.
+// Fetches the worlds of a snapshot's envs, and checks that their contents are the same as in the snapshot. Does not move the
+// envs.
 void fetch_worlds_of(Simulation& sim, const Reader& reader) {
   std::vector<std::uint64_t> contents;
   reader.for_each("world_content", [&](std::span<const std::byte> bytes) { contents = values_of<std::uint64_t>(bytes); });
@@ -154,7 +155,7 @@ void fetch_worlds_of(Simulation& sim, const Reader& reader) {
   }
 }
 
-// The moves that would bring all envs to where they are.
+// The moves that bring all envs back to their current worlds.
 std::vector<Move> moves_to_here(const Simulation& sim) {
   std::vector<Move> moves;
   for (std::size_t env = 0; env < sim.num_envs(); ++env) {
@@ -163,7 +164,7 @@ std::vector<Move> moves_to_here(const Simulation& sim) {
   return moves;
 }
 
-// Puts the arrays of a body that has been read before in their places.
+// Restores the arrays from a body that has been read and checked before.
 void put(Simulation& sim, std::string_view body) {
   Reader reader(body);
   visit(sim, reader);
@@ -173,7 +174,7 @@ void put(Simulation& sim, std::string_view body) {
   if (sim.task_state) sim.task_state->task->restored();
 }
 
-// Bytes whose checksum is right may still be no state that a batch can be in.
+// Checks the restored values: bytes with a correct checksum may still be an invalid state.
 void check_values_of(Simulation& sim) {
   checks::poses(sim.state.position, sim.state.quat_wxyz, sim.num_drones());
   check_arrays(sim.state);
@@ -207,7 +208,7 @@ std::uint64_t config_hash(Simulation& sim) {
     hash.add(sim.task_state->spec());
     hash.add(sim.task_state->max_episode_steps);
   }
-  if (sim.pool) {  // the worlds of which nobody knows yet; snapshots have the hashes of those that envs are in
+  if (sim.pool) {  // its worlds are not known yet; a snapshot holds the hashes of the current worlds
     hash.add("pool");
     hash.add(sim.pool->pool.size);
     hash.add(sim.pool->pool.fresh);
@@ -247,7 +248,7 @@ void restore_snapshot(Simulation& sim, std::string_view blob) {
   require(header.checksum == checksum_of(header, body), "snapshot", "undamaged bytes", "some that have changed");
   require(header.config == config_hash(sim), "snapshot", "one of a batch with this configuration and these worlds",
           "one of another");
-  // Everything is read and checked before anything changes.
+  // Read and check everything before anything changes.
   Reader reader(body);
   visit_own(sim, reader);
   const auto check_worlds = [&](std::span<const std::byte> bytes) { check_world_indices(sim, bytes); };
@@ -264,14 +265,14 @@ void restore_snapshot(Simulation& sim, std::string_view blob) {
     require(mode <= static_cast<int>(CaptureMode::on_demand), "snapshot", "a capture mode below 3", mode);
     checks::capture_mode(sim, camera++, static_cast<CaptureMode>(mode));
   });
-  std::optional<Reader> own;  // of a pool's batch
+  std::optional<Reader> own;  // without the task's arrays; used with a pool
   if (sim.pool) own = reader;
-  if (sim.task_state) sim.task_state->task->visit(reader);  // now, since its arrays may have the names of those above
+  if (sim.task_state) sim.task_state->task->visit(reader);  // last, since its arrays may share names with those above
   reader.require_end();
   if (own) fetch_worlds_of(sim, *own);
 
-  // Into the slot whose turn it is, as by a step: what the last call returned stays whole. What turns out to mean nothing, or a
-  // task refuses, is undone.
+  // Restore into the other output slot, like a step, so that the outputs of the last call stay intact. If a value is invalid or
+  // the task rejects its state, undo everything.
   const std::string before = make_snapshot(sim);
   std::vector<Move> back;
   if (sim.pool) back = moves_to_here(sim);
@@ -281,7 +282,7 @@ void restore_snapshot(Simulation& sim, std::string_view blob) {
     put(sim, body);
     check_values_of(sim);
   } catch (...) {
-    const bool was_cut_short = std::exchange(sim.is_cut_short, true);  // where the memory is out, there is no way back
+    const bool was_cut_short = std::exchange(sim.is_cut_short, true);  // stays set if undoing fails, for example without memory
     if (sim.pool) {
       sim.pool->moves = std::move(back);
       move_envs(sim);

@@ -35,7 +35,7 @@ void read_all(Simulation& sim, std::span<const DroneIndex> drones, Scratch& scra
   for (const auto& sensor : sim.suite) sensor->read(drones, surroundings);
 }
 
-// Reads those of these sensors that are due, in the middle of a step or at its end. drones: those of the envs.
+// Reads the sensors that are due, in the middle of a step or at its end. drones: the drones of the envs.
 void read_due(Simulation& sim, std::span<const EnvIndex> envs, std::span<const DroneIndex> drones, bool step_is_over,
               Scratch& scratch) {
   const sensors::Surroundings surroundings = surroundings_of(sim, scratch);
@@ -61,7 +61,7 @@ void count_step(Simulation& sim, Block& block, Scratch&) {
   });
 }
 
-// Kinematic drones are at their setpoint when the step is over.
+// Moves kinematic drones by one substep. The last substep of a step ends at the setpoint, unless a drone hits something.
 void move(Simulation& sim, std::span<const DroneIndex> drones, int substep) {
   const int substeps = sim.config.clock.substeps();
   for (std::size_t i = 0; i < drones.size(); ++i) {
@@ -70,15 +70,15 @@ void move(Simulation& sim, std::span<const DroneIndex> drones, int substep) {
     const Pose& target = sim.task_state->setpoints.target[drone];
     if (substeps == 1) {
       sweep_to(sim, DroneIndex(drone), target);
-    } else if (!sim.state.contact.hit[drone]) {  // what has been hit in this step holds the drone until the next
+    } else if (!sim.state.contact.hit[drone]) {  // after a hit the drone stays until the next step
       sweep_to(sim, DroneIndex(drone),
                dynamics::integrate_kinematic(sim.task_state->step_start[drone], target, substep, substeps));
     }
   }
 }
 
-// One flown step of the drones that fly: they move, hit what is in the way, and between ticks the sensors that are due then read.
-// What is due when the step is over is left to sense().
+// Flies one step: moves the drones, with contacts, and reads the sensors that are due between ticks. sense() reads those that
+// are due at the end of the step.
 void fly(Simulation& sim, Block& block, Scratch& scratch) {
   const int ticks = sim.config.clock.substeps();
   const auto drones = sim.drones_of(block.flying, scratch.flying);
@@ -119,7 +119,7 @@ void sense(Simulation& sim, Block& block, Scratch& scratch) {
   read_due(sim, block.flying, sim.drones_of(block.flying, scratch.flying), true, scratch);
 }
 
-// As at the first moment of an episode.
+// Reads all sensors of the listed envs, whether due or not, as at the start of an episode.
 template <List kList>
 void sense_all(Simulation& sim, Block& block, Scratch& scratch) {
   read_all(sim, sim.drones_of(block.*kList, scratch), scratch);
@@ -127,7 +127,7 @@ void sense_all(Simulation& sim, Block& block, Scratch& scratch) {
 
 // ------------------------------------------------------------------------------------------------- two executors of the stages
 
-// A block goes through all stages on its thread and waits for nobody.
+// Runs all stages of a block on one thread, without waiting for other blocks.
 class BlockByBlock {
  public:
   BlockByBlock(Simulation& sim, Block& block, Scratch& scratch, std::size_t thread)
@@ -153,7 +153,8 @@ class BlockByBlock {
   std::size_t thread_;
 };
 
-// All blocks finish a stage before the next begins, since cameras render all drones at once, or the task takes all envs at once.
+// Runs each stage for all blocks before the next stage begins. Cameras that render all drones at once need this, and so do
+// tasks that take all envs at once.
 class StageByStage {
  public:
   explicit StageByStage(Simulation& sim) : sim_(sim) {}
@@ -176,7 +177,7 @@ class StageByStage {
     }
     if (!sim_.listed.empty()) call(TaskBlock{*sim_.context, sim_.listed, sim_.drones_of(sim_.listed, sim_.listed_drones), 0});
   }
-  // A backend with a thread of its own renders until finish_frames().
+  // A backend with a separate thread renders until finish_frames().
   void start_frames(List list, DroneMask mask = {}) {
     if (sim_.cameras.empty()) return;
     sim_.cameras.ask([&](const auto& ask) {
@@ -192,14 +193,14 @@ class StageByStage {
   Simulation& sim_;
 };
 
-// --------------------------------------------------------------------------------------------------- the table of contents
+// ----------------------------------------------------------------------------------------------- the stages of a step in order
 
 bool resets_at_once(const Simulation& sim) { return sim.config.episode.autoreset_mode == AutoresetMode::same_step; }
 
 void check_flown(Simulation& sim, Block& block, Scratch&) { check_observations(sim, block.flown, true); }
 void check_first_observations(Simulation& sim, Block& block, Scratch&) { check_observations(sim, block.resetting, false); }
 
-// The first moment of the episodes that have been opened.
+// Begins the episodes that have been opened. Places the drones if `place` is true, and reads the sensors.
 template <class Executor>
 void begin_program(Simulation& sim, Executor& executor, bool place) {
   Task& task = *sim.task_state->task;
@@ -216,7 +217,8 @@ void begin_program(Simulation& sim, Executor& executor, bool place) {
 
 void keep(Simulation& sim, Block& block, Scratch&) { keep_final(sim, block); }
 
-// A step is two programs: what is flown, and what begins. Between them the envs that begin may change their worlds.
+// A step runs two programs: fly_program flies the envs, turn_program begins episodes. In between, the envs that begin an
+// episode may change their worlds.
 template <class Executor>
 void fly_program(Simulation& sim, Executor& executor) {
   Task& task = *sim.task_state->task;
@@ -234,7 +236,7 @@ void fly_program(Simulation& sim, Executor& executor) {
     executor.task({&Block::flying}, [&](const TaskBlock& envs) { task.score(envs, sim.task_state->score); });
     executor.each([](Simulation& s, Block& block, Scratch&) { finish_step(s, block); });
   }
-  // An env that is reset in the step in which it ended is observed twice: as its episode ends, and as the next begins.
+  // With same-step autoreset an env is observed twice: at the end of its episode and at the start of the next.
   if (resets_at_once(sim)) {
     executor.task({&Block::flown}, [&](const TaskBlock& envs) { task.observe(envs, sim.outputs.now().observation); });
     executor.each(check_flown);
@@ -259,7 +261,7 @@ void turn_program(Simulation& sim, Executor& executor) {
   }
 }
 
-// Blocks stay what they are while this lives, whatever a task's calls do.
+// Keeps the blocks unchanged during a step, even if the task changes worlds. The schedule is rebuilt afterwards.
 class Stepping {
  public:
   explicit Stepping(Simulation& sim) : sim_(sim) { sim_.is_stepping = true; }

@@ -1,4 +1,4 @@
-// The step of a batch, as a table of contents, and the pieces that other calls share with it.
+// The step of a batch, and the parts of it that other calls share.
 #pragma once
 
 #include <cstdint>
@@ -11,11 +11,11 @@ namespace flockstep {
 // Flies the actions in sim.task_state->actions.
 void step(Simulation& sim);
 
-// Begins the episodes that have been opened, in the envs that Block::resetting lists. place: where the task puts the drones,
-// instead of where they are.
+// Begins the episodes that have been opened in the envs of Block::resetting. place: true if the task places the drones;
+// otherwise they start at their current poses.
 void begin_episodes(Simulation& sim, bool place);
 
-// Reads all sensors of the selected drones of the envs that Block::selected lists, at a new moment of their episodes.
+// Reads all sensors of the selected drones in the envs of Block::selected. This increments state.sensed of these envs.
 void read_sensors(Simulation& sim, DroneMask mask);
 
 }  // namespace flockstep

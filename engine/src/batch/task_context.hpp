@@ -1,4 +1,4 @@
-// The batch as its task sees it.
+// The TaskContext of a batch, the interface that its task uses.
 #pragma once
 
 #include <memory>
