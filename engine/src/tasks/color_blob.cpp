@@ -30,7 +30,7 @@ using Bytes = Wide<hn::ScalableTag<std::uint8_t>>;
 // of 1.25, a mixed pixel counts if it shows at least 43 % goal before a white wall, or 47 % before a blue-grey pillar. Either
 // share changes by 15 % if one of the two is lit and the other in shade. The box is therefore accurate to about half a pixel.
 //
-// In near darkness rounding would decide the ratio, so G must also exceed it by 16. In integers, G > 1.25 m + 16 is equivalent
+// In near darkness rounding would decide the ratio, so the threshold also adds 16. In integers, G > 1.25 m + 16 is equivalent
 // to G > m + floor(m / 4) + 16: with m = 4 q + r, 1.25 m is 5 q + r plus a fraction.
 constexpr int kRatioShift = 2;
 constexpr std::uint8_t kLeast = 16;
@@ -48,7 +48,7 @@ void mark_image(std::span<const std::uint8_t> image, ImageLayout layout, std::si
   };
   std::size_t first = 0;
   for (; first + Bytes::kCount <= pixels; first += Bytes::kCount) mark_at(first);
-  if (first > 0 && first < pixels) return mark_at(pixels - Bytes::kCount);  // overlaps the last vector
+  if (first > 0 && first < pixels) return mark_at(pixels - Bytes::kCount);  // overlaps the previous vector
   for (; first < pixels; ++first) {
     const auto value = [&](std::size_t channel) -> int { return image[apart ? channel * pixels + first : 3 * first + channel]; };
     mark_one(value(0), value(1), value(2), first);

@@ -72,7 +72,7 @@ void normalise(std::span<const float> ranges, float max_range_m, float* normalis
     min(F::load_unaligned(ranges.data() + at) / max_range_m, 1.0F).store_unaligned(normalised + at);
   };
   for (; first + F::kCount <= ranges.size(); first += F::kCount) write(first);
-  if (first > 0) return write(ranges.size() - F::kCount);  // overlaps the last vector
+  if (first > 0) return write(ranges.size() - F::kCount);  // overlaps the previous vector
   for (; first < ranges.size(); ++first) normalised[first] = std::min(ranges[first] / max_range_m, 1.0F);
 }
 

@@ -131,8 +131,7 @@ class Track final : public FlightTask {
     squares_.resize(context.num_drones());
   }
 
-  // Checks points along a figure-8, which is the same in every episode. For random paths it checks only the middle and the
-  // extent.
+  // Checks points along a figure-8, which is the same in every episode, and only the middle and extent of random paths.
   void require_world(const World& world, const DroneModel& drone) const override {
     FlightTask::require_world(world, drone);
     const Vec3 middle = target_of(world);
