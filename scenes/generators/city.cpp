@@ -1,4 +1,4 @@
-// Generated cities: streets between blocks of houses, all that stands in them, and a way through.
+// Generates cities: streets, blocks of houses, street furniture, traffic, and a flight lane through it all.
 #include <algorithm>
 #include <array>
 #include <cmath>
@@ -26,7 +26,7 @@
 namespace flockstep::streets {
 namespace {
 
-struct Span {  // m, along an axis
+struct Span {  // m, interval along an axis
   double low, high;
   double middle() const { return 0.5 * (low + high); }
   double length() const { return high - low; }
@@ -42,14 +42,15 @@ struct Built {
 };
 
 class City {
-  static constexpr double kRoadway = 10.0, kPavement = 4.0, kKerb = 0.25;  // m wide
-  static constexpr double kRim = 13.0, kBeyond = 4.0;                      // m: houses around, and what is behind them
+  static constexpr double kRoadway = 10.0, kPavement = 4.0, kKerb = 0.25;  // m, widths
+  static constexpr double kRim = 13.0, kBeyond = 4.0;                      // m, depth of the outer rows of houses and of the
+                                                                           // margin behind them
   static constexpr double kLeastBlock = 34.0, kMostBlock = 46.0;           // m, kerb to kerb
-  static constexpr double kSlit = 0.01;                                    // m, on either side of where houses meet
-  static constexpr double kHouse = 11.0;                                   // m: no lot is split into narrower ones
+  static constexpr double kSlit = 0.01;                                    // m, gap on each side of a party wall
+  static constexpr double kHouse = 11.0;                                   // m, minimum width of a lot after a split
   static constexpr double kZebra = 5.0;                                    // m along the road, stop line included
-  static constexpr double kSpawnReach = 0.5, kSpawnHeight = 0.25;          // m: half sizes of the spawn box
-  // The lane, m: how low and how high it goes, how far aside, in bends so long; nothing comes nearer to it.
+  static constexpr double kSpawnReach = 0.5, kSpawnHeight = 0.25;          // m, half sizes of the spawn box
+  // Flight lane, in m: height range, maximum sideways swing, length of a bend, spacing of its points, minimum clearance.
   static constexpr double kLaneLow = 2.4, kLaneHigh = 5.4, kLaneSwing = 3.2, kLaneBend = 14.0, kLaneStep = 0.5, kLaneGap = 1.0;
 
  public:
@@ -82,7 +83,7 @@ class City {
     add_cables(builder);
     add_traffic(builder);
 
-    Light light;  // a late afternoon
+    Light light;  // late afternoon
     light.sun_direction = {-0.80F, -0.40F, 0.52F};
     light.sun_color = {1.95F, 1.58F, 1.12F};
     light.sky_ambient = {0.46F, 0.55F, 0.70F};
@@ -102,7 +103,7 @@ class City {
   std::size_t row(int block) const { return static_cast<std::size_t>(block / config_.blocks[0]); }
   bool likely(double share) { return draws_.uniform(0.0, 1.0) < share; }
 
-  // ---- the plan
+  // ---- plan
 
   void lay_roads(std::size_t axis) {
     double at = kBeyond + kRim + kPavement;
@@ -117,7 +118,7 @@ class City {
     size_[axis] = at + kPavement + kRim + kBeyond;
   }
 
-  // Along the middles of roads, from the first crossing column to the last one, to another row.
+  // Lays the lane along the road centres, from the first crossing column to the last. It ends in a different row.
   void lay_lane() {
     const auto rows = static_cast<int>(roads_[1].size()), columns = static_cast<int>(roads_[0].size());
     const int first = draws_.below(rows);
@@ -132,13 +133,13 @@ class City {
       if (next != here) corners.emplace_back(x, roads_[1][static_cast<std::size_t>(next)].middle());
       here = next;
     }
-    double along = 0.0;  // the whole way
+    double along = 0.0;  // m, length of the lane so far
     for (std::size_t i = 0; i + 1 < corners.size(); ++i) {
       const Vec2d way = corners[i + 1] - corners[i], left = Vec2d(-way.y(), way.x()).normalized();
       const int steps = static_cast<int>(std::ceil(way.norm() / kLaneStep));
       for (int k = i == 0 ? 0 : 1; k <= steps; ++k) {
         const double share = static_cast<double>(k) / steps, far = along + share * way.norm();
-        const double room = std::min(1.0, 5.0 * std::min(share, 1.0 - share));  // none at its ends
+        const double room = std::min(1.0, 5.0 * std::min(share, 1.0 - share));  // no swing at the ends of a stretch
         const double aside = kLaneSwing * room * (2.0 * wander_.at(far / kLaneBend, 0.5) - 1.0);
         const Vec2d at = corners[i] + share * way + aside * left;
         lane_.emplace_back(at.x(), at.y(), mixed(kLaneLow, kLaneHigh, wander_.at(far / kLaneBend, 7.5)));
@@ -147,7 +148,7 @@ class City {
     }
   }
 
-  // Whether the lane keeps its distance from a box.
+  // Returns whether the box keeps clear of the lane. a and b are opposite corners.
   bool is_clear(const Vec3d& a, const Vec3d& b) const {
     const Vec3d low = a.cwiseMin(b), high = a.cwiseMax(b);
     return std::all_of(lane_.begin(), lane_.end(), [&](const Vec3d& point) {
@@ -155,21 +156,21 @@ class City {
       return outside.squaredNorm() >= kLaneGap * kLaneGap;
     });
   }
-  // Of a box in a frame.
+  // Same check for a box given in a frame.
   bool is_clear(const Frame& frame, const Vec3d& low, const Vec3d& high) const {
     return is_clear(frame(low.x(), low.y(), low.z()), frame(high.x(), high.y(), high.z()));
   }
 
-  // ---- the ground
+  // ---- ground
 
   static void add_level(MeshPart& part, const Rectangle& at, double z, double repeat_m) {
     add_quad(part, {at.low.x(), at.low.y(), z}, {at.high.x(), at.low.y(), z}, {at.high.x(), at.high.y(), z},
              {at.low.x(), at.high.y(), z}, repeat_m);
   }
 
-  // A stretch of road, from one place along an axis to another. Textures lie across it.
+  // Adds a stretch of road between two positions along an axis. The texture's s runs across the road, t along it.
   static void add_road(MeshPart& part, std::size_t axis, const Span& across, double from, double to, double s_from, double s_to) {
-    // Seen along the road, low is right of it for axis 0.
+    // Looking along the road, `low` is the right side for axis 0.
     const auto at = [&](double along, double aside) {
       return axis == 0 ? Vec3d(along, aside, 0.0) : Vec3d(across.low + across.high - aside, along, 0.0);
     };
@@ -191,14 +192,14 @@ class City {
       for (const Span& road : roads_[1 - axis]) {
         for (const Span& block : blocks_[axis]) {
           const double from = block.low + kZebra, to = block.high - kZebra;
-          // A zebra begins away from the crossing.
+          // The zebra texture starts at the end away from the crossing.
           add_road(thing.of(surfaces_.zebra), axis, road, from, block.low, 0.0, 1.0);
           add_road(thing.of(surfaces_.zebra), axis, road, to, block.high, 0.0, 1.0);
           add_road(thing.of(surfaces_.lanes), axis, road, from, to, 0.0, (to - from) / kRoadway);
         }
       }
     }
-    // Around them all.
+    // The pavement around the whole street grid.
     const Vec2d low(roads_[0].front().low, roads_[1].front().low), high(roads_[0].back().high, roads_[1].back().high);
     add_pavement(thing, {Vec2d::Zero(), Vec2d(size_[0], size_[1])}, {low, high}, surfaces_.pavement, 3.0);
     const std::array<Vec2d, 4> corners{{low, {high.x(), low.y()}, high, {low.x(), high.y()}}};
@@ -206,7 +207,7 @@ class City {
     thing.into(builder);
   }
 
-  // What of a rectangle lies around another one in it.
+  // Adds pavement on the part of the outer rectangle that lies outside the inner one.
   static void add_pavement(Thing& thing, const Rectangle& outer, const Rectangle& inner, std::uint16_t material,
                            double repeat_m) {
     MeshPart& part = thing.of(material);
@@ -217,14 +218,14 @@ class City {
     add_level(part, {{inner.high.x(), inner.low.y()}, {outer.high.x(), inner.high.y()}}, z, repeat_m);
   }
 
-  // A face towards the road, which is to the right of the way.
+  // Adds a kerb face. The road is on the right when going from `from` to `to`.
   void add_kerb(Thing& thing, const Vec2d& from, const Vec2d& to) const {
     const double z = kPavementHeight;
     add_quad(thing.of(surfaces_.kerb), {from.x(), from.y(), 0.0}, {to.x(), to.y(), 0.0}, {to.x(), to.y(), z},
              {from.x(), from.y(), z});
   }
 
-  // The raised ground of a block, but for its inside.
+  // Adds the kerb and pavement of a block. Returns the rectangle inside.
   Rectangle add_block_ground(WorldBuilder& builder, const Rectangle& block) const {
     Thing thing;
     const Vec2d kerb = Vec2d::Constant(kKerb), walk = Vec2d::Constant(kPavement);
@@ -239,9 +240,9 @@ class City {
 
   // ---- blocks
 
-  // Houses are tall in the middle of the city.
+  // Houses get taller towards the city centre.
   void add_house_on(WorldBuilder& builder, Lot lot) {
-    for (std::size_t side = 0; side < 4; ++side) {  // a slit between houses, so that no faces coincide
+    for (std::size_t side = 0; side < 4; ++side) {  // a gap between houses avoids coincident faces
       if (lot.sides[side] != Side::party) continue;
       const auto i = static_cast<Eigen::Index>(side % 2 == 0 ? 1 : 0);
       side == 1 || side == 2 ? lot.high[i] -= kSlit : lot.low[i] += kSlit;
@@ -290,7 +291,7 @@ class City {
     furnish_around(builder, block, true);
   }
 
-  // Lawns, trees, benches, a fountain where two paths cross.
+  // Adds a square: lawns, trees, benches, and a fountain where the two paths cross.
   void add_square(WorldBuilder& builder, const Rectangle& block) {
     const Rectangle inner = add_block_ground(builder, block);
     const Vec2d middle = 0.5 * (inner.low + inner.high);
@@ -308,7 +309,7 @@ class City {
       const Vec2d c(middle.x() - kPath, std::min(side, middle.y() + x * kCircle)),
           d(middle.x() + kPath, std::max(side, middle.y() + x * kCircle));
       add_level(path, {c, d}, z, 2.0);
-      for (const double y : {-1.0, 1.0}) {  // a lawn that the circle cuts into: two rectangles
+      for (const double y : {-1.0, 1.0}) {  // two rectangles: the lawn minus the circle's corner
         const Vec2d out(edge, y < 0.0 ? inner.low.y() : inner.high.y());
         const Vec2d near(middle.x() + x * kCircle, middle.y() + y * kPath),
             corner(middle.x() + x * kPath, middle.y() + y * kCircle);
@@ -357,7 +358,7 @@ class City {
     return true;
   }
 
-  // Houses that close the city: rows along its four sides, which face inwards.
+  // Adds the outer rows of houses along the city's four sides. They face inwards.
   void add_rim(WorldBuilder& builder) {
     const Vec2d low = Vec2d::Constant(kBeyond), high(size_[0] - kBeyond, size_[1] - kBeyond);
     const Vec2d inner_low = low + Vec2d::Constant(kRim), inner_high = high - Vec2d::Constant(kRim);
@@ -382,10 +383,10 @@ class City {
     add_row({low.x(), inner_high.y()}, high, 0, 0);
     add_row({low.x(), inner_low.y()}, {inner_low.x(), inner_high.y()}, 1, 1);
     add_row({inner_high.x(), inner_low.y()}, {high.x(), inner_high.y()}, 1, 3);
-    for (std::size_t axis = 0; axis < 2; ++axis) {  // their pavement, block by block
+    for (std::size_t axis = 0; axis < 2; ++axis) {  // pavement of the outer rows, one stretch per block
       for (const Span& block : blocks_[axis]) {
         const double near = roads_[1 - axis].front().low, far = roads_[1 - axis].back().high;
-        // y of a frame points away from the road.
+        // The frame's y axis points away from the road.
         axis == 0 ? furnish(builder, {{block.high, near, 0.0}, {-1.0, 0.0}}, block.length(), true)
                   : furnish(builder, {{near, block.low, 0.0}, {0.0, 1.0}}, block.length(), true);
         axis == 0 ? furnish(builder, {{block.low, far, 0.0}, {1.0, 0.0}}, block.length(), true)
@@ -394,7 +395,7 @@ class City {
     }
   }
 
-  // ---- what stands along the kerbs
+  // ---- street furniture and cars
 
   void furnish_around(WorldBuilder& builder, const Rectangle& block, bool has_houses) {
     const Vec2d size = block.high - block.low;
@@ -404,7 +405,8 @@ class City {
     furnish(builder, {{block.low.x(), block.high.y(), 0.0}, {0.0, -1.0}}, size.y(), has_houses);
   }
 
-  // One side of a block: from its first corner along the kerb, the pavement to the left, the road to the right.
+  // Furnishes one side of a block. The side starts at a corner and follows the kerb, with the pavement on its left and the road
+  // on its right.
   void furnish(WorldBuilder& builder, const Frame& side, double length, bool has_houses) {
     constexpr double kFromKerb = 0.75;
     const auto on_pavement = [&](double x, double y) { return Frame{side(x, y, kPavementHeight), side.along}; };
@@ -462,7 +464,7 @@ class City {
     if (is_clear(at, -half, half + Vec3d(0.0, 0.0, size.height + 0.05))) add_car(builder, surfaces_.car, at, kind, draws_);
   }
 
-  // Cars in the bays that the lanes' texture shows.
+  // Parks cars in the bays painted on the lanes' texture.
   void park(WorldBuilder& builder, const Frame& side, double length) {
     for (double x = kZebra + 3.2; x < length - kZebra - 3.0; x += draws_.uniform(5.8, 6.4)) {
       if (!likely(0.4)) continue;
@@ -473,7 +475,7 @@ class City {
     }
   }
 
-  // Cars on the lanes; they keep to the right.
+  // Puts cars on the lanes. They drive on the right.
   void add_traffic(WorldBuilder& builder) {
     for (std::size_t axis = 0; axis < 2; ++axis) {
       for (const Span& road : roads_[1 - axis]) {
@@ -487,7 +489,7 @@ class City {
               x += half;
               if (x + half + 6.0 > block.length()) break;
               const double along = block.middle() + way * (0.5 * block.length() - x - kZebra);
-              // Right of the way: -y where the way is +x.
+              // Right of the driving direction: -y when driving along +x.
               const double aside = road.middle() + (axis == 0 ? -way : way) * 1.5;
               const Frame at = axis == 0 ? Frame{{along, aside, 0.0}, {way, 0.0}} : Frame{{aside, along, 0.0}, {0.0, way}};
               try_car(builder, at, kind);
@@ -499,9 +501,10 @@ class City {
     }
   }
 
-  // ---- what hangs over the roads
+  // ---- bridges and cables over the roads
 
-  // The house whose wall ends a line from the middle of a road to one of its sides; nullopt: no house that tall.
+  // Returns the house whose wall faces the road at `along`, on the side given by the sign of `way`, or nullptr if there is
+  // none.
   const Built* house_beside(std::size_t axis, const Span& road, double along, double way) const {
     const double wall = way < 0.0 ? road.low - kPavement : road.high + kPavement;
     const auto i = static_cast<Eigen::Index>(axis), k = static_cast<Eigen::Index>(1 - axis);
@@ -512,7 +515,7 @@ class City {
     return nullptr;
   }
 
-  // Over a road at a place along it: a point of the wall on either side.
+  // Returns the point on the house wall beside a road, at `along` and height z. The sign of `way` selects the side.
   Vec3d wall_point(std::size_t axis, const Span& road, double along, double way, double z) const {
     const double wall = way < 0.0 ? road.low - kPavement : road.high + kPavement;
     return axis == 0 ? Vec3d(along, wall, z) : Vec3d(wall, along, z);
@@ -539,7 +542,7 @@ class City {
     for (std::size_t axis = 0; axis < 2; ++axis) {
       for (const Span& road : roads_[1 - axis]) {
         for (const Span& block : blocks_[axis]) {
-          const bool has_flags = likely(0.25);  // this stretch is a shopping street
+          const bool has_flags = likely(0.25);  // marks a shopping street
           for (double along = block.low + draws_.uniform(6.0, 10.0); along < block.high - 6.0;
                along += draws_.uniform(5.0, 14.0)) {
             const double z = draws_.uniform(5.0, 8.5), tilt = draws_.uniform(-0.6, 0.6), sag = draws_.uniform(0.4, 0.9);
@@ -549,7 +552,7 @@ class City {
             const Vec3d from = wall_point(axis, road, along, -1.0, z + tilt), to = wall_point(axis, road, along, 1.0, z - tilt);
             const Hung hung = has_flags ? Hung::flags : has_lamp ? Hung::lamp : Hung::nothing;
             const Vec3d lowest(0.0, 0.0, sag + (hung == Hung::nothing ? 0.0 : 0.5)), thick = Vec3d::Constant(0.3);
-            // Piece by piece, since it sags.
+            // Check the sagging cable in four pieces.
             bool is_free = true;
             for (int i = 0; i < 4 && is_free; ++i) {
               const Vec3d a = from + 0.25 * i * (to - from), b = from + 0.25 * (i + 1) * (to - from);
@@ -566,7 +569,7 @@ class City {
   Draws draws_;
   Noise wander_;
   CitySurfaces surfaces_;
-  std::array<std::vector<Span>, 2> roads_, blocks_;  // along x: those that lie one after another along x
+  std::array<std::vector<Span>, 2> roads_, blocks_;  // per axis: intervals along that axis
   std::array<double, 2> size_{};
   std::vector<Vec3d> lane_;
   std::vector<Built> houses_;

@@ -9,20 +9,20 @@
 namespace flockstep::streets {
 namespace {
 
-// A section through the body: where along it, as a share of its length; its lowest and highest, m; how wide, as a share of the
-// width.
+// A cross-section of the body: x as a share of the length, bottom and top in m, width as a share of the car's width.
 struct Section {
   double x, low, high, wide;
 };
 
 struct Window {
-  double from, to, low, high;  // shares of the length; m
+  double from, to, low, high;  // from, to: shares of the length; low, high: m
 };
 
 struct Shape {
   CarSize size;
-  std::vector<Section> body;  // from the tail to the nose
-  // The cabin on the body: where its glass begins and ends, below and above, as shares of the length; none where roof is 0.
+  std::vector<Section> body;  // from tail to nose
+  // The cabin: the ends of its glass at the bottom and at the top, as shares of the length, and its heights. No cabin if roof
+  // is 0.
   double tail_low, tail_high, nose_high, nose_low, belt, roof;
   std::vector<Window> windows;  // in the sides of the body
   std::array<double, 2> axles;
@@ -85,7 +85,7 @@ const Shape& shape_of(CarKind kind) {
 }
 
 class Car {
-  static constexpr double kOut = 0.012;  // m, of what is laid upon something
+  static constexpr double kOut = 0.012;  // m, offset of details from the surface below
 
  public:
   Car(const Frame& frame, const Shape& shape, int paint)
@@ -110,7 +110,7 @@ class Car {
     add_panel(part_, frame_(a.x(), a.y(), a.z()), frame_(b.x(), b.y(), b.z()), frame_(c.x(), c.y(), c.z()),
               frame_(d.x(), d.y(), d.z()), {s, 0.5}, {s, 0.5});
   }
-  // Glass, lighter above: c and d are.
+  // Adds a pane of glass. The upper corners c and d are lighter.
   void glass(const Vec3d& a, const Vec3d& b, const Vec3d& c, const Vec3d& d) {
     const double low = s_of(CarColor::glass_low), high = s_of(CarColor::glass_high);
     const std::int32_t first = add_vertex(part_, frame_(a.x(), a.y(), a.z()), low, 0.5);
@@ -121,7 +121,7 @@ class Car {
     add_triangle(part_, first, first + 2, first + 3);
   }
 
-  // From the right, over the top, to the left.
+  // Returns the outline of a section from the right side over the top to the left side.
   std::array<Vec3d, 8> ring(const Section& at) const {
     const double x = at.x * shape_.size.length, wide = at.wide * half_width();
     const double shoulder = at.high - 0.25 * (at.high - at.low), sill = at.low + 0.12;
@@ -142,7 +142,7 @@ class Car {
       for (std::size_t k = 0; k < 7; ++k) quad(back[k], front[k], front[k + 1], back[k + 1], k == 0 || k == 6 ? plastic : paint);
     }
     const auto tail = ring(shape_.body.front()), nose = ring(shape_.body.back());
-    for (std::size_t k = 0; k < 3; ++k) {  // from sill to sill, slice by slice
+    for (std::size_t k = 0; k < 3; ++k) {  // from one sill to the other, in slices
       quad(nose[k], nose[7 - k], nose[6 - k], nose[k + 1], k == 0 ? plastic : paint);
       quad(tail[7 - k], tail[k], tail[k + 1], tail[6 - k], k == 0 ? plastic : paint);
     }
@@ -159,7 +159,8 @@ class Car {
   }
   static double mixed_height(const Section& at, double share) { return at.low + share * std::min(at.high - at.low, 0.8); }
 
-  // A window in a quad of corners a, b below and c, d above, seen from outside; from left to right and from below to above.
+  // Adds a window inside the quad with lower corners a, b and upper corners c, d, as seen from outside. left, right, low and
+  // high are shares of its width and height.
   void inlaid(const std::array<Vec3d, 4>& corners, double left, double right, double low, double high) {
     const Vec3d &a = corners[0], &b = corners[1], &c = corners[2], &d = corners[3];
     const Vec3d out = kOut * (b - a).cross(d - a).normalized();
@@ -179,7 +180,7 @@ class Car {
         {{back, -wide, low}, {front, -wide, low}, {front_top, -narrow, high}, {back_top, -narrow, high}}};
     const std::array<Vec3d, 4> left{{{front, wide, low}, {back, wide, low}, {back_top, narrow, high}, {front_top, narrow, high}}};
     for (const auto* side : {&nose, &tail, &right, &left}) quad((*side)[0], (*side)[1], (*side)[2], (*side)[3], paint);
-    const double crown = high + 0.04, inner = 0.62 * half_width();  // a roof that bulges a little
+    const double crown = high + 0.04, inner = 0.62 * half_width();  // slightly domed roof
     const double inset = 0.06 * length;
     const Vec3d a{back_top + inset, -inner, crown}, b{front_top - inset, -inner, crown}, c{front_top - inset, inner, crown},
         d{back_top + inset, inner, crown};
@@ -203,7 +204,7 @@ class Car {
       glass({a, -wide, low}, {b, -wide, low}, {b, -wide, high}, {a, -wide, high});
       glass({b, wide, low}, {a, wide, low}, {a, wide, high}, {b, wide, high});
     }
-    if (shape_.windows.size() == 1) {  // a van: its windscreen is part of the body
+    if (shape_.windows.size() == 1) {  // van: the windscreen is part of the body
       const Section &above = shape_.body[3], &below = shape_.body[4];
       const auto top = ring(above), foot = ring(below);
       inlaid({foot[3], foot[4], top[4], top[3]}, 0.05, 0.95, 0.08, 0.95);
@@ -214,7 +215,7 @@ class Car {
     }
   }
 
-  // A disc that faces outwards, or its upper half.
+  // Adds a disc that faces outwards, or its upper half.
   void add_face(double x, double y, double side, double radius, double s, int sides, bool is_half = false) {
     const std::span<const Vec2d> ring = circle(sides);
     const std::int32_t middle = add_vertex(part_, frame_(x, y, shape_.wheel), s, 0.5);
@@ -234,7 +235,7 @@ class Car {
     add_face(x, y + 2.0 * side * kOut, side, radius, s_of(CarColor::plastic), 12);
     add_face(x, y + 3.0 * side * kOut, side, 0.62 * radius, s_of(CarColor::hub), 8);
     const double inner = y - side * 0.22, outer = y + 2.0 * side * kOut;
-    for (std::size_t i = 4; i < 8; ++i) {  // the tread, where it is seen
+    for (std::size_t i = 4; i < 8; ++i) {  // visible part of the tread
       const Vec2d from = radius * circle(8)[i], to = radius * circle(8)[(i + 1) % 8];
       const Vec3d a{x + from.x(), inner, radius + from.y()}, b{x + from.x(), outer, radius + from.y()};
       const Vec3d c{x + to.x(), outer, radius + to.y()}, d{x + to.x(), inner, radius + to.y()};

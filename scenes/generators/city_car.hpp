@@ -13,7 +13,7 @@ struct CarSize {
 };
 CarSize size_of(CarKind kind);
 
-// On the road at the frame's origin, its middle there, facing along x.
+// Adds a car with its middle at the frame's origin on the road, facing along the frame's x axis.
 void add_car(WorldBuilder& builder, std::uint16_t material, const Frame& frame, CarKind kind, Draws& draws);
 
 }  // namespace flockstep::streets

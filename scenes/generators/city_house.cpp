@@ -29,7 +29,7 @@ class House {
   }
 
  private:
-  // A side of a lot from its first corner to the next, counter-clockwise: y points into the house.
+  // Returns the frame of a lot's side, from its first corner to the next, counter-clockwise. Its y axis points into the house.
   static Frame side_of(const Lot& lot, std::size_t side) {
     switch (side) {
       case 0:
@@ -51,7 +51,7 @@ class House {
     return several[static_cast<std::size_t>(draws_.below(static_cast<int>(several.size())))];
   }
 
-  // A wall of whole bays and floors, or of one without windows.
+  // Adds a wall that shows a whole number of bays and floors, or a wall without windows.
   void add_wall(const Lot& lot, std::size_t side, double low, double high, const Facade& facade, int floors, bool has_windows) {
     const Frame frame = side_of(lot, side);
     const double length = length_of(lot, side);
@@ -63,7 +63,7 @@ class House {
     add_panel(thing_.of(facade.windows), a, b, c, d, {left, bottom}, {right, top});
   }
 
-  // All four walls, those against other houses perhaps without windows; returns how high they reach.
+  // Adds all four walls. Party walls get no windows if has_blind_walls is set. Returns the height of the top.
   double add_floors(const Lot& lot, double low, const Facade& facade, int floors, bool has_blind_walls) {
     const double high = low + floors * facade.floor_m;
     for (std::size_t side = 0; side < 4; ++side) {
@@ -72,7 +72,7 @@ class House {
     return high;
   }
 
-  // A slab that stands out of the walls, from low to high.
+  // Adds a slab from low to high that protrudes from the walls by `out`.
   void add_course(const Lot& lot, double low, double high, double out, std::uint16_t material) {
     const Vec2d center = 0.5 * (lot.low + lot.high), size = lot.size() + Vec2d::Constant(2.0 * out);
     add_block(thing_.of(material), {center.x(), center.y(), 0.5 * (low + high)}, {size.x(), size.y(), high - low}, Vec2d::UnitX(),
@@ -95,10 +95,10 @@ class House {
     for (const double x : {lot.low.x() + half, lot.high.x() - half}) {
       add_block(part, {x, center.y(), mid}, {kParapetWidth, width, kParapet}, Vec2d::UnitX(), 8.0);
     }
-    add_deck(lot, z + 0.03, roof_);  // above the feet of what stands on it, so that no faces coincide
+    add_deck(lot, z + 0.03, roof_);  // above the undersides of rooftop objects, to avoid coincident faces
   }
 
-  // The ground floor: on streets shops or a hall, elsewhere the wall of the floors above.
+  // Adds the ground floor: shops or a hall on street sides, the upper floors' wall on the other sides.
   double add_ground_floor(const Facade& front, const Facade& above) {
     const double low = kPavementHeight - 0.05, high = kPavementHeight + front.floor_m;
     bool has_entrance = false;
@@ -127,7 +127,7 @@ class House {
     const std::uint16_t cloth = one_of(surfaces_.awnings);
     for (int i = 0; i < bays; ++i) {
       const double left = i * pitch + 0.25, right = (i + 1) * pitch - 0.25;
-      if (draws_.uniform(0.0, 1.0) < 0.25) {  // a sign that hangs out
+      if (draws_.uniform(0.0, 1.0) < 0.25) {  // a projecting sign
         add_block(thing_.of(surfaces_.iron), frame, {left, -0.5, 4.05}, {0.05, 1.0, 0.05});
         add_block(thing_.of(surfaces_.sign), frame, {left, -0.55, 3.65}, {0.1, 0.8, 0.7});
       }
@@ -138,7 +138,7 @@ class House {
       const Vec3d a = frame(left, -out, low), b = frame(right, -out, low);
       add_panel(part, a, b, frame(right, 0.0, top), frame(left, 0.0, top), first, third);
       add_panel(part, frame(left, -out, hem), frame(right, -out, hem), b, a, first, third);
-      for (const double x : {left, right}) {  // its cheeks
+      for (const double x : {left, right}) {  // its side walls
         const std::int32_t corner = add_vertex(part, frame(x, -out, low), 0.25, 0.5);
         add_vertex(part, frame(x, 0.0, low), 0.25, 0.5);
         add_vertex(part, frame(x, 0.0, top), 0.25, 0.5);
@@ -159,7 +159,7 @@ class House {
     add_block(thing_.of(surfaces_.iron), frame, {x, -0.7, z + 3.15}, {2.8, 1.4, 0.14});
   }
 
-  // Pillars before the wall, between the bays.
+  // Adds pillars in front of the wall, between the bays.
   void add_pillars(const Lot& lot, double low, double high, const Facade& facade, double width, double out,
                    std::uint16_t material) {
     for (std::size_t side = 0; side < 4; ++side) {
@@ -208,7 +208,7 @@ class House {
       for (const double end : {-half, 0.0, half}) add_block(iron, frame, {x + end, -1.18, z + 0.5}, {0.05, 0.05, 1.0});
       if (floor + 1 == floors) break;
       const double turn = floor % 2 == 0 ? 1.0 : -1.0, next = z + facade.floor_m;
-      for (const double y : {-0.95, -0.45}) {  // the stringers, and the steps between them
+      for (const double y : {-0.95, -0.45}) {  // stringers, with the steps between them
         add_quad(iron, frame(x - turn * 1.5, y, z), frame(x + turn * 1.5, y, next), frame(x + turn * 1.5, y, next + 0.2),
                  frame(x - turn * 1.5, y, z + 0.2));
       }
@@ -217,7 +217,7 @@ class House {
     }
   }
 
-  // Air conditioners below windows.
+  // Adds air conditioners below windows.
   void add_coolers(double low, const Facade& facade, int floors, double share) {
     for (std::size_t side = 0; side < 4; ++side) {
       if (lot_.sides[side] == Side::party) continue;
@@ -254,7 +254,7 @@ class House {
     }
   }
 
-  // Puts things on a flat roof, at most one in each square of it.
+  // Furnishes a flat roof on a square grid, with at most one object per cell.
   void furnish_roof(const Lot& roof, double z, const Facade& facade, bool may_have_tank) {
     const Vec2d room = roof.size() - Vec2d::Constant(2.0 * kParapetWidth + 0.6);
     const int columns = static_cast<int>(room.x() / 4.2), rows = static_cast<int>(room.y() / 4.2);
@@ -281,14 +281,14 @@ class House {
       } else if (luck < 0.5) {
         const double tall = draws_.uniform(0.7, 1.3);
         builder_.cylinder(Vec3d(at.x(), at.y(), z + 0.5 * tall).cast<float>(), 0.2F, static_cast<float>(tall), surfaces_.bin);
-      } else if (luck < 0.62) {  // a skylight
+      } else if (luck < 0.62) {  // skylight
         add_block(thing_.of(surfaces_.trim), {at.x(), at.y(), z + 0.2}, {2.0, 1.4, 0.4});
         add_block(thing_.of(surfaces_.panes), {at.x(), at.y(), z + 0.42}, {1.8, 1.2, 0.1});
       }
     }
   }
 
-  // Four slopes, or two and the gables between them.
+  // Adds a roof with four slopes, or with two slopes and two gables.
   void add_pitched_roof(const Lot& lot, double z, const Facade& facade) {
     constexpr double kEaves = 0.35;
     const bool is_along_x = lot.size().x() > lot.size().y();
@@ -328,7 +328,7 @@ class House {
     return std::max(least, static_cast<int>(height / facade.floor_m));
   }
 
-  // Plaster and tiles.
+  // A plastered house with a tiled roof.
   double townhouse(double wanted) {
     const Facade& facade = one_of(surfaces_.plaster);
     const bool has_shops = draws_.uniform(0.0, 1.0) < 0.5;
@@ -348,7 +348,7 @@ class House {
     return top;
   }
 
-  // Brick, with a cornice, stairs of iron and a tank on the roof.
+  // A brick house with a cornice, a fire escape and a tank on the roof.
   double walkup(double wanted) {
     const Facade& facade = one_of(surfaces_.brick);
     const bool has_shops = draws_.uniform(0.0, 1.0) < 0.65;
@@ -365,7 +365,7 @@ class House {
     return top;
   }
 
-  // Concrete, with balconies.
+  // A concrete house with balconies.
   double slab(double wanted) {
     const Facade& facade = one_of(surfaces_.concrete);
     const double first = add_ground_floor(draws_.uniform(0.0, 1.0) < 0.5 ? surfaces_.shops : surfaces_.hall, facade);
@@ -378,7 +378,7 @@ class House {
     return top;
   }
 
-  // A tower of glass, perhaps on a wider foot.
+  // A glass tower, sometimes on a wider base.
   double office(double wanted) {
     const Facade& facade = one_of(surfaces_.glass);
     const double first = add_ground_floor(surfaces_.hall, facade);
@@ -410,7 +410,7 @@ class House {
     return top;
   }
 
-  // Stone, in steps.
+  // A stepped stone tower.
   double deco(double wanted) {
     const Facade& facade = one_of(surfaces_.stone);
     double low = add_ground_floor(draws_.uniform(0.0, 1.0) < 0.4 ? surfaces_.shops : surfaces_.hall, facade);
@@ -438,7 +438,7 @@ class House {
   const CitySurfaces& surfaces_;
   const Lot& lot_;
   Draws& draws_;
-  std::uint16_t roof_;  // material of what is flat
+  std::uint16_t roof_;  // material of flat roofs
   Thing thing_;
 };
 

@@ -9,9 +9,9 @@
 
 namespace flockstep::streets {
 
-enum class Side : std::uint8_t { street, alley, party };  // party: another house stands against it
+enum class Side : std::uint8_t { street, alley, party };  // party: shared with a neighbouring house
 
-// A rectangle that a house fills. Its sides face -y, +x, +y, -x.
+// The rectangular footprint of a house. Its sides face -y, +x, +y, -x, in this order.
 struct Lot {
   Vec2d low, high;
   std::array<Side, 4> sides;
@@ -19,7 +19,8 @@ struct Lot {
   Vec2d size() const { return high - low; }
 };
 
-// Returns its height up to the roof, m, at most max_height_m where that is 8 or more. boldness in [0, 1]: how tall it would be.
+// Adds a house and returns its roof height in m. The height is at most max_height_m if that is 8 or more. boldness in [0, 1]
+// scales the height.
 double add_house(WorldBuilder& builder, const CitySurfaces& surfaces, const Lot& lot, double max_height_m, double boldness,
                  Draws& draws);
 

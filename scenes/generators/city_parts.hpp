@@ -1,4 +1,4 @@
-// Pieces that the houses and the streets of a generated city share.
+// Geometry shared by the houses and streets of a generated city.
 #pragma once
 
 #include <array>
@@ -11,9 +11,9 @@
 
 namespace flockstep::streets {
 
-inline constexpr double kPavementHeight = 0.14;  // m above the road
+inline constexpr double kPavementHeight = 0.14;  // m, above the road
 
-// One thing, by its materials: of each it becomes one object.
+// The mesh parts of one thing, by material. Each material becomes one object.
 class Thing {
  public:
   MeshPart& of(std::uint16_t material) { return parts_[material]; }
@@ -25,33 +25,34 @@ class Thing {
   std::map<std::uint16_t, MeshPart> parts_;
 };
 
-// A level frame: x along, y to the left of it, z up.
+// A level frame: x along `along`, y to the left of it, z up.
 struct Frame {
   Vec3d at;
-  Vec2d along;  // unit
+  Vec2d along;  // unit vector
 
   Vec3d operator()(double x, double y, double z) const {
     return at + Vec3d(x * along.x() - y * along.y(), x * along.y() + y * along.x(), z);
   }
 };
 
-// Four corners as of add_quad, and where in a texture the first and the third of them lie.
+// Adds a quad with corners in the order of add_quad. `first` and `third` are the texture coordinates of a and c.
 void add_panel(MeshPart& part, const Vec3d& a, const Vec3d& b, const Vec3d& c, const Vec3d& d, const std::array<double, 2>& first,
                const std::array<double, 2>& third);
 
-// A block placed in a frame.
+// Adds a block given in a frame.
 void add_block(MeshPart& part, const Frame& frame, const Vec3d& center, const Vec3d& size, double repeat_m = 1.0);
 
-// Corners of a regular polygon of 8 or 12 sides around the origin, counter-clockwise from (1, 0).
+// Returns the corners of a regular polygon with 8 or 12 sides on the unit circle, counter-clockwise from (1, 0).
 std::span<const Vec2d> circle(int sides);
 
-// Turned about an upright axis: (radius, height) from below to above, as seen from outside. A radius of 0 closes it.
+// Adds a surface of revolution about a vertical axis. The profile holds (radius, height) from bottom to top. A radius of 0
+// closes the surface.
 void add_turned(MeshPart& part, const Vec3d& foot, std::span<const std::array<double, 2>> profile, int sides = 8);
 
-// A wire from point to point, three-sided.
+// Adds a wire with a triangular cross-section through the points.
 void add_wire(MeshPart& part, std::span<const Vec3d> points, double radius);
 
-// What turns the z axis towards a direction of length 1, which is not straight down.
+// Returns the rotation from the z axis to a unit direction, which must not be straight down.
 Quat turned_to(const Vec3d& direction);
 
 }  // namespace flockstep::streets

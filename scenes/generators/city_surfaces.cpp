@@ -12,7 +12,7 @@
 namespace flockstep::streets {
 namespace {
 
-// Classes that cameras report. Several materials share one.
+// Semantic classes that cameras report. Several materials share a class.
 enum class Kind : std::uint16_t {
   road = 1,
   pavement,
@@ -38,10 +38,13 @@ Color scaled(const Color& color, double factor) {
   return {f * color[0], f * color[1], f * color[2]};
 }
 
-double wave(double x) { return std::abs(2.0 * (x - std::floor(x)) - 1.0); }  // from 1 down to 0 and up again
+double wave(double x) {
+  return std::abs(2.0 * (x - std::floor(x)) - 1.0);
+}  // triangle wave of period 1, from 1 down to 0 and
+   // back
 
 class Painter {
-  static constexpr int kTile = 256;  // pixels of a square of noise
+  static constexpr int kTile = 256;  // px, side of the noise tile
   static constexpr int kSpots = 64;
 
  public:
@@ -58,7 +61,7 @@ class Painter {
     for (int i = 0; i < kSpots * kSpots; ++i) spots_.push_back(draws.uniform(0.0, 1.0));
   }
 
-  // color(s, t): both in [0, 1).
+  // color(s, t) takes s and t in [0, 1).
   template <class ColorAt>
   std::uint16_t textured(const std::string& name, Kind kind, int width, int height, const ColorAt& color) {
     const std::uint16_t texture = builder_.texture(
@@ -70,10 +73,10 @@ class Painter {
     return builder_.material({name, color, static_cast<std::uint16_t>(kind), std::nullopt});
   }
 
-  // Noise in [0, 1) that repeats itself so many times.
+  // Noise in [0, 1) that repeats `times` times across the texture.
   double fine(double s, double t, double times = 1.0) const { return in(fine_, s * times, t * times); }
   double coarse(double s, double t, double times = 1.0) const { return in(coarse_, s * times, t * times); }
-  // One for each pair of whole numbers.
+  // A random value per pair of integers.
   double spot(int i, int j) const { return spots_[static_cast<std::size_t>((i & 63) * kSpots + (j & 63))]; }
 
  private:
@@ -88,13 +91,14 @@ class Painter {
 
 bool within(double x, double low, double high) { return x >= low && x < high; }
 
-// A pane of glass that shows the sky, with what may be behind it. (u, v) in [0, 1], v upwards; which: the number of the window.
+// Returns the colour of a glass pane: a reflection of the sky over a lit room, curtains or a blind. u and v are in [0, 1], v
+// points up, and `which` is the number of the window.
 Color pane(const Painter& painter, double u, double v, int which) {
   const double luck = painter.spot(which, 1), more = painter.spot(which, 2);
   const double cloud = painter.coarse(0.31 * which + 0.25 * u, 0.17 * which - 0.35 * v);
   const double sky = std::clamp(1.6 * (v + 0.5 * (cloud - 0.5) + 0.25 * u) - 0.55, 0.0, 1.0);
   Color glass = mixed(Color{0.022F, 0.028F, 0.035F}, Color{0.16F, 0.24F, 0.35F}, 0.75 * sky);
-  if (luck < 0.1) {  // lit
+  if (luck < 0.1) {  // lit room
     const double lamp = std::clamp(1.3 - 2.2 * std::abs(u - 0.2 - 0.6 * more) - 0.7 * std::abs(v - 0.75), 0.25, 1.0);
     glass = mixed(glass, Color{0.72F, 0.46F, 0.19F}, 0.85 * lamp);
   } else if (luck < 0.36) {  // curtains
@@ -103,18 +107,19 @@ Color pane(const Painter& painter, double u, double v, int which) {
       const double fold = wave(14.0 * u + more);
       glass = mixed(scaled(Color{0.34F, 0.32F, 0.29F}, 0.7 + 0.3 * fold), glass, 0.25);
     }
-  } else if (luck < 0.56 && v > 0.25 + 0.6 * more) {  // a blind
+  } else if (luck < 0.56 && v > 0.25 + 0.6 * more) {  // blind
     glass = scaled(Color{0.36F, 0.345F, 0.31F}, 0.8 + 0.2 * wave(18.0 * v));
   }
   return glass;
 }
 
-// A window in a wall: a reveal in the shade, a frame, panes of glass. (x, y) in m from its lower left corner.
+// Returns the colour of a window in a wall: a shaded reveal, a frame and glass panes. (x, y) is in m from the lower left
+// corner.
 Color window(const Painter& painter, double x, double y, double width, double height, int across, int down, const Color& frame,
              int which) {
   constexpr double kReveal = 0.1, kFrame = 0.055;
   const double inner_width = width - kReveal, inner_height = height - kReveal;
-  if (y > inner_height || x > inner_width) return Color{0.1F, 0.095F, 0.09F};  // the sun comes from the other side
+  if (y > inner_height || x > inner_width) return Color{0.1F, 0.095F, 0.09F};  // reveal, on the side away from the sun
   const double u = x / inner_width, v = y / inner_height;
   const auto bar = [](double at, double length, int count) {
     const double pitch = length / count, rest = at - pitch * std::floor(at / pitch);
@@ -123,11 +128,11 @@ Color window(const Painter& painter, double x, double y, double width, double he
   const bool is_bar = bar(x, inner_width, across) < 0.5 * kFrame || bar(y, inner_height, down) < 0.5 * kFrame ||
                       std::min(x, inner_width - x) < kFrame || std::min(y, inner_height - y) < kFrame;
   if (is_bar) return frame;
-  const double shade = y > inner_height - 0.3 ? 0.65 : 1.0;  // of the lintel
+  const double shade = y > inner_height - 0.3 ? 0.65 : 1.0;  // shadow of the lintel
   return scaled(pane(painter, u, v, which), shade);
 }
 
-// (x, y) m within a bay, y from its floor up; (s, t) within the texture; which: the number of the bay.
+// x, y: m within a bay, y up from its floor; s, t: texture coordinates; which: number of the bay.
 struct Spot {
   double x, y, s, t;
   int which;
@@ -153,7 +158,7 @@ Color bricks(const Painter& painter, double s, double t, int across, int down) {
   return scaled(brick, 0.8 + 0.3 * painter.fine(s, t) + 0.15 * (painter.coarse(s, t) - 0.5));
 }
 
-// Rain has run down it.
+// Stains left by rain.
 double streaks(const Painter& painter, double s, double t) {
   return 0.9 + 0.14 * painter.coarse(6.0 * s, 0.5 * t) + 0.1 * (painter.coarse(s, t) - 0.5);
 }
@@ -177,7 +182,7 @@ Color cast(const Painter& painter, double s, double t) {
 
 void add_facades(WorldBuilder& builder, const Painter& painter, Painter& paint, CitySurfaces& made) {
   constexpr Color kCream{0.62F, 0.59F, 0.53F}, kDark{0.06F, 0.065F, 0.07F}, kLintel{0.5F, 0.46F, 0.39F};
-  // The same wall with and without windows, in several colours.
+  // Adds a wall with and without windows, once per tint.
   const auto add = [&](std::vector<Facade>& into, const std::string& name, double bay_m, double floor_m, const auto& wall,
                        const auto& with_windows, const std::vector<Color>& tints) {
     const std::uint16_t plain = builder.texture(
@@ -248,10 +253,10 @@ void add_facades(WorldBuilder& builder, const Painter& painter, Painter& paint, 
     const double half = at.x < 1.5 ? at.x : at.x - 1.5;
     const int which = 2 * at.which + (at.x < 1.5 ? 0 : 1);
     if (half < 0.045 || half > 1.455 || at.y < 0.05 || at.y > 3.55) return Color{0.26F, 0.28F, 0.3F};
-    if (at.y < 0.85) return mixed(Color{0.05F, 0.09F, 0.12F}, Color{0.09F, 0.14F, 0.19F}, at.y);  // before the slab
+    if (at.y < 0.85) return mixed(Color{0.05F, 0.09F, 0.12F}, Color{0.09F, 0.14F, 0.19F}, at.y);  // in front of the slab
     if (at.y < 0.9) return Color{0.2F, 0.22F, 0.24F};
     const double u = half / 1.5, v = (at.y - 0.9) / 2.65;
-    const double tilt = painter.spot(which, 5);  // no pane is quite even: each shows another part of the sky
+    const double tilt = painter.spot(which, 5);  // panes are slightly tilted, so each reflects a different part of the sky
     const double cloud = painter.coarse(0.5 * at.s + 0.2 * tilt, 0.4 * at.t + 0.15 * tilt);
     Color glass = mixed(Color{0.07F, 0.13F, 0.2F}, Color{0.30F, 0.42F, 0.54F},
                         std::clamp(0.2 + 0.35 * v + 1.6 * (cloud - 0.45) + 0.25 * (tilt - 0.5), 0.0, 1.0));
@@ -276,7 +281,7 @@ void add_facades(WorldBuilder& builder, const Painter& painter, Painter& paint, 
   add(made.concrete, "concrete", 3.2, 3.1, concrete_wall, concrete,
       {{1.0F, 1.0F, 1.0F}, {1.0F, 0.92F, 0.82F}, {0.85F, 0.9F, 0.95F}});
 
-  // Shops: a sign above, a door or a display.
+  // Shops: a sign above a door or a display window.
   constexpr std::array<Color, 4> kSigns{
       {{0.30F, 0.04F, 0.035F}, {0.03F, 0.11F, 0.075F}, {0.035F, 0.06F, 0.17F}, {0.10F, 0.085F, 0.075F}}};
   const auto shop = [&](const Spot& at) {
@@ -285,7 +290,7 @@ void add_facades(WorldBuilder& builder, const Painter& painter, Painter& paint, 
     const Color wood = scaled(kSigns[static_cast<std::size_t>(which)], 0.75);
     if (y > 4.0) return Color{0.4F, 0.38F, 0.35F};
     if (x < 0.24 || x > 3.76) return scaled(Color{0.42F, 0.39F, 0.35F}, 0.92 + 0.12 * painter.fine(at.s, at.t));  // pier
-    if (y > 3.15) {  // the sign, and on it letters of sorts
+    if (y > 3.15) {  // the sign with pretend lettering
       const double from = 0.9, pitch = 0.24;
       const auto letter = static_cast<int>(std::floor((x - from) / pitch));
       const double u = (x - from) / pitch - letter, v = (y - 3.38) / 0.38;
@@ -301,7 +306,7 @@ void add_facades(WorldBuilder& builder, const Painter& painter, Painter& paint, 
     if (x < 0.32 || x > 3.68 || y > 3.07 || (which % 2 == 0 && (within(x, 1.38, 1.46) || within(x, 2.54, 2.62)))) return wood;
     if (is_door && (x < 1.55 || x > 2.45 || within(y, 2.28, 2.4))) return wood;
     if (which % 2 == 1 && within(x, 1.96, 2.04)) return wood;
-    // Behind the glass: shelves in the light of lamps.
+    // Lit shelves behind the glass.
     const auto shelf = static_cast<int>(std::floor(2.2 * y)), place = static_cast<int>(std::floor(5.0 * x));
     const double filled = painter.spot(place + 20 * which, shelf + 50);
     const double rest = 2.2 * y - shelf;
@@ -317,7 +322,7 @@ void add_facades(WorldBuilder& builder, const Painter& painter, Painter& paint, 
   made.shops = {0, 0, 4.0, 4.2, 1};
   made.shops.windows = paint.textured("shop facade", Kind::building, 512, 256, bays(4.0, 4.2, 1, shop));
 
-  // The ground floor of flats and offices: rusticated stone, tall windows.
+  // Ground floor of flats and offices: rusticated stone and tall windows.
   const auto hall = [&](const Spot& at) {
     const double x = at.x - 0.9, y = at.y - 0.9;
     if (within(x, 0.0, 1.4) && within(y, 0.0, 2.3)) return window(painter, x, y, 1.4, 2.3, 2, 3, kDark, at.which + 80);
@@ -340,7 +345,7 @@ void add_ground(const Painter& painter, Painter& paint, CitySurfaces& made) {
     return mixed(under, color, std::clamp(1.5 - painter.coarse(s, t, 3.0) - 0.35 * painter.fine(s, t, 2.0), 0.15, 0.92));
   };
   constexpr Color kLine{0.62F, 0.62F, 0.60F}, kYellow{0.62F, 0.42F, 0.07F};
-  // Across: m from the left kerb of a roadway 10 m wide; along: of 10 m.
+  // x: m from the left kerb across the 10 m roadway; y: m along the road. The texture covers 10 m of road.
   made.lanes = paint.textured("road with lanes", Kind::road, 512, 512, [&](double s, double t) {
     const double x = 10.0 * s, y = 10.0 * t;
     const double wheel = std::min({std::abs(x - 2.9), std::abs(x - 4.3), std::abs(x - 5.7), std::abs(x - 7.1)});
@@ -354,7 +359,7 @@ void add_ground(const Painter& painter, Painter& paint, CitySurfaces& made) {
     if (std::abs(x - 2.1) < 0.05 || std::abs(x - 7.9) < 0.05 || is_bay) return painted(s, t, color, kLine);
     return color;
   });
-  // 5 m along: a stop line, then the crossing.
+  // The texture covers 5 m of road: a stop line, then the crossing.
   made.zebra = paint.textured("road with crossing", Kind::road, 512, 256, [&](double s, double t) {
     const double x = 10.0 * s, y = 5.0 * t;
     const Color color = tar(s, 0.5 * t);

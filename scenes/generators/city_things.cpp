@@ -37,7 +37,7 @@ void add_tree(WorldBuilder& builder, const CitySurfaces& surfaces, const Vec3d& 
     const Vec3d center = foot + Vec3d(0.0, 0.0, size.fork) + out, half(wide, wide, half_height);
     const std::size_t first = crown.vertices.size();
     add_ball(crown, center, half, 3, 0.16, draws);
-    for (std::size_t i = first; i < crown.vertices.size(); ++i) {  // evenly over the ball, as if it were an octahedron
+    for (std::size_t i = first; i < crown.vertices.size(); ++i) {  // octahedral mapping, so the texture covers the ball evenly
       const Vec3d way = (crown.vertices[i].cast<double>() - center).cwiseQuotient(half);
       const double sum = way.cwiseAbs().sum();
       crown.uv[i] = {static_cast<float>(1.3 * wide * way.x() / sum), static_cast<float>(-1.3 * half_height * way.z() / sum)};

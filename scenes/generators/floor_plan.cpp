@@ -12,11 +12,11 @@ namespace {
 
 class FloorPlanner {
   static constexpr double kGrid = 0.5;
-  static constexpr double kCorridor = 2.5, kLounge = 7.0;      // widths, walls included
-  static constexpr double kLeastRoom = 3.5;                    // of either side of a room
-  static constexpr double kDoor = 1.5, kDoorHigh = 2.2;        // frames included
-  static constexpr double kPassage = 2.1, kPassageHigh = 2.5;  // from corridor to lounge
-  static constexpr double kFromCorner = 0.5;                   // of openings
+  static constexpr double kCorridor = 2.5, kLounge = 7.0;      // m, widths including walls
+  static constexpr double kLeastRoom = 3.5;                    // m, minimum side of a room
+  static constexpr double kDoor = 1.5, kDoorHigh = 2.2;        // m, including the frame
+  static constexpr double kPassage = 2.1, kPassageHigh = 2.5;  // m, opening between corridor and lounge
+  static constexpr double kFromCorner = 0.5;                   // m, distance of openings from corners
 
   static double on_grid(double metres) { return kGrid * std::floor(metres / kGrid + 0.5); }
 
@@ -33,7 +33,8 @@ class FloorPlanner {
  private:
   void add_room(const Rect& cell, RoomUse use) { plan_.rooms.push_back({cell, use, {}}); }
 
-  // Wings and lounges take turns along x. In a wing, slices from front to back have a corridor each, rooms on both its sides.
+  // Wings and lounges alternate along x. Each wing is sliced from front to back; a slice has a corridor with rooms on both
+  // sides.
   void lay_out() {
     const Vec2d size = plan_.size;
     const int lounges = std::max(1, static_cast<int>(std::ceil((size.x() - 20.0) / 24.0)));
@@ -56,7 +57,7 @@ class FloorPlanner {
     }
   }
 
-  // Splits until rooms have a handy size. The corridor is on the side given.
+  // Splits a cell into rooms of a practical size. `corridor` is the side with the corridor.
   void split(const Rect& cell, Side corridor) {
     const Vec2d size = cell.size();
     const double most = draws_.uniform(4.5, 9.5);
@@ -66,7 +67,7 @@ class FloorPlanner {
       split({{at, cell.low.y()}, cell.high}, corridor);
       return;
     }
-    if (size.y() >= 9.0 && draws_.below(3) > 0) {  // a room behind, which the first one leads to
+    if (size.y() >= 9.0 && draws_.below(3) > 0) {  // a room at the back, reached through the front one
       const double at = on_grid(draws_.uniform(cell.low.y() + 4.0, cell.high.y() - 4.0));
       add_room({cell.low, {cell.high.x(), at}}, any_use(size.x() * (at - cell.low.y())));
       add_room({{cell.low.x(), at}, cell.high}, any_use(size.x() * (cell.high.y() - at)));
@@ -82,7 +83,7 @@ class FloorPlanner {
     return chance < 0.75 ? RoomUse::single : RoomUse::storage;
   }
 
-  // Where two cells share a wall that has room for an opening; its two ends.
+  // Returns the shared wall of two cells and its two ends, if it has room for an opening.
   struct Shared {
     bool is_across_x;
     double wall, from, to;
@@ -119,8 +120,8 @@ class FloorPlanner {
     return plan_.rooms[room].use == RoomUse::corridor || plan_.rooms[room].use == RoomUse::lounge;
   }
 
-  // Halls are joined, then every room to a corridor, where it has none to a lounge, then to a room that has a door; some more
-  // doors lead from room to room.
+  // Joins the halls first. Each other room then gets a door to a corridor, else to a room that has a door, else to a lounge.
+  // Some extra doors join rooms.
   void add_doors() {
     const std::size_t count = plan_.rooms.size();
     std::vector<bool> is_reached(count, false);
@@ -155,7 +156,7 @@ class FloorPlanner {
     }
   }
 
-  // Ribbons of windows where a room has an outer wall.
+  // Adds ribbon windows on outer walls.
   void add_windows() {
     const Vec2d size = plan_.size;
     const double pier = draws_.uniform(0.3, 0.9), wish = draws_.uniform(1.6, 2.6),

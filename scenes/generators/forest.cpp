@@ -1,4 +1,4 @@
-// Generated forests: trees and rocks on rolling terrain, all of it meshes.
+// Generates forests: trees and rocks on rolling terrain, all as meshes.
 #include <algorithm>
 #include <array>
 #include <cmath>
@@ -24,14 +24,15 @@ namespace flockstep {
 namespace {
 
 class Forest {
-  static constexpr double kFromBorder = 3.0;       // m: of start and goal
-  static constexpr double kMarkerClearance = 1.8;  // m, level: of trunks and rocks from start and goal
-  static constexpr double kMarkerHeight = 1.5;     // m above the ground
-  static constexpr double kSpawnReach = 0.25;      // m: half size of the spawn box
-  static constexpr double kTreeGap = 2.4;          // m between trunks, where there is room for it
-  static constexpr double kHill = 18.0;            // m from hill to hill
+  static constexpr double kFromBorder = 3.0;       // m, distance of start and goal from the border
+  static constexpr double kMarkerClearance = 1.8;  // m, horizontal gap from start and goal to trunks and rocks
+  static constexpr double kMarkerHeight = 1.5;     // m, above the ground
+  static constexpr double kSpawnReach = 0.25;      // m, half size of the spawn box
+  static constexpr double kTreeGap = 2.4;          // m, gap between trunks if there is room
+  static constexpr double kHill = 18.0;            // m, distance between hills
   static constexpr int kTexturePx = 128;
-  // The lane, m: trunks keep away from it, branches stay above it; it swings aside so far, in bends so long.
+  // Flight lane, in m. Trunks keep kLaneHalfWidth away and branches stay kLaneHeadroom above it. kLaneSwing is its sideways
+  // swing and kLaneBend the length of a bend.
   static constexpr double kLaneHalfWidth = 0.9, kLaneHeadroom = 0.5, kLaneStep = 0.5, kLaneSwing = 6.0, kLaneBend = 12.0;
 
  public:
@@ -51,7 +52,7 @@ class Forest {
     return points;
   }
 
-  // Nullopt where trees find no place.
+  // Returns nullopt if a tree finds no free place.
   std::optional<WorldBuilder> grown() {
     WorldBuilder builder("forest/seed-" + std::to_string(config_.seed));
     const std::uint16_t ground = ground_material(builder);
@@ -68,19 +69,19 @@ class Forest {
     }
     for (int i = 0; i < config_.trees / 6; ++i) {
       const std::optional<Vec2d> at = free_place(1.2);
-      if (!at) break;  // rocks are welcome, but not promised
+      if (!at) break;  // rocks are optional
       const double size = draws_.uniform(0.25, 0.8);
       MeshPart part;
       add_ball(part, {at->x(), at->y(), height(*at) + 0.1 * size}, {size, draws_.uniform(0.7, 1.0) * size, 0.7 * size}, 3, 0.12,
                draws_);
       builder.mesh(part, stone);
     }
-    Light light;  // late in the morning
+    Light light;  // late morning
     light.sun_direction = {-0.5F, -0.45F, 0.74F};
     light.sun_color = {1.5F, 1.35F, 1.1F};
     light.sky_ambient = {0.55F, 0.65F, 0.8F};
     light.ground_ambient = {0.22F, 0.2F, 0.16F};
-    light.sun_radius_deg = 1.2F;  // as wide as a camera's glare makes it
+    light.sun_radius_deg = 1.2F;  // as wide as glare makes it look in a camera
     light.sun_glow = 0.6F;
     builder.light(light);
     builder.start(start_.cast<float>());
@@ -100,7 +101,7 @@ class Forest {
     return {x, y, height({x, y}) + kMarkerHeight};
   }
 
-  // A winding way from start to goal, at their height above the ground.
+  // Lays a winding lane from start to goal, at their height above the ground.
   void lay_lane() {
     const Noise sideways(Draws::kForest, config_.seed, 7 + static_cast<std::uint32_t>(draws_.below(1 << 20)));
     const Vec2d from = start_.head<2>(), way = goal_.head<2>() - from;
@@ -108,7 +109,7 @@ class Forest {
     for (int i = 0; i <= steps; ++i) {
       const double share = static_cast<double>(i) / steps;
       Vec2d at = from + share * way;
-      const double room = std::min(1.0, 4.0 * std::min(share, 1.0 - share));  // none at its ends
+      const double room = std::min(1.0, 4.0 * std::min(share, 1.0 - share));  // no swing at the ends
       at.y() += kLaneSwing * room * (2.0 * sideways.at(at.x() / kLaneBend, 0.5) - 1.0);
       at.y() = std::clamp(at.y(), kFromBorder, size_.y() - kFromBorder);
       lane_.emplace_back(at.x(), at.y(), height(at) + kMarkerHeight);
@@ -121,7 +122,7 @@ class Forest {
     return least;
   }
 
-  // How high branches begin at least: a drone in the lane passes below.
+  // Returns the lowest height for branches that lets a drone in the lane pass below.
   double above_lane(const Vec2d& at, double reach) const {
     double most = -1e9;
     for (const Vec3d& point : lane_) {
@@ -155,7 +156,7 @@ class Forest {
     return builder.material({"ground", {1.0F, 1.0F, 1.0F}, 0, texture});
   }
 
-  // A material between two colours; so many spots across and down.
+  // Adds a noise material between two colours, with `across` by `down` noise cells.
   std::uint16_t textured(WorldBuilder& builder, const std::string& name, const Color& dark, const Color& bright, double across,
                          double down, std::uint32_t number) const {
     const Noise noise(Draws::kForest, config_.seed, number);
@@ -171,7 +172,7 @@ class Forest {
     return builder.material({name, {1.0F, 1.0F, 1.0F}, 0, texture});
   }
 
-  // Throws darts; where they keep missing, the gap shrinks.
+  // Draws random places until one is free. The gap shrinks after repeated misses.
   std::optional<Vec2d> free_place(double gap) {
     for (; gap > 0.9; gap *= 0.9) {
       for (int i = 0; i < 60; ++i) {
@@ -199,7 +200,7 @@ class Forest {
     const double tall = draws_.uniform(6.0, 11.0);
     const double radius = 0.014 * tall + draws_.uniform(0.04, 0.1);
     const double reach = std::min(draws_.uniform(0.16, 0.22) * tall, 1.7);
-    const double crown = std::max(draws_.uniform(1.6, 2.6), above_lane(at, reach) - ground);  // above the ground
+    const double crown = std::max(draws_.uniform(1.6, 2.6), above_lane(at, reach) - ground);  // m, above the ground
     MeshPart trunk, branches;
     add_trunk(trunk, at, ground - 0.5, ground + 0.8 * tall, radius, 0.4 * radius, turn());
     builder.mesh(trunk, bark);

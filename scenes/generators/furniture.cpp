@@ -8,7 +8,7 @@
 namespace flockstep::indoors {
 namespace {
 
-// The spot at (x, y) of a piece's frame, facing as `facing` there does.
+// Returns the spot at (x, y) in the frame of another spot. `facing` is also given in that frame.
 Spot within(const Spot& spot, double x, double y, const Vec2d& facing = Vec2d::UnitY()) {
   const Vec2d ahead = spot.facing, right(ahead.y(), -ahead.x());
   return {spot.at + x * right + y * ahead, facing.x() * right + facing.y() * ahead, spot.floor};
@@ -17,8 +17,8 @@ Spot within(const Spot& spot, double x, double y, const Vec2d& facing = Vec2d::U
 }  // namespace
 
 MeshPart shade(const Rect& rect, double out, double repeat_m) {
-  constexpr double kAbove = 0.003;              // m: of the floor
-  constexpr double kWithin = 0.02, kAt = 0.98;  // t: the texture's own ends, where it does not repeat yet
+  constexpr double kAbove = 0.003;              // m, above the floor
+  constexpr double kWithin = 0.02, kAt = 0.98;  // t at the texture's ends, inset so that it does not wrap
   const Rect outer = rect.grown(out);
   const auto corners = [](const Rect& r) {
     return std::array<Vec2d, 4>{r.low, Vec2d(r.high.x(), r.low.y()), r.high, Vec2d(r.low.x(), r.high.y())};
@@ -180,7 +180,7 @@ void Furniture::bookshelf(const Spot& spot, const Vec3d& size) {
     double x = -0.5 * w + 0.04;
     while (x < 0.5 * w - 0.14) {
       const int what = draws_.below(9);
-      if (what == 0) {  // room between
+      if (what == 0) {  // a gap
         x += draws_.uniform(0.06, 0.2);
       } else if (what == 1) {  // a box file
         shape.block({x + 0.05, 0, z + 0.14}, {0.095, 0.8 * d, 0.25}, any_color());
@@ -355,7 +355,7 @@ void Furniture::load(const Spot& spot, double high) {
   Shape shape(spot);
   const double room = high - 0.14;
   switch (draws_.below(9)) {
-    case 0:  // under film
+    case 0:  // shrink-wrapped load
       shape.block({0, 0, 0.14 + 0.45 * room}, {1.14, 0.76, 0.9 * room}, Swatch::wrapped, Swatch::carton_plain);
       break;
     case 1: {  // a crate
@@ -389,7 +389,7 @@ void Furniture::load(const Spot& spot, double high) {
       for (int i = 0; i < layers; ++i) {
         const double aside = draws_.uniform(-0.015, 0.015);
         const bool is_last = i + 1 == layers;
-        const double wide = is_last && draws_.below(2) == 0 ? 0.56 : 1.14;  // the last layer may be half full
+        const double wide = is_last && draws_.below(2) == 0 ? 0.56 : 1.14;  // last layer may be half full
         shape.block({aside + (wide < 1.0 ? -0.28 : 0.0), aside, 0.14 + tall * (i + 0.5)}, {wide, 0.76, tall - 0.006},
                     Swatch::carton, Swatch::carton_top);
       }
@@ -423,7 +423,7 @@ void Furniture::barrel(const Spot& spot, Swatch paint) {
 void Furniture::forklift(const Spot& spot) {
   Shape shape(spot);
   for (const double x : {-0.48, 0.48}) {
-    for (const double y : {-0.62, 0.55}) {  // wheels, octagonal, on their sides
+    for (const double y : {-0.62, 0.55}) {  // octagonal wheels, lying on their sides
       const double r = y < 0.0 ? 0.24 : 0.3;
       shape.cushion({x, y, r}, {0.2, 2.0 * r, 2.0 * r}, 0.09, Swatch::black);
     }
@@ -436,12 +436,12 @@ void Furniture::forklift(const Spot& spot) {
   shape.block({0, 0.58, 0.95}, {0.9, 0.16, 0.6}, Swatch::yellow, Swatch::dark_grey);
   shape.rod({0, 0.45, 1.1}, {0, 0.25, 1.3}, 0.04, Swatch::black);
   shape.block({0, 0.19, 1.32}, {0.32, 0.05, 0.32}, Swatch::black);
-  for (const double x : {-0.44, 0.44}) {  // the guard overhead
+  for (const double x : {-0.44, 0.44}) {  // overhead guard
     shape.rod({x, -0.62, 1.0}, {x, -0.5, 2.1}, 0.06, Swatch::dark_grey);
     shape.rod({x, 0.62, 1.2}, {x, 0.4, 2.1}, 0.06, Swatch::dark_grey);
     shape.rod({x, -0.55, 2.1}, {x, 0.42, 2.1}, 0.06, Swatch::dark_grey);
-    shape.block({0.75 * x, 0.85, 1.15}, {0.1, 0.14, 2.2}, Swatch::dark_grey);  // the mast
-    shape.block({0.6 * x, 1.5, 0.12}, {0.12, 1.1, 0.05}, Swatch::dark_grey);   // the forks
+    shape.block({0.75 * x, 0.85, 1.15}, {0.1, 0.14, 2.2}, Swatch::dark_grey);  // mast
+    shape.block({0.6 * x, 1.5, 0.12}, {0.12, 1.1, 0.05}, Swatch::dark_grey);   // forks
     shape.block({0.6 * x, 0.95, 0.4}, {0.12, 0.05, 0.6}, Swatch::dark_grey);
   }
   for (const double y : {-0.5, -0.27, -0.04, 0.19, 0.42}) shape.rod({-0.44, y, 2.1}, {0.44, y, 2.1}, 0.04, Swatch::dark_grey);

@@ -1,4 +1,4 @@
-// Furniture: desks, shelves, plants, pallets and all else that stands in generated offices and warehouses.
+// Furniture and equipment of generated offices and warehouses.
 #pragma once
 
 #include <array>
@@ -13,7 +13,7 @@
 
 namespace flockstep::indoors {
 
-// What a thing is: the semantic id that cameras report of it, less 1.
+// The class of an object. Cameras report this value plus 1 as the semantic id.
 enum class Kind : std::uint8_t {
   floor,
   wall,
@@ -44,26 +44,26 @@ enum class Kind : std::uint8_t {
   count,
 };
 
-// The floor below something, m: uv run along the sides of the rectangle and from t = 0 within to t = 1 at the border, so far out
-// that a texture there goes over into the floor around.
+// Returns a darkened floor patch below an object, extending `out` m beyond the rectangle. s runs along its sides, and t goes
+// from 0 inside to 1 at the outer border, so the texture can fade into the surrounding floor.
 MeshPart shade(const Rect& rect, double out, double repeat_m);
 
 const char* name(Kind kind);
 inline std::uint16_t semantic(Kind kind) { return static_cast<std::uint16_t>(static_cast<int>(kind) + 1); }
 
-// Puts pieces into a world, each an object of its own. The front of a piece is its +y; what stands against a wall has its back
-// there. Sizes are (across, deep, high), and the spot is the middle of what the piece covers.
+// Adds pieces of furniture to a world, each as a separate object. The front of a piece faces +y; the back of a piece at a wall
+// touches the wall. Sizes are (across, deep, high) in m. The spot is the centre of the footprint.
 class Furniture {
  public:
   Furniture(WorldBuilder& builder, std::uint32_t purpose, std::uint64_t seed, Draws& draws)
       : builder_(builder), draws_(draws), texture_(swatch_texture(builder, purpose, seed)) {}
 
   void add(const Shape& shape, Kind kind) { builder_.mesh(shape.part(), material(kind)); }
-  // Of primitives and pieces alike; made when it is first asked for.
+  // Returns the material for pieces and primitives of a kind. It is created on first use.
   std::uint16_t material(Kind kind);
 
-  // For offices.
-  void desk(const Spot& spot);  // with a monitor, somebody sits at its front
+  // Office furniture.
+  void desk(const Spot& spot);  // with a monitor; the seat is at its front
   void chair(const Spot& spot, Swatch cloth);
   void meeting_table(const Spot& spot, double across, double deep);
   void round_table(const Spot& spot, double radius);
@@ -79,16 +79,16 @@ class Furniture {
   void printer(const Spot& spot);
   void water_cooler(const Spot& spot);
   void bin(const Spot& spot);
-  // On a wall: the spot is on it, z above the floor of the middle.
+  // Hangs a framed sheet on a wall. The spot lies on the wall; z is the height of the centre above the floor.
   void framed(const Spot& spot, double z, double across, double high, Swatch picture, Kind kind);
 
-  // For warehouses.
+  // Warehouse equipment.
   void pallet(const Spot& spot);              // 1.2 x 0.8 m, 0.14 m high
-  void load(const Spot& spot, double high);   // on a pallet: cartons, up to so high above the spot's floor
-  void cartons(const Spot& spot, int count);  // a small stack
+  void load(const Spot& spot, double high);   // cartons on a pallet, at most `high` above the spot's floor
+  void cartons(const Spot& spot, int count);  // small stack
   void barrel(const Spot& spot, Swatch paint);
   void forklift(const Spot& spot);
-  void conveyor(const Spot& spot, double deep);  // along its y
+  void conveyor(const Spot& spot, double deep);  // runs along its y axis
   void workbench(const Spot& spot);
 
  private:

@@ -1,4 +1,4 @@
-// Generators try layout after layout until a drone can fly through one.
+// Retry loop of the generators: draw layouts until a drone can fly through one.
 #pragma once
 
 #include <cstdint>
@@ -9,7 +9,7 @@
 
 namespace flockstep {
 
-// The first world that make(attempt) returns for attempt 0, 1, ...; null if each of so many attempts returns null.
+// Returns the first non-null world of make(0), make(1), ..., or null if all attempts fail.
 template <class Make>
 std::shared_ptr<const World> first_layout(std::uint32_t attempts, const Make& make) {
   for (std::uint32_t attempt = 0; attempt < attempts; ++attempt) {

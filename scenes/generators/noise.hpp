@@ -1,5 +1,5 @@
-// Noise: what surfaces and ground of generated worlds vary by. Of arithmetic only the operations that IEEE 754 rounds correctly
-// are used, so that a seed means the same world on every machine.
+// Noise for the surfaces and terrain of generated worlds. It uses only operations that IEEE 754 rounds correctly, therefore a
+// seed gives the same world on every machine.
 #pragma once
 
 #include <array>
@@ -19,13 +19,13 @@ inline Color mixed(const Color& a, const Color& b, double share) {
   return {a[0] + (b[0] - a[0]) * f, a[1] + (b[1] - a[1]) * f, a[2] + (b[2] - a[2]) * f};
 }
 
-// Random values in [0, 1) at whole numbers, smooth in between.
+// Value noise: random values in [0, 1) at integers, interpolated smoothly.
 class Noise {
  public:
-  // Keyed by (purpose, seed, number); purposes are those of Draws.
+  // The key is (purpose, seed, number). Purposes are those of Draws.
   Noise(std::uint32_t purpose, std::uint64_t seed, std::uint32_t number) : purpose_(purpose), seed_(seed), number_(number) {}
 
-  // Repeats itself after so many whole numbers along each axis.
+  // Repeats every `period` integers along each axis.
   double at(double x, double y, int period = 1 << 20) const {
     const double left = std::floor(x), low = std::floor(y);
     const auto column = static_cast<int>(left), row = static_cast<int>(low);
@@ -35,7 +35,7 @@ class Noise {
     return mixed(mixed(value(0, 0), value(1, 0), u), mixed(value(0, 1), value(1, 1), u), v);
   }
 
-  // Finer and finer, each half as strong.
+  // Sum of `count` octaves, each with twice the frequency and half the amplitude of the one before.
   double octaves(double x, double y, int count, int period = 1 << 20) const {
     double sum = 0.0, weight = 1.0, total = 0.0;
     for (int i = 0; i < count; ++i) {

@@ -1,4 +1,4 @@
-// Generated offices: a floor of a building with corridors, rooms and lounges, and a way through its doors.
+// Generates offices: a floor of a building with corridors, rooms and lounges, and a flight lane through its doors.
 #include <algorithm>
 #include <array>
 #include <cmath>
@@ -26,14 +26,15 @@ namespace {
 
 enum class Floor : std::uint8_t { carpet, wood, tile };
 
-// The colour of a floor at a place, m; repeats after `repeat`.
+// Returns the colour of a floor at (x, y) in m. The pattern repeats every `repeat` m.
 Color floor_color(const Noise& noise, Floor floor, double x, double y, double repeat) {
   const auto octaves = [&](double across, double down, int count) {
     return noise.octaves(across * x, down * y, count, static_cast<int>(repeat * std::max(across, down)));
   };
   switch (floor) {
     case Floor::carpet: {
-      const bool is_odd = (static_cast<int>(2.0 * x) + static_cast<int>(2.0 * y)) % 2 == 1;  // tiles of half a metre, turned
+      const bool is_odd = (static_cast<int>(2.0 * x) + static_cast<int>(2.0 * y)) % 2 == 1;  // half-metre tiles, alternately
+                                                                                             // rotated
       const double pile = is_odd ? octaves(64.0, 64.0, 1) : octaves(32.0, 64.0, 2);
       return mixed(Color{0.17F, 0.18F, 0.20F}, Color{0.29F, 0.30F, 0.33F}, 0.15 + 0.7 * pile + (is_odd ? 0.08 : 0.0));
     }
@@ -60,13 +61,13 @@ Color floor_color(const Noise& noise, Floor floor, double x, double y, double re
 
 class Office {
   static constexpr double kHigh = FloorPlan::kHigh;
-  static constexpr double kFlightHeight = 1.35;    // m: of the lane, start and goal
-  static constexpr double kSpawnReach = 0.25;      // m: half size of the spawn box
-  static constexpr double kLaneHalfWidth = 0.75;   // m: furniture keeps away from the lane
-  static constexpr double kMarkerClearance = 1.1;  // m: and from start and goal
-  static constexpr double kRepeat = 2.0;           // m: textures of floors, walls and ceilings, across
-  static constexpr double kEdge = 0.4;             // m: how wide floors are darker along their walls
-  static constexpr double kFrame = 0.06;           // m: of doors and windows
+  static constexpr double kFlightHeight = 1.35;    // m, height of the lane, start and goal
+  static constexpr double kSpawnReach = 0.25;      // m, half size of the spawn box
+  static constexpr double kLaneHalfWidth = 0.75;   // m, clearance between furniture and the lane
+  static constexpr double kMarkerClearance = 1.1;  // m, clearance between furniture and start or goal
+  static constexpr double kRepeat = 2.0;           // m, width of the textures of floors, walls and ceilings
+  static constexpr double kEdge = 0.4;             // m, width of the dark edge of floors along walls
+  static constexpr double kFrame = 0.06;           // m, thickness of door and window frames
 
  public:
   Office(const OfficeConfig& config, std::uint32_t attempt)
@@ -97,7 +98,7 @@ class Office {
       room_ = i;
       furnish();
     }
-    Light light;  // of lamps everywhere, and a low sun through the windows
+    Light light;  // even light from lamps, and a low sun through the windows
     light.sun_direction = {-0.38F, -0.72F, 0.58F};
     light.sun_color = {1.25F, 1.1F, 0.85F};
     light.sky_ambient = {0.93F, 0.92F, 0.89F};
@@ -117,9 +118,9 @@ class Office {
   }
 
  private:
-  // ---------------------------------------------------------------------------------------------------------------- the way
+  // ---------------------------------------------------------------------------------------------------------------- lane
 
-  // From a room at the low end of x to one at the high end, through the middle of doors.
+  // Lays the lane from a room at the low end of x to one at the high end, through door centres.
   void lay_lane() {
     std::vector<std::size_t> first, last;
     for (std::size_t i = 0; i < plan_.rooms.size(); ++i) {
@@ -157,7 +158,7 @@ class Office {
     }
   }
 
-  // -------------------------------------------------------------------------------------------------------------- the shell
+  // ------------------------------------------------------------------------------------------------------------- shell
 
   void make_materials() {
     const std::uint64_t seed = config_.seed;
@@ -238,7 +239,7 @@ class Office {
     }
   }
 
-  // Floor, ceiling, lamps and the walls of a room as seen from within.
+  // Adds the floor, ceiling, lamps and inner wall faces of a room.
   void add_shell(const Room& room) {
     const Rect in = room.inside();
     const auto& [inner, edge] = floors_[static_cast<std::size_t>(floor_of(room.use))];
@@ -271,7 +272,7 @@ class Office {
     builder_.mesh(floor, inner);
     builder_.mesh(border, edge);
     builder_.mesh(ceiling, ceiling_);
-    // An accent on one side of most rooms, but the one of the windows.
+    // Most rooms get one accent wall, never the one with windows.
     const int accented = draws_.below(room.use == RoomUse::corridor ? 12 : 5);
     for (const Side side : kSides) {
       MeshPart part;
@@ -289,7 +290,7 @@ class Office {
     const auto count = [](double length) { return std::max(1, static_cast<int>((length - 0.5) / 2.4)); };
     const int across = count(size.x()), down = count(size.y());
     for (int i = 0; i < across; ++i) {
-      for (int j = 0; j < down; ++j) {  // on the grid of the ceiling's panels
+      for (int j = 0; j < down; ++j) {  // aligned to the ceiling's panel grid
         const Vec2d share((i + 0.5) / across, (j + 0.5) / down);
         const Vec2d at = cell.low + share.cwiseProduct(size);
         const Vec2d corner(0.5 * std::floor(2.0 * at.x()), 0.5 * std::floor(2.0 * at.y()));
@@ -301,7 +302,8 @@ class Office {
     }
   }
 
-  // A rectangle in the wall, seen from the side that `inwards` points to; coordinates along it, and z.
+  // Adds a rectangle of a wall, visible from inside the room. from and to are coordinates along the wall, low and high are
+  // heights.
   static void add_pane(MeshPart& part, bool is_along_x, double wall, bool is_positive, double from, double to, double low,
                        double high) {
     if (to - from < 1e-6 || high - low < 1e-6) return;
@@ -317,7 +319,7 @@ class Office {
     add_triangle(part, a, c, d);
   }
 
-  // A wall with its openings left out.
+  // Adds a wall with holes at its openings.
   static void add_pierced(MeshPart& part, bool is_along_x, double wall, bool is_positive, double from, double to, double low,
                           double high, std::vector<Opening> openings) {
     std::sort(openings.begin(), openings.end(), [](const Opening& a, const Opening& b) { return a.from < b.from; });
@@ -347,7 +349,7 @@ class Office {
     add_pierced(part, is_x, wall, is_low, in.low[axis], in.high[axis], 0.0, kHigh, on_side(room.openings, side));
   }
 
-  // The building from outside, its roof, and the frames of its windows.
+  // Adds the building's outer walls, its roof and the window frames.
   void add_facade() {
     const double out = FloorPlan::kOuterWall, top = kHigh + 0.35;
     MeshPart part;
@@ -370,7 +372,7 @@ class Office {
     builder_.mesh(part, facade_);
   }
 
-  // The spot on a side's inner wall, facing the room.
+  // Returns the spot on the inner face of a side's wall, facing into the room.
   Spot on_wall(const Rect& in, Side side, double along) const {
     switch (side) {
       case Side::south:
@@ -397,7 +399,7 @@ class Office {
     shape.block({0, middle, opening.high - 0.5 * kFrame}, {between, deep, kFrame}, Swatch::white);
     shape.block({0, middle, opening.low + 0.5 * kFrame}, {between, deep, kFrame}, Swatch::white);
     shape.block({0, inside + 0.08, opening.low + 0.5 * kFrame}, {width + 0.04, 0.2, 0.03},
-                Swatch::white);  // a board to put things on
+                Swatch::white);  // window sill
     if (width > 1.3) shape.block({0, -0.02, z}, {0.05, 0.06, high - 2.0 * kFrame}, Swatch::white);
     shape.block({0, -0.02, opening.high - 0.5}, {between, 0.05, 0.045}, Swatch::white);
     furniture_.add(shape, Kind::window);
@@ -412,12 +414,13 @@ class Office {
       shape.block({x, 0, 0.5 * door.high}, {kFrame, deep, door.high}, paint);
     }
     shape.block({0, 0, door.high - 0.5 * kFrame}, {door.width - 2.0 * kFrame, deep, kFrame}, paint);
-    shape.block({0, 0, 0.004}, {door.width - 2.0 * kFrame, deep, 0.008}, Swatch::dark_grey);  // what floors meet at
+    shape.block({0, 0, 0.004}, {door.width - 2.0 * kFrame, deep, 0.008}, Swatch::dark_grey);  // threshold between the two
+                                                                                              // floors
     if (door.width < 2.0) add_leaf(shape, door);
     furniture_.add(shape, Kind::door);
   }
 
-  // The leaf of a door: in its frame, or turned back against a wall beside it where there is room.
+  // Adds a door leaf: closed in its frame, or open against a wall beside it if there is room.
   void add_leaf(Shape& shape, const Door& door) {
     const double width = door.width - 2.0 * kFrame, high = door.high - kFrame, off = FloorPlan::kHalfWall + 0.06;
     const auto leaf = [&](double x, double y, double side, double handle) {
@@ -456,7 +459,7 @@ class Office {
     return room.cell.center().y() > door.at.y() ? Side::south : Side::north;
   }
 
-  // Whether nothing opens where a rectangle lies along a wall.
+  // Returns whether a rectangle along a wall is free and blocks no opening.
   bool is_clear_of_openings(const Room& room, const Rect& rect) const {
     for (const Opening& opening : room.openings) {
       const Rect in = room.inside();
@@ -470,7 +473,7 @@ class Office {
     return !places_.is_taken(rect);
   }
 
-  // ---------------------------------------------------------------------------------------------------------- what stands in it
+  // --------------------------------------------------------------------------------------------------------- furniture
 
   const Room& room() const { return plan_.rooms[room_]; }
   bool chance(double share) { return draws_.uniform(0.0, 1.0) < share; }
@@ -481,7 +484,7 @@ class Office {
     return {spot.at - half, spot.at + half};
   }
 
-  // Takes the place if it is free.
+  // Reserves the place if it is free.
   bool take(const Spot& spot, double across, double deep) {
     return places_.take(covered(spot, across, deep), room().inside().grown(-0.01));
   }
@@ -494,7 +497,7 @@ class Office {
            std::none_of(hung_[room_].begin(), hung_[room_].end(), is_in_the_way);
   }
 
-  // A place with its back to a wall, for something so high.
+  // Reserves a free place with its back to a wall, for a piece `high` m tall.
   std::optional<Spot> against_wall(double across, double deep, double high) {
     const Rect in = room().inside();
     for (int i = 0; i < 16; ++i) {
@@ -513,7 +516,7 @@ class Office {
     return std::nullopt;
   }
 
-  // A place on a wall, its middle at z.
+  // Finds a free place on a wall, centred at height z.
   std::optional<Spot> hang(double across, double high, double z) {
     const Rect in = room().inside();
     for (int i = 0; i < 16; ++i) {
@@ -543,7 +546,7 @@ class Office {
     return std::nullopt;
   }
 
-  // How often something is tried, by the density of furniture.
+  // Returns how often to try placing something, scaled by the furniture density.
   int times(double full) { return static_cast<int>(full * static_cast<double>(config_.furniture) + draws_.uniform(0.0, 1.0)); }
 
   void furnish() {
@@ -563,7 +566,8 @@ class Office {
     }
   }
 
-  // Below a piece that covers a rectangle, so far out. On carpet alone: it would break the pattern of planks and tiles.
+  // Darkens the floor below a rectangle and `out` m around it. Only carpet gets this, because it would break the pattern of
+  // planks and tiles.
   void add_shade(const Rect& rect, double out) {
     const bool is_carpet = floor_of(room().use) == Floor::carpet;
     if (is_carpet && room().inside().contains(rect.grown(out))) builder_.mesh(shade(rect, out, kRepeat), shade_);
@@ -580,7 +584,8 @@ class Office {
                                                   {Swatch::painting_e, 2.0},
                                                   {Swatch::painting_c, 1.0}}};
     for (int i = 0; i < count; ++i) {
-      painting_ = (painting_ + 1 + static_cast<std::size_t>(draws_.below(4))) % kPaintings.size();  // another one than before
+      painting_ = (painting_ + 1 + static_cast<std::size_t>(draws_.below(4))) % kPaintings.size();  // never the same twice in a
+                                                                                                    // row
       const double high = draws_.uniform(0.5, 0.75), across = kPaintings[painting_].shape * high;
       if (const auto spot = hang(across, high, 1.6)) {
         furniture_.framed(*spot, 1.6, across, high, kPaintings[painting_].swatch, Kind::picture);
@@ -616,7 +621,7 @@ class Office {
 
   void furnish_open_plan() {
     const Rect in = room().inside();
-    const bool is_turned = draws_.below(2) == 0;  // islands along y
+    const bool is_turned = draws_.below(2) == 0;  // desk islands along y
     constexpr double kDesk = 1.62, kHalf = 1.68, kIsland = 4.0;
     const Vec2d size = is_turned ? Vec2d(in.size().y(), in.size().x()) : in.size();
     const auto at = [&](double u, double v) -> Vec2d { return in.low + (is_turned ? Vec2d(v, u) : Vec2d(u, v)); };
@@ -704,7 +709,7 @@ class Office {
   void furnish_lounge() {
     const Rect in = room().inside();
     const double area = in.area();
-    // A kitchen, and a fridge at its end.
+    // A kitchenette with a fridge beside it.
     if (const auto place = against_wall(3.5, 0.68, 2.15)) {
       Spot kitchen = *place, fridge = *place;
       const Vec2d right(kitchen.facing.y(), -kitchen.facing.x());
@@ -755,17 +760,17 @@ class Office {
   FloorPlan plan_;
   WorldBuilder builder_;
   Furniture furniture_;
-  std::vector<Vec2d> lane_;                 // corners
-  Places places_;                           // doors open there, or something stands there
-  std::vector<std::vector<Opening>> hung_;  // of each room: what is on its walls
-  std::size_t painting_ = 0;                // that was hung last
-  std::size_t room_ = 0;                    // that is being furnished
+  std::vector<Vec2d> lane_;                 // corner points
+  Places places_;                           // footprints of furniture and door swings
+  std::vector<std::vector<Opening>> hung_;  // per room: wall areas in use
+  std::size_t painting_ = 0;                // index of the last painting hung
+  std::size_t room_ = 0;                    // index of the room being furnished
 
   struct Pair {
     std::uint16_t first = 0, second = 0;
   };
-  std::array<Pair, 3> floors_;  // of each Floor: its middle, its edge
-  std::array<Pair, 2> walls_;   // plain and accented: along x, along y
+  std::array<Pair, 3> floors_;  // per Floor: middle, edge
+  std::array<Pair, 2> walls_;   // walls along x, walls along y: plain, accented
   std::uint16_t shade_ = 0, ceiling_ = 0, lamp_ = 0, facade_ = 0;
 };
 

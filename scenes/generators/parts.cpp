@@ -7,7 +7,7 @@
 namespace flockstep {
 namespace {
 
-// Corners of a regular hexagon and octagon, turned so that the first lies along `first`, a unit vector.
+// Returns the corners of a regular hexagon or octagon. The first corner lies along the unit vector `first`.
 std::vector<Vec2d> polygon(int sides, const Vec2d& first) {
   const double h = std::sqrt(0.75), d = std::sqrt(0.5);
   const std::vector<Vec2d> hexagon{{1, 0}, {0.5, h}, {-0.5, h}, {-1, 0}, {-0.5, -h}, {0.5, -h}};
@@ -43,7 +43,7 @@ void add_block(MeshPart& part, const Vec3d& center, const Vec3d& size, const Vec
   const Vec3d x = 0.5 * size.x() * Vec3d(along.x(), along.y(), 0.0);
   const Vec3d y = 0.5 * size.y() * Vec3d(-along.y(), along.x(), 0.0);
   const Vec3d z(0.0, 0.0, 0.5 * size.z());
-  const auto quad = [&](const Vec3d& out, const Vec3d& across, const Vec3d& up) {  // out = across x up, but for their lengths
+  const auto quad = [&](const Vec3d& out, const Vec3d& across, const Vec3d& up) {  // out is parallel to across x up
     const Vec3d side = center + out;
     add_quad(part, side - across - up, side + across - up, side + across + up, side - across + up, repeat_m);
   };

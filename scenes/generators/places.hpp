@@ -1,4 +1,4 @@
-// Places: what is free on a floor, and what keeps off the way of the drone.
+// Places: the occupied rectangles of a floor and the lane kept free for the drone.
 #pragma once
 
 #include <algorithm>
@@ -27,7 +27,7 @@ struct Rect {
 
 class Places {
  public:
-  // Corners of the way. Nothing comes nearer to it than the first distance, m, and to its ends than the second.
+  // Sets the corners of the lane. Objects keep from_lane m away from the lane and from_ends m away from its two ends.
   void keep_off(std::vector<Vec2d> lane, double from_lane, double from_ends) {
     lane_ = std::move(lane);
     from_lane_ = from_lane;
@@ -54,7 +54,7 @@ class Places {
     return true;
   }
 
-  // Takes a rectangle if it is free, and within another one.
+  // Occupies a rectangle if it is free, clear of the lane and inside `within`.
   bool take(const Rect& rect, const Rect& within) {
     if (!within.contains(rect) || is_taken(rect) || !is_off_lane(rect)) return false;
     add(rect);

@@ -1,5 +1,5 @@
-// Generated playgrounds. Only the basic operations of IEEE arithmetic are used and every coordinate is rounded to a centimetre,
-// so that a seed means the same world on every machine.
+// Generates playgrounds. Only basic IEEE operations are used and every coordinate is rounded to 1 cm, so that a seed gives the
+// same world on every machine.
 #include <algorithm>
 #include <array>
 #include <cmath>
@@ -19,27 +19,27 @@
 namespace flockstep {
 namespace {
 
-// Lengths that a drone of 0.93 x 0.59 m asks for, whatever the size of the room (m).
+// Lengths in m for a drone of 0.93 x 0.59 m. They do not scale with the room.
 constexpr double kMarkerClearance = 0.9;    // from a pillar's surface to a marker
-constexpr double kPillarGap = 1.4;          // from surface to surface, where there is room for it
-constexpr double kSpawnReach = 0.25;        // half size of the spawn box: the drone fits anywhere in it, by kMarkerClearance
+constexpr double kPillarGap = 1.4;          // between pillar surfaces, if there is room
+constexpr double kSpawnReach = 0.25;        // half size of the spawn box; kMarkerClearance makes the drone fit anywhere in it
 constexpr double kVerticalClearance = 0.5;  // from a marker to floor and ceiling
 constexpr double kLaneHalfWidth = 0.6;      // more than half the drone's diagonal
-constexpr double kLaneDetour = 1.6;         // how far the lane swings out to pass the pillar in the way
+constexpr double kLaneDetour = 1.6;         // sideways detour of the lane around the pillar on its leg
 constexpr int kMaxWaypoints = 4;
 
-// The bundled playgrounds' room, and where its markers lie in it (m); other rooms scale these.
+// Size of the bundled playgrounds' room in m, and the marker positions in it. Rooms of other sizes scale these.
 constexpr double kRoom[3] = {14.0, 14.0, 5.25};
 constexpr double kStartX = 2.3;
 constexpr double kGoalX = 11.7;
-constexpr double kXSpread = 0.4;  // of every marker, to both sides
+constexpr double kXSpread = 0.4;  // random offset of every marker, to both sides
 constexpr double kYRange[2] = {2.7, 11.3};
-constexpr double kYStep = 3.2;  // most that y changes from marker to marker
+constexpr double kYStep = 3.2;  // maximum change of y between markers
 constexpr double kZRange[2] = {1.0, 4.0};
 
 double centimetres(double metres) { return std::floor(metres * 100.0 + 0.5) / 100.0; }
 
-// Start, waypoints and goal, from low to high x.
+// Start, waypoints and goal, by increasing x.
 struct Route {
   std::vector<Vec3d> markers;
 
@@ -53,7 +53,8 @@ double distance_to_segment(const Vec2d& point, const Vec2d& a, const Vec2d& b) {
   return (point - a - t * along).norm();
 }
 
-// A step to the left or right, long enough for the leg, that stays in range if either does. x and y in the bundled room's scale.
+// Returns a y to the left or right that makes the leg long enough. It is in range if either side is. x and y are in the scale
+// of the bundled room.
 double next_y(Draws& draws, const Vec3d& last, double x, const Vec3d& scale, double shortest_leg) {
   const double dx = x * scale.x() - last.x();
   const double least = std::sqrt(std::max(0.0, shortest_leg * shortest_leg - dx * dx)) / scale.y() + 0.02;
@@ -66,9 +67,9 @@ double next_y(Draws& draws, const Vec3d& last, double x, const Vec3d& scale, dou
 
 std::optional<Route> draw_route(Draws& draws, const PlaygroundConfig& config) {
   const Vec3d scale(config.size_m[0] / kRoom[0], config.size_m[1] / kRoom[1], config.size_m[2] / kRoom[2]);
-  // A leg must hold a pillar that is clear of the markers at its ends.
+  // Each leg must have room for a pillar that is clear of the markers at both ends.
   const double shortest_leg = 2.0 * (kMarkerClearance + config.pillar_radius_m) + 0.1;
-  // Sideways steps make room for more legs than the room is long.
+  // Sideways steps allow more legs than the room's length alone.
   const int most_legs = static_cast<int>(1.4 * (kGoalX - kStartX) * scale.x() / shortest_leg);
   const int num_legs = most_legs < 2 ? 1 : 2 + draws.below(std::min(most_legs, kMaxWaypoints + 1) - 1);
 
@@ -91,8 +92,8 @@ class PillarField {
  public:
   PillarField(const PlaygroundConfig& config, const Route& route) : config_(config), route_(route) {}
 
-  // One pillar in the way of the straight flight, the others about half near the route and half anywhere. keeps_lane leaves a
-  // lane free from marker to marker, wide enough for the drone, in rooms so full that chance hardly ever leaves one.
+  // Places one pillar on the straight flight path. About half of the others stand near the route, the rest anywhere. keeps_lane
+  // keeps a drone-wide lane free between the markers, for rooms so full that a random layout hardly ever leaves one.
   bool fill(Draws& draws, bool keeps_lane) {
     if (config_.pillars > 0 && !place([&] { return on_a_leg(draws, keeps_lane); })) return false;
     while (static_cast<int>(centers_.size()) < config_.pillars) {
@@ -104,7 +105,8 @@ class PillarField {
   const std::vector<Vec2d>& centers() const { return centers_; }
 
  private:
-  // Throws darts; the gap asked for shrinks when they keep missing, and stays so, so that crowded fields come out even.
+  // Draws random positions until one fits. After repeated misses the gap shrinks for all later pillars, so that crowded fields
+  // come out even.
   template <class Dart>
   bool place(const Dart& dart) {
     constexpr int kDarts = 100;
@@ -144,7 +146,7 @@ class PillarField {
     return rounded(point + draws.point(-aside, aside));
   }
 
-  // The lane follows the route, except on one leg, where it passes through a point beside it.
+  // Makes the lane follow the route, with a detour through a point beside one of its legs.
   void lay_lane(std::size_t leg, const Vec2d& detour) {
     lane_.clear();
     for (std::size_t i = 0; i < route_.markers.size(); ++i) {
@@ -172,7 +174,7 @@ class PillarField {
   const PlaygroundConfig& config_;
   const Route& route_;
   double gap_ = kPillarGap;
-  std::vector<Vec2d> lane_;  // empty: none is kept
+  std::vector<Vec2d> lane_;  // empty if no lane is kept free
   std::vector<Vec2d> centers_;
 };
 
@@ -210,8 +212,8 @@ void PlaygroundConfig::validate() const {
 
 std::shared_ptr<const World> playground(const PlaygroundConfig& config) {
   constexpr std::uint32_t kAttempts = 256;
-  constexpr std::uint32_t kFreeAttempts = 4;  // then a lane is kept
-  constexpr float kCoarseCell = 0.2F;         // m; nearly always enough, and four times faster
+  constexpr std::uint32_t kFreeAttempts = 4;  // attempts before a lane is kept free
+  constexpr float kCoarseCell = 0.2F;         // m, fine enough for almost every layout, and four times faster
   config.validate();
   const DroneModel drone = DroneModel::quadrotor650();
   const auto lay_out = [&](std::uint32_t attempt) -> std::shared_ptr<const World> {

@@ -11,7 +11,8 @@ namespace flockstep::indoors {
 
 const std::array<Vec2d, 16>& circle() {
   static const std::array<Vec2d, 16> kCorners = [] {
-    const double d = std::sqrt(0.5), c = std::sqrt(0.5 + 0.5 * d), s = std::sqrt(0.5 - 0.5 * d);  // of 45 and 22.5 degrees
+    const double d = std::sqrt(0.5), c = std::sqrt(0.5 + 0.5 * d), s = std::sqrt(0.5 - 0.5 * d);  // cosines and sines of 45 and
+                                                                                                  // 22.5 degrees
     std::array<Vec2d, 16> corners;
     const std::array<Vec2d, 4> quarter{Vec2d(1, 0), Vec2d(c, s), Vec2d(d, d), Vec2d(s, c)};
     for (std::size_t i = 0; i < 16; ++i) {
@@ -42,7 +43,7 @@ double Shape::shade(const Vec3d& at, const Vec3d& normal) const {
 
 std::int32_t Shape::vertex(const Vec3d& at, const Vec3d& normal, Swatch color) {
   const SwatchArea where = area(color);
-  constexpr double kDarkest = 0.2;  // of swatches
+  constexpr double kDarkest = 0.2;  // darkest shade of the swatches
   const double share = std::clamp((1.0 - shade(at, normal)) / (1.0 - kDarkest), 0.0, 1.0);
   return add_vertex(part_, in_world(at), where.from[0], mixed(where.from[1], where.to[1], share));
 }
@@ -86,7 +87,7 @@ void Shape::block(const Vec3d& center, const Vec3d& size, Swatch swatch, Swatch 
   side(y, -x, z, swatch);
   side(-y, x, z, swatch);
   side(z, x, y, top);
-  if (center.z() - half.z() > 0.01) side(-z, -x, y, swatch);  // what stands on the floor has nothing to show below
+  if (center.z() - half.z() > 0.01) side(-z, -x, y, swatch);  // bottoms on the floor are never visible
 }
 
 void Shape::outwards(std::int32_t a, std::int32_t b, std::int32_t c, const Vec3d& middle) {
@@ -96,7 +97,7 @@ void Shape::outwards(std::int32_t a, std::int32_t b, std::int32_t c, const Vec3d
 }
 
 void Shape::cushion(const Vec3d& center, const Vec3d& size, double bevel, Swatch swatch) {
-  // Each corner of the block is cut off: one point on each of its three faces.
+  // Each corner of the block is cut off. It becomes one point on each of its three faces.
   std::array<std::array<std::int32_t, 3>, 8> ids{};
   const Vec3d half = 0.5 * size;
   for (std::size_t corner = 0; corner < 8; ++corner) {
@@ -130,7 +131,7 @@ void Shape::cushion(const Vec3d& center, const Vec3d& size, double bevel, Swatch
 void Shape::turned(const Vec2d& at, std::span<const Vec2d> profile, Swatch swatch, int sides) {
   const auto count = static_cast<std::size_t>(sides);
   const std::size_t stride = 16 / count;
-  const auto ring = [&](const Vec2d& point, const Vec2d& slope) {  // slope: of the outside, (outwards, up)
+  const auto ring = [&](const Vec2d& point, const Vec2d& slope) {  // slope: normal of the profile, (outwards, up)
     std::vector<std::int32_t> ids;
     for (std::size_t i = 0; i < count; ++i) {
       const Vec2d way = circle()[i * stride];
@@ -180,7 +181,7 @@ void Shape::blade(const Vec3d& from, const Vec2d& along, double reach, double ri
   const std::array<Vec3d, 4> spine{from, from + 0.35 * reach * out + 0.75 * rise * up, from + 0.75 * reach * out + rise * up,
                                    from + reach * out + 0.8 * rise * up};
   const std::array<double, 4> widths{0.15 * width, 0.9 * width, width, 0.0};
-  const std::array<double, 4> lights{-0.6, 0.2, 0.9, 0.5};  // dark within, bright where light falls on
+  const std::array<double, 4> lights{-0.6, 0.2, 0.9, 0.5};  // dark on the inside, bright where light falls
   std::array<std::array<std::int32_t, 2>, 4> ids{};
   for (std::size_t i = 0; i < 4; ++i) {
     const Vec3d half = 0.5 * widths[i] * aside, normal(0.0, 0.0, lights[i]);

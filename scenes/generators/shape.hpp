@@ -1,4 +1,4 @@
-// Shape: a piece of furniture as it is put together, in a frame of its own, from blocks, cushions and turned parts.
+// Shape: one piece of furniture under construction, made of blocks, cushions and turned parts in a local frame.
 #pragma once
 
 #include <span>
@@ -9,31 +9,32 @@
 
 namespace flockstep::indoors {
 
-// Where a piece stands: its frame's origin on the floor, and the unit vector, level, that its y axis has. z is up.
+// The pose of a piece: its frame's origin on the floor, and the horizontal unit vector of its y axis. z is up.
 struct Spot {
   Vec2d at = Vec2d::Zero();
   Vec2d facing = Vec2d::UnitY();
-  double floor = 0.0;  // m
+  double floor = 0.0;  // m, height of the floor
 };
 
-// Lengths are m, in the frame of the piece. Colours are shaded as the piece stands: sides by the way they face, lower parts and
-// undersides darker, for light in rooms comes from nowhere in particular.
+// Lengths are in m, in the frame of the piece. Light in rooms has no main direction, therefore shading is baked in: it depends
+// on the direction of a face, and lower parts and undersides are darker.
 class Shape {
  public:
   explicit Shape(const Spot& spot) : spot_(spot) {}
 
   void block(const Vec3d& center, const Vec3d& size, Swatch swatch);
-  // The same with its top in a swatch of its own.
+  // Same block with a different swatch on top.
   void block(const Vec3d& center, const Vec3d& size, Swatch swatch, Swatch top);
   // A block with bevelled edges.
   void cushion(const Vec3d& center, const Vec3d& size, double bevel, Swatch swatch);
-  // Turned around an upright axis: points (radius, z) from the bottom up, closed at both ends. The sides are so many: 8 or 16.
+  // A surface of revolution about a vertical axis. The profile holds points (radius, z) from the bottom up and is closed at
+  // both ends. `sides` is 8 or 16.
   void turned(const Vec2d& at, std::span<const Vec2d> profile, Swatch swatch, int sides = 8);
-  // A square rod from point to point.
+  // A square rod between two points.
   void rod(const Vec3d& from, const Vec3d& to, double width, Swatch swatch);
-  // A rectangle of no thickness, seen from where its corners run counter-clockwise, the lower two first.
+  // A rectangle without thickness. It is visible from the side on which its corners run counter-clockwise, lower two first.
   void sheet(const Vec3d& a, const Vec3d& b, const Vec3d& c, const Vec3d& d, Swatch swatch);
-  // A leaf of no thickness that grows from a point outwards along a unit vector, level, and droops.
+  // A drooping leaf without thickness. It grows outwards from a point along a horizontal unit vector.
   void blade(const Vec3d& from, const Vec2d& along, double reach, double rise, double width, Swatch swatch);
 
   const MeshPart& part() const { return part_; }
@@ -50,7 +51,7 @@ class Shape {
   MeshPart part_;
 };
 
-// The corners of a regular polygon of 16 corners on the unit circle, counter-clockwise from +x.
+// Returns the corners of a regular 16-gon on the unit circle, counter-clockwise from +x.
 const std::array<Vec2d, 16>& circle();
 
 }  // namespace flockstep::indoors

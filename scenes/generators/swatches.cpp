@@ -9,9 +9,9 @@ namespace flockstep::indoors {
 namespace {
 
 constexpr int kSwatchPx = 512;
-constexpr int kColumnPx = 16, kRampPx = 64;  // of a colour
-constexpr int kCellPx = 64;                  // patches lie on a grid
-constexpr double kDarkestShade = 0.2;        // share of its colour at the lower end of a column
+constexpr int kColumnPx = 16, kRampPx = 64;  // px, size of a colour's column
+constexpr int kCellPx = 64;                  // px, grid of the patches
+constexpr double kDarkestShade = 0.2;        // brightness at the lower end of a column, relative to its colour
 
 constexpr std::array<Color, kSwatchColors> kRampColors{{
     {0.80F, 0.80F, 0.78F},   // white
@@ -35,7 +35,7 @@ constexpr std::array<Color, kSwatchColors> kRampColors{{
     {0.20F, 0.06F, 0.16F},   // plum
 }};
 
-// On the grid of patches: from the left, from the top, columns, rows.
+// Positions on the patch grid: left column, top row, width in columns, height in rows.
 struct SwatchPatch {
   Swatch swatch;
   int column, row, columns, rows;
@@ -59,7 +59,7 @@ class SwatchPainter {
  public:
   SwatchPainter(std::uint32_t purpose, std::uint64_t seed) : noise_(purpose, seed, 900) {}
 
-  // x and y in pixels of the image, s and t in [0, 1) of the patch.
+  // x and y are pixels of the image. s and t in [0, 1) are coordinates within the patch.
   Color at(Swatch swatch, double x, double y, double s, double t) const {
     switch (swatch) {
       case Swatch::oak:
@@ -144,7 +144,7 @@ class SwatchPainter {
   }
 
   Color carton(double x, double y, double s, double t, double wide) const {
-    const double u = std::fmod(wide * s, 1.0);  // two cartons beside each other
+    const double u = std::fmod(wide * s, 1.0);  // two cartons side by side
     Color color = board(x, y);
     if (u < 0.02 || t < 0.03) color = mixed(color, {0.05F, 0.03F, 0.02F}, 0.75);
     if (std::abs(u - 0.5) < 0.05) color = mixed(color, {0.56F, 0.48F, 0.35F}, 0.75);
@@ -155,7 +155,7 @@ class SwatchPainter {
     return color;
   }
 
-  // Four cartons under film.
+  // Four shrink-wrapped cartons.
   Color wrapped(double x, double y, double s, double t) const {
     const double u = std::fmod(2.0 * s, 1.0), v = std::fmod(2.0 * t, 1.0);
     Color color = board(x, y);
@@ -230,7 +230,7 @@ SwatchArea area(Swatch swatch) {
     return {{s, 1.0 / kSwatchPx}, {s, (kRampPx - 1.0) / kSwatchPx}, 0.0};
   }
   const SwatchPatch& patch = kSwatchPatches[static_cast<std::size_t>(number - kSwatchColors)];
-  constexpr double kInset = 1.0;  // px: neighbours are not to bleed in
+  constexpr double kInset = 1.0;  // px, keeps neighbouring patches from bleeding in
   return {{(kCellPx * patch.column + kInset) / kSwatchPx, (kCellPx * patch.row + kInset) / kSwatchPx},
           {(kCellPx * (patch.column + patch.columns) - kInset) / kSwatchPx,
            (kCellPx * (patch.row + patch.rows) - kInset) / kSwatchPx},

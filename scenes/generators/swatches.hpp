@@ -1,5 +1,5 @@
-// Swatches: one image that all furniture shares. Its upper part has columns of one colour each, from bright to dark, so that a
-// vertex may be shaded as it stands; below are patches: wood, cardboard, screens, paintings.
+// Swatches: one texture shared by all furniture. Its upper part has one column per colour, from bright to dark, so that
+// vertices can be shaded. Below are patches: wood, cardboard, screens, paintings.
 #pragma once
 
 #include <array>
@@ -30,7 +30,7 @@ enum class Swatch : std::uint8_t {
   sand,
   brown,
   plum,
-  // Patches of a material, cut to the size of a face.
+  // Material patches, cropped to the size of a face.
   oak,
   walnut,
   fabric,
@@ -57,15 +57,15 @@ enum class Swatch : std::uint8_t {
 
 constexpr int kSwatchColors = static_cast<int>(Swatch::oak);
 
-// Where a swatch lies in the image. Of a colour, s is its column and t goes from bright to dark.
+// The area of a swatch in the texture. For a colour, s is its column and t runs from bright to dark.
 struct SwatchArea {
-  std::array<double, 2> from, to;  // (s, t) of the upper left and the lower right corner
-  double width_m = 0.0;            // of a material: how wide the patch is; 0: stretched over a face
+  std::array<double, 2> from, to;  // (s, t) of the upper left and lower right corners
+  double width_m = 0.0;            // m, width of a material patch; 0 stretches it over the face
 };
 
 SwatchArea area(Swatch swatch);
 
-// The image, drawn from a seed; purpose as of Draws.
+// Draws the swatch texture. purpose and seed are keys of Draws.
 std::uint16_t swatch_texture(WorldBuilder& builder, std::uint32_t purpose, std::uint64_t seed);
 
 }  // namespace flockstep::indoors

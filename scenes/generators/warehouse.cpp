@@ -1,4 +1,4 @@
-// Generated warehouses: a hall with racks full of pallets, and a way around them and through empty bays.
+// Generates warehouses: a hall with racks of pallets, and a flight lane around the racks and through empty bays.
 #include <algorithm>
 #include <array>
 #include <cmath>
@@ -25,26 +25,26 @@ namespace {
 
 class Warehouse {
   // Lengths in m.
-  static constexpr double kFront = 9.0, kBack = 8.0;    // along x: for unloading and packing
-  static constexpr double kAisle = 3.0;                 // between racks, at least
+  static constexpr double kFront = 9.0, kBack = 8.0;    // along x, areas for unloading and packing
+  static constexpr double kAisle = 3.0;                 // minimum width between racks
   static constexpr double kEnd = 2.6;                   // between the ends of racks and the walls
-  static constexpr double kCross = 2.8;                 // an aisle across the racks
-  static constexpr double kRack = 1.1, kBetween = 0.2;  // how deep a rack is; two stand back to back
-  static constexpr double kBay = 2.8, kLevel = 1.9;     // from upright to upright, from beam to beam
-  static constexpr double kFrame = 6.0;                 // from frame to frame of the hall, about
-  static constexpr double kRoof = 0.12;                 // of the roof above its frames
-  static constexpr double kFlightHeight = 1.5;          // of start and goal
+  static constexpr double kCross = 2.8;                 // width of an aisle across the racks
+  static constexpr double kRack = 1.1, kBetween = 0.2;  // depth of a rack, gap between two back to back
+  static constexpr double kBay = 2.8, kLevel = 1.9;     // distance of uprights, distance of beams
+  static constexpr double kFrame = 6.0;                 // approximate spacing of the hall's frames
+  static constexpr double kRoof = 0.12;                 // height of the roof above its frames
+  static constexpr double kFlightHeight = 1.5;          // height of start and goal
   static constexpr double kLaneHalfWidth = 0.8, kMarkerClearance = 1.2, kSpawnReach = 0.25;
-  static constexpr double kRepeat = 4.0;  // of the floor's texture
+  static constexpr double kRepeat = 4.0;  // width of the floor texture
 
   struct Row {
-    double x = 0.0;  // of the middle of two racks
+    double x = 0.0;  // middle of the back-to-back racks
     struct Block {
       double from = 0.0;  // y
       int bays = 0;
     };
     std::vector<Block> blocks;
-    // Bays that one can fly through, of both racks.
+    // An empty bay through both racks that a drone can pass.
     struct Gap {
       std::size_t block = 0;
       int bay = 0, level = 0;
@@ -85,7 +85,7 @@ class Warehouse {
     for (const Vec3d& point : lane_) flat.emplace_back(point.head<2>());
     places_.keep_off(flat, kLaneHalfWidth, kMarkerClearance);
     furnish();
-    Light light;  // of lamps everywhere, and the sun through the skylights
+    Light light;  // even light from lamps, and the sun through the skylights
     light.sun_direction = {-0.22F, -0.36F, 0.91F};
     light.sun_color = {1.1F, 1.0F, 0.84F};
     light.sky_ambient = {0.86F, 0.87F, 0.88F};
@@ -131,7 +131,7 @@ class Warehouse {
 
   double marker_y() { return draws_.uniform(0.2 * size_.y(), 0.8 * size_.y()); }
 
-  // From row to row, past their ends or through a bay.
+  // Lays the lane from row to row, around their ends or through a bay.
   void lay_lane() {
     Vec3d at(2.4, marker_y(), kFlightHeight);
     lane_.push_back(at);
@@ -163,7 +163,7 @@ class Warehouse {
       return {row.x, row.blocks[block].from + (bay + 0.5) * kBay, level * kLevel + 0.97};
     };
     Vec3d gate = draw();
-    for (int i = 0; i < 20; ++i) {  // aside, but not the whole hall across
+    for (int i = 0; i < 20; ++i) {  // off to the side, but not across the whole hall
       const double aside = std::abs(gate.y() - from);
       if (aside > 2.5 && aside < 12.0) break;
       row.gaps.clear();
@@ -172,12 +172,12 @@ class Warehouse {
     return gate;
   }
 
-  // --------------------------------------------------------------------------------------------------------------- the hall
+  // -------------------------------------------------------------------------------------------------------------- hall
 
   void make_materials() {
     const std::uint64_t seed = config_.seed;
     const Noise noise(Draws::kWarehouse, seed, 20);
-    const auto concrete = [&](double x, double y) {  // m, repeats after kRepeat
+    const auto concrete = [&](double x, double y) {  // x, y in m; repeats every kRepeat
       const double cloud = noise.octaves(x, y, 4, static_cast<int>(kRepeat));
       const double grain = noise.at(32.0 * x, 32.0 * y, static_cast<int>(32.0 * kRepeat));
       return mixed(Color{0.25F, 0.25F, 0.245F}, Color{0.42F, 0.415F, 0.40F},
@@ -198,11 +198,11 @@ class Warehouse {
     const std::uint16_t sheet = builder_.texture("wall", 128, 512, [&](float s, float t) {
       const double z = ridge * (1.0 - static_cast<double>(t)), x = static_cast<double>(s);
       const double dirt = noise.octaves(8.0 * x, 32.0 * static_cast<double>(t), 3, 8);
-      if (z < 1.2) {  // concrete below
+      if (z < 1.2) {  // concrete base
         const double low = std::clamp(1.0 - z / 0.9, 0.0, 1.0);
         return mixed(mixed(Color{0.27F, 0.27F, 0.26F}, Color{0.36F, 0.355F, 0.34F}, dirt), {0.0F, 0.0F, 0.0F}, 0.35 * low * low);
       }
-      const double rib = std::fmod(8.0 * x, 1.0);  // four to a metre
+      const double rib = std::fmod(8.0 * x, 1.0);  // four ribs per metre
       const double fold = rib < 0.12 ? 0.72 : rib < 0.24 ? 1.08 : 0.97;
       const auto light = static_cast<float>((0.93 + 0.07 * dirt) * fold);
       return Color{0.56F * light, 0.585F * light, 0.60F * light};
@@ -226,7 +226,7 @@ class Warehouse {
     glow_ = builder_.material({"glow", {1.0F, 1.0F, 1.0F}, semantic(Kind::lamp), {}});
   }
 
-  // A rectangle with its texture laid out along s; a and b are its lower corners, counter-clockwise as seen.
+  // Adds a rectangle whose texture runs along s. Its corners run counter-clockwise as seen; a and b are the lower ones.
   static void add_sheet(MeshPart& part, const Vec3d& a, const Vec3d& b, const Vec3d& c, const Vec3d& d, double s_from,
                         double s_to, const std::array<double, 4>& t) {
     const std::int32_t first = add_vertex(part, a, s_from, t[0]);
@@ -245,13 +245,13 @@ class Warehouse {
     add_sheet(floor, {0, 0, 0}, {length, 0, 0}, {length, width, 0}, {0, width, 0}, 0.0, length / kRepeat,
               {0.0, 0.0, width / kRepeat, width / kRepeat});
     builder_.mesh(floor, floor_);
-    // Walls as seen from within; a repetition of their texture is 2 m wide and as high as the ridge.
+    // Inner wall faces. The wall texture is 2 m wide and as high as the ridge.
     const auto t = [&](double z) { return 1.0 - z / (ridge_ + kRoof); };
     MeshPart sides, gables;
     for (const bool is_far : {false, true}) {
       const double y = is_far ? width : 0.0, x = is_far ? length : 0.0;
       const double from = is_far ? 0.0 : length, to = is_far ? length : 0.0;  // from left to right
-      const double strip = high_ - 1.9, top = high_ - 0.8;                    // of windows below the eaves
+      const double strip = high_ - 1.9, top = high_ - 0.8;                    // window strip below the eaves
       const auto pane = [&](double left, double right, double low, double high) {
         is_far ? add_sheet(sides, {right, y, low}, {left, y, low}, {left, y, high}, {right, y, high}, right / 2.0, left / 2.0,
                            {t(low), t(low), t(high), t(high)})
@@ -262,7 +262,7 @@ class Warehouse {
       pane(left, right, 0.0, strip);
       pane(left, right, top, high_ + kRoof);
       const int frames = num_frames();
-      for (int i = 0; i < frames; ++i) {  // solid around the columns
+      for (int i = 0; i < frames; ++i) {  // solid wall around the columns
         const double a = length * i / frames, b = length * (i + 1) / frames;
         pane(a, a + 0.7, strip, top);
         pane(b - 0.7, b, strip, top);
@@ -273,7 +273,8 @@ class Warehouse {
         for (const double z : {strip, top}) bars.block({0, 0, z}, {2.0 * half, 0.14, 0.08}, Swatch::grey);
         furniture_.add(bars, Kind::window);
       }
-      const double low_y = is_far ? 0.0 : width, high_y = is_far ? width : 0.0;  // seen from within, from left to right reversed
+      const double low_y = is_far ? 0.0 : width, high_y = is_far ? width : 0.0;  // from left to right as seen from inside,
+                                                                                 // reversed
       const std::int32_t a = add_vertex(gables, {x, high_y, 0}, high_y / 2.0, t(0)),
                          b = add_vertex(gables, {x, low_y, 0}, low_y / 2.0, t(0));
       const std::int32_t c = add_vertex(gables, {x, low_y, high_ + kRoof}, low_y / 2.0, t(high_ + kRoof)),
@@ -291,7 +292,7 @@ class Warehouse {
 
   int num_frames() const { return std::max(2, static_cast<int>(size_.x() / kFrame + 0.5)); }
 
-  // Two slopes, with a skylight in each between one frame and the next.
+  // Adds two slopes with a skylight between each pair of frames.
   void add_roof() {
     MeshPart roof;
     const int frames = num_frames();
@@ -327,7 +328,7 @@ class Warehouse {
     builder_.mesh(roof, roof_);
   }
 
-  // Columns along the walls, a truss from one to the other, purlins on top; and lamps below.
+  // Adds columns along the walls, trusses between them, purlins on top, and lamps below.
   void add_frames() {
     const int frames = num_frames();
     const double width = size_.y(), low = high_ - 0.15;
@@ -379,7 +380,7 @@ class Warehouse {
     builder_.disc(Vec3d(at.x(), at.y(), low - 0.005).cast<float>(), 0.28F, glow_);
   }
 
-  // Shutters in the wall at the low end of x, a door for people in each gable.
+  // Adds shutters in the wall at the low end of x, and a door for people in each gable.
   void add_doors() {
     const double width = size_.y();
     const int count = std::max(1, static_cast<int>((width - 4.0) / 7.0));
@@ -413,7 +414,7 @@ class Warehouse {
     }
   }
 
-  // -------------------------------------------------------------------------------------------------------------- the racks
+  // ------------------------------------------------------------------------------------------------------------- racks
 
   void add_row(const Row& row) {
     for (std::size_t number = 0; number < row.blocks.size(); ++number) {
@@ -459,7 +460,7 @@ class Warehouse {
     furniture_.add(shape, Kind::rack);
   }
 
-  // Pallets in a bay, side by side.
+  // Places pallets side by side in a bay.
   void fill(double x, double y, double z) {
     for (int i = 0; i < 3; ++i) {
       if (draws_.below(5) == 0) continue;
@@ -469,7 +470,7 @@ class Warehouse {
     }
   }
 
-  // ---------------------------------------------------------------------------------------------------------- the floor
+  // ------------------------------------------------------------------------------------------------------------- floor
 
   void add_line(const Vec2d& low, const Vec2d& high) {
     const Vec2d middle = 0.5 * (low + high);
@@ -487,11 +488,11 @@ class Warehouse {
           add_line({row.x - half, y - 0.5 * kWide}, {row.x + half, y + 0.5 * kWide});
       }
     }
-    // Bays for pallets in front.
+    // Pallet bays in front.
     const double from = 3.2, to = 5.8;
     for (double y = 0.16 * size_.y(); y < 0.86 * size_.y(); y += 2.0) add_line({from, y - 0.5 * kWide}, {to, y + 0.5 * kWide});
     add_line({to, 0.12 * size_.y()}, {to + kWide, 0.88 * size_.y()});
-    // A walkway in the back.
+    // A walkway at the back.
     for (const double x : {size_.x() - 1.6, size_.x() - 0.5}) add_line({x, 0.8}, {x + kWide, size_.y() - 0.8});
   }
 
@@ -515,7 +516,7 @@ class Warehouse {
       if (const auto spot = place(draws_.below(2) == 0 ? front : back, 1.3, 3.2))
         furniture_.forklift({spot->at - 0.4 * spot->facing, spot->facing, 0.0});
     }
-    // A conveyor in the back, along the hall's width.
+    // A conveyor at the back, across the hall's width.
     for (int k = 0; k < 12; ++k) {
       const double deep = draws_.uniform(5.0, 9.0);
       const Spot spot{draws_.point(back.low + Vec2d(0.5, 0.5 * deep), back.high - Vec2d(0.5, 0.5 * deep)), Vec2d::UnitY(), 0.0};
@@ -523,7 +524,7 @@ class Warehouse {
       furniture_.conveyor(spot, deep);
       break;
     }
-    for (int i = 0; i < many; ++i) {  // benches along the wall in the back
+    for (int i = 0; i < many; ++i) {  // workbenches along the back wall
       const double y = draws_.uniform(1.6, width - 1.6), x = size_.x() - 0.55;
       if (places_.take({{x - 0.45, y - 1.1}, {x + 0.45, y + 1.1}}, back.grown(0.3))) furniture_.workbench({{x, y}, {-1, 0}, 0.0});
     }
@@ -556,8 +557,8 @@ class Warehouse {
   const WarehouseConfig& config_;
   Draws draws_;
   Vec2d size_;
-  double high_, ridge_;  // of the eaves and the ridge
-  int levels_;           // of pallets above each other
+  double high_, ridge_;  // m, heights of the eaves and the ridge
+  int levels_;           // number of pallet levels
   WorldBuilder builder_;
   Furniture furniture_;
   std::vector<Row> rows_;
