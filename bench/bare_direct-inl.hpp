@@ -1,6 +1,7 @@
-// The limit for direct tracing: the least code that does the same work. Any number of rooms, boxes, cylinders and spheres in any
-// orientation; what is out of a sensor's range is left out once per sensor; every ray is tested against the rest. No tree, no
-// batches, no elements, no meshes; poses and beams come as plain arrays, ranges go to one. Included once per SIMD target.
+// A lower bound for direct tracing: the minimal code that does the same work. It traces any number of rooms, boxes, cylinders
+// and spheres in any orientation. Shapes out of a sensor's range are culled once per sensor, and every ray is tested against
+// the rest. It has no tree, batches, elements or meshes. Poses, beams and ranges are plain arrays. Included once per SIMD
+// target.
 #if defined(FLOCKSTEP_BENCH_BARE_DIRECT_INL_HPP) == defined(HWY_TARGET_TOGGLE)
 #ifdef FLOCKSTEP_BENCH_BARE_DIRECT_INL_HPP
 #undef FLOCKSTEP_BENCH_BARE_DIRECT_INL_HPP
@@ -30,7 +31,7 @@ struct Ray {
   V ox, oy, oz, dx, dy, dz;
 };
 
-// The nearest hit so far is num / den.
+// The nearest hit so far, at distance num / den.
 struct Best {
   V num, den;
 };
@@ -58,7 +59,7 @@ HWY_INLINE void meet_box(const Ray& r, const float* half, Best& best) {
   keep(best, t, set(1.0F), hn::And(hn::Le(enter, exit), hn::Ge(exit, set(0.0F))));
 }
 
-// From inside a room: out through the nearest of the walls ahead.
+// Intersects rays that start inside a room with the nearest wall ahead.
 HWY_INLINE void leave_room(const Ray& r, const float* half, Best& best) {
   const V o[3] = {r.ox, r.oy, r.oz};
   const V d[3] = {r.dx, r.dy, r.dz};
@@ -72,7 +73,7 @@ HWY_INLINE void leave_room(const Ray& r, const float* half, Best& best) {
   }
 }
 
-// From beside a cylinder: in through its side.
+// Intersects rays that start beside a cylinder with its side.
 HWY_INLINE void meet_side(const Ray& r, const float* half, Best& best) {
   const V b = hn::Add(hn::Mul(r.ox, r.dx), hn::Mul(r.oy, r.dy));
   const V a = hn::Add(hn::Mul(r.dx, r.dx), hn::Mul(r.dy, r.dy));
@@ -85,7 +86,7 @@ HWY_INLINE void meet_side(const Ray& r, const float* half, Best& best) {
   keep(best, enter, a, hn::And(hit, hn::Le(hn::Abs(height), hn::Mul(set(half[2]), a))));
 }
 
-// Roots of a t^2 + 2 b t + c, by the distance of the line from the centre: the first that is not behind.
+// Finds the first root of a t^2 + 2 b t + c that is not behind the ray, using the distance of the line from the centre.
 HWY_INLINE void meet_round(const Ray& r, const Shape& shape, Best& best) {
   const bool sphere = shape.kind == Kind::sphere;
   const float radius = shape.half[0];
@@ -103,7 +104,7 @@ HWY_INLINE void meet_round(const Ray& r, const Shape& shape, Best& best) {
   const V root = hn::Sqrt(hn::Max(square, set(0.0F)));
   V enter = hn::Sub(hn::Neg(b), root);
   V exit = hn::Sub(root, b);
-  if (!sphere) {  // cut by the slab between the caps, in units of 1 / a
+  if (!sphere) {  // clip to the slab between the caps, in units of 1 / a
     const V inverse = hn::Div(a, hn::CopySign(hn::Max(hn::Abs(r.dz), set(1e-20F)), r.dz));
     const V low = hn::Mul(hn::Sub(set(-shape.half[2]), r.oz), inverse);
     const V high = hn::Mul(hn::Sub(set(shape.half[2]), r.oz), inverse);
@@ -121,7 +122,7 @@ HWY_INLINE V row(const float* m, V x, V y, V z) {
 void scan(const Sensors& sensors, const std::vector<Shape>& shapes, float* ranges) {
   struct Near {
     const Shape* shape;
-    float o[3];  // in its frame
+    float o[3];  // in the shape's frame
     enum { anywhere, in_room, beside } place;
   };
   Near near[64];

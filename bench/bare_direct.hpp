@@ -1,4 +1,4 @@
-// What the bare direct loop takes; the loop itself is in bare_direct-inl.hpp.
+// Interface of the bare direct loop in bare_direct-inl.hpp.
 #pragma once
 
 #include <cstddef>
@@ -9,7 +9,7 @@ enum class Kind { box, cylinder, sphere };  // a room is a box
 
 struct Shape {
   Kind kind;
-  bool turned;        // to_local is not the identity
+  bool turned;        // set if to_local is not the identity
   float center[3];    // m
   float half[3];      // m
   float bounds[3];    // m, half sizes of the bounding box
@@ -19,11 +19,11 @@ struct Shape {
 struct Sensors {
   std::size_t count;
   const float* position;   // (count, 3) m
-  const float* rotation;   // (count, 3, 3) sensor to world
-  std::size_t beams;       // per sensor
-  const float *x, *y, *z;  // (beams,) and up to 15 more: unit, sensor frame
+  const float* rotation;   // (count, 3, 3) rotation from sensor to world
+  std::size_t beams;       // beams per sensor
+  const float *x, *y, *z;  // (beams,) plus up to 15 for padding, unit vectors in the sensor frame
   float range;             // m
-  std::size_t stride;      // of the ranges of one sensor, at least beams + 15
+  std::size_t stride;      // ranges per sensor, at least beams + 15
 };
 
 }  // namespace bench

@@ -1,4 +1,4 @@
-// Embree with nothing around it, as any program would use it: what the benchmarks hold the engine against.
+// Plain use of Embree, as in any program. The benchmarks compare the engine against it.
 #pragma once
 
 #include <algorithm>
@@ -22,7 +22,7 @@ inline constexpr int kPillarSides = 16;
 struct BareScene {
   RTCDevice device = rtcNewDevice(nullptr);
   RTCScene scene = rtcNewScene(device);
-  std::vector<flockstep::trace::Shape> shapes;  // that user geometry points to
+  std::vector<flockstep::trace::Shape> shapes;  // data of the user geometry
   BareScene() = default;
   BareScene(const BareScene&) = delete;
   BareScene& operator=(const BareScene&) = delete;
@@ -40,7 +40,7 @@ struct BareScene {
   }
 };
 
-// That makes pillars polygons of kPillarSides: of k sides, it is r (1 - cos(pi / k)).
+// Returns the chord error that turns pillars into polygons with kPillarSides sides. For k sides it is r (1 - cos(pi / k)).
 inline float chord_error(const flockstep::World& world) {
   float radius = 1.0F;
   for (const auto& primitive : world.primitives()) {
@@ -49,7 +49,7 @@ inline float chord_error(const flockstep::World& world) {
   return 1.0001F * radius * (1.0F - std::cos(std::numbers::pi_v<float> / kPillarSides));
 }
 
-// A world's triangles, primitives tessellated.
+// Builds a scene from a world's triangles, with its primitives tessellated.
 inline std::unique_ptr<BareScene> triangle_scene(const flockstep::World& world) {
   const flockstep::TriangleMesh mesh = world.mesh(chord_error(world));
   auto bare = std::make_unique<BareScene>();
@@ -94,7 +94,7 @@ inline void trace_packet(RTCScene scene, const int* valid, RTCRayHit16& packet, 
 }
 #endif
 
-// Poses that a drone can be in: not touching anything.
+// Draws positions at which a drone touches nothing.
 inline std::vector<flockstep::Vec3> free_positions(const flockstep::World& world, int count, std::uint32_t seed) {
   std::mt19937 random(seed);
   const flockstep::collision::Hull hull(flockstep::DroneModel::quadrotor650());

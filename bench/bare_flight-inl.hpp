@@ -1,6 +1,6 @@
-// The limit for flight: the least code that solves the same equations. Gravity, thrust, lag up and down, drag of the body; rotors
-// are told speeds. No other terms, no controller, no switches, no accelerations and no reach to be reported. Included once per
-// SIMD target.
+// A lower bound for flight: the minimal code that solves the same equations. It has gravity, thrust, rotor lag up and down, and
+// body drag. Its commands are rotor speeds. It has no other terms, no controller, no switches, and reports no accelerations and
+// no reach. Included once per SIMD target.
 #if defined(FLOCKSTEP_BENCH_BARE_FLIGHT_INL_HPP) == defined(HWY_TARGET_TOGGLE)
 #ifdef FLOCKSTEP_BENCH_BARE_FLIGHT_INL_HPP
 #undef FLOCKSTEP_BENCH_BARE_FLIGHT_INL_HPP
@@ -24,7 +24,7 @@ using flockstep::dynamics::kLanes;
 constexpr hn::CappedTag<float, kLanes> kFloats;
 using V = hn::Vec<decltype(kFloats)>;
 
-// State and rates of change are arrays: place 0 to 2, velocity 3 to 5, rotation 6 to 9, turn 10 to 12, rotors 13 to 16.
+// State and derivative layout: position 0 to 2, velocity 3 to 5, rotation 6 to 9, angular velocity 10 to 12, rotors 13 to 16.
 constexpr std::size_t kPlace = 0, kVelocity = 3, kRotation = 6, kTurn = 10, kRotor = 13, kStates = 17;
 
 template <bool kFused>
@@ -39,7 +39,7 @@ struct Bare {
   const Quadrotor& quadrotor;
   const float dt;
   const float to_force[3] = {1.0F / quadrotor.mass, 1.0F / quadrotor.mass, 1.0F / quadrotor.mass};
-  // 1 / J and (J_y - J_z) / J_x and so on: of Euler's equations.
+  // The constants of Euler's equations: 1 / J, and (J_y - J_z) / J_x with its cyclic permutations.
   const float inverse_inertia[3] = {1.0F / quadrotor.inertia[0], 1.0F / quadrotor.inertia[1], 1.0F / quadrotor.inertia[2]};
   const float gyro[3] = {(quadrotor.inertia[1] - quadrotor.inertia[2]) / quadrotor.inertia[0],
                          (quadrotor.inertia[2] - quadrotor.inertia[0]) / quadrotor.inertia[1],
@@ -47,7 +47,7 @@ struct Bare {
   const float keep_up[2] = {std::exp(-0.5F * dt / quadrotor.lag_up), std::exp(-dt / quadrotor.lag_up)};
   const float keep_down[2] = {std::exp(-0.5F * dt / quadrotor.lag_down), std::exp(-dt / quadrotor.lag_down)};
 
-  // Accelerations: velocity to a[0..2], turn to a[3..5].
+  // Computes accelerations: linear in a[0..2], angular in a[3..5].
   HWY_INLINE void accelerate(const V* s, V* a) const {
     const V *v = s + kVelocity, *q = s + kRotation, *w = s + kTurn;
     const V x2 = add(q[1], q[1]), y2 = add(q[2], q[2]), z2 = add(q[3], q[3]);
@@ -93,7 +93,7 @@ struct Bare {
     }
   }
 
-  // q times (s, v)
+  // Quaternion product of q and (s, v).
   static HWY_INLINE void product(const V* q, V s, const V* v, V* out) {
     out[0] = take_from(take_from(take_from(mul(q[0], s), q[1], v[0]), q[2], v[1]), q[3], v[2]);
     out[1] = take_from(add_to(add_to(mul(q[0], v[0]), q[1], s), q[2], v[2]), q[3], v[1]);
@@ -101,7 +101,7 @@ struct Bare {
     out[3] = add_to(take_from(add_to(mul(q[0], v[2]), q[1], v[1]), q[2], v[0]), q[3], s);
   }
 
-  // A rotation turned at w for twice `half`, by the series of sine and cosine.
+  // Rotates q at angular velocity w for a time of 2 * `half`, using the series of sine and cosine.
   static HWY_INLINE void turn(const V* q, const V* w, float half, V* out) {
     const V v[3] = {mul(w[0], set(half)), mul(w[1], set(half)), mul(w[2], set(half))};
     const V x = add_to(add_to(mul(v[0], v[0]), v[1], v[1]), v[2], v[2]);

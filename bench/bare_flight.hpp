@@ -1,4 +1,4 @@
-// The limit for flight: what bare_flight-inl.hpp flies.
+// Interface of the bare flight kernel in bare_flight-inl.hpp.
 #pragma once
 
 #include <cstddef>
@@ -7,17 +7,17 @@
 
 namespace bench {
 
-// A quadrotor's numbers, SI units; frames and signs as in docs/dynamics.md.
+// Parameters of a quadrotor in SI units. Frames and signs are as in docs/dynamics.md.
 struct Quadrotor {
   float mass, inertia[3];
-  float x[4], y[4], yaw[4];  // of each rotor: its place, and its torque about z over its thrust
+  float x[4], y[4], yaw[4];  // per rotor: x and y, and the ratio of torque about z to thrust
   float thrust[3];           // c0, c1, c2
   float lag_up, lag_down;    // s
   float linear_drag[3], quadratic_drag[3];
 };
 
-// Told the rotor speeds that the setpoints are, for some ticks of dt seconds. `fused`: with fused multiply-add, which the engine
-// leaves out since it does not round alike on every processor.
+// One run of `ticks` ticks of dt seconds. The setpoints are rotor speeds. `fused` enables fused multiply-add, which the engine
+// leaves out because results would differ between processors.
 struct Flight {
   float dt;
   int ticks;

@@ -1,6 +1,6 @@
-// OpenGL with nothing around it: each camera a tile of one atlas, a viewport, a uniform and one draw call of all triangles, or
-// one for each row of those cells of a grid over them that it sees, and the attachments read back; what the benchmarks hold the
-// engine's OpenGL cameras against.
+// Plain use of OpenGL. The benchmarks compare the engine's OpenGL cameras against it. Each camera is a tile of one atlas with a
+// viewport and a uniform. It takes one draw call for all triangles, or one per row of visible cells in a grid over the
+// triangles. Then the attachments are read back.
 #pragma once
 
 #include <epoxy/gl.h>
@@ -23,7 +23,7 @@ namespace bench {
 
 class BareGl {
  public:
-  // colors: linear, of each triangle
+  // colors: linear, one per triangle.
   BareGl(const flockstep::TriangleMesh& mesh, const std::vector<std::array<float, 3>>& colors, const flockstep::Light& light,
          float near_m)
       : context_(flockstep::render::egl_devices()), near_m_(near_m) {
@@ -46,7 +46,7 @@ class BareGl {
     std::vector<float> vertices;
     for (const flockstep::Vec3& v : mesh.vertices) vertices.insert(vertices.end(), {v.x(), v.y(), v.z()});
     std::vector<std::int32_t> indices;
-    std::vector<float> facets;  // normal and colour of each triangle, as two vec4
+    std::vector<float> facets;  // normal and colour per triangle, as two vec4
     for (const std::uint32_t i : sort_into_cells(mesh)) {
       const auto corner = [&](std::size_t k) { return mesh.vertices[static_cast<std::size_t>(mesh.triangles[i][k])]; };
       const flockstep::Vec3 n = (corner(1) - corner(0)).cross(corner(2) - corner(0)).normalized();
@@ -67,7 +67,7 @@ class BareGl {
   }
   BareGl(const BareGl&) = delete;
   BareGl& operator=(const BareGl&) = delete;
-  // What OpenGL holds goes with the context.
+  // Destroying the context frees all OpenGL objects.
 
   void make_atlas(int width, int height, int count) {
     width_ = width;
@@ -90,7 +90,7 @@ class BareGl {
     depth.resize(rgba.size() / 4);
   }
 
-  // rotation: camera (x forward, y left, z up) to world; culled: cells out of a camera's sight are left out
+  // rotation: camera (x forward, y left, z up) to world; culled: skip cells outside the view.
   void render(const std::vector<flockstep::Vec3>& position, const std::vector<flockstep::Mat3>& rotation, float fx, float fy,
               bool culled) {
     const auto count = static_cast<int>(position.size());
@@ -111,7 +111,7 @@ class BareGl {
       to_clip.block<1, 3>(1, 0) = 2.0F * fy / static_cast<float>(height_) * to_camera.row(2);
       to_clip.block<1, 3>(3, 0) = to_camera.row(0);
       to_clip.block<4, 1>(0, 3) = -to_clip.block<4, 3>(0, 0) * position[at];
-      to_clip(2, 3) = near_m_;  // reversed z without a far plane
+      to_clip(2, 3) = near_m_;  // reversed z with an infinite far plane
       glUniformMatrix4fv(matrix, 1, GL_FALSE, to_clip.data());
       glUniform3fv(eye, 1, position[at].data());
       glViewport(0, height_ * i, width_, height_);
@@ -140,7 +140,7 @@ class BareGl {
     glReadPixels(0, 0, width_, height_ * count, GL_RED, GL_FLOAT, depth.data());
   }
 
-  std::vector<std::uint8_t> rgba;  // the last render's, (N, H, W, 4)
+  std::vector<std::uint8_t> rgba;  // (N, H, W, 4), last render
   std::vector<float> depth;        // (N, H, W)
 
  private:
@@ -170,11 +170,11 @@ void main() {
 })";
 
   struct Cell {
-    std::uint32_t first = 0, count = 0;  // triangles
+    std::uint32_t first = 0, count = 0;  // in triangles
     flockstep::Vec3 center, half;
   };
 
-  // Makes square cells of some hundred triangles, row by row, and returns the triangles in their order.
+  // Groups the triangles into square cells of about 500 triangles, row by row. Returns the triangle indices in that order.
   std::vector<std::uint32_t> sort_into_cells(const flockstep::TriangleMesh& mesh) {
     constexpr double kTriangles = 500.0;
     Eigen::AlignedBox3f all;

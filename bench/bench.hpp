@@ -1,4 +1,4 @@
-// Timing for the C++ benchmarks: variants of one job take turns, so that a machine whose speed drifts is fair to all.
+// Timing for the C++ benchmarks. Variants of a job run in turns, so that drifting machine speed affects all of them equally.
 #pragma once
 
 #include <algorithm>
@@ -15,7 +15,7 @@ struct Variant {
   std::function<void()> run;
 };
 
-using Times = std::vector<std::vector<double>>;  // [variant][run] in seconds
+using Times = std::vector<std::vector<double>>;  // s, indexed [variant][run]
 
 inline double seconds(const std::function<void()>& run) {
   const auto start = std::chrono::steady_clock::now();
@@ -23,7 +23,8 @@ inline double seconds(const std::function<void()>& run) {
   return std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
 }
 
-// Each variant once for warm-up, then `runs` rounds of all; a measurement repeats its job until it lasts min_seconds.
+// Runs each variant once as a warm-up, then `runs` rounds of all variants. A measurement repeats its job until it takes at
+// least min_seconds.
 inline Times interleave(const std::vector<Variant>& variants, int runs, double min_seconds = 0.03) {
   std::vector<int> repeats;
   for (const Variant& variant : variants) {
@@ -47,7 +48,7 @@ inline double median(std::vector<double> values) {
   return values[values.size() / 2];
 }
 
-// Median over the rounds of a / b.
+// Returns the median of a / b over the rounds.
 inline double median_ratio(const std::vector<double>& a, const std::vector<double>& b) {
   std::vector<double> ratios;
   for (std::size_t i = 0; i < a.size(); ++i) ratios.push_back(a[i] / b[i]);

@@ -1,6 +1,7 @@
-// Where direct tracing and tiles stop to pay: times them against Embree, direct tracing in clouds of primitives of growing
-// density and tiles at meshes that grow under few rays, and prints engine/src/trace/calibrated.hpp. `./dev calibrate` puts it
-// there. Run it on a quiet machine; the constants are committed, since the choice decides the last bits of a distance.
+// Finds the limits up to which direct tracing and tiles are faster than Embree, and prints engine/src/trace/calibrated.hpp. It
+// times direct tracing in clouds of primitives of growing density, and tiles on meshes of growing size with few rays. `./dev
+// calibrate` writes the file. Run it on a quiet machine. The constants are committed, because the choice of tracer affects the
+// last bits of a distance.
 #include <algorithm>
 #include <array>
 #include <cmath>
@@ -31,10 +32,10 @@ using namespace flockstep;
 constexpr int kRuns = 7;
 constexpr std::size_t kOrigins = 64;
 constexpr float kRange = 5.0F;    // m
-constexpr float kExtent = 60.0F;  // m, side of the cloud's cube
+constexpr float kExtent = 60.0F;  // m, side of the cube
 constexpr std::array<int, 15> kCounts{2, 4, 6, 8, 12, 16, 24, 32, 48, 64, 96, 128, 192, 256, 384};
 
-// Boxes, cylinders and spheres in equal parts, scattered over a cube.
+// Makes a cloud: boxes, cylinders and spheres in equal parts, scattered over a cube.
 std::shared_ptr<const World> cloud(int count, float side, std::mt19937& random) {
   std::uniform_real_distribution<float> place(-side / 2, side / 2);
   std::normal_distribution<float> normal;
@@ -53,13 +54,14 @@ std::shared_ptr<const World> cloud(int count, float side, std::mt19937& random) 
   return std::make_shared<const World>(std::move(description));
 }
 
-// Of a cloud in which about `within` shapes are within range of a point.
+// Returns the size of a cloud that has about `within` shapes within range of a point.
 int count_for(int within) {
   const double ball = 4.0 / 3.0 * std::numbers::pi * std::pow(static_cast<double>(kRange) + 0.4, 3.0);
   return static_cast<int>(within * std::pow(static_cast<double>(kExtent), 3.0) / ball);
 }
 
-// Embree's time over that of direct tracing, for a fan all around in clouds where `within` shapes are within range.
+// Returns Embree's time over that of direct tracing. The rays are a horizontal 360-degree fan in clouds with `within` shapes in
+// range.
 double bundle_advantage(int within) {
   LidarConfig lidar;
   lidar.hfov_deg = 360.0F;
@@ -114,11 +116,11 @@ double bundle_advantage(int within) {
   return bench::median_ratio(times[1], times[0]);
 }
 
-// The same for rays of any origins and directions in a world of so many shapes.
+// Same ratio for rays with arbitrary origins and directions, in a world of `count` shapes.
 double block_advantage(int count) {
   std::mt19937 random(1);
   const auto world = cloud(count, 2.0F * kRange, random);
-  const trace::Scene scene(*world, *std::pmr::get_default_resource(), 0);  // all through Embree
+  const trace::Scene scene(*world, *std::pmr::get_default_resource(), 0);  // no direct tracing, everything goes through Embree
   std::vector<trace::NumberedShape> shapes;
   for (const Primitive& primitive : world->primitives()) {
     shapes.push_back({trace::make_shape(primitive), static_cast<std::int32_t>(shapes.size())});
@@ -142,7 +144,7 @@ double block_advantage(int count) {
   return bench::median_ratio(times[1], times[0]);
 }
 
-// The largest of the counts up to which direct tracing is as fast, but for what the measurement may be off by.
+// Returns the largest count up to which direct tracing is as fast as Embree, within a 5 % measurement tolerance.
 int crossover(const char* name, double (*advantage)(int)) {
   int best = 0;
   bool faster = true;
@@ -155,10 +157,10 @@ int crossover(const char* name, double (*advantage)(int)) {
   return best;
 }
 
-// Embree's time over that of tiles, for cameras of side x side pixels over hills of about so many triangles.
+// Returns Embree's time over that of tiles, for cameras of side x side pixels over hills with about `triangles` triangles.
 double tiles_advantage(int side, int triangles) {
   constexpr int kCameras = 64;
-  const int cells = static_cast<int>(std::sqrt(triangles / 2.48));  // with the trees on them
+  const int cells = static_cast<int>(std::sqrt(triangles / 2.48));  // hill and tree triangles
   const auto world = bench::mesh_world(cells, 0.3F * static_cast<float>(cells));
   const auto places = bench::free_positions(*world, kCameras, 1);
   std::vector<float> position, rotation;
@@ -187,7 +189,7 @@ double tiles_advantage(int side, int triangles) {
   return bench::median_ratio(times[1], times[0]);
 }
 
-// The fewest rays that pay in tiles at some hundred triangles, of those that fill a tile.
+// Returns the smallest ray count that is faster in tiles at 1000 triangles. Only counts that fill whole tiles are tried.
 int fewest_in_tiles() {
   for (const int side : {16, 24, 32}) {
     const double gain = tiles_advantage(side, 1000);
@@ -197,7 +199,8 @@ int fewest_in_tiles() {
   return 48 * 48;
 }
 
-// The most triangles for each of so many rays up to which tiles pay for their memory, too, by 1.3: a power of two.
+// Returns the most triangles per ray up to which tiles are faster by a factor of 1.3, which justifies their memory. The result
+// is a power of two.
 int triangles_per_ray(int rays) {
   int best = 1;
   for (int each = 16; each <= 8192; each *= 2) {

@@ -1,13 +1,13 @@
-// How the cameras compare with the bare limits of the same pictures, from the same poses, on one thread.
+// Compares the cameras with bare renderers that produce the same images from the same poses, on one thread.
 //
-// Bare Embree: for each camera, packets of neighbouring pixels through the world's triangles (primitives tessellated to 16-gons),
-// shaded from Embree's normals by the engine's formula, colour and depth stored. The best of packets of 4 x 2 and 4 x 4 rays,
-// coherent or incoherent. Bare OpenGL: bare_gl.hpp. Engine: Batch::capture. All variants take turns within one run. Prints a JSON
-// list of figures.
+// Bare Embree: for each camera, packets of neighbouring pixels are traced through the world's triangles (primitives tessellated
+// to 16-gons). They are shaded from Embree's normals with the engine's formula, and colour and depth are stored. The best of
+// packets of 4 x 2 and 4 x 4 rays, coherent or incoherent, counts. Bare OpenGL: bare_gl.hpp. Engine: Batch::capture. All
+// variants run in turns. Prints a JSON list of figures.
 #undef HWY_TARGET_INCLUDE
 #define HWY_TARGET_INCLUDE "camera.cpp"
 #include <hwy/foreach_target.h>
-// Highway's own headers come after foreach_target.
+// Highway's headers must come after foreach_target.
 #include <hwy/highway.h>
 
 #include <cstdint>
@@ -18,14 +18,14 @@
 #define FLOCKSTEP_BENCH_CAMERA_TYPES
 namespace bench {
 
-// What bare shading needs of a scene.
+// The scene data for bare shading.
 struct Paint {
-  std::vector<std::array<float, 3>> colors;  // linear, of each triangle
+  std::vector<std::array<float, 3>> colors;  // linear, one per triangle
   flockstep::Light light;
-  std::array<std::uint8_t, 1024> levels;  // encoded, by the square root of a linear value
+  std::array<std::uint8_t, 1024> levels;  // encoded levels, indexed by the square root of a linear value
 };
 
-// A 4 x 2 or 4 x 4 packet's rays that hit something, and where their pixels are.
+// The rays of a 4 x 2 or 4 x 4 packet that hit something, and their pixels.
 struct Shaded {
   const float *dx, *dy, *dz, *nx, *ny, *nz;
   const unsigned int *triangle, *geometry;
@@ -39,7 +39,7 @@ HWY_BEFORE_NAMESPACE();
 namespace bench::HWY_NAMESPACE {
 namespace hn = hwy::HWY_NAMESPACE;
 
-// `count` pixels, a multiple of the lanes or less than them; rgb as count * 3 bytes.
+// Shades `count` pixels, a multiple of the lane count or less than it. rgb has count * 3 bytes.
 void shade(const Paint& paint, const Shaded& rays, std::size_t count, std::uint8_t* rgb, float* depth) {
   const hn::CappedTag<float, 8> d;
   const hn::RebindToSigned<decltype(d)> di;
@@ -117,7 +117,7 @@ using flockstep::Vec3;
 
 constexpr int kRuns = 7;
 
-// The world's triangles with a colour each, markers among them, for the bare loop.
+// A world's triangles with one colour each, including its markers, for the bare loop.
 struct BareWorld {
   std::unique_ptr<bench::BareScene> scene;
   flockstep::TriangleMesh mesh;
@@ -149,7 +149,7 @@ struct BareWorld {
   }
 };
 
-// Where a camera is, and the pictures of all.
+// Camera poses and the images of all cameras.
 struct BareCameras {
   int width, height;
   float fx, fy;
@@ -216,11 +216,11 @@ flockstep::CameraConfig rgb_and_depth(int width, int height) {
   return camera;
 }
 
-// Drones anywhere in the world that is free, looking any way, but much the same height.
+// Random drone poses in free space, with any yaw and a pitch of at most 0.2 rad.
 struct Poses {
   std::vector<Vec3> points;
   std::vector<Quat> rotations;
-  std::vector<float> position, quat_wxyz;  // the same
+  std::vector<float> position, quat_wxyz;  // same poses as plain arrays
 
   Poses(const flockstep::World& world, int count) : points(bench::free_positions(world, count, 1)) {
     std::mt19937 random(2);
@@ -257,7 +257,8 @@ std::string size_of(int width, int height, int num_drones) {
   return std::to_string(width) + 'x' + std::to_string(height) + 'x' + std::to_string(num_drones);
 }
 
-// The share of pixels whose depth another renderer sees elsewhere. Pictures must be of the same thing, or comparing says nothing.
+// Returns the share of pixels whose depth differs from another renderer's. A comparison is only valid if both render the same
+// scene.
 double share_that_differs(const std::vector<float>& ours, const std::vector<float>& theirs) {
   std::size_t differ = 0;
   for (std::size_t i = 0; i < ours.size(); ++i) {
@@ -329,17 +330,17 @@ void bench_case(const std::string& name, const std::shared_ptr<const flockstep::
     figures.add("camera_table/" + name + '/' + size + '/' + backend + "_frames_per_second", rate(variant), "1/s", kRuns);
     figures.add(figure + bare_name + "_frames_per_second", rate(bare_variant), "1/s", kRuns);
   };
-  // Embree's loop does the same work at triangles; where the engine meets primitives, it is no more than a yardstick.
+  // On triangles Embree's loop does the same work. On primitives it serves only as a reference.
   const bool meshes = !world->triangles().triangles.empty();
   add("raycast", 0, best_embree, meshes ? "ratio_to_bare" : "ratio_to_bare_embree", "bare_embree");
   if (meshes) add("embree", kThroughEmbree, best_embree, "ratio_to_bare", "bare_embree");
   add("gl", 1, best_gl, "ratio_to_bare", "bare_gl");
 }
 
-// Sizes that are held against the bare loops.
+// Image sizes and batch sizes for the comparison with the bare loops.
 constexpr std::array<std::array<int, 3>, 2> kCases{{{64, 64, 256}, {640, 480, 16}}};
 
-// Frames per second over resolution, number of drones, world and backend, where bench_case has not measured them.
+// Measures frames per second by resolution, number of drones, world and backend. Skips the cases that bench_case covers.
 void bench_table(const std::string& name, const std::shared_ptr<const flockstep::World>& world, bench::Figures& figures) {
   constexpr int kTableRuns = 5;
   constexpr long long kMostPixels = 5'000'000;
@@ -364,8 +365,8 @@ void bench_table(const std::string& name, const std::shared_ptr<const flockstep:
   }
 }
 
-// What the capture modes cost: sense() with cameras of each mode, of drones that stand still or move before each, beside sense()
-// without cameras.
+// Measures the cost of the capture modes: sense() with a camera in each mode, for drones at rest and for drones that move
+// before each call, next to sense() without cameras.
 void bench_modes(const std::string& name, const std::shared_ptr<const flockstep::World>& world, bench::Figures& figures) {
   constexpr int kDrones = 64;
   const Poses poses(*world, kDrones);
@@ -409,7 +410,7 @@ void bench_modes(const std::string& name, const std::shared_ptr<const flockstep:
 
 }  // namespace
 
-// "bare", "table" or "modes": the part to run; none: all.
+// The argument selects the part to run: "bare", "table" or "modes". Without it all parts run.
 int main(int argc, char** argv) {
   const std::string part = argc > 1 ? argv[1] : "";
   const auto asked = [&](const char* name) { return part.empty() || part == name; };

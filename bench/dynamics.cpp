@@ -1,13 +1,13 @@
-// What flight by rotors costs on one thread, and how near the engine's kernel is to the least code that solves the same equations
-// (bare_flight-inl.hpp). Variants take turns within one run; a drone-substep is one tick of one drone. Prints a JSON list of
-// figures.
+// Measures the cost of simulated rotor flight on one thread, and compares the engine's kernel with the minimal code that solves
+// the same equations (bare_flight-inl.hpp). Variants run in turns. A drone-substep is one tick of one drone. Prints a JSON list
+// of figures.
 //
-// With "rates" only the controller of body rates, for as long as bench/run.py times steps of an environment in turn with it: a
-// processor that was idle is slow at first.
+// With "rates" only the body-rate controller runs. bench/run.py alternates it with timed steps of an environment, so it warms
+// up first, because an idle processor is slow at first.
 #undef HWY_TARGET_INCLUDE
 #define HWY_TARGET_INCLUDE "dynamics.cpp"
 #include <hwy/foreach_target.h>
-// Highway's own headers come after foreach_target.
+// Highway's headers must come after foreach_target.
 #include <hwy/highway.h>
 
 #include "bare_flight-inl.hpp"
@@ -48,15 +48,15 @@ using flockstep::Airframe, flockstep::Batch, flockstep::BatchConfig, flockstep::
 using flockstep::dynamics::Flock, flockstep::dynamics::kLanes, flockstep::dynamics::Physics;
 
 constexpr int kRuns = 51;
-constexpr double kSlice = 1e-3;  // s, of a run: short, so that on a busy machine most of them are not interrupted
+constexpr double kSlice = 1e-3;  // s, time per run: short, so that most runs on a busy machine are not interrupted
 constexpr double kDt = 0.002;    // s
-constexpr int kTicks = 5;        // of a step of the policy, at 100 Hz
-constexpr int kSteps = 20;       // of a flight, which begins anew then
+constexpr int kTicks = 5;        // per policy step, at 100 Hz
+constexpr int kSteps = 20;       // policy steps per flight
 constexpr double kSubsteps = static_cast<double>(kLanes) * kTicks * kSteps;
 
 Airframe kingfisher() { return *DroneModel::load("kingfisher").airframe(); }
 
-// The kingfisher with numbers for what its file has none for, those of the hummingbird.
+// The kingfisher with the hummingbird's values for the coefficients it lacks.
 Airframe with_every_term() {
   Airframe frame = kingfisher();
   const Airframe other = *DroneModel::load("hummingbird").airframe();
@@ -73,14 +73,14 @@ DynamicsConfig by_rotors(Control control, Integrator integrator = Integrator::mi
   return config;
 }
 
-// Nothing but gravity, thrust and lag.
+// Only gravity, thrust and rotor lag.
 DynamicsConfig without_terms(Integrator integrator = Integrator::midpoint) {
   DynamicsConfig config = by_rotors(Control::rotor_speeds, integrator);
   config.rotor_drag = config.body_drag = config.gyroscopic = false;
   return config;
 }
 
-// Hovering, each a little differently, and told something near: rotor speeds, or numbers of a controller.
+// Starts near hover with small random differences. The commands are close to hover: rotor speeds or controller setpoints.
 Flock begin(const Airframe& frame, Control control, const Vec3& wind) {
   std::mt19937 random(1);
   std::uniform_real_distribution<float> little(-0.005F, 0.005F);
@@ -112,7 +112,7 @@ Flock begin(const Airframe& frame, Control control, const Vec3& wind) {
   return flock;
 }
 
-// A fifth of a second of flight over and over, by the engine's kernel.
+// Repeats 0.2 s of flight with the engine's kernel.
 class Flying {
  public:
   Flying(const Airframe& frame, const DynamicsConfig& config, const Vec3& wind = Vec3::Zero())
@@ -137,7 +137,7 @@ bench::Variant variant(const std::string& label, const Airframe& frame, const Dy
 
 double million_per_second(const std::vector<double>& times) { return kSubsteps / bench::median(times) / 1e6; }
 
-// ------------------------------------------------------------------------------------------------ beside the bare kernel
+// ----------------------------------------------------------------------------------------- compared with the bare kernel
 
 bench::Quadrotor numbers_of(const Airframe& frame) {
   bench::Quadrotor q{};
@@ -158,7 +158,7 @@ bench::Quadrotor numbers_of(const Airframe& frame) {
   return q;
 }
 
-// Kernels that fly to different places are not to be compared.
+// Exits unless both kernels end at the same positions, because otherwise their times are not comparable.
 void require_same_flight(const Flock& a, const Flock& b) {
   for (std::size_t i = 0; i < 3; ++i) {
     for (std::size_t lane = 0; lane < kLanes; ++lane) {
@@ -216,7 +216,7 @@ void controllers(bench::Figures& figures) {
   }
 }
 
-// Jobs that take turns, by their names: how long one takes, and how much longer than another, in ns for each of `count` parts.
+// Named jobs that run in turns. Reports the time of a job, or its difference to another job, in ns per each of `count` parts.
 class Beside {
  public:
   explicit Beside(double count) : count_(count) {}
@@ -243,7 +243,7 @@ class Beside {
   bench::Times times_;
 };
 
-// What each term adds to a flight without any, by the kernel.
+// Measures the time that each term adds to a flight without terms.
 void terms(bench::Figures& figures) {
   struct Term {
     std::string name;
@@ -257,7 +257,7 @@ void terms(bench::Figures& figures) {
   drag.config.rotor_drag = true;
   drag.frame = with_every_term();
   drag.frame.rotor_lift = 0.0;
-  add("rotor_lift").config.rotor_drag = true;  // all that this switches in a kingfisher
+  add("rotor_lift").config.rotor_drag = true;  // the only effect of this switch for a kingfisher
   Term& gyroscopic = add("gyroscopic");
   gyroscopic.config.gyroscopic = true;
   gyroscopic.frame = with_every_term();
@@ -277,11 +277,11 @@ void terms(bench::Figures& figures) {
 
 // ------------------------------------------------------------------------------------------------------- through a batch
 
-constexpr int kDrones = 256;        // a step of theirs is shorter than a slice
+constexpr int kDrones = 256;        // keeps a step of the fleet shorter than a time slice
 constexpr float kHalfRoom = 50.0F;  // m
 const Vec3 kPillar(-30.0F, -30.0F, 0.0F);
 
-// Drones in a room with a pillar, all near one place, commanded to a position.
+// Drones near one place in a room with a pillar, flying to position setpoints.
 class Fleet {
  public:
   Fleet(const DynamicsConfig& dynamics, const Vec3& at, const Vec3& told, const std::optional<ImuConfig>& imu = {},
@@ -308,7 +308,7 @@ class Fleet {
       command_.insert(command_.end(), {told.x() + x, told.y() + y, told.z(), 0.0F});
     }
     batch_->set_pose(places, {});
-    for (int step = 0; step < 200; ++step) batch_->fly(command_);  // until they are there, or have hit what they hit
+    for (int step = 0; step < 200; ++step) batch_->fly(command_);  // until they arrive or are blocked
   }
 
   void fly() { batch_->fly(command_); }
@@ -324,7 +324,7 @@ class Fleet {
   std::vector<float> command_;
 };
 
-// Told a height above the floor, from a height: below 0 they press on it.
+// Commands a height above the floor, starting from another height. Negative heights press the drones onto the floor.
 std::shared_ptr<Fleet> fleet(const DynamicsConfig& config, float from, float told, const std::optional<ImuConfig>& imu = {}) {
   const float floor = -kHalfRoom + DroneModel::load("kingfisher").extents().max.z();
   auto made = std::make_shared<Fleet>(config, Vec3(0.0F, 0.0F, floor + from), Vec3(0.0F, 0.0F, floor + told), imu);
@@ -337,7 +337,7 @@ std::shared_ptr<Fleet> fleet(const DynamicsConfig& config, float from, float tol
 
 constexpr float kOpen = 50.0F;  // m above the floor
 
-// What they take with gusts, an IMU, the ground's effect.
+// Measures the cost of gusts, an IMU and the ground effect.
 void settings(bench::Figures& figures) {
   constexpr float kLow = 0.5F;
   const DynamicsConfig plain = by_rotors(Control::position);
@@ -371,7 +371,7 @@ void settings(bench::Figures& figures) {
   cost("IMU/ns_per_reading", fleets.more("sense, imu", "sense"));
 }
 
-// Pressed into a corner of the room, each a little differently.
+// Drones pressed into a corner of the room from slightly different positions.
 std::shared_ptr<Fleet> cornered(const DynamicsConfig& config) {
   const float wall = kHalfRoom - 0.25F;
   return std::make_shared<Fleet>(config, Vec3(wall, wall, -wall), Vec3(kHalfRoom + 3.0F, kHalfRoom + 3.0F, -kHalfRoom - 1.0F),
@@ -388,7 +388,7 @@ std::shared_ptr<Fleet> deep_inside(const DynamicsConfig& config) {
   return made;
 }
 
-// Time per substep in the open, near a floor, on it, in a corner, and inside a pillar.
+// Measures the time per substep in the open, near the floor, pressed to it, in a corner, and inside a pillar.
 void contacts(bench::Figures& figures) {
   DynamicsConfig stop = by_rotors(Control::position), bounce = stop;
   stop.on_contact = OnContact::stop;
@@ -403,7 +403,7 @@ void contacts(bench::Figures& figures) {
       {"pressed_into_a_corner,_bounce", cornered(bounce)},
       {"deep_inside_a_pillar,_stop", deep_inside(stop)},
       {"deep_inside_a_pillar,_bounce", deep_inside(bounce)}};
-  for (const auto& [name, drones] : flown) {  // one by one: a long one would have the next interrupted
+  for (const auto& [name, drones] : flown) {  // one at a time, because a long one would get the next one interrupted
     Beside alone(kDrones * kTicks);
     alone.add(name, [&] { drones->fly(); });
     alone.measure();
@@ -417,15 +417,15 @@ int main(int argc, char** argv) {
   const flockstep::FlushDenormals flush;
   bench::Figures figures;
   if (argc > 1 && std::string(argv[1]) == "rates") {
-    constexpr double kTurn = 0.01;  // s, of a run
+    constexpr double kTurn = 0.01;  // s, time per run
     const bench::Variant rates = variant("rates", kingfisher(), by_rotors(Control::body_rates));
-    bench::interleave({rates}, kRuns / 2, kTurn);  // to warm up
+    bench::interleave({rates}, kRuns / 2, kTurn);  // warm-up
     const bench::Times times = bench::interleave({rates}, kRuns, kTurn);
     figures.add("dynamics/rates_alone/million_substeps_per_second", million_per_second(times[0]), "1/s", kRuns);
     figures.print();
     return 0;
   }
-  // The best target first, which is what a batch flies by, then all that there are.
+  // The best target, which a batch uses, comes first. All available targets follow.
   const auto targets = hwy::SupportedAndGeneratedTargets();
   const std::pair<std::string, Integrator> integrators[] = {{"midpoint", Integrator::midpoint}, {"rk4", Integrator::rk4}};
   for (const auto& [name, integrator] : integrators) beside_bare(name, integrator, true, figures);

@@ -1,14 +1,15 @@
-// How the engine's LiDAR stage compares with the bare limits of the same work, over the very same rays, on one thread.
+// Compares the engine's LiDAR stage with bare loops over exactly the same rays, on one thread.
 //
-// Bare Embree: a plain loop with no engine: packets filled from precomputed rays, traced, and the distances stored. The best of
-// packets of 1, 8 or 16, coherent or incoherent; over the room and its pillars tessellated to 16-gons, as any program that hands
-// Embree triangles would have it, and over analytic user geometry, whose callback is the engine's own SIMD kernel.
-// Bare direct: bare_direct-inl.hpp, the least code that traces primitives with no tree.
-// Engine: Batch::sense, from the poses. All variants take turns within one run. Prints a JSON list of figures.
+// Bare Embree: a plain loop without the engine. It fills packets from precomputed rays, traces them and stores the distances.
+// The best of packets of 1, 8 or 16, coherent or incoherent, counts. It runs on the room and its pillars tessellated to
+// 16-gons, as any program that passes triangles to Embree would do. It also runs on analytic user geometry, whose callback is
+// the engine's SIMD kernel.
+// Bare direct: bare_direct-inl.hpp, the minimal code that traces primitives without a tree.
+// Engine: Batch::sense, starting from the poses. All variants run in turns. Prints a JSON list of figures.
 #undef HWY_TARGET_INCLUDE
 #define HWY_TARGET_INCLUDE "lidar.cpp"
 #include <hwy/foreach_target.h>
-// Highway's own headers come after foreach_target.
+// Highway's headers must come after foreach_target.
 #include <hwy/highway.h>
 
 #include "bare_direct-inl.hpp"
@@ -57,7 +58,7 @@ constexpr int kRuns = 9;
 // The rays of all drones in one world, as plain arrays.
 struct Rays {
   std::vector<float> ox, oy, oz, dx, dy, dz, range;
-  std::vector<float> t;  // result
+  std::vector<float> t;  // results
 };
 
 std::unique_ptr<BareScene> analytic_scene(const flockstep::World& world) {
@@ -78,7 +79,7 @@ std::unique_ptr<BareScene> analytic_scene(const flockstep::World& world) {
   return bare;
 }
 
-// The bare loop.
+// The bare Embree loop.
 template <class Packet, std::size_t kLanes>
 void trace_bare(RTCScene scene, Rays& rays, bool coherent) {
   alignas(64) Packet packet{};
@@ -103,7 +104,7 @@ void trace_bare(RTCScene scene, Rays& rays, bool coherent) {
     std::fill_n(packet.hit.geomID, kLanes, RTC_INVALID_GEOMETRY_ID);
     if (lanes == kLanes) {
       fill(first, kLanes);
-    } else {  // the unused lanes keep the rays of the packet before
+    } else {  // unused lanes keep the previous packet's rays
       fill(first, lanes);
     }
     trace_packet(scene, valid.data(), packet, query);
@@ -137,7 +138,7 @@ void trace_bare_single(RTCScene scene, Rays& rays) {
   }
 }
 
-// The poses, beams and shapes of one world, and the bare direct loop over them.
+// The poses, beams and shapes of one world, traced by the bare direct loop.
 struct BareDirect {
   std::vector<bench::Shape> shapes;
   std::vector<float> position, rotation, ranges;
@@ -164,7 +165,7 @@ struct BareDirect {
     rotation.insert(rotation.end(), {1, 0, 0, 0, 1, 0, 0, 0, 1});
   }
 
-  // beams: (3, beams + padding), by component
+  // beams: (3, beams + padding), by component.
   void scan(const std::array<std::vector<float>, 3>& beams, std::size_t count, float range) {
     const std::size_t sensors = position.size() / 3;
     const std::size_t stride = count + 15;
@@ -198,7 +199,7 @@ void bench_case(const std::string& name, const flockstep::LidarConfig& lidar, in
 
   const std::size_t per_drone = static_cast<std::size_t>(lidar.rows()) * static_cast<std::size_t>(lidar.columns());
   std::vector<float> directions(3 * n * per_drone);
-  batch.lidar_directions(directions);  // drones are level: body frame and world frame agree
+  batch.lidar_directions(directions);  // level drones: body and world frame are aligned
   std::vector<Rays> rays(worlds.size());
   std::vector<std::unique_ptr<BareScene>> analytic, triangles;
   std::vector<BareDirect> direct;
@@ -286,7 +287,7 @@ void bench_case(const std::string& name, const flockstep::LidarConfig& lidar, in
   figures.add("lidar/direct_" + name + "/bare_embree_scans_per_second", per_second(best_triangles), "1/s", runs);
 }
 
-// Thousands of upright cylinders on a floor.
+// A world of thousands of upright cylinders on a floor.
 std::shared_ptr<const flockstep::World> forest() {
   constexpr float kHalfSide = 100.0F;  // m
   std::mt19937 random(1);
@@ -301,7 +302,7 @@ std::shared_ptr<const flockstep::World> forest() {
   return std::make_shared<const flockstep::World>(std::move(description));
 }
 
-// The same worlds as triangles only.
+// Returns the same worlds with everything tessellated.
 flockstep::Batch::Worlds tessellated(const flockstep::Batch::Worlds& worlds) {
   flockstep::Batch::Worlds meshes;
   for (const auto& world : worlds) {
@@ -320,7 +321,7 @@ int main(int argc, char** argv) {
   for (int i = 1; i <= 5; ++i) {
     worlds.push_back(flockstep::World::load(FLOCKSTEP_SCENES "/playground/train-" + std::to_string(i) + ".json"));
   }
-  // With "fan" only the first case, quickly: what bench/run.py divides by while it times the steps of an environment.
+  // "fan" runs only the first case, quickly. bench/run.py divides by it while timing the steps of an environment.
   const bool quick = argc > 1 && std::string(argv[1]) == "fan";
   bench::Figures figures;
   bench_case("fan35x1024", {}, 1024, worlds, quick ? 1 : kRuns, figures);

@@ -1,4 +1,4 @@
-// Worlds of triangles: hills with trees on them, in any number, and rooms full of furniture.
+// Mesh worlds: hills with trees of any size, and rooms full of furniture.
 #pragma once
 
 #include <array>
@@ -13,8 +13,8 @@
 
 namespace bench {
 
-// A grid of cells x cells squares, side_m long in all, and a tree, a trunk and a crown of 36 triangles, for every 150 triangles
-// of it: about 2.5 cells^2 triangles.
+// Makes hills on a grid of cells x cells squares with a total side of side_m. For every 150 grid triangles there is a tree,
+// whose trunk and crown have 36 triangles. The total is about 2.5 cells^2 triangles.
 inline std::shared_ptr<const flockstep::World> mesh_world(int cells, float side_m) {
   using flockstep::Vec3;
   flockstep::SceneDescription description;
@@ -45,7 +45,7 @@ inline std::shared_ptr<const flockstep::World> mesh_world(int cells, float side_
   }
   std::mt19937 random(1);
   std::uniform_real_distribution<float> place(0.05F * side_m, 0.95F * side_m);
-  // A ring of six points, and cones between rings or to a tip.
+  // A ring of six points, and cones between rings or up to a tip.
   const auto ring = [&](const Vec3& center, float radius) {
     const auto first = static_cast<int>(mesh.vertices.size());
     for (int i = 0; i < 6; ++i) {
@@ -76,8 +76,8 @@ inline std::shared_ptr<const flockstep::World> mesh_world(int cells, float side_
   return std::make_shared<const flockstep::World>(std::move(description));
 }
 
-// 6 x 4 closed rooms of 5 m with doors between them, and in each four desks with a chair, a shelf of books and a lamp. Most of it
-// is boxes: small things before large walls, as a generator of the simplest kind makes them.
+// Makes 6 x 4 closed rooms of 5 m with doors between them. Each has four desks with chairs, a bookshelf and a lamp. Most of it
+// is boxes: small objects in front of large walls, as a very simple generator would make them.
 inline std::shared_ptr<const flockstep::World> furnished_rooms() {
   using flockstep::Vec3;
   constexpr int kAlong = 6, kAcross = 4;
@@ -90,7 +90,7 @@ inline std::shared_ptr<const flockstep::World> furnished_rooms() {
   const Vec3 size(kSide * kAlong, kSide * kAcross, 0.2F);
   builder.box({size.x() / 2, size.y() / 2, -0.1F}, size, wall);
   builder.box({size.x() / 2, size.y() / 2, kHigh + 0.1F}, size, wall);
-  // A wall of a room from a corner on, along x or y, with a door in its middle where another room is behind it.
+  // Adds a room's wall from a corner along x or y. Inner walls, with another room behind them, have a door in the middle.
   const auto partition = [&](float x, float y, bool along_x, bool is_inner) {
     const auto piece = [&](float from, float to, float low, float high) {
       const float middle = (from + to) / 2, length = to - from;
@@ -117,9 +117,9 @@ inline std::shared_ptr<const flockstep::World> furnished_rooms() {
           for (const float leg_x : {-0.65F, 0.65F}) {
             for (const float leg_y : {-0.35F, 0.35F}) box(wood, desk_x + leg_x, desk_y + leg_y, 0.355F, 0.05F, 0.05F, 0.71F);
           }
-          box(wood, desk_x, desk_y, 1.0F, 0.6F, 0.04F, 0.36F);                       // a screen
-          box(wood, desk_x, desk_y, 0.8F, 0.06F, 0.06F, 0.12F);                      // its foot
-          box(wood, desk_x, desk_y + 0.15F * to_chair, 0.76F, 0.44F, 0.16F, 0.02F);  // a keyboard
+          box(wood, desk_x, desk_y, 1.0F, 0.6F, 0.04F, 0.36F);                       // screen
+          box(wood, desk_x, desk_y, 0.8F, 0.06F, 0.06F, 0.12F);                      // screen stand
+          box(wood, desk_x, desk_y + 0.15F * to_chair, 0.76F, 0.44F, 0.16F, 0.02F);  // keyboard
           builder.cylinder({desk_x, desk_y + 0.7F * to_chair, 0.475F}, 0.25F, 0.05F, wood);
           builder.cylinder({desk_x, desk_y + 0.7F * to_chair, 0.25F}, 0.04F, 0.4F, wood);
           box(wood, desk_x, desk_y + 0.95F * to_chair, 0.8F, 0.44F, 0.04F, 0.5F);

@@ -1,5 +1,5 @@
-// Where the time of a step goes, stage by stage, on one thread: a batch flies a random policy through the training playgrounds,
-// and every few steps each stage is timed alone on the state it then has. The stages take turns. Prints a JSON list of figures.
+// Profiles a step, stage by stage, on one thread. A batch flies a random policy through the training playgrounds, and every few
+// steps each stage is timed separately on the current state. The stages run in turns. Prints a JSON list of figures.
 #include <cmath>
 #include <cstdint>
 #include <cstdio>
@@ -23,8 +23,8 @@ namespace {
 using namespace flockstep;
 
 constexpr int kDrones = 1024;
-constexpr int kWarmUp = 1000;  // steps, until drones are everywhere and episodes end all the time
-constexpr int kRuns = 25;      // states looked at
+constexpr int kWarmUp = 1000;  // steps, until the drones are spread out and episodes end at different times
+constexpr int kRuns = 25;      // states to measure
 constexpr int kStepsBetween = 20;
 
 BatchConfig lidar_config(int num_envs) {
@@ -49,7 +49,7 @@ class RandomPolicy {
   std::vector<std::int64_t> actions_;
 };
 
-// Nanoseconds per drone of each stage, by the order of `stages`, as medians over the states.
+// Median time of each stage over the states, in ns per drone, in the order of `stages`.
 class Profile {
  public:
   void add(const std::string& name, const std::function<void()>& run) { stages_.push_back({name, run}); }
@@ -88,10 +88,10 @@ void profile(bench::Figures& figures) {
   batch.reset({});
   const FlushDenormals flush;
 
-  // The same stages as in the batch, on a simulation that is brought to its state.
+  // The same stages as in the batch, on a simulation that copies its state.
   Simulation sim(config, worlds, make_task(NavigationConfig{}), DroneModel::quadrotor650(), {});
   Task& task = *sim.task_state->task;
-  std::vector<EnvIndex> envs;  // world by world, as the batch has them
+  std::vector<EnvIndex> envs;  // grouped by world, as in the batch
   for (const Block& block : sim.schedule.blocks()) envs.insert(envs.end(), block.envs.begin(), block.envs.end());
   std::vector<DroneIndex> drones;
   sim.drones_of(envs, drones);
@@ -127,9 +127,9 @@ void profile(bench::Figures& figures) {
   }
   stages.report(figures);
   figures.add("sweep/ratio_to_direct_lidar", stages.ratio(1, 2), "1", kRuns);
-  if (sink < 0.0F) std::fprintf(stderr, "%f", static_cast<double>(sink));  // it is used
+  if (sink < 0.0F) std::fprintf(stderr, "%f", static_cast<double>(sink));  // keeps the result in use
 
-  // A whole step, resets included.
+  // A whole step, including resets.
   const auto seconds_per_step = [](Batch& of, RandomPolicy& by, int steps) {
     std::vector<double> times;
     for (int run = 0; run < kRuns; ++run) {
@@ -147,7 +147,7 @@ void profile(bench::Figures& figures) {
   figures.add("step/n1/microseconds_cpp", 1e6 * seconds_per_step(single, single_policy, 2000), "us", kRuns);
 }
 
-// Nothing near: the room's walls and its pillars are out of reach of the hull.
+// Measures sweeps with nothing nearby: the walls and pillars of the room are out of the hull's reach.
 void open_space(bench::Figures& figures) {
   SceneDescription description;
   description.primitives.push_back({.kind = PrimitiveKind::room, .half_extents = {50, 50, 50}});

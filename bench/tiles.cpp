@@ -1,8 +1,9 @@
-// How tiles of rays compare with Embree's packets at triangles: tracing alone, from the same poses, on one thread.
+// Compares tiles of rays with Embree's packets on triangles. Only tracing is timed, from the same poses, on one thread.
 //
-// Bare Embree: packets of 8 or 16 neighbouring rays of one sensor, coherent or not, in rectangles of 4 x 2 or 4 x 4 where the
-// pattern has rows; the best of all. It stores what the engine does: of cameras distance, triangle and normal, of LiDARs the
-// distance. Engine: a Tracer, whose fans go through Embree, too. All take turns within one run. Prints a JSON list of figures.
+// Bare Embree: packets of 8 or 16 neighbouring rays of one sensor, coherent or incoherent, in rectangles of 4 x 2 or 4 x 4 if
+// the pattern has rows. The best of all counts. It stores the same results as the engine: distance, triangle and normal for
+// cameras, distance for LiDARs. Engine: a Tracer, which also traces fans through Embree. All variants run in turns. Prints a
+// JSON list of figures.
 #include <algorithm>
 #include <array>
 #include <cmath>
@@ -37,7 +38,7 @@ using flockstep::Vec3;
 constexpr int kRuns = 7;
 constexpr float kInfinity = std::numeric_limits<float>::infinity();
 
-// Rays of a sensor, row by row, in its frame; x is 1 of a camera's.
+// A sensor's rays, row by row, in its frame. For cameras x is 1.
 struct Pattern {
   std::string name;
   std::size_t rows, columns;
@@ -69,7 +70,7 @@ struct Poses {
   }
 };
 
-// What the rays of a sensor have hit. One sensor after the other is traced into the same place, which stays in a cache.
+// The hits of one sensor's rays. All sensors use the same buffer, so it stays in cache.
 struct Hits {
   std::vector<float> distance;
   std::vector<unsigned int> triangle;
@@ -82,7 +83,7 @@ struct Hits {
   }
 };
 
-// Packets of kWide x kHigh rays.
+// Traces packets of kWide x kHigh rays.
 template <class Packet, std::size_t kWide, std::size_t kHigh>
 void trace_bare(const bench::BareScene& scene, const Pattern& pattern, const Poses& poses, bool coherent, Hits& hits) {
   constexpr std::size_t kLanes = kWide * kHigh;
@@ -167,7 +168,7 @@ class Engine {
       for (std::size_t row = 0; row < tile.height; ++row) {
         const std::size_t to = (tile.row + row) * pattern.columns + tile.column, from = row * kSide;
         const auto copy = [&](const auto* values, auto* out) {
-          // Almost every row of a tile is a whole one, which is a few instructions.
+          // Almost every row of a tile has full width, and its copy compiles to a few instructions.
           if (tile.width == kSide) {
             std::memcpy(out + to, values + from, kSide * sizeof *out);
           } else {
@@ -243,7 +244,7 @@ void bench_case(const std::string& scene, const flockstep::World& world, const b
       differ += !(a == b || std::abs(a - b) < 1e-3F * (1.0F + a));
     }
   }
-  if (differ > rays / 1000) {  // of different things nothing is to be compared
+  if (differ > rays / 1000) {  // different results are not comparable
     std::fprintf(stderr, "%s: %zu of %zu rays hit elsewhere\n", name.c_str(), differ, rays);
     std::exit(1);
   }
@@ -307,7 +308,7 @@ Pattern pattern_of(const flockstep::LidarConfig& lidar, int sensors) {
   return pattern;
 }
 
-// A world's triangles alone, primitives tessellated and masks forgotten. chord_error_m: of round shapes.
+// Returns a world with only the triangles: primitives tessellated, masks dropped. chord_error_m applies to round shapes.
 std::shared_ptr<const flockstep::World> triangles_of(const flockstep::World& world, float chord_error_m) {
   flockstep::SceneDescription description;
   description.mesh = world.mesh(chord_error_m);
@@ -323,7 +324,7 @@ std::shared_ptr<const flockstep::World> bundled(const std::shared_ptr<const floc
 
 }  // namespace
 
-// The scenes and patterns to measure, e.g. "office 64x64"; none: all.
+// The arguments select the scene and the pattern, e.g. "office 64x64". Without them all are measured.
 int main(int argc, char** argv) {
   const std::string only_scene = argc > 1 ? argv[1] : "", only_pattern = argc > 2 ? argv[2] : "";
   const std::vector<std::pair<std::string, std::function<std::shared_ptr<const flockstep::World>()>>> scenes{

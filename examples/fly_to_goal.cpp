@@ -1,6 +1,6 @@
-// fly_to_goal.cpp: a task in C++ from outside the package: fly to the goal marker and touch nothing.
+// fly_to_goal.cpp: an external C++ task: fly to the goal marker without touching anything.
 //
-// docs/add-a-task.md says how it is built and flown, and has it in Python.
+// docs/add-a-task.md explains how to build and fly it, and has the same task in Python.
 #include <stdexcept>
 
 #include "flockstep/task.hpp"
@@ -10,7 +10,7 @@ using namespace flockstep;
 class FlyToGoal final : public Task {
  public:
   FlyToGoal() : spec_{.action = {.name = "action", .shape = {3}}, .reward_terms = {"closer", "arrived", "crashed"}} {
-    spec_.observation = {{.name = "direction", .shape = {3}}};  // float32 in [-1, 1], as the action, where nothing else is said
+    spec_.observation = {{.name = "direction", .shape = {3}}};  // float32 in [-1, 1] by default, like the action
   }
   const TaskSpec& spec() const override { return spec_; }
   std::string identity() const override { return "FlyToGoal 1"; }  // name and configuration

@@ -1,4 +1,4 @@
-// minimal.cpp: four drones take a step through a generated office, and their LiDARs print what they measure.
+// minimal.cpp: four drones take one step through a generated office and print their LiDAR ranges.
 #include <cstddef>
 #include <cstdint>
 #include <cstdio>
@@ -11,22 +11,22 @@
 using namespace flockstep;
 
 int main() {
-  // A world is immutable, so any number of envs and batches share it.
+  // A world is immutable, so any number of envs and batches can share it.
   const auto world = office({.seed = 7});
 
-  // Four envs of one drone each, whose LiDAR has eight beams.
+  // Four envs of one drone each. Every drone has a LiDAR with eight beams.
   BatchConfig config;
   config.num_envs = 4;
   config.lidars = {{.beams = 8, .hfov_deg = 360, .max_range_m = 10}};
   Batch batch(config, {world}, make_task(NavigationConfig{.action = ActionKind::displacement}));
 
-  // An episode of an env depends on its seed only.
+  // An env's episode depends only on its seed.
   batch.reset(std::vector<std::uint64_t>{0, 1, 2, 3});
 
-  // Actions have a row for each env: here (x, y, z) in the body frame, in units of 0.1 m.
+  // One row of actions per env: (x, y, z) in the body frame, in units of 0.1 m.
   batch.step(std::vector<float>{1, 0, 0, -1, 0, 0, 0, 1, 0, 0, -1, 0});
 
-  // Ranges have the shape (drones, channels, beams), in metres; inf is a miss.
+  // Ranges have the shape (drones, channels, beams), in m; inf means no hit.
   const std::vector<float>& ranges = batch.lidar_readings().ranges;
   for (std::size_t drone = 0; drone < 4; ++drone) {
     std::printf("drone %zu:", drone);

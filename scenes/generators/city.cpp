@@ -43,8 +43,7 @@ struct Built {
 
 class City {
   static constexpr double kRoadway = 10.0, kPavement = 4.0, kKerb = 0.25;  // m, widths
-  static constexpr double kRim = 13.0, kBeyond = 4.0;                      // m, depth of the outer rows of houses and of the
-                                                                           // margin behind them
+  static constexpr double kRim = 13.0, kBeyond = 4.0;                      // m, depth of the outer houses, margin behind them
   static constexpr double kLeastBlock = 34.0, kMostBlock = 46.0;           // m, kerb to kerb
   static constexpr double kSlit = 0.01;                                    // m, gap on each side of a party wall
   static constexpr double kHouse = 11.0;                                   // m, minimum width of a lot after a split

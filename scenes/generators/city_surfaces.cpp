@@ -38,10 +38,8 @@ Color scaled(const Color& color, double factor) {
   return {f * color[0], f * color[1], f * color[2]};
 }
 
-double wave(double x) {
-  return std::abs(2.0 * (x - std::floor(x)) - 1.0);
-}  // triangle wave of period 1, from 1 down to 0 and
-   // back
+// Triangle wave of period 1, from 1 down to 0 and back.
+double wave(double x) { return std::abs(2.0 * (x - std::floor(x)) - 1.0); }
 
 class Painter {
   static constexpr int kTile = 256;  // px, side of the noise tile

@@ -33,8 +33,7 @@ Color floor_color(const Noise& noise, Floor floor, double x, double y, double re
   };
   switch (floor) {
     case Floor::carpet: {
-      const bool is_odd = (static_cast<int>(2.0 * x) + static_cast<int>(2.0 * y)) % 2 == 1;  // half-metre tiles, alternately
-                                                                                             // rotated
+      const bool is_odd = (static_cast<int>(2.0 * x) + static_cast<int>(2.0 * y)) % 2 == 1;  // rotates every other 0.5 m tile
       const double pile = is_odd ? octaves(64.0, 64.0, 1) : octaves(32.0, 64.0, 2);
       return mixed(Color{0.17F, 0.18F, 0.20F}, Color{0.29F, 0.30F, 0.33F}, 0.15 + 0.7 * pile + (is_odd ? 0.08 : 0.0));
     }
@@ -414,8 +413,7 @@ class Office {
       shape.block({x, 0, 0.5 * door.high}, {kFrame, deep, door.high}, paint);
     }
     shape.block({0, 0, door.high - 0.5 * kFrame}, {door.width - 2.0 * kFrame, deep, kFrame}, paint);
-    shape.block({0, 0, 0.004}, {door.width - 2.0 * kFrame, deep, 0.008}, Swatch::dark_grey);  // threshold between the two
-                                                                                              // floors
+    shape.block({0, 0, 0.004}, {door.width - 2.0 * kFrame, deep, 0.008}, Swatch::dark_grey);  // threshold
     if (door.width < 2.0) add_leaf(shape, door);
     furniture_.add(shape, Kind::door);
   }
@@ -584,8 +582,7 @@ class Office {
                                                   {Swatch::painting_e, 2.0},
                                                   {Swatch::painting_c, 1.0}}};
     for (int i = 0; i < count; ++i) {
-      painting_ = (painting_ + 1 + static_cast<std::size_t>(draws_.below(4))) % kPaintings.size();  // never the same twice in a
-                                                                                                    // row
+      painting_ = (painting_ + 1 + static_cast<std::size_t>(draws_.below(4))) % kPaintings.size();  // no repeats
       const double high = draws_.uniform(0.5, 0.75), across = kPaintings[painting_].shape * high;
       if (const auto spot = hang(across, high, 1.6)) {
         furniture_.framed(*spot, 1.6, across, high, kPaintings[painting_].swatch, Kind::picture);

@@ -273,8 +273,7 @@ class Warehouse {
         for (const double z : {strip, top}) bars.block({0, 0, z}, {2.0 * half, 0.14, 0.08}, Swatch::grey);
         furniture_.add(bars, Kind::window);
       }
-      const double low_y = is_far ? 0.0 : width, high_y = is_far ? width : 0.0;  // from left to right as seen from inside,
-                                                                                 // reversed
+      const double low_y = is_far ? 0.0 : width, high_y = is_far ? width : 0.0;  // seen from inside, right to left
       const std::int32_t a = add_vertex(gables, {x, high_y, 0}, high_y / 2.0, t(0)),
                          b = add_vertex(gables, {x, low_y, 0}, low_y / 2.0, t(0));
       const std::int32_t c = add_vertex(gables, {x, low_y, high_ + kRoof}, low_y / 2.0, t(high_ + kRoof)),
