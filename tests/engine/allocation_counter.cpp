@@ -7,15 +7,15 @@
 
 #include "base/thread_sanitizer.hpp"
 
-// Under the thread sanitizer nothing is counted: its own operators know which library a call comes from, and leave oneTBB's and
-// Embree's hand-overs of memory between their threads alone.
+// Nothing is replaced under the thread sanitizer. Its own operators identify the calling library, and ignore memory that oneTBB
+// and Embree pass between their threads.
 
 namespace {
 
 std::atomic<std::uint64_t> total{0};
 std::atomic<std::int64_t> live{0};
 thread_local std::uint64_t of_this_thread = 0;
-thread_local std::uint64_t to_fail = 0;  // the number of the allocation; 0: none
+thread_local std::uint64_t to_fail = 0;  // number of the allocation to fail; 0: none
 
 #if !defined(FLOCKSTEP_THREAD_SANITIZER)
 void* allocate(std::size_t size, std::size_t alignment) noexcept {
@@ -55,7 +55,7 @@ bool FailingAllocation::has_failed() const { return of_this_thread >= to_fail; }
 }  // namespace flockstep::testing
 
 #if !defined(FLOCKSTEP_THREAD_SANITIZER)
-// The whole replaceable set ([new.delete]), so that no allocation goes uncounted and each goes back where it came from.
+// Replaces every form of operator new and delete ([new.delete]), so that all allocations are counted and freed consistently.
 void* operator new(std::size_t size) { return allocate_or_throw(size, 0); }
 void* operator new[](std::size_t size) { return allocate_or_throw(size, 0); }
 void* operator new(std::size_t size, std::align_val_t a) { return allocate_or_throw(size, static_cast<std::size_t>(a)); }

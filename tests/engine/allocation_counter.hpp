@@ -1,19 +1,19 @@
-// Counts heap allocations, and lets one fail: the test program's operator new and delete are replaced (allocation_counter.cpp).
-// Under the thread sanitizer they are not: it counts nothing, and nothing fails.
+// Counts heap allocations and can make one fail, by replacing operator new and delete of the test program
+// (allocation_counter.cpp). Under the thread sanitizer they are not replaced: nothing is counted and nothing fails.
 #pragma once
 
 #include <cstdint>
 
 namespace flockstep::testing {
 
-// Calls of operator new so far, by this thread or by all threads together.
+// Number of calls of operator new so far, by this thread or by all threads together.
 std::uint64_t allocations_of_this_thread();
 std::uint64_t allocations();
 
-// How many of all threads' are not freed yet.
+// Number of allocations of all threads that are not freed yet.
 std::int64_t live_allocations();
 
-// While one lives, the n-th allocation of this thread from its making on fails, and no other. n counts from 1.
+// During its lifetime, makes this thread's n-th allocation after its construction fail. n counts from 1.
 class FailingAllocation {
  public:
   explicit FailingAllocation(std::uint64_t n);

@@ -1,4 +1,4 @@
-// What the tests of batches share: small worlds, a navigation batch, comparing bits, changing snapshots.
+// Helpers for tests of batches: small worlds, a navigation batch, bitwise comparison, edited snapshots.
 #pragma once
 
 #include <gtest/gtest.h>
@@ -40,7 +40,7 @@ inline std::shared_ptr<const World> make_world(std::vector<Primitive> primitives
   return std::make_shared<const World>(std::move(description));
 }
 
-// Small enough that a random flight ends soon, in every way.
+// A world so small that random flights soon end in every possible way.
 inline std::shared_ptr<const World> closet() {
   return make_world({primitive(PrimitiveKind::room, {1, 1, 0.75F}, {1.25F, 1.25F, 0.75F}),
                      primitive(PrimitiveKind::cylinder, {1.9F, 1.9F, 0.75F}, {0.125F, 0.125F, 0.75F})},
@@ -58,7 +58,7 @@ inline BatchConfig lidar_batch(int num_envs, const LidarConfig& lidar = {}) {
   return config;
 }
 
-// What a batch of the navigation task is made of.
+// The configuration of a navigation batch.
 struct NavigationBatch : BatchConfig {
   NavigationConfig navigation;
 
@@ -74,7 +74,7 @@ std::span<const T> row(const std::vector<T, Allocator>& array, std::size_t drone
   return std::span(array).subspan(drone * columns, columns);
 }
 
-// Equal as bytes: -0 differs from 0, a NaN equals itself.
+// Compares bytes: -0 differs from 0, and a NaN equals itself.
 template <class A, class B>
 bool same_bits(const A& a, const B& b) {
   const std::span x(a);
@@ -82,14 +82,14 @@ bool same_bits(const A& a, const B& b) {
   return x.size() == y.size() && (x.empty() || std::memcmp(x.data(), y.data(), x.size_bytes()) == 0);
 }
 
-// The numbers of an observation, row after row.
+// Returns the values of an observation, row after row.
 template <class T = float>
 std::vector<T> values_of(const Buffer& buffer) {
   const auto* const first = reinterpret_cast<const T*>(buffer.bytes().data());
   return {first, first + buffer.bytes().size() / sizeof(T)};
 }
 
-// f(name, array) for every array of a struct, and of the structs in it.
+// Calls f(name, array) for every array of a struct and of its nested structs.
 template <HasFields T, class F>
 void for_each_array(const T& arrays, const F& f) {
   for_each_field(arrays, [&](const auto& field, const auto& value) {
@@ -101,7 +101,7 @@ void for_each_array(const T& arrays, const F& f) {
   });
 }
 
-// f(name, bytes) for every array of the batch's task.
+// Calls f(name, bytes) for every array of the batch's task.
 template <class F>
 void for_each_task_array(const Batch& batch, const F& f) {
   struct Visitor final : ArrayVisitor {
@@ -115,7 +115,7 @@ void for_each_task_array(const Batch& batch, const F& f) {
   batch.visit_task(visitor);
 }
 
-// One of them; empty where the task has no array of that name.
+// Returns one array of the batch's task, or an empty span if there is none with that name.
 template <class T>
 std::span<const T> task_array(const Batch& batch, std::string_view name) {
   std::span<const T> found;
@@ -130,8 +130,8 @@ struct NamedRow {
   std::span<const std::byte> bytes;
 };
 
-// All that is written of one env of one drone: its rows of the state (but the number of its world), of the sensors, of the
-// outputs and of the task. Its final observation counts where there is one.
+// Returns all rows that the batch writes for an env with one drone: state (except world_index), sensors, outputs and task. The
+// final observation is included only if the episode ended.
 inline std::vector<NamedRow> rows_of(const Batch& batch, std::size_t env) {
   std::vector<NamedRow> rows;
   const auto add = [&](const std::string& name, std::span<const std::byte> array) {
@@ -164,7 +164,7 @@ inline std::vector<std::byte> bytes_of(const Batch& batch, std::size_t env) {
   return bytes;
 }
 
-// Drone i of one batch is drone j of another, bit for bit, and in the same world.
+// Checks that drone i of one batch and drone j of another are identical bit for bit and in the same world.
 inline ::testing::AssertionResult same_drone(const Batch& a, std::size_t i, const Batch& b, std::size_t j) {
   const auto world_of = [](const Batch& batch, std::size_t env) {
     return batch.worlds()[static_cast<std::size_t>(batch.state().world_index[env])].get();
@@ -187,12 +187,12 @@ inline ::testing::AssertionResult same_drones(const Batch& a, const Batch& b) {
   return ::testing::AssertionSuccess();
 }
 
-// What a snapshot begins with; see batch/snapshot.cpp. Then come the arrays, each behind its length of 8 bytes.
+// The header of a snapshot, see batch/snapshot.cpp. The arrays follow, each preceded by its length in 8 bytes.
 struct SnapshotHeader {
   std::uint64_t magic, format, config, length, checksum;
 };
 
-// A snapshot that was changed, with the length and the checksum that belong to it now: what is checked behind these is reached.
+// Returns an edited snapshot with its length and checksum updated, so that the checks behind them are reached.
 inline std::string mended(std::string blob) {
   SnapshotHeader header{};
   std::memcpy(&header, blob.data(), sizeof(header));
@@ -219,7 +219,7 @@ std::string message_of(const F& f) {
 
 }  // namespace flockstep::testing
 
-// The statement throws std::invalid_argument and its message names the field.
+// Expects the statement to throw std::invalid_argument with a message that names the field.
 #define EXPECT_REFUSED(statement, field)                                                             \
   do {                                                                                               \
     EXPECT_THROW(statement, std::invalid_argument);                                                  \

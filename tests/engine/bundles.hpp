@@ -1,4 +1,4 @@
-// What the tests of direct tracing share: sets of directions with their frustum, and bundles of them.
+// Helpers for tests of direct tracing: sets of directions with their frustum, and bundles of them.
 #pragma once
 
 #include <cmath>
@@ -15,7 +15,7 @@
 
 namespace flockstep::testing {
 
-// Unit directions in the sensor's frame as a bundle wants them: structure of arrays, padded, and with their frustum.
+// Unit directions in the sensor's frame in the layout of a bundle: structure of arrays, padded, with their frustum.
 class Directions {
  public:
   explicit Directions(const std::vector<Vec3>& directions) : count_(directions.size()) {
@@ -31,7 +31,7 @@ class Directions {
   std::size_t size() const { return count_; }
   Vec3 operator[](std::size_t i) const { return {x_[i], y_[i], z_[i]}; }
   const trace::Frustum& frustum() const { return frustum_; }
-  // Lets a bundle point at those from first on; this must outlive it.
+  // Points the bundle at the directions from `first` on. This object must outlive the bundle.
   void aim(trace::RayBundle& rays, std::size_t first = 0) const {
     rays.x = x_.data() + first;
     rays.y = y_.data() + first;
@@ -46,7 +46,7 @@ class Directions {
   trace::Frustum frustum_;
 };
 
-// A single channel about the sensor's x axis.
+// Returns a single channel centred on the sensor's x axis.
 inline std::vector<Vec3> fan(std::size_t beams, float degrees) {
   std::vector<Vec3> directions;
   for (std::size_t i = 0; i < beams; ++i) {
@@ -57,7 +57,7 @@ inline std::vector<Vec3> fan(std::size_t beams, float degrees) {
   return directions;
 }
 
-// Rays within this angle of a random axis.
+// Returns directions within `degrees` of a random axis.
 inline std::vector<Vec3> cone(Random& random, std::size_t count, float degrees) {
   const Quat turn = random.rotation();
   std::vector<Vec3> directions;
@@ -71,13 +71,13 @@ inline std::vector<Vec3> cone(Random& random, std::size_t count, float degrees) 
   return directions;
 }
 
-// A frustum that holds everything, because it has no plane.
+// A frustum without planes, which contains everything.
 inline const trace::Frustum& everywhere() {
   static const trace::Frustum frustum{};
   return frustum;
 }
 
-// The rays of a bundle in the world frame, as a block.
+// Copies the rays of a bundle to a block, in the world frame.
 inline void copy(const trace::RayBundle& bundle, trace::RayBlock& block) {
   block.count = bundle.count;
   for (std::size_t i = 0; i < bundle.count; ++i) {

@@ -1,4 +1,4 @@
-// Whether a drone touches anything in a world, asked once: with its obstacles and the drone's hull looked up anew.
+// Single collision queries for a world and a drone. Each call looks up the obstacles and builds the hull again.
 #pragma once
 
 #include "collision/sweep.hpp"

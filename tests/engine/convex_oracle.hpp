@@ -1,5 +1,5 @@
-// An independent distance between convex sets, slow and plain: Wolfe's nearest point algorithm on their Minkowski difference.
-// It knows nothing of the engine's geometry code or of its library; both of its answers are certificates.
+// An independent distance between convex sets, slow and simple: Wolfe's nearest point algorithm on their Minkowski difference.
+// It shares no code with the engine's geometry or its library. Both of its bounds are certificates.
 #pragma once
 
 #include <Eigen/Dense>
@@ -15,7 +15,7 @@ namespace flockstep::oracle {
 
 using Vec3d = Eigen::Vector3d;
 
-// The point of a convex set farthest along a direction, world frame.
+// Support function: the farthest point of a convex set along a direction, in the world frame.
 using Support = std::function<Vec3d(const Vec3d& direction)>;
 
 inline Support polytope(std::vector<Vec3d> points) {
@@ -73,11 +73,11 @@ inline Support solid(const Primitive& primitive) {
 
 struct Distance {
   double lower = 0.0;  // m; a separating plane with this gap exists
-  double upper = 0.0;  // m; two points this close exist
+  double upper = 0.0;  // m; two points at this distance exist
 };
 
 // P. Wolfe, "Finding the nearest point in a polytope", Mathematical Programming 11 (1976), with a support function for the
-// vertices. Overlapping sets give 0 from above and something not positive from below.
+// vertices. For overlapping sets `upper` is 0 and `lower` is not positive.
 inline Distance distance(const Support& a, const Support& b) {
   const auto farthest = [&](const Vec3d& d) -> Vec3d { return a(d) - b(-d); };
   std::vector<Vec3d> points{farthest(Vec3d(1, 0.5, 0.25))};
@@ -96,7 +96,7 @@ inline Distance distance(const Support& a, const Support& b) {
     if (known || length - x.dot(q) / length < 1e-9) break;
     points.push_back(q);
     weights.push_back(0.0);
-    while (true) {  // the nearest point of the affine hull, or of a smaller face where that lies outside
+    while (true) {  // nearest point of the affine hull, or of a smaller face if it lies outside
       const auto n = static_cast<Eigen::Index>(points.size());
       Eigen::MatrixXd system = Eigen::MatrixXd::Zero(n + 1, n + 1);
       for (Eigen::Index i = 0; i < n; ++i) {

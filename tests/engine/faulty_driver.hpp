@@ -1,4 +1,4 @@
-// FaultyDriver: an OpenGL driver that fails or hangs, put in the place of the true one while it lives.
+// FaultyDriver: replaces the OpenGL driver during its lifetime with one that fails or hangs.
 #pragma once
 
 #include <epoxy/gl.h>
@@ -9,13 +9,13 @@
 
 namespace flockstep::testing {
 
-// libepoxy calls OpenGL through pointers that are variables: this one replaces glGetError(), which the renderer asks once after
-// it has read a round of pictures. One at a time, and every context in the process gets its answers.
+// libepoxy calls OpenGL through function pointers. This class replaces the pointer of glGetError(), which the renderer calls
+// once after reading a round of images. Only one may exist at a time, and it affects every context in the process.
 class FaultyDriver {
  public:
   enum class Fault { error, hang };
 
-  // The first `good_rounds` rounds are answered as if all was well.
+  // The first `good_rounds` rounds succeed.
   explicit FaultyDriver(Fault fault, int good_rounds = 0) {
     const std::lock_guard lock(shared().mutex);
     shared().fault = fault;
@@ -23,7 +23,7 @@ class FaultyDriver {
     shared().over = false;
     true_function_ = std::exchange(epoxy_glGetError, &get_error);
   }
-  // Lets threads that hang go on, and waits for their end.
+  // Releases the threads that hang and waits for them to end.
   ~FaultyDriver() {
     std::unique_lock lock(shared().mutex);
     epoxy_glGetError = true_function_;
@@ -48,7 +48,7 @@ class FaultyDriver {
     return one;
   }
 
-  // Lives as long as the thread that has it.
+  // Exists as long as the thread that owns it.
   struct HungThread {
     HungThread() { ++shared().threads_that_hung; }
     ~HungThread() {

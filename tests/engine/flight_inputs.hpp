@@ -1,4 +1,4 @@
-// Controls, commands and airframes for the tests of flight.
+// Control modes, commands and airframes for tests of flight.
 #pragma once
 
 #include <array>
@@ -16,7 +16,7 @@ inline constexpr std::array kFlightControls{Control::rotor_speeds,     Control::
                                             Control::attitude,         Control::acceleration,  Control::velocity,
                                             Control::heading_velocity, Control::position};
 
-// Something for each control to do: a row for each airframe.
+// Returns random commands for a control mode, one row per airframe.
 inline std::vector<float> flight_commands(Random& random, Control control, std::span<const Airframe> airframes) {
   std::vector<float> rows;
   for (const Airframe& frame : airframes) {
@@ -41,7 +41,7 @@ inline std::vector<float> flight_commands(Random& random, Control control, std::
   return rows;
 }
 
-// Airframes that differ in every number and in which terms they have.
+// Returns airframes that differ in every number and in the terms they have.
 inline std::vector<Airframe> different_airframes() {
   std::vector<Airframe> frames;
   for (const std::string& name : DroneModel::names()) frames.push_back(*DroneModel::load(name).airframe());

@@ -1,4 +1,4 @@
-// FlightRoom: drones in a room that fly by their rotors outside of a batch.
+// FlightRoom: drones with simulated rotors in a room, without a batch.
 #pragma once
 
 #include <gtest/gtest.h>
@@ -25,7 +25,7 @@ inline const ClockConfig kRoomClock{.policy_hz = 50.0F, .physics_hz = 500.0F, .c
 
 class FlightRoom {
  public:
-  // airframe_index: (N,) the row of each drone's airframe in the table; all have the hull of the model.
+  // airframe_index: (N,) row of each drone's airframe in the table. All drones have the model's hull.
   FlightRoom(const DynamicsConfig& config, const DroneModel& model, std::span<const Airframe> airframes,
              std::span<const std::int32_t> airframe_index, std::size_t drones_per_env = 1)
       : hull_(model),
@@ -42,7 +42,7 @@ class FlightRoom {
     start();
   }
 
-  // Flies the listed drones for a step. own: see dynamics::FlightContext.
+  // Flies the listed drones for one step. For `own` see dynamics::FlightContext.
   void fly(std::span<const DroneIndex> drones, const dynamics::DroneRange& own, std::span<const float> command) {
     fleet.update_wind(state, drones, 0);
     const dynamics::Commands commands{.command = command, .target = {}, .step_start = {}};
@@ -70,7 +70,7 @@ class FlightRoom {
     return {fleet, state, hull_, slots_, scenes_, obstacles_, {}, 1, own, *tracer_, *scratch_};
   }
 
-  // So low and narrow that drones hit it.
+  // Low and narrow, so that drones hit it.
   std::shared_ptr<const World> world_ = make_world({primitive(PrimitiveKind::room, Vec3::Zero(), {2.0F, 2.0F, 1.0F}),
                                                     primitive(PrimitiveKind::cylinder, {1.2F, 0.4F, 0.0F}, {0.3F, 0.3F, 1.0F})});
   collision::Hull hull_;
@@ -97,7 +97,7 @@ inline DynamicsConfig room_dynamics(OnContact on_contact, Control control) {
   return config;
 }
 
-// f(name, values, others) for every array of floats of two states.
+// Calls f(name, values, others) for every float array of two states.
 template <class F>
 void for_each_float_array(const State& a, const State& b, const F& f) {
   for_each_float_array(a, [&](const std::string& name, const std::vector<float>& values) {

@@ -1,4 +1,4 @@
-// A State for drones that fly by their rotors outside of a batch, and its arrays by name.
+// A State for drones with simulated rotors without a batch, and access to its arrays by name.
 #pragma once
 
 #include <algorithm>
@@ -15,7 +15,7 @@
 
 namespace flockstep::testing {
 
-// All drones at the origin, upright and at rest, in world 0, env i with seed i.
+// Returns a state with all drones at the origin, upright and at rest, in world 0. Env i has seed i.
 inline State flight_state(std::size_t num_envs, std::size_t drones_per_env) {
   const std::size_t n = num_envs * drones_per_env;
   State state;
@@ -36,7 +36,7 @@ inline State flight_state(std::size_t num_envs, std::size_t drones_per_env) {
   return state;
 }
 
-// f(name, array) for every array of floats in a State, whose fields may be const.
+// Calls f(name, array) for every float array of a State, which may be const.
 template <class T, class F>
 void for_each_float_array(T& arrays, const F& f) {
   for_each_field(arrays, [&](const auto& field, auto& value) {

@@ -1,4 +1,4 @@
-// Running the SIMD kernels by one target after the other.
+// Runs the SIMD kernels on a chosen target.
 #pragma once
 
 #include <hwy/targets.h>
@@ -7,7 +7,7 @@
 
 namespace flockstep::testing {
 
-// Lets all that is dispatched be run by one SIMD target, until this goes.
+// Dispatches all SIMD kernels to one target during its lifetime.
 class OnTarget {
  public:
   explicit OnTarget(std::int64_t target) { hwy::GetChosenTarget().Update(target); }

@@ -1,5 +1,5 @@
-// An independent answer to "what does this pixel show": closed forms, all triangles and the shading formula above struct Light,
-// in double precision. It knows nothing of the engine's rendering, tracing or tables.
+// An independent reference for rendered pixels in double precision: closed forms, all triangles, and the shading formula above
+// struct Light. It shares no code with the engine's rendering, tracing or tables.
 #pragma once
 
 #include <gtest/gtest.h>
@@ -21,7 +21,7 @@
 
 namespace flockstep::oracle {
 
-// -- Which way a pixel looks.
+// -- Pixel directions.
 
 struct Eye {
   Vec3d origin;
@@ -38,7 +38,7 @@ inline Eye eye_of(const CameraConfig& camera, const Vec3d& position, const Eigen
   return {position + body * vector_of(camera.offset_m.data()), body * matrix_of(camera.quat_wxyz.data())};
 }
 
-// Pixels per unit of slope, across and down.
+// Returns the focal lengths in pixels, horizontal and vertical.
 inline std::array<double, 2> focal_lengths(const CameraConfig& camera) {
   const auto focal = [](int pixels, float fov_deg) {
     return 0.5 * pixels / std::tan(0.5 * static_cast<double>(fov_deg) * std::numbers::pi / 180.0);
@@ -50,13 +50,14 @@ inline std::array<double, 2> focal_lengths(const CameraConfig& camera) {
   return {f, f};
 }
 
-// Through a place in the image, counted in pixels from its upper left corner; world frame, 1 long along the optical axis.
+// Returns the direction through the image point (u, v), in pixels from the upper left corner. It is in the world frame and has
+// length 1 along the optical axis.
 inline Vec3d direction_through(const CameraConfig& camera, const Eye& eye, double u, double v) {
   const auto [fx, fy] = focal_lengths(camera);
   return eye.rotation * Vec3d(1.0, (0.5 * camera.width_px - u) / fx, (0.5 * camera.height_px - v) / fy);
 }
 
-// -- Where cameras see through triangles.
+// -- Transparent texels.
 
 inline double wrapped(double x, TextureWrap wrap) {
   if (wrap == TextureWrap::clamp) return std::clamp(x, 0.0, 1.0);
@@ -65,12 +66,12 @@ inline double wrapped(double x, TextureWrap wrap) {
   return there_and_back > 1.0 ? 2.0 - there_and_back : there_and_back;
 }
 
-// The index of a texel, maybe one beyond the border.
+// Returns the index of a texel. The argument may be one beyond the border.
 inline int texel_index(int index, int size, TextureWrap wrap) {
   return wrap == TextureWrap::repeat ? (index + size) % size : std::clamp(index, 0, size - 1);
 }
 
-// The weights of a triangle's second and third corner at a point of it.
+// Returns the barycentric weights of a triangle's second and third corners at a point.
 inline Eigen::Vector2d weights_at(const TriangleMesh& mesh, std::size_t triangle, const Vec3d& point) {
   const auto corner = [&](std::size_t k) -> Vec3d {
     return mesh.vertices[static_cast<std::size_t>(mesh.triangles[triangle][k])].cast<double>();
@@ -90,7 +91,7 @@ inline Eigen::Vector2d place_in_texture(const TriangleMesh& mesh, std::size_t tr
   return uv[0] + weights[0] * (uv[1] - uv[0]) + weights[1] * (uv[2] - uv[0]);
 }
 
-// The alpha of an image at (s, t), 0 to 1.
+// Returns the alpha of an image at (s, t), in [0, 1].
 inline double alpha_at(const Texture& image, double s, double t) {
   const double x = wrapped(s, image.wrap[0]) * image.width_px - 0.5;
   const double y = wrapped(t, image.wrap[1]) * image.height_px - 0.5;
@@ -108,7 +109,7 @@ inline double alpha_at(const Texture& image, double s, double t) {
   return alpha;
 }
 
-// Whether cameras and the sun's light meet a triangle at a point of it.
+// Returns whether a triangle is opaque for cameras and sunlight at a point.
 inline bool is_seen(const World& world, std::size_t triangle, const Vec3d& point) {
   const TriangleMesh& mesh = world.triangles();
   const Material& material = world.materials()[mesh.materials[triangle]];
@@ -117,9 +118,9 @@ inline bool is_seen(const World& world, std::size_t triangle, const Vec3d& point
   return alpha_at(world.textures()[*material.texture], place.x(), place.y()) >= static_cast<double>(material.alpha_cutoff);
 }
 
-// -- What is there.
+// -- Hits.
 
-// Elements are numbered as by World::raycast, the markers after all triangles: start, waypoints, goal.
+// Elements are numbered as in World::raycast. The markers follow the triangles: start, waypoints, goal.
 struct Seen {
   double depth = kNever;  // m, planar
   int element = -1;
@@ -138,7 +139,7 @@ inline int first_marker(const World& world) {
   return static_cast<int>(world.primitives().size() + world.triangles().triangles.size());
 }
 
-// The nearest thing from the near plane on, which is where the ray begins; a marker where the ray enters it, if that is beyond.
+// Returns the nearest hit of a ray that starts at the near plane. A marker counts if its entry point is beyond the near plane.
 inline Seen see(const World& world, const CameraConfig& camera, const Vec3d& origin, const Vec3d& direction) {
   const double near = camera.near_m;
   const double far = camera.far_m;
@@ -158,8 +159,8 @@ inline Seen see(const World& world, const CameraConfig& camera, const Vec3d& ori
   return seen;
 }
 
-// No edge, silhouette, near or far plane is close, and the surface is not seen at a grazing angle: rays a little beside this one
-// see nearly the same.
+// Returns whether slightly offset rays give nearly the same result: no edge, silhouette, near plane or far plane is close, and
+// the hit is not at a grazing angle.
 inline bool is_clear(const World& world, const CameraConfig& camera, const Seen& seen, const Vec3d& origin,
                      const Vec3d& direction) {
   constexpr double kAside = 2e-5;  // m
@@ -178,11 +179,12 @@ inline bool is_clear(const World& world, const CameraConfig& camera, const Seen&
   return true;
 }
 
-// -- What it looks like.
+// -- Shading.
 
 inline Vec3d to_sun(const World& world) { return vector_of(world.light().sun_direction.data()).normalized(); }
 
-// Whether a point outside of a room looks through it: the sun's light, that comes the other way, meets the room from within.
+// Returns whether a ray from a point outside a room passes through it. Sunlight runs the other way and hits the room from
+// inside.
 inline bool is_behind(const Primitive& room, const Vec3d& point, const Vec3d& direction) {
   Interval inside;
   for (Eigen::Index axis = 0; axis < 3; ++axis) {
@@ -209,11 +211,11 @@ inline bool is_shaded(const World& world, const Vec3d& point) {
 
 enum class Shade : std::uint8_t { lit, shaded, unclear };
 
-// Unclear where the edge of a shadow is within a centimetre.
+// The result is unclear if a shadow's edge is within 1 cm.
 inline Shade shade_at(const World& world, const Vec3d& point, const Vec3d& normal) {
   constexpr double kBeside = 1e-2;  // m
   const Vec3d sun = to_sun(world);
-  if (normal.dot(sun) <= 0.0) return Shade::lit;  // it shows nothing of the sun either way
+  if (normal.dot(sun) <= 0.0) return Shade::lit;  // turned away from the sun, so shadows do not matter
   const Vec3d off = point + 1e-3 * normal;
   const Vec3d u = normal.unitOrthogonal();
   const Vec3d v = normal.cross(u);
@@ -252,12 +254,12 @@ inline Surface surface_of(const World& world, int element) {
   return {{0.85, 0.6, 0.02}, kSemanticWaypoint, instance};
 }
 
-// -- What a texture shows, by the rules above struct Textures.
+// -- Textures, by the rules above struct Textures.
 
 struct TexelGrid {
   int width, height;
   std::vector<Vec3d> linear;  // row by row
-  std::vector<double> alpha;  // likewise, bytes; none where it does not matter
+  std::vector<double> alpha;  // row by row, bytes; empty if alpha does not matter
 
   const Vec3d& at(int row, int column) const {
     return linear[static_cast<std::size_t>(row) * static_cast<std::size_t>(width) + static_cast<std::size_t>(column)];
@@ -273,8 +275,8 @@ inline double rounded_to_byte(double linear) {
   return std::round(255.0 * (linear <= 0.0031308 ? 12.92 * linear : 1.055 * std::pow(linear, 1.0 / 2.4) - 0.055));
 }
 
-// The mean over a rectangle, given in texels, of the colours by their alphas, where these matter and are not all 0; and of
-// alphas.
+// Returns the mean colour and alpha over a rectangle in texels. Colours are weighted by alpha if alpha matters and is not 0
+// everywhere.
 inline std::pair<Vec3d, double> mean_over(const TexelGrid& grid, double left, double right, double top, double bottom) {
   Vec3d sum = Vec3d::Zero(), seen = Vec3d::Zero();
   double alpha = 0.0;
@@ -294,7 +296,7 @@ inline std::pair<Vec3d, double> mean_over(const TexelGrid& grid, double left, do
   return {alpha > 0.0 ? Vec3d(seen / alpha) : Vec3d(sum / area), alpha / area};
 }
 
-// The mip levels of an image, each kept in bytes of sRGB. masked: something is seen through by it.
+// Returns the mip levels of an image, each rounded to sRGB bytes. masked: the image has transparent texels.
 inline std::vector<TexelGrid> mip_levels(const Texture& image, bool masked = false) {
   std::vector<TexelGrid> levels{{image.width_px, image.height_px, {}, {}}};
   for (std::size_t i = 0; i < image.rgba.size(); i += 4) {
@@ -335,7 +337,8 @@ inline Vec3d between_texels(const TexelGrid& grid, double s, double t, const std
   return color;
 }
 
-// What a triangle's texture shows at a point of it; white where it has none. pixel: width of one at planar depth 1.
+// Returns the texture colour of a triangle at a point, or white if it has no texture. pixel: width of a pixel at planar depth
+// 1.
 inline Vec3d texture_color(const World& world, const std::vector<std::vector<TexelGrid>>& images, std::size_t triangle,
                            const Vec3d& point, const Vec3d& normal, const Vec3d& direction, double depth, double pixel) {
   const TriangleMesh& mesh = world.triangles();
@@ -367,7 +370,7 @@ inline Vec3d texture_color(const World& world, const std::vector<std::vector<Tex
   return color(fine) + (detail - fine) * (color(std::min(fine + 1.0, last)) - color(fine));
 }
 
-// The colours of a triangle's vertices at a point of it; white where they have none.
+// Returns the interpolated vertex colour of a triangle at a point, or white if it has none.
 inline Vec3d vertex_color(const TriangleMesh& mesh, std::size_t triangle, const Vec3d& point) {
   if (mesh.colors.empty()) return Vec3d::Ones();
   const auto color = [&](std::size_t k) {
@@ -377,7 +380,7 @@ inline Vec3d vertex_color(const TriangleMesh& mesh, std::size_t triangle, const 
   return color(0) + weights[0] * (color(1) - color(0)) + weights[1] * (color(2) - color(0));
 }
 
-// -- How it is written.
+// -- Output values.
 
 inline int level(const World& world, double value) {
   return static_cast<int>(std::lround(255.0 * std::pow(std::min(value, 1.0), 1.0 / static_cast<double>(world.light().gamma))));
@@ -402,12 +405,12 @@ inline std::array<int, 3> surface_levels(const World& world, const Surface& surf
 inline std::array<int, 3> sky_levels(const World& world, const Vec3d& direction) {
   const Light& light = world.light();
   Vec3d sky = lerp(light.horizon_color, light.zenith_color, std::max(0.0, direction.normalized().z()));
-  // The sun's disc and its glow, by angles.
+  // The sun's disc and its glow, by angle.
   const Vec3d sun = vector_of(light.sun_color.data());
   if (sun.maxCoeff() > 0.0) {
     const double angle = std::atan2(direction.cross(to_sun(world)).norm(), direction.dot(to_sun(world)));
     const double radius = static_cast<double>(light.sun_radius_deg) * std::numbers::pi / 180.0;
-    const double chord = 2.0 * std::sin(0.5 * angle) / std::max(2.0 * std::sin(0.5 * radius), 1e-9);  // radii
+    const double chord = 2.0 * std::sin(0.5 * angle) / std::max(2.0 * std::sin(0.5 * radius), 1e-9);  // in radii
     const double disc = std::clamp((1.0 - chord * chord) / 0.19, 0.0, 1.0);
     const double glow = static_cast<double>(light.sun_glow) / (1.0 + 400.0 * std::pow(std::sin(0.5 * angle), 2));
     sky += std::max(disc, glow) * (sun / sun.maxCoeff() - sky);
@@ -430,7 +433,7 @@ inline BatchConfig camera_batch(const CameraConfig& camera, int num_drones = 1) 
   return config;
 }
 
-// A batch of one drone there, which has looked.
+// Returns a batch with one drone at this pose, with its image captured.
 inline std::unique_ptr<Batch> look(const std::shared_ptr<const World>& world, const CameraConfig& camera, const Vec3& position,
                                    const Quat& rotation = Quat::Identity()) {
   auto batch = std::make_unique<Batch>(camera_batch(camera), Batch::Worlds{world});
@@ -440,7 +443,7 @@ inline std::unique_ptr<Batch> look(const std::shared_ptr<const World>& world, co
   return batch;
 }
 
-// What was written of one pixel; 0 where the camera does not write it.
+// The outputs of one pixel; 0 for outputs that the camera does not write.
 struct Pixel {
   std::array<int, 3> rgb{};
   float depth = 0.0F;
@@ -472,7 +475,7 @@ inline Pixel pixel(const Batch& batch, std::size_t row, std::size_t column, std:
 
 struct Compared {
   std::size_t pixels = 0, clear = 0, sky = 0, shaded = 0, lit = 0;
-  std::set<int> elements;  // that were seen
+  std::set<int> elements;  // visible elements
 
   Compared& operator+=(const Compared& other) {
     pixels += other.pixels;
@@ -485,7 +488,7 @@ struct Compared {
   }
 };
 
-// Two colours, off by at most one level.
+// Returns whether two colours differ by at most one level.
 inline bool is_near(const std::array<int, 3>& a, const std::array<int, 3>& b) {
   for (std::size_t c = 0; c < 3; ++c) {
     if (std::abs(a[c] - b[c]) > 1) return false;
@@ -493,8 +496,8 @@ inline bool is_near(const std::array<int, 3>& a, const std::array<int, 3>& b) {
   return true;
 }
 
-// All that a drone's camera has written, against the oracle; the drone is still where the picture was taken. Every stride-th
-// pixel, and of those the ones that are clear. Of several samples per pixel colours are not compared.
+// Checks all outputs of a drone's camera against the oracle. The drone must not have moved since the capture. Compares the
+// clear ones among every stride-th pixel. With several samples per pixel, colours are not compared.
 inline Compared expect_picture(const Batch& batch, std::size_t drone = 0, std::size_t camera = 0, std::size_t stride = 1) {
   using oracle::Vec3d;
   const CameraConfig config = batch.camera_config(camera, static_cast<std::int64_t>(drone));

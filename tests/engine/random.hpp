@@ -1,4 +1,4 @@
-// Random: numbers, places and rotations for the tests, the same on every run. facing(): a rotation that points somewhere.
+// Random: reproducible random numbers, positions and rotations for tests. facing(): the rotation between two directions.
 #pragma once
 
 #include <random>
@@ -7,8 +7,8 @@
 
 namespace flockstep::testing {
 
-// The shortest turn of one direction to another, one of many where they are opposite. Eigen's FromTwoVectors() would bring a
-// singular value decomposition along, seconds of compilation for each file.
+// Returns the shortest rotation from one direction to another, or any of them if they are opposite. Eigen's FromTwoVectors()
+// would pull in a singular value decomposition, which costs seconds of compile time per file.
 inline Quat facing(const Vec3& from, const Vec3& to) {
   const Vec3 a = from.normalized(), b = to.normalized();
   const float cosine = a.dot(b);

@@ -1,5 +1,5 @@
-// An independent answer to "what is the nearest thing along this ray": closed forms and all triangles, in double precision.
-// It knows nothing of the engine's tracing code or of its library.
+// An independent reference for the nearest hit of a ray in double precision: closed forms and all triangles. It shares no code
+// with the engine's tracing or its library.
 #pragma once
 
 #include <Eigen/Dense>
@@ -29,7 +29,7 @@ inline Interval slab(double origin, double direction, double half) {
   return {std::min(a, b), std::max(a, b)};
 }
 
-// Where |o + t d| <= r in the subspace of the given vectors.
+// Returns the interval in which |o + t d| <= r, in the subspace of the given vectors.
 inline Interval ball(const Vec3d& o, const Vec3d& d, double radius) {
   const double a = d.squaredNorm();
   if (a == 0.0) return o.norm() <= radius ? Interval{} : Interval{kNever, -kNever};
@@ -41,12 +41,12 @@ inline Interval ball(const Vec3d& o, const Vec3d& d, double radius) {
 
 struct Hit {
   double t = kNever;             // m
-  int element = -1;              // as World::raycast numbers them
+  int element = -1;              // numbered as in World::raycast
   Vec3d normal = Vec3d::Zero();  // facing the origin
 };
 
-// Where a line enters and leaves a capsule: of its crossings of the surface, which is a tube between two hemispheres, the first
-// and the last.
+// Returns the interval of a line in a capsule. Its surface is a tube between two hemispheres; the interval spans the first and
+// last crossing.
 inline Interval capsule(const Vec3d& o, const Vec3d& d, double radius, double half_height) {
   const double middle = half_height - radius;
   Interval inside{kNever, -kNever};
@@ -62,8 +62,8 @@ inline Interval capsule(const Vec3d& o, const Vec3d& d, double radius, double ha
   return inside;
 }
 
-// Where a line crosses a sheet of no thickness across z, of which holds(x, y) says whether it is a point; a line within the sheet
-// never does.
+// Returns where a line crosses a flat sheet at z = 0, whose points satisfy holds(x, y). A line within the sheet never crosses
+// it.
 template <class Holds>
 Interval sheet(const Vec3d& o, const Vec3d& d, const Holds& holds) {
   if (d.z() == 0.0) return {kNever, -kNever};
@@ -111,7 +111,7 @@ inline Hit hit_primitive(const Primitive& shape, const Vec3d& origin, const Vec3
   return {t, 0, rotation * normal};
 }
 
-// Moeller and Trumbore (1997), both sides.
+// Moeller and Trumbore (1997), two-sided.
 inline Hit hit_triangle(const TriangleMesh& mesh, std::size_t index, const Vec3d& origin, const Vec3d& direction) {
   const auto corner = [&](std::size_t k) {
     return Vec3d(mesh.vertices[static_cast<std::size_t>(mesh.triangles[index][k])].cast<double>());
@@ -131,7 +131,7 @@ inline Hit hit_triangle(const TriangleMesh& mesh, std::size_t index, const Vec3d
   return {t, 0, ab.cross(ac).normalized()};
 }
 
-// counts(triangle, point): whether a triangle is met at a point of it.
+// counts(triangle, point): whether a hit on a triangle at a point is valid.
 template <class Counts>
 Hit nearest(const World& world, const Vec3d& origin, const Vec3d& direction, double max_range, const Counts& counts) {
   Hit found;
@@ -154,8 +154,9 @@ inline Hit nearest(const World& world, const Vec3d& origin, const Vec3d& directi
   return nearest(world, origin, direction, max_range, [](std::size_t, const Vec3d&) { return true; });
 }
 
-// How many times farther along the ray the hits of the rays beside this one, 1e-5 m away, are: what an error across the ray is
-// magnified by. Infinite where they hit another thing or another face: an edge, a silhouette or the end of the range is near.
+// Returns how much the hit moves along the ray when the ray is offset by 1e-5 m, relative to the offset. This is the
+// magnification of an error across the ray. It is infinite if an offset ray hits another element or face, which means that an
+// edge, a silhouette or the end of the range is near.
 inline double steepness(const World& world, const Hit& hit, const Vec3d& origin, const Vec3d& direction, double max_range) {
   constexpr double kAside = 1e-5;
   if (hit.element >= 0 && std::abs(hit.t - max_range) <= kAside) return kNever;
@@ -172,7 +173,7 @@ inline double steepness(const World& world, const Hit& hit, const Vec3d& origin,
   return steepest;
 }
 
-// No edge, no silhouette and no end of the range is near, and the hit is not at a grazing angle.
+// Returns whether no edge, silhouette or end of the range is near, and the hit is not at a grazing angle.
 inline bool is_clear_cut(const World& world, const Hit& hit, const Vec3d& origin, const Vec3d& direction, double max_range) {
   return steepness(world, hit, origin, direction, max_range) <= 5.0;
 }

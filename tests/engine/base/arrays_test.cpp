@@ -57,7 +57,7 @@ TEST(Arrays, AreViewedWithTheirTypeAndSize) {
   EXPECT_EQ(seen, "position f4 18;terms f8 10;ranges f4 42;image u1 72;");
 }
 
-// Values next to each limit, accepted and refused.
+// Checks values next to each limit, accepted and refused.
 template <class T>
 void expect_limits(Values allowed, const std::vector<T>& good, const std::vector<T>& bad) {
   for (const T value : good) EXPECT_NO_THROW(check_values(std::span(&value, 1), "a", allowed)) << +value;

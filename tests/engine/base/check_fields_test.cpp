@@ -112,7 +112,7 @@ TEST(CheckFields, NamesTheFieldWhatWasExpectedAndWhatCame) {
 template <class Value>
 constexpr bool kIsNumber = std::is_arithmetic_v<Value> && !std::is_same_v<Value, bool>;
 
-// Sets a number, an optional one, or one of a list. False if the field has no number.
+// Sets a number, an optional number, or an element of a list. Returns false if the field has no number.
 template <class Value>
 bool set(Value& value, double number) {
   if constexpr (kIsNumber<Value>) {

@@ -27,9 +27,9 @@ TEST(Excerpt, WhatIsNoTextIsShownByQuestionMarks) {
   EXPECT_EQ(excerpt("\xE9t\xE9"), "?t?");          // Latin-1
   EXPECT_EQ(excerpt("\xC0\xAF"), "??");            // overlong
   EXPECT_EQ(excerpt("\xE0\x80\xAF"), "???");       // overlong
-  EXPECT_EQ(excerpt("\xED\xA0\x80"), "???");       // a surrogate
-  EXPECT_EQ(excerpt("\xF4\x90\x80\x80"), "????");  // beyond the last character
-  EXPECT_EQ(excerpt("ab\xE2\x82"), "ab??");        // cut short
+  EXPECT_EQ(excerpt("\xED\xA0\x80"), "???");       // surrogate
+  EXPECT_EQ(excerpt("\xF4\x90\x80\x80"), "????");  // beyond the last code point
+  EXPECT_EQ(excerpt("ab\xE2\x82"), "ab??");        // truncated
 }
 
 }  // namespace

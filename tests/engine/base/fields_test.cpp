@@ -30,7 +30,7 @@ struct Gust {
   static constexpr auto fields() { return field_list(field("speed_mps", &Gust::speed_mps), field("seed", &Gust::seed)); }
 };
 
-// Of everything that a configuration is made of.
+// A struct with every kind of field that configurations have.
 struct Weather {
   bool rain = false;
   int drops = 4;
@@ -54,7 +54,7 @@ struct Weather {
   }
 };
 
-// What somebody adds a member to and forgets.
+// A struct with a member that its field list lacks.
 struct Forgotten {
   float speed_mps = 1.0F;
   int seed = 3;
@@ -78,7 +78,7 @@ static_assert(lists_every_field<Gust>());
 static_assert(lists_every_field<Empty>());
 static_assert(!lists_every_field<Forgotten>());
 
-// The engine's own.
+// The engine's own structs.
 template <class... T>
 consteval bool all_list_every_field() {
   return (lists_every_field<T>() && ...);
@@ -201,7 +201,7 @@ TEST(Fields, AnArrayVisitorIsShownEachArray) {
       {"place", 24, DType::float32}, {"count", 8, DType::int32},   {"flag", 3, DType::uint8},  {"pairs", 16, std::nullopt},
       {"seen", 10, DType::uint8},    {"seen", 48, DType::float32}, {"sum", 32, DType::float64}};
   EXPECT_EQ(noted.arrays, expected);
-  // The arrays themselves, not copies.
+  // The visited arrays are the originals, not copies.
   EXPECT_EQ(arrays.half.count, std::vector<std::int32_t>(2, 0x01010101));
   EXPECT_EQ(arrays.seen[0].row<std::uint8_t>(1)[4], 1);
 }

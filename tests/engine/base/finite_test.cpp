@@ -21,7 +21,7 @@ void try_all() {
   const T finite[] = {T{0}, -T{0}, T{1}, Limits::max(), Limits::lowest(), Limits::min(), Limits::denorm_min()};
   std::mt19937 random(1);
   for (std::size_t size = 0; size <= 70; ++size) {
-    std::vector<T> values(size + 2, Limits::quiet_NaN());  // what lies beside them counts for nothing
+    std::vector<T> values(size + 2, Limits::quiet_NaN());  // neighbouring values must not matter
     const std::span<T> inside = std::span(values).subspan(1, size);
     for (T& value : inside) value = finite[random() % std::size(finite)];
     const std::span<const T> seen = inside;

@@ -14,7 +14,7 @@ constexpr std::string_view kText =
 
 std::uint64_t hash_of(std::string_view text, std::uint64_t seed = 0) { return xxh64(std::as_bytes(std::span(text)), seed); }
 
-// Computed by the reference implementation, of all the ways a length can end.
+// Values of the reference implementation, for every kind of remainder length.
 TEST(Hash, IsXxh64) {
   EXPECT_EQ(hash_of(""), 0xEF46DB3751D8E999U);
   EXPECT_EQ(hash_of(kText.substr(0, 1)), 0x5B4D6AF247A3CF7BU);

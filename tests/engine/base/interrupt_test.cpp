@@ -24,12 +24,12 @@ using testing::make_world;
 
 struct Stopped {};
 
-// As Ctrl-C would, at the first poll.
+// Acts like Ctrl-C at the first poll.
 struct Stop {
   Interrupt interrupt{[] { throw Stopped(); }};
   Stop() {
     Interrupt::poll();
-    std::this_thread::sleep_for(std::chrono::milliseconds(60));  // longer than the pause between looks
+    std::this_thread::sleep_for(std::chrono::milliseconds(60));  // longer than the interval between checks
   }
 };
 
@@ -106,7 +106,7 @@ TEST(Interrupt, EndsTheWorkOfABatch) {
       EXPECT_THROW(batch.step(actions), Stopped);
       EXPECT_THROW(batch.sense(), Stopped);
     }
-    // Some envs have been stepped and some not, so it is of no use until it is whole again.
+    // Some envs have been stepped and others not, so the batch is unusable until it is reset or restored as a whole.
     const auto refusal = [](const auto& call) { return testing::message_of(call); };
     for (const std::string& message : {refusal([&] { batch.step(actions); }), refusal([&] { batch.snapshot(); }),
                                        refusal([&] { batch.reset({}, std::vector<std::uint8_t>(64, 0)); }),

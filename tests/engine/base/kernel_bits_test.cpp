@@ -1,6 +1,6 @@
-// The SIMD kernels give the same bits on every target: what they say of random rays is compared with numbers written down here,
-// not with another run. Worlds and rays are made of integers and correctly rounded operations alone, in an order that no
-// library chooses, so that they have the same bits everywhere, too. Triangles are left out: those are Embree's own.
+// The SIMD kernels give the same bits on every target. Their results for random rays are compared with constants in this file,
+// not with another run. Worlds and rays use only integers and correctly rounded operations in an order that no library chooses,
+// so they also have the same bits everywhere. Triangles are not covered, because Embree traces those.
 #include <gtest/gtest.h>
 
 #include <bit>
@@ -27,7 +27,7 @@
 namespace flockstep {
 namespace {
 
-constexpr std::size_t kRays = trace::kMaxRays;  // of a block and of a bundle
+constexpr std::size_t kRays = trace::kMaxRays;  // per block and per bundle
 
 // FNV-1a over words.
 class Digest {
@@ -70,8 +70,8 @@ class Exact {
     return {w / length, v.x() / length, v.y() / length, v.z() / length};
   }
 
-  // Some lie in a plane of the axes; others are so nearly along an axis that the squares of what they have aside are denormal
-  // numbers. With `ahead` > 1 all are near +x.
+  // Some directions lie in a coordinate plane. Others are so close to an axis that the squares of their other components are
+  // denormal. With `ahead` > 1 all directions are near +x.
   Vec3 direction(float ahead = 0.0F) {
     for (;;) {
       Vec3 v = point(1.0F);
@@ -90,7 +90,7 @@ class Exact {
     }
   }
 
-  // Every kind, every other one turned.
+  // Makes a world with primitives of every kind, about half of them rotated.
   std::shared_ptr<const World> world(int count) {
     std::vector<Primitive> primitives{testing::primitive(PrimitiveKind::room, point(0.5F), {7.0F, 7.0F, 6.0F})};
     for (int i = 0; i < count; ++i) {
@@ -117,7 +117,7 @@ void expect_digest(const Digest& digest, std::uint64_t expected) {
   EXPECT_EQ(digest.value(), expected) << std::hex << "0x" << digest.value() << " on " << trace::simd_target();
 }
 
-// Rays of any origin: 64 worlds of 8 blocks each.
+// Rays with arbitrary origins: 64 worlds with 8 blocks each.
 Digest trace_blocks(int primitives) {
   Exact exact(static_cast<std::uint32_t>(primitives));
   const FlushDenormals flush;
@@ -151,7 +151,7 @@ TEST(KernelBits, FewPrimitives) { expect_digest(trace_blocks(6), 0x014BEF39B722A
 
 TEST(KernelBits, ManyPrimitives) { expect_digest(trace_blocks(60), 0x121905830F862757ULL); }
 
-// Rays of one origin: what is gathered, what is in view and where the sensor is must not show in the bits.
+// Rays with a common origin. Gathering, view culling and the sensor's pose must not affect the bits.
 TEST(KernelBits, Bundles) {
   Exact exact(1);
   const FlushDenormals flush;
@@ -202,7 +202,7 @@ TEST(KernelBits, Ranges) {
   expect_digest(digest, 0x787DCAA7375CDD5CULL);
 }
 
-// Few things, a crowd, markers, shadows, several samples; all that is written.
+// Few objects, many objects, markers, shadows, several samples per pixel, and all outputs.
 TEST(KernelBits, Pictures) {
   constexpr std::size_t kPixels = 37 * 21;
   constexpr CameraOutputs kAll{.rgb = true, .depth = true, .semantic = true, .instance = true, .normal = true, .grey = true};

@@ -23,7 +23,7 @@ TEST(NearestName, IsTheOneMeant) {
   EXPECT_EQ(did_you_mean("speed", kNames), "");
 }
 
-// Numbers of Python: difflib.SequenceMatcher(None, a, b).ratio().
+// Values from Python: difflib.SequenceMatcher(None, a, b).ratio().
 TEST(NearestName, SimilaritiesAreThoseOfDifflib) {
   EXPECT_EQ(name_similarity("frame_skip", "frame_skp"), 18.0 / 19.0);
   EXPECT_EQ(name_similarity("abcd", "bcde"), 0.75);

@@ -1,8 +1,8 @@
-// Wide numbers give each lane the bits that the same operation gives one number.
+// Each lane of a wide number has the same bits as the scalar operation.
 #undef HWY_TARGET_INCLUDE
 #define HWY_TARGET_INCLUDE "base/wide_test.cpp"
 #include <hwy/foreach_target.h>
-// Highway's own headers come after foreach_target.
+// Highway's headers must come after foreach_target.
 #include <gtest/gtest.h>
 #include <hwy/highway.h>
 
@@ -45,9 +45,10 @@ struct alignas(64) Outputs {
 
 HWY_BEFORE_NAMESPACE();
 namespace flockstep::wide_test::HWY_NAMESPACE {
-using namespace flockstep::HWY_NAMESPACE;  // the wide type
+using namespace flockstep::HWY_NAMESPACE;  // for the wide type
 
-// In steps of F: sixteen lanes in one vector, in the parts of one number, or in several numbers.
+// Computes the results for sixteen lanes in steps of F. The lanes fit one vector, one number of several vectors, or several
+// numbers.
 template <class F>
 HWY_INLINE void compute(const Inputs& in, Outputs& out) {
   using I = typename F::Int;
@@ -166,7 +167,7 @@ Outputs expected(const Inputs& in) {
                                    1.0F - a * 0.5F,
                                    static_cast<float>(i),
                                    std::bit_cast<float>(i),
-                                   b,  // the second operand if the first is no number
+                                   b,  // second operand if the first is NaN
                                    b};
     for (std::size_t n = 0; n < kFloats; ++n) out.floats[n][k] = floats[n];
     const std::int32_t ints[kInts] = {static_cast<std::int32_t>(k),

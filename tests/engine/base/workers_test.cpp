@@ -24,7 +24,9 @@ TEST(Workers, AreAsManyAsWereAskedFor) {
     workers.run(count, [&](std::size_t, std::size_t thread) {
       ++inside;
       ++seen.at(thread);
-      while (inside < threads && std::chrono::steady_clock::now() < end) std::this_thread::yield();  // for all to come
+      while (inside < threads && std::chrono::steady_clock::now() < end)
+        std::this_thread::yield();  // until all threads are
+                                    // inside
     });
     for (const auto& times : seen) EXPECT_EQ(times, 1);
   }

@@ -1,4 +1,4 @@
-// Every allocation of loading, batch construction, snapshot and restore fails once, in turn.
+// Lets every single allocation of loading, batch construction, snapshot and restore fail in turn.
 #include <gtest/gtest.h>
 
 #include <cstdint>
@@ -25,12 +25,12 @@ namespace {
 
 using testing::closet;
 
-// Runs f until it needs fewer allocations than have been made to fail; returns how many that were. f frees all it takes. What
-// does without the memory may succeed, as std::stable_sort does.
+// Runs f with its first, second, ... allocation failing, until f needs fewer allocations. Returns how many runs threw. f must
+// free everything it allocates. A run may succeed if the code can do without the memory, as std::stable_sort does.
 enum class Kept : std::uint8_t { nothing, by_embree };
 template <class F>
 std::uint64_t fail_each(const F& f, Kept kept = Kept::nothing) {
-  f();  // what is made once stays
+  f();  // warms up one-time allocations
   f();
   std::uint64_t thrown = 0;
   for (std::uint64_t n = 1;; ++n) {
@@ -84,9 +84,9 @@ void fail_trees() {
   mesh.vertices = {{0, 0, 0}, {1, 0, 0}, {0, 1, 0}, {0, 0, 1}};
   mesh.triangles = {{0, 1, 2}, {0, 1, 3}};
   const auto kept = testing::make_world({}, {}, mesh);
-  prepared(*kept).scene();  // so that Embree's device stays
-  // Embree 3.13 loses some blocks of its own where the memory ends within rtcCommitScene, and where it ends as a thread joins the
-  // scene's allocator, what is thread-local points to what is gone: hence a process that does nothing else.
+  prepared(*kept).scene();  // keeps Embree's device alive
+  // Embree 3.13 leaks some blocks if memory runs out within rtcCommitScene. If it runs out while a thread joins the scene's
+  // allocator, a thread-local pointer dangles. Therefore this test runs in a separate process.
 #if defined(__SANITIZE_ADDRESS__)
   const __lsan::ScopedDisabler not_ours;
 #endif

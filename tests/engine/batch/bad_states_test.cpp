@@ -24,7 +24,7 @@ constexpr float kInfinity = std::numeric_limits<float>::infinity();
 
 enum class What : std::uint8_t { nothing, position, rotation, reward, observation, first_observation, place };
 
-// What goes wrong, once, in one env: in a step of its first episode, or at the beginning of its second.
+// A single fault in one env, in a step of its first episode or at the start of its second.
 struct Fault {
   What what = What::nothing;
   float value = kNaN;
@@ -32,7 +32,7 @@ struct Fault {
   std::int64_t step = 3;
 };
 
-// Drifts slowly in +x and sees how far it has come, and what is declared to be infinite.
+// Drifts slowly in +x. Observes its position, and values that are infinite by declaration.
 class Drift final : public Task {
  public:
   explicit Drift(const Fault& fault) : fault_(fault) {
@@ -101,7 +101,7 @@ std::unique_ptr<Batch> make(const Fault& fault, AutoresetMode mode, int max_step
   config.num_threads = 1;
   config.episode.autoreset_mode = mode;
   config.episode.max_episode_steps = max_steps;
-  static const auto world = closet();  // the same for all, so that drones can be compared
+  static const auto world = closet();  // one world for all, so that drones can be compared
   auto batch = std::make_unique<Batch>(config, Batch::Worlds{world}, std::make_unique<Drift>(fault));
   batch->reset(std::vector<std::uint64_t>{0, 1, 2});
   return batch;
@@ -189,7 +189,7 @@ TEST(BadStates, OneAtTheBeginningOfAnEpisodeEndsItInItsFirstStep) {
 
 TEST(BadStates, ASnapshotHoldsThem) {
   const auto batch = make({What::first_observation, kNaN, 1}, AutoresetMode::same_step);
-  for (int step = 0; step < 5; ++step) fly(*batch);  // the second episode of env 1 has begun, badly
+  for (int step = 0; step < 5; ++step) fly(*batch);  // env 1 is now in its second episode, which began with a fault
   const std::string blob = batch->snapshot();
   fly(*batch);
   EXPECT_TRUE(batch->outputs().bad_state[1]);

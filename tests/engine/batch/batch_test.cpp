@@ -58,12 +58,12 @@ void expect_no_allocation(int num_threads) {
 
 TEST(Batch, AStepAllocatesNothingContactsAndResetsIncluded) { expect_no_allocation(1); }
 
-// The hundred steps of warm-up wake the second thread. oneTBB takes its tasks from pools of its own, which are not made by
-// operator new: this counts what the engine allocates, on both threads.
+// The hundred warm-up steps wake the second thread. oneTBB allocates its tasks from its own pools without operator new, so this
+// counts only the engine's allocations, on both threads.
 TEST(Batch, AStepOnTwoThreadsAllocatesNothing) { expect_no_allocation(2); }
 
 TEST(Batch, EnvsDependOnNothingBesideThem) {
-  // The same five worlds and seeds: 20 envs in blocks of 3 on four threads, and 200 on one.
+  // The same five worlds and seeds, once with 20 envs in blocks of 3 on four threads, and once with 200 envs on one thread.
   testing::NavigationBatch few_config = navigation(20);
   few_config.block_size = 3;
   few_config.num_threads = 4;
@@ -88,7 +88,7 @@ TEST(Batch, EnvsDependOnNothingBesideThem) {
 }
 
 TEST(Batch, DirectTracingAndEmbreeAgree) {
-  // With a range of 3 m few shapes are near, and traced directly; a raycast goes through Embree.
+  // Within a range of 3 m there are few shapes, which are traced directly. A raycast goes through Embree.
   const Batch::Worlds worlds = playgrounds();
   Batch batch(testing::lidar_batch(50), worlds);
   std::mt19937 random(3);
@@ -108,7 +108,7 @@ TEST(Batch, DirectTracingAndEmbreeAgree) {
     const RayHits hits =
         raycast(*worlds[drone % 5], origins, std::span(directions).subspan(3 * 35 * drone, std::size_t{3} * 35), 3.0F);
     for (std::size_t ray = 0; ray < 35; ++ray) {
-      // raycast() normalises the directions again: the last bit of a beam may move.
+      // raycast() normalises the directions again, which can change the last bit of a beam.
       const float range = batch.lidar_readings().ranges[35 * drone + ray];
       if (range == hits.t_hit[ray]) continue;
       ASSERT_NEAR(range, hits.t_hit[ray], 2e-6F) << drone << ' ' << ray;

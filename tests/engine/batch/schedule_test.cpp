@@ -42,14 +42,14 @@ void expect_schedule(Schedule& schedule, const Envs& envs, std::size_t block_siz
     ASSERT_LE(block.envs.size(), block_size);
     for (const EnvList* list : {&block.flown, &block.flying, &block.resetting, &block.selected}) ASSERT_TRUE(list->empty());
   }
-  // Every active env once: world by world, where worlds are given, and in each by its index.
+  // Every active env appears once, sorted by world if worlds are given, then by index.
   std::vector<EnvIndex> expected;
   for (std::size_t env = 0; env < envs.active.size(); ++env) {
     if (envs.active[env]) expected.push_back(EnvIndex(env));
   }
   std::stable_sort(expected.begin(), expected.end(), [&](auto a, auto b) { return world_of(a) < world_of(b); });
   ASSERT_EQ(envs_of(schedule), expected);
-  // Only the last block is less than full.
+  // Only the last block may be smaller.
   for (std::size_t i = 1; i < schedule.blocks().size(); ++i) {
     ASSERT_EQ(schedule.blocks()[i - 1].envs.size(), std::min(block_size, envs.active.size()));
   }
@@ -77,7 +77,7 @@ TEST(Schedule, BlocksHoldEveryActiveEnvOnceInOrder) {
 
 TEST(Schedule, ChoosesItsBlocksByEnvsAndThreads) {
   EXPECT_EQ(Schedule(4096, 1, 0, 1).block_size(), 256U);
-  EXPECT_EQ(Schedule(2048, 1, 0, 2).block_size(), 128U);  // so that each thread has eight
+  EXPECT_EQ(Schedule(2048, 1, 0, 2).block_size(), 128U);  // gives each thread eight blocks
   EXPECT_EQ(Schedule(1024, 1, 0, 8).block_size(), 64U);
   EXPECT_EQ(Schedule(5, 1, 0, 8).block_size(), 5U);
   EXPECT_EQ(Schedule(4096, 1, 7, 1).block_size(), 7U);

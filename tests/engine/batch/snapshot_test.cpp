@@ -48,18 +48,18 @@ const Batch::Worlds& worlds() {
   return shared;
 }
 
-// Snapshots are long: nobody wants to see both.
+// Snapshots are long, so failures do not print them.
 ::testing::AssertionResult same_bytes(const std::string& a, const std::string& b) {
   return a == b ? ::testing::AssertionSuccess() : ::testing::AssertionFailure() << "snapshots differ";
 }
 
-// Steps that do not depend on the batch; one with the mode `disabled` is reset now and then.
+// Steps batches with actions that do not depend on them. Batches with the mode `disabled` are reset now and then.
 class Pilot {
  public:
   explicit Pilot(unsigned seed) : random_(seed) {}
   void step(const std::vector<Batch*>& batches) {
     for (std::size_t i = 0; i < kDrones; ++i) {
-      if (steps_ > 0 && random_.within(0, 1) < 0.5F) continue;  // the same again: no change of action
+      if (steps_ > 0 && random_.within(0, 1) < 0.5F) continue;  // same action as before
       for (std::size_t k = 0; k < 4; ++k) actions_[4 * i + k] = random_.within(-1.0F, 1.0F);
     }
     ++steps_;
@@ -101,7 +101,7 @@ TEST(Snapshot, RestoredIsUninterrupted) {
     one.remove(std::vector<std::int64_t>{4, 9});
     fly(one, pilot, 51);
 
-    // Into a batch of other blocks and threads that has just been made, and into one that has lived.
+    // Restores into a new batch with other blocks and threads, and into a used one.
     config.block_size = 5;
     config.num_threads = 2;
     Batch fresh = config.make(worlds());
@@ -140,7 +140,7 @@ TEST(Snapshot, ABatchGoesBackAndFliesTheSameAgain) {
   Pilot before(3);
   fly(batch, before, 40);
   const std::string blob = batch.snapshot();
-  std::vector<std::vector<std::byte>> first;  // all that was written of every drone, step by step
+  std::vector<std::vector<std::byte>> first;  // all written bytes of every drone, step by step
   for (int round = 0; round < 3; ++round) {
     Pilot pilot(4);
     for (std::size_t step = 0; step < 120; ++step) {
@@ -154,7 +154,7 @@ TEST(Snapshot, ABatchGoesBackAndFliesTheSameAgain) {
         }
       }
     }
-    // What is changed meanwhile is undone.
+    // Restoring undoes these changes.
     batch.set_lidar({.max_range_m = 0.5F});
     batch.remove(std::vector<std::int64_t>{round});
     batch.restore(blob);
@@ -202,7 +202,7 @@ TEST(Snapshot, WithoutATask) {
   }
 }
 
-// -- Refusals: a ValueError's message, and nothing has changed.
+// -- Refusals: each throws with a message and changes nothing.
 
 class SnapshotRefusal : public ::testing::Test {
  protected:
@@ -220,9 +220,9 @@ class SnapshotRefusal : public ::testing::Test {
     EXPECT_REFUSED(batch_.restore(blob), field);
     EXPECT_TRUE(same_bytes(batch_.snapshot(), before_)) << "a refused blob changed the batch";
   }
-  // Where an array begins in a snapshot, its length first.
+  // Returns the offset of an array in a snapshot, which starts with its length.
   std::size_t offset_of(std::string_view array) const {
-    std::vector<std::string> names;  // of the first, in their order
+    std::vector<std::string> names;  // arrays of the state, in order
     testing::for_each_array(batch_.state(), [&](const std::string& name, const auto&) { names.push_back(name); });
     names.insert(names.end(), {"lidar_ranges", "lidar_settings", "sensed_position", "sensed_quat_wxyz"});
     std::size_t at = sizeof(testing::SnapshotHeader);
@@ -266,7 +266,7 @@ TEST_F(SnapshotRefusal, AFlippedBitOfTheHeader) {
       std::string damaged = blob_;
       damaged[byte] = static_cast<char>(damaged[byte] ^ (1 << bit));
       expect_refused(damaged);
-      // The length and the checksum are mended, so that the others are looked at by themselves.
+      // With length and checksum updated, the other header fields are checked separately.
       if (byte < offsetof(testing::SnapshotHeader, length)) expect_refused(mended(damaged));
     }
   }
@@ -309,7 +309,7 @@ TEST_F(SnapshotRefusal, AWorldThatIsNotThere) {
 }
 
 TEST_F(SnapshotRefusal, ALidarThatCannotBe) {
-  // Its hfov, vfov and range come first.
+  // hfov, vfov and range come first.
   for (const auto& [place, field] : {std::pair{0, "hfov_deg"}, {4, "vfov_deg"}, {8, "max_range_m"}}) {
     const float value = -1.0F;
     std::string damaged = blob_;
@@ -319,7 +319,7 @@ TEST_F(SnapshotRefusal, ALidarThatCannotBe) {
   }
 }
 
-// Whatever byte is changed to whatever value.
+// Changes any byte to any other value.
 TEST(Snapshot, AnyByteThatChangedIsRefused) {
   NavigationBatch config = testing::navigation_batch(2, {.azimuth_deg = {0, 90, 180}, .elevation_deg = {0, 0, 0}});
   config.pose_sensor.position_noise_std_m = 0.01F;
@@ -388,7 +388,7 @@ TEST_F(SnapshotRefusal, OneOfAnotherConfiguration) {
     changes[i](config);
     expect_refused(config.make(worlds()).snapshot(), "one of a batch with this configuration and these worlds");
   }
-  expect_refused(Batch(lively(AutoresetMode::next_step), worlds()).snapshot());  // without a task
+  expect_refused(Batch(lively(AutoresetMode::next_step), worlds()).snapshot());  // no task
 }
 
 TEST(Snapshot, IsRefusedByAnotherPattern) {
@@ -426,7 +426,7 @@ TEST_F(SnapshotRefusal, OneOfOtherWorldsOrAnotherDrone) {
   std::vector<Vec3> hull(batch_.drone().hull().begin(), batch_.drone().hull().end());
   hull[0] *= 0.99F;
   expect_refused(Batch(config, worlds(), make_task(config.navigation), DroneModel(hull)).snapshot());
-  EXPECT_NO_THROW(batch_.restore(changed(R"("name")", R"("light": {"gamma": 2.2}, "name")")));  // as by default
+  EXPECT_NO_THROW(batch_.restore(changed(R"("name")", R"("light": {"gamma": 2.2}, "name")")));  // same as the default
 }
 
 }  // namespace

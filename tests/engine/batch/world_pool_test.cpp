@@ -13,7 +13,7 @@
 namespace flockstep {
 namespace {
 
-// Closets that are wider the higher their number is; they are made when they are asked for.
+// Closets made on demand. Higher numbers are wider.
 class Closets final : public WorldSource {
  public:
   std::shared_ptr<const World> get(std::int32_t number) override {
@@ -91,7 +91,7 @@ TEST(WorldPool, WhatTheNextEpisodesDrawIsWantedInTime) {
   EXPECT_EQ(wanted.size(), 5U);
   const WorldPool same{.source = pool.source, .size = 1000, .fresh = 1.0};
   for (std::uint64_t env = 0; env < 5; ++env) EXPECT_NE(std::ranges::find(wanted, same.number_of(env, 1)), wanted.end());
-  while (batch.state().episode[0] == 0) step(batch);  // all of them begin the next one at once
+  while (batch.state().episode[0] == 0) step(batch);  // all begin the next episode at the same time
   EXPECT_TRUE(std::ranges::all_of(batch.state().episode, [](std::int64_t episode) { return episode == 1; }));
   for (const std::int32_t number : batch.state().world_index) EXPECT_NE(std::ranges::find(wanted, number), wanted.end());
 }
@@ -110,7 +110,7 @@ TEST(WorldPool, NumbersEnd) {
 
 void expect_no_allocation(AutoresetMode mode) {
   const Pool pool;
-  Batch batch = pool.make(64, 1, 0.0, mode);  // all episodes are in one world
+  Batch batch = pool.make(64, 1, 0.0, mode);  // all episodes use one world
   batch.reset({});
   for (int i = 0; i < 20; ++i) step(batch);
   const std::int64_t before = batch.state().episode[0];
