@@ -25,7 +25,7 @@ TEST(Workers, AreAsManyAsWereAskedFor) {
       ++inside;
       ++seen.at(thread);
       while (inside < threads && std::chrono::steady_clock::now() < end)
-        std::this_thread::yield();  // until all threads are
+        std::this_thread::yield();  // until all are inside
                                     // inside
     });
     for (const auto& times : seen) EXPECT_EQ(times, 1);

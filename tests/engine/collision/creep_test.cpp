@@ -1,4 +1,4 @@
-// A hull at rest against something: however often it is pushed and turned, it comes no nearer, and it can always leave.
+// A hull at rest against an obstacle: repeated pushes and turns bring it no closer, and it can always leave.
 #include <gtest/gtest.h>
 
 #include <algorithm>
@@ -26,11 +26,11 @@ const DroneModel& drone() {
   return model;
 }
 
-// Something to rest against, to the +x of a point.
+// An obstacle in +x direction from a point.
 struct Obstacle {
   std::string name;
   SceneDescription scene;
-  std::function<double(const oracle::Support& hull)> distance;  // m, from below
+  std::function<double(const oracle::Support& hull)> distance;  // m, lower bound
 };
 
 Obstacle solid(const std::string& name, PrimitiveKind kind, const Vec3& center, const Vec3& half_extents, const Quat& rotation) {
@@ -95,7 +95,7 @@ oracle::Support hull_of(const Pose& pose) {
   return oracle::hull_at(drone(), pose.position.cast<double>(), pose.rotation.cast<double>());
 }
 
-// As Batch::move() does.
+// Moves like Batch::move().
 Pose moved(const Obstacles& obstacles, const Hull& hull, const Pose& from, const Pose& to, Contact& contact) {
   contact = sweep(obstacles, hull, from, to);
   return contact.hit ? interpolate(from, to, contact.fraction) : to;
@@ -103,7 +103,7 @@ Pose moved(const Obstacles& obstacles, const Hull& hull, const Pose& from, const
 
 class Creep : public ::testing::TestWithParam<float> {};
 
-// Mostly towards what it rests against, by steps of all sizes, some of them aside, with turns of all sizes.
+// Moves mainly towards the obstacle, with steps and turns of all sizes and some sideways steps.
 TEST_P(Creep, NoPushesAndTurnsEatTheGap) {
   const Vec3 point = GetParam() * Vec3(0.6F, -0.48F, 0.64F);
   const Hull hull(drone());
@@ -145,7 +145,7 @@ TEST_P(Creep, NoPushesAndTurnsEatTheGap) {
 
 INSTANTIATE_TEST_SUITE_P(FromTheOrigin, Creep, ::testing::Values(0.0F, 8.0F, 30.0F, 100.0F, 1000.0F, 10000.0F));
 
-// Found by some ten million moves: from no start does Bullet's search for the distance from one of these triangles end well.
+// Found after about ten million moves: Bullet's distance search for one of these triangles converges from no starting point.
 TEST(Creep, AHullBesideATriangleThatIsHardToMeasureIsNotInside) {
   const std::vector<Obstacle> all = obstacles_at(30.0F * Vec3(0.6F, -0.48F, 0.64F));
   const Obstacle& triangles = all.back();
@@ -159,7 +159,7 @@ TEST(Creep, AHullBesideATriangleThatIsHardToMeasureIsNotInside) {
   EXPECT_FALSE(sweep(prepared(world).obstacles(), Hull(drone()), from, to).inside);
 }
 
-// How far the hull reaches into what it is in.
+// Penetration depth of the hull.
 double depth_in_wall(const Pose& pose) { return hull_of(pose)(Vec3d::UnitX()).x() - 3.0; }
 double depth_in_sphere(const Pose& pose) {
   const oracle::Support center = [](const Vec3d&) { return Vec3d(4, 0, 0); };
@@ -201,7 +201,7 @@ TEST(Inside, MayMoveOutNeverDeeper) {
         ASSERT_TRUE(contact.fraction == 0.0F || contact.fraction == 1.0F || !inside);
       }
       came_out += !inside;
-      if (inside) {  // by the way that the contact tells
+      if (inside) {  // along the contact normal
         Contact contact;
         pose = moved(obstacles, hull, pose, pose, contact);
         moved(obstacles, hull, pose, {pose.position + 2.0F * contact.normal, pose.rotation}, contact);

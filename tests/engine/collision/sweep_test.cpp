@@ -34,7 +34,7 @@ Primitive make(PrimitiveKind kind, const Vec3& center, const Vec3& half_extents,
   return {.kind = kind, .center = center, .rotation = rotation, .half_extents = half_extents};
 }
 
-// A world and what collides with it.
+// A world and its collision data.
 struct Place {
   explicit Place(std::vector<Primitive> primitives, TriangleMesh mesh = {})
       : world(describe(std::move(primitives), std::move(mesh))), scene(world), obstacles(world, scene) {}
@@ -57,9 +57,9 @@ Pose at(float x, float y, float z, const Quat& rotation = Quat::Identity()) { re
 Quat turn(float degrees, const Vec3& axis) { return Quat(Eigen::AngleAxisf(degrees * kDegree, axis)); }
 Quat yaw(float degrees) { return turn(degrees, Vec3::UnitZ()); }
 
-// -- Answers known in closed form. The hull is 0.93 x 0.59 x 0.2 m.
+// -- Results known in closed form. The hull is 0.93 x 0.59 x 0.2 m.
 
-// What the hull keeps away, and how far off the answer may be.
+// Standoff of the hull, and tolerance of the results.
 constexpr float kStop = static_cast<float>(kStandoff);
 constexpr float kTolerance = 2e-5F;
 
@@ -138,13 +138,13 @@ TEST(Sweep, NothingIsTooThinOrTooFar) {
 }
 
 TEST(Sweep, ASheetOfNoThicknessStopsFromBothSidesAtAnyLength) {
-  // Stood upright or turned any way about their normal, which is the direction of flight.
+  // The sheet is upright or rotated about its normal, which is the direction of flight.
   for (const PrimitiveKind kind : {PrimitiveKind::plane, PrimitiveKind::disc}) {
     for (const float about : {0.0F, 33.0F}) {
       for (const Vec3& direction : {Vec3(1, 0, 0), Vec3(-1, 0, 0), Vec3(0, 0, 1), Vec3(0, 0, -1), Vec3(0.48F, -0.6F, 0.64F)}) {
         const Quat facing = testing::facing(Vec3::UnitZ(), direction) * turn(about, Vec3::UnitZ());
         const Place place({make(kind, 3.0F * direction, {4, 4, 0}, facing)});
-        double reach = 0.0;  // m, of the hull along the flight
+        double reach = 0.0;  // m, extent of the hull along the flight
         for (const Vec3& point : drone().hull()) reach = std::max(reach, static_cast<double>(point.dot(direction)));
         for (const float length : {2.9F, 3.0F, 3.1F, 4.0F, 10.0F, 1e3F, 1e5F}) {
           const Pose there{length * direction, Quat::Identity()};
@@ -159,7 +159,7 @@ TEST(Sweep, ASheetOfNoThicknessStopsFromBothSidesAtAnyLength) {
           ASSERT_TRUE(back.hit) << length;
           EXPECT_TRUE(back.normal.isApprox(direction, 1e-3F)) << back.normal.transpose();
         }
-        // Small steps along the same way come no farther, and no pose on the way overlaps.
+        // Small steps in the same direction get no farther, and no pose on the path overlaps.
         Pose pose = at(0, 0, 0);
         for (int step = 0; step < 80; ++step) {
           const Pose next{pose.position + 0.07F * direction, turn(static_cast<float>(step), Vec3(1, 2, 3).normalized())};
@@ -191,8 +191,7 @@ TEST(Sweep, FliesBesideASheetAndAlongIt) {
 }
 
 TEST(Sweep, TurningInPlaceHitsAWallAtAKnownAngle) {
-  // A pole of half sizes (0.5, 0.05, 0.05) beside a wall at x = 0.3: turned by yaw a, from along the wall, it reaches
-  // 0.5 sin a + 0.05 cos a.
+  // A pole of half sizes (0.5, 0.05, 0.05) starts parallel to a wall at x = 0.3. At yaw a it reaches 0.5 sin a + 0.05 cos a.
   std::vector<Vec3> corners;
   for (const float x : {-0.05F, 0.05F}) {
     for (const float y : {-0.5F, 0.5F}) {
@@ -216,7 +215,8 @@ TEST(Sweep, TurningInPlaceHitsAWallAtAKnownAngle) {
 }
 
 TEST(Sweep, HalfATurnIsSweptAllTheWay) {
-  // Upside down and back: where the hull ends it is free, but its long side comes past the post.
+  // A half turn about z moves the hull's long side through the post, although both end poses are free. A half turn about x
+  // misses the post.
   const Place post({make(PrimitiveKind::cylinder, {0.35F, 0.35F, 0}, {0.02F, 0.02F, 3})});
   EXPECT_FALSE(post.overlaps(at(0, 0, 0)));
   EXPECT_TRUE(post.sweep(at(0, 0, 0), at(0, 0, 0, yaw(180))).hit);
@@ -311,7 +311,7 @@ TEST(Interpolate, EndsAreExactAndTheMiddleIsHalfway) {
   EXPECT_LT(interpolate(from, mirrored, 0.5F).rotation.angularDistance(yaw(50)), 1e-3F);
 }
 
-// -- Random scenes against fine stepping with an independent distance.
+// -- Random scenes, compared with fine stepping and an independent distance.
 
 class Random {
  public:
@@ -339,7 +339,7 @@ std::unique_ptr<Place> random_place(Random& random, int elements) {
   if (random.chance(0.5F)) primitives.push_back(make(PrimitiveKind::room, 0.3F * random.normal(), Vec3(3, 2.5F, 2)));
   for (int i = 0; i < elements; ++i) {
     const Vec3 center = 0.9F * std::cbrt(static_cast<float>(elements)) * random.normal();
-    // From a wire to a wall: sizes over three decades.
+    // Sizes over three decades, from a wire to a wall.
     const auto size = [&] {
       return random.chance(0.2F) ? random.uniform(0.001F, 0.01F) : random.uniform(0.01F, random.chance(0.1F) ? 4.0F : 0.7F);
     };
@@ -377,7 +377,7 @@ std::unique_ptr<Place> random_place(Random& random, int elements) {
   return std::make_unique<Place>(std::move(primitives), std::move(mesh));
 }
 
-// Distances of a hull from all that is in a world, the slow way.
+// Brute-force distances from a hull to everything in a world.
 class Reference {
  public:
   explicit Reference(const World& world) {
@@ -400,7 +400,7 @@ class Reference {
     }
   }
 
-  // The distance, or some number below it that is above `enough`; not positive on overlap.
+  // Returns the distance, or a lower bound of it that exceeds `enough`. Not positive if they overlap.
   double distance(const Eigen::Vector3d& position, const Eigen::Quaterniond& rotation, double enough) const {
     double least = std::numeric_limits<double>::infinity();
     const oracle::Support body = oracle::hull_at(drone(), position, rotation);
@@ -436,15 +436,15 @@ struct Motion {
   Eigen::Quaterniond rotation(double t) const {
     return from.rotation.cast<double>().normalized().slerp(t, to.rotation.cast<double>().normalized());
   }
-  double speed() const {  // of any point of the hull, at most
+  double speed() const {  // upper bound for any point of the hull
     return (to.position - from.position).cast<double>().norm() +
            static_cast<double>(drone().radius()) *
                from.rotation.cast<double>().normalized().angularDistance(to.rotation.cast<double>().normalized());
   }
 };
 
-// The first time when the hull is within the standoff, by steps of at most 20 um or of what the distance allows; above 1 if
-// never.
+// Returns the first time at which the hull is within the standoff, or a value above 1 if there is none. Steps by 20 um or by
+// the current distance, whichever is larger.
 double first_time(const Reference& reference, const Motion& motion) {
   const double speed = std::max(motion.speed(), 1e-9);
   double time = 0.0;
@@ -467,7 +467,7 @@ void compare_with_fine_stepping(Random& random, const Place& place, const Motion
   const Contact contact = place.sweep(motion.from, motion.to);
   const double first = reference.distance(motion.position(0), motion.rotation(0), 0.5);
   if (std::abs(first) < 2.0 * kStandoff) {
-    return;  // at the standoff other rules hold
+    return;  // different rules apply at the standoff
   }
   ASSERT_EQ(contact.inside, first <= 0.0);
   ASSERT_EQ(place.overlaps(motion.from), contact.inside);
@@ -484,7 +484,7 @@ void compare_with_fine_stepping(Random& random, const Place& place, const Motion
   if (!contact.hit) {
     ++tally.frees;
     ASSERT_EQ(contact.fraction, 1.0F);
-    if (expected <= 1.0) {  // a dip of a few micrometres below the standoff may differ
+    if (expected <= 1.0) {  // dips of a few micrometres below the standoff are ignored
       ASSERT_GT(reference.distance(motion.position(expected), motion.rotation(expected), 0.5), kStandoff - 3e-5);
     }
     return;
@@ -493,7 +493,7 @@ void compare_with_fine_stepping(Random& random, const Place& place, const Motion
   ASSERT_GT(left, kStandoff - 1e-6);
   ASSERT_LT(left, kStandoff + 2e-5);
   ASSERT_LT(ended * travel, expected * travel + 5e-5) << "flew through";
-  // A graze that loses its last micrometres very slowly is early by more, as the gap just checked allows.
+  // If the hull closes the last micrometres very slowly, it may stop earlier. The gap check above allows that.
   const double before = std::max(0.0, ended - 1e-3 / travel);
   const double approach = (reference.distance(motion.position(before), motion.rotation(before), 0.5) - left) / 1e-3;
   if (approach > 0.05) {
@@ -503,12 +503,12 @@ void compare_with_fine_stepping(Random& random, const Place& place, const Motion
   ASSERT_FALSE(place.overlaps(stop));
   ASSERT_GT(reference.distance(stop.position.cast<double>(), stop.rotation.cast<double>(), 0.5), 0.5 * kStandoff);
   ASSERT_NEAR(contact.normal.norm(), 1.0F, 1e-5F);
-  // The point lies on the side the normal leaves from, a standoff away from the hull.
+  // The contact point is at the standoff distance from the hull, on the side that the normal points away from.
   const oracle::Support body = oracle::hull_at(drone(), stop.position.cast<double>(), stop.rotation.cast<double>());
   const oracle::Support point = oracle::polytope({contact.point.cast<double>()});
   ASSERT_LT(oracle::distance(body, point).upper, kStandoff + 2e-4);
   ASSERT_GT(contact.normal.cast<double>().dot(body(-contact.normal.cast<double>()) - contact.point.cast<double>()), -1e-5);
-  // Away from there, then anywhere: never into anything.
+  // Moving away and then anywhere never enters an obstacle.
   Pose pose = stop;
   for (int step = 0; step < 4; ++step) {
     const Pose next{pose.position + 0.1F * random.normal(), random.chance(0.5F) ? pose.rotation : random.rotation()};
@@ -552,7 +552,7 @@ TEST(SweepAgainstFineStepping, LongTurningMotions) { random_cases(4, 150, 10, 4,
 TEST(SweepAgainstFineStepping, ManyElements) { random_cases(5, 20, 20, 100, 0.3F, 20.0F); }
 
 TEST(Sweep, ResultsDependOnNothingButTheInputs) {
-  // The same elements looked at one by one and through the acceleration structure, and in another order.
+  // The same elements checked one by one, through the acceleration structure, and in another order.
   Random random(6);
   for (int i = 0; i < 20; ++i) {
     std::vector<Primitive> few;
@@ -575,7 +575,7 @@ TEST(Sweep, ResultsDependOnNothingButTheInputs) {
         ASSERT_EQ(first.hit, other.hit);
         ASSERT_EQ(first.inside, other.inside);
         ASSERT_EQ(first.fraction, other.fraction);
-        if (!first.inside) {  // inside several, the one of least index tells the way out
+        if (!first.inside) {  // with several overlaps, the element with the lowest index sets the normal
           ASSERT_EQ(first.normal, other.normal);
           ASSERT_EQ(first.point, other.point);
         }
@@ -588,7 +588,7 @@ TEST(Sweep, AllocatesNothing) {
   Random random(7);
   for (const int elements : {10, 100}) {
     const std::unique_ptr<Place> place = random_place(random, elements);
-    (void)place->overlaps(at(0, 0, 0));  // an acceleration structure is built on first need
+    (void)place->overlaps(at(0, 0, 0));  // builds the acceleration structure, which is lazy
     int hits = 0;
     const std::uint64_t before = testing::allocations_of_this_thread();
     for (int i = 0; i < 2000; ++i) {

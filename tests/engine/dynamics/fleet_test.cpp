@@ -1,4 +1,4 @@
-// Fleet: drones of several airframes fly as they do in fleets of one airframe.
+// Fleet: drones of a mixed fleet fly exactly as in a fleet with a single airframe.
 #include "dynamics/fleet.hpp"
 
 #include <gtest/gtest.h>
@@ -27,7 +27,7 @@ using testing::Random;
 
 constexpr std::size_t kDrones = testing::kRoomDrones;
 const DroneRange kAll{DroneIndex(0), kDrones};
-const std::vector<std::int32_t> kFirstRow(kDrones);  // every drone has the first airframe
+const std::vector<std::int32_t> kFirstRow(kDrones);  // all drones have the first airframe
 
 std::vector<DroneIndex> all_drones() {
   std::vector<DroneIndex> list;
@@ -35,7 +35,7 @@ std::vector<DroneIndex> all_drones() {
   return list;
 }
 
-// The drone has the same bits in two states.
+// Expects a drone to have the same bits in two states.
 void expect_same_drone(const State& a, const State& b, std::size_t drone) {
   testing::for_each_float_array(a, b, [&](const std::string& name, const auto& values, const auto& others) {
     const std::size_t columns = values.size() / kDrones;
@@ -46,7 +46,7 @@ void expect_same_drone(const State& a, const State& b, std::size_t drone) {
   EXPECT_EQ(a.contact.inside[drone], b.contact.inside[drone]);
 }
 
-// Rows of a table of some airframes: consecutive drones have different ones.
+// Returns table rows in which consecutive drones have different airframes.
 std::vector<std::int32_t> mixed_index(std::size_t num_airframes) {
   std::vector<std::int32_t> index;
   for (std::size_t drone = 0; drone < kDrones; ++drone) {
@@ -98,7 +98,7 @@ TEST(Fleet, OfSeveralAirframesFliesEachDroneAsAFleetOfItsAirframe) {
   }
 }
 
-// With the other airframe from the third step on, it flies as in a fleet of that airframe that begins there.
+// From the third step on, a drone with a new airframe flies as in a fleet of that airframe that starts from the same state.
 TEST(Fleet, GivesADroneAnotherAirframeBetweenSteps) {
   const DroneModel model = DroneModel::load("crazyflie");
   const std::vector<Airframe> airframes{*model.airframe(), *DroneModel::load("hummingbird").airframe()};
@@ -161,7 +161,7 @@ TEST(Fleet, RefusesAirframesThatItCannotIntegrate) {
   EXPECT_REFUSED(fleet.set_airframe(DroneIndex(0), 2), "airframe_index: ");
 }
 
-// A simulation of two drones whose fleet has these airframes.
+// A simulation of two drones whose fleet has the given airframes.
 std::unique_ptr<Simulation> simulation_of(const std::vector<Airframe>& airframes) {
   BatchConfig config;
   config.num_envs = 2;

@@ -1,5 +1,5 @@
-// Flight by rotors: the same bits on every SIMD target and in any company, what free and careful flight agree on, and contacts.
-// tests/python/test_dynamics.py has the equations' oracle.
+// Flight with simulated rotors: identical bits on every SIMD target and with any neighbours, agreement of the paths with and
+// without collision checks, and contacts. tests/python/test_dynamics.py has a reference implementation of the equations.
 #include "dynamics/flight.hpp"
 
 #include <gtest/gtest.h>
@@ -189,13 +189,14 @@ TEST(Flight, OfALaneDependsOnThatLaneAlone) {
   }
 }
 
-// The open, and the same place beside obstacles that are near enough to be looked at in every tick, and far enough to be missed.
+// Compares open space with obstacles on both sides. They are close enough to be checked in every tick, but far enough to never
+// be hit.
 TEST(Flight, PastObstaclesIsThatInTheOpen) {
   const auto open = testing::make_world({primitive(PrimitiveKind::room, {0, 0, 0}, {500, 500, 500})});
   std::vector<Primitive> beside{primitive(PrimitiveKind::room, {0, 0, 0}, {500, 500, 500})};
   for (const float z : {-6.0F, 6.0F}) beside.push_back(primitive(PrimitiveKind::box, {0, 0, z}, {400, 400, 0.5F}));
   const auto between = testing::make_world(std::move(beside));
-  const DroneModel model = DroneModel::load("kingfisher").scaled(12.0, 1000.0);  // reaches far, and so looks far
+  const DroneModel model = DroneModel::load("kingfisher").scaled(12.0, 1000.0);  // large, so its checks reach far
   constexpr std::size_t kDrones = 40;
   for (const Control control : testing::kFlightControls) {
     BatchConfig config = batch_of(kDrones, control);
@@ -225,7 +226,7 @@ TEST(Flight, PastObstaclesIsThatInTheOpen) {
   }
 }
 
-// A cluttered closet, some of it triangles.
+// A small cluttered room, partly made of triangles.
 std::shared_ptr<const World> clutter(const Vec3& at) {
   using enum PrimitiveKind;
   const Quat turned(Eigen::AngleAxisf(0.7F, Vec3(1, 2, 3).normalized()));
@@ -242,7 +243,7 @@ std::shared_ptr<const World> clutter(const Vec3& at) {
   return testing::make_world(std::move(primitives), {}, std::move(mesh));
 }
 
-// Contacts that bounce, gusts, an IMU, a LiDAR between ticks, resets included.
+// Covers contacts that bounce, gusts, an IMU, a LiDAR between ticks, and resets.
 void expect_no_allocation(int drones_per_env) {
   constexpr std::size_t kDrones = 64;
   const auto room = testing::make_world({primitive(PrimitiveKind::room, Vec3::Zero(), {2.0F, 2.0F, 1.5F}),
@@ -281,7 +282,7 @@ void expect_no_allocation(int drones_per_env) {
 TEST(Flight, AStepAllocatesNothing) { expect_no_allocation(1); }
 TEST(Flight, AStepOfSeveralDronesPerEnvAllocatesNothing) { expect_no_allocation(4); }
 
-// Drones that push against walls and corners for ever are never inside of anything: `./dev try pushes` tries it 10^8 times.
+// Drones that keep pushing against walls and corners never get inside anything. `./dev try pushes` tries it 10^8 times.
 TEST(Contact, PushedAgainstWallsAndCornersNothingGetsInside) {
   constexpr std::size_t kDrones = 24;
 #if defined(NDEBUG)
@@ -356,7 +357,7 @@ TEST(Impact, ThrowsBackByRestitutionAndFriction) {
   const Airframe frame = *DroneModel::load("kingfisher").airframe();
   dynamics::Surface surface{0.4, 0.0};
   const Pose pose{{1, 2, 3}, Quat(Eigen::AngleAxisf(0.5F, Vec3::UnitZ()))};
-  // Straight under the centre: no turning.
+  // The contact is straight below the centre, so there is no rotation.
   const std::array below{Vec3(1, 2, 2.9F)};
   const auto thrown_back = [&](const Velocity& before, std::span<const Vec3> points, const Vec3& normal) {
     return dynamics::thrown_back(before, before, 0.0, pose, points, normal, frame, surface).at_end;
@@ -364,10 +365,11 @@ TEST(Impact, ThrowsBackByRestitutionAndFriction) {
   const Velocity straight = thrown_back({{1, 0, -2}, Vec3::Zero()}, below, Vec3::UnitZ());
   EXPECT_TRUE(straight.linear.isApprox(Vec3(1, 0, 0.8F), 1e-6F));
   EXPECT_TRUE(straight.angular.isZero(1e-6F));
-  // What moves away already is left alone.
+  // A velocity that already points away is unchanged.
   const Velocity away = thrown_back({{1, 0, 2}, Vec3::Zero()}, below, Vec3::UnitZ());
   EXPECT_EQ(away.linear, Vec3(1, 0, 2));
-  // Off centre: the point leaves at the share of its speed, and momentum about it is kept.
+  // Off centre, the contact point leaves at the restitution's share of its speed, and angular momentum about the point is
+  // conserved.
   surface.friction = 0.5;
   Random random(1);
   for (int i = 0; i < 1000; ++i) {
@@ -397,7 +399,8 @@ TEST(Impact, ThrowsBackByRestitutionAndFriction) {
   }
 }
 
-// Slanted hits on one to six points, some of which leave already. Where restitution would give energy it is reduced, not lost.
+// Oblique impacts on one to six points, some of which already move away. If restitution would add energy, it is reduced but not
+// dropped.
 TEST(Impact, KeepsTheEnergyThatRestitutionAllows) {
   const Airframe frame = *DroneModel::load("kingfisher").airframe();
   const Vec3 inertia(static_cast<float>(frame.inertia_kgm2[0]), static_cast<float>(frame.inertia_kgm2[1]),
@@ -434,7 +437,8 @@ TEST(Impact, KeepsTheEnergyThatRestitutionAllows) {
         ASSERT_LE(share, 1.0F + 1e-5F) << "restitution " << restitution << ", friction " << friction;
         ASSERT_GE(slowest(after), -1e-2F);
         if (friction == 0.0) {
-          is_less |= share < kept - 1e-3F || (restitution == 1.0 && share < 0.99F);  // points slower than 5 cm/s lose theirs
+          is_less |= share < kept - 1e-3F || (restitution == 1.0 && share < 0.99F);  // points slower than 5 cm/s get no
+                                                                                     // restitution
           kept = share;
         }
       }
@@ -445,8 +449,8 @@ TEST(Impact, KeepsTheEnergyThatRestitutionAllows) {
   EXPECT_LT(lost, hits / 2000) << "rounds have an end: slivers need many";
 }
 
-// Of all motions in which no corner of a smooth face goes on into the floor, the one after is nearest to the one before, as the
-// body's mass and inertia measure it (Gauss); so whatever mixture of such motions is farther away.
+// Among all motions in which no corner of a smooth face moves into the floor, the result is closest to the motion before, in
+// the metric of mass and inertia (Gauss). Therefore any random motion of this kind is farther away.
 TEST(Impact, AFaceThatLandsOnASmoothFloorLosesTheLeastItCan) {
   const Airframe frame = *DroneModel::load("kingfisher").airframe();
   const Vec3 inertia(static_cast<float>(frame.inertia_kgm2[0]), static_cast<float>(frame.inertia_kgm2[1]),
@@ -481,7 +485,7 @@ TEST(Impact, AFaceThatLandsOnASmoothFloorLosesTheLeastItCan) {
     ++pressed;
     for (int k = 0; k < 100; ++k) {
       Velocity other{after.linear + 0.1F * vector(), after.angular + vector()};
-      other.linear.z() -= std::min(slowest(other), 0.0F);  // lifted until no corner goes down
+      other.linear.z() -= std::min(slowest(other), 0.0F);  // lifted until no corner moves down
       ASSERT_GE(lost(other), lost(after) - 1e-4F);
     }
   }

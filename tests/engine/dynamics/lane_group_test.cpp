@@ -1,5 +1,5 @@
-// LaneGroup: the arrays of the state go to the lanes and back, gathered or in one piece, and drones that are not stored keep
-// theirs.
+// LaneGroup: state arrays are loaded to lanes and stored back, gathered or contiguous. Drones that are not stored keep their
+// values.
 #include "dynamics/lane_group.hpp"
 
 #include <gtest/gtest.h>
@@ -26,7 +26,7 @@ using dynamics::LaneGroup;
 
 constexpr std::size_t kDrones = 40;
 
-// A number for each element of each array, all different.
+// A state in which every element of every array has a different number.
 State numbered_state() {
   State state = testing::flight_state(kDrones, 1);
   float next = 1.0F;

@@ -1,4 +1,4 @@
-// Rotor motion: a drone flies the same in envs of several drones, in lists with gaps, and gathered or in one piece.
+// Rotor motion: a drone flies identically in envs of several drones, in lists with gaps, and with gathered or contiguous lanes.
 #include "dynamics/rotor_motion.hpp"
 
 #include <gtest/gtest.h>
@@ -36,7 +36,7 @@ std::vector<DroneIndex> every(std::size_t step) {
   return list;
 }
 
-// Every array of two states, those of envs excepted.
+// Compares the arrays of two states, except the per-env arrays.
 void expect_same_flight(const State& a, const State& b) {
   testing::for_each_float_array(a, b, [](const std::string& name, const auto& values, const auto& others) {
     EXPECT_TRUE(same_bits(values, others)) << name;

@@ -1,4 +1,4 @@
-// Gusts against the closed forms of what they are: variances, correlations over time, spectra.
+// Gusts, compared with closed forms of their variances, autocorrelations and spectra.
 #include "dynamics/wind.hpp"
 
 #include <gtest/gtest.h>
@@ -19,7 +19,7 @@ GustNoise noise(testing::Random& random) {
   return numbers;
 }
 
-// One long record of the three components, from the stationary beginning on.
+// Returns a long record of the three components, starting from the stationary distribution.
 std::array<std::vector<double>, 3> record(const WindConfig& config, double step, int count, unsigned seed) {
   testing::Random random(seed);
   const Wind wind(config, step);
@@ -57,7 +57,8 @@ TEST(Wind, OrnsteinUhlenbeckForgetsInItsTime) {
   }
 }
 
-// 8785C: the autocovariance along the wind is s^2 e^(-t/T), across and upwards s^2 e^(-t/T) (1 - t / 2T), T = L / V.
+// 8785C: with T = L / V, the autocovariance is s^2 e^(-t/T) along the wind, and s^2 e^(-t/T) (1 - t / 2T) across and
+// vertically.
 TEST(Wind, DrydenHasTheCovarianceOfTheStandard) {
   const WindConfig config{.mean_mps = {4, 3, 0}, .gusts = Gusts::dryden, .wind_at_6m_mps = 8.0F, .height_m = 20.0F};
   const double feet = 20.0 / 0.3048;
@@ -82,7 +83,7 @@ TEST(Wind, DrydenHasTheCovarianceOfTheStandard) {
   }
 }
 
-// Exact however long a step is: two short ones are one long one.
+// The process is exact for any step size: two short steps equal a long one.
 TEST(Wind, DoesNotDependOnTheStep) {
   const WindConfig config{.gusts = Gusts::dryden};
   const auto fine = record(config, 0.25, 800000, 3);

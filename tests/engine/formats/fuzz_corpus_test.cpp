@@ -1,4 +1,4 @@
-// What the fuzzers have found and kept, once more: tests/fuzz/corpus/TARGET/*. `./dev fuzz TARGET` looks for more.
+// Replays the inputs that the fuzzers found, tests/fuzz/corpus/TARGET/*. `./dev fuzz TARGET` searches for more.
 #include <gtest/gtest.h>
 
 #include <cstdint>

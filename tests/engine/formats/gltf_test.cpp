@@ -30,7 +30,7 @@ std::string bytes_of(std::initializer_list<T> values) {
   return bytes;
 }
 
-// A glTF file in the making: one buffer, a view for each accessor.
+// Builds a glTF file with one buffer and a view per accessor.
 struct File {
   Json json = {{"asset", {{"version", "2.0"}}}};
   std::string buffer;
@@ -49,7 +49,7 @@ struct File {
     return json["accessors"].size() - 1;
   }
 
-  // A mesh of one primitive; its index.
+  // Adds a mesh with one primitive and returns its index.
   std::size_t mesh(const Json& primitive) {
     json["meshes"].push_back({{"primitives", {primitive}}});
     return json["meshes"].size() - 1;
@@ -68,7 +68,7 @@ struct File {
   }
 };
 
-// One triangle: (0, 0, 0), (1, 0, 0), (0, 1, 0) in the file.
+// A file with one triangle: (0, 0, 0), (1, 0, 0), (0, 1, 0) in file coordinates.
 File one_triangle(const Json& node = Json::object()) {
   File file;
   file.mesh({{"attributes", {{"POSITION", file.corner()}}}});
@@ -93,7 +93,7 @@ std::string message_of(const std::string& text) {
 }
 std::string message_of(File file) { return message_of(file.text()); }
 
-// The three corners of a triangle, from the least on.
+// Returns the three corners of a triangle.
 std::vector<Vec3> corners(const TriangleMesh& mesh, std::size_t i) {
   std::vector<Vec3> points;
   for (const std::int32_t index : mesh.triangles[i]) points.push_back(mesh.vertices[static_cast<std::size_t>(index)]);
@@ -113,7 +113,7 @@ TEST(Gltf, YIsUpInTheFileAndZInTheWorld) {
   expect_near(corners(mesh, 0)[0], Vec3(0, 0, 0));
   expect_near(corners(mesh, 0)[1], Vec3(1, 0, 0));
   expect_near(corners(mesh, 0)[2], Vec3(0, 0, 1));
-  expect_near(normal(mesh, 0), Vec3(0, -1, 0));  // which was +z
+  expect_near(normal(mesh, 0), Vec3(0, -1, 0));  // +z in the file
   expect_near(corners(parse(one_triangle(), {.up = UpAxis::z}).scene.mesh, 0)[2], Vec3(0, 1, 0));
   const TriangleMesh placed = parse(one_triangle(), {.scale = 2.0, .origin = Vec3(10, 20, 30)}).scene.mesh;
   expect_near(corners(placed, 0)[0], Vec3(10, 20, 30));
@@ -122,13 +122,13 @@ TEST(Gltf, YIsUpInTheFileAndZInTheWorld) {
 
 TEST(Gltf, NodesAreTranslatedTurnedAndScaled) {
   const double half = std::sqrt(0.5);
-  // Scaled by (2, 3, 1), turned by 90 degrees about y (x to -z), moved by (5, 6, 7): (1, 0, 0) -> (0, 0, -2) -> (5, 6, 5).
+  // Scale by (2, 3, 1), rotate by 90 degrees about y (x to -z), move by (5, 6, 7): (1, 0, 0) -> (0, 0, -2) -> (5, 6, 5).
   const Json trs = {{"translation", {5, 6, 7}}, {"rotation", {0, half, 0, half}}, {"scale", {2, 3, 1}}};
   const TriangleMesh mesh = parse(one_triangle(trs)).scene.mesh;
   expect_near(corners(mesh, 0)[0], Vec3(5, -7, 6));
   expect_near(corners(mesh, 0)[1], Vec3(5, -5, 6));
   expect_near(corners(mesh, 0)[2], Vec3(5, -7, 9));
-  // The same as a matrix, column by column.
+  // The same transform as a matrix, column by column.
   const Json matrix = {{"matrix", {0, 0, -2, 0, 0, 3, 0, 0, 1, 0, 0, 0, 5, 6, 7, 1}}};
   const TriangleMesh same = parse(one_triangle(matrix)).scene.mesh;
   for (std::size_t i = 0; i < 3; ++i) expect_near(corners(mesh, 0)[i], corners(same, 0)[i]);
@@ -162,7 +162,7 @@ TEST(Gltf, TheDefaultSceneAloneIsRead) {
   File file = one_triangle();
   file.node({{"mesh", 0}, {"translation", {3, 0, 0}}});
   file.json["scenes"] = {{{"nodes", {0}}}, {{"nodes", {1}}}};
-  EXPECT_EQ(parse(file).scene.mesh.triangles.size(), 2U);  // none is the default: all roots
+  EXPECT_EQ(parse(file).scene.mesh.triangles.size(), 2U);  // no default scene: all roots
   file.json["scene"] = 1;
   const TriangleMesh mesh = parse(file).scene.mesh;
   ASSERT_EQ(mesh.triangles.size(), 1U);
@@ -268,7 +268,7 @@ TEST(Gltf, ANodesClassGoesForAllBelowIt) {
   EXPECT_EQ(scene.materials[1].name, "wood 2");
 }
 
-// A square of 1 m with uv, whose one material has an image of 2 x 1 pixels: red, blue.
+// A 1 m square with uv. Its material has an image of 2 x 1 pixels: red, blue.
 struct Textured : File {
   Textured() {
     const std::size_t positions = accessor(bytes_of<float>({0, 0, 0, 1, 0, 0, 0, 1, 0}), kFloat, "VEC3", 3);
@@ -355,7 +355,7 @@ TEST(Gltf, BadImagesAreRefused) {
   EXPECT_EQ(message_of(file), "x.gltf: /images/0/bufferView: expected an index of /bufferViews (which has 4), got 99");
 }
 
-// --------------------------------------------------------------------------------------------------------- other things
+// ---------------------------------------------------------------------------------------------------------- other features
 
 TEST(Gltf, MarkersAreNodesByNameOrExtras) {
   File file = one_triangle();
@@ -363,7 +363,7 @@ TEST(Gltf, MarkersAreNodesByNameOrExtras) {
   file.node({{"name", "waypoint.10"}, {"translation", {10, 0, 0}}});
   file.node({{"name", "waypoint.2"}, {"translation", {2, 0, 0}}});
   file.node({{"name", "anything"}, {"extras", {{"marker", "waypoint"}}}, {"translation", {5, 0, 0}}});
-  file.node({{"name", "goal"}, {"mesh", 0}});  // a thing of that name
+  file.node({{"name", "goal"}, {"mesh", 0}});  // an object with that name
   file.node({{"extras", {{"marker", "goal"}}}, {"mesh", 0}, {"translation", {7, 0, 0}}});
   file.node({{"name", "waypoint.x"}});
   const Markers markers = parse(file).scene.markers;
@@ -384,7 +384,7 @@ TEST(Gltf, ADirectionalLightIsTheSun) {
   file.json["extensions"]["KHR_lights_punctual"]["lights"] = {{{"type", "point"}}, {{"type", "directional"}}};
   const auto light = [](int number) { return Json{{"KHR_lights_punctual", {{"light", number}}}}; };
   file.node({{"extensions", light(0)}});
-  const double half = std::sqrt(0.5);  // turned by 90 degrees about x, z comes to -y: it shines upwards
+  const double half = std::sqrt(0.5);  // rotated by 90 degrees about x: z becomes -y, so it shines upwards
   file.node({{"extensions", light(1)}, {"rotation", {half, 0, 0, half}}});
   const GltfFile read = parse(file);
   const auto& sun = read.scene.light.sun_direction;
@@ -409,7 +409,7 @@ TEST(Gltf, EmissionIsReadWhereItIsOfTheBaseColoursTexture) {
       {{"emissiveFactor", {0, 0.5, 0}}, {"emissiveTexture", {{"index", 0}}}, {"pbrMetallicRoughness", surface}},
       {{"emissiveFactor", {0, 0.5, 0}}, {"emissiveTexture", {{"index", 1}}}, {"pbrMetallicRoughness", surface}},
       {{"emissiveFactor", {0, 0.5, 0}}, {"pbrMetallicRoughness", surface}},
-      {{"emissiveTexture", {{"index", 1}}}},  // times 0
+      {{"emissiveTexture", {{"index", 1}}}},  // factor 0
       {{"emissiveFactor", {1, 1, 1}}, {"pbrMetallicRoughness", surface}, {"extensions", unlit}}};
   const GltfFile read = parse(file);
   const auto& materials = read.scene.materials;
@@ -505,7 +505,7 @@ TEST(Gltf, NodesSayWhatTheyAreThereFor) {
   for (const char* const name : {"ucx_a", "aUCX_", "a-col", "-colonly.001"}) {
     EXPECT_EQ(visibility_of({{{"mesh", 0}, {"name", name}}}), (All{kFull, kFull}));
   }
-  // Of all below, until one of them says otherwise.
+  // The extras apply to all descendants, until one of them overrides them.
   EXPECT_EQ(visibility_of({{{"children", {1, 2}}, {"extras", hit}},
                            {{"mesh", 0}, {"extras", shown}},
                            {{"mesh", 0}, {"children", {3}}},
@@ -545,7 +545,7 @@ TEST(Gltf, WhatIsNotReadIsNamed) {
 
 // ----------------------------------------------------------------------------------------------------------- refusals
 
-// What one change of a good file is answered with.
+// Returns the message for a single change to a valid file.
 std::string refusal(const std::string& pointer, const Json& value) {
   File file = one_triangle();
   file.text();
@@ -575,7 +575,7 @@ TEST(Gltf, WhatIsWrongIsRefusedByItsPlace) {
   EXPECT_EQ(refusal("/nodes/0/extras", {{"semantic", 65533}}),
             "x.gltf: /nodes/0/extras/semantic: expected an integer in [1, 65532], got 65533");
   EXPECT_EQ(refusal("/nodes/0/children", Json::array({0})),
-            "x.gltf: expected at least one triangle with an area, got none");  // no node is a root
+            "x.gltf: expected at least one triangle with an area, got none");  // no root node
   EXPECT_EQ(refusal("/meshes/0/primitives", 1), "x.gltf: /meshes/0/primitives: expected an array, got 1");
   EXPECT_EQ(refusal("/meshes/0/primitives/0/mode", 7),
             "x.gltf: /meshes/0/primitives/0/mode: expected an integer in [0, 6], got 7");
@@ -762,13 +762,13 @@ TEST(LoadOptions, OtherFormatsArePlacedToo) {
   std::filesystem::remove(path);
 }
 
-// ------------------------------------------------------------------------------------------- files that others have made
+// -------------------------------------------------------------------------------------------------- files from other tools
 
-const std::filesystem::path kModels = "/usr/share/assimp/models/glTF2";  // of Debian's package assimp-testmodels
+const std::filesystem::path kModels = "/usr/share/assimp/models/glTF2";  // from Debian's package assimp-testmodels
 
 TEST(GltfModels, EveryFileIsReadOrRefusedClearly) {
   if (!std::filesystem::exists(kModels)) GTEST_SKIP() << "Debian's package assimp-testmodels is not installed";
-  // Counted from the accessors of each mesh that a node shows, by a program of its own; less those without an area.
+  // Counted by a separate program from the accessors of each mesh that a node shows, minus degenerate triangles.
   const std::map<std::string, std::size_t> expected{{"2CylinderEngine.glb", 121496 - 11160},
                                                     {"BoxTextured.glb", 12},
                                                     {"boxTexcoords.gltf", 12},

@@ -47,7 +47,7 @@ void expect_equal_world(const World& world, GltfForm form) {
   EXPECT_EQ(again.name(), world.name());
 }
 
-// ---------------------------------------------------------------------------------------------------- every world there is
+// ---------------------------------------------------------------------------------------------------- random worlds
 
 class AnyWorld {
  public:
@@ -94,7 +94,7 @@ class AnyWorld {
   float share() { return std::uniform_real_distribution<float>(0.0F, 1.0F)(random_); }
   float size() { return std::pow(10.0F, 8.0F * share() - 5.0F) * (0.5F + share()); }
 
-  // Ordinary ones, and those whose last bit, or sign, may be lost.
+  // Returns ordinary values, and values that could lose their last bit or their sign.
   float coordinate() {
     const float ordinary = 200.0F * share() - 100.0F;
     constexpr float kTiny = std::numeric_limits<float>::denorm_min();
@@ -105,7 +105,7 @@ class AnyWorld {
 
   std::string name() {
     const std::array<std::string, 5> stems{"", "wood ", "\"quoted\\", "Stra\xc3\x9f\x65 ", "waypoint."};
-    const bool is_empty = names_++ % 50 == 3;  // at most one of each kind of thing
+    const bool is_empty = names_++ % 50 == 3;  // at most one per kind of object
     return is_empty ? "" : stems[static_cast<std::size_t>(below(5))] + std::to_string(names_);
   }
 
@@ -137,7 +137,7 @@ class AnyWorld {
     scene.primitives.push_back(primitive);
   }
 
-  // At least one, of objects with gaps between their numbers and materials that come again.
+  // Adds at least one triangle. Object numbers have gaps, and materials repeat.
   void add_triangles(SceneDescription& scene) {
     TriangleMesh& mesh = scene.mesh;
     const bool is_colored = below(2) == 0;
@@ -192,7 +192,7 @@ TEST(GltfWriter, VerticesBeyond16BitsAreKept) {
   expect_equal_world(World(std::move(scene)), GltfForm::binary);
 }
 
-// The tessellation is part of the format: files of before are read as they were.
+// The tessellation is part of the format: older files must read the same.
 TEST(GltfWriter, FilesOfBeforeKeepTheirPrimitives) {
   const std::filesystem::path folder = std::filesystem::path(FLOCKSTEP_CORPUS) / "gltf";
   for (const auto& [name, count] : std::map<std::string, std::size_t>{{"ours_flat.glb", 3}, {"ours_round.glb", 4}}) {
@@ -204,7 +204,7 @@ TEST(GltfWriter, FilesOfBeforeKeepTheirPrimitives) {
 
 // ------------------------------------------------------------------------------------------------------ placed and edited
 
-// A box, a cylinder and a capsule that lie askew, and a triangle.
+// A box, a cylinder and a capsule with oblique rotations, and a triangle.
 World small_world() {
   const Quat askew = Quat(0.5F, 0.1F, -0.7F, 0.3F).normalized();
   SceneDescription scene;
@@ -242,7 +242,7 @@ std::string message_of(const Edit& edit) {
 
 void expect_near(const Vec3& a, const Vec3& b) { EXPECT_LT((a - b).norm(), 2e-5F) << a.transpose() << " and " << b.transpose(); }
 
-// The same solid: a point of its surface in its own frame lies in the same place, whichever way its frame is turned.
+// Expects two equal solids: the same surface, even if their frames are rotated differently.
 void expect_same_solid(const Primitive& a, const Primitive& b, const Eigen::Affine3f& moved) {
   EXPECT_EQ(a.kind, b.kind);
   expect_near(b.center, moved * a.center);
@@ -250,7 +250,7 @@ void expect_same_solid(const Primitive& a, const Primitive& b, const Eigen::Affi
   const Mat3 of_b = b.rotation * Mat3(b.half_extents.asDiagonal());
   if (a.kind == PrimitiveKind::sphere) return expect_near(b.half_extents, Vec3::Constant(of_a.col(0).norm()));
   for (int i = 0; i < 3; ++i) {
-    int best = 0;  // a room's axes may change places
+    int best = 0;  // a room's axes may be permuted
     for (int k = 1; k < 3; ++k)
       best = std::abs(of_b.col(k).dot(of_a.col(i))) > std::abs(of_b.col(best).dot(of_a.col(i))) ? k : best;
     const int k = a.kind == PrimitiveKind::room ? best : i;
@@ -282,7 +282,7 @@ TEST(GltfWriter, ItIsPlacedAsAWhole) {
 // Nodes 0 to 4 are the primitives, 5 the mesh, 6 the start, 7 the sun.
 TEST(GltfWriter, WhatIsMovedInAnotherProgramMoves) {
   const World world = small_world();
-  const double half = std::sqrt(0.5);  // a quarter turn about the file's y axis, which is z
+  const double half = std::sqrt(0.5);  // a quarter turn about the file's y axis, which is z in the world
   const GltfFile file = read_edited([&](Json& json) {
     json["scenes"][0]["nodes"] = {8};
     json["nodes"].push_back(
@@ -309,11 +309,11 @@ TEST(GltfWriter, WhatIsAPrimitiveNoLongerIsAMesh) {
   const std::string one = "1 primitive in extras of another shape than the mesh, which is read instead";
   const std::vector<Edit> edits{
       [](Json& json) { json["nodes"][3]["scale"] = {2, 3, 2}; },                  // an ellipsoid
-      [](Json& json) { json["nodes"][2]["scale"] = {1, 2, 3}; },                  // an oval cylinder
-      [](Json& json) { json["nodes"][0]["rotation"] = {0.6, 0, 0, 0.8}; },        // a room askew
-      [](Json& json) { json["nodes"][3]["mesh"] = json["nodes"][1]["mesh"]; },    // a box for a ball
-      [](Json& json) { json["nodes"][4]["extras"]["flockstep"]["height"] = 5; },  // other numbers than the mesh
-      [](Json& json) { json["accessors"][1]["count"] = 30; },                     // the room without a side
+      [](Json& json) { json["nodes"][2]["scale"] = {1, 2, 3}; },                  // an elliptic cylinder
+      [](Json& json) { json["nodes"][0]["rotation"] = {0.6, 0, 0, 0.8}; },        // a rotated room
+      [](Json& json) { json["nodes"][3]["mesh"] = json["nodes"][1]["mesh"]; },    // a box in place of a sphere
+      [](Json& json) { json["nodes"][4]["extras"]["flockstep"]["height"] = 5; },  // parameters that differ from the mesh
+      [](Json& json) { json["accessors"][1]["count"] = 30; },                     // a room with a side missing
       [](Json& json) { json["meshes"][1]["primitives"].push_back(json["meshes"][0]["primitives"][0]); },
       [](Json& json) {  // sheared
         json["nodes"][1].erase("rotation");
@@ -369,7 +369,7 @@ TEST(GltfWriter, BadExtrasAreRefused) {
             "x.glb: /nodes/5/extras/flockstep/order: expected two integers for each run of triangles, got 1");
   EXPECT_EQ(of_node(5, {{"object", 0}, {"order", {0, -1}}}),
             "x.glb: /nodes/5/extras/flockstep/order/1: expected an integer in [0, 4294967295], got -1");
-  EXPECT_EQ(of_node(5, {{"object", 0}, {"order", {7, 1}}}), "accepted");  // of another mesh: means nothing
+  EXPECT_EQ(of_node(5, {{"object", 0}, {"order", {7, 1}}}), "accepted");  // ignored: belongs to another mesh
   EXPECT_EQ(of_node(5, {{"object", 0}, {"order", {0, 4294967295U}}}), "accepted");
   EXPECT_EQ(of_node(6, {{"primitive", "box"}}),
             "x.glb: /nodes/6/extras: expected a mesh of the node, which \"flockstep\" tells more about, found none");
@@ -401,7 +401,7 @@ TEST(GltfWriter, FilesAreSavedBySuffixWholeOrNotAtAll) {
     EXPECT_EQ(read->content_hash(), world.content_hash()) << name;
     EXPECT_EQ(read->name(), "small");
   }
-  EXPECT_EQ(std::distance(std::filesystem::directory_iterator(folder), {}), 4);  // nothing is left beside them
+  EXPECT_EQ(std::distance(std::filesystem::directory_iterator(folder), {}), 4);  // no temporary files remain
   const auto message = [&](const std::filesystem::path& path) -> std::string {
     try {
       world.save(path);

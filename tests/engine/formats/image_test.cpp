@@ -60,7 +60,7 @@ void append_chunk(Bytes& to, const std::string& name, const Bytes& data) {
   append_number(to, crc(body));
 }
 
-// A PNG file by hand, its rows (each behind its filter's number) stored and not compressed.
+// Builds a PNG file by hand. Each row starts with its filter number; the data is stored uncompressed.
 Bytes png_of(std::uint32_t width, std::uint32_t height, int depth, int colour, const Bytes& rows, const Bytes& palette = {},
              int interlace = 0) {
   Bytes file{0x89, 'P', 'N', 'G', '\r', '\n', 0x1a, '\n'};
@@ -90,7 +90,7 @@ TEST(Image, APngIsReadBackEqual) {
     const Image read = decode(bytes_of(encode_png(width, height, rgba)));
     EXPECT_EQ(read.width_px, width);
     EXPECT_EQ(read.height_px, height);
-    EXPECT_EQ(read.rgba, rgba);  // alpha 0 among them, whose colours are kept
+    EXPECT_EQ(read.rgba, rgba);  // including pixels with alpha 0, whose colours are kept
   }
 }
 
@@ -102,9 +102,9 @@ TEST(Image, EveryKindOfPngBecomesRgba) {
   EXPECT_EQ(decode(png_of(2, 1, 1, 0, {0, 0x40})).rgba, (Bytes{0, 0, 0, 255, 255, 255, 255, 255}));
   EXPECT_EQ(decode(png_of(2, 1, 8, 3, {0, 1, 0}, {1, 2, 3, 4, 5, 6})).rgba, (Bytes{4, 5, 6, 255, 1, 2, 3, 255}));
   EXPECT_EQ(decode(png_of(1, 1, 16, 2, {0, 255, 255, 128, 128, 0, 0})).rgba, (Bytes{255, 128, 0, 255}));
-  // Two rows from the top, the second as a difference from the first.
+  // Two rows, from the top. The second is a difference to the first.
   EXPECT_EQ(decode(png_of(1, 2, 8, 2, {0, 10, 20, 30, 2, 1, 1, 1})).rgba, (Bytes{10, 20, 30, 255, 11, 21, 31, 255}));
-  // Interlaced: of 2 x 1 pixels, the first comes in the first pass and the other in the sixth.
+  // Interlaced: of 2 x 1 pixels, the first is in pass one and the second in pass six.
   EXPECT_EQ(decode(png_of(2, 1, 8, 2, {0, 1, 2, 3, 0, 4, 5, 6}, {}, 1)).rgba, (Bytes{1, 2, 3, 255, 4, 5, 6, 255}));
 }
 
@@ -163,7 +163,7 @@ TEST(Image, SizesAreCheckedBeforeAnythingIsDecoded) {
             0U);
   EXPECT_EQ(message_of(png_of(3, 2, 8, 2, row), 5), "x: expected at most 5 pixels, got 3 x 2");
   EXPECT_NE(message_of(png_of(0, 1, 8, 2, row)), "accepted");
-  // A JPEG file's header alone.
+  // Only the header of a JPEG file.
   const Bytes jpeg{0xff, 0xd8, 0xff, 0xc0, 0, 11, 8, 0xea, 0x60, 0xea, 0x60, 1, 1, 0x11, 0, 0xff, 0xda, 0, 8, 1, 1, 0, 0, 63, 0};
   EXPECT_EQ(message_of(jpeg), "x: expected an image of 1 to 16384 pixels to a side, got 60000 x 60000");
 }

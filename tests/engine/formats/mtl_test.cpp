@@ -33,12 +33,12 @@ class Mtl : public testing::Test {
     return folder_ / name;
   }
 
-  // An image of 2 by 1 pixels: the red of the first one tells images apart.
+  // Writes an image of 2 x 1 pixels. The red value of the first pixel identifies the image.
   void write_image(const std::string& name, std::uint8_t red) const {
     write(name, encode_png(2, 1, std::vector<std::uint8_t>{red, 0, 0, 255, 0, 0, 0, 255}));
   }
 
-  // A world of an OBJ file with a triangle of each of these materials, and a.mtl.
+  // Loads a world from an OBJ file with one triangle per material, and a.mtl.
   std::shared_ptr<const World> load(const std::string& mtl, const std::vector<std::string>& materials,
                                     const LoadOptions& options = {}) const {
     write("a.mtl", mtl);
@@ -168,7 +168,7 @@ TEST_F(Mtl, NamesOfFilesMayHaveSpacesAndBeSeveral) {
   EXPECT_EQ(world->materials()[0].base_color, (Color{1, 0, 0}));
   EXPECT_EQ(ignored_of(*world), Ignored{"1 material that no material file has"});
   world = World::load(write("a.obj", "mtllib own.mtl gone.mtl\nmtllib my own.mtl" + rest));
-  EXPECT_EQ(world->materials()[0].base_color, (Color{0, 1, 0}));  // the first that has it
+  EXPECT_EQ(world->materials()[0].base_color, (Color{0, 1, 0}));  // from the first file that has it
   EXPECT_EQ(ignored_of(*world), Ignored{"1 file that is missing (gone.mtl)"});
 }
 

@@ -18,7 +18,7 @@ class Obj : public testing::Test {
     return load_obj(path_).mesh;
   }
 
-  // The message without the path it begins with.
+  // Returns the message without its leading path.
   std::string message_of(const std::string& text) const {
     try {
       load(text);
@@ -83,7 +83,7 @@ TEST_F(Obj, KeepsPlacesInTexturesWhereTheyAreWanted) {
   EXPECT_TRUE(plain.uv.empty());
   EXPECT_EQ(plain.vertices.size(), 4U);
   const TriangleMesh mesh = parse_obj(text, "x", with_uv).mesh;
-  // Vertices 0 and 2 get a copy for their second place, and 3 for that which is no number, which is another than none.
+  // Vertices 0 and 2 get a copy for their second uv. Vertex 3 gets one for its invalid uv, which differs from having none.
   EXPECT_EQ(mesh.triangles, (std::vector<std::array<std::int32_t, 3>>{{0, 1, 2}, {4, 2, 3}, {1, 5, 6}}));
   EXPECT_EQ(mesh.uv, (std::vector<std::array<float, 2>>{{0.25F, 0.25F}, {0.5F, 1}, {0, 0}, {0, 0}, {0.5F, 1}, {0, 0}, {0, 0}}));
   EXPECT_EQ(mesh.vertices[4], mesh.vertices[0]);
@@ -96,13 +96,13 @@ TEST_F(Obj, ObjectsAndMaterialsAreNumberedByTheirFirstFaces) {
   using Numbers = std::vector<std::uint16_t>;
   const auto read = [](const std::string& text) { return parse_obj(kSquare + text, "x"); };
 
-  // Groups, which go on where their name comes again; a name without a face is none.
+  // Groups continue when their name appears again. A group without a face is dropped.
   ObjMesh mesh = read("usemtl none\n" + f + "g a\nusemtl  red stone \n" + f + "g b\ng c d\n" + f + "g a\nusemtl none\n" + f);
   EXPECT_EQ(mesh.mesh.objects, (Numbers{0, 1, 2, 1}));
   EXPECT_EQ(mesh.mesh.materials, (Numbers{0, 1, 1, 0}));
   EXPECT_EQ(mesh.names.materials, (std::vector<std::string>{"none", "red stone"}));
 
-  // Where there are objects, groups are none.
+  // If there are objects, groups are ignored.
   mesh = read(f + "g a\n" + f + "o chair\n" + f + "g b\n" + f + "o table\n" + f);
   EXPECT_EQ(mesh.mesh.objects, (Numbers{0, 0, 1, 1, 2}));
   EXPECT_EQ(mesh.mesh.materials, (Numbers{0, 0, 0, 0, 0}));
@@ -153,7 +153,7 @@ TEST_F(Obj, AnObjectOfManyCornersIsOne) {
 TEST_F(Obj, ThreeNumbersBehindAVertexAreItsColorInSrgb) {
   const TriangleMesh mesh = load("v 0 0 0 1 0.5 0\nv 1 0 0 0.02 0 1\nv 1 1 0 9\nv 1 2 0 1 1 2\nv 2 2 0 0 0 0 0\nf 1 2 3\n");
   ASSERT_EQ(mesh.colors.size(), 5U);
-  EXPECT_NEAR(mesh.colors[0][1], 0.2140, 1e-4);  // as tables of sRGB have it
+  EXPECT_NEAR(mesh.colors[0][1], 0.2140, 1e-4);  // from tables of sRGB
   EXPECT_NEAR(mesh.colors[1][0], 0.001548, 1e-6);
   EXPECT_EQ(mesh.colors[0][0], 1.0F);
   EXPECT_EQ(mesh.colors[0][2], 0.0F);

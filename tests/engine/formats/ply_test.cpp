@@ -38,7 +38,7 @@ std::string message_of(const std::string& bytes) {
   return "accepted";
 }
 
-// Values of a binary file.
+// Builds the values of a binary file.
 class Bytes {
  public:
   explicit Bytes(bool is_big) : is_big_(is_big) {}
@@ -66,7 +66,7 @@ TEST(Ply, ReadsText) {
   EXPECT_TRUE(read.ignored.empty());
 }
 
-// Every type, in every place that is read or skipped.
+// Every type, both in properties that are read and in properties that are skipped.
 TEST(Ply, ReadsBinaryOfBothOrders) {
   for (const bool is_big : {false, true}) {
     for (const std::string end : {"\n", "\r\n", "\r"}) {
@@ -93,7 +93,7 @@ TEST(Ply, ReadsBinaryOfBothOrders) {
       EXPECT_EQ(read.mesh.triangles, (Triangles{{0, 1, 2}, {2, 1, 0}}));
       ASSERT_EQ(read.mesh.colors.size(), 3U);
       EXPECT_EQ(read.mesh.colors[2][0], 1.0F);
-      EXPECT_NEAR(read.mesh.colors[2][1], 0.21586, 1e-5);  // as tables of sRGB have them
+      EXPECT_NEAR(read.mesh.colors[2][1], 0.21586, 1e-5);  // from tables of sRGB
       EXPECT_NEAR(read.mesh.colors[2][2], 0.21404, 1e-5);
       EXPECT_EQ(read.ignored, std::vector<std::string>{"elements other than vertex and face"});
       for (std::size_t size = 0; size < header.size() + bytes.text().size(); ++size) {
@@ -108,7 +108,7 @@ TEST(Ply, CutsPolygonsAlsoConcaveOnes) {
       "element vertex 5\nproperty float x\nproperty float y\nproperty float z\nelement face 2\n"
       "property list uchar int vertex_indices\n";
   const PlyMesh read =
-      parse_ply(text_file(arrow, "0 0 0 2 0 0 2 2 0 1 0.5 0 0 2 0 5 0 1 2 3 4 3 0 1 2"), "x");  // words, not lines
+      parse_ply(text_file(arrow, "0 0 0 2 0 0 2 2 0 1 0.5 0 0 2 0 5 0 1 2 3 4 3 0 1 2"), "x");  // tokens need no line breaks
   EXPECT_EQ(read.mesh.triangles.size(), 4U);
   double area = 0.0;
   for (std::size_t i = 0; i < 3; ++i) {
@@ -199,7 +199,7 @@ TEST(Ply, BadFilesAreRefused) {
   EXPECT_NE(with("element e\xFF 1\nproperty \xFF x\n").find("\"property ? x\""), std::string::npos);
 }
 
-// An element without properties takes no room, however many there are.
+// An element without properties takes no space, no matter how many there are.
 TEST(Ply, NothingIsSkippedAtOnce) {
   EXPECT_EQ(message_of(text_file("element nothing 18446744073709551615\n" + kVertices + kFaces, kPoints + "3 0 1 2")),
             "accepted");

@@ -28,7 +28,7 @@ double shoelace(const std::vector<Point>& polygon) {
   return sum;
 }
 
-// By the number of edges that a ray to the right crosses.
+// Returns whether a point is inside, by the number of edges that a ray to the right crosses.
 bool is_inside(const Point& p, const std::vector<Point>& polygon) {
   bool inside = false;
   for (std::size_t i = 0; i < polygon.size(); ++i) {
@@ -39,7 +39,7 @@ bool is_inside(const Point& p, const std::vector<Point>& polygon) {
   return inside;
 }
 
-// In a plane that depends on the seed, also the polygon backwards and from another corner on.
+// Checks the polygon in a plane that depends on the seed, in a random order and from a random first corner.
 void expect_covered(std::vector<Point> polygon, unsigned seed) {
   std::mt19937 random(seed);
   std::uniform_real_distribution<double> uniform(-1.0, 1.0);
@@ -58,7 +58,7 @@ void expect_covered(std::vector<Point> polygon, unsigned seed) {
   for (const auto& [i, j, k] : triangles) {
     const Point &a = polygon[i], &b = polygon[j], &c = polygon[k];
     const double part = 0.5 * turn(a, b, c);
-    EXPECT_GE(part / area, -1e-6);  // none is turned round
+    EXPECT_GE(part / area, -1e-6);  // none is flipped
     sum += std::abs(part);
     const Point middle{(a[0] + b[0] + c[0]) / 3.0, (a[1] + b[1] + c[1]) / 3.0};
     EXPECT_TRUE(is_inside(middle, polygon) || std::abs(part / area) < 1e-5);
@@ -66,7 +66,7 @@ void expect_covered(std::vector<Point> polygon, unsigned seed) {
   EXPECT_NEAR(sum / std::abs(area), 1.0, 1e-5);
 }
 
-// As tinyobjloader 2.0.0rc10 cut these.
+// The same cut as by tinyobjloader 2.0.0rc10.
 TEST(Polygon, ConvexOnesKeepTheTrianglesOfTinyobjloader) {
   const std::vector<Vec3> around{{-1, -1, 0}, {1, -1, 0}, {2, 0, 0}, {1, 1, 0}, {-1, 1, 0}, {-2, 0, 0}};
   EXPECT_EQ(cut_polygon(around), (Triangles{{0, 1, 2}, {0, 2, 3}, {0, 3, 4}, {0, 4, 5}}));
@@ -84,7 +84,7 @@ TEST(Polygon, QuadsAreCutAtTheShorterDiagonalThatIsInside) {
   EXPECT_EQ(cut_polygon(std::vector<Vec3>{{0, 0, 0}, {1, 0, 0}, {1, 1, 0}, {0, 1, 0}}), (Triangles{{0, 1, 3}, {1, 2, 3}}));
   EXPECT_EQ(cut_polygon(std::vector<Vec3>{{0, 0, 0}, {3, -1, 0}, {4, 0, 0}, {3, 1, 0}}), (Triangles{{0, 1, 3}, {1, 2, 3}}));
   EXPECT_EQ(cut_polygon(std::vector<Vec3>{{3, -1, 0}, {4, 0, 0}, {3, 1, 0}, {0, 0, 0}}), (Triangles{{0, 1, 2}, {0, 2, 3}}));
-  // An arrowhead: the shorter diagonal is outside.
+  // An arrowhead, whose shorter diagonal lies outside.
   EXPECT_EQ(cut_polygon(std::vector<Vec3>{{0, 0, 0}, {4, -1, 0}, {3, 0, 0}, {4, 1, 0}}), (Triangles{{0, 1, 2}, {0, 2, 3}}));
 }
 
@@ -99,7 +99,7 @@ TEST(Polygon, ConcaveOnesAreCoveredAndNoMore) {
       star.push_back({radius * std::cos(angle), radius * std::sin(angle)});
     }
     expect_covered(star, seed);
-    const double width = 0.3 * uniform(random);  // of a spiral
+    const double width = 0.3 * uniform(random);  // for a spiral
     for (std::size_t i = 0; i < 2 * count; ++i) {
       const double angle = 0.4 * static_cast<double>(i < count ? i : 2 * count - 1 - i);
       const double radius = 1.0 + 0.2 * angle + (i < count ? 0.0 : width);
@@ -109,11 +109,11 @@ TEST(Polygon, ConcaveOnesAreCoveredAndNoMore) {
   }
 }
 
-// A bridge that is walked both ways joins a hole to the rest.
+// A bridge is an edge used in both directions that connects a hole to the outline.
 TEST(Polygon, CornersMayTouchAsThoseOfHolesAndBridges) {
   const std::vector<Point> one{{0, 0}, {1, 0}, {1, 1}, {1, 2}, {2, 2}, {2, 1}, {1, 1}, {1, 0}, {3, 0}, {3, 3}, {0, 3}};
   const std::vector<Point> slanted{{0, 0}, {4, 0}, {4, 4}, {0, 4}, {0, 0}, {1, 1}, {1, 3}, {3, 3}, {3, 1}, {1, 1}};
-  const std::vector<Point> pinched{{0, 0}, {1, 0}, {4, 4}, {2.5, 0}, {4, 0}, {4, 4}, {0, 4}};  // a hole to a corner
+  const std::vector<Point> pinched{{0, 0}, {1, 0}, {4, 4}, {2.5, 0}, {4, 0}, {4, 4}, {0, 4}};  // a hole that touches a corner
   ASSERT_EQ(shoelace(one), 8.0);
   ASSERT_EQ(shoelace(pinched), 13.0);
   ASSERT_EQ(shoelace(slanted), 12.0);
@@ -124,7 +124,7 @@ TEST(Polygon, CornersMayTouchAsThoseOfHolesAndBridges) {
   }
 }
 
-// Among them polygons without an area, and those that cross themselves.
+// Includes polygons without area, and self-intersecting ones.
 TEST(Polygon, AnyCornersBecomeTwoTrianglesFewer) {
   std::mt19937 random(1);
   for (int i = 0; i < 300; ++i) {

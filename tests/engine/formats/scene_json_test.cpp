@@ -167,7 +167,7 @@ TEST(SceneJson, WhatTheLightDoesNotSayIsTheDefault) {
   expect_same_bits(parse_scene(scene(kRoom + R"(, "light": {"gamma": 3.5})"), "x.json", {}).light, brighter, "one field");
 }
 
-// However short or long it is.
+// The length of the vector does not matter.
 TEST(SceneJson, TheDirectionOfTheSunIsNormalised) {
   for (const char* direction : {"[0, 0, 5e-324]", "[0, 0, 1e-300]", "[0, 0, 1e-42]", "[0, 0, 1]", "[0, 0, 1e6]"}) {
     const Light light = parse_scene(scene(kRoom + R"(, "light": {"sun_direction": )" + direction + "}"), "x.json", {}).light;
@@ -426,7 +426,7 @@ TEST(SceneJson, WhatIsNotJsonIsRefusedWithThePlace) {
   expect_starts("{\"flockstep_scene\": 1e999}", "x.json: not valid JSON: number overflow");
 }
 
-// Every prefix of a scene is an error, none a crash or a world.
+// Every prefix of a scene file is an error, never a crash or a world.
 TEST(SceneJson, TruncatedAnywhereIsRefused) {
   const std::string whole = scene(kRoom + R"(, "pillars": [{"center": [1.5, 1], "radius": 0.25}])");
   for (std::size_t length = 0; length < whole.size(); ++length) {
@@ -462,7 +462,7 @@ TEST(SceneJson, MessagesAreShortHoweverMuchCame) {
 }
 
 TEST(SceneJson, ManyThingsAndManyNames) {
-  constexpr int kCount = 65000;  // a second; searched through one by one, half a minute
+  constexpr int kCount = 65000;  // takes a second; with linear searches it takes half a minute
   std::string materials;
   std::string spheres;
   std::string unknown;
@@ -525,7 +525,7 @@ TEST(SceneJson, RoundTripKeepsEveryBit) {
       description.primitives.push_back(primitive);
     }
     for (std::int32_t i = 0; i < 9; ++i) description.mesh.vertices.push_back(point());
-    description.mesh.triangles = {{0, 1, 2}, {3, 4, 5}, {0, 4, 7}};  // vertices 6 and 8 are not used
+    description.mesh.triangles = {{0, 1, 2}, {3, 4, 5}, {0, 4, 7}};  // vertices 6 and 8 are unused
     description.mesh.materials = {0, static_cast<std::uint16_t>(round % 2), 0};
     if (round % 5 != 0) {
       for (int i = 0; i < 3; ++i) description.mesh.objects.push_back(static_cast<std::uint16_t>(random() % 4));

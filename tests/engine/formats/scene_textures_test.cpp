@@ -14,11 +14,11 @@
 namespace flockstep {
 namespace {
 
-const std::vector<std::uint8_t> kPixels{255, 0, 0, 255, 0, 0, 255, 0};  // red, and blue that is transparent
+const std::vector<std::uint8_t> kPixels{255, 0, 0, 255, 0, 0, 255, 0};  // red, transparent blue
 
 std::string png() { return encode_png(2, 1, kPixels); }
 
-// A scene of the fields and a triangle of the material "wood", whose texture is the one given.
+// Returns a scene with a triangle of the material "wood", which has the given texture.
 std::string scene(const std::string& texture, const std::string& mesh = R"(, "uv": [[0, 0], [1, 0], [0.1, 2]])") {
   return R"({"flockstep_scene": 1, "textures": {"planks": )" + texture +
          R"(}, "materials": {"wood": {"base_color": [1, 1, 1], "texture": "planks"}, "red": {"base_color": [1, 0, 0]}},

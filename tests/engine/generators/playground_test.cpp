@@ -1,5 +1,4 @@
-// What every playground promises, the bundled ones and the generated ones: comfortable gaps, a straight flight that crashes, and
-// a way through.
+// Guarantees of all playgrounds, bundled and generated: comfortable gaps, a straight flight that crashes, and a free path.
 #include <gtest/gtest.h>
 
 #include <algorithm>
@@ -45,7 +44,7 @@ bool straight_flight_crashes(const World& world, const DroneModel& drone) {
   return false;
 }
 
-// From surface to surface, seen from above.
+// Smallest distance between surfaces, seen from above.
 float smallest_gap(const std::vector<Primitive>& cylinders) {
   float gap = std::numeric_limits<float>::infinity();
   for (std::size_t i = 0; i < cylinders.size(); ++i) {
@@ -86,7 +85,7 @@ void expect_way_through(const World& world, const DroneModel& drone) {
 
 // ------------------------------------------------------------------------------------------------------- bundled playgrounds
 
-// Start, waypoints, goal: from the thesis's published positions, room centred on them.
+// Start, waypoints and goal, from the positions published in the thesis, with the room centred on them.
 const std::map<std::string, std::vector<Vec3>> kRoutes{
     {"train-1", {{2.15F, 6.15F, 1.38F}, {4.85F, 7.25F, 1.88F}, {9.05F, 7.85F, 3.17F}, {11.85F, 6.15F, 1.57F}}},
     {"train-2",
@@ -157,7 +156,7 @@ INSTANTIATE_TEST_SUITE_P(Camera, ShippedPlayground, ::testing::ValuesIn(names(tr
 
 class CameraPlayground : public ShippedPlayground {};
 
-// The camera task's drone takes steps of 0.1 m forward, left and right, never back.
+// The camera task's drone moves 0.1 m per step forward, left or right, never back.
 TEST_P(CameraPlayground, CanBeFlownForwardsOnly) {
   constexpr float kStep = 0.1F;
   constexpr float kReached = 0.5F;
@@ -166,7 +165,7 @@ TEST_P(CameraPlayground, CanBeFlownForwardsOnly) {
   const auto at = [&](int forward, int left) {
     return Vec3(start + Vec3(kStep * static_cast<float>(forward), kStep * static_cast<float>(left), 0.0F));
   };
-  std::set<int> row{0};  // steps to the left at which the drone can be, having gone so far forward
+  std::set<int> row{0};  // reachable positions, in steps to the left, after `forward` steps
   bool reached = false;
   for (int forward = 0; !row.empty() && !reached && at(forward, 0).x() < goal.x() + kReached; ++forward) {
     std::set<int> reachable = row;
@@ -188,7 +187,7 @@ TEST_P(CameraPlayground, CanBeFlownForwardsOnly) {
   EXPECT_TRUE(reached);
 }
 
-// Over the free places between start and goal from which it lies within a horizontal field of view of 90 degrees.
+// Checks free places between start and goal from which the goal is within a horizontal field of view of 90 degrees.
 TEST_P(CameraPlayground, ShowsItsGoalFromMostPlaces) {
   const Vec3 goal = *world_->markers().goal;
   int seen = 0;
@@ -266,7 +265,7 @@ TEST(GeneratedPlayground, ASeedIsAWorld) {
   EXPECT_EQ(playground({.seed = 7})->to_json(), playground({.seed = 7})->to_json());
   EXPECT_NE(playground({.seed = 7})->to_json(), playground({.seed = 8})->to_json());
   EXPECT_NE(playground({.seed = 7})->to_json(), playground({.seed = 7 + (std::uint64_t{1} << 32U)})->to_json());
-  // The same on every machine: a change here changes what published seeds mean.
+  // The same on every machine. If this changes, published seeds give different worlds.
   EXPECT_EQ(hash(playground({.seed = 0})->to_json()), 10824598738912704581U);
   EXPECT_EQ(hash(playground({.seed = 1, .pillars = 40})->to_json()), 10314493496929844638U);
 }

@@ -1,4 +1,4 @@
-// Smaller images against brute force and OpenCV, and colour spaces.
+// Downsampling, compared with brute force and OpenCV, and colour spaces.
 #include "imaging/resample.hpp"
 
 #include <gtest/gtest.h>
@@ -27,7 +27,7 @@ constexpr Sizes kSizes[] = {{64, 48, 16, 12}, {64, 48, 64, 48}, {84, 61, 35, 20}
                             {33, 1, 10, 1},   {1, 9, 1, 4},     {50, 40, 1, 1},   {40, 30, 39, 29}};
 constexpr Pool kPools[] = {Pool::mean, Pool::min, Pool::max};
 
-// Pixel by pixel, in double precision: `to` pixels of length from / to cover those of length 1.
+// Resamples pixel by pixel in double precision. An output pixel covers from / to input pixels along each axis.
 template <class Value>
 std::vector<double> by_brute_force(const std::vector<Value>& image, const Sizes& s, int channels, Pool pool) {
   std::vector<double> result;
