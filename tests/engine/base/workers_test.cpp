@@ -24,9 +24,7 @@ TEST(Workers, AreAsManyAsWereAskedFor) {
     workers.run(count, [&](std::size_t, std::size_t thread) {
       ++inside;
       ++seen.at(thread);
-      while (inside < threads && std::chrono::steady_clock::now() < end)
-        std::this_thread::yield();  // until all are inside
-                                    // inside
+      while (inside < threads && std::chrono::steady_clock::now() < end) std::this_thread::yield();  // waits for all
     });
     for (const auto& times : seen) EXPECT_EQ(times, 1);
   }

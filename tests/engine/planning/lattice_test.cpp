@@ -7,7 +7,7 @@
 namespace flockstep {
 namespace {
 
-// A room full of things of every kind, tilted and level.
+// A room with obstacles of every kind, tilted and level.
 World clutter(unsigned seed) {
   std::mt19937 random(seed);
   const auto draw = [&random](float low, float high) { return std::uniform_real_distribution<float>(low, high)(random); };
@@ -73,7 +73,7 @@ TEST(Lattice, NodesAreMultiplesOfTheCellFromTheStart) {
     ++count;
   });
   EXPECT_EQ(count, 26);
-  // The goal is a neighbour of those around the node nearest to it, and they are its own.
+  // The goal and the nodes around its nearest node are neighbours, in both directions.
   count = 0;
   lattice.for_each_neighbour(Lattice::kGoal, [&](std::int32_t node) {
     bool back = false;

@@ -36,7 +36,7 @@ TEST(Markers, MayBeInTheSkyButNotAboveARoom) {
   SceneDescription room = yard;
   room.primitives.insert(room.primitives.begin(), navigable().primitives[0]);
   EXPECT_THROW(require_navigable(World(room), DroneModel::quadrotor650()), std::invalid_argument);
-  yard.markers.start->x() = 11.0F;  // beside it
+  yard.markers.start->x() = 11.0F;  // beyond the floor's edge
   EXPECT_THROW(require_navigable(World(yard), DroneModel::quadrotor650()), std::invalid_argument);
 }
 

@@ -21,7 +21,7 @@ constexpr float kHalfLength = 0.4F;
 constexpr float kHalfWidth = 0.3F;
 constexpr float kHalfHeight = 0.1F;
 
-// A box, for which the space that an obstacle takes from the drone's centre is known exactly.
+// A box-shaped drone. The region that an obstacle blocks for its centre is known exactly.
 DroneModel box_drone() {
   std::vector<Vec3> hull;
   for (const float x : {-kHalfLength, kHalfLength}) {
@@ -56,8 +56,8 @@ void expect_clear(const World& world, const DroneModel& drone, const std::vector
   }
 }
 
-// Plans, checks the path, and compares its length with the shortest one there is. The planner may be a little longer, and shorter
-// only by what the sweep tolerates at each corner.
+// Plans a path, checks it, and compares its length with the optimum. The path may be longer by `excess`, and shorter only by
+// the sweep's tolerance at each corner.
 void expect_shortest(const World& world, const Vec3& start, const std::vector<Vec3>& goals, double shortest, double excess) {
   const DroneModel drone = box_drone();
   const auto path = plan(world, drone, start, goals);
@@ -77,23 +77,24 @@ TEST(Plan, FreeSpaceIsCrossedStraight) {
 }
 
 TEST(Plan, RoundAFullHeightBox) {
-  // Around a 1 x 1 m box the drone's centre keeps out of 1.8 x 1.6 m; y = 3 is the middle of both ways.
+  // Around a 1 x 1 m box the drone's centre must stay out of 1.8 x 1.6 m. y = 3 is the middle between both routes.
   const World world(scene({room({10, 6, 3}), box({5, 3, 1.5F}, {1, 1, 3})}));
   const double flat = 1.8 + 2.0 * std::hypot(2.1, 0.8);
   expect_shortest(world, {2, 3, 1}, {{8, 3, 1}}, flat, 0.003);
-  // Climbing at the same time: seen from above the same path.
+  // The same with a climb. Seen from above the path is the same.
   expect_shortest(world, {2, 3, 0.5F}, {{8, 3, 2.5F}}, std::hypot(flat, 2.0), 0.003);
 }
 
 TEST(Plan, OverAWall) {
-  // A wall 1 m high and 0.2 m thick across the room: over it at z = 1.1, for 1 m.
+  // A wall 1 m high and 0.2 m thick across the room. The path crosses it at z = 1.1 for 1 m.
   const World world(scene({room({10, 3, 3}), box({5, 1.5F, 0.5F}, {0.2F, 3, 1})}));
   expect_shortest(world, {2, 1.5F, 0.5F}, {{8, 1.5F, 0.5F}}, 1.0 + 2.0 * std::hypot(2.5, 0.6), 0.003);
 }
 
 TEST(Plan, AroundABallInTheOpen) {
-  // No room: over the top is shortest for a flat drone. Its corners keep it above z = r + half height over the middle; a lower
-  // bound is the string over a ball of radius r + half height, an upper bound the way around the box that holds ball and drone.
+  // Without a room, the path over the top is the shortest for a flat drone. Its corners keep it above z = r + half height over
+  // the middle. The lower bound is a string over a ball of radius r + half height, the upper bound the path around the box that
+  // encloses ball and drone.
   const Primitive ball{.kind = PrimitiveKind::sphere, .center = {0, 0, 0}, .half_extents = Vec3::Constant(0.5F)};
   const World world(scene({ball}));
   const DroneModel drone = box_drone();
@@ -106,7 +107,7 @@ TEST(Plan, AroundABallInTheOpen) {
 }
 
 TEST(Plan, ThroughAWindowInAMesh) {
-  // A wall of two triangles per strip around a 1.6 x 1.6 m window whose middle is at y = 1.5 + 1, z = 1.5.
+  // A wall of strips with two triangles each, around a 1.6 x 1.6 m window centred at y = 2.5, z = 1.5.
   SceneDescription description = scene({room({8, 6, 3})});
   const auto strip = [&](float y0, float y1, float z0, float z1) {
     const auto first = static_cast<std::int32_t>(description.mesh.vertices.size());
@@ -119,7 +120,7 @@ TEST(Plan, ThroughAWindowInAMesh) {
   strip(1.7F, 3.3F, 0, 0.7F);
   strip(1.7F, 3.3F, 2.3F, 3);
   const World world(description);
-  // The centre passes y <= 3.3 - 0.3 from x = 3.6 to x = 4.4.
+  // The centre must pass y <= 3.3 - 0.3 from x = 3.6 to x = 4.4.
   expect_shortest(world, {1, 4.5F, 1.5F}, {{7, 4.5F, 1.5F}}, 0.8 + 2.0 * std::hypot(2.6, 1.5), 0.003);
 }
 
@@ -131,7 +132,7 @@ TEST(Plan, GapsNarrowerThanTheDroneAreNoWay) {
   const std::vector<Vec3> goal{{8, 3, 1}};
   EXPECT_FALSE(plan(World(hall(0.58F)), box_drone(), Vec3(2, 3, 1), goal));
   EXPECT_TRUE(plan(World(hall(0.62F)), box_drone(), Vec3(2, 3, 1), goal));
-  EXPECT_TRUE(plan(World(hall(0.62F)), box_drone(), Vec3(2, 2, 1), goal));  // not on the axis of the gap
+  EXPECT_TRUE(plan(World(hall(0.62F)), box_drone(), Vec3(2, 2, 1), goal));  // off the gap's axis
 }
 
 TEST(Plan, NoWayOutOfASolidOrIntoOne) {
@@ -141,8 +142,9 @@ TEST(Plan, NoWayOutOfASolidOrIntoOne) {
   EXPECT_FALSE(plan(world, box_drone(), Vec3(2, 3, 1), std::vector<Vec3>{{8, 3, 1}, {50, 3, 1}}));
 }
 
-// The oracle: the shortest way through a visibility graph of points on the rims of the space each pillar takes from the drone's
-// centre (a rectangle of the drone's size, grown by the radius), with plane geometry of its own.
+// The oracle: the shortest path through a visibility graph, with its own plane geometry. Its nodes are points on the outlines
+// of the regions that the pillars block for the drone's centre. Such a region is a rectangle of the drone's size, grown by the
+// radius.
 class VisibilityGraph {
  public:
   VisibilityGraph(const Vec2d& size, std::vector<Vec2d> pillars, double radius)
@@ -151,7 +153,7 @@ class VisibilityGraph {
   double shortest(const Vec2d& start, const Vec2d& goal) const {
     std::vector<Vec2d> nodes{start, goal};
     constexpr int kRimPoints = 40;
-    constexpr double kOutside = 1.004;  // chords between rim points stay clear of the rim
+    constexpr double kOutside = 1.004;  // keeps chords between rim points clear of the rim
     for (const Vec2d& pillar : pillars_) {
       for (int i = 0; i < kRimPoints; ++i) {
         const double angle = 2.0 * std::numbers::pi * (i + 0.5) / kRimPoints;
@@ -189,9 +191,9 @@ class VisibilityGraph {
                        [&](const Vec2d& pillar) { return distance_to_rectangle(a - pillar, b - pillar, half) >= radius_; });
   }
 
-  // From the segment ab to the rectangle of these half sizes around the origin.
+  // Returns the distance from the segment ab to the rectangle with these half sizes around the origin.
   static double distance_to_rectangle(const Vec2d& a, const Vec2d& b, const Vec2d& half) {
-    // Clips the segment to the rectangle, axis by axis.
+    // Clip the segment to the rectangle, axis by axis.
     const Vec2d along = b - a;
     double enter = 0.0;
     double leave = 1.0;
@@ -206,7 +208,7 @@ class VisibilityGraph {
       leave = std::min(leave, std::max(t, u));
     }
     if (enter <= leave) return 0.0;
-    // Apart, two convex shapes are nearest at a corner of one of them.
+    // Two disjoint convex shapes are nearest at a corner of one of them.
     double distance = std::min((a.cwiseAbs() - half).cwiseMax(0.0).norm(), (b.cwiseAbs() - half).cwiseMax(0.0).norm());
     for (const Vec2d& sign : {Vec2d(1, 1), Vec2d(1, -1), Vec2d(-1, 1), Vec2d(-1, -1)}) {
       const Vec2d corner = sign.cwiseProduct(half);
@@ -264,10 +266,10 @@ TEST(Plan, BadArgumentsAreRefused) {
             "goals[1]: expected finite coordinates, got one that is not");
   EXPECT_EQ(message(start, goals, 0.0F, world), "cell_m: expected a number > 0, got 0.000000");
   EXPECT_EQ(message(start, goals, nan, world), "cell_m: expected a number > 0, got nan");
-  // Shut in with so little room that even the finest grid that can be numbered is searched soon.
+  // The start is enclosed in so little space that a search of even the finest possible grid ends soon.
   const World shut(scene({room({10, 6, 3}), box({1.3F, 3, 1.5F}, {0.55F, 2, 3}), box({2.7F, 3, 1.5F}, {0.55F, 2, 3}),
                           box({2, 2.375F, 1.5F}, {2, 0.6F, 3}), box({2, 3.625F, 1.5F}, {2, 0.6F, 3})}));
-  EXPECT_EQ(message(start, goals, 0.01F, shut), "accepted");  // there is none
+  EXPECT_EQ(message(start, goals, 0.01F, shut), "accepted");  // there is no path
   EXPECT_EQ(message(start, goals, 1e-6F, shut).rfind("cell_m: expected a spacing at which a search of 33554432 cells finds", 0),
             0U);
   EXPECT_EQ(message(start, goals, 1e-6F, World(scene({room({10, 6, 3}), box({5, 3, 1.5F}, {1, 1, 3})}))), "accepted");

@@ -21,7 +21,7 @@ namespace {
 
 using testing::closet;
 
-// What a step reads of it is to lie in few pages; a class that grows, grows out of them.
+// The data that a step reads should lie in few memory pages. This fails if a class grows too much.
 TEST(PreparedWorld, SceneAndObstaclesOfAPlaygroundLieSideBySide) {
   const auto world = playground({});
   const PreparedWorld& all = prepared(*world);
@@ -48,7 +48,7 @@ TEST(NearMemory, WhatDoesNotFitGoesToTheHeap) {
     int number;
   };
   const std::pmr::vector<char> byte(1, 'a', &memory);
-  const std::pmr::vector<Line> aligned(2, Line{4}, &memory);  // the sanitizers look at the address
+  const std::pmr::vector<Line> aligned(2, Line{4}, &memory);  // sanitizers check the alignment
   EXPECT_EQ(aligned[1].number, 4);
   EXPECT_EQ(fits[15] + another[15] + large[4095], 6.0);
 }

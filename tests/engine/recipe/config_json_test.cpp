@@ -45,7 +45,7 @@ std::string message_of(const std::string& text) {
   return "";
 }
 
-// Each field that differs from its default is written by hand.
+// A configuration in which every field differs from its default. The values are written by hand.
 BatchConfig unusual() {
   BatchConfig config;
   config.num_envs = 3;
@@ -92,7 +92,7 @@ TEST(ConfigJson, ComesBackAsItWas) {
   const std::string text = config_to_json(config);
   const BatchConfig back = config_from_json<BatchConfig>(text, "x");
   EXPECT_EQ(config_to_json(back), text);
-  // By another way than through text; the hash leaves out what decides nothing.
+  // A check independent of the text. The hash omits fields that do not affect results.
   Hash hash, hash_back;
   hash.add(config);
   hash_back.add(back);

@@ -38,7 +38,7 @@ std::string refusal_of(const Recipe& recipe, const RecipeAccess& access = kBundl
 
 void expect_has(const std::string& text, const std::string& part) { EXPECT_NE(text.find(part), std::string::npos) << text; }
 
-// All rewards, ends and poses of some steps, as bytes.
+// Returns the rewards, ends and poses of some steps as bytes.
 std::string flown(Batch& batch) {
   std::string bytes;
   const auto add = [&](const auto& values) {

@@ -42,14 +42,14 @@ using enum PrimitiveKind;
 
 constexpr float kInfinity = std::numeric_limits<float>::infinity();
 
-// Sets FLOCKSTEP_EGL while it lives.
+// Sets FLOCKSTEP_EGL during its lifetime.
 class EglVariable {
  public:
   explicit EglVariable(const char* value) { setenv("FLOCKSTEP_EGL", value, 1); }
   ~EglVariable() { unsetenv("FLOCKSTEP_EGL"); }
 };
 
-// A renderer, or why there is none here.
+// Returns a renderer, or null and the reason.
 std::unique_ptr<GlRenderer> try_renderer(std::string& why) {
   try {
     return std::make_unique<GlRenderer>();
@@ -59,7 +59,7 @@ std::unique_ptr<GlRenderer> try_renderer(std::string& why) {
   }
 }
 
-// Pictures need OpenGL; where Mesa or a driver is installed, nothing is skipped.
+// Skips the test if OpenGL is not installed. If Mesa or a driver is installed, the renderer must work.
 #define NEEDS_RENDERER(name)                                                     \
   std::string no_renderer;                                                       \
   const std::unique_ptr<GlRenderer> name##_owner = try_renderer(no_renderer);    \
@@ -100,7 +100,7 @@ Pose looking(const Vec3& from, const Vec3& to) {
   return pose;
 }
 
-// Images of some requests, and what was taken.
+// Requests and their rendered images.
 struct Album {
   CameraConfig camera;
   PinholeCamera pinhole;
@@ -118,7 +118,7 @@ struct Album {
   }
   std::size_t pixels() const { return static_cast<std::size_t>(camera.width_px) * static_cast<std::size_t>(camera.height_px); }
 
-  // Makes room for the images, full of what no picture is made of, and points the requests there.
+  // Allocates the images, fills them with values that no image has, and sets the targets of the requests.
   void prepare() {
     const auto room = [&](auto& images, bool wanted, std::size_t channels, auto value) {
       images.assign(wanted ? requests.size() * pixels() * channels : 0, value);
@@ -157,7 +157,8 @@ struct Album {
     const float* at_pixel = images.normal.data() + 3 * at(request, u, v);
     return {at_pixel[0], at_pixel[1], at_pixel[2]};
   }
-  // Of one metre of planar depth, world frame; at a point of the pixel, its centre being 0.
+  // Returns the ray through pixel (u, v), in the world frame, with a planar depth of 1 m. (du, dv) is the offset from the
+  // pixel's centre.
   Vec3d ray(std::size_t request, int u, int v, double du = 0.0, double dv = 0.0) const {
     const Vec3d direction(1.0, (static_cast<double>(pinhole.cx) - u - 0.5 - du) / static_cast<double>(pinhole.fx),
                           (static_cast<double>(pinhole.cy) - v - 0.5 - dv) / static_cast<double>(pinhole.fy));
@@ -165,7 +166,7 @@ struct Album {
   }
 };
 
-// A material of its own for each primitive, all of them lit alike.
+// A world whose primitives cycle through three materials with the same light.
 std::shared_ptr<const World> colorful(std::vector<Primitive> primitives, Markers markers = {}, TriangleMesh mesh = {}) {
   SceneDescription description;
   description.materials = {{"red", {0.8F, 0.2F, 0.1F}, 0}, {"green", {0.2F, 0.7F, 0.3F}, 40}, {"blue", {0.1F, 0.3F, 0.9F}, 7}};
@@ -182,16 +183,16 @@ std::shared_ptr<const World> colorful(std::vector<Primitive> primitives, Markers
   return std::make_shared<const World>(std::move(description));
 }
 
-// What one pixel must show, computed in double precision from closed forms alone.
+// The expected values of a pixel, computed in double precision from closed forms.
 struct Seen {
   double depth = oracle::kNever;  // planar
-  int element = -1;               // as World::raycast numbers them, then the markers
+  int element = -1;               // numbered as in World::raycast, then the markers
   Vec3d normal = Vec3d::Zero();
   Surface surface;
 };
 
 Seen look(const World& world, const Appearance& appearance, const CameraConfig& camera, const Vec3d& eye, const Vec3d& ray) {
-  // What is nearer than the near plane is behind the eye of a camera that stands there.
+  // Start at the near plane: anything nearer is behind the origin.
   const auto near = static_cast<double>(camera.near_m);
   const double reach = static_cast<double>(camera.far_m) - near;
   const Vec3d origin = eye + near * ray;
@@ -251,7 +252,8 @@ std::array<double, 3> color_of(const Seen& seen, const Light& light, const Vec3d
   return color;
 }
 
-// Every pixel whose surroundings, a twentieth of a pixel wide, show one face of one thing. The others are edges and silhouettes.
+// Checks every pixel whose neighbourhood, a twentieth of a pixel wide, shows a single face of a single object. The others are
+// edges and silhouettes.
 void expect_true(const Album& album, double least_share) {
   std::size_t clear = 0;
   std::size_t total = 0;
@@ -312,7 +314,8 @@ TEST(GlRenderer, SaysWhatItDrawsWith) {
 
 TEST(GlRenderer, SphereOfKnownSize) {
   NEEDS_RENDERER(renderer);
-  // Seen from 5 m, a sphere of 3 m hides what is within asin(3 / 5): a tangent of 3/4, 37.5 of 50 pixels from the middle.
+  // Seen from 5 m, a sphere of radius 3 m covers an angle of asin(3 / 5), whose tangent is 3/4: 37.5 of 50 pixels from the
+  // centre.
   const auto world = make_world({primitive(sphere, {5, 0, 0}, {3, 3, 3})});
   Album album(camera_of(100, 100));
   album.add(*world);
@@ -325,7 +328,7 @@ TEST(GlRenderer, SphereOfKnownSize) {
     EXPECT_TRUE(is_sphere(50, at(36)));
     EXPECT_FALSE(is_sphere(50, at(38)));
   }
-  // The ray of the pixel beside the middle is (1, 0.01, 0.01).
+  // The ray of the pixel next to the centre is (1, 0.01, 0.01).
   EXPECT_NEAR(album.images.depth[album.at(0, 49, 49)], 2.0F, 1e-3F);
   EXPECT_NEAR((album.normal(0, 49, 49) - Vec3(-1, 0, 0)).norm(), 0.0F, 0.02F);
   EXPECT_TRUE(std::isinf(album.images.depth[album.at(0, 0, 0)]));
@@ -340,7 +343,7 @@ TEST(GlRenderer, RowZeroIsTheTopAndColumnZeroTheLeft) {
   Album album(camera_of(64, 64));
   album.add(*world);
   album.take(renderer);
-  EXPECT_EQ(album.images.instance[album.at(0, 32, 16)], 1);  // up, a quarter of the image from the middle
+  EXPECT_EQ(album.images.instance[album.at(0, 32, 16)], 1);  // up, a quarter of the image from the centre
   EXPECT_EQ(album.images.instance[album.at(0, 16, 32)], 2);  // left
   EXPECT_EQ(album.images.instance[album.at(0, 32, 48)], 0);
   EXPECT_EQ(album.images.instance[album.at(0, 48, 32)], 0);
@@ -364,7 +367,7 @@ TEST(GlRenderer, PlanarDepthAndRange) {
 
 TEST(GlRenderer, NearAndFar) {
   NEEDS_RENDERER(renderer);
-  // A wall of 0.2 m at 1 m, one at 10 m, one at 30 m.
+  // A wall of 0.2 m at 1 m, an object at 10 m, another at 30 m.
   const auto world = make_world({primitive(box, {1.1F, 0, 0}, {0.1F, 50, 50}), primitive(sphere, {13, 0, 0}, {3, 3, 3}),
                                  primitive(cylinder, {33, 0, 0}, {3, 3, 60})});
   const auto depth_with = [&](float near_m, float far_m) {
@@ -378,7 +381,7 @@ TEST(GlRenderer, NearAndFar) {
     const bool seen = album.images.instance[middle] != 0;
     EXPECT_EQ(seen, std::isfinite(album.images.depth[middle]));
     if (!seen) {
-      // At the horizon, the sky's colour there.
+      // The sky's colour at the horizon.
       EXPECT_NEAR(album.rgb(0, 4, 4)[0], 255.0 * std::pow(0.68, 1.0 / 2.2), 0.51);
       EXPECT_NEAR(album.rgb(0, 4, 4)[2], 255.0 * std::pow(0.88, 1.0 / 2.2), 0.51);
       EXPECT_EQ(album.normal(0, 4, 4), Vec3::Zero());
@@ -387,11 +390,11 @@ TEST(GlRenderer, NearAndFar) {
   };
   EXPECT_FLOAT_EQ(depth_with(0.05F, 100.0F), 1.0F);
   EXPECT_FLOAT_EQ(depth_with(0.99F, 100.0F), 1.0F);
-  EXPECT_FLOAT_EQ(depth_with(1.01F, 100.0F), 1.2F);   // the far side of the wall, from inside
-  EXPECT_FLOAT_EQ(depth_with(1.3F, 100.0F), 10.0F);   // behind it
-  EXPECT_FLOAT_EQ(depth_with(10.1F, 100.0F), 16.0F);  // the far side of the sphere
+  EXPECT_FLOAT_EQ(depth_with(1.01F, 100.0F), 1.2F);   // far side of the wall, seen from inside
+  EXPECT_FLOAT_EQ(depth_with(1.3F, 100.0F), 10.0F);   // behind the wall
+  EXPECT_FLOAT_EQ(depth_with(10.1F, 100.0F), 16.0F);  // far side of the sphere
   EXPECT_FLOAT_EQ(depth_with(20.0F, 100.0F), 30.0F);
-  EXPECT_FLOAT_EQ(depth_with(20.0F, 30.1F), 30.0F);  // most of the cylinder is beyond far
+  EXPECT_FLOAT_EQ(depth_with(20.0F, 30.1F), 30.0F);  // most of the cylinder is beyond the far plane
   EXPECT_EQ(depth_with(20.0F, 29.9F), kInfinity);
   EXPECT_EQ(depth_with(0.05F, 0.9F), kInfinity);
 }
@@ -411,7 +414,8 @@ TEST(GlRenderer, SkyByDirection) {
   }
 }
 
-// All kinds, turned at random, some round a camera, in a room or under the sky, with markers and triangles.
+// Primitives of all kinds with random rotations, some of them around a camera, in a room or under the sky, with markers and
+// triangles.
 std::shared_ptr<const World> jumble(Random& random, bool with_room, bool with_mesh) {
   std::vector<Primitive> primitives;
   if (with_room) primitives.push_back(primitive(room, random.point(0.5F), {7.0F, 6.5F, 4.0F}));
@@ -478,7 +482,7 @@ TEST(GlRenderer, FarAndThin) {
   Album album(camera);
   album.add(*world);
   album.take(renderer);
-  // The thin ones are a few tenths of a pixel wide: the sky is easy, and each must be there.
+  // Thin primitives are a few tenths of a pixel wide. Most pixels show sky, and every primitive must appear.
   expect_true(album, 0.6);
   std::vector<bool> found(13);
   for (const std::uint16_t instance : album.images.instance) found[instance] = true;
@@ -510,7 +514,7 @@ TEST(GlRenderer, BothLayoutsAndGrey) {
   }
 }
 
-// Whatever a camera does not write stays out of the way of what it writes.
+// Outputs that a camera does not write must not affect the others.
 TEST(GlRenderer, EachOutputAlone) {
   NEEDS_RENDERER(renderer);
   Random random(9);
@@ -546,7 +550,7 @@ TEST(GlRenderer, SamplesAreAveragedAsWritten) {
     camera.samples_per_pixel = side * side;
     Album smooth(camera);
     Album plain(camera_of(33, 21));
-    Album fine(camera_of(33 * side, 21 * side));  // its pixels are the samples
+    Album fine(camera_of(33 * side, 21 * side));  // its pixels are the samples of `smooth`
     for (Album* album : {&smooth, &plain, &fine}) {
       album->add(*world, pose);
       album->take(renderer);
@@ -571,7 +575,7 @@ TEST(GlRenderer, ManyWorldsAndManyTilesAreEachTheirOwnPicture) {
   Random random(11);
   std::vector<std::shared_ptr<const World>> worlds;
   for (int i = 0; i < 5; ++i) worlds.push_back(jumble(random, i % 2 == 0, i % 3 == 0));
-  // More rows than any texture has.
+  // More rows than fit in any texture.
   Album album(camera_of(16, 32));
   for (std::size_t i = 0; i < 2500; ++i) {
     album.add(*worlds[i * i % worlds.size()], {random.point(3.0F), random.rotation().toRotationMatrix()});
@@ -591,7 +595,7 @@ TEST(GlRenderer, ManyWorldsAndManyTilesAreEachTheirOwnPicture) {
                   ? 1
                   : 0;
     }
-    // Where a tile is in the atlas changes how corners are rounded: pixels on an edge may change.
+    // The tile's position in the atlas affects the rounding of corners, so edge pixels may differ.
     EXPECT_GE(same, alone.pixels() - 5) << i;
   }
 }
@@ -627,7 +631,7 @@ TEST(GlRenderer, CamerasOfSeveralSizesAtOnce) {
 
 TEST(GlRenderer, Shadows) {
   NEEDS_RENDERER(renderer);
-  // A box over the ground hides the sun, which stands at 45 degrees towards +x, from what is a metre to its -x side.
+  // A box above the ground shades the ground 1 m to its -x side. The sun stands at 45 degrees towards +x.
   SceneDescription description;
   description.light.sun_direction = {std::numbers::sqrt2_v<float> / 2, 0, std::numbers::sqrt2_v<float> / 2};
   description.primitives = {primitive(room, {0, 0, 5}, {9, 9, 5}), primitive(box, {0, 0, 1}, {0.2F, 0.2F, 0.2F})};
@@ -638,7 +642,7 @@ TEST(GlRenderer, Shadows) {
   Album album(camera);
   Pose down;
   down.position = {0, 0, 6};
-  down.rotation << 0, 0, 1, 0, 1, 0, -1, 0, 0;  // the top of the picture is +x
+  down.rotation << 0, 0, 1, 0, 1, 0, -1, 0, 0;  // the image's top is +x
   album.add(world, down);
   album.take(renderer);
   const auto at = [&](float x, float y) {
@@ -650,8 +654,8 @@ TEST(GlRenderer, Shadows) {
   EXPECT_LT(at(-0.9F, 0.1F)[0], lit[0]);
   EXPECT_EQ(at(-1, 0.3F), lit);
   EXPECT_EQ(at(-1.6F, 0), lit);
-  EXPECT_EQ(at(2, 0), lit);  // where the goal's shadow would be
-  // Without shadows it is lit.
+  EXPECT_EQ(at(2, 0), lit);  // the position below the goal: markers cast no shadow
+  // The same point is lit if shadows are off.
   Album plain(camera_of(101, 101, 60.0F));
   plain.add(world, down);
   plain.take(renderer);
@@ -673,7 +677,7 @@ TEST(GlRenderer, ShadowsOfEveryKind) {
   expect_true(album, 0.8);
 }
 
-// With samples it is larger than any texture, and is drawn in parts.
+// With several samples the image is larger than any texture, so it is drawn in parts.
 TEST(GlRenderer, PictureLargerThanATexture) {
   NEEDS_RENDERER(renderer);
   Random random(13);
@@ -700,7 +704,7 @@ TEST(GlRenderer, PictureLargerThanATexture) {
 
 TEST(GlRenderer, BigMeshIsCulledAndNothingIsLost) {
   NEEDS_RENDERER(renderer);
-  // Terrain of 2 x 40 x 40 triangles, in several chunks.
+  // Terrain of 2 x 40 x 40 triangles, which takes several chunks.
   constexpr int kSide = 40;
   TriangleMesh mesh;
   Random random(14);
@@ -760,7 +764,7 @@ TEST(GlRenderer, StartedAndNeverFinished) {
   Album album(camera_of(16, 32));
   for (int i = 0; i < 3000; ++i) album.add(*world, {Vec3(7, 7, 2), Mat3::Identity()});
   album.prepare();
-  renderer.start(album.requests);  // more rounds than are read ahead
+  renderer.start(album.requests);  // more rounds than are read back ahead
   Album another(camera_of(24, 24));
   another.add(*world, {Vec3(7, 7, 2), Mat3::Identity()});
   another.take(renderer);
@@ -816,10 +820,10 @@ TEST(GlRenderer, FailingAndHangingOnTheWay) {
     const FaultyDriver driver(fault);
     GlRenderer renderer(fault == FaultyDriver::Fault::hang ? std::chrono::milliseconds(200) : GlRenderer::kPatience);
     EXPECT_EQ(why_not(renderer), why);
-    EXPECT_EQ(why_not(renderer), why);  // and stays of no use
+    EXPECT_EQ(why_not(renderer), why);  // it stays unusable
   }
   {
-    // While the caller writes the first round, the device fails at the second: what is being read must stay.
+    // The device fails in the second round while the caller writes the first. The images being read must stay valid.
     const FaultyDriver driver(FaultyDriver::Fault::error, 1);
     GlRenderer renderer;
     Album many(camera_of(16, 32));
@@ -830,7 +834,7 @@ TEST(GlRenderer, FailingAndHangingOnTheWay) {
   }
   Album album(camera_of(16, 16));
   album.add(*world, {Vec3(7, 7, 2), Mat3::Identity()});
-  album.take(good);  // others do not mind
+  album.take(good);  // other renderers still work
   EXPECT_NE(album.images.instance[0], 0);
 }
 

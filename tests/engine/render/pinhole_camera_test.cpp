@@ -13,7 +13,7 @@
 namespace flockstep::render {
 namespace {
 
-// One pixel, thin, small, of whole tiles, and neither; narrow and wide; one and several samples.
+// Image sizes: one pixel, thin, small, whole tiles, and partial tiles. Narrow and wide views, one and several samples.
 std::vector<CameraConfig> cameras() {
   std::vector<CameraConfig> all;
   for (const auto& [width, height] : {std::pair{1, 1}, {17, 3}, {33, 47}, {64, 48}, {160, 16}}) {
@@ -32,7 +32,7 @@ std::string name_of(const CameraConfig& camera) {
 }
 
 TEST(PinholeFocalLength, OfKnownAngles) {
-  EXPECT_EQ((CameraConfig{.width_px = 640, .height_px = 480}).fx(), 320.0F);  // 90 degrees across, by default
+  EXPECT_EQ((CameraConfig{.width_px = 640, .height_px = 480}).fx(), 320.0F);  // hfov defaults to 90 degrees
   EXPECT_EQ((CameraConfig{.width_px = 640, .height_px = 480}).fy(), 320.0F);
   EXPECT_NEAR((CameraConfig{.width_px = 640, .hfov_deg = 60.0F}).fx(), 554.25626, 1e-4);  // 320 / tan 30
   EXPECT_NEAR((CameraConfig{.height_px = 480, .vfov_deg = 90.0F}).fy(), 240.0, 1e-4);
@@ -49,7 +49,7 @@ TEST(PinholeCamera, EveryPixelLooksThroughItsSamples) {
     const auto samples = static_cast<std::size_t>(camera.samples_per_pixel);
     ASSERT_EQ(pinhole.grids.size(), samples == 1 ? 1 : 1 + samples);
     const auto side = static_cast<std::size_t>(std::lround(std::sqrt(static_cast<double>(samples))));
-    const auto place = [&](std::size_t grid, std::size_t step) {  // within a pixel
+    const auto place = [&](std::size_t grid, std::size_t step) {  // position within a pixel
       return grid == 0 ? 0.5 : (static_cast<double>(step) + 0.5) / static_cast<double>(side);
     };
     for (const PixelTile& tile : pinhole.tiles) {
@@ -99,7 +99,7 @@ TEST(PinholeCamera, TilesHoldEveryPixelOnce) {
   }
 }
 
-// Those that only fill up the last tiles included, and as narrow as the tile's own borders.
+// Includes the rays that only pad the last tiles. The frusta are as tight as the borders of their tiles.
 TEST(PinholeCamera, FrustaHoldAllRaysOfTheirTile) {
   for (const CameraConfig& camera : cameras()) {
     SCOPED_TRACE(name_of(camera));

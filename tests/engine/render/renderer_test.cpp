@@ -20,7 +20,7 @@ namespace {
 
 using flockstep::testing::FaultyDriver;
 
-// Some pictures of a playground, and where they are written.
+// Some images of a playground, with their buffers.
 struct Album {
   static constexpr std::size_t kBytes = 32 * 24 * 3;
 

@@ -24,7 +24,7 @@ using flockstep::testing::kAllOutputs;
 using flockstep::testing::Random;
 using enum PrimitiveKind;
 
-// Patches of colours, so that a wrong texel shows.
+// Patches of different colours, so that a wrong texel is visible.
 Texture patches(int width, int height, int patch, unsigned seed, std::array<TextureWrap, 2> wrap) {
   Random random(seed);
   Texture texture{"patches " + std::to_string(seed), width, height, {}, wrap};
@@ -42,7 +42,7 @@ Texture patches(int width, int height, int patch, unsigned seed, std::array<Text
   return texture;
 }
 
-// Adds a parallelogram of two triangles; uv as given at its corners.
+// Adds a parallelogram of two triangles with the given uv at its corners.
 void add_quad(SceneDescription& scene, const Vec3& at, const Vec3& u, const Vec3& v, std::uint16_t material,
               const std::array<std::array<float, 2>, 4>& uv) {
   TriangleMesh& mesh = scene.mesh;
@@ -56,7 +56,8 @@ void add_quad(SceneDescription& scene, const Vec3& at, const Vec3& u, const Vec3
   mesh.objects.insert(mesh.objects.end(), 2, object);
 }
 
-// A floor that repeats its texture, a wall that mirrors and clamps one, a slanted one whose uv turn and shear, a plain one.
+// A floor with a repeated texture, a wall with a mirrored and clamped one, an oblique wall with rotated and sheared uv, and a
+// plain one.
 std::shared_ptr<const World> place() {
   SceneDescription scene;
   scene.textures = {patches(64, 64, 8, 1, {TextureWrap::repeat, TextureWrap::repeat}),
@@ -107,7 +108,7 @@ TEST_P(TexturedPictures, ShowWhatTheOracleSees) {
   for (const int element : {0, 1, 2, 3, 4, 5, 6, 7, 8}) EXPECT_TRUE(all.elements.contains(element)) << element;
 }
 
-// Whatever stands before and after them in a backend's arrays.
+// Neighbouring entries in a backend's arrays must not matter.
 TEST_P(TexturedPictures, OfSeveralWorlds) {
   const auto textured = place();
   SceneDescription other;

@@ -1,4 +1,4 @@
-// Cameras in a batch: when frames are taken and what they show then, changes at run time, snapshots, files, bad input.
+// Cameras in a batch: capture times and their content, changes at run time, snapshots, files, bad input.
 #include <gtest/gtest.h>
 
 #include <algorithm>
@@ -36,9 +36,9 @@ using Flags = std::vector<std::uint8_t>;
 using Steps = std::vector<std::int64_t>;
 constexpr float kInfinity = std::numeric_limits<float>::infinity();
 
-// -- When frames are taken: a camera of one pixel before a wall tells by its depth where the drone was.
+// -- Capture times. A camera of one pixel faces a wall, so its depth shows the drone's position at the capture.
 
-constexpr float kWall = 10.0F;  // m, where the wall ahead is, in the first world; in the second it is twice as far
+constexpr float kWall = 10.0F;  // m, distance of the wall ahead in the first world; doubled in the second
 
 BatchConfig probes(int num_envs, CaptureMode mode) {
   return camera_batch({.width_px = 1, .height_px = 1, .outputs = {.rgb = false, .depth = true}, .capture_mode = mode}, num_envs);
@@ -56,7 +56,7 @@ void put(Batch& batch, const std::vector<float>& x, const Flags& mask = {}) {
   batch.set_pose(position, {}, mask);
 }
 
-// The x of the drones as their frames have it, in the first world; inf where nothing was seen yet.
+// Returns the drones' x at the capture, in the first world; inf before the first capture.
 std::vector<float> shown(const Batch& batch, std::size_t camera = 0) {
   std::vector<float> x;
   for (const float depth : batch.images(camera).depth) x.push_back(depth == kInfinity ? kInfinity : kWall - depth);
@@ -65,7 +65,7 @@ std::vector<float> shown(const Batch& batch, std::size_t camera = 0) {
 
 const Steps& frame_step(const Batch& batch, std::size_t camera = 0) { return batch.images(camera).frame_step; }
 
-// Writes nonsense into every frame, so that those that are not taken anew can be told.
+// Overwrites all frames, so that frames without a new capture are recognised.
 void smear(const Batch& batch, std::size_t camera = 0) {
   for (const float& depth : batch.images(camera).depth) const_cast<float&>(depth) = -1.0F;
 }
@@ -105,21 +105,21 @@ TEST(CaptureOnMovement, OnlyWhereThePoseOrTheWorldIsAnother) {
 
   put(batch, {1.5F, 0, 0, 0, 0}, {1, 0, 0, 0, 0});  // moved
   put(batch, {0, 7, 0, 0, 0}, {0, 1, 0, 0, 0});     // away
-  put(batch, {0, 2, 0, 0, 0}, {0, 1, 0, 0, 0});     // and back
+  put(batch, {0, 2, 0, 0, 0}, {0, 1, 0, 0, 0});     // and back again
   std::vector<float> turned(20, 0.0F);
   for (std::size_t drone = 0; drone < 5; ++drone) turned[4 * drone + 3] = 1.0F;
-  batch.set_pose({}, turned, Flags{0, 0, 1, 0, 0});  // turned about, to the wall behind
+  batch.set_pose({}, turned, Flags{0, 0, 1, 0, 0});  // turned around, to the wall behind
   batch.set_world(std::vector<std::int32_t>{0, 0, 0, 1, 0}, Flags{0, 0, 0, 1, 0});
   batch.sense();
   EXPECT_EQ(shown(batch), (std::vector<float>{1.5F, kWall + 1.0F, -3.0F, 4.0F - kWall, kWall + 1.0F}));
   EXPECT_EQ(frame_step(batch), (Steps{2, 0, 2, 2, 0}));
 
-  // The age of a frame does not change as long as it shows where the drone is.
+  // A frame keeps its age as long as it shows the drone's current pose.
   smear(batch);
   batch.sense();
   batch.sense();
   EXPECT_EQ(frame_step(batch), (Steps{2, 0, 2, 2, 0}));
-  // A new episode is a reason to render, even in the same place.
+  // A new episode triggers a capture, even at the same pose.
   batch.begin_episode(Flags{1, 0, 0, 0, 0});
   EXPECT_EQ(frame_step(batch), (Steps{-1, 0, 2, 2, 0}));
   std::vector<std::uint64_t> seeds(5, 9);
@@ -211,7 +211,7 @@ TEST(CaptureSlots, ARemovedOneSeesNothingAndASpawnedOneLooks) {
     const CameraImages before = batch.images(0);
     ASSERT_EQ(before.instance, std::vector<std::uint16_t>(45, 1));
     batch.remove(std::vector<std::int64_t>{1});
-    for (int time = 0; time < 3; ++time) {  // at once, after a scan, after a capture
+    for (int time = 0; time < 3; ++time) {  // immediately, after a scan, after a capture
       const CameraImages& images = batch.images(0);
       const auto all_are = [](const auto& values, auto value) {
         return std::all_of(values.begin(), values.end(), [&](auto each) { return each == value; });
@@ -247,7 +247,7 @@ TEST(CaptureCameras, EachHasItsSizeItsOutputsAndItsMode) {
                             .width_px = 33,
                             .height_px = 9,
                             .hfov_deg = 40.0F,
-                            .quat_wxyz = {0, 0, 0, 1},  // it looks back
+                            .quat_wxyz = {0, 0, 0, 1},  // faces backwards
                             .outputs = {.rgb = false, .depth = true, .semantic = true},
                             .capture_mode = CaptureMode::on_demand});
   Batch batch(config, {halls()[0]});
@@ -277,7 +277,7 @@ TEST(CaptureCameras, EachHasItsSizeItsOutputsAndItsMode) {
   for (std::size_t drone = 0; drone < 2; ++drone) EXPECT_EQ(testing::expect_picture(batch, drone, 1).clear, 33U * 9U);
 }
 
-// -- The task: in every autoreset mode, no frame shows a pose older than its mode allows.
+// -- Captures by the task: in every autoreset mode, no frame is older than its capture mode allows.
 
 std::shared_ptr<const World> smaller_closet() {
   return make_world({primitive(PrimitiveKind::room, {1, 1, 0.75F}, {1.0F, 1.0F, 0.75F}),
@@ -306,7 +306,7 @@ bool same_frame(const Batch& a, const Batch& b, std::size_t drone) {
          same_bits(row(a.images(0).depth, drone, 63), row(b.images(0).depth, drone, 63));
 }
 
-// Some hold still: an action of 0.
+// Random actions. Some drones stay at rest with action 0.
 std::vector<float> random_actions(Random& random) {
   std::vector<float> actions(3 * kEnvs, 0.0F);
   for (std::size_t i = 0; i < kEnvs; ++i) {
@@ -323,12 +323,13 @@ TEST(CaptureTask, FramesAreAsOldAsTheirModeAllows) {
     Batch every = flying(autoreset, CaptureMode::every_step).make(worlds);
     Batch moving = flying(autoreset, CaptureMode::on_movement).make(worlds);
     Batch demand = flying(autoreset, CaptureMode::on_demand).make(worlds);
-    Batch truth = flying(autoreset, CaptureMode::on_demand).make(worlds);  // captured after every call: the present poses
+    // Captured after every call, so it shows the current poses.
+    Batch truth = flying(autoreset, CaptureMode::on_demand).make(worlds);
     const std::array all{&every, &moving, &demand, &truth};
     Random random(7);
     for (Batch* batch : all) batch->reset({});
     Steps demanded(kEnvs, -1);
-    std::vector<std::vector<float>> kept(kEnvs);  // depths of what was demanded last
+    std::vector<std::vector<float>> kept(kEnvs);  // depths of the last capture on demand
     std::vector<float> last_position;
     Steps last_episode;
     int resets = 0;
@@ -351,7 +352,7 @@ TEST(CaptureTask, FramesAreAsOldAsTheirModeAllows) {
       const State& state = truth.state();
       for (std::size_t i = 0; i < kEnvs; ++i) {
         SCOPED_TRACE("step " + std::to_string(step) + ", drone " + std::to_string(i));
-        const std::int64_t now = state.sensed[i];  // the step of its episode
+        const std::int64_t now = state.sensed[i];  // step in the episode
         ASSERT_EQ(frame_step(truth)[i], now);
         ASSERT_EQ(frame_step(every)[i], now);
         ASSERT_TRUE(same_frame(every, truth, i));
@@ -416,7 +417,8 @@ TEST(CaptureTask, CamerasChangeNothingElse) {
   }
 }
 
-// The hundred steps of warm-up wake the second thread. oneTBB's tasks come from pools of its own; this counts the engine's.
+// The hundred warm-up steps wake the second thread. oneTBB allocates its tasks from its own pools, so this counts the engine's
+// allocations.
 void expect_no_allocation(int num_threads) {
   NavigationBatch config = testing::navigation_batch(32);
   config.num_threads = num_threads;
@@ -470,7 +472,7 @@ TEST(CameraChange, MakesADroneOneThatWasMadeSo) {
   CameraConfig base{.width_px = 24, .height_px = 18, .hfov_deg = 70.0F, .vfov_deg = 50.0F, .outputs = kAllOutputs};
   CameraConfig across = base;
   across.hfov_deg = 100.0F;
-  across.vfov_deg.reset();  // one lets go of the other
+  across.vfov_deg.reset();  // setting one resets the other
   CameraConfig up = base;
   up.hfov_deg.reset();
   up.vfov_deg = 30.0F;
@@ -493,10 +495,10 @@ TEST(CameraChange, MakesADroneOneThatWasMadeSo) {
   batch.set_camera(0, {.hfov_deg = 40.0F, .vfov_deg = 80.0F}, only(3));
   batch.set_camera(0, {.offset_m = moved.offset_m}, only(4));
   batch.set_camera(0, {.quat_wxyz = turned.quat_wxyz}, only(5));
-  // Changed and changed back.
+  // Changed, then changed back.
   batch.set_camera(0, {.hfov_deg = 20.0F, .offset_m = {{1, 1, 1}}, .quat_wxyz = {{0, 1, 0, 0}}}, only(6));
   batch.set_camera(0, {.hfov_deg = 70.0F, .vfov_deg = 50.0F, .offset_m = {{0, 0, 0}}, .quat_wxyz = {{1, 0, 0, 0}}}, only(6));
-  batch.set_camera(0, {.vfov_deg = 33.0F}, only(7));  // a field of view of its own, let go again
+  batch.set_camera(0, {.vfov_deg = 33.0F}, only(7));  // sets vfov_deg; the next call resets it
   batch.set_camera(0, {.hfov_deg = 100.0F}, only(7));
   const std::vector<float> pose{0.5F, 0.25F, -0.5F};
   std::vector<float> poses;
@@ -519,7 +521,7 @@ TEST(CameraChange, MakesADroneOneThatWasMadeSo) {
     EXPECT_TRUE(same_bits(row(images.depth, drone, pixels), made_so.images(0).depth));
     EXPECT_TRUE(same_bits(row(images.normal, drone, 3 * pixels), made_so.images(0).normal));
     EXPECT_GT(testing::expect_picture(batch, drone, 0, 3).clear, 100U);
-    // Each change shows: else the comparison would prove nothing.
+    // Each change must be visible, otherwise the comparison proves nothing.
     EXPECT_EQ(same_bits(row(images.depth, drone, pixels), row(images.depth, 0, pixels)), drone == 0 || drone == 6);
   }
 }
@@ -620,7 +622,7 @@ TEST(CameraRefusal, OfMoreInstancesThanHaveNumbers) {
   const auto over = std::make_shared<const World>(description);
   CameraConfig camera{.width_px = 1, .height_px = 1, .outputs = {.rgb = true, .instance = true}};
   EXPECT_REFUSED(Batch(camera_batch(camera), {over}), "camera.outputs.instance: expected worlds of at most 65535");
-  // The last number is given out.
+  // The last instance id is used.
   camera.quat_wxyz = {0, 0, 0, 1};
   const auto batch = testing::look(full, camera, {65534.5F, 0, 0});
   EXPECT_EQ(batch->images(0).instance[0], 65535);
@@ -642,7 +644,7 @@ TEST(CameraRefusal, ChangesNothing) {
   for (const Flags& mask : {Flags{}, Flags{1, 0}, Flags{0, 0}}) {
     EXPECT_REFUSED(batch.set_camera(0, {.hfov_deg = 0.0F}, mask), "camera.hfov_deg");
     EXPECT_REFUSED(batch.set_camera(0, {.hfov_deg = 60.0F, .vfov_deg = 180.0F}, mask), "camera.vfov_deg");
-    EXPECT_REFUSED(batch.set_camera(0, {.vfov_deg = 178.9F}, mask), "camera.vfov_deg");  // the other would be wider
+    EXPECT_REFUSED(batch.set_camera(0, {.vfov_deg = 178.9F}, mask), "camera.vfov_deg");  // hfov_deg would exceed its limit
     EXPECT_REFUSED(batch.set_camera(0, {.hfov_deg = 60.0F, .offset_m = {{0, nan, 0}}}, mask), "camera.offset_m");
     EXPECT_REFUSED(batch.set_camera(0, {.quat_wxyz = {{0, 0, 0, 0}}}, mask), "camera.quat_wxyz");
     EXPECT_REFUSED(batch.set_camera(2, {.hfov_deg = 60.0F}, mask), "camera: expected an index below 2, got 2");
@@ -682,7 +684,7 @@ TEST(CameraJpeg, IsAFileOfTheFrame) {
     EXPECT_EQ(fine.substr(0, 2), "\xFF\xD8");
     EXPECT_EQ(fine.substr(fine.size() - 2), "\xFF\xD9");
     EXPECT_GT(fine.size(), batch->jpeg(0, 0, 20).size());
-    // The frame header: SOF0, its length, precision, height, width, and the number of components.
+    // The frame header: SOF0, length, precision, height, width, number of components.
     const std::size_t header = fine.find("\xFF\xC0");
     ASSERT_NE(header, std::string::npos);
     const auto byte = [&](std::size_t i) { return static_cast<int>(static_cast<unsigned char>(fine[header + i])); };
@@ -725,7 +727,7 @@ NavigationBatch two_cameras(CaptureMode mode) {
   return config;
 }
 
-// Frames that count have the same bits, and the same frames count.
+// Compares the valid frames bit for bit, and which frames are valid.
 ::testing::AssertionResult same_frames(const Batch& a, const Batch& b) {
   for (std::size_t camera = 0; camera < a.config().cameras.size(); ++camera) {
     const CameraImages& x = a.images(camera);
@@ -782,7 +784,7 @@ TEST(CameraSnapshot, RestoredIsUninterrupted) {
     one.set_capture_mode(1, CaptureMode::on_movement);
     std::vector<std::int32_t> swapped(one.state().world_index);
     swapped[7] = 1 - swapped[7];
-    one.set_world(swapped);  // the frame still shows the world it was taken in
+    one.set_world(swapped);  // the frame still shows its old world
     const std::string blob = one.snapshot();
 
     NavigationBatch config = two_cameras(mode);
@@ -798,7 +800,7 @@ TEST(CameraSnapshot, RestoredIsUninterrupted) {
       batch->restore(blob);
       EXPECT_TRUE(same_frames(one, *batch));
       EXPECT_TRUE(batch->snapshot() == blob);
-      // Of a removed drone nothing is seen, whatever was there.
+      // A removed drone has an empty frame, no matter what was there before.
       for (const float depth : row(batch->images(0).depth, 5, 63)) EXPECT_EQ(depth, kInfinity);
     }
     const auto counting =
@@ -822,7 +824,7 @@ TEST(CameraSnapshot, GoesBackToTheModeItHad) {
   batch.restore(blob);
   EXPECT_EQ(batch.camera_config(0, 0).capture_mode, CaptureMode::on_movement);
   EXPECT_EQ(batch.camera_config(0).capture_mode, CaptureMode::on_movement);
-  // The mode is not of the configuration that a snapshot must come from.
+  // The capture mode is not part of the configuration that a snapshot must match.
   Batch other(probes(1, CaptureMode::on_demand), {halls()[0]});
   other.restore(blob);
   EXPECT_EQ(other.camera_config(0).capture_mode, CaptureMode::on_movement);
@@ -863,8 +865,8 @@ TEST(CameraSnapshot, OfAnotherCameraIsRefused) {
   EXPECT_NO_THROW(batch.restore(two_cameras(CaptureMode::every_step).make(worlds).snapshot()));
 }
 
-// What a snapshot says of cameras is its end where there is no task: the mode, a setting of 40 bytes per drone, and where and
-// when the frames were taken, five arrays; each behind its length.
+// Without a task, the camera data is the end of a snapshot: the mode, settings of 40 bytes per drone, and five arrays with the
+// place and time of the frames. Each is preceded by its length.
 TEST(CameraSnapshot, DamagedOnesAreRefusedAndChangeNothing) {
   constexpr std::size_t kDrones = 3;
   Batch batch(probes(kDrones, CaptureMode::every_step), halls());

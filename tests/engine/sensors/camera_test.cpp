@@ -51,7 +51,7 @@ CameraConfig camera_of(int width, int height, float hfov_deg = 90.0F) {
   return {.width_px = width, .height_px = height, .hfov_deg = hfov_deg, .outputs = kAllOutputs};
 }
 
-// A flat triangle mesh: x fixed, as a square about the x axis; seen from both sides.
+// Adds a square of two triangles around the x axis at a fixed x, visible from both sides.
 void add_square(TriangleMesh& mesh, float x, float half, std::uint16_t material = 0, std::uint16_t object = 0) {
   const auto first = static_cast<std::int32_t>(mesh.vertices.size());
   for (const auto& [y, z] : {std::pair{-half, -half}, {half, -half}, {half, half}, {-half, half}})
@@ -63,16 +63,16 @@ void add_square(TriangleMesh& mesh, float x, float half, std::uint16_t material 
   }
 }
 
-// How many pixels show what has this instance id.
+// Returns the number of pixels with an instance id.
 std::size_t count_of(const Batch& batch, int instance) {
   const auto& all = batch.images(0).instance;
   return static_cast<std::size_t>(std::count(all.begin(), all.end(), instance));
 }
 
-// -- Where things are in the picture, by hand.
+// -- Projection, with results computed by hand.
 
 TEST(CameraProjection, ASphereOfKnownAngularSize) {
-  // Radius 1 at 3 m: seen under asin(1/3), whose tangent is 1/sqrt(8); its nearest point is 2 m away.
+  // A sphere of radius 1 at 3 m covers asin(1/3), whose tangent is 1/sqrt(8). Its nearest point is 2 m away.
   const auto world = make_world({primitive(sphere, {3, 0, 0}, {1, 1, 1})});
   const auto batch = look(world, camera_of(65, 49), {0, 0, 0});
   const double radius = 32.5 / std::sqrt(8.0);
@@ -91,10 +91,10 @@ TEST(CameraProjection, ASphereOfKnownAngularSize) {
 }
 
 TEST(CameraProjection, ACornerAndTheOrderOfRowsAndColumns) {
-  // A box whose face 4 m ahead begins 1 m to the left and half a metre up: its corner is at 32 - 32/4 = 24 and 24 - 32/8 = 20.
+  // The box's face, 4 m ahead, starts 1 m to the left and 0.5 m up. Its corner is at column 32 - 32/4 = 24, row 24 - 32/8 = 20.
   const auto world = make_world({primitive(box, {5, 11, 10.5F}, {1, 10, 10})});
   CameraConfig camera = camera_of(64, 48);
-  camera.far_m = 4.1F;  // the face alone
+  camera.far_m = 4.1F;  // only the face
   const auto batch = look(world, camera, {0, 0, 0});
   for (std::size_t row = 0; row < 48; ++row) {
     for (std::size_t column = 0; column < 64; ++column) {
@@ -107,7 +107,7 @@ TEST(CameraProjection, ACornerAndTheOrderOfRowsAndColumns) {
 }
 
 TEST(CameraProjection, ACheckersCorners) {
-  // Squares of a metre, 2 m ahead, about the axis: borders every 16 pixels of 32 / 2.
+  // Squares of 1 m, 2 m ahead, around the axis. Their borders are every 32 / 2 = 16 pixels.
   std::vector<Primitive> squares;
   for (int i = -2; i < 2; ++i) {
     for (int k = -2; k < 2; ++k) {
@@ -117,7 +117,7 @@ TEST(CameraProjection, ACheckersCorners) {
     }
   }
   CameraConfig camera = camera_of(64, 64);
-  camera.far_m = 2.25F;  // the faces alone
+  camera.far_m = 2.25F;  // only the faces
   const auto batch = look(make_world(squares), camera, {0, 0, 0});
   for (std::size_t row = 0; row < 64; ++row) {
     for (std::size_t column = 0; column < 64; ++column) {
@@ -128,7 +128,7 @@ TEST(CameraProjection, ACheckersCorners) {
 }
 
 TEST(CameraProjection, FieldsOfViewAcrossAndUp) {
-  // A square face of half side 1 at 2 m covers the pixels within f / 2 of the centre, both ways.
+  // A square face with half side 1 at 2 m covers the pixels within f / 2 of the centre, in both directions.
   const auto world = make_world({primitive(box, {3, 0, 0}, {1, 1, 1})});
   struct Case {
     std::optional<float> hfov_deg, vfov_deg;
@@ -137,11 +137,11 @@ TEST(CameraProjection, FieldsOfViewAcrossAndUp) {
   const std::vector<Case> cases{
       {{}, {}, 32, 32},          // f = 32
       {90.0F, {}, 32, 32},       // f = 32
-      {60.0F, {}, 56, 48},       // f = 55.4, 27.7 on each side: all rows
+      {60.0F, {}, 56, 48},       // f = 55.4, 27.7 on each side: every row
       {{}, 90.0F, 24, 24},       // f = 24
       {{}, 120.0F, 14, 14},      // f = 13.86, 6.93 on each side
-      {90.0F, 60.0F, 32, 42},    // f = 32 across; 41.57 up, 20.8 on each side
-      {120.0F, 120.0F, 18, 14},  // f = 18.48 across, 9.24 on each side
+      {90.0F, 60.0F, 32, 42},    // f = 32 horizontally; 41.57 vertically, 20.8 on each side
+      {120.0F, 120.0F, 18, 14},  // f = 18.48 horizontally, 9.24 on each side
   };
   for (const Case& one : cases) {
     CameraConfig camera = camera_of(64, 48);
@@ -158,14 +158,14 @@ TEST(CameraProjection, FieldsOfViewAcrossAndUp) {
 }
 
 TEST(CameraProjection, PlacesAndTurnsOfTheMounting) {
-  // In a room of half sizes 4, 5 and 6, the drone at (1, 1, 1): ahead are 3 m, to the left 4, behind 5, to the right 6, up 5 and
-  // down 7; the offset is of the body.
+  // A drone at (1, 1, 1) in a room with half sizes 4, 5 and 6. The walls are at 3 m ahead, 4 left, 5 behind, 6 right, 5 up and
+  // 7 down. The offset is in the body frame.
   const auto world = make_world({primitive(room, {0, 0, 0}, {4, 5, 6})});
   struct Case {
     const char* what;
     Quat body, mounting;
     std::array<float, 3> offset_m;
-    float depth;  // planar, of the wall ahead
+    float depth;  // planar depth of the wall ahead
   };
   const Vec3 x = Vec3::UnitX();
   const Vec3 y = Vec3::UnitY();
@@ -197,7 +197,7 @@ TEST(CameraProjection, PlacesAndTurnsOfTheMounting) {
 }
 
 TEST(CameraProjection, ARollTurnsThePictureTheOtherWay) {
-  // A sphere up and ahead; with the camera rolled a quarter to the right (+x), up is on its left.
+  // A sphere ahead and above. With the camera rolled a quarter turn to the right (+x), up is on its left.
   const auto world = make_world({primitive(sphere, {4, 0, 2}, {0.5F, 0.5F, 0.5F})});
   const auto place = [&](float roll_deg) {
     CameraConfig camera = camera_of(41, 41);
@@ -215,14 +215,14 @@ TEST(CameraProjection, ARollTurnsThePictureTheOtherWay) {
   };
   const Eigen::Vector2d upright = place(0.0F);
   EXPECT_NEAR(upright.x(), 0.0, 0.1);
-  EXPECT_NEAR(upright.y(), -10.5, 0.8);  // 20.5 * 2 / 4, and a little more for its round shape
+  EXPECT_NEAR(upright.y(), -10.5, 0.8);  // 20.5 * 2 / 4, plus a little because of the round shape
   EXPECT_LT((place(90.0F) - Eigen::Vector2d(upright.y(), 0.0)).norm(), 0.2);
   EXPECT_LT((place(-90.0F) - Eigen::Vector2d(-upright.y(), 0.0)).norm(), 0.2);
   EXPECT_LT((place(180.0F) + upright).norm(), 0.2);
 }
 
 TEST(CameraDepth, PlanarAndRange) {
-  // A wall 3 m ahead: 3 m everywhere, or 3 m over the cosine.
+  // A wall 3 m ahead has a planar depth of 3 m everywhere, and a range of 3 m over the cosine.
   const auto world = make_world({primitive(plane, {3, 0, 0}, {50, 50, 0}, turned(90, Vec3::UnitY()))});
   for (const DepthKind kind : {DepthKind::planar, DepthKind::range}) {
     CameraConfig camera = camera_of(48, 32, 100.0F);
@@ -239,9 +239,9 @@ TEST(CameraDepth, PlanarAndRange) {
   }
 }
 
-// -- The near plane: what it cuts is open, and what lies behind is seen.
+// -- Near plane: objects that it cuts are open, and objects behind them are visible.
 
-// Spheres behind the camera, so many that nothing is traced directly any more; they come after whatever is there.
+// Appends capsules behind the camera, so many that nothing is traced directly.
 std::vector<Primitive> with_company(std::vector<Primitive> primitives) {
   for (int i = 0; i < 600; ++i) {
     const Vec3 center(-3.0F - 0.01F * static_cast<float>(i % 30), 0.2F * static_cast<float>(i / 30) - 2.0F, 0.0F);
@@ -250,13 +250,13 @@ std::vector<Primitive> with_company(std::vector<Primitive> primitives) {
   return primitives;
 }
 
-// From the origin along +x in a room whose walls are 8 m away.
+// The camera is at the origin and looks along +x, in a room whose walls are 8 m away.
 struct NearCase {
   const char* what;
   std::vector<Primitive> primitives;
   TriangleMesh mesh;
   Markers markers;
-  float depth;  // of the centre of the image
+  float depth;  // at the image centre
 };
 
 std::vector<NearCase> near_cases() {
@@ -341,7 +341,7 @@ TEST(CameraNear, LeavesNothingNearerInAnyPixel) {
 // -- The far plane and the sky.
 
 TEST(CameraFar, IsAPlanarDepthAndSeenItself) {
-  // A wall at 3 m, as a plane, a room's and triangles'.
+  // A wall at 3 m, as a plane, as part of a room, and as triangles.
   TriangleMesh square;
   add_square(square, 3.0F, 50.0F);
   for (const auto& world : {make_world({primitive(plane, {3, 0, 0}, {50, 50, 0}, turned(90, Vec3::UnitY()))}),
@@ -370,10 +370,10 @@ TEST(CameraSky, HasNoDepthIdsOrNormalAndTheColourOfItsDirection) {
   auto batch = look(world, camera, {0, 0, 0});
   EXPECT_EQ(pixel(*batch, 15, 15).rgb, (std::array{0, 128, 255}));  // sqrt(0.25) * 255 is 127.5
   EXPECT_EQ(expect_picture(*batch).sky, 961U);
-  camera.quat_wxyz = wxyz(turned(-30, Vec3::UnitY()));  // half way in height: both colours' mean
+  camera.quat_wxyz = wxyz(turned(-30, Vec3::UnitY()));  // halfway up: the mean of both colours
   batch = look(world, camera, {0, 0, 0});
   EXPECT_TRUE(testing::is_near(pixel(*batch, 15, 15).rgb, {180, 128, 180}));
-  camera.quat_wxyz = wxyz(turned(20, Vec3::UnitY()));  // down: the horizon's
+  camera.quat_wxyz = wxyz(turned(20, Vec3::UnitY()));  // down: the horizon's colour
   batch = look(world, camera, {0, 0, 0});
   EXPECT_EQ(pixel(*batch, 15, 15).rgb, (std::array{255, 128, 0}));
   for (std::size_t i = 0; i < 31; ++i) {
@@ -385,9 +385,10 @@ TEST(CameraSky, HasNoDepthIdsOrNormalAndTheColourOfItsDirection) {
   }
 }
 
-// -- Ids.
+// -- Semantic and instance ids.
 
-// One of each kind, two meshes of two materials each, and markers, every 30 degrees about the origin at 4 m; a room about it all.
+// One primitive of each kind, two meshes of two materials each, and markers, every 30 degrees around the origin at 4 m, all in
+// a room.
 struct Ring {
   std::shared_ptr<const World> world;
   struct Thing {
@@ -403,7 +404,7 @@ Ring ring() {
   description.materials.clear();
   for (int i = 0; i < 10; ++i) {
     const float part = 0.1F * static_cast<float>(i);
-    // Some say their class, the others are numbered.
+    // Some materials set their class, the others get a number.
     description.materials.push_back({std::string(1, static_cast<char>('a' + i)),
                                      {1.0F - part, part, 0.5F},
                                      static_cast<std::uint16_t>(i % 3 == 0 ? 1000 + i : 0)});
@@ -424,7 +425,7 @@ Ring ring() {
     ring.things.push_back(
         {names[i], (i + 1) % 3 == 0 ? 1001 + static_cast<int>(i) : static_cast<int>(i) + 2, static_cast<int>(i) + 2});
   }
-  // Two meshes, either with a half of material 7 and one of 8, side by side.
+  // Two meshes. One half of each has material 7, the other material 8.
   for (std::size_t object = 0; object < 2; ++object) {
     TriangleMesh flat;
     add_square(flat, 4.0F, 0.5F, 0, static_cast<std::uint16_t>(object));
@@ -438,7 +439,7 @@ Ring ring() {
       description.mesh.objects.push_back(static_cast<std::uint16_t>(object));
     }
   }
-  ring.things.push_back({"a mesh", 8, 8});  // 7 primitives before it; material 7 is class 8, 8 is 9
+  ring.things.push_back({"a mesh", 8, 8});  // 7 primitives precede it; material 7 has class 8, 8 has 9
   ring.things.push_back({"another mesh", 8, 9});
   description.markers = {.radius = 0.4F, .start = at(8), .waypoints = {at(9), at(10)}, .goal = at(11)};
   ring.things.push_back({"the start", kSemanticStart, 10});
@@ -455,7 +456,7 @@ TEST(CameraIds, OfEveryKindOfThing) {
   for (std::size_t i = 0; i < things.things.size(); ++i) {
     SCOPED_TRACE(things.things[i].what);
     const auto batch = look(things.world, camera_of(33, 33, 30.0F), {0, 0, 0}, Ring::towards(i));
-    // A little off the diagonal, along which the meshes' materials meet.
+    // Slightly off the diagonal, where the materials of the meshes meet.
     EXPECT_EQ(pixel(*batch, 18, 15).semantic, i == 6 || i == 7 ? things.things[i].semantic : pixel(*batch, 16, 16).semantic);
     EXPECT_EQ(pixel(*batch, 18, 15).instance, things.things[i].instance);
     EXPECT_EQ(pixel(*batch, 18, 15).semantic, things.things[i].semantic);
@@ -468,7 +469,7 @@ TEST(CameraIds, OfEveryKindOfThing) {
 
 TEST(CameraIds, AMarkerIsSeenFromOutsideAlone) {
   const Ring things = ring();
-  for (std::size_t i = 8; i < 12; ++i) {  // from within each marker towards the room's centre
+  for (std::size_t i = 8; i < 12; ++i) {  // from inside each marker towards the room's centre
     SCOPED_TRACE(things.things[i].what);
     const Vec3 place = Ring::towards(i) * Vec3(4.2F, 0, 0);
     const auto batch = look(things.world, camera_of(48, 48, 60.0F), place, Ring::towards(i) * turned(180, Vec3::UnitZ()));
@@ -489,7 +490,7 @@ TEST(CameraIds, ALidarSeesNoMarkers) {
 
 // -- Colours and normals against the formula.
 
-// A room and one thing in it, of a colour each.
+// A room with one object, each with its own colour.
 std::shared_ptr<const World> exhibit(const Primitive& thing, const Light& light) {
   SceneDescription description;
   description.light = light;
@@ -607,7 +608,7 @@ TEST(CameraColors, SamplesAreTheMeanOfAPictureOfSmallerPixels) {
         for (std::size_t c = 0; c < 3; ++c) {
           ASSERT_EQ(is.rgb[c], static_cast<int>(std::lround(static_cast<double>(sum[c]) / (side * side)))) << "pixel " << i;
         }
-        // The rest is of the pixel's centre.
+        // The other outputs belong to the pixel's centre.
         const Pixel centre = pixel(*plain, i / 37, i % 37);
         ASSERT_EQ(is.depth, centre.depth);
         ASSERT_EQ(is.semantic, centre.semantic);
@@ -622,7 +623,7 @@ TEST(CameraColors, SamplesAreTheMeanOfAPictureOfSmallerPixels) {
 
 // -- Shadows.
 
-// Things above a floor under the sun, a room about them, and a marker.
+// Objects above a floor in the sun, a room around them, and a marker.
 std::shared_ptr<const World> yard(bool with_mesh) {
   SceneDescription description;
   description.light.sun_direction = {0.5F, 0.3F, 0.8F};
@@ -662,7 +663,7 @@ TEST(CameraShadows, AreWhereTheOracleHasThem) {
 TEST(CameraShadows, OfACrowdAreTheSame) {
   const auto alone = yard(false);
   std::vector<Primitive> primitives(alone->primitives().begin(), alone->primitives().end());
-  for (int i = 0; i < 30; ++i) {  // below the floor, so that there are more than are traced without Embree
+  for (int i = 0; i < 30; ++i) {  // below the floor; too many to be traced without Embree
     primitives.push_back(primitive(sphere, {static_cast<float>(i % 6), static_cast<float>(i / 6), -5}, Vec3::Constant(0.1F)));
   }
   SceneDescription description;
@@ -681,7 +682,7 @@ TEST(CameraShadows, OfACrowdAreTheSame) {
 }
 
 TEST(CameraShadows, AreNotCastIntoRoomsByTheirWallsNorByMarkers) {
-  // The sun is overhead, behind the ceiling. On the floor below the sphere is its shadow, below the marker none.
+  // The sun is overhead, behind the ceiling. The floor has a shadow below the sphere and none below the marker.
   SceneDescription description;
   description.light.sun_direction = {0, 0, 1};
   description.primitives = {primitive(room, {0, 0, 2}, {4, 4, 2}), primitive(sphere, {-1, 0, 3}, {0.25F, 0.25F, 0.25F})};
@@ -690,7 +691,7 @@ TEST(CameraShadows, AreNotCastIntoRoomsByTheirWallsNorByMarkers) {
   CameraConfig camera = camera_of(41, 41);
   camera.quat_wxyz = wxyz(turned(90, Vec3::UnitY()));  // down, so that up in the image is +x
   camera.shadows = true;
-  const auto batch = look(world, camera, {0, 0, 2.05F});  // a metre is ten pixels
+  const auto batch = look(world, camera, {0, 0, 2.05F});  // 10 pixels per metre
   EXPECT_EQ(count_of(*batch, 1), 41U * 41U) << "the floor alone is seen";
   const Pixel open = pixel(*batch, 20, 20);
   EXPECT_EQ(pixel(*batch, 10, 20).rgb, open.rgb) << "below the marker";
@@ -703,12 +704,12 @@ TEST(CameraShadows, AreNotCastIntoRoomsByTheirWallsNorByMarkers) {
   EXPECT_EQ(pixel(*look(world, camera, {0, 0, 2.05F}), 30, 20).rgb, open.rgb);
 }
 
-// -- Short cuts change nothing.
+// -- Shortcuts do not change results.
 
 TEST(CameraShortCuts, TilesOfOneFace) {
   Random random(41);
   for (int i = 0; i < 40; ++i) {
-    // In a room, in and before a box, before a plane; at corners, edges and faces.
+    // Views inside a room, inside and in front of a box, and in front of a plane, at corners, edges and faces.
     const Quat rotation = i % 3 == 0 ? Quat::Identity() : random.rotation();
     std::vector<Primitive> primitives{primitive(room, {0, 0, 0}, {3, 2, 1.5F})};
     const Vec3 center(0.5F, 0, 0);
@@ -724,7 +725,7 @@ TEST(CameraShortCuts, TilesOfOneFace) {
 }
 
 TEST(CameraShortCuts, AreTheGeneralFormula) {
-  // With shadows every pixel is shaded by itself. None falls on what is seen here, but for the pillar's on the wall behind it.
+  // With shadows on, every pixel is shaded separately. The only visible shadow is the pillar's on the wall behind it.
   SceneDescription description;
   description.light.sun_direction = {-1, 0.3F, 0.4F};
   description.primitives = {primitive(room, {0, 0, 2}, {6, 6, 2})};
@@ -756,8 +757,8 @@ TEST(CameraShortCuts, AreTheGeneralFormula) {
 }
 
 TEST(CameraShortCuts, UprightPillarsHaveARampOfColours) {
-  // Upright, upside down, yawed: by the ramp, where it is fine enough. Leaning: by the formula. All within a level of it, in a
-  // strong and a weak sun, and in one that no ramp can follow.
+  // Upright, upside-down and yawed cylinders use the colour ramp if it is fine enough, tilted ones use the formula. All are
+  // within one level of it, in a strong and a weak sun, and in one too strong for any ramp.
   Light glare = evening();
   glare.sun_color = {100, 30, 8};
   glare.sky_ambient = glare.ground_ambient = {0, 0, 0};
@@ -841,9 +842,9 @@ TEST(CameraOutputs, EachAloneIsAsAmongAll) {
   }
 }
 
-// -- Crowds and meshes, through every way of tracing.
+// -- Many objects and meshes, through every tracing path.
 
-// Primitives of every kind in a ball about the origin, those right about it left out.
+// Primitives of every kind in a ball around the origin, except close to the origin.
 std::vector<Primitive> crowd(Random& random, int count, float reach, float size) {
   std::vector<Primitive> primitives{primitive(room, {0, 0, 0}, Vec3::Constant(1.5F * reach))};
   while (static_cast<int>(primitives.size()) <= count) {
@@ -917,7 +918,7 @@ TEST(CameraCrowds, AreSeenAsTheOracleHasThem) {
   }
 }
 
-// All 450 of it are in view: a tile of one pixel's width of everything has too many to test one by one.
+// All 450 primitives are in view, so even a tile one pixel wide has too many to test one by one.
 TEST(CameraCrowds, MoreInViewOfATileThanAreTracedDirectly) {
   Random random(58);
   SceneDescription description;
@@ -1021,7 +1022,7 @@ TEST(CameraBits, AreTheSameOnEverySimdTarget) {
     const testing::OnTarget on(target);
     Random random(61);
     std::vector<CameraImages> pictures;
-    // Built anew: Embree's callback is chosen with the scene.
+    // Scenes are rebuilt, because Embree's callback is chosen when a scene is made.
     for (const auto& world : {crowded(52, 60, 5, 0), crowded(54, 700, 5, 0), crowded(56, 10, 5, 100), ring().world, yard(true)}) {
       for (const int samples : {1, 4}) {
         CameraConfig camera = camera_of(49, 37);
@@ -1058,7 +1059,7 @@ Poses random_poses(Random& random, int count) {
   return poses;
 }
 
-// Bumps in a grid, of triangles that share their edges: there Embree's last bits depend on the rays beside a ray.
+// A bumpy grid of triangles that share edges. On it Embree's last bits depend on neighbouring rays.
 std::shared_ptr<const World> hills() {
   TriangleMesh mesh;
   constexpr int kSide = 40;
@@ -1079,7 +1080,7 @@ std::shared_ptr<const World> hills() {
   return make_world({}, {}, mesh);
 }
 
-// The last rows of a tile are filled up to whole packets: what was traced there before must not show.
+// The last rows of a tile are padded to whole packets. Rays traced there before must not matter.
 TEST(CameraBits, OfAPictureDoNotDependOnTheOneBefore) {
   const auto world = hills();
   Random random(63);
@@ -1092,7 +1093,7 @@ TEST(CameraBits, OfAPictureDoNotDependOnTheOneBefore) {
     const auto pixels = static_cast<std::size_t>(width) * static_cast<std::size_t>(height);
     std::size_t different = 0;
     for (std::size_t drone = 0; drone < 15; ++drone) {
-      Batch after(config, {world});  // takes the large picture first
+      Batch after(config, {world});  // captures the large image first
       Batch alone(camera_batch(small), {world});
       for (Batch* batch : {&after, &alone}) {
         batch->set_pose(testing::row(poses.position, drone, 3), testing::row(poses.quat_wxyz, drone, 4));
@@ -1106,8 +1107,8 @@ TEST(CameraBits, OfAPictureDoNotDependOnTheOneBefore) {
 }
 
 TEST(CameraBits, AreTheSameForAnyBlocksThreadsAndNeighbours) {
-  // Tiles whose last rows are padded, of worlds in which padding could matter; and images of more tiles than are rendered at
-  // once.
+  // Images with padded last rows of tiles, in worlds in which padding could matter, and images with more tiles than are
+  // rendered at once.
   const Batch::Worlds worlds{crowds()[1].world, crowds()[5].world, crowds()[6].world, hills()};
   for (const auto& [width, height, drones] : {std::tuple{35, 33, 12}, {170, 97, 4}}) {
     SCOPED_TRACE(width);

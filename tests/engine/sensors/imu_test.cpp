@@ -32,7 +32,7 @@ BatchConfig with_imu(int num_drones, const ImuConfig& imu, Control control = Con
 
 Batch::Worlds open() { return {testing::make_world({primitive(PrimitiveKind::room, {0, 0, 0}, {5000, 5000, 5000})})}; }
 
-// Whose rotors can stand still.
+// Makes a batch whose rotors can stop.
 Batch make(const BatchConfig& config) {
   const DroneModel model = DroneModel::load("kingfisher");
   Airframe frame = *model.airframe();
@@ -69,12 +69,12 @@ TEST(Imu, FeelsTheFrameItIsIn) {
   Batch batch = make(with_imu(1, {.quat_wxyz = {mount.w(), mount.x(), mount.y(), mount.z()}}));
   batch.set_pose({}, std::vector<float>{turned.w(), turned.x(), turned.y(), turned.z()});
   batch.set_velocity({}, std::vector<float>{0, 0, 2}, {});
-  batch.sense();  // not flown: nothing accelerates it but what holds it
+  batch.sense();  // before it flies, only its support accelerates it
   EXPECT_TRUE(row(batch.imu_readings().accelerometer, 0).isApprox((turned * mount).conjugate() * Vec3(0, 0, kG), 1e-5F));
   EXPECT_TRUE(row(batch.imu_readings().gyroscope, 0).isApprox(mount.conjugate() * Vec3(0, 0, 2), 1e-5F));
 }
 
-// Two sensors on one body differ by what turning adds: w' x r + w x (w x r), here from positions of the sensor itself.
+// Two sensors on one body differ by the effect of rotation: w' x r + w x (w x r). The reference uses the sensor's positions.
 TEST(Imu, OffTheCentreFeelsTheTurning) {
   const Vec3 offset(0.3F, -0.2F, 0.1F);
   const BatchConfig config = with_imu(1, {.offset_m = {offset.x(), offset.y(), offset.z()}});
@@ -112,7 +112,7 @@ Moments moments(const std::vector<double>& values) {
   return m;
 }
 
-// The Allan variance of clusters of k readings.
+// Returns the Allan variance of clusters of k readings.
 double allan_variance(const std::vector<double>& readings, std::size_t k) {
   std::vector<double> means;
   for (std::size_t i = 0; i + k <= readings.size(); i += k) {
@@ -125,7 +125,7 @@ double allan_variance(const std::vector<double>& readings, std::size_t k) {
   return sum / (2.0 * static_cast<double>(means.size() - 1));
 }
 
-// White noise of density s: s^2 / t. A walk of density w: w^2 t / 3.
+// White noise of density s gives s^2 / t. A random walk of density w gives w^2 t / 3.
 TEST(Imu, NoiseHasTheAllanVarianceOfItsDensities) {
   constexpr int kDrones = 64;
   constexpr int kReadings = 4096;
@@ -139,7 +139,7 @@ TEST(Imu, NoiseHasTheAllanVarianceOfItsDensities) {
     batch.sense();
     for (std::size_t drone = 0; drone < kDrones; ++drone) {
       white[drone].push_back(
-          static_cast<double>(batch.imu_readings().accelerometer[3 * drone]));  // along x, where hovering adds nothing
+          static_cast<double>(batch.imu_readings().accelerometer[3 * drone]));  // along x, where hovering has no effect
       walk[drone].push_back(static_cast<double>(batch.imu_readings().gyroscope[3 * drone + 1]));
     }
   }
@@ -151,7 +151,7 @@ TEST(Imu, NoiseHasTheAllanVarianceOfItsDensities) {
       of_walk += allan_variance(walk[drone], k) / kDrones;
     }
     EXPECT_NEAR(of_white / (0.02 * 0.02 / t), 1.0, 0.06) << k;
-    // Of k averaged readings of a walk in steps: (2 k^2 + 1) / (2 k^2) of w^2 t / 3.
+    // For averages of k readings of a discrete walk the factor is (2 k^2 + 1) / (2 k^2) times w^2 t / 3.
     const double discrete = 1.0 + 0.5 / static_cast<double>(k * k);
     EXPECT_NEAR(of_walk / (0.05 * 0.05 * t / 3.0 * discrete), 1.0, 0.06) << k;
   }
@@ -165,7 +165,7 @@ TEST(Imu, ABiasThatForgetsKeepsItsVariance) {
   const ImuConfig imu{.accelerometer_random_walk = 0.1F, .accelerometer_bias_time_s = 0.5F};
   Batch batch = make(with_imu(kDrones, imu));
   const std::vector<float> hover = all(kDrones, static_cast<float>(batch.drone().airframe()->hover_speed()));
-  for (int i = 0; i < 400; ++i) {  // 4 s: eight times its time
+  for (int i = 0; i < 400; ++i) {  // 4 s, eight correlation times
     batch.fly(hover);
     batch.sense();
   }
@@ -176,11 +176,11 @@ TEST(Imu, ABiasThatForgetsKeepsItsVariance) {
   EXPECT_NEAR(moments(biases).variance / expected, 1.0, 5.0 * std::sqrt(2.0 / kDrones));
 }
 
-// Readings as often or as seldom as one likes, regular or not: the bias has the variance of the time that has passed.
+// For any number of readings at any interval, regular or not, the bias has the variance of the elapsed time.
 TEST(Imu, BiasWalksByTimeNotByReadings) {
   constexpr int kDrones = 4000;
   for (const std::optional<float> rate : {std::optional<float>(), std::optional<float>(250.0F)}) {
-    for (const int readings : {1, 3, 50}) {  // in 0.1 s
+    for (const int readings : {1, 3, 50}) {  // within 0.1 s
       for (const float bias_time : {0.0F, 0.05F}) {
         SCOPED_TRACE(::testing::Message() << rate.value_or(0.0F) << " Hz, " << readings << " readings, time " << bias_time);
         Batch batch =

@@ -28,7 +28,7 @@ using testing::same_bits;
 
 constexpr float kInfinity = std::numeric_limits<float>::infinity();
 
-// -- Beams as the conventions define them, in double precision.
+// -- Beams as defined by the conventions, in double precision.
 
 struct Beam {
   double azimuth_deg, elevation_deg;
@@ -51,7 +51,7 @@ std::vector<Beam> beams_of(const LidarConfig& config) {
   return beams;
 }
 
-// Rodrigues' formula: q v q*.
+// Rotates v by q: Rodrigues' formula for q v q*.
 Vec3d rotated(const Eigen::Vector4d& wxyz, const Vec3d& v) {
   const Eigen::Vector4d q = wxyz.normalized();
   const Vec3d axis = q.tail<3>();
@@ -61,7 +61,7 @@ Vec3d rotated(const Eigen::Vector4d& wxyz, const Vec3d& v) {
 
 Eigen::Vector4d wxyz_of(const std::array<float, 4>& q) { return Eigen::Vector4f(q.data()).cast<double>(); }
 
-// In the body frame.
+// Returns the direction of a beam in the body frame.
 Vec3d direction_of(const LidarConfig& config, const Beam& beam) {
   const double azimuth = beam.azimuth_deg * std::numbers::pi / 180.0;
   const double elevation = beam.elevation_deg * std::numbers::pi / 180.0;
@@ -164,7 +164,7 @@ TEST(LidarBeams, TheMountingTurnsThemAndItsPlaceDoesNot) {
   Random random(1);
   for (int i = 0; i < 10; ++i) {
     const Quat turn = random.rotation();
-    const float length = random.within(0.995F, 1.005F);  // normalised where it enters
+    const float length = random.within(0.995F, 1.005F);  // normalised on input
     expect_beams({.channels = 3,
                   .vfov_deg = 50.0F,
                   .quat_wxyz = {length * turn.w(), length * turn.x(), length * turn.y(), length * turn.z()}});
@@ -173,7 +173,7 @@ TEST(LidarBeams, TheMountingTurnsThemAndItsPlaceDoesNot) {
 
 // -- Ranges.
 
-// Four things: whatever is within reach is traced directly.
+// Four primitives, so that everything in range is traced directly.
 std::vector<Primitive> a_few() {
   const Quat tilted = Quat(Eigen::AngleAxisf(0.6F, Vec3(1, 2, 3).normalized()));
   return {primitive(PrimitiveKind::room, {0, 0, 0}, {5, 4, 3}), primitive(PrimitiveKind::box, {2, 1, 0}, {0.5F, 0.7F, 1}, tilted),
@@ -181,7 +181,7 @@ std::vector<Primitive> a_few() {
           primitive(PrimitiveKind::sphere, {0, -2, 1}, {0.8F, 0.8F, 0.8F})};
 }
 
-// A hundred and twenty things and some triangles: many rays go through Embree.
+// 120 primitives and some triangles, so that many rays go through Embree.
 std::shared_ptr<const World> crowded_world() {
   Random random(2);
   std::vector<Primitive> primitives{primitive(PrimitiveKind::room, {0, 0, 0}, {5, 4, 3})};
@@ -213,7 +213,7 @@ Poses random_poses(Random& random, int count) {
   return poses;
 }
 
-// The scan of one drone, whose LiDAR is `config`, against the oracle.
+// Checks the scan of one drone with this LiDAR against the oracle.
 void expect_scan(const Batch& batch, std::size_t drone, const LidarConfig& config) {
   SCOPED_TRACE("drone " + std::to_string(drone));
   const State& state = batch.state();
@@ -262,7 +262,7 @@ TEST(LidarRanges, AreThoseOfTheOracleInRandomPoses) {
 }
 
 TEST(LidarRanges, MoreRaysThanABlock) {
-  // A block has 256: its last ray, its first, and many blocks per scan.
+  // A block has 256 rays. Covers scans around one block, and scans of many blocks.
   for (const auto& [channels, beams] : {std::pair{1, 255}, {1, 256}, {1, 257}, {3, 171}, {16, 360}}) {
     SCOPED_TRACE(std::to_string(channels) + " x " + std::to_string(beams));
     const LidarConfig config{.channels = channels, .beams = beams, .hfov_deg = 360.0F, .vfov_deg = 60.0F, .max_range_m = 6.0F};
@@ -276,12 +276,12 @@ TEST(LidarRanges, MoreRaysThanABlock) {
 }
 
 TEST(LidarRanges, AHitAtTheRangeItselfIsAHit) {
-  // A box's face 2 m ahead: alone in its room, and between so many spheres in view that no scan is traced directly.
+  // A box's face 2 m ahead, first with only its room, then with so many spheres in view that no scan is traced directly.
   std::vector<Primitive> alone{primitive(PrimitiveKind::room, {0, 0, 0}, {8, 8, 8}),
                                primitive(PrimitiveKind::box, {2.5F, 0, 0}, {0.5F, 1, 1})};
   std::vector<Primitive> crowd = alone;
   for (int i = 0; i < 40; ++i) {
-    const float angle = 0.4F + 0.06F * static_cast<float>(i);  // on the left
+    const float angle = 0.4F + 0.06F * static_cast<float>(i);  // to the left
     crowd.push_back(primitive(PrimitiveKind::sphere, {std::cos(angle), std::sin(angle), 0}, Vec3::Constant(0.1F)));
   }
   const LidarConfig ahead{.max_range_m = 2.0F, .azimuth_deg = {0, 180}, .elevation_deg = {0, 0}};
@@ -351,7 +351,7 @@ TEST(LidarChange, MakesADroneOneThatWasMadeSo) {
   batch.set_lidar({.hfov_deg = wider.hfov_deg, .vfov_deg = wider.vfov_deg}, only(2));
   batch.set_lidar({.offset_m = moved.offset_m}, only(3));
   batch.set_lidar({.quat_wxyz = turned.quat_wxyz}, only(4));
-  // Changed and changed back.
+  // Changed, then changed back.
   batch.set_lidar({.max_range_m = 1.0F, .hfov_deg = 10.0F, .offset_m = {{1, 1, 1}}, .quat_wxyz = {{0, 1, 0, 0}}}, only(5));
   batch.set_lidar({.max_range_m = 4.0F, .hfov_deg = 200.0F, .offset_m = {{0, 0, 0}}, .quat_wxyz = {{1, 0, 0, 0}}}, only(5));
   batch.set_pose(poses.position, poses.quat_wxyz);
@@ -365,7 +365,7 @@ TEST(LidarChange, MakesADroneOneThatWasMadeSo) {
     EXPECT_TRUE(same_bits(row(batch.lidar_readings().ranges, drone, 40), made_so.lidar_readings().ranges));
     EXPECT_EQ(directions_of(batch, drone), directions_of(made_so));
     expect_scan(batch, drone, configs[drone]);
-    // Each change shows: else the comparison would prove nothing.
+    // Each change must be visible, otherwise the comparison proves nothing.
     const bool is_changed = !same_bits(row(batch.lidar_readings().ranges, drone, 40), row(batch.lidar_readings().ranges, 0, 40));
     EXPECT_EQ(is_changed, drone != 0);
   }
@@ -400,11 +400,11 @@ TEST(LidarChange, NeedsALidar) {
   EXPECT_TRUE(batch.lidar_readings().max_range_m.empty());
 }
 
-// -- The same bits in any company.
+// -- The same bits with any neighbours.
 
 TEST(LidarBits, AreTheSameForAnyBlocksThreadsAndNeighbours) {
   const Batch::Worlds worlds{crowded_world(), make_world(a_few()), testing::playground("train-1")};
-  // Fans fill a part of a block of rays, grids more than one.
+  // A fan fills a part of a block of rays, a grid more than one block.
   for (const LidarConfig& lidar :
        {LidarConfig(), LidarConfig{.channels = 8, .beams = 50, .hfov_deg = 360.0F, .vfov_deg = 40.0F, .max_range_m = 8.0F}}) {
     constexpr int kDrones = 50;
@@ -472,7 +472,7 @@ TEST(LidarSlots, ARemovedOneReadsInfAndASpawnedOneScans) {
   };
 
   batch.remove(std::vector<std::int64_t>{1, 3});
-  for (int time = 0; time < 2; ++time) {  // at once, and after a scan
+  for (int time = 0; time < 2; ++time) {  // immediately, then after a scan
     for (const std::size_t drone : {1U, 3U}) EXPECT_TRUE(is_absent(drone)) << drone;
     for (const std::size_t drone : {0U, 2U, 4U}) EXPECT_TRUE(reads_as_before(drone)) << drone;
     std::vector<float> points(5 * 120 * 3);
@@ -481,7 +481,7 @@ TEST(LidarSlots, ARemovedOneReadsInfAndASpawnedOneScans) {
     batch.sense();
   }
 
-  // Where it was, and in the other world.
+  // At its old place, and in the other world.
   batch.spawn(std::vector<std::int64_t>{3, 1}, {}, {}, std::vector<std::int32_t>{1, 0});
   EXPECT_TRUE(reads_as_before(3));
   Batch other(lidar_batch(1, lidar), {worlds[0]});

@@ -32,7 +32,7 @@ double correlation(const std::vector<double>& a, const std::vector<double>& b) {
   return std::inner_product(a.begin(), a.end(), b.begin(), 0.0) / static_cast<double>(a.size());
 }
 
-// One scan's errors, divided by their standard deviation: three axes of the position, three of the rotation vector.
+// Returns the errors of a scan, divided by their standard deviation: three axes of the position, three of the rotation vector.
 std::array<std::vector<double>, 6> errors_of(const Batch& batch, const Quat& rotation) {
   std::array<std::vector<double>, 6> errors;
   const State& state = batch.state();
@@ -72,7 +72,7 @@ TEST(PoseSensor, NoiseIsNormalAndIndependentInEveryAxisAndScan) {
   for (std::size_t a = 0; a < 6; ++a) {
     SCOPED_TRACE(a);
     EXPECT_NEAR(std::accumulate(first[a].begin(), first[a].end(), 0.0) / kDrones, 0.0, bound);
-    EXPECT_NEAR(correlation(first[a], first[a]), 1.0, std::sqrt(2.0) * bound);  // the variance
+    EXPECT_NEAR(correlation(first[a], first[a]), 1.0, std::sqrt(2.0) * bound);  // variance
     for (std::size_t b = 0; b < 6; ++b) {
       EXPECT_NEAR(correlation(first[a], second[b]), 0.0, bound) << b;
       if (a != b) {

@@ -23,7 +23,7 @@ using testing::NavigationBatch;
 using testing::primitive;
 using testing::same_bits;
 
-// Ticks of dt_s, so many of them to a flown step.
+// Returns a clock with ticks of dt_s and `substeps` ticks per step.
 ClockConfig clock_of(float dt_s, int substeps) {
   const float ticks_hz = 1.0F / dt_s;
   return {.policy_hz = ticks_hz / static_cast<float>(substeps), .physics_hz = ticks_hz};
@@ -108,7 +108,7 @@ TEST(Rate, IsDueEverySoManyTicksOrWhenAStepIsOver) {
   }
 }
 
-// -- In a batch that flies +x, 0.5 m in each step of 4 ticks, with a sensor that is due every so many ticks.
+// -- A batch that flies in +x, 0.5 m per step of 4 ticks, with a sensor that is due every few ticks.
 
 constexpr int kSubsteps = 4;
 const Vec3 kStart(4, 10, 5);
@@ -127,7 +127,7 @@ NavigationBatch flying() {
 
 float rate_of(int ticks) { return 10.0F / static_cast<float>(ticks); }
 
-// Where the drone is after that many ticks. Its x is a number that float32 has.
+// Returns the drone's position after some ticks. Its x is exact in float32.
 std::vector<float> place_after(std::int64_t ticks) {
   return {kStart.x() + 0.125F * static_cast<float>(ticks), kStart.y(), kStart.z()};
 }
@@ -162,7 +162,7 @@ TEST(Rate, ALidarHoldsItsReadingsInBetween) {
       held += last < tick && !same_bits(batch.lidar_readings().ranges, read(tick));
     }
     EXPECT_EQ(held > 0, kSubsteps % ticks != 0);
-    // The next episode begins with a reading of its own.
+    // The next episode starts with a new reading.
     batch.reset({});
     EXPECT_EQ(batch.state().tick[0], 0);
     EXPECT_TRUE(same_bits(batch.lidar_readings().ranges, read(0)));
@@ -196,7 +196,7 @@ TEST(Rate, ThePoseSensorHoldsItsReadingsInBetween) {
   }
 }
 
-// Every reading has noise of its own, also where there are several in a step; held ones do not change.
+// Every reading has independent noise, even if a step has several readings. Held readings do not change.
 TEST(Rate, NoiseIsOfTheReading) {
   NavigationBatch config = flying();
   config.pose_sensor = {.position_noise_std_m = 0.1F, .rate_hz = rate_of(8)};
@@ -228,7 +228,7 @@ TEST(Rate, ACameraTakesAFrameAtTheEndOfAStepInWhichOneIsDue) {
   }
 }
 
-// sense() and capture() ask for a reading now, whatever the rate.
+// sense() and capture() request a reading now, at any rate.
 TEST(Rate, ByHandASensorReadsAtOnce) {
   BatchConfig config = testing::lidar_batch(1, {.max_range_m = 30.0F, .azimuth_deg = {0}, .elevation_deg = {0}, .rate_hz = 0.5F});
   config.pose_sensor.rate_hz = 0.5F;
