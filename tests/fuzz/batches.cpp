@@ -18,7 +18,7 @@ namespace {
 
 constexpr int kDrones = 4;
 
-// Numbers out of the input; 0 where it is at its end.
+// Reads numbers from the input; 0 after its end.
 class Stream {
  public:
   explicit Stream(Bytes input) : left_(input) {}
@@ -32,7 +32,7 @@ class Stream {
     return value;
   }
   bool flag() { return take<std::uint8_t>() % 2 == 1; }
-  // Mostly sensible, sometimes any bits at all.
+  // Usually a sensible number, sometimes arbitrary bits.
   float number(float reach) {
     const auto kind = take<std::uint8_t>();
     if (kind < 16) return take<float>();
@@ -77,7 +77,7 @@ std::unique_ptr<Batch> make(bool with_camera) {
   return std::make_unique<Batch>(config, worlds(), make_task(NavigationConfig{.action = ActionKind::displacement_yaw}), drone);
 }
 
-// What has to be true of a batch whatever has been done to it.
+// Aborts unless the invariants hold that no input may break.
 void require_sane(const Batch& batch) {
   const State& state = batch.state();
   const auto in_world = [](float value) { return is_in_world(value); };
@@ -99,7 +99,7 @@ void fly(Batch& batch) {
 constexpr std::size_t kHeaderWords = 5;
 constexpr std::size_t kHeaderBytes = 8 * kHeaderWords;
 
-// The header of a snapshot: five words, the last of them the hash of all the rest.
+// Updates the checksum of a snapshot. The header has five words, and the last is the hash of everything else.
 void mend_checksum(std::string& blob) {
   std::array<std::uint64_t, kHeaderWords> header{};
   std::memcpy(header.data(), blob.data(), kHeaderBytes);
@@ -114,7 +114,7 @@ void mend_checksum(std::string& blob) {
 
 }  // namespace
 
-// Each seven bytes: where, what to do there, and four bytes for it.
+// Every seven bytes are an edit: position, kind of edit, and four bytes of data.
 void snapshot(Bytes input) {
   static const std::unique_ptr<Batch> batch = make(true);
   static const std::string good = [] {
@@ -141,20 +141,20 @@ void snapshot(Bytes input) {
   try {
     batch->restore(blob);
   } catch (const std::invalid_argument&) {
-    if (batch->snapshot() != good) std::abort();  // a refusal changes nothing
+    if (batch->snapshot() != good) std::abort();  // a refused snapshot must not change the batch
     return;
   }
   require_sane(*batch);
   try {
     fly(*batch);
-  } catch (const std::logic_error&) {  // no episode has begun
+  } catch (const std::logic_error&) {  // no episode has started
   }
 }
 
 void calls(Bytes input) {
   Stream stream(input);
   const std::unique_ptr<Batch> batch = make(stream.flag());
-  const auto small = [&](int most) { return stream.take<std::int8_t>() % most; };  // negative ones, too
+  const auto small = [&](int most) { return stream.take<std::int8_t>() % most; };  // may be negative
   const auto position = [&] { return stream.list<float>(3 * kDrones, [&] { return stream.number(3.0F); }); };
   const auto rotation = [&] {
     int i = 0;
@@ -180,7 +180,8 @@ void calls(Bytes input) {
         }
         case 4:
         case 5: {
-          const std::vector<float> to = position();  // one after another: compilers order arguments as they like
+          // Separate statements, because the evaluation order of arguments is unspecified.
+          const std::vector<float> to = position();
           const std::vector<float> turn = rotation();
           if (stream.flag()) {
             batch->set_pose(to, turn, mask());
@@ -224,12 +225,12 @@ void calls(Bytes input) {
           batch->capture(0, mask());
           break;
         default: {
-          const CameraChange change{.hfov_deg = optional(200.0F), .vfov_deg = optional(200.0F)};  // in order: braces are
+          const CameraChange change{.hfov_deg = optional(200.0F), .vfov_deg = optional(200.0F)};  // braces evaluate in order
           batch->set_camera(0, change, mask());
           break;
         }
       }
-    } catch (const std::logic_error&) {  // of which std::invalid_argument is one
+    } catch (const std::logic_error&) {  // includes std::invalid_argument
     }
     require_sane(*batch);
   }

@@ -1,4 +1,4 @@
-// One target as a program of libFuzzer: FLOCKSTEP_FUZZ is its name.
+// Entry point of a libFuzzer program for a single target, FLOCKSTEP_FUZZ.
 #include <cstddef>
 #include <cstdint>
 

@@ -1,5 +1,5 @@
-// What the fuzzers feed: each takes any bytes, and either does something right with them or throws what the interface promises.
-// Everything else is a finding: a signal, a sanitizer's report, another exception, a broken promise (std::abort).
+// The fuzz targets. Each accepts any bytes, and must either process them correctly or throw a documented exception. Anything
+// else is a finding: a signal, a sanitizer report, another exception, or a broken invariant (std::abort).
 #pragma once
 
 #include <cstdint>
@@ -11,11 +11,11 @@ namespace flockstep::fuzz {
 using Bytes = std::span<const std::uint8_t>;
 
 void scene(Bytes input);     // a scene file
-void obj(Bytes input);       // an OBJ file, and behind a line "#mtl" its material file m.mtl
+void obj(Bytes input);       // an OBJ file, optionally followed by a line "#mtl" and its material file m.mtl
 void ply(Bytes input);       // a PLY file
 void gltf(Bytes input);      // a glTF file, text or binary
-void snapshot(Bytes input);  // a snapshot with bytes changed and its checksum mended
-void calls(Bytes input);     // calls on a batch, one after another
+void snapshot(Bytes input);  // a snapshot with edited bytes and a valid checksum
+void calls(Bytes input);     // a sequence of calls on a batch
 
 struct Target {
   const char* name;

@@ -23,7 +23,7 @@ namespace {
 
 std::string text_of(Bytes input) { return {reinterpret_cast<const char*>(input.data()), input.size()}; }
 
-// Written and read again, to the last bit.
+// Checks that writing and reading a scene preserves every bit.
 void require_same_again(const SceneDescription& scene) {
   const World world(scene);
   const auto from_json = World::from_json(world.to_json());
@@ -32,7 +32,7 @@ void require_same_again(const SceneDescription& scene) {
   if (!file.ignored.empty() || World(std::move(file.scene)).content_hash() != world.content_hash()) std::abort();
 }
 
-// Files of one process.
+// A temporary folder of this process.
 class TemporaryFolder {
  public:
   TemporaryFolder() : path_(std::filesystem::temp_directory_path() / ("flockstep-fuzz-" + std::to_string(process_id()))) {
@@ -62,7 +62,7 @@ void scene(Bytes input) {
   require_same_again(read);
 }
 
-// The beginning is the OBJ file, the rest after a line "#mtl" its material file.
+// The input is an OBJ file, optionally followed by a line "#mtl" and its material file.
 void obj(Bytes input) {
   const std::string text = text_of(input);
   constexpr std::string_view kBreak = "\n#mtl\n";

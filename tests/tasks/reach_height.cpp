@@ -1,6 +1,6 @@
-// A task of your own, from outside the engine: rise to 2 m above the start. These headers are all it needs; as a shared library
+// An external task: rise to 2 m above the start. It needs only these headers. Build it as a shared library with
 //   c++ -std=c++20 -O2 -shared -fPIC -I<include_dir()> $(pkg-config --cflags eigen3) reach_height.cpp -o reach_height.so
-// it is what flockstep.register_task() takes. Each env has one drone, so that env and drone have the same index.
+// and pass that to flockstep.register_task(). Each env has one drone, therefore env and drone have the same index.
 #include <cmath>
 #include <cstdint>
 #include <limits>
@@ -14,8 +14,9 @@ class ReachHeight final : public flockstep::Task {
  public:
   ReachHeight() {
     constexpr double kAny = std::numeric_limits<double>::infinity();
-    spec_.action = {.name = "displacement", .shape = {3}};                                   // times 0.25 m
-    spec_.observation = {{.name = "height", .shape = {2}, .low = {-kAny}, .high = {kAny}}};  // m: to the target, and its own
+    spec_.action = {.name = "displacement", .shape = {3}};  // in units of 0.25 m
+    // M, distance to the target height, own height.
+    spec_.observation = {{.name = "height", .shape = {2}, .low = {-kAny}, .high = {kAny}}};
     spec_.reward_terms = {"closer", "arrived"};
   }
 
@@ -64,7 +65,7 @@ class ReachHeight final : public flockstep::Task {
 
  private:
   flockstep::TaskSpec spec_;
-  std::vector<float> target_, last_;  // (N,) m, heights: to be reached, and after the step before
+  std::vector<float> target_, last_;  // (N,) m, target heights and heights after the previous step
 };
 
 FLOCKSTEP_EXPORT_TASK(ReachHeight)

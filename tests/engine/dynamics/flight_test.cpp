@@ -437,8 +437,8 @@ TEST(Impact, KeepsTheEnergyThatRestitutionAllows) {
         ASSERT_LE(share, 1.0F + 1e-5F) << "restitution " << restitution << ", friction " << friction;
         ASSERT_GE(slowest(after), -1e-2F);
         if (friction == 0.0) {
-          is_less |= share < kept - 1e-3F || (restitution == 1.0 && share < 0.99F);  // points slower than 5 cm/s get no
-                                                                                     // restitution
+          // Points slower than 5 cm/s get no restitution.
+          is_less |= share < kept - 1e-3F || (restitution == 1.0 && share < 0.99F);
           kept = share;
         }
       }

@@ -41,7 +41,7 @@ struct Rays {
   }
   Vec3 origin(std::size_t i) const { return {origins[3 * i], origins[3 * i + 1], origins[3 * i + 2]}; }
   Vec3 direction(std::size_t i) const { return {directions[3 * i], directions[3 * i + 1], directions[3 * i + 2]}; }
-  // As World::raycast takes it.
+  // The direction as World::raycast normalises it.
   Vec3 unit(std::size_t i) const { return direction(i).cast<double>().normalized().cast<float>(); }
   Rays pick(const std::vector<std::size_t>& order) const {
     Rays picked;
@@ -85,7 +85,7 @@ TriangleMesh random_triangles(Random& random, int count) {
   return mesh;
 }
 
-// A hilly surface over [-6, 6]^2, n x n squares of two triangles.
+// Makes a hilly surface over [-6, 6]^2 with n x n squares of two triangles.
 TriangleMesh hills(int n) {
   TriangleMesh mesh;
   for (int i = 0; i <= n; ++i) {
@@ -136,7 +136,7 @@ TEST(Raycast, FindsPrimitivesWhereClosedFormsDo) {
   }
 }
 
-// Each kind alone, so that none hides in the share of rays that need not be compared.
+// Each kind is tested separately, so that failures of one kind cannot hide among the rays that are not compared.
 TEST(Raycast, FindsEachKindInAnyOrientation) {
   using enum PrimitiveKind;
   for (const PrimitiveKind kind : {box, cylinder, sphere, capsule, plane, disc}) {
@@ -152,7 +152,7 @@ TEST(Raycast, FindsEachKindInAnyOrientation) {
       const Vec3 center = random.point(2.0F);
       const auto world = make_world({primitive(kind, center, half, rotation)});
       Rays rays;
-      for (int i = 0; i < 1000; ++i) {  // from within and without, most of them towards it
+      for (int i = 0; i < 1000; ++i) {  // from inside and outside, mainly towards the primitive
         const Vec3 origin = center + random.point(i % 2 == 0 ? 8.0F : 2.0F);
         rays.add(origin, i % 5 == 0 ? random.direction() : Vec3(center + random.point(1.5F) - origin));
       }
@@ -191,10 +191,9 @@ TEST(Raycast, RangeReachesThePlaygroundsWallsAndPillars) {
   expect_like_oracle(*world, rays, kInfinity);
 }
 
-// -- Where on a triangle.
+// -- Position on a triangle.
 
-// The barycentric coordinates of where the ray meets the triangle's plane, in double precision: o + t d = a + u (b - a) + v (c -
-// a).
+// Checks the barycentric coordinates of the hit in double precision: o + t d = a + u (b - a) + v (c - a).
 TEST(RaycastBarycentric, AreThoseOfTheClosedForm) {
   std::size_t compared = 0;
   for (unsigned seed = 60; seed < 66; ++seed) {
@@ -220,7 +219,7 @@ TEST(RaycastBarycentric, AreThoseOfTheClosedForm) {
       const Eigen::Vector3d direction = rays.unit(i).cast<double>();
       const Eigen::Vector3d ab = corner(1) - corner(0), ac = corner(2) - corner(0);
       const double cosine = std::abs(ab.cross(ac).normalized().dot(direction));
-      if (cosine < 0.02) continue;  // the ray all but lies in the plane
+      if (cosine < 0.02) continue;  // ray almost parallel to the plane
       Eigen::Matrix3d columns;
       columns << ab, ac, -direction;
       const Eigen::Vector3d uvt = columns.inverse() * (rays.origin(i).cast<double>() - corner(0));
@@ -240,7 +239,7 @@ TEST(RaycastBarycentric, CountTheSecondAndTheThirdVertex) {
   mesh.vertices = {{0, 0, 0}, {4, 0, 0}, {0, 2, 0}};
   mesh.triangles = {{0, 1, 2}};
   const auto world = make_world({}, {}, mesh);
-  for (const float side : {1.0F, -1.0F}) {  // from either side
+  for (const float side : {1.0F, -1.0F}) {  // both sides
     const std::vector<float> origins{1.0F, 0.5F, 3.0F * side, 9.0F, 9.0F, 3.0F * side};
     const std::vector<float> directions{0, 0, -side, 0, 0, -side};
     const RayHits hits = raycast(*world, origins, directions, 10.0F);
@@ -251,7 +250,7 @@ TEST(RaycastBarycentric, CountTheSecondAndTheThirdVertex) {
   }
 }
 
-// -- Answers known by hand.
+// -- Results known in advance.
 
 struct One {
   float t;
@@ -382,14 +381,14 @@ TEST(Raycast, RefusesBadInput) {
   EXPECT_TRUE(raycast(*world, {}, {}, 1.0F).t_hit.empty());
 }
 
-// -- The same bits in any company.
+// -- The same bits with any neighbours.
 
 struct Answers {
   std::vector<float> t;
   std::vector<std::int32_t> element;
 };
 
-// Traces the rays in the given order, in blocks of block_size, each ray's answer at its own index.
+// Traces the rays in the given order, in blocks of block_size. Each ray's result is stored at its own index.
 Answers trace_blocks(const World& world, const Rays& rays, const std::vector<std::size_t>& order, std::size_t block_size) {
   Answers answers{std::vector<float>(rays.size()), std::vector<std::int32_t>(rays.size())};
   const FlushDenormals flush;
@@ -444,7 +443,7 @@ void expect_same_in_any_block(const World& world, const Rays& rays, Random& rand
   }
 }
 
-// Rays that fan out from a few places, as those of LiDARs do, and scattered ones.
+// Returns fans of rays from a few places, as of LiDARs, and scattered rays.
 Rays fans_and_strays(Random& random, int places, float low, float high) {
   Rays rays;
   for (int place = 0; place < places; ++place) {

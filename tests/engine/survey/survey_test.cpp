@@ -1,4 +1,4 @@
-// Surveys, places and reports in small worlds; tests/python/test_survey.py has the oracles.
+// Surveys, places and reports in small worlds. tests/python/test_survey.py has the oracles.
 #include "flockstep/survey.hpp"
 
 #include <gtest/gtest.h>
@@ -14,7 +14,7 @@
 namespace flockstep {
 namespace {
 
-// Two rooms of 5 x 4 x 3 m; between them a wall with a hole of a given width. One triangle hangs in the first.
+// Two rooms of 5 x 4 x 3 m, separated by a wall with an opening of the given width. A triangle hangs in the first room.
 SceneDescription two_rooms(float door) {
   SceneDescription scene;
   scene.primitives.push_back({PrimitiveKind::room, {5, 2, 1.5F}, Quat::Identity(), {5, 2, 1.5F}});
@@ -29,7 +29,7 @@ SceneDescription two_rooms(float door) {
 
 TEST(Survey, ObjectsAreThePrimitivesAndTheMeshes) {
   SceneDescription scene = two_rooms(1.0F);
-  scene.mesh.objects = {3};  // a number may be left out
+  scene.mesh.objects = {3};  // object numbers may have gaps
   const ObjectList list = objects(World(scene));
   ASSERT_EQ(list.boxes.size(), 7U);
   EXPECT_EQ(list.boxes[0].max, Vec3(10, 4, 3));
@@ -60,7 +60,7 @@ TEST(Survey, GridsCoverTheWorld) {
   const DistanceGrid far = distance(world, 0.5F);
   const auto place = [&](int i, int j, int k) { return static_cast<std::size_t>((i * 8 + j) * 6 + k); };
   EXPECT_EQ(cells.occupied[place(0, 4, 3)], 1);                                   // touches a wall
-  EXPECT_EQ(cells.occupied[place(6, 4, 3)], 0);                                   // in the open
+  EXPECT_EQ(cells.occupied[place(6, 4, 3)], 0);                                   // in open space
   EXPECT_EQ(cells.occupied[place(2, 2, 4)] + cells.occupied[place(2, 2, 5)], 2);  // both sides of the triangle
   EXPECT_NEAR(far.distance_m[place(2, 2, 4)], 0.25F, 1e-6F);
   EXPECT_NEAR(far.distance_m[place(0, 4, 3)], 0.25F, 1e-6F);
@@ -72,11 +72,11 @@ TEST(Reach, GoesThroughADoorThatIsWideEnough) {
   const World closed(two_rooms(0.5F));
   for (const World* world : {&open, &closed}) {
     Reach reach(*world, drone, {2, 0.8F, 1}, world->bounds(), 0.2F);
-    for (int i = 0; i < 3; ++i) {  // what is known from before changes nothing
+    for (int i = 0; i < 3; ++i) {  // repeated queries agree
       EXPECT_EQ(reach.includes({8, 3, 2}), world == &open);
       EXPECT_TRUE(reach.includes({1, 3, 2}));
       EXPECT_EQ(reach.includes({9, 1, 1}), world == &open);
-      EXPECT_FALSE(reach.includes({5, 0.5F, 1}));  // in the wall
+      EXPECT_FALSE(reach.includes({5, 0.5F, 1}));  // inside the wall
     }
   }
 }
@@ -94,7 +94,7 @@ TEST(Reach, DrawnMarkersAreOnTheSameSide) {
 TEST(WorldReport, CountsEdgesOfWeldedTriangles) {
   SceneDescription scene;
   scene.mesh.vertices = {{0, 0, 0}, {1, 0, 0}, {0, 1, 0}, {1, 0, 0}, {0, -0.0F, 0}, {0, 0, 1}, {0, 0, 0}, {1, 0, 0}, {0, -1, 0}};
-  scene.mesh.triangles = {{0, 1, 2}, {3, 4, 5}, {6, 7, 8}};  // three that share an edge
+  scene.mesh.triangles = {{0, 1, 2}, {3, 4, 5}, {6, 7, 8}};  // three triangles with a common edge
   const WorldReport report = check(World(scene), DroneModel::quadrotor650());
   EXPECT_EQ(report.crowded_edges, 1U);
   EXPECT_EQ(report.open_edges, 6U);

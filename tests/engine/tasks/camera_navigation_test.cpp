@@ -1,4 +1,4 @@
-// The navigation tasks that observe a camera, and frame skip.
+// Navigation tasks that observe a camera, and frame skip.
 #include <gtest/gtest.h>
 
 #include <algorithm>
@@ -31,7 +31,7 @@ using testing::same_drones;
 
 constexpr std::size_t kRays = 20;
 
-// White and large enough that the goal is seen over some steps, small enough that flights end soon in every way.
+// A white room, large enough to see the goal for several steps, and small enough that flights soon end in every possible way.
 std::shared_ptr<const World> parlour(float pillar_y) {
   SceneDescription description;
   description.materials = {{"white", {0.9F, 0.9F, 0.9F}}, {"pillar", {0.35F, 0.45F, 0.6F}}};
@@ -70,7 +70,7 @@ constexpr std::size_t kImage = 3 * 32 * 24;
 constexpr ObservationKind kKinds[] = {ObservationKind::blob, ObservationKind::pixels};
 constexpr AutoresetMode kModes[] = {AutoresetMode::next_step, AutoresetMode::same_step, AutoresetMode::disabled};
 
-// Mostly forward, and more to the left: so that goals are reached and overshoot, and walls hit.
+// Mainly forward, with more left than right turns, so that drones reach goals, overshoot and hit walls.
 std::int64_t action_of(Random& random) {
   const auto number = random.generator()() % 10;
   return number < 5 ? 0 : number < 8 ? 1 : 2;
@@ -82,7 +82,7 @@ std::vector<std::uint64_t> seeds_from(std::uint64_t first, std::size_t count) {
   return seeds;
 }
 
-// A row of an observation, of all its fields.
+// Returns a row of all fields of an observation as bytes.
 std::vector<std::byte> row_of(const std::vector<Buffer>& observation, std::size_t env) {
   std::vector<std::byte> bytes;
   for (const Buffer& field : observation) {
@@ -160,9 +160,9 @@ TEST(CameraNavigation, TheBlobIsWhereTheGoalIs) {
     Batch batch = config.make(
         {make_world({primitive(PrimitiveKind::room, {6, 5, 2}, {6, 5, 2})}, {.start = start, .goal = Vec3(start + offset)})});
     batch.reset({});
-    // Left is positive y, and to the left is negative in the image, which is 90 degrees wide.
+    // Left is +y in the world and negative in the image, which is 90 degrees wide.
     EXPECT_NEAR(batch.outputs().observation[0].row<float>(0)[0], -offset.y() / offset.x(), 0.005) << aside;
-    // A sphere aside is drawn longer, away from the centre.
+    // Off the centre, a sphere is stretched away from the centre.
     const float height = 2.0F * 0.25F / offset.x() * 320.0F;  // px
     const float width = height * offset.norm() / offset.x();
     EXPECT_NEAR(batch.outputs().observation[0].row<float>(0)[1] * 640.0F * 480.0F, width * height, 2.0F * (width + height))
@@ -199,14 +199,14 @@ TEST(CameraNavigation, PixelsAreTheCamerasImage) {
 }
 
 TEST(CameraNavigation, TheLastImageOfAnEpisodeIsKeptBesideTheResetsOne) {
-  // In the mode `disabled` nothing is reset, so what is there after the end is what the episode ended with.
+  // In the mode `disabled` nothing is reset, so the final state stays visible.
   for (const ObservationKind kind : kKinds) {
     constexpr std::size_t kDrones = 12;
     Batch kept = camera_batch(kDrones, kind, AutoresetMode::disabled).make(parlours());
     Batch batch = camera_batch(kDrones, kind).make(parlours());
     Batch next = camera_batch(kDrones, kind).make(parlours());
     for (Batch* each : {&kept, &batch, &next}) each->reset(seeds_from(3, kDrones));
-    next.reset({});  // the second episodes
+    next.reset({});  // advances to the second episodes
     Random random(2);
     std::vector<std::int64_t> actions(kDrones);
     std::size_t ended = 0;
@@ -227,7 +227,7 @@ TEST(CameraNavigation, TheLastImageOfAnEpisodeIsKeptBesideTheResetsOne) {
   }
 }
 
-// -- The same bits.
+// -- The same bits with any neighbours.
 
 TEST(CameraNavigation, AnEnvOfManyIsTheEnvAlone) {
   constexpr std::size_t kDrones = 11;
@@ -311,7 +311,7 @@ TEST(CameraNavigation, ModesAgreeButForTheResetRows) {
         batch.step(std::span<const std::int64_t>(actions));
         const Outputs& out = batch.outputs();
         for (std::size_t i = 0; i < kDrones; ++i) {
-          if (mode == AutoresetMode::next_step && ended[i]) {  // the reset row
+          if (mode == AutoresetMode::next_step && ended[i]) {  // reset row
             add(i, false, 0, 0, 0);
             ended[i] = 0;
             continue;
@@ -516,7 +516,7 @@ TEST(CameraNavigation, AStepWithConvertedImagesAllocatesNothingAndHasTheSameBits
   }
 }
 
-// -- What cannot be.
+// -- Refusals.
 
 TEST(CameraNavigation, RefusesABatchItCannotObserve) {
   const Batch::Worlds worlds{parlour(1)};

@@ -26,14 +26,14 @@ namespace {
 using testing::Random;
 
 using Color = std::array<float, 3>;   // linear
-using Pixel = std::array<double, 3>;  // as written, before rounding
+using Pixel = std::array<double, 3>;  // sRGB levels before rounding
 constexpr Color kGoal = render::kGoalColor;
 constexpr Color kWhite{0.9F, 0.9F, 0.9F};
 constexpr Color kPillar{0.35F, 0.45F, 0.6F};
 constexpr Color kRed = render::kStartColor;
 constexpr Color kYellow = render::kWaypointColor;
 
-// The light formula of world.hpp: a surface whose normal has that z and that cosine to the sun.
+// The light formula of world.hpp for a normal with this z and this cosine to the sun.
 Pixel shown(const Color& base, double normal_z, double sun_cosine) {
   const Light light;
   Pixel pixel;
@@ -107,7 +107,7 @@ bool is_green(const Pixel& pixel) {
   return image.blob().found;
 }
 
-// Pixel by pixel, in whole numbers.
+// Finds the box pixel by pixel in integers.
 ColorBlob by_brute_force(Image& image) {
   int left = image.width, top = image.height, right = -1, bottom = -1;
   for (int y = 0; y < image.height; ++y) {
@@ -144,7 +144,7 @@ void expect_same(const ColorBlob& a, const ColorBlob& b) {
 
 constexpr ImageLayout kLayouts[] = {ImageLayout::hwc, ImageLayout::chw};
 
-// -- The box.
+// -- Bounding box.
 
 TEST(GreenBlob, OfABoxByHand) {
   for (const ImageLayout layout : kLayouts) {
@@ -159,7 +159,7 @@ TEST(GreenBlob, OfABoxByHand) {
     EXPECT_EQ(blob.y, 10);
     EXPECT_EQ(blob.width, 8);
     EXPECT_EQ(blob.height, 4);
-    EXPECT_EQ(blob.offset, 0.375F);  // the centre is at 44 px: 12 of 32 to the right
+    EXPECT_EQ(blob.offset, 0.375F);  // centre at 44 px: 12 of 32 to the right
     EXPECT_EQ(blob.area, 32.0F / 3072.0F);
   }
 }
@@ -193,7 +193,7 @@ TEST(GreenBlob, OffsetReachesFromEdgeToEdge) {
   }
 }
 
-// -- What is green.
+// -- Green threshold.
 
 TEST(GreenBlob, TheGoalIsGreenInEveryLight) {
   for (const Pixel& pixel : in_every_light(kGoal)) EXPECT_TRUE(is_green(pixel)) << pixel[0] << ' ' << pixel[1] << ' ' << pixel[2];
@@ -234,11 +234,11 @@ TEST(GreenBlob, APartlyCoveredPixelCountsFromAboutAHalf) {
   }
 }
 
-// -- Against the oracle.
+// -- Comparison with brute force.
 
 void agrees_with_brute_force() {
   Random random(1);
-  ColorBlobScratch scratch;  // one for all sizes, as of a worker
+  ColorBlobScratch scratch;  // shared by all sizes, as in a worker
   int found = 0;
   for (int trial = 0; trial < 400; ++trial) {
     const bool large = trial % 50 == 0;
@@ -246,7 +246,7 @@ void agrees_with_brute_force() {
     const int height = 1 + static_cast<int>(random.generator()() % (large ? 400 : 30));
     for (const ImageLayout layout : kLayouts) {
       Image image(width, height, layout);
-      // Dim noise, in which green is rare, and now and then every colour.
+      // Dim noise with rare green, sometimes every colour.
       const unsigned range = trial % 3 == 0 ? 256 : 20;
       for (auto& byte : image.bytes) byte = static_cast<std::uint8_t>(random.generator()() % range);
       const ColorBlob blob = image.blob(scratch);
@@ -298,7 +298,7 @@ TEST(GreenBlob, EveryTripleOfChannelsNearTheThreshold) {
 
 // -- Any colour, and OpenCV's inRange and connectedComponentsWithStats.
 
-// The box around all components.
+// Returns the box around all components.
 ColorBlob by_opencv(const Image& image, const ColorRange& range) {
   const imaging::ColorComponents found = imaging::find_components(image.bytes, image.width, image.height, image.layout, range);
   if (found.list.empty()) return {};
@@ -320,7 +320,7 @@ ColorBlob by_opencv(const Image& image, const ColorRange& range) {
           .area = static_cast<float>((right - left) * (bottom - top)) / pixels};
 }
 
-// Pictures of a few patches of colour on walls, with noise.
+// Draws a few patches of colour on walls, with noise.
 Image painted(Random& random, int width, int height, ImageLayout layout) {
   Image image(width, height, layout);
   const auto below = [&](int end) { return static_cast<int>(random.generator()() % static_cast<unsigned>(end)); };
@@ -347,7 +347,7 @@ const ColorRange kRanges[] = {
     {ColorSpace::rgb, {100, 20, 0}, {255, 120, 110}},
     {ColorSpace::rgb, {0, 0, 0}, {255, 255, 255}},
     {ColorSpace::hsv, {45, 80, 20}, {75, 255, 255}},
-    {ColorSpace::hsv, {170, 100, 20}, {10, 255, 255}},  // red, around the end of the circle
+    {ColorSpace::hsv, {170, 100, 20}, {10, 255, 255}},  // red, across the wrap of the hue
     {ColorSpace::hsv, {91, 0, 0}, {90, 255, 255}},      // every hue
 };
 
@@ -358,7 +358,7 @@ void agrees_with_opencv(int frames) {
   for (int frame = 0; frame < frames; ++frame) {
     const Image image = painted(random, frame % 7 == 0 ? 5 : 64, 16, kLayouts[frame % 2]);
     for (std::size_t i = 0; i < std::size(kRanges); ++i) {
-      if (i > 0 && frame % 10 != 0) continue;  // green in every frame, others in some
+      if (i > 0 && frame % 10 != 0) continue;  // green in every frame, the others in every tenth
       const ColorBlob blob = find_color(image.bytes, image.width, image.height, image.layout, kRanges[i], scratch);
       const ColorBlob expected = by_opencv(image, kRanges[i]);
       expect_same(blob, expected);
@@ -383,7 +383,7 @@ TEST(ColorBlob, GreenByItsRangeIsGreenByItsOwnKernel) {
   Random random(8);
   ColorBlobScratch scratch, other;
   ColorRange same;
-  same.high[1] = 254;  // another range, of the general kernel; an excess of 255 needs black beside it, which no patch is
+  same.high[1] = 254;  // Selects the general kernel. An excess of 255 needs black beside it, which no patch has.
   for (int frame = 0; frame < 1000; ++frame) {
     const Image image = painted(random, 64, 48, kLayouts[frame % 2]);
     expect_same(find_color(image.bytes, 64, 48, image.layout, same, scratch), image.blob(other));
@@ -393,7 +393,7 @@ TEST(ColorBlob, GreenByItsRangeIsGreenByItsOwnKernel) {
 
 TEST(ColorComponents, HaveBoxCentreAndArea) {
   Image image(20, 10, ImageLayout::hwc);
-  for (int x = 3; x < 7; ++x) image.set(x, 2, {0, 200, 0});  // touches the next at a corner
+  for (int x = 3; x < 7; ++x) image.set(x, 2, {0, 200, 0});  // touches the next pixel at a corner
   image.set(7, 3, {0, 200, 0});
   image.set(15, 8, {0, 200, 0});
   const imaging::ColorComponents found = imaging::find_components(image.bytes, 20, 10, image.layout, ColorRange());

@@ -26,7 +26,7 @@ constexpr float kSpinUnit = 10.0F;
 constexpr RotorUnits kRotorUnits{1500.0F, 1.0F / 1300.0F, 1.0F / 900.0F};
 constexpr double kReach = 0.1;  // m
 
-// Sixteen drones in flight, from near the point they hold to far away.
+// Sixteen drones in flight, at distances from very near to far from the point that they hold.
 struct Flights {
   explicit Flights(unsigned seed) {
     Random random(seed);

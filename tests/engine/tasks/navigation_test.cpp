@@ -35,14 +35,14 @@ using testing::same_drone;
 using testing::same_drones;
 using testing::values_of;
 
-// Places and steps that float32 has exactly, so that a radius is met exactly.
+// Positions and steps that are exact in float32, so that radii are hit exactly.
 constexpr float kStep = 0.125F;
 const Vec3 kStart(5, 10, 5);
 const Vec3 kFirst(7, 10, 5);
 const Vec3 kSecond(7, 13, 5);
 const Vec3 kGoal(10, 13, 5);
 
-// A hall of 20 x 20 x 10 m, empty: from its middle nothing is within the LiDAR's 3 m.
+// An empty hall of 20 x 20 x 10 m. In its middle nothing is within the LiDAR's range of 3 m.
 std::shared_ptr<const World> hall(std::vector<Vec3> waypoints = {kFirst, kSecond}, const Vec3& goal = kGoal) {
   return make_world({primitive(PrimitiveKind::room, {10, 10, 5}, {10, 10, 5})},
                     {.start = kStart, .waypoints = std::move(waypoints), .goal = goal});
@@ -51,11 +51,11 @@ std::shared_ptr<const World> hall(std::vector<Vec3> waypoints = {kFirst, kSecond
 NavigationBatch one_drone(const LidarConfig& lidar = {}) {
   NavigationBatch config = navigation_batch(1, lidar);
   config.navigation.step_m = kStep;
-  config.episode.autoreset_mode = AutoresetMode::disabled;  // what ended stays to be looked at
+  config.episode.autoreset_mode = AutoresetMode::disabled;  // keeps the final state visible
   return config;
 }
 
-// In the order of NavigationReward's weights.
+// The order of NavigationReward's weights.
 enum Term { kDistance, kCrash, kFreeSpace, kStepNumber, kActionChange, kOvershoot, kNumTerms };
 using Terms = std::array<float, kNumTerms>;
 
@@ -69,7 +69,7 @@ class Flight {
   void put(const Vec3& position, const Quat& q = Quat::Identity()) {
     batch.set_pose(std::span(position.data(), 3), std::vector<float>{q.w(), q.x(), q.y(), q.z()});
   }
-  // Returns the terms of the reward.
+  // Takes a step and returns the terms of its reward.
   Terms step(std::int64_t action) {
     batch.step(std::span<const std::int64_t>(&action, 1));
     return terms();
@@ -108,20 +108,21 @@ void expect_goal_direction(const Flight& flight, const Vec3& in_body) {
   EXPECT_LT((seen - in_body.normalized()).norm(), 1e-6F) << seen.transpose();
 }
 
-// -- The reward.
+// -- Reward.
 
 TEST(NavigationReward, OfAFlightInTheOpenByHand) {
   Flight flight(one_drone());
-  // 2 m from the first waypoint, then 1.875 m: 12.5 cm nearer, all ranges 1, step number 0, and a first action is a change.
+  // From 2 m to 1.875 m before the first waypoint: 12.5 cm closer, all ranges 1, step number 0. The first action counts as a
+  // change.
   auto terms = flight.step(0);
   EXPECT_EQ(terms, (Terms{12.5F, 0.0F, 1.0F, 0.0F, -1.0F, 0.0F}));
   EXPECT_EQ(flight.out().reward[0], 12.5F);
-  // The same action again: no change, step number 1.
+  // Same action: no change, step number 1.
   terms = flight.step(0);
   EXPECT_FLOAT_EQ(terms[kStepNumber], -1.0F / 3000.0F);
   EXPECT_EQ(terms[kActionChange], 0.0F);
   EXPECT_FLOAT_EQ(flight.out().reward[0], 13.5F - 1.0F / 3000.0F);
-  // Sideways, from (1.75, 0) to (1.75, -0.125) m off: a little farther.
+  // Sideways, from (1.75, 0) to (1.75, -0.125) m off: slightly farther.
   terms = flight.step(2);
   EXPECT_FLOAT_EQ(terms[kDistance], static_cast<float>(100.0 * (1.75 - std::hypot(1.75, 0.125))));
   EXPECT_FLOAT_EQ(terms[kStepNumber], -2.0F / 3000.0F);
@@ -133,7 +134,7 @@ TEST(NavigationReward, OfAFlightInTheOpenByHand) {
 }
 
 TEST(NavigationReward, AWeightIsThatOfItsTermAlone) {
-  // The second step of a flight into a corner, past the goal, where every term is something.
+  // The second step of a flight into a corner beyond the goal, where every term is nonzero.
   const auto terms_with = [](float NavigationReward::* weight, float value) {
     NavigationBatch config = one_drone();
     NavigationReward& reward = config.navigation.reward;
@@ -170,9 +171,9 @@ TEST(NavigationReward, AWaypointIsReachedWithinTheRadius) {
     config.navigation.reward.carry_over_distance = carry_over_distance;
     Flight flight(config);
     flight.put({6.25F, 10, 5});
-    EXPECT_EQ(flight.step(0)[kDistance], 100.0F * (2.0F - 0.625F));  // at 0.625 m: not yet
+    EXPECT_EQ(flight.step(0)[kDistance], 100.0F * (2.0F - 0.625F));  // at 0.625 m: not reached yet
     EXPECT_EQ(flight.goal_index(), 0);
-    // At 0.5 m exactly: R * share / 2 waypoints, and from now on the second one counts.
+    // At exactly 0.5 m the term is R * share / 2 waypoints, and the second waypoint becomes the target.
     EXPECT_FLOAT_EQ(flight.step(0)[kDistance], 500.0F);
     EXPECT_EQ(flight.goal_index(), 1);
     expect_flags(flight, false, false, false, false);
@@ -186,7 +187,7 @@ TEST(NavigationReward, AWaypointIsReachedWithinTheRadius) {
 TEST(NavigationReward, TheGoalCountsAfterTheWaypoints) {
   Flight flight(one_drone());
   flight.put(kGoal);
-  EXPECT_LT(flight.step(0)[kDistance], 0.0F);  // there too early: only farther from the first waypoint
+  EXPECT_LT(flight.step(0)[kDistance], 0.0F);  // the waypoints come first: only the distance to the first one grows
   expect_flags(flight, false, false, false, false);
   for (const Vec3& waypoint : {kFirst, kSecond}) {
     flight.put(waypoint);
@@ -218,7 +219,7 @@ TEST(NavigationReward, ACrashCostsWhatTheGoalEarnsAndIsNoSuccess) {
 }
 
 TEST(NavigationReward, NearnessAndFreeSpaceByHandWhicheverBeamIsNear) {
-  // One beam ahead to a wall at 0.5 m, the others sideways into the open: l is 1/6 and 1s. M is 0.2.
+  // One beam hits a wall 0.5 m ahead, the others point sideways into the open: the ranges l are 1/6 and 1. M is 0.2.
   for (std::size_t beams = 1; beams <= 9; ++beams) {
     for (std::size_t near = 0; near < beams; ++near) {
       SCOPED_TRACE(std::to_string(near) + " of " + std::to_string(beams));
@@ -245,7 +246,7 @@ TEST(NavigationReward, ClearanceAtTheLimitCostsNothing) {
   config.navigation.reward.min_clearance = 0.25F;
   Flight flight(config);
   flight.put({19, 10, 5});
-  EXPECT_EQ(flight.step(2)[kCrash], 0.0F);  // at 1 m of 4
+  EXPECT_EQ(flight.step(2)[kCrash], 0.0F);  // at 1 m of 4 m
   flight.put({18.875F, 10, 5});
   EXPECT_FLOAT_EQ(flight.step(0)[kCrash], 0.0F);
   EXPECT_FLOAT_EQ(flight.step(0)[kCrash], 0.875F / 4.0F - 0.25F);
@@ -266,7 +267,7 @@ TEST(NavigationReward, AnActionIsAChangeIfAnyOfItIs) {
     EXPECT_EQ(flight.step(action)[kActionChange], 0.0F) << k;
   }
   flight.batch.reset({});
-  EXPECT_EQ(flight.step(action)[kActionChange], -1.0F);  // the first of an episode
+  EXPECT_EQ(flight.step(action)[kActionChange], -1.0F);  // first action of an episode
 }
 
 TEST(NavigationReward, OvershootningTheGoal) {
@@ -276,7 +277,7 @@ TEST(NavigationReward, OvershootningTheGoal) {
     config.navigation.reward.overshoot_weight = weight;
     Flight flight(config);
     flight.put({7.375F, 15, 5});
-    EXPECT_EQ(flight.step(0)[kOvershoot], 0.0F);  // at 7.5, the waypoint's x and the radius: not beyond
+    EXPECT_EQ(flight.step(0)[kOvershoot], 0.0F);  // x is 7.5, the waypoint's x plus the radius: not beyond it
     expect_flags(flight, false, false, false, false);
     EXPECT_EQ(flight.step(0)[kOvershoot], -1000.0F * weight);
     expect_flags(flight, weight != 0.0F, false, false, false);
@@ -305,7 +306,7 @@ TEST(NavigationReward, ScalesAndSharesAreAsConfigured) {
 
 TEST(NavigationAction, DiscreteOnesAreStepsAlongTheBodysAxes) {
   Flight flight(one_drone());
-  // Turned a quarter to the left: forward is +y, left is -x.
+  // Rotated a quarter turn to the left: forward is +y, left is -x.
   const Quat left(Eigen::AngleAxisf(std::numbers::pi_v<float> / 2.0F, Vec3::UnitZ()));
   const std::array<Vec3, 6> along{Vec3(0, 1, 0), Vec3(0, -1, 0), Vec3(-1, 0, 0), Vec3(1, 0, 0), Vec3(0, 0, 1), Vec3(0, 0, -1)};
   for (std::size_t action = 0; action < 6; ++action) {
@@ -403,7 +404,7 @@ TEST(NavigationEpisode, StaggeredLimitsAreOfTheFirstEpisodeAlone) {
   config.episode.autoreset_mode = AutoresetMode::same_step;
   config.episode.max_episode_steps = kLimit;
   config.episode.stagger_first_episode = true;
-  const auto lengths = [&] {  // of the first two episodes of each
+  const auto lengths = [&] {  // lengths of the first two episodes of each env
     Batch batch = config.make({hall()});
     batch.reset({});
     std::vector<std::vector<std::int64_t>> ended(kDrones);
@@ -442,7 +443,7 @@ NavigationBatch lively(int num_envs, AutoresetMode mode) {
   return config;
 }
 
-// Among 120 pillars the rays go through Embree, elsewhere they are traced directly.
+// Among 120 pillars rays go through Embree, in the other worlds they are traced directly.
 Batch::Worlds lively_worlds() {
   static const auto one = flockstep::playground({.seed = 1, .pillars = 120});
   static const auto other = flockstep::playground({.seed = 2, .pillars = 120});
@@ -507,7 +508,7 @@ TEST(NavigationAutoreset, DisabledLeavesAFinishedEnvAlone) {
       const auto terms = std::span(out.reward_terms).subspan(i * kNumTerms, kNumTerms);
       if (when_it_ended[i].empty()) {
         EXPECT_NE(out.reward[i], 0.0F);
-        // As it is, but for the reward.
+        // Keep the row without its reward.
         const float reward = std::exchange(out.reward[i], 0.0F);
         const std::vector<float> kept(terms.begin(), terms.end());
         std::fill(terms.begin(), terms.end(), 0.0F);
@@ -522,7 +523,7 @@ TEST(NavigationAutoreset, DisabledLeavesAFinishedEnvAlone) {
         ASSERT_TRUE(bytes_of(batch, i) == when_it_ended[i]) << "env " << i << " changed after its end";
       }
     }
-    // Now and then some of the finished are reset; the others stay.
+    // Occasionally reset some of the finished envs. The others must not change.
     if (step % 20 != 19) continue;
     std::vector<std::uint8_t> mask(kDrones, 0);
     for (std::size_t i = 0; i < kDrones; i += 2) mask[i] = !when_it_ended[i].empty();
@@ -542,7 +543,7 @@ TEST(NavigationAutoreset, DisabledLeavesAFinishedEnvAlone) {
 }
 
 TEST(NavigationAutoreset, ModesAgreeButForTheResetRows) {
-  // Actions are functions of (env, episode, step), so each env lives the same episodes in every mode.
+  // Actions are functions of (env, episode, step), so each env has the same episodes in every mode.
   constexpr std::size_t kDrones = 16;
   struct Row {
     std::vector<float> observation;
@@ -574,7 +575,7 @@ TEST(NavigationAutoreset, ModesAgreeButForTheResetRows) {
       batch.step(std::span<const std::int64_t>(actions));
       const Outputs& out = batch.outputs();
       for (std::size_t i = 0; i < kDrones; ++i) {
-        if (mode == AutoresetMode::next_step && ended[i]) {  // the reset row
+        if (mode == AutoresetMode::next_step && ended[i]) {  // reset row
           observe(i);
           ended[i] = 0;
           continue;
@@ -635,7 +636,7 @@ TEST(NavigationRandom, WorldsAndStartsAreDrawnBySeed) {
     EXPECT_FALSE(testing::overlaps(*worlds[index], batch.drone(), {.position = start})) << i;
   }
   for (const int count : visits) EXPECT_NEAR(count, 100, 40);  // five standard deviations
-  // The start has nothing to do with which world it is in: in each, it is anywhere in the box.
+  // The start is independent of the world: in each world, starts cover the whole box.
   for (std::int32_t world = 0; world < 3; ++world) {
     const Aabb& box = worlds[static_cast<std::size_t>(world)]->markers().spawn_box.value();
     for (std::size_t axis = 0; axis < 3; ++axis) {
@@ -657,14 +658,14 @@ TEST(NavigationRandom, WorldsAndStartsAreDrawnBySeed) {
   for (std::size_t i = 0; i < kDrones; ++i) distinct.insert(position[3 * i]);
   EXPECT_GT(distinct.size(), 290U);
 
-  batch.reset({});  // the next episodes are others
+  batch.reset({});  // advances to other episodes
   int stayed = 0;
   for (std::size_t i = 0; i < kDrones; ++i) stayed += position[3 * i] == batch.state().position[3 * i];
   EXPECT_LT(stayed, 10);
   EXPECT_NE(world_index, batch.state().world_index);
   const std::vector<float> second = batch.state().position;
 
-  batch.reset(seeds);  // and the first again
+  batch.reset(seeds);  // back to the first episodes
   EXPECT_EQ(world_index, batch.state().world_index);
   EXPECT_EQ(position, batch.state().position);
   batch.reset({});
@@ -677,7 +678,7 @@ TEST(NavigationRandom, WorldsAndStartsAreDrawnBySeed) {
 }
 
 TEST(NavigationRandom, StartsTouchNothing) {
-  // A pillar in the middle of the spawn box, of which it takes about a tenth.
+  // A pillar in the middle of the spawn box that takes about a tenth of it.
   const auto world =
       make_world({primitive(PrimitiveKind::room, {10, 10, 5}, {10, 10, 5}),
                   primitive(PrimitiveKind::cylinder, {10, 10, 5}, {0.25F, 0.25F, 5})},
@@ -751,7 +752,7 @@ TEST(NavigationRandom, AnEnvOfManyIsTheEnvAlone) {
   }
 }
 
-// -- Worlds that cannot be flown.
+// -- Worlds that are not navigable.
 
 TEST(Navigation, RefusesAWorldWithoutMarkers) {
   const NavigationBatch config = one_drone();

@@ -1,4 +1,4 @@
-// A task from outside the engine, tests/tasks/reach_height.cpp, in a batch.
+// An external task, tests/tasks/reach_height.cpp, in a batch.
 #include "../tasks/reach_height.cpp"
 
 #include <gtest/gtest.h>
@@ -28,7 +28,7 @@ using testing::task_array;
 
 constexpr std::size_t kEnvs = 10;
 
-// Of one height or another; a flight may end at any side of them.
+// Two shafts of different heights. A flight may end at any of their sides.
 Batch::Worlds shafts() {
   static const Batch::Worlds worlds{
       testing::make_world({primitive(PrimitiveKind::room, {0, 0, 2}, {1.5F, 1.5F, 2})}, {.start = Vec3(0, 0, 1)}),
@@ -46,7 +46,7 @@ BatchConfig config_of(std::size_t num_envs, AutoresetMode mode = AutoresetMode::
 
 Batch make(const BatchConfig& config) { return Batch(config, shafts(), std::unique_ptr<Task>(flockstep_make_task())); }
 
-// Upwards on the whole, aside now and then.
+// Mainly upwards, with random sideways motion.
 std::vector<float> random_actions(Random& random, std::size_t num_envs) {
   std::vector<float> actions;
   for (std::size_t i = 0; i < num_envs; ++i) {
@@ -133,7 +133,7 @@ TEST(ReachHeight, IsResetInEveryMode) {
     for (int step = 0; step < 300; ++step) {
       batch.step(random_actions(random, kEnvs));
       const Outputs& out = batch.outputs();
-      const auto begins = [&](std::size_t env) {  // what the first observation of an episode shows
+      const auto begins = [&](std::size_t env) {  // matches the first observation of an episode
         const auto seen = batch.outputs().observation[0].row<float>(env);
         const Vec3 start = *batch.worlds()[static_cast<std::size_t>(batch.state().world_index[env])]->markers().start;
         return seen[0] == 2.0F && seen[1] == start.z() && Vec3(&batch.state().position[3 * env]) == start;

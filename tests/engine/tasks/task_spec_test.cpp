@@ -1,4 +1,4 @@
-// What a batch asks of what a task declares and names, whatever the task.
+// Checks that a batch makes on the specification and names of any task.
 #include <gtest/gtest.h>
 
 #include <cmath>
@@ -18,7 +18,7 @@ namespace {
 
 using testing::primitive;
 
-// Stands still, says nothing, and keeps an array that has the name of one of the batch's.
+// A task that stands still, observes nothing, and has an array with the same name as one of the batch's.
 class Still final : public Task {
  public:
   explicit Still(TaskSpec spec) : spec_(std::move(spec)) {}
@@ -39,7 +39,7 @@ class Still final : public Task {
   void observe(const TaskBlock&, std::span<Buffer>) override {}
   void visit(ArrayVisitor& visitor) override { visitor.array("world_index", odd_); }
 
-  std::vector<std::uint8_t> odd_ = {255, 255, 255};  // no indices, nor a multiple of four bytes
+  std::vector<std::uint8_t> odd_ = {255, 255, 255};  // not valid indices, and not a multiple of four bytes
 
  private:
   TaskSpec spec_;

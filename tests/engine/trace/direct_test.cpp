@@ -44,7 +44,7 @@ using testing::same_bits;
 
 constexpr float kInfinity = std::numeric_limits<float>::infinity();
 
-// All kinds in turn, half of them aligned with the axes, sizes over two decades.
+// Makes primitives of all kinds in turn, half of them axis-aligned, with sizes over two decades.
 std::vector<Primitive> random_primitives(Random& random, int count, bool with_room) {
   using enum PrimitiveKind;
   std::vector<Primitive> primitives;
@@ -63,20 +63,20 @@ std::vector<Primitive> random_primitives(Random& random, int count, bool with_ro
   return primitives;
 }
 
-// One bundle and one block, and where the answers of each come from.
+// A bundle and a block, and the data that the tracing paths need.
 struct Probe {
   RayBundle bundle;
   CandidateSet candidates;
   Tracer tracer;
 
-  // Directly, by way of gathering; false if too much is in view.
+  // Gathers candidates and traces directly. Returns false if too much is in view.
   bool directly(const Scene& scene) {
     const FlushDenormals flush;
     scene.gather(bundle.origin, 0.0F, bundle.range, false, candidates);
     return !candidates.crowded && trace_direct(std::span(candidates.list).first(candidates.count), kMaxDirect, bundle);
   }
   const RayBlock& block() { return tracer.block(); }
-  // The same rays as a block.
+  // Traces the same rays as a block.
   void as_block(const Scene& scene) {
     testing::copy(bundle, tracer.block());
     const FlushDenormals flush;
@@ -84,8 +84,8 @@ struct Probe {
   }
 };
 
-// -- The three ways agree: bundles traced directly, blocks (through Embree where the world has more than kMaxDirectAnyOrigin
-// primitives, else without origin or frustum in common), and closed forms in double precision.
+// -- Three results agree: bundles traced directly, blocks, and closed forms in double precision. Blocks go through Embree if
+// the world has more than kMaxDirectAnyOrigin primitives. Otherwise they are traced without a common origin or frustum.
 
 std::size_t rays_wanted() {
 #if defined(NDEBUG)
@@ -98,21 +98,21 @@ std::size_t rays_wanted() {
 
 struct Deviation {
   std::size_t compared = 0;
-  double worst = 0.0;          // m, over max(1 m, range), of clear-cut hits
-  double worst_grazing = 0.0;  // the same of grazing ones, over how many times steeper than a clear-cut one they may be
+  double worst = 0.0;          // m, relative to max(1 m, range), for clear-cut hits
+  double worst_grazing = 0.0;  // same for grazing hits, divided by steepness over kSteep
 };
 
 struct Tally {
   std::size_t rays = 0, hits = 0;
-  std::size_t unclear = 0;  // an edge, a silhouette or the end of the range is near
+  std::size_t unclear = 0;  // near an edge, a silhouette or the end of the range
   std::size_t grazing = 0;  // clear of those, but at a grazing angle
   Deviation direct, by_embree, by_list;
 };
 
 constexpr double kTolerance = 1e-5;  // relative, or m
-constexpr double kSteep = 5.0;       // as oracle::is_clear_cut has it
+constexpr double kSteep = 5.0;       // as in oracle::is_clear_cut
 
-// One way's answer for a ray that is clear of edges. False if it is wrong.
+// Checks one path's result for a ray that is clear of edges.
 ::testing::AssertionResult agrees(float t, std::int32_t element, const oracle::Hit& expected, double steepness, Deviation& seen) {
   ++seen.compared;
   if (element != expected.element) {
@@ -131,7 +131,7 @@ constexpr double kSteep = 5.0;       // as oracle::is_clear_cut has it
   return ::testing::AssertionFailure() << t << " m, expected " << expected.t << " m, steepness " << steepness;
 }
 
-// Directions of one bundle: a LiDAR's fan, a tile of a camera, or all around.
+// Returns the directions of a bundle: a LiDAR's fan, a camera's tile, or all around.
 Directions random_directions(Random& random) {
   switch (random.generator()() % 4) {
     case 0:
@@ -212,7 +212,7 @@ TEST(Agreement, DirectlyThroughEmbreeAndByClosedForms) {
   testing::tried("rays", static_cast<long>(tally.rays));
 }
 
-// -- Single rays with care, asked in every way there is.
+// -- Single rays in special positions, through every tracing path.
 
 struct Answer {
   std::string way;
@@ -220,8 +220,8 @@ struct Answer {
   std::int32_t element;
 };
 
-// Discs too far off to be hit, which come after all other primitives: with them the world's rays go through Embree, and bundles
-// are culled by their frustum.
+// Appends discs that are too far away to be hit. With them the world's rays go through Embree, and bundles are culled by their
+// frustum.
 std::vector<Primitive> with_company(std::vector<Primitive> primitives) {
   for (std::size_t i = 0; i <= kMaxDirectAnyOrigin; ++i) {
     primitives.push_back(primitive(PrimitiveKind::disc, {-9e5F, -9e5F, static_cast<float>(i) - 9e5F}, {1e-3F, 1e-3F, 0}));
@@ -236,7 +236,7 @@ class Ways {
 
   const World& world() const { return *alone_; }
 
-  // The direction as it is, unit or not quite.
+  // The direction is not normalised.
   std::vector<Answer> ask(const Vec3& origin, const Vec3& direction, float range) {
     std::vector<Answer> answers;
     const std::vector<float> x(1 + kRayPadding, direction.x()), y(1 + kRayPadding, direction.y()),
@@ -280,7 +280,7 @@ class Ways {
   }
 
  private:
-  Frustum frustum_{};  // of the last bundle, which points to it
+  Frustum frustum_{};  // referenced by the last bundle
   static std::string describe(const Vec3& origin, const Vec3& direction) {
     std::ostringstream text;
     text << " from " << origin.transpose() << " along " << direction.transpose();
@@ -291,7 +291,7 @@ class Ways {
   std::unique_ptr<Probe> probe_ = std::make_unique<Probe>();
 };
 
-// Of each kind one about the origin, of size 2 along x and y, and along z where it has a thickness.
+// One primitive of each kind at the origin. The size is 2 along x and y, and along z if the kind has a thickness.
 std::vector<Primitive> one_of_each() {
   using enum PrimitiveKind;
   return {primitive(room, {0, 0, 0}, {1, 1, 1}),     primitive(box, {0, 0, 0}, {1, 1, 1}),
@@ -336,9 +336,9 @@ TEST(DirectCare, GrazingRays) {
       round->expect_hit({0, 1.0F - gap, 0}, {1, 0, 0}, 5.0F - half_chord, 0.5F * half_chord);
       round->expect_miss({0, 1.0F + gap, 0}, {1, 0, 0});
     }
-    round->expect_hit({0, -1, 0}, {1, 0, 0}, 5.0F, 1e-6F);  // touches
+    round->expect_hit({0, -1, 0}, {1, 0, 0}, 5.0F, 1e-6F);  // tangent
   }
-  // Along a floor, at angles down to a thousandth of a degree: where it is hit lies within 1e-5 m of it.
+  // Nearly along a floor, at angles down to 0.001 degrees. Hit points lie within 1e-5 m of the floor.
   Ways floor({primitive(plane, {0, 0, 0}, {1e5F, 1e5F, 0})});
   for (const double degrees : {10.0, 1.0, 0.1, 0.01, 0.001}) {
     const double angle = degrees * 0.017453292519943295;
@@ -364,8 +364,8 @@ TEST(DirectCare, AlongFacesEdgesAndAxes) {
   box.expect_miss({-4, 2, 0}, {-1, 0, 0});
 
   Ways cylinder({primitive(PrimitiveKind::cylinder, {0, 0, 0}, {1, 1, 3})});
-  cylinder.expect_exactly({1, 0, 9}, {0, 0, -1}, 6);  // down its side
-  cylinder.expect_exactly({0, 0, 9}, {0, 0, -1}, 6);  // down its axis
+  cylinder.expect_exactly({1, 0, 9}, {0, 0, -1}, 6);  // along its side
+  cylinder.expect_exactly({0, 0, 9}, {0, 0, -1}, 6);  // along its axis
   cylinder.expect_exactly({-4, 0, 3}, {1, 0, 0}, 3);  // across its cap
   cylinder.expect_exactly({0, 0, 0}, {0, -0.0F, 1}, 3);
   cylinder.expect_miss({std::nextafter(1.0F, 2.0F), 0, 9}, {0, 0, -1});
@@ -373,11 +373,11 @@ TEST(DirectCare, AlongFacesEdgesAndAxes) {
 
   Ways capsule({primitive(PrimitiveKind::capsule, {0, 0, 0}, {1, 1, 3})});
   capsule.expect_exactly({0, 0, 9}, {0, 0, -1}, 6);
-  capsule.expect_exactly({1, 0, 9}, {0, 0, -1}, 7);  // down its side: where the tube begins
-  capsule.expect_exactly({-4, 0, 2}, {1, 0, 0}, 3);  // across that place
+  capsule.expect_exactly({1, 0, 9}, {0, 0, -1}, 7);  // along its side: hits the start of the tube
+  capsule.expect_exactly({-4, 0, 2}, {1, 0, 0}, 3);  // across the start of the tube
   capsule.expect_miss({std::nextafter(1.0F, 2.0F), 0, 9}, {0, 0, -1});
 
-  // Rays within a sheet meet its rim, as those within a box's face do.
+  // Rays within a sheet hit its rim, like rays within a box's face.
   Ways plane({primitive(PrimitiveKind::plane, {0, 0, 0}, {1, 2, 0})});
   plane.expect_exactly({-4, 1, 0}, {1, 0, 0}, 3);
   plane.expect_exactly({1, 2, 5}, {0, 0, -1}, 5);
@@ -389,7 +389,7 @@ TEST(DirectCare, AlongFacesEdgesAndAxes) {
 }
 
 TEST(DirectCare, ComponentsThatNearlyVanish) {
-  // Cosines of right angles are not 0 but some 1e-17, and products of them reach the smallest floats there are.
+  // Cosines of right angles are about 1e-17 instead of 0, and their products reach the smallest floats.
   for (const Primitive& shape : one_of_each()) {
     SCOPED_TRACE(static_cast<int>(shape.kind));
     Ways ways({shape});
@@ -411,7 +411,7 @@ TEST(DirectCare, ComponentsThatNearlyVanish) {
       }
     }
   }
-  // From within thin tubes, along them.
+  // From inside thin tubes, along them.
   for (const float radius : {1e-6F, 1e-3F, 0.1F}) {
     for (const PrimitiveKind kind : {PrimitiveKind::cylinder, PrimitiveKind::capsule}) {
       Ways tube({primitive(kind, {0, 0, 0}, {radius, radius, 2})});
@@ -436,10 +436,10 @@ TEST(DirectCare, OriginsWithinOnASurfaceAndAtCentres) {
     }
     for (const Vec3& axis : {Vec3(1, 0, 0), Vec3(0, -1, 0), Vec3(0, 0, 1)}) {
       ways.expect_exactly({0, 0, 0}, axis, 1);       // from the centre
-      ways.expect_exactly(0.5F * axis, axis, 0.5F);  // from within
+      ways.expect_exactly(0.5F * axis, axis, 0.5F);  // from inside
       ways.expect_exactly(0.5F * axis, -axis, 1.5F);
       ways.expect_exactly(axis, axis, 0);   // from the surface, outwards
-      ways.expect_exactly(axis, -axis, 0);  // and inwards: there is something at 0
+      ways.expect_exactly(axis, -axis, 0);  // inwards: hit at distance 0
       ways.expect_exactly(2.0F * axis, -axis, 1);
       ways.expect_miss(2.0F * axis, axis);
       ways.expect_miss(std::nextafter(1.0F, 2.0F) * axis, axis);
@@ -499,7 +499,7 @@ TEST(DirectCare, ARangeThatEndsAtTheHit) {
 
 TEST(DirectCare, OfCoincidentSurfacesTheLowerElementIsHit) {
   using enum PrimitiveKind;
-  // Two of the same, and of different kinds where their surfaces coincide: element 0 is the first of them.
+  // Two equal primitives, or two kinds with coincident surfaces. Element 0 is the first of them.
   const std::vector<std::vector<Primitive>> pairs{
       {primitive(room, {0, 0, 0}, {1, 1, 1}), primitive(box, {0, 0, 0}, {1, 1, 1})},
       {primitive(box, {0, 0, 0}, {1, 1, 1}), primitive(box, {0, 0, 0}, {1, 1, 1})},
@@ -524,7 +524,7 @@ TEST(DirectCare, OfCoincidentSurfacesTheLowerElementIsHit) {
         EXPECT_EQ(answer.element, 0) << answer.way;
     }
   }
-  // The same where they are many, in whatever order a tree visits them: blocks of all depths whose tops overlap at z = 1.
+  // Same with many elements, for any order of tree traversal: blocks of different depths whose tops overlap at z = 1.
   std::vector<Primitive> blocks;
   for (int i = 0; i < 22; ++i) {
     const auto sixteenths = [&](float low, float high) { return std::round(random.within(low, high) * 16.0F) / 16.0F; };
@@ -544,7 +544,7 @@ TEST(DirectCare, OfCoincidentSurfacesTheLowerElementIsHit) {
   }
 }
 
-// -- The same bits.
+// -- The same bits with any neighbours.
 
 struct Bits {
   std::vector<float> t;
@@ -586,7 +586,7 @@ TEST(DirectBits, InAnyBundleAtAnyPlaceSeenOrNot) {
     ASSERT_EQ(seen, whole) << "without a frustum";
     culled += probe->candidates.count > 4;
 
-    // From another first ray on, a few at a time: other places in the vectors, and other numbers of them.
+    // Split the set into parts, so rays have other lanes and other counts.
     for (const std::size_t size : {1U, 2U, 7U, 16U, 33U}) {
       Bits parts;
       for (std::size_t first = 0; first < set.size(); first += size) {
@@ -598,7 +598,7 @@ TEST(DirectBits, InAnyBundleAtAnyPlaceSeenOrNot) {
       ASSERT_EQ(parts, whole) << size << " at a time";
     }
 
-    // Among others, with their frustum.
+    // Mixed with other rays of the set, with the frustum of that mix.
     for (int round = 0; round < 4; ++round) {
       std::vector<std::size_t> order(of_set.size());
       for (std::size_t i = 0; i < order.size(); ++i) order[i] = i;
@@ -619,7 +619,7 @@ TEST(DirectBits, InAnyBundleAtAnyPlaceSeenOrNot) {
   EXPECT_GT(culled, 10U) << "frusta had something to hide";
 }
 
-// All that is traced and normalised: bundles, blocks from lists and through Embree, observations.
+// All results of tracing and normalising: bundles, blocks from lists and through Embree, observations.
 struct Everything {
   Bits rays;
   std::vector<float> normalised;
@@ -631,7 +631,7 @@ Everything trace_everything() {
   const auto probe = std::make_unique<Probe>();
   for (unsigned seed = 0; seed < 60; ++seed) {
     Random random(seed);
-    // Built anew: Embree's callback is chosen with the scene.
+    // Scenes are rebuilt, because Embree's callback is chosen when a scene is made.
     const auto world = make_world(random_primitives(random, std::array{5, 12, 22, 90}[seed % 4], seed % 3 != 0));
     for (int i = 0; i < 20; ++i) {
       const Directions directions = random_directions(random);
@@ -657,7 +657,7 @@ Everything trace_everything() {
   return all;
 }
 
-// Every target that is compiled in and that this processor has: AVX3 (AVX-512), AVX2 and SSE4 on x86-64.
+// Every compiled target that this processor supports: AVX3 (AVX-512), AVX2 and SSE4 on x86-64.
 TEST(DirectBits, AreTheSameOnEverySimdTarget) {
   const std::vector<std::int64_t> targets = hwy::SupportedAndGeneratedTargets();
   std::string names;

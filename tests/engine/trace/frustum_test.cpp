@@ -22,7 +22,8 @@ using testing::everywhere;
 using testing::fan;
 using testing::Random;
 
-// From a single ray to all around: narrow, wide, thin, tilted, and too few or too opposed to have a mean.
+// Returns sets from a single ray to all around: narrow, wide, thin, tilted, and sets whose mean is undefined because they have
+// too few or opposite directions.
 Directions random_set(Random& random, unsigned kind) {
   const Quat turn = random.rotation();
   const auto turned = [&turn](std::vector<Vec3> directions) {
@@ -37,19 +38,19 @@ Directions random_set(Random& random, unsigned kind) {
     case 2:
       return Directions(cone(random, 40, random.within(0.01F, 60)));
     case 3:
-      return Directions(cone(random, 60, random.within(70, 95)));  // about where a narrow frustum becomes a wide one
+      return Directions(cone(random, 60, random.within(70, 95)));  // around the limit between narrow and wide frusta
     case 4:
       return Directions(cone(random, 60, 180.0F));
     case 5:
       return Directions(fan(35, random.within(5, 360)));
     case 6:
       return Directions(turned(fan(35, random.within(5, 360))));
-    case 7: {  // opposed pairs: their mean vanishes
+    case 7: {  // opposite pairs: their mean vanishes
       std::vector<Vec3> pairs = cone(random, 5, 180.0F);
       for (std::size_t i = 0; i < 5; ++i) pairs.push_back(-pairs[i]);
       return Directions(pairs);
     }
-    default:  // along the axes
+    default:  // along axes
       return Directions(std::vector<Vec3>{Vec3::Unit(static_cast<Eigen::Index>(random.generator()() % 3)), Vec3(0, 0, 1)});
   }
 }
@@ -71,7 +72,7 @@ TEST(Frustum, HoldsWhateverItsDirectionsReach) {
   }
 }
 
-// A frustum is as narrow as its set: of a pyramid the four sides touch directions, of a wide set the planes above and below do.
+// A frustum is tight. The four sides of a pyramid touch directions, as do the upper and lower planes of a wide set.
 TEST(Frustum, IsAsNarrowAsItsDirections) {
   for (unsigned seed = 0; seed < 300; ++seed) {
     Random random(seed);
@@ -88,13 +89,13 @@ TEST(Frustum, IsAsNarrowAsItsDirections) {
   }
 }
 
-// -- Culling, as trace_direct does it.
+// -- Culling, as in trace_direct.
 
 Primitive box_about(const Vec3& center, const Vec3& half) {
   return {.kind = PrimitiveKind::box, .center = center, .half_extents = half};
 }
 
-// Shapes and the candidates they are for a bundle of this origin.
+// Shapes, and their candidates for a bundle with a given origin.
 struct Crowd {
   std::vector<Shape> shapes;
   std::vector<Candidate> candidates;
@@ -111,7 +112,7 @@ struct Crowd {
   }
 };
 
-// Boxes around points that rays reach, the point on any side of them: with the frustum, all rays hit what they hit without.
+// Boxes around points that rays reach, with the point on any side of the box. Culling by the frustum must not change any hit.
 TEST(Frustum, NeverHidesABoxThatARayReaches) {
   const auto rays = std::make_unique<RayBundle>();
   std::size_t hits = 0;
@@ -125,11 +126,11 @@ TEST(Frustum, NeverHidesABoxThatARayReaches) {
     Crowd crowd;
     for (int i = 0; i < 12; ++i) {
       const std::size_t ray = random.generator()() % set.size();
-      const float part = i % 3 == 0 ? 0.9999F : random.within(0.0F, 1.0F);  // of the range
+      const float part = i % 3 == 0 ? 0.9999F : random.within(0.0F, 1.0F);  // share of the range
       const Vec3 point = rays->origin + part * rays->range * rays->direction(ray);
       const float size = rays->range * std::pow(10.0F, random.within(-4.0F, 0.0F));
       const Vec3 half = size * Vec3(random.within(0.1F, 1), random.within(0.1F, 1), random.within(0.1F, 1));
-      // The point lies just within it: at a corner, an edge or a face of it, or anywhere.
+      // The point lies just inside the box: at a corner, an edge, a face, or anywhere.
       const Vec3 corner = random.point(1.0F).cwiseMax(-0.5F).cwiseMin(0.5F) * 1.99F;
       Primitive box = box_about(point + half.cwiseProduct(corner), half);
       if (i % 4 == 0) {
@@ -158,7 +159,7 @@ TEST(Frustum, NeverHidesABoxThatARayReaches) {
   EXPECT_GT(hits, 50'000U);
 }
 
-// More boxes than are traced directly, but most of them out of view.
+// More boxes than the limit for direct tracing, but most of them out of view.
 TEST(Frustum, HidesWhatIsBesideItAboveOrBelow) {
   const auto rays = std::make_unique<RayBundle>();
   Random random(1);
@@ -169,7 +170,7 @@ TEST(Frustum, HidesWhatIsBesideItAboveOrBelow) {
   struct Case {
     const char* what;
     Directions set;
-    std::vector<Vec3> hidden, seen;  // directions, sensor frame
+    std::vector<Vec3> hidden, seen;  // directions in the sensor frame
   };
   std::vector<Vec3> narrow;
   for (int i = 0; i < 32; ++i)

@@ -30,7 +30,7 @@ using enum PrimitiveKind;
 
 constexpr float kInfinity = std::numeric_limits<float>::infinity();
 
-// White; every second texel is transparent, the first one not.
+// A white checkerboard. Every second texel is transparent, the first one is opaque.
 Texture checkers(int size) {
   Texture texture{"checkers", size, size, {}};
   for (int row = 0; row < size; ++row) {
@@ -41,7 +41,7 @@ Texture checkers(int size) {
   return texture;
 }
 
-// Colours and alphas that differ from texel to texel, in patches.
+// Random colours and alphas, in patches.
 Texture speckled(int width, int height, int patch, unsigned seed, std::array<TextureWrap, 2> wrap) {
   Random random(seed);
   Texture texture{"speckled " + std::to_string(seed), width, height, {}, wrap};
@@ -57,7 +57,7 @@ Texture speckled(int width, int height, int patch, unsigned seed, std::array<Tex
   return texture;
 }
 
-// Adds a parallelogram of two triangles; uv as given at its corners.
+// Adds a parallelogram of two triangles with the given uv at its corners.
 void add_quad(SceneDescription& scene, const Vec3& at, const Vec3& u, const Vec3& v, std::uint16_t material,
               const std::array<std::array<float, 2>, 4>& uv) {
   TriangleMesh& mesh = scene.mesh;
@@ -71,7 +71,7 @@ void add_quad(SceneDescription& scene, const Vec3& at, const Vec3& u, const Vec3
   mesh.objects.insert(mesh.objects.end(), 2, object);
 }
 
-// A grid at x = 2 that fills a view of 90 degrees along x with 16 x 16 texels, and more around it, and a red wall at x = 4.
+// A grid at x = 2 and a red wall at x = 4. The grid fills a 90-degree view along x with 16 x 16 texels and extends beyond it.
 SceneDescription grid_before_a_wall() {
   SceneDescription scene;
   scene.textures = {checkers(16)};
@@ -81,7 +81,7 @@ SceneDescription grid_before_a_wall() {
   return scene;
 }
 
-// None where OpenGL is not installed.
+// Returns null if OpenGL is not installed.
 std::unique_ptr<Batch> batch_of(BatchConfig config, CameraBackend backend, Batch::Worlds worlds) {
   config.camera_backend = backend;
   try {
@@ -97,8 +97,8 @@ class MaskedPictures : public ::testing::TestWithParam<CameraBackend> {};
 INSTANTIATE_TEST_SUITE_P(Backends, MaskedPictures, ::testing::Values(CameraBackend::raycast, CameraBackend::gl),
                          [](const auto& info) { return std::string(info.param == CameraBackend::gl ? "Gl" : "Raycast"); });
 
-// A texel is 4 x 4 pixels, none of which is nearer to its border than an eighth of it: there an opaque one has the alpha
-// 0.625^2 + 0.375^2 = 0.53, and a transparent one 0.47.
+// A texel covers 4 x 4 pixels, whose centres are at least an eighth of a texel from its border. At that distance an opaque
+// texel has an alpha of 0.625^2 + 0.375^2 = 0.53, and a transparent one 0.47.
 TEST_P(MaskedPictures, ShowWhatIsBehindExactlyWhereTheMaskIsOpen) {
   const auto world = std::make_shared<const World>(grid_before_a_wall());
   std::vector<CameraOutputs> all{kAllOutputs};
@@ -130,8 +130,8 @@ TEST_P(MaskedPictures, ShowWhatIsBehindExactlyWhereTheMaskIsOpen) {
   }
 }
 
-// The sun stands right above a grid 2 m above a floor and a disc on it, which a drone in between looks at from 1 m: a texel of
-// the grid lights or shades a quarter of a metre of the floor, 2 x 2 pixels.
+// The sun is overhead, above a grid at 2 m height. Below are a floor and a disc, which a drone views from 1 m. Each texel of
+// the grid lights or shades a quarter metre of the floor, which is 2 x 2 pixels.
 TEST_P(MaskedPictures, TheSunShinesThrough) {
   SceneDescription scene = grid_before_a_wall();
   scene.primitives = {testing::primitive(box, {0, 0, -0.5F}, {9, 9, 0.5F}),
@@ -156,7 +156,7 @@ TEST_P(MaskedPictures, TheSunShinesThrough) {
   std::size_t wrong = 0;
   for (std::size_t row = 0; row < 16; ++row) {
     for (std::size_t column = 0; column < 16; ++column) {
-      // The texels 4 to 11 of the grid lie above the picture.
+      // Texels 4 to 11 of the grid are above the image.
       const bool opaque = (row / 2 + column / 2) % 2 == 0;
       const Pixel is = testing::pixel(*batch, row, column);
       wrong += std::abs(is.rgb[0] - (opaque ? shaded : lit)) > 1;
@@ -166,7 +166,7 @@ TEST_P(MaskedPictures, TheSunShinesThrough) {
   EXPECT_EQ(wrong, 0U);
 }
 
-// Masks behind masks, of all wraps, slanted, and beside them what has none.
+// Masks behind masks, with all wrap modes, some oblique, and surfaces without a mask next to them.
 std::shared_ptr<const World> thicket() {
   SceneDescription scene;
   scene.textures = {speckled(32, 32, 4, 1, {TextureWrap::repeat, TextureWrap::repeat}),
@@ -193,7 +193,7 @@ std::shared_ptr<const World> thicket() {
   scene.primitives = {testing::primitive(box, {4, -1, 0.5F}, {0.4F, 0.4F, 0.5F}),
                       testing::primitive(box, {0, 0, -1}, {20, 20, 0.5F}),
                       testing::primitive(sphere, {6, 2, 1}, {0.5F, 0.5F, 0.5F})};
-  scene.primitives[0].material = 2;  // has no texture, as a solid, and so no mask
+  scene.primitives[0].material = 2;  // solids have no texture and therefore no mask
   return std::make_shared<const World>(std::move(scene));
 }
 
@@ -220,12 +220,12 @@ TEST_P(MaskedPictures, ShowWhatTheOracleSees) {
   EXPECT_GT(all.shaded, 500U);
   EXPECT_GT(all.lit, 2000U);
   for (int element = 0; element < 17; ++element) {
-    const bool never = element == 13 || element == 14;  // "none" hides all of them
+    const bool never = element == 13 || element == 14;  // "none" is fully transparent
     EXPECT_NE(all.elements.contains(element), never) << element;
   }
 }
 
-// Whatever stands before and after them in a backend's arrays.
+// Neighbouring entries in a backend's arrays must not matter.
 TEST_P(MaskedPictures, OfSeveralWorlds) {
   SceneDescription other = grid_before_a_wall();
   other.textures.insert(other.textures.begin(), speckled(5, 9, 1, 4, {TextureWrap::clamp, TextureWrap::mirror}));
@@ -342,7 +342,7 @@ TEST(Masks, AreOnlyWhereSomethingIsSeenThrough) {
   EXPECT_TRUE(masks(barely(0.997F)).lets_through(0, 0.2F, 0.3F));
 }
 
-// What is cut away gives no colour to the coarser levels, and where all is cut away there is still the mean.
+// Transparent texels do not contribute colour to coarser levels. If all texels are transparent, the colour is their plain mean.
 TEST(Masks, LevelsAreMeansByAlpha) {
   Texture image = speckled(13, 6, 1, 3, {TextureWrap::repeat, TextureWrap::repeat});
   for (std::size_t texel : {0U, 1U, 13U, 14U, 30U}) image.rgba[4 * texel + 3] = 0;
@@ -387,7 +387,7 @@ TEST(Masks, SceneFilesKeepThem) {
   EXPECT_EQ(again->content_hash(), world.content_hash());
   EXPECT_EQ(again->materials()[1].alpha_cutoff, 0.3F);
   EXPECT_EQ(again->textures()[0].rgba, world.textures()[0].rgba);
-  EXPECT_EQ(again->to_json().find("alpha_cutoff"), again->to_json().rfind("alpha_cutoff"));  // not of the wall
+  EXPECT_EQ(again->to_json().find("alpha_cutoff"), again->to_json().rfind("alpha_cutoff"));  // only one material has it
 }
 
 }  // namespace

@@ -30,7 +30,7 @@ struct Device {
   MeshTree tree_in_bunches(const TriangleMesh& mesh) const { return {device.get(), mesh, 0}; }
 };
 
-// A ball, or what it becomes as its points are moved along their rays: closed, whatever `bumps` is.
+// A ball, or a deformed one whose points move along their radii. It is closed for any `bumps`.
 TriangleMesh ball(int rings, int sides, float bumps, Random& random) {
   TriangleMesh mesh;
   const auto add = [&](float polar, float azimuth) {
@@ -59,7 +59,7 @@ TriangleMesh ball(int rings, int sides, float bumps, Random& random) {
   }
   mesh.materials.assign(mesh.triangles.size(), 0);
   mesh.objects.assign(mesh.triangles.size(), 0);
-  mesh.uv.assign(mesh.vertices.size(), {0.0F, 0.0F});  // so that it matters where a triangle is hit
+  mesh.uv.assign(mesh.vertices.size(), {0.0F, 0.0F});  // makes the hit's position matter
   return mesh;
 }
 
@@ -79,8 +79,8 @@ TriangleMesh cube(float half) {
   return mesh;
 }
 
-// Adds triangles that are hard to decide about: needles, and ones that lie in a plane with `eye`, which sees them edge-on.
-// And a level floor of squares, just below.
+// Adds triangles that are hard to classify: needles, and triangles that are edge-on as seen from `eye`. Also adds a level floor
+// of squares just below.
 void add_slivers(TriangleMesh& mesh, int count, const Vec3& eye, Random& random) {
   constexpr int kSquares = 12;
   const auto first_of_floor = static_cast<std::int32_t>(mesh.vertices.size());
@@ -100,8 +100,8 @@ void add_slivers(TriangleMesh& mesh, int count, const Vec3& eye, Random& random)
   for (int i = 0; i < count; ++i) {
     const Vec3 a = random.point(4.0F), b = random.point(4.0F);
     const float along = random.within(-1, 1);
-    const Vec3 c = i % 3 == 0   ? Vec3(a + 0.5F * (b - a) + 1e-5F * random.point(1.0F))       // a needle
-                   : i % 3 == 1 ? Vec3(eye + (1.0F + along) * (a - eye) + along * (b - eye))  // edge-on, but for rounding
+    const Vec3 c = i % 3 == 0   ? Vec3(a + 0.5F * (b - a) + 1e-5F * random.point(1.0F))       // needle
+                   : i % 3 == 1 ? Vec3(eye + (1.0F + along) * (a - eye) + along * (b - eye))  // edge-on, up to rounding
                                 : Vec3(a.x() + 1e-3F, a.y(), a.z());
     const auto first = static_cast<std::int32_t>(mesh.vertices.size());
     mesh.vertices.insert(mesh.vertices.end(), {a, b, c});
@@ -112,7 +112,7 @@ void add_slivers(TriangleMesh& mesh, int count, const Vec3& eye, Random& random)
   mesh.uv.assign(mesh.vertices.size(), {0.0F, 0.0F});
 }
 
-// 256 rays (1, u, v), where they are and what they hit.
+// 256 rays (1, u, v), their pose and their hits.
 struct Tile {
   float near = 0.01F;
   std::vector<float> x = std::vector<float>(kMaxRays + kRayPadding, 1.0F), y = x, z = x;
@@ -133,14 +133,14 @@ struct Tile {
     trace_on(tree, 0);
   }
 
-  // As it stands, with what the rays have hit so far.
+  // Traces with the current setup, keeping earlier hits.
   void trace_on(const MeshTree& tree, std::int32_t first_element) {
     const FlushDenormals flush;
     trace_mesh_tile(tree, first_element, make_tile_axis(y.data()), make_tile_axis(z.data()), *rays, details.get(), {});
   }
 };
 
-// A picture of so many radians between pixels that looks along (1, u, v).
+// Points the rays at an image with the given angle between pixels, in radians, that looks along (1, u, v).
 void look(Tile& tile, float pixel, float u = 0.0F, float v = 0.0F) {
   for (std::size_t i = 0; i < kMaxRays; ++i) {
     tile.y[i] = u + pixel * (7.5F - static_cast<float>(i % 16));
@@ -192,7 +192,7 @@ TEST(MeshTiles, HitWhatAnOracleInDoublePrecisionSays) {
   EXPECT_GT(hits, 1000U);
 }
 
-// Rays at corners, at the middle of edges, and a few roundings beside them, from within something closed.
+// Rays from inside a closed mesh towards its vertices and edges, some of them a few ulps off.
 TEST(MeshTiles, NoRaySlipsBetweenTriangles) {
   const Device device;
   Random random(2 + (testing::part_tried() << 24U));
@@ -232,7 +232,8 @@ TEST(MeshTiles, NoRaySlipsBetweenTriangles) {
   testing::tried("watertight", rays);
 }
 
-// An eye so close above the floor that rounding may decide which side of it is seen; it lies before and behind the eye.
+// The eye is so close above the floor that rounding may decide which side is visible. The floor extends in front of the eye and
+// behind it.
 TEST(MeshTiles, NoRaySlipsThroughAFloorSeenEdgeOn) {
   const Device device;
   Random random(5);
@@ -256,7 +257,7 @@ TEST(MeshTiles, NoRaySlipsThroughAFloorSeenEdgeOn) {
   }
 }
 
-// What lies beside a ray, and which way the tree is gone through, changes no bit: rays of one origin and frame, shuffled.
+// Neighbouring rays and the order of traversal must not change any bit: rays with one origin and frame, shuffled.
 TEST(MeshTiles, ARaysResultDoesNotDependOnTheRaysBesideIt) {
   const Device device;
   Random random(3 + (testing::part_tried() << 24U));
@@ -275,7 +276,7 @@ TEST(MeshTiles, ARaysResultDoesNotDependOnTheRaysBesideIt) {
       add_slivers(mesh, rings == 5 ? 60 : 240, eye, random);
       tree = std::make_unique<const MeshTree>(device.tree(mesh));
     }
-    const bool is_level = pose % 6 == 0;  // a row of rays runs along the floor
+    const bool is_level = pose % 6 == 0;  // one row of rays runs along the floor
     const Mat3 rotation = is_level ? Mat3(Eigen::AngleAxisf(random.within(-3, 3), Vec3::UnitZ()).toRotationMatrix())
                                    : random.rotation().toRotationMatrix();
     const Vec3 origin = pose % 2 == 0 ? eye : Vec3(random.point(5.0F));
@@ -288,7 +289,7 @@ TEST(MeshTiles, ARaysResultDoesNotDependOnTheRaysBesideIt) {
     for (std::size_t ray = 0; ray < kMaxRays; ++ray) from[ray] = ray;
     std::shuffle(from.begin(), from.end(), random.generator());
     for (std::size_t ray = 0; ray < kMaxRays; ++ray) {
-      const bool is_other = ray % 7 == 0;  // and some that point elsewhere
+      const bool is_other = ray % 7 == 0;  // replaced by rays in other directions
       shuffled.y[ray] = is_other ? random.within(-3, 3) : tile.y[from[ray]];
       shuffled.z[ray] = is_other ? random.within(-3, 3) : tile.z[from[ray]];
     }
@@ -323,7 +324,7 @@ TEST(MeshTiles, FullLeavesTakeLessMemoryAndHitTheSame) {
     EXPECT_LE(full.bytes(), tree.bytes());
     if (rings == 200) {
       const auto triangles = static_cast<double>(mesh.triangles.size());
-      EXPECT_LT(static_cast<double>(full.bytes()), 46.0 * triangles);  // 40 in leaves without a gap
+      EXPECT_LT(static_cast<double>(full.bytes()), 46.0 * triangles);  // 40 bytes in leaves without gaps
     }
     Tile tile, same;
     for (int pose = 0; pose < 40; ++pose) {
@@ -351,7 +352,7 @@ TEST(MeshTiles, WhatWasHitBeforeCountsWhereItIsNearer) {
   tile.trace(tree, Vec3::Zero(), Mat3::Identity());
   const std::vector<float> depth(tile.rays->t_hit, tile.rays->t_hit + kMaxRays);
   const std::vector<std::int32_t> element(tile.rays->element, tile.rays->element + kMaxRays);
-  std::fill_n(tile.rays->t_hit, kMaxRays, 1e-3F);  // of no meaning: nothing was met
+  std::fill_n(tile.rays->t_hit, kMaxRays, 1e-3F);  // ignored while no_hits_yet is set
   tile.rays->no_hits_yet = true;
   tile.trace_on(tree, 0);
   tile.rays->no_hits_yet = false;

@@ -19,7 +19,7 @@ using testing::Random;
 
 constexpr float kInfinity = std::numeric_limits<float>::infinity();
 
-// In double precision; 0 within.
+// Returns the distance in double precision; 0 inside.
 double distance(const Aabb& box, const Vec3& point) {
   const Eigen::Vector3d p = point.cast<double>();
   return (box.min.cast<double>() - p).cwiseMax(p - box.max.cast<double>()).cwiseMax(0.0).norm();
@@ -27,8 +27,8 @@ double distance(const Aabb& box, const Vec3& point) {
 
 struct Boxes {
   std::vector<Aabb> boxes;
-  std::vector<std::uint32_t> numbers;  // in a random order, none 0
-  float reach = 1.0F;                  // m, of all of them
+  std::vector<std::uint32_t> numbers;  // random order, no 0
+  float reach = 1.0F;                  // m, extent of all boxes
 
   ShapeTree tree() const { return {boxes, numbers}; }
 };
@@ -53,7 +53,8 @@ std::vector<std::uint32_t> near(const ShapeTree& tree, const Vec3& point, float 
   return found;
 }
 
-// Each box that is near is found, once, and none that is not; rounding decides at the radius itself. Returns how many were found.
+// Expects every box within the radius to be found once, and no other. Boxes at exactly the radius are ignored because of
+// rounding. Returns the number found.
 std::size_t expect_like_brute_force(const Boxes& boxes, const ShapeTree& tree, const Vec3& point, float radius) {
   std::vector<std::uint32_t> found = near(tree, point, radius);
   const std::size_t count = found.size();
@@ -114,7 +115,7 @@ TEST(ShapeTree, TheOrderDependsOnNothingButTheBoxes) {
     const Vec3 point = random.point(20.0F);
     const std::vector<std::uint32_t> found = near(tree, point, 8.0F);
     EXPECT_EQ(found, near(again, point, 8.0F));
-    // Those of a smaller radius come in the order in which all come.
+    // A smaller radius yields a subsequence of the full order.
     std::size_t at = 0;
     for (const std::uint32_t number : all) at += at < found.size() && found[at] == number;
     EXPECT_EQ(at, found.size());

@@ -41,7 +41,7 @@ TriangleMesh soup(Random& random, int count) {
   return mesh;
 }
 
-// One world for each way rays can go: directly, with triangles after that, and all through Embree.
+// One world per tracing path: direct, direct and then triangles, and all through Embree.
 std::vector<std::shared_ptr<const World>> worlds(Random& random) {
   const auto spheres = [&random](int count) {
     std::vector<Primitive> primitives;
@@ -53,7 +53,7 @@ std::vector<std::shared_ptr<const World>> worlds(Random& random) {
   return {make_world(spheres(6)), make_world(spheres(6), {}, soup(random, 100)), make_world(spheres(600), {}, soup(random, 100))};
 }
 
-// The set as a tile of one row or of several.
+// Returns the set as a tile with one or more rows.
 RayTile tile_of(const Directions& set, std::size_t rows, RayBundle& aimed) {
   set.aim(aimed);
   return {aimed.x, aimed.y, aimed.z, rows, set.size() / rows, aimed.frustum};
@@ -81,7 +81,7 @@ TEST(Tracer, RaysThatWaitGetTheSameBitsInAnyCompany) {
                      {.origin = random.point(3.0F), .rotation = random.rotation().toRotationMatrix(), .range = 6.0F},
                      std::vector<float>(set.size(), -1.0F)});
   }
-  for (Scan& scan : scans) {  // those of one world in a row may share packets, and seven of them do not fill a block
+  for (Scan& scan : scans) {  // consecutive scans of one world may share packets; seven of them do not fill a block
     tracer->set_viewpoint(*scan.scene, scan.viewpoint);
     tracer->enqueue(tile_of(*scan.set, 1, aimed), scan.ranges.data(), scan.set->size());
   }

@@ -1,4 +1,4 @@
-// What the tracer of a batch decides: its cameras and LiDARs by tiles against closed forms in double precision and against
+// The choice of tracer in a batch: cameras and LiDARs traced by tiles, compared with closed forms in double precision and with
 // Embree.
 #include <gtest/gtest.h>
 
@@ -30,7 +30,7 @@ using testing::primitive;
 using testing::Random;
 using testing::same_bits;
 
-// Hills of cells x cells squares of 1 m, from -cells / 2 on, and a wall over them that nobody sees.
+// Hills of cells x cells squares of 1 m, starting at -cells / 2, and a solid, invisible wall above them.
 TriangleMesh hills(int cells) {
   TriangleMesh mesh;
   const float from = -0.5F * static_cast<float>(cells);
@@ -56,7 +56,7 @@ TriangleMesh hills(int cells) {
   return mesh;
 }
 
-// As many spheres over hills: few are traced directly, many through Embree.
+// A world with spheres over hills. Few spheres are traced directly, many through Embree.
 std::shared_ptr<const World> hills_and_spheres(int spheres) {
   Random random(3);
   std::vector<Primitive> primitives;
@@ -84,7 +84,7 @@ struct Poses {
 
 CameraConfig camera() {
   CameraConfig config;
-  config.width_px = 72;  // its last tiles are narrower and lower than others
+  config.width_px = 72;  // the last tiles are narrower and lower
   config.height_px = 42;
   config.far_m = 30.0F;
   config.outputs = {.rgb = true, .depth = true, .semantic = true, .instance = true, .normal = true};
@@ -120,14 +120,14 @@ std::unique_ptr<Batch> make_batch(const std::shared_ptr<const World>& world, Tra
 }
 
 #if defined(NDEBUG)
-constexpr std::size_t kEvery = 3;  // one ray of so many is held against the oracle
+constexpr std::size_t kEvery = 3;  // one in kEvery rays is compared with the oracle
 #else                              // sanitizers and debug builds are slow
 constexpr std::size_t kEvery = 41;
 #endif
 
-class TracerTiles : public ::testing::TestWithParam<int> {};  // spheres
+class TracerTiles : public ::testing::TestWithParam<int> {};  // number of spheres
 
-// Holds every so-many-th ray of batches that differ in their tracer alone against the oracle.
+// Compares one in `every` rays with the oracle, for batches that differ only in their tracer.
 struct Tally {
   std::size_t rays = 0, compared = 0, hits = 0;
 
@@ -170,7 +170,7 @@ TEST_P(TracerTiles, LidarsMeasureWhatAnOracleDoes) {
   EXPECT_GT(tally.hits, tally.compared / 4);
 }
 
-// Triangles anywhere: some large, some small, some needles.
+// Random triangles: some large, some small, some needles.
 TriangleMesh loose_triangles(int count, Random& random) {
   TriangleMesh mesh;
   for (int i = 0; i < count; ++i) {
@@ -238,7 +238,7 @@ TEST_P(TracerTiles, CamerasSeeWhatTheyDoThroughEmbree) {
     }
   }
   EXPECT_GT(hits, pixels / 3);
-  // Where triangles meet, roundings of another kind see another one of them.
+  // At edges, different rounding can select the neighbouring triangle.
   const std::size_t few = pixels / 1000;
   EXPECT_LE(other_depth, few);
   EXPECT_LE(other_ids, few);
@@ -286,7 +286,7 @@ TEST_P(TracerTiles, AreTakenByThemselvesWhereTheyPay) {
 
 INSTANTIATE_TEST_SUITE_P(FewAndMany, TracerTiles, ::testing::Values(0, 5, 700));
 
-// A handful of rays goes through Embree, whatever other batches of the world have prepared.
+// A few rays go through Embree, even if other batches of the world have prepared tiles.
 TEST(TracerTilesOf, SmallCamerasAreNotThere) {
   const auto world = hills_and_spheres(5);
   BatchConfig config;
@@ -305,7 +305,7 @@ TEST(TracerTilesOf, SmallCamerasAreNotThere) {
   EXPECT_EQ(rays_through_embree(TracerKind::automatic), 0);
 }
 
-// Primitives go through Embree, too, where they are asked to; few would be traced directly.
+// With TracerKind::embree, primitives also go through Embree, even if they are few enough for direct tracing.
 TEST(TracerTilesOf, EmbreeTracesPrimitivesAlike) {
   for (const int spheres : {5, 700}) {
     const auto world = hills_and_spheres(spheres);
@@ -323,7 +323,7 @@ TEST(TracerTilesOf, EmbreeTracesPrimitivesAlike) {
   EXPECT_TRUE(same_bits(before->lidar_readings().ranges, after->lidar_readings().ranges));
   const auto ranges = before->lidar_readings().ranges, by_embree = embree->lidar_readings().ranges;
   for (std::size_t i = 0; i < ranges.size(); ++i) {
-    if (std::isinf(ranges[i]) != std::isinf(by_embree[i])) continue;  // an outline
+    if (std::isinf(ranges[i]) != std::isinf(by_embree[i])) continue;  // at an outline
     if (!std::isinf(ranges[i])) {
       EXPECT_NEAR(ranges[i], by_embree[i], 1e-4F * ranges[i]);
     }
@@ -347,7 +347,7 @@ TEST(TracerTilesOf, HaveTheSameBitsOnEverySimdTarget) {
   for (const std::int64_t target : targets) {
     SCOPED_TRACE(hwy::TargetName(target));
     const testing::OnTarget on(target);
-    // A world of its own: what its triangles show is computed once.
+    // A separate world, because the shading data of its triangles is computed once per world.
     const auto same = make_batch(hills_and_spheres(5), TracerKind::tiles);
     EXPECT_TRUE(same_bits(first->lidar_readings().ranges, same->lidar_readings().ranges));
     EXPECT_TRUE(same_bits(first->images(0).rgb, same->images(0).rgb));
@@ -366,7 +366,7 @@ TEST(TracerTilesOf, SeveralBatchesShareATree) {
   EXPECT_EQ(prepared(*world).scene().tiles(), tree);
 }
 
-// A pattern's tiles that are seen as pictures: all of dense ones, none of sparse ones.
+// Counts the tiles of a pattern that have a view: all tiles of dense patterns, none of sparse ones.
 TEST(TracerTilesOf, PatternsThatAreDenseHaveViews) {
   const auto views = [](int channels, int beams, float hfov_deg) {
     LidarConfig config = grid(channels, beams);
@@ -379,12 +379,12 @@ TEST(TracerTilesOf, PatternsThatAreDenseHaveViews) {
   };
   EXPECT_EQ(views(16, 360, 360.0F), std::pair(std::size_t{23}, std::size_t{23}));
   EXPECT_EQ(views(64, 1024, 360.0F), std::pair(std::size_t{256}, std::size_t{256}));
-  EXPECT_EQ(views(1, 35, 270.0F).first, 0U);   // a fan
+  EXPECT_EQ(views(1, 35, 270.0F).first, 0U);   // fan
   EXPECT_EQ(views(3, 360, 360.0F).first, 0U);  // too few rows
   EXPECT_EQ(views(8, 60, 360.0F).first, 0U);   // sixteen beams span 90 degrees
 }
 
-// Each beam of a view is the beam of its pattern.
+// Each beam of a view matches the pattern's beam.
 TEST(TracerTilesOf, ViewsPointWhereBeamsDo) {
   LidarConfig config = grid(6, 200);
   config.quat_wxyz = {0.5F, -0.5F, 0.5F, 0.5F};

@@ -1,4 +1,4 @@
-// What is visual alone and what is solid alone: rays meet the one as if there were nothing else, drones the other.
+// Elements that are only visual or only solid. Rays see only the visual ones, drones hit only the solid ones.
 #include <gtest/gtest.h>
 
 #include <cstdint>
@@ -22,7 +22,7 @@
 namespace flockstep {
 namespace {
 
-// A world, and what of it is left where only one of the two is asked for; kept: the elements of it by their numbers there.
+// A world, and the part of it with only visual or only solid elements. kept: element numbers of the part in the whole world.
 struct Parts {
   SceneDescription all, part;
   std::vector<std::int32_t> kept;
@@ -73,7 +73,7 @@ Parts parts(std::uint32_t seed, std::size_t num_primitives, bool (*is_kept)(Visi
   return made;
 }
 
-// Few primitives are traced directly, many by Embree.
+// Few primitives are traced directly, many through Embree.
 TEST(Visibility, RaysMeetWhatIsVisual) {
   for (const std::size_t count : {6U, 600U}) {
     const Parts made = parts(1, count, is_visible);

@@ -12,7 +12,7 @@
 namespace flockstep {
 namespace {
 
-// Something in every field.
+// A scene with a value in every field.
 SceneDescription full() {
   SceneDescription scene;
   scene.name = "full";
@@ -33,14 +33,14 @@ SceneDescription full() {
   return scene;
 }
 
-// The hashes of a scene and of those that differ from it a little; no two may be equal.
+// The hashes of a scene and of its variants. No two may be equal.
 class Seen {
  public:
   explicit Seen(SceneDescription& scene) : scene_(scene) { add("as it is"); }
 
   void add(const char* what) { EXPECT_TRUE(hashes_.insert(content_hash(scene_)).second) << what; }
 
-  // Flips a bit of each byte of the field, one after the other.
+  // Flips a bit of each byte of the field in turn.
   template <class T>
   void flip(const char* what, T& field) {
     auto* const bytes = reinterpret_cast<unsigned char*>(&field);
@@ -51,7 +51,7 @@ class Seen {
     }
   }
 
-  // Changes the field to something else for a moment.
+  // Changes the field temporarily.
   template <class T>
   void change(const char* what, T& field, const T& other) {
     const T before = field;
@@ -184,7 +184,7 @@ TEST(ContentHash, IsTheSameFromAnyThreadAndOnAnyDay) {
   std::vector<std::thread> threads;
   for (std::uint64_t& slot : seen) threads.emplace_back([&world, &slot] { slot = world->content_hash(); });
   for (std::thread& thread : threads) thread.join();
-  for (const std::uint64_t hash : seen) EXPECT_EQ(hash, 0x56F31CB32C9F830CU);  // snapshots of other days hold it
+  for (const std::uint64_t hash : seen) EXPECT_EQ(hash, 0x56F31CB32C9F830CU);  // existing snapshots contain this value
 }
 
 }  // namespace

@@ -47,7 +47,7 @@ TEST(DroneModel, EveryVertexOfTheDefaultIsOneOfItsHull) {
   for (const Vec3& vertex : drone.hull()) {
     bool extreme = false;
     for (int i = 0; i < 2000 && !extreme; ++i) {
-      const auto a = static_cast<float>(i) * 0.7548776662F;  // a low-discrepancy walk over directions
+      const auto a = static_cast<float>(i) * 0.7548776662F;  // low-discrepancy sequence of directions
       const auto b = static_cast<float>(i) * 0.5698402910F;
       const float z = 2.0F * (b - std::floor(b)) - 1.0F;
       const float angle = 6.2831853F * a;

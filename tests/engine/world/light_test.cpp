@@ -1,4 +1,4 @@
-// What the sun does in pictures, of both backends against the oracle.
+// Sunlight in images of both backends, compared with the oracle.
 
 #include <gtest/gtest.h>
 
@@ -41,7 +41,7 @@ struct View {
 
 class LitPictures : public ::testing::TestWithParam<CameraBackend> {
  protected:
-  // A batch that has looked from each of the views; null where OpenGL is not installed.
+  // Returns a batch with images from all views, or null if OpenGL is not installed.
   static std::unique_ptr<Batch> pictures(const Batch::Worlds& worlds, const CameraConfig& camera,
                                          const std::vector<View>& views) {
     BatchConfig config = camera_batch(camera, static_cast<int>(views.size()));
@@ -79,8 +79,8 @@ class LitPictures : public ::testing::TestWithParam<CameraBackend> {
   const auto name = __VA_ARGS__;    \
   if (name.pixels == 0) GTEST_SKIP() << "OpenGL is not installed"
 
-// On a ground outside stands a room, open to the sun, which comes in and lights the floor but where a pillar stands; behind the
-// room lies its shadow.
+// A room on open ground. The sun shines into it and lights its floor, except in a pillar's shadow. The room's shadow lies
+// behind it.
 TEST_P(LitPictures, ARoomLetsTheSunInAndShadesWhatLiesBehindIt) {
   SceneDescription scene;
   scene.light.sun_direction = {-0.6F, 0.3F, 0.7F};
@@ -99,7 +99,7 @@ TEST_P(LitPictures, ARoomLetsTheSunInAndShadesWhatLiesBehindIt) {
   EXPECT_GT(in.lit, 500U);
 }
 
-// A mast before the sun, and a world without one beside it.
+// A mast in front of the sun.
 TEST_P(LitPictures, TheSunStandsInTheSky) {
   for (const float radius : {0.0F, 0.27F, 3.0F, 20.0F}) {
     SceneDescription scene;
@@ -114,7 +114,7 @@ TEST_P(LitPictures, TheSunStandsInTheSky) {
     const auto world = std::make_shared<const World>(scene);
     PICTURES_OR_SKIP(wide, compared(world, camera_of(false), views, 3));
     EXPECT_GT(wide.sky, 3000U);
-    EXPECT_GT(compared(world, camera_of(false, 4.0F), {views[0]}, 1).sky, 3000U);  // the disc's border, magnified
+    EXPECT_GT(compared(world, camera_of(false, 4.0F), {views[0]}, 1).sky, 3000U);  // the disc's edge, magnified
   }
 }
 
@@ -138,7 +138,7 @@ TEST_P(LitPictures, OfWorldsWithAndWithoutASunInTheSky) {
   EXPECT_FALSE(std::equal(rgb.begin(), rgb.begin() + size, rgb.begin() + size));
 }
 
-// One of each kind that glows, beside the same that does not, and triangles with and without a texture and colours of vertices.
+// Primitives of each kind with and without emission. Triangles with and without textures and vertex colours.
 std::shared_ptr<const World> lamps() {
   SceneDescription scene;
   scene.light.sun_direction = {-0.5F, 0.4F, 0.7F};
@@ -156,13 +156,13 @@ std::shared_ptr<const World> lamps() {
     const PrimitiveKind kind = kinds[i % 6];
     Vec3 half(0.4F, 0.4F, kind == capsule ? 0.7F : 0.4F);
     if (kind == plane || kind == disc) half.z() = 0.0F;
-    const float turn = i % 4 == 1 || kind == sphere ? 0.0F : 0.7F;  // an upright cylinder has a ramp of colours
+    const float turn = i % 4 == 1 || kind == sphere ? 0.0F : 0.7F;  // upright cylinders use a colour ramp
     scene.primitives.push_back(primitive(kind, {4.0F + static_cast<float>(i / 6) * 1.5F, 1.2F * static_cast<float>(i % 6) - 3, 1},
                                          half, Quat(Eigen::AngleAxisf(turn, Vec3(1, 1, 0).normalized()))));
     scene.primitives.back().material = static_cast<std::uint16_t>(i % 5 == 4 ? 3 : (i + i / 6) % 2);
   }
   TriangleMesh& mesh = scene.mesh;
-  for (std::uint16_t i = 0; i < 10; ++i) {  // each material with colours of vertices, and white
+  for (std::uint16_t i = 0; i < 10; ++i) {  // each material, with vertex colours and with white ones
     const auto first = static_cast<std::int32_t>(mesh.vertices.size());
     const float y = 1.3F * static_cast<float>(i % 5) - 3.2F;
     const float z = i < 5 ? 2.2F : 3.7F;
@@ -176,7 +176,7 @@ std::shared_ptr<const World> lamps() {
     mesh.materials.insert(mesh.materials.end(), 2, i % 5);
     mesh.objects.insert(mesh.objects.end(), 2, i);
   }
-  mesh.vertices.insert(mesh.vertices.end(), {Vec3(-9, -9, 0), Vec3(20, -9, 0), Vec3(0, 30, 0)});  // the ground
+  mesh.vertices.insert(mesh.vertices.end(), {Vec3(-9, -9, 0), Vec3(20, -9, 0), Vec3(0, 30, 0)});  // ground
   mesh.uv.resize(mesh.vertices.size());
   mesh.colors.insert(mesh.colors.end(), {{0.2F, 0.6F, 0.1F}, {0.7F, 0.5F, 0.2F}, {1, 1, 1}});
   mesh.triangles.push_back({40, 41, 42});
@@ -195,7 +195,7 @@ TEST_P(LitPictures, WhatGlowsAndWhatHasColoursAtItsVertices) {
   }
 }
 
-// Whatever stands before and after them in a backend's arrays; colours without textures, and emission without either.
+// Neighbouring entries in a backend's arrays must not matter. Covers colours without textures, and emission without either.
 TEST_P(LitPictures, OfSeveralWorldsThatGlow) {
   SceneDescription colored;
   colored.mesh.vertices = {Vec3(3, -2, -1), Vec3(3, 2, -1), Vec3(3, 0, 2)};
@@ -233,7 +233,7 @@ TEST(Light, EverySimdTargetShowsTheSameBits) {
 
 TEST(Light, ColoursOfVerticesAreKeptWhereOneIsNotWhite) {
   SceneDescription scene;
-  scene.mesh.vertices = {Vec3(0, 0, 0), Vec3(1, 0, 0), Vec3(0, 1, 0), Vec3(5, 5, 5)};  // the last one unused
+  scene.mesh.vertices = {Vec3(0, 0, 0), Vec3(1, 0, 0), Vec3(0, 1, 0), Vec3(5, 5, 5)};  // the last one is unused
   scene.mesh.triangles = {{0, 1, 2}};
   scene.mesh.colors.assign(4, {1, 1, 1});
   scene.mesh.colors[3] = {0, 0, 0};

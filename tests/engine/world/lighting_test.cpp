@@ -1,4 +1,4 @@
-// Worlds of one shape in different light.
+// Worlds with the same geometry in different light.
 
 #include <gtest/gtest.h>
 
@@ -25,7 +25,7 @@ using Shared = std::shared_ptr<const World>;
 using testing::primitive;
 using enum PrimitiveKind;
 
-// Primitives of all sorts, triangles with a texture, through which one sees here and there, and triangles without.
+// Primitives of several kinds, triangles with a partly transparent texture, and triangles without a texture.
 SceneDescription scene() {
   SceneDescription scene;
   scene.materials = {{"grey", {0.5F, 0.5F, 0.5F}}, {"red", {0.9F, 0.1F, 0.1F}}, {"pattern", {1, 1, 1}}};
@@ -76,10 +76,10 @@ TEST(Lighting, ShowWhatAWorldMadeWithThemShows) {
   SceneDescription made = scene();
   made.light = evening().light;
   made.materials[0].base_color = {0.5F, 0.5F * 0.8F, 0.5F * 0.6F};
-  made.materials[1].base_color = {1, 0.1F, 0.1F};  // red cannot be brighter
+  made.materials[1].base_color = {1, 0.1F, 0.1F};  // red is clamped to 1
   made.materials[2].base_color = {0.7F, 0.9F, 1};
   const World expected(made);
-  const World world(std::make_shared<const World>(scene()), evening());  // which keeps the other one alive
+  const World world(std::make_shared<const World>(scene()), evening());  // keeps the original world alive
   EXPECT_EQ(world.to_json(), expected.to_json());
   EXPECT_EQ(world.content_hash(), expected.content_hash());
   EXPECT_EQ(world.mesh().vertices.size(), expected.mesh().vertices.size());
@@ -101,7 +101,7 @@ TEST(Lighting, ShareWhatRaysAndDronesMeetAndImages) {
     EXPECT_EQ(other->original(), world.get());
   }
   EXPECT_NE(&prepared(evening_world).shading(), &prepared(*world).shading());
-  // Other markers are another shape, with this lighting.
+  // A world with other markers has another shape, but keeps the lighting.
   const Shared marked = evening_world.with_markers({});
   EXPECT_EQ(marked->original(), nullptr);
   EXPECT_EQ(marked->light().sun_color, evening().light.sun_color);
@@ -128,7 +128,7 @@ TEST(Lighting, AreRefusedWithTheNameOfTheField) {
   EXPECT_NE(refusal(lighting).find("light.sun_direction"), std::string::npos) << refusal(lighting);
 }
 
-// Each episode draws a lighting by its env's stream; what the drones do is the same in all of them.
+// Each episode draws its lighting from its env's stream. The drones' behaviour is the same in every lighting.
 TEST(Lighting, AreDrawnByEpisodesAndSetByEnv) {
   const Shared world = playground({.seed = 3, .pillars = 4});
   const auto made = [&](std::size_t count) {

@@ -17,7 +17,7 @@ namespace {
 
 using Vec3d = Eigen::Vector3d;
 
-// Distance from a point to the surface of a primitive, by its textbook formula.
+// Distance from a point to the surface of a primitive, by textbook formulas.
 double distance_to_surface(const Primitive& primitive, const Vec3& point) {
   const Vec3d local = primitive.rotation.cast<double>().conjugate() * (point - primitive.center).cast<double>();
   const Vec3d half = primitive.half_extents.cast<double>();
@@ -26,7 +26,7 @@ double distance_to_surface(const Primitive& primitive, const Vec3& point) {
     const double middle = half.z() - half.x();
     return std::abs((local - Vec3d(0, 0, std::clamp(local.z(), -middle, middle))).norm() - half.x());
   }
-  Eigen::VectorXd outside;  // signed distances to the faces, of which the body is the intersection
+  Eigen::VectorXd outside;  // signed distances to the faces, whose intersection is the body
   if (primitive.kind == PrimitiveKind::cylinder) {
     outside = Eigen::Vector2d(local.head<2>().norm() - half.x(), std::abs(local.z()) - half.z());
   } else {
@@ -49,7 +49,7 @@ std::vector<Shape> shapes() {
       {{.kind = PrimitiveKind::room, .center = {7, 7, 2.625F}, .half_extents = {7, 7, 2.625F}}, -14.0 * 14.0 * 5.25},
       {{.kind = PrimitiveKind::cylinder, .center = {-1, 0, 2}, .rotation = turn, .half_extents = {0.5F, 0.5F, 2}}, kPi},
       {{.kind = PrimitiveKind::sphere, .center = {3, -2, 1}, .half_extents = {1.5F, 1.5F, 1.5F}}, 4.5 * kPi},
-      // 4/3 pi r^3 of the caps, pi r^2 times 2 (half height - r) between them
+      // 4/3 pi r^3 for the caps, plus pi r^2 times 2 (half height - r) between them.
       {{.kind = PrimitiveKind::capsule, .center = {1, 1, 0}, .rotation = turn, .half_extents = {0.5F, 0.5F, 2}},
        kPi / 6.0 + 0.75 * kPi},
       {{.kind = PrimitiveKind::capsule, .center = {0, 3, 0}, .rotation = turn, .half_extents = {0.75F, 0.75F, 0.75F}},
@@ -67,7 +67,7 @@ Vec3 corner(const TriangleMesh& mesh, std::size_t triangle, std::size_t k) {
   return mesh.vertices[static_cast<std::size_t>(mesh.triangles[triangle][k])];
 }
 
-// Positive where triangles are counter-clockwise seen from outside (divergence theorem).
+// Returns the volume, which is positive if triangles are counter-clockwise seen from outside (divergence theorem).
 double volume(const TriangleMesh& mesh) {
   double sum = 0.0;
   for (std::size_t i = 0; i < mesh.triangles.size(); ++i) {
@@ -116,7 +116,7 @@ TEST(Tessellate, ChordErrorIsHonouredAndUsed) {
       using enum PrimitiveKind;
       const PrimitiveKind kind = shape.primitive.kind;
       const bool is_round = kind == cylinder || kind == sphere || kind == capsule;
-      // Not many times finer than asked for either; the coarsest mesh has a least number of sides.
+      // The mesh is not much finer than requested either. Only the coarsest mesh is, because of the minimum number of sides.
       if (is_round && chord_error < 0.1F) {
         EXPECT_GE(largest, 0.5 * chord_error);
       }
@@ -131,7 +131,7 @@ TEST(Tessellate, PlanesAndDiscsAreFlatAndFaceLocalZ) {
     for (const Shape& shape : std::vector<Shape>{
              {{.kind = PrimitiveKind::plane, .center = center, .rotation = turn, .half_extents = {0.5F, 2, 0}}, 4.0},
              {{.kind = PrimitiveKind::disc, .center = center, .rotation = turn, .half_extents = {1.5F, 1.5F, 0}},
-              2.25 * std::numbers::pi}}) {  // with an area for a volume
+              2.25 * std::numbers::pi}}) {  // area in place of volume
       const bool is_disc = shape.primitive.kind == PrimitiveKind::disc;
       const TriangleMesh mesh = triangles_of(shape.primitive, chord_error);
       const Vec3d normal = (turn * Vec3::UnitZ()).cast<double>();
@@ -144,11 +144,12 @@ TEST(Tessellate, PlanesAndDiscsAreFlatAndFaceLocalZ) {
         EXPECT_LT((twice.normalized() - normal).norm(), 1e-5);
         for (std::size_t k = 0; k < 3; ++k) ++edges[{mesh.triangles[i][k], mesh.triangles[i][(k + 1) % 3]}];
       }
-      // Of a disc's regular polygon the sides are off by the chord error at most, and so is the area by that times the rim.
+      // The sides of a disc's polygon are off by at most the chord error, so the area is off by at most that times the
+      // perimeter.
       const double missing = is_disc ? static_cast<double>(chord_error) * 3.0 * std::numbers::pi : 0.0;
       EXPECT_LE(area, shape.volume + 1e-5);
       EXPECT_GE(area, shape.volume - missing - 1e-5);
-      double farthest = 0.0;  // m, of the rim from its chords
+      double farthest = 0.0;  // m, distance of the rim from its chords
       for (const auto& [edge, count] : edges) {
         ASSERT_EQ(count, 1);
         if (edges.contains({edge.second, edge.first})) continue;

@@ -42,7 +42,7 @@ TEST(World, BoundsHoldEverythingTightly) {
     description.primitives = {
         Primitive{.kind = kind, .center = {1, 2, 3}, .rotation = turn, .half_extents = {0.3F, 0.3F, thickness}}};
     const World world(description);
-    Eigen::AlignedBox3f box;  // of the surface, from a fine mesh of it
+    Eigen::AlignedBox3f box;  // bounds of the surface, from a fine mesh
     for (const Vec3& vertex : world.mesh(1e-5F).vertices) box.extend(vertex);
     EXPECT_TRUE(world.bounds().min.isApprox(box.min(), 1e-4F)) << world.bounds().min.transpose();
     EXPECT_TRUE(world.bounds().max.isApprox(box.max(), 1e-4F)) << world.bounds().max.transpose();
@@ -64,7 +64,7 @@ using Triangles = std::vector<std::array<std::int32_t, 3>>;
 TEST(World, TrianglesAreOrderedByObjectEachWithVerticesOfItsOwn) {
   SceneDescription description;
   description.materials = {{"a"}, {"b"}, {"c"}, {"d"}};
-  const auto at = [](float x) { return Vec3(x, x * x, 0); };  // no three of them on a line
+  const auto at = [](float x) { return Vec3(x, x * x, 0); };  // no three are collinear
   for (int i = 0; i < 6; ++i) description.mesh.vertices.push_back(at(static_cast<float>(i)));
   description.mesh.triangles = {{5, 3, 1}, {0, 1, 2}, {1, 4, 5}, {2, 1, 3}};
   description.mesh.materials = {0, 1, 2, 3};
@@ -76,7 +76,7 @@ TEST(World, TrianglesAreOrderedByObjectEachWithVerticesOfItsOwn) {
   EXPECT_EQ(mesh.triangles, (Triangles{{0, 1, 2}, {2, 1, 3}, {7, 5, 4}, {4, 6, 7}}));
   EXPECT_EQ(mesh.vertices, (std::vector<Vec3>{at(0), at(1), at(2), at(3), at(1), at(3), at(4), at(5)}));
 
-  // What is in order already stays as it is.
+  // A mesh that is already in order is unchanged.
   SceneDescription again;
   again.materials = description.materials;
   again.mesh = mesh;
@@ -107,7 +107,7 @@ TEST(World, AsManyMaterialsAsHaveASemanticIdBelowThoseOfMarkers) {
   EXPECT_EQ(World(description).materials().size(), 65532U);
 }
 
-// Instance ids are 16 bits wide, but only who gives them out cares.
+// Instance ids are 16 bits wide, but only cameras that output them are limited by that.
 TEST(World, ObjectsMayBeMoreThanThereAreInstanceIds) {
   SceneDescription description = valid();
   description.mesh.objects = {65535};
@@ -288,7 +288,7 @@ TEST(World, AFileIsReplacedAsAWholeOrNotAtAll) {
   EXPECT_FALSE(std::filesystem::is_regular_file("/dev/full"));
   std::size_t count = 0;
   for (const auto& entry : std::filesystem::recursive_directory_iterator(folder)) count += entry.exists() ? 1 : 0;
-  EXPECT_EQ(count, 3U);  // nothing else is left
+  EXPECT_EQ(count, 3U);  // no temporary files remain
   std::filesystem::remove_all(folder);
 }
 
