@@ -1,4 +1,4 @@
-// An external task: rise to 2 m above the start. It needs only these headers. Build it as a shared library with
+// An external task: rise to 2 m above the start. It needs only these headers. Build it as a shared library,
 //   c++ -std=c++20 -O2 -shared -fPIC -I<include_dir()> $(pkg-config --cflags eigen3) reach_height.cpp -o reach_height.so
 // and pass that to flockstep.register_task(). Each env has one drone, therefore env and drone have the same index.
 #include <cmath>
@@ -15,7 +15,7 @@ class ReachHeight final : public flockstep::Task {
   ReachHeight() {
     constexpr double kAny = std::numeric_limits<double>::infinity();
     spec_.action = {.name = "displacement", .shape = {3}};  // in units of 0.25 m
-    // M, distance to the target height, own height.
+    // Distance to the target height, and own height, in m.
     spec_.observation = {{.name = "height", .shape = {2}, .low = {-kAny}, .high = {kAny}}};
     spec_.reward_terms = {"closer", "arrived"};
   }
