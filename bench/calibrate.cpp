@@ -220,19 +220,20 @@ int main() {
   const int any_origin = std::min(crossover("in all", block_advantage), bundle);
   const int fewest = fewest_in_tiles(), per_ray = triangles_per_ray(fewest);
   std::printf(
-      R"(// Which way rays go. Written by `./dev calibrate` (here with %s); nothing is timed at run time,
-// since the choice decides the last bits of a distance.
+      R"(// Thresholds that select the method of ray tracing. Written by `./dev calibrate` (here with %s). They are not measured at run
+// time, since the method affects the last bits of a distance.
 #pragma once
 
 #include <cstddef>
 
 namespace flockstep::trace {
 
-// Shapes in view up to which a bundle's rays are tested against every one.
+// Up to this many shapes in view, a bundle's rays are tested against each of them.
 inline constexpr std::size_t kMaxDirect = %d;
-// Shapes of a world up to which rays of any origins are tested against every one.
+// Up to this many shapes in the world, rays of arbitrary origins are tested against each of them.
 inline constexpr std::size_t kMaxDirectAnyOrigin = %d;
-// Rays of a sensor from which on they meet triangles in tiles, and how many triangles there may be for each.
+// A sensor with at least kFewestInTiles rays traces triangles in tiles, if the world has at most kTrianglesPerRay triangles per
+// ray.
 inline constexpr std::size_t kFewestInTiles = %d;
 inline constexpr std::size_t kTrianglesPerRay = %d;
 
