@@ -1,4 +1,4 @@
-// Airframe: the mass, rotors and drag of a quadrotor, from which its flight is computed.
+// Airframe: mass, rotors and drag of a quadrotor, the coefficients of its flight model.
 #pragma once
 
 #include <array>
@@ -12,14 +12,14 @@ namespace flockstep {
 
 inline constexpr std::size_t kRotors = 4;
 
-// Direction in which a rotor turns, seen from above. One that turns counter-clockwise yaws the body clockwise.
+// Direction in which a rotor turns, seen from above. A counter-clockwise rotor yaws the body clockwise.
 enum class Spin : std::uint8_t { ccw, cw };
 template <>
 struct EnumNames<Spin> {
   static constexpr std::array kNames{"ccw", "cw"};
 };
 
-// SI units; the body frame is x forward, y left, z up, its origin the centre of mass. Rotors point along z.
+// SI units. Body frame: x forward, y left, z up, origin at the centre of mass. The rotors' axes are parallel to z.
 struct Airframe {
   using Triple = std::array<double, 3>;  // x, y, z of the body frame
 
@@ -40,7 +40,7 @@ struct Airframe {
   Triple linear_drag{};
   Triple quadratic_drag{};
 
-  // Aliases are the fields' places in a drone file.
+  // Aliases are the paths of the fields in a drone file.
   static constexpr auto fields() {
     using C = Airframe;
     return field_list(
@@ -117,17 +117,18 @@ struct Airframe {
                .alias = "drag quadratic_n_per_mps2"}));
   }
 
-  // Throws std::invalid_argument where it is no body that can hover: it names the field, what was expected, what came.
+  // Throws std::invalid_argument if the body cannot hover. The message names the field, the expected value and the actual one.
   FLOCKSTEP_API void validate() const;
 
-  FLOCKSTEP_API double thrust_at(double speed_radps) const;         // N, of one rotor
-  FLOCKSTEP_API double speed_for(double thrust_n) const;            // rad/s, within the limits
-  double max_thrust() const { return thrust_at(max_speed_radps); }  // N, of one rotor
+  FLOCKSTEP_API double thrust_at(double speed_radps) const;         // N, one rotor
+  FLOCKSTEP_API double speed_for(double thrust_n) const;            // rad/s, one rotor, within the speed limits
+  double max_thrust() const { return thrust_at(max_speed_radps); }  // N, one rotor
   FLOCKSTEP_API double thrust_to_weight() const;
-  FLOCKSTEP_API double hover_speed() const;  // rad/s, of rotors that share the weight evenly
+  FLOCKSTEP_API double hover_speed() const;  // rad/s, if all rotors share the weight evenly
 
-  // The same body in another size: lengths times `size`, mass times `mass`, and all the rest so that it flies alike, at speeds
-  // and in times that are longer by the square root of `size` (Froude's law); thrust-to-weight stays. Both > 0.
+  // Returns the body in another size: lengths times `size`, mass times `mass`, both > 0. All other coefficients follow Froude's
+  // law, so that the scaled body flies alike: speeds and times grow by the square root of `size`, and thrust-to-weight stays
+  // the same.
   FLOCKSTEP_API Airframe scaled(double size, double mass) const;
 };
 

@@ -1,4 +1,4 @@
-// AlignedVector: a vector that begins at a cache line, so that JAX and PyTorch take a view of it as it is.
+// AlignedVector: a vector aligned to a cache line, so that JAX and PyTorch can view its memory without a copy.
 #pragma once
 
 #include <cstddef>

@@ -1,4 +1,4 @@
-// ArrayVisitor: is shown every array of a state, so that snapshots know it.
+// ArrayVisitor: visits every array of a state. Snapshots are written and restored through it.
 #pragma once
 
 #include <cstddef>
@@ -18,7 +18,7 @@ class ArrayVisitor {
  public:
   virtual ~ArrayVisitor() = default;
 
-  // An array of fixed size. Its name is unique among those of one owner.
+  // Visits an array of fixed size. Names are unique within one owner.
   template <class T, class Allocator>
   void array(std::string_view name, std::vector<T, Allocator>& values) {
     static_assert(std::is_trivially_copyable_v<T>);
@@ -28,13 +28,13 @@ class ArrayVisitor {
       bytes(name, std::as_writable_bytes(std::span(values)), std::nullopt);
     }
   }
-  // type: of its values; none where they are structs.
+  // Visits an array as bytes. type: type of its values; nullopt if it is not a DType, for example a struct.
   virtual void bytes(std::string_view name, std::span<std::byte> bytes, std::optional<DType> type) = 0;
 
-  // Bytes of any number. They are set when a snapshot is restored, before Task::restored() is called.
+  // Visits a byte string of variable size. Restoring a snapshot sets it before Task::restored() is called.
   virtual void blob(std::string_view name, std::string& bytes) = 0;
 
-  // All arrays of a struct that lists its fields.
+  // Visits all arrays of a struct that lists its fields.
   template <HasFields T>
   void fields(T& state) {
     for_each_field(state, [this](const auto& field, auto& value) {

@@ -1,4 +1,4 @@
-// Arrays of a batch, each listed once: a struct of arrays lists its members in fields(), by array(). Allocation, snapshots and
+// Lists of a batch's arrays. A struct of arrays lists its members once, in fields(), with array(). Allocation, snapshots and
 // their checks, NumPy views, the stub and the table in docs/conventions.md are made from these lists.
 //
 //   struct Battery {
@@ -24,44 +24,44 @@
 
 namespace flockstep {
 
-// The rows of an array. EnumNames are their numbers: N drones, E envs; R is N or E, as TaskSpec::row says.
+// Kind of an array's rows. EnumNames are the row counts: N drones, E envs, and R, which is N or E depending on TaskSpec::row.
 enum class Rows : std::uint8_t { drone, env, task };
 template <>
 struct EnumNames<Rows> {
   static constexpr std::array kNames{"N", "E", "R"};
 };
 
-// The frame of reference of vectors and quaternions.
+// Frame of reference of vectors and quaternions.
 enum class Frame : std::uint8_t { none, world, body, sensor };
 template <>
 struct EnumNames<Frame> {
   static constexpr std::array kNames{"", "world", "body", "sensor"};
 };
 
-// The values that an array can hold. A snapshot with others is refused.
+// Values that an array may hold. Restoring a snapshot with other values is refused.
 enum class Values : std::uint8_t {
-  finite,      // every finite number
-  any,         // every number
+  finite,      // finite numbers
+  any,         // any number, including NaN and infinities
   flag,        // 0 or 1, viewed as bool
   count,       // 0 to 2^62
-  last_count,  // a count, or -1: none yet
+  last_count,  // a count, or -1 for none yet
   fraction,    // 0 to 1
   range,       // 0 to infinity
 };
 
-// Who may use an array by its name.
+// Access to an array by its name.
 enum class Access : std::uint8_t {
-  read,      // views are read-only
-  write,     // and those of the latest outputs may be written
-  internal,  // nobody: it has no view
+  read,      // read-only views
+  write,     // views of the latest outputs are writable
+  internal,  // no view
 };
 
-// Items of a row, each of which has the array's columns. EnumNames are their part of a shape.
+// Items of a row; each item has the array's columns. EnumNames are the dimensions of the items in a shape.
 enum class Per : std::uint8_t {
-  row,    // the row is one item
-  term,   // of the reward
-  ray,    // of a LiDAR
-  pixel,  // of a camera's image
+  row,    // the row is a single item
+  term,   // terms of the reward
+  ray,    // rays of a LiDAR
+  pixel,  // pixels of a camera image
 };
 template <>
 struct EnumNames<Per> {
@@ -71,18 +71,18 @@ struct EnumNames<Per> {
 struct ArrayInfo {
   Rows rows = Rows::drone;
   Per per = Per::row;
-  int columns = 0;  // values in an item; 0: an item is one number
+  int columns = 0;  // values per item; 0: an item is a scalar
   const char* unit = "";
   Frame frame = Frame::none;
   Values values = Values::finite;
   Access access = Access::read;
-  const char* writer = "";  // the code that writes it: a stage of the step, or a call
-  const char* about = "";   // what it is, in a few words
+  const char* writer = "";  // stage of the step, or call, that writes the array
+  const char* about = "";   // short description
 };
 
 template <class Struct, class Array>
 struct ArrayPointer {
-  const char* name;  // of its view; unique in a batch
+  const char* name;  // name of the view, unique in a batch
   Array Struct::* member;
   ArrayInfo info;
 };
@@ -92,7 +92,7 @@ constexpr ArrayPointer<Struct, Array> array(const char* name, Array Struct::* me
   return {name, member, info};
 }
 
-// The numbers of rows and columns of a batch.
+// Row and item counts of a batch.
 struct ArraySizes {
   std::size_t num_envs = 0;
   std::size_t num_drones = 0;
@@ -102,7 +102,7 @@ struct ArraySizes {
   std::size_t num_pixels = 0;
 
   std::size_t rows(Rows of) const { return of == Rows::drone ? num_drones : of == Rows::env ? num_envs : num_task_rows; }
-  // Values in a row.
+  // Returns the number of values per row.
   std::size_t width(const ArrayInfo& info) const {
     const std::size_t items = info.per == Per::term    ? num_terms
                               : info.per == Per::ray   ? num_rays
@@ -112,7 +112,7 @@ struct ArraySizes {
   }
 };
 
-// Calls f(entry, values) for each member of a struct that array() lists. Other members, such as nested structs, are left out.
+// Calls f(entry, values) for each member listed with array(). Other members, such as nested structs, are skipped.
 template <HasFields T, class F>
 void for_each_listed(T& arrays, const F& f) {
   for_each_field(arrays, [&](const auto& entry, auto& values) {
@@ -120,13 +120,13 @@ void for_each_listed(T& arrays, const F& f) {
   });
 }
 
-// The value that says that there is nothing: infinity for ranges, otherwise 0.
+// Returns the value of an empty entry: infinity for ranges, otherwise 0.
 template <class T>
 constexpr T absent_value(const ArrayInfo& info) {
   return info.values == Values::range ? std::numeric_limits<T>::infinity() : T{};
 }
 
-// Gives an array its size, filled with absent values.
+// Resizes an array and fills it with absent values.
 template <class Entry, class Array>
 void allocate(const Entry& entry, Array& values, const ArraySizes& sizes) {
   values.assign(sizes.rows(entry.info.rows) * sizes.width(entry.info), absent_value<typename Array::value_type>(entry.info));
@@ -136,22 +136,22 @@ void allocate(T& arrays, const ArraySizes& sizes) {
   for_each_listed(arrays, [&](const auto& entry, auto& values) { allocate(entry, values, sizes); });
 }
 
-// The shape of a row's items: terms, channels x beams, or height x width.
+// Shape of the items of a row: terms, channels x beams, or height x width.
 struct ItemShape {
   std::array<std::int64_t, 2> sizes{1, 1};
   std::size_t dimensions = 0;
-  bool columns_first = false;  // columns come before items
+  bool columns_first = false;  // the columns come before the items, as in chw images
 };
 
-// A listed array as it lies in memory.
+// Memory and description of a listed array.
 struct ArrayView {
   const char* name;
   ArrayInfo info;
-  char kind;               // of its numbers, as NumPy has it: b bool, i and u integer, f floating-point
-  std::size_t value_size;  // bytes
+  char kind;               // NumPy's kind of the values: b bool, i and u integer, f floating-point
+  std::size_t value_size;  // bytes per value
   const void* data;
-  std::size_t size;  // values
-  ItemShape items;   // unless info.per is Per::row
+  std::size_t size;  // number of values
+  ItemShape items;   // unused if info.per is Per::row
 };
 
 template <class Entry, class Array>
@@ -164,13 +164,13 @@ ArrayView view_of(const Entry& entry, const Array& values, const ItemShape& item
   return {entry.name, entry.info, kind, sizeof(Value), values.data(), values.size(), items};
 }
 
-// f(view) for each listed array.
+// Calls f(view) for each listed array.
 template <HasFields T, class F>
 void for_each_view(const T& arrays, const ItemShape& items, const F& f) {
   for_each_listed(arrays, [&](const auto& entry, const auto& values) { f(view_of(entry, values, items)); });
 }
 
-// Throws std::invalid_argument, naming the array, at a value that its list does not allow.
+// Throws std::invalid_argument, naming the array, if a value is not among the allowed ones.
 FLOCKSTEP_API void check_values(std::span<const std::uint8_t> values, const char* name, Values allowed);
 FLOCKSTEP_API void check_values(std::span<const std::int32_t> values, const char* name, Values allowed);
 FLOCKSTEP_API void check_values(std::span<const std::int64_t> values, const char* name, Values allowed);

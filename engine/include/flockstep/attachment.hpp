@@ -1,4 +1,4 @@
-// Attachment: a slot in which other code caches what it derives from an object; it lives as long as the object.
+// Attachment: a slot of an object in which other code caches derived data. The data live as long as the object.
 #pragma once
 
 #include <memory>
@@ -6,15 +6,16 @@
 
 namespace flockstep {
 
-// Knows no types, so that the object it belongs to need not know who uses it: all callers of one attachment agree on T.
+// The slot is type-erased, so the object's header does not depend on the code that uses the slot. All callers of one attachment
+// must use the same T.
 class Attachment {
  public:
-  // The value, which make() returns on first need as a std::shared_ptr<const T>. Thread-safe: whoever comes first makes it, the
-  // others wait; where make() throws, the next caller tries again.
+  // Returns the value. The first call creates it with make(), which returns a std::shared_ptr<const T>. Thread-safe: other
+  // callers wait for the first one. If make() throws, the next caller tries again.
   template <class T, class Make>
   const T& get(const Make& make) const {
-    // Not std::call_once: where make() throws, as it does when it is interrupted, some C libraries leave its flag in a state in
-    // which the next caller waits for ever.
+    // A mutex instead of std::call_once: if make() throws, as it does when interrupted, some C libraries leave the once_flag in
+    // a state in which the next caller waits forever.
     const std::lock_guard lock(mutex_);
     if (!value_) value_ = make();
     return *static_cast<const T*>(value_.get());

@@ -22,20 +22,20 @@
 
 namespace flockstep {
 
-// What a step or reset returns, each array aligned to a cache line. R rows are N or E, as TaskSpec::row says. Two of these
-// rotate, so that what one returned stays intact during the next.
+// Results of a step or reset, each array aligned to a cache line. R rows are N or E, depending on TaskSpec::row. A batch
+// alternates between two Outputs, so the results of one call stay intact during the next.
 struct Outputs {
-  std::vector<Buffer> observation;        // (R, ...) one for each field of TaskSpec::observation
-  std::vector<Buffer> final_observation;  // (R, ...) same fields; valid where terminated or truncated
+  std::vector<Buffer> observation;        // (R, ...) one buffer per field of TaskSpec::observation
+  std::vector<Buffer> final_observation;  // (R, ...) same fields; valid if terminated or truncated
   AlignedVector<float> reward;
   AlignedVector<float> reward_terms;
   FlagArray terminated;
   FlagArray truncated;
   FlagArray success;
   FlagArray crashed;
-  // The episode ended because a setpoint, a pose, a reward or an observation was not finite, or a pose was beyond the world. The
-  // drone stayed where it was, the reward and the observation read 0 there. An infinity that the bounds of the observation's
-  // field contain counts as finite.
+  // The episode ended because a setpoint, pose, reward or observation was not finite, or because a pose was outside the world.
+  // The drone stayed where it was; its reward and observation read 0. An infinity within the bounds of the observation's field
+  // counts as finite.
   FlagArray bad_state;
   AlignedVector<std::uint8_t> episode_end;  // EpisodeEnd
   AlignedVector<double> episode_return;
@@ -77,33 +77,33 @@ struct Outputs {
 
 struct Simulation;
 
-// All methods check their input before they change anything and throw std::invalid_argument naming the field, what was expected
-// and what came. An empty mask selects every active drone or env; an env is active if one of its drones is. Not thread-safe: one
-// caller at a time.
-// A batch does not survive fork(): using a parent's batch in the child throws std::runtime_error. So does a call while another
-// thread is in one.
+// All methods check their input before they change anything. They throw std::invalid_argument naming the field, the expected
+// value and the actual one. An empty mask selects every active drone or env; an env is active if one of its drones is.
+// Not thread-safe: a call while another thread is in one throws std::runtime_error. A batch does not survive fork(): using a
+// parent's batch in the child throws std::runtime_error.
 class FLOCKSTEP_API Batch {
  public:
   using Worlds = std::vector<std::shared_ptr<const World>>;
 
-  // world_index: (E,), or empty for env i in world i mod W. Drones start at their world's start marker, else at the centre of
-  // its bounds. Without a task there is nothing to reset() and step(), and all else works.
+  // world_index: (E,), the world of each env; if empty, env i is in world i mod W. Drones start at the start marker of their
+  // world, or at the centre of its bounds if it has none. Without a task, reset() and step() are not available; everything else
+  // works.
   Batch(BatchConfig config, Worlds worlds, std::unique_ptr<Task> task = nullptr, DroneModel drone = DroneModel::quadrotor650(),
         std::span<const std::int32_t> world_index = {});
-  // The worlds are those of a pool, which resets draw from: it takes a task. state().world_index has their numbers; until their
-  // first reset all drones are in world 0. Cameras are rendered by raycast.
+  // Takes the worlds from a pool. Resets draw from it, so a task is required. state().world_index holds the pool's world
+  // numbers. All drones are in world 0 until their first reset. Cameras are rendered by raycast.
   Batch(BatchConfig config, WorldPool pool, std::unique_ptr<Task> task, DroneModel drone = DroneModel::quadrotor650());
   ~Batch();
   Batch(const Batch&) = delete;
   Batch& operator=(const Batch&) = delete;
 
   const BatchConfig& config() const;
-  const Worlds& worlds() const;  // by state().world_index; empty with a pool
+  const Worlds& worlds() const;  // indexed by state().world_index; empty with a pool
   const std::shared_ptr<const World>& world_of(EnvIndex env) const;
   const DroneModel& drone() const;
-  int num_threads() const;  // what num_threads = 0 became
-  // How many rays of LiDARs and cameras, shadow rays included, have gone through Embree's trees of triangles, and in how many
-  // packets; since the batch was made.
+  int num_threads() const;  // actual number, also if num_threads = 0
+  // Number of LiDAR and camera rays, shadow rays included, traced through Embree's triangle trees since the batch was made, and
+  // the number of packets they were traced in.
   std::int64_t embree_rays() const;
   std::int64_t embree_packets() const;
   const State& state() const;
@@ -111,70 +111,71 @@ class FLOCKSTEP_API Batch {
   // --- motion and sensing; positions (N, 3) m, quaternions (N, 4) wxyz; an empty span leaves the value unchanged
   void set_pose(std::span<const float> position, std::span<const float> quat_wxyz, DroneMask mask = {});  // no collision check
   void move(std::span<const float> position, std::span<const float> quat_wxyz,
-            DroneMask mask = {});  // swept; see state().contact
-  // Drones that fly by rotors: velocities (N, 3) m/s, world frame, and rad/s, body frame; rotor speeds (N, 4) rad/s. After
-  // set_pose() they are at rest, rotors hovering.
+            DroneMask mask = {});  // with collision check; sets state().contact
+  // Rotor motion only: velocities (N, 3) in m/s, world frame; angular velocities (N, 3) in rad/s, body frame; rotor speeds (N,
+  // 4) in rad/s. After set_pose() a drone is at rest with its rotors at hover speed.
   void set_velocity(std::span<const float> velocity, std::span<const float> angular_velocity, std::span<const float> rotor_speed,
                     DroneMask mask = {});
-  // Flies a command (N, 4), as config().dynamics.control says, for some ticks; 0: those of a step. move() is for kinematic
-  // motion.
+  // Flies a command (N, 4), whose meaning is config().dynamics.control, for a number of ticks in [0, 1000000]; 0 means one
+  // step. Rotor motion only; use move() for kinematic motion.
   void fly(std::span<const float> command, int ticks = 0, DroneMask mask = {});
   void sense(DroneMask mask = {});
 
   // --- slots
-  void spawn(
-      std::span<const std::int64_t> indices, std::span<const float> position, std::span<const float> quat_wxyz,
-      std::span<const std::int32_t> world_index);  // rows in the order of indices; an empty span leaves the value unchanged
+  void spawn(std::span<const std::int64_t> indices, std::span<const float> position, std::span<const float> quat_wxyz,
+             std::span<const std::int32_t> world_index);  // one row per index; an empty span leaves the value unchanged
   void remove(std::span<const std::int64_t> indices);
   void set_world(std::span<const std::int32_t> world_index, EnvMask mask = {});  // (E,); refused with a pool
 
-  // --- the readings of sensors; all arrays are empty for a sensor that the batch does not have
+  // --- sensor readings; all arrays are empty for a sensor that the batch does not have
   const PoseReadings& pose_readings() const;
-  const ImuReadings& imu_readings(std::size_t imu = 0) const;        // by the index in config().imus
-  const LidarReadings& lidar_readings(std::size_t lidar = 0) const;  // by the index in config().lidars
-  // The arrays that the sensor of this name publishes. std::invalid_argument if there is none, or two of
-  // different kinds have it.
+  const ImuReadings& imu_readings(std::size_t imu = 0) const;        // index into config().imus
+  const LidarReadings& lidar_readings(std::size_t lidar = 0) const;  // index into config().lidars
+  // Returns the arrays that the sensor of this name publishes. Throws std::invalid_argument if there is none, or if sensors of
+  // two kinds have this name.
   std::vector<ArrayView> sensor_arrays(std::string_view name) const;
 
-  // --- the LiDARs and IMUs; std::invalid_argument if there is no such sensor
+  // --- LiDARs and IMUs; std::invalid_argument if there is no such sensor
   std::size_t imu_index(std::string_view name) const;    // empty: the first
   std::size_t lidar_index(std::string_view name) const;  // empty: the first
-  void require_scan(std::size_t lidar = 0) const;        // std::logic_error before the first scan, when all ranges are inf
+  void require_scan(std::size_t lidar = 0) const;        // std::logic_error before the first scan, while all ranges are inf
   void set_lidar(const LidarChange& change, DroneMask mask = {}, std::size_t lidar = 0);
-  LidarConfig lidar_config(std::int64_t index, std::size_t lidar = 0) const;  // of one drone, as changed at run time
+  LidarConfig lidar_config(std::int64_t index, std::size_t lidar = 0) const;  // of one drone, run-time changes included
   void lidar_directions(std::span<float> out, std::size_t lidar = 0) const;   // (N, channels, beams, 3) unit, body frame
   void lidar_points(std::span<float> out, std::size_t lidar = 0) const;  // (N, channels, beams, 3) m, world frame, inf on a miss
 
-  // --- the cameras, by their index in config().cameras; std::invalid_argument where there is no such camera
+  // --- cameras, by index into config().cameras; std::invalid_argument if there is no such camera
   std::size_t camera_index(std::string_view name) const;        // empty: the only one
-  const CameraConfig& camera_config(std::size_t camera) const;  // with its present capture mode
+  const CameraConfig& camera_config(std::size_t camera) const;  // with the current capture mode
   const CameraImages& images(std::size_t camera) const;
-  CameraConfig camera_config(std::size_t camera, std::int64_t index) const;  // of one drone, as changed at run time
-  void capture(std::size_t camera, DroneMask mask = {});                     // renders now, whatever the mode
+  CameraConfig camera_config(std::size_t camera, std::int64_t index) const;  // of one drone, run-time changes included
+  void capture(std::size_t camera, DroneMask mask = {});                     // renders now, in any capture mode
   void set_capture_mode(std::size_t camera, CaptureMode mode);
-  void set_camera(std::size_t camera, const CameraChange& change, DroneMask mask = {});  // marks its frames stale
-  const std::string& camera_backend_report() const;                                      // which backend renders, and why
-  std::string take_warning();  // a warning not reported yet, e.g. that OpenGL failed; mostly empty
-  // JPEG file of one drone's rgb frame, or grey if it has no rgb; the frame must not be stale. Quality in [1, 100].
+  void set_camera(std::size_t camera, const CameraChange& change, DroneMask mask = {});  // marks the frames stale
+  const std::string& camera_backend_report() const;  // the backend in use and the reason for it
+  std::string take_warning();                        // a warning not reported yet, e.g. that OpenGL failed; usually empty
+  // Returns a JPEG file of one drone's rgb frame, or of its grey frame if it has no rgb. The frame must not be stale. quality:
+  // [1, 100].
   std::string jpeg(std::size_t camera, std::int64_t index, int quality) const;
 
-  // --- random numbers, keyed by (env seed, episode, stream); drawing changes nothing
-  void seed(std::span<const std::uint64_t> seeds, EnvMask mask = {});        // (E,); episode counters go to 0
-  void begin_episode(EnvMask mask = {});                                     // the next episode of each masked env
+  // --- random numbers, keyed by (env seed, episode, stream); drawing does not change any state
+  void seed(std::span<const std::uint64_t> seeds, EnvMask mask = {});        // (E,); sets the episode counters to 0
+  void begin_episode(EnvMask mask = {});                                     // advances each masked env to its next episode
   void random(std::uint32_t stream, int count, std::span<float> out) const;  // (E, count), uniform in [0, 1)
 
   // --- the task; std::logic_error without one, or before the first reset
   const Task* task() const;                                             // null without one
-  void reset(std::span<const std::uint64_t> seeds, EnvMask mask = {});  // seeds (E,), or empty: the next episode
-  // Actions are rows as TaskSpec::action says. Each is flown EpisodeConfig::frame_skip times.
-  void step(std::span<const std::int64_t> actions);  // of an integer type: (R,)
-  void step(std::span<const float> actions);         // of a floating-point type: (R, ...)
+  void reset(std::span<const std::uint64_t> seeds, EnvMask mask = {});  // seeds (E,); empty: the next episode of each env
+  // Actions have one row per drone or env, in the form of TaskSpec::action. Each action is flown EpisodeConfig::frame_skip
+  // times.
+  void step(std::span<const std::int64_t> actions);  // (R,) integer actions
+  void step(std::span<const float> actions);         // (R, ...) floating-point actions
   const EpisodeState& episodes() const;
-  void visit_task(ArrayVisitor& visitor) const;  // the arrays of the task, to be read
+  void visit_task(ArrayVisitor& visitor) const;  // visits the arrays of the task, for reading
   const Outputs& outputs() const;                // of the last step, reset or restore; intact during the next one
   Outputs& outputs();
 
-  // --- all that the next step depends on, with a hash of the configuration that restore() checks
+  // --- everything that the next step depends on, with a hash of the configuration that restore() checks
   std::string snapshot() const;
   void restore(const std::string& blob);
 

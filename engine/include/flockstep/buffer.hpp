@@ -1,4 +1,4 @@
-// Field: a named array as a task declares it, such as an observation. Buffer: its values, row by row.
+// Field: declares a named array of a task, such as an observation. Buffer: holds the values of a field, row by row.
 #pragma once
 
 #include <algorithm>
@@ -56,15 +56,15 @@ constexpr std::size_t size_of(DType type) {
   }
 }
 
-// What one row of an array holds.
+// Name, type, shape and bounds of one row of an array.
 struct Field {
   std::string name;
   DType type = DType::float32;
-  std::vector<std::int64_t> shape;  // of one row; empty: a single number
-  // Least and greatest value: one for all of the row, or one for each of its values.
+  std::vector<std::int64_t> shape;  // of one row; empty: a scalar
+  // Minimum and maximum: one for the whole row, or one for each of its values.
   std::vector<double> low{-1.0};
   std::vector<double> high{1.0};
-  std::vector<double> absent{0.0};  // likewise: what the row of a removed drone reads
+  std::vector<double> absent{0.0};  // value of a removed drone's row: one for the row, or one for each value
 
   static constexpr auto fields() {
     using C = Field;
@@ -89,7 +89,7 @@ class Buffer {
   AlignedVector<std::byte>& bytes() { return bytes_; }
   const AlignedVector<std::byte>& bytes() const { return bytes_; }
 
-  // A row, whose type has to be the field's.
+  // Returns one row. T must be the type of the field.
   template <class T>
   std::span<T> row(std::size_t index) {
     return {reinterpret_cast<T*>(bytes_.data()) + index * columns_, columns_};
@@ -106,7 +106,7 @@ class Buffer {
 
  private:
   DType type_ = DType::float32;
-  std::size_t columns_ = 0;  // values in a row
+  std::size_t columns_ = 0;  // values per row
   AlignedVector<std::byte> bytes_;
 };
 

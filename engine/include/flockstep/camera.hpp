@@ -1,4 +1,4 @@
-// CameraConfig: a pinhole camera; CameraImages: what it writes.
+// CameraConfig: a pinhole camera. readings.hpp has its images, CameraImages.
 #pragma once
 
 #include <array>
@@ -31,14 +31,14 @@ struct EnumNames<CaptureMode> {
   static constexpr std::array kNames{"every_step", "on_movement", "on_demand"};
 };
 
-// The rule by which a pixel of a resized image is computed from the rendered pixels that it covers.
+// Method that combines the rendered pixels covered by one pixel of a resized image.
 enum class Pool : std::uint8_t { mean, min, max };
 template <>
 struct EnumNames<Pool> {
   static constexpr std::array kNames{"mean", "min", "max"};
 };
 
-// Renders cameras.
+// Renderer of the cameras.
 enum class CameraBackend : std::uint8_t { raycast, gl, automatic };
 template <>
 struct EnumNames<CameraBackend> {
@@ -65,7 +65,8 @@ struct CameraOutputs {
   bool any_color() const { return rgb || grey; }
 };
 
-// A pinhole camera. Its frame: x along the optical axis, y left, z up. The centre of the image is where the axis meets it.
+// A pinhole camera. Camera frame: x along the optical axis, y left, z up. The optical axis passes through the centre of the
+// image.
 struct CameraConfig {
   std::string name = "front";
   int width_px = 640;
@@ -86,7 +87,7 @@ struct CameraConfig {
   std::optional<std::array<int, 2>> resize;
   Pool pool = Pool::mean;
 
-  static constexpr int kMaxSide = 8192;  // px, of an image
+  static constexpr int kMaxSide = 8192;  // px, maximum width and height of an image
 
   static constexpr auto fields() {
     using C = CameraConfig;
@@ -117,7 +118,7 @@ struct CameraConfig {
                         "those where the drone's pose or world differs from what its frame shows. ``\"on_demand\"``: by "
                         "`Batch.capture` only. A reset and a change of the camera always render; on demand, the frame is stale "
                         "until the next capture.",
-               .affects_hash = AffectsHash::no}),  // a snapshot brings its own
+               .affects_hash = AffectsHash::no}),  // the mode is part of the snapshot
         field("samples_per_pixel", &C::samples_per_pixel,
               {.about = "Samples of a pixel, in a grid, averaged. Only for colours; other outputs show the pixel's centre.",
                .limits = one_of(1, 4, 9, 16)}),
@@ -139,17 +140,17 @@ struct CameraConfig {
   FLOCKSTEP_API void validate() const;
   FLOCKSTEP_API float fx() const;  // px
   FLOCKSTEP_API float fy() const;  // px
-  // Of the images that are written.
+  // Size of the written images.
   int image_width_px() const { return resize ? (*resize)[0] : width_px; }
   int image_height_px() const { return resize ? (*resize)[1] : height_px; }
 };
 
-// Run-time changes to a camera of some drones; what is not set stays. The resolution is fixed per batch.
+// Run-time changes to a camera of some drones; unset fields stay unchanged. The resolution is fixed per batch.
 struct CameraChange {
-  std::optional<float> hfov_deg;  // setting one unsets the other, unless both are given
-  std::optional<float> vfov_deg;
-  std::optional<std::array<float, 3>> offset_m;
-  std::optional<std::array<float, 4>> quat_wxyz;
+  std::optional<float> hfov_deg;                  // deg; setting only one of hfov_deg and vfov_deg clears the other
+  std::optional<float> vfov_deg;                  // deg
+  std::optional<std::array<float, 3>> offset_m;   // m, body frame
+  std::optional<std::array<float, 4>> quat_wxyz;  // camera to body
 
   bool any() const { return hfov_deg || vfov_deg || offset_m || quat_wxyz; }
 };

@@ -1,4 +1,4 @@
-// ColorRange: which colours count, for tasks and users that look for something in a camera's image.
+// ColorRange: a range of colours, for tasks and users that search camera images for a colour.
 #pragma once
 
 #include <array>
@@ -16,7 +16,7 @@ struct EnumNames<ColorSpace> {
   static constexpr std::array kNames{"rgb", "hsv", "excess"};
 };
 
-// A pixel counts if each of its channels is in [low, high], both ends included. By default, green as the goal is.
+// A pixel matches if each of its channels is in [low, high], both ends included. The default matches the green of the goal.
 struct ColorRange {
   ColorSpace space = ColorSpace::excess;
   std::array<int, 3> low{0, 17, 0};

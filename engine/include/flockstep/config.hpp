@@ -1,6 +1,6 @@
-// BatchConfig: everything a batch is made of except its worlds, drone and task.
-// Configs are plain structs, valid by default, validated once where they enter. Names carry their unit or kind.
-// validate() throws std::invalid_argument naming the field, what was expected and what came.
+// BatchConfig: the configuration of a batch, except its worlds, drone and task.
+// Configs are plain structs with valid defaults, validated once on entry. Field names carry their unit or kind. validate()
+// throws std::invalid_argument naming the field, the expected value and the actual one.
 #pragma once
 
 #include <vector>
@@ -16,7 +16,7 @@
 
 namespace flockstep {
 
-// The way in which rays of cameras and LiDARs find the objects of a world.
+// Method that finds the objects hit by rays of cameras and LiDARs.
 enum class TracerKind : std::uint8_t { automatic, tiles, embree };
 template <>
 struct EnumNames<TracerKind> {
@@ -38,7 +38,7 @@ struct BatchConfig {
   ClockConfig clock;
   DynamicsConfig dynamics;
 
-  static constexpr int kMaxDrones = 1 << 20;  // of all envs
+  static constexpr int kMaxDrones = 1 << 20;  // total over all envs
 
   static constexpr auto fields() {
     using C = BatchConfig;

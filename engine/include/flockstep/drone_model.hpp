@@ -1,5 +1,5 @@
-// DroneModel: what a drone is made of. Its convex hull is its collision body; its airframe, if it has one, is what its flight is
-// computed from.
+// DroneModel: the body and flight model of a drone. The convex hull is its collision body. The optional airframe holds the
+// coefficients of its flight model.
 #pragma once
 
 #include <optional>
@@ -17,25 +17,26 @@ inline constexpr int kMaxHullVertices = 32;
 
 class FLOCKSTEP_API DroneModel {
  public:
-  // The default: the 650-class quadrotor "t650", extents exactly 0.93 x 0.59 x 0.20 m, centred on the body origin.
+  // Returns the default drone, the 650-class quadrotor "t650". Its extents are exactly 0.93 x 0.59 x 0.20 m, centred on the
+  // body origin.
   static DroneModel quadrotor650();
-  // A bundled airframe by its name, or a JSON file, by a path that ends in .json; docs/add-a-drone.md has the format.
+  // Loads a bundled airframe by name, or a JSON file by a path that ends in .json. docs/add-a-drone.md describes the format.
   static DroneModel load(const std::string& name_or_path);
   static DroneModel from_json(const std::string& text);
-  static std::vector<std::string> names();  // of the bundled airframes
+  static std::vector<std::string> names();  // names of the bundled airframes
 
-  // hull: 4 to 32 points in the body frame (m); their convex hull is the body and must have a volume.
+  // hull: 4 to 32 points in the body frame, m. Their convex hull is the collision body and must have a volume.
   explicit DroneModel(std::vector<Vec3> hull, std::optional<Airframe> airframe = {}, std::string name = {});
 
-  const std::string& name() const { return name_; }  // empty where it was given none
+  const std::string& name() const { return name_; }  // empty if none was given
   const std::optional<Airframe>& airframe() const { return airframe_; }
   std::span<const Vec3> hull() const { return hull_; }
-  float radius() const { return radius_; }          // m, of the smallest ball about the body origin that holds the hull
+  float radius() const { return radius_; }          // m, smallest ball about the body origin that contains the hull
   const Aabb& extents() const { return extents_; }  // m, body frame
 
-  // Hull and airframe in another size and mass; see Airframe::scaled.
+  // Returns hull and airframe in another size and mass; see Airframe::scaled.
   DroneModel scaled(double size, double mass) const;
-  std::string to_json() const;  // reads back equal
+  std::string to_json() const;  // from_json() makes an equal model of it
 
  private:
   std::string name_;

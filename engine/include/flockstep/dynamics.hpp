@@ -1,4 +1,4 @@
-// DynamicsConfig: how drones move, and what a task or a caller tells them.
+// DynamicsConfig: the motion model of the drones, and the meaning of their commands.
 #pragma once
 
 #include <array>
@@ -17,12 +17,12 @@ struct EnumNames<Motion> {
   static constexpr std::array kNames{"kinematic", "rotors"};
 };
 
-// What four numbers tell a drone that flies by its rotors. Thrust is that of all rotors over the mass; yaw is the heading of the
-// body's x axis, 0 along the world's x axis, counter-clockwise.
+// Meaning of the four numbers that command a drone in rotor motion. Thrust is the total thrust of all rotors divided by the
+// mass. Yaw is the heading of the body's x axis: 0 along the world's x axis, counter-clockwise positive.
 enum class Control : std::uint8_t {
-  pose,              // a pose to be at by the end of the step, as for kinematic motion: flown as a velocity and a yaw rate
-  rotor_speeds,      // rad/s, of each rotor
-  rotor_thrusts,     // N, of each rotor at rest
+  pose,              // pose at the end of the step, as in kinematic motion; flown as a velocity and a yaw rate
+  rotor_speeds,      // rad/s, each rotor
+  rotor_thrusts,     // N, each rotor, in still air
   body_rates,        // thrust m/s^2, body rates about x, y, z rad/s
   attitude,          // thrust m/s^2, roll, pitch, yaw rad
   acceleration,      // m/s^2, world frame; yaw rad
@@ -67,8 +67,8 @@ struct DynamicsConfig {
   float max_rate_dps = 600.0F;
   float max_yaw_rate_dps = 200.0F;
 
-  // Each term of the equations of motion is off if the airframe has no coefficient for it. The controller keeps to the max_
-  // limits, and an action of 1 means them.
+  // A term of the equations of motion is off if the airframe defines no coefficient for it, even if its switch is on. The max_
+  // fields are the limits of the controller; an action of 1 commands the limit.
   static constexpr auto fields() {
     using C = DynamicsConfig;
     return field_list(

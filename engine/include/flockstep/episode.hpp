@@ -1,4 +1,4 @@
-// EpisodeConfig and ClockConfig: when episodes begin and end, and how time passes in them. The same for every task.
+// EpisodeConfig and ClockConfig: begin and end of episodes, and the rates of simulated time. They are the same for every task.
 #pragma once
 
 #include <array>
@@ -10,24 +10,23 @@
 
 namespace flockstep {
 
-// When an env whose episode ended is reset; described at EpisodeConfig.
+// Time at which a finished env is reset; EpisodeConfig describes the modes.
 enum class AutoresetMode : std::uint8_t { next_step, same_step, disabled };
 template <>
 struct EnumNames<AutoresetMode> {
   static constexpr std::array kNames{"next_step", "same_step", "disabled"};
 };
 
-// Why an episode ended. If several reasons hold in one step, the order is: bad_state, success, contact, left_area, time, task,
-// teammate.
-// Decided for every task in engine/src/batch/episodes.cpp.
+// Reason for the end of an episode. If several reasons hold in one step, the first in this order counts: bad_state, success,
+// contact, left_area, time, task, teammate. engine/src/batch/episodes.cpp decides it for all tasks.
 enum class EpisodeEnd : std::uint8_t {
-  none,       // it has not ended
-  success,    // the task calls it a success
-  contact,    // terminated in contact with something
-  left_area,  // the task ended it because the drone left the area the task allows; see Score::left_area
-  bad_state,  // something was not finite; see Outputs::bad_state
-  time,       // the time limit
-  task,       // the task terminated or truncated it for another reason
+  none,       // the episode goes on
+  success,    // success according to the task
+  contact,    // terminated while a drone was in contact
+  left_area,  // ended because a drone left the task's area; see Score::left_area
+  bad_state,  // a value was not finite; see Outputs::bad_state
+  time,       // time limit
+  task,       // terminated or truncated by the task for another reason
   teammate,   // the episode of another drone of the env ended
 };
 template <>
@@ -68,8 +67,8 @@ struct EpisodeConfig {
   FLOCKSTEP_API void validate() const;
 };
 
-// The rates at which time passes, in steps per second of simulated time. A tick is one step of the motion; a flown step, for
-// which the policy decides once, is a whole number of ticks. Sensors with a rate are due every so many ticks.
+// Rates in steps per second of simulated time. A tick is one step of the motion. A flown step, for which the policy decides
+// once, is a whole number of ticks. A sensor with a rate reads once every fixed number of ticks.
 struct ClockConfig {
   float policy_hz = 10.0F;
   std::optional<float> physics_hz;
@@ -97,10 +96,10 @@ struct ClockConfig {
 
   FLOCKSTEP_API void validate() const;
   double ticks_hz() const { return static_cast<double>(physics_hz.value_or(policy_hz)); }
-  double dt_s() const { return 1.0 / ticks_hz(); }                           // of a tick
-  double step_s() const { return 1.0 / static_cast<double>(policy_hz); }     // of a flown step
-  int substeps() const { return ticks_in(static_cast<double>(policy_hz)); }  // ticks in a flown step
-  int control_ticks() const {                                                // ticks from one call of the controller to the next
+  double dt_s() const { return 1.0 / ticks_hz(); }                           // s per tick
+  double step_s() const { return 1.0 / static_cast<double>(policy_hz); }     // s per flown step
+  int substeps() const { return ticks_in(static_cast<double>(policy_hz)); }  // ticks per flown step
+  int control_ticks() const {                                                // ticks between calls of the controller
     return controller_hz ? ticks_in(static_cast<double>(*controller_hz)) : 1;
   }
 

@@ -1,5 +1,5 @@
 // FLOCKSTEP_API marks the functions and classes that the shared library exports: those with code outside the headers. All other
-// symbols of the library stay hidden, so they cannot clash with those of a program or of another library, such as Eigen's.
+// symbols stay hidden, so they cannot clash with symbols of a program or of another library, such as Eigen's.
 #pragma once
 
 #if !defined(_WIN32)

@@ -1,4 +1,4 @@
-// The fields of a struct, listed once: hashes, snapshots, keyword arguments and bindings read the list.
+// Field lists of structs. A struct lists its fields once; hashes, snapshots, keyword arguments and bindings read the list.
 //
 //   struct Wind {
 //     float speed_mps = 0.0F;
@@ -7,7 +7,7 @@
 //     }
 //   };
 //
-// Checks, JSON, docstrings and the documents' tables of configurations are made from the list, too.
+// Checks, JSON, docstrings and the tables of configurations in the documents are also made from the list.
 // for_each_field() does not compile for a struct that has more fields than its list.
 #pragma once
 
@@ -25,21 +25,21 @@
 
 namespace flockstep {
 
-// Whether a field enters the configuration hash: `no` if batches that differ only in it step alike.
+// Selects if a field is part of the configuration hash: `no` if batches that differ only in this field step identically.
 enum class AffectsHash : bool { no, yes };
 
-// Rules for values that limits of single numbers do not express.
+// Checks of a value that the limits of its numbers cannot express.
 enum class Form : std::uint8_t { any, plain_name, unit_quaternion };
 
-// Describes a field of a configuration. `about` is full sentences; names and values in them stand between two backquotes.
+// Description of a configuration's field. `about` consists of full sentences, with names and values in double backquotes.
 struct FieldInfo {
   const char* about = "";
   const char* unit = "";
-  Limits limits;  // of each of its numbers, if it is a list
+  Limits limits;  // of each number, if the field is a list
   Form form = Form::any;
   AffectsHash affects_hash = AffectsHash::yes;
-  const char* alias = nullptr;   // the name in messages, if it is another
-  std::span<const Limits> each;  // instead of `limits`: those of each element of an array
+  const char* alias = nullptr;   // name in messages, if different
+  std::span<const Limits> each;  // limits of each element of an array, instead of `limits`
 
   constexpr FieldInfo of_element(std::size_t i) const {
     FieldInfo info = *this;
@@ -68,13 +68,14 @@ constexpr auto field_list(Fields... fields) {
 template <class T>
 concept HasFields = requires { T::fields(); };
 
-// The names of an enumeration's members 0, 1, ..., specialised beside it: `kNames`, an array of const char*.
+// Names of the members 0, 1, ... of an enumeration. Each specialisation stands next to its enumeration and defines `kNames`, an
+// array of const char*.
 template <class Enum>
 struct EnumNames;
 
 namespace detail {
 
-// Converts to whatever a field is initialised from.
+// Converts to the type of any field.
 struct Anything {
   template <class T>
   operator T&() const& noexcept;
@@ -91,7 +92,7 @@ consteval bool takes(std::index_sequence<I...>) {
 
 }  // namespace detail
 
-// The number of fields of an aggregate without base classes: as many as an initialiser list can have.
+// Returns the number of fields of an aggregate without base classes: the length of the longest initialiser list that compiles.
 template <class T, std::size_t kMost = 32>
 consteval std::size_t count_fields() {
   static_assert(std::is_aggregate_v<T>);
@@ -104,13 +105,13 @@ consteval std::size_t count_fields() {
   }
 }
 
-// Whether the list of a struct names every field once.
+// Returns true if the list of a struct has as many entries as the struct has fields.
 template <HasFields T>
 consteval bool lists_every_field() {
   return std::tuple_size_v<decltype(T::fields())> == count_fields<T>();
 }
 
-// Made while the program is compiled.
+// The field list of a struct, built at compile time.
 template <HasFields T>
 inline constexpr auto kFields = T::fields();
 

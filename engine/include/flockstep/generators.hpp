@@ -1,4 +1,4 @@
-// Generators: worlds made from a seed.
+// Generators: functions that make a world from a seed.
 #pragma once
 
 #include <array>
@@ -11,7 +11,7 @@
 
 namespace flockstep {
 
-// A room with full-height pillars and a start, waypoints and a goal in it, made from a seed.
+// A room with full-height pillars, a start, waypoints and a goal, made from a seed.
 struct PlaygroundConfig {
   std::uint64_t seed = 0;
   int pillars = 12;
@@ -34,13 +34,13 @@ struct PlaygroundConfig {
   FLOCKSTEP_API void validate() const;
 };
 
-// A generated playground, the same on every machine. The straight flight of the default drone from start over the waypoints to
-// the goal crashes (if there are pillars), and a free path exists. Throws std::invalid_argument on a bad config, or where no path
-// is found in many layouts because of too many pillars.
+// Generates a playground, the same on every machine. If there are pillars, the default drone crashes on the straight flight
+// from start over the waypoints to the goal; a free path exists. Throws std::invalid_argument on a bad config, or if many
+// layouts have no path because of too many pillars.
 FLOCKSTEP_API std::shared_ptr<const World> playground(const PlaygroundConfig& config);
 
-// A forest on rolling terrain, made of textured meshes from a seed: conifers, broadleaved trees and rocks, and a start and a goal
-// at opposite ends of it.
+// A forest on rolling terrain, made of textured meshes from a seed: conifers, broadleaved trees and rocks, with a start and a
+// goal at opposite ends.
 struct ForestConfig {
   std::uint64_t seed = 0;
   int trees = 150;
@@ -61,13 +61,13 @@ struct ForestConfig {
   FLOCKSTEP_API void validate() const;
 };
 
-// A generated forest, the same on every machine. The default drone can fly from start to goal along a winding way below the
-// branches, which is tried in the world itself. Throws std::invalid_argument on a bad config, or where no such way is found in
-// many layouts because of too many trees.
+// Generates a forest, the same on every machine. The default drone can fly from start to goal along a winding path below the
+// branches; the generator checks this path in the finished world. Throws std::invalid_argument on a bad config, or if many
+// layouts have no such path because of too many trees.
 FLOCKSTEP_API std::shared_ptr<const World> forest(const ForestConfig& config);
 
-// A city: blocks of houses, streets between and around them with cars, lamps, trees and cables, and a row of houses that closes
-// it all around; of textured meshes and primitives, from a seed.
+// A city made from a seed, of textured meshes and primitives: blocks of houses, streets with cars, lamps, trees and cables
+// between and around them, and an outer row of houses that encloses the city.
 struct CityConfig {
   std::uint64_t seed = 0;
   std::array<int, 2> blocks{3, 2};
@@ -86,13 +86,13 @@ struct CityConfig {
   FLOCKSTEP_API void validate() const;
 };
 
-// A generated city, the same on every machine. Start and goal are crossings on opposite sides of it. The default drone can fly
-// from one to the other along streets, 2 to 6 m above them, which is tried in the world itself. Throws std::invalid_argument on a
-// bad config.
+// Generates a city, the same on every machine. Start and goal are crossings on opposite sides of the city. The default drone
+// can fly from one to the other along the streets, 2 to 6 m above them; the generator checks this path in the finished world.
+// Throws std::invalid_argument on a bad config.
 FLOCKSTEP_API std::shared_ptr<const World> city(const CityConfig& config);
 
-// A floor of an office building, made from a seed: rooms, corridors and lounges with their furniture behind windows, and a start
-// and a goal in rooms at opposite ends of it.
+// A floor of an office building, made from a seed: furnished rooms, corridors and lounges behind windows, with a start and a
+// goal in rooms at opposite ends.
 struct OfficeConfig {
   std::uint64_t seed = 0;
   std::array<float, 2> size_m{36.0F, 20.0F};
@@ -113,13 +113,13 @@ struct OfficeConfig {
   FLOCKSTEP_API void validate() const;
 };
 
-// A generated office, the same on every machine. The straight flight of the default drone from start to goal crashes; through
-// open doors it can fly there, 1.35 m above the floor, which is tried in the world itself. Throws std::invalid_argument on a bad
-// config, or where no such way is found in many layouts.
+// Generates an office, the same on every machine. The default drone crashes on the straight flight from start to goal. It can
+// fly there through open doors, 1.35 m above the floor; the generator checks this path in the finished world. Throws
+// std::invalid_argument on a bad config, or if many layouts have no such path.
 FLOCKSTEP_API std::shared_ptr<const World> office(const OfficeConfig& config);
 
-// A warehouse, made from a seed: a hall with skylights, rows of racks full of pallets, and all that stands around them, and a
-// start and a goal at opposite ends of it.
+// A warehouse, made from a seed: a hall with skylights, rows of racks full of pallets and other equipment, with a start and a
+// goal at opposite ends.
 struct WarehouseConfig {
   std::uint64_t seed = 0;
   std::array<float, 2> size_m{48.0F, 30.0F};
@@ -143,9 +143,9 @@ struct WarehouseConfig {
   FLOCKSTEP_API void validate() const;
 };
 
-// A generated warehouse, the same on every machine. The straight flight of the default drone from start to goal crashes; around
-// racks and through empty bays it can fly there, which is tried in the world itself. Throws std::invalid_argument on a bad
-// config, or where no such way is found in many layouts.
+// Generates a warehouse, the same on every machine. The default drone crashes on the straight flight from start to goal. It can
+// fly there around racks and through empty bays; the generator checks this path in the finished world. Throws
+// std::invalid_argument on a bad config, or if many layouts have no such path.
 FLOCKSTEP_API std::shared_ptr<const World> warehouse(const WarehouseConfig& config);
 
 }  // namespace flockstep

@@ -1,4 +1,4 @@
-// ImuConfig: an inertial measurement unit, for drones that fly by their rotors.
+// ImuConfig: an inertial measurement unit. It requires rotor motion.
 #pragma once
 
 #include <array>
@@ -11,7 +11,7 @@
 
 namespace flockstep {
 
-// An accelerometer and a gyroscope. The noise is that of Kalibr's model: white noise by its density, and a bias that walks.
+// An accelerometer and a gyroscope. The noise follows Kalibr's model: white noise, given by its density, and a drifting bias.
 struct ImuConfig {
   std::string name = "imu";
   float accelerometer_noise_density = 0.0F;

@@ -1,4 +1,5 @@
-// EnvIndex and DroneIndex: the number of an env or of a drone in its batch; masks of either. The compiler keeps them apart.
+// EnvIndex and DroneIndex: the index of an env or drone in its batch, and masks over them. They are distinct types, so code
+// that mixes them up does not compile.
 #pragma once
 
 #include <array>
@@ -30,7 +31,7 @@ class Index {
 using EnvIndex = Index<struct EnvKind>;      // below E
 using DroneIndex = Index<struct DroneKind>;  // below N = E M; drone d belongs to env d / M
 
-// Flags that select envs or drones: one for each, 0 or 1, or none at all to select every one.
+// Flags that select envs or drones, one for each: 0 or 1. An empty mask selects all of them.
 template <class Kind>
 class Mask {
  public:
@@ -51,7 +52,7 @@ class Mask {
 using EnvMask = Mask<struct EnvKind>;      // (E,)
 using DroneMask = Mask<struct DroneKind>;  // (N,)
 
-// What a row of an array belongs to.
+// Owner of a row of an array.
 enum class Row : std::uint8_t { drone, env };
 template <>
 struct EnumNames<Row> {

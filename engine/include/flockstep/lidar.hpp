@@ -12,7 +12,7 @@
 
 namespace flockstep {
 
-// Either a grid of channels x beams, or (azimuth_deg, elevation_deg) lists of equal length.
+// A grid of channels x beams, or a pattern of beams given by azimuth_deg and elevation_deg, lists of equal length.
 struct LidarConfig {
   std::string name = "lidar";
   int channels = 1;
@@ -26,7 +26,7 @@ struct LidarConfig {
   std::vector<float> elevation_deg;
   std::optional<float> rate_hz;
 
-  static constexpr int kMaxRays = 1 << 18;  // per drone
+  static constexpr int kMaxRays = 1 << 18;  // per drone, in all channels
 
   static constexpr auto fields() {
     using C = LidarConfig;
@@ -63,13 +63,13 @@ struct LidarConfig {
   int columns() const { return has_pattern() ? static_cast<int>(azimuth_deg.size()) : beams; }
 };
 
-// Run-time changes to the LiDARs of some drones; what is not set stays. The number of rays is fixed per batch.
+// Run-time changes to a LiDAR of some drones; unset fields stay unchanged. The number of rays is fixed per batch.
 struct LidarChange {
-  std::optional<float> max_range_m;
-  std::optional<float> hfov_deg;
-  std::optional<float> vfov_deg;
-  std::optional<std::array<float, 3>> offset_m;
-  std::optional<std::array<float, 4>> quat_wxyz;
+  std::optional<float> max_range_m;               // m
+  std::optional<float> hfov_deg;                  // deg
+  std::optional<float> vfov_deg;                  // deg
+  std::optional<std::array<float, 3>> offset_m;   // m, body frame
+  std::optional<std::array<float, 4>> quat_wxyz;  // sensor to body
 };
 
 }  // namespace flockstep

@@ -1,4 +1,4 @@
-// Limits: the values that a number may take, written once. Checks, schemas, docstrings and tables are made from them.
+// Limits: the range of values of a number, defined once. Checks, schemas, docstrings and tables are made from it.
 #pragma once
 
 #include <array>
@@ -17,10 +17,10 @@ struct Limits {
   bool excludes_least = false;
   bool excludes_greatest = false;
 
-  std::array<int, 4> choices{};  // instead of a range: the only values allowed
+  std::array<int, 4> choices{};  // allowed values, instead of a range
   std::size_t num_choices = 0;
 
-  // False for NaN and for infinities. A float is compared with the float32 nearest to a limit: 0.1F is at least 0.1.
+  // Returns false for NaN and infinities. A float is compared with the float32 nearest to a limit, so 0.1F is at least 0.1.
   template <class Number>
   constexpr bool contain(Number number) const {
     using Real = std::conditional_t<std::is_same_v<Number, float>, float, double>;
@@ -39,7 +39,8 @@ struct Limits {
     return least > -std::numeric_limits<double>::infinity() && greatest < std::numeric_limits<double>::infinity();
   }
 
-  // For messages: "in (0, 360]", "within +-100", ">= 0", "< 1", "1, 4 or 9"; empty if every finite number is allowed.
+  // Returns text for messages: "in (0, 360]", "within +-100", ">= 0", "< 1", "1, 4 or 9"; empty if every finite number is
+  // allowed.
   FLOCKSTEP_API std::string text() const;
 };
 

@@ -1,4 +1,4 @@
-// Small geometric value types shared by every stage.
+// Small geometric value types shared by all stages.
 #pragma once
 
 #include <Eigen/Core>
@@ -10,7 +10,7 @@ namespace flockstep {
 // World frame: right-handed, x east, y north, z up (metres). Body frame: x forward, y left, z up.
 using Vec3 = Eigen::Vector3f;
 using Mat3 = Eigen::Matrix3f;
-// A rotation from body to world. Eigen keeps (x, y, z, w) in memory; arrays at the boundary are (w, x, y, z).
+// A rotation from body to world. Eigen stores (x, y, z, w); arrays of the interface are (w, x, y, z).
 using Quat = Eigen::Quaternionf;
 
 struct Pose {
@@ -18,7 +18,7 @@ struct Pose {
   Quat rotation = Quat::Identity();  // unit, body to world
 };
 
-// A library and its users must lay out these types alike.
+// A library and its users must use the same layout of these types.
 static_assert(sizeof(Pose) == 32 && alignof(Pose) == 16, "flockstep: expected Eigen's default alignment, got another one");
 
 struct Velocity {
@@ -26,11 +26,11 @@ struct Velocity {
   Vec3 angular = Vec3::Zero();  // rad/s, body frame
 };
 
-// The world ends here: positions, ray origins and geometry lie within +-kMaxCoordinate along each axis. float32 resolves 6 cm
-// there, and squares of it are far from overflow.
+// Limit of the world: positions, ray origins and geometry lie within +-kMaxCoordinate along each axis. float32 resolves 6 cm
+// there, and its squares are far from overflow.
 inline constexpr double kMaxCoordinate = 1e6;  // m
 
-// False for NaN, too.
+// Also returns false for NaN.
 inline bool is_in_world(float coordinate) { return std::abs(static_cast<double>(coordinate)) <= kMaxCoordinate; }
 inline bool is_in_world(const Vec3& point) { return is_in_world(point.x()) && is_in_world(point.y()) && is_in_world(point.z()); }
 

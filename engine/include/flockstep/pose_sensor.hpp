@@ -1,4 +1,4 @@
-// PoseSensorConfig: the pose sensor, which tells position and orientation.
+// PoseSensorConfig: the pose sensor, which measures position and orientation.
 #pragma once
 
 #include <optional>

@@ -1,4 +1,4 @@
-// raycast: what single rays hit in a world, with all that is known of a hit.
+// raycast: casts single rays into a world and returns all details of their hits.
 #pragma once
 
 #include <cstdint>
@@ -14,14 +14,14 @@ namespace flockstep {
 struct RayHits {
   std::vector<float> t_hit;             // (R,) m along the unit direction; inf on a miss
   std::vector<Vec3> normal;             // (R,) unit, facing the ray's origin; 0 on a miss
-  std::vector<float> u, v;              // (R,) where on a triangle: the weights of its second and third vertex; 0 elsewhere
-  std::vector<std::int32_t> primitive;  // (R,) index into primitives(), then primitives().size() + triangle; -1 on a miss
+  std::vector<float> u, v;              // (R,) weights of the second and third vertex of the triangle that was hit; 0 elsewhere
+  std::vector<std::int32_t> primitive;  // (R,) index into primitives(), or primitives().size() + triangle; -1 on a miss
   std::vector<std::int32_t> material;   // (R,) index into materials(); -1 on a miss
 };
 
-// Nearest hits of R rays; origins and directions are (R, 3). Directions need not be unit (they are normalised). Throws
-// std::invalid_argument on shapes that differ, on origins outside the world (kMaxCoordinate), on directions that are not finite
-// or of length 0, and on a max_range_m that is not positive.
+// Returns the nearest hits of R rays. origins and directions are (R, 3), world frame, origins in m. Directions are normalised.
+// Throws std::invalid_argument if the shapes differ, an origin is outside the world (kMaxCoordinate), a direction is not finite
+// or has length 0, or max_range_m is not positive.
 FLOCKSTEP_API RayHits raycast(const World& world, std::span<const float> origins, std::span<const float> directions,
                               float max_range_m);
 

@@ -1,4 +1,4 @@
-// Readings: the arrays that the sensors of a batch publish, which tasks and users read.
+// Readings: the arrays that the sensors of a batch publish for tasks and users.
 #pragma once
 
 #include <cstdint>
@@ -61,8 +61,8 @@ struct LidarReadings {
   }
 };
 
-// The images of one camera, written as CameraConfig says: what the camera does not write is empty. Row 0 is the top. With the
-// layout chw, channels come before rows.
+// Images of one camera. Outputs that its CameraConfig does not enable are empty. Row 0 is the top. In the layout chw, channels
+// come before rows.
 struct CameraImages {
   std::vector<std::uint8_t> rgb;
   std::vector<float> depth;
@@ -117,7 +117,7 @@ struct CameraImages {
   }
 };
 
-// The shape of the scans of a LiDAR and of the images of a camera.
+// Shape of a LiDAR's scans and of a camera's images.
 inline ItemShape items_of(const LidarConfig& config) { return {.sizes = {config.rows(), config.columns()}, .dimensions = 2}; }
 inline ItemShape items_of(const CameraConfig& config) {
   return {.sizes = {config.image_height_px(), config.image_width_px()},

@@ -1,4 +1,4 @@
-// The fields that sensors share: where a sensor is mounted, and how often it reads.
+// Fields that all sensors share: the mounting pose and the rate.
 #pragma once
 
 #include "flockstep/fields.hpp"

@@ -1,5 +1,5 @@
-// State: the drones and envs of a batch, structure of arrays. E envs of M drones each are N = E M drones, env by env.
-// Shapes, units, frames and writers stand in the lists, fields().
+// State: the drones and envs of a batch, as a structure of arrays. E envs of M drones are N = E M drones, ordered by env. The
+// lists, fields(), give shapes, units, frames and writers.
 #pragma once
 
 #include <cstddef>
@@ -16,7 +16,7 @@ namespace flockstep {
 
 using FlagArray = AlignedVector<std::uint8_t>;  // 0 or 1, viewed as bool
 
-struct ContactState {  // of the last motion
+struct ContactState {  // contacts of the last motion
   FlagArray hit;
   FlagArray inside;
   std::vector<float> fraction;
@@ -45,7 +45,7 @@ struct ContactState {  // of the last motion
   }
 };
 
-// Drones that fly by their rotors. With kinematic motion all of these are empty.
+// State of rotor motion. With kinematic motion all of these arrays are empty.
 struct FlightState {
   std::vector<float> velocity;
   std::vector<float> angular_velocity;
@@ -111,7 +111,7 @@ struct FlightState {
 };
 
 struct State {
-  // Drones. Hot: read and written every step.
+  // Drones, read and written every step.
   std::vector<float> position;
   std::vector<float> quat_wxyz;
   ContactState contact;
@@ -164,7 +164,7 @@ struct State {
   }
 };
 
-// The pose of a drone. The index is not checked.
+// Position and pose of a drone. The index is not checked.
 inline Vec3 position_of(const State& state, DroneIndex drone) {
   const float* const p = state.position.data() + 3 * drone;
   return {p[0], p[1], p[2]};
@@ -174,8 +174,8 @@ inline Pose pose_of(const State& state, DroneIndex drone) {
   return {position_of(state, drone), Quat(q[0], q[1], q[2], q[3])};
 }
 
-// The episodes of a task, one after another in each env. Only batch/episodes.cpp writes them. R rows are N or E, as
-// TaskSpec::row says.
+// Episodes of a task, one after another in each env. Only batch/episodes.cpp writes these arrays. R rows are N or E, depending
+// on TaskSpec::row.
 struct EpisodeState {
   std::vector<std::int64_t> steps;
   std::vector<std::int64_t> time_limit;

@@ -1,8 +1,8 @@
-// Task: what turns actions into setpoints, and state and sensors into rewards, ends of episodes and observations.
+// Task: turns actions into setpoints, and state and sensor readings into rewards, episode ends and observations.
 //
-// A task declares its action, its observations and the terms of its reward once, in its TaskSpec; spaces, checks and documents
-// are made from that. It runs inside the batch's step, a block of envs on each thread. These headers are all that a task of
-// your own needs: tests/tasks/reach_height.cpp is a whole one.
+// A task declares its action, its observations and its reward terms once, in its TaskSpec. Spaces, checks and documents are
+// made from the TaskSpec. The task runs inside the batch's step; each thread handles one block of envs at a time. Your own task
+// needs only these headers; tests/tasks/reach_height.cpp is a complete example.
 #pragma once
 
 #include <cstddef>
@@ -30,12 +30,12 @@
 namespace flockstep {
 
 struct TaskSpec {
-  // Of an integer type, a scalar: one of low, low + 1, ..., high. Of a floating-point type: any finite numbers; values
-  // outside [low, high] are clipped by the task.
+  // Integer type: a scalar, one of low, low + 1, ..., high. Floating-point type: any finite numbers; the task clips values to
+  // [low, high].
   Field action;
   std::vector<Field> observation;         // one field is the observation itself; several form a dict
-  std::vector<std::string> reward_terms;  // their sum is the reward
-  Row row = Row::drone;                   // of actions, observations and rewards: one for each drone, or one for each env
+  std::vector<std::string> reward_terms;  // names of the terms; their sum is the reward
+  Row row = Row::drone;                   // actions, observations and rewards have one row per drone or one per env
 
   static constexpr auto fields() {
     using C = TaskSpec;
@@ -44,9 +44,9 @@ struct TaskSpec {
   }
 };
 
-// Defaults for an environment with this task, where the caller gives no value.
+// Defaults of an environment with this task, for values that the caller does not give.
 struct TaskDefaults {
-  std::string worlds = "train";  // a set of scenes, or one
+  std::string worlds = "train";  // a set of scenes, or a single scene
   std::vector<LidarConfig> lidars;
   std::vector<CameraConfig> cameras;
   int max_episode_steps = 3000;  // 0: no limit
@@ -55,7 +55,7 @@ struct TaskDefaults {
   ClockConfig clock;
 };
 
-// The batch as a task sees it. Everything but place() only reads. Indices are not checked.
+// Access of a task to the batch. Only place() writes. Indices are not checked.
 class TaskContext {
  public:
   TaskContext(std::size_t num_envs, std::size_t drones_per_env) : num_envs_(num_envs), drones_per_env_(drones_per_env) {}
@@ -74,7 +74,8 @@ class TaskContext {
   virtual std::span<const std::shared_ptr<const World>> worlds() const = 0;  // by state().world_index; empty with a WorldPool
   virtual const World& world_of(EnvIndex env) const = 0;
 
-  // Sensors: their configurations, and what all drones read last. All arrays are empty for a sensor that the batch does not have.
+  // Sensors: configurations, and the latest readings of all drones. All arrays are empty for a sensor that the batch does not
+  // have.
   virtual const std::vector<LidarConfig>& lidars() const = 0;
   virtual const std::vector<CameraConfig>& cameras() const = 0;
   virtual const PoseReadings& pose_readings() const = 0;
@@ -88,50 +89,52 @@ class TaskContext {
     return {Vec3(p[0], p[1], p[2]), Quat(q[0], q[1], q[2], q[3])};
   }
 
-  // A uniform number in [0, 1), keyed by the env's seed and episode, the stream (below 2^31, one for each purpose) and index; for
-  // a drone also by its number in the env. The first drone of an env draws the same numbers as its env.
+  // Returns a uniform number in [0, 1), keyed by the env's seed and episode, the stream and the index. Streams are below 2^31;
+  // use a separate stream for each purpose. The key of a drone also contains its number in the env. The first drone of an env
+  // draws the same numbers as its env.
   virtual float random(EnvIndex env, std::uint32_t stream, std::uint32_t index) const = 0;
   virtual float random(DroneIndex drone, std::uint32_t stream, std::uint32_t index) const = 0;
-  // Whether a drone of the env at this pose would touch nothing.
+  // Returns true if a drone of the env would touch nothing at this pose.
   virtual bool is_free(EnvIndex env, const Pose& pose) const = 0;
 
-  // How drones move, and what Setpoints tell them.
+  // Motion model of the drones, and meaning of Setpoints.
   virtual const DynamicsConfig& dynamics() const = 0;
   virtual const ClockConfig& clock() const = 0;
 
-  // Puts a drone somewhere, without a collision check: in Task::place(). What is no pose in the world is a bad state; see
-  // Outputs::bad_state. Drones that fly by rotors begin with this velocity, and rotors at the speed of hovering.
+  // Puts a drone at a pose, without a collision check. Call it in Task::place(). A pose that is not in the world is a bad
+  // state; see Outputs::bad_state. In rotor motion the drone starts with this velocity and with its rotors at hover speed.
   virtual void place(DroneIndex drone, const Pose& pose, const Velocity& velocity = {}) = 0;
 
  private:
   std::size_t num_envs_, drones_per_env_;
 };
 
-// The envs that a call is about. Other calls may be about other envs at the same time, on other threads.
+// The envs of one call. At the same time, other threads may handle other envs.
 struct TaskBlock {
   TaskContext& context;
   std::span<const EnvIndex> envs;
   std::span<const DroneIndex> drones;  // the active drones of these envs, env by env
-  std::size_t thread;                  // in [0, num_threads()): the index for per-thread data
+  std::size_t thread;                  // in [0, num_threads()), index for per-thread data
 };
 
-// Where each drone is to fly in the present step, in a straight line and turning evenly, the shorter way round. Of exactly half a
-// turn both ways are as short: it turns by the right hand about the vector part of conjugate(from) * to, so that a target of the
-// opposite sign turns the other way. Where the way matters, turn in two steps.
+// Setpoints of the drones for the current step. A drone flies to its target pose in a straight line and turns at a constant
+// rate, the shorter way round. For exactly half a turn, both ways are equally short: the drone turns by the right-hand rule
+// about the vector part of conjugate(from) * to, so a target quaternion of the opposite sign turns it the other way. If the
+// direction matters, turn in two steps.
 struct Setpoints {
-  std::vector<Pose> target;    // (N,), where Control::pose tells the drones
-  std::vector<float> command;  // (N, 4), where another Control does: what its four numbers mean
+  std::vector<Pose> target;    // (N,), used with Control::pose
+  std::vector<float> command;  // (N, 4), used with every other Control, which gives the meaning of the numbers
 };
 
-// What one flown step earned. R rows are N or E, as TaskSpec::row says. All drones of an env begin and end their episodes
-// together: when the episode of one row ends, those of the env's other rows are truncated.
+// Score of one flown step. R rows are N or E, depending on TaskSpec::row. All drones of an env begin and end their episodes
+// together: if the episode of one row ends, the other rows of the env are truncated.
 struct Score {
   std::size_t num_terms;
-  std::vector<double> terms;  // (R, num_terms), each times its weight
-  FlagArray terminated;       // (R,) the episode ends here
-  FlagArray truncated;        // (R,) it is cut off here, for another reason than the time limit; 0 unless the task writes it
+  std::vector<double> terms;  // (R, num_terms), each multiplied by its weight
+  FlagArray terminated;       // (R,) the episode ends in this state
+  FlagArray truncated;        // (R,) the episode is cut off, except by the time limit; 0 unless the task writes it
   FlagArray success;          // (R,) the episode counts as a success if it ends here
-  FlagArray left_area;        // (R,) it ends here because a drone left the area the task allows; 0 unless the task writes it
+  FlagArray left_area;        // (R,) the episode ends because a drone left the task's area; 0 unless the task writes it
 
   std::span<double> terms_of(std::size_t row) { return {terms.data() + row * num_terms, num_terms}; }
 };
@@ -142,20 +145,21 @@ class Task {
 
   virtual const TaskSpec& spec() const = 0;
   virtual TaskDefaults defaults() const { return {}; }
-  // Name and configuration: snapshots are restored between tasks of equal identity alone.
+  // Returns name and configuration. A snapshot is restored only into a task of equal identity.
   virtual std::string identity() const = 0;
 
-  // Called once, before any call about envs: allocate the task's own arrays, and refuse what the task cannot work with, by
-  // std::invalid_argument. defaults() may be called earlier, on another object. spec() may change here, and stays from then on.
+  // Called once, before any call with envs. Allocate the task's arrays here, and throw std::invalid_argument if the task does
+  // not support the batch. defaults() may be called earlier, on another object. spec() may change in this call and must stay
+  // constant afterwards.
   virtual void setup(const TaskContext& context) = 0;
-  // Refuse, by std::invalid_argument, a world that episodes cannot be flown in. Called after setup(), for each world; with a
-  // WorldPool before an episode is flown in one.
+  // Throws std::invalid_argument if episodes cannot be flown in a world. Called after setup() for each world; with a WorldPool,
+  // called before an episode is flown in a world.
   virtual void require_world(const World& world, const DroneModel& drone) const {
     static_cast<void>(world);
     static_cast<void>(drone);
   }
-  // Put the drones where an episode begins. By default: level, facing +x, at the start marker of their world, or
-  // at the centre of its bounds if it has none.
+  // Places the drones at the beginning of an episode. By default they are level, facing +x, at the start marker of their world,
+  // or at the centre of its bounds if it has none.
   virtual void place(const TaskBlock& block) {
     for (const DroneIndex drone : block.drones) {
       const World& world = block.context.world_of(block.context.env_of(drone));
@@ -163,36 +167,37 @@ class Task {
       block.context.place(drone, {start, Quat::Identity()});
     }
   }
-  // Begin the task's own part of an episode, from where the drones are. Sensors read afterwards.
+  // Begins the task's part of an episode. The drones are already placed; the sensors are read afterwards.
   virtual void begin(const TaskBlock& block) = 0;
-  // Turn actions, rows as spec().action says, into setpoints.
+  // Turns actions into setpoints. The actions have one row per drone or env, in the form of spec().action.
   virtual void command(const TaskBlock& block, const Buffer& actions, Setpoints& setpoints) = 0;
-  // Score what has just been flown and sensed. Every row of the block's drones (or envs) has to be written, except `truncated`
-  // and `left_area`.
+  // Scores the step that was just flown and sensed. Write every row of the block's drones (or envs); only `truncated` and
+  // `left_area` may be skipped.
   virtual void score(const TaskBlock& block, Score& score) = 0;
-  // Write the block's rows of each field of spec().observation, in their order.
+  // Writes the block's rows of each field of spec().observation, in the order of the fields.
   virtual void observe(const TaskBlock& block, std::span<Buffer> observation) = 0;
-  // Show every array that the next step depends on. The sizes are those that setup() has made.
+  // Passes every array that the next step depends on to the visitor. The sizes must be those that setup() made.
   virtual void visit(ArrayVisitor& visitor) = 0;
-  // All arrays have been restored.
+  // Called after all arrays have been restored.
   virtual void restored() {}
-  // Refuse, by std::invalid_argument, arrays that setup() and the other calls could not have left; a restore is undone then.
+  // Throws std::invalid_argument if the restored arrays hold values that setup() and the other calls cannot produce. The
+  // restore is then undone.
   virtual void check() const {}
 
-  // Whether the observation is made of this camera's images, so that it may not stop taking them.
+  // Returns true if the observation uses this camera's images. Such a camera cannot be set to on_demand.
   virtual bool observes_camera(std::size_t camera) const {
     static_cast<void>(camera);
     return false;
   }
-  // Whether command() can tell drones by this control; others are refused. By poses, unless it says more.
+  // Returns true if command() supports this control; others are refused. By default only Control::pose is supported.
   virtual bool takes(Control control) const { return control == Control::pose; }
-  // True: place, begin, command, score and observe are called once for all envs they are about, on the thread that called step(),
-  // instead of block by block.
+  // If true, place, begin, command, score and observe are called once with all envs, on the thread that called step(), instead
+  // of once per block.
   virtual bool takes_all_envs_at_once() const { return false; }
 };
 
-// What a library with a task and the engine that loads it must agree on: the version of these headers, and how Eigen's types are
-// laid out, which options such as -march=native change.
+// Version string on which a task library and the engine that loads it must agree: the version of these headers and the layout
+// of Eigen's types, which options such as -march=native change.
 #define FLOCKSTEP_TEXT_OF(value) #value
 #define FLOCKSTEP_TEXT(value) FLOCKSTEP_TEXT_OF(value)
 #define FLOCKSTEP_TASK_VERSION \
@@ -204,8 +209,8 @@ class Task {
 #define FLOCKSTEP_EXPORT extern "C" __attribute__((visibility("default")))
 #endif
 
-// Ends the file of a task that is a shared library, outside of any namespace: exports a function that makes the task by its
-// constructor without arguments, and what it was built for.
+// Exports a task from a shared library. Put it at the end of the task's source file, outside any namespace. It exports a
+// function that makes the task with its default constructor, and the version string of the build.
 #define FLOCKSTEP_EXPORT_TASK(Class)                                             \
   FLOCKSTEP_EXPORT const char flockstep_task_version[] = FLOCKSTEP_TASK_VERSION; \
   FLOCKSTEP_EXPORT flockstep::Task* flockstep_make_task() { return new Class; }

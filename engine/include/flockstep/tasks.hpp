@@ -1,4 +1,4 @@
-// The tasks of the engine: their configurations, and the one list of them.
+// Tasks of the engine: their configurations, and TaskConfig, the list of them.
 #pragma once
 
 #include <array>
@@ -15,7 +15,7 @@
 
 namespace flockstep {
 
-// -- Navigation: fly from the start over the waypoints to the goal, by LiDAR and what `observation` adds to it
+// -- Navigation: fly from the start over the waypoints to the goal, with LiDAR ranges and the chosen `observation`
 
 // Meaning of actions.
 enum class ActionKind : std::uint8_t { discrete, displacement, displacement_yaw, discrete_forward };
@@ -24,16 +24,17 @@ struct EnumNames<ActionKind> {
   static constexpr std::array kNames{"discrete", "displacement", "displacement_yaw", "discrete_forward"};
 };
 
-// Observations beside the ranges. The camera is the batch's first; it needs rgb, and a capture mode other than on_demand.
+// Observations in addition to the LiDAR ranges. blob and pixels use the batch's first camera, which needs the output rgb and a
+// capture mode other than on_demand.
 enum class ObservationKind : std::uint8_t { goal, blob, pixels };
 template <>
 struct EnumNames<ObservationKind> {
   static constexpr std::array kNames{"goal", "blob", "pixels"};
 };
 
-// The reward: the sum of these terms, each times its weight.
+// The reward is the sum of these terms, each multiplied by its weight.
 // Source: the LiDAR and camera experiments of the thesis "Drone Simulation Using Unreal Engine", chapter 6.
-// l are the LiDAR ranges over max_range_m, |L| their number, M = min_clearance, R = goal_reward.
+// l are the LiDAR ranges over max_range_m, |L| is their number, M = min_clearance, R = goal_reward.
 struct NavigationReward {
   float distance_weight = 1.0F;
   float crash_weight = 1.0F;
@@ -119,7 +120,7 @@ struct NavigationConfig {
                         "observation."}));
   }
 
-  // The task of the thesis that observes this: camera tasks use `discrete_forward` and end when x passes the goal.
+  // Returns the thesis's task with this observation. Camera tasks use `discrete_forward` and end when x passes the goal.
   FLOCKSTEP_API static NavigationConfig observing(ObservationKind observation);
 
   FLOCKSTEP_API void validate() const;
@@ -128,17 +129,17 @@ struct NavigationConfig {
 // Throws std::invalid_argument on a bad config.
 FLOCKSTEP_API std::unique_ptr<Task> make_task(const NavigationConfig& config);
 
-// -- Hover: a drone is thrown, and has to catch itself and hold a point
+// -- Hover: a thrown drone has to stabilise itself and hold a point
 
-// The point to hold is the world's goal marker, or the centre of its bounds where it has none. Episodes begin near it, with
-// random attitude and velocity. Actions are four numbers in [-1, 1], which the dynamics' `control` gives a meaning: 0 hovers, or
-// does nothing, and 1 is the largest command; see FlightAction.
+// The point to hold is the world's goal marker, or the centre of its bounds if it has none. Episodes begin near it, with random
+// attitude and velocity. Actions are four numbers in [-1, 1] whose meaning depends on the `control` of the dynamics: 0 hovers
+// or has no effect, 1 is the largest command; see FlightAction.
 //
-// Observed, float32 (16,), in the body frame, so that the heading does not matter: the way to the point, m (3); velocity, m/s
-// (3); the world's up (3); angular velocity, 10 rad/s (3); rotor speeds, -1 slowest, 0 in hovering, 1 fastest (4).
+// Observation, float32 (16,), in the body frame and independent of the heading: offset to the point, m (3); velocity, m/s (3);
+// the world's up vector (3); angular velocity, 10 rad/s (3); rotor speeds, -1 slowest, 0 hovering, 1 fastest (4).
 //
-// d is the distance to the point, m. An episode ends as a crash on a contact, or where d > max_distance_m; it is a success if it
-// ends with d <= hold_m in each step of the last hold_s.
+// d is the distance to the point, m. An episode ends as a crash on a contact or if d > max_distance_m. It is a success if it
+// ends with d <= hold_m in every step of the last hold_s.
 struct HoverConfig {
   static constexpr const char* kName = "hover";
   static constexpr const char* kAbout = "Catch a drone that is thrown, and hold a point.";
@@ -192,7 +193,8 @@ struct HoverConfig {
   FLOCKSTEP_API void validate() const;
 };
 
-// By default in "arena/hall", a crazyflie by rotor thrusts at 50 Hz, for 6 s. Throws std::invalid_argument on a bad config.
+// Makes the hover task. Defaults: "arena/hall", a crazyflie, rotor thrusts at 50 Hz, episodes of 6 s. Throws
+// std::invalid_argument on a bad config.
 FLOCKSTEP_API std::unique_ptr<Task> make_task(const HoverConfig& config);
 
 // -- Track: a drone follows a point that moves along a smooth path
@@ -209,14 +211,14 @@ struct EnumNames<TrackYaw> {
   static constexpr std::array kNames{"fixed", "along"};
 };
 
-// Paths lie about the world's goal marker, or about the centre of its bounds where it has none. Each episode begins somewhere on
-// its path, with the path's velocity and yaw. Actions are those of the hover task.
+// Paths are centred on the world's goal marker, or on the centre of its bounds if it has none. Each episode begins at a random
+// place of its path, with the path's velocity and yaw. Actions are those of the hover task.
 //
-// Observed, float32 (15 + 3 points,), in the body frame: the way to the points where the path is now, ahead_s later, and so on,
-// m (3 points); velocity, m/s (3); the world's up (3); angular velocity, 10 rad/s (3); rotor speeds as in the hover task (4);
-// sine and cosine of the yaw that is missing (2).
+// Observation, float32 (15 + 3 points,), in the body frame: offsets to the path's point now, ahead_s later, and so on, m (3
+// points); velocity, m/s (3); the world's up vector (3); angular velocity, 10 rad/s (3); rotor speeds as in the hover task (4);
+// sine and cosine of the yaw error (2).
 //
-// d is the distance to where the path is now, m. An episode ends as a crash on a contact, or where d > max_distance_m; it is a
+// d is the distance to the path's point now, m. An episode ends as a crash on a contact or if d > max_distance_m. It is a
 // success if it ends with a root mean square of d, over all its steps, of at most close_m.
 struct TrackConfig {
   static constexpr const char* kName = "track";
@@ -272,22 +274,25 @@ struct TrackConfig {
   FLOCKSTEP_API void validate() const;
 };
 
-// By default in "arena/hall", a crazyflie by body rates at 100 Hz, for 10 s. Throws std::invalid_argument on a bad config.
+// Makes the track task. Defaults: "arena/hall", a crazyflie, body rates at 100 Hz, episodes of 10 s. Throws
+// std::invalid_argument on a bad config.
 FLOCKSTEP_API std::unique_ptr<Task> make_task(const TrackConfig& config);
 
 // -- The list
 
-// A task that another program registered under this id, such as one in Python. The engine cannot make it.
+// A task that another program registered under this id, for example in Python. The engine cannot make it.
 struct RegisteredTask {
   std::string id;
 };
 
-// A configuration has a make_task of its own. Without it, the one of TaskConfig in recipe.hpp would call itself.
+// Each configuration needs its own make_task. Without this deleted template, the make_task of TaskConfig in recipe.hpp would
+// call itself for a configuration that has none.
 template <class Config>
 std::unique_ptr<Task> make_task(const Config& config) = delete;
 
-// Each task of the engine, besides none and RegisteredTask. Recipes and Python's classes, keywords and environments are made from
-// this list. A configuration has a name for recipes (kName), a sentence (kAbout), fields() and make_task().
+// All tasks of the engine, plus std::monostate for none, and RegisteredTask. Recipes and the Python classes, keywords and
+// environments are made from this list. A configuration has a name for recipes (kName), a sentence (kAbout), fields() and
+// make_task().
 using TaskConfig = std::variant<std::monostate, NavigationConfig, HoverConfig, TrackConfig, RegisteredTask>;
 
 template <class Config>

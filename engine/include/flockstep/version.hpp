@@ -1,4 +1,4 @@
-// The version of flockstep; set once, here. CMakeLists.txt and pyproject.toml read it.
+// The version of flockstep, defined only here. CMakeLists.txt and pyproject.toml read it.
 #pragma once
 
 #define FLOCKSTEP_VERSION "0.1.0"

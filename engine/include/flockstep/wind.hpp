@@ -1,4 +1,4 @@
-// WindConfig: the wind that drones fly in by their rotors.
+// WindConfig: the wind in rotor motion.
 #pragma once
 
 #include <array>
@@ -15,7 +15,7 @@ struct EnumNames<Gusts> {
   static constexpr std::array kNames{"none", "ornstein_uhlenbeck", "dryden"};
 };
 
-// The wind is the same all over a world and constant for a flown step; each drone has its own gusts.
+// The mean wind is the same everywhere in a world. Wind is constant during a flown step, and each drone has its own gusts.
 struct WindConfig {
   std::array<float, 3> mean_mps{0.0F, 0.0F, 0.0F};
   Gusts gusts = Gusts::none;

@@ -1,4 +1,4 @@
-// WorldBuilder: makes a world by code.
+// WorldBuilder: builds a world in code.
 #pragma once
 
 #include <array>
@@ -14,36 +14,36 @@
 
 namespace flockstep {
 
-// Triangles of one object. uv and colors: one per vertex, or none.
+// Triangles of one object. uv and colors have one entry per vertex, or are empty.
 struct MeshPart {
   std::vector<Vec3> vertices;                          // m, world frame
   std::vector<std::array<std::int32_t, 3>> triangles;  // counter-clockwise seen from outside
   std::vector<std::array<float, 2>> uv;                // as in TriangleMesh
-  std::vector<std::array<float, 3>> colors;            // likewise
+  std::vector<std::array<float, 3>> colors;            // as in TriangleMesh
 };
 
-// Heights over a grid of points, m. The point (column, row) lies at corner + cell_m * (column, row).
+// Heights over a grid of points. Point (column, row) is at corner + cell_m * (column, row).
 struct Heightfield {
-  Eigen::Vector2f corner = Eigen::Vector2f::Zero();  // m
-  float cell_m = 1.0F;
-  int columns = 0, rows = 0;   // points, at least 2 each
-  std::vector<float> heights;  // (rows, columns) m, world frame
-  float texture_m = 4.0F;      // how large one repetition of a texture is
+  Eigen::Vector2f corner = Eigen::Vector2f::Zero();  // m, world frame
+  float cell_m = 1.0F;                               // m, spacing of the points
+  int columns = 0, rows = 0;                         // points, at least 2 each
+  std::vector<float> heights;                        // (rows, columns), m, world frame
+  float texture_m = 4.0F;                            // m, size of one repetition of the texture
 };
 
 class FLOCKSTEP_API WorldBuilder {
  public:
-  // A colour, linear RGB in [0, 1], of a texture at (s, t) in [0, 1).
+  // Returns the colour of a texture at (s, t) in [0, 1): linear RGB in [0, 1].
   using ColorAt = std::function<std::array<float, 3>(float s, float t)>;
 
   explicit WorldBuilder(std::string name = "unnamed");
 
-  // Each returns its number. Names of materials must differ.
+  // Each adds an item and returns its number. Names of materials must be unique.
   std::uint16_t texture(Texture texture);
   std::uint16_t texture(const std::string& name, int width_px, int height_px, const ColorAt& color);
   std::uint16_t material(Material material);
 
-  // Lengths are m. material: a number that material() has returned.
+  // Lengths are in m. material: a number that material() returned.
   void room(const Vec3& min, const Vec3& max, std::uint16_t material);
   void box(const Vec3& center, const Vec3& size, std::uint16_t material, const Quat& rotation = Quat::Identity(),
            Visibility visibility = Visibility::full);
@@ -56,7 +56,7 @@ class FLOCKSTEP_API WorldBuilder {
              Visibility visibility = Visibility::full);
   void disc(const Vec3& center, float radius, std::uint16_t material, const Quat& rotation = Quat::Identity(),
             Visibility visibility = Visibility::full);
-  // An object of its own.
+  // Adds a mesh as a separate object.
   void mesh(const MeshPart& part, std::uint16_t material, Visibility visibility = Visibility::full);
   void heightfield(const Heightfield& field, std::uint16_t material, Visibility visibility = Visibility::full);
 
@@ -66,7 +66,7 @@ class FLOCKSTEP_API WorldBuilder {
   void goal(const Vec3& place) { scene_.markers.goal = place; }
   void spawn_box(const Aabb& box) { scene_.markers.spawn_box = box; }
 
-  // The world so far. Throws std::invalid_argument as World does.
+  // Returns the world built so far. Throws std::invalid_argument under the same conditions as World.
   std::shared_ptr<const World> build() const;
 
  private:
@@ -74,7 +74,7 @@ class FLOCKSTEP_API WorldBuilder {
            Visibility visibility);
 
   SceneDescription scene_;
-  std::uint16_t objects_ = 0;  // meshes so far
+  std::uint16_t objects_ = 0;  // number of meshes so far
 };
 
 }  // namespace flockstep

@@ -1,4 +1,4 @@
-// WorldReport: what to look at before flying in a world from elsewhere.
+// WorldReport: properties to check before flying in a world from another source.
 #pragma once
 
 #include <cstddef>
@@ -11,12 +11,12 @@
 namespace flockstep {
 
 struct WorldReport {
-  std::size_t triangles = 0, objects = 0;  // of meshes; an object is what cameras number
-  // Edges of triangles, vertices at the same place being one. Open: of one triangle alone; a closed body has none, ground has
-  // them around it. Crowded: of more than two.
+  std::size_t triangles = 0, objects = 0;  // triangles of meshes; objects as cameras number them
+  // Edges of triangles, with vertices at the same place merged. An open edge belongs to one triangle: a closed body has none,
+  // and open ground has them along its border. A crowded edge belongs to more than two triangles.
   std::size_t open_edges = 0, crowded_edges = 0;
-  std::size_t texture_bytes = 0;  // of all textures, as they lie in memory: 4 for a pixel
-  // Why the navigation tasks cannot fly this drone here, as they would say; empty where they can.
+  std::size_t texture_bytes = 0;  // memory of all textures, 4 bytes per pixel
+  // Reason why the navigation tasks cannot fly this drone here, in the words of their error; empty if they can.
   std::string not_navigable;
 };
 
