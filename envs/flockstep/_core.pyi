@@ -1,9 +1,9 @@
 """The native module.
 
-SI units; the world frame is right-handed with z up, the body frame x forward, y left, z up; quaternions are
-``(w, x, y, z)``, body to world. Arrays are float32 unless said otherwise. ``N`` is the number of drones of a batch.
+SI units. World frame: right-handed, z up. Body frame: x forward, y left, z up. Quaternions are ``(w, x, y, z)``, body
+to world. Arrays are float32 unless their entry names another type. ``N`` is the number of drones of a batch.
 
-Bad input raises `ValueError` naming the field, what was expected and what came, before anything changes.
+Bad input raises `ValueError` naming the field, the expected value and the actual one, before anything changes.
 """
 
 from collections.abc import Callable, Mapping, Sequence
@@ -26,23 +26,23 @@ _U8: TypeAlias = npt.NDArray[np.uint8]
 _U16: TypeAlias = npt.NDArray[np.uint16]
 _Bool: TypeAlias = npt.NDArray[np.bool_]
 _DroneLike: TypeAlias = DroneModel | str | PathLike[str]
-_MaybeNone: TypeAlias = Any  # a marker is None only if the world lacks it, and who passes one on knows that it has it
+_MaybeNone: TypeAlias = Any  # None only if the world lacks the marker; Any spares callers a check
 
 __version__: str
 embree_version: str
-"""Of the Embree library this module was built with, such as ``"4.3.0"``."""
+"""Version of the Embree library that this module was built with, such as ``"4.3.0"``."""
 simd_target: str
-"""The instruction set that tracing runs on here, such as ``"AVX2"``."""
+"""Instruction set that tracing uses on this machine, such as ``"AVX2"``."""
 scene_sets: dict[str, tuple[str, ...]]
-"""The names that stand for several scenes, and their scenes."""
+"""Names that stand for several scenes, with their scenes."""
 scene_suffixes: tuple[str, ...]
-"""The suffixes of files that `World.load` reads, such as ``".json"``."""
+"""Suffixes of the files that `World.load` reads, such as ``".json"``."""
 engine_tasks: dict[str, type]
-"""The configurations of the engine's tasks, by the names that recipes use."""
+"""Configurations of the engine's tasks, by their names in recipes."""
 generated_scenes: tuple[str, ...]
-"""The names of scenes that are generated instead of loaded."""
+"""Names of the scenes that are generated instead of loaded."""
 scene_generators: tuple[str, ...]
-"""The words that may stand before ``/seed-7`` in the name of a scene."""
+"""Names of the generators, which stand before ``/seed-7`` in the name of a scene."""
 
 @final
 class LidarConfig:
@@ -111,11 +111,13 @@ class LidarConfig:
     # end of fields
     @property
     def shape(self) -> tuple[int, int]:
-        """(channels, beams) of one scan."""
+        """Shape (channels, beams) of one scan."""
 
 @final
 class CameraConfig:
-    """A pinhole camera. Its frame: x along the optical axis, y left, z up; the centre of the image is where the axis is.
+    """A pinhole camera.
+
+    Camera frame: x along the optical axis, y left, z up. The optical axis passes through the centre of the image.
 
     Parameters
     ----------
@@ -215,27 +217,27 @@ class CameraConfig:
     def __eq__(self, other: object, /) -> bool: ...
     @property
     def fx(self) -> float:
-        """Pixels per unit of slope, across."""
+        """Horizontal focal length in pixels."""
 
     @property
     def fy(self) -> float:
-        """Pixels per unit of slope, down."""
+        """Vertical focal length in pixels."""
 
     @property
     def cx(self) -> float:
-        """Pixels from the left border to the optical axis."""
+        """Distance in pixels from the left border to the optical axis."""
 
     @property
     def cy(self) -> float:
-        """Pixels from the upper border to the optical axis."""
+        """Distance in pixels from the upper border to the optical axis."""
 
     @property
     def image_size_px(self) -> tuple[int, int]:
-        """(width, height) of the images that are written: ``resize``, or else ``(width_px, height_px)``."""
+        """Size (width, height) of the written images: ``resize`` if set, otherwise ``(width_px, height_px)``."""
 
 @final
 class ColorRange:
-    """Which colours count: each channel of a pixel is in [low, high]. By default, green as the goal is.
+    """A range of colours: a pixel matches if each channel is in [low, high]. The default matches the green of the goal.
 
     Parameters
     ----------
@@ -296,7 +298,7 @@ class PoseSensorConfig:
     # end of fields
 
 class EpisodeConfig:
-    """When episodes begin and end; the same for every task.
+    """Begin and end of episodes, the same for every task.
 
     Parameters
     ----------
@@ -337,7 +339,7 @@ class EpisodeConfig:
     # end of fields
 
 class ClockConfig:
-    """How time passes: the rates of policy, controller and physics, per second of simulated time.
+    """Rates of policy, controller and physics, per second of simulated time.
 
     Parameters
     ----------
@@ -367,11 +369,11 @@ class ClockConfig:
 
 @final
 class ImuConfig:
-    """An inertial measurement unit, for drones that fly by their rotors.
+    """An inertial measurement unit. It requires ``motion="rotors"``.
 
-    The accelerometer reads all that accelerates the drone but gravity: +9.81 along the body's z at rest and in hovering, 0 in free
-    fall. The noise is that of Kalibr's model: white noise by its density, and a bias that walks with time, from 0 in each
-    episode.
+    The accelerometer measures all acceleration except gravity: +9.81 m/s^2 along the body's z at rest and in hover, 0
+    in free fall. The noise follows Kalibr's model: white noise, given by its density, and a bias that drifts from 0 in
+    each episode.
 
     Parameters
     ----------
@@ -431,7 +433,7 @@ class ImuConfig:
 
 @final
 class WindConfig:
-    """The wind that drones fly in by their rotors: a mean, and gusts of each drone's own, constant for a flown step.
+    """The wind for ``motion="rotors"``: a mean, and separate gusts for each drone, constant during a flown step.
 
     Parameters
     ----------
@@ -475,21 +477,22 @@ class WindConfig:
 
 @final
 class DynamicsConfig:
-    """How drones move, and what a task or a caller tells them.
+    """The motion model of the drones, and the meaning of their commands.
 
-    With ``motion="rotors"`` the drone is a rigid body with four rotors (docs/dynamics.md has the equations). What it is told
-    are four numbers, whose meaning is ``control``:
+    With ``motion="rotors"`` a drone is a rigid body with four rotors (docs/dynamics.md has the equations). A command is
+    four numbers, whose meaning depends on ``control``:
 
     - ``"rotor_speeds"``: rad/s of each rotor, in the order of the airframe.
-    - ``"rotor_thrusts"``: N of each rotor, in air at rest.
-    - ``"body_rates"``: thrust of all rotors over the mass, m/s^2; body rates about x, y, z, rad/s. Also called CTBR.
-    - ``"attitude"``: thrust m/s^2; roll, pitch, yaw, rad.
-    - ``"acceleration"``: m/s^2 in the world frame; yaw rad.
-    - ``"velocity"``: m/s in the world frame; yaw rate rad/s.
-    - ``"heading_velocity"``: m/s forward, left and up; yaw rate rad/s.
-    - ``"position"``: m in the world frame; yaw rad.
-    - ``"pose"``: what tasks for kinematic motion tell, a pose to be at by the end of the step: it is flown as a velocity and a
-      yaw rate.
+    - ``"rotor_thrusts"``: N of each rotor, in still air.
+    - ``"body_rates"``: total thrust of all rotors over the mass, m/s^2; body rates about x, y, z, rad/s. Also called
+      CTBR.
+    - ``"attitude"``: thrust, m/s^2; roll, pitch, yaw, rad.
+    - ``"acceleration"``: m/s^2 in the world frame; yaw, rad.
+    - ``"velocity"``: m/s in the world frame; yaw rate, rad/s.
+    - ``"heading_velocity"``: m/s forward, left and up; yaw rate, rad/s.
+    - ``"position"``: m in the world frame; yaw, rad.
+    - ``"pose"``: the output of tasks for kinematic motion, a pose at the end of the step. It is flown as a velocity and
+      a yaw rate.
 
     Parameters
     ----------
@@ -598,9 +601,9 @@ class DynamicsConfig:
 
 @final
 class NavigationReward:
-    """The reward of the navigation task: the sum of these terms, each times its weight.
+    """The reward of the navigation task: the sum of these terms, each multiplied by its weight.
 
-    l are the LiDAR ranges over the maximum range, |L| their number, M is ``min_clearance``, R is ``goal_reward``.
+    l are the LiDAR ranges over the maximum range, |L| is their number, M is ``min_clearance``, R is ``goal_reward``.
 
     Parameters
     ----------
@@ -668,16 +671,18 @@ class NavigationReward:
 class HoverConfig:
     """Catch a drone that is thrown, and hold a point.
 
-    The point is the world's goal marker, or the centre of its bounds where it has none. Episodes begin near it, turned and
-    moving anyhow, rotors as in hovering. Actions are float32 (4,), clipped to [-1, 1]; 0 hovers and 1 is the most, by the
-    env's ``control``: of rotors, thrust and rates as far as they go, of tilt, acceleration and speed up to the limits of
-    `DynamicsConfig`, of position 1 m from where the drone is; yaw up to half a turn from the present heading.
+    The point is the world's goal marker, or the centre of its bounds if it has none. Episodes begin near it, with
+    random attitude and velocity and with the rotors at hover speed. Actions are float32 (4,), clipped to [-1, 1]; 0
+    hovers and 1 is the largest command of the env's ``control``. This is the maximum of a rotor or of the thrust, the
+    limit in `DynamicsConfig` of a rate, tilt, acceleration or speed, 1 m from the drone for a position, and half a turn
+    from the current heading for the yaw.
 
-    Observed, float32 (16,), in the body frame, so that the heading does not matter: the way to the point, m (3); velocity,
-    m/s (3); the world's up (3); angular velocity, 10 rad/s (3); rotor speeds, -1 slowest, 0 in hovering, 1 fastest (4).
+    Observation, float32 (16,), in the body frame and independent of the heading: offset to the point, m (3); velocity,
+    m/s (3); the world's up vector (3); angular velocity, 10 rad/s (3); rotor speeds, -1 slowest, 0 hovering, 1 fastest
+    (4).
 
-    An episode ends as a crash on a contact, or farther than ``max_distance_m`` from the point. It is a success if it ends
-    with no step of the last ``hold_s`` farther than ``hold_m``. d is the distance to the point in metres.
+    d is the distance to the point in metres. An episode ends as a crash on a contact, or if d exceeds
+    ``max_distance_m``. It is a success if it ends with d at most ``hold_m`` in every step of the last ``hold_s``.
 
     Parameters
     ----------
@@ -748,16 +753,16 @@ class HoverConfig:
 class TrackConfig:
     """Follow a point that moves along a smooth path.
 
-    Paths lie about the world's goal marker, or about the centre of its bounds where it has none. Each episode begins
-    somewhere on its path, with the path's velocity and yaw. Actions are those of `HoverConfig`.
+    Paths are centred on the world's goal marker, or on the centre of its bounds if it has none. Each episode begins at
+    a random place of its path, with the path's velocity and yaw. Actions are those of `HoverConfig`.
 
-    Observed, float32 (15 + 3 ``points``,), in the body frame: the way to where the path is now, ``ahead_s`` later, and so
-    on, m (3 ``points``); velocity, m/s (3); the world's up (3); angular velocity, 10 rad/s (3); rotor speeds, -1 slowest, 0
-    in hovering, 1 fastest (4); sine and cosine of the yaw that is missing (2).
+    Observation, float32 (15 + 3 ``points``,), in the body frame: offsets to the path's point now, ``ahead_s`` later,
+    and so on, m (3 ``points``); velocity, m/s (3); the world's up vector (3); angular velocity, 10 rad/s (3); rotor
+    speeds, -1 slowest, 0 hovering, 1 fastest (4); sine and cosine of the yaw error (2).
 
-    An episode ends as a crash on a contact, or farther than ``max_distance_m`` from where the path is. It is a success if
-    it ends with a root mean square of d, over all its steps, of at most ``close_m``. d is the distance to where the path is
-    now in metres.
+    d is the distance to the path's point now in metres. An episode ends as a crash on a contact, or if d exceeds
+    ``max_distance_m``. It is a success if it ends with a root mean square of d, over all its steps, of at most
+    ``close_m``.
 
     Parameters
     ----------
@@ -885,36 +890,39 @@ class NavigationConfig:
     # end of fields
     @staticmethod
     def observing(observation: str) -> NavigationConfig:
-        """Return the task of the thesis that observes this; camera tasks fly ahead and aside, and end where they overshoot."""
+        """Return the thesis's task with this observation.
+
+        Camera tasks (``"blob"``, ``"pixels"``) fly forward and sideways, and end when the drone passes the goal.
+        """
 
 @final
 class Field:
-    """A named array that a task declares; its shape is that of one env. Bounds are one number, or one for each value."""
+    """A named array that a task declares, with the shape of one row. Bounds are one number, or one for each value."""
 
     def __init__(self, name: str, dtype: str, shape: Sequence[int], low: float, high: float) -> None: ...
     @property
     def name(self) -> str:
-        """Of the array; what a dict of observations calls it."""
+        """Name of the array, and its key in a dict of observations."""
 
     @property
     def dtype(self) -> str:
-        """As NumPy calls it: ``"bool"``, ``"uint8"``, ``"int32"``, ``"int64"``, ``"float32"`` or ``"float64"``."""
+        """NumPy name of the type: ``"bool"``, ``"uint8"``, ``"int32"``, ``"int64"``, ``"float32"`` or ``"float64"``."""
 
     @property
     def shape(self) -> tuple[int, ...]:
-        """Of one env; () for a single number."""
+        """Shape of one row; () for a scalar."""
 
     @property
     def low(self) -> Any:
-        """Least value: a number, or an array of ``shape``."""
+        """Minimum: a number, or an array of ``shape``."""
 
     @property
     def high(self) -> Any:
-        """Greatest value: a number, or an array of ``shape``."""
+        """Maximum: a number, or an array of ``shape``."""
 
 @final
 class TaskSpec:
-    """What a task takes, shows and is rewarded by, declared once."""
+    """Action, observations and reward terms of a task."""
 
     def __init__(
         self,
@@ -925,15 +933,15 @@ class TaskSpec:
     ) -> None: ...
     @property
     def row(self) -> str:
-        """What a row of actions, observations and rewards belongs to: ``"drone"`` or ``"env"``."""
+        """Owner of a row of actions, observations and rewards: ``"drone"`` or ``"env"``."""
 
     @property
     def action(self) -> Field:
-        """One row of what `Batch.step` takes."""
+        """One row of the actions that `Batch.step` takes."""
 
     @property
     def observation(self) -> list[Field]:
-        """One field is the observation itself; several form a dict."""
+        """Fields of the observation; one field is the observation itself, several form a dict."""
 
     @property
     def reward_terms(self) -> list[str]:
@@ -941,14 +949,20 @@ class TaskSpec:
 
 @final
 class EpisodeEnd(IntEnum):
-    """Why an episode ended. If several reasons hold in one step, the order is: bad_state, success, contact, left_area, time, task,
-    teammate.
+    """Reason for the end of an episode.
 
-    ``none``: it has not ended. ``success``: the task calls it a success. ``contact``: it was terminated while a drone was in
-    contact with something. ``left_area``: the task ended it because a drone left the area that the task allows.
-    ``bad_state``: a setpoint, pose, reward or observation was not finite; see `Batch.bad_state`. ``time``: it was truncated at
-    ``max_episode_steps``. ``task``: the task terminated or truncated it for another reason.
-    ``teammate``: it was truncated because the episode of another drone of the env ended.
+    If several reasons hold in one step, the first in this order counts: bad_state, success, contact, left_area, time,
+    task, teammate.
+
+    - ``none``: the episode goes on.
+    - ``success``: success according to the task.
+    - ``contact``: terminated while a drone was in contact with something.
+    - ``left_area``: ended by the task because a drone left the task's area.
+    - ``bad_state``: a setpoint, pose, reward or observation was not finite, or a pose was outside the world; see
+      `Batch.bad_state`.
+    - ``time``: truncated at ``max_episode_steps``.
+    - ``task``: terminated or truncated by the task for another reason.
+    - ``teammate``: truncated because the episode of another drone of the env ended.
 
     `Batch.episode_end` and the infos hold these as integers; ``EpisodeEnd(2).name`` is ``"contact"``.
     """
@@ -964,44 +978,46 @@ class EpisodeEnd(IntEnum):
 
 @final
 class NativeTask:
-    """A task of your own in C++: a shared library that ends with ``FLOCKSTEP_EXPORT_TASK(YourTask)``.
+    """A task written in C++: a shared library whose source ends with ``FLOCKSTEP_EXPORT_TASK(YourTask)``.
 
-    Build it against the headers in `flockstep.include_dir`, with the compiler that flockstep was built with. Its file is
-    checked before it is loaded.
+    Build it against the headers in `flockstep.include_dir`, with the compiler that flockstep was built with. The file
+    is checked before it is loaded.
 
     Parameters
     ----------
     path
-        Of the shared library: a str or a Path.
+        Path of the shared library: a str or a Path.
 
     Raises
     ------
     TypeError
-        Something else than a path.
+        The argument is not a path.
     ValueError
-        The file is no regular file, is cut short, is no shared library, exports no task, or was built for another version.
+        The file is not a regular file, is cut short, is not a shared library, exports no task, or was built for another
+        version.
     """
 
     def __init__(self, path: str | PathLike[str]) -> None: ...
     @property
     def path(self) -> str:
-        """Of the shared library."""
+        """Path of the shared library."""
 
 @final
 class PythonTask:
-    """A task whose methods are Python's; `flockstep.Task` makes these."""
+    """A task whose methods are written in Python; `flockstep.Task` makes these objects."""
 
     def __init__(self, spec: TaskSpec, identity: str, max_episode_steps: int, calls: object) -> None: ...
 
 def _scene_keys() -> str: ...
 def _unexpected_keyword(callee: str, keyword: str, known: Sequence[str]) -> str: ...
 def load_scene(name: str, folder: str | PathLike[str]) -> World:
-    """Return the world of a name or path; bundled scenes are in the folder."""
+    """Return the world of a name or path; ``folder`` holds the bundled scenes."""
 
 def task_defaults(task: NavigationConfig | HoverConfig | TrackConfig | NativeTask | PythonTask) -> dict[str, Any]:
     """Return the defaults of an environment with this task.
 
-    ``worlds``, ``lidar``, ``cameras``, ``max_episode_steps``, ``drone`` (a name or None), ``dynamics``, ``clock``.
+    The keys are ``worlds``, ``lidar``, ``cameras``, ``max_episode_steps``, ``drone`` (a name or None), ``dynamics`` and
+    ``clock``.
     """
 
 @final
@@ -1019,18 +1035,19 @@ class World:
     ) -> World:
         """Load a bundled scene by its name, or a ``.json``, ``.gltf``, ``.glb``, ``.obj`` or ``.ply`` file by its path.
 
-        Files that it names have to lie in its folder or below it, unless ``meshes_anywhere`` is set. Its points are turned so that
-        the axis ``up`` points up (``"y"`` is usual for glTF and ``"z"`` for others), multiplied by ``scale``, and moved so that
-        the file's origin comes to ``origin`` (m). A `UserWarning` names what the file has and is not read. See `flockstep.scenes`.
+        Files that it names must be in its folder or below it, unless ``meshes_anywhere`` is set. Points are turned so
+        that the axis ``up`` points up (None: ``"y"`` for glTF, ``"z"`` for others), multiplied by ``scale`` (m per unit
+        of the file), and moved so that the file's origin is at ``origin`` (m). A `UserWarning` lists the content of
+        the file that flockstep does not read. See `flockstep.scenes`.
         """
 
     @staticmethod
     def from_dict(
         scene: Mapping[str, Any], base_dir: str | PathLike[str] = "", *, meshes_anywhere: bool = False
     ) -> World:
-        """Make a world of what a scene file says; ``base_dir`` is its folder, the current one if empty.
+        """Make a world from the content of a scene file; ``base_dir`` is its folder, empty for the current one.
 
-        A `UserWarning` names what the files have that the scene names, and is not read.
+        A `UserWarning` lists the content that flockstep does not read in the files that the scene names.
         """
 
     @staticmethod
@@ -1046,51 +1063,53 @@ class World:
     def forest(seed: int, trees: int = 150, size_m: Sequence[float] = (60.0, 40.0), relief_m: float = 4.0) -> World:
         """Generate a forest on rolling terrain, of textured meshes: trees, rocks, a start and a goal at opposite ends.
 
-        ``size_m`` is along x, from start to goal, and y; ``relief_m`` from the lowest possible ground to the highest. The
-        default drone can fly from the start to the goal. The same arguments make the same world.
+        ``size_m`` is the size along x, from start to goal, and along y. ``relief_m`` is the height of the highest
+        possible ground above the lowest. The default drone can fly from the start to the goal. The same arguments make
+        the same world.
         """
 
     @staticmethod
     def city(seed: int, blocks: Sequence[int] = (3, 2), height_m: float = 34.0) -> World:
         """Generate a city: blocks of houses, streets with cars, lamps, trees and cables, a start and a goal far apart.
 
-        ``blocks`` are along x, from start to goal, and y, each in [1, 8], 34 to 46 m a side; ``height_m`` of the tallest
-        roofs, in [12, 200]. The default drone can fly from the start to the goal along streets, 2 to 6 m above them. The same
-        arguments make the same world.
+        ``blocks`` is the number of blocks along x, from start to goal, and along y, each in [1, 8]; a block is 34 to 46
+        m wide. ``height_m`` is the height of the tallest roofs, in [12, 200]. The default drone can fly from the start
+        to the goal along the streets, 2 to 6 m above them. The same arguments make the same world.
         """
 
     @staticmethod
     def office(
         seed: int, size_m: Sequence[float] = (36.0, 20.0), furniture: float = 0.8, waypoints: bool = False
     ) -> World:
-        """Generate a floor of an office building: rooms, corridors and lounges, textured and furnished, behind windows.
+        """Generate a floor of an office building: textured, furnished rooms, corridors and lounges behind windows.
 
-        ``size_m`` is along x, from 20, and y, from 14; ``furniture`` in [0, 1] is how densely it is furnished. Start and goal
-        are in rooms at opposite ends of x. The default drone can fly from one to the other through doors, and not straight.
-        With ``waypoints`` that way has one before and one behind each door. The same arguments make the same world.
+        ``size_m`` is the size in metres along x, at least 20, and along y, at least 14. ``furniture`` in [0, 1] is the
+        density of the furniture. Start and goal are in rooms at opposite ends of x. The default drone can fly from one
+        to the other through doors, but not in a straight line. With ``waypoints`` there is a waypoint before and behind
+        each door of this path. The same arguments make the same world.
         """
 
     @staticmethod
     def warehouse(
         seed: int, size_m: Sequence[float] = (48.0, 30.0), height_m: float = 8.0, waypoints: bool = False
     ) -> World:
-        """Generate a warehouse: a hall with skylights, rows of racks with pallets, forklifts, a conveyor and more, textured.
+        """Generate a warehouse: a hall with skylights, rows of racks with pallets, forklifts and more, with textures.
 
-        ``size_m`` is along x, from 26, across the rows of racks, and y, from 16; ``height_m`` in [5, 20] is that of the
-        eaves. Start and goal are at opposite ends of x. The default drone can fly from one to the other around racks and
-        through empty bays, and not straight; with ``waypoints`` there is one where that way turns. The same arguments make
-        the same world.
+        ``size_m`` is the size in metres along x, across the rows of racks, at least 26, and along y, at least 16.
+        ``height_m`` is the height of the eaves, in [5, 20]. Start and goal are at opposite ends of x. The default drone
+        can fly from one to the other around racks and through empty bays, but not in a straight line. With
+        ``waypoints`` there is a waypoint at each turn of this path. The same arguments make the same world.
         """
 
     def __copy__(self) -> World: ...
     def __deepcopy__(self, memo: dict[int, Any]) -> World: ...
     @property
     def name(self) -> str:
-        """As the scene file says, or its file is called."""
+        """Name from the scene file, or from the name of the file."""
 
     @property
     def bounds(self) -> _F32:
-        """(2, 3) m: least and greatest corner of all geometry."""
+        """(2, 3) m: minimum and maximum corner of all geometry."""
 
     @property
     def start(self) -> _F32 | _MaybeNone:
@@ -1098,7 +1117,7 @@ class World:
 
     @property
     def waypoints(self) -> _F32:
-        """(K, 3) m, in the order of flight."""
+        """(K, 3) m, in flight order."""
 
     @property
     def goal(self) -> _F32 | _MaybeNone:
@@ -1106,119 +1125,142 @@ class World:
 
     @property
     def spawn_box(self) -> _F32 | _MaybeNone:
-        """(2, 3) m: least and greatest corner of where a task may start drones, or None."""
+        """(2, 3) m: minimum and maximum corner of the region of random starts, or None."""
 
     @property
     def marker_radius_m(self) -> float:
-        """Metres, as drawn."""
+        """Radius of the drawn markers, m."""
 
     @property
     def materials(self) -> list[dict[str, Any]]:
-        """A dict for each: ``name``, ``base_color`` (3,) linear RGB, ``semantic`` (the class that cameras report; the place in
-        this list, counted from 1, unless the scene says otherwise), ``emissive`` (3,) linear RGB, shown in any light,
-        ``alpha_cutoff``: cameras see through meshes where the texture's alpha is below it. Limits are those of the keys of a
-        scene file."""
+        """The materials, one dict each. The limits are those of the keys of a scene file.
+
+        - ``name``
+        - ``base_color``: (3,) linear RGB.
+        - ``semantic``: semantic id in camera images. The default is the index in this list plus 1.
+        - ``emissive``: (3,) linear RGB, emitted in any light.
+        - ``alpha_cutoff``: meshes are transparent to cameras wherever the texture's alpha is below this value.
+        """
 
     @property
     def light(self) -> dict[str, Any]:
-        """Sun and sky, as cameras see them, with the keys and limits of a scene file: ``sun_direction`` (3,) unit, towards the
-        sun; ``sun_color``, ``sky_ambient``, ``ground_ambient``, ``zenith_color``, ``horizon_color``, each (3,) linear RGB;
-        ``gamma``; ``sun_radius_deg`` of the sun's disc in the sky, 0 for none; ``sun_glow`` beside it."""
+        """Sun and sky of camera images, with the keys and limits of a scene file.
+
+        - ``sun_direction``: (3,) unit, towards the sun.
+        - ``sun_color``, ``sky_ambient``, ``ground_ambient``, ``zenith_color``, ``horizon_color``: (3,) linear RGB each.
+        - ``gamma``
+        - ``sun_radius_deg``: radius of the sun's disc in the sky; 0 means no disc.
+        - ``sun_glow``: share of the sun's colour in the sky next to it.
+        """
 
     @property
     def primitives(self) -> list[dict[str, Any]]:
-        """A dict for each: ``kind`` (``"room"``, ``"box"``, ``"cylinder"``, ``"sphere"``,
-        ``"capsule"``, ``"plane"``, ``"disc"``), ``center`` (3,) m, ``quat_wxyz`` (4,), ``half_extents`` (3,) m (of what is
-        round: radius, radius, half height), ``material``, ``visible`` and ``solid``."""
+        """The primitives, one dict each.
+
+        - ``kind``: ``"room"``, ``"box"``, ``"cylinder"``, ``"sphere"``, ``"capsule"``, ``"plane"`` or ``"disc"``.
+        - ``center``: (3,) m.
+        - ``quat_wxyz``: (4,).
+        - ``half_extents``: (3,) m; for round primitives radius, radius, half height.
+        - ``material``, ``visible`` and ``solid``.
+        """
 
     def to_dict(self) -> dict[str, Any]:
-        """Return what `save` writes to a ``.json``; triangle meshes are inline."""
+        """Return the content that `save` writes to a ``.json`` file; triangle meshes are inline."""
 
     def save(self, path: str | PathLike[str]) -> None:
-        """Write a scene file (``.json``) or a glTF 2.0 file (``.glb``, ``.gltf``), which `load` makes an equal world of.
+        """Write a scene file (``.json``) or a glTF 2.0 file (``.glb``, ``.gltf``) that `load` reads as an equal world.
 
-        In glTF, which any viewer shows, primitives are tessellated, and ``extras`` say what they are. The file is written whole
-        or not at all.
+        Any viewer can show the glTF file: primitives are tessellated in it, and ``extras`` describe them. The file is
+        written completely or not at all.
 
         Raises
         ------
         ValueError
-            Another suffix, a place that cannot be written, or a world too large for glTF: a file has at most 1 GiB.
+            The suffix is another one, the path cannot be written, or the world exceeds the glTF limit of 1 GiB.
         """
 
     def mesh(self, chord_error_m: float = 1e-3) -> dict[str, npt.NDArray[Any]]:
-        """Return everything as triangles.
+        """Return all geometry as triangles.
 
         Round primitives are tessellated so that no chord is farther than ``chord_error_m`` from the surface.
 
         Returns
         -------
-        ``vertices`` (V, 3) m; ``triangles`` (T, 3) int32, indices of vertices, counter-clockwise seen from outside a solid and
-        from inside a room; ``uv`` (V, 2) float32, where in its texture a vertex is, (0, 0) being the upper left corner, and 0
-        where there is none; ``materials`` (T,) int32, an index into `materials`; ``objects`` (T,) int32, an index into
-        `primitives`, then their number + the number of the mesh: what cameras report as ``instance``, less 1.
+        - ``vertices``: (V, 3) m.
+        - ``triangles``: (T, 3) int32, vertex indices, counter-clockwise seen from outside a solid and from inside a
+          room.
+        - ``uv``: (V, 2) float32, texture coordinates; (0, 0) is the upper left corner. Vertices without a texture have
+          (0, 0).
+        - ``materials``: (T,) int32, index into `materials`.
+        - ``objects``: (T,) int32, index into `primitives`, or their number plus the number of the mesh: the camera
+          output ``instance`` minus 1.
         """
 
     def objects(self) -> dict[str, npt.NDArray[Any]]:
-        """Return the objects that cameras number: the primitives, then the meshes; row i is that of ``instance`` i + 1.
+        """Return the objects that cameras number: the primitives, then the meshes. Row i has ``instance`` i + 1.
 
         Returns
         -------
-        ``boxes`` (K, 2, 3) float32 m, least and greatest corner of the smallest box around each; ``materials`` (K,) int32, an index
-        into `materials`, -1 where an object has several; ``visible`` and ``solid`` (K,) bool, whether sensors see it and whether
-        drones hit it.
+        - ``boxes``: (K, 2, 3) float32 m, minimum and maximum corner of the smallest box around each object.
+        - ``materials``: (K,) int32, index into `materials`; -1 if an object has several.
+        - ``visible``: (K,) bool, True if sensors detect the object.
+        - ``solid``: (K,) bool, True if drones hit the object.
         """
 
     def point_cloud(self, spacing_m: float) -> dict[str, npt.NDArray[Any]]:
-        """Return points spread evenly over all surfaces, about one for every ``spacing_m`` x ``spacing_m``.
+        """Return points spread evenly over all surfaces, about one for each ``spacing_m`` x ``spacing_m`` of area.
 
-        They lie on ``mesh(spacing_m / 100)`` and are the same ones each time.
+        The points lie on ``mesh(spacing_m / 100)``. The result is deterministic.
 
         Returns
         -------
-        ``points`` (N, 3) float32 m; ``normals`` (N, 3) float32 unit, out of a solid and into a room; ``semantic`` (N,) uint16, the
-        class that cameras report; ``objects`` (N,) int32, as `mesh` has them.
+        - ``points``: (N, 3) float32 m.
+        - ``normals``: (N, 3) float32 unit, out of a solid and into a room.
+        - ``semantic``: (N,) uint16, semantic id as in camera images.
+        - ``objects``: (N,) int32, numbered as in `mesh`.
 
         Raises
         ------
         ValueError
-            They would be more than 50,000,000.
+            There would be more than 50,000,000 points.
         """
 
     def occupancy(self, cell_m: float, box: npt.ArrayLike | None = None) -> dict[str, Any]:
-        """Return which cells of a grid are occupied.
+        """Return the occupied cells of a grid.
 
-        A cell is if it touches a surface, or its centre lies within a solid or outside of the room. Cells count as a thousandth
-        wider than they are, so that a surface between two cells occupies both. Meshes are surfaces: the inside of a closed one
-        is empty, here as in flight.
+        A cell is occupied if it touches a surface, or if its centre is inside a solid or outside the room. Cells are
+        tested a thousandth wider than they are, so that a surface between two cells occupies both. Closed meshes are
+        hollow, as in collision checks.
 
         Parameters
         ----------
         cell_m
             Edge of a cell, in [0.001, 100] m.
         box
-            (2, 3) m that cells cover, from its least corner on. None: `bounds`.
+            (2, 3) m, region that the cells cover, starting at its minimum corner. None: `bounds`.
 
         Returns
         -------
-        ``occupied`` (nx, ny, nz) bool; ``origin`` (3,) float32 m, the least corner; ``cell_m``. Cell (i, j, k) has its centre at
-        ``origin + cell_m * (i + 0.5, j + 0.5, k + 0.5)``.
+        - ``occupied``: (nx, ny, nz) bool. Cell (i, j, k) has its centre at ``origin + cell_m * (i + 0.5, j + 0.5, k +
+          0.5)``.
+        - ``origin``: (3,) float32 m, minimum corner.
+        - ``cell_m``: as given.
 
         Raises
         ------
         ValueError
-            The cells would be more than 134,217,728.
+            There would be more than 134,217,728 cells.
         """
 
     def distance(self, cell_m: float, box: npt.ArrayLike | None = None) -> dict[str, Any]:
-        """Return how far the centre of each cell of a grid is from the nearest surface.
+        """Return the distance from the centre of each cell of a grid to the nearest surface.
 
         Arguments and errors are those of `occupancy`.
 
         Returns
         -------
-        ``distance_m`` (nx, ny, nz) float32, 0 within a solid and outside of the room; ``origin`` and ``cell_m`` as `occupancy`
-        has them.
+        - ``distance_m``: (nx, ny, nz) float32; 0 inside a solid and outside the room.
+        - ``origin`` and ``cell_m``: as in `occupancy`.
         """
 
     def with_markers(
@@ -1231,7 +1273,8 @@ class World:
     ) -> World:
         """Return the same world with these markers, and no others.
 
-        ``start`` and ``goal`` are (3,) m, ``waypoints`` (K, 3), ``spawn_box`` (2, 3), least and greatest corner.
+        ``start`` and ``goal`` are (3,) m, ``waypoints`` (K, 3) m, and ``spawn_box`` (2, 3) m, minimum and maximum
+        corner.
         """
 
     def with_light(
@@ -1250,15 +1293,16 @@ class World:
     ) -> World:
         """Return the same world in another light, with other colours.
 
-        It shares geometry, textures, and all that is built for rays and collisions with this one. Its own are, where cameras see
-        it, 16 bytes for each triangle, 120 for each primitive, 2 kB for each material and 12 kB besides; OpenGL keeps a copy of
-        the geometry for each. `relight` draws many. All but ``tint`` are those of `WorldBuilder.light`; None: as it is.
+        The copy shares geometry, textures and all acceleration structures with this world. If cameras use it, it takes
+        16 bytes per triangle, 120 per primitive, 2 kB per material and 12 kB in addition; OpenGL keeps a separate copy
+        of the geometry for each world. `relight` draws many such copies. All arguments except ``tint`` are those of
+        `WorldBuilder.light`; None leaves a value unchanged.
 
         Parameters
         ----------
         tint
-            (3,) or (M, 3) linear RGB in [0, 10], by which the base colours of all materials, or of each of `materials`, are
-            multiplied; so textures are, too. No base colour becomes more than 1.
+            Linear RGB factors in [0, 10], (3,) for the base colours of all materials or (M, 3) for each of `materials`.
+            They also apply to textures. Base colours are limited to 1.
         """
 
     def free_places(
@@ -1275,32 +1319,34 @@ class World:
     ) -> _F32:
         """Draw ``count`` places (count, 3) m at which a drone, level and facing +x, is free.
 
-        Each has something below, and neither what is next below it nor what is next above it shows the back of a triangle. So it
-        is in the open or within a room or building, not in the ground, below it, or within a closed mesh. The first places do
-        not depend on ``count``.
+        Each place has a surface below it, and neither the next surface below nor the next one above shows the back of a
+        triangle. The place is therefore in the open or inside a room or building, not in the ground, below it, or
+        inside a closed mesh. The first places do not depend on ``count``.
 
         Parameters
         ----------
+        count
+            Number of places.
         seed
-            The same arguments draw the same places.
+            Seed of the draws. The same arguments give the same places.
         clearance_m
-            How far at least the drone's centre is from everything. None: the radius of the ball around the drone, which then may
-            turn to any side.
+            Minimum distance from the drone's centre to everything. None: the radius of the ball around the drone, so
+            that it can turn to any side.
         max_height_m
-            Above what lies below; a place drawn higher is drawn again below that.
+            Maximum height above the next surface below; a higher place is drawn again below this height.
         box
-            (2, 3) m, where to draw. None: `bounds`, and without a room up to ``max_height_m`` above them.
+            (2, 3) m, sampling region. None: `bounds`, extended upwards by ``max_height_m`` if the world has no room.
         reachable_from
-            (3,) m, a place from which the drone can fly to all that are drawn.
+            (3,) m, a place from which the drone can fly to all drawn places.
         drone
             A `DroneModel`, or the name or path of one. None: the default drone.
         cell_m
-            Of the lattice along which ``reachable_from`` is searched.
+            Spacing of the lattice on which paths from ``reachable_from`` are searched, m.
 
         Raises
         ------
         ValueError
-            No place was found in 100,000 draws in a row; the message says why not.
+            100,000 draws in a row gave no place; the message gives the reasons.
         """
 
     def with_drawn_markers(
@@ -1314,14 +1360,14 @@ class World:
         drone: _DroneLike | None = None,
         cell_m: float = 0.2,
     ) -> World:
-        """Return the same world with a start and a goal that `free_places` draws, and no other markers.
+        """Return the same world with a start and a goal drawn by `free_places`, and no other markers.
 
         The drone can fly from one to the other. The other arguments are those of `free_places`.
 
         Parameters
         ----------
         distance_m
-            At least from start to goal. None: a third of the diagonal, seen from above, of where places are drawn.
+            Minimum distance from start to goal. None: a third of the horizontal diagonal of the sampling region.
 
         Raises
         ------
@@ -1330,16 +1376,24 @@ class World:
         """
 
     def check(self, drone: _DroneLike | None = None) -> dict[str, Any]:
-        """Return what to look at before flying in a world from elsewhere.
+        """Return a report of properties to check before flying in a world from another source.
 
         Returns
         -------
-        ``name``; ``size_m`` (3,), of `bounds`; ``primitives``, ``triangles`` (of meshes) and ``objects``, how many; ``open_edges``,
-        edges of triangles that belong to one alone, and ``crowded_edges``, to more than two, where vertices at the same place are
-        one: a closed mesh has none of either, open ground the first around it; ``materials`` and ``textures``, how many, and
-        ``texture_bytes``, in memory; ``start``, ``goal`` and ``spawn_box``, whether there is one, and ``waypoints``, how many;
-        ``not_read``, what its file has and is not read, triangles without an area among it, in words; ``not_navigable``, why the
-        navigation tasks cannot fly this drone (None: the default) here, or None where they can.
+        - ``name``
+        - ``size_m``: (3,) size of `bounds`.
+        - ``primitives``, ``triangles`` (of meshes) and ``objects``: their numbers.
+        - ``open_edges``: number of edges that belong to one triangle. A closed mesh has none; open ground has them
+          along its border.
+        - ``crowded_edges``: number of edges that belong to more than two triangles. Vertices at the same place are
+          merged.
+        - ``materials`` and ``textures``: their numbers.
+        - ``texture_bytes``: memory of the textures.
+        - ``start``, ``goal`` and ``spawn_box``: True if the world has one.
+        - ``waypoints``: their number.
+        - ``not_read``: content of the file that is not read, including triangles without area, in words.
+        - ``not_navigable``: reason why the navigation tasks cannot fly this drone (None: the default) here, or None if
+          they can.
         """
 
     def raycast(
@@ -1350,31 +1404,34 @@ class World:
         Parameters
         ----------
         origins, directions
-            (R, 3) m; directions need not be unit, but not zero.
+            (R, 3), world frame; origins in m. Directions need not be unit, but must not be zero.
         max_range_m
-            Metres.
+            Maximum distance of a hit, m.
 
         Returns
         -------
-        ``t_hit`` (R,) m, inf on a miss; ``normal`` (R, 3) unit, facing the ray's origin, 0 on a miss; ``u`` and ``v`` (R,)
-        where on a triangle, as the weights of its second and third vertex, 0 on primitives and on a miss; ``primitive``
-        (R,) int32, an index into `primitives`, then their number + the index of a triangle, -1 on a miss; ``material``
-        (R,) int32, an index into `materials`, -1 on a miss.
+        - ``t_hit``: (R,) m along the unit direction; inf on a miss.
+        - ``normal``: (R, 3) unit, facing the ray's origin; 0 on a miss.
+        - ``u`` and ``v``: (R,) weights of the second and third vertex of the triangle that was hit; 0 on primitives and
+          on a miss.
+        - ``primitive``: (R,) int32, index into `primitives`, or their number plus the index of a triangle; -1 on a
+          miss.
+        - ``material``: (R,) int32, index into `materials`; -1 on a miss.
         """
 
 @final
 class WorldBuilder:
-    """Makes a world by code, piece by piece; `build` returns it.
+    """Builds a world in code, piece by piece; `build` returns it.
 
-    Lengths and places are metres in the world frame, quaternions (w, x, y, z) from the piece's own frame to the world.
-    Materials and textures are given by the numbers that `material` and `texture` return. What does not fit together is
-    refused by `build`, or before. Cameras, LiDARs and rays see what is ``visible``; drones hit what is ``solid``, and planners
-    go around it. Everything is one of these, or both.
+    Lengths and positions are in metres, world frame. Quaternions are (w, x, y, z) and rotate from the piece's own frame
+    to the world. Materials and textures are given by the numbers that `material` and `texture` return. Invalid input
+    raises `ValueError` in the call itself or in `build`. Cameras, LiDARs and rays detect ``visible`` pieces; drones hit
+    ``solid`` pieces and planners avoid them. Every piece is at least one of the two.
 
     Parameters
     ----------
     name
-        Of the world.
+        Name of the world.
     """
 
     def __init__(self, name: str = "unnamed") -> None: ...
@@ -1384,10 +1441,10 @@ class WorldBuilder:
         pixels: npt.NDArray[np.uint8],
         wrap: Sequence[Literal["repeat", "mirror", "clamp"]] = ("repeat", "repeat"),
     ) -> int:
-        """Add an image (height, width, 3 or 4) in sRGB, row 0 at the top; return its number. The fourth channel is alpha, 255
-        where there is none; only ``alpha_cutoff`` of a material asks for it.
+        """Add an image (height, width, 3 or 4) in sRGB, row 0 at the top; return its number.
 
-        ``wrap`` says what it shows beyond its borders, across and down.
+        The fourth channel is alpha, by default 255; only ``alpha_cutoff`` of a material uses it. ``wrap`` is the
+        continuation of the image beyond its borders, across and down.
         """
 
     def material(
@@ -1402,15 +1459,15 @@ class WorldBuilder:
     ) -> int:
         """Add a material and return its number.
 
-        Limits are those of the keys of a scene file. ``base_color`` is linear RGB; a texture's colours are multiplied by it,
-        on meshes and height fields. ``semantic`` is the class that cameras report; 0: the material's number plus 1.
-        ``emissive`` is linear RGB, by default 0, and shown in any light. Cameras see through meshes and height fields, and
-        the sun shines through, where the texture's alpha, from 0 to 1, is below ``alpha_cutoff``. LiDAR and collisions hit
-        the whole of them.
+        The limits are those of the keys of a scene file. ``base_color`` is linear RGB; on meshes and height fields it
+        is multiplied by the texture's colours. ``semantic`` is the semantic id in camera images; 0 means the material's
+        number plus 1. ``emissive`` is linear RGB, emitted in any light, by default 0. Meshes and height fields are
+        transparent to cameras and sunlight wherever the texture's alpha, from 0 to 1, is below ``alpha_cutoff``. LiDAR
+        rays and collisions hit whole triangles.
         """
 
     def room(self, min: Sequence[float], max: Sequence[float], material: int) -> None:
-        """Add the room: the inside of a box, given by two corners."""
+        """Add the room, the inside of a box given by two corners."""
 
     def box(
         self,
@@ -1422,7 +1479,7 @@ class WorldBuilder:
         visible: bool = True,
         solid: bool = True,
     ) -> None:
-        """Add a box of a size along its own x, y, z."""
+        """Add a box with a size along its own x, y, z."""
 
     def cylinder(
         self,
@@ -1465,7 +1522,7 @@ class WorldBuilder:
         visible: bool = True,
         solid: bool = True,
     ) -> None:
-        """Add a rectangle of a size along its own x and y, seen and hit from both sides."""
+        """Add a rectangle with a size along its own x and y; rays and drones hit it from both sides."""
 
     def disc(
         self,
@@ -1477,7 +1534,7 @@ class WorldBuilder:
         visible: bool = True,
         solid: bool = True,
     ) -> None:
-        """Add a disc across its own z, seen and hit from both sides."""
+        """Add a disc normal to its own z; rays and drones hit it from both sides."""
 
     def mesh(
         self,
@@ -1490,10 +1547,10 @@ class WorldBuilder:
         visible: bool = True,
         solid: bool = True,
     ) -> None:
-        """Add triangles (T, 3) of vertices (V, 3), an object of their own.
+        """Add triangles (T, 3) of vertices (V, 3) as a separate object.
 
-        ``uv`` (V, 2) says where in the texture: (0, 0) is its upper left corner, (1, 1) its lower right one. ``colors`` (V, 3),
-        linear RGB, are multiplied by what the material shows.
+        ``uv`` (V, 2) are texture coordinates: (0, 0) is the upper left corner of the texture, (1, 1) the lower right
+        one. ``colors`` (V, 3), linear RGB, are multiplied by the colour of the material.
         """
 
     def heightfield(
@@ -1507,7 +1564,7 @@ class WorldBuilder:
         visible: bool = True,
         solid: bool = True,
     ) -> None:
-        """Add ground of heights (rows, columns), as triangles: that of row r, column c at ``corner + cell_m * (c, r)``.
+        """Add ground as triangles from heights (rows, columns) m; row r, column c is at ``corner + cell_m * (c, r)``.
 
         A texture repeats every ``texture_m``.
         """
@@ -1525,32 +1582,34 @@ class WorldBuilder:
         sun_radius_deg: float = ...,
         sun_glow: float = ...,
     ) -> None:
-        """Set the light, as `World.light` has it; what is left out is as in a world without."""
+        """Set the light, with the keys of `World.light`; omitted values have their defaults."""
 
     def start(self, place: Sequence[float]) -> None:
-        """Set where drones start."""
+        """Set the start of the drones."""
 
     def waypoint(self, place: Sequence[float]) -> None:
-        """Add a waypoint, after those there are."""
+        """Append a waypoint."""
 
     def goal(self, place: Sequence[float]) -> None:
         """Set the goal."""
 
     def spawn_box(self, min: Sequence[float], max: Sequence[float]) -> None:
-        """Set the box within which drones start with ``random_start``, by two corners."""
+        """Set the region of random starts (``random_start``), a box given by two corners."""
 
     def build(self) -> World:
-        """Return the world so far. More may be added afterwards, for another one."""
+        """Return the world built so far. You can add more afterwards and build another one."""
 
 @final
 class DroneModel:
-    """What a drone is made of: its convex hull is its collision body; its airframe, if it has one, is what its flight is computed from.
+    """The body and flight model of a drone.
+
+    The convex hull is the collision body. The optional airframe holds the coefficients of the flight model.
 
     Parameters
     ----------
     hull
-        (V, 3) m in the body frame, 4 to 32 points with a volume: a drone without an airframe, for kinematic motion. Default: the
-        650-class quadrotor ``"t650"``, 0.93 x 0.59 x 0.20 m, with its airframe.
+        (V, 3) m in the body frame, 4 to 32 points with a volume: a drone without an airframe, for kinematic motion.
+        Default: the 650-class quadrotor ``"t650"``, 0.93 x 0.59 x 0.20 m, with its airframe.
     """
 
     def __init__(self, hull: npt.ArrayLike | None = None) -> None: ...
@@ -1560,7 +1619,7 @@ class DroneModel:
 
     @staticmethod
     def load(name_or_path: str | PathLike[str]) -> DroneModel:
-        """Return a bundled airframe by its name, or one from a JSON file, by a path that ends in ``.json``."""
+        """Load a bundled airframe by its name, or a JSON file by a path that ends in ``.json``."""
 
     @staticmethod
     def names() -> list[str]:
@@ -1568,25 +1627,25 @@ class DroneModel:
 
     @staticmethod
     def from_dict(data: dict[str, Any]) -> DroneModel:
-        """Make a drone from what its JSON file would hold; docs/add-a-drone.md has the format."""
+        """Make a drone from the content of its JSON file; docs/add-a-drone.md describes the format."""
 
     def to_dict(self) -> dict[str, Any]:
-        """Return what `from_dict` makes an equal drone of."""
+        """Return a dict from which `from_dict` makes an equal drone."""
 
     def scaled(self, *, size: float = 1.0, mass: float = 1.0) -> DroneModel:
-        """Return the drone in another size and mass, both as factors, that flies alike.
+        """Return a drone of another size and mass, both given as factors, that flies alike.
 
-        Lengths grow by ``size``; inertia, thrust, drag and lags follow (Froude's law), so that speeds and times grow by the square
-        root of ``size``, and thrust-to-weight stays.
+        Lengths grow by ``size``. Inertia, thrust, drag and lags follow Froude's law: speeds and times grow by the
+        square root of ``size``, and thrust-to-weight stays the same.
         """
 
     @property
     def name(self) -> str:
-        """The name of the frame, empty where it has none."""
+        """Name of the airframe, empty if it has none."""
 
     @property
     def mass_kg(self) -> float:
-        """Mass of the airframe."""
+        """Mass of the airframe, kg."""
 
     @property
     def thrust_to_weight(self) -> float:
@@ -1598,11 +1657,11 @@ class DroneModel:
 
     @property
     def hover_speed_radps(self) -> float:
-        """Speed of rotors that share the weight evenly, rad/s."""
+        """Speed at which the rotors hover if they share the weight evenly, rad/s."""
 
 @final
 class Contact:
-    """Where the last motion of each drone ended. Views into the batch, cleared by a teleport or a reset."""
+    """Contacts of the last motion of each drone. Views into the batch, cleared by a teleport or a reset."""
 
     # arrays of Contact
     @property
@@ -1630,17 +1689,17 @@ class Contact:
 class Camera:
     """One camera of every drone of a batch; `Batch.camera` returns it.
 
-    Images are read-only views, written in place by the next call that renders, and keep the batch alive. Asking for an
-    output that the camera does not write raises `ValueError`. Where nothing is seen (sky, or beyond ``far_m``), depth is
-    inf, normal 0, ids 0.
+    Images are read-only views that keep the batch alive; the next call that renders overwrites them. An output that the
+    camera does not write raises `ValueError`. Pixels without a hit (sky, or beyond ``far_m``) have depth inf, normal 0
+    and ids 0.
     """
 
     @property
     def config(self) -> CameraConfig:
-        """As the batch was made, but for the capture mode, which is the present one."""
+        """Configuration of the batch, with the current capture mode."""
 
     def config_of(self, index: int) -> CameraConfig:
-        """Return the setting of one drone, as `Batch.set_camera` changed it."""
+        """Return the configuration of one drone, including changes by `Batch.set_camera`."""
 
     # arrays of Camera
     @property
@@ -1676,12 +1735,12 @@ class Camera:
         """(N,): number of the reading that the frame shows, 0 at the reset; -1: stale."""
     # end of arrays
     def jpeg(self, index: int, quality: int = 90) -> bytes:
-        """Return the file of one drone's rgb (else grey) frame; quality from 1 to 100.
+        """Return a JPEG file of one drone's frame, rgb or otherwise grey; quality from 1 to 100.
 
         Raises
         ------
         ValueError
-            The camera writes neither, the frame is stale, or there is no such drone or quality.
+            The camera writes neither output, the frame is stale, or the index or quality is out of range.
         """
 
     def save_frames(
@@ -1692,29 +1751,28 @@ class Camera:
     ) -> list[Path]:
         """Write PNG files ``<camera>-<drone>-<output>.png`` and return their paths; needs Pillow.
 
-        ``rgb`` and ``grey`` have 8 bits, and so has ``hsv``, whose channels stand for red, green and blue. ``semantic``
-        and ``instance`` are the ids, 16 bits. ``depth`` has 16 bits, in millimetres; 0 where nothing is seen or it is
-        beyond 65.535 m. ``normal`` is 127.5 * (n + 1), 8 bits; 0 where nothing
-        is seen. `numpy.save` of the arrays themselves keeps depth and normal exact.
+        ``rgb``, ``grey`` and ``hsv`` have 8 bits; the channels of ``hsv`` are stored as red, green and blue.
+        ``semantic`` and ``instance`` are the ids, 16 bits. ``depth`` has 16 bits, in millimetres, and is 0 for a miss
+        or beyond 65.535 m. ``normal`` is 127.5 * (n + 1), 8 bits, and 0 for a miss. Use `numpy.save` on the arrays to
+        keep depth and normal exact.
 
-        Image viewers show 16 bits of ids or millimetres as almost black. Therefore ``depth``, ``semantic`` and ``instance``
+        Image viewers show 16-bit ids or millimetres as almost black. Therefore ``depth``, ``semantic`` and ``instance``
         each get a second file in colour, ``<camera>-<drone>-<output>-color.png``: depth from bright (nearest) to dark
-        (farthest) on a logarithmic scale that all frames of the call share, and a fixed colour per id. Where nothing is seen
-        it is black.
+        (farthest) on a logarithmic scale shared by all frames of the call, and a fixed colour per id. A miss is black.
 
         Parameters
         ----------
         folder
-            Made where it is missing; files of the same names are replaced.
+            Output folder, created if it is missing; files of the same names are replaced.
         indices
-            Which drones. None: all that have a frame.
+            Indices of the drones. None: all drones that have a frame.
         outputs
-            Which outputs. None: all that the camera writes.
+            Outputs to write. None: all outputs of the camera.
 
         Raises
         ------
         ValueError
-            An output that the camera does not write, or a drone whose frame is stale: nothing is written then.
+            The camera does not write an output, or the frame of a drone is stale. Nothing is written then.
         ModuleNotFoundError
             Pillow is not installed.
         """
@@ -1725,10 +1783,10 @@ class Lidar:
 
     @property
     def config(self) -> LidarConfig:
-        """As the batch was made."""
+        """Configuration of the batch."""
 
     def config_of(self, index: int) -> LidarConfig:
-        """Return the setting of one drone, as `Batch.set_lidar` changed it."""
+        """Return the configuration of one drone, including changes by `Batch.set_lidar`."""
 
     # arrays of Lidar
     @property
@@ -1745,57 +1803,63 @@ class Lidar:
 
     @property
     def points(self) -> _F32:
-        """(N, channels, beams, 3) m, world frame, inf on a miss; a copy. Exact only while the drone is where it sensed."""
+        """(N, channels, beams, 3) m, world frame; inf on a miss; a copy.
+
+        The points are exact only if the drone has not moved since the scan.
+        """
 
 @final
 class Terms:
-    """What the engine's own tasks are rewarded by and observe, of every env as it is now; `Batch.terms` returns it.
+    """Current reward and observation terms of the engine's tasks, for every env; `Batch.terms` returns it.
 
-    ``goal_index`` (N,) says which waypoint is each env's goal, from 0; beyond the last one, and by default, it is the goal
-    marker of its world. New arrays, but for `action_changed`.
+    ``goal_index`` (N,) is the index of the waypoint that is the current goal, from 0. Beyond the last waypoint, and by
+    default, the goal is the goal marker of the world. All results are new arrays, except `action_changed`.
     """
 
     def goal(self, goal_index: npt.ArrayLike | None = None) -> _F32:
-        """(N, 3) m, world frame."""
+        """Return the goals, (N, 3) m, world frame."""
 
     def start(self) -> _F32:
-        """(N, 3) m, world frame: the start marker of each env's world."""
+        """Return the start markers of the drones' worlds, (N, 3) m, world frame."""
 
     def goal_distance(self, goal_index: npt.ArrayLike | None = None) -> _F64:
-        """(N,) m, from where the drones are."""
+        """Return the distances from the drones to their goals, (N,) m."""
 
     def goal_direction(self, goal_index: npt.ArrayLike | None = None) -> _F32:
-        """(N, 3) unit, in the body frame as the pose sensor has it."""
+        """Return the directions to the goals, (N, 3) unit, in the body frame as measured by the pose sensor."""
 
     def displaced(self, displacement_m: npt.ArrayLike) -> _F32:
-        """(N, 3) m, world frame: where the drones would be after a displacement (N, 3) m in their body frames."""
+        """Return the drones' positions, (N, 3) m, world frame, after a displacement (N, 3) m in their body frames."""
 
     def ranges(self) -> _F32:
-        """(N, rays): the LiDAR's ranges over its maximum range, 1 on a miss."""
+        """Return the LiDAR's ranges over its maximum range, (N, rays); 1 on a miss."""
 
     def clearance(self) -> _F64:
-        """(N,): the least of `ranges`."""
+        """Return the minimum of `ranges`, (N,)."""
 
     def free_space(self, min_clearance: float) -> _F64:
-        """(N,): 1 in the open, 0 where all ranges are ``min_clearance``, a number in (0, 1)."""
+        """Return the free space, (N,): 1 in the open, 0 if all ranges are ``min_clearance``, a number in (0, 1)."""
 
     @property
     def action_changed(self) -> _Bool:
-        """(N,): the action differs from that of the step before, as an episode's first does; in `Task.step`. A view."""
+        """(N,): True if the action differs from the previous one; a view for use in `Task.step`.
+
+        The first action of an episode counts as a change.
+        """
 
 @final
 class Recipe:
-    """Everything that a batch is built from, as one value that goes to JSON and back: the same in Python and C++.
+    """Everything that a batch is built from, as one value that converts to JSON and back, in Python and C++.
 
-    Its JSON is an object with the members ``"task"`` (null, or an object with the task's ``"name"`` and the fields of its
-    configuration), ``"worlds"``, ``"drone"``, and the fields of the batch. Members that are missing have the defaults of
-    the task. `DroneVectorEnv.recipe` returns the recipe of an env, `DroneVectorEnv.from_recipe` makes an env from one.
+    The JSON text is an object with the members ``"task"`` (null, or an object with the task's ``"name"`` and the fields
+    of its configuration), ``"worlds"``, ``"drone"`` and the fields of the batch. Missing members have the defaults of
+    the task. `DroneVectorEnv.recipe` returns the recipe of an env; `DroneVectorEnv.from_recipe` makes an env from one.
 
     Parameters
     ----------
     task
-        A configuration of the engine's tasks, whose defaults the recipe begins with; the id of a task of your own; or
-        None for a batch without a task.
+        A configuration of one of the engine's tasks, whose defaults the recipe takes; the id of your own task; or None
+        for a batch without a task.
     """
 
     task: NavigationConfig | HoverConfig | TrackConfig | str | None
@@ -1824,64 +1888,64 @@ class Recipe:
         Raises
         ------
         ValueError
-            A member that is not known, misspelt or of a wrong type or value: the message names its place.
+            A member is unknown or misspelt, or has a wrong type or value. The message names its place.
         """
 
     def to_json(self) -> str:
-        """Return the JSON text that `from_json` makes an equal recipe of."""
+        """Return a JSON text from which `from_json` makes an equal recipe."""
 
     def check_access(self, scenes: str | PathLike[str]) -> None:
-        """Raise `ValueError` if a world or the drone is the path of a file outside of the folder of bundled scenes."""
+        """Raise `ValueError` if a world or the drone is a file outside the folder of bundled scenes."""
 
 class Batch:
-    """E envs of M drones each over W worlds, N = E M drone slots in all, stepped together.
+    """E envs of M drones each over W worlds, stepped together; N = E M drone slots in all.
 
-    Arrays that are properties are read-only views, unless said to be copies: they are written in place by the next call,
-    and keep the batch alive. Drone d belongs to env d // M. Masks are bool, (N,) for calls about drones and (E,) for calls about envs
-    (`reset`, `seed`, `begin_episode`, `set_world`); None means every active one. R rows are N or E, as the task's
-    `TaskSpec.row` says. One caller at a time. A batch does not
-    survive a fork: used in a child process, it raises `RuntimeError`.
+    Arrays that are properties are read-only views unless documented as copies. The next call overwrites them, and they
+    keep the batch alive. Drone d belongs to env d // M. Masks are bool: (E,) for calls about envs (`reset`, `seed`,
+    `begin_episode`, `set_world`), (N,) for all others. None selects every active drone or env. R rows are N or E,
+    depending on the task's `TaskSpec.row`. Only one thread may call a batch at a time. A batch does not survive a fork:
+    in a child process it raises `RuntimeError`.
 
     Parameters
     ----------
     worlds
-        A `World`, the name or path of one, a set of `flockstep.scenes` such as ``"train"``, or a sequence of these, at least one; or a
-        `WorldPool`, from which each `reset` and each episode that begins draws one: it takes a task. Until their
-        first reset, all drones are in world 0 of a pool.
+        A `World`, the name or path of one, a set of `flockstep.scenes` such as ``"train"``, or a sequence of at least
+        one of these; or a `WorldPool`, from which each `reset` and each new episode draws a world. A pool requires a
+        task; until their first reset all drones are in world 0 of the pool.
     num_drones
-        N, from 1 to 2**20: a multiple of ``drones_per_env``.
+        N, from 1 to 2**20, a multiple of ``drones_per_env``.
     lidar, pose_sensor, imu
-        Sensors: none, an exact pose, and none by default. Several LiDARs or IMUs are a sequence, of different names. An IMU
-        needs drones that fly by their rotors.
+        Sensors. Default: no LiDAR, an exact pose, no IMU. Give several LiDARs or IMUs as a sequence with different
+        names. An IMU requires ``motion="rotors"``.
     task
-        What `reset` and `step` run. The navigation task needs a LiDAR, and a camera where it observes one.
+        The task that `reset` and `step` run. The navigation task requires a LiDAR, and a camera if it observes one.
     drone
-        A `DroneModel`, or what `DroneModel.load` takes: the name of a frame or a path. Default: the 650-class quadrotor.
+        A `DroneModel`, or an argument of `DroneModel.load`: the name of an airframe or a path. Default: the 650-class
+        quadrotor.
     cameras
-        Of each drone, each of another name; at most 2**32 pixels each in all. One that writes ``instance`` needs worlds of at
-        most 65535 primitives, meshes and markers.
+        Cameras of each drone, with different names; at most 2**32 pixels each, summed over all drones. A camera that
+        writes ``instance`` requires worlds of at most 65535 primitives, meshes and markers.
     camera_backend
-        ``"raycast"``: the engine's own tracing, which repeats to the bit. ``"gl"``: OpenGL through EGL. ``"auto"``: the
-        faster of the two, timed on the batch's worlds. Without OpenGL, both are raycast with a `RuntimeWarning`. With a
-        `WorldPool`, ``"gl"`` is refused, and ``"auto"`` is raycast.
+        ``"raycast"``: the engine's own tracing, bitwise reproducible. ``"gl"``: OpenGL through EGL. ``"auto"``: the
+        faster of the two, timed on the batch's worlds. Without OpenGL, both use raycast and give a `RuntimeWarning`.
+        With a `WorldPool`, ``"gl"`` is refused and ``"auto"`` uses raycast.
     episode, clock, dynamics
-        Of the task's episodes, of time, and of motion.
+        Configurations of the task's episodes, the rates and the motion.
     num_threads
-        0 means the physical cores this process may run on.
+        Number of threads; 0 means the physical cores that this process may run on.
     block_size
-        Envs a thread takes at once; 0 means a good number, 64 to 256. No result depends on it.
+        Number of envs that a thread takes at once; 0 lets the engine choose, 64 to 256. No result depends on it.
     world_index
         (E,) integers: the world of each env. Default: env i is in world i modulo W.
     tracer
-        How rays of cameras and LiDARs meet what is in a world; the same but for rounding. ``"tiles"``: those of cameras,
-        and of LiDARs whose beams lie close (at least four rows, sixteen beams of each within some 50 degrees), meet
-        triangles in tiles of 16 x 16 rays that go through a tree of their own together, which takes some 65 bytes a
-        triangle; all others by Embree, in packets. ``"auto"``: tiles for sensors
-        of at least 256 rays, in worlds of at most 1,024 triangles for each of these; beyond, packets are faster.
-        ``"embree"``: no tiles, and primitives by Embree, too, except rooms: slower, to compare with.
+        Method that traces the rays of cameras and LiDARs; results differ only by rounding. ``"tiles"``: rays of cameras
+        and of dense LiDARs (at least four rows, sixteen beams of each within about 50 degrees) are traced against
+        triangles in tiles of 16 x 16 rays, through a separate tree that takes about 65 bytes per triangle. All other
+        rays use Embree, in packets. ``"auto"``: tiles for sensors of at least 256 rays, in worlds of at most 1,024
+        triangles per ray; above that, packets are faster. ``"embree"``: no tiles, and Embree also for primitives except
+        rooms; slower, for comparison.
     drones_per_env
-        M, from 1: the drones of an env share its world, its seed and its episodes. They neither sense nor touch each
-        other.
+        M, at least 1. The drones of an env share its world, seed and episodes. They neither sense nor touch each other.
     """
 
     def __init__(
@@ -1918,58 +1982,58 @@ class Batch:
         Parameters
         ----------
         recipe
-            What to build.
+            The recipe.
         worlds, task
-            Objects that take the place of the worlds and the task that the recipe names.
+            Objects that replace the recipe's worlds and task.
         allow_files
-            Whether worlds and drone may be files outside of the folder of bundled scenes.
+            Allow worlds and drones from files outside the folder of bundled scenes.
         """
 
     @property
     def num_envs(self) -> int:
-        """E."""
+        """Number of envs, E."""
 
     @property
     def drones_per_env(self) -> int:
-        """M."""
+        """Number of drones per env, M."""
 
     @property
     def num_drones(self) -> int:
-        """N."""
+        """Number of drones, N."""
 
     @property
     def dynamics(self) -> DynamicsConfig:
-        """How drones move, and what they are told: a copy."""
+        """Motion model and meaning of the commands; a copy."""
 
     @property
     def clock(self) -> ClockConfig:
-        """The rates, those included that were left open: a copy."""
+        """The rates, with defaults filled in; a copy."""
 
     @property
     def num_threads(self) -> int:
-        """Threads that step the batch, the caller's among them."""
+        """Number of threads that step the batch, the caller's included."""
 
     @property
     def embree_rays(self) -> int:
-        """How many rays have met triangles through Embree, those of shadows included, since the batch was made.
+        """Number of rays traced against triangles with Embree since the batch was made, shadow rays included.
 
-        Rays of LiDARs and of cameras that ``raycast`` renders; rays that meet only primitives are not among them.
+        It counts rays of LiDARs and of cameras rendered by ``raycast``, except rays that only primitives can stop.
         """
 
     @property
     def embree_packets(self) -> int:
-        """In how many packets these rays went; it may depend on the number of threads."""
+        """Number of packets of these rays; it may depend on the number of threads."""
 
     @property
     def worlds(self) -> list[World]:
-        """The W worlds, by `world_index`. With a `WorldPool`, `AttributeError`: ask `world_of`."""
+        """The W worlds, indexed by `world_index`. With a `WorldPool`, `AttributeError`: use `world_of`."""
 
     def world_of(self, index: int) -> World:
-        """Return the world that a drone is in."""
+        """Return the world of a drone."""
 
     @property
     def drone(self) -> DroneModel:
-        """The model that every drone has."""
+        """The model of all drones."""
 
     # arrays of Batch
     @property
@@ -2094,19 +2158,19 @@ class Batch:
     # end of arrays
     @property
     def contact(self) -> Contact:
-        """Where the last motion ended."""
+        """Contacts of the last motion."""
 
     @property
     def lidar_name(self) -> str | None:
-        """Name of the LiDAR, or of the first of several; None without one."""
+        """Name of the first LiDAR; None without one."""
 
     def lidar(self, name: str | None = None) -> Lidar:
-        """Return a LiDAR: its ranges and configuration. Without a name, the first. `ValueError` if there is none."""
+        """Return a LiDAR by name, by default the first one. `ValueError` if there is none."""
 
     def sensor(self, name: str) -> dict[str, Any]:
-        """Return the arrays that a sensor publishes, read-only views by their names, such as ``"accelerometer"``.
+        """Return the arrays that a sensor publishes: read-only views by their names, such as ``"accelerometer"``.
 
-        LiDARs, IMUs and cameras have the name in their configuration, the pose sensor is ``"pose"``.
+        LiDARs, IMUs and cameras have the name of their configuration; the pose sensor is ``"pose"``.
         """
 
     def set_pose(
@@ -2115,7 +2179,10 @@ class Batch:
         quat_wxyz: npt.ArrayLike | None = None,
         mask: npt.ArrayLike | None = None,
     ) -> None:
-        """Teleport, without a collision check, to positions (N, 3) m and quaternions (N, 4); None keeps what is."""
+        """Teleport to positions (N, 3) m and quaternions (N, 4) without a collision check.
+
+        None leaves a value unchanged.
+        """
 
     def move(
         self,
@@ -2123,9 +2190,9 @@ class Batch:
         quat_wxyz: npt.ArrayLike | None = None,
         mask: npt.ArrayLike | None = None,
     ) -> Contact:
-        """Fly to positions (N, 3) m and quaternions (N, 4) on a straight line and the shortest arc; None keeps what is.
+        """Fly to positions (N, 3) m and quaternions (N, 4) in a straight line and along the shortest arc.
 
-        A drone that touches something stops at its last free pose.
+        None leaves a value unchanged. A drone that touches something stops at its last free pose.
         """
 
     def set_velocity(
@@ -2135,33 +2202,34 @@ class Batch:
         rotor_speed: npt.ArrayLike | None = None,
         mask: npt.ArrayLike | None = None,
     ) -> None:
-        """Set velocities (N, 3) m/s, world frame, and rad/s, body frame, and rotor speeds (N, 4) rad/s; None keeps what is.
+        """Set velocities (N, 3) m/s, angular velocities (N, 3) rad/s and rotor speeds (N, 4) rad/s.
 
-        A drone turns at most half a turn in a tick: `ValueError` for angular velocities above pi times `physics_hz`.
-        After `set_pose` a drone is at rest, its rotors hovering.
+        Velocities are in the world frame, angular velocities in the body frame. None leaves a value unchanged. A drone
+        may turn by at most half a turn per tick: angular velocities above pi times `physics_hz` raise `ValueError`.
+        After `set_pose` a drone is at rest with its rotors at hover speed.
         """
 
     def fly(self, command: npt.ArrayLike, ticks: int | None = None, mask: npt.ArrayLike | None = None) -> Contact:
-        """Fly a command (N, 4), as `DynamicsConfig.control` says, for some ticks; None: those of a step.
+        """Fly a command (N, 4), with the meaning of `DynamicsConfig.control`, for some ticks; None means one step.
 
-        Obstacles in the way are hit; see `DynamicsConfig.on_contact`. Sensors are not read. Gusts and the controller
-        follow each env's clock, so many calls of one tick do what one call of many ticks does. A drone that becomes too
-        fast to integrate is put to rest where it was last, with a `RuntimeWarning`; in a task its episode ends as a bad
+        Drones can hit obstacles; see `DynamicsConfig.on_contact`. Sensors are not read. Gusts and the controller follow
+        each env's clock, so many calls of one tick equal one call of many ticks. A drone that becomes too fast to
+        integrate is put to rest at its last position, with a `RuntimeWarning`; in a task its episode ends as a bad
         state.
 
-        Ctrl-C ends a long flight between two ticks. Drones near obstacles may then have flown fewer ticks than others, and
-        `tick` leaves out what was cut short.
+        Ctrl-C ends a long flight between two ticks. Drones near obstacles may then have flown fewer ticks than others,
+        and `tick` does not count the interrupted part.
 
         Raises
         ------
         ValueError
-            Numbers beyond +-2e6; a roll or pitch beyond +-pi, a yaw beyond +-10,000 rad.
+            A number is beyond +-2e6, a roll or pitch beyond +-pi, or a yaw beyond +-10,000 rad.
         RuntimeError
-            Kinematic motion, or ``control="pose"``.
+            The motion is kinematic, or ``control="pose"``.
         """
 
     def sense(self, mask: npt.ArrayLike | None = None) -> None:
-        """Read the sensors at the present poses. Cameras whose capture mode says so render."""
+        """Read the sensors at the current poses. Cameras render if their capture mode requires it."""
 
     def spawn(
         self,
@@ -2170,19 +2238,22 @@ class Batch:
         quat_wxyz: npt.ArrayLike | None = None,
         world_index: npt.ArrayLike | None = None,
     ) -> None:
-        """Bring slots (K,) to life at positions (K, 3) m, quaternions (K, 4), in worlds (K,), and `sense` there.
+        """Activate slots (K,) at positions (K, 3) m, quaternions (K, 4), in worlds (K,), and `sense` there.
 
-        With a task, the drones of an env begin their episodes together: give all of them that are not removed.
+        With a task, the drones of an env begin their episodes together: spawn all of them that are not removed.
         """
 
     def remove(self, indices: npt.ArrayLike) -> None:
-        """Empty slots (K,): they cost nothing and read as absent, with ranges of inf and the pose they had.
+        """Deactivate slots (K,). They cost nothing and read as absent, with ranges of inf and their last pose.
 
         Their frames are black, with depths of inf, and stale.
         """
 
     def set_world(self, world_index: npt.ArrayLike, mask: npt.ArrayLike | None = None) -> None:
-        """Put envs into worlds (E,); their drones keep their coordinates. Refused with a `WorldPool`, as a world in `spawn` is."""
+        """Put envs into worlds (E,); their drones keep their coordinates.
+
+        With a `WorldPool` this is refused, and so is ``world_index`` of `spawn`.
+        """
 
     def set_lidar(
         self,
@@ -2195,21 +2266,21 @@ class Batch:
         offset_m: Sequence[float] | None = None,
         quat_wxyz: Sequence[float] | None = None,
     ) -> None:
-        """Change the LiDARs of some drones from the next `sense` on; what is None stays."""
+        """Change a LiDAR of some drones from the next `sense` on; None leaves a value unchanged."""
 
     def camera(self, name: str | None = None) -> Camera:
-        """Return one camera: its images and configuration. A missing name means the only one, here and below.
+        """Return one camera: its images and configuration. Here and below, no name means the only camera.
 
-        `ValueError` where there is none of that name, or there are several and none is named.
+        `ValueError` if there is no camera of this name, or if there are several and no name is given.
         """
 
     def capture(self, mask: npt.ArrayLike | None = None, camera: str | None = None) -> None:
-        """Render now, whatever the capture mode."""
+        """Render now, in any capture mode."""
 
     def set_capture_mode(self, mode: str, camera: str | None = None) -> None:
-        """Change when frames are rendered: ``"every_step"``, ``"on_movement"`` or ``"on_demand"``.
+        """Change the capture mode: ``"every_step"``, ``"on_movement"`` or ``"on_demand"``.
 
-        `ValueError` for ``"on_demand"`` of a camera that the task observes.
+        `ValueError` for ``"on_demand"`` if the task observes the camera.
         """
 
     def set_camera(
@@ -2222,13 +2293,14 @@ class Batch:
         offset_m: Sequence[float] | None = None,
         quat_wxyz: Sequence[float] | None = None,
     ) -> None:
-        """Change one camera of some drones; what is None stays. Their frames are stale until they are rendered anew.
+        """Change one camera of some drones; None leaves a value unchanged.
 
-        A field of view lets go of the other one, unless both are given.
+        Their frames are stale until they are rendered again. Setting only one of ``hfov_deg`` and ``vfov_deg`` clears
+        the other.
         """
 
     def camera_backend_report(self) -> str:
-        """Return which backend renders, and why."""
+        """Return the camera backend in use and the reason for it."""
 
     def seed(self, seeds: npt.ArrayLike, mask: npt.ArrayLike | None = None) -> None:
         """Set the env seeds (E,) uint64 and set the episode counters to 0. With a task, `reset` does this."""
@@ -2237,9 +2309,10 @@ class Batch:
         """Advance the episode counters. With a task, `reset` and `step` do this."""
 
     def random(self, stream: int, count: int) -> _F32:
-        """Return uniform numbers in [0, 1), (E, count), a new array.
+        """Return uniform numbers in [0, 1), (E, count), as a new array.
 
-        They depend on the env's seed, its episode and the stream (from 0 to 2**31 - 1) alone; drawing changes nothing.
+        They depend only on the env's seed, its episode and the stream (from 0 to 2**31 - 1). Drawing does not change
+        any state.
         """
 
     def reset(self, seeds: npt.ArrayLike | None = None, mask: npt.ArrayLike | None = None) -> None:
@@ -2252,9 +2325,9 @@ class Batch:
         """
 
     def step(self, actions: npt.ArrayLike) -> None:
-        """Fly one step of the task, or as many as ``frame_skip`` says: actions (R, ...), as `spec` declares them.
+        """Fly one step of the task, or ``frame_skip`` steps, with actions (R, ...) as declared by `spec`.
 
-        Two slots of outputs take turns, so what `observation` and the like gave before a step is whole until the one after.
+        Two slots of outputs alternate: the arrays of one step, such as `observation`, stay intact during the next step.
 
         Raises
         ------
@@ -2264,165 +2337,175 @@ class Batch:
 
     @property
     def spec(self) -> TaskSpec:
-        """What the task declares."""
+        """The declarations of the task."""
 
     @property
     def observation(self) -> Any:
-        """(R, ...), after resets; a dict of arrays where the task observes several fields. Writable, and never read back."""
+        """(R, ...), after resets; a dict of arrays if the task observes several fields. Writable, never read back."""
 
     @property
     def final_observation(self) -> Any:
-        """Likewise, the last of the episode, valid where `terminated` or `truncated`."""
+        """Last observation of the episode, in the same form; valid if `terminated` or `truncated`."""
 
     @property
     def terms(self) -> Terms:
-        """Distance to the goal, clearance and the like: what the engine's own tasks are made of."""
+        """Terms of the engine's tasks, such as distance to the goal and clearance."""
 
     @property
     def task_state(self) -> dict[str, Any]:
-        """The arrays of the task by their names, read-only views; the navigation task's ``goal_index`` among them."""
+        """The arrays of the task by their names, read-only views; for example ``goal_index`` of the navigation task."""
 
     def snapshot(self) -> bytes:
-        """Return everything the next step depends on."""
+        """Return everything that the next step depends on."""
 
     def restore(self, blob: bytes) -> None:
-        """Go back to a snapshot; `ValueError`, and no change, for one of another configuration or with a byte changed."""
+        """Restore a snapshot.
+
+        `ValueError`, and no change, if it is of another configuration or corrupt.
+        """
 
 @final
 class GreenBlob:
-    """What is green in an image."""
+    """The green pixels of an image and the box around them."""
 
     @property
     def found(self) -> bool:
-        """Whether any pixel is green."""
+        """True if any pixel is green."""
 
     @property
     def x(self) -> int:
-        """Pixels, of the box's first pixel, from the left."""
+        """Column of the box's first pixel, from the left."""
 
     @property
     def y(self) -> int:
-        """Pixels, from the top."""
+        """Row of the box's first pixel, from the top."""
 
     @property
     def width(self) -> int:
-        """Pixels; 0 where no green is seen, as all the numbers are."""
+        """Width of the box in pixels. All numbers are 0 if no pixel is green."""
 
     @property
     def height(self) -> int:
-        """Pixels; 0 where no green is seen."""
+        """Height of the box in pixels; 0 if no pixel is green."""
 
     @property
     def offset(self) -> float:
-        """Of the box's centre from the image's in x, over half the image's width: in [-1, 1], positive to the right."""
+        """Horizontal offset of the box's centre from the image's centre, in [-1, 1], positive to the right.
+
+        The unit is half the image's width.
+        """
 
     @property
     def area(self) -> float:
-        """Of the box over the image's."""
+        """Area of the box over that of the image."""
 
     @property
     def mask(self) -> _Bool:
-        """(height, width) which pixels are green."""
+        """(height, width): True for green pixels."""
 
 def green_blob(image: npt.NDArray[np.uint8], layout: str = "hwc") -> GreenBlob:
-    """Find what is green, as the camera task sees it: pixels with G > 1.25 * max(R, B) + 16, and the box around them.
+    """Find the green pixels as in the camera task, G > 1.25 * max(R, B) + 16, and the box around them.
 
     Parameters
     ----------
     image
-        uint8 of shape (height, width, 3), or with the layout ``"chw"`` (3, height, width).
+        uint8 of shape (height, width, 3), or (3, height, width) with the layout ``"chw"``.
     """
 
 @final
 class ColorBlob:
-    """Where a colour is in some images: the box around all pixels that have it.
+    """Position of a colour in images: the box around all pixels of this colour.
 
-    Each array has the images' leading shape: () for one image, (N,) for N. All numbers are 0 where the colour is not seen.
+    Each array has the images' leading shape: () for one image, (N,) for N. All numbers are 0 if no pixel has the
+    colour.
     """
 
     @property
     def found(self) -> _Bool:
-        """Whether any pixel has the colour."""
+        """True if any pixel has the colour."""
 
     @property
     def x(self) -> npt.NDArray[np.int32]:
-        """Pixels, of the box's first pixel, from the left."""
+        """Column of the box's first pixel, from the left."""
 
     @property
     def y(self) -> npt.NDArray[np.int32]:
-        """Pixels, from the top."""
+        """Row of the box's first pixel, from the top."""
 
     @property
     def width(self) -> npt.NDArray[np.int32]:
-        """Pixels, of the box."""
+        """Width of the box in pixels."""
 
     @property
     def height(self) -> npt.NDArray[np.int32]:
-        """Pixels, of the box."""
+        """Height of the box in pixels."""
 
     @property
     def offset(self) -> _F32:
-        """Of the box's centre from the image's in x, over half the image's width: in [-1, 1], positive to the right."""
+        """Horizontal offset of the box's centre from the image's centre, in [-1, 1], positive to the right.
+
+        The unit is half the image's width.
+        """
 
     @property
     def area(self) -> _F32:
-        """Of the box over the image's."""
+        """Area of the box over that of the image."""
 
     @property
     def mask(self) -> _Bool:
-        """(..., height, width) which pixels have the colour."""
+        """(..., height, width): True for pixels of the colour."""
 
 def color_blob(images: npt.NDArray[np.uint8], color: ColorRange, layout: str = "hwc") -> ColorBlob:
-    """Find a colour in images, as the camera task does: the box around all pixels that have it.
+    """Find a colour in images, as the camera task does: the box around all pixels of this colour.
 
     Parameters
     ----------
     images
-        rgb, uint8 of shape (..., height, width, 3), or with the layout ``"chw"`` (..., 3, height, width): one image, or
+        rgb, uint8 of shape (..., height, width, 3), or (..., 3, height, width) with the layout ``"chw"``: one image, or
         ``batch.camera().rgb``.
     color
-        Which colour.
+        The colour.
 
     Raises
     ------
     ValueError
-        Images of another dtype or shape, an unknown layout, or a range outside of [0, 255].
+        The images have another dtype or shape, the layout is unknown, or the range is outside [0, 255].
     """
 
 @final
 class ColorComponents:
-    """The K connected parts of an image that have a colour, in the order of their labels."""
+    """The K connected components of a colour in an image, in the order of their labels."""
 
     @property
     def box(self) -> npt.NDArray[np.int32]:
-        """(K, 4) x and y of the first pixel from the upper left, width, height; pixels."""
+        """(K, 4): x and y of the first pixel from the upper left, width, height; pixels."""
 
     @property
     def centroid(self) -> npt.NDArray[np.float64]:
-        """(K, 2) x, y in pixels from the upper left corner: the mean of the pixels' centres, which are at + 1/2."""
+        """(K, 2): x, y in pixels from the upper left corner; mean of the pixels' centres, which are at + 1/2."""
 
     @property
     def area_px(self) -> npt.NDArray[np.int32]:
-        """(K,) number of pixels."""
+        """(K,): number of pixels."""
 
     @property
     def labels(self) -> npt.NDArray[np.int32]:
-        """(height, width) 0 where the colour is not, k + 1 in component k."""
+        """(height, width): 0 for pixels without the colour, k + 1 in component k."""
 
 def color_components(image: npt.NDArray[np.uint8], color: ColorRange, layout: str = "hwc") -> ColorComponents:
-    """Find the connected parts of an image that have a colour; pixels that touch at a corner are connected. By OpenCV.
+    """Find the connected components of a colour in an image with OpenCV; pixels that touch at a corner are connected.
 
     Parameters
     ----------
     image
-        rgb, uint8 of shape (height, width, 3), or with the layout ``"chw"`` (3, height, width).
+        rgb, uint8 of shape (height, width, 3), or (3, height, width) with the layout ``"chw"``.
     color
-        Which colour.
+        The colour.
 
     Raises
     ------
     ValueError
-        As `color_blob`.
+        The same conditions as in `color_blob`.
     """
 
 def plan(
@@ -2433,4 +2516,7 @@ def plan(
     cell_m: float = 0.1,
     progress: Callable[[float], object] | None = None,
 ) -> _F32 | None:
-    """Do what `flockstep.plan` does; ``progress`` is called ten times a second with the share that is done, in [0, 1]."""
+    """Plan a path as `flockstep.plan` does.
+
+    ``progress`` is called ten times a second with the finished share, in [0, 1].
+    """
