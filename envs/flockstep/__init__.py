@@ -3,9 +3,10 @@
 >>> import gymnasium, flockstep
 >>> envs = gymnasium.make_vec("flockstep/LidarNavigation-v0", num_envs=1024, worlds="train")
 
-`World`, `Batch`, `LidarConfig` and their kin are the native simulator; `DroneVectorEnv` makes a Gymnasium environment
-of it, `Task` is the base of a task of your own, `flockstep.sb3` serves Stable-Baselines3 and `flockstep.testing` checks
-any Gymnasium vector environment. `render` takes a picture of a world, `record` a film of a flight.
+`World`, `Batch`, `LidarConfig` and similar classes are the native simulator. `DroneVectorEnv` wraps it as a Gymnasium
+environment, and `Task` is the base class for your own tasks. `flockstep.sb3` connects to Stable-Baselines3, and
+`flockstep.testing` checks any Gymnasium vector environment. `render` takes a picture of a world; `record` films a
+flight.
 """
 
 # ruff: noqa: E402 # the check for required packages comes before the imports that need them

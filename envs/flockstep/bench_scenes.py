@@ -1,4 +1,4 @@
-"""The pair of scenes by which cameras are compared: the same places, taken by boxes or by detailed textured meshes."""
+"""Two benchmark scenes with the same layout: one made of boxes, one of detailed textured meshes."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ def complex_() -> World:
 
 
 def _places() -> list[tuple[list[float], list[float]]]:
-    """Return where things stand on the floor and how large they are, in m: every other field of a chessboard."""
+    """Return positions and sizes of the objects on the floor, in m: every other square of a chessboard."""
     rng = np.random.default_rng(1)
     places = []
     for row in range(6):
@@ -59,7 +59,7 @@ def _add_floor(builder: WorldBuilder) -> None:
 
 
 def _grid(around: float, up: float) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.float64], npt.NDArray[np.float64]]:
-    """Return the angle and the share of the way up of every vertex, and its uv with so many repetitions."""
+    """Return each vertex's angle, its height as a fraction of the total, and its uv with texture repetitions."""
     share, turn = np.mgrid[0 : 1 : (_STEPS_UP + 1) * 1j, 0 : 1 : (_STEPS_AROUND + 1) * 1j].reshape(2, -1)
     return 2 * np.pi * turn, share, np.stack([around * turn, -up * share], 1)
 
@@ -73,7 +73,7 @@ def _vase(rng: np.random.Generator, size: list[float]) -> tuple[npt.NDArray[np.f
 
 
 def _boulder(rng: np.random.Generator, size: list[float]) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.float64]]:
-    """Return vertices around (0, 0, 0) and uv of half a ball, dented by waves from all sides."""
+    """Return vertices around (0, 0, 0) and uv of a half-ball, dented by waves from all sides."""
     angle, share, uv = _grid(4, 2)
     across = np.cos(0.5 * np.pi * 0.97 * share)
     way = np.stack([across * np.cos(angle), across * np.sin(angle), np.sin(0.5 * np.pi * 0.97 * share)], 1)
@@ -84,7 +84,7 @@ def _boulder(rng: np.random.Generator, size: list[float]) -> tuple[npt.NDArray[n
 
 
 def _glaze(rng: np.random.Generator) -> npt.NDArray[np.uint8]:
-    """Return bands of ornament, mottled."""
+    """Return a mottled pattern of ornamental bands."""
     row, column = np.mgrid[:256, :256] / 256
     band = np.sin(2 * np.pi * 4 * row) > 0.2
     figure = np.sin(2 * np.pi * (6 * column + np.sin(2 * np.pi * 8 * row))) > 0

@@ -1,4 +1,4 @@
-"""What this machine has for flockstep, and what it lacks: ``python -m flockstep doctor``."""
+"""Report what flockstep finds on this machine, and what is missing: ``python -m flockstep doctor``."""
 
 from __future__ import annotations
 
@@ -13,10 +13,10 @@ from typing import TYPE_CHECKING
 if TYPE_CHECKING:
     from flockstep import _core
 
-#: Packages that flockstep cannot be imported without: how pip and how Python call them.
+#: Packages required to import flockstep: the name for pip and the name for Python.
 _REQUIRED = (("numpy", "numpy"), ("gymnasium", "gymnasium"))
 
-#: Packages that are not needed to fly: how pip and how Python call them, and what they are for.
+#: Optional packages: the name for pip, the name for Python, and the purpose.
 _OPTIONAL = (
     ("stable-baselines3", "stable_baselines3", "training"),
     ("torch", "torch", "neural networks for training"),
@@ -40,7 +40,7 @@ def version_of(package: str) -> str | None:
 
 
 def state_of(package: str, module: str, purpose: str) -> str:
-    """Return the version of a package that can be imported; otherwise why it cannot, and how to get it."""
+    """Return a package's version if it can be imported, otherwise the reason why not and the command that fixes it."""
     version = version_of(package)
     if version is None:
         return f"missing ({purpose}): pip install {package}"
@@ -56,7 +56,7 @@ def state_of(package: str, module: str, purpose: str) -> str:
 
 
 def required() -> list[tuple[str, str]]:
-    """Return what was found of the packages that flockstep cannot be imported without."""
+    """Return the name and state of each required package."""
     return [(package, state_of(package, module, "needed by flockstep")) for package, module in _REQUIRED]
 
 
@@ -83,7 +83,7 @@ def dot() -> _core.World:
 
 
 def opengl() -> str:
-    """Return which device the camera backend ``gl`` renders on, or why there is none."""
+    """Return the device on which the camera backend ``gl`` renders, or the reason why there is none."""
     from flockstep import _core
 
     with warnings.catch_warnings(record=True) as caught:
@@ -93,7 +93,7 @@ def opengl() -> str:
 
 
 def python_and_system() -> list[tuple[str, str]]:
-    """Return what Python and which system this is."""
+    """Return the Python version and the operating system."""
     libc = " ".join(platform.libc_ver())
     return [
         ("Python", f"{platform.python_version()}, {sys.executable}"),
@@ -102,7 +102,7 @@ def python_and_system() -> list[tuple[str, str]]:
 
 
 def report() -> list[tuple[str, str]]:
-    """Return what is looked at, and what was found, in the order in which it is printed."""
+    """Return the lines of the report: what was checked and what was found, in printing order."""
     from flockstep import _core
 
     processors = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
@@ -124,7 +124,7 @@ def main() -> None:
 
 
 def print_lines(lines: list[tuple[str, str]]) -> None:
-    """Print names and what was found, in two columns."""
+    """Print names and findings in two columns."""
     width = max(len(name) for name, _ in lines)
     for name, found in lines:
         print(f"{name:<{width}}  {found}")

@@ -1,4 +1,4 @@
-"""What a drone looks like in pictures: a triangle mesh from a file, and the convex body that collides in its place."""
+"""The mesh that shows a drone in pictures, and the convex hull that collides in its place."""
 
 from __future__ import annotations
 
@@ -23,25 +23,25 @@ Floats: TypeAlias = npt.NDArray[np.floating[Any]]
 Ints: TypeAlias = npt.NDArray[np.integer[Any]]
 
 _SUFFIXES = (".gltf", ".glb", ".obj", ".ply")
-_SIZE = 1000.0  # of a mesh when it is simplified: the library's thresholds are lengths
-_CELLS = (0, 2, 4, 8, 16, 32, 64, 128, 256)  # edges of a grid's cells: vertices within one are joined before
-_FINE = 8  # so large cells are always tried, larger ones if nothing else will do
-_SAMPLES = 20_000  # points on a surface at least: two of them are about 1 % of its size apart
-_TURN = 0.02  # of the size: a surface that faces the other way counts as twice so far off
+_SIZE = 1000.0  # size of a mesh during simplification: the library's thresholds are lengths
+_CELLS = (0, 2, 4, 8, 16, 32, 64, 128, 256)  # edge lengths of the grid cells whose vertices are merged first
+_FINE = 8  # cells up to this size are always tried, larger ones only if nothing fits yet
+_SAMPLES = 20_000  # minimum number of sample points on a surface: neighbours are about 1 % of its size apart
+_TURN = 0.02  # fraction of the size: opposite normals add twice this to the distance of two points
 _WHITE = (0.8, 0.8, 0.8)
-_LEAST_M = 1e-4  # thickness of a hull, as `DroneModel` wants it
-_MOST_CORNERS = 32  # likewise
+_LEAST_M = 1e-4  # minimum thickness of a hull, required by `DroneModel`
+_MOST_CORNERS = 32  # maximum number of hull corners, also required by `DroneModel`
 
 
 class DroneMesh:
-    """A triangle mesh in the body frame, for pictures of a drone; it is not changed.
+    """An immutable triangle mesh in the body frame, for pictures of a drone.
 
     Parameters
     ----------
     vertices
         (V, 3) m: x forward, y left, z up, around the centre of mass.
     triangles
-        (T, 3) indices of vertices, counter-clockwise seen from outside. They are seen from both sides.
+        (T, 3) indices of vertices, counter-clockwise seen from outside. They are drawn from both sides.
     colors
         (T, 3) linear RGB in [0, 1], one for each triangle, or (3,), one for all. None: light grey.
     name
@@ -50,13 +50,13 @@ class DroneMesh:
     Raises
     ------
     ValueError
-        The argument, what was expected, what came.
+        An argument is invalid; the message names it, the expected value and the value given.
     """
 
     vertices: npt.NDArray[np.float32]
     triangles: npt.NDArray[np.int32]
     colors: npt.NDArray[np.float32]
-    #: How many triangles there were before it was simplified.
+    #: Number of triangles before simplification.
     triangles_in_file: int
 
     def __init__(
@@ -85,7 +85,7 @@ class DroneMesh:
         self.colors = _frozen(np.broadcast_to(shades.astype(np.float32), corners.shape))
         self.triangles_in_file = len(corners)
         self._name = name
-        self._outermost = self.vertices  # what the hull has to hold
+        self._outermost = self.vertices  # the points that the hull has to enclose
 
     @classmethod
     def load(
@@ -99,29 +99,29 @@ class DroneMesh:
         yaw_deg: float = 0.0,
         meshes_anywhere: bool = False,
     ) -> DroneMesh:
-        """Load a ``.gltf``, ``.glb``, ``.obj`` or ``.ply`` file, as `World.load` does, all that is visible in one mesh.
+        """Load a ``.gltf``, ``.glb``, ``.obj`` or ``.ply`` file like `World.load`, all visible parts as one mesh.
 
-        Needs the extra ``mesh``: fast-simplification and SciPy where there are more triangles than wanted, Pillow where
-        there are textures. A triangle has the mean of its colours.
+        Needs the extra ``mesh``: fast-simplification and SciPy if the file has more triangles than ``triangles``, and
+        Pillow if it has textures. Each triangle gets the mean of its colours.
 
         Parameters
         ----------
         path
-            Of the file.
+            The file.
         triangles
-            At most so many are kept. A mesh that has no more stays as it is; another is simplified: first, vertices at
-            the same place become one. Each triangle has the colour of most of what it replaces.
+            Maximum number of triangles. A smaller mesh stays unchanged; a larger one is simplified, after vertices at
+            the same position are merged. Each new triangle has the dominant colour of the triangles it replaces.
         scale, up, origin, meshes_anywhere
-            As `World.load` has them, the body frame being the world. So ``origin`` is where in the body frame, in
-            metres, the file's origin comes to.
+            As in `World.load`, with the body frame in place of the world frame: ``origin`` is the position of the
+            file's origin in the body frame, in metres.
         yaw_deg
-            By so much it is turned about z through the file's origin, counter-clockwise seen from above, before it is
-            moved. What faces +z in a glTF file, as is usual there, faces -y, and forward with 90.
+            Rotation about z through the file's origin, counter-clockwise seen from above, applied before ``origin``.
+            Models in glTF files usually face +z; they face -y here, and forward with 90.
 
         Raises
         ------
         ValueError
-            An argument, or what is in the file; the message names it.
+            An argument or the content of the file is invalid; the message names it.
         ModuleNotFoundError
             A library of the extra is not installed.
         """
@@ -145,15 +145,15 @@ class DroneMesh:
         return simplified
 
     def hull(self, points: int = 32) -> npt.NDArray[np.float32]:
-        """Return the corners (V, 3) m of a convex body that holds the whole mesh, as it was in the file.
+        """Return the corners (V, 3) m of a convex body that encloses the whole mesh, before simplification.
 
-        It is the convex hull where that has no more corners than ``points``, and else a body around it, as small as is
-        found. `flockstep.DroneModel` takes it. Needs SciPy, of the extra ``mesh``.
+        If the convex hull has at most ``points`` corners, it is the result; otherwise the result is the smallest body
+        found around it. Pass it to `flockstep.DroneModel`. Needs SciPy, which the extra ``mesh`` installs.
 
         Parameters
         ----------
         points
-            At most so many corners, 4 to 32.
+            Maximum number of corners, 4 to 32.
 
         Raises
         ------
@@ -177,7 +177,7 @@ class DroneMesh:
         return simplified_hull(outermost, points)
 
     def to_dict(self) -> dict[str, Any]:
-        """Return what `from_dict` makes an equal mesh of, in lists and numbers."""
+        """Return the mesh as lists and numbers, for `from_dict`."""
         arrays = {"vertices": self.vertices, "triangles": self.triangles, "colors": self.colors}
         lists = {name: array.tolist() for name, array in arrays.items()}
         of_file = {"triangles_in_file": self.triangles_in_file, "outermost": self._outermost.tolist()}
@@ -185,7 +185,7 @@ class DroneMesh:
 
     @classmethod
     def from_dict(cls, data: Mapping[str, Any]) -> DroneMesh:
-        """Make a mesh from what `to_dict` returns."""
+        """Make a mesh from the output of `to_dict`."""
         mesh = cls(data["vertices"], data["triangles"], data["colors"], data["name"])
         mesh.triangles_in_file = data["triangles_in_file"]
         mesh._outermost = _frozen(np.asarray(data["outermost"], np.float32))
@@ -213,7 +213,7 @@ def _require_count(name: str, value: Any, least: int, most: int | None = None) -
 
 
 def _library(module: str, package: str, caller: str) -> Any:
-    """Return an optional module."""
+    """Return an optional module, or raise an error that names its package."""
     try:
         return importlib.import_module(module)
     except ModuleNotFoundError as error:
@@ -223,11 +223,11 @@ def _library(module: str, package: str, caller: str) -> Any:
 
 
 def _visible(world: World, path: str) -> tuple[Floats, Ints, Floats]:
-    """Return vertices, triangles and the colours of these, of all that is visible in a world."""
+    """Return the vertices, the triangles and the triangles' colours of everything visible in a world."""
     mesh, scene, objects = world.mesh(), world.to_dict(), world.objects()
     tints = np.ones(mesh["vertices"].shape, np.float32)
     end = len(tints)
-    for part in reversed(scene.get("meshes", [])):  # their vertices are the last ones, in their order
+    for part in reversed(scene.get("meshes", [])):  # their vertices come last, in the same order
         begin = end - len(part["vertices"])
         if "colors" in part:
             tints[begin:end] = part["colors"]
@@ -241,7 +241,7 @@ def _visible(world: World, path: str) -> tuple[Floats, Ints, Floats]:
     glow = np.array([material["emissive"] for material in world.materials])
     colors = (base + glow)[materials]
     images = dict(_images(scene))
-    # Samples, so that a triangle that shows all of a picture has its mean colour.
+    # Sample points, so that a triangle that shows a whole picture gets its mean colour.
     triangle, weights = _spread(mesh["vertices"], corners)
     shades = (tints[corners[triangle]] * weights[:, :, None]).sum(axis=1)
     places = (uv[corners[triangle]] * weights[:, :, None]).sum(axis=1)
@@ -257,7 +257,7 @@ def _visible(world: World, path: str) -> tuple[Floats, Ints, Floats]:
 
 
 class _Texture:
-    """An image (H, W, 3) in sRGB, and how it goes on beyond its borders."""
+    """An image (H, W, 3) in sRGB with its wrap modes."""
 
     def __init__(self, png: bytes, wrap: Sequence[str]) -> None:
         image = _library("PIL.Image", "Pillow, for textures", "DroneMesh.load")
@@ -285,13 +285,13 @@ def _images(scene: Mapping[str, Any]) -> Iterator[tuple[str, _Texture]]:
 
 
 def _spread(vertices: Floats, triangles: Ints) -> tuple[Ints, Floats]:
-    """Return points spread evenly over triangles, one on each at least: on which (K,), and the weights (K, 3) there."""
+    """Return points spread evenly over triangles, at least one on each: triangle indices (K,) and weights (K, 3)."""
     a, b, c = vertices[triangles].astype(float).transpose(1, 0, 2)
     areas = np.linalg.norm(np.cross(b - a, c - a), axis=1)
     counts = np.maximum(np.ceil(areas / max(areas.sum(), 1e-300) * _SAMPLES).astype(int), 1)
     triangle = np.repeat(np.arange(len(counts)), counts)
     step = np.arange(len(triangle)) - np.repeat(np.cumsum(counts) - counts, counts)
-    # A sequence that fills the unit square evenly (Roberts' R2), the upper half of it folded onto the lower.
+    # A sequence that fills the unit square evenly (Roberts' R2), with its upper half folded onto the lower.
     u, v = (0.5 + step * 0.7548776662466927) % 1, (0.5 + step * 0.5698402909980532) % 1
     over = u + v > 1
     u, v = np.where(over, 1 - u, u), np.where(over, 1 - v, v)
@@ -301,7 +301,7 @@ def _spread(vertices: Floats, triangles: Ints) -> tuple[Ints, Floats]:
 
 
 def _outermost(vertices: Floats) -> npt.NDArray[np.float32]:
-    """Return the corners of their convex hull; all of them where they have no volume."""
+    """Return the corners of the vertices' convex hull, or all vertices if they have no volume."""
     spatial = _library("scipy.spatial", "scipy", "DroneMesh.load")
     try:
         kept = vertices[spatial.ConvexHull(vertices.astype(float)).vertices]
@@ -311,7 +311,7 @@ def _outermost(vertices: Floats) -> npt.NDArray[np.float32]:
 
 
 def _simplified(vertices: Floats, triangles: Ints, colors: Floats, most: int) -> tuple[Floats, Ints, Floats]:
-    """Return a mesh of at most so many triangles that is like another."""
+    """Return a similar mesh with at most this many triangles."""
     simplify = _library("fast_simplification", "fast-simplification", "DroneMesh.load").simplify
     spatial = _library("scipy.spatial", "scipy", "DroneMesh.load")
     low = vertices.min(axis=0).astype(float)
@@ -321,7 +321,7 @@ def _simplified(vertices: Floats, triangles: Ints, colors: Floats, most: int) ->
     some = old.points[:: max(len(old.points) // _SAMPLES, 1)]
     tree = spatial.cKDTree(some)
     found: list[tuple[float, Floats, _Surface]] = []
-    # Which of these ways is best depends on the mesh: on how many borders, sheets and small parts it has.
+    # The best of these methods depends on the mesh: on its number of borders, sheets and small parts.
     for cell in _CELLS:
         if found and cell > _FINE:
             break
@@ -338,7 +338,8 @@ def _simplified(vertices: Floats, triangles: Ints, colors: Floats, most: int) ->
     if not found:
         raise ValueError(f"triangles: expected more than {most}, as nothing is left of this mesh then")
     _, points, new = min(found, key=lambda one: one[0])
-    # Of the colours that are nearest to its points, the one nearest to their mean: that of most of them.
+    # Among the nearest old colours of a triangle's points, take the one closest to their mean, which is the dominant
+    # colour.
     below = colors[old.triangle[spatial.cKDTree(old.facing()).query(new.facing())[1]]]
     counts = np.bincount(new.triangle)
     means = np.stack([np.bincount(new.triangle, color) / counts for color in below.T], axis=1)
@@ -347,7 +348,7 @@ def _simplified(vertices: Floats, triangles: Ints, colors: Floats, most: int) ->
 
 
 class _Surface:
-    """Triangles (T, 3), points (K, 3) spread evenly over them, and on which triangle (K,) each lies."""
+    """Triangles (T, 3), points (K, 3) spread evenly over them, and each point's triangle (K,)."""
 
     def __init__(self, vertices: Floats, triangles: Ints) -> None:
         self.triangles = triangles
@@ -357,7 +358,7 @@ class _Surface:
         self._corners = corners
 
     def facing(self) -> Floats:
-        """Return (K, 6), in which places that face different sides are apart, however near they are."""
+        """Return points (K, 6) extended by scaled normals, so that surfaces facing different ways are far apart."""
         a, b, c = self._corners.transpose(1, 0, 2)
         normals = np.cross(b - a, c - a)
         normals /= np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-300)
@@ -365,14 +366,14 @@ class _Surface:
 
 
 def _welded(vertices: Floats, triangles: Ints, cell: float) -> tuple[Floats, Ints]:
-    """Return a mesh in which vertices at the same place, or within the same cell of a grid, are one."""
+    """Return a mesh in which vertices at the same position, or in the same grid cell, are merged."""
     keys = vertices + 0.0 if cell == 0 else np.floor(vertices / cell)
     _, joined = np.unique(keys, axis=0, return_inverse=True)
     joined = joined.reshape(-1)
     counts = np.bincount(joined)
     places = np.stack([np.bincount(joined, axis) / counts for axis in vertices.T], axis=1)
     corners = joined[triangles].astype(np.int32)
-    corners = corners[(corners != np.roll(corners, 1, axis=1)).all(axis=1)]  # the rest have no area any more
-    if cell > 0:  # sheets that came to lie on each other
+    corners = corners[(corners != np.roll(corners, 1, axis=1)).all(axis=1)]  # drop triangles without area
+    if cell > 0:  # sheets that now coincide
         corners = corners[np.unique(np.sort(corners, axis=1), axis=0, return_index=True)[1]]
     return places, np.ascontiguousarray(corners)

@@ -15,14 +15,15 @@ from flockstep.vector_env import DroneVectorEnv, Observation, require_render_mod
 
 
 class DroneEnv(gymnasium.Env[Observation, Any]):
-    """A `DroneVectorEnv` of one drone, for `gymnasium.make` and whoever wants a single env.
+    """A `DroneVectorEnv` of one drone, for `gymnasium.make` and other code that needs a single env.
 
     Takes the keywords of `DroneVectorEnv` except ``num_envs``, ``drones_per_env``, ``autoreset_mode`` and ``copy``.
-    With several worlds the drone stays in the first, unless ``random_world=True`` draws one for each episode.
+    With several worlds the drone stays in the first one, unless ``random_world=True``, which draws one for each
+    episode.
 
-    ``gymnasium.make(..., max_episode_steps=n)`` sets the engine's time limit, in flown steps, and adds Gymnasium's
-    `TimeLimit` wrapper of n calls of `step`, which therefore never ends an episode that the engine does not end. -1
-    means no limit.
+    ``gymnasium.make(..., max_episode_steps=n)`` sets the engine's time limit in flown steps. Gymnasium also adds its
+    `TimeLimit` wrapper of n calls of `step`, which then never ends an episode before the engine does. -1 means no
+    limit.
 
     Attributes
     ----------
@@ -31,7 +32,7 @@ class DroneEnv(gymnasium.Env[Observation, Any]):
     batch
         Its `Batch`, until `close`.
     observation_space, action_space
-        As `gymnasium.Env` has them.
+        As in `gymnasium.Env`.
     render_mode
         None or ``"rgb_array"``.
     metadata
@@ -68,13 +69,17 @@ class DroneEnv(gymnasium.Env[Observation, Any]):
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
     ) -> tuple[Observation, dict[str, Any]]:
-        """Begin a new episode: the first one of ``seed``, or the next one of the present seed."""
+        """Begin a new episode: the first one of ``seed``, or the next one of the current seed."""
         super().reset(seed=seed)
         observation, _ = self.envs.reset(seed=seed)
         return _only(observation), {}
 
     def step(self, action: Any) -> tuple[Observation, float, bool, bool, dict[str, Any]]:
-        """Fly one step. The info has what `DroneVectorEnv` reports of an episode that ended, in every step: so far."""
+        """Fly one step.
+
+        The info holds the values that `DroneVectorEnv` reports at the end of an episode, in every step, as of that
+        step.
+        """
         observation, reward, terminated, truncated, _ = self.envs.step(np.asarray(action)[None])
         info = _only_info(self.envs.episode_infos())
         return _only(observation), float(reward[0]), bool(terminated[0]), bool(truncated[0]), info
@@ -92,8 +97,8 @@ class DroneEnv(gymnasium.Env[Observation, Any]):
 def _limit_of_make() -> int | None:
     """Return the time limit in steps if `gymnasium.make` is making a `DroneEnv`; -1 means none.
 
-    `gymnasium.make` keeps ``max_episode_steps`` for its `TimeLimit` wrapper and passes it to no env. The engine needs
-    it too: it decides at the limit whether an episode is a success, and must not end episodes before it.
+    `gymnasium.make` keeps ``max_episode_steps`` for its `TimeLimit` wrapper and does not pass it to the env. The engine
+    also needs it: it decides at the limit whether an episode is a success, and must not end episodes earlier.
     """
     frame = inspect.currentframe()
     for _ in range(2):  # DroneEnv.__init__ and its caller

@@ -1,4 +1,4 @@
-"""The folders that C++ code is built against."""
+"""Folders needed to build C++ code."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from flockstep import _core
 
 
 def include_dir() -> Path:
-    """Return the folder of the C++ headers that a `NativeTask` is built against. They include Eigen's headers too."""
+    """Return the folder of the C++ headers for building a `NativeTask`; Eigen's headers are included."""
     package = Path(__file__).resolve().parent
     installed = package / "include"
     return installed if installed.is_dir() else package.parents[1] / "engine" / "include"
@@ -16,4 +16,4 @@ def include_dir() -> Path:
 
 def cmake_dir() -> Path:
     """Return the folder in which CMake's ``find_package(flockstep)`` finds ``flockstep::task``, for a `NativeTask`."""
-    return Path(_core.__file__).resolve().parent / "cmake"  # an editable install has it beside the module only
+    return Path(_core.__file__).resolve().parent / "cmake"  # an editable install has it only beside the module

@@ -1,4 +1,4 @@
-"""A convex body of few corners around another: what collides in place of a mesh."""
+"""A convex body with few corners around another one, to collide in place of a mesh."""
 
 from __future__ import annotations
 
@@ -11,22 +11,22 @@ import numpy.typing as npt
 
 Floats: TypeAlias = npt.NDArray[np.floating[Any]]
 
-_SWEEPS = 20  # at most; three do mostly
-_WORTH = 1e-4  # of the volume: a sweep that saves less is the last
-_MARGIN = 1e-6  # of the body: so much larger than it has to be, as numbers are rounded
-_MANY = 50_000  # points: of more, no hull is computed, and a sample of those that may be its corners shapes the body
-_NEAR = 0.05  # of the body's size: what is farther inside does not come to stick out
-_ROUNDS = 4  # at most, in which points that stick out of the body join the sample
-_BINS = 24  # along each edge of a cube around the points: the farthest point in each bin is sampled
-_ROWS = 1 << 14  # points that are compared with planes at a time
+_SWEEPS = 20  # maximum number of sweeps; three usually suffice
+_WORTH = 1e-4  # fraction of the volume: a sweep that saves less is the last
+_MARGIN = 1e-6  # relative enlargement of the body, to cover rounding
+_MANY = 50_000  # for more points no hull is computed, and a sample of likely hull corners shapes the body
+_NEAR = 0.05  # fraction of the body's size: points deeper inside cannot end up outside
+_ROUNDS = 4  # maximum number of rounds in which points outside the body join the sample
+_BINS = 24  # bins along each edge of a cube around the points; the farthest point in each bin is sampled
+_ROWS = 1 << 14  # points compared with planes at a time
 
 
 def simplified_hull(points: Floats, most: int) -> npt.NDArray[np.float32]:
-    """Return at most so many corners (V, 3) of a convex body that holds all points (K, 3) and is little larger.
+    """Return at most ``most`` corners (V, 3) of a small convex body that encloses all points (K, 3).
 
-    Where their hull has no more corners, it is that. Else it begins as the points that stick out most, blown up around
-    the rest; then corner by corner moves in, as far as the faces around it stay outside. If the hull has very many
-    corners, this is done with a sample of them, which the points that still stick out join.
+    If the points' hull has at most that many corners, it is the result. Otherwise the body starts from the outermost
+    points, scaled up to enclose the rest. Then each corner moves inward as far as its faces stay outside the points. If
+    the hull has very many corners, a sample of them is used, and points that are still outside join the sample.
 
     Raises
     ------
@@ -39,7 +39,7 @@ def simplified_hull(points: Floats, most: int) -> npt.NDArray[np.float32]:
     outer = _outer(points)
     if len(outer) <= most:
         return outer.astype(np.float32)
-    # A ratio of volumes is the same in every affine picture: in this one a flat body is as round as any.
+    # A ratio of volumes is invariant under affine maps: in this one a flat body is as round as any.
     to_round, middle = _rounding(outer)
     seen = (outer - middle) @ to_round
     bodies = [_wrapped(seen, most) @ np.linalg.inv(to_round) + middle]
@@ -58,7 +58,7 @@ def simplified_hull(points: Floats, most: int) -> npt.NDArray[np.float32]:
 
 
 def thickness(points: Floats, enough: float) -> float:
-    """Return the least width of the hull of points (K, 3), or some width from ``enough`` on if it is no thinner.
+    """Return the minimum width of the hull of points (K, 3), or any width of at least ``enough`` if it is thicker.
 
     Raises
     ------
@@ -69,7 +69,7 @@ def thickness(points: Floats, enough: float) -> float:
 
     points = np.asarray(points, float)
     hull = ConvexHull(points if len(points) <= _MANY else _sampled(points))
-    # A body is nowhere thinner than a ball inside it.
+    # A body is at least as thick as a ball inside it.
     ball = -2 * float(_beyond(hull, hull.points[hull.vertices].mean(axis=0)).max())
     if ball >= enough:
         return ball
@@ -78,7 +78,7 @@ def thickness(points: Floats, enough: float) -> float:
 
 
 def _outer(points: Floats) -> Floats:
-    """Return the corners of the hull of points (K, 3); if there are very many, points among which they all are."""
+    """Return the hull corners of points (K, 3), or a superset of them if there are very many points."""
     from scipy.spatial import ConvexHull
 
     if len(points) > _MANY:
@@ -98,14 +98,14 @@ def _outer(points: Floats) -> Floats:
 
 
 def _rounding(points: Floats) -> tuple[Floats, Floats]:
-    """Return a matrix that makes points (K, 3), from their middle, as wide in all directions, and this middle."""
+    """Return a matrix that scales points (K, 3), relative to their mean, to equal width everywhere, and the mean."""
     middle = points.mean(axis=0)
     values, axes = np.linalg.eigh(np.cov((points - middle).T))
     return axes / np.sqrt(values), middle
 
 
 def _sampled(points: Floats) -> Floats:
-    """Return some thousand of very many points (K, 3): in every direction from their middle the farthest."""
+    """Return a few thousand of very many points (K, 3): the farthest from the mean in each direction."""
     to_round, middle = _rounding(points)
     seen = (points - middle) @ to_round
     sizes = np.abs(seen).max(axis=1, keepdims=True)
@@ -113,13 +113,13 @@ def _sampled(points: Floats) -> Floats:
     keys = (bins[:, 0] * _BINS + bins[:, 1]) * _BINS + bins[:, 2]
     farthest = np.full(_BINS**3, -1)
     order = (seen**2).sum(axis=1).argsort(kind="stable")
-    farthest[keys[order]] = order  # the last one stays
+    farthest[keys[order]] = order  # the last, farthest point wins
     sampled: Floats = points[farthest[farthest >= 0]]
     return sampled
 
 
 def _wrapped(points: Floats, most: int) -> Floats:
-    """Return at most so many corners of a small body that holds all points (K, 3)."""
+    """Return at most ``most`` corners of a small body that encloses all points (K, 3)."""
     from scipy.spatial import ConvexHull
 
     if len(points) <= _MANY:
@@ -138,28 +138,28 @@ def _wrapped(points: Floats, most: int) -> Floats:
 
 
 def _in_rows(points: Floats) -> Iterator[Floats]:
-    """Return points (K, 3) in pieces of few rows, so that what is computed of them takes little memory."""
+    """Yield points (K, 3) in blocks of few rows, to limit memory use."""
     for begin in range(0, len(points), _ROWS):
         yield points[begin : begin + _ROWS]
 
 
 def _beyond(hull: Any, points: Floats) -> Floats:
-    """Return (K, F) how far points (K, 3) are beyond each face's plane."""
+    """Return the distance of each point (K, 3) beyond each face's plane, (K, F)."""
     distances: Floats = points @ hull.equations[:, :3].T + hull.equations[:, 3]
     return distances
 
 
 def _most_beyond(hull: Any, points: Floats) -> Floats:
-    """Return (F,) how far the farthest of points (K, 3) is beyond each face's plane."""
+    """Return the distance of the farthest of the points (K, 3) beyond each face's plane, (F,)."""
     most: Floats = np.max([_beyond(hull, rows).max(axis=0) for rows in _in_rows(points)], axis=0)
     return most
 
 
 def _extremes(points: Floats, count: int) -> Floats:
-    """Return so many corners of the hull of points: each the one farthest beyond the hull of those before."""
+    """Return ``count`` hull corners of points: each is the one farthest beyond the hull of the previous ones."""
     from scipy.spatial import ConvexHull
 
-    # A tetrahedron to begin with: the farthest from a point, from a line, from a plane.
+    # Begin with a tetrahedron: the points farthest from a point, from a line and from a plane.
     first = points[points[:, 0].argmin()]
     kept = [first, points[np.linalg.norm(points - first, axis=1).argmax()]]
     kept.append(points[np.linalg.norm(np.cross(points - first, kept[1] - first), axis=1).argmax()])
@@ -170,7 +170,7 @@ def _extremes(points: Floats, count: int) -> Floats:
 
 
 def _around(corners: Floats, points: Floats, margin: float = _MARGIN) -> Floats:
-    """Return the corners of a body blown up until it holds all points, and by a margin more."""
+    """Return the corners of a body scaled up until it encloses all points, plus a margin."""
     from scipy.spatial import ConvexHull
 
     hull = ConvexHull(corners)
@@ -182,7 +182,7 @@ def _around(corners: Floats, points: Floats, margin: float = _MARGIN) -> Floats:
 
 
 def _shrunk(corners: Floats, points: Floats) -> Floats:
-    """Return the corners of a smaller body that holds all points, too."""
+    """Return the corners of a smaller body that still encloses all points."""
     from scipy.spatial import ConvexHull
 
     hull = ConvexHull(corners)
@@ -205,13 +205,14 @@ def _shrunk(corners: Floats, points: Floats) -> Floats:
 
 
 def _moved_in(hull: Any, corner: int, points: Floats, inside: Floats) -> Floats | None:
-    """Return where a corner would make the body smallest with all others as they are, or None if nowhere.
+    """Return the position of one corner that makes the body smallest while the others stay, or None if there is none.
 
-    The corner has to stay beyond a plane through each edge across its faces: the one that turns about that edge until
-    it touches the points. The volume is linear in the corner's place, so it is least where three of these planes meet.
+    The opposite edge of each of the corner's faces defines a plane: rotate the face about that edge until it touches
+    the points. The corner has to stay beyond all these planes. The volume is linear in the corner's position, so it is
+    smallest at an intersection of three of them.
     """
     faces = np.flatnonzero((hull.simplices == corner).any(axis=1))
-    if not len(faces):  # it is within the others by now
+    if not len(faces):  # the other corners already enclose it
         return None
     edges = hull.simplices[faces]
     edges = edges[edges != corner].reshape(-1, 2)
@@ -220,11 +221,11 @@ def _moved_in(hull: Any, corner: int, points: Floats, inside: Floats) -> Floats 
     outward = hull.equations[faces, :3]
     across = tip - start - ((tip - start) * along).sum(axis=1, keepdims=True) * along
     across /= np.linalg.norm(across, axis=1, keepdims=True)
-    # Of each point the angle about the edge, 0 in the face and negative below it.
+    # Angle of each point about the edge: 0 in the face and negative below it.
     to_points = points[None] - start[:, None]
     x, y = np.einsum("fkj,fj->fk", to_points, across), np.einsum("fkj,fj->fk", to_points, outward)
     angles = np.where(np.hypot(x, y) > _MARGIN, np.arctan2(y, x), -np.pi)
-    touching = np.where(angles > _MARGIN, -np.pi, angles).max(axis=1)[:, None]  # above 0: the far side, rounded
+    touching = np.where(angles > _MARGIN, -np.pi, angles).max(axis=1)[:, None]  # above 0: the far side, after rounding
     normals = np.cos(touching) * outward - np.sin(touching) * across
     offsets = (normals * start).sum(axis=1)
 

@@ -1,4 +1,4 @@
-"""Paths through a world, and how far a long search is."""
+"""Path planning through a world, with a progress display."""
 
 from __future__ import annotations
 
@@ -13,8 +13,8 @@ from flockstep import _core
 from flockstep.scenes import WorldLike
 from flockstep.task import DroneLike
 
-_PATIENCE_S = 2.0  # a shorter search shows nothing
-_LINES_S = 10.0  # between two lines in a file
+_PATIENCE_S = 2.0  # shorter searches show nothing
+_LINES_S = 10.0  # interval between lines in a file
 _BAR = 30  # characters
 
 
@@ -26,23 +26,23 @@ def plan(
     cell_m: float = 0.1,
     progress: bool = True,
 ) -> npt.NDArray[np.float32] | None:
-    """Return a short path (P, 3) m from ``start`` (3,) over ``goals`` (K, 3) in their order; None if there is none.
+    """Return a short path (P, 3) m from ``start`` (3,) through ``goals`` (K, 3) in order, or None if there is none.
 
-    The drone flies straight from corner to corner, level and facing +x, and touches nothing: `Batch.move` can fly every
-    leg. Most paths are within 1 % of the shortest one.
+    Every leg is straight and free of contact for a level drone that faces +x, so `Batch.move` can fly it. Most paths
+    are within 1 % of the shortest one.
 
     Parameters
     ----------
     world
-        A `World`, or the name or path of one. Its solid objects are in the way.
+        A `World`, or the name or path of one. Its solid objects are the obstacles.
     start, goals
         World frame, m.
     drone
-        A `DroneModel`, or the name or path of one. Its hull flies. Default: the 650-class quadrotor.
+        A `DroneModel`, or the name or path of one. Its hull must fit through. Default: the 650-class quadrotor.
     cell_m
-        Spacing in m of the finest grid that is searched. A gap is found if it leaves the drone about one spacing of
-        room on each side. Coarser grids are searched first; the finest one only if they have no path, or if that search
-        is small.
+        Spacing in m of the finest grid that is searched. A gap is found if it leaves about one spacing of room on each
+        side of the drone. Coarser grids are searched first; the finest one is searched only if they have no path or if
+        its search is small.
     progress
         Show a progress bar on standard error if the search takes more than 2 s; into a file, a line every 10 s.
 
@@ -61,7 +61,7 @@ def plan(
 
 
 class _Progress:
-    """Shows how much of a search is done: nothing at first, then a bar on a terminal or lines in a file."""
+    """Shows the progress of a search: nothing at first, then a bar on a terminal or lines in a file."""
 
     def __init__(self) -> None:
         self._began = time.monotonic()
@@ -84,7 +84,7 @@ class _Progress:
         out.flush()
 
     def end(self) -> None:
-        """Take the bar away."""
+        """Remove the bar."""
         if self._is_bar_shown:
             sys.stderr.write("\r\x1b[K")
             sys.stderr.flush()

@@ -1,4 +1,4 @@
-"""A film of a flight."""
+"""Film a flight."""
 
 from __future__ import annotations
 
@@ -29,46 +29,46 @@ def record(
     fps: float | None = None,
     **kwargs: Any,
 ) -> int:
-    """Fly one drone and write a film of one episode: its first, or the first that succeeds.
+    """Fly one drone and film one episode: the first one, or the first that succeeds.
 
-    Needs imageio with ffmpeg, as the extra ``sb3`` brings it.
+    Needs imageio with ffmpeg, which the extra ``sb3`` installs.
 
     Parameters
     ----------
     path
-        Of the film: ``.mp4`` or ``.gif``.
+        File of the film, ``.mp4`` or ``.gif``.
     policy
-        A model of Stable-Baselines3, whose deterministic policy flies, or a function from observations (1, ...) to
-        actions (1, ...). None: random actions. To load a model from a file, call its class: ``PPO.load("policy.zip")``.
-        That runs code from the file (it holds pickled objects): load only policies you trust.
+        A Stable-Baselines3 model, flown deterministically, or a function from observations (1, ...) to actions (1,
+        ...). None: random actions. To load a model from a file, call its class: ``PPO.load("policy.zip")``. That runs
+        code from the file, which holds pickled objects: load only policies you trust.
     env
         A Gymnasium id, a `Task` (an object, or its class) or a `NativeTask`.
     steps
-        The film ends after so many steps at the latest.
+        Maximum number of steps in the film.
     seed
-        Of the episode, and of random actions.
+        Seed of the episode and of random actions.
     until_success
-        Of so many episodes at most, seeded ``seed``, ``seed + 1`` and so on, film the first that succeeds within
-        ``steps``. They are flown without pictures; then its actions are flown again. None: film the first, however it
-        ends.
+        Maximum number of episodes to try, seeded ``seed``, ``seed + 1`` and so on. The first that succeeds within
+        ``steps`` is filmed: episodes are flown without pictures, then the successful actions are replayed. None: film
+        the first episode, whether it succeeds or not.
     render_view
-        As `DroneVectorEnv` takes it; so are ``render_size``, ``render_camera`` and ``drone_mesh``.
+        As in `DroneVectorEnv`; ``render_size``, ``render_camera`` and ``drone_mesh`` are also accepted.
     fps
-        Pictures per second of the film; there is one of each step, and one before. None: as fast as it is flown,
-        ``policy_hz / frame_skip``, rounded, at least 1. Browsers show no more than 50 pictures of a GIF in a second.
+        Pictures per second. The film has one picture before the first step and one after each step. None: the speed of
+        flight, ``policy_hz / frame_skip``, rounded, at least 1. Browsers show at most 50 pictures per second of a GIF.
     **kwargs
         Further keywords of `DroneVectorEnv`, such as ``worlds``.
 
     Returns
     -------
     int
-        How many pictures the film has.
+        Number of pictures in the film.
 
     Raises
     ------
     RuntimeError
-        None of ``until_success`` episodes succeeds: no film is written then. Or the one that did ends otherwise when
-        its actions are flown again, because its task draws random numbers otherwise than by ``batch.random``.
+        None of the ``until_success`` episodes succeeds; then no film is written. Or the replay of the successful
+        episode ends differently, because its task draws random numbers from a source other than ``batch.random``.
     """
     if Path(path).suffix.lower() not in (".mp4", ".gif"):
         raise ValueError(f"path: expected a name that ends with .mp4 or .gif, got {fspath(path)!r}")
@@ -92,11 +92,11 @@ def record(
     observation, _ = envs.reset(seed=seed)
     fps = envs.metadata["render_fps"] if fps is None else fps
     is_gif = Path(path).suffix.lower() == ".gif"
-    # By default imageio makes the sides multiples of 16; the codec needs even ones.
+    # By default imageio makes both sides multiples of 16; the codec needs only even ones.
     settings: dict[str, Any]
     settings = {"duration": 1000 / fps, "loop": 0} if is_gif else {"fps": fps, "quality": 8, "macro_block_size": 2}
     pictures = 0
-    film: Any  # as imageio types its writers, they cannot append
+    film: Any  # imageio's own type for writers has no append_data
     with imageio.get_writer(Path(path), **settings) as film:
         for step in range(steps + 1):
             if step > 0:
@@ -117,12 +117,12 @@ def record(
 
 
 def _succeeding(envs: DroneVectorEnv, act: Callable[[Any], Any], steps: int, seeds: range) -> tuple[int, list[Any]]:
-    """Return the first of the seeds whose episode succeeds within so many steps, and the actions it took.
+    """Return the first seed whose episode succeeds within ``steps`` steps, and its actions.
 
     Raises
     ------
     RuntimeError
-        None of them does.
+        No episode succeeds.
     """
     for seed in seeds:
         observation, _ = envs.reset(seed=seed)
@@ -144,12 +144,12 @@ def _replaying(actions: list[Any]) -> Callable[[Any], Any]:
 
 
 def actions_of(policy: Any, envs: DroneVectorEnv, caller: str, seed: int) -> Callable[[Any], Any]:
-    """Return the function from observations to actions that a policy is: a model, a function, None for random ones.
+    """Return a policy (a model, a function or None for random actions) as a function from observations to actions.
 
     Raises
     ------
     ValueError
-        The model was trained with other observations or actions than those of the envs.
+        The model was trained with observations or actions that differ from those of the envs.
     """
     if policy is None:
         action_space = envs.action_space
@@ -168,7 +168,7 @@ def actions_of(policy: Any, envs: DroneVectorEnv, caller: str, seed: int) -> Cal
 
 
 def _require_spaces_of(model: Any, envs: DroneVectorEnv, caller: str) -> None:
-    """Raise ValueError where a model of Stable-Baselines3 was trained in another env; other models have no spaces."""
+    """Raise ValueError if a Stable-Baselines3 model was trained with other spaces; other models have no spaces."""
     for what in ("observation", "action"):
         trained, flown = getattr(model, f"{what}_space", None), getattr(envs, f"single_{what}_space")
         if isinstance(trained, spaces.Space) and not _is_alike(trained, flown):
@@ -181,14 +181,14 @@ def _require_spaces_of(model: Any, envs: DroneVectorEnv, caller: str) -> None:
 
 
 def _shown(space: spaces.Space[Any]) -> str:
-    """Return a space in short: of boxes the shapes."""
+    """Return a short description of a space: the shapes of its boxes."""
     if isinstance(space, spaces.Dict):
         return f"Dict({', '.join(f'{name}: {_shown(part)}' for name, part in space.items())})"
     return f"Box{space.shape}" if isinstance(space, spaces.Box) else str(space)
 
 
 def _is_alike(trained: spaces.Space[Any], flown: spaces.Space[Any]) -> bool:
-    """Return whether spaces have the same shapes: bounds may differ, and channels may have been put first."""
+    """Return whether two spaces have the same shapes; bounds may differ, and channels may come first."""
     if isinstance(trained, spaces.Dict) and isinstance(flown, spaces.Dict):
         return trained.keys() == flown.keys() and all(_is_alike(trained[name], flown[name]) for name in flown)
     if isinstance(trained, spaces.Box) and isinstance(flown, spaces.Box):

@@ -1,4 +1,4 @@
-"""The ids under which Gymnasium knows the environments of this package, and those of tasks of your own."""
+"""Gymnasium ids of this package's environments and of your own tasks."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from flockstep.serialization import to_plain
 from flockstep.task import Task
 from flockstep.vector_env import DroneVectorEnv, _by_config
 
-_NO_DEFAULTS = ("num_envs", "autoreset_mode", "copy")  # for whoever makes the environments
+_NO_DEFAULTS = ("num_envs", "autoreset_mode", "copy")  # set by the code that makes the environments
 
 
 def register() -> None:
@@ -30,17 +30,17 @@ def register() -> None:
 
 
 def _limit_of(task: Any) -> int:
-    """Return the time limit in steps that a task has by default; 0: none."""
+    """Return a task's default time limit in steps; 0 means none."""
     if isinstance(task, type):
         limit = getattr(task, "max_episode_steps", 0)
-        return limit if isinstance(limit, int) else 0  # anything else is refused when an environment is made
+        return limit if isinstance(limit, int) else 0  # other values are rejected when an environment is made
     limit = task_defaults(task)["max_episode_steps"]
     assert isinstance(limit, int)
     return limit
 
 
 def _register(env_id: str, keywords: dict[str, Any], limit: int) -> None:
-    """Register an environment. Its time limit is that of the spec; `DroneEnv` and `DroneVectorEnv` pass it on."""
+    """Register an environment. The spec holds its time limit, which `DroneEnv` and `DroneVectorEnv` apply."""
     gymnasium.register(
         id=env_id,
         entry_point="flockstep.env:DroneEnv",
@@ -51,7 +51,7 @@ def _register(env_id: str, keywords: dict[str, Any], limit: int) -> None:
 
 
 def make_by_id(env_id: str, num_envs: int, **keywords: Any) -> DroneVectorEnv:
-    """Return what `gymnasium.make_vec` makes. A ``task`` among the keywords has its own time limit, not that of the id.
+    """Call `gymnasium.make_vec`. A ``task`` among the keywords brings its own time limit, which replaces the id's.
 
     Raises
     ------
@@ -68,7 +68,7 @@ def make_by_id(env_id: str, num_envs: int, **keywords: Any) -> DroneVectorEnv:
 
 
 def register_task(env_id: str, task: type[Task] | str | PathLike[str], **defaults: Any) -> None:
-    """Register a task of your own with Gymnasium: `gymnasium.make_vec` makes its environments from then on.
+    """Register your own task with Gymnasium, so that `gymnasium.make_vec` can make its environments.
 
     >>> flockstep.register_task("mine/ReachHeight-v0", ReachHeight, worlds="hall.json", frame_skip=2)
     >>> envs = gymnasium.make_vec("mine/ReachHeight-v0", num_envs=64, frame_skip=4)  # in the hall, by 4 steps
@@ -76,20 +76,20 @@ def register_task(env_id: str, task: type[Task] | str | PathLike[str], **default
     Parameters
     ----------
     env_id
-        Such as ``"mine/ReachHeight-v0"``.
+        The id, such as ``"mine/ReachHeight-v0"``.
     task
-        A subclass of `Task`, which is made anew for each environment, or the path of a shared library with a task in
-        C++, as `NativeTask` takes it.
+        A subclass of `Task`, of which each environment gets its own instance, or the path of a shared library with a
+        C++ task, as for `NativeTask`.
     **defaults
-        Keywords of `DroneVectorEnv` that its environments are made with where `gymnasium.make_vec` or `gymnasium.make`
-        is given no others. Not ``num_envs``, ``autoreset_mode`` and ``copy``.
+        Default keywords of `DroneVectorEnv` for its environments; keywords of `gymnasium.make_vec` or `gymnasium.make`
+        override them. ``num_envs``, ``autoreset_mode`` and ``copy`` are not allowed.
 
     Raises
     ------
     ValueError
         The library cannot be loaded, or exports no task.
     TypeError
-        A task that is neither, or a default that is no such keyword. Its value is checked when an environment is made.
+        The task is neither, or a default is not a keyword. Values are checked when an environment is made.
     """
     is_task = issubclass(task, Task) if isinstance(task, type) else isinstance(task, (str, PathLike))
     if not is_task:
@@ -101,12 +101,12 @@ def register_task(env_id: str, task: type[Task] | str | PathLike[str], **default
     keywords = inspect.signature(DroneVectorEnv).parameters
     description = task if isinstance(task, type) else NativeTask(fspath(task))
     fields = {name: value for name, value in defaults.items() if name not in keywords}
-    _by_config(fields, description)  # refuses what is no keyword
+    _by_config(fields, description)  # rejects unknown keywords
     limit = defaults.get("max_episode_steps")
     if limit is None:
         limit = _limit_of(description)
     if isinstance(limit, int) and limit > 0:
-        defaults.pop("max_episode_steps", None)  # the spec has it
+        defaults.pop("max_episode_steps", None)  # the spec holds it
     else:
         limit = 0
     _register(env_id, {**defaults, "task": description}, limit)

@@ -1,4 +1,4 @@
-"""Worlds of one shape that look different, so that what a camera learns does not depend on the light."""
+"""Copies of a world under different light, to make camera policies independent of the light."""
 
 from __future__ import annotations
 
@@ -21,24 +21,26 @@ def relight(
     ambient: Range = (0.7, 1.2),
     tint: float = 0.15,
 ) -> list[World]:
-    """Return one world in many lights: with ``random_world=True``, an environment draws one of them for each episode.
+    """Return copies of one world under random light; with ``random_world=True`` an environment draws one per episode.
 
-    Each is a `World.with_light`, so they share geometry and textures. Number k depends on the seed and k alone.
+    Each is made by `World.with_light`, so they share geometry and textures. World k depends only on the seed and k.
 
     Parameters
     ----------
     world
         A `World`, or the name or path of one.
     count
-        How many, at least 1.
+        Number of worlds, at least 1.
     seed
-        At least 0.
+        Seed, at least 0.
     azimuth_deg, elevation_deg
-        Where the sun stands: from +x towards +y, in [-360, 360], and above the horizon, in [-90, 90].
+        Ranges of the sun's direction: azimuth from +x towards +y, in [-360, 360], and elevation above the horizon, in
+        [-90, 90].
     sun, ambient
-        By what the world's own sunlight, and its ambient light and sky, are multiplied; at least 0.
+        Ranges of the factors for the world's own sunlight and for its ambient light and sky; at least 0.
     tint
-        The red, green and blue of each material are multiplied by numbers in [1 - tint, 1 + tint]; in [0, 1].
+        Red, green and blue of each material are multiplied by random factors in [1 - tint, 1 + tint]; tint is in [0,
+        1].
     """
     shape = load_one(world)
     for name, number, least in (("count", count, 1), ("seed", seed, 0)):

@@ -1,8 +1,8 @@
 """Rotations of bodies: vectors between frames, and quaternions to and from roll, pitch and yaw.
 
-A quaternion is (w, x, y, z), unit, body to world. Angles are rad. Roll, pitch and yaw are those of
-``control="attitude"``: the body yaws about z, then pitches about its own y, then rolls about its own x, so that the
-rotation is R_z(yaw) R_y(pitch) R_x(roll). Every function takes arrays of any leading shape and keeps float32.
+A quaternion is (w, x, y, z), unit, body to world. Angles are rad. Roll, pitch and yaw follow ``control="attitude"``:
+the body yaws about z, then pitches about its own y, then rolls about its own x, so that the rotation is R_z(yaw)
+R_y(pitch) R_x(roll). Every function takes arrays of any leading shape and keeps float32.
 """
 
 from __future__ import annotations
@@ -53,7 +53,8 @@ def yaw_of(quat_wxyz: Array) -> Array:
 def rpy_from_quat(quat_wxyz: npt.ArrayLike) -> Array:
     """Return roll, pitch and yaw, (..., 3) rad: roll and yaw in [-pi, pi], pitch in [-pi / 2, pi / 2].
 
-    With the body's x axis straight up or down only the sum or difference of roll and yaw is defined: yaw is 0 then.
+    If the body's x axis points straight up or down, only the sum or difference of roll and yaw is defined; yaw is then
+    0.
 
     Parameters
     ----------
@@ -62,8 +63,8 @@ def rpy_from_quat(quat_wxyz: npt.ArrayLike) -> Array:
     """
     quat = _floating(quat_wxyz, 4, "quat_wxyz")
     w, x, y, z = np.moveaxis(quat.astype(float), -1, 0)
-    # Half the sum and half the difference of roll and yaw are angles of two vectors. Their lengths give the pitch
-    # without loss near the poles (Bernardes and Viollet, PLOS ONE 17(11), 2022).
+    # Half the sum and half the difference of roll and yaw are angles of two vectors. The lengths of these vectors give
+    # the pitch without loss of precision near the poles (Bernardes and Viollet, PLOS ONE 17(11), 2022).
     plus, minus = np.arctan2(x + z, w - y), np.arctan2(z - x, w + y)
     pitch = 2 * np.arctan2(np.hypot(w + y, x - z), np.hypot(w - y, x + z)) - np.pi / 2
     is_pole = np.abs(np.abs(pitch) - np.pi / 2) < 1e-7

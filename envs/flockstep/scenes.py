@@ -1,4 +1,4 @@
-"""The scenes that come with flockstep: their names, the named sets, and where they lie."""
+"""The bundled scenes: their names, the named sets and their location."""
 
 from __future__ import annotations
 
@@ -12,30 +12,30 @@ from typing import Any, TypeAlias
 from flockstep import _core, bench_scenes
 from flockstep._core import World
 
-#: One world: itself, or its name or path.
+#: One world: the object, its name or its path.
 WorldLike: TypeAlias = World | str | PathLike[str]
-#: Worlds: one, the name of a set such as ``"train"``, or a sequence of these.
+#: One world, the name of a set such as ``"train"``, or a sequence of these.
 WorldsLike: TypeAlias = WorldLike | Sequence[WorldLike]
 
-#: Names that stand for several scenes.
+#: Set names and the scenes in each set.
 SETS: dict[str, tuple[str, ...]] = _core.scene_sets
 
-#: Scenes that are no files: what makes them.
+#: Functions that make the scenes without a file.
 GENERATED: dict[str, Callable[[], World]] = {
     "bench/complex": bench_scenes.complex_,
     "bench/simple": bench_scenes.simple,
     **{name: partial(_core.load_scene, name, "") for name in _core.generated_scenes},
 }
 
-#: The generators of scenes named ``"forest/seed-7"``: the word before the seed.
+#: Generators of seeded scenes such as ``"forest/seed-7"``: the word before the seed.
 GENERATORS: tuple[str, ...] = _core.scene_generators
 
 _SEEDED = re.compile(r"(\w+)/seed-(\d{1,18})(?:\.\.(\d{1,18}))?")
-_MOST_SEEDS = 100_000  # of a range
+_MOST_SEEDS = 100_000  # in one range
 
 
 def directory() -> Path:
-    """Return the folder of the bundled scenes: inside an installed package, or at the root of a checkout."""
+    """Return the folder of the bundled scenes, inside an installed package or at the root of a checkout."""
     package = Path(__file__).resolve().parent
     installed = package / "scenes"
     return installed if installed.is_dir() else package.parents[1] / "scenes"
@@ -48,7 +48,7 @@ def names() -> list[str]:
 
 
 def find(source: str | PathLike[str]) -> Path | World:
-    """Return the file of a scene, or the world itself where it is generated.
+    """Return the file of a scene, or the world itself if it is generated.
 
     Parameters
     ----------
@@ -59,9 +59,9 @@ def find(source: str | PathLike[str]) -> Path | World:
     Raises
     ------
     FileNotFoundError
-        A path to a file that does not exist.
+        The path's file does not exist.
     ValueError
-        Neither a bundled name nor a path; the message lists the names that exist.
+        The source is neither a bundled name nor a path; the message lists the valid names.
     """
     if isinstance(source, str) and source in GENERATED:
         return GENERATED[source]()
@@ -82,18 +82,18 @@ def find(source: str | PathLike[str]) -> Path | World:
 
 
 def load(worlds: WorldsLike) -> list[World]:
-    """Return the worlds meant by a set name, a scene name, a path, a `World`, or a sequence of these.
+    """Return the worlds for a set name, a scene name, a path, a `World`, or a sequence of these.
 
     A scene named more than once is loaded once and shared. ``"forest/seed-0..99"`` stands for a hundred scenes.
 
     Raises
     ------
     FileNotFoundError
-        A path to a file that does not exist.
+        A path's file does not exist.
     ValueError
         An unknown name, an empty sequence, or a scene file with a mistake in it.
     TypeError
-        Something that is neither a world nor the name of one.
+        An element is neither a world nor a name or path.
     """
     if not isinstance(worlds, (str, PathLike, World, Sequence)):
         raise TypeError(f"worlds: expected a name, a path, a World or a sequence of these, got {worlds!r}")
@@ -121,12 +121,12 @@ def load(worlds: WorldsLike) -> list[World]:
 
 
 def load_one(world: WorldLike) -> World:
-    """Return the world meant by a `World`, a scene name or a path.
+    """Return the world for a `World`, a scene name or a path.
 
     Raises
     ------
     ValueError
-        A set or a sequence of several worlds. Otherwise as `load`.
+        The argument stands for several worlds. Otherwise as in `load`.
     """
     loaded = load(world)
     if len(loaded) != 1:
@@ -135,7 +135,7 @@ def load_one(world: WorldLike) -> World:
 
 
 def _seeded(source: object) -> tuple[str, ...]:
-    """Return the names of the generated scenes that a name with a seed, or with a range of them, stands for."""
+    """Return the names of the generated scenes for a name with a seed or a range of seeds."""
     match = _SEEDED.fullmatch(source) if isinstance(source, str) else None
     if match is None or match[1] not in GENERATORS:
         return ()

@@ -1,7 +1,7 @@
-"""Arguments of environments as JSON can hold them, so that ``env.spec.to_json()`` is whole.
+"""Convert the arguments of environments to JSON values, so that ``env.spec.to_json()`` is complete.
 
-A configuration becomes ``{"flockstep.LidarConfig": {"beams": 20, ...}}``; worlds, drones and tasks likewise. The
-environments take either form.
+A configuration becomes ``{"flockstep.LidarConfig": {"beams": 20, ...}}``; worlds, drones and tasks get the same form.
+The environments accept either form.
 """
 
 from __future__ import annotations
@@ -45,7 +45,7 @@ _CONFIGS: tuple[Any, ...] = (
 
 
 def to_plain(value: Any) -> Any:
-    """Return a value with everything of this package in it in plain form; what is of no such kind stays itself."""
+    """Return a value with all objects of this package converted to plain form; other values are unchanged."""
     if isinstance(value, _CONFIGS):
         return _tagged(type(value).__name__, {name: getattr(value, name) for name in type(value).__match_args__})
     if isinstance(value, World):
@@ -70,7 +70,7 @@ def to_plain(value: Any) -> Any:
 
 
 class PlainSpec:
-    """The attribute ``spec`` of an env: how Gymnasium has made it, with the arguments in plain form."""
+    """Descriptor for the attribute ``spec`` of an env: Gymnasium's spec with the arguments in plain form."""
 
     def __get__(self, env: Any, owner: type) -> EnvSpec | None:
         return None if env is None else env.__dict__.get("_spec")
@@ -84,7 +84,7 @@ def _tagged(kind: str, value: Any) -> dict[str, Any]:
 
 
 def from_plain(value: Any) -> Any:
-    """Return what `to_plain` was given; any other value is its own."""
+    """Invert `to_plain`; other values are returned unchanged."""
     if isinstance(value, list):
         return [from_plain(part) for part in value]
     if isinstance(value, tuple):
@@ -118,7 +118,7 @@ def from_plain(value: Any) -> Any:
 
 
 def _found(module: str, name: str) -> Any:
-    """Return what has this name in a module that has been imported, or None."""
+    """Return the object of this name in an imported module, or None."""
     found: Any = sys.modules.get(module)
     for part in name.split("."):
         found = getattr(found, part, None)

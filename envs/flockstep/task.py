@@ -1,7 +1,7 @@
-"""A task of your own: what turns poses and sensors into observations, rewards and the end of an episode.
+"""The base class for your own tasks, which define observations, rewards and the end of an episode.
 
-A `Task` is one Python object for all N drones; its methods read and write arrays with a row per drone. The engine does
-the rest, as for its own tasks: motion, sensing, autoreset, time limits, frame skip, episode statistics, seeding,
+A `Task` is one Python object for all N drones; its methods read and write arrays with a row per drone. As for its own
+tasks, the engine does the rest: motion, sensing, autoreset, time limits, frame skip, episode statistics, seeding and
 snapshots.
 """
 
@@ -42,7 +42,7 @@ if TYPE_CHECKING:
 
 BoolArray: TypeAlias = npt.NDArray[np.bool_]
 Target: TypeAlias = Array | tuple[Array, Array]
-#: A drone: itself, or its name or path.
+#: A drone: the object, its name or its path.
 DroneLike: TypeAlias = DroneModel | str | PathLike[str]
 
 
@@ -50,7 +50,7 @@ _SUCCESS, _INFO, _STATE = "success", "info.", "state."
 
 _Scalar = TypeVar("_Scalar", bound=np.generic)
 
-#: The markers a world may have that are drawn.
+#: The kinds of markers that a world may have.
 MARKERS = ("start", "waypoints", "goal")
 
 
@@ -58,59 +58,58 @@ class Task:
     """Base class of tasks written in Python.
 
     Give the class an ``observation_space`` (a `gymnasium.spaces.Box`, or a `Dict` of them) and override `observe` and
-    `step`; the rest has defaults: actions are displacements of up to ``step_m`` metres per axis, flown with collision,
-    and episodes begin at the start marker of the drone's world.
+    `step`. Everything else has defaults: actions are displacements of up to ``step_m`` metres per axis, flown with
+    collision, and episodes begin at the start marker of the drone's world.
 
-    Random numbers come from ``batch.random(stream, count)``, a row per env: they depend on nothing but the env's seed,
-    its episode and the stream, so env i does the same whatever the number of envs. Use a separate stream for each
-    purpose.
+    Random numbers come from ``batch.random(stream, count)``, a row per env. They depend only on the env's seed, its
+    episode and the stream, so env i behaves the same for any number of envs. Use a separate stream for each purpose.
 
     Attributes
     ----------
     observation_space, action_space
         Spaces of one env. Actions are a `Discrete`, or a `Box` of floats.
     reward_terms
-        Names of what `step` returns as the reward, where that is a mapping; ``batch.reward_terms`` has a column for
+        Names of the reward terms, if `step` returns the reward as a mapping; ``batch.reward_terms`` has a column for
         each.
     lidar, camera
-        The LiDAR and the camera that the task needs, if any; several as a sequence.
+        The LiDAR and the camera that the task needs, if any, or a sequence of several.
     worlds
-        Where it is flown unless the env is given others: as `DroneVectorEnv` takes them. Default: ``"train"``.
+        Worlds, as for `DroneVectorEnv`, unless the env gets others. Default: ``"train"``.
     drone, dynamics, clock
-        What flies, how, and at which rates, unless the env is given others: a `DroneModel` or what `DroneModel.load`
-        takes, a `DynamicsConfig`, a `ClockConfig`. Default: the 650-class quadrotor, kinematic, at 10 Hz.
+        A `DroneModel` or an argument of `DroneModel.load`, a `DynamicsConfig` and a `ClockConfig`, unless the env gets
+        others. Default: the 650-class quadrotor, kinematic, at 10 Hz.
     max_episode_steps
-        Episodes are truncated after so many steps; 0 means never. A limit that the env is given takes its place.
+        Episodes are truncated after this many steps; 0 means never. The env's own limit takes precedence.
     frame_skip, random_world
-        As `EpisodeConfig` has them, unless the env is given others.
+        As in `EpisodeConfig`, unless the env gets others.
     markers
-        Which of the world's markers the task uses, of ``"start"``, ``"waypoints"``, ``"goal"``; default: all. Pictures
-        show no others. What the drones' own cameras see does not depend on it.
+        The world's markers that the task uses, among ``"start"``, ``"waypoints"`` and ``"goal"``. Default: all.
+        Rendered pictures show only these. The drones' own cameras are not affected.
     step_m
         Length of a full displacement in the default `act`, in metres.
     row_kind
-        What a row of actions, observations, rewards and flags belongs to, if envs have several drones: ``"drone"``, so
-        that there are N rows, or ``"env"``, so that there are E and one action commands all drones of an env. What
-        `act` returns always has a row per drone. Arrays of the batch have N or E rows, as they say.
+        The owner of a row of actions, observations, rewards and flags if envs have several drones: ``"drone"`` means N
+        rows; ``"env"`` means E rows, and one action commands all drones of an env. The result of `act` always has a row
+        per drone. Arrays of the batch have N or E rows, as documented there.
     steps
-        (N,) int64: steps flown in the current episode; in `step`, the present one included. Read only.
+        (N,) int64: steps flown in the current episode; in `step`, the current step is included. Read-only.
     flying
-        (N,) bool, for use in `act` and `step`: True where the env takes part in the present step, False where its
-        episode was over before, also in the step that resets it. There the drone stands still, the row that `step`
-        returns is thrown away, and state of yours that the observation depends on should stay. Read only.
+        (N,) bool, for use in `act` and `step`: True if the env takes part in the current step, False if its episode
+        ended before, including in the step that resets it. In False rows the drone stands still, the result of `step`
+        is discarded, and any state of yours that affects the observation should stay unchanged. Read-only.
     success
-        (N,) bool: write it in `step`, and the infos of episodes that end will report it.
+        (N,) bool: write it in `step`; the infos of ended episodes report it.
     truncated
-        (N,) bool: write it in `step` where an episode is to be cut off for another reason than ``max_episode_steps``,
-        and without the task being over. It is all False when `step` is called.
+        (N,) bool: set it in `step` to cut an episode off for a reason other than ``max_episode_steps``, without ending
+        the task. It is all False when `step` is called.
     left_area
-        (N,) bool: write it in `step` where the episode ends because the drone left the area the task allows. The infos
-        then report `EpisodeEnd.left_area`, otherwise `EpisodeEnd.task`. It is all False when `step` is called.
+        (N,) bool: set it in `step` if the episode ends because the drone left the allowed area. The infos then report
+        `EpisodeEnd.left_area`, otherwise `EpisodeEnd.task`. It is all False when `step` is called.
     info_names
-        Names of what else the infos of episodes that end report: ``info`` has an array for each.
+        Names of further values in the infos of ended episodes; ``info`` has an array for each.
     info
-        By name (N,) float64: write it in `step`, such as ``self.info["laps"] += lap``. Every episode begins with 0;
-        what is there when it ends is reported.
+        A (N,) float64 array for each name: write it in `step`, for example ``self.info["laps"] += lap``. Every episode
+        begins with 0; the value at its end is reported.
     """
 
     observation_space: spaces.Box | spaces.Dict
@@ -134,21 +133,21 @@ class Task:
     truncated: BoolArray
     left_area: BoolArray
     info: dict[str, npt.NDArray[np.float64]]
-    _batch: weakref.ref[Batch] | None = None  # whose task this is; it owns the task
+    _batch: weakref.ref[Batch] | None = None  # the batch that owns this task
     _constants: dict[str, Any] | None = None  # attributes after setup that are neither arrays nor numbers
 
     @property
     def steps(self) -> npt.NDArray[np.int64]:
-        """Steps flown in the present episode, (N,)."""
+        """Steps flown in the current episode, (N,)."""
         return self._rows_of(self._own_batch().steps)
 
     @property
     def flying(self) -> BoolArray:
-        """Drones that fly in the present step, (N,): the others' episode is over."""
+        """Mask of the drones that fly in the current step, (N,); the others' episodes are over."""
         return self._rows_of(self._own_batch().flying)
 
     def _rows_of(self, of_envs: npt.NDArray[_Scalar]) -> npt.NDArray[_Scalar]:
-        """Return an array (E,) with the task's rows."""
+        """Repeat an array (E,) to the task's rows."""
         per_env = self._own_batch().drones_per_env
         return of_envs if self.row_kind == "env" or per_env == 1 else np.repeat(of_envs, per_env)
 
@@ -172,17 +171,17 @@ class Task:
         batch.set_pose(batch.terms.start(), level, drones)
 
     def act(self, batch: Batch, actions: Array) -> Target:
-        """Return where each drone flies to: positions (N, 3) m, or a pair of positions and quaternions (N, 4).
+        """Return a target for each drone: positions (N, 3) m, or a pair of positions and quaternions (N, 4).
 
-        Where the env's ``control`` is another than ``"pose"``: commands (N, 4), as `DynamicsConfig` describes them.
+        If the env's ``control`` is not ``"pose"``, return commands (N, 4), as described by `DynamicsConfig`.
         """
         displacement = np.float32(self.step_m) * np.clip(actions.astype(np.float32), -1, 1)
         return batch.position + rotate(batch.quat_wxyz, displacement)
 
     def step(self, batch: Batch) -> tuple[Array | Mapping[str, Array], BoolArray]:
-        """Return the reward (N,) of the motion just flown and sensed, and whether it ended the episode (N,).
+        """Return the reward (N,) of the motion just flown and sensed, and a mask of the episodes that it ended (N,).
 
-        The reward may be a mapping of the names in ``reward_terms`` to arrays (N,), of which it is the sum.
+        The reward may be a mapping from the names in ``reward_terms`` to arrays (N,); their sum is the reward.
         """
         raise NotImplementedError(f"{_name(self)}.step: every task has to define it")
 
@@ -193,17 +192,18 @@ class Task:
     def draw(self, batch: Batch, env: int, drawing: Drawing) -> None:
         """Add to the picture of one env: `drawing` draws points, lines, spheres, cells and text, in metres.
 
-        Called for each picture of the views ``"top"``, ``"third_person"`` and ``"fleet"`` and from a fixed place; not
-        for ``"camera"``, which shows what the drone sees. Change no state here: nothing may depend on being looked at.
+        Called for each picture of the views ``"top"``, ``"third_person"`` and ``"fleet"`` and from a fixed place, but
+        not for ``"camera"``, which shows the drone's own frames. Change no state here: rendering must have no side
+        effects.
         """
 
     def state(self) -> dict[str, Array]:
-        """Return everything of yours that the next step depends on, for `DroneVectorEnv.snapshot`.
+        """Return all your state that affects later steps, for `DroneVectorEnv.snapshot`.
 
-        By default every attribute that is a NumPy array or a number. Any other one has to stay as `setup` left it: one
-        that has changed is refused, since nobody can tell what to keep of it. Hold state in arrays, draw random numbers
-        by ``batch.random``, or override `state` and `load`. The arrays keep their names and shapes: a snapshot whose
-        shapes are not those of the present ones is refused.
+        By default this is every attribute that is a NumPy array or a number. All other attributes must stay as `setup`
+        left them. A changed one raises an error, because there is no general way to save it. Hold state in arrays, draw
+        random numbers from ``batch.random``, or override `state` and `load`. The arrays must keep their names and
+        shapes: a snapshot with other shapes is rejected.
         """
         state = {}
         for name, value in vars(self).items():
@@ -222,7 +222,7 @@ class Task:
         return state
 
     def load(self, state: Mapping[str, Array]) -> None:
-        """Take back what `state` returned; by default into the attributes of these names."""
+        """Restore the result of `state`; by default set the attributes of these names."""
         for name, value in state.items():
             present = getattr(self, name)
             if isinstance(present, np.ndarray) and present.flags.writeable and present.dtype == value.dtype:
@@ -231,11 +231,11 @@ class Task:
                 setattr(self, name, value if isinstance(present, np.ndarray) else type(present)(value.item()))
 
 
-_PROVIDED = ("success", "truncated", "left_area", "info")  # attributes that a task is given
-_SPACES = ("observation_space", "action_space")  # which sampling changes
+_PROVIDED = ("success", "truncated", "left_area", "info")  # attributes that flockstep provides
+_SPACES = ("observation_space", "action_space")  # changed by sampling
 _NOT_STATE = ("_batch", "_constants", *_PROVIDED, "max_episode_steps", *_SPACES)
 _MISSING = object()
-#: What the infos of every task hold; also as Stable-Baselines3 has them.
+#: Infos of every task, including the names that Stable-Baselines3 uses.
 _INFOS_OF_ALL = (
     "episode_return",
     "episode_length",
@@ -251,12 +251,12 @@ _INFOS_OF_ALL = (
 
 
 def _constant(value: Any) -> Any:
-    """Return what tells later whether a value has changed: its bytes where it can be pickled, else itself."""
+    """Return a fingerprint that reveals later changes of a value: its pickled bytes, or else the value itself."""
     if value is None or isinstance(value, (str, bytes, type, World)) or callable(value):
         return value
     try:
         return pickle.dumps(value)
-    except Exception:  # whatever a stranger's pickling raises: then only another object is another value
+    except Exception:  # pickling can raise anything; then only a different object counts as a change
         return value
 
 
@@ -265,7 +265,7 @@ def _is_same(before: Any, now: Any) -> bool:
 
 
 def native_task(task: Task) -> tuple[PythonTask, TaskCalls]:
-    """Return a task as `Batch` takes it, and its calls, which are to be attached to the batch that is made."""
+    """Return a task in the form for `Batch`, and its calls, which must be attached to the new batch."""
     limit = task.max_episode_steps
     if not isinstance(limit, (int, np.integer)) or isinstance(limit, bool) or not 0 <= limit < 1 << 31:
         raise ValueError(f"max_episode_steps: expected an integer in [0, {(1 << 31) - 1}], got {limit!r}")
@@ -276,7 +276,7 @@ def native_task(task: Task) -> tuple[PythonTask, TaskCalls]:
 
 
 class TaskCalls:
-    """What the engine calls while it steps a batch with a Python task: each method checks what the task returns."""
+    """The engine's calls into a Python task while it steps a batch; each method checks the task's results."""
 
     def __init__(self, task: Task) -> None:
         _refuse_misspelt(task)
@@ -300,7 +300,7 @@ class TaskCalls:
         self._task = task
 
     def attach(self, batch: Batch) -> None:
-        """Take the batch whose task this is, and let the task set itself up."""
+        """Attach the task to its batch and run its setup."""
         if self._task._batch is not None and self._task._batch() is not None:
             raise ValueError(
                 f"task: this {_name(self._task)} object is another environment's: give each its own, or the class"
@@ -325,7 +325,7 @@ class TaskCalls:
         self._task._constants = {name: _constant(value) for name, value in own.items()}
 
     def begin(self, rows: npt.NDArray[np.int64]) -> None:
-        """Begin an episode in each of the rows."""
+        """Begin an episode in each of these rows."""
         batch = self._task._own_batch()
         mask = np.zeros(self._rows, bool)
         mask[rows] = True
@@ -334,7 +334,7 @@ class TaskCalls:
         self._task.reset(batch, mask)
 
     def command(self, actions: Array) -> tuple[Array, Array | None]:
-        """Return where each drone flies to: positions, and quaternions or None to keep them."""
+        """Return each drone's target: positions, and quaternions or None to keep them."""
         target = self._task.act(self._task._own_batch(), actions)
         pair = target if isinstance(target, tuple) else (target, None)
         if len(pair) != 2 or pair[0] is None:
@@ -349,7 +349,7 @@ class TaskCalls:
         return pair
 
     def score(self) -> tuple[Array, ...]:
-        """Return the terms of the reward (terms, N), and the flags (N,): terminated, truncated, success, left_area."""
+        """Return the reward terms (terms, N) and the flags (N,): terminated, truncated, success, left_area."""
         self._task.truncated[:] = self._task.left_area[:] = False
         batch = self._task._own_batch()
         scored: Any = self._task.step(batch)
@@ -363,7 +363,7 @@ class TaskCalls:
         for name, reported in self._reported.items():
             given = self._row(f"info {name!r}", self._task.info[name])
             np.copyto(reported, given, where=self._task.flying)
-            self._task.info[name] = np.array(given, np.float64)  # no other's array, should the task have put one there
+            self._task.info[name] = np.array(given, np.float64)  # a copy, in case the task assigned an array of its own
         names = self._task.reward_terms
         if isinstance(reward, Mapping):
             if set(reward) != set(names):
@@ -380,7 +380,7 @@ class TaskCalls:
         return terms, *(self._flags(name, flag) for name, flag in flags.items())
 
     def infos(self) -> dict[str, npt.NDArray[np.float64]]:
-        """Return copies of what the task reports, (N,) by name: of episodes that ended, as it was then."""
+        """Return copies of the task's reported values, (N,) by name; for ended episodes, the values at the end."""
         return {name: reported.copy() for name, reported in self._reported.items()}
 
     def report(self, what: str, row: int, value: float) -> None:
@@ -392,7 +392,7 @@ class TaskCalls:
         )
 
     def observe(self) -> tuple[Array, ...]:
-        """Return the observation of all envs, field by field, contiguous and of the types that were declared."""
+        """Return the observation of all envs, field by field, contiguous and of the declared types."""
         observation = self._task.observe(self._task._own_batch())
         if not self._is_dict:
             return (self._checked("observe", observation, self.observation_spaces["observation"]),)
@@ -405,7 +405,7 @@ class TaskCalls:
         )
 
     def state(self) -> bytes:
-        """Return what a snapshot has to hold of the task: names and arrays, one after another in NumPy's own format."""
+        """Return the task's part of a snapshot: names and arrays, one after another in NumPy's own format."""
         file = io.BytesIO()
         for name, array in self._arrays().items():
             np.lib.format.write_array(file, np.frombuffer(name.encode(), np.uint8), allow_pickle=False)
@@ -413,7 +413,7 @@ class TaskCalls:
         return file.getvalue()
 
     def load(self, blob: bytes) -> None:
-        """Take back what `state` returned. What is refused changes nothing."""
+        """Restore the result of `state`. A rejected snapshot changes nothing."""
         file = io.BytesIO(blob)
         arrays = {}
         for name, present in self._arrays().items():
@@ -485,7 +485,7 @@ class TaskCalls:
 
 
 class _Info(dict[str, Any]):
-    """What a task reports; a name that it has not declared is told with those it has."""
+    """A task's reported values; an unknown name raises an error that lists the declared names."""
 
     def __missing__(self, name: str) -> Any:
         declared = ", ".join(map(repr, self)) or "none"
@@ -497,7 +497,7 @@ def _name(task: Task) -> str:
 
 
 def _names(task: Task, field: str) -> tuple[str, ...]:
-    """Return a field that holds names. Raises where it is no sequence of them, or holds one twice."""
+    """Return a field that holds names. Raises an error if it is not a sequence of names or holds a duplicate."""
     names = getattr(task, field)
     if isinstance(names, str):
         raise TypeError(f"{_name(task)}.{field}: expected a tuple of names, got {names!r}: write ({names!r},)")
@@ -509,13 +509,13 @@ def _names(task: Task, field: str) -> tuple[str, ...]:
     return tuple(names)
 
 
-#: What a subclass may declare as a value, and the methods that it may override.
+#: Attributes that a subclass may declare and methods that it may override.
 _DECLARED = tuple(name for name in Task.__annotations__ if name not in _PROVIDED and not name.startswith("_"))
 _METHODS = tuple(name for name, value in vars(Task).items() if inspect.isfunction(value) and not name.startswith("_"))
 
 
 def settable_names(task: Task) -> set[str]:
-    """Return the public attributes of a task that can be set while it flies: its own ones and ``step_m``."""
+    """Return the public attributes of a task that can be set while it flies: its own and ``step_m``."""
     return {
         name
         for name in dir(task)
@@ -526,9 +526,9 @@ def settable_names(task: Task) -> set[str]:
 
 
 def _refuse_misspelt(task: Task) -> None:
-    """Raise TypeError if a public attribute or method is nearly named as one of `Task` that the class does not define.
+    """Raise TypeError if a public name of a task resembles a member of `Task` that its class does not define.
 
-    Names that begin with an underscore, and attributes that are set in `setup`, are not looked at.
+    Names that begin with an underscore and attributes that are set in `setup` are not checked.
     """
     own: dict[str, Any] = {}
     for kind in type(task).__mro__[::-1]:
@@ -538,7 +538,7 @@ def _refuse_misspelt(task: Task) -> None:
     for name, value in own.items():
         if name.startswith("_") or hasattr(Task, name) or name in Task.__annotations__:
             continue
-        value = getattr(value, "__func__", value)  # of a static or class method
+        value = getattr(value, "__func__", value)  # for static and class methods
         if isinstance(value, type) or (hasattr(value, "__get__") and not inspect.isroutine(value)):
             continue  # nested classes and properties
         known = _METHODS if callable(value) else _DECLARED
@@ -551,13 +551,13 @@ def _refuse_misspelt(task: Task) -> None:
 
 
 def _is_near(name: str, value: Any, meant: str) -> bool:
-    """Return whether a name differs from the one that is meant by case, underscores, a plural or a typing error."""
+    """Return whether a name differs from the intended one only in case, underscores, a plural or a typing error."""
     if callable(value):
         needed = len(inspect.signature(getattr(Task, meant)).parameters)
         if _letters(name) == _letters(meant):
             return True
         if needed < 2 or needed != _count_parameters(value):
-            return False  # it could not be called in place of the other
+            return False  # it could not be called in place of the other method
     elif meant == "step_m" or name.strip("_").count("_") > meant.count("_"):
         return _letters(name) == _letters(meant)  # lidar_m or step_ms may be a quantity with its unit
     a, b = (_letters(text).removesuffix("s") for text in (name, meant))
@@ -567,7 +567,7 @@ def _is_near(name: str, value: Any, meant: str) -> bool:
 def _count_parameters(function: Any) -> int | None:
     try:
         return len(inspect.signature(function).parameters)
-    except ValueError:  # of some builtins
+    except ValueError:  # raised for some builtins
         return None
 
 
@@ -576,7 +576,7 @@ def _letters(name: str) -> str:
 
 
 def _counted(value: Any) -> str:
-    """Return what a value is, of a tuple also how long."""
+    """Describe a value by its type, and a tuple also by its length."""
     if value is None:
         return "None"
     return f"a tuple of {len(value)}" if isinstance(value, tuple) else type(value).__name__
@@ -589,7 +589,7 @@ def _check_actions_of_default_act(task: Task) -> None:
 
 
 def _identity(task: Task) -> str:
-    """Return what snapshots know a task by; the batch adds what it declares."""
+    """Return the identity of a task in snapshots; the batch adds the task's declarations."""
     return f"{type(task).__module__}.{type(task).__qualname__}, step_m={task.step_m}"
 
 

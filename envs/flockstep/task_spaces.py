@@ -1,4 +1,4 @@
-"""Gymnasium spaces from what a task declares."""
+"""Gymnasium spaces from a task's declarations."""
 
 from __future__ import annotations
 
@@ -11,13 +11,13 @@ from flockstep._core import Field, TaskSpec
 
 
 def observation_space(spec: TaskSpec) -> spaces.Space[Any]:
-    """Return the space of one env's observation: a Box, or a Dict of them where there are several fields."""
+    """Return the space of one env's observation: a Box, or a Dict of Boxes if there are several fields."""
     boxes: dict[str, spaces.Space[Any]] = {field.name: _box(field) for field in spec.observation}
     return spaces.Dict(boxes) if len(boxes) > 1 else next(iter(boxes.values()))
 
 
 def action_space(spec: TaskSpec) -> spaces.Space[Any]:
-    """Return the space of one env's action: integers are a Discrete, floats a Box."""
+    """Return the space of one env's action: a Discrete for integers, a Box for floats."""
     field = spec.action
     if field.dtype.startswith("int"):
         return spaces.Discrete(int(field.high) - int(field.low) + 1, start=int(field.low))

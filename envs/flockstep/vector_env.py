@@ -127,13 +127,13 @@ _Config = TypeVar("_Config")
 
 Array: TypeAlias = npt.NDArray[Any]
 BoolArray: TypeAlias = npt.NDArray[np.bool_]
-#: An array, or a dict of arrays where a task observes several fields.
+#: An array, or a dict of arrays if the task observes several fields.
 Observation: TypeAlias = Array | dict[str, Array]
 
-#: What a batch reports of episodes, beside their reward terms.
+#: A batch's values about episodes, in addition to their reward terms.
 _OF_EPISODES = ("episode_return", "episode_length", "success", "crashed", "bad_state", "episode_end")
 
-#: Configurations whose fields are keywords of the env: with every task, and with the task they describe.
+#: Configurations whose fields are keywords of the env: for every task, and for the task they describe.
 _CONFIGS_OF_ALL: tuple[Any, ...] = (EpisodeConfig, ClockConfig, DynamicsConfig)
 _CONFIGS_OF_TASKS: dict[Any, str] = {config: name for name, config in engine_tasks.items()}
 _TASK_CONFIGS: tuple[Any, ...] = tuple(config for config in engine_tasks.values() if config is not NavigationConfig)
@@ -146,106 +146,109 @@ _MODES = {
 
 
 class DroneVectorEnv(VectorEnv[Observation, Array, Array]):
-    """Drones in many envs, one call per step: a task of the engine, or a `Task` of your own.
+    """Drones in many envs, stepped by one call: with a task of the engine or your own `Task`.
 
-    Tasks of the engine: navigation, where none is given; `HoverConfig` and `TrackConfig`, whose drones fly by their
-    rotors (``flockstep/Hover-v0`` and ``flockstep/Track-v0``). The navigation tasks differ in what they observe, and so
+    The engine's tasks are navigation, the default, and `HoverConfig` and `TrackConfig`, which simulate the rotors
+    (``flockstep/Hover-v0`` and ``flockstep/Track-v0``). The navigation tasks differ in their observations and therefore
     in their defaults:
 
     - ``"goal"`` (``flockstep/LidarNavigation-v0``): float32 (3 + rays,), the unit direction to the current goal in the
       body frame, then the LiDAR ranges over the maximum range, 1 on a miss.
-    - ``"blob"`` (``flockstep/CameraNavigation-v0``): float32 (2 + rays,), where the green of the goal, or another
-      ``color``, is in the camera's image, as `flockstep.color_blob` has it (offset of its box from the image's centre
-      in x, over half the width, and its area over the image's; both 0 where the colour is not seen), then the ranges.
+    - ``"blob"`` (``flockstep/CameraNavigation-v0``): float32 (2 + rays,), the position and size of the goal's green, or
+      of another ``color``, in the camera's image, then the ranges. `flockstep.color_blob` computes the first two: the x
+      offset of the blob's box from the image's centre over half the width, and its area over the image's area; both are
+      0 if the colour is not visible.
     - ``"pixels"`` (``flockstep/CameraPixels-v0``): a dict of ``image``, uint8 (3, height, width), and ``ranges``,
       float32 (rays,). The camera's layout is ``"chw"``.
 
-    Env i is in world i modulo the number of worlds, unless ``random_world`` is set or they come from a `WorldPool`.
+    Env i flies in world i modulo the number of worlds, unless ``random_world`` is set or the worlds come from a
+    `WorldPool`.
 
     Parameters
     ----------
     num_envs
-        Number of envs, E; of drones, if ``drones_per_env`` is 1.
+        Number of envs, E; also the number of drones if ``drones_per_env`` is 1.
     worlds
         A set of `flockstep.scenes` (``"train"``, ``"validation"``), a scene name, a path, a `World`, or a sequence of
-        these; or a `WorldPool`, from which each episode draws one. Default: ``"train"``, for camera tasks
-        ``"camera-train"``; a `Task` declares its own.
+        these; or a `WorldPool`, from which each episode draws one. Default: ``"train"``, or ``"camera-train"`` for
+        camera tasks; a `Task` declares its own.
     task
-        Instead of the navigation task: a `HoverConfig` or a `TrackConfig`; a `Task` of your own (an object, or its
-        class), or a `NativeTask` in C++. Given to `gymnasium.make_vec`, it has the time limit of the id unless
-        ``max_episode_steps`` is given too.
+        A task other than navigation: a `HoverConfig` or a `TrackConfig`, your own `Task` (an object, or its class), or
+        a `NativeTask` in C++. In `gymnasium.make_vec` it gets the time limit of the id unless ``max_episode_steps`` is
+        also given.
     observation
-        Of the navigation task: ``"goal"``, ``"blob"`` or ``"pixels"``.
+        Observation of the navigation task: ``"goal"``, ``"blob"`` or ``"pixels"``.
     lidar
-        One, or a sequence of several; navigation observes the first. Default: that of the thesis, 35 beams over 270
-        degrees and 3 m, for camera tasks 20 over 180; a `Task` declares its own.
+        One `LidarConfig` or a sequence; navigation observes the first. Default: 35 beams over 270 degrees with a range
+        of 3 m, as in the thesis, or 20 beams over 180 degrees for camera tasks; a `Task` declares its own.
     camera
-        One, or a sequence of several; a camera task observes the first. Default: for camera tasks 64 x 48 pixels over
-        90 degrees, facing forward, otherwise none; a `Task` declares its own.
+        One `CameraConfig` or a sequence; a camera task observes the first. Default: 64 x 48 pixels over 90 degrees,
+        facing forward, for camera tasks, otherwise none; a `Task` declares its own.
     camera_backend
-        ``"raycast"``, whose images repeat to the bit, ``"gl"``, or ``"auto"`` for the faster of the two.
+        ``"raycast"``, which is bitwise reproducible, ``"gl"``, or ``"auto"`` for the faster of the two.
     tracer
-        ``"auto"``, ``"tiles"`` or ``"embree"``: how rays meet triangles; see `Batch`.
+        ``"auto"``, ``"tiles"`` or ``"embree"``: method of ray casting against triangles; see `Batch`.
     pose_sensor
         Default: an exact pose.
     imu
-        One, or a sequence of several. Default: none.
+        One `ImuConfig` or a sequence. Default: none.
     drone
-        A `DroneModel`, or what `DroneModel.load` takes: the name of a frame or a path. Default: the task's, for
-        navigation the 650-class quadrotor.
+        A `DroneModel`, or an argument of `DroneModel.load`: the name of a frame or a path. Default: the task's drone,
+        which for navigation is the 650-class quadrotor.
     max_episode_steps
-        Truncate episodes after this many flown steps, 0 for never. Default: the task's, for navigation 3000.
+        Truncate episodes after this many flown steps; 0 means never. Default: the task's limit, which for navigation is
+        3000.
     autoreset_mode
         ``"next_step"``, ``"same_step"``, ``"disabled"``, or the member of `gymnasium.vector.AutoresetMode`.
     copy
-        True: every returned array is new. False: observation, reward and flags are views of two slots that take turns;
-        a view holds until the step or reset after the next one.
+        True: every returned array is new. False: observation, reward and flags are views of two alternating buffers; a
+        view is valid until the step or reset after the next one.
     num_threads
-        0 means the physical cores this process may run on. No result depends on it.
+        Number of threads; 0 means one per physical core that this process may use. Results do not depend on it.
     reward_scale
-        `step` returns the rewards multiplied by this, for learners that need them small. The episode return in the
-        infos and ``batch.reward_terms`` are not scaled.
+        `step` returns the rewards multiplied by this, for learning algorithms that need small rewards. The episode
+        return in the infos and ``batch.reward_terms`` are not scaled.
     render_mode
         None, or ``"rgb_array"``: a picture of each env. For a window, wrap the env in
         `gymnasium.wrappers.vector.HumanRendering`.
     render_view
-        ``"top"``: the whole world from above, without what is higher than the drone, LiDAR beams included.
-        ``"camera"``: the last frame of the drone's own camera; black where it is stale. ``"third_person"``: from behind
-        and above the drone, with LiDAR beams, the cameras' views and the trail. ``"fleet"``: the same, with the other
-        drones of its world. Two points, such as ``((0, -8, 5), (4, 4, 1))``: the same as ``"fleet"``, from the one (m,
-        world frame) towards the other. Default: ``"third_person"`` for `HoverConfig` and `TrackConfig`, which shows
-        attitude and height, else ``"top"``.
+        ``"top"``: the whole world from above, cut off above the drone, with LiDAR beams. ``"camera"``: the last frame
+        of the drone's own camera; black if it is stale. ``"third_person"``: from behind and above the drone, with LiDAR
+        beams, camera frustums and the trail. ``"fleet"``: the same, with the other drones of its world. Two points (m,
+        world frame), such as ``((0, -8, 5), (4, 4, 1))``: the same as ``"fleet"``, seen from the first point towards
+        the second. Default: ``"third_person"`` for `HoverConfig` and `TrackConfig`, because it shows attitude and
+        height, otherwise ``"top"``.
     render_size
-        Width and height of the pictures in pixels. Default: 256 x 256 for ``"top"``, the camera's own for ``"camera"``,
-        whose pixels are enlarged or reduced to fit, else 640 x 480.
+        Width and height of the pictures in pixels. Default: 256 x 256 for ``"top"``, the camera's own size for
+        ``"camera"``, otherwise 640 x 480. With ``"camera"``, frames are scaled to fit another size.
     render_camera
         The name of the camera that ``render_view="camera"`` shows. Default: the first.
     drones_per_env
-        Number of drones in each env, M. They share a world and begin and end their episodes together, but neither sense
-        nor touch each other. Gymnasium counts one env per drone, so the `num_envs` of this object is then N = E M rows,
-        env by env: drone m of env i has row i M + m. Default: 1.
+        Number of drones in each env, M. They share a world and their episodes, but neither sense nor touch each other.
+        Gymnasium counts one env per drone, so the `num_envs` of this object is N = E M, the number of rows. Drone m of
+        env i has row i M + m. Default: 1.
     drone_mesh
-        How drones look in the views with depth, those from behind and from a fixed place: a `DroneMesh`. Default: the
-        drone's own look, with arms and rotors or its hull. Collisions use the hull of ``drone`` either way.
+        A `DroneMesh` that shows drones in the views with depth, from behind and from a fixed place. Default: a shape
+        from the drone's model, with arms and rotors or its hull. Collisions always use the hull of ``drone``.
     **fields
-        Fields of configurations. Their defaults are the task's; each configuration describes its fields.
+        Fields of configurations. The task sets their defaults; each configuration documents its fields.
 
-        With every task, of `EpisodeConfig`: ``frame_skip``, ``stagger_first_episode``, ``random_world``. Of
-        `ClockConfig`: ``policy_hz``, ``physics_hz``, ``controller_hz``. Of `DynamicsConfig`: ``motion``, ``control``,
+        For every task, from `EpisodeConfig`: ``frame_skip``, ``stagger_first_episode``, ``random_world``. From
+        `ClockConfig`: ``policy_hz``, ``physics_hz``, ``controller_hz``. From `DynamicsConfig`: ``motion``, ``control``,
         ``integrator``, ``on_contact``, ``restitution``, ``friction``, ``rotor_lag``, ``rotor_drag``, ``body_drag``,
         ``gyroscopic``, ``ground_effect``, ``wind``, ``max_speed_mps``, ``max_acceleration_mps2``, ``max_tilt_deg``,
         ``max_rate_dps``, ``max_yaw_rate_dps``.
 
-        With the navigation task, of `NavigationConfig`: ``action`` (``"discrete"``, ``"displacement"``,
-        ``"displacement_yaw"``, or ``"discrete_forward"``, the default of camera tasks), ``reward`` (the default of
-        camera tasks ends an episode that overshoots the goal), ``step_m``, ``yaw_step_deg``, ``random_start``,
+        For the navigation task, from `NavigationConfig`: ``action`` (``"discrete"``, ``"displacement"``,
+        ``"displacement_yaw"``, or ``"discrete_forward"``, the default for camera tasks), ``reward`` (for camera tasks
+        the default ends an episode that overshoots the goal), ``step_m``, ``yaw_step_deg``, ``random_start``,
         ``color``.
 
-        With the hover task, of `HoverConfig`: ``start_offset_m``, ``start_tilt_deg``, ``start_speed_mps``,
+        For the hover task, from `HoverConfig`: ``start_offset_m``, ``start_tilt_deg``, ``start_speed_mps``,
         ``start_rate_dps``, ``max_distance_m``, ``hold_m``, ``hold_s``, ``near_weight``, ``hold_weight``,
         ``speed_weight``, ``spin_weight``, ``change_weight``, ``crash_weight``.
 
-        With the track task, of `TrackConfig`: ``path``, ``yaw``, ``size_m``, ``speed_mps``, ``start_offset_m``,
+        For the track task, from `TrackConfig`: ``path``, ``yaw``, ``size_m``, ``speed_mps``, ``start_offset_m``,
         ``points``, ``ahead_s``, ``max_distance_m``, ``close_m``, ``near_weight``, ``close_weight``, ``yaw_weight``,
         ``spin_weight``, ``change_weight``, ``crash_weight``.
 
@@ -261,54 +264,55 @@ class DroneVectorEnv(VectorEnv[Observation, Array, Array]):
     batch
         The `Batch` that flies them, until `close`.
     task
-        The task, as given or with the fields that keywords set; None is the navigation task.
+        The given task, with fields set by keywords; None is the navigation task.
     lidar
-        The `LidarConfig` in use, or the first of several; None without one.
+        The first `LidarConfig` in use, or None.
     lidars
         The list of `LidarConfig` in use.
     cameras
         The list of `CameraConfig` in use.
     observation_space, action_space
-        Of all envs.
+        Spaces of all envs.
     single_observation_space, single_action_space
-        Of one env.
+        Spaces of one env.
     autoreset_mode
         A member of `gymnasium.vector.AutoresetMode`.
     copy
-        Whether returned arrays are new.
+        True if returned arrays are new.
     reward_scale
         Factor of the returned rewards.
     render_mode
         None or ``"rgb_array"``.
     trail
-        The past positions of the drones, if a picture shows them, otherwise None.
+        The past positions of the drones if the pictures show them, otherwise None.
     metadata
         Render modes, pictures per second and autoreset mode, for Gymnasium.
     spec
         The `gymnasium.envs.registration.EnvSpec` that made the env, or None.
     closed
-        Whether `close` was called.
+        True once `close` was called.
 
     Infos
     -----
-    Only steps in which an episode ended carry infos: ``episode_return``, ``episode_length``, ``success``, ``crashed``,
-    ``bad_state`` and ``episode_end``, each of length N with its mask ``_key``; ``episode_terms``, a dict of the sum of
-    each of the reward's terms, likewise; and what a `Task` names in its ``info_names``. With same-step autoreset these
-    are inside ``final_info``, beside ``final_obs``. With autoreset disabled, a finished env repeats its flags and infos
-    until it is reset. ``episode_end`` says why the episode ended, as a value of `EpisodeEnd`. An episode ends with
-    ``bad_state`` if a target, a reward or an observation was not finite; ``batch.bad_states`` counts them.
+    Only steps in which an episode ended have infos: ``episode_return``, ``episode_length``, ``success``, ``crashed``,
+    ``bad_state`` and ``episode_end``, each of length N with its mask ``_key``; ``episode_terms``, a dict with the sum
+    of each reward term, also with masks; and the values that a `Task` names in its ``info_names``. With same-step
+    autoreset these are inside ``final_info``, beside ``final_obs``. With autoreset disabled, a finished env repeats its
+    flags and infos until it is reset. ``episode_end`` is the reason for the end, a value of `EpisodeEnd`. An episode
+    ends with ``bad_state`` if a target, a reward or an observation was not finite; ``batch.bad_states`` counts these
+    episodes.
 
     Raises
     ------
     ValueError
-        A value out of its range; the message names it.
+        A value is out of range; the message names it.
     TypeError
-        A keyword that does not exist, or one of another task.
+        A keyword does not exist, or belongs to another task.
     """
 
     metadata: dict[str, Any] = {  # noqa: RUF012
         "render_modes": ["rgb_array"],
-        "render_fps": 10,  # of an env: at the speed of real flight
+        "render_fps": 10,  # of an env, at the speed of real flight
         "autoreset_mode": AutoresetMode.NEXT_STEP,
     }
     spec: Any = serialization.PlainSpec()
@@ -348,7 +352,7 @@ class DroneVectorEnv(VectorEnv[Observation, Array, Array]):
         )
         own_fields = {name: serialization.from_plain(value) for name, value in fields.items()}
         require_render_mode(render_mode, "gymnasium.wrappers.vector.HumanRendering")
-        is_flight = isinstance(task, (HoverConfig, TrackConfig))  # the overlay draws what these two observe
+        is_flight = isinstance(task, (HoverConfig, TrackConfig))  # the overlay draws the observed target of these two
         if render_view is None:
             render_view = "third_person" if is_flight else "top"
         shown = views.choose(render_view, render_size, render_camera)
@@ -385,7 +389,7 @@ class DroneVectorEnv(VectorEnv[Observation, Array, Array]):
         self._rows_per_env = self.drones_per_env if self.batch.spec.row == "drone" else 1
         self.num_envs = self.num_groups * self._rows_per_env
         flown_hz = self.batch.clock.policy_hz / recipe.episode.frame_skip
-        self.metadata["render_fps"] = max(1, round(flown_hz))  # a picture of each step, as fast as it is flown
+        self.metadata["render_fps"] = max(1, round(flown_hz))  # one picture per step, at the speed of flight
         self._task_calls = calls
         self._reward_terms = self.batch.spec.reward_terms
         if calls is None:
@@ -399,9 +403,9 @@ class DroneVectorEnv(VectorEnv[Observation, Array, Array]):
         self.action_space = batch_space(self.single_action_space, self.num_envs)
 
         self._same_step = self.autoreset_mode is AutoresetMode.SAME_STEP
-        self._seeded = False  # every env has a seed, so an observation to return and an episode to go on from
+        self._seeded = False  # every env has a seed, and therefore an observation and an episode to continue
         self._view: views.View | None = None
-        self.trail: Trail | None = None  # where the drones have been, if a picture shows it
+        self.trail: Trail | None = None  # past positions of the drones, if the pictures show them
         if render_mode is not None:
             flight = FlightOverlay(height=shown.view != "top") if is_flight else None
             overlay = task if isinstance(task, Task) else flight
@@ -414,18 +418,18 @@ class DroneVectorEnv(VectorEnv[Observation, Array, Array]):
         Parameters
         ----------
         recipe
-            A `Recipe`, or its JSON text. A task of your own stands in it as the id under which `register_task`
-            registered it in this process.
+            A `Recipe`, or its JSON text. It names your own task by the id that `register_task` registered in this
+            process.
         allow_files
-            Whether worlds and drone may be files outside of the folder of bundled scenes.
+            Allow worlds and drone to be files outside the folder of bundled scenes.
         **keywords
-            Keywords of the env that are no part of a recipe, such as ``copy`` and ``render_mode``; others replace the
-            values of the recipe.
+            Keywords of the env that a recipe lacks, such as ``copy`` and ``render_mode``; other keywords override the
+            recipe.
 
         Raises
         ------
         ValueError
-            An invalid recipe, a path that is not allowed, or an id that is not registered.
+            The recipe is invalid, a path is not allowed, or an id is not registered.
         """
         recipe = Recipe.from_json(recipe) if isinstance(recipe, str) else recipe
         if not allow_files:
@@ -455,9 +459,9 @@ class DroneVectorEnv(VectorEnv[Observation, Array, Array]):
 
     @property
     def recipe(self) -> Recipe:
-        """Everything that the batch is built from, a copy. Its worlds are empty if they were given as objects.
+        """A copy of the recipe from which the batch is built. Its worlds are empty if they were given as objects.
 
-        A task of your own stands in it as the id that Gymnasium made the env by, otherwise as the name of its class.
+        It names your own task by the Gymnasium id that made the env, otherwise by the name of its class.
         """
         recipe = Recipe.from_json(self._recipe.to_json())
         if isinstance(recipe.task, str) and self.spec is not None:
@@ -465,7 +469,7 @@ class DroneVectorEnv(VectorEnv[Observation, Array, Array]):
         return recipe
 
     def __getstate__(self) -> dict[str, Any]:
-        """Return the arguments and a snapshot: a copy goes on as this one does. Its pictures begin a new trail."""
+        """Return the arguments and a snapshot, so that a copy continues from here. Its pictures begin a new trail."""
         self._require_open()
         random = {"_np_random": self.np_random, "_np_random_seed": self.np_random_seed}  # drawn now, if not before
         return {
@@ -476,9 +480,9 @@ class DroneVectorEnv(VectorEnv[Observation, Array, Array]):
         }
 
     def __setstate__(self, state: dict[str, Any]) -> None:
-        """Make the env of its arguments and restore the snapshot."""
+        """Make the env from its arguments and restore the snapshot."""
         arguments, snapshot = state.pop("arguments"), state.pop("snapshot")
-        self.__init__(**arguments)  # type: ignore[misc] # as unpickling leaves it, it is not made yet
+        self.__init__(**arguments)  # type: ignore[misc] # unpickling does not call __init__
         self.spec = state.pop("spec")
         self.__dict__.update(state)
         if snapshot is not None:
@@ -492,16 +496,16 @@ class DroneVectorEnv(VectorEnv[Observation, Array, Array]):
         Parameters
         ----------
         seed
-            s: env i gets the seed s + i. A sequence of E numbers: env i gets seed[i]. None: each env goes on with the
-            next episode of the seed it has; the first time, seeds are drawn from `np_random`.
+            One number s: env i gets the seed s + i. A sequence of E numbers: env i gets seed[i]. None: each env begins
+            the next episode of its current seed; the first time, seeds are drawn from `np_random`.
         options
-            ``{"reset_mask": mask}`` with a bool array of one flag per row resets the envs where it is True. The drones
-            of an env begin together, so a mask that selects some of them is refused. The dict is not changed.
+            ``{"reset_mask": mask}`` with a bool array, one flag per row, resets the envs whose flag is True. The drones
+            of an env begin together, so a mask that selects only some of them is rejected. The dict is not changed.
 
         Returns
         -------
         observation, infos
-            Of all envs, also of those that were not reset; infos is empty.
+            Values of all envs, including those that were not reset; infos is empty.
         """
         self._require_open()
         mask = self._reset_mask(options)
@@ -511,7 +515,7 @@ class DroneVectorEnv(VectorEnv[Observation, Array, Array]):
                 raise ResetNeeded("the first reset must be of all envs or come with a seed")
             seeds = self._seeds(int(self.np_random.integers(1 << 62)))
         if seeds is not None and not self._seeded and mask is not None and not mask.all():
-            self.batch.reset(seeds)  # the envs outside the mask too: no env is ever without a state
+            self.batch.reset(seeds)  # also reset the envs outside the mask: every env must have a state
         self.batch.reset(seeds, mask)
         if self.closed:
             raise RuntimeError("this env was closed by its task while it reset: close it after reset() has returned")
@@ -526,7 +530,7 @@ class DroneVectorEnv(VectorEnv[Observation, Array, Array]):
         Parameters
         ----------
         actions
-            (N,) integers, or (N, k) floats in [-1, 1], as `action_space` says.
+            (N,) integers, or (N, k) floats in [-1, 1], according to `action_space`.
 
         Returns
         -------
@@ -537,9 +541,9 @@ class DroneVectorEnv(VectorEnv[Observation, Array, Array]):
         Raises
         ------
         ValueError
-            Actions of a wrong shape or dtype, or not finite; nothing has changed then.
+            Actions have a wrong shape or dtype, or are not finite; nothing has changed.
         gymnasium.error.ResetNeeded
-            Before the first `reset`.
+            `step` was called before the first `reset`.
         """
         if not self._seeded:
             self._require_open()
@@ -565,12 +569,12 @@ class DroneVectorEnv(VectorEnv[Observation, Array, Array]):
         Parameters
         ----------
         indices
-            Of which envs, in this order. Default: all. A picture takes milliseconds: of many envs, choose some.
+            Envs to show, in this order. Default: all. A picture takes milliseconds, so choose a few of many envs.
 
         Raises
         ------
         ValueError
-            An index that is not an integer from 0 to N - 1.
+            An index is not an integer from 0 to N - 1.
         """
         self._require_open()
         if self._view is None:
@@ -580,7 +584,7 @@ class DroneVectorEnv(VectorEnv[Observation, Array, Array]):
         return tuple(self._view.frame(i * drones_per_row) for i in chosen)
 
     def snapshot(self) -> bytes:
-        """Return everything the next step depends on, the state of a `Task` included."""
+        """Return everything that affects later steps, including the state of a `Task`."""
         self._require_open()
         if not self._seeded:
             raise ResetNeeded("call reset before snapshot")
@@ -592,14 +596,14 @@ class DroneVectorEnv(VectorEnv[Observation, Array, Array]):
         return observation
 
     def scaled_reward(self) -> npt.NDArray[np.float32]:
-        """Return the rewards (N,) of the last step times ``reward_scale``; where that is 1, a view as `observation`."""
+        """Return the last step's rewards (N,) times ``reward_scale``; if that is 1, a view like `observation`."""
         reward: npt.NDArray[np.float32] = self.batch.reward
         return reward if self.reward_scale == 1 else np.multiply(reward, self.reward_scale, dtype=np.float32)
 
     def episode_infos(self, indices: npt.NDArray[np.intp] | None = None) -> dict[str, Any]:
-        """Return what is reported of the episodes of the envs ``indices``, by default all, by name, as new arrays.
+        """Return the reports on the episodes of the envs ``indices``, by default all, by name, as new arrays.
 
-        Of episodes that have not ended it is what there is so far.
+        For unfinished episodes these are the values so far.
         """
         batch, rows = self.batch, slice(None) if indices is None else indices
         report = {name: getattr(batch, name)[rows] for name in _OF_EPISODES}
@@ -617,12 +621,12 @@ class DroneVectorEnv(VectorEnv[Observation, Array, Array]):
         return [{name: rows[i, ...] for name, rows in parts.items()} for i in range(len(indices))]
 
     def restore(self, blob: bytes) -> Observation:
-        """Go back to a snapshot and return the observation (N, ...) it was taken at.
+        """Go back to a snapshot and return its observation (N, ...).
 
         Raises
         ------
         ValueError
-            The snapshot is of an env with another configuration; nothing has changed then.
+            The snapshot belongs to an env with another configuration; nothing has changed.
         """
         self._require_open()
         self.batch.restore(blob)
@@ -637,18 +641,18 @@ class DroneVectorEnv(VectorEnv[Observation, Array, Array]):
         return self._per_env(value(*args, **kwargs) if callable(value) else value)
 
     def get_attr(self, name: str) -> tuple[Any, ...]:
-        """Return an attribute of this env or its `Task` for each env: its rows if it has N of them, else N times it."""
+        """Return an attribute of this env or its `Task` for each env: its rows if it has N rows, otherwise N copies."""
         return self._per_env(getattr(self._owner_of(name), name))
 
     def set_attr(self, name: str, values: Any) -> None:
-        """Set an attribute of this env, or else of its `Task`, which all its drones share.
+        """Set an attribute of this env, or otherwise of its `Task`. All drones share it.
 
         Raises
         ------
         ValueError
-            A list or tuple that does not hold the same value N times.
+            A list or tuple does not hold the same value N times.
         AttributeError
-            Neither has it, or it is read only when an env is made, such as a task's ``reward_terms``.
+            Neither has the attribute, or it is only read when an env is made, such as a task's ``reward_terms``.
         """
         if isinstance(values, (list, tuple)):
             if len(values) != self.num_envs or any(value != values[0] for value in values):
@@ -664,7 +668,7 @@ class DroneVectorEnv(VectorEnv[Observation, Array, Array]):
         setattr(owner, name, values)
 
     def close_extras(self, **kwargs: Any) -> None:
-        """Let go of the batch. Arrays handed out with ``copy=False`` stay valid."""
+        """Release the batch. Arrays returned with ``copy=False`` stay valid."""
         self._seeded = False
         self._view = self.trail = None
         self.__dict__.pop("batch", None)
@@ -673,10 +677,10 @@ class DroneVectorEnv(VectorEnv[Observation, Array, Array]):
         indices = np.flatnonzero(ended)
 
         def spread(report: dict[str, Any]) -> dict[str, Any]:
-            """Return the values in rows of all envs, 0 for whoever forgets the mask."""
+            """Scatter the values to rows of all envs, with 0 elsewhere."""
             arrays: dict[str, Any] = {}
             for name, values in report.items():
-                if isinstance(values, dict):  # the reward's terms: all of one type
+                if isinstance(values, dict):  # the reward terms, which share one type
                     rows = np.zeros((len(values), self.num_envs))
                     rows[:, indices] = list(values.values())
                     arrays[name] = _masked(dict(zip(values, rows, strict=True)), ended)
@@ -701,7 +705,7 @@ class DroneVectorEnv(VectorEnv[Observation, Array, Array]):
         return observation.copy()
 
     def _owner_of(self, name: str) -> Any:
-        """Return the task where it alone has an attribute, else this env."""
+        """Return the task if only it has the attribute, otherwise this env."""
         is_of_task = not hasattr(self, name) and isinstance(self.task, Task) and hasattr(self.task, name)
         return self.task if is_of_task else self
 
@@ -732,7 +736,7 @@ class DroneVectorEnv(VectorEnv[Observation, Array, Array]):
             if not isinstance(s, (int, np.integer)) or isinstance(s, bool) or not 0 <= int(s) < 1 << 64:
                 raise ValueError(f"seed: expected integers from 0 to 2**64 - 1, got {s!r}")
         super().reset(seed=int(seed[0]))  # seeds np_random
-        self._np_random_seed = tuple(int(s) for s in seed)  # type: ignore[assignment] # as SyncVectorEnv has it
+        self._np_random_seed = tuple(int(s) for s in seed)  # type: ignore[assignment] # like SyncVectorEnv
         return np.array(seed, dtype=np.uint64)
 
     def _reset_mask(self, options: Mapping[str, Any] | None) -> BoolArray | None:
@@ -758,7 +762,7 @@ class DroneVectorEnv(VectorEnv[Observation, Array, Array]):
 
 
 def _masked(arrays: Mapping[str, Any], mask: BoolArray) -> dict[str, Any]:
-    """Return infos as Gymnasium has them: beside each key, where it counts."""
+    """Return infos in Gymnasium's format, with a mask for each key."""
     infos: dict[str, Any] = {}
     for key, value in arrays.items():
         infos[key], infos[f"_{key}"] = value, mask
@@ -768,9 +772,9 @@ def _masked(arrays: Mapping[str, Any], mask: BoolArray) -> dict[str, Any]:
 def _recipe_for(
     task: Any, observation: str, episode: dict[str, Any], chosen: dict[type, dict[str, Any]]
 ) -> tuple[Recipe, Any, NativeTask | PythonTask | None, TaskCalls | None]:
-    """Return the recipe of a task with its defaults and the chosen fields, the task, and what `Batch` runs for it.
+    """Return a task's recipe with defaults and chosen fields, the task, its form for `Batch`, and its calls.
 
-    The last two are None for tasks of the engine, which a recipe describes whole.
+    The last two are None for tasks of the engine, which a recipe describes completely.
     """
     own_task: NativeTask | PythonTask | None = None
     calls: TaskCalls | None = None
@@ -824,7 +828,7 @@ def _set_given(recipe: Recipe, **values: Any) -> None:
 
 
 def _drone(drone: Any) -> DroneModel | str | None:
-    """Return a drone as a recipe takes it."""
+    """Return a drone in the form for a recipe."""
     if drone is None or isinstance(drone, DroneModel):
         return drone
     if isinstance(drone, (str, PathLike)):
@@ -833,14 +837,14 @@ def _drone(drone: Any) -> DroneModel | str | None:
 
 
 def _names(worlds: Any) -> list[str]:
-    """Return the names or paths of worlds; nothing for worlds that are given as objects, which a recipe cannot name."""
+    """Return the names or paths of worlds; an empty list for worlds given as objects, which a recipe cannot name."""
     listed = [worlds] if isinstance(worlds, (str, PathLike)) else worlds
     are_names = isinstance(listed, Sequence) and all(isinstance(name, (str, PathLike)) for name in listed)
     return [fspath(name) for name in listed] if are_names else []
 
 
 def _changed(config: _Config, fields: Mapping[str, Any] | None) -> _Config:
-    """Return a copy of a configuration with other values of some fields, which the engine checks together."""
+    """Return a copy of a configuration with some fields changed; the engine checks the fields together."""
     copy = copied(config)
     for name, value in (fields or {}).items():
         setattr(copy, name, value)
@@ -848,12 +852,12 @@ def _changed(config: _Config, fields: Mapping[str, Any] | None) -> _Config:
 
 
 def _by_config(fields: dict[str, Any], task: Any) -> dict[type, dict[str, Any]]:
-    """Return the keywords by the configuration that has a field of their name.
+    """Group the keywords by the configuration that has a field of this name.
 
     Raises
     ------
     TypeError
-        A name that is no keyword, or one of another task than this.
+        A name is not a keyword, or it belongs to another task.
     """
     kind = NavigationConfig if task is None else type(task)
     configs = [*_CONFIGS_OF_ALL, *(config for config in _CONFIGS_OF_TASKS if config is kind)]
@@ -872,20 +876,20 @@ def _by_config(fields: dict[str, Any], task: Any) -> dict[type, dict[str, Any]]:
 
 
 def _refuse_keywords_on(task: Task) -> None:
-    """Raise TypeError where the class of a task declares a keyword of the env that no env reads from a task."""
+    """Raise TypeError if the class of a task declares a keyword of the env that no env reads from a task."""
     kind = type(task)
     config_of = dict.fromkeys(ClockConfig.__match_args__, "clock")
     config_of |= dict.fromkeys(DynamicsConfig.__match_args__, "dynamics")
     keywords = {*config_of, *EpisodeConfig.__match_args__, *inspect.signature(DroneVectorEnv).parameters, "cameras"}
-    keywords -= {"self", "fields", "task", "observation", "copy"}  # of no use on a class, or names for anything
+    keywords -= {"self", "fields", "task", "observation", "copy"}  # of no use on a class, or common names
     for name in sorted(name for name in keywords if not hasattr(Task, name)):
         value = inspect.getattr_static(kind, name, None)
-        if value is None or callable(value) or hasattr(value, "__get__"):  # methods and properties of its own
+        if value is None or callable(value) or hasattr(value, "__get__"):  # own methods and properties
             continue
         config = config_of.get(name)
         said: Any = None if config is None else getattr(getattr(task, config), name, None)
         if said is not None and np.array_equal(said, value):
-            continue  # another name for what the configuration says
+            continue  # another name for the same value of the configuration
         advice = "give it to the env"
         if name == "cameras":
             advice = "write camera = ..., one or a sequence"
@@ -895,7 +899,7 @@ def _refuse_keywords_on(task: Task) -> None:
 
 
 def _listed(given: Any, kind: type[_Sensor], name: str) -> list[_Sensor]:
-    """Return copies of no, one or several configurations of sensors."""
+    """Return copies of the given sensor configurations: none, one or several."""
     if given is None:
         return []
     configs = list(given) if isinstance(given, Sequence) else [given]
@@ -912,7 +916,7 @@ def _reward_scale(scale: Any) -> float:
 
 
 def require_render_mode(mode: str | None, window: str) -> None:
-    """Raise ValueError if the envs have no such render mode; for ``"human"`` name the wrapper that shows a window."""
+    """Raise ValueError for an unknown render mode; for ``"human"`` name the wrapper that shows a window."""
     modes = DroneVectorEnv.metadata["render_modes"]
     if mode is None or mode in modes:
         return
@@ -937,7 +941,7 @@ def _members(drones_per_env: Any) -> int:
 
 def _autoreset_mode(mode: str | AutoresetMode) -> AutoresetMode:
     if mode in tuple(AutoresetMode) or mode in tuple(member.value for member in AutoresetMode):
-        return AutoresetMode(mode)  # Gymnasium's own, and as it writes them: "SameStep"
+        return AutoresetMode(mode)  # Gymnasium's own members and their values, such as "SameStep"
     if mode not in _MODES:
         raise ValueError(f"autoreset_mode: expected {', '.join(map(repr, _MODES))} or an AutoresetMode, got {mode!r}")
     return _MODES[mode]

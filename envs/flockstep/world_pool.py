@@ -1,4 +1,4 @@
-"""Worlds without end, built ahead in the background; every episode draws one."""
+"""Endless worlds, built ahead in the background, from which every episode draws one."""
 
 from __future__ import annotations
 
@@ -16,39 +16,37 @@ import numpy as np
 
 from flockstep._core import World
 
-#: How hard world number k is: a function of k, or (first, last, over), which goes evenly from the one to the other.
+#: Difficulty of world k: a function of k, or (first, last, over), a linear schedule from first to last.
 Difficulty: TypeAlias = Callable[[int], float] | tuple[float, float, int]
 
-_MOST = 1 << 24  # as many worlds as a draw can tell apart
+_MOST = 1 << 24  # maximum number of worlds that one draw can distinguish
 
 
 class WorldPool:
-    """An endless series of worlds, number 0, 1, 2, ..., of which every episode draws one: ``worlds=`` of an env.
+    """An endless series of worlds with numbers 0, 1, 2, ...; every episode of an env with ``worlds=pool`` draws one.
 
     >>> pool = flockstep.WorldPool(lambda number: flockstep.World.playground(seed=number), size=64, fresh=0.1)
     >>> envs = gymnasium.make_vec("flockstep/LidarNavigation-v0", num_envs=1024, worlds=pool)
 
-    Episode n of an env is flown in world number ``floor(n * fresh) + floor(u * size)``, where u in [0, 1) is drawn by
-    the env's seed and n alone. Worlds are built on threads in the background, beginning with those that the next
-    episodes draw. A reset or step that needs one that is not ready waits for it, so the same seeds give the same bits,
-    however long a world takes.
+    Episode n of an env uses world number ``floor(n * fresh) + floor(u * size)``, with u in [0, 1) drawn from only the
+    env's seed and n. Background threads build the worlds, beginning with those of the next episodes. A reset or step
+    that needs an unfinished world waits for it, so the same seeds give the same bits for any build time.
 
     Parameters
     ----------
     make
-        Returns the `World` of a number, the same one whenever it is called. With a ``difficulty``, it is called with
-        the number and its difficulty.
+        A function that returns the `World` of a number, the same world on every call. With a ``difficulty``, it is
+        called with the number and its difficulty.
     size
-        How many worlds are drawn from, from 1 to 2**24.
+        Number of worlds that a draw selects from, 1 to 2**24.
     fresh
-        How many new worlds take the place of the oldest from one episode of an env to the next, from 0 to 2**24. With
-        0, the same ``size`` worlds are drawn from for ever.
+        Number of new worlds that replace the oldest ones per episode of an env, 0 to 2**24. With 0, the same ``size``
+        worlds are used forever.
     difficulty
-        Where ``fresh`` is more than 0, this is a curriculum: a function of the number, or a schedule
-        ``(first, last, over)``, which goes evenly from ``first``, for world 0, to ``last``, for world ``over`` and all
-        after it.
+        A curriculum if ``fresh`` is above 0: a function of the number, or a linear schedule ``(first, last, over)``
+        from ``first``, for world 0, to ``last``, for world ``over`` and all later ones.
     threads
-        That build: ``make`` is called on so many at once.
+        Number of building threads, which call ``make`` in parallel.
     """
 
     def __init__(
@@ -72,7 +70,7 @@ class WorldPool:
         return f"WorldPool({self.make!r}, size={self.size}, fresh={self.fresh})"
 
     def difficulty_of(self, number: int) -> float:
-        """Return the difficulty of a world, 0 where the pool has none."""
+        """Return the difficulty of a world, or 0 if the pool has none."""
         if self.difficulty is None:
             return 0.0
         if callable(self.difficulty):
@@ -84,14 +82,14 @@ class WorldPool:
         return first + (last - first) * min(number / over, 1.0)
 
     def world(self, number: int) -> World:
-        """Return the world of a number, which is made now.
+        """Make and return the world of a number.
 
         Raises
         ------
         RuntimeError
-            ``make`` raised something, which is the cause of this.
+            ``make`` raised an exception, which is the cause of this one.
         TypeError
-            ``make`` returned something else.
+            ``make`` did not return a `World`.
         """
         try:
             made = self.make(number) if self.difficulty is None else self.make(number, self.difficulty_of(number))
@@ -103,27 +101,27 @@ class WorldPool:
 
 
 class Builds:
-    """The worlds of a pool that one batch needs now or soon: those that are built, and those that will be.
+    """The worlds of a pool that one batch needs now or soon: finished and pending ones.
 
-    It keeps as many as a draw chooses from, and one for each env. What has not been asked for the longest goes first;
-    it is made anew where it is asked for again. Called by the batch, by one thread at a time.
+    It keeps as many worlds as a draw selects from, plus one for each env. The least recently requested world is evicted
+    and made again on the next request. Only the batch calls it, from one thread at a time.
     """
 
     def __init__(self, pool: WorldPool, num_envs: int, prepare: Callable[[World], None]) -> None:
         self._pool = pool
-        self._prepare = prepare  # what the batch would else do in the middle of a step
+        self._prepare = prepare  # work that the batch would otherwise do during a step
         self._most = pool.size + num_envs
         self._builds: OrderedDict[int, Future[World]] = OrderedDict()
         self._line = _Line(pool.threads)
         weakref.finalize(self, self._line.close)
 
     def want(self, numbers: Sequence[int]) -> None:
-        """Build these worlds, after those that have been wanted before."""
+        """Build these worlds, after all earlier requests."""
         for number in numbers:
             self._build(number)
 
     def get(self, number: int) -> World:
-        """Return a world; wait until it is built. What has failed is tried again the next time."""
+        """Return a world; wait until it is built. A failed build is tried again on the next request."""
         build = self._build(number)
         try:
             return build.result()
@@ -136,19 +134,19 @@ class Builds:
             self._builds.move_to_end(number)
             return self._builds[number]
         build = self._builds[number] = Future()
-        pool, prepare = self._pool, self._prepare  # not self: what waits must not keep it
+        pool, prepare = self._pool, self._prepare  # not self: queued work must not keep it alive
         self._line.add(lambda: _run(build, pool, prepare, number))
         while len(self._builds) > self._most:
             _, oldest = self._builds.popitem(last=False)
-            oldest.cancel()  # unless it has begun
+            oldest.cancel()  # has no effect once the build has begun
         return build
 
 
 class _Line:
-    """What is to be done in turn, on some threads in the background.
+    """A queue of work for some background threads.
 
-    Each piece is handed to the executor when one before it is done. An executor finishes all that it has been given
-    before the program may end, and takes no more from then on: so no more is begun.
+    Each piece is handed to the executor when an earlier one is done. At the end of the program an executor finishes all
+    its submitted work and accepts no more, so no further piece is begun.
     """
 
     def __init__(self, threads: int) -> None:
@@ -166,10 +164,10 @@ class _Line:
         self._executor.submit(self._next)
 
     def close(self) -> None:
-        """Begin nothing more. The executor's threads go with it, once they are through with what they are at.
+        """Begin no more work. The executor's threads end after their current work.
 
-        This may be called by the garbage collector, in whatever a thread is at, also while it holds the locks of this
-        line or of any executor. So it takes none, and leaves it to the executor to end with its last reference.
+        The garbage collector may call this at any point of a thread, even while the thread holds the locks of this
+        queue or of any executor. Therefore it takes no lock, and the executor ends with its last reference.
         """
         self._waiting.clear()
 
@@ -177,11 +175,11 @@ class _Line:
         with self._lock:
             try:
                 work = self._waiting.popleft()
-            except IndexError:  # none, or closed just now
+            except IndexError:  # empty, or just closed
                 self._idle += 1
                 return
         work()
-        del work  # and what it holds
+        del work  # releases the objects it holds
         with contextlib.suppress(RuntimeError):  # the program is ending
             self._executor.submit(self._next)
 

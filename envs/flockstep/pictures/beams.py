@@ -1,4 +1,4 @@
-"""Where LiDAR beams begin and end, to be drawn."""
+"""Start and end points of LiDAR beams, for drawing."""
 
 from __future__ import annotations
 
@@ -12,9 +12,9 @@ Points = npt.NDArray[np.float64]
 
 
 def beams_of(batch: Batch, drone: int) -> tuple[Points, Points, npt.NDArray[np.bool_]]:
-    """Return where the beams of one drone begin (3,) m and end (K, 3) m, world frame, and which hit something (K,).
+    """Return the start (3,) m and ends (K, 3) m of one drone's beams in the world frame, and a hit mask (K,).
 
-    One that hits nothing ends at the LiDAR's range. Without a LiDAR, or before its first scan, there are none.
+    A beam without a hit ends at the LiDAR's range. Without a LiDAR, or before its first scan, there are no beams.
     """
     position = np.asarray(batch.position[drone], float)
     if batch.lidar_name is None:

@@ -1,4 +1,4 @@
-"""What a drone looks like: its mesh; else a middle, arms and discs where rotors turn, or its hull where none do."""
+"""The drawn shape of a drone: its mesh; otherwise a quadrotor with arms and rotor discs, or its hull without rotors."""
 
 from __future__ import annotations
 
@@ -14,11 +14,11 @@ from flockstep.drone_mesh import DroneMesh
 from flockstep.pictures.depth_canvas import Color, DepthCanvas, Floats
 from flockstep.rotations import rotate
 
-_Rgb: TypeAlias = tuple[float, float, float]  # linear, as materials are
+_Rgb: TypeAlias = tuple[float, float, float]  # linear, like materials
 
 _MIDDLE: _Rgb = (0.05, 0.06, 0.08)
 _ARM: _Rgb = (0.12, 0.13, 0.16)
-_FRONT: _Rgb = (0.85, 0.22, 0.05)  # rotors, so that one sees where it is heading
+_FRONT: _Rgb = (0.85, 0.22, 0.05)  # rotors, to show the heading
 _REAR: _Rgb = (0.08, 0.18, 0.5)
 _HULL: _Rgb = (0.03, 0.09, 0.42)
 _PALE = np.array([0.6, 0.7, 0.85])
@@ -43,9 +43,9 @@ class Body:
     Parameters
     ----------
     drone
-        The model. With rotors it is drawn as a quadrotor, the front ones orange; without, as its hull with edges.
+        The model. With rotors it is drawn as a quadrotor with orange front rotors, otherwise as its hull with edges.
     mesh
-        What is drawn instead. None: the model.
+        Drawn instead of the model. None: the model.
     """
 
     def __init__(self, drone: DroneModel, mesh: DroneMesh | None = None) -> None:
@@ -68,7 +68,7 @@ class Body:
     def draw(
         self, canvas: DepthCanvas, position: Floats, quat_wxyz: Floats, *, pale: bool = False, line_px: int = 1
     ) -> None:
-        """Draw it at a pose; pale: as one of the others."""
+        """Draw it at a pose, in pale colours for other drones."""
         axes = rotate(quat_wxyz, np.eye(3))
         if self._mesh is not None:
             shades = canvas.shaded(self._normals @ axes, _tinted(self._mesh.colors, pale))
@@ -91,12 +91,12 @@ def _quadrotor(hubs: Floats, radius_m: float) -> list[_Part]:
     angle = np.linspace(0, 2 * np.pi, _DISC_SIDES, endpoint=False)
     disc = radius * np.stack([np.cos(angle), np.sin(angle)], axis=1)
     square = radius * np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]])
-    # Arms are level and begin within the middle, however high the hubs are.
+    # Arms are level and begin inside the middle, at any height of the hubs.
     low, high = min(hubs[:, 2].min() - 0.15 * radius, -0.3 * radius), max(hubs[:, 2].max() + 0.1 * radius, 0.3 * radius)
     parts = [_slab(0.6 * square, low, high, _MIDDLE)]
     for x, y, z in hubs:
         hub, length = np.array([x, y]), np.hypot(x, y)
-        if length > 0.6 * radius:  # else it is within the middle
+        if length > 0.6 * radius:  # otherwise the middle covers it
             across = 0.12 * radius / length * np.array([-y, x])
             arm = np.array([-across, hub - across, hub + across, across])
             parts.append(_slab(arm, z - 0.15 * radius, z + 0.1 * radius, _ARM))
@@ -108,7 +108,7 @@ def _quadrotor(hubs: Floats, radius_m: float) -> list[_Part]:
 
 
 def _slab(outline: Floats, low: float, high: float, color: _Rgb) -> _Part:
-    """Return the upright prism over a convex polygon (K, 2), whose corners come counterclockwise."""
+    """Return the upright prism over a convex polygon (K, 2) with counter-clockwise corners."""
     sides = np.roll(outline, -1, axis=0) - outline
     normals = np.stack([sides[:, 1], -sides[:, 0]], axis=1) / np.linalg.norm(sides, axis=1, keepdims=True)
     offsets = (normals * outline).sum(axis=1)
@@ -118,7 +118,7 @@ def _slab(outline: Floats, low: float, high: float, color: _Rgb) -> _Part:
 
 
 def _faces(corners: Floats) -> tuple[Floats, Floats]:
-    """Return the half spaces normals (F, 3) . p <= offsets (F,) that make the convex hull of points (V, 3)."""
+    """Return the half-spaces normals (F, 3) . p <= offsets (F,) that bound the convex hull of points (V, 3)."""
     a, b, c = corners[np.array(list(combinations(range(len(corners)), 3))).T]
     normals = np.cross(b - a, c - a)
     sizes = np.linalg.norm(normals, axis=1)
@@ -128,7 +128,7 @@ def _faces(corners: Floats) -> tuple[Floats, Floats]:
     offsets = np.einsum("ij,ij->i", normals, a)
     beyond = normals @ corners.T - offsets[:, None]
     outer = beyond.max(axis=1) <= 1e-5 * scale
-    inner = beyond.min(axis=1) >= -1e-5 * scale  # the plane of a face, seen from within
+    inner = beyond.min(axis=1) >= -1e-5 * scale  # the plane of a face, oriented inward
     planes = np.concatenate(
         [
             np.insert(normals[outer], 3, offsets[outer], axis=1),

@@ -1,4 +1,4 @@
-"""What is drawn into a camera's frame: lines, dots, solids, each hidden by what is nearer. NumPy only."""
+"""Draw lines, dots and solids into a camera's frame, with depth test. NumPy only."""
 
 from __future__ import annotations
 
@@ -20,9 +20,9 @@ Window: TypeAlias = tuple[slice, slice]
 
 _CORNERS = np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)], float)
 _SQUARE = np.array([[-1, -1, 0], [1, -1, 0], [1, 1, 0], [-1, 1, 0]], float)
-_CELL_OPACITY = 0.6  # what lies below a cell still shows
-_BIAS_M = 0.01  # what lies on a surface is seen
-_BIAS = 1e-3  # the same, of its distance
+_CELL_OPACITY = 0.6  # the surface below a cell still shows
+_BIAS_M = 0.01  # tolerance, so that points on a surface pass the depth test
+_BIAS = 1e-3  # the same, as a fraction of the distance
 
 
 class DepthCanvas:
@@ -31,13 +31,13 @@ class DepthCanvas:
     Parameters
     ----------
     rgb, depth
-        (H, W, 3) and planar (H, W) m, as the camera took them at that pose; drawn into, in place.
+        (H, W, 3) and planar (H, W) m, taken by the camera at this pose. Drawn into in place.
     camera
-        Which took them. Its mounting on a drone does not count here.
+        The camera that took them. Its mounting on a drone is ignored.
     position, quat_wxyz
-        (3,) m and (4,) of the camera itself, in the world frame.
+        Pose of the camera itself, (3,) m and (4,), in the world frame.
     light
-        That of the world, as `World.light` has it, for what is shaded.
+        The world's light, as in `World.light`, for shading.
     """
 
     def __init__(
@@ -57,7 +57,7 @@ class DepthCanvas:
         self._near = camera.near_m
         self._focal = np.array([camera.fx, camera.fy])
         self._center = np.array([camera.cx, camera.cy])
-        # The frustum in the camera's frame: a point is inside where these times it are at least (near, 0, 0, 0, 0).
+        # The frustum in the camera's frame: a point p is inside if sides @ p >= (near, 0, 0, 0, 0).
         width, height = camera.width_px, camera.height_px
         self._sides = np.array(
             [
@@ -70,13 +70,13 @@ class DepthCanvas:
         )
 
     def copy(self) -> DepthCanvas:
-        """Return another one of the same pixels so far."""
+        """Return a copy with its own pixels."""
         other = copy(self)
         other.rgb, other.depth = self.rgb.copy(), self.depth.copy()
         return other
 
     def project(self, points: Floats) -> Floats:
-        """Return (K, 3) of points (K, 3) in front: pixels from the left border, from the upper border, depth in m."""
+        """Project points (K, 3) in front to (K, 3): pixels from the left and from the upper border, depth in m."""
         return self._project(self._to_camera(points))
 
     def lines(self, starts: Floats, ends: Floats, color: Color, *, width_px: int = 1, opacity: float = 1.0) -> None:
@@ -85,7 +85,7 @@ class DepthCanvas:
         if not len(a):
             return
         begin, end = self._project(a), self._project(b)
-        # A sample per pixel of each line's longer side; of them inverse depth is linear.
+        # One sample per pixel along each line's longer side; inverse depth is linear between them.
         begin[:, 2], end[:, 2] = 1 / begin[:, 2], 1 / end[:, 2]
         counts = np.ceil(np.abs(end - begin)[:, :2].max(axis=1)).astype(int) + 1
         line, step = _counted(counts)
@@ -102,7 +102,7 @@ class DepthCanvas:
     def solid(self, normals: Floats, offsets: Floats, corners: Floats, colors: Image) -> None:
         """Draw the convex body of the points p with normals (F, 3) . p <= offsets (F,), each face in a color (F, 3).
 
-        The corners (V, 3) say where in the frame it can be.
+        The corners (V, 3) bound its area in the frame.
         """
         height, width = self.depth.shape
         local = self._to_camera(corners)
@@ -116,8 +116,8 @@ class DepthCanvas:
         right, bottom = np.ceil(high).astype(int)
         if left >= right or top >= bottom:
             return
-        # On the ray of a pixel, at planar depth d, is d * (1, y, z): within a face's half space up to, or from, the
-        # depth that meets its plane.
+        # At planar depth d a pixel's ray is at d * (1, y, z). It is inside a face's half-space up to, or from, the
+        # depth at which it crosses the plane.
         y = ((self._center[0] - np.arange(left, right) - 0.5) / self._focal[0])[None, :]
         z = ((self._center[1] - np.arange(top, bottom) - 0.5) / self._focal[1])[:, None]
         enter = np.full((bottom - top, right - left), -np.inf)
@@ -147,9 +147,10 @@ class DepthCanvas:
             return
         height, width = self.depth.shape
         points = self._project(local.reshape(-1, 3)).reshape(-1, 3, 3)
-        order = np.argsort(points[:, :, 1], axis=1)  # from the top down, so that neighbours round an edge alike
+        order = np.argsort(points[:, :, 1], axis=1)  # from the top down, so that neighbours round a shared edge alike
         top, middle, bottom = np.moveaxis(np.take_along_axis(points, order[:, :, None], axis=1), 1, 0)
-        # A row whose centre is within a triangle, from the long side to one of the others; then its pixels likewise.
+        # Select the rows whose centre is inside a triangle, between the long side and one of the others; then the
+        # pixels of each row in the same way.
         first, end = (np.clip(np.ceil(y - 0.5), 0, height).astype(int) for y in (top[:, 1], bottom[:, 1]))
         which, step = _counted(end - first)
         row = first[which] + step
@@ -160,7 +161,8 @@ class DepthCanvas:
         left, right = np.clip(np.ceil(sides - 0.5), 0, width).astype(int)
         span, step = _counted(right - left)
         which, row, column = which[span], row[span], left[span] + step
-        # On the ray of a pixel is depth * (1, y, z): in the plane of the triangle, and no farther than its corners.
+        # A pixel's ray is at depth * (1, y, z). Its depth is on the triangle's plane, clamped to the depths of the
+        # corners.
         normals = np.cross(local[:, 1] - local[:, 0], local[:, 2] - local[:, 0])
         offsets = (normals * local[:, 0]).sum(axis=1)
         slope = normals[which, 0] + normals[which, 1] * ((self._center[0] - column - 0.5) / self._focal[0])
@@ -170,25 +172,25 @@ class DepthCanvas:
         depth = np.clip(depth, local[:, :, 0].min(axis=1)[which], local[:, :, 0].max(axis=1)[which]).astype(np.float32)
         at = row * width + column
         seen = np.flatnonzero(depth < self.depth.reshape(-1)[at])
-        seen = seen[np.argsort(-depth[seen], kind="stable")]  # the nearest last: it stays
+        seen = seen[np.argsort(-depth[seen], kind="stable")]  # the nearest comes last and wins
         self.rgb.reshape(-1, 3)[at[seen]] = colors[which[seen]]
         self.depth.reshape(-1)[at[seen]] = depth[seen]
 
     def sphere(self, center: Floats, radius_m: float, color: Color) -> None:
-        """Draw a sphere, shaded. Whoever is inside does not see it."""
+        """Draw a shaded sphere. It is invisible from inside."""
         local = self._to_camera(np.atleast_2d(center))[0]
         if local[0] + radius_m < self._near:
             return
         height, width = self.depth.shape
         low, high = np.zeros(2), np.array([width, height], float)
-        if local[0] - radius_m >= self._near:  # it is within the cube around it
+        if local[0] - radius_m >= self._near:  # it is inside its bounding cube
             pixels = self._project(local + radius_m * _CORNERS)[:, :2]
             low, high = np.maximum(low, pixels.min(axis=0)), np.minimum(high, pixels.max(axis=0))
         left, top = np.floor(low).astype(int)
         right, bottom = np.ceil(high).astype(int)
         if left >= right or top >= bottom:
             return
-        # On the ray of a pixel is depth * (1, y, z): at the radius from the center where a quadratic equation says.
+        # A pixel's ray is at depth * (1, y, z). A quadratic equation gives the depth at which it enters the sphere.
         y, z = np.meshgrid(
             (self._center[0] - np.arange(left, right) - 0.5) / self._focal[0],
             (self._center[1] - np.arange(top, bottom) - 0.5) / self._focal[1],
@@ -208,13 +210,13 @@ class DepthCanvas:
         """Tint level squares around points (K, 3), with sides along x and y, each in a colour (K, 3)."""
         half, offsets = size_m / 2, centers - self._position
         corners = self._to_camera(centers[:, None] + half * _SQUARE)
-        # Where the ray of a pixel is, at planar depth 1, beside the camera: along x, along y, above it.
+        # Position of a pixel's ray relative to the camera at planar depth 1: along x, along y, above.
         height, width = self.depth.shape
         left = (self._center[0] - np.arange(width) - 0.5) / self._focal[0]
         up = (self._center[1] - np.arange(height) - 0.5)[:, None] / self._focal[1]
         axes = rotate(self._quat_wxyz, np.eye(3), inverse=True)
         rays = [axis[0] + axis[1] * left + axis[2] * up for axis in axes]
-        last = np.full((height, width), -1)  # of the cells there
+        last = np.full((height, width), -1)  # index of the last cell at each pixel
         for index, (x, y, z) in enumerate(offsets):
             outline = _beyond(corners[index], self._near)
             if not len(outline):
@@ -232,7 +234,7 @@ class DepthCanvas:
         tint(self.rgb, last, colors)
 
     def stamp(self, place: Floats, picture: Image) -> None:
-        """Put a picture (h, w, 4), whose last channel is its opacity, before a place (3,): all of it at that depth."""
+        """Put a picture (h, w, 4), whose last channel is its opacity, at a position (3,): all of it at that depth."""
         local = self._to_camera(place[None])
         if local[0, 0] < self._near:
             return
@@ -244,7 +246,7 @@ class DepthCanvas:
         self.depth[window][opacity > 0.5] = depth
 
     def shaded(self, normals: Floats, base_color: Floats) -> Image:
-        """Return the colours (F, 3) of faces of base colours (3,) or (F, 3), linear RGB, as cameras see them."""
+        """Return the camera colours (F, 3) of faces with base colours (3,) or (F, 3), linear RGB."""
         light = self._light
         sun = np.maximum(normals @ light["sun_direction"], 0)[:, None] * light["sun_color"]
         up = (1 + normals[:, 2:]) / 2
@@ -260,12 +262,12 @@ class DepthCanvas:
         return np.concatenate([pixels, local[:, :1]], axis=1)
 
     def _ahead(self, local: Floats, colors: Image) -> tuple[Floats, Image]:
-        """Return what of triangles (T, 3, 3), in the camera's frame, is before the near plane, with their colours."""
+        """Return the parts of triangles (T, 3, 3), in the camera's frame, beyond the near plane, with their colours."""
         ahead = local[:, :, 0] >= self._near
         count = ahead.sum(axis=1)
         parts, shades = [local[count == 3]], [colors[count == 3]]
         for some in (1, 2):
-            # The corner on a side of its own first; the sides from it are cut.
+            # Move the only corner on its side of the plane to the front; the two sides that begin there are cut.
             alone = ahead[count == some] if some == 1 else ~ahead[count == some]
             order = (alone.argmax(axis=1)[:, None] + np.arange(3)) % 3
             a, b, c = np.moveaxis(np.take_along_axis(local[count == some], order[:, :, None], axis=1), 1, 0)
@@ -276,7 +278,7 @@ class DepthCanvas:
         return np.concatenate(parts), np.concatenate(shades)
 
     def _clip(self, a: Floats, b: Floats) -> tuple[Floats, Floats]:
-        """Return what is in the frustum of lines from a (K, 3) to b (K, 3)."""
+        """Return the parts inside the frustum of lines from a (K, 3) to b (K, 3)."""
         near = np.array([self._near, 0, 0, 0, 0])
         of_a, of_b = a @ self._sides.T - near, b @ self._sides.T - near
         with np.errstate(divide="ignore", invalid="ignore"):
@@ -299,7 +301,7 @@ class DepthCanvas:
         flat, colors = self.depth.reshape(-1), self.rgb.reshape(-1, 3)
         seen = depth <= flat[at] * (1 + _BIAS) + _BIAS_M
         at, depth = at[seen], depth[seen]
-        if opacity < 1:  # glass: what is behind stays what is nearest
+        if opacity < 1:  # glass: the depth of the surface behind it stays
             colors[at] = np.rint(colors[at] + opacity * (np.array(color, float) - colors[at]))
             return
         colors[at] = color
@@ -307,20 +309,20 @@ class DepthCanvas:
 
 
 def blended(below: Image, above: Image, opacity: Floats) -> Image:
-    """Return colours (..., 3) seen through others of an opacity (...) in [0, 1]."""
+    """Blend colours (..., 3) over others with an opacity (...) in [0, 1]."""
     behind = below.astype(float)
     image: Image = np.rint(behind + opacity[..., None] * (above - behind)).astype(np.uint8)
     return image
 
 
 def tint(rgb: Image, cell: Ints, colors: Image) -> None:
-    """Tint the pixels of a picture (H, W, 3) in the colours (K, 3) of their cells (H, W), but for those of cell -1."""
+    """Tint the pixels of a picture (H, W, 3) in the colours (K, 3) of their cells (H, W); skip cell -1."""
     at = cell >= 0
     rgb[at] = blended(rgb[at], colors[cell[at]], np.array([_CELL_OPACITY]))
 
 
 def overlap(shape: tuple[int, ...], size: tuple[int, ...], row: float, column: float) -> tuple[Window, Window]:
-    """Return which pixels of a picture of some shape one of a size covers, with its middle there, and by which."""
+    """Return the window that a picture centred at (row, column) covers in an image, and its visible part."""
     covered, by = [], []
     for whole, length, middle in zip(shape, size, (row, column), strict=False):
         begin = round(middle - length / 2)
@@ -331,21 +333,21 @@ def overlap(shape: tuple[int, ...], size: tuple[int, ...], row: float, column: f
 
 
 def _counted(counts: Ints) -> tuple[Ints, Ints]:
-    """Return of things that each come so often (K,): which, and the how manieth of it, from 0; below 0 is none."""
+    """Repeat items ``counts`` (K,) times; return item and repetition indices. Counts below 0 mean none."""
     counts = np.maximum(counts, 0)
     which = np.repeat(np.arange(len(counts)), counts)
     return which, np.arange(len(which)) - np.repeat(np.cumsum(counts) - counts, counts)
 
 
 def _crossing(y: Floats, begin: Floats, end: Floats) -> Floats:
-    """Return at which x (K,) a row at y crosses lines between (x, y, ...) and (x, y, ...), each (K,)."""
+    """Return the x (K,) at which a row at y crosses lines between (x, y, ...) and (x, y, ...), each (K,)."""
     with np.errstate(divide="ignore", invalid="ignore"):
         x: Floats = begin[0] + (y - begin[1]) / (end[1] - begin[1]) * (end[0] - begin[0])
     return x
 
 
 def _beyond(corners: Floats, near: float) -> Floats:
-    """Return the corners (V, 3) of what of a polygon (K, 3), in the camera's frame, is this deep; in no order."""
+    """Return the unordered corners (V, 3) of the part of a polygon (K, 3), in the camera's frame, beyond a depth."""
     sides = np.roll(corners, -1, axis=0) - corners
     ahead = corners[:, 0] >= near
     cut = ahead != np.roll(ahead, -1)

@@ -1,4 +1,4 @@
-"""What a task draws into the pictures of its envs."""
+"""The drawing interface for tasks."""
 
 from __future__ import annotations
 
@@ -26,16 +26,16 @@ COLORS: dict[str, Color] = {
 }
 
 _THIN_PX = 640
-_HALO = 1 / 8  # of the size of a text: how wide its edge is
+_HALO = 1 / 8  # width of the edge of a text, as a fraction of its size
 
 
 def line_px(width_px: int) -> int:
-    """Return the unit of sizes in a picture of a width: a pixel up to 640 pixels, and more in wider ones."""
+    """Return the size unit for a picture width: one pixel up to 640 pixels, more in wider pictures."""
     return max(round(width_px / _THIN_PX), 1)
 
 
 class Canvas(Protocol):
-    """What can be drawn on, in metres of the world frame."""
+    """A surface to draw on, in metres of the world frame."""
 
     def dots(self, points: Floats, color: Color, *, size_px: int = 1) -> None:
         """Draw points (K, 3)."""
@@ -50,17 +50,17 @@ class Canvas(Protocol):
         """Tint level squares around points (K, 3), each in a colour (K, 3)."""
 
     def stamp(self, place: Floats, picture: Image) -> None:
-        """Put a picture (h, w, 4), whose last channel is its opacity, with its middle on a place (3,)."""
+        """Put a picture (h, w, 4), whose last channel is its opacity, with its middle at a position (3,)."""
 
 
 class Drawing:
-    """Points, lines, spheres, cells and text in the picture of one env: what `Task.draw` gets.
+    """Points, lines, spheres, cells and text in the picture of one env: the last argument of `Task.draw`.
 
-    Places are in metres of the world frame, one (3,) or several (K, 3); those that are not finite are left out. A
+    Positions are in metres of the world frame, one (3,) or several (K, 3); those that are not finite are skipped. A
     colour is a name (``"black"``, ``"grey"``, ``"white"``, ``"red"``, ``"orange"``, ``"yellow"``, ``"green"``,
-    ``"blue"``, ``"purple"``) or three integers from 0 to 255. Sizes and widths are in pixels of a picture 640 wide, and
-    grow with wider ones; what ends with ``_m`` is in metres. In a view with depth, what is nearer hides what is drawn;
-    from above nothing hides it, but cells lie below all the rest.
+    ``"blue"``, ``"purple"``) or three integers from 0 to 255. Sizes and widths are in pixels of a picture 640 wide and
+    scale with wider ones; arguments ending with ``_m`` are in metres. In a view with depth, nearer surfaces hide the
+    drawing. From above nothing hides it, but cells lie below everything else.
     """
 
     def __init__(self, canvas: Canvas, unit_px: int) -> None:
@@ -79,7 +79,7 @@ class Drawing:
         color: str | tuple[int, int, int] = "orange",
         width: float = 2,
     ) -> None:
-        """Draw straight lines from ``starts`` to ``ends``, either of which may be one for all.
+        """Draw straight lines from ``starts`` to ``ends``; either may be a single point.
 
         A path (K, 3) is ``lines(path[:-1], path[1:])``.
         """
@@ -91,23 +91,23 @@ class Drawing:
         self._canvas.lines(a[both], b[both], _color(color), width_px=self._px("width", width))
 
     def spheres(self, centers: npt.ArrayLike, radius_m: float, color: str | tuple[int, int, int] = "orange") -> None:
-        """Draw spheres of one radius. They are seen from outside only."""
+        """Draw spheres of one radius. They are visible only from outside."""
         places = _places("centers", centers)
         radius, rgb = _positive("radius_m", radius_m), _color(color)
         for center in places[_finite(places)]:
             self._canvas.sphere(center, radius, rgb)
 
     def cells(self, centers: npt.ArrayLike, size_m: float, color: npt.ArrayLike = "orange") -> None:
-        """Tint flat squares, level and with sides along x and y, such as a map of what has been seen, or a heat map.
+        """Tint level squares with sides along x and y, for example as a coverage map or a heat map.
 
         Parameters
         ----------
         centers
-            At their height: a little above the ground, or on it.
+            Centres of the squares, on the ground or a little above it.
         size_m
             Length of a side.
         color
-            One for all, or integers (K, 3), one for each; where cells overlap, that of the last.
+            One for all, or integers (K, 3), one for each. If cells overlap, the last one wins.
         """
         places, size = _places("centers", centers), _positive("size_m", size_m)
         colors = np.asarray(color)
@@ -125,7 +125,7 @@ class Drawing:
         color: str | tuple[int, int, int] = "black",
         size: float = 14,
     ) -> None:
-        """Write a text with its middle on a position (3,); ``size`` is the height of its lines. Needs Pillow."""
+        """Write a text centred at a position (3,); ``size`` is the line height. Needs Pillow."""
         place = _places("position", position)
         if len(place) != 1:
             raise ValueError(f"position: expected shape (3,), got {np.shape(position)}")
@@ -140,11 +140,11 @@ class Drawing:
 
 
 class Overlay(Protocol):
-    """What adds to the pictures of a task: the `Task` itself, or the `FlightOverlay` of a built-in one."""
+    """An object that adds to the pictures of a task: the `Task` itself, or the `FlightOverlay` of a built-in one."""
 
     @property
     def markers(self) -> tuple[str, ...]:
-        """Which of the world's markers are drawn."""
+        """The markers of the world to draw."""
 
     def draw(self, batch: Batch, env: int, drawing: Drawing) -> None:
         """Add to the picture of one env."""
@@ -152,7 +152,7 @@ class Overlay(Protocol):
 
 @lru_cache(maxsize=256)
 def _lettering(string: str, color: Color, height_px: int) -> Image:
-    """Return a text (h, w, 4) with an edge in black or white, so that it can be read on anything."""
+    """Return a text (h, w, 4) with a black or white edge, so that it is readable on any background."""
     try:
         from PIL import Image as Pillow
         from PIL import ImageDraw, ImageFont

@@ -1,4 +1,4 @@
-"""What pictures of the flight tasks show beside the drone."""
+"""Additions to the pictures of the flight tasks."""
 
 from __future__ import annotations
 
@@ -15,22 +15,22 @@ _DOWN = np.array([[0.0, 0.0, -1.0]])
 
 
 class FlightOverlay:
-    """Draws where a drone of `HoverConfig` or `TrackConfig` has to be, the way there, and its height.
+    """Draws the target point of a drone of `HoverConfig` or `TrackConfig`, the line to it, and the drone's height.
 
     Parameters
     ----------
     height
-        Whether to draw a line down to what lies below the drone, with its length in metres if Pillow is installed.
-        Seen from above it would only hide the drone.
+        Draw a line down to the surface below the drone, with its length in metres if Pillow is installed. Seen from
+        above it would only hide the drone.
     """
 
-    markers: tuple[str, ...] = ()  # drones do not begin at the start, and the point is drawn where the task has it
+    markers: tuple[str, ...] = ()  # drones do not begin at the start marker, and the overlay draws the target itself
 
     def __init__(self, *, height: bool = True) -> None:
         self._height = height
 
     def draw(self, batch: Batch, env: int, drawing: Drawing) -> None:
-        """Add to the picture of one env, as `Task.draw`."""
+        """Add to the picture of one env, like `Task.draw`."""
         position = np.asarray(batch.position[env], float)
         way = np.asarray(batch.observation[env, :3], float)  # in the body frame
         point = position + rotate(np.asarray(batch.quat_wxyz[env], float), way)

@@ -1,4 +1,4 @@
-"""A camera's frames as PNG files. NumPy and Pillow."""
+"""Write a camera's frames as PNG files. Uses NumPy and Pillow."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ _DEPTH_COLORS = (
     (240, 115, 75),
     (252, 185, 105),
     (255, 250, 200),
-)  # far, near
+)  # from far to near
 _GOLDEN = (5**0.5 - 1) / 2  # multiples of it spread evenly over the hues
 
 
@@ -35,7 +35,7 @@ def save_frames(
     indices: int | Sequence[int] | npt.NDArray[np.integer[Any]] | None = None,
     outputs: Sequence[str] | None = None,
 ) -> list[Path]:
-    """Write PNG files and return their paths: `Camera.save_frames`, where everything is said."""
+    """Write PNG files and return their paths; see `Camera.save_frames`."""
     try:
         from PIL import Image
     except ModuleNotFoundError as error:
@@ -105,26 +105,26 @@ def selected(indices: int | Sequence[int] | npt.NDArray[np.integer[Any]], count:
 
 
 def depth_mm(depth: Array) -> npt.NDArray[np.uint16]:
-    """Return depths (m) in millimetres, as depth cameras give them: 0 where nothing is seen, or beyond 65.535 m."""
+    """Return depths (m) in millimetres like depth cameras: 0 without a hit or beyond 65.535 m."""
     with np.errstate(invalid="ignore"):
         mm = np.rint(depth.astype(np.float64) * _MM_PER_M)
         return np.where(mm <= _MAX_MM, mm, 0).astype(np.uint16)
 
 
 def normal_rgb(normal: Array) -> npt.NDArray[np.uint8]:
-    """Return normals (..., 3) as colours, 127.5 * (n + 1); black where nothing is seen."""
+    """Return normals (..., 3) as colours, 127.5 * (n + 1); black without a hit."""
     seen = normal.any(axis=-1, keepdims=True)
     return np.where(seen, np.rint(127.5 * (np.clip(normal, -1, 1) + 1)), 0).astype(np.uint8)
 
 
 def depth_span(depth: Array) -> tuple[float, float]:
-    """Return the least and the greatest depth (m) above 0 that is finite; (1, 1) if there is none."""
+    """Return the smallest and the largest finite depth (m) above 0, or (1, 1) if there is none."""
     seen = depth[np.isfinite(depth) & (depth > 0)]
     return (float(seen.min()), float(seen.max())) if seen.size else (1.0, 1.0)
 
 
 def depth_rgb(depth: Array, nearest_m: float, farthest_m: float) -> npt.NDArray[np.uint8]:
-    """Return depths (m) as colours (..., 3): bright is near, dark is far, on a logarithmic scale; black is nothing."""
+    """Return depths (m) as colours (..., 3) on a logarithmic scale: bright is near, dark is far, black is no hit."""
     with np.errstate(divide="ignore", invalid="ignore"):
         span = max(np.log(farthest_m / nearest_m), 1e-9)
         nearness = np.clip(np.log(farthest_m / depth.astype(np.float64)) / span, 0, 1)
@@ -136,7 +136,7 @@ def depth_rgb(depth: Array, nearest_m: float, farthest_m: float) -> npt.NDArray[
 
 
 def id_rgb(ids: Array) -> npt.NDArray[np.uint8]:
-    """Return ids as colours (..., 3): an id has the same colour everywhere, the next id another one; 0 is black."""
+    """Return ids as colours (..., 3): an id has the same colour everywhere, the next id a different one; 0 is black."""
     number = ids.astype(np.int64)
     hue = number * _GOLDEN % 1.0
     saturation, value = np.array([0.45, 0.75])[number % 2], np.array([0.95, 0.8, 0.65])[number % 3]

@@ -1,4 +1,4 @@
-"""One picture of a world, taken from anywhere."""
+"""One picture of a world from any viewpoint."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from flockstep.scenes import WorldLike, load_one
 
 Array: TypeAlias = npt.NDArray[Any]
 
-FARTHEST_M = 1e6  # as far as a camera may see
+FARTHEST_M = 1e6  # maximum range of a camera
 
 
 def render(
@@ -23,27 +23,27 @@ def render(
     look_at: npt.ArrayLike | None = None,
     camera: CameraConfig | None = None,
 ) -> dict[str, Array]:
-    """Take a picture of a world. For many, make a `Batch` with cameras: it takes them all at once.
+    """Take a picture of a world. For many pictures make a `Batch` with cameras, which takes them all at once.
 
     Parameters
     ----------
     world
         A `World`, or the name or path of one. It is shown without drones.
     position, quat_wxyz
-        (3,) m and (4,), as of a drone that carries the camera; by default it faces +x.
+        (3,) m and (4,): the pose of a drone that carries the camera. By default it faces +x.
     look_at
         (3,) m, instead of ``quat_wxyz``: a point to face, with the horizon level.
     camera
-        Default: 640 x 480 pixels over 90 degrees, ``rgb``, as far as there is a world.
+        Default: 640 x 480 pixels over 90 degrees, ``rgb``, with practically unlimited range.
 
     Returns
     -------
-    An array for each of the camera's outputs, as of `Camera`, of one drone: ``picture["rgb"]`` is (H, W, 3).
+    An array for each of the camera's outputs, as in `Camera` but for one drone: ``picture["rgb"]`` is (H, W, 3).
 
     Raises
     ------
     ValueError
-        Both ``quat_wxyz`` and ``look_at``, or numbers that are no pose.
+        Both ``quat_wxyz`` and ``look_at`` are given, or the numbers are not a valid pose.
     """
     if look_at is not None:
         if quat_wxyz is not None:
@@ -58,12 +58,12 @@ def render(
 
 
 def facing(position: npt.ArrayLike, target: npt.ArrayLike) -> npt.NDArray[np.float32]:
-    """Return the quaternion (4,) by which +x points from a position (3,) to a target (3,), and y stays level."""
+    """Return the quaternion (4,) that turns +x from a position (3,) towards a target (3,) and keeps y level."""
     x, y, z = _row("look_at", target, 3)[0].astype(float) - _row("position", position, 3)[0].astype(float)
     if x == y == z == 0:
         raise ValueError("look_at: expected another point than position")
     yaw, pitch = np.arctan2(y, x) / 2, -np.arctan2(z, np.hypot(x, y)) / 2
-    # A turn about z after a turn about y.
+    # First a rotation about y, then one about z.
     c, s, cp, sp = np.cos(yaw), np.sin(yaw), np.cos(pitch), np.sin(pitch)
     return np.array([c * cp, -s * sp, c * sp, s * cp], np.float32)
 

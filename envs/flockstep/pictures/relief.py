@@ -1,4 +1,4 @@
-"""A world seen straight along an axis: what is before a plane is cut away, what is behind it coloured by its height."""
+"""Relief maps of a world seen along an axis: cut off in front of a plane, coloured by height behind it."""
 
 from __future__ import annotations
 
@@ -12,16 +12,16 @@ from flockstep.pictures.depth_canvas import Color, Floats, Image
 from flockstep.rotations import rotate
 
 _NOTHING: Color = (225, 225, 228)
-SOLID: Color = (96, 101, 112)  # what the plane cuts
+SOLID: Color = (96, 101, 112)  # area cut by the plane
 _HEIGHTS = np.array([(252, 252, 250), (216, 229, 219), (174, 202, 197), (138, 168, 182), (114, 132, 162)], float)
-_LIGHT = np.array([-0.4, 0.5, 0.77])  # towards it: to the right, up and towards the viewer; from the upper left
+_LIGHT = np.array([-0.4, 0.5, 0.77])  # direction to the light: right, up, towards the viewer (upper left)
 
-#: The axes of each view: to the right, up, and along which the viewer looks; and where along it the viewer is.
+#: For each view: the axes to the right, up and along the line of sight, and the viewer's side of the last axis.
 VIEWS = {"top": (0, 1, 2, 1.0), "side": (0, 2, 1, -1.0)}
 
 
 class Relief:
-    """Makes pictures of a world's geometry by casting a ray for each pixel; primitives and meshes are alike to them.
+    """Makes pictures of a world's geometry by casting a ray per pixel, which treats primitives and meshes alike.
 
     Parameters
     ----------
@@ -30,7 +30,7 @@ class Relief:
     view
         ``"top"``: from above, +x to the right and +y up. ``"side"``: along +y, +x to the right and +z up.
     low, high
-        (2,) m: the rectangle that is shown, from the lower left corner of the picture to its upper right one.
+        (2,) m: lower left and upper right corner of the rectangle to show.
     size_px
         Width and height of the pictures.
     """
@@ -43,7 +43,7 @@ class Relief:
         self._px_per_m = np.array(size_px) / (self._high - self._low)
         width, height = size_px
         shape = (height, width)
-        self._places = np.zeros((height * width, 3))  # of the pixels' centres
+        self._places = np.zeros((height * width, 3))  # the pixels' centres
         right = self._low[0] + (np.arange(width) + 0.5) / self._px_per_m[0]
         up = self._high[1] - (np.arange(height) + 0.5) / self._px_per_m[1]
         self._places[:, self._right] = np.broadcast_to(right, shape).ravel()
@@ -57,21 +57,22 @@ class Relief:
             if p["kind"] == "room"
         ]
         self._heights = np.sort(self._toward * np.asarray(world.bounds, float)[:, self._axis])
-        self._triangles: Floats | None = None  # (T, 3, 3), of everything
+        self._triangles: Floats | None = None  # (T, 3, 3), the whole world
 
     def picture(self, cut_m: float) -> Image:
-        """Return a picture (height, width, 3), without what is nearer to the viewer than a coordinate on its axis.
+        """Return a picture (height, width, 3), without everything on the viewer's side of the plane at ``cut_m``.
 
-        What the plane cuts is dark: solid primitives all through, meshes and rooms along their surface, and where a
-        mesh lies above the plane and nothing below it, as in a hill. Everything else is lighter the lower it is.
+        The cut area is dark: solid primitives throughout, meshes and rooms along their surface, and places with a mesh
+        above the plane and nothing below it, as inside a hill. Everything else is lighter the lower it is.
         """
         below, above = self._heights
-        # Not from without a room: its ceiling hides it. Nor from far away, where float32 is coarse.
+        # Stay inside the room, whose ceiling would hide everything, and close to the world, because float32 is coarse
+        # far away.
         span = max(above - below, 1e-3)
         height = min(self._toward * cut_m, above + 0.01 * span, *(ceiling - 1e-3 * span for ceiling in self._ceilings))
         origins = self._places.copy()
         origins[:, self._axis] = self._toward * height
-        reach = span + abs(height - below)  # to the other end of the world
+        reach = span + abs(height - below)  # to the far end of the world
         hit = self._cast(origins, -self._toward, reach)
         distance = hit["t_hit"].astype(float)
         seen = np.isfinite(distance)
@@ -80,7 +81,7 @@ class Relief:
         colors[seen] = _ramp(share) * _shade(hit["normal"][seen], self._right, self._up, self._axis, self._toward)
 
         missed = np.flatnonzero(~seen)
-        if len(missed):  # under a hill, where there is a mesh above and nothing below
+        if len(missed):  # inside a hill, with a mesh above and nothing below
             above_it = self._cast(origins[missed], self._toward, reach)["primitive"]
             colors[missed[above_it >= self._num_primitives]] = SOLID
         image: Image = np.rint(colors).astype(np.uint8).reshape(*self._size_px[::-1], 3)
@@ -97,7 +98,7 @@ class Relief:
         return self._world.raycast(origins, along, reach)
 
     def _fill(self, image: Image, index: int, origins: Floats) -> None:
-        """Draw where a primitive is cut."""
+        """Draw the cut through a primitive."""
         axes = [self._right, self._up]
         a = (self._solids.low[index, axes] - self._low) * self._px_per_m
         b = (self._solids.high[index, axes] - self._low) * self._px_per_m
@@ -108,7 +109,7 @@ class Relief:
         image[rows, columns][self._solids.holds(index, window)] = SOLID
 
     def _outline(self, image: Image, cut_m: float) -> None:
-        """Draw where surfaces cross the plane, at least a pixel wide."""
+        """Draw the lines along which surfaces cross the plane, at least one pixel wide."""
         if self._triangles is None:
             mesh = self._world.mesh(max(0.25 / float(self._px_per_m.min()), 1e-4))
             visible = self._world.objects()["visible"][mesh["objects"]]
@@ -116,7 +117,7 @@ class Relief:
         beyond = self._triangles[:, :, self._axis] > cut_m
         crossed = beyond.any(axis=1) & ~beyond.all(axis=1)
         corners, beyond = self._triangles[crossed], beyond[crossed]
-        # One corner is alone on its side; the plane cuts the two edges that begin there.
+        # One corner is the only one on its side; the plane cuts the two edges that begin there.
         alone = np.where(beyond.sum(axis=1) == 1, beyond.argmax(axis=1), beyond.argmin(axis=1))
         at = np.arange(len(corners))
         ends = []
@@ -142,7 +143,7 @@ _CORNERS = np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1
 
 
 class _Solids:
-    """Those of a world's primitives that have an inside."""
+    """The primitives of a world that have an interior."""
 
     def __init__(self, primitives: list[dict[str, Any]]) -> None:
         solids = [primitive for primitive in primitives if primitive["kind"] in _SOLIDS]
@@ -152,29 +153,29 @@ class _Solids:
         )
         self._quats = np.array([solid["quat_wxyz"] for solid in solids], float).reshape(-1, 4)
         corners = self._centers[:, None] + rotate(self._quats[:, None], _CORNERS * self._halves[:, None])
-        self.low, self.high = corners.min(axis=1), corners.max(axis=1)  # (K, 3): each is within these
+        self.low, self.high = corners.min(axis=1), corners.max(axis=1)  # (K, 3): bounding boxes
 
     def holds(self, index: int, points: Floats) -> npt.NDArray[np.bool_]:
-        """Return which points (..., 3) are within one."""
+        """Return a mask of the points (..., 3) inside one primitive."""
         local = rotate(self._quats[index], points - self._centers[index], inverse=True)
         half, kind = self._halves[index], self._kinds[index]
         if kind == "box":
             return np.asarray((np.abs(local) <= half).all(axis=-1))
         if kind == "cylinder":
             return np.asarray((np.hypot(local[..., 0], local[..., 1]) <= half[0]) & (np.abs(local[..., 2]) <= half[2]))
-        straight = half[2] - half[0]  # of a capsule; none of a sphere
+        straight = half[2] - half[0]  # half-length of a capsule's straight part; 0 for a sphere
         local[..., 2] -= np.clip(local[..., 2], -straight, straight)
         return np.asarray(np.linalg.norm(local, axis=-1) <= half[0])
 
 
 def _ramp(share: Floats) -> Floats:
-    """Return the colours (K, 3) of heights, 0 at the lowest and 1 at the highest of the world."""
+    """Return the colours (K, 3) of heights, from 0 for the lowest to 1 for the highest point of the world."""
     at = np.linspace(0, 1, len(_HEIGHTS))
     return np.stack([np.interp(share, at, _HEIGHTS[:, channel]) for channel in range(3)], axis=-1)
 
 
 def _shade(normals: Floats, right: int, up: int, axis: int, toward: float) -> Floats:
-    """Return how bright faces (K, 3) are, (K, 1): 1 where they face the viewer."""
+    """Return the brightness of faces (K, 3) as (K, 1): 1 if they face the viewer."""
     n = normals.astype(float)
     lit = np.maximum(n[:, right] * _LIGHT[0] + n[:, up] * _LIGHT[1] + toward * n[:, axis] * _LIGHT[2], 0)
     return np.asarray(np.minimum(0.55 + 0.45 * lit / _LIGHT[2], 1)[:, None])

@@ -1,4 +1,4 @@
-"""The world behind a drone: from behind and above it, where obstacles before the drone dissolve, or from anywhere."""
+"""Scenes with a drone: seen from behind and above with nearer obstacles faded, or from a fixed place."""
 
 from __future__ import annotations
 
@@ -14,30 +14,30 @@ from flockstep.pictures.depth_canvas import DepthCanvas, Floats, Image, Ints
 from flockstep.pictures.picture import FARTHEST_M, facing, render
 from flockstep.rotations import rotate
 
-# In lengths of the drone:
-_BACK = np.array([-3.4, 1.4, 0.0])  # the viewer is behind the drone and to its left,
-_UP = np.array([0.0, 0.0, 2.3])  # above it,
-_FREE = 0.3  # so far from a wall,
-_AHEAD = 0.5  # and looks at what is before the drone
+# In drone lengths:
+_BACK = np.array([-3.4, 1.4, 0.0])  # position of the viewer: behind the drone and to its left,
+_UP = np.array([0.0, 0.0, 2.3])  # and above it
+_FREE = 0.3  # minimum distance from a wall
+_AHEAD = 0.5  # distance of the point to look at, ahead of the drone
 
 _HFOV_DEG = 75.0
 _NEAR_M = 0.05
-_NUMBERED = 1 << 15  # in a world of more primitives nothing dissolves: cameras may have no numbers for them
-_DISSOLVED = 0.3  # opacity of an obstacle nearer than the drone,
-_FADE = 0.5  # and how much nearer, in lengths of the drone, until it has faded to that
+_NUMBERED = 1 << 15  # more primitives than this are not faded: cameras may have no instance numbers for them
+_DISSOLVED = 0.3  # final opacity of an obstacle nearer than the drone
+_FADE = 0.5  # distance in front of the drone, in drone lengths, at which that opacity is reached
 
 
 @dataclass
 class Obstacles:
-    """What dissolves, pixel by pixel."""
+    """Obstacles to fade, pixel by pixel."""
 
-    at: Ints  # (K,) into the frame's pixels
+    at: Ints  # (K,) indices of the frame's pixels
     rgb: Image  # (K, 3)
     depth: npt.NDArray[np.float32]  # (K,) m
     opacity: npt.NDArray[np.float32]  # (K,)
 
     def draw(self, canvas: DepthCanvas) -> None:
-        """Draw them before what they hide."""
+        """Draw the obstacles over the surfaces behind them."""
         rgb = canvas.rgb.reshape(-1, 3)
         opacity = np.where(canvas.depth.reshape(-1)[self.at] < self.depth, np.float32(0), self.opacity)
         behind = rgb[self.at].astype(np.float32)
@@ -50,7 +50,7 @@ class Stage:
     Parameters
     ----------
     length
-        Metres, of the drone: the viewer keeps some lengths from it.
+        Length of the drone in m; the viewer keeps a few lengths of distance.
     size_px
         Width and height of the pictures.
     """
@@ -62,7 +62,7 @@ class Stage:
         primitives = world.primitives
         self._solid = np.array([primitive["kind"] != "room" for primitive in primitives], bool)
         self._top = np.array([top_of(primitive) for primitive in primitives])
-        # By instance. Meshes stay: the floor may be one.
+        # Indexed by instance. Meshes are not faded, because the floor may be one.
         self._dissolves = np.zeros(1 << 16, bool)
         self._outputs = ["rgb", "depth"]
         if len(primitives) <= _NUMBERED:
@@ -71,13 +71,13 @@ class Stage:
         self._emptied = _emptied(world)
 
     def seen_from(self, viewer: Floats, target: Floats) -> DepthCanvas:
-        """Return a canvas of the world as it is seen from a place (3,) m that looks at another."""
+        """Return a canvas of the world seen from a position (3,) m towards another."""
         turn = facing(viewer, target).astype(float)
         picture = self._take(self.world, viewer, turn, "rgb", "depth")
         return DepthCanvas(picture["rgb"], picture["depth"], self._camera(), viewer, turn, self.world.light)
 
     def set(self, position: Floats, quat_wxyz: Floats, anchor: Floats | None = None) -> tuple[DepthCanvas, Obstacles]:
-        """Return a canvas for a drone at a pose to be drawn on, without the obstacles, which are to be drawn last.
+        """Return a canvas on which to draw a drone at a pose, and the obstacles, which are to be drawn last.
 
         The viewer keeps its distance from the anchor (3,) m near the drone; by default from the drone itself.
         """
@@ -90,13 +90,13 @@ class Stage:
         cut = max(float(rotate(turn, position - viewer, inverse=True)[0]), 2 * _NEAR_M)
         at = np.flatnonzero(depth < cut)
         if "instance" in picture:
-            # What is below the drone hides it from nobody above it: the ground stays whole.
+            # Primitives below the drone do not hide it from a viewer above: the ground stays whole.
             dissolves = self._dissolves.copy()
             dissolves[1 : 1 + len(self._top)] &= self._top > position[2]
             at = at[dissolves[picture["instance"].reshape(-1)[at]]]
         else:
             at = at[:0]
-        if len(at):  # what is behind: all that is farther than the drone, and walls and markers that are nearer
+        if len(at):  # the background: everything beyond the drone, plus nearer walls and markers
             behind = self._take(self.world, viewer, turn, "rgb", "depth", near_m=cut)
             behind_rgb, behind_depth = behind["rgb"].reshape(-1, 3)[at], behind["depth"].reshape(-1)[at]
             if self._emptied is not None:
@@ -131,7 +131,7 @@ class Stage:
 
 
 def with_markers(world: World, markers: Sequence[str]) -> World:
-    """Return a world with these of its markers alone; the same object where there are no others."""
+    """Return a world with only these of its markers; the same object if it has no others."""
     found = {"start": world.start is not None, "waypoints": len(world.waypoints) > 0, "goal": world.goal is not None}
     dropped = [name for name in found if found[name] and name not in markers]
     if not dropped:
@@ -142,14 +142,14 @@ def with_markers(world: World, markers: Sequence[str]) -> World:
 
 
 def top_of(primitive: dict[str, Any]) -> float:
-    """Return how high a primitive reaches at most, in metres: that of the box around it."""
+    """Return the highest point of the box around a primitive, in metres."""
     half = np.asarray(primitive["half_extents"], float)
     axes = [rotate(np.asarray(primitive["quat_wxyz"], float), axis) for axis in np.eye(3)]
     return float(primitive["center"][2] + sum(abs(axis[2]) * size for axis, size in zip(axes, half, strict=True)))
 
 
 def _emptied(world: World) -> World | None:
-    """Return the room with its markers and nothing in it, or None if there is no room."""
+    """Return the empty room with its markers, or None if there is no room."""
     rooms = [primitive for primitive in world.primitives if primitive["kind"] == "room"]
     if not rooms:
         return None
@@ -183,11 +183,11 @@ def _viewpoint(
     length: float,
     anchor: Floats,
 ) -> tuple[Floats, Floats]:
-    """Return from where to look at a drone, and how turned."""
+    """Return the viewer's position and orientation for looking at a drone."""
     forward = rotate(quat_wxyz, np.array([1.0, 0.0, 0.0]))
-    heading = np.arctan2(forward[1], forward[0])  # level, whatever the drone's tilt
+    heading = np.arctan2(forward[1], forward[0])  # level, independent of the drone's tilt
     level = np.array([np.cos(heading / 2), 0.0, 0.0, np.sin(heading / 2)])
-    # Up to the ceiling, then back to the wall: near a wall the view comes from above.
+    # First up to the ceiling, then back to the wall: near a wall the view comes from above.
     viewer = _pushed(world, solid, anchor, length * _UP, length * _FREE)
     viewer = _pushed(world, solid, viewer, length * rotate(level, _BACK), length * _FREE)
     viewer = _pushed(world, solid, position, viewer - position, 0.0)
@@ -196,7 +196,7 @@ def _viewpoint(
 
 
 def _pushed(world: World, solid: npt.NDArray[np.bool_], origin: Floats, way: Floats, free: float) -> Floats:
-    """Return where one gets from a point (3,) along a way (3,) m: through what dissolves, to before a wall."""
+    """Return the end of a motion from a point (3,) along a vector (3,) m that passes obstacles and stops at walls."""
     length = float(np.linalg.norm(way))
     if length == 0:
         return origin
@@ -206,6 +206,6 @@ def _pushed(world: World, solid: npt.NDArray[np.bool_], origin: Floats, way: Flo
         gone += float(hit["t_hit"][0])
         if not 0 <= hit["primitive"][0] < len(solid) or not solid[hit["primitive"][0]]:
             break
-        gone += 1e-3  # into it, or out of it
+        gone += 1e-3  # into the obstacle, or out of it
     reach = min(length, max(gone - free, gone / 2))
     return origin + way / length * reach

@@ -1,4 +1,4 @@
-"""Pictures of a drone from behind and above it, or from a fixed place: with beams, its cameras' views, its trail."""
+"""Pictures of a drone from behind and above it, or from a fixed place, with beams, camera frustums and trail."""
 
 from __future__ import annotations
 
@@ -22,38 +22,38 @@ _BEAM: Color = (250, 130, 70)
 _HIT: Color = (200, 50, 20)
 _FRUSTUM: Color = (130, 40, 170)
 
-_FRUSTUM_LENGTH = 1.1  # of the drone's: cameras' views as they are drawn
+_FRUSTUM_LENGTH = 1.1  # length of the drawn camera frustums, in drone lengths
 _MAX_BEAMS = 256  # more would hide the world
-_FINER = 2  # drawn so many times larger, then averaged: smooth edges
-_WORLDS = 64  # so many are kept to be drawn again
-_FOLLOWED, _LAG = 12, 0.5  # the viewer follows the mean of so many steps, so many lengths behind at most
+_FINER = 2  # supersampling factor, for smooth edges
+_WORLDS = 64  # maximum number of cached worlds
+_FOLLOWED, _LAG = 12, 0.5  # steps whose mean position the viewer follows; maximum lag in drone lengths
 
 
 class ThirdPersonView:
-    """Draws the envs of a batch, each from behind and above its drone, within the same room, or from a fixed place.
+    """Draws each env of a batch from behind and above its drone, inside the room, or from a fixed place.
 
     Parameters
     ----------
     batch
-        Whose drones to draw.
+        The batch with the drones to draw.
     cameras
-        Names of cameras of the batch whose views are drawn.
+        Names of the batch's cameras whose frustums are drawn.
     trail
-        Where the drones have been. None draws no trails. With a trail the viewer follows a drone smoothly.
+        Past positions of the drones. None draws no trails. With a trail the viewer follows a drone smoothly.
     beams
-        Whether to draw the LiDAR's beams. One that hits nothing is as long as the drone's range.
+        Draw the LiDAR's beams. A beam without a hit is as long as the LiDAR's range.
     others
-        Whether the other drones of the same world are drawn, too, paler. They neither see nor touch each other.
+        Also draw the other drones of the same world, in paler colours. Drones neither sense nor touch each other.
     size_px
         Width and height of the picture. None: 640 x 480.
     place
-        Two points (3,) m, world frame: from where to look, and at what. None: from behind and above the drone.
+        Two points (3,) m, world frame: the viewer and the point to look at. None: from behind and above the drone.
     markers
-        Which of the world's markers are drawn.
+        The markers of the world to draw.
     overlay
-        Its `draw` adds to the pictures: a `Task`, or a `FlightOverlay`. None: nothing does.
+        A `Task` or a `FlightOverlay`, whose `draw` adds to the pictures. None: no additions.
     mesh
-        How the drones look. None: as their model says.
+        Mesh of the drones. None: drawn from their model.
     """
 
     def __init__(
@@ -85,7 +85,7 @@ class ThirdPersonView:
         self._markers = tuple(markers)
         self._overlay = overlay
         self._stages: dict[int, Stage] = {}
-        self._still: dict[int, DepthCanvas] = {}  # of worlds, from a fixed place
+        self._still: dict[int, DepthCanvas] = {}  # by world, for a fixed place
 
     def frame(self, env: int) -> Image:
         """Return the picture of one env, (height, width, 3) uint8, a new array."""
@@ -106,7 +106,7 @@ class ThirdPersonView:
             self._draw_cameras(canvas, env, position, quat_wxyz)
             if self._overlay is not None:
                 self._overlay.draw(self._batch, env, Drawing(canvas, self._line_px))
-            self._draw_beams(canvas, env)  # last: they are glass
+            self._draw_beams(canvas, env)  # last, because they are transparent
         if self._others:
             for other in np.flatnonzero(self._batch.active & (world_index == index)):
                 if other != env:
@@ -119,7 +119,7 @@ class ThirdPersonView:
     def _canvas(
         self, index: int, env: int, position: Floats, quat_wxyz: Floats
     ) -> tuple[DepthCanvas, Obstacles | None]:
-        """Return the world to draw into, and what is to be drawn last."""
+        """Return the world to draw into, and the obstacles to draw last."""
         stage = self._stages[index]
         if self._place is None:
             return stage.set(position, quat_wxyz, self._anchor(env, position))
@@ -128,7 +128,7 @@ class ThirdPersonView:
         return self._still[index].copy(), None
 
     def _anchor(self, env: int, position: Floats) -> Floats:
-        """Return what the viewer follows: where the drone was on the average, lately."""
+        """Return the point that the viewer follows: the drone's mean position over the last steps."""
         if self._trail is None or len(path := self._trail.of(env)[-_FOLLOWED:]) == 0:
             return position
         lag: Floats = path.mean(axis=0, dtype=float) - position
@@ -158,9 +158,9 @@ class ThirdPersonView:
 
 
 def frustum(camera: CameraConfig, length_m: float) -> Floats:
-    """Return where a camera is and the four corners of what it sees at a depth, (5, 3) m, body frame.
+    """Return a camera's position and the four corners of its view at a depth, (5, 3) m, body frame.
 
-    The corners are those of the image: upper left, upper right, lower right, lower left.
+    The corners are in image order: upper left, upper right, lower right, lower left.
     """
     left, right = camera.cx / camera.fx, (camera.cx - camera.width_px) / camera.fx
     top, bottom = camera.cy / camera.fy, (camera.cy - camera.height_px) / camera.fy

@@ -1,4 +1,4 @@
-"""Pictures from above: the world below a drone, its markers, the drone and its LiDAR beams."""
+"""Pictures from above: the world below a drone, markers, the drone and its LiDAR beams."""
 
 from __future__ import annotations
 
@@ -23,30 +23,30 @@ _HIT: Color = (200, 60, 30)
 _DRONE: Color = (35, 70, 160)
 
 _CIRCLE = np.stack([np.cos(a := np.linspace(0, 2 * np.pi, 24, endpoint=False)), np.sin(a), 0 * a], axis=1)
-_MARGIN = 0.02  # of the picture's side, left free around the world
-_WORLDS = 64  # so many are kept to be drawn again
-_LEAST_PX = 7  # so long is a drone at least, and a marker so wide
+_MARGIN = 0.02  # free margin around the world, as a fraction of the picture's side
+_WORLDS = 64  # maximum number of cached worlds
+_LEAST_PX = 7  # minimum drawn size of drones and markers
 
 
 class TopView:
-    """Draws the envs of a batch from above, +x to the right and +y up, the whole world in the picture.
+    """Draws the envs of a batch from above, with +x to the right, +y up and the whole world in the picture.
 
-    Of the world, all that is higher than the drone is cut away; what is cut is dark, the rest lighter the lower it is.
+    Everything above the drone is cut away. The cut area is dark; the rest is lighter the lower it is.
 
     Parameters
     ----------
     batch
-        Whose drones to draw.
+        The batch with the drones to draw.
     beams
-        Whether to draw the LiDAR's beams. One that hits nothing is as long as the drone's range.
+        Draw the LiDAR's beams. A beam without a hit is as long as the LiDAR's range.
     size_px
         Width and height of the picture. None: 256 x 256.
     cut_m
-        The height of the cut. None: that of the drone.
+        Height of the cut in m. None: the drone's height.
     markers
-        Which of the world's markers are drawn.
+        The markers of the world to draw.
     overlay
-        Its `draw` adds to the pictures: a `Task`, or a `FlightOverlay`. None: nothing does.
+        A `Task` or a `FlightOverlay`, whose `draw` adds to the pictures. None: no additions.
     """
 
     def __init__(
@@ -86,7 +86,7 @@ class TopView:
                 canvas.lines(origin[None], ends, _BEAM, width_px=self._line_px)
                 canvas.dots(ends[hit], _HIT, size_px=2 * self._line_px)
             canvas.polygon(position + hull * canvas.enlarged(float(np.ptp(hull, axis=0)[:2].max())), _DRONE)
-            if self._overlay is not None:  # last: a target that the drone has reached is still seen
+            if self._overlay is not None:  # last, so that a target at the drone's position stays visible
                 self._overlay.draw(self._batch, env, Drawing(canvas, self._line_px))
         return canvas.image
 
@@ -111,13 +111,13 @@ class _Canvas:
         self._size_px = size_px
         half = size / self._px_per_m / 2
         self._relief = Relief(world, "top", self._center - half, self._center + half, size_px)
-        self._cut_m = np.nan  # of the relief that is kept
+        self._cut_m = np.nan  # height of the cached relief
         self._background: Image
-        self._ground: npt.NDArray[np.bool_]  # (height, width), where nothing lies over the cells
+        self._ground: npt.NDArray[np.bool_]  # (height, width), pixels that are free for cells
         self.image: Image
 
     def clear(self, cut_m: float) -> None:
-        """Begin a new picture with all of the world that does not move, and nothing above a height."""
+        """Begin a new picture with the static part of the world, cut off above a height."""
         if cut_m != self._cut_m:
             self._background, self._cut_m = self._relief.picture(cut_m), cut_m
         self.image = self._background.copy()
@@ -127,11 +127,11 @@ class _Canvas:
             self.sphere(np.asarray(place, float), radius * self.enlarged(2 * radius), color)
 
     def enlarged(self, length_m: float) -> float:
-        """Return how many times larger than it is something has to be drawn, to be seen."""
+        """Return the scale factor at which an object of this length stays visible."""
         return max(_LEAST_PX / (length_m * self._px_per_m), 1.0)
 
     def polygon(self, points: Floats, color: Color) -> None:
-        """Fill the outline that points (K, 3) have from above."""
+        """Fill the outline of points (K, 3) seen from above."""
         outline = _convex_hull(self._pixels(points))
         left, top = np.clip(np.floor(outline.min(axis=0)).astype(int), 0, self._size_px)
         right, bottom = np.clip(np.ceil(outline.max(axis=0)).astype(int) + 1, 0, self._size_px)
@@ -146,11 +146,11 @@ class _Canvas:
             self.lines(points.mean(axis=0)[None], points, color)
 
     def sphere(self, center: Floats, radius_m: float, color: Color) -> None:
-        """Draw a sphere, as a disc."""
+        """Draw a sphere as a disc."""
         self.polygon(center + radius_m * _CIRCLE, color)
 
     def lines(self, starts: Floats, ends: Floats, color: Color, *, width_px: int = 1) -> None:
-        """Draw lines between points (K, 3) and (K, 3), or from one."""
+        """Draw lines between points (K, 3) and (K, 3), or from one point to all others."""
         if not len(ends):
             return
         begin, finish = self._clipped(*np.broadcast_arrays(self._pixels(starts), self._pixels(ends)))
@@ -165,20 +165,20 @@ class _Canvas:
         self._plot(self._pixels(points), color, size_px)
 
     def cells(self, centers: Floats, size_m: float, colors: Image) -> None:
-        """Tint squares around points (K, 3), each in a colour (K, 3): over what the cut leaves, and below all else."""
+        """Tint squares around points (K, 3) in colours (K, 3), over the uncut world and below everything else."""
         middle, half = self._pixels(centers), size_m * self._px_per_m / 2
         edges = np.clip([middle - half, middle + half], -1, self._size_px)
-        # From pixel to pixel, so that neighbours share none and leave none out; at least one, to be seen.
+        # Round to whole pixels, so that neighbours neither overlap nor leave gaps; at least one pixel, to be visible.
         first, end = np.ceil(edges - 1e-6).astype(int)
         first, end = np.clip([first, np.maximum(end, first + 1)], 0, self._size_px)
-        last = np.full(self._ground.shape, -1)  # of the cells there
+        last = np.full(self._ground.shape, -1)  # index of the last cell at each pixel
         for index, ((left, top), (right, bottom)) in enumerate(zip(first, end, strict=True)):
             last[top:bottom, left:right] = index
         last[~self._ground] = -1
         tint(self.image, last, colors)
 
     def stamp(self, place: Floats, picture: Image) -> None:
-        """Put a picture (h, w, 4), whose last channel is its opacity, with its middle on a place (3,)."""
+        """Put a picture (h, w, 4), whose last channel is its opacity, with its middle at a position (3,)."""
         ((column, row),) = self._pixels(place[None]) + 0.5
         window, part = overlap(self.image.shape, picture.shape, row, column)
         opacity = picture[part][..., 3] / 255
@@ -190,7 +190,7 @@ class _Canvas:
         return np.stack([x, -y], axis=1) + (np.array(self._size_px) - 1) / 2
 
     def _clipped(self, begin: Floats, end: Floats) -> tuple[Floats, Floats]:
-        """Return what is in the picture of lines (K, 2) and (K, 2)."""
+        """Return the parts of lines (K, 2) to (K, 2) inside the picture."""
         low, high = np.full(2, -1.0), np.array(self._size_px, float)
         with np.errstate(divide="ignore", invalid="ignore"):
             to_low, to_high = (low - begin) / (end - begin), (high - begin) / (end - begin)

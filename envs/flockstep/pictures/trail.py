@@ -1,4 +1,4 @@
-"""Where the drones of a batch have been."""
+"""Past positions of the drones of a batch."""
 
 from __future__ import annotations
 
@@ -14,30 +14,30 @@ class Trail:
     Parameters
     ----------
     batch
-        Whose drones to follow.
+        The batch with the drones to follow.
     max_steps
-        What lies further back is forgotten.
+        Older positions are discarded.
     """
 
     def __init__(self, batch: Batch, max_steps: int = 2000) -> None:
         self._batch = batch
         self._max_steps = max_steps
         self._positions: list[npt.NDArray[np.float32]] = []
-        self._forgotten = 0  # how many positions came before these
-        self._first = np.zeros(batch.num_drones, np.int64)  # since which each drone's episode goes
+        self._forgotten = 0  # number of discarded positions
+        self._first = np.zeros(batch.num_drones, np.int64)  # index of the first position of each drone's episode
         self._episode = self._episodes()
 
     def _episodes(self) -> npt.NDArray[np.int64]:
-        """Return the number of each drone's episode."""
+        """Return each drone's episode number."""
         return np.repeat(self._batch.episode, self._batch.drones_per_env)
 
     def record(self, began: npt.NDArray[np.bool_] | bool = False) -> None:
-        """Note where the drones are.
+        """Record the current positions of the drones.
 
         Parameters
         ----------
         began
-            (N,): where a trail begins anew, besides where the batch counts another episode.
+            (N,): True for drones whose trail restarts, in addition to those with a new episode number.
         """
         now = self._forgotten + len(self._positions)
         episode = self._episodes()
@@ -50,6 +50,6 @@ class Trail:
             self._forgotten += forget
 
     def of(self, drone: int) -> npt.NDArray[np.float32]:
-        """Return the positions (K, 3) of one drone, the oldest first."""
+        """Return the positions (K, 3) of one drone, oldest first."""
         first = max(int(self._first[drone]) - self._forgotten, 0)
         return np.array([positions[drone] for positions in self._positions[first:]], np.float32).reshape(-1, 3)

@@ -1,4 +1,4 @@
-"""What `DroneVectorEnv.render` can show: from above, by the drone's own camera, from behind it, from a fixed place."""
+"""Views of `DroneVectorEnv.render`: from above, by the drone's own camera, from behind it, from a fixed place."""
 
 from __future__ import annotations
 
@@ -31,9 +31,9 @@ class View(Protocol):
 
 
 class CameraView:
-    """The frames of one camera of the drones, in colour or else grey, as it last took them; black where it is stale.
+    """The last frames of one camera of the drones, in colour or otherwise grey; black if a frame is stale.
 
-    With a size (width, height) they are enlarged or reduced to fit, pixel by pixel, on black.
+    With a size (width, height) they are scaled to fit, pixel by pixel, on black.
     """
 
     def __init__(self, batch: Batch, name: str, size_px: tuple[int, int] | None = None) -> None:
@@ -67,10 +67,10 @@ def _fitted(image: Image, width: int, height: int) -> Image:
 
 @dataclass(frozen=True)
 class Choice:
-    """What the keywords ``render_view``, ``render_size`` and ``render_camera`` say, checked."""
+    """The checked keywords ``render_view``, ``render_size`` and ``render_camera``."""
 
-    view: str | tuple[npt.NDArray[np.float64], npt.NDArray[np.float64]]  # a name, or from where and at what to look
-    size_px: tuple[int, int] | None  # width and height; None: the view's own
+    view: str | tuple[npt.NDArray[np.float64], npt.NDArray[np.float64]]  # a name, or viewer and target positions
+    size_px: tuple[int, int] | None  # width and height; None: the view's default
     camera: str | None  # a name; None: the first
 
 
@@ -80,7 +80,7 @@ def choose(view: Any, size: Any, camera: Any) -> Choice:
     Raises
     ------
     ValueError
-        The keyword, what was expected, what came.
+        A keyword is invalid; the message names it, the expected value and the value given.
     """
     if isinstance(view, str):
         if view not in NAMES:
@@ -120,12 +120,12 @@ def make(
     overlay: Overlay | None = None,
     mesh: DroneMesh | None = None,
 ) -> tuple[View, Trail | None]:
-    """Return the view that is chosen, and the trail it shows, which is to be recorded.
+    """Return the chosen view, and the trail it shows, which the caller has to record.
 
     Raises
     ------
     ValueError
-        The view needs a camera that is not there, or not so.
+        The view needs a camera that is missing, or that lacks the needed outputs.
     """
     if choice.view == "camera":
         return _camera_view(choice, batch, cameras), None

@@ -1,13 +1,12 @@
-"""Stable-Baselines3: `make_vec` makes a `VecEnv` of N drones, `evaluate` and `success_rates` fly what was
-trained.
+"""Stable-Baselines3: `make_vec` makes a `VecEnv` of N drones, `evaluate` and `success_rates` test a trained policy.
 
 >>> from stable_baselines3 import PPO
 >>> envs = flockstep.sb3.make_vec("flockstep/LidarNavigation-v0", num_envs=256)
 >>> model = PPO("MlpPolicy", envs, policy_kwargs={"features_extractor_class": flockstep.sb3.GoalFeatures})
 
-`GoalFeatures`, `BlobFeatures`, `PixelFeatures` and `PointFeatures` are what a network sees of the built-in
-observations; `ImageFeatures` is a small network for any observation with images. `LogTerms` logs what the reward is
-made of, and `Progress` prints how far a training is, on a terminal and into files.
+`GoalFeatures`, `BlobFeatures`, `PixelFeatures` and `PointFeatures` are features extractors for the built-in
+observations; `ImageFeatures` is a small network for any observation with images. `LogTerms` logs the terms of the
+reward, and `Progress` prints the progress of a training on a terminal and into files.
 """
 
 try:

@@ -1,4 +1,4 @@
-"""Flying what was trained."""
+"""Evaluate trained policies."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from flockstep.task import Task
 
 @dataclass(frozen=True)
 class Evaluation:
-    """How the episodes of a policy ended, and means over them."""
+    """Shares of the ways in which a policy's episodes ended, and means over the episodes."""
 
     episodes: int
     """Number of episodes."""
@@ -30,11 +30,11 @@ class Evaluation:
     episode_return: float
     """Sum of the rewards, unscaled."""
     episode_length: float
-    """Flown steps."""
+    """Number of flown steps."""
     episode_terms: dict[str, float]
-    """Sum of each of the reward's terms, by its name."""
+    """Sum of each reward term, by name."""
     infos: dict[str, float]
-    """What a `Task` names in its ``info_names``."""
+    """The values that a `Task` reports by its ``info_names``."""
 
 
 def evaluate(
@@ -44,7 +44,7 @@ def evaluate(
     seed: int = 0,
     **kwargs: Any,
 ) -> Evaluation:
-    """Fly a policy for some episodes; return how they ended, and means of everything else that episodes report.
+    """Fly a policy for some episodes; return the shares of their ends and means of everything else they report.
 
     >>> flockstep.sb3.evaluate(None, "flockstep/Hover-v0").ends  # random actions
     {'success': 0.0, 'contact': 0.21, 'left_area': 0.79, 'bad_state': 0.0, 'time': 0.0, 'task': 0.0}
@@ -52,17 +52,17 @@ def evaluate(
     Parameters
     ----------
     model
-        A trained model, such as a `PPO`, whose deterministic policy flies; or a function from observations (N, ...) to
-        actions (N, ...), or None for random actions.
+        A trained model, such as a `PPO`, flown deterministically; a function from observations (N, ...) to actions (N,
+        ...); or None for random actions.
     env
-        What it flies, as `make_vec` takes it.
+        The environment, as for `make_vec`.
     episodes
-        How many: the first one of as many envs, which fly at once.
+        Number of episodes: the first one of this many envs, which fly in parallel.
     seed
-        Of the first env; the others have those that follow. With ``PPO(seed=s)`` the training has begun with s, s + 1
-        and so on: take others, or the policy may know the very episodes.
+        Seed of the first env; the others use the following numbers. Training with ``PPO(seed=s)`` began with s, s + 1
+        and so on. Choose other seeds, otherwise you may evaluate on training episodes.
     **kwargs
-        Further keywords of `DroneVectorEnv`, such as ``worlds``, which the envs take in turn.
+        Further keywords of `DroneVectorEnv`, such as ``worlds``, which are assigned to the envs in turn.
     """
     envs = make_vec(env, _count(episodes), **kwargs)
     names = [] if not isinstance(envs.env.task, Task) else envs.env.task.info_names
@@ -90,23 +90,23 @@ def success_rates(
     seed: int = 0,
     **kwargs: Any,
 ) -> dict[str, float]:
-    """Fly a policy in each of some worlds; return the share of episodes that succeeded.
+    """Fly a policy in several worlds; return the success rate in each.
 
     Parameters
     ----------
     model, env, seed, **kwargs
-        As `evaluate` takes them.
+        As for `evaluate`.
     worlds
-        Scenes, sets of them, worlds, or a list of these. Default: those that a `Task` declares, else the seven
-        playgrounds, the five of ``"train"`` and the two of ``"validation"``.
+        Scenes, sets of scenes, worlds, or a list of these. Default: the worlds that a `Task` declares, otherwise the
+        seven playgrounds: five in ``"train"`` and two in ``"validation"``.
     episodes
-        In each world. Where every episode begins alike, as with the built-in tasks unless ``random_start=True``, more
-        than one tell no more.
+        Number of episodes in each world. One is enough if all episodes begin the same way, as in the navigation tasks
+        without ``random_start=True``.
 
     Returns
     -------
     dict
-        From the name of each world to its share in [0, 1].
+        Success rate in [0, 1] by the name of the world.
     """
     if worlds is None:
         worlds = getattr(kwargs.get("task", env), "worlds", None) or ("train", "validation")
@@ -119,7 +119,7 @@ def success_rates(
 
 
 def _first_episodes(model: Any, envs: DroneVecEnv, caller: str, seed: int) -> list[dict[str, Any]]:
-    """Fly until every env has ended an episode; return the infos of these first ends, and close the envs."""
+    """Fly until every env has ended an episode; return the infos of these first ends and close the envs."""
     act = actions_of(model, envs.env, caller, seed)
     envs.seed(seed)
     observation: Any = envs.reset()
@@ -127,7 +127,7 @@ def _first_episodes(model: Any, envs: DroneVecEnv, caller: str, seed: int) -> li
     while None in ends:
         observation, _, done, infos = envs.step(act(observation))
         for i in np.flatnonzero(done):
-            if ends[i] is None:  # an env that is done goes on with another episode, which does not count
+            if ends[i] is None:  # later episodes of an env do not count
                 ends[i] = infos[i]
     envs.close()
     return [end for end in ends if end is not None]

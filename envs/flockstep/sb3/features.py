@@ -1,4 +1,4 @@
-"""What a policy sees of an observation: features extractors for the built-in observations, and for any with images."""
+"""Features extractors for the built-in observations and for any observation with images."""
 
 from __future__ import annotations
 
@@ -13,11 +13,11 @@ from torch import nn
 
 DIRECTION_SIZE = 3
 DIRECTION_GAIN = 2.0
-NEAREST = 0.05  # of the maximum range: keeps the logarithm finite, and flat where the hull would already touch
+NEAREST = 0.05  # fraction of the maximum range: keeps the logarithm finite, and flat at ranges of contact with the hull
 
 BLOB_SIZE = 2
 OFFSET_GAIN = 3.0
-WIDTH_GAIN = 5.0  # of the blob: its area's root is a hundredth or two across the playground, a half at the goal
+WIDTH_GAIN = 5.0  # for the root of the blob's area: one or two hundredths across the playground, one half at the goal
 
 COLOR_GAIN = 4.0
 
@@ -27,56 +27,56 @@ SMALLEST_IMAGE_PX = 8
 
 
 def nearness(ranges: torch.Tensor) -> torch.Tensor:
-    """Return the negative logarithm of each range: what is near stands out."""
+    """Return the negative logarithm of each range, which emphasises near obstacles."""
     return -torch.log(ranges + NEAREST)
 
 
 class GoalFeatures(BaseFeaturesExtractor):
-    """The direction to the goal, scaled, and how near the obstacles are."""
+    """The scaled direction to the goal, and the nearness of the obstacles."""
 
     def __init__(self, observation_space: spaces.Box) -> None:
         super().__init__(observation_space, features_dim=observation_space.shape[0])
 
     def forward(self, observations: torch.Tensor) -> torch.Tensor:
-        """Turn observations (N, 3 + rays) into features of the same shape."""
+        """Convert observations (N, 3 + rays) into features of the same shape."""
         direction, ranges = observations[:, :DIRECTION_SIZE], observations[:, DIRECTION_SIZE:]
         return torch.cat([DIRECTION_GAIN * direction, nearness(ranges)], dim=1)
 
 
 class BlobFeatures(BaseFeaturesExtractor):
-    """Where the green is, how wide, whether it is seen at all, and how near the obstacles are."""
+    """Offset and width of the green blob, a flag for its presence, and the nearness of the obstacles."""
 
     def __init__(self, observation_space: spaces.Box) -> None:
         super().__init__(observation_space, features_dim=observation_space.shape[0] + 1)
 
     def forward(self, observations: torch.Tensor) -> torch.Tensor:
-        """Turn observations (N, 2 + rays) into features (N, 3 + rays)."""
+        """Convert observations (N, 2 + rays) into features (N, 3 + rays)."""
         offset, area = observations[:, :1], observations[:, 1:BLOB_SIZE]
         blob = [OFFSET_GAIN * offset, WIDTH_GAIN * area.sqrt(), (area > 0).float()]
         return torch.cat([*blob, nearness(observations[:, BLOB_SIZE:])], dim=1)
 
 
 class PointFeatures(BaseFeaturesExtractor):
-    """Of Hover and Track: the way to the point once more, with the last centimetres drawn out, and all as it is.
+    """For Hover and Track: the observation, preceded by the offset to the target point with small distances amplified.
 
-    The way is divided by its own length and 10 cm: far off it is a direction, near the point ten times itself.
+    The offset is divided by its own length plus 10 cm: far away it is a direction, near the point ten times the offset.
     """
 
     def __init__(self, observation_space: spaces.Box) -> None:
         super().__init__(observation_space, features_dim=observation_space.shape[0] + DIRECTION_SIZE)
 
     def forward(self, observations: torch.Tensor) -> torch.Tensor:
-        """Turn observations (N, k) into features (N, 3 + k)."""
+        """Convert observations (N, k) into features (N, 3 + k)."""
         way = observations[:, :DIRECTION_SIZE]
         return torch.cat([way / (way.norm(dim=1, keepdim=True) + NEAR_POINT_M), observations], dim=1)
 
 
 class PixelFeatures(BaseFeaturesExtractor):
-    """A small convolutional network over the image, and how near the obstacles are.
+    """A small convolutional network over the image, and the nearness of the obstacles.
 
-    The goal is a pixel or two wide for most of a flight, in a world of greys. So colours go in as eyes have them, as
-    brightness and as differences, and these are amplified: one green pixel then outweighs the rest of the 4 x 4 that
-    the first layer takes together.
+    For most of a flight the goal is one or two pixels wide in a grey world. Colours are therefore fed in as brightness
+    and amplified colour differences, as in human vision. One green pixel then outweighs the rest of its 4 x 4 block in
+    the first layer.
     """
 
     def __init__(self, observation_space: spaces.Dict, channels: int = 16, hidden: int = 64) -> None:
@@ -96,7 +96,7 @@ class PixelFeatures(BaseFeaturesExtractor):
         self.hidden = nn.Sequential(nn.Linear(size, hidden), nn.ReLU())
 
     def forward(self, observations: dict[str, torch.Tensor]) -> torch.Tensor:
-        """Turn images (N, 3, H, W) in [0, 1] and ranges (N, rays) into features (N, hidden + rays)."""
+        """Convert images (N, 3, H, W) in [0, 1] and ranges (N, rays) into features (N, hidden + rays)."""
         red, green, blue = torch.split(observations["image"], 1, dim=1)
         opponents = torch.cat([green - 0.5, COLOR_GAIN * (green - red), COLOR_GAIN * (green - blue)], dim=1)
         seen = self.hidden(self.image(opponents))
@@ -104,7 +104,7 @@ class PixelFeatures(BaseFeaturesExtractor):
 
 
 def is_image(space: spaces.Space[Any]) -> bool:
-    """Return whether `ImageFeatures` takes a space as an image: a Box (H, W), (channels, H, W) or (H, W, channels).
+    """Return whether `ImageFeatures` treats a space as an image: a Box (H, W), (channels, H, W) or (H, W, channels).
 
     Height and width are at least 8 pixels, and there are fewer channels than either.
     """
@@ -115,26 +115,26 @@ def is_image(space: spaces.Space[Any]) -> bool:
 
 
 class ImageFeatures(BaseFeaturesExtractor):
-    """A small convolutional network over each image of an observation, and the rest of the observation as it is.
+    """A small convolutional network over each image of an observation; the rest of the observation is passed through.
 
-    For colours, depth, masks. Each network has a layer of 4 x 4 with stride 4, one of 3 x 3 with stride 2 and twice the
-    channels, and a hidden layer. It sees values in [0, 1]: Stable-Baselines3 divides colours of uint8 by 255, and all
-    other images are scaled here, by the bounds of their space.
+    Images may be colours, depth or masks. Each network has a 4 x 4 layer with stride 4, a 3 x 3 layer with stride 2 and
+    twice the channels, and a hidden layer. Its inputs are in [0, 1]: Stable-Baselines3 divides uint8 colours by 255,
+    and this class scales all other images by the bounds of their space.
 
     Parameters
     ----------
     observation_space
-        A Box, or a Dict of Boxes; at least one is an image, of 8 x 8 pixels or more: (H, W), (channels, H, W) or
-        (H, W, channels), with finite bounds.
+        A Box, or a Dict of Boxes. At least one must be an image of 8 x 8 pixels or more, with shape (H, W), (channels,
+        H, W) or (H, W, channels) and finite bounds.
     channels
-        Of the first layer.
+        Channels of the first layer.
     hidden
-        Features of each image.
+        Number of features per image.
 
     Raises
     ------
     ValueError
-        There is no image, or one without finite bounds.
+        There is no image, or an image has infinite bounds.
     """
 
     def __init__(self, observation_space: spaces.Box | spaces.Dict, channels: int = 8, hidden: int = 64) -> None:
@@ -150,7 +150,7 @@ class ImageFeatures(BaseFeaturesExtractor):
         )
 
     def forward(self, observations: torch.Tensor | dict[str, torch.Tensor]) -> torch.Tensor:
-        """Turn observations (N, ...), or a dict of these, into features (N, features_dim), in the order of the Dict."""
+        """Convert observations (N, ...), or a dict of them, into features (N, features_dim) in the Dict's order."""
         seen = observations if isinstance(observations, dict) else {_ONLY: observations}
         return torch.cat([net(seen[name]) for name, net in zip(self.names, self.nets, strict=True)], dim=1)
 
@@ -186,7 +186,7 @@ class _Planes(nn.Module):
         low, high = float(space.low.min()), float(space.high.max())
         if not (np.isfinite([low, high]).all() and low < high):
             raise ValueError(f"ImageFeatures: {name}: expected an image of finite bounds, got [{low:g}, {high:g}]")
-        self.low, self.high = (0.0, 1.0) if is_image_space(space) else (low, high)  # the former are scaled already
+        self.low, self.high = (0.0, 1.0) if is_image_space(space) else (low, high)  # the former are already scaled
         self.flat = len(space.shape) == 2
         self.channels_last = not self.flat and space.shape[-1] == min(space.shape)
         self.count = 1 if self.flat else min(space.shape)

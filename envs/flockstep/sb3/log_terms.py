@@ -1,4 +1,4 @@
-"""What episodes earned, term by term, in the log of a training."""
+"""Log the reward terms of episodes during training."""
 
 from __future__ import annotations
 
@@ -12,16 +12,15 @@ from stable_baselines3.common.callbacks import BaseCallback
 
 
 class LogTerms(BaseCallback):
-    """Logs means over the episodes that ended in a rollout, for TensorBoard and the other outputs of the log.
+    """Logs means over the episodes that ended in a rollout, to TensorBoard and the other log outputs.
 
-    ``terms/NAME`` is the sum of a term of the reward over an episode, unscaled. ``infos/NAME`` is what a `Task` reports
-    by its ``info_names``. In how many episodes the task succeeded is logged by Stable-Baselines3 itself, as
-    ``rollout/success_rate``.
+    ``terms/NAME`` is the unscaled sum of a reward term over an episode. ``infos/NAME`` is a value that a `Task` reports
+    by its ``info_names``. Stable-Baselines3 itself logs the success rate as ``rollout/success_rate``.
 
     Parameters
     ----------
     info_names
-        Which of the infos are logged, beside the terms: names in a sequence, such as ``("laps",)``.
+        Names of the infos to log in addition to the terms, as a sequence such as ``("laps",)``.
 
     >>> model.learn(300_000, callback=flockstep.sb3.LogTerms())
     """

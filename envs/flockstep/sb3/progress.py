@@ -1,4 +1,4 @@
-"""How far a training is, printed to a terminal or to a file."""
+"""Print the progress of a training to a terminal or a file."""
 
 from __future__ import annotations
 
@@ -13,15 +13,15 @@ from stable_baselines3.common.callbacks import BaseCallback
 class Progress(BaseCallback):
     """Prints the steps, the time and the success rate of a training.
 
-    On a terminal it keeps one line up to date. Into a file, a pipe or a notebook it prints a line at every interval and
-    one at the end; the progress bar of Stable-Baselines3 (``progress_bar=True``) shows nothing there until the end.
+    On a terminal it keeps one line up to date. In a file, a pipe or a notebook it prints a line at every interval and
+    one at the end. The progress bar of Stable-Baselines3 (``progress_bar=True``) shows nothing there until the end.
 
     Parameters
     ----------
     interval_s
         Seconds between two lines in a file. A terminal is updated every 0.2 s.
     stream
-        Where to print. Default: standard error, so that results on standard output stay separate.
+        Output stream. Default: standard error, so that results on standard output stay separate.
 
     Raises
     ------
@@ -64,7 +64,7 @@ class Progress(BaseCallback):
     def _line(self) -> str:
         steps, total = self.model.num_timesteps, self.model._total_timesteps
         seconds = max(self._printed - self._began, 1e-9)
-        share = min(steps / total, 1.0)  # the last rollout is flown to its end
+        share = min(steps / total, 1.0)  # training completes its last rollout
         line = f"{steps:,} of {total:,} steps ({share:.0%}), {seconds:.0f} s"
         line += f", {(steps - self._first) / seconds:,.0f} steps/s"
         successes = self.model.ep_success_buffer

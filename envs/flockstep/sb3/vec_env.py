@@ -29,11 +29,11 @@ def make_vec(
     Parameters
     ----------
     env
-        A Gymnasium id of this package, a `Task` (an object, or its class) or `NativeTask` of your own, or a ready
-        `DroneVectorEnv` with same-step autoreset (then without ``num_envs`` and keywords). ``task=`` says the same of a
-        task, as for `DroneVectorEnv`.
+        A Gymnasium id of this package, your own `Task` (an object, or its class) or `NativeTask`, or a finished
+        `DroneVectorEnv` with same-step autoreset (then without ``num_envs`` and keywords). A task can also be given as
+        ``task=``, as for `DroneVectorEnv`.
     num_envs
-        Number of envs, of one drone each unless ``drones_per_env`` says more.
+        Number of envs. Each has one drone unless ``drones_per_env`` is larger.
     **kwargs
         Keywords of `DroneVectorEnv`, except ``autoreset_mode`` and ``copy``.
     """
@@ -51,20 +51,20 @@ def make_vec(
 
 
 class DroneVecEnv(VecEnv):
-    """A `DroneVectorEnv` as Stable-Baselines3 wants it: images are channel-first, as they are trained on.
+    """A `DroneVectorEnv` with the `VecEnv` interface of Stable-Baselines3.
 
-    Observations are views of two slots that take turns, so the one before the last step is still whole when
-    Stable-Baselines3 stores it; rewards are new arrays, since it writes into them. The infos of envs whose episode goes
-    on are one and the same empty dict; do not write into it.
+    Observations are views of two alternating buffers, so the previous observation is still intact when
+    Stable-Baselines3 stores it. Rewards are new arrays, because Stable-Baselines3 writes into them. All envs whose
+    episode continues share one empty info dict; do not write into it.
 
-    Infos at the end of an episode: ``terminal_observation``, ``TimeLimit.truncated``, ``is_success``, and as `Monitor`
-    gives it ``episode``: return ``r``, length ``l``, and ``t``, seconds since this object was made. Then
-    ``episode_end``, a value of `EpisodeEnd`, ``crashed``, ``bad_state``, ``episode_terms``, the sum of each of the
-    reward's terms by its name, and what a `Task` names in its ``info_names``; `LogTerms` writes means of these to the
-    log.
+    Infos at the end of an episode are ``terminal_observation``, ``TimeLimit.truncated``, ``is_success``, and
+    ``episode`` in the format of `Monitor`: return ``r``, length ``l``, and ``t``, seconds since this object was made.
+    Further infos are ``episode_end``, a value of `EpisodeEnd`; ``crashed``; ``bad_state``; ``episode_terms``, the sum
+    of each reward term by name; and the values that a `Task` names in its ``info_names``. `LogTerms` logs means of the
+    terms and of chosen infos.
     """
 
-    _options_of_all: dict[str, Any] | None = None  # of the next reset
+    _options_of_all: dict[str, Any] | None = None  # for the next reset
 
     def __init__(self, env: DroneVectorEnv) -> None:
         if env.autoreset_mode is not AutoresetMode.SAME_STEP:
@@ -77,21 +77,21 @@ class DroneVecEnv(VecEnv):
         self.metadata["render_fps"] = env.metadata["render_fps"]
 
     def reset(self) -> Observation:
-        """Begin new episodes, with the seeds given to `seed` since the last reset, and return the observation."""
+        """Begin new episodes with the seeds given to `seed` since the last reset, and return the observation."""
         seeds = [seed for seed in self._seeds if seed is not None][: self.env.num_groups]  # one for each env
         options = self._options_of_all
-        self._reset_options()  # also if the env refuses them
+        self._reset_options()  # even if the env rejects them
         observation, _ = self.env.reset(seed=seeds or None, options=options)
         self._reset_seeds()
         return observation
 
     def set_options(self, options: list[dict[str, Any]] | dict[str, Any] | None = None) -> None:
-        """Set the options of the next `reset`, as `DroneVectorEnv.reset` takes them.
+        """Set the options of the next `reset`, in the format of `DroneVectorEnv.reset`.
 
         Raises
         ------
         ValueError
-            A list of one dict for each env that are not all empty: the envs share one reset.
+            A list with a non-empty dict: the envs share one reset.
         """
         if isinstance(options, list):
             if any(options):
@@ -109,7 +109,7 @@ class DroneVecEnv(VecEnv):
         self._actions = actions
 
     def step_wait(self) -> VecEnvStepReturn:
-        """Fly one step and return observation, reward, done, infos."""
+        """Fly one step and return observation, reward, done and infos."""
         assert self._actions is not None, "step_async comes first"
         batch = self._batch
         batch.step(self._actions)
@@ -144,12 +144,12 @@ class DroneVecEnv(VecEnv):
         self.env.close()
 
     def get_attr(self, attr_name: str, indices: VecEnvIndices = None) -> list[Any]:
-        """Return an attribute of the env for each index: its rows if it has N of them, else the same value."""
+        """Return an attribute of the env for each index: its rows if it has N rows, otherwise the same value."""
         values = self.env.get_attr(attr_name)
         return [values[i] for i in self._get_indices(indices)]
 
     def set_attr(self, attr_name: str, value: Any, indices: VecEnvIndices = None) -> None:
-        """Set an attribute of the env; all drones share it, so ``indices`` must mean all of them."""
+        """Set an attribute of the env. All drones share it, so ``indices`` must select all of them."""
         if sorted(self._get_indices(indices)) != list(range(self.num_envs)):
             raise ValueError(f"{attr_name}: the drones share it, so it cannot be set for some of them")
         self.env.set_attr(attr_name, value)
@@ -164,7 +164,7 @@ class DroneVecEnv(VecEnv):
     def env_is_wrapped(
         self, wrapper_class: type[gymnasium.Wrapper[Any, Any, Any, Any]], indices: VecEnvIndices = None
     ) -> list[bool]:
-        """Return True for `Monitor` alone: the infos hold what it would add."""
+        """Return True only for `Monitor`, whose values are already in the infos."""
         return [issubclass(wrapper_class, Monitor) for _ in self._get_indices(indices)]
 
     def get_images(self) -> Sequence[npt.NDArray[np.uint8] | None]:

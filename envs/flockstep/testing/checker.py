@@ -19,46 +19,48 @@ def check_vector_env(
     seed: int = 123,
     skip: Collection[str] = (),
 ) -> None:
-    """Check that a vector environment keeps to Gymnasium's rules.
+    """Check that a vector environment follows Gymnasium's rules.
 
     Parameters
     ----------
     make_env
-        Makes a new env with the given number of sub-envs, alike on every call. Its episodes should be short: at least
-        one must end within ``steps`` steps of random actions, or its autoreset cannot be checked.
+        A function that makes a new env with the given number of sub-envs, identical on every call. Its episodes should
+        be short: at least one must end within ``steps`` steps of random actions, otherwise autoreset cannot be checked.
     num_envs
         Number of sub-envs to check with, at least 2. An env whose ``num_groups`` is this number may have several rows
         for each.
     steps
-        Length of the runs that are compared.
+        Number of steps in each compared run.
     seed
-        Of the resets and of the random actions.
+        Seed of the resets and of the random actions.
     skip
-        Names of checks to leave out, of `CHECKS`:
+        Names of checks in `CHECKS` to skip:
 
         - ``spaces``: batched spaces, metadata, autoreset mode
-        - ``values``: types, shapes and dtypes of what reset and step return, infos with their masks
+        - ``values``: types, shapes and dtypes of the results of reset and step, infos with their masks
         - ``determinism``: the same seed and actions give the same run, in the same env and in a new one; without a seed
-          a reset goes on with new episodes, alike for alike histories
-        - ``ownership``: returned arrays are neither written again nor read back, arguments are not changed, a `Task`
-          keeps no views of its batch
-        - ``snapshot``: an env with ``snapshot`` and ``restore`` goes on from one as if nothing had been in between
-        - ``num_envs``: env i does the same whatever the number of envs
-        - ``seed_offset``: env i of a batch seeded s does what env 0 of one seeded s + i does (not so where the envs
-          of a batch differ by design)
-        - ``autoreset``: what the env's autoreset mode promises about the end of an episode
-        - ``reset_mask``: ``options={"reset_mask": ...}`` resets the masked envs and no others (with autoreset disabled,
-          or where there are snapshots)
-        - ``bad_actions``: actions of a wrong length, or not finite in a `Box`, raise
-        - ``render``: in the mode ``rgb_array``, a frame per env; without a mode, that `Task.draw` draws, from above
+          a reset starts the next episodes, identical after identical histories
+        - ``ownership``: the env neither overwrites nor reads returned arrays, arguments are not changed, a `Task` keeps
+          no views of its batch
+        - ``snapshot``: an env with ``snapshot`` and ``restore`` continues from a snapshot as if nothing had happened
+          since
+        - ``num_envs``: env i does the same for any number of envs
+        - ``seed_offset``: env i of a batch seeded s does what env 0 of one seeded s + i does (skip this if the envs of
+          a batch differ by design)
+        - ``autoreset``: the end of an episode follows the env's autoreset mode
+        - ``reset_mask``: ``options={"reset_mask": ...}`` resets exactly the masked envs (only with autoreset disabled,
+          or if the env has snapshots)
+        - ``bad_actions``: actions of a wrong length, or not finite in a `Box`, raise an error
+        - ``render``: in the mode ``rgb_array`` there is a frame per env; without a mode, `Task.draw` works in the view
+          from above
         - ``close``: closing twice is allowed
 
     Raises
     ------
     AssertionError
-        The env breaks a rule; the message says which, and how.
+        The env breaks a rule; the message says which one, and how.
     ValueError
-        A name in ``skip`` that does not exist, or fewer than two envs.
+        ``skip`` contains an unknown name, or there are fewer than two envs.
     """
     unknown = set(skip) - set(CHECKS)
     if unknown:
@@ -71,7 +73,7 @@ def check_vector_env(
             check(setup)
 
 
-#: The checks by name, in the order they run.
+#: The checks by name, in running order.
 CHECKS: dict[str, Callable[[Setup], None]] = {
     "spaces": check_spaces,
     "values": check_values,

@@ -1,4 +1,4 @@
-"""Where two values, or two runs, differ."""
+"""Find differences between two values or two runs."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from flockstep.testing.runs import Array, Step
 
 
 def difference_between(a: Any, b: Any) -> str | None:
-    """Return where two values differ in type, shape or bits, or None."""
+    """Describe the first difference between two values in type, shape or bits, or return None."""
     if type(a) is not type(b):
         return f"{type(a).__name__} against {type(b).__name__}"
     if isinstance(a, dict):
@@ -37,7 +37,7 @@ def difference_between(a: Any, b: Any) -> str | None:
 
 
 def rows_of(value: Any, rows: slice) -> Any:
-    """Return the rows of some envs of anything that has a row per env."""
+    """Return the rows of some envs from a value with a row per env."""
     if isinstance(value, Step):
         return Step(*(rows_of(getattr(value, field.name), rows) for field in fields(Step)))
     if isinstance(value, dict):
@@ -48,7 +48,7 @@ def rows_of(value: Any, rows: slice) -> Any:
 
 
 def assert_same_runs(first: tuple[Any, list[Step]], second: tuple[Any, list[Step]], rule: str) -> None:
-    """Raise AssertionError, with the rule that is broken, where two runs differ."""
+    """Raise AssertionError with the broken rule if two runs differ."""
     difference = difference_between(first[0], second[0])
     assert difference is None, f"{rule}, but the observations of the reset differ: {difference}"
     for number, (a, b) in enumerate(zip(first[1], second[1], strict=True)):
@@ -60,7 +60,7 @@ def assert_same_runs(first: tuple[Any, list[Step]], second: tuple[Any, list[Step
 
 
 def _masked(infos: dict[str, Any]) -> dict[str, Any]:
-    """Return the infos without what no env has: entries whose mask is False everywhere, and values outside the mask."""
+    """Return the infos without masked-out parts: entries whose mask is all False, and values outside the mask."""
     kept: dict[str, Any] = {}
     for key, value in infos.items():
         if key.startswith("_"):
@@ -77,7 +77,7 @@ def _masked(infos: dict[str, Any]) -> dict[str, Any]:
 
 
 def arrays_in(value: Any) -> list[Array]:
-    """Return the arrays in a dict, tuple or list of arrays, or in an array alone."""
+    """Return all arrays in a dict, tuple or list of arrays, or the array itself."""
     if isinstance(value, dict):
         return [leaf for key in sorted(value) for leaf in arrays_in(value[key])]
     if isinstance(value, (tuple, list)):

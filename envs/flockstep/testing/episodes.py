@@ -1,4 +1,4 @@
-"""Checks of the end of an episode and the beginning of the next: autoreset, and resets with a mask."""
+"""Checks of episode ends and beginnings: autoreset, and resets with a mask."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from flockstep.testing.runs import Actions, Array, Setup, Step, rows_per_env, ru
 
 
 def check_autoreset(setup: Setup) -> None:
-    """Check what the env's autoreset mode promises about the end of an episode."""
+    """Check that the end of an episode follows the env's autoreset mode."""
     with setup.env() as env:
         mode = env.metadata.get("autoreset_mode")
         _, history = run(env, setup.steps, setup.seed, setup.seed)
@@ -98,9 +98,10 @@ def _check_same_step(setup: Setup, history: list[Step]) -> None:
 
 
 def check_reset_mask(setup: Setup) -> None:
-    """Check that a reset with a mask resets the masked envs and no others.
+    """Check that a reset with a mask resets exactly the masked envs.
 
-    Gymnasium has such resets with autoreset disabled alone; an env that takes snapshots is taken to have them always.
+    Gymnasium defines such resets only with autoreset disabled; an env with snapshots is expected to support them
+    always.
     """
     with setup.env() as env:
         if env.metadata.get("autoreset_mode") != AutoresetMode.DISABLED and not hasattr(env.unwrapped, "snapshot"):

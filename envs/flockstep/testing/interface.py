@@ -1,4 +1,4 @@
-"""Checks of what an env offers and returns: spaces, values, errors, pictures, closing."""
+"""Checks of an env's interface: spaces, values, errors, pictures, closing."""
 
 from __future__ import annotations
 
@@ -46,7 +46,7 @@ def check_spaces(setup: Setup) -> None:
 
 
 def check_values(setup: Setup) -> None:
-    """Check types, shapes and dtypes of what reset and step return."""
+    """Check types, shapes and dtypes of the results of reset and step."""
     with setup.env() as env:
         returned = env.reset(seed=setup.seed)
         assert isinstance(returned, tuple) and len(returned) == 2, "reset: expected a tuple (observation, infos)"
@@ -93,12 +93,12 @@ def check_observation(env: AnyVectorEnv, observation: Any, place: str) -> None:
 
 
 def check_contained(space: spaces.Space[Any], observation: Any, place: str, batched: bool = False) -> None:
-    """Check that an observation is in a space, and say of the first number beyond its bounds where it is."""
+    """Check that an observation is in a space; report the first number outside its bounds."""
     if isinstance(space, spaces.Dict) and isinstance(observation, dict) and observation.keys() == space.keys():
         for key, part in space.items():
             check_contained(part, observation[key], f"{place}[{key!r}]", batched)
     elif isinstance(space, spaces.Box) and isinstance(observation, np.ndarray) and observation.shape == space.shape:
-        beyond = np.argwhere(~((observation >= space.low) & (observation <= space.high)))  # NaN is, too
+        beyond = np.argwhere(~((observation >= space.low) & (observation <= space.high)))  # includes NaN
         if len(beyond):
             at = tuple(beyond[0].tolist())
             env, index = (at[:1], at[1:]) if batched else ((), at)
@@ -124,7 +124,7 @@ def _check_arrays(space: spaces.Space[Any], value: Any, place: str) -> None:
 
 
 def check_infos(env: AnyVectorEnv, infos: Any, place: str) -> None:
-    """Check that infos hold arrays with a row per env, each mask beside what it masks."""
+    """Check that infos hold arrays with a row per env, and that each mask has its values."""
     assert isinstance(infos, dict), f"{place}: infos: expected a dict, got {type(infos).__name__}"
     for key, value in infos.items():
         where = f"{place}: infos[{key!r}]"
@@ -143,7 +143,7 @@ def check_infos(env: AnyVectorEnv, infos: Any, place: str) -> None:
 
 
 def check_bad_actions(setup: Setup) -> None:
-    """Check that actions of a wrong length, or not finite, raise."""
+    """Check that actions of a wrong length, or not finite, raise an error."""
     with setup.env() as env, setup.env(setup.num_envs + 1) as wider:
         env.reset(seed=setup.seed)
         _assert_raises(env, Actions(wider, setup.seed)(), f"actions for {setup.num_envs + 1} envs")
@@ -164,7 +164,7 @@ def _assert_raises(env: AnyVectorEnv, actions: Any, what: str) -> None:
 
 
 def check_render(setup: Setup) -> None:
-    """Check that there is a frame per env; without a render mode, that a task can draw into one."""
+    """Check that there is a frame per env; without a render mode, check that the task's drawing works."""
     with setup.env() as env:
         task = getattr(env.unwrapped, "task", None)
         draws = isinstance(task, Task) and type(task).draw is not Task.draw

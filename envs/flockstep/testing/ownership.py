@@ -1,4 +1,4 @@
-"""The check that arrays belong to who holds them."""
+"""The check of array ownership."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from flockstep.testing.runs import Actions, Setup, run
 
 
 def check_ownership(setup: Setup) -> None:
-    """Check that returned arrays are neither written again nor read back, arguments not changed, no views kept."""
+    """Check that the env neither overwrites nor reads returned arrays, changes no arguments and keeps no views."""
     with setup.env() as env, setup.env() as poisoned:
         kept = run(env, setup.steps, setup.seed, setup.seed, keep=True)
         fresh = run(poisoned, setup.steps, setup.seed, setup.seed)
@@ -45,7 +45,7 @@ def check_ownership(setup: Setup) -> None:
 
 
 def _check_views(task: Any) -> None:
-    """Check that a task holds no array whose memory is its batch's."""
+    """Check that a task holds no view of its batch's memory."""
     for name, value in vars(task).items() if isinstance(task, Task) else ():
         for array in arrays_in(value):
             owner: Any = array

@@ -1,4 +1,4 @@
-"""Checks that the same seeds and actions give the same run, whatever flies beside it."""
+"""Checks that the same seeds and actions give the same run, independent of the other envs."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ def check_determinism(setup: Setup) -> None:
 
 
 def check_snapshot(setup: Setup) -> None:
-    """Check that an env with `snapshot` and `restore` goes on from one as if nothing had been in between."""
+    """Check that an env with `snapshot` and `restore` continues from a snapshot as if nothing had happened since."""
     with setup.env() as env, setup.env() as other:
         if not (callable(getattr(env, "snapshot", None)) and callable(getattr(env, "restore", None))):
             return
@@ -38,7 +38,7 @@ def check_snapshot(setup: Setup) -> None:
 
 
 def check_num_envs(setup: Setup) -> None:
-    """Check that env i does the same whatever the number of envs."""
+    """Check that env i does the same for any number of envs."""
     n, more = setup.num_envs, 2 * setup.num_envs + 1
     with setup.env(n) as env, setup.env(more) as wide:
         few, many = run(env, setup.steps, setup.seed, setup.seed), run(wide, setup.steps, setup.seed, setup.seed)

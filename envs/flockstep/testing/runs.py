@@ -1,4 +1,4 @@
-"""Runs of an env under random actions, to be compared."""
+"""Runs of an env under random actions, for comparison."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ MakeEnv: TypeAlias = Callable[[int], AnyVectorEnv]
 
 @dataclass
 class Setup:
-    """What to check: how an env is made, how many, how long the runs are, and their seed."""
+    """Settings of the checks: the function that makes an env, the number of envs, the length of runs and the seed."""
 
     make_env: MakeEnv
     num_envs: int
@@ -28,7 +28,7 @@ class Setup:
 
     @contextmanager
     def env(self, num_envs: int | None = None) -> Iterator[AnyVectorEnv]:
-        """Make an env, and close it in the end."""
+        """Make an env and close it at the end."""
         env = self.make_env(self.num_envs if num_envs is None else num_envs)
         try:
             yield env
@@ -37,7 +37,7 @@ class Setup:
 
 
 def rows_per_env(env: AnyVectorEnv) -> int:
-    """Return how many rows an env has: several if ``num_groups`` says that consecutive rows form one env."""
+    """Return the number of rows per env: several if ``num_groups`` groups consecutive rows into one env."""
     groups = int(getattr(env.unwrapped, "num_groups", env.num_envs))
     assert groups > 0 and env.num_envs % groups == 0, (
         f"num_groups: expected a divisor of num_envs ({env.num_envs}), got {groups}"
@@ -47,7 +47,7 @@ def rows_per_env(env: AnyVectorEnv) -> int:
 
 @dataclass
 class Step:
-    """What one step returned; every field has a row per env."""
+    """The results of one step; every field has a row per env."""
 
     observation: Any
     reward: Array
@@ -57,13 +57,13 @@ class Step:
 
     @property
     def ended(self) -> Array:
-        """Where the episode ended, (N,) bool."""
+        """Mask of the ended episodes, (N,) bool."""
         ended: Array = self.terminated | self.truncated
         return ended
 
 
 class Actions:
-    """Random actions that depend on nothing but the index of the env and how many came before.
+    """Random actions that depend only on the seed, the env's index and the number of previous calls.
 
     With ``offset``, env i gets the actions of env i + offset.
     """
@@ -91,14 +91,14 @@ def _stack(samples: Sequence[Any]) -> Any:
 def run(
     env: AnyVectorEnv, steps: int, seed: int | None, action_seed: int, offset: int = 0, keep: bool = False
 ) -> tuple[Any, list[Step]]:
-    """Reset and step with random actions; return copies, or with ``keep`` the very arrays that came."""
+    """Reset and step with random actions; return copies, or with ``keep`` the original arrays."""
     own: Callable[[Any], Any] = (lambda x: x) if keep else copy.deepcopy
     observation = own(env.reset(seed=seed)[0])
     return observation, go_on(env, steps, Actions(env, action_seed, offset), own)
 
 
 def go_on(env: AnyVectorEnv, steps: int, actions: Actions, own: Callable[[Any], Any] = copy.deepcopy) -> list[Step]:
-    """Step from where the env is; where it does not reset by itself, reset what has ended."""
+    """Continue stepping an env; with autoreset disabled, also reset the ended episodes."""
     mode = env.metadata.get("autoreset_mode")
     history = []
     for _ in range(steps):
