@@ -25,7 +25,7 @@ from flockstep.pictures.third_person_view import ThirdPersonView
 from flockstep.pictures.trail import Trail
 
 WORLD = "playground/camera-train-1"
-#: From where, and what to look at (m).
+#: Camera position and target (m).
 POSES = {
     "near the start": ((2.0, 7.2, 3.4), (11.7, 6.3, 3.0)),
     "among pillars": ((6.6, 8.2, 3.6), (11.7, 6.3, 2.4)),
@@ -33,13 +33,13 @@ POSES = {
 }
 OUTPUTS = ("rgb", "depth", "semantic", "instance", "normal", "grey")
 TILE_PX = (240, 180)
-FAR_M = 18.0  # the far end of the colours of depth
+FAR_M = 18.0  # upper end of the depth colours
 
 Image = npt.NDArray[np.uint8]
 
 
 def shown(output: str, frame: npt.NDArray[Any]) -> Image:
-    """Return the frame of an output as colours: near is bright, every id has a colour of its own."""
+    """Return the frame of an output as colours: near is bright, and every id has its own colour."""
     if output == "rgb":
         return frame
     if output == "grey":
@@ -56,12 +56,12 @@ def shown(output: str, frame: npt.NDArray[Any]) -> Image:
 
 
 def capture(backend: str, world: flockstep.World) -> dict[str, npt.NDArray[Any]] | None:
-    """Return the frames of all poses by output, or None where the backend is not available."""
+    """Return the frames of all poses by output, or None if the backend is not available."""
     camera = flockstep.CameraConfig(
         width_px=TILE_PX[0], height_px=TILE_PX[1], outputs=OUTPUTS, samples_per_pixel=4, shadows=True
     )
     with warnings.catch_warnings():
-        warnings.simplefilter("ignore", RuntimeWarning)  # that raycast stands in: the report says so, too
+        warnings.simplefilter("ignore", RuntimeWarning)  # raycast replaces gl; the report also says so
         batch = flockstep.Batch([world], len(POSES), cameras=[camera], camera_backend=backend)
         positions = np.array([position for position, _ in POSES.values()], np.float32)
         batch.set_pose(positions, np.stack([facing(position, target) for position, target in POSES.values()]))
@@ -72,11 +72,11 @@ def capture(backend: str, world: flockstep.World) -> dict[str, npt.NDArray[Any]]
 
 
 def draw_sheet(path: Path, backends: Sequence[str] = ("raycast", "gl")) -> list[str]:
-    """Write a sheet of camera frames, a column for each output; return the backends that are on it."""
+    """Write a sheet of camera frames, with a column for each output; return its backends."""
     world = flockstep.World.load(WORLD)
     frames = {backend: taken for backend in backends if (taken := capture(backend, world)) is not None}
     rows = [(pose, backend) for pose in range(len(POSES)) for backend in frames]
-    left, top, gap = 0.62, 0.30, 0.04  # inches, of 100 pixels
+    left, top, gap = 0.62, 0.30, 0.04  # inches, at 100 pixels per inch
     width, height = TILE_PX[0] / 100, TILE_PX[1] / 100
     size = (left + len(OUTPUTS) * (width + gap), top + len(rows) * (height + gap))
     figure = plt.figure(figsize=size)
@@ -100,7 +100,7 @@ def draw_sheet(path: Path, backends: Sequence[str] = ("raycast", "gl")) -> list[
 
 
 def fly(world: flockstep.World, share: float) -> Image:
-    """Return a picture from behind a drone that has flown a share of the shortest path over its world's markers."""
+    """Return a picture from behind a drone that has flown a fraction of the shortest path along its world's markers."""
     lidar = flockstep.LidarConfig()
     camera = flockstep.CameraConfig(width_px=64, height_px=48)
     batch = flockstep.Batch([world], lidar=lidar, cameras=[camera])
@@ -126,7 +126,7 @@ class Args:
 
 
 def main(args: Args) -> None:
-    """Draw, and say what is where."""
+    """Draw, and print the locations."""
     args.out.mkdir(parents=True, exist_ok=True)
     backends = draw_sheet(args.out / "camera-sheet.png")
     imageio.imwrite(args.out / "third-person.png", fly(flockstep.World.load("playground/train-2"), 0.15), optimize=True)

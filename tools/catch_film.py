@@ -1,4 +1,4 @@
-"""Watch a quadrotor learn to catch itself: train Hover, and film one throw by the policy as it was on the way.
+"""Watch a quadrotor learn to catch itself: train Hover, and film one throw with policies from during the training.
 
 .venv/bin/python -m tools.catch_film                # catch.mp4, catch.gif and catch.png in out/catch/
 """
@@ -32,34 +32,34 @@ from training.tasks import UNSEEN_SEEDS
 Array = npt.NDArray[Any]
 
 HZ = POLICY_HZ["hover"]
-SHOWN = (0.0, 1 / 6, 1 / 2)  # of the steps of a training; the fourth policy is the one that it chose
-THROWS = 100  # of which the most tilted one is filmed, whoever catches it
+SHOWN = (0.0, 1 / 6, 1 / 2)  # fractions of the training's steps; the fourth policy is the one that it chose
+THROWS = 100  # number of throws; the one with the most tilt is filmed, caught or not
 
 GIF_FPS, GIF_WIDTH_PX = 6.25, 560
-FROM = np.array([-0.71, -0.41, 0.57])  # unit vector: from where the viewer looks
-NEAR_M, APART_M = 0.42, 0.9  # how near it comes, and up to how far from the drone it keeps the point in view, too
-SMOOTH_S = 0.1  # of the viewer's motion
-SHEET_S, SHEET_WIDTH_PX = (0.0, 0.3, 0.8, 2.0, 6.0), 2000  # of catch.png: when in the flight
+FROM = np.array([-0.71, -0.41, 0.57])  # unit vector towards the viewer
+NEAR_M, APART_M = 0.42, 0.9  # minimum distance of the viewer; maximum drone-point distance with both in view
+SMOOTH_S = 0.1  # smoothing of the viewer's motion
+SHEET_S, SHEET_WIDTH_PX = (0.0, 0.3, 0.8, 2.0, 6.0), 2000  # times of flight in catch.png; its width
 
 
 @dataclass
 class Args:
-    """Train, fly, film."""
+    """Options for training, flying and filming."""
 
     out: Path = Path("out/catch")
     """Folder for the films, the picture and the policy."""
     seed: int = 0
-    """Of the training."""
+    """Seed of the training."""
     total_steps: int | None = None
-    """Step budget of the training; default: that of training/train_flight.py."""
+    """Step budget of the training; default: the budget of training/train_flight.py."""
     max_minutes: float = 1.5
-    """Time budget of the training; what is reached by then is shown."""
+    """Time budget of the training; the film shows the results up to then."""
     flights: int = 1000
-    """By so many other throws each policy is judged."""
+    """Number of other throws to evaluate each policy."""
     width_px: int = 1280
-    """Of the film; its height is 9/16 of that."""
+    """Width of the film; its height is 9/16 of that."""
     film_s: float = LASTS_S["hover"]
-    """How much of the flight is filmed."""
+    """Filmed time of the flight."""
 
 
 @dataclass
@@ -68,13 +68,13 @@ class Moment:
 
     steps: int
     seconds: float
-    """Of training, without the evaluations on the way."""
+    """Training time, without the evaluations."""
     state: dict[str, Any]
-    """Of its network."""
+    """State of its network."""
 
 
 class Keeper(train_flight.Chooser):
-    """Also keeps what the policy was before each update, and ends the training when its time is up."""
+    """Also stores the policy before each update, and ends the training when its time is up."""
 
     def __init__(self, args: train_flight.Args, total_steps: int, max_seconds: float) -> None:
         super().__init__(args, total_steps)
@@ -93,7 +93,7 @@ class Keeper(train_flight.Chooser):
 
 
 def learn(args: train_flight.Args, max_minutes: float) -> tuple[PPO, list[Moment]]:
-    """Train; return the model that was chosen, and the policies to be shown, of which it is the last."""
+    """Train; return the chosen model, and the policies to show, of which it is the last."""
     keepers: list[Keeper] = []
 
     def keeper(of: train_flight.Args, total_steps: int) -> Keeper:
@@ -108,7 +108,7 @@ def learn(args: train_flight.Args, max_minutes: float) -> tuple[PPO, list[Moment
 
 
 def most_tilted(seeds: range) -> int:
-    """Return the seed whose throw begins with the most tilt."""
+    """Return the seed of the throw with the most initial tilt."""
     envs = make("hover", len(seeds))
     envs.reset(seed=seeds.start)
     up = rotate(envs.batch.quat_wxyz, np.array([0.0, 0.0, 1.0]))
@@ -121,7 +121,7 @@ def thrown(pilot: Pilot, seed: int) -> Flight:
 
 
 class Scene:
-    """The hall, the point and the drone, as they are drawn in pictures of a size."""
+    """The hall, the point and the drone, drawn in pictures of one size."""
 
     def __init__(self, size_px: tuple[int, int]) -> None:
         batch, (width, height) = make("hover", 1).batch, size_px
@@ -131,7 +131,7 @@ class Scene:
         self._stage = Stage(with_markers(world, ()), 0.1, (FINER * width, FINER * height))
 
     def picture(self, viewer: Array, target: Array, throw: Flight, step: int) -> Image.Image:
-        """Return the drone after so many steps, and its path until then."""
+        """Return the drone after this many steps, and its path until then."""
         canvas = self._stage.seen_from(viewer, target)
         drawing = Drawing(canvas, FINER)
         angle = np.linspace(0, 2 * np.pi, 49)
@@ -156,12 +156,12 @@ class Panel:
         gap = throw.position - scene.point
         self._distance_m = np.linalg.norm(gap, axis=1)
         kept = np.minimum(self._distance_m, APART_M)[:, None]
-        # Between drone and point while both fit, and so far off that they do; else with the drone.
+        # Look between drone and point, from far enough, while both fit into the picture; otherwise follow the drone.
         self._target = smooth(throw.position - 0.35 * kept * gap / np.maximum(self._distance_m, 1e-9)[:, None])
         self._viewer = self._target + smooth(NEAR_M + 1.2 * kept) * FROM
 
     def frame(self, step: int) -> Image.Image:
-        """Return the picture after so many steps, or of the last one."""
+        """Return the picture after this many steps, or the last one."""
         if step >= self._last:
             return self._end
         return self._captioned(step, f"{100 * self._distance_m[step]:.0f} cm from the point")
@@ -184,16 +184,16 @@ class Panel:
 
 
 def smooth(rows: Array) -> Array:
-    """Return steps (T, K) averaged over time."""
+    """Return rows (T, K) smoothed over time."""
     half = round(3 * SMOOTH_S * HZ)
     weights = np.exp(-0.5 * (np.arange(-half, half + 1) / (SMOOTH_S * HZ)) ** 2)
-    padded = np.pad(rows, ((half, half), (0, 0)), mode="reflect", reflect_type="odd")  # the trend goes on
+    padded = np.pad(rows, ((half, half), (0, 0)), mode="reflect", reflect_type="odd")  # continues the trend
     return np.stack([np.convolve(column, weights / weights.sum(), "valid") for column in padded.T], axis=1)
 
 
 def draw(args: Args, model: PPO, moments: Sequence[Moment]) -> list[float]:
-    """Film one throw by the policies of some moments; return the share of others that each holds within 5 cm."""
-    width = args.width_px // 4 * 2  # of a panel; codecs want even sizes
+    """Film one throw with the policies of some moments; return each one's share of other throws held within 5 cm."""
+    width = args.width_px // 4 * 2  # width of a panel; codecs need even sizes
     scene = Scene((width, width * 9 // 32 * 2))
     seed = most_tilted(range(UNSEEN_SEEDS.start, UNSEEN_SEEDS.start + THROWS))
     panels, rates = [], []
@@ -212,7 +212,7 @@ def draw(args: Args, model: PPO, moments: Sequence[Moment]) -> list[float]:
 
 
 def main(args: Args) -> None:
-    """Train, fly, film and tell."""
+    """Train, fly, film and print the results."""
     args.out.mkdir(parents=True, exist_ok=True)
     print("Training a quadrotor to catch itself by the thrusts of its rotors ...")
     model, moments = learn(train_flight.Args(seed=args.seed, total_steps=args.total_steps), args.max_minutes)

@@ -1,4 +1,4 @@
-"""What films of flights share: a flight step by step, captions, pictures beside each other, and the files."""
+"""Shared code of flight films: a flight step by step, captions, tiled pictures, and the files."""
 
 from __future__ import annotations
 
@@ -21,27 +21,27 @@ Color = tuple[int, int, int]
 
 FPS = 25
 GIF_COLORS = 64
-FINER = 2  # drawn so many times larger, then averaged: smooth edges
+FINER = 2  # supersampling factor, for smooth edges
 
 PATH, POINT, INK, ALARM = (35, 90, 210), (20, 140, 60), (20, 20, 20), (200, 40, 20)
 
 
 @dataclass
 class Flight:
-    """One flight, step by step, the start first."""
+    """One flight, step by step, beginning with the start."""
 
     position: Array
     """(T, 3) m."""
     quat_wxyz: Array
     """(T, 4)."""
     point: Array
-    """(T, 3) m: where the drone should be."""
+    """(T, 3) m: target position of the drone."""
     lost: bool
-    """It ended as a crash: on a contact, or too far from the point."""
+    """True if it ended as a crash: on contact, or too far from the point."""
 
 
 def flown(name: Name, pilot: Pilot, seed: int, **keywords: Any) -> Flight:
-    """Fly once from a seed; keywords are those of `flight.make`."""
+    """Fly once from a seed; keywords are passed to `flight.make`."""
     steps = round(LASTS_S[name] * POLICY_HZ[name])
     envs = make(name, 1, max_episode_steps=steps + 1, autoreset_mode="disabled", **keywords)
     observation, _ = envs.reset(seed=seed)
@@ -59,7 +59,7 @@ def flown(name: Name, pilot: Pilot, seed: int, **keywords: Any) -> Flight:
 
 
 def write_captions(picture: Image.Image, lines: Sequence[tuple[float, float, str, Color]]) -> None:
-    """Write lines into a picture: how far from its upper border, how high, both as if it were 640 wide; the text."""
+    """Write lines into a picture: distance from the top and height, both for a width of 640; text; color."""
     pen, unit = ImageDraw.Draw(picture), picture.width / 640
     edge: dict[str, Any] = {"stroke_width": max(round(3 * unit), 1), "stroke_fill": "white"}
     for top, size, text, color in lines:
@@ -68,7 +68,7 @@ def write_captions(picture: Image.Image, lines: Sequence[tuple[float, float, str
 
 
 def tiled(rows: Sequence[Sequence[Image.Image]]) -> Image.Image:
-    """Return pictures as one, with white lines between."""
+    """Return pictures as one picture with white lines between them."""
     width, height = rows[0][0].size
     whole = Image.new("RGB", (width * len(rows[0]), height * len(rows)))
     pen, line = ImageDraw.Draw(whole), max(width // 160, 1)
@@ -80,15 +80,15 @@ def tiled(rows: Sequence[Sequence[Image.Image]]) -> Image.Image:
 
 
 def write_film(path: Path, frames: Iterable[Image.Image], gif_fps: float, gif_width_px: int) -> None:
-    """Write a film of these frames, and one that is small enough for a page beside it: PATH.mp4 and PATH.gif."""
+    """Write a film of these frames, and a smaller one for web pages: PATH.mp4 and PATH.gif."""
     small: list[Array] = []
-    film: Any  # as imageio types its writers, they cannot append
+    film: Any  # imageio's own type for writers has no append_data
     with imageio.get_writer(path.with_suffix(".mp4"), fps=FPS, quality=8, macro_block_size=2) as film:
         for index, frame in enumerate(frames):
             film.append_data(np.asarray(frame))
             if index % round(FPS / gif_fps) == 0:
                 small.append(np.asarray(frame.resize((gif_width_px, gif_width_px * frame.height // frame.width))))
-    colors = np.unique(np.reshape(small[::8], (-1, 3)), axis=0)  # once each: the rare ones are the drone's
+    colors = np.unique(np.reshape(small[::8], (-1, 3)), axis=0)  # each colour once: the rare ones are the drone's
     palette = Image.fromarray(colors[None]).quantize(GIF_COLORS)
     plain = [Image.fromarray(frame).quantize(palette=palette, dither=Image.Dither.NONE) for frame in small]
     write_gif(path.with_suffix(".gif"), [np.asarray(frame.convert("RGB")) for frame in plain], round(1000 / gif_fps))

@@ -1,4 +1,4 @@
-"""The gallery: each bundled place from three views, and what a LiDAR saw on the way through it.
+"""The gallery: each bundled place in three views, and the point cloud of a LiDAR on the path through it.
 
 .venv/bin/python -m tools.gallery --out docs/gallery
 """
@@ -20,7 +20,7 @@ from tqdm import tqdm
 import flockstep
 from flockstep.pictures.picture import facing
 
-#: Scenes by name; those of a strip for the README come first.
+#: Scenes by name; the first STRIP of them form a strip for the README.
 SCENES = (
     "indoor/office",
     "outdoor/city",
@@ -32,22 +32,22 @@ SCENES = (
 STRIP = 4
 SIZE_PX = (640, 360)
 STRIP_PX = (320, 200)
-#: One place in several lights.
+#: Scene of the pictures in several lights.
 LIT = "outdoor/city"
 LIGHTS = 4
 HFOV_DEG = 80.0
-#: What the LiDAR sees: a spinning one, every so many metres of the way.
+#: A spinning LiDAR, which scans every SCAN_EVERY_M metres of the path.
 LIDAR = flockstep.LidarConfig(channels=32, beams=720, hfov_deg=360.0, vfov_deg=60.0, max_range_m=25.0)
 SCAN_EVERY_M = 0.7
-EYES_M = 6.0  # above what is below: views from higher up are taken where there are no others
+EYES_M = 6.0  # maximum height above the surface below; higher views are used only if there are no others
 
 Image = npt.NDArray[np.uint8]
 Points = npt.NDArray[np.float32]
-View: TypeAlias = tuple[Points, Points]  # from where, and what to look at, m
+View: TypeAlias = tuple[Points, Points]  # viewer and target, m
 
 
 def way_through(world: flockstep.World, step_m: float = 0.1) -> Points:
-    """Return points (n, 3) along a way from start to goal, so far apart; straight where none is found."""
+    """Return evenly spaced points (n, 3) along a path from start to goal; a straight line if no path is found."""
     goals = [*world.waypoints, world.goal]
     path = flockstep.plan(world, world.start, goals, cell_m=max(0.4, 0.012 * float(np.ptp(world.bounds, axis=0).max())))
     corners = np.array([world.start, *goals]) if path is None else path
@@ -56,7 +56,7 @@ def way_through(world: flockstep.World, step_m: float = 0.1) -> Points:
 
 
 def along(world: flockstep.World, way: Points, first: float, last: float) -> View:
-    """Return the view ahead, from between two shares of the way, that is least blocked."""
+    """Return the least blocked view ahead between two fractions of the path."""
     camera = flockstep.CameraConfig(width_px=64, height_px=36, hfov_deg=HFOV_DEG, outputs=("depth",))
     best: tuple[float, View] | None = None
     down = world.raycast(way, np.tile(np.float32([0, 0, -1]), (len(way), 1)), 1000.0)["t_hit"]
@@ -73,7 +73,7 @@ def along(world: flockstep.World, way: Points, first: float, last: float) -> Vie
 
 
 def above(world: flockstep.World) -> View:
-    """Return a view of all of the world."""
+    """Return a view of the whole world."""
     low, high = world.bounds
     size = high - low
     middle = np.array([*(low + size / 2)[:2], low[2]], np.float32)
@@ -83,7 +83,7 @@ def above(world: flockstep.World) -> View:
 
 
 def picture(world: flockstep.World, position: Points, look_at: Points, size_px: tuple[int, int] = SIZE_PX) -> Image:
-    """Return what a camera sees from there, with the shadows of the sun."""
+    """Return a camera image from there, with shadows of the sun."""
     camera = flockstep.CameraConfig(
         width_px=size_px[0], height_px=size_px[1], hfov_deg=HFOV_DEG, samples_per_pixel=4, shadows=True, far_m=2000.0
     )
@@ -92,7 +92,7 @@ def picture(world: flockstep.World, position: Points, look_at: Points, size_px: 
 
 
 def cloud(world: flockstep.World, way: Points) -> Points:
-    """Return the points (n, 3) m that the LiDAR sees on the way."""
+    """Return the points (n, 3) m that the LiDAR hits along the path."""
     batch = flockstep.Batch([world], lidar=LIDAR)
     found = []
     for position in way[:: round(SCAN_EVERY_M / 0.1)]:
@@ -104,7 +104,7 @@ def cloud(world: flockstep.World, way: Points) -> Points:
 
 
 def drawn(points: Points, position: Points, look_at: Points, size_px: tuple[int, int] = SIZE_PX) -> Image:
-    """Return the points as seen from there, coloured by their height."""
+    """Return an image of the points from there, coloured by height."""
     w, x, y, z = facing(position, look_at)
     forward = np.array([1 - 2 * (y * y + z * z), 2 * (x * y + w * z), 2 * (x * z - w * y)])
     left = np.array([2 * (x * y - w * z), 1 - 2 * (x * x + z * z), 2 * (y * z + w * x)])
@@ -129,7 +129,7 @@ def drawn(points: Points, position: Points, look_at: Points, size_px: tuple[int,
 
 
 def sheet(world: flockstep.World, indoor: bool) -> Image:
-    """Return three views and the cloud, two by two. Indoors nothing of the roof is shown."""
+    """Return three views and the point cloud, two by two. Indoors the roof is left out."""
     way = way_through(world)
     third = along(world, way, 0.7, 1.0) if indoor else above(world)
     points = cloud(world, way)
@@ -147,16 +147,16 @@ def sheet(world: flockstep.World, indoor: bool) -> Image:
 
 @dataclass
 class Args:
-    """Draw the gallery: a sheet of each scene, a strip of some, and one of a city in several lights."""
+    """Draw the gallery: a sheet of each scene, a strip of some scenes, and a strip of a city in several lights."""
 
     out: Path = Path("out/gallery")
     """Folder for the pictures."""
     scenes: tuple[str, ...] = SCENES
-    """Which."""
+    """Scenes to draw."""
 
 
 def main(args: Args) -> None:
-    """Draw, and say what is where."""
+    """Draw, and print the location."""
     args.out.mkdir(parents=True, exist_ok=True)
     strip = []
     for name in tqdm(args.scenes, unit="scene"):

@@ -1,4 +1,4 @@
-"""Watch a quadrotor follow a figure-8: by the policy that ships and, from the same start, by the controller alone.
+"""Watch a quadrotor follow a figure-8: with the bundled policy and, from the same start, with only the controller.
 
 .venv/bin/python -m tools.track_film                # track.mp4, track.gif and track.png in out/track/
 """
@@ -29,15 +29,15 @@ Array = npt.NDArray[Any]
 
 HZ = POLICY_HZ["track"]
 GIF_FPS, GIF_WIDTH_PX = 12.5, 800
-FROM_M = np.array([0.0, -1.45, 1.15])  # from the middle of the path: from where the viewer looks
-TOWARDS_M = np.array([0.0, -0.05, 0.0])  # and at what
+FROM_M = np.array([0.0, -1.45, 1.15])  # viewer, relative to the middle of the path
+TOWARDS_M = np.array([0.0, -0.05, 0.0])  # target of the view
 
 CONTROLLER_ENVS: dict[str, Any] = {"task": flockstep.TrackConfig(points=10), "control": "velocity"}
 
 
 @dataclass
 class Args:
-    """Fly and film."""
+    """Options for flying and filming."""
 
     policy: Path = Path("policies/track.zip")
     """A model saved by training/train_flight.py --task track. Loading it runs code that is in the file: load only
@@ -45,25 +45,25 @@ class Args:
     out: Path = Path("out/track")
     """Folder for the films and the picture."""
     seed: int = UNSEEN_SEEDS.start
-    """Of the flight that is filmed: where on the path it begins, and how far off it."""
+    """Seed of the filmed flight: it sets the start on the path and the distance from it."""
     flights: int = 1000
-    """Both are judged by so many other flights."""
+    """Number of other flights to evaluate both."""
     width_px: int = 1280
-    """Of the film; its height is 3/4 of that."""
+    """Width of the film; its height is 3/4 of that."""
     film_s: float = LASTS_S["track"]
-    """How much of the flight is filmed."""
+    """Filmed time of the flight."""
 
 
 def controller() -> Pilot:
-    """Return the controller that comes nearest of those that training/train_flight.py tries.
+    """Return the best controller among those that training/train_flight.py tries.
 
-    It is told the velocity that the path has 0.6 s later, and flies towards where the path is then.
+    Its command is the path's velocity 0.6 s ahead, plus a correction towards the path's position at that time.
     """
     return velocity_control(CONTROLLER_ENVS["task"], point=6, gain=1.0, towards=6)
 
 
 class Scene:
-    """The hall, the path and the drone, as they are drawn in pictures of a size."""
+    """The hall, the path and the drone, drawn in pictures of one size."""
 
     def __init__(self, path: Array, size_px: tuple[int, int]) -> None:
         batch, (width, height) = make("track", 1).batch, size_px
@@ -75,7 +75,7 @@ class Scene:
         Drawing(self._still, FINER).lines(path[:-1], path[1:], POINT, 1.5)
 
     def picture(self, flight: Flight, step: int) -> Image.Image:
-        """Return the drone after so many steps, its trail, the point, and what is between them."""
+        """Return the drone after this many steps, its trail, the point, and the line between them."""
         canvas = self._still.copy()
         drawing = Drawing(canvas, FINER)
         trail = flight.position[: step + 1]
@@ -93,11 +93,11 @@ class Panel:
     def __init__(self, scene: Scene, flight: Flight, title: str, below: str) -> None:
         self._scene, self._flight, self._title, self._below = scene, flight, title, below
         self._distance_m = np.linalg.norm(flight.point - flight.position, axis=1)
-        flown_m = self._distance_m[1:]  # the start is none of the flight's doing
+        flown_m = self._distance_m[1:]  # without the start, which the pilot does not control
         self._error_m = np.sqrt(np.cumsum(flown_m**2) / np.arange(1, len(flown_m) + 1))
 
     def frame(self, step: int) -> Image.Image:
-        """Return the picture after so many steps, or of the last one."""
+        """Return the picture after this many steps, or the last one."""
         step = min(step, len(self._distance_m) - 1)
         picture = self._scene.picture(self._flight, step)
         status, color = f"{step / HZ:.1f} s: {100 * self._distance_m[step]:.0f} cm from the point", INK
@@ -110,10 +110,10 @@ class Panel:
 
 
 def draw(args: Args, pilots: Sequence[tuple[str, Pilot, dict[str, Any]]]) -> list[str]:
-    """Film one flight by each of two pilots; return what others came to."""
-    width = args.width_px // 16 * 16  # so that heights are even
+    """Film one flight by each of two pilots; return summaries of their other flights."""
+    width = args.width_px // 16 * 16  # makes heights even
     flights = [flown("track", pilot, args.seed, **keywords) for _, pilot, keywords in pilots]
-    path = max((flight.point for flight in flights), key=len)  # the same for all
+    path = max((flight.point for flight in flights), key=len)  # all share it; a lost flight is shorter
     scene = Scene(path, (width, width * 3 // 8))
     panels, summaries = [], []
     for flight, (title, pilot, keywords) in zip(flights, pilots, strict=True):
@@ -129,9 +129,9 @@ def draw(args: Args, pilots: Sequence[tuple[str, Pilot, dict[str, Any]]]) -> lis
 
 
 def main(args: Args) -> None:
-    """Fly, film and tell."""
+    """Fly, film and print the results."""
     args.out.mkdir(parents=True, exist_ok=True)
-    torch.set_num_threads(1)  # of a small network more are slower
+    torch.set_num_threads(1)  # more are slower for a small network
     policy = greedy(load_policy(args.policy))
     summaries = draw(args, [("learned policy", policy, {}), ("controller alone", controller(), CONTROLLER_ENVS)])
     print(f"""

@@ -1,1 +1,1 @@
-"""Programs that train policies by Stable-Baselines3, and judge and plot what they learned."""
+"""Programs that train policies with Stable-Baselines3, and evaluate and plot them."""

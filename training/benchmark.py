@@ -1,9 +1,9 @@
-"""The figures of training that `./dev bench` reports: train, camera_train, pixels_train, camera_large, places_train.
+"""Training figures for `./dev bench`: train, camera_train, pixels_train, camera_large, places_train.
 
 .venv/bin/python -m training.benchmark train --figures out/bench/train.figures
 
-Each seed is trained from scratch; the model is chosen, and training stops, by generated playgrounds. What is reported
-is flown once, with the chosen model: the playgrounds that ship, and 100 generated ones that nothing else has flown.
+Each seed is trained from scratch. Generated playgrounds choose the model and stop the training. The chosen model then
+flies once for the report: the bundled playgrounds, and 100 generated ones that are used for nothing else.
 """
 
 from __future__ import annotations
@@ -26,8 +26,8 @@ from training.train_ppo import DEFAULTS, Args, Outcome, train
 
 SEEDS = (0, 1, 2, 3, 4)
 UNSEEN_WORLDS = 100
-PLACE_STEPS = 1500  # within which an office or a forest has to be crossed: 55 m and more, 10 cm at a time
-START_FLIGHTS = 50  # from all over each spawn box, of a camera task
+PLACE_STEPS = 1500  # limit for crossing an office or a forest: at least 55 m, 10 cm per step
+START_FLIGHTS = 50  # random starts in each spawn box, for camera tasks
 
 Figure = dict[str, Any]
 
@@ -36,7 +36,7 @@ Figure = dict[str, Any]
 class Group:
     """Worlds whose success rate is one figure."""
 
-    subject: str  # of the figure, after the training's own name
+    subject: str  # of the figure, after the training's name
     name: str
     worlds: list[flockstep.World]
     random_start: bool = False
@@ -48,18 +48,18 @@ class Group:
         return float(summary(flights)["success_rate"])
 
     def figure(self, name: str, rate: float) -> Figure:
-        """Return the figure of a policy by that name."""
+        """Return the figure of a policy with this name."""
         made = figure(f"train/{name}{self.subject}/{self.name}", rate, "1", len(self.worlds))
         return {**made, "note": self.note} if self.note else made
 
 
 def figure(name: str, value: float, unit: str, runs: int) -> Figure:
-    """Return a figure as bench/run.py has them."""
+    """Return a figure in the format of bench/run.py."""
     return {"name": name, "value": float(f"{value:.4g}"), "unit": unit, "runs": runs}
 
 
 def groups(setup: Setup) -> list[Group]:
-    """Return all that is reported of a task."""
+    """Return all groups of worlds in the report of a task."""
     unseen = setup.generated(UNSEEN_SEEDS, UNSEEN_WORLDS)
     generated = Group("", "unseen_success_rate", unseen, note=setup.generated_note)
     sets = {name: flockstep.scenes.load(name) for name in setup.playgrounds}
@@ -79,17 +79,17 @@ def groups(setup: Setup) -> list[Group]:
 
 
 def baseline_figures(task: str, setup: Setup, flown: Sequence[Group]) -> list[Figure]:
-    """Return what needs no training, in the same worlds."""
+    """Return the figures of baselines without training, in the same worlds."""
     figures = []
     for group in flown:
         for name, rate in baselines(group.worlds, setup, group.random_start).items():
-            if name == "random_policy" or not group.random_start:  # the others know nothing of spawn boxes
+            if name == "random_policy" or not group.random_start:  # the others do not support spawn boxes
                 figures.append(group.figure(f"{task}/{name}", rate))
     return figures
 
 
 def trained(name: str, args: Args, out: Path, flown: Sequence[Group]) -> tuple[Outcome, list[Figure]]:
-    """Train from scratch, then fly what is reported; return what the training took, and its figures."""
+    """Train from scratch, then fly the reported worlds; return the outcome of the training and its figures."""
     args = dataclasses.replace(args, out=out / name.replace("/", "-"), progress=False)
     print("hyperparameters:", args)
     model, outcome = train(args)
@@ -110,7 +110,7 @@ def trained(name: str, args: Args, out: Path, flown: Sequence[Group]) -> tuple[O
 
 
 def task_figures(args: Args, seeds: Sequence[int], out: Path) -> list[Figure]:
-    """Return the figures of all seeds of a task, of its baselines, and where the time goes."""
+    """Return the figures of all seeds of a task, of its baselines, and of the time spent in each part."""
     flown = groups(args.setup)
     figures: list[Figure] = []
     outcomes = []
@@ -126,7 +126,7 @@ def task_figures(args: Args, seeds: Sequence[int], out: Path) -> list[Figure]:
     return figures
 
 
-#: The LiDAR task in places to fly in: what it is trained with there. The settings were found by trainings with seed 0.
+#: Training settings for the LiDAR task in offices and forests. They were found in trainings with seed 0.
 PLACES = {
     "office": dataclasses.replace(
         DEFAULTS["lidar"],
@@ -148,7 +148,7 @@ UNSEEN_PLACES = "seed-1000..1099"
 
 
 def places_figures(out: Path) -> list[Figure]:
-    """Return the figures of one training in each kind of place, flown where neither training nor choosing has been."""
+    """Return the figures of one training in each kind of place, flown in worlds that nothing else uses."""
     figures: list[Figure] = []
     for name, args in PLACES.items():
         args = dataclasses.replace(
@@ -181,17 +181,17 @@ def places_figures(out: Path) -> list[Figure]:
 
 @dataclass
 class Options:
-    """Measure training."""
+    """Options for measuring training."""
 
     name: tyro.conf.Positional[Literal["train", "camera_train", "pixels_train", "camera_large", "places_train"]]
-    """The LiDAR task; the camera task; the task that sees pixels; the camera task at 640 x 480; the LiDAR task in
+    """The LiDAR task; the camera task; the task that observes pixels; the camera task at 640 x 480; the LiDAR task in
     offices and forests."""
     seeds: tuple[int, ...] = SEEDS
-    """At 640 x 480, the first alone; in offices and forests, one of their own."""
+    """Seeds; camera_large uses only the first, places_train its own."""
     out: Path = Path("out/bench/train")
-    """Where models and logs go, a folder for each training."""
+    """Folder for models and logs, with a subfolder for each training."""
     figures: Path = Path("out/bench/train/figures.json")
-    """Where the figures go."""
+    """File for the figures."""
 
 
 def main(options: Options) -> None:

@@ -1,9 +1,10 @@
-"""The figures of training that `./dev bench flight_train` reports: Hover, Track, and the LiDAR task flown by rotors.
+"""Training figures for `./dev bench flight_train`: Hover, Track, and the LiDAR task with simulated rotors.
 
 .venv/bin/python -m training.benchmark_flight --figures out/bench/train/flight_train.figures
 
-Each seed is trained from scratch, and its model chosen by flights that are not those reported; these are flown once,
-with the chosen model. The LiDAR task is trained with kinematic motion, and flown with kinematic motion and by rotors.
+Each seed is trained from scratch. Its model is chosen by separate flights; the reported flights are flown once with the
+chosen model. The LiDAR task is trained with kinematic motion, then flown with kinematic motion and with simulated
+rotors.
 """
 
 from __future__ import annotations
@@ -27,7 +28,7 @@ from training.train_ppo import DEFAULTS, train
 
 
 def flight_figures(name: str, flown: Flights) -> list[Figure]:
-    """Return what is reported of some flights."""
+    """Return the reported figures of some flights."""
     count = len(flown.crashed)
     return [
         figure(f"{name}/close_rate", flown.close_rate, "1", count),
@@ -37,7 +38,7 @@ def flight_figures(name: str, flown: Flights) -> list[Figure]:
 
 
 def trained(task: Name, seeds: tuple[int, ...], out: Path) -> list[Figure]:
-    """Train a task by each seed; return its figures, and those of the cascade alone."""
+    """Train a task with each seed; return its figures, and those of only the controller cascade."""
     figures: list[Figure] = []
     for seed in seeds:
         args = train_flight.Args(task=task, seed=seed, progress=False)
@@ -63,7 +64,7 @@ def trained(task: Name, seeds: tuple[int, ...], out: Path) -> list[Figure]:
 
 
 def by_rotors(seed: int, out: Path) -> list[Figure]:
-    """Train the LiDAR task with kinematic motion, and fly it so and by rotors, its steps as velocities."""
+    """Train the LiDAR task with kinematic motion; fly it with that and with rotors, its steps as velocities."""
     model, _ = train(dataclasses.replace(DEFAULTS["lidar"], seed=seed, out=out / f"lidar-seed{seed}", progress=False))
     policy = greedy(model)
     playgrounds = flockstep.scenes.load("train") + flockstep.scenes.load("validation")
@@ -81,14 +82,14 @@ def by_rotors(seed: int, out: Path) -> list[Figure]:
 
 @dataclass
 class Options:
-    """Measure training."""
+    """Options for measuring training."""
 
     seeds: tuple[int, ...] = SEEDS
-    """Each is trained from scratch; the LiDAR task by the first alone."""
+    """Seeds, each trained from scratch; the LiDAR task uses only the first."""
     out: Path = Path("out/bench/train")
-    """Where models and logs go, a folder for each training."""
+    """Folder for models and logs, with a subfolder for each training."""
     figures: Path = Path("out/bench/train/flight_train.figures")
-    """Where the figures go."""
+    """File for the figures."""
 
 
 def main(options: Options) -> None:

@@ -1,4 +1,4 @@
-"""What `./dev demo` runs: train a quadrotor to catch itself, then a policy to fly by LiDAR; leave what they do."""
+"""Train a quadrotor to catch itself, then a policy to fly by LiDAR, and draw their flights: `./dev demo`."""
 
 from __future__ import annotations
 
@@ -24,24 +24,24 @@ from training.train_ppo import Outcome, train
 
 SHOWN = "playground/train-2"  # in flight.mp4 and flight.png
 FILM_PX, FILM_FPS, PICTURE_PX = (1280, 720), 25, (1920, 1080)
-APART_M = 1.2  # the drones of the picture
+APART_M = 1.2  # distance between the drones in the picture
 UNSEEN_WORLDS = 100
 
 
 @dataclass
 class Args:
-    """Train, fly, draw."""
+    """Options for training, flying and drawing."""
 
     out: Path = Path("out/demo")
     """Folder for the pictures and the policy."""
     seed: int = 0
-    """Of the trainings."""
+    """Seed of the trainings."""
     catch_max_minutes: float = catch_film.Args.max_minutes
-    """Time budget of the training to catch itself; what is reached by then is shown."""
+    """Time budget of the training to catch itself; the results up to then are shown."""
     total_steps: int = TrainingArgs.total_steps
-    """Step budget by LiDAR; training stops where the policy flies almost all, training/train_ppo.py uses it up."""
+    """Step budget of the LiDAR training, which stops earlier if the policy flies almost all evaluation worlds."""
     max_minutes: float = 2.0
-    """Time budget of the training by LiDAR; what is reached by then is shown."""
+    """Time budget of the LiDAR training; the results up to then are shown."""
 
 
 def plot_reward(progress: Path, path: Path) -> None:
@@ -64,9 +64,9 @@ def plot_reward(progress: Path, path: Path) -> None:
 
 
 def plot_exposures(world: flockstep.World, flight: Flight, path: Path) -> None:
-    """Write a picture of one flight as of many exposures: the drone again and again, its path, its LiDAR's beams once.
+    """Write a multiple-exposure picture of one flight: drone positions, the path, and one set of LiDAR beams.
 
-    It is seen from above the middle of the room's wall of least y.
+    The viewer is above the middle of the room's wall with the smallest y.
     """
     flown = np.insert(np.cumsum(np.linalg.norm(np.diff(flight.trail, axis=0), axis=1)), 0, 0)
     exposed = flight.trail[np.searchsorted(flown, np.arange(0, flown[-1], APART_M))]
@@ -88,7 +88,7 @@ def plot_exposures(world: flockstep.World, flight: Flight, path: Path) -> None:
 def tell(
     args: Args, outcome: Outcome, flown: int, playgrounds: int, generated: float, untrained: dict[str, float]
 ) -> None:
-    """Say in plain words what happened and where the files are."""
+    """Print a summary of the results and the locations of the files."""
     time = f"{outcome.seconds / 60:.1f} minutes" if outcome.seconds >= 90 else f"{outcome.seconds:.0f} seconds"
     print(f"""
 A policy learned to fly by LiDAR from scratch: {outcome.steps:,} steps in {time}
@@ -111,7 +111,7 @@ Next: .venv/bin/python -m training.train_ppo --help""")
 
 
 def main(args: Args) -> None:
-    """Train, fly, draw and tell."""
+    """Train, fly, draw and print the results."""
     catch_film.main(catch_film.Args(out=args.out, seed=args.seed, max_minutes=args.catch_max_minutes))
     print("\nTraining a policy that flies by LiDAR through playgrounds full of pillars ...")
     model, outcome = train(

@@ -1,13 +1,14 @@
-"""Fly a trained policy once through each world: how its flights end, and its path against the shortest path.
+"""Fly a trained policy once through each world; report the ends of its flights, and its path against the shortest path.
 
-Beside it stand what needs no training: random actions, the straight flight from marker to marker, the planner's path.
+For comparison it also flies baselines without training: random actions, straight flight from marker to marker, and the
+planner's path.
 
 .venv/bin/python -m training.evaluate out/demo/policy.zip
 .venv/bin/python -m training.evaluate out/demo/policy.zip --worlds train validation --generated 100 --json result.json
 .venv/bin/python -m training.evaluate out/train/pixels/policy.zip --repeats 50
 
-What a policy flies, where, and how its camera sees, is saved with it. The class of a task of your own is not: run this
-where its module is found.
+A saved policy contains its task, its worlds and its camera settings, but not the class of your own task: run this in a
+folder from which its module can be imported.
 
 Loading a policy runs code that is in its file: load only policies you trust.
 """
@@ -30,10 +31,10 @@ from stable_baselines3 import PPO
 import flockstep
 from training.tasks import UNSEEN_SEEDS, Setup, load_policy, setup_of
 
-#: A flight of a built-in task that takes more flown steps has failed.
+#: Maximum number of flown steps in a successful flight of a built-in task.
 MAX_STEPS = 1000
 
-#: How a flight ends: the names of `flockstep.EpisodeEnd`.
+#: Possible ends of a flight: the names of `flockstep.EpisodeEnd`.
 OUTCOMES = tuple(end.name for end in flockstep.EpisodeEnd if end is not flockstep.EpisodeEnd.none)
 
 Policy = Callable[[Any], npt.NDArray[Any]]
@@ -46,14 +47,14 @@ class Flight:
     world: str
     outcome: str  # one of OUTCOMES
     steps: int  # flown
-    reward: float  # the task's own, unscaled sum
+    reward: float  # the task's own reward, unscaled sum
     path_length_m: float
     shortest_path_m: float | None
-    trail: npt.NDArray[np.float32] = field(repr=False)  # m: (decisions + 1, 3), as many as steps without frame skip
+    trail: npt.NDArray[np.float32] = field(repr=False)  # m: (decisions + 1, 3); decisions are steps without frame skip
 
 
 def greedy(model: PPO) -> Policy:
-    """Return the deterministic policy of a model: the likeliest action of each observation."""
+    """Return the deterministic policy of a model, which takes the most likely action."""
 
     def act(observation: Any) -> npt.NDArray[Any]:
         with torch.no_grad():
@@ -73,7 +74,7 @@ def fly(
     seed: int = 0,
     motion: str = "kinematic",
 ) -> list[Flight]:
-    """Fly one episode in each world, all at once; of the LiDAR task unless a setup says another."""
+    """Fly one episode in each world, in parallel, with the LiDAR task unless a setup selects another."""
     setup = setup or Setup()
     envs = setup.make_limited(
         len(worlds),
@@ -81,7 +82,7 @@ def fly(
         worlds=list(worlds),
         autoreset_mode="disabled",
         **({"random_start": True} if random_start else {}),
-        **({"motion": motion} if motion != "kinematic" else {}),  # else as the task has it
+        **({"motion": motion} if motion != "kinematic" else {}),  # otherwise the task's own motion
     )
     observation, _ = envs.reset(seed=seed)
     positions = [envs.batch.position.copy()]
@@ -107,7 +108,7 @@ def fly(
 
 
 def random_policy(setup: Setup) -> Policy:
-    """Return a policy that draws every action alike, whatever it observes."""
+    """Return a policy that draws actions uniformly, for any observation."""
     envs = setup.make(1, worlds=flockstep.scenes.load(setup.training_worlds))
     space, rng = envs.single_action_space, np.random.default_rng(0)
     envs.close()
@@ -123,9 +124,9 @@ def random_policy(setup: Setup) -> Policy:
 
 
 def fly_routes(worlds: Sequence[flockstep.World], routes: Sequence[npt.NDArray[np.float32] | None]) -> list[bool]:
-    """Fly straight from point to point of a route (K, 3) in each world; return who came to its end without a collision.
+    """Fly straight along a route (K, 3) in each world; return True for each arrival without a collision.
 
-    No route is no success.
+    A missing route counts as a failure.
     """
     batch = flockstep.Batch(list(worlds), len(worlds))
     points = [world.start[None] if route is None else route for world, route in zip(worlds, routes, strict=True)]
@@ -139,10 +140,10 @@ def fly_routes(worlds: Sequence[flockstep.World], routes: Sequence[npt.NDArray[n
 
 
 def baselines(worlds: Sequence[flockstep.World], setup: Setup, random_start: bool = False) -> dict[str, float]:
-    """Return the success rates of what needs no training, in the same worlds.
+    """Return the success rates of baselines without training, in the same worlds.
 
-    The straight flight and the planner know where everything is. They begin at the start marker and end at the goal, so
-    they are left out where a world lacks one; of worlds that are flown more than once they fly each once.
+    The straight flight and the planner know the whole world. They begin at the start marker and end at the goal, so
+    they are left out if a world lacks one. They fly repeated worlds only once.
     """
     limit = None if setup.is_own else MAX_STEPS
     random = fly(random_policy(setup), worlds, limit, setup=setup, random_start=random_start)
@@ -166,13 +167,13 @@ def shortest_path(world: flockstep.World, setup: Setup) -> npt.NDArray[np.float3
 
 
 def shortest_path_m(world: flockstep.World, setup: Setup) -> float | None:
-    """Return its length, or None if there is none."""
+    """Return the length of the shortest path in m, or None if there is none."""
     path = shortest_path(world, setup)
     return None if path is None else length_m(path)
 
 
 def summary(flights: Sequence[Flight]) -> dict[str, Any]:
-    """Return rates over the flights and, over the successful ones, the path length against the shortest path."""
+    """Return rates over the flights and, over the successful ones, the ratio of path length to shortest path."""
     count = max(len(flights), 1)
     detours = [f.path_length_m / f.shortest_path_m for f in flights if f.outcome == "success" and f.shortest_path_m]
     return {
@@ -184,25 +185,25 @@ def summary(flights: Sequence[Flight]) -> dict[str, Any]:
 
 @dataclass
 class Args:
-    """Evaluate a trained policy."""
+    """Options for evaluating a trained policy."""
 
     policy: tyro.conf.Positional[Path]
     """A model saved by training/train_ppo.py (.zip). Loading it runs code that is in the file: load only
     policies you trust."""
     worlds: tuple[str, ...] = ()
-    """Sets of scenes, scene names or paths. Default: those that it was trained and validated in."""
+    """Sets of scenes, scene names or paths. Default: the policy's training and validation worlds."""
     repeats: int = 1
-    """Flights in each of these; with built-in tasks, more than one start at random in the spawn box."""
+    """Flights in each of these; with built-in tasks, repeated flights start at random positions in the spawn box."""
     generated: int | None = None
-    """How many generated playgrounds, never seen in training, to add. Default: 100, for a task of your own none."""
+    """Number of additional generated playgrounds, never used in training. Default: 100, or none for your own task."""
     max_episode_steps: int | None = None
-    """A flight that takes longer is a time-out. Default: 3000, with a task of your own what it says."""
+    """A longer flight is a time-out. Default: 3000, or the limit of your own task."""
     shortest: bool = True
-    """Plan the shortest path in every world, too."""
+    """Also plan the shortest path in every world."""
     baselines: bool = True
-    """Fly what needs no training in the same worlds, too."""
+    """Also fly the baselines in the same worlds."""
     json: Path | None = None
-    """Where to write the result; printed either way."""
+    """File for the result, which is also printed."""
 
 
 def main(args: Args) -> None:
@@ -214,7 +215,7 @@ def main(args: Args) -> None:
     generated = (0 if setup.is_own else 100) if args.generated is None else args.generated
     if generated:
         groups["generated"] = setup.generated(UNSEEN_SEEDS, generated)
-    seed = UNSEEN_SEEDS.start if setup.is_own else 0  # a task of one's own may draw starts and targets by it
+    seed = UNSEEN_SEEDS.start if setup.is_own else 0  # your own task may use it to draw starts and targets
     result: dict[str, Any] = {}
     for name, worlds in groups.items():
         random_start = args.repeats > 1 and name != "generated" and not setup.is_own

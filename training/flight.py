@@ -1,4 +1,4 @@
-"""Flights of the tasks Hover and Track: how far from their point drones are, by a policy or by the controller alone."""
+"""Flights of the tasks Hover and Track by a policy or by only the controller, with distances to the target point."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from flockstep.rotations import rotate
 
 Array = npt.NDArray[Any]
 Name = Literal["hover", "track"]
-#: From observations (N, ...) and the envs to actions (N, 4).
+#: A function of observations (N, ...) and the envs that returns actions (N, 4).
 Pilot = Callable[[Array, flockstep.DroneVectorEnv], Array]
 
 POLICY_HZ: dict[Name, float] = {"hover": 50.0, "track": 100.0}
@@ -25,43 +25,43 @@ CLOSE_M = 0.05
 
 
 def make(task: Name, num_envs: int, /, **keywords: Any) -> flockstep.DroneVectorEnv:
-    """Return the envs of a task as it is reported; keywords may change it."""
+    """Return the envs of a task as reported; keywords may change them."""
     config = flockstep.HoverConfig() if task == "hover" else flockstep.TrackConfig()
     return flockstep.DroneVectorEnv(num_envs, **{"task": config, "policy_hz": POLICY_HZ[task], **keywords})
 
 
 @dataclass(frozen=True)
 class Flights:
-    """Some flights of a task, all as long."""
+    """Several flights of a task, all of the same length."""
 
     task: Name
     distance_m: Array
-    """(T, N) to the point, after each step; NaN from where a flight ended as a crash."""
+    """(T, N) distance to the point after each step; NaN once a flight has ended as a crash."""
 
     @property
     def crashed(self) -> Array:
-        """(N,) bool."""
+        """(N,) bool: flights that ended as a crash."""
         return np.isnan(self.distance_m[-1])
 
     @property
     def error_m(self) -> Array:
-        """(N,) NaN of a crash. Hover: mean distance of the last second. Track: root mean square of all."""
+        """(N,) m, NaN for a crash. Hover: mean distance of the last second. Track: root mean square of the flight."""
         if self.task == "hover":
             return np.asarray(self.distance_m[-round(POLICY_HZ[self.task]) :].mean(0))
         return np.asarray(np.sqrt((self.distance_m**2).mean(0)))
 
     @property
     def close_rate(self) -> float:
-        """Return the share of flights whose error is at most 5 cm; a crash is none of them."""
+        """Return the share of all flights with an error of at most 5 cm; a crash counts as a miss."""
         return float((self.error_m <= CLOSE_M).mean())
 
     @property
     def median_error_m(self) -> float:
-        """Return that of the flights that did not crash; infinite if all did."""
+        """Return the median error in m of the flights without a crash; infinite if all crashed."""
         return float("inf") if self.crashed.all() else float(np.nanmedian(self.error_m))
 
     def summary(self) -> str:
-        """Say it in one line."""
+        """Return a one-line summary."""
         return (
             f"{self.close_rate:.1%} within {100 * CLOSE_M:g} cm, {self.crashed.mean():.1%} crashed, "
             f"error of the others {100 * self.median_error_m:.1f} cm (median)"
@@ -69,17 +69,17 @@ class Flights:
 
 
 def fly(name: Name, pilot: Pilot, num_flights: int, seed: int, **keywords: Any) -> Flights:
-    """Fly from the seeds that begin with this one, one flight each.
+    """Fly one flight for each of the seeds that begin with this one.
 
     Parameters
     ----------
     name, pilot, num_flights, seed
-        What, by whom, how many at once, and the first seed.
+        Task, pilot, number of parallel flights, and first seed.
     **keywords
-        Of `DroneVectorEnv`, such as ``drone``, or ``task`` for another configuration.
+        Keywords of `DroneVectorEnv`, such as ``drone``, or ``task`` for another configuration.
     """
     steps = round(LASTS_S[name] * POLICY_HZ[name])
-    # The last step's observation is looked at, too: no episode ends before it but by a crash.
+    # The last step's observation also counts: only a crash ends an episode before it.
     envs = make(name, num_flights, max_episode_steps=steps + 1, copy=False, **keywords)
     observation, _ = envs.reset(seed=seed)
     distance = np.full((steps, num_flights), np.nan)
@@ -103,7 +103,7 @@ def greedy(model: BaseAlgorithm) -> Pilot:
 
 
 def position_control() -> Pilot:
-    """Return the cascade itself, told the point's position; the env's control is "position"."""
+    """Return the controller cascade as a pilot that commands the point's position; the env's control is "position"."""
 
     def act(observation: Array, envs: flockstep.DroneVectorEnv) -> Array:
         actions = np.zeros((len(observation), 4), np.float32)
@@ -114,9 +114,10 @@ def position_control() -> Pilot:
 
 
 def velocity_control(task: flockstep.TrackConfig, point: int, gain: float, towards: int = 0) -> Pilot:
-    """Return the cascade itself, told a path's velocity at one of the observed points; the env's control is "velocity".
+    """Return the controller cascade as a pilot that commands a path's velocity; the env's control is "velocity".
 
-    To that comes the way to another of them times a gain, 1/s; the first is where the path is now.
+    The velocity is the path's at the observed point ``point``, plus ``gain`` (1/s) times the offset to the observed
+    point ``towards``; point 0 is the path's current position.
     """
 
     def act(observation: Array, envs: flockstep.DroneVectorEnv) -> Array:

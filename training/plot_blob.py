@@ -1,9 +1,9 @@
-"""A picture of what the camera task makes of an image: the capture, the green in it, the box and where it points.
+"""A picture of the camera task's image processing: the capture, the green pixels, the box and its direction.
 
 .venv/bin/python -m training.plot_blob out/train/camera/policy.zip --out out/blob.png
 
-The policy flies the playground, and moments of its flight with the goal in view are shown. Without a policy the drone
-flies straight towards the goal.
+The policy flies the playground, and the picture shows moments of its flight with the goal in view. Without a policy the
+drone flies straight towards the goal.
 """
 
 from __future__ import annotations
@@ -25,23 +25,23 @@ from training.tasks import Setup, load_policy, setup_of
 
 Image = npt.NDArray[np.uint8]
 
-SEEN_PX = 12  # of the blob's width in the large picture: less is hard to make out on paper
+SEEN_PX = 12  # minimum width of the blob in the large picture: smaller ones are hard to see on paper
 
 
 def draw_capture(axes: Axes, image: Image) -> None:
-    """Draw an image as the camera took it."""
+    """Draw the camera's image."""
     axes.imshow(image)
     axes.set_title("capture")
 
 
 def draw_mask(axes: Axes, blob: flockstep.GreenBlob) -> None:
-    """Draw which pixels count as green."""
+    """Draw the mask of green pixels."""
     axes.imshow(blob.mask, cmap="gray", vmin=0, vmax=1)
     axes.set_title("green: G > 1.25 max(R, B) + 16")
 
 
 def draw_direction(axes: Axes, image: Image, blob: flockstep.GreenBlob) -> None:
-    """Draw the box around the green, and the arrow from the middle of the image to its centre."""
+    """Draw the box around the green, and an arrow from the middle of the image to its centre."""
     height, width = image.shape[:2]
     axes.imshow(image)
     if not blob.found:
@@ -71,7 +71,7 @@ def plot(images: Sequence[Image], path: Path) -> None:
 
 
 def captures(policy: Policy | None, setup: Setup, world: flockstep.World, width_px: int, max_steps: int) -> list[Image]:
-    """Return what a large camera sees on a flight, while the goal is in view."""
+    """Return the images of a large camera during a flight, while the goal is in view."""
     eye = flockstep.Batch(
         [world], cameras=[flockstep.CameraConfig(width_px=width_px, height_px=width_px * 3 // 4, samples_per_pixel=4)]
     )
@@ -94,7 +94,7 @@ def captures(policy: Policy | None, setup: Setup, world: flockstep.World, width_
 
 @dataclass
 class Args:
-    """Draw the green blob along a flight."""
+    """Options for drawing the green blob along a flight."""
 
     policy: tyro.conf.Positional[Path | None] = None
     """A model saved by training/train_ppo.py --task camera or pixels (.zip). Loading it runs code that is in the file:
@@ -104,11 +104,11 @@ class Args:
     out: Path = Path("out/blob.png")
     """The picture."""
     moments: int = 3
-    """How many of the flight's images to show, evenly spread over those with the goal in view."""
+    """Number of images to show, evenly spread over those with the goal in view."""
     width_px: int = 640
-    """Of the images in the picture; the policy sees its own."""
+    """Width of the images in the picture; the policy's own images are independent of it."""
     max_steps: int = 400
-    """Of the flight."""
+    """Maximum number of steps of the flight."""
 
 
 def main(args: Args) -> None:

@@ -1,4 +1,4 @@
-"""A picture of trainings: the success rate of every evaluation, over steps and minutes, beside what needs no training.
+"""A picture of trainings: the success rate of every evaluation, over steps and minutes, with untrained baselines.
 
 .venv/bin/python -m training.plot_curve out/train/seed0 out/train/seed1 out/train/seed2 --out out/curve.png
 
@@ -23,22 +23,22 @@ from training.train_ppo import evaluation_flights
 
 KEYS = ("steps", "seconds", "success_rate")
 
-#: What needs no training, as it is labelled. The planner is left out: it knows the world, and always arrives.
+#: Labels of the baselines without training. The planner is left out: it knows the world and always arrives.
 BASELINES = {"straight_flight": "straight to the goal", "random_policy": "random actions"}
 
 
 @dataclass
 class Args:
-    """Draw the learning curves of trainings."""
+    """Options for drawing the learning curves of trainings."""
 
     trainings: tyro.conf.Positional[tuple[Path, ...]]
-    """Their folders."""
+    """Folders of the trainings."""
     out: Path = Path("out/curve.png")
     """The picture."""
 
 
 def main(args: Args) -> None:
-    """Read, fly what needs no training, and draw."""
+    """Read the trainings, fly the baselines, and draw."""
     results = [json.loads((folder / "result.json").read_text()) for folder in args.trainings]
     curves = [{key: np.array([row[key] for row in result["evaluations"]]) for key in KEYS} for result in results]
     described = TrainingArgs(**{key: as_given(value) for key, value in results[0]["args"].items()})
@@ -58,7 +58,7 @@ def main(args: Args) -> None:
     axes.set_ylim(-0.02, 1.02)
     axes.yaxis.set_major_formatter(PercentFormatter(1))
     axes.grid(alpha=0.3)
-    axes.legend(loc="lower right", bbox_to_anchor=(1, 0.18))  # above what needs no training
+    axes.legend(loc="lower right", bbox_to_anchor=(1, 0.18))  # above the baselines
     pace = float(np.median([curve["seconds"][-1] / curve["steps"][-1] for curve in curves])) * 1e3 / 60
     minutes = axes.secondary_xaxis("top", functions=(lambda steps: steps * pace, lambda minutes: minutes / pace))
     minutes.set_xlabel("minutes, at the median pace of these trainings")
@@ -70,7 +70,7 @@ def main(args: Args) -> None:
 
 
 def as_given(value: Any) -> Any:
-    """Return an argument as the command line gives it; JSON has no tuples."""
+    """Return an argument in the type of the command line; JSON has no tuples."""
     return tuple(value) if isinstance(value, list) else value
 
 

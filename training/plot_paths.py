@@ -34,17 +34,17 @@ OUTCOME_COLOR = {
 }
 OBSTACLE_COLOR = tuple(channel / 255 for channel in SOLID)
 MARKER_COLOR = {"start": "tab:red", "waypoints": "gold", "goal": "limegreen"}
-MARGIN = 0.015  # of the world's size, around it
-WORLD_PX = 900  # of a picture's longer side: the world
-CLEAR_M = 0.15  # a world is cut so far before a path
+MARGIN = 0.015  # margin around the world, as a fraction of its size
+WORLD_PX = 900  # longer side of a picture's world
+CLEAR_M = 0.15  # distance of the cut in front of the path
 
-FRAME_MS, COMMON_COLORS = 35, 96  # of an animation: for a step of the policy; out of 256
+FRAME_MS, COMMON_COLORS = 35, 96  # per step of the policy; of 256 colours
 
 Pixels = npt.NDArray[np.uint8]
 
 
 def draw_path(axes: Axes, world: flockstep.World, view: str, flight: Flight, markers: Sequence[str]) -> None:
-    """Draw a world, some of its markers and a path as a view of `Relief` sees them, cut just before the path."""
+    """Draw a world, some of its markers and a path in a view of `Relief`, cut just in front of the path."""
     across, up, along, viewer = VIEWS[view]
     trail = flight.trail
     places = [("start", world.start), *(("waypoints", w) for w in world.waypoints), ("goal", world.goal)]
@@ -69,7 +69,7 @@ def draw_path(axes: Axes, world: flockstep.World, view: str, flight: Flight, mar
 
 
 def plot_flight(world: flockstep.World, flight: Flight, path: Path, markers: Sequence[str] = MARKERS) -> None:
-    """Write a picture of one flight: from above, and from the side."""
+    """Write a picture of one flight, from above and from the side."""
     size = np.ptp(np.concatenate([world.bounds, flight.trail]), axis=0)
     ratios = [max(float(size[1] / size[0]), 0.2), max(float(size[2] / size[0]), 0.2)]
     figure, (top, side) = plt.subplots(
@@ -85,7 +85,7 @@ def plot_flight(world: flockstep.World, flight: Flight, path: Path, markers: Seq
 def plot_overview(
     worlds: Sequence[flockstep.World], flights: Sequence[Flight], path: Path, markers: Sequence[str] = MARKERS
 ) -> None:
-    """Write one picture of all flights from above; where a place is left, it says what the colours mean."""
+    """Write one picture of all flights from above, with a legend if there is a free panel."""
     columns = 4
     rows = -(-len(worlds) // columns)
     figure, grid = plt.subplots(rows, columns, figsize=(4 * columns, 4 * rows), layout="constrained", squeeze=False)
@@ -115,7 +115,7 @@ def animate(
     width_px: int = 640,
     steps_per_frame: int = 2,
 ) -> None:
-    """Write an animation of one flight from behind the drone, with its LiDAR's beams, its cameras' views, its trail."""
+    """Write an animation of one flight from behind the drone, with LiDAR beams, camera frustums and its trail."""
     setup = setup or Setup()
     envs = setup.make(
         1,
@@ -139,7 +139,7 @@ def animate(
 
 
 def write_gif(path: Path, frames: Sequence[Pixels], frame_ms: int) -> None:
-    """Write an animation that rests a second at its end; one palette serves all frames, so that what stays is small."""
+    """Write an animation that pauses one second at its end; one shared palette makes static parts compress."""
     palette = palette_of(np.stack(frames[:: max(len(frames) // 8, 1)]))
     first, *rest = (Image.fromarray(frame).quantize(palette=palette, dither=Image.Dither.NONE) for frame in frames)
     durations = [frame_ms] * (len(frames) - 1) + [1000]
@@ -147,7 +147,7 @@ def write_gif(path: Path, frames: Sequence[Pixels], frame_ms: int) -> None:
 
 
 def palette_of(pixels: Pixels) -> Image.Image:
-    """Return an image with 256 colours: the commonest, and some of all others, so that what is small keeps its own."""
+    """Return an image with 256 palette colours: the most common ones, and a sample of the others for details."""
     colors, counts = np.unique(pixels.reshape(-1, 3), axis=0, return_counts=True)
     common = colors[np.argsort(-counts)[:COMMON_COLORS]]
     others = Image.fromarray(colors[None]).quantize(256 - COMMON_COLORS, method=Image.Quantize.MEDIANCUT).getpalette()
@@ -157,7 +157,7 @@ def palette_of(pixels: Pixels) -> Image.Image:
 
 
 def markers_of(setup: Setup) -> tuple[str, ...]:
-    """Return which markers of its worlds a task uses."""
+    """Return the world's markers that a task uses."""
     markers: tuple[str, ...] = getattr(env_keywords(setup.task).get("task"), "markers", MARKERS)
     return markers
 
@@ -169,7 +169,7 @@ def picture_name(world: flockstep.World) -> str:
 
 @dataclass
 class Args:
-    """Draw the flights of a trained policy."""
+    """Options for drawing the flights of a trained policy."""
 
     policy: tyro.conf.Positional[Path]
     """A model saved by training/train_ppo.py (.zip). Loading it runs code that is in the file: load only
@@ -179,15 +179,15 @@ class Args:
     out: Path = Path("out/paths")
     """Folder for the pictures."""
     animated: str | None = None
-    """A scene name or path, to be animated. Default: the first of the worlds."""
+    """Scene name or path of the animated world. Default: the first of the worlds."""
     width_px: int = 640
-    """Of the animation."""
+    """Width of the animation."""
     steps_per_frame: int = 2
-    """Of the animation."""
+    """Steps per frame of the animation."""
 
 
 def main(args: Args) -> None:
-    """Fly, draw, and say where the pictures are."""
+    """Fly, draw, and print the location of the pictures."""
     args.out.mkdir(parents=True, exist_ok=True)
     model = load_policy(args.policy)
     policy, setup = greedy(model), setup_of(model)

@@ -1,4 +1,4 @@
-"""The tasks that are trained here: what env each is, and in which worlds it is flown."""
+"""The tasks for training: their envs and their worlds."""
 
 from __future__ import annotations
 
@@ -21,10 +21,10 @@ from stable_baselines3.common.base_class import BaseAlgorithm
 import flockstep
 from flockstep.serialization import from_plain
 
-#: The tasks that come with flockstep: what each observes.
+#: The bundled tasks and their observations.
 OBSERVATIONS = {"lidar": "goal", "camera": "blob", "pixels": "pixels"}
 
-#: Their ids: another name for the same.
+#: Gymnasium ids of the bundled tasks.
 IDS = {
     "flockstep/LidarNavigation-v0": "lidar",
     "flockstep/CameraNavigation-v0": "camera",
@@ -33,25 +33,25 @@ IDS = {
 
 EXPECTED = f"{', '.join(OBSERVATIONS)}, an id of flockstep's, module:id or module:Class of a flockstep.Task"
 
-#: Seeds of generated playgrounds. Training flies in the first; the model is chosen, and training stops, by the second;
-#: what is reported is flown in the third, once, at the end. No seed is in two of them. By the latter two tasks
-#: of one's own draw their random numbers, too, when the model is chosen and reported; in training, by `first_env_seed`.
+#: Seeds of generated playgrounds, three disjoint ranges. The first is for training. The second chooses the model and
+#: stops the training. The third is for the report and flown once, at the end. When a model is chosen and reported, your
+#: own tasks also draw their random numbers from the latter two; in training, from `first_env_seed`.
 TRAINING_SEEDS = range(0, 500_000)
 CHOOSING_SEEDS = range(500_000, 1_000_000)
 UNSEEN_SEEDS = range(1_000_000, 1_500_000)
 
-# The camera playgrounds have start and goal at one height, and no farther apart sideways than this: the goal is before
+# In the camera playgrounds start and goal have the same height and at most this sideways distance: the goal is ahead of
 # the drone, in view unless a pillar hides it.
 CAMERA_HEIGHT_M = 3.12
 CAMERA_SIDEWAYS_M = 2.5
 
 
-#: What every program here says that loads a policy.
+#: Warning of every program here that loads a policy.
 TRUST = "Loading a policy file runs code that is in it (it holds pickled Python objects): load only policies you trust."
 
 
 def load_policy(path: Path) -> PPO:
-    """Say on standard error that a policy file runs code, and load it."""
+    """Warn on standard error that a policy file runs code, and load it."""
     print(f"{path}: {TRUST}", file=sys.stderr, flush=True)
     return PPO.load(path, device="cpu")
 
@@ -62,14 +62,14 @@ def env_keywords(task: str) -> dict[str, Any]:
     Parameters
     ----------
     task
-        ``"lidar"``, ``"camera"`` or ``"pixels"``; an id that flockstep has registered with Gymnasium, or
-        ``"module:id"`` where a module of yours does so; ``"module:Class"`` of a `flockstep.Task`. Modules are looked
-        for in the working directory, too.
+        ``"lidar"``, ``"camera"`` or ``"pixels"``; an id that flockstep registered with Gymnasium, or ``"module:id"`` if
+        your own module registers it; or ``"module:Class"`` of a `flockstep.Task`. The working directory is also
+        searched for modules.
 
     Raises
     ------
     ValueError
-        There is no such module, id or class, or it is something else; the message names what comes nearest.
+        The module, id or class does not exist or is of another kind; the message lists the closest names.
     """
     if task in OBSERVATIONS:
         return {"observation": OBSERVATIONS[task]}
@@ -96,10 +96,10 @@ def env_keywords(task: str) -> dict[str, Any]:
 
 
 def own_defaults(task: str) -> dict[str, Any]:
-    """Return what a task of one's own, as `env_keywords` takes it, says of its training unless it is told otherwise.
+    """Return the training defaults that your own task declares, for a task name as in `env_keywords`.
 
-    That is ``max_episode_steps`` as it was registered, and ``frame_skip`` and ``worlds``, as they were registered or as
-    its class has them; worlds where these are names.
+    These are ``max_episode_steps`` from its registration, and ``frame_skip`` and ``worlds`` from its registration or
+    its class; worlds only if they are names.
     """
     keywords = env_keywords(task)
     own = from_plain(keywords.get("task"))
@@ -111,10 +111,10 @@ def own_defaults(task: str) -> dict[str, Any]:
 
 
 def first_env_seed(seed: int, num_envs: int) -> int:
-    """Return the seed of env 0 in a training; env i has the one i further.
+    """Return the seed of env 0 in a training; env i has this seed plus i.
 
-    Trainings by other seeds with as many envs have none of these, nor do the flights that choose a model or are
-    reported.
+    Trainings with other seeds and the same number of envs use none of these, nor do the flights that choose a model or
+    are reported.
     """
     return UNSEEN_SEEDS.stop + seed * num_envs
 
@@ -127,7 +127,7 @@ def _imported(task: str, name: str) -> ModuleType:
     try:
         return importlib.import_module(name)
     except ModuleNotFoundError as error:
-        if not f"{name}.".startswith(f"{error.name}."):  # it is there, and something that it imports is not
+        if not f"{name}.".startswith(f"{error.name}."):  # the module exists, but one of its imports fails
             raise
         where = f"neither installed nor in {os.getcwd()}"
         raise ValueError(f"task: expected {EXPECTED}, got {task!r}, whose module is {where}") from None
@@ -143,36 +143,36 @@ def _is_ours(spec: EnvSpec) -> bool:
 
 @dataclass(frozen=True)
 class Setup:
-    """A task and what the policy was trained to see of it; saved with the policy."""
+    """A task and the settings of its observation and worlds, saved with the policy."""
 
     task: str = "lidar"
     width_px: int = 64
     height_px: int = 48
     samples_per_pixel: int = 1
     frame_skip: int = 1
-    worlds: tuple[str, ...] = ()  # to train in, as flockstep.scenes.load takes them; by default the task's own
+    worlds: tuple[str, ...] = ()  # for training, as for flockstep.scenes.load; default: the task's own
     evaluation_worlds: tuple[str, ...] = ()
-    lidar_channels: int = 1  # of the built-in tasks' LiDAR, and how far apart the highest and lowest are
+    lidar_channels: int = 1  # of the built-in tasks' LiDAR; below, the angle between the highest and the lowest
     lidar_vfov_deg: float = 0.0
 
     @property
     def is_own(self) -> bool:
-        """Whether the task is none of those that come with flockstep."""
+        """True if the task is not bundled with flockstep."""
         return self.task not in OBSERVATIONS
 
     @property
     def has_camera(self) -> bool:
-        """Whether the task comes with flockstep and has a camera."""
+        """True if the task is bundled with flockstep and has a camera."""
         return self.task in ("camera", "pixels")
 
     @property
     def training_worlds(self) -> tuple[str, ...]:
-        """Names of the worlds to train in, beside generated ones."""
+        """Names of the training worlds, in addition to generated ones."""
         return self.worlds or ("camera-train" if self.has_camera else "train",)
 
     @property
     def playgrounds(self) -> tuple[str, ...]:
-        """Names of the worlds to train in and to validate in."""
+        """Names of the training and validation worlds."""
         validation = () if self.is_own else ("camera-validation" if self.has_camera else "validation",)
         return tuple(dict.fromkeys((*self.training_worlds, *(self.evaluation_worlds or validation))))
 
@@ -192,12 +192,12 @@ class Setup:
         )
 
     def make_limited(self, num_envs: int, max_episode_steps: int | None, **keywords: Any) -> flockstep.DroneVectorEnv:
-        """Make the env, whose episodes all end: after so many steps, or after as many as the task says.
+        """Make the env with a time limit: this many steps, or the task's own limit.
 
         Raises
         ------
         ValueError
-            Nobody says after how many.
+            Neither the argument nor the task has a limit.
         """
         if max_episode_steps is not None:
             keywords["max_episode_steps"] = max_episode_steps
@@ -208,9 +208,9 @@ class Setup:
         return envs
 
     def route(self, world: flockstep.World) -> npt.NDArray[np.float32] | None:
-        """Return start and goal of a world and, unless the task is one's own, the waypoints between them, (K, 3) m.
+        """Return a world's start and goal with the waypoints between them, (K, 3) m; your own tasks have no waypoints.
 
-        None if it lacks start or goal.
+        None if the world lacks start or goal.
         """
         if world.start is None or world.goal is None:
             return None
@@ -218,7 +218,7 @@ class Setup:
 
     @property
     def generated_note(self) -> str:
-        """What `generated` leaves out or changes of generated playgrounds, to be said where a success in them is."""
+        """The differences between `generated` and ordinary generated playgrounds, to be stated with success rates."""
         if not self.has_camera:
             return ""
         return (
@@ -227,12 +227,12 @@ class Setup:
         )
 
     def generated(self, seeds: range, count: int) -> list[flockstep.World]:
-        """Return so many playgrounds generated from the first of these seeds, without what does not suit the task.
+        """Return this many suitable playgrounds, generated from the first of these seeds.
 
         Raises
         ------
         ValueError
-            The seeds do not suffice.
+            There are not enough seeds.
         """
         worlds: list[flockstep.World] = []
         for seed in seeds:
@@ -249,7 +249,7 @@ class Setup:
 
 
 def without_waypoints(world: flockstep.World) -> flockstep.World:
-    """Return a generated playground as the camera task has them: straight to the goal, at one height."""
+    """Return a generated playground in the form of the camera task: straight to the goal, at one height."""
     scene = world.to_dict()
     markers = scene["markers"]
     markers.pop("waypoints", None)
@@ -261,11 +261,11 @@ def without_waypoints(world: flockstep.World) -> flockstep.World:
 
 
 def remember(model: BaseAlgorithm, setup: Setup) -> None:
-    """Note the setup in a model: it is saved and loaded with it."""
+    """Store the setup in a model, which saves and loads it."""
     model.setup = asdict(setup)  # type: ignore[attr-defined]
 
 
 def setup_of(model: BaseAlgorithm) -> Setup:
-    """Return the setup a model was trained for; the LiDAR task where nothing is noted."""
+    """Return the setup that a model was trained for; the LiDAR task if the model has none."""
     noted = getattr(model, "setup", {})
     return Setup(**{name: tuple(value) if isinstance(value, list) else value for name, value in noted.items()})

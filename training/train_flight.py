@@ -1,4 +1,4 @@
-"""Train a quadrotor to catch itself and hold a point, or to follow a path, with Stable-Baselines3 PPO.
+"""Train a quadrotor with Stable-Baselines3 PPO to catch itself and hold a point, or to follow a path.
 
 .venv/bin/python -m training.train_flight                     # Hover: a Crazyflie by rotor thrusts, thrown
 .venv/bin/python -m training.train_flight --task track        # Track: a figure-8 at 1.5 m/s by thrust and body rates
@@ -31,26 +31,26 @@ from training.tasks import CHOOSING_SEEDS, UNSEEN_SEEDS, first_env_seed
 
 @dataclass
 class Args:
-    """Train a policy; the figures of docs/flight-tasks.md were made with each task's defaults."""
+    """Options for training a policy; the figures of docs/flight-tasks.md use each task's defaults."""
 
     task: Name = "hover"
-    """What to train."""
+    """Task to train."""
     drone: str = "crazyflie"
-    """A frame's name, or a path."""
+    """Name or path of the drone's frame."""
     control: str | None = None
-    """What the policy tells; default: rotor_thrusts to hover, body_rates to track."""
+    """Control of the actions; default: rotor_thrusts for hover, body_rates for track."""
     seed: int = 0
-    """Of the environments, the network and the sampling of actions."""
+    """Seed of the environments, the network and the sampling of actions."""
     out: Path | None = None
-    """Where policy.zip and result.json go; default: out/train/TASK."""
+    """Folder for policy.zip and result.json; default: out/train/TASK."""
     total_steps: int | None = None
-    """Step budget, with which the learning rate falls to zero; default: that of the task."""
+    """Step budget, over which the learning rate falls to zero; default: the task's budget."""
     evaluations: int = 12
-    """How often the policy is tried on the way; the best is kept."""
+    """Number of evaluations during training; the best policy is kept."""
     evaluation_flights: int = 200
-    """Of which so many flights each."""
+    """Number of flights in each evaluation."""
     num_envs: int = 512
-    """Drones flying at once."""
+    """Number of parallel drones."""
     steps_per_update: int = 32
     """Steps of each env between updates."""
     batch_size: int = 4096
@@ -60,11 +60,11 @@ class Args:
     learning_rate: float = 3e-3
     """At the start; falls to zero linearly."""
     gamma: float = 0.98
-    """Discount."""
+    """Discount factor."""
     crash_weight: float = 30.0
-    """Of the reward, in training."""
+    """Weight of a crash in the training reward."""
     start_tilt_deg: float = 110.0
-    """Hover: drones are thrown with more tilt in training than in what is reported ..."""
+    """Hover: drones are thrown with more tilt in training than in the report ..."""
     start_speed_mps: float = 2.5
     """... and faster."""
     log_std: float = -1.5
@@ -72,9 +72,9 @@ class Args:
     net: tuple[int, ...] = (64, 64)
     """Hidden layers of actor and critic."""
     reward_scale: float = 0.1
-    """Training sees the reward times this."""
+    """Factor of the training reward."""
     learner_threads: int = 1
-    """Of PyTorch."""
+    """Number of PyTorch threads."""
     progress: bool = True
     """Show the progress bar."""
 
@@ -85,18 +85,18 @@ REPORTED_FLIGHTS = 1000
 
 @dataclass
 class Outcome:
-    """What a training came to."""
+    """Result of a training."""
 
     steps: int
     seconds: float
-    """Of learning and flying; what the evaluations took is not in it."""
+    """Time of learning and flying, without the evaluations."""
     evaluation_seconds: float
     curve: list[dict[str, float]] = field(default_factory=list)
-    """Of each evaluation: steps, seconds, close_rate, median_error_m."""
+    """For each evaluation: steps, seconds, close_rate, median_error_m."""
 
 
 def training_task(args: Args) -> flockstep.HoverConfig | flockstep.TrackConfig:
-    """Return the task as it is trained."""
+    """Return the task with its training settings."""
     if args.task == "track":
         return flockstep.TrackConfig(crash_weight=args.crash_weight)
     return flockstep.HoverConfig(
@@ -105,12 +105,12 @@ def training_task(args: Args) -> flockstep.HoverConfig | flockstep.TrackConfig:
 
 
 def keywords(args: Args) -> dict[str, Any]:
-    """Return what the envs are made with beside the task."""
+    """Return the keywords of the envs in addition to the task."""
     return {"drone": args.drone, **({} if args.control is None else {"control": args.control})}
 
 
 class Chooser(BaseCallback):
-    """Tries the policy now and then, and keeps the best."""
+    """Evaluates the policy at intervals and keeps the best."""
 
     def __init__(self, args: Args, total_steps: int) -> None:
         super().__init__()
@@ -141,7 +141,7 @@ class Chooser(BaseCallback):
         self.outcome.seconds = now - self.begun - self.outcome.evaluation_seconds
 
     def try_out(self) -> None:
-        """Fly the choosing seeds, and keep the policy if none was better."""
+        """Fly the choosing seeds, and keep the policy if it is the best so far."""
         before = time.perf_counter()
         args = self.args
         flights = fly(args.task, greedy(self.model), args.evaluation_flights, CHOOSING_SEEDS.start, **keywords(args))
@@ -164,14 +164,14 @@ class Chooser(BaseCallback):
 
 
 def train(args: Args, make_chooser: Callable[[Args, int], Chooser] = Chooser) -> tuple[PPO, Outcome]:
-    """Return the best model by the choosing seeds, and how it came to be.
+    """Train; return the best model on the choosing seeds, and the outcome.
 
     Parameters
     ----------
     args
-        What is trained, and how.
+        The training options.
     make_chooser
-        From these and the step budget to what watches the training.
+        A function of the options and the step budget that returns the callback of the training.
     """
     torch.set_num_threads(args.learner_threads)
     total = STEPS[args.task] if args.total_steps is None else args.total_steps
@@ -192,7 +192,7 @@ def train(args: Args, make_chooser: Callable[[Args, int], Chooser] = Chooser) ->
         n_steps=args.steps_per_update,
         batch_size=args.batch_size,
         n_epochs=args.epochs,
-        # No function: the saved policy would hold its bytecode, which another Python crashes on.
+        # No function: the saved policy would contain its bytecode, which crashes another Python version.
         learning_rate=LinearSchedule(args.learning_rate, 0.02 * args.learning_rate, 0.98),
         gamma=args.gamma,
         policy_kwargs={
@@ -203,7 +203,7 @@ def train(args: Args, make_chooser: Callable[[Args, int], Chooser] = Chooser) ->
         seed=args.seed,
         device="cpu",
     )
-    venv.seed(first_env_seed(args.seed, args.num_envs))  # PPO has given it seeds that other trainings share
+    venv.seed(first_env_seed(args.seed, args.num_envs))  # PPO gave it seeds that other trainings share
     chooser = make_chooser(args, total)
     model.learn(total, callback=chooser)
     model.policy.load_state_dict(chooser.state)
@@ -211,10 +211,10 @@ def train(args: Args, make_chooser: Callable[[Args, int], Chooser] = Chooser) ->
 
 
 def baseline(args: Args) -> Flights:
-    """Fly the unseen seeds by the engine's own cascade, which knows what the policy is shown of its point or path.
+    """Fly the unseen seeds with the engine's own cascade, which gets the same target point or path as the policy.
 
-    Of a path it is told the velocity at one of the observed points, and flies towards one of them by a gain, all as
-    they bring it nearest on the choosing seeds: it lags, so it has to look ahead.
+    For a path the command is the velocity at one of the observed points plus a gain towards one of them. Points and
+    gain are chosen on the choosing seeds for the smallest error: the controller lags, so it has to look ahead.
     """
     if args.task == "hover":
         own = {**keywords(args), "control": "position"}
@@ -236,7 +236,7 @@ def baseline(args: Args) -> Flights:
 
 
 def main(args: Args) -> None:
-    """Train, fly what is reported once, write and tell."""
+    """Train, fly the report once, write and print the results."""
     out = args.out or Path("out/train") / args.task
     out.mkdir(parents=True, exist_ok=True)
     model, outcome = train(args)

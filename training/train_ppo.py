@@ -1,4 +1,4 @@
-"""Train a task with Stable-Baselines3 PPO: one that comes with flockstep, or one of your own.
+"""Train a task with Stable-Baselines3 PPO: a bundled one or your own.
 
 .venv/bin/python -m training.train_ppo --task lidar
 .venv/bin/python -m training.train_ppo --task camera
@@ -46,65 +46,65 @@ M_TRIM_THRESHOLD, M_MMAP_THRESHOLD = -1, -3
 
 @dataclass
 class Args:
-    """Train a policy. Every hyperparameter is free; the README's figures were made with each task's defaults."""
+    """Options for training a policy. The README's figures use each task's defaults."""
 
     task: str = "lidar"
-    """What to train: lidar, camera, pixels; an id that flockstep has registered with Gymnasium, or module:id where a
-    module of yours registers it; module:Class of a flockstep.Task. Modules in the working directory are found."""
+    """Task to train: lidar, camera or pixels; an id that flockstep registered with Gymnasium, or module:id if your own
+    module registers it; or module:Class of a flockstep.Task. Modules in the working directory are found."""
     seed: int = 0
-    """Of the environments, the network and the sampling of actions."""
+    """Seed of the environments, the network and the sampling of actions."""
     out: Path = Path("out/train/lidar")
-    """Where policy.zip, progress.csv, TensorBoard logs and result.json go."""
+    """Folder for policy.zip, progress.csv, TensorBoard logs and result.json."""
     resume: Path | None = None
-    """A policy.zip to begin with, its network included. Steps and schedules begin anew. Loading it runs code that is in
+    """A policy.zip to begin with, including its network. Steps and schedules restart. Loading it runs code that is in
     the file: load only policies you trust."""
     total_steps: int = 1_500_000
-    """Step budget. Learning rate and entropy bonus fall to zero with it: it is not only a limit."""
+    """Step budget. Learning rate and entropy bonus fall to zero over it, so it is more than a limit."""
     max_minutes: float | None = None
     """Time budget."""
     evaluate_every: int = 150_000
-    """Steps between evaluations; the best model of all of them is kept."""
+    """Steps between evaluations; the best model is kept."""
     evaluation_worlds: tuple[str, ...] = ()
-    """Names of worlds that these fly, in turn. Default: generated playgrounds that training does not fly; with a task
-    of your own that trains in none, the worlds it trains in."""
+    """Names of worlds for evaluations, used in turn. Default: generated playgrounds that are not used in training, or
+    for your own task without generated worlds, its training worlds."""
     evaluation_flights: int = 500
-    """In how many of the former, or how often."""
+    """Number of generated evaluation worlds, or number of flights."""
     evaluation_steps: int = 500
-    """A flight of a built-in task that takes more flown steps has failed: in the playgrounds, those that reach the goal
-    take half as long."""
+    """Maximum number of flown steps in a successful evaluation flight of a built-in task; in the playgrounds,
+    successful flights take half as many."""
     solved_rate: float = 0.985
-    """Solved: this share of an evaluation's flights succeeds."""
+    """Success rate of an evaluation that counts as solved."""
     stop_when_solved: bool = True
-    """Stop at the first such evaluation."""
+    """Stop at the first solved evaluation."""
     num_envs: int = 512
-    """Drones flying at once."""
+    """Number of parallel drones."""
     worlds: tuple[str, ...] = ()
-    """Sets of scenes, scene names or paths to train in. Default: the playgrounds that ship for training."""
+    """Sets of scenes, scene names or paths to train in. Default: the bundled training playgrounds."""
     generated: int = 1000
-    """Generated playgrounds to train in, beside these."""
+    """Number of additional generated playgrounds to train in."""
     playground_share: float = 0.3
-    """Share of episodes flown in those that are not generated."""
+    """Share of episodes flown in worlds that are not generated."""
     random_start: bool = False
-    """Begin episodes anywhere in the spawn box; of the navigation tasks."""
+    """Begin episodes anywhere in the spawn box; only for navigation tasks."""
     width_px: int = 64
-    """Of the camera of the built-in tasks; 4:3."""
+    """Image width of the built-in tasks' camera; the aspect ratio is 4:3."""
     samples_per_pixel: int = 1
-    """Of that camera."""
+    """Samples per pixel of that camera."""
     lidar_channels: int = 1
-    """Rows of beams of the built-in tasks' LiDAR: one is level, several see the ground, too."""
+    """Rows of beams of the built-in tasks' LiDAR: a single one is level, several also hit the ground."""
     lidar_vfov_deg: float = 0.0
-    """Between the highest and the lowest of them."""
+    """Angle between the highest and the lowest row."""
     frame_skip: int = 1
-    """Flown steps per decision of the policy. The other numbers of steps here count decisions, but for the next one."""
+    """Flown steps per decision of the policy. Other step counts here are decisions, except the next one."""
     max_episode_steps: int | None = 400
-    """Training episodes are cut after so many flown steps: a policy that stalls gets no more reward. None: after as
-    many as the task says."""
+    """Training episodes are truncated after this many flown steps: a stalling policy gets no more reward. None: the
+    task's own limit."""
     reward_scale: float = 0.1
-    """Training sees reward * reward_scale ..."""
+    """Training uses reward * reward_scale ..."""
     reward_clip: float | None = 10.0
-    """... clipped to +- this, if it is not None ..."""
+    """... clipped to +- this, unless it is None ..."""
     step_cost: float = 0.0
-    """... less this: where the goal is out of sight, hovering must not pay. Everything reported is the task's own."""
+    """... minus this: with the goal out of sight, hovering must not pay. All reported rewards are the task's own."""
     steps_per_update: int = 64
     """Steps of each env between updates."""
     batch_size: int = 4096
@@ -116,27 +116,27 @@ class Args:
     entropy: float = 0.03
     """Entropy bonus at the start; falls to zero over the first 80 % of the steps."""
     gamma: float = 0.98
-    """Discount."""
+    """Discount factor."""
     gae_lambda: float = 0.95
-    """Of generalised advantage estimation."""
+    """Lambda of generalised advantage estimation."""
     clip_range: float = 0.2
-    """Of PPO."""
+    """Clip range of PPO."""
     net: tuple[int, ...] = (64, 64)
     """Hidden layers of actor and critic."""
     num_threads: int = 0
-    """Of the simulator; 0 means physical cores."""
+    """Number of simulator threads; 0 means one per physical core."""
     learner_threads: int = 1
-    """Of PyTorch. For small networks more cost more than they bring."""
+    """Number of PyTorch threads. For small networks more threads are slower."""
     progress: bool = True
     """Show the progress bar."""
 
     def __post_init__(self) -> None:
-        """Call a task that comes with flockstep by one name."""
+        """Replace the id of a bundled task by its short name."""
         self.task = IDS.get(self.task, self.task)
 
     @property
     def setup(self) -> Setup:
-        """What is flown."""
+        """The task and its settings."""
         return Setup(
             self.task,
             self.width_px,
@@ -150,7 +150,7 @@ class Args:
         )
 
 
-#: What each task is trained with where nothing else is said.
+#: Default options of each bundled task.
 DEFAULTS = {
     "lidar": Args(),
     "camera": Args(
@@ -183,7 +183,7 @@ DEFAULTS = {
     ),
 }
 
-#: The same for a task of your own.
+#: Default options of your own tasks.
 OWN = Args(
     total_steps=500_000,
     evaluate_every=25_000,
@@ -207,12 +207,12 @@ FEATURES: dict[str, type[BaseFeaturesExtractor]] = {
 
 
 def defaults_of(task: str) -> Args:
-    """Return what a task is trained with where nothing else is said.
+    """Return the default options of a task.
 
     Raises
     ------
     ValueError
-        There is no such task.
+        The task does not exist.
     """
     registered = own_defaults(task)
     task = IDS.get(task, task)
@@ -229,7 +229,7 @@ def network(task: str, space: spaces.Space[Any]) -> tuple[str, dict[str, Any]]:
 
 
 class LearnerReward(VecEnvWrapper):
-    """Rewards clipped for the learner, less a cost per step; the episode returns in the infos stay as they are."""
+    """Clips rewards for learning and subtracts a cost per step; episode returns in the infos are unchanged."""
 
     def __init__(self, venv: VecEnv, clip: float | None, step_cost: float = 0.0) -> None:
         super().__init__(venv)
@@ -250,7 +250,7 @@ class LearnerReward(VecEnvWrapper):
 
 
 class TimedPPO(PPO):
-    """PPO that notes how long it collects and how long it learns."""
+    """PPO that measures its time for collecting and for learning."""
 
     collecting_s = 0.0
     learning_s = 0.0
@@ -263,14 +263,14 @@ class TimedPPO(PPO):
         return go_on
 
     def train(self) -> None:
-        """Learn from them."""
+        """Learn from the steps of one update."""
         before = time.perf_counter()
         super().train()
         self.learning_s += time.perf_counter() - before
 
 
 class Supervisor(BaseCallback):
-    """Progress bar, schedules, evaluations, the end of training, and where the time goes."""
+    """Progress bar, schedules, evaluations, end of training, and time measurements."""
 
     def __init__(self, args: Args) -> None:
         super().__init__()
@@ -286,7 +286,7 @@ class Supervisor(BaseCallback):
         self.successes: list[bool] = []
 
     def training_s(self) -> float:
-        """Return the seconds so far, without evaluations."""
+        """Return the training time so far in s, without evaluations."""
         return time.perf_counter() - self.started - self.evaluating_s
 
     def _on_training_start(self) -> None:
@@ -298,7 +298,7 @@ class Supervisor(BaseCallback):
             dynamic_ncols=True,
             desc="training",
         )
-        if self.args.resume:  # what is learned must be better than what it begins with, to take its place
+        if self.args.resume:  # a resumed policy is replaced only by a better one
             self.evaluate()
 
     def _on_rollout_start(self) -> None:
@@ -328,12 +328,12 @@ class Supervisor(BaseCallback):
         self.bar.set_postfix_str(f"success {rate:.0%}")
 
     def _on_training_end(self) -> None:
-        if not (self.solved and self.args.stop_when_solved):  # else nothing was learned since the last evaluation
+        if not (self.solved and self.args.stop_when_solved):  # otherwise nothing was learned since the last evaluation
             self.evaluate()
         self.bar.close()
 
     def evaluate(self) -> None:
-        """Fly the deterministic policy in the playgrounds kept for this; keep the model if it is the best so far."""
+        """Fly the deterministic policy in the evaluation worlds; keep the model if it is the best so far."""
         before = time.perf_counter()
         setup, seconds = self.args.setup, self.training_s()
         limit = self.args.max_episode_steps if setup.is_own else self.args.evaluation_steps
@@ -344,7 +344,7 @@ class Supervisor(BaseCallback):
         self.solved |= rate >= self.args.solved_rate
         if rate >= self.best:
             self.best = rate
-            written = self.args.out / "written.zip"  # the best model so far stays whole if this is interrupted
+            written = self.args.out / "written.zip"  # the best model stays intact if this is interrupted
             self.model.save(written)
             written.replace(self.args.out / "policy.zip")
         self.bar.write(f"  {self.num_timesteps:>9,} steps: success in {rate:.1%} of {len(flights)} {self.where}")
@@ -353,37 +353,37 @@ class Supervisor(BaseCallback):
 
 @dataclass
 class Outcome:
-    """What a training reached, and what it took."""
+    """Results and costs of a training."""
 
-    solved: bool  # by the best model, which is the one returned
+    solved: bool  # by the best model, which is returned
     steps: int
-    seconds: float  # of training; evaluations are not in it
+    seconds: float  # training time, without evaluations
     evaluation_seconds: float
     steps_per_second: float  # steps / seconds
     seconds_by_part: dict[str, float]
-    first_success: dict[str, float] | None  # of the exploring policy: after how many steps and seconds
+    first_success: dict[str, float] | None  # steps and seconds until the exploring policy first succeeded
     evaluations: list[dict[str, float]]  # steps and seconds until then, and the success rate
 
 
 def evaluation_flights(args: Args) -> tuple[list[flockstep.World], str]:
-    """Return the world of each flight of an evaluation, and what they are in words."""
+    """Return the world of each flight of an evaluation, and a description of the worlds."""
     setup = args.setup
     names = setup.evaluation_worlds or (setup.training_worlds if setup.is_own and not args.generated else ())
     if not names:
         worlds = setup.generated(CHOOSING_SEEDS, args.evaluation_flights)
         return worlds, "generated playgrounds that it does not train in"
     worlds = flockstep.scenes.load(names)
-    count = max(args.evaluation_flights, len(worlds)) if setup.is_own else len(worlds)  # the others begin all alike
+    count = max(args.evaluation_flights, len(worlds)) if setup.is_own else len(worlds)  # others always begin alike
     return [worlds[i % len(worlds)] for i in range(count)], f"flights in {', '.join(names)}"
 
 
 def make_envs(args: Args) -> LearnerReward:
-    """Return the training environments: each episode is flown in a world drawn at random."""
+    """Return the training environments, in which each episode is flown in a random world."""
     setup = args.setup
     playgrounds = flockstep.scenes.load(setup.training_worlds)
     worlds = playgrounds + setup.generated(TRAINING_SEEDS, args.generated)
     if 0 < args.playground_share < 1 and args.generated:
-        # A world is drawn as often as it stands in the list.
+        # The draw is uniform over the list, so repetition sets the share of a world.
         repeats = round(args.playground_share / (1 - args.playground_share) * args.generated / len(playgrounds))
         worlds += playgrounds * max(repeats - 1, 0)
     envs = setup.make_limited(
@@ -402,10 +402,10 @@ def make_envs(args: Args) -> LearnerReward:
 
 
 def keep_freed_memory() -> None:
-    """Ask glibc to keep large blocks that are freed instead of handing them back to the kernel.
+    """Configure glibc to keep large freed blocks instead of returning them to the kernel.
 
-    An update allocates and frees activations of a megabyte all the time; handed back, each page of them is faulted in
-    and cleared anew on every pass.
+    An update repeatedly allocates and frees activations of a megabyte. If they were returned, each of their pages would
+    be faulted in and cleared again on every pass.
     """
     mallopt = getattr(ctypes.CDLL(None), "mallopt", None) if sys.platform == "linux" else None
     if mallopt is not None:
@@ -414,7 +414,7 @@ def keep_freed_memory() -> None:
 
 
 def train(args: Args) -> tuple[PPO, Outcome]:
-    """Train; return the best model of all evaluations and what it took."""
+    """Train; return the best model of all evaluations, and the outcome."""
     keep_freed_memory()
     torch.set_num_threads(args.learner_threads)
     args.out.mkdir(parents=True, exist_ok=True)
@@ -436,8 +436,8 @@ def train(args: Args) -> tuple[PPO, Outcome]:
         policy, features = network(args.task, venv.observation_space)
         layers = {"net_arch": list(args.net), "activation_fn": torch.nn.ReLU}
         model = TimedPPO(policy, venv, policy_kwargs={**layers, **features}, device="cpu", **hyperparameters)
-    # Making or loading the model has seeded env i with seed + i, so that trainings by the seeds 0 and 1 would share all
-    # envs but one: this takes its place at the first reset.
+    # Making or loading the model has seeded env i with seed + i, so trainings with the seeds 0 and 1 would share all
+    # envs except one. These seeds replace it at the first reset.
     venv.seed(first_env_seed(args.seed, args.num_envs))
     remember(model, args.setup)
     model.set_logger(configure(str(args.out), ["csv", "tensorboard"]))
@@ -469,7 +469,7 @@ def train(args: Args) -> tuple[PPO, Outcome]:
     return PPO.load(args.out / "policy.zip", device="cpu"), outcome
 
 
-#: The least value of each number, whether that value itself is allowed, and the greatest value.
+#: Minimum of each number, whether the minimum is allowed, and maximum.
 RANGES: dict[str, tuple[float, bool, float]] = {
     "seed": (0, True, 2**32 - 1),
     "total_steps": (1, True, math.inf),
@@ -504,7 +504,7 @@ RANGES: dict[str, tuple[float, bool, float]] = {
 
 
 def require_valid(args: Args) -> None:
-    """Raise ValueError naming the first option whose value cannot train."""
+    """Raise ValueError that names the first option with an invalid value."""
     for name, (least, is_allowed, greatest) in RANGES.items():
         value = getattr(args, name)
         if value is None:
@@ -535,12 +535,12 @@ def require_valid(args: Args) -> None:
 
 
 def option(name: str) -> str:
-    """Return how the command line spells a field of `Args`."""
+    """Return the command-line spelling of a field of `Args`."""
     return f"--{name.replace('_', '-')}"
 
 
 def command_line() -> Args:
-    """Read the command line; what it leaves out is as its task has it. Exits with status 2 on a value it refuses."""
+    """Read the command line, with the task's defaults for missing options. Exits with status 2 on an invalid value."""
     chooser = argparse.ArgumentParser(add_help=False)
     chooser.add_argument("--task", default="lidar")
     try:
