@@ -1,4 +1,4 @@
-"""A task of your own that sees by a depth camera: fly to the goal and touch nothing.
+"""A task with a depth camera: fly to the goal without contact.
 
 docs/depth-cnn.md trains it, from a checkout:
 .venv/bin/python -m training.train_ppo --task examples.depth_to_goal:DepthToGoal --generated 300 --frame-skip 4
@@ -13,7 +13,7 @@ from flockstep.task import Array, BoolArray
 
 
 class DepthToGoal(flockstep.Task):
-    """Observe how near everything ahead is, and where the goal lies; earn the metres gained."""
+    """Observe the nearness of everything ahead and the direction to the goal; the reward is the progress in metres."""
 
     camera = flockstep.CameraConfig(width_px=64, height_px=48, outputs=("depth",))
     observation_space = spaces.Dict(
@@ -36,5 +36,5 @@ class DepthToGoal(flockstep.Task):
         return reward, self.success | crashed
 
     def observe(self, batch: flockstep.Batch) -> dict[str, Array]:
-        nearness = 1 / (1 + batch.camera().depth)  # 1 at the lens, 0.5 at 1 m, 0 where nothing was hit: depth is inf
+        nearness = 1 / (1 + batch.camera().depth)  # 1 at the lens, 0.5 at 1 m, 0 without a hit: depth is inf
         return {"nearness": nearness, "direction": batch.terms.goal_direction()}

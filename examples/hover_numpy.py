@@ -1,6 +1,6 @@
-"""The hover task of the engine written in NumPy: a template for tasks of your own about flight, and its test oracle.
+"""The engine's hover task written in NumPy: a template for your own flight tasks, and the engine's test oracle.
 
-python examples/hover_numpy.py flies both side by side with the same actions and prints how far apart they are.
+python examples/hover_numpy.py flies both side by side with the same actions and prints the differences.
 """
 
 # ruff: noqa: D102 - the methods are those of flockstep.Task, documented there
@@ -15,14 +15,14 @@ from flockstep.rotations import rotate, yaw_of
 from flockstep.task import Array, BoolArray
 
 GRAVITY = 9.81  # m/s^2
-SPIN_UNIT = 10.0  # rad/s: what angular velocities are observed and scored in
+SPIN_UNIT = 10.0  # rad/s: unit of angular velocity in observation and reward
 
 
 class FlightTask(flockstep.Task):
-    """What hovering and tracking share: actions, what a drone knows of its own flight, and the middle of its world.
+    """The shared parts of hovering and tracking: actions, observation of the drone's motion, and the world's middle.
 
     The levels of the actions and the length of a step follow from `dynamics` and `clock`: set these here or in a
-    subclass, and give the env no keywords of theirs.
+    subclass, and do not pass their keywords to the env.
     """
 
     action_space = spaces.Box(-1, 1, (4,), np.float32)
@@ -45,7 +45,7 @@ class FlightTask(flockstep.Task):
         self.last_action = self.action
 
     def action_levels(self, rotor_n: Array, mass_kg: float) -> Array:
-        """Return what actions of -1, 0 and 1 tell, (3, 4): least thrust, hovering, most thrust of a rotor are given."""
+        """Return the commands for actions of -1, 0 and 1, (3, 4), given a rotor's minimum, hover and maximum thrust."""
         limits = self.dynamics
 
         def even(most: float) -> Array:
@@ -69,7 +69,7 @@ class FlightTask(flockstep.Task):
         return levels
 
     def reset(self, batch: flockstep.Batch, mask: BoolArray) -> None:
-        self.action[mask] = 0  # what the first action changes from
+        self.action[mask] = 0  # reference of the first action change
 
     def act(self, batch: flockstep.Batch, actions: Array) -> Array:
         self.last_action, self.action = self.action, np.clip(actions, -1.0, 1.0).astype(float)
@@ -82,7 +82,7 @@ class FlightTask(flockstep.Task):
         return command
 
     def own_flight(self, batch: flockstep.Batch) -> Array:
-        """Return velocity, the world's up, angular velocity, all in the body frame, and rotor speeds, (N, 13)."""
+        """Return velocity, the world's up and angular velocity in the body frame, and rotor speeds, (N, 13)."""
         slowest, hovering, fastest = self.rotor_speeds
         faster = batch.rotor_speed - hovering
         rotors = faster / np.where(faster < 0, hovering - slowest, fastest - hovering)
@@ -96,20 +96,20 @@ class FlightTask(flockstep.Task):
         return middle
 
     def spin(self, batch: flockstep.Batch) -> Array:
-        """Return the length of the angular velocity, (N,) 10 rad/s."""
+        """Return the magnitude of the angular velocity, (N,) 10 rad/s."""
         spin: Array = np.linalg.norm(batch.angular_velocity, axis=1) / SPIN_UNIT
         return spin
 
     def change(self) -> Array:
-        """Return the mean square of what the action changed by, (N,)."""
+        """Return the mean squared difference to the previous action, (N,)."""
         change: Array = np.mean((self.action - self.last_action) ** 2, axis=1)
         return change
 
 
 class Hover(FlightTask):
-    """Catch a drone that is thrown, and hold a point; see `flockstep.HoverConfig` for the fields.
+    """Catch a thrown drone and hold a point; see `flockstep.HoverConfig` for the fields.
 
-    Left out: the engine draws a start again that would touch something.
+    The engine also redraws a start that would touch something; this task does not.
     """
 
     observation_space = spaces.Box(-np.inf, np.inf, (16,), np.float32)
@@ -123,7 +123,7 @@ class Hover(FlightTask):
 
     def setup(self, batch: flockstep.Batch) -> None:
         super().setup(batch)
-        self.held = np.zeros(batch.num_drones, int)  # steps in a row within hold_m
+        self.held = np.zeros(batch.num_drones, int)  # consecutive steps within hold_m
 
     def reset(self, batch: flockstep.Batch, mask: BoolArray) -> None:
         super().reset(batch, mask)
@@ -131,9 +131,9 @@ class Hover(FlightTask):
         c = self.config
         random = batch.random(stream=0, count=12).astype(float)
         even = 2 * random - 1
-        tilt = random[:, 3] * np.radians(c.start_tilt_deg) / 2  # halves of angles, as quaternions have them
+        tilt = random[:, 3] * np.radians(c.start_tilt_deg) / 2  # half-angle for the quaternion
         axis, yaw = 2 * np.pi * random[:, 4], np.pi * random[:, 5]
-        quat = [  # turned about the vertical, and then about a level axis by the tilt
+        quat = [  # rotated about the vertical, then by the tilt about a level axis
             np.cos(tilt) * np.cos(yaw),
             np.sin(tilt) * np.cos(axis - yaw),
             np.sin(tilt) * np.sin(axis - yaw),
@@ -170,7 +170,7 @@ class Hover(FlightTask):
 
 
 def fly_both(config: flockstep.HoverConfig | flockstep.TrackConfig, twin_task: FlightTask) -> None:
-    """Fly the engine's task and its twin with the same random actions, and print how far apart they get."""
+    """Fly the engine's task and its twin with the same random actions, and print their differences."""
     engine, twin = (flockstep.DroneVectorEnv(64, task=task) for task in (config, twin_task))
     engine.reset(seed=0)
     twin.reset(seed=0)

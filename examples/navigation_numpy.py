@@ -1,6 +1,6 @@
-"""The navigation tasks of the engine written in NumPy: a template for tasks of your own, and the engine's test oracle.
+"""The engine's navigation tasks written in NumPy: a template for your own tasks, and the engine's test oracle.
 
-python examples/navigation_numpy.py flies both side by side with the same actions and prints how far apart they are.
+python examples/navigation_numpy.py flies both side by side with the same actions and prints the differences.
 """
 
 # ruff: noqa: D102 - the methods are those of flockstep.Task, documented there
@@ -23,9 +23,9 @@ DIRECTIONS = {
 
 
 class Navigation(flockstep.Task):
-    """Fly from the start over the waypoints to the goal; see `flockstep.NavigationConfig` for the fields.
+    """Fly from the start through the waypoints to the goal; see `flockstep.NavigationConfig` for the fields.
 
-    Random starts and the observation of pixels are left out.
+    Random starts and the pixel observation are left out.
     """
 
     reward_terms = ("distance", "crash", "free_space", "step", "action_change", "overshoot")
@@ -56,9 +56,9 @@ class Navigation(flockstep.Task):
         for row, world in zip(self.goals, worlds, strict=True):
             row[: len(world.waypoints) + 1] = [*world.waypoints, world.goal]
         self.num_waypoints = np.array([len(w.waypoints) for w in worlds])
-        self.goal_index = np.zeros(n, int)  # waypoints reached
+        self.goal_index = np.zeros(n, int)  # number of waypoints reached
         self.last_distance = np.zeros(n)  # m to the current goal
-        self.last_action = np.full((n, *(self.action_space.shape or ())), np.nan)  # NaN: any action is a change
+        self.last_action = np.full((n, *(self.action_space.shape or ())), np.nan)  # NaN: every action is a change
         self.action = self.last_action
 
     def reset(self, batch: flockstep.Batch, mask: BoolArray) -> None:
@@ -137,7 +137,7 @@ class Navigation(flockstep.Task):
         return np.clip(direction, -1, 1)
 
     def blob(self, batch: flockstep.Batch) -> Array:
-        """Return offset and area of the box around what is green in each image, (N, 2)."""
+        """Return offset and area of the box around the green pixels of each image, (N, 2)."""
         rgb = batch.camera().rgb.astype(int)
         if batch.camera().config.layout == "chw":
             rgb = rgb.transpose(0, 2, 3, 1)

@@ -1,6 +1,6 @@
-"""The LiDAR navigation task as a task of your own, made of the engine's terms: nearly as fast as the built-in one.
+"""The LiDAR navigation task as a Python task built from the engine's terms: nearly as fast as the built-in one.
 
-examples/navigation_numpy.py computes the same in NumPy alone, and more of it: other actions, observations and rewards.
+examples/navigation_numpy.py computes the same in pure NumPy, and also other actions, observations and rewards.
 """
 
 # ruff: noqa: D102 - the methods are those of flockstep.Task, documented there
@@ -14,12 +14,12 @@ import flockstep
 from flockstep.task import Array, BoolArray, Target
 
 GOAL_REWARD, GOAL_RADIUS_M = 10_000.0, 0.5
-WAYPOINT_SHARE, MIN_CLEARANCE = float(np.float32(0.1)), float(np.float32(0.2))  # as the engine has them
+WAYPOINT_SHARE, MIN_CLEARANCE = float(np.float32(0.1)), float(np.float32(0.2))  # float32 values, as in the engine
 STEPS_M = 0.1 * np.array([[1, 0, 0], [-1, 0, 0], [0, 1, 0], [0, -1, 0], [0, 0, 1], [0, 0, -1]], np.float32)
 
 
 class Navigation(flockstep.Task):
-    """Fly from the start over the waypoints to the goal and touch nothing."""
+    """Fly from the start through the waypoints to the goal without contact."""
 
     lidar = flockstep.LidarConfig()
     action_space = spaces.Discrete(6)

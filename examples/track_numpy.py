@@ -1,7 +1,7 @@
-"""The track task of the engine written in NumPy: a template for tasks of your own about flight, and its test oracle.
+"""The engine's track task written in NumPy: a template for your own flight tasks, and the engine's test oracle.
 
-hover_numpy.py beside it has what both share. python examples/track_numpy.py flies the engine's task and this one side
-by side with the same actions and prints how far apart they are.
+The shared parts are in hover_numpy.py. python examples/track_numpy.py flies the engine's task and this one side by side
+with the same actions and prints the differences.
 """
 
 # ruff: noqa: D102 - the methods are those of flockstep.Task, documented there
@@ -17,9 +17,9 @@ from flockstep.task import Array, BoolArray
 from hover_numpy import FlightTask, fly_both
 
 # Random paths are the sum of three waves along each axis.
-SHARES = np.array([[1.0], [1.0], [0.5]])  # of size_m, by axis
-SIZES = np.array([0.6, 0.25, 0.15])  # of which, by wave
-RATES = np.array([1, 1.618034, 2.414214])  # over that of the first wave; they never come round together
+SHARES = np.array([[1.0], [1.0], [0.5]])  # fractions of size_m, by axis
+SIZES = np.array([0.6, 0.25, 0.15])  # fractions of these, by wave
+RATES = np.array([1, 1.618034, 2.414214])  # relative to the first wave; the sum is never periodic
 
 
 class Track(FlightTask):
@@ -35,14 +35,14 @@ class Track(FlightTask):
         self.observation_space = spaces.Box(-np.inf, np.inf, (15 + 3 * config.points,), np.float32)
         if config.path == "figure8":
             angle = 2 * np.pi * (np.arange(1000) + 0.5) / 1000
-            speed = np.hypot(np.sin(angle), np.cos(2 * angle)).mean()  # of size 1 at 1 rad/s
+            speed = np.hypot(np.sin(angle), np.cos(2 * angle)).mean()  # for size 1 at 1 rad/s
         else:
             speed = np.sqrt(np.sum((SHARES * SIZES * RATES) ** 2) / 2)
         self.rate = config.speed_mps / (config.size_m * speed)  # rad/s
 
     def setup(self, batch: flockstep.Batch) -> None:
         super().setup(batch)
-        self.phase = np.zeros((batch.num_drones, 9))  # turns: three waves along three axes; a figure-8 has one
+        self.phase = np.zeros((batch.num_drones, 9))  # turns: three waves along three axes; a figure-8 uses one
         self.squares = np.zeros(batch.num_drones)  # m^2: sum over the steps of the episode
 
     def reset(self, batch: flockstep.Batch, mask: BoolArray) -> None:
@@ -88,7 +88,7 @@ class Track(FlightTask):
         )
 
     def path(self, batch: flockstep.Batch, ahead_s: float = 0.0) -> tuple[Array, Array]:
-        """Return where the path of each drone is, (N, 3) m, and its velocity, (N, 3) m/s, so much later than now."""
+        """Return each drone's position (N, 3) m and velocity (N, 3) m/s on its path, at a time after now."""
         size, rate = self.config.size_m, self.rate
         time = self.steps / self.clock.policy_hz + ahead_s
         phase = 2 * np.pi * self.phase
@@ -104,14 +104,14 @@ class Track(FlightTask):
         return self.middle(batch) + position, velocity
 
     def path_yaw(self, velocity: Array) -> Array:
-        """Return the yaw that is asked for where the path has this velocity, (N,) rad."""
+        """Return the commanded yaw for this velocity of the path, (N,) rad."""
         if self.config.yaw == "fixed":
             return np.zeros(len(velocity))
         yaw: Array = np.arctan2(velocity[:, 1], velocity[:, 0])
         return yaw
 
     def missing_yaw(self, velocity: Array, quat_wxyz: Array) -> Array:
-        """Return the yaw that is asked for, over that of the drone, in [-pi, pi), (N,) rad."""
+        """Return the commanded yaw minus the drone's yaw, in [-pi, pi), (N,) rad."""
         missing: Array = (self.path_yaw(velocity) - yaw_of(quat_wxyz) + np.pi) % (2 * np.pi) - np.pi
         return missing
 

@@ -1,4 +1,4 @@
-"""A task of your own, trained with Stable-Baselines3 in about a minute: fly to a random point in an empty room.
+"""Your own task, trained with Stable-Baselines3 in about one minute: fly to a random point in an empty room.
 
 Needs the extra [sb3]. python examples/train_my_task.py also writes a film of a flight, my_task.mp4.
 """
@@ -17,7 +17,7 @@ ROOM = flockstep.World.from_dict({"flockstep_scene": 1, "name": "empty", "room":
 
 
 class FlyToPoint(flockstep.Task):
-    """Observe where the target lies; earn the metres gained; 1 at the target, -1 for touching a wall."""
+    """Observe the offset to the target. The reward is progress in metres, plus 1 at the target and -1 on contact."""
 
     worlds = ROOM
     observation_space = spaces.Box(-8.0, 8.0, (3,), np.float32)
@@ -52,14 +52,14 @@ class FlyToPoint(flockstep.Task):
 
 
 def main(total_timesteps: int = 150_000, film: str | None = None) -> float:
-    """Train, write a film if asked to, then return the share of episodes that reached the target."""
+    """Train, write a film if requested, then return the share of episodes that reached the target."""
     torch.set_num_threads(1)  # the network is small
     envs = flockstep.sb3.make_vec(FlyToPoint, num_envs=64, num_threads=1)
     model = PPO("MlpPolicy", envs, n_steps=128, batch_size=1024, learning_rate=1e-3, device="cpu", seed=0)
     model.learn(total_timesteps)
     if film:
         flockstep.record(film, model, FlyToPoint)
-    rates = flockstep.sb3.success_rates(model, FlyToPoint, episodes=200, seed=1_000)  # other targets
+    rates = flockstep.sb3.success_rates(model, FlyToPoint, episodes=200, seed=1_000)  # new targets
     return rates[ROOM.name]
 
 

@@ -1,4 +1,4 @@
-"""Learns the LiDAR task with PPO written out, as CleanRL does: PyTorch and Gymnasium's VectorEnv, no library.
+"""Train on the LiDAR task with hand-written PPO, like CleanRL: PyTorch and Gymnasium's VectorEnv, no library.
 
 .venv/bin/python examples/trainers/cleanrl_ppo.py
 """
@@ -11,17 +11,18 @@ from torch.distributions import Categorical
 
 from lidar_task import ID, NUM_ENVS, SETTINGS, Options, Run, network
 
-# Gymnasium's own default. The step after the end of an episode ignores its action and begins the next one, so it must
-# not be learned from: to do so all the same is the usual mistake.
+# Gymnasium's default. The step after the end of an episode ignores its action and begins the next episode, so it must
+# be excluded from learning; forgetting this is the usual mistake.
 AUTORESET = "next_step"
-STEPS, EPOCHS, BATCH_SIZE = 64, 4, 4096  # of an update: steps of each env, passes over them, rows of a minibatch
+STEPS, EPOCHS, BATCH_SIZE = 64, 4, 4096  # per update: steps of each env, passes over them, rows of a minibatch
 GAMMA, LAMBDA, CLIP, ENTROPY, VALUE, MAX_GRADIENT = 0.98, 0.95, 0.2, 0.01, 0.5, 0.5
 
 
 def advantages(reward: Tensor, value: Tensor, terminated: Tensor, ended: Tensor) -> Tensor:
     """Return generalised advantages (T, N) of rewards and flags (T, N) and values (T + 1, N).
 
-    The observation after a last step is still of the old episode, so an episode that was cut is worth its value.
+    The observation after a last step still belongs to the old episode, so a truncated episode bootstraps from its
+    value.
     """
     result, later = torch.zeros_like(reward), torch.zeros_like(reward[0])
     for t in reversed(range(len(reward))):
@@ -31,7 +32,7 @@ def advantages(reward: Tensor, value: Tensor, terminated: Tensor, ended: Tensor)
 
 
 def main(options: Options) -> nn.Module:
-    """Train; return actor and critic."""
+    """Train and return actor and critic."""
     run = Run("torch", AUTORESET, options)
     envs = gymnasium.make_vec(ID, NUM_ENVS, autoreset_mode=AUTORESET, **SETTINGS)
     actor, critic = network(6, gain=0.01), network(1, gain=1.0)
@@ -39,7 +40,7 @@ def main(options: Options) -> nn.Module:
     optimizer = torch.optim.Adam(both.parameters(), lr=3e-3, eps=1e-5)
     observation = torch.zeros(STEPS + 1, NUM_ENVS, 38)
     action, reward, log_prob = torch.zeros(3, STEPS, NUM_ENVS)
-    terminated, ended = torch.zeros(2, STEPS + 1, NUM_ENVS, dtype=torch.bool)  # in row t: by the step before
+    terminated, ended = torch.zeros(2, STEPS + 1, NUM_ENVS, dtype=torch.bool)  # row t: flags of the previous step
     observation[-1] = torch.from_numpy(envs.reset(seed=options.seed * NUM_ENVS)[0])
     flown = 0
     while run.goes_on(flown, lambda seen: actor(torch.from_numpy(seen)).argmax(1).numpy()):
@@ -55,7 +56,7 @@ def main(options: Options) -> nn.Module:
             value = critic(observation).squeeze(-1)
         advantage = advantages(reward, value, terminated[1:], ended[1:])
         data = [part.flatten(0, 1) for part in (observation[:-1], action, log_prob, advantage, advantage + value[:-1])]
-        rows = (~ended[:-1]).flatten().nonzero().squeeze(1)  # without the steps that began an episode
+        rows = (~ended[:-1]).flatten().nonzero().squeeze(1)  # excludes the steps that began an episode
         flown += len(rows)
         for _ in range(EPOCHS):
             for batch in rows[torch.randperm(len(rows))].split(BATCH_SIZE):

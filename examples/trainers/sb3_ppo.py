@@ -1,4 +1,4 @@
-"""Learns the LiDAR task with PPO of Stable-Baselines3.
+"""Train on the LiDAR task with the PPO of Stable-Baselines3.
 
 .venv/bin/python examples/trainers/sb3_ppo.py
 """
@@ -10,13 +10,13 @@ from torch import nn
 import flockstep
 from lidar_task import ID, NUM_ENVS, SETTINGS, Options, Run
 
-# What make_vec chooses: Stable-Baselines3 resets within the step and takes the last observation of an episode that was
-# cut, which it bootstraps from, out of the infos (terminal_observation).
+# The mode that make_vec uses: Stable-Baselines3 resets within the step. For bootstrapping it takes the last observation
+# of a truncated episode from the infos (terminal_observation).
 AUTORESET = "same_step"
 
 
 def main(options: Options) -> nn.Module:
-    """Train; return actor and critic."""
+    """Train and return actor and critic."""
     run = Run("stable-baselines3", AUTORESET, options)
     envs = flockstep.sb3.make_vec(ID, NUM_ENVS, **SETTINGS)
     model = PPO(
@@ -32,7 +32,7 @@ def main(options: Options) -> nn.Module:
         device="cpu",
         seed=options.seed,
     )
-    envs.seed(options.seed * NUM_ENVS)  # PPO has seeded them with options.seed, which another run's would overlap
+    envs.seed(options.seed * NUM_ENVS)  # PPO seeded them with options.seed, so consecutive runs would share seeds
     while run.goes_on(model.num_timesteps, lambda seen: model.predict(seen, deterministic=True)[0]):
         model.learn(64 * NUM_ENVS, reset_num_timesteps=False)  # one update
     return model.policy

@@ -1,4 +1,4 @@
-"""Learns the LiDAR task with PPO of skrl.
+"""Train on the LiDAR task with the PPO of skrl.
 
 .venv/bin/python examples/trainers/skrl_ppo.py
 """
@@ -20,10 +20,10 @@ from torch import nn
 
 from lidar_task import ID, NUM_ENVS, SETTINGS, Options, Run, network
 
-# skrl learns from every row, so none may be a step that only begins an episode, as next_step has them.
+# skrl learns from every row, so no row may be a step that only begins an episode, as in next_step.
 AUTORESET = "same_step"
 LEARNING = {"rollouts": 64, "learning_epochs": 4, "mini_batches": 4, "learning_rate": 3e-3, "discount_factor": 0.98}
-# Without time_limit_bootstrap the advantages of an episode that was cut would run on into the next one.
+# Without time_limit_bootstrap the advantages of a truncated episode would leak into the next one.
 LOSSES = {"entropy_loss_scale": 0.01, "value_loss_scale": 0.5, "value_clip": 0.0, "time_limit_bootstrap": True}
 PPO_SETTINGS = {**LEARNING, **LOSSES, "experiment": {"write_interval": 0, "checkpoint_interval": 0}}  # no files
 TRAINER_SETTINGS = {"timesteps": 64, "headless": True, "disable_progressbar": True, "close_environment_at_exit": False}
@@ -49,7 +49,7 @@ class Critic(DeterministicMixin, Model):
 
 
 class FinalObservationPPO(PPO):
-    """Bootstraps an episode that was cut from its own last observation, not from the first one of the next."""
+    """PPO that bootstraps a truncated episode from its own last observation, not from the first one of the next."""
 
     def record_transition(self, *, next_observations: torch.Tensor, infos: dict[str, Any], **others: Any) -> None:
         if "final_obs" in infos:
@@ -60,7 +60,7 @@ class FinalObservationPPO(PPO):
 
 
 def main(options: Options) -> nn.Module:
-    """Train; return actor and critic."""
+    """Train and return actor and critic."""
     run = Run("skrl", AUTORESET, options)
     config.torch.key = options.seed * NUM_ENVS  # the wrapper's seed
     envs = wrap_env(gymnasium.make_vec(ID, NUM_ENVS, autoreset_mode=AUTORESET, **SETTINGS), verbose=False)
@@ -71,7 +71,7 @@ def main(options: Options) -> nn.Module:
     trainer = SequentialTrainer(env=envs, agents=agent, cfg=TRAINER_SETTINGS)
     flown = 0
     while run.goes_on(flown, lambda seen: actor.net(torch.from_numpy(seen)).argmax(1).numpy()):
-        trainer.train()  # goes on where it stopped: the wrapper resets a vector env once only
+        trainer.train()  # continues: the wrapper resets a vector env only once
         flown += 64 * NUM_ENVS
     return nn.ModuleList([actor, critic])
 

@@ -1,4 +1,4 @@
-"""Learns the LiDAR task with PPO of TorchRL.
+"""Train on the LiDAR task with the PPO of TorchRL.
 
 .venv/bin/python examples/trainers/torchrl_ppo.py
 .venv/bin/python examples/trainers/torchrl_ppo.py --env gymenv
@@ -21,9 +21,9 @@ from torchrl.objectives.value import GAE
 
 from lidar_task import ID, NUM_ENVS, SETTINGS, Options, Run, network
 
-# GymWrapper refuses next_step and calls disabled preferred: it resets the envs that are done, by their mask.
+# GymWrapper rejects next_step and prefers disabled: it resets the finished envs with a mask.
 AUTORESET = "disabled"
-FRAMES, EPOCHS, BATCH_SIZE = 64 * NUM_ENVS, 4, 4096  # of an update: steps, passes over them, rows of a minibatch
+FRAMES, EPOCHS, BATCH_SIZE = 64 * NUM_ENVS, 4, 4096  # per update: steps, passes over them, rows of a minibatch
 
 
 @dataclass
@@ -35,7 +35,7 @@ class TorchRLOptions(Options):
 
 
 def make_env(name: str) -> EnvBase:
-    """Return the drones as TorchRL sees them."""
+    """Return the drones as a TorchRL environment."""
     if name == "gymenv":
         return SerialEnv(16, lambda: GymEnv(ID, categorical_action_encoding=True, **SETTINGS))
     envs = gymnasium.make_vec(ID, NUM_ENVS, autoreset_mode=AUTORESET, **SETTINGS)
@@ -43,7 +43,7 @@ def make_env(name: str) -> EnvBase:
 
 
 def main(options: TorchRLOptions) -> nn.Module:
-    """Train; return actor and critic."""
+    """Train and return actor and critic."""
     run = Run("torchrl", "none" if options.env == "gymenv" else AUTORESET, options)
     env = make_env(options.env)
     env.set_seed(options.seed * NUM_ENVS)
