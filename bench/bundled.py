@@ -1,4 +1,4 @@
-"""LiDARs and cameras in every bundled world, and what loading many triangles takes."""
+"""Speed of LiDARs and cameras in every bundled world, and the cost of loading many triangles."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ import flockstep
 
 RUNS = 5
 DRONES = 256
-#: By the name of their figures: a sensor, and how many drones have it.
+#: Sensors and numbers of drones, by the name of their figures.
 LIDARS = {
     "fan35": flockstep.LidarConfig(channels=1, beams=35, hfov_deg=270.0, max_range_m=100.0),
     "grid16x360": flockstep.LidarConfig(channels=16, beams=360, hfov_deg=360.0, vfov_deg=30.0, max_range_m=100.0),
@@ -36,14 +36,14 @@ def seconds_per_sense(batch: flockstep.Batch, at_least_s: float = 0.1) -> float:
 
 
 def turned(count: int) -> Any:
-    """Return quaternions of yaws all around."""
+    """Return quaternions of evenly spaced yaws."""
     half = np.linspace(0, np.pi, count, dtype=np.float32)
     zero = np.zeros_like(half)
     return np.stack([np.cos(half), zero, zero, np.sin(half)], axis=1)
 
 
 def sensing(world: flockstep.World, places: Any, **sensors: Any) -> flockstep.Batch:
-    """Return a batch of drones at places, each turned another way."""
+    """Return a batch of drones at given positions, each with a different yaw."""
     batch = flockstep.Batch([world], len(places), num_threads=1, **sensors)
     batch.set_pose(places, turned(len(places)))
     batch.sense()
@@ -51,7 +51,7 @@ def sensing(world: flockstep.World, places: Any, **sensors: Any) -> flockstep.Ba
 
 
 def measure() -> list[Measured]:
-    """Time LiDAR scans and frames with depth on one thread, at places drawn from free space."""
+    """Time LiDAR scans and frames with depth on one thread, at random positions in free space."""
     found: list[Measured] = []
     for name in flockstep.scenes.names():
         (world,) = flockstep.scenes.load(name)
@@ -79,9 +79,9 @@ def measure() -> list[Measured]:
 
 
 def measure_steps() -> list[Measured]:
-    """Time whole steps of examples/depth_to_goal.py, 64 x 48 pixels of depth, and how much of that is rendering.
+    """Time whole steps of examples/depth_to_goal.py, 64 x 48 pixels of depth, and the share of rendering.
 
-    On one thread, under random actions from all over the worlds, the two taking turns.
+    It runs on one thread under random actions from positions all over the worlds. Whole steps and rendering alternate.
     """
     sys.path.append(str(Path(__file__).resolve().parent.parent / "examples"))
     from depth_to_goal import DepthToGoal  # type: ignore[import-not-found]
@@ -91,17 +91,17 @@ def measure_steps() -> list[Measured]:
         (world,) = flockstep.scenes.load(name)
         places = world.free_places(DRONES, seed=0)
 
-        class FromAllOver(DepthToGoal):  # type: ignore[misc] # of a module without types
+        class FromAllOver(DepthToGoal):  # type: ignore[misc] # module without types
             def reset(self, batch: flockstep.Batch, mask: Any) -> None:
                 super().reset(batch, mask)
-                batch.set_pose(places, turned(DRONES), mask)  # noqa: B023 - used in this round alone
+                batch.set_pose(places, turned(DRONES), mask)  # noqa: B023 - used only in this iteration
                 self.last_distance[mask] = batch.terms.goal_distance()[mask]
 
         envs = flockstep.DroneVectorEnv(DRONES, worlds=world, task=FromAllOver(), num_threads=1, copy=False)
         envs.reset(seed=0)
         actions = np.random.default_rng(0).uniform(-1, 1, (300, *envs.action_space.shape)).astype(np.float32)
         times: dict[str, list[float]] = {"step": [], "sense": []}
-        for run in range(RUNS + 1):  # before the first is measured, drones are everywhere
+        for run in range(RUNS + 1):  # drones are spread out before the first measured run
             before = time.perf_counter()
             for told in actions:
                 envs.step(told)
@@ -118,9 +118,9 @@ def measure_steps() -> list[Measured]:
     return found
 
 
-#: What the pictures of one world cost with and without what makes them look real.
+#: Costs of images of one world, with and without features that make them realistic.
 LOOKS_IN = "outdoor/city"
-LOOKS: dict[str, tuple[tuple[str, ...], dict[str, Any]]] = {  # what is taken from the world, what the camera is told
+LOOKS: dict[str, tuple[tuple[str, ...], dict[str, Any]]] = {  # features removed from the world, settings of the camera
     "as_it_is": ((), {}),
     "shadows": ((), {"shadows": True}),
     "four_samples": ((), {"samples_per_pixel": 4}),
@@ -142,7 +142,7 @@ def plainer(world: flockstep.World, without: tuple[str, ...]) -> flockstep.World
 
 
 def measure_looks() -> list[Measured]:
-    """Time frames of 320 x 240 on one thread, by both backends, with and without what makes them look real."""
+    """Time frames of 320 x 240 on one thread, by both backends, with and without features that make them realistic."""
     (world,) = flockstep.scenes.load(LOOKS_IN)
     places = world.free_places(8, seed=0)
     batches = {}

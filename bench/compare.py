@@ -1,28 +1,28 @@
-"""What `./dev bench --against DIR [NAME...]` runs: the speed of this checkout over that of another one, row by row.
+"""Compare the speed of this checkout with that of another one, row by row: `./dev bench --against DIR [NAME...]`.
 
 step      whole steps of the vector environments: navigation, Hover, Track, tasks written in Python
 lidar     scans of primitives, of many pillars and of triangles
-camera    pictures by both backends, and capture modes that rarely render
+camera    images by both backends, and capture modes that rarely render
 tiles     cameras and LiDARs that trace triangles in tiles; ids, normals, textures, shadows, samples, resizing
 dynamics  `Batch.fly` by each controller, with gusts, ground effect and an IMU, in contact; `Batch.move`
-worlds    loading, saving, generating and preparing worlds, pools of them, and sensors in the bundled ones
-stages    the C++ benchmark of that name, stage by stage; only if named, since it does not time as finely
-build     the processor time of building the package from nothing; only if named, since it takes minutes
+worlds    loading, saving, generating and preparing worlds, world pools, and sensors in the bundled worlds
+stages    the C++ benchmark of that name, stage by stage; only if named, because its timing is coarser
+build     processor time of building the package from scratch; only if named, because it takes minutes
 
-Without a NAME, the first six run. A NAME may also be one row, or the beginning of some up to a slash. DIR is a checkout
-whose .venv has its package installed, under the name in its pyproject.toml. For `stages` its C++ benchmarks have to be
-built, too.
+Without a NAME, the first six run. A NAME may also be one row, or a prefix of rows up to a slash. DIR is a checkout
+whose .venv has its package installed, under the name in its pyproject.toml. `stages` also needs its C++ benchmarks to
+be built.
 
-Each repeat starts a process in either checkout, with its own Python. Both prepare the same row, then take turns in
-slices of some hundredths of a second: this, other, other, this, and so on, so that other load on the machine slows both
-alike. A slice is timed by the processor time of all threads of the process, which other programs change little. The
-ratio of a repeat is the median over its pairs of slices; higher is better, and above 1 this checkout is the faster one.
+Each repeat starts a process in either checkout, with its own Python. Both prepare the same row, then alternate in
+slices of a few hundredths of a second: this, other, other, this, and so on. Other load on the machine thus slows both
+equally. A slice is timed by the processor time of all threads of the process, which other programs hardly change. The
+ratio of a repeat is the median over its pairs of slices. Higher is better; above 1 this checkout is faster.
 
-`build` builds both wheels in temporary folders, as `./dev install` does, at the same time and each with one compile
-job at a time, once whatever the repeats. Its ratio is not part of the mean.
+`build` builds both wheels in temporary folders, as `./dev install` does, at the same time and with one compile job
+each. It runs once, for any number of repeats. Its ratio is not part of the mean.
 
 The exit status is 1 if the geometric mean over the rows is less than 0.98, if a row is less than 0.93 in every repeat,
-or if the build takes more than 1.05 times the other's processor time. It is 2 if a row cannot be run in one of the
+or if the build takes more than 1.05 times the other's processor time. It is 2 if a row cannot run in one of the
 checkouts.
 """
 
@@ -48,7 +48,7 @@ from typing import Any
 from compare_rows import ROWS, Call
 
 ROOT = Path(__file__).resolve().parent.parent
-PAIRS = 24  # of slices in a row and repeat; fewer, but LEAST_PAIRS, if one call takes longer than a slice
+PAIRS = 24  # number of slice pairs per row and repeat; down to LEAST_PAIRS if one call exceeds a slice
 LEAST_PAIRS = 6
 SLICE_S = 0.025
 LEAST_MEAN, LEAST_ROW, LEAST_BUILD = 0.98, 0.93, 1 / 1.05
@@ -56,13 +56,13 @@ FAMILIES = tuple(dict.fromkeys(row.split("/")[0] for row, _ in ROWS))
 ONLY_IF_NAMED = ("stages", "build")
 SECONDS = {"ns": 1e-9, "us": 1e-6, "s": 1.0}
 
-Ratios = dict[str, list[float]]  # by row, one of each repeat
+Ratios = dict[str, list[float]]  # by row, one ratio per repeat
 
 # ------------------------------------------------------------------------------------------- the process that runs rows
 
 
 def work(package_name: str) -> None:
-    """Answer one JSON line with another: "prepare" a row, or time `count` calls of what was prepared."""
+    """Answer each JSON line with another one: "prepare" a row, or time `count` calls of the prepared row."""
     answers = os.fdopen(os.dup(1), "w", buffering=1)
     os.dup2(2, 1)  # keeps other output out of the answers
     package, setups = importlib.import_module(package_name), dict(ROWS)
@@ -71,7 +71,7 @@ def work(package_name: str) -> None:
         request = json.loads(line)
         try:
             if "prepare" in request:
-                call = None  # frees the memory of the row before
+                call = None  # frees the memory of the previous row
                 call = setups[request["prepare"]](package)
                 call()
             assert call is not None
@@ -92,7 +92,7 @@ class CannotRunError(Exception):
 
 
 class Checkout:
-    """A checkout, and while it is entered a process of its Python that runs rows."""
+    """A checkout and, while entered, a process of its Python that runs rows."""
 
     def __init__(self, root: Path) -> None:
         found = re.search(r'^name = "(\w+)"', (root / "pyproject.toml").read_text(), re.MULTILINE)
@@ -111,16 +111,16 @@ class Checkout:
         return self
 
     def __exit__(self, *_: object) -> None:
-        self.process.communicate()  # ends its input
+        self.process.communicate()  # closes its input, which ends it
 
     def send(self, **request: Any) -> None:
         assert self.process.stdin is not None
-        with contextlib.suppress(BrokenPipeError):  # of a process that has ended, which `read` reports
+        with contextlib.suppress(BrokenPipeError):  # the process has ended, which `read` reports
             self.process.stdin.write(json.dumps(request) + "\n")
             self.process.stdin.flush()
 
     def read(self) -> dict[str, Any]:
-        """Return the answer to a request: its seconds, or an error."""
+        """Return the answer to a request: its time in seconds, or an error."""
         assert self.process.stdout is not None
         line = self.process.stdout.readline()
         answer: dict[str, Any] = json.loads(line) if line else {"error": "its process has ended"}
@@ -136,7 +136,7 @@ class Checkout:
         return float(answer["seconds"])
 
     def stages(self) -> dict[str, float]:
-        """Run the C++ benchmark; return the times it prints, in seconds."""
+        """Run the C++ benchmark and return its times in seconds."""
         program = self.root / "build" / "release" / "bench" / "stages"
         if not program.exists():
             raise CannotRunError(f"{program}: not built (cmake -D{self.package.upper()}_BENCH=ON there)")
@@ -147,7 +147,7 @@ class Checkout:
 def row_ratio(this: Checkout, other: Checkout, row: str) -> float:
     for checkout in (this, other):
         checkout.send(prepare=row)
-    answers = [(checkout, checkout.read()) for checkout in (this, other)]  # both, before one of them is an error
+    answers = [(checkout, checkout.read()) for checkout in (this, other)]  # read both before raising an error of either
     once = min(checkout.seconds(answer) for checkout, answer in answers)
     few = max(1, round(0.2 * SLICE_S / max(once, 1e-7)))
     one_call = max(this.time(few) / few, 1e-7)
@@ -168,7 +168,7 @@ def is_selected(row: str, names: Sequence[str]) -> bool:
 def repeat(
     this: Checkout, other: Checkout, names: Sequence[str], failures: dict[str, str]
 ) -> Iterator[tuple[str, float]]:
-    """Yield each row's ratio; rows that cannot run go to `failures`."""
+    """Yield each row's ratio; rows that cannot run are added to `failures`."""
     with this, other:
         for row, _ in ROWS:
             if not is_selected(row, names) or row in failures:
@@ -189,7 +189,7 @@ def repeat(
 
 
 def build_seconds(this: Checkout, other: Checkout) -> tuple[float, float]:
-    """Build both packages from nothing at the same time; return the processor time that each took, s."""
+    """Build both packages from scratch at the same time; return the processor time of each in s."""
     with tempfile.TemporaryDirectory() as folder:
         builds = []
         for name, checkout in (("this", this), ("other", other)):
@@ -210,7 +210,7 @@ def build_seconds(this: Checkout, other: Checkout) -> tuple[float, float]:
                 )
         seconds = []
         for build in builds:
-            _, status, used = os.wait4(build.pid, 0)  # its compilers included
+            _, status, used = os.wait4(build.pid, 0)  # includes its compilers
             build.returncode = os.waitstatus_to_exitcode(status)
             seconds.append(used.ru_utime + used.ru_stime)
         for name, checkout, build in zip(("this", "other"), (this, other), builds, strict=True):
@@ -224,7 +224,7 @@ def build_seconds(this: Checkout, other: Checkout) -> tuple[float, float]:
 
 
 def least(row: str) -> float:
-    """Return the ratio that a row needs in one repeat."""
+    """Return the minimum ratio of a row in at least one repeat."""
     return LEAST_BUILD if row == "build" else LEAST_ROW
 
 
@@ -233,7 +233,7 @@ def is_slower(row: str, values: Sequence[float]) -> bool:
 
 
 def geometric_mean(ratios: Ratios) -> float | None:
-    """Return the mean over the medians of all rows except the build, None without any."""
+    """Return the mean over the medians of all rows except the build, or None if there are none."""
     logs = [math.log(statistics.median(values)) for row, values in ratios.items() if row != "build"]
     return math.exp(statistics.mean(logs)) if logs else None
 

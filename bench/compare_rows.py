@@ -1,4 +1,4 @@
-"""The rows that `./dev bench --against` times, in families. bench/compare.py runs this file in both checkouts.
+"""The rows that `./dev bench --against` times, by family. bench/compare.py runs this file in both checkouts.
 
 A row uses only calls that both checkouts have: those of the public Python package, whose name may differ.
 """
@@ -68,7 +68,7 @@ def rolling_ground(cells: int) -> tuple[Any, Any]:
 
 @functools.cache
 def hills(cells: int) -> MakeWorlds:
-    """Return a maker of a world of `rolling_ground`."""
+    """Return a maker of a `rolling_ground` world."""
 
     def make(package: Any) -> list[Any]:
         vertices, triangles = rolling_ground(cells)
@@ -109,7 +109,7 @@ def stepping(n: int, warm_up: int = 300, **settings: Any) -> Setup:
 
 
 def flying(n: int, task: str, imu: bool = False, in_small_room: bool = False, **settings: Any) -> Setup:
-    """Return a setup of a task whose drones fly by simulated rotors. `wind` holds the fields of a WindConfig."""
+    """Return a setup of a task with simulated rotors. `wind` holds the fields of a WindConfig."""
 
     def setup(package: Any) -> Call:
         options: dict[str, Any] = {"task": getattr(package, task)(), "num_threads": 1} | settings
@@ -151,7 +151,7 @@ def stepped(envs: Any, warm_up: int) -> Call:
     def step() -> None:
         envs.step(next(turns))
 
-    for _ in range(warm_up):  # until drones are everywhere and episodes end all the time
+    for _ in range(warm_up):  # until drones are spread out and episodes end at a steady rate
         step()
     return step
 
@@ -194,11 +194,11 @@ STEP: list[tuple[str, Setup]] = [
     ("step/track_gusts_imu_n1024", flying(1024, "TrackConfig", imu=True, wind={"gusts": "ornstein_uhlenbeck"})),
 ]
 
-# ------------------------------------------------------------------------------- lidar, camera and tiles: sensors alone
+# ------------------------------------------------------------------------------- lidar, camera and tiles: sensors only
 
 
 def free_positions(world: Any, count: int) -> Any:
-    """Return places with half a metre of room in each of 14 directions, (count, 3) m."""
+    """Return positions with half a metre of free space in each of 14 directions, (count, 3) m."""
     rng = np.random.default_rng(1)
     corners = np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)], np.float32)
     directions = np.concatenate([np.eye(3, dtype=np.float32), -np.eye(3, dtype=np.float32), corners])
@@ -281,7 +281,7 @@ def measuring(make_worlds: MakeWorlds, n: int, lidar: dict[str, Any], tracer: st
 
 
 def sensing(package: Any, make_worlds: MakeWorlds, n: int, **settings: Any) -> Call:
-    """Return a call that reads the sensors of n drones in free places, of one world."""
+    """Return a call that reads the sensors of n drones at free positions of one world."""
     (world,) = make_worlds(package)
     batch = package.Batch([world], n, num_threads=1, **settings)
     batch.set_pose(world.free_places(n, seed=0), turned(n))
@@ -333,7 +333,7 @@ TILES: list[tuple[str, Setup]] = [
     ("tiles/city/resized64x48x8", seeing(CITY, 64, 48, 8, resize=(32, 24), outputs=["rgb", "depth", "hsv", "grey"])),
 ]
 
-# ----------------------------------------------------------------------------------------------- dynamics: motion alone
+# ----------------------------------------------------------------------------------------------- dynamics: motion only
 
 
 def fleet(
@@ -348,10 +348,10 @@ def fleet(
     settle: int = 100,
     **dynamics: Any,
 ) -> Setup:
-    """Return a setup of `Batch.fly` at 100 Hz with 5 ticks a step, of drones near a place in the large room.
+    """Return a setup of `Batch.fly` at 100 Hz with 5 ticks per step, with drones near a position in the large room.
 
     Heights are those of the drones' centres above the floor. Position commands lead to `commanded_m` and
-    `commanded_place`, by default to where the drones are.
+    `commanded_place`, by default to the drones' own positions.
     """
 
     def setup(package: Any) -> Call:
@@ -379,7 +379,7 @@ def fleet(
         elif control in ("body_rates", "attitude"):
             command = np.tile([9.81, 0, 0, 0], (n, 1))
         else:
-            command = np.zeros((n, 4))  # of velocities and accelerations: stay
+            command = np.zeros((n, 4))  # zero velocity or acceleration: stay
         command = command.astype(np.float32)
 
         def fly() -> None:
@@ -387,7 +387,7 @@ def fleet(
             if imu:
                 batch.sense()
 
-        for _ in range(settle):  # until the drones are where they go to, or have hit what is in the way
+        for _ in range(settle):  # until the drones have arrived at their targets or at an obstacle
             fly()
         return fly
 
@@ -395,7 +395,7 @@ def fleet(
 
 
 def moving(amplitude_m: float) -> Setup:
-    """Return a setup of kinematic moves to and fro in playgrounds; long ones end at pillars and walls."""
+    """Return a setup of kinematic moves back and forth in playgrounds; long ones end at pillars and walls."""
 
     def setup(package: Any) -> Call:
         worlds = train(package)
@@ -457,7 +457,7 @@ DYNAMICS: list[tuple[str, Setup]] = [
 
 @functools.cache
 def temporary_folder() -> tempfile.TemporaryDirectory[str]:
-    """Return the folder of the files that rows read and write. It is deleted when the process ends."""
+    """Return the folder of the rows' files. It is deleted when the process ends."""
     return tempfile.TemporaryDirectory()
 
 
@@ -474,7 +474,7 @@ def loading(write: Callable[[Any], Path]) -> Setup:
 
 
 def json_file(package: Any) -> Path:
-    """Write 5,000 spheres of 500 materials."""
+    """Write 5,000 spheres with 500 materials."""
     centers = np.random.default_rng(0).uniform(-500, 500, (5000, 3)).round(3).tolist()
     path = file("spheres.json")
     path.write_text(
@@ -545,7 +545,7 @@ def generating(name: str, **settings: Any) -> Setup:
 
 
 def preparing(write: Callable[[Any], Path], outputs: list[str], tracer: str = "auto") -> Setup:
-    """Return a setup that loads a file and takes the first scan and frame there, which prepare the world for both."""
+    """Return a setup that loads a file, then takes a first scan and frame, which prepare the world for both."""
 
     def setup(package: Any) -> Call:
         path = write(package)
@@ -562,7 +562,7 @@ def preparing(write: Callable[[Any], Path], outputs: list[str], tracer: str = "a
 
 
 def pooled(n: int, size: int) -> Setup:
-    """Return a setup of steps with short episodes, each of which draws one of `size` worlds that are ready."""
+    """Return a setup of steps with short episodes, each of which draws one of `size` finished worlds."""
 
     def setup(package: Any) -> Call:
         pool = package.WorldPool(package.World.playground, size=size)
@@ -572,7 +572,7 @@ def pooled(n: int, size: int) -> Setup:
 
 
 def pool_filling(package: Any) -> Call:
-    """Reset envs once in worlds that are all built for it."""
+    """Reset envs once in newly built worlds."""
 
     def fill() -> None:
         pool = package.WorldPool(package.World.playground, size=16)

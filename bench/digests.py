@@ -1,10 +1,11 @@
-"""Prints digests of what the built-in tasks return: two commits that print the same behave the same, to the last bit.
+"""Prints digests of the built-in tasks' results: two commits with the same output behave the same, bit by bit.
 
-For each environment and autoreset mode: 2,000 steps under random actions. Every observation (final ones included),
-reward, reward term, flag, position and IMU reading goes into a SHA-256. The kept policies fly Hover and Track for 300
-steps; their actions and rewards go into another. Digests hold on one machine: mathematical libraries differ.
+For each environment and autoreset mode it flies 2,000 steps under random actions. Every observation (including final
+ones), reward, reward term, flag, position and IMU reading goes into a SHA-256. The stored policies fly Hover and Track
+for 300 steps; their actions and rewards go into another digest. Digests are comparable only on one machine, because
+mathematical libraries differ.
 
-python bench/digests.py > before.txt, and again after a change; then compare the two.
+Run python bench/digests.py > before.txt, and again after a change; then compare the two files.
 """
 
 from __future__ import annotations
@@ -54,7 +55,7 @@ STEPS = 2000
 
 
 def update(digest: Any, value: Any) -> None:
-    """Add an array, or a dict or an object array of them, to a digest."""
+    """Add an array, or a dict or an object array of arrays, to a digest."""
     if isinstance(value, dict):
         for key in sorted(value):
             digest.update(key.encode())
@@ -79,7 +80,7 @@ def digest_of(name: str, keywords: dict[str, Any], mode: str, num_envs: int, ste
         if mode == "disabled" and done.any():
             update(digest, envs.reset(options={"reset_mask": done})[0])
         if isinstance(space, gym.spaces.Discrete):
-            # Ahead more often than not, so that episodes get somewhere.
+            # Move forward more often than not, so that episodes make progress.
             actions = np.where(rng.random(num_envs) < 0.4, 0, rng.integers(0, space.n, num_envs))
         else:
             actions = rng.uniform(-1.2, 1.2, (num_envs, *space.shape)).astype(np.float32)
@@ -95,7 +96,7 @@ def digest_of(name: str, keywords: dict[str, Any], mode: str, num_envs: int, ste
 
 
 def policy_digest(env_id: str, name: str, num_envs: int) -> str:
-    """Return the digest of the actions and rewards of a kept policy."""
+    """Return the digest of a stored policy's actions and rewards."""
     import torch
     from stable_baselines3 import PPO
 

@@ -1,7 +1,7 @@
-"""How exact flight by rotors is, and how the controller flies: what `./dev bench dynamics_accuracy` measures.
+"""Accuracy of simulated rotor flight, and quality of the controller: `./dev bench dynamics_accuracy`.
 
-The oracle is tests/python/rigid_body.py, the equations of docs/dynamics.md in double precision. Errors do not depend on
-the processor as times do: whoever runs this gets these figures.
+The reference is tests/python/rigid_body.py, the equations of docs/dynamics.md in double precision. Unlike times, errors
+do not depend on the processor, so every machine gives the same figures.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ from rigid_body import (  # type: ignore[import-not-found]
 )
 
 DRONES = 64
-STEP_HZ = 100  # rotor speeds, or a point to fly to, are told this often
+STEP_HZ = 100  # rate of the commands: rotor speeds, or a target position
 FAR_M = np.array([[1000.3, 1000.1, 999.7]], np.float32)
 
 Measured = list[tuple[str, float, str, int]]  # name, value, unit, runs
@@ -37,7 +37,7 @@ def root_mean_square(values: Any) -> float:
 
 
 def under_rotor_speeds() -> Measured:
-    """Fly a second of random rotor speeds, by frame, integrator and rate, beside the oracle."""
+    """Fly one second of random rotor speeds, by frame, integrator and rate, and compare with the reference."""
     found: Measured = []
     for name in ("kingfisher", "x500"):
         data = frame(name)
@@ -71,7 +71,7 @@ def under_rotor_speeds() -> Measured:
 
 
 def on_a_tour() -> Measured:
-    """Fly to six random points in 3 s, by midpoint at 500 Hz and by rk4 at 8,000, the controller at 500 Hz in both."""
+    """Fly to six random points in 3 s, by midpoint at 500 Hz and by rk4 at 8,000 Hz; the controller runs at 500 Hz."""
     points = np.random.default_rng(0).uniform(-3, 3, (6, DRONES, 3))
     commands = np.concatenate([points, np.zeros((6, DRONES, 1))], axis=2)
     found: Measured = []
@@ -96,7 +96,7 @@ def on_a_tour() -> Measured:
 
 
 def settling() -> Measured:
-    """Fly 1 m to the side, level, from rest, by the controller of positions at the default rates."""
+    """Fly 1 m to the side, level, from rest, with the position controller at the default rates."""
     found: Measured = []
     for name in flockstep.DroneModel.names():
         batch = batch_of(frame(name), 1, 500, 500, control="position")
@@ -117,7 +117,7 @@ def settling() -> Measured:
 
 
 def ten_steps_ahead() -> Measured:
-    """Send a drone of the LiDAR task ahead by 0.1 m, ten times, from rest: how far it has flown by then."""
+    """Send a drone of the LiDAR task forward by 0.1 m, ten times, from rest, and measure the distance flown."""
     found: Measured = []
     for name in flockstep.DroneModel.names():
         drone = flockstep.DroneModel.load(name)
@@ -136,9 +136,9 @@ def ten_steps_ahead() -> Measured:
 
 
 def hover_far_out() -> Measured:
-    """Hold a point 1 km from the origin along each axis for ten minutes, after a minute to arrive from 0.6 m away.
+    """Hold a point 1 km from the origin along each axis for ten minutes, after one minute to arrive from 0.6 m away.
 
-    In exact arithmetic the point is where the equations come to rest, so that the distance from it is float32's.
+    In exact arithmetic the point is an equilibrium of the equations, so the measured distance is the error of float32.
     """
     hz = 50
     batch = batch_of(frame(), 1, hz, control="position")

@@ -1,8 +1,9 @@
-"""Other simulators of quadrotors beside this one: what `./dev bench dynamics_peers` measures.
+"""Comparison with other quadrotor simulators: `./dev bench dynamics_peers`.
 
-Each is installed by pip into a virtual environment of its own under out/peers/, and this file run by the Python there,
-on one pinned processor: its speed in its fastest mode, and where a second of given rotor speeds takes the same
-quadrotor. Peers have nothing of flockstep but the numbers of `Case`; what they need is imported where it is used.
+Each one is installed by pip into its own virtual environment under out/peers/, and its Python runs this file on one
+pinned processor. It measures the speed in the fastest mode, and the state of the same quadrotor after one second of
+given rotor speeds. The environments contain nothing of flockstep except the numbers in `Case`; each function imports
+its own packages.
 """
 
 from __future__ import annotations
@@ -21,7 +22,7 @@ import numpy as np
 from peers import RUNS, ask, python_of, rate
 
 FILE = Path(__file__).resolve()
-#: Of each peer: what pip installs. torch is the version that .venv has, of which there is a build without GPUs.
+#: Packages that pip installs for each peer. The torch version is that of .venv, which has a build without GPUs.
 PEERS = {
     "mujoco": ["mujoco"],
     "crazyflow": ["crazyflow"],
@@ -37,27 +38,27 @@ TICKS = PHYSICS_HZ // POLICY_HZ
 
 @dataclass
 class Case:
-    """A quadrotor and what its rotors are told, in SI units; frames and the order of rotors are those of flockstep."""
+    """A quadrotor and its rotor speed commands, in SI units; frames and rotor order as in flockstep."""
 
     mass_kg: float
     inertia_kgm2: list[float]
     position_m: list[list[float]]
     spin: list[int]  # +1: counter-clockwise
-    thrust_n: float  # over the square of the speed
+    thrust_n: float  # per square of the speed
     torque_ratio_m: float
     lag_s: float
     hover_radps: float
     linear_drag: list[float]
     quadratic_drag: float
-    told_radps: list[list[float]]  # (T, 4): for 1 / POLICY_HZ each
+    told_radps: list[list[float]]  # (T, 4): each for 1 / POLICY_HZ
 
 
 @dataclass
 class Found:
-    """What a peer tells: rates per second of the processor's time, by mode, and ends of flights, by their kind."""
+    """Results of a peer: rates per second of processor time, by mode, and final states of flights, by kind."""
 
     version: str = ""
-    simulator: dict[str, float] = field(default_factory=dict)  # drone-substeps, as long as the mode says
+    simulator: dict[str, float] = field(default_factory=dict)  # drone-substeps, with the mode's step length
     environment: dict[str, float] = field(default_factory=dict)  # drone-steps
     flights: dict[str, list[float]] = field(default_factory=dict)  # x, y, z m, w, x, y, z
 
@@ -76,7 +77,7 @@ def of_flockstep(case: Case) -> Found:
 
 
 def hovering(num_envs: int) -> Any:
-    """Return the environment of hovering by body rates, on one thread, views out; None where the package has none."""
+    """Return the hover environment by body rates, on one thread, without copies, or None if the package has none."""
     import flockstep
 
     if not hasattr(flockstep, "HoverConfig"):
@@ -178,7 +179,7 @@ def of_crazyflow(case: Case) -> Found:
         jax.block_until_ready(data.states.pos)
 
     found = Found(version("crazyflow"))
-    # Its rotors in our order, by the signs of its mixer: roll by y, pitch by -x, yaw against the turning.
+    # Put its rotors into our order, by the signs of its mixer: roll by y, pitch by -x, yaw against the spin.
     mixing = np.array([np.sign([p[1] for p in case.position_m]), -np.sign([p[0] for p in case.position_m])])
     for integrator in ("euler", "rk4"):
         one = sim(1, integrator)
@@ -203,11 +204,11 @@ def of_crazyflow(case: Case) -> Found:
                 for name, value in changes.items()
             }
         )
-        height = 50.0  # m, of the begin: its floor is at 0
+        height = 50.0  # m, initial height: its floor is at 0
         states = one.data.states.replace(
             pos=jnp.full((1, 1, 3), height), rotor_vel=jnp.full((1, 1, 4), case.hover_radps * rpm)
         )
-        one.step_pipeline.pop("clip_rotor_vel_cmd")  # to the limits of its own frame
+        one.step_pipeline.pop("clip_rotor_vel_cmd")  # clips to the limits of its own frame
         one._step = one.build_step_fn()
         one.data = one.data.replace(params=params, states=states)
         for told in case.told_radps:
@@ -282,7 +283,7 @@ def of_rotorpy(case: Case) -> Found:
     found.simulator["rk4 in PyTorch, 2 ms, rotor speeds"] = rate(
         lambda: many.step(begin, told_all, 1 / PHYSICS_HZ), DRONES
     )
-    # A step of 10 ms at once is its way, and cheaper than five of 2 ms.
+    # One step of 10 ms is its own default, and cheaper than five of 2 ms.
     begin["rotor_speeds"] = torch.full((DRONES, 4), 1788.53).double()
     envs = QuadrotorEnv(DRONES, begin, control_mode="cmd_ctbr", quad_params=usual, sim_rate=POLICY_HZ)
     envs.reset()
@@ -301,9 +302,9 @@ def of_pyflyt(case: Case) -> Found:
     flock = Aviary(places, np.zeros((many, 3)), drone_type="quadx", drone_options={"control_hz": 120})
     flock.set_mode(0)
     flock.set_all_setpoints(np.tile([0.0, 0.0, 0.0, 0.4], (many, 1)))
-    ticks = flock.physics_hz // 120  # of a step, which is one of its controller
+    ticks = flock.physics_hz // 120  # per step, which is one controller step
     found.simulator["Bullet, 4.2 ms, body rates, 64 drones"] = rate(flock.step, round(ticks) * many)
-    env = QuadXHoverEnv(agent_hz=120)  # it has no 100 Hz
+    env = QuadXHoverEnv(agent_hz=120)  # it does not support 100 Hz
     env.reset(seed=0)
     action = np.array([0.0, 0.0, 0.0, 0.4])
 
@@ -336,7 +337,7 @@ def of_hyperdrone(case: Case) -> Found:
 
 # --------------------------------------------------------------------------------------------- in our own environment
 
-#: Why flights of the same rotor speeds end apart, by the peer and the beginning of its mode.
+#: Reasons why flights with the same rotor speeds end apart, by peer and the first words of its mode.
 REASONS = {
     ("mujoco", "euler"): "semi-implicit Euler, of first order",
     ("mujoco", "rk4"): "rotors without a lag push alike all along a tick: only the methods' errors are left",
@@ -348,7 +349,7 @@ REASONS = {
 
 
 def case_of_kingfisher() -> Case:
-    """Return a kingfisher, its rotors on a square since not every peer knows other frames, and a second of commands."""
+    """Return a kingfisher and one second of commands; its rotors form a square, because some peers require one."""
     import flockstep
 
     drone = flockstep.DroneModel.load("kingfisher")
@@ -370,7 +371,7 @@ def case_of_kingfisher() -> Case:
 
 
 def apart(case: Case, kind: str, theirs: list[float]) -> tuple[float, float]:
-    """Return how far our flight ends from a peer's: m, degrees."""
+    """Return the difference between the ends of our flight and a peer's: m, degrees."""
     batch = flown_here(case, lag=not kind.startswith("no lag"), linear="linear" in kind, quadratic="quadratic" in kind)
     for told in case.told_radps:
         batch.fly([told])
@@ -381,13 +382,13 @@ def apart(case: Case, kind: str, theirs: list[float]) -> tuple[float, float]:
 
 
 def beside(rates: dict[str, float], mode: str) -> float | None:
-    """Return which of our rates is to be compared with a mode: that of ticks as long, else the first."""
+    """Return our rate to compare with a mode: the one with the same tick length, otherwise the first."""
     alike = [own for name, own in rates.items() if " 10 ms" in name and " 10 ms" in mode]
     return next(iter([*alike, *rates.values()]), None)
 
 
 def measure() -> list[dict[str, Any]]:
-    """Return the figures of all peers, each beside our own of the same minutes."""
+    """Return the figures of all peers, each with our own figures from the same minutes."""
     case = case_of_kingfisher()
     figures: list[dict[str, Any]] = []
 

@@ -1,4 +1,4 @@
-"""What colours, hsv and smaller images cost: of our kernels, of OpenCV, and beside the rendering of a frame."""
+"""Costs of colour detection, HSV and smaller images, in our kernels and in OpenCV, beside rendering a frame."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ Measured = tuple[str, float, str, int]  # name, value, unit, runs
 
 
 def batch_of(width: int, height: int, frames: int, camera: str = "rgb") -> flockstep.Batch:
-    """Drones at free places of a camera playground, which see its green goal or not."""
+    """Return drones at free positions of a camera playground; some have its green goal in view."""
     settings = dict(CAMERAS[camera])
     if settings.pop("quarter", False):
         settings["resize"] = (width // 4, height // 4)
@@ -42,7 +42,7 @@ def batch_of(width: int, height: int, frames: int, camera: str = "rgb") -> flock
 
 
 def microseconds(functions: dict[str, Callable[[], object]], frames: int) -> dict[str, float]:
-    """Return the median of the processor's time for a frame; the functions take turns."""
+    """Return the median processor time per frame; the functions alternate."""
     times: dict[str, list[float]] = {name: [] for name in functions}
     for function in functions.values():
         function()

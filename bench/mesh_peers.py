@@ -1,8 +1,8 @@
-"""Other ray casters beside this one, at the same triangles: what `./dev bench mesh_peers` measures.
+"""Comparison with other ray casters on the same triangles: `./dev bench mesh_peers`.
 
-Each is installed by pip into a virtual environment of its own under out/peers/, and this file run by the Python there,
-on one pinned processor: how many rays a second each of its modes traces, and how many of the distances differ from
-ours. Peers have nothing of flockstep but a file of triangles and rays; what they need is imported where it is used.
+Each one is installed by pip into its own virtual environment under out/peers/, and its Python runs this file on one
+pinned processor. It measures the rays per second of each mode, and the number of distances that differ from ours. The
+environments contain nothing of flockstep except a file of triangles and rays; each function imports its own packages.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ import numpy.typing as npt
 from peers import HOMES, RUNS, ask, python_of, rate
 
 FILE = Path(__file__).resolve()
-#: Of each peer: what pip installs. Open3D links to libusb, which not every system has.
+#: Packages that pip installs for each peer. Open3D links to libusb, which some systems lack.
 PEERS = {
     "open3d": ["open3d-cpu", "libusb-package"],
     "embreex": ["embreex"],
@@ -35,23 +35,23 @@ PEERS = {
 WORLDS = ("office", "forest", "city")
 SENSORS = ("camera", "LiDAR")
 PLACES = 24
-MAX_HEIGHT_M = 2.0  # of the places, above what is below them
-CHORD_ERROR_M = 0.01  # of round shapes, which are cut into triangles
-FAR_M = 1000.0  # no ray meets anything beyond
-ALIKE = 1e-3  # distances apart by less, relative to ours, are the same
-#: Arrays of a case: those of which it has one, and those of which it has one for each sensor.
+MAX_HEIGHT_M = 2.0  # maximum height of the positions above the surface below
+CHORD_ERROR_M = 0.01  # for round shapes, which are converted to triangles
+FAR_M = 1000.0  # maximum distance of a hit
+ALIKE = 1e-3  # relative difference below which distances count as equal
+#: Arrays of a case: one for all, and one for each sensor.
 ALONE, BY_SENSOR = ("vertices", "triangles", "position", "quat_wxyz"), ("directions", "distances")
-#: The modes of ours that peers are compared with.
+#: Our modes that peers are compared with.
 BATCH, RAYCAST = "Batch", "World.raycast"
 
 Array = npt.NDArray[Any]
 Cast = Callable[[], Any]  # traces rays and returns their distances
-Mode = Callable[[str], list[Cast]]  # by the sensor; together they trace all of its rays
+Mode = Callable[[str], list[Cast]]  # by sensor; together the casts trace all of its rays
 
 
 @dataclass
 class Case:
-    """A world of triangles, where sensors are, and the rays of each sensor from all places."""
+    """A world of triangles, sensor poses, and the rays of each sensor from all poses."""
 
     vertices: Array  # (V, 3) float32
     triangles: Array  # (T, 3) int32
@@ -73,7 +73,7 @@ class Case:
             return Case(*(file[name] for name in ALONE), *by_sensor)
 
     def by_place(self, prepare: Callable[[Array, Array], Cast]) -> Mode:
-        """Return what traces the rays of one place in a call: `prepare` gets origins and directions, (R, 3) each."""
+        """Return a mode that traces one position's rays per call; `prepare` gets origins and directions (R, 3)."""
 
         def casts(sensor: str) -> list[Cast]:
             along = self.directions[sensor]
@@ -87,11 +87,11 @@ class Case:
 
 @dataclass
 class Found:
-    """What a peer tells, by world and sensor, then by mode."""
+    """Results of a peer, by world and sensor, then by mode."""
 
     version: str
-    per_second: dict[str, dict[str, float]] = field(default_factory=dict)  # rays, of the processor's time
-    differing: dict[str, dict[str, float]] = field(default_factory=dict)  # rays in a million
+    per_second: dict[str, dict[str, float]] = field(default_factory=dict)  # rays per second of processor time
+    differing: dict[str, dict[str, float]] = field(default_factory=dict)  # differing rays per million
 
 
 def of_flockstep(case: Case) -> dict[str, Mode]:
@@ -108,7 +108,7 @@ def of_flockstep(case: Case) -> dict[str, Mode]:
 
 
 def world_of(case: Case) -> Any:
-    """Return a world of the case's triangles and nothing else."""
+    """Return a world of only the case's triangles."""
     import flockstep
 
     builder = flockstep.WorldBuilder()
@@ -129,7 +129,7 @@ def sensor_of(name: str) -> dict[str, Any]:
 
 
 def sensing(world: Any, case: Case, sensor: str, tracer: str) -> Cast:
-    """Return what reads a sensor at all places."""
+    """Return a function that reads a sensor at all positions."""
     import flockstep
 
     batch = flockstep.Batch([world], len(case.position), num_threads=1, tracer=tracer, **sensor_of(sensor))
@@ -147,7 +147,7 @@ def of_open3d(case: Case) -> dict[str, Mode]:
 
     import libusb_package
 
-    ctypes.CDLL(str(libusb_package.get_library_path()))  # before Open3D looks for it
+    ctypes.CDLL(str(libusb_package.get_library_path()))  # must be loaded before Open3D
     import open3d
 
     scene = open3d.t.geometry.RaycastingScene(nthreads=1)
@@ -181,7 +181,7 @@ def of_mujoco(case: Case) -> dict[str, Mode]:
 
     spec = mujoco.MjSpec()
     mesh = spec.add_mesh(name="mesh", uservert=case.vertices.ravel().astype(float), userface=case.triangles.ravel())
-    mesh.inertia = mujoco.mjtMeshInertia.mjMESH_INERTIA_SHELL  # it is not closed
+    mesh.inertia = mujoco.mjtMeshInertia.mjMESH_INERTIA_SHELL  # the mesh is not closed
     spec.worldbody.add_geom(type=mujoco.mjtGeom.mjGEOM_MESH, meshname="mesh", contype=0, conaffinity=0)
     model = spec.compile()
     data = mujoco.MjData(model)
@@ -235,7 +235,7 @@ def of_warp(case: Case) -> dict[str, Mode]:
     return {"mesh_query_ray, CPU device": case.by_place(by_ray)}
 
 
-#: By the name of each: the distribution that has its version, and what makes its modes.
+#: For each name: the distribution with its version, and the function that makes its modes.
 OF: dict[str, tuple[str, Callable[[Case], dict[str, Mode]]]] = {
     "flockstep": ("flockstep", of_flockstep),
     "open3d": ("open3d-cpu", of_open3d),
@@ -246,7 +246,7 @@ OF: dict[str, tuple[str, Callable[[Case], dict[str, Mode]]]] = {
 
 
 def find(peer: str, files: list[Path], compare: bool) -> Found:
-    """Measure all modes of a peer once, and say how many distances differ where that is asked for."""
+    """Measure all modes of a peer once and, if requested, count the differing distances."""
     distribution, modes_of = OF[peer]
     found = Found(version(distribution))
     for file in files:
@@ -270,7 +270,7 @@ def trace(casts: list[Cast]) -> None:
 
 
 def differ(told: Array, ours: Array) -> npt.NDArray[np.bool_]:
-    """Return of which rays the distances differ. A miss is inf, beyond what there is, or negative."""
+    """Return a mask of the rays whose distances differ. A miss is inf, beyond the maximum distance, or negative."""
     theirs = np.where((told < 0) | (told >= FAR_M), np.inf, told)
     both = np.isfinite(theirs) & np.isfinite(ours)
     apart = np.abs(np.subtract(theirs, ours, where=both, out=np.zeros(len(ours)))) > ALIKE * ours
@@ -281,7 +281,7 @@ def differ(told: Array, ours: Array) -> npt.NDArray[np.bool_]:
 
 
 def case_of(name: str) -> Case:
-    """Return the triangles of a generated world, and rays of both sensors from places in its free space."""
+    """Return the triangles of a generated world, and rays of both sensors from positions in its free space."""
     import flockstep
 
     world = getattr(flockstep.World, name)(0)
@@ -315,7 +315,7 @@ def pattern(sensor: str) -> Array:
 
 
 def turned(quat_wxyz: Array, vectors: Array) -> Array:
-    """Return vectors (R, 3) turned by each of the quaternions (N, 4): (N, R, 3)."""
+    """Rotate vectors (R, 3) by each of the quaternions (N, 4): (N, R, 3)."""
     quat = quat_wxyz.astype(float) / np.linalg.norm(quat_wxyz.astype(float), axis=1, keepdims=True)
     w, axis = quat[:, None, :1], quat[:, None, 1:]
     twice = 2 * np.cross(axis, vectors[None])
@@ -323,11 +323,11 @@ def turned(quat_wxyz: Array, vectors: Array) -> Array:
 
 
 def measure() -> list[dict[str, Any]]:
-    """Return the figures of all peers, each beside our own of the same minutes."""
+    """Return the figures of all peers, each with our own figures from the same minutes."""
     figures: list[dict[str, Any]] = []
 
     def add(name: str, value: float, runs: int, unit: str = "1", **more: str) -> None:
-        rounded = value if isinstance(value, int) else float(f"{value:.4g}")  # what is counted stays as it is
+        rounded = value if isinstance(value, int) else float(f"{value:.4g}")  # counts stay exact
         figures.append({"name": f"mesh_peers/{name}", "value": rounded, "unit": unit, "runs": runs, **more})
 
     def add_rates(who: str, found: list[Found], ours: list[Found]) -> None:

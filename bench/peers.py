@@ -1,4 +1,4 @@
-"""Programs of others, to be measured beside this one: each in a virtual environment of its own, on one processor."""
+"""Measure other programs for comparison: each in its own virtual environment, on one processor."""
 
 from __future__ import annotations
 
@@ -21,10 +21,10 @@ RUNS = 5
 def rate(
     call: Callable[[], object], count: int, runs: int = RUNS, warm_up: Callable[[], object] | None = None
 ) -> float:
-    """Return how many of something a call does in a second of the processor's time, median of several runs.
+    """Return the number of items per second of processor time that a call processes, the median of several runs.
 
-    On one pinned processor that is the time of a quiet machine; on a busy one the time of others is left out. Before,
-    it is called once, or `warm_up` is.
+    On one pinned processor, processor time equals wall time on an idle machine; on a busy one it excludes other
+    programs. Before timing, `warm_up` or the call itself runs once.
     """
     (warm_up or call)()
     rates = []
@@ -38,7 +38,7 @@ def rate(
 
 
 def python_of(peer: str, packages: Sequence[str]) -> Path:
-    """Return the Python of a peer's environment, which is made and filled where it is not there yet."""
+    """Return the Python of a peer's environment, which is created and filled if it does not exist yet."""
     home = HOMES / peer
     python = home / "bin" / "python"
     if not (home / "installed").exists():
@@ -50,13 +50,13 @@ def python_of(peer: str, packages: Sequence[str]) -> Path:
 
 
 def run(command: Sequence[Any]) -> str:
-    """Return what a command prints; a RuntimeError has the line that tells what went wrong."""
+    """Return the output of a command; on failure a RuntimeError contains the line that explains it."""
     HOMES.mkdir(parents=True, exist_ok=True)
     environment = {**os.environ, "JAX_PLATFORMS": "cpu", "OMP_NUM_THREADS": "1"}
     try:
         done = subprocess.run(
             command, capture_output=True, text=True, timeout=LIMIT_S, env=environment, cwd=HOMES, check=False
-        )  # where they may leave their logs
+        )  # the folder for log files of these programs
     except subprocess.TimeoutExpired:
         raise RuntimeError(f"not done within {LIMIT_S} s") from None
     if done.returncode:
@@ -67,7 +67,7 @@ def run(command: Sequence[Any]) -> str:
 
 
 def ask(python: Path, *program: object) -> Any:
-    """Return the JSON on the last line that a program of that Python prints, which runs on one processor."""
+    """Run a program with that Python on one processor and return the JSON on its last line of output."""
     processor = max(os.sched_getaffinity(0))
     printed = run(["taskset", "-c", str(processor), python, *map(str, program)])
     return json.loads(printed.splitlines()[-1])

@@ -1,4 +1,4 @@
-"""What planning takes by default: from start to goal in every bundled world and twenty of each generator."""
+"""Cost of planning with defaults: from start to goal in every bundled world and twenty of each generator."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ def worlds() -> Iterator[tuple[str, Callable[[], flockstep.World]]]:
 
 
 def measure() -> list[Measured]:
-    """Take the processor's time of the first plan in each world, what is prepared for it included, and its length."""
+    """Measure the processor time of the first plan in each world, including its preparation, and the path length."""
     found: list[Measured] = []
     seconds: dict[str, list[float]] = {}
     for name, make in worlds():

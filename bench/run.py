@@ -1,24 +1,24 @@
-"""What `./dev bench [NAME]` runs: each benchmark writes its figures to out/bench/NAME.json.
+"""Run the benchmarks: `./dev bench [NAME]` writes the figures of each to out/bench/NAME.json.
 
 lidar   the LiDAR stage against bare Embree and against a bare direct loop
-step    a whole step of the vector environment, stage by stage, and its memory
-camera  cameras against bare Embree and bare OpenGL, over sizes, worlds and backends; capture modes; memory
-train   PPO from scratch, several seeds: speed, and how much of what it has never seen it flies
-camera_train  the same of the camera task, by what is green in an image
-pixels_train  the same of the task that sees the image itself; half an hour
-camera_large  the camera task at 640 x 480; half an hour
+step    whole steps of the vector environments, stage by stage, and their memory
+camera  cameras against bare Embree and bare OpenGL, by size, world and backend; capture modes; memory
+train   PPO from scratch with several seeds: speed, and success in unseen playgrounds
+camera_train  the same for the camera task, which observes the green blob in an image
+pixels_train  the same for the task that observes the image itself; takes half an hour
+camera_large  the camera task at 640 x 480; takes half an hour
 places_train  the LiDAR task in generated offices and forests
-flight_train  Hover and Track by five seeds each, beside the controller alone; the LiDAR task's policy flown by rotors
-tiles   rays at triangles by tiles and by Embree's packets, tracing alone
-worlds  LiDARs and cameras in every bundled world, and how much of it goes through Embree
-busy    the trainings of the README beside a busy loop for each processor; only where it is named
-imaging what colours, hsv and smaller images cost, of our kernels and of OpenCV
-plan    paths from start to goal in every bundled world and twenty of each generator: processor's time and length
-trainers  the programs of examples/trainers/, three seeds each: their speed, and when they have learned the LiDAR task
-dynamics  flight by rotors: the kernel beside a bare one, every controller and term, contacts, a step, memory
-dynamics_accuracy  how exact flight is beside double precision, and how the controller flies
-dynamics_peers  other simulators beside it, which pip downloads into out/peers/; only where it is named
-mesh_peers  other ray casters beside it at the same triangles, likewise
+flight_train  Hover and Track with five seeds each, and the controller only; the LiDAR task's policy with rotors
+tiles   tracing rays against triangles, in tiles and with Embree's packets; only tracing
+worlds  LiDARs and cameras in every bundled world, and the share of rays traced by Embree
+busy    the trainings of the README while every processor runs a busy loop; only if named
+imaging cost of colour detection, HSV and smaller images, in our kernels and in OpenCV
+plan    paths from start to goal in every bundled world and twenty of each generator: processor time and length
+trainers  the programs of examples/trainers/ with three seeds each: speed, and steps until they solve the LiDAR task
+dynamics  rotor flight: the kernel against a bare one, every controller and term, contacts, steps, memory
+dynamics_accuracy  errors of rotor flight against double precision, and quality of the controller
+dynamics_peers  comparison with other simulators, which pip downloads into out/peers/; only if named
+mesh_peers  comparison with other ray casters on the same triangles, also downloaded; only if named
 """
 
 from __future__ import annotations
@@ -78,12 +78,12 @@ def bench_lidar() -> list[Figure]:
 
 
 def bench_tiles() -> list[Figure]:
-    """Trace triangles in tiles, without what comes before and after."""
+    """Trace triangles in tiles, without the stages before and after."""
     return native("tiles")
 
 
 def seconds_per_call(call: Callable[[int], object], at_least_s: float = 0.25) -> float:
-    """Time calls until they have lasted long enough; the argument counts them."""
+    """Time calls until they have lasted long enough; the argument is the index of the call."""
     count = 0
     before = time.perf_counter()
     while (elapsed := time.perf_counter() - before) < at_least_s:
@@ -94,10 +94,10 @@ def seconds_per_call(call: Callable[[int], object], at_least_s: float = 0.25) ->
 
 
 def bench_step() -> list[Figure]:
-    """Time `DroneVectorEnv.step` of the LiDAR task under random actions, from steady state, resets included.
+    """Time `DroneVectorEnv.step` of the LiDAR task under random actions, in steady state, including resets.
 
-    Its rate is divided by that of a bare Embree LiDAR loop, which does no more than trace: over triangles
-    (`ratio_to_bare_lidar`), and over analytic geometry, where Embree calls back the engine's own kernels
+    The rate is divided by that of a bare Embree LiDAR loop, which only traces: once with triangles
+    (`ratio_to_bare_lidar`), and once with analytic geometry, for which Embree calls back the engine's own kernels
     (`ratio_to_bare_analytic_lidar`).
     """
     steps = {n: stepping(n) for n in SIZES}
@@ -120,7 +120,7 @@ def bench_step() -> list[Figure]:
 
 
 def worlds_of_their_own(n: int = 1024) -> list[Figure]:
-    """Compare envs that each have a playground of their own with envs that share one, the mean of some of these."""
+    """Compare envs that have one playground each with envs that share one, averaged over some of these playgrounds."""
     worlds = [flockstep.World.playground(seed) for seed in range(n)]
     apart = stepping(n, worlds=worlds)
     shared = [stepping(n, worlds=world) for world in worlds[:: n // 8]]
@@ -138,11 +138,11 @@ def worlds_of_their_own(n: int = 1024) -> list[Figure]:
 def stepping(
     n: int, task: flockstep.Task | None = None, worlds: flockstep.scenes.WorldsLike = "train"
 ) -> Callable[[int], object]:
-    """Return what steps the LiDAR task, or another with the same actions, in its steady state."""
+    """Return a function that steps the LiDAR task, or another one with the same actions, in steady state."""
     envs = flockstep.DroneVectorEnv(n, worlds=worlds, task=task, num_threads=1)
     envs.reset(seed=0)
     actions = np.random.default_rng(0).integers(0, 6, (64, n))
-    for i in range(1000 if n <= 4096 else 300):  # until drones are everywhere and episodes end all the time
+    for i in range(1000 if n <= 4096 else 300):  # until drones are spread out and episodes end at a steady rate
         envs.step(actions[i % 64])
     return lambda i: envs.step(actions[i % 64])
 
@@ -181,7 +181,7 @@ SMALL_CAMERA = """
     batch = flockstep.Batch(flockstep.scenes.load("camera-train"), n, cameras=[camera], num_threads=1)
     batch.sense(); return batch
 """
-#: With everything on that a drone can have to fly by its rotors.
+#: Everything that a drone can use to fly with simulated rotors.
 FLIGHT = """
     wind = flockstep.WindConfig(gusts="dryden")
     dynamics = flockstep.DynamicsConfig(motion="rotors", control="position", ground_effect=True, wind=wind)
@@ -192,7 +192,7 @@ FLIGHT = """
 
 
 def bench_camera() -> list[Figure]:
-    """Cameras in C++, and the memory of one that writes rgb, 12,288 bytes of which are its frame."""
+    """Measure cameras in C++, and the memory of a camera that writes rgb, of which its frame takes 12,288 bytes."""
     return [
         *native("camera"),
         figure("camera/bytes_per_64x64_rgb_camera", bytes_per_drone(SMALL_CAMERA, 1 << 14), "B", 1),
@@ -200,10 +200,10 @@ def bench_camera() -> list[Figure]:
 
 
 def bytes_per_drone(make: str = LIDAR_TASK, count: int = 1 << 17) -> float:
-    """Return the memory of one more drone of a batch; of the LiDAR task, with its observations in both output slots."""
+    """Return a batch's memory per drone; for the LiDAR task, including its observations in both output buffers."""
     code = (
         "import re, sys, numpy as np, flockstep\n"
-        # getrusage would have what the process that started this one needed
+        # getrusage would include the memory of the parent process
         "def peak(): return 1024 * int(re.search(r'VmHWM:\\s+(\\d+)', open('/proc/self/status').read())[1])\n"
         "n = int(sys.argv[1])\n"
         f"def make(n):{make}"
@@ -216,7 +216,7 @@ def bytes_per_drone(make: str = LIDAR_TASK, count: int = 1 << 17) -> float:
 
 
 def bench_dynamics() -> list[Figure]:
-    """Flight in C++, whole steps of it from Python, and the memory of a drone with everything on."""
+    """Measure flight in C++, whole steps of it from Python, and the memory of a drone with all features."""
     return [
         *native("dynamics"),
         *flown_steps(),
@@ -225,9 +225,9 @@ def bench_dynamics() -> list[Figure]:
 
 
 def flown_steps(n: int = dynamics_peers.DRONES) -> list[Figure]:
-    """Time steps of drones that are told body rates, over the kernel's time for their substeps, in processor's time.
+    """Time steps under body rate commands against the kernel's time for their substeps, in processor time.
 
-    All of it on one processor: two need not be equally fast.
+    Everything runs on one processor, because two may differ in speed.
     """
     before = os.sched_getaffinity(0)
     os.sched_setaffinity(0, {max(before)})
@@ -247,7 +247,7 @@ def flown_steps_here(n: int) -> list[Figure]:
     steps: dict[str, Callable[[], object]] = {"batch_fly": lambda: batch.fly(command)}
     if envs := dynamics_peers.hovering(n):
         actions = [envs.action_space.sample() / 10 for _ in range(64)]
-        for i in range(1000):  # until episodes end all the time
+        for i in range(1000):  # until episodes end at a steady rate
             envs.step(actions[i % 64])
         turns = itertools.cycle(actions)
         steps["env_step"] = lambda: envs.step(next(turns))
@@ -314,7 +314,7 @@ def bench_flight_train() -> list[Figure]:
 
 
 def bench_load() -> list[Figure]:
-    """Load scene files of 65,000 objects: of one material, and each of its own."""
+    """Load scene files of 65,000 objects: with one shared material, and with one material each."""
     count = 65_000
     places = np.random.default_rng(0).uniform(-500, 500, (count, 3)).round(3).tolist()
     figures = []
@@ -353,7 +353,7 @@ def bench_plan() -> list[Figure]:
 
 
 def bench_snippet() -> list[Figure]:
-    """Run the README's first training as it is, and three times as long, by five seeds that its choice has not seen."""
+    """Run the README's first training as published, and three times as long, with five seeds not used to choose it."""
     block = re.search(r"```python\n(.*?)```", (ROOT / "README.md").read_text(), re.DOTALL)
     assert block
     figures = []
@@ -376,7 +376,7 @@ BUSY = "while True: pass"
 
 
 def bench_busy() -> list[Figure]:
-    """Run both trainings of the README as they are, beside a busy loop for each processor."""
+    """Run both trainings of the README as published, while every processor runs a busy loop."""
     blocks = re.findall(r"```python\n(.*?)```", (ROOT / "README.md").read_text(), re.DOTALL)
     trainings = [block for block in blocks if "learn(" in block]
     figures = []
@@ -400,7 +400,7 @@ def bench_busy() -> list[Figure]:
     return figures
 
 
-#: Programs of examples/trainers/ by the name of their figures, and the line that each of them ends with.
+#: Programs of examples/trainers/ by the name of their figures, and the format of their last line.
 TRAINERS = {
     "sb3": "sb3_ppo.py",
     "cleanrl": "cleanrl_ppo.py",
@@ -412,7 +412,7 @@ TRAINED = re.compile(r"^(\S+ \S+), (\w+): (\d) of 7 playgrounds after ([\d,]+) s
 
 
 def bench_trainers() -> list[Figure]:
-    """Train from scratch with each program. They take turns, so that a busy hour does not meet one of them alone."""
+    """Train from scratch with each program. The programs alternate, so that a busy hour affects all of them."""
     figures = []
     for seed in range(3):
         for name, program in TRAINERS.items():
@@ -432,7 +432,7 @@ def bench_trainers() -> list[Figure]:
     return figures
 
 
-#: All that there are.
+#: All benchmarks.
 BENCHES: dict[str, Callable[[], list[Figure]]] = {
     "lidar": bench_lidar,
     "step": bench_step,
@@ -456,12 +456,12 @@ BENCHES: dict[str, Callable[[], list[Figure]]] = {
     "dynamics_peers": bench_dynamics_peers,
     "mesh_peers": bench_mesh_peers,
 }
-#: These only where they are named.
+#: Benchmarks that run only if named.
 APART = ("busy", "dynamics_peers", "mesh_peers")
 
 
 def machine() -> dict[str, Any]:
-    """Describe where the figures were measured."""
+    """Describe the machine that measures."""
     cpu = platform.processor() or platform.machine()
     info = Path("/proc/cpuinfo")
     if info.exists():

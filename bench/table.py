@@ -1,11 +1,12 @@
 """Writes the tables of figures in the README and in docs/ from the results of `./dev bench`.
 
-python3 bench/table.py                  from out/bench/*.json, else from the results kept in bench/results/
+python3 bench/table.py                  from out/bench/*.json, otherwise from the stored results in bench/results/
 python3 bench/table.py bench/results    from the JSON files in a folder
 python3 bench/table.py --keep           copy out/bench/*.json to bench/results/ first
-python3 bench/table.py --check          change nothing; exit 1 if a document is not what the kept results make it
+python3 bench/table.py --check          change nothing; exit 1 if a document differs from the stored results
 
-Each table comes from one commit and one processor, and names both; results of a checkout with changes are refused.
+Each table comes from one commit and one processor, and names both; results of a checkout with local changes are
+rejected.
 """
 
 from __future__ import annotations
@@ -43,7 +44,7 @@ NAMES = (
     "tiles",
     "dynamics",
 )
-#: These have tables of their own only.
+#: Benchmarks that are not in the table of all figures.
 APART = ("imaging", "plan", "dynamics_accuracy", "dynamics_peers", "mesh_peers", "flight_train")
 ARCHITECTURE = ROOT / "docs" / "architecture.md"
 CAMERAS = ROOT / "docs" / "cameras.md"
@@ -52,7 +53,7 @@ OWN_WORLD = ROOT / "docs" / "own-world.md"
 DYNAMICS = ROOT / "docs" / "dynamics.md"
 FLIGHT_TASKS = ROOT / "docs" / "flight-tasks.md"
 STAGE = "step/stage/"
-#: What the README shows: in words, the benchmark, and the figures of which the median stands there.
+#: Rows of the README's table: text, benchmark, and the figures whose median is shown.
 HEADLINE = (
     ("steps of the LiDAR task per second, 1,024 drones", "step", r"step/n1024/steps_per_second"),
     ("a step of one drone", "step", r"step/n1/microseconds"),
@@ -69,7 +70,7 @@ HEADLINE = (
     ("success by camera, as a feature of 64 x 48 pixels", "camera_train", r"train/camera/seed\d/unseen_success_rate"),
     ("success from the pixels themselves", "pixels_train", r"train/pixels/seed\d/unseen_success_rate"),
 )
-#: Figures that have tables of their own.
+#: Figures with separate tables.
 FRAMES, MODES = "camera_table/", "camera_modes/"
 COST, CONTACT = "dynamics/cost/", "dynamics/contact/"
 
@@ -77,7 +78,7 @@ Result = dict[str, Any]
 
 
 def read(folder: Path) -> dict[str, Result]:
-    """Return the results in a folder by the name of their benchmark, the known ones in the order they run in."""
+    """Return the results in a folder by the name of their benchmark, the known ones in running order."""
     found = {path.stem: json.loads(path.read_text()) for path in sorted(folder.glob("*.json"))}
     return {
         name: found[name] for name in sorted(found, key=lambda n: (NAMES.index(n) if n in NAMES else len(NAMES), n))
@@ -85,14 +86,14 @@ def read(folder: Path) -> dict[str, Result]:
 
 
 def number(value: float) -> str:
-    """Four digits, never an exponent: 0.9134, 23,460."""
+    """Format a value with four digits and without an exponent: 0.9134, 23,460."""
     if value == int(value) or abs(value) >= 1000:
         return f"{value:,.0f}"
     return f"{float(f'{value:.4g}'):,}"
 
 
 def source(result: Result) -> str:
-    """Say where and from what a benchmark's figures were measured."""
+    """Describe the machine and the commit of a benchmark's figures."""
     machine, commit = result["machine"], result["commit"]
     return (
         f"{machine['cpu']}, {machine['logical_processors']} logical processors, {machine['simd']}, "
@@ -101,7 +102,7 @@ def source(result: Result) -> str:
 
 
 def refuse_unknown_sources(results: dict[str, Result]) -> None:
-    """Exit where a table would not be of one commit and one processor, both known."""
+    """Exit if any result lacks one known commit or one known processor."""
     for name, result in results.items():
         cpu, commit = result.get("machine", {}).get("cpu"), result.get("commit")
         if not isinstance(cpu, str) or not cpu:
@@ -111,7 +112,7 @@ def refuse_unknown_sources(results: dict[str, Result]) -> None:
 
 
 def table(results: dict[str, Result]) -> str:
-    """Return what stands between the markers."""
+    """Return the content between the markers."""
     if not results:
         return "Not measured yet.\n"
     lines = []
@@ -126,7 +127,7 @@ def table(results: dict[str, Result]) -> str:
 
 
 def headline(results: dict[str, Result]) -> str:
-    """Return the README's table: some figures in words."""
+    """Return the README's table: some figures, described in words."""
     rows = []
     for text, name, pattern in HEADLINE:
         figures = [f for f in results.get(name, {"figures": []})["figures"] if re.fullmatch(pattern, f["name"])]
@@ -143,16 +144,16 @@ def headline(results: dict[str, Result]) -> str:
 
 
 def benchmark(figures: list[dict[str, Any]]) -> list[str]:
-    """Return tables of a benchmark's figures: a table for subjects with the same first figure, such as all seeds.
+    """Return tables of a benchmark's figures: one for all subjects with the same first figure, such as all seeds.
 
-    Figures of what is alone in its kind are a list.
+    Subjects without such a group become rows of a list.
     """
     subjects: dict[str, dict[str, str]] = {}
     for figure in figures:
         if figure["name"].startswith((FRAMES, MODES, STAGE, COST, CONTACT)):
             continue
         subject, what = figure["name"].rsplit("/", 1)
-        unit = "" if figure["unit"] in ("1", "1/s") else f" {figure['unit']}"  # rates say so by their name
+        unit = "" if figure["unit"] in ("1", "1/s") else f" {figure['unit']}"  # the names of rates imply the unit
         subjects.setdefault(subject, {})[what] = number(figure["value"]) + unit
     kinds: dict[str, dict[str, dict[str, str]]] = {}
     for subject, row in subjects.items():
@@ -173,7 +174,7 @@ def benchmark(figures: list[dict[str, Any]]) -> list[str]:
 
 
 def notes(figures: list[dict[str, Any]]) -> list[str]:
-    """Return what is to be said of figures, each of it once."""
+    """Return the notes on figures, each of them once."""
     said: dict[str, list[str]] = {}
     for figure in figures:
         if "note" in figure:
@@ -185,7 +186,7 @@ def notes(figures: list[dict[str, Any]]) -> list[str]:
 
 
 def with_source(results: dict[str, Result], name: str, rows: str) -> str:
-    """Return a table of some figures of a benchmark, and above it where they were measured."""
+    """Return a table of some figures of a benchmark below a line with their source."""
     return f"{source(results[name])}\n\n{rows}" if name in results else "Not measured yet.\n"
 
 
@@ -197,7 +198,7 @@ def stages(results: dict[str, Result]) -> str:
 
 
 def pivot(cells: dict[tuple[str, str], str], corner: str) -> str:
-    """Return a table of cells by (row, column), in the order they come."""
+    """Return a table of cells by (row, column), in insertion order."""
     rows, columns = (list(dict.fromkeys(key[i] for key in cells)) for i in (0, 1))
     lines = [f"| {corner} | {' | '.join(columns)} |", "|---|" + "---:|" * len(columns)]
     for row in rows:
@@ -206,7 +207,7 @@ def pivot(cells: dict[tuple[str, str], str], corner: str) -> str:
 
 
 def frames(results: dict[str, Result]) -> str:
-    """Return the table of camera frames per second over resolution, number of drones, world and backend."""
+    """Return the table of camera frames per second by resolution, number of drones, world and backend."""
     figures = []
     for f in results.get("camera", {"figures": []})["figures"]:
         if f["name"].startswith(FRAMES):
@@ -219,7 +220,7 @@ def frames(results: dict[str, Result]) -> str:
 
 
 def modes(results: dict[str, Result]) -> str:
-    """Return the table of what capture modes cost."""
+    """Return the table of the cost of capture modes."""
     figures = {}
     for f in results.get("camera", {"figures": []})["figures"]:
         if f["name"].startswith(MODES):
@@ -229,7 +230,7 @@ def modes(results: dict[str, Result]) -> str:
 
 
 def trainers(results: dict[str, Result]) -> str:
-    """Return the table of trainers: the medians of their seeds, where a seed that did not learn counts as endless."""
+    """Return the table of trainers: medians over seeds, with infinite steps for a seed that did not learn."""
     figures = results.get("trainers", {"figures": []})["figures"]
     cells = {}
     for program in dict.fromkeys(f["program"] for f in figures):
@@ -252,7 +253,7 @@ def trainers(results: dict[str, Result]) -> str:
 
 
 def flight_training(results: dict[str, Result]) -> str:
-    """Return the table of trainings of flight: of each task the median of its seeds, the worst of them in brackets."""
+    """Return the table of flight trainings: the median over the seeds of each task, with the worst seed in brackets."""
     figures = results.get("flight_train", {"figures": []})["figures"]
     cells: dict[tuple[str, str], str] = {}
     for task, what in (("hover", "Hover, by rotor thrusts"), ("track", "Track, by thrust and body rates")):
@@ -277,12 +278,12 @@ def flight_training(results: dict[str, Result]) -> str:
 
 
 def spread(values: list[float], worst: Callable[[list[float]], float], told: Callable[[float], str]) -> str:
-    """Return the median, and of several the worst in brackets."""
+    """Return the median, followed by the worst value in brackets if there are several."""
     return told(statistics.median(values)) + (f" ({told(worst(values))})" if len(values) > 1 else "")
 
 
 def thesis_by_rotors(results: dict[str, Result]) -> str:
-    """Return the table of the LiDAR task's policy, trained with kinematic motion, and how it flies by rotors."""
+    """Return the table of the LiDAR task's policy, trained with kinematic motion and flown with simulated rotors."""
     cells = {}
     for (motion, _, group), figure in named(
         results, "flight_train", r"train/lidar_by_(\w+)/(seed\d)/(\w+)_success_rate"
@@ -293,13 +294,13 @@ def thesis_by_rotors(results: dict[str, Result]) -> str:
 
 
 def named(results: dict[str, Result], name: str, pattern: str) -> list[tuple[tuple[str, ...], dict[str, Any]]]:
-    """Return the figures of a benchmark whose whole names match, each with the groups of its match."""
+    """Return the figures of a benchmark whose full names match, each with the groups of its match."""
     figures = results.get(name, {"figures": []})["figures"]
     return [(match.groups(), f) for f in figures if (match := re.fullmatch(pattern, f["name"]))]
 
 
 def rough(figure: dict[str, Any]) -> str:
-    """Two digits and the unit: 0.012 mm, 0.0008°."""
+    """Format a figure with two digits and the unit: 0.012 mm, 0.0008°."""
     value = float(f"{figure['value']:.2g}")
     text = f"{value:,.0f}" if abs(value) >= 10 else f"{value:.10f}".rstrip("0").rstrip(".")
     space = "" if figure["unit"] in ("°", "1") else " "
@@ -316,7 +317,7 @@ def accuracy(results: dict[str, Result]) -> str:
 
 
 def other_accuracy(results: dict[str, Result]) -> str:
-    """Return the table of what else was flown beside something more exact."""
+    """Return the table of the other accuracy measurements."""
     texts = {
         r"way/(.+)/m": "how far {} flies in the table above",
         r"way/(.+)/degrees": "how far {} turns there",
@@ -332,7 +333,7 @@ def other_accuracy(results: dict[str, Result]) -> str:
 
 
 def settling(results: dict[str, Result]) -> str:
-    """Return the table of how the controller arrives."""
+    """Return the table of the controller's settling times."""
     columns = {
         "seconds_to_90_percent": "90 % after",
         "overshoot_percent": "overshoot",
@@ -344,14 +345,14 @@ def settling(results: dict[str, Result]) -> str:
 
 
 def ten_steps(results: dict[str, Result]) -> str:
-    """Return the table of how far ten steps ahead take a drone."""
+    """Return the table of the distances flown in ten steps ahead."""
     found = named(results, "dynamics_accuracy", r"dynamics_accuracy/ten_steps_ahead/(.+)/(.+)/m")
     cells = {(frame, f"`policy_hz={hz}`"): rough(f) for (frame, hz), f in found}
     return with_source(results, "dynamics_accuracy", pivot(cells, "frame"))
 
 
 def costs(results: dict[str, Result]) -> str:
-    """Return the tables of what each term of flight, and each way of touching something, costs."""
+    """Return the tables of the cost of each term of flight and of each kind of contact."""
     rows = []
     for head, pattern in (
         ("what it adds", f"{COST}(.+)/ns_per_(.+)"),
@@ -364,7 +365,7 @@ def costs(results: dict[str, Result]) -> str:
 
 
 def plans(results: dict[str, Result]) -> str:
-    """Return the table of the time that plans take."""
+    """Return the table of planning times."""
     heads = {"median_cpu_seconds": "median", "most_cpu_seconds": "most"}
     cells = {}
     for (kind, what), f in named(results, "plan", r"plan/([^/]+)/(median_cpu_seconds|most_cpu_seconds)"):
@@ -374,7 +375,7 @@ def plans(results: dict[str, Result]) -> str:
 
 
 def imaging(results: dict[str, Result]) -> str:
-    """Return the tables of what colours and smaller images cost."""
+    """Return the tables of the costs of colour detection and smaller images."""
     colours = {
         (color, f"{size}, `{function}`"): rough(f)
         for (color, size, function), f in named(results, "imaging", r"imaging/colour/(.+)/(.+)/(.+)")
@@ -387,14 +388,14 @@ def imaging(results: dict[str, Result]) -> str:
 
 
 def of_peers(results: dict[str, Result], name: str) -> list[tuple[str, str, str, str, str, dict[str, Any]]]:
-    """Return figures of a benchmark of peers, each with the program and its version, beside which, kind, mode and what.
+    """Return figures of a peer benchmark: program with version, the peer measured beside, kind, mode, quantity, figure.
 
-    Figures of ours say beside which peer they were measured: " (beside mujoco)". A peer that could not be measured has
-    one figure of the kind "measured", which has its error.
+    Our own figures name the peer that they were measured with: " (beside mujoco)". A peer that could not be measured
+    has one figure of the kind "measured", which contains its error.
     """
     found = []
     for (peer, kind, mode, what), f in named(results, name, rf"{name}/([^/]+)/([^/]+)/(.+)/(\w+)"):
-        if "mode" not in f:  # of what was measured, not of who
+        if "mode" not in f:  # a figure about the case, not about a program
             continue
         program = peer.removeprefix("flockstep_beside_")
         is_ours = program != peer
@@ -404,12 +405,12 @@ def of_peers(results: dict[str, Result], name: str) -> list[tuple[str, str, str,
 
 
 def unmeasured(results: dict[str, Result], name: str) -> dict[str, str]:
-    """Return the peers that could not be measured, and why."""
+    """Return the peers that could not be measured, with the reasons."""
     return {peer: f"not measured: {f['error']}" for (peer,), f in named(results, name, rf"{name}/(.+)/measured")}
 
 
 def peers(results: dict[str, Result]) -> str:
-    """Return the tables of other simulators: their speed, and how far from ours the same flights end."""
+    """Return the tables of other simulators: their speed, and the distance of their final positions from ours."""
     name = "dynamics_peers"
     speeds: dict[tuple[str, str], str] = {}
     flights: dict[tuple[str, str], str] = {}
@@ -429,7 +430,7 @@ def peers(results: dict[str, Result]) -> str:
 
 
 def mesh_peers(results: dict[str, Result]) -> str:
-    """Return the tables of other ray casters: their speed, ours over it, and how many distances differ."""
+    """Return the tables of other ray casters: their speed, the ratio of ours to it, and the differing distances."""
     name = "mesh_peers"
     heads = {
         "per_second": "million rays a second",
@@ -445,7 +446,7 @@ def mesh_peers(results: dict[str, Result]) -> str:
         tables["world"][world, f"{what} of the {sensor}"] = text
     for peer, beside, case, mode, what, f in of_peers(results, name):
         text = f"{f['value'] / 1e6:.3g}" if what == "per_second" else rough(f)
-        # That ours differ from ours, by another way, is the same beside each peer.
+        # The differences between our own methods are the same beside each peer.
         tables[what][f"{peer}: {mode}{'' if what == 'differing_in_a_million' else beside}", case] = text
     column = next((case for _, case in tables["per_second"]), "")
     tables["per_second"] |= {(peer, column): why for peer, why in unmeasured(results, name).items()}
@@ -454,7 +455,7 @@ def mesh_peers(results: dict[str, Result]) -> str:
 
 
 def with_content(text: str, name: str, content: str) -> str:
-    """Return a document with the content between its markers of that name."""
+    """Return a document with the content between the markers of this name."""
     begin, end = f"<!-- {name} -->", f"<!-- /{name} -->"
     if text.count(begin) != 1 or text.count(end) != 1 or text.index(begin) > text.index(end):
         sys.exit(f"{text.splitlines()[0]}: expected one {begin} and after it one {end}")
@@ -463,7 +464,7 @@ def with_content(text: str, name: str, content: str) -> str:
 
 
 def tried(text: str) -> str:
-    """Return a document with how often things were tried, by ./dev try, between its markers."""
+    """Return a document with the counts of `./dev try` between its markers."""
 
     def cell(match: re.Match[str]) -> str:
         path = KEPT / "tried" / f"{match[1]}.json"
@@ -476,7 +477,7 @@ def tried(text: str) -> str:
 
 
 def keep() -> None:
-    """Copy fresh results to where they are committed."""
+    """Copy new results to the committed folder."""
     fresh = sorted(FRESH.glob("*.json"))
     if not fresh and not any(TRIED.glob("*.json")):
         sys.exit(f"{FRESH}: no results; run ./dev bench first")
@@ -499,7 +500,7 @@ def main() -> None:
         parser.error("--check changes nothing, --keep does")
     if args.keep:
         keep()
-    # What is checked must not depend on what happens to lie in out/; what is kept is the whole of bench/results/.
+    # A check must not depend on files in out/, and after --keep bench/results/ is complete.
     default = KEPT if args.check or args.keep or not any(FRESH.glob("*.json")) else FRESH
     results = read(args.folder or default)
     refuse_unknown_sources(results)

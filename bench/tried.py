@@ -1,19 +1,19 @@
-"""What `./dev try [NAME...]` runs: what the promises rest on, tried far more often than the tests do.
+"""Run the extensive trials: `./dev try [NAME...]` repeats the key tests far more often than the test suite.
 
-moves    pushes and turns at rest against walls, 0 to 10 km from the origin: no gap is eaten
-pushes   ticks of drones that fly by rotors and push against walls and corners: none is ever inside
+moves    pushes and turns at rest against walls, 0 to 10 km from the origin: the resting gap never shrinks
+pushes   ticks of rotor-driven drones that push against walls and corners: none ever penetrates
 motions  sweeps against fine stepping with an independent convex distance
 rays     rays traced directly, through Embree, and by closed forms in double precision
-agreement     rays of LiDARs in worlds of primitives and triangles, in tiles, through Embree, and by closed forms
-watertight    rays at corners and edges of closed meshes, in tiles: none slips through
-independence  rays in tiles, and the same beside other rays and alone: no bit differs
-worlds   seeds of the generated worlds: each has a way that has been flown, of every fiftieth a planner finds one
+agreement     LiDAR rays in worlds of primitives and triangles, in tiles, through Embree, and by closed forms
+watertight    rays at corners and edges of closed meshes, in tiles: none passes through
+independence  rays in tiles, traced beside other rays and singly: the same bits
+worlds   seeds of the generated worlds: each has a flown path, and in every fiftieth a planner finds one
 extensions   the patches of tests/extensions, applied to a copy, built and run; only if named
-scene, obj, ply, gltf, snapshot, calls   the fuzzers, with address and undefined sanitizers
+scene, obj, ply, gltf, snapshot, calls   the fuzzers, with address and undefined-behaviour sanitizers
 
-Each writes how often it tried to out/tried/NAME.json; bench/table.py --keep takes it from there. The first seven run in
-parts, each with seeds of its own, and write after each: what was stopped goes on with the next part, on another machine
-from what was kept.
+Each writes its number of trials to out/tried/NAME.json; bench/table.py --keep copies it from there. The first seven run
+in parts, each with its own seeds, and write after each part. A stopped run continues with the next part, on another
+machine from the stored results.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ from run import ROOT, commit, machine
 
 OUT = ROOT / "out" / "tried"
 KEPT = ROOT / "bench" / "results" / "tried"
-#: Tests of the C++ engine, how many parts they run in, and how many times as often as in the suite a part tries.
+#: Tests of the C++ engine, their number of parts, and the number of trials in a part as a multiple of the test suite's.
 TESTS = {
     "moves": ("*Creep*", 51, 20),
     "pushes": ("Contact.Pushed*", 30, 10),
@@ -43,16 +43,16 @@ TESTS = {
     "watertight": ("MeshTiles.NoRay*", 20, 1700),
     "independence": ("MeshTiles.ARays*", 20, 6000),
 }
-UNITS = dict.fromkeys(("agreement", "watertight", "independence"), "rays")  # what else they count than their name
-#: Generators of worlds, and the cells (m) of a planner that finds a way in each.
+UNITS = dict.fromkeys(("agreement", "watertight", "independence"), "rays")  # units that differ from the name
+#: Generators of worlds, and the cell size (m) with which a planner finds a path in each.
 WORLDS = {"forest": 0.5, "office": 0.5, "warehouse": 0.6}
-SEEDS, PLANNED = 1000, 50  # of each generator; one of so many is planned
+SEEDS, PLANNED = 1000, 50  # seeds per generator; one world in PLANNED is planned
 FUZZERS = ("scene", "obj", "ply", "gltf", "snapshot", "calls")
-RUNS, HOUR_S = 1_000_000, 3600  # of a fuzzer, whichever comes first
+RUNS, HOUR_S = 1_000_000, 3600  # limits of a fuzzer, whichever is reached first
 
 
 def run_part(name: str, part: int) -> int:
-    """Run the tests with the seeds of a part; return what they have counted."""
+    """Run the tests with the seeds of a part and return their count."""
     tests, _, times = TESTS[name]
     report = OUT / f"{name}.xml"
     subprocess.run(
@@ -66,7 +66,7 @@ def run_part(name: str, part: int) -> int:
 
 
 def run_tests(name: str) -> None:
-    """Run the parts that no result has yet; write each."""
+    """Run the parts without a result, and write after each."""
     known = [json.loads(place.read_text()) for place in (OUT / f"{name}.json", KEPT / f"{name}.json") if place.exists()]
     parts = max((result.get("parts", []) for result in known), key=len, default=[])
     for number in range(len(parts), TESTS[name][1]):
@@ -77,7 +77,7 @@ def run_tests(name: str) -> None:
 
 
 def run_fuzzer(name: str, runs: int) -> int:
-    """Run a fuzzer from its kept corpus on; return how many inputs it has tried."""
+    """Run a fuzzer, starting from its stored corpus; return the number of inputs tried."""
     found = ROOT / "out" / "fuzz" / name
     found.mkdir(parents=True, exist_ok=True)
     limits = [f"-runs={runs}", f"-max_total_time={HOUR_S}", "-timeout=20", "-rss_limit_mb=4096", "-print_final_stats=1"]
@@ -94,12 +94,12 @@ def run_fuzzer(name: str, runs: int) -> int:
 
 
 def run_worlds(seeds: int) -> int:
-    """Generate worlds; return how many."""
+    """Generate worlds and return their number."""
     import flockstep
 
     for generator, cell_m in WORLDS.items():
         for seed in range(seeds):
-            world = getattr(flockstep.World, generator)(seed)  # refuses where it has flown no way
+            world = getattr(flockstep.World, generator)(seed)  # raises an error if its own flight finds no path
             flockstep.DroneVectorEnv(1, worlds=world, random_start=True).reset(seed=seed)
             if seed % PLANNED == 0 and flockstep.plan(world, world.start, [world.goal], cell_m=cell_m) is None:
                 raise SystemExit(f"{generator} {seed}: no way is found")
@@ -117,7 +117,7 @@ def run_extensions() -> None:
     for patch in sorted((ROOT / "tests" / "extensions").glob("*.patch")):
         subprocess.run(["git", "apply", "--directory", copy.relative_to(ROOT), patch], cwd=ROOT, check=True)
     for test in (copy / "tests" / "engine").rglob("*_test.cpp"):
-        if (ROOT / test.relative_to(copy)).exists():  # not of a patch
+        if (ROOT / test.relative_to(copy)).exists():  # not from a patch
             test.unlink()
     options = {
         "CMAKE_BUILD_TYPE": "Release",

@@ -1,4 +1,4 @@
-"""What `./dev wheel --prove` flies with an installed wheel: LiDAR, both camera backends, headers for C++ found.
+"""Test flights with an installed wheel for `./dev wheel --prove`: LiDAR, both camera backends, C++ headers.
 
 usage: first_flights.py with-opengl | without-opengl
 """
@@ -12,7 +12,7 @@ import flockstep
 
 
 def fly_lidar() -> None:
-    """Fly 64 drones through a bundled world and look at what their LiDARs say."""
+    """Fly 64 drones through a bundled world and check their LiDAR observations."""
     envs = flockstep.DroneVectorEnv(64, worlds="train")
     observation, _ = envs.reset(seed=0)
     assert observation.shape == (64, 38), observation.shape
@@ -30,7 +30,7 @@ def see(backend: str) -> None:
 
 
 def main() -> None:
-    """Fly, and hold what OpenGL says against what this machine has."""
+    """Fly, and compare the OpenGL warnings with the machine's abilities."""
     has_opengl = {"with-opengl": True, "without-opengl": False}[sys.argv[1]]
     fly_lidar()
     see("raycast")

@@ -1,9 +1,9 @@
-"""What `./dev wheel` runs: a source distribution, and of it a wheel for every Python that is there.
+"""Build a source distribution, and from it a wheel for every available Python: `./dev wheel`.
 
-They go to out/wheel/. A wheel has its shared libraries inside and runs on any Linux whose C and C++ libraries are not
-older than this system's: the file's name says which (manylinux_2_35 wants glibc 2.35). OpenGL stays outside, since it
-belongs to a machine's driver; it is loaded where there is one. The wheel's metadata holds THIRD_PARTY.md with the
-versions of what is inside, and the licence texts.
+They go to out/wheel/. A wheel contains its shared libraries and runs on any Linux whose C and C++ libraries are at
+least as new as this system's, as the file name says: manylinux_2_35 requires glibc 2.35. OpenGL is not included,
+because it belongs to a machine's driver; it is loaded if present. The wheel's metadata contains THIRD_PARTY.md with the
+versions of its contents, and the licence texts.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ BUILD = ROOT / "build" / "wheel"
 OUT = ROOT / "out" / "wheel"
 PYTHONS = ("python3.10", "python3.11", "python3.12", "python3.13")
 MOST_BYTES = 30_000_000
-#: What a build in an environment of its own needs: the packages of pyproject.toml's build-system, at our versions.
+#: Packages for a build in a separate environment: those of pyproject.toml's build-system, at our versions.
 BUILD_PACKAGES = (
     "scikit-build-core",
     "pybind11",
@@ -32,7 +32,7 @@ BUILD_PACKAGES = (
     "tomli",
     "typing-extensions",
 )
-#: Debian packages of what is compiled in, headers and static libraries: no file in the wheel shows them.
+#: Debian packages of compiled-in headers and static libraries, which no file in the wheel reveals.
 COMPILED_IN = (
     "libeigen3-dev",
     "nlohmann-json3-dev",
@@ -41,17 +41,17 @@ COMPILED_IN = (
     "libopencv-core-dev",
     "libopencv-imgproc-dev",
 )
-#: Libraries that come with those which Debian's OpenCV depends on, and which our link leaves out.
+#: Dependencies of Debian's OpenCV that our link leaves out.
 UNWANTED = re.compile(r"lib(GL|EGL|OpenGL|X11|xcb|stdc\+\+|gcc_s|blas|cblas|lapack|openblas|gfortran|quadmath|opencv)")
 
 
 def output_of(*command: str | Path) -> str:
-    """Run a command and return what it prints."""
+    """Run a command and return its output."""
     return subprocess.run(command, check=True, capture_output=True, text=True).stdout
 
 
 def version_of(python: str) -> str | None:
-    """Return "3.11" if this Python is there, makes environments and has its headers, else None."""
+    """Return a version such as "3.11" if this Python exists, has venv and its headers, otherwise None."""
     check = (
         "import ensurepip, os, sys, sysconfig, venv\n"
         "assert os.path.exists(os.path.join(sysconfig.get_paths()['include'], 'Python.h'))\n"
@@ -64,7 +64,7 @@ def version_of(python: str) -> str | None:
 
 
 def make_sdist() -> Path:
-    """Make the source distribution; return a folder with what is in it, where files that have not changed stay."""
+    """Make the source distribution; return a folder with its content, in which unchanged files stay untouched."""
     made = BUILD / "sdist"
     shutil.rmtree(made, ignore_errors=True)
     make = "import sys, scikit_build_core.build as build; print(build.build_sdist(sys.argv[1]))"
@@ -91,7 +91,7 @@ def make_sdist() -> Path:
 
 
 def build(python: str, version: str, source: Path) -> Path:
-    """Build the wheel as pip does, in an environment of its own, and return it."""
+    """Build the wheel with pip in a separate environment and return it."""
     own = BUILD / f"python{version}"
     pip = [own / "bin" / "python", "-m", "pip", "--disable-pip-version-check"]
     if not (own / "done").exists():
@@ -109,7 +109,7 @@ def build(python: str, version: str, source: Path) -> Path:
 
 
 def repair(wheel: Path) -> Path:
-    """Put the shared libraries into the wheel and name it after the oldest system it runs on."""
+    """Put the shared libraries into the wheel and name it after the oldest system that it supports."""
     made = wheel.parent / "repaired"
     output_of(sys.executable, "-m", "auditwheel", "repair", "--strip", "-w", made, wheel)
     (repaired,) = made.glob("*.whl")
@@ -117,7 +117,7 @@ def repair(wheel: Path) -> Path:
 
 
 def package_of(path: Path) -> tuple[str, str, Path]:
-    """Return name, version and copyright file of the Debian package that a file came from."""
+    """Return name, version and copyright file of the Debian package that owns a file."""
     for name in (path, path.resolve(), str(path.resolve()).removeprefix("/usr")):  # /lib is a link to /usr/lib
         done = subprocess.run(["dpkg-query", "-S", str(name)], capture_output=True, text=True)
         if done.returncode == 0:
@@ -128,7 +128,7 @@ def package_of(path: Path) -> tuple[str, str, Path]:
 
 
 def add_licences(wheel: Path, unrepaired: Path, pybind11: Path) -> Path:
-    """Write the licences of everything inside into the wheel's metadata."""
+    """Write the licences of all contents into the wheel's metadata."""
     folder = BUILD / "unpacked"
     shutil.rmtree(folder, ignore_errors=True)
     subprocess.run([sys.executable, "-m", "wheel", "unpack", "-d", folder, wheel], check=True, capture_output=True)
@@ -163,7 +163,7 @@ def add_licences(wheel: Path, unrepaired: Path, pybind11: Path) -> Path:
 
 
 def check(wheel: Path) -> str:
-    """Return a line about the wheel; a wheel that is not fit to be given away ends the program."""
+    """Return a line about the wheel, or exit if it is not fit for distribution."""
     with zipfile.ZipFile(wheel) as archive:
         names = archive.namelist()
     strangers = [name for name in names if UNWANTED.match(name.removeprefix("flockstep.libs/"))]
@@ -178,7 +178,7 @@ def check(wheel: Path) -> str:
 
 
 def main() -> None:
-    """Build, mend, check."""
+    """Build, repair and check the wheels."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument(
         "pythons", nargs="*", help=f"such as python3.12; without, those that are there of {', '.join(PYTHONS)}"
