@@ -15,7 +15,7 @@ import flockstep
 
 ROOT = Path(__file__).resolve().parents[2]
 
-# Small enough that random flight ends soon: one pillar, one waypoint.
+# Small, so that random flight ends soon: one pillar, one waypoint.
 ROOM: dict[str, Any] = {
     "flockstep_scene": 1,
     "name": "room",
@@ -29,7 +29,7 @@ ROOM: dict[str, Any] = {
     },
 }
 
-# Barely larger than the drone: a random walk crashes within a few steps.
+# Barely larger than the drone, so that a random walk crashes within a few steps.
 CLOSET: dict[str, Any] = {
     "flockstep_scene": 1,
     "name": "closet",
@@ -55,7 +55,7 @@ def playgrounds() -> list[flockstep.World]:
 
 @pytest.fixture(scope="session")
 def example() -> Callable[[str], ModuleType]:
-    """Import a script of examples/ by its name."""
+    """Import a script of examples/ by name."""
 
     def load(name: str) -> ModuleType:
         if name not in sys.modules:

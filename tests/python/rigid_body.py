@@ -1,7 +1,7 @@
-"""The equations of a quadrotor's flight in double precision, solved by SciPy: what the engine's flight is held against.
+"""The equations of quadrotor flight in double precision, solved by SciPy: the reference for the engine's flight.
 
-World frame z up, body frame x forward, y left, z up; SI units. Every function takes rows, one drone each, and every
-term of the equations is a function of its own, which a frame without numbers for it turns off.
+World frame z up, body frame x forward, y left, z up; SI units. Every function takes rows, one drone each. Every term of
+the equations has its own function, which is zero for a frame without its numbers.
 """
 
 from dataclasses import dataclass
@@ -19,7 +19,7 @@ FRAMES = flockstep.DroneModel.names()
 
 
 def frame(name="kingfisher", **changes):
-    """The data of a bundled airframe with some fields changed; those of rotors and drag by their names, too."""
+    """The data of a bundled airframe with some fields changed, including fields of its rotors and drag by name."""
     data = flockstep.DroneModel.load(name).to_dict()
     for field, value in changes.items():
         if field == "rotor_inertia_kgm2":
@@ -30,7 +30,7 @@ def frame(name="kingfisher", **changes):
 
 
 def plain(name="kingfisher", **changes):
-    """A frame with nothing but mass, inertia, thrust and torque, but for what is changed."""
+    """A frame with only mass, inertia, thrust and torque, plus the given changes."""
     nothing = {
         "lag_up_s": 0.0,
         "lag_down_s": 0.0,
@@ -46,7 +46,7 @@ def plain(name="kingfisher", **changes):
 def batch_of(
     data, num_drones=1, policy_hz=100.0, physics_hz=500.0, num_threads=1, block_size=64, worlds=(OPEN,), **dynamics
 ):
-    """A batch of drones that fly by the rotors of a frame, told their speeds unless it is said otherwise."""
+    """A batch of drones with simulated rotors of a frame, commanded by rotor speeds unless ``control`` is given."""
     settings = {"motion": "rotors", "control": "rotor_speeds", **dynamics}
     return flockstep.Batch(
         list(worlds),
@@ -60,7 +60,7 @@ def batch_of(
 
 
 def fly_for(batch, command, seconds, policy_hz=100):
-    """Fly one command, (4,) or (N, 4), for whole steps."""
+    """Fly one command, (4,) or (N, 4), for a whole number of steps."""
     command = np.broadcast_to(np.asarray(command, float), (batch.num_drones, 4))
     for _ in range(round(seconds * policy_hz)):
         batch.fly(command)
@@ -75,14 +75,14 @@ def to_body(quat_wxyz, vectors):
 
 
 def angle_between(a, b):
-    """Degrees between attitudes (N, 4) each."""
+    """Degrees between two arrays of attitudes (N, 4)."""
     return np.degrees(
         (Rotation.from_quat(a, scalar_first=True).inv() * Rotation.from_quat(b, scalar_first=True)).magnitude()
     )
 
 
 class Body:
-    """The frames of rows of drones, stacked: (N, ...) each."""
+    """The frames of rows of drones, stacked as (N, ...)."""
 
     def __init__(self, datas):
         rotors, drags = [data["rotors"] for data in datas], [data["drag"] for data in datas]
@@ -100,12 +100,12 @@ class Body:
         self.quadratic = np.array([d["quadratic_n_per_mps2"] for d in drags])
 
     def thrust(self, speed):
-        """N along the body's z, of rotors (N, 4) at their speeds."""
+        """Thrust in N along the body's z axis, of rotors (N, 4) at these speeds."""
         c0, c1, c2 = self.polynomial.T[:, :, None]
         return np.maximum(c0 + c1 * speed + c2 * speed**2, 0.0)
 
     def air_at_rotors(self, velocity, rates):
-        """(N, 4, 3) m/s of the hubs through the air; both arguments in the body frame."""
+        """(N, 4, 3) m/s, velocity of the hubs through the air; both arguments in the body frame."""
         return velocity[:, None] + np.cross(rates[:, None], self.hub)
 
     def drag_of_rotors(self, speed, air):
@@ -122,13 +122,13 @@ class Body:
         return np.divide(command - speed, lag, out=np.zeros_like(speed), where=lag > 0)
 
     def gyroscopic(self, rates, speed, spin_up):
-        """N m that turning rotors give to the body: by its turning, and by changing their speed."""
+        """Torque in N m from spinning rotors on the body: from its rotation, and from changes of the rotor speeds."""
         inertia = self.rotor_inertia[:, None] * UP
         momentum = inertia * (self.sign * speed).sum(1, keepdims=True)
         return -np.cross(rates, momentum) - inertia * (self.sign * spin_up).sum(1, keepdims=True)
 
     def derivative(self, state, command):
-        """Of rows of position, quaternion, velocity in the world, rates of the body, rotor speeds: (N, 17)."""
+        """Derivative of rows of position, quaternion, velocity in the world, body rates and rotor speeds: (N, 17)."""
         quat, velocity, rates, speed = state[:, 3:7], state[:, 7:10], state[:, 10:13], state[:, 13:17]
         rotation = Rotation.from_quat(quat, scalar_first=True).as_matrix()
         through_air = (velocity[:, None] @ rotation)[:, 0]
@@ -146,7 +146,7 @@ class Body:
         return np.concatenate([velocity, turning, falling, torque / self.inertia, spin_up], axis=1)
 
     def runge_kutta(self, state, command, dt):
-        """One step of the classical method of fourth order."""
+        """One step of the classical fourth-order Runge-Kutta method."""
         a = self.derivative(state, command)
         b = self.derivative(state + dt / 2 * a, command)
         c = self.derivative(state + dt / 2 * b, command)
@@ -154,7 +154,7 @@ class Body:
         return state + dt / 6 * (a + 2 * b + 2 * c + d)
 
     def fly(self, state, commands, step_s):
-        """States after every one of the commands (T, N, 4), each held for a step: (T, N, 17)."""
+        """States after each of the commands (T, N, 4), each held for one step: (T, N, 17)."""
         states, lags = [], self.lag.max(1, keepdims=True) > 0
         for command in commands:
             state = state.copy()
@@ -173,7 +173,7 @@ class Body:
 
 @dataclass
 class Start:
-    """Where and how fast rows of drones begin."""
+    """Initial states of rows of drones."""
 
     position: np.ndarray
     quat_wxyz: np.ndarray
@@ -183,7 +183,7 @@ class Start:
 
     @staticmethod
     def random(num_drones, data, seed=0, speed_mps=3.0, rates_radps=3.0):
-        """Any attitude and heading; rotors around hover."""
+        """Random attitudes and headings, with rotors around hover speed."""
         rng = np.random.default_rng(seed)
         hover = flockstep.DroneModel.from_dict(data).hover_speed_radps
         rows = (
@@ -207,6 +207,6 @@ class Start:
 
 
 def rows_of(batch):
-    """The engine's state, in the order of `Start.rows`."""
+    """The engine's state in the order of `Start.rows`."""
     parts = (batch.position, batch.quat_wxyz, batch.velocity, batch.angular_velocity, batch.rotor_speed)
     return np.concatenate(parts, axis=1).astype(float)

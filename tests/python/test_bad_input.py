@@ -1,4 +1,4 @@
-"""Bad input is refused where it enters, with the field, what was expected and what came, and nothing changes."""
+"""Bad input is rejected at its entry with the field, the expected and the given value, and nothing changes."""
 
 import re
 
@@ -225,7 +225,7 @@ CONFIGS = [
 @pytest.mark.parametrize("config", CONFIGS)
 @pytest.mark.parametrize("flag", [True, np.False_])
 def test_no_number_is_a_bool(config, flag):
-    """Every numeric field refuses bools: single numbers, optional numbers and sequences."""
+    """Every numeric field rejects bools: single numbers, optional numbers and sequences."""
     looked_at = 0
     for name, kind in ((field["name"], field["type"]) for field in config._fields):
         if not re.search(r"\b(int|float)\b", kind):

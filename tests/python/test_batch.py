@@ -1,4 +1,4 @@
-"""The batch by itself: motion, sensors, slots, random numbers, lifetimes, snapshots."""
+"""The batch: motion, sensors, output buffers, random numbers, lifetimes, snapshots."""
 
 import gc
 import multiprocessing
@@ -38,7 +38,7 @@ class TestMotion:
 
     def test_a_wall_stops_a_long_flight(self, batch):
         contact = batch.move(batch.position + np.float32([100, 0, 0]), mask=np.array([True, False, False]))
-        # the room ends at x = 8, half the drone is 0.465 m long
+        # The room ends at x = 8; half the drone is 0.465 m long.
         assert contact.hit.tolist() == [True, False, False]
         assert 2 < batch.position[0, 0] < 8 - 0.46
         np.testing.assert_array_equal(batch.position[1:, 0], 2)
@@ -89,7 +89,7 @@ class TestMotion:
             assert (contact.fraction[~contact.hit] == 1).all()
             reached = np.linalg.norm(batch.position - target, axis=1) < 1e-5
             assert reached[~contact.hit].all()
-            # The pose where a drone stopped is free: a flight from it does not begin in penetration.
+            # The pose at which a drone stopped is free: a motion from it does not begin in penetration.
             assert not batch.move(batch.position + 1e-4).inside.any()
 
 
@@ -144,7 +144,7 @@ class TestLidar:
     def test_range_can_be_changed_per_drone(self, batch):
         batch.set_lidar(np.array([False, True, False]), max_range_m=1.0)
         batch.sense()
-        assert np.isinf(batch.lidar().ranges[1]).all()  # the walls are farther than 1 m
+        assert np.isinf(batch.lidar().ranges[1]).all()  # the walls are more than 1 m away
         np.testing.assert_array_equal(batch.lidar().ranges[0], batch.lidar().ranges[2])
         assert np.isfinite(batch.lidar().ranges[0]).any()
 
@@ -293,7 +293,7 @@ class TestFork:
     def test_a_batch_can_be_made_in_a_child(self, room):
         flockstep.Batch(
             [room], 200, num_threads=4, lidar=flockstep.LidarConfig()
-        ).sense()  # the parent has used its own
+        ).sense()  # the parent used its own threads
 
         def use():
             batch = flockstep.Batch([room], 200, num_threads=4, lidar=flockstep.LidarConfig())
@@ -372,12 +372,12 @@ def test_rays_through_embree_are_counted():
         batch = flockstep.Batch([world(triangles)], 10, lidar=lidar, num_threads=1)
         batch.set_pose(np.tile(np.float32([0, 0, 1]), (10, 1)))
         batch.sense()
-        # Packets of 8; those of one drone are filled up with rays of the next.
+        # Packets of 8 rays; a drone's last packet is filled with rays of the next drone.
         assert (batch.embree_rays, batch.embree_packets) == ((350, 44) if triangles else (0, 0))
         batch.sense()
         assert batch.embree_rays == (700 if triangles else 0)
         pictures = flockstep.Batch([world(triangles)], cameras=[camera], num_threads=1)
         pictures.set_pose(np.float32([[0, 0, 1]]))
         pictures.sense()
-        # Towards the sun; those of the picture go in tiles.
+        # Shadow rays towards the sun; the primary rays use tiles.
         assert pictures.embree_rays == (64 * 64 if triangles else 0)

@@ -1,4 +1,4 @@
-"""The same bits: whatever the number of envs, the threads, the block size and the autoreset mode."""
+"""The same bits for any number of envs, threads, block size and autoreset mode."""
 
 import numpy as np
 import pytest
@@ -21,7 +21,7 @@ STEPS = 60
 
 
 def actions_of(num_drones, kind="displacement_yaw"):
-    """(STEPS, N, k) actions whose columns do not depend on N."""
+    """(STEPS, N, k) actions with columns that do not depend on N."""
     if kind == "discrete":
         return np.stack([np.random.default_rng([7, i]).integers(6, size=STEPS) for i in range(num_drones)], axis=1)
     rows = [np.random.default_rng([7, i]).uniform(-1, 1, (STEPS, 4)) for i in range(num_drones)]
@@ -29,7 +29,7 @@ def actions_of(num_drones, kind="displacement_yaw"):
 
 
 def outputs(batch):
-    """Copies of all outputs; final observations only where there are some."""
+    """Copies of all outputs; final observations are zeroed except after an end."""
     own = {"goal_index": batch.task_state["goal_index"], "ranges": batch.lidar().ranges}
     copies = {name: (own[name] if name in own else getattr(batch, name)).copy() for name in OUTPUTS}
     copies["final_observation"][~(batch.terminated | batch.truncated)] = 0
@@ -93,7 +93,7 @@ def test_threads_and_blocks_do_not_matter(wide, worlds, arguments):
 
 
 def episodes(env, num_envs, action_of):
-    """For each env, what each step of each episode returned, with actions a function of (env, episode, step)."""
+    """For each env, the results of each step of each episode, with actions as a function of (env, episode, step)."""
     mode = env.metadata["autoreset_mode"].value
     observation, _ = env.reset(seed=3)
     rows = [[] for _ in range(num_envs)]

@@ -25,7 +25,7 @@ OUTPUTS = {
     "grey": (np.uint8, 1),
 }
 
-# Flat things alone, so that its triangles are the world itself: a room, turned boxes, a plane and a mesh of hills.
+# Only flat objects, so that the triangles represent the world exactly: a room, rotated boxes, a plane and hills.
 FLAT = {
     "flockstep_scene": 1,
     "name": "flat",
@@ -49,7 +49,7 @@ FLAT = {
     "markers": {"start": [0, 0, 2], "goal": [-3, -3, 1]},
 }
 
-# Round things too.
+# With additional round objects.
 ROUND = {
     **FLAT,
     "name": "round",
@@ -79,7 +79,7 @@ def batch_of(worlds, num_drones=1, *, cameras=None, **arguments):
 
 
 def rotation(quat_wxyz):
-    """(..., 3, 3) of unit quaternions (..., 4)."""
+    """Rotation matrices (..., 3, 3) of unit quaternions (..., 4)."""
     w, x, y, z = np.moveaxis(np.asarray(quat_wxyz, float), -1, 0)
     rows = [
         [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
@@ -90,7 +90,7 @@ def rotation(quat_wxyz):
 
 
 def rays(batch, drone, rows, columns, camera="front"):
-    """Origin (3,) and directions (R, 3), 1 long along the optical axis, of pixels in the world frame."""
+    """Origin (3,) and directions (R, 3) of pixels in the world frame; the component along the optical axis is 1."""
     config = batch.camera(camera).config_of(drone)
     body = rotation(batch.quat_wxyz[drone])
     mount = rotation(config.quat_wxyz)
@@ -112,7 +112,7 @@ def random_poses(rng, num_drones):
 
 
 class EveryTriangle:
-    """What trimesh asks for the triangles near a ray, in place of its R-tree: all of them."""
+    """A replacement for the R-tree that trimesh queries for triangles near a ray: returns all of them."""
 
     def __init__(self, triangles):
         self.bounds = np.concatenate([triangles.min(axis=(0, 1)), triangles.max(axis=(0, 1))])
@@ -123,7 +123,7 @@ class EveryTriangle:
 
 
 def trimesh_ranges(world, origin, directions):
-    """(R,) m from the origin to the nearest triangle, by trimesh."""
+    """Distances (R,) m from the origin to the nearest triangle, by trimesh."""
     mesh = world.mesh()
     triangles = mesh["vertices"].astype(float)[mesh["triangles"]]
     unit = directions / np.linalg.norm(directions, axis=1, keepdims=True)
@@ -204,7 +204,7 @@ class TestImages:
         batch.sense()
         camera = batch.camera()
         seen = np.isfinite(camera.depth)
-        assert 0.01 < 1 - seen.mean() < 0.5  # beyond far is sky
+        assert 0.01 < 1 - seen.mean() < 0.5  # sky is beyond the range
         np.testing.assert_array_equal(camera.semantic > 0, seen)
         np.testing.assert_array_equal(camera.instance > 0, seen)
         np.testing.assert_allclose(np.linalg.norm(camera.normal, axis=-1), seen, atol=1e-5)
@@ -223,13 +223,13 @@ class TestImages:
         primitives = round_world.primitives
         semantic = {material["name"]: material["semantic"] for material in round_world.materials}
         pairs = np.unique(np.stack([camera.instance.ravel(), camera.semantic.ravel()]), axis=1).T
-        # the mesh comes after the primitives, then start and goal
+        # The mesh comes after the primitives, followed by start and goal.
         mesh = len(primitives) + 1
         assert semantic["green"] == 40
         expected = {i + 1: semantic[p["material"]] for i, p in enumerate(primitives)}
         expected |= {mesh: 40, mesh + 1: 65533, mesh + 2: 65535}
         seen = {int(instance): int(semantic) for instance, semantic in pairs if instance}
-        assert len(seen) == len(pairs)  # each instance has one class, and there is no sky in a room
+        assert len(seen) == len(pairs)  # each instance has one class, and a room has no sky
         assert seen == expected
 
 
@@ -240,7 +240,7 @@ class TestDepth:
         mount = rng.normal(size=4)
         mount /= np.linalg.norm(mount)
         config = camera_of(depth_kind=kind, offset_m=(0.2, -0.1, 0.3), quat_wxyz=mount, hfov_deg=100, vfov_deg=60)
-        scene = {**ROUND, "markers": {}}  # which rays do not see
+        scene = {**ROUND, "markers": {}}  # raycast ignores markers
         batch = batch_of([flockstep.World.from_dict(scene)], 40, cameras=[config])
         batch.set_pose(*random_poses(rng, 40))
         batch.sense()
@@ -253,7 +253,7 @@ class TestDepth:
             depth = hits["t_hit"]
             if kind == "planar":
                 depth = depth / np.linalg.norm(directions, axis=1)
-            # at a silhouette the last bit of a direction decides what is hit
+            # At a silhouette the last bit of a direction decides the hit.
             same = (
                 camera.instance[drone, rows, columns] == np.minimum(hits["primitive"], len(round_world.primitives)) + 1
             )
@@ -274,7 +274,7 @@ class TestDepth:
             expected = trimesh_ranges(world, *rays(batch, drone, rows, columns))
             errors.append(np.abs(batch.camera().depth[drone].ravel() - expected))
         errors = np.concatenate(errors)
-        # but for a few pixels on a silhouette, where either may be right
+        # All except a few pixels on a silhouette, for which either may be right.
         assert (errors < 1e-4).mean() > 0.999
 
     def test_of_round_things_is_that_of_an_independent_library(self):
@@ -288,7 +288,7 @@ class TestDepth:
             rows, columns = rng.integers(18, size=100), rng.integers(24, size=100)
             expected = trimesh_ranges(world, *rays(batch, drone, rows, columns))
             errors.append(np.abs(batch.camera().depth[drone, rows, columns] - expected))
-        # chords are up to a millimetre away from the surface, more along a ray that grazes it
+        # Chords are up to a millimetre away from the surface, more along a grazing ray.
         assert (np.concatenate(errors) < 5e-3).mean() > 0.98
 
     def test_planar_is_range_along_the_axis(self, round_world):
@@ -356,7 +356,7 @@ class TestConfig:
         with pytest.raises(ValueError, match=match):
             flockstep.CameraConfig(**fields)
         config = flockstep.CameraConfig()
-        with pytest.raises(ValueError, match=match):  # set later, they are refused where they enter at the latest
+        with pytest.raises(ValueError, match=match):  # fields set later are rejected at the latest here
             self.use(flat, config, fields)
 
     @staticmethod
@@ -389,7 +389,7 @@ class TestConfig:
 class TestModes:
     @staticmethod
     def shown(batch):
-        """Where the drones' frames have them: the wall ahead is at x = 5, and nothing is before it."""
+        """The drones' positions according to their frames: the wall ahead is at x = 5, with nothing in front of it."""
         return 5 - batch.camera().depth[:, 0, 0]
 
     @pytest.fixture
@@ -673,7 +673,7 @@ class TestFork:
 
 
 class TestGolden:
-    """Pictures of both backends, found right by eye; after a change that is meant to show, renew them and look at them.
+    """Reference images of both backends, checked by eye. After an intended change renew them and check them again.
 
     FLOCKSTEP_RENEW_GOLDEN=1 ./dev test python -k golden
     """
@@ -691,7 +691,7 @@ class TestGolden:
     @classmethod
     @functools.cache
     def pictures(cls, backend):
-        """Each as it is saved: 8 bits, three times 8, or 16."""
+        """The images in their saved form: 8 bits, three times 8, or 16."""
         shoot = functools.partial(cls.shoot, backend)
         hall = shoot(
             flockstep.World.from_dict(ROUND), [3.6, -3.8, 2.6], (0.42, 0.05, 0.1, 0.9), hfov_deg=80, samples_per_pixel=4
@@ -728,6 +728,6 @@ class TestGolden:
         golden = np.asarray(Image.open(path)).astype(int)
         assert golden.shape == picture.shape
         error = np.abs(picture.astype(int) - golden)
-        # of depth: 2 mm of up to 12 m; but for pixels on a silhouette
+        # For depth: 2 mm of up to 12 m; except pixels on a silhouette.
         assert (error <= 2).mean() > 0.995
         assert name == "hall-depth" or error.mean() < 0.5

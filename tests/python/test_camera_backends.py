@@ -1,4 +1,4 @@
-"""The two camera backends: the same pictures, and what happens where OpenGL is missing or fails."""
+"""The two camera backends: the same images, and the behaviour if OpenGL is missing or fails."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ POSES = 1000
 def random_poses(
     world: flockstep.World, count: int, rng: np.random.Generator
 ) -> tuple[npt.NDArray[np.float32], npt.NDArray[np.float32]]:
-    """Anywhere in the world's bounds, turned any way."""
+    """Random poses in the world's bounds with any rotation."""
     low, high = np.asarray(world.bounds, float)
     quat = rng.normal(size=(count, 4))
     return (
@@ -40,7 +40,7 @@ def pictures(
 
 
 def off_silhouettes(*ids: npt.NDArray[np.uint16]) -> npt.NDArray[np.bool_]:
-    """Pixels whose 3 x 3 neighbourhood has one id in each image; those at the border are left out."""
+    """Pixels whose 3 x 3 neighbourhood has one id in each image, without the image border."""
     alone = np.ones((ids[0].shape[0], ids[0].shape[1] - 2, ids[0].shape[2] - 2), bool)
     for image in ids:
         centre = image[:, 1:-1, 1:-1]
@@ -52,9 +52,9 @@ def off_silhouettes(*ids: npt.NDArray[np.uint16]) -> npt.NDArray[np.bool_]:
 
 
 def gems() -> flockstep.World:
-    """Octahedra of triangles, each an object of its own, over a floor of triangles under an open sky.
+    """Octahedra of triangles, each a separate object, over a floor of triangles under an open sky.
 
-    They are convex: what one of them hides of itself has no silhouettes within its id.
+    They are convex, so there are no silhouettes within an id.
     """
     rng = np.random.default_rng(4)
     faces = [[i, j, k] if (i + j + k) % 2 else [i, k, j] for i in (0, 1) for j in (2, 3) for k in (4, 5)]
@@ -88,18 +88,18 @@ def test_backends_agree(name: str) -> None:
     assert (raycast.semantic == gl.semantic).mean() >= 0.995
     assert (raycast.instance == gl.instance).mean() >= 0.995
     inner = off_silhouettes(raycast.instance, gl.instance)
-    assert inner.mean() > (0.4 if name in flockstep.scenes.GENERATED else 0.5)  # shelves are full of small things
+    assert inner.mean() > (0.4 if name in flockstep.scenes.GENERATED else 0.5)  # shelves are full of small objects
     ours, theirs = (camera.depth[:, 1:-1, 1:-1][inner] for camera in (raycast, gl))
     np.testing.assert_array_equal(np.isfinite(ours), np.isfinite(theirs))
     seen = np.isfinite(ours)
     apart = np.abs(ours[seen] / theirs[seen] - 1) >= 1e-3
-    # A tree hides itself: there are silhouettes within its id.
+    # A tree occludes itself, so there are silhouettes within its id.
     assert apart.mean() <= (1e-4 if name in flockstep.scenes.GENERATED else 0)
     for output in ("rgb", "grey"):
         ours, theirs = (getattr(camera, output)[:, 1:-1, 1:-1][inner].astype(int) for camera in (raycast, gl))
         assert np.abs(ours - theirs).mean() < 2
     turned = (raycast.normal * gl.normal).sum(-1)[:, 1:-1, 1:-1][inner]
-    assert (turned[seen] > 0.999).mean() > 0.99  # but where the walls of a room, one instance, meet
+    assert (turned[seen] > 0.999).mean() > 0.99  # except at edges between the walls of a room, which are one instance
 
 
 @pytest.mark.parametrize(
@@ -140,7 +140,7 @@ def test_options_agree(fields: dict[str, object]) -> None:
 
 
 def test_gl_repeats_what_raycast_shows_after_moves() -> None:
-    """A batch renders by the same renderer again and again, also some of its frames alone."""
+    """A batch reuses one renderer, also for only some of its frames."""
     world = flockstep.scenes.load("playground/camera-train-1")[0]
     rng = np.random.default_rng(2)
     camera = flockstep.CameraConfig(width_px=32, height_px=24, outputs=("instance",))
@@ -158,7 +158,7 @@ def test_gl_repeats_what_raycast_shows_after_moves() -> None:
 @pytest.mark.parametrize("autoreset_mode", ["next_step", "same_step"])
 @pytest.mark.parametrize("capture_mode", ["every_step", "on_movement"])
 def test_envs_fly_by_gl_as_by_raycast(autoreset_mode: str, capture_mode: str) -> None:
-    """Beside a LiDAR, over the ends of episodes, with frames of which some are due and others not."""
+    """With a LiDAR, across episode ends, and with frames of which only some are due."""
     raycast, gl = (
         flockstep.DroneVectorEnv(
             8,
@@ -223,7 +223,7 @@ def run(code: str, **environment: str) -> subprocess.CompletedProcess[str]:
         "camera = flockstep.CameraConfig(width_px=32, height_px=24)\n"
         "def make(backend): return flockstep.Batch([world], 4, cameras=[camera], camera_backend=backend)\n"
     )
-    forks = "ignore:This process:DeprecationWarning"  # from Python 3.12 on, one beside other threads warns
+    forks = "ignore:This process:DeprecationWarning"  # since Python 3.12 a fork beside other threads warns
     return subprocess.run(
         [sys.executable, "-W", forks, "-c", program + code],
         env={**os.environ, **environment},
@@ -237,7 +237,7 @@ def run(code: str, **environment: str) -> subprocess.CompletedProcess[str]:
 @pytest.mark.parametrize("backend", ["gl", "auto"])
 @pytest.mark.parametrize("trouble", ["missing", "failing"])
 def test_without_opengl_raycast_renders_with_one_warning(backend: str, trouble: str) -> None:
-    # libepoxy calls OpenGL through variables: an error after each readback is whatever getpid() returns.
+    # libepoxy calls OpenGL through function pointers: the error after each readback is replaced by getpid().
     fail = (
         "import ctypes\n"
         "variable = ctypes.c_void_p.in_dll(ctypes.CDLL('libepoxy.so.0'), 'epoxy_glGetError')\n"
@@ -263,7 +263,7 @@ def test_without_opengl_raycast_renders_with_one_warning(backend: str, trouble: 
 @pytest.mark.skipif(sys.platform != "linux", reason="limits the address space")
 @pytest.mark.parametrize("gibibytes", [0.05, 0.3, 0.9, 6.0])
 def test_a_small_address_space_costs_opengl_and_not_the_process(gibibytes: float) -> None:
-    """Mesa would end it."""
+    """Without care, Mesa would end the process."""
     result = run(
         "import resource\n"
         "used = int(open('/proc/self/statm').read().split()[0]) * 4096\n"
@@ -272,7 +272,7 @@ def test_a_small_address_space_costs_opengl_and_not_the_process(gibibytes: float
         "batch = make('gl'); batch.capture(); print(batch.camera_backend_report())"
     )
     assert result.returncode == 0, result.stderr
-    if gibibytes > 5.1:  # as much as it can want
+    if gibibytes > 5.1:  # enough for everything that it uses
         assert result.stdout.startswith("gl: ")
     elif gibibytes < 1:
         assert "too little address space" in result.stdout
@@ -302,7 +302,7 @@ def test_raycast_needs_no_opengl_and_says_nothing() -> None:
         "    with warnings.catch_warnings(record=True) as caught:\n"
         "        warnings.simplefilter('always'); own = make('gl'); own.sense()\n"
         "    assert 'forked' in str(caught[0].message) and own.camera().rgb.any()\n"
-        "    os._exit(0)\n",  # as multiprocessing does: exit handlers of Mesa wait for threads that are the parent's
+        "    os._exit(0)\n",  # like multiprocessing: exit handlers of Mesa wait for threads of the parent
         "batches = [make('gl') for _ in range(20)]\nfor b in batches: b.sense()\n",
         "for _ in range(30): make('gl').sense()\n",
         "try:\n    batch.capture(np.ones(3, bool))\nexcept ValueError: pass\nbatch.capture()\n",

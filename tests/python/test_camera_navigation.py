@@ -1,4 +1,4 @@
-"""The camera tasks: their spaces and envs, what they observe, and the engine against its NumPy twin."""
+"""The camera tasks: spaces, envs, observations, and the engine against its NumPy twin."""
 
 import copy
 import pickle
@@ -61,7 +61,7 @@ def make(parlour):
 
 
 def actions_of(num_envs, steps, seed=0):
-    """Mostly forward, so that goals are reached, overshoot and crashed into."""
+    """Mostly forward actions, so that drones reach goals, overshoot and crash."""
     return np.random.default_rng(seed).choice(3, size=(steps, num_envs), p=[0.6, 0.2, 0.2])
 
 

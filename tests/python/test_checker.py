@@ -1,4 +1,4 @@
-"""`check_vector_env` finds what is wrong with envs that are broken on purpose, and nothing wrong with good ones."""
+"""`check_vector_env` finds the fault of each deliberately broken env, and none in good envs."""
 
 import copy
 
@@ -16,7 +16,7 @@ NEXT, SAME, DISABLED = AutoresetMode.NEXT_STEP, AutoresetMode.SAME_STEP, Autores
 
 
 class Counter(VectorEnv):
-    """A good env: counts to a random limit; each subclass below breaks one thing."""
+    """A good env: counts to a random limit; each subclass below breaks one rule."""
 
     metadata = {"render_modes": ["rgb_array"], "render_fps": 10}  # noqa: RUF012
     mode = NEXT
@@ -88,7 +88,7 @@ class ForgetsRandom(Counter):
 
 
 class ForgetsElsewhere(ForgetsRandom):
-    """Keeps its generators in itself alone."""
+    """Keeps its generators only in itself, not in the snapshot."""
 
     def snapshot(self):
         self.kept = copy.deepcopy(self.generators)
@@ -128,7 +128,7 @@ def broken(base=Counter, **members):
 
 
 def wrapping(method, change):
-    """A method that calls the good one and changes what it returns."""
+    """A method that calls the good one and changes its result."""
 
     def replacement(self, *args, **kwargs):
         return change(self, getattr(super(type(self), self), method)(*args, **kwargs))
@@ -148,7 +148,7 @@ def with_infos(key, value):
 
 
 def with_final(change):
-    """A change of what a step returns: of the final observations alone."""
+    """A change of a step's result that affects only the final observations."""
 
     def changed(self, o, r, t, u, i):
         if i:
@@ -160,7 +160,7 @@ def with_final(change):
 
 
 class Reused(Counter):
-    """Returns one buffer again and again."""
+    """Returns the same buffer every time."""
 
     def observe(self):
         if not hasattr(self, "buffer"):
@@ -170,7 +170,7 @@ class Reused(Counter):
 
 
 class ReadsBack(Counter):
-    """Keeps counting in the array it handed out."""
+    """Keeps counting in the returned array."""
 
     def observe(self):
         self.handed = super().observe()
@@ -338,7 +338,7 @@ FAULTS = {
 
 
 class Named(flockstep.Task):
-    """Names the part of its observation that leaves the bounds, and draws."""
+    """Draws, and names the part of its observation that leaves the bounds."""
 
     observation_space = spaces.Dict(place=spaces.Box(0, 8, (3,)), up=spaces.Box(0, 1, ()))
     beyond = 0.0
@@ -380,7 +380,7 @@ def test_a_part_of_an_observation_beyond_its_bounds_is_named(room):
 
 
 class Keeps(Named):
-    """Keeps where it was, as ``kept`` says."""
+    """Keeps its previous position, as given by ``kept``."""
 
     kept = staticmethod(lambda batch: batch.position.copy())
 

@@ -1,4 +1,4 @@
-"""The installed C++ library and its CMake package, used by a program and a task outside the checkout."""
+"""The installed C++ library and its CMake package, in a program and a task outside the checkout."""
 
 import os
 import re
@@ -17,7 +17,7 @@ ROOT = Path(__file__).resolve().parents[2]
 BUILD = ROOT / "build" / "release"
 HEADERS = sorted((ROOT / "engine" / "include" / "flockstep").glob("*.hpp"))
 COMPILERS = ("g++", "clang++")
-#: GCC before 14 warns of fields with defaults that designated initializers leave out.
+#: GCC before 14 warns about fields with defaults that designated initializers omit.
 WARNINGS = ("-Wall", "-Wextra", "-Wpedantic", "-Werror", "-Wno-missing-field-initializers")
 linux_only = pytest.mark.skipif(sys.platform != "linux", reason="reads ELF files")
 
@@ -30,7 +30,7 @@ def run(*command: object, **options: object) -> str:
 
 @pytest.fixture(scope="module")
 def prefix(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """An installed flockstep that was moved after its installation."""
+    """An installed flockstep, moved after its installation."""
     folder = tmp_path_factory.mktemp("library")
     run("cmake", "--build", BUILD, "--target", "flockstep")
     run("cmake", "--install", BUILD, "--component", "library", "--prefix", folder / "built")
@@ -54,7 +54,7 @@ def examples(prefix: Path, request: pytest.FixtureRequest, tmp_path_factory: pyt
 
 
 def configure(folder: Path, compiler: str, *options: str) -> None:
-    """Build the project in a folder, in its folder build/, with warnings as errors."""
+    """Build the project of a folder in its subfolder build/, with warnings as errors."""
     flags = f"-DCMAKE_CXX_FLAGS={' '.join(WARNINGS)}"
     run(
         "cmake",
@@ -148,7 +148,7 @@ def test_every_public_header_compiles_alone(tmp_path: Path) -> None:
 
 
 def exported(library: Path) -> list[str]:
-    """Return the symbols that an ELF library defines for others."""
+    """Return the symbols that an ELF library exports."""
     return [line.split(" ", 2)[2] for line in run("nm", "-DC", "--defined-only", library).splitlines()]
 
 
@@ -181,7 +181,7 @@ def test_the_python_module_exports_its_entry_only() -> None:
 @linux_only
 @pytest.mark.parametrize("order", ["torch, library, flockstep", "library, flockstep, torch"])
 def test_shares_a_process_with_torch(library: Path, order: str) -> None:
-    """Torch has its own copies of libraries, Eigen among them. Here all symbols are visible to each other."""
+    """Torch contains its own copies of libraries such as Eigen. Here all symbols are globally visible."""
     load = {
         "torch": "import torch",
         "library": f"ctypes.CDLL({str(library)!r}, mode=ctypes.RTLD_GLOBAL)",

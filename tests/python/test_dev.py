@@ -1,4 +1,4 @@
-"""The commands of `./dev`, run with a Python that only notes what it is called with."""
+"""The commands of `./dev`, run with a Python that only records its arguments."""
 
 import os
 import shutil
@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 ROOT = Path(__file__).resolve().parents[2]
-#: Notes its arguments; `-m venv FOLDER` makes an environment that has this script as its Python.
+#: Records its arguments; `-m venv FOLDER` makes an environment with this script as its Python.
 NOTING_PYTHON = """#!/bin/sh
 echo "$*" >>"$NOTES"
 if [ "$1 $2" = "-m venv" ]; then mkdir -p "$3/bin" && cp "$0" "$3/bin/python"; fi
@@ -17,7 +17,7 @@ if [ "$1 $2" = "-m venv" ]; then mkdir -p "$3/bin" && cp "$0" "$3/bin/python"; f
 
 @pytest.fixture
 def dev(tmp_path):
-    """A function that runs `./dev ARGUMENT...` in an empty checkout; returns the calls of Python, one per line."""
+    """A function that runs `./dev ARGUMENT...` in an empty checkout and returns the calls of Python, one per line."""
     checkout, python = tmp_path / "checkout", tmp_path / "python3"
     checkout.mkdir()
     for name in ("dev", "constraints.txt"):

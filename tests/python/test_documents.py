@@ -1,8 +1,8 @@
-"""The documents: their examples run as they stand, and what they refer to is there.
+"""The documents: their examples run unchanged, and everything that they refer to exists.
 
-Each ```python block of README.md and docs/ runs on its own, in an empty folder. Where it would take long, a comment
-right before the block says what the test replaces: ``<!-- test: 256 -> 8; 1_000_000 -> 512 -->``. A block that trains
-ends with printing `success_rates`, and must have learned.
+Each ```python block of README.md and docs/ runs separately in an empty folder. If that would take long, a comment right
+before the block lists the test's replacements: ``<!-- test: 256 -> 8; 1_000_000 -> 512 -->``. A block that trains ends
+by printing `success_rates`, and must have learned.
 """
 
 import ast
@@ -31,7 +31,7 @@ BLOCK = re.compile(
 LINK = re.compile(r"\]\((?!https?:|#)([^)#]+)(?:#[^)]*)?\)")
 FILE = re.compile(r"`([\w./{},*-]+\.(?:cpp|hpp|py|pyi|json|md))`")
 SOURCES = ("bench", "bindings", "docs", "drones", "engine", "envs", "examples", "scenes", "tests", "tools", "training")
-TIME_LIMIT_S = 120  # of one block, on a busy machine; on an idle one all of them take less than half of it
+TIME_LIMIT_S = 120  # per block on a busy machine; on an idle one every block takes less than half of it
 
 
 class Block(NamedTuple):
@@ -80,7 +80,7 @@ def image(path: Path) -> np.ndarray:
 
 
 def check_two_pillars(folder: Path, printed: str) -> None:
-    """Both pillars, the start and the goal are in the picture."""
+    """Check that both pillars, the start and the goal are in the picture."""
     red, green, blue = image(folder / "world.png").transpose(2, 0, 1)
     brick = (red > 1.8 * green) & (red < 190)
     wide = brick.sum(axis=0) > 60
@@ -90,7 +90,7 @@ def check_two_pillars(folder: Path, printed: str) -> None:
 
 
 def check_the_simulator_alone(folder: Path, printed: str) -> None:
-    """Some drones touch something, the frames differ, and the pictures show something."""
+    """Check that some drones touch something, the frames differ, and no picture is empty."""
     assert 0 < int(re.search(r"(\d+) drones", printed)[1]) < 64
     for kind in ("rgb", "depth-color", "semantic-color"):
         first, second = (image(path) for path in sorted((folder / "frames").glob(f"*-{kind}.png")))
@@ -100,7 +100,7 @@ def check_the_simulator_alone(folder: Path, printed: str) -> None:
             assert len(np.unique(frame.reshape(-1, 3), axis=0)) > 5
 
 
-#: What else a block has to leave, by a part of its text.
+#: Checks of a block's results, by a part of its text.
 CHECKS = {"two pillars": check_two_pillars, "save_frames(": check_the_simulator_alone}
 
 
@@ -124,7 +124,7 @@ def test_python_runs_in_an_empty_folder(block, tmp_path):
 
 
 def test_the_readme_installs_the_wheel_of_the_running_python(tmp_path):
-    """Its lines run with this Python and a pip that only prints what it is to install."""
+    """The README's lines run with this Python and a pip that only prints the packages to install."""
     (block,) = [block for block in of_kind("sh", "out/wheel") if block.place.startswith("README.md")]
     make_environment, *lines = block.text.splitlines()
     assert make_environment == "python3 -m venv flying"
@@ -152,7 +152,7 @@ def test_the_task_in_cpp_is_built_and_flown_as_its_page_says(tmp_path):
 
 @pytest.mark.parametrize("block", of_kind("cpp", "#include"), ids=lambda block: block.place)
 def test_whole_files_in_cpp_are_sound(block, tmp_path):
-    """What stands between the first line of a file and its end is complete, so the compiler can read it."""
+    """A block whose first line names a file is a complete file, so the compiler can check it."""
     folder = re.match(r"// (.*/)?[\w.]+: ", block.text)
     assert folder, "a whole file begins with a comment: its path, a colon, what it is"
     compiler = shlex.split(os.environ.get("CXX", "c++"))
@@ -173,7 +173,7 @@ def test_links_lead_somewhere(document):
 
 @pytest.fixture(scope="module")
 def files():
-    """Every file of the checkout that a document may name, by its path."""
+    """Paths of all files of the checkout that a document may name."""
     found = [path for folder in SOURCES for path in (ROOT / folder).rglob("*")]
     return [path.relative_to(ROOT).as_posix() for path in [*found, *ROOT.glob("*")]]
 
@@ -186,7 +186,7 @@ def test_files_it_names_are_there(document, files):
 
 
 def expanded(name: str) -> list[str]:
-    """Return the names that a name with braces stands for: a.{hpp,cpp} is a.hpp and a.cpp."""
+    """Return the names for a name with braces: a.{hpp,cpp} is a.hpp and a.cpp."""
     braces = re.search(r"\{([^}]*)\}", name)
     if not braces:
         return [name]

@@ -1,4 +1,4 @@
-"""The data of the bundled airframes: possible bodies, the numbers of their sources, and a table that agrees."""
+"""The data of the bundled airframes: plausible bodies, the numbers of their sources, and a matching table."""
 
 import json
 import math
@@ -39,7 +39,7 @@ def frame(request):
 
 
 def shape(frame):
-    """The field that says what its collision body is: a box for a prism, or the corners of its hull."""
+    """The field of the collision body: a box for a prism, or the corners of its hull."""
     (field,) = {"size_m", "hull_m"} & set(frame)
     return field
 
@@ -109,26 +109,26 @@ def test_numbers(frame):
 def test_rotors_are_in_our_order_and_balance(frame):
     signs = [[math.copysign(1, x) for x in place[:2]] for place in frame["rotors"]["position_m"]]
     assert signs == [[1, -1], [-1, 1], [1, 1], [-1, -1]]  # front right, rear left, front left, rear right
-    assert frame["rotors"]["spin"] == ["ccw", "ccw", "cw", "cw"]  # so that opposite rotors turn alike
+    assert frame["rotors"]["spin"] == ["ccw", "ccw", "cw", "cw"]  # opposite rotors turn the same way
     for axis in range(2):
-        assert sum(place[axis] for place in frame["rotors"]["position_m"]) == 0  # about the centre of mass
+        assert sum(place[axis] for place in frame["rotors"]["position_m"]) == 0  # relative to the centre of mass
     assert len({place[2] for place in frame["rotors"]["position_m"]}) == 1
 
 
 def test_rotors_are_possible(frame):
-    """Rpm for rad/s, a diameter for a radius or a torque for its ratio would each be out of these ranges."""
+    """Rpm for rad/s, a diameter for a radius or a torque for its ratio would each be outside these ranges."""
     (x, y, _), radius = frame["rotors"]["position_m"][2], frame["rotors"]["radius_m"]
-    assert radius < min(x, y)  # the propellers do not meet
+    assert radius < min(x, y)  # the propellers do not overlap
     speed = frame["rotors"]["max_speed_radps"]
-    tip = speed * radius  # m/s; sound has 340
+    tip = speed * radius  # m/s; the speed of sound is 340
     assert 40 < tip < 250
     disc = math.pi * radius**2
-    assert 0.005 < thrust(frame, speed) / (1.2 * disc * tip**2) < 0.035  # the thrust coefficient, in air of 1.2 kg/m^3
+    assert 0.005 < thrust(frame, speed) / (1.2 * disc * tip**2) < 0.035  # the thrust coefficient in air of 1.2 kg/m^3
     assert 0.1 < frame["rotors"]["torque_ratio_m"] / radius < 0.4
 
 
 def test_size_is_that_between_the_propellers_tips(frame):
-    if frame["name"] == "t650":  # its body is the thesis's, centred
+    if frame["name"] == "t650":  # the body of the thesis, centred
         assert size(frame) == [0.93, 0.59, 0.2]
         corners = {tuple(corner) for corner in frame["hull_m"]}
         assert corners == {tuple(-x for x in corner) for corner in corners}
@@ -207,7 +207,7 @@ def test_racer5_has_the_ratios_that_were_identified():
 
 @pytest.fixture(scope="module")
 def table():
-    """The rows of the table of docs/drones.md by the name of the frame: the numbers of each cell."""
+    """The rows of the table of docs/drones.md by frame name, as the numbers of each cell."""
     text = (ROOT / "docs" / "drones.md").read_text(encoding="utf-8")
     rows = [line.strip("|").split("|") for line in text.splitlines() if line.startswith("| [")]
     names = [re.search(r"drones/(\w+)\.json", row[0])[1] for row in rows]

@@ -1,4 +1,4 @@
-"""A drone's visual mesh: read, simplified, coloured, and the hull that collides in its place."""
+"""A drone's visual mesh: loading, simplification, colours, and the hull for collisions."""
 
 import copy
 import itertools
@@ -16,13 +16,13 @@ from scipy.spatial import ConvexHull, cKDTree
 import flockstep
 from flockstep.hull_simplify import simplified_hull, thickness
 
-MODELS = Path("/usr/share/assimp/models")  # of Debian's package assimp-testmodels
-HALF = np.array([0.26, 0.26, 0.07])  # of the bumpy body
+MODELS = Path("/usr/share/assimp/models")  # from Debian's package assimp-testmodels
+HALF = np.array([0.26, 0.26, 0.07])  # half size of the bumpy body
 RED, BLUE = (1.0, 0.0, 0.0), (0.0, 0.0, 1.0)
 
 
 def write_ply(path, vertices, triangles, colors=None):
-    """A binary PLY file; colours are sRGB levels."""
+    """Write a binary PLY file; colours are sRGB levels."""
     fields = [(name, "<f4") for name in "xyz"]
     header = ["ply", "format binary_little_endian 1.0", f"element vertex {len(vertices)}"]
     header += [f"property float {name}" for name in "xyz"]
@@ -42,7 +42,7 @@ def write_ply(path, vertices, triangles, colors=None):
 
 
 def grid(rows, columns, around=False):
-    """Triangles of a grid of vertices; around: the last column is beside the first."""
+    """Triangles of a grid of vertices; with ``around`` the last column joins the first."""
     i, j = np.meshgrid(np.arange(rows - 1), np.arange(columns if around else columns - 1), indexing="ij")
     a, b = i * columns + j, i * columns + (j + 1) % columns
     return np.concatenate(
@@ -51,13 +51,13 @@ def grid(rows, columns, around=False):
 
 
 def radius(around, down):
-    """Of the bumpy body, in halves of its size: four arms and a rough skin."""
+    """Radius of the bumpy body relative to its half size: four arms and a rough skin."""
     return 1 + 0.35 * np.cos(4 * around) * np.sin(down) ** 2 + 0.01 * np.sin(40 * around) * np.sin(30 * down)
 
 
 @pytest.fixture(scope="module")
 def bumpy(tmp_path_factory):
-    """A file of some 144,000 triangles, red before and blue behind, its vertices, and what it is simplified to."""
+    """A file of about 144,000 triangles, red in front and blue behind, its vertices, and its simplified mesh."""
     n = 268
     around, down = np.meshgrid(np.linspace(0, 2 * np.pi, n, endpoint=False), np.linspace(0, np.pi, n + 2)[1:-1])
     unit = np.stack([np.sin(down) * np.cos(around), np.sin(down) * np.sin(around), np.cos(down)], axis=-1)
@@ -68,7 +68,7 @@ def bumpy(tmp_path_factory):
 
 
 def spread(vertices, triangles, count, seed=0):
-    """Random points on triangles, evenly."""
+    """Random points spread evenly over triangles."""
     rng = np.random.default_rng(seed)
     a, b, c = vertices[triangles].astype(float).transpose(1, 0, 2)
     areas = np.linalg.norm(np.cross(b - a, c - a), axis=1)
@@ -79,7 +79,7 @@ def spread(vertices, triangles, count, seed=0):
 
 
 def beyond(corners, points):
-    """How far a point is outside of the hull of corners, at most; below 0 all are inside."""
+    """Maximum distance of the points outside the hull of the corners; negative if all are inside."""
     hull = ConvexHull(np.asarray(corners, float))
     return float((np.asarray(points, float) @ hull.equations[:, :3].T + hull.equations[:, 3]).max())
 
@@ -90,22 +90,22 @@ def test_144_000_triangles_become_5_129_and_stay_where_they_were(bumpy):
     assert 5_000 < len(mesh.triangles) <= 5_129
     assert (mesh.vertices.dtype, mesh.triangles.dtype, mesh.colors.dtype) == (np.float32, np.int32, np.float32)
     assert repr(mesh) == f"<DroneMesh 'bumpy.ply', {len(mesh.triangles):,} of 143,112 triangles, 0.70 x 0.70 x 0.14 m>"
-    # By the formula of the body: what moved most, and on the average.
+    # Maximum and mean deviation from the formula of the body.
     points = spread(mesh.vertices, mesh.triangles, 100_000) / HALF
     distance = np.linalg.norm(points, axis=1)
     expected = radius(np.arctan2(points[:, 1], points[:, 0]), np.arccos(points[:, 2] / distance))
-    # The small holes at the poles of the body are not in its formula.
+    # The formula does not describe the small holes at the body's poles.
     off = HALF[0] * np.abs(distance - expected)[np.hypot(points[:, 0], points[:, 1]) > 0.05]
     assert off.max() < 6e-3
     assert off.mean() < 1e-3
-    # And nothing of the file is far from what is left of it.
+    # No part of the file is far from the simplified mesh.
     assert cKDTree(points * HALF).query(vertices)[0].max() < 5e-3
 
 
 def test_colours_outlive_simplification(bumpy):
     *_, mesh = bumpy
     x = mesh.vertices[mesh.triangles][:, :, 0]
-    front, rear = mesh.colors[(x > 0.01).all(axis=1)], mesh.colors[(x < -0.01).all(axis=1)]  # of no triangle across
+    front, rear = mesh.colors[(x > 0.01).all(axis=1)], mesh.colors[(x < -0.01).all(axis=1)]  # not across
     assert min(len(front), len(rear)) > 1_500
     assert (front == RED).all()
     assert (rear == BLUE).all()
@@ -118,7 +118,7 @@ def test_the_hull_of_the_file_is_within_that_of_32_corners(bumpy):
         hull = mesh.hull(points)
         assert hull.dtype == np.float32
         assert 4 <= len(hull) <= points
-        assert beyond(hull, vertices) <= 0  # not by a rounding
+        assert beyond(hull, vertices) <= 0  # exact, even with rounding
         assert ConvexHull(hull).volume < growth * whole
     np.testing.assert_array_equal(flockstep.DroneModel(mesh.hull()).hull, mesh.hull())
 
@@ -135,7 +135,7 @@ def test_few_corners_hold_all_points_and_little_else(shape, most):
         "ball": ball,
         "disc": ball * [1, 1, 1e-3],
         "needle": ball * [1, 1e-3, 1e-3],
-        "far": 0.1 * ball + [90, -90, 90],  # where float32 is coarse
+        "far": 0.1 * ball + [90, -90, 90],  # float32 is coarse here
         "cloud": rng.normal(size=(3000, 3)),
         "cylinder": np.concatenate([rim, rim + np.array([0, 0, 0.2])]),
     }[shape].astype(np.float32)
@@ -163,7 +163,7 @@ np.save(sys.argv[2], corners)
 
 
 def test_the_hull_of_many_vertices_needs_little_memory(tmp_path):
-    """Every vertex is a corner of the convex hull: a table of corners and faces would have 54 GiB."""
+    """Every vertex is a corner of the convex hull: a table of corners and faces would take 54 GiB."""
     program = [sys.executable, "-c", HULL_OF_A_BALL, "60000", str(tmp_path / "hull.npy")]
     assert int(subprocess.run(program, check=True, stdout=subprocess.PIPE, text=True).stdout) < 200e6
     corners = np.load(tmp_path / "hull.npy")
@@ -229,7 +229,7 @@ def test_places_are_those_of_world_load(tmp_path):
     turned = flockstep.DroneMesh.load(path, **placed, yaw_deg=90)
     x, y, z = (mesh.vertices - [1, 2, 3]).T
     np.testing.assert_allclose(turned.vertices - [1, 2, 3], np.stack([-y, x, z], axis=1), atol=1e-6)
-    # +z of a glTF file is forward there: -y, and forward by yaw_deg=90.
+    # +z of a glTF file is -y here, and forward with yaw_deg=90.
     builder = flockstep.WorldBuilder()
     builder.mesh([[0, -1, 0], [0.1, 0, 0], [0, 0, 0.1]], [[0, 1, 2]], builder.material("nose"))
     builder.build().save(tmp_path / "nose.glb")
@@ -238,7 +238,7 @@ def test_places_are_those_of_world_load(tmp_path):
 
 
 def test_a_texture_gives_each_triangle_its_mean_colour(tmp_path):
-    """The left half of the image is red, the right one half white, half black, in rows; beyond it, it repeats."""
+    """The left half of the image is red, the right half has white and black rows; outside it repeats."""
     image = np.zeros((64, 64, 3), np.uint8)
     image[:, :32] = [255, 0, 0]
     image[::2, 32:] = 255
@@ -274,7 +274,7 @@ def test_colours_of_vertices_materials_and_what_glows_and_what_is_hidden(tmp_pat
 
 
 def test_a_thin_plate_keeps_its_two_colours(tmp_path):
-    """Two millimetres apart, red above, blue below: simplified, no side takes the colour of the other."""
+    """Red above and blue below, two millimetres apart: after simplification neither side has the other's colour."""
     x, y = np.meshgrid(np.linspace(-0.2, 0.2, 80), np.linspace(-0.2, 0.2, 80))
     waves = 0.01 * np.sin(20 * x) * np.cos(15 * y)
     top, bottom = (np.stack([x, y, waves + z], axis=-1).reshape(-1, 3) for z in (0.001, -0.001))
@@ -307,7 +307,7 @@ def test_flat_sheets_do_not_vanish_and_have_no_hull(tmp_path):
 
 
 def test_sheets_with_many_borders_leave_something_for_the_rest(tmp_path):
-    """Eight finely cut blades and four plain arms: of 17,000 triangles 2,000 are left, and not of the blades alone."""
+    """Eight finely meshed blades and four plain arms: 2,000 of 17,000 triangles remain, also for the arms."""
     length, width = np.meshgrid(np.linspace(0.02, 0.12, 96), np.linspace(-0.01, 0.01, 12), indexing="ij")
     hubs = 0.25 * np.array([[1, 1, 0], [1, -1, 0], [-1, 1, 0], [-1, -1, 0]])
     vertices, triangles = [], []
@@ -332,7 +332,7 @@ def test_sheets_with_many_borders_leave_something_for_the_rest(tmp_path):
 
 
 def test_many_loose_parts_are_simplified_too(tmp_path):
-    """Three hundred tetrahedra to 200 triangles: fewer than each needs."""
+    """Simplify three hundred tetrahedra to 200 triangles, fewer than one per tetrahedron."""
     rng = np.random.default_rng(0)
     corner = np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]])
     vertices = np.concatenate([0.02 * corner + place for place in rng.uniform(-0.5, 0.5, (300, 3))])
@@ -340,7 +340,7 @@ def test_many_loose_parts_are_simplified_too(tmp_path):
     triangles = np.concatenate([faces + 4 * i for i in range(300)])
     mesh = flockstep.DroneMesh.load(write_ply(tmp_path / "dust.ply", vertices, triangles), triangles=200)
     assert 0 < len(mesh.triangles) <= 200
-    assert beyond(mesh.hull(), vertices) <= 1e-7  # float32 of the file
+    assert beyond(mesh.hull(), vertices) <= 1e-7  # float32 in the file
 
 
 @pytest.mark.parametrize(
@@ -398,7 +398,7 @@ def test_without_the_extra_it_says_what_to_install(bumpy, tmp_path, monkeypatch)
     monkeypatch.setitem(sys.modules, "fast_simplification", None)
     with pytest.raises(ModuleNotFoundError, match=f"DroneMesh.load needs fast-simplification, {advice}"):
         flockstep.DroneMesh.load(path)
-    flockstep.DroneMesh.load(write_box(tmp_path / "box.obj"))  # needs none
+    flockstep.DroneMesh.load(write_box(tmp_path / "box.obj"))  # requires none of them
     monkeypatch.setitem(sys.modules, "scipy.spatial", None)
     with pytest.raises(ModuleNotFoundError, match=f"DroneMesh.hull needs scipy, {advice}"):
         mesh.hull()

@@ -1,4 +1,4 @@
-"""Flight by rotors against closed forms and laws of conservation, its signs, and drones of another size."""
+"""Rotor flight against closed forms and conservation laws, its signs, and scaled drones."""
 
 import numpy as np
 import pytest
@@ -20,7 +20,7 @@ from scipy.spatial.transform import Rotation
 
 import flockstep
 
-NO_THRUST = {"min_speed_radps": 0.0}  # told to stand, rotors give none
+NO_THRUST = {"min_speed_radps": 0.0}  # stopped rotors give no thrust
 STILL = np.zeros(4)
 INTEGRATORS = ["midpoint", "rk4"]
 MASS, INERTIA = 0.75, np.array([0.0025, 0.0021, 0.0043])  # of the kingfisher
@@ -37,12 +37,12 @@ def hover_speed(data):
 
 
 def hovering(data, factors=1.0):
-    """(4,) rad/s: rotor speeds that carry the weight, times some factors."""
+    """Rotor speeds (4,) rad/s that carry the weight, times some factors."""
     return hover_speed(data) * np.broadcast_to(factors, 4)
 
 
 def at_rest(data, speed=STILL, **arguments):
-    """One drone whose rotors have a speed (4,)."""
+    """One drone whose rotors have this speed (4,)."""
     batch = batch_of(data, **arguments)
     batch.set_velocity(None, None, [speed])
     return batch
@@ -73,7 +73,7 @@ class TestClosedForms:
 
     @pytest.mark.parametrize(("integrator", "physics_hz"), [("midpoint", 50), ("midpoint", 500), ("rk4", 1000)])
     def test_constant_angular_velocity(self, integrator, physics_hz):
-        """Midpoint turns exactly at any tick, here by up to 0.75 rad."""
+        """Midpoint rotates exactly for any tick, here by up to 0.75 rad."""
         batch = at_rest(
             plain(**NO_THRUST, inertia_kgm2=[0.003] * 3), integrator=integrator, policy_hz=50, physics_hz=physics_hz
         )
@@ -94,7 +94,7 @@ class TestClosedForms:
 
     @every_integrator
     def test_yaw_step(self, integrator):
-        """Of rotors that carry the weight together, those that turn counter-clockwise the faster."""
+        """The rotors carry the weight together; the counter-clockwise ones are faster."""
         data = plain()
         c2, ratio = data["rotors"]["thrust_n"][2], data["rotors"]["torque_ratio_m"]
         told = np.sqrt(hover_speed(data) ** 2 * np.array([1.1, 1.1, 0.9, 0.9]))
@@ -120,7 +120,7 @@ class TestClosedForms:
         speed = MASS * GRAVITY * np.tan(tilt) / k
         told = np.full(4, hover_speed(data) / np.sqrt(np.cos(tilt)))
         batch = at_rest(data, told, integrator=integrator)
-        # Drag is along the velocity here, and thrust has the tilt.
+        # Drag acts along the velocity here, and thrust is tilted.
         batch.set_pose(None, Rotation.from_rotvec([[0, tilt, 0]]).as_quat(scalar_first=True))
         batch.set_velocity([[speed, 0, 0]], None, [told])
         fly_for(batch, told, 2)
@@ -129,7 +129,7 @@ class TestClosedForms:
 
     @pytest.mark.parametrize("height", [0.07, 0.1, 0.2, 0.6])
     def test_ground_effect(self, height):
-        """F / (1 - (r / 4h)^2) at the height h of hubs of radius r; none for drones upside down."""
+        """F / (1 - (r / 4h)^2) at the height h of hubs of radius r; no effect upside down."""
         data = frame()
         room = flockstep.World.from_dict({"flockstep_scene": 1, "room": {"min": [-9, -9, 0], "max": [9, 9, 9]}})
         gained = []
@@ -168,7 +168,7 @@ class TestConservation:
 
     @every_integrator
     def test_rotors_that_spin_up(self, integrator):
-        """All of the momentum of body and rotors stays, whatever the rotors do."""
+        """The total momentum of body and rotors is conserved while rotor speeds change."""
         spinning = 2e-5
         data = plain(thrust_n=[-100.0, 0.06, 0.0], rotor_inertia_kgm2=spinning, lag_up_s=0.05, lag_down_s=0.1)
         batch = at_rest(data, np.full(4, 300.0), integrator=integrator, physics_hz=1000)
@@ -179,16 +179,16 @@ class TestConservation:
             return to_world(batch.quat_wxyz, INERTIA * batch.angular_velocity + rotors * UP)[0]
 
         before = momentum()
-        fly_for(batch, [1600, 1400, 300, 200], 0.5)  # 1667 rad/s and more would push
+        fly_for(batch, [1600, 1400, 300, 200], 0.5)  # thrust begins at 1667 rad/s
         assert batch.rotor_speed[0, 0] > 1500
         assert abs(batch.angular_velocity[0, 2] - 1.0) > 5  # they turned the body
         np.testing.assert_allclose(momentum(), before, atol=2e-4 * np.linalg.norm(before))
 
     @pytest.mark.parametrize("part", ["linear_n_per_mps", "quadratic_n_per_mps2", "drag_n_per_radps_mps"])
     def test_drag_takes_energy(self, part):
-        """Whatever the attitude, the wind from below and from aside included."""
+        """Drag takes energy at any attitude, also with wind from below and from the side."""
         coefficients = [3e-4, 1e-4, 2e-4] if part == "drag_n_per_radps_mps" else [0.3, 0.1, 0.2]
-        rotating = {"thrust_n": [-100.0, 0.06, 0.0]}  # rotors turn and push nothing
+        rotating = {"thrust_n": [-100.0, 0.06, 0.0]}  # rotors spin without thrust
         data, count = plain(**rotating, **{part: coefficients}), 64
         batch, start = batch_of(data, count, physics_hz=1000), Start.random(count, data, seed=5, rates_radps=0)
         start.speed[:] = 800
@@ -205,10 +205,10 @@ class TestConservation:
 
     @every_integrator
     def test_mirror_symmetry(self, integrator):
-        """Seen in a mirror, left rotors are right ones and turn the other way: a flight is as real there."""
+        """In a mirror, left rotors become right ones with the opposite spin, and the flight is equally valid."""
         data, count = frame(rotor_inertia_kgm2=5e-6, drag_n_per_radps_mps=[1e-4, 1.2e-4, 5e-5]), 8
         start, rng = Start.random(count, data, seed=3), np.random.default_rng(4)
-        flip, swap = np.array([1, -1, 1]), [2, 3, 0, 1]  # front right for front left, rear left for rear right
+        flip, swap = np.array([1, -1, 1]), [2, 3, 0, 1]  # swaps front right with front left, rear left with rear right
         mirrored = Start(
             start.position * flip,
             start.quat_wxyz * [1, -1, 1, -1],
@@ -250,7 +250,7 @@ class TestConservation:
 class TestSigns:
     @every_frame
     def test_what_each_rotor_does(self, name):
-        """In the order front right, rear left, front left, rear right; the nose goes up where pitch is negative."""
+        """Rotors in the order front right, rear left, front left, rear right; negative pitch raises the nose."""
         data = frame(name)
         roll, pitch, yaw = [-1, 1, 1, -1], [-1, 1, -1, 1], [-1, -1, 1, 1]
         for rotor in range(4):
@@ -261,7 +261,7 @@ class TestSigns:
             assert batch.velocity[0, 2] > 0
 
     def test_rotors_kick_the_body_against_their_turn(self):
-        """Those that turn counter-clockwise and gain speed turn the body clockwise, before their torque does."""
+        """Counter-clockwise rotors that accelerate turn the body clockwise, before their torque acts."""
         data = plain(rotor_inertia_kgm2=1e-4, lag_up_s=0.1, lag_down_s=0.1, torque_ratio_m=1e-4)
         batch = at_rest(data, hovering(data))
         told = hovering(data, [1.1, 1.1, 1, 1])
@@ -272,7 +272,7 @@ class TestSigns:
 
     @pytest.mark.parametrize(("turn", "expected"), [([1.0, 0, 0], [0, 1, 0]), ([0, 1.0, 0], [-1, 0, 0])])
     def test_gyroscopic_torque_turns_at_a_right_angle(self, turn, expected):
-        """Rotors that turn counter-clockwise: a body that rolls to the right, +x, pitches its nose down, +y."""
+        """Counter-clockwise rotors: a body that rolls to the right, +x, pitches its nose down, +y."""
         spinning, told = 1e-5, [1500.0, 1500.0, 150.0, 150.0]
         data = plain(rotor_inertia_kgm2=spinning, thrust_n=[-100.0, 0.06, 0.0])
         batch = at_rest(data, told, physics_hz=1000)
@@ -290,7 +290,7 @@ class TestSigns:
         np.testing.assert_allclose(batch.velocity, np.tile([0, 0, -GRAVITY / 2], (count, 1)), atol=1e-5)
 
     def test_angular_velocity_is_of_the_body(self):
-        """On its side, with its nose up, a body that turns about its own x axis turns about the world's z."""
+        """On its side, with its nose up, a body that rotates about its own x axis rotates about the world's z axis."""
         batch = at_rest(plain(**NO_THRUST))
         nose_up = Rotation.from_rotvec([0, -np.pi / 2, 0])
         batch.set_pose(None, [nose_up.as_quat(scalar_first=True)])
@@ -309,7 +309,7 @@ class TestSigns:
             np.testing.assert_allclose(batch.acceleration[0], [expected, 0, -GRAVITY], rtol=2e-3, atol=2e-3)
 
     def test_rotors_never_pull(self):
-        data = plain(thrust_n=[-0.5, 0.0, 1.6e-6])  # less than nothing below 559 rad/s
+        data = plain(thrust_n=[-0.5, 0.0, 1.6e-6])  # negative thrust below 559 rad/s is clamped
         batch = at_rest(data, np.full(4, 300.0))
         fly_for(batch, np.full(4, 300.0), 0.5)
         np.testing.assert_allclose(batch.velocity[0], [0, 0, -GRAVITY / 2], atol=1e-5)
@@ -352,7 +352,7 @@ class TestSigns:
             )
 
     def test_another_frame_flies_as_it_says(self):
-        """Twice the mass is pushed half as fast by the same rotors; of twice the arm they turn twice as fast."""
+        """The same rotors accelerate twice the mass half as fast, and with twice the arm they turn it twice as fast."""
         light, heavy = plain(), plain(mass_kg=1.5)
         told = np.full(4, 1800.0)
         gains = []
@@ -373,7 +373,7 @@ class TestSigns:
 @pytest.mark.parametrize(("size", "mass"), [(4.0, 1.0), (0.25, 2.0), (1.5, 3.0)])
 @every_integrator
 def test_scaled_drones_fly_alike(size, mass, integrator):
-    """Lengths are `size` times as large, times and velocities its square root."""
+    """Lengths scale with `size`, times and velocities with its square root."""
     model = flockstep.DroneModel.from_dict(frame(rotor_inertia_kgm2=5e-6, drag_n_per_radps_mps=[1e-4, 1.2e-4, 5e-5]))
     data, other_data, time, count = model.to_dict(), model.scaled(size=size, mass=mass).to_dict(), np.sqrt(size), 4
     one = batch_of(data, count, integrator=integrator)

@@ -1,4 +1,4 @@
-"""Flight by rotors gives the same bits, whatever flies beside it, and after a snapshot or a teleport."""
+"""Rotor flight gives the same bits beside any other drones, and after a snapshot or a teleport."""
 
 import numpy as np
 import pytest
@@ -20,13 +20,13 @@ FULL = frame(rotor_inertia_kgm2=5e-6, drag_n_per_radps_mps=[1e-4, 1.2e-4, 5e-5])
 
 
 def commands_of(control, count):
-    """(10, count, 4); row i does not depend on their number."""
+    """Commands (10, count, 4); row i does not depend on the count."""
     rows = [np.random.default_rng([3, i]).uniform(0.8, 1.2, (10, 4)) for i in range(count)]
     return np.stack(rows, axis=1) * CONTROLS[control]
 
 
 def begun(control, count, **arguments):
-    """A batch in flight; row i depends on i alone."""
+    """A batch in flight; row i depends only on i."""
     batch = batch_of(FULL, count, control=control, ground_effect=True, **arguments)
     starts = [Start.random(1, FULL, seed=i, speed_mps=1.0, rates_radps=1.0).rows()[0] for i in range(count)]
     p, q, v, w, speed = np.split(np.array(starts), [3, 7, 10, 13], axis=1)
@@ -42,7 +42,7 @@ def bits(batch):
 @pytest.mark.parametrize("integrator", ["automatic", "rk4"])
 @pytest.mark.parametrize("control", CONTROLS)
 def test_same_bits(control, integrator):
-    """Of every drone alone, in a batch of another size, threads and blocks, and after a snapshot in the middle."""
+    """Each drone flies the same bits with another batch size, threads and blocks, and after a snapshot in between."""
     wide = begun(control, 37, num_threads=3, block_size=1, integrator=integrator)
     copy = begun(control, 37, integrator=integrator)
     for step, told in enumerate(commands_of(control, 37)):
@@ -66,7 +66,7 @@ def test_same_bits(control, integrator):
 
 @pytest.mark.parametrize("mode", ["terminate", "stop", "bounce"])
 def test_same_bits_among_obstacles(mode):
-    """Some drones of a block hit walls, others do not: each flies as it would alone."""
+    """Some drones of a block hit walls, others do not: each flies the same bits as in its own batch."""
     room = flockstep.World.from_dict({"flockstep_scene": 1, "room": {"min": [-1.4] * 3, "max": [1.4] * 3}})
     settings = {"worlds": [room], "on_contact": mode}
     wide = begun("velocity", 37, num_threads=3, block_size=5, **settings)
@@ -101,7 +101,7 @@ def test_nothing_is_left_over_after_set_pose(control):
 
 
 def test_a_flight_in_parts_is_the_flight():
-    """Ticks one by one give what a step gives, but for where positions are rounded."""
+    """Single ticks give the same result as a whole step, except for the rounding of positions."""
     whole, parts = begun("velocity", 5), begun("velocity", 5)
     for told in commands_of("velocity", 5):
         whole.fly(told)
@@ -112,7 +112,7 @@ def test_a_flight_in_parts_is_the_flight():
 
 
 def test_motions_too_small_for_a_position_keep_their_bits():
-    """What float32 rounds off a position is kept; alone and in rows of sixteen the same, down to the last bit of it."""
+    """The rounding remainder of float32 positions is kept, with the same bits singly and in rows of sixteen."""
 
     def flown(block_size):
         batch = batch_of(FULL, 32, control="rotor_thrusts", block_size=block_size)

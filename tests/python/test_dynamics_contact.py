@@ -1,4 +1,4 @@
-"""Drones that fly by their rotors and hit walls, floor and pillar."""
+"""Rotor-driven drones that hit walls, floor and pillar."""
 
 import time
 
@@ -18,10 +18,10 @@ ROOM = flockstep.World.from_dict(
     }
 )
 STILL = np.zeros(4)
-BODY = plain(min_speed_radps=0.0)  # told to stand, its rotors give no thrust
+BODY = plain(min_speed_radps=0.0)  # at zero speed its rotors give no thrust
 HULL = np.array(BODY["hull_m"])
-NOSE, SIDE = 0.1425, 0.165  # m, from the centre to the flat faces ahead and to the left
-GAP = 1e-3  # m: more than the hull keeps from what it hits
+NOSE, SIDE = 0.1425, 0.165  # m, from the centre to the flat faces in front and on the left
+GAP = 1e-3  # m: more than the distance that the hull keeps from a surface
 MODES = ["terminate", "stop", "bounce"]
 
 every_mode = pytest.mark.parametrize("mode", MODES)
@@ -38,7 +38,7 @@ def launch(batch, position, velocity, quat_wxyz=None):
 
 
 def fly_until_hit(batch, ticks=500):
-    """Tick by tick; returns the velocity of the tick before."""
+    """Fly tick by tick until a hit; return the velocity before that tick."""
     for _ in range(ticks):
         before = batch.velocity[0].astype(float)
         if batch.fly([STILL], ticks=1).hit[0]:
@@ -47,7 +47,7 @@ def fly_until_hit(batch, ticks=500):
 
 
 def inside_by(batch):
-    """(N,) m: how deep the hulls are in walls, floor, ceiling or pillar; of the pillar, by points of the hull."""
+    """Depth (N,) m of the hulls inside walls, floor, ceiling or pillar; for the pillar, from points of the hull."""
     parts = np.random.default_rng(0).dirichlet(np.full(len(HULL), 0.1), 400) @ HULL
     points = np.concatenate([HULL, parts])
     count = batch.num_drones
@@ -59,13 +59,13 @@ def inside_by(batch):
 
 
 def energy(batch):
-    """(N,) J, of place, motion and turning."""
+    """Energy (N,) J: potential, translational and rotational."""
     mass, inertia = BODY["mass_kg"], np.array(BODY["inertia_kgm2"])
     velocity, turn, z = (batch.velocity.astype(float), batch.angular_velocity.astype(float), batch.position[:, 2])
     return mass * GRAVITY * z + 0.5 * mass * (velocity**2).sum(1) + 0.5 * (turn**2 * inertia).sum(1)
 
 
-# A place, a direction towards a surface, and how far from there the hull meets it: flat, in line with the centre.
+# A position, a direction towards a surface, and the distance at which the hull hits it: flat, in line with the centre.
 CENTRAL = {
     "wall ahead": ([2, 3, 3], [1, 0, 0], HALF - NOSE - 2),
     "wall behind": ([-2, 3, 3], [-1, 0, 0], HALF - NOSE - 2),
@@ -77,13 +77,13 @@ CENTRAL = {
 
 
 def speed_of_touching_point(batch):
-    """(3,) m/s, of the point of the body that touches."""
+    """Velocity (3,) m/s of the body's contact point."""
     turn = to_world(batch.quat_wxyz, batch.angular_velocity)[0]
     return batch.velocity[0] + np.cross(turn, batch.contact.point[0] - batch.position[0])
 
 
 def speeds_of_touching_corners(batch):
-    """(K, 3) m/s, of the corners of the hull that lie on the plane of contact."""
+    """Velocities (K, 3) m/s of the hull's corners on the contact plane."""
     arms = to_world(np.repeat(batch.quat_wxyz, len(HULL), 0), HULL)
     from_plane = (batch.position[0] + arms - batch.contact.point[0]) @ batch.contact.normal[0]
     arms = arms[from_plane < 2 * GAP]
@@ -99,19 +99,19 @@ def test_a_central_hit(where, speed, mode):
     batch = room_of(mode=mode, restitution=0.6, friction=0.0)
     launch(batch, place, speed * direction)
     before = fly_until_hit(batch)
-    before[2] -= GRAVITY / 500  # as fast as it is at the end of the tick
+    before[2] -= GRAVITY / 500  # the velocity at the end of the tick
     np.testing.assert_allclose(batch.contact.normal[0], -direction, atol=1e-6)
-    rest = speed / 500 if mode == "bounce" else 0  # m: on its way back it flies the rest of the tick
+    rest = speed / 500 if mode == "bounce" else 0  # m: after a bounce it flies back for the rest of the tick
     assert way - GAP - rest <= (batch.position[0] - place) @ direction <= way
     assert not batch.contact.inside[0]
     if mode == "stop":
         at_corners = speeds_of_touching_corners(batch)
         assert (at_corners @ direction < 1e-4 * speed).all()
-        # Where it also falls along a wall, it tips over the corners that it stands on: the others leave.
+        # If it also falls along a wall, it tips over the corners on which it stands: the others lift off.
         assert np.linalg.norm(at_corners, axis=1).min() < 1e-4 * speed
         return
     after = before if mode == "terminate" else before - 1.6 * (before @ direction) * direction
-    since = 1.6 * GRAVITY / 500 if direction[2] else 0  # m/s: as fast as when it hits, not at the end of the tick
+    since = 1.6 * GRAVITY / 500 if direction[2] else 0  # m/s: the velocity at the hit, not at the end of the tick
     np.testing.assert_allclose(batch.velocity[0], after, atol=1e-3 + since, rtol=1e-4)
     np.testing.assert_array_equal(batch.acceleration[0], 0)
     np.testing.assert_allclose(batch.angular_velocity[0], 0, atol=1e-4)
@@ -126,7 +126,7 @@ def test_bounces_at_an_angle_keep_the_speed_along_a_smooth_wall():
 
 @pytest.mark.parametrize("speed", [8.0, 100.0])
 def test_a_pillar_throws_back_a_flat_nose(speed):
-    """It touches along a line. Whichever point of it is found first, the others are thrown back in the same tick."""
+    """The contact is a line. For any first contact point on it, the others bounce in the same tick."""
     batch = room_of(restitution=0.6, friction=0.0)
     launch(batch, [-3, 0, 3], [speed, 0, 0])
     fly_until_hit(batch)
@@ -137,7 +137,7 @@ def test_a_pillar_throws_back_a_flat_nose(speed):
 
 
 def test_a_rough_wall_takes_speed_along_it():
-    """The flat face that hits presses more on one side, so that friction does not turn it."""
+    """The flat face that hits presses more on one side, so friction does not turn it."""
     batch = room_of(restitution=0.5, friction=0.05)
     launch(batch, [HALF - NOSE - 0.01, 3, 3], [2, -1.5, 0])
     fly_until_hit(batch)
@@ -147,7 +147,7 @@ def test_a_rough_wall_takes_speed_along_it():
 
 @pytest.mark.parametrize("friction", [0.0, 0.05, 10.0])
 def test_an_edge_that_hits_a_wall_turns_the_body(friction):
-    """Upright and yawed, its edge touches from end to end: seen from above, one impulse on one point."""
+    """Upright and yawed, its edge touches along its whole length: seen from above, one impulse at one point."""
     batch, yaw = room_of(restitution=0.5, friction=friction), np.radians(15)
     turned = [[np.cos(yaw / 2), 0, 0, np.sin(yaw / 2)]]
     launch(batch, [HALF - 0.25, 3, 3], [2, -1.5, 0], turned)
@@ -155,11 +155,11 @@ def test_an_edge_that_hits_a_wall_turns_the_body(friction):
     mass, inertia = BODY["mass_kg"], BODY["inertia_kgm2"][2]
     arms = to_world(np.repeat(turned, len(HULL), 0), HULL)
     arm = arms[np.argmax(arms[:, 0]), :2]
-    # (2, 2) velocity gained at the edge by an impulse (x, y) on it
+    # (2, 2) velocity gain at the edge per impulse (x, y) on it.
     across = np.array([-arm[1], arm[0]])
     gain = np.eye(2) / mass + np.outer(across, across) / inertia
     start = np.array([2, -1.5])
-    impulse = np.linalg.solve(gain, [-1 - 2, 1.5])  # that lets the edge stick
+    impulse = np.linalg.solve(gain, [-1 - 2, 1.5])  # makes the edge stick
     if abs(impulse[1]) > friction * -impulse[0]:
         slides = np.array([-1, friction])
         impulse = slides * -3 / (gain @ slides)[0]
@@ -184,10 +184,10 @@ def test_slow_hits_do_not_bounce():
 
 @pytest.mark.parametrize("mode", ["terminate", "bounce", "stop"])
 def test_where_contacts_end_it_all_a_drone_stays(mode):
-    """For the rest of the step; elsewhere it flies on."""
+    """It stays for the rest of the step; with other settings it flies on."""
     batch = room_of(mode=mode)
     launch(batch, [2, 3, 3], [100, 0, 0])
-    batch.fly([STILL], ticks=60)  # it hits in the 15th
+    batch.fly([STILL], ticks=60)  # the hit is in tick 15
     assert batch.contact.hit[0]
     assert batch.tick[0] == 60
     fell, fell_until_hit = 3 - batch.position[0, 2], GRAVITY / 2 * ((HALF - NOSE - 2) / 100) ** 2
@@ -199,7 +199,7 @@ def test_where_contacts_end_it_all_a_drone_stays(mode):
 
 @every_mode
 def test_never_inside_and_never_through(mode):
-    """Thrown about at up to 100 m/s, and tumbling."""
+    """Drones are thrown at up to 100 m/s, tumbling."""
     count = 64
     start, rng = Start.random(count, BODY, seed=6, rates_radps=10), np.random.default_rng(7)
     start.position = rng.uniform([1, -4.5, 0.5], [4.5, 4.5, 5.5], (count, 3))
@@ -240,7 +240,7 @@ def test_a_hit_gives_no_energy(restitution, friction):
     assert max(kept) < 1 + 1e-5
     if (restitution, friction) == (1.0, 0.0):
         assert np.median(kept) > 1 - 1e-4
-        assert min(kept) > 0.85  # of two velocities that a body has while it spins, the mean has less energy
+        assert min(kept) > 0.85  # averaging two velocities of a spinning body loses energy
 
 
 @pytest.mark.parametrize("restitution", [0.0, 0.5])
@@ -258,7 +258,7 @@ def test_a_body_that_tumbles_on_the_floor_loses_energy(restitution):
 
 
 def test_a_body_that_slides_on_the_floor_is_slowed_by_friction():
-    """By friction times gravity, and comes as far as that lets it."""
+    """The deceleration is friction times gravity, and the sliding distance follows from it."""
     batch = room_of(restitution=0.0, friction=0.2)
     launch(batch, [-4, 3, 0.0602], [3, 0, 0])
     for _ in range(200):
@@ -281,7 +281,7 @@ def test_a_level_drone_comes_to_rest_on_the_floor(mode):
 
 @pytest.mark.parametrize("mode", ["stop", "bounce"])
 def test_a_drone_takes_off_again(mode):
-    """It flew to the floor, and flies to where it is told next."""
+    """It flew to the floor, and then flies to the next commanded position."""
     batch = room_of(mode=mode, data=frame(), control="position")
     batch.set_pose([[3, 3, 1.0]])
     hit = False
@@ -340,7 +340,7 @@ def test_what_starts_inside_goes_no_deeper(mode):
 
 @pytest.mark.parametrize("mode", ["stop", "bounce"])
 def test_a_corner_costs_little_more_than_a_floor(mode):
-    """Points listed twice, or a tenth of a millimetre out of plane, would take hundreds of rounds of impulses."""
+    """Duplicate contact points, or points a tenth of a millimetre off plane, would need hundreds of rounds."""
 
     def pressed(place, command):
         batch = batch_of(frame(), 16, 100, worlds=[ROOM], on_contact=mode, control="velocity")

@@ -1,4 +1,4 @@
-"""What each control makes of a command, on every bundled airframe: where it settles, and the limits it keeps to."""
+"""The effect of each control's commands on every bundled airframe: the steady state, and the limits."""
 
 import numpy as np
 import pytest
@@ -12,11 +12,11 @@ NO_DRAG = {"rotor_drag": False, "body_drag": False}
 
 
 class Loops:
-    """How long the loops of the controller take, s, as they follow from the lag of the rotors.
+    """Time constants of the controller's loops in s, derived from the lag of the rotors.
 
-    A lag above 35 ms is made up to four times as short. With what is left, T, the rates close at 0.5 / T, each loop
-    around at a third of the one within, the position at half of that; the integral of the velocity's loop v, with the
-    drag d over the mass, follows at 0.1 v^2 / (v + d).
+    A lag above 35 ms is shortened by up to a factor of four. With the remaining lag T, the rate loop closes at 0.5 / T,
+    and each outer loop at a third of the inner one, the position loop at half of that. The integral of the velocity
+    loop v, with drag d over mass, closes at 0.1 v^2 / (v + d).
     """
 
     def __init__(self, data):
@@ -36,7 +36,7 @@ class Loops:
 
 
 def flight(data, control, commands, seconds, **settings):
-    """Rows of states (T, K, 17) after every step of a command each, (K, 4), from a hover at the origin."""
+    """Rows of states (T, K, 17) after every step of one command each, (K, 4), from a hover at the origin."""
     batch = batch_of(data, len(commands), POLICY_HZ, control=control, **settings)
     states = []
     for _ in range(round(seconds * POLICY_HZ)):
@@ -82,7 +82,7 @@ def test_thrust_is_over_the_mass(data):
 
 
 def test_attitude(data):
-    """Yaw, then pitch, then roll, each about the axis that the ones before it left."""
+    """Yaw, then pitch, then roll, each about the axis after the previous rotations."""
     commands = np.array([[GRAVITY, 0.3, 0, 0], [GRAVITY, 0, -0.3, 0], [GRAVITY, 0, 0, 2.0], [GRAVITY, 0.2, -0.3, 1.0]])
     states = flight(data, "attitude", commands, 12 * Loops(data).yaw, **NO_DRAG)
     asked = Rotation.from_euler("ZYX", commands[:, [3, 2, 1]]).as_quat(scalar_first=True)
@@ -90,7 +90,7 @@ def test_attitude(data):
 
 
 def test_attitude_with_everything_on(data):
-    """Drag of rotors above or below the centre of mass turns the body as it gains speed: by 2 degrees at most."""
+    """Drag of rotors above or below the centre of mass tilts the body as it gains speed, by at most 2 degrees."""
     commands = np.array([[GRAVITY, 0.2, 0, 0], [GRAVITY, 0, -0.2, 1.0]])
     states = flight(data, "attitude", commands, 12 * Loops(data).yaw)
     asked = Rotation.from_euler("ZYX", commands[:, [3, 2, 1]]).as_quat(scalar_first=True)
@@ -105,7 +105,7 @@ INVERTED = np.array([[0, 1, 0, 0], [0, 0, 1, 0], [0, 0.6, 0.8, 0], [6e-17, 1, 0,
     [("attitude", [GRAVITY, 0, 0, 0]), ("velocity", [0, 0, 0, 0]), ("position", [0, 0, 0, 0])],
 )
 def test_an_inverted_drone_rights_itself(data, control, command):
-    """Exactly upside down no axis leads up sooner than another, so any will do."""
+    """Exactly upside down all axes are equally good, so any of them may be used."""
     loops = Loops(data)
     batch = batch_of(data, len(INVERTED), POLICY_HZ, control=control)
     batch.set_pose(None, INVERTED / np.linalg.norm(INVERTED, axis=1, keepdims=True))
@@ -114,7 +114,7 @@ def test_an_inverted_drone_rights_itself(data, control, command):
 
 
 def test_a_heading_straight_behind(data):
-    """Half a turn away, both directions are as short; float32's pi is 9e-8 off it."""
+    """At half a turn both directions are equally short; float32's pi is off by 9e-8."""
     batch = batch_of(data, 2, POLICY_HZ, control="position")
     fly_for(batch, [[0, 0, 0, np.pi], [0, 0, 0, -np.pi]], 12 * Loops(data).yaw, POLICY_HZ)
     assert np.abs(np.abs(heading(rows_of(batch))) - np.pi).max() < 0.02
@@ -145,7 +145,7 @@ def test_velocity(data, control):
 
 @pytest.mark.parametrize("control", ["velocity", "heading_velocity"])
 def test_yaw_rate(data, control):
-    """In yaw, what rotor drag takes off a rate that is controlled by proportion alone is up to an eighth."""
+    """Yaw rate has only proportional control, so rotor drag reduces it by up to an eighth."""
     commands = np.array([[0, 0, 0, 0.4], [0, 0, 0, -1.0]])
     states = flight(data, control, commands, 6 * Loops(data).yaw_rate)
     share = states[-1, :, 12] / commands[:, 3]
@@ -160,11 +160,11 @@ def test_position(data):
     np.testing.assert_allclose(heading(states[-1]), commands[:, 3], atol=0.01)
     way = np.linalg.norm(commands[:2, :3], axis=1)
     along = (states[:, :2, :3] * (commands[:2, :3] / way[:, None])).sum(-1)
-    assert (along.max(0) < 1.1 * way).all()  # an overshoot of a tenth
+    assert (along.max(0) < 1.1 * way).all()  # overshoot of a tenth
 
 
 def test_limits(data):
-    """But for an overshoot of an eighth of the rates, a sixth of the speed, and a degree of tilt."""
+    """Allow an overshoot of an eighth of the rates, a sixth of the speed, and one degree of tilt."""
     loops = Loops(data)
     limits = {"max_tilt_deg": 30.0, "max_rate_dps": 300.0, "max_yaw_rate_dps": 100.0, "max_speed_mps": 4.0}
     seconds = 8 * loops.velocity
@@ -195,7 +195,7 @@ def test_acceleration_keeps_to_its_limit(data):
 
 
 def test_rates_of_the_controller_are_those_of_the_clock():
-    """Called at every fifth tick, the controller keeps the rotors' commands between."""
+    """The controller runs at every fifth tick; between, the rotor commands stay."""
     batch = flockstep.Batch(
         batch_of(frame()).worlds,
         1,
@@ -231,7 +231,7 @@ FAR = np.array([[1000.3, 1000.1, 999.7]], np.float32)
 
 
 def hover_far_out(start, policy_hz=POLICY_HZ):
-    """Mean distance from a target 1 km out along each axis, m, in the last five seconds of a minute."""
+    """Mean distance in m from a target 1 km out along each axis, in the last five seconds of a minute."""
     batch = batch_of(frame(), 1, policy_hz, control="position")
     batch.set_pose(start)
     command = np.concatenate([FAR, [[0]]], axis=1)

@@ -1,4 +1,4 @@
-"""Bad input to flight by rotors: refused with the field, what was expected and what came, before anything changes."""
+"""Bad input to rotor flight: rejected with the field, the expected and the given value, before anything changes."""
 
 import math
 
@@ -17,7 +17,7 @@ def refused(call, match, error=ValueError):
 
 
 def made(dynamics=None, clock=None, drone=None):
-    """A batch of one drone that flies by its rotors, with some settings changed."""
+    """A batch of one rotor-driven drone, with some settings changed."""
     return flockstep.Batch(
         [OPEN],
         1,
@@ -105,7 +105,7 @@ def batch():
 
 
 def rows(values):
-    """Two rows, the second of which is bad."""
+    """Two rows, of which the second is bad."""
     return [[0.0] * len(values), values]
 
 
@@ -206,7 +206,7 @@ def test_every_shipped_frame_flies_at_the_usual_tick_and_twice_of_it():
 
 
 def test_a_flight_that_is_lost_is_reported():
-    """A tiny inertia without drag: the first thrust turns the body faster than a tick can show."""
+    """A tiny inertia without drag: the first thrust turns the body faster than one tick can represent."""
     batch = batch_of(plain("x500", inertia_kgm2=[1e-9] * 3), 3)
     before = batch.position.copy()
     with pytest.warns(RuntimeWarning, match=r"fly\(\): 2 drones \(first: 1\) moved faster .* half a turn in a tick"):
@@ -229,7 +229,7 @@ def test_a_lost_flight_ends_the_episode_as_a_bad_state():
 
 @pytest.mark.parametrize("control", ["rotor_speeds", "body_rates"])
 def test_fast_turns_stay_unit_quaternions(control):
-    """Up to half a turn in a tick, by both integrators."""
+    """Rotations of up to half a turn per tick, with both integrators."""
     turns = np.array([10.0, 600, 1200, 1500, 1570])
     batch = batch_of(plain("x500"), len(turns), control=control)
     batch.set_velocity(angular_velocity=np.outer(turns, [0, 0, 1]))
@@ -275,7 +275,7 @@ LEFT_OUT = object()
         ("inertia_kgm2", [1, 1, 0], r"inertia_kgm2\[2\]: expected a number in \[1e-12, 1000000000\], got 0"),
         (
             "inertia_kgm2",
-            [1.43e-5, 1.43e-5, 2.89e-5],  # of a published table
+            [1.43e-5, 1.43e-5, 2.89e-5],  # from a published table
             r"inertia_kgm2: expected moments.*sum of the other two, got 1.43e-05, 1.43e-05, 2.89e-05 "
             r"\(lower inertia_kgm2\[2\] to 2.86e-05, or raise the others\)",
         ),

@@ -1,4 +1,4 @@
-"""Flight by rotors, term by term, against its equations in double precision (rigid_body.py), for both integrators."""
+"""Rotor flight, term by term, against its equations in double precision (rigid_body.py), for both integrators."""
 
 from types import SimpleNamespace
 
@@ -8,13 +8,13 @@ from rigid_body import Body, Start, angle_between, batch_of, frame, plain, rows_
 
 import flockstep
 
-STEP_S = 0.01  # the rotors are told something else a hundred times a second
+STEP_S = 0.01  # the rotor commands change a hundred times per second
 STEPS = 100
 DRONES = 6
 TICKS_MS = (1, 2, 5, 10)
 
-# Root mean squares over the drones, after a second: m, degrees. What the methods leave over, of a 0.75 kg quadrotor
-# whose rotors are told random speeds around hover, and what float32 adds to it.
+# Root mean squares over the drones after one second: m, degrees. Errors of the methods for a 0.75 kg quadrotor with
+# random rotor speeds around hover, and the additional errors of float32.
 METHOD = {
     ("midpoint", 1): (8e-6, 3e-4),
     ("midpoint", 2): (3.2e-5, 1.2e-3),
@@ -27,7 +27,7 @@ METHOD = {
 }
 FLOAT32 = (7e-6, 5e-4)
 
-# Rotors that balance, but nothing else about them cancels.
+# Balanced rotors without any other symmetry.
 ASKEW = {"position_m": [[0.08, -0.1, 0.01], [-0.07, 0.105, 0.02], [0.075, 0.095, 0.0], [-0.085, -0.1, 0.015]]}
 LAG = {"lag_up_s": 0.033, "lag_down_s": 0.05}
 ROTOR_DRAG = {"drag_n_per_radps_mps": [1e-4, 1.2e-4, 5e-5]}
@@ -45,7 +45,7 @@ TERMS = {
     "quadratic drag": QUADRATIC,
 }
 ALL = {**ASKEW, **TERMS["thrust"], **LAG, **SPINNING, **ROTOR_DRAG, **LIFT, **LINEAR, **QUADRATIC}
-# Switched off by the configuration, a term is as if the frame had no numbers for it.
+# A term that the configuration switches off equals a frame without its numbers.
 SWITCHES = {
     "rotor_lag": {"lag_up_s": 0.0, "lag_down_s": 0.0},
     "gyroscopic": {"rotor_inertia_kgm2": 0.0},
@@ -55,7 +55,7 @@ SWITCHES = {
 
 
 def cases():
-    """Name: the engine's frame, the oracle's, switches."""
+    """By name: the engine's frame, the reference's frame, switches."""
     every = plain(**ALL)
     table = {"nothing": (plain(), plain(), {}), "all": (every, every, {})}
     for name, changes in TERMS.items():
@@ -71,14 +71,14 @@ CASES = cases()
 
 
 def commands(data, width):
-    """(STEPS, DRONES, 4) rad/s: rotor speeds around hover, as float32 has them."""
+    """Rotor speeds (STEPS, DRONES, 4) rad/s around hover, rounded to float32."""
     factors = np.random.default_rng(2).uniform(1 - width, 1 + width, (STEPS, DRONES, 4))
     return (flockstep.DroneModel.from_dict(data).hover_speed_radps * factors).astype(np.float32).astype(float)
 
 
 @pytest.fixture(scope="module")
 def flights():
-    """Of each case: where it begins, what the rotors are told, (STEPS, DRONES, 4), and where it ends, (DRONES, 17)."""
+    """For each case: initial states, rotor commands (STEPS, DRONES, 4), and final states (DRONES, 17)."""
     flights = {}
     for name, (data, _, _) in CASES.items():
         start = Start.random(DRONES, data, seed=1, speed_mps=2.0, rates_radps=1.0)
@@ -95,7 +95,7 @@ def flights():
 
 
 def errors(got, expected):
-    """Root mean squares of position and attitude over the drones: m, degrees."""
+    """Root mean squares of position and attitude errors over the drones: m, degrees."""
     away = np.linalg.norm(got[:, :3] - expected[:, :3], axis=1)
     return tuple(np.sqrt(np.mean(error**2)) for error in (away, angle_between(got[:, 3:7], expected[:, 3:7])))
 
@@ -124,7 +124,7 @@ def test_flight_follows_the_equations(flights, name, integrator):
 
 
 def test_fast_rotors_at_a_slow_tick(flights):
-    """The X500's gain speed within 12.5 ms: Runge and Kutta's method is off by what it is off in double precision."""
+    """The X500's rotors respond within 12.5 ms: the error of Runge-Kutta equals that in double precision."""
     flight = flights["x500"]
     assert errors(flown("x500", flight, "midpoint", 10), flight.end)[0] < limits((1.4e-3, 0.0))[0]
     state, body = flight.start.rows(), Body([CASES["x500"][1]] * DRONES)
@@ -137,7 +137,7 @@ def test_fast_rotors_at_a_slow_tick(flights):
 
 @pytest.mark.parametrize("name", TERMS)
 def test_each_term_tells(flights, name):
-    """Without it, the drones would end much farther away than any limit above for Runge and Kutta's method."""
+    """Without the term, the final states would differ by far more than any Runge-Kutta limit above."""
     without = flights["lag" if name == "gyroscopic" else "nothing"].end
     away, turned = errors(flights[name].end, without)
     most_away, most_turned = limits(METHOD["rk4", 10])
@@ -145,7 +145,7 @@ def test_each_term_tells(flights, name):
 
 
 def test_orders_of_convergence():
-    """A halved tick leaves a quarter of midpoint's error, and a sixteenth of Runge and Kutta's."""
+    """Halving the tick divides midpoint's error by 4, and Runge-Kutta's by 16."""
     data = plain(**ALL)
     start = Start.random(DRONES, data, seed=1, speed_mps=2.0, rates_radps=1.0)
     told = commands(data, 0.3)[:50]

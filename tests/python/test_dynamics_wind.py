@@ -1,4 +1,4 @@
-"""Gusts of a batch: they pass with time, however the flight is cut into calls."""
+"""Gusts of a batch advance with time, for any division of the flight into calls."""
 
 import numpy as np
 import pytest
@@ -24,7 +24,7 @@ def gusts_of(batch):
 
 @pytest.mark.parametrize(("calls", "ticks"), [(50, 1), (1, 50), (1, 5000), (250, 20), (7, 7)])
 def test_correlation_falls_with_time(calls, ticks):
-    """A gust lasts for a step, so the time is that between the beginnings of two steps."""
+    """A gust lasts one step, so the time counts between the beginnings of two steps."""
     batch = in_gusts(DRONES)
     command = np.full((DRONES, 4), 400.0)
     batch.fly(command, ticks=1)
@@ -48,7 +48,7 @@ def test_calls_of_any_length_meet_the_same_gusts(gusts):
 
 
 def test_an_env_meets_the_same_gusts_beside_envs_at_other_ticks():
-    """Bit for bit, positions too, though the others are in the middle of a step."""
+    """The same bits, including positions, even if the other envs are in the middle of a step."""
     command = np.full((3, 4), 500.0)
     alone, beside = in_gusts(1), in_gusts(3)
     beside.fly(command, ticks=13, mask=[False, True, False])

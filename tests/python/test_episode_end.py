@@ -1,4 +1,4 @@
-"""Why episodes end: one reason each, in the batch, in infos, in evaluations."""
+"""Reasons for the end of episodes: one each, in the batch, in infos, in evaluations."""
 
 import gymnasium
 import numpy as np

@@ -1,4 +1,4 @@
-"""What it takes to extend the engine: patches that extend it, and how many files they touch."""
+"""Patches that extend the engine, and the number of files that they touch."""
 
 import re
 import subprocess

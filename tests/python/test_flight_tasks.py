@@ -1,4 +1,4 @@
-"""Hover and track: the engine's tasks against their NumPy twins, closed forms, and numbers worked out by hand."""
+"""Hover and track: the engine's tasks against their NumPy twins, closed forms and hand-computed numbers."""
 
 import copy
 import math
@@ -17,7 +17,7 @@ from flockstep.testing import check_vector_env
 ROOM = flockstep.World.from_dict(
     {"flockstep_scene": 1, "room": {"min": [10, -6, 0], "max": [22, 6, 8]}, "markers": {"goal": [15, 0.5, 4]}}
 )
-GOAL = ROOM.goal  # where the tasks are about: neither the origin nor the middle of the room
+GOAL = ROOM.goal  # target of the tasks: neither the origin nor the middle of the room
 NO_GOAL = flockstep.World.from_dict({"flockstep_scene": 1, "room": {"min": [-3, -2, 1], "max": [4, 6, 6]}})
 WORLDS = [ROOM, NO_GOAL, flockstep.World.load("arena/hall")]
 
@@ -36,13 +36,13 @@ HOVER = flockstep.HoverConfig(
     start_rate_dps=90.0, max_distance_m=1.2, hold_m=0.6, hold_s=0.07, hold_weight=0.9, speed_weight=0.2, **WEIGHTS
 )
 TRACK = {"start_offset_m": 0.3, "points": 3, "close_m": 0.4, "close_weight": 0.9, "yaw_weight": 0.4, **WEIGHTS}
-STILL = flockstep.HoverConfig(  # begins at the point, level and at rest, and goes on wherever it flies
+STILL = flockstep.HoverConfig(  # begins at the point, level and at rest, and has no distance limit
     start_offset_m=0.0, start_tilt_deg=0.0, start_speed_mps=0.0, start_rate_dps=0.0, max_distance_m=1e4
 )
 BOTH = pytest.mark.parametrize("config", [flockstep.HoverConfig(), flockstep.TrackConfig()], ids=["hover", "track"])
-POLICY_HZ = 100  # of both, unless they are told
-ROUNDING = 5e-6  # of float32, in what is computed from the same state
-DRIFT = 1e-2  # of flights of a second whose commands differ by rounding; yaw from the present heading drifts most
+POLICY_HZ = 100  # of both tasks by default
+ROUNDING = 5e-6  # of float32, for values computed from the same state
+DRIFT = 1e-2  # after a one-second flight with commands that differ by rounding; yaw relative to the heading drifts most
 
 
 def tracking(path, yaw):
@@ -60,12 +60,12 @@ def fields_of(config):
 
 
 def level(batch, position):
-    """Put the drones there, level, facing along x, at rest."""
+    """Put the drones at a position, level, facing along x, at rest."""
     batch.set_pose(np.broadcast_to(position, (batch.num_drones, 3)), np.tile([1, 0, 0, 0], (batch.num_drones, 1)))
 
 
 def path_of(batch, steps=0):
-    """Where the figure-8 of each drone is after so many more steps, (N, 3) m: a lap takes its length over the speed."""
+    """Positions (N, 3) m of each drone's figure-8 after this many more steps; a lap takes its length over the speed."""
     config = flockstep.TrackConfig()
     turn = np.linspace(0, 2 * np.pi, 10_001)
     lap = config.size_m * np.stack([np.cos(turn), np.sin(2 * turn) / 2], axis=1)
@@ -97,7 +97,7 @@ class TestTwins:
 
     @pytest.mark.parametrize("case", range(len(CASES)))
     def test_agree(self, twin_of, case):
-        """With noise in the poses observed, limits that are not the defaults, and episodes that end in every way."""
+        """Compare with noise in the observed poses, non-default limits, and all kinds of episode ends."""
         config, dynamics = self.CASES[case]
         mode = ("next_step", "same_step", "disabled")[case % 3]
         dynamics = {**dynamics, "max_speed_mps": 3.0, "max_tilt_deg": 60.0, "max_rate_dps": 400.0}
@@ -119,7 +119,7 @@ class TestTwins:
         rng, ways = np.random.default_rng(case), np.zeros(3, int)
         actions = np.zeros((24, 4))
         for _ in range(100):
-            actions = 0.9 * actions + rng.normal(0, 0.2, (24, 4))  # beyond 1 now and then
+            actions = 0.9 * actions + rng.normal(0, 0.2, (24, 4))  # sometimes beyond 1
             ours, theirs = engine.step(actions.astype(np.float32)), twin.step(actions.astype(np.float32))
             ended = ours[2] | ours[3]
             np.testing.assert_array_equal(ours[2], theirs[2])
@@ -153,7 +153,7 @@ def test_the_checker(config):
 
 
 def looks_even(values, low, high):
-    """Evenly drawn between the two, which are reached: 20,000 times, by Kolmogorov's distance."""
+    """Test 20,000 values for a uniform distribution that reaches both limits, by Kolmogorov's distance."""
     shares = np.sort((np.asarray(values, float) - low) / (high - low))
     even = (np.arange(len(shares)) + 0.5) / len(shares)
     return shares[0] > -1e-5 and shares[-1] < 1 + 1e-5 and np.abs(shares - even).max() < 0.014
@@ -175,7 +175,7 @@ class TestHover:
         assert looks_even(np.arctan2(ahead[:, 1], ahead[:, 0]), -np.pi, np.pi)
         speed = np.linalg.norm(batch.velocity, axis=1)
         assert looks_even(speed, 0, 3)
-        assert looks_even(batch.velocity[:, 2] / speed, -1, 1)  # as on a ball
+        assert looks_even(batch.velocity[:, 2] / speed, -1, 1)  # uniform on a sphere
         assert looks_even(np.arctan2(batch.velocity[:, 1], batch.velocity[:, 0]), -np.pi, np.pi)
         np.testing.assert_allclose(batch.rotor_speed, batch.drone.hover_speed_radps, rtol=1e-6)
 
@@ -189,7 +189,7 @@ class TestHover:
         assert not batch.contact.inside.any()
 
     def test_the_observation_does_not_depend_on_the_heading(self):
-        """Two drones in the open, the one turned about the point by any angle, told the same."""
+        """Two drones in the open with the same commands; one is rotated about the point by any angle."""
         n = 16
         envs = make(flockstep.HoverConfig(max_distance_m=1e4), 2 * n, worlds=OPEN)
         batch, rng = envs.batch, np.random.default_rng(0)
@@ -203,14 +203,14 @@ class TestHover:
         for _ in range(50):
             observation, *_ = envs.step(np.tile(rng.uniform(-1, 1, (n, 4)).astype(np.float32), (2, 1)))
             np.testing.assert_allclose(observation[:n], observation[n:], atol=1e-3)
-        assert np.ptp(observation[:n], axis=0).min() > 0.05  # of different flights
+        assert np.ptp(observation[:n], axis=0).min() > 0.05  # the flights differ
 
     def test_success_is_to_have_held_the_point_to_the_end(self):
         config = flockstep.HoverConfig(hold_m=0.1, hold_s=0.05, max_distance_m=1.0)  # 5 steps
         at = 0.5 * np.ones((20, 6))  # m from the point in each step, by drone
-        at[15:, 0] = 0.099  # just long enough
+        at[15:, 0] = 0.099  # never close enough
         at[14:, 1] = 0.101  # never near enough
-        at[16:, 2] = 0.0  # a step too short
+        at[16:, 2] = 0.0  # one step too short
         at[:19, 3] = 0.0  # not at the end
         at[:, 4] = 0.0
         at[19, 4] = 1.1  # a crash in the last step
@@ -248,7 +248,7 @@ class TestHover:
         )
         batch = make(config).batch
         assert batch.spec.reward_terms == ["near", "hold", "speed", "spin", "change", "crash"]
-        level(batch, np.add(GOAL, [0.12, 0, 0.16]))  # 0.2 m off
+        level(batch, np.add(GOAL, [0.12, 0, 0.16]))  # 0.2 m away
         batch.step(np.float32([[0.5, -0.5, 3.0, 0]]))
         near, hold, speed, spin, change, crash = batch.reward_terms[0]
         assert near == pytest.approx(2 * math.exp(-0.4), rel=1e-3)
@@ -264,7 +264,7 @@ class TestHover:
 
 class TestTrack:
     def paths(self, batch, points, observation):
-        """Where the observed points are, relative to the middle, (N, points, 3) m."""
+        """Positions of the observed points relative to the middle, (N, points, 3) m."""
         ways = observation[:, : 3 * points].reshape(-1, points, 3).astype(float)
         return batch.position[:, None] + rotate(batch.quat_wxyz[:, None].astype(float), ways) - GOAL
 
@@ -286,18 +286,18 @@ class TestTrack:
         x, y, z = np.moveaxis(seen, 2, 0)
         np.testing.assert_allclose(x**4, size**2 * (x**2 - y**2), atol=1e-4)
         np.testing.assert_allclose(z, 0, atol=1e-5)
-        np.testing.assert_allclose(seen[:, 0], seen[:, 19], atol=1e-4)  # a lap later
+        np.testing.assert_allclose(seen[:, 0], seen[:, 19], atol=1e-4)  # one lap later
         chords = np.linalg.norm(np.diff(seen, axis=1), axis=2).sum(axis=1)
-        assert ((chords > 0.95 * length) & (chords < length)).all()  # and not two laps
+        assert ((chords > 0.95 * length) & (chords < length)).all()  # not two laps
         np.testing.assert_allclose(seen[:, 0], batch.position - GOAL, atol=1e-5)
-        farthest = seen[:, 0, 0].argmax()  # where a is nearly 0
+        farthest = seen[:, 0, 0].argmax()  # a is nearly 0 here
         assert batch.velocity[farthest, 1] > 0
 
     @pytest.mark.parametrize("path", ["figure8", "random"])
     def test_velocity_is_that_of_the_path(self, path):
         batch, seen = self.begun(500, path=path, points=2, ahead_s=0.01, start_offset_m=0.0)
         flown = (seen[:, 1] - seen[:, 0]) / 0.01
-        np.testing.assert_allclose(flown, batch.velocity, atol=0.15)  # by acceleration times 5 ms
+        np.testing.assert_allclose(flown, batch.velocity, atol=0.15)  # allows acceleration times 5 ms
         np.testing.assert_allclose(flown.mean(axis=0), batch.velocity.mean(axis=0), atol=0.01)
 
     def test_random_paths(self):
@@ -306,7 +306,8 @@ class TestTrack:
             assert np.abs(seen[:, moment]).max(axis=0) == pytest.approx([1.3, 1.3, 0.65], rel=0.05)
             assert (np.abs(seen[:, moment]).max(axis=0) < [1.3001, 1.3001, 0.6501]).all()
             np.testing.assert_allclose(seen[:, moment].mean(axis=0), 0, atol=0.02)
-        # Each of nine waves has a mean square speed of half its fastest's; so has a long time as have many phases.
+        # Each of nine waves has a mean square speed of half its maximum. An average over many phases equals one over a
+        # long time.
         assert np.sqrt((batch.velocity.astype(float) ** 2).sum(axis=1).mean()) == pytest.approx(2.0, rel=0.01)
 
     @pytest.mark.parametrize("yaw", ["fixed", "along"])
@@ -343,7 +344,7 @@ class TestTrack:
         )
         batch = make(config).batch
         assert batch.spec.reward_terms == ["near", "close", "yaw", "spin", "change", "crash"]
-        batch.set_pose(np.add(path_of(batch, 1), [0.12, 0, 0.16]), [[math.cos(0.2), 0, 0, math.sin(0.2)]])  # 0.2 m off
+        batch.set_pose(np.add(path_of(batch, 1), [0.12, 0, 0.16]), [[math.cos(0.2), 0, 0, math.sin(0.2)]])  # 0.2 m away
         batch.step(np.float32([[0.5, -0.5, 3.0, 0]]))
         near, close, yaw, spin, change, crash = batch.reward_terms[0]
         assert near == pytest.approx(2 * math.exp(-0.4), rel=1e-3)
@@ -355,7 +356,7 @@ class TestTrack:
         assert batch.reward[0] == pytest.approx(batch.reward_terms[0].sum(), rel=1e-6)
 
     def test_success_is_a_small_root_mean_square(self):
-        """0 m and d by turns, of which the root mean square is d over the root of 2."""
+        """Distances alternate between 0 m and d, with a root mean square of d over the root of 2."""
         config = flockstep.TrackConfig()
         d = np.sqrt(2) * config.close_m * np.array([0.99, 1.01, 0.0, 0.5])
         envs = make(config, 4, max_episode_steps=20, autoreset_mode="disabled")
@@ -375,14 +376,14 @@ def test_an_episode_ends_as_a_crash_too_far_off_and_on_a_contact(config):
     envs = make(config, 3, autoreset_mode="disabled")
     middle = GOAL if isinstance(config, flockstep.HoverConfig) else path_of(envs.batch, 1)
     place = middle + np.array([[0, 0, 1.9], [0, 0, 2.1], [0, 0, 0]])
-    place[2] = [21.9, 0, 4]  # a step before a wall
+    place[2] = [21.9, 0, 4]  # one step before a wall
     level(envs.batch, place)
     envs.batch.set_velocity([[0, 0, 0], [0, 0, 0], [20, 0, 0]])
     _, _, terminated, truncated, infos = envs.step(np.zeros((3, 4), np.float32))
     assert terminated.tolist() == [False, True, True]
     assert not truncated.any()
     assert not infos["success"].any()
-    assert infos["crashed"].tolist() == [False, False, True]  # those that touched something
+    assert infos["crashed"].tolist() == [False, False, True]  # only drones that touched something
     np.testing.assert_array_equal(envs.batch.reward_terms[:, -1], [0, -3, -3])
 
 
@@ -400,7 +401,7 @@ class TestActions:
         np.testing.assert_allclose(observation[0, 6:], [0, 0, 1, *[0] * 7], atol=0.01)
 
     def commands(self, control, frame, limits, yaw, place):
-        """What -1, 0 and 1 tell, (3, 4)."""
+        """Commands for -1, 0 and 1, (3, 4)."""
         mass, rotors = frame.mass_kg, frame.to_dict()["rotors"]
         slowest, fastest = rotors["min_speed_radps"], rotors["max_speed_radps"]
         idle_n = np.polyval(rotors["thrust_n"][::-1], slowest)
@@ -426,7 +427,7 @@ class TestActions:
 
     @pytest.mark.parametrize("control", CONTROLS)
     def test_one_is_the_limit(self, control):
-        """A step of the task flies as the commands do that the limits make by hand."""
+        """A step of the task equals a step with commands computed by hand from the limits."""
         limits = {
             "max_speed_mps": 3.0,
             "max_acceleration_mps2": 5.0,
@@ -447,12 +448,12 @@ class TestActions:
             each.set_pose(np.tile(place, (60, 1)), np.tile([math.cos(yaw / 2), 0, 0, math.sin(yaw / 2)], (60, 1)))
         low, middle, high = self.commands(control, batch.drone, limits, yaw, place)
         rng = np.random.default_rng(0)
-        levels = rng.choice([-1.0, 0.0, 1.0], (60, 4))  # every one of them in every place, together with others
+        levels = rng.choice([-1.0, 0.0, 1.0], (60, 4))  # every level in every column, in combinations
         levels[30:] = rng.uniform(-1, 1, (30, 4))
         if control in ("attitude", "acceleration", "position"):
-            levels[:, 3] = rng.uniform(-0.99, 0.99, 60)  # half a turn to the left is one to the right
+            levels[:, 3] = rng.uniform(-0.99, 0.99, 60)  # half a turn to the left equals one to the right
         command = middle + levels * np.where(levels < 0, middle - low, high - middle)
-        actions = np.where(np.abs(levels) == 1, 3 * levels, levels)  # what is beyond 1 is 1
+        actions = np.where(np.abs(levels) == 1, 3 * levels, levels)  # values beyond 1 are clipped
         envs.step(actions.astype(np.float32))
         batch.fly(command)
         for name in ("position", "quat_wxyz", "velocity", "angular_velocity", "rotor_speed"):
@@ -485,8 +486,8 @@ class TestActions:
         for _ in range(150):
             observation, *_ = envs.step(np.float32([[0, 1, 0, 0], [0, 0, -1, 0]]))
         np.testing.assert_allclose(np.degrees(np.arccos(observation[:, 8])), 25, atol=1)
-        assert observation[0, 7] > 0.4  # rolled to the right: up is to the left
-        assert observation[1, 6] > 0.4  # nose up: up is ahead
+        assert observation[0, 7] > 0.4  # rolled to the right: up points to the left
+        assert observation[1, 6] > 0.4  # nose up: up points ahead
 
     @pytest.mark.parametrize("control", ["attitude", "acceleration", "position"])
     def test_yaw_is_from_the_present_heading(self, control):
@@ -546,7 +547,7 @@ class TestBadInput:
 
     @BOTH
     def test_drones_must_fly(self, config):
-        for control in ({}, {"control": "pose"}, {"control": "velocity"}):  # none of which would be flown kinematically
+        for control in ({}, {"control": "pose"}, {"control": "velocity"}):  # kinematic motion supports none of these
             with pytest.raises(
                 ValueError, match=r'^motion: expected "rotors", which this task flies by, got "kinematic"'
             ):
@@ -565,7 +566,7 @@ BLOCK = {"boxes": [{"center": [4, 4, 2], "size": [2, 2, 2]}]}
 
 
 class TestWorlds:
-    """Worlds in which no episode could be flown."""
+    """Worlds in which no episode can be flown."""
 
     def refused(self, config, scene, message, **keywords):
         world = flockstep.World.from_dict({**HALL, **scene})
@@ -608,7 +609,7 @@ class TestWorlds:
 
 
 def flown(envs, steps, first=0):
-    """What `steps` steps return, with actions that depend on env and step alone."""
+    """Results of `steps` steps, with actions that depend only on env and step."""
     rows = []
     for step in range(first, first + steps):
         actions = [np.random.default_rng([i, step]).uniform(-1, 1, 4) for i in range(envs.num_envs)]

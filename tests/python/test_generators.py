@@ -1,4 +1,4 @@
-"""Generated worlds: the same for a seed, a way through them, pictures and ranges that agree, bad arguments."""
+"""Generated worlds: reproducible from a seed, passable, with matching pictures and ranges, and checked arguments."""
 
 from typing import Any, NamedTuple
 
@@ -11,16 +11,16 @@ World = flockstep.World
 
 
 class Kind(NamedTuple):
-    """What is expected of one generator."""
+    """Expectations for one generator."""
 
     small: dict[str, Any]  # arguments of a small world
-    cell_m: float  # of the grid that a planner finds a way on
-    planned: tuple[int, ...]  # seeds that are planned in
+    cell_m: float  # of the planner's grid
+    planned: tuple[int, ...]  # seeds to plan in
     chord_error_m: float
-    triangles: int  # of the small world of seed 3
+    triangles: int  # of the small world with seed 3
     vertex_sum: tuple[float, float, float]
-    blocked: tuple[int, int]  # of so many seeds, the straight flight is blocked in at least so many
-    blocked_small: bool  # that is counted in small worlds
+    blocked: tuple[int, int]  # number of seeds, and minimum number of those with a blocked straight flight
+    blocked_small: bool  # count these in small worlds
 
 
 KINDS = {
@@ -64,7 +64,7 @@ def test_the_same_arguments_make_the_same_world(name):
     first = small(name, 3)
     assert first.to_dict() == small(name, 3).to_dict()
     assert first.to_dict() != small(name, 4).to_dict()
-    # Made of correctly rounded operations, so that it is the same on every machine.
+    # Computed with correctly rounded operations, so it is the same on every machine.
     mesh = first.mesh(chord_error_m=kind.chord_error_m)
     assert len(mesh["triangles"]) == kind.triangles
     np.testing.assert_allclose(mesh["vertices"].astype(float).sum(axis=0), kind.vertex_sum, rtol=1e-6)
@@ -80,7 +80,7 @@ def test_a_planner_finds_a_way(name, seed):
 
 @ALL
 def test_a_straight_flight_is_blocked(name):
-    """Of most seeds: without that nothing would have to be learned."""
+    """The straight flight is blocked for most seeds; otherwise there would be nothing to learn."""
     kind, hits = KINDS[name], 0
     seeds, least = kind.blocked
     for seed in range(seeds):
@@ -99,7 +99,7 @@ def test_drones_start_free_in_many_cities():
     for seed in range(6):
         world = small("city", seed)
         start_free(world, seed)
-        assert 44 <= world.goal[0] - world.start[0] <= 56  # a block and a road
+        assert 44 <= world.goal[0] - world.start[0] <= 56  # one block and one road
         for place in (world.start, world.goal):
             down = world.raycast(place[None], np.float32([[0, 0, -1]]), 100)["t_hit"][0]
             assert 2 < down < 6  # above a road
@@ -179,13 +179,13 @@ def test_bad_arguments(name, arguments, match):
 
 @pytest.mark.parametrize("height", [12, 90])
 def test_roofs_of_cities_are_as_high_as_asked(height):
-    """What stands on a roof comes on top of that."""
+    """Objects on a roof come on top of that."""
     world = World.city(5, (2, 2), height)
     assert 0.6 * height < world.bounds[1, 2] < height + 12
 
 
 def test_cameras_in_cities_tell_what_is_what():
-    """A class for each kind of thing; a road below, houses around."""
+    """Each kind of object has its class; a road is below, houses are around."""
     world = small("city", 3)
     classes = {}
     for material in world.materials:
@@ -204,7 +204,7 @@ def test_markers_of_forests_are_above_the_ground():
         world = small("forest", seed, relief_m=20)
         places = np.stack([world.start, world.goal])
         down = world.raycast(places, np.tile(np.float32([0, 0, -1]), (2, 1)), 100)
-        np.testing.assert_allclose(down["t_hit"], 1.5, atol=0.15)  # flat cells cut the hills' curves short
+        np.testing.assert_allclose(down["t_hit"], 1.5, atol=0.15)  # flat cells cut off the hills' curvature
 
 
 def test_start_and_goal_are_at_opposite_ends():
@@ -213,7 +213,7 @@ def test_start_and_goal_are_at_opposite_ends():
 
 
 def test_offices_have_ceilings_and_windows():
-    """Straight up there is a ceiling 3 m above the floor; level, the sky is seen through windows."""
+    """Straight up there is a ceiling 3 m above the floor; level views see the sky through windows."""
     world = World.office(1)
     places = np.stack([world.start, world.goal])
     up, down = (world.raycast(places, np.tile(np.float32([0, 0, z]), (2, 1)), 100)["t_hit"] for z in (1, -1))
@@ -252,7 +252,7 @@ def test_waypoints_lead_along_the_way_that_is_flown(make):
 
 
 def test_the_bench_scenes_differ_in_what_is_seen():
-    """As those of the thesis: the same places, of which the one scene has boxes and the other many triangles."""
+    """The same places as in the thesis, with boxes in one scene and many triangles in the other."""
     simple, complex_ = (World.load(f"bench/{name}") for name in ("simple", "complex"))
     assert len(simple.mesh()["triangles"]) < 200
     assert len(complex_.mesh()["triangles"]) > 100_000

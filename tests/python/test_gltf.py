@@ -1,6 +1,6 @@
-"""Worlds saved as glTF: trimesh finds in the file what `World.mesh` says, and it loads back equal.
+"""Worlds saved as glTF: trimesh reads the same triangles as `World.mesh`, and the file loads back equal.
 
-`./dev validate-gltf` has the Khronos validator look at many such files (`validate_gltf.py`).
+`./dev validate-gltf` checks many such files with the Khronos validator (`validate_gltf.py`).
 """
 
 import json
@@ -12,11 +12,11 @@ import trimesh
 
 import flockstep
 
-RADIUS = 0.25  # m, of everything round that is compared: files are tessellated to a hundredth of it
+RADIUS = 0.25  # m, of all round objects in comparisons: files are tessellated to a hundredth of it
 
 
 def random_world(seed, radius=None):
-    """A world of all that a world may have; everything round in it of one radius, if one is given."""
+    """A world with every kind of content; all round objects have one radius, if given."""
     random = np.random.default_rng(seed)
     builder = flockstep.WorldBuilder(f"random {seed}")
 
@@ -64,7 +64,7 @@ def random_world(seed, radius=None):
 
 
 def as_trimesh_reads(path):
-    """(T, 3, 3) m, the triangles of a file where its nodes place them, z up."""
+    """Triangles (T, 3, 3) m of a file, transformed by its nodes, z up."""
     parts = []
     scene = trimesh.load(path)
     for node in scene.graph.nodes_geometry:
@@ -75,7 +75,7 @@ def as_trimesh_reads(path):
 
 
 def with_normals(triangles):
-    """(T, 6): the middle of each triangle, and its normal times its area; the middle weighs more."""
+    """(T, 6): the centroid of each triangle, with a larger weight, and its normal times its area."""
     a, b, c = np.moveaxis(triangles, 1, 0)
     return np.concatenate([100 * (a + b + c) / 3, np.cross(b - a, c - a) / 2], -1)
 
@@ -91,7 +91,7 @@ def test_another_reader_finds_the_same_triangles(tmp_path, name):
     assert len(got) == len(expected)
     for ours, theirs in ((expected, got), (got, expected)):
         distance, _ = scipy.spatial.cKDTree(ours).query(theirs)
-        assert distance.max() < 2e-3  # 20 um of the middle
+        assert distance.max() < 2e-3  # centroids within 20 um
 
 
 @pytest.mark.parametrize("seed", range(4))
@@ -113,8 +113,8 @@ def test_materials_are_what_another_reader_sees(tmp_path):
             read[name].material.baseColorFactor[:3] / 255, looks[name]["base_color"], atol=1 / 255
         )
         assert read[name].material.metallicFactor == 0
-    assert not read["wall"].material.doubleSided  # of a room alone
-    assert read["material 1"].material.doubleSided  # of planes, too
+    assert not read["wall"].material.doubleSided  # only for a room
+    assert read["material 1"].material.doubleSided  # also for planes
     (paper,) = (
         part.visual
         for part in scene.geometry.values()
@@ -125,7 +125,7 @@ def test_materials_are_what_another_reader_sees(tmp_path):
         np.asarray(paper.material.baseColorTexture)[..., :3], random.integers(0, 256, (5, 7, 3), np.uint8)
     )
     written = np.array(world.to_dict()["meshes"][0]["uv"])
-    np.testing.assert_allclose(np.asarray(paper.uv) * [1, -1] + [0, 1], written, atol=1e-6)  # trimesh counts upwards
+    np.testing.assert_allclose(np.asarray(paper.uv) * [1, -1] + [0, 1], written, atol=1e-6)  # in trimesh, v points up
 
 
 def test_what_is_shared_is_written_once(tmp_path):

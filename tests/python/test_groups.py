@@ -1,4 +1,4 @@
-"""Envs of several drones: each does what a single drone does that is placed and commanded alike."""
+"""Envs of several drones: each drone behaves like a single drone with the same placement and commands."""
 
 import pickle
 from typing import Any
@@ -51,7 +51,7 @@ def test_drones_that_fly_alike_return_what_the_single_env_does(mode: str, observ
     "task", [flockstep.HoverConfig(), flockstep.TrackConfig(path="random")], ids=["hover", "track"]
 )
 def test_the_first_drone_equals_the_single_env_until_a_teammate_ends(task: Any) -> None:
-    """Their starts are random, each from its own numbers; gusts, noise of the pose sensor and of the IMU too."""
+    """Starts, gusts and noise of the pose sensor and the IMU are random, each from its own numbers."""
     keywords: dict[str, Any] = {
         "task": task,
         "wind": flockstep.WindConfig(gusts="dryden"),

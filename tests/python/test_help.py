@@ -1,4 +1,4 @@
-"""help(), inspect and completion: what the stub says of the native module is there at run time."""
+"""help(), inspect and completion: the stub's documentation is available at run time."""
 
 import ast
 import importlib.util
@@ -18,7 +18,7 @@ TREE = ast.parse(STUB.read_text(encoding="utf-8"))
 
 
 def members():
-    """Every public name of the module and of its classes, as a path and the object behind it."""
+    """Path and object of every public name of the module and of its classes."""
     for name, item in vars(_core).items():
         if name.startswith("_"):
             continue
@@ -33,7 +33,7 @@ MEMBERS = {path: item for path, item in members() if not isinstance(item, str)}
 
 
 def stubbed():
-    """(path, function) of every function and method that the stub has."""
+    """(path, function) of every function and method in the stub."""
     for node in TREE.body:
         if isinstance(node, ast.FunctionDef) and not node.name.startswith("_"):
             yield node.name, node
@@ -139,7 +139,7 @@ CONFIGS += [flockstep.NavigationConfig, flockstep.HoverConfig, flockstep.TrackCo
 
 
 def test_the_env_documents_every_keyword():
-    """Those of the signature, and the fields of configurations that the env takes as keywords."""
+    """The keywords are those of the signature, and the fields of configurations that the env accepts as keywords."""
     named = inspect.signature(flockstep.DroneVectorEnv).parameters.keys() - {"fields"}
     fields = {name for config in CONFIGS for name in config.__match_args__}
     sections = inspect.getdoc(flockstep.DroneVectorEnv).split("\nAttributes\n")[0]
@@ -147,7 +147,7 @@ def test_the_env_documents_every_keyword():
         assert f"\n{name}\n    " in sections, name
     for name in fields - named:
         assert f"``{name}``" in sections, name
-    for name in fields - named:  # and it does take each of them
+    for name in fields - named:  # the env does accept each of them
         with pytest.raises((TypeError, ValueError)) as caught:
             flockstep.DroneVectorEnv(task=flockstep.HoverConfig(), **{name: object()})
         assert "unexpected keyword" not in str(caught.value)

@@ -1,4 +1,4 @@
-"""What OpenCV is used for: hsv, smaller images, and colours in images; against NumPy."""
+"""Uses of OpenCV, compared with NumPy: hsv, smaller images, and colours in images."""
 
 import copy
 import pickle
@@ -41,7 +41,7 @@ def open_world():
 
 
 def rendered(world, num_drones=6, **fields):
-    """A batch with one camera, which has looked from some poses that depend on the seed alone."""
+    """A batch with one camera that has taken frames at poses which depend only on the seed."""
     config = flockstep.CameraConfig(**{"width_px": 40, "height_px": 30, **fields})
     batch = flockstep.Batch([world], num_drones, cameras=[config], num_threads=2)
     rng = np.random.default_rng(3)
@@ -65,7 +65,7 @@ def hsv_of(rgb):
 
 
 def by_blocks(images, size_px, how):
-    """Each pixel of (N, H, W, C) images in a smaller size is the mean, min or max of what it covers; pixel by pixel."""
+    """Resize (N, H, W, C) images pixel by pixel: each new pixel is the mean, min or max of the pixels it covers."""
     height, width = images.shape[1:3]
     made = np.empty((len(images), size_px[1], size_px[0], images.shape[3]))
     for y in range(size_px[1]):
@@ -93,7 +93,7 @@ class TestHsv:
         colors = np.stack(np.meshgrid(steps, steps, steps), axis=-1).reshape(1, -1, 3)
         some = np.random.default_rng(0).integers(0, 256, (1, 50_000, 3), dtype=np.uint8)
         for image in (colors, some):
-            # A range of one value of a channel shows the pixels that have it.
+            # A range of one value in a channel selects the pixels with this value.
             expected = hsv_of(image)[0]
             for channel, values in ((0, range(0, 180, 7)), (1, range(0, 256, 17)), (2, range(0, 256, 17))):
                 for value in values:
@@ -102,7 +102,7 @@ class TestHsv:
                     mask = flockstep.color_blob(image, flockstep.ColorRange(space="hsv", low=low, high=high)).mask[0]
                     away = np.abs(expected[:, channel] - value)
                     away = np.minimum(away, 180 - away) if channel == 0 else away
-                    assert away[mask].max(initial=0) < 0.65  # rounded, by tables of 12 bits
+                    assert away[mask].max(initial=0) < 0.65  # rounded, with 12-bit tables
                     assert mask[away < 0.35].all()
 
     @pytest.mark.parametrize("layout", ["hwc", "chw"])
@@ -237,7 +237,7 @@ class TestResize:
 
 
 class Look(flockstep.Task):
-    """Observes the nearest depth of each part of the picture, its colours as hsv, and a red thing."""
+    """Observes the nearest depth in each part of the picture, its colours as hsv, and a red object."""
 
     camera = flockstep.CameraConfig(
         width_px=64, height_px=48, outputs=("rgb", "depth", "hsv"), resize=(16, 12), pool="min"
@@ -335,7 +335,7 @@ class TestColors:
         rng, seen = np.random.default_rng(5), 0
         goal = np.array([batch.world_of(i).goal for i in range(1000)])
         for _ in range(10):
-            half = rng.uniform(-0.6, 0.6, 1000) / 2  # towards the goal, more or less
+            half = rng.uniform(-0.6, 0.6, 1000) / 2  # roughly towards the goal
             turn = np.stack([np.cos(half), 0 * half, 0 * half, np.sin(half)], axis=1)
             batch.set_pose(goal - [1, 0, 0] * rng.uniform(0.7, 9, (1000, 1)) + rng.normal(0, 0.3, (1000, 3)), turn)
             batch.sense()

@@ -1,4 +1,4 @@
-"""Ctrl-C ends long work soon, and leaves nothing half done behind."""
+"""Ctrl-C ends long work soon and leaves nothing half done."""
 
 import os
 import signal
@@ -16,7 +16,7 @@ runpy.run_module("training.train_ppo", run_name="__main__", alter_sys=True)
 """
 ROOT = Path(__file__).resolve().parents[2]
 
-# Far longer than the work may go on; the interrupt ends each within a second on a quiet machine.
+# Generous limit; on a quiet machine an interrupt ends each work within a second.
 PATIENCE_S = 10.0
 
 PREPARE = """

@@ -1,4 +1,4 @@
-"""Includes go downwards only, and imports in no circle: what each folder may know, held by a scan of the sources."""
+"""Includes only go downwards and imports form no cycles: a scan of the sources checks the layers."""
 
 import ast
 import graphlib
@@ -12,8 +12,8 @@ ROOT = Path(__file__).resolve().parents[2]
 ENGINE = ROOT / "engine"
 GENERATORS = ROOT / "scenes" / "generators"
 
-# The folders that the files of a folder may include. The list is strict both ways: a folder that needs nothing of
-# another is not allowed it, and a new folder has to be put here.
+# For each folder, the folders that its files may include. The list is exact: unused permissions are removed, and a new
+# folder must be added.
 ALLOWED: dict[str, set[str]] = {
     "base": set(),
     "world": {"base"},
@@ -29,13 +29,12 @@ ALLOWED: dict[str, set[str]] = {
     "generators": {"base", "planning", "world"},
     "sensors": {"base", "imaging", "prepared", "render", "trace", "world"},
 }
-# These may include all that is below them.
+# These may include all layers below them.
 ALLOWED["tasks"] = set(ALLOWED)
 ALLOWED["batch"] = set(ALLOWED)
 ALLOWED["recipe"] = set(ALLOWED)
 
-# Public headers that are the face of a folder count as that folder. The others are plain types, which any folder may
-# include.
+# Public headers that expose a folder count as that folder. The others define plain types, which any folder may include.
 FACES = {
     "world": "world",
     "drone_model": "world",
@@ -57,7 +56,7 @@ def includes(file: Path) -> Iterator[str]:
 
 
 def folder_of(include: str) -> str | None:
-    """The folder an include belongs to, or None for plain types."""
+    """The folder of an include, or None for plain types."""
     folder, _, name = include.partition("/")
     return FACES.get(name.removesuffix(".hpp")) if folder == "flockstep" else folder
 
@@ -75,7 +74,7 @@ def test_every_folder_has_its_place() -> None:
 
 
 def test_the_allowed_arrows_go_one_way() -> None:
-    """In the order of the list, which is the order of the layers."""
+    """Permissions only point to earlier entries: the list is in the order of the layers."""
     seen: set[str] = set()
     for folder, below in ALLOWED.items():
         assert below <= seen, f"{folder} may include {sorted(below - seen)}, which stand above it"
@@ -109,7 +108,7 @@ def test_public_headers_show_no_internals() -> None:
 
 
 def python_modules() -> dict[str, Path]:
-    """The Python modules of the package, of training/ and of tools/, by their names."""
+    """The Python modules of the package, of training/ and of tools/, by name."""
     modules = {}
     for base, package in ((ROOT / "envs", "flockstep"), (ROOT, "training"), (ROOT, "tools")):
         for file in (base / package).rglob("*.py"):
@@ -118,7 +117,7 @@ def python_modules() -> dict[str, Path]:
 
 
 def imported(tree: ast.Module) -> Iterator[str]:
-    """The modules that are imported while a module is: not in functions, nor for type checkers."""
+    """Modules imported when a module is imported: not in functions, nor for type checkers."""
     nodes: list[ast.AST] = [tree]
     while nodes:
         node = nodes.pop()
@@ -139,7 +138,7 @@ def test_python_modules_import_each_other_in_no_circle() -> None:
     graph = {}
     for module, file in modules.items():
         names = set(imported(ast.parse(file.read_text())))
-        # A name is a module, or something in one. The compiled module is none of these files.
+        # A name is a module or a member of one. The compiled module is not among these files.
         known = {name if name in modules else name.rpartition(".")[0] for name in names if name != "flockstep._core"}
         graph[module] = known & modules.keys() - {module}
-    graphlib.TopologicalSorter(graph).prepare()  # raises CycleError, which has the circle
+    graphlib.TopologicalSorter(graph).prepare()  # raises CycleError, which contains the cycle

@@ -1,4 +1,4 @@
-"""Batches and environments give back what they take, however often they are made."""
+"""Repeatedly made batches and environments release all their memory."""
 
 import ctypes
 import gc
@@ -15,9 +15,7 @@ pytestmark = pytest.mark.skipif(sys.platform != "linux", reason="reads /proc")
 
 DRONES = 1024
 ROUNDS = 30
-BATCH_BYTES = (
-    DRONES * 35 * 4 * 5
-)  # of the ranges and, in two slots, of both observations: a lower bound of what a batch takes
+BATCH_BYTES = DRONES * 35 * 4 * 5  # of the ranges and both observation buffers: a lower bound for a batch
 PAGE_BYTES = 4096
 trim = getattr(ctypes.CDLL(None), "malloc_trim", None)  # of glibc
 
@@ -25,12 +23,12 @@ trim = getattr(ctypes.CDLL(None), "malloc_trim", None)  # of glibc
 def resident_bytes():
     gc.collect()
     if trim is not None:
-        trim(0)  # else what earlier tests have freed would be taken first
+        trim(0)  # otherwise memory freed by earlier tests would be reused first
     return int(Path("/proc/self/statm").read_text().split()[1]) * PAGE_BYTES
 
 
 def growth(use: Callable[[], None]) -> int:
-    """Return by how many bytes the process grows in ROUNDS rounds, the first ones not counted."""
+    """Return the growth of the process in bytes over ROUNDS rounds, after as many warm-up rounds."""
     for _ in range(ROUNDS):
         use()
     before = resident_bytes()
@@ -65,7 +63,7 @@ def test_the_measure_sees_one_batch_kept_per_round(room):
         kept.append(flockstep.Batch([room], DRONES, lidar=flockstep.LidarConfig(), task=flockstep.NavigationConfig()))
         kept[-1].reset(np.arange(DRONES))
 
-    # Not all of it: what could not be given back is taken first. The tests below allow no more than this.
+    # Not all of it, because fragments of free memory are reused first. The tests below allow no more than this.
     assert growth(leak) > ROUNDS * BATCH_BYTES // 4
 
 
@@ -75,7 +73,7 @@ def test_batches(room, num_threads):
 
 
 def test_threads_are_taken_over_from_batch_to_batch(room):
-    """Those of oneTBB keep 7 KiB for ever of each arena that was made."""
+    """For every arena created, oneTBB's threads keep 7 KiB forever."""
 
     def use():
         for _ in range(20):
@@ -110,7 +108,7 @@ def test_envs_with_a_task_in_python(room, example):
 
 
 def test_worlds():
-    """A world with its tree: 20,000 triangles, at least 36 bytes each."""
+    """A world with its tree: 20,000 triangles of at least 36 bytes each."""
     i, j = np.meshgrid(np.arange(101), np.arange(101), indexing="ij")
     corner = (i * 101 + j)[:-1, :-1].ravel()
     scene = {
@@ -132,7 +130,7 @@ def test_worlds():
     for _ in range(3):
         use()
     grown = []
-    for _ in range(3):  # what is lost is lost each time; a heap in pieces grows now and then
+    for _ in range(3):  # a real leak recurs; a fragmented heap grows only sometimes
         before = resident_bytes()
         for _ in range(8):
             use()

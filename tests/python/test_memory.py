@@ -1,4 +1,4 @@
-"""What a world of many triangles takes, from its file to the first scan and the first frame."""
+"""Memory of a world with many triangles, from its file to the first scan and the first frame."""
 
 import json
 import subprocess
@@ -11,10 +11,10 @@ import flockstep
 
 pytestmark = pytest.mark.skipif(sys.platform != "linux", reason="reads /proc")
 
-ROWS = 708  # of vertices: a million triangles
+ROWS = 708  # rows of vertices, for a million triangles
 TRIANGLES = 2 * (ROWS - 1) ** 2
 
-# Prints the bytes that the process has taken for it, now and at the most.
+# Prints the bytes that this adds to the process, at the end and at the peak.
 LOOK = """
 import json, re, sys, numpy as np, flockstep
 def memory(what): return 1024 * int(re.search(what + r":\\s+(\\d+)", open("/proc/self/status").read())[1])

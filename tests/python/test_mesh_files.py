@@ -1,4 +1,4 @@
-"""Mesh files of others as worlds: what trimesh writes, `World.load` reads, triangle by triangle."""
+"""Mesh files of other programs as worlds: `World.load` reads trimesh's files triangle by triangle."""
 
 import json
 
@@ -11,7 +11,7 @@ import flockstep
 
 
 def textured(seed, color):
-    """A mesh of random triangles, with places in a texture of its own."""
+    """A mesh of random triangles, with texture coordinates and its own texture."""
     random = np.random.default_rng(seed)
     vertices = random.uniform(-5, 5, (30, 3)).astype(np.float32)
     faces = random.permuted(np.tile(np.arange(30), (20, 1)), axis=1)[:, :3]
@@ -37,7 +37,7 @@ def test_an_obj_file_of_trimesh_with_its_materials_and_textures(tmp_path):
         np.testing.assert_allclose(mesh["uv"][corners], np.stack([uv[..., 0], 1 - uv[..., 1]], -1), atol=1e-6)
         material = world.materials[mesh["materials"][mine][0]]
         np.testing.assert_allclose(material["base_color"], part.visual.material.diffuse[:3] / 255, atol=1e-6)
-        # What is hit is shown in the colour of the image there.
+        # A hit has the colour of the image at that point.
         scene = world.to_dict()
         assert len(scene["textures"]) == 2
 

@@ -1,4 +1,4 @@
-"""The mistakes that newcomers make: each is told by its name, with the nearest right thing."""
+"""Common beginners' mistakes: each error names the mistake and the closest correct choice."""
 
 import copy
 import pickle
@@ -174,7 +174,7 @@ def test_one_task_object_for_two_envs(closet):
     envs = DroneVectorEnv(2, worlds=closet, task=task)
     with pytest.raises(ValueError, match="task: this Hover object is another environment's: give each its own, or the"):
         DroneVectorEnv(2, worlds=closet, task=task)
-    envs.reset(seed=0)  # it is as it was
+    envs.reset(seed=0)  # unchanged
     envs.close()
     DroneVectorEnv(2, worlds=closet, task=task).close()
     assert flockstep.sb3.make_vec(Hover, 3, worlds=closet).num_envs == 3

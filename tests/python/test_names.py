@@ -1,4 +1,4 @@
-"""Worlds and drones may be given by name everywhere, and fields of a task's configuration as keywords of its env."""
+"""Worlds and drones can be given by name everywhere, and fields of a task's configuration as keywords of its env."""
 
 from pathlib import Path
 

@@ -1,4 +1,4 @@
-"""A task in C++ from outside the package: built against the headers, registered, made by Gymnasium."""
+"""An external task in C++: built against the headers, registered, made by Gymnasium."""
 
 import os
 import re
@@ -20,7 +20,7 @@ SOURCE = Path(__file__).resolve().parents[1] / "tasks" / "reach_height.cpp"
 
 @pytest.fixture(scope="module")
 def library(tmp_path_factory):
-    """The task as a shared library, built as the documents say."""
+    """The task as a shared library, built as documented."""
     path = tmp_path_factory.mktemp("task") / f"reach_height{sysconfig.get_config_var('SHLIB_SUFFIX') or '.so'}"
     compiler = shlex.split(os.environ.get("CXX", "c++"))
     eigen = subprocess.run(["pkg-config", "--cflags", "eigen3"], check=True, capture_output=True, text=True).stdout
@@ -104,7 +104,7 @@ def test_a_fifo_is_refused_at_once(tmp_path):
 
 @pytest.mark.skipif(not sys.platform.startswith("linux"), reason="libraries are ELF files on Linux alone")
 def test_a_part_of_a_library_is_refused(library, tmp_path):
-    """Loading it would end the process where a page that is read lies beyond the end of the file."""
+    """Loading it would crash the process on reading a page beyond the end of the file."""
     whole, part = library.read_bytes(), tmp_path / "part.so"
     lengths = {0, 1, 16, 63, 64, 100, 4095, 4096, len(whole) // 2, len(whole) - 1}
     for length in sorted(lengths | {len(whole) * tenth // 10 for tenth in range(10)}):
@@ -118,7 +118,7 @@ def test_a_part_of_a_library_is_refused(library, tmp_path):
 @pytest.mark.skipif(not sys.platform.startswith("linux"), reason="libraries are ELF files on Linux alone")
 def test_offsets_beyond_the_file_are_refused(library, tmp_path):
     part = tmp_path / "part.so"
-    for at, size in ((32, 8), (40, 8), (56, 2), (60, 2)):  # of the segments and sections in the header: where, how many
+    for at, size in ((32, 8), (40, 8), (56, 2), (60, 2)):  # in the header, offsets and counts of segments and sections
         damaged = bytearray(library.read_bytes())
         damaged[at : at + size] = b"\xff" * size
         part.write_bytes(damaged)

@@ -1,4 +1,4 @@
-"""The engine's navigation task against its NumPy twin, and against numbers worked out by hand."""
+"""The engine's navigation task against its NumPy twin and hand-computed numbers."""
 
 import numpy as np
 import pytest
@@ -19,11 +19,11 @@ WEIGHTED = flockstep.NavigationReward(
     min_clearance=0.4,
     step_scale=50.0,
 )
-ATOL = 2e-4  # of observations: a beam that grazes a pillar magnifies the rounding of a pose
+ATOL = 2e-4  # of observations: a beam that grazes a pillar amplifies the rounding of a pose
 
 
 def homing(batch, rng, kind):
-    """Actions towards the current goal most of the time, so that waypoints and goals are reached, else random ones."""
+    """Actions that mostly lead to the current goal, so that drones reach waypoints and goals; otherwise random ones."""
     n = batch.num_drones
     goals = [np.concatenate([w.waypoints, w.goal[None]]) for w in batch.worlds]
     goal = np.stack([goals[w][g] for w, g in zip(batch.world_index, batch.task_state["goal_index"], strict=True)])
@@ -41,7 +41,7 @@ def homing(batch, rng, kind):
     size = 3 if kind == "displacement" else 4
     actions = rng.uniform(-1.5, 1.5, (n, size)).astype(np.float32)
     actions[~wild, :3] = (offset / np.linalg.norm(offset, axis=1, keepdims=True))[~wild]
-    return np.where(rng.random((n, 1)) < 0.2, np.float32(0.5), actions)  # now and then the same one again
+    return np.where(rng.random((n, 1)) < 0.2, np.float32(0.5), actions)  # occasionally repeats an action
 
 
 @pytest.mark.parametrize("kind", ["discrete", "displacement", "displacement_yaw"])
@@ -80,7 +80,7 @@ def test_agrees_with_its_numpy_twin(room, closet, playgrounds, example, kind, re
         if mode == "disabled" and ended.any():
             options = {"reset_mask": ended}
             np.testing.assert_allclose(engine.reset(options=options)[0], twin.reset(options=options)[0], atol=ATOL)
-        # float32 rounding would let the two drift apart
+        # Otherwise float32 rounding would let the two drift apart.
         twin.batch.set_pose(engine.batch.position, engine.batch.quat_wxyz, ~ended)
     assert crashed > 10
     assert succeeded > 5
@@ -174,7 +174,7 @@ class TestByHand:
 
 
 def test_the_thesis_rewards_come_about_with_its_switch(playgrounds):
-    """Flying a shortest path earns about what the thesis reports: 11,435.5 on train-3."""
+    """A flight along a shortest path earns about the reward in the thesis: 11,435.5 on train-3."""
     env = flockstep.DroneVectorEnv(
         1, worlds=playgrounds[2], action="displacement", reward=flockstep.NavigationReward(carry_over_distance=True)
     )
@@ -197,7 +197,7 @@ def test_the_thesis_rewards_come_about_with_its_switch(playgrounds):
 
 @pytest.mark.parametrize("mode", ["next_step", "same_step", "disabled"])
 def test_a_task_in_python_has_the_same_episodes(room, closet, playgrounds, example, mode):
-    """Frame skip, staggered time limits and random worlds are the machine's, whatever the task is written in."""
+    """Frame skip, staggered time limits and random worlds belong to the engine, for tasks in any language."""
     lidar, config = flockstep.LidarConfig(), flockstep.NavigationConfig()
     arguments = {"worlds": [room, closet, *playgrounds], "lidar": lidar, "autoreset_mode": mode, "num_threads": 2}
     arguments |= {"max_episode_steps": 40, "frame_skip": 3, "stagger_first_episode": True, "random_world": True}

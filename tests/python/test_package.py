@@ -1,4 +1,4 @@
-"""What `import flockstep` brings, and what it does not."""
+"""Contents of `import flockstep`, and modules that it must not import."""
 
 import copy
 import os
@@ -68,7 +68,7 @@ def test_the_doctor_runs_without_what_flockstep_needs(missing, tmp_path):
 
 
 def test_the_doctor_imports_what_it_names(monkeypatch):
-    monkeypatch.setitem(sys.modules, "torch", None)  # an import of it raises
+    monkeypatch.setitem(sys.modules, "torch", None)  # makes an import of it raise
     found = dict(doctor.report())
     assert "importing it raises ModuleNotFoundError: import of torch halted" in found["torch"]
     assert "pip install --force-reinstall torch" in found["torch"]
@@ -155,8 +155,8 @@ def test_configs_print_numbers_that_give_the_same_config():
         config = flockstep.HoverConfig(near_weight=value, speed_weight=-value)
         assert eval(repr(config), vars(flockstep)) == config
         (printed,) = re.findall(r"near_weight=([^,]*)", repr(config))
-        if value < 1e7:  # greater ones are integers, which print all their digits
-            assert float(printed) == float(str(np.float32(value)))  # NumPy prints the shortest, too
+        if value < 1e7:  # larger values are integers, printed with all digits
+            assert float(printed) == float(str(np.float32(value)))  # NumPy also prints the shortest form
     assert "hold_m=0.05," in repr(flockstep.HoverConfig())
     assert "offset_m=[0.1, 0.0, 0.0]" in repr(flockstep.LidarConfig(offset_m=(0.1, 0, 0)))
     assert "rate_hz=0.3" in repr(flockstep.LidarConfig(rate_hz=0.3))

@@ -1,4 +1,4 @@
-"""Planned paths: free by the sweep, close to the shortest, found in large worlds, and how long searches are shown."""
+"""Planned paths: collision-free, close to the shortest, found in large worlds, and the progress display."""
 
 import io
 import itertools
@@ -23,7 +23,7 @@ def assert_free(world, path):
     assert not any(bool(batch.move(corner[None]).hit[0]) for corner in path[1:])
 
 
-# The lengths are those of the former planner, on the finest grids that it accepted or that took it less than a minute.
+# The lengths come from the former planner, on the finest grids that it accepted or finished within a minute.
 @pytest.mark.parametrize(
     ("place", "seed", "former_m"),
     [
@@ -45,7 +45,7 @@ def test_generated_worlds_are_planned_by_default(place, seed, former_m):
 
 
 def test_a_goal_in_a_closed_box_is_given_up_soon():
-    """A search from the start through all of an office took half a minute of the processor's time."""
+    """A search from the start through a whole office took half a minute of processor time."""
     world = flockstep.World.office(0)
     scene = world.to_dict()
     for axis, side in itertools.product(range(3), (-0.8, 0.8)):
@@ -59,13 +59,13 @@ def test_a_goal_in_a_closed_box_is_given_up_soon():
     assert time.process_time() - before < 10
 
 
-HALF = np.array([0.3, 0.2, 0.1])  # of a box-shaped drone, for which the places that an obstacle takes are a box
+HALF = np.array([0.3, 0.2, 0.1])  # half size of a box-shaped drone, for which every obstacle blocks a box of positions
 ROOM = np.array([4.0, 3.0, 2.0])
 STEP = 0.1
 
 
 def shortest_on_a_grid(low, high, start, goal):
-    """Return the length of the shortest way through the neighbours of a grid, around boxes (K, 3) to (K, 3)."""
+    """Return the length of the shortest path between neighbours of a grid, around boxes (K, 3) to (K, 3)."""
     axes = [np.arange(1, round(size / STEP)) * STEP for size in ROOM]
     shape = tuple(len(axis) for axis in axes)
     places = np.stack(np.meshgrid(*axes, indexing="ij"), -1)
@@ -90,13 +90,13 @@ def shortest_on_a_grid(low, high, start, goal):
 
 
 def test_paths_are_as_short_as_on_a_fine_grid():
-    """Moves to the 26 neighbours make a way at most 1.128 times as long; beside obstacles it is up to a cell off."""
+    """Moves to the 26 neighbours lengthen a path by at most 12.8 %; beside obstacles it is up to one cell off."""
     drone = flockstep.DroneModel(hull=np.array(list(itertools.product(*([-h, h] for h in HALF))), np.float32))
     start, goal = (0.5, 1.5, 1.0), (3.5, 1.5, 1.0)
     rng = np.random.default_rng(4)
     found = 0
     for _ in range(8):
-        # A wall across the room, with a window somewhere or room to pass over it, and boxes around.
+        # A wall across the room, with a window or room to pass over it, and boxes around it.
         top, door = rng.uniform(1.0, 2.0), rng.uniform(0.3, 2.1)
         low = [[1.7, 0, 0], [1.7, door + rng.uniform(0.5, 0.8), 0], *rng.uniform((0.9, 0.3, 0), (1.1, 2, 1.2), (3, 3))]
         size = [[0.2, door, top], [0.2, 3, top], *rng.uniform(0.2, 0.5, (3, 3))]

@@ -1,4 +1,4 @@
-"""Recipes: one value that builds the same batch in C++, in Python, and from its JSON."""
+"""Recipes: one value that builds the same batch in C++, in Python, and from JSON."""
 
 import hashlib
 import json
@@ -40,7 +40,7 @@ class Rise(flockstep.Task):
 
 
 def digest(batch: flockstep.Batch, steps: int = 30) -> str:
-    """Hash what a batch returns for some actions that depend on nothing else."""
+    """Hash a batch's results for actions that are independent of everything else."""
     rng = np.random.default_rng(3)
     batch.reset(np.arange(batch.num_envs, dtype=np.uint64))
     hashed = hashlib.sha256()

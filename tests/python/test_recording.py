@@ -56,7 +56,7 @@ def test_films_of_gymnasium_are_as_fast_as_the_flight(room):
         flockstep.sb3.make_vec(ENV_ID, worlds=room, policy_hz=50, frame_skip=2),
     ):
         assert envs.metadata["render_fps"] == 25
-    assert flockstep.DroneVectorEnv.metadata["render_fps"] == 10  # not changed by those above
+    assert flockstep.DroneVectorEnv.metadata["render_fps"] == 10  # not changed by the env above
 
 
 def test_a_model_of_another_task_is_told_whose_it_is(room, tmp_path):
@@ -129,7 +129,7 @@ def test_mistakes(arguments, error, said, tmp_path, monkeypatch):
 
 
 class Lucky(flockstep.Task):
-    """Ends after as many steps as its first random number says, 1 to 5; a success after 4, if one flies ahead."""
+    """Ends after 1 to 5 steps, drawn from its first random number; a success after 4 steps forward."""
 
     observation_space = spaces.Box(-9, 9, (3,), np.float32)
 
@@ -176,7 +176,7 @@ def test_where_none_succeeds_there_is_no_film(room, tmp_path):
     with pytest.raises(RuntimeError, match=f"seeds 7 to {lucky} succeeded within 3 steps"):
         flockstep.record(tmp_path / "a.gif", ahead, Lucky, until_success=lucky - 6, steps=3, **keywords)
     assert list(tmp_path.iterdir()) == []
-    assert not hasattr(task, "drawn")  # tries cost no pictures
+    assert not hasattr(task, "drawn")  # trial episodes draw no pictures
 
 
 def test_a_task_that_does_not_repeat_is_told(room, tmp_path):
@@ -202,7 +202,7 @@ PICTURES = {"render_mode": "rgb_array", "render_view": "top", "render_size": (96
 
 
 def frames_and_size(folder):
-    """Of the one film in a folder."""
+    """Number of frames and size of the only film in a folder."""
     (film,) = folder.glob("*.mp4")
     reader = imageio_ffmpeg.read_frames(str(film))
     size = next(reader)["size"]

@@ -1,4 +1,4 @@
-"""Worlds that differ in their looks alone."""
+"""Worlds that differ only in their looks."""
 
 from __future__ import annotations
 

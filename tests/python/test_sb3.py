@@ -96,7 +96,7 @@ def test_any_policy_is_judged(room):
 
 
 class Image(flockstep.Task):
-    """Channels are last, which Stable-Baselines3 puts first for its models."""
+    """Observes images with channels last, which Stable-Baselines3 moves to the front for its models."""
 
     camera = flockstep.CameraConfig(width_px=40, height_px=36)
     observation_space = spaces.Box(0, 255, (36, 40, 3), np.uint8)
@@ -155,12 +155,12 @@ def test_options_reach_the_next_reset(make):
     envs.set_options({"reset_mask": mask})
     envs.reset()
     assert envs.get_attr("batch")[0].episode.tolist() == [1, 1, 0, 0, 0, 0]
-    envs.reset()  # they hold once
+    envs.reset()  # options are used once
     assert envs.get_attr("batch")[0].episode.tolist() == [2, 2, 1, 1, 1, 1]
     envs.set_options({"nonsense": 1})
     with pytest.raises(ValueError, match="options: expected nothing but 'reset_mask', got 'nonsense'"):
         envs.reset()
-    envs.reset()  # what was refused is gone
+    envs.reset()  # rejected options are discarded
     envs.set_options([{}] * 6)
     envs.reset()
     with pytest.raises(ValueError, match="options: expected one dict, since the envs share a reset"):
@@ -247,7 +247,7 @@ def test_seeds_are_taken_once(make, room):
 
 
 class TestPoisonedSlots:
-    """What Stable-Baselines3 stores is whole though the arrays it was handed are used again."""
+    """Data stored by Stable-Baselines3 stays intact when the returned arrays are reused."""
 
     def test_the_previous_observation_survives_a_step(self, make):
         envs = make()
@@ -266,7 +266,7 @@ class TestPoisonedSlots:
             )
             envs = flockstep.sb3.make_vec(env)
             if poison:
-                # Hand out private arrays, and fill each with NaN as soon as it may be used again: after the next step.
+                # Return private arrays, and fill each with NaN as soon as it may be reused, after the next step.
                 step_wait, reset = envs.step_wait, envs.reset
                 handed = []
 
@@ -391,7 +391,7 @@ def test_training_and_evaluation_run_without_a_warning(make):
 
 
 class FirstEpisodeInTheFirstWorld(flockstep.Task):
-    """Ends after a step per drone; a success in the first world, and there in the first episode alone."""
+    """Ends after one step per drone; a success only in the first world and its first episode."""
 
     observation_space = gymnasium.spaces.Box(-1, 1, (1,), np.float32)
 
@@ -417,7 +417,7 @@ def test_success_rates_are_those_of_the_first_episodes_in_each_world(room, close
 
 
 class Counted(flockstep.Task):
-    """Env i ends after i + 1 steps, or after 3; it reports what it has earned, and succeeds if it has an odd index."""
+    """Env i ends after i + 1 steps, at most 3; it reports its return, and succeeds if its index is odd."""
 
     observation_space = spaces.Box(0, 9, (1,), np.float32)
     reward_terms = ("gain", "cost")
@@ -436,7 +436,7 @@ class Counted(flockstep.Task):
 
 def test_an_evaluation_has_the_means_of_what_first_episodes_report(room):
     found = flockstep.sb3.evaluate(None, Counted, episodes=4, worlds=room, reward_scale=0.1)
-    lengths = [1, 2, 3, 3]  # of envs 0 to 3; those that go on with another episode count once
+    lengths = [1, 2, 3, 3]  # of envs 0 to 3; later episodes do not count
     earned = [0, 2, 6, 9]
     assert found == flockstep.sb3.Evaluation(
         episodes=4,
@@ -450,7 +450,7 @@ def test_an_evaluation_has_the_means_of_what_first_episodes_report(room):
 
 
 def test_an_evaluation_of_a_built_in_task(room, closet):
-    """Straight ahead: into the pillar of the room, into the wall of the closet; seeds make other starts."""
+    """Straight ahead: into the pillar of the room, into the wall of the closet; seeds change the start."""
 
     def ahead(observation):
         return np.zeros(len(observation), int)
@@ -479,11 +479,11 @@ def test_sb3_wrappers(make):
 
 
 class TestImageFeatures:
-    """The network for observations with images; Stable-Baselines3 hands it uint8 (C, H, W) as floats in [0, 1]."""
+    """The network for observations with images; Stable-Baselines3 passes it uint8 (C, H, W) as floats in [0, 1]."""
 
     @staticmethod
     def twins(one, other):
-        """Return extractors of two spaces with the same weights."""
+        """Return extractors for two spaces with the same weights."""
         torch.manual_seed(0)
         first, second = (flockstep.sb3.ImageFeatures(space) for space in (one, other))
         second.load_state_dict(first.state_dict())
@@ -491,7 +491,7 @@ class TestImageFeatures:
 
     def test_takes_any_number_of_images_and_vectors(self):
         space = spaces.Dict(
-            keys=spaces.Box(0, 1, (48, 64), np.float32),  # a name that a torch.nn.Module has, too
+            keys=spaces.Box(0, 1, (48, 64), np.float32),  # also the name of a torch.nn.Module attribute
             rgb=spaces.Box(0, 255, (3, 16, 20), np.uint8),
             state=spaces.Box(-np.inf, np.inf, (2, 3), np.float32),
         )
@@ -516,7 +516,7 @@ class TestImageFeatures:
         images = torch.rand(3, 3, 16, 24)
         torch.testing.assert_close(colors(images), shares(images), rtol=0, atol=0)
         flat, shares = self.twins(spaces.Box(0, 255, (16, 24), np.uint8), spaces.Box(0, 1, (16, 24), np.float32))
-        torch.testing.assert_close(flat(255 * images[:, 0]), shares(images[:, 0]))  # without channels, it is not
+        torch.testing.assert_close(flat(255 * images[:, 0]), shares(images[:, 0]))  # without channels it is not scaled
 
     def test_channels_are_first_or_last(self):
         first, last = self.twins(spaces.Box(0, 1, (3, 16, 24), np.float32), spaces.Box(0, 1, (16, 24, 3), np.float32))
@@ -573,7 +573,7 @@ def test_progress_prints_lines_into_a_file(make, tmp_path):
     with open(tmp_path / "log.txt", "w", encoding="utf-8") as file:
         model.learn(96, callback=flockstep.sb3.Progress(interval_s=0, stream=file))
     lines = (tmp_path / "log.txt").read_text(encoding="utf-8").splitlines()
-    assert len(lines) == 17  # each of 16 steps, and the end
+    assert len(lines) == 17  # one for each of 16 steps, and one at the end
     assert lines[0].startswith("6 of 96 steps (6%), 0 s, ")
     assert re.fullmatch(r"96 of 96 steps \(100%\), \d+ s, [\d,]+ steps/s, success rate [01]\.\d\d", lines[-1])
 

@@ -1,4 +1,4 @@
-"""Scene files: the bundled ones, and how names and paths are resolved."""
+"""Scene files: the bundled ones, and the resolution of names and paths."""
 
 import base64
 import copy
@@ -107,7 +107,7 @@ POSE = {"center": [0, 0, 1], "quat_wxyz": [0.6, 0.8, 0, 0]}
 
 
 class TestSolids:
-    """Of capsules, planes and discs, the schema accepts what the loader accepts."""
+    """The schema accepts the same capsules, planes and discs as the loader."""
 
     @pytest.mark.parametrize(
         ("kind", "solid"),
@@ -145,7 +145,7 @@ class TestSolids:
             ("planes", {**POSE, "size": [1, 1, 1]}),
             ("planes", {**POSE, "size": [1, 0]}),
             ("planes", {**POSE, "size": [-1, 1]}),
-            ("planes", {**POSE, "size": [1e-6, 1]}),  # a half size would be below the least
+            ("planes", {**POSE, "size": [1e-6, 1]}),  # half of it would be below the minimum
             ("planes", {**POSE, "size": 1}),
             ("planes", {**POSE, "size": [1, 1], "thickness": 0}),
             ("discs", {**POSE}),
@@ -175,7 +175,7 @@ class TestSolids:
             flockstep.World.from_dict(scene)
 
     def test_a_capsule_shorter_than_its_caps(self):
-        # A schema cannot compare two fields; its description says so.
+        # A schema cannot compare two fields; its description states the rule.
         scene = {"flockstep_scene": 1, "capsules": [{**POSE, "radius": 0.5, "height": 0.99}]}
         jsonschema.validate(scene, SCHEMA)
         with pytest.raises(ValueError, match=r"/capsules/0/height.*twice the radius"):
@@ -199,7 +199,7 @@ COLORS = ["sun_color", "sky_ambient", "ground_ambient", "zenith_color", "horizon
 
 
 class TestLight:
-    """Of light and semantic ids, the schema accepts what the loader accepts."""
+    """The schema accepts the same light and semantic ids as the loader."""
 
     @pytest.mark.parametrize(
         "light",
@@ -331,7 +331,7 @@ FULL = {
         "sun_glow": 0,
     },
 }
-#: The limits of its numbers, by their places.
+#: The limits of its numbers, by path.
 LIMITS = {
     "materials/a/base_color/0": (0, 1),
     "materials/a/emissive/1": (0, 100),
@@ -380,7 +380,7 @@ def accepted_by_loader(scene):
 
 
 def with_value(place, value):
-    """Return FULL with another value at a place."""
+    """Return FULL with another value at a path."""
     scene = copy.deepcopy(FULL)
     *way, last = (int(step) if step.isdigit() else step for step in place.split("/"))
     parent = scene
@@ -394,7 +394,7 @@ class TestSchemaAndLoader:
     @pytest.mark.parametrize("place", LIMITS)
     def test_have_these_limits(self, place):
         for end, outwards in zip(LIMITS[place], (-1, 1), strict=True):
-            if end is None:  # another rule is met before
+            if end is None:  # another rule applies first
                 continue
             at, beyond = with_value(place, end), with_value(place, end + outwards * (abs(end) or 1) * 1e-3)
             assert accepted_by_schema(at)
@@ -433,7 +433,7 @@ class TestSchemaAndLoader:
             {"meshes": [{**TRIANGLE, "solid": False}]},
             {"meshes": [{"vertices": [], "triangles": []}]},
             {"spheres": [BALL, {**BALL, "visible": False, "solid": False}]},
-            {"pillars": [{**BALL, "center": [0, 0]}]},  # of no height
+            {"pillars": [{**BALL, "center": [0, 0]}]},  # no height
             {"meshes": [TRIANGLE, {"vertices": [[0, 0, 0]]}]},
             {"meshes": [TRIANGLE, {**TRIANGLE, "file": "a.obj"}]},
             {"meshes": [TRIANGLE, {"file": "a.obj", "uv": []}]},
@@ -456,7 +456,7 @@ def test_camera_playgrounds_are_white_with_pillars_that_no_marker_looks_like(nam
     assert kinds == {("room", "white"), ("cylinder", "pillar")}
     np.testing.assert_allclose(color["white"], 0.9)
     assert color["pillar"].argmax() == 2  # bluish
-    assert np.ptp(color["pillar"]) < 0.3  # and nearly grey
+    assert np.ptp(color["pillar"]) < 0.3  # nearly grey
 
 
 class TestLoad:
@@ -565,7 +565,7 @@ def textured(texture, **mesh):
 
 
 class TestTextures:
-    """Of textures, the schema accepts what the loader accepts."""
+    """The schema accepts the same textures as the loader."""
 
     @pytest.mark.parametrize(
         ("texture", "mesh"),

@@ -1,4 +1,4 @@
-"""Arguments in plain form: the specs of environments go through JSON and make the same environment again."""
+"""Arguments in plain form: the specs of environments survive JSON and make the same environment again."""
 
 import gymnasium
 import numpy as np
@@ -21,7 +21,7 @@ class Still(flockstep.Task):
 
 
 def flown(env):
-    """Return what some steps of an env return."""
+    """Return the results of some steps of an env."""
     space = env.action_space
     space.seed(3)
     return [env.reset(seed=7)[0], *(env.step(space.sample())[:4] for _ in range(5))]
@@ -76,7 +76,7 @@ def test_defaults_of_a_registered_task(room, closet):
             envs.reset(seed=0)
             assert envs.render()[0].shape == (30, 40, 3)
             still = np.zeros((2, 3), np.float32)
-            assert [envs.step(still)[3].any() for _ in range(2)] == [False, True]  # of 2 and 1 flown steps
+            assert [envs.step(still)[3].any() for _ in range(2)] == [False, True]  # steps of 2 and 1 flown steps
         envs = gymnasium.make_vec("test/Still-v1", 1, worlds=closet, frame_skip=1)
         envs.reset(seed=0)
         assert envs.batch.worlds[0].name == "closet"

@@ -1,4 +1,4 @@
-"""What a world tells of itself, against trimesh, SciPy's trees and closed forms."""
+"""A world's measurements of itself, against trimesh, SciPy's trees and closed forms."""
 
 import numpy as np
 import pytest
@@ -38,7 +38,7 @@ def solids():
 
 @pytest.fixture(scope="module")
 def blobs():
-    """Three meshes, one of two materials."""
+    """Three meshes, one of them with two materials."""
     knot = trimesh.creation.torus(1.0, 0.3, major_sections=24, minor_sections=12)
     knot.apply_transform(trimesh.transformations.rotation_matrix(0.7, [1, 2, 3], point=[0.2, 0, 0]))
     ball = trimesh.creation.icosphere(2, 0.6)
@@ -52,7 +52,7 @@ def blobs():
 
 
 def signed(points):
-    """(N,) m from the sphere, the box and the walls of `solids`; negative within a solid and outside of the room."""
+    """Distances (N,) m to the sphere, the box and the walls of `solids`; negative in a solid and outside the room."""
     ball = np.linalg.norm(points - CENTER, axis=1) - RADIUS
     beyond = np.maximum(CORNERS[0] - points, points - CORNERS[1])
     box = np.linalg.norm(beyond.clip(0), axis=1) + beyond.max(axis=1).clip(None, 0)
@@ -161,7 +161,7 @@ class TestPointCloud:
 
     @pytest.mark.parametrize("spacing", [0.05, 0.2])
     def test_is_spread_evenly(self, solids, blobs, spacing):
-        fine = flockstep.WorldBuilder()  # taken row by row, its cells would have their points one above the other
+        fine = flockstep.WorldBuilder()  # in row order, the points of its cells would lie one above the other
         fine.heightfield(np.zeros((81, 101)), fine.material("ground"), cell_m=0.2 * spacing)
         for world in (solids, blobs, fine.build()):
             whole, _ = as_trimesh(world, spacing / 100)
@@ -170,7 +170,7 @@ class TestPointCloud:
             samples, _ = trimesh.sample.sample_surface(whole, 20_000, seed=1)
             nearest, _ = cKDTree(cloud).query(samples)
             assert nearest.max() < 2 * spacing
-            assert nearest.mean() < 0.5 * spacing  # of points drawn at random it is a half; of a square lattice, 0.38
+            assert nearest.mean() < 0.5 * spacing  # random points give a half, a square lattice 0.38
 
     def test_is_the_same_each_time_and_bounded(self, solids, blobs):
         for name, array in blobs.point_cloud(0.1).items():
@@ -222,7 +222,7 @@ class TestGrids:
         assert (touched & occupied).sum() > 0.9 * occupied.sum()
         near, _ = cKDTree(samples).query(cells[occupied.ravel()])
         assert near.max() < 0.1 * np.sqrt(0.75) + 0.03
-        # Nothing lies between the centres of two free cells side by side.
+        # Nothing lies between the centres of two adjacent free cells.
         free = ~occupied[:-1] & ~occupied[1:]
         origins = (grid["origin"] + 0.1 * (np.argwhere(free) + 0.5)).astype(np.float32)
         assert not np.isfinite(blobs.raycast(origins, np.tile([1.0, 0, 0], (len(origins), 1)), 0.1)["t_hit"]).any()
@@ -265,7 +265,7 @@ class TestGrids:
 
 
 def shell(extents, center):
-    """A closed box of triangles seen from within, as a scan of a room is."""
+    """A closed box of triangles seen from inside, like a scan of a room."""
     box = trimesh.creation.box(extents)
     box.invert()
     box.apply_translation(center)
@@ -302,7 +302,7 @@ class TestFreePlaces:
         rooms = [
             shell([6, 5, 3], [3, 2.5, 1.5]),
             shell([3, 3, 6], [12, 2.5, 3]),
-        ]  # beside the first, the bounds are empty
+        ]  # the bounds include empty space beside the first
         solid = trimesh.creation.box([2, 2, 2])
         solid.apply_translation([3, 2.5, 1.5])
         world = scene(meshes=[as_dict(mesh) for mesh in [*rooms, solid]])
@@ -349,7 +349,7 @@ class TestMarkers:
             room.with_markers(start=[[0, 0, 0]])
 
     def test_drawn_ones_can_be_flown(self):
-        """Two rooms joined by a door, and a third without one."""
+        """Two rooms joined by a door, and a third one without a door."""
         wall = [{"center": [5, y, 1.5], "size": [0.2, 2.3, 3]} for y in (1.15, 4.85)]  # the door is 1.4 m wide
         closed = {"center": [10, 3, 1.5], "size": [0.2, 6, 3]}
         world = scene(room={"min": [0, 0, 0], "max": [15, 6, 3]}, boxes=[*wall, closed])

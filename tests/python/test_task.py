@@ -21,7 +21,7 @@ MODES = ["next_step", "same_step", "disabled"]
 
 
 class Climb(flockstep.Task):
-    """As little as a task can be: earn height, end at 3 m."""
+    """A minimal task: earn height, end at 3 m."""
 
     observation_space = spaces.Box(-np.inf, np.inf, (4,), np.float32)
     max_episode_steps = 12
@@ -81,7 +81,7 @@ class TestYaw:
         rng = np.random.default_rng(0)
         yaw = rng.uniform(-np.pi, np.pi, (4, 5))
         turn = np.stack([np.cos(yaw / 2), 0 * yaw, 0 * yaw, np.sin(yaw / 2)], axis=-1)
-        w, pitch = np.cos(tilt / 2), np.sin(tilt / 2)  # about the body's y, after the turn
+        w, pitch = np.cos(tilt / 2), np.sin(tilt / 2)  # about the body's y axis, after the yaw
         quat = turn * w + pitch * np.stack([0 * yaw, -turn[..., 3], turn[..., 0], 0 * yaw], axis=-1)
         np.testing.assert_allclose(yaw_of(quat), yaw, atol=1e-12)
         nose = rotate(quat, np.array([1.0, 0, 0]))
@@ -137,7 +137,7 @@ def test_statistics_of_episodes(room):
 
 
 class Lapper(Climb):
-    """Reports how high it got and how many steps it flew; its fourth step is the last where the bonus is above 0.5."""
+    """Reports its maximum height and number of steps; its fourth step is the last if the bonus is above 0.5."""
 
     reward_terms = ("height", "cost")
     info_names = ("top", "laps")
@@ -168,7 +168,7 @@ class TestWhatATaskReports:
             _, _, terminated, truncated, infos = env.step(np.float32([[0, 0, 0.5], [0, 0, -0.5]]))
             sums[step <= np.array([6, 4])] += env.batch.reward_terms[step <= np.array([6, 4])]
             assert not terminated.any()
-            again = mode == "disabled" and step > 4  # a finished env repeats what it said
+            again = mode == "disabled" and step > 4  # a finished env repeats its results
             assert truncated.tolist() == [step == 6, step == 4 or again]
             if truncated.any():
                 env_index, length = (0, 6) if step == 6 else (1, 4)
@@ -251,7 +251,7 @@ def test_steps_and_flying_are_what_they_say(room):
     env.reset(seed=0)
     for _ in range(5):
         env.step(np.zeros((2, 3), np.float32))
-    # The fourth step resets both envs: nobody flies, and there is nothing to reward.
+    # The fourth step resets both envs: no drone flies, and there is no reward.
     assert [s[0][0] for s in seen] == [1, 2, 3, 1]
     assert [bool(s[1][0]) for s in seen] == [True] * 4
 
@@ -268,7 +268,7 @@ def test_own_tasks_observe_with_a_lidar_of_their_own(room):
     observation, _ = env.reset(seed=0)
     kept = observation.copy()
     env.step(np.ones((2, 3), np.float32))
-    np.testing.assert_array_equal(observation, kept)  # though observe() returned a view
+    np.testing.assert_array_equal(observation, kept)  # even though observe() returned a view
 
 
 def test_a_task_names_its_worlds(room, closet):
@@ -281,10 +281,10 @@ def test_a_task_declares_frame_skip_and_random_world(room, closet):
     task = type("Drawn", (Climb,), {"worlds": [room, closet], "random_world": True, "frame_skip": 3})
     envs = flockstep.DroneVectorEnv(40, task=task)
     envs.reset(seed=0)
-    assert set(envs.batch.world_index[::2]) == {0, 1}  # in turn, these would be 0 alone
+    assert set(envs.batch.world_index[::2]) == {0, 1}  # worlds in turn would give only 0
     envs.step(np.zeros((40, 3), np.float32))
     assert envs.batch.steps[envs.batch.world_index == 0].tolist() == [3] * np.sum(envs.batch.world_index == 0)
-    given = flockstep.DroneVectorEnv(4, task=task, random_world=False, frame_skip=2)  # the env's keywords come first
+    given = flockstep.DroneVectorEnv(4, task=task, random_world=False, frame_skip=2)  # the env's keywords win
     given.reset(seed=0)
     given.step(np.zeros((4, 3), np.float32))
     assert given.batch.world_index.tolist() == [0, 1, 0, 1]
@@ -417,7 +417,7 @@ class TestMistakes:
 
     def test_names_of_its_own_that_are_keywords_elsewhere(self, room):
         class Own(Climb):
-            policy_hz = 20  # for its own use; the env has it from the clock
+            policy_hz = 20  # for its own use; the env takes it from the clock
             clock = flockstep.ClockConfig(policy_hz=policy_hz)
             reward, action, observation = 3.0, None, "of its own"
 
@@ -635,7 +635,7 @@ class TestMistakes:
             env.step(actions)
 
 
-# Names that tasks may have for themselves.
+# Names that tasks may define for themselves.
 OWN_NAMES = """
 goal_radius target laps last_distance max_steps max_speed max_episode_time_s n_steps reward rewards action actions
 action_scale action_dim action_shape observation observation_shape obs_dim state_size states loads draws acts resets
@@ -647,7 +647,7 @@ num_waypoints kp gains hold_s
 
 
 class TestMisspeltNames:
-    """Names of a subclass that nearly are those of `Task`; and ones that are its own."""
+    """Names of a subclass that nearly match those of `Task`, and names that are its own."""
 
     @pytest.mark.parametrize(
         ("name", "meant"),
@@ -724,9 +724,9 @@ class TestMisspeltNames:
             "observe": lambda self, batch: batch.position,
         }
         task = type("Own", (flockstep.Task,), {**dict.fromkeys(OWN_NAMES.split(), 1), **methods, **needed})
-        task.squash, task.largest = np.tanh, staticmethod(max)  # whose parameters Python cannot count
+        task.squash, task.largest = np.tanh, staticmethod(max)  # Python cannot count the parameters of these
         flockstep.DroneVectorEnv(2, worlds=room, task=task).reset(seed=0)
-        # A name is no mistake either where the task has the other one, too, or once setup has begun.
+        # A name is also accepted if the task has the other name, or once setup has begun.
         both = {"world": room, "worlds": room, "setup": lambda self, batch: setattr(self, "lidars", 3)}
         flockstep.DroneVectorEnv(2, task=type("Both", (flockstep.Task,), {**needed, **both})).reset(seed=0)
 
@@ -743,7 +743,7 @@ class TestMisspeltNames:
 
 
 class Look(flockstep.Task):
-    """Several observations, several terms."""
+    """Several observations and several reward terms."""
 
     observation_space = spaces.Dict(
         {"image": spaces.Box(0, 255, (6, 8), np.uint8), "height": spaces.Box(0, 10, (1,), np.float32)}
@@ -772,7 +772,7 @@ class TestSeveralFields:
         assert envs.observation_space["image"].shape == (3, 6, 8)
         before = {name: part.copy() for name, part in observation.items()}
         after, reward, *_ = envs.step(np.tile(np.float32([0, 0, 1]), (3, 1)))
-        np.testing.assert_array_equal(observation["height"], before["height"])  # the other slot
+        np.testing.assert_array_equal(observation["height"], before["height"])  # the other buffer
         np.testing.assert_array_equal(observation["image"], before["image"])
         np.testing.assert_array_equal(after["height"], envs.batch.position[:, 2:])
         np.testing.assert_array_equal(after["image"], envs.batch.camera().grey)
@@ -920,7 +920,7 @@ class TestExamples:
 
 
 class TestPromises:
-    """What the class says of itself."""
+    """Promises of the class documentation."""
 
     def test_a_batch_with_a_task_is_let_go(self, room):
         task = Climb()
@@ -984,11 +984,11 @@ class TestPromises:
 
 
 class TestBadStates:
-    """What is not finite ends the episode of its env, and touches no other."""
+    """A non-finite value ends the episode of its env and affects no other env."""
 
     @staticmethod
     def fly(room, mode, **methods):
-        """Fly with something wrong in env 1 in its third step; return the env and what its steps returned."""
+        """Fly with a fault in the third step of env 1; return the env and the results of its steps."""
 
         class Wild(Climb):
             observation_space = spaces.Box(-10, 10, (4,), np.float32)
@@ -1061,7 +1061,7 @@ class TestBadStates:
 
 
 class Wanderer(flockstep.Task):
-    """Keeps all kinds of state, and lists none of it."""
+    """Keeps all kinds of state without listing any of it."""
 
     observation_space = spaces.Box(-np.inf, np.inf, (4,), np.float32)
     max_episode_steps = 7
@@ -1092,7 +1092,7 @@ class Wanderer(flockstep.Task):
 
 
 class TestStateThatIsNotListed:
-    # Its reward counts the calls, so runs differ with what came before.
+    # Its reward counts the calls, so a run depends on the previous ones.
     SKIP = tuple(set(CHECKS) - {"snapshot"})
 
     def test_is_kept(self, closet):

@@ -1,4 +1,4 @@
-"""THIRD_PARTY.md lists every library that a wheel contains."""
+"""THIRD_PARTY.md lists every library in a wheel."""
 
 import importlib.util
 import re
@@ -12,7 +12,7 @@ import pytest
 from flockstep import _core
 
 ROOT = Path(__file__).resolve().parents[2]
-SYSTEM = re.compile(r"lib(c|m|dl|z|gcc_s|stdc\+\+)\.so")  # of any Linux: no wheel holds them
+SYSTEM = re.compile(r"lib(c|m|dl|z|gcc_s|stdc\+\+)\.so")  # on every Linux: no wheel contains them
 
 
 @pytest.fixture(scope="module")
@@ -32,7 +32,7 @@ def test_what_is_compiled_in_is_listed(wheel):
 
 def test_what_the_module_loads_is_listed(wheel):
     if shutil.which("dpkg-query") is None:
-        return  # packages are named as Debian names them
+        return  # packages have Debian's names
     text = (ROOT / "THIRD_PARTY.md").read_text()
     loaded = subprocess.run(["ldd", _core.__file__], capture_output=True, text=True, check=True).stdout
     paths = [Path(path) for path in re.findall(r"=> (/\S+)", loaded)]

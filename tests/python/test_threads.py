@@ -1,4 +1,4 @@
-"""A batch has threads of its own, and is for one caller at a time."""
+"""A batch has its own threads and serves one caller at a time."""
 
 import os
 import threading
@@ -36,7 +36,7 @@ def test_two_threads_in_one_batch_get_an_error_and_no_harm():
             except RuntimeError as error:
                 refused.append(str(error))
             except ValueError:
-                pass  # of a drone that is there, or is not
+                pass  # with or without a drone of this index
 
     threads = [threading.Thread(target=use, args=(seed,)) for seed in range(4)]
     for thread in threads:

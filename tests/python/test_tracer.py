@@ -1,4 +1,4 @@
-"""`tracer` from Python: what it changes, and what it does not."""
+"""The Python argument `tracer`: its effects, and outputs that do not depend on it."""
 
 import gymnasium
 import numpy as np
@@ -18,7 +18,7 @@ def envs_in(worlds, tracer, num_envs=6, **arguments):
 
 
 def fly(envs, steps=6):
-    """Return all that is seen."""
+    """Return all observations and images."""
     seen = []
     envs.reset(seed=5)
     for step in range(steps):
@@ -39,7 +39,7 @@ def test_it_measures_what_embree_does(office):
         for near, far in ((a[0], b[0]), (a[2], b[2])):
             same = np.isclose(near, far, rtol=1e-4, atol=1e-4)
             assert np.mean(same) > 0.999
-        # Some faces of doors and their frames lie in one plane: which of them is seen there is anyone's choice.
+        # Some faces of doors and their frames are coplanar: either may be visible.
         assert np.mean(np.abs(a[1].astype(int) - b[1]) <= 1) > 0.99
     assert embree.batch.embree_rays > tiles.batch.embree_rays
 

@@ -1,4 +1,4 @@
-"""The programs in examples/trainers/ learn something, and see the env as it is."""
+"""The programs in examples/trainers/ learn something and use the env correctly."""
 
 import importlib
 from pathlib import Path
@@ -15,7 +15,7 @@ from run import TRAINED
 
 FOLDER = Path(__file__).resolve().parents[2] / "examples" / "trainers"
 
-pytestmark = [  # TorchRL warns of its own classes when it is imported
+pytestmark = [  # TorchRL warns about its own classes when imported
     pytest.mark.filterwarnings("ignore:Creating .*WeightUpdater which inherits:DeprecationWarning")
 ]
 
@@ -64,7 +64,7 @@ def test_the_features_are_those_of_the_sb3_adapter():
 
 
 def test_advantages_are_those_of_each_episode_by_itself():
-    """By their definition: sums of temporal differences up to the end of the episode."""
+    """Compare with the definition: sums of temporal differences up to the end of the episode."""
     cleanrl = importlib.import_module("cleanrl_ppo")
     steps, envs = 40, 3
     rng = torch.Generator().manual_seed(0)
@@ -85,7 +85,7 @@ def test_advantages_are_those_of_each_episode_by_itself():
 
 
 def test_torchrl_sees_whole_episodes():
-    """Of envs that are truncated at different steps: what each step returned, and where the next one begins."""
+    """Envs truncated at different steps: the results of each step, and the start of the next one."""
     torchrl = importlib.import_module("torchrl_ppo")
     drones = torchrl.GymWrapper(short(torchrl.AUTORESET), categorical_action_encoding=True)
     data = drones.rollout(60, break_when_any_done=False, auto_reset=False, tensordict=drones.reset(seed=0))
@@ -136,6 +136,6 @@ def test_skrl_bootstraps_from_the_last_observation(monkeypatch):
 
 
 def short(autoreset_mode):
-    """Return envs whose episodes end often, and not all at once."""
+    """Return envs whose episodes end often, but not all at once."""
     arguments = SETTINGS | {"max_episode_steps": 12, "stagger_first_episode": True}
     return gymnasium.make_vec(ID, 4, autoreset_mode=autoreset_mode, **arguments)

@@ -1,4 +1,4 @@
-"""The vector env under Gymnasium's rules: the checker, Gymnasium's wrappers, and what only this env promises."""
+"""The vector env under Gymnasium's rules: the checker, Gymnasium's wrappers, and this env's own promises."""
 
 import warnings
 
@@ -24,7 +24,7 @@ def make(closet, num_envs=4, **kwargs):
 
 
 def fly(envs, steps, seed=0):
-    """Step with random actions, resetting finished envs where they do not reset themselves."""
+    """Step with random actions; reset finished envs if autoreset is disabled."""
     rng = np.random.default_rng(seed)
     for _ in range(steps):
         if isinstance(envs.single_action_space, gymnasium.spaces.Discrete):
@@ -61,7 +61,7 @@ class TestChecker:
         )
 
     def test_shipped_playgrounds(self):
-        # the envs of a batch are in different worlds, so env i is not env 0 with another seed
+        # The envs of a batch are in different worlds, so env i is not env 0 with another seed.
         check_vector_env(lambda n: gymnasium.make_vec(ID, n, max_episode_steps=30), skip={"seed_offset"})
 
 
@@ -167,7 +167,7 @@ class TestWrappers:
         written = []
         try:
             import moviepy  # noqa: F401
-        except ImportError:  # what RecordVideo collects is tested all the same
+        except ImportError:  # the frames that RecordVideo collects are tested anyway
             import sys
             from types import ModuleType
 
@@ -486,13 +486,13 @@ class TestMaking:
 
 
 class TestLimits:
-    """`gymnasium.make`, `make_vec` and ``max_episode_steps`` mean one limit: the engine's."""
+    """`gymnasium.make`, `make_vec` and ``max_episode_steps`` set the same limit: the engine's."""
 
     IDS = ("LidarNavigation", "CameraNavigation", "CameraPixels", "Hover", "Track")
 
     @staticmethod
     def length(env, action):
-        """Fly one episode; return its steps, whether it was truncated, and its info."""
+        """Fly one episode; return its steps, the truncated flag and its info."""
         env.reset(seed=0)
         for step in range(1, 1000):
             _, _, terminated, truncated, info = env.step(action)
@@ -517,7 +517,7 @@ class TestLimits:
             assert envs._arguments["max_episode_steps"] == limit_or_none
         assert flockstep.DroneVectorEnv(1)._arguments["max_episode_steps"] is None
 
-    @pytest.mark.parametrize("limit", [3, 310])  # the task's own is 300
+    @pytest.mark.parametrize("limit", [3, 310])  # the task's own limit is 300
     def test_an_end_at_the_limit_is_the_engines(self, limit):
         still = {"start_offset_m": 0, "start_tilt_deg": 0, "start_speed_mps": 0, "hold_s": 0.02}
         env = gymnasium.make("flockstep/Hover-v0", max_episode_steps=limit, **still)

@@ -1,4 +1,4 @@
-"""What is visible and not solid, or solid and not visible: sensors see the one, drones meet the other."""
+"""Objects that are only visible or only solid: sensors detect the former, drones hit the latter."""
 
 import numpy as np
 import pytest
@@ -10,7 +10,7 @@ X, SIZE = 3.0, (0.5, 4.0, 4.0)
 
 
 def wall(builder, form, **flags):
-    """A wall at X across the x axis, of a primitive or of triangles."""
+    """Add a wall at X across the x axis, made of a primitive or of triangles."""
     material = builder.material("wall", [0.8, 0.2, 0.1])
     if form == "box":
         builder.box([X + 0.25, 0, 0], SIZE, material, **flags)
@@ -20,7 +20,7 @@ def wall(builder, form, **flags):
 
 
 def hall(form, **flags):
-    """A room of 12 m with a wall in the middle of one side of it."""
+    """A room of 12 m with a wall in the middle of one side."""
     builder = flockstep.WorldBuilder("hall")
     builder.room([-6, -6, -6], [6, 6, 6], builder.material("room"))
     wall(builder, form, **flags)
@@ -50,7 +50,7 @@ def test_sensors_see_what_is_visible(form, flags, seen):
         camera_frames = batch.camera()
         pictures.append((camera_frames.depth[0].copy(), camera_frames.instance[0].copy()))
         assert pictures[-1][0][12, 16] == pytest.approx(expected, abs=1e-3)
-        assert pictures[-1][1][12, 16] == (2 if seen else 1)  # numbers stay those of the world
+        assert pictures[-1][1][12, 16] == (2 if seen else 1)  # numbers are those of the world
     np.testing.assert_allclose(pictures[0][0], pictures[1][0], rtol=1e-3)
     cloud = world.point_cloud(0.25)
     assert (cloud["objects"] == 1).any() == seen

@@ -1,4 +1,4 @@
-"""Worlds: rays against two oracles, meshes, generated playgrounds, shortest paths."""
+"""Worlds: rays against two references, meshes, generated playgrounds, shortest paths."""
 
 import json
 import os
@@ -27,7 +27,7 @@ def shapes():
 
 
 def interval(primitive, origin, direction):
-    """Where the lines are inside a convex primitive: (enter, exit) in float64, from its equations."""
+    """Intervals of lines inside a convex primitive: (enter, exit) in float64, from its equations."""
     w, *axis = np.asarray(primitive["quat_wxyz"], float)
     x, y, z = axis
     to_world = np.array(
@@ -63,7 +63,7 @@ def interval(primitive, origin, direction):
 
 
 def analytic(world, origin, direction):
-    """Nearest hits (R,) and how clearly they are hits or misses (R,) m."""
+    """Nearest hits (R,), and margins (R,) m by which they are hits or misses."""
     nearest, margin = np.full(len(origin), np.inf), np.full(len(origin), np.inf)
     for primitive in world.primitives:
         enter, leave = interval(primitive, origin, direction)
@@ -76,7 +76,7 @@ def analytic(world, origin, direction):
 
 
 def brute_force(vertices, triangles, origin, direction):
-    """Nearest hits (R,) of rays with triangles, by Moeller and Trumbore, in float64."""
+    """Nearest hits (R,) of rays with triangles by the Moeller-Trumbore algorithm, in float64."""
     a, b, c = np.moveaxis(vertices.astype(float)[triangles], 1, 0)
     p = np.cross(direction[:, None], (c - a)[None])
     determinant = ((b - a)[None] * p).sum(axis=-1)
@@ -125,7 +125,7 @@ class TestRaycast:
         hits = shapes.raycast(origin, direction, 100.0)
         d = direction.astype(float)
         expected, margin = analytic(shapes, origin.astype(float), d / np.linalg.norm(d, axis=1, keepdims=True))
-        clear = margin > 1e-2  # a ray that grazes an edge may go either way
+        clear = margin > 1e-2  # a ray that grazes an edge may hit or miss
         assert clear.mean() > 0.95
         np.testing.assert_allclose(hits["t_hit"][clear], expected[clear], atol=2e-5)
 
@@ -292,7 +292,7 @@ def test_plan_says_so_when_there_is_no_path():
 
 
 class TestMeshFiles:
-    """A scene names files of its own folder, so that a stranger's reads no other."""
+    """A scene may only name files in its own folder, so that a downloaded scene cannot read other files."""
 
     MESH = "v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n"
 

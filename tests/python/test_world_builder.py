@@ -107,13 +107,13 @@ def test_cameras_see_through_masks_and_files_keep_them(suffix, tmp_path):
     assert [m["alpha_cutoff"] for m in world.materials] == [0.75, 0]
     camera = flockstep.CameraConfig(width_px=8, height_px=6, outputs=("rgb", "depth", "semantic"))
     images = flockstep.render(world, [0, 0, 0], camera=camera)
-    # The alpha is 127 up to a quarter of the fence, 255 from three quarters on, 0.75 just to the right of its middle.
+    # The alpha is 127 up to a quarter of the fence, 255 from three quarters on, and 0.75 just right of its middle.
     np.testing.assert_allclose(images["depth"], np.tile(np.repeat([3.5, 2], 4), (6, 1)), atol=1e-4)
     assert (images["semantic"] == np.repeat([2, 1], 4)).all()
     assert (images["rgb"][:, :4, 2] > images["rgb"][:, :4, 0]).all()
     assert (images["rgb"][:, 4:, 0] > images["rgb"][:, 4:, 2]).all()
     hits = world.raycast(np.zeros((2, 3)), [[1, 0.5, 0.1], [1, -0.5, 0.1]], 10)
-    assert (hits["primitive"] == [2, 1]).all()  # a LiDAR meets the whole
+    assert (hits["primitive"] == [2, 1]).all()  # a LiDAR hits the whole object
 
 
 def test_what_is_built_is_left_alone_by_what_follows():

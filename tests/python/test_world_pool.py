@@ -1,4 +1,4 @@
-"""Pools of worlds: which one episodes draw, the same bits however long they take, and what is left when they fail."""
+"""World pools: the drawn worlds, the same bits for any build time, and the state after failures."""
 
 import concurrent.futures.thread
 import contextlib
@@ -27,7 +27,7 @@ LIDAR = flockstep.LidarConfig()
 
 
 def hall(number):
-    """A small room whose pillar stands elsewhere in each."""
+    """A small room whose pillar's position depends on the number."""
     x, y = np.random.default_rng(number).uniform([2.2, 0.8], [4.8, 4.2])
     scene = {
         "flockstep_scene": 1,
@@ -49,7 +49,7 @@ def hall_at_leisure(number):
 
 
 def philox(counter, key):
-    """Philox 4x32-10, as the paper has it (Salmon et al., SC11)."""
+    """Philox 4x32-10 from the paper (Salmon et al., SC11)."""
     c, k = list(counter), list(key)
     for _ in range(10):
         a, b = 0xD2511F53 * c[0], 0xCD9E8D57 * c[2]
@@ -59,14 +59,14 @@ def philox(counter, key):
 
 
 def number_of(seed, episode, size, fresh):
-    """The number that an env of this seed draws in this episode."""
+    """The world number that an env with this seed draws in this episode."""
     world_stream = 0x80000003
     word = philox([0, world_stream, episode & 0xFFFFFFFF, episode >> 32], [seed & 0xFFFFFFFF, seed >> 32])[0]
     return int(np.floor(episode * fresh)) + int((word >> 8) / 2**24 * size)
 
 
 def make(num_drones=8, pool=None, *, mode="same_step", steps=5, **arguments):
-    """A batch of short episodes."""
+    """A batch with short episodes."""
     arguments = {"lidar": LIDAR, "task": flockstep.NavigationConfig(), "num_threads": 1, **arguments}
     episode = flockstep.EpisodeConfig(autoreset_mode=mode, max_episode_steps=steps)
     return flockstep.Batch(pool or WorldPool(hall, 16), num_drones, episode=episode, **arguments)
@@ -91,7 +91,7 @@ class Cross(flockstep.Task):
         return np.column_stack([batch.terms.goal_direction(), batch.terms.goal_distance()]).astype(np.float32)
 
 
-# ---------------------------------------------------------------------------------------------------- which world it is
+# --------------------------------------------------------------------------------------------------------- drawn worlds
 
 
 @pytest.mark.parametrize(("size", "fresh"), [(1, 0.0), (64, 0.0), (10, 1.5), (1000, 0.3), (3, 7)])
@@ -202,7 +202,7 @@ def test_autoreset_modes_agree_but_for_the_reset_rows(own_task):
 
 
 def flight(num_drones, worlds, *, steps=40, **arguments):
-    """Positions, accelerations and observations of drones that fly by rotors near the ground."""
+    """Positions, accelerations and observations of rotor-driven drones near the ground."""
     dynamics = flockstep.DynamicsConfig(motion="rotors", control="rotor_thrusts", ground_effect=True)
     batch = make(
         num_drones,
@@ -223,7 +223,7 @@ def flight(num_drones, worlds, *, steps=40, **arguments):
 
 
 def pad(number):
-    """A hall with a floor that is higher in each, and the drone just above it."""
+    """A hall whose floor height depends on the number, with the drone just above the floor."""
     z = 0.1 * (number % 7)
     scene = {"flockstep_scene": 1, "name": f"pad-{number}", "room": {"min": [-4, -4, z], "max": [4, 4, 5]}}
     return World.from_dict({**scene, "markers": {"goal": [0.1 * number, 0, z + 0.35]}})
@@ -241,13 +241,13 @@ def test_drones_that_fly_by_rotors_keep_their_bits(pool):
         assert np.linalg.norm(many[0][-1] - goal, axis=1).max() < 2
     for num_drones, arguments in ((3, {}), (64, {"num_threads": 2, "block_size": 5})):
         if not pool and num_drones == 3:
-            continue  # env i is in world i modulo W, of whatever N
+            continue  # env i uses world i modulo W, for any N
         for a, b in zip(many, flight(num_drones, worlds(), **arguments), strict=True):
             np.testing.assert_array_equal(a[:, :num_drones], b)
 
 
 def test_a_random_world_is_the_same_whoever_begins_beside_it():
-    """Drones that begin together in different worlds feel the ground of their own."""
+    """Drones that begin together in different worlds get the ground effect of their own world."""
 
     def first(block_size):
         episode = flockstep.EpisodeConfig(autoreset_mode="same_step", max_episode_steps=4, random_world=True)
@@ -309,7 +309,7 @@ def test_views_show_the_world_that_a_drone_is_in(view):
         np.testing.assert_array_equal(frame, alone.render()[0])
 
 
-# ----------------------------------------------------------------------------------------------------------- going back
+# ------------------------------------------------------------------------------------------------------------ snapshots
 
 
 def test_restored_equals_uninterrupted():
@@ -364,7 +364,7 @@ def test_copies_and_pickles_go_on_as_the_env_does():
     assert made.batch.world_index.tolist() == [number_of(3 + i, 0, 8, 1.0) for i in range(4)]
 
 
-# ------------------------------------------------------------------------------------------------------ what goes wrong
+# ------------------------------------------------------------------------------------------------------------- failures
 
 
 class TestFailures:
@@ -381,7 +381,7 @@ class TestFailures:
 
         bad = {number_of(1, 4, 2, 1.0)}
         batch = self.batch(bad, how, steps=1)
-        batch.reset([1] * 8)  # whose episodes are all in the same worlds
+        batch.reset([1] * 8)  # all episodes are in the same worlds
         last = next(n for n in range(9) if number_of(1, n, 2, 1.0) in bad) - 1
         with pytest.raises(RuntimeError, match=r"making world [45] raised KeyError: 'lost'") as error:
             fly(batch, 9)
@@ -390,7 +390,7 @@ class TestFailures:
         with pytest.raises(RuntimeError, match="cut the last step"):
             batch.step([4] * 8)
         batch.reset([1] * 8)
-        bad.clear()  # what has failed is tried again
+        bad.clear()  # failed builds are tried again
         for _ in range(9):
             batch.step([4] * 8)
         assert batch.episode.min() == 9
@@ -542,7 +542,7 @@ def test_threads_go_with_the_batch():
 
 
 def test_a_batch_may_be_collected_whatever_a_thread_holds():
-    # The garbage collector runs wherever something is made, so also inside of an executor, which then holds its locks.
+    # The garbage collector runs at any allocation, including inside an executor that holds its locks.
     batch = make(pool=WorldPool(hall, 64))
     batch.reset(np.arange(8))
     gone = threading.Event()
@@ -578,7 +578,7 @@ def test_a_batch_does_not_survive_fork():
         except RuntimeError as error:
             sender.send(str(error))
         batch = None
-        make().reset(np.arange(8))  # one of its own works
+        make().reset(np.arange(8))  # a new batch of the child works
         sender.send("done")
 
     receiver, sender = multiprocessing.get_context("fork").Pipe(duplex=False)
@@ -649,4 +649,4 @@ batch.reset(np.arange(64))
 """
     begun = time.monotonic()
     subprocess.run([sys.executable, "-c", program], check=True, timeout=60, cwd=__file__.rpartition("/")[0])
-    assert time.monotonic() - begun < 40  # and not the 64 seconds that these 64 worlds take
+    assert time.monotonic() - begun < 40  # less than the 64 seconds for these 64 worlds

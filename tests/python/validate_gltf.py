@@ -1,6 +1,6 @@
-"""Have the Khronos validator look at worlds saved as glTF: `./dev validate-gltf`, which installs it by npm.
+"""Validate worlds saved as glTF with the Khronos validator: `./dev validate-gltf`, which installs it by npm.
 
-Every bundled scene, and as many random worlds as are asked for. Exits 1 on any error or warning.
+It checks every bundled scene and the requested number of random worlds. Exits with 1 on any error or warning.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""`./dev bench --against`: its rows, its arguments, and which ratios fail."""
+"""`./dev bench --against`: its rows, its arguments, and the exit status for different ratios."""
 
 import json
 import re
@@ -16,7 +16,7 @@ FILE = Path(compare.__file__)
 
 @pytest.fixture
 def run(monkeypatch, tmp_path):
-    """A function that runs the program with fake ratios: `rows` holds those of each row, one per repeat."""
+    """A function that runs the program with fake ratios: `rows` holds the ratios of each row, one per repeat."""
 
     def main(rows, *arguments, cannot_run=(), build_s=None):
         repeats = iter(range(10))
@@ -35,7 +35,7 @@ def run(monkeypatch, tmp_path):
 
 
 def checkout(folder):
-    """Make a folder that passes for a checkout."""
+    """Make a folder that looks like a checkout."""
     (folder / "pyproject.toml").write_text('name = "flockstep"\n')
     python = folder / ".venv" / "bin" / "python"
     python.parent.mkdir(parents=True, exist_ok=True)
@@ -90,7 +90,7 @@ def test_a_folder_without_an_installed_package_is_refused(tmp_path):
     ("rows", "status"),
     [
         ({"step/a": [1.0, 1.0, 1.0], "step/b": [0.97, 0.97, 0.97]}, 0),
-        ({"step/a": [0.98, 0.979, 0.9]}, 1),  # the mean is that of medians
+        ({"step/a": [0.98, 0.979, 0.9]}, 1),  # the mean is over medians
         ({"step/a": [0.9801, 0.981, 0.9]}, 0),
         ({"step/a": [1.2, 1.2, 1.2], "step/b": [0.92, 0.929, 0.8]}, 1),  # below in every repeat
         ({"step/a": [1.2, 1.2, 1.2], "step/b": [0.92, 0.931, 0.8]}, 0),
@@ -127,7 +127,7 @@ def test_the_build_is_not_part_of_the_mean(run, capsys):
 
 
 def test_a_worker_times_rows_and_says_what_it_cannot_run():
-    """The process that runs in either checkout."""
+    """Test the process that runs in either checkout."""
     requests = [{"prepare": "step/n1"}, {"count": 20}, {"prepare": "step/none"}, {"count": 1}]
     done = subprocess.run(
         [sys.executable, FILE, "--worker", "flockstep"],
@@ -142,7 +142,7 @@ def test_a_worker_times_rows_and_says_what_it_cannot_run():
 
 
 class Answering(compare.Checkout):
-    """A checkout without a process, with the answers that it would give."""
+    """A checkout without a process, with prepared answers."""
 
     def __init__(self, root, answers):
         self.root, self.answers = root, answers
@@ -173,7 +173,8 @@ def test_each_row_of_a_process_that_has_ended_is_reported(tmp_path):
                 compare.row_ratio(this, this, row)
 
 
-#: In place of a checkout's Python: notes its arguments, works in a child for some seconds, and exits with a status.
+#: A replacement for a checkout's Python: records its arguments, works in a child for some seconds, and exits with a
+#: status.
 PYTHON = """#!/bin/sh
 echo "$*" >>arguments
 echo "$CMAKE_BUILD_PARALLEL_LEVEL at a time"

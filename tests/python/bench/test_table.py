@@ -1,4 +1,4 @@
-"""The tables of figures: each from one commit and one processor, which it names."""
+"""The tables of figures: each comes from one commit and one processor, and names both."""
 
 import pytest
 
@@ -25,7 +25,7 @@ def test_a_table_names_its_source_and_says_its_notes_once():
         "**lidar**: Fast One, 2 logical processors, AVX3, Embree 3, Python 3.11; commit 0123456789ab"
     )
     assert "| `train/a/seed0` | 0.98 | 31.25 s |" in first
-    assert "| `train/a/random_policy` | 0 |  |" in first  # beside what it is to be compared with
+    assert "| `train/a/random_policy` | 0 |  |" in first  # beside the figures to compare with
     assert first.count("`success_rate`: Of easy worlds only.") == 1
     assert "Not measured" not in written
 
@@ -73,7 +73,7 @@ def test_the_table_of_trainers_has_the_medians_of_its_seeds():
 
 
 def of_flight(name, *figures):
-    """Results of a benchmark that has the figures (name, value, unit, more)."""
+    """Results of a benchmark with the figures (name, value, unit, more)."""
     return {
         name: result(
             figures=[
@@ -98,7 +98,7 @@ def test_the_tables_of_flight():
     assert "| x500 on a tour by its controller: midpoint from rk4 | 12 mm |" in table.other_accuracy(results)
     assert "| x500 | 1.1 s | 0 % |" in table.settling(results)
     assert "| x500 | 0.68 m |" in table.ten_steps(results)
-    assert table.table(results).startswith("Not measured yet: ")  # they are nowhere else
+    assert table.table(results).startswith("Not measured yet: ")  # they are in no table
     results = of_flight(
         "dynamics", ("cost/body_drag/ns_per_substep", 1.5, "ns", {}), ("contact/open/ns_per_substep", 1234.0, "ns", {})
     )
@@ -154,4 +154,4 @@ def test_the_tables_of_ray_casters_have_a_column_for_each_world_and_sensor():
     assert batch[2:] == ["| slow 1.2: cast | 15 |"] and raycast[2:] == ["| slow 1.2: cast | 1.2 |"]
     assert differing[2:] == ["| slow 1.2: cast | 0.27 |", "| flockstep 0.1: Batch | 0 |"]
     assert table.mesh_peers({}) == "Not measured yet.\n"
-    assert table.table(of_flight("mesh_peers")).startswith("Not measured yet: ")  # it is nowhere else
+    assert table.table(of_flight("mesh_peers")).startswith("Not measured yet: ")  # it is in no table

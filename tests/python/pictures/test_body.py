@@ -1,4 +1,4 @@
-"""What a drone looks like in pictures."""
+"""Drones in pictures."""
 
 import numpy as np
 import pytest
@@ -11,7 +11,7 @@ BOX = [[x, y, z] for x in (-0.3, 0.3) for y in (-0.2, 0.2) for z in (-0.1, 0.1)]
 
 
 def pictured(drone, mesh=None, **how):
-    """The picture of a drone from above, and where it is."""
+    """The picture of a drone from above, and its pixels."""
     room = flockstep.World.from_dict(
         {"flockstep_scene": 1, "name": "room", "room": {"min": [-5, -5, -5], "max": [5, 5, 5]}}
     )
@@ -23,7 +23,7 @@ def pictured(drone, mesh=None, **how):
 
 
 def assert_solid(parts):
-    """Each part is a body: its normals are unit, and each of its faces touches its corners, which are within."""
+    """Assert that each part is a body: its normals are unit, its corners are inside, and every face touches some."""
     for part in parts:
         np.testing.assert_allclose(np.linalg.norm(part.normals, axis=1), 1)
         beyond = part.normals @ part.corners.T - part.offsets[:, None]
@@ -45,7 +45,7 @@ def test_a_drone_is_drawn_as_large_as_it_is(name):
 @pytest.mark.parametrize("radius_m", [0, 0.1])
 @pytest.mark.parametrize("rear", [[[-0.2, 0, 0.05], [-0.2, 0, -0.05]], [[-0.2, 0, 0.3], [0, 0, 0.3]]])
 def test_rotors_may_be_anywhere(rear, radius_m):
-    """Two above each other, and one in the middle, high up; of unknown radius they are drawn all the same."""
+    """Two rotors above each other, and one high in the middle; rotors without a radius are also drawn."""
     rotors = {"position_m": [[0.2, -0.2, 0], [0.2, 0.2, 0], *rear], "spin": ["ccw", "cw"] * 2, "radius_m": radius_m}
     x500 = flockstep.DroneModel.load("x500").to_dict()
     parts = Body(flockstep.DroneModel.from_dict({**x500, "rotors": {**x500["rotors"], **rotors}}))._parts
@@ -82,7 +82,7 @@ def test_without_rotors_a_drone_is_its_hull_with_edges():
 
 
 def test_a_mesh_is_drawn_in_its_colours_instead():
-    """A pyramid seen from above: its four sides in their colours, paler as one of the others, and nothing beside it."""
+    """A pyramid seen from above: its four sides in their colours, paler as another drone, and nothing else."""
     corners = [[0.4, 0.3, 0], [-0.4, 0.3, 0], [-0.4, -0.3, 0], [0.4, -0.3, 0], [0, 0, 0.2]]
     sides = [[0, 1, 4], [1, 2, 4], [2, 3, 4], [3, 0, 4]]
     colors = np.array([[0.8, 0, 0], [0, 0.8, 0], [0, 0, 0.8], [0.7, 0.7, 0]])

@@ -1,4 +1,4 @@
-"""Lines, dots and solids hidden by what is nearer, in a frame small enough to count pixels."""
+"""Lines, dots and solids with a depth test, in a frame small enough to count pixels."""
 
 import numpy as np
 import pytest
@@ -11,7 +11,7 @@ INK = (250, 10, 10)
 # fx = fy = 20 px: a point 2 m ahead moves 10 pixels per metre.
 CAMERA = flockstep.CameraConfig(width_px=40, height_px=30, hfov_deg=90, near_m=0.1)
 LEVEL = np.array([1.0, 0, 0, 0])
-# Every face shows its own colour, brighter by half where it faces up.
+# Every face has its own colour, brighter by half if it faces up.
 LIGHT = {
     "sun_direction": [0, 0, 1],
     "sun_color": [0.5] * 3,
@@ -28,7 +28,7 @@ def canvas(wall_m=np.inf, position=(0, 0, 0), quat_wxyz=LEVEL):
 
 
 def inked(drawn):
-    """(row, column) of the pixels that have the ink's colour."""
+    """(row, column) of the pixels in the ink's colour."""
     return {tuple(at) for at in np.argwhere((drawn.rgb == INK).all(axis=-1)).tolist()}
 
 
@@ -99,7 +99,7 @@ def test_a_wall_hides_what_is_behind():
     ends = np.array([[1.9, 0, 0.3], [2.0, 0, 0.0], [2.1, 0, -0.3]])
     starts = ends + np.array([0, 0.5, 0])
     drawn.lines(starts, ends, INK)
-    assert {row for row, _ in inked(drawn)} == {11, 15}  # before the wall, and on it
+    assert {row for row, _ in inked(drawn)} == {11, 15}  # in front of the wall, and on it
     before = inked(drawn)
     drawn.dots(np.array([[3.0, 0, 0.5], [1.0, 0, 0.5]]), INK)
     assert inked(drawn) - before == {(5, 20)}
@@ -114,7 +114,7 @@ def test_width_and_opacity():
     drawn.rgb[:] = 100
     drawn.lines(np.array([[2, 1.05, 0.05]]), np.array([[2, 0.05, 0.05]]), (200, 0, 100), opacity=0.5)
     np.testing.assert_array_equal(drawn.rgb[14, 12], [150, 50, 100])
-    assert drawn.depth[14, 12] == 5  # glass
+    assert drawn.depth[14, 12] == 5  # glass leaves the depth
     wide = canvas()
     wide.lines(np.array([[2, 1.05, 0.05]]), np.array([[2, -0.95, 0.05]]), INK, width_px=2)
     assert inked(wide) == {(row, column) for row in (13, 14) for column in range(8, 30)}
@@ -153,7 +153,7 @@ def test_a_solid_is_hidden_by_and_hides():
 
 
 def test_a_solid_agrees_with_the_engines_box():
-    """The same box as a world has it: the same pixels, at the same depth."""
+    """The same box in a world: the same pixels at the same depth."""
     half = np.array([0.6, 0.4, 0.25])
     turn = np.array([0.9, 0.1, 0.3, 0.3])
     turn /= np.linalg.norm(turn)
@@ -186,7 +186,7 @@ def test_a_solid_around_or_behind_the_viewer_is_not_seen():
 
 
 def test_a_spheres_pixels_depth_and_shade():
-    """Against the equation of the sphere, pixel by pixel, and the light's formula."""
+    """Compare with the equation of the sphere, pixel by pixel, and with the formula of the light."""
     drawn = canvas()
     center, radius = np.array([3.0, 0.4, -0.3]), 0.8
     drawn.sphere(center, radius, (100, 60, 20))
@@ -210,7 +210,7 @@ def test_a_spheres_pixels_depth_and_shade():
 
 
 def test_a_sphere_agrees_with_the_engines_sphere():
-    """A sphere of a world's markers: the same pixels, depths and colours."""
+    """A sphere among a world's markers: the same pixels, depths and colours."""
     solid = {"center": [60, 0, 0], "size": [1, 1, 1]}
     scene = {"flockstep_scene": 1, "name": "goal", "boxes": [solid], "markers": {"goal": [2, 0.3, -0.2], "radius": 0.4}}
     camera = flockstep.CameraConfig(width_px=160, height_px=120, outputs=("rgb", "depth", "semantic"))
@@ -226,7 +226,7 @@ def test_a_sphere_agrees_with_the_engines_sphere():
     assert both.sum() > 500
     np.testing.assert_allclose(depth[both], expected["depth"][both], rtol=1e-4)
     shades = rgb[both].astype(float).mean(axis=1) / expected["rgb"][both].astype(float).mean(axis=1)
-    assert np.ptp(shades) < 0.05  # of one base colour, lit alike
+    assert np.ptp(shades) < 0.05  # one base colour, equally lit
 
 
 def test_a_sphere_is_hidden_hides_and_is_not_seen_from_inside():
@@ -251,7 +251,7 @@ def test_a_turned_viewer():
 
 
 def brute_force(drawn, corners):
-    """(H, W) depth and which triangle, by the equation of each pixel's ray with each triangle in double precision."""
+    """(H, W) depth and triangle index, by intersecting each pixel's ray with each triangle in double precision."""
     depth, which = np.full(drawn.depth.shape, np.inf), np.full(drawn.depth.shape, -1)
     for row in range(30):
         for column in range(40):
@@ -268,7 +268,7 @@ def brute_force(drawn, corners):
 
 @pytest.mark.parametrize("nearest", [0.5, -1.0])
 def test_triangles_pixels_and_depth(nearest):
-    """Random ones that pierce each other, in the second case the near plane and the viewer too."""
+    """Random triangles that intersect each other and, in the second case, also the near plane and the viewer."""
     rng = np.random.default_rng(4)
     corners = rng.uniform([nearest, -1.5, -1.5], [4, 1.5, 1.5], (25, 3, 3))
     colors = rng.integers(1, 255, (25, 3)).astype(np.uint8)
@@ -284,7 +284,7 @@ def test_triangles_pixels_and_depth(nearest):
 
 
 def test_triangles_that_share_their_sides_leave_no_gap():
-    """A fan of slivers around a point fills the frame: every pixel, and each is drawn once, whatever the turn."""
+    """A fan of slivers around a point fills the frame at any rotation: every pixel is drawn exactly once."""
     angle = np.linspace(0, 2 * np.pi, 200)
     rim = np.stack([np.full(200, 2.0), 4 * np.cos(angle), 4 * np.sin(angle)], axis=1)
     fan = np.stack([np.broadcast_to([2.0, 0.013, 0.021], (199, 3)), rim[:-1], rim[1:]], axis=1)
@@ -303,7 +303,7 @@ def test_triangles_hide_and_are_hidden():
     drawn = canvas(wall_m=2.1)
     drawn.triangles(square, ink)
     assert inked(drawn) == {(row, column) for row in range(5, 25) for column in range(10, 30)}
-    drawn.lines(np.array([[3.0, 2, 0]]), np.array([[3.0, -2, 0]]), (0, 0, 200))  # behind the wall, too
+    drawn.lines(np.array([[3.0, 2, 0]]), np.array([[3.0, -2, 0]]), (0, 0, 200))  # also behind the wall
     assert len(inked(drawn)) == 400
     box(drawn, (1.5, 0, 0), (0.2, 0.1, 0.1))
     assert drawn.depth[15, 20] == pytest.approx(1.3)
@@ -317,7 +317,7 @@ def test_triangles_hide_and_are_hidden():
 
 
 def test_triangles_agree_with_the_engines_mesh():
-    """The same mesh as a world has it: the same pixels, at the same depth."""
+    """The same mesh in a world: the same pixels at the same depth."""
     rng = np.random.default_rng(0)
     corners = rng.uniform([1, -1, -1], [4, 1, 1], (40, 3, 3)).astype(np.float32)
     mesh = {"vertices": corners.reshape(-1, 3).tolist(), "triangles": np.arange(120).reshape(-1, 3).tolist()}
@@ -330,4 +330,4 @@ def test_triangles_agree_with_the_engines_mesh():
     both = np.isfinite(depth) & np.isfinite(expected)
     assert (np.isfinite(depth) != np.isfinite(expected)).sum() <= 10
     assert both.sum() > 4000
-    assert (np.abs(depth[both] - expected[both]) > 1e-4 * expected[both]).sum() <= 10  # at sides, where one just misses
+    assert (np.abs(depth[both] - expected[both]) > 1e-4 * expected[both]).sum() <= 10  # at edges that one just misses

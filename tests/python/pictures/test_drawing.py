@@ -1,4 +1,4 @@
-"""What `Task.draw` adds to pictures, and which markers they show."""
+"""The additions of `Task.draw` to pictures, and the markers in them."""
 
 import sys
 
@@ -13,7 +13,7 @@ from flockstep.pictures.third_person_view import ThirdPersonView
 from flockstep.pictures.top_view import TopView
 
 INK = (250, 10, 200)  # nothing else has this colour
-LENGTH = 0.93  # of the default drone
+LENGTH = 0.93  # of the default drone, m
 
 
 class Drawn(flockstep.Task):
@@ -43,24 +43,24 @@ def frames(world, task, view, num_envs=1, **keywords):
 
 
 def inked(image):
-    """(row, column), each (K,), of the pixels of the ink."""
+    """(row, column), each (K,), of the pixels in the ink's colour."""
     return np.nonzero((image == INK).all(axis=-1))
 
 
 def test_a_point_is_where_it_projects_to_behind_the_drone(room):
-    """By the stage's own pose, and the pinhole's formula."""
+    """Compare with the stage's own pose and the pinhole formula."""
     images = frames(room, Drawn, "third_person", 2)
     canvas, _ = Stage(room, LENGTH, (640, 480)).set(np.array([2.0, 6, 2]), np.array([1.0, 0, 0, 0]))
     for image, place in zip(images, Drawn.places, strict=True):
         rows, columns = inked(image)
         ((x, y, _),) = canvas.project(np.array([place]))
-        assert len(rows) >= 49  # 8 by 8, of which the borders may be mixed
+        assert len(rows) >= 49  # 8 by 8 pixels, whose borders may be mixed
         assert columns.mean() + 0.5 == pytest.approx(x, abs=0.8)
         assert rows.mean() + 0.5 == pytest.approx(y, abs=0.8)
 
 
 def test_a_point_is_where_it_projects_to_from_a_fixed_place(room):
-    """From (2, 1, 2) towards +y over 75 degrees: half the width is 320 pixels, tan(37.5 degrees) at a metre."""
+    """From (2, 1, 2) towards +y over 75 degrees: half the width is 320 pixels, or tan(37.5 degrees) at 1 m."""
     images = frames(room, Drawn, ((2, 1, 2), (2, 5, 2)), 2)
     focal = 320 / np.tan(np.radians(37.5))
     for image, (x, y, z) in zip(images, Drawn.places, strict=True):
@@ -85,7 +85,7 @@ def test_every_view_but_the_drones_own_camera_calls_it(room):
 
 
 def test_what_is_nearer_hides_it(room):
-    """The pillar at (4, 4.5) stands between a fixed place and a sphere; a line ends where it goes in."""
+    """The pillar at (4, 4.5) stands between a fixed place and a sphere; a line ends at the surface of the pillar."""
 
     class Hidden(Drawn):
         markers = ()
@@ -98,7 +98,7 @@ def test_what_is_nearer_hides_it(room):
 
     (image,) = frames(room, Hidden, ((4, 1, 2), (4, 5, 2)))
     focal = 320 / np.tan(np.radians(37.5))
-    half_pillar = focal * 0.25 / np.sqrt(3.5**2 - 0.25**2)  # as the tangents from the place see it
+    half_pillar = focal * 0.25 / np.sqrt(3.5**2 - 0.25**2)  # from the tangents through the place
     rows, columns = inked(image)
     assert not ((columns > 320 - half_pillar + 1) & (columns < 320 + half_pillar - 1)).any()
     line = columns[rows > 260]
@@ -124,12 +124,12 @@ def test_lines_and_spheres_from_above(room):
     assert (level & (x > 0.99)).sum() == pytest.approx(2 * px_per_m, abs=2)
 
 
-PLACE = ((2, 1, 2), (2, 5, 2))  # level, towards +y: +x is to the right
+PLACE = ((2, 1, 2), (2, 5, 2))  # level, towards +y, with +x to the right
 VIEWS = pytest.mark.parametrize("view", ["top", "third_person", PLACE], ids=["top", "third_person", "place"])
 
 
 def drawn_by(call, world, view, **keywords):
-    """The picture of a task that draws this, with no beams or markers."""
+    """The picture of a task that draws with this call, without beams and markers."""
     task = type("Called", (Drawn,), {"markers": (), "draw": lambda self, batch, env, drawing: call(drawing)})
     return frames(world, task, view, **keywords)[0].astype(int)
 
@@ -139,14 +139,14 @@ def nothing(drawing):
 
 
 def test_a_cell_is_where_it_projects_to_from_a_fixed_place(room):
-    """By the place on the floor that each pixel shows; what is there shines through."""
+    """Compute the point of the floor at each pixel; the floor shines through the cell."""
     before = drawn_by(nothing, room, PLACE)
     after = drawn_by(lambda d: d.cells([2, 4.5, 0], 2, INK), room, PLACE)
     focal = 320 / np.tan(np.radians(37.5))
     column, row = np.meshgrid(np.arange(640) + 0.5, np.arange(480) + 0.5)
     ahead = 2 * focal / np.maximum(row - 240, 1e-3)
     outside = np.maximum(np.abs((column - 320) / focal * ahead), np.abs(1 + ahead - 4.5)) - 1
-    border = ahead**2 / focal  # m: two pixels of the floor
+    border = ahead**2 / focal  # m: two pixels of floor
     assert (outside < -border).sum() > 5000
     blended = before + 0.6 * (np.array(INK) - before)
     assert np.abs(after - blended)[outside < -border].max() <= 1.5
@@ -154,7 +154,7 @@ def test_a_cell_is_where_it_projects_to_from_a_fixed_place(room):
 
 
 def test_what_is_nearer_hides_a_cell(room):
-    """The pillar at (4, 4.5), from (4, 1); what lies before it is seen."""
+    """The pillar at (4, 4.5) from (4, 1); cells in front of it are visible."""
     view = ((4, 1, 2), (4, 5, 2))
     calls = (nothing, lambda d: d.cells([4, 7, 0], 2, INK), lambda d: d.cells([4, 3.4, 1], 1, INK))
     before, behind, ahead = (drawn_by(call, room, view) for call in calls)
@@ -178,7 +178,7 @@ def test_a_cell_is_where_it_is_from_above_and_below_all_else(room):
     points = (after == COLORS["red"]).all(axis=2)
     assert points.sum() == 2 * 36
     inside = (np.maximum(np.abs(x - 3), np.abs(y - 5)) < 2) & ~points
-    floor = (before == (252, 252, 250)).all(axis=2)  # and not the pillar at (4, 4.5), nor the drone at (2, 6)
+    floor = (before == (252, 252, 250)).all(axis=2)  # without the pillar at (4, 4.5) and the drone at (2, 6)
     assert (inside & ~floor).sum() > 500
     np.testing.assert_array_equal(
         after[inside & floor][0], np.rint(0.4 * np.array([252, 252, 250]) + 0.6 * np.array(INK))
@@ -189,7 +189,7 @@ def test_a_cell_is_where_it_is_from_above_and_below_all_else(room):
 
 
 def test_beams_shine_over_cells(room):
-    """They are glass of opacity 0.6, so many a pixel of a cell is so much nearer to their colour than without them."""
+    """Beams are glass of opacity 0.6, so every pixel of a cell moves towards their colour by that fraction."""
     bare = type("Bare", (Drawn,), {"markers": (), "draw": lambda self, batch, env, drawing: None})
     cell = type("Cell", (bare,), {"draw": lambda self, batch, env, drawing: drawing.cells([4, 4, 0], 8, INK)})
     scanned = type("Scanned", (cell,), {"lidar": flockstep.LidarConfig(beams=35, max_range_m=2)})
@@ -208,7 +208,7 @@ def test_cells_that_meet_leave_no_seam_and_the_last_wins(room, view):
     assert (one != drawn_by(nothing, room, view)).any(axis=2).mean() > 0.1
     np.testing.assert_array_equal(one, many)
     green = (one != over).any(axis=2)
-    assert (over[green][:, 1] > one[green][:, 1]).all()  # what the last leaves of the first
+    assert (over[green][:, 1] > one[green][:, 1]).all()  # the remainder of the first below the last
     assert 0 < green.mean() < 0.1
 
 
@@ -250,7 +250,7 @@ def test_what_is_beyond_the_picture_or_nowhere_is_left_out(room, view):
 
 
 def test_what_is_nearer_hides_a_text_and_a_text_what_is_farther(room):
-    """The pillar at (4, 4.5) from (4, 1): the text behind it is wider than it is."""
+    """The pillar at (4, 4.5) from (4, 1): the text behind it is wider than the pillar."""
     view = ((4, 1, 2), (4, 5, 2))
     before, after = (drawn_by(call, room, view) for call in (nothing, lambda d: d.text([4, 6, 2], "O" * 20)))
     changed = (before != after).any(axis=2).any(axis=0)
@@ -277,7 +277,7 @@ def test_what_is_nearer_hides_a_text_and_a_text_what_is_farther(room):
 
 
 class Sheet:
-    """A canvas that notes what is drawn."""
+    """A canvas that records all calls."""
 
     def __init__(self):
         self.drawn = []
@@ -350,7 +350,7 @@ def test_mistakes_are_told_before_anything_is_drawn(call, said):
 
 
 def marker_colors(world, task, view):
-    """Which of the world's markers have pixels: red, yellow and green things, of which a hull alone is none."""
+    """The world's markers with visible pixels: red, yellow and green ones, colours that a hull does not have."""
     drone = flockstep.DroneModel(flockstep.DroneModel().hull)
     r, g, b = frames(world, task, view, drone=drone)[0].astype(int).transpose(2, 0, 1)
     masks = {

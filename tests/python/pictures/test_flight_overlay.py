@@ -1,4 +1,4 @@
-"""Pictures of Hover and Track, and which envs are drawn."""
+"""Pictures of Hover and Track, and selected envs."""
 
 import gymnasium
 import numpy as np
@@ -11,7 +11,7 @@ TASKS = pytest.mark.parametrize("config", [flockstep.HoverConfig, flockstep.Trac
 
 
 class Notes:
-    """A drawing that keeps what is drawn."""
+    """A drawing that stores all calls."""
 
     def __init__(self):
         self.drawn = {}
@@ -84,7 +84,7 @@ def test_hover_shows_its_point_and_the_height():
     np.testing.assert_allclose(drawn["green", "line"][0], position)
     np.testing.assert_allclose(
         drawn["grey", "line"], [position, [*position[:2], 0]], atol=0.01
-    )  # there are lines on it
+    )  # the picture has lines
     assert drawn["text"] == f"{position[2]:.1f} m"
     assert not any("grey" in key for key in noted(envs, height=False))
 

@@ -53,7 +53,7 @@ def luminance(rgb):
 
 
 def test_pictures_of_depth_and_ids_can_be_looked_at(room, tmp_path):
-    """Their colours differ as what they show does, in every pixel, and use most of the range of brightness."""
+    """Pixels differ in colour exactly if they differ in value, and the colours use most of the range of brightness."""
     batch = batch_of(room)
     batch.set_pose(np.float32([[2, 4, 2], [1.5, 3, 1]]))
     batch.sense()
@@ -62,7 +62,7 @@ def test_pictures_of_depth_and_ids_can_be_looked_at(room, tmp_path):
     shown = [read(tmp_path / f"front-{i}-depth-color.png") for i in (0, 1)]
     depth, brightness = camera.depth.ravel(), luminance(np.stack(shown)).ravel()
     in_order = brightness[np.argsort(depth)]
-    assert (np.diff(in_order) <= 2).all()  # near is brighter, in both frames by one scale; 2: rounding
+    assert (np.diff(in_order) <= 2).all()  # near is brighter, on one scale for both frames; 2 is for rounding
     assert (np.ptp(brightness) > 180) & (brightness.std() > 30)
     for output in ("semantic", "instance"):
         ids = getattr(camera, output)[1]

@@ -1,4 +1,4 @@
-"""Pictures from anywhere."""
+"""Pictures from any viewpoint."""
 
 import numpy as np
 import pytest

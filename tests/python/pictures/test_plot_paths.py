@@ -1,4 +1,4 @@
-"""Plots of paths: any world is drawn, of triangles or without markers."""
+"""Plots of paths in any world, also one made of triangles or without markers."""
 
 import matplotlib.pyplot as plt
 import numpy as np
@@ -32,7 +32,7 @@ def test_a_mesh_and_a_path_that_leaves_it_are_drawn(tmp_path):
         assert right - left == pytest.approx(8 * 1.03)
         assert not circles  # the world has no start
         columns = np.flatnonzero((np.asarray(image.get_array()) == SOLID).all(axis=-1).any(axis=0))
-        if dark is not None:  # from above, the wall is cut along its line
+        if dark is not None:  # from above, the cut follows the wall
             np.testing.assert_allclose(left + (columns + 0.5) * (right - left) / 900, dark, atol=0.02)
     draw_path(axes, world, "top", flight, ("goal",))
     assert [circle.center for circle in axes.patches] == [(5, 0)]

@@ -1,4 +1,4 @@
-"""Worlds along an axis: heights against closed forms, and what a plane cuts."""
+"""Worlds seen along an axis: heights against closed forms, and cut areas."""
 
 import numpy as np
 import pytest
@@ -20,27 +20,27 @@ def picture(world, cut_m, view="top", low=(0, 0), high=(8, 8), size=(160, 160)):
 
 
 def centres(low=(0, 0), high=(8, 8), size=(160, 160)):
-    """(H, W) coordinates of the pixels' centres, to the right and up."""
+    """(H, W) coordinates of the pixels' centres, right and up."""
     right = low[0] + (np.arange(size[0]) + 0.5) * (high[0] - low[0]) / size[0]
     up = high[1] - (np.arange(size[1]) + 0.5) * (high[1] - low[1]) / size[1]
     return np.meshgrid(right, up)
 
 
 def same(image, expected):
-    """Share of the pixels that are as expected; on borders they may be the neighbours'."""
+    """Share of the pixels that match; pixels on borders may match their neighbours instead."""
     return (image == expected).all(axis=-1).mean()
 
 
 @pytest.fixture
 def heights(monkeypatch):
-    """Make a pixel's red and green channel tell the height's share, and nothing the light."""
+    """Encode the height's fraction in a pixel's red and green channels, without light."""
     monkeypatch.setattr(relief, "_ramp", lambda share: np.stack([share * 240, share * 240, 0 * share], axis=-1))
     monkeypatch.setattr(relief, "_shade", lambda normals, *axes: np.ones((len(normals), 1)))
     return lambda image: image[..., 0].astype(float) / 240
 
 
 def test_heights_are_those_of_the_primitives(heights):
-    """From above everything: a slab, a sphere, a lying capsule, an upright cylinder, and the larger of two."""
+    """A slab, a sphere, a lying capsule, an upright cylinder, and the larger of two, seen from above everything."""
     world = world_of(
         boxes=[{"center": [4, 4, -0.5], "size": [8, 8, 1]}],
         spheres=[{"center": [2, 2, 1], "radius": 1.5}],
@@ -55,13 +55,13 @@ def test_heights_are_those_of_the_primitives(heights):
     expected = np.where(rod > 0, 1 + np.sqrt(np.maximum(rod, 0)), expected)
     expected = np.where(np.hypot(x - 6, y - 2) < 1, 2, expected)
     shares = heights(picture(world, 100.0))
-    # The bounds are -1 to 2.5 m, and a level is 1 / 240 of that.
+    # The bounds are -1 to 2.5 m; one level is 1 / 240 of that.
     off = np.abs(shares * 3.5 - 1 - expected) > 3.5 / 240
     assert off.mean() < 0.002  # at silhouettes
 
 
 def test_heights_are_those_of_a_mesh(heights):
-    """A hill of triangles: within each, the height is linear."""
+    """A hill of triangles; the height is linear within each."""
     n = 9
     gx, gy = np.meshgrid(np.linspace(0, 8, n), np.linspace(0, 8, n))
     gz = 2 * np.sin(gx) * np.cos(gy / 2)
@@ -82,7 +82,7 @@ def test_heights_are_those_of_a_mesh(heights):
 
 
 def test_what_a_plane_cuts_of_primitives_is_dark():
-    """Each kind, turned: against its own inequality."""
+    """Test each kind, rotated, against its own inequality."""
     turn = np.array([0.9, 0.1, 0.3, 0.2])
     turn /= np.linalg.norm(turn)
     w, q = turn[0], turn[1:]
@@ -109,7 +109,7 @@ def test_what_a_plane_cuts_of_primitives_is_dark():
     dark = (picture(world, 2.2) == SOLID).all(axis=-1)
     assert inside.sum() > 2000
     assert (inside & ~dark).sum() == 0
-    # The outline may be a pixel more.
+    # The outline may be one pixel wider.
     near = np.zeros_like(inside)
     for shift in ((0, 1), (0, -1), (1, 0), (-1, 0), (1, 1), (1, -1), (-1, 1), (-1, -1)):
         near |= np.roll(inside, shift, (0, 1))
@@ -161,7 +161,7 @@ def test_what_hangs_over_nothing_is_not_ground():
 
 
 def test_from_the_side_nearer_is_smaller_y(heights):
-    """Two boxes, one before the other; the plane cuts the nearer one away, or through."""
+    """Two boxes, one in front of the other; the plane removes the nearer one or cuts through it."""
     world = world_of(boxes=[{"center": [3, 2, 1], "size": [2, 2, 2]}, {"center": [4, 6, 2], "size": [4, 2, 4]}])
     x, z = centres(high=(8, 4), size=(160, 80))
     front, back = (np.abs(x - 3) < 1) & (z < 2), np.abs(x - 4) < 2

@@ -1,4 +1,4 @@
-"""Pictures from behind a drone, and what `render_view` chooses."""
+"""Pictures from behind a drone, and the choices of `render_view`."""
 
 import gymnasium
 import numpy as np
@@ -10,13 +10,13 @@ from flockstep.pictures.third_person_view import ThirdPersonView, frustum
 from flockstep.pictures.trail import Trail
 from flockstep.rotations import rotate
 
-LENGTH = 0.93  # of the default drone
-HULL = flockstep.DroneModel(flockstep.DroneModel().hull)  # as large, and drawn in one colour
+LENGTH = 0.93  # of the default drone, m
+HULL = flockstep.DroneModel(flockstep.DroneModel().hull)  # same size, drawn in one colour
 DRONES = pytest.mark.parametrize("drone", [flockstep.DroneModel(), HULL], ids=["rotors", "hull"])
 
 
 def mask_of(image, kind):
-    """Pixels of a kind of thing; walls and pillars here are grey or bluish grey."""
+    """Pixels of one kind of object; walls and pillars here are grey or bluish grey."""
     r, g, b = image.astype(int).transpose(2, 0, 1)
     return {
         "hull": (b > 100) & (b > 1.6 * r) & (b > 1.5 * g),
@@ -27,7 +27,7 @@ def mask_of(image, kind):
 
 
 def viewed(world, position, quat_wxyz=(1, 0, 0, 0)):
-    """The canvas of the stage for a pose, of the picture's size."""
+    """The stage's canvas for a pose, in the size of the picture."""
     return Stage(world, LENGTH, (640, 480)).set(np.array(position, float), np.array(quat_wxyz, float))[0]
 
 
@@ -46,7 +46,7 @@ def test_the_drone_is_where_it_projects_to(room, drone):
         batch.remove([0])
         seen = changed(image, view.frame(0))
         if drone is HULL:
-            assert mask_of(image, "hull")[seen].mean() > 0.9  # the rest are edges that are averaged
+            assert mask_of(image, "hull")[seen].mean() > 0.9  # the rest are averaged edges
         rows, columns = np.nonzero(seen)
         ((x, y, _),) = viewed(room, position).project(np.array([position], float))
         assert len(rows) > 500
@@ -55,7 +55,7 @@ def test_the_drone_is_where_it_projects_to(room, drone):
 
 
 def tips(drone):
-    """Points around the rotors, at their height: a third of their radius above the hubs."""
+    """Points around the rotors at their drawn height: a third of their radius above the hubs."""
     rotors = drone.to_dict()["rotors"]
     angle = np.linspace(0, 2 * np.pi, 72)
     circle = rotors["radius_m"] * np.stack([np.cos(angle), np.sin(angle), np.full(72, 1 / 3)], axis=1)
@@ -64,7 +64,7 @@ def tips(drone):
 
 @DRONES
 def test_it_is_as_large_as_its_rotors_or_its_hull(room, drone):
-    """Every pixel of the drone is inside the rectangle around its projected corners, which it fills to its borders."""
+    """The drone fills the rectangle around its projected corners, and no pixel of it is outside."""
     batch = flockstep.Batch([room], drone=drone)
     quat_wxyz = np.float32([0.9, 0.1, -0.2, 0.37])
     quat_wxyz /= np.linalg.norm(quat_wxyz)
@@ -81,7 +81,7 @@ def test_it_is_as_large_as_its_rotors_or_its_hull(room, drone):
 
 
 def test_a_mesh_is_what_is_seen_and_how_far_off_the_viewer_is(room):
-    """A slab twice as long as the drone fills the same rectangle of the picture as its corners; in the fleet, too."""
+    """A slab twice as long as the drone fills the same rectangle as its projected corners, also in the fleet view."""
     slab = np.array([[x, y, z] for x in (-0.9, 0.9) for y in (-0.3, 0.3) for z in (-0.1, 0.1)])
     faces = [
         [0, 1, 3],
@@ -125,22 +125,22 @@ def test_the_viewer_stays_in_the_room_and_off_the_walls(room):
     for _ in range(50):
         position = rng.uniform(low + 0.5, high - 0.5)
         if np.hypot(position[0] - 4, position[1] - 4.5) < 0.7:
-            continue  # within the pillar
+            continue  # inside the pillar
         yaw = rng.uniform(-np.pi, np.pi)
         canvas, _ = stage.set(position, np.array([np.cos(yaw / 2), 0, 0, np.sin(yaw / 2)]))
-        assert np.isfinite(canvas.depth).all()  # walls all around
+        assert np.isfinite(canvas.depth).all()  # walls on all sides
         x, y, depth = canvas.project(position[None])[0]
         assert 0 < x < 64
         assert 0 < y < 48
         assert depth > 0.3
-        assert canvas.depth[int(y), int(x)] > depth - 1e-3  # nothing before it, or it has dissolved
+        assert canvas.depth[int(y), int(x)] > depth - 1e-3  # nothing in front of it, unless it has faded
 
 
 def test_a_pillar_between_viewer_and_drone_dissolves(room):
-    """The drone is seen through it; the pillar stays to be seen, too."""
+    """The drone is visible through the pillar, which also stays visible."""
     batch = flockstep.Batch([room], drone=HULL)
     view = ThirdPersonView(batch)
-    # The viewer is 3.2 m behind the drone, 1.3 m to its left and 1.7 m above it: the pillar at (4, 4.5) is half way.
+    # The viewer is 3.2 m behind the drone, 1.3 m to its left and 1.7 m above it. The pillar at (4, 4.5) is half-way.
     batch.set_pose(np.float32([[5.2, 3.9, 2]]))
     image = view.frame(0)
     r, g, b = image.astype(int).transpose(2, 0, 1)
@@ -176,7 +176,7 @@ def test_beams_and_hits(room):
     (begin, end) = canvas.project(np.array([[2, 6, 2], [8, 6, 2.0]]))[:, :2]
     difference = changed(drawn, plain)
     rows, columns = np.nonzero(difference)
-    # On the way from the drone to the wall, and nowhere else.
+    # Only along the line from the drone to the wall.
     along = np.clip(((np.stack([columns, rows], 1) + 0.5 - begin) @ (end - begin)) / ((end - begin) ** 2).sum(), 0, 1)
     distance = np.linalg.norm(np.stack([columns, rows], 1) + 0.5 - begin - along[:, None] * (end - begin), axis=1)
     assert distance.max() < 4
@@ -236,9 +236,7 @@ def test_each_drones_own_camera_is_drawn(room):
 @DRONES
 def test_the_other_drones_of_the_world_are_drawn_if_asked_for(room, closet, drone):
     batch = flockstep.Batch([room, closet], 4, world_index=[0, 0, 1, 0], drone=drone)
-    batch.set_pose(
-        np.float32([[2, 6, 2], [3.5, 6.9, 2], [3.5, 6.9, 2], [2, 6, 2]])
-    )  # the last one is where the first is
+    batch.set_pose(np.float32([[2, 6, 2], [3.5, 6.9, 2], [3.5, 6.9, 2], [2, 6, 2]]))  # the last equals the first
     alone, fleet = ThirdPersonView(batch), ThirdPersonView(batch, others=True)
     own, all_of_them = alone.frame(0), fleet.frame(0)
     rows, columns = np.nonzero(changed(all_of_them, own))
@@ -248,7 +246,7 @@ def test_the_other_drones_of_the_world_are_drawn_if_asked_for(room, closet, dron
     batch.remove([1, 3])
     np.testing.assert_array_equal(fleet.frame(0), own)
     batch.remove([0])
-    assert not changed(all_of_them, own)[changed(own, alone.frame(0))].any()  # it stays as it is where it is
+    assert not changed(all_of_them, own)[changed(own, alone.frame(0))].any()  # the own drone's pixels are unchanged
 
 
 def test_the_trail_is_where_the_drone_was(room):
@@ -283,7 +281,7 @@ def test_a_trail_begins_with_its_episode():
         assert path.shape == (5, 3)
         np.testing.assert_array_equal(path[0], start[drone])
         np.testing.assert_array_equal(path[-1], envs.batch.position[drone])
-    envs.step([0, 0, 0])  # all begin anew
+    envs.step([0, 0, 0])  # all begin new episodes
     assert [len(envs.trail.of(drone)) for drone in range(3)] == [1, 1, 1]
     envs.step([0, 0, 0])
     envs.reset(options={"reset_mask": np.array([False, True, False])})
@@ -292,7 +290,7 @@ def test_a_trail_begins_with_its_episode():
     envs.step([0, 0, 0])
     envs.restore(blob)
     assert [len(envs.trail.of(drone)) for drone in range(3)] == [1, 1, 1]
-    envs.reset(seed=0)  # the same episode number again
+    envs.reset(seed=0)  # with the same episode number
     assert [len(envs.trail.of(drone)) for drone in range(3)] == [1, 1, 1]
     envs.close()
 
@@ -369,11 +367,11 @@ def test_from_a_fixed_place_the_world_stays_and_all_drones_of_it_are_seen(room, 
         around = np.hypot(columns - x, rows - y) < 0.6 * 417 / depth
         assert around.sum() > 300
         near |= around
-    assert near.mean() > 0.99  # silhouettes are averaged otherwise
+    assert near.mean() > 0.99  # silhouettes are averaged differently
     batch.set_pose(np.float32([[3, 6.5, 2], [5.5, 5, 1], [1, 1, 0.6]]))
     moved = view.frame(0)
     assert changed(moved, image).any()
-    np.testing.assert_array_equal(view.frame(0), moved)  # what was drawn is not in the next picture
+    np.testing.assert_array_equal(view.frame(0), moved)  # earlier drawings are not in the next picture
     batch.remove([0, 1])
     np.testing.assert_allclose(view.frame(0).astype(int)[::7, ::7], bare[::7, ::7], atol=80)
     with pytest.raises(ValueError, match=r"render_view: expected one of 'top', .* or two points"):
@@ -381,7 +379,7 @@ def test_from_a_fixed_place_the_world_stays_and_all_drones_of_it_are_seen(room, 
 
 
 def test_a_viewer_follows_smoothly_and_keeps_the_drone_in_view(room):
-    """Steps to and fro: the viewer goes half as far as the drone, and never out of reach."""
+    """Steps back and forth: the viewer moves half as far as the drone and stays in reach."""
     batch = flockstep.Batch([room])
     trail = Trail(batch)
     view = ThirdPersonView(batch, trail=trail)
@@ -411,7 +409,7 @@ def test_the_size_is_chosen(room, view):
     image = single.render()
     assert [frame.shape for frame in envs.render()] == [(60, 120, 3)]
     np.testing.assert_array_equal(envs.render()[0], image)
-    if view == "camera":  # every pixel two and a half times, between black
+    if view == "camera":  # every pixel enlarged two and a half times, between black borders
         down, right = np.arange(1, 120, 2) // 5, np.arange(1, 160, 2) // 5
         np.testing.assert_array_equal(image[:, 20:100], envs.batch.camera().rgb[0][np.ix_(down, right)])
         assert not image[:, :20].any()
@@ -452,7 +450,7 @@ def test_keywords_are_checked_whether_or_not_there_are_pictures(room, keywords, 
 
 
 def test_nothing_is_too_far_away_to_be_seen():
-    """A tower 5 km away, behind the drone's own camera's reach, in every view with depth."""
+    """A tower 5 km away, beyond the range of the drone's own camera, in every view with depth."""
     scene = {"flockstep_scene": 1, "name": "far", "boxes": [{"center": [5000, 0, 0], "size": [200, 200, 4000]}]}
     world = flockstep.World.from_dict(scene)
     depth = viewed(world, (0, 0, 1500)).depth
@@ -493,7 +491,7 @@ def test_the_drones_own_camera(room, camera):
     frames = [view.frame(0), view.frame(1)]
     batch.begin_episode(np.array([True, False]))
     assert view.frame(0).shape == (24, 32, 3)
-    assert not view.frame(0).any()  # what it saw is of the episode before
+    assert not view.frame(0).any()  # its last frame belongs to the previous episode
     expected = flockstep.render(room, (2, 6, 1), camera=flockstep.CameraConfig(width_px=32, height_px=24))["rgb"]
     assert frames[1].shape == (24, 32, 3)
     if "outputs" not in camera:

@@ -12,7 +12,7 @@ FLOOR, SOLID, GOAL, DRONE = (252, 252, 250), (96, 101, 112), (52, 160, 80), (35,
 
 
 def pixel(image, x, y, world):
-    """The colour at a place of an 8 x 8 m room."""
+    """The colour at a point of an 8 x 8 m room."""
     scale = 256 * 0.96 / 8
     return tuple(image[round(127.5 - (y - 4) * scale), round(127.5 + (x - 4) * scale)])
 
@@ -80,7 +80,7 @@ def test_beams_are_those_of_the_lidar_as_it_is_now(room):
 
 
 def test_what_is_higher_than_the_drone_is_cut_away():
-    """Under a roof, in a room with a ceiling: the drone and the floor are seen, from above the roof the roof."""
+    """Under a roof, in a room with a ceiling: drone and floor are visible, or the roof if the cut is above it."""
     scene = {
         "flockstep_scene": 1,
         "name": "roofed",
@@ -93,7 +93,7 @@ def test_what_is_higher_than_the_drone_is_cut_away():
     below, above = (TopView(batch).frame(i) for i in range(2))
     assert pixel(below, 6, 4, world) == pixel(above, 6, 4, world) == DRONE
     assert pixel(below, 4, 4, world) == pixel(below, 0.5, 4, world) == FLOOR
-    assert pixel(below, 2, 2, world) not in (FLOOR, SOLID)  # lower than the drone: by its height
+    assert pixel(below, 2, 2, world) not in (FLOOR, SOLID)  # lower than the drone, coloured by height
     assert pixel(above, 4, 4, world) == pixel(above, 2, 2, world) != FLOOR
     cut = TopView(batch, cut_m=0.25).frame(1)
     assert pixel(cut, 2, 2, world) == SOLID
@@ -101,7 +101,7 @@ def test_what_is_higher_than_the_drone_is_cut_away():
 
 
 def test_its_size_and_what_is_too_small_to_see():
-    """A world of kilometres: the drone and its markers, outside of the geometry, are there to be seen."""
+    """A world of kilometres: the drone and its markers, outside the geometry, are visible."""
     scene = {
         "flockstep_scene": 1,
         "name": "plain",
@@ -112,7 +112,7 @@ def test_its_size_and_what_is_too_small_to_see():
     batch = flockstep.Batch([world], 1)
     image = TopView(batch, size_px=(400, 100)).frame(0)
     assert image.shape == (100, 400, 3)
-    px_per_m = 0.96 * 100 / 2000  # its height fits, and 5 km by 2 km are wide enough
+    px_per_m = 0.96 * 100 / 2000  # the height determines the scale; 5 km by 2 km fit into the width
 
     def at(x, y):
         return tuple(image[round(49.5 - y * px_per_m), round(199.5 + (x - 500) * px_per_m)])
@@ -121,7 +121,7 @@ def test_its_size_and_what_is_too_small_to_see():
     assert at(3000, 0) == GOAL
     assert (image == DRONE).all(axis=2).sum() >= 7 * 4
     assert 25 <= (image == GOAL).all(axis=2).sum() <= 64
-    assert at(2500, 0) != at(0, 0)  # beside the box there is nothing
+    assert at(2500, 0) != at(0, 0)  # nothing is beside the box
 
 
 def test_frames_of_worlds_of_different_sizes_have_one_shape(room, closet):

@@ -11,7 +11,7 @@ from training.tasks import UNSEEN_SEEDS
 
 
 def nothing(observation, envs):
-    """Hover as if all were well."""
+    """Command a plain hover."""
     return np.zeros((len(observation), 4), np.float32)
 
 
@@ -56,7 +56,7 @@ def test_the_throw_is_the_most_tilted_one():
 
 
 def test_a_throw_lasts_until_it_is_lost():
-    """Whoever only hovers leaves to the side; it is lost 6 m from the point or at the floor below it."""
+    """A plain hover command drifts to the side; the drone is lost 6 m from the point or at the floor below it."""
     throw = catch_film.thrown(nothing, UNSEEN_SEEDS.start)
     point = catch_film.Scene((32, 18)).point
     distance = np.linalg.norm(throw.position - point, axis=1)

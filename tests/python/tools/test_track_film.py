@@ -17,7 +17,7 @@ POLICY = Path(__file__).resolve().parents[3] / "policies" / "track.zip"
 
 
 def nothing(observation, envs):
-    """Hover as if all were well."""
+    """Command a plain hover."""
     return np.zeros((len(observation), 4), np.float32)
 
 
@@ -36,7 +36,7 @@ def test_both_fly_from_the_first_unseen_seed_and_are_filmed(tmp_path, monkeypatc
 
     monkeypatch.setattr(track_film, "flown", noted)
     track_film.main(track_film.Args(policy=POLICY, out=tmp_path, flights=2, width_px=128, film_s=0.2))
-    assert seeds == [UNSEEN_SEEDS.start] * 2  # whatever comes of it
+    assert seeds == [UNSEEN_SEEDS.start] * 2  # with any result
     by_policy, by_controller = flights
     np.testing.assert_array_equal(by_policy.position[0], by_controller.position[0])
     np.testing.assert_allclose(by_policy.point, by_controller.point, atol=1e-6)
@@ -48,7 +48,7 @@ def test_both_fly_from_the_first_unseen_seed_and_are_filmed(tmp_path, monkeypatc
 
 
 def test_the_path_is_drawn_where_the_twin_says(by_controller, example):
-    example("hover_numpy")  # which the other imports
+    example("hover_numpy")  # the other one imports it
     twin = example("track_numpy").Track(flockstep.TrackConfig())
     envs = flockstep.DroneVectorEnv(1, task=twin)
     envs.reset(seed=SEED)
@@ -61,7 +61,7 @@ def test_the_path_is_drawn_where_the_twin_says(by_controller, example):
     drawn = np.stack([columns, rows], axis=1) + 0.5
     expected = scene._still.project(path)[:, :2] / FINER
     apart = np.linalg.norm(drawn[:, None] - expected, axis=2)
-    at_start = scene._still.project(path[:1])[0, :2] / FINER  # there are the drone and the point
+    at_start = scene._still.project(path[:1])[0, :2] / FINER  # the drone and the point are there
     assert (apart.min(axis=1) < 2)[np.linalg.norm(drawn - at_start, axis=1) > 20].all()
     assert (apart.min(axis=0) < 2)[np.linalg.norm(expected - at_start, axis=1) > 40].all()
     assert np.ptp(columns) > 0.7 * 640
@@ -76,13 +76,13 @@ def test_the_error_is_the_one_that_is_reported(by_controller):
 
 
 def test_the_controller_is_the_one_that_is_reported():
-    """Of 1,000 flights docs/flight-tasks.md says 24.9 cm; the next best of those tried comes to 28 cm."""
+    """docs/flight-tasks.md reports 24.9 cm for 1,000 flights; the second best controller reaches 28 cm."""
     flights = fly("track", track_film.controller(), 100, UNSEEN_SEEDS.start, **track_film.CONTROLLER_ENVS)
     assert flights.median_error_m == pytest.approx(0.249, abs=0.01)
 
 
 def test_a_flight_that_is_lost_stays_where_it_ended():
-    """Whoever only hovers goes on straight ahead; it is lost a metre from the point."""
+    """A plain hover command continues straight ahead; the drone is lost one metre from the point."""
     flight = flown("track", nothing, SEED)
     last = len(flight.point) - 1
     distance = np.linalg.norm(flight.point - flight.position, axis=1)
@@ -93,5 +93,5 @@ def test_a_flight_that_is_lost_stays_where_it_ended():
     panel = track_film.Panel(track_film.Scene(flight.point, (1280, 480)), flight, "", "")
     before, end, after = (np.asarray(panel.frame(step)) for step in (last - 1, last, 2000))
     np.testing.assert_array_equal(end, after)
-    alarmed = [(picture[440:, :200] == ALARM).all(axis=-1).any() for picture in (before, end)]  # what is written
+    alarmed = [(picture[440:, :200] == ALARM).all(axis=-1).any() for picture in (before, end)]  # the caption
     assert alarmed == [False, True]

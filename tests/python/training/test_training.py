@@ -1,4 +1,4 @@
-"""The scripts of training/: PPO from scratch, and flights of what it learned."""
+"""The scripts of training/: PPO from scratch, and flights of trained policies."""
 
 import dataclasses
 import json
@@ -17,7 +17,7 @@ import flockstep
 from tools import camera_pictures, track_film
 from training import benchmark, evaluate, plot_blob, plot_curve, plot_paths, tasks, train_ppo
 
-# A module with a task that sees, climbs to end well, and sinks to end otherwise.
+# A module with a task with a camera: success by climbing, failure by sinking.
 OWN = """
 import numpy as np
 from gymnasium import spaces
@@ -72,7 +72,7 @@ def own(tmp_path, monkeypatch, room):
 
 @pytest.fixture
 def train(tmp_path):
-    """Train for a few updates; only the folder is the test's."""
+    """Train for a few updates; only the folder belongs to the test."""
 
     def train(folder="one", **arguments):
         small = {
@@ -93,14 +93,14 @@ def train(tmp_path):
 
 @pytest.fixture
 def flown(monkeypatch):
-    """Say what the evaluations of a training fly to, and see the policies they fly."""
+    """Set the results of a training's evaluations, and record the policies that they fly."""
 
     def flown(*evaluations):
         given, policies = iter(evaluations), []
         kept = [world.name for world in tasks.Setup().generated(tasks.CHOOSING_SEEDS, 2)]
 
         def fly(policy, worlds, *_, **__):
-            assert [world.name for world in worlds] == kept  # and none of the playgrounds that ship
+            assert [world.name for world in worlds] == kept  # and none of the bundled playgrounds
             (model,) = (cell.cell_contents for cell in policy.__closure__)
             policies.append(weights(model))
             ends = ["success" if s else "contact" for s in next(given)]
@@ -160,7 +160,7 @@ def test_seeds_of_training_choosing_and_reporting_are_disjoint():
 
 
 def test_envs_of_trainings_by_different_seeds_share_none(train, flown, monkeypatch, tmp_path):
-    """What the first reset gives the envs: also those of a training that goes on with a policy."""
+    """Record the seeds of the first reset, also for a training that resumes a policy."""
     given = []
 
     def spy(self, *, seed=None, **keywords):
@@ -185,7 +185,7 @@ def test_generated_playgrounds_keep_to_their_seeds():
 
 
 def test_training_flies_no_world_that_is_reported(train, monkeypatch):
-    """Of those that ship, training has the ones for training; evaluations have none."""
+    """Training uses only the bundled training playgrounds; evaluations use no bundled ones."""
     given = []
 
     def spy(self, num_envs, **keywords):
@@ -285,7 +285,7 @@ def test_a_picture_of_the_blob(tmp_path):
     scene = tmp_path / "hall.json"
     scene.write_text(json.dumps(world))
     images = plot_blob.captures(None, tasks.Setup("camera"), flockstep.World.from_dict(world), 160, 100)
-    assert 20 < len(images) < 60  # until the goal is out of view beside the drone
+    assert 20 < len(images) < 60  # until the goal leaves the view beside the drone
     assert all(flockstep.green_blob(image).offset < 0 for image in images)  # y grows to the left
     plot_blob.main(plot_blob.Args(world=str(scene), out=tmp_path / "blob.png", width_px=160))
     assert (tmp_path / "blob.png").stat().st_size > 1000
@@ -466,7 +466,7 @@ def test_generated_playgrounds_of_the_camera_task():
 
 
 def test_what_needs_no_training(room, closet):
-    """Straight flight: in the room both legs are free, in a narrower one the pillar stands in the way."""
+    """Straight flight: in the room both legs are free; in a narrower one the pillar blocks the path."""
     scene = room.to_dict()
     scene["markers"]["waypoints"] = []
     scene["pillars"] = [{"center": [4, 4], "radius": 0.25}]
@@ -510,7 +510,7 @@ def test_figures_of_a_training(monkeypatch, tmp_path):
 
 
 def test_a_flight_ends_where_its_world_says(room, closet):
-    """Straight ahead: through the room until the pillar or the wall, in the closet at once."""
+    """Straight ahead: through the room up to the pillar or the wall, in the closet at once."""
     flights = evaluate.fly(lambda observation: np.zeros(len(observation), int), [room, closet], 200)
     assert [flight.outcome for flight in flights] == ["contact", "contact"]
     for flight, world in zip(flights, [room, closet], strict=True):

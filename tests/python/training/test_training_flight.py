@@ -1,4 +1,4 @@
-"""training/train_flight.py and training/flight.py: what is reported of Hover and Track."""
+"""training/train_flight.py and training/flight.py: the reports on Hover and Track."""
 
 import base64
 import json
@@ -15,7 +15,7 @@ from training import benchmark_flight, flight, train_flight
 from training.tasks import CHOOSING_SEEDS, UNSEEN_SEEDS, first_env_seed
 
 POLICIES = Path(__file__).resolve().parents[3] / "policies"
-ARGS = train_flight.Args  # which a test replaces
+ARGS = train_flight.Args  # tests replace it
 
 
 def small(**changes):
@@ -24,7 +24,7 @@ def small(**changes):
 
 
 def still(observation, envs):
-    """Tell nothing but to hover."""
+    """Command a plain hover."""
     return np.zeros((len(observation), 4), np.float32)
 
 
@@ -32,7 +32,7 @@ def test_errors_of_flights_by_hand():
     distance = np.full((300, 3), 9.0)
     distance[-50:, 0], distance[-50:, 1], distance[200:, 2] = 0.04, 0.06, np.nan
     flights = flight.Flights("hover", distance)
-    np.testing.assert_allclose(flights.error_m, [0.04, 0.06, np.nan])  # of the last second alone
+    np.testing.assert_allclose(flights.error_m, [0.04, 0.06, np.nan])  # only over the last second
     assert flights.close_rate == pytest.approx(1 / 3)
     assert flights.median_error_m == pytest.approx(0.05)
     assert list(flights.crashed) == [False, False, True]
@@ -42,7 +42,7 @@ def test_errors_of_flights_by_hand():
 
 
 def test_flights_are_measured_from_the_state():
-    """The distance of every step, until a drone that nobody flies has fallen out of the task."""
+    """Check the distance of every step until an uncontrolled drone has left the task's area."""
     envs = flight.make("hover", 4, max_episode_steps=0)
     envs.reset(seed=3)
     goal = envs.batch.worlds[0].goal
@@ -53,7 +53,7 @@ def test_flights_are_measured_from_the_state():
     flown = flight.fly("hover", still, 4, 3)
     np.testing.assert_allclose(flown.distance_m[:20], expected, atol=1e-5)
     assert flown.distance_m.shape == (300, 4)
-    assert flown.crashed.all()  # thrown, and never caught
+    assert flown.crashed.all()  # thrown and never caught
 
 
 def test_position_control_catches_what_is_thrown():
@@ -112,7 +112,7 @@ def test_training_begins_with_seeds_of_its_own(monkeypatch):
 
 @pytest.mark.parametrize("name", ["hover", "track"])
 def test_kept_policies_hold_no_bytecode(name):
-    """A function that was saved crashes the next Python that loads it."""
+    """A saved function crashes other Python versions that load it."""
     with zipfile.ZipFile(POLICIES / f"{name}.zip") as file:
         saved = json.loads(file.read("data"))
     pickles = [
