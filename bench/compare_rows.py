@@ -194,7 +194,7 @@ STEP: list[tuple[str, Setup]] = [
     ("step/track_gusts_imu_n1024", flying(1024, "TrackConfig", imu=True, wind={"gusts": "ornstein_uhlenbeck"})),
 ]
 
-# ------------------------------------------------------------------------------- lidar, camera and tiles: sensors only
+# -------------------------------------------------------------------------------- lidar, camera and tiles: sensors only
 
 
 def free_positions(world: Any, count: int) -> Any:
@@ -333,7 +333,7 @@ TILES: list[tuple[str, Setup]] = [
     ("tiles/city/resized64x48x8", seeing(CITY, 64, 48, 8, resize=(32, 24), outputs=["rgb", "depth", "hsv", "grey"])),
 ]
 
-# ----------------------------------------------------------------------------------------------- dynamics: motion only
+# ------------------------------------------------------------------------------------------------ dynamics: motion only
 
 
 def fleet(
