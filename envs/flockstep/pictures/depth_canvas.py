@@ -31,7 +31,7 @@ class DepthCanvas:
     Parameters
     ----------
     rgb, depth
-        (H, W, 3) and planar (H, W) m, taken by the camera at this pose. Drawn into in place.
+        (H, W, 3) and planar (H, W) m, taken by the camera at this pose. Drawing changes both in place.
     camera
         The camera that took them. Its mounting on a drone is ignored.
     position, quat_wxyz
