@@ -2213,7 +2213,7 @@ class Batch:
         """Fly a command (N, 4), with the meaning of `DynamicsConfig.control`, for some ticks; None means one step.
 
         Drones can hit obstacles; see `DynamicsConfig.on_contact`. Sensors are not read. Gusts and the controller follow
-        each env's clock, so many calls of one tick equal one call of many ticks. A drone that becomes too fast to
+        each env's clock: many calls of one tick equal one call of many ticks. A drone that becomes too fast to
         integrate is put to rest at its last position, with a `RuntimeWarning`; in a task its episode ends as a bad
         state.
 

@@ -1,4 +1,4 @@
-"""What users write passes `mypy --strict`; ./dev lint checks it."""
+"""Code that users write passes `mypy --strict`; ./dev lint checks it."""
 
 import numpy as np
 import numpy.typing as npt

@@ -27,7 +27,7 @@ HWY_INLINE void intersect_lanes(const RTCIntersectFunctionNArguments* args, cons
   found.meet(world_interval<F>(shape, {load(org_x), load(org_y), load(org_z)}, {load(dir_x), load(dir_y), load(dir_z)}), 0,
              load(t_near));
   const F distance = found.metres();
-  // Of two primitives at the same distance the lower index wins, whichever Embree visits first.
+  // If two primitives are at the same distance, the lower index wins, in any order of Embree's visits.
   const F nearest = load(t_far);
   const auto own_prim = static_cast<std::int32_t>(args->primID), own_geom = static_cast<std::int32_t>(args->geomID);
   const I prim = I::load_unaligned(ids + prim_id * n), geom = I::load_unaligned(ids + geom_id * n);

@@ -38,7 +38,7 @@ def render(
 
     Returns
     -------
-    An array for each of the camera's outputs, as in `Camera` but for one drone: ``picture["rgb"]`` is (H, W, 3).
+    An array for each of the camera's outputs, as in `Camera` of one drone: ``picture["rgb"]`` is (H, W, 3).
 
     Raises
     ------

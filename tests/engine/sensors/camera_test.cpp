@@ -241,7 +241,7 @@ TEST(CameraDepth, PlanarAndRange) {
 
 // -- Near plane: objects that it cuts are open, and objects behind them are visible.
 
-// Appends capsules behind the camera, so many that nothing is traced directly.
+// Appends enough capsules behind the camera that nothing is traced directly.
 std::vector<Primitive> with_company(std::vector<Primitive> primitives) {
   for (int i = 0; i < 600; ++i) {
     const Vec3 center(-3.0F - 0.01F * static_cast<float>(i % 30), 0.2F * static_cast<float>(i / 30) - 2.0F, 0.0F);

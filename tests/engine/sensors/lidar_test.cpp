@@ -276,7 +276,7 @@ TEST(LidarRanges, MoreRaysThanABlock) {
 }
 
 TEST(LidarRanges, AHitAtTheRangeItselfIsAHit) {
-  // A box's face 2 m ahead, first with only its room, then with so many spheres in view that no scan is traced directly.
+  // A box's face 2 m ahead, first with only its room, then with enough spheres in view that no scan is traced directly.
   std::vector<Primitive> alone{primitive(PrimitiveKind::room, {0, 0, 0}, {8, 8, 8}),
                                primitive(PrimitiveKind::box, {2.5F, 0, 0}, {0.5F, 1, 1})};
   std::vector<Primitive> crowd = alone;

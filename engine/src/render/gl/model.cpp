@@ -23,7 +23,7 @@ std::uint32_t pack(const Surface& surface) {
   return static_cast<std::uint32_t>(surface.semantic) | (static_cast<std::uint32_t>(surface.instance) << 16U);
 }
 
-// Returns the colour of a surface as it is written to images; see Light.
+// Returns the colour of a surface as written to images; see Light.
 std::uint32_t shade(const Light& light, const Surface& surface, const Vec3d& normal, bool sun) {
   double facing = 0.0;
   for (std::size_t axis = 0; axis < 3; ++axis) {
