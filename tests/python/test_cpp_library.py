@@ -120,7 +120,7 @@ message(STATUS "scenes: ${flockstep_SCENES_DIR}")
 
 def test_the_package_tells_where_the_scenes_are(prefix: Path, tmp_path: Path) -> None:
     (tmp_path / "CMakeLists.txt").write_text(LOOKS_FOR_THE_LIBRARY)
-    printed = run("cmake", "-S", tmp_path, "-B", tmp_path / "build", f"-DCMAKE_PREFIX_PATH={prefix}")
+    printed = run("cmake", "-S", tmp_path, "-B", tmp_path / "build", "-G", "Ninja", f"-DCMAKE_PREFIX_PATH={prefix}")
     (scenes,) = re.findall(r"scenes: (.*)", printed)
     assert Path(scenes).is_relative_to(prefix)
     assert flockstep.World.load(next(Path(scenes).rglob("train-1.json"))).name
@@ -128,7 +128,8 @@ def test_the_package_tells_where_the_scenes_are(prefix: Path, tmp_path: Path) ->
 
 def test_the_python_package_says_that_it_has_no_library(tmp_path: Path) -> None:
     (tmp_path / "CMakeLists.txt").write_text(LOOKS_FOR_THE_LIBRARY)
-    command = ["cmake", "-S", tmp_path, "-B", tmp_path / "build", f"-Dflockstep_DIR={flockstep.cmake_dir()}"]
+    command = ["cmake", "-S", tmp_path, "-B", tmp_path / "build", "-G", "Ninja"]
+    command += [f"-Dflockstep_DIR={flockstep.cmake_dir()}"]
     done = subprocess.run(command, capture_output=True, text=True, check=False)
     assert done.returncode != 0
     assert "the Python package has headers only" in " ".join(done.stderr.split())

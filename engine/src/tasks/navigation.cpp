@@ -8,6 +8,7 @@
 #include <string>
 #include <vector>
 
+#include "base/check_fields.hpp"
 #include "base/hash.hpp"
 #include "base/random.hpp"
 #include "base/require.hpp"
