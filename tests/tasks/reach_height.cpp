@@ -14,9 +14,8 @@ class ReachHeight final : public flockstep::Task {
  public:
   ReachHeight() {
     constexpr double kAny = std::numeric_limits<double>::infinity();
-    spec_.action = {.name = "displacement", .shape = {3}};  // in units of 0.25 m
-    // Distance to the target height, and own height, in m.
-    spec_.observation = {{.name = "height", .shape = {2}, .low = {-kAny}, .high = {kAny}}};
+    spec_.action = {.name = "displacement", .shape = {3}};                                   // in units of 0.25 m
+    spec_.observation = {{.name = "height", .shape = {2}, .low = {-kAny}, .high = {kAny}}};  // m: way to the target, height
     spec_.reward_terms = {"closer", "arrived"};
   }
 
