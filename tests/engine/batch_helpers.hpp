@@ -20,6 +20,7 @@
 #include "flockstep/array_visitor.hpp"
 #include "flockstep/batch.hpp"
 #include "flockstep/tasks.hpp"
+#include "random.hpp"
 
 namespace flockstep::testing {
 
@@ -38,6 +39,22 @@ inline std::shared_ptr<const World> make_world(std::vector<Primitive> primitives
   description.markers = std::move(markers);
   description.mesh = std::move(mesh);
   return std::make_shared<const World>(std::move(description));
+}
+
+// (N, 3) positions and (N, 4) rotations.
+struct Poses {
+  std::vector<float> position, quat_wxyz;
+};
+
+// Random rotations at random positions in the box from -reach to reach.
+inline Poses random_poses(Random& random, int count, const Vec3& reach) {
+  Poses poses;
+  for (int i = 0; i < count; ++i) {
+    for (Eigen::Index axis = 0; axis < 3; ++axis) poses.position.push_back(random.within(-reach[axis], reach[axis]));
+    const Quat q = random.rotation();
+    poses.quat_wxyz.insert(poses.quat_wxyz.end(), {q.w(), q.x(), q.y(), q.z()});
+  }
+  return poses;
 }
 
 // A world so small that random flights soon end in every possible way.

@@ -6,6 +6,11 @@
 
 namespace flockstep::testing {
 
+inline const DroneModel& quadrotor() {
+  static const DroneModel model = DroneModel::quadrotor650();
+  return model;
+}
+
 inline collision::Contact sweep(const World& world, const DroneModel& drone, const Pose& from, const Pose& to) {
   return collision::sweep(prepared(world).obstacles(), collision::Hull(drone), from, to);
 }

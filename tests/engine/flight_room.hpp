@@ -21,6 +21,7 @@
 namespace flockstep::testing {
 
 inline constexpr std::size_t kRoomDrones = 39;  // not a multiple of the lanes
+inline const dynamics::DroneRange kWholeRoom{DroneIndex(0), kRoomDrones};
 inline const ClockConfig kRoomClock{.policy_hz = 50.0F, .physics_hz = 500.0F, .controller_hz = 250.0F};
 
 class FlightRoom {

@@ -12,15 +12,17 @@
 #include <vector>
 
 #include "batch_helpers.hpp"
+#include "numbers.hpp"
+#include "random.hpp"
 
 namespace flockstep {
 namespace {
 
 using testing::closet;
+using testing::kInfinity;
 using testing::same_drone;
 
 constexpr float kNaN = std::numeric_limits<float>::quiet_NaN();
-constexpr float kInfinity = std::numeric_limits<float>::infinity();
 
 enum class What : std::uint8_t { nothing, position, rotation, reward, observation, first_observation, place };
 

@@ -9,6 +9,7 @@
 #include <string>
 #include <vector>
 
+#include "collide.hpp"
 #include "collision/sweep.hpp"
 #include "convex_oracle.hpp"
 #include "prepared/prepared_world.hpp"
@@ -20,11 +21,6 @@ namespace {
 
 using oracle::Vec3d;
 using testing::Random;
-
-const DroneModel& drone() {
-  static const DroneModel model = DroneModel::quadrotor650();
-  return model;
-}
 
 // An obstacle in +x direction from a point.
 struct Obstacle {
@@ -92,7 +88,7 @@ Quat small_turn(Random& random, float least_rad, float most_rad) {
 }
 
 oracle::Support hull_of(const Pose& pose) {
-  return oracle::hull_at(drone(), pose.position.cast<double>(), pose.rotation.cast<double>());
+  return oracle::hull_at(testing::quadrotor(), pose.position.cast<double>(), pose.rotation.cast<double>());
 }
 
 // Moves like Batch::move().
@@ -106,7 +102,7 @@ class Creep : public ::testing::TestWithParam<float> {};
 // Moves mainly towards the obstacle, with steps and turns of all sizes and some sideways steps.
 TEST_P(Creep, NoPushesAndTurnsEatTheGap) {
   const Vec3 point = GetParam() * Vec3(0.6F, -0.48F, 0.64F);
-  const Hull hull(drone());
+  const Hull hull(testing::quadrotor());
   const std::vector<Obstacle> all = obstacles_at(point);
 #if defined(NDEBUG)
   constexpr long kMoves = 100'000;
@@ -156,7 +152,7 @@ TEST(Creep, AHullBesideATriangleThatIsHardToMeasureIsNotInside) {
   const Pose to{{0x1.562dfcp+4F, -0x1.cccc92p+3F, 0x1.33334ep+4F},
                 {-0x1.fc6122p-8F, 0x1.517424p-2F, 0x1.d82658p-1F, -0x1.9e6bdap-3F}};
   EXPECT_NEAR(triangles.distance(hull_of(from)), 9.11e-5, 1e-6);
-  EXPECT_FALSE(sweep(prepared(world).obstacles(), Hull(drone()), from, to).inside);
+  EXPECT_FALSE(sweep(prepared(world).obstacles(), Hull(testing::quadrotor()), from, to).inside);
 }
 
 // Penetration depth of the hull.
@@ -172,7 +168,7 @@ TEST(Inside, MayMoveOutNeverDeeper) {
 #else
   constexpr int kRounds = 16;
 #endif
-  const Hull hull(drone());
+  const Hull hull(testing::quadrotor());
   for (const bool in_room : {true, false}) {
     SCOPED_TRACE(in_room);
     const auto all = obstacles_at(Vec3::Zero());

@@ -12,6 +12,7 @@
 #include <vector>
 
 #include "allocation_counter.hpp"
+#include "collide.hpp"
 #include "convex_oracle.hpp"
 #include "random.hpp"
 #include "tried.hpp"
@@ -21,12 +22,8 @@ namespace {
 
 constexpr float kDegree = std::numbers::pi_v<float> / 180.0F;
 
-const DroneModel& drone() {
-  static const DroneModel model = DroneModel::quadrotor650();
-  return model;
-}
 const Hull& hull() {
-  static const Hull body(drone());
+  static const Hull body(testing::quadrotor());
   return body;
 }
 
@@ -145,7 +142,7 @@ TEST(Sweep, ASheetOfNoThicknessStopsFromBothSidesAtAnyLength) {
         const Quat facing = testing::facing(Vec3::UnitZ(), direction) * turn(about, Vec3::UnitZ());
         const Place place({make(kind, 3.0F * direction, {4, 4, 0}, facing)});
         double reach = 0.0;  // m, extent of the hull along the flight
-        for (const Vec3& point : drone().hull()) reach = std::max(reach, static_cast<double>(point.dot(direction)));
+        for (const Vec3& point : testing::quadrotor().hull()) reach = std::max(reach, static_cast<double>(point.dot(direction)));
         for (const float length : {2.9F, 3.0F, 3.1F, 4.0F, 10.0F, 1e3F, 1e5F}) {
           const Pose there{length * direction, Quat::Identity()};
           const Contact contact = place.sweep(at(0, 0, 0), there);
@@ -311,11 +308,11 @@ TEST(Interpolate, EndsAreExactAndTheMiddleIsHalfway) {
   EXPECT_LT(interpolate(from, mirrored, 0.5F).rotation.angularDistance(yaw(50)), 1e-3F);
 }
 
-// -- Random scenes, compared with fine stepping and an independent distance.
+// -- SceneRandom scenes, compared with fine stepping and an independent distance.
 
-class Random {
+class SceneRandom {
  public:
-  explicit Random(unsigned seed) : bits_(seed) {}
+  explicit SceneRandom(unsigned seed) : bits_(seed) {}
   float uniform(float low, float high) { return std::uniform_real_distribution<float>(low, high)(bits_); }
   bool chance(float p) { return uniform(0, 1) < p; }
   Vec3 normal() {
@@ -333,7 +330,7 @@ class Random {
   std::normal_distribution<float> gauss_;
 };
 
-std::unique_ptr<Place> random_place(Random& random, int elements) {
+std::unique_ptr<Place> random_place(SceneRandom& random, int elements) {
   std::vector<Primitive> primitives;
   TriangleMesh mesh;
   if (random.chance(0.5F)) primitives.push_back(make(PrimitiveKind::room, 0.3F * random.normal(), Vec3(3, 2.5F, 2)));
@@ -403,7 +400,7 @@ class Reference {
   // Returns the distance, or a lower bound of it that exceeds `enough`. Not positive if they overlap.
   double distance(const Eigen::Vector3d& position, const Eigen::Quaterniond& rotation, double enough) const {
     double least = std::numeric_limits<double>::infinity();
-    const oracle::Support body = oracle::hull_at(drone(), position, rotation);
+    const oracle::Support body = oracle::hull_at(testing::quadrotor(), position, rotation);
     for (const Primitive& room : rooms_) {
       for (int axis = 0; axis < 3; ++axis) {
         const Eigen::Vector3d d = Eigen::Vector3d::Unit(axis);
@@ -413,7 +410,7 @@ class Reference {
       }
     }
     for (const Solid& solid : solids_) {
-      const double bound = (position - solid.center).norm() - solid.reach - static_cast<double>(drone().radius());
+      const double bound = (position - solid.center).norm() - solid.reach - static_cast<double>(testing::quadrotor().radius());
       least = std::min(least, bound > enough ? bound : oracle::distance(body, solid.support).lower);
     }
     return least;
@@ -438,7 +435,7 @@ struct Motion {
   }
   double speed() const {  // upper bound for any point of the hull
     return (to.position - from.position).cast<double>().norm() +
-           static_cast<double>(drone().radius()) *
+           static_cast<double>(testing::quadrotor().radius()) *
                from.rotation.cast<double>().normalized().angularDistance(to.rotation.cast<double>().normalized());
   }
 };
@@ -462,7 +459,7 @@ struct Tally {
   int frees = 0;
 };
 
-void compare_with_fine_stepping(Random& random, const Place& place, const Motion& motion, Tally& tally) {
+void compare_with_fine_stepping(SceneRandom& random, const Place& place, const Motion& motion, Tally& tally) {
   const Reference reference(place.world);
   const Contact contact = place.sweep(motion.from, motion.to);
   const double first = reference.distance(motion.position(0), motion.rotation(0), 0.5);
@@ -504,7 +501,7 @@ void compare_with_fine_stepping(Random& random, const Place& place, const Motion
   ASSERT_GT(reference.distance(stop.position.cast<double>(), stop.rotation.cast<double>(), 0.5), 0.5 * kStandoff);
   ASSERT_NEAR(contact.normal.norm(), 1.0F, 1e-5F);
   // The contact point is at the standoff distance from the hull, on the side that the normal points away from.
-  const oracle::Support body = oracle::hull_at(drone(), stop.position.cast<double>(), stop.rotation.cast<double>());
+  const oracle::Support body = oracle::hull_at(testing::quadrotor(), stop.position.cast<double>(), stop.rotation.cast<double>());
   const oracle::Support point = oracle::polytope({contact.point.cast<double>()});
   ASSERT_LT(oracle::distance(body, point).upper, kStandoff + 2e-4);
   ASSERT_GT(contact.normal.cast<double>().dot(body(-contact.normal.cast<double>()) - contact.point.cast<double>()), -1e-5);
@@ -520,7 +517,7 @@ void compare_with_fine_stepping(Random& random, const Place& place, const Motion
 }
 
 void random_cases(unsigned seed, int places, int motions, int elements, float length, float most_degrees) {
-  Random random(seed + 10U * testing::part_tried());
+  SceneRandom random(seed + 10U * testing::part_tried());
   Tally tally;
   places = static_cast<int>(testing::times_tried(places));
   for (int i = 0; i < places; ++i) {
@@ -553,7 +550,7 @@ TEST(SweepAgainstFineStepping, ManyElements) { random_cases(5, 20, 20, 100, 0.3F
 
 TEST(Sweep, ResultsDependOnNothingButTheInputs) {
   // The same elements checked one by one, through the acceleration structure, and in another order.
-  Random random(6);
+  SceneRandom random(6);
   for (int i = 0; i < 20; ++i) {
     std::vector<Primitive> few;
     for (int k = 0; k < 12; ++k) {
@@ -585,7 +582,7 @@ TEST(Sweep, ResultsDependOnNothingButTheInputs) {
 }
 
 TEST(Sweep, AllocatesNothing) {
-  Random random(7);
+  SceneRandom random(7);
   for (const int elements : {10, 100}) {
     const std::unique_ptr<Place> place = random_place(random, elements);
     (void)place->overlaps(at(0, 0, 0));  // builds the acceleration structure, which is lazy

@@ -23,22 +23,22 @@ namespace {
 using dynamics::DroneRange;
 using dynamics::Fleet;
 using testing::FlightRoom;
+using testing::kRoomDrones;
+using testing::kWholeRoom;
 using testing::Random;
 
-constexpr std::size_t kDrones = testing::kRoomDrones;
-const DroneRange kAll{DroneIndex(0), kDrones};
-const std::vector<std::int32_t> kFirstRow(kDrones);  // all drones have the first airframe
+const std::vector<std::int32_t> kFirstRow(kRoomDrones);  // all drones have the first airframe
 
 std::vector<DroneIndex> all_drones() {
   std::vector<DroneIndex> list;
-  for (std::size_t drone = 0; drone < kDrones; ++drone) list.emplace_back(drone);
+  for (std::size_t drone = 0; drone < kRoomDrones; ++drone) list.emplace_back(drone);
   return list;
 }
 
 // Expects a drone to have the same bits in two states.
 void expect_same_drone(const State& a, const State& b, std::size_t drone) {
   testing::for_each_float_array(a, b, [&](const std::string& name, const auto& values, const auto& others) {
-    const std::size_t columns = values.size() / kDrones;
+    const std::size_t columns = values.size() / kRoomDrones;
     EXPECT_TRUE(testing::same_bits(testing::row(values, drone, columns), testing::row(others, drone, columns)))
         << name << ' ' << drone;
   });
@@ -49,7 +49,7 @@ void expect_same_drone(const State& a, const State& b, std::size_t drone) {
 // Returns table rows in which consecutive drones have different airframes.
 std::vector<std::int32_t> mixed_index(std::size_t num_airframes) {
   std::vector<std::int32_t> index;
-  for (std::size_t drone = 0; drone < kDrones; ++drone) {
+  for (std::size_t drone = 0; drone < kRoomDrones; ++drone) {
     index.push_back(static_cast<std::int32_t>((7 * drone + drone / num_airframes) % num_airframes));
   }
   return index;
@@ -57,7 +57,7 @@ std::vector<std::int32_t> mixed_index(std::size_t num_airframes) {
 
 std::vector<Airframe> by_drone(const Fleet& fleet) {
   std::vector<Airframe> airframes;
-  for (std::size_t drone = 0; drone < kDrones; ++drone) airframes.push_back(fleet.airframe_of(DroneIndex(drone)));
+  for (std::size_t drone = 0; drone < kRoomDrones; ++drone) airframes.push_back(fleet.airframe_of(DroneIndex(drone)));
   return airframes;
 }
 
@@ -66,7 +66,7 @@ void expect_same_flights(const DynamicsConfig& config, bool is_row) {
   const std::vector<Airframe> airframes = testing::different_airframes();
   const std::vector<std::int32_t> index = mixed_index(airframes.size());
   const std::vector<DroneIndex> drones = all_drones();
-  const DroneRange own = is_row ? kAll : DroneRange{};
+  const DroneRange own = is_row ? kWholeRoom : DroneRange{};
   FlightRoom mixed(config, model, airframes, index);
   Random random(31);
   const std::vector<float> command = testing::flight_commands(random, config.control, by_drone(mixed.fleet));
@@ -79,7 +79,7 @@ void expect_same_flights(const DynamicsConfig& config, bool is_row) {
   for (std::size_t row = 0; row < airframes.size(); ++row) {
     FlightRoom same(config, model, std::span(airframes).subspan(row, 1), kFirstRow);
     fly(same);
-    for (std::size_t drone = 0; drone < kDrones; ++drone) {
+    for (std::size_t drone = 0; drone < kRoomDrones; ++drone) {
       if (index[drone] == static_cast<std::int32_t>(row)) expect_same_drone(mixed.state, same.state, drone);
     }
   }
@@ -110,18 +110,18 @@ TEST(Fleet, GivesADroneAnotherAirframeBetweenSteps) {
   Random random(37);
   const std::vector<float> command = testing::flight_commands(random, config.control, by_drone(mixed.fleet));
   for (int step = 0; step < 2; ++step) {
-    mixed.fly(drones, kAll, command);
-    first.fly(drones, kAll, command);
+    mixed.fly(drones, kWholeRoom, command);
+    first.fly(drones, kWholeRoom, command);
   }
   second.state = first.state;
   for (const std::size_t drone : {3U, 20U}) mixed.fleet.set_airframe(DroneIndex(drone), 1);
   for (int step = 0; step < 5; ++step) {
-    mixed.fly(drones, kAll, command);
-    first.fly(drones, kAll, command);
-    second.fly(drones, kAll, command);
+    mixed.fly(drones, kWholeRoom, command);
+    first.fly(drones, kWholeRoom, command);
+    second.fly(drones, kWholeRoom, command);
   }
   EXPECT_FALSE(testing::same_bits(first.state.position, second.state.position));
-  for (std::size_t drone = 0; drone < kDrones; ++drone) {
+  for (std::size_t drone = 0; drone < kRoomDrones; ++drone) {
     expect_same_drone(mixed.state, drone == 3 || drone == 20 ? second.state : first.state, drone);
   }
 }
@@ -146,7 +146,7 @@ TEST(Fleet, RefusesAirframesThatItCannotIntegrate) {
   stiff.linear_drag = {0.0, 1e4, 0.0};
   DynamicsConfig config = testing::room_dynamics(OnContact::stop, Control::rotor_speeds);
   const auto make = [&](std::vector<Airframe> airframes, std::int32_t row) {
-    Fleet(airframes, std::vector(kDrones, row), config, testing::kRoomClock, 1);
+    Fleet(airframes, std::vector(kRoomDrones, row), config, testing::kRoomClock, 1);
   };
   make({good, good, good}, 2);
   EXPECT_REFUSED(make({}, 0), "airframes: ");

@@ -24,11 +24,11 @@ using dynamics::kLanes;
 using dynamics::LaneFlags;
 using dynamics::LaneGroup;
 
-constexpr std::size_t kDrones = 40;
+constexpr std::size_t kNumDrones = 40;
 
 // A state in which every element of every array has a different number.
 State numbered_state() {
-  State state = testing::flight_state(kDrones, 1);
+  State state = testing::flight_state(kNumDrones, 1);
   float next = 1.0F;
   testing::for_each_float_array(state, [&](const std::string&, std::vector<float>& array) {
     for (float& value : array) value = next++;
@@ -77,7 +77,7 @@ TEST(LaneGroup, LoadsTheSameGatheredAndInOnePiece) {
   Flock loaded[2];
   for (const bool is_row : {false, true}) {
     std::span<const DroneIndex> drones(list);
-    const LaneGroup group(drones, is_row ? DroneRange{DroneIndex(0), kDrones} : DroneRange{});
+    const LaneGroup group(drones, is_row ? DroneRange{DroneIndex(0), kNumDrones} : DroneRange{});
     ASSERT_EQ(group.is_row(), is_row);
     group.load(state, loaded[is_row]);
   }
@@ -97,7 +97,7 @@ TEST(LaneGroup, StoresTheGivenLanesOnly) {
     State state = before;
     Flock flock;
     std::span<const DroneIndex> drones(list);
-    const LaneGroup group(drones, is_row ? DroneRange{DroneIndex(0), kDrones} : DroneRange{});
+    const LaneGroup group(drones, is_row ? DroneRange{DroneIndex(0), kNumDrones} : DroneRange{});
     group.load(state, flock);
     for (auto* const lanes : {&flock.position, &flock.remainder, &flock.velocity, &flock.turn, &flock.error_integral,
                               &flock.acceleration, &flock.angular_acceleration}) {
@@ -117,7 +117,7 @@ TEST(LaneGroup, StoresTheGivenLanesOnly) {
         if (name != other) return;
         const bool is_stored = testing::is_written_by_flight(name);
         arrays += is_stored;
-        const std::size_t columns = values.size() / kDrones;
+        const std::size_t columns = values.size() / kNumDrones;
         for (std::size_t i = 0; i < values.size(); ++i) {
           const bool is_changed = is_stored && (i / columns == 6 || i / columns == 17);
           EXPECT_EQ(values[i], is_changed ? -1.0F : old[i]) << name << ' ' << i / columns;

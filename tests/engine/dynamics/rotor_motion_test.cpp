@@ -16,23 +16,21 @@ namespace {
 
 using dynamics::DroneRange;
 using testing::FlightRoom;
+using testing::kRoomDrones;
+using testing::kWholeRoom;
 using testing::Random;
 using testing::room_dynamics;
 using testing::same_bits;
 
-constexpr std::size_t kDrones = testing::kRoomDrones;
-
 std::vector<float> positions(Random& random) {
   std::vector<float> command;
-  for (std::size_t i = 0; i < 4 * kDrones; ++i) command.push_back(random.within(-3.0F, 3.0F));
+  for (std::size_t i = 0; i < 4 * kRoomDrones; ++i) command.push_back(random.within(-3.0F, 3.0F));
   return command;
 }
 
-const DroneRange kAll{DroneIndex(0), kDrones};
-
 std::vector<DroneIndex> every(std::size_t step) {
   std::vector<DroneIndex> list;
-  for (std::size_t drone = 0; drone < kDrones; drone += step) list.emplace_back(drone);
+  for (std::size_t drone = 0; drone < kRoomDrones; drone += step) list.emplace_back(drone);
   return list;
 }
 
@@ -55,8 +53,8 @@ TEST(RotorMotion, OfADroneIsTheSameInEnvsOfThree) {
     Random random(23);
     const std::vector<float> command = positions(random);
     for (int step = 0; step < 60; ++step) {
-      single.fly(all, kAll, command);
-      triple.fly(all, kAll, command);
+      single.fly(all, kWholeRoom, command);
+      triple.fly(all, kWholeRoom, command);
     }
     EXPECT_GT(single.hits(), 5U);
     expect_same_flight(single.state, triple.state);
@@ -73,20 +71,20 @@ TEST(RotorMotion, IsTheSameGatheredAndInOnePieceAndLeavesOthersAlone) {
       FlightRoom row(config, model), gathered(config, model);
       const State before = row.state;
       const std::vector<DroneIndex> odd = every(2);
-      row.update_accelerations(odd, kAll);
+      row.update_accelerations(odd, kWholeRoom);
       gathered.update_accelerations(odd, {});
       expect_same_flight(row.state, gathered.state);
       Random random(29);
       const std::vector<float> command = positions(random);
       for (int step = 0; step < 60; ++step) {
-        row.fly(odd, kAll, command);
+        row.fly(odd, kWholeRoom, command);
         gathered.fly(odd, {}, command);
       }
       EXPECT_GT(row.hits(), 3U);
       expect_same_flight(row.state, gathered.state);
       testing::for_each_float_array(row.state, before, [](const std::string& name, const auto& values, const auto& old) {
-        const std::size_t columns = values.size() / kDrones;
-        for (std::size_t drone = 1; drone < kDrones; drone += 2) {
+        const std::size_t columns = values.size() / kRoomDrones;
+        for (std::size_t drone = 1; drone < kRoomDrones; drone += 2) {
           EXPECT_TRUE(same_bits(testing::row(values, drone, columns), testing::row(old, drone, columns))) << name << ' ' << drone;
         }
       });

@@ -15,6 +15,7 @@
 
 #include "formats/base64.hpp"
 #include "formats/image.hpp"
+#include "refusal.hpp"
 
 namespace flockstep {
 namespace {
@@ -83,15 +84,10 @@ GltfFile parse(const std::string& text, const LoadOptions& options = {}) {
 }
 GltfFile parse(File file, const LoadOptions& options = {}) { return parse(file.text(), options); }
 
-std::string message_of(const std::string& text) {
-  try {
-    parse(text);
-  } catch (const std::invalid_argument& error) {
-    return error.what();
-  }
-  return "accepted";
+std::string gltf_refusal(const std::string& text) {
+  return testing::refusal([&] { parse(text); });
 }
-std::string message_of(File file) { return message_of(file.text()); }
+std::string gltf_refusal(File file) { return gltf_refusal(file.text()); }
 
 // Returns the three corners of a triangle.
 std::vector<Vec3> corners(const TriangleMesh& mesh, std::size_t i) {
@@ -344,15 +340,15 @@ TEST(Gltf, CoordinatesAreScaledTurnedAndMoved) {
 TEST(Gltf, BadImagesAreRefused) {
   Textured file;
   file.json["images"][0] = {{"uri", "data:image/png;base64,AAAA"}};
-  EXPECT_EQ(message_of(file), "x.gltf: /images/0: expected a PNG or JPEG file, got one that begins otherwise");
+  EXPECT_EQ(gltf_refusal(file), "x.gltf: /images/0: expected a PNG or JPEG file, got one that begins otherwise");
   file.json["images"][0] = {{"uri", "data:image/png;base64,A*AA"}};
-  EXPECT_EQ(message_of(file), "x.gltf: /images/0/uri: expected base64, got \"*\" in it");
+  EXPECT_EQ(gltf_refusal(file), "x.gltf: /images/0/uri: expected base64, got \"*\" in it");
   file.json["images"][0] = {{"uri", "data:image/png,AAAA"}};
-  EXPECT_EQ(message_of(file), "x.gltf: /images/0/uri: expected a data: that is base64, got \"data:image/png,\"");
+  EXPECT_EQ(gltf_refusal(file), "x.gltf: /images/0/uri: expected a data: that is base64, got \"data:image/png,\"");
   file.json["images"][0] = {{"uri", "missing.png"}};
-  EXPECT_EQ(message_of(file), "x.gltf: /images/0/uri: /nowhere/missing.png: cannot read an image: No such file or directory");
+  EXPECT_EQ(gltf_refusal(file), "x.gltf: /images/0/uri: /nowhere/missing.png: cannot read an image: No such file or directory");
   file.json["images"][0] = {{"bufferView", 99}};
-  EXPECT_EQ(message_of(file), "x.gltf: /images/0/bufferView: expected an index of /bufferViews (which has 4), got 99");
+  EXPECT_EQ(gltf_refusal(file), "x.gltf: /images/0/bufferView: expected an index of /bufferViews (which has 4), got 99");
 }
 
 // ---------------------------------------------------------------------------------------------------------- other features
@@ -371,11 +367,11 @@ TEST(Gltf, MarkersAreNodesByNameOrExtras) {
   EXPECT_EQ(markers.goal, Vec3(7, 0, 0));
   EXPECT_EQ(markers.waypoints, (std::vector<Vec3>{Vec3(5, 0, 0), Vec3(2, 0, 0), Vec3(10, 0, 0)}));
   file.node({{"name", "start"}});
-  EXPECT_EQ(message_of(file), "x.gltf: /nodes/8: expected one start, got a second");
+  EXPECT_EQ(gltf_refusal(file), "x.gltf: /nodes/8: expected one start, got a second");
   File wrong = one_triangle();
   wrong.node({{"extras", {{"marker", "finish"}}}});
   EXPECT_EQ(
-      message_of(wrong),
+      gltf_refusal(wrong),
       "x.gltf: /nodes/1/extras/marker: expected \"start\", \"goal\", \"waypoint\" or \"waypoint.\" and a number, got \"finish\"");
 }
 
@@ -421,7 +417,7 @@ TEST(Gltf, EmissionIsReadWhereItIsOfTheBaseColoursTexture) {
   EXPECT_EQ(materials[5].texture, 0);
   EXPECT_EQ(read.ignored, std::vector<std::string>{"2 materials' emission by other textures than their base colours'"});
   file.json["materials"][0]["extensions"]["KHR_materials_emissive_strength"]["emissiveStrength"] = -1;
-  EXPECT_EQ(message_of(file),
+  EXPECT_EQ(gltf_refusal(file),
             "x.gltf: /materials/0/extensions/KHR_materials_emissive_strength/emissiveStrength: expected a number >= 0, got -1");
 }
 
@@ -450,11 +446,11 @@ TEST(Gltf, MasksHaveACutoffOfTheTexturesAlpha) {
   for (std::size_t i = 0; i < 9; ++i) EXPECT_EQ(scene.materials[i].alpha_cutoff, expected[i]) << i;
   EXPECT_EQ(read.ignored, std::vector<std::string>{"2 materials' masks that hide all of them"});
   file.json["materials"][1]["alphaCutoff"] = -0.5;
-  EXPECT_EQ(message_of(file), "x.gltf: /materials/1/alphaCutoff: expected a number >= 0, got -0.5");
+  EXPECT_EQ(gltf_refusal(file), "x.gltf: /materials/1/alphaCutoff: expected a number >= 0, got -0.5");
   file.json["materials"][1]["alphaCutoff"] = "half";
-  EXPECT_EQ(message_of(file), "x.gltf: /materials/1/alphaCutoff: expected a number >= 0, got \"half\"");
+  EXPECT_EQ(gltf_refusal(file), "x.gltf: /materials/1/alphaCutoff: expected a number >= 0, got \"half\"");
   file.json["materials"][1]["alphaMode"] = 1;
-  EXPECT_EQ(message_of(file), "x.gltf: /materials/1/alphaMode: expected a string, got 1");
+  EXPECT_EQ(gltf_refusal(file), "x.gltf: /materials/1/alphaMode: expected a string, got 1");
 }
 
 TEST(Gltf, ColoursOfVertices) {
@@ -477,7 +473,7 @@ TEST(Gltf, ColoursOfVertices) {
                 {1, 1, 1}, {1, 1, 1}, {1, 1, 1}, {1, 0.5F, 0}, {0, 0, 1}, {1, 1, 1}, {1, 0, 0.2F}, {0, 0, 0}, {1, 1, 1}}));
   EXPECT_EQ(colors[11], (Triple{1, 1, 1}));
   file.json["accessors"][floats]["count"] = 2;
-  EXPECT_EQ(message_of(file), "x.gltf: /accessors/1: expected as many colours as positions (3), got 2");
+  EXPECT_EQ(gltf_refusal(file), "x.gltf: /accessors/1: expected as many colours as positions (3), got 2");
 }
 
 TEST(Gltf, NodesSayWhatTheyAreThereFor) {
@@ -513,9 +509,9 @@ TEST(Gltf, NodesSayWhatTheyAreThereFor) {
                            {{"mesh", 0}}}),
             (All{kVisual, kSolid, kFull, kFull, kFull}));
 
-  EXPECT_EQ(message_of(one_triangle({{"extras", {{"visual_only", "yes"}}}})),
+  EXPECT_EQ(gltf_refusal(one_triangle({{"extras", {{"visual_only", "yes"}}}})),
             "x.gltf: /nodes/0/extras/visual_only: expected true or false, got \"yes\"");
-  EXPECT_EQ(message_of(one_triangle({{"extras", {{"visual_only", true}, {"collision_only", true}}}})),
+  EXPECT_EQ(gltf_refusal(one_triangle({{"extras", {{"visual_only", true}, {"collision_only", true}}}})),
             "x.gltf: /nodes/0/extras: expected one of visual_only and collision_only to be true, got both");
 }
 
@@ -537,7 +533,7 @@ TEST(Gltf, WhatIsNotReadIsNamed) {
                                 "1 mesh primitive's morph targets", "1 material's transparency", "1 material's normal map",
                                 "1 material's occlusion", "1 material's emission by another texture than its base colour's"}));
   file.json["extensionsRequired"] = {"KHR_draco_mesh_compression"};
-  EXPECT_EQ(message_of(file),
+  EXPECT_EQ(gltf_refusal(file),
             "x.gltf: /extensionsRequired/0: expected no extension that is required but those read (KHR_texture_transform, "
             "KHR_materials_unlit, KHR_materials_emissive_strength, KHR_lights_punctual, KHR_mesh_quantization), got "
             "\"KHR_draco_mesh_compression\"");
@@ -550,13 +546,13 @@ std::string refusal(const std::string& pointer, const Json& value) {
   File file = one_triangle();
   file.text();
   file.json[Json::json_pointer(pointer)] = value;
-  return message_of(file.json.dump());
+  return gltf_refusal(file.json.dump());
 }
 
 TEST(Gltf, WhatIsWrongIsRefusedByItsPlace) {
-  EXPECT_EQ(message_of("{}"), "x.gltf: expected a field \"asset\", found none");
-  EXPECT_EQ(message_of("[]"), "x.gltf: expected an object, got []");
-  EXPECT_EQ(message_of("").rfind("x.gltf: not valid JSON: ", 0), 0U);
+  EXPECT_EQ(gltf_refusal("{}"), "x.gltf: expected a field \"asset\", found none");
+  EXPECT_EQ(gltf_refusal("[]"), "x.gltf: expected an object, got []");
+  EXPECT_EQ(gltf_refusal("").rfind("x.gltf: not valid JSON: ", 0), 0U);
   EXPECT_EQ(refusal("/asset/version", "1.0"), "x.gltf: /asset/version: expected glTF 2, got \"1.0\"");
   EXPECT_EQ(refusal("/asset/minVersion", "2.1"), "x.gltf: /asset/minVersion: expected glTF 2.0, got \"2.1\"");
   EXPECT_EQ(refusal("/nodes/0/mesh", 1), "x.gltf: /nodes/0/mesh: expected an index of /meshes (which has 1), got 1");
@@ -630,7 +626,7 @@ TEST(Gltf, FilesBesideItAreReadAndOthersAreNot) {
             "x.gltf: /buffers/0/uri: expected data: or the path of a file, got \"https://x.y/z\"");
   EXPECT_EQ(refusal("/buffers/0/uri", ""), "x.gltf: /buffers/0/uri: expected data: or the path of a file, got \"\"");
 
-  const std::filesystem::path folder = std::filesystem::path(testing::TempDir()) / "flockstep_gltf_test";
+  const std::filesystem::path folder = std::filesystem::path(::testing::TempDir()) / "flockstep_gltf_test";
   std::filesystem::create_directories(folder / "parts");
   File file = one_triangle();
   file.text();
@@ -652,12 +648,12 @@ TEST(Gltf, CirclesAndSharedNodesAreRefused) {
   circle.node({{"children", {0}}});
   circle.json["scenes"] = {{{"nodes", {0}}}};
   circle.json["scene"] = 0;
-  EXPECT_EQ(message_of(circle),
+  EXPECT_EQ(gltf_refusal(circle),
             "x.gltf: /nodes/0: expected a node in one place of the scene, got one that is in two, or in itself");
   File shared = one_triangle();
   shared.node({{"children", {0}}});
   shared.node({{"children", {0}}});
-  EXPECT_EQ(message_of(shared),
+  EXPECT_EQ(gltf_refusal(shared),
             "x.gltf: /nodes/0: expected a node in one place of the scene, got one that is in two, or in itself");
 }
 
@@ -668,7 +664,7 @@ TEST(Gltf, DepthIsBoundedInJsonAndFreeInNodes) {
   std::string deep = file.text();
   deep.pop_back();
   deep += ", \"extras\": " + std::string(100000, '[') + std::string(100000, ']') + "}";
-  EXPECT_EQ(message_of(deep), "x.gltf: expected at most 32 arrays and objects in one another, got more");
+  EXPECT_EQ(gltf_refusal(deep), "x.gltf: expected at most 32 arrays and objects in one another, got more");
 }
 
 TEST(Gltf, WhatNodesMultiplyIsBounded) {
@@ -681,11 +677,11 @@ TEST(Gltf, WhatNodesMultiplyIsBounded) {
   EXPECT_EQ(parse(file).scene.mesh.triangles.size(), 3U * 4096U);
   auto& primitives = file.json["meshes"][0]["primitives"];
   for (int i = 1; i < 4096; ++i) primitives.push_back(primitives[0]);
-  EXPECT_EQ(message_of(file), "x.gltf: expected at most 33554432 triangles, got more");
+  EXPECT_EQ(gltf_refusal(file), "x.gltf: expected at most 33554432 triangles, got more");
   File many = one_triangle();
   many.mesh({{"attributes", {{"POSITION", 0}}}, {"mode", 1}});
   for (int i = 0; i < 65536; ++i) many.node({{"mesh", 1}});
-  EXPECT_EQ(message_of(many), "x.gltf: /nodes/65536: expected at most 65536 nodes with a mesh, got more");
+  EXPECT_EQ(gltf_refusal(many), "x.gltf: /nodes/65536: expected at most 65536 nodes with a mesh, got more");
 }
 
 // ---------------------------------------------------------------------------------------------------------------- .glb
@@ -705,29 +701,29 @@ std::string glb_of(File file) {
 TEST(Gltf, BinaryFilesAreReadWholeOrNotAtAll) {
   const std::string glb = glb_of(Textured());
   EXPECT_EQ(parse(glb).scene.textures.size(), 1U);
-  for (std::size_t size = 0; size < glb.size(); ++size) EXPECT_NE(message_of(glb.substr(0, size)), "accepted") << size;
-  EXPECT_NE(message_of(glb + '\0'), "accepted");
+  for (std::size_t size = 0; size < glb.size(); ++size) EXPECT_NE(gltf_refusal(glb.substr(0, size)), "accepted") << size;
+  EXPECT_NE(gltf_refusal(glb + '\0'), "accepted");
   std::string other = glb;
   other[4] = 1;
-  EXPECT_EQ(message_of(other), "x.gltf: expected glTF 2, got version 1");
+  EXPECT_EQ(gltf_refusal(other), "x.gltf: expected glTF 2, got version 1");
   other = glb;
   other[16] = 'j';
-  EXPECT_EQ(message_of(other), "x.gltf: expected a first chunk of JSON, got another");
+  EXPECT_EQ(gltf_refusal(other), "x.gltf: expected a first chunk of JSON, got another");
   other = glb;
   other[15] = 0x7f;
-  EXPECT_EQ(message_of(other).rfind("x.gltf: expected chunks within the file, got one of ", 0), 0U);
+  EXPECT_EQ(gltf_refusal(other).rfind("x.gltf: expected chunks within the file, got one of ", 0), 0U);
 }
 
 TEST(Gltf, TextCutShortIsRefused) {
   const std::string text = Textured().text();
-  for (std::size_t size = 0; size < text.size(); ++size) EXPECT_NE(message_of(text.substr(0, size)), "accepted") << size;
-  EXPECT_EQ(message_of(text), "accepted");
+  for (std::size_t size = 0; size < text.size(); ++size) EXPECT_NE(gltf_refusal(text.substr(0, size)), "accepted") << size;
+  EXPECT_EQ(gltf_refusal(text), "accepted");
 }
 
 // --------------------------------------------------------------------------------------------------------- in a World
 
 TEST(Gltf, AWorldTellsWhatItLeftOut) {
-  const std::filesystem::path path = std::filesystem::path(testing::TempDir()) / "flockstep_gltf_world.gltf";
+  const std::filesystem::path path = std::filesystem::path(::testing::TempDir()) / "flockstep_gltf_world.gltf";
   File file = one_triangle();
   file.json["animations"] = {Json::object()};
   std::ofstream(path) << file.text();
@@ -739,7 +735,7 @@ TEST(Gltf, AWorldTellsWhatItLeftOut) {
 }
 
 TEST(LoadOptions, OtherFormatsArePlacedToo) {
-  const std::filesystem::path path = std::filesystem::path(testing::TempDir()) / "flockstep_placed.json";
+  const std::filesystem::path path = std::filesystem::path(::testing::TempDir()) / "flockstep_placed.json";
   std::ofstream(path) << R"({"flockstep_scene": 1, "room": {"min": [0, 0, 0], "max": [4, 6, 2]},
     "boxes": [{"center": [1, 2, 1], "size": [1, 2, 1]}], "spheres": [{"center": [3, 3, 1], "radius": 0.5}],
     "meshes": [{"vertices": [[0, 0, 0], [1, 0, 0], [0, 1, 0]], "triangles": [[0, 1, 2]]}],

@@ -17,6 +17,7 @@
 
 #include "flockstep/generators.hpp"
 #include "formats/gltf.hpp"
+#include "refusal.hpp"
 #include "world/scene_description.hpp"
 
 namespace flockstep {
@@ -231,30 +232,25 @@ std::string edited(const Edit& edit) {
 
 GltfFile read_edited(const Edit& edit, const LoadOptions& options = {}) { return read_back(edited(edit), options); }
 
-std::string message_of(const Edit& edit) {
-  try {
-    read_edited(edit);
-  } catch (const std::invalid_argument& error) {
-    return error.what();
-  }
-  return "accepted";
+std::string edit_refusal(const Edit& edit) {
+  return testing::refusal([&] { read_edited(edit); });
 }
 
-void expect_near(const Vec3& a, const Vec3& b) { EXPECT_LT((a - b).norm(), 2e-5F) << a.transpose() << " and " << b.transpose(); }
+void expect_close(const Vec3& a, const Vec3& b) { EXPECT_LT((a - b).norm(), 2e-5F) << a.transpose() << " and " << b.transpose(); }
 
 // Expects two equal solids: the same surface, even if their frames are rotated differently.
 void expect_same_solid(const Primitive& a, const Primitive& b, const Eigen::Affine3f& moved) {
   EXPECT_EQ(a.kind, b.kind);
-  expect_near(b.center, moved * a.center);
+  expect_close(b.center, moved * a.center);
   const Mat3 of_a = moved.linear() * a.rotation * Mat3(a.half_extents.asDiagonal());
   const Mat3 of_b = b.rotation * Mat3(b.half_extents.asDiagonal());
-  if (a.kind == PrimitiveKind::sphere) return expect_near(b.half_extents, Vec3::Constant(of_a.col(0).norm()));
+  if (a.kind == PrimitiveKind::sphere) return expect_close(b.half_extents, Vec3::Constant(of_a.col(0).norm()));
   for (int i = 0; i < 3; ++i) {
     int best = 0;  // a room's axes may be permuted
     for (int k = 1; k < 3; ++k)
       best = std::abs(of_b.col(k).dot(of_a.col(i))) > std::abs(of_b.col(best).dot(of_a.col(i))) ? k : best;
     const int k = a.kind == PrimitiveKind::room ? best : i;
-    expect_near(of_b.col(k) * (of_b.col(k).dot(of_a.col(i)) < 0 ? -1.0F : 1.0F), of_a.col(i));
+    expect_close(of_b.col(k) * (of_b.col(k).dot(of_a.col(i)) < 0 ? -1.0F : 1.0F), of_a.col(i));
   }
 }
 
@@ -269,13 +265,13 @@ TEST(GltfWriter, ItIsPlacedAsAWhole) {
     const World read(file.scene);
     ASSERT_EQ(read.primitives().size(), 5U);
     for (std::size_t i = 0; i < 5; ++i) expect_same_solid(world.primitives()[i], read.primitives()[i], moved);
-    for (std::size_t i = 0; i < 3; ++i) expect_near(read.triangles().vertices[i], moved * world.triangles().vertices[i]);
-    expect_near(*read.markers().start, moved * *world.markers().start);
+    for (std::size_t i = 0; i < 3; ++i) expect_close(read.triangles().vertices[i], moved * world.triangles().vertices[i]);
+    expect_close(*read.markers().start, moved * *world.markers().start);
     EXPECT_EQ(read.markers().radius, 1.0F);
     const Vec3 a = moved * world.markers().spawn_box->min, b = moved * world.markers().spawn_box->max;
-    expect_near(read.markers().spawn_box->min, a.cwiseMin(b));
-    expect_near(read.markers().spawn_box->max, a.cwiseMax(b));
-    expect_near(Vec3(read.light().sun_direction.data()), moved.linear() * Vec3(world.light().sun_direction.data()) / 2.0F);
+    expect_close(read.markers().spawn_box->min, a.cwiseMin(b));
+    expect_close(read.markers().spawn_box->max, a.cwiseMax(b));
+    expect_close(Vec3(read.light().sun_direction.data()), moved.linear() * Vec3(world.light().sun_direction.data()) / 2.0F);
   }
 }
 
@@ -297,7 +293,7 @@ TEST(GltfWriter, WhatIsMovedInAnotherProgramMoves) {
   const GltfFile stretched = read_edited([](Json& json) { json["nodes"][1]["scale"] = {1, 7, 2}; });
   EXPECT_EQ(stretched.scene.primitives[1].half_extents, Vec3(1, 2, 7));
   const GltfFile turned = read_edited([](Json& json) { json["nodes"][7]["rotation"] = {0, 0, 0, 1}; });
-  expect_near(Vec3(turned.scene.light.sun_direction.data()), Vec3(0, -1, 0));
+  expect_close(Vec3(turned.scene.light.sun_direction.data()), Vec3(0, -1, 0));
   const GltfFile twice = read_edited([](Json& json) {
     json["scenes"][0]["nodes"].push_back(8);
     json["nodes"].push_back(json["nodes"][5]);
@@ -341,14 +337,14 @@ TEST(GltfWriter, WithoutExtrasAllIsMeshes) {
   const World read(file.scene);
   EXPECT_EQ(read.triangles().objects.back(), 5);
   EXPECT_EQ(read.markers().start, world.markers().start);
-  expect_near(Vec3(read.light().sun_direction.data()), Vec3(world.light().sun_direction.data()));
-  expect_near(read.bounds().min, world.bounds().min);
-  expect_near(read.bounds().max, world.bounds().max);
+  expect_close(Vec3(read.light().sun_direction.data()), Vec3(world.light().sun_direction.data()));
+  expect_close(read.bounds().min, world.bounds().min);
+  expect_close(read.bounds().max, world.bounds().max);
 }
 
 TEST(GltfWriter, BadExtrasAreRefused) {
   const auto of_node = [](std::size_t node, const Json& ours) {
-    return message_of([&](Json& json) { json["nodes"][node]["extras"]["flockstep"] = ours; });
+    return edit_refusal([&](Json& json) { json["nodes"][node]["extras"]["flockstep"] = ours; });
   };
   const std::string at_1 = "x.glb: /nodes/1/extras/flockstep", at_4 = "x.glb: /nodes/4/extras/flockstep";
   EXPECT_EQ(of_node(1, 3), at_1 + ": expected an object, got 3");
@@ -373,12 +369,12 @@ TEST(GltfWriter, BadExtrasAreRefused) {
   EXPECT_EQ(of_node(5, {{"object", 0}, {"order", {0, 4294967295U}}}), "accepted");
   EXPECT_EQ(of_node(6, {{"primitive", "box"}}),
             "x.glb: /nodes/6/extras: expected a mesh of the node, which \"flockstep\" tells more about, found none");
-  EXPECT_EQ(message_of([](Json& json) { json["nodes"][1]["scale"] = {1e7, 1, 1}; }),
+  EXPECT_EQ(edit_refusal([](Json& json) { json["nodes"][1]["scale"] = {1e7, 1, 1}; }),
             "x.glb: /nodes/1: expected a primitive within +-1e+06 m, of sizes >= 1e-06 m, got (1, 2, 3)");
-  EXPECT_EQ(message_of([](Json& json) { json["nodes"][1]["extras"] = "anything"; }), "accepted");
+  EXPECT_EQ(edit_refusal([](Json& json) { json["nodes"][1]["extras"] = "anything"; }), "accepted");
 
   const auto of_scene = [](const Json& ours) {
-    return message_of([&](Json& json) { json["scenes"][0]["extras"]["flockstep"] = ours; });
+    return edit_refusal([&](Json& json) { json["scenes"][0]["extras"]["flockstep"] = ours; });
   };
   const std::string scene = "x.glb: /scenes/0/extras/flockstep";
   EXPECT_EQ(of_scene({{"boxes", 1}}), scene + "/boxes: unknown field; expected one of light, markers");
@@ -392,7 +388,7 @@ TEST(GltfWriter, BadExtrasAreRefused) {
 // ---------------------------------------------------------------------------------------------------------------- files
 
 TEST(GltfWriter, FilesAreSavedBySuffixWholeOrNotAtAll) {
-  const std::filesystem::path folder = std::filesystem::path(testing::TempDir()) / "flockstep_gltf_writer";
+  const std::filesystem::path folder = std::filesystem::path(::testing::TempDir()) / "flockstep_gltf_writer";
   std::filesystem::create_directories(folder);
   const World world = small_world();
   for (const char* const name : {"a.glb", "a.gltf", "a.json", "B.GLB"}) {

@@ -9,6 +9,7 @@
 #include <string>
 #include <vector>
 
+#include "refusal.hpp"
 #include "render/jpeg.hpp"
 
 namespace flockstep {
@@ -20,13 +21,8 @@ Bytes bytes_of(const std::string& text) { return {text.begin(), text.end()}; }
 
 Image decode(const Bytes& file) { return decode_image(file, "x"); }
 
-std::string message_of(const Bytes& file, std::size_t max_pixels = kMaxScenePixels) {
-  try {
-    decode_image(file, "x", max_pixels);
-  } catch (const std::invalid_argument& error) {
-    return error.what();
-  }
-  return "accepted";
+std::string image_refusal(const Bytes& file, std::size_t max_pixels = kMaxScenePixels) {
+  return testing::refusal([&] { decode_image(file, "x", max_pixels); });
 }
 
 Bytes gradient(int width, int height) {
@@ -125,9 +121,9 @@ TEST(Image, AJpegIsRead) {
 TEST(Image, AFileCutShortIsRefused) {
   const auto cut = [](const Bytes& file) {
     for (std::size_t size = 0; size < file.size(); ++size) {
-      EXPECT_NE(message_of({file.begin(), file.begin() + static_cast<std::ptrdiff_t>(size)}), "accepted") << size;
+      EXPECT_NE(image_refusal({file.begin(), file.begin() + static_cast<std::ptrdiff_t>(size)}), "accepted") << size;
     }
-    EXPECT_EQ(message_of(file), "accepted");
+    EXPECT_EQ(image_refusal(file), "accepted");
   };
   cut(bytes_of(encode_png(9, 5, gradient(9, 5))));
   cut(png_of(2, 1, 8, 2, {0, 1, 2, 3, 0, 4, 5, 6}, {}, 1));
@@ -144,28 +140,28 @@ TEST(Image, ADamagedPngIsRefused) {
   for (std::size_t i = 0; i < file.size(); ++i) {
     Bytes damaged = file;
     damaged[i] ^= 0x10;
-    EXPECT_NE(message_of(damaged), "accepted") << i;
+    EXPECT_NE(image_refusal(damaged), "accepted") << i;
   }
 }
 
 TEST(Image, WhatIsNoImageIsRefused) {
-  EXPECT_EQ(message_of({}), "x: expected a PNG or JPEG file, got an empty one");
-  EXPECT_EQ(message_of(bytes_of("GIF89a")), "x: expected a PNG or JPEG file, got one that begins otherwise");
-  EXPECT_NE(message_of({0xff, 0xd8, 0xff}), "accepted");
+  EXPECT_EQ(image_refusal({}), "x: expected a PNG or JPEG file, got an empty one");
+  EXPECT_EQ(image_refusal(bytes_of("GIF89a")), "x: expected a PNG or JPEG file, got one that begins otherwise");
+  EXPECT_NE(image_refusal({0xff, 0xd8, 0xff}), "accepted");
 }
 
 TEST(Image, SizesAreCheckedBeforeAnythingIsDecoded) {
   const Bytes row{0, 1, 2, 3};
-  EXPECT_EQ(message_of(png_of(16385, 1, 8, 2, row)), "x: expected an image of 1 to 16384 pixels to a side, got 16385 x 1");
-  EXPECT_EQ(message_of(png_of(1, 0x7fffffff, 8, 2, row)),
+  EXPECT_EQ(image_refusal(png_of(16385, 1, 8, 2, row)), "x: expected an image of 1 to 16384 pixels to a side, got 16385 x 1");
+  EXPECT_EQ(image_refusal(png_of(1, 0x7fffffff, 8, 2, row)),
             "x: expected an image of 1 to 16384 pixels to a side, got 1 x 2147483647");
-  EXPECT_EQ(message_of(png_of(16384, 16384, 8, 2, row)).rfind("x: expected an image file that is whole, got 16384 x 16384", 0),
+  EXPECT_EQ(image_refusal(png_of(16384, 16384, 8, 2, row)).rfind("x: expected an image file that is whole, got 16384 x 16384", 0),
             0U);
-  EXPECT_EQ(message_of(png_of(3, 2, 8, 2, row), 5), "x: expected at most 5 pixels, got 3 x 2");
-  EXPECT_NE(message_of(png_of(0, 1, 8, 2, row)), "accepted");
+  EXPECT_EQ(image_refusal(png_of(3, 2, 8, 2, row), 5), "x: expected at most 5 pixels, got 3 x 2");
+  EXPECT_NE(image_refusal(png_of(0, 1, 8, 2, row)), "accepted");
   // Only the header of a JPEG file.
   const Bytes jpeg{0xff, 0xd8, 0xff, 0xc0, 0, 11, 8, 0xea, 0x60, 0xea, 0x60, 1, 1, 0x11, 0, 0xff, 0xda, 0, 8, 1, 1, 0, 0, 63, 0};
-  EXPECT_EQ(message_of(jpeg), "x: expected an image of 1 to 16384 pixels to a side, got 60000 x 60000");
+  EXPECT_EQ(image_refusal(jpeg), "x: expected an image of 1 to 16384 pixels to a side, got 60000 x 60000");
 }
 
 }  // namespace

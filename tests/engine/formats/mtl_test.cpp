@@ -20,7 +20,7 @@ namespace {
 
 using Color = std::array<float, 3>;
 
-class Mtl : public testing::Test {
+class Mtl : public ::testing::Test {
  protected:
   Mtl() {
     std::filesystem::remove_all(folder_);
@@ -58,7 +58,7 @@ class Mtl : public testing::Test {
     return "accepted";
   }
 
-  std::filesystem::path folder_ = std::filesystem::path(testing::TempDir()) / "flockstep_mtl_test";
+  std::filesystem::path folder_ = std::filesystem::path(::testing::TempDir()) / "flockstep_mtl_test";
 };
 
 std::vector<std::string> ignored_of(const World& world) { return {world.ignored().begin(), world.ignored().end()}; }

@@ -9,7 +9,7 @@
 namespace flockstep {
 namespace {
 
-class Obj : public testing::Test {
+class Obj : public ::testing::Test {
  protected:
   ~Obj() override { std::filesystem::remove(path_); }
 
@@ -30,7 +30,7 @@ class Obj : public testing::Test {
     return "accepted";
   }
 
-  std::filesystem::path path_ = std::filesystem::path(testing::TempDir()) / "flockstep_obj_test.obj";
+  std::filesystem::path path_ = std::filesystem::path(::testing::TempDir()) / "flockstep_obj_test.obj";
 };
 
 const std::string kSquare = "v 0 0 0\nv 1 0 0\nv 1 1 0\nv 0 1 0\n";

@@ -14,6 +14,7 @@
 #include <vector>
 
 #include "flockstep/world.hpp"
+#include "refusal.hpp"
 
 namespace flockstep {
 namespace {
@@ -29,21 +30,16 @@ std::string text_file(const std::string& header, const std::string& body) {
   return "ply\nformat ascii 1.0\n" + header + "end_header\n" + body;
 }
 
-std::string message_of(const std::string& bytes) {
-  try {
-    parse_ply(bytes, "x");
-  } catch (const std::invalid_argument& error) {
-    return error.what();
-  }
-  return "accepted";
+std::string ply_refusal(const std::string& bytes) {
+  return testing::refusal([&] { parse_ply(bytes, "x"); });
 }
 
 // Builds the values of a binary file.
-class Bytes {
+class PlyBytes {
  public:
-  explicit Bytes(bool is_big) : is_big_(is_big) {}
+  explicit PlyBytes(bool is_big) : is_big_(is_big) {}
   template <class T>
-  Bytes& add(T value) {
+  PlyBytes& add(T value) {
     std::array<char, sizeof value> bytes{};
     std::memcpy(bytes.data(), &value, sizeof value);
     if (is_big_ != (std::endian::native == std::endian::big)) std::reverse(bytes.begin(), bytes.end());
@@ -77,7 +73,7 @@ TEST(Ply, ReadsBinaryOfBothOrders) {
           "property float32 y\nproperty ushort red\nproperty uint8 green\nproperty float blue\n"
           "element face 2\nproperty uint flags\nproperty list int ushort vertex_index\nend_header\n";
       for (std::size_t at = 0; (at = header.find('\n', at)) != header.npos; at += end.size()) header.replace(at, 1, end);
-      Bytes bytes(is_big);
+      PlyBytes bytes(is_big);
       bytes.add(std::uint16_t{2}).add(1.0).add(2.0).add(std::int8_t{10}).add(std::uint16_t{0}).add(std::int8_t{-1});
       for (std::int32_t i = 0; i < 3; ++i) {
         bytes.add(std::int32_t{-i}).add(0.1 + i).add(std::int16_t{7}).add(std::int8_t{1}).add(std::uint32_t{9});
@@ -97,7 +93,7 @@ TEST(Ply, ReadsBinaryOfBothOrders) {
       EXPECT_NEAR(read.mesh.colors[2][2], 0.21404, 1e-5);
       EXPECT_EQ(read.ignored, std::vector<std::string>{"elements other than vertex and face"});
       for (std::size_t size = 0; size < header.size() + bytes.text().size(); ++size) {
-        EXPECT_NE(message_of((header + bytes.text()).substr(0, size)), "accepted") << size;
+        EXPECT_NE(ply_refusal((header + bytes.text()).substr(0, size)), "accepted") << size;
       }
     }
   }
@@ -151,13 +147,13 @@ TEST(Ply, WhatIsNotReadIsNamed) {
 }
 
 TEST(Ply, BadFilesAreRefused) {
-  const auto with = [](const std::string& header, const std::string& body = "") { return message_of(text_file(header, body)); };
-  EXPECT_EQ(message_of(""), "x: expected a PLY file, which begins with a line ply, got \"\"");
-  EXPECT_EQ(message_of("solid"), "x: expected a PLY file, which begins with a line ply, got \"solid\"");
-  EXPECT_EQ(message_of("ply"), "x: expected a header that ends with end_header, got one that is cut short");
-  EXPECT_EQ(message_of("ply\nformat ascii 1.0\n"), "x: expected a header that ends with end_header, got one that is cut short");
-  EXPECT_EQ(message_of("ply\nend_header\n"), "x: header: expected a line format, got none");
-  EXPECT_EQ(message_of("ply\nformat ascii 2.0\nend_header\n"),
+  const auto with = [](const std::string& header, const std::string& body = "") { return ply_refusal(text_file(header, body)); };
+  EXPECT_EQ(ply_refusal(""), "x: expected a PLY file, which begins with a line ply, got \"\"");
+  EXPECT_EQ(ply_refusal("solid"), "x: expected a PLY file, which begins with a line ply, got \"solid\"");
+  EXPECT_EQ(ply_refusal("ply"), "x: expected a header that ends with end_header, got one that is cut short");
+  EXPECT_EQ(ply_refusal("ply\nformat ascii 1.0\n"), "x: expected a header that ends with end_header, got one that is cut short");
+  EXPECT_EQ(ply_refusal("ply\nend_header\n"), "x: header: expected a line format, got none");
+  EXPECT_EQ(ply_refusal("ply\nformat ascii 2.0\nend_header\n"),
             "x: header: expected format ascii, binary_little_endian or binary_big_endian, and 1.0, got \"format ascii 2.0\"");
   EXPECT_EQ(with("element vertex\n"), "x: header: expected a name and a count after element, got \"element vertex\"");
   EXPECT_EQ(with("element vertex -1\n"), "x: header: expected a name and a count after element, got \"element vertex -1\"");
@@ -201,12 +197,12 @@ TEST(Ply, BadFilesAreRefused) {
 
 // An element without properties takes no space, no matter how many there are.
 TEST(Ply, NothingIsSkippedAtOnce) {
-  EXPECT_EQ(message_of(text_file("element nothing 18446744073709551615\n" + kVertices + kFaces, kPoints + "3 0 1 2")),
+  EXPECT_EQ(ply_refusal(text_file("element nothing 18446744073709551615\n" + kVertices + kFaces, kPoints + "3 0 1 2")),
             "accepted");
 }
 
 TEST(Ply, IsAWorldOrPartOfOne) {
-  const std::filesystem::path folder = std::filesystem::path(testing::TempDir()) / "flockstep_ply_test";
+  const std::filesystem::path folder = std::filesystem::path(::testing::TempDir()) / "flockstep_ply_test";
   std::filesystem::create_directories(folder);
   std::ofstream(folder / "a.PLY") << text_file(kVertices + kFaces, kPoints + "4 0 1 2 3\n");
   const std::string colors = "property uchar red\nproperty uchar green\nproperty uchar blue\n";

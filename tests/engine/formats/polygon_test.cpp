@@ -13,7 +13,7 @@ namespace flockstep {
 namespace {
 
 using Point = std::array<double, 2>;
-using Triangles = std::vector<CornerTriple>;
+using CornerTriples = std::vector<CornerTriple>;
 
 double turn(const Point& a, const Point& b, const Point& c) {
   return (b[0] - a[0]) * (c[1] - a[1]) - (b[1] - a[1]) * (c[0] - a[0]);
@@ -52,7 +52,7 @@ void expect_covered(std::vector<Point> polygon, unsigned seed) {
   std::vector<Vec3> corners;
   for (const Point& p : polygon) corners.push_back((origin + turned * Eigen::Vector3d(p[0], p[1], 0.0)).cast<float>());
 
-  const Triangles triangles = cut_polygon(corners);
+  const CornerTriples triangles = cut_polygon(corners);
   ASSERT_EQ(triangles.size(), polygon.size() - 2);
   double sum = 0.0;
   for (const auto& [i, j, k] : triangles) {
@@ -69,23 +69,23 @@ void expect_covered(std::vector<Point> polygon, unsigned seed) {
 // The same cut as by tinyobjloader 2.0.0rc10.
 TEST(Polygon, ConvexOnesKeepTheTrianglesOfTinyobjloader) {
   const std::vector<Vec3> around{{-1, -1, 0}, {1, -1, 0}, {2, 0, 0}, {1, 1, 0}, {-1, 1, 0}, {-2, 0, 0}};
-  EXPECT_EQ(cut_polygon(around), (Triangles{{0, 1, 2}, {0, 2, 3}, {0, 3, 4}, {0, 4, 5}}));
+  EXPECT_EQ(cut_polygon(around), (CornerTriples{{0, 1, 2}, {0, 2, 3}, {0, 3, 4}, {0, 4, 5}}));
   const std::vector<Vec3> beside{{5, 0, 0}, {7, 0, 0}, {8, 2, 0}, {6, 4, 0}, {4, 2, 0}};
-  EXPECT_EQ(cut_polygon(beside), (Triangles{{0, 1, 2}, {0, 2, 3}, {0, 3, 4}}));
+  EXPECT_EQ(cut_polygon(beside), (CornerTriples{{0, 1, 2}, {0, 2, 3}, {0, 3, 4}}));
   const std::vector<Vec3> backwards{{5, 0, 3}, {4, 2, 3}, {6, 4, 3}, {8, 2, 3}, {7, 0, 3}};
-  EXPECT_EQ(cut_polygon(backwards), (Triangles{{2, 3, 4}, {2, 4, 0}, {0, 1, 2}}));
+  EXPECT_EQ(cut_polygon(backwards), (CornerTriples{{2, 3, 4}, {2, 4, 0}, {0, 1, 2}}));
   const std::vector<Vec3> straight{{1, 1, 0}, {2, 1, 0}, {3, 1, 0}, {3, 2, 0}, {3, 3, 0}, {1, 3, 0}};
-  EXPECT_EQ(cut_polygon(straight), (Triangles{{0, 1, 2}, {2, 3, 4}, {2, 4, 5}, {0, 2, 5}}));
+  EXPECT_EQ(cut_polygon(straight), (CornerTriples{{0, 1, 2}, {2, 3, 4}, {2, 4, 5}, {0, 2, 5}}));
   const std::vector<Vec3> upright{{-3, 5, 0}, {-3, 7, 1}, {-3, 9, 4}, {-3, 8, 7}, {-3, 6, 8}, {-3, 4, 6}, {-3, 3, 3}};
-  EXPECT_EQ(cut_polygon(upright), (Triangles{{0, 1, 2}, {0, 2, 3}, {0, 3, 4}, {0, 4, 5}, {0, 5, 6}}));
+  EXPECT_EQ(cut_polygon(upright), (CornerTriples{{0, 1, 2}, {0, 2, 3}, {0, 3, 4}, {0, 4, 5}, {0, 5, 6}}));
 }
 
 TEST(Polygon, QuadsAreCutAtTheShorterDiagonalThatIsInside) {
-  EXPECT_EQ(cut_polygon(std::vector<Vec3>{{0, 0, 0}, {1, 0, 0}, {1, 1, 0}, {0, 1, 0}}), (Triangles{{0, 1, 3}, {1, 2, 3}}));
-  EXPECT_EQ(cut_polygon(std::vector<Vec3>{{0, 0, 0}, {3, -1, 0}, {4, 0, 0}, {3, 1, 0}}), (Triangles{{0, 1, 3}, {1, 2, 3}}));
-  EXPECT_EQ(cut_polygon(std::vector<Vec3>{{3, -1, 0}, {4, 0, 0}, {3, 1, 0}, {0, 0, 0}}), (Triangles{{0, 1, 2}, {0, 2, 3}}));
+  EXPECT_EQ(cut_polygon(std::vector<Vec3>{{0, 0, 0}, {1, 0, 0}, {1, 1, 0}, {0, 1, 0}}), (CornerTriples{{0, 1, 3}, {1, 2, 3}}));
+  EXPECT_EQ(cut_polygon(std::vector<Vec3>{{0, 0, 0}, {3, -1, 0}, {4, 0, 0}, {3, 1, 0}}), (CornerTriples{{0, 1, 3}, {1, 2, 3}}));
+  EXPECT_EQ(cut_polygon(std::vector<Vec3>{{3, -1, 0}, {4, 0, 0}, {3, 1, 0}, {0, 0, 0}}), (CornerTriples{{0, 1, 2}, {0, 2, 3}}));
   // An arrowhead, whose shorter diagonal lies outside.
-  EXPECT_EQ(cut_polygon(std::vector<Vec3>{{0, 0, 0}, {4, -1, 0}, {3, 0, 0}, {4, 1, 0}}), (Triangles{{0, 1, 2}, {0, 2, 3}}));
+  EXPECT_EQ(cut_polygon(std::vector<Vec3>{{0, 0, 0}, {4, -1, 0}, {3, 0, 0}, {4, 1, 0}}), (CornerTriples{{0, 1, 2}, {0, 2, 3}}));
 }
 
 TEST(Polygon, ConcaveOnesAreCoveredAndNoMore) {
@@ -133,7 +133,7 @@ TEST(Polygon, AnyCornersBecomeTwoTrianglesFewer) {
     for (Vec3& corner : corners) {
       for (float& coordinate : corner) coordinate = static_cast<float>(is_rough ? random() % 3 : random());
     }
-    const Triangles triangles = cut_polygon(corners);
+    const CornerTriples triangles = cut_polygon(corners);
     ASSERT_EQ(triangles.size(), corners.size() - 2);
     std::vector<bool> is_used(corners.size());
     for (const CornerTriple& triangle : triangles) {

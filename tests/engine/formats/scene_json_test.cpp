@@ -9,6 +9,7 @@
 #include <string>
 #include <vector>
 
+#include "refusal.hpp"
 #include "world/scene_description.hpp"
 
 namespace flockstep {
@@ -18,13 +19,8 @@ std::string scene(const std::string& fields) { return R"({"flockstep_scene": 1, 
 
 const std::string kRoom = R"("room": {"min": [0, 0, 0], "max": [4, 6, 2]})";
 
-std::string message_of(const std::string& text) {
-  try {
-    parse_scene(text, "x.json", {});
-  } catch (const std::invalid_argument& error) {
-    return error.what();
-  }
-  return "accepted";
+std::string scene_refusal(const std::string& text) {
+  return testing::refusal([&] { parse_scene(text, "x.json", {}); });
 }
 
 template <class T>
@@ -397,7 +393,7 @@ TEST(SceneJson, BadScenesAreRefusedWithTheFieldWhatWasExpectedAndWhatCame) {
        "x.json: /name: expected a string, got [" /* and so on */},
   };
   for (const BadScene& bad : cases) {
-    const std::string message = message_of(bad.text);
+    const std::string message = scene_refusal(bad.text);
     if (bad.what == std::string("long values are shortened")) {
       EXPECT_EQ(message.rfind("x.json: ", 0), 0U) << message;
       EXPECT_LT(message.size(), 150U) << message;
@@ -410,13 +406,13 @@ TEST(SceneJson, BadScenesAreRefusedWithTheFieldWhatWasExpectedAndWhatCame) {
 TEST(SceneJson, MoreMeshesThanNumbersAreRefused) {
   std::string meshes = "0";
   for (int i = 1; i < 65536; ++i) meshes += ",0";
-  EXPECT_EQ(message_of(scene(R"("meshes": [)" + meshes + ",0]")), "x.json: /meshes: expected at most 65536 meshes, got 65537");
-  EXPECT_EQ(message_of(scene(R"("meshes": [)" + meshes + "]")), "x.json: /meshes/0: expected an object, got 0");
+  EXPECT_EQ(scene_refusal(scene(R"("meshes": [)" + meshes + ",0]")), "x.json: /meshes: expected at most 65536 meshes, got 65537");
+  EXPECT_EQ(scene_refusal(scene(R"("meshes": [)" + meshes + "]")), "x.json: /meshes/0: expected an object, got 0");
 }
 
 TEST(SceneJson, WhatIsNotJsonIsRefusedWithThePlace) {
   const auto expect_starts = [](const std::string& text, const std::string& start) {
-    EXPECT_EQ(message_of(text).rfind(start, 0), 0U) << message_of(text);
+    EXPECT_EQ(scene_refusal(text).rfind(start, 0), 0U) << scene_refusal(text);
   };
   expect_starts("", "x.json: not valid JSON: parse error at line 1, column 1");
   expect_starts("{\"flockstep_scene\": 1,\n \"room\": {\"min\": [0, 0",
@@ -430,19 +426,19 @@ TEST(SceneJson, WhatIsNotJsonIsRefusedWithThePlace) {
 TEST(SceneJson, TruncatedAnywhereIsRefused) {
   const std::string whole = scene(kRoom + R"(, "pillars": [{"center": [1.5, 1], "radius": 0.25}])");
   for (std::size_t length = 0; length < whole.size(); ++length) {
-    EXPECT_EQ(message_of(whole.substr(0, length)).rfind("x.json: not valid JSON: parse error at line 1", 0), 0U) << length;
+    EXPECT_EQ(scene_refusal(whole.substr(0, length)).rfind("x.json: not valid JSON: parse error at line 1", 0), 0U) << length;
   }
-  EXPECT_EQ(message_of(whole), "accepted");
+  EXPECT_EQ(scene_refusal(whole), "accepted");
 }
 
 TEST(SceneJson, NestingIsBounded) {
   for (const std::size_t depth : {33U, 100000U}) {
     const std::string open(depth, '[');
-    EXPECT_EQ(message_of(open), "x.json: expected at most 32 arrays and objects in one another, got more");
-    EXPECT_EQ(message_of(scene(R"("name": )" + open + std::string(depth, ']'))),
+    EXPECT_EQ(scene_refusal(open), "x.json: expected at most 32 arrays and objects in one another, got more");
+    EXPECT_EQ(scene_refusal(scene(R"("name": )" + open + std::string(depth, ']'))),
               "x.json: expected at most 32 arrays and objects in one another, got more");
   }
-  EXPECT_EQ(message_of(scene(R"("name": )" + std::string(31, '[') + std::string(31, ']'))),
+  EXPECT_EQ(scene_refusal(scene(R"("name": )" + std::string(31, '[') + std::string(31, ']'))),
             "x.json: /name: expected a string, got " + std::string(31, '[') + std::string(29, ']') + "...");
 }
 
@@ -452,13 +448,13 @@ TEST(SceneJson, MessagesAreShortHoweverMuchCame) {
     for (int i = 0; i < 100000; ++i) text += "\u20ac";
     return text;
   }();
-  EXPECT_EQ(message_of(scene(R"("room": ")" + euros + '"')),
+  EXPECT_EQ(scene_refusal(scene(R"("room": ")" + euros + '"')),
             "x.json: /room: expected an object, got \"" + euros.substr(0, 57) + "...");
   std::string list = "[1";
   for (int i = 0; i < 100000; ++i) list += ",{\"a\":[]}";
-  EXPECT_LT(message_of(scene(R"("room": )" + list + ']')).size(), 200U);
-  EXPECT_LT(message_of(scene('"' + euros + R"(": 1)")).size(), 500U);
-  EXPECT_LT(message_of('"' + euros).size(), 500U);
+  EXPECT_LT(scene_refusal(scene(R"("room": )" + list + ']')).size(), 200U);
+  EXPECT_LT(scene_refusal(scene('"' + euros + R"(": 1)")).size(), 500U);
+  EXPECT_LT(scene_refusal('"' + euros).size(), 500U);
 }
 
 TEST(SceneJson, ManyThingsAndManyNames) {
@@ -478,7 +474,7 @@ TEST(SceneJson, ManyThingsAndManyNames) {
   EXPECT_EQ(world.materials().front().name, "material 65000");
   EXPECT_EQ(world.primitives().back().material, kCount - 1);
   expect_same(world, *World::from_json(world.to_json()));
-  EXPECT_NE(message_of(scene(unknown)).find("unknown field; expected one of"), std::string::npos);
+  EXPECT_NE(scene_refusal(scene(unknown)).find("unknown field; expected one of"), std::string::npos);
 }
 
 TEST(SceneJson, TheLargestAndTheSmallestComeBack) {
@@ -582,14 +578,14 @@ TEST(SceneJson, SolidsAreVisibleOrSolidOrBoth) {
   expect(R"(, "visible": true, "solid": true)", Visibility::full);
   expect(R"(, "visible": false)", Visibility::solid);
   expect(R"(, "solid": false)", Visibility::visual);
-  EXPECT_EQ(message_of(scene(R"("spheres": [{"center": [0, 0, 0], "radius": 1, "solid": 0}])")),
+  EXPECT_EQ(scene_refusal(scene(R"("spheres": [{"center": [0, 0, 0], "radius": 1, "solid": 0}])")),
             "x.json: /spheres/0/solid: expected true or false, got 0");
-  EXPECT_EQ(message_of(scene(R"("spheres": [{"center": [0, 0, 0], "radius": 1, "solid": false, "visible": false}])")),
+  EXPECT_EQ(scene_refusal(scene(R"("spheres": [{"center": [0, 0, 0], "radius": 1, "solid": false, "visible": false}])")),
             "x.json: /spheres/0: expected one of \"visible\" and \"solid\" to be true, got neither");
 }
 
 TEST(SceneJson, MeshFilesAreFoundBesideTheScene) {
-  const std::filesystem::path folder = std::filesystem::path(testing::TempDir()) / "flockstep_scene_json_test";
+  const std::filesystem::path folder = std::filesystem::path(::testing::TempDir()) / "flockstep_scene_json_test";
   std::filesystem::create_directories(folder);
   std::ofstream(folder / "a.obj") << "v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n";
   std::ofstream(folder / "flat.obj") << "v 0 0 0\nv 1 0 0\nv 2 0 0\nf 1 2 3\n";

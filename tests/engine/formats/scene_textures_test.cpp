@@ -10,6 +10,7 @@
 #include "formats/base64.hpp"
 #include "formats/image.hpp"
 #include "formats/scene_json.hpp"
+#include "refusal.hpp"
 
 namespace flockstep {
 namespace {
@@ -19,7 +20,7 @@ const std::vector<std::uint8_t> kPixels{255, 0, 0, 255, 0, 0, 255, 0};  // red, 
 std::string png() { return encode_png(2, 1, kPixels); }
 
 // Returns a scene with a triangle of the material "wood", which has the given texture.
-std::string scene(const std::string& texture, const std::string& mesh = R"(, "uv": [[0, 0], [1, 0], [0.1, 2]])") {
+std::string textured_scene(const std::string& texture, const std::string& mesh = R"(, "uv": [[0, 0], [1, 0], [0.1, 2]])") {
   return R"({"flockstep_scene": 1, "textures": {"planks": )" + texture +
          R"(}, "materials": {"wood": {"base_color": [1, 1, 1], "texture": "planks"}, "red": {"base_color": [1, 0, 0]}},
              "meshes": [{"vertices": [[0, 0, 0], [1, 0, 0], [0, 1, 0]], "triangles": [[0, 1, 2]], "material": "wood")" +
@@ -28,19 +29,14 @@ std::string scene(const std::string& texture, const std::string& mesh = R"(, "uv
 
 std::string base64(const std::string& more = "") { return R"({"png_base64": ")" + base64_of(png()) + '"' + more + '}'; }
 
-std::string message_of(const std::string& text) {
-  try {
-    World::from_json(text);
-  } catch (const std::invalid_argument& error) {
-    return error.what();
-  }
-  return "accepted";
+std::string texture_refusal(const std::string& text) {
+  return testing::refusal([&] { World::from_json(text); });
 }
 
 using Uv = std::vector<std::array<float, 2>>;
 
 TEST(SceneTextures, AreReadWithTheirWrapAndTheMeshesUv) {
-  const auto world = World::from_json(scene(base64(R"(, "wrap": ["clamp", "mirror"])")));
+  const auto world = World::from_json(textured_scene(base64(R"(, "wrap": ["clamp", "mirror"])")));
   ASSERT_EQ(world->textures().size(), 1U);
   const Texture& texture = world->textures()[0];
   EXPECT_EQ(texture.name, "planks");
@@ -87,7 +83,7 @@ TEST(SceneTextures, ComeBackEqualAndInTheirOrder) {
 }
 
 TEST(SceneTextures, FilesLieBesideTheScene) {
-  const std::filesystem::path folder = std::filesystem::path(testing::TempDir()) / "flockstep_textures";
+  const std::filesystem::path folder = std::filesystem::path(::testing::TempDir()) / "flockstep_textures";
   std::filesystem::create_directories(folder / "below");
   std::ofstream(folder / "planks.png", std::ios::binary) << png();
   std::ofstream(folder / "hall.obj") << "v 0 0 0\nv 1 0 0\nv 0 1 0\nvt 0 0\nvt 1 0\nvt 0 1\nf 1/1 2/2 3/3\n";
@@ -101,7 +97,7 @@ TEST(SceneTextures, FilesLieBesideTheScene) {
 
   const auto refusal = [&](const std::string& file) {
     try {
-      parse_scene(scene(R"({"file": ")" + file + "\"}"), "x", folder / "below");
+      parse_scene(textured_scene(R"({"file": ")" + file + "\"}"), "x", folder / "below");
     } catch (const std::invalid_argument& error) {
       return std::string(error.what());
     }
@@ -117,28 +113,29 @@ TEST(SceneTextures, FilesLieBesideTheScene) {
 }
 
 TEST(SceneTextures, BadOnesAreRefused) {
-  EXPECT_EQ(message_of(scene("{}")), R"(scene: /textures/planks: expected either "file" or "png_base64")");
-  EXPECT_EQ(message_of(scene(base64(R"(, "file": "x.png")"))),
+  EXPECT_EQ(texture_refusal(textured_scene("{}")), R"(scene: /textures/planks: expected either "file" or "png_base64")");
+  EXPECT_EQ(texture_refusal(textured_scene(base64(R"(, "file": "x.png")"))),
             R"(scene: /textures/planks: expected either "file" or "png_base64")");
-  EXPECT_EQ(message_of(scene(base64(R"(, "wrap": ["clamp"])"))),
+  EXPECT_EQ(texture_refusal(textured_scene(base64(R"(, "wrap": ["clamp"])"))),
             R"(scene: /textures/planks/wrap: expected an array of 2 names (across, down), got ["clamp"])");
-  EXPECT_EQ(message_of(scene(base64(R"(, "wrap": ["clamp", "tile"])"))),
+  EXPECT_EQ(texture_refusal(textured_scene(base64(R"(, "wrap": ["clamp", "tile"])"))),
             R"(scene: /textures/planks/wrap/1: expected "repeat", "mirror" or "clamp", got "tile")");
-  EXPECT_EQ(message_of(scene(base64(R"(, "size": 2)"))),
+  EXPECT_EQ(texture_refusal(textured_scene(base64(R"(, "size": 2)"))),
             "scene: /textures/planks/size: unknown field; expected one of file, png_base64, wrap");
-  EXPECT_EQ(message_of(scene(R"({"png_base64": 7})")),
+  EXPECT_EQ(texture_refusal(textured_scene(R"({"png_base64": 7})")),
             "scene: /textures/planks/png_base64: expected a PNG file in base64, got 7");
-  EXPECT_EQ(message_of(scene(R"({"png_base64": "a-b"})")),
+  EXPECT_EQ(texture_refusal(textured_scene(R"({"png_base64": "a-b"})")),
             R"(scene: /textures/planks/png_base64: expected base64, got "-" in it)");
-  EXPECT_EQ(message_of(scene(R"({"png_base64": "abcd"})")),
+  EXPECT_EQ(texture_refusal(textured_scene(R"({"png_base64": "abcd"})")),
             "scene: /textures/planks/png_base64: expected a PNG or JPEG file, got one that begins otherwise");
-  std::string other = scene(base64());
+  std::string other = textured_scene(base64());
   other.replace(other.find(R"("texture": "planks")"), 19, R"("texture": "stones")");
-  EXPECT_EQ(message_of(other), R"(scene: /materials/wood/texture: expected a name listed in /textures, got "stones")");
-  EXPECT_EQ(message_of(scene(base64(), R"(, "uv": [[0, 0]])")), "scene: /meshes/0/uv: expected one per vertex (3), got 1");
-  EXPECT_EQ(message_of(scene(base64(), R"(, "uv": [[0, 0], [0], [0, 0]])")),
+  EXPECT_EQ(texture_refusal(other), R"(scene: /materials/wood/texture: expected a name listed in /textures, got "stones")");
+  EXPECT_EQ(texture_refusal(textured_scene(base64(), R"(, "uv": [[0, 0]])")),
+            "scene: /meshes/0/uv: expected one per vertex (3), got 1");
+  EXPECT_EQ(texture_refusal(textured_scene(base64(), R"(, "uv": [[0, 0], [0], [0, 0]])")),
             "scene: /meshes/0/uv/1: expected an array of 2 numbers (u, v), got [0]");
-  EXPECT_EQ(message_of(scene(base64(), R"(, "uv": [[0, 0], [0, 1], [0, 1e7]])")),
+  EXPECT_EQ(texture_refusal(textured_scene(base64(), R"(, "uv": [[0, 0], [0, 1], [0, 1e7]])")),
             "scene: /meshes/0/uv/2/1: expected a number within +-1e+06, got 10000000.0");
   SceneDescription twice;
   twice.primitives.emplace_back();

@@ -16,6 +16,7 @@
 #include "allocation_counter.hpp"
 #include "batch_helpers.hpp"
 #include "faulty_driver.hpp"
+#include "numbers.hpp"
 #include "picture_oracle.hpp"
 #include "prepared/prepared_world.hpp"
 #include "random.hpp"
@@ -31,6 +32,8 @@
 namespace flockstep::render {
 namespace {
 
+using testing::kInfinity;
+
 using flockstep::testing::FaultyDriver;
 using flockstep::testing::make_world;
 using flockstep::testing::message_of;
@@ -39,8 +42,6 @@ using flockstep::testing::primitive;
 using flockstep::testing::Random;
 using oracle::Vec3d;
 using enum PrimitiveKind;
-
-constexpr float kInfinity = std::numeric_limits<float>::infinity();
 
 // Sets FLOCKSTEP_EGL during its lifetime.
 class EglVariable {

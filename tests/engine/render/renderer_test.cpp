@@ -21,7 +21,7 @@ namespace {
 using flockstep::testing::FaultyDriver;
 
 // Some images of a playground, with their buffers.
-struct Album {
+struct PlaygroundAlbum {
   static constexpr std::size_t kBytes = 32 * 24 * 3;
 
   std::shared_ptr<const World> world = flockstep::testing::playground("camera-train-1");
@@ -35,7 +35,7 @@ struct Album {
   std::vector<std::uint8_t> rgb = std::vector<std::uint8_t>(4 * kBytes);
   std::vector<RenderRequest> requests;
 
-  Album() {
+  PlaygroundAlbum() {
     flockstep::testing::Random random(3);
     for (std::size_t i = 0; i < 4; ++i) {
       requests.push_back({.world = world.get(),
@@ -48,8 +48,8 @@ struct Album {
                           .frame = Frame{.rgb = rgb.data() + i * kBytes}});
     }
   }
-  Album(const Album&) = delete;
-  Album& operator=(const Album&) = delete;
+  PlaygroundAlbum(const PlaygroundAlbum&) = delete;
+  PlaygroundAlbum& operator=(const PlaygroundAlbum&) = delete;
 
   std::vector<std::uint8_t> take(Renderer& renderer, Workers& workers) {
     std::fill(rgb.begin(), rgb.end(), std::uint8_t{0});
@@ -72,7 +72,7 @@ TEST_P(RendererInTrouble, RaycastRendersInsteadAndOneWarningSaysWhy) {
     GTEST_SKIP() << error.what();
   }
   Workers workers(2);
-  Album album;
+  PlaygroundAlbum album;
   Renderer reference(CameraBackend::raycast, album.requests, workers);
   const std::vector<std::uint8_t> expected = album.take(reference, workers);
   EXPECT_TRUE(std::any_of(expected.begin(), expected.end(), [](std::uint8_t value) { return value != 0; }));

@@ -17,6 +17,7 @@
 #include "allocation_counter.hpp"
 #include "batch_helpers.hpp"
 #include "flockstep/batch.hpp"
+#include "numbers.hpp"
 #include "picture_oracle.hpp"
 #include "random.hpp"
 
@@ -25,6 +26,7 @@ namespace {
 
 using testing::camera_batch;
 using testing::kAllOutputs;
+using testing::kInfinity;
 using testing::make_world;
 using testing::NavigationBatch;
 using testing::primitive;
@@ -34,7 +36,6 @@ using testing::same_bits;
 
 using Flags = std::vector<std::uint8_t>;
 using Steps = std::vector<std::int64_t>;
-constexpr float kInfinity = std::numeric_limits<float>::infinity();
 
 // -- Capture times. A camera of one pixel faces a wall, so its depth shows the drone's position at the capture.
 

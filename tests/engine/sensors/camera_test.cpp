@@ -15,6 +15,7 @@
 #include "base/flush_denormals.hpp"
 #include "batch_helpers.hpp"
 #include "flockstep/batch.hpp"
+#include "numbers.hpp"
 #include "on_target.hpp"
 #include "picture_oracle.hpp"
 #include "random.hpp"
@@ -31,15 +32,16 @@ using testing::camera_batch;
 using testing::Compared;
 using testing::expect_picture;
 using testing::kAllOutputs;
+using testing::kInfinity;
 using testing::look;
 using testing::make_world;
 using testing::Pixel;
 using testing::pixel;
+using testing::Poses;
 using testing::primitive;
 using testing::Random;
+using testing::random_poses;
 using testing::same_bits;
-
-constexpr float kInfinity = std::numeric_limits<float>::infinity();
 
 Quat turned(float degrees, const Vec3& axis) {
   return Quat(Eigen::AngleAxisf(degrees * std::numbers::pi_v<float> / 180.0F, axis.normalized()));
@@ -1044,21 +1046,6 @@ TEST(CameraBits, AreTheSameOnEverySimdTarget) {
   }
 }
 
-struct Poses {
-  std::vector<float> position, quat_wxyz;
-};
-
-Poses random_poses(Random& random, int count) {
-  Poses poses;
-  for (int i = 0; i < count; ++i) {
-    const Vec3 place = random.point(0.9F);
-    const Quat q = random.rotation();
-    poses.position.insert(poses.position.end(), {place.x(), place.y(), place.z()});
-    poses.quat_wxyz.insert(poses.quat_wxyz.end(), {q.w(), q.x(), q.y(), q.z()});
-  }
-  return poses;
-}
-
 // A bumpy grid of triangles that share edges. On it Embree's last bits depend on neighbouring rays.
 std::shared_ptr<const World> hills() {
   TriangleMesh mesh;
@@ -1085,7 +1072,7 @@ TEST(CameraBits, OfAPictureDoNotDependOnTheOneBefore) {
   const auto world = hills();
   Random random(63);
   for (const auto& [width, height] : {std::pair{48, 1}, {48, 2}, {48, 3}, {16, 5}, {48, 19}}) {
-    const Poses poses = random_poses(random, 15);
+    const Poses poses = random_poses(random, 15, Vec3::Constant(0.9F));
     CameraConfig small = camera_of(width, height);
     BatchConfig config = camera_batch(camera_of(64, 64));
     small.name = "small";
@@ -1115,7 +1102,7 @@ TEST(CameraBits, AreTheSameForAnyBlocksThreadsAndNeighbours) {
     CameraConfig camera = camera_of(width, height);
     camera.shadows = width == 35;
     Random random(62);
-    const Poses poses = random_poses(random, drones);
+    const Poses poses = random_poses(random, drones, Vec3::Constant(0.9F));
     const auto shoot = [&, drone_count = drones](int block_size, int num_threads) {
       BatchConfig config = camera_batch(camera, drone_count);
       config.block_size = block_size;

@@ -12,6 +12,7 @@
 
 #include "batch_helpers.hpp"
 #include "flockstep/batch.hpp"
+#include "numbers.hpp"
 #include "random.hpp"
 #include "ray_oracle.hpp"
 
@@ -19,14 +20,15 @@ namespace flockstep {
 namespace {
 
 using oracle::Vec3d;
+using testing::kInfinity;
 using testing::lidar_batch;
 using testing::make_world;
+using testing::Poses;
 using testing::primitive;
 using testing::Random;
+using testing::random_poses;
 using testing::row;
 using testing::same_bits;
-
-constexpr float kInfinity = std::numeric_limits<float>::infinity();
 
 // -- Beams as defined by the conventions, in double precision.
 
@@ -198,21 +200,6 @@ std::shared_ptr<const World> crowded_world() {
   return make_world(std::move(primitives), {}, std::move(mesh));
 }
 
-struct Poses {
-  std::vector<float> position, quat_wxyz;
-};
-
-Poses random_poses(Random& random, int count) {
-  Poses poses;
-  for (int i = 0; i < count; ++i) {
-    poses.position.insert(poses.position.end(),
-                          {random.within(-4.5F, 4.5F), random.within(-3.5F, 3.5F), random.within(-2.5F, 2.5F)});
-    const Quat q = random.rotation();
-    poses.quat_wxyz.insert(poses.quat_wxyz.end(), {q.w(), q.x(), q.y(), q.z()});
-  }
-  return poses;
-}
-
 // Checks the scan of one drone with this LiDAR against the oracle.
 void expect_scan(const Batch& batch, std::size_t drone, const LidarConfig& config) {
   SCOPED_TRACE("drone " + std::to_string(drone));
@@ -250,7 +237,7 @@ TEST(LidarRanges, AreThoseOfTheOracleInRandomPoses) {
   for (const auto& world : {make_world(a_few()), crowded_world()}) {
     Random random(3);
     Batch batch(lidar_batch(24, config), {world});
-    const Poses poses = random_poses(random, 24);
+    const Poses poses = random_poses(random, 24, {4.5F, 3.5F, 2.5F});
     batch.set_pose(poses.position, poses.quat_wxyz);
     batch.sense();
     for (std::size_t drone = 0; drone < 24; ++drone) expect_scan(batch, drone, config);
@@ -268,7 +255,7 @@ TEST(LidarRanges, MoreRaysThanABlock) {
     const LidarConfig config{.channels = channels, .beams = beams, .hfov_deg = 360.0F, .vfov_deg = 60.0F, .max_range_m = 6.0F};
     Random random(4);
     Batch batch(lidar_batch(2, config), {make_world(a_few()), crowded_world()});
-    const Poses poses = random_poses(random, 2);
+    const Poses poses = random_poses(random, 2, {4.5F, 3.5F, 2.5F});
     batch.set_pose(poses.position, poses.quat_wxyz);
     batch.sense();
     for (std::size_t drone = 0; drone < 2; ++drone) expect_scan(batch, drone, config);
@@ -300,7 +287,7 @@ TEST(LidarRanges, PointsLieWhereTheRangesSay) {
       .channels = 2, .vfov_deg = 40.0F, .max_range_m = 4.0F, .offset_m = {0.3F, -0.2F, 0.1F}, .quat_wxyz = {0.6F, 0, 0.8F, 0}};
   Random random(5);
   Batch batch(lidar_batch(9, config), {crowded_world()});
-  const Poses poses = random_poses(random, 9);
+  const Poses poses = random_poses(random, 9, {4.5F, 3.5F, 2.5F});
   batch.set_pose(poses.position, poses.quat_wxyz);
   batch.sense();
   std::vector<float> points(9 * 70 * 3);
@@ -340,7 +327,7 @@ TEST(LidarChange, MakesADroneOneThatWasMadeSo) {
 
   Random random(6);
   const std::vector<std::shared_ptr<const World>> worlds{crowded_world()};
-  const Poses poses = random_poses(random, 6);
+  const Poses poses = random_poses(random, 6, {4.5F, 3.5F, 2.5F});
   Batch batch(lidar_batch(6, config), worlds);
   const auto only = [](std::size_t drone) {
     std::vector<std::uint8_t> mask(6, 0);
@@ -410,7 +397,7 @@ TEST(LidarBits, AreTheSameForAnyBlocksThreadsAndNeighbours) {
     constexpr int kDrones = 50;
     const auto rays = static_cast<std::size_t>(lidar.rows() * lidar.columns());
     Random random(7);
-    const Poses poses = random_poses(random, kDrones);
+    const Poses poses = random_poses(random, kDrones, {4.5F, 3.5F, 2.5F});
     const auto scan = [&](int block_size, int num_threads) {
       BatchConfig config = lidar_batch(kDrones, lidar);
       config.block_size = block_size;
@@ -436,7 +423,7 @@ TEST(LidarBits, AreTheSameForAnyBlocksThreadsAndNeighbours) {
 TEST(LidarBits, AMaskScansOnlyWhatItChooses) {
   Batch batch(lidar_batch(4), {crowded_world()});
   Random random(8);
-  const Poses poses = random_poses(random, 4);
+  const Poses poses = random_poses(random, 4, {4.5F, 3.5F, 2.5F});
   batch.set_pose(poses.position, poses.quat_wxyz);
   batch.sense(std::vector<std::uint8_t>{0, 1, 0, 1});
   const std::vector<float> some = batch.lidar_readings().ranges;
@@ -458,7 +445,7 @@ TEST(LidarSlots, ARemovedOneReadsInfAndASpawnedOneScans) {
   const LidarConfig lidar{.channels = 3, .beams = 40, .vfov_deg = 50.0F, .max_range_m = 5.0F};
   const Batch::Worlds worlds{crowded_world(), make_world(a_few())};
   Random random(9);
-  const Poses poses = random_poses(random, 5);
+  const Poses poses = random_poses(random, 5, {4.5F, 3.5F, 2.5F});
   Batch batch(lidar_batch(5, lidar), worlds);
   batch.set_pose(poses.position, poses.quat_wxyz);
   batch.sense();

@@ -113,7 +113,7 @@ TEST(Rate, IsDueEverySoManyTicksOrWhenAStepIsOver) {
 constexpr int kSubsteps = 4;
 const Vec3 kStart(4, 10, 5);
 
-std::shared_ptr<const World> hall() {
+std::shared_ptr<const World> open_hall() {
   return testing::make_world({primitive(PrimitiveKind::room, {10, 10, 5}, {10, 10, 5})},
                              {.start = kStart, .goal = Vec3(10, 2, 5)});
 }
@@ -142,8 +142,8 @@ TEST(Rate, ALidarHoldsItsReadingsInBetween) {
     SCOPED_TRACE("every " + std::to_string(ticks) + " ticks");
     NavigationBatch config = flying();
     config.lidars[0].rate_hz = rate_of(ticks);
-    Batch batch = config.make({hall()});
-    Batch by_hand(testing::lidar_batch(1, flying().lidars[0]), {hall()});
+    Batch batch = config.make({open_hall()});
+    Batch by_hand(testing::lidar_batch(1, flying().lidars[0]), {open_hall()});
     const auto read = [&](std::int64_t tick) {
       by_hand.set_pose(place_after(tick), {});
       by_hand.sense();
@@ -170,8 +170,8 @@ TEST(Rate, ALidarHoldsItsReadingsInBetween) {
 }
 
 TEST(Rate, ALidarWithoutOneReadsAfterEveryStep) {
-  Batch batch = flying().make({hall()});
-  Batch by_hand(testing::lidar_batch(1, flying().lidars[0]), {hall()});
+  Batch batch = flying().make({open_hall()});
+  Batch by_hand(testing::lidar_batch(1, flying().lidars[0]), {open_hall()});
   batch.reset({});
   for (int steps = 1; steps <= 5; ++steps) {
     step(batch);
@@ -185,7 +185,7 @@ TEST(Rate, ThePoseSensorHoldsItsReadingsInBetween) {
   for (const int ticks : {2, 3, 8}) {
     NavigationBatch config = flying();
     config.pose_sensor.rate_hz = rate_of(ticks);
-    Batch batch = config.make({hall()});
+    Batch batch = config.make({open_hall()});
     batch.reset({});
     EXPECT_EQ(batch.pose_readings().position, place_after(0));
     for (int steps = 1; steps <= 13; ++steps) {
@@ -200,7 +200,7 @@ TEST(Rate, ThePoseSensorHoldsItsReadingsInBetween) {
 TEST(Rate, NoiseIsOfTheReading) {
   NavigationBatch config = flying();
   config.pose_sensor = {.position_noise_std_m = 0.1F, .rate_hz = rate_of(8)};
-  Batch batch = config.make({hall()});
+  Batch batch = config.make({open_hall()});
   batch.reset({});
   std::vector<float> last = batch.pose_readings().position;
   for (int steps = 1; steps <= 12; ++steps) {
@@ -215,7 +215,7 @@ TEST(Rate, ACameraTakesAFrameAtTheEndOfAStepInWhichOneIsDue) {
     SCOPED_TRACE("every " + std::to_string(ticks) + " ticks");
     NavigationBatch config = flying();
     config.cameras = {{.width_px = 1, .height_px = 1, .outputs = {.rgb = false, .depth = true}, .rate_hz = rate_of(ticks)}};
-    Batch batch = config.make({hall()});
+    Batch batch = config.make({open_hall()});
     batch.reset({});
     std::int64_t frame = 0;
     for (int steps = 0; steps <= 13; ++steps) {
@@ -232,7 +232,7 @@ TEST(Rate, ACameraTakesAFrameAtTheEndOfAStepInWhichOneIsDue) {
 TEST(Rate, ByHandASensorReadsAtOnce) {
   BatchConfig config = testing::lidar_batch(1, {.max_range_m = 30.0F, .azimuth_deg = {0}, .elevation_deg = {0}, .rate_hz = 0.5F});
   config.pose_sensor.rate_hz = 0.5F;
-  Batch batch(config, {hall()});
+  Batch batch(config, {open_hall()});
   for (int i = 0; i < 5; ++i) {
     batch.move(place_after(i), {});
     batch.sense();
@@ -249,9 +249,9 @@ TEST(Substeps, TakeADroneWhereTheStepDoes) {
     config.navigation.action = ActionKind::displacement_yaw;
     config.navigation.step_m = 0.3F;
     config.episode.autoreset_mode = AutoresetMode::disabled;
-    Batch whole = config.make({hall()});
+    Batch whole = config.make({open_hall()});
     config.clock = clock_of(0.1F, substeps);
-    Batch parts = config.make({hall()});
+    Batch parts = config.make({open_hall()});
     for (Batch* batch : {&whole, &parts}) batch->reset({});
     for (int i = 0; i < 20; ++i) {
       const std::vector<float> action{0.7F, -0.4F, 0.1F * static_cast<float>(i % 3), 0.5F};
@@ -266,9 +266,9 @@ TEST(Substeps, WhatIsHitHoldsTheDroneUntilTheNextStep) {
   NavigationBatch config = testing::navigation_batch(1);
   config.navigation.step_m = 0.5F;
   config.episode.autoreset_mode = AutoresetMode::disabled;
-  Batch whole = config.make({hall()});
+  Batch whole = config.make({open_hall()});
   config.clock = clock_of(0.1F, kSubsteps);
-  Batch parts = config.make({hall()});
+  Batch parts = config.make({open_hall()});
   for (Batch* batch : {&whole, &parts}) {
     batch->reset({});
     batch->set_pose(std::vector<float>{19.25F, 10, 5}, {});  // the nose is 0.465 m ahead, the wall at 20: hit in the third tick

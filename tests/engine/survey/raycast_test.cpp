@@ -13,6 +13,7 @@
 
 #include "base/flush_denormals.hpp"
 #include "batch_helpers.hpp"
+#include "numbers.hpp"
 #include "prepared/prepared_world.hpp"
 #include "random.hpp"
 #include "ray_oracle.hpp"
@@ -23,12 +24,11 @@ namespace flockstep {
 namespace {
 
 using oracle::Vec3d;
+using testing::kInfinity;
 using testing::make_world;
 using testing::primitive;
 using testing::Random;
 using testing::same_bits;
-
-constexpr float kInfinity = std::numeric_limits<float>::infinity();
 
 // -- Random worlds and rays.
 

@@ -17,6 +17,7 @@
 #include "base/flush_denormals.hpp"
 #include "batch_helpers.hpp"
 #include "bundles.hpp"
+#include "numbers.hpp"
 #include "on_target.hpp"
 #include "prepared/prepared_world.hpp"
 #include "random.hpp"
@@ -36,13 +37,12 @@ using testing::cone;
 using testing::Directions;
 using testing::everywhere;
 using testing::fan;
+using testing::kInfinity;
 using testing::make_world;
 using testing::OnTarget;
 using testing::primitive;
 using testing::Random;
 using testing::same_bits;
-
-constexpr float kInfinity = std::numeric_limits<float>::infinity();
 
 // Makes primitives of all kinds in turn, half of them axis-aligned, with sizes over two decades.
 std::vector<Primitive> random_primitives(Random& random, int count, bool with_room) {

@@ -13,6 +13,7 @@
 
 #include "batch_helpers.hpp"
 #include "flockstep/raycast.hpp"
+#include "numbers.hpp"
 #include "on_target.hpp"
 #include "picture_oracle.hpp"
 #include "random.hpp"
@@ -24,11 +25,10 @@ namespace {
 using testing::Compared;
 using testing::expect_picture;
 using testing::kAllOutputs;
+using testing::kInfinity;
 using testing::Pixel;
 using testing::Random;
 using enum PrimitiveKind;
-
-constexpr float kInfinity = std::numeric_limits<float>::infinity();
 
 // A white checkerboard. Every second texel is transparent, the first one is opaque.
 Texture checkers(int size) {

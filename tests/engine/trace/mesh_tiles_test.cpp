@@ -12,6 +12,7 @@
 
 #include "base/flush_denormals.hpp"
 #include "batch_helpers.hpp"
+#include "numbers.hpp"
 #include "random.hpp"
 #include "ray_oracle.hpp"
 #include "trace/mesh_tree.hpp"
@@ -20,9 +21,8 @@
 namespace flockstep::trace {
 namespace {
 
+using testing::kInfinity;
 using testing::Random;
-
-constexpr float kInfinity = std::numeric_limits<float>::infinity();
 
 struct Device {
   std::unique_ptr<RTCDeviceTy, decltype(&rtcReleaseDevice)> device{rtcNewDevice(nullptr), &rtcReleaseDevice};

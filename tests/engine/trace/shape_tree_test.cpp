@@ -10,14 +10,14 @@
 #include <numeric>
 #include <vector>
 
+#include "numbers.hpp"
 #include "random.hpp"
 
 namespace flockstep::trace {
 namespace {
 
+using testing::kInfinity;
 using testing::Random;
-
-constexpr float kInfinity = std::numeric_limits<float>::infinity();
 
 // Returns the distance in double precision; 0 inside.
 double distance(const Aabb& box, const Vec3& point) {

@@ -15,6 +15,7 @@
 #include "base/flush_denormals.hpp"
 #include "batch_helpers.hpp"
 #include "bundles.hpp"
+#include "numbers.hpp"
 #include "prepared/prepared_world.hpp"
 #include "random.hpp"
 
@@ -24,12 +25,11 @@ namespace {
 using testing::cone;
 using testing::Directions;
 using testing::fan;
+using testing::kInfinity;
 using testing::make_world;
 using testing::primitive;
 using testing::Random;
 using testing::same_bits;
-
-constexpr float kInfinity = std::numeric_limits<float>::infinity();
 
 TriangleMesh soup(Random& random, int count) {
   TriangleMesh mesh;

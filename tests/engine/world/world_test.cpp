@@ -258,15 +258,15 @@ TEST(World, LoadNamesTheFileThatIsWrong) {
   EXPECT_EQ(load_message("no-such.json"), "no-such.json: cannot read a scene file: No such file or directory");
   EXPECT_EQ(load_message("no-such.obj"), "no-such.obj: cannot read an OBJ file: No such file or directory");
   EXPECT_EQ(load_message("scene.stl"), "scene.stl: expected a file ending in .json, .gltf, .glb, .obj or .ply, got \".stl\"");
-  EXPECT_EQ(load_message(testing::TempDir()).rfind(testing::TempDir(), 0), 0U);
-  const std::filesystem::path folder = std::filesystem::path(testing::TempDir()) / "flockstep_folder.json";
+  EXPECT_EQ(load_message(::testing::TempDir()).rfind(::testing::TempDir(), 0), 0U);
+  const std::filesystem::path folder = std::filesystem::path(::testing::TempDir()) / "flockstep_folder.json";
   std::filesystem::create_directories(folder);
   EXPECT_EQ(load_message(folder).rfind(folder.string() + ": cannot read a scene file", 0), 0U) << load_message(folder);
   std::filesystem::remove(folder);
 }
 
 TEST(World, SavesAndLoads) {
-  const std::filesystem::path path = std::filesystem::path(testing::TempDir()) / "flockstep_world_test.json";
+  const std::filesystem::path path = std::filesystem::path(::testing::TempDir()) / "flockstep_world_test.json";
   const World world(valid());
   world.save(path);
   EXPECT_EQ(World::load(path)->to_json(), world.to_json());
@@ -275,7 +275,7 @@ TEST(World, SavesAndLoads) {
 }
 
 TEST(World, AFileIsReplacedAsAWholeOrNotAtAll) {
-  const std::filesystem::path folder = std::filesystem::path(testing::TempDir()) / "flockstep_save";
+  const std::filesystem::path folder = std::filesystem::path(::testing::TempDir()) / "flockstep_save";
   std::filesystem::remove_all(folder);
   std::filesystem::create_directories(folder / "sub");
   const World world(valid());
@@ -293,7 +293,7 @@ TEST(World, AFileIsReplacedAsAWholeOrNotAtAll) {
 }
 
 TEST(World, LoadsABareMesh) {
-  const std::filesystem::path path = std::filesystem::path(testing::TempDir()) / "flockstep_world_test.obj";
+  const std::filesystem::path path = std::filesystem::path(::testing::TempDir()) / "flockstep_world_test.obj";
   std::ofstream(path) << "v 0 0 0\nv 1 0 0\nv 0 2 0\nf 1 2 3\n";
   const auto world = World::load(path);
   EXPECT_EQ(world->name(), "flockstep_world_test");
