@@ -1,4 +1,4 @@
-"""Scenes with a drone: seen from behind and above with nearer obstacles faded, or from a fixed place."""
+"""Scenes with a drone: seen from behind and above with nearer obstacles and markers faded, or from a fixed place."""
 
 from __future__ import annotations
 
@@ -23,13 +23,14 @@ _AHEAD = 0.5  # distance of the point to look at, ahead of the drone
 _HFOV_DEG = 75.0
 _NEAR_M = 0.05
 _NUMBERED = 1 << 15  # more primitives than this are not faded: cameras may have no instance numbers for them
-_DISSOLVED = 0.3  # final opacity of an obstacle nearer than the drone
+_DISSOLVED = 0.3  # final opacity of an obstacle or a marker nearer than the drone
+_MARKERS = 65533  # least semantic id of a marker
 _FADE = 0.5  # distance in front of the drone, in drone lengths, at which that opacity is reached
 
 
 @dataclass
 class Obstacles:
-    """Obstacles to fade, pixel by pixel."""
+    """Obstacles and markers to fade, pixel by pixel."""
 
     at: Ints  # (K,) indices of the frame's pixels
     rgb: Image  # (K, 3)
@@ -64,10 +65,11 @@ class Stage:
         self._top = np.array([top_of(primitive) for primitive in primitives])
         # Indexed by instance. Meshes are not faded, because the floor may be one.
         self._dissolves = np.zeros(1 << 16, bool)
-        self._outputs = ["rgb", "depth"]
+        self._outputs = ["rgb", "depth", "semantic"]
         if len(primitives) <= _NUMBERED:
             self._dissolves[1 : 1 + len(primitives)] = self._solid
             self._outputs += ["instance"]
+        self._bare = world.with_markers()
         self._emptied = _emptied(world)
 
     def seen_from(self, viewer: Floats, target: Floats) -> DepthCanvas:
@@ -88,29 +90,37 @@ class Stage:
         canvas = DepthCanvas(picture["rgb"], picture["depth"], self._camera(), viewer, turn, self.world.light)
 
         cut = max(float(rotate(turn, position - viewer, inverse=True)[0]), 2 * _NEAR_M)
-        at = np.flatnonzero(depth < cut)
-        if "instance" in picture:
-            # Primitives below the drone do not hide it from a viewer above: the ground stays whole.
-            dissolves = self._dissolves.copy()
-            dissolves[1 : 1 + len(self._top)] &= self._top > position[2]
-            at = at[dissolves[picture["instance"].reshape(-1)[at]]]
-        else:
-            at = at[:0]
-        if len(at):  # the background: everything beyond the drone, plus nearer walls and markers
+        dissolves = self._dissolving(picture, position)
+        at = np.flatnonzero(dissolves & (depth < cut))
+        if len(at):  # the background: everything beyond the drone, plus nearer walls
             behind = self._take(self.world, viewer, turn, "rgb", "depth", near_m=cut)
             behind_rgb, behind_depth = behind["rgb"].reshape(-1, 3)[at], behind["depth"].reshape(-1)[at]
-            if self._emptied is not None:
-                walls = self._take(self._emptied, viewer, turn, "rgb", "depth")
-                walls_depth = walls["depth"].reshape(-1)[at]
-                nearer = walls_depth < behind_depth
-                behind_rgb[nearer] = walls["rgb"].reshape(-1, 3)[at[nearer]]
-                behind_depth = np.minimum(behind_depth, walls_depth)
+            kept = [] if self._emptied is None else [(self._take(self._emptied, viewer, turn, "rgb", "depth"), at >= 0)]
+            is_marker = picture["semantic"].reshape(-1)[at] >= _MARKERS
+            if is_marker.any():  # behind a marker also nearer surfaces that do not fade
+                bare = self._take(self._bare, viewer, turn, *self._outputs)
+                kept.append((bare, is_marker & ~self._dissolving(bare, position)[at]))
+            for surfaces, where in kept:
+                surface_depth = surfaces["depth"].reshape(-1)[at]
+                nearer = where & (surface_depth < behind_depth)
+                behind_rgb[nearer] = surfaces["rgb"].reshape(-1, 3)[at[nearer]]
+                behind_depth = np.where(nearer, surface_depth, behind_depth)
             opacity = np.maximum(1 - (cut - depth[at]) / (self._length * _FADE) * (1 - _DISSOLVED), _DISSOLVED)
             obstacles = Obstacles(at, rgb[at], depth[at], opacity.astype(np.float32))
             rgb[at], depth[at] = behind_rgb, behind_depth
         else:
             obstacles = Obstacles(at, rgb[at], depth[at], np.zeros(0, np.float32))
         return canvas, obstacles
+
+    def _dissolving(self, picture: dict[str, npt.NDArray[Any]], position: Floats) -> npt.NDArray[np.bool_]:
+        """Return which pixels (H * W,) show a marker or an obstacle that fades if it is nearer than the drone."""
+        dissolving: npt.NDArray[np.bool_] = picture["semantic"].reshape(-1) >= _MARKERS
+        if "instance" in picture:
+            # Primitives below the drone do not hide it from a viewer above: the ground stays whole.
+            dissolves = self._dissolves.copy()
+            dissolves[1 : 1 + len(self._top)] &= self._top > position[2]
+            dissolving |= dissolves[picture["instance"].reshape(-1)]
+        return dissolving
 
     def _camera(self, near_m: float = _NEAR_M, outputs: tuple[str, ...] = ("rgb",)) -> CameraConfig:
         width, height = self._size_px
@@ -149,16 +159,11 @@ def top_of(primitive: dict[str, Any]) -> float:
 
 
 def _emptied(world: World) -> World | None:
-    """Return the empty room with its markers, or None if there is no room."""
+    """Return the empty room, or None if there is no room."""
     rooms = [primitive for primitive in world.primitives if primitive["kind"] == "room"]
     if not rooms:
         return None
     center, half = np.asarray(rooms[0]["center"], float), np.asarray(rooms[0]["half_extents"], float)
-    markers: dict[str, Any] = {"radius": world.marker_radius_m, "waypoints": world.waypoints.tolist()}
-    for name in ("start", "goal"):
-        place = getattr(world, name)
-        if place is not None:
-            markers[name] = place.tolist()
     return World.from_dict(
         {
             "flockstep_scene": 1,
@@ -169,7 +174,6 @@ def _emptied(world: World) -> World | None:
                 "max": (center + half).tolist(),
                 "material": rooms[0]["material"],
             },
-            "markers": markers,
             "light": world.light,
         }
     )

@@ -27,6 +27,8 @@ _MAX_BEAMS = 256  # more would hide the world
 _FINER = 2  # supersampling factor, for smooth edges
 _WORLDS = 64  # maximum number of cached worlds
 _FOLLOWED, _LAG = 12, 0.5  # steps whose mean position the viewer follows; maximum lag in drone lengths
+_MEAN, _OFF = 4, 0.25  # steps before and after that smooth a trail; maximum distance to it in drone lengths
+_RECENT = 12  # drone lengths of the trail that a viewer who follows the drone sees
 
 
 class ThirdPersonView:
@@ -39,7 +41,8 @@ class ThirdPersonView:
     cameras
         Names of the batch's cameras whose frustums are drawn.
     trail
-        Past positions of the drones. None draws no trails. With a trail the viewer follows a drone smoothly.
+        Past positions of the drones, drawn smoothed; a viewer behind the drone sees the last 12 drone lengths. None
+        draws no trails. With a trail the viewer follows a drone smoothly.
     beams
         Draw the LiDAR's beams. A beam without a hit is as long as the LiDAR's range.
     others
@@ -137,7 +140,10 @@ class ThirdPersonView:
     def _draw_trail(self, canvas: DepthCanvas, env: int) -> None:
         if self._trail is None:
             return
-        path = self._trail.of(env)
+        path = smoothed(self._trail.of(env).astype(float), _OFF * self._length)
+        if self._place is None:  # older parts would cross the picture again and again
+            left_m = np.cumsum(np.linalg.norm(np.diff(path[::-1], axis=0), axis=1))[::-1]
+            path = path[int((left_m > _RECENT * self._length).sum()) :]
         canvas.lines(path[:-1], path[1:], _TRAIL, width_px=2 * self._line_px)
 
     def _draw_cameras(self, canvas: DepthCanvas, env: int, position: Floats, quat_wxyz: Floats) -> None:
@@ -155,6 +161,21 @@ class ThirdPersonView:
         some = np.arange(0, len(ends), max(-(-len(ends) // _MAX_BEAMS), 1))
         canvas.lines(np.broadcast_to(origin, ends[some].shape), ends[some], _BEAM, width_px=self._line_px, opacity=0.6)
         canvas.dots(ends[hit], _HIT, size_px=3 * self._line_px)
+
+
+def smoothed(path: Floats, most_m: float) -> Floats:
+    """Return the mean of neighbouring positions along a path (K, 3) m, at most ``most_m`` off it; both ends stay.
+
+    Steps along the axes would otherwise look like stairs.
+    """
+    count = len(path)
+    index = np.arange(count)
+    half = np.minimum(np.minimum(index, count - 1 - index), _MEAN)
+    total = np.insert(np.cumsum(path, axis=0), 0, 0, axis=0)
+    off = (total[index + half + 1] - total[index - half]) / (2 * half + 1)[:, None] - path
+    length = np.linalg.norm(off, axis=1, keepdims=True)
+    result: Floats = path + off * np.minimum(1, most_m / np.maximum(length, 1e-9))
+    return result
 
 
 def frustum(camera: CameraConfig, length_m: float) -> Floats:

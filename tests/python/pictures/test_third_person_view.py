@@ -1,12 +1,14 @@
 """Pictures from behind a drone, and the choices of `render_view`."""
 
+from types import SimpleNamespace
+
 import gymnasium
 import numpy as np
 import pytest
 
 import flockstep
 from flockstep.pictures.stage import Stage
-from flockstep.pictures.third_person_view import ThirdPersonView, frustum
+from flockstep.pictures.third_person_view import ThirdPersonView, frustum, smoothed
 from flockstep.pictures.trail import Trail
 from flockstep.rotations import rotate
 
@@ -148,6 +150,60 @@ def test_a_pillar_between_viewer_and_drone_dissolves(room):
     _, obstacles = Stage(room, LENGTH, (640, 480)).set(np.array([5.2, 3.9, 2.0]), np.array([1.0, 0, 0, 0]))
     assert len(obstacles.at) > 5000
     assert obstacles.opacity.min() == pytest.approx(0.3)
+
+
+def test_a_marker_between_viewer_and_drone_dissolves(room):
+    """It hides neither the drone nor the wall and the ground behind it, and stays visible."""
+    position, quat_wxyz = np.array([5.2, 6.5, 2.0]), np.array([1.0, 0, 0, 0])
+    bare = room.with_markers()
+    viewer = Stage(bare, LENGTH, (640, 480)).set(position, quat_wxyz)[0]._position
+    between = viewer + 0.5 * (position - viewer)
+    pictures = []
+    for world in (bare, bare.with_markers(goal=between)):
+        batch = flockstep.Batch([world], drone=HULL)
+        batch.set_pose(np.float32([position]))
+        pictures.append(ThirdPersonView(batch).frame(0))
+    hull = mask_of(pictures[0], "hull")
+    assert hull.sum() > 2000
+    canvas, obstacles = Stage(bare.with_markers(goal=between), LENGTH, (640, 480)).set(position, quat_wxyz)
+    expected = Stage(bare, LENGTH, (640, 480)).set(position, quat_wxyz)[0]
+    np.testing.assert_array_equal(canvas.rgb, expected.rgb)
+    np.testing.assert_array_equal(canvas.depth, expected.depth)
+    assert len(obstacles.at) > 2000
+    assert np.median(obstacles.opacity) == pytest.approx(0.3)  # the pillar's side is hardly nearer than the drone
+    green = pictures[1].astype(int) - pictures[0]
+    assert (green[..., 1] > green[..., 0] + 10)[hull].mean() > 0.5
+
+
+def test_a_trail_of_steps_along_the_axes_is_smooth():
+    steps = np.tile([[0.1, 0, 0], [0, 0.1, 0]], (20, 1))
+    path = np.insert(np.cumsum(steps, axis=0), 0, 0, axis=0)
+    smooth = smoothed(path, 1.0)
+    np.testing.assert_allclose(smooth[[0, -1]], path[[0, -1]], atol=1e-9)
+    flown, drawn = (np.linalg.norm(np.diff(each, axis=0), axis=1).sum() for each in (path, smooth))
+    assert flown == pytest.approx(4.0)
+    assert drawn == pytest.approx(np.sqrt(8), rel=0.02)  # straight
+    assert np.linalg.norm(smoothed(path, 0.01) - path, axis=1).max() == pytest.approx(0.01)
+    np.testing.assert_allclose(smoothed(path[:1], 1.0), path[:1], atol=1e-9)
+
+
+def test_a_viewer_who_follows_sees_the_recent_part_of_a_trail(room):
+    """The drone flies three laps around a circle; from a fixed place all of them are drawn."""
+    batch = flockstep.Batch([room])
+    trail = Trail(batch)
+    angle = np.linspace(0, 6 * np.pi, 300)
+    for a in angle:
+        batch.set_pose(np.float32([[5 + 1.5 * np.cos(a), 6 + 1.5 * np.sin(a), 2]]))
+        trail.record()
+    lengths = []
+    for place in (None, (np.array([1.0, 6.5, 3.5]), np.array([5.0, 6.5, 2.0]))):
+        view = ThirdPersonView(batch, trail=trail, place=place)
+        drawn = []
+        canvas = SimpleNamespace(lines=lambda starts, ends, color, width_px, into=drawn: into.append(ends - starts))
+        view._draw_trail(canvas, 0)
+        lengths.append(np.linalg.norm(drawn[0], axis=1).sum())
+    assert lengths[0] == pytest.approx(12 * LENGTH, abs=0.1)
+    assert lengths[1] == pytest.approx(9 * np.pi, rel=0.02)
 
 
 def test_a_wall_of_triangles_does_not_dissolve_and_the_viewer_comes_before_it():
@@ -309,7 +365,9 @@ def test_a_removed_drone_is_not_drawn(room):
     batch = flockstep.Batch([room], lidar=flockstep.LidarConfig())
     batch.sense()
     batch.remove([0])
-    canvas = Stage(room, LENGTH, (1280, 960)).set(batch.position[0].astype(float), batch.quat_wxyz[0].astype(float))[0]
+    stage = Stage(room, LENGTH, (1280, 960))
+    canvas, obstacles = stage.set(batch.position[0].astype(float), batch.quat_wxyz[0].astype(float))
+    obstacles.draw(canvas)  # the start marker
     bare = canvas.rgb.reshape(480, 2, 640, 2, 3).mean(axis=(1, 3))
     np.testing.assert_allclose(ThirdPersonView(batch).frame(0), bare, atol=0.5)
 
