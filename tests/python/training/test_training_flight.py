@@ -110,7 +110,7 @@ def test_training_begins_with_seeds_of_its_own(monkeypatch):
     assert seeds[-1] == first_env_seed(2, 32) >= UNSEEN_SEEDS.stop
 
 
-@pytest.mark.parametrize("name", ["hover", "track"])
+@pytest.mark.parametrize("name", ["hover", "track", "lidar"])
 def test_kept_policies_hold_no_bytecode(name):
     """A saved function crashes other Python versions that load it."""
     with zipfile.ZipFile(POLICIES / f"{name}.zip") as file:
