@@ -1,0 +1,343 @@
+"""Film a flight of the LiDAR task: from the start over the waypoints to the goal of a playground.
+
+.venv/bin/python -m tools.flight_film               # docs/flight.webp
+
+The policy is `policies/lidar.zip`, made by `training/train_ppo.py --task lidar` with its default settings. The
+playground is a generated one in which the policy was not trained, with 24 pillars instead of 12. The policy reaches the
+goal in 284 of the first 300 such playgrounds. This one was chosen for the film: the path leads past many pillars and
+does not cross itself.
+
+The film plays at 2.5 times the speed of the flight. A step moves the drone by 0.1 m along one axis, so the path is
+smoothed. The program checks that the drone can fly the smoothed path too, and prints its largest distance to the flown
+one. The LiDAR scans at each pose of the film; beams without a hit fade out. The pillars' positions and radii are those
+of the playground; colours and light are the film's. The ceiling is left out, two walls are low, and the pillars end
+above the flight. The drone, the beams and the path shine through pillars.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+import torch
+import tyro
+from PIL import Image
+from tqdm import tqdm
+
+import flockstep
+from flockstep.pictures.beams import beams_of
+from flockstep.pictures.depth_canvas import DepthCanvas
+from flockstep.pictures.picture import facing, render
+from tools.film import FINER
+from training.evaluate import MAX_STEPS, fly, greedy
+from training.tasks import load_policy
+
+Array = npt.NDArray[Any]
+Linear = tuple[float, float, float]
+Draw = Callable[[DepthCanvas], None]
+
+SEED, PILLARS = 1_000_242, 24
+FPS = 15
+SPEED = 2.5  # of the film, as a multiple of the flight's
+HOLD_S = 1.5  # the last picture
+SMOOTH_STEPS = 3.0  # standard deviation of the path's smoothing
+GOAL_RADIUS_M = 0.5  # of the task
+
+TARGET_M = np.array([0.5, 0.3, 1.2])  # target of the view, relative to the ground below the middle of the path
+AWAY_M = np.array([-1.0, -10.5, 11.5])  # viewer, relative to the target
+HFOV_DEG = 46.0
+CUT_M, LOW_M, WALL_M = 3.0, 0.3, 0.12  # height of pillars and far walls, height of near walls, thickness
+GRID_M = 2.0
+ROTOR_Z_M = 0.06  # rotor discs, above the hubs
+GHOST = 0.5  # opacity of the drone behind a pillar
+TRAIL_S, TRAIL_LEAST = 2.5, 0.45  # time until the trail's opacity falls to its least
+
+DRONE = 100  # semantic id
+#: Base colours, linear RGB.
+COLORS: dict[str, Linear] = {
+    "floor": (0.020, 0.028, 0.045),
+    "grid": (0.035, 0.048, 0.075),
+    "wall": (0.045, 0.060, 0.090),
+    "pillar": (0.20, 0.27, 0.36),
+    "body": (0.50, 0.52, 0.55),
+    "arm": (0.22, 0.23, 0.25),
+    "front": (0.85, 0.20, 0.02),
+    "rear": (0.50, 0.55, 0.62),
+    "waypoint": (1.0, 0.62, 0.05),
+    "reached": (0.16, 0.20, 0.25),
+    "goal": (0.05, 0.85, 0.25),
+}
+DRONE_COLORS, MARKER_COLORS = ("body", "arm", "front", "rear"), ("waypoint", "reached", "goal")
+MISS_LEVELS, HIT_LEVEL = (130, 115, 100, 85, 70, 55, 40, 25), 240  # opacity of beams, of 255
+BEAM, HIT, TRAIL = np.array([255, 120, 50]), np.array([255, 215, 120]), np.array([70, 190, 255])
+DARK: Linear = (0.02, 0.026, 0.04)
+
+
+@dataclass
+class Args:
+    """Options for flying and filming."""
+
+    policy: Path = Path("policies/lidar.zip")
+    """A model saved by training/train_ppo.py --task lidar. Loading it runs code that is in the file: load only
+    policies you trust."""
+    out: Path = Path("docs/flight.webp")
+    """The film."""
+    seed: int = SEED
+    """Seed of the playground."""
+    width_px: int = 800
+    """Width of the film; its height is 9/16 of that."""
+    quality: int = 50
+    """Quality of the pictures, 0 to 100."""
+    film_s: float | None = None
+    """Filmed time from the start of the flight. None: all of it."""
+
+
+@dataclass
+class Shown:
+    """A flight, picture by picture."""
+
+    position: Array
+    """(T, 3) m: smoothed."""
+    beams: list[tuple[Array, Array, Array]]
+    """Start (3,) m and ends (K, 3) m of the LiDAR's beams, and which of them hit (K,)."""
+    reached: Array
+    """(T,): number of waypoints and goals that the drone has reached."""
+    smoothed_m: float
+    """Largest distance of the smoothed path to the flown one."""
+
+
+def smooth(rows: Array, sigma: float) -> Array:
+    """Return rows (T, K) smoothed over time, with the first and the last one repeated beyond the ends."""
+    half = round(3 * sigma)
+    weights = np.exp(-0.5 * (np.arange(-half, half + 1) / sigma) ** 2)
+    padded = np.pad(rows, ((half, half), (0, 0)), mode="edge")
+    return np.stack([np.convolve(column, weights / weights.sum(), "valid") for column in padded.T], axis=1)
+
+
+def shown(world: flockstep.World, trail: Array) -> Shown:
+    """Return the pictures' content for a flight with these positions (T, 3) m after each step.
+
+    Raises
+    ------
+    RuntimeError
+        The smoothed path touches something.
+    """
+    line = smooth(trail, SMOOTH_STEPS)
+    steps_per_s = SPEED * flockstep.ClockConfig().policy_hz
+    times = np.linspace(0, len(line) - 1, round((len(line) - 1) / steps_per_s * FPS) + 1)
+    path = np.stack([np.interp(times, np.arange(len(line)), column) for column in line.T], axis=1)
+    batch = flockstep.Batch([world], len(path), lidar=flockstep.LidarConfig())
+    batch.set_pose(path.astype(np.float32))
+    if batch.move(np.roll(path, -1, axis=0).astype(np.float32)).hit[:-1].any():
+        raise RuntimeError("trail: expected a path that is free when smoothed, got one that touches something")
+    batch.set_pose(path.astype(np.float32))
+    batch.sense()
+    places, reached = [*world.waypoints, world.goal], [0]
+    for position in trail:
+        count = reached[-1]
+        at_next = count < len(places) and np.linalg.norm(position - places[count]) < GOAL_RADIUS_M
+        reached.append(count + int(at_next))
+    beams = [beams_of(batch, index) for index in range(len(path))]
+    return Shown(
+        path, beams, np.array(reached[1:])[times.astype(int)], float(np.linalg.norm(line - trail, axis=1).max())
+    )
+
+
+class Scene:
+    """The playground with the drone, seen from a fixed place."""
+
+    def __init__(self, world: flockstep.World, path: Array, size_px: tuple[int, int]) -> None:
+        self.low, self.high = np.asarray(world.bounds, float)
+        self.places = [*np.asarray(world.waypoints, float), np.asarray(world.goal, float)]
+        self.pillars = [p for p in world.primitives if p["kind"] == "cylinder"]
+        rotors = flockstep.DroneModel().to_dict()["rotors"]
+        self.hubs, self.radius = np.asarray(rotors["position_m"], float), float(rotors["radius_m"])
+        target = np.append((path.min(axis=0) + path.max(axis=0))[:2] / 2, 0.0) + TARGET_M
+        self.viewer = target + AWAY_M
+        self.turn = facing(self.viewer, target).astype(float)
+        width, height = size_px
+        self.camera = flockstep.CameraConfig(
+            width_px=FINER * width,
+            height_px=FINER * height,
+            hfov_deg=HFOV_DEG,
+            outputs=("rgb", "depth", "semantic"),
+            shadows=True,
+        )
+
+    def picture(self, flight: Shown, index: int) -> Image.Image:
+        """Return one picture."""
+        position, reached = flight.position[index], int(flight.reached[index])
+        # Rotors are rings in one picture and discs in the other. The mean has transparent discs and their shadows.
+        rings, discs = (self._taken(self._world(position, reached, discs=discs)) for discs in (False, True))
+        drone = self._taken(self._drone_alone(position))
+        rgb, is_drone = discs["rgb"], drone["semantic"] == DRONE
+        is_disc = (discs["semantic"] == DRONE) & (rings["semantic"] != DRONE)
+        blend(rgb, is_disc, rings["rgb"][is_disc], 0.6)
+        is_hidden = is_drone & (rings["semantic"] != DRONE)
+        blend(rgb, is_hidden, drone["rgb"][is_hidden], GHOST)
+        origin, ends, hit = flight.beams[index]
+        path = flight.position[: index + 1]
+        age_s = (np.arange(index) - index) / -FPS
+        opacity = 0.95 - (0.95 - TRAIL_LEAST) * np.minimum(age_s / TRAIL_S, 1)
+
+        def beams(canvas: DepthCanvas) -> None:
+            away = ends - origin
+            for part, level in enumerate(MISS_LEVELS):  # a beam without a hit fades out
+                first, last = (origin + away[~hit] * (part + end) / len(MISS_LEVELS) for end in (0, 1))
+                canvas.lines(first, last, (level,) * 3, width_px=FINER + 1)
+            canvas.lines(np.broadcast_to(origin, ends[hit].shape), ends[hit], (HIT_LEVEL,) * 3, width_px=FINER + 1)
+
+        def trail(canvas: DepthCanvas) -> None:
+            for start, end, level in zip(path[:-1], path[1:], np.rint(255 * opacity).astype(int), strict=True):
+                canvas.lines(start, end, (level,) * 3, width_px=4 * FINER)
+
+        def dots(canvas: DepthCanvas) -> None:
+            canvas.dots(ends[hit], (255, 255, 255), size_px=5 * FINER)
+
+        self._draw(rgb, rings["depth"], beams, BEAM, 0.15, ~is_drone)
+        self._draw(rgb, rings["depth"], trail, TRAIL, 0.35, ~is_drone)
+        self._draw(rgb, rings["depth"], dots, HIT, 0.0, ~is_drone)
+        return Image.fromarray(rgb).reduce(FINER)
+
+    def _draw(self, rgb: Array, depth: Array, draw: Draw, color: Array, ghost: float, where: Array) -> None:
+        """Draw lines or dots, whose grey level is their opacity, in one colour; behind surfaces paler by a factor."""
+        alpha = np.zeros(depth.shape, np.float32)
+        for surfaces, factor in ((depth, 1.0), (np.full_like(depth, np.inf), ghost)):
+            if factor > 0:
+                level = np.zeros_like(rgb)
+                draw(DepthCanvas(level, surfaces.copy(), self.camera, self.viewer, self.turn, LIGHT))
+                alpha = np.maximum(alpha, factor / 255 * level[..., 0])
+        drawn = (alpha > 0) & where
+        blend(rgb, drawn, color, alpha[drawn][:, None])
+
+    def _taken(self, world: flockstep.World) -> dict[str, Array]:
+        return render(world, self.viewer, self.turn, camera=self.camera)
+
+    def _drone_alone(self, position: Array) -> flockstep.World:
+        builder, materials = begun()
+        self._add_drone(builder, materials, position, discs=False)
+        return builder.build()
+
+    def _world(self, position: Array, reached: int, discs: bool) -> flockstep.World:
+        builder, m = begun()
+        self._add_drone(builder, m, position, discs)
+        (left, near, floor), (right, far, _) = self.low, self.high
+        x, y, width, length = (left + right) / 2, (near + far) / 2, right - left, far - near
+        builder.box((x, y, floor - 0.1), (width, length, 0.2), m["floor"])
+        for line in np.arange(GRID_M, width, GRID_M):
+            builder.plane((left + line, y, floor + 0.004), (0.03, length), m["grid"])
+        for line in np.arange(GRID_M, length, GRID_M):
+            builder.plane((x, near + line, floor + 0.004), (width, 0.03), m["grid"])
+        for at, height in ((left - WALL_M / 2, LOW_M), (right + WALL_M / 2, CUT_M)):
+            builder.box((at, y, floor + height / 2), (WALL_M, length + 2 * WALL_M, height), m["wall"])
+        for at, height in ((near - WALL_M / 2, LOW_M), (far + WALL_M / 2, CUT_M)):
+            builder.box((x, at, floor + height / 2), (width, WALL_M, height), m["wall"])
+        for pillar in self.pillars:
+            at = pillar["center"]
+            builder.cylinder((at[0], at[1], floor + CUT_M / 2), pillar["half_extents"][0], CUT_M, m["pillar"])
+        for index, place in enumerate(self.places):
+            is_goal, is_reached = index == len(self.places) - 1, index < reached
+            material = m["goal" if is_goal else "reached" if is_reached else "waypoint"]
+            ground = np.array([place[0], place[1], floor + 0.02])
+            builder.mesh(*torus(ground, GOAL_RADIUS_M, 0.022), material)
+            if not is_reached:
+                builder.sphere(beside(place), 0.11, material)
+                builder.cylinder(beside((ground + place) / 2), 0.014, place[2] - floor, material)
+            elif is_goal:
+                builder.disc(beside(ground), GOAL_RADIUS_M, material)
+        return builder.build()
+
+    def _add_drone(self, builder: flockstep.WorldBuilder, m: dict[str, int], position: Array, discs: bool) -> None:
+        builder.box(beside(position, z=-0.01), (0.30, 0.20, 0.09), m["body"])
+        builder.box(beside(position, x=0.13), (0.06, 0.10, 0.06), m["front"])
+        builder.cylinder(beside(position, z=0.075), 0.06, 0.08, m["arm"])  # the LiDAR
+        for x, y, z in self.hubs:
+            hub, half_yaw = beside(position, x, y, z), np.arctan2(y, x) / 2
+            turn = (np.cos(half_yaw), 0, 0, np.sin(half_yaw))
+            builder.box(beside(position, x / 2, y / 2, z), (np.hypot(x, y), 0.035, 0.03), m["arm"], turn)
+            builder.cylinder(beside(hub, z=0.02), 0.03, 0.07, m["arm"])
+            color, disc = m["front" if x > 0 else "rear"], beside(hub, z=ROTOR_Z_M)
+            builder.mesh(*torus(disc, self.radius, 0.016), color)
+            if discs:
+                builder.disc(disc, self.radius, color)
+
+
+LIGHT: dict[str, Any] = {
+    "sun_direction": (-0.35, -0.45, 1.0),
+    "sun_color": (1.0, 0.97, 0.9),
+    "sky_ambient": (0.55, 0.6, 0.7),
+    "ground_ambient": (0.25, 0.27, 0.3),
+    "zenith_color": DARK,
+    "horizon_color": DARK,
+}
+
+
+def begun() -> tuple[flockstep.WorldBuilder, dict[str, int]]:
+    """Return a world to build, with its light, and its materials by name."""
+    builder = flockstep.WorldBuilder("film")
+    builder.light(**LIGHT)
+    materials = {}
+    for name, color in COLORS.items():
+        glow = tuple(0.35 * channel if name in MARKER_COLORS else 0.0 for channel in color)
+        materials[name] = builder.material(name, color, semantic=DRONE if name in DRONE_COLORS else 0, emissive=glow)
+    return builder, materials
+
+
+def beside(position: npt.ArrayLike, x: float = 0, y: float = 0, z: float = 0) -> tuple[float, float, float]:
+    """Return a position (3,) m moved by x, y and z."""
+    at = np.asarray(position, float)
+    return float(at[0] + x), float(at[1] + y), float(at[2] + z)
+
+
+def torus(center: npt.ArrayLike, radius: float, thickness: float) -> tuple[Array, Array]:
+    """Return vertices and triangles of a level ring; ``thickness`` is the radius of its section."""
+    around, across = 64, 8
+    i, j = (each.ravel() for each in np.meshgrid(np.arange(around), np.arange(across), indexing="ij"))
+    a, b = 2 * np.pi * i / around, 2 * np.pi * j / across
+    reach = radius + thickness * np.cos(b)
+    vertices = np.asarray(center) + np.stack([reach * np.cos(a), reach * np.sin(a), thickness * np.sin(b)], axis=1)
+    next_i, next_j = (i + 1) % around, (j + 1) % across
+    corner, beside = i * across + j, next_i * across + j
+    opposite, above = next_i * across + next_j, i * across + next_j
+    return vertices, np.concatenate([np.stack([corner, beside, opposite], 1), np.stack([corner, opposite, above], 1)])
+
+
+def blend(rgb: Array, where: Array, color: Array, opacity: Array | float) -> None:
+    """Blend a colour, or one for each, over the pixels of a mask (H, W)."""
+    below = rgb[where].astype(np.float32)
+    rgb[where] = np.rint(below + opacity * (color - below))
+
+
+def write(path: Path, frames: Sequence[Image.Image], quality: int) -> None:
+    """Write a film that repeats forever and pauses at its end."""
+    durations = [round(1000 / FPS)] * (len(frames) - 1) + [round(1000 * HOLD_S)]
+    settings: dict[str, Any] = {"duration": durations, "loop": 0, "quality": quality, "method": 4}
+    settings |= {"kmin": len(frames), "kmax": len(frames) + 1}  # no more key frames: most of a picture does not change
+    frames[0].save(path, save_all=True, append_images=frames[1:], **settings)
+
+
+def main(args: Args) -> None:
+    """Fly, film, and print the result."""
+    torch.set_num_threads(1)  # more are slower for a small network
+    world = flockstep.World.playground(args.seed, pillars=PILLARS)
+    (flight,) = fly(greedy(load_policy(args.policy)), [world], MAX_STEPS)
+    content = shown(world, flight.trail.astype(float))
+    scene = Scene(world, content.position, (args.width_px, args.width_px * 9 // 16))
+    count = len(content.position)
+    if args.film_s is not None:
+        count = min(count, round(args.film_s * FPS) + 1)
+    frames = [scene.picture(content, index) for index in tqdm(range(count), "filming", unit=" pictures")]
+    write(args.out, frames, args.quality)
+    size, length_m = args.out.stat().st_size, flight.path_length_m
+    print(
+        f"{args.out}: {flight.outcome} after {flight.steps} steps, {length_m:.1f} m; {len(frames)} pictures, {size:,} "
+        f"bytes. The path of the film is at most {content.smoothed_m:.2f} m off the flown one."
+    )
+
+
+if __name__ == "__main__":
+    main(tyro.cli(Args))
