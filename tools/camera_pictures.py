@@ -1,4 +1,4 @@
-"""Pictures of the cameras: a sheet of every output by every backend, and a flight from behind the drone.
+"""The sheet of camera frames, docs/camera-sheet.png: every output by every backend.
 
 .venv/bin/python -m tools.camera_pictures --out docs
 """
@@ -8,11 +8,9 @@ from __future__ import annotations
 import warnings
 from collections.abc import Sequence
 from dataclasses import dataclass
-from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
-import imageio.v3 as imageio
 import matplotlib.pyplot as plt
 import numpy as np
 import numpy.typing as npt
@@ -21,8 +19,6 @@ import tyro
 import flockstep
 from flockstep.pictures.frames import normal_rgb
 from flockstep.pictures.picture import facing
-from flockstep.pictures.third_person_view import ThirdPersonView
-from flockstep.pictures.trail import Trail
 
 WORLD = "playground/camera-train-1"
 #: Camera position and target (m).
@@ -99,38 +95,19 @@ def draw_sheet(path: Path, backends: Sequence[str] = ("raycast", "gl")) -> list[
     return list(frames)
 
 
-def fly(world: flockstep.World, share: float) -> Image:
-    """Return a picture from behind a drone that has flown a fraction of the shortest path along its world's markers."""
-    lidar = flockstep.LidarConfig()
-    camera = flockstep.CameraConfig(width_px=64, height_px=48)
-    batch = flockstep.Batch([world], lidar=lidar, cameras=[camera])
-    path = flockstep.plan(world, world.start, [*world.waypoints, world.goal])
-    if path is None:
-        raise ValueError(f"{world.name}: no path over its markers")
-    trail = Trail(batch)
-    legs = [np.linspace(a, b, max(round(float(np.linalg.norm(b - a)) / 0.1), 1) + 1)[1:] for a, b in pairwise(path)]
-    flown = np.concatenate(legs)
-    for position in flown[: round(share * len(flown))]:
-        batch.move(position[None])
-        trail.record()
-    batch.sense()
-    return ThirdPersonView(batch, cameras=[camera.name], trail=trail, size_px=(1280, 960)).frame(0)
-
-
 @dataclass
 class Args:
-    """Draw camera-sheet.png and third-person.png."""
+    """Draw camera-sheet.png."""
 
     out: Path = Path("out/cameras")
-    """Folder for the pictures."""
+    """Folder for the picture."""
 
 
 def main(args: Args) -> None:
-    """Draw, and print the locations."""
+    """Draw, and print the location."""
     args.out.mkdir(parents=True, exist_ok=True)
     backends = draw_sheet(args.out / "camera-sheet.png")
-    imageio.imwrite(args.out / "third-person.png", fly(flockstep.World.load("playground/train-2"), 0.15), optimize=True)
-    print(f"camera-sheet.png (by {' and '.join(backends)}) and third-person.png are in {args.out}/")
+    print(f"camera-sheet.png (by {' and '.join(backends)}) is in {args.out}/")
 
 
 if __name__ == "__main__":

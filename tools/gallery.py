@@ -1,4 +1,4 @@
-"""The gallery: each bundled place in three views, and the point cloud of a LiDAR on the path through it.
+"""The pictures of docs/gallery: bundled places in three views with a LiDAR point cloud, and two strips of views.
 
 .venv/bin/python -m tools.gallery --out docs/gallery
 """
