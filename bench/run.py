@@ -478,14 +478,18 @@ def machine() -> dict[str, Any]:
     }
 
 
+def git(*args: str) -> str:
+    return subprocess.run(["git", *args], cwd=ROOT, check=False, stdout=subprocess.PIPE, text=True).stdout.strip()
+
+
 def commit() -> str:
     if shutil.which("git") is None:
         return "unknown"
-
-    def git(*args: str) -> str:
-        return subprocess.run(["git", *args], cwd=ROOT, check=False, stdout=subprocess.PIPE, text=True).stdout.strip()
-
     return git("rev-parse", "HEAD") + ("-dirty" if git("status", "--porcelain", "--untracked-files=no") else "")
+
+
+def commit_date() -> str:
+    return git("show", "-s", "--format=%cs", "HEAD") if shutil.which("git") else "unknown"
 
 
 def main() -> None:
@@ -502,7 +506,7 @@ def main() -> None:
             parser.error(f"no benchmark {name!r}: there are {', '.join(BENCHES)}")
     for name in names:
         print(f"== {name}")
-        measured = {"machine": machine(), "commit": commit()}
+        measured = {"machine": machine(), "commit": commit(), "commit_date": commit_date()}
         figures = BENCHES[name]()
         if commit() != measured["commit"]:
             sys.exit(

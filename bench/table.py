@@ -6,7 +6,8 @@ python3 bench/table.py --keep           copy out/bench/*.json to bench/results/ 
 python3 bench/table.py --check          change nothing; exit 1 if a document differs from the stored results
 
 Each table comes from one commit and one processor, and names both; results of a checkout with local changes are
-rejected.
+rejected, and so are commits that are not in the history, unless the result has a "remark". A remark is written by hand
+into the JSON file of a result that needs an explanation, and shown with its figures; a new measurement has none.
 """
 
 from __future__ import annotations
@@ -17,6 +18,7 @@ import math
 import re
 import shutil
 import statistics
+import subprocess
 import sys
 from collections.abc import Callable
 from pathlib import Path
@@ -53,23 +55,46 @@ OWN_WORLD = ROOT / "docs" / "own-world.md"
 DYNAMICS = ROOT / "docs" / "dynamics.md"
 FLIGHT_TASKS = ROOT / "docs" / "flight-tasks.md"
 STAGE = "step/stage/"
-#: Rows of the README's table: text, benchmark, and the figures whose median is shown.
+#: Rows of the README's table: text, benchmark, the figures whose median is shown, and the number of threads. A training
+#: uses one thread for PyTorch, and one per core for the simulator.
 HEADLINE = (
-    ("steps of the LiDAR task per second, 1,024 drones", "step", r"step/n1024/steps_per_second"),
-    ("a step of one drone", "step", r"step/n1/microseconds"),
-    ("LiDAR scans of 35 beams per second", "lidar", r"lidar/fan35x1024/scans_per_second"),
-    ("that, over Embree tracing the same rays at triangles", "lidar", r"lidar/direct_fan35x1024/ratio_to_bare_embree"),
+    ("steps of the LiDAR task per second, 1,024 drones", "step", r"step/n1024/steps_per_second", "1"),
+    ("a step of one drone", "step", r"step/n1/microseconds", "1"),
+    ("LiDAR scans of 35 beams per second", "lidar", r"lidar/fan35x1024/scans_per_second", "1"),
+    (
+        "that, over Embree tracing the same rays at triangles",
+        "lidar",
+        r"lidar/direct_fan35x1024/ratio_to_bare_embree",
+        "1",
+    ),
     (
         "camera frames per second, 64 x 64 pixels with depth",
         "camera",
         r"camera/raycast/playground/64x64x256/frames_per_second",
+        "1",
     ),
-    ("camera frames per second, 640 x 480", "camera", r"camera/raycast/playground/640x480x16/frames_per_second"),
-    ("training by LiDAR until it is solved, median of 5", "train", r"train/lidar/seed\d/seconds"),
-    ("its success in playgrounds never seen", "train", r"train/lidar/seed\d/unseen_success_rate"),
-    ("success by camera, as a feature of 64 x 48 pixels", "camera_train", r"train/camera/seed\d/unseen_success_rate"),
-    ("success from the pixels themselves", "pixels_train", r"train/pixels/seed\d/unseen_success_rate"),
+    (
+        "camera frames per second, 640 x 480 with depth",
+        "camera",
+        r"camera/raycast/playground/640x480x16/frames_per_second",
+        "1",
+    ),
+    (
+        "training by LiDAR until solved, at most 1.5 million steps, median of 5",
+        "train",
+        r"train/lidar/seed\d/seconds",
+        "1 per core",
+    ),
+    ("its success in playgrounds never seen", "train", r"train/lidar/seed\d/unseen_success_rate", ""),
+    (
+        "success by camera, as a feature of 64 x 48 pixels",
+        "camera_train",
+        r"train/camera/seed\d/unseen_success_rate",
+        "",
+    ),
+    ("success from the pixels themselves", "pixels_train", r"train/pixels/seed\d/unseen_success_rate", ""),
 )
+MARKS = "¹²³⁴⁵⁶⁷⁸⁹"  # of the remarks below that table
 #: Figures with separate tables.
 FRAMES, MODES = "camera_table/", "camera_modes/"
 COST, CONTACT = "dynamics/cost/", "dynamics/contact/"
@@ -98,7 +123,7 @@ def source(result: Result) -> str:
     return (
         f"{machine['cpu']}, {machine['logical_processors']} logical processors, {machine['simd']}, "
         f"Embree {machine['embree']}, Python {machine['python']}; commit {commit[:12]}"
-    )
+    ) + (f". {result['remark']}" if "remark" in result else "")
 
 
 def refuse_unknown_sources(results: dict[str, Result]) -> None:
@@ -109,6 +134,26 @@ def refuse_unknown_sources(results: dict[str, Result]) -> None:
             sys.exit(f"{name}: expected the one processor it was measured on, got {cpu!r}")
         if not isinstance(commit, str) or not re.fullmatch("[0-9a-f]{40}", commit):
             sys.exit(f"{name}: expected the one commit it was measured at, without changes to it, got {commit!r}")
+    refuse_lost_commits(results)
+
+
+def refuse_lost_commits(results: dict[str, Result]) -> None:
+    """Exit if the history lacks the commit of a result without a remark."""
+    for name, result in results.items():
+        for commit in {result["commit"], *(part["commit"] for part in result.get("parts", ()))}:
+            if "remark" not in result and not may_be_in_history(commit):
+                sys.exit(f"{name}: expected a commit of this history, got {commit}: measure again, or add a remark")
+
+
+def may_be_in_history(commit: str) -> bool:
+    """Return False if the checkout's history lacks a commit; True without git, and in a shallow clone that lacks it."""
+
+    def git(*args: str) -> subprocess.CompletedProcess[str]:
+        return subprocess.run(["git", *args], cwd=ROOT, check=False, capture_output=True, text=True)
+
+    if shutil.which("git") is None or git("rev-parse", "--is-shallow-repository").stdout.strip() != "false":
+        return True
+    return git("merge-base", "--is-ancestor", commit, "HEAD").returncode == 0
 
 
 def table(results: dict[str, Result]) -> str:
@@ -127,20 +172,24 @@ def table(results: dict[str, Result]) -> str:
 
 
 def headline(results: dict[str, Result]) -> str:
-    """Return the README's table: some figures, described in words."""
+    """Return the README's table: some figures, described in words, with threads, processor, commit and remarks."""
+    remarks = list(dict.fromkeys(r["remark"] for _, name, *_ in HEADLINE if "remark" in (r := results.get(name, {}))))
     rows = []
-    for text, name, pattern in HEADLINE:
-        figures = [f for f in results.get(name, {"figures": []})["figures"] if re.fullmatch(pattern, f["name"])]
-        values = [f["value"] for f in figures]
-        unit = "" if not figures or figures[0]["unit"] in ("1", "1/s") else f" {figures[0]['unit']}"
-        rows.append(f"| {text} | {number(statistics.median(values)) + unit if values else 'not measured yet'} |")
-    cpus = sorted(
-        {
-            f"{result['machine']['cpu']} with {result['machine']['logical_processors']} logical processors"
-            for result in results.values()
-        }
-    )
-    return "\n".join([f"| on {', '.join(cpus)} | |", "|---|---:|", *rows]) + "\n"
+    for text, name, pattern, threads in HEADLINE:
+        result = results.get(name, {"figures": []})
+        figures = [f for f in result["figures"] if re.fullmatch(pattern, f["name"])]
+        if not figures:
+            rows.append(f"| {text} | not measured yet | | | |")
+            continue
+        unit = "" if figures[0]["unit"] in ("1", "1/s") else f" {figures[0]['unit']}"
+        value = number(statistics.median(f["value"] for f in figures)) + unit
+        machine = result["machine"]
+        processor = f"{machine['cpu']}, {machine['logical_processors']} logical, {machine['simd']}"
+        mark = f" {MARKS[remarks.index(result['remark'])]}" if "remark" in result else ""
+        commit = f"{result['commit'][:7]}, {result['commit_date']}{mark}"
+        rows.append(f"| {text} | {value} | {threads} | {processor} | {commit} |")
+    notes = "".join(f"\n{mark} {remark}\n" for mark, remark in zip(MARKS, remarks, strict=False))
+    return "\n".join(["| | | threads | processor | commit |", "|---|---:|---|---|---|", *rows]) + "\n" + notes
 
 
 def benchmark(figures: list[dict[str, Any]]) -> list[str]:
@@ -471,7 +520,8 @@ def tried(text: str) -> str:
         if not path.exists():
             return f"<!-- tried {match[1]} -->not yet<!-- /tried -->"
         result = json.loads(path.read_text())
-        return f"<!-- tried {match[1]} -->{result['count']:,} {result['unit']}<!-- /tried -->"
+        remark = f" ({result['remark']})" if "remark" in result else ""
+        return f"<!-- tried {match[1]} -->{result['count']:,} {result['unit']}{remark}<!-- /tried -->"
 
     return re.sub(r"<!-- tried (\w+) -->.*?<!-- /tried -->", cell, text)
 
@@ -504,6 +554,7 @@ def main() -> None:
     default = KEPT if args.check or args.keep or not any(FRESH.glob("*.json")) else FRESH
     results = read(args.folder or default)
     refuse_unknown_sources(results)
+    refuse_lost_commits(read(KEPT / "tried"))
     documents = {
         README: with_content(README.read_text(encoding="utf-8"), "headline", headline(results)),
         BENCHMARKS: with_content(BENCHMARKS.read_text(encoding="utf-8"), "figures", table(results)),

@@ -1,5 +1,8 @@
 """The tables of figures: each comes from one commit and one processor, and names both."""
 
+import json
+import subprocess
+
 import pytest
 
 import table
@@ -15,7 +18,7 @@ FIGURES = [
 
 
 def result(**changes):
-    return {"machine": MACHINE, "commit": COMMIT, "figures": FIGURES, **changes}
+    return {"machine": MACHINE, "commit": COMMIT, "commit_date": "2026-11-24", "figures": FIGURES, **changes}
 
 
 def test_a_table_names_its_source_and_says_its_notes_once():
@@ -37,6 +40,85 @@ def test_the_tables_of_the_documents_name_their_source():
         assert write({}) == "Not measured yet.\n"
 
 
+def test_the_headline_names_threads_processor_commit_and_remark_of_each_row():
+    def one(name, **changes):
+        return result(figures=[{"name": name, "value": 2.5, "unit": "s", "runs": 1}], **changes)
+
+    written = table.headline(
+        {
+            "step": one("step/n1/microseconds"),
+            "train": one("train/lidar/seed0/seconds", machine=MACHINE | {"simd": "AVX2"}, remark="By old code."),
+        }
+    )
+    rows = [[cell.strip() for cell in line.strip("|").split("|")] for line in written.splitlines() if " 2.5 s " in line]
+    assert rows == [
+        ["a step of one drone", "2.5 s", "1", "Fast One, 2 logical, AVX3", "0123456, 2026-11-24"],
+        [
+            "training by LiDAR until solved, at most 1.5 million steps, median of 5",
+            "2.5 s",
+            "1 per core",
+            "Fast One, 2 logical, AVX2",
+            "0123456, 2026-11-24 ¹",
+        ],
+    ]
+    assert written.endswith("\n\n¹ By old code.\n")
+    assert written.count("not measured yet") == len(table.HEADLINE) - 2
+
+
+def test_a_remark_is_shown_with_the_source():
+    assert table.source(result(remark="By old code.")).endswith("; commit 0123456789ab. By old code.")
+
+
+@pytest.fixture
+def history(tmp_path, monkeypatch):
+    """A repository with two commits as the checkout of the tables; returns their hashes."""
+
+    def git(*args):
+        identity = ["-c", "user.name=n", "-c", "user.email=e"]
+        done = subprocess.run(["git", "-C", tmp_path, *identity, *args], check=True, stdout=subprocess.PIPE, text=True)
+        return done.stdout.strip()
+
+    git("init", "-q")
+    hashes = []
+    for _ in range(2):
+        git("commit", "-q", "--allow-empty", "-m", "m")
+        hashes.append(git("rev-parse", "HEAD"))
+    git("checkout", "-q", hashes[0])  # the second is known, but not in the history
+    monkeypatch.setattr(table, "ROOT", tmp_path)
+    return hashes
+
+
+def test_commits_that_the_history_lacks_are_refused(history):
+    first, second = history
+    table.refuse_lost_commits({"train": result(commit=first)})
+    for lost in (second, COMMIT):
+        with pytest.raises(SystemExit, match=f"train: expected a commit of this history, got {lost}"):
+            table.refuse_lost_commits({"train": result(commit=lost)})
+        with pytest.raises(SystemExit, match=f"pushes: .* got {lost}"):
+            table.refuse_lost_commits({"pushes": {"commit": first, "parts": [{"commit": first}, {"commit": lost}]}})
+        table.refuse_lost_commits({"train": result(commit=lost, remark="Its commit is lost.")})
+
+
+def test_a_shallow_clone_and_a_folder_without_git_know_no_commits(history, tmp_path, monkeypatch):
+    shallow = tmp_path / "shallow"
+    subprocess.run(["git", "clone", "-q", "--depth=1", f"file://{tmp_path}", shallow], check=True)
+    (tmp_path / "none").mkdir()
+    monkeypatch.setenv("GIT_CEILING_DIRECTORIES", str(tmp_path))
+    for folder in (shallow, tmp_path / "none"):
+        monkeypatch.setattr(table, "ROOT", folder)
+        table.refuse_lost_commits({"train": result()})
+
+
+def test_counts_of_trials_have_their_remark(tmp_path, monkeypatch):
+    monkeypatch.setattr(table, "KEPT", tmp_path)
+    (tmp_path / "tried").mkdir()
+    kept = {"commit": COMMIT, "count": 1500, "unit": "moves", "remark": "by old code"}
+    (tmp_path / "tried" / "moves.json").write_text(json.dumps(kept))
+    assert table.tried("a <!-- tried moves -->?<!-- /tried --> b") == (
+        "a <!-- tried moves -->1,500 moves (by old code)<!-- /tried --> b"
+    )
+
+
 @pytest.mark.parametrize(
     ("changes", "match"),
     [
@@ -47,7 +129,8 @@ def test_the_tables_of_the_documents_name_their_source():
         ({"machine": MACHINE | {"cpu": ["Fast One", "Slow One"]}}, "train: expected the one processor"),
     ],
 )
-def test_figures_of_no_or_several_sources_are_refused(changes, match):
+def test_figures_of_no_or_several_sources_are_refused(changes, match, monkeypatch):
+    monkeypatch.setattr(table, "may_be_in_history", lambda commit: True)
     table.refuse_unknown_sources({"train": result()})
     with pytest.raises(SystemExit, match=match):
         table.refuse_unknown_sources({"train": result(**changes)})
