@@ -51,7 +51,7 @@ def under_rotor_speeds() -> Measured:
         start.quat_wxyz[:], start.velocity[:], start.rates[:], start.speed[:] = [1, 0, 0, 0], 0, 0, hover
         end = Body([data] * DRONES).fly(start.rows(), told, 1 / STEP_HZ)[-1]
         for integrator in ("midpoint", "rk4"):
-            for hz in (1000, 500, 200, 100):
+            for hz in (20000, 5000, 2000, 1000, 500, 200, 100):
                 batch = batch_of(data, DRONES, STEP_HZ, hz, integrator=integrator)
                 start.place(batch)
                 for command in told:

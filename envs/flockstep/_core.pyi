@@ -372,7 +372,8 @@ class ImuConfig:
     """An inertial measurement unit. It requires ``motion="rotors"``.
 
     The accelerometer measures all acceleration except gravity: +9.81 m/s^2 along the body's z at rest and in hover, 0
-    in free fall. The noise follows Kalibr's model: white noise, given by its density, and a bias that drifts from 0 in
+    in free fall. It does not measure impacts: in a tick with a contact it reads only gravity, and the terms of the
+    rotation if it is mounted off the centre. The noise follows Kalibr's model: white noise, given by its density, and a bias that drifts from 0 in
     each episode.
 
     Parameters
@@ -2353,7 +2354,10 @@ class Batch:
 
     @property
     def task_state(self) -> dict[str, Any]:
-        """The arrays of the task by their names, read-only views; for example ``goal_index`` of the navigation task."""
+        """The arrays of the task by their names, read-only views.
+
+        For example ``goal_index`` of the navigation tasks, or ``phase`` (N, 9) of Track, in turns from 0 to 1.
+        """
 
     def snapshot(self) -> bytes:
         """Return everything that the next step depends on."""

@@ -1,0 +1,76 @@
+"""Limits of flight by rotors that docs/dynamics.md and docs/drones.md state with numbers."""
+
+import numpy as np
+import pytest
+from rigid_body import GRAVITY, OPEN, angle_between, batch_of, frame, rows_of
+
+import flockstep
+
+HALL = flockstep.World.from_dict({"flockstep_scene": 1, "room": {"min": [0, 0, 0], "max": [20, 20, 10]}})
+
+
+@pytest.mark.parametrize("on_contact", ["stop", "bounce", "terminate"])
+def test_an_imu_reads_gravity_in_an_impact(on_contact):
+    count, hz = 64, 500
+    batch = flockstep.Batch(
+        [HALL],
+        count,
+        drone=flockstep.DroneModel.load("kingfisher"),
+        dynamics=flockstep.DynamicsConfig(motion="rotors", control="rotor_thrusts", on_contact=on_contact),
+        clock=flockstep.ClockConfig(policy_hz=hz, physics_hz=hz),
+        imu=flockstep.ImuConfig(rate_hz=hz),
+    )
+    random = np.random.default_rng(0)
+    velocity = random.normal(size=(count, 3))
+    batch.set_pose(np.tile([10.0, 10.0, 5.0], (count, 1)))
+    batch.set_velocity(10 * velocity / np.linalg.norm(velocity, axis=1, keepdims=True), random.normal(size=(count, 3)))
+    hits, hardest = np.zeros(count, bool), 0.0
+    for _ in range(2 * hz):
+        before = batch.velocity.copy()
+        batch.fly(np.full((count, 4), 0.5))
+        batch.sense()
+        now = batch.contact.hit
+        hits |= now
+        hardest = max(hardest, hz * np.linalg.norm(batch.velocity - before, axis=1)[now].max(initial=0.0))
+        np.testing.assert_allclose(np.linalg.norm(batch.accelerometer[now], axis=1), GRAVITY, rtol=1e-5)
+    assert hits.mean() > 0.5
+    assert (hardest > 2000) == (on_contact != "terminate")  # m/s^2, the mean of a tick
+
+
+@pytest.mark.parametrize(
+    ("name", "limit", "expected_m"),
+    [("crazyflie", 8, 1.17), ("kingfisher", 8, 1.60), ("t650", 8, 0.06), ("crazyflie", 16, 0), ("kingfisher", 16, 0)],
+)
+def test_wind_beyond_the_integral_leaves_an_error(name, limit, expected_m):
+    wind = flockstep.WindConfig(mean_mps=[12, 0, 0])
+    batch = batch_of(frame(name), 1, 50, control="position", max_acceleration_mps2=limit, wind=wind)
+    batch.set_pose([[0, 0, 0]])
+    for _ in range(60 * 50):
+        batch.fly([[0, 0, 0, 0]])
+    assert np.linalg.norm(batch.position[0]) == pytest.approx(expected_m, rel=0.1, abs=1e-3)
+    assert np.linalg.norm(batch.velocity[0]) < 1e-3
+
+
+def test_shorter_ticks_do_not_make_a_flight_more_exact():
+    """From 1 kHz on, rk4 is left with the rounding of float32, which grows with the number of ticks."""
+    data, count = frame("x500"), 64
+    speeds = np.random.default_rng(0).uniform(0.8, 1.2, (100, count, 4))
+    speeds *= flockstep.DroneModel.load("x500").hover_speed_radps
+    ends = {}
+    for hz in (500, 1000, 20000):
+        batch = batch_of(data, count, 100, hz, integrator="rk4")
+        batch.set_pose(np.zeros((count, 3)))
+        for command in speeds:
+            batch.fly(command)
+        ends[hz] = rows_of(batch)
+    near, far = (np.mean(angle_between(ends[500][:, 3:7], ends[hz][:, 3:7])) for hz in (1000, 20000))
+    assert far > 5 * near
+
+
+@pytest.mark.parametrize(("name", "mps"), [("hummingbird", 20 * GRAVITY), ("x500", 20 * GRAVITY), ("kingfisher", 14.1)])
+def test_some_airframes_fall_without_drag(name, mps):
+    batch = batch_of(frame(name), 1, 50, worlds=(OPEN,))
+    batch.set_pose([[0, 0, 0]])
+    for _ in range(20 * 50):
+        batch.fly([[0, 0, 0, 0]])
+    assert -batch.velocity[0, 2] == pytest.approx(mps, rel=0.01)
