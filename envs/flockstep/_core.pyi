@@ -373,8 +373,8 @@ class ImuConfig:
 
     The accelerometer measures all acceleration except gravity: +9.81 m/s^2 along the body's z at rest and in hover, 0
     in free fall. It does not measure impacts: in a tick with a contact it reads only gravity, and the terms of the
-    rotation if it is mounted off the centre. The noise follows Kalibr's model: white noise, given by its density, and a bias that drifts from 0 in
-    each episode.
+    rotation if it is mounted off the centre. The noise follows Kalibr's model: white noise, given by its density, and a
+    bias that drifts from 0 in each episode.
 
     Parameters
     ----------
