@@ -31,6 +31,7 @@ GENERATED: dict[str, Callable[[], World]] = {
 GENERATORS: tuple[str, ...] = _core.scene_generators
 
 _SEEDED = re.compile(r"(\w+)/seed-(\d{1,18})(?:\.\.(\d{1,18}))?")
+_BUNDLED = re.compile(r"[\w-]+/[\w-]+")  # a folder and a file without its suffix
 _MOST_SEEDS = 100_000  # in one range
 
 
@@ -72,8 +73,8 @@ def find(source: str | PathLike[str]) -> Path | World:
         if not path.is_file():
             raise FileNotFoundError(f"no such scene file: {path}")
         return path
-    if isinstance(source, str) and source in names():
-        return directory() / f"{source}.json"
+    if isinstance(source, str) and _BUNDLED.fullmatch(source) and (file := directory() / f"{source}.json").is_file():
+        return file
     raise ValueError(
         f"unknown scene {str(source)!r}: expected the path of a .json, .gltf, .glb, .obj or .ply file, "
         f"a generator and its seed such as 'forest/seed-7' (of {', '.join(GENERATORS)}), "
