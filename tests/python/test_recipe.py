@@ -124,6 +124,8 @@ def test_files_are_opened_only_if_the_caller_allows_it(field: str, tmp_path: Pat
         ('{"taks": null}', "Did you mean task?"),
         ('{"clock": {"policy_hx": 5}}', r"clock\..*Did you mean policy_hz?"),
         ('{"num_envs": 1.5}', "num_envs"),
+        ('{"flockstep_recipe": 2, "fog": 1}', r"/flockstep_recipe: expected version 1, got 2 \(.*newer flockstep"),
+        ('{"flockstep_recipe": "1"}', 'expected version 1, got "1"'),
         ('{"task": {"name": "hover"}', "recipe"),
         ("", "recipe"),
     ],

@@ -27,10 +27,11 @@ struct Recipe {
   // Returns the recipe with the defaults of a task: its worlds, drone, sensors, dynamics and rates.
   FLOCKSTEP_API static Recipe for_task(TaskConfig task);
 
-  // The JSON text is an object with the members "task" (null, or an object with the task's "name" and the fields of its
-  // configuration), "worlds", "drone" (a string, or an object in the format of DroneModel::from_json()) and the fields of
-  // BatchConfig. Missing members have the defaults of the task. from_json() opens no file. It throws std::invalid_argument
-  // naming the place, the expected value and the actual one, and suggests the nearest name for a misspelt one.
+  // The JSON text is an object with the members "flockstep_recipe" (the version of the format, 1), "task" (null, or an object
+  // with the task's "name" and the fields of its configuration), "worlds", "drone" (a string, or an object in the format of
+  // DroneModel::from_json()) and the fields of BatchConfig. Missing members have the defaults of the task. from_json() opens no
+  // file. It throws std::invalid_argument naming the place, the expected value and the actual one, and suggests the nearest name
+  // for a misspelt one.
   FLOCKSTEP_API std::string to_json() const;
   FLOCKSTEP_API static Recipe from_json(const std::string& text);
 };

@@ -24,7 +24,6 @@
 #include "flockstep/pose.hpp"
 #include "flockstep/readings.hpp"
 #include "flockstep/state.hpp"
-#include "flockstep/version.hpp"
 #include "flockstep/world.hpp"
 
 namespace flockstep {
@@ -196,12 +195,16 @@ class Task {
   virtual bool takes_all_envs_at_once() const { return false; }
 };
 
-// Version string on which a task library and the engine that loads it must agree: the version of these headers and the layout
-// of Eigen's types, which options such as -march=native change.
+// Version of the binary interface between a task library and the engine. Increase it if a change to a header that this file
+// includes changes a layout, a virtual function or the meaning of a value; tests/python/test_compatibility.py notices changes.
+#define FLOCKSTEP_TASK_FORMAT 1
+
+// Version string on which a task library and the engine that loads it must agree: the interface and the layout of Eigen's types,
+// which options such as -march=native change.
 #define FLOCKSTEP_TEXT_OF(value) #value
 #define FLOCKSTEP_TEXT(value) FLOCKSTEP_TEXT_OF(value)
 #define FLOCKSTEP_TASK_VERSION \
-  "flockstep " FLOCKSTEP_VERSION ", Eigen aligned to " FLOCKSTEP_TEXT(EIGEN_MAX_STATIC_ALIGN_BYTES) " bytes"
+  "task format " FLOCKSTEP_TEXT(FLOCKSTEP_TASK_FORMAT) ", Eigen alignment " FLOCKSTEP_TEXT(EIGEN_MAX_STATIC_ALIGN_BYTES)
 
 #if defined(_WIN32)
 #define FLOCKSTEP_EXPORT extern "C" __declspec(dllexport)

@@ -149,6 +149,14 @@ JsonField require(const JsonField& object, std::string_view key) {
   return *field;
 }
 
+void check_version(const JsonField& root, std::string_view key, int version) {
+  const std::optional<JsonField> given = find(root, key);
+  if (!given || given->value == version) return;
+  const bool is_newer = given->value.is_number_integer() && given->value > version;
+  refuse(*given, "version " + std::to_string(version),
+         excerpt_of(given->value) + (is_newer ? " (written for a newer flockstep: install that one)" : ""));
+}
+
 void refuse_unknown(const JsonField& object, std::string_view key, std::span<const std::string_view> known) {
   std::string names;
   for (const std::string_view name : known) names += (names.empty() ? "" : ", ") + std::string(name);

@@ -72,6 +72,10 @@ JsonField child(const JsonField& parent, std::string_view key, const Json& value
 std::optional<JsonField> find(const JsonField& object, std::string_view key);
 JsonField require(const JsonField& object, std::string_view key);
 
+// Rejects a document whose version, the number under `key`, is not `version`. Call it before checking other fields, because
+// another version may have others. Accepts a document without the number, and one that is not an object.
+void check_version(const JsonField& root, std::string_view key, int version);
+
 // Reports an unknown field, with the list of known ones and the most similar name.
 [[noreturn]] void refuse_unknown(const JsonField& object, std::string_view key, std::span<const std::string_view> known);
 

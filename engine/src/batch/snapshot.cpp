@@ -243,7 +243,8 @@ void restore_snapshot(Simulation& sim, std::string_view blob) {
   std::memcpy(&header, blob.data(), sizeof(header));
   const std::string_view body = blob.substr(sizeof(header));
   require(header.magic == kMagic, "snapshot", "the bytes of Batch.snapshot()", "something else");
-  require(header.format == kFormat, "snapshot", "format " + std::to_string(kFormat), header.format);
+  require(header.format == kFormat, "snapshot", "format " + std::to_string(kFormat),
+          std::to_string(header.format) + " (restore it with the version of flockstep that made it)");
   require(header.length == body.size(), "snapshot", std::to_string(header.length + sizeof(header)) + " bytes", blob.size());
   require(header.checksum == checksum_of(header, body), "snapshot", "undamaged bytes", "some that have changed");
   require(header.config == config_hash(sim), "snapshot", "one of a batch with this configuration and these worlds",

@@ -170,10 +170,10 @@ std::optional<Airframe> read_airframe(const JsonField& root, const std::optional
 DroneModel read_drone(const std::string& text, const std::string& source) {
   const auto document = json::Document::parse(text, source);
   const JsonField root = document->root();
+  check_version(root, kDroneKey, kDroneVersion);
   check_object(root, {kDroneKey, "name", "description", "sources", "disputed", "like", "scaled", "mass_kg", "inertia_kgm2",
                       "size_m", "hull_m", "rotors", "drag"});
-  const JsonField version = require(root, kDroneKey);
-  if (version.value != kDroneVersion) refuse(version, "version 1");
+  require(root, kDroneKey);
   const auto name = find(root, "name");
   const std::optional<DroneModel> like = read_like(root);
   try {

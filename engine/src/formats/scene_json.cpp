@@ -45,9 +45,9 @@ class SceneReader {
 
   SceneDescription read() {
     refuse_older_name();
+    check_version(root_, keys::kVersion.name, kSceneVersion);
     check_keys(root_, keys::kSceneKeys);
-    const JsonField version = require(root_, keys::kVersion);
-    if (version.value != kSceneVersion) refuse(version, "version " + std::to_string(kSceneVersion));
+    require(root_, keys::kVersion);
     if (const auto name = find(root_, keys::kName)) {
       if (!name->value.is_string()) refuse(*name, "a string");
       scene_.name = name->value.get<std::string>();

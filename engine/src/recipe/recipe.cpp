@@ -22,8 +22,11 @@ namespace {
 using Json = nlohmann::json;
 using OrderedJson = nlohmann::ordered_json;
 
+constexpr int kRecipeVersion = 1;
+constexpr const char* kRecipeKey = "flockstep_recipe";
+
 std::vector<std::string_view> names_of_members() {
-  std::vector<std::string_view> names{"task", "worlds", "drone"};
+  std::vector<std::string_view> names{kRecipeKey, "task", "worlds", "drone"};
   std::apply([&](const auto&... fields) { (names.emplace_back(fields.name), ...); }, BatchConfig::fields());
   return names;
 }
@@ -113,6 +116,7 @@ Recipe Recipe::for_task(TaskConfig task) {
 
 std::string Recipe::to_json() const {
   OrderedJson json;
+  json[kRecipeKey] = kRecipeVersion;
   json["task"] = json_of(task);
   json["worlds"] = worlds;
   const auto* const model = std::get_if<DroneModel>(&drone);
@@ -125,6 +129,7 @@ Recipe Recipe::from_json(const std::string& text) {
   const auto document = json::Document::parse(text, "recipe");
   const Json& json = document->root().value;
   if (!json.is_object()) refuse("recipe", "an object", json::excerpt_of(json));
+  json::check_version(document->root(), kRecipeKey, kRecipeVersion);
   const std::vector<std::string_view> known = names_of_members();
   for (const auto& [name, value] : json.items()) {
     if (std::ranges::find(known, name) != known.end()) continue;
@@ -143,7 +148,7 @@ Recipe Recipe::from_json(const std::string& text) {
       recipe.drone = DroneModel::from_json(drone.dump());
     }
   }
-  read_config(without(json, {"task", "worlds", "drone"}), "", recipe.batch);
+  read_config(without(json, {kRecipeKey, "task", "worlds", "drone"}), "", recipe.batch);
   return recipe;
 }
 

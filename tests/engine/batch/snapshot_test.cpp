@@ -280,7 +280,8 @@ TEST_F(SnapshotRefusal, AnotherFormatInWords) {
   std::string newer = blob_;
   std::memcpy(newer.data(), &header, sizeof(header));
   for (const std::string& blob : {newer, mended(newer)}) {
-    expect_refused(blob, "snapshot: expected format " + ours + ", got " + next);
+    expect_refused(
+        blob, "snapshot: expected format " + ours + ", got " + next + " (restore it with the version of flockstep that made it)");
   }
 }
 

@@ -233,7 +233,11 @@ TEST(SceneJson, BadScenesAreRefusedWithTheFieldWhatWasExpectedAndWhatCame) {
       {"the key of another name of this format", R"({"other_scene": 1, )" + kRoom + "}",
        "x.json: /other_scene: expected the key \"flockstep_scene\" instead (the format's name has changed, and nothing else: "
        "rename the key)"},
-      {"another version", R"({"flockstep_scene": 2})", "x.json: /flockstep_scene: expected version 1, got 2"},
+      {"another version", R"({"flockstep_scene": 2})",
+       "x.json: /flockstep_scene: expected version 1, got 2 (written for a newer flockstep: install that one)"},
+      {"another version with fields of its own", R"({"flockstep_scene": 2, "fog": {}})",
+       "x.json: /flockstep_scene: expected version 1, got 2 (written for a newer flockstep: install that one)"},
+      {"an older version", R"({"flockstep_scene": 0})", "x.json: /flockstep_scene: expected version 1, got 0"},
       {"a version that is no number", R"({"flockstep_scene": "1"})", "x.json: /flockstep_scene: expected version 1, got \"1\""},
       {"empty scene", R"({"flockstep_scene": 1})",
        "x.json: expected at least one of room, pillars, cylinders, boxes, spheres, capsules, planes, discs, meshes, got an empty "

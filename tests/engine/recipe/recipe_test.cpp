@@ -174,6 +174,13 @@ TEST(Recipe, OpensNoFilesUnlessTheCallerAllowsIt) {
   expect_has(refusal_of(recipe), "worlds: expected");
 }
 
+TEST(Recipe, NamesItsFormatAndRefusesAnother) {
+  expect_has(Recipe::for_task(HoverConfig{}).to_json(), "\"flockstep_recipe\": 1");
+  EXPECT_EQ(refusal_of(R"({"flockstep_recipe": 1, "task": {"name": "hover"}})"), "nothing was refused");
+  EXPECT_EQ(refusal_of(R"({"flockstep_recipe": 2, "fog": {}})"),
+            "recipe: /flockstep_recipe: expected version 1, got 2 (written for a newer flockstep: install that one)");
+}
+
 TEST(Recipe, SurvivesAnyText) {
   Recipe recipe = Recipe::for_task(NavigationConfig{});
   recipe.batch.cameras = {{.name = "front"}};
