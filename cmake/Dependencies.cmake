@@ -85,11 +85,13 @@ if(OPENCV_CORE MATCHES "\\.a$")
 endif()
 
 # OpenGL and EGL, whose functions it finds at run time: neither is linked, and a machine without them has one camera backend less.
-if(PkgConfig_FOUND)
-  pkg_check_modules(EPOXY QUIET IMPORTED_TARGET epoxy)
+if(FLOCKSTEP_GL)
+  if(PkgConfig_FOUND)
+    pkg_check_modules(EPOXY QUIET IMPORTED_TARGET epoxy)
+  endif()
+  need(EPOXY_FOUND "libepoxy (OpenGL)" libepoxy-dev libepoxy)
+  target_link_libraries(flockstep_dependencies INTERFACE PkgConfig::EPOXY)
 endif()
-need(EPOXY_FOUND "libepoxy (OpenGL)" libepoxy-dev libepoxy)
-target_link_libraries(flockstep_dependencies INTERFACE PkgConfig::EPOXY ${CMAKE_DL_LIBS})
 
 # Convex distance: Bullet's GJK and EPA, which are templates in headers; nothing of Bullet is linked.
 find_path(BULLET_INCLUDE_DIR BulletCollision/NarrowPhaseCollision/btGjkEpa3.h PATH_SUFFIXES bullet)

@@ -201,3 +201,24 @@ def test_shares_a_process_with_torch(library: Path, order: str) -> None:
     together = run(sys.executable, "-c", "\n".join(steps))
     apart = run(sys.executable, "-c", "\n".join(["import flockstep", *steps[-3:]]))
     assert together == apart
+
+
+WITHOUT_GL = """#include <cstdio>
+#include "render/gl/renderer.hpp"
+int main() try {
+  flockstep::render::GlRenderer renderer;
+} catch (const flockstep::render::GlUnavailable& error) {
+  std::puts(error.what());
+}
+"""
+
+
+def test_a_build_without_the_backend_gl_needs_no_opengl_and_says_so(tmp_path: Path) -> None:
+    """With FLOCKSTEP_GL=OFF, one file replaces the folder render/gl."""
+    (tmp_path / "main.cpp").write_text(WITHOUT_GL, encoding="utf-8")
+    includes = [f"-I{ROOT / 'engine' / part}" for part in ("include", "src")]
+    eigen = run("pkg-config", "--cflags", "eigen3").split()
+    source = ROOT / "engine" / "src" / "render" / "without_gl.cpp"
+    program = tmp_path / "program"
+    run("c++", "-std=c++20", *WARNINGS, *includes, *eigen, source, tmp_path / "main.cpp", "-o", program)
+    assert run(program) == "this build of flockstep has no backend gl\n"
