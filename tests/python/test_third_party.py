@@ -40,6 +40,9 @@ def test_what_the_module_loads_is_listed(wheel):
     assert "libtbb12" in packages
     for package in packages:
         assert f"`{package}`" in text
+    shared = [set(re.findall(r"`([^`]+)`", row)) for row in re.findall(r"\| shared.*", text)]
+    assert len(shared) > 5
+    assert all(names & packages for names in shared), "THIRD_PARTY.md lists a shared library that is not loaded"
 
 
 def test_a_wheel_with_what_opencv_would_bring_is_refused(wheel, tmp_path, monkeypatch):
