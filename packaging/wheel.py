@@ -24,7 +24,7 @@ from pathlib import Path
 ROOT = Path(__file__).resolve().parent.parent
 BUILD = ROOT / "build" / "wheel"
 OUT = ROOT / "out" / "wheel"
-PYTHONS = ("python3.10", "python3.11", "python3.12", "python3.13")
+PYTHONS = ("python3.10", "python3.11", "python3.12", "python3.13", "python3.14")
 MOST_BYTES = 30_000_000
 #: Packages for a build in a separate environment: those of pyproject.toml's build-system, at our versions.
 BUILD_PACKAGES = (

@@ -91,14 +91,14 @@ def test_the_supported_pythons_are_the_same_everywhere(project):
     classifiers = project["project"]["classifiers"]
     stated = [text.rpartition(" :: ")[2] for text in classifiers if re.search(r"Python :: 3\.\d+$", text)]
     tried = re.search(r"^PYTHONS = \((.*)\)$", text_of("packaging/wheel.py"), re.MULTILINE)[1]
-    assert re.findall(r"python(3\.\d+)", tried)[: len(stated)] == stated
+    assert re.findall(r"python(3\.\d+)", tried) == stated
     assert project["project"]["requires-python"] == f">={stated[0]}"
     assert f"every Python from {stated[0]} to {stated[-1]}" in text_of("docs/install.md")
     settings = project["tool"]["cibuildwheel"]
     ((minors,),) = {tuple(re.findall(r"cp3\{(.*)\}", part["build"])) for part in (settings, settings["linux"])}
     image = re.search(r"for version in ([\d. ]+);", text_of("packaging/Dockerfile"))[1].split()
     assert image == [f"3.{minor}" for minor in minors.split(",")]
-    assert stated == image[: len(stated)]
+    assert stated == image
 
 
 def test_the_citation_has_the_version_and_licence_of_the_package(project):
