@@ -11,7 +11,7 @@ places_train  the LiDAR task in generated offices and forests
 flight_train  Hover and Track with five seeds each, and the controller only; the LiDAR task's policy with rotors
 tiles   tracing rays against triangles, in tiles and with Embree's packets; only tracing
 worlds  LiDARs and cameras in every bundled world, and the share of rays traced by Embree
-busy    the trainings of the README while every processor runs a busy loop; only if named
+busy    the trainings of the README and of docs/first-steps.md while every processor runs a busy loop; only if named
 imaging cost of colour detection, HSV and smaller images, in our kernels and in OpenCV
 plan    paths from start to goal in every bundled world and twenty of each generator: processor time and length
 trainers  the programs of examples/trainers/ with three seeds each: speed, and steps until they solve the LiDAR task
@@ -376,8 +376,9 @@ BUSY = "while True: pass"
 
 
 def bench_busy() -> list[Figure]:
-    """Run both trainings of the README as published, while every processor runs a busy loop."""
-    blocks = re.findall(r"```python\n(.*?)```", (ROOT / "README.md").read_text(), re.DOTALL)
+    """Run the trainings of the README and of First steps as published, while every processor runs a busy loop."""
+    pages = "".join((ROOT / page).read_text() for page in ("README.md", "docs/first-steps.md"))
+    blocks = re.findall(r"```python\n(.*?)```", pages, re.DOTALL)
     trainings = [block for block in blocks if "learn(" in block]
     figures = []
     others = [subprocess.Popen([sys.executable, "-c", BUSY]) for _ in range(os.cpu_count() or 1)]

@@ -114,7 +114,7 @@ def test_python_runs_in_an_empty_folder(block, tmp_path):
     (tmp_path / "snippet.py").write_text(text, encoding="utf-8")
     printed = run([sys.executable, "snippet.py"], tmp_path)
     for part, check in CHECKS.items():
-        if part in text and block.place.startswith("README.md"):
+        if part in text and block.place.startswith("first-steps.md"):
             check(tmp_path, printed)
     assert ("learn(" in text) == ("success_rates(" in text), "what trains says how well"
     if "learn(" in text:
