@@ -10,7 +10,7 @@
 
 namespace flockstep {
 
-inline constexpr std::size_t kRotors = 4;
+inline constexpr std::size_t kRotors = 4;  // number of rotors of an airframe
 
 // Direction in which a rotor turns, seen from above. A counter-clockwise rotor yaws the body clockwise.
 enum class Spin : std::uint8_t { ccw, cw };
@@ -123,8 +123,8 @@ struct Airframe {
   FLOCKSTEP_API double thrust_at(double speed_radps) const;         // N, one rotor
   FLOCKSTEP_API double speed_for(double thrust_n) const;            // rad/s, one rotor, within the speed limits
   double max_thrust() const { return thrust_at(max_speed_radps); }  // N, one rotor
-  FLOCKSTEP_API double thrust_to_weight() const;
-  FLOCKSTEP_API double hover_speed() const;  // rad/s, if all rotors share the weight evenly
+  FLOCKSTEP_API double thrust_to_weight() const;                    // largest thrust of all rotors over the weight
+  FLOCKSTEP_API double hover_speed() const;                         // rad/s, if all rotors share the weight evenly
 
   // Returns the body in another size: lengths times `size`, mass times `mass`, both > 0. All other coefficients follow Froude's
   // law, so that the scaled body flies alike: speeds and times grow by the square root of `size`, and thrust-to-weight stays

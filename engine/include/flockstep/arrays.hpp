@@ -68,25 +68,28 @@ struct EnumNames<Per> {
   static constexpr std::array kNames{"", "terms", "channels, beams", "height, width"};
 };
 
+// Description of an array in a list.
 struct ArrayInfo {
-  Rows rows = Rows::drone;
-  Per per = Per::row;
-  int columns = 0;  // values per item; 0: an item is a scalar
-  const char* unit = "";
-  Frame frame = Frame::none;
-  Values values = Values::finite;
-  Access access = Access::read;
-  const char* writer = "";  // stage of the step, or call, that writes the array
-  const char* about = "";   // short description
+  Rows rows = Rows::drone;         // kind of its rows
+  Per per = Per::row;              // items of a row
+  int columns = 0;                 // values per item; 0: an item is a scalar
+  const char* unit = "";           // unit of the values; empty: none
+  Frame frame = Frame::none;       // frame of reference
+  Values values = Values::finite;  // values that it may hold
+  Access access = Access::read;    // access by its name
+  const char* writer = "";         // stage of the step, or call, that writes the array
+  const char* about = "";          // short description
 };
 
+// An entry of a list: a member of a struct and its description.
 template <class Struct, class Array>
 struct ArrayPointer {
-  const char* name;  // name of the view, unique in a batch
-  Array Struct::* member;
-  ArrayInfo info;
+  const char* name;        // name of the view, unique in a batch
+  Array Struct::* member;  // the member
+  ArrayInfo info;          // its description
 };
 
+// Returns an entry for a list.
 template <class Struct, class Array>
 constexpr ArrayPointer<Struct, Array> array(const char* name, Array Struct::* member, ArrayInfo info) {
   return {name, member, info};
@@ -94,13 +97,14 @@ constexpr ArrayPointer<Struct, Array> array(const char* name, Array Struct::* me
 
 // Row and item counts of a batch.
 struct ArraySizes {
-  std::size_t num_envs = 0;
-  std::size_t num_drones = 0;
-  std::size_t num_task_rows = 0;
-  std::size_t num_terms = 0;
-  std::size_t num_rays = 0;
-  std::size_t num_pixels = 0;
+  std::size_t num_envs = 0;       // E
+  std::size_t num_drones = 0;     // N
+  std::size_t num_task_rows = 0;  // R: N or E
+  std::size_t num_terms = 0;      // terms of the reward
+  std::size_t num_rays = 0;       // rays of a LiDAR, of one drone
+  std::size_t num_pixels = 0;     // pixels of a camera's image
 
+  // Returns the number of rows of this kind.
   std::size_t rows(Rows of) const { return of == Rows::drone ? num_drones : of == Rows::env ? num_envs : num_task_rows; }
   // Returns the number of values per row.
   std::size_t width(const ArrayInfo& info) const {
@@ -138,22 +142,23 @@ void allocate(T& arrays, const ArraySizes& sizes) {
 
 // Shape of the items of a row: terms, channels x beams, or height x width.
 struct ItemShape {
-  std::array<std::int64_t, 2> sizes{1, 1};
-  std::size_t dimensions = 0;
-  bool columns_first = false;  // the columns come before the items, as in chw images
+  std::array<std::int64_t, 2> sizes{1, 1};  // number of items along each dimension
+  std::size_t dimensions = 0;               // number of dimensions, 0 to 2
+  bool columns_first = false;               // the columns come before the items, as in chw images
 };
 
 // Memory and description of a listed array.
 struct ArrayView {
-  const char* name;
-  ArrayInfo info;
+  const char* name;        // name of the view
+  ArrayInfo info;          // description of the array
   char kind;               // NumPy's kind of the values: b bool, i and u integer, f floating-point
   std::size_t value_size;  // bytes per value
-  const void* data;
-  std::size_t size;  // number of values
-  ItemShape items;   // unused if info.per is Per::row
+  const void* data;        // the first value
+  std::size_t size;        // number of values
+  ItemShape items;         // unused if info.per is Per::row
 };
 
+// Returns the view of a listed array.
 template <class Entry, class Array>
 ArrayView view_of(const Entry& entry, const Array& values, const ItemShape& items) {
   using Value = typename Array::value_type;
@@ -178,6 +183,7 @@ FLOCKSTEP_API void check_values(std::span<const std::uint64_t> values, const cha
 FLOCKSTEP_API void check_values(std::span<const float> values, const char* name, Values allowed);
 FLOCKSTEP_API void check_values(std::span<const double> values, const char* name, Values allowed);
 
+// Checks the values of all listed arrays. Throws std::invalid_argument, naming the array, on a value that is not allowed.
 template <HasFields T>
 void check_arrays(const T& arrays) {
   for_each_listed(arrays,

@@ -83,7 +83,7 @@ struct Simulation;
 // parent's batch in the child throws std::runtime_error.
 class FLOCKSTEP_API Batch {
  public:
-  using Worlds = std::vector<std::shared_ptr<const World>>;
+  using Worlds = std::vector<std::shared_ptr<const World>>;  // the worlds of a batch, by index
 
   // world_index: (E,), the world of each env; if empty, env i is in world i mod W. Drones start at the start marker of their
   // world, or at the centre of its bounds if it has none. Without a task, reset() and step() are not available; everything else
@@ -97,16 +97,16 @@ class FLOCKSTEP_API Batch {
   Batch(const Batch&) = delete;
   Batch& operator=(const Batch&) = delete;
 
-  const BatchConfig& config() const;
-  const Worlds& worlds() const;  // indexed by state().world_index; empty with a pool
-  const std::shared_ptr<const World>& world_of(EnvIndex env) const;
-  const DroneModel& drone() const;
-  int num_threads() const;  // actual number, also if num_threads = 0
+  const BatchConfig& config() const;                                 // as given to the constructor
+  const Worlds& worlds() const;                                      // indexed by state().world_index; empty with a pool
+  const std::shared_ptr<const World>& world_of(EnvIndex env) const;  // the world of an env; the index is not checked
+  const DroneModel& drone() const;                                   // body and flight model of all drones
+  int num_threads() const;                                           // actual number, also if num_threads = 0
   // Number of LiDAR and camera rays, shadow rays included, traced through Embree's triangle trees since the batch was made, and
   // the number of packets they were traced in.
   std::int64_t embree_rays() const;
-  std::int64_t embree_packets() const;
-  const State& state() const;
+  std::int64_t embree_packets() const;  // see embree_rays()
+  const State& state() const;           // poses, contacts and clocks; valid until the batch is destroyed
 
   // --- motion and sensing; positions (N, 3) m, quaternions (N, 4) wxyz; an empty span leaves the value unchanged
   void set_pose(std::span<const float> position, std::span<const float> quat_wxyz, DroneMask mask = {});  // no collision check
@@ -119,16 +119,16 @@ class FLOCKSTEP_API Batch {
   // Flies a command (N, 4), whose meaning is config().dynamics.control, for a number of ticks in [0, 1000000]; 0 means one
   // step. Rotor motion only; use move() for kinematic motion.
   void fly(std::span<const float> command, int ticks = 0, DroneMask mask = {});
-  void sense(DroneMask mask = {});
+  void sense(DroneMask mask = {});  // reads the sensors now; cameras as their capture mode requires
 
   // --- slots
   void spawn(std::span<const std::int64_t> indices, std::span<const float> position, std::span<const float> quat_wxyz,
              std::span<const std::int32_t> world_index);  // one row per index; an empty span leaves the value unchanged
-  void remove(std::span<const std::int64_t> indices);
+  void remove(std::span<const std::int64_t> indices);     // deactivates slots (K,), which then read as absent
   void set_world(std::span<const std::int32_t> world_index, EnvMask mask = {});  // (E,); refused with a pool
 
   // --- sensor readings; all arrays are empty for a sensor that the batch does not have
-  const PoseReadings& pose_readings() const;
+  const PoseReadings& pose_readings() const;                         // of the pose sensor
   const ImuReadings& imu_readings(std::size_t imu = 0) const;        // index into config().imus
   const LidarReadings& lidar_readings(std::size_t lidar = 0) const;  // index into config().lidars
   // Returns the arrays that the sensor of this name publishes. Throws std::invalid_argument if there is none, or if sensors of
@@ -139,18 +139,18 @@ class FLOCKSTEP_API Batch {
   std::size_t imu_index(std::string_view name) const;    // empty: the first
   std::size_t lidar_index(std::string_view name) const;  // empty: the first
   void require_scan(std::size_t lidar = 0) const;        // std::logic_error before the first scan, while all ranges are inf
-  void set_lidar(const LidarChange& change, DroneMask mask = {}, std::size_t lidar = 0);
+  void set_lidar(const LidarChange& change, DroneMask mask = {}, std::size_t lidar = 0);  // from the next scan on
   LidarConfig lidar_config(std::int64_t index, std::size_t lidar = 0) const;  // of one drone, run-time changes included
   void lidar_directions(std::span<float> out, std::size_t lidar = 0) const;   // (N, channels, beams, 3) unit, body frame
   void lidar_points(std::span<float> out, std::size_t lidar = 0) const;  // (N, channels, beams, 3) m, world frame, inf on a miss
 
   // --- cameras, by index into config().cameras; std::invalid_argument if there is no such camera
-  std::size_t camera_index(std::string_view name) const;        // empty: the only one
-  const CameraConfig& camera_config(std::size_t camera) const;  // with the current capture mode
-  const CameraImages& images(std::size_t camera) const;
+  std::size_t camera_index(std::string_view name) const;                     // empty: the only one
+  const CameraConfig& camera_config(std::size_t camera) const;               // with the current capture mode
+  const CameraImages& images(std::size_t camera) const;                      // latest frames of all drones
   CameraConfig camera_config(std::size_t camera, std::int64_t index) const;  // of one drone, run-time changes included
   void capture(std::size_t camera, DroneMask mask = {});                     // renders now, in any capture mode
-  void set_capture_mode(std::size_t camera, CaptureMode mode);
+  void set_capture_mode(std::size_t camera, CaptureMode mode);               // not on_demand if the task observes the camera
   void set_camera(std::size_t camera, const CameraChange& change, DroneMask mask = {});  // marks the frames stale
   const std::string& camera_backend_report() const;  // the backend in use and the reason for it
   std::string take_warning();                        // a warning not reported yet, e.g. that OpenGL failed; usually empty
@@ -170,14 +170,14 @@ class FLOCKSTEP_API Batch {
   // times.
   void step(std::span<const std::int64_t> actions);  // (R,) integer actions
   void step(std::span<const float> actions);         // (R, ...) floating-point actions
-  const EpisodeState& episodes() const;
-  void visit_task(ArrayVisitor& visitor) const;  // visits the arrays of the task, for reading
-  const Outputs& outputs() const;                // of the last step, reset or restore; intact during the next one
+  const EpisodeState& episodes() const;              // counters and flags of the current episodes
+  void visit_task(ArrayVisitor& visitor) const;      // visits the arrays of the task, for reading
+  const Outputs& outputs() const;                    // of the last step, reset or restore; intact during the next one
   Outputs& outputs();
 
   // --- everything that the next step depends on, with a hash of the configuration that restore() checks
-  std::string snapshot() const;
-  void restore(const std::string& blob);
+  std::string snapshot() const;           // the bytes of a snapshot
+  void restore(const std::string& blob);  // std::invalid_argument, and no change, if it is of another configuration or corrupt
 
  private:
   std::unique_ptr<Simulation> sim_;

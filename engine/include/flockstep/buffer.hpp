@@ -19,12 +19,14 @@
 
 namespace flockstep {
 
+// Type of the values of an array.
 enum class DType : std::uint8_t { boolean, uint8, int32, int64, float32, float64 };
 template <>
 struct EnumNames<DType> {
   static constexpr std::array kNames{"bool", "uint8", "int32", "int64", "float32", "float64"};
 };
 
+// The DType of a C++ type; uint8 for every type that has none of its own.
 template <class T>
 inline constexpr DType kDType = DType::uint8;
 template <>
@@ -38,11 +40,14 @@ inline constexpr DType kDType<float> = DType::float32;
 template <>
 inline constexpr DType kDType<double> = DType::float64;
 
+// True if a C++ type has a DType.
 template <class T>
 inline constexpr bool is_dtype = std::is_same_v<T, std::uint8_t> || kDType<T> != DType::uint8;
 
+// Returns true for float32 and float64.
 constexpr bool is_floating(DType type) { return type == DType::float32 || type == DType::float64; }
 
+// Returns the size of a value in bytes.
 constexpr std::size_t size_of(DType type) {
   switch (type) {
     case DType::boolean:
@@ -58,12 +63,12 @@ constexpr std::size_t size_of(DType type) {
 
 // Name, type, shape and bounds of one row of an array.
 struct Field {
-  std::string name;
-  DType type = DType::float32;
+  std::string name;                 // key in a dict of several fields; empty for a single one
+  DType type = DType::float32;      // type of the values
   std::vector<std::int64_t> shape;  // of one row; empty: a scalar
   // Minimum and maximum: one for the whole row, or one for each of its values.
   std::vector<double> low{-1.0};
-  std::vector<double> high{1.0};
+  std::vector<double> high{1.0};    // see low
   std::vector<double> absent{0.0};  // value of a removed drone's row: one for the row, or one for each value
 
   static constexpr auto fields() {
@@ -72,20 +77,24 @@ struct Field {
                       field("high", &C::high), field("absent", &C::absent));
   }
 
+  // Returns the number of values of one row.
   std::size_t size() const {
     return static_cast<std::size_t>(std::accumulate(shape.begin(), shape.end(), std::int64_t{1}, std::multiplies<>()));
   }
 };
 
+// Values of a field, row by row.
 class Buffer {
  public:
   Buffer() = default;
+  // Makes rows of zeros for a field.
   Buffer(const Field& field, std::size_t rows)
       : type_(field.type), columns_(field.size()), bytes_(rows * columns_ * size_of(field.type)) {}
 
-  DType type() const { return type_; }
-  std::size_t columns() const { return columns_; }
-  std::size_t row_bytes() const { return columns_ * size_of(type_); }
+  DType type() const { return type_; }                                 // type of the values
+  std::size_t columns() const { return columns_; }                     // values per row
+  std::size_t row_bytes() const { return columns_ * size_of(type_); }  // bytes per row
+  // All rows as bytes.
   AlignedVector<std::byte>& bytes() { return bytes_; }
   const AlignedVector<std::byte>& bytes() const { return bytes_; }
 
@@ -98,7 +107,9 @@ class Buffer {
   std::span<const T> row(std::size_t index) const {
     return {reinterpret_cast<const T*>(bytes_.data()) + index * columns_, columns_};
   }
+  // Returns one row as bytes. The index is not checked.
   std::span<std::byte> row_as_bytes(std::size_t index) { return {bytes_.data() + index * row_bytes(), row_bytes()}; }
+  // Copies one row from a buffer of the same field. The index is not checked.
   void copy_row(std::size_t index, const Buffer& from) {
     const std::size_t size = row_bytes();
     std::memcpy(bytes_.data() + index * size, from.bytes_.data() + index * size, size);

@@ -13,18 +13,21 @@
 
 namespace flockstep {
 
+// Meaning of depth: distance along the optical axis, or from the camera.
 enum class DepthKind : std::uint8_t { planar, range };
 template <>
 struct EnumNames<DepthKind> {
   static constexpr std::array kNames{"planar", "range"};
 };
 
+// Order of rows (h), columns (w) and channels (c) of an image.
 enum class ImageLayout : std::uint8_t { hwc, chw };
 template <>
 struct EnumNames<ImageLayout> {
   static constexpr std::array kNames{"hwc", "chw"};
 };
 
+// Selects when a camera renders.
 enum class CaptureMode : std::uint8_t { every_step, on_movement, on_demand };
 template <>
 struct EnumNames<CaptureMode> {
@@ -47,13 +50,13 @@ struct EnumNames<CameraBackend> {
 
 // Images that a camera writes; see CameraImages.
 struct CameraOutputs {
-  bool rgb = true;
-  bool depth = false;
-  bool semantic = false;
-  bool instance = false;
-  bool normal = false;
-  bool grey = false;
-  bool hsv = false;
+  bool rgb = true;        // sRGB colour
+  bool depth = false;     // distance, m
+  bool semantic = false;  // class of the material
+  bool instance = false;  // number of the object
+  bool normal = false;    // surface normal, world frame
+  bool grey = false;      // grey value
+  bool hsv = false;       // hue, saturation, value
 
   static constexpr auto fields() {
     using C = CameraOutputs;
@@ -62,7 +65,7 @@ struct CameraOutputs {
                       field("hsv", &C::hsv));
   }
 
-  bool any_color() const { return rgb || grey; }
+  bool any_color() const { return rgb || grey; }  // true if colours are rendered
 };
 
 // A pinhole camera. Camera frame: x along the optical axis, y left, z up. The optical axis passes through the centre of the
@@ -142,7 +145,7 @@ struct CameraConfig {
   FLOCKSTEP_API float fy() const;  // px
   // Size of the written images.
   int image_width_px() const { return resize ? (*resize)[0] : width_px; }
-  int image_height_px() const { return resize ? (*resize)[1] : height_px; }
+  int image_height_px() const { return resize ? (*resize)[1] : height_px; }  // px
 };
 
 // Run-time changes to a camera of some drones; unset fields stay unchanged. The resolution is fixed per batch.
@@ -152,7 +155,7 @@ struct CameraChange {
   std::optional<std::array<float, 3>> offset_m;   // m, body frame
   std::optional<std::array<float, 4>> quat_wxyz;  // camera to body
 
-  bool any() const { return hfov_deg || vfov_deg || offset_m || quat_wxyz; }
+  bool any() const { return hfov_deg || vfov_deg || offset_m || quat_wxyz; }  // true if a field is set
 };
 
 }  // namespace flockstep

@@ -13,7 +13,7 @@
 
 namespace flockstep {
 
-inline constexpr int kMaxHullVertices = 32;
+inline constexpr int kMaxHullVertices = 32;  // largest number of points of a hull
 
 class FLOCKSTEP_API DroneModel {
  public:
@@ -22,15 +22,15 @@ class FLOCKSTEP_API DroneModel {
   static DroneModel quadrotor650();
   // Loads a bundled airframe by name, or a JSON file by a path that ends in .json. docs/add-a-drone.md describes the format.
   static DroneModel load(const std::string& name_or_path);
-  static DroneModel from_json(const std::string& text);
-  static std::vector<std::string> names();  // names of the bundled airframes
+  static DroneModel from_json(const std::string& text);  // reads the format of a drone file; throws std::invalid_argument
+  static std::vector<std::string> names();               // names of the bundled airframes
 
   // hull: 4 to 32 points in the body frame, m. Their convex hull is the collision body and must have a volume.
   explicit DroneModel(std::vector<Vec3> hull, std::optional<Airframe> airframe = {}, std::string name = {});
 
-  const std::string& name() const { return name_; }  // empty if none was given
-  const std::optional<Airframe>& airframe() const { return airframe_; }
-  std::span<const Vec3> hull() const { return hull_; }
+  const std::string& name() const { return name_; }                      // empty if none was given
+  const std::optional<Airframe>& airframe() const { return airframe_; }  // none: kinematic motion only
+  std::span<const Vec3> hull() const { return hull_; }                   // m, body frame
   float radius() const { return radius_; }          // m, smallest ball about the body origin that contains the hull
   const Aabb& extents() const { return extents_; }  // m, body frame
 

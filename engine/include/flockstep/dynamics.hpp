@@ -11,6 +11,7 @@
 
 namespace flockstep {
 
+// How drones move: straight to the setpoint, or by forces.
 enum class Motion : std::uint8_t { kinematic, rotors };
 template <>
 struct EnumNames<Motion> {
@@ -36,12 +37,14 @@ struct EnumNames<Control> {
                                      "acceleration", "velocity",     "heading_velocity", "position"};
 };
 
+// Method for the equations of motion.
 enum class Integrator : std::uint8_t { automatic, midpoint, rk4 };
 template <>
 struct EnumNames<Integrator> {
   static constexpr std::array kNames{"automatic", "midpoint", "rk4"};
 };
 
+// Effect of a contact.
 enum class OnContact : std::uint8_t { terminate, stop, bounce };
 template <>
 struct EnumNames<OnContact> {
@@ -108,8 +111,10 @@ struct DynamicsConfig {
 
   FLOCKSTEP_API void validate() const;
 
-  bool is_kinematic() const { return motion == Motion::kinematic; }
-  bool tells_rotors() const { return control == Control::rotor_speeds || control == Control::rotor_thrusts; }
+  bool is_kinematic() const { return motion == Motion::kinematic; }  // true if drones move straight to their setpoints
+  bool tells_rotors() const {
+    return control == Control::rotor_speeds || control == Control::rotor_thrusts;
+  }  // true if commands are for single rotors, without the controller
 };
 
 }  // namespace flockstep

@@ -95,7 +95,9 @@ struct ClockConfig {
   }
 
   FLOCKSTEP_API void validate() const;
-  double ticks_hz() const { return static_cast<double>(physics_hz.value_or(policy_hz)); }
+  double ticks_hz() const {
+    return static_cast<double>(physics_hz.value_or(policy_hz));
+  }  // Hz; without physics_hz one tick per flown step
   double dt_s() const { return 1.0 / ticks_hz(); }                           // s per tick
   double step_s() const { return 1.0 / static_cast<double>(policy_hz); }     // s per flown step
   int substeps() const { return ticks_in(static_cast<double>(policy_hz)); }  // ticks per flown step

@@ -33,14 +33,15 @@ enum class Form : std::uint8_t { any, plain_name, unit_quaternion };
 
 // Description of a configuration's field. `about` consists of full sentences, with names and values in double backquotes.
 struct FieldInfo {
-  const char* about = "";
-  const char* unit = "";
-  Limits limits;  // of each number, if the field is a list
-  Form form = Form::any;
-  AffectsHash affects_hash = AffectsHash::yes;
-  const char* alias = nullptr;   // name in messages, if different
-  std::span<const Limits> each;  // limits of each element of an array, instead of `limits`
+  const char* about = "";                       // meaning of the field, in full sentences
+  const char* unit = "";                        // unit of its values; empty: none
+  Limits limits;                                // of each number, if the field is a list
+  Form form = Form::any;                        // further checks of its value
+  AffectsHash affects_hash = AffectsHash::yes;  // selects if it is part of the configuration hash
+  const char* alias = nullptr;                  // name in messages, if different
+  std::span<const Limits> each;                 // limits of each element of an array, instead of `limits`
 
+  // Returns the description of one element of an array.
   constexpr FieldInfo of_element(std::size_t i) const {
     FieldInfo info = *this;
     if (!each.empty()) info.limits = each[i];
@@ -48,18 +49,21 @@ struct FieldInfo {
   }
 };
 
+// An entry of a list: a member of a struct and its description.
 template <class Struct, class Value>
 struct FieldPointer {
-  const char* name;
-  Value Struct::* member;
-  FieldInfo info;
+  const char* name;        // name of the field
+  Value Struct::* member;  // the member
+  FieldInfo info;          // its description
 };
 
+// Returns an entry for a list.
 template <class Struct, class Value>
 constexpr FieldPointer<Struct, Value> field(const char* name, Value Struct::* member, const FieldInfo& info = {}) {
   return {name, member, info};
 }
 
+// Returns a list of entries.
 template <class... Fields>
 constexpr auto field_list(Fields... fields) {
   return std::tuple<Fields...>(fields...);

@@ -13,15 +13,19 @@
 
 namespace flockstep {
 
+// Index of an env or a drone in its batch.
 template <class Kind>
 class Index {
  public:
   constexpr Index() = default;
+  // From an integer in [0, 2^32).
   template <std::integral T>
   constexpr explicit Index(T value) : value_(static_cast<std::uint32_t>(value)) {}
 
+  // The index as a number.
   constexpr operator std::size_t() const { return value_; }  // NOLINT: it indexes arrays
   friend constexpr bool operator==(Index, Index) = default;
+  // Compares the numbers.
   friend constexpr auto operator<=>(Index, Index) = default;
 
  private:
@@ -36,14 +40,18 @@ template <class Kind>
 class Mask {
  public:
   constexpr Mask() = default;
+  // A view of one flag for each env or drone; the flags must outlive it.
   constexpr Mask(std::span<const std::uint8_t> flags) : flags_(flags) {}  // NOLINT: any flags of the right number are one
+  // A view of a container of flags, which must outlive it.
   template <class Flags>
     requires std::convertible_to<const Flags&, std::span<const std::uint8_t>>
   constexpr Mask(const Flags& flags) : flags_(flags) {}  // NOLINT
 
-  constexpr bool empty() const { return flags_.empty(); }
-  constexpr std::size_t size() const { return flags_.size(); }
-  constexpr bool selects(Index<Kind> index) const { return flags_.empty() || flags_[index]; }
+  constexpr bool empty() const { return flags_.empty(); }       // true if it selects all
+  constexpr std::size_t size() const { return flags_.size(); }  // number of flags; 0 if it is empty
+  constexpr bool selects(Index<Kind> index) const {
+    return flags_.empty() || flags_[index];
+  }  // true if it selects this env or drone; the index is not checked
 
  private:
   std::span<const std::uint8_t> flags_;

@@ -58,9 +58,9 @@ struct LidarConfig {
   }
 
   FLOCKSTEP_API void validate() const;
-  bool has_pattern() const { return !azimuth_deg.empty() || !elevation_deg.empty(); }
-  int rows() const { return has_pattern() ? 1 : channels; }
-  int columns() const { return has_pattern() ? static_cast<int>(azimuth_deg.size()) : beams; }
+  bool has_pattern() const { return !azimuth_deg.empty() || !elevation_deg.empty(); }  // true if beams are given one by one
+  int rows() const { return has_pattern() ? 1 : channels; }                            // channels; 1 for a pattern
+  int columns() const { return has_pattern() ? static_cast<int>(azimuth_deg.size()) : beams; }  // beams of a channel
 };
 
 // Run-time changes to a LiDAR of some drones; unset fields stay unchanged. The number of rays is fixed per batch.

@@ -12,13 +12,13 @@
 namespace flockstep {
 
 struct Limits {
-  double least = -std::numeric_limits<double>::infinity();
-  double greatest = std::numeric_limits<double>::infinity();
-  bool excludes_least = false;
-  bool excludes_greatest = false;
+  double least = -std::numeric_limits<double>::infinity();    // lower limit
+  double greatest = std::numeric_limits<double>::infinity();  // upper limit
+  bool excludes_least = false;                                // the lower limit itself is not allowed
+  bool excludes_greatest = false;                             // the upper limit itself is not allowed
 
   std::array<int, 4> choices{};  // allowed values, instead of a range
-  std::size_t num_choices = 0;
+  std::size_t num_choices = 0;   // number of choices; 0: a range
 
   // Returns false for NaN and infinities. A float is compared with the float32 nearest to a limit, so 0.1F is at least 0.1.
   template <class Number>
@@ -35,6 +35,7 @@ struct Limits {
            value > -kInfinity && value < kInfinity;
   }
 
+  // Returns true if both limits are finite.
   constexpr bool are_bounded() const {
     return least > -std::numeric_limits<double>::infinity() && greatest < std::numeric_limits<double>::infinity();
   }
@@ -44,16 +45,19 @@ struct Limits {
   FLOCKSTEP_API std::string text() const;
 };
 
-constexpr Limits at_least(double least) { return {.least = least}; }
-constexpr Limits above(double least) { return {.least = least, .excludes_least = true}; }
-constexpr Limits between(double least, double greatest) { return {.least = least, .greatest = greatest}; }
+constexpr Limits at_least(double least) { return {.least = least}; }                                        // >= least
+constexpr Limits above(double least) { return {.least = least, .excludes_least = true}; }                   // > least
+constexpr Limits between(double least, double greatest) { return {.least = least, .greatest = greatest}; }  // [least, greatest]
+// (least, greatest]
 constexpr Limits above_up_to(double least, double greatest) {
   return {.least = least, .greatest = greatest, .excludes_least = true};
 }
+// (least, greatest)
 constexpr Limits between_excluding(double least, double greatest) {
   return {.least = least, .greatest = greatest, .excludes_least = true, .excludes_greatest = true};
 }
+// One of four numbers.
 constexpr Limits one_of(int a, int b, int c, int d) { return {.choices = {a, b, c, d}, .num_choices = 4}; }
-constexpr Limits within(double magnitude) { return between(-magnitude, magnitude); }
+constexpr Limits within(double magnitude) { return between(-magnitude, magnitude); }  // [-magnitude, magnitude]
 
 }  // namespace flockstep

@@ -31,7 +31,7 @@ FLOCKSTEP_API std::optional<std::vector<Vec3>> plan(const World& world, const Dr
 
 // Sampling region and constraints of free_places().
 struct FreePlacesConfig {
-  std::uint64_t seed = 0;
+  std::uint64_t seed = 0;  // seed of the drawn places
   // m, minimum distance from the drone's centre to everything. None: the radius of the ball around the drone, so that it can
   // turn to any side.
   std::optional<float> clearance_m;

@@ -26,7 +26,9 @@ struct PoseSensorConfig {
   }
 
   FLOCKSTEP_API void validate() const;
-  bool is_exact() const { return position_noise_std_m == 0.0F && orientation_noise_std_deg == 0.0F; }
+  bool is_exact() const {
+    return position_noise_std_m == 0.0F && orientation_noise_std_deg == 0.0F;
+  }  // true if there is no noise
 };
 
 }  // namespace flockstep

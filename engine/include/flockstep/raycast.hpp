@@ -11,6 +11,7 @@
 
 namespace flockstep {
 
+// Hits of R rays.
 struct RayHits {
   std::vector<float> t_hit;             // (R,) m along the unit direction; inf on a miss
   std::vector<Vec3> normal;             // (R,) unit, facing the ray's origin; 0 on a miss

@@ -11,6 +11,7 @@
 
 namespace flockstep {
 
+// Readings of the pose sensor.
 struct PoseReadings {
   std::vector<float> position;
   std::vector<float> quat_wxyz;
@@ -29,6 +30,7 @@ struct PoseReadings {
   }
 };
 
+// Readings of one IMU.
 struct ImuReadings {
   std::vector<float> accelerometer;
   std::vector<float> gyroscope;
@@ -44,6 +46,7 @@ struct ImuReadings {
   }
 };
 
+// Readings of one LiDAR.
 struct LidarReadings {
   std::vector<float> ranges;
   std::vector<float> max_range_m;

@@ -21,8 +21,8 @@ using DroneChoice = std::variant<std::string, DroneModel>;
 struct Recipe {
   TaskConfig task;                  // std::monostate: none
   std::vector<std::string> worlds;  // names of sets or scenes, or paths of scene files; see flockstep/scenes.hpp
-  DroneChoice drone;
-  BatchConfig batch;
+  DroneChoice drone;                // body and flight model
+  BatchConfig batch;                // sensors, clock, episodes and dynamics
 
   // Returns the recipe with the defaults of a task: its worlds, drone, sensors, dynamics and rates.
   FLOCKSTEP_API static Recipe for_task(TaskConfig task);
@@ -33,7 +33,7 @@ struct Recipe {
   // file. It throws std::invalid_argument naming the place, the expected value and the actual one, and suggests the nearest name
   // for a misspelt one.
   FLOCKSTEP_API std::string to_json() const;
-  FLOCKSTEP_API static Recipe from_json(const std::string& text);
+  FLOCKSTEP_API static Recipe from_json(const std::string& text);  // see to_json()
 };
 
 // Files that a recipe may open. The default is safe for a recipe from a file or the network: only bundled and generated scenes
@@ -50,6 +50,7 @@ FLOCKSTEP_API void check_access(const Recipe& recipe, const RecipeAccess& access
 // is not allowed.
 FLOCKSTEP_API std::unique_ptr<Batch> make_batch(const Recipe& recipe, const RecipeAccess& access);
 
+// Loads the drone of a recipe. Throws std::invalid_argument if there is none of this name.
 FLOCKSTEP_API DroneModel load_drone(const DroneChoice& drone);
 
 // Makes the task of a recipe; null without one. Throws std::invalid_argument if it is a RegisteredTask.

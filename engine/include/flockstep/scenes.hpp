@@ -16,23 +16,26 @@ namespace flockstep {
 
 // A name for several scenes, such as "train".
 struct SceneSet {
-  std::string_view name;
-  std::span<const std::string_view> scenes;
+  std::string_view name;                     // name of the set
+  std::span<const std::string_view> scenes;  // names of its scenes
 };
+// Returns all sets of scenes.
 FLOCKSTEP_API std::span<const SceneSet> scene_sets();
 
 // A scene that is generated instead of loaded, such as "indoor/office".
 struct GeneratedScene {
-  std::string_view name;
-  std::shared_ptr<const World> (*make)();
+  std::string_view name;                   // name of the scene
+  std::shared_ptr<const World> (*make)();  // makes it, the same each time
 };
+// Returns all scenes that are generated.
 FLOCKSTEP_API std::span<const GeneratedScene> generated_scenes();
 
 // A generator that makes a scene from a seed: "forest/seed-7".
 struct SceneGenerator {
-  std::string_view name;
-  std::shared_ptr<const World> (*make)(std::uint64_t seed);
+  std::string_view name;                                     // name of the generator
+  std::shared_ptr<const World> (*make)(std::uint64_t seed);  // makes the scene of a seed
 };
+// Returns all generators.
 FLOCKSTEP_API std::span<const SceneGenerator> scene_generators();
 
 // Returns the sorted names of all generated scenes, and of all scenes stored in a folder as "group/name.json".

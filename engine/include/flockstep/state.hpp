@@ -114,8 +114,8 @@ struct State {
   // Drones, read and written every step.
   std::vector<float> position;
   std::vector<float> quat_wxyz;
-  ContactState contact;
-  FlightState flight;
+  ContactState contact;  // contacts of the last motion
+  FlightState flight;    // velocities, rotor speeds and wind; empty with kinematic motion
   FlagArray active;
   // Envs.
   std::vector<std::int32_t> world_index;
@@ -164,11 +164,12 @@ struct State {
   }
 };
 
-// Position and pose of a drone. The index is not checked.
+// Position of a drone, m, world frame. The index is not checked.
 inline Vec3 position_of(const State& state, DroneIndex drone) {
   const float* const p = state.position.data() + 3 * drone;
   return {p[0], p[1], p[2]};
 }
+// Pose of a drone. The index is not checked.
 inline Pose pose_of(const State& state, DroneIndex drone) {
   const float* const q = state.quat_wxyz.data() + 4 * drone;
   return {position_of(state, drone), Quat(q[0], q[1], q[2], q[3])};

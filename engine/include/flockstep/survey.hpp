@@ -13,13 +13,16 @@
 
 namespace flockstep {
 
+// The objects of a world, by their numbers.
 struct ObjectList {
   std::vector<Aabb> boxes;              // m, world frame, smallest box around each object; NaN for an unused number
   std::vector<std::int32_t> materials;  // index into World::materials(); -1 if an object has several
   std::vector<Visibility> visibility;   // full for an unused number
 };
+// Returns boxes, materials and roles of all objects.
 FLOCKSTEP_API ObjectList objects(const World& world);
 
+// Points on surfaces; all arrays have one entry per point.
 struct PointCloud {
   std::vector<Vec3> points;   // m, world frame
   std::vector<Vec3> normals;  // unit, out of a solid, into a room; of a triangle: the side where it is counter-clockwise
@@ -47,16 +50,18 @@ struct CellGrid {
 // tested a thousandth wider than they are, so that a surface between two cells occupies both. Closed meshes are hollow, as in
 // collision checks.
 struct OccupancyGrid {
-  CellGrid grid;
-  std::vector<std::uint8_t> occupied;
+  CellGrid grid;                       // position and size
+  std::vector<std::uint8_t> occupied;  // 0 or 1 per cell
 };
+// Returns which cells of a box are occupied.
 FLOCKSTEP_API OccupancyGrid occupancy(const World& world, float cell_m, const std::optional<Aabb>& box = {});
 
 // Distance (m) from the centre of each cell to the nearest surface; 0 inside a solid and outside the room.
 struct DistanceGrid {
-  CellGrid grid;
-  std::vector<float> distance_m;
+  CellGrid grid;                  // position and size
+  std::vector<float> distance_m;  // m per cell
 };
+// Returns the distance of each cell of a box to the nearest surface.
 FLOCKSTEP_API DistanceGrid distance(const World& world, float cell_m, const std::optional<Aabb>& box = {});
 
 }  // namespace flockstep

@@ -28,6 +28,7 @@
 
 namespace flockstep {
 
+// Action, observations and reward terms of a task.
 struct TaskSpec {
   // Integer type: a scalar, one of low, low + 1, ..., high. Floating-point type: any finite numbers; the task clips values to
   // [low, high].
@@ -45,18 +46,19 @@ struct TaskSpec {
 
 // Defaults of an environment with this task, for values that the caller does not give.
 struct TaskDefaults {
-  std::string worlds = "train";  // a set of scenes, or a single scene
-  std::vector<LidarConfig> lidars;
-  std::vector<CameraConfig> cameras;
-  int max_episode_steps = 3000;  // 0: no limit
-  std::string drone;             // a bundled airframe; empty: DroneModel::quadrotor650()
-  DynamicsConfig dynamics;
-  ClockConfig clock;
+  std::string worlds = "train";       // a set of scenes, or a single scene
+  std::vector<LidarConfig> lidars;    // LiDARs of each drone
+  std::vector<CameraConfig> cameras;  // cameras of each drone
+  int max_episode_steps = 3000;       // 0: no limit
+  std::string drone;                  // a bundled airframe; empty: DroneModel::quadrotor650()
+  DynamicsConfig dynamics;            // motion model and control
+  ClockConfig clock;                  // rates
 };
 
 // Access of a task to the batch. Only place() writes. Indices are not checked.
 class TaskContext {
  public:
+  // Made by the batch.
   TaskContext(std::size_t num_envs, std::size_t drones_per_env) : num_envs_(num_envs), drones_per_env_(drones_per_env) {}
   virtual ~TaskContext() = default;
 
@@ -66,21 +68,22 @@ class TaskContext {
   EnvIndex env_of(DroneIndex drone) const {                               // drone d belongs to env d / M
     return EnvIndex(drones_per_env_ == 1 ? std::size_t{drone} : drone / drones_per_env_);
   }
-  virtual std::size_t num_threads() const = 0;
-  virtual const State& state() const = 0;
-  virtual const EpisodeState& episodes() const = 0;
-  virtual const DroneModel& drone_model() const = 0;
+  virtual std::size_t num_threads() const = 0;                               // threads that may call the task at once
+  virtual const State& state() const = 0;                                    // poses, contacts and clocks
+  virtual const EpisodeState& episodes() const = 0;                          // counters of the current episodes
+  virtual const DroneModel& drone_model() const = 0;                         // body and flight model
   virtual std::span<const std::shared_ptr<const World>> worlds() const = 0;  // by state().world_index; empty with a WorldPool
-  virtual const World& world_of(EnvIndex env) const = 0;
+  virtual const World& world_of(EnvIndex env) const = 0;                     // the world of an env
 
   // Sensors: configurations, and the latest readings of all drones. All arrays are empty for a sensor that the batch does not
   // have.
   virtual const std::vector<LidarConfig>& lidars() const = 0;
-  virtual const std::vector<CameraConfig>& cameras() const = 0;
-  virtual const PoseReadings& pose_readings() const = 0;
-  virtual const ImuReadings& imu_readings(std::size_t imu = 0) const = 0;
-  virtual const LidarReadings& lidar_readings(std::size_t lidar = 0) const = 0;
-  virtual const CameraImages& images(std::size_t camera) const = 0;
+  virtual const std::vector<CameraConfig>& cameras() const = 0;                  // by index
+  virtual const PoseReadings& pose_readings() const = 0;                         // of the pose sensor
+  virtual const ImuReadings& imu_readings(std::size_t imu = 0) const = 0;        // by index
+  virtual const LidarReadings& lidar_readings(std::size_t lidar = 0) const = 0;  // by index
+  virtual const CameraImages& images(std::size_t camera) const = 0;              // by index
+  // Returns the pose of a drone as the pose sensor read it last.
   Pose sensed_pose(DroneIndex drone) const {
     const PoseReadings& readings = pose_readings();
     const float* const p = readings.position.data() + 3 * drone;
@@ -98,7 +101,7 @@ class TaskContext {
 
   // Motion model of the drones, and meaning of Setpoints.
   virtual const DynamicsConfig& dynamics() const = 0;
-  virtual const ClockConfig& clock() const = 0;
+  virtual const ClockConfig& clock() const = 0;  // rates
 
   // Puts a drone at a pose, without a collision check. Call it in Task::place(). A pose that is not in the world is a bad
   // state; see Outputs::bad_state. In rotor motion the drone starts with this velocity and with its rotors at hover speed.
@@ -110,8 +113,8 @@ class TaskContext {
 
 // The envs of one call. At the same time, other threads may handle other envs.
 struct TaskBlock {
-  TaskContext& context;
-  std::span<const EnvIndex> envs;
+  TaskContext& context;                // access to the batch
+  std::span<const EnvIndex> envs;      // the envs
   std::span<const DroneIndex> drones;  // the active drones of these envs, env by env
   std::size_t thread;                  // in [0, num_threads()), index for per-thread data
 };
@@ -128,13 +131,14 @@ struct Setpoints {
 // Score of one flown step. R rows are N or E, depending on TaskSpec::row. All drones of an env begin and end their episodes
 // together: if the episode of one row ends, the other rows of the env are truncated.
 struct Score {
-  std::size_t num_terms;
+  std::size_t num_terms;      // terms of the reward
   std::vector<double> terms;  // (R, num_terms), each multiplied by its weight
   FlagArray terminated;       // (R,) the episode ends in this state
   FlagArray truncated;        // (R,) the episode is cut off, except by the time limit; 0 unless the task writes it
   FlagArray success;          // (R,) the episode counts as a success if it ends here
   FlagArray left_area;        // (R,) the episode ends because a drone left the task's area; 0 unless the task writes it
 
+  // Returns the terms of one row. The index is not checked.
   std::span<double> terms_of(std::size_t row) { return {terms.data() + row * num_terms, num_terms}; }
 };
 
@@ -142,8 +146,8 @@ class Task {
  public:
   virtual ~Task() = default;
 
-  virtual const TaskSpec& spec() const = 0;
-  virtual TaskDefaults defaults() const { return {}; }
+  virtual const TaskSpec& spec() const = 0;             // action, observations and reward terms
+  virtual TaskDefaults defaults() const { return {}; }  // for values that the caller does not give
   // Returns name and configuration. A snapshot is restored only into a task of equal identity.
   virtual std::string identity() const = 0;
 

@@ -82,6 +82,7 @@ struct NavigationReward {
   FLOCKSTEP_API void validate() const;
 };
 
+// Fly from the start over the waypoints to the goal, by LiDAR and maybe a camera.
 struct NavigationConfig {
   static constexpr const char* kName = "navigation";
   static constexpr const char* kAbout = "Fly from the start over the waypoints to the goal.";
@@ -199,12 +200,14 @@ FLOCKSTEP_API std::unique_ptr<Task> make_task(const HoverConfig& config);
 
 // -- Track: a drone follows a point that moves along a smooth path
 
+// Shape of the path.
 enum class TrackPath : std::uint8_t { figure8, random };
 template <>
 struct EnumNames<TrackPath> {
   static constexpr std::array kNames{"figure8", "random"};
 };
 
+// Heading that a drone should have on the path.
 enum class TrackYaw : std::uint8_t { fixed, along };
 template <>
 struct EnumNames<TrackYaw> {
@@ -282,7 +285,7 @@ FLOCKSTEP_API std::unique_ptr<Task> make_task(const TrackConfig& config);
 
 // A task that another program registered under this id, for example in Python. The engine cannot make it.
 struct RegisteredTask {
-  std::string id;
+  std::string id;  // name of the task in that program
 };
 
 // Each configuration needs its own make_task. Without this deleted template, the make_task of TaskConfig in recipe.hpp would
@@ -295,6 +298,7 @@ std::unique_ptr<Task> make_task(const Config& config) = delete;
 // make_task().
 using TaskConfig = std::variant<std::monostate, NavigationConfig, HoverConfig, TrackConfig, RegisteredTask>;
 
+// True for the configuration of a task of the engine.
 template <class Config>
 inline constexpr bool kIsEngineTask = !std::is_same_v<Config, std::monostate> && !std::is_same_v<Config, RegisteredTask>;
 

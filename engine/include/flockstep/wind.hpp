@@ -9,6 +9,7 @@
 
 namespace flockstep {
 
+// Model of the gusts.
 enum class Gusts : std::uint8_t { none, ornstein_uhlenbeck, dryden };
 template <>
 struct EnumNames<Gusts> {

@@ -29,11 +29,14 @@ struct EnumNames<PrimitiveKind> {
 // Role of an object. Visual objects are detected by cameras, LiDARs and rays. Solid objects are hit by drones, avoided by
 // planners and measured by distances. A room is always both (full).
 enum class Visibility : std::uint8_t { full, visual, solid };
+// Returns true if cameras, LiDARs and rays detect it.
 inline bool is_visible(Visibility visibility) { return visibility != Visibility::solid; }
+// Returns true if drones hit it.
 inline bool is_solid(Visibility visibility) { return visibility != Visibility::visual; }
 
+// A simple shape.
 struct Primitive {
-  PrimitiveKind kind = PrimitiveKind::box;
+  PrimitiveKind kind = PrimitiveKind::box;   // the shape
   Vec3 center = Vec3::Zero();                // m, world frame
   Quat rotation = Quat::Identity();          // local to world; identity for rooms and spheres
   Vec3 half_extents = Vec3::Constant(0.5F);  // m. box, room: half sizes; cylinder: (radius, radius, half height),
@@ -41,7 +44,7 @@ struct Primitive {
                                              // capsule: (radius, radius, half height, round caps included); plane: (half
                                              // sizes, 0) and disc: (radius, radius, 0), both normal to local z
   std::uint16_t material = 0;                // index into World::materials()
-  Visibility visibility = Visibility::full;
+  Visibility visibility = Visibility::full;  // its role
 };
 
 // Content of a texture beyond its borders: repeated, mirrored, or clamped to the border.
@@ -53,7 +56,7 @@ struct EnumNames<TextureWrap> {
 
 // An image for the surfaces of triangles.
 struct Texture {
-  std::string name;
+  std::string name;                 // name in the scene
   int width_px = 0, height_px = 0;  // 1 to 16384
   // sRGB red, green, blue, and alpha, row by row from the top: 4 width_px height_px bytes. Only Material::alpha_cutoff uses
   // alpha.
@@ -63,7 +66,7 @@ struct Texture {
 
 // The limits are those of a material's keys in a scene file: docs/conventions.md, "Scene files".
 struct Material {
-  std::string name;
+  std::string name;                                   // unique in a scene
   std::array<float, 3> base_color{0.8F, 0.8F, 0.8F};  // linear RGB
   std::uint16_t semantic = 0;                         // semantic id in camera images; 0: the material's index plus 1
   // Index into World::textures(). The texture's colours, as linear RGB, are multiplied by base_color. Triangles only.
@@ -86,23 +89,24 @@ struct Material {
 // sun_color over its largest channel. The outer tenth of the disc's radius is its soft border.
 struct Light {
   std::array<float, 3> sun_direction{0.4F, 0.3F, 0.8660254F};  // towards the sun; any length except 0; unit in a World
-  std::array<float, 3> sun_color{0.45F, 0.43F, 0.4F};
-  std::array<float, 3> sky_ambient{0.6F, 0.62F, 0.65F};
-  std::array<float, 3> ground_ambient{0.48F, 0.47F, 0.46F};
-  std::array<float, 3> zenith_color{0.16F, 0.36F, 0.72F};
-  std::array<float, 3> horizon_color{0.68F, 0.78F, 0.88F};
-  float gamma = 2.2F;
-  float sun_radius_deg = 0.0F;  // radius of the sun's disc in the sky; 0: no disc
-  float sun_glow = 0.0F;        // share of the sun's colour in the sky next to it; half of that 5.7 degrees away
+  std::array<float, 3> sun_color{0.45F, 0.43F, 0.4F};          // linear RGB
+  std::array<float, 3> sky_ambient{0.6F, 0.62F, 0.65F};        // light from above
+  std::array<float, 3> ground_ambient{0.48F, 0.47F, 0.46F};    // light from below
+  std::array<float, 3> zenith_color{0.16F, 0.36F, 0.72F};      // sky straight up
+  std::array<float, 3> horizon_color{0.68F, 0.78F, 0.88F};     // sky at and below the horizon
+  float gamma = 2.2F;                                          // exponent of written colours, see above
+  float sun_radius_deg = 0.0F;                                 // radius of the sun's disc in the sky; 0: no disc
+  float sun_glow = 0.0F;  // share of the sun's colour in the sky next to it; half of that 5.7 degrees away
 };
 
 // Light and colours that can differ between copies of a world. They do not affect drones and rays.
 struct Lighting {
-  Light light;
+  Light light;  // replaces the world's light
   // Factors of the base colours, linear RGB in [0, 10]; the products are limited to 1. One per material, or empty.
   std::vector<std::array<float, 3>> tint;
 };
 
+// Triangles, with their materials and objects.
 struct TriangleMesh {
   std::vector<Vec3> vertices;                          // m, world frame
   std::vector<std::array<std::int32_t, 3>> triangles;  // vertex indices, counter-clockwise seen from outside
@@ -115,6 +119,7 @@ struct TriangleMesh {
   std::vector<std::array<float, 3>> colors;
   std::vector<Visibility> visibility;  // by object number; objects beyond the end are full
 
+  // Returns the role of a triangle's object.
   Visibility visibility_of(std::size_t triangle) const {
     const std::size_t object = objects.empty() ? 0 : objects[triangle];
     return object < visibility.size() ? visibility[object] : Visibility::full;
@@ -133,18 +138,18 @@ struct Markers {
 
 // Semantic ids of the markers in camera images; those of materials are lower.
 inline constexpr std::uint16_t kSemanticStart = 65533;
-inline constexpr std::uint16_t kSemanticWaypoint = 65534;
-inline constexpr std::uint16_t kSemanticGoal = 65535;
+inline constexpr std::uint16_t kSemanticWaypoint = 65534;  // semantic id of waypoints
+inline constexpr std::uint16_t kSemanticGoal = 65535;      // semantic id of the goal
 
 // Content of a scene file in memory. Every World is built from a SceneDescription.
 struct SceneDescription {
-  std::string name = "unnamed";
+  std::string name = "unnamed";                                              // name of the world
   std::vector<Material> materials{Material{"default", {0.8F, 0.8F, 0.8F}}};  // 1 to 65532
   std::vector<Texture> textures;                                             // at most 65536
-  std::vector<Primitive> primitives;
-  TriangleMesh mesh;  // all triangle meshes of the scene, merged
-  Markers markers;
-  Light light;
+  std::vector<Primitive> primitives;                                         // simple shapes
+  TriangleMesh mesh;                                                         // all triangle meshes of the scene, merged
+  Markers markers;                                                           // start, waypoints, goal, spawn box
+  Light light;                                                               // sun and sky
 };
 
 // Folders from which a scene may read mesh files: the scene's folder and its subfolders, or any folder. in_folder keeps a scene
@@ -157,10 +162,10 @@ enum class UpAxis : std::uint8_t { of_format, y, z };
 
 // Placement of a file's content in the world: points are turned upright, scaled, then moved.
 struct LoadOptions {
-  MeshFiles files = MeshFiles::in_folder;
-  double scale = 1.0;          // m per unit of the file, in [1e-6, 1e6]
-  Vec3 origin = Vec3::Zero();  // m, position of the file's origin
-  UpAxis up = UpAxis::of_format;
+  MeshFiles files = MeshFiles::in_folder;  // folders that may be read
+  double scale = 1.0;                      // m per unit of the file, in [1e-6, 1e6]
+  Vec3 origin = Vec3::Zero();              // m, position of the file's origin
+  UpAxis up = UpAxis::of_format;           // axis that points up
 };
 
 class FLOCKSTEP_API World {
@@ -188,15 +193,15 @@ class FLOCKSTEP_API World {
   World(const World&) = delete;
   World& operator=(const World&) = delete;
 
-  const std::string& name() const { return description_.name; }
-  std::span<const Material> materials() const { return description_.materials; }
-  std::span<const Texture> textures() const { return shape().textures; }
+  const std::string& name() const { return description_.name; }                   // for messages and pictures
+  std::span<const Material> materials() const { return description_.materials; }  // by the indices that objects have
+  std::span<const Texture> textures() const { return shape().textures; }          // by the indices that materials have
   std::uint16_t semantic(std::size_t material) const;  // semantic id of a material in camera images, in [1, 65532]
-  std::span<const Primitive> primitives() const { return shape().primitives; }
-  const TriangleMesh& triangles() const { return shape().mesh; }
-  const Markers& markers() const { return description_.markers; }
-  const Light& light() const { return description_.light; }
-  const Aabb& bounds() const { return bounds_; }  // m, of all geometry
+  std::span<const Primitive> primitives() const { return shape().primitives; }  // sorted by kind
+  const TriangleMesh& triangles() const { return shape().mesh; }                // all meshes, sorted by object
+  const Markers& markers() const { return description_.markers; }               // places for tasks
+  const Light& light() const { return description_.light; }                     // sun and sky
+  const Aabb& bounds() const { return bounds_; }                                // m, of all geometry
 
   // The world whose geometry this one shares; null if it has its own.
   const World* original() const { return original_.get(); }

@@ -36,35 +36,42 @@ class FLOCKSTEP_API WorldBuilder {
   // Returns the colour of a texture at (s, t) in [0, 1): linear RGB in [0, 1].
   using ColorAt = std::function<std::array<float, 3>(float s, float t)>;
 
-  explicit WorldBuilder(std::string name = "unnamed");
+  explicit WorldBuilder(std::string name = "unnamed");  // name: of the world
 
   // Each adds an item and returns its number. Names of materials must be unique.
   std::uint16_t texture(Texture texture);
   std::uint16_t texture(const std::string& name, int width_px, int height_px, const ColorAt& color);
-  std::uint16_t material(Material material);
+  std::uint16_t material(Material material);  // see texture()
 
   // Lengths are in m. material: a number that material() returned.
   void room(const Vec3& min, const Vec3& max, std::uint16_t material);
+  // A box, turned about its centre.
   void box(const Vec3& center, const Vec3& size, std::uint16_t material, const Quat& rotation = Quat::Identity(),
            Visibility visibility = Visibility::full);
+  // A cylinder along its local z axis, turned about its centre.
   void cylinder(const Vec3& center, float radius, float height, std::uint16_t material, const Quat& rotation = Quat::Identity(),
                 Visibility visibility = Visibility::full);
+  // A capsule along its local z axis; height includes the round caps.
   void capsule(const Vec3& center, float radius, float height, std::uint16_t material, const Quat& rotation = Quat::Identity(),
                Visibility visibility = Visibility::full);
+  // A sphere.
   void sphere(const Vec3& center, float radius, std::uint16_t material, Visibility visibility = Visibility::full);
+  // A rectangle normal to its local z axis, without thickness.
   void plane(const Vec3& center, const Eigen::Vector2f& size, std::uint16_t material, const Quat& rotation = Quat::Identity(),
              Visibility visibility = Visibility::full);
+  // A disc normal to its local z axis, without thickness.
   void disc(const Vec3& center, float radius, std::uint16_t material, const Quat& rotation = Quat::Identity(),
             Visibility visibility = Visibility::full);
   // Adds a mesh as a separate object.
   void mesh(const MeshPart& part, std::uint16_t material, Visibility visibility = Visibility::full);
+  // Adds ground over a grid of heights as a separate object.
   void heightfield(const Heightfield& field, std::uint16_t material, Visibility visibility = Visibility::full);
 
-  void light(const Light& light) { scene_.light = light; }
-  void start(const Vec3& place) { scene_.markers.start = place; }
-  void waypoint(const Vec3& place) { scene_.markers.waypoints.push_back(place); }
-  void goal(const Vec3& place) { scene_.markers.goal = place; }
-  void spawn_box(const Aabb& box) { scene_.markers.spawn_box = box; }
+  void light(const Light& light) { scene_.light = light; }                         // replaces sun and sky
+  void start(const Vec3& place) { scene_.markers.start = place; }                  // m, world frame
+  void waypoint(const Vec3& place) { scene_.markers.waypoints.push_back(place); }  // m, world frame; after the waypoints so far
+  void goal(const Vec3& place) { scene_.markers.goal = place; }                    // m, world frame
+  void spawn_box(const Aabb& box) { scene_.markers.spawn_box = box; }              // m, region of random starts
 
   // Returns the world built so far. Throws std::invalid_argument under the same conditions as World.
   std::shared_ptr<const World> build() const;

@@ -26,12 +26,13 @@ class WorldSource {
 // Episode n of an env is flown in world floor(n * fresh) + floor(u * size), with u in [0, 1) drawn from the env's seed and n.
 // World numbers end at 2^31 - 1; no fresh worlds follow after that.
 struct WorldPool {
-  std::shared_ptr<WorldSource> source;
-  std::int32_t size = 64;  // number of worlds to draw from, in [1, 2^24]
-  double fresh = 0.0;      // number of new worlds that replace the oldest per episode, in [0, 2^24]
+  std::shared_ptr<WorldSource> source;  // makes the worlds
+  std::int32_t size = 64;               // number of worlds to draw from, in [1, 2^24]
+  double fresh = 0.0;                   // number of new worlds that replace the oldest per episode, in [0, 2^24]
 
   FLOCKSTEP_API void validate() const;
-  FLOCKSTEP_API std::int32_t number_of(std::uint64_t seed, std::int64_t episode) const;
+  FLOCKSTEP_API std::int32_t number_of(std::uint64_t seed,
+                                       std::int64_t episode) const;  // number of the world that an episode is flown in
 };
 
 // Builds all data that a batch needs for a world. With triangles this costs more than making the world, so a source should call

@@ -20,6 +20,7 @@ struct WorldReport {
   std::string not_navigable;
 };
 
+// Returns the report on a world, for this drone.
 FLOCKSTEP_API WorldReport check(const World& world, const DroneModel& drone);
 
 }  // namespace flockstep
