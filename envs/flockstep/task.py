@@ -186,11 +186,11 @@ class Task:
         raise NotImplementedError(f"{_name(self)}.step: every task has to define it")
 
     def observe(self, batch: Batch) -> Array | Mapping[str, Array]:
-        """Return the observation of all drones, (N, *observation_space.shape), or a mapping of these."""
+        """Return the observation of all drones, ``(N, *observation_space.shape)``, or a mapping of these."""
         raise NotImplementedError(f"{_name(self)}.observe: every task has to define it")
 
     def draw(self, batch: Batch, env: int, drawing: Drawing) -> None:
-        """Add to the picture of one env: `drawing` draws points, lines, spheres, cells and text, in metres.
+        """Add to the picture of one env: ``drawing`` draws points, lines, spheres, cells and text, in metres.
 
         Called for each picture of the views ``"top"``, ``"third_person"`` and ``"fleet"`` and from a fixed place, but
         not for ``"camera"``, which shows the drone's own frames. Change no state here: rendering must have no side

@@ -22,6 +22,8 @@ class LogTerms(BaseCallback):
     info_names
         Names of the infos to log in addition to the terms, as a sequence such as ``("laps",)``.
 
+    Examples
+    --------
     >>> model.learn(300_000, callback=flockstep.sb3.LogTerms())
     """
 

@@ -28,6 +28,8 @@ class Progress(BaseCallback):
     ValueError
         ``interval_s`` is negative or NaN.
 
+    Examples
+    --------
     >>> model.learn(300_000, callback=flockstep.sb3.Progress())
     """
 

@@ -1,0 +1,59 @@
+"""Links from the pages to files of the repository that are not pages.
+
+On GitHub a link such as ``[x](../examples/x.py)`` opens the file. The site has no such file: there it becomes a link to
+the address "Repository" of pyproject.toml, or the path as code while there is none. The file, and the heading after #,
+must exist.
+"""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+from typing import Any
+
+from sphinx.application import Sphinx
+from sphinx.util import logging
+
+try:
+    import tomllib
+except ImportError:  # Python 3.10
+    import tomli as tomllib  # type: ignore[no-redef]
+
+ROOT = Path(__file__).resolve().parents[2]
+LINK = re.compile(r"\[([^\]]+)\]\(\.\./([^)#\s]+)(#[^)\s]*)?\)")
+logger = logging.getLogger(__name__)
+
+
+def repository() -> str:
+    """Return the address of the repository, or nothing."""
+    urls = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"].get("urls", {})
+    return str(urls.get("Repository", "")).rstrip("/")
+
+
+def anchors(path: Path) -> set[str]:
+    """Return the anchors that GitHub gives the headings of a Markdown file."""
+    headings = re.findall(r"^#+ (.*)$", path.read_text(encoding="utf-8"), re.MULTILINE)
+    return {"#" + re.sub(r"[^\w\- ]", "", heading.lower()).strip().replace(" ", "-") for heading in headings}
+
+
+def replaced(match: re.Match[str], page: str, address: str) -> str:
+    """Return what stands on the site for a link to a file."""
+    text, name, anchor = match[1], match[2].rstrip("/"), match[3] or ""
+    path = ROOT / name
+    if not path.exists() or (anchor and anchor not in anchors(path)):
+        logger.warning("a link leads nowhere: ../%s%s", name, anchor, location=page)
+    if address:
+        return f"[{text}]({address}/{'tree' if path.is_dir() else 'blob'}/main/{name}{anchor})"
+    return f"`{name}`" if text.strip("`/") in (name, path.name) else f"{text} (`{name}`)"
+
+
+def replace_links(app: Sphinx, page: str, source: list[str]) -> None:
+    """Replace the links of a page to files outside of docs/."""
+    address = repository()
+    source[0] = LINK.sub(lambda match: replaced(match, page, address), source[0])
+
+
+def setup(app: Sphinx) -> dict[str, Any]:
+    """Register the extension with Sphinx."""
+    app.connect("source-read", replace_links)
+    return {"parallel_read_safe": True, "parallel_write_safe": True}

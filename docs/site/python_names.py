@@ -1,0 +1,101 @@
+"""The Python reference: names as users import them.
+
+autoapi reads a copy of the package, in which the stub's fields have the texts of their class's section "Parameters",
+and the stub's aliases of array types are written out. Only the public modules get pages; references to a name by the
+private module that defines it lead to its public name.
+"""
+
+from __future__ import annotations
+
+import ast
+import re
+import shutil
+from pathlib import Path
+from typing import Any
+
+from docutils import nodes
+from sphinx.addnodes import pending_xref
+from sphinx.application import Sphinx
+from sphinx.environment import BuildEnvironment
+from sphinx.ext.napoleon import Config, NumpyDocstring
+from sphinx.util.nodes import make_refnode
+from stub_copy import copied
+
+ROOT = Path(__file__).resolve().parents[2]
+COPY = ROOT / "build" / "docs" / "python" / "flockstep"
+#: Classes that calls return but that no public name stands for.
+RETURNED = ("Field", "TaskSpec", "Terms")
+#: Packages whose types appear in signatures, without a link.
+OTHERS = ("collections.", "gymnasium.", "numpy.", "os.", "pathlib.", "stable_baselines3.", "torch.", "typing.")
+PUBLIC = ("flockstep", "flockstep.rotations", "flockstep.sb3", "flockstep.scenes", "flockstep.testing")
+
+
+defined: set[str] = set()  # names of the types in the package's modules
+
+
+def copy_package(app: Sphinx) -> None:
+    """Copy the package for autoapi, in the form that its pages should have."""
+    shutil.rmtree(COPY, ignore_errors=True)
+    shutil.copytree(ROOT / "envs" / "flockstep", COPY, ignore=shutil.ignore_patterns("__pycache__", "*.so", "*.json"))
+    stub = COPY / "_core.pyi"
+    stub.write_text(copied(stub.read_text(encoding="utf-8")), encoding="utf-8")
+    for path in COPY.rglob("*.py*"):
+        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+            targets = node.targets if isinstance(node, ast.Assign) else [getattr(node, "target", node)]
+            defined.update(getattr(target, "id", getattr(target, "name", "")) for target in targets)
+    package = COPY / "__init__.py"
+    text = package.read_text(encoding="utf-8")
+    assignment = "register_task = registration.register_task"
+    package.write_text(text.replace(assignment, "from flockstep.registration import register_task"), encoding="utf-8")
+
+
+def is_skipped(app: Sphinx, what: str, name: str, obj: Any, skip: bool, options: list[str]) -> bool | None:
+    """Return whether something has no place in the reference."""
+    if what in ("module", "package"):
+        return name not in (*PUBLIC, "flockstep._core")
+    own, _, short = name.rpartition(".")
+    if own == "flockstep._core":
+        return short not in RETURNED
+    return short.startswith("_") or (skip and not name.startswith("flockstep.testing.CHECKS"))
+
+
+def resolve(app: Sphinx, env: BuildEnvironment, node: pending_xref, content: nodes.Element) -> nodes.Element | None:
+    """Find what a name by its private module, or without its class, refers to.
+
+    A name that several classes have, such as that of an argument, stays plain text. One that nothing has is an error.
+    """
+    if node.get("refdomain") != "py":
+        return None
+    objects = env.get_domain("py").objects
+    target = node["reftarget"]
+    short = re.sub(r"^flockstep\.(?:[a-z_0-9]+\.)*", "", target)
+    found = [f"{module}.{short}" for module in PUBLIC if f"{module}.{short}" in objects]
+    if not found:
+        found = [name for name in objects if name.endswith(f".{short}")]
+        if len(found) > 1:
+            return content
+    if not found:
+        is_type = node["reftype"] == "class" and (short in defined or target.startswith(OTHERS))
+        return nodes.Text(target.rpartition(".")[2]) if is_type else None
+    entry = objects[found[0]]
+    return make_refnode(app.builder, node["refdoc"], entry.docname, entry.node_id, content, found[0])
+
+
+def read_sections(app: Sphinx, what: str, name: str, obj: Any, options: Any, lines: list[str]) -> None:
+    """Turn the sections of a docstring, such as "Parameters", into fields."""
+    text = re.sub(r"\|(\w+)\|", r"\\|\1\\|", "\n".join(lines))  # the length of a list, which is no substitution
+    for match in re.finditer(r"^(\w+(?:, \w+)+)\n((?:    .*\n)+)", text, re.MULTILINE):  # several names, one text
+        text = text.replace(match[0], "".join(f"{name}\n{match[2]}" for name in match[1].split(", ")))
+    lines[:] = text.split("\n")
+    if what not in ("attribute", "data", "property"):  # which Napoleon takes for "type: description"
+        config = Config(napoleon_use_rtype=False, napoleon_use_ivar=True, napoleon_custom_sections=["Infos"])
+        lines[:] = NumpyDocstring(lines, config, app, what, name).lines()
+
+
+def setup(app: Sphinx) -> dict[str, Any]:
+    """Register the extension with Sphinx."""
+    app.connect("builder-inited", copy_package, priority=100)
+    app.connect("autoapi-skip-member", is_skipped)
+    app.connect("missing-reference", resolve)
+    app.connect("autodoc-process-docstring", read_sections)
+    return {"parallel_read_safe": True, "parallel_write_safe": True}

@@ -1,0 +1,86 @@
+"""Opens every page of the site in Debian's Chromium: `./dev docs --test`.
+
+No page is wider than a phone, every request is answered, and the search finds a class by its name.
+
+usage: browse.py FOLDER
+"""
+
+from __future__ import annotations
+
+import os
+import sys
+from functools import partial
+from http.server import SimpleHTTPRequestHandler, ThreadingHTTPServer
+from pathlib import Path
+from threading import Thread
+
+from playwright.sync_api import Page, sync_playwright
+
+CHROMIUM = "/usr/bin/chromium"
+PHONE = {"width": 390, "height": 844}
+SOUGHT = "LidarConfig"
+TIME_LIMIT_MS = 60_000  # for one page, on a busy machine
+
+
+class QuietHandler(SimpleHTTPRequestHandler):
+    """Serves files without a line for each request."""
+
+    def log_message(self, *arguments: object) -> None:
+        pass
+
+
+def wide_pages(page: Page, address: str, names: list[str]) -> list[str]:
+    """Return the pages that are wider than the window."""
+    wide = []
+    for name in names:
+        page.goto(f"{address}/{name}")
+        width = page.evaluate("document.documentElement.scrollWidth")
+        if width > page.evaluate("innerWidth"):
+            wide.append(f"{name}: {width} pixels wide, expected at most {PHONE['width']}")
+    return wide
+
+
+def found(page: Page, address: str, word: str) -> list[str]:
+    """Return the addresses of the pages that the search shows for a word typed into its field."""
+    page.goto(f"{address}/index.html")
+    page.keyboard.press("Control+k")
+    field = page.locator("input[type=search]:visible").first
+    field.fill(word)
+    field.press("Enter")
+    page.wait_for_selector("#search-results li a")
+    return [link.get_attribute("href") or "" for link in page.locator("#search-results li a").all()]
+
+
+def main(folder: Path) -> int:
+    """Return the number of failures."""
+    server = ThreadingHTTPServer(("127.0.0.1", 0), partial(QuietHandler, directory=str(folder)))
+    Thread(target=server.serve_forever, daemon=True).start()
+    address = f"http://127.0.0.1:{server.server_port}"
+    files = (path.relative_to(folder) for path in folder.rglob("*.html"))
+    names = sorted(path.as_posix() for path in files if path.parts[0] != "_static")  # templates of the theme
+    failures: list[str] = []
+    with sync_playwright() as playwright:
+        # The sandbox does not run as root.
+        arguments = ["--no-sandbox"] if os.geteuid() == 0 else []
+        browser = playwright.chromium.launch(executable_path=CHROMIUM, args=arguments)
+        page = browser.new_page(viewport=PHONE)
+        page.set_default_timeout(TIME_LIMIT_MS)
+        page.on(
+            "response", lambda reply: failures.append(f"{reply.url}: {reply.status}") if reply.status >= 400 else None
+        )
+        page.on("requestfailed", lambda request: failures.append(f"{request.url}: {request.failure}"))
+        page.on("pageerror", lambda error: failures.append(f"{page.url}: {error}"))
+        failures += wide_pages(page, address, names)
+        results = found(page, address, SOUGHT)
+        if not any(SOUGHT in link for link in results):
+            failures.append(f"search for {SOUGHT}: expected a link to its page, got {results}")
+        browser.close()
+    server.shutdown()
+    for failure in failures:
+        print(failure)
+    print(f"{len(names)} pages, {len(results)} results for {SOUGHT}, {len(failures)} failures")
+    return len(failures)
+
+
+if __name__ == "__main__":
+    sys.exit(min(main(Path(sys.argv[1])), 1))
