@@ -21,6 +21,7 @@ except ImportError:  # Python 3.10
 
 ROOT = Path(__file__).resolve().parents[2]
 LINK = re.compile(r"\[([^\]]+)\]\(\.\./([^)#\s]+)(#[^)\s]*)?\)")
+NAMED = re.compile(r"\[([\w-]+\.md)\]\(\1(#[^)\s]*)?\)")  # a link whose text is the name of the file
 logger = logging.getLogger(__name__)
 
 
@@ -48,8 +49,9 @@ def replaced(match: re.Match[str], page: str, address: str) -> str:
 
 
 def replace_links(app: Sphinx, page: str, source: list[str]) -> None:
-    """Replace the links of a page to files outside of docs/."""
+    """Replace the links of a page to files outside of docs/, and those that show the name of a page's file."""
     address = repository()
+    source[0] = NAMED.sub(r"[](\1\2)", source[0])  # shows the title of the page
     source[0] = LINK.sub(lambda match: replaced(match, page, address), source[0])
 
 

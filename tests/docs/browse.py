@@ -22,6 +22,15 @@ SOUGHT = "LidarConfig"
 TIME_LIMIT_MS = 60_000  # for one page, on a busy machine
 
 
+# Elements of the text that reach beyond the window and cannot be scrolled to.
+CUT_OFF = """() => [...document.querySelectorAll("article *")].filter(element => {
+    if (element.getBoundingClientRect().right <= innerWidth + 1) return false;
+    for (let box = element.parentElement; box; box = box.parentElement)
+        if (/auto|scroll/.test(getComputedStyle(box).overflowX) && box.closest("article")) return false;
+    return getComputedStyle(element).position != "absolute" && !/auto|scroll/.test(getComputedStyle(element).overflowX);
+}).map(element => element.outerHTML.slice(0, 80))"""
+
+
 class QuietHandler(SimpleHTTPRequestHandler):
     """Serves files without a line for each request."""
 
@@ -30,13 +39,14 @@ class QuietHandler(SimpleHTTPRequestHandler):
 
 
 def wide_pages(page: Page, address: str, names: list[str]) -> list[str]:
-    """Return the pages that are wider than the window."""
+    """Return the pages that are wider than the window, and what is cut off."""
     wide = []
     for name in names:
         page.goto(f"{address}/{name}")
         width = page.evaluate("document.documentElement.scrollWidth")
         if width > page.evaluate("innerWidth"):
             wide.append(f"{name}: {width} pixels wide, expected at most {PHONE['width']}")
+        wide += [f"{name}: cut off: {element}" for element in page.evaluate(CUT_OFF)[:3]]
     return wide
 
 
