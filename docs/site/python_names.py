@@ -84,12 +84,10 @@ def resolve(app: Sphinx, env: BuildEnvironment, node: pending_xref, content: nod
 def read_sections(app: Sphinx, what: str, name: str, obj: Any, options: Any, lines: list[str]) -> None:
     """Turn the sections of a docstring, such as "Parameters", into fields."""
     text = re.sub(r"\|(\w+)\|", r"\\|\1\\|", "\n".join(lines))  # the length of a list, which is no substitution
-    for match in re.finditer(r"^(\w+(?:, \w+)+)\n(    )", text, re.MULTILINE):  # several names, one text
-        text = text.replace(match[0], f"{match[1].replace(', ', ',')}\n{match[2]}")
     lines[:] = text.split("\n")
     if what not in ("attribute", "data", "property"):  # which Napoleon takes for "type: description"
-        config = Config(napoleon_use_param=False, napoleon_use_rtype=False, napoleon_use_ivar=True)
-        config.napoleon_custom_sections = ["Infos"]
+        config = Config(napoleon_use_param=False, napoleon_use_rtype=False)
+        config.napoleon_custom_sections = ["Infos", ("Attributes", "params_style")]
         lines[:] = NumpyDocstring(lines, config, app, what, name).lines()
 
 
