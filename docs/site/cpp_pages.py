@@ -72,21 +72,21 @@ def directives(xml: Path) -> dict[str, list[str]]:
 
     def add(element: ElementTree.Element, kind: str, name: str) -> None:
         place = element.find("location")
-        file = Path(place.get("file")).name
+        assert place is not None
         members = "   :members:\n" if kind in ("class", "struct") else ""
-        found.setdefault(file, []).append((int(place.get("line")), f".. doxygen{kind}:: {name}\n{members}"))
+        entry = int(place.attrib["line"]), f".. doxygen{kind}:: {name}\n{members}"
+        found.setdefault(Path(place.attrib["file"]).name, []).append(entry)
 
     for path in sorted(xml.glob("*.xml")):
         for compound in ElementTree.parse(path).getroot().findall("compounddef"):
-            kind = compound.get("kind")
+            kind = compound.attrib["kind"]
             if kind in ("class", "struct", "concept"):
-                add(compound, kind, compound.findtext("compoundname"))
+                add(compound, kind, compound.findtext("compoundname", ""))
             for member in compound.iter("memberdef") if kind in ("namespace", "file") else ():
-                name = member.findtext("qualifiedname") or member.findtext("name")
-                if "<" in name:  # a specialisation
-                    continue
-                arguments = member.findtext("argsstring") if member.get("kind") == "function" else ""
-                add(member, member.get("kind"), f"{name}{arguments}")
+                name = member.findtext("qualifiedname") or member.findtext("name") or ""
+                kind = member.attrib["kind"]
+                if "<" not in name:  # a specialisation
+                    add(member, kind, name + (member.findtext("argsstring") or "" if kind == "function" else ""))
     return {file: [text for _, text in sorted(entries)] for file, entries in found.items()}
 
 

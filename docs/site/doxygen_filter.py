@@ -114,7 +114,7 @@ class Header:
         """Return the positions of the comments at the ends of a declaration's lines, with the lines that go on."""
         line_end = self.text.find("\n", declaration.head_end)
         last_end = self.text.find("\n", declaration.end - 1)
-        found = []
+        found: list[int] = []
         for at in sorted(self.comments):
             behind = declaration.start < at < line_end or declaration.end <= at < last_end
             if behind and (not self.is_full_line(at) or found):
@@ -206,7 +206,7 @@ class Header:
             if member:
                 texts.insert(0, listed.get(f"{it.owner}::{member[1]}", ""))
             name = function[1] if function else ""
-            all_texts = [self.comments[at][2:].strip() for at in above] + texts
+            all_texts = [" ".join(self.comments[at][2:].strip() for at in above), *texts]
             gap = self.text[self.line_start(it.start) - 2 : self.line_start(it.start)] == "\n\n"
             if not any(all_texts):
                 if name and name == last[0] and not gap:
@@ -221,9 +221,9 @@ class Header:
             for at in behind:
                 edits[at] = (len(self.comments[at]), "")
             if any(texts):
-                edits[it.start] = (0, f"/** {' '.join(sentence(text) for text in texts if text)} */ ")
+                edits[it.start] = (0, f"/** {sentences(texts)} */ ")
             if any(all_texts) and (two := TWO.match(self.code, it.start)):  # Doxygen documents only the first of them
-                edits[two.start(2)] = (1, f"; /** {' '.join(sentence(text) for text in all_texts if text)} */ {two[1]}")
+                edits[two.start(2)] = (1, f"; /** {sentences(all_texts)} */ {two[1]}")
         for at in self.comments:  # above a macro
             rest = re.match(r"(?:\n//[^\n]*)*\n#define", self.text[self.text.find("\n", at) :])
             if rest and self.text[at - 1] == "\n":
@@ -240,9 +240,9 @@ class Header:
         return text + self.text[done:]
 
 
-def sentence(text: str) -> str:
-    """Return a text with a full stop at its end."""
-    return text if text.endswith((".", ":")) else f"{text}."
+def sentences(texts: list[str]) -> str:
+    """Return the texts that are not empty as one, with a full stop after each."""
+    return " ".join(text if text.endswith((".", ":")) else f"{text}." for text in texts if text)
 
 
 def closed(text: str, start: int) -> int:
@@ -263,7 +263,7 @@ def stop_of(code: str, start: int, end: int, stops: str) -> int:
     """Return the position of the first of some letters outside of parentheses."""
     depth = 0
     for at in range(start, end):
-        depth += (code[at] in "(") - (code[at] in ")")
+        depth += (code[at] == "(") - (code[at] == ")")
         if depth == 0 and code[at] in stops:
             return at
     return end

@@ -20,11 +20,11 @@ def with_documented_fields(text: str) -> str:
     dropped: set[int] = set()
     for cls in [node for node in ast.parse(text).body if isinstance(node, ast.ClassDef)]:
         said = entries(ast.get_docstring(cls) or "")
-        fields = [node for node in cls.body if isinstance(node, ast.AnnAssign) and isinstance(node.target, ast.Name)]
-        own = {node.target.id: node for node in fields if node.target.id in said}
-        after.update({node.end_lineno: f'    """{said[name]}"""' for name, node in own.items()})
+        fields = {ast.unparse(node.target): node for node in cls.body if isinstance(node, ast.AnnAssign)}
+        own = {name: node for name, node in fields.items() if name in said}
+        after.update({node.end_lineno or 0: f'    """{said[name]}"""' for name, node in own.items()})
         inside = False
-        for number in range(cls.body[0].lineno, cls.body[0].end_lineno if own else 0):
+        for number in range(cls.body[0].lineno, (cls.body[0].end_lineno or 0) if own else 0):
             line = lines[number - 1]
             if line == "    Parameters" and set(own) == set(said):
                 dropped |= {number, number + 1}

@@ -34,7 +34,8 @@ struct Fan {
                       array("ranges", &C::ranges, {.per = Per::ray, .unit = "m", .about = "distances"}));
   }
 
-  // Returns one range, m.
+  // Returns one
+  // range, m.
   float range(int beam) const;
   float range(int beam, int row) const;
   float mean() const;
@@ -86,7 +87,7 @@ def test_comments_of_a_header_become_documentation(modules):
         in text
     )
     assert "/** (N, channels, beams) m: distances. */ std::vector<float> ranges;" in text
-    assert "  /// Returns one range, m.\n  float range(int beam) const;" in text
+    assert "  /// Returns one\n  /// range, m.\n  float range(int beam) const;" in text
     assert "/** Returns one range, m. */ float range(int beam, int row) const;" in text
     assert "\n  float mean() const;" in text, "what has no comment gets none"
     assert "/** of the grid. */ int rows = 0; /** of the grid. */ int columns = 0;" in text
