@@ -136,7 +136,7 @@ def test_other_calls(batch, call, match):
         ({"task": flockstep.NavigationConfig()}, "lidar"),
     ],
 )
-def test_a_batch_that_cannot_be(room, arguments, match):
+def test_invalid_batches(room, arguments, match):
     with pytest.raises(ValueError, match=f"(?s){match}"):
         flockstep.Batch([room], **arguments)
 
@@ -208,7 +208,7 @@ def test_a_pattern_may_say_how_many_beams_it_has():
 
 
 @pytest.mark.parametrize("config", [flockstep.LidarConfig, flockstep.CameraConfig, flockstep.ImuConfig])
-def test_where_sensors_are_mounted(config):
+def test_offsets_of_sensors(config):
     for bad in (100.1, -1e30, np.nan):
         with pytest.raises(ValueError, match=r"offset_m\[\d\]: expected a number within \+-100, got "):
             config(offset_m=(0, 0, bad))
@@ -224,7 +224,7 @@ CONFIGS = [
 
 @pytest.mark.parametrize("config", CONFIGS)
 @pytest.mark.parametrize("flag", [True, np.False_])
-def test_no_number_is_a_bool(config, flag):
+def test_bools_are_not_numbers(config, flag):
     """Every numeric field rejects bools: single numbers, optional numbers and sequences."""
     looked_at = 0
     for name, kind in ((field["name"], field["type"]) for field in config._fields):
@@ -260,7 +260,7 @@ def test_integers_that_are_too_large():
         ("height_m", 30, "dryden"),
     ],
 )
-def test_gusts_that_nothing_uses(field, value, gusts):
+def test_settings_of_gusts_that_are_not_used(field, value, gusts):
     other = {"dryden": "ornstein_uhlenbeck", "ornstein_uhlenbeck": "dryden"}[gusts]
     for without in ({}, {"gusts": "none"}, {"gusts": other}):
         with pytest.raises(ValueError, match=rf'^wind.{field}: expected its default, unless gusts="{gusts}" is given'):

@@ -220,7 +220,7 @@ class TestSlots:
 
 
 class TestRandom:
-    def test_depends_on_seed_episode_and_stream_alone(self, room):
+    def test_depends_only_on_seed_episode_and_stream(self, room):
         few, many = flockstep.Batch([room], 4), flockstep.Batch([room], 100)
         few.seed(np.arange(4) + 7)
         many.seed(np.arange(100) + 7)

@@ -126,7 +126,7 @@ def episodes(env, num_envs, action_of):
 
 
 @pytest.mark.parametrize("own_task", [False, True])
-def test_autoreset_modes_agree_but_for_the_reset_rows(room, closet, example, own_task):
+def test_autoreset_modes_agree_except_in_reset_rows(room, closet, example, own_task):
     def run(mode):
         lidar = flockstep.LidarConfig()
         noise = flockstep.PoseSensorConfig(position_noise_std_m=0.01)

@@ -365,7 +365,7 @@ class TestConfig:
             setattr(config, field, value)
         flockstep.Batch([world], cameras=[config])
 
-    def test_a_string_is_no_list_of_outputs(self):
+    def test_outputs_given_as_a_string_are_refused(self):
         with pytest.raises(TypeError, match="outputs"):
             flockstep.CameraConfig(outputs="rgb")
 
@@ -545,7 +545,7 @@ class TestChange:
 
 
 class TestErrors:
-    def test_a_camera_that_is_not_there(self, flat):
+    def test_an_unknown_camera(self, flat):
         batch = batch_of([flat])
         with pytest.raises(ValueError, match='camera: expected one of "front", got "rear"'):
             batch.camera("rear")
@@ -560,7 +560,7 @@ class TestErrors:
         assert "no cameras" in flockstep.Batch([flat]).camera_backend_report()
 
     @pytest.mark.parametrize("index", [2, 100, -1])
-    def test_an_index_that_is_not_there(self, flat, index):
+    def test_an_index_out_of_range(self, flat, index):
         batch = batch_of([flat], 2)
         with pytest.raises(ValueError, match=rf"index: expected an integer in \[0, 2\), got {index}$"):
             batch.camera().config_of(index)

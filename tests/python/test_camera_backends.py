@@ -208,7 +208,7 @@ def test_capture_on_demand_by_gl() -> None:
     assert (batch.camera().instance == reference.camera().instance).mean() > 0.99
 
 
-def test_auto_tells_both_speeds() -> None:
+def test_auto_reports_both_speeds() -> None:
     world = flockstep.scenes.load("playground/camera-train-1")[0]
     camera = flockstep.CameraConfig(width_px=32, height_px=24)
     report = flockstep.Batch([world], 4, cameras=[camera], camera_backend="auto").camera_backend_report()
@@ -278,7 +278,7 @@ def test_a_small_address_space_costs_opengl_and_not_the_process(gibibytes: float
         assert "too little address space" in result.stdout
 
 
-def test_raycast_needs_no_opengl_and_says_nothing() -> None:
+def test_raycast_needs_no_opengl_and_does_not_warn() -> None:
     result = run("make('raycast').sense()\n", FLOCKSTEP_EGL="none")
     assert (result.returncode, result.stdout, result.stderr) == (0, "", "")
 

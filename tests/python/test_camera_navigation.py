@@ -264,7 +264,7 @@ class TestSameBits:
         return {name: np.stack([row[name] for row in rows]) for name in rows[0]}
 
     @pytest.mark.parametrize("observation", ["blob", "pixels"])
-    def test_whatever_the_threads_blocks_and_number_of_envs(self, parlour, observation):
+    def test_for_any_threads_blocks_and_number_of_envs(self, parlour, observation):
         worlds = [parlour, *flockstep.scenes.load("camera-train")]
         run = self.history(60, observation, worlds)
         assert (run["terminated"] | run["truncated"]).sum() > 60
@@ -416,7 +416,7 @@ class TestBadInput:
         ],
     )
     @pytest.mark.parametrize("env_id", [CAMERA, PIXELS])
-    def test_envs_that_cannot_be(self, make, env_id, arguments, error, match):
+    def test_invalid_envs(self, make, env_id, arguments, error, match):
         with pytest.raises(error, match=match):
             make(env_id, **arguments)
 

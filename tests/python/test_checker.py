@@ -113,7 +113,7 @@ def test_a_good_env_passes(env):
 
 
 @pytest.mark.parametrize("mode", [NEXT, SAME, DISABLED])
-def test_gymnasiums_own_envs_pass_but_for_two_known_things(mode):
+def test_gymnasiums_own_envs_pass_except_for_two_known_faults(mode):
     def make(n):
         return gymnasium.make_vec("CartPole-v1", n, vectorization_mode="sync", vector_kwargs={"autoreset_mode": mode})
 
@@ -359,7 +359,7 @@ class DrawsInPink(Named):
 
 
 @pytest.mark.parametrize("keywords", [{}, {"render_mode": "rgb_array", "render_view": "third_person"}])
-def test_a_task_that_draws_is_seen_to_draw(room, keywords):
+def test_the_checker_reports_errors_of_the_draw_method(room, keywords):
     def check(task):
         check_vector_env(
             lambda n: flockstep.DroneVectorEnv(n, worlds=room, task=task, render_size=(32, 24), **keywords),

@@ -118,7 +118,7 @@ message(STATUS "scenes: ${flockstep_SCENES_DIR}")
 """
 
 
-def test_the_package_tells_where_the_scenes_are(prefix: Path, tmp_path: Path) -> None:
+def test_the_package_has_the_folder_of_the_scenes(prefix: Path, tmp_path: Path) -> None:
     (tmp_path / "CMakeLists.txt").write_text(LOOKS_FOR_THE_LIBRARY)
     printed = run("cmake", "-S", tmp_path, "-B", tmp_path / "build", "-G", "Ninja", f"-DCMAKE_PREFIX_PATH={prefix}")
     (scenes,) = re.findall(r"scenes: (.*)", printed)

@@ -361,7 +361,7 @@ def test_arguments_that_make_no_sense(tmp_path, keywords, message):
         flockstep.DroneMesh.load(write_box(tmp_path / "box.obj"), **keywords)
 
 
-def test_files_that_are_none(tmp_path):
+def test_invalid_files(tmp_path):
     with pytest.raises(ValueError, match=r"path: expected a name that ends with \.gltf, .*, got 'indoor/office'"):
         flockstep.DroneMesh.load("indoor/office")
     with pytest.raises(FileNotFoundError, match=r"nowhere\.glb"):
@@ -387,7 +387,7 @@ def test_files_that_are_none(tmp_path):
         ((BOX, [[0, 1, 2]], [0, 0, np.nan]), r"colors: expected linear RGB in \[0, 1\]"),
     ],
 )
-def test_arrays_that_are_no_mesh(arguments, message):
+def test_invalid_arrays(arguments, message):
     with pytest.raises(ValueError, match=message):
         flockstep.DroneMesh(*arguments)
 
@@ -404,7 +404,7 @@ def test_without_the_extra_it_says_what_to_install(bumpy, tmp_path, monkeypatch)
         mesh.hull()
 
 
-def test_envs_take_it_and_copy_pickle_and_write_it_down(bumpy, room):
+def test_envs_accept_copy_pickle_and_describe_it(bumpy, room):
     *_, mesh = bumpy
     small = flockstep.DroneMesh(BOX, [[0, 1, 3], [4, 6, 7]], [0.1, 0.7, 0.3], "small")
     small.triangles_in_file = 7

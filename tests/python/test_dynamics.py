@@ -281,7 +281,7 @@ class TestSigns:
         torque = spinning * (np.array(told) @ [1, 1, -1, -1]) * np.array(expected)
         np.testing.assert_allclose(batch.angular_acceleration[0], torque / INERTIA, atol=0.1)
 
-    def test_gravity_pulls_down_whatever_the_attitude(self):
+    def test_gravity_pulls_down_at_any_attitude(self):
         data, count = plain(**NO_THRUST), 16
         batch, start = batch_of(data, count), Start.random(count, data, speed_mps=0)
         start.speed[:] = 0
@@ -372,7 +372,7 @@ class TestSigns:
 
 @pytest.mark.parametrize(("size", "mass"), [(4.0, 1.0), (0.25, 2.0), (1.5, 3.0)])
 @every_integrator
-def test_scaled_drones_fly_alike(size, mass, integrator):
+def test_scaled_drones_fly_similarly(size, mass, integrator):
     """Lengths scale with `size`, times and velocities with its square root."""
     model = flockstep.DroneModel.from_dict(frame(rotor_inertia_kgm2=5e-6, drag_n_per_radps_mps=[1e-4, 1.2e-4, 5e-5]))
     data, other_data, time, count = model.to_dict(), model.scaled(size=size, mass=mass).to_dict(), np.sqrt(size), 4

@@ -183,7 +183,7 @@ def test_slow_hits_do_not_bounce():
 
 
 @pytest.mark.parametrize("mode", ["terminate", "bounce", "stop"])
-def test_where_contacts_end_it_all_a_drone_stays(mode):
+def test_with_contacts_that_terminate_a_drone_stays(mode):
     """It stays for the rest of the step; with other settings it flies on."""
     batch = room_of(mode=mode)
     launch(batch, [2, 3, 3], [100, 0, 0])

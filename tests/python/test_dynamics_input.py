@@ -61,7 +61,7 @@ def test_dynamics_config_of_wrong_types(field, value, match):
     refused(lambda: made({field: value}), match, TypeError)
 
 
-def test_kinematic_motion_takes_poses_alone():
+def test_kinematic_motion_takes_only_poses():
     refused(lambda: made({"motion": "kinematic"}), 'control: expected "pose" .*motion="rotors".*got velocity')
 
 
@@ -154,7 +154,7 @@ def test_angles(control, column, most, named):
 
 
 @pytest.mark.parametrize("control", ["rotor_speeds", "body_rates", "velocity", "heading_velocity"])
-def test_numbers_that_are_no_angles(control):
+def test_invalid_angles(control):
     batch_of(frame(), 2, control=control).fly([[45.0] * 4, [2e4] * 4])
 
 
@@ -253,7 +253,7 @@ def test_each_motion_has_its_calls(batch):
     refused(lambda: made({"control": "pose"}).fly([[0] * 4]), 'fly.*control="pose"', RuntimeError)
 
 
-def test_a_hull_alone_cannot_fly_by_rotors():
+def test_a_drone_without_an_airframe_cannot_fly_by_rotors():
     hull = flockstep.DroneModel(frame()["hull_m"])
     refused(lambda: made(drone=hull), "drone: expected one with an airframe.*got a hull alone")
     refused(lambda: hull.mass_kg, "hull alone", AttributeError)
@@ -354,6 +354,6 @@ def test_scaled(factor, value):
     refused(lambda: model.scaled(**{factor: value}), f"{factor}: expected a finite number > 0, got")
 
 
-def test_frames_that_are_not_there():
+def test_unknown_frames():
     refused(lambda: flockstep.DroneModel.load("x501"), 'expected one of crazyflie.*path of a file.*got "x501"')
     refused(lambda: flockstep.DroneModel.load("none.json"), "none.json: cannot read a drone file")

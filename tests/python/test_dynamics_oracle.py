@@ -136,7 +136,7 @@ def test_fast_rotors_at_a_slow_tick(flights):
 
 
 @pytest.mark.parametrize("name", TERMS)
-def test_each_term_tells(flights, name):
+def test_each_term_matters(flights, name):
     """Without the term, the final states would differ by far more than any Runge-Kutta limit above."""
     without = flights["lag" if name == "gyroscopic" else "nothing"].end
     away, turned = errors(flights[name].end, without)

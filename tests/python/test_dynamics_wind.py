@@ -36,7 +36,7 @@ def test_correlation_falls_with_time(calls, ticks):
 
 
 @pytest.mark.parametrize("gusts", WIND)
-def test_calls_of_any_length_meet_the_same_gusts(gusts):
+def test_calls_of_any_length_have_the_same_gusts(gusts):
     command = np.full((2, 4), 400.0)
     winds = []
     for ticks in (1, 7, 50, 350):
@@ -47,7 +47,7 @@ def test_calls_of_any_length_meet_the_same_gusts(gusts):
     np.testing.assert_array_equal(winds, [winds[0]] * 4)
 
 
-def test_an_env_meets_the_same_gusts_beside_envs_at_other_ticks():
+def test_an_env_has_the_same_gusts_beside_envs_at_other_ticks():
     """The same bits, including positions, even if the other envs are in the middle of a step."""
     command = np.full((3, 4), 500.0)
     alone, beside = in_gusts(1), in_gusts(3)

@@ -511,7 +511,7 @@ class TestActions:
 class TestBadInput:
     @BOTH
     @pytest.mark.parametrize("bad", [np.nan, np.inf, -np.inf, 1e39])
-    def test_no_field_takes_what_is_not_finite(self, config, bad):
+    def test_no_field_takes_non_finite_numbers(self, config, bad):
         for name, value in fields_of(config).items():
             if isinstance(value, float):
                 broken = copy.copy(config)
@@ -650,7 +650,7 @@ class TestRepeats:
 
     @BOTH
     @pytest.mark.parametrize("keywords", [{"num_threads": 2}, {"num_envs": 70}])
-    def test_whatever_the_threads_and_the_number_of_envs(self, config, keywords):
+    def test_for_any_threads_and_number_of_envs(self, config, keywords):
         one = flown(shaken(config, num_threads=1), 40)
         other = flown(shaken(config, **{"num_threads": 1, **keywords}), 40)
         np.testing.assert_array_equal(one, other[:, :6])

@@ -184,7 +184,7 @@ def test_roofs_of_cities_are_as_high_as_asked(height):
     assert 0.6 * height < world.bounds[1, 2] < height + 12
 
 
-def test_cameras_in_cities_tell_what_is_what():
+def test_cameras_in_cities_see_classes():
     """Each kind of object has its class; a road is below, houses are around."""
     world = small("city", 3)
     classes = {}

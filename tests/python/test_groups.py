@@ -26,7 +26,7 @@ def envs(**keywords: Any) -> flockstep.DroneVectorEnv:
 
 @pytest.mark.parametrize("mode", ["next_step", "same_step", "disabled"])
 @pytest.mark.parametrize("observation", ["goal", "pixels"])
-def test_drones_that_fly_alike_return_what_the_single_env_does(mode: str, observation: str) -> None:
+def test_equal_drones_return_the_results_of_the_single_env(mode: str, observation: str) -> None:
     keywords: dict[str, Any] = {"observation": observation, "autoreset_mode": mode, "max_episode_steps": 40}
     with_three, single = envs(**keywords), flockstep.DroneVectorEnv(4, **keywords)
     with_three.reset(seed=7)
@@ -205,7 +205,7 @@ def test_stable_baselines3_learns_from_every_row() -> None:
     assert model.num_timesteps == 3 * 8 * 24
 
 
-def test_copies_go_on_alike() -> None:
+def test_copies_continue_equally() -> None:
     env = envs(random_world=True)
     env.reset(seed=1)
     env.step(np.zeros(12, int))

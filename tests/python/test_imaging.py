@@ -171,11 +171,11 @@ class TestResize:
             ({"resize": (4, 3), "pool": "median"}, 'pool: expected "mean", "min" or "max", got "median"'),
         ],
     )
-    def test_what_is_refused(self, fields, match):
+    def test_invalid_arguments(self, fields, match):
         with pytest.raises(ValueError, match=match):
             flockstep.CameraConfig(**{"width_px": 40, "height_px": 30, **fields})
 
-    def test_a_resize_that_is_no_pair(self):
+    def test_an_invalid_resize(self):
         for resize in (4, (4,), (4, 3, 2), ("a", "b")):
             with pytest.raises(TypeError, match="resize: expected 2 numbers or None"):
                 flockstep.CameraConfig(resize=resize)
@@ -418,7 +418,7 @@ class TestColors:
             ({"low": (1, 2)}, TypeError, "low: expected 3 numbers"),
         ],
     )
-    def test_ranges_that_cannot_be(self, fields, error, match):
+    def test_invalid_ranges(self, fields, error, match):
         with pytest.raises(error, match=match):
             flockstep.ColorRange(**fields)
 

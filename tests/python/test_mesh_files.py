@@ -42,7 +42,7 @@ def test_an_obj_file_of_trimesh_with_its_materials_and_textures(tmp_path):
         assert len(scene["textures"]) == 2
 
 
-def test_what_is_not_read_is_told_of_files_and_of_dicts(tmp_path):
+def test_ignored_parts_of_files_and_dicts_are_named(tmp_path):
     (tmp_path / "a.obj").write_text("mtllib gone.mtl\nv 0 0 0\nv 1 0 0\nv 0 1 0\nusemtl a\nf 1 2 3\n")
     message = r"not read: 1 file that is missing \(gone.mtl\), 1 material that no material file has"
     with pytest.warns(UserWarning, match=rf"a\.obj: {message}$"):

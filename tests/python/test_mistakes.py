@@ -127,7 +127,7 @@ def test_seeds_are_recorded(closet):
         assert envs.np_random_seed == recorded
 
 
-def test_options_that_nobody_reads_are_refused(closet):
+def test_unknown_options_are_refused(closet):
     envs = DroneVectorEnv(2, worlds=closet)
     with pytest.raises(ValueError, match="options: expected nothing but 'reset_mask', got 'mask'"):
         envs.reset(seed=0, options={"mask": np.ones(2, bool)})

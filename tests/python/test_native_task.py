@@ -82,7 +82,7 @@ def test_a_snapshot_has_its_state(env_id):
             np.testing.assert_array_equal(a, b)
 
 
-def test_what_is_no_library_is_refused(tmp_path):
+def test_other_files_than_libraries_are_refused(tmp_path):
     for path, why in ((tmp_path / "none.so", "there is no such file"), (tmp_path, "it is no regular file")):
         for given in (path, str(path)):
             with pytest.raises(ValueError, match=f"path: expected a shared library, got '{path}' .{why}"):

@@ -27,7 +27,7 @@ def test_every_exported_name_is_there():
         assert getattr(flockstep, name) is not None
 
 
-def test_the_doctor_says_what_is_here_and_what_is_not(monkeypatch, capsys):
+def test_the_doctor_reports_available_and_missing_parts(monkeypatch, capsys):
     lines = dict(line.split("  ", 1) for line in run("from flockstep import doctor; doctor.main()").splitlines())
     assert lines["flockstep"].strip().startswith(flockstep.__version__)
     assert "Embree" in lines["camera backend raycast"]
@@ -54,7 +54,7 @@ sys.meta_path.insert(0, Without())
 
 
 @pytest.mark.parametrize("missing", ["numpy", "gymnasium"])
-def test_the_doctor_runs_without_what_flockstep_needs(missing, tmp_path):
+def test_the_doctor_runs_without_required_packages(missing, tmp_path):
     (tmp_path / "sitecustomize.py").write_text(WITHOUT.format(names=[missing]))
     environment = {**os.environ, "PYTHONPATH": str(tmp_path)}
     doctored, imported = (

@@ -59,7 +59,7 @@ def test_films_of_gymnasium_are_as_fast_as_the_flight(room):
     assert flockstep.DroneVectorEnv.metadata["render_fps"] == 10  # not changed by the env above
 
 
-def test_a_model_of_another_task_is_told_whose_it_is(room, tmp_path):
+def test_a_model_of_another_task_is_refused(room, tmp_path):
     class Model:
         observation_space = spaces.Box(-1, 1, (11,), np.float32)
         action_space = spaces.Discrete(6)
@@ -167,7 +167,7 @@ def test_the_first_episode_that_succeeds_is_filmed(room, tmp_path):
     assert (tmp_path / "a.gif").read_bytes() == (tmp_path / "b.gif").read_bytes()
 
 
-def test_where_none_succeeds_there_is_no_film(room, tmp_path):
+def test_without_success_there_is_no_film(room, tmp_path):
     lucky, task = first_lucky_seed(room), Lucky()
     keywords = {"worlds": room, "seed": 7, "render_view": "top"}
     said = f"none of the episodes of the seeds 7 to {lucky - 1} succeeded within 400 steps"
@@ -179,7 +179,7 @@ def test_where_none_succeeds_there_is_no_film(room, tmp_path):
     assert not hasattr(task, "drawn")  # trial episodes draw no pictures
 
 
-def test_a_task_that_does_not_repeat_is_told(room, tmp_path):
+def test_a_task_that_does_not_repeat_is_reported(room, tmp_path):
     class Once(Lucky):
         tries = 0
 

@@ -70,7 +70,7 @@ def test_a_light_of_ones_own() -> None:
         ({"sun_color": (np.inf, 0, 0)}, "light.sun_color: expected"),
     ],
 )
-def test_a_light_that_cannot_be(arguments: dict[str, Any], message: str) -> None:
+def test_an_invalid_light(arguments: dict[str, Any], message: str) -> None:
     with pytest.raises(ValueError, match=message):
         flockstep.World.load("playground/train-1").with_light(**arguments)
 
@@ -91,6 +91,6 @@ def test_a_light_that_cannot_be(arguments: dict[str, Any], message: str) -> None
         ({"count": 2, "world": "train"}, "world: expected one, got 5"),
     ],
 )
-def test_looks_that_cannot_be(arguments: dict[str, Any], message: str) -> None:
+def test_invalid_appearances(arguments: dict[str, Any], message: str) -> None:
     with pytest.raises(ValueError, match=message):
         flockstep.relight(**{"world": "playground/train-1", **arguments})

@@ -36,7 +36,7 @@ def test_sb3_likes_the_single_env(room, action):
     check_env(gymnasium.make(ID, worlds=room, action=action).unwrapped)
 
 
-def test_the_log_says_what_the_reward_is_made_of(room):
+def test_the_log_has_the_terms_of_the_reward(room):
     class Climb(flockstep.Task):
         observation_space = spaces.Box(-np.inf, np.inf, (3,), np.float32)
         reward_terms = ("height", "cost")
@@ -509,7 +509,7 @@ class TestImageFeatures:
         images = torch.rand(3, 16, 24)
         torch.testing.assert_close(metres(2 + 8 * images), shares(images))
 
-    def test_what_sb3_has_scaled_is_not_scaled_again(self):
+    def test_images_scaled_by_sb3_are_not_scaled_again(self):
         colors, shares = self.twins(
             spaces.Box(0, 255, (3, 16, 24), np.uint8), spaces.Box(0, 1, (3, 16, 24), np.float32)
         )
@@ -524,7 +524,7 @@ class TestImageFeatures:
         torch.testing.assert_close(first(images), last(images.permute(0, 2, 3, 1)))
 
     @pytest.mark.parametrize("shape", [(8,), (7, 64), (3, 7, 64), (64, 3, 64), (1, 3, 16, 16)])
-    def test_what_is_no_image_is_refused(self, shape):
+    def test_spaces_without_an_image_are_refused(self, shape):
         with pytest.raises(ValueError, match="expected an image of at least 8 x 8 pixels"):
             flockstep.sb3.ImageFeatures(spaces.Box(0, 1, shape, np.float32))
 
@@ -596,6 +596,6 @@ def test_progress_keeps_one_line_on_a_terminal(make):
     assert terminal.getvalue().endswith("\n")
 
 
-def test_progress_refuses_an_interval_that_is_none():
+def test_progress_refuses_an_invalid_interval():
     with pytest.raises(ValueError, match=r"^interval_s: expected seconds >= 0, got nan"):
         flockstep.sb3.Progress(interval_s=float("nan"))

@@ -77,7 +77,7 @@ def test_generated_scenes_are_named_by_their_seeds():
         ("forest/seed-0..100000", "expected a range of 1 to 100000 seeds"),
     ],
 )
-def test_seeds_that_are_none(name, match):
+def test_invalid_seeds(name, match):
     with pytest.raises(ValueError, match=match):
         scenes.load(name)
 
@@ -94,7 +94,7 @@ def test_what_save_writes_keeps_to_the_schema(tmp_path, room):
 
 
 @pytest.mark.parametrize("key", ["walls", "flockstep_scene"])
-def test_schema_and_loader_refuse_alike(room, key):
+def test_schema_and_loader_refuse_the_same_scenes(room, key):
     scene = room.to_dict()
     scene[key] = 7
     with pytest.raises(jsonschema.ValidationError):
@@ -286,7 +286,7 @@ class TestLight:
         with pytest.raises(ValueError, match="/meshes: expected at most 65536 meshes, got 65537"):
             flockstep.World.from_dict(scene)
 
-    def test_the_schema_tells_the_defaults(self):
+    def test_the_schema_has_the_defaults(self):
         light = flockstep.World.from_dict(with_light()).light
         properties = SCHEMA["properties"]["light"]["properties"]
         assert list(light) == list(properties)
@@ -633,7 +633,7 @@ class TestGltf:
         placed = flockstep.World.load(path, scale=2, origin=(1, 2, 3))
         assert placed.bounds.tolist() == [[1, 2, 3], [3, 2, 5]]
 
-    def test_what_is_not_read_is_named(self, tmp_path):
+    def test_ignored_parts_are_named(self, tmp_path):
         path = a_gltf_file(tmp_path / "corner.gltf", animations=[{}], skins=[{}, {}])
         with pytest.warns(UserWarning, match=r"corner\.gltf: not read: 1 animation, 2 skins"):
             flockstep.World.load(path)

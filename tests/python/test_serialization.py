@@ -98,7 +98,7 @@ def test_defaults_of_a_registered_task(room, closet):
         ("wrlds", "unexpected keyword argument 'wrlds'.*worlds"),
     ],
 )
-def test_what_is_no_default_is_refused(name, said):
+def test_invalid_defaults_are_refused(name, said):
     with pytest.raises(TypeError, match=said):
         flockstep.register_task("test/Still-v2", Still, **{name: 3})
     assert "test/Still-v2" not in gymnasium.registry

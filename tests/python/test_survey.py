@@ -135,7 +135,7 @@ class TestObjects:
                 of_object = classes[objects["materials"][seen[i][hit].astype(int) - 1]]
                 np.testing.assert_array_equal(batch.camera().semantic[i][hit], of_object)
 
-    def test_several_materials_are_none(self):
+    def test_each_object_has_its_material(self):
         corners = [[0, 0, 0], [1, 0, 0], [0, 1, 0], [1, 1, 0]]
         red, blue = ({"vertices": corners, "triangles": [face]} for face in ([0, 1, 2], [1, 3, 2]))
         world = scene(materials=MATERIALS, meshes=[red | {"material": "red"}, blue | {"material": "blue"}])
@@ -259,7 +259,7 @@ class TestGrids:
             ({"cell_m": 1, "box": [0, 1]}, r"box: expected shape \(2, 3\)"),
         ],
     )
-    def test_refuse_what_cannot_be(self, solids, name, arguments, match):
+    def test_refuse_invalid_arguments(self, solids, name, arguments, match):
         with pytest.raises(ValueError, match=match):
             getattr(solids, name)(**arguments)
 
@@ -367,7 +367,7 @@ class TestMarkers:
         with pytest.raises(ValueError, match=r"distance_m: expected .*, got 11, at which none of 1000 pairs are"):
             world.with_drawn_markers(distance_m=11)
 
-    def test_a_strangers_file_becomes_an_environment(self, tmp_path):
+    def test_a_foreign_file_becomes_an_environment(self, tmp_path):
         furniture = [trimesh.creation.box([0.6, 2, 1.5]), trimesh.creation.cylinder(0.3, 2.8)]
         furniture[0].apply_translation([3, 2, 0.75])
         furniture[1].apply_translation([6, 4, 1.4])
@@ -403,7 +403,7 @@ class TestCheck:
             assert report["triangles"] == len(whole.faces)
             assert report["objects"] == len(meshes)
 
-    def test_tells_what_there_is(self, room, tmp_path):
+    def test_reports_the_contents(self, room, tmp_path):
         report = room.check()
         assert report["name"] == "room"
         assert report["size_m"] == (8, 8, 4)

@@ -415,7 +415,7 @@ class TestMistakes:
         with pytest.raises(TypeError, match=rf"^Broken\.{name}: no env reads it from a task; {advice}"):
             self.env(room, **declared)
 
-    def test_names_of_its_own_that_are_keywords_elsewhere(self, room):
+    def test_own_names_that_are_keywords_elsewhere(self, room):
         class Own(Climb):
             policy_hz = 20  # for its own use; the env takes it from the clock
             clock = flockstep.ClockConfig(policy_hz=policy_hz)
@@ -464,7 +464,7 @@ class TestMistakes:
         with pytest.raises(TypeError, match="observation_space"):
             self.env(room, observation_space=None)
 
-    def test_what_is_no_task(self, room):
+    def test_values_other_than_tasks(self, room):
         for task in (int, 3, "Climb"):
             with pytest.raises(TypeError, match=r"task: expected a flockstep\.Task"):
                 flockstep.DroneVectorEnv(2, worlds=room, task=task)
@@ -481,7 +481,7 @@ class TestMistakes:
         with pytest.raises(ValueError, match=rf"^Broken\.{field}: expected different names, got 'goal' twice"):
             self.env(room, **{field: ["goal", "start", "goal"]})
 
-    def test_names_that_are_none(self, room):
+    def test_invalid_names(self, room):
         with pytest.raises(ValueError, match=r"^Broken\.reward_terms: expected at least one name, got \(\)"):
             self.env(room, reward_terms=())
         with pytest.raises(ValueError, match=r"^Broken\.markers: expected names among start, .*, got 'home'"):
@@ -494,7 +494,7 @@ class TestMistakes:
             self.env(room, **{field: spaces.Box(-1, 1, (3, 0))}, **act)
 
     @pytest.mark.parametrize("limit", [2**31, 2**40, -1, True, 2.0, "9"])
-    def test_a_limit_that_is_none(self, room, limit):
+    def test_an_invalid_limit(self, room, limit):
         expected = r"max_episode_steps: expected an integer in \[0, 2147483647\], got"
         with pytest.raises(ValueError, match=f"^{expected} {limit!r}"):
             self.env(room, max_episode_steps=limit)
@@ -513,7 +513,7 @@ class TestMistakes:
             (np.array([1, None]), "real numbers, got dtype object"),
         ],
     )
-    def test_a_reward_that_is_no_number(self, room, reward, got):
+    def test_an_invalid_reward(self, room, reward, got):
         with pytest.raises(ValueError, match=rf"^Broken\.step: expected a reward of {got}"):
             self.returned_by_step(room, reward, np.zeros(2, bool))
 
@@ -532,7 +532,7 @@ class TestMistakes:
                 env.step(np.zeros((2, 3), np.float32))
 
     @pytest.mark.parametrize("bad", [np.nan, 0.5, np.inf])
-    def test_a_flag_that_is_neither(self, room, bad):
+    def test_a_flag_that_is_neither_true_nor_false(self, room, bad):
         with pytest.raises(ValueError, match=rf"^Broken\.step: expected terminated to be bool, got {bad} in env 1"):
             self.returned_by_step(room, np.zeros(2), np.array([0, bad]))
 
@@ -554,7 +554,7 @@ class TestMistakes:
             env.step(np.zeros((2, 3), np.float32))
 
     @pytest.mark.parametrize(("dtype", "value"), [(np.int32, 2**40), (np.int32, -(2**31) - 1), (np.int64, 2**63)])
-    def test_integers_that_the_space_has_no_room_for(self, room, dtype, value):
+    def test_integers_that_do_not_fit_the_space(self, room, dtype, value):
         given = np.full((2, 4), value, np.uint64 if value > 2**62 else np.int64)
         space = spaces.Box(0, 9, (4,), dtype)
         env = self.env(room, observation_space=space, observe=lambda self, batch: given)
@@ -790,7 +790,7 @@ class TestSeveralFields:
         assert infos["final_obs"][1]["height"] == pytest.approx(2.9, abs=1e-5)
         assert observation["height"][1] == 2
 
-    def test_what_is_wrong_is_named(self, room):
+    def test_mistakes_are_named(self, room):
         def fly(envs):
             envs.reset(seed=0)
             envs.step(np.zeros((2, 3), np.float32))
@@ -878,7 +878,7 @@ class TestSnapshot:
                 other.restore(env.snapshot())
             assert other.snapshot() == before
 
-    def test_nonsense_is_refused(self, make):
+    def test_invalid_snapshots_are_refused(self, make):
         env = make()
         env.reset(seed=0)
         with pytest.raises(ValueError, match="snapshot"):
@@ -944,7 +944,7 @@ class TestPromises:
             with pytest.raises(RuntimeError, match="no environment has this task"):
                 other.steps  # noqa: B018
 
-    def test_what_every_task_has_to_define_is_named(self, room):
+    def test_missing_methods_are_named(self, room):
         class Nothing(flockstep.Task):
             observation_space = Climb.observation_space
 
@@ -1127,7 +1127,7 @@ class TestStateThatIsNotListed:
         with pytest.raises(TypeError, match=rf"the attribute '\w+' is a {kind}, which is not as setup left it"):
             envs.snapshot()
 
-    def test_the_checker_catches_what_a_task_forgets(self, closet):
+    def test_the_checker_finds_state_missing_from_snapshots(self, closet):
         class Forgetful(Wanderer):
             def state(self):
                 return {}

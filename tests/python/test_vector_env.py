@@ -219,7 +219,7 @@ class TestReset:
         np.testing.assert_array_equal(a.reset()[0], b.reset()[0])
 
     @pytest.mark.parametrize("mode", MODES)
-    def test_a_mask_resets_those_envs_alone(self, room, mode):
+    def test_a_mask_resets_only_its_envs(self, room, mode):
         envs = make(room, random_start=True, autoreset_mode=mode)
         envs.reset(seed=0)
         observation = envs.step([0, 1, 2, 3])[0]

@@ -98,7 +98,7 @@ def rays(count, seed=0):
 
 
 class TestRaycast:
-    def test_tells_the_material(self):
+    def test_returns_the_material(self):
         world = flockstep.World.from_dict(
             {
                 "flockstep_scene": 1,
@@ -152,7 +152,7 @@ class TestRaycast:
         agree = np.isclose(got, expected, atol=1e-4) | (np.isinf(got) & np.isinf(expected))
         assert agree.mean() > 0.999
 
-    def test_tells_where_on_a_triangle(self):
+    def test_returns_the_place_on_a_triangle(self):
         rng = np.random.default_rng(3)
         corners = rng.uniform(-1, 1, (40, 3, 3)) + rng.uniform(-3, 3, (40, 1, 3))
         mesh = {"vertices": corners.reshape(-1, 3).tolist(), "triangles": np.arange(120).reshape(-1, 3).tolist()}
@@ -258,7 +258,7 @@ class TestPlayground:
         assert flockstep.World.playground(1).to_dict() != flockstep.World.playground(2).to_dict()
 
     @pytest.mark.parametrize("arguments", [{"pillars": -1}, {"size_m": (1, 1, 1)}, {"pillar_radius_m": 0}])
-    def test_refuses_what_cannot_be(self, arguments):
+    def test_refuses_invalid_arguments(self, arguments):
         with pytest.raises(ValueError, match=r".+"):
             flockstep.World.playground(0, **arguments)
 
@@ -333,7 +333,7 @@ class TestMeshFiles:
                 load()
             assert len(load(meshes_anywhere=True).mesh()["triangles"]) == 1
 
-    def test_what_is_no_file_is_refused(self, folder):
+    def test_names_without_a_file_are_refused(self, folder):
         os.mkfifo(folder / "pipe.obj")
         for file in ("pipe.obj", "meshes"):
             with pytest.raises(ValueError, match="not a regular file"):

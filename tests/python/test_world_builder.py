@@ -116,7 +116,7 @@ def test_cameras_see_through_masks_and_files_keep_them(suffix, tmp_path):
     assert (hits["primitive"] == [2, 1]).all()  # a LiDAR hits the whole object
 
 
-def test_what_is_built_is_left_alone_by_what_follows():
+def test_a_built_world_does_not_change_later():
     builder = flockstep.WorldBuilder()
     builder.sphere([0, 0, 0], 1, builder.material("a"))
     first = builder.build()

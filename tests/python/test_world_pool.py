@@ -181,7 +181,7 @@ def test_the_time_that_worlds_take_does_not_matter(wide, threads):
 
 
 @pytest.mark.parametrize("own_task", [False, True])
-def test_autoreset_modes_agree_but_for_the_reset_rows(own_task):
+def test_autoreset_modes_agree_except_in_reset_rows(own_task):
     def run(mode):
         arguments = {"task": Cross()} if own_task else {"random_start": True}
         pool = WorldPool(hall_at_leisure, 9, 1.0)
@@ -446,12 +446,12 @@ class TestFailures:
             WorldPool(**{"make": hall, **arguments})
 
     @pytest.mark.parametrize("value", [math.nan, math.inf, None, "hard"])
-    def test_a_difficulty_that_is_no_number(self, value):
+    def test_an_invalid_difficulty(self, value):
         pool = WorldPool(lambda number, difficulty: hall(number), difficulty=lambda number: value)
         with pytest.raises(ValueError, match="difficulty: expected a function that returns finite numbers, got"):
             pool.difficulty_of(3)
 
-    def test_what_a_pool_cannot_do(self):
+    def test_unsupported_uses_of_a_pool(self):
         with pytest.raises(ValueError, match="worlds: expected worlds, where there is no task"):
             flockstep.Batch(WorldPool(hall), 1)
         with pytest.raises(ValueError, match="camera_backend: expected raycast"):
@@ -541,7 +541,7 @@ def test_threads_go_with_the_batch():
     eventually(lambda: not builders())
 
 
-def test_a_batch_may_be_collected_whatever_a_thread_holds():
+def test_a_batch_may_be_collected_while_a_thread_holds_locks():
     # The garbage collector runs at any allocation, including inside an executor that holds its locks.
     batch = make(pool=WorldPool(hall, 64))
     batch.reset(np.arange(8))

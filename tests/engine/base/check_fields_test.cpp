@@ -72,7 +72,7 @@ std::string message_of(const F& call) {
   return "";
 }
 
-TEST(CheckFields, NamesTheFieldWhatWasExpectedAndWhatCame) {
+TEST(CheckFields, NamesFieldExpectedAndGot) {
   constexpr float kNan = std::numeric_limits<float>::quiet_NaN();
   const std::vector<std::pair<std::function<void(Robot&)>, std::string>> cases{
       {[](Robot&) {}, ""},

@@ -7,21 +7,21 @@
 namespace flockstep {
 namespace {
 
-TEST(Excerpt, WhatIsShortStays) {
+TEST(Excerpt, ShortTextsAreKept) {
   EXPECT_EQ(excerpt(""), "");
   EXPECT_EQ(excerpt("a wall"), "a wall");
   EXPECT_EQ(excerpt(std::string(60, 'x')), std::string(60, 'x'));
   EXPECT_EQ(excerpt("1\u00e9\u20ac\U0001F600"), "1\u00e9\u20ac\U0001F600");
 }
 
-TEST(Excerpt, WhatIsLongIsCutBetweenCharacters) {
+TEST(Excerpt, LongTextsAreCutBetweenCharacters) {
   EXPECT_EQ(excerpt(std::string(61, 'x')), std::string(60, 'x') + "...");
   EXPECT_EQ(excerpt("abc\u20ac", 6), "abc\u20ac");
   EXPECT_EQ(excerpt("abc\u20ac", 5), "abc...");
   EXPECT_EQ(excerpt("\U0001F600\U0001F600", 7), "\U0001F600...");
 }
 
-TEST(Excerpt, WhatIsNoTextIsShownByQuestionMarks) {
+TEST(Excerpt, InvalidUtf8IsShownAsQuestionMarks) {
   EXPECT_EQ(excerpt("a\nb\tc\x7F"), "a?b?c?");
   EXPECT_EQ(excerpt(std::string("a\0b", 3)), "a?b");
   EXPECT_EQ(excerpt("\xE9t\xE9"), "?t?");          // Latin-1

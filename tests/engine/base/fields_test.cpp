@@ -112,7 +112,7 @@ std::uint64_t hash_of(const T& value) {
   return hash.value();
 }
 
-TEST(Fields, TheHashChangesWithEachThatDecides) {
+TEST(Fields, TheHashChangesWithRelevantFields) {
   const std::vector<std::function<void(Weather&)>> changes{
       [](Weather& w) { w.rain = true; },           [](Weather& w) { w.drops = 5; },
       [](Weather& w) { w.hail_mm = 0.25F; },       [](Weather& w) { w.hail_mm = -0.5F; },
@@ -136,7 +136,7 @@ TEST(Fields, TheHashChangesWithEachThatDecides) {
   EXPECT_EQ(std::unique(hashes.begin(), hashes.end()), hashes.end()) << "two of them have the same hash";
 }
 
-TEST(Fields, TheHashDoesNotChangeWithWhatDecidesNothing) {
+TEST(Fields, TheHashIgnoresIrrelevantFields) {
   Weather weather;
   weather.threads = 8;
   EXPECT_EQ(hash_of(weather), hash_of(Weather()));

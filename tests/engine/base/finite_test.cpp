@@ -37,7 +37,7 @@ void try_all() {
   }
 }
 
-TEST(Finite, OneBadNumberIsFoundWhereverItIsOnEveryTarget) {
+TEST(Finite, FindsOneBadNumberAnywhereOnEveryTarget) {
   for (const std::int64_t target : hwy::SupportedAndGeneratedTargets()) {
     SCOPED_TRACE(hwy::TargetName(target));
     const testing::OnTarget on(target);

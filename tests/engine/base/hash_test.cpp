@@ -34,7 +34,7 @@ TEST(Hash, IsXxh64) {
   EXPECT_EQ(hash_of(kText.substr(0, 40), 0xFFFFFFFFFFFFFFFFU), 0xEA51B73D841655C6U);
 }
 
-TEST(Hash, WhereOneValueEndsAndTheNextBeginsCounts) {
+TEST(Hash, BordersBetweenValuesCount) {
   Hash one, other;
   one.add(std::string_view("ab"));
   one.add(std::string_view("c"));

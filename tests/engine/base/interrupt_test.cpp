@@ -35,7 +35,7 @@ struct Stop {
 
 int polls = 0;
 
-TEST(Interrupt, LooksNowAndThen) {
+TEST(Interrupt, ChecksPeriodically) {
   polls = 0;
   {
     const Interrupt outer([] { ++polls; });
@@ -71,7 +71,7 @@ TEST(Interrupt, EndsLoading) {
   EXPECT_THROW(parse_obj(obj, "x"), Stopped);
 }
 
-TEST(Interrupt, EndsWhatIsMadeOfAWorldAndTheWorldCanBeUsedAfterwards) {
+TEST(Interrupt, EndsPreparationAndTheWorldStaysUsable) {
   TriangleMesh mesh;
   for (int i = 0; i < 400; ++i) {
     for (int j = 0; j < 400; ++j) {

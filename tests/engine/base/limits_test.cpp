@@ -34,7 +34,7 @@ TEST(Limits, MayBeChoices) {
   }
 }
 
-TEST(Limits, NeverContainWhatIsNotFinite) {
+TEST(Limits, NeverContainNonFiniteNumbers) {
   constexpr double kInfinity = std::numeric_limits<double>::infinity();
   EXPECT_TRUE(Limits().contain(-1e308));
   EXPECT_FALSE(Limits().contain(kInfinity));

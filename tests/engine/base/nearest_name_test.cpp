@@ -12,7 +12,7 @@ namespace {
 constexpr std::array<std::string_view, 5> kNames{"autoreset_mode", "max_episode_steps", "frame_skip", "stagger_first_episode",
                                                  "random_world"};
 
-TEST(NearestName, IsTheOneMeant) {
+TEST(NearestName, IsTheIntendedName) {
   EXPECT_EQ(nearest_name("frame_skp", kNames), "frame_skip");
   EXPECT_EQ(nearest_name("max_episode_step", kNames), "max_episode_steps");
   EXPECT_EQ(nearest_name("world", kNames), "");

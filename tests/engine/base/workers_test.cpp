@@ -14,7 +14,7 @@
 namespace flockstep {
 namespace {
 
-TEST(Workers, AreAsManyAsWereAskedFor) {
+TEST(Workers, HaveTheRequestedNumber) {
   for (const int threads : {2, 8, 5, 8}) {
     Workers workers(threads);
     const auto count = static_cast<std::size_t>(threads);
@@ -30,7 +30,7 @@ TEST(Workers, AreAsManyAsWereAskedFor) {
   }
 }
 
-TEST(Workers, PassOnWhatACallThrowsAndCanBeUsedAfterwards) {
+TEST(Workers, RethrowExceptionsAndStayUsable) {
   for (const int threads : {1, 3}) {
     Workers workers(threads);
     EXPECT_THROW(workers.run(100,

@@ -62,7 +62,7 @@ TEST(Batch, AStepAllocatesNothingContactsAndResetsIncluded) { expect_no_allocati
 // counts only the engine's allocations, on both threads.
 TEST(Batch, AStepOnTwoThreadsAllocatesNothing) { expect_no_allocation(2); }
 
-TEST(Batch, EnvsDependOnNothingBesideThem) {
+TEST(Batch, EnvsDoNotDependOnOthers) {
   // The same five worlds and seeds, once with 20 envs in blocks of 3 on four threads, and once with 200 envs on one thread.
   testing::NavigationBatch few_config = navigation(20);
   few_config.block_size = 3;

@@ -89,7 +89,7 @@ TEST(Schedule, OfNoActiveEnvHasNoBlocks) {
   EXPECT_TRUE(schedule.blocks().empty());
 }
 
-TEST(Schedule, ToRebuildItAllocatesNothing) {
+TEST(Schedule, RebuildingAllocatesNothing) {
   Random random(2);
   Schedule schedule(100, 30, 4);
   std::vector<Envs> all;

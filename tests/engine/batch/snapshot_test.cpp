@@ -134,7 +134,7 @@ TEST(Snapshot, RestoredIsUninterrupted) {
   }
 }
 
-TEST(Snapshot, ABatchGoesBackAndFliesTheSameAgain) {
+TEST(Snapshot, ARestoredBatchRepeatsItsFlight) {
   Batch batch = lively(AutoresetMode::same_step).make(worlds());
   batch.reset({});
   Pilot before(3);
@@ -161,7 +161,7 @@ TEST(Snapshot, ABatchGoesBackAndFliesTheSameAgain) {
   }
 }
 
-TEST(Snapshot, ARestoreLeavesWhatTheLastStepReturnedWhole) {
+TEST(Snapshot, ARestoreKeepsTheResultsOfTheLastStep) {
   Batch batch = lively(AutoresetMode::same_step).make(worlds());
   batch.reset({});
   Pilot pilot(7);
@@ -239,7 +239,7 @@ class SnapshotRefusal : public ::testing::Test {
   std::string blob_, before_;
 };
 
-TEST_F(SnapshotRefusal, WouldNotRefuseWhatIsSound) {
+TEST_F(SnapshotRefusal, AcceptsAValidSnapshot) {
   batch_.restore(blob_);
   EXPECT_TRUE(same_bytes(batch_.snapshot(), blob_));
 }
@@ -272,7 +272,7 @@ TEST_F(SnapshotRefusal, AFlippedBitOfTheHeader) {
   }
 }
 
-TEST_F(SnapshotRefusal, AnotherFormatInWords) {
+TEST_F(SnapshotRefusal, AnotherFormatIsNamed) {
   testing::SnapshotHeader header{};
   std::memcpy(&header, blob_.data(), sizeof(header));
   const std::string ours = std::to_string(header.format);
@@ -285,11 +285,11 @@ TEST_F(SnapshotRefusal, AnotherFormatInWords) {
   }
 }
 
-TEST_F(SnapshotRefusal, SomethingElseInWords) {
+TEST_F(SnapshotRefusal, OtherBytesAreNamed) {
   expect_refused(std::string(1000, 'x'), "snapshot: expected the bytes of Batch.snapshot(), got something else");
 }
 
-TEST_F(SnapshotRefusal, ALengthThatIsNotTheArrays) {
+TEST_F(SnapshotRefusal, AnArrayOfAnotherLength) {
   for (const char* array : {"position", "sensed"}) {
     for (const std::size_t byte : {0U, 7U}) {
       std::string damaged = blob_;
@@ -300,7 +300,7 @@ TEST_F(SnapshotRefusal, ALengthThatIsNotTheArrays) {
   }
 }
 
-TEST_F(SnapshotRefusal, AWorldThatIsNotThere) {
+TEST_F(SnapshotRefusal, AnUnknownWorld) {
   for (const std::int32_t world : {-1, 3, 1 << 30}) {
     std::string damaged = blob_;
     std::memcpy(damaged.data() + offset_of("world_index") + 8 + 4 * (kDrones - 1), &world, 4);
@@ -309,7 +309,7 @@ TEST_F(SnapshotRefusal, AWorldThatIsNotThere) {
   }
 }
 
-TEST_F(SnapshotRefusal, ALidarThatCannotBe) {
+TEST_F(SnapshotRefusal, AnInvalidLidar) {
   // hfov, vfov and range come first.
   for (const auto& [place, field] : {std::pair{0, "hfov_deg"}, {4, "vfov_deg"}, {8, "max_range_m"}}) {
     const float value = -1.0F;

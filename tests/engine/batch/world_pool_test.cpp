@@ -83,7 +83,7 @@ TEST(WorldPool, EnvsOfEqualNumbersShareAWorld) {
   EXPECT_GT(by_number.size(), 4U);
 }
 
-TEST(WorldPool, WhatTheNextEpisodesDrawIsWantedInTime) {
+TEST(WorldPool, WorldsOfTheNextEpisodesAreRequestedInTime) {
   const Pool pool;
   Batch batch = pool.make(5, 1000, 1.0, AutoresetMode::next_step);
   batch.reset({});
@@ -122,7 +122,7 @@ void expect_no_allocation(AutoresetMode mode) {
   EXPECT_EQ(pool.source->asked, 1);
 }
 
-TEST(WorldPool, AnEpisodeInAWorldThatIsThereAllocatesNothing) {
+TEST(WorldPool, AnEpisodeInALoadedWorldAllocatesNothing) {
   expect_no_allocation(AutoresetMode::same_step);
   expect_no_allocation(AutoresetMode::next_step);
 }
@@ -144,7 +144,7 @@ TEST(WorldPool, AResetThatFailsChangesNothing) {
   step(batch);
 }
 
-TEST(WorldPool, AStepThatFailsIsCutShort) {
+TEST(WorldPool, AFailedStepIsInterrupted) {
   const Pool pool;
   Batch batch = pool.make(4, 1, 1.0);
   batch.reset({});

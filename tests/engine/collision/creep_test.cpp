@@ -100,7 +100,7 @@ Pose moved(const Obstacles& obstacles, const Hull& hull, const Pose& from, const
 class Creep : public ::testing::TestWithParam<float> {};
 
 // Moves mainly towards the obstacle, with steps and turns of all sizes and some sideways steps.
-TEST_P(Creep, NoPushesAndTurnsEatTheGap) {
+TEST_P(Creep, PushesAndTurnsDoNotErodeTheGap) {
   const Vec3 point = GetParam() * Vec3(0.6F, -0.48F, 0.64F);
   const Hull hull(testing::quadrotor());
   const std::vector<Obstacle> all = obstacles_at(point);

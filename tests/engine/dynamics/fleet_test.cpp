@@ -126,7 +126,7 @@ TEST(Fleet, GivesADroneAnotherAirframeBetweenSteps) {
   }
 }
 
-TEST(Fleet, HasTheIntegratorThatSuitsEveryAirframe) {
+TEST(Fleet, UsesAnIntegratorThatSuitsEveryAirframe) {
   const Airframe slow = *DroneModel::load("kingfisher").airframe();
   Airframe fast = slow;
   fast.lag_up_s = fast.lag_down_s = 1e-4;

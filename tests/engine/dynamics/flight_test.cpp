@@ -159,7 +159,7 @@ TEST(Flight, HasTheSameBitsOnEveryTarget) {
   EXPECT_GE(compared, 2 * static_cast<int>(testing::kFlightControls.size()));
 }
 
-TEST(Flight, OfALaneDependsOnThatLaneAlone) {
+TEST(Flight, OfALaneDependsOnlyOnThatLane) {
   const DroneModel model = DroneModel::load("kingfisher");
   for (const Control control : testing::kFlightControls) {
     const Physics physics(*model.airframe(), config_of(control), 0.002, 1);
@@ -353,7 +353,7 @@ TEST(Contact, NoWallIsThinEnoughToBeFlownThrough) {
   }
 }
 
-TEST(Impact, ThrowsBackByRestitutionAndFriction) {
+TEST(Impact, BouncesByRestitutionAndFriction) {
   const Airframe frame = *DroneModel::load("kingfisher").airframe();
   dynamics::Surface surface{0.4, 0.0};
   const Pose pose{{1, 2, 3}, Quat(Eigen::AngleAxisf(0.5F, Vec3::UnitZ()))};

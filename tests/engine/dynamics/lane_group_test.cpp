@@ -42,7 +42,7 @@ std::vector<DroneIndex> indices(std::initializer_list<int> drones) {
   return list;
 }
 
-TEST(LaneGroup, TakesWhatFitsOffTheList) {
+TEST(LaneGroup, TakesTheLanesThatFit) {
   const std::vector<DroneIndex> list = indices({3, 4, 9, 20, 38, 39});
   std::span<const DroneIndex> drones(list);
   const LaneGroup gathered(drones, {});
@@ -70,7 +70,7 @@ TEST(LaneGroup, TakesWhatFitsOffTheList) {
   EXPECT_TRUE(end.is_listed(14) && end.is_listed(15));
 }
 
-TEST(LaneGroup, LoadsTheSameGatheredAndInOnePiece) {
+TEST(LaneGroup, LoadsTheSameGatheredAndContiguous) {
   const State state = numbered_state();
   std::vector<DroneIndex> list;
   for (std::size_t lane = 0; lane < kLanes; ++lane) list.emplace_back(5 + lane);
@@ -128,7 +128,7 @@ TEST(LaneGroup, StoresTheGivenLanesOnly) {
   }
 }
 
-TEST(LaneGroup, StoresOneLaneAndItsAccelerationsAlone) {
+TEST(LaneGroup, StoresOnlyOneLaneAndItsAccelerations) {
   const State before = numbered_state();
   const std::vector<DroneIndex> list = indices({7, 9});
   std::span<const DroneIndex> drones(list);

@@ -61,7 +61,7 @@ TEST(RotorMotion, OfADroneIsTheSameInEnvsOfThree) {
   }
 }
 
-TEST(RotorMotion, IsTheSameGatheredAndInOnePieceAndLeavesOthersAlone) {
+TEST(RotorMotion, IsTheSameGatheredAndContiguousAndChangesNoOthers) {
   const DroneModel model = DroneModel::load("kingfisher").scaled(0.4, 0.1);
   for (const OnContact on_contact : {OnContact::terminate, OnContact::stop, OnContact::bounce}) {
     for (const Control control : {Control::position, Control::velocity}) {

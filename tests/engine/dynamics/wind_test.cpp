@@ -45,7 +45,7 @@ TEST(Wind, WithoutGustsIsItsMean) {
   EXPECT_EQ(wind.at({}), Vec3(1, -2, 0.5F));
 }
 
-TEST(Wind, OrnsteinUhlenbeckForgetsInItsTime) {
+TEST(Wind, OrnsteinUhlenbeckDecaysInItsTime) {
   const WindConfig config{.mean_mps = {3, 0, 0}, .gusts = Gusts::ornstein_uhlenbeck, .gust_std_mps = 0.7F, .gust_time_s = 0.5F};
   const auto values = record(config, 0.05, 400000, 1);
   for (std::size_t axis = 0; axis < 3; ++axis) {

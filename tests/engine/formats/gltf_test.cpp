@@ -154,7 +154,7 @@ TEST(Gltf, AMeshOfManyNodesIsAnObjectForEach) {
   expect_near(corners(mesh, 2)[0], Vec3(6, 0, 0));
 }
 
-TEST(Gltf, TheDefaultSceneAloneIsRead) {
+TEST(Gltf, OnlyTheDefaultSceneIsRead) {
   File file = one_triangle();
   file.node({{"mesh", 0}, {"translation", {3, 0, 0}}});
   file.json["scenes"] = {{{"nodes", {0}}}, {{"nodes", {1}}}};
@@ -476,7 +476,7 @@ TEST(Gltf, ColoursOfVertices) {
   EXPECT_EQ(gltf_refusal(file), "x.gltf: /accessors/1: expected as many colours as positions (3), got 2");
 }
 
-TEST(Gltf, NodesSayWhatTheyAreThereFor) {
+TEST(Gltf, NodesMayBeVisualOrCollisionOnly) {
   const auto visibility_of = [](const std::vector<Json>& nodes) {
     File file = one_triangle();
     file.json["nodes"] = nodes;
@@ -515,7 +515,7 @@ TEST(Gltf, NodesSayWhatTheyAreThereFor) {
             "x.gltf: /nodes/0/extras: expected one of visual_only and collision_only to be true, got both");
 }
 
-TEST(Gltf, WhatIsNotReadIsNamed) {
+TEST(Gltf, IgnoredPartsAreNamed) {
   File file = one_triangle({{"skin", 0}});
   file.json["animations"] = {Json::object(), Json::object()};
   file.json["skins"] = {Json::object()};
@@ -549,7 +549,7 @@ std::string refusal(const std::string& pointer, const Json& value) {
   return gltf_refusal(file.json.dump());
 }
 
-TEST(Gltf, WhatIsWrongIsRefusedByItsPlace) {
+TEST(Gltf, MistakesAreRefusedWithTheirPlace) {
   EXPECT_EQ(gltf_refusal("{}"), "x.gltf: expected a field \"asset\", found none");
   EXPECT_EQ(gltf_refusal("[]"), "x.gltf: expected an object, got []");
   EXPECT_EQ(gltf_refusal("").rfind("x.gltf: not valid JSON: ", 0), 0U);
@@ -667,7 +667,7 @@ TEST(Gltf, DepthIsBoundedInJsonAndFreeInNodes) {
   EXPECT_EQ(gltf_refusal(deep), "x.gltf: expected at most 32 arrays and objects in one another, got more");
 }
 
-TEST(Gltf, WhatNodesMultiplyIsBounded) {
+TEST(Gltf, InstancesAreBounded) {
   File file;
   std::string indices;
   for (int i = 0; i < 3 * 4096; ++i) indices += static_cast<char>(i % 3);
@@ -698,7 +698,7 @@ std::string glb_of(File file) {
   return "glTF" + number(2) + number(12 + chunks.size()) + chunks;
 }
 
-TEST(Gltf, BinaryFilesAreReadWholeOrNotAtAll) {
+TEST(Gltf, IncompleteBinaryFilesAreRefused) {
   const std::string glb = glb_of(Textured());
   EXPECT_EQ(parse(glb).scene.textures.size(), 1U);
   for (std::size_t size = 0; size < glb.size(); ++size) EXPECT_NE(gltf_refusal(glb.substr(0, size)), "accepted") << size;
@@ -714,7 +714,7 @@ TEST(Gltf, BinaryFilesAreReadWholeOrNotAtAll) {
   EXPECT_EQ(gltf_refusal(other).rfind("x.gltf: expected chunks within the file, got one of ", 0), 0U);
 }
 
-TEST(Gltf, TextCutShortIsRefused) {
+TEST(Gltf, TruncatedTextIsRefused) {
   const std::string text = Textured().text();
   for (std::size_t size = 0; size < text.size(); ++size) EXPECT_NE(gltf_refusal(text.substr(0, size)), "accepted") << size;
   EXPECT_EQ(gltf_refusal(text), "accepted");
@@ -722,7 +722,7 @@ TEST(Gltf, TextCutShortIsRefused) {
 
 // --------------------------------------------------------------------------------------------------------- in a World
 
-TEST(Gltf, AWorldTellsWhatItLeftOut) {
+TEST(Gltf, AWorldReportsIgnoredParts) {
   const std::filesystem::path path = std::filesystem::path(::testing::TempDir()) / "flockstep_gltf_world.gltf";
   File file = one_triangle();
   file.json["animations"] = {Json::object()};

@@ -194,7 +194,7 @@ TEST(GltfWriter, VerticesBeyond16BitsAreKept) {
 }
 
 // The tessellation is part of the format: older files must read the same.
-TEST(GltfWriter, FilesOfBeforeKeepTheirPrimitives) {
+TEST(GltfWriter, OlderFilesKeepTheirPrimitives) {
   const std::filesystem::path folder = std::filesystem::path(FLOCKSTEP_CORPUS) / "gltf";
   for (const auto& [name, count] : std::map<std::string, std::size_t>{{"ours_flat.glb", 3}, {"ours_round.glb", 4}}) {
     const auto world = World::load(folder / name);
@@ -276,7 +276,7 @@ TEST(GltfWriter, ItIsPlacedAsAWhole) {
 }
 
 // Nodes 0 to 4 are the primitives, 5 the mesh, 6 the start, 7 the sun.
-TEST(GltfWriter, WhatIsMovedInAnotherProgramMoves) {
+TEST(GltfWriter, ObjectsMovedInAnotherProgramMove) {
   const World world = small_world();
   const double half = std::sqrt(0.5);  // a quarter turn about the file's y axis, which is z in the world
   const GltfFile file = read_edited([&](Json& json) {
@@ -301,7 +301,7 @@ TEST(GltfWriter, WhatIsMovedInAnotherProgramMoves) {
   EXPECT_EQ(twice.scene.mesh.objects, (std::vector<std::uint16_t>{0, 1}));
 }
 
-TEST(GltfWriter, WhatIsAPrimitiveNoLongerIsAMesh) {
+TEST(GltfWriter, ChangedPrimitivesAreMeshes) {
   const std::string one = "1 primitive in extras of another shape than the mesh, which is read instead";
   const std::vector<Edit> edits{
       [](Json& json) { json["nodes"][3]["scale"] = {2, 3, 2}; },                  // an ellipsoid
@@ -411,7 +411,7 @@ TEST(GltfWriter, FilesAreSavedBySuffixWholeOrNotAtAll) {
   std::filesystem::remove_all(folder);
 }
 
-TEST(GltfWriter, WhatIsTooLargeIsRefused) {
+TEST(GltfWriter, TooLargeWorldsAreRefused) {
   SceneDescription scene;
   scene.primitives = {{PrimitiveKind::sphere, Vec3::Zero(), Quat::Identity(), Vec3::Ones(), 0}};
   scene = canonical(std::move(scene));

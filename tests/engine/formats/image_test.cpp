@@ -118,7 +118,7 @@ TEST(Image, AJpegIsRead) {
   for (std::size_t i = 0; i < grey.rgba.size(); ++i) EXPECT_NEAR(grey.rgba[i], i % 4 == 3 ? 255 : 180, 1);
 }
 
-TEST(Image, AFileCutShortIsRefused) {
+TEST(Image, ATruncatedFileIsRefused) {
   const auto cut = [](const Bytes& file) {
     for (std::size_t size = 0; size < file.size(); ++size) {
       EXPECT_NE(image_refusal({file.begin(), file.begin() + static_cast<std::ptrdiff_t>(size)}), "accepted") << size;
@@ -144,7 +144,7 @@ TEST(Image, ADamagedPngIsRefused) {
   }
 }
 
-TEST(Image, WhatIsNoImageIsRefused) {
+TEST(Image, FilesWithoutAnImageAreRefused) {
   EXPECT_EQ(image_refusal({}), "x: expected a PNG or JPEG file, got an empty one");
   EXPECT_EQ(image_refusal(bytes_of("GIF89a")), "x: expected a PNG or JPEG file, got one that begins otherwise");
   EXPECT_NE(image_refusal({0xff, 0xd8, 0xff}), "accepted");

@@ -137,7 +137,7 @@ TEST_F(Mtl, OptionsOfTexturesComeBeforeTheNameAndMayBeShort) {
   EXPECT_EQ(world->materials()[3].base_color, (Color{0.25F, 0.25F, 0.25F}));
 }
 
-TEST_F(Mtl, WhatIsNotReadIsNamed) {
+TEST_F(Mtl, IgnoredPartsAreNamed) {
   write_image("a.png", 1);
   const auto world = load(
       "newmtl a\nd 0.5\nbump a.png\nnewmtl b\nTr 0.25\nnewmtl c\nmap_d a.png\nnorm a.png\nnewmtl d\nmap_Kd -s 2 2 2 a.png\n"
@@ -152,7 +152,7 @@ TEST_F(Mtl, WhatIsNotReadIsNamed) {
                      "1 texture's scale or offset", "1 material's colour by a spectrum"}));
 }
 
-TEST_F(Mtl, AMissingMaterialFileLeavesGreyMaterialsOfTheirNames) {
+TEST_F(Mtl, AMissingMaterialFileGivesGreyMaterials) {
   const auto world = World::load(write("a.obj", "mtllib gone.mtl\nv 0 0 0\nv 1 0 0\nv 0 1 0\nusemtl wood\nf 1 2 3\n"));
   ASSERT_EQ(world->materials().size(), 1U);
   EXPECT_EQ(world->materials()[0].name, "wood");
@@ -172,7 +172,7 @@ TEST_F(Mtl, NamesOfFilesMayHaveSpacesAndBeSeveral) {
   EXPECT_EQ(ignored_of(*world), Ignored{"1 file that is missing (gone.mtl)"});
 }
 
-TEST_F(Mtl, FilesOutsideAreReadWhereTheyMayBe) {
+TEST_F(Mtl, FilesOutsideAreReadIfAllowed) {
   write("a.mtl", "newmtl a\nKd 1 0 0\n");
   const auto path = write("below/a.obj", "mtllib ../a.mtl\nv 0 0 0\nv 1 0 0\nv 0 1 0\nusemtl a\nf 1 2 3\n");
   EXPECT_EQ(World::load(path)->materials()[0].base_color, Material().base_color);
@@ -269,7 +269,7 @@ TEST_F(MtlInScene, TheDefaultMaterialStaysTheScenes) {
   EXPECT_EQ(world->triangles().materials, (std::vector<std::uint16_t>{0, 1, 0}));
 }
 
-TEST_F(MtlInScene, WhatIsNotReadIsNamed) {
+TEST_F(MtlInScene, IgnoredPartsAreNamed) {
   write("a.obj", std::string(kObj) + "l 1 2\n");
   EXPECT_EQ(ignored_of(*scene(R"("meshes": [{"file": "a.obj"}])")),
             (Ignored{"1 file that is missing (a.mtl)", "2 materials that no material file has", "1 line or point of a.obj"}));

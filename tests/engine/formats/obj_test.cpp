@@ -77,7 +77,7 @@ TEST_F(Obj, KeepsTheOrderOfFacesOverGroupsAndMaterials) {
   EXPECT_EQ(mesh.triangles, (std::vector<std::array<std::int32_t, 3>>{{0, 1, 2}, {0, 2, 3}, {1, 2, 3}}));
 }
 
-TEST_F(Obj, KeepsPlacesInTexturesWhereTheyAreWanted) {
+TEST_F(Obj, KeepsTextureCoordinatesIfRequested) {
   const std::string text = kSquare + "vt 0.25 0.75\nvt 0.5\nvt x 1\nvt 0 1 9\nf 1/1 2/2 3/4\nf 1/-3 3/4 4\nf 2/2 3/9 4/3\n";
   const TriangleMesh plain = load(text);
   EXPECT_TRUE(plain.uv.empty());
@@ -113,7 +113,7 @@ TEST_F(Obj, ObjectsAndMaterialsAreNumberedByTheirFirstFaces) {
   EXPECT_EQ(mesh.ignored, std::vector<std::string>{"2 lines and points"});
 }
 
-TEST_F(Obj, NamesSayWhatIsThereForCollisionAlone) {
+TEST_F(Obj, NamesMarkCollisionOnlyObjects) {
   const std::string f = "f 1 2 3\n";
   const TriangleMesh mesh =
       load(kSquare + "o a\n" + f + "o UCX_a\n" + f + "o b-colonly\n" + f + "o UCX_a\n" + f + "o c-col\n" + f);
@@ -188,7 +188,7 @@ TEST_F(Obj, LinesEndInAnyOfThreeWays) {
             ":6: expected a vertex index within the 4 vertices so far, got \"99999999\"");
 }
 
-TEST_F(Obj, WhatIsNeitherVertexNorFaceIsPassedOver) {
+TEST_F(Obj, OtherLinesAreSkipped) {
   const std::string others =
       "vt 1\nvn x\nvp 1 2\nl 1 99999999\np 77 -77\nt crease 2147483647/2147483647/2147483647\nmtllib /dev/zero\n"
       "usemtl no\ng\ns off\nvw 1 0 2147483647 1\nfoo\n";

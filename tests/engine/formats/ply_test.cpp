@@ -135,7 +135,7 @@ TEST(Ply, ColorsOfAnyTypeAreWithinOne) {
   EXPECT_EQ(color("float", "nan"), 0.0F);
 }
 
-TEST(Ply, WhatIsNotReadIsNamed) {
+TEST(Ply, IgnoredPartsAreNamed) {
   const PlyMesh read =
       parse_ply(text_file("comment TextureFile a.png\nelement vertex 3\nproperty float x\nproperty float y\nproperty float z\n"
                           "property float s\nproperty float t\nproperty float nx\nelement face 1\n"

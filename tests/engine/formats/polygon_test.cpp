@@ -88,7 +88,7 @@ TEST(Polygon, QuadsAreCutAtTheShorterDiagonalThatIsInside) {
   EXPECT_EQ(cut_polygon(std::vector<Vec3>{{0, 0, 0}, {4, -1, 0}, {3, 0, 0}, {4, 1, 0}}), (CornerTriples{{0, 1, 2}, {0, 2, 3}}));
 }
 
-TEST(Polygon, ConcaveOnesAreCoveredAndNoMore) {
+TEST(Polygon, ConcaveOnesAreCoveredExactly) {
   std::mt19937 random(1);
   std::uniform_real_distribution<double> uniform(0.2, 1.0);
   for (unsigned seed = 0; seed < 500; ++seed) {

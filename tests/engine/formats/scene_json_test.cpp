@@ -132,7 +132,7 @@ TEST(SceneJson, ReadsEveryKindOfThing) {
   EXPECT_EQ(read.markers.spawn_box->max, Vec3(1.5F, 0.5F, 1.5F));
 }
 
-TEST(SceneJson, ReadsWhatCamerasSeeThingsBy) {
+TEST(SceneJson, ReadsMaterialsAndLight) {
   const SceneDescription read = parse_scene(scene(kRoom + R"(,
       "materials": {"first": {"base_color": [1, 0, 0], "semantic": 7}, "second": {"base_color": [0, 1, 0]},
                     "third": {"base_color": [0, 0, 1], "semantic": 65532}, "fourth": {"base_color": [0, 0, 1], "semantic": 1.0}},
@@ -154,7 +154,7 @@ TEST(SceneJson, ReadsWhatCamerasSeeThingsBy) {
   EXPECT_EQ(read.light.gamma, 1.0F);
 }
 
-TEST(SceneJson, WhatTheLightDoesNotSayIsTheDefault) {
+TEST(SceneJson, MissingFieldsOfTheLightHaveDefaults) {
   const Light usual;
   expect_same_bits(parse_scene(scene(kRoom), "x.json", {}).light, usual, "no light");
   expect_same_bits(parse_scene(scene(kRoom + R"(, "light": {})"), "x.json", {}).light, usual, "an empty light");
@@ -171,7 +171,7 @@ TEST(SceneJson, TheDirectionOfTheSunIsNormalised) {
   }
 }
 
-TEST(SceneJson, WhatIsDefaultIsNotWritten) {
+TEST(SceneJson, DefaultsAreNotWritten) {
   const auto world =
       World::from_json(scene(kRoom + R"(, "materials": {"a": {"base_color": [0, 0, 0]}}, "light": {"gamma": 2.2})"));
   EXPECT_EQ(world->to_json().find("light"), std::string::npos);
@@ -226,7 +226,7 @@ struct BadScene {
   std::string message;
 };
 
-TEST(SceneJson, BadScenesAreRefusedWithTheFieldWhatWasExpectedAndWhatCame) {
+TEST(SceneJson, BadScenesAreRefusedWithFieldExpectedAndGot) {
   const std::vector<BadScene> cases{
       {"not an object", "[]", "x.json: expected an object, got []"},
       {"no version", "{" + kRoom + "}", "x.json: expected a field \"flockstep_scene\", found none"},
@@ -414,7 +414,7 @@ TEST(SceneJson, MoreMeshesThanNumbersAreRefused) {
   EXPECT_EQ(scene_refusal(scene(R"("meshes": [)" + meshes + "]")), "x.json: /meshes/0: expected an object, got 0");
 }
 
-TEST(SceneJson, WhatIsNotJsonIsRefusedWithThePlace) {
+TEST(SceneJson, InvalidJsonIsRefusedWithThePlace) {
   const auto expect_starts = [](const std::string& text, const std::string& start) {
     EXPECT_EQ(scene_refusal(text).rfind(start, 0), 0U) << scene_refusal(text);
   };
@@ -446,7 +446,7 @@ TEST(SceneJson, NestingIsBounded) {
             "x.json: /name: expected a string, got " + std::string(31, '[') + std::string(29, ']') + "...");
 }
 
-TEST(SceneJson, MessagesAreShortHoweverMuchCame) {
+TEST(SceneJson, MessagesAreShortForLongInput) {
   const std::string euros = [] {
     std::string text;
     for (int i = 0; i < 100000; ++i) text += "\u20ac";

@@ -132,7 +132,7 @@ TEST_P(ShippedPlayground, HasPillarsWithComfortableGaps) {
   EXPECT_GE(smallest_marker_clearance(*world_), 0.9F);
 }
 
-TEST_P(ShippedPlayground, CrashesTheStraightFlightAndHasAWayThrough) {
+TEST_P(ShippedPlayground, BlocksTheStraightFlightAndHasAPath) {
   EXPECT_TRUE(straight_flight_crashes(*world_, drone_));
   expect_way_through(*world_, drone_);
 }
@@ -157,7 +157,7 @@ INSTANTIATE_TEST_SUITE_P(Camera, ShippedPlayground, ::testing::ValuesIn(names(tr
 class CameraPlayground : public ShippedPlayground {};
 
 // The camera task's drone moves 0.1 m per step forward, left or right, never back.
-TEST_P(CameraPlayground, CanBeFlownForwardsOnly) {
+TEST_P(CameraPlayground, CanBeFlownOnlyForwards) {
   constexpr float kStep = 0.1F;
   constexpr float kReached = 0.5F;
   const Vec3 start = *world_->markers().start;
@@ -213,7 +213,7 @@ INSTANTIATE_TEST_SUITE_P(Camera, CameraPlayground, ::testing::ValuesIn(names(tru
 
 // ------------------------------------------------------------------------------------------------------ generated playgrounds
 
-TEST(GeneratedPlayground, KeepsItsPromises) {
+TEST(GeneratedPlayground, KeepsItsGuarantees) {
   const DroneModel drone = DroneModel::quadrotor650();
   std::set<std::size_t> waypoints;
   for (std::uint64_t seed = 0; seed < 50; ++seed) {
@@ -261,7 +261,7 @@ std::uint64_t hash(const std::string& text) {
   return value;
 }
 
-TEST(GeneratedPlayground, ASeedIsAWorld) {
+TEST(GeneratedPlayground, EachSeedIsOneWorld) {
   EXPECT_EQ(playground({.seed = 7})->to_json(), playground({.seed = 7})->to_json());
   EXPECT_NE(playground({.seed = 7})->to_json(), playground({.seed = 8})->to_json());
   EXPECT_NE(playground({.seed = 7})->to_json(), playground({.seed = 7 + (std::uint64_t{1} << 32U)})->to_json());
@@ -293,7 +293,7 @@ TEST(GeneratedPlayground, BadConfigsAreRefused) {
   }
 }
 
-TEST(GeneratedPlayground, MorePillarsThanFitAreRefusedInTheEnd) {
+TEST(GeneratedPlayground, TooManyPillarsAreRefused) {
   try {
     playground({.pillars = 200, .size_m = {6, 6, 2}, .pillar_radius_m = 0.4F});
     FAIL() << "accepted";

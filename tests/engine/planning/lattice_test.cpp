@@ -33,7 +33,7 @@ World clutter(unsigned seed) {
   return World(std::move(scene));
 }
 
-TEST(Lattice, AgreesWithTheSweepOnWhatIsClear) {
+TEST(Lattice, AgreesWithTheSweepOnFreeSpace) {
   for (const unsigned seed : {1U, 2U, 3U}) {
     const World world = clutter(seed);
     const FreeSpace space(world, DroneModel::quadrotor650());

@@ -124,7 +124,7 @@ TEST(Plan, ThroughAWindowInAMesh) {
   expect_shortest(world, {1, 4.5F, 1.5F}, {{7, 4.5F, 1.5F}}, 0.8 + 2.0 * std::hypot(2.6, 1.5), 0.003);
 }
 
-TEST(Plan, GapsNarrowerThanTheDroneAreNoWay) {
+TEST(Plan, GapsNarrowerThanTheDroneAreBlocked) {
   const auto hall = [](float gap) {
     return scene({room({10, 6, 3}), box({5, 1.5F - gap / 4, 1.5F}, {1, 3 - gap / 2, 3}),
                   box({5, 4.5F + gap / 4, 1.5F}, {1, 3 - gap / 2, 3})});
@@ -135,7 +135,7 @@ TEST(Plan, GapsNarrowerThanTheDroneAreNoWay) {
   EXPECT_TRUE(plan(World(hall(0.62F)), box_drone(), Vec3(2, 2, 1), goal));  // off the gap's axis
 }
 
-TEST(Plan, NoWayOutOfASolidOrIntoOne) {
+TEST(Plan, NoPathLeavesOrEntersASolid) {
   const World world(scene({room({10, 6, 3}), box({5, 3, 1.5F}, {1, 1, 3})}));
   EXPECT_FALSE(plan(world, box_drone(), Vec3(5, 3.6F, 1), std::vector<Vec3>{{8, 3, 1}}));
   EXPECT_FALSE(plan(world, box_drone(), Vec3(2, 3, 1), std::vector<Vec3>{{5, 3.6F, 1}}));

@@ -35,7 +35,7 @@ TEST(PreparedWorld, SceneAndObstaclesOfAPlaygroundLieSideBySide) {
   }
 }
 
-TEST(NearMemory, WhatDoesNotFitGoesToTheHeap) {
+TEST(NearMemory, ObjectsThatDoNotFitGoToTheHeap) {
   NearMemory memory;
   std::pmr::vector<double> fits(16, 1.0, &memory);
   std::pmr::vector<double> another(16, 2.0, &memory);
@@ -62,7 +62,7 @@ TEST(NearMemory, AnObjectThatThrowsLeavesNothing) {
   EXPECT_THROW(static_cast<void>(make_near<Throws>(memory)), std::runtime_error);
 }
 
-TEST(PreparedWorld, EachPartIsBuiltOnceWhicheverThreadComesFirst) {
+TEST(PreparedWorld, EachPartIsBuiltOnceByAnyThread) {
   struct Seen {
     const PreparedWorld* world;
     const trace::Scene* scene;
@@ -89,7 +89,7 @@ TEST(PreparedWorld, IsOfItsWorldAlone) {
   EXPECT_NE(&prepared(*one), &prepared(*other));
 }
 
-TEST(Attachment, GoesWithItsOwner) {
+TEST(Attachment, IsDestroyedWithItsOwner) {
   std::weak_ptr<const int> seen;
   {
     const Attachment attachment;
@@ -104,7 +104,7 @@ TEST(Attachment, GoesWithItsOwner) {
   EXPECT_TRUE(seen.expired());
 }
 
-TEST(Attachment, IsMadeByTheNextWhereMakingFails) {
+TEST(Attachment, IsMadeByTheNextCallAfterAFailure) {
   const Attachment attachment;
   const auto fail = []() -> std::shared_ptr<const int> { throw std::runtime_error("no"); };
   EXPECT_THROW(attachment.get<int>(fail), std::runtime_error);

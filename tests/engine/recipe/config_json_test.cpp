@@ -148,7 +148,7 @@ TEST(ConfigJson, EachFloatKeepsItsBits) {
   EXPECT_GT(compared, 19'000);
 }
 
-TEST(ConfigJson, IsNotMadeOfNumbersThatAreNotFinite) {
+TEST(ConfigJson, RefusesToWriteNonFiniteNumbers) {
   LidarConfig lidar;
   lidar.offset_m[1] = std::numeric_limits<float>::quiet_NaN();
   EXPECT_THROW((void)json_of(lidar), std::invalid_argument);
@@ -156,7 +156,7 @@ TEST(ConfigJson, IsNotMadeOfNumbersThatAreNotFinite) {
   EXPECT_THROW((void)json_of(lidar), std::invalid_argument);
 }
 
-TEST(ConfigJson, RefusesWhatIsNoConfig) {
+TEST(ConfigJson, RefusesInvalidConfigs) {
   const std::vector<std::pair<std::string, std::string>> cases{
       {R"({"episode": {"frame_skp": 2}})",
        "episode.frame_skp: expected one of autoreset_mode, max_episode_steps, frame_skip, stagger_first_episode, random_world, "

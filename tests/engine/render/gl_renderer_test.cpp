@@ -308,7 +308,7 @@ void expect_true(const Album& album, double least_share) {
   EXPECT_GE(static_cast<double>(clear), least_share * static_cast<double>(total));
 }
 
-TEST(GlRenderer, SaysWhatItDrawsWith) {
+TEST(GlRenderer, ReportsItsDevice) {
   NEEDS_RENDERER(renderer);
   EXPECT_NE(renderer.description().find("OpenGL 4."), std::string::npos) << renderer.description();
 }
@@ -797,7 +797,7 @@ TEST(GlRenderer, ManyMadeAndDestroyedAndTwoAtOnce) {
   }
 }
 
-TEST(GlRenderer, WithoutEglItSaysSo) {
+TEST(GlRenderer, WithoutEglItReportsWhy) {
   const EglVariable variable("none");
   EXPECT_THROW(GlRenderer(), GlUnavailable);
   EXPECT_NE(message_of([] { GlRenderer renderer; }).find("FLOCKSTEP_EGL=none"), std::string::npos);
@@ -840,7 +840,7 @@ TEST(GlRenderer, FailingAndHangingOnTheWay) {
 }
 
 #if !defined(_WIN32)
-TEST(GlRenderer, ForkedChildLeavesItAlone) {
+TEST(GlRenderer, AForkedChildDoesNotUseIt) {
   NEEDS_RENDERER(renderer);
   const auto world = playground("camera-train-1");
   Album album(camera_of(16, 16));

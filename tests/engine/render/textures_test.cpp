@@ -83,7 +83,7 @@ CameraConfig camera_of(bool shadows) {
 
 class TexturedPictures : public ::testing::TestWithParam<CameraBackend> {};
 
-TEST_P(TexturedPictures, ShowWhatTheOracleSees) {
+TEST_P(TexturedPictures, AgreeWithTheOracle) {
   const auto world = place();
   Compared all;
   for (const bool shadows : {false, true}) {
@@ -139,7 +139,7 @@ TEST_P(TexturedPictures, OfSeveralWorlds) {
 INSTANTIATE_TEST_SUITE_P(Backends, TexturedPictures, ::testing::Values(CameraBackend::raycast, CameraBackend::gl),
                          [](const auto& info) { return std::string(info.param == CameraBackend::gl ? "Gl" : "Raycast"); });
 
-TEST(Textures, AColourIsTheSameWhateverElseIsAskedFor) {
+TEST(Textures, ColoursDoNotDependOnOtherOutputs) {
   const auto world = place();
   CameraConfig camera = camera_of(false);
   const auto all = testing::look(world, camera, {-4, 0, 1.5F});
@@ -149,7 +149,7 @@ TEST(Textures, AColourIsTheSameWhateverElseIsAskedFor) {
   EXPECT_TRUE(std::equal(expected.begin(), expected.end(), found.begin(), found.end()));
 }
 
-TEST(Textures, ABorderShowsWhatLiesBeyondTheEdge) {
+TEST(Textures, ABorderShowsTheWrappedTexture) {
   for (const TextureWrap across : {TextureWrap::repeat, TextureWrap::mirror, TextureWrap::clamp}) {
     for (const TextureWrap down : {TextureWrap::repeat, TextureWrap::mirror, TextureWrap::clamp}) {
       const std::vector<Texture> images{patches(5, 3, 1, 1, {}), patches(13, 6, 1, 3, {across, down})};

@@ -73,7 +73,7 @@ void smear(const Batch& batch, std::size_t camera = 0) {
 
 bool is_smeared(const Batch& batch, std::size_t drone) { return batch.images(0).depth[drone] == -1.0F; }
 
-TEST(CaptureEveryStep, AtEverySenseOfTheDronesItChooses) {
+TEST(CaptureEveryStep, AtEverySenseOfTheSelectedDrones) {
   Batch batch(probes(3, CaptureMode::every_step), {halls()[0]});
   EXPECT_EQ(frame_step(batch), (Steps{-1, -1, -1}));
   EXPECT_EQ(shown(batch), (std::vector<float>{kInfinity, kInfinity, kInfinity}));
@@ -93,7 +93,7 @@ TEST(CaptureEveryStep, AtEverySenseOfTheDronesItChooses) {
   EXPECT_EQ(frame_step(batch), (Steps{1, 2, 1}));
 }
 
-TEST(CaptureOnMovement, OnlyWhereThePoseOrTheWorldIsAnother) {
+TEST(CaptureOnMovement, OnlyIfThePoseOrTheWorldChanged) {
   Batch batch(probes(5, CaptureMode::on_movement), halls(), nullptr, DroneModel::quadrotor650(), std::vector<std::int32_t>(5, 0));
   put(batch, {1, 2, 3, 4, 5});
   batch.sense();
@@ -131,7 +131,7 @@ TEST(CaptureOnMovement, OnlyWhereThePoseOrTheWorldIsAnother) {
   for (std::size_t drone = 0; drone < 5; ++drone) EXPECT_EQ(is_smeared(batch, drone), drone >= 2) << drone;
 }
 
-TEST(CaptureOnMovement, AFlightThatEndsWhereItBeganIsNone) {
+TEST(CaptureOnMovement, AFlightBackToItsStartIsNoMovement) {
   Batch batch(probes(2, CaptureMode::on_movement), {halls()[0]});
   put(batch, {1, 2});
   batch.sense();
@@ -143,7 +143,7 @@ TEST(CaptureOnMovement, AFlightThatEndsWhereItBeganIsNone) {
   EXPECT_EQ(frame_step(batch), (Steps{0, 1}));
 }
 
-TEST(CaptureOnDemand, ByCaptureAlone) {
+TEST(CaptureOnDemand, OnlyByCapture) {
   Batch batch(probes(3, CaptureMode::on_demand), {halls()[0]});
   put(batch, {1, 2, 3});
   batch.sense();
@@ -165,7 +165,7 @@ TEST(CaptureOnDemand, ByCaptureAlone) {
   EXPECT_EQ(frame_step(batch), (Steps{2, 2, 0})) << "before the episode's first sense";
 }
 
-TEST(Capture, RendersNowWhateverTheMode) {
+TEST(Capture, RendersNowInEveryMode) {
   for (const CaptureMode mode : {CaptureMode::every_step, CaptureMode::on_movement}) {
     Batch batch(probes(2, mode), {halls()[0]});
     put(batch, {1, 2});
@@ -201,7 +201,7 @@ TEST(Capture, TheModeChangesAtRunTime) {
   EXPECT_EQ(frame_step(batch), (Steps{4}));
 }
 
-TEST(CaptureSlots, ARemovedOneSeesNothingAndASpawnedOneLooks) {
+TEST(CaptureSlots, ARemovedOneSeesNothingAndASpawnedOneRenders) {
   for (const CaptureMode mode : {CaptureMode::every_step, CaptureMode::on_movement, CaptureMode::on_demand}) {
     SCOPED_TRACE(static_cast<int>(mode));
     CameraConfig camera{.width_px = 5, .height_px = 3, .outputs = kAllOutputs, .capture_mode = mode};
@@ -469,7 +469,7 @@ std::shared_ptr<const World> gallery() {
                      primitive(PrimitiveKind::sphere, {0, -2, 1}, {0.8F, 0.8F, 0.8F})});
 }
 
-TEST(CameraChange, MakesADroneOneThatWasMadeSo) {
+TEST(CameraChange, EqualsASensorMadeThatWay) {
   CameraConfig base{.width_px = 24, .height_px = 18, .hfov_deg = 70.0F, .vfov_deg = 50.0F, .outputs = kAllOutputs};
   CameraConfig across = base;
   across.hfov_deg = 100.0F;
@@ -677,7 +677,7 @@ TEST(CameraRefusal, ChangesNothing) {
 
 // -- Files.
 
-TEST(CameraJpeg, IsAFileOfTheFrame) {
+TEST(CameraJpeg, EncodesTheFrame) {
   for (const bool grey : {false, true}) {
     CameraConfig camera{.width_px = 50, .height_px = 30, .outputs = {.rgb = !grey, .grey = grey}};
     const auto batch = testing::look(gallery(), camera, {0, 0, 0});
@@ -817,7 +817,7 @@ TEST(CameraSnapshot, RestoredIsUninterrupted) {
   }
 }
 
-TEST(CameraSnapshot, GoesBackToTheModeItHad) {
+TEST(CameraSnapshot, RestoresItsMode) {
   Batch batch(probes(1, CaptureMode::every_step), {halls()[0]});
   batch.set_capture_mode(0, CaptureMode::on_movement);
   const std::string blob = batch.snapshot();

@@ -302,7 +302,7 @@ std::vector<NearCase> near_cases() {
   };
 }
 
-TEST(CameraNear, WhatItCutsIsOpen) {
+TEST(CameraNear, SolidsThatItCutsAreOpen) {
   for (const NearCase& one : near_cases()) {
     for (const bool crowd : {false, true}) {
       SCOPED_TRACE(std::string(one.what) + (crowd ? ", in company" : ""));
@@ -469,7 +469,7 @@ TEST(CameraIds, OfEveryKindOfThing) {
   EXPECT_EQ(compared.elements.size(), 1U + 6U + 4U + 4U) << "room, primitives, triangles, markers";
 }
 
-TEST(CameraIds, AMarkerIsSeenFromOutsideAlone) {
+TEST(CameraIds, AMarkerIsSeenOnlyFromOutside) {
   const Ring things = ring();
   for (std::size_t i = 8; i < 12; ++i) {  // from inside each marker towards the room's centre
     SCOPED_TRACE(things.things[i].what);
@@ -644,7 +644,7 @@ std::shared_ptr<const World> yard(bool with_mesh) {
   return std::make_shared<const World>(description);
 }
 
-TEST(CameraShadows, AreWhereTheOracleHasThem) {
+TEST(CameraShadows, AgreeWithTheOracle) {
   Random random(31);
   for (const bool with_mesh : {false, true}) {
     const auto world = yard(with_mesh);
@@ -819,7 +819,7 @@ TEST(CameraLayout, ChannelFirstIsChannelLastTurned) {
   }
 }
 
-TEST(CameraOutputs, EachAloneIsAsAmongAll) {
+TEST(CameraOutputs, EachAloneEqualsItselfAmongAll) {
   const Ring things = ring();
   for (const int samples : {1, 4}) {
     CameraConfig camera = camera_of(33, 47);
@@ -900,7 +900,7 @@ const std::vector<CrowdCase>& crowds() {
   return all;
 }
 
-TEST(CameraCrowds, AreSeenAsTheOracleHasThem) {
+TEST(CameraCrowds, AgreeWithTheOracle) {
   for (const CrowdCase& one : crowds()) {
     SCOPED_TRACE(one.what);
     Random random(55);

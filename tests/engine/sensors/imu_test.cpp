@@ -63,7 +63,7 @@ TEST(Imu, ReadsGravityUpwardsAtRestAndNothingInFreeFall) {
   EXPECT_TRUE(row(batch.imu_readings().gyroscope, 0).isZero(1e-6F));
 }
 
-TEST(Imu, FeelsTheFrameItIsIn) {
+TEST(Imu, MeasuresInItsOwnFrame) {
   const Quat turned(Eigen::AngleAxisf(0.7F, Vec3(1, 2, 3).normalized()));
   const Quat mount(Eigen::AngleAxisf(-1.1F, Vec3(0, 1, 1).normalized()));
   Batch batch = make(with_imu(1, {.quat_wxyz = {mount.w(), mount.x(), mount.y(), mount.z()}}));
@@ -75,7 +75,7 @@ TEST(Imu, FeelsTheFrameItIsIn) {
 }
 
 // Two sensors on one body differ by the effect of rotation: w' x r + w x (w x r). The reference uses the sensor's positions.
-TEST(Imu, OffTheCentreFeelsTheTurning) {
+TEST(Imu, OffTheCentreMeasuresTheRotation) {
   const Vec3 offset(0.3F, -0.2F, 0.1F);
   const BatchConfig config = with_imu(1, {.offset_m = {offset.x(), offset.y(), offset.z()}});
   Batch batch = make(config);
@@ -160,7 +160,7 @@ TEST(Imu, NoiseHasTheAllanVarianceOfItsDensities) {
   EXPECT_NEAR(moments(means).mean, 0.0, 5.0 * 0.02 / std::sqrt(kStep * kReadings * kDrones)) << "no bias of its own";
 }
 
-TEST(Imu, ABiasThatForgetsKeepsItsVariance) {
+TEST(Imu, ACorrelatedBiasKeepsItsVariance) {
   constexpr int kDrones = 2000;
   const ImuConfig imu{.accelerometer_random_walk = 0.1F, .accelerometer_bias_time_s = 0.5F};
   Batch batch = make(with_imu(kDrones, imu));
@@ -215,7 +215,7 @@ TEST(Imu, BiasOfAnEpisodeBeginsAtZero) {
   EXPECT_LT(row(batch.imu_readings().gyroscope, 0).norm(), 1e-5F);
 }
 
-TEST(Imu, OfAnEnvIsTheSameInAnyCompanyAndAfterARestore) {
+TEST(Imu, OfAnEnvIsTheSameInAnyBatchAndAfterARestore) {
   const ImuConfig imu{.accelerometer_noise_density = 0.02F,
                       .accelerometer_random_walk = 0.01F,
                       .gyroscope_noise_density = 0.003F,
@@ -245,7 +245,7 @@ TEST(Imu, OfAnEnvIsTheSameInAnyCompanyAndAfterARestore) {
   EXPECT_TRUE(same_bits(alone.imu_readings().accelerometer, reading));
 }
 
-TEST(Imu, IsRefusedWhereNothingAccelerates) {
+TEST(Imu, IsRefusedForKinematicMotion) {
   BatchConfig config = with_imu(1, {});
   config.dynamics = {};
   EXPECT_REFUSED(config.validate(), "imu: expected None, where motion is kinematic");

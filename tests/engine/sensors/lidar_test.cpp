@@ -226,7 +226,7 @@ void expect_scan(const Batch& batch, std::size_t drone, const LidarConfig& confi
   EXPECT_GT(compared, beams.size() * 9 / 10);
 }
 
-TEST(LidarRanges, AreThoseOfTheOracleInRandomPoses) {
+TEST(LidarRanges, AgreeWithTheOracleInRandomPoses) {
   const LidarConfig config{.channels = 3,
                            .beams = 40,
                            .hfov_deg = 300.0F,
@@ -312,7 +312,7 @@ TEST(LidarRanges, PointsLieWhereTheRangesSay) {
 
 // -- Changes at run time.
 
-TEST(LidarChange, MakesADroneOneThatWasMadeSo) {
+TEST(LidarChange, EqualsASensorMadeThatWay) {
   const LidarConfig config{.channels = 2, .beams = 20, .hfov_deg = 200.0F, .vfov_deg = 30.0F, .max_range_m = 4.0F};
   LidarConfig shorter = config;
   shorter.max_range_m = 1.5F;
@@ -358,7 +358,7 @@ TEST(LidarChange, MakesADroneOneThatWasMadeSo) {
   }
 }
 
-TEST(LidarChange, IsRefusedAsAWholeEvenWhereNoDroneIsChosen) {
+TEST(LidarChange, IsRefusedEvenIfNoDroneIsSelected) {
   Batch batch(lidar_batch(2), {make_world(a_few())});
   batch.remove(std::vector<std::int64_t>{1});
   const std::string before = batch.snapshot();
@@ -420,7 +420,7 @@ TEST(LidarBits, AreTheSameForAnyBlocksThreadsAndNeighbours) {
   }
 }
 
-TEST(LidarBits, AMaskScansOnlyWhatItChooses) {
+TEST(LidarBits, AMaskScansOnlyItsDrones) {
   Batch batch(lidar_batch(4), {crowded_world()});
   Random random(8);
   const Poses poses = random_poses(random, 4, {4.5F, 3.5F, 2.5F});

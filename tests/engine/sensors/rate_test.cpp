@@ -33,7 +33,7 @@ std::int64_t period(std::optional<float> rate_hz, float dt_s, int substeps = 1) 
   return period_in_ticks(rate_hz, clock_of(dt_s, substeps), "lidar.rate_hz");
 }
 
-TEST(Rate, ItsPeriodIsTheTicksInBetween) {
+TEST(Rate, ItsPeriodIsCountedInTicks) {
   EXPECT_EQ(period(std::nullopt, 0.1F), 0);
   EXPECT_EQ(period(10.0F, 0.1F), 1);
   EXPECT_EQ(period(5.0F, 0.1F), 2);
@@ -98,7 +98,7 @@ TEST(Rate, OfABatchIsCheckedForEverySensor) {
   EXPECT_REFUSED(Batch(config, worlds), "camera.rate_hz");
 }
 
-TEST(Rate, IsDueEverySoManyTicksOrWhenAStepIsOver) {
+TEST(Rate, IsDueAfterItsPeriodOrAfterEachStep) {
   for (std::int64_t tick = 0; tick < 20; ++tick) {
     for (const bool step_is_over : {false, true}) {
       EXPECT_EQ(is_due(0, tick, step_is_over), step_is_over);
@@ -137,7 +137,7 @@ void step(Batch& batch) {
   batch.step(std::span(&forward, 1));
 }
 
-TEST(Rate, ALidarHoldsItsReadingsInBetween) {
+TEST(Rate, ALidarHoldsItsReadingsBetweenScans) {
   for (const int ticks : {1, 2, 3, 4, 8, 12, 7}) {
     SCOPED_TRACE("every " + std::to_string(ticks) + " ticks");
     NavigationBatch config = flying();
@@ -181,7 +181,7 @@ TEST(Rate, ALidarWithoutOneReadsAfterEveryStep) {
   }
 }
 
-TEST(Rate, ThePoseSensorHoldsItsReadingsInBetween) {
+TEST(Rate, ThePoseSensorHoldsItsReadings) {
   for (const int ticks : {2, 3, 8}) {
     NavigationBatch config = flying();
     config.pose_sensor.rate_hz = rate_of(ticks);
@@ -243,7 +243,7 @@ TEST(Rate, ByHandASensorReadsAtOnce) {
 
 // -- Substeps.
 
-TEST(Substeps, TakeADroneWhereTheStepDoes) {
+TEST(Substeps, EndWhereOneStepEnds) {
   for (const int substeps : {2, 3, 4, 10}) {
     NavigationBatch config = testing::navigation_batch(1);
     config.navigation.action = ActionKind::displacement_yaw;
@@ -262,7 +262,7 @@ TEST(Substeps, TakeADroneWhereTheStepDoes) {
   }
 }
 
-TEST(Substeps, WhatIsHitHoldsTheDroneUntilTheNextStep) {
+TEST(Substeps, AnObstacleStopsTheDroneUntilTheNextStep) {
   NavigationBatch config = testing::navigation_batch(1);
   config.navigation.step_m = 0.5F;
   config.episode.autoreset_mode = AutoresetMode::disabled;

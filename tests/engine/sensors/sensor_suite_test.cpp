@@ -50,7 +50,7 @@ std::vector<float> fly(Batch& batch) {
   return command;
 }
 
-TEST(SensorSuite, ReadsSeveralLidarsAsEachWouldReadByItself) {
+TEST(SensorSuite, ReadsSeveralLidarsLikeSingleOnes) {
   const LidarConfig ahead{.name = "ahead", .beams = 9, .hfov_deg = 90.0F, .max_range_m = 5.0F};
   const LidarConfig grid{.name = "grid", .channels = 8, .beams = 32, .hfov_deg = 180.0F, .vfov_deg = 60.0F, .max_range_m = 7.0F};
   const auto world = testing::closet();

@@ -457,19 +457,19 @@ Rays fans_and_strays(Random& random, int places, float low, float high) {
   return rays;
 }
 
-TEST(RaycastBits, PrimitivesInAnyCompany) {
+TEST(RaycastBits, PrimitivesBesideAnyRays) {
   Random random(40);
   const auto world = make_world(random_primitives(random, true));
   expect_same_in_any_block(*world, fans_and_strays(random, 30, -2.0F, 2.0F), random);
 }
 
-TEST(RaycastBits, TrianglesInAnyCompany) {
+TEST(RaycastBits, TrianglesBesideAnyRays) {
   Random random(41);
   const auto world = make_world({}, {}, hills(45));  // 4,050 triangles
   expect_same_in_any_block(*world, fans_and_strays(random, 30, 1.0F, 3.0F), random);
 }
 
-TEST(RaycastBits, ScatteredTrianglesInAnyCompany) {
+TEST(RaycastBits, ScatteredTrianglesBesideAnyRays) {
   Random random(42);
   const auto world = make_world({}, {}, random_triangles(random, 3000));
   expect_same_in_any_block(*world, fans_and_strays(random, 30, -2.0F, 2.0F), random);

@@ -39,7 +39,7 @@ TEST(Survey, ObjectsAreThePrimitivesAndTheMeshes) {
   EXPECT_EQ(list.boxes[6].max, Vec3(2, 2, 2.5F));
 }
 
-TEST(Survey, APointForEverySoMuchArea) {
+TEST(Survey, PointsCoverEqualAreas) {
   const PointCloud cloud = point_cloud(World(two_rooms(1.0F)), 0.125F);
   const auto on_triangle = std::count(cloud.objects.begin(), cloud.objects.end(), 3);
   EXPECT_NEAR(static_cast<double>(on_triangle), 0.5 / (0.125 * 0.125), 1.0);
@@ -66,7 +66,7 @@ TEST(Survey, GridsCoverTheWorld) {
   EXPECT_NEAR(far.distance_m[place(0, 4, 3)], 0.25F, 1e-6F);
 }
 
-TEST(Reach, GoesThroughADoorThatIsWideEnough) {
+TEST(Reach, PassesADoorThatIsWideEnough) {
   const DroneModel drone = DroneModel::quadrotor650();  // 0.59 m wide
   const World open(two_rooms(1.0F));
   const World closed(two_rooms(0.5F));

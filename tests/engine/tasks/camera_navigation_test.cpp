@@ -149,7 +149,7 @@ TEST(CameraNavigation, BlobAndRangesAreObserved) {
   }
 }
 
-TEST(CameraNavigation, TheBlobIsWhereTheGoalIs) {
+TEST(CameraNavigation, TheBlobIsAtTheGoal) {
   NavigationBatch config = camera_batch(1, ObservationKind::blob);
   config.cameras[0].width_px = 640;
   config.cameras[0].height_px = 480;
@@ -229,7 +229,7 @@ TEST(CameraNavigation, TheLastImageOfAnEpisodeIsKeptBesideTheResetsOne) {
 
 // -- The same bits with any neighbours.
 
-TEST(CameraNavigation, AnEnvOfManyIsTheEnvAlone) {
+TEST(CameraNavigation, AnEnvOfManyEqualsASingleEnv) {
   constexpr std::size_t kDrones = 11;
   for (const ObservationKind kind : kKinds) {
     for (const AutoresetMode mode : kModes) {
@@ -279,7 +279,7 @@ TEST(CameraNavigation, AnEnvOfManyIsTheEnvAlone) {
   }
 }
 
-TEST(CameraNavigation, ModesAgreeButForTheResetRows) {
+TEST(CameraNavigation, ModesAgreeExceptInResetRows) {
   constexpr std::size_t kDrones = 8;
   struct Row {
     std::vector<std::byte> observation;

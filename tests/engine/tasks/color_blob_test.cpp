@@ -164,7 +164,7 @@ TEST(GreenBlob, OfABoxByHand) {
   }
 }
 
-TEST(GreenBlob, NothingGreenIsNothing) {
+TEST(GreenBlob, WithoutGreenNothingIsFound) {
   for (const ImageLayout layout : kLayouts) {
     Image image(20, 10, layout);
     image.fill(shown(kWhite, 0, 0.5));
@@ -408,7 +408,7 @@ TEST(ColorComponents, HaveBoxCentreAndArea) {
   EXPECT_EQ(std::ranges::count(found.labels, 0), 194);
 }
 
-TEST(ColorRange, RefusesWhatIsNoRange) {
+TEST(ColorRange, RefusesInvalidRanges) {
   EXPECT_NO_THROW(ColorRange().validate());
   EXPECT_NO_THROW((ColorRange{ColorSpace::hsv, {170, 0, 0}, {10, 255, 255}}.validate()));
   for (const ColorRange& bad :

@@ -105,7 +105,7 @@ TEST(HoverKernels, ScoreAsTheFormulasDoInDoublePrecision) {
   }
 }
 
-TEST(HoverKernels, ObserveWhatADroneSeesOfItsFlight) {
+TEST(HoverKernels, ObserveTheStateInTheBodyFrame) {
   for (unsigned seed = 0; seed < 200; ++seed) {
     const Flights flights(seed);
     const auto observed = run(flights.rows()).observed;

@@ -133,7 +133,7 @@ TEST(NavigationReward, OfAFlightInTheOpenByHand) {
   expect_flags(flight, false, false, false, false);
 }
 
-TEST(NavigationReward, AWeightIsThatOfItsTermAlone) {
+TEST(NavigationReward, AWeightScalesOnlyItsTerm) {
   // The second step of a flight into a corner beyond the goal, where every term is nonzero.
   const auto terms_with = [](float NavigationReward::* weight, float value) {
     NavigationBatch config = one_drone();
@@ -218,7 +218,7 @@ TEST(NavigationReward, ACrashCostsWhatTheGoalEarnsAndIsNoSuccess) {
   expect_flags(arrived, true, false, false, true);
 }
 
-TEST(NavigationReward, NearnessAndFreeSpaceByHandWhicheverBeamIsNear) {
+TEST(NavigationReward, NearnessAndFreeSpaceByHandForAnyNearBeam) {
   // One beam hits a wall 0.5 m ahead, the others point sideways into the open: the ranges l are 1/6 and 1. M is 0.2.
   for (std::size_t beams = 1; beams <= 9; ++beams) {
     for (std::size_t near = 0; near < beams; ++near) {
@@ -252,7 +252,7 @@ TEST(NavigationReward, ClearanceAtTheLimitCostsNothing) {
   EXPECT_FLOAT_EQ(flight.step(0)[kCrash], 0.875F / 4.0F - 0.25F);
 }
 
-TEST(NavigationReward, AnActionIsAChangeIfAnyOfItIs) {
+TEST(NavigationReward, AnActionIsAChangeIfAnyComponentIs) {
   NavigationBatch config = one_drone();
   config.navigation.action = ActionKind::displacement_yaw;
   Flight flight(config);
@@ -270,7 +270,7 @@ TEST(NavigationReward, AnActionIsAChangeIfAnyOfItIs) {
   EXPECT_EQ(flight.step(action)[kActionChange], -1.0F);  // first action of an episode
 }
 
-TEST(NavigationReward, OvershootningTheGoal) {
+TEST(NavigationReward, OvershootingTheGoal) {
   for (const float weight : {1.0F, 0.0F, 0.5F}) {
     SCOPED_TRACE(weight);
     NavigationBatch config = one_drone();
@@ -377,7 +377,7 @@ TEST(NavigationEpisode, TruncationReturnAndLength) {
   }
 }
 
-TEST(NavigationEpisode, AnEndInTheLastStepIsNoTruncation) {
+TEST(NavigationEpisode, ATerminationInTheLastStepIsNotATruncation) {
   NavigationBatch config = one_drone();
   config.episode.max_episode_steps = 2;
   Flight flight(config);
@@ -387,7 +387,7 @@ TEST(NavigationEpisode, AnEndInTheLastStepIsNoTruncation) {
   expect_flags(flight, true, false, false, true);
 }
 
-TEST(NavigationEpisode, NoLimitIsNoLimit) {
+TEST(NavigationEpisode, ZeroMeansNoLimit) {
   NavigationBatch config = one_drone();
   config.episode.max_episode_steps = 0;
   Flight flight(config);
@@ -396,7 +396,7 @@ TEST(NavigationEpisode, NoLimitIsNoLimit) {
   EXPECT_EQ(flight.out().episode_length[0], 5000);
 }
 
-TEST(NavigationEpisode, StaggeredLimitsAreOfTheFirstEpisodeAlone) {
+TEST(NavigationEpisode, StaggeredLimitsApplyOnlyToTheFirstEpisode) {
   constexpr int kDrones = 300;
   constexpr int kLimit = 20;
   NavigationBatch config = one_drone();
@@ -491,7 +491,7 @@ TEST(NavigationAutoreset, SameStepReturnsTheResetAndKeepsTheLastObservation) {
   EXPECT_EQ(flight.step(0)[kStepNumber], 0.0F);  // the next step is the first of its episode
 }
 
-TEST(NavigationAutoreset, DisabledLeavesAFinishedEnvAlone) {
+TEST(NavigationAutoreset, DisabledLeavesAFinishedEnvUnchanged) {
   constexpr std::size_t kDrones = 24;
   Batch batch = lively(kDrones, AutoresetMode::disabled).make(lively_worlds());
   batch.reset({});
@@ -542,7 +542,7 @@ TEST(NavigationAutoreset, DisabledLeavesAFinishedEnvAlone) {
   EXPECT_GT(held, 500U);
 }
 
-TEST(NavigationAutoreset, ModesAgreeButForTheResetRows) {
+TEST(NavigationAutoreset, ModesAgreeExceptInResetRows) {
   // Actions are functions of (env, episode, step), so each env has the same episodes in every mode.
   constexpr std::size_t kDrones = 16;
   struct Row {
@@ -702,7 +702,7 @@ TEST(NavigationRandom, WithoutABoxTheStartMarkerIsTaken) {
   EXPECT_EQ(flight.position(), kStart);
 }
 
-TEST(NavigationRandom, AnEnvOfManyIsTheEnvAlone) {
+TEST(NavigationRandom, AnEnvOfManyEqualsASingleEnv) {
   constexpr std::size_t kDrones = 22;
   const Batch::Worlds worlds = lively_worlds();
   for (const AutoresetMode mode : {AutoresetMode::next_step, AutoresetMode::same_step, AutoresetMode::disabled}) {

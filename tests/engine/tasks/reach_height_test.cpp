@@ -108,7 +108,7 @@ TEST(ReachHeight, AContactEndsTheEpisode) {
   EXPECT_EQ(batch.outputs().episode_length[0], 5) << "1.5 m to the wall, 0.465 m to the nose";
 }
 
-TEST(ReachHeight, ItsLimitHoldsWhereTheBatchSaysNone) {
+TEST(ReachHeight, ItsLimitHoldsIfTheBatchSetsNone) {
   BatchConfig config = config_of(1);
   const auto length_of = [&] {
     Batch batch = make(config);
@@ -164,7 +164,7 @@ TEST(ReachHeight, IsResetInEveryMode) {
   }
 }
 
-TEST(ReachHeight, AnEnvOfManyIsTheEnvAlone) {
+TEST(ReachHeight, AnEnvOfManyEqualsASingleEnv) {
   BatchConfig config = config_of(kEnvs, AutoresetMode::same_step);
   config.num_threads = 3;
   config.block_size = 2;
@@ -218,7 +218,7 @@ TEST(ReachHeight, RestoredIsUninterrupted) {
   }
 }
 
-TEST(ReachHeight, ASpawnedDroneRisesFromWhereItIs) {
+TEST(ReachHeight, ASpawnedDroneRisesFromItsPosition) {
   Batch batch = make(config_of(3));
   batch.reset({});
   batch.remove(std::vector<std::int64_t>{1});
@@ -230,7 +230,7 @@ TEST(ReachHeight, ASpawnedDroneRisesFromWhereItIs) {
   EXPECT_EQ(batch.outputs().observation[0].row<float>(1)[1], 3.0F);
 }
 
-TEST(ReachHeight, WhatItCannotTakeIsRefused) {
+TEST(ReachHeight, InvalidInputIsRefused) {
   Batch batch = make(config_of(2));
   EXPECT_THROW(batch.step(std::vector<float>(6)), std::logic_error) << "before the first reset";
   batch.reset({});

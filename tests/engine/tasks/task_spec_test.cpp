@@ -54,7 +54,7 @@ Batch make(const TaskSpec& spec) {
   return Batch(config, {world}, std::make_unique<Still>(spec));
 }
 
-TEST(TaskSpec, WhatTheEngineCannotDoWithIsRefused) {
+TEST(TaskSpec, InvalidOnesAreRefused) {
   EXPECT_NO_THROW(make(good()));
   const std::vector<std::pair<std::string, std::function<void(TaskSpec&)>>> changes{
       {"int32, int64 or float32", [](TaskSpec& spec) { spec.action.type = DType::uint8; }},
@@ -91,7 +91,7 @@ TEST(TaskSpec, ATasksArraysMayHaveTheNamesOfTheBatchs) {
   EXPECT_NO_THROW(batch.restore(blob));
 }
 
-TEST(TaskSpec, ATaskThatDeclaresOtherwiseTakesNoSnapshotOfThis) {
+TEST(TaskSpec, ATaskWithAnotherSpecRefusesItsSnapshot) {
   Batch one = make(good());
   one.reset({});
   TaskSpec spec = good();

@@ -388,7 +388,7 @@ TEST(DirectCare, AlongFacesEdgesAndAxes) {
   disc.expect_miss({-4, 0, 1e-6F}, {1, 0, 0});
 }
 
-TEST(DirectCare, ComponentsThatNearlyVanish) {
+TEST(DirectCare, NearlyZeroComponents) {
   // Cosines of right angles are about 1e-17 instead of 0, and their products reach the smallest floats.
   for (const Primitive& shape : one_of_each()) {
     SCOPED_TRACE(static_cast<int>(shape.kind));

@@ -55,7 +55,7 @@ Directions random_set(Random& random, unsigned kind) {
   }
 }
 
-TEST(Frustum, HoldsWhateverItsDirectionsReach) {
+TEST(Frustum, ContainsEverythingThatItsDirectionsReach) {
   for (unsigned seed = 0; seed < 900; ++seed) {
     Random random(seed);
     const Directions set = random_set(random, seed);
@@ -160,7 +160,7 @@ TEST(Frustum, NeverHidesABoxThatARayReaches) {
 }
 
 // More boxes than the limit for direct tracing, but most of them out of view.
-TEST(Frustum, HidesWhatIsBesideItAboveOrBelow) {
+TEST(Frustum, CullsBoxesBesideAboveAndBelow) {
   const auto rays = std::make_unique<RayBundle>();
   Random random(1);
   const Quat turn = random.rotation();

@@ -99,7 +99,7 @@ INSTANTIATE_TEST_SUITE_P(Backends, MaskedPictures, ::testing::Values(CameraBacke
 
 // A texel covers 4 x 4 pixels, whose centres are at least an eighth of a texel from its border. At that distance an opaque
 // texel has an alpha of 0.625^2 + 0.375^2 = 0.53, and a transparent one 0.47.
-TEST_P(MaskedPictures, ShowWhatIsBehindExactlyWhereTheMaskIsOpen) {
+TEST_P(MaskedPictures, ShowTheBackgroundExactlyWhereTheMaskIsOpen) {
   const auto world = std::make_shared<const World>(grid_before_a_wall());
   std::vector<CameraOutputs> all{kAllOutputs};
   for (int i = 0; i < 5; ++i) {
@@ -197,7 +197,7 @@ std::shared_ptr<const World> thicket() {
   return std::make_shared<const World>(std::move(scene));
 }
 
-TEST_P(MaskedPictures, ShowWhatTheOracleSees) {
+TEST_P(MaskedPictures, AgreeWithTheOracle) {
   const auto world = thicket();
   Compared all;
   for (const bool shadows : {false, true}) {
@@ -246,7 +246,7 @@ TEST_P(MaskedPictures, OfSeveralWorlds) {
   for (std::size_t drone = 0; drone < 4; ++drone) EXPECT_GT(expect_picture(*batch, drone, 0, 3).clear, 800U) << drone;
 }
 
-TEST(Masks, LidarsAndRaysMeetTheWhole) {
+TEST(Masks, LidarsAndRaysIgnoreThem) {
   const World world(grid_before_a_wall());
   std::vector<float> origins, directions;
   for (int i = 0; i < 100; ++i) {
@@ -316,7 +316,7 @@ TEST(Masks, EverySimdTargetThreadAndNeighbourGivesTheSameBits) {
   }
 }
 
-TEST(Masks, AreOnlyWhereSomethingIsSeenThrough) {
+TEST(Masks, AreMadeOnlyForTransparentTriangles) {
   const auto masks = [](const auto& change) {
     SceneDescription scene = grid_before_a_wall();
     change(scene);

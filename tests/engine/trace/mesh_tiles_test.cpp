@@ -148,7 +148,7 @@ void look(Tile& tile, float pixel, float u = 0.0F, float v = 0.0F) {
   }
 }
 
-TEST(MeshTiles, HitWhatAnOracleInDoublePrecisionSays) {
+TEST(MeshTiles, AgreeWithAnOracleInDoublePrecision) {
   const Device device;
   Random random(1);
   std::size_t compared = 0, hits = 0;
@@ -343,7 +343,7 @@ TEST(MeshTiles, FullLeavesTakeLessMemoryAndHitTheSame) {
   }
 }
 
-TEST(MeshTiles, WhatWasHitBeforeCountsWhereItIsNearer) {
+TEST(MeshTiles, KeepsAnEarlierHitThatIsNearer) {
   const Device device;
   Random random(4);
   const MeshTree tree = device.tree(ball(10, 20, 0.0F, random));

@@ -71,7 +71,7 @@ std::size_t expect_like_brute_force(const Boxes& boxes, const ShapeTree& tree, c
   return count;
 }
 
-TEST(ShapeTree, FindsWhatBruteForceFinds) {
+TEST(ShapeTree, AgreesWithBruteForce) {
   for (const std::size_t count : {0U, 1U, 2U, 15U, 16U, 17U, 255U, 256U, 257U, 1000U, 4097U, 10'000U}) {
     SCOPED_TRACE(count);
     Random random(static_cast<unsigned>(count));

@@ -59,7 +59,7 @@ RayTile tile_of(const Directions& set, std::size_t rows, RayBundle& aimed) {
   return {aimed.x, aimed.y, aimed.z, rows, set.size() / rows, aimed.frustum};
 }
 
-TEST(Tracer, RaysThatWaitGetTheSameBitsInAnyCompany) {
+TEST(Tracer, DeferredRaysGetTheSameBitsBesideAnyOthers) {
   Random random(70);
   const auto all = worlds(random);
   const FlushDenormals flush;
@@ -108,7 +108,7 @@ TEST(Tracer, RaysThatWaitGetTheSameBitsInAnyCompany) {
   EXPECT_GT(hits, 500U);
 }
 
-TEST(Tracer, WritesRowsWhereTheyBelong) {
+TEST(Tracer, WritesEachRowToItsPlace) {
   Random random(71);
   const FlushDenormals flush;
   const auto tracer = std::make_unique<Tracer>();

@@ -162,7 +162,7 @@ struct Tally {
   }
 };
 
-TEST_P(TracerTiles, LidarsMeasureWhatAnOracleDoes) {
+TEST_P(TracerTiles, LidarsAgreeWithAnOracle) {
   const auto world = hills_and_spheres(GetParam());
   Tally tally;
   tally.compare(*world, {make_batch(world, TracerKind::tiles).get()}, kEvery);
@@ -218,7 +218,7 @@ TEST(TracerAgreement, OfTilesPacketsAndClosedForms) {
   testing::tried("agreement", static_cast<long>(tally.compared));
 }
 
-TEST_P(TracerTiles, CamerasSeeWhatTheyDoThroughEmbree) {
+TEST_P(TracerTiles, CamerasAgreeWithEmbree) {
   const auto world = hills_and_spheres(GetParam());
   const auto tiles = make_batch(world, TracerKind::tiles), embree = make_batch(world, TracerKind::embree);
   const CameraImages &a = tiles->images(0), &b = embree->images(0);
@@ -246,7 +246,7 @@ TEST_P(TracerTiles, CamerasSeeWhatTheyDoThroughEmbree) {
   EXPECT_LE(other_normal, 3 * few);
 }
 
-TEST_P(TracerTiles, SameBitsWhateverIsBeside) {
+TEST_P(TracerTiles, SameBitsBesideAnyRays) {
   const auto world = hills_and_spheres(GetParam());
   const auto batch = make_batch(world, TracerKind::tiles);
   for (const auto& [threads, block_size] : {std::pair{2, 1}, std::pair{1, 3}}) {
@@ -276,7 +276,7 @@ TEST_P(TracerTiles, NoTriangleGoesThroughEmbree) {
   EXPECT_GT(make_batch(world, TracerKind::embree)->embree_rays(), 0);
 }
 
-TEST_P(TracerTiles, AreTakenByThemselvesWhereTheyPay) {
+TEST_P(TracerTiles, AutoUsesThemIfTheyAreFaster) {
   const auto world = hills_and_spheres(GetParam());
   const auto tiles = make_batch(world, TracerKind::tiles), by_itself = make_batch(world, TracerKind::automatic);
   EXPECT_TRUE(same_bits(tiles->lidar_readings().ranges, by_itself->lidar_readings().ranges));
@@ -287,7 +287,7 @@ TEST_P(TracerTiles, AreTakenByThemselvesWhereTheyPay) {
 INSTANTIATE_TEST_SUITE_P(FewAndMany, TracerTiles, ::testing::Values(0, 5, 700));
 
 // A few rays go through Embree, even if other batches of the world have prepared tiles.
-TEST(TracerTilesOf, SmallCamerasAreNotThere) {
+TEST(TracerTilesOf, SmallCamerasDoNotUseThem) {
   const auto world = hills_and_spheres(5);
   BatchConfig config;
   config.num_threads = 1;
@@ -306,7 +306,7 @@ TEST(TracerTilesOf, SmallCamerasAreNotThere) {
 }
 
 // With TracerKind::embree, primitives also go through Embree, even if they are few enough for direct tracing.
-TEST(TracerTilesOf, EmbreeTracesPrimitivesAlike) {
+TEST(TracerTilesOf, EmbreeAgreesOnPrimitives) {
   for (const int spheres : {5, 700}) {
     const auto world = hills_and_spheres(spheres);
     const auto direct = make_batch(world, TracerKind::tiles), embree = make_batch(world, TracerKind::embree);
@@ -330,7 +330,7 @@ TEST(TracerTilesOf, EmbreeTracesPrimitivesAlike) {
   }
 }
 
-TEST(TracerTilesOf, WorldsWithoutTrianglesAreTracedAsEver) {
+TEST(TracerTilesOf, WorldsWithoutTrianglesDoNotUseThem) {
   const auto world = make_world({primitive(PrimitiveKind::room, {0, 0, 3}, {12, 12, 4}),
                                  primitive(PrimitiveKind::sphere, {3, 1, 2}, Vec3::Constant(0.5F))});
   const auto tiles = make_batch(world, TracerKind::tiles), by_itself = make_batch(world, TracerKind::automatic);

@@ -74,7 +74,7 @@ Parts parts(std::uint32_t seed, std::size_t num_primitives, bool (*is_kept)(Visi
 }
 
 // Few primitives are traced directly, many through Embree.
-TEST(Visibility, RaysMeetWhatIsVisual) {
+TEST(Visibility, RaysHitVisibleObjects) {
   for (const std::size_t count : {6U, 600U}) {
     const Parts made = parts(1, count, is_visible);
     const World all(made.all), part(made.part);
@@ -98,7 +98,7 @@ TEST(Visibility, RaysMeetWhatIsVisual) {
   }
 }
 
-TEST(Visibility, DronesMeetWhatIsSolid) {
+TEST(Visibility, DronesHitSolidObjects) {
   for (const std::size_t count : {6U, 600U}) {
     const Parts made = parts(3, count, is_solid);
     const World all(made.all), part(made.part);
@@ -121,7 +121,7 @@ TEST(Visibility, DronesMeetWhatIsSolid) {
   }
 }
 
-TEST(Visibility, SurveysTellOfBoth) {
+TEST(Visibility, SurveysReportBoth) {
   const World world(parts(5, 6, is_visible).all);
   const ObjectList list = objects(world);
   ASSERT_EQ(list.visibility.size(), 47U);
@@ -134,7 +134,7 @@ TEST(Visibility, SurveysTellOfBoth) {
   }
 }
 
-TEST(Visibility, FilesKeepIt) {
+TEST(Visibility, FilesStoreIt) {
   const SceneDescription scene = parts(6, 30, is_visible).all;
   const World world(scene);
   EXPECT_EQ(World::from_json(world.to_json())->content_hash(), world.content_hash());
@@ -145,7 +145,7 @@ TEST(Visibility, FilesKeepIt) {
   }
 }
 
-TEST(Visibility, DescriptionsAreBroughtIntoOneForm) {
+TEST(Visibility, DescriptionsAreNormalised) {
   SceneDescription scene;
   scene.mesh.vertices = {{0, 0, 0}, {1, 0, 0}, {0, 1, 0}};
   scene.mesh.triangles = {{0, 1, 2}, {2, 1, 0}};

@@ -103,7 +103,7 @@ TEST(ContentHash, EveryByteOfEveryFieldCounts) {
   seen.flip("light.gamma", scene.light.gamma);
 }
 
-TEST(ContentHash, WhatIsThereAndInWhichOrderCounts) {
+TEST(ContentHash, ContentsAndTheirOrderCount) {
   SceneDescription scene = full();
   Seen seen(scene);
   const SceneDescription whole = scene;
@@ -142,7 +142,7 @@ TEST(ContentHash, IsOfTheContentNotOfTheNameOrTheFile) {
   EXPECT_EQ(World(scene).content_hash(), world.content_hash()) << "in canonical order boxes come before spheres";
 }
 
-TEST(ContentHash, TellsSunsInTheSkyApart) {
+TEST(ContentHash, DistinguishesSunsInTheSky) {
   SceneDescription scene = full();
   std::set<std::uint64_t> seen{World(scene).content_hash()};
   for (const auto& [radius, glow] : {std::pair{1.0F, 0.0F}, {0.0F, 1.0F}, {1.0F, 1.0F}, {2.0F, 1.0F}}) {
@@ -152,7 +152,7 @@ TEST(ContentHash, TellsSunsInTheSkyApart) {
   }
 }
 
-TEST(ContentHash, TellsTexturesApart) {
+TEST(ContentHash, DistinguishesTextures) {
   SceneDescription scene;
   scene.textures = {Texture{"a", 1, 2, std::vector<std::uint8_t>(8, 7)}, Texture{"b", 2, 1, std::vector<std::uint8_t>(8, 7)}};
   scene.materials[0].texture = 0;

@@ -22,7 +22,7 @@ std::string refusal(std::vector<Vec3> hull) {
   return "";
 }
 
-TEST(DroneModel, DefaultHasTheExtentsItPromises) {
+TEST(DroneModel, DefaultHasItsDocumentedExtents) {
   const DroneModel drone = DroneModel::quadrotor650();
   EXPECT_EQ(drone.extents().max - drone.extents().min, Vec3(0.93F, 0.59F, 0.20F));
   EXPECT_EQ(drone.extents().max + drone.extents().min, Vec3::Zero());

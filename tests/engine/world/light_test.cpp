@@ -81,7 +81,7 @@ class LitPictures : public ::testing::TestWithParam<CameraBackend> {
 
 // A room on open ground. The sun shines into it and lights its floor, except in a pillar's shadow. The room's shadow lies
 // behind it.
-TEST_P(LitPictures, ARoomLetsTheSunInAndShadesWhatLiesBehindIt) {
+TEST_P(LitPictures, ARoomLetsTheSunInAndShadesTheSpaceBehindIt) {
   SceneDescription scene;
   scene.light.sun_direction = {-0.6F, 0.3F, 0.7F};
   scene.primitives = {primitive(room, {0, 0, 1.5F}, {2, 1.5F, 1.4F}), primitive(cylinder, {0.5F, 0, 1.5F}, {0.3F, 0.3F, 1.4F}),
@@ -187,7 +187,7 @@ std::shared_ptr<const World> lamps() {
 
 const std::vector<View> kLampViews{{{0, 0, 2}, {5, 0, 2}}, {{1, -3, 3}, {5, 0, 1}}, {{8, 2, 3.5F}, {4.5F, 0, 2}}};
 
-TEST_P(LitPictures, WhatGlowsAndWhatHasColoursAtItsVertices) {
+TEST_P(LitPictures, EmissionAndColoursOfVertices) {
   for (const bool shadows : {false, true}) {
     PICTURES_OR_SKIP(all, compared(lamps(), camera_of(shadows), kLampViews, 2));
     EXPECT_GT(all.clear, 6000U);

@@ -72,7 +72,7 @@ void expect_same_pictures(const Batch& a, const Batch& b) {
   EXPECT_EQ(x.normal, y.normal);
 }
 
-TEST(Lighting, ShowWhatAWorldMadeWithThemShows) {
+TEST(Lighting, EqualThoseOfAWorldMadeWithThem) {
   SceneDescription made = scene();
   made.light = evening().light;
   made.materials[0].base_color = {0.5F, 0.5F * 0.8F, 0.5F * 0.6F};
@@ -90,7 +90,7 @@ TEST(Lighting, ShowWhatAWorldMadeWithThemShows) {
   EXPECT_EQ(pictures(world)->images(0).depth, before->images(0).depth);
 }
 
-TEST(Lighting, ShareWhatRaysAndDronesMeetAndImages) {
+TEST(Lighting, ShareSceneObstaclesAndTextures) {
   const Shared world = std::make_shared<const World>(scene());
   const World evening_world(world, evening()), again(std::make_shared<const World>(world, evening()), Lighting());
   for (const World* other : {&evening_world, &again}) {

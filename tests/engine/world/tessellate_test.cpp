@@ -212,7 +212,7 @@ TEST(Tessellate, BadChordErrorsAreRefused) {
   EXPECT_EQ(tessellate(description, std::numeric_limits<float>::infinity()).triangles.size(), 12U);
 }
 
-TEST(Tessellate, WhatWouldNeedGigabytesIsRefusedWithTheNumber) {
+TEST(Tessellate, MeshesOfGigabytesAreRefusedWithTheNumber) {
   SceneDescription scene;
   scene.primitives = {{.kind = PrimitiveKind::sphere, .half_extents = Vec3::Constant(1e6F)}};
   try {

@@ -116,7 +116,7 @@ TEST(World, ObjectsMayBeMoreThanThereAreInstanceIds) {
   EXPECT_EQ(world.triangles().objects, std::vector<std::uint16_t>{65535});
 }
 
-TEST(World, BadDescriptionsAreRefusedWithTheFieldWhatWasExpectedAndWhatCame) {
+TEST(World, BadDescriptionsAreRefusedWithFieldExpectedAndGot) {
   struct Case {
     std::function<void(SceneDescription&)> spoil;
     std::string message;
@@ -254,7 +254,7 @@ std::string load_message(const std::filesystem::path& path) {
   return "accepted";
 }
 
-TEST(World, LoadNamesTheFileThatIsWrong) {
+TEST(World, LoadNamesTheInvalidFile) {
   EXPECT_EQ(load_message("no-such.json"), "no-such.json: cannot read a scene file: No such file or directory");
   EXPECT_EQ(load_message("no-such.obj"), "no-such.obj: cannot read an OBJ file: No such file or directory");
   EXPECT_EQ(load_message("scene.stl"), "scene.stl: expected a file ending in .json, .gltf, .glb, .obj or .ply, got \".stl\"");

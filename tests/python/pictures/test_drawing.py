@@ -342,7 +342,7 @@ def test_colours_sizes_and_places_that_are_not_finite():
         (lambda d: d.text([0, 0, 0], 3), "string: expected a str, got 3"),
     ],
 )
-def test_mistakes_are_told_before_anything_is_drawn(call, said):
+def test_mistakes_are_reported_before_anything_is_drawn(call, said):
     sheet = Sheet()
     with pytest.raises((ValueError, TypeError), match=said):
         call(Drawing(sheet, 1))

@@ -139,7 +139,7 @@ def test_rooms_planes_and_meshes_are_cut_along_their_surface():
     assert (picture(world, 2.0)[outside] == NOTHING).all()
 
 
-def test_a_ceiling_is_cut_whatever_the_height():
+def test_a_ceiling_is_cut_at_any_height():
     world = world_of(room={"min": [1, 1, 0], "max": [7, 7, 4]}, boxes=[{"center": [4, 4, 0.5], "size": [1, 1, 1]}])
     high = picture(world, 100.0, low=(-0.03, -0.03))
     np.testing.assert_array_equal(high, picture(world, 3.9, low=(-0.03, -0.03)))

@@ -351,7 +351,7 @@ def test_a_trail_begins_with_its_episode():
     envs.close()
 
 
-def test_a_trail_forgets_what_is_long_ago(room):
+def test_a_trail_drops_old_points(room):
     batch = flockstep.Batch([room], 2)
     trail = Trail(batch, max_steps=10)
     for step in range(25):
@@ -372,7 +372,7 @@ def test_a_removed_drone_is_not_drawn(room):
     np.testing.assert_allclose(ThirdPersonView(batch).frame(0), bare, atol=0.5)
 
 
-def test_a_picture_depends_on_its_env_alone(room, closet):
+def test_a_picture_depends_only_on_its_env(room, closet):
     batch = flockstep.Batch([room, closet], 3)
     view = ThirdPersonView(batch, size_px=(96, 64))
     frames = [view.frame(i) for i in (0, 1, 2, 0)]
@@ -502,7 +502,7 @@ def test_the_camera_is_chosen(room):
         ({"render_view": True}, "render_view: .*, got True"),
     ],
 )
-def test_keywords_are_checked_whether_or_not_there_are_pictures(room, keywords, said):
+def test_keywords_are_checked_with_and_without_pictures(room, keywords, said):
     with pytest.raises(ValueError, match=said):
         flockstep.DroneVectorEnv(1, worlds=room, **keywords)
 

@@ -139,7 +139,7 @@ def test_stops_when_solved(train, flown, tmp_path):
     assert json.loads((tmp_path / "one" / "result.json").read_text())["steps"] == outcome.steps
 
 
-def test_what_is_resumed_stays_until_something_better_is_learned(train, flown, tmp_path):
+def test_a_resumed_policy_stays_until_a_better_one_is_found(train, flown, tmp_path):
     policy = tmp_path / "one" / "policy.zip"
     flown([True] * 2)
     before = weights(train(total_steps=1024, learning_rate=1e-3)[0])
@@ -204,7 +204,7 @@ def test_training_flies_no_world_that_is_reported(train, monkeypatch):
         assert not evaluation & (training | reported)
 
 
-def test_time_and_steps_tell_the_same_story(train, tmp_path):
+def test_time_and_steps_are_consistent(train, tmp_path):
     _, outcome = train(total_steps=1024)
     assert outcome.steps_per_second == outcome.steps / outcome.seconds
     assert outcome.evaluation_seconds > 0
@@ -389,7 +389,7 @@ def test_episodes_that_never_end_are_refused(own, train, room):
         (":Climb", "'' is not the name of a module"),
     ],
 )
-def test_what_is_no_task_is_refused(own, monkeypatch, capsys, name, message):
+def test_other_values_than_tasks_are_refused(own, monkeypatch, capsys, name, message):
     monkeypatch.setattr("sys.argv", ["train_ppo.py", "--task", name])
     with pytest.raises(SystemExit) as refused:
         train_ppo.command_line()
