@@ -1,7 +1,7 @@
 """Counts habits that make prose hard to read: ``python -m tools.plain_words``. With ``--check`` it fails on the worst.
 
-Prose is the comments and docstrings of the sources and the text of the pages, without code blocks. CHANGELOG.md and
-files that are generated are left out.
+Prose is the comments and docstrings of the sources and the text of the pages, without code blocks. ``--check`` also
+reads the string literals of the sources, such as messages. CHANGELOG.md and files that are generated are left out.
 """
 
 from __future__ import annotations
@@ -14,8 +14,11 @@ import subprocess
 import sys
 import tokenize
 from collections import Counter
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
+from typing import TypeAlias
+
+Reader: TypeAlias = Callable[[str], Iterator[tuple[int, str]]]
 
 ROOT = Path(__file__).resolve().parents[1]
 #: Words that are counted. Most have a right use, too, so their number says something and a single one does not.
@@ -35,12 +38,15 @@ HABITS = (
 #: Never right in this project's prose, and how a comment or docstring never begins.
 REFUSED = ("anew", "but for", "likewise", "as it is", "so many")
 OPENINGS = ("Of", "What", "Whether", "Where")
-#: A file and a part of the line: places where such a word is right.
-ALLOWED: tuple[tuple[str, str], ...] = ()
+#: A file and a part of the text: places where such a word is right.
+ALLOWED: tuple[tuple[str, str], ...] = (
+    *(("tools/plain_words.py", word) for word in REFUSED),
+    *(("tests/python/tools/test_plain_words.py", word) for word in REFUSED),
+)
 
 _CPP = re.compile(
-    r'R"(?P<mark>[^\s()\\]{0,16})\((?:.|\n)*?\)(?P=mark)"'  # raw strings
-    r'|"(?:\\.|[^"\\\n])*"'
+    r'R"(?P<mark>[^\s()\\]{0,16})\((?P<raw>(?:.|\n)*?)\)(?P=mark)"'
+    r'|"(?P<string>(?:\\.|[^"\\\n])*)"'
     r"|(?<![0-9a-fA-F])'(?:\\.|[^'\\\n])*'"
     r"|(?P<comment>//[^\n]*)"
 )
@@ -65,6 +71,36 @@ def cpp_comments(text: str) -> Iterator[tuple[int, str]]:
         yield begun, " ".join(lines)
 
 
+def cpp_strings(text: str) -> Iterator[tuple[int, str]]:
+    """Yield the line number and the text of each string; literals that follow each other are one."""
+    begun, end, parts = 0, 0, list[str]()
+    for match in _CPP.finditer(text):
+        literal = match["string"] if match["raw"] is None else match["raw"]
+        if literal is None:
+            continue
+        if parts and text[end : match.start()].strip():
+            yield begun, "".join(parts)
+            parts = []
+        begun = begun if parts else text.count("\n", 0, match.start()) + 1
+        end = match.end()
+        parts.append(literal)
+    if parts:
+        yield begun, "".join(parts)
+
+
+def python_strings(text: str) -> Iterator[tuple[int, str]]:
+    """Yield line number and text of each string except docstrings, with ``{}`` for the values in an f-string."""
+    nodes = list(ast.walk(ast.parse(text)))
+    others = {part for node in nodes if isinstance(node, ast.JoinedStr) for part in node.values}
+    others |= {node.value for node in nodes if isinstance(node, ast.Expr)}  # docstrings
+    for node in nodes:
+        if isinstance(node, ast.Constant) and isinstance(node.value, str) and node not in others:
+            yield node.lineno, node.value
+        elif isinstance(node, ast.JoinedStr):
+            values = (part.value if isinstance(part, ast.Constant) else "{}" for part in node.values)
+            yield node.lineno, "".join(map(str, values))
+
+
 def python_prose(text: str) -> Iterator[tuple[int, str]]:
     """Yield the line number and the text of each comment and docstring."""
     for token in tokenize.generate_tokens(io.StringIO(text).readline):
@@ -83,10 +119,14 @@ def page_prose(text: str) -> Iterator[tuple[int, str]]:
     yield from enumerate(without_code.splitlines(), 1)
 
 
-def prose() -> Iterator[tuple[str, int, str]]:
-    """Yield file, line number and text of all prose of the checkout."""
+#: Readers of prose and of strings, by the suffix of the file.
+PROSE = {".cpp": cpp_comments, ".hpp": cpp_comments, ".py": python_prose, ".pyi": python_prose, ".md": page_prose}
+STRINGS = {".cpp": cpp_strings, ".hpp": cpp_strings, ".py": python_strings}
+
+
+def texts(readers: Mapping[str, Reader]) -> Iterator[tuple[str, int, str]]:
+    """Yield file, line number and text of everything in the checkout that the readers find."""
     files = subprocess.run(["git", "ls-files"], cwd=ROOT, check=True, capture_output=True, text=True).stdout.split()
-    readers = {".cpp": cpp_comments, ".hpp": cpp_comments, ".py": python_prose, ".pyi": python_prose, ".md": page_prose}
     for file in files:
         reader = readers.get(Path(file).suffix)
         if reader is None or file == "CHANGELOG.md":
@@ -95,12 +135,12 @@ def prose() -> Iterator[tuple[str, int, str]]:
             yield file, line, text
 
 
-def faults(file: str, text: str) -> list[str]:
-    """Return what is always wrong in a piece of prose."""
+def faults(file: str, text: str, is_string: bool = False) -> list[str]:
+    """Return the faults of a piece of prose or of a string. A string may begin with any word."""
     if any(file == allowed and part in text for allowed, part in ALLOWED):
         return []
     found = [f'"{word}"' for word in REFUSED if re.search(rf"\b{word}\b", text)]
-    if not file.endswith(".md") and text.split(" ", 1)[0] in OPENINGS:
+    if not is_string and not file.endswith(".md") and text.split(" ", 1)[0] in OPENINGS:
         found.append(f'it begins with "{text.split(" ", 1)[0]}"')
     return found
 
@@ -112,7 +152,7 @@ def main() -> None:
     arguments = parser.parse_args()
     counts: Counter[str] = Counter()
     wrong = 0
-    for file, line, text in prose():
+    for file, line, text in texts(PROSE):
         for word in HABITS:
             counts[word] += len(re.findall(rf"\b{word}\b", text, re.IGNORECASE))
         found = faults(file, text)
@@ -123,6 +163,10 @@ def main() -> None:
             for fault in found:
                 print(f"{file}:{line}: {fault}")
     if arguments.check:
+        for file, line, text in texts(STRINGS):
+            for fault in faults(file, text, is_string=True):
+                print(f"{file}:{line}: {fault} in a string")
+                wrong += 1
         sys.exit(1 if wrong else 0)
     for word, count in counts.most_common():
         print(f"{count:5} {word}")

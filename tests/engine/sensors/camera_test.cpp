@@ -174,7 +174,7 @@ TEST(CameraProjection, PlacesAndTurnsOfTheMounting) {
   const Vec3 z = Vec3::UnitZ();
   const Quat none = Quat::Identity();
   const std::vector<Case> cases{
-      {"as it is", none, none, {0, 0, 0}, 3.0F},
+      {"unchanged", none, none, {0, 0, 0}, 3.0F},
       {"moved", none, none, {0.5F, 0.25F, -0.125F}, 2.5F},
       {"yawed to the left", none, turned(90, z), {0, 0, 0}, 4.0F},
       {"yawed and moved", none, turned(90, z), {0.5F, 0.25F, -0.125F}, 3.75F},

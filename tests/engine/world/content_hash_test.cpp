@@ -36,7 +36,7 @@ SceneDescription full() {
 // The hashes of a scene and of its variants. No two may be equal.
 class Seen {
  public:
-  explicit Seen(SceneDescription& scene) : scene_(scene) { add("as it is"); }
+  explicit Seen(SceneDescription& scene) : scene_(scene) { add("unchanged"); }
 
   void add(const char* what) { EXPECT_TRUE(hashes_.insert(content_hash(scene_)).second) << what; }
 
