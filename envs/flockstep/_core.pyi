@@ -128,8 +128,8 @@ class CameraConfig:
     height_px
         Height of the rendered image. Values: [1, 8192] px. Default: 480.
     hfov_deg
-        Horizontal field of view. If only one of the two is given, pixels are square and the other follows; it has to be
-        below 179, too. If neither is given, this one is 90. Values: [0.1, 179] deg. Default: None.
+        Horizontal field of view. If only one of the two is given, pixels are square and the other one follows; it must
+        be below 179 too. If neither is given, this one is 90. Values: [0.1, 179] deg. Default: None.
     vfov_deg
         Vertical field of view. Values: [0.1, 179] deg. Default: None.
     offset_m
@@ -149,10 +149,10 @@ class CameraConfig:
     layout
         Shape of rgb, hsv and normal images. ``"hwc"``: (N, H, W, 3). ``"chw"``: (N, 3, H, W). Default: 'hwc'.
     capture_mode
-        ``"every_step"``: rendered at every step or `Batch.sense`, or at ``rate_hz``. ``"on_movement"``: at those where
-        the drone's pose or world differs from what its frame shows. ``"on_demand"``: by `Batch.capture` only. A reset
-        and a change of the camera always render; on demand, the frame is stale until the next capture. Default:
-        'every_step'.
+        ``"every_step"``: rendered at every step or `Batch.sense`, or at ``rate_hz``. ``"on_movement"``: only at those
+        after which the drone's pose or world differs from its frame. ``"on_demand"``: by `Batch.capture` only. A reset
+        or a change of the camera also renders, except on demand: the frame is then stale until the next capture.
+        Default: 'every_step'.
     samples_per_pixel
         Samples of a pixel, in a grid, averaged. Only for colours; other outputs show the pixel's centre. Values: 1, 4,
         9 or 16. Default: 1.
@@ -166,9 +166,9 @@ class CameraConfig:
         ``fy``, ``cx`` and ``cy`` stay those of the rendered image. Not with the outputs semantic, instance and normal,
         which have no mean; hsv is computed from the resized rgb. Unit: px. Default: None.
     pool
-        With ``resize``, a pixel of the rendered pixels that it covers. ``"mean"``: weighted by covered area, as
+        How ``resize`` combines the rendered pixels that a pixel covers. ``"mean"``: weighted by covered area, as
         OpenCV's INTER_AREA. ``"min"``, ``"max"``: the least or greatest of each channel. Depth: mean and max are inf if
-        one covered pixel is a miss, min only if all are. Default: 'mean'.
+        any covered pixel is a miss, min only if all are. Default: 'mean'.
     """
 
     # fields of CameraConfig
@@ -344,13 +344,13 @@ class ClockConfig:
     Parameters
     ----------
     policy_hz
-        Flown steps per second, for each of which the policy decides once. Values: [0.001, 100000] Hz. Default: 10.0.
+        Flown steps per second; the policy decides once per flown step. Values: [0.001, 100000] Hz. Default: 10.0.
     physics_hz
-        Ticks per second, 1 to 1000 to a flown step. None: one to a flown step; for drones that fly by rotors, as many
-        as make at least 500 Hz. Rotors need 50 Hz. Values: > 0 Hz. Default: None.
+        Ticks per second, 1 to 1000 per flown step. None: one per flown step; for motion by rotors, as many as give at
+        least 500 Hz. Motion by rotors needs at least 50 Hz. Values: > 0 Hz. Default: None.
     controller_hz
         Calls per second of the controller of drones that fly by rotors: a multiple of ``policy_hz`` that divides
-        ``physics_hz``. None: one in every tick. Values: > 0 Hz. Default: None.
+        ``physics_hz``. None: one per tick. Values: > 0 Hz. Default: None.
     """
 
     # fields of ClockConfig
@@ -452,7 +452,7 @@ class WindConfig:
         Wind at 6.1 m (20 ft) above the ground. A tenth of it is the standard deviation upwards. Only with
         ``gusts="dryden"``. Values: [0, 1000] m/s. Default: 5.0.
     height_m
-        Height above the ground, which gives the scale lengths, and the strength along and across. Only with
+        Height above the ground. It sets the scale lengths, and the strength along and across the wind. Only with
         ``gusts="dryden"``. Values: [3, 300] m. Default: 5.0.
     """
 
@@ -508,8 +508,7 @@ class DynamicsConfig:
         twice the rotors' lag, otherwise midpoint. Default: 'automatic'.
     on_contact
         ``"terminate"``: the drone stays where it hit, and its episode ends with the step. ``"stop"``: the point that
-        touches stops, and the drone flies on. ``"bounce"``: the drone is thrown back and flies on. Default:
-        'terminate'.
+        touches stops, and the drone flies on. ``"bounce"``: the drone bounces back and flies on. Default: 'terminate'.
     restitution
         Speed away from the surface over speed towards it, in a bounce. Values: [0, 1]. Default: 0.3.
     friction
@@ -521,7 +520,7 @@ class DynamicsConfig:
     body_drag
         Drag of the body. Default: True.
     gyroscopic
-        Torques of turning rotors on a turning body. Default: True.
+        Gyroscopic torques of the rotors on a turning body. Default: True.
     ground_effect
         More thrust near surfaces below. Default: False.
     wind
@@ -707,9 +706,9 @@ class HoverConfig:
     hold_weight
         Weight of 1 / (1 + (d / 2 hold_m)^2). Default: 2.0.
     speed_weight
-        Weight of minus the speed, m/s. Default: 0.1.
+        Weight of minus the speed, in m/s. Default: 0.1.
     spin_weight
-        Weight of minus the length of the angular velocity, 10 rad/s. Default: 0.1.
+        Weight of minus the length of the angular velocity, in units of 10 rad/s. Default: 0.1.
     change_weight
         Weight of minus the mean squared difference to the previous action, which is 0 before the first. Default: 0.0.
     crash_weight
@@ -771,7 +770,7 @@ class TrackConfig:
         ``"figure8"``: level, x = s cos(w t), y = s / 2 sin(2 w t) with s = ``size_m``. ``"random"``: three waves of
         random phases along each axis, up to ``size_m`` in all and half of that in height. Default: 'figure8'.
     yaw
-        ``"fixed"``: along the world's x axis. ``"along"``: the way the path goes. Default: 'fixed'.
+        ``"fixed"``: along the world's x axis. ``"along"``: the direction of the path. Default: 'fixed'.
     size_m
         Size of the path. Values: (0, 1000] m. Default: 1.0.
     speed_mps
@@ -786,15 +785,15 @@ class TrackConfig:
     max_distance_m
         Distance from the path beyond which an episode ends as a crash. Values: > 0 m. Default: 1.0.
     close_m
-        Greatest root mean square of d of an episode that is a success. Values: > 0 m. Default: 0.05.
+        Root mean square of d up to which an episode is a success. Values: > 0 m. Default: 0.05.
     near_weight
         Weight of the reward term exp(-2 d). Default: 1.0.
     close_weight
         Weight of 1 / (1 + (d / close_m)^2). Default: 1.0.
     yaw_weight
-        Weight of minus the yaw that is missing, rad. Default: 0.2.
+        Weight of minus the yaw error, in rad. Default: 0.2.
     spin_weight
-        Weight of minus the length of the angular velocity, 10 rad/s. Default: 0.02.
+        Weight of minus the length of the angular velocity, in units of 10 rad/s. Default: 0.02.
     change_weight
         Weight of minus the mean squared difference to the previous action, which is 0 before the first. Default: 0.0.
     crash_weight
@@ -851,10 +850,10 @@ class NavigationConfig:
         ``yaw_step_deg``, counter-clockwise positive. ``"discrete_forward"``: 0 to 2 for +x, +y, -y by ``step_m``.
         Default: 'discrete'.
     observation
-        What stands before the LiDAR ranges over the maximum range, 1 on a miss. ``"goal"``: the unit direction (3,) to
-        the current goal in the body frame, as the pose sensor has it. ``"blob"``: ``offset`` and ``area`` of the
-        `color_blob` of ``color`` in the first camera's image. ``"pixels"``: nothing; the image of the first camera,
-        whose layout is ``"chw"``, is a separate field. Default: 'goal'.
+        Values before the LiDAR ranges, which are divided by the maximum range and 1 on a miss. ``"goal"``: the unit
+        direction (3,) to the current goal in the body frame, as measured by the pose sensor. ``"blob"``: ``offset`` and
+        ``area`` of the `color_blob` of ``color`` in the first camera's image. ``"pixels"``: nothing; the image of the
+        first camera, whose layout is ``"chw"``, is a separate field. Default: 'goal'.
     step_m
         Distance of a full action. Values: > 0 m. Default: 0.1.
     yaw_step_deg
@@ -864,7 +863,7 @@ class NavigationConfig:
     random_start
         Start anywhere in the world's spawn box instead of at its start marker. Default: False.
     color
-        Colour that ``observation="blob"`` looks for; by default the green of the goal. Refused with another
+        Colour that ``observation="blob"`` looks for; by default the green of the goal. Not allowed with another
         observation. Default: ColorRange().
     """
 
@@ -1667,7 +1666,7 @@ class Contact:
     # arrays of Contact
     @property
     def hit(self) -> _Bool:
-        """(N,): something was touched."""
+        """(N,): the drone touched something."""
 
     @property
     def inside(self) -> _Bool:
@@ -1675,15 +1674,15 @@ class Contact:
 
     @property
     def fraction(self) -> _F32:
-        """(N,): part of the motion that was flown; with substeps, of the one that hit."""
+        """(N,): share of the motion flown before the contact; with substeps, of the substep that hit."""
 
     @property
     def point(self) -> _F32:
-        """(N, 3) m, world frame: where it touched, on the obstacle."""
+        """(N, 3) m, world frame: contact point on the obstacle."""
 
     @property
     def normal(self) -> _F32:
-        """(N, 3) 1, world frame: from the obstacle towards the drone."""
+        """(N, 3) 1, world frame: direction from the obstacle towards the drone."""
     # end of arrays
 
 @final
@@ -2087,19 +2086,19 @@ class Batch:
 
     @property
     def sensed_position(self) -> _F32:
-        """(N, 3) m, world frame: position, as read last."""
+        """(N, 3) m, world frame: latest reading of the position."""
 
     @property
     def sensed_quat_wxyz(self) -> _F32:
-        """(N, 4) 1, world frame: orientation, body to world, as read last."""
+        """(N, 4) 1, world frame: latest reading of the orientation, body to world."""
 
     @property
     def accelerometer(self) -> _F32:
-        """(N, 3) m/s^2, sensor frame: specific force, as read last."""
+        """(N, 3) m/s^2, sensor frame: latest reading of the specific force."""
 
     @property
     def gyroscope(self) -> _F32:
-        """(N, 3) rad/s, sensor frame: angular velocity, as read last."""
+        """(N, 3) rad/s, sensor frame: latest reading of the angular velocity."""
 
     @property
     def steps(self) -> _I64:
@@ -2119,7 +2118,7 @@ class Batch:
 
     @property
     def reward_terms(self) -> _F32:
-        """(R, terms): terms of the reward, in the order of the spec; their sum is it."""
+        """(R, terms): reward terms, in the order of the spec; their sum is the reward."""
 
     @property
     def terminated(self) -> _Bool:
@@ -2139,15 +2138,15 @@ class Batch:
 
     @property
     def bad_state(self) -> _Bool:
-        """(R,): the episode ended here, because a number was not finite or a pose beyond the world."""
+        """(R,): the episode ended here because a number was not finite or a pose was out of bounds."""
 
     @property
     def episode_end(self) -> _U8:
-        """(R,): why the episode ended here, an `EpisodeEnd`; 0 if it goes on."""
+        """(R,): reason for the end of the episode, an `EpisodeEnd`; 0 while it goes on."""
 
     @property
     def episode_return(self) -> _F64:
-        """(R,): sum of the rewards of the episode that ended here, else of the current one."""
+        """(R,): sum of the rewards of the episode that ended here, otherwise of the current one."""
 
     @property
     def episode_terms(self) -> _F64:

@@ -100,8 +100,8 @@ struct CameraConfig {
         field("height_px", &C::height_px,
               {.about = "Height of the rendered image.", .unit = "px", .limits = between(1, kMaxSide)}),
         field("hfov_deg", &C::hfov_deg,
-              {.about = "Horizontal field of view. If only one of the two is given, pixels are square and the other follows; it "
-                        "has to be below 179, too. If neither is given, this one is 90.",
+              {.about = "Horizontal field of view. If only one of the two is given, pixels are square and the other one follows; "
+                        "it must be below 179 too. If neither is given, this one is 90.",
                .unit = "deg",
                .limits = between(0.1, 179)}),
         field("vfov_deg", &C::vfov_deg, {.about = "Vertical field of view.", .unit = "deg", .limits = between(0.1, 179)}),
@@ -117,10 +117,10 @@ struct CameraConfig {
         field("layout", &C::layout,
               {.about = "Shape of rgb, hsv and normal images. ``\"hwc\"``: (N, H, W, 3). ``\"chw\"``: (N, 3, H, W)."}),
         field("capture_mode", &C::capture_mode,
-              {.about = "``\"every_step\"``: rendered at every step or `Batch.sense`, or at ``rate_hz``. ``\"on_movement\"``: at "
-                        "those where the drone's pose or world differs from what its frame shows. ``\"on_demand\"``: by "
-                        "`Batch.capture` only. A reset and a change of the camera always render; on demand, the frame is stale "
-                        "until the next capture.",
+              {.about = "``\"every_step\"``: rendered at every step or `Batch.sense`, or at ``rate_hz``. ``\"on_movement\"``: "
+                        "only at those after which the drone's pose or world differs from its frame. ``\"on_demand\"``: by "
+                        "`Batch.capture` only. A reset or a change of the camera also renders, except on demand: the frame is "
+                        "then stale until the next capture.",
                .affects_hash = AffectsHash::no}),  // the mode is part of the snapshot
         field("samples_per_pixel", &C::samples_per_pixel,
               {.about = "Samples of a pixel, in a grid, averaged. Only for colours; other outputs show the pixel's centre.",
@@ -133,11 +133,10 @@ struct CameraConfig {
                         "``fx``, ``fy``, ``cx`` and ``cy`` stay those of the rendered image. Not with the outputs semantic, "
                         "instance and normal, which have no mean; hsv is computed from the resized rgb.",
                .unit = "px"}),
-        field(
-            "pool", &C::pool,
-            {.about = "With ``resize``, a pixel of the rendered pixels that it covers. ``\"mean\"``: weighted by covered area, "
-                      "as OpenCV's INTER_AREA. ``\"min\"``, ``\"max\"``: the least or greatest of each channel. Depth: mean and "
-                      "max are inf if one covered pixel is a miss, min only if all are."}));
+        field("pool", &C::pool,
+              {.about = "How ``resize`` combines the rendered pixels that a pixel covers. ``\"mean\"``: weighted by covered "
+                        "area, as OpenCV's INTER_AREA. ``\"min\"``, ``\"max\"``: the least or greatest of each channel. Depth: "
+                        "mean and max are inf if any covered pixel is a miss, min only if all are."}));
   }
 
   FLOCKSTEP_API void validate() const;

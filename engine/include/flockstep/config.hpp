@@ -66,14 +66,12 @@ struct BatchConfig {
                    "``\"gl\"``: OpenGL 4.5 by EGL, headless; without it, raycast with a warning. ``\"auto\"``: the faster of the "
                    "two on the batch's worlds, timed when the batch is made.",
                .affects_hash = AffectsHash::no}),
-        field(
-            "tracer", &C::tracer,
-            {.about =
-                 "How rays find triangles. ``\"tiles\"``: rays that lie close go through a tree of triangles together, wherever "
-                 "that is possible. ``\"embree\"``: all rays by Embree, to compare with. ``\"auto\"``: tiles if the numbers of "
-                 "rays and triangles make them faster. Fans, sparse patterns and rays of shadows always use Embree."}),
+        field("tracer", &C::tracer,
+              {.about = "How rays find triangles. ``\"tiles\"``: nearby rays traverse a tree of triangles together, where "
+                        "possible. ``\"embree\"``: all rays by Embree, for comparison. ``\"auto\"``: tiles if they are faster "
+                        "for these numbers of rays and triangles. Fans, sparse patterns and shadow rays always use Embree."}),
         field("pose_sensor", &C::pose_sensor, {.about = "The pose sensor of each drone."}),
-        field("imus", &C::imus, {.about = "The IMUs of each drone, with different names; the drone has to fly by its rotors."}),
+        field("imus", &C::imus, {.about = "The IMUs of each drone, with different names; they need motion by rotors."}),
         field("episode", &C::episode, {.about = "When episodes begin and end."}),
         field("clock", &C::clock, {.about = "Rates of policy, controller and physics."}),
         field("dynamics", &C::dynamics, {.about = "How drones move."}));

@@ -88,14 +88,14 @@ struct DynamicsConfig {
         field("on_contact", &C::on_contact,
               {.about =
                    "``\"terminate\"``: the drone stays where it hit, and its episode ends with the step. ``\"stop\"``: the point "
-                   "that touches stops, and the drone flies on. ``\"bounce\"``: the drone is thrown back and flies on."}),
+                   "that touches stops, and the drone flies on. ``\"bounce\"``: the drone bounces back and flies on."}),
         field("restitution", &C::restitution,
               {.about = "Speed away from the surface over speed towards it, in a bounce.", .limits = between(0, 1)}),
         field("friction", &C::friction, {.about = "Coulomb's coefficient of friction, in a bounce.", .limits = between(0, 10)}),
         field("rotor_lag", &C::rotor_lag, {.about = "Rotors take time to change their speed."}),
         field("rotor_drag", &C::rotor_drag, {.about = "Drag and lift of rotors that move through the air."}),
         field("body_drag", &C::body_drag, {.about = "Drag of the body."}),
-        field("gyroscopic", &C::gyroscopic, {.about = "Torques of turning rotors on a turning body."}),
+        field("gyroscopic", &C::gyroscopic, {.about = "Gyroscopic torques of the rotors on a turning body."}),
         field("ground_effect", &C::ground_effect, {.about = "More thrust near surfaces below."}),
         field("wind", &C::wind, {.about = "Wind; none by default."}),
         field("max_speed_mps", &C::max_speed_mps, {.about = "Speed limit of the controller.", .unit = "m/s", .limits = above(0)}),

@@ -78,18 +78,18 @@ struct ClockConfig {
     using C = ClockConfig;
     return field_list(
         field("policy_hz", &C::policy_hz,
-              {.about = "Flown steps per second, for each of which the policy decides once.",
+              {.about = "Flown steps per second; the policy decides once per flown step.",
                .unit = "Hz",
                .limits = between(0.001, 100000)}),
         field("physics_hz", &C::physics_hz,
-              {.about = "Ticks per second, 1 to 1000 to a flown step. None: one to a flown step; for drones that fly by rotors, "
-                        "as many as make at least 500 Hz. Rotors need 50 Hz.",
+              {.about = "Ticks per second, 1 to 1000 per flown step. None: one per flown step; for motion by rotors, as many as "
+                        "give at least 500 Hz. Motion by rotors needs at least 50 Hz.",
                .unit = "Hz",
                .limits = above(0)}),
         field(
             "controller_hz", &C::controller_hz,
             {.about = "Calls per second of the controller of drones that fly by rotors: a multiple of ``policy_hz`` that divides "
-                      "``physics_hz``. None: one in every tick.",
+                      "``physics_hz``. None: one per tick.",
              .unit = "Hz",
              .limits = above(0)}));
   }

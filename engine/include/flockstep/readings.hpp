@@ -18,15 +18,18 @@ struct PoseReadings {
 
   static constexpr auto fields() {
     using C = PoseReadings;
-    return field_list(
-        array("sensed_position", &C::position,
-              {.columns = 3, .unit = "m", .frame = Frame::world, .writer = "pose sensor", .about = "position, as read last"}),
-        array("sensed_quat_wxyz", &C::quat_wxyz,
-              {.columns = 4,
-               .unit = "1",
-               .frame = Frame::world,
-               .writer = "pose sensor",
-               .about = "orientation, body to world, as read last"}));
+    return field_list(array("sensed_position", &C::position,
+                            {.columns = 3,
+                             .unit = "m",
+                             .frame = Frame::world,
+                             .writer = "pose sensor",
+                             .about = "latest reading of the position"}),
+                      array("sensed_quat_wxyz", &C::quat_wxyz,
+                            {.columns = 4,
+                             .unit = "1",
+                             .frame = Frame::world,
+                             .writer = "pose sensor",
+                             .about = "latest reading of the orientation, body to world"}));
   }
 };
 
@@ -37,12 +40,18 @@ struct ImuReadings {
 
   static constexpr auto fields() {
     using C = ImuReadings;
-    return field_list(
-        array("accelerometer", &C::accelerometer,
-              {.columns = 3, .unit = "m/s^2", .frame = Frame::sensor, .writer = "IMU", .about = "specific force, as read last"}),
-        array(
-            "gyroscope", &C::gyroscope,
-            {.columns = 3, .unit = "rad/s", .frame = Frame::sensor, .writer = "IMU", .about = "angular velocity, as read last"}));
+    return field_list(array("accelerometer", &C::accelerometer,
+                            {.columns = 3,
+                             .unit = "m/s^2",
+                             .frame = Frame::sensor,
+                             .writer = "IMU",
+                             .about = "latest reading of the specific force"}),
+                      array("gyroscope", &C::gyroscope,
+                            {.columns = 3,
+                             .unit = "rad/s",
+                             .frame = Frame::sensor,
+                             .writer = "IMU",
+                             .about = "latest reading of the angular velocity"}));
   }
 };
 

@@ -27,21 +27,20 @@ struct ContactState {  // contacts of the last motion
     using C = ContactState;
     constexpr const char* kWriter = "collision; cleared by a reset or a teleport";
     return field_list(
-        array("hit", &C::hit, {.values = Values::flag, .writer = kWriter, .about = "something was touched"}),
+        array("hit", &C::hit, {.values = Values::flag, .writer = kWriter, .about = "the drone touched something"}),
         array("inside", &C::inside, {.values = Values::flag, .writer = kWriter, .about = "the motion began in penetration"}),
         array("fraction", &C::fraction,
               {.values = Values::fraction,
                .writer = kWriter,
-               .about = "part of the motion that was flown; with substeps, of the one that hit"}),
-        array(
-            "point", &C::point,
-            {.columns = 3, .unit = "m", .frame = Frame::world, .writer = kWriter, .about = "where it touched, on the obstacle"}),
+               .about = "share of the motion flown before the contact; with substeps, of the substep that hit"}),
+        array("point", &C::point,
+              {.columns = 3, .unit = "m", .frame = Frame::world, .writer = kWriter, .about = "contact point on the obstacle"}),
         array("normal", &C::normal,
               {.columns = 3,
                .unit = "1",
                .frame = Frame::world,
                .writer = kWriter,
-               .about = "from the obstacle towards the drone"}));
+               .about = "direction from the obstacle towards the drone"}));
   }
 };
 
@@ -95,7 +94,7 @@ struct FlightState {
                .frame = Frame::world,
                .access = Access::internal,
                .writer = kWriter,
-               .about = "what float32 rounds off of the position"}),
+               .about = "rounding error of the position in float32"}),
         array("wind", &C::wind,
               {.columns = 3,
                .unit = "m/s",
@@ -191,7 +190,7 @@ struct EpisodeState {
 
   static constexpr auto fields() {
     using C = EpisodeState;
-    constexpr const char* kWriter = "the episode machine";
+    constexpr const char* kWriter = "the episode logic";
     return field_list(
         array("steps", &C::steps,
               {.rows = Rows::env,
@@ -247,7 +246,7 @@ struct EpisodeState {
                .values = Values::flag,
                .access = Access::internal,
                .writer = kWriter,
-               .about = "the action differs from that of the previous step; so does an episode's first"}));
+               .about = "the action differs from that of the previous step; also set at an episode's first action"}));
   }
 };
 

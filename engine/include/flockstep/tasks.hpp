@@ -105,11 +105,12 @@ struct NavigationConfig {
                    "of up to ``yaw_step_deg``, counter-clockwise positive. ``\"discrete_forward\"``: 0 to 2 for +x, +y, -y by "
                    "``step_m``."}),
         field("observation", &C::observation,
-              {.about =
-                   "What stands before the LiDAR ranges over the maximum range, 1 on a miss. ``\"goal\"``: the unit direction "
-                   "(3,) to the current goal in the body frame, as the pose sensor has it. ``\"blob\"``: ``offset`` and ``area`` "
-                   "of the `color_blob` of ``color`` in the first camera's image. ``\"pixels\"``: nothing; the image of the "
-                   "first camera, whose layout is ``\"chw\"``, is a separate field."}),
+              {.about = "Values before the LiDAR ranges, which are divided by the maximum range and 1 on a miss. ``\"goal\"``: "
+                        "the unit direction "
+                        "(3,) to the current goal in the body frame, as measured by the pose sensor. ``\"blob\"``: ``offset`` "
+                        "and ``area`` "
+                        "of the `color_blob` of ``color`` in the first camera's image. ``\"pixels\"``: nothing; the image of the "
+                        "first camera, whose layout is ``\"chw\"``, is a separate field."}),
         field("step_m", &C::step_m, {.about = "Distance of a full action.", .unit = "m", .limits = above(0)}),
         field("yaw_step_deg", &C::yaw_step_deg,
               {.about = "Angle of a full turn action.", .unit = "deg", .limits = above_up_to(0, 180)}),
@@ -117,8 +118,8 @@ struct NavigationConfig {
         field("random_start", &C::random_start,
               {.about = "Start anywhere in the world's spawn box instead of at its start marker."}),
         field("color", &C::color,
-              {.about = "Colour that ``observation=\"blob\"`` looks for; by default the green of the goal. Refused with another "
-                        "observation."}));
+              {.about = "Colour that ``observation=\"blob\"`` looks for; by default the green of the goal. Not allowed with "
+                        "another observation."}));
   }
 
   // Returns the thesis's task with this observation. Camera tasks use `discrete_forward` and end when x passes the goal.
@@ -184,8 +185,9 @@ struct HoverConfig {
                .limits = above_up_to(0, 1000000)}),
         field("near_weight", &C::near_weight, {.about = "Weight of the reward term exp(-2 d)."}),
         field("hold_weight", &C::hold_weight, {.about = "Weight of 1 / (1 + (d / 2 hold_m)^2)."}),
-        field("speed_weight", &C::speed_weight, {.about = "Weight of minus the speed, m/s."}),
-        field("spin_weight", &C::spin_weight, {.about = "Weight of minus the length of the angular velocity, 10 rad/s."}),
+        field("speed_weight", &C::speed_weight, {.about = "Weight of minus the speed, in m/s."}),
+        field("spin_weight", &C::spin_weight,
+              {.about = "Weight of minus the length of the angular velocity, in units of 10 rad/s."}),
         field("change_weight", &C::change_weight,
               {.about = "Weight of minus the mean squared difference to the previous action, which is 0 before the first."}),
         field("crash_weight", &C::crash_weight, {.about = "Weight of -1 on a crash."}));
@@ -249,7 +251,7 @@ struct TrackConfig {
         field("path", &C::path,
               {.about = "``\"figure8\"``: level, x = s cos(w t), y = s / 2 sin(2 w t) with s = ``size_m``. ``\"random\"``: three "
                         "waves of random phases along each axis, up to ``size_m`` in all and half of that in height."}),
-        field("yaw", &C::yaw, {.about = "``\"fixed\"``: along the world's x axis. ``\"along\"``: the way the path goes."}),
+        field("yaw", &C::yaw, {.about = "``\"fixed\"``: along the world's x axis. ``\"along\"``: the direction of the path."}),
         field("size_m", &C::size_m, {.about = "Size of the path.", .unit = "m", .limits = above_up_to(0, 1000)}),
         field("speed_mps", &C::speed_mps,
               {.about = "Speed of the path: the mean of a lap of a figure-8, the root mean square of random paths.",
@@ -264,11 +266,12 @@ struct TrackConfig {
         field("max_distance_m", &C::max_distance_m,
               {.about = "Distance from the path beyond which an episode ends as a crash.", .unit = "m", .limits = above(0)}),
         field("close_m", &C::close_m,
-              {.about = "Greatest root mean square of d of an episode that is a success.", .unit = "m", .limits = above(0)}),
+              {.about = "Root mean square of d up to which an episode is a success.", .unit = "m", .limits = above(0)}),
         field("near_weight", &C::near_weight, {.about = "Weight of the reward term exp(-2 d)."}),
         field("close_weight", &C::close_weight, {.about = "Weight of 1 / (1 + (d / close_m)^2)."}),
-        field("yaw_weight", &C::yaw_weight, {.about = "Weight of minus the yaw that is missing, rad."}),
-        field("spin_weight", &C::spin_weight, {.about = "Weight of minus the length of the angular velocity, 10 rad/s."}),
+        field("yaw_weight", &C::yaw_weight, {.about = "Weight of minus the yaw error, in rad."}),
+        field("spin_weight", &C::spin_weight,
+              {.about = "Weight of minus the length of the angular velocity, in units of 10 rad/s."}),
         field("change_weight", &C::change_weight,
               {.about = "Weight of minus the mean squared difference to the previous action, which is 0 before the first."}),
         field("crash_weight", &C::crash_weight, {.about = "Weight of -1 on a crash."}));

@@ -47,11 +47,12 @@ struct WindConfig {
                         "``gusts=\"dryden\"``.",
                .unit = "m/s",
                .limits = between(0, 1000)}),
-        field("height_m", &C::height_m,
-              {.about = "Height above the ground, which gives the scale lengths, and the strength along and across. Only with "
-                        "``gusts=\"dryden\"``.",
-               .unit = "m",
-               .limits = between(3, 300)}));
+        field(
+            "height_m", &C::height_m,
+            {.about = "Height above the ground. It sets the scale lengths, and the strength along and across the wind. Only with "
+                      "``gusts=\"dryden\"``.",
+             .unit = "m",
+             .limits = between(3, 300)}));
   }
 
   FLOCKSTEP_API void validate() const;

@@ -259,7 +259,9 @@ inline constexpr std::array kMeshKeys{kMeshFile, kVertices, kTriangles,    kUv, 
 
 // Markers
 inline constexpr SceneKey kMarkerRadius{
-    .name = "radius", .meaning = "Drawn size.", .limits = kSizes, .unit = "m", .usual = [] { return as_json(Markers().radius); }};
+    .name = "radius", .meaning = "Radius at which markers are drawn.", .limits = kSizes, .unit = "m", .usual = [] {
+      return as_json(Markers().radius);
+    }};
 inline constexpr SceneKey kStart{.name = "start", .meaning = "x, y, z.", .limits = kCoordinates, .size = 3, .unit = "m"};
 inline constexpr SceneKey kWaypoints{.name = "waypoints",
                                      .meaning = "x, y, z of each, in the order of flight.",
@@ -312,7 +314,7 @@ inline constexpr SceneKey kSunRadius{.name = "sun_radius_deg",
                                      .unit = "deg",
                                      .usual = [] { return as_json(Light().sun_radius_deg); }};
 inline constexpr SceneKey kSunGlow{.name = "sun_glow",
-                                   .meaning = "The sun's share of the sky's colour beside it; it has halved 5.7 degrees away.",
+                                   .meaning = "The sun's share of the sky's colour beside it; it halves within 5.7 degrees.",
                                    .limits = kShares,
                                    .usual = [] { return as_json(Light().sun_glow); }};
 inline constexpr std::array kLightKeys{kSunDirection, kSunColor, kSkyAmbient, kGroundAmbient, kZenithColor,
