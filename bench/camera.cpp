@@ -317,7 +317,7 @@ void bench_case(const std::string& name, const std::shared_ptr<const flockstep::
                                     Seen{"gl", &gl->images(0).depth}, Seen{"Embree", &embree->images(0).depth}}) {
     const double share = share_that_differs(ours, *depth);
     if (share < 0.04) continue;
-    std::fprintf(stderr, "%s: %s sees another depth than raycast in %.1f %% of the pixels\n", name.c_str(), text, 100.0 * share);
+    std::fprintf(stderr, "%s: %s differs in depth from raycast in %.1f %% of the pixels\n", name.c_str(), text, 100.0 * share);
     std::exit(1);
   }
   const std::string size = size_of(width, height, num_drones);

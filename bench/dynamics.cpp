@@ -164,7 +164,7 @@ void require_same_flight(const Flock& a, const Flock& b) {
     for (std::size_t lane = 0; lane < kLanes; ++lane) {
       const float away = std::abs(a.travelled[i][lane] - b.travelled[i][lane]);
       if (away < 1e-3F && std::abs(a.turn[i][lane] - b.turn[i][lane]) < 1e-3F) continue;
-      std::fprintf(stderr, "the bare kernel flies elsewhere: by %g m\n", static_cast<double>(away));
+      std::fprintf(stderr, "the bare kernel ends at another position: by %g m\n", static_cast<double>(away));
       std::exit(1);
     }
   }
@@ -329,7 +329,7 @@ std::shared_ptr<Fleet> fleet(const DynamicsConfig& config, float from, float tol
   const float floor = -kHalfRoom + DroneModel::load("kingfisher").extents().max.z();
   auto made = std::make_shared<Fleet>(config, Vec3(0.0F, 0.0F, floor + from), Vec3(0.0F, 0.0F, floor + told), imu);
   if (made->is_in_contact() != (told < 0.0F)) {
-    std::fprintf(stderr, "expected contacts of drones that are told a height below the floor, and no others\n");
+    std::fprintf(stderr, "expected contacts only of drones with a commanded height below the floor\n");
     std::exit(1);
   }
   return made;

@@ -340,7 +340,7 @@ def of_hyperdrone(case: Case) -> Found:
 #: Reasons why flights with the same rotor speeds end apart, by peer and the first words of its mode.
 REASONS = {
     ("mujoco", "euler"): "semi-implicit Euler, of first order",
-    ("mujoco", "rk4"): "rotors without a lag push alike all along a tick: only the methods' errors are left",
+    ("mujoco", "rk4"): "without a lag, thrusts are constant in a tick, so only the errors of the methods remain",
     ("crazyflow", "euler"): "Euler, of first order, its default",
     ("crazyflow", "rk4"): "the same equations: float32 on both sides, and our midpoint",
     ("rotorpy", "usual tolerance"): "the same equations: our midpoint, and steps of a relative tolerance of 1e-3",
@@ -440,7 +440,7 @@ def main() -> None:
         "hyperdrone": of_hyperdrone,
     }
     if args.peer not in peers:
-        sys.exit(f"{args.peer}: installs, but nothing here runs it yet")
+        sys.exit(f"{args.peer}: can be installed, but this program does not run it yet")
     print("\n" + json.dumps(asdict(peers[args.peer](Case(**json.loads(args.case))))))
 
 

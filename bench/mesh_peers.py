@@ -376,7 +376,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("peer", choices=list(OF))
     parser.add_argument("files", nargs="+", type=Path, help="cases; the name of a file is that of its world")
-    parser.add_argument("--compare", action="store_true", help="say how many distances differ, too")
+    parser.add_argument("--compare", action="store_true", help="also report how many distances differ")
     args = parser.parse_args()
     print("\n" + json.dumps(asdict(find(args.peer, args.files, args.compare))))
 

@@ -504,7 +504,7 @@ def main() -> None:
     names = parser.parse_args().names or [name for name in BENCHES if name not in APART]
     for name in names:
         if name not in BENCHES:
-            parser.error(f"no benchmark {name!r}: there are {', '.join(BENCHES)}")
+            parser.error(f"NAME: expected one of {', '.join(BENCHES)}, got {name!r}")
     for name in names:
         print(f"== {name}")
         measured = {"machine": machine(), "commit": commit(), "commit_date": commit_date()}

@@ -131,9 +131,9 @@ def refuse_unknown_sources(results: dict[str, Result]) -> None:
     for name, result in results.items():
         cpu, commit = result.get("machine", {}).get("cpu"), result.get("commit")
         if not isinstance(cpu, str) or not cpu:
-            sys.exit(f"{name}: expected the one processor it was measured on, got {cpu!r}")
+            sys.exit(f"{name}: expected the name of one processor, got {cpu!r}")
         if not isinstance(commit, str) or not re.fullmatch("[0-9a-f]{40}", commit):
-            sys.exit(f"{name}: expected the one commit it was measured at, without changes to it, got {commit!r}")
+            sys.exit(f"{name}: expected a single commit without local changes, got {commit!r}")
     refuse_lost_commits(results)
 
 
@@ -337,7 +337,7 @@ def thesis_by_rotors(results: dict[str, Result]) -> str:
     for (motion, _, group), figure in named(
         results, "flight_train", r"train/lidar_by_(\w+)/(seed\d)/(\w+)_success_rate"
     ):
-        column = "playgrounds that ship" if group == "playgrounds" else f"{figure['runs']} generated ones, unseen"
+        column = "bundled playgrounds" if group == "playgrounds" else f"{figure['runs']} generated ones, unseen"
         cells[f'motion="{motion}"', column] = f"{100 * figure['value']:.0f} %"
     return with_source(results, "flight_train", pivot(cells, "flown with"))
 
@@ -368,8 +368,8 @@ def accuracy(results: dict[str, Result]) -> str:
 def other_accuracy(results: dict[str, Result]) -> str:
     """Return the table of the other accuracy measurements."""
     texts = {
-        r"way/(.+)/m": "how far {} flies in the table above",
-        r"way/(.+)/degrees": "how far {} turns there",
+        r"way/(.+)/m": "distance that {} flies in the table above",
+        r"way/(.+)/degrees": "angle that {} turns there",
         r"tour/(.+)/mm": "{} on a tour by its controller: midpoint from rk4",
         r"ten_minutes_at_1_km/(mean|farthest)_mm": "a point 1 km out along each axis, held 10 minutes: {} distance",
     }
@@ -404,8 +404,8 @@ def costs(results: dict[str, Result]) -> str:
     """Return the tables of the cost of each term of flight and of each kind of contact."""
     rows = []
     for head, pattern in (
-        ("what it adds", f"{COST}(.+)/ns_per_(.+)"),
-        ("what flying costs in all", f"{CONTACT}(.+)/ns_per_(.+)"),
+        ("added", f"{COST}(.+)/ns_per_(.+)"),
+        ("total cost", f"{CONTACT}(.+)/ns_per_(.+)"),
     ):
         rows += ["", f"| {head} | | |", "|---|---:|---|"]
         for (what, per), f in named(results, "dynamics", pattern):
@@ -585,7 +585,7 @@ def main() -> None:
         if text == path.read_text(encoding="utf-8"):
             continue
         if args.check:
-            sys.exit(f"{path.name}: its figures are out of date; python3 bench/table.py --keep mends it")
+            sys.exit(f"{path.name}: its figures are out of date: run python3 bench/table.py --keep")
         path.write_text(text, encoding="utf-8")
 
 

@@ -245,7 +245,7 @@ void bench_case(const std::string& scene, const flockstep::World& world, const b
     }
   }
   if (differ > rays / 1000) {  // different results are not comparable
-    std::fprintf(stderr, "%s: %zu of %zu rays hit elsewhere\n", name.c_str(), differ, rays);
+    std::fprintf(stderr, "%s: %zu of %zu rays have another hit\n", name.c_str(), differ, rays);
     std::exit(1);
   }
   const auto rate = [&](std::size_t v) { return static_cast<double>(rays) / bench::median(times[v]); };

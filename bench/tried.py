@@ -102,7 +102,7 @@ def run_worlds(seeds: int) -> int:
             world = getattr(flockstep.World, generator)(seed)  # raises an error if its own flight finds no path
             flockstep.DroneVectorEnv(1, worlds=world, random_start=True).reset(seed=seed)
             if seed % PLANNED == 0 and flockstep.plan(world, world.start, [world.goal], cell_m=cell_m) is None:
-                raise SystemExit(f"{generator} {seed}: no way is found")
+                raise SystemExit(f"{generator} {seed}: no path found")
     return seeds * len(WORLDS)
 
 
@@ -176,7 +176,7 @@ def main() -> None:
     args = parser.parse_args()
     for name in args.names:
         if name not in names:
-            parser.error(f"nothing to try is called {name!r}: there are {', '.join(names)}")
+            parser.error(f"NAME: expected one of {', '.join(names)}, got {name!r}")
     OUT.mkdir(parents=True, exist_ok=True)
     for name in args.names or [name for name in names if name != "extensions"]:
         if name == "extensions":

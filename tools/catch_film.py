@@ -222,7 +222,7 @@ def main(args: Args) -> None:
     lines = [f"  {m.steps:>9,} steps {m.seconds:>5.0f} s {rate:>8.1%}" for m, rate in zip(moments, rates, strict=True)]
     print(f"""
 A policy learned from scratch to catch a quadrotor by the thrusts of its rotors: {chosen.steps:,} steps in
-{chosen.seconds:.0f} seconds. Of {args.flights:,} throws that it has never seen it brings so many to the point and
+{chosen.seconds:.0f} seconds. Share of {args.flights:,} held-out throws that it brings to the point and
 holds them there, within {100 * CLOSE_M:g} cm:
 {chr(10).join(lines)}
 

@@ -92,7 +92,7 @@ def env_keywords(task: str) -> dict[str, Any]:
     classes = [name for name, value in vars(module).items() if _is_task(value)] if module else []
     known = [f"{module_name}:{name}" for name in classes + ids] if module else [*OBSERVATIONS, *ids]
     nearest = difflib.get_close_matches(task, known, cutoff=0) or known
-    raise ValueError(f"task: expected {EXPECTED}, got {task!r}, which {what}; the nearest are {', '.join(nearest)}")
+    raise ValueError(f"task: expected {EXPECTED}, got {task!r}, which {what}. The nearest are {', '.join(nearest)}")
 
 
 def own_defaults(task: str) -> dict[str, Any]:
@@ -204,7 +204,7 @@ class Setup:
         envs = self.make(num_envs, **keywords)
         if not max_episode_steps and getattr(envs.task, "max_episode_steps", None) == 0:
             envs.close()
-            raise ValueError(f"max_episode_steps: expected a number, since {self.task} has none of its own, got none")
+            raise ValueError(f"max_episode_steps: expected a number, since {self.task} has none, got none")
         return envs
 
     def route(self, world: flockstep.World) -> npt.NDArray[np.float32] | None:
@@ -222,7 +222,7 @@ class Setup:
         if not self.has_camera:
             return ""
         return (
-            "Generated playgrounds of the camera tasks are only those whose goal lies at most "
+            "Generated playgrounds of the camera tasks are those with the goal at most "
             f"{CAMERA_SIDEWAYS_M:g} m to the side of the start; they have no waypoints, and one height throughout."
         )
 

@@ -122,11 +122,11 @@ def test_counts_of_trials_have_their_remark(tmp_path, monkeypatch):
 @pytest.mark.parametrize(
     ("changes", "match"),
     [
-        ({"commit": COMMIT + "-dirty"}, "train: expected the one commit .* got '0123.*-dirty'"),
-        ({"commit": "unknown"}, "train: expected the one commit .* got 'unknown'"),
-        ({"commit": [COMMIT, COMMIT]}, "train: expected the one commit"),
-        ({"machine": {}}, "train: expected the one processor .* got None"),
-        ({"machine": MACHINE | {"cpu": ["Fast One", "Slow One"]}}, "train: expected the one processor"),
+        ({"commit": COMMIT + "-dirty"}, "train: expected a single commit .* got '0123.*-dirty'"),
+        ({"commit": "unknown"}, "train: expected a single commit .* got 'unknown'"),
+        ({"commit": [COMMIT, COMMIT]}, "train: expected a single commit"),
+        ({"machine": {}}, "train: expected the name of one processor, got None"),
+        ({"machine": MACHINE | {"cpu": ["Fast One", "Slow One"]}}, "train: expected the name of one processor"),
     ],
 )
 def test_figures_of_no_or_several_sources_are_refused(changes, match, monkeypatch):
@@ -185,7 +185,7 @@ def test_the_tables_of_flight():
     results = of_flight(
         "dynamics", ("cost/body_drag/ns_per_substep", 1.5, "ns", {}), ("contact/open/ns_per_substep", 1234.0, "ns", {})
     )
-    added, in_all = table.costs(results).split("| what flying costs in all")
+    added, in_all = table.costs(results).split("| total cost")
     assert "| body drag | 1.5 ns | a substep |" in added and "| open | 1,200 ns | a substep |" in in_all
     for write in (table.accuracy, table.other_accuracy, table.settling, table.ten_steps, table.costs, table.peers):
         assert write({}) == "Not measured yet.\n"
