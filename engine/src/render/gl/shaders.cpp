@@ -26,17 +26,17 @@ layout(location = 1) uniform vec4 range;
 #define nearness_scale range.w  // 1 / (1 / near - 1 / far)
 
 struct Camera {
-  vec4 eye_offset;  // m, world frame; y of the tile's middle in the atlas, from -1 to 1
-  vec4 w_cx;        // clip coordinates of a point as seen from the eye, by dot product: w, which is the planar depth, x,
-  vec4 x_cy;        // and y within the tile; beside them the camera's cx and cy, px
-  vec4 y_fx;        // 1 / fx
-  vec4 ray_0_fy;    // 1 / fy
+  vec4 eye_offset;  // xyz: the eye (m, world frame); w: y of the tile's middle in the atlas, from -1 to 1
+  vec4 w_cx;        // xyz: the dot product with a point relative to the eye is the clip w, the planar depth; w: cx, px
+  vec4 x_cy;        // xyz: the same for the clip x; w: cy, px
+  vec4 y_fx;        // xyz: the same for the clip y, within the tile; w: 1 / fx
+  vec4 ray_0_fy;    // w: 1 / fy
   vec4 ray_u;
-  vec4 ray_v_grid;  // and which of the grids of the sun
-  vec4 horizon;  // and 1 / gamma
+  vec4 ray_v_grid;  // w: index of the sun's grid
+  vec4 horizon;  // w: 1 / gamma
   vec4 zenith_glow;
-  vec4 sun_edge;  // the direction to it; see SunDisc
-  vec4 disc_steepness;  // its colour
+  vec4 sun_edge;  // xyz: direction to the sun; see SunDisc
+  vec4 disc_steepness;  // xyz: colour of the sun
 };
 )";
 
@@ -46,7 +46,7 @@ out gl_PerVertex {
   float gl_ClipDistance[2];
 };
 
-// The tile's left and right are those of the atlas; above and below are other tiles.
+// A tile is as wide as the atlas; other tiles lie above and below it.
 void place(vec3 clip, float depth, float tile_middle) {
   float w = clip.z;
   gl_Position = vec4(clip.x, clip.y * tile_share + w * tile_middle, depth, w);
@@ -57,15 +57,15 @@ void place(vec3 clip, float depth, float tile_middle) {
 #ifdef SHADOWS
 struct Grid {
   mat3 to_sun;
-  vec4 left_low_cell;  // and 1 / cell
-  uvec4 size;          // columns, rows, where its starts begin, and where its masks
+  vec4 left_low_cell;  // w: 1 / cell
+  uvec4 size;          // columns, rows, offset of its starts, offset of its masks
 };
 layout(std430, binding = 3) readonly buffer Grids { Grid grids[]; };
 
-// The rays in the sun's frame, and the grid.
+// The rays in the sun's frame, and its grid.
 layout(location = 11) flat out vec4 sun_eye_left;
 layout(location = 12) flat out vec4 sun_ray_0_low;
-layout(location = 13) flat out vec4 sun_ray_u_cells;  // cells a metre
+layout(location = 13) flat out vec4 sun_ray_u_cells;  // w: cells per metre
 layout(location = 14) flat out vec3 sun_ray_v;
 layout(location = 15) flat out uvec4 sun_grid;
 
@@ -108,7 +108,7 @@ layout(location = 1) in vec3 normal;
 layout(location = 2) in uvec2 sunlit;
 layout(location = 3) in uvec2 shadowy;
 layout(location = 4) in uint ids;
-layout(location = 5) in vec4 eye_offset;  // the camera, one an instance
+layout(location = 5) in vec4 eye_offset;  // the camera, one per instance
 layout(location = 6) in vec4 w_cx;
 layout(location = 7) in vec4 x_cy;
 layout(location = 8) in vec4 y_fx;
@@ -117,7 +117,7 @@ layout(location = 10) in vec4 ray_u;
 layout(location = 11) in vec4 ray_v_grid;
 
 layout(location = 0) flat out vec3 nearness;
-layout(location = 1) flat out uvec3 tints_ids;  // in the sun, in shadow
+layout(location = 1) flat out uvec3 tints_ids;  // colours in the sun and in shadow, ids
 #ifdef NORMAL
 layout(location = 2) flat out vec3 facing;
 #endif
@@ -139,7 +139,7 @@ layout(location = 3) out vec2 texture_at;
 layout(location = 4) flat out vec4 lens;
 layout(location = 5) flat out vec4 in_sun_height;
 layout(location = 6) flat out vec4 in_shadow_gamma;
-layout(location = 7) flat out vec4 painted_texture_density;  // 1: painted; the texture's number plus 1; and a Paint's cutoff
+layout(location = 7) flat out vec4 painted_texture_density;  // 1 if painted, texture index plus 1, density, cutoff
 layout(location = 8) out vec3 tint;
 
 void paint(vec3 n, float height) {
@@ -211,8 +211,8 @@ layout(location = 6) flat in vec4 in_shadow_gamma;
 layout(location = 7) flat in vec4 painted_texture_density;
 layout(location = 8) in vec3 tint;
 
-layout(std430, binding = 1) readonly buffer Texels { uint texels[]; };  // before them the linear values of bytes, as floats
-// Of a texture: its first level, their number, how it wraps; of a level: its first texel, width and height.
+layout(std430, binding = 1) readonly buffer Texels { uint texels[]; };  // begin with the linear values of bytes, as floats
+// A texture has its first level, number of levels and wrap modes; a level its first texel, width and height.
 layout(std430, binding = 2) readonly buffer Textures { uvec4 textures[]; };
 
 vec3 linear_texel(uint offset, int row, int column, int width) {
@@ -235,7 +235,7 @@ vec3 level_color(uint level, vec2 at, uvec2 wrap) {
 }
 
 #ifdef MASK
-// As masks.hpp says.
+// See masks.hpp.
 bool is_seen_through() {
   if (painted_texture_density.w == 0.0) return false;
   uvec4 image = textures[uint(painted_texture_density.y) - 1u];
@@ -252,7 +252,7 @@ bool is_seen_through() {
 }
 #endif
 
-// As textures.hpp says.
+// See textures.hpp.
 vec3 texture_color(float depth, vec3 at) {
   uvec4 image = textures[uint(painted_texture_density.y) - 1u];
   vec2 ray = (lens.xy - at.yz) * lens.zw;
@@ -356,7 +356,7 @@ vec3 rectangle_corner(int number, vec3 center, mat3 rotation, vec3 extents) {
 #endif
   float r = extents.x;
 #ifdef SPHERE
-  // Across the line to the centre, where the sphere begins; as wide there as the cone of its tangents.
+  // A square across the line to the centre, at the front of the sphere, as wide as the cone of tangents is there.
   float distance = length(center);
   vec3 forward = center / distance;
   vec3 side = normalize(abs(forward.z) < 0.7 ? vec3(-forward.y, forward.x, 0.0) : vec3(0.0, -forward.z, forward.y));
@@ -364,8 +364,8 @@ vec3 rectangle_corner(int number, vec3 center, mat3 rotation, vec3 extents) {
   float width = front * r * inversesqrt(distance * distance - r * r);
   return front * forward + width * (corner.x * side + corner.y * cross(forward, side));
 #else
-  // Along the axis, where the cylinder begins; as wide there as the wedge of its tangents. A rim that is above the eye is seen
-  // highest at its front, and one below it at its back.
+  // A rectangle along the axis, at the front of the cylinder, as wide as the wedge of tangents is there. A rim above the eye
+  // appears highest at its front, a rim below the eye at its back.
   vec3 axis = rotation[2];
   float middle = dot(center, axis);
   vec3 across = center - middle * axis;
@@ -388,13 +388,13 @@ void main() {
   float radius = shape.center_radius.w;
   float half_height = shape.axis_x_half.w;
 
-  // A little wider than the shape, so that the rasteriser's rounding leaves out no pixel of it: a twentieth of a pixel.
+  // A twentieth of a pixel wider than the shape, so that the rasteriser's rounding drops no pixel of it.
   float reach = length(center) + length(vec2(radius, half_height));
   vec3 extents = vec3(radius, radius, half_height) * 1.0001 + 0.05 * reach * max(camera.y_fx.w, camera.ray_0_fy.w);
   vec3 at = boxes == 1 ? box_corner(gl_VertexID & 7, center, rotation, extents)
                        : rectangle_corner(gl_VertexID & 3, center, rotation, extents);
-  // The near and far planes must not clip this: it may lie nearer than the near plane while what is seen behind it does not. Only
-  // the plane of the eye clips it.
+  // The near and far planes must not clip this: it may lie in front of the near plane while the visible surface behind it does
+  // not. Only the plane of the eye clips it.
   place(vec3(dot(camera.x_cy.xyz, at), dot(camera.y_fx.xyz, at), dot(camera.w_cx.xyz, at)), 0.01 * near, camera.eye_offset.w);
 
   origin_radius = vec4(-center * rotation, radius);
@@ -460,7 +460,7 @@ vec2 ball(vec3 o, vec3 d, float radius) {
 vec2 circle(vec2 o, vec2 d, float radius) {
   float across = o.x * d.y - o.y * d.x;
   float d_dot_d = dot(d, d);
-  vec2 parallel = dot(o, o) <= radius * radius ? -nowhere : nowhere;  // to the axis: always or never
+  vec2 parallel = dot(o, o) <= radius * radius ? -nowhere : nowhere;  // rays parallel to the axis hit always or never
   return d_dot_d <= 1e-24 ? parallel : roots(dot(o, d), d_dot_d, across * across, radius);
 }
 
@@ -502,7 +502,7 @@ float mask_alpha(uint first, int texel) {
   return float(entries[first + uint(texel >> 2)] >> uint(8 * (texel & 3)) & 0xFFu);
 }
 
-// Whether the sun shines through a triangle where its second and third corner have these weights; as masks.hpp says.
+// Returns whether the sun shines through a triangle at these weights of its second and third corner; see masks.hpp.
 bool is_shone_through(mat4 triangle, float b, float c) {
   mat4 mask = casters[sun_grid.w + uint(triangle[0].w) - 1u];
   uvec2 wrap = uvec2(mask[0].zw);
@@ -523,7 +523,7 @@ bool is_shone_through(mat4 triangle, float b, float c) {
 bool in_shadow(float depth, vec3 at, bool matters) {
   vec3 ray = sun_ray_0_low.xyz + sun_ray_u_cells.xyz * at.y + sun_ray_v * at.z;
   vec3 p = sun_eye_left.xyz + depth * ray;
-  // Away from the surface, beyond the rounding of the point: back along the ray, and towards the sun.
+  // Moves the point off the surface by more than its rounding error: back along the ray, and towards the sun.
   float lift = 1e-4 * (1.0 + max(abs(p.x), max(abs(p.y), abs(p.z))));
   p += lift * (vec3(0.0, 0.0, 1.0) - normalize(ray));
   vec2 cell = floor((p.xy - vec2(sun_eye_left.w, sun_ray_0_low.w)) * sun_ray_u_cells.w);
@@ -561,7 +561,7 @@ bool in_shadow(float depth, vec3 at, bool matters) {
     } else {
       inside = capsule(o, d, half_extents.x, half_extents.z);
     }
-    hidden = inside.x <= inside.y && (kind == 5 ? inside.x : inside.y) >= 0.0;  // a room only from outside
+    hidden = inside.x <= inside.y && (kind == 5 ? inside.x : inside.y) >= 0.0;  // a room hides only from outside
   }
   return hidden;
 }
@@ -733,7 +733,7 @@ GlShader compile(GLenum stage, const std::string& defines, std::initializer_list
   if (compiled == GL_TRUE) return shader;
   std::array<char, 2048> log{};
   glGetShaderInfoLog(shader.name(), static_cast<GLsizei>(log.size()), nullptr, log.data());
-  throw GlUnavailable("the driver refuses a shader: " + std::string(log.data()));
+  throw GlUnavailable("the driver rejected a shader: " + std::string(log.data()));
 }
 
 GlProgram link(const GlShader& vertex, const GlShader& fragment) {
@@ -746,7 +746,7 @@ GlProgram link(const GlShader& vertex, const GlShader& fragment) {
   if (linked == GL_TRUE) return program;
   std::array<char, 2048> log{};
   glGetProgramInfoLog(program.name(), static_cast<GLsizei>(log.size()), nullptr, log.data());
-  throw GlUnavailable("the driver refuses a program: " + std::string(log.data()));
+  throw GlUnavailable("the driver rejected a program: " + std::string(log.data()));
 }
 
 }  // namespace
