@@ -93,7 +93,7 @@ std::unique_ptr<Batch, Released> make_batch(const py::object& given_worlds, cons
   const auto index = integers<std::int32_t>(world_index, "world_index", {config.num_envs});
   std::optional<WorldPool> pool = world_pool(given_worlds, config);
   const Worlds worlds = pool ? Worlds() : worlds_argument(given_worlds);
-  require(!pool || !index.given(), "world_index", "none with a WorldPool: each episode draws its world", "some");
+  if (pool && index.given()) throw py::value_error("world_index: not allowed with a WorldPool: each episode draws its world");
   std::unique_ptr<Task> own_task = make_task(task);
   auto batch = released([&] {  // prepares worlds for tracing, times backends
     auto made =
@@ -285,7 +285,7 @@ Viewed<ContactState> contacts_arrays(const py::object& self, const char*) {
 }  // namespace
 
 void register_batch(py::module_& module) {
-  py::class_<ContactView> contact(module, "Contact", "Where the last motion of each drone ended.");
+  py::class_<ContactView> contact(module, "Contact", "Contacts of the last motion of each drone.");
   contact.def("__repr__", &describe_contact);
   add_arrays<ContactState, &contacts_arrays>(contact);
 
@@ -313,17 +313,17 @@ void register_batch(py::module_& module) {
       .def_property_readonly("embree_packets", [](const Batch& batch) { return batch.embree_packets(); })
       .def_property_readonly("dynamics", [](const Batch& batch) { return batch.config().dynamics; })
       .def_property_readonly("clock", [](const Batch& batch) { return batch.config().clock; })
-      .def_property_readonly("worlds",
-                             [](const Batch& batch) {
-                               Worlds worlds;
-                               if (batch.worlds().empty()) {
-                                 throw py::attribute_error(
-                                     "the worlds of this Batch come from a WorldPool, which has no end: "
-                                     "world_of(i) is the one that drone i is in");
-                               }
-                               for (const auto& world : batch.worlds()) worlds.push_back(std::const_pointer_cast<World>(world));
-                               return worlds;
-                             })
+      .def_property_readonly(
+          "worlds",
+          [](const Batch& batch) {
+            Worlds worlds;
+            if (batch.worlds().empty()) {
+              throw py::attribute_error(
+                  "this Batch draws its worlds from an unlimited WorldPool: use world_of(i) for the world of drone i");
+            }
+            for (const auto& world : batch.worlds()) worlds.push_back(std::const_pointer_cast<World>(world));
+            return worlds;
+          })
       .def(
           "world_of",
           [](const Batch& batch, const py::object& index) {

@@ -127,7 +127,7 @@ Seen green_blob(const py::array& given, const std::string& layout) {
 }  // namespace
 
 void register_color_blob(py::module_& module) {
-  py::class_<Seen>(module, "GreenBlob", "What is green in an image.")
+  py::class_<Seen>(module, "GreenBlob", "The green part of an image.")
       .def_property_readonly("found", [](const Seen& seen) { return seen.blob.found; })
       .def_property_readonly("x", [](const Seen& seen) { return seen.blob.x; })
       .def_property_readonly("y", [](const Seen& seen) { return seen.blob.y; })
@@ -137,7 +137,7 @@ void register_color_blob(py::module_& module) {
       .def_property_readonly("area", [](const Seen& seen) { return seen.blob.area; })
       .def_readonly("mask", &Seen::mask);
   module.def("green_blob", &green_blob, py::arg("image"), py::arg("layout") = "hwc");
-  py::class_<Blobs>(module, "ColorBlob", "Where a colour is in images.")
+  py::class_<Blobs>(module, "ColorBlob", "Position and size of a colour in images.")
       .def_readonly("found", &Blobs::found)
       .def_readonly("x", &Blobs::x)
       .def_readonly("y", &Blobs::y)
@@ -152,7 +152,7 @@ void register_color_blob(py::module_& module) {
         return color_blob(images, argument<ColorRange>(color, "color", "a flockstep.ColorRange"), layout);
       },
       py::arg("images"), py::arg("color"), py::arg("layout") = "hwc");
-  py::class_<Components>(module, "ColorComponents", "The connected parts of an image that have a colour.")
+  py::class_<Components>(module, "ColorComponents", "Connected parts of an image with a colour.")
       .def_readonly("box", &Components::box)
       .def_readonly("centroid", &Components::centroid)
       .def_readonly("area_px", &Components::area_px)

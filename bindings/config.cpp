@@ -121,7 +121,7 @@ py::list described(const std::vector<ConfigField>& fields, const void* defaults)
 char* held_by(const py::object& self, const std::type_info& type) {
   py::detail::type_caster_generic caster(type);
   if (!caster.load(self, false) || caster.value == nullptr)
-    throw py::type_error("expected another type than " + class_name(self));
+    throw py::type_error("expected a configuration, got a " + class_name(self));
   return static_cast<char*>(caster.value);
 }
 
@@ -236,13 +236,13 @@ void register_config(py::module_& module) {
       .def_property_readonly("cy", [](const CameraConfig& c) { return 0.5 * c.height_px; })
       .def_property_readonly("image_size_px",
                              [](const CameraConfig& c) { return py::make_tuple(c.image_width_px(), c.image_height_px()); });
-  register_fields<ColorRange>(module, "ColorRange", "Which colours count.");
+  register_fields<ColorRange>(module, "ColorRange", "A range of colours.");
   register_fields<PoseSensorConfig>(module, "PoseSensorConfig", "The exact pose, with optional Gaussian noise.");
-  register_fields<ImuConfig>(module, "ImuConfig", "An inertial measurement unit, for drones that fly by their rotors.");
+  register_fields<ImuConfig>(module, "ImuConfig", "An inertial measurement unit, for motion by rotors.");
   register_fields<EpisodeConfig>(module, "EpisodeConfig", "When episodes begin and end; the same for every task.");
   register_fields<ClockConfig>(module, "ClockConfig", "How time passes: the rates of policy, controller and physics.");
-  register_fields<WindConfig>(module, "WindConfig", "The wind that drones fly in by their rotors.");
-  register_fields<DynamicsConfig>(module, "DynamicsConfig", "How drones move, and what they are told.");
+  register_fields<WindConfig>(module, "WindConfig", "The wind, for motion by rotors.");
+  register_fields<DynamicsConfig>(module, "DynamicsConfig", "How drones move, and the meaning of their commands.");
   register_fields<NavigationReward>(module, "NavigationReward", "The terms of the navigation reward and their weights.");
   py::dict tasks;
   for_each_task([&]<class Config>(std::type_identity<Config>) {

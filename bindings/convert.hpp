@@ -34,7 +34,8 @@ inline std::size_t index_of(const std::string& text, Names names, const std::str
     if (text == names[i]) return i;
     expected += (i == 0 ? "\"" : i + 1 == names.size() ? " or \"" : ", \"") + std::string(names[i]) + '"';
   }
-  throw py::value_error(field + ": expected " + expected + ", got \"" + text + '"');
+  throw py::value_error(field + ": expected " + expected + ", got \"" + text + '"' +
+                        did_you_mean(text, std::vector<std::string_view>(names.begin(), names.end())));
 }
 template <class Enum>
 Enum enum_of(const std::string& text, const std::string& field) {
@@ -52,13 +53,16 @@ inline CameraOutputs outputs_of(const py::handle& names) {
   for (const py::handle name : names) {
     const auto text = py::str(name).cast<std::string>();
     std::string expected;
+    std::vector<std::string_view> known;
     bool found = false;
     for_each_field(outputs, [&](const auto& field, bool& chosen) {
       expected += (expected.empty() ? "" : ", ") + std::string(field.name);
+      known.push_back(field.name);
       if (text != field.name) return;
       chosen = found = true;
     });
-    if (!found) throw py::value_error("outputs: expected names among " + expected + ", got \"" + text + '"');
+    if (!found)
+      throw py::value_error("outputs: expected names among " + expected + ", got \"" + text + '"' + did_you_mean(text, known));
   }
   return outputs;
 }
@@ -263,7 +267,7 @@ inline std::string not_finite(const py::handle& value, const std::string& name, 
 inline std::string json_text(const py::handle& data, const std::string& name) {
   try {
     const auto of_array = py::cpp_function([](const py::object& value) {  // NumPy's arrays and numbers
-      if (!py::hasattr(value, "tolist")) throw py::type_error("a " + type_name(value) + " is nothing that JSON knows");
+      if (!py::hasattr(value, "tolist")) throw py::type_error("JSON cannot represent a " + type_name(value));
       return value.attr("tolist")();
     });
     return py::str(py::module_::import("json").attr("dumps")(data, py::arg("allow_nan") = false, py::arg("default") = of_array));

@@ -22,7 +22,7 @@ py::array_t<float> hull_of(const py::object& self) {
 }
 
 const Airframe& airframe_of(const DroneModel& drone) {
-  if (!drone.airframe()) throw py::attribute_error("this DroneModel is a hull alone, without an airframe");
+  if (!drone.airframe()) throw py::attribute_error("this DroneModel has no airframe, only a hull");
   return *drone.airframe();
 }
 
@@ -41,7 +41,7 @@ DroneModel drone_argument(const py::object& drone) {
 
 void register_drone_model(py::module_& module) {
   const auto json = [](const char* function) { return py::module_::import("json").attr(function); };
-  py::class_<DroneModel>(module, "DroneModel", "What a drone is made of: its convex hull, and its airframe if it has one.")
+  py::class_<DroneModel>(module, "DroneModel", "A drone: its convex hull, and its airframe if it has one.")
       .def(py::init(&make_drone_model), py::arg("hull") = py::none())
       .def_static(
           "load", [](const py::object& name_or_path) { return DroneModel::load(path_of(name_or_path)); }, py::arg("name_or_path"))

@@ -29,7 +29,9 @@ void refuse_uninitialised_objects(const pybind11::module_& module) {
     if (!pybind11::isinstance<pybind11::type>(item)) continue;
     auto* const info = pybind11::detail::get_type_info(reinterpret_cast<PyTypeObject*>(item.ptr()));
     if (info == nullptr) continue;
-    info->operator_new = [](std::size_t) -> void* { throw pybind11::type_error("this object was never initialised"); };
+    info->operator_new = [](std::size_t) -> void* {
+      throw pybind11::type_error("this object was never initialised: create it by calling its class");
+    };
   }
 }
 

@@ -57,7 +57,7 @@ py::tuple names_of(std::span<const Named> all) {
 }  // namespace
 
 void register_recipe(py::module_& module) {
-  py::class_<Recipe> cls(module, "Recipe", "Everything that a batch is built from, as one value that goes to JSON and back.");
+  py::class_<Recipe> cls(module, "Recipe", "Everything that a batch is built from, as one value that converts to and from JSON.");
   cls.def(py::init([](const py::object& task) { return Recipe::for_task(task_of(task)); }), py::arg("task") = py::none())
       .def_static("from_json", &Recipe::from_json, py::arg("text"))
       .def("to_json", &Recipe::to_json)

@@ -94,7 +94,7 @@ class PythonTask final : public Task {
     const py::tuple targets = calls_->attr("command")(copy_of(actions));
     require(!targets[0].is_none(), "act", "an array of positions or commands", "None");
     if (block.context.dynamics().control != Control::pose) {
-      require(targets[1].is_none(), "act", "commands (N, 4), as the control has them", "a pair of positions and quaternions");
+      require(targets[1].is_none(), "act", "commands (N, 4) of the control", "a pair of positions and quaternions");
       const auto commands = floats(targets[0], "act: command", {n, 4});
       const std::span<const float> rows = commands;
       checks::angles(block.context.dynamics().control, rows, "act: command");
@@ -128,7 +128,8 @@ class PythonTask final : public Task {
     const auto terms = static_cast<py::ssize_t>(score.num_terms);
     const py::tuple scored = calls_->attr("score")();
     const auto reward = py::array_t<double, py::array::c_style | py::array::forcecast>(scored[0]);
-    if (reward.ndim() != 2 || reward.shape(0) != terms || reward.shape(1) != n) throw py::value_error("reward: of a wrong shape");
+    if (reward.ndim() != 2 || reward.shape(0) != terms || reward.shape(1) != n)
+      throw py::value_error("reward: expected shape (" + std::to_string(terms) + ", " + std::to_string(n) + ")");
     const auto terminated = flags(scored[1], "terminated", n);
     const auto truncated = flags(scored[2], "truncated", n);
     const auto success = flags(scored[3], "success", n);
@@ -328,7 +329,7 @@ void register_task(py::module_& module) {
       .def_property_readonly("low", [](const Field& field) { return bounds(field.low); })
       .def_property_readonly("high", [](const Field& field) { return bounds(field.high); })
       .def("__repr__", &describe_field);
-  py::class_<TaskSpec>(module, "TaskSpec", "What a task takes, shows and rewards, declared once.")
+  py::class_<TaskSpec>(module, "TaskSpec", "Actions, observations and reward terms of a task.")
       .def(py::init(
                [](Field action, std::vector<Field> observation, std::vector<std::string> reward_terms, const std::string& row) {
                  return TaskSpec{std::move(action), std::move(observation), std::move(reward_terms), enum_of<Row>(row, "row")};
@@ -345,7 +346,7 @@ void register_task(py::module_& module) {
       .def("__repr__", [](const NativeTask& task) { return "NativeTask('" + task.path + "')"; })
       .def(py::pickle([](const NativeTask& task) { return py::str(task.path); },
                       [](const py::str& path) { return load_task(path); }));
-  py::class_<PythonTaskMaker>(module, "PythonTask", "A task whose methods are Python's; flockstep.Task makes these.")
+  py::class_<PythonTaskMaker>(module, "PythonTask", "A task with methods in Python; made by flockstep.Task.")
       .def(py::init<TaskSpec, std::string, int, py::object>(), py::arg("spec"), py::arg("identity"), py::arg("max_episode_steps"),
            py::arg("calls"));
   py::native_enum<EpisodeEnd> ends(module, "EpisodeEnd", "enum.IntEnum");

@@ -147,7 +147,8 @@ py::object terms_of(const py::object& batch) { return py::cast(Terms{batch}); }
 
 void register_terms(py::module_& module) {
   const auto none = py::none();
-  py::class_<Terms>(module, "Terms", "What the engine's own tasks are rewarded by and observe, of every env as it is now.")
+  py::class_<Terms>(module, "Terms",
+                    "Reward terms and observations of the engine's own tasks, from the current state of every env.")
       .def(
           "goal", [](const Terms& terms, const py::object& goal_index) { return rows(goals(terms, goal_index)); },
           py::arg("goal_index") = none)

@@ -24,7 +24,7 @@ UpAxis up_axis(const std::string& name) {
 
 void warn_of_ignored(const World& world, const std::filesystem::path& path) {
   if (world.ignored().empty()) return;
-  std::string warning = path.string() + ": not read: ";
+  std::string warning = path.string() + ": ignored ";
   for (const std::string& what : world.ignored()) warning += (&what == world.ignored().data() ? "" : ", ") + what;
   if (PyErr_WarnEx(PyExc_UserWarning, warning.c_str(), 1) != 0) throw py::error_already_set();
 }
@@ -179,7 +179,7 @@ void register_world(py::module_& module) {
             const py::object scene = found(source);
             if (py::isinstance<World>(scene)) {
               const bool is_placed = scale != 1.0 || !options.origin.isZero(0.0F) || options.up == UpAxis::y;
-              if (is_placed) throw py::value_error("scale, origin, up: expected none for a scene that is generated");
+              if (is_placed) throw py::value_error("scale, origin, up: not allowed for a generated scene");
               return scene.cast<std::shared_ptr<World>>();
             }
             const auto path = scene.cast<std::filesystem::path>();

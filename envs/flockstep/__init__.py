@@ -122,7 +122,9 @@ else:
             import importlib
 
             return importlib.import_module(f"flockstep.{name}")
-        raise AttributeError(f"module 'flockstep' has no attribute {name!r}")
+        from flockstep.nearest_name import did_you_mean
+
+        raise AttributeError(f"module 'flockstep' has no attribute {name!r}{did_you_mean(name, __all__)}")
 
 
 def __dir__() -> list[str]:

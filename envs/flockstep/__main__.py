@@ -21,7 +21,7 @@ def main() -> None:
     where = "print the folder for CMake's -Dflockstep_DIR, to build a task in C++, and exit"
     parser.add_argument("--cmake-dir", action=_PrintCmakeDir, nargs=0, help=where)
     commands = parser.add_subparsers(title="commands", required=True, metavar="COMMAND")
-    about = "say what this machine has for flockstep, what it lacks, and how to get it"
+    about = "report which parts of flockstep work on this machine, what is missing, and how to install it"
     commands.add_parser("doctor", help=about, description=about).set_defaults(run=doctor.main)
     parser.parse_args().run()
 

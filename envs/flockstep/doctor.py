@@ -70,7 +70,7 @@ def stop_without_required() -> None:
         return
     found = required()
     if any(state != version_of(package) for package, state in found):
-        print_lines([*python_and_system(), *found, ("the simulator", "cannot be imported without these")])
+        print_lines([*python_and_system(), *found, ("simulator", "cannot be imported without these packages")])
         sys.exit(1)
 
 
@@ -89,7 +89,7 @@ def opengl() -> str:
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always")
         batch = _core.Batch([dot()], cameras=[_core.CameraConfig()], camera_backend="gl")
-    return f"not here: {caught[0].message}" if caught else f"here: {batch.camera_backend_report()}"
+    return f"not available: {caught[0].message}" if caught else f"available: {batch.camera_backend_report()}"
 
 
 def python_and_system() -> list[tuple[str, str]]:
@@ -112,7 +112,7 @@ def report() -> list[tuple[str, str]]:
         *required(),
         ("processors", f"{processors}; a batch of many drones uses {_core.Batch([dot()], 10_000).num_threads} threads"),
         ("SIMD", f"{_core.simd_target}, chosen at run time"),
-        ("camera backend raycast", f"here: Embree {_core.embree_version}"),
+        ("camera backend raycast", f"available: Embree {_core.embree_version}"),
         ("camera backend gl", opengl()),
     ]
     return [*lines, *((package, state_of(package, module, purpose)) for package, module, purpose in _OPTIONAL)]

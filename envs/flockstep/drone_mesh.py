@@ -67,7 +67,7 @@ class DroneMesh:
             raise ValueError(f"vertices: expected numbers of shape (V, 3), got {places.dtype} {places.shape}")
         places = places.astype(np.float32)
         if not np.isfinite(places).all():
-            raise ValueError("vertices: expected finite coordinates, got one that is not")
+            raise ValueError("vertices: expected finite coordinates, got NaN or infinity")
         if corners.ndim != 2 or corners.shape[1] != 3 or not len(corners) or corners.dtype.kind not in "iu":
             raise ValueError(f"triangles: expected integers of shape (T, 3), got {corners.dtype} {corners.shape}")
         if corners.min() < 0 or corners.max() >= len(places):
@@ -79,7 +79,7 @@ class DroneMesh:
                 f"colors: expected numbers of shape ({len(corners)}, 3) or (3,), got {shades.dtype} {shades.shape}"
             )
         if not ((shades >= 0) & (shades <= 1)).all():
-            raise ValueError("colors: expected linear RGB in [0, 1], got a value outside of it")
+            raise ValueError("colors: expected linear RGB in [0, 1], got a value outside this range")
         self.vertices = _frozen(places)
         self.triangles = _frozen(corners.astype(np.int32))
         self.colors = _frozen(np.broadcast_to(shades.astype(np.float32), corners.shape))
@@ -171,7 +171,7 @@ class DroneMesh:
             thick_m = 0.0
         if thick_m < _LEAST_M:
             raise ValueError(
-                f"{self!r}: expected a mesh at least {_LEAST_M:g} m thick in every direction, to have a hull, "
+                f"{self!r}: expected a mesh at least {_LEAST_M:g} m thick in every direction, so that it has a hull, "
                 f"got one of {thick_m:.2g} m"
             )
         return simplified_hull(outermost, points)
@@ -234,7 +234,7 @@ def _visible(world: World, path: str) -> tuple[Floats, Ints, Floats]:
         end = begin
     seen = objects["visible"][mesh["objects"]]
     if not seen.any():
-        raise ValueError(f"{path}: expected something visible, got a file in which all is solid alone")
+        raise ValueError(f"{path}: expected something visible, got only solids without a surface to see")
     corners, uv, materials = mesh["triangles"][seen], mesh["uv"], mesh["materials"][seen]
 
     base = np.array([material["base_color"] for material in world.materials])
@@ -336,7 +336,7 @@ def _simplified(vertices: Floats, triangles: Ints, colors: Floats, most: int) ->
                 apart = spatial.cKDTree(new.points).query(some)[0], tree.query(new.points)[0]
                 found.append((max((distances**2).mean() for distances in apart), points, new))
     if not found:
-        raise ValueError(f"triangles: expected more than {most}, as nothing is left of this mesh then")
+        raise ValueError(f"triangles: expected more than {most}: simplification leaves nothing of this mesh")
     _, points, new = min(found, key=lambda one: one[0])
     # Among the nearest old colours of a triangle's points, take the one closest to their mean, which is the dominant
     # colour.

@@ -49,7 +49,7 @@ class DroneEnv(gymnasium.Env[Observation, Any]):
         require_render_mode(render_mode, "gymnasium.wrappers.HumanRendering, as gymnasium.make does")
         if kwargs.get("drones_per_env", 1) != 1:
             raise TypeError(
-                f"drones_per_env: a single env is of one drone, got {kwargs['drones_per_env']!r}; for several drones "
+                f"drones_per_env: expected 1 for a single env, got {kwargs['drones_per_env']!r}; for several drones "
                 "use gymnasium.make_vec or flockstep.DroneVectorEnv"
             )
         limit = _limit_of_make()

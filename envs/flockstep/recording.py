@@ -81,7 +81,7 @@ def record(
         import imageio.v2 as imageio
     except ModuleNotFoundError as error:
         raise ModuleNotFoundError(
-            "record needs imageio: pip install 'imageio[ffmpeg]' pillow", name="imageio"
+            "record needs imageio, which is not installed: pip install 'imageio[ffmpeg]' pillow", name="imageio"
         ) from error
     kwargs |= {"autoreset_mode": "disabled", "render_mode": "rgb_array", "render_view": render_view}
     envs = DroneVectorEnv(1, task=env, **kwargs) if not isinstance(env, str) else make_by_id(env, 1, **kwargs)
@@ -109,8 +109,8 @@ def record(
                 break
     if until_success is not None and not envs.batch.success[0]:
         raise RuntimeError(
-            f"until_success: the episode of seed {seed} succeeded, and did not when its actions were flown again: its "
-            "task has to draw random numbers by batch.random alone"
+            f"until_success: the episode of seed {seed} succeeded, but its replay did not: its task must draw all "
+            "random numbers from batch.random"
         )
     envs.close()
     return pictures
@@ -161,7 +161,7 @@ def actions_of(policy: Any, envs: DroneVectorEnv, caller: str, seed: int) -> Cal
     if not callable(policy):
         hint = ""
         if isinstance(policy, (str, PathLike)):
-            hint = ": load it first, as by PPO.load(path), which runs code from the file; load only policies you trust"
+            hint = ": load it first, as by PPO.load(path); that runs code from the file: load only policies you trust"
         raise TypeError(f"policy: expected a model with predict, a function or None, got {policy!r}{hint}")
     function: Callable[[Any], Any] = policy
     return function

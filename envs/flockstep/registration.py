@@ -97,7 +97,7 @@ def register_task(env_id: str, task: type[Task] | str | PathLike[str], **default
         raise TypeError(f"task: expected a subclass of flockstep.Task or the path of a library, got {task!r}{hint}")
     refused = [name for name in defaults if name in _NO_DEFAULTS]
     if refused:
-        raise TypeError(f"register_task: expected no default of {', '.join(_NO_DEFAULTS)}, got {', '.join(refused)}")
+        raise TypeError(f"register_task: expected no defaults for {', '.join(_NO_DEFAULTS)}, got {', '.join(refused)}")
     keywords = inspect.signature(DroneVectorEnv).parameters
     description = task if isinstance(task, type) else NativeTask(fspath(task))
     fields = {name: value for name, value in defaults.items() if name not in keywords}

@@ -57,7 +57,7 @@ def relight(
         is_pair = len(pair) == 2 and all(isinstance(end, (int, float, np.number)) for end in pair)
         if not is_pair or not low <= pair[0] <= pair[1] <= high:
             one = name == "tint"
-            expected = "a number" if one else "two numbers, the lesser first,"
+            expected = "a number" if one else "two numbers (low, high)"
             raise ValueError(f"{name}: expected {expected} in [{low:g}, {high:g}], got {tint if one else span!r}")
     usual = shape.light
     result = []

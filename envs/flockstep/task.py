@@ -33,6 +33,7 @@ from flockstep._core import (
     TaskSpec,
     World,
 )
+from flockstep.nearest_name import did_you_mean
 from flockstep.rotations import Array, rotate
 
 if TYPE_CHECKING:
@@ -216,8 +217,8 @@ class Task:
             elif self._constants is None or _is_same(self._constants.get(name, _MISSING), _constant(value)):
                 continue
             raise TypeError(
-                f"{_name(self)}.state: the attribute {name!r} is a {type(value).__name__}, which is not as setup left "
-                "it; a snapshot keeps arrays and numbers: hold state in these, or override state and load"
+                f"{_name(self)}.state: the attribute {name!r} ({type(value).__name__}) has changed since setup; a "
+                "snapshot keeps only arrays and numbers: use these for state, or override state and load"
             )
         return state
 
@@ -290,7 +291,10 @@ class TaskCalls:
             raise ValueError(f"{_name(task)}.reward_terms: expected at least one name, got {task.reward_terms!r}")
         for name in _names(task, "markers"):
             if name not in MARKERS:
-                raise ValueError(f"{_name(task)}.markers: expected names among {', '.join(MARKERS)}, got {name!r}")
+                hint = did_you_mean(name, MARKERS)
+                raise ValueError(
+                    f"{_name(task)}.markers: expected names among {', '.join(MARKERS)}, got {name!r}{hint}"
+                )
         for name in _names(task, "info_names"):
             if not name.isidentifier() or name.startswith("_") or name in _INFOS_OF_ALL:
                 taken = ", ".join(_INFOS_OF_ALL)
@@ -308,7 +312,7 @@ class TaskCalls:
         control = batch.dynamics.control
         if type(self._task).act is Task.act and control != "pose":
             raise TypeError(
-                f"{_name(self._task)}.act: the default one flies to positions, but control is {control!r}, which takes "
+                f"{_name(self._task)}.act: the default act returns positions, but control is {control!r}, which takes "
                 "commands (N, 4): override it"
             )
         self._takes_poses = control == "pose"
@@ -354,7 +358,7 @@ class TaskCalls:
         batch = self._task._own_batch()
         scored: Any = self._task.step(batch)
         if not isinstance(scored, tuple) or len(scored) != 2:
-            expected = "a pair of the reward and where it ended the episode"
+            expected = "a pair (reward, terminated)"
             raise ValueError(f"{_name(self._task)}.step: expected {expected}, got {_counted(scored)}")
         reward, terminated = scored
         if set(self._task.info) != set(self._reported):
@@ -386,7 +390,7 @@ class TaskCalls:
     def report(self, what: str, row: int, value: float) -> None:
         """Warn that the task returned a number that is not finite."""
         warnings.warn(
-            f"{_name(self._task)}.{what} is {value} in env {row}; its episode ends here, as a bad state",
+            f"{_name(self._task)}.{what} is {value} in env {row}; its episode ends here as a bad state",
             RuntimeWarning,
             stacklevel=2,
         )
@@ -489,7 +493,7 @@ class _Info(dict[str, Any]):
 
     def __missing__(self, name: str) -> Any:
         declared = ", ".join(map(repr, self)) or "none"
-        raise KeyError(f"{name!r} is not among the task's info_names ({declared})")
+        raise KeyError(f"{name!r} is not among the task's info_names ({declared}){did_you_mean(name, self)}")
 
 
 def _name(task: Task) -> str:
@@ -545,7 +549,7 @@ def _refuse_misspelt(task: Task) -> None:
         meant = next((other for other in known if other not in own and _is_near(name, value, other)), None)
         if meant is not None:
             raise TypeError(
-                f"{_name(task)}.{name}: expected a name that Task has, or a clearly different one, got {name!r}. "
+                f"{_name(task)}.{name}: expected a name of Task, or a clearly different one, got {name!r}. "
                 f"Did you mean {meant!r}? If not, begin it with an underscore; an attribute may be set in setup instead"
             )
 

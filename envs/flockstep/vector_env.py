@@ -39,6 +39,7 @@ from flockstep._core import (
     task_defaults,
 )
 from flockstep.drone_mesh import DroneMesh
+from flockstep.nearest_name import did_you_mean
 from flockstep.pictures import views
 from flockstep.pictures.flight_overlay import FlightOverlay
 from flockstep.pictures.frames import selected
@@ -656,7 +657,7 @@ class DroneVectorEnv(VectorEnv[Observation, Array, Array]):
         """
         if isinstance(values, (list, tuple)):
             if len(values) != self.num_envs or any(value != values[0] for value in values):
-                raise ValueError(f"{name}: expected one value, or {self.num_envs} equal ones: the envs share it")
+                raise ValueError(f"{name}: expected one value, or {self.num_envs} equal values: the envs share it")
             values = values[0]
         owner = self._owner_of(name)
         settable = ["reward_scale"]
@@ -664,7 +665,7 @@ class DroneVectorEnv(VectorEnv[Observation, Array, Array]):
             settable += sorted(settable_names(self.task))
         if not hasattr(owner, name) or (owner is self.task and name not in settable):
             expected = f"the name of an attribute that can be set ({', '.join(settable)})"
-            raise AttributeError(f"set_attr: expected {expected}, got {name!r}")
+            raise AttributeError(f"set_attr: expected {expected}, got {name!r}{did_you_mean(name, settable)}")
         setattr(owner, name, values)
 
     def close_extras(self, **kwargs: Any) -> None:
@@ -742,7 +743,7 @@ class DroneVectorEnv(VectorEnv[Observation, Array, Array]):
     def _reset_mask(self, options: Mapping[str, Any] | None) -> BoolArray | None:
         unknown = [name for name in options or () if name != "reset_mask"]
         if unknown:
-            raise ValueError(f"options: expected nothing but 'reset_mask', got {', '.join(map(repr, unknown))}")
+            raise ValueError(f"options: expected only 'reset_mask', got {', '.join(map(repr, unknown))}")
         mask = None if options is None else options.get("reset_mask")
         if mask is None:
             return None
@@ -779,7 +780,7 @@ def _recipe_for(
     own_task: NativeTask | PythonTask | None = None
     calls: TaskCalls | None = None
     if task is not None and observation != "goal":
-        raise TypeError("observation: of the navigation task, but another task is given")
+        raise TypeError("observation: a keyword of the navigation task, but another task is given")
     if task is None:
         recipe = Recipe(_changed(NavigationConfig.observing(observation), chosen.get(NavigationConfig)))
     elif isinstance(task, _TASK_CONFIGS):
@@ -815,7 +816,8 @@ def _registered(env_id: str) -> Any:
     spec = gymnasium.registry.get(env_id)
     if spec is None or "task" not in spec.kwargs:
         raise ValueError(
-            f"task.name: expected the id of a task that flockstep.register_task registered, got {env_id!r}"
+            f"task.name: expected an id registered by flockstep.register_task (import the module that registers it), "
+            f"got {env_id!r}{did_you_mean(env_id, gymnasium.registry)}"
         )
     return serialization.from_plain(spec.kwargs["task"])
 
@@ -869,7 +871,7 @@ def _by_config(fields: dict[str, Any], task: Any) -> dict[type, dict[str, Any]]:
             continue
         others = [title for config, title in _CONFIGS_OF_TASKS.items() if name in config.__match_args__]
         if others and owner is None:
-            raise TypeError(f"{name}: of the {' and the '.join(others)} task, but another task is given")
+            raise TypeError(f"{name}: a keyword of the {' and the '.join(others)} task, but another task is given")
         known = [*inspect.signature(DroneVectorEnv).parameters, *(n for c in configs for n in c.__match_args__)]
         raise TypeError(_unexpected_keyword("DroneVectorEnv.__init__", name, known))
     return chosen
@@ -895,7 +897,7 @@ def _refuse_keywords_on(task: Task) -> None:
             advice = "write camera = ..., one or a sequence"
         elif config is not None:
             advice = f"write {config} = flockstep.{config.title()}Config({name}=...), or give it to the env"
-        raise TypeError(f"{kind.__name__}.{name}: no env reads it from a task; {advice}")
+        raise TypeError(f"{kind.__name__}.{name}: envs do not read it from a task: {advice}")
 
 
 def _listed(given: Any, kind: type[_Sensor], name: str) -> list[_Sensor]:
@@ -943,5 +945,8 @@ def _autoreset_mode(mode: str | AutoresetMode) -> AutoresetMode:
     if mode in tuple(AutoresetMode) or mode in tuple(member.value for member in AutoresetMode):
         return AutoresetMode(mode)  # Gymnasium's own members and their values, such as "SameStep"
     if mode not in _MODES:
-        raise ValueError(f"autoreset_mode: expected {', '.join(map(repr, _MODES))} or an AutoresetMode, got {mode!r}")
+        hint = did_you_mean(mode, _MODES)
+        raise ValueError(
+            f"autoreset_mode: expected {', '.join(map(repr, _MODES))} or an AutoresetMode, got {mode!r}{hint}"
+        )
     return _MODES[mode]

@@ -59,7 +59,7 @@ class WorldPool:
         threads: int = 1,
     ) -> None:
         if not callable(make):
-            raise TypeError(f"make: expected a function of a number that returns a World, got {make!r}")
+            raise TypeError(f"make: expected a function from a number to a World, got {make!r}")
         self.make: Callable[..., World] = make
         self.size: int = _integer("size", size, _MOST)
         self.fresh: float = _fresh(fresh)
@@ -96,7 +96,7 @@ class WorldPool:
         except Exception as error:
             raise RuntimeError(f"WorldPool: making world {number} raised {type(error).__name__}: {error}") from error
         if not isinstance(made, World):
-            raise TypeError(f"WorldPool: world {number}: expected that make returns a flockstep.World, got {made!r}")
+            raise TypeError(f"WorldPool: world {number}: expected a flockstep.World from make, got {made!r}")
         return made
 
 
@@ -216,7 +216,7 @@ def _difficulty(given: Any) -> Difficulty | None:
     if given is None or callable(given):
         function: Callable[[int], float] | None = given
         return function
-    expected = "a function of a number, or (first, last, over) with over >= 1"
+    expected = "a function of the world's number, or (first, last, over) with over >= 1"
     if not isinstance(given, Sequence) or len(given) != 3 or not all(isinstance(value, Real) for value in given):
         raise TypeError(f"difficulty: expected {expected}, got {given!r}")
     first, last, over = given

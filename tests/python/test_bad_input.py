@@ -263,7 +263,7 @@ def test_integers_that_are_too_large():
 def test_settings_of_gusts_that_are_not_used(field, value, gusts):
     other = {"dryden": "ornstein_uhlenbeck", "ornstein_uhlenbeck": "dryden"}[gusts]
     for without in ({}, {"gusts": "none"}, {"gusts": other}):
-        with pytest.raises(ValueError, match=rf'^wind.{field}: expected its default, unless gusts="{gusts}" is given'):
+        with pytest.raises(ValueError, match=rf'^wind.{field}: expected its default unless gusts="{gusts}"'):
             flockstep.WindConfig(**{field: value}, **without)
     assert getattr(flockstep.WindConfig(**{field: value}, gusts=gusts), field) == value
 

@@ -282,12 +282,12 @@ FAULTS = {
         (on_step(lambda s, o, r, t, u, i: (o, r, t, u, [])), "infos.*dict"),
         (with_infos("total", lambda s: 3), "infos.*total.*length 4"),
         (with_infos("total", lambda s: np.zeros(3)), "infos.*total.*length 4"),
-        (with_infos("_total", lambda s: np.zeros(4, bool)), "mask of nothing"),
-        (with_infos("_count", lambda s: np.zeros(4, int)), "mask of dtype bool|mask of nothing"),
-        (with_infos("episode", lambda s: np.zeros(4)), "belongs to RecordEpisodeStatistics"),
+        (with_infos("_total", lambda s: np.zeros(4, bool)), "mask belongs to no key"),
+        (with_infos("_count", lambda s: np.zeros(4, int)), "mask of dtype bool|mask belongs to no key"),
+        (with_infos("episode", lambda s: np.zeros(4)), "reserved for RecordEpisodeStatistics"),
     ],
     "determinism": [(broken(seeded=lambda self, seed, i: np.random.default_rng()), "same seed and actions")],
-    "num_envs": [(SharedGenerator, "env i of 4 should do what env i of 9 does")],
+    "num_envs": [(SharedGenerator, "env i of 4 should equal env i of 9")],
     "seed_offset": [(SameSeedForAll, r"seeded s \+ 3")],
     "autoreset": [
         (on_step(lambda s, o, r, t, u, i: (o, r, t & False, u, {})), "no episode ended"),
@@ -306,7 +306,7 @@ FAULTS = {
                 lambda s, o, r, t, u, i: (o, r, t, u, i and {**i, "final_obs": np.array([*o, None], object)[:-1]}),
                 SameStepCounter,
             ),
-            "final_obs.*(object array|it goes on|view)",
+            "final_obs.*(object array|its episode continues|view)",
         ),
         (
             on_step(with_final(lambda final: final - 1000), SameStepCounter),
@@ -315,11 +315,11 @@ FAULTS = {
     ],
     "reset_mask": [(PopsTheMask, "changed the options"), (IgnoresTheMask, "outside")],
     "snapshot": [
-        (ForgetsRandom, "follow it again when it is restored"),
+        (ForgetsRandom, "should repeat when the snapshot is restored"),
         (ForgetsElsewhere, "in another env too"),
     ],
     "ownership": [
-        (Reused, "written again"),
+        (Reused, "written later"),
         (ReadsBack, "wrote into the arrays"),
         (broken(step=changes_actions), "changed the actions"),
     ],
@@ -416,10 +416,8 @@ def test_several_worlds_differ_by_design_and_the_check_says_so(room, closet):
         make = lambda n: flockstep.DroneVectorEnv(n, task=Named, **keywords)  # noqa: E731
         check_vector_env(make, skip=set(CHECKS) - {"seed_offset"})
 
-    said = (
-        r"does \(not where envs take several worlds in turn: give one, random_world=True or skip=\('seed_offset',\)\)"
-    )
-    with pytest.raises(AssertionError, match=said):
+    advice = r"give one world, random_world=True or skip=\('seed_offset',\)"
+    with pytest.raises(AssertionError, match=rf"s \+ 3 \(unless envs take several worlds in turn: {advice}\)"):
         check(worlds=[room, closet])
     check(worlds=[room, closet], random_world=True)
     check(worlds=room)
@@ -428,7 +426,7 @@ def test_several_worlds_differ_by_design_and_the_check_says_so(room, closet):
         (Named,),
         {"observe": lambda self, b: {**Named.observe(self, b), "up": np.arange(b.num_drones, dtype="f") / 9}},
     )
-    with pytest.raises(AssertionError, match=r"seeded s \+ 3 does, but"):
+    with pytest.raises(AssertionError, match=r"seeded s \+ 3, but"):
         check_vector_env(
             lambda n: flockstep.DroneVectorEnv(n, worlds=room, task=uneven), skip=set(CHECKS) - {"seed_offset"}
         )

@@ -438,7 +438,7 @@ def test_envs_accept_copy_pickle_and_describe_it(bumpy, room):
         ("PLY/cube.ply", 1.0, 5000, 12),
     ],
 )
-@pytest.mark.filterwarnings("ignore:.*not read:UserWarning")
+@pytest.mark.filterwarnings("ignore:.*ignored:UserWarning")
 def test_files_of_others(name, scale, triangles, count):
     mesh = flockstep.DroneMesh.load(MODELS / name, scale=scale, triangles=triangles)
     assert mesh.triangles_in_file == count

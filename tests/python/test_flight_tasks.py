@@ -548,9 +548,7 @@ class TestBadInput:
     @BOTH
     def test_drones_must_fly(self, config):
         for control in ({}, {"control": "pose"}, {"control": "velocity"}):  # kinematic motion supports none of these
-            with pytest.raises(
-                ValueError, match=r'^motion: expected "rotors", which this task flies by, got "kinematic"'
-            ):
+            with pytest.raises(ValueError, match=r'^motion: expected "rotors", which this task needs, got "kinematic"'):
                 flockstep.DroneVectorEnv(1, task=config, motion="kinematic", **control)
         controls = ", ".join(f'"{control}"' for control in CONTROLS)
         with pytest.raises(ValueError, match=rf'^control: expected a control .* takes \({controls}\), got "pose"'):

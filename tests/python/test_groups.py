@@ -357,5 +357,5 @@ def test_a_mask_that_splits_an_env_is_refused() -> None:
 
 
 def test_a_single_env_is_of_one_drone() -> None:
-    with pytest.raises(TypeError, match="drones_per_env: a single env is of one drone, got 2"):
+    with pytest.raises(TypeError, match="drones_per_env: expected 1 for a single env, got 2"):
         flockstep.DroneEnv(drones_per_env=2)

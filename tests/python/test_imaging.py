@@ -164,7 +164,7 @@ class TestResize:
                 r"camera.resize: expected width and height in \[1, 40\] and \[1, 30\], got \(41, 30\)",
             ),
             ({"resize": (0, 30)}, r"camera.resize.*\(0, 30\)"),
-            ({"resize": (4, 3), "outputs": ("semantic",)}, "camera.resize.*semantic.*not averaged"),
+            ({"resize": (4, 3), "outputs": ("semantic",)}, "camera.resize.*semantic.*cannot be averaged"),
             ({"resize": (4, 3), "outputs": ("rgb", "instance")}, "camera.resize.*instance"),
             ({"resize": (4, 3), "outputs": ("normal",)}, "camera.resize.*normal"),
             ({"pool": "min"}, r'camera.pool: expected "mean" without resize'),
@@ -323,7 +323,7 @@ class TestTasks:
         assert envs.render()[0].shape == (15, 20, 3)
 
     def test_a_colour_where_no_image_is_observed(self, world):
-        with pytest.raises(ValueError, match=r"task\.color: expected the default"):
+        with pytest.raises(ValueError, match=r"task\.color: expected its default"):
             flockstep.DroneVectorEnv(1, worlds=world, color=RED)
 
 

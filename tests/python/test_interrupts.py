@@ -101,7 +101,7 @@ def test_ctrl_c_ends(name, tmp_path):
         rest = child.stdout.read()
         assert child.wait() == 0, rest
         if name == "step":
-            assert "cut the last step() or reset() of this Batch short" in rest
+            assert "interrupted the last step() or reset() of this Batch" in rest
 
 
 def test_ctrl_c_ends_training(tmp_path):

@@ -44,12 +44,12 @@ def test_an_obj_file_of_trimesh_with_its_materials_and_textures(tmp_path):
 
 def test_ignored_parts_of_files_and_dicts_are_named(tmp_path):
     (tmp_path / "a.obj").write_text("mtllib gone.mtl\nv 0 0 0\nv 1 0 0\nv 0 1 0\nusemtl a\nf 1 2 3\n")
-    message = r"not read: 1 file that is missing \(gone.mtl\), 1 material that no material file has"
+    message = r"ignored 1 missing file \(gone.mtl\), 1 material that no material file defines"
     with pytest.warns(UserWarning, match=rf"a\.obj: {message}$"):
         world = flockstep.World.load(tmp_path / "a.obj")
     assert world.check()["not_read"] == [
-        "1 file that is missing (gone.mtl)",
-        "1 material that no material file has",
+        "1 missing file (gone.mtl)",
+        "1 material that no material file defines",
     ]
     scene = {"flockstep_scene": 1, "meshes": [{"file": "a.obj"}]}
     with pytest.warns(UserWarning, match=rf"^scene: {message}$"):
@@ -91,5 +91,5 @@ def test_a_ply_file_of_trimesh(tmp_path, encoding, is_colored):
 
 def test_a_cloud_of_points_is_refused(tmp_path):
     trimesh.PointCloud(np.eye(3)).export(tmp_path / "cloud.ply")
-    with pytest.raises(ValueError, match=r"cloud\.ply: expected at least one face, got a cloud of points"):
+    with pytest.raises(ValueError, match=r"cloud\.ply: expected at least one face, got a point cloud"):
         flockstep.World.load(tmp_path / "cloud.ply")

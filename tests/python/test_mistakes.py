@@ -39,11 +39,11 @@ ID = "flockstep/LidarNavigation-v0"
         (lambda: flockstep.Batch([3]), "worlds: expected a name, a path or a World, got int"),
         (
             lambda: DroneVectorEnv(start_tilt_deg=3),
-            "start_tilt_deg: of the hover task, but another task is given",
+            "start_tilt_deg: a keyword of the hover task, but another task is given",
         ),
         (
             lambda: DroneVectorEnv(task=flockstep.HoverConfig(), step_m=3),
-            "step_m: of the navigation task, but another task is given",
+            "step_m: a keyword of the navigation task, but another task is given",
         ),
         (
             lambda: DroneVectorEnv(task=flockstep.HoverConfig(), hold_x=3),
@@ -88,13 +88,49 @@ ID = "flockstep/LidarNavigation-v0"
         ),
         (
             lambda: flockstep.sb3.make_vec(ID, 2, autoreset_mode="disabled"),
-            "make_vec: autoreset_mode cannot be chosen: Stable-Baselines3 wants same-step autoreset",
+            "make_vec: autoreset_mode cannot be chosen: Stable-Baselines3 needs same-step autoreset",
         ),
     ],
 )
 def test_a_wrong_type_or_name(make, said):
     with pytest.raises(TypeError, match=re.escape(said)):
         make()
+
+
+def with_sensors(room):
+    return flockstep.Batch(
+        [room], lidar=flockstep.LidarConfig(name="front"), cameras=[flockstep.CameraConfig(name="below")]
+    )
+
+
+def with_a_material(room):
+    scene = room.to_dict()
+    scene["materials"]["wood"] = {"base_color": [1, 0.5, 0]}
+    scene["boxes"] = [{"center": [1, 1, 1], "size": [0.1, 0.1, 0.1], "material": "woood"}]
+    return flockstep.World.from_dict(scene)
+
+
+@pytest.mark.parametrize(
+    ("call", "meant"),
+    [
+        (lambda room: flockstep.World.load("playgrund/train-1"), "'playground/train-1'"),
+        (lambda room: flockstep.scenes.load("trian"), "'train'"),
+        (lambda room: flockstep.DroneModel.load("racer"), "racer5"),
+        (lambda room: flockstep.DynamicsConfig(motion="rotor"), "rotors"),
+        (lambda room: flockstep.CameraConfig(outputs=["dept"]), "depth"),
+        (lambda room: with_sensors(room).lidar("fron"), "front"),
+        (lambda room: with_sensors(room).camera("belov"), "below"),
+        (lambda room: with_sensors(room).sensor("belov"), "below"),
+        (with_a_material, "wood"),
+        (lambda room: DroneVectorEnv(worlds=room, autoreset_mode="next_stop"), "'next_step'"),
+        (lambda room: DroneVectorEnv(worlds=room, render_view="third_persn"), "'third_person'"),
+        (lambda room: flockstep.testing.check_vector_env(DroneVectorEnv, skip=("clos",)), "'close'"),
+        (lambda room: flockstep.CamraConfig, "'CameraConfig'"),
+    ],
+)
+def test_misspelt_names(call, meant, room):
+    with pytest.raises((ValueError, AttributeError), match=re.escape(f". Did you mean {meant}?") + "$"):
+        call(room)
 
 
 @pytest.mark.parametrize("count", ["4", 4.0, True, 0, None])
@@ -129,7 +165,7 @@ def test_seeds_are_recorded(closet):
 
 def test_unknown_options_are_refused(closet):
     envs = DroneVectorEnv(2, worlds=closet)
-    with pytest.raises(ValueError, match="options: expected nothing but 'reset_mask', got 'mask'"):
+    with pytest.raises(ValueError, match="options: expected only 'reset_mask', got 'mask'"):
         envs.reset(seed=0, options={"mask": np.ones(2, bool)})
 
 

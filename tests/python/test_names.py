@@ -74,7 +74,7 @@ def test_calls_for_one_world():
     taken = flockstep.render(world, world.start, camera=camera)["rgb"]
     np.testing.assert_array_equal(flockstep.render(ONE, world.start, camera=camera)["rgb"], taken)
     for call in (lambda: flockstep.plan("train", [0, 0, 0], [[1, 1, 1]]), lambda: flockstep.render("train", [0, 0, 0])):
-        with pytest.raises(ValueError, match=r"^world: expected one, got 5 \('train'\)"):
+        with pytest.raises(ValueError, match=r"^world: expected one world, got 5 \('train'\)"):
             call()
     with pytest.raises(TypeError, match=r"^drone: expected a flockstep.DroneModel, the name or path of one, or None"):
         flockstep.plan(world, world.start, [world.goal], drone=3)

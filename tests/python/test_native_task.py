@@ -83,13 +83,13 @@ def test_a_snapshot_has_its_state(env_id):
 
 
 def test_other_files_than_libraries_are_refused(tmp_path):
-    for path, why in ((tmp_path / "none.so", "there is no such file"), (tmp_path, "it is no regular file")):
+    for path, why in ((tmp_path / "none.so", "no such file"), (tmp_path, "not a regular file")):
         for given in (path, str(path)):
             with pytest.raises(ValueError, match=f"path: expected a shared library, got '{path}' .{why}"):
                 flockstep.NativeTask(given)
     text = tmp_path / "text.so"
     text.write_text("no library, though as long as the header of one is: " + 64 * ".")
-    with pytest.raises(ValueError, match="it is no 64-bit ELF file"):
+    with pytest.raises(ValueError, match="not a 64-bit ELF file"):
         flockstep.NativeTask(text)
     with pytest.raises(ValueError, match=r"ends with FLOCKSTEP_EXPORT_TASK.*exports no flockstep_task_version"):
         flockstep.NativeTask(flockstep._core.__file__)
@@ -98,7 +98,7 @@ def test_other_files_than_libraries_are_refused(tmp_path):
 @pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="this system has no FIFOs")
 def test_a_fifo_is_refused_at_once(tmp_path):
     os.mkfifo(tmp_path / "fifo.so")
-    with pytest.raises(ValueError, match="it is no regular file"):
+    with pytest.raises(ValueError, match="not a regular file"):
         flockstep.NativeTask(tmp_path / "fifo.so")
 
 
@@ -109,7 +109,7 @@ def test_a_part_of_a_library_is_refused(library, tmp_path):
     lengths = {0, 1, 16, 63, 64, 100, 4095, 4096, len(whole) // 2, len(whole) - 1}
     for length in sorted(lengths | {len(whole) * tenth // 10 for tenth in range(10)}):
         part.write_bytes(whole[:length])
-        with pytest.raises(ValueError, match="it is cut short" if length >= 64 else "it is no ELF file"):
+        with pytest.raises(ValueError, match="the file is truncated" if length >= 64 else "not an ELF file"):
             flockstep.NativeTask(part)
     part.write_bytes(whole)
     assert flockstep.NativeTask(part).path == str(part)
@@ -122,7 +122,7 @@ def test_offsets_beyond_the_file_are_refused(library, tmp_path):
         damaged = bytearray(library.read_bytes())
         damaged[at : at + size] = b"\xff" * size
         part.write_bytes(damaged)
-        with pytest.raises(ValueError, match="it is cut short"):
+        with pytest.raises(ValueError, match="the file is truncated"):
             flockstep.NativeTask(part)
 
 

@@ -93,9 +93,7 @@ def test_a_task_of_your_own_stands_in_it_as_its_registered_id() -> None:
         ValueError, match=r"task\.name: expected .*\"recipes/Rise-v0\": only the program that registered"
     ):
         flockstep.Batch.from_recipe(flockstep.Recipe.from_json(text))
-    with pytest.raises(
-        ValueError, match=r"task\.name: expected the id of a task that flockstep\.register_task registered"
-    ):
+    with pytest.raises(ValueError, match=r"task\.name: expected an id registered by flockstep.register_task"):
         flockstep.DroneVectorEnv.from_recipe('{"task": {"name": "recipes/Other-v0"}, "worlds": ["train"]}')
 
 

@@ -83,12 +83,12 @@ def test_an_invalid_light(arguments: dict[str, Any], message: str) -> None:
         ({"count": 2, "seed": -1}, "seed: expected"),
         ({"count": 2, "elevation_deg": (50, 20)}, "elevation_deg: expected"),
         ({"count": 2, "sun": (np.nan, 1)}, "sun: expected"),
-        ({"count": 2, "sun": 1.2}, "sun: expected two numbers, the lesser first, in"),
+        ({"count": 2, "sun": 1.2}, r"sun: expected two numbers \(low, high\) in"),
         ({"count": 2, "ambient": "bright"}, "ambient: expected"),
         ({"count": 2, "azimuth_deg": (0, 1, 2)}, "azimuth_deg: expected"),
         ({"count": 2, "tint": None}, "tint: expected a number"),
         ({"count": 2, "tint": 1.5}, "tint: expected"),
-        ({"count": 2, "world": "train"}, "world: expected one, got 5"),
+        ({"count": 2, "world": "train"}, "world: expected one world, got 5"),
     ],
 )
 def test_invalid_appearances(arguments: dict[str, Any], message: str) -> None:

@@ -93,8 +93,8 @@ def test_defaults_of_a_registered_task(room, closet):
 @pytest.mark.parametrize(
     ("name", "said"),
     [
-        ("num_envs", "expected no default of num_envs, autoreset_mode, copy, got num_envs$"),
-        ("copy", "expected no default of num_envs, autoreset_mode, copy, got copy$"),
+        ("num_envs", "expected no defaults for num_envs, autoreset_mode, copy, got num_envs$"),
+        ("copy", "expected no defaults for num_envs, autoreset_mode, copy, got copy$"),
         ("wrlds", "unexpected keyword argument 'wrlds'.*worlds"),
     ],
 )

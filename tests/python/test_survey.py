@@ -254,7 +254,7 @@ class TestGrids:
                 {"cell_m": 0.001},
                 r"cell_m: expected .* at most 134,217,728 cells, got 0\.001 m, which makes 8000 x 6000 x 4000",
             ),
-            ({"cell_m": 1, "box": [[0, 0, 0], [1, -1, 1]]}, "box: expected its least corner first"),
+            ({"cell_m": 1, "box": [[0, 0, 0], [1, -1, 1]]}, "box: expected min <= max along each axis"),
             ({"cell_m": 1, "box": [[0, 0, 0], [1, np.inf, 1]]}, "box: expected finite"),
             ({"cell_m": 1, "box": [0, 1]}, r"box: expected shape \(2, 3\)"),
         ],
@@ -320,12 +320,16 @@ class TestFreePlaces:
             spheres=[{"center": [0, 0, 0], "radius": 0.1}], planes=[{"center": [50, 0, 0], "size": [0.01, 0.01]}]
         )
         for world, arguments, match in [
-            (solids, {"clearance_m": 2.5}, r"places .* 2\.5 m from everything .*, got none in 100\d+ draws .*too near"),
-            (sky, {"box": [[1, -1, -1], [40, 1, 1]]}, r"box: .*: 100\d+ above nothing, 0 behind"),
+            (
+                solids,
+                {"clearance_m": 2.5},
+                r"free places: .* 2\.5 m from everything .*, got none in 100\d+ .*too close",
+            ),
+            (sky, {"box": [[1, -1, -1], [40, 1, 1]]}, r"box: .*: 100\d+ with nothing below, 0 behind"),
             (solids, {"clearance_m": -1}, "clearance_m: expected"),
             (solids, {"max_height_m": 0}, "max_height_m: expected"),
             (solids, {"cell_m": np.nan}, "cell_m: expected"),
-            (solids, {"box": [[0, 0, 1], [0, 0, 0]]}, "box: expected its least corner first"),
+            (solids, {"box": [[0, 0, 1], [0, 0, 0]]}, "box: expected min <= max along each axis"),
             (solids, {"reachable_from": CENTER}, "reachable_from: expected room for the drone"),
             (solids, {"reachable_from": [0, 0, np.nan]}, "reachable_from: expected finite"),
         ]:
@@ -364,7 +368,7 @@ class TestMarkers:
             assert drawn.check()["not_navigable"] is None
         assert through >= 3
         assert drawn.start.tolist() == world.with_drawn_markers(11, distance_m=4).start.tolist()
-        with pytest.raises(ValueError, match=r"distance_m: expected .*, got 11, at which none of 1000 pairs are"):
+        with pytest.raises(ValueError, match=r"distance_m: expected .*, got 11 m: none of 1000 pairs"):
             world.with_drawn_markers(distance_m=11)
 
     def test_a_foreign_file_becomes_an_environment(self, tmp_path):

@@ -339,7 +339,7 @@ def test_a_snapshot_of_other_worlds_is_refused():
     for batch in (one, other):
         batch.reset(np.arange(8))
     before = other.snapshot()
-    with pytest.raises(ValueError, match=r"whose pool makes these worlds, got one with another world \d+"):
+    with pytest.raises(ValueError, match=r"whose pool makes the same worlds, got one with another world \d+"):
         other.restore(one.snapshot())
     assert other.snapshot() == before
     for pool in (WorldPool(hall, 15), WorldPool(hall, 16, 0.5)):
@@ -387,7 +387,7 @@ class TestFailures:
             fly(batch, 9)
         assert isinstance(error.value.__cause__, KeyError)
         assert batch.episode.tolist() == [last] * 8
-        with pytest.raises(RuntimeError, match="cut the last step"):
+        with pytest.raises(RuntimeError, match="interrupted the last step"):
             batch.step([4] * 8)
         batch.reset([1] * 8)
         bad.clear()  # failed builds are tried again
@@ -405,7 +405,7 @@ class TestFailures:
         batch.reset([seed] * 8)
         batch.step([0] * 8)
         before = batch.snapshot()
-        with pytest.raises(TypeError, match=r"world 1: expected that make returns a flockstep\.World, got None"):
+        with pytest.raises(TypeError, match=r"world 1: expected a flockstep\.World from make, got None"):
             batch.reset([seed] * 7 + [other])
         assert batch.snapshot() == before
         batch.step([0] * 8)
@@ -421,7 +421,7 @@ class TestFailures:
             self.batch([0], how)
 
     def test_world_0_fails_at_once(self):
-        with pytest.raises(TypeError, match="world 0: expected that make returns"):
+        with pytest.raises(TypeError, match=r"world 0: expected a flockstep\.World from make"):
             make(pool=WorldPool(lambda number: number))
 
     @pytest.mark.parametrize(
@@ -432,13 +432,16 @@ class TestFailures:
             ({"fresh": -1}, r"fresh: expected a number in \[0, 16777216\], got -1"),
             ({"fresh": float("nan")}, r"fresh: expected a number"),
             ({"threads": 0}, r"threads: expected an integer"),
-            ({"difficulty": (1, 2)}, r"difficulty: expected a function of a number, or \(first, last, over\)"),
+            (
+                {"difficulty": (1, 2)},
+                r"difficulty: expected a function of .* number, or \(first, last, over\)",
+            ),
             ({"difficulty": (1, 2, 0)}, r"difficulty: over: expected an integer"),
             ({"difficulty": (math.nan, math.inf, 1)}, r"difficulty: expected finite numbers as first and last, got"),
             ({"difficulty": (1, math.inf, 1)}, r"difficulty: expected finite numbers"),
             ({"difficulty": (True, 2, 1)}, r"difficulty: expected finite numbers"),
             ({"fresh": True}, r"fresh: expected a number"),
-            ({"make": 3}, "make: expected a function of a number"),
+            ({"make": 3}, "make: expected a function from a number"),
         ],
     )
     def test_wrong_pools(self, arguments, message):
@@ -452,17 +455,17 @@ class TestFailures:
             pool.difficulty_of(3)
 
     def test_unsupported_uses_of_a_pool(self):
-        with pytest.raises(ValueError, match="worlds: expected worlds, where there is no task"):
+        with pytest.raises(ValueError, match="worlds: a WorldPool needs a task"):
             flockstep.Batch(WorldPool(hall), 1)
         with pytest.raises(ValueError, match="camera_backend: expected raycast"):
             make(cameras=[flockstep.CameraConfig()], camera_backend="gl")
-        with pytest.raises(ValueError, match="world_index: expected none"):
+        with pytest.raises(ValueError, match="world_index: not allowed with a WorldPool"):
             make(world_index=[0] * 8)
         batch = make()
         batch.reset(np.arange(8))
-        with pytest.raises(ValueError, match="world_index: expected none"):
+        with pytest.raises(ValueError, match="world_index: not allowed with a WorldPool"):
             batch.set_world([0] * 8)
-        with pytest.raises(ValueError, match="world_index: expected none"):
+        with pytest.raises(ValueError, match="world_index: not allowed with a WorldPool"):
             batch.spawn([0], [[1, 2.5, 1.5]], world_index=[0])
         with pytest.raises(AttributeError, match="world_of"):
             _ = batch.worlds

@@ -227,7 +227,7 @@ class DocumentBuilder final : public nlohmann::json_sax<Json> {
 
   bool open(Json::value_t kind) {
     if (open_.size() == kMaxDepth) {
-      flockstep::refuse(document_.source_, "at most " + std::to_string(kMaxDepth) + " arrays and objects in one another", "more");
+      flockstep::refuse(document_.source_, "at most " + std::to_string(kMaxDepth) + " levels of arrays and objects", "more");
     }
     open_.push_back(&place(kind));
     return true;

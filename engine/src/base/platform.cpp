@@ -92,7 +92,7 @@ std::string gl_load_error() {
       if (why.empty()) return {};
     }
   }
-  return "OpenGL without a screen is not installed (on Debian and Ubuntu: apt install libegl1 libgl1): " + why;
+  return "headless OpenGL is not installed (on Debian and Ubuntu: apt install libegl1 libgl1): " + why;
 }
 
 namespace {
@@ -107,8 +107,8 @@ std::string absolute(const std::string& library) { return std::filesystem::absol
 void require_regular_file(const std::string& library) {
   std::error_code error;
   const std::filesystem::file_status status = std::filesystem::status(library, error);
-  if (!std::filesystem::exists(status)) refuse_library(library, "there is no such file");
-  if (!std::filesystem::is_regular_file(status)) refuse_library(library, "it is no regular file");
+  if (!std::filesystem::exists(status)) refuse_library(library, "no such file");
+  if (!std::filesystem::is_regular_file(status)) refuse_library(library, "not a regular file");
 }
 
 #if defined(__linux__)
@@ -116,7 +116,7 @@ void require_regular_file(const std::string& library) {
 class ElfFile {
  public:
   explicit ElfFile(const std::string& library) : library_(library), file_(library, std::ios::binary | std::ios::ate) {
-    if (!file_) refuse_library(library_, "it cannot be read");
+    if (!file_) refuse_library(library_, "the file cannot be read");
     size_ = static_cast<std::uint64_t>(file_.tellg());
   }
 
@@ -125,16 +125,16 @@ class ElfFile {
   // Throws if the range is not entirely within the file.
   template <class T>
   std::vector<T> read(std::uint64_t offset, std::uint64_t count) {
-    if (count > size_) refuse_library(library_, "it is cut short");
+    if (count > size_) refuse_library(library_, "the file is truncated");
     require_whole(offset, count * sizeof(T));
     std::vector<T> values(count);
     file_.seekg(static_cast<std::streamoff>(offset));
     file_.read(reinterpret_cast<char*>(values.data()), static_cast<std::streamsize>(count * sizeof(T)));
-    if (!file_) refuse_library(library_, "it cannot be read");
+    if (!file_) refuse_library(library_, "the file cannot be read");
     return values;
   }
   void require_whole(std::uint64_t offset, std::uint64_t bytes) const {
-    if (offset > size_ || bytes > size_ - offset) refuse_library(library_, "it is cut short");
+    if (offset > size_ || bytes > size_ - offset) refuse_library(library_, "the file is truncated");
   }
 
  private:
@@ -161,10 +161,10 @@ std::optional<std::string> exported_text(const std::string& library, const char*
   require_regular_file(library);
   ElfFile file(library);
   constexpr unsigned char kOwnKind[] = {ELFMAG0, ELFMAG1, ELFMAG2, ELFMAG3, ELFCLASS64, ELFDATA2LSB};
-  if (file.size() < sizeof(Elf64_Ehdr)) refuse_library(library, "it is no ELF file");
+  if (file.size() < sizeof(Elf64_Ehdr)) refuse_library(library, "not an ELF file");
   const Elf64_Ehdr header = file.read<Elf64_Ehdr>(0, 1)[0];
-  if (!std::equal(std::begin(kOwnKind), std::end(kOwnKind), header.e_ident)) refuse_library(library, "it is no 64-bit ELF file");
-  if (header.e_type != ET_DYN || header.e_phentsize != sizeof(Elf64_Phdr)) refuse_library(library, "it is no shared library");
+  if (!std::equal(std::begin(kOwnKind), std::end(kOwnKind), header.e_ident)) refuse_library(library, "not a 64-bit ELF file");
+  if (header.e_type != ET_DYN || header.e_phentsize != sizeof(Elf64_Phdr)) refuse_library(library, "not a shared library");
   const auto segments = file.read<Elf64_Phdr>(header.e_phoff, header.e_phnum);
   for (const Elf64_Phdr& segment : segments) file.require_whole(segment.p_offset, segment.p_filesz);
   if (header.e_shnum == 0 || header.e_shentsize != sizeof(Elf64_Shdr)) return std::nullopt;
@@ -209,7 +209,7 @@ void* load_function(const std::string& library, const char* name) {
   void* const module = dlopen(absolute(library).c_str(), RTLD_NOW | RTLD_LOCAL);
   void* const function = module != nullptr ? dlsym(module, name) : nullptr;
   const char* const error = function == nullptr ? dlerror() : nullptr;
-  const std::string why = error != nullptr ? error : "it is not there";
+  const std::string why = error != nullptr ? error : "symbol not found";
 #endif
   if (function == nullptr) {
     throw std::invalid_argument("path: expected a shared library that exports " + std::string(name) + ", got '" + library +

@@ -2,9 +2,11 @@
 #include <algorithm>
 #include <stdexcept>
 #include <string>
+#include <string_view>
 #include <utility>
 #include <vector>
 
+#include "base/nearest_name.hpp"
 #include "base/require.hpp"
 #include "batch/call_guard.hpp"
 #include "batch/checks.hpp"
@@ -16,17 +18,27 @@ namespace flockstep {
 
 namespace {
 
+[[noreturn]] void refuse_name(std::string_view kind, std::string_view name, const std::vector<std::string_view>& known) {
+  std::string names;
+  for (const std::string_view one : known) names += (names.empty() ? "\"" : ", \"") + std::string(one) + '"';
+  refuse(kind, known.size() == 1 ? names : "one of " + names,
+         name.empty() ? "no name" : '"' + std::string(name) + '"' + did_you_mean(name, known));
+}
+
+template <class Config>
+std::vector<std::string_view> names_of(const std::vector<Config>& configs) {
+  std::vector<std::string_view> names;
+  for (const Config& config : configs) names.push_back(config.name);
+  return names;
+}
+
 // The index of the sensor with this name; an empty name selects the first sensor.
 template <class Config>
 std::size_t index_of(const std::vector<Config>& configs, std::string_view name, const char* kind, const char* none) {
   if (configs.empty()) throw std::invalid_argument(none);
   if (name.empty()) return 0;
   const auto found = std::ranges::find(configs, name, &Config::name);
-  if (found == configs.end()) {
-    std::string names;
-    for (const Config& config : configs) names += (names.empty() ? "\"" : ", \"") + config.name + '"';
-    refuse(kind, configs.size() == 1 ? names : "one of " + names, '"' + std::string(name) + '"');
-  }
+  if (found == configs.end()) refuse_name(kind, name, names_of(configs));
   return static_cast<std::size_t>(found - configs.begin());
 }
 
@@ -43,17 +55,17 @@ const LidarReadings& Batch::lidar_readings(std::size_t lidar) const { return sim
 
 std::vector<ArrayView> Batch::sensor_arrays(std::string_view name) const {
   std::vector<ArrayView> arrays;
-  std::string names;
+  std::vector<std::string> names;
   const auto look = [&](const sensors::Sensor& sensor) {
-    names += (names.empty() ? "\"" : ", \"") + sensor.name() + '"';
+    names.push_back(sensor.name());
     if (sensor.name() != name) return;
     if (!arrays.empty())
-      refuse("sensor", "a name that one sensor has", '"' + std::string(name) + "\", which two of different kinds have");
+      refuse("sensor", "the name of one sensor", '"' + std::string(name) + "\", which two sensors of different kinds have");
     sensor.list_arrays([&](const ArrayView& array) { arrays.push_back(array); });
   };
   for (const auto& sensor : sim_->suite) look(*sensor);
   for (std::size_t camera = 0; camera < sim_->cameras.size(); ++camera) look(sim_->cameras[camera]);
-  if (arrays.empty()) refuse("sensor", "one of " + names, '"' + std::string(name) + '"');
+  if (arrays.empty()) refuse_name("sensor", name, {names.begin(), names.end()});
   return arrays;
 }
 
@@ -99,15 +111,12 @@ void Batch::lidar_points(std::span<float> out, std::size_t lidar) const {
 
 std::size_t Batch::camera_index(std::string_view name) const {
   const auto& cameras = sim_->config.cameras;
-  if (name.empty() && cameras.size() == 1) return 0;
-  const auto found =
-      std::find_if(cameras.begin(), cameras.end(), [&](const CameraConfig& camera) { return camera.name == name; });
-  if (found == cameras.end()) {
-    std::string names;
-    for (const CameraConfig& camera : cameras) names += (names.empty() ? "\"" : ", \"") + camera.name + '"';
-    refuse("camera", cameras.empty() ? "a Batch with cameras (cameras=[...]; a Task declares camera)" : "one of " + names,
-           name.empty() ? "no name" : '"' + std::string(name) + '"');
+  if (cameras.empty()) {
+    throw std::invalid_argument("this Batch has no camera: give it one (cameras=[...]; a Task declares camera)");
   }
+  if (name.empty() && cameras.size() == 1) return 0;
+  const auto found = std::ranges::find(cameras, name, &CameraConfig::name);
+  if (found == cameras.end()) refuse_name("camera", name, names_of(cameras));
   return static_cast<std::size_t>(found - cameras.begin());
 }
 

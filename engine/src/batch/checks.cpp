@@ -28,8 +28,8 @@ void memory(double bytes) {
     text << std::fixed << std::setprecision(1) << value / kGibibyte << " GiB";
     return text.str();
   };
-  refuse("num_drones", "a batch that fits into the " + gibibytes(available) + " of memory of this machine",
-         "one whose sensors and observations take " + gibibytes(bytes));
+  refuse("num_drones", "a batch that fits into this machine's " + gibibytes(available) + " of memory",
+         gibibytes(bytes) + " of sensor data and observations");
 }
 
 void own_process(const Simulation& sim) {
@@ -64,12 +64,13 @@ void capture_mode(const Simulation& sim, std::size_t camera, CaptureMode mode) {
 }
 
 void is_kinematic(const Simulation& sim, std::string_view call) {
-  if (sim.fleet) throw std::logic_error(std::string(call) + "() is for kinematic motion; this Batch flies by rotors: fly()");
+  if (sim.fleet) throw std::logic_error(std::string(call) + "() is for kinematic motion; this Batch flies by rotors: use fly()");
 }
 
 void flies_by_rotors(const Simulation& sim, std::string_view call) {
   if (sim.fleet) return;
-  throw std::logic_error(std::string(call) + "() is for drones that fly by rotors; this Batch has kinematic motion");
+  throw std::logic_error(std::string(call) +
+                         "() is for motion by rotors; this Batch has kinematic motion (give motion=\"rotors\")");
 }
 
 void velocity(const Simulation& sim, std::span<const float> values) {
@@ -108,7 +109,8 @@ void rotor_speeds(const Simulation& sim, std::span<const float> values) {
 
 void command(const Simulation& sim, std::span<const float> values) {
   if (sim.config.dynamics.control == Control::pose) {
-    throw std::logic_error("fly() takes the commands of a control; this Batch has control=\"pose\", for tasks that give poses");
+    throw std::logic_error(
+        "fly() takes commands of a controller; this Batch has control=\"pose\", which only tasks use: give another control");
   }
   size(values.size(), 4 * sim.num_drones(), "command");
   for (std::size_t i = 0; i < values.size(); ++i) {
@@ -160,16 +162,16 @@ void spec(const TaskSpec& spec) {
   const DType type = spec.action.type;
   require(type == DType::int32 || type == DType::int64 || type == DType::float32, "task's action", "int32, int64 or float32",
           EnumNames<DType>::kNames[static_cast<std::size_t>(type)]);
-  require(is_floating(type) || spec.action.shape.empty(), "task's action", "a scalar, where it is of an integer type",
+  require(is_floating(type) || spec.action.shape.empty(), "task's action", "a scalar if its type is an integer",
           std::to_string(spec.action.shape.size()) + " dimensions");
   constexpr double kLargest = 0x1p31;  // limit on the number of choices; a larger double may not fit the integer type
   require(is_floating(type) || (spec.action.low[0] >= -kLargest && spec.action.high[0] < kLargest), "task's action",
-          "bounds within 32 bits, where it is of an integer type", spec.action.high[0]);
+          "bounds within 32 bits if its type is an integer", spec.action.high[0]);
   require(!spec.observation.empty(), "task's observation", "at least one field", "none");
   for (std::size_t i = 0; i < spec.observation.size(); ++i) {
     check(spec.observation[i]);
     for (std::size_t k = 0; k < i; ++k) {
-      require(spec.observation[k].name != spec.observation[i].name, "task's observation", "fields with names of their own",
+      require(spec.observation[k].name != spec.observation[i].name, "task's observation", "fields with different names",
               '"' + spec.observation[i].name + "\" twice");
     }
   }
@@ -178,7 +180,7 @@ void spec(const TaskSpec& spec) {
 void require_not_interrupted(const Simulation& sim) {
   if (!sim.is_cut_short) return;
   throw std::runtime_error(
-      "an exception has cut the last step() or reset() of this Batch short: reset() every env, or restore() a snapshot");
+      "an exception interrupted the last step() or reset() of this Batch: reset() every env, or restore() a snapshot");
 }
 
 void require_started(const Simulation& sim) {
@@ -220,11 +222,11 @@ void spawns(const Simulation& sim, std::span<const std::int64_t> indices, std::s
   for (std::size_t row = 0; row < indices.size(); ++row) {
     const EnvIndex env = sim.env_of(DroneIndex(indices[row]));
     require(begins[env] || !sim.task_state, row_of("indices", row),
-            "all drones of an env, which begin their episodes together (or the env's other drones removed)", indices[row]);
+            "all drones of an env, since they begin their episodes together (or remove its other drones first)", indices[row]);
     if (world_index.empty()) continue;
     if (worlds[env] < 0) worlds[env] = begins[env] ? world_index[row] : sim.state.world_index[env];
     require(world_index[row] == worlds[env], row_of("world_index", row),
-            std::to_string(worlds[env]) + ", where the other drones of its env are", world_index[row]);
+            std::to_string(worlds[env]) + ", the world of the other drones of its env", world_index[row]);
   }
 }
 
@@ -244,7 +246,7 @@ void poses(std::span<const float> position, std::span<const float> quat_wxyz, st
 
 void world_index(const Simulation& sim, std::span<const std::int32_t> world_index, std::size_t rows) {
   if (world_index.empty()) return;
-  require(!sim.pool, "world_index", "none with a pool: each episode draws its world", "some");
+  if (sim.pool) throw std::invalid_argument("world_index: not allowed with a WorldPool: each episode draws its world");
   size(world_index.size(), rows, "world_index");
   for (std::size_t row = 0; row < rows; ++row) {
     if (world_index[row] >= 0 && static_cast<std::size_t>(world_index[row]) < sim.worlds.size()) continue;

@@ -20,7 +20,7 @@ constexpr double kRateTolerance = 1e-4;  // relative tolerance of the ratio of t
 void EpisodeConfig::validate() const {
   check_fields(*this, "");
   require(!stagger_first_episode || max_episode_steps != 0, "stagger_first_episode",
-          "False where max_episode_steps is 0 (there is no limit to stagger)", "True");
+          "False with max_episode_steps=0 (there is no limit to stagger)", "True");
 }
 
 void ClockConfig::validate() const {
@@ -35,13 +35,13 @@ void ClockConfig::validate() const {
     return text.str();
   };
   const double policy = static_cast<double>(policy_hz);
-  require(divides(policy, ticks_hz(), 1000.5), "physics_hz", "a multiple of the policy's " + hz(policy) + ", 1 to 1000 times it",
-          hz(ticks_hz()));
+  require(divides(policy, ticks_hz(), 1000.5), "physics_hz",
+          "a multiple of policy_hz (" + hz(policy) + "), at most 1000 times it", hz(ticks_hz()));
   if (!controller_hz) return;
   const double controller = static_cast<double>(*controller_hz);
   require(!physics_hz || divides(controller, ticks_hz(), 1000.5), "controller_hz",
-          "a rate that divides the physics' " + hz(ticks_hz()), hz(controller));
-  require(divides(policy, controller, 1000.5), "controller_hz", "a multiple of the policy's " + hz(policy), hz(controller));
+          "a divisor of physics_hz (" + hz(ticks_hz()) + ")", hz(controller));
+  require(divides(policy, controller, 1000.5), "controller_hz", "a multiple of policy_hz (" + hz(policy) + ")", hz(controller));
 }
 
 void WindConfig::validate() const {
@@ -49,8 +49,8 @@ void WindConfig::validate() const {
   const WindConfig unset;
   const auto require_read = [&](float WindConfig::* field, const char* name, Gusts by) {
     require(gusts == by || this->*field == unset.*field, name,
-            std::string("its default, unless gusts=\"") + EnumNames<Gusts>::kNames[static_cast<std::size_t>(by)] +
-                "\" is given, which alone uses it",
+            std::string("its default unless gusts=\"") + EnumNames<Gusts>::kNames[static_cast<std::size_t>(by)] +
+                "\" (no other gusts use it)",
             this->*field);
   };
   require_read(&WindConfig::gust_std_mps, "wind.gust_std_mps", Gusts::ornstein_uhlenbeck);
@@ -93,11 +93,11 @@ void BatchConfig::validate() const {
   require(num_envs >= 1 && drones <= kMaxDrones, "num_drones = num_envs x drones_per_env", "an integer in [1, 1048576]", drones);
   check_fields(*this, "");
   require(!dynamics.is_kinematic() || !clock.controller_hz, "controller_hz",
-          "None, where motion is kinematic (nothing is controlled)", clock.controller_hz.value_or(0.0F));
+          "None for kinematic motion (it has no controller: give motion=\"rotors\")", clock.controller_hz.value_or(0.0F));
   require(dynamics.is_kinematic() || clock.ticks_hz() >= kLeastPhysicsHz, "physics_hz",
           "at least 50 Hz for motion by rotors (500 is usual)", clock.ticks_hz());
-  require(imus.empty() || !dynamics.is_kinematic(), "imu", "None, where motion is kinematic (it has no accelerations)",
-          "an ImuConfig");
+  require(imus.empty() || !dynamics.is_kinematic(), "imu",
+          "None for kinematic motion (it has no accelerations: give motion=\"rotors\")", "an ImuConfig");
   for_each_field(*this, [&](const auto& entry, const auto& value) { check_sensors(entry.name, value, clock); });
   for (const LidarConfig& lidar : lidars) {
     const long long rays = static_cast<long long>(num_drones()) * lidar.rows() * lidar.columns();

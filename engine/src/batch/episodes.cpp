@@ -279,7 +279,7 @@ void begin_task(Simulation& sim, std::unique_ptr<Task> task) {
   if (sim.config.episode.frame_skip > 1) task_state.earned.resize(n * task_state.score.num_terms);
   task_state.max_episode_steps = sim.config.episode.max_episode_steps.value_or(task_state.task->defaults().max_episode_steps);
   require(!sim.config.episode.stagger_first_episode || task_state.max_episode_steps > 0, "stagger_first_episode",
-          "False where max_episode_steps is 0 (there is no limit to stagger)", "True");
+          "False with max_episode_steps=0 (there is no limit to stagger)", "True");
   sim.outputs.allocate(spec, sizes);
 }
 

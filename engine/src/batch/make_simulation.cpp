@@ -2,6 +2,7 @@
 #include <cmath>
 #include <numeric>
 #include <sstream>
+#include <stdexcept>
 #include <string>
 #include <type_traits>
 #include <utility>
@@ -40,7 +41,7 @@ void settle_rates(BatchConfig& config) {
   const float called_hz = clock.controller_hz.value_or(clock.policy_hz);
   if (config.dynamics.is_kinematic() || clock.physics_hz || !(called_hz > 0.0F)) return;
   require(clock.policy_hz >= kUsualPhysicsHz / 1000.0F, "policy_hz",
-          "at least 0.5 Hz for motion by rotors whose physics_hz is not given (500 Hz then, at most 1000 ticks to a step)",
+          "at least 0.5 Hz for motion by rotors, or a physics_hz (500 Hz by default, at most 1000 ticks per step)",
           clock.policy_hz);
   clock.physics_hz = called_hz * std::max(std::ceil(kUsualPhysicsHz / called_hz), 1.0F);
 }
@@ -48,7 +49,7 @@ void settle_rates(BatchConfig& config) {
 BatchConfig validated(BatchConfig config, const Task* task) {
   // Check this before config.validate(), whose message would recommend a control that the task then rejects.
   require(!config.dynamics.is_kinematic() || task == nullptr || task->takes(Control::pose), "motion",
-          "\"rotors\", which this task flies by", "\"kinematic\"");
+          "\"rotors\", which this task needs", "\"kinematic\"");
   settle_rates(config);
   config.validate();
   checks::memory(sensor_bytes(config));
@@ -63,10 +64,10 @@ Batch::Worlds validated(Batch::Worlds worlds) {
 
 PoolState validated(WorldPool pool, const BatchConfig& config, bool has_task, bool has_world_index) {
   pool.validate();
-  require(has_task, "worlds", "worlds, where there is no task: its resets draw from a pool", "a pool");
-  require(!has_world_index, "world_index", "none with a pool: each episode draws its world", "some");
-  require(config.camera_backend != CameraBackend::gl || config.cameras.empty(), "camera_backend",
-          "raycast, with a pool of worlds", "gl");
+  if (!has_task) throw std::invalid_argument("worlds: a WorldPool needs a task, whose resets draw the worlds: give task=...");
+  if (has_world_index) throw std::invalid_argument("world_index: not allowed with a WorldPool: each episode draws its world");
+  require(config.camera_backend != CameraBackend::gl || config.cameras.empty(), "camera_backend", "raycast with a WorldPool",
+          "gl");
   return PoolState(std::move(pool), static_cast<std::size_t>(config.num_envs));
 }
 
@@ -74,7 +75,7 @@ PoolState validated(WorldPool pool, const BatchConfig& config, bool has_task, bo
 Batch::Worlds first_world(const PoolState& pool) {
   Batch::Worlds worlds(pool.slots.size());
   worlds[0] = pool.pool.source->get(0);
-  require(worlds[0] != nullptr, "worlds", "worlds", "a null pointer, world 0 of the pool");
+  require(worlds[0] != nullptr, "worlds", "worlds", "a null pointer for world 0 of the pool");
   return worlds;
 }
 
@@ -86,7 +87,8 @@ std::vector<const World*> pointers(const Batch::Worlds& worlds) {
 
 std::optional<dynamics::Fleet> fleet_of(const BatchConfig& config, const DroneModel& drone) {
   if (config.dynamics.is_kinematic()) return std::nullopt;
-  require(drone.airframe().has_value(), "drone", "one with an airframe, to fly by its rotors", "a hull alone");
+  require(drone.airframe().has_value(), "drone",
+          "one with an airframe, to fly by its rotors (such as a bundled one: DroneModel.names())", "only a hull");
   return dynamics::Fleet(*drone.airframe(), config.dynamics, config.clock, static_cast<std::size_t>(config.drones_per_env),
                          static_cast<std::size_t>(config.num_drones()));
 }
@@ -111,7 +113,7 @@ Simulation::Simulation(BatchConfig config_in, Batch::Worlds worlds_in, std::uniq
       owner(process_id()) {
   if (workers.num_threads() > logical_processors()) {
     warning = "num_threads=" + std::to_string(workers.num_threads()) + ": this process may run on " +
-              std::to_string(logical_processors()) + " processors, and more threads than that make it slower";
+              std::to_string(logical_processors()) + " processors; more threads make it slower";
   }
   for (int i = 0; i < workers.num_threads(); ++i) {
     scratches.push_back(std::make_unique<Scratch>());
@@ -172,7 +174,7 @@ void Simulation::warn_of_lost_drones() {
   std::ostringstream text;
   text << "fly(): " << lost.count << (lost.count == 1 ? " drone" : " drones") << " (first: " << lost.first
        << ") moved faster than " << dynamics::kMaxSpeed << " m/s or turned faster than " << fleet->physics.max_turn
-       << " rad/s, half a turn in a tick, and now rest where they were last; a higher physics_hz allows faster turns";
+       << " rad/s, half a turn in a tick, and were stopped at their last valid pose; a higher physics_hz allows faster turns";
   warning = text.str();
 }
 

@@ -104,7 +104,7 @@ class Reader final : public ArrayVisitor {
   };
   std::string_view next(std::string_view name) {
     std::uint64_t length = 0;
-    require(left_.size() >= sizeof(length), "snapshot", "an array " + std::string(name), "its end");
+    require(left_.size() >= sizeof(length), "snapshot", "the array " + std::string(name), "the end of the bytes");
     std::memcpy(&length, left_.data(), sizeof(length));
     left_.remove_prefix(sizeof(length));
     require(left_.size() >= length, "snapshot", std::to_string(length) + " bytes of " + std::string(name), left_.size());
@@ -144,13 +144,13 @@ void fetch_worlds_of(Simulation& sim, const Reader& reader) {
   reader.for_each("world_index", [&](std::span<const std::byte> bytes) {
     const auto numbers = values_of<std::int32_t>(bytes);
     for (std::size_t env = 0; env < numbers.size(); ++env) {
-      require(numbers[env] >= 0, "snapshot", "numbers of worlds", numbers[env]);
+      require(numbers[env] >= 0, "snapshot", "world numbers >= 0", numbers[env]);
       sim.pool->moves.push_back({EnvIndex(env), numbers[env], nullptr});
     }
   });
   fetch_worlds(sim);
   for (const Move& move : sim.pool->moves) {
-    require(move.world->content_hash() == contents[move.env], "snapshot", "one of a batch whose pool makes these worlds",
+    require(move.world->content_hash() == contents[move.env], "snapshot", "one of a batch whose pool makes the same worlds",
             "one with another world " + std::to_string(move.number));
   }
 }
@@ -242,13 +242,13 @@ void restore_snapshot(Simulation& sim, std::string_view blob) {
   require(blob.size() >= sizeof(header), "snapshot", "at least " + std::to_string(sizeof(header)) + " bytes", blob.size());
   std::memcpy(&header, blob.data(), sizeof(header));
   const std::string_view body = blob.substr(sizeof(header));
-  require(header.magic == kMagic, "snapshot", "the bytes of Batch.snapshot()", "something else");
+  require(header.magic == kMagic, "snapshot", "the bytes of Batch.snapshot()", "other bytes");
   require(header.format == kFormat, "snapshot", "format " + std::to_string(kFormat),
           std::to_string(header.format) + " (restore it with the version of flockstep that made it)");
   require(header.length == body.size(), "snapshot", std::to_string(header.length + sizeof(header)) + " bytes", blob.size());
-  require(header.checksum == checksum_of(header, body), "snapshot", "undamaged bytes", "some that have changed");
-  require(header.config == config_hash(sim), "snapshot", "one of a batch with this configuration and these worlds",
-          "one of another");
+  require(header.checksum == checksum_of(header, body), "snapshot", "bytes that match their checksum", "corrupt ones");
+  require(header.config == config_hash(sim), "snapshot", "one of a batch with the same configuration and worlds",
+          "one of another batch");
   // Read and check everything before anything changes.
   Reader reader(body);
   visit_own(sim, reader);

@@ -55,7 +55,7 @@ Convex make_convex(const Primitive& primitive) {
       convex.kind = Convex::Kind::sphere;
       break;
     case PrimitiveKind::room:
-      assert(false && "a room is not convex from within");
+      assert(false && "a room is not convex: its solid lies outside of its box");
       break;
   }
   return convex;

@@ -44,14 +44,14 @@ std::string bytes_of_base64(std::string_view text, const std::string& source) {
   unsigned count = 0;
   for (const char c : text) {
     const std::uint32_t value = kValues[static_cast<unsigned char>(c)];
-    if (value == kNoDigit) refuse(source, "base64", '"' + excerpt({&c, 1}) + "\" in it");
+    if (value == kNoDigit) refuse(source, "base64", "the character \"" + excerpt({&c, 1}) + '"');
     bits = bits << 6U | value;
     count += 6;
     if (count < 8) continue;
     count -= 8;
     bytes += static_cast<char>(bits >> count & 0xffU);
   }
-  require(count < 6, source, "base64", "a character too few");
+  require(count < 6, source, "base64", "one character too few");
   return bytes;
 }
 

@@ -61,7 +61,7 @@ void read_rotors(const JsonField& field, Airframe& frame, bool is_new) {
                        "lag_s", "lag_up_s", "lag_down_s", "radius_m", "inertia_kgm2", "drag_n_per_radps_mps", "lift_n_per_mps2"});
   if (is_new) require_all(field, {"position_m", "spin", "max_speed_radps", "torque_ratio_m"});
   if (const auto positions = find(field, "position_m")) {
-    four(*positions, "four places (x, y, z)");
+    four(*positions, "four positions (x, y, z)");
     for (std::size_t i = 0; i < kRotors; ++i) frame.position_m[i] = triple(child(*positions, i));
   }
   if (const auto spins = find(field, "spin")) {
@@ -133,7 +133,7 @@ std::optional<DroneModel> read_like(const JsonField& root) {
   const auto like = find(root, "like");
   const auto scaled = find(root, "scaled");
   if (!like) {
-    if (scaled) fail(*scaled, "expected beside \"like\", which it scales");
+    if (scaled) fail(*scaled, "allowed only beside \"like\", which it scales");
     return std::nullopt;
   }
   const std::string name = text_of(*like);

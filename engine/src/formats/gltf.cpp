@@ -158,7 +158,7 @@ class GltfReader {
     }
     if (reshaped_ > 0) {
       file_.ignored.push_back(std::to_string(reshaped_) + (reshaped_ == 1 ? " primitive" : " primitives") +
-                              " in extras of another shape than the mesh, which is read instead");
+                              " whose extras describe another shape than the mesh, which is used instead");
     }
     if (suns_ > 1) file_.ignored.push_back("all but the first of " + std::to_string(suns_) + " directional lights");
     if (scene().mesh.triangles.empty() && scene().primitives.empty()) {
@@ -424,7 +424,7 @@ class GltfReader {
         open.push_back({*i, place, semantic, visibility, are_roots});
       }
       for (const std::size_t node : nodes) {
-        if (is_met[node]) refuse(field("nodes", node), "a node in one place of the scene", "one that is in two, or in itself");
+        if (is_met[node]) refuse(field("nodes", node), "a node with one parent", "one with two, or that contains itself");
         is_met[node] = true;
       }
     };
@@ -437,7 +437,7 @@ class GltfReader {
       const Eigen::Affine3d own_place = transform_of(node, at.node);
       Eigen::Affine3d place = at.place * own_place;
       place.translation() = applied(at.place, own_place.translation());
-      if (!place.matrix().allFinite()) refuse(field("nodes", at.node), "a finite transform", "one that overflows");
+      if (!place.matrix().allFinite()) refuse(field("nodes", at.node), "a finite transform", "one with infinite numbers");
       const int semantic = node.semantic != 0 ? node.semantic : at.semantic;
       const Visibility visibility = visibility_of(node, at.visibility);
       read_node(node, at, place, semantic, visibility);
@@ -470,7 +470,7 @@ class GltfReader {
     if (!node.marker.empty()) read_marker(node.marker, index, place.translation());
     if (node.has_sun) {
       const Vec3d towards = place.linear() * Vec3d::UnitZ();  // a light shines along its -z
-      if (!(towards.norm() > 0.0)) refuse(field("nodes", index), "a light with a direction", "one scaled to nothing");
+      if (!(towards.norm() > 0.0)) refuse(field("nodes", index), "a light with a direction", "one scaled to 0");
       const Vec3d unit = towards.normalized();
       // Extras store the exact direction. If the node has been rotated since, the node's direction is used.
       const auto& known = scene().light.sun_direction;
@@ -563,7 +563,7 @@ class GltfReader {
   void read_mesh(const Shown& shown) {
     const GltfNodeExtras& extras = model_.nodes[shown.node].extras;
     objects_ = std::max<std::size_t>(objects_, extras.object.value_or(0));
-    require(objects_ < kMaxObjects, field("nodes", shown.node), "at most 65536 objects", "a number beyond");
+    require(objects_ < kMaxObjects, field("nodes", shown.node), "at most 65536 objects", "more");
     const auto object = static_cast<std::uint16_t>(objects_++);
 
     // In files that flockstep wrote, primitives with the same accessors shared their vertices in the original world.

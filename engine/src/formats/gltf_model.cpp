@@ -190,7 +190,7 @@ class Reader {
         if (!is_read(text(field))) {
           std::string names;
           for (const std::string_view name : kExtensions) names += (names.empty() ? "" : ", ") + std::string(name);
-          refuse(field, "no extension that is required but those read (" + names + ')');
+          refuse(field, "only supported extensions (" + names + ')');
         }
       }
     }
@@ -463,7 +463,7 @@ class Reader {
     if (!extras || !extras->value.is_object()) return;
     node.extras = read_gltf_node_extras(*extras);
     if ((node.extras.primitive || node.extras.object) && !field.value.contains("mesh")) {
-      fail(*extras, std::string("expected a mesh of the node, which \"") + kGltfExtras + "\" tells more about, found none");
+      fail(*extras, std::string("expected a mesh on the node, for \"") + kGltfExtras + "\" to describe, found none");
     }
     if (const auto marker = find(*extras, kMarker)) {
       if (!marker->value.is_string() || !is_gltf_marker(text(*marker))) {
@@ -539,14 +539,14 @@ Glb parts_of_glb(std::string_view bytes, const std::string& source) {
     return value;
   };
   constexpr std::size_t kHeader = 12, kChunkHeader = 8;
-  require(bytes.size() >= kHeader + kChunkHeader, source, "a .glb file that is whole", std::to_string(bytes.size()) + " bytes");
+  require(bytes.size() >= kHeader + kChunkHeader, source, "a complete .glb file", std::to_string(bytes.size()) + " bytes");
   require(number(4) == 2, source, "glTF 2", "version " + std::to_string(number(4)));
-  require(number(8) == bytes.size(), source, "a .glb file that is as long as it says, " + std::to_string(number(8)) + " bytes",
+  require(number(8) == bytes.size(), source, "a .glb file of the length in its header, " + std::to_string(number(8)) + " bytes",
           std::to_string(bytes.size()));
   Glb parts;
   constexpr std::uint32_t kJson = 0x4E4F534A, kBinary = 0x004E4942;
   for (std::size_t at = kHeader; at < bytes.size();) {
-    require(bytes.size() - at >= kChunkHeader, source, "chunks that end with the file", "a part of one at its end");
+    require(bytes.size() - at >= kChunkHeader, source, "chunks up to the end of the file", "an incomplete chunk at its end");
     const std::uint32_t length = number(at);
     const std::uint32_t type = number(at + 4);
     const bool is_first = at == kHeader;
@@ -612,12 +612,12 @@ std::string GltfFiles::read(const std::string& uri, const std::string& field, co
     constexpr std::string_view kBase64 = ";base64,";
     const std::size_t comma = std::min(uri.find(','), uri.size() - 1);
     const std::string_view head = std::string_view(uri).substr(0, comma + 1);
-    if (!head.ends_with(kBase64)) refuse(field, "a data: that is base64", quoted_excerpt(head));
+    if (!head.ends_with(kBase64)) refuse(field, "a data: URI in base64", quoted_excerpt(head));
     return count(bytes_of_base64(std::string_view(uri).substr(head.size()), field));
   }
   const std::string name = decoded(uri);
   if (name.empty() || name.find('\0') != name.npos || name.find("://") != name.npos) {
-    refuse(field, "data: or the path of a file", quoted_excerpt(uri));
+    refuse(field, "a data: URI or the path of a file", quoted_excerpt(uri));
   }
   const std::filesystem::path path = folder_ / name;
   if (files_ == MeshFiles::in_folder && !is_below(path, folder_)) {

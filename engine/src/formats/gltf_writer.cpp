@@ -107,8 +107,8 @@ class GltfWriter {
   // ------------------------------------------------------------------------------------------------------------- bytes
 
   void require_size(std::size_t bytes) const {
-    require(bytes <= max_bytes_, source_, "a world that glTF holds in " + std::to_string(max_bytes_) + " bytes",
-            "one that needs more");
+    require(bytes <= max_bytes_, source_, "a world that fits in a glTF file of " + std::to_string(max_bytes_) + " bytes",
+            "a larger one");
   }
 
   // target 0: neither attributes nor indices.

@@ -8,7 +8,9 @@
 #include <csetjmp>
 #include <cstdio>
 #include <cstring>
+#include <iomanip>
 #include <memory>
+#include <sstream>
 #include <stdexcept>
 
 #include "base/excerpt.hpp"
@@ -31,7 +33,7 @@ void check_size(std::size_t width, std::size_t height, std::size_t file_bytes, s
     refuse(source, "an image of 1 to " + std::to_string(kMaxTexturePx) + " pixels to a side", sides());
   }
   require(width * height <= max_pixels, source, "at most " + std::to_string(max_pixels) + " pixels", sides());
-  require(width * height / kMaxPixelsPerByte <= file_bytes, source, "an image file that is whole",
+  require(width * height / kMaxPixelsPerByte <= file_bytes, source, "a complete image file",
           sides() + " pixels in " + std::to_string(file_bytes) + " bytes");
 }
 
@@ -55,7 +57,7 @@ struct Png {
   static void warn(png_structp, png_const_charp) {}
   static void read(png_structp png, png_bytep to, std::size_t size) {
     auto* const self = static_cast<Png*>(png_get_io_ptr(png));
-    if (size > self->left) png_error(png, "the file is cut short");
+    if (size > self->left) png_error(png, "the file is truncated");
     std::memcpy(to, self->at, size);
     self->at += size;
     self->left -= size;
@@ -147,7 +149,7 @@ struct PngWriter : Png {
 
 Image decode_png(std::span<const std::uint8_t> file, const std::string& source, std::size_t max_pixels) {
   PngReader reader(file);
-  const auto damaged = [&] { refuse(source, "a PNG file that is whole", quoted_excerpt(reader.error.data())); };
+  const auto damaged = [&] { refuse(source, "a complete PNG file", quoted_excerpt(reader.error.data())); };
   if (!reader.read_header()) damaged();
   const std::size_t width = png_get_image_width(reader.png, reader.info);
   const std::size_t height = png_get_image_height(reader.png, reader.info);
@@ -163,15 +165,12 @@ Image decode_png(std::span<const std::uint8_t> file, const std::string& source, 
 Image decode_jpeg(std::span<const std::uint8_t> file, const std::string& source, std::size_t max_pixels) {
   const std::unique_ptr<void, decltype(&tjDestroy)> decoder(tjInitDecompress(), tjDestroy);
   if (!decoder) throw std::bad_alloc();
-  const auto damaged = [&] {
-    refuse(source, "a JPEG file that is whole", '"' + excerpt(tjGetErrorStr2(decoder.get()), 128) + '"');
-  };
+  const auto damaged = [&] { refuse(source, "a complete JPEG file", '"' + excerpt(tjGetErrorStr2(decoder.get()), 128) + '"'); };
   int width = 0, height = 0, subsampling = 0, colours = 0;
   if (tjDecompressHeader3(decoder.get(), file.data(), file.size(), &width, &height, &subsampling, &colours) != 0) damaged();
   check_size(static_cast<std::size_t>(std::max(width, 0)), static_cast<std::size_t>(std::max(height, 0)), file.size(), max_pixels,
              source);
-  if (colours == TJCS_CMYK || colours == TJCS_YCCK)
-    refuse(source, "a JPEG file of grey or of red, green and blue", "one of inks");
+  if (colours == TJCS_CMYK || colours == TJCS_YCCK) refuse(source, "a greyscale or RGB JPEG file", "a CMYK one");
   Image image{width, height,
               std::vector<std::uint8_t>(std::size_t{4} * static_cast<std::size_t>(width) * static_cast<std::size_t>(height))};
   // Without TJFLAG_STOPONWARNING, missing parts of a truncated file would become grey with only a warning.
@@ -180,6 +179,14 @@ Image decode_jpeg(std::span<const std::uint8_t> file, const std::string& source,
     damaged();
   }
   return image;
+}
+
+// Returns the first bytes of a file in hexadecimal.
+std::string signature_of(std::span<const std::uint8_t> file) {
+  std::ostringstream text;
+  text << std::hex << std::setfill('0');
+  for (const std::uint8_t byte : file.first(std::min<std::size_t>(file.size(), 4))) text << std::setw(2) << +byte;
+  return text.str();
 }
 
 }  // namespace
@@ -192,7 +199,7 @@ Image decode_image(std::span<const std::uint8_t> file, const std::string& source
   };
   if (begins_with(kPng)) return decode_png(file, source, max_pixels);
   if (begins_with(kJpeg)) return decode_jpeg(file, source, max_pixels);
-  refuse(source, "a PNG or JPEG file", file.empty() ? "an empty one" : "one that begins otherwise");
+  refuse(source, "a PNG or JPEG file", file.empty() ? std::string("an empty file") : "signature 0x" + signature_of(file));
 }
 
 std::string encode_png(int width_px, int height_px, std::span<const std::uint8_t> rgba) {

@@ -23,7 +23,7 @@ namespace {
 // Makes a name valid for scene files, which are UTF-8.
 std::string shown_name(std::string_view name) { return excerpt(name, 200); }
 
-// Lists names after their count: "2 files that are missing (a.mtl, b.png)".
+// Lists names after their count: "2 missing files (a.mtl, b.png)".
 std::string list_of(const std::set<std::string>& names, const char* singular, const char* plural) {
   constexpr std::size_t kShown = 3;
   std::string text = counted(names.size(), singular, plural);
@@ -301,14 +301,14 @@ std::optional<std::uint16_t> ObjMaterials::texture(const std::string& name, bool
 
 std::vector<std::string> ObjMaterials::ignored() const {
   std::vector<std::string> ignored;
-  if (!missing_.empty()) ignored.push_back(list_of(missing_, "file that is missing", "files that are missing"));
+  if (!missing_.empty()) ignored.push_back(list_of(missing_, "missing file", "missing files"));
   if (!outside_.empty()) ignored.push_back(list_of(outside_, "file outside of the folder", "files outside of the folder"));
   const auto note = [&](std::size_t count, const char* singular, const char* plural) {
     if (count > 0) ignored.push_back(counted(count, singular, plural));
   };
-  note(undefined_.size(), "material that no material file has", "materials that no material file has");
+  note(undefined_.size(), "material that no material file defines", "materials that no material file defines");
   note(transparent_, "material's transparency", "materials' transparency");
-  note(bumps_, "material's bumps", "materials' bumps");
+  note(bumps_, "material's bump map", "materials' bump maps");
   note(glowing_, "material's emission by another texture than its colour's",
        "materials' emission by other textures than their colours'");
   note(moved_, "texture's scale or offset", "textures' scale or offset");

@@ -93,7 +93,7 @@ class PlyReader {
   // All header lines end like the first one, because the first byte after the header may have any value.
   std::string_view next_header_line() {
     const std::size_t at = rest_.find(ending_);
-    if (at == rest_.npos) refuse(source_, "a header that ends with end_header", "one that is cut short");
+    if (at == rest_.npos) refuse(source_, "a header that ends with end_header", "a truncated one");
     const std::string_view line = rest_.substr(0, at);
     rest_.remove_prefix(at + ending_.size());
     return line;
@@ -104,7 +104,7 @@ class PlyReader {
     const std::string_view word = next_line(first);
     require(trimmed(word) == "ply", source_, "a PLY file, which begins with a line ply", quoted_excerpt(word));
     ending_ = rest_.substr(word.size(), rest_.size() - word.size() - first.size());
-    require(!ending_.empty(), source_, "a header that ends with end_header", "one that is cut short");
+    require(!ending_.empty(), source_, "a header that ends with end_header", "a truncated one");
     next_header_line();
 
     bool has_form = false;
@@ -143,7 +143,7 @@ class PlyReader {
       std::string_view type = next_word(words);
       if (type == "list") {
         property.count = ply_type(next_word(words));
-        if (!property.count || !property.count->is_whole) refuse_line("property list, a type of whole numbers, a type, a name");
+        if (!property.count || !property.count->is_whole) refuse_line("property list, an integer type, a type, a name");
         type = next_word(words);
       }
       property.type = ply_type(type);
@@ -151,7 +151,7 @@ class PlyReader {
       if (!property.type || property.name.empty()) refuse_line("property, a type such as float or uchar, a name");
       elements_.back().properties.push_back(property);
     }
-    require(has_form, source_ + ": header", "a line format", "none");
+    require(has_form, source_ + ": header", "a format line", "none");
     check_elements();
   }
 
@@ -161,9 +161,9 @@ class PlyReader {
     };
     for (const PlyElement& element : elements_) {
       const std::string field = source_ + ": element " + excerpt(element.name);
-      require(element.name != "tristrips", field, "faces", "strips of triangles, which are not read");
+      require(element.name != "tristrips", field, "faces", "triangle strips, which are not supported");
       require(element.name != "vertex" || element.count <= std::numeric_limits<std::int32_t>::max(), field,
-              "at most 2147483647 of them", element.count);
+              "at most 2147483647 vertices", element.count);
       // Checked before memory is allocated.
       std::size_t least = 0;
       for (const PlyProperty& property : element.properties) {
@@ -176,7 +176,7 @@ class PlyReader {
     require(count("vertex") == 1 && count("face") <= 1, source_ + ": header", "one element vertex and one element face",
             count("vertex") == 0 ? "none" : "several");
     const auto faces = std::find_if(elements_.begin(), elements_.end(), [](const auto& e) { return e.name == "face"; });
-    if (faces == elements_.end() || faces->count == 0) refuse(source_, "at least one face", "a cloud of points");
+    if (faces == elements_.end() || faces->count == 0) refuse(source_, "at least one face", "a point cloud");
   }
 
   // ------------------------------------------------------------------------------------------------------------- values
@@ -251,7 +251,7 @@ class PlyReader {
       channels.push_back(channel(property).value_or(kNoChannel));
       ++found[channels.back()];
       const std::string_view name = property.name;
-      if (name == "s" || name == "u" || name == "texture_u") ignored_.insert("places in textures");
+      if (name == "s" || name == "u" || name == "texture_u") ignored_.insert("texture coordinates");
     }
     require(found[0] == 1 && found[1] == 1 && found[2] == 1, source_ + ": element vertex", "one property x, one y and one z",
             "others");
@@ -297,7 +297,7 @@ class PlyReader {
     require(found != element.properties.end(), source_ + ": element face", "a list vertex_indices", "none");
     for (const PlyProperty& property : element.properties) {
       if (property.name == "red") ignored_.insert("colours of faces");
-      if (property.name == "texcoord") ignored_.insert("places in textures");
+      if (property.name == "texcoord") ignored_.insert("texture coordinates");
     }
     for (std::size_t i = 0; i < element.count; ++i) {
       if (i % kBetweenPolls == 0) Interrupt::poll();

@@ -14,6 +14,7 @@
 #include "base/excerpt.hpp"
 #include "base/interrupt.hpp"
 #include "base/json_document.hpp"
+#include "base/nearest_name.hpp"
 #include "base/require.hpp"
 #include "base/text_file.hpp"
 #include "formats/base64.hpp"
@@ -31,6 +32,16 @@ namespace {
 using json::JsonField;
 
 constexpr const char* kDefault = "default";  // material that exists without being listed
+
+// Throws for a name that is not a key of the index, and suggests the nearest key. Comparing very many keys would take too long.
+[[noreturn]] void refuse_name(const JsonField& field, const std::string& expected,
+                              const std::unordered_map<std::string, std::uint16_t>& index) {
+  constexpr std::size_t kMostCompared = 1000;
+  std::vector<std::string_view> known;
+  for (const auto& [name, number] : index) known.push_back(name);
+  if (known.size() > kMostCompared) known.clear();
+  refuse(field, expected, json::excerpt_of(field.value) + did_you_mean(field.value.get_ref<const std::string&>(), known));
+}
 
 class SceneReader {
  public:
@@ -87,7 +98,7 @@ class SceneReader {
     for (const auto& [key, value] : root_.value.items()) {
       if (!key.ends_with("_scene")) continue;
       fail(child(root_, key, value), "expected the key \"" + std::string(keys::kVersion.name) +
-                                         "\" instead (the format's name has changed, and nothing else: rename the key)");
+                                         "\" instead (only the format's name has changed: rename the key)");
     }
   }
 
@@ -175,7 +186,7 @@ class SceneReader {
   std::uint16_t named_texture(const JsonField& field) {
     if (!field.value.is_string()) refuse(field, "the name of a texture");
     const auto found = texture_index_.find(field.value.get_ref<const std::string&>());
-    if (found == texture_index_.end()) refuse(field, "a name listed in /textures");
+    if (found == texture_index_.end()) refuse_name(field, "a name listed in /textures", texture_index_);
     has_textured_material_ = true;
     return found->second;
   }
@@ -190,7 +201,7 @@ class SceneReader {
   std::uint16_t named_material(const JsonField& field) const {
     if (!field.value.is_string()) refuse(field, "the name of a material");
     const auto found = material_index_.find(field.value.get_ref<const std::string&>());
-    if (found == material_index_.end()) refuse(field, "a name listed in /materials");
+    if (found == material_index_.end()) refuse_name(field, "a name listed in /materials", material_index_);
     return found->second;
   }
 
@@ -198,7 +209,7 @@ class SceneReader {
     const auto found = material_index_.find(kDefault);
     if (found != material_index_.end()) return found->second;
     if (scene_.materials.size() == kMaxMaterials) {
-      fail(object, "expected a field \"material\" (/materials leaves no room for \"default\"), found none");
+      fail(object, "expected a field \"material\" (/materials is full, so \"default\" cannot be added), found none");
     }
     return add_material(Material{kDefault});
   }

@@ -37,8 +37,9 @@ void check(const FreePlacesConfig& config) {
   require_positive(config.max_height_m, "max_height_m");
   require_positive(config.cell_m, "cell_m");
   if (!config.box) return;
-  require(is_in_world(config.box->min) && is_in_world(config.box->max), "box", in_world("finite coordinates"), "one that is not");
-  require((config.box->min.array() <= config.box->max.array()).all(), "box", "its least corner first", "one with min > max");
+  require(is_in_world(config.box->min) && is_in_world(config.box->max), "box", in_world("finite coordinates"),
+          "a coordinate that is not");
+  require((config.box->min.array() <= config.box->max.array()).all(), "box", "min <= max along each axis", "min > max");
 }
 
 // Finds free places of a world one by one.
@@ -139,12 +140,12 @@ class Places {
 
   [[noreturn]] void refuse_all(std::uint32_t drawn) const {
     std::ostringstream expected;
-    expected << "a box with places that have something below, are not behind a surface, and are " << clearance_
+    expected << "a box with free places: above something, not behind a surface, and " << clearance_
              << " m from everything (clearance_m)";
     std::ostringstream got;
     got << "none in " << drawn << " draws from (" << box_.min.transpose() << ") to (" << box_.max.transpose()
-        << "): " << refused_[nothing_below] << " above nothing, " << refused_[behind] << " behind a surface, "
-        << refused_[no_room] << " too near to one";
+        << "): " << refused_[nothing_below] << " with nothing below, " << refused_[behind] << " behind a surface, "
+        << refused_[no_room] << " too close to something";
     refuse("box", expected.str(), got.str());
   }
 
@@ -161,7 +162,7 @@ class Places {
 };
 
 void require_place(const World& world, const DroneModel& drone, const Vec3& place) {
-  require(is_in_world(place), "reachable_from", in_world("finite coordinates"), "one that is not");
+  require(is_in_world(place), "reachable_from", in_world("finite coordinates"), "a coordinate that is not");
   require(!collision::overlaps(prepared(world).obstacles(), collision::Hull(drone), Pose{.position = place}), "reachable_from",
           "room for the drone", "a place where it touches an obstacle");
 }
@@ -179,8 +180,8 @@ std::vector<Vec3> free_places(const World& world, const DroneModel& drone, std::
     const Vec3 place = places.next();
     if (reach && !reach->includes(place)) {
       ++far;
-      require(far < kMaxFarPlaces, "reachable_from", "a place from which others can be flown to",
-              std::to_string(far) + " places in a row that cannot");
+      require(far < kMaxFarPlaces, "reachable_from", "a place from which the drone can reach others",
+              std::to_string(far) + " unreachable places in a row");
       continue;
     }
     far = 0;
@@ -212,8 +213,8 @@ Markers drawn_markers(const World& world, const DroneModel& drone, const FreePla
     }
   }
   std::ostringstream got;
-  got << least << ", at which none of " << kStarts * kGoals << " pairs are";
-  refuse("distance_m", "a distance in m at which there are places that the drone can fly between", got.str());
+  got << least << " m: none of " << kStarts * kGoals << " pairs of places is that far apart and connected";
+  refuse("distance_m", "a distance between places that the drone can fly between", got.str());
 }
 
 }  // namespace flockstep

@@ -31,8 +31,8 @@ Extent extent_of(const Aabb& region, const Vec3& start, float cell, bool is_flat
 [[noreturn]] void refuse_cells(float cell) {
   refuse(
       "cell_m",
-      "a spacing at which a search of " + std::to_string(Lattice::kMaxCells) + " cells finds a path or shows that there is none",
-      std::to_string(cell) + " m, which needs more of them");
+      "a spacing at which a search of " + std::to_string(Lattice::kMaxCells) + " cells is enough to find a path or rule it out",
+      std::to_string(cell) + " m, which needs more cells");
 }
 
 }  // namespace

@@ -309,10 +309,10 @@ std::optional<Path> plan_leg(const FreeSpace& space, const Aabb& region, bool fu
 }
 
 void check(const Vec3& start, std::span<const Vec3> goals, float cell_m) {
-  require(start.allFinite(), "start", "finite coordinates", "one that is not");
+  require(start.allFinite(), "start", "finite coordinates", "NaN or infinity");
   require(!goals.empty(), "goals", "at least one point", "none");
   for (std::size_t i = 0; i < goals.size(); ++i) {
-    require(goals[i].allFinite(), "goals[" + std::to_string(i) + ']', "finite coordinates", "one that is not");
+    require(goals[i].allFinite(), "goals[" + std::to_string(i) + ']', "finite coordinates", "NaN or infinity");
   }
   require(cell_m > 0.0F && std::isfinite(cell_m), "cell_m", "a number > 0", std::to_string(cell_m));
 }

@@ -350,7 +350,8 @@ TaskConfig read_task(const Json& json) {
   require(name.find('/') != std::string::npos, "task.name",
           names_of_tasks() + " or the id of a registered task, such as \"mine/ReachHeight-v0\"",
           quoted_excerpt(name) + did_you_mean(name, names));
-  require(fields.empty(), "task", "no fields beside the name of a registered task", json::excerpt_of(fields));
+  require(fields.empty(), "task", "only the name of a registered task (its settings are in the task itself)",
+          json::excerpt_of(fields));
   return RegisteredTask{name};
 }
 

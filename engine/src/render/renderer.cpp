@@ -31,7 +31,7 @@ double frames_per_second(std::size_t frames, const Render& render) {
 
 Renderer::Renderer(CameraBackend backend, std::span<const RenderRequest> typical, Workers& workers,
                    std::chrono::milliseconds gl_patience)
-    : report_("raycast: as asked for") {
+    : report_("raycast: as requested") {
   for (int i = 0; i < workers.num_threads(); ++i) raycast_scratches_.push_back(std::make_unique<RaycastScratch>());
   if (backend == CameraBackend::raycast) return;
   try {
@@ -40,7 +40,7 @@ Renderer::Renderer(CameraBackend backend, std::span<const RenderRequest> typical
     give_up_gl(error.what());
     return;
   }
-  report_ = "gl: as asked for, on " + gl_->description();
+  report_ = "gl: as requested, on " + gl_->description();
   if (backend == CameraBackend::automatic) choose(typical, workers);
 }
 
@@ -63,7 +63,7 @@ void Renderer::choose(std::span<const RenderRequest> typical, Workers& workers) 
 void Renderer::give_up_gl(const std::string& why) {
   gl_.reset();
   report_ = "raycast: gl is not available (" + why + ")";
-  warning_ = "cameras: gl is not available, raycast renders instead: " + why;
+  warning_ = "cameras: gl is not available; raycast renders instead: " + why;
 }
 
 trace::EmbreeUse Renderer::embree_use() const {

@@ -26,7 +26,8 @@ void CameraConfig::validate() const {
   // Checks both fields of view, since one may be derived from the other.
   for (const float slope : {0.5F * static_cast<float>(width_px) / fx(), 0.5F * static_cast<float>(height_px) / fy()}) {
     require(slope < 115.0F, hfov_deg ? "camera.hfov_deg" : "camera.vfov_deg",
-            "one that leaves the other below 179 degrees (pixels are square)", hfov_deg ? *hfov_deg : vfov_deg.value_or(90.0F));
+            "an angle that keeps the other below 179 degrees (pixels are square)",
+            hfov_deg ? *hfov_deg : vfov_deg.value_or(90.0F));
   }
   require(far_m > near_m, "camera.far_m", "a number > near_m (" + std::to_string(near_m) + ")", far_m);
   bool any = false;
@@ -43,7 +44,7 @@ void CameraConfig::validate() const {
   for (const auto& [output, chosen] :
        {std::pair("semantic", outputs.semantic), std::pair("instance", outputs.instance), std::pair("normal", outputs.normal)}) {
     require(!chosen, "camera.resize",
-            std::string("None with the output ") + output + " (ids and directions are not averaged: give it a camera of its own)",
+            std::string("None with the output ") + output + " (ids and directions cannot be averaged: use a second camera)",
             size);
   }
 }

@@ -32,7 +32,7 @@ std::unique_ptr<BlockSensor> make_sensor(const LidarConfig& config, const Sensor
 void Lidar::change(const LidarChange& change, std::span<const DroneIndex> drones) {
   const bool beams_move = change.hfov_deg || change.vfov_deg;
   require(!(beams_move && config_.has_pattern()), change.hfov_deg ? "hfov_deg" : "vfov_deg",
-          "no field of view for a LiDAR made from a beam pattern", change.hfov_deg.value_or(change.vfov_deg.value_or(0.0F)));
+          "None for a LiDAR with a beam pattern", change.hfov_deg.value_or(change.vfov_deg.value_or(0.0F)));
   const auto changed = [&](LidarConfig config) {
     config.max_range_m = change.max_range_m.value_or(config.max_range_m);
     config.hfov_deg = change.hfov_deg.value_or(config.hfov_deg);

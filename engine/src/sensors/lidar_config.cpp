@@ -13,7 +13,7 @@ void LidarConfig::validate() const {
   if (has_pattern()) {  // a pattern replaces the fields of the grid
     const LidarConfig grid;
     const auto beams_of_pattern = static_cast<int>(azimuth_deg.size());
-    const char* const unset = "its default, since azimuth_deg and elevation_deg give the beams (leave it out)";
+    const char* const unset = "its default, since azimuth_deg and elevation_deg define the beams (leave it out)";
     require(beams == grid.beams || beams == beams_of_pattern, "lidar.beams", unset, beams);
     require(channels == grid.channels, "lidar.channels", unset, channels);
     require(hfov_deg == grid.hfov_deg, "lidar.hfov_deg", unset, hfov_deg);

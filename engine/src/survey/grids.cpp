@@ -20,8 +20,8 @@ constexpr double kUncovered = 1e-4;  // fraction of a cell: a smaller excess of 
 CellGrid grid_over(const World& world, float cell_m, const std::optional<Aabb>& given) {
   require(cell_m >= 1e-3F && cell_m <= 100.0F, "cell_m", "a number in [0.001, 100]", cell_m);
   const Aabb box = given.value_or(world.bounds());
-  require(is_in_world(box.min) && is_in_world(box.max), "box", in_world("finite coordinates"), "one that is not");
-  require((box.min.array() <= box.max.array()).all(), "box", "its least corner first", "one with min > max");
+  require(is_in_world(box.min) && is_in_world(box.max), "box", in_world("finite coordinates"), "a coordinate that is not");
+  require((box.min.array() <= box.max.array()).all(), "box", "min <= max along each axis", "min > max");
   const double cell = static_cast<double>(cell_m);
   const Eigen::Array3d cells = ((box.max.cast<double>() - box.min.cast<double>()).array() / cell - kUncovered).ceil().max(1.0);
   if (!(cells.prod() <= kMaxGridCells)) {

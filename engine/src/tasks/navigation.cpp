@@ -348,8 +348,8 @@ void NavigationReward::validate() const { check_fields(*this, "reward."); }
 
 void NavigationConfig::validate() const {
   check_fields(*this, "task.");
-  require(color == ColorRange() || observation == ObservationKind::blob, "task.color",
-          "the default where the observation is not \"blob\"", "another");
+  require(color == ColorRange() || observation == ObservationKind::blob, "task.color", "its default unless observation=\"blob\"",
+          "another color");
 }
 
 NavigationConfig NavigationConfig::observing(ObservationKind observation) {

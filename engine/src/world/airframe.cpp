@@ -68,22 +68,23 @@ void Airframe::validate() const {
   }
   require(min_speed_radps < max_speed_radps, "rotors min_speed_radps", "a number below max_speed_radps", min_speed_radps);
   require(thrust_n[2] >= 0.0, "rotors thrust_n[2]", "a number >= 0", thrust_n[2]);
-  require(max_thrust() > 0.0, "rotors thrust_n", "a thrust at full speed", max_thrust());
+  require(max_thrust() > 0.0, "rotors thrust_n", "a positive thrust at full speed", max_thrust());
   const double vertex = thrust_n[2] > 0.0 ? -thrust_n[1] / (2.0 * thrust_n[2]) : -1.0;  // rad/s, vertex of the parabola
   require(vertex <= min_speed_radps || thrust_at(vertex) == 0.0, "rotors thrust_n", "a thrust that grows with the speed",
-          "one that is least at " + std::to_string(vertex) + " rad/s");
-  require(thrust_n[2] > 0.0 || thrust_n[1] > 0.0, "rotors thrust_n", "a thrust that grows with the speed", "one that does not");
+          "one with its minimum at " + std::to_string(vertex) + " rad/s");
+  require(thrust_n[2] > 0.0 || thrust_n[1] > 0.0, "rotors thrust_n", "a thrust that grows with the speed",
+          "one that does not grow");
 
   require(thrust_to_weight() > 1.0, "rotors", "a thrust-to-weight above 1, to hover", thrust_to_weight());
   require(static_cast<double>(kRotors) * thrust_at(min_speed_radps) < mass_kg * kGravity, "rotors min_speed_radps",
-          "a speed at which it sinks", min_speed_radps);
+          "a speed at which the thrust is below the weight", min_speed_radps);
   // Scaled by arm and torque ratio, the allocation of an X or plus frame has determinant 16; that of a frame that cannot turn
   // about some axis has determinant 0.
   double arm = 0.0;
   for (const Triple& p : position_m) arm = std::max({arm, std::abs(p[0]), std::abs(p[1])});
   const double scale = arm * arm * torque_ratio_m;
   require(scale > 0.0 && std::abs(allocation(*this).determinant()) >= kLeastLever * scale, "rotors",
-          "positions and spins that can turn the body about each axis", "ones that cannot");
+          "positions and spins that can turn the body about each axis", "ones that leave an axis without torque");
 }
 
 Airframe Airframe::scaled(double size, double mass) const {

@@ -55,7 +55,8 @@ DroneModel::DroneModel(std::vector<Vec3> hull, std::optional<Airframe> airframe,
           "4 to " + std::to_string(kMaxHullVertices) + " points", hull_.size());
   for (std::size_t i = 0; i < hull_.size(); ++i) {
     require(hull_[i].allFinite() && hull_[i].cwiseAbs().maxCoeff() <= kMaxHullReach, "hull[" + std::to_string(i) + ']',
-            "finite coordinates of at most " + std::to_string(static_cast<int>(kMaxHullReach)) + " m", "one that is not");
+            "finite coordinates of at most " + std::to_string(static_cast<int>(kMaxHullReach)) + " m",
+            "a larger or infinite one");
   }
   const double thin = thickness(hull_);
   require(thin >= kMinThickness, "hull", "a body with a volume, at least 0.0001 m thick",
@@ -71,7 +72,7 @@ DroneModel::DroneModel(std::vector<Vec3> hull, std::optional<Airframe> airframe,
 }
 
 DroneModel DroneModel::scaled(double size, double mass) const {
-  require(airframe_.has_value(), "drone", "one with an airframe, to be scaled", "a hull alone");
+  require(airframe_.has_value(), "drone", "one with an airframe, to be scaled", "only a hull");
   std::vector<Vec3> hull = hull_;
   for (Vec3& vertex : hull) vertex = (vertex.cast<double>() * size).cast<float>();
   return DroneModel(std::move(hull), airframe_->scaled(size, mass), name_);

@@ -81,7 +81,7 @@ void check_primitive(const std::string& field, Primitive& primitive, std::size_t
 
   check_visibility(field + ".visibility", primitive.visibility);
   if (primitive.kind == PrimitiveKind::room && primitive.visibility != Visibility::full) {
-    refuse(field + ".visibility", "a room that is full", "another");
+    refuse(field + ".visibility", "Visibility::full for a room", "another");
   }
 
   const Quat& q = primitive.rotation;
@@ -256,7 +256,7 @@ void check_textures(const std::vector<Texture>& textures) {
   std::set<std::string_view> names;
   for (std::size_t i = 0; i < textures.size(); ++i) {
     const auto& [name, width, height, rgba, wrap] = textures[i];
-    if (!names.insert(name).second) refuse(element("textures", i) + ".name", "a name of its own", '"' + name + '"');
+    if (!names.insert(name).second) refuse(element("textures", i) + ".name", "a unique name", '"' + name + '"');
     for (const int side : {width, height}) {
       if (side < 1 || side > kMaxTexturePx) {
         refuse(element("textures", i), "1 to " + std::to_string(kMaxTexturePx) + " pixels to a side", std::to_string(side));
@@ -287,7 +287,7 @@ void check_materials(const std::vector<Material>& materials, std::size_t num_tex
              std::to_string(*materials[i].texture));
     }
     if (!names.insert(materials[i].name).second) {
-      refuse(element("materials", i) + ".name", "a name of its own", '"' + materials[i].name + '"');
+      refuse(element("materials", i) + ".name", "a unique name", '"' + materials[i].name + '"');
     }
   }
 }

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any, Protocol
 import numpy as np
 import numpy.typing as npt
 
+from flockstep.nearest_name import did_you_mean
 from flockstep.pictures.depth_canvas import Color, Floats, Image
 
 if TYPE_CHECKING:
@@ -195,7 +196,8 @@ def _positive(field: str, value: Any) -> float:
 def _color(color: Any) -> Color:
     if isinstance(color, str):
         if color not in COLORS:
-            raise ValueError(f"color: expected one of {', '.join(COLORS)} or (red, green, blue), got {color!r}")
+            names, hint = ", ".join(COLORS), did_you_mean(color, COLORS)
+            raise ValueError(f"color: expected one of {names} or (red, green, blue), got {color!r}{hint}")
         return COLORS[color]
     rgb = np.asarray(color)
     if rgb.shape != (3,) or rgb.dtype.kind not in "iu" or rgb.min() < 0 or rgb.max() > 255:

@@ -10,6 +10,8 @@ from typing import TYPE_CHECKING, Any, TypeAlias
 import numpy as np
 import numpy.typing as npt
 
+from flockstep.nearest_name import did_you_mean
+
 if TYPE_CHECKING:
     from flockstep._core import Camera
 
@@ -47,7 +49,8 @@ def save_frames(
     for output in chosen:
         if output not in config.outputs:
             expected = ", ".join(config.outputs)
-            raise ValueError(f'outputs: expected some that camera "{config.name}" writes ({expected}), got {output!r}')
+            hint = did_you_mean(output, config.outputs)
+            raise ValueError(f'outputs: expected outputs of camera "{config.name}" ({expected}), got {output!r}{hint}')
     drones = _drones(camera, indices)
 
     root = Path(folder)

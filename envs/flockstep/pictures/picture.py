@@ -47,7 +47,7 @@ def render(
     """
     if look_at is not None:
         if quat_wxyz is not None:
-            raise ValueError("look_at: expected None beside quat_wxyz, got both")
+            raise ValueError("look_at: expected look_at or quat_wxyz, got both")
         quat_wxyz = facing(position, look_at)
     config = CameraConfig(far_m=FARTHEST_M) if camera is None else camera
     batch = Batch(load_one(world), cameras=[config])
@@ -61,7 +61,7 @@ def facing(position: npt.ArrayLike, target: npt.ArrayLike) -> npt.NDArray[np.flo
     """Return the quaternion (4,) that turns +x from a position (3,) towards a target (3,) and keeps y level."""
     x, y, z = _row("look_at", target, 3)[0].astype(float) - _row("position", position, 3)[0].astype(float)
     if x == y == z == 0:
-        raise ValueError("look_at: expected another point than position")
+        raise ValueError("look_at: expected a point other than position")
     yaw, pitch = np.arctan2(y, x) / 2, -np.arctan2(z, np.hypot(x, y)) / 2
     # First a rotation about y, then one about z.
     c, s, cp, sp = np.cos(yaw), np.sin(yaw), np.cos(pitch), np.sin(pitch)

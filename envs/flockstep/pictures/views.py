@@ -11,6 +11,7 @@ import numpy.typing as npt
 
 from flockstep._core import Batch, CameraConfig
 from flockstep.drone_mesh import DroneMesh
+from flockstep.nearest_name import did_you_mean
 from flockstep.pictures.drawing import Overlay
 from flockstep.pictures.third_person_view import ThirdPersonView
 from flockstep.pictures.top_view import TopView
@@ -85,7 +86,9 @@ def choose(view: Any, size: Any, camera: Any) -> Choice:
     if isinstance(view, str):
         if view not in NAMES:
             expected = ", ".join(map(repr, NAMES))
-            raise ValueError(f"render_view: expected one of {expected} or two points, got {view!r}")
+            raise ValueError(
+                f"render_view: expected one of {expected} or two points, got {view!r}{did_you_mean(view, NAMES)}"
+            )
     else:
         view = _place(view)
     if size is not None:
@@ -108,7 +111,7 @@ def _place(view: Any) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.float64]]
     except (TypeError, ValueError):
         points = np.zeros(0)
     if points.shape != (2, 3) or not np.isfinite(points).all() or (points[0] == points[1]).all():
-        expected = f"one of {', '.join(map(repr, NAMES))}, or two points (x, y, z): from where and at what to look"
+        expected = f"one of {', '.join(map(repr, NAMES))}, or two points (x, y, z): the eye and the point to look at"
         raise ValueError(f"render_view: expected {expected}, got {view!r}")
     return points[0], points[1]
 
@@ -149,11 +152,14 @@ def make(
 
 def _camera_view(choice: Choice, batch: Batch, cameras: Sequence[CameraConfig]) -> CameraView:
     if not cameras:
-        raise ValueError("render_view: 'camera' needs a camera, and this env has none")
+        raise ValueError(
+            "render_view: 'camera' needs a camera, and this env has none: give it camera=flockstep.CameraConfig()"
+        )
     names = [camera.name for camera in cameras]
     if choice.camera is not None and choice.camera not in names:
         expected = ", ".join(map(repr, names))
-        raise ValueError(f"render_camera: expected one of the cameras {expected}, got {choice.camera!r}")
+        hint = did_you_mean(choice.camera, names)
+        raise ValueError(f"render_camera: expected one of the cameras {expected}, got {choice.camera!r}{hint}")
     camera = cameras[0 if choice.camera is None else names.index(choice.camera)]
     if not {"rgb", "grey"} & set(camera.outputs):
         raise ValueError(f"render_view: 'camera' needs 'rgb' or 'grey' among its outputs, got {camera.outputs}")

@@ -10,6 +10,8 @@ from typing import Any
 import numpy as np
 from stable_baselines3.common.callbacks import BaseCallback
 
+from flockstep.nearest_name import did_you_mean
+
 
 class LogTerms(BaseCallback):
     """Logs means over the episodes that ended in a rollout, to TensorBoard and the other log outputs.
@@ -40,8 +42,9 @@ class LogTerms(BaseCallback):
                 self._note("terms", info["episode_terms"])
                 missing = [name for name in self._info_names if name not in info]
                 if missing:
-                    there = ", ".join(name for name, value in info.items() if isinstance(value, Real))
-                    raise ValueError(f"info_names: expected some of {there}, got {missing[0]!r}")
+                    known = [name for name, value in info.items() if isinstance(value, Real)]
+                    hint = did_you_mean(missing[0], known)
+                    raise ValueError(f"info_names: expected some of {', '.join(known)}, got {missing[0]!r}{hint}")
                 self._note("infos", {name: info[name] for name in self._info_names})
         return True
 

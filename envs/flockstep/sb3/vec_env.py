@@ -39,11 +39,11 @@ def make_vec(
     """
     if isinstance(env, DroneVectorEnv):
         if num_envs not in (1, env.num_envs, env.num_groups) or kwargs:
-            raise TypeError("make_vec: an env that is ready takes neither num_envs nor keywords")
+            raise TypeError("make_vec: expected no num_envs or keywords with an env that exists already")
         return DroneVecEnv(env)
     own = [name for name in ("autoreset_mode", "copy") if name in kwargs]
     if own:
-        raise TypeError(f"make_vec: {' and '.join(own)} cannot be chosen: Stable-Baselines3 wants same-step autoreset")
+        raise TypeError(f"make_vec: {' and '.join(own)} cannot be chosen: Stable-Baselines3 needs same-step autoreset")
     kwargs |= {"autoreset_mode": "same_step", "copy": False}
     if isinstance(env, (Task, NativeTask, type)):
         return DroneVecEnv(DroneVectorEnv(num_envs, task=env, **kwargs))
@@ -68,7 +68,9 @@ class DroneVecEnv(VecEnv):
 
     def __init__(self, env: DroneVectorEnv) -> None:
         if env.autoreset_mode is not AutoresetMode.SAME_STEP:
-            raise ValueError(f"env: expected same-step autoreset, got {env.autoreset_mode}")
+            raise ValueError(
+                f"env: expected same-step autoreset (autoreset_mode='same_step'), got {env.autoreset_mode}"
+            )
         self.env = env
         self._batch = env.batch
         self._actions: npt.NDArray[Any] | None = None
@@ -110,7 +112,7 @@ class DroneVecEnv(VecEnv):
 
     def step_wait(self) -> VecEnvStepReturn:
         """Fly one step and return observation, reward, done and infos."""
-        assert self._actions is not None, "step_async comes first"
+        assert self._actions is not None, "call step_async before step_wait"
         batch = self._batch
         batch.step(self._actions)
         if self.env.trail is not None:

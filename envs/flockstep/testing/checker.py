@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Collection
 
+from flockstep.nearest_name import did_you_mean
 from flockstep.testing.episodes import check_autoreset, check_reset_mask
 from flockstep.testing.interface import check_bad_actions, check_close, check_render, check_spaces, check_values
 from flockstep.testing.ownership import check_ownership
@@ -62,9 +63,10 @@ def check_vector_env(
     ValueError
         ``skip`` contains an unknown name, or there are fewer than two envs.
     """
-    unknown = set(skip) - set(CHECKS)
+    unknown = sorted(set(skip) - set(CHECKS))
     if unknown:
-        raise ValueError(f"skip: unknown {', '.join(sorted(unknown))}; expected some of {', '.join(CHECKS)}")
+        hint = did_you_mean(unknown[0], CHECKS)
+        raise ValueError(f"skip: expected some of {', '.join(CHECKS)}, got {unknown[0]!r}{hint}")
     if num_envs < 2:
         raise ValueError(f"num_envs: expected at least 2, got {num_envs}")
     setup = Setup(make_env, num_envs, steps, seed)

@@ -22,7 +22,7 @@ def check_autoreset(setup: Setup) -> None:
         _, history = run(env, setup.steps, setup.seed, setup.seed)
     assert any(step.ended.any() for step in history), (
         f"no episode ended within {setup.steps} steps of random actions, so autoreset cannot be checked; "
-        "make an env with shorter episodes, or take more steps"
+        "make an env with shorter episodes, or give a larger steps"
     )
     if mode == AutoresetMode.NEXT_STEP:
         _check_next_step(setup, history)
@@ -88,7 +88,9 @@ def _check_same_step(setup: Setup, history: list[Step]) -> None:
         now = list(iterate(batched, step.observation))
         for index, ended in enumerate(step.ended):
             if not ended:
-                assert final[index] is None, f"step {number}: infos['final_obs'][{index}]: expected None, it goes on"
+                assert final[index] is None, (
+                    f"step {number}: infos['final_obs'][{index}]: expected None, since its episode continues"
+                )
                 continue
             check_contained(single, final[index], f"step {number}: infos['final_obs'][{index}]")
             for last, reset in zip(arrays_in(final[index]), arrays_in(now[index]), strict=True):
@@ -134,6 +136,6 @@ def check_reset_mask(setup: Setup) -> None:
                 for name, x, y in zip(("observation", "reward", "terminated", "truncated"), a, b, strict=False):
                     difference = difference_between(rows_of(x, rows), rows_of(y, rows))
                     assert difference is None, (
-                        f"after a reset with a mask, {name} of an env outside it differs: {difference}; does a reset "
-                        "touch rows that the mask leaves out?"
+                        f"after a reset with a mask, {name} of an env outside it differs: {difference}; check "
+                        "that a reset writes only the rows of its mask"
                     )

@@ -21,7 +21,7 @@ def check_spaces(setup: Setup) -> None:
     with setup.env() as env, setup.env() as other:
         assert isinstance(env, VectorEnv), f"expected a gymnasium.vector.VectorEnv, got {type(env).__name__}"
         expected_rows = setup.num_envs * rows_per_env(env)
-        assert env.num_envs == expected_rows, f"asked for {setup.num_envs} envs, num_envs is {env.num_envs}"
+        assert env.num_envs == expected_rows, f"num_envs: expected {setup.num_envs}, got {env.num_envs}"
         for kind in ("observation", "action"):
             single, batched = getattr(env, f"single_{kind}_space", None), getattr(env, f"{kind}_space", None)
             assert isinstance(single, spaces.Space), f"single_{kind}_space: expected a space, got {single!r}"
@@ -36,8 +36,8 @@ def check_spaces(setup: Setup) -> None:
         own = getattr(env.unwrapped, "autoreset_mode", mode)
         assert own == mode, f"the attribute autoreset_mode is {own!r}, but metadata['autoreset_mode'] is {mode!r}"
         assert env.metadata is not other.metadata, (
-            "two envs share one metadata dict: what one writes into it (its autoreset mode) is read by the other; "
-            "copy the class's dict per instance"
+            "two envs share one metadata dict, so each overwrites the autoreset mode of the other: "
+            "copy the class's dict in __init__"
         )
         modes = env.metadata.get("render_modes", [])
         assert env.render_mode is None or env.render_mode in modes, (
@@ -136,10 +136,8 @@ def check_infos(env: AnyVectorEnv, infos: Any, place: str) -> None:
         )
         if key.startswith("_"):
             assert value.dtype == np.bool_, f"{where}: expected a mask of dtype bool, got {value.dtype}"
-            assert key[1:] in infos, f"{where}: a mask of nothing, infos has no {key[1:]!r}"
-    assert "episode" not in infos, (
-        f"{place}: infos['episode']: this key belongs to RecordEpisodeStatistics, which raises if it is taken"
-    )
+            assert key[1:] in infos, f"{where}: this mask belongs to no key: infos has no {key[1:]!r}"
+    assert "episode" not in infos, f"{place}: infos['episode']: this key is reserved for RecordEpisodeStatistics"
 
 
 def check_bad_actions(setup: Setup) -> None:

@@ -20,7 +20,7 @@ def check_ownership(setup: Setup) -> None:
         kept = run(env, setup.steps, setup.seed, setup.seed, keep=True)
         fresh = run(poisoned, setup.steps, setup.seed, setup.seed)
         _check_views(getattr(env.unwrapped, "task", None))
-        assert_same_runs(fresh, kept, "an array that was returned should not be written again")
+        assert_same_runs(fresh, kept, "a returned array should not be written later")
 
         actions = Actions(poisoned, setup.seed)
         observation, _ = poisoned.reset(seed=setup.seed)
@@ -52,7 +52,7 @@ def _check_views(task: Any) -> None:
             while isinstance(owner, np.ndarray):
                 owner = owner.base
             assert not isinstance(owner, Batch), (
-                f"{type(task).__name__}.{name} is a view of the batch, which what comes next overwrites: keep a copy, "
+                f"{type(task).__name__}.{name} is a view of the batch, which the next step overwrites: keep a copy, "
                 f"such as self.{name} = batch.position.copy()"
             )
 

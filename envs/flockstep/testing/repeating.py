@@ -14,7 +14,7 @@ def check_determinism(setup: Setup) -> None:
         again = run(env, setup.steps, setup.seed, setup.seed)
         assert_same_runs(first, again, "the same seed and actions should give the same run in the same env")
         on_again = run(env, setup.steps // 4, None, setup.seed)
-        assert_same_runs(on, on_again, "the runs after a reset without a seed should be alike after alike histories")
+        assert_same_runs(on, on_again, "runs after a reset without a seed should be equal after equal histories")
         fresh = run(other, setup.steps, setup.seed, setup.seed)
         assert_same_runs(first, fresh, "the same seed and actions should give the same run in a new env")
 
@@ -29,7 +29,7 @@ def check_snapshot(setup: Setup) -> None:
         first = go_on(env, setup.steps, Actions(env, setup.seed + 1))
         env.restore(kept)  # type: ignore[attr-defined]
         again = go_on(env, setup.steps, Actions(env, setup.seed + 1))
-        told = "what follows a snapshot should follow it again when it is restored"
+        told = "a run after a snapshot should repeat when the snapshot is restored"
         assert_same_runs((observation, first), (observation, again), told)
         run(other, setup.steps // 4, setup.seed + 1, setup.seed + 2)
         other.restore(kept)  # type: ignore[attr-defined]
@@ -46,7 +46,7 @@ def check_num_envs(setup: Setup) -> None:
     assert_same_runs(
         few,
         (rows_of(many[0], rows), [rows_of(step, rows) for step in many[1]]),
-        f"env i of {n} should do what env i of {more} does",
+        f"env i of {n} should equal env i of {more}",
     )
 
 
@@ -59,9 +59,9 @@ def check_seed_offset(setup: Setup) -> None:
         single = run(alone, setup.steps, setup.seed + last, setup.seed, offset=last * count)
         worlds = getattr(getattr(env.unwrapped, "batch", None), "worlds", ())
     rows = slice(last * count, (last + 1) * count)
-    rule = f"env {last} of a batch seeded s should do what env 0 of a batch seeded s + {last} does"
+    rule = f"env {last} of a batch seeded s should equal env 0 of a batch seeded s + {last}"
     if len(worlds) > 1:
-        rule += " (not where envs take several worlds in turn: give one, random_world=True or skip=('seed_offset',))"
+        rule += " (unless envs take several worlds in turn: give one world, random_world=True or skip=('seed_offset',))"
     assert_same_runs(
         (rows_of(batch[0], rows), [rows_of(step, rows) for step in batch[1]]),
         single,

@@ -286,7 +286,7 @@ TEST_F(SnapshotRefusal, AnotherFormatIsNamed) {
 }
 
 TEST_F(SnapshotRefusal, OtherBytesAreNamed) {
-  expect_refused(std::string(1000, 'x'), "snapshot: expected the bytes of Batch.snapshot(), got something else");
+  expect_refused(std::string(1000, 'x'), "snapshot: expected the bytes of Batch.snapshot(), got other bytes");
 }
 
 TEST_F(SnapshotRefusal, AnArrayOfAnotherLength) {
@@ -387,7 +387,7 @@ TEST_F(SnapshotRefusal, OneOfAnotherConfiguration) {
     SCOPED_TRACE("change " + std::to_string(i));
     NavigationBatch config = lively(AutoresetMode::next_step);
     changes[i](config);
-    expect_refused(config.make(worlds()).snapshot(), "one of a batch with this configuration and these worlds");
+    expect_refused(config.make(worlds()).snapshot(), "one of a batch with the same configuration and worlds");
   }
   expect_refused(Batch(lively(AutoresetMode::next_step), worlds()).snapshot());  // no task
 }

@@ -302,7 +302,7 @@ TEST(GltfWriter, ObjectsMovedInAnotherProgramMove) {
 }
 
 TEST(GltfWriter, ChangedPrimitivesAreMeshes) {
-  const std::string one = "1 primitive in extras of another shape than the mesh, which is read instead";
+  const std::string one = "1 primitive whose extras describe another shape than the mesh, which is used instead";
   const std::vector<Edit> edits{
       [](Json& json) { json["nodes"][3]["scale"] = {2, 3, 2}; },                  // an ellipsoid
       [](Json& json) { json["nodes"][2]["scale"] = {1, 2, 3}; },                  // an elliptic cylinder
@@ -368,7 +368,7 @@ TEST(GltfWriter, BadExtrasAreRefused) {
   EXPECT_EQ(of_node(5, {{"object", 0}, {"order", {7, 1}}}), "accepted");  // ignored: belongs to another mesh
   EXPECT_EQ(of_node(5, {{"object", 0}, {"order", {0, 4294967295U}}}), "accepted");
   EXPECT_EQ(of_node(6, {{"primitive", "box"}}),
-            "x.glb: /nodes/6/extras: expected a mesh of the node, which \"flockstep\" tells more about, found none");
+            "x.glb: /nodes/6/extras: expected a mesh on the node, for \"flockstep\" to describe, found none");
   EXPECT_EQ(edit_refusal([](Json& json) { json["nodes"][1]["scale"] = {1e7, 1, 1}; }),
             "x.glb: /nodes/1: expected a primitive within +-1e+06 m, of sizes >= 1e-06 m, got (1, 2, 3)");
   EXPECT_EQ(edit_refusal([](Json& json) { json["nodes"][1]["extras"] = "anything"; }), "accepted");
@@ -424,7 +424,7 @@ TEST(GltfWriter, TooLargeWorldsAreRefused) {
         ADD_FAILURE() << less;
       } catch (const std::invalid_argument& error) {
         EXPECT_EQ(error.what(),
-                  "x: expected a world that glTF holds in " + std::to_string(less) + " bytes, got one that needs more");
+                  "x: expected a world that fits in a glTF file of " + std::to_string(less) + " bytes, got a larger one");
       }
     }
   }

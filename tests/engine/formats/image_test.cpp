@@ -145,8 +145,8 @@ TEST(Image, ADamagedPngIsRefused) {
 }
 
 TEST(Image, FilesWithoutAnImageAreRefused) {
-  EXPECT_EQ(image_refusal({}), "x: expected a PNG or JPEG file, got an empty one");
-  EXPECT_EQ(image_refusal(bytes_of("GIF89a")), "x: expected a PNG or JPEG file, got one that begins otherwise");
+  EXPECT_EQ(image_refusal({}), "x: expected a PNG or JPEG file, got an empty file");
+  EXPECT_EQ(image_refusal(bytes_of("GIF89a")), "x: expected a PNG or JPEG file, got signature 0x47494638");
   EXPECT_NE(image_refusal({0xff, 0xd8, 0xff}), "accepted");
 }
 
@@ -155,8 +155,7 @@ TEST(Image, SizesAreCheckedBeforeAnythingIsDecoded) {
   EXPECT_EQ(image_refusal(png_of(16385, 1, 8, 2, row)), "x: expected an image of 1 to 16384 pixels to a side, got 16385 x 1");
   EXPECT_EQ(image_refusal(png_of(1, 0x7fffffff, 8, 2, row)),
             "x: expected an image of 1 to 16384 pixels to a side, got 1 x 2147483647");
-  EXPECT_EQ(image_refusal(png_of(16384, 16384, 8, 2, row)).rfind("x: expected an image file that is whole, got 16384 x 16384", 0),
-            0U);
+  EXPECT_EQ(image_refusal(png_of(16384, 16384, 8, 2, row)).rfind("x: expected a complete image file, got 16384 x 16384", 0), 0U);
   EXPECT_EQ(image_refusal(png_of(3, 2, 8, 2, row), 5), "x: expected at most 5 pixels, got 3 x 2");
   EXPECT_NE(image_refusal(png_of(0, 1, 8, 2, row)), "accepted");
   // Only the header of a JPEG file.

@@ -147,8 +147,8 @@ TEST_F(Mtl, IgnoredPartsAreNamed) {
   EXPECT_EQ(world->materials()[7].name, "h");
   EXPECT_EQ(world->materials()[7].base_color, Material().base_color);
   EXPECT_EQ(ignored_of(*world),
-            (Ignored{"1 file that is missing (gone.png)", "1 file outside of the folder (../gone.png)",
-                     "1 material that no material file has", "3 materials' transparency", "2 materials' bumps",
+            (Ignored{"1 missing file (gone.png)", "1 file outside of the folder (../gone.png)",
+                     "1 material that no material file defines", "3 materials' transparency", "2 materials' bump maps",
                      "1 texture's scale or offset", "1 material's colour by a spectrum"}));
 }
 
@@ -157,7 +157,7 @@ TEST_F(Mtl, AMissingMaterialFileGivesGreyMaterials) {
   ASSERT_EQ(world->materials().size(), 1U);
   EXPECT_EQ(world->materials()[0].name, "wood");
   EXPECT_EQ(world->materials()[0].base_color, Material().base_color);
-  EXPECT_EQ(ignored_of(*world), (Ignored{"1 file that is missing (gone.mtl)", "1 material that no material file has"}));
+  EXPECT_EQ(ignored_of(*world), (Ignored{"1 missing file (gone.mtl)", "1 material that no material file defines"}));
 }
 
 TEST_F(Mtl, NamesOfFilesMayHaveSpacesAndBeSeveral) {
@@ -166,10 +166,10 @@ TEST_F(Mtl, NamesOfFilesMayHaveSpacesAndBeSeveral) {
   const std::string rest = "\nv 0 0 0\nv 1 0 0\nv 0 1 0\nusemtl a\nf 1 2 3\nusemtl b\nf 3 2 1\n";
   auto world = World::load(write("a.obj", "mtllib my own.mtl" + rest));
   EXPECT_EQ(world->materials()[0].base_color, (Color{1, 0, 0}));
-  EXPECT_EQ(ignored_of(*world), Ignored{"1 material that no material file has"});
+  EXPECT_EQ(ignored_of(*world), Ignored{"1 material that no material file defines"});
   world = World::load(write("a.obj", "mtllib own.mtl gone.mtl\nmtllib my own.mtl" + rest));
   EXPECT_EQ(world->materials()[0].base_color, (Color{0, 1, 0}));  // from the first file that has it
-  EXPECT_EQ(ignored_of(*world), Ignored{"1 file that is missing (gone.mtl)"});
+  EXPECT_EQ(ignored_of(*world), Ignored{"1 missing file (gone.mtl)"});
 }
 
 TEST_F(Mtl, FilesOutsideAreReadIfAllowed) {
@@ -272,7 +272,7 @@ TEST_F(MtlInScene, TheDefaultMaterialStaysTheScenes) {
 TEST_F(MtlInScene, IgnoredPartsAreNamed) {
   write("a.obj", std::string(kObj) + "l 1 2\n");
   EXPECT_EQ(ignored_of(*scene(R"("meshes": [{"file": "a.obj"}])")),
-            (Ignored{"1 file that is missing (a.mtl)", "2 materials that no material file has", "1 line or point of a.obj"}));
+            (Ignored{"1 missing file (a.mtl)", "2 materials that no material file defines", "1 line or point of a.obj"}));
   write("a.mtl", "newmtl wood\nKd 2 0 0\n");
   EXPECT_THROW(scene(R"("meshes": [{"file": "a.obj"}])"), std::invalid_argument);
   EXPECT_EQ(

@@ -143,16 +143,16 @@ TEST(Ply, IgnoredPartsAreNamed) {
                           "0 0 0 1 1 1 1 0 0 1 1 1 0 1 0 1 1 1 3 0 1 2 9 5"),
                 "x");
   EXPECT_EQ(read.ignored, (std::vector<std::string>{"colours of faces", "elements other than vertex and face",
-                                                    "places in textures", "textures"}));
+                                                    "texture coordinates", "textures"}));
 }
 
 TEST(Ply, BadFilesAreRefused) {
   const auto with = [](const std::string& header, const std::string& body = "") { return ply_refusal(text_file(header, body)); };
   EXPECT_EQ(ply_refusal(""), "x: expected a PLY file, which begins with a line ply, got \"\"");
   EXPECT_EQ(ply_refusal("solid"), "x: expected a PLY file, which begins with a line ply, got \"solid\"");
-  EXPECT_EQ(ply_refusal("ply"), "x: expected a header that ends with end_header, got one that is cut short");
-  EXPECT_EQ(ply_refusal("ply\nformat ascii 1.0\n"), "x: expected a header that ends with end_header, got one that is cut short");
-  EXPECT_EQ(ply_refusal("ply\nend_header\n"), "x: header: expected a line format, got none");
+  EXPECT_EQ(ply_refusal("ply"), "x: expected a header that ends with end_header, got a truncated one");
+  EXPECT_EQ(ply_refusal("ply\nformat ascii 1.0\n"), "x: expected a header that ends with end_header, got a truncated one");
+  EXPECT_EQ(ply_refusal("ply\nend_header\n"), "x: header: expected a format line, got none");
   EXPECT_EQ(ply_refusal("ply\nformat ascii 2.0\nend_header\n"),
             "x: header: expected format ascii, binary_little_endian or binary_big_endian, and 1.0, got \"format ascii 2.0\"");
   EXPECT_EQ(with("element vertex\n"), "x: header: expected a name and a count after element, got \"element vertex\"");
@@ -162,15 +162,15 @@ TEST(Ply, BadFilesAreRefused) {
   EXPECT_EQ(with("element a 1\nproperty half x\n"),
             "x: header: expected property, a type such as float or uchar, a name, got \"property half x\"");
   EXPECT_EQ(with("element a 1\nproperty list float int x\n"),
-            "x: header: expected property list, a type of whole numbers, a type, a name, got \"property list float int x\"");
+            "x: header: expected property list, an integer type, a type, a name, got \"property list float int x\"");
   EXPECT_EQ(with(kFaces, "3 0 0 0"), "x: header: expected one element vertex and one element face, got none");
   EXPECT_EQ(with(kVertices + kVertices, kPoints + kPoints),
             "x: header: expected one element vertex and one element face, got several");
-  EXPECT_EQ(with(kVertices, kPoints), "x: expected at least one face, got a cloud of points");
+  EXPECT_EQ(with(kVertices, kPoints), "x: expected at least one face, got a point cloud");
   EXPECT_EQ(with(kVertices + "element face 0\nproperty list uchar int vertex_indices\n", kPoints),
-            "x: expected at least one face, got a cloud of points");
+            "x: expected at least one face, got a point cloud");
   EXPECT_EQ(with(kVertices + "element tristrips 1\nproperty list int int vertex_indices\n", kPoints + "4 0 1 2 3"),
-            "x: element tristrips: expected faces, got strips of triangles, which are not read");
+            "x: element tristrips: expected faces, got triangle strips, which are not supported");
   EXPECT_EQ(with("element vertex 999999999\nproperty float x\nproperty float y\nproperty float z\n" + kFaces, kPoints),
             "x: element vertex: expected a file that holds 999999999, got 24 bytes");
   EXPECT_EQ(with("element vertex 3\nproperty float x\nproperty float y\n" + kFaces, kPoints),

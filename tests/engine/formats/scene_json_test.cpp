@@ -231,7 +231,7 @@ TEST(SceneJson, BadScenesAreRefusedWithFieldExpectedAndGot) {
       {"not an object", "[]", "x.json: expected an object, got []"},
       {"no version", "{" + kRoom + "}", "x.json: expected a field \"flockstep_scene\", found none"},
       {"the key of another name of this format", R"({"other_scene": 1, )" + kRoom + "}",
-       "x.json: /other_scene: expected the key \"flockstep_scene\" instead (the format's name has changed, and nothing else: "
+       "x.json: /other_scene: expected the key \"flockstep_scene\" instead (only the format's name has changed: "
        "rename the key)"},
       {"another version", R"({"flockstep_scene": 2})",
        "x.json: /flockstep_scene: expected version 1, got 2 (written for a newer flockstep: install that one)"},
@@ -438,9 +438,9 @@ TEST(SceneJson, TruncatedAnywhereIsRefused) {
 TEST(SceneJson, NestingIsBounded) {
   for (const std::size_t depth : {33U, 100000U}) {
     const std::string open(depth, '[');
-    EXPECT_EQ(scene_refusal(open), "x.json: expected at most 32 arrays and objects in one another, got more");
+    EXPECT_EQ(scene_refusal(open), "x.json: expected at most 32 levels of arrays and objects, got more");
     EXPECT_EQ(scene_refusal(scene(R"("name": )" + open + std::string(depth, ']'))),
-              "x.json: expected at most 32 arrays and objects in one another, got more");
+              "x.json: expected at most 32 levels of arrays and objects, got more");
   }
   EXPECT_EQ(scene_refusal(scene(R"("name": )" + std::string(31, '[') + std::string(31, ']'))),
             "x.json: /name: expected a string, got " + std::string(31, '[') + std::string(29, ']') + "...");

@@ -125,9 +125,9 @@ TEST(SceneTextures, BadOnesAreRefused) {
   EXPECT_EQ(texture_refusal(textured_scene(R"({"png_base64": 7})")),
             "scene: /textures/planks/png_base64: expected a PNG file in base64, got 7");
   EXPECT_EQ(texture_refusal(textured_scene(R"({"png_base64": "a-b"})")),
-            R"(scene: /textures/planks/png_base64: expected base64, got "-" in it)");
+            R"(scene: /textures/planks/png_base64: expected base64, got the character "-")");
   EXPECT_EQ(texture_refusal(textured_scene(R"({"png_base64": "abcd"})")),
-            "scene: /textures/planks/png_base64: expected a PNG or JPEG file, got one that begins otherwise");
+            "scene: /textures/planks/png_base64: expected a PNG or JPEG file, got signature 0x69b71d");
   std::string other = textured_scene(base64());
   other.replace(other.find(R"("texture": "planks")"), 19, R"("texture": "stones")");
   EXPECT_EQ(texture_refusal(other), R"(scene: /materials/wood/texture: expected a name listed in /textures, got "stones")");

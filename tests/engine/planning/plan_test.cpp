@@ -260,18 +260,19 @@ TEST(Plan, BadArgumentsAreRefused) {
       return error.what();
     }
   };
-  EXPECT_EQ(message(Vec3(nan, 0, 0), goals, 0.1F, world), "start: expected finite coordinates, got one that is not");
+  EXPECT_EQ(message(Vec3(nan, 0, 0), goals, 0.1F, world), "start: expected finite coordinates, got NaN or infinity");
   EXPECT_EQ(message(start, {}, 0.1F, world), "goals: expected at least one point, got none");
   EXPECT_EQ(message(start, {goals[0], Vec3(0, 0, nan)}, 0.1F, world),
-            "goals[1]: expected finite coordinates, got one that is not");
+            "goals[1]: expected finite coordinates, got NaN or infinity");
   EXPECT_EQ(message(start, goals, 0.0F, world), "cell_m: expected a number > 0, got 0.000000");
   EXPECT_EQ(message(start, goals, nan, world), "cell_m: expected a number > 0, got nan");
   // The start is enclosed in so little space that a search of even the finest possible grid ends soon.
   const World shut(scene({room({10, 6, 3}), box({1.3F, 3, 1.5F}, {0.55F, 2, 3}), box({2.7F, 3, 1.5F}, {0.55F, 2, 3}),
                           box({2, 2.375F, 1.5F}, {2, 0.6F, 3}), box({2, 3.625F, 1.5F}, {2, 0.6F, 3})}));
   EXPECT_EQ(message(start, goals, 0.01F, shut), "accepted");  // there is no path
-  EXPECT_EQ(message(start, goals, 1e-6F, shut).rfind("cell_m: expected a spacing at which a search of 33554432 cells finds", 0),
-            0U);
+  EXPECT_EQ(
+      message(start, goals, 1e-6F, shut).rfind("cell_m: expected a spacing at which a search of 33554432 cells is enough", 0),
+      0U);
   EXPECT_EQ(message(start, goals, 1e-6F, World(scene({room({10, 6, 3}), box({5, 3, 1.5F}, {1, 1, 3})}))), "accepted");
 }
 

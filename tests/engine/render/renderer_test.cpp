@@ -89,7 +89,7 @@ TEST_P(RendererInTrouble, RaycastRendersInsteadAndOneWarningSaysWhy) {
     const std::string why = trouble == Trouble::none_there ? "EGL is switched off by FLOCKSTEP_EGL=none"
                             : trouble == Trouble::error    ? "OpenGL failed with error 1285"
                                                            : "the OpenGL driver did not answer within 200 ms";
-    EXPECT_EQ(renderer.take_warning(), "cameras: gl is not available, raycast renders instead: " + why);
+    EXPECT_EQ(renderer.take_warning(), "cameras: gl is not available; raycast renders instead: " + why);
     EXPECT_EQ(renderer.report(), "raycast: gl is not available (" + why + ")");
     EXPECT_EQ(album.take(renderer, workers), expected);
     EXPECT_EQ(renderer.take_warning(), "");

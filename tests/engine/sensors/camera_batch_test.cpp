@@ -575,9 +575,9 @@ TEST(CameraRefusal, OfEveryFieldOfTheConfiguration) {
       {[](CameraConfig& c) { c.hfov_deg = 90.0F, c.vfov_deg = 180.0F; },
        "camera.vfov_deg: expected a number in [0.1, 179], got 180"},
       {[](CameraConfig& c) { c.width_px = 8000, c.height_px = 10, c.vfov_deg = 150.0F; },
-       "camera.vfov_deg: expected one that leaves the other below 179 degrees"},
+       "camera.vfov_deg: expected an angle that keeps the other below 179 degrees"},
       {[](CameraConfig& c) { c.width_px = 10, c.height_px = 8000, c.hfov_deg = 150.0F; },
-       "camera.hfov_deg: expected one that leaves the other below 179 degrees"},
+       "camera.hfov_deg: expected an angle that keeps the other below 179 degrees"},
       {[&](CameraConfig& c) { c.offset_m[1] = nan; }, "camera.offset_m[1]: expected a number within +-100, got nan"},
       {[](CameraConfig& c) { c.offset_m[2] = -1e30F; }, "camera.offset_m[2]: expected a number within +-100, got -1e+30"},
       {[](CameraConfig& c) { c.quat_wxyz = {0, 0, 0, 0}; }, "camera.quat_wxyz: expected a unit quaternion"},
@@ -670,7 +670,7 @@ TEST(CameraRefusal, ChangesNothing) {
 
   Batch blind(testing::lidar_batch(1), {gallery()});
   EXPECT_REFUSED((void)blind.camera_index("front"),
-                 R"(camera: expected a Batch with cameras (cameras=[...]; a Task declares camera), got "front")");
+                 "this Batch has no camera: give it one (cameras=[...]; a Task declares camera)");
   EXPECT_REFUSED((void)blind.images(0), "camera");
   EXPECT_EQ(blind.camera_backend_report(), "this Batch has no cameras");
 }

@@ -248,7 +248,7 @@ TEST(Imu, OfAnEnvIsTheSameInAnyBatchAndAfterARestore) {
 TEST(Imu, IsRefusedForKinematicMotion) {
   BatchConfig config = with_imu(1, {});
   config.dynamics = {};
-  EXPECT_REFUSED(config.validate(), "imu: expected None, where motion is kinematic");
+  EXPECT_REFUSED(config.validate(), "imu: expected None for kinematic motion");
   EXPECT_REFUSED(ImuConfig{.gyroscope_noise_density = -1.0F}.validate(), "imu.gyroscope_noise_density");
   EXPECT_REFUSED(with_imu(1, {.rate_hz = 333.0F}).validate(), "imu.rate_hz: expected a rate that divides");
 }

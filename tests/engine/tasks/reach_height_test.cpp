@@ -238,7 +238,7 @@ TEST(ReachHeight, InvalidInputIsRefused) {
   EXPECT_REFUSED(batch.step(std::vector<std::int64_t>{0, 1}), "actions: expected floating-point numbers, got integers");
   EXPECT_REFUSED(batch.step(std::vector<float>(5)), "actions: expected 6 numbers, got 5");
   EXPECT_REFUSED(batch.step(std::vector<float>{0, 0, 0, 0, std::nanf(""), 0}), "actions (row 1): expected finite numbers");
-  EXPECT_REFUSED(batch.restore(Batch(config_of(2), shafts()).snapshot()), "one of a batch with this configuration");
+  EXPECT_REFUSED(batch.restore(Batch(config_of(2), shafts()).snapshot()), "one of a batch with the same configuration");
   EXPECT_TRUE(batch.snapshot() == before);
 }
 

@@ -70,7 +70,7 @@ TEST(TaskSpec, InvalidOnesAreRefused) {
       {"within 32 bits",
        [](TaskSpec& spec) { spec.action = {.name = "action", .type = DType::int64, .low = {0}, .high = {1e300}}; }},
       {"at least one field", [](TaskSpec& spec) { spec.observation.clear(); }},
-      {"names of their own", [](TaskSpec& spec) { spec.observation.push_back(spec.observation[0]); }},
+      {"different names", [](TaskSpec& spec) { spec.observation.push_back(spec.observation[0]); }},
   };
   for (const auto& [expected, change] : changes) {
     TaskSpec spec = good();

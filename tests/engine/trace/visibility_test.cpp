@@ -174,7 +174,7 @@ TEST(Visibility, DescriptionsAreNormalised) {
   scene.primitives[0].visibility = static_cast<Visibility>(3);
   EXPECT_EQ(message_of(scene), "primitives[0].visibility: expected a Visibility, got 3");
   scene.primitives = {{.kind = PrimitiveKind::room, .visibility = Visibility::solid}};
-  EXPECT_EQ(message_of(scene), "primitives[0].visibility: expected a room that is full, got another");
+  EXPECT_EQ(message_of(scene), "primitives[0].visibility: expected Visibility::full for a room, got another");
 }
 
 TEST(Visibility, BuildersSetIt) {

@@ -129,7 +129,7 @@ TEST(World, BadDescriptionsAreRefusedWithFieldExpectedAndGot) {
        "materials: expected 1 to 65532 of them, got 65533"},
       {[](auto& d) { d.materials[0].semantic = kSemanticStart; },
        "materials[0].semantic: expected a number below 65533, got 65533"},
-      {[](auto& d) { d.materials.push_back({"default"}); }, "materials[1].name: expected a name of its own, got \"default\""},
+      {[](auto& d) { d.materials.push_back({"default"}); }, "materials[1].name: expected a unique name, got \"default\""},
       {[](auto& d) { d.materials[0].base_color[1] = kNan; }, "materials[0].base_color: expected numbers in [0, 1], got nan"},
       {[](auto& d) { d.primitives[0].center.x() = kNan; },
        "primitives[0].center: expected finite coordinates within +-1e+06 m, got (nan, 0, 0)"},

@@ -42,7 +42,7 @@ GlAtlas::GlAtlas(const AtlasSize& size, const Attachments& attachments) : size_(
   glNamedFramebufferDrawBuffers(framebuffer_.name(), static_cast<GLsizei>(draws.size()), draws.data());
   depth_ = attach(GL_DEPTH_ATTACHMENT, kFormats[kNumColors].internal);
   if (glCheckNamedFramebufferStatus(framebuffer_.name(), GL_DRAW_FRAMEBUFFER) != GL_FRAMEBUFFER_COMPLETE) {
-    throw GlUnavailable("the device has no memory for pictures, or not of their kind");
+    throw GlUnavailable("the device cannot allocate images of this size and format");
   }
 }
 
@@ -71,7 +71,7 @@ void GlReadback::reserve(std::size_t bytes) {
   buffer_ = GlBuffer::make();
   glNamedBufferStorage(buffer_.name(), static_cast<GLsizeiptr>(bytes), nullptr, kAccess | GL_CLIENT_STORAGE_BIT);
   mapped_ = static_cast<std::byte*>(glMapNamedBufferRange(buffer_.name(), 0, static_cast<GLsizeiptr>(bytes), kAccess));
-  if (mapped_ == nullptr) throw GlUnavailable("the device maps no memory to read pictures from");
+  if (mapped_ == nullptr) throw GlUnavailable("the device cannot map a buffer to read images from");
 }
 
 void GlReadback::start(const GlAtlas& atlas, int tiles) {
@@ -112,7 +112,7 @@ void GlReadback::finish() {
     while (status == GL_TIMEOUT_EXPIRED) status = glClientWaitSync(fence_, GL_SYNC_FLUSH_COMMANDS_BIT, 1'000'000'000);
     glDeleteSync(fence_);
     fence_ = nullptr;
-    if (status == GL_WAIT_FAILED) throw GlUnavailable("the device lost the pictures on their way");
+    if (status == GL_WAIT_FAILED) throw GlUnavailable("the device lost the images while reading them back");
   }
   if (const GLenum error = glGetError(); error != GL_NO_ERROR) {
     throw GlUnavailable("OpenGL failed with error " + std::to_string(error));

@@ -110,7 +110,7 @@ std::vector<Candidate> devices(EglDevices allowed, const char* client_extensions
     candidates.push_back(candidate);
   }
   std::stable_sort(candidates.begin(), candidates.end(), [](const auto& a, const auto& b) { return a.rank < b.rank; });
-  if (candidates.empty()) why_none = "no EGL device is one that may be used";
+  if (candidates.empty()) why_none = "no EGL device is allowed";
   return candidates;
 }
 
@@ -130,12 +130,12 @@ EglContext::EglContext(EglDevices allowed) {
   if (const std::string why = gl_load_error(); !why.empty()) throw GlUnavailable(why);
   static const long first_process = process_id();  // the process that owns the displays and the drivers' threads
   if (process_id() != first_process) {
-    throw GlUnavailable("OpenGL was set up before this process was forked, and stays with its parent");
+    throw GlUnavailable("OpenGL was set up before this process was forked, and works only in its parent");
   }
   const char* client_extensions = eglQueryString(EGL_NO_DISPLAY, EGL_EXTENSIONS);
   const auto get_platform_display = extension_function<PFNEGLGETPLATFORMDISPLAYEXTPROC>("eglGetPlatformDisplayEXT");
   if (client_extensions == nullptr || get_platform_display == nullptr) {
-    throw GlUnavailable("this EGL has no platforms without a screen (EGL_EXT_platform_base)");
+    throw GlUnavailable("this EGL has no headless platforms (EGL_EXT_platform_base)");
   }
   std::string tried;
   const auto attempt = [&](const std::string& name, EGLenum platform, void* native) {
@@ -158,7 +158,7 @@ EglContext::EglContext(EglDevices allowed) {
       attempt("surfaceless platform", EGL_PLATFORM_SURFACELESS_MESA, EGL_DEFAULT_DISPLAY)) {
     return;
   }
-  throw GlUnavailable("no OpenGL 4.5 without a screen: " + tried);
+  throw GlUnavailable("no headless OpenGL 4.5: " + tried);
 }
 
 bool EglContext::try_display(void* display, EglDevices allowed, std::string& why_not) {
@@ -208,9 +208,9 @@ bool EglContext::try_display(void* display, EglDevices allowed, std::string& why
   is_software_ = name.find("llvmpipe") != std::string_view::npos || name.find("softpipe") != std::string_view::npos ||
                  name.find("SwiftShader") != std::string_view::npos;
   if (name.empty() || blocks < 4) {
-    why_not = "its vertex shaders read no buffers";
+    why_not = "its vertex shaders cannot read buffers";
   } else if (allowed == EglDevices::software && !is_software_) {
-    why_not = std::string(name) + " is no software device";
+    why_not = std::string(name) + " is not a software device";
   }
   if (!why_not.empty()) {
     eglMakeCurrent(display, EGL_NO_SURFACE, EGL_NO_SURFACE, EGL_NO_CONTEXT);

@@ -109,7 +109,7 @@ GlRenderer::~GlRenderer() {
 
 GlRenderer::Impl& GlRenderer::impl() {
   if (process_id() != impl_->process) {
-    throw GlUnavailable("OpenGL was set up before this process was forked, and stays with its parent");
+    throw GlUnavailable("OpenGL was set up before this process was forked, and works only in its parent");
   }
   return *impl_;
 }

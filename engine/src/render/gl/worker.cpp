@@ -105,7 +105,7 @@ struct GlWorker::Shared {
 
 GlWorker::GlWorker(milliseconds patience) : shared_(std::make_shared<Shared>(egl_devices(), patience)) {
   if (address_space_left() < address_space_wanted()) {
-    throw GlUnavailable("this process may take too little address space (ulimit -v): OpenGL wants " +
+    throw GlUnavailable("the limit on address space is too low (ulimit -v): OpenGL needs " +
                         std::to_string(static_cast<int>(address_space_wanted() / 1e6)) + " MB more");
   }
   try {
