@@ -323,7 +323,7 @@ class TestFreePlaces:
             (
                 solids,
                 {"clearance_m": 2.5},
-                r"free places: .* 2\.5 m from everything .*, got none in 100\d+ .*too close",
+                r"free places: .* 2\.5 m from everything .*, got none in 100\d+ draws .*too close",
             ),
             (sky, {"box": [[1, -1, -1], [40, 1, 1]]}, r"box: .*: 100\d+ with nothing below, 0 behind"),
             (solids, {"clearance_m": -1}, "clearance_m: expected"),

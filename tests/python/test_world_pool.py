@@ -434,7 +434,7 @@ class TestFailures:
             ({"threads": 0}, r"threads: expected an integer"),
             (
                 {"difficulty": (1, 2)},
-                r"difficulty: expected a function of .* number, or \(first, last, over\)",
+                r"difficulty: expected a function of the world's number, or \(first, last, over\)",
             ),
             ({"difficulty": (1, 2, 0)}, r"difficulty: over: expected an integer"),
             ({"difficulty": (math.nan, math.inf, 1)}, r"difficulty: expected finite numbers as first and last, got"),
