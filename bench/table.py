@@ -62,7 +62,7 @@ HEADLINE = (
     ("a step of one drone", "step", r"step/n1/microseconds", "1"),
     ("LiDAR scans of 35 beams per second", "lidar", r"lidar/fan35x1024/scans_per_second", "1"),
     (
-        "that, over Embree tracing the same rays at triangles",
+        "speedup of the scans over Embree on the same rays against triangles",
         "lidar",
         r"lidar/direct_fan35x1024/ratio_to_bare_embree",
         "1",
@@ -85,7 +85,7 @@ HEADLINE = (
         r"train/lidar/seed\d/seconds",
         "1 per core",
     ),
-    ("its success in playgrounds never seen", "train", r"train/lidar/seed\d/unseen_success_rate", ""),
+    ("its success in unseen playgrounds", "train", r"train/lidar/seed\d/unseen_success_rate", ""),
     (
         "success by camera, as a feature of 64 x 48 pixels",
         "camera_train",

@@ -294,7 +294,7 @@ TEST_F(SnapshotRefusal, AnArrayOfAnotherLength) {
     for (const std::size_t byte : {0U, 7U}) {
       std::string damaged = blob_;
       damaged[offset_of(array) + byte] ^= 1;
-      expect_refused(damaged, "undamaged bytes");
+      expect_refused(damaged, "bytes that match their checksum");
       expect_refused(mended(damaged), array);
     }
   }
@@ -304,7 +304,7 @@ TEST_F(SnapshotRefusal, AnUnknownWorld) {
   for (const std::int32_t world : {-1, 3, 1 << 30}) {
     std::string damaged = blob_;
     std::memcpy(damaged.data() + offset_of("world_index") + 8 + 4 * (kDrones - 1), &world, 4);
-    expect_refused(damaged, "undamaged bytes");
+    expect_refused(damaged, "bytes that match their checksum");
     expect_refused(mended(damaged), "world indices below 3");
   }
 }
@@ -315,7 +315,7 @@ TEST_F(SnapshotRefusal, AnInvalidLidar) {
     const float value = -1.0F;
     std::string damaged = blob_;
     std::memcpy(damaged.data() + offset_of("lidar_settings") + 8 + place, &value, 4);
-    expect_refused(damaged, "undamaged bytes");
+    expect_refused(damaged, "bytes that match their checksum");
     expect_refused(mended(damaged), field);
   }
 }

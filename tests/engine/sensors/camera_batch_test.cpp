@@ -883,7 +883,7 @@ TEST(CameraSnapshot, DamagedOnesAreRefusedAndChangeNothing) {
   const auto expect_refused = [&](std::size_t at, const auto& value, const std::string& field) {
     std::string damaged = blob;
     std::memcpy(damaged.data() + at, &value, sizeof(value));
-    EXPECT_REFUSED(batch.restore(damaged), "undamaged bytes");
+    EXPECT_REFUSED(batch.restore(damaged), "bytes that match their checksum");
     EXPECT_REFUSED(batch.restore(testing::mended(damaged)), field);
     EXPECT_TRUE(batch.snapshot() == blob) << "a refused blob changed the batch";
   };
