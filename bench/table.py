@@ -62,7 +62,7 @@ HEADLINE = (
     ("a step of one drone", "step", r"step/n1/microseconds", "1"),
     ("LiDAR scans of 35 beams per second", "lidar", r"lidar/fan35x1024/scans_per_second", "1"),
     (
-        "speedup of the scans over Embree on the same rays against triangles",
+        "speedup of these scans over Embree tracing the same rays against triangles",
         "lidar",
         r"lidar/direct_fan35x1024/ratio_to_bare_embree",
         "1",
@@ -85,14 +85,19 @@ HEADLINE = (
         r"train/lidar/seed\d/seconds",
         "1 per core",
     ),
-    ("its success in unseen playgrounds", "train", r"train/lidar/seed\d/unseen_success_rate", ""),
+    ("success rate of these policies in unseen playgrounds", "train", r"train/lidar/seed\d/unseen_success_rate", ""),
     (
-        "success by camera, as a feature of 64 x 48 pixels",
+        "success rate with a camera, observing the goal's offset and area in 64 x 48 pixels",
         "camera_train",
         r"train/camera/seed\d/unseen_success_rate",
         "",
     ),
-    ("success from the pixels themselves", "pixels_train", r"train/pixels/seed\d/unseen_success_rate", ""),
+    (
+        "success rate with a camera, observing the pixels",
+        "pixels_train",
+        r"train/pixels/seed\d/unseen_success_rate",
+        "",
+    ),
 )
 MARKS = "¹²³⁴⁵⁶⁷⁸⁹"  # of the remarks below that table
 #: Figures with separate tables.
@@ -368,10 +373,10 @@ def accuracy(results: dict[str, Result]) -> str:
 def other_accuracy(results: dict[str, Result]) -> str:
     """Return the table of the other accuracy measurements."""
     texts = {
-        r"way/(.+)/m": "distance that {} flies in the table above",
-        r"way/(.+)/degrees": "angle that {} turns there",
-        r"tour/(.+)/mm": "{} on a tour by its controller: midpoint from rk4",
-        r"ten_minutes_at_1_km/(mean|farthest)_mm": "a point 1 km out along each axis, held 10 minutes: {} distance",
+        r"way/(.+)/m": "distance flown by {} in the test above",
+        r"way/(.+)/degrees": "rotation of {} in the test above",
+        r"tour/(.+)/mm": "{} on a tour with its controller: distance between midpoint and rk4",
+        r"ten_minutes_at_1_km/(mean|farthest)_mm": "a point 1 km out along each axis, held for 10 minutes: {} distance",
     }
     rows = [
         f"| {text.format(*groups)} | {rough(f)} |"
@@ -415,7 +420,7 @@ def costs(results: dict[str, Result]) -> str:
 
 def plans(results: dict[str, Result]) -> str:
     """Return the table of planning times."""
-    heads = {"median_cpu_seconds": "median", "most_cpu_seconds": "most"}
+    heads = {"median_cpu_seconds": "median", "most_cpu_seconds": "maximum"}
     cells = {}
     for (kind, what), f in named(results, "plan", r"plan/([^/]+)/(median_cpu_seconds|most_cpu_seconds)"):
         cells[kind, "worlds"] = number(f["runs"])

@@ -63,7 +63,8 @@ class Relief:
         """Return a picture (height, width, 3), without everything on the viewer's side of the plane at ``cut_m``.
 
         The cut area is dark: solid primitives throughout, meshes and rooms along their surface, and places with a mesh
-        above the plane and nothing below it, as inside a hill. Everything else is lighter the lower it is.
+        above the plane and nothing below it, as inside a hill. Other surfaces are lighter the farther they lie
+        below the cut.
         """
         below, above = self._heights
         # Stay inside the room, whose ceiling would hide everything, and close to the world, because float32 is coarse

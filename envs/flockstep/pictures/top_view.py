@@ -31,7 +31,8 @@ _LEAST_PX = 7  # minimum drawn size of drones and markers
 class TopView:
     """Draws the envs of a batch from above, with +x to the right, +y up and the whole world in the picture.
 
-    Everything above the drone is cut away. The cut area is dark; the rest is lighter the lower it is.
+    Everything above the drone is cut away. The cut area is dark; other surfaces are lighter the farther they lie below
+    the cut.
 
     Parameters
     ----------

@@ -178,7 +178,9 @@ def test_the_tables_of_flight():
         ("ten_steps_ahead/x500/10/m", 0.6811, "m", {}),
     )
     assert "| x500, rk4 | 0.026 mm, 0.000042° |" in table.accuracy(results)
-    assert "| x500 on a tour by its controller: midpoint from rk4 | 12 mm |" in table.other_accuracy(results)
+    assert "| x500 on a tour with its controller: distance between midpoint and rk4 | 12 mm |" in table.other_accuracy(
+        results
+    )
     assert "| x500 | 1.1 s | 0 % |" in table.settling(results)
     assert "| x500 | 0.68 m |" in table.ten_steps(results)
     assert table.table(results).startswith("Not measured yet: ")  # they are in no table
