@@ -115,7 +115,7 @@ def test_bad_input_writes_nothing(room, tmp_path):
     batch = batch_of(room, outputs=("rgb",))
     batch.sense()
     camera = batch.camera()
-    with pytest.raises(ValueError, match=r"outputs: expected some that camera \"front\" writes \(rgb\), got 'depth'"):
+    with pytest.raises(ValueError, match=r"outputs: expected outputs of camera \"front\" \(rgb\), got 'depth'"):
         camera.save_frames(tmp_path, outputs=["rgb", "depth"])
     for wrong in (2, -1, [0, 2], [0.5], ["a"]):
         with pytest.raises(ValueError, match="indices: expected integers from 0 to 1"):

@@ -43,7 +43,7 @@ def test_what_is_looked_at_is_in_the_middle(room):
 
 
 def test_bad_input_is_refused(room):
-    with pytest.raises(ValueError, match="look_at: expected None beside quat_wxyz"):
+    with pytest.raises(ValueError, match="look_at: expected look_at or quat_wxyz, got both"):
         flockstep.render(room, (1, 1, 1), (1, 0, 0, 0), look_at=(2, 2, 2))
     with pytest.raises(ValueError, match="look_at: expected another point"):
         flockstep.render(room, (1, 1, 1), look_at=(1, 1, 1))

@@ -376,11 +376,11 @@ def test_episodes_that_never_end_are_refused(own, train, room):
 @pytest.mark.parametrize(
     ("name", "message"),
     [
-        ("lidr", "got 'lidr', which is not there; the nearest are lidar"),
-        ("flockstep/LidarNavigation", "which is not there; the nearest are flockstep/LidarNavigation-v0"),
+        ("lidr", "got 'lidr', which is not there. The nearest are lidar"),
+        ("flockstep/LidarNavigation", "which is not there. The nearest are flockstep/LidarNavigation-v0"),
         ("CartPole-v1", "which is not an env of flockstep's"),
-        ("own_tasks:Clim", "which is not there; the nearest are own_tasks:Climb"),
-        ("own_tasks:own/Clim-v0", "which is not there; the nearest are own_tasks:own/Climb-v0"),
+        ("own_tasks:Clim", "which is not there. The nearest are own_tasks:Climb"),
+        ("own_tasks:own/Clim-v0", "which is not there. The nearest are own_tasks:own/Climb-v0"),
         ("own_tasks:Sensor", "which does not derive from flockstep.Task"),
         ("own_tasks:np", "which is a module"),
         ("nowhere:Climb", "whose module is neither installed nor in "),
