@@ -200,7 +200,8 @@ bool resets_at_once(const Simulation& sim) { return sim.config.episode.autoreset
 void check_flown(Simulation& sim, Block& block, Scratch&) { check_observations(sim, block.flown, true); }
 void check_first_observations(Simulation& sim, Block& block, Scratch&) { check_observations(sim, block.resetting, false); }
 
-// Begins the episodes that have been opened. Places the drones if `place` is true, and reads the sensors.
+// Begins an episode in each env of Block::resetting. The caller has already set the counters of these envs. Places the drones
+// if `place` is true, and reads the sensors.
 template <class Executor>
 void begin_program(Simulation& sim, Executor& executor, bool place) {
   Task& task = *sim.task_state->task;

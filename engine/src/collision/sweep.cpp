@@ -14,8 +14,8 @@ namespace flockstep::collision {
 
 namespace {
 
-constexpr double kTouching = 1e-6;      // m; hulls closer than this overlap
-constexpr double kResolution = 2e-6;    // m; an advance ends this near to its target gap
+constexpr double kTouching = 1e-6;      // m; hulls closer than this count as overlapping
+constexpr double kResolution = 2e-6;    // m; an advance ends within this of its target gap
 constexpr double kSlack = 1e-5;         // m; a hull at rest may lose this much of its gap before it counts as pressing
 constexpr double kGain = 2e-6;          // m; exceeds the difference between two searches for the same gap
 constexpr double kFloatStep = 0x1p-23;  // fraction of a coordinate
@@ -23,7 +23,7 @@ constexpr int kBallTurns = 4;
 constexpr double kBallStep = 0.1;  // m; the path's nearest point is good enough if it moves by less
 constexpr int kPlaneSteps = 4;
 constexpr int kMaxAdvances = 1000;
-constexpr int kRewinds = 24;  // halvings of the time: 10 m to a micrometre
+constexpr int kRewinds = 24;  // halvings of the time; they resolve a motion of 10 m to a micrometre
 
 // The distances that the hull keeps, for coordinates as large as in this motion.
 struct Margins {
@@ -81,10 +81,10 @@ class Mover {
   // Returns a time up to which, from `time` on, the hull is certain to stay `target` (m) away from the plane; at most 1.
   //
   // For a vertex x, let a be its gap beyond the target and b its current speed along the normal n. A point that turns at rate w
-  // about an axis at distance d accelerates by w^2 d. So the gap after t is at least a + b t - k t^2 / 2 with
-  // k = w^2 d |cross(n, axis)|. This bound is linear in x, so one support query finds the worst vertex after t. It is concave
-  // in t, so a vertex that is clear now and after t is clear in between. Cut t to the root of the worst vertex until no vertex
-  // is left. Each vertex cuts at most once.
+  // about an axis at distance d accelerates by w^2 d. So the gap after t is at least a + b t - k t^2 / 2 with k = w^2 d
+  // |cross(n, axis)|. This bound is linear in x, so one support query finds the worst vertex after t. It is concave in t, so a
+  // vertex that is clear now and after t is clear in between. Therefore shorten t to the root of the worst vertex, and repeat
+  // until the worst vertex after t is clear. Each vertex shortens t at most once.
   double clear_until(const Plane& plane, double time, double target) const {
     const Vec3d normal = path_.matrix(time).transpose() * plane.normal;
     const Vec3d turning = path_.angle * normal.cross(path_.axis);
@@ -111,8 +111,8 @@ class Mover {
   // at a time. Contacts after `limit` may be missed.
   template <class ClearanceAt>
   Touch first_touch(Clearance now, const ClearanceAt& clearance, const Margins& margins, double limit) const {
-    // A hull that starts at the standoff, where an earlier motion left it, may stay but must not come much nearer. It can lose
-    // gap only down to the floor, so that many motions lose no more than one.
+    // A hull may start at the standoff, where an earlier motion left it. It may stay there, but must not come much nearer. Its
+    // gap never falls below the floor, however many motions follow.
     const Clearance first = now;
     const bool resting = first.gap < margins.resting();
     const double target = resting ? std::max(first.gap - margins.slack, margins.floor()) : margins.standoff;
@@ -136,7 +136,7 @@ class Mover {
   }
 
   // Returns the touch of a hull that starts inside, or nearer than the floor. It may fly the whole motion if it ends at least
-  // `gain` farther from the plane than it began and never comes nearer on the way; otherwise it stays.
+  // `gain` farther from the plane than it starts and never comes nearer on the way. Otherwise it stays.
   Touch leave(const Clearance& first, double gain) const {
     const bool inside = first.overlapping || first.gap <= kTouching;
     Touch touch{true, inside, 0.0, first.plane.normal, first.point};
@@ -154,9 +154,10 @@ class Mover {
   }
 
  private:
-  // Returns the touch of a hull that rested. Its time is at most `time`, and the gap was then no smaller than at first. Convex
-  // bodies that only translate approach ever faster, so such a hull has been pressing from the start. A hull that turns may
-  // rest on a line or a face whose points are all equally near. Its point is the one that came nearest, at the time of `now`.
+  // Returns the touch of a hull that rested. The time of the touch is at most `time`, and at that time the gap is at least as
+  // large as at the start. Between convex bodies that only translate, the gap is a convex function of time. A hull that comes
+  // nearer has therefore approached from the start, and the time is 0. A hull that turns may rest on a line or a face whose
+  // points are all equally near. The point of the touch is therefore the one that is nearest at the time of `now`.
   template <class ClearanceAt>
   Touch rewind(const ClearanceAt& clearance, const Clearance& first, const Clearance& now, double time) const {
     if (path_.angle == 0.0) return {true, false, 0.0, first.plane.normal, first.point};
@@ -244,7 +245,7 @@ class Search {
     take(mover().first_touch(*start, clearance, margins_, first_.time), element);
   }
 
-  // Tests for a contact: like meet(), but without the point and without the way out of an obstacle.
+  // Tests for a contact as meet() does, but computes neither the contact point nor the way out of an obstacle.
   bool is_touched(const Convex& obstacle) {
     const std::optional<Approach> approach = approach_of_ball(obstacle);
     if (!approach) return false;
@@ -264,7 +265,8 @@ class Search {
     const Touch& shown = inside_.hit ? inside_ : first_;
     contact.hit = true;
     contact.inside = inside_.hit;
-    // leave() checks whole motions only. If one is cut short, only a straight one that got far enough is known to lead away.
+    // leave() checks whole motions only. If a contact cuts a motion short, the motion is known to lead away only if it is
+    // straight and got far enough.
     const bool is_shown = std::isinf(least_gain_) || first_.time == 1.0 ||
                           (mover_->path().angle == 0.0 && first_.time * least_gain_ >= kGain + margins_.rounding);
     const double time = is_shown ? first_.time : 0.0;
@@ -306,8 +308,8 @@ class Search {
     return {true, plane, mover().gap(plane, time), out.point};
   }
 
-  // Returns true if a motion that leads away from the plane ends deeper inside. The depth is measured as at the start, so that
-  // the error of the measure cannot add up over many motions. It is not measured outside.
+  // Returns true if a motion that leads away from the plane ends deeper inside. The depth is measured by the same method as at
+  // the start, so that its errors cannot add up over many motions. If the hull ends outside, there is no depth to measure.
   bool ends_deeper(const Convex& obstacle, const Clearance& start) {
     if (mover().gap(start.plane, 1.0) > 0.0) return false;
     if (mover().clearance(obstacle, 1.0, start.plane.normal).gap > 0.0) return false;
@@ -320,8 +322,8 @@ class Search {
     Vec3d nearest;
   };
 
-  // Returns nothing if a plane keeps the ball around the hull clear of the obstacle all the way. It finds the nearest points of
-  // path and obstacle alternately.
+  // Returns nothing if a plane separates the ball around the hull from the obstacle during the whole motion. It alternates
+  // between the path's point nearest to the obstacle and the obstacle's point nearest to the path.
   std::optional<Approach> approach_of_ball(const Convex& obstacle) const {
     const Vec3d start = from_.position.cast<double>();
     const Vec3d way = to_.position.cast<double>() - start;
@@ -343,9 +345,10 @@ class Search {
     return found;
   }
 
-  // Returns the clearance at the start from a plane that separates for long, or nothing if it separates for the whole motion.
-  // Usually a few steps towards the nearest points of hull and obstacle find such a plane (M. Frank and P. Wolfe, "An algorithm
-  // for quadratic programming", 1956, along the hull's farthest vertices), at a tenth of the cost of a full search.
+  // Searches for a plane that separates hull and obstacle for as long as possible. Returns the clearance at the start, with
+  // this plane, or nothing if a plane separates them during the whole motion. Usually a few steps towards the nearest points of
+  // hull and obstacle find such a plane (M. Frank and P. Wolfe, "An algorithm for quadratic programming", 1956, along the
+  // hull's farthest vertices), at a tenth of the cost of a full search.
   std::optional<Clearance> clearance_at_start(const Convex& obstacle, const Approach& approach) {
     const Mat3d rotation = mover().path().matrix(0.0);
     Vec3d point = approach.center;  // on the hull
@@ -405,7 +408,7 @@ class Search {
   std::optional<Mover> mover_;
   Touch first_;  // ends the motion
   std::uint32_t element_ = 0;
-  // Smallest distance (m) by which the motion leads away from the obstacles that start nearer than the floor.
+  // The smallest gain of gap (m) over the motion, among the obstacles whose gap at the start is below the floor.
   double least_gain_ = std::numeric_limits<double>::infinity();
   Touch inside_;  // lowest element among the obstacles that contain the hull at the start
   std::uint32_t inside_element_ = 0;

@@ -73,8 +73,8 @@ HWY_INLINE void respond(const Physics& p, const Numbers& n, At at, const F* comm
 // J dw/dt = sum r_i x (F_i e3 + H_i) - sum s_i k F_i e3 - w x J w - w x h - dh/dt,  h = J_r sum s_i W_i e3,
 // with F_i = c0 + c1 W_i + c2 W_i^2 >= 0, H_i = -W_i diag(d) v_i, v_i = R^T (v - wind) + w x r_i, D = -diag(l) v - |v| diag(q) v.
 //
-// Physics switches the optional rotor terms. If it has none of them, kHasRotorTerms removes their branches at compile time: an
-// untaken branch for each rotor costs a quarter of the time.
+// Physics has a flag for each optional rotor term. If all of them are false, so is kHasRotorTerms, which removes their branches
+// at compile time. Even an untaken branch for each rotor would cost a quarter of the time.
 template <bool kHasRotorTerms>
 FLOCKSTEP_BIG_INLINE Forces forces(const Physics& p, const Numbers& n, At at, const State& s, const F* command, const V3& wind,
                                    F height) {
@@ -211,7 +211,8 @@ FLOCKSTEP_BIG_INLINE void runge_kutta(const Physics& p, const Numbers& n, At at,
 
 // --------------------------------------------------------------------------------------------------------- the controller
 
-// Factor that turns the sine of the angle between two directions into 2 sin(angle / 2), which grows up to half a turn.
+// Factor that converts the sine of the angle between two directions to 2 sin(angle / 2). Unlike the sine, this increases all
+// the way to half a turn.
 HWY_INLINE F turn_gain(F cosine) { return 2.0F / sqrt(max(2.0F * (1.0F + cosine), kTiny)); }
 
 // True if two directions are within 0.06 degrees of opposite. Their sine then does not give the angle, and rounding

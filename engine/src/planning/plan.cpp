@@ -29,11 +29,11 @@ namespace {
 using Path = std::vector<Vec3>;
 
 constexpr float kInfinity = std::numeric_limits<float>::infinity();
-constexpr double kCoarsest = 1 << 14;        // least number of cells of the coarsest grid
-constexpr double kMaxBetter = 1 << 18;       // most cells in a search for a shorter path
-constexpr std::size_t kMaxAtGoal = 1 << 15;  // most nodes in the search for an exit from the goal
-constexpr float kStraightEnough = 1.01F;     // times the straight distance: short enough, stop
-constexpr float kWorthIt = 0.995F;           // times the current length: required of a shorter path
+constexpr double kCoarsest = 1 << 14;        // minimum number of cells of the coarsest grid
+constexpr double kMaxBetter = 1 << 18;       // maximum number of cells in a search for a shorter path
+constexpr std::size_t kMaxAtGoal = 1 << 15;  // maximum number of nodes in the search for an exit from the goal
+constexpr float kStraightEnough = 1.01F;     // stop once the path is at most this multiple of the straight distance
+constexpr float kWorthIt = 0.995F;           // a new path must be shorter than this multiple of the current length
 
 double length_of(const Path& path) {
   double length = 0.0;
@@ -46,7 +46,7 @@ class Reporter {
  public:
   Reporter(const Progress& progress, std::size_t legs) : progress_(progress), legs_(static_cast<double>(legs)) {}
 
-  // Call this for each visited node. `share_left` is its straight distance to the goal over that of the start.
+  // Call this for each visited node. `share_left` is the node's straight distance to the goal divided by that of the start.
   void visit(float share_left) {
     Interrupt::poll();
     within_leg_ = std::max(within_leg_, 1.0 - static_cast<double>(share_left));
@@ -246,7 +246,8 @@ std::optional<Path> lifted(const FreeSpace& space, Path path, float goal_z) {
   return path;
 }
 
-// Splits a leg until the drone can fly each part in one clear sweep. The leg is known to be clear in pieces.
+// Splits a leg until the drone can fly each part in one clear sweep. Sweeps along shorter parts of the leg are known to be
+// clear.
 void add_leg(const FreeSpace& space, Path& path, const Vec3& to, int cuts = 10) {
   const Vec3 from = path.back();
   if (cuts > 0 && !space.is_free_leg(from, to)) {

@@ -81,9 +81,9 @@ constexpr float kTiny = 1e-12F;        // m
 constexpr float kWide = 1e30F;
 constexpr std::int32_t kNobody = std::numeric_limits<std::int32_t>::max();
 constexpr std::size_t kRays = 256;
-constexpr int kFewSubs = 2;          // sub-tiles; up to this many, their rays are compared with a node
-constexpr int kFewSubsOfLeaf = 6;    // sub-tiles; the same for a leaf
-constexpr std::size_t kFewRays = 2;  // rays; up to this many descend one by one
+constexpr int kFewSubs = 2;          // a node in at most this many sub-tiles is tested against their single rays
+constexpr int kFewSubsOfLeaf = 6;    // the same for a leaf
+constexpr std::size_t kFewRays = 2;  // at most this many rays traverse a subtree one by one
 
 // Conservative bounds of sixteen boxes or triangles in the tile's picture: u, v and the least depth.
 struct Rectangles {
@@ -115,12 +115,12 @@ struct Linear {
   HWY_INLINE F of_all(float u, float v) const { return F::load(of_1) + F::load(of_u) * u + F::load(of_v) * v; }
 };
 struct Facets {
-  Linear edge[3];               // at least 0 inside; raised by more than rounding can lower it within the tile
+  Linear edge[3];               // at least 0 inside the triangle, with a margin larger than the rounding errors
   alignas(64) float clear[16];  // if all three edges exceed this, rounding does not matter
   Linear depth;                 // 1 / depth, before it is clamped to [least, most]; its coefficients are also a normal
   alignas(64) float least[16], most[16];
   alignas(64) std::int32_t id[16];  // twice the triangle's number, plus 1 if its back is visible
-  Bits slivers;  // so nearly edge-on that rounding could swap their sides; only id, least and most of these are used
+  Bits slivers;  // triangles so nearly edge-on that rounding could swap their sides; of these only id, least and most are used
 };
 
 class TileTrace {
@@ -371,7 +371,7 @@ class TileTrace {
     select(ahead, max(max(inverse[0], inverse[1]), inverse[2]), FLT_MAX).store(facets.most);
 
     // Twice the cross product of two corners. For the other triangle of the edge it differs only in sign. The error of each
-    // coordinate is a few roundings of the largest product that it can contain.
+    // coordinate is a few rounding errors of its largest possible product.
     F3 edge[3];
     F length[3];
     for (std::size_t k = 0; k < 3; ++k) {
@@ -394,7 +394,7 @@ class TileTrace {
     return seen;
   }
 
-  // boxes: the bounds of the leaf are its entry `box`; null for the root.
+  // Entry `box` of `boxes` holds the bounds of the leaf. `boxes` is null if the leaf is the root.
   void visit(const MeshLeaf& leaf, Bits subs, const StoredRectangles* boxes, std::size_t box) {
     const bool few = boxes != nullptr && std::popcount(subs) <= kFewSubsOfLeaf;
     std::array<Bits, 16> rays;  // by sub-tile: rays that may hit the leaf
@@ -465,9 +465,9 @@ class TileTrace {
   // Returns 1 or 0 without a branch, which would be unpredictable.
   static std::size_t is_positive(float value) { return ~std::bit_cast<std::uint32_t>(value) >> 31U; }
 
-  // Returns the sub-tiles that are not entirely outside one edge of a triangle and whose hits are not all nearer than the
-  // triangle. A linear function has its maximum at a corner of a sub-tile. This also holds after rounding, since rounded
-  // multiplications and additions are monotonic.
+  // Returns the sub-tiles in which a triangle may be hit. It drops those that lie entirely outside one edge, and those in which
+  // every ray already has a nearer hit. A linear function has its maximum at a corner of a sub-tile. This also holds after
+  // rounding, since rounded multiplications and additions are monotonic.
   HWY_INLINE Bits subs_within(const Facets& facets, std::size_t i) const {
     const auto greatest = [&](const Linear& value) HWY_ATTR {
       return value.of_one(i, F::load(u_.ends[is_positive(value.of_u[i])]), F::load(v_.ends[is_positive(value.of_v[i])]));
