@@ -56,8 +56,8 @@ class Args:
     out: Path = Path("out/train/lidar")
     """Folder for policy.zip, progress.csv, TensorBoard logs and result.json."""
     resume: Path | None = None
-    """A policy.zip to begin with, including its network. Steps and schedules restart. Loading it runs code that is in
-    the file: load only policies you trust."""
+    """A policy.zip to continue from, including its network. Steps and schedules restart. Loading it runs code from the
+    file: load only policies you trust."""
     total_steps: int = 1_500_000
     """Step budget. Learning rate and entropy bonus fall to zero over it, so it is more than a limit."""
     max_minutes: float | None = None
@@ -65,13 +65,14 @@ class Args:
     evaluate_every: int = 150_000
     """Steps between evaluations; the best model is kept."""
     evaluation_worlds: tuple[str, ...] = ()
-    """Names of worlds for evaluations, used in turn. Default: generated playgrounds that are not used in training, or
-    for your own task without generated worlds, its training worlds."""
+    """Names of worlds for evaluations, used in turn. Default: generated playgrounds that are not used in training. For
+    your own task without generated worlds: its training worlds."""
     evaluation_flights: int = 500
-    """Number of generated evaluation worlds, or number of flights."""
+    """Number of flights per evaluation. Generated playgrounds are flown once each; named worlds are flown in turn by
+    your own task, once each by a built-in task."""
     evaluation_steps: int = 500
-    """Maximum number of flown steps in a successful evaluation flight of a built-in task; in the playgrounds,
-    successful flights take half as many."""
+    """Time limit of an evaluation flight of a built-in task, in flown steps: twice what a successful flight in the
+    playgrounds takes."""
     solved_rate: float = 0.985
     """Success rate of an evaluation that counts as solved."""
     stop_when_solved: bool = True
@@ -95,16 +96,18 @@ class Args:
     lidar_vfov_deg: float = 0.0
     """Angle between the highest and the lowest row."""
     frame_skip: int = 1
-    """Flown steps per decision of the policy. Other step counts here are decisions, except the next one."""
+    """Flown steps per decision of the policy. The other step counts here are decisions, except evaluation_steps and
+    max_episode_steps, which are flown steps."""
     max_episode_steps: int | None = 400
     """Training episodes are truncated after this many flown steps: a stalling policy gets no more reward. None: the
     task's own limit."""
     reward_scale: float = 0.1
-    """Training uses reward * reward_scale ..."""
+    """Factor of the reward in training. All reported rewards are the task's own."""
     reward_clip: float | None = 10.0
-    """... clipped to +- this, unless it is None ..."""
+    """The scaled reward is clipped to +- this value. None: no clipping."""
     step_cost: float = 0.0
-    """... minus this: with the goal out of sight, hovering must not pay. All reported rewards are the task's own."""
+    """Cost per decision, subtracted after scaling and clipping, so that hovering with the goal out of sight does not
+    pay."""
     steps_per_update: int = 64
     """Steps of each env between updates."""
     batch_size: int = 4096
@@ -112,7 +115,7 @@ class Args:
     epochs: int = 3
     """Passes over the steps of an update."""
     learning_rate: float = 3e-3
-    """At the start; falls to zero linearly."""
+    """Learning rate at the start; falls to zero linearly."""
     entropy: float = 0.03
     """Entropy bonus at the start; falls to zero over the first 80 % of the steps."""
     gamma: float = 0.98
@@ -353,7 +356,7 @@ class Supervisor(BaseCallback):
 
 @dataclass
 class Outcome:
-    """Results and costs of a training."""
+    """Results and costs of a training run."""
 
     solved: bool  # by the best model, which is returned
     steps: int
@@ -373,7 +376,8 @@ def evaluation_flights(args: Args) -> tuple[list[flockstep.World], str]:
         worlds = setup.generated(CHOOSING_SEEDS, args.evaluation_flights)
         return worlds, "generated playgrounds that it does not train in"
     worlds = flockstep.scenes.load(names)
-    count = max(args.evaluation_flights, len(worlds)) if setup.is_own else len(worlds)  # others always begin alike
+    # Built-in tasks start the same way every time, so one flight per world is enough.
+    count = max(args.evaluation_flights, len(worlds)) if setup.is_own else len(worlds)
     return [worlds[i % len(worlds)] for i in range(count)], f"flights in {', '.join(names)}"
 
 
@@ -436,8 +440,8 @@ def train(args: Args) -> tuple[PPO, Outcome]:
         policy, features = network(args.task, venv.observation_space)
         layers = {"net_arch": list(args.net), "activation_fn": torch.nn.ReLU}
         model = TimedPPO(policy, venv, policy_kwargs={**layers, **features}, device="cpu", **hyperparameters)
-    # Making or loading the model has seeded env i with seed + i, so trainings with the seeds 0 and 1 would share all
-    # envs except one. These seeds replace it at the first reset.
+    # Making or loading the model has seeded env i with seed + i, so training runs with the seeds 0 and 1 would share
+    # all envs except one. The seeds set here replace those at the first reset.
     venv.seed(first_env_seed(args.seed, args.num_envs))
     remember(model, args.setup)
     model.set_logger(configure(str(args.out), ["csv", "tensorboard"]))
@@ -566,12 +570,12 @@ if __name__ == "__main__":
     try:
         _, result = train(arguments)
     except KeyboardInterrupt:
-        print(f"\nInterrupted. In {arguments.out}/ is what was kept before: policy.zip, the best model so far.")
+        print(f"\nInterrupted. {arguments.out}/policy.zip holds the best model so far, if there was an evaluation.")
         sys.exit(130)
     best = max(evaluation["success_rate"] for evaluation in result.evaluations)
-    print(f"The best model succeeds in {best:.1%} of the flights it was chosen by;")
+    print(f"The best model succeeds in {best:.1%} of the evaluation flights that selected it;")
     print(
         f"{result.steps:,} steps in {result.seconds:.0f} s ({result.steps_per_second:,.0f} steps/s), and "
         f"{result.evaluation_seconds:.0f} s of evaluations."
     )
-    print(f"Policy and logs are in {arguments.out}/; training/evaluate.py flies it once more.")
+    print(f"Policy and logs are in {arguments.out}/; training/evaluate.py evaluates the policy again.")
