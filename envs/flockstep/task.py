@@ -1,7 +1,7 @@
 """The base class for your own tasks, which define observations, rewards and the end of an episode.
 
-A `Task` is one Python object for all N drones; its methods read and write arrays with a row per drone. As for its own
-tasks, the engine does the rest: motion, sensing, autoreset, time limits, frame skip, episode statistics, seeding and
+A `Task` is one Python object for all N drones; its methods read and write arrays with a row per drone. The engine does
+the rest, as in its built-in tasks: motion, sensing, autoreset, time limits, frame skip, episode statistics, seeding and
 snapshots.
 """
 
@@ -75,29 +75,29 @@ class Task:
     lidar, camera
         The LiDAR and the camera that the task needs, if any, or a sequence of several.
     worlds
-        Worlds, as for `DroneVectorEnv`, unless the env gets others. Default: ``"train"``.
+        Default worlds of envs with this task, in a form that `DroneVectorEnv` accepts. Default: ``"train"``.
     drone, dynamics, clock
-        A `DroneModel` or an argument of `DroneModel.load`, a `DynamicsConfig` and a `ClockConfig`, unless the env gets
-        others. Default: the 650-class quadrotor, kinematic, at 10 Hz.
+        Defaults of envs with this task: a `DroneModel` or an argument of `DroneModel.load`, a `DynamicsConfig` and a
+        `ClockConfig`. Default: the 650-class quadrotor, kinematic, at 10 Hz.
     max_episode_steps
         Episodes are truncated after this many steps; 0 means never. The env's own limit takes precedence.
     frame_skip, random_world
-        As in `EpisodeConfig`, unless the env gets others.
+        Defaults of envs with this task, as in `EpisodeConfig`.
     markers
         The world's markers that the task uses, among ``"start"``, ``"waypoints"`` and ``"goal"``. Default: all.
         Rendered pictures show only these. The drones' own cameras are not affected.
     step_m
         Length of a full displacement in the default `act`, in metres.
     row_kind
-        The owner of a row of actions, observations, rewards and flags if envs have several drones: ``"drone"`` means N
-        rows; ``"env"`` means E rows, and one action commands all drones of an env. The result of `act` always has a row
-        per drone. Arrays of the batch have N or E rows, as documented there.
+        Kind of the rows of actions, observations, rewards and flags if envs have several drones. ``"drone"``: one row
+        per drone, N rows. ``"env"``: one row per env, E rows; one action commands all drones of an env. The result of
+        `act` always has a row per drone. Arrays of the batch have N or E rows, as documented there.
     steps
         (N,) int64: steps flown in the current episode; in `step`, the current step is included. Read-only.
     flying
-        (N,) bool, for use in `act` and `step`: True if the env takes part in the current step, False if its episode
-        ended before, including in the step that resets it. In False rows the drone stands still, the result of `step`
-        is discarded, and any state of yours that affects the observation should stay unchanged. Read-only.
+        (N,) bool, for use in `act` and `step`: True if the env takes part in the current step. False if its episode was
+        already over, as in the step that resets it. In False rows the drone does not move, the result of `step` is
+        discarded, and any state of yours that affects the observation should stay unchanged. Read-only.
     success
         (N,) bool: write it in `step`; the infos of ended episodes report it.
     truncated
@@ -135,7 +135,7 @@ class Task:
     left_area: BoolArray
     info: dict[str, npt.NDArray[np.float64]]
     _batch: weakref.ref[Batch] | None = None  # the batch that owns this task
-    _constants: dict[str, Any] | None = None  # attributes after setup that are neither arrays nor numbers
+    _constants: dict[str, Any] | None = None  # values after setup of attributes that are neither arrays nor numbers
 
     @property
     def steps(self) -> npt.NDArray[np.int64]:
@@ -144,11 +144,11 @@ class Task:
 
     @property
     def flying(self) -> BoolArray:
-        """Mask of the drones that fly in the current step, (N,); the others' episodes are over."""
+        """Mask of the drones that fly in the current step, (N,). The episodes of all others are over."""
         return self._rows_of(self._own_batch().flying)
 
     def _rows_of(self, of_envs: npt.NDArray[_Scalar]) -> npt.NDArray[_Scalar]:
-        """Repeat an array (E,) to the task's rows."""
+        """Expand an array (E,) to the task's rows."""
         per_env = self._own_batch().drones_per_env
         return of_envs if self.row_kind == "env" or per_env == 1 else np.repeat(of_envs, per_env)
 
@@ -180,7 +180,7 @@ class Task:
         return batch.position + rotate(batch.quat_wxyz, displacement)
 
     def step(self, batch: Batch) -> tuple[Array | Mapping[str, Array], BoolArray]:
-        """Return the reward (N,) of the motion just flown and sensed, and a mask of the episodes that it ended (N,).
+        """Return the reward (N,) of the motion just flown and sensed, and a mask (N,) of the episodes that it ended.
 
         The reward may be a mapping from the names in ``reward_terms`` to arrays (N,); their sum is the reward.
         """
@@ -193,9 +193,9 @@ class Task:
     def draw(self, batch: Batch, env: int, drawing: Drawing) -> None:
         """Add to the picture of one env: ``drawing`` draws points, lines, spheres, cells and text, in metres.
 
-        Called for each picture of the views ``"top"``, ``"third_person"`` and ``"fleet"`` and from a fixed place, but
-        not for ``"camera"``, which shows the drone's own frames. Change no state here: rendering must have no side
-        effects.
+        Called for each picture of the views ``"top"``, ``"third_person"`` and ``"fleet"``, and of the view between two
+        points. It is not called for ``"camera"``, which shows the drone's own frames. Change no state here: rendering
+        must have no side effects.
         """
 
     def state(self) -> dict[str, Array]:
@@ -266,7 +266,7 @@ def _is_same(before: Any, now: Any) -> bool:
 
 
 def native_task(task: Task) -> tuple[PythonTask, TaskCalls]:
-    """Return a task in the form for `Batch`, and its calls, which must be attached to the new batch."""
+    """Return the task wrapped for `Batch`, and its `TaskCalls`, which must be attached to the new batch."""
     limit = task.max_episode_steps
     if not isinstance(limit, (int, np.integer)) or isinstance(limit, bool) or not 0 <= limit < 1 << 31:
         raise ValueError(f"max_episode_steps: expected an integer in [0, {(1 << 31) - 1}], got {limit!r}")
@@ -307,13 +307,14 @@ class TaskCalls:
         """Attach the task to its batch and run its setup."""
         if self._task._batch is not None and self._task._batch() is not None:
             raise ValueError(
-                f"task: this {_name(self._task)} object is another environment's: give each its own, or the class"
+                f"task: this {_name(self._task)} object belongs to another environment: give each env its own object, "
+                "or pass the class"
             )
         control = batch.dynamics.control
         if type(self._task).act is Task.act and control != "pose":
             raise TypeError(
-                f"{_name(self._task)}.act: the default act returns positions, but control is {control!r}, which takes "
-                "commands (N, 4): override it"
+                f"{_name(self._task)}.act: the default act returns positions, but control={control!r} needs commands "
+                "(N, 4): override act"
             )
         self._takes_poses = control == "pose"
         poses = "positions (N, 3), or a pair of positions and quaternions (N, 4)"

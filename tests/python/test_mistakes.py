@@ -208,7 +208,9 @@ def test_one_task_object_for_two_envs(closet):
 
     task = Hover()
     envs = DroneVectorEnv(2, worlds=closet, task=task)
-    with pytest.raises(ValueError, match="task: this Hover object is another environment's: give each its own, or the"):
+    with pytest.raises(
+        ValueError, match="task: this Hover object belongs to another environment: give each env its own"
+    ):
         DroneVectorEnv(2, worlds=closet, task=task)
     envs.reset(seed=0)  # unchanged
     envs.close()
