@@ -64,9 +64,7 @@ def documents(tree: ast.Module) -> list[tuple[str, str, str]]:
                 if not name.startswith("_"):
                     members.append((f"{node.name}.{name}", "", said.get(name, "")))
             elif isinstance(member, ast.FunctionDef) and member.name == "__init__":
-                members.append(
-                    (f"{node.name}.__init__", signature(member), "Its arguments are described at the class.")
-                )
+                members.append((f"{node.name}.__init__", signature(member), "The class documents the arguments."))
             elif isinstance(member, ast.FunctionDef) and not is_decorated(member, "setter"):
                 own = "" if is_decorated(member, "property") else signature(member)
                 members.append((f"{node.name}.{member.name}", own, ast.get_docstring(member) or ""))

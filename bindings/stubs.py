@@ -128,7 +128,7 @@ def array_text(array: dict[str, Any]) -> str:
     """Return the docstring of a view of an array."""
     unit = f" {array['unit']}" if array["unit"] else ""
     frame = f", {array['frame']} frame" if array["frame"] else ""
-    about = array["about"] + (". Writable, and never read back" if array["writable"] else "")
+    about = array["about"] + (". You may overwrite it; the batch never reads it" if array["writable"] else "")
     return f"{array['shape']}{unit}{frame}: {about}."
 
 

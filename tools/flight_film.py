@@ -1,4 +1,4 @@
-"""Film a flight of the LiDAR task: from the start over the waypoints to the goal of a playground.
+"""Film a flight of the LiDAR task: from the start via the waypoints to the goal of a playground.
 
 .venv/bin/python -m tools.flight_film               # docs/flight.webp
 

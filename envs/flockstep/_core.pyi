@@ -53,7 +53,7 @@ class LidarConfig:
     name
         Name for `Batch.lidar`, unique among the LiDARs. Values: letters, digits, _ and -. Default: 'lidar'.
     channels
-        Rows, spread over ``vfov_deg`` from -vfov/2 to +vfov/2, both ends included; a single one has elevation 0.
+        Rows, spread over ``vfov_deg`` from -vfov/2 to +vfov/2, both ends included; a single row has elevation 0.
         Values: [1, 262144]. Default: 1.
     beams
         Beams of a channel, counter-clockwise from -hfov/2 to +hfov/2, both ends included (at 360 the end is left out).
@@ -70,11 +70,11 @@ class LidarConfig:
         Rotation (w, x, y, z) from the sensor's frame to the body frame; normalised if it is close to a unit quaternion.
         Values: a unit quaternion. Default: [1.0, 0.0, 0.0, 0.0].
     azimuth_deg
-        Azimuths of a pattern of beams, which replaces the grid; a scan then has the shape (1, length). ``channels``,
-        ``hfov_deg`` and ``vfov_deg`` keep their defaults, ``beams`` may also be the length. Values: within +-360 deg.
-        Default: [].
+        Azimuths of a pattern of beams, which replaces the grid; a scan then has the shape (1, number of azimuths).
+        Leave ``channels``, ``hfov_deg`` and ``vfov_deg`` at their defaults; ``beams`` must be its default or the number
+        of azimuths. Values: within +-360 deg. Default: [].
     elevation_deg
-        Elevations of the pattern, as many as azimuths. Values: within +-90 deg. Default: [].
+        Elevations of the pattern, one for each azimuth. Values: within +-90 deg. Default: [].
     rate_hz
         Readings per second of simulated time; it has to divide the ticks per second of the `ClockConfig`. None: one
         reading after every flown step. Values: > 0 Hz. Default: None.
@@ -128,8 +128,9 @@ class CameraConfig:
     height_px
         Height of the rendered image. Values: [1, 8192] px. Default: 480.
     hfov_deg
-        Horizontal field of view. If only one of the two is given, pixels are square and the other one follows; it must
-        be below 179 too. If neither is given, this one is 90. Values: [0.1, 179] deg. Default: None.
+        Horizontal field of view. If only one of ``hfov_deg`` and ``vfov_deg`` is given, the other is computed for
+        square pixels and must also be below 179. If neither is given, ``hfov_deg`` is 90. Values: [0.1, 179] deg.
+        Default: None.
     vfov_deg
         Vertical field of view. Values: [0.1, 179] deg. Default: None.
     offset_m
@@ -138,9 +139,10 @@ class CameraConfig:
         Rotation (w, x, y, z) from the sensor's frame to the body frame; normalised if it is close to a unit quaternion.
         Values: a unit quaternion. Default: [1.0, 0.0, 0.0, 0.0].
     near_m
-        Planar depth below which nothing is seen; less than ``far_m``. Values: > 0 m. Default: 0.05.
+        Minimum planar depth: nearer surfaces are not rendered. Must be less than ``far_m``. Values: > 0 m. Default:
+        0.05.
     far_m
-        Planar depth beyond which the sky is seen. Values: (0, 1000000] m. Default: 100.0.
+        Maximum planar depth: beyond it the camera renders the sky. Values: (0, 1000000] m. Default: 100.0.
     outputs
         Images to write: names among ``"rgb"``, ``"depth"``, ``"semantic"``, ``"instance"``, ``"normal"``, ``"grey"``,
         ``"hsv"``; at least one. Default: ('rgb',).
@@ -149,26 +151,27 @@ class CameraConfig:
     layout
         Shape of rgb, hsv and normal images. ``"hwc"``: (N, H, W, 3). ``"chw"``: (N, 3, H, W). Default: 'hwc'.
     capture_mode
-        ``"every_step"``: rendered at every step or `Batch.sense`, or at ``rate_hz``. ``"on_movement"``: only at those
-        after which the drone's pose or world differs from its frame. ``"on_demand"``: by `Batch.capture` only. A reset
-        or a change of the camera also renders, except on demand: the frame is then stale until the next capture.
-        Default: 'every_step'.
+        ``"every_step"``: rendered at every step or `Batch.sense`, or at ``rate_hz``. ``"on_movement"``: rendered at a
+        step or `Batch.sense` only if the drone's pose or world has changed since its last frame. ``"on_demand"``:
+        rendered only by `Batch.capture`. A reset also renders, and a change of the camera takes effect at the next step
+        or `Batch.sense`; with ``"on_demand"`` both make the frame stale until the next capture. Default: 'every_step'.
     samples_per_pixel
-        Samples of a pixel, in a grid, averaged. Only for colours; other outputs show the pixel's centre. Values: 1, 4,
-        9 or 16. Default: 1.
+        Number of samples per pixel; they form a grid and are averaged. Only colours are sampled: other outputs show the
+        pixel's centre. Values: 1, 4, 9 or 16. Default: 1.
     shadows
-        Hard shadows of the sun, cast by everything except markers. A room lets the sun in. Default: False.
+        Hard shadows of the sun, cast by everything except markers. The walls and the ceiling of a room do not shade its
+        inside. Default: False.
     rate_hz
         Readings per second of simulated time; it has to divide the ticks per second of the `ClockConfig`. None: one
         reading after every flown step. Values: > 0 Hz. Default: None.
     resize
         (width, height) of the written images, at most ``width_px`` and ``height_px``. None: as rendered. ``fx``,
-        ``fy``, ``cx`` and ``cy`` stay those of the rendered image. Not with the outputs semantic, instance and normal,
-        which have no mean; hsv is computed from the resized rgb. Unit: px. Default: None.
+        ``fy``, ``cx`` and ``cy`` stay those of the rendered image. Not allowed with the outputs semantic, instance and
+        normal, which cannot be averaged. hsv is computed from the resized rgb. Unit: px. Default: None.
     pool
-        How ``resize`` combines the rendered pixels that a pixel covers. ``"mean"``: weighted by covered area, as
-        OpenCV's INTER_AREA. ``"min"``, ``"max"``: the least or greatest of each channel. Depth: mean and max are inf if
-        any covered pixel is a miss, min only if all are. Default: 'mean'.
+        How ``resize`` combines the rendered pixels that a written pixel covers. ``"mean"``: weighted by covered area,
+        as OpenCV's INTER_AREA. ``"min"``, ``"max"``: the minimum or maximum of each channel. For depth, mean and max
+        are inf if any covered pixel is a miss; min is inf only if all are. Default: 'mean'.
     """
 
     # fields of CameraConfig
@@ -248,10 +251,10 @@ class ColorRange:
         scales the channels equally, so ``"excess"`` finds a hue in most light: ``low=(17, 0, 0)`` is red. Default:
         'excess'.
     low
-        Least value of each channel. Values: [0, 255]. Default: [0, 17, 0].
+        Minimum of each channel. Values: [0, 255]. Default: [0, 17, 0].
     high
-        Greatest value of each channel, at least ``low``. A hue wraps around: from 170 to 10 is red. Values: [0, 255].
-        Default: [255, 255, 255].
+        Maximum of each channel, at least ``low``. A hue wraps around: from 170 to 10 is red. Values: [0, 255]. Default:
+        [255, 255, 255].
     """
 
     # fields of ColorRange
@@ -485,8 +488,8 @@ class DynamicsConfig:
 
     - ``"rotor_speeds"``: rad/s of each rotor, in the order of the airframe.
     - ``"rotor_thrusts"``: N of each rotor, in still air.
-    - ``"body_rates"``: total thrust of all rotors over the mass, m/s^2; body rates about x, y, z, rad/s. Also called
-      CTBR.
+    - ``"body_rates"``: total thrust of all rotors divided by the mass, m/s^2; body rates about x, y, z, rad/s. Also
+      called CTBR.
     - ``"attitude"``: thrust, m/s^2; roll, pitch, yaw, rad.
     - ``"acceleration"``: m/s^2 in the world frame; yaw, rad.
     - ``"velocity"``: m/s in the world frame; yaw rate, rad/s.
@@ -510,7 +513,7 @@ class DynamicsConfig:
         ``"terminate"``: the drone stays where it hit, and its episode ends with the step. ``"stop"``: the point that
         touches stops, and the drone flies on. ``"bounce"``: the drone bounces back and flies on. Default: 'terminate'.
     restitution
-        Speed away from the surface over speed towards it, in a bounce. Values: [0, 1]. Default: 0.3.
+        In a bounce, the speed away from the surface divided by the speed towards it. Values: [0, 1]. Default: 0.3.
     friction
         Coulomb's coefficient of friction, in a bounce. Values: [0, 10]. Default: 0.5.
     rotor_lag
@@ -603,7 +606,8 @@ class DynamicsConfig:
 class NavigationReward:
     """The reward of the navigation task: the sum of these terms, each multiplied by its weight.
 
-    l are the LiDAR ranges over the maximum range, |L| is their number, M is ``min_clearance``, R is ``goal_reward``.
+    l are the LiDAR ranges divided by the maximum range, |L| is their number, M is ``min_clearance``, R is
+    ``goal_reward``.
 
     Parameters
     ----------
@@ -673,44 +677,46 @@ class HoverConfig:
 
     The point is the world's goal marker, or the centre of its bounds if it has none. Episodes begin near it, with
     random attitude and velocity and with the rotors at hover speed. Actions are float32 (4,), clipped to [-1, 1]; 0
-    hovers and 1 is the largest command of the env's ``control``. This is the maximum of a rotor or of the thrust, the
-    limit in `DynamicsConfig` of a rate, tilt, acceleration or speed, 1 m from the drone for a position, and half a turn
-    from the current heading for the yaw.
+    hovers and 1 is the largest command of the env's ``control``: for a rotor or the total thrust, its maximum; for a
+    rate, tilt, acceleration or speed, its limit in `DynamicsConfig`; for a position, 1 m from the drone along each
+    axis; for a yaw, half a turn from the current heading.
 
     Observation, float32 (16,), in the body frame and independent of the heading: offset to the point, m (3); velocity,
-    m/s (3); the world's up vector (3); angular velocity, 10 rad/s (3); rotor speeds, -1 slowest, 0 hovering, 1 fastest
-    (4).
+    m/s (3); the world's up vector (3); angular velocity, in units of 10 rad/s (3); rotor speeds, -1 slowest, 0
+    hovering, 1 fastest (4).
 
     d is the distance to the point in metres. An episode ends as a crash on a contact, or if d exceeds
-    ``max_distance_m``. It is a success if it ends with d at most ``hold_m`` in every step of the last ``hold_s``.
+    ``max_distance_m``. An episode without a crash is a success if d is at most ``hold_m`` during its last ``hold_s``.
 
     Parameters
     ----------
     start_offset_m
-        Greatest offset of the start from the point along each axis. This and the next three are drawn uniformly up to
-        the value. Values: [0, 1000] m. Default: 0.5.
+        Maximum offset of the start from the point along each axis. The offset, tilt, speed and rate at the start are
+        drawn uniformly up to their maxima. Values: [0, 1000] m. Default: 0.5.
     start_tilt_deg
-        Greatest tilt at the start. Values: [0, 180] deg. Default: 90.0.
+        Maximum tilt at the start. Values: [0, 180] deg. Default: 90.0.
     start_speed_mps
-        Greatest speed at the start, in any direction. Values: [0, 1000] m/s. Default: 2.0.
+        Maximum speed at the start, in any direction. Values: [0, 1000] m/s. Default: 2.0.
     start_rate_dps
-        Greatest rate at the start, about each axis of the body. Values: [0, 100000] deg/s. Default: 0.0.
+        Maximum rate at the start, about each axis of the body. Values: [0, 100000] deg/s. Default: 0.0.
     max_distance_m
         Distance from the point beyond which an episode ends as a crash. Values: > 0 m. Default: 6.0.
     hold_m
         Distance within which the point is held. Values: > 0 m. Default: 0.05.
     hold_s
-        Time at the end of an episode for which the point has to be held. Values: (0, 1000000] s. Default: 1.0.
+        Time at the end of an episode during which the drone has to hold the point. Values: (0, 1000000] s. Default:
+        1.0.
     near_weight
         Weight of the reward term exp(-2 d). Default: 1.0.
     hold_weight
         Weight of 1 / (1 + (d / 2 hold_m)^2). Default: 2.0.
     speed_weight
-        Weight of minus the speed, in m/s. Default: 0.1.
+        Weight of the penalty on the speed, in m/s. Default: 0.1.
     spin_weight
-        Weight of minus the length of the angular velocity, in units of 10 rad/s. Default: 0.1.
+        Weight of the penalty on the magnitude of the angular velocity, in units of 10 rad/s. Default: 0.1.
     change_weight
-        Weight of minus the mean squared difference to the previous action, which is 0 before the first. Default: 0.0.
+        Weight of the penalty on the mean squared difference from the previous action. The first action is compared with
+        0. Default: 0.0.
     crash_weight
         Weight of -1 on a crash. Default: 10.0.
     """
@@ -756,13 +762,13 @@ class TrackConfig:
     Paths are centred on the world's goal marker, or on the centre of its bounds if it has none. Each episode begins at
     a random place of its path, with the path's velocity and yaw. Actions are those of `HoverConfig`.
 
-    Observation, float32 (15 + 3 ``points``,), in the body frame: offsets to the path's point now, ``ahead_s`` later,
-    and so on, m (3 ``points``); velocity, m/s (3); the world's up vector (3); angular velocity, 10 rad/s (3); rotor
-    speeds, -1 slowest, 0 hovering, 1 fastest (4); sine and cosine of the yaw error (2).
+    Observation, float32 (15 + 3 ``points``,), in the body frame: offsets to the current point of the path, the point
+    ``ahead_s`` later, and so on, m (3 ``points``); velocity, m/s (3); the world's up vector (3); angular velocity, in
+    units of 10 rad/s (3); rotor speeds, -1 slowest, 0 hovering, 1 fastest (4); sine and cosine of the yaw error (2).
 
-    d is the distance to the path's point now in metres. An episode ends as a crash on a contact, or if d exceeds
-    ``max_distance_m``. It is a success if it ends with a root mean square of d, over all its steps, of at most
-    ``close_m``.
+    d is the distance in metres to the current point of the path. An episode ends as a crash on a contact, or if d
+    exceeds ``max_distance_m``. An episode without a crash is a success if the root mean square of d over all its steps
+    is at most ``close_m``.
 
     Parameters
     ----------
@@ -774,10 +780,11 @@ class TrackConfig:
     size_m
         Size of the path. Values: (0, 1000] m. Default: 1.0.
     speed_mps
-        Speed of the path: the mean of a lap of a figure-8, the root mean square of random paths. Values: (0, 1000] m/s.
-        Default: 1.5.
+        Speed of the path: for a figure-8, the mean of a lap; for random paths, the root mean square. Values: (0, 1000]
+        m/s. Default: 1.5.
     start_offset_m
-        Episodes begin off the path, drawn uniformly up to this along each axis. Values: [0, 1000] m. Default: 0.1.
+        Maximum offset of the start from the path along each axis, drawn uniformly up to this. Values: [0, 1000] m.
+        Default: 0.1.
     points
         Number of points of the path that are observed. Values: [1, 20]. Default: 5.
     ahead_s
@@ -785,17 +792,18 @@ class TrackConfig:
     max_distance_m
         Distance from the path beyond which an episode ends as a crash. Values: > 0 m. Default: 1.0.
     close_m
-        Root mean square of d up to which an episode is a success. Values: > 0 m. Default: 0.05.
+        Maximum root mean square of d of a successful episode. Values: > 0 m. Default: 0.05.
     near_weight
         Weight of the reward term exp(-2 d). Default: 1.0.
     close_weight
         Weight of 1 / (1 + (d / close_m)^2). Default: 1.0.
     yaw_weight
-        Weight of minus the yaw error, in rad. Default: 0.2.
+        Weight of the penalty on the yaw error, in rad. Default: 0.2.
     spin_weight
-        Weight of minus the length of the angular velocity, in units of 10 rad/s. Default: 0.02.
+        Weight of the penalty on the magnitude of the angular velocity, in units of 10 rad/s. Default: 0.02.
     change_weight
-        Weight of minus the mean squared difference to the previous action, which is 0 before the first. Default: 0.0.
+        Weight of the penalty on the mean squared difference from the previous action. The first action is compared with
+        0. Default: 0.0.
     crash_weight
         Weight of -1 on a crash. Default: 10.0.
     """
@@ -840,7 +848,7 @@ class TrackConfig:
 
 @final
 class NavigationConfig:
-    """Fly from the start over the waypoints to the goal.
+    """Fly from the start via the waypoints to the goal.
 
     Parameters
     ----------
@@ -933,7 +941,7 @@ class TaskSpec:
     ) -> None: ...
     @property
     def row(self) -> str:
-        """Owner of a row of actions, observations and rewards: ``"drone"`` or ``"env"``."""
+        """Kind of the rows of actions, observations and rewards: one per ``"drone"`` or one per ``"env"``."""
 
     @property
     def action(self) -> Field:
@@ -1056,16 +1064,15 @@ class World:
     ) -> World:
         """Generate a room of ``size_m`` metres with full-height pillars, a start, waypoints and a goal.
 
-        The default drone can fly from the start over the waypoints to the goal. The same arguments make the same world.
+        The default drone can fly from the start via the waypoints to the goal. The same arguments make the same world.
         """
 
     @staticmethod
     def forest(seed: int, trees: int = 150, size_m: Sequence[float] = (60.0, 40.0), relief_m: float = 4.0) -> World:
-        """Generate a forest on rolling terrain, of textured meshes: trees, rocks, a start and a goal at opposite ends.
+        """Generate a forest of textured meshes on rolling terrain: trees, rocks, a start and a goal at opposite ends.
 
-        ``size_m`` is the size along x, from start to goal, and along y. ``relief_m`` is the height of the highest
-        possible ground above the lowest. The default drone can fly from the start to the goal. The same arguments make
-        the same world.
+        ``size_m`` is the size along x, from start to goal, and along y. ``relief_m`` is the maximum height difference
+        of the ground. The default drone can fly from the start to the goal. The same arguments make the same world.
         """
 
     @staticmethod
@@ -1081,9 +1088,9 @@ class World:
     def office(
         seed: int, size_m: Sequence[float] = (36.0, 20.0), furniture: float = 0.8, waypoints: bool = False
     ) -> World:
-        """Generate a floor of an office building: textured, furnished rooms, corridors and lounges behind windows.
+        """Generate one textured floor of an office building: furnished rooms, corridors, and lounges with windows.
 
-        ``size_m`` is the size in metres along x, at least 20, and along y, at least 14. ``furniture`` in [0, 1] is the
+        ``size_m`` is the size in metres: at least 20 along x, at least 14 along y. ``furniture`` in [0, 1] is the
         density of the furniture. Start and goal are in rooms at opposite ends of x. The default drone can fly from one
         to the other through doors, but not in a straight line. With ``waypoints`` there is a waypoint before and behind
         each door of this path. The same arguments make the same world.
@@ -1093,9 +1100,9 @@ class World:
     def warehouse(
         seed: int, size_m: Sequence[float] = (48.0, 30.0), height_m: float = 8.0, waypoints: bool = False
     ) -> World:
-        """Generate a warehouse: a hall with skylights, rows of racks with pallets, forklifts and more, with textures.
+        """Generate a textured warehouse: a hall with skylights, rows of racks with pallets, forklifts and more.
 
-        ``size_m`` is the size in metres along x, across the rows of racks, at least 26, and along y, at least 16.
+        ``size_m`` is the size in metres: at least 26 along x, which crosses the rows of racks, and at least 16 along y.
         ``height_m`` is the height of the eaves, in [5, 20]. Start and goal are at opposite ends of x. The default drone
         can fly from one to the other around racks and through empty bays, but not in a straight line. With
         ``waypoints`` there is a waypoint at each turn of this path. The same arguments make the same world.
@@ -1105,7 +1112,7 @@ class World:
     def __deepcopy__(self, memo: dict[int, Any]) -> World: ...
     @property
     def name(self) -> str:
-        """Name from the scene file, or from the name of the file."""
+        """Name given in the scene file, otherwise the name of the file."""
 
     @property
     def bounds(self) -> _F32:
@@ -1133,7 +1140,7 @@ class World:
 
     @property
     def materials(self) -> list[dict[str, Any]]:
-        """The materials, one dict each. The limits are those of the keys of a scene file.
+        """The materials, one dict each. Values have the same limits as in a scene file.
 
         - ``name``
         - ``base_color``: (3,) linear RGB.
@@ -1176,7 +1183,7 @@ class World:
         Raises
         ------
         ValueError
-            The suffix is another one, the path cannot be written, or the world exceeds the glTF limit of 1 GiB.
+            The suffix is not one of these, the path cannot be written, or the world exceeds the glTF limit of 1 GiB.
         """
 
     def mesh(self, chord_error_m: float = 1e-3) -> dict[str, npt.NDArray[Any]]:
@@ -1192,12 +1199,12 @@ class World:
         - ``uv``: (V, 2) float32, texture coordinates; (0, 0) is the upper left corner. Vertices without a texture have
           (0, 0).
         - ``materials``: (T,) int32, index into `materials`.
-        - ``objects``: (T,) int32, index into `primitives`, or their number plus the number of the mesh: the camera
-          output ``instance`` minus 1.
+        - ``objects``: (T,) int32, row in the result of `World.objects`: the primitives come first, then the meshes.
+          This is the camera output ``instance`` minus 1.
         """
 
     def objects(self) -> dict[str, npt.NDArray[Any]]:
-        """Return the objects that cameras number: the primitives, then the meshes. Row i has ``instance`` i + 1.
+        """Return the objects of camera images: the primitives, then the meshes. Row i has ``instance`` i + 1.
 
         Returns
         -------
@@ -1217,7 +1224,7 @@ class World:
         - ``points``: (N, 3) float32 m.
         - ``normals``: (N, 3) float32 unit, out of a solid and into a room.
         - ``semantic``: (N,) uint16, semantic id as in camera images.
-        - ``objects``: (N,) int32, numbered as in `mesh`.
+        - ``objects``: (N,) int32, row in the result of `World.objects`.
 
         Raises
         ------
@@ -1228,8 +1235,8 @@ class World:
     def occupancy(self, cell_m: float, box: npt.ArrayLike | None = None) -> dict[str, Any]:
         """Return the occupied cells of a grid.
 
-        A cell is occupied if it touches a surface, or if its centre is inside a solid or outside the room. Cells are
-        tested a thousandth wider than they are, so that a surface between two cells occupies both. Closed meshes are
+        A cell is occupied if it touches a surface, or if its centre is inside a solid or outside the room. For this
+        test, cells are enlarged by a thousandth, so that a surface between two cells occupies both. Closed meshes are
         hollow, as in collision checks.
 
         Parameters
@@ -1319,9 +1326,9 @@ class World:
     ) -> _F32:
         """Draw ``count`` places (count, 3) m at which a drone, level and facing +x, is free.
 
-        Each place has a surface below it, and neither the next surface below nor the next one above shows the back of a
-        triangle. The place is therefore in the open or inside a room or building, not in the ground, below it, or
-        inside a closed mesh. The first places do not depend on ``count``.
+        Each place has a surface below it. The nearest triangles below and above face the place. Therefore it is in the
+        open or inside a room or building, and not in the ground, below it, or inside a closed mesh. The first places do
+        not depend on ``count``.
 
         Parameters
         ----------
@@ -1330,10 +1337,10 @@ class World:
         seed
             Seed of the draws. The same arguments give the same places.
         clearance_m
-            Minimum distance from the drone's centre to everything. None: the radius of the ball around the drone, so
-            that it can turn to any side.
+            Minimum distance from the drone's centre to everything. None: the radius of the drone's bounding sphere, so
+            that it can take any orientation.
         max_height_m
-            Maximum height above the next surface below; a higher place is drawn again below this height.
+            Maximum height above the nearest surface underneath. A higher place gets a new height below this limit.
         box
             (2, 3) m, sampling region. None: `bounds`, extended upwards by ``max_height_m`` if the world has no room.
         reachable_from
@@ -1382,18 +1389,18 @@ class World:
         -------
         - ``name``
         - ``size_m``: (3,) size of `bounds`.
-        - ``primitives``, ``triangles`` (of meshes) and ``objects``: their numbers.
+        - ``primitives``, ``triangles`` (of meshes) and ``objects``: how many there are.
         - ``open_edges``: number of edges that belong to one triangle. A closed mesh has none; open ground has them
           along its border.
         - ``crowded_edges``: number of edges that belong to more than two triangles. Vertices at the same place are
           merged.
-        - ``materials`` and ``textures``: their numbers.
+        - ``materials`` and ``textures``: how many there are.
         - ``texture_bytes``: memory of the textures.
         - ``start``, ``goal`` and ``spawn_box``: True if the world has one.
-        - ``waypoints``: their number.
-        - ``not_read``: content of the file that is not read, including triangles without area, in words.
-        - ``not_navigable``: reason why the navigation tasks cannot fly this drone (None: the default) here, or None if
-          they can.
+        - ``waypoints``: how many there are.
+        - ``not_read``: texts that describe content of the file that was not read, including triangles without area.
+        - ``not_navigable``: why the navigation tasks cannot be flown in this world with ``drone``; None if they can. If
+          ``drone`` is None, the default drone is checked.
         """
 
     def raycast(
@@ -1414,8 +1421,8 @@ class World:
         - ``normal``: (R, 3) unit, facing the ray's origin; 0 on a miss.
         - ``u`` and ``v``: (R,) weights of the second and third vertex of the triangle that was hit; 0 on primitives and
           on a miss.
-        - ``primitive``: (R,) int32, index into `primitives`, or their number plus the index of a triangle; -1 on a
-          miss.
+        - ``primitive``: (R,) int32, index into `primitives`, or the number of primitives plus the index of a triangle;
+          -1 on a miss.
         - ``material``: (R,) int32, index into `materials`; -1 on a miss.
         """
 
@@ -1443,8 +1450,8 @@ class WorldBuilder:
     ) -> int:
         """Add an image (height, width, 3 or 4) in sRGB, row 0 at the top; return its number.
 
-        The fourth channel is alpha, by default 255; only ``alpha_cutoff`` of a material uses it. ``wrap`` is the
-        continuation of the image beyond its borders, across and down.
+        The fourth channel is alpha, by default 255; only ``alpha_cutoff`` of a material uses it. ``wrap`` says how the
+        image continues beyond its borders, horizontally and vertically.
         """
 
     def material(
@@ -1459,8 +1466,8 @@ class WorldBuilder:
     ) -> int:
         """Add a material and return its number.
 
-        The limits are those of the keys of a scene file. ``base_color`` is linear RGB; on meshes and height fields it
-        is multiplied by the texture's colours. ``semantic`` is the semantic id in camera images; 0 means the material's
+        Values have the same limits as in a scene file. ``base_color`` is linear RGB; on meshes and height fields it is
+        multiplied by the texture's colours. ``semantic`` is the semantic id in camera images; 0 means the material's
         number plus 1. ``emissive`` is linear RGB, emitted in any light, by default 0. Meshes and height fields are
         transparent to cameras and sunlight wherever the texture's alpha, from 0 to 1, is below ``alpha_cutoff``. LiDAR
         rays and collisions hit whole triangles.
@@ -1633,7 +1640,7 @@ class DroneModel:
         """Return a dict from which `from_dict` makes an equal drone."""
 
     def scaled(self, *, size: float = 1.0, mass: float = 1.0) -> DroneModel:
-        """Return a drone of another size and mass, both given as factors, that flies alike.
+        """Return a drone with size and mass multiplied by these factors, and a flight model that matches.
 
         Lengths grow by ``size``. Inertia, thrust, drag and lags follow Froude's law: speeds and times grow by the
         square root of ``size``, and thrust-to-weight stays the same.
@@ -1649,7 +1656,7 @@ class DroneModel:
 
     @property
     def thrust_to_weight(self) -> float:
-        """Thrust of all rotors at full speed over the weight."""
+        """Thrust of all rotors at full speed, divided by the weight."""
 
     @property
     def max_thrust_n(self) -> float:
@@ -1666,11 +1673,11 @@ class Contact:
     # arrays of Contact
     @property
     def hit(self) -> _Bool:
-        """(N,): the drone touched something."""
+        """(N,): True if the drone touched something."""
 
     @property
     def inside(self) -> _Bool:
-        """(N,): the motion began in penetration."""
+        """(N,): True if the drone overlapped an obstacle when the motion began."""
 
     @property
     def fraction(self) -> _F32:
@@ -1832,7 +1839,7 @@ class Terms:
         """Return the drones' positions, (N, 3) m, world frame, after a displacement (N, 3) m in their body frames."""
 
     def ranges(self) -> _F32:
-        """Return the LiDAR's ranges over its maximum range, (N, rays); 1 on a miss."""
+        """Return the LiDAR's ranges divided by its maximum range, (N, rays); 1 on a miss."""
 
     def clearance(self) -> _F64:
         """Return the minimum of `ranges`, (N,)."""
@@ -1902,9 +1909,9 @@ class Batch:
 
     Arrays that are properties are read-only views unless documented as copies. The next call overwrites them, and they
     keep the batch alive. Drone d belongs to env d // M. Masks are bool: (E,) for calls about envs (`reset`, `seed`,
-    `begin_episode`, `set_world`), (N,) for all others. None selects every active drone or env. R rows are N or E,
-    depending on the task's `TaskSpec.row`. Only one thread may call a batch at a time. A batch does not survive a fork:
-    in a child process it raises `RuntimeError`.
+    `begin_episode`, `set_world`), (N,) for all others. None selects every active drone or env. R, the number of rows of
+    actions and rewards, is N or E, depending on the task's `TaskSpec.row`. Only one thread may call a batch at a time.
+    A batch does not survive a fork: in a child process it raises `RuntimeError`.
 
     Parameters
     ----------
@@ -1938,12 +1945,12 @@ class Batch:
     world_index
         (E,) integers: the world of each env. Default: env i is in world i modulo W.
     tracer
-        Method that traces the rays of cameras and LiDARs; results differ only by rounding. ``"tiles"``: rays of cameras
-        and of dense LiDARs (at least four rows, sixteen beams of each within about 50 degrees) are traced against
-        triangles in tiles of 16 x 16 rays, through a separate tree that takes about 65 bytes per triangle. All other
-        rays use Embree, in packets. ``"auto"``: tiles for sensors of at least 256 rays, in worlds of at most 1,024
-        triangles per ray; above that, packets are faster. ``"embree"``: no tiles, and Embree also for primitives except
-        rooms; slower, for comparison.
+        Method that traces the rays of cameras and LiDARs; results differ only by rounding. ``"tiles"``: tiles of 16 x
+        16 rays are traced against triangles, through a separate tree that takes about 65 bytes per triangle. Cameras
+        and dense LiDARs use tiles; a LiDAR is dense if it has at least four rows, in which sixteen neighbouring beams
+        span at most about 50 degrees. All other rays use Embree, in packets. ``"auto"``: tiles only for sensors of at
+        least 256 rays in worlds of at most 1,024 triangles per ray; in larger worlds packets are faster. ``"embree"``:
+        no tiles, and Embree also for primitives except rooms; slower, for comparison.
     drones_per_env
         M, at least 1. The drones of an env share its world, seed and episodes. They neither sense nor touch each other.
     """
@@ -2022,11 +2029,11 @@ class Batch:
 
     @property
     def embree_packets(self) -> int:
-        """Number of packets of these rays; it may depend on the number of threads."""
+        """Number of packets in which the rays of `embree_rays` were traced; it may depend on the number of threads."""
 
     @property
     def worlds(self) -> list[World]:
-        """The W worlds, indexed by `world_index`. With a `WorldPool`, `AttributeError`: use `world_of`."""
+        """The W worlds, indexed by `world_index`. With a `WorldPool` it raises `AttributeError`: use `world_of`."""
 
     def world_of(self, index: int) -> World:
         """Return the world of a drone."""
@@ -2046,7 +2053,7 @@ class Batch:
 
     @property
     def active(self) -> _Bool:
-        """(N,): False: the slot is removed."""
+        """(N,): True if the slot is in use; False if it was removed."""
 
     @property
     def world_index(self) -> _I32:
@@ -2106,7 +2113,7 @@ class Batch:
 
     @property
     def flying(self) -> _Bool:
-        """(E,): False: the episode was over before the last step, which skipped the env."""
+        """(E,): True if the last step flew the env; False if its episode was already over."""
 
     @property
     def bad_states(self) -> _I64:
@@ -2114,47 +2121,47 @@ class Batch:
 
     @property
     def reward(self) -> _F32:
-        """(R,): reward of the last step. Writable, and never read back."""
+        """(R,): reward of the last step. You may overwrite it; the batch never reads it."""
 
     @property
     def reward_terms(self) -> _F32:
-        """(R, terms): reward terms, in the order of the spec; their sum is the reward."""
+        """(R, terms): reward terms, in the order of the spec; they add up to `reward`."""
 
     @property
     def terminated(self) -> _Bool:
-        """(R,): the episode ended here, in a state that ends episodes."""
+        """(R,): True if the last step ended the episode in a terminal state, such as a crash or the goal."""
 
     @property
     def truncated(self) -> _Bool:
-        """(R,): the episode ended here, for another reason."""
+        """(R,): True if the last step cut the episode off, for example at the time limit."""
 
     @property
     def success(self) -> _Bool:
-        """(R,): the episode ended here, and the task calls it a success."""
+        """(R,): True if the last step ended the episode, and the task counts it as a success."""
 
     @property
     def crashed(self) -> _Bool:
-        """(R,): the episode ended here, in contact with something."""
+        """(R,): True if the last step ended the episode while a drone was in contact with something."""
 
     @property
     def bad_state(self) -> _Bool:
-        """(R,): the episode ended here because a number was not finite or a pose was out of bounds."""
+        """(R,): True if the last step ended the episode because a number was not finite or a pose was out of bounds."""
 
     @property
     def episode_end(self) -> _U8:
-        """(R,): reason for the end of the episode, an `EpisodeEnd`; 0 while it goes on."""
+        """(R,): reason for the end of the episode, an `EpisodeEnd`; 0 until it ends."""
 
     @property
     def episode_return(self) -> _F64:
-        """(R,): sum of the rewards of the episode that ended here, otherwise of the current one."""
+        """(R,): sum of the rewards of the episode that the last step ended, otherwise of the current episode."""
 
     @property
     def episode_terms(self) -> _F64:
-        """(R, terms): the same sum for each term of the reward."""
+        """(R, terms): sum of each reward term, over the same episode as `episode_return`."""
 
     @property
     def episode_length(self) -> _I64:
-        """(R,) steps: steps flown in the same episode."""
+        """(R,) steps: steps flown, in the same episode as `episode_return`."""
     # end of arrays
     @property
     def contact(self) -> Contact:
@@ -2165,7 +2172,7 @@ class Batch:
         """Name of the first LiDAR; None without one."""
 
     def lidar(self, name: str | None = None) -> Lidar:
-        """Return a LiDAR by name, by default the first one. `ValueError` if there is none."""
+        """Return a LiDAR by name, by default the first one. Raises `ValueError` if there is none."""
 
     def sensor(self, name: str) -> dict[str, Any]:
         """Return the arrays that a sensor publishes: read-only views by their names, such as ``"accelerometer"``.
@@ -2213,9 +2220,9 @@ class Batch:
         """Fly a command (N, 4), with the meaning of `DynamicsConfig.control`, for some ticks; None means one step.
 
         Drones can hit obstacles; see `DynamicsConfig.on_contact`. Sensors are not read. Gusts and the controller follow
-        each env's clock: many calls of one tick equal one call of many ticks. A drone that becomes too fast to
-        integrate is put to rest at its last position, with a `RuntimeWarning`; in a task its episode ends as a bad
-        state.
+        each env's clock. Splitting a flight into several calls changes the result only by rounding. A drone that
+        becomes too fast to integrate is put to rest at its last position, with a `RuntimeWarning`; in a task its
+        episode ends as a bad state.
 
         Ctrl-C ends a long flight between two ticks. Drones near obstacles may then have flown fewer ticks than others,
         and `tick` does not count the interrupted part.
@@ -2240,19 +2247,21 @@ class Batch:
     ) -> None:
         """Activate slots (K,) at positions (K, 3) m, quaternions (K, 4), in worlds (K,), and `sense` there.
 
-        With a task, the drones of an env begin their episodes together: spawn all of them that are not removed.
+        With a task, the drones of an env begin their episodes together: ``indices`` must include every active drone of
+        the env.
         """
 
     def remove(self, indices: npt.ArrayLike) -> None:
-        """Deactivate slots (K,). They cost nothing and read as absent, with ranges of inf and their last pose.
+        """Deactivate slots (K,). They cost nothing.
 
-        Their frames are black, with depths of inf, and stale.
+        Their ranges become inf, and their pose stays the last one. Their frames are stale and black, with depths of
+        inf.
         """
 
     def set_world(self, world_index: npt.ArrayLike, mask: npt.ArrayLike | None = None) -> None:
         """Put envs into worlds (E,); their drones keep their coordinates.
 
-        With a `WorldPool` this is refused, and so is ``world_index`` of `spawn`.
+        With a `WorldPool`, this method and ``world_index`` of `spawn` raise an error.
         """
 
     def set_lidar(
@@ -2269,9 +2278,10 @@ class Batch:
         """Change a LiDAR of some drones from the next `sense` on; None leaves a value unchanged."""
 
     def camera(self, name: str | None = None) -> Camera:
-        """Return one camera: its images and configuration. Here and below, no name means the only camera.
+        """Return one camera: its images and configuration.
 
-        `ValueError` if there is no camera of this name, or if there are several and no name is given.
+        If there is only one camera, this and the following methods need no name. Raises `ValueError` if there is no
+        camera of this name, or if there are several and no name is given.
         """
 
     def capture(self, mask: npt.ArrayLike | None = None, camera: str | None = None) -> None:
@@ -2280,7 +2290,7 @@ class Batch:
     def set_capture_mode(self, mode: str, camera: str | None = None) -> None:
         """Change the capture mode: ``"every_step"``, ``"on_movement"`` or ``"on_demand"``.
 
-        `ValueError` for ``"on_demand"`` if the task observes the camera.
+        Raises `ValueError` for ``"on_demand"`` if the task observes the camera.
         """
 
     def set_camera(
@@ -2316,7 +2326,9 @@ class Batch:
         """
 
     def reset(self, seeds: npt.ArrayLike | None = None, mask: npt.ArrayLike | None = None) -> None:
-        """Begin new episodes of the task: the first ones of seeds (E,) uint64, or each env's next one.
+        """Begin new episodes of the task.
+
+        With ``seeds`` (E,) uint64, each env begins the first episode of its seed, otherwise its next episode.
 
         Raises
         ------
@@ -2341,11 +2353,14 @@ class Batch:
 
     @property
     def observation(self) -> Any:
-        """(R, ...), after resets; a dict of arrays if the task observes several fields. Writable, never read back."""
+        """(R, ...): observation after any resets, or a dict of arrays if the task observes several fields.
+
+        You may overwrite it; the batch never reads it.
+        """
 
     @property
     def final_observation(self) -> Any:
-        """Last observation of the episode, in the same form; valid if `terminated` or `truncated`."""
+        """Last observation of an episode, with the layout of `observation`; valid if `terminated` or `truncated`."""
 
     @property
     def terms(self) -> Terms:
@@ -2359,12 +2374,12 @@ class Batch:
         """
 
     def snapshot(self) -> bytes:
-        """Return everything that the next step depends on."""
+        """Return the complete state of the batch, from which `restore` continues."""
 
     def restore(self, blob: bytes) -> None:
         """Restore a snapshot.
 
-        `ValueError`, and no change, if it is of another configuration or corrupt.
+        Raises `ValueError` and changes nothing if the snapshot is corrupt or belongs to another configuration.
         """
 
 @final
@@ -2400,7 +2415,7 @@ class GreenBlob:
 
     @property
     def area(self) -> float:
-        """Area of the box over that of the image."""
+        """Area of the box divided by that of the image."""
 
     @property
     def mask(self) -> _Bool:
@@ -2452,7 +2467,7 @@ class ColorBlob:
 
     @property
     def area(self) -> _F32:
-        """Area of the box over that of the image."""
+        """Area of the box divided by that of the image."""
 
     @property
     def mask(self) -> _Bool:

@@ -147,18 +147,18 @@ _MODES = {
 
 
 class DroneVectorEnv(VectorEnv[Observation, Array, Array]):
-    """Drones in many envs, stepped by one call: with a task of the engine or your own `Task`.
+    """Many drone envs stepped by one call, with a task of the engine or your own `Task`.
 
     The engine's tasks are navigation, the default, and `HoverConfig` and `TrackConfig`, which simulate the rotors
     (``flockstep/Hover-v0`` and ``flockstep/Track-v0``). The navigation tasks differ in their observations and therefore
     in their defaults:
 
     - ``"goal"`` (``flockstep/LidarNavigation-v0``): float32 (3 + rays,), the unit direction to the current goal in the
-      body frame, then the LiDAR ranges over the maximum range, 1 on a miss.
-    - ``"blob"`` (``flockstep/CameraNavigation-v0``): float32 (2 + rays,), the position and size of the goal's green, or
-      of another ``color``, in the camera's image, then the ranges. `flockstep.color_blob` computes the first two: the x
-      offset of the blob's box from the image's centre over half the width, and its area over the image's area; both are
-      0 if the colour is not visible.
+      body frame, then the LiDAR ranges divided by the maximum range (1 on a miss).
+    - ``"blob"`` (``flockstep/CameraNavigation-v0``): float32 (2 + rays,), the position and size of the goal's green
+      pixels (or of those of another ``color``) in the camera's image, then the ranges. `flockstep.color_blob` computes
+      the first two: the x offset of the blob's box from the image's centre, divided by half the width, and the box's
+      area divided by the image's area. Both are 0 if the colour is not visible.
     - ``"pixels"`` (``flockstep/CameraPixels-v0``): a dict of ``image``, uint8 (3, height, width), and ``ranges``,
       float32 (rays,). The camera's layout is ``"chw"``.
 
@@ -175,8 +175,8 @@ class DroneVectorEnv(VectorEnv[Observation, Array, Array]):
         camera tasks; a `Task` declares its own.
     task
         A task other than navigation: a `HoverConfig` or a `TrackConfig`, your own `Task` (an object, or its class), or
-        a `NativeTask` in C++. In `gymnasium.make_vec` it gets the time limit of the id unless ``max_episode_steps`` is
-        also given.
+        a `NativeTask` in C++. With `gymnasium.make_vec`, the time limit registered for the env's id applies, unless
+        ``max_episode_steps`` is also given.
     observation
         Observation of the navigation task: ``"goal"``, ``"blob"`` or ``"pixels"``.
     lidar
@@ -229,7 +229,7 @@ class DroneVectorEnv(VectorEnv[Observation, Array, Array]):
         Gymnasium counts one env per drone, so the `num_envs` of this object is N = E M, the number of rows. Drone m of
         env i has row i M + m. Default: 1.
     drone_mesh
-        A `DroneMesh` that shows drones in the views with depth, from behind and from a fixed place. Default: a shape
+        A `DroneMesh` that shows the drones in perspective views: from behind and from a fixed point. Default: a shape
         from the drone's model, with arms and rotors or its hull. Collisions always use the hull of ``drone``.
     **fields
         Fields of configurations. The task sets their defaults; each configuration documents its fields.
@@ -241,9 +241,9 @@ class DroneVectorEnv(VectorEnv[Observation, Array, Array]):
         ``max_rate_dps``, ``max_yaw_rate_dps``.
 
         For the navigation task, from `NavigationConfig`: ``action`` (``"discrete"``, ``"displacement"``,
-        ``"displacement_yaw"``, or ``"discrete_forward"``, the default for camera tasks), ``reward`` (for camera tasks
-        the default ends an episode that overshoots the goal), ``step_m``, ``yaw_step_deg``, ``random_start``,
-        ``color``.
+        ``"displacement_yaw"``, or ``"discrete_forward"``, the default for camera tasks), ``reward`` (for camera tasks,
+        the default also ends the episode when the drone overshoots the goal), ``step_m``, ``yaw_step_deg``,
+        ``random_start``, ``color``.
 
         For the hover task, from `HoverConfig`: ``start_offset_m``, ``start_tilt_deg``, ``start_speed_mps``,
         ``start_rate_dps``, ``max_distance_m``, ``hold_m``, ``hold_s``, ``near_weight``, ``hold_weight``,
@@ -295,13 +295,13 @@ class DroneVectorEnv(VectorEnv[Observation, Array, Array]):
 
     Infos
     -----
-    Only steps in which an episode ended have infos: ``episode_return``, ``episode_length``, ``success``, ``crashed``,
-    ``bad_state`` and ``episode_end``, each of length N with its mask ``_key``; ``episode_terms``, a dict with the sum
-    of each reward term, also with masks; and the values that a `Task` names in its ``info_names``. With same-step
-    autoreset these are inside ``final_info``, beside ``final_obs``. With autoreset disabled, a finished env repeats its
-    flags and infos until it is reset. ``episode_end`` is the reason for the end, a value of `EpisodeEnd`. An episode
-    ends with ``bad_state`` if a target, a reward or an observation was not finite; ``batch.bad_states`` counts these
-    episodes.
+    Infos are empty unless an episode ended in the step. The keys are ``episode_return``, ``episode_length``,
+    ``success``, ``crashed``, ``bad_state``, ``episode_end``, and the names in a `Task`'s ``info_names``. Each value is
+    an array of length N, with a mask of the ended episodes under the key with a leading underscore. ``episode_terms``
+    is a dict of such arrays and masks, with the sum of each reward term. With same-step autoreset these are inside
+    ``final_info``, beside ``final_obs``. With autoreset disabled, a finished env repeats its flags and infos until it
+    is reset. ``episode_end`` is the reason for the end, a value of `EpisodeEnd`. An episode ends with ``bad_state`` if
+    a target, a reward or an observation was not finite; ``batch.bad_states`` counts these episodes.
 
     Raises
     ------
@@ -602,9 +602,9 @@ class DroneVectorEnv(VectorEnv[Observation, Array, Array]):
         return reward if self.reward_scale == 1 else np.multiply(reward, self.reward_scale, dtype=np.float32)
 
     def episode_infos(self, indices: npt.NDArray[np.intp] | None = None) -> dict[str, Any]:
-        """Return the reports on the episodes of the envs ``indices``, by default all, by name, as new arrays.
+        """Return the episode statistics of the envs ``indices`` (default: all) as a dict of new arrays.
 
-        For unfinished episodes these are the values so far.
+        Unfinished episodes have their values so far.
         """
         batch, rows = self.batch, slice(None) if indices is None else indices
         report = {name: getattr(batch, name)[rows] for name in _OF_EPISODES}

@@ -61,7 +61,7 @@ struct Airframe {
               {.about = "c0, c1, c2: at speed w in rad/s a rotor pushes with max(c0 + c1 w + c2 w^2, 0) N.",
                .alias = "rotors thrust_n"}),
         field("torque_ratio_m", &C::torque_ratio_m,
-              {.about = "Torque of a rotor over its thrust.",
+              {.about = "Torque of a rotor divided by its thrust.",
                .unit = "m",
                .limits = between(1e-6, 10),
                .alias = "rotors torque_ratio_m"}),
@@ -123,7 +123,7 @@ struct Airframe {
   FLOCKSTEP_API double thrust_at(double speed_radps) const;         // N, one rotor
   FLOCKSTEP_API double speed_for(double thrust_n) const;            // rad/s, one rotor, within the speed limits
   double max_thrust() const { return thrust_at(max_speed_radps); }  // N, one rotor
-  FLOCKSTEP_API double thrust_to_weight() const;                    // largest thrust of all rotors over the weight
+  FLOCKSTEP_API double thrust_to_weight() const;                    // largest thrust of all rotors divided by the weight
   FLOCKSTEP_API double hover_speed() const;                         // rad/s, if all rotors share the weight evenly
 
   // Returns the body in another size: lengths times `size`, mass times `mass`, both > 0. All other coefficients follow Froude's

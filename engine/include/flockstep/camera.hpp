@@ -100,16 +100,19 @@ struct CameraConfig {
         field("height_px", &C::height_px,
               {.about = "Height of the rendered image.", .unit = "px", .limits = between(1, kMaxSide)}),
         field("hfov_deg", &C::hfov_deg,
-              {.about = "Horizontal field of view. If only one of the two is given, pixels are square and the other one follows; "
-                        "it must be below 179 too. If neither is given, this one is 90.",
+              {.about = "Horizontal field of view. If only one of ``hfov_deg`` and ``vfov_deg`` is given, the other is computed "
+                        "for square pixels and must also be below 179. If neither is given, ``hfov_deg`` is 90.",
                .unit = "deg",
                .limits = between(0.1, 179)}),
         field("vfov_deg", &C::vfov_deg, {.about = "Vertical field of view.", .unit = "deg", .limits = between(0.1, 179)}),
         field("offset_m", &C::offset_m, kMountOffset), field("quat_wxyz", &C::quat_wxyz, kMountRotation),
         field("near_m", &C::near_m,
-              {.about = "Planar depth below which nothing is seen; less than ``far_m``.", .unit = "m", .limits = above(0)}),
-        field("far_m", &C::far_m,
-              {.about = "Planar depth beyond which the sky is seen.", .unit = "m", .limits = above_up_to(0, 1e6)}),
+              {.about = "Minimum planar depth: nearer surfaces are not rendered. Must be less than ``far_m``.",
+               .unit = "m",
+               .limits = above(0)}),
+        field(
+            "far_m", &C::far_m,
+            {.about = "Maximum planar depth: beyond it the camera renders the sky.", .unit = "m", .limits = above_up_to(0, 1e6)}),
         field("outputs", &C::outputs,
               {.about = "Images to write: names among ``\"rgb\"``, ``\"depth\"``, ``\"semantic\"``, ``\"instance\"``, "
                         "``\"normal\"``, ``\"grey\"``, ``\"hsv\"``; at least one."}),
@@ -118,25 +121,28 @@ struct CameraConfig {
               {.about = "Shape of rgb, hsv and normal images. ``\"hwc\"``: (N, H, W, 3). ``\"chw\"``: (N, 3, H, W)."}),
         field("capture_mode", &C::capture_mode,
               {.about = "``\"every_step\"``: rendered at every step or `Batch.sense`, or at ``rate_hz``. ``\"on_movement\"``: "
-                        "only at those after which the drone's pose or world differs from its frame. ``\"on_demand\"``: by "
-                        "`Batch.capture` only. A reset or a change of the camera also renders, except on demand: the frame is "
-                        "then stale until the next capture.",
+                        "rendered at a step or `Batch.sense` only if the drone's pose or world has changed since its last frame. "
+                        "``\"on_demand\"``: rendered only by `Batch.capture`. A reset also renders, and a change of the camera "
+                        "takes effect at the next step or `Batch.sense`; with ``\"on_demand\"`` both make the frame stale until "
+                        "the next capture.",
                .affects_hash = AffectsHash::no}),  // the mode is part of the snapshot
         field("samples_per_pixel", &C::samples_per_pixel,
-              {.about = "Samples of a pixel, in a grid, averaged. Only for colours; other outputs show the pixel's centre.",
+              {.about = "Number of samples per pixel; they form a grid and are averaged. Only colours are sampled: other outputs "
+                        "show the pixel's centre.",
                .limits = one_of(1, 4, 9, 16)}),
         field("shadows", &C::shadows,
-              {.about = "Hard shadows of the sun, cast by everything except markers. A room lets the sun in."}),
+              {.about = "Hard shadows of the sun, cast by everything except markers. The walls and the ceiling of a room do not "
+                        "shade its inside."}),
         field("rate_hz", &C::rate_hz, kSensorRate),
         field("resize", &C::resize,
               {.about = "(width, height) of the written images, at most ``width_px`` and ``height_px``. None: as rendered. "
-                        "``fx``, ``fy``, ``cx`` and ``cy`` stay those of the rendered image. Not with the outputs semantic, "
-                        "instance and normal, which have no mean; hsv is computed from the resized rgb.",
+                        "``fx``, ``fy``, ``cx`` and ``cy`` stay those of the rendered image. Not allowed with the outputs "
+                        "semantic, instance and normal, which cannot be averaged. hsv is computed from the resized rgb.",
                .unit = "px"}),
         field("pool", &C::pool,
-              {.about = "How ``resize`` combines the rendered pixels that a pixel covers. ``\"mean\"``: weighted by covered "
-                        "area, as OpenCV's INTER_AREA. ``\"min\"``, ``\"max\"``: the least or greatest of each channel. Depth: "
-                        "mean and max are inf if any covered pixel is a miss, min only if all are."}));
+              {.about = "How ``resize`` combines the rendered pixels that a written pixel covers. ``\"mean\"``: weighted by "
+                        "covered area, as OpenCV's INTER_AREA. ``\"min\"``, ``\"max\"``: the minimum or maximum of each channel. "
+                        "For depth, mean and max are inf if any covered pixel is a miss; min is inf only if all are."}));
   }
 
   FLOCKSTEP_API void validate() const;

@@ -31,9 +31,9 @@ struct ColorRange {
                         "``\"excess\"``: by how much red, green and blue each exceed 1.25 times the larger of the other two, "
                         "rounded up; 0 if they do not. Light scales the channels equally, so ``\"excess\"`` finds a hue in most "
                         "light: ``low=(17, 0, 0)`` is red."}),
-        field("low", &C::low, {.about = "Least value of each channel.", .limits = between(0, 255)}),
+        field("low", &C::low, {.about = "Minimum of each channel.", .limits = between(0, 255)}),
         field("high", &C::high,
-              {.about = "Greatest value of each channel, at least ``low``. A hue wraps around: from 170 to 10 is red.",
+              {.about = "Maximum of each channel, at least ``low``. A hue wraps around: from 170 to 10 is red.",
                .limits = between(0, 255)}));
   }
 

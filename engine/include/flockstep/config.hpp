@@ -59,22 +59,22 @@ struct BatchConfig {
                .affects_hash = AffectsHash::no}),
         field("lidars", &C::lidars, {.about = "The LiDARs of each drone, with different names."}),
         field("cameras", &C::cameras,
-              {.about = "The cameras of each drone, with different names; at most 2^32 pixels each, of all drones."}),
+              {.about = "The cameras of each drone, with different names; at most 2^32 pixels each, summed over all drones."}),
         field("camera_backend", &C::camera_backend,
-              {.about =
-                   "Renderer of cameras. ``\"raycast\"``: the engine's own tracing, which needs no GPU and repeats to the bit. "
-                   "``\"gl\"``: OpenGL 4.5 by EGL, headless; without it, raycast with a warning. ``\"auto\"``: the faster of the "
-                   "two on the batch's worlds, timed when the batch is made.",
+              {.about = "Renderer of cameras. ``\"raycast\"``: the engine's own tracing, which needs no GPU and is bitwise "
+                        "reproducible. ``\"gl\"``: OpenGL 4.5 through EGL, headless; if it is missing, raycast with a warning. "
+                        "``\"auto\"``: the faster of the two on the batch's worlds, timed when the batch is made.",
                .affects_hash = AffectsHash::no}),
-        field("tracer", &C::tracer,
-              {.about = "How rays find triangles. ``\"tiles\"``: nearby rays traverse a tree of triangles together, where "
-                        "possible. ``\"embree\"``: all rays by Embree, for comparison. ``\"auto\"``: tiles if they are faster "
-                        "for these numbers of rays and triangles. Fans, sparse patterns and shadow rays always use Embree."}),
+        field(
+            "tracer", &C::tracer,
+            {.about = "Method that traces rays against triangles. ``\"tiles\"``: neighbouring rays traverse a tree of triangles "
+                      "together. ``\"embree\"``: Embree traces all rays, for comparison. ``\"auto\"``: tiles if they are faster "
+                      "for these numbers of rays and triangles. Fans, sparse patterns and shadow rays always use Embree."}),
         field("pose_sensor", &C::pose_sensor, {.about = "The pose sensor of each drone."}),
         field("imus", &C::imus, {.about = "The IMUs of each drone, with different names; they need motion by rotors."}),
-        field("episode", &C::episode, {.about = "When episodes begin and end."}),
+        field("episode", &C::episode, {.about = "Begin and end of episodes."}),
         field("clock", &C::clock, {.about = "Rates of policy, controller and physics."}),
-        field("dynamics", &C::dynamics, {.about = "How drones move."}));
+        field("dynamics", &C::dynamics, {.about = "Motion model of the drones."}));
   }
 
   int num_drones() const { return num_envs * drones_per_env; }  // N

@@ -89,8 +89,9 @@ struct DynamicsConfig {
               {.about =
                    "``\"terminate\"``: the drone stays where it hit, and its episode ends with the step. ``\"stop\"``: the point "
                    "that touches stops, and the drone flies on. ``\"bounce\"``: the drone bounces back and flies on."}),
-        field("restitution", &C::restitution,
-              {.about = "Speed away from the surface over speed towards it, in a bounce.", .limits = between(0, 1)}),
+        field(
+            "restitution", &C::restitution,
+            {.about = "In a bounce, the speed away from the surface divided by the speed towards it.", .limits = between(0, 1)}),
         field("friction", &C::friction, {.about = "Coulomb's coefficient of friction, in a bounce.", .limits = between(0, 10)}),
         field("rotor_lag", &C::rotor_lag, {.about = "Rotors take time to change their speed."}),
         field("rotor_drag", &C::rotor_drag, {.about = "Drag and lift of rotors that move through the air."}),

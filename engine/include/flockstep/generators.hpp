@@ -35,7 +35,7 @@ struct PlaygroundConfig {
 };
 
 // Generates a playground, the same on every machine. If there are pillars, the default drone crashes on the straight flight
-// from start over the waypoints to the goal; a free path exists. Throws std::invalid_argument on a bad config, or if many
+// from start via the waypoints to the goal; a free path exists. Throws std::invalid_argument on a bad config, or if many
 // layouts have no path because of too many pillars.
 FLOCKSTEP_API std::shared_ptr<const World> playground(const PlaygroundConfig& config);
 
@@ -49,13 +49,12 @@ struct ForestConfig {
 
   static constexpr auto fields() {
     using C = ForestConfig;
-    return field_list(
-        field("seed", &C::seed, {.about = "Seed of the layout."}),
-        field("trees", &C::trees, {.about = "Number of trees.", .limits = between(0, 5000)}),
-        field("size_m", &C::size_m,
-              {.about = "Size along x, from start to goal, and along y.", .unit = "m", .limits = between(12, 500)}),
-        field("relief_m", &C::relief_m,
-              {.about = "Height of the highest possible ground above the lowest.", .unit = "m", .limits = between(0, 50)}));
+    return field_list(field("seed", &C::seed, {.about = "Seed of the layout."}),
+                      field("trees", &C::trees, {.about = "Number of trees.", .limits = between(0, 5000)}),
+                      field("size_m", &C::size_m,
+                            {.about = "Size along x, from start to goal, and along y.", .unit = "m", .limits = between(12, 500)}),
+                      field("relief_m", &C::relief_m,
+                            {.about = "Maximum height difference of the ground.", .unit = "m", .limits = between(0, 50)}));
   }
 
   FLOCKSTEP_API void validate() const;
@@ -107,7 +106,7 @@ struct OfficeConfig {
         field("seed", &C::seed, {.about = "Seed of the layout."}),
         field("size_m", &C::size_m, {.about = "Size along x and y, rounded down to half metres.", .unit = "m", .each = kSizes}),
         field("furniture", &C::furniture, {.about = "Density of the furniture.", .limits = between(0, 1)}),
-        field("waypoints", &C::waypoints, {.about = "Waypoints before and behind each door of the way."}));
+        field("waypoints", &C::waypoints, {.about = "Place a waypoint before and behind each door of the path."}));
   }
 
   FLOCKSTEP_API void validate() const;
@@ -137,7 +136,7 @@ struct WarehouseConfig {
         field(
             "height_m", &C::height_m,
             {.about = "Height of the eaves; up to five pallets stand above each other.", .unit = "m", .limits = between(5, 20)}),
-        field("waypoints", &C::waypoints, {.about = "Waypoints where the way turns."}));
+        field("waypoints", &C::waypoints, {.about = "Place a waypoint at each turn of the path."}));
   }
 
   FLOCKSTEP_API void validate() const;

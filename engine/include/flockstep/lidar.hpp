@@ -34,7 +34,7 @@ struct LidarConfig {
         field("name", &C::name, {.about = "Name for `Batch.lidar`, unique among the LiDARs.", .form = Form::plain_name}),
         field(
             "channels", &C::channels,
-            {.about = "Rows, spread over ``vfov_deg`` from -vfov/2 to +vfov/2, both ends included; a single one has elevation 0.",
+            {.about = "Rows, spread over ``vfov_deg`` from -vfov/2 to +vfov/2, both ends included; a single row has elevation 0.",
              .limits = between(1, kMaxRays)}),
         field("beams", &C::beams,
               {.about = "Beams of a channel, counter-clockwise from -hfov/2 to +hfov/2, both ends included (at 360 the end is "
@@ -48,12 +48,13 @@ struct LidarConfig {
                .limits = above(0)}),
         field("offset_m", &C::offset_m, kMountOffset), field("quat_wxyz", &C::quat_wxyz, kMountRotation),
         field("azimuth_deg", &C::azimuth_deg,
-              {.about = "Azimuths of a pattern of beams, which replaces the grid; a scan then has the shape (1, length). "
-                        "``channels``, ``hfov_deg`` and ``vfov_deg`` keep their defaults, ``beams`` may also be the length.",
+              {.about = "Azimuths of a pattern of beams, which replaces the grid; a scan then has the shape (1, number of "
+                        "azimuths). Leave ``channels``, ``hfov_deg`` and ``vfov_deg`` at their defaults; ``beams`` must be its "
+                        "default or the number of azimuths.",
                .unit = "deg",
                .limits = within(360)}),
         field("elevation_deg", &C::elevation_deg,
-              {.about = "Elevations of the pattern, as many as azimuths.", .unit = "deg", .limits = within(90)}),
+              {.about = "Elevations of the pattern, one for each azimuth.", .unit = "deg", .limits = within(90)}),
         field("rate_hz", &C::rate_hz, kSensorRate));
   }
 

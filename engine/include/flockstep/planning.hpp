@@ -32,10 +32,10 @@ FLOCKSTEP_API std::optional<std::vector<Vec3>> plan(const World& world, const Dr
 // Sampling region and constraints of free_places().
 struct FreePlacesConfig {
   std::uint64_t seed = 0;  // seed of the drawn places
-  // m, minimum distance from the drone's centre to everything. None: the radius of the ball around the drone, so that it can
-  // turn to any side.
+  // m, minimum distance from the drone's centre to everything. None: the radius of the drone's bounding sphere, so that it can
+  // take any orientation.
   std::optional<float> clearance_m;
-  float max_height_m = 5.0F;  // m above the next surface below; a higher place is drawn again below this height
+  float max_height_m = 5.0F;  // m above the nearest surface underneath; a higher place gets a new height below this limit
   // m, sampling region. None: the bounds of the world, extended upwards by max_height_m if the world has no room.
   std::optional<Aabb> box;
   // m, a place from which the drone can fly to all drawn places on a lattice of cell_m, level and facing +x.
@@ -44,9 +44,9 @@ struct FreePlacesConfig {
 };
 
 // Draws `count` places (K, 3), m, at which the drone, level and facing +x, is free. The first places do not depend on the
-// count. Each place has a surface below it, and neither the next surface below nor the next one above shows the back of a
-// triangle. The place is therefore in the open or inside a room or building, not in the ground, below it or inside a closed
-// body. Throws std::invalid_argument on a bad config, or if 100,000 draws in a row give no place.
+// count. Each place has a surface below it. The nearest triangles below and above face the place. Therefore it is in the open
+// or inside a room or building, and not in the ground, below it or inside a closed body. Throws std::invalid_argument on a bad
+// config, or if 100,000 draws in a row give no place.
 FLOCKSTEP_API std::vector<Vec3> free_places(const World& world, const DroneModel& drone, std::size_t count,
                                             const FreePlacesConfig& config = {});
 

@@ -27,8 +27,11 @@ struct ContactState {  // contacts of the last motion
     using C = ContactState;
     constexpr const char* kWriter = "collision; cleared by a reset or a teleport";
     return field_list(
-        array("hit", &C::hit, {.values = Values::flag, .writer = kWriter, .about = "the drone touched something"}),
-        array("inside", &C::inside, {.values = Values::flag, .writer = kWriter, .about = "the motion began in penetration"}),
+        array("hit", &C::hit, {.values = Values::flag, .writer = kWriter, .about = "True if the drone touched something"}),
+        array("inside", &C::inside,
+              {.values = Values::flag,
+               .writer = kWriter,
+               .about = "True if the drone overlapped an obstacle when the motion began"}),
         array("fraction", &C::fraction,
               {.values = Values::fraction,
                .writer = kWriter,
@@ -133,7 +136,9 @@ struct State {
               {.columns = 4, .unit = "1", .frame = Frame::world, .writer = kWriter, .about = "orientation, body to world"}),
         field("contact", &C::contact), field("flight", &C::flight),
         array("active", &C::active,
-              {.values = Values::flag, .writer = "spawn() and remove()", .about = "False: the slot is removed"}),
+              {.values = Values::flag,
+               .writer = "spawn() and remove()",
+               .about = "True if the slot is in use; False if it was removed"}),
         array("world_index", &C::world_index,
               {.rows = Rows::env,
                .writer = "resets, set_world()",
@@ -229,7 +234,7 @@ struct EpisodeState {
               {.rows = Rows::env,
                .values = Values::flag,
                .writer = kWriter,
-               .about = "False: the episode was over before the last step, which skipped the env"}),
+               .about = "True if the last step flew the env; False if its episode was already over"}),
         array("bad", &C::bad,
               {.rows = Rows::task,
                .values = Values::flag,

@@ -46,8 +46,8 @@ struct CellGrid {
 // occupancy() and distance() cover a box from its minimum corner on; the default is the bounds of the world. Both throw
 // std::invalid_argument unless cell_m is in [1e-3, 100], the box is inside the world and there are at most 134,217,728 cells.
 
-// 1 for each cell that touches a surface, or whose centre is inside a solid or outside the room; 0 for all others. Cells are
-// tested a thousandth wider than they are, so that a surface between two cells occupies both. Closed meshes are hollow, as in
+// 1 for each cell that touches a surface, or whose centre is inside a solid or outside the room; 0 for all others. For this
+// test, cells are enlarged by a thousandth, so that a surface between two cells occupies both. Closed meshes are hollow, as in
 // collision checks.
 struct OccupancyGrid {
   CellGrid grid;                       // position and size

@@ -15,7 +15,7 @@
 
 namespace flockstep {
 
-// -- Navigation: fly from the start over the waypoints to the goal, with LiDAR ranges and the chosen `observation`
+// -- Navigation: fly from the start via the waypoints to the goal, with LiDAR ranges and the chosen `observation`
 
 // Meaning of actions.
 enum class ActionKind : std::uint8_t { discrete, displacement, displacement_yaw, discrete_forward };
@@ -82,10 +82,10 @@ struct NavigationReward {
   FLOCKSTEP_API void validate() const;
 };
 
-// Fly from the start over the waypoints to the goal, by LiDAR and maybe a camera.
+// Fly from the start via the waypoints to the goal, with a LiDAR and optionally a camera.
 struct NavigationConfig {
   static constexpr const char* kName = "navigation";
-  static constexpr const char* kAbout = "Fly from the start over the waypoints to the goal.";
+  static constexpr const char* kAbout = "Fly from the start via the waypoints to the goal.";
 
   ActionKind action = ActionKind::discrete;
   ObservationKind observation = ObservationKind::goal;
@@ -138,10 +138,10 @@ FLOCKSTEP_API std::unique_ptr<Task> make_task(const NavigationConfig& config);
 // or has no effect, 1 is the largest command; see FlightAction.
 //
 // Observation, float32 (16,), in the body frame and independent of the heading: offset to the point, m (3); velocity, m/s (3);
-// the world's up vector (3); angular velocity, 10 rad/s (3); rotor speeds, -1 slowest, 0 hovering, 1 fastest (4).
+// the world's up vector (3); angular velocity, in units of 10 rad/s (3); rotor speeds, -1 slowest, 0 hovering, 1 fastest (4).
 //
-// d is the distance to the point, m. An episode ends as a crash on a contact or if d > max_distance_m. It is a success if it
-// ends with d <= hold_m in every step of the last hold_s.
+// d is the distance to the point, m. An episode ends as a crash on a contact or if d > max_distance_m. An episode without a
+// crash is a success if d <= hold_m during its last hold_s.
 struct HoverConfig {
   static constexpr const char* kName = "hover";
   static constexpr const char* kAbout = "Catch a drone that is thrown, and hold a point.";
@@ -164,32 +164,32 @@ struct HoverConfig {
     using C = HoverConfig;
     return field_list(
         field("start_offset_m", &C::start_offset_m,
-              {.about =
-                   "Greatest offset of the start from the point along each axis. This and the next three are drawn uniformly up "
-                   "to the value.",
+              {.about = "Maximum offset of the start from the point along each axis. The offset, tilt, speed and rate at the "
+                        "start are drawn uniformly up to their maxima.",
                .unit = "m",
                .limits = between(0, 1000)}),
         field("start_tilt_deg", &C::start_tilt_deg,
-              {.about = "Greatest tilt at the start.", .unit = "deg", .limits = between(0, 180)}),
+              {.about = "Maximum tilt at the start.", .unit = "deg", .limits = between(0, 180)}),
         field("start_speed_mps", &C::start_speed_mps,
-              {.about = "Greatest speed at the start, in any direction.", .unit = "m/s", .limits = between(0, 1000)}),
+              {.about = "Maximum speed at the start, in any direction.", .unit = "m/s", .limits = between(0, 1000)}),
         field(
             "start_rate_dps", &C::start_rate_dps,
-            {.about = "Greatest rate at the start, about each axis of the body.", .unit = "deg/s", .limits = between(0, 100000)}),
+            {.about = "Maximum rate at the start, about each axis of the body.", .unit = "deg/s", .limits = between(0, 100000)}),
         field("max_distance_m", &C::max_distance_m,
               {.about = "Distance from the point beyond which an episode ends as a crash.", .unit = "m", .limits = above(0)}),
         field("hold_m", &C::hold_m, {.about = "Distance within which the point is held.", .unit = "m", .limits = above(0)}),
         field("hold_s", &C::hold_s,
-              {.about = "Time at the end of an episode for which the point has to be held.",
+              {.about = "Time at the end of an episode during which the drone has to hold the point.",
                .unit = "s",
                .limits = above_up_to(0, 1000000)}),
         field("near_weight", &C::near_weight, {.about = "Weight of the reward term exp(-2 d)."}),
         field("hold_weight", &C::hold_weight, {.about = "Weight of 1 / (1 + (d / 2 hold_m)^2)."}),
-        field("speed_weight", &C::speed_weight, {.about = "Weight of minus the speed, in m/s."}),
+        field("speed_weight", &C::speed_weight, {.about = "Weight of the penalty on the speed, in m/s."}),
         field("spin_weight", &C::spin_weight,
-              {.about = "Weight of minus the length of the angular velocity, in units of 10 rad/s."}),
+              {.about = "Weight of the penalty on the magnitude of the angular velocity, in units of 10 rad/s."}),
         field("change_weight", &C::change_weight,
-              {.about = "Weight of minus the mean squared difference to the previous action, which is 0 before the first."}),
+              {.about = "Weight of the penalty on the mean squared difference from the previous action. The first action is "
+                        "compared with 0."}),
         field("crash_weight", &C::crash_weight, {.about = "Weight of -1 on a crash."}));
   }
 
@@ -219,12 +219,12 @@ struct EnumNames<TrackYaw> {
 // Paths are centred on the world's goal marker, or on the centre of its bounds if it has none. Each episode begins at a random
 // place of its path, with the path's velocity and yaw. Actions are those of the hover task.
 //
-// Observation, float32 (15 + 3 points,), in the body frame: offsets to the path's point now, ahead_s later, and so on, m (3
-// points); velocity, m/s (3); the world's up vector (3); angular velocity, 10 rad/s (3); rotor speeds as in the hover task (4);
-// sine and cosine of the yaw error (2).
+// Observation, float32 (15 + 3 points,), in the body frame: offsets to the current point of the path, the point ahead_s later,
+// and so on, m (3 points); velocity, m/s (3); the world's up vector (3); angular velocity, in units of 10 rad/s (3); rotor
+// speeds as in the hover task (4); sine and cosine of the yaw error (2).
 //
-// d is the distance to the path's point now, m. An episode ends as a crash on a contact or if d > max_distance_m. It is a
-// success if it ends with a root mean square of d, over all its steps, of at most close_m.
+// d is the distance to the current point of the path, m. An episode ends as a crash on a contact or if d > max_distance_m. An
+// episode without a crash is a success if the root mean square of d over all its steps is at most close_m.
 struct TrackConfig {
   static constexpr const char* kName = "track";
   static constexpr const char* kAbout = "Follow a point that moves along a smooth path.";
@@ -254,11 +254,11 @@ struct TrackConfig {
         field("yaw", &C::yaw, {.about = "``\"fixed\"``: along the world's x axis. ``\"along\"``: the direction of the path."}),
         field("size_m", &C::size_m, {.about = "Size of the path.", .unit = "m", .limits = above_up_to(0, 1000)}),
         field("speed_mps", &C::speed_mps,
-              {.about = "Speed of the path: the mean of a lap of a figure-8, the root mean square of random paths.",
+              {.about = "Speed of the path: for a figure-8, the mean of a lap; for random paths, the root mean square.",
                .unit = "m/s",
                .limits = above_up_to(0, 1000)}),
         field("start_offset_m", &C::start_offset_m,
-              {.about = "Episodes begin off the path, drawn uniformly up to this along each axis.",
+              {.about = "Maximum offset of the start from the path along each axis, drawn uniformly up to this.",
                .unit = "m",
                .limits = between(0, 1000)}),
         field("points", &C::points, {.about = "Number of points of the path that are observed.", .limits = between(1, 20)}),
@@ -266,14 +266,15 @@ struct TrackConfig {
         field("max_distance_m", &C::max_distance_m,
               {.about = "Distance from the path beyond which an episode ends as a crash.", .unit = "m", .limits = above(0)}),
         field("close_m", &C::close_m,
-              {.about = "Root mean square of d up to which an episode is a success.", .unit = "m", .limits = above(0)}),
+              {.about = "Maximum root mean square of d of a successful episode.", .unit = "m", .limits = above(0)}),
         field("near_weight", &C::near_weight, {.about = "Weight of the reward term exp(-2 d)."}),
         field("close_weight", &C::close_weight, {.about = "Weight of 1 / (1 + (d / close_m)^2)."}),
-        field("yaw_weight", &C::yaw_weight, {.about = "Weight of minus the yaw error, in rad."}),
+        field("yaw_weight", &C::yaw_weight, {.about = "Weight of the penalty on the yaw error, in rad."}),
         field("spin_weight", &C::spin_weight,
-              {.about = "Weight of minus the length of the angular velocity, in units of 10 rad/s."}),
+              {.about = "Weight of the penalty on the magnitude of the angular velocity, in units of 10 rad/s."}),
         field("change_weight", &C::change_weight,
-              {.about = "Weight of minus the mean squared difference to the previous action, which is 0 before the first."}),
+              {.about = "Weight of the penalty on the mean squared difference from the previous action. The first action is "
+                        "compared with 0."}),
         field("crash_weight", &C::crash_weight, {.about = "Weight of -1 on a crash."}));
   }
 
