@@ -153,11 +153,12 @@ class CameraConfig:
     capture_mode
         ``"every_step"``: rendered at every step or `Batch.sense`, or at ``rate_hz``. ``"on_movement"``: rendered at a
         step or `Batch.sense` only if the drone's pose or world has changed since its last frame. ``"on_demand"``:
-        rendered only by `Batch.capture`. A reset also renders, and a change of the camera takes effect at the next step
-        or `Batch.sense`; with ``"on_demand"`` both make the frame stale until the next capture. Default: 'every_step'.
+        rendered only by `Batch.capture`. A reset also renders, and a change of the camera shows at the next step or
+        `Batch.sense`. With ``"on_demand"``, a reset or a change only marks the frame as stale until the next capture.
+        Default: 'every_step'.
     samples_per_pixel
-        Number of samples per pixel; they form a grid and are averaged. Only colours are sampled: other outputs show the
-        pixel's centre. Values: 1, 4, 9 or 16. Default: 1.
+        Number of samples per pixel; they form a grid and are averaged. Only colours use several samples: all other
+        outputs are taken at the pixel's centre. Values: 1, 4, 9 or 16. Default: 1.
     shadows
         Hard shadows of the sun, cast by everything except markers. The walls and the ceiling of a room do not shade its
         inside. Default: False.
@@ -495,23 +496,24 @@ class DynamicsConfig:
     - ``"velocity"``: m/s in the world frame; yaw rate, rad/s.
     - ``"heading_velocity"``: m/s forward, left and up; yaw rate, rad/s.
     - ``"position"``: m in the world frame; yaw, rad.
-    - ``"pose"``: the output of tasks for kinematic motion, a pose at the end of the step. It is flown as a velocity and
-      a yaw rate.
+    - ``"pose"``: the pose to reach at the end of the step, which is the command of tasks for kinematic motion. The
+      drone flies it as a velocity and a yaw rate.
 
     Parameters
     ----------
     motion
-        ``"kinematic"``: straight to the setpoint. ``"rotors"``: by forces, which needs a drone with an airframe.
-        Default: 'kinematic'.
+        ``"kinematic"``: the drone moves straight to the setpoint. ``"rotors"``: simulated forces move the drone, which
+        must have an airframe. Default: 'kinematic'.
     control
         Meaning of commands; kinematic motion takes only ``"pose"``. Default: 'pose'.
     integrator
-        Method for the equations of motion. ``"midpoint"``: second order; rotor speeds and attitude by their closed
-        forms. ``"rk4"``: fourth order. ``"automatic"``: rk4 for rotor speeds and thrusts if ticks are not longer than
+        Method for the equations of motion. ``"midpoint"``: second order, with rotor speeds and attitude in closed form.
+        ``"rk4"``: fourth order. ``"automatic"``: rk4 if ``control`` is rotor speeds or thrusts and a tick is at most
         twice the rotors' lag, otherwise midpoint. Default: 'automatic'.
     on_contact
-        ``"terminate"``: the drone stays where it hit, and its episode ends with the step. ``"stop"``: the point that
-        touches stops, and the drone flies on. ``"bounce"``: the drone bounces back and flies on. Default: 'terminate'.
+        ``"terminate"``: the drone stays where it hit, and its episode ends with the step. ``"stop"``: the points of
+        contact come to rest, and the drone flies on. ``"bounce"``: the drone bounces back and flies on. Default:
+        'terminate'.
     restitution
         In a bounce, the speed away from the surface divided by the speed towards it. Values: [0, 1]. Default: 0.3.
     friction
@@ -612,10 +614,10 @@ class NavigationReward:
     Parameters
     ----------
     distance_weight
-        Weight of R at the final goal; R * ``waypoint_share`` / number of waypoints at a waypoint; otherwise the
-        centimetres gained towards the current goal. Default: 1.0.
+        Weight of the distance term: R at the final goal, R * ``waypoint_share`` / number of waypoints at a waypoint,
+        otherwise the centimetres gained towards the current goal. Default: 1.0.
     crash_weight
-        Weight of -R on a collision; otherwise min(l) - M if min(l) < M, else 0. Default: 1.0.
+        Weight of the crash term: -R on a collision, otherwise min(l) - M if min(l) < M, otherwise 0. Default: 1.0.
     free_space_weight
         Weight of sum(l / M - 1) / (|L| / M - |L|), which is 1 in the open. Default: 1.0.
     step_weight
@@ -623,8 +625,8 @@ class NavigationReward:
     action_change_weight
         Weight of -1 if the action differs from the last one; the first action counts as a change. Default: 1.0.
     overshoot_weight
-        Weight of -R / 10 when x exceeds the current goal's x + ``goal_radius_m``; if it is not 0, the episode ends
-        there. Default: 0.0.
+        Weight of -R / 10 when x exceeds the current goal's x + ``goal_radius_m``; if the weight is not 0, the episode
+        ends there. Default: 0.0.
     goal_reward
         R. Default: 10000.0.
     waypoint_share
@@ -634,7 +636,7 @@ class NavigationReward:
     min_clearance
         M, in units of the LiDAR's maximum range. Values: (0, 1). Default: 0.2.
     step_scale
-        Steps in which the step term reaches -1. Values: > 0. Default: 3000.0.
+        Step number at which the step term reaches -1. Values: > 0. Default: 3000.0.
     carry_over_distance
         Keep the last distance when the current goal changes, as the thesis's program did. Default: False.
     """
@@ -685,7 +687,7 @@ class HoverConfig:
     m/s (3); the world's up vector (3); angular velocity, in units of 10 rad/s (3); rotor speeds, -1 slowest, 0
     hovering, 1 fastest (4).
 
-    d is the distance to the point in metres. An episode ends as a crash on a contact, or if d exceeds
+    d is the distance to the point in metres. An episode ends as a crash if the drone touches something or d exceeds
     ``max_distance_m``. An episode without a crash is a success if d is at most ``hold_m`` during its last ``hold_s``.
 
     Parameters
@@ -718,7 +720,7 @@ class HoverConfig:
         Weight of the penalty on the mean squared difference from the previous action. The first action is compared with
         0. Default: 0.0.
     crash_weight
-        Weight of -1 on a crash. Default: 10.0.
+        Penalty for a crash. Default: 10.0.
     """
 
     # fields of HoverConfig
@@ -766,15 +768,16 @@ class TrackConfig:
     ``ahead_s`` later, and so on, m (3 ``points``); velocity, m/s (3); the world's up vector (3); angular velocity, in
     units of 10 rad/s (3); rotor speeds, -1 slowest, 0 hovering, 1 fastest (4); sine and cosine of the yaw error (2).
 
-    d is the distance in metres to the current point of the path. An episode ends as a crash on a contact, or if d
-    exceeds ``max_distance_m``. An episode without a crash is a success if the root mean square of d over all its steps
-    is at most ``close_m``.
+    d is the distance in metres to the current point of the path. An episode ends as a crash if the drone touches
+    something or d exceeds ``max_distance_m``. An episode without a crash is a success if the root mean square of d over
+    all its steps is at most ``close_m``.
 
     Parameters
     ----------
     path
-        ``"figure8"``: level, x = s cos(w t), y = s / 2 sin(2 w t) with s = ``size_m``. ``"random"``: three waves of
-        random phases along each axis, up to ``size_m`` in all and half of that in height. Default: 'figure8'.
+        ``"figure8"``: level, x = s cos(w t), y = s / 2 sin(2 w t) with s = ``size_m``. ``"random"``: along each axis,
+        the sum of three waves with random phases. The path stays within ``size_m`` of the centre along x and y, and
+        within half of that along z. Default: 'figure8'.
     yaw
         ``"fixed"``: along the world's x axis. ``"along"``: the direction of the path. Default: 'fixed'.
     size_m
@@ -805,7 +808,7 @@ class TrackConfig:
         Weight of the penalty on the mean squared difference from the previous action. The first action is compared with
         0. Default: 0.0.
     crash_weight
-        Weight of -1 on a crash. Default: 10.0.
+        Penalty for a crash. Default: 10.0.
     """
 
     # fields of TrackConfig
@@ -1092,7 +1095,7 @@ class World:
 
         ``size_m`` is the size in metres: at least 20 along x, at least 14 along y. ``furniture`` in [0, 1] is the
         density of the furniture. Start and goal are in rooms at opposite ends of x. The default drone can fly from one
-        to the other through doors, but not in a straight line. With ``waypoints`` there is a waypoint before and behind
+        to the other through doors, but not in a straight line. With ``waypoints`` there is a waypoint on either side of
         each door of this path. The same arguments make the same world.
         """
 
@@ -1145,7 +1148,7 @@ class World:
         - ``name``
         - ``base_color``: (3,) linear RGB.
         - ``semantic``: semantic id in camera images. The default is the index in this list plus 1.
-        - ``emissive``: (3,) linear RGB, emitted in any light.
+        - ``emissive``: (3,) linear RGB, emitted independently of the lighting.
         - ``alpha_cutoff``: meshes are transparent to cameras wherever the texture's alpha is below this value.
         """
 
@@ -1302,8 +1305,8 @@ class World:
 
         The copy shares geometry, textures and all acceleration structures with this world. If cameras use it, it takes
         16 bytes per triangle, 120 per primitive, 2 kB per material and 12 kB in addition; OpenGL keeps a separate copy
-        of the geometry for each world. `relight` draws many such copies. All arguments except ``tint`` are those of
-        `WorldBuilder.light`; None leaves a value unchanged.
+        of the geometry for each world. `relight` makes many such copies with random light. All arguments except
+        ``tint`` are those of `WorldBuilder.light`; None leaves a value unchanged.
 
         Parameters
         ----------
@@ -1324,11 +1327,11 @@ class World:
         drone: _DroneLike | None = None,
         cell_m: float = 0.2,
     ) -> _F32:
-        """Draw ``count`` places (count, 3) m at which a drone, level and facing +x, is free.
+        """Draw ``count`` places (count, 3) m at which a drone, level and facing +x, touches nothing.
 
-        Each place has a surface below it. The nearest triangles below and above face the place. Therefore it is in the
-        open or inside a room or building, and not in the ground, below it, or inside a closed mesh. The first places do
-        not depend on ``count``.
+        Each place has a surface below it. The nearest triangles above and below turn their front sides to it. Therefore
+        it is in the open or inside a room or building, and not in the ground, below it, or inside a closed mesh. A
+        larger ``count`` only appends places.
 
         Parameters
         ----------
@@ -1468,9 +1471,9 @@ class WorldBuilder:
 
         Values have the same limits as in a scene file. ``base_color`` is linear RGB; on meshes and height fields it is
         multiplied by the texture's colours. ``semantic`` is the semantic id in camera images; 0 means the material's
-        number plus 1. ``emissive`` is linear RGB, emitted in any light, by default 0. Meshes and height fields are
-        transparent to cameras and sunlight wherever the texture's alpha, from 0 to 1, is below ``alpha_cutoff``. LiDAR
-        rays and collisions hit whole triangles.
+        number plus 1. ``emissive`` is linear RGB, emitted independently of the lighting, by default 0. Meshes and
+        height fields are transparent to cameras and sunlight wherever the texture's alpha, from 0 to 1, is below
+        ``alpha_cutoff``. LiDAR rays and collisions hit whole triangles.
         """
 
     def room(self, min: Sequence[float], max: Sequence[float], material: int) -> None:
@@ -1615,8 +1618,9 @@ class DroneModel:
     Parameters
     ----------
     hull
-        (V, 3) m in the body frame, 4 to 32 points with a volume: a drone without an airframe, for kinematic motion.
-        Default: the 650-class quadrotor ``"t650"``, 0.93 x 0.59 x 0.20 m, with its airframe.
+        (V, 3) m in the body frame: 4 to 32 points whose convex hull has a volume. Such a drone has no airframe and
+        supports only kinematic motion. Default: the 650-class quadrotor ``"t650"``, 0.93 x 0.59 x 0.20 m, with its
+        airframe.
     """
 
     def __init__(self, hull: npt.ArrayLike | None = None) -> None: ...
@@ -1642,8 +1646,8 @@ class DroneModel:
     def scaled(self, *, size: float = 1.0, mass: float = 1.0) -> DroneModel:
         """Return a drone with size and mass multiplied by these factors, and a flight model that matches.
 
-        Lengths grow by ``size``. Inertia, thrust, drag and lags follow Froude's law: speeds and times grow by the
-        square root of ``size``, and thrust-to-weight stays the same.
+        Lengths are multiplied by ``size``. Inertia, thrust, drag and lags follow Froude's law: speeds and times are
+        multiplied by the square root of ``size``, and thrust-to-weight stays the same.
         """
 
     @property
@@ -1664,7 +1668,7 @@ class DroneModel:
 
     @property
     def hover_speed_radps(self) -> float:
-        """Speed at which the rotors hover if they share the weight evenly, rad/s."""
+        """Rotor speed in hover if all rotors carry the same share of the weight, rad/s."""
 
 @final
 class Contact:
@@ -1927,15 +1931,14 @@ class Batch:
     task
         The task that `reset` and `step` run. The navigation task requires a LiDAR, and a camera if it observes one.
     drone
-        A `DroneModel`, or an argument of `DroneModel.load`: the name of an airframe or a path. Default: the 650-class
-        quadrotor.
+        A `DroneModel`, the name of a bundled airframe, or the path of a JSON file. Default: the 650-class quadrotor.
     cameras
         Cameras of each drone, with different names; at most 2**32 pixels each, summed over all drones. A camera that
         writes ``instance`` requires worlds of at most 65535 primitives, meshes and markers.
     camera_backend
         ``"raycast"``: the engine's own tracing, bitwise reproducible. ``"gl"``: OpenGL through EGL. ``"auto"``: the
-        faster of the two, timed on the batch's worlds. Without OpenGL, both use raycast and give a `RuntimeWarning`.
-        With a `WorldPool`, ``"gl"`` is refused and ``"auto"`` uses raycast.
+        faster of the two, timed on the batch's worlds. Without OpenGL, ``"gl"`` and ``"auto"`` use raycast and give a
+        `RuntimeWarning`. With a `WorldPool`, ``"gl"`` is refused and ``"auto"`` uses raycast.
     episode, clock, dynamics
         Configurations of the task's episodes, the rates and the motion.
     num_threads
@@ -1947,10 +1950,11 @@ class Batch:
     tracer
         Method that traces the rays of cameras and LiDARs; results differ only by rounding. ``"tiles"``: tiles of 16 x
         16 rays are traced against triangles, through a separate tree that takes about 65 bytes per triangle. Cameras
-        and dense LiDARs use tiles; a LiDAR is dense if it has at least four rows, in which sixteen neighbouring beams
-        span at most about 50 degrees. All other rays use Embree, in packets. ``"auto"``: tiles only for sensors of at
-        least 256 rays in worlds of at most 1,024 triangles per ray; in larger worlds packets are faster. ``"embree"``:
-        no tiles, and Embree also for primitives except rooms; slower, for comparison.
+        and dense LiDARs use tiles. A LiDAR is dense if it has at least four rows and sixteen neighbouring beams of a
+        row span at most about 50 degrees. All other rays use Embree, in packets. ``"auto"``: tiles only for sensors of
+        at least 256 rays in worlds of at most 1,024 triangles per ray; in larger worlds packets are faster.
+        ``"embree"``: uses no tiles, and traces primitives except rooms with Embree, too. It is slower and meant for
+        comparison.
     drones_per_env
         M, at least 1. The drones of an env share its world, seed and episodes. They neither sense nor touch each other.
     """
@@ -2024,7 +2028,8 @@ class Batch:
     def embree_rays(self) -> int:
         """Number of rays traced against triangles with Embree since the batch was made, shadow rays included.
 
-        It counts rays of LiDARs and of cameras rendered by ``raycast``, except rays that only primitives can stop.
+        It counts rays of LiDARs and of cameras rendered by ``raycast``. Rays that are tested only against primitives
+        are not counted.
         """
 
     @property
@@ -2113,7 +2118,7 @@ class Batch:
 
     @property
     def flying(self) -> _Bool:
-        """(E,): True if the last step flew the env; False if its episode was already over."""
+        """(E,): True if the env took part in the last step; False if its episode was already over."""
 
     @property
     def bad_states(self) -> _I64:
@@ -2254,8 +2259,7 @@ class Batch:
     def remove(self, indices: npt.ArrayLike) -> None:
         """Deactivate slots (K,). They cost nothing.
 
-        Their ranges become inf, and their pose stays the last one. Their frames are stale and black, with depths of
-        inf.
+        Their ranges become inf, and they keep their last pose. Their frames are stale and black, with depths of inf.
         """
 
     def set_world(self, world_index: npt.ArrayLike, mask: npt.ArrayLike | None = None) -> None:
@@ -2328,7 +2332,8 @@ class Batch:
     def reset(self, seeds: npt.ArrayLike | None = None, mask: npt.ArrayLike | None = None) -> None:
         """Begin new episodes of the task.
 
-        With ``seeds`` (E,) uint64, each env begins the first episode of its seed, otherwise its next episode.
+        With ``seeds`` (E,) uint64, each env begins the first episode of its new seed. Without, each begins its next
+        episode.
 
         Raises
         ------
@@ -2370,7 +2375,7 @@ class Batch:
     def task_state(self) -> dict[str, Any]:
         """The arrays of the task by their names, read-only views.
 
-        For example ``goal_index`` of the navigation tasks, or ``phase`` (N, 9) of Track, in turns from 0 to 1.
+        For example ``goal_index`` of the navigation tasks, or ``phase`` (N, 9) of Track, as fractions of a full turn.
         """
 
     def snapshot(self) -> bytes:

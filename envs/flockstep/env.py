@@ -22,7 +22,7 @@ class DroneEnv(gymnasium.Env[Observation, Any]):
     episode.
 
     ``gymnasium.make(..., max_episode_steps=n)`` sets the engine's time limit in flown steps. Gymnasium also adds its
-    `TimeLimit` wrapper of n calls of `step`, which then never ends an episode before the engine does. -1 means no
+    `TimeLimit` wrapper, which counts calls of `step` and never ends an episode before the engine does. -1 means no
     limit.
 
     Attributes
@@ -30,7 +30,7 @@ class DroneEnv(gymnasium.Env[Observation, Any]):
     envs
         The `DroneVectorEnv` of one drone.
     batch
-        Its `Batch`, until `close`.
+        The `Batch` that simulates the drone; `close` releases it.
     observation_space, action_space
         As in `gymnasium.Env`.
     render_mode
@@ -77,8 +77,7 @@ class DroneEnv(gymnasium.Env[Observation, Any]):
     def step(self, action: Any) -> tuple[Observation, float, bool, bool, dict[str, Any]]:
         """Fly one step.
 
-        The info holds the values that `DroneVectorEnv` reports at the end of an episode, in every step, as of that
-        step.
+        In every step, the info holds the current values of what `DroneVectorEnv` reports only at the end of an episode.
         """
         observation, reward, terminated, truncated, _ = self.envs.step(np.asarray(action)[None])
         info = _only_info(self.envs.episode_infos())

@@ -134,7 +134,7 @@ Observation: TypeAlias = Array | dict[str, Array]
 #: A batch's values about episodes, in addition to their reward terms.
 _OF_EPISODES = ("episode_return", "episode_length", "success", "crashed", "bad_state", "episode_end")
 
-#: Configurations whose fields are keywords of the env: for every task, and for the task they describe.
+#: Configurations whose fields are keywords of the env: those for every task, then those for one task each.
 _CONFIGS_OF_ALL: tuple[Any, ...] = (EpisodeConfig, ClockConfig, DynamicsConfig)
 _CONFIGS_OF_TASKS: dict[Any, str] = {config: name for name, config in engine_tasks.items()}
 _TASK_CONFIGS: tuple[Any, ...] = tuple(config for config in engine_tasks.values() if config is not NavigationConfig)
@@ -149,9 +149,9 @@ _MODES = {
 class DroneVectorEnv(VectorEnv[Observation, Array, Array]):
     """Many drone envs stepped by one call, with a task of the engine or your own `Task`.
 
-    The engine's tasks are navigation, the default, and `HoverConfig` and `TrackConfig`, which simulate the rotors
-    (``flockstep/Hover-v0`` and ``flockstep/Track-v0``). The navigation tasks differ in their observations and therefore
-    in their defaults:
+    The built-in tasks are navigation, which is the default, hovering (`HoverConfig`, ``flockstep/Hover-v0``) and path
+    tracking (`TrackConfig`, ``flockstep/Track-v0``). The last two simulate the rotors. The navigation tasks differ in
+    their observations and therefore in their defaults:
 
     - ``"goal"`` (``flockstep/LidarNavigation-v0``): float32 (3 + rays,), the unit direction to the current goal in the
       body frame, then the LiDAR ranges divided by the maximum range (1 on a miss).
@@ -194,8 +194,8 @@ class DroneVectorEnv(VectorEnv[Observation, Array, Array]):
     imu
         One `ImuConfig` or a sequence. Default: none.
     drone
-        A `DroneModel`, or an argument of `DroneModel.load`: the name of a frame or a path. Default: the task's drone,
-        which for navigation is the 650-class quadrotor.
+        A `DroneModel`, the name of a bundled airframe, or the path of a JSON file. Default: the task's drone, which for
+        navigation is the 650-class quadrotor.
     max_episode_steps
         Truncate episodes after this many flown steps; 0 means never. Default: the task's limit, which for navigation is
         3000.
@@ -203,7 +203,7 @@ class DroneVectorEnv(VectorEnv[Observation, Array, Array]):
         ``"next_step"``, ``"same_step"``, ``"disabled"``, or the member of `gymnasium.vector.AutoresetMode`.
     copy
         True: every returned array is new. False: observation, reward and flags are views of two alternating buffers; a
-        view is valid until the step or reset after the next one.
+        view stays valid during the next step or reset, and the one after that overwrites it.
     num_threads
         Number of threads; 0 means one per physical core that this process may use. Results do not depend on it.
     reward_scale
@@ -221,16 +221,17 @@ class DroneVectorEnv(VectorEnv[Observation, Array, Array]):
         height, otherwise ``"top"``.
     render_size
         Width and height of the pictures in pixels. Default: 256 x 256 for ``"top"``, the camera's own size for
-        ``"camera"``, otherwise 640 x 480. With ``"camera"``, frames are scaled to fit another size.
+        ``"camera"``, otherwise 640 x 480. With ``"camera"``, frames are scaled if the size is not the camera's own.
     render_camera
         The name of the camera that ``render_view="camera"`` shows. Default: the first.
     drones_per_env
         Number of drones in each env, M. They share a world and their episodes, but neither sense nor touch each other.
-        Gymnasium counts one env per drone, so the `num_envs` of this object is N = E M, the number of rows. Drone m of
-        env i has row i M + m. Default: 1.
+        Gymnasium expects one env per row, so the attribute `num_envs` is N = E M, and not E as the argument of this
+        name. Drone m of env i has row i M + m. Default: 1.
     drone_mesh
         A `DroneMesh` that shows the drones in perspective views: from behind and from a fixed point. Default: a shape
-        from the drone's model, with arms and rotors or its hull. Collisions always use the hull of ``drone``.
+        made from the drone's model: arms and rotors if it has rotors, otherwise its hull. Collisions always use the
+        hull of ``drone``.
     **fields
         Fields of configurations. The task sets their defaults; each configuration documents its fields.
 
@@ -263,7 +264,7 @@ class DroneVectorEnv(VectorEnv[Observation, Array, Array]):
     drones_per_env
         Number of drones in each group, M.
     batch
-        The `Batch` that flies them, until `close`.
+        The `Batch` that simulates the drones; `close` releases it.
     task
         The given task, with fields set by keywords; None is the navigation task.
     lidar
@@ -313,7 +314,7 @@ class DroneVectorEnv(VectorEnv[Observation, Array, Array]):
 
     metadata: dict[str, Any] = {  # noqa: RUF012
         "render_modes": ["rgb_array"],
-        "render_fps": 10,  # of an env, at the speed of real flight
+        "render_fps": 10,  # pictures per second at the speed of the flight; each env sets its own
         "autoreset_mode": AutoresetMode.NEXT_STEP,
     }
     spec: Any = serialization.PlainSpec()
@@ -404,7 +405,7 @@ class DroneVectorEnv(VectorEnv[Observation, Array, Array]):
         self.action_space = batch_space(self.single_action_space, self.num_envs)
 
         self._same_step = self.autoreset_mode is AutoresetMode.SAME_STEP
-        self._seeded = False  # every env has a seed, and therefore an observation and an episode to continue
+        self._seeded = False  # True once every env has a seed, and so an episode to continue
         self._view: views.View | None = None
         self.trail: Trail | None = None  # past positions of the drones, if the pictures show them
         if render_mode is not None:
@@ -472,7 +473,7 @@ class DroneVectorEnv(VectorEnv[Observation, Array, Array]):
     def __getstate__(self) -> dict[str, Any]:
         """Return the arguments and a snapshot, so that a copy continues from here. Its pictures begin a new trail."""
         self._require_open()
-        random = {"_np_random": self.np_random, "_np_random_seed": self.np_random_seed}  # drawn now, if not before
+        random = {"_np_random": self.np_random, "_np_random_seed": self.np_random_seed}  # draws a seed if there is none
         return {
             **random,
             "spec": self.spec,
@@ -519,7 +520,7 @@ class DroneVectorEnv(VectorEnv[Observation, Array, Array]):
             self.batch.reset(seeds)  # also reset the envs outside the mask: every env must have a state
         self.batch.reset(seeds, mask)
         if self.closed:
-            raise RuntimeError("this env was closed by its task while it reset: close it after reset() has returned")
+            raise RuntimeError("the task closed this env during reset(): close it after reset() has returned")
         self._seeded = True
         if self.trail is not None:
             self.trail.record(True if mask is None else np.repeat(mask, self.drones_per_env))
@@ -536,8 +537,8 @@ class DroneVectorEnv(VectorEnv[Observation, Array, Array]):
         Returns
         -------
         observation, reward, terminated, truncated, infos
-            Shapes (N, ...), or a dict of these, (N,) float32, (N,) bool, (N,) bool; for the infos see
-            the class.
+            The observation is an array (N, ...) or a dict of such arrays. The reward is (N,) float32, and both flags
+            are (N,) bool. The class documents the infos.
 
         Raises
         ------
@@ -592,12 +593,18 @@ class DroneVectorEnv(VectorEnv[Observation, Array, Array]):
         return self.batch.snapshot()
 
     def observation(self) -> Observation:
-        """Return the current observations, as views that stay valid until the step after next."""
+        """Return views of the current observations.
+
+        They stay valid during the next step or reset, and the one after that overwrites them.
+        """
         observation: Observation = self.batch.observation
         return observation
 
     def scaled_reward(self) -> npt.NDArray[np.float32]:
-        """Return the last step's rewards (N,) times ``reward_scale``; if that is 1, a view like `observation`."""
+        """Return the last step's rewards (N,) times ``reward_scale``.
+
+        If the scale is 1, they are a view, which is valid as long as those of `observation`.
+        """
         reward: npt.NDArray[np.float32] = self.batch.reward
         return reward if self.reward_scale == 1 else np.multiply(reward, self.reward_scale, dtype=np.float32)
 
@@ -646,7 +653,7 @@ class DroneVectorEnv(VectorEnv[Observation, Array, Array]):
         return self._per_env(getattr(self._owner_of(name), name))
 
     def set_attr(self, name: str, values: Any) -> None:
-        """Set an attribute of this env, or otherwise of its `Task`. All drones share it.
+        """Set an attribute of this env, or of its `Task` if only the task has it. All drones share it.
 
         Raises
         ------
@@ -773,7 +780,7 @@ def _masked(arrays: Mapping[str, Any], mask: BoolArray) -> dict[str, Any]:
 def _recipe_for(
     task: Any, observation: str, episode: dict[str, Any], chosen: dict[type, dict[str, Any]]
 ) -> tuple[Recipe, Any, NativeTask | PythonTask | None, TaskCalls | None]:
-    """Return a task's recipe with defaults and chosen fields, the task, its form for `Batch`, and its calls.
+    """Return the recipe with all chosen fields, the task, the object that `Batch` takes for it, and its `TaskCalls`.
 
     The last two are None for tasks of the engine, which a recipe describes completely.
     """
@@ -878,12 +885,12 @@ def _by_config(fields: dict[str, Any], task: Any) -> dict[type, dict[str, Any]]:
 
 
 def _refuse_keywords_on(task: Task) -> None:
-    """Raise TypeError if the class of a task declares a keyword of the env that no env reads from a task."""
+    """Raise TypeError if a task's class sets a keyword of the env that envs do not read from tasks."""
     kind = type(task)
     config_of = dict.fromkeys(ClockConfig.__match_args__, "clock")
     config_of |= dict.fromkeys(DynamicsConfig.__match_args__, "dynamics")
     keywords = {*config_of, *EpisodeConfig.__match_args__, *inspect.signature(DroneVectorEnv).parameters, "cameras"}
-    keywords -= {"self", "fields", "task", "observation", "copy"}  # of no use on a class, or common names
+    keywords -= {"self", "fields", "task", "observation", "copy"}  # useless on a class, or too common as names
     for name in sorted(name for name in keywords if not hasattr(Task, name)):
         value = inspect.getattr_static(kind, name, None)
         if value is None or callable(value) or hasattr(value, "__get__"):  # own methods and properties

@@ -30,21 +30,22 @@ class WorldPool:
 
     Episode n of an env uses world number ``floor(n * fresh) + floor(u * size)``, with u in [0, 1) drawn from only the
     env's seed and n. Background threads build the worlds, beginning with those of the next episodes. A reset or step
-    that needs an unfinished world waits for it, so the same seeds give the same bits for any build time.
+    that needs an unfinished world waits for it, so the results do not depend on how long the worlds take to build.
 
     Parameters
     ----------
     make
-        A function that returns the `World` of a number, the same world on every call. With a ``difficulty``, it is
-        called with the number and its difficulty.
+        A function that maps a number to a `World`. The same number must always give the same world. With a
+        ``difficulty``, it is called with the number and its difficulty.
     size
         Number of worlds that a draw selects from, 1 to 2**24.
     fresh
-        Number of new worlds that replace the oldest ones per episode of an env, 0 to 2**24. With 0, the same ``size``
-        worlds are used forever.
+        Average number of new worlds per episode of an env, 0 to 2**24. New worlds replace the oldest ones. With 0, the
+        same ``size`` worlds are used forever.
     difficulty
-        A curriculum if ``fresh`` is above 0: a function of the number, or a linear schedule ``(first, last, over)``
-        from ``first``, for world 0, to ``last``, for world ``over`` and all later ones.
+        Difficulty of each world: a function of its number, or a linear schedule ``(first, last, over)``. The schedule
+        begins with ``first`` at world 0, and reaches ``last`` at world number ``over`` and keeps it. With ``fresh``
+        above 0 this is a curriculum.
     threads
         Number of building threads, which call ``make`` in parallel.
     """
@@ -82,7 +83,7 @@ class WorldPool:
         return first + (last - first) * min(number / over, 1.0)
 
     def world(self, number: int) -> World:
-        """Make and return the world of a number.
+        """Make and return the world with this number.
 
         Raises
         ------

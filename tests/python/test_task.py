@@ -578,7 +578,7 @@ class TestMistakes:
         opened = []
         env = self.env(room, reset=lambda self, batch, mask: opened.pop().close())
         opened.append(env)
-        with pytest.raises(RuntimeError, match="this env was closed by its task while it reset"):
+        with pytest.raises(RuntimeError, match="the task closed this env during reset"):
             env.reset(seed=0)
         with pytest.raises(RuntimeError, match="this env is closed"):
             env.reset(seed=0)

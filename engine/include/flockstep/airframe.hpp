@@ -127,8 +127,8 @@ struct Airframe {
   FLOCKSTEP_API double hover_speed() const;                         // rad/s, if all rotors share the weight evenly
 
   // Returns the body in another size: lengths times `size`, mass times `mass`, both > 0. All other coefficients follow Froude's
-  // law, so that the scaled body flies alike: speeds and times grow by the square root of `size`, and thrust-to-weight stays
-  // the same.
+  // law, so that the scaled body flies alike: speeds and times are multiplied by the square root of `size`, and
+  // thrust-to-weight stays the same.
   FLOCKSTEP_API Airframe scaled(double size, double mass) const;
 };
 

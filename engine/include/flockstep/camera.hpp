@@ -123,12 +123,12 @@ struct CameraConfig {
               {.about = "``\"every_step\"``: rendered at every step or `Batch.sense`, or at ``rate_hz``. ``\"on_movement\"``: "
                         "rendered at a step or `Batch.sense` only if the drone's pose or world has changed since its last frame. "
                         "``\"on_demand\"``: rendered only by `Batch.capture`. A reset also renders, and a change of the camera "
-                        "takes effect at the next step or `Batch.sense`; with ``\"on_demand\"`` both make the frame stale until "
-                        "the next capture.",
+                        "shows at the next step or `Batch.sense`. With ``\"on_demand\"``, a reset or a change only marks the "
+                        "frame as stale until the next capture.",
                .affects_hash = AffectsHash::no}),  // the mode is part of the snapshot
         field("samples_per_pixel", &C::samples_per_pixel,
-              {.about = "Number of samples per pixel; they form a grid and are averaged. Only colours are sampled: other outputs "
-                        "show the pixel's centre.",
+              {.about = "Number of samples per pixel; they form a grid and are averaged. Only colours use several samples: all "
+                        "other outputs are taken at the pixel's centre.",
                .limits = one_of(1, 4, 9, 16)}),
         field("shadows", &C::shadows,
               {.about = "Hard shadows of the sun, cast by everything except markers. The walls and the ceiling of a room do not "

@@ -11,7 +11,7 @@
 
 namespace flockstep {
 
-// How drones move: straight to the setpoint, or by forces.
+// How drones move: straight to the setpoint, or under simulated forces.
 enum class Motion : std::uint8_t { kinematic, rotors };
 template <>
 struct EnumNames<Motion> {
@@ -76,19 +76,18 @@ struct DynamicsConfig {
     using C = DynamicsConfig;
     return field_list(
         field("motion", &C::motion,
-              {.about = "``\"kinematic\"``: straight to the setpoint. ``\"rotors\"``: by forces, which needs a drone with an "
-                        "airframe."}),
+              {.about = "``\"kinematic\"``: the drone moves straight to the setpoint. ``\"rotors\"``: simulated forces move the "
+                        "drone, which must have an airframe."}),
         field("control", &C::control, {.about = "Meaning of commands; kinematic motion takes only ``\"pose\"``."}),
+        field("integrator", &C::integrator,
+              {.about = "Method for the equations of motion. ``\"midpoint\"``: second order, with rotor speeds and attitude in "
+                        "closed form. ``\"rk4\"``: fourth order. ``\"automatic\"``: rk4 if ``control`` is rotor speeds or "
+                        "thrusts and a tick is at most twice the rotors' lag, otherwise midpoint."}),
         field(
-            "integrator", &C::integrator,
+            "on_contact", &C::on_contact,
             {.about =
-                 "Method for the equations of motion. ``\"midpoint\"``: second order; rotor speeds and attitude by their closed "
-                 "forms. ``\"rk4\"``: fourth order. ``\"automatic\"``: rk4 for rotor speeds and thrusts if ticks are not longer "
-                 "than twice the rotors' lag, otherwise midpoint."}),
-        field("on_contact", &C::on_contact,
-              {.about =
-                   "``\"terminate\"``: the drone stays where it hit, and its episode ends with the step. ``\"stop\"``: the point "
-                   "that touches stops, and the drone flies on. ``\"bounce\"``: the drone bounces back and flies on."}),
+                 "``\"terminate\"``: the drone stays where it hit, and its episode ends with the step. ``\"stop\"``: the points "
+                 "of contact come to rest, and the drone flies on. ``\"bounce\"``: the drone bounces back and flies on."}),
         field(
             "restitution", &C::restitution,
             {.about = "In a bounce, the speed away from the surface divided by the speed towards it.", .limits = between(0, 1)}),

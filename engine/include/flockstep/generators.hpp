@@ -106,7 +106,7 @@ struct OfficeConfig {
         field("seed", &C::seed, {.about = "Seed of the layout."}),
         field("size_m", &C::size_m, {.about = "Size along x and y, rounded down to half metres.", .unit = "m", .each = kSizes}),
         field("furniture", &C::furniture, {.about = "Density of the furniture.", .limits = between(0, 1)}),
-        field("waypoints", &C::waypoints, {.about = "Place a waypoint before and behind each door of the path."}));
+        field("waypoints", &C::waypoints, {.about = "Place a waypoint on either side of each door of the path."}));
   }
 
   FLOCKSTEP_API void validate() const;

@@ -234,7 +234,7 @@ struct EpisodeState {
               {.rows = Rows::env,
                .values = Values::flag,
                .writer = kWriter,
-               .about = "True if the last step flew the env; False if its episode was already over"}),
+               .about = "True if the env took part in the last step; False if its episode was already over"}),
         array("bad", &C::bad,
               {.rows = Rows::task,
                .values = Values::flag,

@@ -52,12 +52,11 @@ struct NavigationReward {
   static constexpr auto fields() {
     using C = NavigationReward;
     return field_list(
-        field(
-            "distance_weight", &C::distance_weight,
-            {.about = "Weight of R at the final goal; R * ``waypoint_share`` / number of waypoints at a waypoint; otherwise the "
-                      "centimetres gained towards the current goal."}),
+        field("distance_weight", &C::distance_weight,
+              {.about = "Weight of the distance term: R at the final goal, R * ``waypoint_share`` / number of waypoints at a "
+                        "waypoint, otherwise the centimetres gained towards the current goal."}),
         field("crash_weight", &C::crash_weight,
-              {.about = "Weight of -R on a collision; otherwise min(l) - M if min(l) < M, else 0."}),
+              {.about = "Weight of the crash term: -R on a collision, otherwise min(l) - M if min(l) < M, otherwise 0."}),
         field("free_space_weight", &C::free_space_weight,
               {.about = "Weight of sum(l / M - 1) / (|L| / M - |L|), which is 1 in the open."}),
         field("step_weight", &C::step_weight,
@@ -65,16 +64,15 @@ struct NavigationReward {
         field("action_change_weight", &C::action_change_weight,
               {.about = "Weight of -1 if the action differs from the last one; the first action counts as a change."}),
         field("overshoot_weight", &C::overshoot_weight,
-              {.about =
-                   "Weight of -R / 10 when x exceeds the current goal's x + ``goal_radius_m``; if it is not 0, the episode ends "
-                   "there."}),
+              {.about = "Weight of -R / 10 when x exceeds the current goal's x + ``goal_radius_m``; if the weight is not 0, the "
+                        "episode ends there."}),
         field("goal_reward", &C::goal_reward, {.about = "R."}),
         field("waypoint_share", &C::waypoint_share, {.about = "Share of R that is split among the waypoints."}),
         field("goal_radius_m", &C::goal_radius_m,
               {.about = "Distance within which the goal and the waypoints count as reached.", .unit = "m", .limits = above(0)}),
         field("min_clearance", &C::min_clearance,
               {.about = "M, in units of the LiDAR's maximum range.", .limits = between_excluding(0, 1)}),
-        field("step_scale", &C::step_scale, {.about = "Steps in which the step term reaches -1.", .limits = above(0)}),
+        field("step_scale", &C::step_scale, {.about = "Step number at which the step term reaches -1.", .limits = above(0)}),
         field("carry_over_distance", &C::carry_over_distance,
               {.about = "Keep the last distance when the current goal changes, as the thesis's program did."}));
   }
@@ -140,8 +138,8 @@ FLOCKSTEP_API std::unique_ptr<Task> make_task(const NavigationConfig& config);
 // Observation, float32 (16,), in the body frame and independent of the heading: offset to the point, m (3); velocity, m/s (3);
 // the world's up vector (3); angular velocity, in units of 10 rad/s (3); rotor speeds, -1 slowest, 0 hovering, 1 fastest (4).
 //
-// d is the distance to the point, m. An episode ends as a crash on a contact or if d > max_distance_m. An episode without a
-// crash is a success if d <= hold_m during its last hold_s.
+// d is the distance to the point, m. An episode ends as a crash if the drone touches something or d > max_distance_m. An
+// episode without a crash is a success if d <= hold_m during its last hold_s.
 struct HoverConfig {
   static constexpr const char* kName = "hover";
   static constexpr const char* kAbout = "Catch a drone that is thrown, and hold a point.";
@@ -190,7 +188,7 @@ struct HoverConfig {
         field("change_weight", &C::change_weight,
               {.about = "Weight of the penalty on the mean squared difference from the previous action. The first action is "
                         "compared with 0."}),
-        field("crash_weight", &C::crash_weight, {.about = "Weight of -1 on a crash."}));
+        field("crash_weight", &C::crash_weight, {.about = "Penalty for a crash."}));
   }
 
   FLOCKSTEP_API void validate() const;
@@ -223,8 +221,8 @@ struct EnumNames<TrackYaw> {
 // and so on, m (3 points); velocity, m/s (3); the world's up vector (3); angular velocity, in units of 10 rad/s (3); rotor
 // speeds as in the hover task (4); sine and cosine of the yaw error (2).
 //
-// d is the distance to the current point of the path, m. An episode ends as a crash on a contact or if d > max_distance_m. An
-// episode without a crash is a success if the root mean square of d over all its steps is at most close_m.
+// d is the distance to the current point of the path, m. An episode ends as a crash if the drone touches something or d >
+// max_distance_m. An episode without a crash is a success if the root mean square of d over all its steps is at most close_m.
 struct TrackConfig {
   static constexpr const char* kName = "track";
   static constexpr const char* kAbout = "Follow a point that moves along a smooth path.";
@@ -249,8 +247,9 @@ struct TrackConfig {
     using C = TrackConfig;
     return field_list(
         field("path", &C::path,
-              {.about = "``\"figure8\"``: level, x = s cos(w t), y = s / 2 sin(2 w t) with s = ``size_m``. ``\"random\"``: three "
-                        "waves of random phases along each axis, up to ``size_m`` in all and half of that in height."}),
+              {.about = "``\"figure8\"``: level, x = s cos(w t), y = s / 2 sin(2 w t) with s = ``size_m``. ``\"random\"``: along "
+                        "each axis, the sum of three waves with random phases. The path stays within ``size_m`` of the centre "
+                        "along x and y, and within half of that along z."}),
         field("yaw", &C::yaw, {.about = "``\"fixed\"``: along the world's x axis. ``\"along\"``: the direction of the path."}),
         field("size_m", &C::size_m, {.about = "Size of the path.", .unit = "m", .limits = above_up_to(0, 1000)}),
         field("speed_mps", &C::speed_mps,
@@ -275,7 +274,7 @@ struct TrackConfig {
         field("change_weight", &C::change_weight,
               {.about = "Weight of the penalty on the mean squared difference from the previous action. The first action is "
                         "compared with 0."}),
-        field("crash_weight", &C::crash_weight, {.about = "Weight of -1 on a crash."}));
+        field("crash_weight", &C::crash_weight, {.about = "Penalty for a crash."}));
   }
 
   FLOCKSTEP_API void validate() const;

@@ -71,7 +71,7 @@ struct Material {
   std::uint16_t semantic = 0;                         // semantic id in camera images; 0: the material's index plus 1
   // Index into World::textures(). The texture's colours, as linear RGB, are multiplied by base_color. Triangles only.
   std::optional<std::uint16_t> texture;
-  // Linear RGB, emitted in any light. On triangles it is multiplied by the texture and the vertex colours.
+  // Linear RGB, emitted independently of the lighting. On triangles it is multiplied by the texture and the vertex colours.
   std::array<float, 3> emissive{};
   // A triangle is transparent to cameras and sunlight wherever the texture's alpha, from 0 to 1, is below this; 0: nowhere.
   // LiDAR rays and collisions hit the whole triangle.

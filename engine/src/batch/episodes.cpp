@@ -77,8 +77,8 @@ void sum_rows(const double* rows, std::size_t columns, std::size_t count, double
   }
 }
 
-// Adds `count` reward terms of consecutive rows, earned in one flown step, to all running sums. The loops run over all terms at
-// once.
+// Adds `count` reward terms of consecutive rows, earned in one flown step, to all running sums. Each loop covers the terms of
+// all rows.
 void add_up(Simulation& sim, std::size_t first, std::size_t count) {
   TaskState& task_state = *sim.task_state;
   const double* const terms = task_state.score.terms.data() + first;
@@ -102,7 +102,7 @@ void settle_rewards(Simulation& sim, std::size_t first, std::size_t count) {
   Outputs& out = sim.outputs.now();
   const std::size_t num_terms = task_state.score.num_terms;
   add_up(sim, first * num_terms, count * num_terms);
-  std::array<double, kSettled> totals, step_totals;  // of this flown step, and of all flown so far
+  std::array<double, kSettled> totals, step_totals;  // of this flown step; of all steps flown with this action
   sum_rows(task_state.score.terms.data() + first * num_terms, num_terms, count, totals.data());
   const bool repeats = !task_state.earned.empty();
   if (repeats) sum_rows(task_state.earned.data() + first * num_terms, num_terms, count, step_totals.data());
@@ -130,7 +130,7 @@ EpisodeEnd reason_of(const Simulation& sim, std::size_t row, bool hit) {
 }
 
 // Decides which of `count` consecutive rows end their episodes, ignoring teammates. lengths, limits: steps flown and allowed
-// for each row. Flags are bytes, so that a vector holds many of them.
+// for each row. Flags are bytes, so that a SIMD register holds many of them.
 void decide_ends(Simulation& sim, std::size_t first, std::size_t count, const std::int64_t* lengths, const std::int64_t* limits,
                  std::uint8_t* ends) {
   EpisodeState& episodes = sim.episodes;

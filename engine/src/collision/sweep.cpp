@@ -16,8 +16,8 @@ namespace {
 
 constexpr double kTouching = 1e-6;      // m; hulls closer than this count as overlapping
 constexpr double kResolution = 2e-6;    // m; an advance ends within this of its target gap
-constexpr double kSlack = 1e-5;         // m; a hull at rest may lose this much of its gap before it counts as pressing
-constexpr double kGain = 2e-6;          // m; exceeds the difference between two searches for the same gap
+constexpr double kSlack = 1e-5;         // m; a hull at rest may come this much nearer before a contact is reported
+constexpr double kGain = 2e-6;          // m; two searches for the same gap differ by less
 constexpr double kFloatStep = 0x1p-23;  // fraction of a coordinate
 constexpr int kBallTurns = 4;
 constexpr double kBallStep = 0.1;  // m; the path's nearest point is good enough if it moves by less
@@ -39,7 +39,8 @@ struct Margins {
   }
 
   double resting() const { return standoff + slack; }  // a hull with a smaller gap at the start is at rest
-  // No sequence of motions ends nearer than this: rounding a pose at the standoff costs less than half of it.
+  // No sequence of motions ends nearer than this, because rounding a pose at the standoff reduces the gap by less than half the
+  // standoff.
   double floor() const { return 0.5 * standoff; }
 };
 
@@ -78,13 +79,15 @@ class Mover {
     return {s.overlapping, s.plane, s.gap, s.point};
   }
 
-  // Returns a time up to which, from `time` on, the hull is certain to stay `target` (m) away from the plane; at most 1.
+  // Returns the end of a time span, at most 1. From `time` until then, the hull certainly stays at least `target` (m) from the
+  // plane.
   //
   // For a vertex x, let a be its gap beyond the target and b its current speed along the normal n. A point that turns at rate w
-  // about an axis at distance d accelerates by w^2 d. So the gap after t is at least a + b t - k t^2 / 2 with k = w^2 d
-  // |cross(n, axis)|. This bound is linear in x, so one support query finds the worst vertex after t. It is concave in t, so a
-  // vertex that is clear now and after t is clear in between. Therefore shorten t to the root of the worst vertex, and repeat
-  // until the worst vertex after t is clear. Each vertex shortens t at most once.
+  // about an axis at distance d accelerates by w^2 d. With k = w^2 d |cross(n, axis)|, the gap beyond the target is therefore
+  // at least a + b t - k t^2 / 2 after a time t. This bound is linear in x, so one support query finds the vertex with the
+  // lowest bound at t. The bound is concave in t, so a vertex that is clear now and at t is clear in between. Therefore shorten
+  // t to the root of the lowest bound, and repeat until the lowest bound at t is not negative. Each vertex shortens t at most
+  // once.
   double clear_until(const Plane& plane, double time, double target) const {
     const Vec3d normal = path_.matrix(time).transpose() * plane.normal;
     const Vec3d turning = path_.angle * normal.cross(path_.axis);
@@ -107,12 +110,12 @@ class Mover {
   }
 
   // Conservative advancement (B. Mirtich, "Impulse-based Dynamic Simulation of Rigid Body Systems", 1996, 2.3), over separating
-  // planes. `now` is the clearance at the start, with a gap of at least the floor. clearance(time, guess) returns the clearance
-  // at a time. Contacts after `limit` may be missed.
+  // planes. `now` is the clearance at the start, with a gap of at least Margins::floor(). clearance(time, guess) returns the
+  // clearance at a time. Contacts after `limit` may be missed.
   template <class ClearanceAt>
   Touch first_touch(Clearance now, const ClearanceAt& clearance, const Margins& margins, double limit) const {
     // A hull may start at the standoff, where an earlier motion left it. It may stay there, but must not come much nearer. Its
-    // gap never falls below the floor, however many motions follow.
+    // gap never falls below Margins::floor(), however many motions follow.
     const Clearance first = now;
     const bool resting = first.gap < margins.resting();
     const double target = resting ? std::max(first.gap - margins.slack, margins.floor()) : margins.standoff;
@@ -135,8 +138,9 @@ class Mover {
     return rewind(clearance, first, now, time);
   }
 
-  // Returns the touch of a hull that starts inside, or nearer than the floor. It may fly the whole motion if it ends at least
-  // `gain` farther from the plane than it starts and never comes nearer on the way. Otherwise it stays.
+  // Returns the contact of a hull that starts inside the obstacle or with a gap below Margins::floor(). The hull flies the
+  // whole motion if it ends at least `gain` farther from the plane than it starts and never comes nearer on the way. Otherwise
+  // it stays.
   Touch leave(const Clearance& first, double gain) const {
     const bool inside = first.overlapping || first.gap <= kTouching;
     Touch touch{true, inside, 0.0, first.plane.normal, first.point};
@@ -154,10 +158,11 @@ class Mover {
   }
 
  private:
-  // Returns the touch of a hull that rested. The time of the touch is at most `time`, and at that time the gap is at least as
-  // large as at the start. Between convex bodies that only translate, the gap is a convex function of time. A hull that comes
-  // nearer has therefore approached from the start, and the time is 0. A hull that turns may rest on a line or a face whose
-  // points are all equally near. The point of the touch is therefore the one that is nearest at the time of `now`.
+  // Returns the contact of a hull that was at rest at the start. The time of the contact is at most `time`, and at that time
+  // the gap is at least as large as at the start. Between convex bodies that only translate, the gap is a convex function of
+  // time. A hull that comes nearer has therefore approached from the start, and the time is 0. A hull that turns may rest on a
+  // line or a face whose points are all equally near. Therefore the contact point is taken from `now`, when the hull has turned
+  // and one point is nearest.
   template <class ClearanceAt>
   Touch rewind(const ClearanceAt& clearance, const Clearance& first, const Clearance& now, double time) const {
     if (path_.angle == 0.0) return {true, false, 0.0, first.plane.normal, first.point};
@@ -200,7 +205,7 @@ Vec3d point_on_wall(const Hull& hull, const Mat3d& rotation, const Vec3d& positi
   return point - (wall.normal.dot(point) - wall.offset) * wall.normal;
 }
 
-// The search of one sweep for the first of all contacts. The result does not depend on the order of the obstacles.
+// Searches for the first contact of one sweep. The result does not depend on the order of the obstacles.
 class Search {
  public:
   Search(const Hull& hull, const Pose& from, const Pose& to)
@@ -265,8 +270,8 @@ class Search {
     const Touch& shown = inside_.hit ? inside_ : first_;
     contact.hit = true;
     contact.inside = inside_.hit;
-    // leave() checks whole motions only. If a contact cuts a motion short, the motion is known to lead away only if it is
-    // straight and got far enough.
+    // leave() has checked the whole motion. If a contact cuts the motion short, the flown part certainly leads away only if the
+    // motion is straight and the part increases the gap enough. Otherwise the hull stays.
     const bool is_shown = std::isinf(least_gain_) || first_.time == 1.0 ||
                           (mover_->path().angle == 0.0 && first_.time * least_gain_ >= kGain + margins_.rounding);
     const double time = is_shown ? first_.time : 0.0;
@@ -346,9 +351,9 @@ class Search {
   }
 
   // Searches for a plane that separates hull and obstacle for as long as possible. Returns the clearance at the start, with
-  // this plane, or nothing if a plane separates them during the whole motion. Usually a few steps towards the nearest points of
-  // hull and obstacle find such a plane (M. Frank and P. Wolfe, "An algorithm for quadratic programming", 1956, along the
-  // hull's farthest vertices), at a tenth of the cost of a full search.
+  // this plane, or nothing if a plane separates them during the whole motion. Usually a few Frank-Wolfe steps find such a
+  // plane, at a tenth of the cost of a full search. Each step moves a point of the hull towards the vertex that is nearest to
+  // the plane (M. Frank and P. Wolfe, "An algorithm for quadratic programming", 1956).
   std::optional<Clearance> clearance_at_start(const Convex& obstacle, const Approach& approach) {
     const Mat3d rotation = mover().path().matrix(0.0);
     Vec3d point = approach.center;  // on the hull
@@ -408,7 +413,8 @@ class Search {
   std::optional<Mover> mover_;
   Touch first_;  // ends the motion
   std::uint32_t element_ = 0;
-  // The smallest gain of gap (m) over the motion, among the obstacles whose gap at the start is below the floor.
+  // The smallest increase of the gap (m) from start to end of the motion, among the obstacles whose gap at the start is below
+  // Margins::floor().
   double least_gain_ = std::numeric_limits<double>::infinity();
   Touch inside_;  // lowest element among the obstacles that contain the hull at the start
   std::uint32_t inside_element_ = 0;

@@ -20,7 +20,7 @@ struct Contact {
 };
 
 // The hull stops this far (m) from an obstacle, plus a few float32 steps of its coordinates, so that its rounded pose is free.
-// Further motions, however many, never bring it nearer than half of this: the limit depends only on the place and not on
+// However many motions follow, it never comes nearer than half of this, because the limit depends only on the place and not on
 // earlier motions.
 inline constexpr double kStandoff = 1e-4;
 
@@ -28,9 +28,10 @@ inline constexpr double kStandoff = 1e-4;
 Pose interpolate(const Pose& from, const Pose& to, float fraction);
 
 // Sweeps the hull. On a hit, the pose interpolated at `fraction` is the last free one. A hull that rests at the standoff may
-// leave or slide along; if it is pressed further, it is hit at fraction 0. A hull that is inside, or nearer than a motion would
-// have left it, may move away; point and normal are then those of the way out. Of several first contacts the element with the
-// lowest index is reported. Allocates nothing; the result depends only on the arguments.
+// leave or slide along the obstacle. If a motion pushes it towards the obstacle, the contact has fraction 0. A hull that starts
+// inside an obstacle, or nearer than any motion ends, may move away; point and normal then show the way out. If several
+// contacts come first at the same time, the one with the lowest element is reported. Allocates nothing; the result depends only
+// on the arguments.
 Contact sweep(const Obstacles& obstacles, const Hull& hull, const Pose& from, const Pose& to);
 
 // Returns true if a sweep finds no contact with the walls of rooms or with these elements, and the hull does not begin inside

@@ -16,7 +16,7 @@ constexpr double kSlow = 0.05;  // m/s; slower impacts do not bounce, otherwise 
 constexpr int kMostRounds = 1000;
 constexpr double kConverged = 1e-7;  // largest change of a point's speed in the last round, over the impact speed
 constexpr double kSettled = 1e-3;    // largest accepted speed into the surface, over the impact speed
-constexpr double kRelaxation = 1.3;  // measured: fewest rounds over boxes and random faces
+constexpr double kRelaxation = 1.3;  // needed the fewest rounds in measurements with boxes and random faces
 
 // A body's motion about its centre of mass, world frame.
 struct Twist {
@@ -59,8 +59,9 @@ class Impact {
   }
 
   // The motion after the impact. If several points touch, or one of them slides, applying restitution to each point separately
-  // can add energy. The result is then the blend of the solutions without and with restitution that has the energy from before
-  // the impact. The solution without restitution loses energy. Both use impulses within the friction cone, so every blend does.
+  // can add energy. If it does, the result is a blend of the solutions with and without restitution, weighted so that the
+  // energy equals the energy before the impact. Such a blend exists because the solution without restitution loses energy. The
+  // impulses of both solutions lie within the friction cone, so those of the blend do, too.
   Twist bounce(const Twist& before, const Surface& surface) {
     Twist hard = solve(before, surface);
     if (!is_settled_) hard = solve(before, {surface.restitution, 0.0});  // strong friction can prevent convergence
@@ -82,8 +83,8 @@ class Impact {
   }
 
   // The angular velocity at `time` after an impact that changed it from `hit` to `after`. Without the impact it would have
-  // become `end`. Torques add the same change as without the impact. The gyroscopic change depends on the rotation itself and
-  // adds no energy.
+  // become `end`. The torques change the angular velocity as much as they would have without the impact. The gyroscopic change
+  // depends on the rotation itself and adds no energy.
   Vec3d turned(const Vec3d& after, const Vec3d& hit, const Vec3d& end, double time) const {
     const Vec3d torque = end - coasted(hit, time);
     const Vec3d turned = coasted(after, time) + torque;

@@ -213,8 +213,8 @@ class GltfReader {
     sun = {direction.x(), direction.y(), direction.z()};
   }
 
-  // Reads a node whose extras declare its mesh a primitive. Returns false if the mesh is not that primitive, or if the node's
-  // transform turns it into another shape.
+  // Reads a node whose extras say that its mesh represents a primitive. Returns false if the mesh is not that primitive, or if
+  // the node's transform turns it into another shape.
   bool read_primitive_of(const GltfNode& node, std::size_t index, bool is_root, const Eigen::Affine3d& place, int semantic,
                          Visibility visibility) {
     const std::size_t mesh = *node.mesh;
@@ -397,8 +397,8 @@ class GltfReader {
   struct Placed {
     std::size_t node;
     Eigen::Affine3d place;  // transform of the parent
-    int semantic;           // inherited; 0: none
-    Visibility visibility;  // inherited; full: none
+    int semantic;           // inherited; 0 if no ancestor has one
+    Visibility visibility;  // inherited; full if no ancestor restricts it
     bool is_root;
   };
 
@@ -527,8 +527,8 @@ class GltfReader {
     return primitive.mode == GltfMode::triangles ? num_corners / 3 : std::max<std::size_t>(num_corners, 2) - 2;
   }
 
-  // Adds the triangles of a mesh to the total and checks the limit. Each mesh counts one more, and a primitive without
-  // triangles counts as one, so that many nodes with empty meshes reach the limit as well.
+  // Adds the triangles of a mesh to the total and checks the limit. The count of a mesh is 1 plus its triangles, and a
+  // primitive without triangles counts as one triangle. Many nodes with empty meshes therefore reach the limit, too.
   void count_triangles(std::size_t mesh) {
     if (triangles_of_.empty()) count_all_triangles();
     num_triangles_ += triangles_of_[mesh];
@@ -554,7 +554,8 @@ class GltfReader {
     std::optional<std::size_t> uv, colors;  // accessors
   };
 
-  // Vertices of primitives that share accessors: the used indices, and the world index of the first.
+  // Vertices shared by primitives with the same accessors: the indices in use, and the index of the first vertex in the world's
+  // mesh.
   struct Vertices {
     std::vector<std::uint32_t> used;
     std::int32_t first = -1;

@@ -1,4 +1,4 @@
-// The navigation tasks. They differ only in the part of the observation besides the ranges; see ObservationKind.
+// The navigation tasks. They differ only in what they observe in addition to the ranges; see ObservationKind.
 #include <algorithm>
 #include <array>
 #include <cmath>
@@ -42,7 +42,7 @@ struct NavigationState {
   }
 };
 
-// A cached goal and its key. Without the cache, each step of many envs would read each of their worlds.
+// A cached goal and its key. Without the cache, every step would access the world of every env.
 struct Goal {
   std::int32_t world_index = -1;
   std::int32_t goal_index = 0;
@@ -62,8 +62,8 @@ Field action_field(ActionKind action) {
   }
 }
 
-// A field of leading numbers followed by the ranges. The leading numbers have these lower bounds and the upper bound 1, and are
-// 0 for a removed drone.
+// A field of leading numbers followed by the ranges. The leading numbers have the lower bounds low_of_head and the upper bound
+// 1. They are 0 for a removed drone.
 Field vector_field(const char* name, std::vector<double> low_of_head, std::size_t rays) {
   Field field{.name = name, .shape = {static_cast<std::int64_t>(low_of_head.size() + rays)}, .low = low_of_head};
   field.absent.assign(low_of_head.size(), 0.0);

@@ -19,8 +19,8 @@ void forget_hits(Rays& rays) {
   std::fill_n(rays.element, rays.count, -1);
 }
 
-// Copies values that vectors have just stored. Each piece lies within one such store, so the processor can forward it.
-// Otherwise the load would wait until the stores reach the cache.
+// Copies values that SIMD code has just stored. Each copied piece lies within one of these stores, so the processor can forward
+// it. Otherwise the load would wait until the stores reach the cache.
 void copy_ranges(const float* from, std::size_t count, float* to) {
   constexpr std::size_t kPiece = 4;
   std::size_t i = 0;
@@ -81,7 +81,7 @@ const RayBundle& Tracer::trace(const RayTile& tile) {
   } else if (!trace_candidates(tile, true)) {
     trace_by_embree();
   }
-  if (!candidates_.triangles) return bundle_;  // here and below, the static world ends
+  if (!candidates_.triangles) return bundle_;  // all static geometry has been traced, here and at the end
   if (tree_ != nullptr) {
     trace_mesh_tile(*tree_, scene_->first_triangle(), *tile.u, *tile.v, bundle_, &details_, asked_, scene_->masks());
   } else {
@@ -102,7 +102,7 @@ void Tracer::enqueue(const RayTile& tile, float* ranges, std::size_t stride) {
     return wait(tile, ranges, stride, for_triangles_);
   }
   if (in_view) trace_view(*tile.view, tile.rows, tile.width, is_nothing_near());
-  for (std::size_t row = 0; row < tile.rows; ++row) {  // the static world ends here
+  for (std::size_t row = 0; row < tile.rows; ++row) {  // all static geometry has been traced
     copy_ranges(bundle_.t_hit + row * tile.width, tile.width, ranges + row * stride);
   }
 }
@@ -115,13 +115,13 @@ void Tracer::finish() {
 void Tracer::trace_block(const Scene& scene) {
   forget_hits(block_);
   scene.intersect_primitives(block_);
-  meet_triangles(scene, block_, &details_);  // the static world ends here
+  meet_triangles(scene, block_, &details_);  // all static geometry has been traced
 }
 
 void Tracer::trace_shadows(const Scene& scene) {
   forget_hits(block_);
   scene.intersect_casters(block_);
-  meet_triangles(scene, block_, nullptr, Through::masks);  // the static world ends here
+  meet_triangles(scene, block_, nullptr, Through::masks);  // all static geometry has been traced
 }
 
 void Tracer::aim(const RayTile& tile) {
@@ -152,7 +152,7 @@ void Tracer::trace_by_embree() {
   std::copy_n(block_.element, bundle_.count, bundle_.element);
 }
 
-// Replaces the bundle's t_hit by nearer hits on triangles, but not its elements. no_hits_yet: the bundle has no hits.
+// Shortens the bundle's t_hit to nearer hits on triangles; leaves its elements unchanged. no_hits_yet: the bundle has no hits.
 void Tracer::trace_view(const TileView& view, std::size_t rows, std::size_t width, bool no_hits_yet) {
   RayBundle& seen = view_bundle_;
   seen.origin = bundle_.origin;
@@ -213,7 +213,7 @@ void Tracer::wait(const RayTile& tile, float* ranges, std::size_t stride, Waitin
 void Tracer::deliver(Waiting& waiting) {
   if (waiting.rays.count == 0) return;
   if (&waiting == &for_everything_) meet_primitives(waiting.rays);
-  meet_triangles(*scene_, waiting.rays, nullptr);  // the static world ends here
+  meet_triangles(*scene_, waiting.rays, nullptr);  // all static geometry has been traced
   const float* t_hit = waiting.rays.t_hit;
   for (std::size_t i = 0; i < waiting.num_segments; ++i) {
     std::copy_n(t_hit, waiting.segments[i].count, waiting.segments[i].ranges);

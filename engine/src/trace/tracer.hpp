@@ -1,8 +1,8 @@
 // Tracer: finds the nearest hits of rays in a Scene, for every sensor. It owns the working data: the candidates near the
 // sensor, the rays in progress, and the rays that wait to go through Embree together.
 //
-// Every query covers only the static world and keeps the distances that it found. Moving objects are tested after that, at the
-// comments "the static world ends here", with the ranges of the rays already shortened.
+// Every query covers only static geometry and keeps the distances that it found. The comments "all static geometry has been
+// traced" mark the places at which moving objects would be tested, against rays that end at the hits found so far.
 #pragma once
 
 #include <array>

@@ -19,7 +19,7 @@ from flockstep.task import Task
 
 @dataclass(frozen=True)
 class Evaluation:
-    """Shares of the ways in which a policy's episodes ended, and means over the episodes."""
+    """How a policy's episodes ended, as shares, and the means of what they reported."""
 
     episodes: int
     """Number of episodes."""
@@ -34,7 +34,7 @@ class Evaluation:
     episode_terms: dict[str, float]
     """Sum of each reward term, by name."""
     infos: dict[str, float]
-    """The values that a `Task` reports by its ``info_names``."""
+    """Mean of each value that a `Task` lists in its ``info_names``."""
 
 
 def evaluate(
@@ -44,7 +44,7 @@ def evaluate(
     seed: int = 0,
     **kwargs: Any,
 ) -> Evaluation:
-    """Fly a policy for some episodes; return the shares of their ends and means of everything else they report.
+    """Fly a policy for some episodes; return how often each kind of end occurred, and the means of all other values.
 
     >>> flockstep.sb3.evaluate(None, "flockstep/Hover-v0").ends  # random actions
     {'success': 0.0, 'contact': 0.21, 'left_area': 0.79, 'bad_state': 0.0, 'time': 0.0, 'task': 0.0}
@@ -57,12 +57,12 @@ def evaluate(
     env
         The environment, as for `make_vec`.
     episodes
-        Number of episodes: the first one of this many envs, which fly in parallel.
+        Number of episodes. The same number of envs fly in parallel, and only the first episode of each counts.
     seed
         Seed of the first env; the others use the following numbers. Training with ``PPO(seed=s)`` began with s, s + 1
         and so on. Choose other seeds, otherwise you may evaluate on training episodes.
     **kwargs
-        Further keywords of `DroneVectorEnv`, such as ``worlds``, which are assigned to the envs in turn.
+        Further keywords of `DroneVectorEnv`. Several ``worlds`` are assigned to the envs in turn.
     """
     envs = make_vec(env, _count(episodes), **kwargs)
     names = [] if not isinstance(envs.env.task, Task) else envs.env.task.info_names
