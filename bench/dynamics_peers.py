@@ -339,12 +339,15 @@ def of_hyperdrone(case: Case) -> Found:
 
 #: Reasons why flights with the same rotor speeds end apart, by peer and the first words of its mode.
 REASONS = {
-    ("mujoco", "euler"): "semi-implicit Euler, of first order",
-    ("mujoco", "rk4"): "without a lag, thrusts are constant in a tick, so only the errors of the methods remain",
-    ("crazyflow", "euler"): "Euler, of first order, its default",
-    ("crazyflow", "rk4"): "the same equations: float32 on both sides, and our midpoint",
-    ("rotorpy", "usual tolerance"): "the same equations: our midpoint, and steps of a relative tolerance of 1e-3",
-    ("rotorpy", "tolerance 1e-10"): "the same equations: our midpoint and float32",
+    ("mujoco", "euler"): "semi-implicit Euler is a first-order method",
+    ("mujoco", "rk4"): "without lag, thrust is constant within a tick, so only the integration errors remain",
+    ("crazyflow", "euler"): "Euler, its default, is a first-order method",
+    ("crazyflow", "rk4"): "same equations; what remains is our midpoint error and float32 rounding on both sides",
+    (
+        "rotorpy",
+        "usual tolerance",
+    ): "same equations; what remains is our midpoint error and RK45's at a relative tolerance of 1e-3",
+    ("rotorpy", "tolerance 1e-10"): "same equations; what remains is our midpoint error and float32 rounding",
 }
 
 

@@ -19,9 +19,9 @@ RANGES = {
 CAMERAS = {
     "rgb": {"outputs": ("rgb",)},
     "rgb and hsv": {"outputs": ("rgb", "hsv")},
-    "rgb, a quarter of each side": {"outputs": ("rgb",), "quarter": True},
+    "rgb, resized to a quarter of width and height": {"outputs": ("rgb",), "quarter": True},
     "depth": {"outputs": ("depth",)},
-    "depth, a quarter of each side": {"outputs": ("depth",), "quarter": True},
+    "depth, resized to a quarter of width and height": {"outputs": ("depth",), "quarter": True},
 }
 RUNS = 7
 

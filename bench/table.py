@@ -465,7 +465,7 @@ def unmeasured(results: dict[str, Result], name: str) -> dict[str, str]:
 
 def peers(results: dict[str, Result]) -> str:
     """Return the tables of other simulators: their speed, and the distance of their final positions from ours."""
-    name = "dynamics_peers"
+    name, rate = "dynamics_peers", "substeps or steps per second"
     speeds: dict[tuple[str, str], str] = {}
     flights: dict[tuple[str, str], str] = {}
     for peer, beside, kind, mode, what, f in of_peers(results, name):
@@ -475,11 +475,11 @@ def peers(results: dict[str, Result]) -> str:
             if what == "degrees":
                 flights[row, "because"] = f["reason"]
         else:
-            column = {"per_second": "a second", "ours_over_it": "flockstep over it"}[what]
+            column = {"per_second": rate, "ours_over_it": "flockstep's rate / this rate"}[what]
             text = number(f["value"]) if what == "per_second" else rough(f)
             speeds[f"{peer}, {kind}: {mode}{beside}", column] = text
-    speeds |= {(peer, "a second"): why for peer, why in unmeasured(results, name).items()}
-    both = pivot(speeds, "drone-substeps of simulators, drone-steps of environments") + "\n" + pivot(flights, "flight")
+    speeds |= {(peer, rate): why for peer, why in unmeasured(results, name).items()}
+    both = pivot(speeds, "mode") + "\n" + pivot(flights, "flight")
     return with_source(results, name, both)
 
 
@@ -488,9 +488,9 @@ def mesh_peers(results: dict[str, Result]) -> str:
     name = "mesh_peers"
     heads = {
         "per_second": "million rays a second",
-        "ours_over_it": "`Batch` over it",
-        "raycast_over_it": "`World.raycast` over it",
-        "differing_in_a_million": "of a million rays, distances differ of",
+        "ours_over_it": "`Batch` rate / this rate",
+        "raycast_over_it": "`World.raycast` rate / this rate",
+        "differing_in_a_million": "rays per million whose distance differs",
     }
     tables: dict[str, dict[tuple[str, str], str]] = {what: {} for what in ("world", *heads)}
     for (world, what), f in named(results, name, rf"{name}/([^/]+)/(triangles)"):

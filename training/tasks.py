@@ -222,8 +222,8 @@ class Setup:
         if not self.has_camera:
             return ""
         return (
-            "Generated playgrounds of the camera tasks are those with the goal at most "
-            f"{CAMERA_SIDEWAYS_M:g} m to the side of the start; they have no waypoints, and one height throughout."
+            f"Generated playgrounds have their goal at most {CAMERA_SIDEWAYS_M:g} m to the side of the start; "
+            "their waypoints are removed, and start and goal are set to the same height."
         )
 
     def generated(self, seeds: range, count: int) -> list[flockstep.World]:
@@ -249,7 +249,7 @@ class Setup:
 
 
 def without_waypoints(world: flockstep.World) -> flockstep.World:
-    """Return a generated playground in the form of the camera task: straight to the goal, at one height."""
+    """Return a generated playground without waypoints, its start and goal set to the height of the camera task."""
     scene = world.to_dict()
     markers = scene["markers"]
     markers.pop("waypoints", None)

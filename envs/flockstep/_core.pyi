@@ -1685,7 +1685,7 @@ class Contact:
 
     @property
     def fraction(self) -> _F32:
-        """(N,): share of the motion flown before the contact; with substeps, of the substep that hit."""
+        """(N,): fraction of the motion, or of the substep that hit, flown before the contact."""
 
     @property
     def point(self) -> _F32:

@@ -35,7 +35,7 @@ struct ContactState {  // contacts of the last motion
         array("fraction", &C::fraction,
               {.values = Values::fraction,
                .writer = kWriter,
-               .about = "share of the motion flown before the contact; with substeps, of the substep that hit"}),
+               .about = "fraction of the motion, or of the substep that hit, flown before the contact"}),
         array("point", &C::point,
               {.columns = 3, .unit = "m", .frame = Frame::world, .writer = kWriter, .about = "contact point on the obstacle"}),
         array("normal", &C::normal,

@@ -113,10 +113,11 @@ inline constexpr SceneKey kRotation{
     .meaning = "Rotation (w, x, y, z) from local to world, of norm 1 within 1e-3; the identity if left out.",
     .limits = kCoordinates,
     .size = 4};
-inline constexpr SceneKey kMaterial{
-    .name = "material",
-    .meaning = "A name listed in materials; \"default\", a light grey unless listed, if left out.",
-    .kind = ValueKind::text};
+inline constexpr SceneKey kMaterial{.name = "material",
+                                    .meaning =
+                                        "A name listed in materials. If omitted, the material \"default\", which is "
+                                        "light grey unless the scene defines it.",
+                                    .kind = ValueKind::text};
 inline constexpr SceneKey kVisible{
     .name = "visible", .meaning = "True if cameras, LiDARs and rays see it.", .kind = ValueKind::flag};
 inline constexpr SceneKey kSolid{
@@ -141,8 +142,8 @@ inline constexpr SceneKey kTextureBytes{.name = "png_base64",
                                         .alternative = 2};
 inline constexpr SceneKey kWrap{.name = "wrap",
                                 .meaning =
-                                    "Continuation beyond its borders, across and down: repeated, mirrored, or the border "
-                                    "itself.",
+                                    "How the image continues beyond its edges, horizontally and vertically: "
+                                    "repeated, mirrored, or clamped to the edge.",
                                 .kind = ValueKind::choice,
                                 .size = 2,
                                 .usual = [] { return as_json(Texture().wrap); },
@@ -153,7 +154,9 @@ inline constexpr std::array kTextureKeys{kTextureFile, kTextureBytes, kWrap};
 inline constexpr SceneKey kBaseColor{
     .name = "base_color", .meaning = "Linear red, green, blue.", .limits = kShares, .size = 3, .is_required = true};
 inline constexpr SceneKey kSemantic{.name = "semantic",
-                                    .meaning = "Class that cameras report; the place in materials, counted from 1, if left out.",
+                                    .meaning =
+                                        "Class that cameras report. Default: the material's position in materials, "
+                                        "counted from 1.",
                                     .kind = ValueKind::integer,
                                     .limits = between(1, kSemanticStart - 1)};
 inline constexpr SceneKey kTexture{.name = "texture",
@@ -203,9 +206,9 @@ inline constexpr std::array kDiscKeys{kCenter, kRadius, kRotation, kMaterial, kV
 // Meshes
 inline constexpr SceneKey kMeshFile{.name = "file",
                                     .meaning =
-                                        "Path of an OBJ or PLY file, relative to the scene. Without material, an OBJ file "
-                                        "has the materials of its MTL files, or those of the scene with the same names; "
-                                        "its vt are uv.",
+                                        "Path of an OBJ or PLY file, relative to the scene. If material is omitted, an "
+                                        "OBJ file uses the materials of its MTL files, except those that the scene also "
+                                        "defines. Its vt become uv.",
                                     .kind = ValueKind::text,
                                     .is_required = true,
                                     .alternative = 1};
@@ -219,8 +222,8 @@ inline constexpr SceneKey kVertices{.name = "vertices",
                                     .alternative = 2};
 inline constexpr SceneKey kTriangles{.name = "triangles",
                                      .meaning =
-                                         "Vertex indices from 0, counter-clockwise seen from outside. Each triangle has an "
-                                         "area.",
+                                         "Vertex indices from 0, counter-clockwise seen from outside. Triangles without "
+                                         "an area are refused.",
                                      .kind = ValueKind::index,
                                      .size = 3,
                                      .count = ValueCount::list,
@@ -243,7 +246,7 @@ inline constexpr SceneKey kColors{.name = "colors",
                                   .count = ValueCount::list,
                                   .alternative = 2};
 inline constexpr SceneKey kPosition{.name = "position",
-                                    .meaning = "Place of the mesh's origin; the world's origin if left out.",
+                                    .meaning = "Position of the mesh's origin. Default: the world's origin.",
                                     .limits = kCoordinates,
                                     .size = 3,
                                     .unit = "m"};
@@ -287,7 +290,7 @@ inline constexpr std::array kMarkerKeys{kMarkerRadius, kStart, kWaypoints, kGoal
 
 // The light
 inline constexpr SceneKey kSunDirection{.name = "sun_direction",
-                                        .meaning = "Towards the sun, of any length except 0.",
+                                        .meaning = "Direction towards the sun; it need not be normalised.",
                                         .kind = ValueKind::direction,
                                         .limits = kCoordinates,
                                         .size = 3,
@@ -314,7 +317,9 @@ inline constexpr SceneKey kSunRadius{.name = "sun_radius_deg",
                                      .unit = "deg",
                                      .usual = [] { return as_json(Light().sun_radius_deg); }};
 inline constexpr SceneKey kSunGlow{.name = "sun_glow",
-                                   .meaning = "The sun's share of the sky's colour beside it; it halves within 5.7 degrees.",
+                                   .meaning =
+                                       "Share of the sun's colour in the sky next to the sun. The glow falls to half at "
+                                       "5.7 degrees.",
                                    .limits = kShares,
                                    .usual = [] { return as_json(Light().sun_glow); }};
 inline constexpr std::array kLightKeys{kSunDirection, kSunColor, kSkyAmbient, kGroundAmbient, kZenithColor,
