@@ -82,7 +82,7 @@ class Args:
     """Options for flying and filming."""
 
     policy: Path = Path("policies/lidar.zip")
-    """A model saved by training/train_ppo.py --task lidar. Loading it runs code that is in the file: load only
+    """A model saved by training/train_ppo.py --task lidar. Loading it runs code from the file: load only
     policies you trust."""
     out: Path = Path("docs/flight.webp")
     """The film."""

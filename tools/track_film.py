@@ -40,7 +40,7 @@ class Args:
     """Options for flying and filming."""
 
     policy: Path = Path("policies/track.zip")
-    """A model saved by training/train_flight.py --task track. Loading it runs code that is in the file: load only
+    """A model saved by training/train_flight.py --task track. Loading it runs code from the file: load only
     policies you trust."""
     out: Path = Path("out/track")
     """Folder for the films and the picture."""

@@ -10,7 +10,7 @@ planner's path.
 A saved policy contains its task, its worlds and its camera settings, but not the class of your own task: run this in a
 folder from which its module can be imported.
 
-Loading a policy runs code that is in its file: load only policies you trust.
+Loading a policy runs code from its file: load only policies you trust.
 """
 
 from __future__ import annotations
@@ -188,7 +188,7 @@ class Args:
     """Options for evaluating a trained policy."""
 
     policy: tyro.conf.Positional[Path]
-    """A model saved by training/train_ppo.py (.zip). Loading it runs code that is in the file: load only
+    """A model saved by training/train_ppo.py (.zip). Loading it runs code from the file: load only
     policies you trust."""
     worlds: tuple[str, ...] = ()
     """Sets of scenes, scene names or paths. Default: the policy's training and validation worlds."""

@@ -97,7 +97,7 @@ class Args:
     """Options for drawing the green blob along a flight."""
 
     policy: tyro.conf.Positional[Path | None] = None
-    """A model saved by training/train_ppo.py --task camera or pixels (.zip). Loading it runs code that is in the file:
+    """A model saved by training/train_ppo.py --task camera or pixels (.zip). Loading it runs code from the file:
     load only policies you trust."""
     world: str = "playground/camera-train-1"
     """A scene name or path."""

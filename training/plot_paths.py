@@ -172,7 +172,7 @@ class Args:
     """Options for drawing the flights of a trained policy."""
 
     policy: tyro.conf.Positional[Path]
-    """A model saved by training/train_ppo.py (.zip). Loading it runs code that is in the file: load only
+    """A model saved by training/train_ppo.py (.zip). Loading it runs code from the file: load only
     policies you trust."""
     worlds: tuple[str, ...] = ()
     """Sets of scenes, scene names or paths. Default: the task's own, for training and validation."""

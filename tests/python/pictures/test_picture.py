@@ -45,7 +45,7 @@ def test_what_is_looked_at_is_in_the_middle(room):
 def test_bad_input_is_refused(room):
     with pytest.raises(ValueError, match="look_at: expected look_at or quat_wxyz, got both"):
         flockstep.render(room, (1, 1, 1), (1, 0, 0, 0), look_at=(2, 2, 2))
-    with pytest.raises(ValueError, match="look_at: expected another point"):
+    with pytest.raises(ValueError, match="look_at: expected a point other than position"):
         flockstep.render(room, (1, 1, 1), look_at=(1, 1, 1))
     with pytest.raises(ValueError, match=r"position: expected shape \(3,\), got \(2,\)"):
         flockstep.render(room, (1, 1))

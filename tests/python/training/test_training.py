@@ -264,7 +264,7 @@ def test_the_help_says_that_loading_a_policy_runs_code(program, capsys):
     with pytest.raises(SystemExit):
         tyro.cli(program.Args, args=["--help"], description=program.__doc__)
     printed = " ".join(re.sub(r"[^\w.:-]+", " ", capsys.readouterr().out).split())
-    assert f"runs code that is in the file: {TRUST}" in printed
+    assert f"runs code from the file: {TRUST}" in printed
 
 
 def test_a_program_says_that_loading_a_policy_runs_code(tmp_path, capsys):
