@@ -388,7 +388,7 @@ std::shared_ptr<Fleet> deep_inside(const DynamicsConfig& config) {
   return made;
 }
 
-// Measures the time per substep in the open, near the floor, pressed to it, in a corner, and inside a pillar.
+// Measures the time per substep in the open, near the floor, pressed against it, in a corner, and inside a pillar.
 void contacts(bench::Figures& figures) {
   DynamicsConfig stop = by_rotors(Control::position), bounce = stop;
   stop.on_contact = OnContact::stop;

@@ -80,20 +80,20 @@ HEADLINE = (
         "1",
     ),
     (
-        "training by LiDAR until solved, at most 1.5 million steps, median of 5",
+        "time to train with a LiDAR until solved (at most 1.5 million steps), median of 5",
         "train",
         r"train/lidar/seed\d/seconds",
         "1 per core",
     ),
     ("success rate of these policies in unseen playgrounds", "train", r"train/lidar/seed\d/unseen_success_rate", ""),
     (
-        "success rate with a camera, observing the goal's offset and area in 64 x 48 pixels",
+        "success rate of policies that observe the goal's offset and area in a 64 x 48 camera image",
         "camera_train",
         r"train/camera/seed\d/unseen_success_rate",
         "",
     ),
     (
-        "success rate with a camera, observing the pixels",
+        "success rate of policies that observe the pixels of a camera",
         "pixels_train",
         r"train/pixels/seed\d/unseen_success_rate",
         "",

@@ -107,7 +107,7 @@ class FlightTask(flockstep.Task):
 
 
 class Hover(FlightTask):
-    """Catch a thrown drone and hold a point; see `flockstep.HoverConfig` for the fields.
+    """Recover a thrown drone and hold it at a point; see `flockstep.HoverConfig` for the fields.
 
     The engine also redraws a start that would touch something; this task does not.
     """

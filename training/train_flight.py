@@ -1,4 +1,4 @@
-"""Train a quadrotor with Stable-Baselines3 PPO to catch itself and hold a point, or to follow a path.
+"""Train a quadrotor with Stable-Baselines3 PPO to recover from a throw and stay at a point, or to follow a path.
 
 .venv/bin/python -m training.train_flight                     # Hover: a Crazyflie by rotor thrusts, thrown
 .venv/bin/python -m training.train_flight --task track        # Track: a figure-8 at 1.5 m/s by thrust and body rates
@@ -44,7 +44,7 @@ class Args:
     out: Path | None = None
     """Folder for policy.zip and result.json; default: out/train/TASK."""
     total_steps: int | None = None
-    """Step budget, over which the learning rate falls to zero; default: the task's budget."""
+    """Step budget. The learning rate falls to zero within this many steps. Default: the task's budget."""
     evaluations: int = 12
     """Number of evaluations during training; the best policy is kept."""
     evaluation_flights: int = 200

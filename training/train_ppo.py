@@ -59,7 +59,7 @@ class Args:
     """A policy.zip to continue from, including its network. Steps and schedules restart. Loading it runs code from the
     file: load only policies you trust."""
     total_steps: int = 1_500_000
-    """Step budget. Learning rate and entropy bonus fall to zero over it, so it is more than a limit."""
+    """Step budget. It also sets the schedules: learning rate and entropy bonus fall to zero within this many steps."""
     max_minutes: float | None = None
     """Time budget."""
     evaluate_every: int = 150_000
@@ -68,8 +68,8 @@ class Args:
     """Names of worlds for evaluations, used in turn. Default: generated playgrounds that are not used in training. For
     your own task without generated worlds: its training worlds."""
     evaluation_flights: int = 500
-    """Number of flights per evaluation. Generated playgrounds are flown once each; named worlds are flown in turn by
-    your own task, once each by a built-in task."""
+    """Number of flights per evaluation, one in each generated playground. With named worlds, a built-in task makes one
+    flight in each world; your own task repeats the worlds in turn."""
     evaluation_steps: int = 500
     """Time limit of an evaluation flight of a built-in task, in flown steps: twice what a successful flight in the
     playgrounds takes."""
@@ -84,7 +84,7 @@ class Args:
     generated: int = 1000
     """Number of additional generated playgrounds to train in."""
     playground_share: float = 0.3
-    """Share of episodes flown in worlds that are not generated."""
+    """Share of episodes flown in the training worlds (worlds); the others are flown in the generated playgrounds."""
     random_start: bool = False
     """Begin episodes anywhere in the spawn box; only for navigation tasks."""
     width_px: int = 64

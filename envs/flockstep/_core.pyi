@@ -153,9 +153,9 @@ class CameraConfig:
     capture_mode
         ``"every_step"``: rendered at every step or `Batch.sense`, or at ``rate_hz``. ``"on_movement"``: rendered at a
         step or `Batch.sense` only if the drone's pose or world has changed since its last frame. ``"on_demand"``:
-        rendered only by `Batch.capture`. A reset also renders, and a change of the camera shows at the next step or
-        `Batch.sense`. With ``"on_demand"``, a reset or a change only marks the frame as stale until the next capture.
-        Default: 'every_step'.
+        rendered only by `Batch.capture`. In the first two modes, a reset also renders, and changed camera settings take
+        effect at the next step or `Batch.sense`. With ``"on_demand"``, a reset or a change only marks the frame as
+        stale until the next capture. Default: 'every_step'.
     samples_per_pixel
         Number of samples per pixel; they form a grid and are averaged. Only colours use several samples: all other
         outputs are taken at the pixel's centre. Values: 1, 4, 9 or 16. Default: 1.
@@ -171,7 +171,7 @@ class CameraConfig:
         normal, which cannot be averaged. hsv is computed from the resized rgb. Unit: px. Default: None.
     pool
         How ``resize`` combines the rendered pixels that a written pixel covers. ``"mean"``: weighted by covered area,
-        as OpenCV's INTER_AREA. ``"min"``, ``"max"``: the minimum or maximum of each channel. For depth, mean and max
+        like OpenCV's INTER_AREA. ``"min"``, ``"max"``: the minimum or maximum of each channel. For depth, mean and max
         are inf if any covered pixel is a miss; min is inf only if all are. Default: 'mean'.
     """
 
@@ -376,8 +376,8 @@ class ImuConfig:
     """An inertial measurement unit. It requires ``motion="rotors"``.
 
     The accelerometer measures all acceleration except gravity: +9.81 m/s^2 along the body's z at rest and in hover, 0
-    in free fall. It does not measure impacts: in a tick with a contact it reads only gravity, and the terms of the
-    rotation if it is mounted off the centre. The noise follows Kalibr's model: white noise, given by its density, and a
+    in free fall. It does not measure impacts. In a tick with a contact it reads only gravity and, if it is mounted off
+    the centre, the centripetal acceleration. The noise follows Kalibr's model: white noise, given by its density, and a
     bias that drifts from 0 in each episode.
 
     Parameters
@@ -675,13 +675,13 @@ class NavigationReward:
 
 @final
 class HoverConfig:
-    """Catch a drone that is thrown, and hold a point.
+    """Recover a thrown drone and hold it at a point.
 
     The point is the world's goal marker, or the centre of its bounds if it has none. Episodes begin near it, with
-    random attitude and velocity and with the rotors at hover speed. Actions are float32 (4,), clipped to [-1, 1]; 0
-    hovers and 1 is the largest command of the env's ``control``: for a rotor or the total thrust, its maximum; for a
-    rate, tilt, acceleration or speed, its limit in `DynamicsConfig`; for a position, 1 m from the drone along each
-    axis; for a yaw, half a turn from the current heading.
+    random attitude and velocity and with the rotors at hover speed. Actions are float32 (4,), clipped to [-1, 1]. 0
+    hovers or has no effect. 1 is the largest command, which depends on the env's ``control``: the maximum of a rotor or
+    of the total thrust; the limit in `DynamicsConfig` of a rate, tilt, acceleration or speed; a position 1 m from the
+    drone along each axis; a yaw half a turn from the current heading.
 
     Observation, float32 (16,), in the body frame and independent of the heading: offset to the point, m (3); velocity,
     m/s (3); the world's up vector (3); angular velocity, in units of 10 rad/s (3); rotor speeds, -1 slowest, 0
@@ -711,7 +711,7 @@ class HoverConfig:
     near_weight
         Weight of the reward term exp(-2 d). Default: 1.0.
     hold_weight
-        Weight of 1 / (1 + (d / 2 hold_m)^2). Default: 2.0.
+        Weight of the reward term 1 / (1 + (d / (2 hold_m))^2). Default: 2.0.
     speed_weight
         Weight of the penalty on the speed, in m/s. Default: 0.1.
     spin_weight
@@ -799,7 +799,7 @@ class TrackConfig:
     near_weight
         Weight of the reward term exp(-2 d). Default: 1.0.
     close_weight
-        Weight of 1 / (1 + (d / close_m)^2). Default: 1.0.
+        Weight of the reward term 1 / (1 + (d / close_m)^2). Default: 1.0.
     yaw_weight
         Weight of the penalty on the yaw error, in rad. Default: 0.2.
     spin_weight
@@ -1048,8 +1048,8 @@ class World:
 
         Files that it names must be in its folder or below it, unless ``meshes_anywhere`` is set. Points are turned so
         that the axis ``up`` points up (None: ``"y"`` for glTF, ``"z"`` for others), multiplied by ``scale`` (m per unit
-        of the file), and moved so that the file's origin is at ``origin`` (m). A `UserWarning` lists the content of
-        the file that flockstep does not read. See `flockstep.scenes`.
+        of the file), and moved so that the file's origin is at ``origin`` (m). A `UserWarning` lists content of the
+        file that flockstep does not read. See `flockstep.scenes`.
         """
 
     @staticmethod
@@ -1058,7 +1058,7 @@ class World:
     ) -> World:
         """Make a world from the content of a scene file; ``base_dir`` is its folder, empty for the current one.
 
-        A `UserWarning` lists the content that flockstep does not read in the files that the scene names.
+        A `UserWarning` lists content of the scene's files that flockstep does not read.
         """
 
     @staticmethod
@@ -1329,9 +1329,9 @@ class World:
     ) -> _F32:
         """Draw ``count`` places (count, 3) m at which a drone, level and facing +x, touches nothing.
 
-        Each place has a surface below it. The nearest triangles above and below turn their front sides to it. Therefore
-        it is in the open or inside a room or building, and not in the ground, below it, or inside a closed mesh. A
-        larger ``count`` only appends places.
+        Each place has a surface below it. The nearest triangles above and below face it. Therefore it is in the open or
+        inside a room or building, and not in the ground, below it, or inside a closed mesh. With a larger ``count``,
+        the first places stay the same.
 
         Parameters
         ----------
@@ -1502,7 +1502,7 @@ class WorldBuilder:
         visible: bool = True,
         solid: bool = True,
     ) -> None:
-        """Add a cylinder with flat caps along its own z."""
+        """Add a cylinder with flat caps; its axis is its own z."""
 
     def capsule(
         self,
@@ -1515,7 +1515,7 @@ class WorldBuilder:
         visible: bool = True,
         solid: bool = True,
     ) -> None:
-        """Add a capsule along its own z; its height includes the round caps."""
+        """Add a capsule whose axis is its own z; ``height`` includes the round caps."""
 
     def sphere(
         self, center: Sequence[float], radius: float, material: int, *, visible: bool = True, solid: bool = True
@@ -1909,7 +1909,7 @@ class Recipe:
         """Raise `ValueError` if a world or the drone is a file outside the folder of bundled scenes."""
 
 class Batch:
-    """E envs of M drones each over W worlds, stepped together; N = E M drone slots in all.
+    """Steps E envs together. Each has M drones and is in one of W worlds. There are N = E M drone slots.
 
     Arrays that are properties are read-only views unless documented as copies. The next call overwrites them, and they
     keep the batch alive. Drone d belongs to env d // M. Masks are bool: (E,) for calls about envs (`reset`, `seed`,
@@ -1933,8 +1933,8 @@ class Batch:
     drone
         A `DroneModel`, the name of a bundled airframe, or the path of a JSON file. Default: the 650-class quadrotor.
     cameras
-        Cameras of each drone, with different names; at most 2**32 pixels each, summed over all drones. A camera that
-        writes ``instance`` requires worlds of at most 65535 primitives, meshes and markers.
+        Cameras of each drone, with different names. The images of one camera have at most 2**32 pixels over all drones.
+        A camera that writes ``instance`` requires worlds of at most 65535 primitives, meshes and markers.
     camera_backend
         ``"raycast"``: the engine's own tracing, bitwise reproducible. ``"gl"``: OpenGL through EGL. ``"auto"``: the
         faster of the two, timed on the batch's worlds. Without OpenGL, ``"gl"`` and ``"auto"`` use raycast and give a
@@ -1950,10 +1950,10 @@ class Batch:
     tracer
         Method that traces the rays of cameras and LiDARs; results differ only by rounding. ``"tiles"``: tiles of 16 x
         16 rays are traced against triangles, through a separate tree that takes about 65 bytes per triangle. Cameras
-        and dense LiDARs use tiles. A LiDAR is dense if it has at least four rows and sixteen neighbouring beams of a
-        row span at most about 50 degrees. All other rays use Embree, in packets. ``"auto"``: tiles only for sensors of
-        at least 256 rays in worlds of at most 1,024 triangles per ray; in larger worlds packets are faster.
-        ``"embree"``: uses no tiles, and traces primitives except rooms with Embree, too. It is slower and meant for
+        and dense LiDARs use tiles. A LiDAR is dense if it has at least four rows, and any sixteen neighbouring beams of
+        a row span at most about 50 degrees. All other rays use Embree, in packets. ``"auto"``: tiles only for sensors
+        of at least 256 rays in worlds of at most 1,024 triangles per ray; in larger worlds packets are faster.
+        ``"embree"``: uses no tiles; Embree also traces all primitives except rooms. It is slower and meant for
         comparison.
     drones_per_env
         M, at least 1. The drones of an env share its world, seed and episodes. They neither sense nor touch each other.
@@ -2222,12 +2222,12 @@ class Batch:
         """
 
     def fly(self, command: npt.ArrayLike, ticks: int | None = None, mask: npt.ArrayLike | None = None) -> Contact:
-        """Fly a command (N, 4), with the meaning of `DynamicsConfig.control`, for some ticks; None means one step.
+        """Fly a command (N, 4) for a number of ticks, by default for one step.
 
-        Drones can hit obstacles; see `DynamicsConfig.on_contact`. Sensors are not read. Gusts and the controller follow
-        each env's clock. Splitting a flight into several calls changes the result only by rounding. A drone that
-        becomes too fast to integrate is put to rest at its last position, with a `RuntimeWarning`; in a task its
-        episode ends as a bad state.
+        `DynamicsConfig.control` defines what the command means. Drones can hit obstacles; see
+        `DynamicsConfig.on_contact`. Sensors are not read. Gusts and the controller follow each env's clock. Splitting a
+        flight into several calls changes the result only by rounding. A drone that becomes too fast to integrate is put
+        to rest at its last position, with a `RuntimeWarning`; in a task its episode ends as a bad state.
 
         Ctrl-C ends a long flight between two ticks. Drones near obstacles may then have flown fewer ticks than others,
         and `tick` does not count the interrupted part.
@@ -2257,7 +2257,7 @@ class Batch:
         """
 
     def remove(self, indices: npt.ArrayLike) -> None:
-        """Deactivate slots (K,). They cost nothing.
+        """Deactivate slots (K,). Later calls spend no time on them.
 
         Their ranges become inf, and they keep their last pose. Their frames are stale and black, with depths of inf.
         """
@@ -2289,7 +2289,7 @@ class Batch:
         """
 
     def capture(self, mask: npt.ArrayLike | None = None, camera: str | None = None) -> None:
-        """Render now, in any capture mode."""
+        """Render now, whatever the capture mode is."""
 
     def set_capture_mode(self, mode: str, camera: str | None = None) -> None:
         """Change the capture mode: ``"every_step"``, ``"on_movement"`` or ``"on_demand"``.

@@ -135,7 +135,7 @@ class Task:
     left_area: BoolArray
     info: dict[str, npt.NDArray[np.float64]]
     _batch: weakref.ref[Batch] | None = None  # the batch that owns this task
-    _constants: dict[str, Any] | None = None  # values after setup of attributes that are neither arrays nor numbers
+    _constants: dict[str, Any] | None = None  # values that other attributes than arrays and numbers had after setup
 
     @property
     def steps(self) -> npt.NDArray[np.int64]:
@@ -155,7 +155,9 @@ class Task:
     def _own_batch(self) -> Batch:
         batch = None if self._batch is None else self._batch()
         if batch is None:
-            raise RuntimeError(f"{_name(self)}: no environment has this task, or it has been closed")
+            raise RuntimeError(
+                f"{_name(self)}: this task belongs to no environment, or its environment has been closed"
+            )
         return batch
 
     def __getstate__(self) -> dict[str, Any]:  # copies and pickles belong to no batch
@@ -233,7 +235,7 @@ class Task:
 
 
 _PROVIDED = ("success", "truncated", "left_area", "info")  # attributes that flockstep provides
-_SPACES = ("observation_space", "action_space")  # changed by sampling
+_SPACES = ("observation_space", "action_space")  # sampling changes their random state
 _NOT_STATE = ("_batch", "_constants", *_PROVIDED, "max_episode_steps", *_SPACES)
 _MISSING = object()
 #: Infos of every task, including the names that Stable-Baselines3 uses.
@@ -520,7 +522,7 @@ _METHODS = tuple(name for name, value in vars(Task).items() if inspect.isfunctio
 
 
 def settable_names(task: Task) -> set[str]:
-    """Return the public attributes of a task that can be set while it flies: its own and ``step_m``."""
+    """Return the public attributes of a task that may be set between steps: ``step_m`` and those that `Task` lacks."""
     return {
         name
         for name in dir(task)

@@ -155,10 +155,10 @@ class DroneVectorEnv(VectorEnv[Observation, Array, Array]):
 
     - ``"goal"`` (``flockstep/LidarNavigation-v0``): float32 (3 + rays,), the unit direction to the current goal in the
       body frame, then the LiDAR ranges divided by the maximum range (1 on a miss).
-    - ``"blob"`` (``flockstep/CameraNavigation-v0``): float32 (2 + rays,), the position and size of the goal's green
-      pixels (or of those of another ``color``) in the camera's image, then the ranges. `flockstep.color_blob` computes
-      the first two: the x offset of the blob's box from the image's centre, divided by half the width, and the box's
-      area divided by the image's area. Both are 0 if the colour is not visible.
+    - ``"blob"`` (``flockstep/CameraNavigation-v0``): float32 (2 + rays,), the position and size of the goal in the
+      camera's image, then the ranges. The goal's pixels are green, or have the ``color`` that you set.
+      `flockstep.color_blob` computes the first two: the x offset of the blob's box from the image's centre, divided by
+      half the width, and the box's area divided by the image's area. Both are 0 if the colour is not visible.
     - ``"pixels"`` (``flockstep/CameraPixels-v0``): a dict of ``image``, uint8 (3, height, width), and ``ranges``,
       float32 (rays,). The camera's layout is ``"chw"``.
 
@@ -181,7 +181,7 @@ class DroneVectorEnv(VectorEnv[Observation, Array, Array]):
         Observation of the navigation task: ``"goal"``, ``"blob"`` or ``"pixels"``.
     lidar
         One `LidarConfig` or a sequence; navigation observes the first. Default: 35 beams over 270 degrees with a range
-        of 3 m, as in the thesis, or 20 beams over 180 degrees for camera tasks; a `Task` declares its own.
+        of 3 m; for camera tasks, 20 beams over 180 degrees; a `Task` declares its own.
     camera
         One `CameraConfig` or a sequence; a camera task observes the first. Default: 64 x 48 pixels over 90 degrees,
         facing forward, for camera tasks, otherwise none; a `Task` declares its own.
@@ -226,8 +226,8 @@ class DroneVectorEnv(VectorEnv[Observation, Array, Array]):
         The name of the camera that ``render_view="camera"`` shows. Default: the first.
     drones_per_env
         Number of drones in each env, M. They share a world and their episodes, but neither sense nor touch each other.
-        Gymnasium expects one env per row, so the attribute `num_envs` is N = E M, and not E as the argument of this
-        name. Drone m of env i has row i M + m. Default: 1.
+        Gymnasium expects one env per row, so the attribute `num_envs` is N = E M, whereas the argument ``num_envs`` is
+        E. Drone m of env i has row i M + m. Default: 1.
     drone_mesh
         A `DroneMesh` that shows the drones in perspective views: from behind and from a fixed point. Default: a shape
         made from the drone's model: arms and rotors if it has rotors, otherwise its hull. Collisions always use the
@@ -463,7 +463,7 @@ class DroneVectorEnv(VectorEnv[Observation, Array, Array]):
     def recipe(self) -> Recipe:
         """A copy of the recipe from which the batch is built. Its worlds are empty if they were given as objects.
 
-        It names your own task by the Gymnasium id that made the env, otherwise by the name of its class.
+        If the env was made from a Gymnasium id, the recipe names your own task by this id, otherwise by its class.
         """
         recipe = Recipe.from_json(self._recipe.to_json())
         if isinstance(recipe.task, str) and self.spec is not None:

@@ -152,7 +152,7 @@ class FLOCKSTEP_API Batch {
   const CameraConfig& camera_config(std::size_t camera) const;               // with the current capture mode
   const CameraImages& images(std::size_t camera) const;                      // latest frames of all drones
   CameraConfig camera_config(std::size_t camera, std::int64_t index) const;  // of one drone, run-time changes included
-  void capture(std::size_t camera, DroneMask mask = {});                     // renders now, in any capture mode
+  void capture(std::size_t camera, DroneMask mask = {});                     // renders now, whatever the capture mode is
   void set_capture_mode(std::size_t camera, CaptureMode mode);               // not on_demand if the task observes the camera
   void set_camera(std::size_t camera, const CameraChange& change, DroneMask mask = {});  // marks the frames stale
   const std::string& camera_backend_report() const;  // the backend in use and the reason for it

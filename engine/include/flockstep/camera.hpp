@@ -122,9 +122,9 @@ struct CameraConfig {
         field("capture_mode", &C::capture_mode,
               {.about = "``\"every_step\"``: rendered at every step or `Batch.sense`, or at ``rate_hz``. ``\"on_movement\"``: "
                         "rendered at a step or `Batch.sense` only if the drone's pose or world has changed since its last frame. "
-                        "``\"on_demand\"``: rendered only by `Batch.capture`. A reset also renders, and a change of the camera "
-                        "shows at the next step or `Batch.sense`. With ``\"on_demand\"``, a reset or a change only marks the "
-                        "frame as stale until the next capture.",
+                        "``\"on_demand\"``: rendered only by `Batch.capture`. In the first two modes, a reset also renders, and "
+                        "changed camera settings take effect at the next step or `Batch.sense`. With ``\"on_demand\"``, a reset "
+                        "or a change only marks the frame as stale until the next capture.",
                .affects_hash = AffectsHash::no}),  // the mode is part of the snapshot
         field("samples_per_pixel", &C::samples_per_pixel,
               {.about = "Number of samples per pixel; they form a grid and are averaged. Only colours use several samples: all "
@@ -139,10 +139,11 @@ struct CameraConfig {
                         "``fx``, ``fy``, ``cx`` and ``cy`` stay those of the rendered image. Not allowed with the outputs "
                         "semantic, instance and normal, which cannot be averaged. hsv is computed from the resized rgb.",
                .unit = "px"}),
-        field("pool", &C::pool,
-              {.about = "How ``resize`` combines the rendered pixels that a written pixel covers. ``\"mean\"``: weighted by "
-                        "covered area, as OpenCV's INTER_AREA. ``\"min\"``, ``\"max\"``: the minimum or maximum of each channel. "
-                        "For depth, mean and max are inf if any covered pixel is a miss; min is inf only if all are."}));
+        field(
+            "pool", &C::pool,
+            {.about = "How ``resize`` combines the rendered pixels that a written pixel covers. ``\"mean\"``: weighted by "
+                      "covered area, like OpenCV's INTER_AREA. ``\"min\"``, ``\"max\"``: the minimum or maximum of each channel. "
+                      "For depth, mean and max are inf if any covered pixel is a miss; min is inf only if all are."}));
   }
 
   FLOCKSTEP_API void validate() const;

@@ -59,7 +59,8 @@ struct BatchConfig {
                .affects_hash = AffectsHash::no}),
         field("lidars", &C::lidars, {.about = "The LiDARs of each drone, with different names."}),
         field("cameras", &C::cameras,
-              {.about = "The cameras of each drone, with different names; at most 2^32 pixels each, summed over all drones."}),
+              {.about = "The cameras of each drone, with different names. The images of one camera have at most 2^32 pixels "
+                        "over all drones."}),
         field("camera_backend", &C::camera_backend,
               {.about = "Renderer of cameras. ``\"raycast\"``: the engine's own tracing, which needs no GPU and is bitwise "
                         "reproducible. ``\"gl\"``: OpenGL 4.5 through EGL, headless; if it is missing, raycast with a warning. "

@@ -129,7 +129,7 @@ struct NavigationConfig {
 // Throws std::invalid_argument on a bad config.
 FLOCKSTEP_API std::unique_ptr<Task> make_task(const NavigationConfig& config);
 
-// -- Hover: a thrown drone has to stabilise itself and hold a point
+// -- Hover: a thrown drone has to recover and stay at a point
 
 // The point to hold is the world's goal marker, or the centre of its bounds if it has none. Episodes begin near it, with random
 // attitude and velocity. Actions are four numbers in [-1, 1] whose meaning depends on the `control` of the dynamics: 0 hovers
@@ -142,7 +142,7 @@ FLOCKSTEP_API std::unique_ptr<Task> make_task(const NavigationConfig& config);
 // episode without a crash is a success if d <= hold_m during its last hold_s.
 struct HoverConfig {
   static constexpr const char* kName = "hover";
-  static constexpr const char* kAbout = "Catch a drone that is thrown, and hold a point.";
+  static constexpr const char* kAbout = "Recover a thrown drone and hold it at a point.";
 
   float start_offset_m = 0.5F;
   float start_tilt_deg = 90.0F;
@@ -181,7 +181,7 @@ struct HoverConfig {
                .unit = "s",
                .limits = above_up_to(0, 1000000)}),
         field("near_weight", &C::near_weight, {.about = "Weight of the reward term exp(-2 d)."}),
-        field("hold_weight", &C::hold_weight, {.about = "Weight of 1 / (1 + (d / 2 hold_m)^2)."}),
+        field("hold_weight", &C::hold_weight, {.about = "Weight of the reward term 1 / (1 + (d / (2 hold_m))^2)."}),
         field("speed_weight", &C::speed_weight, {.about = "Weight of the penalty on the speed, in m/s."}),
         field("spin_weight", &C::spin_weight,
               {.about = "Weight of the penalty on the magnitude of the angular velocity, in units of 10 rad/s."}),
@@ -267,7 +267,7 @@ struct TrackConfig {
         field("close_m", &C::close_m,
               {.about = "Maximum root mean square of d of a successful episode.", .unit = "m", .limits = above(0)}),
         field("near_weight", &C::near_weight, {.about = "Weight of the reward term exp(-2 d)."}),
-        field("close_weight", &C::close_weight, {.about = "Weight of 1 / (1 + (d / close_m)^2)."}),
+        field("close_weight", &C::close_weight, {.about = "Weight of the reward term 1 / (1 + (d / close_m)^2)."}),
         field("yaw_weight", &C::yaw_weight, {.about = "Weight of the penalty on the yaw error, in rad."}),
         field("spin_weight", &C::spin_weight,
               {.about = "Weight of the penalty on the magnitude of the angular velocity, in units of 10 rad/s."}),

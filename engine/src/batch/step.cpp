@@ -35,7 +35,7 @@ void read_all(Simulation& sim, std::span<const DroneIndex> drones, Scratch& scra
   for (const auto& sensor : sim.suite) sensor->read(drones, surroundings);
 }
 
-// Reads the sensors that are due, in the middle of a step or at its end. drones: the drones of the envs.
+// Reads the sensors that are due, in the middle of a step or at its end. `drones` are the drones of `envs`.
 void read_due(Simulation& sim, std::span<const EnvIndex> envs, std::span<const DroneIndex> drones, bool step_is_over,
               Scratch& scratch) {
   const sensors::Surroundings surroundings = surroundings_of(sim, scratch);

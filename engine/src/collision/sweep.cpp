@@ -15,7 +15,7 @@ namespace flockstep::collision {
 namespace {
 
 constexpr double kTouching = 1e-6;      // m; hulls closer than this count as overlapping
-constexpr double kResolution = 2e-6;    // m; an advance ends within this of its target gap
+constexpr double kResolution = 2e-6;    // m; tolerance of the gap at which an advance stops
 constexpr double kSlack = 1e-5;         // m; a hull at rest may come this much nearer before a contact is reported
 constexpr double kGain = 2e-6;          // m; two searches for the same gap differ by less
 constexpr double kFloatStep = 0x1p-23;  // fraction of a coordinate
@@ -25,7 +25,7 @@ constexpr int kPlaneSteps = 4;
 constexpr int kMaxAdvances = 1000;
 constexpr int kRewinds = 24;  // halvings of the time; they resolve a motion of 10 m to a micrometre
 
-// The distances that the hull keeps, for coordinates as large as in this motion.
+// The distances that the hull keeps in one motion. They grow with its coordinates, because rounding errors do.
 struct Margins {
   double rounding;  // m, error of a pose rounded to float32
   double standoff;  // m
@@ -79,7 +79,7 @@ class Mover {
     return {s.overlapping, s.plane, s.gap, s.point};
   }
 
-  // Returns the end of a time span, at most 1. From `time` until then, the hull certainly stays at least `target` (m) from the
+  // Returns a time, at most 1. From `time` until the returned time, the hull is certain to stay at least `target` (m) from the
   // plane.
   //
   // For a vertex x, let a be its gap beyond the target and b its current speed along the normal n. A point that turns at rate w
@@ -160,9 +160,9 @@ class Mover {
  private:
   // Returns the contact of a hull that was at rest at the start. The time of the contact is at most `time`, and at that time
   // the gap is at least as large as at the start. Between convex bodies that only translate, the gap is a convex function of
-  // time. A hull that comes nearer has therefore approached from the start, and the time is 0. A hull that turns may rest on a
-  // line or a face whose points are all equally near. Therefore the contact point is taken from `now`, when the hull has turned
-  // and one point is nearest.
+  // time. If the hull comes nearer at all, it therefore does so from time 0 on, and the time of the contact is 0. A hull that
+  // turns may rest on a line or a face whose points are all equally near. Therefore the contact point is taken from `now`, when
+  // the hull has turned and one point is nearest.
   template <class ClearanceAt>
   Touch rewind(const ClearanceAt& clearance, const Clearance& first, const Clearance& now, double time) const {
     if (path_.angle == 0.0) return {true, false, 0.0, first.plane.normal, first.point};
@@ -270,8 +270,8 @@ class Search {
     const Touch& shown = inside_.hit ? inside_ : first_;
     contact.hit = true;
     contact.inside = inside_.hit;
-    // leave() has checked the whole motion. If a contact cuts the motion short, the flown part certainly leads away only if the
-    // motion is straight and the part increases the gap enough. Otherwise the hull stays.
+    // leave() has checked the whole motion. If a contact cuts the motion short, the flown part is known to lead away only if
+    // the motion is straight and the gap grows enough in this part. Otherwise the hull stays.
     const bool is_shown = std::isinf(least_gain_) || first_.time == 1.0 ||
                           (mover_->path().angle == 0.0 && first_.time * least_gain_ >= kGain + margins_.rounding);
     const double time = is_shown ? first_.time : 0.0;
@@ -327,8 +327,8 @@ class Search {
     Vec3d nearest;
   };
 
-  // Returns nothing if a plane separates the ball around the hull from the obstacle during the whole motion. It alternates
-  // between the path's point nearest to the obstacle and the obstacle's point nearest to the path.
+  // Returns nothing if a plane separates the ball around the hull from the obstacle during the whole motion. The search for the
+  // plane alternates between the point of the path nearest to the obstacle and the point of the obstacle nearest to the path.
   std::optional<Approach> approach_of_ball(const Convex& obstacle) const {
     const Vec3d start = from_.position.cast<double>();
     const Vec3d way = to_.position.cast<double>() - start;

@@ -12,7 +12,7 @@
 
 #include "dynamics/lanes-inl.hpp"
 
-// Inlining these in debug builds makes sanitizers compile for minutes.
+// If these functions are inlined in debug builds, builds with sanitizers take minutes.
 #undef FLOCKSTEP_BIG_INLINE
 #if defined(NDEBUG)
 #define FLOCKSTEP_BIG_INLINE HWY_INLINE
@@ -215,8 +215,8 @@ FLOCKSTEP_BIG_INLINE void runge_kutta(const Physics& p, const Numbers& n, At at,
 // the way to half a turn.
 HWY_INLINE F turn_gain(F cosine) { return 2.0F / sqrt(max(2.0F * (1.0F + cosine), kTiny)); }
 
-// True if two directions are within 0.06 degrees of opposite. Their sine then does not give the angle, and rounding
-// decides the axis, so any axis will do.
+// True if the angle between two directions is within 0.06 degrees of 180 degrees. Its sine then does not give the angle, and
+// rounding decides the axis, so any axis will do.
 HWY_INLINE F::Mask are_opposite(F cosine, F square_of_sine) { return (square_of_sine < 1e-6F) & (cosine < 0.0F); }
 
 // Shortens a vector to at most this length.

@@ -3,9 +3,9 @@
 // world hits nothing. Source: A. Nash, S. Koenig, C. Tovey, "Lazy Theta*: any-angle path planning and path length analysis in
 // 3D", AAAI 2010.
 //
-// Grids are searched from coarse to fine. A coarse grid finds the right corridor for a small part of the work, and pulling its
-// path taut makes up for its large cells. Once there is a path, a finer grid is searched only for a shorter path, and only if
-// that search is small.
+// Grids are searched from coarse to fine. A coarse grid finds the right corridor at a fraction of the cost. Pulling the path
+// taut makes up for the large cells. Once there is a path, a finer grid is searched only for a shorter path, and only if that
+// search is small.
 #include <algorithm>
 #include <array>
 #include <cmath>
@@ -207,8 +207,8 @@ void pull_taut(Lattice& lattice, Path& path) {
   }
 }
 
-// Returns true if no obstacle can be passed above or below: a room in which all obstacles are upright and reach from floor to
-// ceiling. Then the shortest path, seen from above, is the shortest path in the plane.
+// Returns true if no obstacle can be passed above or below. This is so if the world is a room in which all obstacles are
+// upright and reach from floor to ceiling. Then the shortest path, seen from above, is the shortest path in the plane.
 bool is_full_height(const World& world) {
   constexpr float kTolerance = 1e-3F;  // m
   if (!world.triangles().triangles.empty() || world.primitives().empty()) return false;
@@ -246,8 +246,8 @@ std::optional<Path> lifted(const FreeSpace& space, Path path, float goal_z) {
   return path;
 }
 
-// Splits a leg until the drone can fly each part in one clear sweep. Sweeps along shorter parts of the leg are known to be
-// clear.
+// Splits a leg until the drone can fly each part in one clear sweep. The planner has already swept shorter parts of the leg and
+// found them clear.
 void add_leg(const FreeSpace& space, Path& path, const Vec3& to, int cuts = 10) {
   const Vec3 from = path.back();
   if (cuts > 0 && !space.is_free_leg(from, to)) {
@@ -258,7 +258,8 @@ void add_leg(const FreeSpace& space, Path& path, const Vec3& to, int cuts = 10) 
   }
 }
 
-// Estimates the lattice cells that paths of at most this length can reach: those of the region within an ellipsoid.
+// Estimates how many lattice cells the paths of at most this length can reach. These cells lie in the region and in an
+// ellipsoid whose foci are start and goal.
 double cells_within(const Aabb& region, const Vec3& start, const Vec3& goal, double length, double cell, bool is_flat) {
   const double straight = static_cast<double>((goal - start).norm());
   const double half_width = 0.5 * std::sqrt(std::max(length * length - straight * straight, 0.0));

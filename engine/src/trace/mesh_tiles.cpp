@@ -75,13 +75,13 @@ HWY_INLINE F numbered(F a) { return bit_cast<F>((bit_cast<I>(a) & ~15) | I::iota
 HWY_INLINE F largest(const F3& a) { return max(max(abs(a.x), abs(a.y)), abs(a.z)); }
 
 constexpr float kRounding = 0x1p-20F;  // several roundings of a sum of products, relative to the magnitude of its terms
-constexpr float kWiden = 0x1p-18F;     // fraction of coordinates; exceeds the error of a rotated corner or box
-constexpr float kBeyond = 1.0001F;     // boxes that begin beyond this multiple of the farthest hit are skipped
-constexpr float kTiny = 1e-12F;        // m
+constexpr float kWiden = 0x1p-18F;  // relative to the largest coordinate; exceeds the rounding error of a rotated corner or box
+constexpr float kBeyond = 1.0001F;  // boxes that begin beyond this multiple of the farthest hit are skipped
+constexpr float kTiny = 1e-12F;     // m
 constexpr float kWide = 1e30F;
 constexpr std::int32_t kNobody = std::numeric_limits<std::int32_t>::max();
 constexpr std::size_t kRays = 256;
-constexpr int kFewSubs = 2;          // a node in at most this many sub-tiles is tested against their single rays
+constexpr int kFewSubs = 2;          // a node in at most this many sub-tiles is tested against each of their rays
 constexpr int kFewSubsOfLeaf = 6;    // the same for a leaf
 constexpr std::size_t kFewRays = 2;  // at most this many rays traverse a subtree one by one
 
@@ -167,7 +167,7 @@ class TileTrace {
     std::fill_n(w_of_, 16, FLT_MAX);
     if (rays_.no_hits_yet) {
       for (std::size_t sub = 0; sub < rows; ++sub) F(least_w).store(w_ + 16 * sub);
-      for (std::size_t row = rays_.count / 16; row < rows; ++row) {  // rows that fill up the last sub-tiles
+      for (std::size_t row = rays_.count / 16; row < rows; ++row) {  // padding rows of the last sub-tiles
         for (std::size_t column = 0; column < 16; ++column) w_[TileAxis::place(row, column)] = FLT_MAX;
       }
       std::fill_n(w_of_, rows, least_w);
@@ -182,7 +182,7 @@ class TileTrace {
 
   // Starts from the hits that the rays already have.
   HWY_INLINE void take_over(std::size_t rows, float least_w) {
-    std::fill(rays_.t_hit + rays_.count, rays_.t_hit + 16 * rows, -1.0F);  // rows that only fill up the last sub-tiles
+    std::fill(rays_.t_hit + rays_.count, rays_.t_hit + 16 * rows, -1.0F);  // padding rows of the last sub-tiles
     for (std::size_t row = 0; row < rows; ++row) {
       for (std::size_t column = 0; column < 16; column += 4) {
         std::memcpy(w_ + TileAxis::place(row, column), rays_.t_hit + 16 * row + column, 4 * sizeof(float));
@@ -370,8 +370,8 @@ class TileTrace {
     (1.0F / far).store(facets.least);
     select(ahead, max(max(inverse[0], inverse[1]), inverse[2]), FLT_MAX).store(facets.most);
 
-    // Twice the cross product of two corners. For the other triangle of the edge it differs only in sign. The error of each
-    // coordinate is a few rounding errors of its largest possible product.
+    // Twice the cross product of two corners. For the other triangle of the edge it differs only in sign. Each coordinate is a
+    // difference of two products. Its rounding error is at most a small multiple of that of the largest possible product.
     F3 edge[3];
     F length[3];
     for (std::size_t k = 0; k < 3; ++k) {
@@ -548,8 +548,9 @@ class TileTrace {
                  b{corner[2].x - c.x, corner[2].y - c.y, corner[2].z - c.z};
     const Corner normal{a.y * b.z - a.z * b.y, a.z * b.x - a.x * b.z, a.x * b.y - a.y * b.x};
     const double height = normal.x * c.x + normal.y * c.y + normal.z * c.z;
-    // The line may cross the triangle behind the origin. If even this test cannot decide, the origin lies in the triangle's
-    // plane. The hit then gets the triangle's largest depth, which keeps surfaces closed.
+    // The line may cross the triangle behind the origin. The sign of `height` decides. If `height` is 0 to within its rounding
+    // error, the origin lies in the triangle's plane. The hit then gets the triangle's largest depth, which keeps surfaces
+    // closed.
     const float least = facets.least[i];
     float w = least;
     if (std::abs(height) > 0x1p-47 * largest(a) * largest(b) * largest(c)) {
@@ -581,7 +582,7 @@ class TileTrace {
     const auto share = [&](double part) { return static_cast<float>(sum != 0.0 ? std::clamp(part / sum, 0.0, 1.0) : 1.0 / 3.0); };
     return masks_->lets_through(static_cast<std::size_t>(leaf.triangle[i]), share(weight[2]), share(weight[0]));
   }
-  // Returns which of the given hits of a sub-tile's rays pass through the mask.
+  // Returns which of the rays in `hits`, all of one sub-tile, pass through the triangle's mask.
   HWY_NOINLINE M seen_through(const MeshLeaf& leaf, std::size_t i, std::size_t sub, Bits hits) const {
     alignas(64) float through[16] = {};
     for (; hits != 0; hits &= hits - 1) {
@@ -591,7 +592,7 @@ class TileTrace {
     return F::load(through) > 0.0F;
   }
 
-  // Tests exactly if a ray hits a triangle that is not seen edge-on.
+  // Tests with crosses_exactly() if a ray hits a triangle that is not seen edge-on.
   bool hits_exactly(const Facets& facets, const MeshLeaf& leaf, std::size_t i, std::size_t ray) const {
     const int ahead = (facets.id[i] & 1) != 0 ? 1 : -1;
     return crosses_exactly(u_.of_ray[ray], v_.of_ray[ray], corners(leaf, i)) == ahead;

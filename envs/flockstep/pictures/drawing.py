@@ -61,7 +61,8 @@ class Drawing:
     colour is a name (``"black"``, ``"grey"``, ``"white"``, ``"red"``, ``"orange"``, ``"yellow"``, ``"green"``,
     ``"blue"``, ``"purple"``) or three integers from 0 to 255. Sizes and widths are in pixels of a picture 640 wide and
     scale with wider ones; arguments ending with ``_m`` are in metres. In a view with depth, nearer surfaces hide the
-    drawing. From above nothing hides it, but cells lie below everything else.
+    drawing. In the top view it covers everything else; only cells are drawn directly on the world, below everything
+    else.
     """
 
     def __init__(self, canvas: Canvas, unit_px: int) -> None:

@@ -54,7 +54,7 @@ def test_the_headline_names_threads_processor_commit_and_remark_of_each_row():
     assert rows == [
         ["a step of one drone", "2.5 s", "1", "Fast One, 2 logical, AVX3", "0123456, 2026-11-24"],
         [
-            "training by LiDAR until solved, at most 1.5 million steps, median of 5",
+            "time to train with a LiDAR until solved (at most 1.5 million steps), median of 5",
             "2.5 s",
             "1 per core",
             "Fast One, 2 logical, AVX2",
