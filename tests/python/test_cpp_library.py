@@ -220,5 +220,6 @@ def test_a_build_without_the_backend_gl_needs_no_opengl_and_says_so(tmp_path: Pa
     eigen = run("pkg-config", "--cflags", "eigen3").split()
     source = ROOT / "engine" / "src" / "render" / "without_gl.cpp"
     program = tmp_path / "program"
-    run("c++", "-std=c++20", *WARNINGS, *includes, *eigen, source, tmp_path / "main.cpp", "-o", program)
+    embree = f"-DFLOCKSTEP_EMBREE_MAJOR={flockstep._core.embree_version.split('.')[0]}"
+    run("c++", "-std=c++20", *WARNINGS, embree, *includes, *eigen, source, tmp_path / "main.cpp", "-o", program)
     assert run(program) == "this build of flockstep has no backend gl\n"
