@@ -228,7 +228,8 @@ class TaskArrays final : public ArrayVisitor {
 
 py::dict task_state(const py::object& self) {
   TaskArrays arrays(self);
-  self.cast<const Batch&>().visit_task(arrays);
+  const auto& batch = self.cast<const Batch&>();
+  in_turn(batch, [&] { batch.visit_task(arrays); });
   return arrays.arrays;
 }
 
@@ -251,7 +252,7 @@ std::size_t camera_of(const Batch& batch, const std::optional<std::string>& name
 
 py::array_t<float> random(const Batch& batch, std::uint32_t stream, int count) {
   py::array_t<float> numbers({num_envs(batch), static_cast<py::ssize_t>(std::max(count, 0))});
-  batch.random(stream, count, {numbers.mutable_data(), static_cast<std::size_t>(numbers.size())});
+  in_turn(batch, [&] { batch.random(stream, count, {numbers.mutable_data(), static_cast<std::size_t>(numbers.size())}); });
   return numbers;
 }
 
@@ -346,8 +347,10 @@ void register_batch(py::module_& module) {
       .def(
           "set_pose",
           [](Batch& batch, const py::object& position, const py::object& quat_wxyz, const py::object& mask) {
-            batch.set_pose(floats(position, "position", n_by(batch, 3)), floats(quat_wxyz, "quat_wxyz", n_by(batch, 4)),
-                           flags(mask, "mask", num_drones(batch)));
+            const auto p = floats(position, "position", n_by(batch, 3));
+            const auto q = floats(quat_wxyz, "quat_wxyz", n_by(batch, 4));
+            const auto m = flags(mask, "mask", num_drones(batch));
+            in_turn(batch, [&] { batch.set_pose(p, q, m); });
           },
           py::arg("position") = none, py::arg("quat_wxyz") = none, py::arg("mask") = none)
       .def(
@@ -365,9 +368,11 @@ void register_batch(py::module_& module) {
           "set_velocity",
           [](Batch& batch, const py::object& velocity, const py::object& angular_velocity, const py::object& rotor_speed,
              const py::object& mask) {
-            batch.set_velocity(floats(velocity, "velocity", n_by(batch, 3)),
-                               floats(angular_velocity, "angular_velocity", n_by(batch, 3)),
-                               floats(rotor_speed, "rotor_speed", n_by(batch, kRotors)), flags(mask, "mask", num_drones(batch)));
+            const auto v = floats(velocity, "velocity", n_by(batch, 3));
+            const auto w = floats(angular_velocity, "angular_velocity", n_by(batch, 3));
+            const auto r = floats(rotor_speed, "rotor_speed", n_by(batch, kRotors));
+            const auto m = flags(mask, "mask", num_drones(batch));
+            in_turn(batch, [&] { batch.set_velocity(v, w, r, m); });
           },
           py::arg("velocity") = none, py::arg("angular_velocity") = none, py::arg("rotor_speed") = none, py::arg("mask") = none)
       .def(
@@ -404,13 +409,17 @@ void register_batch(py::module_& module) {
           py::arg("indices"), py::arg("position"), py::arg("quat_wxyz") = none, py::arg("world_index") = none)
       .def(
           "remove",
-          [](Batch& batch, const py::object& indices) { batch.remove(integers<std::int64_t>(indices, "indices", {-1})); },
+          [](Batch& batch, const py::object& indices) {
+            const auto rows = integers<std::int64_t>(indices, "indices", {-1});
+            in_turn(batch, [&] { batch.remove(rows); });
+          },
           py::arg("indices"))
       .def(
           "set_world",
           [](Batch& batch, const py::object& world_index, const py::object& mask) {
-            batch.set_world(integers<std::int32_t>(world_index, "world_index", {num_envs(batch)}),
-                            flags(mask, "mask", num_envs(batch)));
+            const auto w = integers<std::int32_t>(world_index, "world_index", {num_envs(batch)});
+            const auto m = flags(mask, "mask", num_envs(batch));
+            in_turn(batch, [&] { batch.set_world(w, m); });
           },
           py::arg("world_index"), py::arg("mask") = none)
       .def(
@@ -419,8 +428,8 @@ void register_batch(py::module_& module) {
              std::optional<float> hfov_deg, std::optional<float> vfov_deg, const std::optional<std::array<float, 3>>& offset_m,
              const std::optional<std::array<float, 4>>& quat_wxyz) {
             const std::size_t index = batch.lidar_index(lidar.value_or(""));
-            batch.set_lidar({max_range_m, hfov_deg, vfov_deg, offset_m, quat_wxyz}, flags(mask, "mask", num_drones(batch)),
-                            index);
+            const auto m = flags(mask, "mask", num_drones(batch));
+            in_turn(batch, [&] { batch.set_lidar({max_range_m, hfov_deg, vfov_deg, offset_m, quat_wxyz}, m, index); });
           },
           py::arg("mask") = none, py::arg("lidar") = none, py::kw_only(), py::arg("max_range_m") = none,
           py::arg("hfov_deg") = none, py::arg("vfov_deg") = none, py::arg("offset_m") = none, py::arg("quat_wxyz") = none)
@@ -446,7 +455,9 @@ void register_batch(py::module_& module) {
       .def(
           "set_capture_mode",
           [](Batch& batch, const std::string& mode, const std::optional<std::string>& camera) {
-            batch.set_capture_mode(camera_of(batch, camera), enum_of<CaptureMode>(mode, "capture_mode"));
+            const std::size_t index = camera_of(batch, camera);
+            const auto chosen = enum_of<CaptureMode>(mode, "capture_mode");
+            in_turn(batch, [&] { batch.set_capture_mode(index, chosen); });
           },
           py::arg("mode"), py::arg("camera") = none)
       .def(
@@ -454,8 +465,9 @@ void register_batch(py::module_& module) {
           [](Batch& batch, const py::object& mask, const std::optional<std::string>& camera, std::optional<float> hfov_deg,
              std::optional<float> vfov_deg, const std::optional<std::array<float, 3>>& offset_m,
              const std::optional<std::array<float, 4>>& quat_wxyz) {
-            batch.set_camera(camera_of(batch, camera), {hfov_deg, vfov_deg, offset_m, quat_wxyz},
-                             flags(mask, "mask", num_drones(batch)));
+            const std::size_t index = camera_of(batch, camera);
+            const auto m = flags(mask, "mask", num_drones(batch));
+            in_turn(batch, [&] { batch.set_camera(index, {hfov_deg, vfov_deg, offset_m, quat_wxyz}, m); });
           },
           py::arg("mask") = none, py::arg("camera") = none, py::kw_only(), py::arg("hfov_deg") = none, py::arg("vfov_deg") = none,
           py::arg("offset_m") = none, py::arg("quat_wxyz") = none)
@@ -463,12 +475,17 @@ void register_batch(py::module_& module) {
       .def(
           "seed",
           [](Batch& batch, const py::object& seeds, const py::object& mask) {
-            batch.seed(integers<std::uint64_t>(seeds, "seeds", {num_envs(batch)}), flags(mask, "mask", num_envs(batch)));
+            const auto s = integers<std::uint64_t>(seeds, "seeds", {num_envs(batch)});
+            const auto m = flags(mask, "mask", num_envs(batch));
+            in_turn(batch, [&] { batch.seed(s, m); });
           },
           py::arg("seeds"), py::arg("mask") = none)
       .def(
           "begin_episode",
-          [](Batch& batch, const py::object& mask) { batch.begin_episode(flags(mask, "mask", num_envs(batch))); },
+          [](Batch& batch, const py::object& mask) {
+            const auto m = flags(mask, "mask", num_envs(batch));
+            in_turn(batch, [&] { batch.begin_episode(m); });
+          },
           py::arg("mask") = none)
       .def("random", &random, py::arg("stream"), py::arg("count"))
       .def(
@@ -498,6 +515,9 @@ void register_batch(py::module_& module) {
             released(batch, [&] { batch.restore(blob); });
           },
           py::arg("blob"))
+      // Without before_long_call; the service calls Batch::share() itself.
+      .def("_share", [](Batch& batch) { released([&] { batch.share(); }); })
+      .def("_unshare", [](Batch& batch) { released([&] { batch.unshare(); }); })
       .def("__repr__", &describe_batch);
 }
 

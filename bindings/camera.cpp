@@ -44,7 +44,10 @@ void register_camera(py::module_& module) {
   cls.def_property_readonly("config", [](const CameraView& camera) { return camera.config(); })
       .def(
           "config_of",
-          [](const CameraView& camera, std::int64_t index) { return camera.batch().camera_config(camera.index, index); },
+          [](const CameraView& camera, std::int64_t index) {
+            const Batch& batch = camera.batch();
+            return in_turn(batch, [&] { return batch.camera_config(camera.index, index); });
+          },
           py::arg("index"))
       .def(
           "jpeg",

@@ -7,6 +7,7 @@
 #include "array_views.hpp"
 #include "arrays.hpp"
 #include "flockstep/batch.hpp"
+#include "released.hpp"
 
 namespace flockstep::bindings {
 namespace {
@@ -35,7 +36,8 @@ py::array_t<float> per_ray(const LidarView& lidar, void (Batch::*fill)(std::span
   Shape shape = lidar.shape();
   shape.push_back(3);
   py::array_t<float> array(shape);
-  (lidar.batch().*fill)({array.mutable_data(), static_cast<std::size_t>(array.size())}, lidar.index);
+  const Batch& batch = lidar.batch();
+  in_turn(batch, [&] { (batch.*fill)({array.mutable_data(), static_cast<std::size_t>(array.size())}, lidar.index); });
   return array;
 }
 
@@ -50,7 +52,11 @@ void register_lidar(py::module_& module) {
   add_arrays<LidarReadings, &readings_of>(cls);
   cls.def_property_readonly("config", [](const LidarView& lidar) { return lidar.config(); })
       .def(
-          "config_of", [](const LidarView& lidar, std::int64_t index) { return lidar.batch().lidar_config(index, lidar.index); },
+          "config_of",
+          [](const LidarView& lidar, std::int64_t index) {
+            const Batch& batch = lidar.batch();
+            return in_turn(batch, [&] { return batch.lidar_config(index, lidar.index); });
+          },
           py::arg("index"))
       .def_property_readonly("directions", [](const LidarView& lidar) { return per_ray(lidar, &Batch::lidar_directions); })
       .def_property_readonly("points", [](const LidarView& lidar) {

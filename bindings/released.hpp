@@ -3,10 +3,12 @@
 
 #include <pybind11/pybind11.h>
 
+#include <optional>
 #include <string>
 
 #include "base/interrupt.hpp"
 #include "flockstep/batch.hpp"
+#include "flockstep/batch_lock.hpp"
 
 namespace flockstep::bindings {
 
@@ -36,6 +38,15 @@ template <class F>
 void released(Batch& batch, const F& f) {
   released(f);
   warn(batch);
+}
+
+// Returns the result of f, a short call on the batch that keeps the interpreter lock. If another thread is in a call on a shared
+// batch, waits for it first, without the interpreter lock, which that thread may need.
+template <class F>
+auto in_turn(const Batch& batch, const F& f) {
+  std::optional<BatchLock> lock = BatchLock::try_lock(batch);
+  if (!lock && batch.is_shared()) released([&] { lock.emplace(batch); });
+  return f();
 }
 
 }  // namespace flockstep::bindings

@@ -2,9 +2,11 @@
 
 import os
 import threading
+import time
 
 import numpy as np
 import pytest
+from gymnasium import spaces
 
 import flockstep
 
@@ -48,6 +50,72 @@ def test_two_threads_in_one_batch_get_an_error_and_no_harm():
     batch.reset(np.arange(512))
     batch.step(np.zeros(512, int))
     assert np.isfinite(batch.observation).all()
+
+
+class Slow(flockstep.Task):
+    """Its methods need the interpreter lock while the batch is locked."""
+
+    observation_space = spaces.Box(-np.inf, np.inf, (3,), np.float32)
+
+    def step(self, batch):
+        time.sleep(0.002)
+        return batch.position[:, 2], batch.contact.hit
+
+    def observe(self, batch):
+        return batch.position
+
+
+def test_a_thread_waits_for_a_shared_batch_without_the_interpreter_lock(room):
+    camera = flockstep.CameraConfig(width_px=4, height_px=4)
+    task = Slow()
+    task.lidar, task.camera = flockstep.LidarConfig(), camera
+    env = flockstep.DroneVectorEnv(4, worlds=room, task=task, num_threads=1)
+    env.reset(seed=0)
+    batch = env.batch
+    batch._share()
+    calls = [
+        lambda: batch.set_pose(np.ones((4, 3))),
+        lambda: batch.set_lidar(hfov_deg=90.0),
+        lambda: batch.set_camera(hfov_deg=80.0),
+        lambda: batch.set_capture_mode("every_step"),
+        lambda: batch.set_world(np.zeros(4, int)),
+        lambda: batch.seed(np.arange(4)),
+        lambda: batch.begin_episode(),
+        lambda: batch.random(0, 3),
+        lambda: batch.remove(np.zeros(0, int)),
+        lambda: batch.lidar().points,
+        lambda: batch.lidar().directions,
+        lambda: batch.lidar().config_of(0),
+        lambda: batch.camera().config_of(0),
+        lambda: batch.capture(),
+        lambda: batch.camera().jpeg(0),
+        lambda: batch.task_state,
+        lambda: batch.sense(),
+        lambda: batch.restore(batch.snapshot()),
+    ]
+    ended = threading.Event()
+    steps = 0
+
+    def fly():
+        nonlocal steps
+        while not ended.is_set():
+            batch.step(np.zeros((4, 3), np.float32))
+            steps += 1
+
+    def use():
+        for call in 3 * calls:
+            time.sleep(0.003)  # until the other thread is in a step
+            call()
+        ended.set()
+
+    threads = [threading.Thread(target=target, daemon=True) for target in (fly, use)]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join(60)
+    assert ended.is_set()
+    assert steps > len(calls)
+    batch._unshare()
 
 
 def test_more_threads_than_processors_are_a_warning_and_nothing_else(room, capfd):

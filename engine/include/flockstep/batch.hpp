@@ -2,6 +2,7 @@
 #pragma once
 
 #include <cstdint>
+#include <functional>
 #include <memory>
 #include <optional>
 #include <span>
@@ -78,12 +79,14 @@ struct Outputs {
   }
 };
 
+class BatchLock;
+class CallLock;
 struct Simulation;
 
 // All methods check their input before they change anything. They throw std::invalid_argument naming the field, the expected
 // value and the actual one. An empty mask selects every active drone or env; an env is active if one of its drones is.
-// Not thread-safe: a call while another thread is in one throws std::runtime_error. A batch does not survive fork(): using a
-// parent's batch in the child throws std::runtime_error.
+// One thread at a time: a call while another thread is in one throws std::runtime_error, or waits if the batch is shared. A
+// batch does not survive fork(): using a parent's batch in the child throws std::runtime_error.
 class FLOCKSTEP_API Batch {
  public:
   using Worlds = std::vector<std::shared_ptr<const World>>;  // the worlds of a batch, by index
@@ -110,6 +113,15 @@ class FLOCKSTEP_API Batch {
   std::int64_t embree_rays() const;
   std::int64_t embree_packets() const;  // see embree_rays()
   const State& state() const;           // poses, contacts and clocks; valid until the batch is destroyed
+
+  // --- sharing with other threads; BatchLock makes several calls as one
+  // From now on, a call while another thread is in one waits for it. Threads wait in the order of their calls, so a thread that
+  // steps in a loop lets the others in between. before_long_call, if given, is called with the batch locked, at the start of
+  // each call that may take long and changes the state: step, reset, fly, move, sense, capture, restore, spawn. It may call the
+  // batch; neither such calls nor those within a BatchLock call it again.
+  void share(std::function<void()> before_long_call = {});
+  void unshare();          // ends the sharing; threads that wait still get their turns
+  bool is_shared() const;  // true between share() and unshare()
 
   // --- motion and sensing; positions (N, 3) m, quaternions (N, 4) wxyz; an empty span leaves the value unchanged
   void set_pose(std::span<const float> position, std::span<const float> quat_wxyz, DroneMask mask = {});  // no collision check
@@ -183,6 +195,9 @@ class FLOCKSTEP_API Batch {
   void restore(const std::string& blob);  // std::invalid_argument, and no change, if it is of another configuration or corrupt
 
  private:
+  friend class BatchLock;
+
+  std::unique_ptr<CallLock> lock_;  // of the calls; outlives sim_
   std::unique_ptr<Simulation> sim_;
 };
 

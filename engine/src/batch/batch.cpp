@@ -63,13 +63,27 @@ void begin_time(Simulation& sim, EnvIndex env) {
 
 Batch::Batch(BatchConfig config, Worlds worlds, std::unique_ptr<Task> task, DroneModel drone,
              std::span<const std::int32_t> world_index)
-    : sim_(std::make_unique<Simulation>(std::move(config), std::move(worlds), std::move(task), std::move(drone), world_index)) {}
+    : lock_(std::make_unique<CallLock>()),
+      sim_(std::make_unique<Simulation>(std::move(config), std::move(worlds), std::move(task), std::move(drone), world_index)) {}
 
 Batch::Batch(BatchConfig config, WorldPool pool, std::unique_ptr<Task> task, DroneModel drone)
-    : sim_(std::make_unique<Simulation>(std::move(config), Worlds(), std::move(task), std::move(drone),
+    : lock_(std::make_unique<CallLock>()),
+      sim_(std::make_unique<Simulation>(std::move(config), Worlds(), std::move(task), std::move(drone),
                                         std::span<const std::int32_t>(), std::move(pool))) {}
 
 Batch::~Batch() = default;
+
+void Batch::share(std::function<void()> before_long_call) {
+  const CallGuard guard(*lock_);
+  lock_->share(std::move(before_long_call));
+}
+
+void Batch::unshare() {
+  const CallGuard guard(*lock_);
+  lock_->unshare();
+}
+
+bool Batch::is_shared() const { return lock_->is_shared(); }
 
 const BatchConfig& Batch::config() const { return sim_->config; }
 const Batch::Worlds& Batch::worlds() const {
@@ -86,7 +100,7 @@ const State& Batch::state() const { return sim_->state; }
 // ------------------------------------------------------------------------------------------------------ motion and sensing
 
 void Batch::set_pose(std::span<const float> position, std::span<const float> quat_wxyz, DroneMask mask) {
-  const CallGuard guard(*sim_);
+  const CallGuard guard(*lock_);
   checks::mask(*sim_, mask);
   checks::poses(position, quat_wxyz, sim_->num_drones());
   for_each_selected(*sim_, mask, [&](DroneIndex drone) {
@@ -97,7 +111,7 @@ void Batch::set_pose(std::span<const float> position, std::span<const float> qua
 }
 
 void Batch::move(std::span<const float> position, std::span<const float> quat_wxyz, DroneMask mask) {
-  const CallGuard guard(*sim_);
+  const LongCallGuard guard(*lock_);
   checks::is_kinematic(*sim_, "move");
   checks::mask(*sim_, mask);
   checks::poses(position, quat_wxyz, sim_->num_drones());
@@ -113,7 +127,7 @@ void Batch::move(std::span<const float> position, std::span<const float> quat_wx
 
 void Batch::set_velocity(std::span<const float> velocity, std::span<const float> angular_velocity,
                          std::span<const float> rotor_speed, DroneMask mask) {
-  const CallGuard guard(*sim_);
+  const CallGuard guard(*lock_);
   checks::flies_by_rotors(*sim_, "set_velocity");
   checks::mask(*sim_, mask);
   checks::velocity(*sim_, velocity);
@@ -132,7 +146,7 @@ void Batch::set_velocity(std::span<const float> velocity, std::span<const float>
 }
 
 void Batch::fly(std::span<const float> command, int ticks, DroneMask mask) {
-  const CallGuard guard(*sim_);
+  const LongCallGuard guard(*lock_);
   checks::not_stepping(*sim_, "fly");
   checks::flies_by_rotors(*sim_, "fly");
   checks::mask(*sim_, mask);
@@ -155,7 +169,7 @@ void Batch::fly(std::span<const float> command, int ticks, DroneMask mask) {
 }
 
 void Batch::sense(DroneMask mask) {
-  const CallGuard guard(*sim_);
+  const LongCallGuard guard(*lock_);
   checks::mask(*sim_, mask);
   list_selected(*sim_, mask, &Block::selected);
   read_sensors(*sim_, mask);
@@ -165,7 +179,7 @@ void Batch::sense(DroneMask mask) {
 
 void Batch::spawn(std::span<const std::int64_t> indices, std::span<const float> position, std::span<const float> quat_wxyz,
                   std::span<const std::int32_t> world_index) {
-  const CallGuard guard(*sim_);
+  const LongCallGuard guard(*lock_);
   checks::not_stepping(*sim_, "spawn");
   checks::indices(*sim_, indices);
   checks::poses(position, quat_wxyz, indices.size());
@@ -206,7 +220,7 @@ void Batch::spawn(std::span<const std::int64_t> indices, std::span<const float> 
 }
 
 void Batch::remove(std::span<const std::int64_t> indices) {
-  const CallGuard guard(*sim_);
+  const CallGuard guard(*lock_);
   checks::not_stepping(*sim_, "remove");
   checks::indices(*sim_, indices);
   for (const std::int64_t index : indices) mark_absent(*sim_, DroneIndex(index));
@@ -214,7 +228,7 @@ void Batch::remove(std::span<const std::int64_t> indices) {
 }
 
 void Batch::set_world(std::span<const std::int32_t> world_index, EnvMask mask) {
-  const CallGuard guard(*sim_);
+  const CallGuard guard(*lock_);
   checks::mask(*sim_, mask);
   checks::size(world_index.size(), sim_->num_envs(), "world_index");
   checks::world_index(*sim_, world_index, sim_->num_envs());
@@ -231,7 +245,7 @@ void Batch::set_world(std::span<const std::int32_t> world_index, EnvMask mask) {
 // ---------------------------------------------------------------------------------------------------------- random numbers
 
 void Batch::seed(std::span<const std::uint64_t> seeds, EnvMask mask) {
-  const CallGuard guard(*sim_);
+  const CallGuard guard(*lock_);
   checks::mask(*sim_, mask);
   checks::size(seeds.size(), sim_->num_envs(), "seeds");
   for_each_selected(*sim_, mask, [&](EnvIndex env) {
@@ -242,7 +256,7 @@ void Batch::seed(std::span<const std::uint64_t> seeds, EnvMask mask) {
 }
 
 void Batch::begin_episode(EnvMask mask) {
-  const CallGuard guard(*sim_);
+  const CallGuard guard(*lock_);
   checks::not_stepping(*sim_, "begin_episode");
   checks::mask(*sim_, mask);
   for_each_selected(*sim_, mask, [&](EnvIndex env) {
@@ -252,7 +266,7 @@ void Batch::begin_episode(EnvMask mask) {
 }
 
 void Batch::random(std::uint32_t stream, int count, std::span<float> out) const {
-  const CallGuard guard(*sim_);
+  const CallGuard guard(*lock_);
   require(stream < 0x80000000U, "stream", "an integer in [0, 2147483648)", stream);
   require(count >= 0, "count", "an integer >= 0", count);
   const auto columns = static_cast<std::size_t>(count);
@@ -269,7 +283,7 @@ void Batch::random(std::uint32_t stream, int count, std::span<float> out) const 
 const Task* Batch::task() const { return sim_->task_state ? sim_->task_state->task.get() : nullptr; }
 
 void Batch::reset(std::span<const std::uint64_t> seeds, EnvMask mask) {
-  const CallGuard guard(*sim_);
+  const LongCallGuard guard(*lock_);
   checks::not_stepping(*sim_, "reset");
   checks::has_task(*sim_);
   checks::mask(*sim_, mask);
@@ -310,7 +324,7 @@ void Batch::reset(std::span<const std::uint64_t> seeds, EnvMask mask) {
 }
 
 void Batch::step(std::span<const std::int64_t> actions) {
-  const CallGuard guard(*sim_);
+  const LongCallGuard guard(*lock_);
   checks::not_stepping(*sim_, "step");
   checks::has_task(*sim_);
   checks::actions(*sim_, actions);
@@ -326,7 +340,7 @@ void Batch::step(std::span<const std::int64_t> actions) {
 }
 
 void Batch::step(std::span<const float> actions) {
-  const CallGuard guard(*sim_);
+  const LongCallGuard guard(*lock_);
   checks::not_stepping(*sim_, "step");
   checks::has_task(*sim_);
   checks::actions(*sim_, actions);
@@ -345,7 +359,7 @@ const Outputs& Batch::outputs() const { return sim_->outputs.now(); }
 Outputs& Batch::outputs() { return sim_->outputs.now(); }
 
 void Batch::visit_task(ArrayVisitor& visitor) const {
-  const CallGuard guard(*sim_);
+  const CallGuard guard(*lock_);
   checks::has_task(*sim_);
   sim_->task_state->task->visit(visitor);
 }
@@ -353,14 +367,14 @@ void Batch::visit_task(ArrayVisitor& visitor) const {
 // --------------------------------------------------------------------------------------------------------------- snapshots
 
 std::string Batch::snapshot() const {
-  const CallGuard guard(*sim_);
+  const CallGuard guard(*lock_);
   checks::not_stepping(*sim_, "snapshot");
   checks::require_not_interrupted(*sim_);
   return make_snapshot(*sim_);
 }
 
 void Batch::restore(const std::string& blob) {
-  const CallGuard guard(*sim_);
+  const LongCallGuard guard(*lock_);
   checks::not_stepping(*sim_, "restore");
   restore_snapshot(*sim_, blob);
   sim_->is_cut_short = false;

@@ -1,5 +1,6 @@
 // The members of Batch that concern sensors.
 #include <algorithm>
+#include <optional>
 #include <stdexcept>
 #include <string>
 #include <string_view>
@@ -13,6 +14,7 @@
 #include "batch/selected.hpp"
 #include "batch/simulation.hpp"
 #include "flockstep/batch.hpp"
+#include "flockstep/batch_lock.hpp"
 
 namespace flockstep {
 
@@ -80,7 +82,7 @@ std::size_t Batch::imu_index(std::string_view name) const {
 void Batch::require_scan(std::size_t lidar) const { checks::has_scanned(lidar_of(*sim_, lidar)); }
 
 void Batch::set_lidar(const LidarChange& change, DroneMask mask, std::size_t lidar) {
-  const CallGuard guard(*sim_);
+  const CallGuard guard(*lock_);
   checks::mask(*sim_, mask);
   checks::has_lidar(*sim_, lidar);
   std::vector<DroneIndex> drones;
@@ -89,21 +91,21 @@ void Batch::set_lidar(const LidarChange& change, DroneMask mask, std::size_t lid
 }
 
 LidarConfig Batch::lidar_config(std::int64_t index, std::size_t lidar) const {
-  const CallGuard guard(*sim_);
+  const CallGuard guard(*lock_);
   const sensors::Lidar& found = lidar_of(*sim_, lidar);
   checks::index(*sim_, index);
   return found.config_of(DroneIndex(index));
 }
 
 void Batch::lidar_directions(std::span<float> out, std::size_t lidar) const {
-  const CallGuard guard(*sim_);
+  const CallGuard guard(*lock_);
   const sensors::Lidar& found = lidar_of(*sim_, lidar);
   checks::size(out.size(), 3 * sim_->num_drones() * found.rays_per_drone(), "out");
   found.write_directions(out);
 }
 
 void Batch::lidar_points(std::span<float> out, std::size_t lidar) const {
-  const CallGuard guard(*sim_);
+  const CallGuard guard(*lock_);
   const sensors::Lidar& found = lidar_of(*sim_, lidar);
   checks::size(out.size(), 3 * sim_->num_drones() * found.rays_per_drone(), "out");
   found.write_points(sim_->state, out);
@@ -131,14 +133,14 @@ const CameraImages& Batch::images(std::size_t camera) const {
 }
 
 CameraConfig Batch::camera_config(std::size_t camera, std::int64_t index) const {
-  const CallGuard guard(*sim_);
+  const CallGuard guard(*lock_);
   checks::has_camera(*sim_, camera);
   checks::index(*sim_, index);
   return sim_->cameras[camera].config_of(DroneIndex(index));
 }
 
 void Batch::capture(std::size_t camera, DroneMask mask) {
-  const CallGuard guard(*sim_);
+  const LongCallGuard guard(*lock_);
   checks::has_camera(*sim_, camera);
   checks::mask(*sim_, mask);
   std::vector<DroneIndex>& drones = sim_->captured;  // in block order: drones of one world are consecutive
@@ -152,14 +154,14 @@ void Batch::capture(std::size_t camera, DroneMask mask) {
 }
 
 void Batch::set_capture_mode(std::size_t camera, CaptureMode mode) {
-  const CallGuard guard(*sim_);
+  const CallGuard guard(*lock_);
   checks::has_camera(*sim_, camera);
   checks::capture_mode(*sim_, camera, mode);
   sim_->cameras[camera].set_capture_mode(mode);
 }
 
 void Batch::set_camera(std::size_t camera, const CameraChange& change, DroneMask mask) {
-  const CallGuard guard(*sim_);
+  const CallGuard guard(*lock_);
   checks::has_camera(*sim_, camera);
   checks::mask(*sim_, mask);
   std::vector<DroneIndex> drones;
@@ -170,13 +172,13 @@ void Batch::set_camera(std::size_t camera, const CameraChange& change, DroneMask
 const std::string& Batch::camera_backend_report() const { return sim_->cameras.report(); }
 
 std::string Batch::take_warning() {
-  const CallGuard guard(*sim_, std::nothrow);  // a thread that is in a call takes it afterwards
-  if (!guard.is_granted()) return {};
+  const std::optional<BatchLock> lock = BatchLock::try_lock(*this);  // a thread that is in a call takes it afterwards
+  if (!lock) return {};
   return sim_->warning.empty() ? sim_->cameras.take_warning() : std::exchange(sim_->warning, std::string());
 }
 
 std::string Batch::jpeg(std::size_t camera, std::int64_t index, int quality) const {
-  const CallGuard guard(*sim_);
+  const CallGuard guard(*lock_);
   checks::has_camera(*sim_, camera);
   checks::index(*sim_, index);
   return sim_->cameras.jpeg(camera, DroneIndex(index), quality);

@@ -1,42 +1,36 @@
-// CallGuard: allows calls on a batch from one thread at a time. Nested calls on that thread, such as from its task, are
-// allowed.
+// CallGuard: holds the lock of a batch during one call.
 #pragma once
 
-#include <atomic>
-#include <new>
-#include <stdexcept>
-#include <thread>
-
-#include "batch/checks.hpp"
-#include "batch/simulation.hpp"
+#include "batch/call_lock.hpp"
 
 namespace flockstep {
 
 class CallGuard {
  public:
-  // Throws std::runtime_error if another thread is in a call on the batch, or this is a child of the process that made it.
-  explicit CallGuard(Simulation& sim) : CallGuard(sim, std::nothrow) {
-    checks::own_process(sim);
-    if (!granted_) throw std::runtime_error("this Batch is in use by another thread: one call at a time");
-  }
-  // Does not throw; check is_granted().
-  CallGuard(Simulation& sim, std::nothrow_t) : user_(sim.user) {
-    std::thread::id nobody;
-    started_ = user_.compare_exchange_strong(nobody, std::this_thread::get_id(), std::memory_order_acquire);
-    granted_ = started_ || nobody == std::this_thread::get_id();
-  }
+  // Throws std::runtime_error if another thread is in a call on a batch that is not shared, or this is a child of the process
+  // that made it.
+  explicit CallGuard(CallLock& lock) : lock_(lock), is_outermost_(lock.acquire()) {}
   ~CallGuard() {
-    if (started_) user_.store({}, std::memory_order_release);
+    if (is_outermost_) lock_.release();
   }
   CallGuard(const CallGuard&) = delete;
   CallGuard& operator=(const CallGuard&) = delete;
 
-  bool is_granted() const { return granted_; }
+ protected:
+  bool is_outermost() const { return is_outermost_; }
 
  private:
-  std::atomic<std::thread::id>& user_;
-  bool started_ = false;
-  bool granted_ = false;
+  CallLock& lock_;
+  bool is_outermost_;
+};
+
+// The guard of a call that may take long and changes the state. Create it before anything of the batch is read: the function
+// given to Batch::share() may change the batch first.
+class LongCallGuard : public CallGuard {
+ public:
+  explicit LongCallGuard(CallLock& lock) : CallGuard(lock) {
+    if (is_outermost()) lock.announce_long_call();
+  }
 };
 
 }  // namespace flockstep

@@ -32,12 +32,6 @@ void memory(double bytes) {
          gibibytes(bytes) + " of sensor data and observations");
 }
 
-void own_process(const Simulation& sim) {
-  if (process_id() == sim.owner) return;
-  throw std::runtime_error("this Batch was made in process " + std::to_string(sim.owner) + " and used in its child " +
-                           std::to_string(process_id()) + ": a batch does not survive fork(), make one in the child");
-}
-
 void not_stepping(const Simulation& sim, std::string_view call) {
   if (sim.is_stepping) throw std::logic_error(std::string(call) + "() was called by a task while its batch steps or resets");
 }

@@ -20,7 +20,6 @@ void size(std::size_t size, std::size_t expected, std::string_view field);
 // using the arrays would kill the process.
 void memory(double bytes);
 
-void own_process(const Simulation& sim);
 void not_stepping(const Simulation& sim, std::string_view call);  // against calls of a task on its own batch
 void has_lidar(const Simulation& sim, std::size_t lidar);
 void has_scanned(const sensors::Lidar& lidar);  // at least once

@@ -109,8 +109,7 @@ Simulation::Simulation(BatchConfig config_in, Batch::Worlds worlds_in, std::uniq
               num_drones(), config.tracer),
       workers(config.num_threads > 0 ? config.num_threads : physical_cores()),
       schedule(num_envs(), worlds.size(), static_cast<std::size_t>(config.block_size),
-               static_cast<std::size_t>(workers.num_threads())),
-      owner(process_id()) {
+               static_cast<std::size_t>(workers.num_threads())) {
   if (workers.num_threads() > logical_processors()) {
     warning = "num_threads=" + std::to_string(workers.num_threads()) + ": this process may run on " +
               std::to_string(logical_processors()) + " processors; more threads make it slower";

@@ -4,14 +4,12 @@
 
 #include <algorithm>
 #include <array>
-#include <atomic>
 #include <cstddef>
 #include <cstdint>
 #include <memory>
 #include <optional>
 #include <span>
 #include <string>
-#include <thread>
 #include <utility>
 #include <vector>
 
@@ -157,10 +155,8 @@ struct Simulation {
   std::vector<DroneIndex> listed_drones;            // (N,) capacity; drones of `listed`
   std::vector<DroneIndex> captured;                 // (N,) capacity; drones of all blocks, for capture()
   bool is_stepping = false;                         // during a step; the blocks must not change
-  const long owner;                                 // process that made this batch
   bool is_cut_short = false;                        // an exception cut a step or reset short
   std::string warning;                              // not reported yet
-  std::atomic<std::thread::id> user{};              // thread that is in a call on this batch; see CallGuard
   std::optional<std::uint64_t> known_hash;          // see config_hash()
 };
 

@@ -1,0 +1,74 @@
+#include "batch/call_lock.hpp"
+
+#include <algorithm>
+#include <chrono>
+#include <stdexcept>
+#include <string>
+#include <utility>
+
+#include "base/interrupt.hpp"
+#include "base/platform.hpp"
+
+namespace flockstep {
+
+CallLock::CallLock() : owner_(process_id()) {}
+
+void CallLock::require_own_process() const {
+  if (process_id() == owner_) return;
+  throw std::runtime_error("this Batch was made in process " + std::to_string(owner_) + " and used in its child " +
+                           std::to_string(process_id()) + ": a batch does not survive fork(), make one in the child");
+}
+
+void CallLock::share(std::function<void()> before_long_call) {
+  const std::scoped_lock lock(mutex_);
+  before_long_call_ = std::move(before_long_call);
+  is_shared_.store(true, std::memory_order_relaxed);
+}
+
+void CallLock::unshare() {
+  const std::scoped_lock lock(mutex_);
+  before_long_call_ = nullptr;
+  is_shared_.store(false, std::memory_order_relaxed);
+}
+
+bool CallLock::wait() {
+  constexpr std::chrono::milliseconds kPause{50};  // between two polls for interrupts
+  const Waiter self = std::this_thread::get_id();
+  std::unique_lock lock(mutex_);
+  if (!is_shared()) {
+    if (const std::optional<bool> taken = take()) return *taken;
+    throw std::runtime_error("this Batch is in use by another thread: one call at a time");
+  }
+  queue_.push_back(self);
+  // A release either finds this count or comes before the first take() below: all three are sequentially consistent.
+  num_waiting_.fetch_add(1, std::memory_order_seq_cst);
+  const auto leave = [&] {
+    queue_.erase(std::ranges::find(queue_, self));
+    num_waiting_.fetch_sub(1, std::memory_order_seq_cst);
+  };
+  while (queue_.front() != self || !take()) {
+    if (turn_.wait_for(lock, kPause) != std::cv_status::timeout) continue;
+    lock.unlock();
+    try {
+      Interrupt::poll();
+    } catch (...) {
+      lock.lock();
+      leave();
+      lock.unlock();
+      turn_.notify_all();
+      throw;
+    }
+    lock.lock();
+  }
+  leave();
+  return true;
+}
+
+void CallLock::wake() {
+  {
+    const std::scoped_lock lock(mutex_);
+  }  // a thread that is about to wait has begun to
+  turn_.notify_all();
+}
+
+}  // namespace flockstep

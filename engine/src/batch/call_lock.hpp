@@ -1,0 +1,82 @@
+// CallLock: admits the calls on a batch of one thread at a time. Nested calls on that thread, such as from its task, are
+// allowed.
+#pragma once
+
+#include <atomic>
+#include <condition_variable>
+#include <deque>
+#include <functional>
+#include <mutex>
+#include <optional>
+#include <thread>
+
+namespace flockstep {
+
+class CallLock {
+ public:
+  CallLock();
+  CallLock(const CallLock&) = delete;
+  CallLock& operator=(const CallLock&) = delete;
+
+  // Takes the lock and returns true, or returns false if the calling thread holds it already. If another thread holds it, waits
+  // while the batch is shared, and otherwise throws std::runtime_error, as in a child of the process that made the batch.
+  // Threads that wait get the lock in the order of their calls. An Interrupt ends the wait.
+  bool acquire() {
+    require_own_process();
+    const std::optional<bool> taken = is_shared() && num_waiting_.load(std::memory_order_relaxed) > 0 ? held_or_busy() : take();
+    return taken ? *taken : wait();
+  }
+  // Like acquire(), but returns nothing instead of waiting.
+  std::optional<bool> try_acquire() {
+    if (is_shared() && num_waiting_.load(std::memory_order_relaxed) > 0) return held_or_busy();
+    return take();
+  }
+  // Releases the lock. Call it once for each acquire() that returned true.
+  void release() {
+    if (is_shared()) {
+      user_.store({}, std::memory_order_seq_cst);
+      if (num_waiting_.load(std::memory_order_seq_cst) > 0) wake();
+    } else {
+      user_.store({}, std::memory_order_release);
+      if (num_waiting_.load(std::memory_order_relaxed) > 0) wake();  // threads that began to wait before unshare()
+    }
+  }
+
+  bool is_shared() const { return is_shared_.load(std::memory_order_relaxed); }
+  // The next three need the lock.
+  void share(std::function<void()> before_long_call);
+  void unshare();
+  void announce_long_call() const {
+    if (before_long_call_) before_long_call_();
+  }
+
+  // Throws std::runtime_error in a child of the process that made the batch.
+  void require_own_process() const;
+
+ private:
+  using Waiter = std::thread::id;
+
+  // True: took the lock. False: the calling thread holds it already. Nothing: another thread holds it.
+  std::optional<bool> take() {
+    std::thread::id nobody;
+    const std::thread::id self = std::this_thread::get_id();
+    if (user_.compare_exchange_strong(nobody, self, std::memory_order_seq_cst)) return true;
+    return nobody == self ? std::optional(false) : std::nullopt;
+  }
+  std::optional<bool> held_or_busy() const {
+    return user_.load(std::memory_order_relaxed) == std::this_thread::get_id() ? std::optional(false) : std::nullopt;
+  }
+  bool wait();
+  void wake();
+
+  std::atomic<std::thread::id> user_{};  // thread that is in a call
+  std::atomic<bool> is_shared_{false};   // written with the lock and the mutex
+  std::atomic<int> num_waiting_{0};      // length of queue_
+  std::mutex mutex_;                     // of queue_
+  std::condition_variable turn_;         // the lock was released, or a waiting thread left the queue
+  std::deque<Waiter> queue_;             // threads that wait, first come first
+  std::function<void()> before_long_call_;
+  const long owner_;  // process that made the batch
+};
+
+}  // namespace flockstep
