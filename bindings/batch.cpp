@@ -5,6 +5,7 @@
 #include <algorithm>
 #include <array>
 #include <cstdint>
+#include <functional>
 #include <iterator>
 #include <memory>
 #include <optional>
@@ -18,6 +19,7 @@
 #include "convert.hpp"
 #include "flockstep/recipe.hpp"
 #include "lidar.hpp"
+#include "memory.hpp"
 #include "named.hpp"
 #include "released.hpp"
 #include "task.hpp"
@@ -57,6 +59,14 @@ std::vector<Config> configs_of(const py::object& given, const char* name, bool o
   return configs;
 }
 
+// Lets the arrays move only while the interpreter lock is held, as it is by every reader.
+void hold_interpreter(Batch& batch) {
+  batch.run_moves_with([](const std::function<void()>& move) {
+    const py::gil_scoped_acquire acquire;
+    move();
+  });
+}
+
 // Takes all arguments as py::object, because pybind11's error for a wrong argument names every other one as well.
 std::unique_ptr<Batch, Released> make_batch(const py::object& given_worlds, const py::object& num_drones, const py::object& lidar,
                                             const py::object& pose_sensor, const py::object& imu, const py::object& task,
@@ -74,10 +84,11 @@ std::unique_ptr<Batch, Released> make_batch(const py::object& given_worlds, cons
   BatchConfig config;
   const int drones = from_python<int>(num_drones, "num_drones");
   config.drones_per_env = from_python<int>(drones_per_env, "drones_per_env");
-  require(config.drones_per_env >= 1, "drones_per_env", "an integer >= 1", config.drones_per_env);
-  require(drones % config.drones_per_env == 0, "num_drones",
-          "a multiple of drones_per_env (" + std::to_string(config.drones_per_env) + ")", drones);
-  config.num_envs = drones / config.drones_per_env;
+  const int per_env = config.drones_per_env;
+  require(per_env >= 0, "drones_per_env", "an integer >= 0", per_env);
+  require(per_env > 0 ? drones % per_env == 0 && (drones != 0 || per_env == 1) : drones == 0, "num_drones",
+          per_env > 0 ? "a multiple of drones_per_env (" + std::to_string(per_env) + ")" : "0 with drones_per_env=0", drones);
+  config.num_envs = per_env > 0 ? drones / per_env : 1;  // an env that drones will share
   config.num_threads = from_python<int>(num_threads, "num_threads");
   config.block_size = from_python<int>(block_size, "block_size");
   config.lidars = configs_of<LidarConfig>(lidar, "lidar", true);
@@ -101,6 +112,7 @@ std::unique_ptr<Batch, Released> make_batch(const py::object& given_worlds, cons
              : std::make_unique<Batch>(config, Batch::Worlds(worlds.begin(), worlds.end()), std::move(own_task), model, index);
     return std::unique_ptr<Batch, Released>(made.release());
   });
+  hold_interpreter(*batch);
   warn(*batch);
   return batch;
 }
@@ -126,6 +138,7 @@ std::unique_ptr<Batch, Released> batch_from_recipe(const Recipe& recipe, const p
     });
   }
   std::unique_ptr<Batch, Released> batch(made.release());
+  hold_interpreter(*batch);
   warn(*batch);
   return batch;
 }
@@ -257,21 +270,21 @@ py::array_t<float> random(const Batch& batch, std::uint32_t stream, int count) {
 }
 
 // Getters for the arrays' properties.
-Viewed<State> state_arrays(const py::object& self, const char*) { return {self.cast<const Batch&>().state(), self}; }
+Viewed<State> state_arrays(const py::object& self, const char*) { return {self.cast<const Batch&>().state(), memory_of(self)}; }
 Viewed<FlightState> flight_arrays(const py::object& self, const char*) {
   const auto& batch = self.cast<const Batch&>();
   if (batch.config().dynamics.is_kinematic()) {
     throw py::attribute_error("kinematic motion has no velocities or rotors: make this Batch with motion=\"rotors\"");
   }
-  return {batch.state().flight, self};
+  return {batch.state().flight, memory_of(self)};
 }
 Viewed<PoseReadings> poses_arrays(const py::object& self, const char*) {
-  return {self.cast<const Batch&>().pose_readings(), self};
+  return {self.cast<const Batch&>().pose_readings(), memory_of(self)};
 }
 Viewed<ImuReadings> imu_arrays(const py::object& self, const char*) {
   const auto& batch = self.cast<const Batch&>();
   if (batch.config().imus.empty()) throw py::attribute_error("this Batch has no IMU: give it one (imu=...)");
-  return {batch.imu_readings(), self};
+  return {batch.imu_readings(), memory_of(self)};
 }
 Viewed<EpisodeState> episodes_arrays(const py::object& self, const char*) { return {self.cast<const Batch&>().episodes(), self}; }
 Viewed<Outputs> outputs_arrays(const py::object& self, const char*) {
@@ -280,7 +293,7 @@ Viewed<Outputs> outputs_arrays(const py::object& self, const char*) {
 }
 Viewed<ContactState> contacts_arrays(const py::object& self, const char*) {
   const auto& view = self.cast<const ContactView&>();
-  return {view.state(), view.owner};
+  return {view.state(), memory_of(view.owner)};
 }
 
 }  // namespace
@@ -309,6 +322,7 @@ void register_batch(py::module_& module) {
       .def_property_readonly("num_envs", [](const Batch& batch) { return batch.config().num_envs; })
       .def_property_readonly("drones_per_env", [](const Batch& batch) { return batch.config().drones_per_env; })
       .def_property_readonly("num_drones", [](const Batch& batch) { return batch.config().num_drones(); })
+      .def_property_readonly("generation", [](const Batch& batch) { return batch.generation(); })
       .def_property_readonly("num_threads", [](const Batch& batch) { return batch.num_threads(); })
       .def_property_readonly("embree_rays", [](const Batch& batch) { return batch.embree_rays(); })
       .def_property_readonly("embree_packets", [](const Batch& batch) { return batch.embree_packets(); })
@@ -398,15 +412,25 @@ void register_batch(py::module_& module) {
       .def(
           "spawn",
           [](Batch& batch, const py::object& indices, const py::object& position, const py::object& quat_wxyz,
-             const py::object& world_index) {
+             const py::object& world_index, const py::object& env) {
             const auto rows = integers<std::int64_t>(indices, "indices", {-1});
-            const auto n = rows.given() ? static_cast<py::ssize_t>(rows.rows()) : 0;
-            const auto p = floats(position, "position", {n, 3});
+            const auto envs = integers<std::int64_t>(env, "env", {-1});
+            if (rows.given() && envs.given()) throw py::value_error("env: expected None with indices, got an array");
+            const bool counts = !rows.given() && !envs.given();  // the rows of the positions
+            if (counts && position.is_none()) {
+              throw py::value_error("position: expected an array (K, 3) without indices and env, got None");
+            }
+            const auto given = static_cast<py::ssize_t>(rows.given() ? rows.rows() : envs.given() ? envs.rows() : 0);
+            const auto p = floats(position, "position", {counts ? -1 : given, 3});
+            const auto n = counts ? static_cast<py::ssize_t>(p.rows()) : given;
             const auto q = floats(quat_wxyz, "quat_wxyz", {n, 4});
             const auto w = integers<std::int32_t>(world_index, "world_index", {n});
-            released(batch, [&] { batch.spawn(rows, p, q, w); });
+            std::vector<std::int64_t> spawned;
+            released(batch, [&] { spawned = batch.spawn(rows, p, q, w, envs); });
+            return py::array_t<std::int64_t>(static_cast<py::ssize_t>(spawned.size()), spawned.data());
           },
-          py::arg("indices"), py::arg("position"), py::arg("quat_wxyz") = none, py::arg("world_index") = none)
+          py::arg("indices") = none, py::arg("position") = none, py::arg("quat_wxyz") = none, py::arg("world_index") = none,
+          py::kw_only(), py::arg("env") = none)
       .def(
           "remove",
           [](Batch& batch, const py::object& indices) {
@@ -426,19 +450,22 @@ void register_batch(py::module_& module) {
           "set_lidar",
           [](Batch& batch, const py::object& mask, const std::optional<std::string>& lidar, std::optional<float> max_range_m,
              std::optional<float> hfov_deg, std::optional<float> vfov_deg, const std::optional<std::array<float, 3>>& offset_m,
-             const std::optional<std::array<float, 4>>& quat_wxyz) {
+             const std::optional<std::array<float, 4>>& quat_wxyz, std::optional<int> beams, std::optional<int> channels) {
             const std::size_t index = batch.lidar_index(lidar.value_or(""));
             const auto m = flags(mask, "mask", num_drones(batch));
-            in_turn(batch, [&] { batch.set_lidar({max_range_m, hfov_deg, vfov_deg, offset_m, quat_wxyz}, m, index); });
+            const LidarChange change{max_range_m, hfov_deg, vfov_deg, offset_m, quat_wxyz, beams, channels};
+            released(batch, [&] { batch.set_lidar(change, m, index); });
           },
           py::arg("mask") = none, py::arg("lidar") = none, py::kw_only(), py::arg("max_range_m") = none,
-          py::arg("hfov_deg") = none, py::arg("vfov_deg") = none, py::arg("offset_m") = none, py::arg("quat_wxyz") = none)
+          py::arg("hfov_deg") = none, py::arg("vfov_deg") = none, py::arg("offset_m") = none, py::arg("quat_wxyz") = none,
+          py::arg("beams") = none, py::arg("channels") = none)
       .def(
           "sensor",
           [](const py::object& self, const std::string& name) {
             py::dict arrays;
+            const py::object memory = memory_of(self);
             for (const ArrayView& array : self.cast<const Batch&>().sensor_arrays(name)) {
-              arrays[array.name] = view(self, dtype_of(array), array.data, shape_of(array).span());
+              arrays[array.name] = view(memory, dtype_of(array), array.data, shape_of(array).span());
             }
             return arrays;
           },
@@ -464,13 +491,14 @@ void register_batch(py::module_& module) {
           "set_camera",
           [](Batch& batch, const py::object& mask, const std::optional<std::string>& camera, std::optional<float> hfov_deg,
              std::optional<float> vfov_deg, const std::optional<std::array<float, 3>>& offset_m,
-             const std::optional<std::array<float, 4>>& quat_wxyz) {
+             const std::optional<std::array<float, 4>>& quat_wxyz, std::optional<int> width_px, std::optional<int> height_px) {
             const std::size_t index = camera_of(batch, camera);
             const auto m = flags(mask, "mask", num_drones(batch));
-            in_turn(batch, [&] { batch.set_camera(index, {hfov_deg, vfov_deg, offset_m, quat_wxyz}, m); });
+            const CameraChange change{hfov_deg, vfov_deg, offset_m, quat_wxyz, width_px, height_px};
+            released(batch, [&] { batch.set_camera(index, change, m); });
           },
           py::arg("mask") = none, py::arg("camera") = none, py::kw_only(), py::arg("hfov_deg") = none, py::arg("vfov_deg") = none,
-          py::arg("offset_m") = none, py::arg("quat_wxyz") = none)
+          py::arg("offset_m") = none, py::arg("quat_wxyz") = none, py::arg("width_px") = none, py::arg("height_px") = none)
       .def("camera_backend_report", [](const Batch& batch) { return batch.camera_backend_report(); })
       .def(
           "seed",

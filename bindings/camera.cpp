@@ -7,6 +7,7 @@
 #include "array_views.hpp"
 #include "arrays.hpp"
 #include "flockstep/batch.hpp"
+#include "memory.hpp"
 #include "released.hpp"
 
 namespace flockstep::bindings {
@@ -29,7 +30,7 @@ Viewed<CameraImages> images_of(const py::object& self, const char* name) {
     throw py::value_error("camera \"" + config.name + "\": expected \"" + name + "\" among its outputs, got " +
                           std::string(py::repr(py::cast(config).attr("outputs"))));
   });
-  return {camera.batch().images(camera.index), camera.owner, items_of(config)};
+  return {camera.batch().images(camera.index), memory_of(camera.owner), items_of(config)};
 }
 
 }  // namespace

@@ -7,6 +7,7 @@
 #include "array_views.hpp"
 #include "arrays.hpp"
 #include "flockstep/batch.hpp"
+#include "memory.hpp"
 #include "released.hpp"
 
 namespace flockstep::bindings {
@@ -29,7 +30,7 @@ struct LidarView {
 Viewed<LidarReadings> readings_of(const py::object& self, const char* name) {
   const auto& lidar = self.cast<const LidarView&>();
   const Batch& batch = name == std::string_view("ranges") ? lidar.scanned() : lidar.batch();
-  return {batch.lidar_readings(lidar.index), lidar.owner, items_of(lidar.config())};
+  return {batch.lidar_readings(lidar.index), memory_of(lidar.owner), items_of(lidar.config())};
 }
 
 py::array_t<float> per_ray(const LidarView& lidar, void (Batch::*fill)(std::span<float>, std::size_t) const) {

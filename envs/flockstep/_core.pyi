@@ -1912,7 +1912,8 @@ class Batch:
     """Steps E envs together. Each has M drones and is in one of W worlds. There are N = E M drone slots.
 
     Arrays that are properties are read-only views unless documented as copies. The next call overwrites them, and they
-    keep the batch alive. Drone d belongs to env d // M. Masks are bool: (E,) for calls about envs (`reset`, `seed`,
+    keep their memory alive. When the batch grows (see `spawn`, `set_lidar`, `set_camera`), its arrays move: properties
+    then return views of the new arrays, and older views keep their last values. `generation` counts this. Drone d belongs to env d // M. Masks are bool: (E,) for calls about envs (`reset`, `seed`,
     `begin_episode`, `set_world`), (N,) for all others. None selects every active drone or env. R, the number of rows of
     actions and rewards, is N or E, depending on the task's `TaskSpec.row`. Only one thread may call a batch at a time.
     A batch does not survive a fork: in a child process it raises `RuntimeError`.
@@ -1924,7 +1925,8 @@ class Batch:
         one of these; or a `WorldPool`, from which each `reset` and each new episode draws a world. A pool requires a
         task; until their first reset all drones are in world 0 of the pool.
     num_drones
-        N, from 1 to 2**20, a multiple of ``drones_per_env``.
+        N, up to 2**20, a multiple of ``drones_per_env``. 0 without a task: the batch begins with no drone, and `spawn`
+        adds them. Each then has its own env, or all share one env with ``drones_per_env=0``.
     lidar, pose_sensor, imu
         Sensors. Default: no LiDAR, an exact pose, no IMU. Give several LiDARs or IMUs as a sequence with different
         names. An IMU requires ``motion="rotors"``.
@@ -1956,7 +1958,7 @@ class Batch:
         ``"embree"``: uses no tiles; Embree also traces all primitives except rooms. It is slower and meant for
         comparison.
     drones_per_env
-        M, at least 1. The drones of an env share its world, seed and episodes. They neither sense nor touch each other.
+        M. 0 only with ``num_drones=0``. The drones of an env share its world, seed and episodes. They neither sense nor touch each other.
     """
 
     def __init__(
@@ -2019,6 +2021,10 @@ class Batch:
     @property
     def clock(self) -> ClockConfig:
         """The rates, with defaults filled in; a copy."""
+
+    @property
+    def generation(self) -> int:
+        """Number of times that the arrays have moved, from 0; older views no longer change."""
 
     @property
     def num_threads(self) -> int:
@@ -2245,15 +2251,32 @@ class Batch:
 
     def spawn(
         self,
-        indices: npt.ArrayLike,
-        position: npt.ArrayLike,
+        indices: npt.ArrayLike | None = None,
+        position: npt.ArrayLike | None = None,
         quat_wxyz: npt.ArrayLike | None = None,
         world_index: npt.ArrayLike | None = None,
-    ) -> None:
+        *,
+        env: npt.ArrayLike | None = None,
+    ) -> npt.NDArray[np.int64]:
         """Activate slots (K,) at positions (K, 3) m, quaternions (K, 4), in worlds (K,), and `sense` there.
 
-        With a task, the drones of an env begin their episodes together: ``indices`` must include every active drone of
-        the env.
+        Without a task, the batch grows if it has too few slots:
+
+        - ``indices`` beyond N add slots. With M = 1, E grows to the largest index + 1. With E = 1 and M other than 1, M
+          at least doubles. Slots that are not spawned are inactive. With several envs of several drones an index beyond
+          N belongs to no env: give ``env``.
+        - ``env`` (K,), instead of ``indices``, names the env of each new drone. It takes the lowest inactive slot of
+          that env. If there is none, M grows for all envs; the indices d = e M + m of drones in envs other than 0 then
+          change.
+        - Without both, the drones take the lowest inactive slots of the batch, then new ones.
+
+        A batch that has grown has the same bits as one that was made with its final size. Snapshots of another size are
+        refused. With a task, the batch cannot grow, and the drones of an env begin their episodes together: the slots
+        must include every active drone of the env.
+
+        Returns
+        -------
+        (K,) the indices of the drones.
         """
 
     def remove(self, indices: npt.ArrayLike) -> None:
@@ -2278,8 +2301,14 @@ class Batch:
         vfov_deg: float | None = None,
         offset_m: Sequence[float] | None = None,
         quat_wxyz: Sequence[float] | None = None,
+        beams: int | None = None,
+        channels: int | None = None,
     ) -> None:
-        """Change a LiDAR of some drones from the next `sense` on; None leaves a value unchanged."""
+        """Change a LiDAR of some drones from the next `sense` on; None leaves a value unchanged.
+
+        ``beams`` and ``channels`` concern all drones, so the mask must not leave one out, and move the arrays (see
+        `generation`). The LiDAR has then not scanned yet. They are refused with a task or a pattern of beams.
+        """
 
     def camera(self, name: str | None = None) -> Camera:
         """Return one camera: its images and configuration.
@@ -2306,11 +2335,14 @@ class Batch:
         vfov_deg: float | None = None,
         offset_m: Sequence[float] | None = None,
         quat_wxyz: Sequence[float] | None = None,
+        width_px: int | None = None,
+        height_px: int | None = None,
     ) -> None:
         """Change one camera of some drones; None leaves a value unchanged.
 
         Their frames are stale until they are rendered again. Setting only one of ``hfov_deg`` and ``vfov_deg`` clears
-        the other.
+        the other. ``width_px`` and ``height_px`` concern all drones, so the mask must not leave one out, and move the
+        arrays (see `generation`). They are refused with a task.
         """
 
     def camera_backend_report(self) -> str:

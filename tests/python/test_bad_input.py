@@ -126,7 +126,7 @@ def test_other_calls(batch, call, match):
 @pytest.mark.parametrize(
     ("arguments", "match"),
     [
-        ({"num_drones": 0}, "num_drones.*0"),
+        ({"num_drones": 0, "drones_per_env": 2}, "num_drones.*0"),
         ({"num_drones": -3}, "num_drones.*-3"),
         ({"num_drones": 1 << 21}, "num_drones"),
         ({"num_threads": -1}, "num_threads"),

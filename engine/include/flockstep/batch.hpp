@@ -112,13 +112,21 @@ class FLOCKSTEP_API Batch {
   // the number of packets they were traced in.
   std::int64_t embree_rays() const;
   std::int64_t embree_packets() const;  // see embree_rays()
-  const State& state() const;           // poses, contacts and clocks; valid until the batch is destroyed
+  const State& state() const;           // poses, contacts and clocks; valid until the batch is destroyed or grows
+
+  // --- growth: spawn() may enlarge a batch without a task, and set_lidar() and set_camera() may change the shapes of its
+  // arrays. References to its arrays and configurations then end, unless their memory() is kept.
+  std::int64_t generation() const;             // number of times that the arrays have moved
+  std::shared_ptr<const void> memory() const;  // keeps the current arrays alive; after a growth they change no more
+  // From now on, when the arrays move, `run` is called with a function that it must call once. It may hold a lock that all
+  // readers of the arrays hold.
+  void run_moves_with(std::function<void(const std::function<void()>&)> run);
 
   // --- sharing with other threads; BatchLock makes several calls as one
   // From now on, a call while another thread is in one waits for it. Threads wait in the order of their calls, so a thread that
   // steps in a loop lets the others in between. before_long_call, if given, is called with the batch locked, at the start of
-  // each call that may take long and changes the state: step, reset, fly, move, sense, capture, restore, spawn. It may call the
-  // batch; neither such calls nor those within a BatchLock call it again.
+  // each call that may take long and changes the state: step, reset, fly, move, sense, capture, restore, spawn, and set_lidar or
+  // set_camera if they move the arrays. It may call the batch; neither such calls nor those within a BatchLock call it again.
   void share(std::function<void()> before_long_call = {});
   void unshare();          // ends the sharing; threads that wait still get their turns
   bool is_shared() const;  // true between share() and unshare()
@@ -137,9 +145,15 @@ class FLOCKSTEP_API Batch {
   void sense(DroneMask mask = {});  // reads the sensors now; cameras as their capture mode requires
 
   // --- slots
-  void spawn(std::span<const std::int64_t> indices, std::span<const float> position, std::span<const float> quat_wxyz,
-             std::span<const std::int32_t> world_index);  // one row per index; an empty span leaves the value unchanged
-  void remove(std::span<const std::int64_t> indices);     // deactivates slots (K,), which then read as absent
+  // Activates slots and senses there; returns their indices. One row per index; an empty span leaves the value unchanged.
+  // Indices beyond N enlarge the batch: with M = 1 each is a new env, and slots in between are inactive; if E = 1 and M is not
+  // 1, M grows. Instead of indices, `env` names the env of each row, which takes the lowest inactive slot there, or one of M
+  // new ones in each env: with E > 1 drones then have other indices, d = e M + m. Without both, rows take the lowest inactive
+  // slots, then new ones. If it throws, nothing has changed, unless reading the sensors was interrupted.
+  std::vector<std::int64_t> spawn(std::span<const std::int64_t> indices, std::span<const float> position,
+                                  std::span<const float> quat_wxyz, std::span<const std::int32_t> world_index,
+                                  std::span<const std::int64_t> env = {});
+  void remove(std::span<const std::int64_t> indices);  // deactivates slots (K,), which then read as absent
   void set_world(std::span<const std::int32_t> world_index, EnvMask mask = {});  // (E,); refused with a pool
 
   // --- sensor readings; all arrays are empty for a sensor that the batch does not have
@@ -154,7 +168,8 @@ class FLOCKSTEP_API Batch {
   std::size_t imu_index(std::string_view name) const;    // empty: the first
   std::size_t lidar_index(std::string_view name) const;  // empty: the first
   void require_scan(std::size_t lidar = 0) const;        // std::logic_error before the first scan, while all ranges are inf
-  void set_lidar(const LidarChange& change, DroneMask mask = {}, std::size_t lidar = 0);  // from the next scan on
+  // From the next scan on. With beams or channels, the mask must select all drones; ranges are inf until that scan.
+  void set_lidar(const LidarChange& change, DroneMask mask = {}, std::size_t lidar = 0);
   LidarConfig lidar_config(std::int64_t index, std::size_t lidar = 0) const;  // of one drone, run-time changes included
   void lidar_directions(std::span<float> out, std::size_t lidar = 0) const;   // (N, channels, beams, 3) unit, body frame
   void lidar_points(std::span<float> out, std::size_t lidar = 0) const;  // (N, channels, beams, 3) m, world frame, inf on a miss
@@ -166,7 +181,8 @@ class FLOCKSTEP_API Batch {
   CameraConfig camera_config(std::size_t camera, std::int64_t index) const;  // of one drone, run-time changes included
   void capture(std::size_t camera, DroneMask mask = {});                     // renders now, whatever the capture mode is
   void set_capture_mode(std::size_t camera, CaptureMode mode);               // not on_demand if the task observes the camera
-  void set_camera(std::size_t camera, const CameraChange& change, DroneMask mask = {});  // marks the frames stale
+  // Marks the frames stale. With width_px or height_px, the mask must select all drones.
+  void set_camera(std::size_t camera, const CameraChange& change, DroneMask mask = {});
   const std::string& camera_backend_report() const;  // the backend in use and the reason for it
   std::string take_warning();                        // a warning not reported yet, e.g. that OpenGL failed; usually empty
   // Returns a JPEG file of one drone's rgb frame, or of its grey frame if it has no rgb. The frame must not be stale. quality:
@@ -197,8 +213,12 @@ class FLOCKSTEP_API Batch {
  private:
   friend class BatchLock;
 
+  void replace(std::shared_ptr<Simulation> next);
+
   std::unique_ptr<CallLock> lock_;  // of the calls; outlives sim_
-  std::unique_ptr<Simulation> sim_;
+  std::shared_ptr<Simulation> sim_;
+  std::int64_t generation_ = 0;
+  std::function<void(const std::function<void()>&)> run_moves_;
 };
 
 }  // namespace flockstep

@@ -154,14 +154,16 @@ struct CameraConfig {
   int image_height_px() const { return resize ? (*resize)[1] : height_px; }  // px
 };
 
-// Run-time changes to a camera of some drones; unset fields stay unchanged. The resolution is fixed per batch.
+// Run-time changes to a camera of some drones; unset fields stay unchanged. All drones have the same resolution.
 struct CameraChange {
   std::optional<float> hfov_deg;                  // deg; setting only one of hfov_deg and vfov_deg clears the other
   std::optional<float> vfov_deg;                  // deg
   std::optional<std::array<float, 3>> offset_m;   // m, body frame
   std::optional<std::array<float, 4>> quat_wxyz;  // camera to body
+  std::optional<int> width_px;                    // of all drones; moves the arrays of the batch
+  std::optional<int> height_px;                   // of all drones; moves the arrays of the batch
 
-  bool any() const { return hfov_deg || vfov_deg || offset_m || quat_wxyz; }  // true if a field is set
+  bool any() const { return hfov_deg || vfov_deg || offset_m || quat_wxyz; }  // true if a field of single drones is set
 };
 
 }  // namespace flockstep

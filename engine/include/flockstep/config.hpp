@@ -44,11 +44,13 @@ struct BatchConfig {
     using C = BatchConfig;
     return field_list(
         field("num_envs", &C::num_envs,
-              {.about = "Number of envs, E. With M drones in each there are at most 1048576 drones.",
-               .limits = between(1, kMaxDrones)}),
+              {.about = "Number of envs, E. With M drones in each there are at most 1048576 drones. A batch without a task may "
+                        "begin with no env; every drone that it spawns then has its own env.",
+               .limits = between(0, kMaxDrones)}),
         field("drones_per_env", &C::drones_per_env,
-              {.about = "Number of drones in each env, M. They share a world, and neither sense nor touch each other.",
-               .limits = between(1, kMaxDrones)}),
+              {.about = "Number of drones in each env, M. They share a world, and neither sense nor touch each other. A batch "
+                        "without a task may begin with no drone in its envs.",
+               .limits = between(0, kMaxDrones)}),
         field("num_threads", &C::num_threads,
               {.about = "Number of threads. 0: the physical cores that this process may run on. No result depends on it.",
                .limits = between(0, 4096),

@@ -64,13 +64,15 @@ struct LidarConfig {
   int columns() const { return has_pattern() ? static_cast<int>(azimuth_deg.size()) : beams; }  // beams of a channel
 };
 
-// Run-time changes to a LiDAR of some drones; unset fields stay unchanged. The number of rays is fixed per batch.
+// Run-time changes to a LiDAR of some drones; unset fields stay unchanged. All drones have the same number of rays.
 struct LidarChange {
   std::optional<float> max_range_m;               // m
   std::optional<float> hfov_deg;                  // deg
   std::optional<float> vfov_deg;                  // deg
   std::optional<std::array<float, 3>> offset_m;   // m, body frame
   std::optional<std::array<float, 4>> quat_wxyz;  // sensor to body
+  std::optional<int> beams;                       // of all drones; moves the arrays of the batch
+  std::optional<int> channels;                    // of all drones; moves the arrays of the batch
 };
 
 }  // namespace flockstep

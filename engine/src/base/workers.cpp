@@ -109,6 +109,8 @@ Workers::Workers(int num_threads) : num_threads_(num_threads), arena_(std::make_
 
 Workers::~Workers() = default;
 
+void Workers::close() noexcept { arena_.reset(); }
+
 void Workers::run(std::size_t count, Call f, const void* call) {
   if (count <= 1 || num_threads_ == 1) {  // nothing to parallelize
     for (std::size_t i = 0; i < count; ++i) {

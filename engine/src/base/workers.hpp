@@ -14,6 +14,9 @@ class Workers {
   Workers(const Workers&) = delete;
   Workers& operator=(const Workers&) = delete;
 
+  // Gives back the threads; run() must not be called any more.
+  void close() noexcept;
+
   int num_threads() const { return num_threads_; }
 
   // Calls f(index, thread) for every index in [0, count), in no particular order. `thread` is in [0, num_threads) and indexes

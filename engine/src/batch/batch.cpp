@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <array>
+#include <functional>
 #include <utility>
 
 #include "base/interrupt.hpp"
@@ -12,6 +13,7 @@
 #include "batch/checks.hpp"
 #include "batch/episodes.hpp"
 #include "batch/flying.hpp"
+#include "batch/growth.hpp"
 #include "batch/selected.hpp"
 #include "batch/simulation.hpp"
 #include "batch/snapshot.hpp"
@@ -64,12 +66,16 @@ void begin_time(Simulation& sim, EnvIndex env) {
 Batch::Batch(BatchConfig config, Worlds worlds, std::unique_ptr<Task> task, DroneModel drone,
              std::span<const std::int32_t> world_index)
     : lock_(std::make_unique<CallLock>()),
-      sim_(std::make_unique<Simulation>(std::move(config), std::move(worlds), std::move(task), std::move(drone), world_index)) {}
+      sim_(std::make_shared<Simulation>(std::move(config), std::move(worlds), std::move(task), std::move(drone), world_index)) {
+  sim_->choose_backend();
+}
 
 Batch::Batch(BatchConfig config, WorldPool pool, std::unique_ptr<Task> task, DroneModel drone)
     : lock_(std::make_unique<CallLock>()),
-      sim_(std::make_unique<Simulation>(std::move(config), Worlds(), std::move(task), std::move(drone),
-                                        std::span<const std::int32_t>(), std::move(pool))) {}
+      sim_(std::make_shared<Simulation>(std::move(config), Worlds(), std::move(task), std::move(drone),
+                                        std::span<const std::int32_t>(), std::move(pool))) {
+  sim_->choose_backend();
+}
 
 Batch::~Batch() = default;
 
@@ -96,6 +102,29 @@ int Batch::num_threads() const { return sim_->workers.num_threads(); }
 std::int64_t Batch::embree_rays() const { return sim_->embree_use().rays; }
 std::int64_t Batch::embree_packets() const { return sim_->embree_use().packets; }
 const State& Batch::state() const { return sim_->state; }
+
+// ------------------------------------------------------------------------------------------------------------------ growth
+
+std::int64_t Batch::generation() const { return generation_; }
+std::shared_ptr<const void> Batch::memory() const { return sim_; }
+
+void Batch::run_moves_with(std::function<void(const std::function<void()>&)> run) {
+  const CallGuard guard(*lock_);
+  run_moves_ = std::move(run);
+}
+
+void Batch::replace(std::shared_ptr<Simulation> next) {
+  const auto move = [&] {
+    next->take_over(*sim_);
+    sim_.swap(next);
+    ++generation_;
+  };
+  if (run_moves_) {
+    run_moves_(std::ref(move));
+  } else {
+    move();
+  }
+}
 
 // ------------------------------------------------------------------------------------------------------ motion and sensing
 
@@ -177,46 +206,61 @@ void Batch::sense(DroneMask mask) {
 
 // ------------------------------------------------------------------------------------------------------------------- slots
 
-void Batch::spawn(std::span<const std::int64_t> indices, std::span<const float> position, std::span<const float> quat_wxyz,
-                  std::span<const std::int32_t> world_index) {
+std::vector<std::int64_t> Batch::spawn(std::span<const std::int64_t> indices, std::span<const float> position,
+                                       std::span<const float> quat_wxyz, std::span<const std::int32_t> world_index,
+                                       std::span<const std::int64_t> env_index) {
   const LongCallGuard guard(*lock_);
   checks::not_stepping(*sim_, "spawn");
-  checks::indices(*sim_, indices);
-  checks::poses(position, quat_wxyz, indices.size());
-  checks::world_index(*sim_, world_index, indices.size());
+  require(indices.empty() || env_index.empty(), "env", "none beside indices", std::to_string(env_index.size()) + " of them");
+  const std::size_t rows = !indices.empty() ? indices.size() : !env_index.empty() ? env_index.size() : position.size() / 3;
+  checks::poses(position, quat_wxyz, rows);
+  checks::world_index(*sim_, world_index, rows);
   checks::require_not_interrupted(*sim_);
-  State& state = sim_->state;
-  std::vector<std::uint8_t> spawned(sim_->num_drones()), begins(sim_->num_envs(), 1);
-  for (const std::int64_t index : indices) spawned[static_cast<std::size_t>(index)] = 1;
-  for (std::size_t i = 0; i < sim_->num_drones(); ++i) {
-    if (state.active[i] && !spawned[i]) begins[sim_->env_of(DroneIndex(i))] = 0;  // its clock goes on
+  const SpawnPlan plan = plan_spawn(*sim_, indices, env_index, rows);
+  std::shared_ptr<Simulation> grown;
+  if (plan.num_envs > sim_->num_envs() || plan.drones_per_env > sim_->drones_per_env()) {
+    checks::can_grow(*lock_, "spawn");
+    BatchConfig config = sim_->config;
+    config.num_envs = static_cast<int>(plan.num_envs);
+    config.drones_per_env = static_cast<int>(plan.drones_per_env);
+    grown = resized(*sim_, std::move(config));
   }
-  checks::spawns(*sim_, indices, begins, world_index);
-  for (std::size_t row = 0; row < indices.size(); ++row) {
-    const DroneIndex drone(indices[row]);
-    const EnvIndex env = sim_->env_of(drone);
+  Simulation& sim = grown ? *grown : *sim_;
+  State& state = sim.state;
+  std::vector<std::uint8_t> spawned(sim.num_drones()), begins(sim.num_envs(), 1);
+  for (const std::int64_t index : plan.indices) spawned[static_cast<std::size_t>(index)] = 1;
+  for (std::size_t i = 0; i < sim.num_drones(); ++i) {
+    if (state.active[i] && !spawned[i]) begins[sim.env_of(DroneIndex(i))] = 0;  // its clock goes on
+  }
+  checks::spawns(sim, plan.indices, begins, world_index);
+  const std::shared_ptr<const void> before = memory();  // the arguments may be views of its arrays
+  if (grown) replace(std::move(grown));
+  for (std::size_t row = 0; row < rows; ++row) {
+    const DroneIndex drone(plan.indices[row]);
+    const EnvIndex env = sim.env_of(drone);
     if (!world_index.empty()) state.world_index[env] = world_index[row];
     state.active[drone] = 1;
     if (begins[env]) {
-      forget_readings(*sim_, env);
+      forget_readings(sim, env);
     } else {
-      forget_readings(*sim_, drone);
+      forget_readings(sim, drone);
     }
-    set_pose_of(state, drone, requested_pose(*sim_, drone, row, position, quat_wxyz));
+    set_pose_of(state, drone, requested_pose(sim, drone, row, position, quat_wxyz));
     clear_contact(state, drone);
-    start_flight(*sim_, drone, {});
-    if (!sim_->task_state) continue;
-    start_counts(*sim_, env);
-    sim_->outputs.clear(sim_->row_of(drone));
+    start_flight(sim, drone, {});
+    if (!sim.task_state) continue;
+    start_counts(sim, env);
+    sim.outputs.clear(sim.row_of(drone));
   }
-  sim_->rebuild_schedule();
-  if (sim_->task_state) {
-    list_selected(*sim_, DroneMask(spawned), &Block::resetting);
-    begin_episodes(*sim_, false);
+  sim.rebuild_schedule();
+  if (sim.task_state) {
+    list_selected(sim, DroneMask(spawned), &Block::resetting);
+    begin_episodes(sim, false);
   } else {
-    list_selected(*sim_, DroneMask(spawned), &Block::selected);
-    read_sensors(*sim_, spawned);
+    list_selected(sim, DroneMask(spawned), &Block::selected);
+    read_sensors(sim, spawned);
   }
+  return plan.indices;
 }
 
 void Batch::remove(std::span<const std::int64_t> indices) {

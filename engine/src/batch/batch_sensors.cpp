@@ -1,5 +1,6 @@
 // The members of Batch that concern sensors.
 #include <algorithm>
+#include <memory>
 #include <optional>
 #include <stdexcept>
 #include <string>
@@ -11,6 +12,7 @@
 #include "base/require.hpp"
 #include "batch/call_guard.hpp"
 #include "batch/checks.hpp"
+#include "batch/growth.hpp"
 #include "batch/selected.hpp"
 #include "batch/simulation.hpp"
 #include "flockstep/batch.hpp"
@@ -42,6 +44,12 @@ std::size_t index_of(const std::vector<Config>& configs, std::string_view name, 
   const auto found = std::ranges::find(configs, name, &Config::name);
   if (found == configs.end()) refuse_name(kind, name, names_of(configs));
   return static_cast<std::size_t>(found - configs.begin());
+}
+
+std::vector<DroneIndex> selected_list(const Simulation& sim, DroneMask mask) {
+  std::vector<DroneIndex> drones;
+  for_each_selected(sim, mask, [&](DroneIndex drone) { drones.push_back(drone); });
+  return drones;
 }
 
 const sensors::Lidar& lidar_of(const Simulation& sim, std::size_t lidar) {
@@ -82,12 +90,29 @@ std::size_t Batch::imu_index(std::string_view name) const {
 void Batch::require_scan(std::size_t lidar) const { checks::has_scanned(lidar_of(*sim_, lidar)); }
 
 void Batch::set_lidar(const LidarChange& change, DroneMask mask, std::size_t lidar) {
-  const CallGuard guard(*lock_);
+  if (!change.beams && !change.channels) {
+    const CallGuard guard(*lock_);
+    checks::mask(*sim_, mask);
+    checks::has_lidar(*sim_, lidar);
+    sim_->suite.lidars()[lidar]->change(change, selected_list(*sim_, mask));
+    return;
+  }
+  const LongCallGuard guard(*lock_);
   checks::mask(*sim_, mask);
   checks::has_lidar(*sim_, lidar);
-  std::vector<DroneIndex> drones;
-  for_each_selected(*sim_, mask, [&](DroneIndex drone) { drones.push_back(drone); });
-  sim_->suite.lidars()[lidar]->change(change, drones);
+  const char* const field = change.beams ? "beams" : "channels";
+  const int got = change.beams ? *change.beams : *change.channels;
+  BatchConfig config = sim_->config;
+  LidarConfig& of_all = config.lidars[lidar];
+  require(!of_all.has_pattern(), field, "None for a LiDAR with a beam pattern", got);
+  checks::concerns_all(*sim_, mask, field);
+  checks::has_no_task(*sim_, field, got);
+  checks::can_grow(*lock_, "set_lidar");
+  of_all.beams = change.beams.value_or(of_all.beams);
+  of_all.channels = change.channels.value_or(of_all.channels);
+  std::shared_ptr<Simulation> next = resized(*sim_, std::move(config));
+  next->suite.lidars()[lidar]->change(change, selected_list(*next, mask));
+  replace(std::move(next));
 }
 
 LidarConfig Batch::lidar_config(std::int64_t index, std::size_t lidar) const {
@@ -161,12 +186,27 @@ void Batch::set_capture_mode(std::size_t camera, CaptureMode mode) {
 }
 
 void Batch::set_camera(std::size_t camera, const CameraChange& change, DroneMask mask) {
-  const CallGuard guard(*lock_);
+  if (!change.width_px && !change.height_px) {
+    const CallGuard guard(*lock_);
+    checks::has_camera(*sim_, camera);
+    checks::mask(*sim_, mask);
+    sim_->cameras[camera].change(change, selected_list(*sim_, mask));
+    return;
+  }
+  const LongCallGuard guard(*lock_);
   checks::has_camera(*sim_, camera);
   checks::mask(*sim_, mask);
-  std::vector<DroneIndex> drones;
-  for_each_selected(*sim_, mask, [&](DroneIndex drone) { drones.push_back(drone); });
-  sim_->cameras[camera].change(change, drones);
+  const char* const field = change.width_px ? "width_px" : "height_px";
+  checks::concerns_all(*sim_, mask, field);
+  checks::has_no_task(*sim_, field, change.width_px ? *change.width_px : *change.height_px);
+  checks::can_grow(*lock_, "set_camera");
+  BatchConfig config = sim_->config;
+  CameraConfig& of_all = config.cameras[camera];
+  of_all.width_px = change.width_px.value_or(of_all.width_px);
+  of_all.height_px = change.height_px.value_or(of_all.height_px);
+  std::shared_ptr<Simulation> next = resized(*sim_, std::move(config));
+  next->cameras[camera].change(change, selected_list(*next, mask));
+  replace(std::move(next));
 }
 
 const std::string& Batch::camera_backend_report() const { return sim_->cameras.report(); }

@@ -50,6 +50,11 @@ class CallLock {
     if (before_long_call_) before_long_call_();
   }
 
+  // Number of calls that the holder is in, one within the other.
+  int num_calls() const { return num_calls_; }
+  void begin_call() { ++num_calls_; }
+  void end_call() { --num_calls_; }
+
   // Throws std::runtime_error in a child of the process that made the batch.
   void require_own_process() const;
 
@@ -76,6 +81,7 @@ class CallLock {
   std::condition_variable turn_;         // the lock was released, or a waiting thread left the queue
   std::deque<Waiter> queue_;             // threads that wait, first come first
   std::function<void()> before_long_call_;
+  int num_calls_ = 0;
   const long owner_;  // process that made the batch
 };
 

@@ -90,8 +90,10 @@ void check_sensors(const std::string& field, const Value& value, const ClockConf
 
 void BatchConfig::validate() const {
   const long long drones = static_cast<long long>(num_envs) * drones_per_env;
-  require(num_envs >= 1 && drones <= kMaxDrones, "num_drones = num_envs x drones_per_env", "an integer in [1, 1048576]", drones);
+  require(drones >= 0 && drones <= kMaxDrones, "num_drones = num_envs x drones_per_env", "an integer in [0, 1048576]", drones);
   check_fields(*this, "");
+  require(num_envs > 0 || drones_per_env == 1, "num_envs",
+          "an integer >= 1, or drones_per_env=1 (each drone that comes then has an env of its own)", num_envs);
   require(!dynamics.is_kinematic() || !clock.controller_hz, "controller_hz",
           "None for kinematic motion (it has no controller: give motion=\"rotors\")", clock.controller_hz.value_or(0.0F));
   require(dynamics.is_kinematic() || clock.ticks_hz() >= kLeastPhysicsHz, "physics_hz",

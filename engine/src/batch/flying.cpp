@@ -4,6 +4,7 @@
 #include <iterator>
 
 #include "base/pose_access.hpp"
+#include "batch/episodes.hpp"
 #include "batch/selected.hpp"
 #include "collision/sweep.hpp"
 #include "dynamics/contact.hpp"
@@ -34,6 +35,14 @@ dynamics::FlightContext context_of(Simulation& sim, const Block& block, Scratch&
 
 void start_flight(Simulation& sim, DroneIndex drone, const Velocity& velocity) {
   if (sim.fleet) sim.fleet->start(sim.state, drone, velocity);
+}
+
+void place_at_start(Simulation& sim, DroneIndex drone) {
+  const World& world = *sim.world_pointers[sim.slot_of(sim.env_of(drone))];
+  const Vec3 start = world.markers().start.value_or((world.bounds().min + world.bounds().max) / 2);
+  set_pose_of(sim.state, drone, {start, Quat::Identity()});
+  clear_contact(sim.state, drone);
+  start_flight(sim, drone, {});
 }
 
 void begin_gusts(Simulation& sim, DroneIndex drone) {

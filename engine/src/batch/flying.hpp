@@ -19,6 +19,9 @@ inline bool is_speed(const Vec3& velocity) {
 // Starts the flight of a drone at this velocity, with its rotors at hover speed. Does nothing with kinematic motion.
 void start_flight(Simulation& sim, DroneIndex drone, const Velocity& velocity);
 
+// Puts a drone at rest at the start marker of its world, or at the centre of its bounds if it has none.
+void place_at_start(Simulation& sim, DroneIndex drone);
+
 // Draws the initial gusts of an episode.
 void begin_gusts(Simulation& sim, DroneIndex drone);
 

@@ -52,6 +52,8 @@ BatchConfig validated(BatchConfig config, const Task* task) {
           "\"rotors\", which this task needs", "\"kinematic\"");
   settle_rates(config);
   config.validate();
+  require(task == nullptr || config.num_drones() > 0, "num_drones = num_envs x drones_per_env",
+          "at least one drone with a task (its arrays cannot grow)", config.num_drones());
   checks::memory(sensor_bytes(config));
   return config;
 }
@@ -141,25 +143,32 @@ Simulation::Simulation(BatchConfig config_in, Batch::Worlds worlds_in, std::uniq
   for (std::size_t env = 0; env < num_envs(); ++env) {
     if (!pool) state.world_index[env] = world_index.empty() ? static_cast<std::int32_t>(env % worlds.size()) : world_index[env];
   }
-  for (std::size_t i = 0; i < num_drones(); ++i) {
-    const DroneIndex drone(i);
-    const World& world = *world_pointers[slot_of(env_of(drone))];
-    set_pose_of(state, drone, {world.markers().start.value_or((world.bounds().min + world.bounds().max) / 2), Quat::Identity()});
-    clear_contact(state, drone);
-    start_flight(*this, drone, {});
-  }
+  for (std::size_t i = 0; i < num_drones(); ++i) place_at_start(*this, DroneIndex(i));
   suite.pose().assume_truth(state);
 
   rebuild_schedule();
   listed.reserve(num_envs());
   listed_drones.reserve(num_drones());
   captured.reserve(num_drones());
-  for (const Block& block : schedule.blocks()) listed.insert(listed.end(), block.envs.begin(), block.envs.end());
-  // The worlds of a pool come and go, but the OpenGL backend keeps each world that it draws.
-  cameras.choose_backend(pool ? CameraBackend::raycast : config.camera_backend, drones_of(listed, *scratches[0]), workers);
 
   context = make_task_context(*this);
   if (task) begin_task(*this, std::move(task));
+}
+
+void Simulation::choose_backend() {
+  std::vector<DroneIndex> drones;  // in block order: drones of one world are consecutive
+  for (const Block& block : schedule.blocks()) {
+    for (const DroneIndex drone : drones_of(block.envs, *scratches[0])) drones.push_back(drone);
+  }
+  // The worlds of a pool come and go, but the OpenGL backend keeps each world that it draws.
+  cameras.choose_backend(pool ? CameraBackend::raycast : config.camera_backend, drones, workers);
+}
+
+void Simulation::take_over(Simulation& other) noexcept {
+  cameras.take_renderer(other.cameras);
+  warning = std::move(other.warning);
+  other.scratches.clear();
+  other.workers.close();
 }
 
 void Simulation::warn_of_lost_drones() {

@@ -15,7 +15,8 @@ std::size_t good_block_size(std::size_t num_envs, std::size_t num_threads) {
 }  // namespace
 
 Schedule::Schedule(std::size_t num_envs, std::size_t num_worlds, std::size_t block_size, std::size_t num_threads)
-    : block_size_(std::min(block_size > 0 ? block_size : good_block_size(num_envs, num_threads), num_envs)),
+    : block_size_(
+          std::max<std::size_t>(std::min(block_size > 0 ? block_size : good_block_size(num_envs, num_threads), num_envs), 1)),
       order_(num_envs),
       world_begin_(num_worlds) {
   for (auto& list : lists_) list.resize(num_envs);
@@ -23,7 +24,7 @@ Schedule::Schedule(std::size_t num_envs, std::size_t num_worlds, std::size_t blo
 }
 
 void Schedule::rebuild(std::span<const std::int32_t> world_index, std::span<const std::uint8_t> active) {
-  const std::size_t drones_per_env = active.size() / order_.size();
+  const std::size_t drones_per_env = active.size() / std::max<std::size_t>(order_.size(), 1);
   const auto is_active = [&](std::size_t env) { return is_any(active.data() + env * drones_per_env, drones_per_env); };
   // A counting sort: stable, so envs of a world stay in index order.
   const auto world_of = [&](std::size_t env) { return world_index.empty() ? 0 : static_cast<std::size_t>(world_index[env]); };

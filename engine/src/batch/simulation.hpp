@@ -105,9 +105,14 @@ struct Simulation {
     }
     if (i + kParts < drones.size()) obstacles[slot_of(env_of(drones[i + kParts]))]->prefetch_parts();
   }
-  trace::EmbreeUse embree_use() const {
-    trace::EmbreeUse use = cameras.embree_use();
+  trace::EmbreeUse embree_use_of_lidars() const {
+    trace::EmbreeUse use = embree_use_before;
     for (const auto& scratch : scratches) use += scratch->tracer.embree_use();
+    return use;
+  }
+  trace::EmbreeUse embree_use() const {
+    trace::EmbreeUse use = embree_use_of_lidars();
+    use += cameras.embree_use();
     return use;
   }
   // Empty if there is no such sensor.
@@ -120,6 +125,11 @@ struct Simulation {
     return lidar < suite.lidars().size() ? suite.lidars()[lidar]->readings() : none;
   }
   void warn_of_lost_drones();
+  // Chooses the camera backend; call it once before the first frame.
+  void choose_backend();
+  // Takes the renderer and the pending warnings of a simulation that this one replaces, and leaves it only the memory that
+  // views need.
+  void take_over(Simulation& other) noexcept;
   void rebuild_schedule() {
     schedule.rebuild(sorts_by_world ? std::span<const std::int32_t>(slots()) : std::span<const std::int32_t>(), state.active);
   }
@@ -157,6 +167,7 @@ struct Simulation {
   bool is_stepping = false;                         // during a step; the blocks must not change
   bool is_cut_short = false;                        // an exception cut a step or reset short
   std::string warning;                              // not reported yet
+  trace::EmbreeUse embree_use_before;               // by the LiDARs of the simulations that this one has replaced
   std::optional<std::uint64_t> known_hash;          // see config_hash()
 };
 

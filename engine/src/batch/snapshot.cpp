@@ -118,6 +118,43 @@ class Reader final : public ArrayVisitor {
   std::vector<std::function<void()>> changes_;
 };
 
+// Reads the size of a snapshot's batch from the lengths of its first arrays.
+class SizeReader final : public ArrayVisitor {
+ public:
+  explicit SizeReader(std::string_view body) : left_(body) {}
+
+  void bytes(std::string_view name, std::span<std::byte>, std::optional<DType>) override {
+    std::uint64_t length = 0;
+    if (left_.size() < sizeof(length)) return;
+    std::memcpy(&length, left_.data(), sizeof(length));
+    left_.remove_prefix(sizeof(length));
+    left_.remove_prefix(std::min<std::size_t>(length, left_.size()));
+    if (name == "active") num_drones = length;
+    if (name == "episode") num_envs = length / sizeof(std::int64_t);
+  }
+  void blob(std::string_view, std::string&) override {}
+
+  std::uint64_t num_drones = 0, num_envs = 0;
+
+ private:
+  std::string_view left_;
+};
+
+std::string size_text(std::uint64_t drones, std::uint64_t envs) {
+  const auto counted = [](std::uint64_t count, const char* noun) {
+    return std::to_string(count) + ' ' + noun + (count == 1 ? "" : "s");
+  };
+  return counted(drones, "drone") + " in " + counted(envs, "env");
+}
+
+void require_same_size(Simulation& sim, std::string_view body) {
+  SizeReader reader(body);
+  reader.fields(sim.state);
+  require(reader.num_drones == sim.num_drones() && reader.num_envs == sim.num_envs(), "snapshot",
+          "one of a batch with the same configuration and worlds (" + size_text(sim.num_drones(), sim.num_envs()) + ")",
+          "one of " + size_text(reader.num_drones, reader.num_envs));
+}
+
 // Checks world indices before the restore, since they are used right after it.
 void check_world_indices(const Simulation& sim, std::span<const std::byte> bytes) {
   for (std::size_t at = 0; at < bytes.size(); at += sizeof(std::int32_t)) {
@@ -247,6 +284,7 @@ void restore_snapshot(Simulation& sim, std::string_view blob) {
           std::to_string(header.format) + " (restore it with the version of flockstep that made it)");
   require(header.length == body.size(), "snapshot", std::to_string(header.length + sizeof(header)) + " bytes", blob.size());
   require(header.checksum == checksum_of(header, body), "snapshot", "bytes that match their checksum", "corrupt ones");
+  if (header.config != config_hash(sim)) require_same_size(sim, body);
   require(header.config == config_hash(sim), "snapshot", "one of a batch with the same configuration and worlds",
           "one of another batch");
   // Read and check everything before anything changes.

@@ -200,6 +200,10 @@ void Camera::visit(ArrayVisitor& visitor) {
   visitor.array("frame_step", images_.frame_step);
 }
 
+void Camera::visit_images(ArrayVisitor& visitor) {
+  for_each_image(images_, config_.outputs, [&](const auto& entry, auto& image) { visitor.array(entry.name, image); });
+}
+
 void Camera::restored() {
   config_.capture_mode = mode_.at(0);
   settings_.restored();

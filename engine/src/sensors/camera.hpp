@@ -76,6 +76,7 @@ class Camera final : public Sensor {
   void check_bytes(std::span<const std::byte> settings) const override { settings_.check_bytes(settings); }
   void restored() override;
   void check() const override;
+  void visit_images(ArrayVisitor& visitor);  // the written images, which visit() leaves out
 
  private:
   // Poses at which frames were taken. Frames depend on these, on frame_step and on the settings.

@@ -54,12 +54,27 @@ void CameraRig::require_world(const World& world) const {
   }
 }
 
-void CameraRig::choose_backend(CameraBackend backend, std::span<const DroneIndex> typical, Workers& workers) {
+void CameraRig::prepare(Workers& workers) {
   if (empty()) return;
   for (const World* const world : worlds_) {  // built here, not by the first thread that needs it
     if (world == nullptr) continue;
     for (const auto& camera : cameras_) prepared(*world).shading(camera->config().shadows);
   }
+  scratch_.resize(static_cast<std::size_t>(workers.num_threads()));
+  for (const auto& camera : cameras_) {  // grows every thread's scratch now; the frame is stale
+    if (num_drones_ == 0) break;
+    for (ConversionScratch& scratch : scratch_) {
+      if (camera->converts()) camera->convert(DroneIndex(0), scratch);
+    }
+  }
+}
+
+void CameraRig::take_renderer(CameraRig& other) noexcept {
+  if (!renderer_) renderer_ = std::move(other.renderer_);
+}
+
+void CameraRig::choose_backend(CameraBackend backend, std::span<const DroneIndex> typical, Workers& workers) {
+  if (empty()) return;
   clear_requests();
   for (const auto& camera : cameras_) {
     if (backend != CameraBackend::automatic) break;
@@ -71,13 +86,9 @@ void CameraRig::choose_backend(CameraBackend backend, std::span<const DroneIndex
       camera->mark_stale(drone);
     }
   }
-  renderer_.emplace(backend, requests_, workers);
-  scratch_.resize(static_cast<std::size_t>(workers.num_threads()));
-  for (const auto& camera : cameras_) {  // grows every thread's scratch now; the frame is stale
-    for (ConversionScratch& scratch : scratch_) {
-      if (camera->converts()) camera->convert(DroneIndex(0), scratch);
-    }
-  }
+  awaits_drones_ = backend == CameraBackend::automatic && typical.empty();
+  renderer_.emplace(awaits_drones_ ? CameraBackend::raycast : backend, requests_, workers);
+  prepare(workers);
   clear_requests();
 }
 
@@ -135,6 +146,8 @@ void CameraRig::finish(Workers& workers) {
 
 const std::string& CameraRig::report() const {
   static const std::string none = "this Batch has no cameras";
+  static const std::string awaiting = "raycast: until there are drones, whose frames will time the backends";
+  if (awaits_drones_) return awaiting;
   return renderer_ ? renderer_->report() : none;
 }
 

@@ -31,8 +31,14 @@ class CameraRig {
   void require_world(const World& world) const;
 
   // Chooses the rendering backend; call it after all drones have been placed. typical: drones spread over the batch, used to
-  // time the backends.
+  // time the backends. Without any, raycast is used until another rig, with drones, chooses.
   void choose_backend(CameraBackend backend, std::span<const DroneIndex> typical, Workers& workers);
+  // True if the backends could not be timed, because there were no drones.
+  bool awaits_drones() const { return awaits_drones_; }
+  // Instead of choosing a backend: prepare(), then take the renderer of a rig that this one replaces. Does nothing if this rig
+  // has chosen.
+  void prepare(Workers& workers);
+  void take_renderer(CameraRig& other) noexcept;
 
   bool empty() const { return cameras_.empty(); }
   std::size_t size() const { return cameras_.size(); }
@@ -79,7 +85,8 @@ class CameraRig {
   std::size_t drones_per_env_;
   std::size_t num_drones_;
   std::vector<std::unique_ptr<Camera>> cameras_;
-  std::optional<render::Renderer> renderer_;     // set by choose_backend()
+  std::optional<render::Renderer> renderer_;  // set by choose_backend()
+  bool awaits_drones_ = false;
   std::vector<render::RenderRequest> requests_;  // grouped by camera
   struct Conversion {
     Camera* camera;

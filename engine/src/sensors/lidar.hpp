@@ -28,6 +28,9 @@ class Lidar final : public BlockSensor {
   // True after any drone has been scanned; until then the ranges are inf.
   bool has_scanned() const { return has_scanned_.load(std::memory_order_relaxed); }
 
+  // Overrides has_scanned(), for a LiDAR that takes the place of another one.
+  void set_has_scanned(bool has_scanned) { has_scanned_.store(has_scanned, std::memory_order_relaxed); }
+
   // The drone's own setting, including changes at run time.
   LidarConfig config_of(DroneIndex drone) const { return settings_.config_of(drone); }
   // The change is validated before any drone is changed.

@@ -1,0 +1,516 @@
+// A batch that grows has the bits of a batch that had its final size from the start.
+#include "batch/growth.hpp"
+
+#include <gtest/gtest.h>
+
+#include <algorithm>
+#include <cmath>
+#include <cstdint>
+#include <functional>
+#include <limits>
+#include <memory>
+#include <numeric>
+#include <set>
+#include <stdexcept>
+#include <string>
+#include <thread>
+#include <type_traits>
+#include <utility>
+#include <vector>
+
+#include "batch_helpers.hpp"
+#include "flockstep/batch_lock.hpp"
+#include "flockstep/tasks.hpp"
+#include "random.hpp"
+#include "refusal.hpp"
+
+namespace flockstep {
+namespace {
+
+using testing::refusal;
+using testing::same_bits;
+
+using Indices = std::vector<std::int64_t>;
+
+// Sensors of every kind, with errors. Fields: camera resolution and number of beams.
+BatchConfig instruments(Motion motion, int num_threads, int beams = 9, int width = 6) {
+  BatchConfig config;
+  config.num_threads = num_threads;
+  config.block_size = 2;
+  config.tracer = TracerKind::embree;
+  config.lidars = {{.channels = 2, .beams = beams, .vfov_deg = 30.0F}, {.name = "slow", .beams = 3, .rate_hz = 5.0F}};
+  config.cameras = {{.width_px = width, .height_px = 4, .outputs = {.rgb = true, .depth = true, .hsv = true}},
+                    {.name = "small",
+                     .width_px = 8,
+                     .height_px = 8,
+                     .outputs = {.grey = true},
+                     .capture_mode = CaptureMode::on_movement,
+                     .resize = {{4, 4}}}};
+  config.pose_sensor.position_noise_std_m = 0.1F;
+  config.clock.policy_hz = 10.0F;
+  config.dynamics.motion = motion;
+  if (motion == Motion::kinematic) return config;
+  config.dynamics.control = Control::velocity;
+  config.dynamics.wind.gusts = Gusts::dryden;
+  config.imus = {{.accelerometer_noise_density = 0.02F, .gyroscope_random_walk = 0.01F}};
+  return config;
+}
+
+// A closet with triangles, whose rays Embree counts.
+std::shared_ptr<const World> furnished() {
+  TriangleMesh mesh;
+  mesh.vertices = {{0.2F, 0.2F, 0.3F}, {1.8F, 0.2F, 0.3F}, {0.2F, 1.8F, 0.2F}};
+  mesh.triangles = {{0, 1, 2}};
+  return testing::make_world({testing::primitive(PrimitiveKind::room, {1, 1, 0.75F}, {1.25F, 1.25F, 0.75F})},
+                             {.start = Vec3(1, 1, 0.75F)}, std::move(mesh));
+}
+
+std::unique_ptr<Batch> batch_of(BatchConfig config, int num_envs, int drones_per_env) {
+  config.num_envs = num_envs;
+  config.drones_per_env = drones_per_env;
+  return std::make_unique<Batch>(config, Batch::Worlds{testing::closet(), furnished()}, nullptr, DroneModel::load("crazyflie"));
+}
+
+// Random calls. They depend on the env and the number of a drone in it, and not on the size of the batch.
+class Calls {
+ public:
+  explicit Calls(Batch& batch) : batch_(batch) {}
+
+  void spawn(std::int64_t env, std::int64_t member, bool by_env) {
+    const std::vector<float> at = point(env, member);
+    const std::int64_t index = env * batch_.config().drones_per_env + member;
+    const Indices spawned = by_env ? batch_.spawn({}, at, {}, {}, Indices{env}) : batch_.spawn(Indices{index}, at, {}, {});
+    EXPECT_EQ(spawned, (Indices{env * batch_.config().drones_per_env + member}));
+    ++call_;
+  }
+  void remove(std::int64_t env, std::int64_t member) {
+    batch_.remove(Indices{env * batch_.config().drones_per_env + member});
+    ++call_;
+  }
+  void fly() {
+    const auto m = static_cast<std::size_t>(batch_.config().drones_per_env);
+    const auto n = static_cast<std::size_t>(batch_.config().num_drones());
+    const bool is_kinematic = batch_.config().dynamics.is_kinematic();
+    std::vector<float> rows;
+    for (std::size_t i = 0; i < n; ++i) {
+      const std::vector<float> at = point(static_cast<std::int64_t>(i / m), static_cast<std::int64_t>(i % m));
+      rows.insert(rows.end(), at.begin(), at.end());
+      if (!is_kinematic) rows.push_back(0.3F);
+    }
+    if (is_kinematic) {
+      batch_.move(rows, {});
+    } else {
+      batch_.fly(rows, 7);
+    }
+    ++call_;
+    batch_.sense();
+  }
+  void begin_episode() { batch_.begin_episode(); }
+  void seed() {
+    std::vector<std::uint64_t> seeds(static_cast<std::size_t>(batch_.config().num_envs));
+    std::iota(seeds.begin(), seeds.end(), std::uint64_t{100});
+    batch_.seed(seeds);
+  }
+  void widen() {
+    batch_.set_lidar({.max_range_m = 2.0F, .hfov_deg = 90.0F, .offset_m = {{0.1F, 0.0F, 0.0F}}});
+    batch_.set_camera(0, {.hfov_deg = 60.0F});
+    batch_.set_capture_mode(1, CaptureMode::every_step);
+    batch_.sense();
+  }
+
+ private:
+  std::vector<float> point(std::int64_t env, std::int64_t member) const {
+    testing::Random random(static_cast<unsigned>((call_ * 64 + env) * 64 + member));
+    return {random.within(0.6F, 1.6F), random.within(0.6F, 1.6F), random.within(0.4F, 1.1F)};
+  }
+
+  Batch& batch_;
+  std::int64_t call_ = 0;
+};
+
+void expect_same(Batch& grown, Batch& whole) {
+  ASSERT_EQ(grown.config().num_envs, whole.config().num_envs);
+  ASSERT_EQ(grown.config().drones_per_env, whole.config().drones_per_env);
+  EXPECT_TRUE(grown.snapshot() == whole.snapshot());
+  for (std::size_t lidar = 0; lidar < grown.config().lidars.size(); ++lidar) {
+    EXPECT_TRUE(same_bits(grown.lidar_readings(lidar).ranges, whole.lidar_readings(lidar).ranges));
+    EXPECT_TRUE(same_bits(grown.lidar_readings(lidar).max_range_m, whole.lidar_readings(lidar).max_range_m));
+  }
+  for (std::size_t camera = 0; camera < grown.config().cameras.size(); ++camera) {
+    testing::for_each_array(grown.images(camera), [&](const std::string& name, const auto& a) {
+      testing::for_each_array(whole.images(camera), [&](const std::string& other, const auto& b) {
+        if constexpr (std::is_same_v<decltype(a), decltype(b)>) {
+          EXPECT_TRUE(name != other || same_bits(a, b)) << name;
+        }
+      });
+    });
+  }
+  EXPECT_TRUE(same_bits(grown.state().active, whole.state().active));
+}
+
+// Plays a script on a batch that begins empty, and on one of the final size whose slots are removed first.
+template <class Script>
+void compare(const BatchConfig& config, int num_envs, int drones_per_env, const Script& script) {
+  const auto grown = batch_of(config, num_envs, drones_per_env);
+  Calls calls(*grown);
+  script(calls);
+  EXPECT_GT(grown->generation(), 0);
+  EXPECT_EQ(grown->embree_rays() > 0, grown->config().num_envs > 1);
+  const auto whole = batch_of(config, grown->config().num_envs, grown->config().drones_per_env);
+  Indices all(static_cast<std::size_t>(whole->config().num_drones()));
+  std::iota(all.begin(), all.end(), 0);
+  whole->remove(all);
+  Calls same(*whole);
+  script(same);
+  EXPECT_EQ(whole->generation(), 0);
+  expect_same(*grown, *whole);
+  EXPECT_EQ(grown->embree_rays(), whole->embree_rays());
+  EXPECT_EQ(grown->embree_packets(), whole->embree_packets());
+}
+
+class Growth : public ::testing::TestWithParam<std::pair<Motion, int>> {
+ protected:
+  BatchConfig config() const { return instruments(GetParam().first, GetParam().second); }
+};
+
+TEST_P(Growth, ByEnvsHasTheBitsOfABatchMadeAtOnce) {
+  compare(config(), 0, 1, [](Calls& calls) {
+    calls.spawn(0, 0, false);
+    calls.fly();
+    calls.spawn(4, 0, false);
+    calls.fly();
+    calls.widen();
+    calls.seed();
+    calls.spawn(2, 0, false);
+    calls.fly();
+    calls.remove(0, 0);
+    calls.spawn(5, 0, false);
+    calls.begin_episode();
+    calls.fly();
+    calls.spawn(0, 0, false);
+    calls.fly();
+    calls.spawn(7, 0, false);
+    calls.fly();
+  });
+}
+
+TEST_P(Growth, OfOneEnvHasTheBitsOfABatchMadeAtOnce) {
+  compare(config(), 1, 0, [](Calls& calls) {
+    calls.spawn(0, 0, false);
+    calls.fly();
+    calls.spawn(0, 1, true);
+    calls.widen();
+    calls.fly();
+    calls.seed();
+    calls.spawn(0, 3, false);
+    calls.fly();
+    calls.remove(0, 1);
+    calls.begin_episode();
+    calls.fly();
+    calls.spawn(0, 1, true);
+    calls.spawn(0, 2, true);
+    calls.spawn(0, 4, true);
+    calls.fly();
+  });
+}
+
+TEST_P(Growth, OfAllEnvsHasTheBitsOfABatchMadeAtOnce) {
+  compare(config(), 3, 0, [](Calls& calls) {
+    calls.spawn(1, 0, true);
+    calls.fly();
+    calls.spawn(2, 0, true);
+    calls.spawn(1, 1, true);
+    calls.widen();
+    calls.fly();
+    calls.seed();
+    calls.spawn(1, 2, true);
+    calls.fly();
+    calls.remove(1, 1);
+    calls.fly();
+    calls.spawn(1, 1, true);
+    calls.begin_episode();
+    calls.spawn(1, 3, true);
+    calls.spawn(1, 4, true);
+    calls.spawn(0, 0, true);
+    calls.fly();
+  });
+}
+
+TEST_P(Growth, WithOtherResolutionsHasTheBitsOfABatchThatWasMadeWithThem) {
+  BatchConfig small = config();
+  const auto changed = batch_of(small, 3, 1);
+  Calls calls(*changed);
+  calls.widen();
+  calls.fly();
+  changed->set_lidar({.beams = 17, .channels = 3});
+  changed->set_camera(0, {.width_px = 10, .height_px = 5});
+  EXPECT_EQ(changed->generation(), 2);
+  EXPECT_THROW(changed->require_scan(0), std::logic_error);
+  changed->require_scan(1);
+  EXPECT_EQ(changed->lidar_readings(0).ranges.size(), 3U * 3U * 17U);
+  EXPECT_TRUE(std::ranges::all_of(changed->lidar_readings(0).ranges, [](float range) { return std::isinf(range); }));
+  EXPECT_TRUE(std::ranges::all_of(changed->images(0).frame_step, [](std::int64_t step) { return step == -1; }));
+  EXPECT_TRUE(std::ranges::all_of(changed->images(1).frame_step, [](std::int64_t step) { return step >= 0; }));
+  EXPECT_EQ(changed->lidar_config(2).hfov_deg, 90.0F);
+  EXPECT_EQ(changed->lidar_config(2).beams, 17);
+  EXPECT_EQ(changed->camera_config(0, 1).hfov_deg, 60.0F);
+  EXPECT_EQ(changed->camera_config(1).capture_mode, CaptureMode::every_step);
+  calls.fly();
+  small.lidars[0].beams = 17;
+  small.lidars[0].channels = 3;
+  small.cameras[0].width_px = 10;
+  small.cameras[0].height_px = 5;
+  const auto made = batch_of(small, 3, 1);
+  Calls same(*made);
+  same.widen();
+  same.fly();
+  same.fly();
+  expect_same(*changed, *made);
+}
+
+INSTANTIATE_TEST_SUITE_P(Motions, Growth,
+                         ::testing::Values(std::pair(Motion::kinematic, 1), std::pair(Motion::kinematic, 3),
+                                           std::pair(Motion::rotors, 1), std::pair(Motion::rotors, 3)));
+
+TEST(GrowthOfBatches, WithoutDronesEverythingWorks) {
+  for (const auto& [num_envs, drones_per_env] : {std::pair(0, 1), std::pair(1, 0), std::pair(5, 0)}) {
+    for (const Motion motion : {Motion::kinematic, Motion::rotors}) {
+      const auto batch = batch_of(instruments(motion, 2), num_envs, drones_per_env);
+      EXPECT_EQ(batch->config().num_drones(), 0);
+      batch->sense();
+      batch->set_pose({}, {});
+      batch->capture(0);
+      if (motion == Motion::kinematic) batch->move({}, {});
+      if (motion == Motion::rotors) batch->fly({}, 3);
+      batch->begin_episode();
+      batch->set_lidar({.hfov_deg = 80.0F});
+      batch->set_camera(0, {.hfov_deg = 80.0F});
+      std::vector<float> numbers(2 * static_cast<std::size_t>(num_envs));
+      batch->random(0, 2, numbers);
+      batch->restore(batch->snapshot());
+      EXPECT_EQ(batch->spawn({}, {}, {}, {}), Indices());
+      EXPECT_EQ(refusal([&] { batch->remove(Indices{0}); }), "indices (row 0): expected an integer in [0, 0), got 0");
+      batch->set_lidar({.beams = 5});
+      batch->set_camera(1, {.width_px = 9});
+      EXPECT_EQ(batch->generation(), 2);
+      EXPECT_EQ(batch->spawn({}, std::vector<float>{1, 1, 0.75F}, {}, {}), Indices{0});
+      EXPECT_EQ(batch->lidar_readings().ranges.size(), 10U * static_cast<std::size_t>(batch->config().num_drones()));
+    }
+  }
+}
+
+TEST(GrowthOfBatches, ChoosesSlots) {
+  const BatchConfig plain;
+  const std::vector<float> one{1, 1, 0.75F}, two{1, 1, 0.75F, 0.9F, 1, 0.75F};
+  const auto size = [](const Batch& batch) { return std::pair(batch.config().num_envs, batch.config().drones_per_env); };
+
+  const auto own = batch_of(plain, 1, 1);  // each drone has an env
+  EXPECT_EQ(own->spawn(Indices{3}, one, {}, {}), Indices{3});
+  EXPECT_EQ(size(*own), std::pair(4, 1));
+  EXPECT_EQ(own->spawn({}, two, {}, {}), (Indices{1, 2}));
+  EXPECT_EQ(own->generation(), 1);
+  EXPECT_EQ(own->spawn({}, two, {}, {}), (Indices{4, 5}));
+  EXPECT_EQ(size(*own), std::pair(6, 1));
+  EXPECT_EQ(own->spawn({}, one, {}, {}, Indices{2}), Indices{5});  // a second drone in env 2
+  EXPECT_EQ(size(*own), std::pair(6, 2));
+  EXPECT_EQ(own->state().active, (FlagArray{1, 0, 1, 0, 1, 1, 1, 0, 1, 0, 1, 0}));
+
+  const auto shared = batch_of(plain, 1, 0);  // drones share an env
+  EXPECT_EQ(shared->spawn(Indices{0}, one, {}, {}), Indices{0});
+  EXPECT_EQ(size(*shared), std::pair(1, 2));
+  EXPECT_EQ(shared->spawn({}, one, {}, {}, Indices{0}), Indices{1});
+  EXPECT_EQ(shared->generation(), 1);
+  EXPECT_EQ(shared->spawn(Indices{2}, one, {}, {}), Indices{2});
+  EXPECT_EQ(size(*shared), std::pair(1, 4));
+  EXPECT_EQ(shared->spawn(Indices{10, 9}, two, {}, {}), (Indices{10, 9}));
+  EXPECT_EQ(size(*shared), std::pair(1, 11));
+  EXPECT_EQ(shared->spawn({}, two, {}, {}), (Indices{3, 4}));
+
+  const auto grid = batch_of(plain, 2, 2);
+  EXPECT_EQ(refusal([&] { grid->spawn(Indices{4}, one, {}, {}); }),
+            "indices (row 0): expected an integer in [0, 4), or env=... instead of indices for new drones of an env, got 4");
+  grid->remove(Indices{1});
+  EXPECT_EQ(grid->spawn({}, two, {}, {}, Indices{0, 0}), (Indices{1, 2}));
+  EXPECT_EQ(size(*grid), std::pair(2, 4));
+  EXPECT_EQ(grid->state().active, (FlagArray{1, 1, 1, 0, 1, 1, 0, 0}));
+  EXPECT_EQ(grid->spawn({}, std::vector<float>(12, 1.0F), {}, {}), (Indices{3, 4, 5, 6}));
+  EXPECT_EQ(size(*grid), std::pair(2, 8));
+}
+
+TEST(GrowthOfBatches, KeepsTheOldArraysForThoseWhoHoldTheirMemory) {
+  const auto batch = batch_of(instruments(Motion::kinematic, 1), 1, 1);
+  batch->sense();
+  std::shared_ptr<const void> memory = batch->memory();
+  const std::weak_ptr<const void> watched = memory;
+  const std::vector<float>& position = batch->state().position;
+  const std::vector<float>& ranges = batch->lidar_readings().ranges;
+  const std::vector<float> before = position, ranges_before = ranges;
+  batch->spawn(Indices{1}, position, {}, {});  // a span of the memory that moves
+  EXPECT_TRUE(same_bits(std::span(batch->state().position).subspan(3), before));
+  batch->move(std::vector<float>(6, 0.8F), {});
+  batch->sense();
+  EXPECT_EQ(position, before);
+  EXPECT_EQ(ranges, ranges_before);
+  EXPECT_NE(batch->memory(), memory);
+  memory.reset();
+  EXPECT_TRUE(watched.expired());
+}
+
+TEST(GrowthOfBatches, MovesItsArraysOnlyInsideTheGivenFunction) {
+  const auto batch = batch_of({}, 1, 1);
+  int moves = 0;
+  batch->run_moves_with([&](const std::function<void()>& move) {
+    const void* const before = batch->memory().get();
+    EXPECT_EQ(batch->config().num_envs, 1);
+    move();
+    EXPECT_NE(batch->memory().get(), before);
+    EXPECT_EQ(batch->config().num_envs, 2);
+    ++moves;
+  });
+  batch->spawn(Indices{1}, {}, {}, {});
+  EXPECT_EQ(moves, 1);
+}
+
+TEST(GrowthOfBatches, RefusesBadCallsBeforeAnythingChanges) {
+  const auto batch = batch_of(instruments(Motion::rotors, 2), 2, 1);
+  batch->sense();
+  const std::string before = batch->snapshot();
+  const void* const memory = batch->memory().get();
+  const float nan = std::numeric_limits<float>::quiet_NaN();
+  const std::vector<float> at{1, 1, 0.75F};
+  const std::pair<std::string, std::string> cases[] = {
+      {refusal([&] { batch->spawn(Indices{std::int64_t{1} << 40}, at, {}, {}); }),
+       "indices (row 0): expected an integer in [0, 1048576), got 1099511627776"},
+      {refusal([&] { batch->spawn(Indices{1048576}, at, {}, {}); }),
+       "indices (row 0): expected an integer in [0, 1048576), got 1048576"},
+      {refusal([&] { batch->spawn(Indices{-1}, at, {}, {}); }), "indices (row 0): expected an integer in [0, 1048576), got -1"},
+      {refusal([&] { batch->spawn(Indices{5}, std::vector<float>{1, nan, 1}, {}, {}); }), "position (row 0)"},
+      {refusal([&] { batch->spawn(Indices{5}, std::vector<float>{1, 1}, {}, {}); }), "position: expected 3 numbers, got 2"},
+      {refusal([&] { batch->spawn(Indices{5}, at, std::vector<float>{0, 0, 0, 0}, {}); }), "quat_wxyz (row 0)"},
+      {refusal([&] { batch->spawn(Indices{5}, at, {}, std::vector<std::int32_t>{2}); }), "world_index (row 0)"},
+      {refusal([&] { batch->spawn(Indices{5, 5}, std::vector<float>(6, 1.0F), {}, std::vector<std::int32_t>{0, 1}); }),
+       "world_index (row 1): expected 0, the world of the other drones of its env, got 1"},
+      {refusal([&] { batch->spawn(Indices{5}, at, {}, {}, Indices{0}); }), "env: expected none beside indices, got 1 of them"},
+      {refusal([&] { batch->spawn({}, at, {}, {}, Indices{2}); }), "env (row 0): expected an integer in [0, 2), got 2"},
+      {refusal([&] { batch->spawn({}, at, {}, {}, Indices{-1}); }), "env (row 0): expected an integer in [0, 2), got -1"},
+      {refusal([&] { batch->set_lidar({.beams = 0}); }), "lidar.beams: expected an integer in [1, 262144], got 0"},
+      {refusal([&] { batch->set_lidar({.beams = 1 << 18}); }), "lidar.channels x lidar.beams"},
+      {refusal([&] { batch->set_lidar({.hfov_deg = -1.0F, .channels = 4}); }), "lidar.hfov_deg"},
+      {refusal([&] { batch->set_lidar({.channels = 4}, {}, 2); }), "lidar: expected an index below 2, got 2"},
+      {refusal([&] { batch->set_lidar({.beams = 4}, std::vector<std::uint8_t>{1, 0}); }),
+       "mask: expected all drones with beams, which they have in common, got none for drone 1"},
+      {refusal([&] { batch->set_camera(0, {.width_px = 0}); }), "camera.width_px"},
+      {refusal([&] { batch->set_camera(1, {.height_px = 3}); }), "camera.resize"},
+      {refusal([&] { batch->set_camera(0, {.hfov_deg = 179.5F, .height_px = 8}); }), "camera.hfov_deg"},
+      {refusal([&] { batch->set_camera(0, {.height_px = 8}, std::vector<std::uint8_t>{0, 1}); }),
+       "mask: expected all drones with height_px, which they have in common, got none for drone 0"},
+  };
+  for (const auto& [got, expected] : cases) EXPECT_EQ(got.substr(0, expected.size()), expected);
+  EXPECT_EQ(batch->memory().get(), memory);
+  EXPECT_EQ(batch->generation(), 0);
+  EXPECT_TRUE(batch->snapshot() == before);
+}
+
+TEST(GrowthOfBatches, RefusesAResolutionThatTheFieldOfViewOfADroneDoesNotAllow) {
+  BatchConfig config;
+  config.cameras = {{.width_px = 8, .height_px = 8}};
+  const auto batch = batch_of(config, 2, 1);
+  batch->set_camera(0, {.hfov_deg = 178.0F}, std::vector<std::uint8_t>{0, 1});
+  EXPECT_NE(refusal([&] { batch->set_camera(0, {.height_px = 64}); }), "accepted");
+  EXPECT_EQ(batch->generation(), 0);
+  batch->set_camera(0, {.hfov_deg = 90.0F});
+  batch->set_camera(0, {.height_px = 64});
+  EXPECT_EQ(batch->generation(), 1);
+  EXPECT_EQ(batch->camera_config(0).height_px, 64);
+}
+
+TEST(GrowthOfBatches, RefusesSnapshotsOfOtherSizes) {
+  const auto batch = batch_of(instruments(Motion::rotors, 1), 2, 1);
+  const std::string before = batch->snapshot();
+  batch->spawn(Indices{2}, {}, {}, {});
+  EXPECT_EQ(
+      refusal([&] { batch->restore(before); }),
+      "snapshot: expected one of a batch with the same configuration and worlds (3 drones in 3 envs), got one of 2 drones in 2 "
+      "envs");
+  batch->restore(batch->snapshot());
+  const auto shared = batch_of(instruments(Motion::rotors, 1), 1, 3);
+  EXPECT_EQ(
+      refusal([&] { shared->restore(batch->snapshot()); }),
+      "snapshot: expected one of a batch with the same configuration and worlds (3 drones in 1 env), got one of 3 drones in 3 "
+      "envs");
+}
+
+TEST(GrowthOfBatches, RefusesToGrowWithATask) {
+  BatchConfig config = testing::lidar_batch(2);
+  const Batch::Worlds worlds{testing::playground("train-1")};
+  Batch batch(config, worlds, make_task(NavigationConfig{}));
+  EXPECT_EQ(refusal([&] { batch.spawn(Indices{2}, {}, {}, {}); }),
+            "indices (row 0): expected an integer in [0, 2) (a batch with a task cannot grow), got 2");
+  EXPECT_EQ(refusal([&] { batch.spawn({}, {}, {}, {}, Indices{0}); }),
+            "env (row 0): expected an env with an inactive slot (a batch with a task cannot grow), got 0");
+  EXPECT_EQ(refusal([&] { batch.spawn({}, std::vector<float>{1, 1, 1}, {}, {}); }),
+            "position: expected no more rows than inactive slots (a batch with a task cannot grow), got 1");
+  EXPECT_EQ(refusal([&] { batch.set_lidar({.beams = 4}); }),
+            "beams: expected None for a batch with a task (its observations have a fixed shape), got 4");
+  for (const auto& [num_envs, drones_per_env] : {std::pair(0, 1), std::pair(1, 0)}) {
+    config.num_envs = num_envs;
+    config.drones_per_env = drones_per_env;
+    EXPECT_EQ(refusal([&] { Batch(config, worlds, make_task(NavigationConfig{})); }),
+              "num_drones = num_envs x drones_per_env: expected at least one drone with a task (its arrays cannot grow), got 0");
+  }
+  config.num_envs = 0;
+  config.drones_per_env = 2;
+  EXPECT_EQ(refusal([&] { config.validate(); }).substr(0, 32), "num_envs: expected an integer >=");
+}
+
+TEST(GrowthOfBatches, OfABeamPatternIsRefused) {
+  BatchConfig config = testing::lidar_batch(1, {.azimuth_deg = {0, 90}, .elevation_deg = {0, 0}});
+  const auto batch = batch_of(config, 1, 1);
+  EXPECT_EQ(refusal([&] { batch->set_lidar({.beams = 4}); }), "beams: expected None for a LiDAR with a beam pattern, got 4");
+  EXPECT_EQ(refusal([&] { batch->set_lidar({.channels = 4}); }),
+            "channels: expected None for a LiDAR with a beam pattern, got 4");
+}
+
+TEST(GrowthOfBatches, WorksInABatchLockAndInTheAnnouncementOfACall) {
+  const auto batch = batch_of(testing::lidar_batch(1), 0, 1);
+  bool spawns = true;
+  batch->share([&] {
+    if (std::exchange(spawns, false)) batch->spawn(Indices{0, 1}, {}, {}, {});
+  });
+  batch->sense();  // reads the two drones that the announcement spawned
+  EXPECT_EQ(batch->config().num_drones(), 2);
+  batch->require_scan();
+  const BatchLock lock(*batch);
+  batch->spawn(Indices{2}, {}, {}, {});
+  batch->set_lidar({.beams = 5});
+  EXPECT_EQ(batch->generation(), 3);
+}
+
+TEST(GrowthOfBatches, ThreadsSpawnIntoASharedBatch) {
+  const auto batch = batch_of(instruments(Motion::kinematic, 2), 1, 0);
+  batch->share();
+  constexpr int kThreads = 3, kSpawns = 8;
+  std::vector<Indices> spawned(kThreads);
+  std::vector<std::thread> threads;
+  for (std::size_t thread = 0; thread < kThreads; ++thread) {
+    threads.emplace_back([&, thread] {
+      for (int i = 0; i < kSpawns; ++i) {
+        const std::vector<float> at{1, 0.5F + 0.1F * static_cast<float>(i), 0.75F};
+        const Indices index = batch->spawn({}, at, {}, {});
+        spawned[thread].push_back(index.at(0));
+        const BatchLock lock(*batch);
+        EXPECT_EQ(batch->state().position[3 * static_cast<std::size_t>(index[0]) + 1], at[1]);
+        EXPECT_EQ(batch->state().position.size(), 3U * static_cast<std::size_t>(batch->config().num_drones()));
+        EXPECT_FALSE(std::isnan(batch->lidar_readings().ranges[0]));
+      }
+    });
+  }
+  for (std::thread& thread : threads) thread.join();
+  std::set<std::int64_t> all;
+  for (const Indices& of_thread : spawned) all.insert(of_thread.begin(), of_thread.end());
+  EXPECT_EQ(all.size(), static_cast<std::size_t>(kThreads * kSpawns));
+  EXPECT_EQ(std::ranges::count(batch->state().active, 1), kThreads * kSpawns);
+}
+
+}  // namespace
+}  // namespace flockstep
