@@ -391,17 +391,19 @@ void register_batch(py::module_& module) {
           py::arg("velocity") = none, py::arg("angular_velocity") = none, py::arg("rotor_speed") = none, py::arg("mask") = none)
       .def(
           "fly",
-          [](const py::object& self, const py::object& command, const py::object& ticks, const py::object& mask) {
+          [](const py::object& self, const py::object& command, const py::object& ticks, const py::object& mask,
+             const py::object& control) {
             auto& batch = self.cast<Batch&>();
             if (command.is_none()) throw py::value_error("command: expected an array (N, 4), got None");
             const auto c = floats(command, "command", n_by(batch, 4));
             const int count = ticks.is_none() ? 0 : from_python<int>(ticks, "ticks");
             if (!ticks.is_none()) require(count >= 1, "ticks", "an integer >= 1", count);
             const auto m = flags(mask, "mask", num_drones(batch));
-            released(batch, [&] { batch.fly(c, count, m); });
+            const auto meaning = control.is_none() ? std::nullopt : std::optional(from_python<Control>(control, "control"));
+            released(batch, [&] { batch.fly(c, count, m, meaning); });
             return ContactView{self};
           },
-          py::arg("command"), py::arg("ticks") = none, py::arg("mask") = none)
+          py::arg("command"), py::arg("ticks") = none, py::arg("mask") = none, py::arg("control") = none)
       .def(
           "sense",
           [](Batch& batch, const py::object& mask) {

@@ -2227,11 +2227,18 @@ class Batch:
         After `set_pose` a drone is at rest with its rotors at hover speed.
         """
 
-    def fly(self, command: npt.ArrayLike, ticks: int | None = None, mask: npt.ArrayLike | None = None) -> Contact:
+    def fly(
+        self,
+        command: npt.ArrayLike,
+        ticks: int | None = None,
+        mask: npt.ArrayLike | None = None,
+        control: str | None = None,
+    ) -> Contact:
         """Fly a command (N, 4) for a number of ticks, by default for one step.
 
-        `DynamicsConfig.control` defines what the command means. Drones can hit obstacles; see
-        `DynamicsConfig.on_contact`. Sensors are not read. Gusts and the controller follow each env's clock. Splitting a
+        ``control`` defines what the command means, for this call; None means `DynamicsConfig.control`. A batch flies
+        the same bits as one configured with this control. Drones can hit obstacles; see `DynamicsConfig.on_contact`.
+        Sensors are not read. Gusts and the controller follow each env's clock. Splitting a
         flight into several calls changes the result only by rounding. A drone that becomes too fast to integrate is put
         to rest at its last position, with a `RuntimeWarning`; in a task its episode ends as a bad state.
 
@@ -2241,9 +2248,9 @@ class Batch:
         Raises
         ------
         ValueError
-            A number is beyond +-2e6, a roll or pitch beyond +-pi, or a yaw beyond +-10,000 rad.
+            A number is beyond +-2e6, a roll or pitch beyond +-pi, or a yaw beyond +-10,000 rad; or ``control="pose"``.
         RuntimeError
-            The motion is kinematic, or ``control="pose"``.
+            The motion is kinematic; or ``control`` is None and the batch was made with ``control="pose"``.
         """
 
     def sense(self, mask: npt.ArrayLike | None = None) -> None:

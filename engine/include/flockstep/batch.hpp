@@ -139,9 +139,9 @@ class FLOCKSTEP_API Batch {
   // 4) in rad/s. After set_pose() a drone is at rest with its rotors at hover speed.
   void set_velocity(std::span<const float> velocity, std::span<const float> angular_velocity, std::span<const float> rotor_speed,
                     DroneMask mask = {});
-  // Flies a command (N, 4), whose meaning is config().dynamics.control, for a number of ticks in [0, 1000000]; 0 means one
-  // step. Rotor motion only; use move() for kinematic motion.
-  void fly(std::span<const float> command, int ticks = 0, DroneMask mask = {});
+  // Flies a command (N, 4) for a number of ticks in [0, 1000000]; 0 means one step. control: the meaning of this command, by
+  // default config().dynamics.control; not Control::pose. Rotor motion only; use move() for kinematic motion.
+  void fly(std::span<const float> command, int ticks = 0, DroneMask mask = {}, std::optional<Control> control = {});
   void sense(DroneMask mask = {});  // reads the sensors now; cameras as their capture mode requires
 
   // --- slots

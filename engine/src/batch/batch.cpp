@@ -174,12 +174,12 @@ void Batch::set_velocity(std::span<const float> velocity, std::span<const float>
   });
 }
 
-void Batch::fly(std::span<const float> command, int ticks, DroneMask mask) {
+void Batch::fly(std::span<const float> command, int ticks, DroneMask mask, std::optional<Control> control) {
   const LongCallGuard guard(*lock_);
   checks::not_stepping(*sim_, "fly");
   checks::flies_by_rotors(*sim_, "fly");
   checks::mask(*sim_, mask);
-  checks::command(*sim_, command);
+  checks::command(*sim_, command, control);
   require(ticks >= 0 && ticks <= 1000000, "ticks", "an integer in [0, 1000000]", ticks);
   const int flown = ticks == 0 ? sim_->config.clock.substeps() : ticks;
   list_selected(*sim_, mask, &Block::selected);
@@ -191,7 +191,8 @@ void Batch::fly(std::span<const float> command, int ticks, DroneMask mask) {
       if (first == 0) {
         for (const DroneIndex drone : selected_drones(*sim_, block.selected, mask, scratch)) clear_contact(sim_->state, drone);
       }
-      fly_ticks(*sim_, block, block.selected, mask, {.command = command, .target = {}, .step_start = {}}, leg, scratch);
+      fly_ticks(*sim_, block, block.selected, mask, {.command = command, .target = {}, .step_start = {}, .control = control}, leg,
+                scratch);
     });
   }
   sim_->warn_of_lost_drones();

@@ -101,16 +101,19 @@ void rotor_speeds(const Simulation& sim, std::span<const float> values) {
   }
 }
 
-void command(const Simulation& sim, std::span<const float> values) {
-  if (sim.config.dynamics.control == Control::pose) {
+void command(const Simulation& sim, std::span<const float> values, std::optional<Control> control) {
+  require(control != Control::pose, "control", "a control other than \"pose\", which only tasks use", "\"pose\"");
+  if (!control && sim.config.dynamics.control == Control::pose) {
     throw std::logic_error(
         "fly() takes commands of a controller; this Batch has control=\"pose\", which only tasks use: give another control");
   }
+  std::string field = "command";
+  if (control) field += std::string(" of control \"") + EnumNames<Control>::kNames[static_cast<std::size_t>(*control)] + '"';
   size(values.size(), 4 * sim.num_drones(), "command");
   for (std::size_t i = 0; i < values.size(); ++i) {
-    if (!(std::abs(values[i]) <= 2e6F)) refuse(row_of("command", i / 4), "finite numbers within +-2e+06", values[i]);
+    if (!(std::abs(values[i]) <= 2e6F)) refuse(row_of(field, i / 4), "finite numbers within +-2e+06", values[i]);
   }
-  angles(sim.config.dynamics.control, values, "command");
+  angles(control.value_or(sim.config.dynamics.control), values, field);
 }
 
 void angles(Control control, std::span<const float> command, std::string_view field) {

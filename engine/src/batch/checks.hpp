@@ -4,6 +4,7 @@
 
 #include <cstddef>
 #include <cstdint>
+#include <optional>
 #include <span>
 #include <string>
 #include <string_view>
@@ -30,7 +31,7 @@ void flies_by_rotors(const Simulation& sim, std::string_view call);
 void velocity(const Simulation& sim, std::span<const float> values);
 void angular_velocity(const Simulation& sim, std::span<const float> values);
 void rotor_speeds(const Simulation& sim, std::span<const float> values);
-void command(const Simulation& sim, std::span<const float> values);
+void command(const Simulation& sim, std::span<const float> values, std::optional<Control> control);
 // Checks the angles in rows of four numbers, as the control defines them: a finite angle that is too large is usually in
 // degrees.
 void angles(Control control, std::span<const float> command, std::string_view field);

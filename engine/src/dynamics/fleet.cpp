@@ -103,6 +103,16 @@ void Fleet::set_airframe(DroneIndex drone, std::int32_t row) {
   if (!airframe_index.empty()) airframe_index[drone] = row;
 }
 
+Physics Fleet::physics_for(Control control) const {
+  DynamicsConfig changed = config;
+  changed.control = control;
+  Physics other = physics;
+  other.stage = stage_of(control);
+  other.is_rk4 =
+      std::ranges::all_of(airframes, [&](const Airframe& frame) { return Physics::flies_by_rk4(frame, changed, clock.dt_s()); });
+  return other;
+}
+
 void Fleet::start(State& state, DroneIndex drone, const Velocity& velocity) const {
   begin_gusts(state, drone);
   FlightState& flight = state.flight;

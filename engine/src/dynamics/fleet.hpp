@@ -45,6 +45,9 @@ struct Fleet {
   // Assigns another airframe of the table to a drone. Call it between steps: the drone keeps its velocity and rotor speeds.
   void set_airframe(DroneIndex drone, std::int32_t row);
 
+  // The physics for commands of another control.
+  Physics physics_for(Control control) const;
+
   // Starts a drone at this velocity, with its rotors at hover speed and the initial gusts of its episode.
   void start(State& state, DroneIndex drone, const Velocity& velocity) const;
   // Draws the initial gusts of the drone's episode.

@@ -54,6 +54,8 @@ enum class Stage : std::uint8_t {
   position,          // m from the start of the leg, cosine and sine of the heading
 };
 Stage stage_of(Control control);
+// True if the stage integrates the velocity error.
+inline bool has_integral(Stage stage) { return stage >= Stage::velocity; }
 
 // The controller's gains, derived from the lag T of the rotors. With a damping of 0.7 the rate gain is 0.5 / T. Each outer loop
 // has a third of the bandwidth of the loop inside it; the position loop has half. Rotors slower than 35 ms are overdriven: the
@@ -122,6 +124,8 @@ struct Physics {
   Physics() = default;
   // dt_s: duration of a tick. control_ticks: ticks from one call of the controller to the next.
   Physics(const Airframe& frame, const DynamicsConfig& config, double dt_s, int control_ticks);
+  // True if drones of this airframe fly by rk4.
+  static bool flies_by_rk4(const Airframe& frame, const DynamicsConfig& config, double dt_s);
   // Turns on the terms that the other needs, so that drones of both airframes can fly in one flock. Uses rk4 only if both do.
   void include(const Physics& other);
 

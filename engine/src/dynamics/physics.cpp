@@ -94,8 +94,7 @@ double stiffness(const Airframe& frame, const DynamicsConfig& config) {
 
 Physics::Physics(const Airframe& frame, const DynamicsConfig& config, double dt_s, int ticks)
     : stage(stage_of(config.control)),
-      is_rk4(config.integrator == Integrator::rk4 ||
-             (config.integrator == Integrator::automatic && config.tells_rotors() && can_rk4(frame, config, dt_s))),
+      is_rk4(flies_by_rk4(frame, config, dt_s)),
       rotor_drag(config.rotor_drag && any(frame.rotor_drag)),
       rotor_lift(config.rotor_drag && frame.rotor_lift != 0.0),
       body_drag(config.body_drag && (any(frame.linear_drag) || any(frame.quadratic_drag))),
@@ -177,6 +176,11 @@ Physics::Physics(const Airframe& frame, const DynamicsConfig& config, double dt_
   std::array<const AirframeNumbers<float>*, kLanes> same;
   same.fill(&n);
   set_lanes(same, lanes);
+}
+
+bool Physics::flies_by_rk4(const Airframe& frame, const DynamicsConfig& config, double dt_s) {
+  if (config.integrator != Integrator::automatic) return config.integrator == Integrator::rk4;
+  return config.tells_rotors() && can_rk4(frame, config, dt_s);
 }
 
 void Physics::include(const Physics& other) {

@@ -32,18 +32,19 @@ void set(const Quat& q, std::size_t lane, Lanes<4>& lanes) {
 class GroupFlight {
  public:
   // Removes the group's drones from the list.
-  GroupFlight(const FlightContext& context, std::span<const DroneIndex>& drones)
+  GroupFlight(const FlightContext& context, const Physics& physics, std::span<const DroneIndex>& drones)
       : context_(context),
         fleet_(context.fleet),
+        physics_(physics),
         state_(context.state),
         flock_(context.scratch.flock),
         group_(drones, context.own),
         numbers_(fleet_.airframes.size() == 1 ? fleet_.physics.lanes : gathered_numbers()) {}
 
-  void update_accelerations(const Physics& coasting) {
+  void update_accelerations() {
     load();
     for (std::size_t i = 0; i < kRotors; ++i) flock_.setpoint[i] = flock_.rotor[i];
-    advance(coasting, 0, 1);
+    advance(0, 1);
     for (std::size_t lane = 0; lane < kLanes; ++lane) {
       if (group_.is_listed(lane) && is_good(lane)) group_.store_accelerations(lane, flock_, state_);
     }
@@ -84,7 +85,8 @@ class GroupFlight {
   }
 
   void load_setpoints(const Commands& commands) {
-    const Control control = fleet_.config.control;
+    if (!has_integral(physics_.stage)) flock_.error_integral = {};  // otherwise it could be from before a change of control
+    const Control control = control_of(commands);
     if (group_.is_row() &&
         (control == Control::body_rates || control == Control::velocity || control == Control::heading_velocity)) {
       alignas(64) Lanes<4> numbers;
@@ -92,15 +94,17 @@ class GroupFlight {
       return void(std::copy(numbers.begin(), numbers.end(), flock_.setpoint.begin()));
     }
     for (std::size_t lane = 0; lane < kLanes; ++lane) {
-      const auto setpoint = setpoint_of(fleet_.config, fleet_.airframe_of(group_[lane]), input_of(commands, group_[lane]));
+      const auto setpoint = setpoint_of(control, fleet_.airframe_of(group_[lane]), input_of(commands, group_[lane]));
       for (std::size_t k = 0; k < setpoint.size(); ++k) flock_.setpoint[k][lane] = setpoint[k];
     }
   }
 
+  Control control_of(const Commands& commands) const { return commands.control.value_or(fleet_.config.control); }
   SetpointInput input_of(const Commands& commands, DroneIndex drone) const {
     SetpointInput input{.step_s = static_cast<float>(fleet_.clock.step_s())};
-    if (fleet_.config.control == Control::position) input.now = pose_of(state_, drone);
-    if (fleet_.config.control == Control::pose) {
+    const Control control = control_of(commands);
+    if (control == Control::position) input.now = pose_of(state_, drone);
+    if (control == Control::pose) {
       input.from = commands.step_start[drone];
       input.target = commands.target[drone];
     } else {
@@ -137,8 +141,8 @@ class GroupFlight {
     }
   }
 
-  void advance(const Physics& physics, int first_tick, int ticks) {
-    dynamics::fly(physics, numbers_, flock_, first_tick, ticks);
+  void advance(int first_tick, int ticks) {
+    dynamics::fly(physics_, numbers_, flock_, first_tick, ticks);
     update_position(flock_);
   }
 
@@ -154,7 +158,7 @@ class GroupFlight {
 
   // Flies all ticks at once and stores the drones that have no obstacle within their reach.
   void fly_free(int first_tick, int ticks) {
-    advance(fleet_.physics, first_tick, ticks);
+    advance(first_tick, ticks);
     check_open_space();
     LaneFlags flies{};
     for (std::size_t lane = 0; lane < kLanes; ++lane) {
@@ -204,7 +208,7 @@ class GroupFlight {
 
   // Flies one tick of the remaining drones, with contacts.
   void fly_tick(int tick) {
-    advance(fleet_.physics, tick, 1);
+    advance(tick, 1);
     for (std::size_t lane = 0; lane < kLanes; ++lane) {
       if (is_done_[lane]) continue;
       if (is_good(lane)) {
@@ -252,7 +256,7 @@ class GroupFlight {
     set(to, lane, flock_.origin);
     set(Vec3::Zero(), lane, flock_.travelled);
     flock_.height[lane] += moved.z();
-    if (fleet_.physics.stage != Stage::position) return;
+    if (physics_.stage != Stage::position) return;
     for (std::size_t k = 0; k < 3; ++k) flock_.setpoint[k][lane] -= moved[static_cast<Eigen::Index>(k)];
   }
 
@@ -270,6 +274,7 @@ class GroupFlight {
 
   const FlightContext& context_;
   Fleet& fleet_;
+  const Physics& physics_;
   State& state_;
   Flock& flock_;
   LaneGroup group_;
@@ -284,11 +289,19 @@ class GroupFlight {
 void update_accelerations(const FlightContext& context, std::span<const DroneIndex> drones) {
   Physics coasting = context.fleet.physics;
   coasting.stage = Stage::rotors;
-  while (!drones.empty()) GroupFlight(context, drones).update_accelerations(coasting);
+  while (!drones.empty()) GroupFlight(context, coasting, drones).update_accelerations();
 }
 
 void fly(const FlightContext& context, std::span<const DroneIndex> drones, const Commands& commands, int first_tick, int ticks) {
-  while (!drones.empty()) GroupFlight(context, drones).fly(commands, first_tick, ticks);
+  const auto fly_with = [&](const Physics& physics) {
+    while (!drones.empty()) GroupFlight(context, physics, drones).fly(commands, first_tick, ticks);
+  };
+  const Control usual = context.fleet.config.control;
+  if (const Control control = commands.control.value_or(usual); control != usual) {
+    fly_with(context.fleet.physics_for(control));
+  } else {
+    fly_with(context.fleet.physics);
+  }
 }
 
 }  // namespace flockstep::dynamics

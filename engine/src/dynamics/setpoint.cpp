@@ -10,15 +10,15 @@ float yaw_of(const Quat& q) {
   return std::atan2(2.0F * (q.x() * q.y() + q.w() * q.z()), 1.0F - 2.0F * (q.y() * q.y() + q.z() * q.z()));
 }
 
-std::array<float, 7> setpoint_of(const DynamicsConfig& config, const Airframe& frame, const SetpointInput& input) {
+std::array<float, 7> setpoint_of(Control control, const Airframe& frame, const SetpointInput& input) {
   const auto& [a, b, c, d] = input.command;
-  switch (config.control) {
+  switch (control) {
     case Control::rotor_speeds:
     case Control::rotor_thrusts: {
       std::array<float, 7> speeds{};
       for (std::size_t i = 0; i < kRotors; ++i) {
         const double given = static_cast<double>(input.command[i]);
-        const double speed = config.control == Control::rotor_speeds ? given : frame.speed_for(given);
+        const double speed = control == Control::rotor_speeds ? given : frame.speed_for(given);
         speeds[i] = static_cast<float>(std::clamp(speed, frame.min_speed_radps, frame.max_speed_radps));
       }
       return speeds;

@@ -2,6 +2,7 @@
 #pragma once
 
 #include <array>
+#include <optional>
 #include <span>
 
 #include "flockstep/airframe.hpp"
@@ -15,6 +16,7 @@ struct Commands {
   std::span<const float> command;    // (N, 4) numbers, see Control; unused with Control::pose
   std::span<const Pose> target;      // (N,) poses at the end of the step; used with Control::pose only
   std::span<const Pose> step_start;  // (N,) poses at the start of the step; used with Control::pose only
+  std::optional<Control> control{};  // meaning of the commands; by default DynamicsConfig::control
 };
 
 // The command of one drone.
@@ -27,7 +29,7 @@ struct SetpointInput {
 
 // Returns the setpoint that Stage describes. Rotor speeds are clamped to the rotors' limits. Positions become relative to the
 // current position.
-std::array<float, 7> setpoint_of(const DynamicsConfig& config, const Airframe& frame, const SetpointInput& input);
+std::array<float, 7> setpoint_of(Control control, const Airframe& frame, const SetpointInput& input);
 
 // The heading of the body's x axis, rad: 0 along the world's x axis.
 float yaw_of(const Quat& rotation);

@@ -139,6 +139,29 @@ TEST(Fleet, UsesAnIntegratorThatSuitsEveryAirframe) {
   EXPECT_FALSE(is_rk4({fast, slow}));
 }
 
+TEST(Fleet, HasThePhysicsOfEveryControl) {
+  const Airframe slow = *DroneModel::load("kingfisher").airframe();
+  Airframe fast = slow;
+  fast.lag_up_s = fast.lag_down_s = 1e-4;
+  for (const std::vector<Airframe>& airframes : {std::vector{slow}, std::vector{slow, fast}}) {
+    for (const Integrator integrator : {Integrator::automatic, Integrator::midpoint}) {
+      const auto fleet = [&](std::size_t control) {
+        DynamicsConfig config = testing::room_dynamics(OnContact::stop, static_cast<Control>(control));
+        config.integrator = integrator;
+        return Fleet(airframes, kFirstRow, config, testing::kRoomClock, 1);
+      };
+      for (std::size_t made = 0; made < EnumNames<Control>::kNames.size(); ++made) {
+        for (std::size_t flown = 0; flown < EnumNames<Control>::kNames.size(); ++flown) {
+          const dynamics::Physics physics = fleet(made).physics_for(static_cast<Control>(flown));
+          const dynamics::Physics expected = fleet(flown).physics;
+          EXPECT_EQ(physics.stage, expected.stage);
+          EXPECT_EQ(physics.is_rk4, expected.is_rk4);
+        }
+      }
+    }
+  }
+}
+
 TEST(Fleet, RefusesAirframesThatItCannotIntegrate) {
   const Airframe good = *DroneModel::load("kingfisher").airframe();
   Airframe fast = good, stiff = good;
