@@ -91,31 +91,14 @@ py::dict light(const World& world) {
   return entry;
 }
 
-using Color = std::optional<std::array<float, 3>>;
-
-// `tint` is one colour for all materials, or one per material.
-std::shared_ptr<World> with_light(const std::shared_ptr<World>& world, const Color& sun_direction, const Color& sun_color,
-                                  const Color& sky_ambient, const Color& ground_ambient, const Color& zenith_color,
-                                  const Color& horizon_color, const std::optional<float>& gamma,
+std::shared_ptr<World> with_light(const std::shared_ptr<World>& world, const ColorArgument& sun_direction,
+                                  const ColorArgument& sun_color, const ColorArgument& sky_ambient,
+                                  const ColorArgument& ground_ambient, const ColorArgument& zenith_color,
+                                  const ColorArgument& horizon_color, const std::optional<float>& gamma,
                                   const std::optional<float>& sun_radius_deg, const std::optional<float>& sun_glow,
                                   const py::object& tint) {
-  const Light& usual = world->light();
-  Lighting lighting;
-  lighting.light = {sun_direction.value_or(usual.sun_direction),
-                    sun_color.value_or(usual.sun_color),
-                    sky_ambient.value_or(usual.sky_ambient),
-                    ground_ambient.value_or(usual.ground_ambient),
-                    zenith_color.value_or(usual.zenith_color),
-                    horizon_color.value_or(usual.horizon_color),
-                    gamma.value_or(usual.gamma),
-                    sun_radius_deg.value_or(usual.sun_radius_deg),
-                    sun_glow.value_or(usual.sun_glow)};
-  if (!tint.is_none()) {
-    const Input<float> rows = floats(py::module_::import("numpy").attr("atleast_2d")(tint), "tint", {-1, 3});
-    const std::span<const float> values = rows;
-    for (std::size_t i = 0; i < values.size(); i += 3) lighting.tint.push_back({values[i], values[i + 1], values[i + 2]});
-    if (lighting.tint.size() == 1) lighting.tint.assign(world->materials().size(), std::array(lighting.tint[0]));
-  }
+  const Lighting lighting = lighting_argument(*world, sun_direction, sun_color, sky_ambient, ground_ambient, zenith_color,
+                                              horizon_color, gamma, sun_radius_deg, sun_glow, tint);
   return released([&] { return std::make_shared<World>(world, lighting); });
 }
 
@@ -156,6 +139,31 @@ py::dict mesh(const World& world, float chord_error_m) {
 }
 
 }  // namespace
+
+Lighting lighting_argument(const World& world, const ColorArgument& sun_direction, const ColorArgument& sun_color,
+                           const ColorArgument& sky_ambient, const ColorArgument& ground_ambient,
+                           const ColorArgument& zenith_color, const ColorArgument& horizon_color,
+                           const std::optional<float>& gamma, const std::optional<float>& sun_radius_deg,
+                           const std::optional<float>& sun_glow, const py::object& tint) {
+  const Light& usual = world.light();
+  Lighting lighting;
+  lighting.light = {sun_direction.value_or(usual.sun_direction),
+                    sun_color.value_or(usual.sun_color),
+                    sky_ambient.value_or(usual.sky_ambient),
+                    ground_ambient.value_or(usual.ground_ambient),
+                    zenith_color.value_or(usual.zenith_color),
+                    horizon_color.value_or(usual.horizon_color),
+                    gamma.value_or(usual.gamma),
+                    sun_radius_deg.value_or(usual.sun_radius_deg),
+                    sun_glow.value_or(usual.sun_glow)};
+  if (!tint.is_none()) {
+    const Input<float> rows = floats(py::module_::import("numpy").attr("atleast_2d")(tint), "tint", {-1, 3});
+    const std::span<const float> values = rows;
+    for (std::size_t i = 0; i < values.size(); i += 3) lighting.tint.push_back({values[i], values[i + 1], values[i + 2]});
+    if (lighting.tint.size() == 1) lighting.tint.assign(world.materials().size(), std::array(lighting.tint[0]));
+  }
+  return lighting;
+}
 
 std::vector<std::shared_ptr<World>> worlds_argument(const py::object& worlds) {
   return py::module_::import("flockstep.scenes").attr("load")(worlds).cast<std::vector<std::shared_ptr<World>>>();

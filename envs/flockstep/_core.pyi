@@ -2298,6 +2298,40 @@ class Batch:
         With a `WorldPool`, this method and ``world_index`` of `spawn` raise an error.
         """
 
+    def set_light(
+        self,
+        world_index: int,
+        *,
+        sun_direction: tuple[float, float, float] | None = None,
+        sun_color: tuple[float, float, float] | None = None,
+        sky_ambient: tuple[float, float, float] | None = None,
+        ground_ambient: tuple[float, float, float] | None = None,
+        zenith_color: tuple[float, float, float] | None = None,
+        horizon_color: tuple[float, float, float] | None = None,
+        gamma: float | None = None,
+        sun_radius_deg: float | None = None,
+        sun_glow: float | None = None,
+        tint: npt.ArrayLike | None = None,
+    ) -> None:
+        """Change the light of one of the `worlds`, for all envs in it; None leaves a value unchanged.
+
+        ``worlds[world_index]`` becomes ``worlds[world_index].with_light(...)``; the original world object and other
+        batches that use it do not change. The arguments are those of `World.with_light`; ``tint`` multiplies the
+        current colours. Frames that show the world are stale until they are rendered again. With the camera backend
+        ``gl``, every call copies the geometry to the device again, and the copies are freed with the batch.
+
+        The light is part of the configuration that `restore` checks: it refuses a snapshot that was taken in another
+        light.
+
+        Raises
+        ------
+        ValueError
+            A value is out of its limits, there is no such world, or the worlds come from a `WorldPool`, because the
+            next episode would draw a world with its own light.
+        RuntimeError
+            The call comes from a task while its batch steps or resets.
+        """
+
     def set_lidar(
         self,
         mask: npt.ArrayLike | None = None,

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import inspect
+import operator
 from collections.abc import Mapping, Sequence
 from copy import copy as copied
 from copy import deepcopy
@@ -52,7 +53,7 @@ if TYPE_CHECKING:
 
     from typing_extensions import TypedDict, Unpack
 
-    from flockstep._core import ColorRange, NavigationReward, WindConfig
+    from flockstep._core import ColorRange, NavigationReward, WindConfig, World
     from flockstep.pictures.trail import Trail
 
     class Fields(TypedDict, total=False):
@@ -388,6 +389,7 @@ class DroneVectorEnv(VectorEnv[Observation, Array, Array]):
         self.lidars, self.cameras = recipe.lidars, recipe.cameras
         self.lidar = self.lidars[0] if self.lidars else None
         self.batch = Batch.from_recipe(recipe, worlds, own_task, allow_files=True)
+        self._made_worlds: list[World] | None = getattr(self.batch, "worlds", None)  # None with a pool
         self._rows_per_env = self.drones_per_env if self.batch.spec.row == "drone" else 1
         self.num_envs = self.num_groups * self._rows_per_env
         flown_hz = self.batch.clock.policy_hz / recipe.episode.frame_skip
@@ -477,9 +479,15 @@ class DroneVectorEnv(VectorEnv[Observation, Array, Array]):
         return {
             **random,
             "spec": self.spec,
-            "arguments": self._arguments,
+            "arguments": {**self._arguments, **self._relit_worlds()},
             "snapshot": self.batch.snapshot() if self._seeded else None,
         }
+
+    def _relit_worlds(self) -> dict[str, Any]:
+        """Return the worlds as an argument if `Batch.set_light` has changed one of them."""
+        if self._made_worlds is None or all(map(operator.is_, self.batch.worlds, self._made_worlds)):
+            return {}
+        return {"worlds": self.batch.worlds}
 
     def __setstate__(self, state: dict[str, Any]) -> None:
         """Make the env from its arguments and restore the snapshot."""

@@ -155,6 +155,9 @@ class FLOCKSTEP_API Batch {
                                   std::span<const std::int64_t> env = {});
   void remove(std::span<const std::int64_t> indices);  // deactivates slots (K,), which then read as absent
   void set_world(std::span<const std::int32_t> world_index, EnvMask mask = {});  // (E,); refused with a pool
+  // Replaces a world, by its index into worlds(), by a copy of it in another light, for all of its envs. Frames that show the
+  // world become stale. Snapshots from before are refused by restore(), unless the same light is set again. Refused with a pool.
+  void set_light(std::int64_t world_index, const Lighting& lighting);
 
   // --- sensor readings; all arrays are empty for a sensor that the batch does not have
   const PoseReadings& pose_readings() const;                         // of the pose sensor

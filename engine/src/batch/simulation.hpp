@@ -140,6 +140,7 @@ struct Simulation {
   // free slots are null.
   Batch::Worlds worlds;
   std::vector<const World*> world_pointers;
+  Batch::Worlds replaced_worlds;  // replaced by set_light(); kept for a renderer that identifies worlds by their addresses
   std::vector<const trace::Scene*> scenes;
   std::vector<const collision::Obstacles*> obstacles;
   const DroneModel drone_model;

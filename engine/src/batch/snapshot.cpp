@@ -285,8 +285,8 @@ void restore_snapshot(Simulation& sim, std::string_view blob) {
   require(header.length == body.size(), "snapshot", std::to_string(header.length + sizeof(header)) + " bytes", blob.size());
   require(header.checksum == checksum_of(header, body), "snapshot", "bytes that match their checksum", "corrupt ones");
   if (header.config != config_hash(sim)) require_same_size(sim, body);
-  require(header.config == config_hash(sim), "snapshot", "one of a batch with the same configuration and worlds",
-          "one of another batch");
+  require(header.config == config_hash(sim), "snapshot",
+          "one of a batch with the same configuration and worlds, in the same light", "one of another batch");
   // Read and check everything before anything changes.
   Reader reader(body);
   visit_own(sim, reader);

@@ -18,8 +18,8 @@ namespace flockstep::render {
 
 class Renderer {
  public:
-  // typical: requests that represent the batch. The automatic choice times them, and may write their frames. The worlds of
-  // all requests must outlive the renderer. gl_patience: see GlRenderer.
+  // typical: requests that represent the batch. The automatic choice times them, and may write their frames. See also
+  // keeps_worlds(). gl_patience: see GlRenderer.
   Renderer(CameraBackend backend, std::span<const RenderRequest> typical, Workers& workers,
            std::chrono::milliseconds gl_patience = GlRenderer::kPatience);
 
@@ -30,6 +30,8 @@ class Renderer {
   std::string take_warning() { return std::exchange(warning_, std::string()); }
 
   trace::EmbreeUse embree_use() const;  // by the raycast backend
+  // True if the worlds of past requests must outlive the renderer.
+  bool keeps_worlds() const { return gl_ != nullptr; }
 
   // Between start() and finish(), OpenGL already renders on its own thread; the requests must not change meanwhile.
   void start(std::span<const RenderRequest> requests);

@@ -96,6 +96,14 @@ void CameraRig::mark_stale(DroneIndex drone) {
   for (const auto& camera : cameras_) camera->mark_stale(drone);
 }
 
+void CameraRig::mark_world_stale(std::int32_t world) {
+  for (const auto& camera : cameras_) {
+    for (std::size_t i = 0; i < num_drones_; ++i) {
+      if (const DroneIndex drone(i); camera->taken_world(drone) == world) camera->mark_stale(drone);
+    }
+  }
+}
+
 void CameraRig::clear(DroneIndex drone) {
   for (const auto& camera : cameras_) camera->clear(drone);
 }

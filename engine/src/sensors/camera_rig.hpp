@@ -46,7 +46,8 @@ class CameraRig {
   const Camera& operator[](std::size_t camera) const { return *cameras_[camera]; }
 
   void mark_stale(DroneIndex drone);
-  void clear(DroneIndex drone);  // clears the images of a removed drone
+  void mark_world_stale(std::int32_t world);  // marks the frames that show a world as stale; world: State::world_index
+  void clear(DroneIndex drone);               // clears the images of a removed drone
 
   // --- the next frames: request, start, finish. A backend with its own thread already renders between start() and finish().
   // Requests the due frames of all drones for which for_each_drone calls its argument.
@@ -67,6 +68,7 @@ class CameraRig {
   // The chosen backend with the reason, and warnings that have not been reported yet.
   const std::string& report() const;
   std::string take_warning();
+  bool keeps_worlds() const { return renderer_ && renderer_->keeps_worlds(); }  // see Renderer
   trace::EmbreeUse embree_use() const { return renderer_ ? renderer_->embree_use() : trace::EmbreeUse{}; }
   // Returns a JPEG file of one frame; quality in [1, 100].
   std::string jpeg(std::size_t camera, DroneIndex drone, int quality) const;

@@ -1,0 +1,37 @@
+// The member of Batch that changes the light of a world.
+#include <memory>
+#include <stdexcept>
+#include <string>
+#include <utility>
+
+#include "base/require.hpp"
+#include "batch/call_guard.hpp"
+#include "batch/checks.hpp"
+#include "batch/simulation.hpp"
+#include "flockstep/batch.hpp"
+
+namespace flockstep {
+
+void Batch::set_light(std::int64_t world_index, const Lighting& lighting) {
+  const LongCallGuard guard(*lock_);
+  checks::not_stepping(*sim_, "set_light");
+  if (sim_->pool) {
+    throw std::invalid_argument(
+        "set_light: not allowed with a WorldPool: each episode draws its world, with its own light (let the pool's function make "
+        "worlds in other lights)");
+  }
+  const std::size_t count = sim_->worlds.size();
+  require(world_index >= 0 && static_cast<std::size_t>(world_index) < count, "world_index",
+          "an integer in [0, " + std::to_string(count) + ")", world_index);
+  const auto index = static_cast<std::size_t>(world_index);
+  auto relit = std::make_shared<const World>(sim_->worlds[index], lighting);
+  build_ahead(*relit, sim_->config);
+  // The copy has the scene and the obstacles of the world that it replaces, so those tables stay.
+  if (sim_->cameras.keeps_worlds()) sim_->replaced_worlds.push_back(sim_->worlds[index]);
+  sim_->world_pointers[index] = relit.get();
+  sim_->worlds[index] = std::move(relit);
+  sim_->cameras.mark_world_stale(static_cast<std::int32_t>(world_index));
+  sim_->known_hash.reset();
+}
+
+}  // namespace flockstep
