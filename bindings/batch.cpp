@@ -278,6 +278,9 @@ Viewed<FlightState> flight_arrays(const py::object& self, const char*) {
   }
   return {batch.state().flight, memory_of(self)};
 }
+Viewed<MoveLineState> move_line_arrays(const py::object& self, const char*) {
+  return {self.cast<const Batch&>().move_lines(), memory_of(self)};
+}
 Viewed<PoseReadings> poses_arrays(const py::object& self, const char*) {
   return {self.cast<const Batch&>().pose_readings(), memory_of(self)};
 }
@@ -311,6 +314,7 @@ void register_batch(py::module_& module) {
   add_arrays<ImuReadings, &imu_arrays>(cls);
   add_arrays<EpisodeState, &episodes_arrays>(cls);
   add_arrays<Outputs, &outputs_arrays>(cls);
+  add_arrays<MoveLineState, &move_line_arrays>(cls);
   cls.def(py::init(&make_batch), py::arg("worlds"), py::arg("num_drones") = 1, py::kw_only(), py::arg("lidar") = none,
           py::arg("pose_sensor") = none, py::arg("imu") = none, py::arg("task") = none, py::arg("drone") = none,
           py::arg("cameras") = py::tuple(), py::arg("camera_backend") = "raycast", py::arg("episode") = none,
@@ -519,6 +523,32 @@ void register_batch(py::module_& module) {
           },
           py::arg("mask") = none, py::arg("camera") = none, py::kw_only(), py::arg("hfov_deg") = none, py::arg("vfov_deg") = none,
           py::arg("offset_m") = none, py::arg("quat_wxyz") = none, py::arg("width_px") = none, py::arg("height_px") = none)
+      .def(
+          "set_move_line_visible",
+          [](Batch& batch, const py::object& visible, const py::object& mask) {
+            const bool shown = from_python<bool>(visible, "visible");
+            const auto m = flags(mask, "mask", num_drones(batch));
+            in_turn(batch, [&] { batch.set_move_line_visible(shown, m); });
+          },
+          py::arg("visible"), py::arg("mask") = none)
+      .def(
+          "move_line",
+          [](const Batch& batch, std::int64_t index) {
+            return rows(in_turn(batch, [&] { return batch.move_line(index); }));
+          },
+          py::arg("index"))
+      .def(
+          "picture",
+          [](Batch& batch, std::int64_t index, const std::optional<std::string>& camera) {
+            const std::size_t number = camera_of(batch, camera);
+            std::vector<std::uint8_t> rgb;
+            released(batch, [&] { rgb = batch.picture(number, index); });
+            const CameraConfig& config = batch.camera_config(number);
+            py::array_t<std::uint8_t> picture({config.image_height_px(), config.image_width_px(), 3});
+            std::copy(rgb.begin(), rgb.end(), picture.mutable_data());
+            return picture;
+          },
+          py::arg("index"), py::arg("camera") = none)
       .def("camera_backend_report", [](const Batch& batch) { return batch.camera_backend_report(); })
       .def(
           "seed",

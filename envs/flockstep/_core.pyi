@@ -2173,6 +2173,10 @@ class Batch:
     @property
     def episode_length(self) -> _I64:
         """(R,) steps: steps flown, in the same episode as `episode_return`."""
+
+    @property
+    def move_line_visible(self) -> _Bool:
+        """(N,): True if the drone's path is recorded and shown in pictures."""
     # end of arrays
     @property
     def contact(self) -> Contact:
@@ -2384,6 +2388,35 @@ class Batch:
         Their frames are stale until they are rendered again. Setting only one of ``hfov_deg`` and ``vfov_deg`` clears
         the other. ``width_px`` and ``height_px`` concern all drones, so the mask must not leave one out, and move the
         arrays (see `generation`). They are refused with a task.
+        """
+
+    def set_move_line_visible(self, visible: bool, mask: npt.ArrayLike | None = None) -> None:
+        """Show or hide the move lines of drones: the paths that they fly.
+
+        While a drone's line is visible, the batch records the drone's position after each `step`, `fly` and `move`, and
+        `picture` and `DroneVectorEnv.render` draw the line in green. Hiding a line discards it, and so does `remove`.
+        Observations do not change, and a snapshot contains no lines.
+        """
+
+    def move_line(self, index: int) -> _F32:
+        """Return the visible move line of a drone: positions (K, 3) m, world frame, oldest first, as a new array.
+
+        A row of NaN separates two pieces of the line. A new piece begins wherever the drone is placed: by `set_pose`, a
+        reset or the automatic reset in a `step`, `spawn` or `restore`. A drone that comes into another world begins a
+        new line. K is at most 4096. A line that needs more rows first loses its oldest pieces; a line of one piece
+        loses every other row, and is then recorded half as often. The last row is always the newest position.
+        """
+
+    def picture(self, index: int, camera: str | None = None) -> _U8:
+        """Return the frame of one drone, rgb or otherwise grey, with move lines: (height, width, 3), as a new array.
+
+        The visible lines of all drones of its env are drawn wherever the world does not hide them, two pixels wide in
+        an image of 640 pixels. The camera's own images do not change.
+
+        Raises
+        ------
+        ValueError
+            The camera writes neither output, the frame is stale, or the index is out of range.
         """
 
     def camera_backend_report(self) -> str:

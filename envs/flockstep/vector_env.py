@@ -218,8 +218,8 @@ class DroneVectorEnv(VectorEnv[Observation, Array, Array]):
         of the drone's own camera; black if it is stale. ``"third_person"``: from behind and above the drone, with LiDAR
         beams, camera frustums and the trail. ``"fleet"``: the same, with the other drones of its world. Two points (m,
         world frame), such as ``((0, -8, 5), (4, 4, 1))``: the same as ``"fleet"``, seen from the first point towards
-        the second. Default: ``"third_person"`` for `HoverConfig` and `TrackConfig`, because it shows attitude and
-        height, otherwise ``"top"``.
+        the second. Every view shows the lines of `Batch.set_move_line_visible`. Default: ``"third_person"`` for
+        `HoverConfig` and `TrackConfig`, because it shows attitude and height, otherwise ``"top"``.
     render_size
         Width and height of the pictures in pixels. Default: 256 x 256 for ``"top"``, the camera's own size for
         ``"camera"``, otherwise 640 x 480. With ``"camera"``, frames are scaled if the size is not the camera's own.

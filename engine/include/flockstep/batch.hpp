@@ -15,6 +15,7 @@
 #include "flockstep/config.hpp"
 #include "flockstep/drone_model.hpp"
 #include "flockstep/export.hpp"
+#include "flockstep/move_line.hpp"
 #include "flockstep/readings.hpp"
 #include "flockstep/state.hpp"
 #include "flockstep/task.hpp"
@@ -191,6 +192,17 @@ class FLOCKSTEP_API Batch {
   // Returns a JPEG file of one drone's rgb frame, or of its grey frame if it has no rgb. The frame must not be stale. quality:
   // [1, 100].
   std::string jpeg(std::size_t camera, std::int64_t index, int quality) const;
+
+  // --- move lines: the paths of drones, recorded after every motion while they are visible; not part of a snapshot
+  // Making a line visible begins it at the drone's position; making it invisible discards it.
+  void set_move_line_visible(bool visible, DroneMask mask = {});
+  const MoveLineState& move_lines() const;  // the drones whose lines are visible
+  // Returns the recorded positions of a drone (K, 3) in m, world frame, oldest first; K is at most 4096. A row of NaN separates
+  // two pieces: a new one begins when the drone is placed by set_pose(), a reset, spawn() or restore().
+  std::vector<Vec3> move_line(std::int64_t index) const;
+  // Returns one drone's frame as jpeg() does, uncompressed, with the visible move lines of the drones of its env drawn in green:
+  // (height, width, 3) sRGB.
+  std::vector<std::uint8_t> picture(std::size_t camera, std::int64_t index) const;
 
   // --- random numbers, keyed by (env seed, episode, stream); drawing does not change any state
   void seed(std::span<const std::uint64_t> seeds, EnvMask mask = {});        // (E,); sets the episode counters to 0

@@ -55,6 +55,15 @@ void mark_absent(Simulation& sim, DroneIndex drone) {
   score.terminated[row] = score.truncated[row] = score.success[row] = score.left_area[row] = 0;
 }
 
+// Makes the move lines of inactive drones invisible.
+void hide_absent(Simulation& sim) {
+  std::vector<DroneIndex> absent;
+  for (const DroneIndex drone : sim.move_lines.visible()) {
+    if (!sim.state.active[drone]) absent.push_back(drone);
+  }
+  sim.move_lines.set_visible(false, absent);
+}
+
 // Restarts the clock of an env, clears its readings and draws gusts from its seed and episode.
 void begin_time(Simulation& sim, EnvIndex env) {
   forget_readings(sim, env);
@@ -136,6 +145,7 @@ void Batch::set_pose(std::span<const float> position, std::span<const float> qua
     set_pose_of(sim_->state, drone, requested_pose(*sim_, drone, drone, position, quat_wxyz));
     clear_contact(sim_->state, drone);
     start_flight(*sim_, drone, {});
+    sim_->move_lines.begin(drone);
   });
 }
 
@@ -152,6 +162,7 @@ void Batch::move(std::span<const float> position, std::span<const float> quat_wx
       if (env != std::exchange(before, env)) sim_->state.tick[env] += sim_->config.clock.substeps();
     }
   });
+  for (const DroneIndex drone : sim_->move_lines.visible()) sim_->move_lines.add(drone);
 }
 
 void Batch::set_velocity(std::span<const float> velocity, std::span<const float> angular_velocity,
@@ -195,6 +206,7 @@ void Batch::fly(std::span<const float> command, int ticks, DroneMask mask, std::
                 scratch);
     });
   }
+  for (const DroneIndex drone : sim_->move_lines.visible()) sim_->move_lines.add(drone);
   sim_->warn_of_lost_drones();
 }
 
@@ -249,6 +261,7 @@ std::vector<std::int64_t> Batch::spawn(std::span<const std::int64_t> indices, st
     set_pose_of(state, drone, requested_pose(sim, drone, row, position, quat_wxyz));
     clear_contact(state, drone);
     start_flight(sim, drone, {});
+    sim.move_lines.begin(drone);
     if (!sim.task_state) continue;
     start_counts(sim, env);
     sim.outputs.clear(sim.row_of(drone));
@@ -269,6 +282,7 @@ void Batch::remove(std::span<const std::int64_t> indices) {
   checks::not_stepping(*sim_, "remove");
   checks::indices(*sim_, indices);
   for (const std::int64_t index : indices) mark_absent(*sim_, DroneIndex(index));
+  hide_absent(*sim_);
   sim_->rebuild_schedule();
 }
 
@@ -366,6 +380,9 @@ void Batch::reset(std::span<const std::uint64_t> seeds, EnvMask mask) {
     }
   }
   begin_episodes(*sim_, true);
+  for (const DroneIndex drone : sim_->move_lines.visible()) {
+    if (mask.selects(sim_->env_of(drone))) sim_->move_lines.begin(drone);
+  }
 }
 
 void Batch::step(std::span<const std::int64_t> actions) {
@@ -426,6 +443,8 @@ void Batch::restore(const std::string& blob) {
   for (std::size_t i = 0; i < sim_->num_drones(); ++i) {
     if (!sim_->state.active[i]) mark_absent(*sim_, DroneIndex(i));  // also in the other slot, in which it may have been active
   }
+  hide_absent(*sim_);
+  for (const DroneIndex drone : sim_->move_lines.visible()) sim_->move_lines.begin(drone);
   sim_->rebuild_schedule();
   if (sim_->pool) {
     list_selected(*sim_, EnvMask(), &Block::resetting);

@@ -226,6 +226,7 @@ std::shared_ptr<Simulation> resized(Simulation& sim, BatchConfig config) {
                        sim.config.lidars[i].columns() == next->config.lidars[i].columns());
   }
   for (std::size_t i = 0; i < sim.cameras.size(); ++i) copy_camera(sim.cameras[i], next->cameras[i], copy);
+  next->move_lines.copy(sim.move_lines);
   next->embree_use_before = sim.embree_use_of_lidars();
   next->rebuild_schedule();
   return next;

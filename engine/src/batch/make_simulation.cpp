@@ -109,6 +109,7 @@ Simulation::Simulation(BatchConfig config_in, Batch::Worlds worlds_in, std::uniq
       suite(config),
       cameras(config.cameras, config.clock, world_pointers, pool ? pool->slots : state.world_index, state, drones_per_env(),
               num_drones(), config.tracer),
+      move_lines(state, drones_per_env(), num_drones()),
       workers(config.num_threads > 0 ? config.num_threads : physical_cores()),
       schedule(num_envs(), worlds.size(), static_cast<std::size_t>(config.block_size),
                static_cast<std::size_t>(workers.num_threads())) {
@@ -167,6 +168,7 @@ void Simulation::choose_backend() {
 void Simulation::take_over(Simulation& other) noexcept {
   cameras.take_renderer(other.cameras);
   warning = std::move(other.warning);
+  replaced_worlds.swap(other.replaced_worlds);
   other.scratches.clear();
   other.workers.close();
 }

@@ -16,6 +16,7 @@
 #include "base/prefetch.hpp"
 #include "base/random.hpp"
 #include "base/workers.hpp"
+#include "batch/move_lines.hpp"
 #include "batch/outputs.hpp"
 #include "batch/pool_state.hpp"
 #include "batch/schedule.hpp"
@@ -150,6 +151,7 @@ struct Simulation {
   State state;
   sensors::SensorSuite suite;
   sensors::CameraRig cameras;
+  MoveLines move_lines;
 
   EpisodeState episodes;                // empty without a task
   std::optional<TaskState> task_state;  // null without a task

@@ -306,6 +306,13 @@ void step(Simulation& sim) {
     }
   }
   if (sim.pool) look_ahead(sim);
+  for (const DroneIndex drone : sim.move_lines.visible()) {
+    if (sim.episodes.steps[sim.env_of(drone)] == 0) {
+      sim.move_lines.begin(drone);
+    } else {
+      sim.move_lines.add(drone);
+    }
+  }
 }
 
 void begin_episodes(Simulation& sim, bool place) {

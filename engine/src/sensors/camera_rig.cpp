@@ -116,15 +116,19 @@ void CameraRig::ask_now(std::size_t camera, std::span<const DroneIndex> drones) 
 
 void CameraRig::ask_again() {
   clear_requests();
-  for (const auto& camera : cameras_) {
+  for (std::size_t camera = 0; camera < size(); ++camera) {
     for (std::size_t i = 0; i < num_drones_; ++i) {
       const DroneIndex drone(i);
-      if (!state_->active[drone] || camera->images().frame_step[drone] < 0) continue;
-      const bool by_slot = slots_ == &state_->world_index;  // otherwise a frame of another world is stale
-      const World& world = by_slot ? *worlds_[static_cast<std::size_t>(camera->taken_world(drone))] : world_of(drone);
-      request(*camera, drone, camera->retake(drone, world));
+      if (!state_->active[drone] || cameras_[camera]->images().frame_step[drone] < 0) continue;
+      request(*cameras_[camera], drone, retake(camera, drone));
     }
   }
+}
+
+render::RenderRequest CameraRig::retake(std::size_t camera, DroneIndex drone) const {
+  const bool by_slot = slots_ == &state_->world_index;  // otherwise a frame of another world is stale
+  Camera& taken = *cameras_[camera];
+  return taken.retake(drone, by_slot ? *worlds_[static_cast<std::size_t>(taken.taken_world(drone))] : world_of(drone));
 }
 
 void CameraRig::clear_requests() {
@@ -163,13 +167,34 @@ std::string CameraRig::take_warning() { return renderer_ ? renderer_->take_warni
 
 std::string CameraRig::jpeg(std::size_t camera, DroneIndex drone, int quality) const {
   require(quality >= 1 && quality <= 100, "quality", "an integer in [1, 100]", quality);
+  require_frame(camera, drone);
   const CameraConfig& config = cameras_[camera]->config();
-  require(config.outputs.any_color(), "camera", "one that writes rgb or grey", '"' + config.name + '"');
   const CameraImages& images = cameras_[camera]->images();
   const std::size_t pixels = cameras_[camera]->pixels();
-  require(images.frame_step[drone] >= 0, "index", "a drone whose frame is not stale (call sense or capture first)", drone);
   return config.outputs.rgb ? render::compress_rgb(images.rgb.data() + 3 * drone * pixels, config, quality)
                             : render::compress_grey(images.grey.data() + drone * pixels, config, quality);
+}
+
+std::vector<std::uint8_t> CameraRig::rgb(std::size_t camera, DroneIndex drone) const {
+  require_frame(camera, drone);
+  const CameraConfig& config = cameras_[camera]->config();
+  const CameraImages& images = cameras_[camera]->images();
+  const std::size_t pixels = cameras_[camera]->pixels();
+  const bool is_grey = !config.outputs.rgb;
+  const std::uint8_t* const from = is_grey ? images.grey.data() + drone * pixels : images.rgb.data() + 3 * drone * pixels;
+  const bool is_apart = is_grey || config.layout == ImageLayout::chw;  // an image for each channel
+  std::vector<std::uint8_t> rgb(3 * pixels);
+  for (std::size_t i = 0; i < pixels; ++i) {
+    for (std::size_t c = 0; c < 3; ++c) rgb[3 * i + c] = is_apart ? from[(is_grey ? 0 : c * pixels) + i] : from[3 * i + c];
+  }
+  return rgb;
+}
+
+void CameraRig::require_frame(std::size_t camera, DroneIndex drone) const {
+  const CameraConfig& config = cameras_[camera]->config();
+  require(config.outputs.any_color(), "camera", "one that writes rgb or grey", '"' + config.name + '"');
+  require(cameras_[camera]->images().frame_step[drone] >= 0, "index",
+          "a drone whose frame is not stale (call sense or capture first)", drone);
 }
 
 const World& CameraRig::world_of(DroneIndex drone) const {

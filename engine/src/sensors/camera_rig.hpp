@@ -72,9 +72,14 @@ class CameraRig {
   trace::EmbreeUse embree_use() const { return renderer_ ? renderer_->embree_use() : trace::EmbreeUse{}; }
   // Returns a JPEG file of one frame; quality in [1, 100].
   std::string jpeg(std::size_t camera, DroneIndex drone, int quality) const;
+  // Returns one frame in colour: (height, width, 3), from rgb or otherwise from grey.
+  std::vector<std::uint8_t> rgb(std::size_t camera, DroneIndex drone) const;
+  // Returns a request that renders a frame again.
+  render::RenderRequest retake(std::size_t camera, DroneIndex drone) const;
 
  private:
   const World& world_of(DroneIndex drone) const;
+  void require_frame(std::size_t camera, DroneIndex drone) const;  // in colour or grey, and not stale
   void clear_requests();
   void request(Camera& camera, DroneIndex drone, const render::RenderRequest& frame) {
     requests_.push_back(frame);

@@ -12,6 +12,7 @@ from flockstep.pictures.beams import beams_of
 from flockstep.pictures.body import Body
 from flockstep.pictures.depth_canvas import Color, DepthCanvas, Floats, Image
 from flockstep.pictures.drawing import Drawing, Overlay, line_px
+from flockstep.pictures.move_lines import draw_move_lines, drones_of_env
 from flockstep.pictures.stage import Obstacles, Stage, with_markers
 from flockstep.pictures.trail import Trail
 from flockstep.rotations import rotate
@@ -106,6 +107,7 @@ class ThirdPersonView:
         if self._batch.active[env]:
             self._body.draw(canvas, position, quat_wxyz, line_px=self._line_px)
             self._draw_trail(canvas, env)
+            draw_move_lines(canvas, self._batch, drones_of_env(self._batch, env), 2 * self._line_px)
             self._draw_cameras(canvas, env, position, quat_wxyz)
             if self._overlay is not None:
                 self._overlay.draw(self._batch, env, Drawing(canvas, self._line_px))
@@ -115,6 +117,8 @@ class ThirdPersonView:
                 if other != env:
                     pose = self._batch.position[other].astype(float), self._batch.quat_wxyz[other].astype(float)
                     self._body.draw(canvas, *pose, pale=True, line_px=self._line_px)
+                    if other not in drones_of_env(self._batch, env):
+                        draw_move_lines(canvas, self._batch, [int(other)], 2 * self._line_px)
         if obstacles is not None:
             obstacles.draw(canvas)
         return _averaged(canvas.rgb)

@@ -11,6 +11,7 @@ from flockstep._core import Batch, World
 from flockstep.pictures.beams import beams_of
 from flockstep.pictures.depth_canvas import Color, Floats, Image, blended, overlap, tint
 from flockstep.pictures.drawing import Drawing, Overlay, line_px
+from flockstep.pictures.move_lines import draw_move_lines, drones_of_env
 from flockstep.pictures.relief import SOLID, Relief
 from flockstep.rotations import rotate
 from flockstep.task import MARKERS
@@ -81,6 +82,7 @@ class TopView:
         position = np.asarray(self._batch.position[env], float)
         hull = rotate(np.asarray(self._batch.quat_wxyz[env], float), self._hull)
         canvas.clear(float(position[2] + hull[:, 2].max()) if self._cut_m is None else self._cut_m)
+        draw_move_lines(canvas, self._batch, drones_of_env(self._batch, env), 2 * self._line_px)
         if self._batch.active[env]:
             if self._beams:
                 origin, ends, hit = beams_of(self._batch, env)

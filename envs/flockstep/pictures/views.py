@@ -32,12 +32,13 @@ class View(Protocol):
 
 
 class CameraView:
-    """The last frames of one camera of the drones, in colour or otherwise grey; black if a frame is stale.
+    """The last frames of one camera of the drones, in colour or otherwise grey, with move lines; black if stale.
 
     With a size (width, height) they are scaled to fit, pixel by pixel, on black.
     """
 
     def __init__(self, batch: Batch, name: str, size_px: tuple[int, int] | None = None) -> None:
+        self._batch = batch
         self._camera = batch.camera(name)
         self._size_px = size_px
 
@@ -47,11 +48,8 @@ class CameraView:
         if self._camera.frame_step[env] < 0:
             width, height = config.image_size_px
             taken = np.zeros((height, width, 3), np.uint8)
-        elif "rgb" not in config.outputs:
-            taken = np.repeat(self._camera.grey[env][:, :, None], 3, axis=2)
         else:
-            rgb = self._camera.rgb[env]
-            taken = np.array(rgb.transpose(1, 2, 0) if config.layout == "chw" else rgb)
+            taken = self._batch.picture(env, config.name)
         return taken if self._size_px is None else _fitted(taken, *self._size_px)
 
 

@@ -356,6 +356,26 @@ TEST(GrowthOfBatches, KeepsTheOldArraysForThoseWhoHoldTheirMemory) {
   EXPECT_TRUE(watched.expired());
 }
 
+TEST(GrowthOfBatches, KeepsMoveLines) {
+  Batch batch({.num_envs = 2, .drones_per_env = 2}, {testing::make_world()});
+  const std::vector<std::uint8_t> mask{0, 0, 0, 1};
+  batch.set_move_line_visible(true, mask);
+  std::vector<float> position = batch.state().position;
+  position[3 * 3] += 0.25F;
+  batch.move(position, {}, mask);
+  const std::vector<Vec3> line = batch.move_line(3);
+  ASSERT_EQ(line.size(), 2U);
+
+  const std::vector<std::int64_t> envs{0};
+  batch.spawn({}, {}, {}, {}, envs);  // drone 1 of env 1 is now drone 5
+  EXPECT_EQ(batch.move_line(5), line);
+  EXPECT_EQ(batch.move_lines().move_line_visible, (FlagArray{0, 0, 0, 0, 0, 1, 0, 0}));
+  position = batch.state().position;
+  position[3 * 5] += 0.25F;
+  batch.move(position, {}, std::vector<std::uint8_t>{0, 0, 0, 0, 0, 1, 0, 0});
+  EXPECT_EQ(batch.move_line(5).size(), 3U);
+}
+
 TEST(GrowthOfBatches, MovesItsArraysOnlyInsideTheGivenFunction) {
   const auto batch = batch_of({}, 1, 1);
   int moves = 0;
