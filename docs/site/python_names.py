@@ -27,7 +27,14 @@ COPY = ROOT / "build" / "docs" / "python" / "flockstep"
 RETURNED = ("Field", "TaskSpec", "Terms")
 #: Packages whose types appear in signatures, without a link.
 OTHERS = ("collections.", "gymnasium.", "numpy.", "os.", "pathlib.", "stable_baselines3.", "torch.", "typing.")
-PUBLIC = ("flockstep", "flockstep.rotations", "flockstep.sb3", "flockstep.scenes", "flockstep.testing")
+PUBLIC = (
+    "flockstep",
+    "flockstep.bridges",
+    "flockstep.rotations",
+    "flockstep.sb3",
+    "flockstep.scenes",
+    "flockstep.testing",
+)
 
 
 defined: set[str] = set()  # names of the types in the package's modules

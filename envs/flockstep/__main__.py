@@ -1,10 +1,11 @@
-"""``python -m flockstep doctor`` and ``python -m flockstep --cmake-dir``."""
+"""``python -m flockstep COMMAND``: doctor, ardupilot; and ``python -m flockstep --cmake-dir``."""
 
 from __future__ import annotations
 
 import argparse
 
 from flockstep import doctor, headers
+from flockstep.bridges import ardupilot
 
 
 class _PrintCmakeDir(argparse.Action):
@@ -22,8 +23,10 @@ def main() -> None:
     parser.add_argument("--cmake-dir", action=_PrintCmakeDir, nargs=0, help=where)
     commands = parser.add_subparsers(title="commands", required=True, metavar="COMMAND")
     about = "report which parts of flockstep work on this machine, what is missing, and how to install it"
-    commands.add_parser("doctor", help=about, description=about).set_defaults(run=doctor.main)
-    parser.parse_args().run()
+    commands.add_parser("doctor", help=about, description=about).set_defaults(run=lambda _: doctor.main())
+    ardupilot.add_command(commands)
+    arguments = parser.parse_args()
+    arguments.run(arguments)
 
 
 if __name__ == "__main__":
