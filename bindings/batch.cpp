@@ -356,6 +356,9 @@ void register_batch(py::module_& module) {
           py::arg("index"))
       .def_property_readonly("drone", [](const Batch& batch) { return batch.drone(); })
       .def_property_readonly("contact", [](const py::object& self) { return ContactView{self}; })
+      .def_property_readonly("lidars", [](const Batch& batch) { return batch.config().lidars; })
+      .def_property_readonly("cameras", [](const Batch& batch) { return batch.config().cameras; })
+      .def_property_readonly("imus", [](const Batch& batch) { return batch.config().imus; })
       .def_property_readonly("lidar_name",
                              [](const Batch& batch) -> std::optional<std::string> {
                                const auto& lidars = batch.config().lidars;

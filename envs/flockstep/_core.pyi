@@ -2183,6 +2183,18 @@ class Batch:
         """Contacts of the last motion."""
 
     @property
+    def lidars(self) -> list[LidarConfig]:
+        """Configurations of the LiDARs of each drone; copies. `Lidar.config_of` has the changes for one drone."""
+
+    @property
+    def cameras(self) -> list[CameraConfig]:
+        """Configurations of the cameras of each drone; copies. `Camera.config_of` has the changes for one drone."""
+
+    @property
+    def imus(self) -> list[ImuConfig]:
+        """Configurations of the IMUs of each drone; copies."""
+
+    @property
     def lidar_name(self) -> str | None:
         """Name of the first LiDAR; None without one."""
 

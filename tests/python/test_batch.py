@@ -164,6 +164,19 @@ class TestLidar:
             flockstep.Batch([room]).lidar().max_range_m  # noqa: B018
 
 
+def test_sensor_configurations(room):
+    lidars = [flockstep.LidarConfig(), flockstep.LidarConfig(name="up", beams=3)]
+    cameras = [flockstep.CameraConfig(width_px=8, height_px=6)]
+    imus = [flockstep.ImuConfig(offset_m=(0, 0, 1))]
+    dynamics = flockstep.DynamicsConfig(motion="rotors", control="velocity")
+    batch = flockstep.Batch(room, lidar=lidars, cameras=cameras, imu=imus, dynamics=dynamics)
+    assert (batch.lidars, batch.cameras, batch.imus) == (lidars, cameras, imus)
+    batch.lidars[0].beams = 5
+    assert batch.lidars == lidars
+    plain = flockstep.Batch(room)
+    assert plain.lidars == plain.cameras == plain.imus == []
+
+
 class TestPoseSensor:
     def test_is_exact_by_default(self, batch):
         batch.move(batch.position + np.float32([0.1, 0, 0]))
