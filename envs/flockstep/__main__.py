@@ -1,11 +1,11 @@
-"""``python -m flockstep COMMAND``: doctor, ardupilot; and ``python -m flockstep --cmake-dir``."""
+"""``python -m flockstep COMMAND``: doctor, ardupilot, mcap; and ``python -m flockstep --cmake-dir``."""
 
 from __future__ import annotations
 
 import argparse
 
 from flockstep import doctor, headers
-from flockstep.bridges import ardupilot
+from flockstep.bridges import ardupilot, mcap
 
 
 class _PrintCmakeDir(argparse.Action):
@@ -25,6 +25,7 @@ def main() -> None:
     about = "report which parts of flockstep work on this machine, what is missing, and how to install it"
     commands.add_parser("doctor", help=about, description=about).set_defaults(run=lambda _: doctor.main())
     ardupilot.add_command(commands)
+    mcap.add_command(commands)
     arguments = parser.parse_args()
     arguments.run(arguments)
 

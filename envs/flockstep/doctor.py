@@ -26,6 +26,7 @@ _OPTIONAL = (
     ("moviepy", "moviepy", "films by Gymnasium's recorders"),
     ("fast-simplification", "fast_simplification", "meshes of drones"),
     ("scipy", "scipy", "hulls of meshes"),
+    ("mcap-ros2-support", "mcap_ros2", "MCAP files"),
     ("matplotlib", "matplotlib", "plots"),
     ("tensorboard", "tensorboard", "learning curves"),
 )

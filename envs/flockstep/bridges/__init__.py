@@ -1,8 +1,11 @@
 """Bridges to other programs.
 
-`ArduPilotBridge` lets ArduPilot fly the drones: it answers ArduPilot's software in the loop over UDP.
+`ArduPilotBridge` lets ArduPilot fly the drones: it answers ArduPilot's software in the loop over UDP. `McapRecorder`
+writes flights as ROS 2 messages to a file, from a `Batch`, an environment, or any other `Source`.
 """
 
 from flockstep.bridges.ardupilot import ArduPilotBridge, PacketCounts
+from flockstep.bridges.mcap import McapRecorder
+from flockstep.bridges.source import BatchSource, Source
 
-__all__ = ["ArduPilotBridge", "PacketCounts"]
+__all__ = ["ArduPilotBridge", "BatchSource", "McapRecorder", "PacketCounts", "Source"]
