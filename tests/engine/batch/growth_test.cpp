@@ -357,7 +357,7 @@ TEST(GrowthOfBatches, KeepsTheOldArraysForThoseWhoHoldTheirMemory) {
 }
 
 TEST(GrowthOfBatches, KeepsMoveLines) {
-  Batch batch({.num_envs = 2, .drones_per_env = 2}, {testing::make_world()});
+  Batch batch({.num_envs = 2, .drones_per_env = 2}, {testing::closet()});
   const std::vector<std::uint8_t> mask{0, 0, 0, 1};
   batch.set_move_line_visible(true, mask);
   std::vector<float> position = batch.state().position;
