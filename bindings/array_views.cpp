@@ -4,22 +4,10 @@
 #include <string>
 
 #include "arrays.hpp"
+#include "base/array_shape.hpp"
 #include "convert.hpp"
 
 namespace flockstep::bindings {
-
-ViewShape shape_of(const ArrayView& array) {
-  const int columns = array.info.columns;
-  const ItemShape& items = array.items;
-  ViewShape shape;
-  if (columns > 0 && items.columns_first) shape.add(columns);
-  for (std::size_t i = 0; array.info.per != Per::row && i < items.dimensions; ++i) shape.add(items.sizes[i]);
-  if (columns > 0 && !items.columns_first) shape.add(columns);
-  py::ssize_t width = 1;
-  for (std::size_t i = 1; i < shape.dimensions; ++i) width *= shape.sizes[i];
-  shape.sizes[0] = static_cast<py::ssize_t>(array.size) / std::max<py::ssize_t>(width, 1);
-  return shape;
-}
 
 py::dtype dtype_of(const ArrayView& array) {
   return py::dtype(array.kind == 'b' ? "?" : array.kind + std::to_string(array.value_size));

@@ -24,15 +24,6 @@ struct Viewed {
   ItemShape items = {};
 };
 
-// The shape of a view. It does not allocate, because every step creates some views.
-struct ViewShape {
-  std::array<py::ssize_t, 4> sizes{};
-  std::size_t dimensions = 1;
-
-  void add(py::ssize_t size) { sizes[dimensions++] = size; }
-  std::span<const py::ssize_t> span() const { return std::span(sizes).first(dimensions); }
-};
-ViewShape shape_of(const ArrayView& array);
 py::dtype dtype_of(const ArrayView& array);
 
 // Type-erased Viewed, so that add_array() is not a template: each bound function costs a tenth of a second of compile time.

@@ -22,6 +22,7 @@
 #include "flockstep/color.hpp"
 #include "flockstep/config.hpp"
 #include "flockstep/generators.hpp"
+#include "flockstep/server.hpp"
 #include "flockstep/tasks.hpp"
 
 namespace flockstep::bindings {
@@ -243,6 +244,7 @@ void register_config(py::module_& module) {
   register_fields<ClockConfig>(module, "ClockConfig", "How time passes: the rates of policy, controller and physics.");
   register_fields<WindConfig>(module, "WindConfig", "The wind, for motion by rotors.");
   register_fields<DynamicsConfig>(module, "DynamicsConfig", "How drones move, and the meaning of their commands.");
+  register_fields<ServerConfig>(module, "ServerConfig", "How a server listens, and what clients may do.");
   register_fields<NavigationReward>(module, "NavigationReward", "The terms of the navigation reward and their weights.");
   py::dict tasks;
   for_each_task([&]<class Config>(std::type_identity<Config>) {

@@ -98,6 +98,20 @@ find_path(BULLET_INCLUDE_DIR BulletCollision/NarrowPhaseCollision/btGjkEpa3.h PA
 need(BULLET_INCLUDE_DIR "Bullet (convex distance)" libbullet-dev bullet)
 target_include_directories(flockstep_dependencies SYSTEM INTERFACE ${BULLET_INCLUDE_DIR})
 
+# The server: WebSockets by Boost.Beast, messages by protozero (headers only), TLS by OpenSSL.
+add_library(flockstep_network INTERFACE)
+find_package(Boost 1.74 QUIET)
+need(Boost_FOUND "Boost of at least 1.74 (headers of Beast and Asio: WebSockets)" libboost-dev libboost-headers)
+find_path(PROTOZERO_INCLUDE_DIR protozero/pbf_reader.hpp)
+need(PROTOZERO_INCLUDE_DIR "protozero (messages)" libprotozero-dev protozero)
+find_package(OpenSSL QUIET)
+need(OpenSSL_FOUND "OpenSSL (TLS)" libssl-dev openssl)
+find_package(Threads REQUIRED)
+target_include_directories(flockstep_network SYSTEM INTERFACE ${Boost_INCLUDE_DIRS} ${PROTOZERO_INCLUDE_DIR})
+target_link_libraries(flockstep_network INTERFACE OpenSSL::SSL OpenSSL::Crypto Threads::Threads)
+# Errors by exceptions of <system_error>; nothing of Boost is linked.
+target_compile_definitions(flockstep_network INTERFACE BOOST_ERROR_CODE_HEADER_ONLY BOOST_ASIO_NO_DEPRECATED)
+
 if(missing)
   message(FATAL_ERROR "flockstep needs these, which are not there:${missing}\n")
 endif()

@@ -41,6 +41,8 @@ from flockstep._core import (
     NavigationReward,
     PoseSensorConfig,
     Recipe,
+    Server,
+    ServerConfig,
     TrackConfig,
     WindConfig,
     World,
@@ -57,6 +59,7 @@ from flockstep.pictures.picture import render
 from flockstep.planning import plan
 from flockstep.recording import record
 from flockstep.relight import relight
+from flockstep.serving import serve
 from flockstep.task import Task
 from flockstep.vector_env import DroneVectorEnv
 from flockstep.world_pool import WorldPool
@@ -87,6 +90,8 @@ __all__ = [
     "NavigationReward",
     "PoseSensorConfig",
     "Recipe",
+    "Server",
+    "ServerConfig",
     "Task",
     "TrackConfig",
     "WindConfig",
@@ -107,6 +112,7 @@ __all__ = [
     "rotations",
     "sb3",
     "scenes",
+    "serve",
     "testing",
 ]
 

@@ -1,10 +1,10 @@
-"""``python -m flockstep COMMAND``: doctor, ardupilot, mcap; and ``python -m flockstep --cmake-dir``."""
+"""The command ``python -m flockstep``."""
 
 from __future__ import annotations
 
 import argparse
 
-from flockstep import doctor, headers
+from flockstep import doctor, headers, serving
 from flockstep.bridges import ardupilot, mcap
 
 
@@ -24,6 +24,7 @@ def main() -> None:
     commands = parser.add_subparsers(title="commands", required=True, metavar="COMMAND")
     about = "report which parts of flockstep work on this machine, what is missing, and how to install it"
     commands.add_parser("doctor", help=about, description=about).set_defaults(run=lambda _: doctor.main())
+    serving.add_command(commands)
     ardupilot.add_command(commands)
     mcap.add_command(commands)
     arguments = parser.parse_args()

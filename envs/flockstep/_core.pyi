@@ -437,6 +437,59 @@ class ImuConfig:
     # end of fields
 
 @final
+class ServerConfig:
+    """How a server listens, and what clients may do.
+
+    Parameters
+    ----------
+    """
+
+    # fields of ServerConfig
+    # end of fields
+
+class Server:
+    """Lets other processes see and steer the drones of a batch.
+
+    Make it by `flockstep.serve`. It runs on threads of its own until `stop`, the end of a ``with`` block, or its deletion.
+    The program may go on calling the batch: calls of the program and of clients wait for each other.
+
+    Parameters
+    ----------
+    batch
+        The batch.
+    config
+        Addresses, limits and the rest.
+
+    Raises
+    ------
+    RuntimeError
+        The port is taken, or a file cannot be read.
+    """
+
+    def __init__(self, batch: Batch, config: ServerConfig) -> None: ...
+    def stop(self) -> None:
+        """Close all connections and end the threads. Clients get the reason. Further calls do nothing."""
+    @property
+    def config(self) -> ServerConfig:
+        """The configuration as given."""
+    @property
+    def port(self) -> int:
+        """Port on which it listens, also if the configuration says 0; 0 for a Unix socket."""
+    @property
+    def address(self) -> str:
+        """Address for `flockstep.connect`: ``"127.0.0.1:41451"``, ``"[::1]:41451"`` or ``"unix:PATH"``."""
+    @property
+    def num_clients(self) -> int:
+        """Number of clients that are connected now."""
+    @property
+    def num_requests(self) -> int:
+        """Number of requests answered since the start."""
+    @property
+    def num_steps(self) -> int:
+        """Number of steps that clients and the server's clock have made since the start."""
+    def __enter__(self) -> Server: ...
+    def __exit__(self, *exception: object) -> None: ...
+
 class WindConfig:
     """The wind for ``motion="rotors"``: a mean, and separate gusts for each drone, constant during a flown step.
 

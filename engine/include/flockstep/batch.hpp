@@ -176,6 +176,9 @@ class FLOCKSTEP_API Batch {
   void set_lidar(const LidarChange& change, DroneMask mask = {}, std::size_t lidar = 0);
   LidarConfig lidar_config(std::int64_t index, std::size_t lidar = 0) const;  // of one drone, run-time changes included
   void lidar_directions(std::span<float> out, std::size_t lidar = 0) const;   // (N, channels, beams, 3) unit, body frame
+  void lidar_directions(std::int64_t index, std::span<float> out, std::size_t lidar = 0) const;  // of one drone
+  // Scans from the current pose of one drone and returns its ranges, (channels, beams) m; the readings stay unchanged.
+  void scan(std::int64_t index, std::span<float> out, std::size_t lidar = 0) const;
   void lidar_points(std::span<float> out, std::size_t lidar = 0) const;  // (N, channels, beams, 3) m, world frame, inf on a miss
 
   // --- cameras, by index into config().cameras; std::invalid_argument if there is no such camera

@@ -1,6 +1,7 @@
 // BatchLock: several calls on a batch without calls of other threads in between.
 #pragma once
 
+#include <cstdint>
 #include <optional>
 
 #include "flockstep/batch.hpp"
@@ -16,6 +17,10 @@ class FLOCKSTEP_API BatchLock {
   explicit BatchLock(const Batch& batch);
   // Returns nothing, without waiting, if another thread is in a call or waits for one.
   static std::optional<BatchLock> try_lock(const Batch& batch);
+
+  // Returns a number that changes whenever a thread takes or releases the lock of a shared batch. If it is the same as during an
+  // earlier call, that call is still running.
+  static std::uint64_t turn(const Batch& batch);
 
   // Moves the lock; the other object then holds none.
   BatchLock(BatchLock&& other) noexcept;

@@ -15,6 +15,8 @@ std::optional<BatchLock> BatchLock::try_lock(const Batch& batch) {
   return BatchLock(*taken ? batch.lock_.get() : nullptr);
 }
 
+std::uint64_t BatchLock::turn(const Batch& batch) { return batch.lock_->turns(); }
+
 BatchLock::BatchLock(BatchLock&& other) noexcept : lock_(std::exchange(other.lock_, nullptr)) {}
 
 BatchLock::~BatchLock() {

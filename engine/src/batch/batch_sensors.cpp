@@ -129,6 +129,26 @@ void Batch::lidar_directions(std::span<float> out, std::size_t lidar) const {
   found.write_directions(out);
 }
 
+void Batch::lidar_directions(std::int64_t index, std::span<float> out, std::size_t lidar) const {
+  const CallGuard guard(*lock_);
+  const sensors::Lidar& found = lidar_of(*sim_, lidar);
+  checks::index(*sim_, index);
+  checks::size(out.size(), 3 * found.rays_per_drone(), "out");
+  found.write_directions(DroneIndex(index), out);
+}
+
+void Batch::scan(std::int64_t index, std::span<float> out, std::size_t lidar) const {
+  const CallGuard guard(*lock_);
+  checks::not_stepping(*sim_, "scan");
+  const sensors::Lidar& found = lidar_of(*sim_, lidar);
+  checks::index(*sim_, index);
+  checks::size(out.size(), found.rays_per_drone(), "out");
+  const DroneIndex drone(index);
+  trace::Tracer& tracer = sim_->scratches[0]->tracer;
+  found.scan(*sim_->scenes[sim_->slot_of(sim_->env_of(drone))], pose_of(sim_->state, drone), drone, out.data(), tracer);
+  tracer.finish();
+}
+
 void Batch::lidar_points(std::span<float> out, std::size_t lidar) const {
   const CallGuard guard(*lock_);
   const sensors::Lidar& found = lidar_of(*sim_, lidar);

@@ -4,6 +4,7 @@
 
 #include <atomic>
 #include <condition_variable>
+#include <cstdint>
 #include <deque>
 #include <functional>
 #include <mutex>
@@ -34,6 +35,7 @@ class CallLock {
   // Releases the lock. Call it once for each acquire() that returned true.
   void release() {
     if (is_shared()) {
+      turns_.store(turns() + 1, std::memory_order_release);
       user_.store({}, std::memory_order_seq_cst);
       if (num_waiting_.load(std::memory_order_seq_cst) > 0) wake();
     } else {
@@ -41,6 +43,9 @@ class CallLock {
       if (num_waiting_.load(std::memory_order_relaxed) > 0) wake();  // threads that began to wait before unshare()
     }
   }
+
+  // Counts while the batch is shared, by one at each acquire() and release(): no two holds of the lock have equal numbers.
+  std::uint64_t turns() const { return turns_.load(std::memory_order_acquire); }
 
   bool is_shared() const { return is_shared_.load(std::memory_order_relaxed); }
   // The next three need the lock.
@@ -65,7 +70,10 @@ class CallLock {
   std::optional<bool> take() {
     std::thread::id nobody;
     const std::thread::id self = std::this_thread::get_id();
-    if (user_.compare_exchange_strong(nobody, self, std::memory_order_seq_cst)) return true;
+    if (user_.compare_exchange_strong(nobody, self, std::memory_order_seq_cst)) {
+      if (is_shared()) turns_.store(turns() + 1, std::memory_order_release);
+      return true;
+    }
     return nobody == self ? std::optional(false) : std::nullopt;
   }
   std::optional<bool> held_or_busy() const {
@@ -76,6 +84,7 @@ class CallLock {
 
   std::atomic<std::thread::id> user_{};  // thread that is in a call
   std::atomic<bool> is_shared_{false};   // written with the lock and the mutex
+  std::atomic<std::uint64_t> turns_{0};  // written with the lock
   std::atomic<int> num_waiting_{0};      // length of queue_
   std::mutex mutex_;                     // of queue_
   std::condition_variable turn_;         // the lock was released, or a waiting thread left the queue

@@ -50,11 +50,12 @@ void Lidar::change(const LidarChange& change, std::span<const DroneIndex> drones
 
 void Lidar::clear(DroneIndex drone) { std::fill_n(readings_.published().ranges.data() + drone * rays_, rays_, kInfinity); }
 
+void Lidar::write_directions(DroneIndex drone, std::span<float> out) const {
+  sensors::write_directions(settings_.optics(drone), out.data());
+}
+
 void Lidar::write_directions(std::span<float> out) const {
-  for (std::size_t i = 0; i < settings_.size(); ++i) {
-    const DroneIndex drone(i);
-    sensors::write_directions(settings_.optics(drone), out.data() + 3 * drone * rays_);
-  }
+  for (std::size_t i = 0; i < settings_.size(); ++i) write_directions(DroneIndex(i), out.subspan(3 * i * rays_, 3 * rays_));
 }
 
 void Lidar::write_points(const State& state, std::span<float> out) const {

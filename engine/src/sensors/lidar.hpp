@@ -37,7 +37,11 @@ class Lidar final : public BlockSensor {
   void change(const LidarChange& change, std::span<const DroneIndex> drones);
 
   void write_directions(std::span<float> out) const;                  // (N, channels, beams, 3) unit, body frame
+  void write_directions(DroneIndex drone, std::span<float> out) const;  // of one drone, (channels, beams, 3)
   void write_points(const State& state, std::span<float> out) const;  // same shape, m, world frame; inf on a miss
+
+  // Scans from a pose with the drone's own setting.
+  void scan(const trace::Scene& scene, const Pose& pose, DroneIndex drone, float* ranges, trace::Tracer& tracer) const;
 
   void clear(DroneIndex drone) override;
   void list_arrays(const std::function<void(const ArrayView&)>& list) const override {
@@ -51,7 +55,6 @@ class Lidar final : public BlockSensor {
  private:
   // Consecutive drones in the same world share the ray packets that go through Embree.
   void measure(std::span<const DroneIndex> drones, const Surroundings& surroundings) override;
-  void scan(const trace::Scene& scene, const Pose& pose, DroneIndex drone, float* ranges, trace::Tracer& tracer) const;
   Vec3 offset_of(DroneIndex drone) const { return Vec3::Map(settings_[drone].offset_m.data()); }
 
   LidarConfig config_;

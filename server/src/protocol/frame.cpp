@@ -1,0 +1,89 @@
+#include "protocol/frame.hpp"
+
+#include <bit>
+#include <stdexcept>
+
+#include "protocol/read_values.hpp"
+
+namespace flockstep::protocol {
+
+static_assert(std::endian::native == std::endian::little, "arrays are sent as they are in memory");
+
+namespace {
+constexpr std::size_t kMaxArrayBytes = std::size_t{1} << 40;
+}  // namespace
+
+std::size_t size_of(DType type) {
+  switch (type) {
+    case DType::kDtypeBool:
+    case DType::kDtypeUint8:
+      return 1;
+    case DType::kDtypeUint16:
+      return 2;
+    case DType::kDtypeInt32:
+    case DType::kDtypeFloat32:
+      return 4;
+    case DType::kDtypeInt64:
+    case DType::kDtypeUint64:
+    case DType::kDtypeFloat64:
+      return 8;
+    default:
+      return 0;
+  }
+}
+
+std::size_t bytes_of(const Array& array) {
+  std::size_t bytes = size_of(array.dtype);
+  if (bytes == 0) refuse_value("arrays.dtype", "a type", std::to_string(static_cast<int>(array.dtype)));
+  if (array.shape.size() > 8) refuse_value("arrays.shape", "at most 8 dimensions", std::to_string(array.shape.size()));
+  for (const std::uint64_t size : array.shape) {
+    if (size != 0 && bytes > kMaxArrayBytes / size) refuse_value("arrays.shape", "at most 2^40 bytes", "more");
+    bytes *= static_cast<std::size_t>(size);
+  }
+  return bytes;
+}
+
+std::size_t bytes_of(std::span<const Array> arrays) {
+  std::size_t bytes = 0;
+  for (const Array& array : arrays) bytes += bytes_of(array);  // there are at most kMaxHeaderBytes of them
+  return bytes;
+}
+
+void FrameWriter::add(std::string_view name, DType type, std::span<const std::byte> values, std::span<const std::size_t> shape) {
+  arrays_.push_back({.name = std::string(name), .dtype = type, .shape = {shape.begin(), shape.end()}});
+  values_.append(reinterpret_cast<const char*>(values.data()), values.size());
+}
+
+void FrameWriter::clear() {
+  arrays_.clear();
+  header_.clear();
+  values_.clear();
+}
+
+std::size_t header_size(std::string_view bytes) {
+  std::uint32_t size = 0;
+  if (bytes.size() < sizeof(size)) return 0;
+  std::memcpy(&size, bytes.data(), sizeof(size));
+  if (size > kMaxHeaderBytes) {
+    refuse_value("message", "a header of at most " + std::to_string(kMaxHeaderBytes) + " bytes", std::to_string(size));
+  }
+  return size;
+}
+
+std::vector<ReceivedArray> read_arrays(std::string_view bytes, std::span<const Array> arrays) {
+  const std::size_t header = sizeof(std::uint32_t) + header_size(bytes);
+  const std::size_t values = bytes_of(arrays);
+  if (bytes.size() < header || bytes.size() - header != values) {
+    refuse_value("message", std::to_string(header + values) + " bytes", std::to_string(bytes.size()));
+  }
+  std::vector<ReceivedArray> result;
+  const auto* at = reinterpret_cast<const std::byte*>(bytes.data()) + header;
+  for (const Array& array : arrays) {
+    const std::size_t size = bytes_of(array);
+    result.push_back({&array, {at, size}});
+    at += size;
+  }
+  return result;
+}
+
+}  // namespace flockstep::protocol

@@ -1,0 +1,264 @@
+// Operations on all drones or envs at once.
+#include <algorithm>
+#include <cmath>
+#include <string>
+
+#include "base/require.hpp"
+#include "flockstep/task.hpp"
+#include "service/service.hpp"
+
+namespace flockstep::server {
+namespace {
+
+using protocol::Code;
+
+template <class Enum>
+const char* name_of(Enum value) {
+  return EnumNames<Enum>::kNames[static_cast<std::size_t>(value)];
+}
+
+std::optional<Control> control_of(const std::string& name) {
+  if (name.empty()) return std::nullopt;
+  constexpr auto& kNames = EnumNames<Control>::kNames;
+  std::string known;
+  for (const char* const one : kNames) known += (known.empty() ? "" : ", ") + std::string(one);
+  const auto found = std::ranges::find(kNames, name);
+  require(found != kNames.end(), "control", "one of " + known, '"' + name + '"');
+  return static_cast<Control>(found - kNames.begin());
+}
+
+protocol::DType message_of(DType type) {
+  switch (type) {
+    case DType::boolean:
+      return protocol::DType::kDtypeBool;
+    case DType::uint8:
+      return protocol::DType::kDtypeUint8;
+    case DType::int32:
+      return protocol::DType::kDtypeInt32;
+    case DType::int64:
+      return protocol::DType::kDtypeInt64;
+    case DType::float32:
+      return protocol::DType::kDtypeFloat32;
+    default:
+      return protocol::DType::kDtypeFloat64;
+  }
+}
+
+void add_observation(protocol::FrameWriter& writer, const char* prefix, const TaskSpec& spec, const std::vector<Buffer>& buffers,
+                     std::size_t rows) {
+  for (std::size_t i = 0; i < buffers.size(); ++i) {
+    const Field& field = spec.observation[i];
+    std::vector<std::size_t> shape{rows};
+    for (const std::int64_t size : field.shape) shape.push_back(static_cast<std::size_t>(size));
+    writer.add(prefix + field.name, message_of(field.type), std::as_bytes(std::span(buffers[i].bytes())), shape);
+  }
+}
+
+protocol::Field message_of(const Field& field) {
+  protocol::Field message;
+  message.name = field.name;
+  message.dtype = message_of(field.type);
+  for (const std::int64_t size : field.shape) message.shape.push_back(static_cast<std::uint64_t>(size));
+  message.low = field.low;
+  message.high = field.high;
+  return message;
+}
+
+std::int64_t num_rows(const Batch& batch) {
+  return batch.task()->spec().row == Row::drone ? batch.config().num_drones() : batch.config().num_envs;
+}
+
+void require_task(const Task* task) {
+  if (task == nullptr) throw Refusal(Code::kFailedPrecondition, "this batch has no task: start the server with one");
+}
+
+}  // namespace
+
+void Service::read(Call& call, const protocol::GetArrays& get, const ArraySource& arrays) {
+  require_sensor(get.sensor);
+  std::vector<std::string> missing = get.names;
+  arrays.list(get.sensor, [&](const ArrayView& view) {
+    if (std::erase(missing, view.name) > 0) add_array(call.writer, view);
+  });
+  if (!missing.empty()) {
+    std::string known;
+    arrays.list(get.sensor, [&](const ArrayView& view) { known += (known.empty() ? "" : ", ") + std::string(view.name); });
+    refuse("names", "names among " + known, '"' + missing.front() + '"');
+  }
+  write_time(call);
+}
+
+void Service::locked(Call& call, const protocol::SetPoses& set) {
+  call.require_only({"position", "quat_wxyz", "mask"});
+  const std::int64_t drones = batch_.config().num_drones();
+  const auto position = call.array<float>("position", {drones, 3});
+  const auto quat = call.array<float>("quat_wxyz", {drones, 4});
+  const auto mask = call.flags("mask", drones);
+  if (!set.teleport && !batch_.config().dynamics.is_kinematic()) {
+    throw Refusal(Code::kFailedPrecondition,
+                  "these drones fly by their rotors: Fly and SetCommand move them, and with teleport=true they are placed");
+  }
+  const std::span<const float> positions = position ? std::span(*position) : std::span<const float>();
+  const std::span<const float> rotations = quat ? std::span(*quat) : std::span<const float>();
+  const DroneMask selected = mask ? DroneMask(*mask) : DroneMask();
+  require_may_change(call, mask ? std::span<const std::uint8_t>(*mask) : std::span<const std::uint8_t>());
+  begin_change();
+  if (set.teleport) {
+    batch_.set_pose(positions, rotations, selected);
+  } else {
+    batch_.move(positions, rotations, selected);
+  }
+  const LiveArrays arrays(batch_);
+  for (const char* const name : {"position", "quat_wxyz", "hit", "point", "normal"}) add_array(call.writer, *arrays.find("", name));
+  write_time(call);
+}
+
+void Service::locked(Call& call, const protocol::Fly& fly) {
+  call.require_only({"command", "mask"});
+  const std::int64_t drones = batch_.config().num_drones();
+  const auto command = call.array<float>("command", {drones, 4});
+  const auto mask = call.flags("mask", drones);
+  require(command.has_value(), "command", "an array of this name", "none");
+  require(fly.ticks <= 1000000, "ticks", "an integer in [0, 1000000]", fly.ticks);
+  require_may_change(call, mask ? std::span<const std::uint8_t>(*mask) : std::span<const std::uint8_t>());
+  const std::optional<Control> control = control_of(fly.control);
+  begin_change();
+  batch_.fly(*command, static_cast<int>(fly.ticks), mask ? DroneMask(*mask) : DroneMask(), control);
+  write_time(call);
+}
+
+void Service::locked(Call& call, const protocol::SetCommand& set) {
+  call.require_only({"command", "mask"});
+  if (batch_.config().dynamics.is_kinematic()) {
+    throw Refusal(Code::kFailedPrecondition, "these drones do not fly by rotors: SetLocation and SetPoses move them");
+  }
+  const std::int64_t drones = batch_.config().num_drones();
+  const Control control = control_of(set.control).value_or(batch_.config().dynamics.control);
+  require(control != Control::pose, "control", "a control other than pose", "pose");
+  std::vector<std::uint8_t> mask(static_cast<std::size_t>(drones), 0);
+  std::vector<float> commands;
+  if (set.drone) {
+    const std::size_t drone = require_drone(*set.drone);
+    const auto command = call.array<float>("command", {4});
+    require(command.has_value(), "command", "an array of this name", "none");
+    commands = commands_;
+    std::ranges::copy(*command, commands.begin() + static_cast<std::ptrdiff_t>(4 * drone));
+    mask[drone] = 1;
+  } else {
+    const auto command = call.array<float>("command", {drones, 4});
+    require(command.has_value(), "command", "an array of this name", "none");
+    commands = *command;
+    mask = call.flags("mask", drones).value_or(std::vector<std::uint8_t>(static_cast<std::size_t>(drones), 1));
+  }
+  require_may_change(call, mask);
+  for (std::size_t drone = 0; drone < mask.size(); ++drone) {
+    if (mask[drone] == 0 && has_command_[drone] != 0 && command_control_ != control) {
+      throw Refusal(Code::kFailedPrecondition, "control: expected " + std::string(name_of(*command_control_)) +
+                                                   ", by which the steps fly drone " + std::to_string(drone) + ", got " +
+                                                   name_of(control));
+    }
+  }
+  for (std::size_t drone = 0; drone < mask.size(); ++drone) {
+    if (mask[drone] == 0) continue;
+    for (std::size_t i = 4 * drone; i < 4 * drone + 4; ++i) require(std::isfinite(commands[i]), "command", "finite numbers", commands[i]);
+    std::copy_n(commands.begin() + static_cast<std::ptrdiff_t>(4 * drone), 4,
+                commands_.begin() + static_cast<std::ptrdiff_t>(4 * drone));
+    has_command_[drone] = 1;
+  }
+  command_control_ = control;
+}
+
+void Service::locked(Call& call, const protocol::SetClock& set) {
+  require(set.rate_hz >= 0.0 && set.rate_hz <= 10000.0, "rate_hz", "a number in [0, 10000]", set.rate_hz);
+  if (task_ != nullptr) throw Refusal(Code::kFailedPrecondition, "this batch has a task, which actions step");
+  if (set.rate_hz > 0.0 && !lockstep_.empty()) throw Refusal(Code::kFailedPrecondition, "clients step in lockstep");
+  rate_hz_ = set.rate_hz;
+  if (on_new_rate_) on_new_rate_();
+  write_time(call);
+}
+
+void Service::locked(Call& call, const protocol::Sense&) {
+  begin_change();
+  batch_.sense();
+  write_time(call);
+}
+
+void Service::locked(Call& call, const protocol::Snapshot&) {
+  const std::string bytes = batch_.snapshot();
+  call.writer.add("snapshot", std::span(reinterpret_cast<const std::uint8_t*>(bytes.data()), bytes.size()), {bytes.size()});
+}
+
+void Service::locked(Call& call, const protocol::Restore&) {
+  call.require_only({"snapshot"});
+  require_may_change(call, std::span<const std::uint8_t>());
+  const auto bytes = call.array<std::uint8_t>("snapshot", {-1});
+  require(bytes.has_value(), "snapshot", "an array of this name", "none");
+  begin_change();
+  batch_.restore(std::string(bytes->begin(), bytes->end()));
+}
+
+// ------------------------------------------------------------------------------------------------------------------- the task
+
+void Service::now(Call& call, const protocol::GetTask&) {
+  require_task(task_);
+  const TaskSpec& spec = task_->spec();
+  auto& task = call.result<protocol::Task>();
+  task.action = message_of(spec.action);
+  for (const Field& field : spec.observation) task.observation.push_back(message_of(field));
+  task.reward_terms = spec.reward_terms;
+  task.num_rows = num_rows(batch_);
+  task.row_is_env = spec.row == Row::env;
+  task.autoreset_mode = name_of(batch_.config().episode.autoreset_mode);
+  task.policy_hz = batch_.config().clock.policy_hz;
+  task.frame_skip = batch_.config().episode.frame_skip;
+}
+
+void Service::locked(Call& call, const protocol::ResetEnvs&) {
+  call.require_only({"seeds", "mask"});
+  require_task(task_);
+  require_may_change(call, std::span<const std::uint8_t>());
+  const std::int64_t envs = batch_.config().num_envs;
+  const auto seeds = call.array<std::uint64_t>("seeds", {envs});
+  const auto mask = call.flags("mask", envs);
+  begin_change();
+  batch_.reset(seeds ? std::span<const std::uint64_t>(*seeds) : std::span<const std::uint64_t>(),
+               mask ? EnvMask(*mask) : EnvMask());
+  add_observation(call.writer, "observation/", batch_.task()->spec(), batch_.outputs().observation,
+                  static_cast<std::size_t>(num_rows(batch_)));
+  write_time(call);
+}
+
+void Service::locked(Call& call, const protocol::StepEnvs&) {
+  call.require_only({"actions"});
+  require_task(task_);
+  require_may_change(call, std::span<const std::uint8_t>());
+  const TaskSpec& spec = task_->spec();
+  std::vector<std::int64_t> shape{num_rows(batch_)};
+  begin_change();
+  if (is_floating(spec.action.type)) {
+    shape.insert(shape.end(), spec.action.shape.begin(), spec.action.shape.end());
+    const auto actions = call.array<float>("actions", shape);
+    require(actions.has_value(), "actions", "an array of this name", "none");
+    batch_.step(std::span<const float>(*actions));
+  } else {
+    const auto actions = call.array<std::int64_t>("actions", shape);
+    require(actions.has_value(), "actions", "an array of this name", "none");
+    batch_.step(std::span<const std::int64_t>(*actions));
+  }
+  steps_.fetch_add(1, std::memory_order_relaxed);
+  rate_.add(1.0, step_s_);
+  const Outputs& outputs = batch_.outputs();
+  const auto rows = static_cast<std::size_t>(shape[0]);
+  add_observation(call.writer, "observation/", spec, outputs.observation, rows);
+  const auto is_set = [](std::uint8_t flag) { return flag != 0; };
+  const bool ended = std::ranges::any_of(outputs.terminated, is_set) || std::ranges::any_of(outputs.truncated, is_set);
+  if (ended) add_observation(call.writer, "final_observation/", spec, outputs.final_observation, rows);
+  for_each_view(outputs, {.sizes = {std::ssize(spec.reward_terms), 1}, .dimensions = 1}, [&](const ArrayView& view) {
+    const std::string_view name = view.name;
+    if (name == "reward_terms") return;
+    if (ended || name == "reward" || name == "terminated" || name == "truncated") add_array(call.writer, view);
+  });
+  write_time(call);
+}
+
+}  // namespace flockstep::server

@@ -1,0 +1,60 @@
+#include "service/call.hpp"
+
+#include <algorithm>
+
+#include "base/require.hpp"
+
+namespace flockstep::server {
+namespace {
+
+template <class Sizes>
+std::string text_of(const Sizes& sizes) {
+  std::string text;
+  for (const auto size : sizes) {
+    text += (text.empty() ? "(" : ", ") + (static_cast<std::int64_t>(size) < 0 ? "any" : std::to_string(size));
+  }
+  return (text.empty() ? "(" : text) + ")";
+}
+
+}  // namespace
+
+std::optional<protocol::ReceivedArray> Call::find(std::string_view name, protocol::DType type,
+                                                  const std::vector<std::int64_t>& shape) const {
+  for (const protocol::ReceivedArray& received : protocol::read_arrays(bytes, request.arrays)) {
+    const protocol::Array& array = *received.array;
+    if (array.name != name) continue;
+    require(array.dtype == type, name, "values of type " + std::to_string(static_cast<int>(type)),
+            "type " + std::to_string(static_cast<int>(array.dtype)));
+    const bool fits = std::ranges::equal(array.shape, shape, [](std::uint64_t got, std::int64_t expected) {
+      return expected < 0 || got == static_cast<std::uint64_t>(expected);
+    });
+    require(fits, name, "shape " + text_of(shape), "shape " + text_of(array.shape));
+    return received;
+  }
+  return std::nullopt;
+}
+
+std::optional<std::vector<std::uint8_t>> Call::flags(std::string_view name, std::int64_t size) const {
+  const auto found = find(name, protocol::DType::kDtypeBool, {size});
+  if (!found) return std::nullopt;
+  std::vector<std::uint8_t> flags = found->values<std::uint8_t>();
+  for (const std::uint8_t flag : flags) require(flag <= 1, name, "flags, 0 or 1", static_cast<int>(flag));
+  return flags;
+}
+
+void Call::require_only(std::initializer_list<std::string_view> names) const {
+  for (const protocol::Array& array : request.arrays) {
+    std::string known;
+    for (const std::string_view name : names) known += (known.empty() ? "" : ", ") + std::string(name);
+    require(std::ranges::find(names, array.name) != names.end(), "arrays",
+            names.size() == 0 ? "no array for this operation" : known, '"' + array.name + '"');
+  }
+}
+
+void Call::fail(protocol::Code code, const std::string& text) {
+  writer.clear();
+  reply = {};
+  result<protocol::Error>() = {.code = code, .text = text};
+}
+
+}  // namespace flockstep::server

@@ -1,0 +1,81 @@
+// Call: a request of a client with its reply. Client: the session that the reply returns to.
+#pragma once
+
+#include <cstdint>
+#include <initializer_list>
+#include <memory>
+#include <optional>
+#include <stdexcept>
+#include <string>
+#include <string_view>
+#include <utility>
+#include <vector>
+
+#include "protocol/frame.hpp"
+#include "protocol/messages.hpp"
+
+namespace flockstep::server {
+
+// An operation is refused.
+class Refusal : public std::runtime_error {
+ public:
+  Refusal(protocol::Code code, const std::string& text) : std::runtime_error(text), code_(code) {}
+  protocol::Code code() const { return code_; }
+
+ private:
+  protocol::Code code_;
+};
+
+struct Call;
+
+class Client {
+ public:
+  Client() = default;
+  virtual ~Client() = default;
+  Client(const Client&) = delete;
+  Client& operator=(const Client&) = delete;
+
+  // Takes a call whose reply is complete. Any thread may call this.
+  virtual void deliver(const std::shared_ptr<Call>& call) = 0;
+
+  std::uint32_t number = 0;  // from 1; set when the client says Hello
+};
+
+struct Call {
+  std::shared_ptr<Client> client;
+  protocol::Request request;
+  std::string bytes;  // the whole message of the request
+  protocol::Reply reply{};
+  protocol::FrameWriter writer{};
+  bool is_of_stream = false;  // a value of a stream, whose request has the same id
+
+  // Returns an array of the request; nothing if it has none of this name. Throws std::invalid_argument if its type or shape is
+  // another; -1 in the shape allows any size.
+  template <class T>
+  std::optional<std::vector<T>> array(std::string_view name, const std::vector<std::int64_t>& shape) const {
+    const auto found = find(name, protocol::dtype_of<T>(), shape);
+    return found ? std::optional(found->template values<T>()) : std::nullopt;
+  }
+  // Like array(), for flags: as bytes, 0 or 1.
+  std::optional<std::vector<std::uint8_t>> flags(std::string_view name, std::int64_t size) const;
+  // Throws std::invalid_argument if the request has other arrays.
+  void require_only(std::initializer_list<std::string_view> names) const;
+
+  template <class Result>
+  Result& result() {
+    return reply.result.template emplace<Result>();
+  }
+  // Replaces the reply by an error.
+  void fail(protocol::Code code, const std::string& text);
+  // Writes the reply, with the id of the request.
+  void finish() {
+    reply.id = request.id;
+    writer.finish(reply);
+  }
+
+ private:
+  std::optional<protocol::ReceivedArray> find(std::string_view name, protocol::DType type,
+                                              const std::vector<std::int64_t>& shape) const;
+};
+
+}  // namespace flockstep::server

@@ -1,0 +1,313 @@
+// Operations on one drone, and those that make and remove drones.
+#include <algorithm>
+#include <array>
+#include <cmath>
+
+#include "base/require.hpp"
+#include "service/service.hpp"
+
+namespace flockstep::server {
+namespace {
+
+using protocol::Code;
+
+constexpr float kDegree = 3.14159265358979F / 180.0F;
+
+protocol::Vector3 message_of(const Vec3& v) { return {.x = v.x(), .y = v.y(), .z = v.z()}; }
+protocol::Vector3 vector_at(const float* v) { return {.x = v[0], .y = v[1], .z = v[2]}; }
+protocol::Quaternion quaternion_at(const float* q) { return {.w = q[0], .x = q[1], .y = q[2], .z = q[3]}; }
+std::array<float, 3> array_of(const protocol::Vector3& v) { return {v.x, v.y, v.z}; }
+std::array<float, 4> array_of(const protocol::Quaternion& q) { return {q.w, q.x, q.y, q.z}; }
+
+// R_z(yaw) R_y(pitch) R_x(roll)
+protocol::Quaternion quaternion_of(const protocol::Angles& angles) {
+  const Quat q = Eigen::AngleAxisf(angles.yaw_deg * kDegree, Vec3::UnitZ()) *
+                 Eigen::AngleAxisf(angles.pitch_deg * kDegree, Vec3::UnitY()) *
+                 Eigen::AngleAxisf(angles.roll_deg * kDegree, Vec3::UnitX());
+  return {.w = q.w(), .x = q.x(), .y = q.y(), .z = q.z()};
+}
+
+protocol::Angles angles_of(const protocol::Quaternion& q) {
+  const double w = q.w, x = q.x, y = q.y, z = q.z;
+  const double sine = std::clamp(2.0 * (w * y - z * x), -1.0, 1.0);
+  constexpr double kVertical = 1.0 - 1e-7;  // the x axis points up or down: roll and yaw turn about the same axis
+  const bool is_vertical = std::abs(sine) > kVertical;
+  const double roll = is_vertical ? 2.0 * std::atan2(x, w) : std::atan2(2.0 * (w * x + y * z), 1.0 - 2.0 * (x * x + y * y));
+  const double yaw = is_vertical ? 0.0 : std::atan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z));
+  constexpr double kToDegrees = 180.0 / 3.14159265358979323846;
+  return {.roll_deg = static_cast<float>(roll * kToDegrees),
+          .pitch_deg = static_cast<float>(std::asin(sine) * kToDegrees),
+          .yaw_deg = static_cast<float>(yaw * kToDegrees)};
+}
+
+// A row of one of the batch's own arrays, which each source has.
+template <class T>
+const T* row(const ArraySource& arrays, const char* name, std::size_t row, std::size_t columns) {
+  return static_cast<const T*>(arrays.find("", name)->data) + columns * row;
+}
+
+std::size_t require_active(const ArraySource& arrays, std::int64_t drone) {
+  if (drone < 0 || drone >= arrays.num_drones || *row<std::uint8_t>(arrays, "active", static_cast<std::size_t>(drone), 1) == 0) {
+    throw Refusal(Code::kNotFound, "drone: expected the index of an active drone, got " + std::to_string(drone));
+  }
+  return static_cast<std::size_t>(drone);
+}
+
+protocol::CaptureModeName message_of(CaptureMode mode) { return static_cast<protocol::CaptureModeName>(mode); }
+static_assert(static_cast<int>(CaptureMode::every_step) == static_cast<int>(protocol::CaptureModeName::kEveryStep) &&
+              static_cast<int>(CaptureMode::on_movement) == static_cast<int>(protocol::CaptureModeName::kOnMovement) &&
+              static_cast<int>(CaptureMode::on_demand) == static_cast<int>(protocol::CaptureModeName::kOnDemand));
+
+template <class T>
+void require_unset(const std::optional<T>& value, const char* field) {
+  require(!value, field, "unset: it cannot change", "a value");
+}
+
+}  // namespace
+
+// --------------------------------------------------------------------------------------------------------------- simulation
+
+void Service::read(Call& call, const protocol::GetDrones&, const ArraySource& arrays) {
+  auto& drones = call.result<protocol::Drones>().drones;
+  const auto* const active = row<std::uint8_t>(arrays, "active", 0, 1);
+  const std::scoped_lock lock(owners_mutex_);
+  for (std::int64_t drone = 0; drone < arrays.num_drones; ++drone) {
+    if (active[drone] == 0) continue;
+    const auto owner = owners_.find(drone);
+    drones.push_back({.drone = drone,
+                      .env = drone / arrays.drones_per_env,
+                      .owner = owner == owners_.end() ? 0 : owner->second});
+  }
+}
+
+void Service::locked(Call& call, const protocol::SpawnDrone& spawn) {
+  require(task_ == nullptr, "SpawnDrone", "a batch without a task, whose episodes place the drones", "one with a task");
+  std::vector<std::int64_t> env;
+  if (spawn.env) {
+    require(*spawn.env >= 0 && *spawn.env < batch_.config().num_envs, "env",
+            "an index below " + std::to_string(batch_.config().num_envs), *spawn.env);
+    env.push_back(*spawn.env);
+  }
+  // The start of its world, unless the client gives another place.
+  const World& world = env.empty() ? *batch_.worlds().front() : *batch_.world_of(EnvIndex(env.front()));
+  const Vec3 start = world.markers().start.value_or((world.bounds().min + world.bounds().max) / 2.0F);
+  const std::array<float, 3> position = spawn.location ? array_of(*spawn.location) : std::array{start.x(), start.y(), start.z()};
+  const std::array<float, 4> rotation = spawn.rotation ? array_of(*spawn.rotation) : std::array{1.0F, 0.0F, 0.0F, 0.0F};
+  begin_change();
+  const std::int64_t drone = batch_.spawn({}, position, rotation, {}, env).front();
+  refresh_shape();
+  if (spawn.claim) {
+    const std::scoped_lock lock(owners_mutex_);
+    owners_[drone] = call.client->number;
+  }
+  auto& result = call.result<protocol::Drone>();
+  result.drone = drone;
+  result.env = drone / batch_.config().drones_per_env;
+  result.owner = spawn.claim ? call.client->number : 0;
+}
+
+void Service::locked(Call& call, const protocol::RemoveDrone& remove) {
+  const std::size_t drone = require_drone(remove.drone);
+  require_may_change(call, remove.drone);
+  begin_change();
+  batch_.remove(std::array{remove.drone});
+  has_command_[drone] = 0;
+  const std::scoped_lock lock(owners_mutex_);
+  owners_.erase(remove.drone);
+}
+
+void Service::locked(Call& call, const protocol::GetCameraCaptureMode& get) {
+  call.result<protocol::CaptureMode>().mode =
+      message_of(batch_.camera_config(batch_.camera_index(get.camera)).capture_mode);
+}
+
+void Service::locked(Call& call, const protocol::SetCameraCaptureMode& set) {
+  require_may_change(call, std::span<const std::uint8_t>());
+  batch_.set_capture_mode(batch_.camera_index(set.camera), static_cast<CaptureMode>(set.mode));
+  refresh_shape();
+}
+
+// --------------------------------------------------------------------------------------------------------- position and motion
+
+void Service::read(Call& call, const protocol::GetLocation& get, const ArraySource& arrays) {
+  call.result<protocol::Vector3>() = vector_at(row<float>(arrays, "position", require_active(arrays, get.drone), 3));
+}
+
+void Service::read(Call& call, const protocol::GetRotation& get, const ArraySource& arrays) {
+  auto& rotation = call.result<protocol::Rotation>();
+  rotation.quaternion = quaternion_at(row<float>(arrays, "quat_wxyz", require_active(arrays, get.drone), 4));
+  rotation.angles = angles_of(*rotation.quaternion);
+}
+
+void Service::locked(Call& call, const protocol::SetLocation& set) {
+  require(set.location.has_value(), "location", "a value", "none");
+  move(call, set.drone, set.location, {}, set.teleport);
+}
+
+void Service::locked(Call& call, const protocol::SetRotation& set) {
+  require(set.rotation.index() != 0, "rotation", "a quaternion or angles", "none");
+  const auto* const angles = std::get_if<protocol::Angles>(&set.rotation);
+  move(call, set.drone, {}, angles ? quaternion_of(*angles) : std::get<protocol::Quaternion>(set.rotation), set.teleport);
+}
+
+void Service::locked(Call& call, const protocol::SetLocationAndRotation& set) {
+  require(set.location.has_value(), "location", "a value", "none");
+  require(set.rotation.index() != 0, "rotation", "a quaternion or angles", "none");
+  const auto* const angles = std::get_if<protocol::Angles>(&set.rotation);
+  move(call, set.drone, set.location, angles ? quaternion_of(*angles) : std::get<protocol::Quaternion>(set.rotation),
+       set.teleport);
+}
+
+void Service::move(Call& call, std::int64_t index, const std::optional<protocol::Vector3>& location,
+                   const std::optional<protocol::Quaternion>& rotation, bool teleport) {
+  const std::size_t drone = require_drone(index);
+  require_may_change(call, index);
+  if (!teleport && !batch_.config().dynamics.is_kinematic()) {
+    throw Refusal(Code::kFailedPrecondition,
+                  "these drones fly by their rotors: Fly and SetCommand move them, and with teleport=true they are placed");
+  }
+  std::span<const float> positions, rotations;
+  if (location) {
+    std::ranges::copy(array_of(*location), positions_.begin() + static_cast<std::ptrdiff_t>(3 * drone));
+    positions = positions_;
+  }
+  if (rotation) {
+    const std::array<float, 4> q = array_of(*rotation);
+    require(std::ranges::any_of(q, [](float part) { return part != 0.0F; }), "rotation", "a quaternion of a length above 0", 0);
+    std::ranges::copy(q, rotations_.begin() + static_cast<std::ptrdiff_t>(4 * drone));
+    rotations = rotations_;
+  }
+  changes_.fetch_add(1, std::memory_order_relaxed);
+  if (teleport) {
+    batch_.set_pose(positions, rotations, only(drone));
+  } else {
+    batch_.move(positions, rotations, only(drone));
+  }
+  const State& state = batch_.state();
+  auto& impact = call.result<protocol::Impact>();
+  impact.hit = state.contact.hit[drone] != 0;
+  impact.fraction = teleport ? 1.0F : state.contact.fraction[drone];
+  impact.location = vector_at(&state.position[3 * drone]);
+  impact.rotation = quaternion_at(&state.quat_wxyz[4 * drone]);
+  if (!impact.hit) return;
+  impact.point = vector_at(&state.contact.point[3 * drone]);
+  impact.normal = vector_at(&state.contact.normal[3 * drone]);
+}
+
+// --------------------------------------------------------------------------------------------------------------------- sensors
+
+void Service::locked(Call& call, const protocol::GetLidarData& get) {
+  const std::size_t drone = require_drone(get.drone), lidar = batch_.lidar_index(get.lidar);
+  const LidarConfig config = batch_.lidar_config(get.drone, lidar);
+  const auto rows = static_cast<std::size_t>(config.rows()), columns = static_cast<std::size_t>(config.columns());
+  ranges_.resize(rows * columns);
+  batch_.scan(get.drone, ranges_, lidar);
+  call.writer.add("ranges", std::span<const float>(ranges_), {rows, columns});
+  if (!get.without_directions) {
+    directions_.resize(3 * rows * columns);
+    batch_.lidar_directions(get.drone, directions_, lidar);
+    call.writer.add("directions", std::span<const float>(directions_), {rows, columns, std::size_t{3}});
+  }
+  const Pose pose = pose_of(batch_.state(), DroneIndex(drone));
+  auto& data = call.result<protocol::LidarData>();
+  data.origin = message_of(pose.position + pose.rotation * Vec3::Map(config.offset_m.data()));
+  data.rotation = quaternion_at(&batch_.state().quat_wxyz[4 * drone]);
+}
+
+void Service::locked(Call& call, const protocol::GetLidarConfig& get) {
+  require_drone(get.drone);
+  const LidarConfig config = batch_.lidar_config(get.drone, batch_.lidar_index(get.lidar));
+  auto& result = call.result<protocol::LidarConfig>();
+  result.channels = config.rows();
+  result.beams = config.columns();
+  result.hfov_deg = config.hfov_deg;
+  result.vfov_deg = config.vfov_deg;
+  result.max_range_m = config.max_range_m;
+  result.offset_m = vector_at(config.offset_m.data());
+  result.rotation = quaternion_at(config.quat_wxyz.data());
+}
+
+void Service::locked(Call& call, const protocol::SetLidarConfig& set) {
+  const protocol::LidarConfig config = set.config.value_or(protocol::LidarConfig());
+  const bool is_for_all = set.drone == -1 || config.beams || config.channels;
+  DroneMask mask;
+  if (set.drone != -1) {
+    const std::size_t drone = require_drone(set.drone);
+    if (!is_for_all) mask = only(drone);
+  }
+  if (is_for_all) {
+    require_may_change(call, std::span<const std::uint8_t>());
+  } else {
+    require_may_change(call, set.drone);
+  }
+  LidarChange change;
+  change.channels = config.channels;
+  change.beams = config.beams;
+  change.hfov_deg = config.hfov_deg;
+  change.vfov_deg = config.vfov_deg;
+  change.max_range_m = config.max_range_m;
+  if (config.offset_m) change.offset_m = array_of(*config.offset_m);
+  if (config.rotation) change.quat_wxyz = array_of(*config.rotation);
+  begin_change();
+  batch_.set_lidar(change, mask, batch_.lidar_index(set.lidar));
+  refresh_shape();
+}
+
+void Service::locked(Call& call, const protocol::GetCameraConfig& get) {
+  require_drone(get.drone);
+  const CameraConfig config = batch_.camera_config(batch_.camera_index(get.camera), get.drone);
+  auto& result = call.result<protocol::CameraConfig>();
+  result.width_px = config.width_px;
+  result.height_px = config.height_px;
+  const float half_width = static_cast<float>(config.width_px) / 2.0F, half_height = static_cast<float>(config.height_px) / 2.0F;
+  result.hfov_deg = 2.0F * std::atan(half_width / config.fx()) / kDegree;
+  result.vfov_deg = 2.0F * std::atan(half_height / config.fy()) / kDegree;
+  result.offset_m = vector_at(config.offset_m.data());
+  result.rotation = quaternion_at(config.quat_wxyz.data());
+  result.near_m = config.near_m;
+  result.far_m = config.far_m;
+  for_each_field(config.outputs, [&](const auto& field, bool is_on) {
+    if (is_on) result.outputs.emplace_back(field.name);
+  });
+}
+
+void Service::locked(Call& call, const protocol::SetCameraConfig& set) {
+  const protocol::CameraConfig config = set.config.value_or(protocol::CameraConfig());
+  require_unset(config.near_m, "near_m");
+  require_unset(config.far_m, "far_m");
+  require(config.outputs.empty(), "outputs", "none: they cannot change", config.outputs.size());
+  const bool is_for_all = set.drone == -1 || config.width_px || config.height_px;
+  DroneMask mask;
+  if (set.drone != -1) {
+    const std::size_t drone = require_drone(set.drone);
+    if (!is_for_all) mask = only(drone);
+  }
+  if (is_for_all) {
+    require_may_change(call, std::span<const std::uint8_t>());
+  } else {
+    require_may_change(call, set.drone);
+  }
+  CameraChange change;
+  change.width_px = config.width_px;
+  change.height_px = config.height_px;
+  change.hfov_deg = config.hfov_deg;
+  change.vfov_deg = config.vfov_deg;
+  if (config.offset_m) change.offset_m = array_of(*config.offset_m);
+  if (config.rotation) change.quat_wxyz = array_of(*config.rotation);
+  begin_change();
+  batch_.set_camera(batch_.camera_index(set.camera), change, mask);
+  refresh_shape();
+}
+
+void Service::locked(Call& call, const protocol::GetMoveLineVisible& get) {
+  call.result<protocol::MoveLineVisible>().visible = batch_.move_lines().move_line_visible[require_drone(get.drone)] != 0;
+}
+
+void Service::locked(Call& call, const protocol::SetMoveLineVisible& set) {
+  const std::size_t drone = require_drone(set.drone);
+  require_may_change(call, set.drone);
+  has_lines_ = has_lines_ || set.visible;
+  batch_.set_move_line_visible(set.visible, only(drone));
+}
+
+}  // namespace flockstep::server

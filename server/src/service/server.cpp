@@ -1,0 +1,244 @@
+#include "flockstep/server.hpp"
+
+#include "service/session.hpp"
+
+#include <algorithm>
+#include <filesystem>
+#include <mutex>
+#include <set>
+#include <stdexcept>
+#include <thread>
+#include <vector>
+
+#include "base/check_fields.hpp"
+#include "base/require.hpp"
+
+namespace flockstep {
+
+namespace asio = boost::asio;
+using tcp = asio::ip::tcp;
+using server::Service;
+
+namespace {
+
+constexpr std::string_view kUnix = "unix:";
+
+bool is_unix(const ServerConfig& config) { return config.address.starts_with(kUnix); }
+
+asio::ip::address ip_address(const ServerConfig& config) {
+  if (config.address == "localhost") return asio::ip::address_v4::loopback();
+  boost::system::error_code error;
+  const asio::ip::address address = asio::ip::make_address(config.address, error);
+  require(!error, "address", "an IP address, localhost or unix:PATH", '"' + config.address + '"');
+  return address;
+}
+
+ServerConfig validated(ServerConfig config) {
+  config.validate();
+  return config;
+}
+
+}  // namespace
+
+void ServerConfig::validate() const {
+  check_fields(*this, "");
+  require(certificate_file.empty() == private_key_file.empty(), certificate_file.empty() ? "certificate_file" : "private_key_file",
+          "both a certificate and its private key, or neither", "only one of them");
+  if (is_unix(*this)) {
+    require(address.size() > kUnix.size(), "address", "unix:PATH", '"' + address + '"');
+    require(certificate_file.empty(), "certificate_file", "none for a Unix socket", '"' + certificate_file + '"');
+    return;
+  }
+  require(ip_address(*this).is_loopback() || !token.empty(), "token",
+          "a secret, because other machines reach the address " + address, "none");
+}
+
+class Server::Impl {
+ public:
+  Impl(Batch& batch, ServerConfig given)
+      : config_(validated(std::move(given))),
+        aside_(1),
+        service_(batch, config_, [this](std::function<void()> work) { asio::post(aside_, std::move(work)); }),
+        sessions_{.service = service_, .config = config_},
+        tls_(asio::ssl::context::tls_server),
+        tick_timer_(asio::make_strand(io_)),
+        retry_timer_(io_) {
+    listen();
+    service_.on_new_rate([this] { asio::post(tick_timer_.get_executor(), [this] { schedule_tick(); }); });
+    schedule_tick();
+    accept();
+    constexpr int kThreads = 2;  // one may be at work on the batch while the other one reads and writes
+    for (int i = 0; i < kThreads; ++i) threads_.emplace_back([this] { io_.run(); });
+  }
+  ~Impl() { stop(); }
+
+  void stop() {
+    {
+      const std::scoped_lock lock(stop_mutex_);
+      if (is_stopped_) return;
+      is_stopped_ = true;
+    }
+    asio::post(io_, [this] {
+      boost::system::error_code ignored;
+      if (tcp_) tcp_->close(ignored);
+      if (unix_) unix_->close(ignored);
+    });
+    asio::post(tick_timer_.get_executor(), [this] { tick_timer_.cancel(); });
+    std::vector<std::function<void()>> ends;
+    {
+      const std::scoped_lock lock(list_mutex_);
+      for (const OpenSession& session : open_) ends.push_back(session.end);
+    }
+    for (const auto& end : ends) end();
+    work_.reset();
+    constexpr std::chrono::milliseconds kGrace{500};
+    const auto until = std::chrono::steady_clock::now() + kGrace;
+    while (sessions_.count > 0 && std::chrono::steady_clock::now() < until) std::this_thread::sleep_for(std::chrono::milliseconds(1));
+    io_.stop();
+    for (std::thread& thread : threads_) thread.join();
+    aside_.join();
+    service_.drop_calls();
+    if (is_unix(config_)) {
+      std::error_code ignored;
+      std::filesystem::remove(config_.address.substr(kUnix.size()), ignored);
+    }
+  }
+
+  const ServerConfig& config() const { return config_; }
+  int port() const { return port_; }
+  std::string address() const {
+    if (is_unix(config_)) return config_.address;
+    const asio::ip::address address = ip_address(config_);
+    return (address.is_v6() ? '[' + address.to_string() + ']' : address.to_string()) + ':' + std::to_string(port_);
+  }
+  int num_clients() const { return sessions_.count; }
+  const Service& service() const { return service_; }
+
+ private:
+  void listen() {
+    if (!config_.certificate_file.empty()) {
+      try {
+        tls_.set_options(asio::ssl::context::default_workarounds | asio::ssl::context::no_tlsv1 | asio::ssl::context::no_tlsv1_1);
+        tls_.use_certificate_chain_file(config_.certificate_file);
+        tls_.use_private_key_file(config_.private_key_file, asio::ssl::context::pem);
+      } catch (const boost::system::system_error& error) {
+        throw std::runtime_error("certificate_file, private_key_file: cannot be used: " + std::string(error.what()));
+      }
+    }
+    try {
+      if (is_unix(config_)) {
+        const std::string path = config_.address.substr(kUnix.size());
+        unix_.emplace(io_, asio::local::stream_protocol::endpoint(path));
+        std::filesystem::permissions(path, std::filesystem::perms::owner_read | std::filesystem::perms::owner_write);
+      } else {
+        tcp_.emplace(io_, tcp::endpoint(ip_address(config_), static_cast<unsigned short>(config_.port)), true);
+        port_ = tcp_->local_endpoint().port();
+      }
+    } catch (const boost::system::system_error& error) {
+      const std::string where = is_unix(config_) ? config_.address : config_.address + " port " + std::to_string(config_.port);
+      const bool is_taken = error.code() == boost::system::errc::address_in_use;
+      throw std::runtime_error("cannot listen on " + where + ": " + error.code().message() +
+                               (!is_taken          ? ""
+                                : is_unix(config_) ? "; if no server runs there any more, remove the file"
+                                                   : "; another server may run there: choose another port, or 0 for any free one"));
+    }
+  }
+
+  void accept() {
+    if (tcp_) {
+      tcp_->async_accept(asio::make_strand(io_), [this](boost::system::error_code error, tcp::socket socket) {
+        if (!error) {
+          boost::system::error_code ignored;
+          socket.set_option(tcp::no_delay(true), ignored);
+          socket.set_option(asio::socket_base::keep_alive(true), ignored);
+          if (config_.certificate_file.empty()) {
+            start<server::TcpStream>(server::TcpStream(std::move(socket)));
+          } else {
+            start<server::TlsStream>(server::TlsStream(server::TcpStream(std::move(socket)), tls_));
+          }
+        }
+        accept_next(error);
+      });
+    } else {
+      unix_->async_accept(asio::make_strand(io_),
+                          [this](boost::system::error_code error, asio::local::stream_protocol::socket socket) {
+                            if (!error) start<server::UnixStream>(server::UnixStream(std::move(socket)));
+                            accept_next(error);
+                          });
+    }
+  }
+  void accept_next(boost::system::error_code error) {
+    const bool is_open = tcp_ ? tcp_->is_open() : unix_->is_open();
+    if (!is_open || error == asio::error::operation_aborted) return;
+    if (!error) return accept();
+    // Too many open files, say: try again a little later.
+    retry_timer_.expires_after(std::chrono::milliseconds(100));
+    retry_timer_.async_wait([this](boost::system::error_code cancelled) {
+      if (!cancelled) accept();
+    });
+  }
+
+  template <class Stream>
+  void start(Stream stream) {
+    const auto session = std::make_shared<server::Session<Stream>>(sessions_, std::move(stream));
+    {
+      const std::scoped_lock lock(list_mutex_);
+      std::erase_if(open_, [](const OpenSession& open) { return open.session.expired(); });
+      open_.push_back({session, [weak = std::weak_ptr(session)] {
+                         if (const auto open = weak.lock()) open->stop("the server stops");
+                       }});
+    }
+    session->start();
+  }
+
+  void schedule_tick() {
+    const double rate = service_.rate_hz();
+    tick_timer_.cancel();
+    if (rate <= 0.0 || is_stopped_) return;
+    const auto period = std::chrono::duration_cast<std::chrono::steady_clock::duration>(std::chrono::duration<double>(1.0 / rate));
+    const auto now = std::chrono::steady_clock::now();
+    next_tick_ = std::max(next_tick_ + period, now);  // what was missed is not made up for
+    tick_timer_.expires_at(next_tick_);
+    tick_timer_.async_wait([this](boost::system::error_code error) {
+      if (error) return;
+      service_.tick();
+      schedule_tick();
+    });
+  }
+
+  const ServerConfig config_;
+  asio::thread_pool aside_;  // compresses images and makes meshes
+  Service service_;
+  server::Sessions sessions_;
+  asio::ssl::context tls_;
+  asio::io_context io_;  // after what the sessions in it refer to
+  asio::executor_work_guard<asio::io_context::executor_type> work_{io_.get_executor()};
+  std::optional<tcp::acceptor> tcp_;
+  std::optional<asio::local::stream_protocol::acceptor> unix_;
+  int port_ = 0;
+  asio::steady_timer tick_timer_, retry_timer_;
+  std::chrono::steady_clock::time_point next_tick_{};
+
+  struct OpenSession {
+    std::weak_ptr<server::Client> session;
+    std::function<void()> end;
+  };
+  std::mutex list_mutex_;
+  std::vector<OpenSession> open_;
+  std::mutex stop_mutex_;
+  std::atomic<bool> is_stopped_{false};
+  std::vector<std::thread> threads_;
+};
+
+Server::Server(Batch& batch, ServerConfig config) : impl_(std::make_unique<Impl>(batch, std::move(config))) {}
+Server::~Server() = default;
+
+void Server::stop() { impl_->stop(); }
+const ServerConfig& Server::config() const { return impl_->config(); }
+int Server::port() const { return impl_->port(); }
+std::string Server::address() const { return impl_->address(); }
+int Server::num_clients() const { return impl_->num_clients(); }
+std::int64_t Server::num_requests() const { return impl_->service().answered(); }
+std::int64_t Server::num_steps() const { return impl_->service().steps(); }
+
+}  // namespace flockstep

@@ -1,0 +1,541 @@
+#include "service/service.hpp"
+
+#include <algorithm>
+#include <new>
+#include <type_traits>
+#include <utility>
+#include <variant>
+
+#include "base/require.hpp"
+#include "flockstep/batch_lock.hpp"
+#include "flockstep/version.hpp"
+#include "formats/image.hpp"
+#include "render/jpeg.hpp"
+
+namespace flockstep::server {
+namespace {
+
+using protocol::Code;
+
+// Runs an operation; an exception becomes the reply.
+template <class Operation>
+void guard(Call& call, const Operation& operation) {
+  try {
+    operation();
+    if (std::holds_alternative<std::monostate>(call.reply.result)) call.result<protocol::Done>();
+  } catch (const Refusal& error) {
+    call.fail(error.code(), error.what());
+  } catch (const std::invalid_argument& error) {
+    call.fail(Code::kInvalidArgument, error.what());
+  } catch (const std::bad_alloc&) {
+    call.fail(Code::kResourceExhausted, "the server has not enough memory for this");
+  } catch (const std::logic_error& error) {
+    call.fail(Code::kFailedPrecondition, error.what());
+  } catch (const std::runtime_error& error) {
+    call.fail(Code::kFailedPrecondition, error.what());
+  } catch (const std::exception& error) {
+    call.fail(Code::kInternal, error.what());
+  }
+}
+
+template <class Operation>
+const std::string& sensor_of(const Operation& operation) {
+  static const std::string kNone;
+  if constexpr (requires { operation.sensor; }) {
+    return operation.sensor;
+  } else {
+    return kNone;
+  }
+}
+
+}  // namespace
+
+Service::Service(Batch& batch, const ServerConfig& config, std::function<void(std::function<void()>)> run_aside)
+    : batch_(batch),
+      task_(batch.task()),
+      config_(config),
+      run_aside_(std::move(run_aside)),
+      flies_by_rotors_(!batch.config().dynamics.is_kinematic()),
+      step_s_(1.0 / static_cast<double>(batch.config().clock.policy_hz)),
+      rate_hz_(config.rate_hz) {
+  const BatchLock lock(batch_);
+  require(config.rate_hz == 0.0 || task_ == nullptr, "rate_hz", "0 for a batch with a task, which actions step",
+          config.rate_hz);
+  refresh_shape();
+  batch_.share([this] {
+    count_program_steps();
+    begin_change();
+  });
+}
+
+Service::~Service() {
+  const BatchLock lock(batch_);
+  batch_.unshare();
+}
+
+void Service::refresh_shape() {
+  const BatchConfig& config = batch_.config();
+  const bool has_grown = !shape_ || shape_->generation != batch_.generation();
+  auto next = std::make_shared<Shape>();
+  next->num_envs = config.num_envs;
+  next->drones_per_env = config.drones_per_env;
+  next->generation = batch_.generation();
+  for (const LidarConfig& lidar : config.lidars) next->lidars.push_back(lidar.name);
+  for (const ImuConfig& imu : config.imus) next->imus.push_back(imu.name);
+  for (std::size_t camera = 0; camera < config.cameras.size(); ++camera) next->cameras.push_back(batch_.camera_config(camera));
+  next->worlds = batch_.worlds();
+  {
+    const std::scoped_lock lock(shape_mutex_);
+    shape_ = std::move(next);
+  }
+  if (has_grown) fit_rows();
+}
+
+std::shared_ptr<const Service::Shape> Service::shape() const {
+  const std::scoped_lock lock(shape_mutex_);
+  return shape_;
+}
+
+void Service::welcome(Call& call) {
+  const auto& hello = std::get<protocol::Hello>(call.request.operation);
+  guard(call, [&] {
+    if (hello.protocol != protocol::kVersion) {
+      throw Refusal(Code::kFailedPrecondition, "protocol: expected version " + std::to_string(protocol::kVersion) +
+                                                   ", which this server (flockstep " FLOCKSTEP_VERSION ") has, got " +
+                                                   std::to_string(hello.protocol) + "; install the same version on both sides");
+    }
+    {
+      const std::scoped_lock lock(owners_mutex_);
+      call.client->number = ++last_client_;
+    }
+    auto& welcome = call.result<protocol::Welcome>();
+    welcome.protocol = protocol::kVersion;
+    welcome.version = FLOCKSTEP_VERSION;
+    welcome.client = call.client->number;
+    const auto now = shape();
+    welcome.num_envs = now->num_envs;
+    welcome.drones_per_env = now->drones_per_env;
+    welcome.generation = now->generation;
+    welcome.lidars = now->lidars;
+    for (const CameraConfig& camera : now->cameras) welcome.cameras.push_back(camera.name);
+    welcome.imus = now->imus;
+    welcome.flies_by_rotors = flies_by_rotors_;
+    welcome.has_task = task_ != nullptr;
+    welcome.step_s = step_s_;
+  });
+}
+
+// -------------------------------------------------------------------------------------------------------- ways to run a call
+
+void Service::answer(const std::shared_ptr<Call>& call) {
+  std::visit([&](const auto& operation) { handle(call, operation); }, call->request.operation);
+}
+
+template <class Operation>
+void Service::handle(const std::shared_ptr<Call>& call, const Operation& operation) {
+  if constexpr (requires { now(*call, operation); }) {
+    guard(*call, [&] {
+      call->require_only({});
+      now(*call, operation);
+    });
+    complete(call);
+  } else if constexpr (requires { aside(*call, operation); }) {
+    run_aside_([this, call] {
+      guard(*call, [&] {
+        call->require_only({});
+        aside(*call, std::get<Operation>(call->request.operation));
+      });
+      complete(call);
+    });
+  } else if constexpr (requires(const ArraySource& arrays) { read(*call, operation, arrays); }) {
+    const auto reply = [&](const ArraySource& arrays) {
+      guard(*call, [&] { read(*call, operation, arrays); });
+      complete(call);
+    };
+    const bool done = executor_.try_run([&] {
+      const std::optional<BatchLock> lock = BatchLock::try_lock(batch_);
+      if (!lock) return false;
+      follow_growth();
+      reply(LiveArrays(batch_));
+      return true;
+    });
+    if (done) return;
+    const std::string& sensor = sensor_of(operation);
+    try {
+      require_sensor(sensor);
+    } catch (const std::invalid_argument& error) {
+      call->fail(Code::kInvalidArgument, error.what());
+      return complete(call);
+    }
+    if (const auto copy = publisher_.read(batch_, sensor)) return reply(*copy);
+    run_locked(call, [this](Call& waited) {
+      read(waited, std::get<Operation>(waited.request.operation), LiveArrays(batch_));
+    });
+  } else if constexpr (requires { locked(*call, operation); }) {
+    run_locked(call, [this](Call& waited) { locked(waited, std::get<Operation>(waited.request.operation)); });
+  } else {
+    call->fail(Code::kUnimplemented, std::is_same_v<Operation, std::monostate>
+                                         ? "operation: this server does not have the operation of this request"
+                                         : "operation: not possible here");
+    complete(call);
+  }
+}
+
+void Service::run_locked(const std::shared_ptr<Call>& call, std::function<void(Call&)> operation) {
+  executor_.run([this, call, operation = std::move(operation)] {
+    guard(*call, [&] {
+      const BatchLock lock(batch_);
+      follow_growth();
+      operation(*call);
+    });
+    complete(call);
+  });
+}
+
+void Service::complete(const std::shared_ptr<Call>& call) {
+  answered_.fetch_add(1, std::memory_order_relaxed);
+  call->finish();
+  call->client->deliver(call);
+}
+
+std::size_t Service::max_array_bytes(const protocol::Request& request) {
+  if (request.arrays.empty()) return 0;
+  if (const std::optional<BatchLock> lock = BatchLock::try_lock(batch_)) follow_growth();
+  const auto now = shape();
+  const auto drones = static_cast<std::size_t>(now->num_drones()), envs = static_cast<std::size_t>(now->num_envs);
+  constexpr std::size_t kFloat = sizeof(float);
+  const auto is = [&]<class Operation>(std::type_identity<Operation>) {
+    return std::holds_alternative<Operation>(request.operation);
+  };
+  if (is(std::type_identity<protocol::SetPoses>())) return drones * (7 * kFloat + 1);
+  if (is(std::type_identity<protocol::Fly>())) return drones * (4 * kFloat + 1);
+  if (is(std::type_identity<protocol::SetCommand>())) return std::max<std::size_t>(drones, 1) * (4 * kFloat + 1);
+  if (is(std::type_identity<protocol::ResetEnvs>())) return envs * (sizeof(std::uint64_t) + 1);
+  if (is(std::type_identity<protocol::StepEnvs>())) {
+    return task_ == nullptr ? 0 : drones * task_->spec().action.size() * sizeof(std::int64_t);
+  }
+  constexpr std::size_t kMaxSnapshotBytes = std::size_t{1} << 30;
+  return is(std::type_identity<protocol::Restore>()) ? kMaxSnapshotBytes : 0;
+}
+
+void Service::leave(Client& client) {
+  {
+    const std::scoped_lock lock(owners_mutex_);
+    std::erase_if(owners_, [&](const auto& entry) { return entry.second == client.number; });
+  }
+  executor_.run([this, gone = &client] {
+    if (lockstep_.erase(gone) > 0) step_if_all_wait();
+  });
+}
+
+// ------------------------------------------------------------------------------------------------------------- camera images
+
+namespace {
+
+// Colours of a frame, red, green and blue from row to row, for a JPEG or PNG file.
+struct Picture {
+  std::vector<std::uint8_t> rgb;
+  int width_px = 0, height_px = 0;
+};
+
+// Copies the colours of one drone's frame, from any layout.
+Picture picture_of(const ArrayView& view, const CameraConfig& camera, std::size_t drone) {
+  Picture picture{.rgb = {}, .width_px = camera.image_width_px(), .height_px = camera.image_height_px()};
+  const auto pixels = static_cast<std::size_t>(picture.width_px) * static_cast<std::size_t>(picture.height_px);
+  const auto channels = static_cast<std::size_t>(std::max(view.info.columns, 1));
+  const auto* const frame = static_cast<const std::uint8_t*>(view.data) + drone * pixels * channels;
+  picture.rgb.resize(3 * pixels);
+  for (std::size_t pixel = 0; pixel < pixels; ++pixel) {
+    for (std::size_t channel = 0; channel < 3; ++channel) {
+      const std::size_t from = channels == 1 ? 0 : channel;
+      picture.rgb[3 * pixel + channel] =
+          frame[camera.layout == ImageLayout::chw ? from * pixels + pixel : channels * pixel + from];
+    }
+  }
+  return picture;
+}
+
+std::string compress(const Picture& picture, const protocol::GetCameraData& get) {
+  CameraConfig camera;
+  camera.width_px = picture.width_px;
+  camera.height_px = picture.height_px;
+  if (get.format == protocol::ImageFormat::kJpeg) {
+    constexpr int kUsualQuality = 90;
+    return render::compress_rgb(picture.rgb.data(), camera, get.quality == 0 ? kUsualQuality : static_cast<int>(get.quality));
+  }
+  std::vector<std::uint8_t> rgba;
+  rgba.reserve(picture.rgb.size() / 3 * 4);
+  for (std::size_t i = 0; i < picture.rgb.size(); i += 3) {
+    rgba.insert(rgba.end(), {picture.rgb[i], picture.rgb[i + 1], picture.rgb[i + 2], 255});
+  }
+  return encode_png(picture.width_px, picture.height_px, rgba);
+}
+
+}  // namespace
+
+void Service::handle(const std::shared_ptr<Call>& call, const protocol::GetCameraData& get) {
+  // Copies the frame into the reply, or returns its colours for a file.
+  const auto copy = [](Call& to, const ArraySource& arrays, const CameraConfig& config, std::size_t drone) -> std::optional<Picture> {
+    const auto& request = std::get<protocol::GetCameraData>(to.request.operation);
+    const std::string& sensor = config.name;
+    const bool is_file = request.format != protocol::ImageFormat::kRaw;
+    const std::string output = !request.output.empty() ? request.output : config.outputs.rgb ? "rgb" : "grey";
+    const std::optional<ArrayView> found = arrays.find(sensor, output);
+    require(found && output != "frame_step", "output", "an output of camera \"" + sensor + '"', '"' + output + '"');
+    require(!is_file || output == "rgb" || output == "grey", "output", "rgb or grey for a JPEG or PNG file; RAW gives the others",
+            '"' + output + '"');
+    auto& data = to.result<protocol::CameraData>();
+    data.step = static_cast<const std::int64_t*>(arrays.find(sensor, "frame_step")->data)[drone];
+    data.width_px = static_cast<std::uint32_t>(config.image_width_px());
+    data.height_px = static_cast<std::uint32_t>(config.image_height_px());
+    if (is_file) return picture_of(*found, config, drone);
+    add_row(to.writer, "image", *found, drone);
+    return std::nullopt;
+  };
+  const auto finish = [this](const std::shared_ptr<Call>& done, std::optional<Picture> picture) {
+    if (!picture) return complete(done);
+    run_aside_([this, done, picture = std::move(*picture)] {
+      guard(*done, [&] {
+        const std::string file = compress(picture, std::get<protocol::GetCameraData>(done->request.operation));
+        done->writer.add("image", std::span(reinterpret_cast<const std::uint8_t*>(file.data()), file.size()), {file.size()});
+      });
+      complete(done);
+    });
+  };
+  const auto take = [this, copy](Call& to) -> std::optional<Picture> {  // needs the lock
+    const auto& request = std::get<protocol::GetCameraData>(to.request.operation);
+    const std::size_t drone = require_drone(request.drone), camera = batch_.camera_index(request.camera);
+    require(request.quality <= 100, "quality", "a number in [0, 100]", request.quality);
+    if (batch_.camera_config(camera).capture_mode == CaptureMode::on_demand || batch_.images(camera).frame_step[drone] < 0) {
+      begin_change();
+      batch_.capture(camera, only(drone));
+    }
+    std::optional<Picture> picture = copy(to, LiveArrays(batch_), batch_.camera_config(camera), drone);
+    if (picture && request.output.empty()) picture->rgb = batch_.picture(camera, request.drone);  // with the move lines
+    return picture;
+  };
+  const auto taken = [take, finish](const std::shared_ptr<Call>& of) {
+    std::optional<Picture> picture;
+    guard(*of, [&] { picture = take(*of); });
+    finish(of, std::move(picture));
+  };
+
+  const bool done = executor_.try_run([&] {
+    const std::optional<BatchLock> lock = BatchLock::try_lock(batch_);
+    if (!lock) return false;
+    follow_growth();
+    taken(call);
+    return true;
+  });
+  if (done) return;
+  // While a step runs: the frame before it, if it is one that the camera takes by itself.
+  std::optional<Picture> picture;
+  bool is_copied = false;
+  guard(*call, [&] {
+    const auto now = shape();
+    const auto camera = get.camera.empty() && now->cameras.size() == 1
+                            ? now->cameras.begin()
+                            : std::ranges::find(now->cameras, get.camera, &CameraConfig::name);
+    if (camera == now->cameras.end() || camera->capture_mode == CaptureMode::on_demand || has_lines_) return;
+    const auto copied = publisher_.read(batch_, camera->name);
+    if (!copied || get.drone < 0 || get.drone >= copied->num_drones) return;
+    const auto drone = static_cast<std::size_t>(get.drone);
+    if (static_cast<const std::int64_t*>(copied->find(camera->name, "frame_step")->data)[drone] < 0) return;
+    picture = copy(*call, *copied, *camera, drone);
+    is_copied = true;
+  });
+  if (is_copied) return finish(call, std::move(picture));
+  call->reply = {};
+  executor_.run([this, call, taken] {
+    const BatchLock lock(batch_);
+    follow_growth();
+    taken(call);
+  });
+}
+
+// ------------------------------------------------------------------------------------------------------------------------ time
+
+void Service::follow_growth() {
+  if (batch_.generation() != shape_->generation) refresh_shape();
+}
+
+void Service::begin_change() {
+  changes_.fetch_add(1, std::memory_order_relaxed);
+  publisher_.publish(batch_, steps());
+}
+
+void Service::count_program_steps() {
+  if (batch_.state().tick.empty()) return;
+  const std::int64_t tick = batch_.state().tick[0], ticks = tick - std::exchange(last_tick_, tick);
+  if (ticks <= 0) return;  // a new episode
+  const double steps = static_cast<double>(ticks) / batch_.config().clock.substeps();
+  rate_.add(steps, steps * step_s_);
+}
+
+void Service::advance() {
+  begin_change();
+  if (std::ranges::count(has_command_, 1) > 0) batch_.fly(commands_, 0, has_command_, command_control_);
+  batch_.sense();
+  if (!batch_.state().tick.empty()) last_tick_ = batch_.state().tick[0];
+  steps_.fetch_add(1, std::memory_order_relaxed);
+  rate_.add(1.0, step_s_);
+}
+
+void Service::write_time(Call& call) const {
+  auto& time = call.result<protocol::Time>();
+  time.step = steps();
+  time.time_s = static_cast<double>(steps()) * step_s_;
+}
+
+void Service::tick() {
+  if (is_tick_waiting_.exchange(true)) return;
+  executor_.run([this] {
+    is_tick_waiting_ = false;
+    if (rate_hz() == 0.0) return;
+    try {
+      const BatchLock lock(batch_);
+      advance();
+    } catch (const std::exception&) {
+      rate_hz_ = 0.0;  // a client that steps gets the error
+    }
+  });
+}
+
+void Service::handle(const std::shared_ptr<Call>& call, const protocol::Step&) {
+  executor_.run([this, call] {
+    bool waits = false;
+    guard(*call, [&] {
+      if (task_ != nullptr) {
+        throw Refusal(Code::kFailedPrecondition, "this batch has a task, which actions step: use StepEnvs");
+      }
+      if (rate_hz() > 0.0) throw Refusal(Code::kFailedPrecondition, "the server steps by itself; SetClock with rate_hz=0 ends that");
+      if (!lockstep_.empty()) {
+        const auto member = lockstep_.find(call->client.get());
+        if (member == lockstep_.end()) {
+          throw Refusal(Code::kFailedPrecondition, "other clients step in lockstep: send JoinLockstep first");
+        }
+        if (member->second != nullptr) throw Refusal(Code::kFailedPrecondition, "a step of this client is still waiting");
+        member->second = call;
+        waits = true;
+        return;
+      }
+      const BatchLock lock(batch_);
+      advance();
+      write_time(*call);
+    });
+    if (waits) {
+      call->reply = {};
+      step_if_all_wait();
+    } else {
+      complete(call);
+    }
+  });
+}
+
+void Service::step_if_all_wait() {
+  const auto is_missing = [](const auto& member) { return member.second == nullptr; };
+  if (lockstep_.empty() || std::ranges::any_of(lockstep_, is_missing)) return;
+  std::vector<std::shared_ptr<Call>> calls;
+  for (auto& [client, call] : lockstep_) calls.push_back(std::exchange(call, nullptr));
+  std::string failure;
+  try {
+    const BatchLock lock(batch_);
+    advance();
+  } catch (const std::exception& error) {
+    failure = error.what();
+  }
+  for (const auto& call : calls) {
+    if (failure.empty()) {
+      write_time(*call);
+    } else {
+      call->fail(Code::kFailedPrecondition, failure);
+    }
+    complete(call);
+  }
+}
+
+void Service::handle(const std::shared_ptr<Call>& call, const protocol::JoinLockstep&) {
+  executor_.run([this, call] {
+    guard(*call, [&] {
+      if (rate_hz() > 0.0) throw Refusal(Code::kFailedPrecondition, "the server steps by itself; SetClock with rate_hz=0 ends that");
+      lockstep_.try_emplace(call->client.get(), nullptr);
+      write_time(*call);
+    });
+    complete(call);
+  });
+}
+
+void Service::handle(const std::shared_ptr<Call>& call, const protocol::LeaveLockstep&) {
+  executor_.run([this, call] {
+    guard(*call, [&] { lockstep_.erase(call->client.get()); });
+    complete(call);
+    step_if_all_wait();
+  });
+}
+
+// ---------------------------------------------------------------------------------------------------------------------- checks
+
+std::size_t Service::require_drone(std::int64_t drone) const {
+  const std::int64_t count = batch_.config().num_drones();
+  if (drone < 0 || drone >= count || batch_.state().active[static_cast<std::size_t>(drone)] == 0) {
+    throw Refusal(Code::kNotFound, "drone: expected the index of an active drone, got " + std::to_string(drone) +
+                                       (drone < 0 || drone >= count ? "; the batch has " + std::to_string(count) + " slots"
+                                                                    : ", which is removed"));
+  }
+  return static_cast<std::size_t>(drone);
+}
+
+void Service::require_may_change(const Call& call, std::int64_t drone) const {
+  if (!config_.ownership) return;
+  const std::scoped_lock lock(owners_mutex_);
+  const auto owner = owners_.find(drone);
+  if (owner == owners_.end() || owner->second == call.client->number) return;
+  throw Refusal(Code::kPermissionDenied,
+                "drone " + std::to_string(drone) + " is claimed by client " + std::to_string(owner->second));
+}
+
+void Service::require_may_change(const Call& call, std::span<const std::uint8_t> mask) const {
+  if (!config_.ownership) return;
+  std::vector<std::int64_t> claimed;
+  {
+    const std::scoped_lock lock(owners_mutex_);
+    for (const auto& [drone, owner] : owners_) claimed.push_back(drone);
+  }
+  for (const std::int64_t drone : claimed) {
+    if (mask.empty() || mask[static_cast<std::size_t>(drone)] != 0) require_may_change(call, drone);
+  }
+}
+
+void Service::require_sensor(const std::string& name) const {
+  if (name.empty()) return;
+  const auto now = shape();
+  const bool is_known = std::ranges::find(now->lidars, name) != now->lidars.end() ||
+                        std::ranges::find(now->imus, name) != now->imus.end() ||
+                        std::ranges::find(now->cameras, name, &CameraConfig::name) != now->cameras.end();
+  require(is_known, "sensor", "the name of a sensor of this batch", '"' + name + '"');
+}
+
+std::shared_ptr<const World> Service::world(std::uint32_t index) const {
+  const auto now = shape();
+  if (index < now->worlds.size()) return now->worlds[index];
+  throw Refusal(Code::kNotFound,
+                "world: expected an index below " + std::to_string(now->worlds.size()) + ", got " + std::to_string(index));
+}
+
+void Service::fit_rows() {
+  const auto drones = static_cast<std::size_t>(batch_.config().num_drones());
+  positions_.assign(3 * drones, 0.0F);
+  rotations_.assign(4 * drones, 0.0F);
+  for (std::size_t drone = 0; drone < drones; ++drone) rotations_[4 * drone] = 1.0F;
+  mask_.assign(drones, 0);
+  commands_.resize(4 * drones, 0.0F);
+  has_command_.resize(drones, 0);
+}
+
+std::span<const std::uint8_t> Service::only(std::size_t drone) {
+  std::ranges::fill(mask_, std::uint8_t{0});
+  mask_[drone] = 1;
+  return mask_;
+}
+
+}  // namespace flockstep::server

@@ -1,0 +1,184 @@
+// Service: answers the operations of all clients. Sessions bring calls from several threads; the service returns each call to its
+// client when the reply is complete.
+#pragma once
+
+#include <atomic>
+#include <cstddef>
+#include <cstdint>
+#include <functional>
+#include <map>
+#include <memory>
+#include <mutex>
+#include <optional>
+#include <span>
+#include <string>
+#include <string_view>
+#include <vector>
+
+#include "flockstep/batch.hpp"
+#include "flockstep/server.hpp"
+#include "service/batch_arrays.hpp"
+#include "service/call.hpp"
+#include "service/executor.hpp"
+#include "service/rate_meter.hpp"
+
+namespace flockstep::server {
+
+class Service {
+ public:
+  // run_aside: runs a function on another thread, for work that needs no batch, such as compressing an image.
+  Service(Batch& batch, const ServerConfig& config, std::function<void(std::function<void()>)> run_aside);
+  ~Service();
+  Service(const Service&) = delete;
+  Service& operator=(const Service&) = delete;
+
+  // Gives a client its number and answers its Hello.
+  void welcome(Call& call);
+  // Answers a call, now or later; see Client::deliver().
+  void answer(const std::shared_ptr<Call>& call);
+  // Bytes that the arrays of a request may have.
+  std::size_t max_array_bytes(const protocol::Request& request);
+  // Ends the claims of a client and its part in the lockstep.
+  void leave(Client& client);
+
+  // Drops the calls that wait for a step. No thread may be in a call of this object.
+  void drop_calls() { lockstep_.clear(); }
+
+  // Makes a step of real time, when the batch is free. Does nothing while an earlier one is waiting.
+  void tick();
+  double rate_hz() const { return rate_hz_.load(std::memory_order_relaxed); }  // of real time; 0: none
+  // Calls `call` whenever a client has set another rate.
+  void on_new_rate(std::function<void()> call) { on_new_rate_ = std::move(call); }
+
+  // Counts what may have changed the batch.
+  std::int64_t changes() const { return changes_.load(std::memory_order_relaxed); }
+  std::int64_t answered() const { return answered_.load(std::memory_order_relaxed); }
+  std::int64_t steps() const { return steps_.load(std::memory_order_relaxed); }
+
+ private:
+  // What is known of the batch without its lock.
+  struct Shape {
+    std::int64_t num_envs = 0, drones_per_env = 0, generation = -1;
+    std::vector<std::string> lidars, imus;  // names
+    std::vector<CameraConfig> cameras;      // with their current capture modes
+    Batch::Worlds worlds;
+    std::int64_t num_drones() const { return num_envs * drones_per_env; }
+  };
+
+  // --- operations that need no batch: worlds.cpp, batches.cpp
+  void now(Call& call, const protocol::Ping&);
+  void now(Call& call, const protocol::Claim& claim);
+  void now(Call& call, const protocol::Release& release);
+  void now(Call& call, const protocol::GetFps&);
+  void now(Call& call, const protocol::GetWorlds&);
+  void now(Call& call, const protocol::GetLight& get);
+  void now(Call& call, const protocol::GetTask&);
+
+  // --- operations that need only worlds and may take long: worlds.cpp
+  void aside(Call& call, const protocol::GetMesh& get);
+  void aside(Call& call, const protocol::GetPointCloud& get);
+  void aside(Call& call, const protocol::GetBoxes& get);
+
+  // --- operations that read arrays, of the batch or of a published copy: drones.cpp, batches.cpp
+  void read(Call& call, const protocol::GetDrones&, const ArraySource& arrays);
+  void read(Call& call, const protocol::GetLocation& get, const ArraySource& arrays);
+  void read(Call& call, const protocol::GetRotation& get, const ArraySource& arrays);
+  void read(Call& call, const protocol::GetArrays& get, const ArraySource& arrays);
+
+  // --- operations that hold the lock of the batch: drones.cpp
+  void locked(Call& call, const protocol::SpawnDrone& spawn);
+  void locked(Call& call, const protocol::RemoveDrone& remove);
+  void locked(Call& call, const protocol::GetCameraCaptureMode& get);
+  void locked(Call& call, const protocol::SetCameraCaptureMode& set);
+  void locked(Call& call, const protocol::SetLocation& set);
+  void locked(Call& call, const protocol::SetRotation& set);
+  void locked(Call& call, const protocol::SetLocationAndRotation& set);
+  void locked(Call& call, const protocol::GetLidarData& get);
+  void locked(Call& call, const protocol::GetLidarConfig& get);
+  void locked(Call& call, const protocol::SetLidarConfig& set);
+  void locked(Call& call, const protocol::GetCameraConfig& get);
+  void locked(Call& call, const protocol::SetCameraConfig& set);
+  void locked(Call& call, const protocol::GetMoveLineVisible& get);
+  void locked(Call& call, const protocol::SetMoveLineVisible& set);
+  // batches.cpp
+  void locked(Call& call, const protocol::SetPoses& set);
+  void locked(Call& call, const protocol::Fly& fly);
+  void locked(Call& call, const protocol::SetCommand& set);
+  void locked(Call& call, const protocol::SetClock& set);
+  void locked(Call& call, const protocol::Sense&);
+  void locked(Call& call, const protocol::Snapshot&);
+  void locked(Call& call, const protocol::Restore&);
+  void locked(Call& call, const protocol::SetWorld& set);
+  void locked(Call& call, const protocol::SetLight& set);
+  void locked(Call& call, const protocol::ResetEnvs&);
+  void locked(Call& call, const protocol::StepEnvs&);
+
+  // --- operations of several parts: service.cpp
+  template <class Operation>
+  void handle(const std::shared_ptr<Call>& call, const Operation& operation);
+  void handle(const std::shared_ptr<Call>& call, const protocol::GetCameraData& get);
+  void handle(const std::shared_ptr<Call>& call, const protocol::Step&);
+  void handle(const std::shared_ptr<Call>& call, const protocol::JoinLockstep&);
+  void handle(const std::shared_ptr<Call>& call, const protocol::LeaveLockstep&);
+  void run_locked(const std::shared_ptr<Call>& call, std::function<void(Call&)> operation);
+  void complete(const std::shared_ptr<Call>& call);
+
+  // --- checks
+  std::size_t require_drone(std::int64_t drone) const;                                // active; needs the lock
+  void require_may_change(const Call& call, std::int64_t drone) const;                // by ownership
+  void require_may_change(const Call& call, std::span<const std::uint8_t> mask) const;  // empty: all drones
+  void require_sensor(const std::string& name) const;
+  std::shared_ptr<const World> world(std::uint32_t index) const;
+
+  // --- motion; needs the lock
+  void move(Call& call, std::int64_t drone, const std::optional<protocol::Vector3>& location,
+            const std::optional<protocol::Quaternion>& rotation, bool teleport);
+  std::span<const std::uint8_t> only(std::size_t drone);  // a mask
+  void fit_rows();                                        // resizes the arrays of rows after the batch has grown
+
+  // --- time; needs the lock
+  void begin_change();  // before a long call
+  void advance();
+  void write_time(Call& call) const;
+  void step_if_all_wait();
+  void count_program_steps();
+
+  void refresh_shape();  // these two need the lock
+  void follow_growth();  // which the program may have caused
+  std::shared_ptr<const Shape> shape() const;
+
+  Batch& batch_;
+  const Task* const task_;  // null without one
+  const ServerConfig config_;
+  const std::function<void(std::function<void()>)> run_aside_;
+  const bool flies_by_rotors_;
+  const double step_s_;
+  std::function<void()> on_new_rate_;
+  Executor executor_;
+  Publisher publisher_;
+  RateMeter rate_;
+  std::int64_t last_tick_ = 0;  // of the first env
+
+  mutable std::mutex shape_mutex_;
+  std::shared_ptr<const Shape> shape_;  // replaced, never changed
+
+  mutable std::mutex owners_mutex_;
+  std::map<std::int64_t, std::uint32_t> owners_;  // client by drone
+  std::uint32_t last_client_ = 0;
+
+  // Used with the lock.
+  std::vector<float> positions_, rotations_;  // (N, 3), (N, 4): for calls that take rows of all drones
+  std::vector<std::uint8_t> mask_;            // (N,), see only()
+  std::vector<float> ranges_, directions_;    // of one scan
+  std::vector<float> commands_;               // (N, 4), which steps fly
+  std::vector<std::uint8_t> has_command_;     // (N,)
+  std::optional<Control> command_control_;    // of all commands
+  std::map<Client*, std::shared_ptr<Call>> lockstep_;  // members, with the step for which they wait
+
+  std::atomic<double> rate_hz_;
+  std::atomic<bool> is_tick_waiting_{false};
+  std::atomic<bool> has_lines_{false};  // a client has made a move line visible
+  std::atomic<std::int64_t> changes_{0}, answered_{0}, steps_{0};
+};
+
+}  // namespace flockstep::server

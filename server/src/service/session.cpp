@@ -1,0 +1,344 @@
+#include "service/session.hpp"
+
+#include <cmath>
+#include <type_traits>
+#include <variant>
+
+#include "flockstep/version.hpp"
+
+namespace flockstep::server {
+namespace {
+
+using protocol::Code;
+
+constexpr std::size_t kMaxHelloBytes = 4096;
+constexpr std::chrono::seconds kHelloTime{10};
+constexpr std::size_t kMaxOutbox = 256;        // messages; then nothing more is read until the client reads
+constexpr std::size_t kMaxSubscriptions = 64;  // of a client
+constexpr double kMaxStreamHz = 1000.0;
+
+// Compares in a time that does not depend on where the texts differ.
+bool is_equal(const std::string& a, const std::string& b) {
+  unsigned difference = a.size() == b.size() ? 0U : 1U;
+  for (std::size_t i = 0; i < a.size(); ++i) {
+    difference |= static_cast<unsigned char>(a[i]) ^ static_cast<unsigned char>(b.empty() ? 0 : b[i % b.size()]);
+  }
+  return difference == 0;
+}
+
+}  // namespace
+
+template <class Stream>
+Session<Stream>::Session(Sessions& sessions, Stream stream)
+    : sessions_(sessions), socket_(std::move(stream)), hello_timer_(socket_.get_executor()) {
+  ++sessions_.count;
+}
+
+template <class Stream>
+Session<Stream>::~Session() {
+  --sessions_.count;
+}
+
+// ----------------------------------------------------------------------------------------------------------------- beginning
+
+template <class Stream>
+void Session<Stream>::start() {
+  asio::dispatch(socket_.get_executor(), [self = self()] {
+    beast::get_lowest_layer(self->socket_).expires_after(kHelloTime);
+    if constexpr (std::is_same_v<Stream, TlsStream>) {
+      self->socket_.next_layer().async_handshake(asio::ssl::stream_base::server, [self](beast::error_code error) {
+        if (!error) self->accept();
+      });
+    } else {
+      self->accept();
+    }
+  });
+}
+
+template <class Stream>
+void Session<Stream>::accept() {
+  beast::get_lowest_layer(socket_).expires_never();  // from here on the WebSocket stream has its own timeouts
+  const auto idle = std::chrono::duration_cast<std::chrono::steady_clock::duration>(
+      std::chrono::duration<double>(sessions_.config.idle_timeout_s));
+  socket_.set_option(websocket::stream_base::timeout{kHelloTime, idle, true});
+  socket_.set_option(websocket::stream_base::decorator([](websocket::response_type& response) {
+    response.set(beast::http::field::server, "flockstep " FLOCKSTEP_VERSION);
+  }));
+  socket_.binary(true);
+  socket_.auto_fragment(false);
+  socket_.write_buffer_bytes(std::size_t{1} << 16);
+  socket_.read_message_max(kMaxHelloBytes);
+  hello_timer_.expires_after(kHelloTime);
+  hello_timer_.async_wait([weak = this->weak_from_this()](beast::error_code error) {
+    const auto self = weak.lock();
+    if (error || !self || self->is_open_) return;
+    self->close(websocket::close_code::policy_error, "expected Hello within 10 s");
+  });
+  socket_.async_accept([self = self()](beast::error_code error) {
+    if (!error) self->read();
+  });
+}
+
+template <class Stream>
+void Session<Stream>::open(const std::shared_ptr<Call>& call) {
+  const auto* const hello = std::get_if<protocol::Hello>(&call->request.operation);
+  const std::uint64_t id = call->request.id;
+  if (hello == nullptr) return refuse(id, Code::kFailedPrecondition, "expected Hello as the first request", true);
+  if (!is_equal(hello->token, sessions_.config.token)) {
+    return refuse(id, Code::kUnauthenticated,
+                  hello->token.empty() ? "token: this server requires one" : "token: wrong", true);
+  }
+  if (sessions_.count > sessions_.config.max_clients) {
+    return refuse(id, Code::kResourceExhausted,
+                  "this server has " + std::to_string(sessions_.config.max_clients) + " clients, its maximum", true);
+  }
+  sessions_.service.welcome(*call);
+  is_ending_ = std::holds_alternative<protocol::Error>(call->reply.result);
+  is_open_ = !is_ending_;
+  hello_timer_.cancel();
+  socket_.read_message_max(0);  // take_header() limits each operation
+  call->finish();
+  send(call);
+}
+
+// ------------------------------------------------------------------------------------------------------------------ requests
+
+template <class Stream>
+void Session<Stream>::read() {
+  if (is_reading_ || is_ending_ || is_gone_ || outbox_.size() >= kMaxOutbox) return;
+  is_reading_ = true;
+  constexpr std::size_t kMost = std::size_t{1} << 18;
+  socket_.async_read_some(buffer_, kMost, [self = self()](beast::error_code error, std::size_t) {
+    self->is_reading_ = false;
+    if (error) return self->end();
+    if (!self->take_header()) return;
+    if (self->socket_.is_message_done()) self->take_message();
+    self->read();
+  });
+}
+
+template <class Stream>
+bool Session<Stream>::take_header() {
+  const std::string_view bytes(static_cast<const char*>(buffer_.data().data()), buffer_.size());
+  const auto refused = [&](Code code, const std::string& text) {
+    refuse(incoming_ ? incoming_->id : 0, code, text, true);
+    return false;
+  };
+  if (!socket_.got_binary()) {
+    close(websocket::close_code::unknown_data, "expected binary messages");
+    return false;
+  }
+  if (!incoming_) {
+    try {
+      const std::size_t header = protocol::header_size(bytes);
+      if (bytes.size() < sizeof(std::uint32_t) || bytes.size() - sizeof(std::uint32_t) < header) return true;  // more will come
+      incoming_.emplace();
+      protocol::read_header(bytes, *incoming_);
+      const std::size_t arrays = protocol::bytes_of(std::span<const protocol::Array>(incoming_->arrays));
+      const std::size_t allowed = is_open_ ? sessions_.service.max_array_bytes(*incoming_) : 0;
+      if (arrays > allowed) {
+        return refused(Code::kResourceExhausted, "arrays: expected at most " + std::to_string(allowed) +
+                                                     " bytes for this operation, got " + std::to_string(arrays));
+      }
+      incoming_bytes_ = sizeof(std::uint32_t) + header + arrays;
+    } catch (const std::exception& error) {
+      return refused(Code::kInvalidArgument, std::string("message: ") + error.what());
+    }
+  }
+  if (bytes.size() > incoming_bytes_) {
+    return refused(Code::kInvalidArgument, "message: expected " + std::to_string(incoming_bytes_) + " bytes, got more");
+  }
+  return true;
+}
+
+template <class Stream>
+void Session<Stream>::take_message() {
+  const std::size_t size = buffer_.size();
+  const auto call = std::make_shared<Call>();
+  call->client = self();
+  call->bytes.assign(static_cast<const char*>(buffer_.data().data()), size);
+  buffer_.consume(size);
+  if (!incoming_ || size != incoming_bytes_) {
+    return refuse(incoming_ ? incoming_->id : 0, Code::kInvalidArgument, "message: it is cut short", true);
+  }
+  call->request = std::move(*incoming_);
+  incoming_.reset();
+  if (!is_open_) return open(call);
+  if (waiting_.size() >= static_cast<std::size_t>(sessions_.config.max_requests)) {
+    return refuse(call->request.id, Code::kResourceExhausted,
+                  "this client has " + std::to_string(waiting_.size()) + " unanswered requests, the maximum", false);
+  }
+  waiting_.push_back(call);
+  dispatch_next();
+}
+
+template <class Stream>
+void Session<Stream>::dispatch_next() {
+  if (is_busy_ || waiting_.empty() || is_gone_) return;
+  is_busy_ = true;
+  const std::shared_ptr<Call> call = std::move(waiting_.front());
+  waiting_.pop_front();
+  if (const auto* const wanted = std::get_if<protocol::Subscribe>(&call->request.operation)) return subscribe(call, *wanted);
+  if (const auto* const ended = std::get_if<protocol::Unsubscribe>(&call->request.operation)) return unsubscribe(call, *ended);
+  sessions_.service.answer(call);
+}
+
+template <class Stream>
+void Session<Stream>::deliver(const std::shared_ptr<Call>& call) {
+  asio::dispatch(socket_.get_executor(), [self = self(), call] {
+    if (!call->is_of_stream) {
+      self->is_busy_ = false;
+    } else if (std::holds_alternative<protocol::Error>(call->reply.result)) {
+      self->subscriptions_.erase(call->request.id);  // the error is its end
+    }
+    self->send(call);
+    self->dispatch_next();
+  });
+}
+
+template <class Stream>
+void Session<Stream>::refuse(std::uint64_t id, Code code, const std::string& text, bool ends) {
+  const auto call = std::make_shared<Call>();
+  call->request.id = id;
+  call->fail(code, text);
+  call->finish();
+  is_ending_ |= ends;
+  send(call);
+}
+
+// ------------------------------------------------------------------------------------------------------------------- streams
+
+template <class Stream>
+void Session<Stream>::subscribe(const std::shared_ptr<Call>& call, const protocol::Subscribe& subscribe) {
+  const auto refused = [&](Code code, const std::string& text) {
+    call->fail(code, text);
+    call->finish();
+    deliver(call);
+  };
+  const double rate = subscribe.rate_hz;
+  if (!(rate > 0.0) || rate > kMaxStreamHz) {
+    return refused(Code::kInvalidArgument, "rate_hz: expected a number in (0, 1000], got " + std::to_string(rate));
+  }
+  if (subscribe.what.index() == 0) return refused(Code::kInvalidArgument, "what: expected one of arrays, lidar, camera, fps, got none");
+  if (subscriptions_.size() >= kMaxSubscriptions) {
+    return refused(Code::kResourceExhausted, "this client has " + std::to_string(kMaxSubscriptions) + " streams, the maximum");
+  }
+  if (subscriptions_.contains(call->request.id)) {
+    return refused(Code::kInvalidArgument, "id: expected one that no stream of this client has");
+  }
+  const auto period = std::chrono::duration_cast<std::chrono::steady_clock::duration>(std::chrono::duration<double>(1.0 / rate));
+  subscriptions_.emplace(call->request.id, std::make_shared<Subscription>(Subscription{
+                                               .what = subscribe, .timer = Timer(socket_.get_executor()), .period = period}));
+  is_busy_ = false;
+  subscriptions_.at(call->request.id)->timer.expires_after(std::chrono::seconds(0));
+  wait_for(call->request.id);
+  dispatch_next();
+}
+
+template <class Stream>
+void Session<Stream>::wait_for(std::uint64_t id) {
+  const auto found = subscriptions_.find(id);
+  if (found == subscriptions_.end()) return;
+  found->second->timer.async_wait([weak = this->weak_from_this(), id, stream = std::weak_ptr(found->second)](beast::error_code error) {
+    const auto self = weak.lock();
+    const auto subscription = stream.lock();
+    if (error || !self || !subscription || self->is_gone_ || self->is_ending_) return;
+    // The next time is a multiple of the period, unless it is late already.
+    const auto now = std::chrono::steady_clock::now();
+    subscription->timer.expires_at(std::max(subscription->timer.expiry() + subscription->period, now));
+    const std::int64_t change = self->sessions_.service.changes();
+    const bool is_new = !subscription->what.only_new || change != subscription->last_change;
+    if (!subscription->is_pending && is_new) {
+      subscription->is_pending = true;
+      subscription->last_change = change;
+      const auto call = std::make_shared<Call>();
+      call->client = self;
+      call->is_of_stream = true;
+      call->request.id = id;
+      std::visit(
+          [&](const auto& what) {
+            if constexpr (!std::is_same_v<std::decay_t<decltype(what)>, std::monostate>) call->request.operation = what;
+          },
+          subscription->what.what);
+      self->sessions_.service.answer(call);
+    }
+    self->wait_for(id);
+  });
+}
+
+template <class Stream>
+void Session<Stream>::unsubscribe(const std::shared_ptr<Call>& call, const protocol::Unsubscribe& unsubscribe) {
+  if (subscriptions_.erase(unsubscribe.stream) == 0) {
+    call->fail(Code::kNotFound, "stream: expected the id of a Subscribe request, got " + std::to_string(unsubscribe.stream));
+  } else {
+    call->result<protocol::Done>();
+  }
+  call->finish();
+  deliver(call);
+}
+
+// ------------------------------------------------------------------------------------------------------------------- replies
+
+template <class Stream>
+void Session<Stream>::send(const std::shared_ptr<Call>& call) {
+  if (is_gone_) return;
+  if (call->is_of_stream && !subscriptions_.contains(call->request.id) &&
+      !std::holds_alternative<protocol::Error>(call->reply.result)) {
+    return;  // unsubscribed in the meantime
+  }
+  outbox_.push_back(call);
+  if (outbox_.size() == 1) write();
+}
+
+template <class Stream>
+void Session<Stream>::write() {
+  const Call& call = *outbox_.front();
+  const std::array<asio::const_buffer, 2> parts{asio::buffer(call.writer.header()), asio::buffer(call.writer.values())};
+  socket_.async_write(parts, [self = self()](beast::error_code error, std::size_t) {
+    if (error) return self->end();
+    const std::shared_ptr<Call> sent = std::move(self->outbox_.front());
+    self->outbox_.pop_front();
+    if (sent->is_of_stream) {
+      if (const auto stream = self->subscriptions_.find(sent->request.id); stream != self->subscriptions_.end()) {
+        stream->second->is_pending = false;
+      }
+    }
+    if (!self->outbox_.empty()) {
+      self->write();
+    } else if (self->is_ending_) {
+      self->close(websocket::close_code::policy_error, "refused");
+    }
+    self->read();
+  });
+}
+
+// ---------------------------------------------------------------------------------------------------------------------- end
+
+template <class Stream>
+void Session<Stream>::stop(const std::string& reason) {
+  asio::dispatch(socket_.get_executor(), [self = self(), reason] { self->close(websocket::close_code::going_away, reason); });
+}
+
+template <class Stream>
+void Session<Stream>::close(websocket::close_code code, const std::string& reason) {
+  if (is_gone_ || !socket_.is_open()) return end();
+  is_ending_ = true;
+  if (std::exchange(is_closing_, true)) return;
+  socket_.async_close({code, reason}, [self = self()](beast::error_code) { self->end(); });
+}
+
+template <class Stream>
+void Session<Stream>::end() {
+  if (std::exchange(is_gone_, true)) return;
+  hello_timer_.cancel();
+  subscriptions_.clear();
+  waiting_.clear();
+  beast::get_lowest_layer(socket_).close();
+  if (is_open_) sessions_.service.leave(*this);
+}
+
+template class Session<TcpStream>;
+template class Session<TlsStream>;
+template class Session<UnixStream>;
+
+}  // namespace flockstep::server

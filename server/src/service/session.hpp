@@ -1,0 +1,106 @@
+// Session: a client's connection. Requests come in and replies go out as WebSocket messages, over TCP, TLS or a Unix socket.
+#pragma once
+
+#include <utility> // Boost 1.74 uses std::exchange without it
+
+#include <boost/asio.hpp>
+#include <boost/asio/ssl.hpp>
+#include <boost/beast/core.hpp>
+#include <boost/beast/ssl.hpp>
+#include <boost/beast/websocket.hpp>
+
+#include <atomic>
+#include <chrono>
+#include <cstddef>
+#include <cstdint>
+#include <deque>
+#include <map>
+#include <memory>
+#include <optional>
+#include <string>
+#include <string_view>
+
+#include "service/call.hpp"
+#include "service/service.hpp"
+
+namespace flockstep::server {
+
+namespace asio = boost::asio;
+namespace beast = boost::beast;
+namespace websocket = beast::websocket;
+
+using TcpStream = beast::tcp_stream;
+using TlsStream = beast::ssl_stream<beast::tcp_stream>;
+using UnixStream = beast::basic_stream<asio::local::stream_protocol, asio::any_io_executor, beast::unlimited_rate_policy>;
+
+// What all sessions of a server share.
+struct Sessions {
+  Service& service;
+  const ServerConfig& config;
+  std::atomic<int> count{0};
+};
+
+// All handlers run in the strand of the stream.
+template <class Stream>
+class Session final : public Client, public std::enable_shared_from_this<Session<Stream>> {
+ public:
+  Session(Sessions& sessions, Stream stream);
+  ~Session() override;
+
+  void start();
+  // Ends the session with a reason, from any thread.
+  void stop(const std::string& reason);
+  void deliver(const std::shared_ptr<Call>& call) override;
+
+ private:
+  using Self = Session<Stream>;
+  using Timer = asio::steady_timer;
+
+  struct Subscription {
+    protocol::Subscribe what;
+    Timer timer;
+    std::chrono::steady_clock::duration period;
+    bool is_pending = false;        // a value is being made, or waits to be sent
+    std::int64_t last_change = -1;  // of the value that was sent last
+  };
+
+  void accept();
+  void read();
+  // Takes what has come of a message; returns false if the session ends.
+  bool take_header();
+  void take_message();
+  void dispatch_next();
+  void open(const std::shared_ptr<Call>& hello);
+  void refuse(std::uint64_t id, protocol::Code code, const std::string& text, bool ends);
+  void subscribe(const std::shared_ptr<Call>& call, const protocol::Subscribe& subscribe);
+  void unsubscribe(const std::shared_ptr<Call>& call, const protocol::Unsubscribe& unsubscribe);
+  void wait_for(std::uint64_t id);
+  void send(const std::shared_ptr<Call>& call);
+  void write();
+  void close(websocket::close_code code, const std::string& reason);
+  void end();
+  std::shared_ptr<Self> self() { return this->shared_from_this(); }
+
+  Sessions& sessions_;
+  websocket::stream<Stream> socket_;
+  beast::flat_buffer buffer_;
+  Timer hello_timer_;
+
+  bool is_open_ = false;    // Hello was answered
+  bool is_ending_ = false;  // no more is read; the connection closes when all is sent
+  bool is_closing_ = false;
+  bool is_gone_ = false;
+  bool is_reading_ = false;
+  bool is_busy_ = false;  // a request is being answered
+  std::optional<protocol::Request> incoming_;  // header of the message that is coming in
+  std::size_t incoming_bytes_ = 0;             // of the whole message
+  std::deque<std::shared_ptr<Call>> waiting_;
+  std::deque<std::shared_ptr<Call>> outbox_;  // the first is being written
+  std::map<std::uint64_t, std::shared_ptr<Subscription>> subscriptions_;
+};
+
+extern template class Session<TcpStream>;
+extern template class Session<TlsStream>;
+extern template class Session<UnixStream>;
+
+}  // namespace flockstep::server

@@ -1,0 +1,146 @@
+// Operations on worlds, and those of the session.
+#include <algorithm>
+#include <array>
+#include <string>
+#include <utility>
+
+#include "base/require.hpp"
+#include "flockstep/survey.hpp"
+#include "service/service.hpp"
+
+namespace flockstep::server {
+namespace {
+
+using protocol::Code;
+
+protocol::Vector3 message_of(const Vec3& v) { return {.x = v.x(), .y = v.y(), .z = v.z()}; }
+protocol::Vector3 message_of(const std::array<float, 3>& v) { return {.x = v[0], .y = v[1], .z = v[2]}; }
+
+void set_if_given(std::array<float, 3>& value, const std::optional<protocol::Vector3>& given) {
+  if (given) value = {given->x, given->y, given->z};
+}
+
+void add_points(protocol::FrameWriter& writer, const char* name, const std::vector<Vec3>& points) {
+  static_assert(sizeof(Vec3) == 3 * sizeof(float));
+  writer.add(name, std::span(reinterpret_cast<const float*>(points.data()), 3 * points.size()), {points.size(), std::size_t{3}});
+}
+
+}  // namespace
+
+void Service::now(Call&, const protocol::Ping&) {}
+
+void Service::now(Call& call, const protocol::Claim& claim) {
+  const std::int64_t count = shape()->num_drones();
+  const std::scoped_lock lock(owners_mutex_);
+  for (const std::int64_t drone : claim.drones) {
+    if (drone < 0 || drone >= count) {
+      throw Refusal(Code::kNotFound, "drones: expected indices below " + std::to_string(count) + ", got " + std::to_string(drone));
+    }
+    const auto owner = owners_.find(drone);
+    if (owner != owners_.end() && owner->second != call.client->number) {
+      throw Refusal(Code::kPermissionDenied,
+                    "drone " + std::to_string(drone) + " is claimed by client " + std::to_string(owner->second));
+    }
+  }
+  for (const std::int64_t drone : claim.drones) owners_[drone] = call.client->number;
+}
+
+void Service::now(Call& call, const protocol::Release& release) {
+  const std::scoped_lock lock(owners_mutex_);
+  for (const std::int64_t drone : release.drones) {
+    const auto owner = owners_.find(drone);
+    if (owner != owners_.end() && owner->second == call.client->number) owners_.erase(owner);
+  }
+}
+
+void Service::now(Call& call, const protocol::GetFps&) {
+  const RateMeter::Rates rates = rate_.rates();
+  call.result<protocol::Fps>() = {.fps = rates.fps, .real_time_factor = rates.real_time_factor};
+}
+
+void Service::now(Call& call, const protocol::GetWorlds&) {
+  auto& worlds = call.result<protocol::Worlds>().worlds;
+  const auto now = shape();
+  for (const auto& world : now->worlds) {
+    protocol::World& message = worlds.emplace_back();
+    message.name = world->name();
+    message.content_hash = world->content_hash();
+    message.min = message_of(world->bounds().min);
+    message.max = message_of(world->bounds().max);
+    if (world->markers().start) message.start = message_of(*world->markers().start);
+    if (world->markers().goal) message.goal = message_of(*world->markers().goal);
+  }
+}
+
+void Service::now(Call& call, const protocol::GetLight& get) {
+  const Light light = world(get.world)->light();
+  auto& message = call.result<protocol::Light>();
+  message.sun_direction = message_of(light.sun_direction);
+  message.sun_color = message_of(light.sun_color);
+  message.sky_ambient = message_of(light.sky_ambient);
+  message.ground_ambient = message_of(light.ground_ambient);
+  message.zenith_color = message_of(light.zenith_color);
+  message.horizon_color = message_of(light.horizon_color);
+}
+
+void Service::locked(Call& call, const protocol::SetLight& set) {
+  require_may_change(call, std::span<const std::uint8_t>());
+  Light light = world(set.world)->light();
+  const protocol::Light given = set.light.value_or(protocol::Light());
+  set_if_given(light.sun_direction, given.sun_direction);
+  set_if_given(light.sun_color, given.sun_color);
+  set_if_given(light.sky_ambient, given.sky_ambient);
+  set_if_given(light.ground_ambient, given.ground_ambient);
+  set_if_given(light.zenith_color, given.zenith_color);
+  set_if_given(light.horizon_color, given.horizon_color);
+  begin_change();
+  batch_.set_light(set.world, {.light = light, .tint = {}});
+  refresh_shape();
+}
+
+void Service::locked(Call& call, const protocol::SetWorld& set) {
+  const auto now = shape();
+  if (set.env < 0 || set.env >= now->num_envs) {
+    throw Refusal(Code::kNotFound, "env: expected an index below " + std::to_string(now->num_envs) + ", got " + std::to_string(set.env));
+  }
+  static_cast<void>(world(set.world));
+  const auto env = static_cast<std::size_t>(set.env), members = static_cast<std::size_t>(now->drones_per_env);
+  std::vector<std::uint8_t> drones(static_cast<std::size_t>(now->num_drones()), 0), envs(static_cast<std::size_t>(now->num_envs), 0);
+  std::fill_n(drones.begin() + static_cast<std::ptrdiff_t>(env * members), members, std::uint8_t{1});
+  require_may_change(call, drones);
+  envs[env] = 1;
+  begin_change();
+  batch_.set_world(std::vector<std::int32_t>(envs.size(), static_cast<std::int32_t>(set.world)), envs);
+}
+
+void Service::aside(Call& call, const protocol::GetMesh& get) {
+  std::vector<std::int32_t> objects;
+  const TriangleMesh mesh = world(get.world)->mesh(1e-3F, &objects);
+  add_points(call.writer, "vertices", mesh.vertices);
+  const std::size_t triangles = mesh.triangles.size();
+  call.writer.add("triangles", std::span(reinterpret_cast<const std::int32_t*>(mesh.triangles.data()), 3 * triangles),
+                  {triangles, std::size_t{3}});
+  call.writer.add("objects", std::span<const std::int32_t>(objects), {objects.size()});
+}
+
+void Service::aside(Call& call, const protocol::GetPointCloud& get) {
+  const PointCloud cloud = point_cloud(*world(get.world), get.spacing_m);
+  add_points(call.writer, "points", cloud.points);
+  add_points(call.writer, "normals", cloud.normals);
+  call.writer.add("semantic", std::span<const std::uint16_t>(cloud.semantic), {cloud.semantic.size()});
+  call.writer.add("objects", std::span<const std::int32_t>(cloud.objects), {cloud.objects.size()});
+}
+
+void Service::aside(Call& call, const protocol::GetBoxes& get) {
+  const ObjectList list = objects(*world(get.world));
+  std::vector<Vec3> min, max;
+  for (const Aabb& box : list.boxes) {
+    min.push_back(box.min);
+    max.push_back(box.max);
+  }
+  add_points(call.writer, "min", min);
+  add_points(call.writer, "max", max);
+  call.writer.add("materials", std::span<const std::int32_t>(list.materials), {list.materials.size()});
+}
+
+}  // namespace flockstep::server
