@@ -264,9 +264,11 @@ std::size_t camera_of(const Batch& batch, const std::optional<std::string>& name
 }
 
 py::array_t<float> random(const Batch& batch, std::uint32_t stream, int count) {
-  py::array_t<float> numbers({num_envs(batch), static_cast<py::ssize_t>(std::max(count, 0))});
-  in_turn(batch, [&] { batch.random(stream, count, {numbers.mutable_data(), static_cast<std::size_t>(numbers.size())}); });
-  return numbers;
+  return in_turn(batch, [&] {  // the number of envs may change until then
+    py::array_t<float> numbers({num_envs(batch), static_cast<py::ssize_t>(std::max(count, 0))});
+    batch.random(stream, count, {numbers.mutable_data(), static_cast<std::size_t>(numbers.size())});
+    return numbers;
+  });
 }
 
 // Getters for the arrays' properties.

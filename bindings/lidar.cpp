@@ -34,12 +34,14 @@ Viewed<LidarReadings> readings_of(const py::object& self, const char* name) {
 }
 
 py::array_t<float> per_ray(const LidarView& lidar, void (Batch::*fill)(std::span<float>, std::size_t) const) {
-  Shape shape = lidar.shape();
-  shape.push_back(3);
-  py::array_t<float> array(shape);
   const Batch& batch = lidar.batch();
-  in_turn(batch, [&] { (batch.*fill)({array.mutable_data(), static_cast<std::size_t>(array.size())}, lidar.index); });
-  return array;
+  return in_turn(batch, [&] {  // the shape may change until then
+    Shape shape = lidar.shape();
+    shape.push_back(3);
+    py::array_t<float> array(shape);
+    (batch.*fill)({array.mutable_data(), static_cast<std::size_t>(array.size())}, lidar.index);
+    return array;
+  });
 }
 
 }  // namespace

@@ -195,6 +195,7 @@ SpawnPlan plan_spawn(const Simulation& sim, std::span<const std::int64_t> indice
 }
 
 std::shared_ptr<Simulation> resized(Simulation& sim, BatchConfig config) {
+  config.num_threads = sim.workers.num_threads();  // the renderer has memory for these; the default may have changed meanwhile
   const auto next =
       std::make_shared<Simulation>(std::move(config), sim.worlds, nullptr, sim.drone_model, std::span<const std::int32_t>());
   if (sim.cameras.awaits_drones()) {
