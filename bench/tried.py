@@ -9,7 +9,7 @@ watertight    rays at corners and edges of closed meshes, in tiles: none passes 
 independence  rays in tiles, traced beside other rays and singly: the same bits
 worlds   seeds of the generated worlds: each has a flown path, and in every fiftieth a planner finds one
 extensions   the patches of tests/extensions, applied to a copy, built and run; only if named
-scene, obj, ply, gltf, snapshot, calls   the fuzzers, with address and undefined-behaviour sanitizers
+scene, obj, ply, gltf, snapshot, calls, messages   the fuzzers, with address and undefined-behaviour sanitizers
 
 Each writes its number of trials to out/tried/NAME.json; bench/table.py --keep copies it from there. The first seven run
 in parts, each with its own seeds, and write after each part. A stopped run continues with the next part, on another
@@ -47,7 +47,7 @@ UNITS = dict.fromkeys(("agreement", "watertight", "independence"), "rays")  # un
 #: Generators of worlds, and the cell size (m) with which a planner finds a path in each.
 WORLDS = {"forest": 0.5, "office": 0.5, "warehouse": 0.6}
 SEEDS, PLANNED = 1000, 50  # seeds per generator; one world in PLANNED is planned
-FUZZERS = ("scene", "obj", "ply", "gltf", "snapshot", "calls")
+FUZZERS = ("scene", "obj", "ply", "gltf", "snapshot", "calls", "messages")
 RUNS, HOUR_S = 1_000_000, 3600  # limits of a fuzzer, whichever is reached first
 
 

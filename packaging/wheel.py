@@ -44,8 +44,10 @@ COMPILED_IN = (
     "nlohmann-json3-dev",
     "libbullet-dev",
     "libhwy-dev",
+    "libboost-dev",
     "libopencv-core-dev",
     "libopencv-imgproc-dev",
+    "libprotozero-dev",
 )
 #: Dependencies of Debian's OpenCV that our link leaves out.
 UNWANTED = re.compile(r"lib(GL|EGL|OpenGL|X11|xcb|stdc\+\+|gcc_s|blas|cblas|lapack|openblas|gfortran|quadmath|opencv)")

@@ -16,14 +16,15 @@ void ply(Bytes input);       // a PLY file
 void gltf(Bytes input);      // a glTF file, text or binary
 void snapshot(Bytes input);  // a snapshot with edited bytes and a valid checksum
 void calls(Bytes input);     // a sequence of calls on a batch
+void messages(Bytes input);  // messages of two clients to a server
 
 struct Target {
   const char* name;
   void (*run)(Bytes input);
 };
 inline const std::vector<Target>& targets() {
-  static const std::vector<Target> all{{"scene", scene}, {"obj", obj},           {"ply", ply},
-                                       {"gltf", gltf},   {"snapshot", snapshot}, {"calls", calls}};
+  static const std::vector<Target> all{{"scene", scene},       {"obj", obj},     {"ply", ply},          {"gltf", gltf},
+                                       {"snapshot", snapshot}, {"calls", calls}, {"messages", messages}};
   return all;
 }
 

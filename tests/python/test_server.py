@@ -1,0 +1,646 @@
+"""The server: what clients may do and when, and faults of clients and of the network."""
+
+import contextlib
+import os
+import resource
+import signal
+import socket
+import ssl
+import struct
+import subprocess
+import sys
+import threading
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+from websockets.exceptions import ConnectionClosed
+from websockets.sync.client import connect as connect_websocket
+
+import flockstep
+from flockstep.client.frames import decode, encode
+from flockstep.client.protocol_pb2 import Hello, Ping, Request, Step
+from flockstep.client import protocol_pb2 as pb
+
+CERTIFICATES = Path(__file__).parent / "certificates"
+SECRET = "a-secret"
+
+
+@pytest.fixture
+def batch():
+    return flockstep.Batch("playground/train-1", 4, drones_per_env=4, lidar=flockstep.LidarConfig(beams=5))
+
+
+@pytest.fixture
+def server(batch):
+    with flockstep.serve(batch, port=0) as server:
+        yield server
+
+
+@pytest.fixture
+def client(server):
+    with flockstep.connect(server.address) as client:
+        yield client
+
+
+class Raw:
+    """A connection that sends any bytes."""
+
+    def __init__(self, server, hello=True):
+        self.socket = connect_websocket(f"ws://{server.address}/", compression=None, max_size=None, proxy=None)
+        if hello:
+            assert self.ask(Request(id=1, hello=Hello(protocol=1))).welcome.protocol == 1
+
+    def ask(self, request, **arrays):
+        self.socket.send(encode(request, arrays))
+        return self.reply()
+
+    def reply(self, timeout=10):
+        return decode(self.socket.recv(timeout))[0]
+
+    def send(self, data):
+        self.socket.send(data)
+
+    def is_closed(self):
+        with contextlib.suppress(ConnectionClosed, TimeoutError):
+            while True:
+                self.socket.recv(10)
+        return self.socket.close_code is not None
+
+    def __enter__(self):
+        return self
+
+    def __exit__(self, *_):
+        self.socket.socket.close()
+
+
+def in_thread(function):
+    thread = threading.Thread(target=function, daemon=True)
+    thread.start()
+    return thread
+
+
+# ---------------------------------------------------------------------------------------------------------------- addresses
+
+
+def test_an_address_of_the_network_needs_a_token(batch):
+    with pytest.raises(ValueError, match=r"token: expected a secret, because other machines reach the address 0\.0\.0\.0"):
+        flockstep.serve(batch, address="0.0.0.0", port=0)
+    with flockstep.serve(batch, address="0.0.0.0", port=0, token=SECRET) as server:
+        with flockstep.connect(f"127.0.0.1:{server.port}", token=SECRET) as client:
+            client.ping()
+
+
+@pytest.mark.parametrize(
+    ("fields", "message"),
+    [
+        ({"address": "nowhere.example"}, "address: expected an IP address, localhost or unix:PATH"),
+        ({"address": "unix:"}, "address: expected unix:PATH"),
+        ({"port": 65536}, r"port: expected a number in \[0, 65535\]"),
+        ({"certificate_file": "a.pem"}, "private_key_file: expected both a certificate and its private key"),
+        ({"rate_hz": float("nan")}, "rate_hz: expected"),
+        ({"max_clients": 0}, "max_clients: expected"),
+        ({"tokn": "x"}, "tokn.*Did you mean token"),
+    ],
+)
+def test_bad_configurations_are_refused(batch, fields, message):
+    with pytest.raises((ValueError, TypeError), match=message):
+        flockstep.serve(batch, **{"port": 0} | fields)
+    batch.sense()  # the batch is not shared afterwards
+
+
+def test_a_port_that_is_taken_says_so(server, batch):
+    other = flockstep.Batch("playground/train-1", 1)
+    with pytest.raises(RuntimeError, match=r"port \d+: Address already in use; another server may run there"):
+        flockstep.serve(other, port=server.port)
+
+
+def test_a_unix_socket_is_only_for_its_owner(batch, tmp_path):
+    path = tmp_path / "socket"
+    with flockstep.serve(batch, address=f"unix:{path}") as server:
+        assert path.stat().st_mode & 0o777 == 0o600
+        with flockstep.connect(server.address) as client:
+            assert len(client.get_drones()) == 4
+    assert not path.exists()
+
+
+def test_tls_needs_a_trusted_certificate(batch):
+    files = {"certificate_file": str(CERTIFICATES / "server.crt"), "private_key_file": str(CERTIFICATES / "server.key")}
+    with flockstep.serve(batch, port=0, **files) as server:
+        url = f"wss://localhost:{server.port}"
+        with flockstep.connect(url, ca_file=CERTIFICATES / "server.crt") as client:
+            assert len(client.get_drones()) == 4
+        with pytest.raises(ConnectionError, match="certificate"):
+            flockstep.connect(url, ca_file=CERTIFICATES / "other.crt")
+        with pytest.raises(ConnectionError):
+            flockstep.connect(server.address, timeout_s=5)
+        with flockstep.connect(url, ca_file=CERTIFICATES / "server.crt") as client:
+            client.ping()
+
+
+def test_files_of_tls_that_cannot_be_read_are_named(batch, tmp_path):
+    (tmp_path / "bad.pem").write_text("no certificate")
+    with pytest.raises(RuntimeError, match="certificate_file, private_key_file: cannot be used"):
+        flockstep.serve(batch, port=0, certificate_file=str(tmp_path / "bad.pem"), private_key_file="missing.pem")
+
+
+# -------------------------------------------------------------------------------------------------------------------- Hello
+
+
+@pytest.mark.parametrize("token", ["", "b-secret", SECRET[:-1], SECRET + "x"])
+def test_a_wrong_token_is_refused(batch, token):
+    with flockstep.serve(batch, port=0, token=SECRET) as server:
+        with pytest.raises(flockstep.client.ServerError, match="token") as refusal:
+            flockstep.connect(server.address, token=token)
+        assert refusal.value.code == "UNAUTHENTICATED"
+        with flockstep.connect(server.address, token=SECRET) as client:
+            client.ping()
+
+
+def test_nothing_comes_before_hello(server):
+    with Raw(server, hello=False) as raw:
+        assert raw.ask(Request(id=9, ping=Ping())).error.code == pb.FAILED_PRECONDITION
+        assert raw.is_closed()
+    with Raw(server, hello=False) as raw:  # arrays neither
+        large = encode(Request(id=9, hello=Hello(protocol=1)), {"actions": np.zeros(5000, np.float32)})
+        with contextlib.suppress(ConnectionClosed):
+            raw.send(large)
+        assert raw.is_closed()
+
+
+@pytest.mark.parametrize("version", [0, 2, 4294967295])
+def test_another_version_is_refused_in_words(server, version):
+    with Raw(server, hello=False) as raw:
+        error = raw.ask(Request(id=1, hello=Hello(protocol=version))).error
+        assert error.code == pb.FAILED_PRECONDITION
+        assert f"got {version}; install the same version on both sides" in error.text
+        assert raw.is_closed()
+
+
+def test_fields_of_newer_clients_are_skipped(server):
+    with Raw(server) as raw:
+        header = Request(id=2, ping=Ping()).SerializeToString() + bytes([0xF8, 0x3F, 7])  # field 1023, varint 7
+        raw.send(struct.pack("<I", len(header)) + header)
+        assert raw.reply().HasField("done")
+
+
+def test_operations_of_newer_clients_are_unknown(server):
+    with Raw(server) as raw:
+        header = bytes([0x08, 5, 0xFA, 0x3F, 0])  # id 5; field 1023, an empty message
+        raw.send(struct.pack("<I", len(header)) + header)
+        reply = raw.reply()
+        assert reply.id == 5 and reply.error.code == pb.UNIMPLEMENTED
+        assert raw.ask(Request(id=6, ping=Ping())).HasField("done")
+
+
+# ----------------------------------------------------------------------------------------------------------------- messages
+
+
+def test_numbers_that_are_not_finite_are_refused(server, client):
+    before = client.get_arrays(["position"])["position"]
+    with Raw(server) as raw:
+        for value in (float("nan"), float("inf"), -float("inf")):
+            location = pb.Vector3(x=value)
+            error = raw.ask(Request(id=2, set_location=pb.SetLocation(drone=0, location=location))).error
+            assert error.code == pb.INVALID_ARGUMENT
+            raw.__exit__()
+            raw = Raw(server)
+            error = raw.ask(Request(id=2, set_poses=pb.SetPoses()), position=np.full((4, 3), value, np.float32)).error
+            assert error.code == pb.INVALID_ARGUMENT and "finite" in error.text
+    np.testing.assert_array_equal(client.get_arrays(["position"])["position"], before)
+
+
+@pytest.mark.parametrize("drone", [-1, 4, 1 << 40, -(1 << 63)])
+def test_foreign_drones_are_not_found(client, drone):
+    for ask in (
+        lambda: client.drone(drone).get_location(),
+        lambda: client.drone(drone).set_location([0, 0, 1]),
+        lambda: client.drone(drone).get_lidar_data(),
+        lambda: client.drone(drone).remove(),
+        lambda: client.drone(drone).claim(),
+    ):
+        with pytest.raises(flockstep.client.ServerError) as refusal:
+            ask()
+        assert refusal.value.code == "NOT_FOUND"
+
+
+def test_arrays_are_checked(server):
+    wrong = {
+        "position: expected shape (4, 3)": {"position": np.zeros((3, 3), np.float32)},
+        "position: expected values of type": {"position": np.zeros((4, 3))},
+        "arrays: expected position, quat_wxyz, mask": {"positions": np.zeros((4, 3), np.float32)},
+        "mask: expected flags": {"mask": np.full(4, 2, np.uint8).view(np.bool_)},
+    }
+    for text, arrays in wrong.items():
+        with Raw(server) as raw:
+            error = raw.ask(Request(id=2, set_poses=pb.SetPoses(teleport=True)), **arrays).error
+            assert text in error.text
+
+
+@pytest.mark.parametrize("size", [0, 3, 4, 5, 30])
+def test_messages_that_are_cut_short_end_the_session(server, size):
+    whole = encode(Request(id=2, set_poses=pb.SetPoses()), {"mask": np.zeros(4, np.bool_)})
+    with Raw(server) as raw:
+        raw.send(whole[: min(size, len(whole) - 1)])
+        assert raw.reply().error.code == pb.INVALID_ARGUMENT
+        assert raw.is_closed()
+
+
+def test_messages_that_are_too_long_end_the_session(server):
+    with Raw(server) as raw:
+        arrays = {"position": np.zeros((1000, 3), np.float32)}
+        error = raw.ask(Request(id=2, set_poses=pb.SetPoses()), **arrays).error
+        assert error.code == pb.RESOURCE_EXHAUSTED and "got 12000" in error.text
+        assert raw.is_closed()
+    with Raw(server) as raw:
+        raw.send(struct.pack("<I", 1 << 31) + bytes(100))
+        assert "header of at most 65536 bytes" in raw.reply().error.text
+        assert raw.is_closed()
+    with Raw(server) as raw:
+        raw.send(encode(Request(id=2, ping=Ping()), {}) + bytes(10))
+        assert raw.reply().error.code == pb.INVALID_ARGUMENT
+        assert raw.is_closed()
+
+
+def test_claimed_sizes_are_not_allocated(server):
+    for shape in ([1 << 62, 4], [1 << 33], [0, 1 << 63], [2] * 9):
+        header = Request(id=2, restore=pb.Restore(), arrays=[pb.Array(name="snapshot", dtype=2, shape=shape)])
+        data = header.SerializeToString()
+        with Raw(server) as raw:
+            raw.send(struct.pack("<I", len(data)) + data)
+            assert raw.reply().error.code in (pb.INVALID_ARGUMENT, pb.RESOURCE_EXHAUSTED)
+
+
+def test_text_messages_end_the_session(server):
+    with Raw(server) as raw:
+        raw.socket.send("hello")
+        assert raw.is_closed()
+
+
+def test_mutated_messages_change_nothing_but_what_they_say(server, client):
+    random = np.random.default_rng(0)
+    messages = [
+        encode(Request(id=2, set_poses=pb.SetPoses()), {"mask": np.zeros(4, np.bool_)}),
+        encode(Request(id=3, get_lidar_data=pb.GetLidarData(drone=1, lidar="lidar")), {}),
+        encode(Request(id=4, get_arrays=pb.GetArrays(names=["position", "active"])), {}),
+        encode(Request(id=5, subscribe=pb.Subscribe(rate_hz=1, fps=pb.GetFps())), {}),
+        encode(Request(id=6, set_lidar_config=pb.SetLidarConfig(drone=0, config=pb.LidarConfig(hfov_deg=90))), {}),
+    ]
+    raw = Raw(server)
+    for _ in range(600):
+        data = bytearray(messages[random.integers(len(messages))])
+        for _ in range(random.integers(1, 4)):
+            data[random.integers(4 if random.random() < 0.9 else 0, len(data))] = random.integers(256)
+        try:
+            raw.send(bytes(data))
+            raw.reply()
+        except (ConnectionClosed, TimeoutError):
+            raw.__exit__()
+            raw = Raw(server)
+    raw.__exit__()
+    client.ping()
+    assert len(client.get_drones()) >= 0
+
+
+def test_unanswered_requests_are_limited(batch):
+    with flockstep.serve(batch, port=0, max_requests=8) as server, Raw(server) as raw:
+        with flockstep.connect(server.address) as other:
+            other.join_lockstep()
+            raw.ask(Request(id=2, join_lockstep=pb.JoinLockstep()))
+            for i in range(12):  # the first waits for the other client, eight wait in the queue
+                raw.send(encode(Request(id=10 + i, step=Step()), {}))
+            replies = [raw.reply() for _ in range(3)]
+            assert [reply.id for reply in replies] == [19, 20, 21]
+            assert all(reply.error.code == pb.RESOURCE_EXHAUSTED for reply in replies)
+            assert "8 unanswered requests" in replies[0].error.text
+            other.leave_lockstep()
+            assert [raw.reply().id for _ in range(9)] == list(range(10, 19))
+
+
+def test_clients_are_limited(batch):
+    with flockstep.serve(batch, port=0, max_clients=2) as server:
+        with flockstep.connect(server.address), flockstep.connect(server.address):
+            with pytest.raises(flockstep.client.ServerError, match="2 clients, its maximum"):
+                flockstep.connect(server.address)
+        deadline = time.monotonic() + 10
+        while server.num_clients > 0 and time.monotonic() < deadline:
+            time.sleep(0.01)
+        flockstep.connect(server.address).close()
+
+
+# --------------------------------------------------------------------------------------------------------- broken connections
+
+
+def open_files():
+    return len(os.listdir("/proc/self/fd"))
+
+
+def test_a_thousand_clients_at_once(batch):
+    soft, hard = resource.getrlimit(resource.RLIMIT_NOFILE)
+    count = 1000 if hard >= 4096 else (hard - 200) // 2
+    resource.setrlimit(resource.RLIMIT_NOFILE, (min(hard, 4096), hard))
+    try:
+        with flockstep.serve(batch, port=0, max_clients=count) as server:
+            clients = [socket.create_connection((server.address.split(":")[0], server.port)) for _ in range(count - 50)]
+            clients += [flockstep.connect(server.address) for _ in range(50)]
+            assert server.num_clients >= 50
+            for client in clients[-50:]:
+                assert client.get_arrays(["position"])["position"].shape == (4, 3)
+            for client in clients:
+                client.close()
+            deadline = time.monotonic() + 20
+            while server.num_clients > 0 and time.monotonic() < deadline:
+                time.sleep(0.01)
+            assert server.num_clients == 0
+            with flockstep.connect(server.address) as client:
+                client.ping()
+    finally:
+        resource.setrlimit(resource.RLIMIT_NOFILE, (soft, hard))
+
+
+def test_clients_that_die_in_a_request_leave_nothing_behind(server, client):
+    for i in range(50):
+        raw = Raw(server)
+        raw.send(encode(Request(id=2, get_arrays=pb.GetArrays(names=["position"])), {})[: 4 + i % 20])
+        raw.socket.socket.shutdown(socket.SHUT_RDWR)
+        raw.socket.socket.close()
+    deadline = time.monotonic() + 10
+    while server.num_clients > 1 and time.monotonic() < deadline:
+        time.sleep(0.01)
+    assert server.num_clients == 1
+    client.ping()
+
+
+def test_a_half_open_connection_is_closed(batch):
+    with flockstep.serve(batch, port=0, idle_timeout_s=0.5) as server:
+        with socket.create_connection(("127.0.0.1", server.port)) as silent:
+            key = b"GET / HTTP/1.1\r\nHost: a\r\nUpgrade: websocket\r\nConnection: Upgrade\r\n"
+            silent.sendall(key + b"Sec-WebSocket-Key: dGhlIHNhbXBsZSBub25jZQ==\r\nSec-WebSocket-Version: 13\r\n\r\n")
+            silent.settimeout(10)
+            while silent.recv(4096):  # the handshake, a ping, then the end
+                pass
+        with flockstep.connect(server.address) as client:  # which answers pings while it is idle
+            time.sleep(1.5)
+            client.ping()
+
+
+def test_a_reader_that_never_reads_disturbs_nobody(batch):
+    with flockstep.serve(batch, port=0) as server:
+        raw = Raw(server)
+        names = ["position", "quat_wxyz", "point", "normal"]
+        for i in range(20):
+            what = pb.GetArrays(names=names)
+            raw.send(encode(Request(id=100 + i, subscribe=pb.Subscribe(rate_hz=1000, arrays=what)), {}))
+        with flockstep.connect(server.address) as client:
+            times = []
+            for _ in range(300):
+                started = time.perf_counter()
+                client.ping()
+                times.append(time.perf_counter() - started)
+            assert np.median(times) < 0.05
+        raw.__exit__()
+
+
+def test_stop_tells_clients_and_a_new_server_takes_the_port(batch):
+    server = flockstep.serve(batch, port=0)
+    port = server.port
+    client = flockstep.connect(server.address)
+    server.stop()
+    server.stop()
+    with pytest.raises(ConnectionError, match="the server stops"):
+        for _ in range(10):
+            client.ping()
+            time.sleep(0.05)
+    with flockstep.serve(batch, port=port):
+        client.reconnect()
+        client.ping()
+        client.close()
+
+
+def test_a_server_that_is_gone_is_named():
+    with socket.socket() as free:
+        free.bind(("127.0.0.1", 0))
+        address = f"127.0.0.1:{free.getsockname()[1]}"
+    with pytest.raises(ConnectionError, match=r"python -m flockstep serve"):
+        flockstep.connect(address)
+
+
+# ---------------------------------------------------------------------------------------------------- the program beside it
+
+
+class SlowTask(flockstep.Task):
+    """Takes a while for each step."""
+
+    observation_space = __import__("gymnasium").spaces.Box(-1, 1, (1,), np.float32)
+    action_space = __import__("gymnasium").spaces.Discrete(2)
+    reward_terms = ("alive",)
+
+
+def test_reads_run_beside_a_step_and_see_one_moment(batch):
+    batch = flockstep.Batch("playground/train-1", 64, drones_per_env=64, lidar=flockstep.LidarConfig(beams=2000))
+    start = batch.position.copy()
+    with flockstep.serve(batch, port=0) as server, flockstep.connect(server.address) as client:
+        client.get_arrays(["position", "tick"])
+        stop = threading.Event()
+
+        def program():
+            step = 0
+            while not stop.is_set():
+                step += 1
+                target = start.copy()
+                target[:, 2] += 0.001 * (step % 100)
+                batch.set_pose(target)
+                batch.sense()
+
+        thread = in_thread(program)
+        try:
+            seen = set()
+            for _ in range(500):
+                heights = client.get_arrays(["position"])["position"][:, 2]
+                assert np.ptp(heights) == 0  # all drones are moved together
+                seen.add(float(heights[0]))
+            assert len(seen) > 3
+        finally:
+            stop.set()
+            thread.join()
+
+
+def test_the_program_and_clients_take_turns(server, client, batch):
+    stop = threading.Event()
+    counts = {"program": 0}
+
+    def program():
+        while not stop.is_set():
+            batch.sense()
+            counts["program"] += 1
+
+    thread = in_thread(program)
+    try:
+        for i in range(200):
+            impact = client.drone(i % 4).set_location([1.0, 0.001 * i, 1.5], teleport=True)
+            np.testing.assert_allclose(impact.location, [1.0, 0.001 * i, 1.5], rtol=1e-6)
+    finally:
+        stop.set()
+        thread.join()
+    assert counts["program"] > 0
+
+
+def test_a_snapshot_under_load_restores(server, batch):
+    stop = threading.Event()
+
+    def move():
+        with flockstep.connect(server.address) as other:
+            while not stop.is_set():
+                other.drone(0).set_location([np.random.default_rng().uniform(0.9, 1.1), 0.0, 1.5], teleport=True)
+
+    threads = [in_thread(move) for _ in range(3)]
+    try:
+        with flockstep.connect(server.address) as client:
+            for _ in range(20):
+                blob = client.snapshot()
+                client.restore(blob)
+    finally:
+        stop.set()
+        for thread in threads:
+            thread.join()
+    with flockstep.connect(server.address) as client:
+        blob, position = client.snapshot(), batch.position.copy()
+        client.drone(0).set_location([1.0, 0.5, 1.0], teleport=True)
+        client.restore(blob)
+        np.testing.assert_array_equal(batch.position, position)
+        with pytest.raises(flockstep.client.ServerError, match="corrupt"):
+            client.restore(blob[:-1] + bytes([blob[-1] ^ 1]))
+        np.testing.assert_array_equal(batch.position, position)
+
+
+def test_a_batch_that_its_program_enlarges_is_followed(server, client, batch):
+    batch.spawn([5], position=[[1.0, 0.0, 1.5]])
+    assert len(client.get_drones()) == 5
+    client.set_poses(position=np.tile(np.float32([1.0, 0.0, 1.0]), (8, 1)), teleport=True)
+    np.testing.assert_array_equal(batch.position[5], [1.0, 0.0, 1.0])
+    drone = client.spawn_drone([1.0, 0.5, 1.5])
+    assert drone.index == 4 and batch.active.sum() == 6
+
+
+# ------------------------------------------------------------------------------------------------------ ownership and time
+
+
+def test_ownership(batch):
+    with flockstep.serve(batch, port=0, ownership=True) as server:
+        with flockstep.connect(server.address) as owner, flockstep.connect(server.address) as other:
+            owner.claim([1])
+            owner.drone(1).set_location([1.0, 0.0, 1.5], teleport=True)
+            assert [drone.owner for drone in other.get_drones()] == [0, owner.info.client, 0, 0]
+            refused = (
+                lambda: other.drone(1).set_location([1.0, 0.0, 1.0]),
+                lambda: other.drone(1).set_rotation([1.0, 0.0, 0.0, 0.0]),
+                lambda: other.drone(1).set_lidar_config(hfov_deg=90.0),
+                lambda: other.drone(1).set_move_line_visible(True),
+                lambda: other.drone(1).remove(),
+                lambda: other.drone(1).claim(),
+                lambda: other.set_poses(position=batch.position.copy()),
+                lambda: other.set_lidar_config(beams=7),
+                lambda: other.restore(other.snapshot()),
+                lambda: other.set_world(0, 0),
+            )
+            for ask in refused:
+                with pytest.raises(flockstep.client.ServerError, match="drone 1 is claimed by client") as refusal:
+                    ask()
+                assert refusal.value.code == "PERMISSION_DENIED"
+            other.drone(0).set_location([1.0, 0.5, 1.5], teleport=True)
+            other.drone(1).get_location()
+            other.step()
+            owner.release([1])
+            other.drone(1).set_location([1.0, 0.0, 1.0], teleport=True)
+            owner.claim([2])
+            owner.close()
+            deadline = time.monotonic() + 10
+            while other.get_drones()[2].owner and time.monotonic() < deadline:
+                time.sleep(0.01)
+            other.drone(2).set_location([1.0, 0.0, 1.2], teleport=True)
+
+
+def test_without_ownership_a_claim_only_shows(server, client):
+    with flockstep.connect(server.address) as other:
+        client.claim([1])
+        assert other.get_drones()[1].owner == client.info.client
+        other.drone(1).set_location([1.0, 0.0, 1.0], teleport=True)
+
+
+def test_lockstep_waits_for_all_members(server):
+    with flockstep.connect(server.address) as a, flockstep.connect(server.address) as b:
+        a.join_lockstep()
+        b.join_lockstep()
+        done = []
+        thread = in_thread(lambda: done.append(a.step().step))
+        time.sleep(0.2)
+        assert not done
+        with flockstep.connect(server.address) as outsider, pytest.raises(
+            flockstep.client.ServerError, match="JoinLockstep"
+        ):
+            outsider.step()
+        assert b.step().step == 1
+        thread.join(10)
+        assert done == [1]
+        thread = in_thread(lambda: done.append(a.step().step))
+        time.sleep(0.1)
+        b.close()  # a member that is gone does not hold up the others
+        thread.join(10)
+        assert done == [1, 2]
+
+
+def test_the_clock_steps_in_real_time(client):
+    client.set_clock(100)
+    before = client.step_count() if hasattr(client, "step_count") else client.get_arrays(["position"]).time.step
+    time.sleep(1.0)
+    after = client.get_arrays(["position"]).time.step
+    assert 30 <= after - before <= 110
+    fps = client.get_fps()
+    assert 30 <= fps.fps <= 110
+    assert fps.real_time_factor == pytest.approx(fps.fps * client.info.step_s, rel=0.01)
+    with pytest.raises(flockstep.client.ServerError, match="steps by itself"):
+        client.step()
+    client.set_clock(0)
+    client.step()
+
+
+# -------------------------------------------------------------------------------------------------------------- the command
+
+
+def run_command(*arguments, **environment):
+    return subprocess.Popen(
+        [sys.executable, "-m", "flockstep", "serve", *arguments],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.STDOUT,
+        text=True,
+        env=os.environ | environment,
+    )
+
+
+def test_the_command_serves_until_ctrl_c():
+    process = run_command("--port", "0", "--world", "playground/train-1", FLOCKSTEP_TOKEN=SECRET)
+    line = process.stdout.readline()
+    address = line.split(" at ")[1].split(";")[0]
+    with flockstep.connect(address, token=SECRET) as client:
+        assert client.get_drones() == []
+        drone = client.spawn_drone()
+        assert len(client.get_drones()) == 1
+        assert drone.get_lidar_data().ranges.shape == (1, 35)
+        assert drone.get_camera_data().image.tobytes()[:2] == b"\xff\xd8"
+        process.send_signal(signal.SIGINT)
+        assert process.wait(20) == 0
+    assert "stopped after" in process.stdout.read()
+
+
+def test_the_command_refuses_in_one_line(server):
+    for arguments, text in (
+        (["--port", str(server.port)], "another server may run there"),
+        (["--address", "0.0.0.0"], "token: expected a secret"),
+        (["missing.json"], "missing.json"),
+        (["--world", "no/such"], "no/such"),
+    ):
+        process = run_command(*arguments)
+        output, _ = process.communicate(timeout=60)
+        assert process.returncode != 0
+        assert text in output and "Traceback" not in output
