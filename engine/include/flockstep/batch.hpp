@@ -104,7 +104,7 @@ class FLOCKSTEP_API Batch {
   Batch(const Batch&) = delete;
   Batch& operator=(const Batch&) = delete;
 
-  const BatchConfig& config() const;                                 // as given to the constructor
+  const BatchConfig& config() const;                                 // of the constructor, with the current sizes
   const Worlds& worlds() const;                                      // indexed by state().world_index; empty with a pool
   const std::shared_ptr<const World>& world_of(EnvIndex env) const;  // the world of an env; the index is not checked
   const DroneModel& drone() const;                                   // body and flight model of all drones
