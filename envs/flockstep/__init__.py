@@ -6,7 +6,7 @@
 `World`, `Batch`, `LidarConfig` and similar classes are the native simulator. `DroneVectorEnv` wraps it as a Gymnasium
 environment, and `Task` is the base class for your own tasks. `flockstep.sb3` connects to Stable-Baselines3, and
 `flockstep.testing` checks any Gymnasium vector environment. `render` takes a picture of a world; `record` films a
-flight.
+flight. `connect` connects to a server.
 """
 
 # ruff: noqa: E402 # the check for required packages comes before the imports that need them
@@ -99,9 +99,12 @@ __all__ = [
     "WorldBuilder",
     "WorldPool",
     "__version__",
+    "client",
     "cmake_dir",
     "color_blob",
     "color_components",
+    "connect",
+    "connect_async",
     "green_blob",
     "include_dir",
     "plan",
@@ -120,14 +123,18 @@ registration.register()
 register_task = registration.register_task
 
 if _TYPE_CHECKING:
-    from flockstep import sb3, testing
+    from flockstep import client, sb3, testing
+    from flockstep.client import connect, connect_async
 else:
 
     def __getattr__(name: str) -> object:
-        if name in ("sb3", "testing"):  # imported on first use: sb3 needs Stable-Baselines3, only tests need testing
-            import importlib
+        # Imported on first use: sb3 and client need optional packages, and only tests need testing.
+        import importlib
 
+        if name in ("client", "sb3", "testing"):
             return importlib.import_module(f"flockstep.{name}")
+        if name in ("connect", "connect_async"):
+            return getattr(importlib.import_module("flockstep.client"), name)
         from flockstep.nearest_name import did_you_mean
 
         raise AttributeError(f"module 'flockstep' has no attribute {name!r}{did_you_mean(name, __all__)}")

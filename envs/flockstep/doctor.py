@@ -21,6 +21,8 @@ _OPTIONAL = (
     ("stable-baselines3", "stable_baselines3", "training"),
     ("torch", "torch", "neural networks for training"),
     ("tqdm", "tqdm", "progress bars"),
+    ("protobuf", "google.protobuf", "connecting to servers"),
+    ("websockets", "websockets", "connecting to servers"),
     ("pillow", "PIL", "pictures"),
     ("imageio-ffmpeg", "imageio_ffmpeg", "films"),
     ("moviepy", "moviepy", "films by Gymnasium's recorders"),

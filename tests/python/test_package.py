@@ -88,11 +88,19 @@ def test_sb3_names_the_extra_it_needs():
     assert printed.endswith(" stable_baselines3")
 
 
+def test_connect_names_the_extra_it_needs():
+    code = "import flockstep\ntry:\n    flockstep.connect\nexcept ImportError as error:\n    print(error, error.name)"
+    for missing in ("google", "websockets"):
+        printed = run(WITHOUT.format(names=[missing]) + code)
+        assert "pip install 'flockstep[client]'" in printed
+        assert missing in printed.rpartition(" ")[2]
+
+
 def test_names_that_dir_lists():
     listed = run("import flockstep; print(*dir(flockstep))").split()
     public = [name for name in listed if not name.startswith("__")]
     assert sorted([*public, "__version__"]) == sorted(flockstep.__all__)
-    assert {"sb3", "testing"} < set(public)
+    assert {"client", "connect", "sb3", "testing"} < set(public)
 
 
 def test_an_unknown_name_is_an_attribute_error():
@@ -100,10 +108,11 @@ def test_an_unknown_name_is_an_attribute_error():
         flockstep.nothing  # noqa: B018
 
 
-def test_import_needs_neither_sb3_nor_torch_nor_gl():
+def test_import_needs_no_optional_package():
     code = (
         "import sys, flockstep; "
-        "print([m for m in ('torch', 'stable_baselines3', 'OpenGL', 'matplotlib', 'PIL') if m in sys.modules])"
+        "optional = ('torch', 'stable_baselines3', 'OpenGL', 'matplotlib', 'PIL', 'google.protobuf', 'websockets'); "
+        "print([m for m in optional if m in sys.modules])"
     )
     assert run(code) == "[]"
 

@@ -1,0 +1,69 @@
+"""Client of a flockstep server: `connect` for ordinary programs, `connect_async` for asyncio.
+
+>>> with flockstep.connect("127.0.0.1:41451") as client:
+...     drone = client.spawn_drone((2, 4, 2))
+...     impact = drone.set_location((6, 4, 2))
+...     ranges = drone.get_lidar_data().ranges
+"""
+
+try:
+    import google.protobuf as _protobuf  # noqa: F401
+    import websockets as _websockets  # noqa: F401
+except ImportError as _error:
+    _needed = f"flockstep.client needs protobuf and websockets: pip install 'flockstep[client]' ({_error})"
+    raise type(_error)(_needed, name=_error.name) from _error
+
+from flockstep.client.async_client import AsyncClient, connect_async
+from flockstep.client.async_operations import AsyncDrone
+from flockstep.client.client import Client, connect
+from flockstep.client.errors import ServerError
+from flockstep.client.operations import Drone
+from flockstep.client.results import (
+    Angles,
+    Boxes,
+    CameraData,
+    CameraSettings,
+    Fps,
+    Impact,
+    Impacts,
+    LidarData,
+    LidarSettings,
+    Light,
+    Mesh,
+    PointCloud,
+    Rotation,
+    ServerInfo,
+    Time,
+    TimedArrays,
+    WorldInfo,
+)
+from flockstep.client.streams import AsyncStream, Stream
+
+__all__ = [
+    "Angles",
+    "AsyncClient",
+    "AsyncDrone",
+    "AsyncStream",
+    "Boxes",
+    "CameraData",
+    "CameraSettings",
+    "Client",
+    "Drone",
+    "Fps",
+    "Impact",
+    "Impacts",
+    "LidarData",
+    "LidarSettings",
+    "Light",
+    "Mesh",
+    "PointCloud",
+    "Rotation",
+    "ServerError",
+    "ServerInfo",
+    "Stream",
+    "Time",
+    "TimedArrays",
+    "WorldInfo",
+    "connect",
+    "connect_async",
+]

@@ -1,0 +1,126 @@
+"""A call: a request to the server, and how to read its reply."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from typing import Any, Generic, TypeVar
+
+import numpy as np
+import numpy.typing as npt
+
+from flockstep.client.errors import ServerError
+from flockstep.client.frames import Arrays
+from flockstep.client.protocol_pb2 import Code, Hello, Reply, Request, Subscribe, Unsubscribe
+from flockstep.client.readers import server_info
+from flockstep.client.results import ServerInfo
+
+T = TypeVar("T")
+
+PROTOCOL = 1  # version
+
+
+def nothing(reply: Reply, arrays: Arrays) -> None:
+    """Return None, for operations without a result."""
+
+
+@dataclass(frozen=True)
+class Call(Generic[T]):
+    """A request with its arrays, the name of the result in `Reply`, and the function that reads it."""
+
+    request: Request
+    result: str
+    read: Callable[[Reply, Arrays], T]
+    arrays: Mapping[str, npt.NDArray[Any]] = field(default_factory=dict)
+
+    @property
+    def operation(self) -> str:
+        """Name of the operation."""
+        return self.request.WhichOneof("operation") or ""
+
+    def answer(self, reply: Reply, arrays: Arrays) -> T:
+        """Return the result of the call.
+
+        Raises
+        ------
+        ServerError
+            The reply is an error.
+        ConnectionError
+            The reply does not answer the request.
+        """
+        kind = reply.WhichOneof("result")
+        if kind == self.result:
+            try:
+                return self.read(reply, arrays)
+            except KeyError as error:
+                raise ConnectionError(
+                    f"{self.operation}: the array {error} is missing in the server's answer"
+                ) from None
+        if kind == "error":
+            code = reply.error.code
+            name = Code(code).name if code in {*Code} else f"CODE_{code}"
+            advice = ": pass the server's token to connect()" if name == Code.UNAUTHENTICATED.name else ""
+            raise ServerError(name, reply.error.text + advice, self.operation)
+        if kind == "closed":
+            raise ConnectionError(f"{self.operation}: the server ended the stream: {reply.closed.reason}")
+        raise ConnectionError(f"{self.operation}: the server answered {kind!r}, expected {self.result!r}")
+
+
+def floats(name: str, values: npt.ArrayLike, *shape: int) -> npt.NDArray[np.float32]:
+    """Return numbers of the given shape, in which -1 is any size, as float32."""
+    try:
+        array = np.asarray(values, np.float32)
+    except (TypeError, ValueError):
+        raise TypeError(f"{name}: expected numbers, got {values!r}") from None
+    fits = array.ndim == len(shape) and all(a in (-1, b) for a, b in zip(shape, array.shape, strict=True))
+    if not fits:
+        expected = ", ".join("N" if size < 0 else str(size) for size in shape)
+        raise ValueError(f"{name}: expected shape ({expected}{',' * (len(shape) == 1)}), got {array.shape}")
+    return array
+
+
+def flags(name: str, values: npt.ArrayLike) -> npt.NDArray[np.bool_]:
+    """Return flags (N,), which must be bool."""
+    array = np.asarray(values)
+    if array.dtype != np.bool_ or array.ndim != 1:
+        raise ValueError(f"{name}: expected bools of shape (N,), got {array.dtype} {array.shape}")
+    return array
+
+
+def given(**values: Any) -> dict[str, Any]:
+    """Return the values that are not None."""
+    return {name: value for name, value in values.items() if value is not None}
+
+
+#: Field of `Subscribe` for each operation that streams.
+_STREAMED = {"get_arrays": "arrays", "get_lidar_data": "lidar", "get_camera_data": "camera", "get_fps": "fps"}
+
+
+def subscription(call: Call[T], rate_hz: float, only_new: bool) -> Call[T]:
+    """Return the call that subscribes to the results of another one."""
+    if not rate_hz > 0:
+        raise ValueError(f"rate_hz: expected a number above 0, got {rate_hz!r}")
+    what: dict[str, Any] = {_STREAMED[call.operation]: getattr(call.request, call.operation)}
+    return Call(Request(subscribe=Subscribe(rate_hz=rate_hz, only_new=only_new, **what)), call.result, call.read)
+
+
+def unsubscription(stream: int) -> Call[None]:
+    """Return the call that ends a subscription."""
+    return Call(Request(unsubscribe=Unsubscribe(stream=stream)), "done", nothing)
+
+
+def hello(token: str) -> Call[ServerInfo]:
+    """Return the first call of a session."""
+    request = Request(hello=Hello(protocol=PROTOCOL, token=token, client="flockstep for Python"))
+
+    def welcome(reply: Reply, arrays: Arrays) -> ServerInfo:
+        if reply.welcome.protocol != PROTOCOL:
+            raise ServerError(
+                Code.FAILED_PRECONDITION.name,
+                f"the server, flockstep {reply.welcome.version}, has version {reply.welcome.protocol} of the protocol, "
+                f"this client version {PROTOCOL}: install the same version on both sides",
+                "hello",
+            )
+        return server_info(reply, arrays)
+
+    return Call(request, "welcome", welcome)

@@ -1,0 +1,27 @@
+"""Errors of the client."""
+
+from __future__ import annotations
+
+
+class ServerError(Exception):
+    """The server refused an operation. The message is the server's.
+
+    The connection stays open, except if the server refuses the client itself. A lost connection raises
+    `ConnectionError` instead, and a late reply `TimeoutError`.
+
+    Attributes
+    ----------
+    code
+        Reason, one of ``"INVALID_ARGUMENT"``, ``"NOT_FOUND"``, ``"PERMISSION_DENIED"``, ``"UNAUTHENTICATED"``,
+        ``"RESOURCE_EXHAUSTED"``, ``"FAILED_PRECONDITION"``, ``"UNIMPLEMENTED"`` and ``"INTERNAL"``.
+    operation
+        Name of the operation in the protocol, such as ``"set_location"``.
+    """
+
+    def __init__(self, code: str, message: str, operation: str = "") -> None:
+        super().__init__(code, message, operation)
+        self.code = code
+        self.operation = operation
+
+    def __str__(self) -> str:
+        return str(self.args[1])

@@ -1,0 +1,633 @@
+"""Connections of `flockstep.connect` and `flockstep.connect_async`, with servers that do what real ones seldom do."""
+
+import asyncio
+import gc
+import logging
+import socket
+import ssl
+import threading
+import time
+
+import numpy as np
+import pytest
+from scripted_server import WELCOME, certificate, message, serving
+
+import flockstep
+from flockstep.client import ServerError
+from flockstep.client import protocol_pb2 as pb
+
+DONE = pb.Reply(done=pb.Done())
+LOCATION = pb.Reply(location=pb.Vector3(x=1, y=2, z=3))
+
+
+class Blocking:
+    """The calls of an asyncio client without await, so that one test serves both clients."""
+
+    def __init__(self, loop, client):
+        self._loop, self._client = loop, client
+
+    def __getattr__(self, name):
+        value = getattr(self._client, name)
+        if not callable(value):
+            return value
+
+        def call(*args, **keywords):
+            result = value(*args, **keywords)
+            if asyncio.iscoroutine(result):
+                result = self._loop.run_until_complete(result)
+            plain = type(result).__module__.startswith("flockstep.client") and type(result).__name__.startswith("Async")
+            return Blocking(self._loop, result) if plain else result
+
+        return call
+
+    def __enter__(self):
+        return self
+
+    def __exit__(self, *_):
+        self.close()
+
+    def __iter__(self):
+        return self
+
+    def __next__(self):
+        try:
+            return self._loop.run_until_complete(self._client.__anext__())
+        except StopAsyncIteration:
+            raise StopIteration from None
+
+
+@pytest.fixture(params=["blocking", "asyncio"])
+def connect(request):
+    logging.getLogger("websockets").setLevel(logging.CRITICAL)
+    if request.param == "blocking":
+        yield flockstep.connect
+        return
+    loop = asyncio.new_event_loop()
+
+    def connected(*args, **keywords):
+        return Blocking(loop, loop.run_until_complete(flockstep.connect_async(*args, **keywords)))
+
+    yield connected
+    loop.run_until_complete(loop.shutdown_asyncgens())
+    loop.close()
+
+
+def wait_for_close(script):
+    with pytest.raises(Exception, match=r"1000|no close frame|going away"):
+        script.receive()
+
+
+def test_hello_and_a_call(connect):
+    def script(s):
+        hello = s.answer(WELCOME).hello
+        assert (hello.protocol, hello.token) == (1, "secret")
+        assert s.answer(LOCATION).get_location.drone == 4
+        wait_for_close(s)
+
+    with serving(script) as address, connect(address, token="secret") as client:
+        assert client.info.version == "0.0.0"
+        assert (client.info.client, client.info.num_drones, client.info.lidars) == (7, 6, ("a",))
+        location = client.drone(4).get_location()
+        assert location.dtype == np.float32
+        assert location.tolist() == [1, 2, 3]
+
+
+def test_unix_sockets(connect, tmp_path):
+    path = tmp_path / "socket"
+    with pytest.raises(ConnectionError, match=r"no server at unix:.*serve RECIPE.*No such file"):
+        connect(f"unix:{path}")
+
+    def script(s):
+        s.answer(WELCOME)
+        s.answer(DONE)
+        wait_for_close(s)
+
+    with serving(script, path) as address, connect(address) as client:
+        client.ping()
+
+
+def test_nobody_listens(connect):
+    with socket.create_server(("127.0.0.1", 0)) as taken:
+        port = taken.getsockname()[1]
+    with pytest.raises(
+        ConnectionError, match=rf"no server at 127.0.0.1:{port}: start one with `python -m flockstep serve"
+    ):
+        connect(f"127.0.0.1:{port}")
+    with pytest.raises(ConnectionError, match=r"no host 'no-such-host\.invalid'"):
+        connect("no-such-host.invalid")
+
+
+def test_a_server_that_comes_later(connect):
+    with socket.create_server(("127.0.0.1", 0)) as taken:
+        port = taken.getsockname()[1]
+    failures = []
+
+    def late():
+        from websockets.sync.server import serve
+
+        def handle(connection):
+            connection.recv()
+            connection.send(message(pb.Reply(id=1, welcome=WELCOME.welcome)))
+            for _ in connection:
+                pass
+
+        time.sleep(0.5)
+        try:
+            with serve(handle, "127.0.0.1", port) as server:
+                threading.Timer(2.0, server.shutdown).start()
+                server.serve_forever()
+        except BaseException as error:
+            failures.append(error)
+
+    thread = threading.Thread(target=late)
+    thread.start()
+    begun = time.monotonic()
+    with connect(f"127.0.0.1:{port}", retry_s=20) as client:
+        assert client.info.client == 7
+    assert time.monotonic() - begun >= 0.4
+    thread.join()
+    assert not failures
+
+
+def test_something_else_listens(connect):
+    for answer in (b"SSH-2.0-OpenSSH\r\n", b"HTTP/1.1 404 Not Found\r\nContent-Length: 0\r\n\r\n", b""):
+        with socket.create_server(("127.0.0.1", 0)) as listener:
+
+            def serve(listener=listener, answer=answer):
+                other, _ = listener.accept()
+                with other:
+                    other.recv(1000)
+                    other.sendall(answer)
+
+            thread = threading.Thread(target=serve)
+            thread.start()
+            with pytest.raises(ConnectionError, match=r"is not a flockstep server|is gone"):
+                connect(f"127.0.0.1:{listener.getsockname()[1]}")
+            thread.join()
+
+
+def test_a_server_that_says_nothing(connect):
+    with socket.create_server(("127.0.0.1", 0)) as listener:
+        port = listener.getsockname()[1]
+        with pytest.raises(TimeoutError, match=f"127.0.0.1:{port}"):
+            connect(f"127.0.0.1:{port}", timeout_s=0.2)
+
+    def script(s):
+        s.receive()
+        wait_for_close(s)
+
+    with serving(script) as address, pytest.raises(TimeoutError, match=r"hello: no reply .* within 0.2 s"):
+        connect(address, timeout_s=0.2)
+
+
+def test_a_wrong_token(connect):
+    def script(s):
+        s.answer(pb.Reply(error=pb.Error(code=pb.Code.UNAUTHENTICATED, text="token: wrong")))
+        s.connection.close(1008, "refused")
+
+    with (
+        serving(script) as address,
+        pytest.raises(ServerError, match="token: wrong: pass the server's token") as caught,
+    ):
+        connect(address)
+    assert caught.value.code == "UNAUTHENTICATED"
+    assert caught.value.operation == "hello"
+
+
+def test_another_version_of_the_protocol(connect):
+    def script(s):
+        s.answer(pb.Reply(welcome=pb.Welcome(protocol=2, version="9.0.0")))
+        wait_for_close(s)
+
+    with (
+        serving(script) as address,
+        pytest.raises(ServerError, match=r"flockstep 9.0.0, has version 2 .* version 1: inst"),
+    ):
+        connect(address)
+
+
+def test_refusals_leave_the_connection_open(connect):
+    def script(s):
+        s.answer(WELCOME)
+        s.answer(pb.Reply(error=pb.Error(code=pb.Code.NOT_FOUND, text="drone: expected 0, got 9")))
+        s.answer(LOCATION)
+        request = s.receive()
+        header = pb.Reply(id=request.id).SerializeToString() + b"\xa2\x01\x00"  # field 20: light
+        s.connection.send(len(header).to_bytes(4, "little") + header)
+        request = s.receive()
+        header = pb.Reply(id=request.id).SerializeToString() + b"\x22\x02\x08\x63"  # the code 99
+        s.connection.send(len(header).to_bytes(4, "little") + header)
+        wait_for_close(s)
+
+    with serving(script) as address, connect(address) as client:
+        with pytest.raises(ServerError, match=r"^drone: expected 0, got 9$") as caught:
+            client.drone(9).get_location()
+        assert (caught.value.code, caught.value.operation) == ("NOT_FOUND", "get_location")
+        assert client.drone(0).get_location()[0] == 1
+        with pytest.raises(ConnectionError, match="get_location: the server answered 'light', expected 'location'"):
+            client.drone(0).get_location()
+        with pytest.raises(ServerError) as caught:
+            client.drone(0).get_location()
+        assert caught.value.code == "CODE_99"
+
+
+def test_the_server_ends_the_session(connect):
+    def script(s):
+        s.answer(WELCOME)
+        s.receive()
+        s.connection.close(1001, "the server stops")
+
+    with serving(script) as address, connect(address) as client:
+        for _ in range(2):
+            with pytest.raises(
+                ConnectionError, match=f"the server at {address} closed the connection: the server stops"
+            ):
+                client.ping()
+        assert "the server stops" in repr(getattr(client, "_client", client))
+
+
+def test_the_server_is_gone(connect):
+    def script(s):
+        s.answer(WELCOME)
+        s.receive()
+        s.connection.socket.shutdown(socket.SHUT_RDWR)
+
+    with serving(script) as address, connect(address) as client:
+        with pytest.raises(ConnectionError, match=f"the server at {address} is gone"):
+            client.ping()
+        with pytest.raises(ConnectionError, match=f"the server at {address} is gone"):
+            client.ping()
+
+
+def test_a_malformed_message_ends_the_connection(connect):
+    def script(s):
+        s.answer(WELCOME)
+        s.receive()
+        s.connection.send(b"\xff\xff\xff\xff")
+        with pytest.raises(Exception, match="close"):
+            s.receive()
+
+    with (
+        serving(script) as address,
+        connect(address) as client,
+        pytest.raises(ConnectionError, match="malformed message"),
+    ):
+        client.ping()
+
+
+def test_late_replies_are_dropped(connect):
+    def script(s):
+        s.answer(WELCOME)
+        late = s.receive().id
+        request = s.receive()
+        s.send(late, pb.Reply(location=pb.Vector3(x=9)))
+        s.send(request.id, LOCATION)
+        wait_for_close(s)
+
+    with serving(script) as address, connect(address, timeout_s=0.3) as client:
+        with pytest.raises(TimeoutError, match=f"get_location: no reply from {address} within 0.3 s"):
+            client.drone(0).get_location()
+        assert client.drone(0).get_location()[0] == 1
+
+
+def test_a_closed_client(connect):
+    def script(s):
+        s.answer(WELCOME)
+        wait_for_close(s)
+
+    with serving(script) as address:
+        client = connect(address)
+        client.close()
+        client.close()
+        with pytest.raises(ConnectionError, match=r"^this client is closed$"):
+            client.ping()
+
+
+def test_reconnecting(connect):
+    count = iter(range(1, 10))
+
+    def script(s):
+        number = next(count)
+        s.answer(pb.Reply(welcome=pb.Welcome(protocol=1, client=number)))
+        if number == 1:
+            s.receive()
+            s.connection.close(1001, "restart")
+            return
+        s.answer(LOCATION)
+        wait_for_close(s)
+
+    with serving(script) as address, connect(address) as client:
+        drone = client.drone(3)
+        with pytest.raises(ConnectionError, match="restart"):
+            drone.get_location()
+        client.reconnect()
+        assert client.info.client == 2
+        assert drone.get_location()[2] == 3
+
+
+def test_large_messages(connect):
+    big = np.random.default_rng(0).integers(0, 256, (3_000_001,), np.uint8)
+
+    def script(s):
+        s.answer(WELCOME)
+        s.answer(DONE)
+        assert s.values == big.tobytes()
+        s.answer(DONE, snapshot=big)
+        wait_for_close(s)
+
+    with serving(script) as address, connect(address) as client:
+        client.restore(big.tobytes())
+        assert client.snapshot() == big.tobytes()
+
+
+def test_streams(connect):
+    go = threading.Event()
+
+    def script(s):
+        s.answer(WELCOME)
+        request = s.receive()
+        assert (request.subscribe.rate_hz, request.subscribe.only_new) == (50, True)
+        assert list(request.subscribe.arrays.names) == ["position"]
+        for step in range(5):
+            s.send(request.id, pb.Reply(time=pb.Time(step=step)), position=np.full((6, 3), step, np.float32))
+        s.answer(LOCATION)
+        go.wait(10)
+        s.send(request.id, pb.Reply(time=pb.Time(step=9, time_s=0.5)), position=np.zeros((6, 3), np.float32))
+        stop = s.receive()
+        assert stop.unsubscribe.stream == request.id
+        s.send(request.id, pb.Reply(time=pb.Time(step=10)), position=np.zeros((6, 3), np.float32))  # on its way
+        s.send(stop.id, DONE)
+        s.answer(LOCATION)
+        wait_for_close(s)
+
+    with serving(script) as address, connect(address) as client:
+        stream = client.subscribe_arrays(["position"], rate_hz=50, only_new=True)
+        assert client.drone(0).get_location()[0] == 1  # with five values before it, of which the newest stays
+        first = next(iter(stream))
+        assert (first.time.step, first["position"].shape, list(first)) == (4, (6, 3), ["position"])
+        assert first["position"][0, 0] == 4
+        with pytest.raises(TimeoutError, match="get_arrays: no reply"):
+            stream.receive(timeout_s=0.1)
+        go.set()
+        assert stream.receive(timeout_s=10).time == (9, 0.5)
+        stream.close()
+        stream.close()
+        assert list(stream) == []
+        with pytest.raises(ValueError, match="the stream is closed"):
+            stream.receive()
+        assert client.drone(0).get_location()[0] == 1
+
+
+def test_streams_that_the_server_ends(connect):
+    def script(s):
+        s.answer(WELCOME)
+        s.answer(pb.Reply(error=pb.Error(code=pb.Code.INVALID_ARGUMENT, text="names: no")))
+        s.answer(pb.Reply(closed=pb.Closed(reason="the drone is gone")))
+        s.answer(pb.Reply(fps=pb.Fps(fps=5)))
+        s.connection.close(1001, "bye")
+
+    with serving(script) as address, connect(address) as client:
+        stream = client.subscribe_arrays(["a"])
+        with pytest.raises(ServerError, match="names: no"):
+            next(stream)
+        with pytest.raises(ConnectionError, match="stream has ended"):
+            next(stream)
+        stream.close()
+        stream = client.drone(0).subscribe_lidar()
+        with pytest.raises(ConnectionError, match="the drone is gone"):
+            next(stream)
+        stream = client.subscribe_fps(rate_hz=2)
+        assert next(stream).fps == 5
+        with pytest.raises(ConnectionError, match="bye"):
+            next(stream)
+        stream.close()
+
+
+def test_tls(connect, tmp_path):
+    files = certificate(tmp_path, "127.0.0.1")
+    context = ssl.SSLContext(ssl.PROTOCOL_TLS_SERVER)
+    context.load_cert_chain(*files)
+    big = np.arange(100_000, dtype=np.float32)
+
+    def script(s):
+        s.answer(WELCOME)
+        s.answer(DONE, snapshot=big.view(np.uint8))
+        wait_for_close(s)
+
+    with serving(script, tls=context) as address:
+        with pytest.raises(ConnectionError, match=r"is not trusted: .*pass ca_file"):
+            connect(f"wss://{address}")
+        port = address.partition(":")[2]
+        with pytest.raises(ConnectionError, match=r"not trusted: .*(ostname|host name|IP)"):
+            connect(f"wss://localhost:{port}", ca_file=files[0])
+        with pytest.raises(ConnectionError, match=r"is not a flockstep server|is gone"):
+            connect(address, timeout_s=5)
+        for host, check in (("127.0.0.1", True), ("localhost", False)):
+            with connect(f"wss://{host}:{port}", ca_file=files[0], check_hostname=check) as client:
+                assert client.snapshot() == big.tobytes()
+    with (
+        serving(lambda s: None) as address,
+        pytest.raises(ConnectionError, match="does not speak TLS"),
+    ):
+        connect(f"wss://{address}", ca_file=files[0])
+
+
+# --- the blocking client alone
+
+
+def test_threads_share_a_client():
+    def script(s):
+        s.answer(WELCOME)
+        for _ in range(400):
+            request = s.receive()
+            s.send(request.id, pb.Reply(location=pb.Vector3(x=request.get_location.drone)))
+        wait_for_close(s)
+
+    wrong = []
+
+    def work(client, drone):
+        for _ in range(50):
+            if client.drone(drone).get_location()[0] != drone:
+                wrong.append(drone)
+
+    with serving(script) as address, flockstep.connect(address) as client:
+        threads = [threading.Thread(target=work, args=(client, drone)) for drone in range(8)]
+        for thread in threads:
+            thread.start()
+        for thread in threads:
+            thread.join()
+        assert not wrong
+
+
+def test_a_thread_calls_while_another_waits_for_a_stream():
+    def script(s):
+        s.answer(WELCOME)
+        stream = s.receive().id
+        for _ in range(20):
+            s.answer(LOCATION)
+        s.send(stream, pb.Reply(fps=pb.Fps(fps=5)))
+        request = s.receive()
+        assert request.unsubscribe.stream == stream
+        s.send(request.id, DONE)
+        wait_for_close(s)
+
+    values = []
+    with serving(script) as address, flockstep.connect(address) as client:
+        stream = client.subscribe_fps()
+        thread = threading.Thread(target=lambda: values.extend(stream))
+        thread.start()
+        for _ in range(20):
+            client.drone(0).get_location()
+        while not values:
+            time.sleep(0.01)
+        stream.close()
+        thread.join(10)
+        assert not thread.is_alive()
+    assert [value.fps for value in values] == [5]
+
+
+def test_closing_wakes_a_thread_that_waits():
+    def script(s):
+        s.answer(WELCOME)
+        s.receive()
+        wait_for_close(s)
+
+    errors = []
+
+    def work(client):
+        try:
+            client.ping()
+        except ConnectionError as error:
+            errors.append(str(error))
+
+    with serving(script) as address:
+        client = flockstep.connect(address)
+        thread = threading.Thread(target=work, args=(client,))
+        thread.start()
+        time.sleep(0.2)
+        client.close()
+        thread.join(10)
+        assert not thread.is_alive()
+    assert errors == ["this client is closed"]
+
+
+def test_an_idle_client_answers_pings(monkeypatch):
+    monkeypatch.setattr("flockstep.client.client._ATTEND_S", 0.05)
+
+    def script(s):
+        s.answer(WELCOME)
+        assert s.connection.ping().wait(10)
+        s.answer(LOCATION)
+        wait_for_close(s)
+
+    with serving(script) as address, flockstep.connect(address) as client:
+        time.sleep(0.5)
+        assert client.drone(0).get_location()[0] == 1
+
+
+def test_a_forgotten_client_disconnects():
+    def script(s):
+        s.answer(WELCOME)
+        wait_for_close(s)
+
+    def helpers():
+        return [thread for thread in threading.enumerate() if thread.name == "flockstep client"]
+
+    before = len(helpers())
+    with serving(script) as address:
+        client = flockstep.connect(address)
+        assert len(helpers()) == before + 1
+        del client
+        gc.collect()
+    end = time.monotonic() + 10
+    while len(helpers()) > before and time.monotonic() < end:
+        time.sleep(0.01)
+    assert len(helpers()) <= before
+
+
+def test_a_slow_reader_gets_the_newest_value():
+    def script(s):
+        s.answer(WELCOME)
+        stream = s.receive().id
+        for step in range(200):
+            s.send(stream, pb.Reply(time=pb.Time(step=step)), position=np.zeros((1000, 3), np.float32))
+        wait_for_close(s)
+
+    with serving(script) as address, flockstep.connect(address) as client:
+        stream = client.subscribe_arrays(["position"])
+        time.sleep(1.0)
+        steps = [next(stream).time.step]
+        while steps[-1] != 199:
+            steps.append(next(stream).time.step)
+        assert steps == sorted(steps)
+        assert len(steps) < 20
+
+
+# --- the asyncio client alone
+
+
+def test_many_requests_in_flight():
+    def script(s):
+        s.answer(WELCOME)
+        requests = [s.receive() for _ in range(20)]
+        for request in reversed(requests):
+            s.send(request.id, pb.Reply(location=pb.Vector3(x=request.get_location.drone)))
+        wait_for_close(s)
+
+    async def main(address):
+        async with await flockstep.connect_async(address) as client:
+            return await asyncio.gather(*(client.drone(i).get_location() for i in range(20)))
+
+    with serving(script) as address:
+        locations = asyncio.run(main(address))
+    assert [location[0] for location in locations] == list(range(20))
+
+
+def test_a_cancelled_request_leaves_the_others():
+    def script(s):
+        s.answer(WELCOME)
+        first, second = s.receive(), s.receive()
+        s.send(first.id, LOCATION)
+        s.send(second.id, LOCATION)
+        wait_for_close(s)
+
+    async def main(address):
+        async with await flockstep.connect_async(address) as client:
+            task = asyncio.create_task(client.drone(0).get_location())
+            await asyncio.sleep(0.1)
+            task.cancel()
+            with pytest.raises(asyncio.CancelledError):
+                await task
+            return await client.drone(1).get_location()
+
+    with serving(script) as address:
+        assert asyncio.run(main(address))[0] == 1
+
+
+def test_async_for_ends_when_another_task_closes_the_stream():
+    def script(s):
+        s.answer(WELCOME)
+        stream = s.answer(pb.Reply(fps=pb.Fps(fps=5)))
+        assert s.answer(DONE).unsubscribe.stream == stream.id
+        wait_for_close(s)
+
+    async def main(address):
+        async with await flockstep.connect_async(address) as client, client.subscribe_fps() as stream:
+            values = []
+
+            async def read():
+                async for value in stream:
+                    values.append(value.fps)
+
+            task = asyncio.create_task(read())
+            while not values:
+                await asyncio.sleep(0.01)
+            await asyncio.sleep(0.05)
+            with pytest.raises(RuntimeError, match="another task already waits"):
+                await stream.receive()
+            await stream.close()
+            await asyncio.wait_for(task, 10)
+            return values
+
+    with serving(script) as address:
+        assert asyncio.run(main(address)) == [5]

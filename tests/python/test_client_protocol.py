@@ -1,0 +1,185 @@
+"""Messages of the client as bytes, and its addresses."""
+
+import struct
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+from websockets.utils import accept_key
+
+import flockstep
+from flockstep.client import protocol_pb2 as pb
+from flockstep.client.address import parse_address
+from flockstep.client.call import _STREAMED, subscription
+from flockstep.client.frames import decode, encode
+from flockstep.client.session import Session
+
+ROOT = Path(__file__).resolve().parents[2]
+ARRAYS = {
+    "flags": np.array([True, False, True]),
+    "pixels": np.arange(12, dtype=np.uint8).reshape(2, 2, 3),
+    "classes": np.array([65535, 1], np.uint16),
+    "indices": np.array([[-1], [2**31 - 1]], np.int32),
+    "actions": np.array([-(2**63), 5], np.int64),
+    "seeds": np.array([2**64 - 1], np.uint64),
+    "ranges": np.array([[np.inf, -0.0, 1.5]], np.float32),
+    "times": np.float64(1 / 3),
+    "none": np.empty((0, 3), np.float32),
+}
+
+
+def reply_bytes(reply, values=b""):
+    header = reply.SerializeToString()
+    return struct.pack("<I", len(header)) + header + values
+
+
+def test_a_request_is_size_header_and_values():
+    request = pb.Request(id=3, step_envs=pb.StepEnvs())
+    actions = np.array([[1, 2], [3, 4]], np.int64)
+    data = encode(request, {"actions": actions})
+    (size,) = struct.unpack("<I", data[:4])
+    read = pb.Request.FromString(data[4 : 4 + size])
+    assert (read.id, read.WhichOneof("operation")) == (3, "step_envs")
+    assert [(a.name, a.dtype, list(a.shape)) for a in read.arrays] == [("actions", pb.DType.DTYPE_INT64, [2, 2])]
+    assert data[4 + size :] == struct.pack("<4q", 1, 2, 3, 4)
+
+
+def test_arrays_of_every_type_survive():
+    data = encode(pb.Request(ping=pb.Ping()), ARRAYS)
+    (size,) = struct.unpack("<I", data[:4])
+    reply = pb.Reply(id=1, arrays=list(pb.Request.FromString(data[4 : 4 + size]).arrays), done=pb.Done())
+    assert {array.dtype for array in reply.arrays} == {*pb.DType} - {pb.DType.DTYPE_UNSPECIFIED}
+    read, arrays = decode(bytearray(reply_bytes(reply, data[4 + size :])))
+    assert read.id == 1
+    assert list(arrays) == list(ARRAYS)
+    for name, array in ARRAYS.items():
+        assert (arrays[name].dtype, arrays[name].shape) == (array.dtype, array.shape)
+        assert arrays[name].tobytes() == array.tobytes()
+        assert arrays[name].flags.aligned
+        assert arrays[name].flags.writeable
+
+
+def test_arrays_in_another_order_in_memory():
+    columns = np.asfortranarray(np.arange(6, dtype=np.float32).reshape(2, 3))
+    assert encode(pb.Request(fly=pb.Fly()), {"a": columns}).endswith(np.arange(6, dtype=np.float32).tobytes())
+    assert encode(pb.Request(fly=pb.Fly()), {"a": columns[::2]}).endswith(np.arange(3, dtype=np.float32).tobytes())
+
+
+def test_an_aligned_array_is_a_view_of_the_message():
+    array = pb.Array(name="a", dtype=pb.DType.DTYPE_FLOAT64, shape=[1000])
+    for pad in range(8):
+        reply = pb.Reply(arrays=[array], error=pb.Error(text="x" * pad))
+        buffer = bytearray(reply_bytes(reply, bytes(8000)))
+        values = decode(buffer)[1]["a"]
+        is_view = np.shares_memory(values, np.frombuffer(buffer, np.uint8))
+        assert is_view == (len(buffer) % 8 == 0)
+
+
+@pytest.mark.parametrize(
+    ("data", "message"),
+    [
+        (b"", "cut off|malformed|expected"),
+        (struct.pack("<I", 100) + b"abc", "malformed"),
+        (struct.pack("<I", 3) + b"\xff\xff\xff", "malformed"),
+        (reply_bytes(pb.Reply(done=pb.Done()), b"x"), "malformed message: . bytes expected"),
+        (
+            reply_bytes(pb.Reply(arrays=[pb.Array(name="a", dtype=pb.DType.DTYPE_INT64, shape=[2])]), b"x" * 15),
+            "cut off",
+        ),
+        (
+            reply_bytes(pb.Reply(arrays=[pb.Array(name="a", dtype=pb.DType.DTYPE_UINT8, shape=[2**40, 2**40])])),
+            "cut off",
+        ),
+        (reply_bytes(pb.Reply(arrays=[pb.Array(name="a", shape=[2])]), b"xx"), "unknown type 0"),
+    ],
+)
+def test_malformed_messages_are_refused(data, message):
+    with pytest.raises(ConnectionError, match=message):
+        decode(data)
+
+
+def test_messages_in_fragments_and_pieces():
+    session = Session("ws://a/")
+    key = session.to_send().split(b"Sec-WebSocket-Key: ")[1].split(b"\r\n")[0].decode()
+    stream = b"HTTP/1.1 101 Switching\r\nUpgrade: websocket\r\nConnection: Upgrade\r\n"
+    stream += f"Sec-WebSocket-Accept: {accept_key(key)}\r\n\r\n".encode()
+    stream += b"\x02\x02ab" + b"\x89\x01!" + b"\x00\x01c" + b"\x80\x01d" + b"\x82\x02ef"  # with a ping between
+    messages, sent = [], b""
+    for byte in stream:
+        messages += session.receive(bytes([byte]))
+        sent += session.to_send()
+    assert session.is_open
+    assert [bytes(message) for message in messages] == [b"abcd", b"ef"]
+    assert sent[0] == 0x8A  # the pong
+    assert session.receive(b"\x88\x05\x03\xe9bye") == []
+    assert session.reason == "closed the connection: bye"
+
+
+@pytest.mark.parametrize(
+    ("address", "uri", "host", "port"),
+    [
+        ("localhost", "ws://localhost:41451/", "localhost", 41451),
+        ("10.0.0.1:5", "ws://10.0.0.1:5/", "10.0.0.1", 5),
+        ("[::1]:5", "ws://[::1]:5/", "::1", 5),
+        ("ws://a.b:5/drones", "ws://a.b:5/drones", "a.b", 5),
+        ("wss://a.b", "wss://a.b:41451/", "a.b", 41451),
+    ],
+)
+def test_addresses(address, uri, host, port):
+    parsed = parse_address(address, None, True)
+    assert (parsed.uri, parsed.host, parsed.port, parsed.path) == (uri, host, port, "")
+    assert (parsed.tls is not None) == address.startswith("wss")
+
+
+@pytest.mark.parametrize(
+    "address", ["", "a b:c", "http://a", "unix:", "ws://", "a:70000", "ws://u@h:1", "ws://h:1/?a", ":5"]
+)
+def test_bad_addresses_are_refused(address):
+    with pytest.raises(ValueError, match="address: expected 'HOST:PORT'"):
+        flockstep.connect(address)
+
+
+def test_bad_options_are_refused(tmp_path):
+    with pytest.raises(ValueError, match="ca_file: expected an address that begins with wss://"):
+        flockstep.connect("localhost", ca_file=tmp_path)
+    with pytest.raises(ValueError, match="check_hostname: expected an address that begins with wss://"):
+        flockstep.connect("unix:/a", check_hostname=False)
+    with pytest.raises(ValueError, match="timeout_s: expected a number above 0, got 0"):
+        flockstep.connect("localhost", timeout_s=0)
+    with pytest.raises(TypeError, match="address: expected"):
+        flockstep.connect(5)
+
+
+def test_every_operation_of_the_protocol_is_in_the_client():
+    text = (ROOT / "envs/flockstep/client/async_operations.py").read_text()
+    text += (ROOT / "envs/flockstep/client/call.py").read_text()
+    operations = [field.name for field in pb.Request.DESCRIPTOR.oneofs_by_name["operation"].fields]
+    assert len(operations) > 40
+    assert [name for name in operations if f"Request({name}=" not in text] == []
+
+
+def test_each_kind_of_stream_is_the_field_of_its_operation():
+    fields = {f.name: f.message_type.name for f in pb.Subscribe.DESCRIPTOR.oneofs_by_name["what"].fields}
+    operations = {f.name: f.message_type.name for f in pb.Request.DESCRIPTOR.oneofs_by_name["operation"].fields}
+    assert {stream: operations[operation] for operation, stream in _STREAMED.items()} == fields
+    with pytest.raises(ValueError, match="rate_hz: expected a number above 0, got nan"):
+        subscription(None, float("nan"), False)
+
+
+def test_generated_files_are_fresh():
+    done = subprocess.run(
+        [sys.executable, "server/generate_client.py", "--check"], cwd=ROOT, capture_output=True, text=True, check=False
+    )
+    assert (done.returncode, done.stderr) == (0, "")
+
+
+def test_both_clients_have_the_same_operations():
+    from flockstep.client import AsyncClient, AsyncDrone, Client, Drone
+
+    for blocking, other in ((Client, AsyncClient), (Drone, AsyncDrone)):
+        names = {name for name in dir(blocking) if not name.startswith("_")}
+        assert names - {"vector_env"} == {name for name in dir(other) if not name.startswith("_")}
+        for name in names - {"vector_env"}:
+            assert getattr(blocking, name).__doc__, name
