@@ -11,7 +11,8 @@ import numpy.typing as npt
 
 from flockstep import serialization
 from flockstep._core import Batch
-from flockstep.vector_env import DroneVectorEnv, Observation, require_render_mode
+from flockstep.stepping import Observation
+from flockstep.vector_env import DroneVectorEnv, require_render_mode
 
 
 class DroneEnv(gymnasium.Env[Observation, Any]):

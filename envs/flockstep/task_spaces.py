@@ -2,12 +2,47 @@
 
 from __future__ import annotations
 
-from typing import Any
+from collections.abc import Sequence
+from typing import Any, Protocol
 
 import numpy as np
 from gymnasium import spaces
 
-from flockstep._core import Field, TaskSpec
+
+class Field(Protocol):
+    """A declared array: that of the engine, or of a server."""
+
+    @property
+    def name(self) -> str:
+        """Name of the array."""
+
+    @property
+    def dtype(self) -> str:
+        """NumPy name of the type."""
+
+    @property
+    def shape(self) -> tuple[int, ...]:
+        """Shape of one row."""
+
+    @property
+    def low(self) -> Any:
+        """Minimum: a number, or an array of ``shape``."""
+
+    @property
+    def high(self) -> Any:
+        """Maximum: a number, or an array of ``shape``."""
+
+
+class TaskSpec(Protocol):
+    """Action and observations of a task."""
+
+    @property
+    def action(self) -> Field:
+        """One row of the actions."""
+
+    @property
+    def observation(self) -> Sequence[Field]:
+        """Fields of the observation."""
 
 
 def observation_space(spec: TaskSpec) -> spaces.Space[Any]:

@@ -6,10 +6,8 @@ import inspect
 import operator
 from collections.abc import Mapping, Sequence
 from copy import copy as copied
-from copy import deepcopy
-from numbers import Real
 from os import PathLike, fspath
-from typing import TYPE_CHECKING, Any, TypeAlias, TypeVar
+from typing import TYPE_CHECKING, Any, TypeVar
 
 import gymnasium
 import numpy as np
@@ -18,7 +16,7 @@ from gymnasium.error import ResetNeeded
 from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space
 
-from flockstep import scenes, serialization
+from flockstep import scenes, serialization, stepping
 from flockstep._core import (
     Batch,
     CameraConfig,
@@ -44,6 +42,7 @@ from flockstep.nearest_name import did_you_mean
 from flockstep.pictures import views
 from flockstep.pictures.flight_overlay import FlightOverlay
 from flockstep.pictures.frames import selected
+from flockstep.stepping import AUTORESET_MODES, Array, BoolArray, Observation
 from flockstep.task import DroneLike, Task, TaskCalls, native_task, settable_names
 from flockstep.task_spaces import action_space, observation_space
 from flockstep.world_pool import WorldPool
@@ -127,24 +126,10 @@ if TYPE_CHECKING:
 _Sensor = TypeVar("_Sensor")
 _Config = TypeVar("_Config")
 
-Array: TypeAlias = npt.NDArray[Any]
-BoolArray: TypeAlias = npt.NDArray[np.bool_]
-#: An array, or a dict of arrays if the task observes several fields.
-Observation: TypeAlias = Array | dict[str, Array]
-
-#: A batch's values about episodes, in addition to their reward terms.
-_OF_EPISODES = ("episode_return", "episode_length", "success", "crashed", "bad_state", "episode_end")
-
 #: Configurations whose fields are keywords of the env: those for every task, then those for one task each.
 _CONFIGS_OF_ALL: tuple[Any, ...] = (EpisodeConfig, ClockConfig, DynamicsConfig)
 _CONFIGS_OF_TASKS: dict[Any, str] = {config: name for name, config in engine_tasks.items()}
 _TASK_CONFIGS: tuple[Any, ...] = tuple(config for config in engine_tasks.values() if config is not NavigationConfig)
-
-_MODES = {
-    "next_step": AutoresetMode.NEXT_STEP,
-    "same_step": AutoresetMode.SAME_STEP,
-    "disabled": AutoresetMode.DISABLED,
-}
 
 
 class DroneVectorEnv(VectorEnv[Observation, Array, Array]):
@@ -361,7 +346,7 @@ class DroneVectorEnv(VectorEnv[Observation, Array, Array]):
         shown = views.choose(render_view, render_size, render_camera)
         if drone_mesh is not None and not isinstance(drone_mesh, DroneMesh):
             raise TypeError(f"drone_mesh: expected a flockstep.DroneMesh, got {drone_mesh!r}")
-        self.reward_scale = _reward_scale(reward_scale)
+        self.reward_scale = stepping.require_reward_scale(reward_scale)
         self.autoreset_mode = _autoreset_mode(autoreset_mode)
         self.metadata = {**self.metadata, "autoreset_mode": self.autoreset_mode}
         self.render_mode = render_mode
@@ -372,7 +357,7 @@ class DroneVectorEnv(VectorEnv[Observation, Array, Array]):
         if isinstance(task, Task):
             _refuse_keywords_on(task)
 
-        mode = next(name for name, member in _MODES.items() if member is self.autoreset_mode)
+        mode = next(name for name, member in AUTORESET_MODES.items() if member is self.autoreset_mode)
         episode = {"autoreset_mode": mode, "max_episode_steps": max_episode_steps}
         recipe, self.task, own_task, calls = _recipe_for(task, observation, episode, _by_config(own_fields, task))
         _set_given(recipe, num_envs=self.num_groups, drones_per_env=self.drones_per_env, num_threads=num_threads)
@@ -406,7 +391,6 @@ class DroneVectorEnv(VectorEnv[Observation, Array, Array]):
         self.observation_space = batch_space(self.single_observation_space, self.num_envs)
         self.action_space = batch_space(self.single_action_space, self.num_envs)
 
-        self._same_step = self.autoreset_mode is AutoresetMode.SAME_STEP
         self._seeded = False  # True once every env has a seed, and so an episode to continue
         self._view: views.View | None = None
         self.trail: Trail | None = None  # past positions of the drones, if the pictures show them
@@ -517,22 +501,12 @@ class DroneVectorEnv(VectorEnv[Observation, Array, Array]):
         observation, infos
             Values of all envs, including those that were not reset; infos is empty.
         """
-        self._require_open()
-        mask = self._reset_mask(options)
-        seeds = self._seeds(seed)
-        if seeds is None and not self._seeded:
-            if mask is not None and not mask.all():
-                raise ResetNeeded("the first reset must be of all envs or come with a seed")
-            seeds = self._seeds(int(self.np_random.integers(1 << 62)))
-        if seeds is not None and not self._seeded and mask is not None and not mask.all():
-            self.batch.reset(seeds)  # also reset the envs outside the mask: every env must have a state
-        self.batch.reset(seeds, mask)
+        mask = stepping.reset(self, seed, options)
         if self.closed:
             raise RuntimeError("the task closed this env during reset(): close it after reset() has returned")
-        self._seeded = True
         if self.trail is not None:
             self.trail.record(True if mask is None else np.repeat(mask, self.drones_per_env))
-        return self._returned(self.observation()), {}
+        return stepping.returned(self, self.observation()), {}
 
     def step(self, actions: npt.ArrayLike) -> tuple[Observation, Array, BoolArray, BoolArray, dict[str, Any]]:
         """Fly one step in every env.
@@ -555,21 +529,10 @@ class DroneVectorEnv(VectorEnv[Observation, Array, Array]):
         gymnasium.error.ResetNeeded
             `step` was called before the first `reset`.
         """
-        if not self._seeded:
-            self._require_open()
-            raise ResetNeeded("call reset before step")
-        batch = self.batch
-        batch.step(actions)
+        stepping.step(self, actions)
         if self.trail is not None:
             self.trail.record()
-        observation = batch.observation
-        reward = batch.reward if self.reward_scale == 1 else self.scaled_reward()
-        terminated, truncated = batch.terminated, batch.truncated
-        ended = terminated | truncated
-        infos = self._infos(ended) if np.count_nonzero(ended) else {}
-        if self.copy:
-            return self._returned(observation), reward.copy(), terminated.copy(), truncated.copy(), infos
-        return observation, reward, terminated, truncated, infos
+        return stepping.results(self)
 
     def render(
         self, indices: int | Sequence[int] | npt.NDArray[np.integer[Any]] | None = None
@@ -613,28 +576,19 @@ class DroneVectorEnv(VectorEnv[Observation, Array, Array]):
 
         If the scale is 1, they are a view, which is valid as long as those of `observation`.
         """
-        reward: npt.NDArray[np.float32] = self.batch.reward
-        return reward if self.reward_scale == 1 else np.multiply(reward, self.reward_scale, dtype=np.float32)
+        return stepping.scaled_reward(self)
 
     def episode_infos(self, indices: npt.NDArray[np.intp] | None = None) -> dict[str, Any]:
         """Return the episode statistics of the envs ``indices`` (default: all) as a dict of new arrays.
 
         Unfinished episodes have their values so far.
         """
-        batch, rows = self.batch, slice(None) if indices is None else indices
-        report = {name: getattr(batch, name)[rows] for name in _OF_EPISODES}
-        report["episode_terms"] = dict(zip(self._reward_terms, batch.episode_terms[rows].T, strict=True))
-        if self._task_calls is not None:
-            report.update((name, values[rows]) for name, values in self._task_calls.infos().items())
-        return deepcopy(report) if indices is None else report
+        task_infos = {} if self._task_calls is None else self._task_calls.infos()
+        return stepping.episode_infos(self, indices, task_infos)
 
     def final_observations(self, indices: npt.NDArray[np.intp]) -> list[Observation]:
         """Return the last observation of the episode that ended in each of the envs ``indices``, as new arrays."""
-        final = self.batch.final_observation
-        if not isinstance(final, dict):
-            return list(final[indices])
-        parts = {name: rows[indices] for name, rows in final.items()}
-        return [{name: rows[i, ...] for name, rows in parts.items()} for i in range(len(indices))]
+        return stepping.final_observations(self, indices)
 
     def restore(self, blob: bytes) -> Observation:
         """Go back to a snapshot and return its observation (N, ...).
@@ -649,7 +603,7 @@ class DroneVectorEnv(VectorEnv[Observation, Array, Array]):
         self._seeded = True
         if self.trail is not None:
             self.trail.record(True)
-        return self._returned(self.observation())
+        return stepping.returned(self, self.observation())
 
     def call(self, name: str, *args: Any, **kwargs: Any) -> tuple[Any, ...]:
         """Call a method of this env or its `Task` once, or read an attribute, and return the result for each env."""
@@ -689,37 +643,6 @@ class DroneVectorEnv(VectorEnv[Observation, Array, Array]):
         self._view = self.trail = None
         self.__dict__.pop("batch", None)
 
-    def _infos(self, ended: BoolArray) -> dict[str, Any]:
-        indices = np.flatnonzero(ended)
-
-        def spread(report: dict[str, Any]) -> dict[str, Any]:
-            """Scatter the values to rows of all envs, with 0 elsewhere."""
-            arrays: dict[str, Any] = {}
-            for name, values in report.items():
-                if isinstance(values, dict):  # the reward terms, which share one type
-                    rows = np.zeros((len(values), self.num_envs))
-                    rows[:, indices] = list(values.values())
-                    arrays[name] = _masked(dict(zip(values, rows, strict=True)), ended)
-                else:
-                    arrays[name] = np.zeros(self.num_envs, values.dtype)
-                    arrays[name][indices] = values
-            return arrays
-
-        infos = _masked(spread(self.episode_infos(indices)), ended)
-        if not self._same_step:
-            return infos
-        final_obs = np.full(self.num_envs, None, dtype=object)
-        for index, row in zip(indices.tolist(), self.final_observations(indices), strict=True):
-            final_obs[index] = row
-        return {"final_obs": final_obs, "_final_obs": ended, "final_info": infos, "_final_info": ended}
-
-    def _returned(self, observation: Observation) -> Observation:
-        if not self.copy:
-            return observation
-        if isinstance(observation, dict):
-            return {key: part.copy() for key, part in observation.items()}
-        return observation.copy()
-
     def _owner_of(self, name: str) -> Any:
         """Return the task if only it has the attribute, otherwise this env."""
         is_of_task = not hasattr(self, name) and isinstance(self.task, Task) and hasattr(self.task, name)
@@ -731,58 +654,7 @@ class DroneVectorEnv(VectorEnv[Observation, Array, Array]):
         return (value,) * self.num_envs
 
     def _require_open(self) -> None:
-        if self.closed:
-            raise RuntimeError("this env is closed")
-
-    def _seeds(self, seed: int | Sequence[int] | None) -> npt.NDArray[np.uint64] | None:
-        if seed is None:
-            return None
-        if isinstance(seed, (bool, np.bool_)) or not isinstance(seed, (int, np.integer, Sequence, np.ndarray)):
-            raise TypeError(f"seed: expected an integer, {self.num_groups} integers or None, got {seed!r}")
-        if isinstance(seed, (int, np.integer)):
-            first = int(seed)
-            if not 0 <= first <= (1 << 64) - self.num_groups:
-                raise ValueError(f"seed: expected a number from 0 to 2**64 - num_envs, got {first}")
-            super().reset(seed=first)  # seeds np_random
-            seeds: npt.NDArray[np.uint64] = np.arange(self.num_groups, dtype=np.uint64) + np.uint64(first)
-            return seeds
-        if len(seed) != self.num_groups:
-            raise ValueError(f"seed: expected one integer or {self.num_groups} of them, one per env, got {len(seed)}")
-        for s in seed:
-            if not isinstance(s, (int, np.integer)) or isinstance(s, bool) or not 0 <= int(s) < 1 << 64:
-                raise ValueError(f"seed: expected integers from 0 to 2**64 - 1, got {s!r}")
-        super().reset(seed=int(seed[0]))  # seeds np_random
-        self._np_random_seed = tuple(int(s) for s in seed)  # type: ignore[assignment] # like SyncVectorEnv
-        return np.array(seed, dtype=np.uint64)
-
-    def _reset_mask(self, options: Mapping[str, Any] | None) -> BoolArray | None:
-        unknown = [name for name in options or () if name != "reset_mask"]
-        if unknown:
-            raise ValueError(f"options: expected only 'reset_mask', got {', '.join(map(repr, unknown))}")
-        mask = None if options is None else options.get("reset_mask")
-        if mask is None:
-            return None
-        if not isinstance(mask, np.ndarray) or mask.dtype != np.bool_ or mask.shape != (self.num_envs,):
-            got = f"{mask.dtype} {mask.shape}" if isinstance(mask, np.ndarray) else type(mask).__name__
-            raise ValueError(f"options['reset_mask']: expected a bool array of shape ({self.num_envs},), got {got}")
-        if not mask.any():
-            raise ValueError("options['reset_mask']: expected at least one True")
-        groups = mask.reshape(self.num_groups, self._rows_per_env)
-        split = np.flatnonzero(groups.any(axis=1) != groups.all(axis=1))
-        if split.size:
-            raise ValueError(
-                f"options['reset_mask']: expected all {self._rows_per_env} drones of an env or none, since they begin "
-                f"their episodes together, got some of env {split[0]}"
-            )
-        return groups[:, 0].copy()
-
-
-def _masked(arrays: Mapping[str, Any], mask: BoolArray) -> dict[str, Any]:
-    """Return infos in Gymnasium's format, with a mask for each key."""
-    infos: dict[str, Any] = {}
-    for key, value in arrays.items():
-        infos[key], infos[f"_{key}"] = value, mask
-    return infos
+        stepping.require_open(self)
 
 
 def _recipe_for(
@@ -926,12 +798,6 @@ def _listed(given: Any, kind: type[_Sensor], name: str) -> list[_Sensor]:
     return [copied(config) for config in configs]
 
 
-def _reward_scale(scale: Any) -> float:
-    if not (isinstance(scale, Real) and 0 < float(scale) < np.inf):
-        raise ValueError(f"reward_scale: expected a finite number above 0, got {scale!r}")
-    return float(scale)
-
-
 def require_render_mode(mode: str | None, window: str) -> None:
     """Raise ValueError for an unknown render mode; for ``"human"`` name the wrapper that shows a window."""
     modes = DroneVectorEnv.metadata["render_modes"]
@@ -959,9 +825,9 @@ def _members(drones_per_env: Any) -> int:
 def _autoreset_mode(mode: str | AutoresetMode) -> AutoresetMode:
     if mode in tuple(AutoresetMode) or mode in tuple(member.value for member in AutoresetMode):
         return AutoresetMode(mode)  # Gymnasium's own members and their values, such as "SameStep"
-    if mode not in _MODES:
-        hint = did_you_mean(mode, _MODES)
+    if mode not in AUTORESET_MODES:
+        hint = did_you_mean(mode, AUTORESET_MODES)
         raise ValueError(
-            f"autoreset_mode: expected {', '.join(map(repr, _MODES))} or an AutoresetMode, got {mode!r}{hint}"
+            f"autoreset_mode: expected {', '.join(map(repr, AUTORESET_MODES))} or an AutoresetMode, got {mode!r}{hint}"
         )
-    return _MODES[mode]
+    return AUTORESET_MODES[mode]

@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
+import asyncio
 import importlib.util
+import logging
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from types import ModuleType
 from typing import Any
 
 import pytest
+from both_clients import Blocking
 
 import flockstep
 
@@ -68,3 +71,20 @@ def example() -> Callable[[str], ModuleType]:
         return sys.modules[name]
 
     return load
+
+
+@pytest.fixture(params=["blocking", "asyncio"])
+def connect(request: pytest.FixtureRequest) -> Iterator[Callable[..., Any]]:
+    """Both clients: `flockstep.connect`, and `flockstep.connect_async` with calls that wait."""
+    logging.getLogger("websockets").setLevel(logging.CRITICAL)
+    if request.param == "blocking":
+        yield flockstep.connect
+        return
+    loop = asyncio.new_event_loop()
+
+    def connected(*args: Any, **keywords: Any) -> Blocking:
+        return Blocking(loop, loop.run_until_complete(flockstep.connect_async(*args, **keywords)))
+
+    yield connected
+    loop.run_until_complete(loop.shutdown_asyncgens())
+    loop.close()

@@ -2,7 +2,6 @@
 
 import asyncio
 import gc
-import logging
 import socket
 import ssl
 import threading
@@ -18,58 +17,6 @@ from flockstep.client import protocol_pb2 as pb
 
 DONE = pb.Reply(done=pb.Done())
 LOCATION = pb.Reply(location=pb.Vector3(x=1, y=2, z=3))
-
-
-class Blocking:
-    """The calls of an asyncio client without await, so that one test serves both clients."""
-
-    def __init__(self, loop, client):
-        self._loop, self._client = loop, client
-
-    def __getattr__(self, name):
-        value = getattr(self._client, name)
-        if not callable(value):
-            return value
-
-        def call(*args, **keywords):
-            result = value(*args, **keywords)
-            if asyncio.iscoroutine(result):
-                result = self._loop.run_until_complete(result)
-            plain = type(result).__module__.startswith("flockstep.client") and type(result).__name__.startswith("Async")
-            return Blocking(self._loop, result) if plain else result
-
-        return call
-
-    def __enter__(self):
-        return self
-
-    def __exit__(self, *_):
-        self.close()
-
-    def __iter__(self):
-        return self
-
-    def __next__(self):
-        try:
-            return self._loop.run_until_complete(self._client.__anext__())
-        except StopAsyncIteration:
-            raise StopIteration from None
-
-
-@pytest.fixture(params=["blocking", "asyncio"])
-def connect(request):
-    logging.getLogger("websockets").setLevel(logging.CRITICAL)
-    if request.param == "blocking":
-        yield flockstep.connect
-        return
-    loop = asyncio.new_event_loop()
-
-    def connected(*args, **keywords):
-        return Blocking(loop, loop.run_until_complete(flockstep.connect_async(*args, **keywords)))
-
-    yield connected
-    loop.run_until_complete(loop.shutdown_asyncgens())
-    loop.close()
 
 
 def wait_for_close(script):
@@ -243,7 +190,7 @@ def test_the_server_ends_the_session(connect):
                 ConnectionError, match=f"the server at {address} closed the connection: the server stops"
             ):
                 client.ping()
-        assert "the server stops" in repr(getattr(client, "_client", client))
+        assert "the server stops" in repr(client)
 
 
 def test_the_server_is_gone(connect):

@@ -38,6 +38,7 @@ from flockstep.client.results import (
     WorldInfo,
 )
 from flockstep.client.streams import AsyncStream, Stream
+from flockstep.client.vector_env import RemoteVectorEnv
 
 __all__ = [
     "Angles",
@@ -57,6 +58,7 @@ __all__ = [
     "Light",
     "Mesh",
     "PointCloud",
+    "RemoteVectorEnv",
     "Rotation",
     "ServerError",
     "ServerInfo",

@@ -12,7 +12,7 @@ import numpy.typing as npt
 
 from flockstep.client import protocol_pb2 as pb
 from flockstep.client import readers
-from flockstep.client.call import Call, flags, floats, given, nothing
+from flockstep.client.call import Call, finite, flags, floats, given, nothing
 from flockstep.client.results import (
     Angles,
     Boxes,
@@ -649,12 +649,12 @@ def _set_camera_config(drone: int, camera: str, config: pb.CameraConfig) -> Call
 
 
 def _vector(name: str, values: npt.ArrayLike) -> pb.Vector3:
-    x, y, z = floats(name, values, 3).tolist()
+    x, y, z = finite(name, values, 3)
     return pb.Vector3(x=x, y=y, z=z)
 
 
 def _quaternion(name: str, values: npt.ArrayLike) -> pb.Quaternion:
-    w, x, y, z = floats(name, values, 4).tolist()
+    w, x, y, z = finite(name, values, 4)
     return pb.Quaternion(w=w, x=x, y=y, z=z)
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
+from math import isfinite
 from typing import Any, Generic, TypeVar
 
 import numpy as np
@@ -77,6 +78,14 @@ def floats(name: str, values: npt.ArrayLike, *shape: int) -> npt.NDArray[np.floa
         expected = ", ".join("N" if size < 0 else str(size) for size in shape)
         raise ValueError(f"{name}: expected shape ({expected}{',' * (len(shape) == 1)}), got {array.shape}")
     return array
+
+
+def finite(name: str, values: npt.ArrayLike, size: int) -> list[float]:
+    """Return ``size`` finite numbers. In messages, servers refuse other numbers like malformed bytes."""
+    numbers: list[float] = floats(name, values, size).tolist()
+    if not all(map(isfinite, numbers)):
+        raise ValueError(f"{name}: expected finite numbers, got {numbers}")
+    return numbers
 
 
 def flags(name: str, values: npt.ArrayLike) -> npt.NDArray[np.bool_]:

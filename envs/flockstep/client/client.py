@@ -27,6 +27,8 @@ if TYPE_CHECKING:
 
     from typing_extensions import Self
 
+    from flockstep.client.vector_env import RemoteVectorEnv
+
 T = TypeVar("T")
 
 _ATTEND_S = 2.0  # how often a client that its program does not use answers the server's pings
@@ -169,6 +171,18 @@ class Client(Operations):
         if hasattr(self, "_closed"):
             self._closed.set()
             self._disconnect()
+
+    def vector_env(self, *, reward_scale: float = 1.0) -> RemoteVectorEnv:
+        """Return the envs of the server's batch, which must have a task, as a Gymnasium vector environment.
+
+        Parameters
+        ----------
+        reward_scale
+            The env returns the rewards multiplied by this.
+        """
+        from flockstep.client.vector_env import RemoteVectorEnv
+
+        return RemoteVectorEnv(self, reward_scale=reward_scale)
 
     # --- calls
 

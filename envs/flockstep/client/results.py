@@ -254,7 +254,7 @@ class WorldInfo:
     name
         Name of the world.
     content_hash
-        Hash of its content, as `World.content_hash` returns it.
+        Hash of its content; worlds that differ only in their names have the same.
     min, max
         Corners of the box around all geometry, (3,) m.
     start, goal

@@ -15,8 +15,9 @@ from stable_baselines3.common.vec_env.base_vec_env import VecEnv, VecEnvIndices,
 
 from flockstep._core import NativeTask
 from flockstep.registration import make_by_id
+from flockstep.stepping import Observation
 from flockstep.task import Task
-from flockstep.vector_env import DroneVectorEnv, Observation
+from flockstep.vector_env import DroneVectorEnv
 
 
 def make_vec(

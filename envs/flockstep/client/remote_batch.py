@@ -1,0 +1,184 @@
+"""A server's batch with a task, in the form that a vector environment needs."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any, Protocol, TypeVar
+
+import numpy as np
+import numpy.typing as npt
+
+from flockstep.client import protocol_pb2 as pb
+from flockstep.client.call import Call, given
+from flockstep.client.errors import ServerError
+from flockstep.client.frames import Arrays, numpy_type
+
+T = TypeVar("T")
+
+_OBSERVATION, _FINAL_OBSERVATION = "observation", "final_observation"
+
+
+class _Caller(Protocol):
+    def __call__(self, call: Call[T]) -> T: ...
+
+
+@dataclass(frozen=True, eq=False)
+class RemoteField:
+    """A named array that a task declares, like `Field`: ``low`` and ``high`` are numbers, or arrays of ``shape``."""
+
+    name: str
+    dtype: str
+    shape: tuple[int, ...]
+    low: Any
+    high: Any
+
+
+@dataclass(frozen=True, eq=False)
+class RemoteTask:
+    """The task of a server's batch."""
+
+    action: RemoteField
+    observation: list[RemoteField]
+    reward_terms: list[str]
+    num_rows: int
+    row_is_env: bool
+    autoreset_mode: str
+    policy_hz: float
+    frame_skip: int
+
+
+class RemoteBatch:
+    """Steps the task of a server's batch, and holds the arrays of its last answer, which are new in each answer.
+
+    The arrays of episodes, from ``final_observation`` on, are there if an episode has ended in the last step.
+    """
+
+    def __init__(self, call: _Caller) -> None:
+        self._call = call
+        self.task = call(Call(pb.Request(get_task=pb.GetTask()), "task", _task))
+        self._arrays: Arrays = {}
+
+    def reset(self, seeds: npt.NDArray[np.uint64] | None = None, mask: npt.NDArray[np.bool_] | None = None) -> None:
+        """Begin new episodes, with seeds (E,) or none, in the envs of the mask (E,) or in all."""
+        request = pb.Request(reset_envs=pb.ResetEnvs())
+        self._arrays = self._send(request, given(seeds=seeds, mask=mask))
+
+    def step(self, actions: npt.ArrayLike) -> None:
+        """Fly one step.
+
+        Raises
+        ------
+        ValueError
+            Actions have a wrong shape or dtype, or are not finite; nothing has changed.
+        """
+        self._arrays = self._send(pb.Request(step_envs=pb.StepEnvs()), {"actions": self._actions(actions)})
+
+    def _send(self, request: pb.Request, arrays: Arrays) -> Arrays:
+        try:
+            return self._call(Call(request, "time", lambda reply, arrays: arrays, arrays))
+        except ServerError as error:
+            if error.code == "INVALID_ARGUMENT":
+                raise ValueError(str(error)) from error
+            raise
+
+    def _actions(self, actions: npt.ArrayLike) -> npt.NDArray[Any]:
+        field = self.task.action
+        shape = (self.task.num_rows, *field.shape)
+        try:
+            array = np.asarray(actions)
+        except ValueError as error:  # rows of different lengths
+            raise ValueError(f"actions: expected shape {shape}: {error}") from None
+        is_integer = field.dtype.startswith("int")
+        if array.shape != shape or array.dtype.kind not in ("iu" if is_integer else "iuf"):
+            kind = "integers" if is_integer else "numbers"
+            raise ValueError(f"actions: expected {kind} of shape {shape}, got {array.dtype} {array.shape}")
+        return array.astype(np.int64 if is_integer else np.float32, copy=False)
+
+    def _observation(self, name: str) -> Any:
+        fields = self.task.observation
+        if len(fields) == 1:
+            return self._arrays[f"{name}/{fields[0].name}"]
+        return {field.name: self._arrays[f"{name}/{field.name}"] for field in fields}
+
+    @property
+    def observation(self) -> Any:
+        """Observations: an array (N, ...) or a dict of such arrays."""
+        return self._observation(_OBSERVATION)
+
+    @property
+    def final_observation(self) -> Any:
+        """Last observations of episodes that ended in this step, like `observation`."""
+        return self._observation(_FINAL_OBSERVATION)
+
+    @property
+    def reward(self) -> npt.NDArray[Any]:
+        """Rewards (N,) float32."""
+        return self._arrays["reward"]
+
+    @property
+    def terminated(self) -> npt.NDArray[Any]:
+        """Flags (N,): the episode ended in a terminal state."""
+        return self._arrays["terminated"]
+
+    @property
+    def truncated(self) -> npt.NDArray[Any]:
+        """Flags (N,): the episode was cut off."""
+        return self._arrays["truncated"]
+
+    @property
+    def episode_return(self) -> npt.NDArray[Any]:
+        """Sums of the rewards (N,)."""
+        return self._arrays["episode_return"]
+
+    @property
+    def episode_terms(self) -> npt.NDArray[Any]:
+        """Sums of the reward terms (N, terms)."""
+        return self._arrays["episode_terms"]
+
+    @property
+    def episode_length(self) -> npt.NDArray[Any]:
+        """Numbers of steps (N,)."""
+        return self._arrays["episode_length"]
+
+    @property
+    def success(self) -> npt.NDArray[Any]:
+        """Flags (N,)."""
+        return self._arrays["success"]
+
+    @property
+    def crashed(self) -> npt.NDArray[Any]:
+        """Flags (N,)."""
+        return self._arrays["crashed"]
+
+    @property
+    def bad_state(self) -> npt.NDArray[Any]:
+        """Flags (N,)."""
+        return self._arrays["bad_state"]
+
+    @property
+    def episode_end(self) -> npt.NDArray[Any]:
+        """Reasons (N,), values of `EpisodeEnd`."""
+        return self._arrays["episode_end"]
+
+
+def _field(message: pb.Field) -> RemoteField:
+    shape = tuple(message.shape)
+
+    def bound(values: Any) -> Any:
+        return values[0] if len(values) == 1 else np.array(values).reshape(shape)
+
+    return RemoteField(message.name, numpy_type(message.dtype).name, shape, bound(message.low), bound(message.high))
+
+
+def _task(reply: pb.Reply, arrays: Arrays) -> RemoteTask:
+    task = reply.task
+    return RemoteTask(
+        _field(task.action),
+        [_field(field) for field in task.observation],
+        list(task.reward_terms),
+        task.num_rows,
+        task.row_is_env,
+        task.autoreset_mode,
+        task.policy_hz,
+        task.frame_skip,
+    )
