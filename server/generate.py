@@ -136,6 +136,7 @@ def members(message: DescriptorProto) -> list[tuple[str, list[FieldDescriptorPro
 
 
 def is_optional(field: FieldDescriptorProto) -> bool:
+    """Return whether the member is a std::optional."""
     return field.proto3_optional or (field.type == F.TYPE_MESSAGE and field.label != F.LABEL_REPEATED)
 
 
@@ -204,6 +205,7 @@ def functions(message: DescriptorProto, checked: bool) -> list[str]:
 
 
 def one_written(field: FieldDescriptorProto, value: str) -> str:
+    """Return the statement that writes one value of a field."""
     if field.type == F.TYPE_MESSAGE:
         return f"write_message(writer, {field.number}, {value});"
     if field.type == F.TYPE_ENUM:
@@ -212,13 +214,16 @@ def one_written(field: FieldDescriptorProto, value: str) -> str:
 
 
 def repeated_written(field: FieldDescriptorProto) -> list[str]:
+    """Return the statements that write a repeated field."""
     name = field.name
     if field.type in (F.TYPE_MESSAGE, F.TYPE_STRING):
         return [f"for (const auto& value : {name}) {one_written(field, 'value')}"]
     return [f"writer.add_packed_{SCALARS[field.type][1]}({field.number}, {name}.begin(), {name}.end());"]
 
 
-def field_read(message: DescriptorProto, name: str, field: FieldDescriptorProto, choice: bool, checked: bool) -> list[str]:
+def field_read(
+    message: DescriptorProto, name: str, field: FieldDescriptorProto, choice: bool, checked: bool
+) -> list[str]:
     """Return the statements that read a field whose tag has been read."""
     label = f'"{field.name}"'
     if field.type == F.TYPE_MESSAGE:
@@ -241,12 +246,14 @@ def field_read(message: DescriptorProto, name: str, field: FieldDescriptorProto,
     value = f"read_{kind}(reader, {label})"
     if is_real and checked:
         value = f"finite({value}, {label})"
+    if field.type == F.TYPE_STRING and checked:
+        value = f"short_text({value}, {label})"
     if field.label == F.LABEL_REPEATED:
         return [f"{name}.push_back({value});"]
     return [f"{name} = {value};"]
 
 
-HEADER_TOP = """// Messages of the protocol, as structs. Generated from flockstep.proto, which documents them, by server/generate.py.
+HEADER_TOP = """// Messages of the protocol, as structs. Generated from flockstep.proto by server/generate.py.
 #pragma once
 
 #include <cstdint>
@@ -258,7 +265,8 @@ HEADER_TOP = """// Messages of the protocol, as structs. Generated from flockste
 #include <protozero/pbf_reader.hpp>
 #include <protozero/pbf_writer.hpp>
 
-// read() throws std::invalid_argument or protozero::exception if the bytes are not such a message. Unknown fields are skipped.
+// read() throws std::invalid_argument or protozero::exception if the bytes are not such a message. Unknown fields are
+// skipped. flockstep.proto documents the fields.
 namespace flockstep::protocol {
 """
 

@@ -442,9 +442,58 @@ class ServerConfig:
 
     Parameters
     ----------
+    address
+        Address to listen on: an IP address, ``"localhost"``, or ``"unix:PATH"`` for a Unix socket. Other machines reach
+        the server only if this is an address of the network, such as ``"0.0.0.0"``; a token is then required. Default:
+        '127.0.0.1'.
+    port
+        Port to listen on. 0: any free port. Values: [0, 65535]. Default: 41451.
+    token
+        Secret that clients must send. Empty: none. Default: ''.
+    certificate_file
+        PEM file with the certificate chain. With a certificate and its key, clients connect by TLS only. Default: ''.
+    private_key_file
+        PEM file with the private key of the certificate. Default: ''.
+    ownership
+        Refuse operations that change a drone which another client has claimed. Default: False.
+    rate_hz
+        Steps per second of wall time. 0: the server steps only when clients or the program ask for it. Values: [0,
+        10000] Hz. Default: 0.0.
+    max_clients
+        Maximum number of clients at once. Values: [1, 100000]. Default: 1024.
+    max_requests
+        Maximum number of unanswered requests of a client; more are refused. Values: [1, 100000]. Default: 64.
+    idle_timeout_s
+        A connection on which nothing arrives for this long is closed. Clients answer the server's pings, so only dead
+        ones are silent. Values: [0.1, 86400] s. Default: 60.0.
     """
 
     # fields of ServerConfig
+    __match_args__: ClassVar[tuple[str, ...]]
+    address: str
+    port: int
+    token: str
+    certificate_file: str
+    private_key_file: str
+    ownership: bool
+    rate_hz: float
+    max_clients: int
+    max_requests: int
+    idle_timeout_s: float
+    def __init__(
+        self,
+        *,
+        address: str = "127.0.0.1",
+        port: int = 41451,
+        token: str = "",
+        certificate_file: str = "",
+        private_key_file: str = "",
+        ownership: bool = False,
+        rate_hz: float = 0.0,
+        max_clients: int = 1024,
+        max_requests: int = 64,
+        idle_timeout_s: float = 60.0,
+    ) -> None: ...
     # end of fields
 
 class Server:

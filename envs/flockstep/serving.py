@@ -48,11 +48,15 @@ def serve(batch: Batch | DroneVectorEnv, config: ServerConfig | None = None, **f
 
 def add_command(commands: Any) -> None:
     """Add the command ``serve`` to a parser's commands."""
-    about = "let other programs, in C++, Python or any language with WebSockets, see and steer the drones of a simulation"
+    about = (
+        "let other programs, in C++, Python or any language with WebSockets, see and steer the drones of a simulation"
+    )
     parser: argparse.ArgumentParser = commands.add_parser("serve", help=about, description=about)
     parser.set_defaults(run=main)
     parser.add_argument("recipe", nargs="?", help="JSON file of a recipe; without it, an empty simulation is served")
-    parser.add_argument("--world", action="append", help="name of a scene or set of scenes, instead of those of the recipe")
+    parser.add_argument(
+        "--world", action="append", help="name of a scene or set of scenes, instead of those of the recipe"
+    )
     parser.add_argument("--drone", help="name of a bundled airframe, instead of that of the recipe")
     parser.add_argument(
         "--allow-files", action="store_true", help="allow the recipe to open scene and drone files anywhere"

@@ -13,6 +13,23 @@ namespace {
 constexpr std::size_t kMaxArrayBytes = std::size_t{1} << 40;
 }  // namespace
 
+bool is_utf8(std::string_view text) {
+  for (std::size_t at = 0; at < text.size();) {
+    const auto byte = [&](std::size_t i) { return at + i < text.size() ? static_cast<unsigned char>(text[at + i]) : 0U; };
+    const unsigned first = byte(0);
+    const std::size_t more = first < 0x80U ? 0 : first < 0xC2U ? 4 : first < 0xE0U ? 1 : first < 0xF0U ? 2 : first < 0xF5U ? 3 : 4;
+    if (more == 4) return false;
+    for (std::size_t i = 1; i <= more; ++i) {
+      if ((byte(i) & 0xC0U) != 0x80U) return false;
+    }
+    // Overlong forms, surrogates, and numbers above 0x10FFFF.
+    if ((first == 0xE0U && byte(1) < 0xA0U) || (first == 0xEDU && byte(1) > 0x9FU)) return false;
+    if ((first == 0xF0U && byte(1) < 0x90U) || (first == 0xF4U && byte(1) > 0x8FU)) return false;
+    at += 1 + more;
+  }
+  return true;
+}
+
 std::size_t size_of(DType type) {
   switch (type) {
     case DType::kDtypeBool:

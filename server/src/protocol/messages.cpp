@@ -14,7 +14,7 @@ void Array::read(protozero::pbf_reader reader) {
   while (reader.next()) {
     switch (reader.tag()) {
       case 1:
-        name = read_string(reader, "name");
+        name = short_text(read_string(reader, "name"), "name");
         break;
       case 2:
         dtype = static_cast<DType>(read_enum(reader, kLastDType, "dtype"));
@@ -40,10 +40,10 @@ void Hello::read(protozero::pbf_reader reader) {
         protocol = read_uint32(reader, "protocol");
         break;
       case 2:
-        token = read_string(reader, "token");
+        token = short_text(read_string(reader, "token"), "token");
         break;
       case 3:
-        client = read_string(reader, "client");
+        client = short_text(read_string(reader, "client"), "client");
         break;
       default:
         reader.skip();
@@ -184,7 +184,7 @@ void GetCameraCaptureMode::read(protozero::pbf_reader reader) {
   while (reader.next()) {
     switch (reader.tag()) {
       case 1:
-        camera = read_string(reader, "camera");
+        camera = short_text(read_string(reader, "camera"), "camera");
         break;
       default:
         reader.skip();
@@ -200,7 +200,7 @@ void SetCameraCaptureMode::read(protozero::pbf_reader reader) {
   while (reader.next()) {
     switch (reader.tag()) {
       case 1:
-        camera = read_string(reader, "camera");
+        camera = short_text(read_string(reader, "camera"), "camera");
         break;
       case 2:
         mode = static_cast<CaptureModeName>(read_enum(reader, kLastCaptureModeName, "mode"));
@@ -376,7 +376,7 @@ void GetCameraData::read(protozero::pbf_reader reader) {
         drone = read_int64(reader, "drone");
         break;
       case 2:
-        camera = read_string(reader, "camera");
+        camera = short_text(read_string(reader, "camera"), "camera");
         break;
       case 3:
         format = static_cast<ImageFormat>(read_enum(reader, kLastImageFormat, "format"));
@@ -385,7 +385,7 @@ void GetCameraData::read(protozero::pbf_reader reader) {
         quality = read_uint32(reader, "quality");
         break;
       case 5:
-        output = read_string(reader, "output");
+        output = short_text(read_string(reader, "output"), "output");
         break;
       default:
         reader.skip();
@@ -405,7 +405,7 @@ void GetLidarData::read(protozero::pbf_reader reader) {
         drone = read_int64(reader, "drone");
         break;
       case 2:
-        lidar = read_string(reader, "lidar");
+        lidar = short_text(read_string(reader, "lidar"), "lidar");
         break;
       case 3:
         without_directions = read_bool(reader, "without_directions");
@@ -427,7 +427,7 @@ void GetLidarConfig::read(protozero::pbf_reader reader) {
         drone = read_int64(reader, "drone");
         break;
       case 2:
-        lidar = read_string(reader, "lidar");
+        lidar = short_text(read_string(reader, "lidar"), "lidar");
         break;
       default:
         reader.skip();
@@ -488,7 +488,7 @@ void SetLidarConfig::read(protozero::pbf_reader reader) {
         drone = read_int64(reader, "drone");
         break;
       case 2:
-        lidar = read_string(reader, "lidar");
+        lidar = short_text(read_string(reader, "lidar"), "lidar");
         break;
       case 3:
         require_type(reader, protozero::pbf_wire_type::length_delimited, "config");
@@ -511,7 +511,7 @@ void GetCameraConfig::read(protozero::pbf_reader reader) {
         drone = read_int64(reader, "drone");
         break;
       case 2:
-        camera = read_string(reader, "camera");
+        camera = short_text(read_string(reader, "camera"), "camera");
         break;
       default:
         reader.skip();
@@ -560,7 +560,7 @@ void CameraConfig::read(protozero::pbf_reader reader) {
         far_m = finite(read_float(reader, "far_m"), "far_m");
         break;
       case 9:
-        outputs.push_back(read_string(reader, "outputs"));
+        outputs.push_back(short_text(read_string(reader, "outputs"), "outputs"));
         break;
       default:
         reader.skip();
@@ -580,7 +580,7 @@ void SetCameraConfig::read(protozero::pbf_reader reader) {
         drone = read_int64(reader, "drone");
         break;
       case 2:
-        camera = read_string(reader, "camera");
+        camera = short_text(read_string(reader, "camera"), "camera");
         break;
       case 3:
         require_type(reader, protozero::pbf_wire_type::length_delimited, "config");
@@ -634,10 +634,10 @@ void GetArrays::read(protozero::pbf_reader reader) {
   while (reader.next()) {
     switch (reader.tag()) {
       case 1:
-        names.push_back(read_string(reader, "names"));
+        names.push_back(short_text(read_string(reader, "names"), "names"));
         break;
       case 2:
-        sensor = read_string(reader, "sensor");
+        sensor = short_text(read_string(reader, "sensor"), "sensor");
         break;
       default:
         reader.skip();
@@ -671,7 +671,7 @@ void Fly::read(protozero::pbf_reader reader) {
         ticks = read_uint32(reader, "ticks");
         break;
       case 2:
-        control = read_string(reader, "control");
+        control = short_text(read_string(reader, "control"), "control");
         break;
       default:
         reader.skip();
@@ -690,7 +690,7 @@ void SetCommand::read(protozero::pbf_reader reader) {
         drone = read_int64(reader, "drone");
         break;
       case 2:
-        control = read_string(reader, "control");
+        control = short_text(read_string(reader, "control"), "control");
         break;
       default:
         reader.skip();

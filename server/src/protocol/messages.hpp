@@ -1,4 +1,4 @@
-// Messages of the protocol, as structs. Generated from flockstep.proto, which documents them, by server/generate.py.
+// Messages of the protocol, as structs. Generated from flockstep.proto by server/generate.py.
 #pragma once
 
 #include <cstdint>
@@ -9,7 +9,8 @@
 #include <variant>
 #include <vector>
 
-// read() throws std::invalid_argument or protozero::exception if the bytes are not such a message. Unknown fields are skipped.
+// read() throws std::invalid_argument or protozero::exception if the bytes are not such a message. Unknown fields are
+// skipped. flockstep.proto documents the fields.
 namespace flockstep::protocol {
 
 enum class DType : std::int32_t {

@@ -7,6 +7,7 @@
 #include <protozero/pbf_writer.hpp>
 #include <stdexcept>
 #include <string>
+#include <string_view>
 #include <vector>
 
 namespace flockstep::protocol {
@@ -14,6 +15,8 @@ namespace flockstep::protocol {
 [[noreturn]] inline void refuse_value(const char* field, const std::string& expected, const std::string& got) {
   throw std::invalid_argument(std::string(field) + ": expected " + expected + ", got " + got);
 }
+
+bool is_utf8(std::string_view text);
 
 // protozero checks types by assertions only.
 inline void require_type(const protozero::pbf_reader& reader, protozero::pbf_wire_type type, const char* field) {
@@ -65,6 +68,16 @@ template <class Real>
 Real finite(Real value, const char* field) {
   if (!std::isfinite(value)) refuse_value(field, "a finite number", std::to_string(value));
   return value;
+}
+
+// A name or a token. Messages quote names, and Protocol Buffers require UTF-8.
+inline std::string short_text(std::string text, const char* field) {
+  constexpr std::size_t kMostBytes = 1024;
+  if (text.size() > kMostBytes) {
+    refuse_value(field, "at most " + std::to_string(kMostBytes) + " bytes", std::to_string(text.size()));
+  }
+  if (!is_utf8(text)) refuse_value(field, "UTF-8", "other bytes");
+  return text;
 }
 
 // Not by a writer in the writer: protozero leaves out messages that turn out to be empty.

@@ -4,6 +4,7 @@
 #include <cmath>
 
 #include "base/require.hpp"
+#include "service/convert.hpp"
 #include "service/service.hpp"
 
 namespace flockstep::server {
@@ -12,12 +13,6 @@ namespace {
 using protocol::Code;
 
 constexpr float kDegree = 3.14159265358979F / 180.0F;
-
-protocol::Vector3 message_of(const Vec3& v) { return {.x = v.x(), .y = v.y(), .z = v.z()}; }
-protocol::Vector3 vector_at(const float* v) { return {.x = v[0], .y = v[1], .z = v[2]}; }
-protocol::Quaternion quaternion_at(const float* q) { return {.w = q[0], .x = q[1], .y = q[2], .z = q[3]}; }
-std::array<float, 3> array_of(const protocol::Vector3& v) { return {v.x, v.y, v.z}; }
-std::array<float, 4> array_of(const protocol::Quaternion& q) { return {q.w, q.x, q.y, q.z}; }
 
 // R_z(yaw) R_y(pitch) R_x(roll)
 protocol::Quaternion quaternion_of(const protocol::Angles& angles) {
@@ -173,7 +168,6 @@ void Service::move(Call& call, std::int64_t index, const std::optional<protocol:
   }
   if (rotation) {
     const std::array<float, 4> q = array_of(*rotation);
-    require(std::ranges::any_of(q, [](float part) { return part != 0.0F; }), "rotation", "a quaternion of a length above 0", 0);
     std::ranges::copy(q, rotations_.begin() + static_cast<std::ptrdiff_t>(4 * drone));
     rotations = rotations_;
   }

@@ -84,6 +84,7 @@ void Service::refresh_shape() {
   for (const ImuConfig& imu : config.imus) next->imus.push_back(imu.name);
   for (std::size_t camera = 0; camera < config.cameras.size(); ++camera) next->cameras.push_back(batch_.camera_config(camera));
   next->worlds = batch_.worlds();
+  list_arrays(batch_, "", [&](const ArrayView& view) { next->array_names.emplace_back(view.name); });
   {
     const std::scoped_lock lock(shape_mutex_);
     shape_ = std::move(next);
@@ -122,6 +123,7 @@ void Service::welcome(Call& call) {
     welcome.flies_by_rotors = flies_by_rotors_;
     welcome.has_task = task_ != nullptr;
     welcome.step_s = step_s_;
+    welcome.array_names = now->array_names;
   });
 }
 

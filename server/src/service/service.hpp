@@ -59,7 +59,7 @@ class Service {
   // What is known of the batch without its lock.
   struct Shape {
     std::int64_t num_envs = 0, drones_per_env = 0, generation = -1;
-    std::vector<std::string> lidars, imus;  // names
+    std::vector<std::string> array_names, lidars, imus;
     std::vector<CameraConfig> cameras;      // with their current capture modes
     Batch::Worlds worlds;
     std::int64_t num_drones() const { return num_envs * drones_per_env; }

@@ -6,6 +6,7 @@
 
 #include "base/require.hpp"
 #include "flockstep/survey.hpp"
+#include "service/convert.hpp"
 #include "service/service.hpp"
 
 namespace flockstep::server {
@@ -13,11 +14,8 @@ namespace {
 
 using protocol::Code;
 
-protocol::Vector3 message_of(const Vec3& v) { return {.x = v.x(), .y = v.y(), .z = v.z()}; }
-protocol::Vector3 message_of(const std::array<float, 3>& v) { return {.x = v[0], .y = v[1], .z = v[2]}; }
-
 void set_if_given(std::array<float, 3>& value, const std::optional<protocol::Vector3>& given) {
-  if (given) value = {given->x, given->y, given->z};
+  if (given) value = array_of(*given);
 }
 
 void add_points(protocol::FrameWriter& writer, const char* name, const std::vector<Vec3>& points) {
