@@ -1,7 +1,6 @@
-# The server and its C++ client, which share the protocol.
+# The server and the protocol, which the C++ client shares; cmake/Library.cmake makes a library of the client.
 file(GLOB protocol_sources CONFIGURE_DEPENDS server/src/protocol/*.cpp)
 file(GLOB service_sources CONFIGURE_DEPENDS server/src/service/*.cpp)
-file(GLOB client_sources CONFIGURE_DEPENDS server/src/client/*.cpp)
 
 add_library(flockstep_protocol OBJECT ${protocol_sources})
 add_library(flockstep_server OBJECT ${service_sources})
