@@ -10,31 +10,17 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from cpp_programs import BUILD, COMPILERS, ROOT, WARNINGS, configure, exported, install, linux_only, run
 
 import flockstep
 
-ROOT = Path(__file__).resolve().parents[2]
-BUILD = ROOT / "build" / "release"
 HEADERS = sorted((ROOT / "engine" / "include" / "flockstep").glob("*.hpp"))
-COMPILERS = ("g++", "clang++")
-#: GCC before 14 warns about fields with defaults that designated initializers omit.
-WARNINGS = ("-Wall", "-Wextra", "-Wpedantic", "-Werror", "-Wno-missing-field-initializers")
-linux_only = pytest.mark.skipif(sys.platform != "linux", reason="reads ELF files")
-
-
-def run(*command: object, **options: object) -> str:
-    done = subprocess.run([str(word) for word in command], capture_output=True, text=True, check=False, **options)  # type: ignore[call-overload]
-    assert done.returncode == 0, done.stdout + done.stderr
-    return done.stdout
 
 
 @pytest.fixture(scope="module")
 def prefix(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """An installed flockstep, moved after its installation."""
-    folder = tmp_path_factory.mktemp("library")
-    run("cmake", "--build", BUILD, "--target", "flockstep")
-    run("cmake", "--install", BUILD, "--component", "library", "--prefix", folder / "built")
-    return (folder / "built").rename(folder / "moved")
+    return install(tmp_path_factory.mktemp("library"), "library")
 
 
 @pytest.fixture(scope="module")
@@ -51,24 +37,6 @@ def examples(prefix: Path, request: pytest.FixtureRequest, tmp_path_factory: pyt
         shutil.copy(ROOT / "examples" / name, folder)
     configure(folder, request.param, f"-DCMAKE_PREFIX_PATH={prefix}")
     return folder / "build"
-
-
-def configure(folder: Path, compiler: str, *options: str) -> None:
-    """Build the project of a folder in its subfolder build/, with warnings as errors."""
-    flags = f"-DCMAKE_CXX_FLAGS={' '.join(WARNINGS)}"
-    run(
-        "cmake",
-        "-S",
-        folder,
-        "-B",
-        folder / "build",
-        "-G",
-        "Ninja",
-        f"-DCMAKE_CXX_COMPILER={compiler}",
-        flags,
-        *options,
-    )
-    run("cmake", "--build", folder / "build")
 
 
 def test_the_minimal_example_is_short() -> None:
@@ -146,11 +114,6 @@ def test_every_public_header_compiles_alone(tmp_path: Path) -> None:
 
     with ThreadPoolExecutor(os.cpu_count()) as pool:
         assert sorted(pool.map(compile_alone, HEADERS)) == [header.name for header in HEADERS]
-
-
-def exported(library: Path) -> list[str]:
-    """Return the symbols that an ELF library exports."""
-    return [line.split(" ", 2)[2] for line in run("nm", "-DC", "--defined-only", library).splitlines()]
 
 
 def defined(library: Path) -> set[str]:

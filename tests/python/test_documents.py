@@ -159,7 +159,7 @@ def test_whole_files_in_cpp_are_sound(block, tmp_path):
     if shutil.which(compiler[0]) is None:
         pytest.skip("no C++ compiler")
     eigen = subprocess.run(["pkg-config", "--cflags", "eigen3"], check=True, capture_output=True, text=True).stdout
-    includes = [f"-I{ROOT / 'engine' / part}" for part in ("include", "src")]
+    includes = [f"-I{ROOT / part}" for part in ("engine/include", "engine/src", "server/include")]
     (tmp_path / "block.cpp").write_text(block.text, encoding="utf-8")
     warnings = ["-Wall", "-Wextra", "-Wno-missing-field-initializers", "-Werror"]
     run([*compiler, "-std=c++20", "-fsyntax-only", *warnings, *includes, *shlex.split(eigen), "block.cpp"], tmp_path)

@@ -132,26 +132,27 @@ TEST(ClientFaults, AServerOfAnotherKind) {
 }
 
 TEST(ClientFaults, SilentServersTimeOut) {
-  const std::vector<ScriptedServer::Script> scripts{[](Peer& peer) {
-                                                      std::array<char, 4096> request{};
-                                                      while (peer.socket().read_some(boost::asio::buffer(request)) > 0) {
-                                                      }
-                                                    },
-                                                    [](Peer& peer) {
-                                                      peer.accept();
-                                                      peer.wait_for_end();
-                                                    }};
-  for (const auto& script : scripts) {
-    ScriptedServer server(script);
-    for (const bool tls : {false, true}) {
-      const auto begin = std::chrono::steady_clock::now();
-      const Failure late = connecting({.address = server.address(), .timeout = 60ms, .tls = tls});
-      const auto took = std::chrono::steady_clock::now() - begin;
-      if (&script == &scripts[0] || !tls) EXPECT_EQ(late.code, ErrorCode::timeout) << late.text;
-      if (&script == &scripts[0] || !tls) EXPECT_GE(took, 60ms);
-      EXPECT_LT(took, 5s);
+  const auto silent = [](Peer& peer) {
+    std::array<char, 4096> request{};
+    while (peer.socket().read_some(boost::asio::buffer(request)) > 0) {
     }
-  }
+  };
+  const auto silent_after_the_handshake = [](Peer& peer) {
+    peer.accept();
+    peer.wait_for_end();
+  };
+  const auto check = [](const ScriptedServer::Script& script, bool tls) {
+    ScriptedServer server(script);
+    const auto begin = std::chrono::steady_clock::now();
+    const Failure late = connecting({.address = server.address(), .timeout = 60ms, .tls = tls});
+    const auto took = std::chrono::steady_clock::now() - begin;
+    EXPECT_EQ(late.code, ErrorCode::timeout) << late.text;
+    EXPECT_GE(took, 60ms);
+    EXPECT_LT(took, 5s);
+  };
+  check(silent, false);
+  check(silent, true);
+  check(silent_after_the_handshake, false);
 }
 
 TEST(ClientFaults, AnotherVersion) {
@@ -378,14 +379,13 @@ TEST(ClientFaults, LargeMessagesBothWaysAtOnce) {
 // ------------------------------------------------------------------------------------------------------------------- streams
 
 TEST(ClientFaults, StreamsGiveTheNewestValueAndEnd) {
-  std::atomic<bool> are_sent{false};
   std::uint64_t unsubscribed = 0;
   ScriptedServer server([&](Peer& peer) {
     peer.welcome();
     const protocol::Request request = peer.next();
     EXPECT_EQ(std::get<protocol::Subscribe>(request.operation).rate_hz, 50.0);
     for (int i = 1; i <= 20; ++i) peer.reply(request.id, protocol::Fps{.fps = static_cast<double>(i)});
-    are_sent = true;
+    peer.reply(peer.next().id, protocol::Done{});  // Ping
     const protocol::Request end = peer.next();
     unsubscribed = std::get<protocol::Unsubscribe>(end.operation).stream;
     peer.reply(request.id, protocol::Fps{.fps = 21.0});  // was on its way
@@ -404,8 +404,8 @@ TEST(ClientFaults, StreamsGiveTheNewestValueAndEnd) {
   GameModeController simulation(connection);
   {
     auto stream = simulation.stream_fps(50.0);
-    while (!are_sent) std::this_thread::sleep_for(1ms);
-    EXPECT_EQ(stream.next(5s).value().fps, 20.0);
+    simulation.ping();  // whose reply comes after them
+    EXPECT_EQ(stream.next(0ms).value().fps, 20.0);
     EXPECT_FALSE(stream.next(10ms));
   }
   simulation.ping();
@@ -632,7 +632,7 @@ TEST(ClientFaults, ChangedRepliesNeverCrash) {
     ++(result.code == ErrorCode() ? accepted : refused);
     if (connection->is_open() && result.code != ErrorCode()) {
       const Failure next = failure([&] { GameModeController(*connection).ping(); });
-      if (connection->is_open()) ASSERT_EQ(next.text, "no error") << i;
+      ASSERT_TRUE(!connection->is_open() || next.code == ErrorCode()) << i << ": " << next.text;
     }
   }
   EXPECT_GT(accepted, trials / 50);

@@ -24,7 +24,7 @@ class Peer {
   using Socket = boost::asio::ip::tcp::socket;
   using WebSocket = boost::beast::websocket::stream<Socket>;
 
-  explicit Peer(Socket socket) : stream_(std::move(socket)) {}
+  explicit Peer(Socket given) : stream_(std::move(given)) { socket().set_option(boost::asio::ip::tcp::no_delay(true)); }
   WebSocket& stream() { return stream_; }
   Socket& socket() { return stream_.next_layer(); }
 
@@ -32,6 +32,7 @@ class Peer {
   void accept() {
     stream_.accept();
     stream_.binary(true);
+    stream_.read_message_max(0);
   }
   // Does the handshake and answers Hello.
   void welcome() {

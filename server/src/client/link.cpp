@@ -160,11 +160,11 @@ void Link::advance(bool may_read) {
 
 bool Link::wait_for(const Call& call, std::chrono::nanoseconds timeout) {
   const CallState& state = *call.state_;
-  const auto is_done = [&] { return state.reply != nullptr || state.error.has_value(); };
+  const auto is_done = [&] { return state.reply != nullptr || state.was_taken || state.error.has_value(); };
   Lock lock(mutex_);
   if (call.is_stream_ && !is_polling_ && !failure_) advance(true);  // the newest value counts
   run_until(lock, is_done, after(timeout));
-  if (state.reply != nullptr) return true;
+  if (state.reply != nullptr || state.was_taken) return true;
   if (state.error) throw Error(*state.error);
   if (failure_) throw Error(*failure_);
   return false;
@@ -179,6 +179,7 @@ void Link::wait(const Call& call) {
 std::unique_ptr<ReceivedReply> Link::take(const Call& call) {
   const Lock lock(mutex_);
   if (call.state_->reply == nullptr) throw Error(ErrorCode::failed_precondition, "get(): the result was taken before");
+  call.state_->was_taken = !call.is_stream_;
   return std::move(call.state_->reply);
 }
 

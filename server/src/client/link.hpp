@@ -29,6 +29,7 @@ struct ReceivedReply {
 // State of a call, for which the mutex of the link is needed.
 struct CallState {
   std::unique_ptr<ReceivedReply> reply;  // the newest that was not taken
+  bool was_taken = false;                // and no other reply will come
   std::optional<Error> error;            // that ended the call
 };
 
@@ -49,12 +50,12 @@ class Link : public std::enable_shared_from_this<Link> {
   std::shared_ptr<Call> subscribe(protocol::Subscribe what);
   // Ends a stream whose values nobody will take.
   void unsubscribe(std::uint64_t stream);
-  // Waits until the call has a reply that was not taken. Throws the error that ended the call or the connection. Returns false if
+  // Waits until take() returns or throws at once. Throws the error that ended the call or the connection. Returns false if
   // the time has passed.
   bool wait_for(const Call& call, std::chrono::nanoseconds timeout);
   // Waits up to Options::timeout, and throws if the time has passed.
   void wait(const Call& call);
-  // Takes the reply of a call that has one.
+  // Takes the reply of a call that has one. Throws if it was taken before.
   std::unique_ptr<ReceivedReply> take(const Call& call);
 
   const ServerInfo& server() const { return server_; }
