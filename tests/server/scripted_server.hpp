@@ -1,17 +1,20 @@
 // ScriptedServer: a WebSocket server that answers as a test tells it, right or wrong.
 #pragma once
 
-#include <atomic>
+// clang-format off: Boost 1.74 uses std::exchange without its header
+#include <utility>
 #include <boost/asio.hpp>
 #include <boost/beast/core.hpp>
 #include <boost/beast/websocket.hpp>
+// clang-format on
+
+#include <atomic>
 #include <cstdint>
 #include <functional>
 #include <mutex>
 #include <string>
 #include <string_view>
 #include <thread>
-#include <utility>  // Boost 1.74 uses std::exchange without it
 
 #include "protocol/frame.hpp"
 #include "protocol/messages.hpp"

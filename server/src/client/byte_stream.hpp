@@ -3,18 +3,20 @@
 // recvmsg().
 #pragma once
 
-#include <array>
+// clang-format off: Boost 1.74 uses std::exchange without its header
+#include <utility>
 #include <boost/asio.hpp>
 #include <boost/beast/core.hpp>
 #include <boost/beast/websocket.hpp>
+// clang-format on
+
+#include <array>
 #include <cstddef>
 #include <memory>
 #include <optional>
 #include <span>
 #include <system_error>
 #include <type_traits>
-#include <utility>  // Boost 1.74 uses std::exchange without it
-#include <utility>
 
 #include "client/socket.hpp"
 

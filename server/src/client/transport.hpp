@@ -2,13 +2,16 @@
 // own.
 #pragma once
 
+// clang-format off: Boost 1.74 uses std::exchange without its header
+#include <utility>
 #include <boost/asio/buffer.hpp>
 #include <boost/beast/core/flat_buffer.hpp>
+// clang-format on
+
 #include <functional>
 #include <memory>
 #include <string>
 #include <string_view>
-#include <utility>  // Boost 1.74 uses std::exchange without it
 
 #include "client/socket.hpp"
 #include "flockstep/client.hpp"
