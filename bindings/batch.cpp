@@ -59,7 +59,7 @@ std::vector<Config> configs_of(const py::object& given, const char* name, bool o
   return configs;
 }
 
-// Lets the arrays move only while the interpreter lock is held, as it is by every reader.
+// Lets the arrays move only while the interpreter lock is held. Every reader holds it.
 void hold_interpreter(Batch& batch) {
   batch.run_moves_with([](const std::function<void()>& move) {
     const py::gil_scoped_acquire acquire;

@@ -12,7 +12,8 @@ endfunction()
 
 # Made of the objects of the static library. The Python module and the tests link that one, since they use internal symbols.
 add_library(flockstep SHARED $<TARGET_OBJECTS:flockstep_engine> $<TARGET_OBJECTS:flockstep_world>
-                             $<TARGET_OBJECTS:flockstep_generators>)
+                             $<TARGET_OBJECTS:flockstep_generators> $<TARGET_OBJECTS:flockstep_server>
+                             $<TARGET_OBJECTS:flockstep_protocol>)
 add_library(flockstep::flockstep ALIAS flockstep)
 # No binary compatibility is promised between versions, so each has a name of its own.
 set_target_properties(flockstep PROPERTIES VERSION ${PROJECT_VERSION} SOVERSION ${PROJECT_VERSION}
@@ -20,8 +21,9 @@ set_target_properties(flockstep PROPERTIES VERSION ${PROJECT_VERSION} SOVERSION 
 target_compile_features(flockstep PUBLIC cxx_std_20)
 target_compile_definitions(flockstep INTERFACE $<$<PLATFORM_ID:Windows>:FLOCKSTEP_IMPORTS>)
 target_include_directories(flockstep PUBLIC $<BUILD_INTERFACE:${CMAKE_CURRENT_SOURCE_DIR}/engine/include>
+                                            $<BUILD_INTERFACE:${CMAKE_CURRENT_SOURCE_DIR}/server/include>
                                             $<INSTALL_INTERFACE:${CMAKE_INSTALL_INCLUDEDIR}>)
-target_link_libraries(flockstep PUBLIC Eigen3::Eigen PRIVATE flockstep_options flockstep_dependencies)
+target_link_libraries(flockstep PUBLIC Eigen3::Eigen PRIVATE flockstep_options flockstep_dependencies flockstep_network)
 export_only(flockstep cmake/library.map)
 
 # The client depends on nothing of the engine, and its header on no other library's.
@@ -54,6 +56,7 @@ set(data ${CMAKE_INSTALL_DATADIR}/flockstep)
 install(TARGETS flockstep EXPORT flockstepTargets COMPONENT library)
 install(EXPORT flockstepTargets NAMESPACE flockstep:: DESTINATION ${package} COMPONENT library)
 install(DIRECTORY engine/include/ DESTINATION ${CMAKE_INSTALL_INCLUDEDIR} COMPONENT library)
+install(FILES server/include/flockstep/server.hpp DESTINATION ${CMAKE_INSTALL_INCLUDEDIR}/flockstep COMPONENT library)
 install(DIRECTORY scenes DESTINATION ${data} COMPONENT library PATTERN generators EXCLUDE)
 install(FILES LICENSE THIRD_PARTY.md DESTINATION ${data} COMPONENT library)
 install_package(library ${package} ${CMAKE_INSTALL_INCLUDEDIR} ${data}/scenes)

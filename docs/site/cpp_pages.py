@@ -18,12 +18,12 @@ from sphinx.util import logging
 
 ROOT = Path(__file__).resolve().parents[2]
 SITE = ROOT / "docs" / "site"
-HEADERS = ROOT / "engine" / "include" / "flockstep"
+FOLDERS = [ROOT / part / "include" / "flockstep" for part in ("engine", "server")]
 PAGES = ROOT / "docs" / "reference" / "cpp"
 logger = logging.getLogger(__name__)
 
 DOXYGEN = f"""
-INPUT = {HEADERS} {SITE / "namespace.dox"}
+INPUT = {" ".join(map(str, FOLDERS))} {SITE / "namespace.dox"}
 FILTER_PATTERNS = "*.hpp={sys.executable} {SITE / "doxygen_filter.py"}"
 STRIP_FROM_PATH = {ROOT}
 GENERATE_XML = YES
@@ -98,7 +98,8 @@ def write_pages(app: Sphinx) -> None:
     shutil.rmtree(PAGES, ignore_errors=True)
     PAGES.mkdir(parents=True)
     rows = hidden = ""
-    for header in sorted(HEADERS.glob("*.hpp")):
+    headers = [header for folder in FOLDERS for header in folder.glob("*.hpp")]
+    for header in sorted(headers, key=lambda header: header.name):
         title, text = f"flockstep/{header.name}", about(header)
         page = f".. _{label(header)}:\n\n{title}\n{'=' * len(title)}\n\n{text}\n\n" + "\n".join(
             entries.get(header.name, [])

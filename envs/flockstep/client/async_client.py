@@ -74,7 +74,7 @@ class AsyncClient(AsyncOperations):
         return f"<AsyncClient of {self._address.text}{'' if reason is None else f': {reason}'}>"
 
     async def reconnect(self, *, retry_s: float = 0.0) -> None:
-        """Connect again, for instance to a server that has started anew. Claims and streams of before have ended.
+        """Connect again, for instance to a server that was restarted. Earlier claims and streams have ended.
 
         Parameters
         ----------

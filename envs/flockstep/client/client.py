@@ -131,7 +131,7 @@ class Client(Operations):
         return f"<Client of {self._address.text}{'' if reason is None else f': {reason}'}>"
 
     def reconnect(self, *, retry_s: float = 0.0) -> None:
-        """Connect again, for instance to a server that has started anew. Claims and streams of before have ended.
+        """Connect again, for instance to a server that was restarted. Earlier claims and streams have ended.
 
         Parameters
         ----------

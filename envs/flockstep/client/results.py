@@ -1,4 +1,4 @@
-"""What operations return."""
+"""Results of operations."""
 
 from __future__ import annotations
 

@@ -38,7 +38,7 @@ class Waker {
   Descriptor read_, write_;
 };
 
-// Where a server listens: "HOST:PORT", "[HOST]:PORT" or "unix:PATH".
+// Address of a server: "HOST:PORT", "[HOST]:PORT" or "unix:PATH".
 struct Address {
   std::string text;
   std::string host;  // empty for a Unix socket

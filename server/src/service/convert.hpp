@@ -16,7 +16,7 @@ inline protocol::Vector3 vector_at(const float* v) { return {.x = v[0], .y = v[1
 inline protocol::Quaternion quaternion_at(const float* q) { return {.w = q[0], .x = q[1], .y = q[2], .z = q[3]}; }
 
 inline std::array<float, 3> array_of(const protocol::Vector3& v) { return {v.x, v.y, v.z}; }
-// Of length 1. Throws std::invalid_argument if the length is 0.
+// Returns the quaternion with length 1. Throws std::invalid_argument if the length is 0.
 inline std::array<float, 4> array_of(const protocol::Quaternion& q) {
   const double length = std::hypot(std::hypot(double{q.w}, double{q.x}), std::hypot(double{q.y}, double{q.z}));
   require(length > 0.0, "rotation", "a quaternion of a length above 0", length);

@@ -56,7 +56,7 @@ class Service {
   std::int64_t steps() const { return steps_.load(std::memory_order_relaxed); }
 
  private:
-  // What is known of the batch without its lock.
+  // A copy of some properties of the batch, which needs no lock.
   struct Shape {
     std::int64_t num_envs = 0, drones_per_env = 0, generation = -1;
     std::vector<std::string> array_names, lidars, imus;

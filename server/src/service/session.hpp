@@ -33,7 +33,7 @@ using TcpStream = beast::tcp_stream;
 using TlsStream = beast::ssl_stream<beast::tcp_stream>;
 using UnixStream = beast::basic_stream<asio::local::stream_protocol, asio::any_io_executor, beast::unlimited_rate_policy>;
 
-// What all sessions of a server share.
+// Data that the sessions of a server share.
 struct Sessions {
   Service& service;
   const ServerConfig& config;
