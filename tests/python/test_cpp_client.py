@@ -10,7 +10,7 @@ import signal
 import subprocess
 import termios
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import numpy as np
@@ -41,12 +41,14 @@ def programs(prefix: Path, request: pytest.FixtureRequest, tmp_path_factory: pyt
 
 @contextlib.contextmanager
 def serving(motion: str = "kinematic") -> Iterator[tuple[flockstep.Batch, str]]:
-    """Serve one drone in an empty room."""
+    """Serve one drone in an empty room, with a free slot for another one."""
     builder = flockstep.WorldBuilder()
     builder.room(CENTER - HALF, CENTER + HALF, builder.material("wall"))
     dynamics = flockstep.DynamicsConfig(motion=motion, control="pose" if motion == "kinematic" else "heading_velocity")
-    batch = flockstep.Batch(builder.build(), 1, lidar=flockstep.LidarConfig(beams=4, hfov_deg=360), dynamics=dynamics)
-    batch.set_pose(np.float32([[-1, 0, 2]]))
+    lidar = flockstep.LidarConfig(beams=4, hfov_deg=360)
+    batch = flockstep.Batch(builder.build(), 2, drones_per_env=2, lidar=lidar, dynamics=dynamics)
+    batch.set_pose(np.float32([[-1, 0, 2]] * 2))
+    batch.remove([1])
     with flockstep.serve(batch, port=0) as server:
         yield batch, server.address
 
@@ -63,9 +65,9 @@ def test_flies_a_square(programs: Path) -> None:
         for line, corner in zip(lines, [(0, 0), (0, 1), (-1, 1), (-1, 0)], strict=True):
             x, y, z, *ranges = (float(number) for number in re.findall(r"-?\d+\.\d+|inf", line))
             assert (x, y, z) == (*corner, 2.0)
-            batch.set_pose(np.float32([[x, y, z]]))
+            batch.set_pose(np.float32([[x, y, z]] * 2))
             batch.sense()
-            np.testing.assert_allclose(ranges, batch.lidar().ranges.ravel(), atol=0.0051)  # two decimals
+            np.testing.assert_allclose(ranges, batch.lidar().ranges[0].ravel(), atol=0.0051)  # two decimals
 
 
 def test_maps_a_room(programs: Path, tmp_path: Path) -> None:
@@ -83,39 +85,62 @@ def test_maps_a_room(programs: Path, tmp_path: Path) -> None:
         assert batch.active.sum() == 1  # the drone that it spawned is gone
 
 
-@pytest.mark.parametrize(("motion", "end"), [("kinematic", b"q"), ("rotors", b"\x03")])
-def test_steers_by_keyboard_and_restores_the_terminal(programs: Path, motion: str, end: bytes) -> None:
-    with serving(motion) as (batch, address):
-        keyboard, terminal = pty.openpty()
-        before = termios.tcgetattr(terminal)
+class Steering:
+    """The program steer_by_keyboard in a terminal of its own, with a test at the keyboard."""
+
+    def __init__(self, program: Path, address: str) -> None:
+        self.keyboard, self.terminal = pty.openpty()
+        self.before = termios.tcgetattr(self.terminal)
 
         def take_the_terminal() -> None:
             os.setsid()
-            os.close(os.open(os.ttyname(terminal), os.O_RDWR))  # now Ctrl-C is a signal
+            os.close(os.open(os.ttyname(self.terminal), os.O_RDWR))  # now Ctrl-C is a signal
 
-        program = subprocess.Popen(
-            [programs / "steer_by_keyboard", address], stdin=terminal, stdout=terminal, preexec_fn=take_the_terminal
+        self.program = subprocess.Popen(
+            [program, address], stdin=self.terminal, stdout=self.terminal, preexec_fn=take_the_terminal
         )
 
-        def wait_for(done: object) -> None:
-            assert callable(done)
-            until = time.monotonic() + 20
-            while not done():
-                assert time.monotonic() < until and program.poll() is None
-                while select.select([keyboard], [], [], 0.02)[0]:
-                    os.read(keyboard, 4096)
+    def __enter__(self) -> "Steering":
+        self.wait_for(lambda: termios.tcgetattr(self.terminal) != self.before)
+        return self
 
-        wait_for(lambda: termios.tcgetattr(terminal) != before)
-        start = batch.state.position[0].copy()
-        os.write(keyboard, b"w\x1b[A")
-        wait_for(lambda: (batch.state.position[0] - start >= [0.2, -0.01, 0.2]).all())
+    def __exit__(self, *exception: object) -> None:
+        self.program.kill()
+        self.program.wait()
+        os.close(self.keyboard)
+        os.close(self.terminal)
+
+    def wait_for(self, is_done: Callable[[], bool]) -> None:
+        """Read what the program prints until a condition holds."""
+        until = time.monotonic() + 30
+        while not is_done():
+            assert time.monotonic() < until
+            while select.select([self.keyboard], [], [], 0.02)[0]:
+                os.read(self.keyboard, 4096)
+
+    def check_end(self) -> None:
+        """Wait for the end of the program, and check that it has restored the terminal."""
+        self.wait_for(lambda: self.program.poll() is not None)
+        assert self.program.returncode == 0
+        assert termios.tcgetattr(self.terminal) == self.before
+
+
+@pytest.mark.parametrize(("motion", "end"), [("kinematic", b"q"), ("rotors", b"\x03")])
+def test_steers_by_keyboard_and_restores_the_terminal(programs: Path, motion: str, end: bytes) -> None:
+    with serving(motion) as (batch, address), Steering(programs / "steer_by_keyboard", address) as steering:
+        start = batch.position[0].copy()
+        os.write(steering.keyboard, b"w\x1b[A")
+        steering.wait_for(lambda: bool((batch.position[0] - start >= [0.2, -0.01, 0.2]).all()))
         if motion == "kinematic":
-            np.testing.assert_allclose(batch.state.position[0] - start, [0.25, 0, 0.25], atol=1e-5)
-        os.write(keyboard, b" " + end)
-        assert program.wait(20) == 0
-        assert termios.tcgetattr(terminal) == before
-        os.close(keyboard)
-        os.close(terminal)
+            np.testing.assert_allclose(batch.position[0] - start, [0.25, 0, 0.25], atol=1e-5)
+        os.write(steering.keyboard, b" " + end)
+        steering.check_end()
+
+
+def test_signals_restore_the_terminal(programs: Path) -> None:
+    with serving() as (_, address), Steering(programs / "steer_by_keyboard", address) as steering:
+        steering.program.send_signal(signal.SIGTERM)
+        steering.check_end()
 
 
 def test_examples_say_what_is_wrong(programs: Path) -> None:
@@ -202,19 +227,3 @@ def test_the_controllers_have_the_operations_of_the_thesis() -> None:
     for words, part in ((SIMULATION, simulation), (DRONE, drone)):
         missing = [word for word in words.split() if not re.search(rf"\b{word}\(later", part)]
         assert missing == []
-
-
-def test_signals_restore_the_terminal(programs: Path) -> None:
-    with serving() as (_, address):
-        keyboard, terminal = pty.openpty()
-        before = termios.tcgetattr(terminal)
-        program = subprocess.Popen([programs / "steer_by_keyboard", address], stdin=terminal, stdout=subprocess.DEVNULL)
-        until = time.monotonic() + 20
-        while termios.tcgetattr(terminal) == before:
-            assert time.monotonic() < until
-            time.sleep(0.01)
-        program.send_signal(signal.SIGTERM)
-        assert program.wait(20) == 0
-        assert termios.tcgetattr(terminal) == before
-        os.close(keyboard)
-        os.close(terminal)
