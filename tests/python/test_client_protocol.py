@@ -100,21 +100,84 @@ def test_malformed_messages_are_refused(data, message):
         decode(data)
 
 
-def test_messages_in_fragments_and_pieces():
-    session = Session("ws://a/")
+def handshake(session):
     key = session.to_send().split(b"Sec-WebSocket-Key: ")[1].split(b"\r\n")[0].decode()
-    stream = b"HTTP/1.1 101 Switching\r\nUpgrade: websocket\r\nConnection: Upgrade\r\n"
-    stream += f"Sec-WebSocket-Accept: {accept_key(key)}\r\n\r\n".encode()
-    stream += b"\x02\x02ab" + b"\x89\x01!" + b"\x00\x01c" + b"\x80\x01d" + b"\x82\x02ef"  # with a ping between
-    messages, sent = [], b""
-    for byte in stream:
-        messages += session.receive(bytes([byte]))
+    answer = f"Upgrade: websocket\r\nConnection: Upgrade\r\nSec-WebSocket-Accept: {accept_key(key)}\r\n\r\n"
+    return b"HTTP/1.1 101 Switching\r\n" + answer.encode()
+
+
+def fed(session, stream, sizes):
+    """Give a session a stream in pieces; return the messages, and what the session sent."""
+    messages, sent, begin = [], b"", 0
+    while begin < len(stream):
+        space = session.space()
+        size = min(next(sizes), len(space), len(stream) - begin)
+        space[:size] = stream[begin : begin + size]
+        messages += map(bytes, session.received(size))
         sent += session.to_send()
+        begin += size
+    return messages, sent
+
+
+@pytest.mark.parametrize("size", [1, 2, 3, 7, 1000, 70_000, None])
+def test_messages_in_fragments_and_pieces(size):
+    session = Session("ws://a/")
+    large = np.random.default_rng(0).integers(0, 256, 200_000, np.uint8).tobytes()
+    head = struct.pack(">BBQ", 0x82, 127, len(large))
+    parts = [
+        handshake(session),
+        b"\x02\x02ab" + b"\x89\x01!" + b"\x00\x01c" + b"\x80\x01d",  # with a ping between
+        b"\x82\x02ef" + b"\x82\x00" + b"\x81\x02gh",
+        struct.pack(">BBH", 0x82, 126, 300) + large[:300],
+        head + large,
+        struct.pack(">BBQ", 0x02, 127, len(large)) + large + b"\x80\x01!",
+        head + large,
+        b"\x82\x02ij",
+    ]
+    rng = np.random.default_rng(1)
+    sizes = iter(lambda: int(rng.integers(1, 100_000)) if size is None else size, 0)
+    messages, sent = fed(session, b"".join(parts), sizes)
     assert session.is_open
-    assert [bytes(message) for message in messages] == [b"abcd", b"ef"]
+    assert messages == [b"abcd", b"ef", b"", b"gh", large[:300], large, large + b"!", large, b"ij"]
     assert sent[0] == 0x8A  # the pong
-    assert session.receive(b"\x88\x05\x03\xe9bye") == []
+    assert len(sent) == 7
+    assert fed(session, b"\x88\x05\x03\xe9bye", sizes)[0] == []
     assert session.reason == "closed the connection: bye"
+    assert session.received(0) == []
+
+
+@pytest.mark.parametrize(
+    ("frame", "reason"),
+    [
+        (b"\x82\x82abcdef", "incorrect masking"),
+        (b"\x82\x7f" + (1 << 40).to_bytes(8, "big"), "exceeds limit"),
+        (b"\xc2\x01a", "reserved bits"),
+        (b"\x85\x01a", "invalid opcode"),
+        (b"\x80\x01a", "unexpected continuation frame"),
+        (b"\x88\x01a", "close frame too short"),
+    ],
+)
+def test_malformed_frames_end_the_session(frame, reason):
+    session = Session("ws://a/")
+    assert fed(session, handshake(session) + frame, iter(lambda: 1000, 0))[0] == []
+    assert reason in session.reason
+    assert session.reason.startswith("sent a malformed message: ")
+    assert not session.is_open
+
+
+def test_a_socket_that_ends():
+    for stream in (b"", b"HTTP/1.1 101 Swi", b"SSH-2.0\r\n"):
+        session = Session("ws://a/")
+        fed(session, stream, iter(lambda: 5, 0))
+        session.received(0)
+        assert "is not a flockstep server" in session.reason or "is gone" in session.reason
+    session = Session("ws://a/")
+    fed(session, b"x" * 70_000, iter(lambda: 5000, 0))
+    assert "is not a flockstep server" in session.reason
+    session = Session("ws://a/")
+    fed(session, handshake(session) + b"\x82\x05ab", iter(lambda: 50, 0))
+    assert session.received(0) == []
+    assert session.reason == "is gone: it closed the connection without a reason"
 
 
 @pytest.mark.parametrize(
@@ -155,6 +218,7 @@ def test_bad_options_are_refused(tmp_path):
 def test_every_operation_of_the_protocol_is_in_the_client():
     text = (ROOT / "envs/flockstep/client/async_operations.py").read_text()
     text += (ROOT / "envs/flockstep/client/call.py").read_text()
+    text += (ROOT / "envs/flockstep/client/remote_batch.py").read_text()
     operations = [field.name for field in pb.Request.DESCRIPTOR.oneofs_by_name["operation"].fields]
     assert len(operations) > 40
     assert [name for name in operations if f"Request({name}=" not in text] == []

@@ -171,7 +171,7 @@ class AsyncClient(AsyncOperations):
         return AsyncStream(receive, close)
 
 
-class _Connection(asyncio.Protocol):
+class _Connection(asyncio.BufferedProtocol):
     """The connection's end of a transport, and the requests that wait for a reply."""
 
     def __init__(self, address: Address) -> None:
@@ -238,9 +238,12 @@ class _Connection(asyncio.Protocol):
         self._transport = transport
         transport.write(self.session.to_send())
 
-    def data_received(self, data: bytes) -> None:
+    def get_buffer(self, sizehint: int) -> memoryview:
+        return self.session.space()
+
+    def buffer_updated(self, nbytes: int) -> None:
         session = self.session
-        for message in session.receive(data):
+        for message in session.received(nbytes):
             try:
                 reply, arrays = decode(message)
             except ConnectionError as error:
@@ -249,9 +252,8 @@ class _Connection(asyncio.Protocol):
             inbox = self.inboxes.get(reply.id)
             if inbox is not None:  # otherwise the reply is late, or of a closed stream
                 inbox.put(reply, arrays)
-        answer = session.to_send()
-        if answer and self._transport is not None:
-            self._transport.write(answer)
+        if session.has_to_send and self._transport is not None:
+            self._transport.write(session.to_send())
         if session.is_open:
             self.opened.set()
         elif session.reason is not None:
@@ -262,7 +264,7 @@ class _Connection(asyncio.Protocol):
     def connection_lost(self, error: Exception | None) -> None:
         self.closed.set()
         if error is None:
-            self.session.receive(b"")
+            self.session.received(0)
         self._end(f"is gone: {error or 'it closed the connection without a reason'}")
 
     def pause_writing(self) -> None:

@@ -33,8 +33,7 @@ T = TypeVar("T")
 
 _ATTEND_S = 2.0  # how often a client that its program does not use answers the server's pings
 RETRY_S = 0.1
-_BUFFER_BYTES = 1 << 18
-_WANTS_READ = (BlockingIOError, ssl.SSLWantReadError)
+_WOULD_BLOCK = (BlockingIOError, ssl.SSLWantReadError, ssl.SSLWantWriteError)
 
 
 def connect(
@@ -118,9 +117,10 @@ class Client(Operations):
         self._session = Session(address.uri)
         self._session.end("this client is not connected")
         self._socket: socket.socket | None = None
+        self._readiness: _Readiness
+        self._num_waiting = 0  # threads that wait for the condition
         self._slots: dict[int, _Slot] = {}
         self._last_id = 0
-        self._buffer = memoryview(bytearray(_BUFFER_BYTES))
         self._closed = threading.Event()
         threading.Thread(
             target=_attend, args=(weakref.ref(self), self._closed), name="flockstep client", daemon=True
@@ -191,7 +191,7 @@ class Client(Operations):
         with self._changed:
             request_id = self._send(call, slot)
             try:
-                reply, arrays = self._wait(slot, request_id, self._timeout_s, call.operation)
+                reply, arrays = self._wait(slot, request_id, self._timeout_s, call)
             finally:
                 self._slots.pop(request_id, None)
         return call.answer(reply, arrays)
@@ -207,9 +207,9 @@ class Client(Operations):
             with self._changed:
                 if session is not self._session:
                     raise ConnectionError("the stream has ended: the client has connected again")
-                if not self._is_reading and session.reason is None:
-                    self._receive()  # a newer value may have come
-                reply, arrays = self._wait(slot, stream_id, timeout_s, call.operation)
+                while not self._is_reading and session.reason is None and self._receive():
+                    pass  # the newest value may still be in the socket
+                reply, arrays = self._wait(slot, stream_id, timeout_s, call)
                 if reply.WhichOneof("result") in ("error", "closed"):
                     self._slots.pop(stream_id, None)
             return subscribed.answer(reply, arrays)
@@ -231,6 +231,7 @@ class Client(Operations):
         connected.setblocking(False)
         with self._changed:
             self._socket, self._session = connected, Session(self._address.uri)
+            self._readiness = _Readiness(connected)
             self._write(self._session.to_send())
             while not self._session.is_open:
                 self._require_session()
@@ -252,7 +253,9 @@ class Client(Operations):
                 if self._is_reading:  # wakes the thread that waits for the socket
                     with suppress(OSError):
                         self._socket.shutdown(socket.SHUT_RDWR)
+                    self._num_waiting += 1
                     self._changed.wait_for(lambda: not self._is_reading)
+                    self._num_waiting -= 1
                 self._socket.close()
                 self._socket = None
             self._changed.notify_all()
@@ -272,7 +275,7 @@ class Client(Operations):
         self._write(self._session.frame(message))
         return self._last_id
 
-    def _wait(self, slot: _Slot, request_id: int, timeout_s: float | None, operation: str) -> tuple[Reply, Arrays]:
+    def _wait(self, slot: _Slot, request_id: int, timeout_s: float | None, call: Call[T]) -> tuple[Reply, Arrays]:
         end = None if timeout_s is None else time.monotonic() + timeout_s
         while slot.content is None:
             self._require_session()
@@ -280,9 +283,13 @@ class Client(Operations):
                 raise ConnectionError("the stream has ended")
             rest = None if end is None else end - time.monotonic()
             if rest is not None and rest <= 0:
-                raise TimeoutError(f"{operation}: no reply from {self._address.text} within {timeout_s:g} s")
+                raise TimeoutError(f"{call.operation}: no reply from {self._address.text} within {timeout_s:g} s")
             if self._is_reading:
-                self._changed.wait(rest)
+                self._num_waiting += 1
+                try:
+                    self._changed.wait(rest)
+                finally:
+                    self._num_waiting -= 1
             else:
                 self._read(rest)
         content, slot.content = slot.content, None
@@ -290,41 +297,46 @@ class Client(Operations):
 
     def _read(self, timeout_s: float | None) -> bool:
         """Wait for the socket without the lock, then read. Returns False if nothing came."""
-        connected, session = self._socket, self._session
-        assert connected is not None
+        readiness, session = self._readiness, self._session
         self._is_reading = True
         self._changed.release()
         try:
-            is_ready = is_ready_within(timeout_s, connected)
+            is_ready = readiness.wait(timeout_s)
         finally:
             self._changed.acquire()
             self._is_reading = False
-            self._changed.notify_all()
+            if self._num_waiting:
+                self._changed.notify_all()
         if is_ready and session is self._session and session.reason is None:
             self._receive()
         return is_ready
 
-    def _receive(self) -> None:
-        """Read what has come, without waiting."""
+    def _receive(self) -> bool:
+        """Read what has come, without waiting. Returns False if there is nothing more."""
         connected, session = self._socket, self._session
         assert connected is not None
-        size = len(self._buffer)
-        while size == len(self._buffer) or self._address.tls is not None:  # TLS may hold more than the socket
+        is_more = True
+        while is_more:
+            space = session.space()
             try:
-                size = connected.recv_into(self._buffer)
-            except (*_WANTS_READ, ssl.SSLWantWriteError):
-                break
+                size = connected.recv_into(space)
+            except _WOULD_BLOCK:
+                return False
             except OSError as error:
                 session.end(f"is gone: {error}")
-                break
-            messages = session.receive(self._buffer[:size])
+                return False
+            messages = session.received(size)
             for message in messages:
                 self._deliver(message)
-            answer = session.to_send()
-            if answer:
-                self._write(answer)
-            if size == 0 or session.reason is not None:
-                break
+            if session.has_to_send:
+                self._write(session.to_send())
+            if session.reason is not None:
+                return False
+            # TLS may hold more than the socket, and then nothing wakes the thread that waits for the socket.
+            is_more = size == len(space) or self._address.tls is not None
+            if messages and self._address.tls is None:
+                return is_more
+        return False
 
     def _deliver(self, message: bytes | bytearray | memoryview) -> None:
         try:
@@ -344,9 +356,9 @@ class Client(Operations):
         while rest:
             try:
                 rest = rest[connected.send(rest) :]
-            except (BlockingIOError, ssl.SSLWantReadError, ssl.SSLWantWriteError) as error:
+            except _WOULD_BLOCK as error:
                 to_write = not isinstance(error, ssl.SSLWantReadError)
-                if not is_ready_within(self._timeout_s, connected, to_write=to_write):
+                if not self._readiness.wait(self._timeout_s, to_write=to_write):
                     self._session.end(f"does not read: a request took longer than {self._timeout_s:g} s")
                     self._require_session()
             except OSError as error:
@@ -362,21 +374,32 @@ def _attend(owner: weakref.ref[Client], closed: threading.Event) -> None:
             return
         with client._changed:
             if client._socket is not None and client._session.is_open and not client._is_reading:
-                client._receive()
+                while client._receive():
+                    pass
         del client
 
 
-def is_ready_within(timeout_s: float | None, connected: socket.socket, *, to_write: bool = False) -> bool:
-    """Wait until a socket can be read or written. Returns False if it takes longer than ``timeout_s``."""
-    if timeout_s is not None:
-        timeout_s = max(0.0, timeout_s)
-    if hasattr(select, "poll"):
+class _Readiness:
+    """Waits until a socket can be read or written. Only one thread may wait to read."""
+
+    def __init__(self, connected: socket.socket) -> None:
+        self._socket = connected
+        self._reading = self._poll(select.POLLIN) if hasattr(select, "poll") else None
+
+    def wait(self, timeout_s: float | None, *, to_write: bool = False) -> bool:
+        """Wait. Returns False if it takes longer than ``timeout_s``."""
+        if timeout_s is not None and timeout_s < 0.0:
+            timeout_s = 0.0
+        if self._reading is not None:
+            poll = self._poll(select.POLLOUT) if to_write else self._reading
+            return bool(poll.poll(None if timeout_s is None else 1000.0 * timeout_s))
+        sockets = [self._socket]
+        return any(select.select([] if to_write else sockets, sockets if to_write else [], [], timeout_s))  # Windows
+
+    def _poll(self, events: int) -> select.poll:
         poll = select.poll()
-        poll.register(connected, select.POLLOUT if to_write else select.POLLIN)
-        return bool(poll.poll(None if timeout_s is None else 1000.0 * timeout_s))
-    sockets = [connected]
-    ready = select.select([] if to_write else sockets, sockets if to_write else [], [], timeout_s)  # Windows
-    return any(ready)
+        poll.register(self._socket, events)
+        return poll
 
 
 def open_socket(address: Address, timeout_s: float) -> socket.socket:

@@ -64,12 +64,12 @@ def decode(message: bytes | bytearray | memoryview) -> tuple[Reply, Arrays]:
     arrays: Arrays = {}
     for array in reply.arrays:
         dtype, shape = numpy_type(array.dtype), tuple(array.shape)
-        size = prod(shape)
-        if start + size * dtype.itemsize > len(message):
+        size = prod(shape) * dtype.itemsize
+        if start + size > len(message):
             raise ConnectionError(f"the server sent a malformed message: the values of {array.name!r} are cut off")
-        values = np.frombuffer(message, dtype, size, start).reshape(shape) if size else np.empty(shape, dtype)
+        values: npt.NDArray[Any] = np.ndarray(shape, dtype, message if size else None, start if size else 0)
         arrays[array.name] = values if values.flags.aligned else values.copy()
-        start += values.nbytes
+        start += size
     if start != len(message):
         raise ConnectionError(f"the server sent a malformed message: {start} bytes expected, {len(message)} received")
     return reply, arrays

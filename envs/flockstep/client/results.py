@@ -42,7 +42,7 @@ class Rotation:
     angles: Angles
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(eq=False, slots=True)
 class Impact:
     """The end of a motion.
 

@@ -2,41 +2,61 @@
 
 from __future__ import annotations
 
+from typing import TypeAlias
+
+import numpy as np
 from websockets.client import ClientProtocol
 from websockets.exceptions import InvalidStatus
 from websockets.frames import Frame, Opcode
 from websockets.protocol import State
 from websockets.uri import parse_uri
 
+Message: TypeAlias = bytes | bytearray | memoryview
+
 _MAX_MESSAGE_BYTES = 1 << 31  # a server that announces more is not one of ours
+_BUFFER_BYTES = 1 << 13
+_ALIGNMENT = 8
+_WHOLE_BINARY_MESSAGE = 0x82  # first byte of a frame
 
 
 class Session:
-    """A WebSocket connection as bytes. The owner moves them to and from a socket.
+    """A WebSocket connection as bytes. Its owner moves them to and from a socket.
+
+    The package websockets does the handshake, answers pings and ends the connection. It would copy each message that
+    comes three times. Therefore whole binary messages, which are all that our servers send, do not pass through it. A
+    large one is received into the memory in which it stays.
 
     Attributes
     ----------
     is_open
         True after the handshake and until the connection ends.
+    has_to_send
+        True if `to_send` would return something.
     reason
         Reason for the end of the connection, or None while it lasts.
     """
 
     def __init__(self, uri: str) -> None:
         self._protocol = ClientProtocol(parse_uri(uri), max_size=_MAX_MESSAGE_BYTES)
-        self._parts: list[bytes | bytearray | memoryview] = []  # of a message in several frames
-        self.is_open = False
-        self.reason: str | None = None
         self._protocol.send_request(self._protocol.connect())
+        self._buffer = memoryview(bytearray(_BUFFER_BYTES))
+        self._filled = 0  # bytes in the buffer: the beginning of a frame, or of the response to the handshake
+        self._message: memoryview | None = None  # of which some bytes are still missing
+        self._missing = 0
+        self._foreign = 0  # bytes to come of a frame for the package
+        self._parts: list[Message] = []  # of a message in several frames
+        self.is_open = False
+        self.has_to_send = True
+        self.reason: str | None = None
 
     def to_send(self) -> bytes:
         """Return the bytes to send: the request of the handshake, answers to pings, the end."""
+        self.has_to_send = False
         return b"".join(self._protocol.data_to_send())
 
     def frame(self, message: bytes) -> bytes:
         """Return the bytes that send a message."""
-        self._protocol.send_binary(message)
-        return self.to_send()
+        return Frame(Opcode.BINARY, message).serialize(mask=True)
 
     def close(self) -> None:
         """End the connection in an orderly way, if it is open."""
@@ -50,22 +70,101 @@ class Session:
         if self.reason is None:
             self.reason = reason
 
-    def receive(self, data: bytes | memoryview) -> list[bytes | bytearray | memoryview]:
-        """Take bytes from the socket, none at its end, and return the messages that are now complete."""
+    def space(self) -> memoryview:
+        """Return the memory for the next bytes from the socket."""
+        if self._message is not None:
+            return self._message[-self._missing :]
+        return self._buffer[self._filled :]
+
+    def received(self, size: int) -> list[Message]:
+        """Take the bytes that came into `space`, none at the end, and return the messages that are now complete."""
         if self.reason is not None:
             return []
-        if data:
-            self._protocol.receive_data(data)  # type: ignore[arg-type,unused-ignore] # any buffer will do
+        if size == 0:
+            return self._ended()
+        if self._message is not None:
+            self._missing -= size
+            if self._missing:
+                return []
+            message, self._message = self._message, None
+            return [message]
+        self._filled += size
+        messages: list[Message] = []
+        used = 0 if self.is_open else self._shake_hands(messages)
+        while self.is_open and used < self._filled and (end := self._take(used, messages)) > used:
+            used = end
+        rest = self._filled - used
+        if used and rest:
+            self._buffer[:rest] = self._buffer[used : self._filled]
+        self._filled = rest
+        return messages
+
+    def _shake_hands(self, messages: list[Message]) -> int:
+        """Give the response to the package when it is complete. Returns the number of its bytes."""
+        response = bytes(self._buffer[: self._filled])
+        size = response.find(b"\r\n\r\n") + 4
+        if size == 3 and self._filled < _BUFFER_BYTES:
+            return 0
+        size = size if size > 3 else self._filled
+        self._pass_on(response[:size], messages)
+        self.is_open = self.reason is None and self._protocol.state is State.OPEN
+        if not self.is_open:
+            self.end("is not a flockstep server: its answer is too long")
+        return size
+
+    def _take(self, begin: int, messages: list[Message]) -> int:
+        """Take a frame that begins there in the buffer. Returns where it ends, or ``begin`` if it is incomplete."""
+        buffer, size = self._buffer, self._filled - begin
+        if self._foreign:
+            size = min(size, self._foreign)
+            self._foreign -= size
+            self._pass_on(bytes(buffer[begin : begin + size]), messages)
+            return begin + size
+        if size < 2:
+            return begin
+        length = buffer[begin + 1] & 0x7F
+        header = 2
+        if length >= 126:
+            header = 4 if length == 126 else 10
+            if size < header:
+                return begin
+            length = int.from_bytes(buffer[begin + 2 : begin + header], "big")
+        if length > _MAX_MESSAGE_BYTES or buffer[begin + 1] & 0x80 or buffer[begin] != _WHOLE_BINARY_MESSAGE:
+            self._foreign = header + length
+            return self._take(begin, messages)
+        payload = buffer[begin + header : min(begin + header + length, self._filled)]
+        message = _memory(payload, length)
+        message[: len(payload)] = payload
+        if len(payload) == length:
+            messages.append(message)
         else:
+            self._message, self._missing = message, length - len(payload)
+        return begin + header + len(payload)
+
+    def _pass_on(self, data: bytes, messages: list[Message]) -> None:
+        """Give bytes to the package, and take what it made of them."""
+        self._protocol.receive_data(data)
+        self.has_to_send = True
+        self._take_events(messages)
+        if self.reason is None and self._protocol.parser_exc is not None:
+            self.end(f"sent a malformed message: {self._protocol.parser_exc}")
+
+    def _ended(self) -> list[Message]:
+        """Note that the socket has ended."""
+        messages: list[Message] = []
+        if not self.is_open and self._filled:
+            self._pass_on(bytes(self._buffer[: self._filled]), messages)
+        if self.reason is None:
             self._protocol.receive_eof()
-        messages = []
+            self._take_events(messages)
+        self.end("is gone: it closed the connection without a reason")
+        return messages
+
+    def _take_events(self, messages: list[Message]) -> None:
         for event in self._protocol.events_received():
             if not isinstance(event, Frame):
                 continue  # the response of the handshake
             if event.opcode in (Opcode.BINARY, Opcode.TEXT, Opcode.CONT):
-                if event.fin and not self._parts:
-                    messages.append(event.data)
-                    continue
                 self._parts.append(event.data)
                 if event.fin:
                     messages.append(bytearray().join(self._parts))
@@ -79,9 +178,10 @@ class Session:
             self.end(f"is not a flockstep server, or refused the connection: HTTP {failure.response.status_code}")
         elif failure is not None:
             self.end("is not a flockstep server, or expects another kind of address (ws://, wss://)")
-        elif self._protocol.parser_exc is not None and data:
-            self.end(f"sent a malformed message: {self._protocol.parser_exc}")
-        elif not data:
-            self.end("is gone: it closed the connection without a reason")
-        self.is_open = self.reason is None and self._protocol.state is State.OPEN
-        return messages
+
+
+def _memory(begin: memoryview, size: int) -> memoryview:
+    """Return memory for a message, in which its first array begins at a multiple of 8: see `decode`."""
+    arrays = 4 + int.from_bytes(begin[:4], "little")
+    offset = -arrays % _ALIGNMENT  # NumPy's memory begins at a multiple of 16
+    return np.empty(offset + size, np.uint8).data[offset:]  # a bytearray would be set to 0 first
