@@ -193,6 +193,18 @@ def test_the_server_ends_the_session(connect):
         assert "the server stops" in repr(client)
 
 
+def test_the_reason_of_the_end_comes_before_a_broken_pipe(connect):
+    def script(s):
+        s.answer(WELCOME)
+        s.connection.close(1001, "out of fuel")
+
+    with serving(script) as address, connect(address) as client:
+        time.sleep(0.3)
+        for _ in range(2):
+            with pytest.raises(ConnectionError, match="out of fuel"):
+                client.restore(bytes(20_000_000))
+
+
 def test_the_server_is_gone(connect):
     def script(s):
         s.answer(WELCOME)

@@ -362,8 +362,10 @@ class Client(Operations):
                     self._session.end(f"does not read: a request took longer than {self._timeout_s:g} s")
                     self._require_session()
             except OSError as error:
+                while self._session.reason is None and self._receive():
+                    pass  # the server may have sent a reason
                 self._session.end(f"is gone: {error}")
-                return  # a reason that the server sent before may still be there to read
+                return
 
 
 def _attend(owner: weakref.ref[Client], closed: threading.Event) -> None:
@@ -372,7 +374,7 @@ def _attend(owner: weakref.ref[Client], closed: threading.Event) -> None:
         client = owner()
         if client is None:
             return
-        with client._changed:
+        with client._changed, suppress(ConnectionError):
             if client._socket is not None and client._session.is_open and not client._is_reading:
                 while client._receive():
                     pass
