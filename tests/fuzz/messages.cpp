@@ -5,12 +5,11 @@
 #include <cstdlib>
 #include <cstring>
 #include <memory>
+#include <protozero/exception.hpp>
 #include <span>
 #include <string>
 #include <string_view>
 #include <variant>
-
-#include <protozero/exception.hpp>
 
 #include "base/in_world.hpp"
 #include "flockstep/batch.hpp"
@@ -114,7 +113,8 @@ void messages(Bytes input) {
       if (call->bytes.size() < sizeof(std::uint32_t) + header) continue;
       protocol::read_header(call->bytes, call->request);
       const std::size_t arrays = protocol::bytes_of(std::span<const protocol::Array>(call->request.arrays));
-      if (arrays > service.max_array_bytes(call->request) || call->bytes.size() != sizeof(std::uint32_t) + header + arrays) continue;
+      if (arrays > service.max_array_bytes(call->request) || call->bytes.size() != sizeof(std::uint32_t) + header + arrays)
+        continue;
     } catch (const std::invalid_argument&) {
       continue;
     } catch (const protozero::exception&) {

@@ -315,14 +315,14 @@ def test_unanswered_requests_are_limited(batch):
     with server, Raw(server) as raw, flockstep.connect(server.address) as other:
         other.join_lockstep()
         raw.ask(Request(id=2, join_lockstep=pb.JoinLockstep()))
-        for i in range(12):  # the first waits for the other client, eight wait in the queue
+        for i in range(12):  # the first waits for the other client, seven wait in the queue
             raw.send(encode(Request(id=10 + i, step=Step()), {}))
-        replies = [raw.reply() for _ in range(3)]
-        assert [reply.id for reply in replies] == [19, 20, 21]
+        replies = [raw.reply() for _ in range(4)]
+        assert [reply.id for reply in replies] == [18, 19, 20, 21]
         assert all(reply.error.code == pb.Code.RESOURCE_EXHAUSTED for reply in replies)
         assert "8 unanswered requests" in replies[0].error.text
         other.leave_lockstep()
-        assert [raw.reply().id for _ in range(9)] == list(range(10, 19))
+        assert [raw.reply().id for _ in range(8)] == list(range(10, 18))
 
 
 def test_clients_are_limited(batch):

@@ -26,17 +26,17 @@ struct ServerConfig {
   static constexpr auto fields() {
     using C = ServerConfig;
     return field_list(
-        field("address", &C::address,
-              {.about = "Address to listen on: an IP address, ``\"localhost\"``, or ``\"unix:PATH\"`` for a Unix socket. Other "
-                        "machines reach the server only if this is an address of the network, such as ``\"0.0.0.0\"``; a token is "
-                        "then required."}),
+        field(
+            "address", &C::address,
+            {.about = "Address to listen on: an IP address, ``\"localhost\"``, or ``\"unix:PATH\"`` for a Unix socket. Other "
+                      "machines reach the server only if this is an address of the network, such as ``\"0.0.0.0\"``; a token is "
+                      "then required."}),
         field("port", &C::port, {.about = "Port to listen on. 0: any free port.", .limits = between(0, 65535)}),
         field("token", &C::token, {.about = "Secret that clients must send. Empty: none."}),
         field("certificate_file", &C::certificate_file,
               {.about = "PEM file with the certificate chain. With a certificate and its key, clients connect by TLS only."}),
         field("private_key_file", &C::private_key_file, {.about = "PEM file with the private key of the certificate."}),
-        field("ownership", &C::ownership,
-              {.about = "Refuse operations that change a drone which another client has claimed."}),
+        field("ownership", &C::ownership, {.about = "Refuse operations that change a drone which another client has claimed."}),
         field("rate_hz", &C::rate_hz,
               {.about = "Steps per second of wall time. 0: the server steps only when clients or the program ask for it.",
                .unit = "Hz",

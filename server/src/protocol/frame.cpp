@@ -17,7 +17,12 @@ bool is_utf8(std::string_view text) {
   for (std::size_t at = 0; at < text.size();) {
     const auto byte = [&](std::size_t i) { return at + i < text.size() ? static_cast<unsigned char>(text[at + i]) : 0U; };
     const unsigned first = byte(0);
-    const std::size_t more = first < 0x80U ? 0 : first < 0xC2U ? 4 : first < 0xE0U ? 1 : first < 0xF0U ? 2 : first < 0xF5U ? 3 : 4;
+    const std::size_t more = first < 0x80U   ? 0
+                             : first < 0xC2U ? 4
+                             : first < 0xE0U ? 1
+                             : first < 0xF0U ? 2
+                             : first < 0xF5U ? 3
+                                             : 4;
     if (more == 4) return false;
     for (std::size_t i = 1; i <= more; ++i) {
       if ((byte(i) & 0xC0U) != 0x80U) return false;

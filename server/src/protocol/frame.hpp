@@ -81,8 +81,8 @@ struct ReceivedArray {
   }
 };
 
-// Size of the header at the beginning of a message, or 0 while fewer than 4 bytes have come. Throws std::invalid_argument if it is
-// above kMaxHeaderBytes.
+// Size of the header at the beginning of a message, or 0 while fewer than 4 bytes have come. Throws std::invalid_argument if it
+// is above kMaxHeaderBytes.
 std::size_t header_size(std::string_view bytes);
 
 // Reads the header of a message that has all of it.

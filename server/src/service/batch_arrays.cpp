@@ -50,9 +50,7 @@ protocol::DType dtype_of(const ArrayView& array) {
     case 'i':
       return array.value_size == 4 ? DType::kDtypeInt32 : DType::kDtypeInt64;
     default:
-      return array.value_size == 1   ? DType::kDtypeUint8
-             : array.value_size == 2 ? DType::kDtypeUint16
-                                     : DType::kDtypeUint64;
+      return array.value_size == 1 ? DType::kDtypeUint8 : array.value_size == 2 ? DType::kDtypeUint16 : DType::kDtypeUint64;
   }
 }
 

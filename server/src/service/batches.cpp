@@ -109,7 +109,8 @@ void Service::locked(Call& call, const protocol::SetPoses& set) {
     batch_.move(positions, rotations, selected);
   }
   const LiveArrays arrays(batch_);
-  for (const char* const name : {"position", "quat_wxyz", "hit", "point", "normal"}) add_array(call.writer, *arrays.find("", name));
+  for (const char* const name : {"position", "quat_wxyz", "hit", "point", "normal"})
+    add_array(call.writer, *arrays.find("", name));
   write_time(call);
 }
 
@@ -160,7 +161,8 @@ void Service::locked(Call& call, const protocol::SetCommand& set) {
   }
   for (std::size_t drone = 0; drone < mask.size(); ++drone) {
     if (mask[drone] == 0) continue;
-    for (std::size_t i = 4 * drone; i < 4 * drone + 4; ++i) require(std::isfinite(commands[i]), "command", "finite numbers", commands[i]);
+    for (std::size_t i = 4 * drone; i < 4 * drone + 4; ++i)
+      require(std::isfinite(commands[i]), "command", "finite numbers", commands[i]);
     std::copy_n(commands.begin() + static_cast<std::ptrdiff_t>(4 * drone), 4,
                 commands_.begin() + static_cast<std::ptrdiff_t>(4 * drone));
     has_command_[drone] = 1;

@@ -69,9 +69,7 @@ void Service::read(Call& call, const protocol::GetDrones&, const ArraySource& ar
   for (std::int64_t drone = 0; drone < arrays.num_drones; ++drone) {
     if (active[drone] == 0) continue;
     const auto owner = owners_.find(drone);
-    drones.push_back({.drone = drone,
-                      .env = drone / arrays.drones_per_env,
-                      .owner = owner == owners_.end() ? 0 : owner->second});
+    drones.push_back({.drone = drone, .env = drone / arrays.drones_per_env, .owner = owner == owners_.end() ? 0 : owner->second});
   }
 }
 
@@ -112,8 +110,7 @@ void Service::locked(Call& call, const protocol::RemoveDrone& remove) {
 }
 
 void Service::locked(Call& call, const protocol::GetCameraCaptureMode& get) {
-  call.result<protocol::CaptureMode>().mode =
-      message_of(batch_.camera_config(batch_.camera_index(get.camera)).capture_mode);
+  call.result<protocol::CaptureMode>().mode = message_of(batch_.camera_config(batch_.camera_index(get.camera)).capture_mode);
 }
 
 void Service::locked(Call& call, const protocol::SetCameraCaptureMode& set) {

@@ -1,6 +1,6 @@
 // Executor: runs operations on the batch one at a time, on the threads that bring them. A thread that finds another one at work
-// leaves its operation in a queue, which the other one then works off. No thread waits, and an operation that finds nobody at work
-// costs no hand-over.
+// leaves its operation in a queue, which the other one then works off. No thread waits, and an operation that finds nobody at
+// work costs no hand-over.
 #pragma once
 
 #include <deque>

@@ -1,7 +1,5 @@
 #include "flockstep/server.hpp"
 
-#include "service/session.hpp"
-
 #include <algorithm>
 #include <filesystem>
 #include <mutex>
@@ -12,6 +10,7 @@
 
 #include "base/check_fields.hpp"
 #include "base/require.hpp"
+#include "service/session.hpp"
 
 namespace flockstep {
 
@@ -42,7 +41,8 @@ ServerConfig validated(ServerConfig config) {
 
 void ServerConfig::validate() const {
   check_fields(*this, "");
-  require(certificate_file.empty() == private_key_file.empty(), certificate_file.empty() ? "certificate_file" : "private_key_file",
+  require(certificate_file.empty() == private_key_file.empty(),
+          certificate_file.empty() ? "certificate_file" : "private_key_file",
           "both a certificate and its private key, or neither", "only one of them");
   if (is_unix(*this)) {
     require(address.size() > kUnix.size(), "address", "unix:PATH", '"' + address + '"');
@@ -93,7 +93,8 @@ class Server::Impl {
     work_.reset();
     constexpr std::chrono::milliseconds kGrace{500};
     const auto until = std::chrono::steady_clock::now() + kGrace;
-    while (sessions_.count > 0 && std::chrono::steady_clock::now() < until) std::this_thread::sleep_for(std::chrono::milliseconds(1));
+    while (sessions_.count > 0 && std::chrono::steady_clock::now() < until)
+      std::this_thread::sleep_for(std::chrono::milliseconds(1));
     io_.stop();
     for (std::thread& thread : threads_) thread.join();
     aside_.join();
@@ -138,9 +139,10 @@ class Server::Impl {
       const std::string where = is_unix(config_) ? config_.address : config_.address + " port " + std::to_string(config_.port);
       const bool is_taken = error.code() == boost::system::errc::address_in_use;
       throw std::runtime_error("cannot listen on " + where + ": " + error.code().message() +
-                               (!is_taken          ? ""
-                                : is_unix(config_) ? "; if no server runs there any more, remove the file"
-                                                   : "; another server may run there: choose another port, or 0 for any free one"));
+                               (!is_taken ? ""
+                                : is_unix(config_)
+                                    ? "; if no server runs there any more, remove the file"
+                                    : "; another server may run there: choose another port, or 0 for any free one"));
     }
   }
 
@@ -195,7 +197,8 @@ class Server::Impl {
     const double rate = service_.rate_hz();
     tick_timer_.cancel();
     if (rate <= 0.0 || is_stopped_) return;
-    const auto period = std::chrono::duration_cast<std::chrono::steady_clock::duration>(std::chrono::duration<double>(1.0 / rate));
+    const auto period =
+        std::chrono::duration_cast<std::chrono::steady_clock::duration>(std::chrono::duration<double>(1.0 / rate));
     const auto now = std::chrono::steady_clock::now();
     next_tick_ = std::max(next_tick_ + period, now);  // what was missed is not made up for
     tick_timer_.expires_at(next_tick_);

@@ -1,7 +1,6 @@
 #include "service/service.hpp"
 
 #include <algorithm>
-#include <new>
 #include <type_traits>
 #include <utility>
 #include <variant>
@@ -9,34 +8,12 @@
 #include "base/require.hpp"
 #include "flockstep/batch_lock.hpp"
 #include "flockstep/version.hpp"
-#include "formats/image.hpp"
-#include "render/jpeg.hpp"
+#include "service/guard.hpp"
 
 namespace flockstep::server {
 namespace {
 
 using protocol::Code;
-
-// Runs an operation; an exception becomes the reply.
-template <class Operation>
-void guard(Call& call, const Operation& operation) {
-  try {
-    operation();
-    if (std::holds_alternative<std::monostate>(call.reply.result)) call.result<protocol::Done>();
-  } catch (const Refusal& error) {
-    call.fail(error.code(), error.what());
-  } catch (const std::invalid_argument& error) {
-    call.fail(Code::kInvalidArgument, error.what());
-  } catch (const std::bad_alloc&) {
-    call.fail(Code::kResourceExhausted, "the server has not enough memory for this");
-  } catch (const std::logic_error& error) {
-    call.fail(Code::kFailedPrecondition, error.what());
-  } catch (const std::runtime_error& error) {
-    call.fail(Code::kFailedPrecondition, error.what());
-  } catch (const std::exception& error) {
-    call.fail(Code::kInternal, error.what());
-  }
-}
 
 template <class Operation>
 const std::string& sensor_of(const Operation& operation) {
@@ -59,8 +36,7 @@ Service::Service(Batch& batch, const ServerConfig& config, std::function<void(st
       step_s_(1.0 / static_cast<double>(batch.config().clock.policy_hz)),
       rate_hz_(config.rate_hz) {
   const BatchLock lock(batch_);
-  require(config.rate_hz == 0.0 || task_ == nullptr, "rate_hz", "0 for a batch with a task, which actions step",
-          config.rate_hz);
+  require(config.rate_hz == 0.0 || task_ == nullptr, "rate_hz", "0 for a batch with a task, which actions step", config.rate_hz);
   refresh_shape();
   batch_.share([this] {
     count_program_steps();
@@ -170,9 +146,7 @@ void Service::handle(const std::shared_ptr<Call>& call, const Operation& operati
       return complete(call);
     }
     if (const auto copy = publisher_.read(batch_, sensor)) return reply(*copy);
-    run_locked(call, [this](Call& waited) {
-      read(waited, std::get<Operation>(waited.request.operation), LiveArrays(batch_));
-    });
+    run_locked(call, [this](Call& waited) { read(waited, std::get<Operation>(waited.request.operation), LiveArrays(batch_)); });
   } else if constexpr (requires { locked(*call, operation); }) {
     run_locked(call, [this](Call& waited) { locked(waited, std::get<Operation>(waited.request.operation)); });
   } else {
@@ -227,131 +201,6 @@ void Service::leave(Client& client) {
   }
   executor_.run([this, gone = &client] {
     if (lockstep_.erase(gone) > 0) step_if_all_wait();
-  });
-}
-
-// ------------------------------------------------------------------------------------------------------------- camera images
-
-namespace {
-
-// Colours of a frame, red, green and blue from row to row, for a JPEG or PNG file.
-struct Picture {
-  std::vector<std::uint8_t> rgb;
-  int width_px = 0, height_px = 0;
-};
-
-// Copies the colours of one drone's frame, from any layout.
-Picture picture_of(const ArrayView& view, const CameraConfig& camera, std::size_t drone) {
-  Picture picture{.rgb = {}, .width_px = camera.image_width_px(), .height_px = camera.image_height_px()};
-  const auto pixels = static_cast<std::size_t>(picture.width_px) * static_cast<std::size_t>(picture.height_px);
-  const auto channels = static_cast<std::size_t>(std::max(view.info.columns, 1));
-  const auto* const frame = static_cast<const std::uint8_t*>(view.data) + drone * pixels * channels;
-  picture.rgb.resize(3 * pixels);
-  for (std::size_t pixel = 0; pixel < pixels; ++pixel) {
-    for (std::size_t channel = 0; channel < 3; ++channel) {
-      const std::size_t from = channels == 1 ? 0 : channel;
-      picture.rgb[3 * pixel + channel] =
-          frame[camera.layout == ImageLayout::chw ? from * pixels + pixel : channels * pixel + from];
-    }
-  }
-  return picture;
-}
-
-std::string compress(const Picture& picture, const protocol::GetCameraData& get) {
-  CameraConfig camera;
-  camera.width_px = picture.width_px;
-  camera.height_px = picture.height_px;
-  if (get.format == protocol::ImageFormat::kJpeg) {
-    constexpr int kUsualQuality = 90;
-    return render::compress_rgb(picture.rgb.data(), camera, get.quality == 0 ? kUsualQuality : static_cast<int>(get.quality));
-  }
-  std::vector<std::uint8_t> rgba;
-  rgba.reserve(picture.rgb.size() / 3 * 4);
-  for (std::size_t i = 0; i < picture.rgb.size(); i += 3) {
-    rgba.insert(rgba.end(), {picture.rgb[i], picture.rgb[i + 1], picture.rgb[i + 2], 255});
-  }
-  return encode_png(picture.width_px, picture.height_px, rgba);
-}
-
-}  // namespace
-
-void Service::handle(const std::shared_ptr<Call>& call, const protocol::GetCameraData& get) {
-  // Copies the frame into the reply, or returns its colours for a file.
-  const auto copy = [](Call& to, const ArraySource& arrays, const CameraConfig& config, std::size_t drone) -> std::optional<Picture> {
-    const auto& request = std::get<protocol::GetCameraData>(to.request.operation);
-    const std::string& sensor = config.name;
-    const bool is_file = request.format != protocol::ImageFormat::kRaw;
-    const std::string output = !request.output.empty() ? request.output : config.outputs.rgb ? "rgb" : "grey";
-    const std::optional<ArrayView> found = arrays.find(sensor, output);
-    require(found && output != "frame_step", "output", "an output of camera \"" + sensor + '"', '"' + output + '"');
-    require(!is_file || output == "rgb" || output == "grey", "output", "rgb or grey for a JPEG or PNG file; RAW gives the others",
-            '"' + output + '"');
-    auto& data = to.result<protocol::CameraData>();
-    data.step = static_cast<const std::int64_t*>(arrays.find(sensor, "frame_step")->data)[drone];
-    data.width_px = static_cast<std::uint32_t>(config.image_width_px());
-    data.height_px = static_cast<std::uint32_t>(config.image_height_px());
-    if (is_file) return picture_of(*found, config, drone);
-    add_row(to.writer, "image", *found, drone);
-    return std::nullopt;
-  };
-  const auto finish = [this](const std::shared_ptr<Call>& done, std::optional<Picture> picture) {
-    if (!picture) return complete(done);
-    run_aside_([this, done, picture = std::move(*picture)] {
-      guard(*done, [&] {
-        const std::string file = compress(picture, std::get<protocol::GetCameraData>(done->request.operation));
-        done->writer.add("image", std::span(reinterpret_cast<const std::uint8_t*>(file.data()), file.size()), {file.size()});
-      });
-      complete(done);
-    });
-  };
-  const auto take = [this, copy](Call& to) -> std::optional<Picture> {  // needs the lock
-    const auto& request = std::get<protocol::GetCameraData>(to.request.operation);
-    const std::size_t drone = require_drone(request.drone), camera = batch_.camera_index(request.camera);
-    require(request.quality <= 100, "quality", "a number in [0, 100]", request.quality);
-    if (batch_.camera_config(camera).capture_mode == CaptureMode::on_demand || batch_.images(camera).frame_step[drone] < 0) {
-      begin_change();
-      batch_.capture(camera, only(drone));
-    }
-    std::optional<Picture> picture = copy(to, LiveArrays(batch_), batch_.camera_config(camera), drone);
-    if (picture && request.output.empty()) picture->rgb = batch_.picture(camera, request.drone);  // with the move lines
-    return picture;
-  };
-  const auto taken = [take, finish](const std::shared_ptr<Call>& of) {
-    std::optional<Picture> picture;
-    guard(*of, [&] { picture = take(*of); });
-    finish(of, std::move(picture));
-  };
-
-  const bool done = executor_.try_run([&] {
-    const std::optional<BatchLock> lock = BatchLock::try_lock(batch_);
-    if (!lock) return false;
-    follow_growth();
-    taken(call);
-    return true;
-  });
-  if (done) return;
-  // While a step runs: the frame before it, if it is one that the camera takes by itself.
-  std::optional<Picture> picture;
-  bool is_copied = false;
-  guard(*call, [&] {
-    const auto now = shape();
-    const auto camera = get.camera.empty() && now->cameras.size() == 1
-                            ? now->cameras.begin()
-                            : std::ranges::find(now->cameras, get.camera, &CameraConfig::name);
-    if (camera == now->cameras.end() || camera->capture_mode == CaptureMode::on_demand || has_lines_) return;
-    const auto copied = publisher_.read(batch_, camera->name);
-    if (!copied || get.drone < 0 || get.drone >= copied->num_drones) return;
-    const auto drone = static_cast<std::size_t>(get.drone);
-    if (static_cast<const std::int64_t*>(copied->find(camera->name, "frame_step")->data)[drone] < 0) return;
-    picture = copy(*call, *copied, *camera, drone);
-    is_copied = true;
-  });
-  if (is_copied) return finish(call, std::move(picture));
-  call->reply = {};
-  executor_.run([this, call, taken] {
-    const BatchLock lock(batch_);
-    follow_growth();
-    taken(call);
   });
 }
 
@@ -410,7 +259,8 @@ void Service::handle(const std::shared_ptr<Call>& call, const protocol::Step&) {
       if (task_ != nullptr) {
         throw Refusal(Code::kFailedPrecondition, "this batch has a task, which actions step: use StepEnvs");
       }
-      if (rate_hz() > 0.0) throw Refusal(Code::kFailedPrecondition, "the server steps by itself; SetClock with rate_hz=0 ends that");
+      if (rate_hz() > 0.0)
+        throw Refusal(Code::kFailedPrecondition, "the server steps by itself; SetClock with rate_hz=0 ends that");
       if (!lockstep_.empty()) {
         const auto member = lockstep_.find(call->client.get());
         if (member == lockstep_.end()) {
@@ -459,7 +309,8 @@ void Service::step_if_all_wait() {
 void Service::handle(const std::shared_ptr<Call>& call, const protocol::JoinLockstep&) {
   executor_.run([this, call] {
     guard(*call, [&] {
-      if (rate_hz() > 0.0) throw Refusal(Code::kFailedPrecondition, "the server steps by itself; SetClock with rate_hz=0 ends that");
+      if (rate_hz() > 0.0)
+        throw Refusal(Code::kFailedPrecondition, "the server steps by itself; SetClock with rate_hz=0 ends that");
       lockstep_.try_emplace(call->client.get(), nullptr);
       write_time(*call);
     });

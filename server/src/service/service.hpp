@@ -24,6 +24,12 @@
 
 namespace flockstep::server {
 
+// Colours of a frame.
+struct Picture {
+  std::vector<std::uint8_t> rgb;  // from row to row, from the top
+  int width_px = 0, height_px = 0;
+};
+
 class Service {
  public:
   // run_aside: runs a function on another thread, for work that needs no batch, such as compressing an image.
@@ -60,7 +66,7 @@ class Service {
   struct Shape {
     std::int64_t num_envs = 0, drones_per_env = 0, generation = -1;
     std::vector<std::string> array_names, lidars, imus;
-    std::vector<CameraConfig> cameras;      // with their current capture modes
+    std::vector<CameraConfig> cameras;  // with their current capture modes
     Batch::Worlds worlds;
     std::int64_t num_drones() const { return num_envs * drones_per_env; }
   };
@@ -116,16 +122,21 @@ class Service {
   // --- operations of several parts: service.cpp
   template <class Operation>
   void handle(const std::shared_ptr<Call>& call, const Operation& operation);
-  void handle(const std::shared_ptr<Call>& call, const protocol::GetCameraData& get);
+  void handle(const std::shared_ptr<Call>& call, const protocol::GetCameraData&);  // cameras.cpp
   void handle(const std::shared_ptr<Call>& call, const protocol::Step&);
   void handle(const std::shared_ptr<Call>& call, const protocol::JoinLockstep&);
   void handle(const std::shared_ptr<Call>& call, const protocol::LeaveLockstep&);
   void run_locked(const std::shared_ptr<Call>& call, std::function<void(Call&)> operation);
   void complete(const std::shared_ptr<Call>& call);
 
+  // --- camera images: cameras.cpp. Each returns the colours for a file, or nothing if the reply is complete.
+  std::optional<Picture> take_frame(Call& call);                           // renders it if necessary; needs the lock
+  bool take_published_frame(Call& call, std::optional<Picture>& picture);  // false if there is none that will do
+  void compress_aside(const std::shared_ptr<Call>& call, std::optional<Picture> picture);
+
   // --- checks
-  std::size_t require_drone(std::int64_t drone) const;                                // active; needs the lock
-  void require_may_change(const Call& call, std::int64_t drone) const;                // by ownership
+  std::size_t require_drone(std::int64_t drone) const;                                  // active; needs the lock
+  void require_may_change(const Call& call, std::int64_t drone) const;                  // by ownership
   void require_may_change(const Call& call, std::span<const std::uint8_t> mask) const;  // empty: all drones
   void require_sensor(const std::string& name) const;
   std::shared_ptr<const World> world(std::uint32_t index) const;
@@ -167,12 +178,12 @@ class Service {
   std::uint32_t last_client_ = 0;
 
   // Used with the lock.
-  std::vector<float> positions_, rotations_;  // (N, 3), (N, 4): for calls that take rows of all drones
-  std::vector<std::uint8_t> mask_;            // (N,), see only()
-  std::vector<float> ranges_, directions_;    // of one scan
-  std::vector<float> commands_;               // (N, 4), which steps fly
-  std::vector<std::uint8_t> has_command_;     // (N,)
-  std::optional<Control> command_control_;    // of all commands
+  std::vector<float> positions_, rotations_;           // (N, 3), (N, 4): for calls that take rows of all drones
+  std::vector<std::uint8_t> mask_;                     // (N,), see only()
+  std::vector<float> ranges_, directions_;             // of one scan
+  std::vector<float> commands_;                        // (N, 4), which steps fly
+  std::vector<std::uint8_t> has_command_;              // (N,)
+  std::optional<Control> command_control_;             // of all commands
   std::map<Client*, std::shared_ptr<Call>> lockstep_;  // members, with the step for which they wait
 
   std::atomic<double> rate_hz_;

@@ -61,9 +61,8 @@ void Session<Stream>::accept() {
   const auto idle = std::chrono::duration_cast<std::chrono::steady_clock::duration>(
       std::chrono::duration<double>(sessions_.config.idle_timeout_s));
   socket_.set_option(websocket::stream_base::timeout{kHelloTime, idle, true});
-  socket_.set_option(websocket::stream_base::decorator([](websocket::response_type& response) {
-    response.set(beast::http::field::server, "flockstep " FLOCKSTEP_VERSION);
-  }));
+  socket_.set_option(websocket::stream_base::decorator(
+      [](websocket::response_type& response) { response.set(beast::http::field::server, "flockstep " FLOCKSTEP_VERSION); }));
   socket_.binary(true);
   socket_.auto_fragment(false);
   socket_.write_buffer_bytes(std::size_t{1} << 16);
@@ -85,8 +84,7 @@ void Session<Stream>::open(const std::shared_ptr<Call>& call) {
   const std::uint64_t id = call->request.id;
   if (hello == nullptr) return refuse(id, Code::kFailedPrecondition, "expected Hello as the first request", true);
   if (!is_equal(hello->token, sessions_.config.token)) {
-    return refuse(id, Code::kUnauthenticated,
-                  hello->token.empty() ? "token: this server requires one" : "token: wrong", true);
+    return refuse(id, Code::kUnauthenticated, hello->token.empty() ? "token: this server requires one" : "token: wrong", true);
   }
   if (sessions_.count > sessions_.config.max_clients) {
     return refuse(id, Code::kResourceExhausted,
@@ -164,9 +162,10 @@ void Session<Stream>::take_message() {
   call->request = std::move(*incoming_);
   incoming_.reset();
   if (!is_open_) return open(call);
-  if (waiting_.size() >= static_cast<std::size_t>(sessions_.config.max_requests)) {
+  const std::size_t unanswered = waiting_.size() + (is_busy_ ? 1 : 0);
+  if (unanswered >= static_cast<std::size_t>(sessions_.config.max_requests)) {
     return refuse(call->request.id, Code::kResourceExhausted,
-                  "this client has " + std::to_string(waiting_.size()) + " unanswered requests, the maximum", false);
+                  "this client has " + std::to_string(unanswered) + " unanswered requests, the maximum", false);
   }
   waiting_.push_back(call);
   dispatch_next();
@@ -219,7 +218,8 @@ void Session<Stream>::subscribe(const std::shared_ptr<Call>& call, const protoco
   if (!(rate > 0.0) || rate > kMaxStreamHz) {
     return refused(Code::kInvalidArgument, "rate_hz: expected a number in (0, 1000], got " + std::to_string(rate));
   }
-  if (subscribe.what.index() == 0) return refused(Code::kInvalidArgument, "what: expected one of arrays, lidar, camera, fps, got none");
+  if (subscribe.what.index() == 0)
+    return refused(Code::kInvalidArgument, "what: expected one of arrays, lidar, camera, fps, got none");
   if (subscriptions_.size() >= kMaxSubscriptions) {
     return refused(Code::kResourceExhausted, "this client has " + std::to_string(kMaxSubscriptions) + " streams, the maximum");
   }
@@ -239,31 +239,32 @@ template <class Stream>
 void Session<Stream>::wait_for(std::uint64_t id) {
   const auto found = subscriptions_.find(id);
   if (found == subscriptions_.end()) return;
-  found->second->timer.async_wait([weak = this->weak_from_this(), id, stream = std::weak_ptr(found->second)](beast::error_code error) {
-    const auto self = weak.lock();
-    const auto subscription = stream.lock();
-    if (error || !self || !subscription || self->is_gone_ || self->is_ending_) return;
-    // The next time is a multiple of the period, unless it is late already.
-    const auto now = std::chrono::steady_clock::now();
-    subscription->timer.expires_at(std::max(subscription->timer.expiry() + subscription->period, now));
-    const std::int64_t change = self->sessions_.service.changes();
-    const bool is_new = !subscription->what.only_new || change != subscription->last_change;
-    if (!subscription->is_pending && is_new) {
-      subscription->is_pending = true;
-      subscription->last_change = change;
-      const auto call = std::make_shared<Call>();
-      call->client = self;
-      call->is_of_stream = true;
-      call->request.id = id;
-      std::visit(
-          [&](const auto& what) {
-            if constexpr (!std::is_same_v<std::decay_t<decltype(what)>, std::monostate>) call->request.operation = what;
-          },
-          subscription->what.what);
-      self->sessions_.service.answer(call);
-    }
-    self->wait_for(id);
-  });
+  found->second->timer.async_wait(
+      [weak = this->weak_from_this(), id, stream = std::weak_ptr(found->second)](beast::error_code error) {
+        const auto self = weak.lock();
+        const auto subscription = stream.lock();
+        if (error || !self || !subscription || self->is_gone_ || self->is_ending_) return;
+        // The next time is a multiple of the period, unless it is late already.
+        const auto now = std::chrono::steady_clock::now();
+        subscription->timer.expires_at(std::max(subscription->timer.expiry() + subscription->period, now));
+        const std::int64_t change = self->sessions_.service.changes();
+        const bool is_new = !subscription->what.only_new || change != subscription->last_change;
+        if (!subscription->is_pending && is_new) {
+          subscription->is_pending = true;
+          subscription->last_change = change;
+          const auto call = std::make_shared<Call>();
+          call->client = self;
+          call->is_of_stream = true;
+          call->request.id = id;
+          std::visit(
+              [&](const auto& what) {
+                if constexpr (!std::is_same_v<std::decay_t<decltype(what)>, std::monostate>) call->request.operation = what;
+              },
+              subscription->what.what);
+          self->sessions_.service.answer(call);
+        }
+        self->wait_for(id);
+      });
 }
 
 template <class Stream>

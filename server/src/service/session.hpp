@@ -1,15 +1,12 @@
 // Session: a client's connection. Requests come in and replies go out as WebSocket messages, over TCP, TLS or a Unix socket.
 #pragma once
 
-#include <utility> // Boost 1.74 uses std::exchange without it
-
+#include <atomic>
 #include <boost/asio.hpp>
 #include <boost/asio/ssl.hpp>
 #include <boost/beast/core.hpp>
 #include <boost/beast/ssl.hpp>
 #include <boost/beast/websocket.hpp>
-
-#include <atomic>
 #include <chrono>
 #include <cstddef>
 #include <cstdint>
@@ -19,6 +16,7 @@
 #include <optional>
 #include <string>
 #include <string_view>
+#include <utility>  // Boost 1.74 uses std::exchange without it
 
 #include "service/call.hpp"
 #include "service/service.hpp"
@@ -91,7 +89,7 @@ class Session final : public Client, public std::enable_shared_from_this<Session
   bool is_closing_ = false;
   bool is_gone_ = false;
   bool is_reading_ = false;
-  bool is_busy_ = false;  // a request is being answered
+  bool is_busy_ = false;                       // a request is being answered
   std::optional<protocol::Request> incoming_;  // header of the message that is coming in
   std::size_t incoming_bytes_ = 0;             // of the whole message
   std::deque<std::shared_ptr<Call>> waiting_;

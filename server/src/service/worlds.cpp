@@ -32,7 +32,8 @@ void Service::now(Call& call, const protocol::Claim& claim) {
   const std::scoped_lock lock(owners_mutex_);
   for (const std::int64_t drone : claim.drones) {
     if (drone < 0 || drone >= count) {
-      throw Refusal(Code::kNotFound, "drones: expected indices below " + std::to_string(count) + ", got " + std::to_string(drone));
+      throw Refusal(Code::kNotFound,
+                    "drones: expected indices below " + std::to_string(count) + ", got " + std::to_string(drone));
     }
     const auto owner = owners_.find(drone);
     if (owner != owners_.end() && owner->second != call.client->number) {
@@ -99,11 +100,13 @@ void Service::locked(Call& call, const protocol::SetLight& set) {
 void Service::locked(Call& call, const protocol::SetWorld& set) {
   const auto now = shape();
   if (set.env < 0 || set.env >= now->num_envs) {
-    throw Refusal(Code::kNotFound, "env: expected an index below " + std::to_string(now->num_envs) + ", got " + std::to_string(set.env));
+    throw Refusal(Code::kNotFound,
+                  "env: expected an index below " + std::to_string(now->num_envs) + ", got " + std::to_string(set.env));
   }
   static_cast<void>(world(set.world));
   const auto env = static_cast<std::size_t>(set.env), members = static_cast<std::size_t>(now->drones_per_env);
-  std::vector<std::uint8_t> drones(static_cast<std::size_t>(now->num_drones()), 0), envs(static_cast<std::size_t>(now->num_envs), 0);
+  std::vector<std::uint8_t> drones(static_cast<std::size_t>(now->num_drones()), 0),
+      envs(static_cast<std::size_t>(now->num_envs), 0);
   std::fill_n(drones.begin() + static_cast<std::ptrdiff_t>(env * members), members, std::uint8_t{1});
   require_may_change(call, drones);
   envs[env] = 1;

@@ -1,0 +1,131 @@
+// GetCameraData: takes a frame with the lock of the batch, or from a published copy, and compresses it aside.
+#include <algorithm>
+#include <utility>
+
+#include "base/require.hpp"
+#include "flockstep/batch_lock.hpp"
+#include "formats/image.hpp"
+#include "render/jpeg.hpp"
+#include "service/guard.hpp"
+#include "service/service.hpp"
+
+namespace flockstep::server {
+namespace {
+
+// Copies the colours of one drone's frame, from any layout, red, green and blue from row to row.
+Picture picture_of(const ArrayView& view, const CameraConfig& camera, std::size_t drone) {
+  Picture picture{.rgb = {}, .width_px = camera.image_width_px(), .height_px = camera.image_height_px()};
+  const auto pixels = static_cast<std::size_t>(picture.width_px) * static_cast<std::size_t>(picture.height_px);
+  const auto channels = static_cast<std::size_t>(std::max(view.info.columns, 1));
+  const auto* const frame = static_cast<const std::uint8_t*>(view.data) + drone * pixels * channels;
+  picture.rgb.resize(3 * pixels);
+  for (std::size_t pixel = 0; pixel < pixels; ++pixel) {
+    for (std::size_t channel = 0; channel < 3; ++channel) {
+      const std::size_t from = channels == 1 ? 0 : channel;
+      picture.rgb[3 * pixel + channel] =
+          frame[camera.layout == ImageLayout::chw ? from * pixels + pixel : channels * pixel + from];
+    }
+  }
+  return picture;
+}
+
+std::string compress(const Picture& picture, const protocol::GetCameraData& get) {
+  if (get.format == protocol::ImageFormat::kJpeg) {
+    constexpr int kUsualQuality = 90;
+    CameraConfig camera;  // of the layout of a picture
+    camera.width_px = picture.width_px;
+    camera.height_px = picture.height_px;
+    return render::compress_rgb(picture.rgb.data(), camera, get.quality == 0 ? kUsualQuality : static_cast<int>(get.quality));
+  }
+  std::vector<std::uint8_t> rgba;
+  rgba.reserve(picture.rgb.size() / 3 * 4);
+  for (std::size_t i = 0; i < picture.rgb.size(); i += 3) {
+    rgba.insert(rgba.end(), {picture.rgb[i], picture.rgb[i + 1], picture.rgb[i + 2], 255});
+  }
+  return encode_png(picture.width_px, picture.height_px, rgba);
+}
+
+// Adds raw pixels to the reply, or returns the colours for a file.
+std::optional<Picture> copy_frame(Call& call, const ArraySource& arrays, const CameraConfig& camera, std::size_t drone) {
+  const auto& get = std::get<protocol::GetCameraData>(call.request.operation);
+  const bool is_file = get.format != protocol::ImageFormat::kRaw;
+  const std::string output = !get.output.empty() ? get.output : camera.outputs.rgb ? "rgb" : "grey";
+  const std::optional<ArrayView> found = arrays.find(camera.name, output);
+  require(found && output != "frame_step", "output", "an output of camera \"" + camera.name + '"', '"' + output + '"');
+  require(!is_file || output == "rgb" || output == "grey", "output", "rgb or grey for a JPEG or PNG file; RAW gives the others",
+          '"' + output + '"');
+  auto& data = call.result<protocol::CameraData>();
+  data.step = static_cast<const std::int64_t*>(arrays.find(camera.name, "frame_step")->data)[drone];
+  data.width_px = static_cast<std::uint32_t>(camera.image_width_px());
+  data.height_px = static_cast<std::uint32_t>(camera.image_height_px());
+  if (is_file) return picture_of(*found, camera, drone);
+  add_row(call.writer, "image", *found, drone);
+  return std::nullopt;
+}
+
+}  // namespace
+
+void Service::handle(const std::shared_ptr<Call>& call, const protocol::GetCameraData&) {
+  const auto take = [this](const std::shared_ptr<Call>& taken) {
+    std::optional<Picture> picture;
+    guard(*taken, [&] { picture = take_frame(*taken); });
+    return picture;
+  };
+  std::optional<Picture> picture;
+  const bool is_taken = executor_.try_run([&] {
+    const std::optional<BatchLock> lock = BatchLock::try_lock(batch_);
+    if (!lock) return false;
+    follow_growth();
+    picture = take(call);
+    return true;
+  });
+  if (is_taken || take_published_frame(*call, picture)) return compress_aside(call, std::move(picture));
+  executor_.run([this, call, take] {
+    const BatchLock lock(batch_);
+    follow_growth();
+    compress_aside(call, take(call));
+  });
+}
+
+std::optional<Picture> Service::take_frame(Call& call) {
+  const auto& get = std::get<protocol::GetCameraData>(call.request.operation);
+  const std::size_t drone = require_drone(get.drone), camera = batch_.camera_index(get.camera);
+  require(get.quality <= 100, "quality", "a number in [0, 100]", get.quality);
+  if (batch_.camera_config(camera).capture_mode == CaptureMode::on_demand || batch_.images(camera).frame_step[drone] < 0) {
+    begin_change();
+    batch_.capture(camera, only(drone));
+  }
+  std::optional<Picture> picture = copy_frame(call, LiveArrays(batch_), batch_.camera_config(camera), drone);
+  if (picture && get.output.empty()) picture->rgb = batch_.picture(camera, get.drone);  // with the move lines
+  return picture;
+}
+
+bool Service::take_published_frame(Call& call, std::optional<Picture>& picture) {
+  const auto& get = std::get<protocol::GetCameraData>(call.request.operation);
+  const auto now = shape();
+  const auto camera = get.camera.empty() && now->cameras.size() == 1
+                          ? now->cameras.begin()
+                          : std::ranges::find(now->cameras, get.camera, &CameraConfig::name);
+  // Only a frame that the camera takes by itself. A copy has no move lines.
+  if (camera == now->cameras.end() || camera->capture_mode == CaptureMode::on_demand || has_lines_ || get.quality > 100)
+    return false;
+  const auto copy = publisher_.read(batch_, camera->name);
+  if (!copy || get.drone < 0 || get.drone >= copy->num_drones) return false;
+  const auto drone = static_cast<std::size_t>(get.drone);
+  if (static_cast<const std::int64_t*>(copy->find(camera->name, "frame_step")->data)[drone] < 0) return false;
+  guard(call, [&] { picture = copy_frame(call, *copy, *camera, drone); });
+  return true;
+}
+
+void Service::compress_aside(const std::shared_ptr<Call>& call, std::optional<Picture> picture) {
+  if (!picture) return complete(call);
+  run_aside_([this, call, picture = std::move(*picture)] {
+    guard(*call, [&] {
+      const std::string file = compress(picture, std::get<protocol::GetCameraData>(call->request.operation));
+      call->writer.add("image", std::span(reinterpret_cast<const std::uint8_t*>(file.data()), file.size()), {file.size()});
+    });
+    complete(call);
+  });
+}
+
+}  // namespace flockstep::server

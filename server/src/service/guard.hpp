@@ -1,0 +1,33 @@
+// Runs an operation, and makes a reply of its exception.
+#pragma once
+
+#include <new>
+#include <stdexcept>
+#include <variant>
+
+#include "service/call.hpp"
+
+namespace flockstep::server {
+
+template <class Operation>
+void guard(Call& call, const Operation& operation) {
+  using protocol::Code;
+  try {
+    operation();
+    if (std::holds_alternative<std::monostate>(call.reply.result)) call.result<protocol::Done>();
+  } catch (const Refusal& error) {
+    call.fail(error.code(), error.what());
+  } catch (const std::invalid_argument& error) {
+    call.fail(Code::kInvalidArgument, error.what());
+  } catch (const std::bad_alloc&) {
+    call.fail(Code::kResourceExhausted, "the server has not enough memory for this");
+  } catch (const std::logic_error& error) {
+    call.fail(Code::kFailedPrecondition, error.what());
+  } catch (const std::runtime_error& error) {
+    call.fail(Code::kFailedPrecondition, error.what());
+  } catch (const std::exception& error) {
+    call.fail(Code::kInternal, error.what());
+  }
+}
+
+}  // namespace flockstep::server
