@@ -183,13 +183,14 @@ class FLOCKSTEP_API Connection {
 
 // Begins the arguments of an operation that returns a Future.
 struct Later {};
-inline constexpr Later later{};
+inline constexpr Later later{};  // drone.get_location(client::later)
 
 // A result that arrives later. Whoever waits for one also receives the replies of others, so futures may be waited for in any
 // order. A Future that is destroyed discards its result.
 template <class T>
 class Future {
  public:
+  // Result of get_for().
   using Maybe = std::conditional_t<std::is_void_v<T>, bool, std::optional<std::conditional_t<std::is_void_v<T>, bool, T>>>;
 
   // Makes a Future of a request that was sent.

@@ -78,7 +78,7 @@ class Link : public std::enable_shared_from_this<Link> {
   void receive(Message message);
   void take_reply(std::unique_ptr<ReceivedReply> reply);
   void fail(ErrorCode code, const std::string& text);
-  // The reason why the connection ended, otherwise that the time has passed.
+  // Returns the error that ended the connection, or a timeout.
   Error failure() const;
 
   const Options options_;

@@ -38,7 +38,7 @@ class Transport {
   virtual void close() = 0;
   // Does what is possible now. may_read: whether the socket may have bytes to read.
   virtual void advance(bool may_read) = 0;
-  // True if advance() can go on when the socket can be written.
+  // Returns true if advance() can go on once the socket can be written.
   virtual bool wants_to_write() const = 0;
   virtual Socket& socket() = 0;
 };
