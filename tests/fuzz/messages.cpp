@@ -81,7 +81,7 @@ bool is_small(const protocol::Request& request) {
   return true;
 }
 
-void require_sane(const Batch& batch) {
+void require_in_world(const Batch& batch) {
   const State& state = batch.state();
   const auto in_world = [](float value) { return is_in_world(value); };
   if (!std::all_of(state.position.begin(), state.position.end(), in_world)) std::abort();
@@ -123,7 +123,7 @@ void messages(Bytes input) {
     if (!is_small(call->request)) continue;
     ++asked;
     service.answer(call);
-    require_sane(*batch);
+    require_in_world(*batch);
   }
   service.leave(*clients[0]);
   service.leave(*clients[1]);
