@@ -3,7 +3,7 @@
 - ``protocol_pb2.py`` and its stub: the messages in flockstep.proto. The classes are made at run time from a description
   of the file, in a descriptor pool of their own: this needs only public functions of protobuf, works with every runtime
   since 4.22, and does not conflict with other packages. Code written by protoc is bound to the versions of its runtime.
-- ``operations.py``: the operations for programs without asyncio, made from ``async_operations.py``.
+- ``sync_operations.py``: the operations for programs without asyncio, made from ``async_operations.py``.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ def main() -> None:
     texts = {
         "protocol_pb2.py": messages(file),
         "protocol_pb2.pyi": stub(file),
-        "operations.py": without_asyncio((CLIENT / "async_operations.py").read_text()),
+        "sync_operations.py": without_asyncio((CLIENT / "async_operations.py").read_text()),
     }
     stale = []
     for name, text in texts.items():
@@ -160,7 +160,6 @@ def without_asyncio(text: str) -> str:
         (r"\bawait ", ""),
         (r"\basync for\b", "for"),
         (r"\bAsync(?=[A-Z])", ""),
-        (r"\basync_client\b", "client"),
         (r", with asyncio\b", ""),
     ):
         text = re.sub(pattern, replacement, text)

@@ -30,6 +30,7 @@ OTHERS = ("collections.", "gymnasium.", "numpy.", "os.", "pathlib.", "stable_bas
 PUBLIC = (
     "flockstep",
     "flockstep.bridges",
+    "flockstep.client",
     "flockstep.rotations",
     "flockstep.sb3",
     "flockstep.scenes",

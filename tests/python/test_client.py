@@ -471,7 +471,7 @@ def test_closing_wakes_a_thread_that_waits():
 
 
 def test_an_idle_client_answers_pings(monkeypatch):
-    monkeypatch.setattr("flockstep.client.client._ATTEND_S", 0.05)
+    monkeypatch.setattr("flockstep.client.sync_client._ATTEND_S", 0.05)
 
     def script(s):
         s.answer(WELCOME)

@@ -496,7 +496,7 @@ def test_a_server_that_stops(room, connect):
 
 
 def test_an_idle_client_stays(room, monkeypatch):
-    monkeypatch.setattr("flockstep.client.client._ATTEND_S", 0.1)
+    monkeypatch.setattr("flockstep.client.sync_client._ATTEND_S", 0.1)
     with (
         flockstep.serve(make(room), port=0, idle_timeout_s=0.6) as server,
         flockstep.connect(server.address) as client,

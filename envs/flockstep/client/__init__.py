@@ -15,9 +15,7 @@ except ImportError as _error:
 
 from flockstep.client.async_client import AsyncClient, connect_async
 from flockstep.client.async_operations import AsyncDrone
-from flockstep.client.client import Client, connect
 from flockstep.client.errors import ServerError
-from flockstep.client.operations import Drone
 from flockstep.client.results import (
     Angles,
     Boxes,
@@ -38,6 +36,8 @@ from flockstep.client.results import (
     WorldInfo,
 )
 from flockstep.client.streams import AsyncStream, Stream
+from flockstep.client.sync_client import Client, connect
+from flockstep.client.sync_operations import Drone
 from flockstep.client.vector_env import RemoteVectorEnv
 
 __all__ = [

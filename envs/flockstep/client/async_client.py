@@ -11,12 +11,12 @@ from typing import TYPE_CHECKING, TypeVar
 from flockstep.client.address import Address, ended, parse_address
 from flockstep.client.async_operations import AsyncOperations
 from flockstep.client.call import Call, hello, subscription, unsubscription
-from flockstep.client.client import RETRY_S, connection_error
 from flockstep.client.frames import Arrays, decode, encode
 from flockstep.client.protocol_pb2 import Reply
 from flockstep.client.results import ServerInfo
 from flockstep.client.session import Session
 from flockstep.client.streams import AsyncStream
+from flockstep.client.sync_client import RETRY_S, connection_error
 
 if TYPE_CHECKING:
     from types import TracebackType

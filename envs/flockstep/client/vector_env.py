@@ -11,8 +11,8 @@ from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space
 
 from flockstep import stepping
-from flockstep.client.client import Client
 from flockstep.client.remote_batch import RemoteBatch
+from flockstep.client.sync_client import Client
 from flockstep.stepping import AUTORESET_MODES, Array, BoolArray, Observation
 from flockstep.task_spaces import action_space, observation_space
 

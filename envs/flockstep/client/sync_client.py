@@ -16,11 +16,11 @@ from typing import TYPE_CHECKING, TypeVar
 from flockstep.client.address import Address, ended, parse_address
 from flockstep.client.call import Call, hello, subscription, unsubscription
 from flockstep.client.frames import Arrays, decode, encode
-from flockstep.client.operations import Operations
 from flockstep.client.protocol_pb2 import Reply
 from flockstep.client.results import ServerInfo
 from flockstep.client.session import Session
 from flockstep.client.streams import Stream
+from flockstep.client.sync_operations import Operations
 
 if TYPE_CHECKING:
     from types import TracebackType
