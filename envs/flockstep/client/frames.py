@@ -63,7 +63,7 @@ def decode(message: bytes | bytearray | memoryview) -> tuple[Reply, Arrays]:
         raise ConnectionError(f"the server sent a malformed message: {error}") from None
     arrays: Arrays = {}
     for array in reply.arrays:
-        dtype, shape = numpy_type(array.dtype), tuple(array.shape)
+        dtype, shape = numpy_type(array.dtype), array.shape[:]  # faster than a tuple
         size = prod(shape) * dtype.itemsize
         if start + size > len(message):
             raise ConnectionError(f"the server sent a malformed message: the values of {array.name!r} are cut off")
