@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+import os
 from typing import TypeAlias
 
 import numpy as np
 from websockets.client import ClientProtocol
 from websockets.exceptions import InvalidStatus
-from websockets.frames import Frame, Opcode
+from websockets.frames import Frame, Opcode, apply_mask  # type: ignore[attr-defined] # it chooses the fastest
 from websockets.protocol import State
 from websockets.uri import parse_uri
 
@@ -17,6 +18,8 @@ _MAX_MESSAGE_BYTES = 1 << 31  # a server that announces more is not one of ours
 _BUFFER_BYTES = 1 << 13
 _ALIGNMENT = 8
 _WHOLE_BINARY_MESSAGE = 0x82  # first byte of a frame
+_MASKED = 0x80  # in the second byte, beside the size; clients mask
+_SHORT = 126  # size from which the second byte says where the size is
 
 
 class Session:
@@ -56,7 +59,11 @@ class Session:
 
     def frame(self, message: bytes) -> bytes:
         """Return the bytes that send a message."""
-        return Frame(Opcode.BINARY, message).serialize(mask=True)
+        size = len(message)
+        if size >= _SHORT:
+            return Frame(Opcode.BINARY, message).serialize(mask=True)
+        mask = os.urandom(4)
+        return b"".join((bytes((_WHOLE_BINARY_MESSAGE, _MASKED | size)), mask, apply_mask(message, mask)))
 
     def close(self) -> None:
         """End the connection in an orderly way, if it is open."""
@@ -89,6 +96,11 @@ class Session:
             message, self._message = self._message, None
             return [message]
         self._filled += size
+        buffer = self._buffer
+        size = self._filled
+        if buffer[0] == _WHOLE_BINARY_MESSAGE and buffer[1] == size - 2 < _SHORT and self.is_open and not self._foreign:
+            self._filled = 0
+            return [bytearray(buffer[2:size])]  # a short message, as most replies are
         messages: list[Message] = []
         used = 0 if self.is_open else self._shake_hands(messages)
         while self.is_open and used < self._filled and (end := self._take(used, messages)) > used:

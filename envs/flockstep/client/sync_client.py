@@ -112,7 +112,8 @@ class Client(Operations):
         self._timeout_s = timeout_s
         # One lock for socket, session and slots. Only the thread that has set _is_reading waits for the socket, without
         # the lock; the others wait for the condition.
-        self._changed = threading.Condition(threading.Lock())
+        self._lock = threading.Lock()
+        self._changed = threading.Condition(self._lock)
         self._is_reading = False
         self._session = Session(address.uri)
         self._session.end("this client is not connected")
@@ -188,7 +189,7 @@ class Client(Operations):
 
     def _call(self, call: Call[T]) -> T:
         slot = _Slot()
-        with self._changed:
+        with self._lock:
             request_id = self._send(call, slot)
             try:
                 reply, arrays = self._wait(slot, request_id, self._timeout_s, call)
@@ -199,12 +200,12 @@ class Client(Operations):
     def _subscribe(self, call: Call[T], rate_hz: float, only_new: bool) -> Stream[T]:
         subscribed = subscription(call, rate_hz, only_new)
         slot = _Slot()
-        with self._changed:
+        with self._lock:
             stream_id = self._send(subscribed, slot)
         session = self._session
 
         def receive(timeout_s: float | None) -> T:
-            with self._changed:
+            with self._lock:
                 if session is not self._session:
                     raise ConnectionError("the stream has ended: the client has connected again")
                 while not self._is_reading and session.reason is None and self._receive():
@@ -215,7 +216,7 @@ class Client(Operations):
             return subscribed.answer(reply, arrays)
 
         def close() -> None:
-            with self._changed:
+            with self._lock:
                 is_over = self._slots.pop(stream_id, None) is None or self._session.reason is not None
             if not is_over:
                 self._call(unsubscription(stream_id))
@@ -229,7 +230,7 @@ class Client(Operations):
         end = time.monotonic() + self._timeout_s
         connected = open_socket(self._address, self._timeout_s)
         connected.setblocking(False)
-        with self._changed:
+        with self._lock:
             self._socket, self._session = connected, Session(self._address.uri)
             self._readiness = _Readiness(connected)
             self._write(self._session.to_send())
@@ -242,7 +243,7 @@ class Client(Operations):
 
     def _disconnect(self) -> None:
         """Say goodbye, if there is a connection, and close the socket."""
-        with self._changed:
+        with self._lock:
             if self._socket is not None and self._session.reason is None:
                 self._session.close()
                 with suppress(OSError):  # also if it would block: the end of the socket says the same
@@ -299,11 +300,11 @@ class Client(Operations):
         """Wait for the socket without the lock, then read. Returns False if nothing came."""
         readiness, session = self._readiness, self._session
         self._is_reading = True
-        self._changed.release()
+        self._lock.release()
         try:
             is_ready = readiness.wait(timeout_s)
         finally:
-            self._changed.acquire()
+            self._lock.acquire()
             self._is_reading = False
             if self._num_waiting:
                 self._changed.notify_all()
@@ -374,7 +375,7 @@ def _attend(owner: weakref.ref[Client], closed: threading.Event) -> None:
         client = owner()
         if client is None:
             return
-        with client._changed, suppress(ConnectionError):
+        with client._lock, suppress(ConnectionError):
             if client._socket is not None and client._session.is_open and not client._is_reading:
                 while client._receive():
                     pass
