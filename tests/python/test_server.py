@@ -388,6 +388,9 @@ def test_a_half_open_connection_is_closed(batch):
             silent.settimeout(10)
             while silent.recv(4096):  # the handshake, a ping, then the end
                 pass
+        deadline = time.monotonic() + 10
+        while server.num_clients > 0 and time.monotonic() < deadline:
+            time.sleep(0.01)
         assert server.num_clients == 0
 
 

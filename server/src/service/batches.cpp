@@ -254,7 +254,8 @@ void Service::locked(Call& call, const protocol::StepEnvs&) {
   add_observation(call.writer, "observation/", spec, outputs.observation, rows);
   const auto is_set = [](std::uint8_t flag) { return flag != 0; };
   const bool ended = std::ranges::any_of(outputs.terminated, is_set) || std::ranges::any_of(outputs.truncated, is_set);
-  if (ended) add_observation(call.writer, "final_observation/", spec, outputs.final_observation, rows);
+  const bool has_final = ended && batch_.config().episode.autoreset_mode == AutoresetMode::same_step;
+  if (has_final) add_observation(call.writer, "final_observation/", spec, outputs.final_observation, rows);
   for_each_view(outputs, {.sizes = {std::ssize(spec.reward_terms), 1}, .dimensions = 1}, [&](const ArrayView& view) {
     const std::string_view name = view.name;
     if (name == "reward_terms") return;

@@ -81,6 +81,18 @@ void Service::locked(Call& call, const protocol::SpawnDrone& spawn) {
             "an index below " + std::to_string(batch_.config().num_envs), *spawn.env);
     env.push_back(*spawn.env);
   }
+  const bool would_renumber = batch_.config().num_envs > 1 && batch_.config().drones_per_env != 1;
+  const auto is_free = [&](std::size_t slot) {
+    const auto of = static_cast<std::int64_t>(slot) / batch_.config().drones_per_env;
+    return batch_.state().active[slot] == 0 && (env.empty() || of == env.front());
+  };
+  bool has_slot = false;
+  for (std::size_t slot = 0; slot < batch_.state().active.size(); ++slot) has_slot |= is_free(slot);
+  if (would_renumber && !has_slot) {
+    throw Refusal(Code::kFailedPrecondition,
+                  "no slot is free, and a batch with several envs of several drones cannot grow while it is served: that would "
+                  "change the indices of its drones");
+  }
   // The start of its world, unless the client gives another place.
   const World& world = env.empty() ? *batch_.worlds().front() : *batch_.world_of(EnvIndex(env.front()));
   const Vec3 start = world.markers().start.value_or((world.bounds().min + world.bounds().max) / 2.0F);

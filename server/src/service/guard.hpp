@@ -3,6 +3,7 @@
 
 #include <new>
 #include <stdexcept>
+#include <string>
 #include <variant>
 
 #include "service/call.hpp"
@@ -26,7 +27,8 @@ void guard(Call& call, const Operation& operation) {
   } catch (const std::runtime_error& error) {
     call.fail(Code::kFailedPrecondition, error.what());
   } catch (const std::exception& error) {
-    call.fail(Code::kInternal, error.what());
+    const std::string text = error.what();  // of Python: with a traceback, whose paths are none of the client's business
+    call.fail(Code::kInternal, text.substr(0, text.find('\n')));
   }
 }
 

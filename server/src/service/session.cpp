@@ -140,8 +140,18 @@ bool Session<Stream>::take_header() {
       }
       incoming_bytes_ = sizeof(std::uint32_t) + header + arrays;
     } catch (const std::exception& error) {
-      return refused(Code::kInvalidArgument, std::string("message: ") + error.what());
+      // The message ends where WebSocket says so: the session goes on after it.
+      is_skipping_ = incoming_.has_value() && is_open_;
+      refuse(incoming_ ? incoming_->id : 0, Code::kInvalidArgument, std::string("message: ") + error.what(), !is_skipping_);
+      return is_skipping_;
     }
+  }
+  if (is_skipping_) {
+    skipped_ += bytes.size();
+    buffer_.consume(bytes.size());
+    constexpr std::size_t kMostSkipped = std::size_t{1} << 20;
+    if (skipped_ > kMostSkipped) return refused(Code::kResourceExhausted, "message: too long");
+    return true;
   }
   if (bytes.size() > incoming_bytes_) {
     return refused(Code::kInvalidArgument, "message: expected " + std::to_string(incoming_bytes_) + " bytes, got more");
@@ -151,6 +161,12 @@ bool Session<Stream>::take_header() {
 
 template <class Stream>
 void Session<Stream>::take_message() {
+  if (std::exchange(is_skipping_, false)) {
+    buffer_.consume(buffer_.size());
+    incoming_.reset();
+    skipped_ = 0;
+    return;
+  }
   const std::size_t size = buffer_.size();
   const auto call = std::make_shared<Call>();
   call->client = self();

@@ -91,6 +91,8 @@ class Session final : public Client, public std::enable_shared_from_this<Session
   bool is_reading_ = false;
   bool is_busy_ = false;                       // a request is being answered
   std::optional<protocol::Request> incoming_;  // header of the message that is coming in
+  bool is_skipping_ = false;                   // that message was refused
+  std::size_t skipped_ = 0;                    // bytes of it
   std::size_t incoming_bytes_ = 0;             // of the whole message
   std::deque<std::shared_ptr<Call>> waiting_;
   std::deque<std::shared_ptr<Call>> outbox_;  // the first is being written
