@@ -1,11 +1,13 @@
 """Bridges to other programs.
 
 `ArduPilotBridge` lets ArduPilot fly the drones: it answers ArduPilot's software in the loop over UDP. `McapRecorder`
-writes flights as ROS 2 messages to a file, from a `Batch`, an environment, or any other `Source`.
+writes flights as ROS 2 messages to a file, from a `Batch`, an environment, the drones of a server (`ClientSource`), or
+any other `Source`.
 """
 
 from flockstep.bridges.ardupilot import ArduPilotBridge, PacketCounts
+from flockstep.bridges.client_source import ClientSource
 from flockstep.bridges.mcap import McapRecorder
 from flockstep.bridges.source import BatchSource, Source
 
-__all__ = ["ArduPilotBridge", "BatchSource", "McapRecorder", "PacketCounts", "Source"]
+__all__ = ["ArduPilotBridge", "BatchSource", "ClientSource", "McapRecorder", "PacketCounts", "Source"]

@@ -7,8 +7,12 @@ each sensor. ROS uses the same axes: x east and forward, y north and left, z up.
 from __future__ import annotations
 
 import argparse
+import os
 import re
 import signal
+import threading
+import time
+from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
 from contextlib import suppress
 from math import floor, isfinite
@@ -19,12 +23,14 @@ from typing import Any
 import numpy as np
 
 from flockstep._core import Batch
+from flockstep.bridges.client_source import ClientSource
 from flockstep.bridges.ros_messages import Message, cloud, definition, stamp_of, transform_of, xyz, xyzw
 from flockstep.bridges.source import BatchSource, Kind, Source
 from flockstep.nearest_name import did_you_mean
 from flockstep.recording import actions_of
 from flockstep.registration import make_by_id
 from flockstep.rotations import rotate
+from flockstep.serving import TOKEN_VARIABLE
 from flockstep.vector_env import DroneVectorEnv
 
 #: Message and last part of the topic of each kind of sensor.
@@ -41,6 +47,10 @@ _LATCHED = {
 }
 #: Rotation to the camera frame from the optical frame, whose x points right, y down and z forward.
 _OPTICAL_QUAT = (0.5, -0.5, 0.5, -0.5)
+#: Environment that the command flies.
+_ENV = "flockstep/LidarNavigation-v0"
+#: How often the command reads a server.
+_POLLS_HZ = 30
 
 
 class McapRecorder:
@@ -56,7 +66,7 @@ class McapRecorder:
 
     - ``/clock``, rosgraph_msgs/Clock: the time of every write.
     - ``/tf``, tf2_msgs/TFMessage: from ``map`` to ``NAME/base_link``.
-    - ``/tf_static``, tf2_msgs/TFMessage: from ``NAME/base_link`` to each sensor, once.
+    - ``/tf_static``, tf2_msgs/TFMessage: from ``NAME/base_link`` to each sensor, once, and again if drones come or go.
     - ``/NAME/odom``, nav_msgs/Odometry: pose, and velocity in the body frame. Kinematic motion has none.
     - ``/NAME/SENSOR/points``, sensor_msgs/PointCloud2: hits of a LiDAR in its frame, without misses.
     - ``/NAME/SENSOR/image/compressed``, sensor_msgs/CompressedImage: JPEG of a camera, in its optical frame.
@@ -67,7 +77,8 @@ class McapRecorder:
     path
         The file, ``.mcap``. An existing one is replaced.
     source
-        A `Batch` or `DroneVectorEnv`, whose first env is recorded, or a `Source` such as `BatchSource`.
+        A `Batch` or `DroneVectorEnv`, whose first env is recorded, or a `Source` such as `BatchSource` or
+        `ClientSource`.
     rates_hz
         Messages per second of simulated time, by the name of a sensor, or ``"pose"`` for /tf and odom. Others are
         written at every write. A rate above that of the writes has no effect.
@@ -99,8 +110,7 @@ class McapRecorder:
                 raise ValueError(f"rates_hz: expected names among {', '.join(known)}, got {name!r}{hint}")
             if isinstance(rate, bool) or not isinstance(rate, (int, float, np.number)) or not 0 < rate < float("inf"):
                 raise ValueError(f"rates_hz[{name!r}]: expected a number > 0, got {rate!r}")
-        static = _static_transforms(self.source)
-        _check_frames(self.source, static)
+        _static_transforms(self.source)  # refuses bad names
         try:
             from mcap_ros2.writer import Writer
         except ModuleNotFoundError as error:
@@ -113,7 +123,7 @@ class McapRecorder:
         self._stream = Path(path).open("wb")  # noqa: SIM115 # close() closes it
         self._writer: Any = Writer(self._stream, chunk_size=chunk_bytes)
         self._schemas: dict[str, Any] = {}
-        self._static: list[Message] | None = static
+        self._drones: list[str] | None = None  # of the latest /tf_static
 
     def write(self) -> None:
         """Write the current state and the messages that are due; nothing if no time has passed since the last write.
@@ -135,6 +145,7 @@ class McapRecorder:
         if time_s == self._time_s:
             return
         stamp_ns = round(time_s * 1e9)
+        drones = list(self.source.drones)
         due = {name: self._period_of(name, time_s) for name in ("pose", *self.source.sensors)}
         due = {name: period for name, period in due.items() if period != self._periods.get(name)}
         messages = list(self._messages(due, stamp_of(stamp_ns)))  # all of them before the first is written
@@ -147,7 +158,7 @@ class McapRecorder:
             with suppress(OSError):
                 self._stream.close()
             raise
-        self._time_s, self._static = time_s, None
+        self._time_s, self._drones = time_s, drones
         self._periods |= due
 
     def close(self) -> None:
@@ -183,10 +194,11 @@ class McapRecorder:
         """Yield topic, kind and content of each message."""
         source = self.source
         yield "/clock", "rosgraph_msgs/Clock", {"clock": stamp}
-        if self._static is not None:
-            for transform in self._static:
+        if self._drones != list(source.drones):
+            static = _static_transforms(source)
+            for transform in static:
                 transform["header"]["stamp"] = stamp
-            yield "/tf_static", "tf2_msgs/TFMessage", {"transforms": self._static}
+            yield "/tf_static", "tf2_msgs/TFMessage", {"transforms": static}
         if "pose" in due:
             yield from self._poses(stamp)
         for sensor, kind in source.sensors.items():
@@ -248,13 +260,19 @@ def _check_frames(source: Source, static: Sequence[Message]) -> None:
             if not re.fullmatch(r"[A-Za-z][A-Za-z0-9_]*", name):
                 raise ValueError(f"{what}: expected names of letters, digits and _, first a letter, got {name!r}")
     frames = [f"{name}/base_link" for name in source.drones] + [transform["child_frame_id"] for transform in static]
-    twice = {frame for frame in frames if frames.count(frame) > 1}
+    twice = {frame for frame, count in Counter(frames).items() if count > 1}
     if twice:
         raise ValueError(f"sensors: expected different names of frames, got {sorted(twice)[0]!r} twice")
 
 
 def _static_transforms(source: Source) -> list[Message]:
-    """Return the transforms from each drone to its sensors, without stamps."""
+    """Return the transforms from each drone to its sensors, without stamps.
+
+    Raises
+    ------
+    ValueError
+        See `_check_frames`.
+    """
     transforms = []
     for drone, name in enumerate(source.drones):
         for sensor, kind in source.sensors.items():
@@ -263,58 +281,122 @@ def _static_transforms(source: Source) -> list[Message]:
             transforms.append(transform_of(f"{name}/base_link", frame, place, turn, stamp_of(0)))
             if kind == "camera":
                 transforms.append(transform_of(frame, f"{frame}_optical", (0, 0, 0), _OPTICAL_QUAT, stamp_of(0)))
+    _check_frames(source, transforms)
     return transforms
 
 
 def add_command(commands: Any) -> None:
     """Add ``mcap`` to the commands of ``python -m flockstep``."""
-    about = "fly an environment and record it as an MCAP file with ROS 2 messages"
+    about = "fly an environment, or connect to a server, and record an MCAP file with ROS 2 messages"
     parser: argparse.ArgumentParser = commands.add_parser("mcap", help=about, description=about)
     parser.add_argument("path", metavar="FILE", help="file to write, .mcap")
     parser.add_argument("recipe", nargs="?", type=Path, metavar="RECIPE", help="JSON file of a recipe to fly")
-    text = "id of the environment to fly without a recipe; default: %(default)s"
-    parser.add_argument("--env", default="flockstep/LidarNavigation-v0", help=text)
+    text = f"id of the environment to fly without a recipe; default: {_ENV}"
+    parser.add_argument("--env", help=text)
     text = "a PPO model of Stable-Baselines3, which runs code from the file; default: random actions"
     parser.add_argument("--policy", metavar="ZIP", help=text)
-    parser.add_argument("--seconds", type=float, default=10.0, help="simulated time to record; default: %(default)s")
-    parser.add_argument("--seed", type=int, default=0, help="default: %(default)s")
-    text = "messages per second of a sensor, or of the pose: --rate lidar=10; default: one per step"
+    text = "simulated time to record, or with --connect real time; default: 10, or with --connect until Ctrl-C"
+    parser.add_argument("--seconds", type=float, help=text)
+    parser.add_argument("--seed", type=int, help="default: 0")
+    text = (
+        "messages per second of a sensor, or of the pose: --rate lidar=10; default: one per step, or with --connect "
+        f"{_POLLS_HZ}"
+    )
     parser.add_argument("--rate", action="append", default=[], metavar="NAME=HZ", help=text)
+    text = (
+        "record the drones of a server, such as 127.0.0.1:41451; the environment variable "
+        f"{TOKEN_VARIABLE} has its token"
+    )
+    parser.add_argument("--connect", metavar="ADDRESS", help=text)
+    text = "PEM file with the certificates to trust, for an address that begins with wss://"
+    parser.add_argument("--ca-file", metavar="FILE", help=text)
     parser.set_defaults(run=_run)
 
 
 def _run(arguments: argparse.Namespace) -> None:
     try:
         rates = dict(_rate_of(text) for text in arguments.rate)
-        if not 0 < arguments.seconds < float("inf"):
+        if arguments.seconds is not None and not 0 < arguments.seconds < float("inf"):
             raise ValueError(f"seconds: expected a number > 0, got {arguments.seconds:g}")
-        if arguments.recipe is not None:
-            text = arguments.recipe.read_text(encoding="utf-8")
-            envs = DroneVectorEnv.from_recipe(text, allow_files=True, num_envs=1)
+        if arguments.connect is None:
+            _record_env(arguments, rates)
         else:
-            envs = make_by_id(arguments.env, 1)
-        policy = None
-        if arguments.policy is not None:
-            from stable_baselines3 import PPO
-
-            policy = PPO.load(arguments.policy)
-        act = actions_of(policy, envs, "mcap", arguments.seed)
-        observation, _ = envs.reset(seed=arguments.seed)
-        source = BatchSource(envs.batch)
-        with McapRecorder(arguments.path, source, rates_hz=rates) as recorder:
-            recorder.write()
-            steps = 0
-            stopped: list[int] = []
-            signal.signal(signal.SIGINT, lambda number, _: stopped.append(number))  # ends between two writes
-            while not stopped and source.time_s() < arguments.seconds - 1e-9:
-                observation = envs.step(act(observation))[0]
-                recorder.write()
-                steps += 1
-    except (ImportError, OSError, ValueError) as error:
+            _record_server(arguments, rates)
+    except (ImportError, OSError, RuntimeError, ValueError) as error:
         raise SystemExit(f"flockstep mcap: {error}") from error
+
+
+def _record_env(arguments: argparse.Namespace, rates: Mapping[str, float]) -> None:
+    """Fly and record an environment."""
+    if arguments.ca_file is not None:
+        raise ValueError("ca-file: expected together with --connect only")
+    seconds = 10.0 if arguments.seconds is None else arguments.seconds
+    seed = 0 if arguments.seed is None else arguments.seed
+    if arguments.recipe is not None:
+        text = arguments.recipe.read_text(encoding="utf-8")
+        envs = DroneVectorEnv.from_recipe(text, allow_files=True, num_envs=1)
+    else:
+        envs = make_by_id(arguments.env or _ENV, 1)
+    policy = None
+    if arguments.policy is not None:
+        from stable_baselines3 import PPO
+
+        policy = PPO.load(arguments.policy)
+    act = actions_of(policy, envs, "mcap", seed)
+    observation, _ = envs.reset(seed=seed)
+    source = BatchSource(envs.batch)
+    with McapRecorder(arguments.path, source, rates_hz=rates) as recorder:
+        recorder.write()
+        steps = 0
+        stopped = _stopped_by_ctrl_c()
+        while not stopped.is_set() and source.time_s() < seconds - 1e-9:
+            observation = envs.step(act(observation))[0]
+            recorder.write()
+            steps += 1
     print(
         f"{arguments.path}: {steps} steps of {', '.join(source.drones)}, sensors {', '.join(source.sensors) or 'none'}"
     )
+
+
+def _record_server(arguments: argparse.Namespace, rates: Mapping[str, float]) -> None:
+    """Record the drones of a server."""
+    for name in ("recipe", "env", "policy", "seed"):
+        if getattr(arguments, name) is not None:
+            raise ValueError(f"{name}: expected none together with --connect, got {getattr(arguments, name)}")
+    from flockstep.client import ServerError, connect  # needs the extra packages of the client
+
+    token = os.environ.get(TOKEN_VARIABLE, "")
+    try:
+        with connect(arguments.connect, token=token, ca_file=arguments.ca_file) as client:
+            source = ClientSource(client)
+            period_s = 1.0 / max([_POLLS_HZ, *rates.values()])
+            seen: set[str] = set()
+            writes = 0
+            with McapRecorder(arguments.path, source, rates_hz=rates) as recorder:
+                print(f"recording {arguments.connect}; Ctrl-C ends it", flush=True)
+                stopped = _stopped_by_ctrl_c()
+                start = due = time.monotonic()
+                while not stopped.is_set() and (arguments.seconds is None or due < start + arguments.seconds):
+                    recorder.write()
+                    seen.update(source.drones)
+                    writes += 1
+                    due = max(due + period_s, time.monotonic())
+                    stopped.wait(max(0.0, due - time.monotonic()))
+    except ServerError as error:
+        raise RuntimeError(f"{error.operation}: {error}") from error
+    print(f"{arguments.path}: {writes} times, {len(seen)} drones, sensors {', '.join(source.sensors) or 'none'}")
+
+
+def _stopped_by_ctrl_c() -> threading.Event:
+    """Return an event that the first Ctrl-C sets, so that it interrupts no write. A second one interrupts."""
+    stopped = threading.Event()
+
+    def stop(number: int, _: object) -> None:
+        stopped.set()
+        signal.signal(number, signal.default_int_handler)
+
+    signal.signal(signal.SIGINT, stop)
+    return stopped
 
 
 def _rate_of(text: str) -> tuple[str, float]:

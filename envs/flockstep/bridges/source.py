@@ -17,7 +17,10 @@ Kind: TypeAlias = Literal["lidar", "camera", "imu"]
 
 @runtime_checkable
 class Source(Protocol):
-    """The drones that a recorder reads. A drone is given by its index in ``drones``; frames and units are a batch's."""
+    """The drones that a recorder reads. A drone is given by its index in ``drones``; frames and units are a batch's.
+
+    A recorder calls `time_s` first, and then reads the rest of the same moment. Drones come and go only in that call.
+    """
 
     @property
     def drones(self) -> Sequence[str]:
