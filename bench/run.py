@@ -12,6 +12,7 @@ flight_train  Hover and Track with five seeds each, and the controller only; the
 tiles   tracing rays against triangles, in tiles and with Embree's packets; only tracing
 worlds  LiDARs and cameras in every bundled world, and the share of rays traced by Embree
 busy    the trainings of the README and of docs/first-steps.md while every processor runs a busy loop; only if named
+server  round trips of the server's clients against bare echoes, a remote vector environment, many clients, camera streams
 imaging cost of colour detection, HSV and smaller images, in our kernels and in OpenCV
 plan    paths from start to goal in every bundled world and twenty of each generator: processor time and length
 trainers  the programs of examples/trainers/ with three seeds each: speed, and steps until they solve the LiDAR task
@@ -51,6 +52,7 @@ import imaging
 import mesh_peers
 import peers
 import plan
+import server
 from flockstep import _core
 
 ROOT = Path(__file__).resolve().parent.parent
@@ -352,6 +354,10 @@ def bench_plan() -> list[Figure]:
     return [figure(*measured) for measured in plan.measure()]
 
 
+def bench_server() -> list[Figure]:
+    return [figure(*measured) for measured in server.measure()]
+
+
 def bench_snippet() -> list[Figure]:
     """Run the README's first training as published, and three times as long, with five seeds not used to choose it."""
     block = re.search(r"```python\n(.*?)```", (ROOT / "README.md").read_text(), re.DOTALL)
@@ -451,6 +457,7 @@ BENCHES: dict[str, Callable[[], list[Figure]]] = {
     "worlds": bench_worlds,
     "imaging": bench_imaging,
     "plan": bench_plan,
+    "server": bench_server,
     "tiles": bench_tiles,
     "dynamics": bench_dynamics,
     "dynamics_accuracy": bench_dynamics_accuracy,

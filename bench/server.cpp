@@ -1,0 +1,358 @@
+// Times the server from the outside: round trips of the C++ client beside those of bare echoes, and clients that load a server.
+// Prints a JSON list of figures. bench/server.py starts the servers and runs this program:
+//
+//   server echo tcp|websocket                                  answers on a free port, which it prints, until it is killed
+//   server round-trips DRONE ARRAYS TCP WEBSOCKET CALLS NAME:REQUEST:REPLY...
+//                      addresses of two servers of flockstep, ports of two echoes, calls to time, sizes of messages in bytes
+//   server clients ADDRESS COUNT move|scan SECONDS             COUNT clients at once, each with a drone and a thread
+//   server in-process                                          what a scan and a JPEG file cost without a server
+// clang-format off: Boost 1.74 uses std::exchange without its header
+#include <utility>
+#include <boost/asio.hpp>
+#include <boost/beast/core.hpp>
+#include <boost/beast/websocket.hpp>
+// clang-format on
+
+#include <netinet/in.h>
+#include <netinet/tcp.h>
+#include <sys/socket.h>
+#include <unistd.h>
+
+#include <algorithm>
+#include <array>
+#include <atomic>
+#include <cerrno>
+#include <chrono>
+#include <cmath>
+#include <cstdint>
+#include <cstdio>
+#include <exception>
+#include <functional>
+#include <latch>
+#include <map>
+#include <numeric>
+#include <random>
+#include <stdexcept>
+#include <string>
+#include <system_error>
+#include <thread>
+#include <vector>
+
+#include "bench.hpp"
+#include "flockstep/batch.hpp"
+#include "flockstep/client.hpp"
+#include "render/jpeg.hpp"
+
+namespace {
+
+using namespace flockstep;
+namespace asio = boost::asio;
+namespace beast = boost::beast;
+using tcp = asio::ip::tcp;
+using WebSocket = beast::websocket::stream<tcp::socket>;
+
+// Sizes of a request and its reply; the first message on a connection to an echo.
+using Sizes = std::array<std::uint32_t, 2>;
+
+// -------------------------------------------------------------------------------------------------------------------- echoes
+
+// Owns a file descriptor.
+class Descriptor {
+ public:
+  explicit Descriptor(int fd) : fd_(fd) {}
+  ~Descriptor() { close(fd_); }
+  Descriptor(const Descriptor&) = delete;
+  Descriptor& operator=(const Descriptor&) = delete;
+  int fd() const { return fd_; }
+
+ private:
+  int fd_;
+};
+
+void require_system(bool ok, const char* call) {
+  if (!ok) throw std::system_error(errno, std::system_category(), call);
+}
+
+void send_all(int fd, const char* bytes, std::size_t size) {
+  while (size > 0) {
+    const ssize_t sent = send(fd, bytes, size, MSG_NOSIGNAL);
+    require_system(sent > 0, "send");
+    bytes += sent;
+    size -= static_cast<std::size_t>(sent);
+  }
+}
+
+// Returns false at the end of the connection.
+bool receive_all(int fd, void* bytes, std::size_t size) {
+  const ssize_t got = recv(fd, bytes, size, MSG_WAITALL);
+  require_system(got >= 0, "recv");
+  return static_cast<std::size_t>(got) == size;
+}
+
+sockaddr_in loopback(int port) {
+  sockaddr_in address{};
+  address.sin_family = AF_INET;
+  address.sin_port = htons(static_cast<std::uint16_t>(port));
+  address.sin_addr.s_addr = htonl(INADDR_LOOPBACK);
+  return address;
+}
+
+void disable_delay(int fd) {
+  const int on = 1;
+  setsockopt(fd, IPPROTO_TCP, TCP_NODELAY, &on, sizeof(on));
+}
+
+[[noreturn]] void echo_tcp() {
+  const int listener = socket(AF_INET, SOCK_STREAM, 0);
+  sockaddr_in address = loopback(0);
+  socklen_t length = sizeof(address);
+  require_system(bind(listener, reinterpret_cast<const sockaddr*>(&address), length) == 0 && listen(listener, 8) == 0 &&
+                     getsockname(listener, reinterpret_cast<sockaddr*>(&address), &length) == 0,
+                 "listen");
+  std::printf("%d\n", ntohs(address.sin_port));
+  std::fflush(stdout);
+  for (;;) {
+    const Descriptor connection(accept(listener, nullptr, nullptr));
+    const int fd = connection.fd();
+    disable_delay(fd);
+    Sizes sizes{};
+    if (!receive_all(fd, sizes.data(), sizeof(sizes))) continue;
+    std::vector<char> request(sizes[0]), reply(sizes[1], 'x');
+    while (receive_all(fd, request.data(), request.size())) send_all(fd, reply.data(), reply.size());
+  }
+}
+
+void set_options(WebSocket& socket) {
+  socket.binary(true);
+  socket.auto_fragment(false);
+  socket.write_buffer_bytes(std::size_t{1} << 16);
+  socket.next_layer().set_option(tcp::no_delay(true));
+}
+
+[[noreturn]] void echo_websocket() {
+  asio::io_context context;
+  tcp::acceptor acceptor(context, {asio::ip::address_v4::loopback(), 0});
+  std::printf("%d\n", acceptor.local_endpoint().port());
+  std::fflush(stdout);
+  for (;;) {
+    WebSocket socket(acceptor.accept());
+    set_options(socket);
+    try {
+      socket.accept();
+      beast::flat_buffer buffer;
+      Sizes sizes{};
+      asio::buffer_copy(asio::buffer(sizes), (socket.read(buffer), buffer.data()));
+      const std::vector<char> reply(sizes[1], 'x');
+      for (;;) {
+        buffer.clear();
+        socket.read(buffer);
+        socket.write(asio::buffer(reply));
+      }
+    } catch (const boost::system::system_error&) {  // the client has closed the connection
+    }
+  }
+}
+
+// --------------------------------------------------------------------------------------------------------------- round trips
+
+// Times of calls, µs.
+using Times = std::vector<double>;
+
+Times time_calls(int calls, const std::function<void()>& call) {
+  constexpr int kWarmUp = 50;
+  for (int i = 0; i < kWarmUp; ++i) call();
+  Times times;
+  times.reserve(static_cast<std::size_t>(calls));
+  for (int i = 0; i < calls; ++i) times.push_back(1e6 * bench::seconds(call));
+  return times;
+}
+
+Times time_tcp(int port, const Sizes& sizes, int calls) {
+  const Descriptor connection(socket(AF_INET, SOCK_STREAM, 0));
+  const int fd = connection.fd();
+  const sockaddr_in address = loopback(port);
+  require_system(connect(fd, reinterpret_cast<const sockaddr*>(&address), sizeof(address)) == 0, "connect");
+  disable_delay(fd);
+  send_all(fd, reinterpret_cast<const char*>(sizes.data()), sizeof(sizes));
+  std::vector<char> request(sizes[0], 'x'), reply(sizes[1]);
+  return time_calls(calls, [&] {
+    send_all(fd, request.data(), request.size());
+    receive_all(fd, reply.data(), reply.size());
+  });
+}
+
+Times time_websocket(int port, const Sizes& sizes, int calls) {
+  asio::io_context context;
+  WebSocket socket(context);
+  socket.next_layer().connect({asio::ip::address_v4::loopback(), static_cast<std::uint16_t>(port)});
+  set_options(socket);
+  socket.handshake("localhost", "/");
+  socket.write(asio::buffer(sizes));
+  const std::vector<char> request(sizes[0], 'x');
+  beast::flat_buffer reply;
+  Times times = time_calls(calls, [&] {
+    socket.write(asio::buffer(request));
+    reply.clear();
+    socket.read(reply);
+  });
+  beast::error_code ignored;
+  socket.close(beast::websocket::close_code::normal, ignored);
+  return times;
+}
+
+double percentile(const Times& sorted, double percent) {
+  return sorted[static_cast<std::size_t>(std::round(percent / 100.0 * static_cast<double>(sorted.size() - 1)))];
+}
+
+struct Case {
+  std::string name;
+  Sizes sizes;
+};
+
+Case read_case(const std::string& text) {
+  const std::size_t first = text.find(':'), second = text.find(':', first + 1);
+  if (second == std::string::npos) throw std::invalid_argument("expected NAME:REQUEST:REPLY, got " + text);
+  const auto size = [](const std::string& digits) { return static_cast<std::uint32_t>(std::stoul(digits)); };
+  return {.name = text.substr(0, first), .sizes = {size(text.substr(first + 1)), size(text.substr(second + 1))}};
+}
+
+void round_trips(const std::vector<std::string>& arguments) {
+  constexpr std::size_t kFixed = 5;
+  if (arguments.size() <= kFixed) throw std::invalid_argument("round-trips: expected five arguments and cases");
+  const client::Connection to_drone({.address = arguments[0]}), to_arrays({.address = arguments[1]});
+  const int tcp_port = std::stoi(arguments[2]), websocket_port = std::stoi(arguments[3]), calls = std::stoi(arguments[4]);
+  client::DroneController drone(to_drone, 0);
+  client::GameModeController arrays(to_arrays);
+  client::Vector3 location = drone.get_location();
+  float step_m = 0.1F;
+  const std::map<std::string, std::function<void()>> operations{
+      {"set_location",
+       [&] {
+         location[0] += step_m;
+         step_m = -step_m;
+         drone.set_location(location);
+       }},
+      {"get_location", [&] { drone.get_location(); }},
+      {"get_lidar_data", [&] { drone.get_lidar_data({.without_directions = true}); }},
+      {"get_arrays", [&] { arrays.get_array("ranges", "lidar"); }},
+  };
+  bench::Figures figures;
+  const auto add = [&](const std::string& name, Times times) {
+    std::ranges::sort(times);
+    for (const int percent : {10, 50, 90}) {
+      figures.add(name + "/p" + std::to_string(percent), percentile(times, percent), "us", calls);
+    }
+  };
+  for (std::size_t i = kFixed; i < arguments.size(); ++i) {
+    const auto [name, sizes] = read_case(arguments[i]);
+    add(name + "/tcp", time_tcp(tcp_port, sizes, calls));
+    add(name + "/websocket", time_websocket(websocket_port, sizes, calls));
+    if (const auto operation = operations.find(name); operation != operations.end()) {
+      add(name + "/cpp", time_calls(calls, operation->second));
+    }
+  }
+  figures.print();
+}
+
+// ------------------------------------------------------------------------------------------------------------- clients at once
+
+// What a client does until the time is over; returns its response times.
+Times load(const std::string& address, std::int64_t index, bool moves, std::latch& ready, const std::atomic<bool>& is_over) {
+  const client::Connection connection({.address = address, .timeout = std::chrono::minutes(1)});
+  client::DroneController drone(connection, index);
+  std::mt19937 random(static_cast<std::uint32_t>(index));
+  std::uniform_real_distribution<float> displacement(-0.1F, 0.1F);
+  client::Vector3 location = drone.get_location();
+  Times times;
+  ready.arrive_and_wait();
+  while (!is_over) {
+    client::Vector3 next = location;
+    for (float& x : next) x += displacement(random);
+    times.push_back(1e6 * bench::seconds([&] {
+                      if (moves) {
+                        location = drone.set_location(next).location;
+                      } else {
+                        drone.get_lidar_data();
+                      }
+                    }));
+  }
+  return times;
+}
+
+void clients(const std::vector<std::string>& arguments) {
+  if (arguments.size() != 4) throw std::invalid_argument("clients: expected four arguments");
+  const auto count = static_cast<std::size_t>(std::stoul(arguments[1]));
+  const bool moves = arguments[2] == "move";
+  std::latch ready(static_cast<std::ptrdiff_t>(count) + 1);
+  std::atomic<bool> is_over{false};
+  std::vector<Times> each(count);
+  std::vector<std::thread> threads;
+  for (std::size_t i = 0; i < count; ++i) {
+    threads.emplace_back([&, i] { each[i] = load(arguments[0], static_cast<std::int64_t>(i), moves, ready, is_over); });
+  }
+  ready.arrive_and_wait();
+  std::this_thread::sleep_for(std::chrono::duration<double>(std::stod(arguments[3])));
+  is_over = true;
+  for (std::thread& thread : threads) thread.join();
+  Times all;
+  for (const Times& times : each) all.insert(all.end(), times.begin(), times.end());
+  std::ranges::sort(all);
+  const auto requests = static_cast<double>(all.size());
+  const double mean = std::reduce(all.begin(), all.end()) / requests;
+  const double squares = std::transform_reduce(all.begin(), all.end(), 0.0, std::plus<>(),
+                                               [mean](double time) { return (time - mean) * (time - mean); });
+  bench::Figures figures;
+  const auto add_ms = [&](const std::string& name, double us) { figures.add(name, 1e-3 * us, "ms", 1); };
+  figures.add("requests", requests, "1", 1);
+  add_ms("mean", mean);
+  add_ms("std", std::sqrt(squares / requests));
+  add_ms("min", all.front());
+  add_ms("max", all.back());
+  for (const int percent : {5, 25, 75, 95}) add_ms("p" + std::to_string(percent), percentile(all, percent));
+  figures.print();
+}
+
+// ------------------------------------------------------------------------------------------------------------ without a server
+
+void in_process() {
+  BatchConfig config;
+  config.num_envs = 1;
+  config.num_threads = 1;
+  config.lidars = {LidarConfig()};
+  CameraConfig camera;
+  camera.width_px = 640;
+  camera.height_px = 480;
+  config.cameras = {camera};
+  Batch batch(config, {World::load(FLOCKSTEP_SCENES "/playground/train-1.json")});
+  batch.sense();
+  std::vector<float> ranges(static_cast<std::size_t>(config.lidars[0].rows() * config.lidars[0].columns()));
+  const std::vector<std::uint8_t> image = batch.picture(0, 0);
+  constexpr int kQuality = 90, kRuns = 25;
+  const bench::Times times = bench::interleave(
+      {{"scan", [&] { batch.scan(0, ranges); }}, {"jpeg", [&] { render::compress_rgb(image.data(), camera, kQuality); }}}, kRuns);
+  bench::Figures figures;
+  figures.add("scan", 1e6 * bench::median(times[0]), "us", kRuns);
+  figures.add("jpeg", 1e6 * bench::median(times[1]), "us", kRuns);
+  figures.print();
+}
+
+}  // namespace
+
+int main(int argc, char** argv) try {
+  const std::string command = argc > 1 ? argv[1] : "";
+  const std::vector<std::string> arguments(argv + std::min(argc, 2), argv + argc);
+  if (command == "echo" && arguments == std::vector<std::string>{"tcp"}) echo_tcp();
+  if (command == "echo" && arguments == std::vector<std::string>{"websocket"}) echo_websocket();
+  if (command == "round-trips") {
+    round_trips(arguments);
+  } else if (command == "clients") {
+    clients(arguments);
+  } else if (command == "in-process") {
+    in_process();
+  } else {
+    throw std::invalid_argument("expected echo tcp, echo websocket, round-trips, clients or in-process, got \"" + command + '"');
+  }
+} catch (const std::exception& error) {
+  std::fprintf(stderr, "server: %s\n", error.what());
+  return 1;
+}

@@ -1,0 +1,330 @@
+"""Times the server: round trips, steps of a remote vector environment, many clients at once, and camera streams.
+
+Servers are programs of their own, ``python -m flockstep serve``; bench/server.cpp has the echoes and the C++ clients.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import itertools
+import json
+import os
+import re
+import statistics
+import subprocess
+import sys
+import tempfile
+import threading
+import time
+from collections.abc import Awaitable, Callable, Iterator, Sequence
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+
+import flockstep
+from flockstep.client.frames import encode
+
+Measured = tuple[str, float, str, int]  # name, value, unit, runs
+
+ROUNDS, CALLS = 9, 1000  # of round trips: medians of the rounds; calls in a round
+PERCENTILES = (10, 50, 90)
+COUNTS = (1, 2, 4, 8, 16, 32, 64, 128)  # clients at once
+BEAMS = (35, 125, 250, 500, 1000)
+LOAD_S, STREAM_S, STEPS_S = 3.0, 5.0, 0.5
+WORLD: dict[str, Any] = {"task": None, "worlds": ["playground/train-1"], "num_envs": 1}
+DRONES = 1024
+CAMERAS, STREAM_HZ = 8, 30.0
+
+
+def measure() -> Iterator[Measured]:
+    """Measure everything. It takes nine minutes, and the machine must have nothing else to do."""
+    scan_us, jpeg_us = (f["value"] for f in native("in-process"))
+    yield "server/in_process/scan", scan_us, "us", 25
+    yield "server/in_process/jpeg", jpeg_us, "us", 25
+    for place in (pinned, unpinned):
+        with place():
+            yield from measure_round_trips(f"server/round_trip/{place.__name__}")
+            yield from measure_vector_env(f"server/vector_env/{place.__name__}")
+    yield from measure_clients("server/clients")
+    yield from measure_streams("server/streams", jpeg_us)
+
+
+# --- programs
+
+
+@contextlib.contextmanager
+def pinned() -> Iterator[None]:
+    """Run this thread, and what it starts, on one processor."""
+    before = os.sched_getaffinity(0)
+    os.sched_setaffinity(0, {max(before)})
+    try:
+        yield
+    finally:
+        os.sched_setaffinity(0, before)
+
+
+@contextlib.contextmanager
+def unpinned() -> Iterator[None]:
+    """Run on all processors."""
+    yield
+
+
+def program() -> Path:
+    return Path(os.environ["FLOCKSTEP_BENCH_DIR"]) / "server"
+
+
+def native(*arguments: object) -> list[dict[str, Any]]:
+    """Run bench/server.cpp and return the figures it prints."""
+    command = [program(), *map(str, arguments)]
+    figures: list[dict[str, Any]] = json.loads(subprocess.run(command, check=True, stdout=subprocess.PIPE).stdout)
+    return figures
+
+
+@contextlib.contextmanager
+def running(command: Sequence[object]) -> Iterator[tuple[str, int]]:
+    """Run a program, and give its first line and its process id."""
+    process = subprocess.Popen([*map(str, command)], stdout=subprocess.PIPE, text=True)
+    try:
+        assert process.stdout
+        line = process.stdout.readline()
+        if not line:
+            raise SystemExit(f"{command[0]}: it ended at once")
+        yield line, process.pid
+    finally:
+        process.terminate()
+        process.wait()
+
+
+class Served(NamedTuple):
+    address: str
+    pid: int
+
+
+@contextlib.contextmanager
+def serving(recipe: dict[str, Any] | str, *options: str) -> Iterator[Served]:
+    """Serve a recipe from another process."""
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / "recipe.json"
+        path.write_text(recipe if isinstance(recipe, str) else json.dumps(recipe))
+        command = [sys.executable, "-m", "flockstep", "serve", path, "--port", "0", *options]
+        with running(command) as (line, pid):
+            found = re.search(r" at (\S+);", line)
+            assert found, line
+            yield Served(found[1], pid)
+
+
+def processor_s(pid: int) -> float:
+    """Return the processor time that a process has taken."""
+    fields = Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()
+    return (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")
+
+
+# --- round trips
+
+
+def measure_round_trips(prefix: str) -> Iterator[Measured]:
+    """Time one call after the other, by every client in turns with the echoes of messages of the same size."""
+    with contextlib.ExitStack() as stack:
+        drone_at = stack.enter_context(serving({**WORLD, "drones_per_env": 1, "lidars": [{}]})).address
+        arrays_at = stack.enter_context(serving({**WORLD, "num_envs": DRONES, "lidars": [{"beams": 38}]})).address
+        echoes = [stack.enter_context(running([program(), "echo", kind]))[0] for kind in ("tcp", "websocket")]
+        loop = asyncio.new_event_loop()
+        stack.callback(loop.close)
+        sync = [stack.enter_context(flockstep.connect(address)) for address in (drone_at, arrays_at)]
+        others = [loop.run_until_complete(flockstep.connect_async(address)) for address in (drone_at, arrays_at)]
+        for other in others:
+            stack.callback(lambda other=other: loop.run_until_complete(other.close()))
+        calls = operations(*sync)
+        awaited = operations(*others)
+        sizes = {name: message_sizes(sync[name == "get_arrays"], call) for name, call in calls.items()}
+        sizes["step_envs"] = step_sizes()
+        cases = [f"{name}:{request}:{reply}" for name, (request, reply) in sizes.items()]
+        found: dict[tuple[str, str, int], list[float]] = {}
+        for _ in range(ROUNDS):
+            for f in native("round-trips", drone_at, arrays_at, *map(str.strip, echoes), CALLS, *cases):
+                name, by, percent = f["name"].split("/")
+                found.setdefault((name, by, int(percent[1:])), []).append(f["value"])
+            for name in calls:
+                timed = {
+                    "python": time_calls(calls[name]),
+                    "asyncio": loop.run_until_complete(time_awaited(awaited[name])),
+                }
+                for by, times in timed.items():
+                    for percent in PERCENTILES:
+                        found.setdefault((name, by, percent), []).append(1e6 * float(np.percentile(times, percent)))
+    for name, (request, reply) in sizes.items():
+        yield f"{prefix}/{name}/request", request, "B", 1
+        yield f"{prefix}/{name}/reply", reply, "B", 1
+    for (name, by, percent), values in found.items():
+        yield f"{prefix}/{name}/{by}/p{percent}", statistics.median(values), "us", ROUNDS
+        if percent != 50:
+            continue
+        for bare in ("tcp", "websocket"):
+            if by not in ("tcp", "websocket"):
+                ratios = [a / b for a, b in zip(values, found[name, bare, 50], strict=True)]
+                yield f"{prefix}/{name}/{by}/ratio_to_{bare}", statistics.median(ratios), "1", ROUNDS
+
+
+def operations(of_drone: Any, of_arrays: Any) -> dict[str, Callable[[], Any]]:
+    """Return the operations to time, of clients for one drone and for many, either synchronous or not."""
+    drone = of_drone.drone(0)
+    locations = itertools.cycle(np.float32([[x, 0, 1.5] for x in (0.0, 0.1)]))
+    return {
+        "set_location": lambda: drone.set_location(next(locations)),
+        "get_location": lambda: drone.get_location(),
+        "get_lidar_data": lambda: drone.get_lidar_data(directions=False),
+        "get_arrays": lambda: of_arrays.get_arrays(["ranges"], sensor="lidar"),
+    }
+
+
+def message_sizes(client: flockstep.client.Client, call: Callable[[], object]) -> tuple[int, int]:
+    """Return the bytes of an operation's messages, without those of WebSocket."""
+    session, sizes = client._session, [0, 0]
+    frame, receive = session.frame, session.receive
+
+    def counted_frame(message: bytes) -> bytes:
+        sizes[0] += len(message)
+        return frame(message)
+
+    def counted_receive(data: bytes | memoryview) -> list[Any]:
+        messages = receive(data)
+        sizes[1] += sum(map(len, messages))
+        return messages
+
+    session.frame, session.receive = counted_frame, counted_receive  # type: ignore[method-assign]
+    try:
+        call()
+    finally:
+        del session.frame, session.receive
+    return sizes[0], sizes[1]
+
+
+def step_sizes() -> tuple[int, int]:
+    """Return the bytes of the messages of a step of the vector environment: its actions and its observations."""
+    return DRONES * 8, DRONES * 38 * 4
+
+
+def time_calls(call: Callable[[], object]) -> list[float]:
+    for _ in range(50):
+        call()
+    times = []
+    for _ in range(CALLS):
+        before = time.perf_counter()
+        call()
+        times.append(time.perf_counter() - before)
+    return times
+
+
+async def time_awaited(call: Callable[[], Awaitable[object]]) -> list[float]:
+    for _ in range(50):
+        await call()
+    times = []
+    for _ in range(CALLS):
+        before = time.perf_counter()
+        await call()
+        times.append(time.perf_counter() - before)
+    return times
+
+
+# --- a remote vector environment
+
+
+def measure_vector_env(prefix: str) -> Iterator[Measured]:
+    """Step the LiDAR task in this process and through a server, in turns."""
+    own = flockstep.DroneVectorEnv(DRONES)
+    with serving(own.recipe.to_json()) as served, flockstep.connect(served.address) as client:
+        envs = {"in_process": own, "remote": client.vector_env()}
+        actions = np.random.default_rng(0).integers(0, 6, (64, DRONES))
+        for env in envs.values():
+            env.reset(seed=0)
+            for i in range(300):  # until drones are spread out and episodes end at a steady rate
+                env.step(actions[i % 64])
+        rates: dict[str, list[float]] = {name: [] for name in envs}
+        for _ in range(ROUNDS):
+            for name, env in envs.items():
+                steps, before = 0, time.perf_counter()
+                while (elapsed := time.perf_counter() - before) < STEPS_S:
+                    env.step(actions[steps % 64])
+                    steps += 1
+                rates[name].append(steps * DRONES / elapsed)
+    for name, values in rates.items():
+        yield f"{prefix}/{name}", statistics.median(values), "1/s", ROUNDS
+    ratios = [remote / here for remote, here in zip(rates["remote"], rates["in_process"], strict=True)]
+    yield f"{prefix}/ratio", statistics.median(ratios), "1", ROUNDS
+
+
+# --- many clients
+
+
+def measure_clients(prefix: str) -> Iterator[Measured]:
+    """Let C++ clients of one process, each with its drone and thread, move or scan as fast as they can."""
+    for count in COUNTS:
+        recipe = {**WORLD, "drones_per_env": count, "lidars": [{}]}
+        with serving(recipe) as served, flockstep.connect(served.address) as client:
+            for f in native("clients", served.address, count, "move", LOAD_S):
+                yield f"{prefix}/move/{count}/{f['name']}", f["value"], f["unit"], 1
+            for beams in BEAMS:
+                client.set_lidar_config(beams=beams)
+                for f in native("clients", served.address, count, "scan", LOAD_S):
+                    yield f"{prefix}/scan{beams}/{count}/{f['name']}", f["value"], f["unit"], 1
+
+
+# --- streams
+
+
+def measure_streams(prefix: str, jpeg_us: float) -> Iterator[Measured]:
+    """Step with cameras as fast as possible, in turns with and without a client that reads a stream of each."""
+    camera = {"width_px": 640, "height_px": 480}
+    recipe = {**WORLD, "drones_per_env": CAMERAS, "cameras": [camera]}
+    alone, watched, lost, images, encoding, reading = [], [], [], [], [], []
+    with serving(recipe, "--rate-hz", "10000") as served, flockstep.connect(served.address) as client:
+        stepping_rate(client)
+        for _ in range(ROUNDS):
+            alone.append(stepping_rate(client))
+            with watching(served.address) as count:
+                stepping_rate(client, 0.5)
+                before, spent = count(), time.process_time()
+                watched.append(stepping_rate(client))
+                images.append((count() - before) / STREAM_S)
+                reading.append((time.process_time() - spent) / STREAM_S / (os.cpu_count() or 1))
+            lost.append(1 - watched[-1] / alone[-1])
+            encoding.append(images[-1] * jpeg_us * 1e-6 / (os.cpu_count() or 1))
+    yield f"{prefix}/steps_per_second", statistics.median(alone), "1/s", ROUNDS
+    yield f"{prefix}/steps_per_second_watched", statistics.median(watched), "1/s", ROUNDS
+    yield f"{prefix}/images_per_second", statistics.median(images), "1/s", ROUNDS
+    yield f"{prefix}/steps_lost", statistics.median(lost), "1", ROUNDS
+    yield f"{prefix}/encoding", statistics.median(encoding), "1", ROUNDS
+    yield f"{prefix}/reading", statistics.median(reading), "1", ROUNDS
+
+
+def stepping_rate(client: flockstep.client.Client, seconds: float = STREAM_S) -> float:
+    """Return the steps that a server does in a second."""
+    before, start = client.get_arrays(["tick"]).time.step, time.perf_counter()
+    time.sleep(seconds)
+    return (client.get_arrays(["tick"]).time.step - before) / (time.perf_counter() - start)
+
+
+@contextlib.contextmanager
+def watching(address: str) -> Iterator[Callable[[], int]]:
+    """Read a stream of JPEG files of each drone, in a thread. Gives a function that returns the number of files so far."""
+    count = 0
+    is_over = threading.Event()
+    with flockstep.connect(address) as client:
+        streams = [client.drone(i).subscribe_camera(rate_hz=STREAM_HZ) for i in range(CAMERAS)]
+
+        def read() -> None:
+            nonlocal count
+            while not is_over.is_set():
+                for stream in streams:
+                    stream.receive(timeout_s=30)
+                    count += 1
+
+        reader = threading.Thread(target=read)
+        reader.start()
+        try:
+            yield lambda: count
+        finally:
+            is_over.set()
+            reader.join()
