@@ -12,7 +12,7 @@ flight_train  Hover and Track with five seeds each, and the controller only; the
 tiles   tracing rays against triangles, in tiles and with Embree's packets; only tracing
 worlds  LiDARs and cameras in every bundled world, and the share of rays traced by Embree
 busy    the trainings of the README and of docs/first-steps.md while every processor runs a busy loop; only if named
-server  round trips of the server's clients against bare echoes, a remote vector environment, many clients, camera streams
+server  round trips of the clients against bare echoes, a remote vector environment, many clients, streams
 imaging cost of colour detection, HSV and smaller images, in our kernels and in OpenCV
 plan    paths from start to goal in every bundled world and twenty of each generator: processor time and length
 trainers  the programs of examples/trainers/ with three seeds each: speed, and steps until they solve the LiDAR task

@@ -256,7 +256,7 @@ void round_trips(const std::vector<std::string>& arguments) {
 
 // ------------------------------------------------------------------------------------------------------------- clients at once
 
-// What a client does until the time is over; returns its response times.
+// Moves or scans one drone until the time is over, and returns the response times.
 Times load(const std::string& address, std::int64_t index, bool moves, std::latch& ready, const std::atomic<bool>& is_over) {
   const client::Connection connection({.address = address, .timeout = std::chrono::minutes(1)});
   client::DroneController drone(connection, index);

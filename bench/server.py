@@ -24,7 +24,6 @@ from typing import Any, NamedTuple
 import numpy as np
 
 import flockstep
-from flockstep.client.frames import encode
 
 Measured = tuple[str, float, str, int]  # name, value, unit, runs
 
@@ -308,7 +307,7 @@ def stepping_rate(client: flockstep.client.Client, seconds: float = STREAM_S) ->
 
 @contextlib.contextmanager
 def watching(address: str) -> Iterator[Callable[[], int]]:
-    """Read a stream of JPEG files of each drone, in a thread. Gives a function that returns the number of files so far."""
+    """Read a stream of JPEG files of each drone in a thread. Yields a function that returns the number of files."""
     count = 0
     is_over = threading.Event()
     with flockstep.connect(address) as client:
