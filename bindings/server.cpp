@@ -4,6 +4,8 @@
 
 #include <memory>
 #include <string>
+#include <utility>
+#include <vector>
 
 #include "config.hpp"
 #include "released.hpp"
@@ -19,16 +21,33 @@ struct Ended {
     std::default_delete<Server>()(server);
   }
 };
-using Held = std::unique_ptr<Server, Ended>;
+
+// All servers; needs the interpreter lock.
+std::vector<std::weak_ptr<Server>>& servers() {
+  static std::vector<std::weak_ptr<Server>> all;
+  return all;
+}
+
+std::shared_ptr<Server> made(Batch& batch, const ServerConfig& config) {
+  std::shared_ptr<Server> server = released([&] { return std::shared_ptr<Server>(new Server(batch, config), Ended()); });
+  std::erase_if(servers(), [](const std::weak_ptr<Server>& other) { return other.expired(); });
+  servers().push_back(server);
+  return server;
+}
+
+// Called before the interpreter ends: after that, it would kill a thread of a server that calls a task in Python.
+void stop_all() {
+  for (const std::weak_ptr<Server>& weak : std::exchange(servers(), {})) {
+    if (const std::shared_ptr<Server> server = weak.lock()) released([&] { server->stop(); });
+  }
+}
 
 }  // namespace
 
 void register_server(py::module_& module) {
-  py::class_<Server, Held>(module, "Server", "Lets other processes see and steer the drones of a batch.")
-      .def(py::init([](Batch& batch, const ServerConfig& config) {
-             return released([&] { return Held(std::make_unique<Server>(batch, config).release()); });
-           }),
-           py::arg("batch"), py::arg("config"), py::keep_alive<1, 2>())
+  py::module_::import("atexit").attr("register")(py::cpp_function(stop_all));
+  py::class_<Server, std::shared_ptr<Server>>(module, "Server", "Lets other processes see and steer the drones of a batch.")
+      .def(py::init(&made), py::arg("batch"), py::arg("config"), py::keep_alive<1, 2>())
       .def("stop", [](Server& server) { released([&] { server.stop(); }); })
       .def_property_readonly("config", [](const Server& server) { return server.config(); })
       .def_property_readonly("port", &Server::port)

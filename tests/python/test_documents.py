@@ -2,7 +2,8 @@
 
 Each ```python block of README.md and docs/ runs separately in an empty folder. If that would take long, a comment right
 before the block lists the test's replacements: ``<!-- test: 256 -> 8; 1_000_000 -> 512 -->``. A block that trains ends
-by printing `success_rates`, and must have learned.
+by printing `success_rates`, and must have learned. A block after ``<!-- test: server -->`` is a client of the server
+that the first command of its page starts.
 """
 
 import ast
@@ -10,8 +11,11 @@ import os
 import re
 import shlex
 import shutil
+import signal
 import subprocess
 import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
 from fnmatch import fnmatch
 from pathlib import Path
 from textwrap import dedent
@@ -117,7 +121,12 @@ def check_the_simulator_alone(folder: Path, printed: str) -> None:
 CHECKS = {"two pillars": check_two_pillars, "save_frames(": check_the_simulator_alone}
 
 
-@pytest.mark.parametrize("block", of_kind("python"), ids=lambda block: block.place)
+CLIENTS = [block for block in of_kind("python") if block.replaced == "server"]
+
+
+@pytest.mark.parametrize(
+    "block", [block for block in of_kind("python") if block not in CLIENTS], ids=lambda block: block.place
+)
 def test_python_runs_in_an_empty_folder(block, tmp_path):
     text = block.text
     for change in block.replaced.split("; ") if block.replaced else []:
@@ -134,6 +143,40 @@ def test_python_runs_in_an_empty_folder(block, tmp_path):
         assert "torch.set_num_threads(1)" in text, "two threads that wait for each other do not end on a busy machine"
         rates = ast.literal_eval(printed.strip().splitlines()[-1])
         assert sum(rates.values()) / len(rates) >= 6 / 7, rates
+
+
+def test_a_server_its_recording_and_a_client_run_as_their_page_says(tmp_path):
+    """The three terminals of server.md, at a free port."""
+    (client,) = CLIENTS
+    serve, record, *_ = (block.text for block in of_kind("sh", "-m flockstep") if block.place.startswith("server.md:"))
+    port = "127.0.0.1:41451"
+    with started(f"exec {serve.strip()} --port 0", tmp_path) as server:
+        address = re.search(r"at (\S+);", server.stdout.readline())[1]
+        with started(f"exec {record.replace(port, address)}", tmp_path) as recording:
+            assert "recording" in recording.stdout.readline()
+            (tmp_path / "snippet.py").write_text(client.text.replace(port, address), encoding="utf-8")
+            assert run([sys.executable, "snippet.py"], tmp_path).count("nearest obstacle") == 4
+    with Image.open(tmp_path / "view.jpg") as view:
+        assert view.format == "JPEG"
+    assert (tmp_path / "flight.mcap").stat().st_size > 10_000
+
+
+@contextmanager
+def started(command: str, folder: Path) -> Iterator[subprocess.Popen[str]]:
+    """Run a command of a shell until Ctrl-C, which must end it well."""
+    with subprocess.Popen(
+        ["sh", "-c", command],
+        cwd=folder,
+        env=ENVIRONMENT,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.STDOUT,
+        text=True,
+    ) as process:
+        try:
+            yield process
+        finally:
+            process.send_signal(signal.SIGINT)
+        assert process.wait(TIME_LIMIT_S) == 0, process.stdout.read()
 
 
 def test_the_readme_installs_the_wheel_of_the_running_python(tmp_path):

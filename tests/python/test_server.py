@@ -201,6 +201,74 @@ def test_operations_of_newer_clients_are_unknown(server):
         assert raw.ask(Request(id=6, ping=Ping())).HasField("done")
 
 
+def upgrade(server, *fields):
+    """Return the first line of the answer to a request for a WebSocket with further fields."""
+    lines = [
+        "GET / HTTP/1.1",
+        f"Host: {server.address}",
+        "Upgrade: websocket",
+        "Connection: Upgrade",
+        "Sec-WebSocket-Key: dGhlIHNhbXBsZSBub25jZQ==",
+        "Sec-WebSocket-Version: 13",
+        *fields,
+    ]
+    with socket.create_connection(("127.0.0.1", server.port)) as connected:
+        connected.settimeout(10)
+        connected.sendall(("\r\n".join(lines) + "\r\n\r\n").encode())
+        return connected.recv(4096).decode().partition("\r\n")[0]
+
+
+def test_web_pages_need_a_token(server, batch):
+    """A browser lets every page connect to this machine, but adds the page's origin."""
+    assert upgrade(server) == "HTTP/1.1 101 Switching Protocols"
+    for origin in ("http://evil.example", f"http://{server.address}", "null", ""):
+        assert upgrade(server, f"Origin: {origin}") == "HTTP/1.1 403 Forbidden"
+    assert upgrade(server, "oRiGiN: file://") == "HTTP/1.1 403 Forbidden"
+    other = flockstep.Batch("playground/train-1")
+    with flockstep.serve(other, port=0, token=SECRET) as guarded:
+        assert upgrade(guarded, "Origin: http://evil.example") == "HTTP/1.1 101 Switching Protocols"
+        with pytest.raises(flockstep.client.ServerError, match="token"):
+            flockstep.connect(guarded.address)
+
+
+def test_requests_that_are_no_websockets_are_refused(server, client):
+    for request in (b"GET / HTTP/1.1\r\nHost: a\r\n\r\n", b"\x16\x03\x01\x02\x00" * 100, b"A" * 100_000):
+        with socket.create_connection(("127.0.0.1", server.port)) as connected:
+            connected.settimeout(10)
+            with contextlib.suppress(OSError):
+                connected.sendall(request)
+                connected.shutdown(socket.SHUT_WR)
+                while connected.recv(4096):
+                    pass
+    client.ping()
+
+
+def test_connections_without_hello_keep_nobody_out(batch):
+    with flockstep.serve(batch, port=0, token=SECRET, max_clients=2) as server:
+        silent = [Raw(server, hello=False) for _ in range(5)]
+        with flockstep.connect(server.address, token=SECRET) as client:
+            client.ping()
+        for raw in silent:
+            raw.__exit__()
+
+
+def test_replies_that_are_not_read_do_not_fill_the_memory(batch):
+    def peak_kib():
+        return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+
+    with flockstep.serve(batch, port=0) as server, flockstep.connect(server.address) as client:
+        points = client.get_point_cloud(spacing_m=0.02)  # about 30 MB
+        before = peak_kib()
+        size_kib = points.points.nbytes // 1024
+        assert size_kib > 1000
+        with Raw(server) as raw:
+            for i in range(60):
+                request = Request(id=2 + i, get_point_cloud=pb.GetPointCloud(spacing_m=0.02))
+                raw.send(encode(request, {}))
+            time.sleep(3)
+            assert peak_kib() - before < 20 * size_kib
+
+
 # --- messages
 
 
@@ -521,6 +589,172 @@ def test_a_batch_that_its_program_enlarges_is_followed(server, client, batch):
     np.testing.assert_array_equal(batch.position[5], [1.0, 0.0, 1.0])
     drone = client.spawn_drone([1.0, 0.5, 1.5])
     assert drone.index == 4 and batch.active.sum() == 6
+
+
+@pytest.fixture
+def fleet():
+    """Drones with rotors: one env, with room for one more."""
+    dynamics = flockstep.DynamicsConfig(motion="rotors", control="velocity")
+    return flockstep.Batch("playground/train-1", 2, drones_per_env=2, drone="x500", dynamics=dynamics)
+
+
+def test_steps_follow_a_batch_that_its_program_enlarges(fleet):
+    fleet.set_pose([[3, 3, 2], [4, 3, 2]])
+    with flockstep.serve(fleet, port=0) as server, flockstep.connect(server.address) as client:
+        client.drone(0).set_command([0.5, 0, 0, 0])
+        client.step()
+        fleet.spawn([5], position=[[5, 3, 2]])
+        before = fleet.position.copy()
+        assert client.step().step == 2
+        assert fleet.position[0, 0] > before[0, 0] + 0.005
+        fleet.spawn([9], position=[[5, 4, 2]])
+        client.set_clock(100)
+        time.sleep(0.3)
+        assert client.set_clock(0).step > 5
+
+
+def test_a_new_drone_has_no_command_and_no_owner(fleet):
+    fleet.set_pose([[3, 3, 2], [4, 3, 2]])
+    server = flockstep.serve(fleet, port=0, ownership=True)
+    with server, flockstep.connect(server.address) as owner, flockstep.connect(server.address) as other:
+        owner.claim([0])
+        owner.drone(0).set_command([0.5, 0, 0, 0])
+        owner.step()
+        fleet.remove([0])
+        drone = other.spawn_drone([3, 3, 2])
+        assert (drone.index, drone.owner) == (0, 0)
+        owner.step()
+        np.testing.assert_array_equal(fleet.position[0], [3, 3, 2])
+        drone.set_command([0, 0, 0.5, 0])
+
+
+def test_indices_stay():
+    """A client cannot change the indices of drones, and claims follow those that the program changes."""
+    batch = flockstep.Batch("playground/train-1", 4, drones_per_env=2)
+    server = flockstep.serve(batch, port=0, ownership=True)
+    with server, flockstep.connect(server.address) as owner, flockstep.connect(server.address) as other:
+        owner.claim([2])
+        with pytest.raises(flockstep.client.ServerError, match="env: expected an env with the place of a removed"):
+            other.spawn_drone([1, 0, 1.5], env=0)
+        other.drone(1).remove()
+        assert other.spawn_drone([1, 0, 1.5], env=0).index == 1
+        batch.spawn(position=[[1, 0, 1.5]], env=[0])
+        owners = [(drone.index, drone.env, drone.owner) for drone in other.get_drones()]
+        assert owners == [(0, 0, 0), (1, 0, 0), (2, 0, 0), (4, 1, owner.info.client), (5, 1, 0)]
+        with pytest.raises(flockstep.client.ServerError, match="drone 4 is claimed"):
+            other.drone(4).set_location([1, 0, 1])
+
+
+def test_a_batch_has_one_server_at_a_time(batch):
+    server = flockstep.serve(batch, port=0)
+    with pytest.raises(
+        ValueError, match="batch: expected one that no server serves, got one that another server serves"
+    ):
+        flockstep.serve(batch, port=0)
+    server.stop()
+    with flockstep.serve(batch, port=0) as later, flockstep.connect(later.address) as client:
+        del server  # its end does not end the sharing
+        thread = in_thread(lambda: [batch.sense() for _ in range(500)])
+        for _ in range(500):
+            client.sense()
+        thread.join()
+
+
+def test_stop_ends_long_operations(fleet):
+    server = flockstep.serve(fleet, port=0)
+    client = flockstep.connect(server.address)
+    failures = []
+
+    def fly():
+        while True:
+            try:
+                client.fly(np.zeros((2, 4)), ticks=1_000_000)
+            except (flockstep.client.ServerError, ConnectionError) as error:
+                failures.append(error)
+                return
+
+    thread = in_thread(fly)
+    time.sleep(0.3)
+    started = time.monotonic()
+    server.stop()
+    assert time.monotonic() - started < 1.5
+    thread.join(10)
+    assert "the server stops" in str(failures[0])
+    fleet.fly(np.zeros((2, 4)))  # the program goes on
+
+
+@pytest.mark.filterwarnings("ignore:.*fork.*:DeprecationWarning")
+def test_a_child_process_can_drop_the_server(batch):
+    server = flockstep.serve(batch, port=0)
+    pid = os.fork()
+    if pid == 0:
+        server.stop()
+        del server
+        os._exit(0)
+    assert os.waitpid(pid, 0) == (pid, 0)
+    with flockstep.connect(server.address) as client:
+        client.ping()
+    server.stop()
+
+
+def test_ctrl_c_of_the_program_ends_its_wait_for_a_client():
+    code = """
+import os, signal, sys, threading, time, numpy, flockstep
+dynamics = flockstep.DynamicsConfig(motion="rotors", control="velocity")
+batch = flockstep.Batch("playground/train-1", 256, drone="x500", dynamics=dynamics)
+with flockstep.serve(batch, port=0) as server:
+    client = flockstep.connect(server.address)
+    fly = lambda: client.fly(numpy.zeros((256, 4)), ticks=1_000_000)
+    threading.excepthook = lambda _: None
+    threading.Thread(target=fly, daemon=True).start()
+    time.sleep(0.3)
+    threading.Timer(0.3, lambda: os.kill(os.getpid(), signal.SIGINT)).start()
+    started = time.monotonic()
+    try:
+        batch.sense()
+    except KeyboardInterrupt:
+        print("interrupted")
+print("ended", time.monotonic() - started < 2)
+"""
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=60, check=False)
+    assert (done.returncode, done.stdout, done.stderr) == (0, "interrupted\nended True\n", "")
+
+
+@pytest.mark.parametrize("is_python", [False, True])
+def test_the_interpreter_ends_with_a_running_server(is_python):
+    """Also while the threads of the server run a task in Python."""
+    code = """
+import sys, threading, time, numpy as np, flockstep
+from gymnasium import spaces
+class Climb(flockstep.Task):
+    observation_space = spaces.Box(-np.inf, np.inf, (3,), np.float32)
+    def step(self, batch):
+        time.sleep(0.001)
+        return batch.position[:, 2], batch.contact.hit
+    def observe(self, batch):
+        return batch.position
+task = Climb if sys.argv[1] == "True" else None
+envs = flockstep.DroneVectorEnv(4, worlds="train", **({"task": task} if task else {}))
+envs.reset(seed=0)
+server = flockstep.serve(envs, port=0)
+def load():
+    with flockstep.connect(server.address) as client:
+        remote = client.vector_env()
+        remote.reset(seed=1)
+        while True:
+            remote.step(remote.action_space.sample())
+for _ in range(3):
+    threading.Thread(target=load, daemon=True).start()
+time.sleep(0.5)
+assert server.num_steps > 10, server.num_steps
+for _ in range(20):
+    envs.step(envs.action_space.sample())
+print("end")
+"""
+    for _ in range(3):
+        arguments = [sys.executable, "-c", code, str(is_python)]
+        done = subprocess.run(arguments, capture_output=True, text=True, timeout=60, check=False)
+        assert (done.returncode, done.stdout, done.stderr) == (0, "end\n", "")
 
 
 # --- ownership and time

@@ -198,9 +198,9 @@ class Time(NamedTuple):
     Attributes
     ----------
     step
-        Number of steps since the server started.
+        Number of steps of clients and of the server's clock since the server started.
     time_s
-        Simulated time of the first env's episode in s.
+        Simulated time of these steps in s.
     """
 
     step: int

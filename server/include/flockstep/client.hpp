@@ -344,8 +344,8 @@ struct CameraConfig {
 
 // A moment of the simulation.
 struct Time {
-  std::int64_t step = 0;  // steps since the server started
-  double time_s = 0.0;    // simulated time of the first env's episode
+  std::int64_t step = 0;  // steps of clients and of the server's clock since the server started
+  double time_s = 0.0;    // simulated time of these steps
 };
 
 // Arrays of one moment.

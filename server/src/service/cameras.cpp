@@ -66,24 +66,25 @@ std::optional<Picture> copy_frame(Call& call, const ArraySource& arrays, const C
 }  // namespace
 
 void Service::handle(const std::shared_ptr<Call>& call, const protocol::GetCameraData&) {
-  const auto take = [this](const std::shared_ptr<Call>& taken) {
-    std::optional<Picture> picture;
-    guard(*taken, [&] { picture = take_frame(*taken); });
-    return picture;
-  };
   std::optional<Picture> picture;
   const bool is_taken = executor_.try_run([&] {
     const std::optional<BatchLock> lock = BatchLock::try_lock(batch_);
     if (!lock) return false;
-    follow_growth();
-    picture = take(call);
+    guard(*call, [&] {
+      follow_growth();
+      picture = take_frame(*call);
+    });
     return true;
   });
   if (is_taken || take_published_frame(*call, picture)) return compress_aside(call, std::move(picture));
-  executor_.run([this, call, take] {
-    const BatchLock lock(batch_);
-    follow_growth();
-    compress_aside(call, take(call));
+  executor_.run([this, call] {
+    std::optional<Picture> taken;
+    guard(*call, [&] {
+      const BatchLock lock(batch_);
+      follow_growth();
+      taken = take_frame(*call);
+    });
+    compress_aside(call, std::move(taken));
   });
 }
 

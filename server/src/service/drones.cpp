@@ -81,7 +81,7 @@ void Service::locked(Call& call, const protocol::SpawnDrone& spawn) {
             "an index below " + std::to_string(batch_.config().num_envs), *spawn.env);
     env.push_back(*spawn.env);
   }
-  const bool would_renumber = batch_.config().num_envs > 1 && batch_.config().drones_per_env != 1;
+  const bool would_renumber = batch_.config().num_envs > 1 && (batch_.config().drones_per_env != 1 || spawn.env);
   const auto is_free = [&](std::size_t slot) {
     const auto of = static_cast<std::int64_t>(slot) / batch_.config().drones_per_env;
     return batch_.state().active[slot] == 0 && (env.empty() || of == env.front());
@@ -101,9 +101,11 @@ void Service::locked(Call& call, const protocol::SpawnDrone& spawn) {
   begin_change();
   const std::int64_t drone = batch_.spawn({}, position, rotation, {}, env).front();
   refresh_shape();
-  if (spawn.claim) {
+  has_command_[static_cast<std::size_t>(drone)] = 0;  // of a drone that the program has removed there, like the claim
+  {
     const std::scoped_lock lock(owners_mutex_);
-    owners_[drone] = call.client->number;
+    owners_.erase(drone);
+    if (spawn.claim) owners_[drone] = call.client->number;
   }
   auto& result = call.result<protocol::Drone>();
   result.drone = drone;

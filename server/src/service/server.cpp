@@ -9,6 +9,8 @@
 #include <vector>
 
 #include "base/check_fields.hpp"
+#include "base/interrupt.hpp"
+#include "base/platform.hpp"
 #include "base/require.hpp"
 #include "service/session.hpp"
 
@@ -37,6 +39,23 @@ ServerConfig validated(ServerConfig config) {
   return config;
 }
 
+// While it exists, calls of this thread that poll for interrupts end with an exception once the flag is set.
+class Cancellable {
+ public:
+  explicit Cancellable(const std::atomic<bool>& flag) : interrupt_(check) { current() = &flag; }
+
+ private:
+  static const std::atomic<bool>*& current() {
+    thread_local const std::atomic<bool>* flag = nullptr;
+    return flag;
+  }
+  static void check() {
+    if (*current()) throw std::runtime_error("the server stops");
+  }
+
+  Interrupt interrupt_;
+};
+
 }  // namespace
 
 void ServerConfig::validate() const {
@@ -58,7 +77,13 @@ class Server::Impl {
   Impl(Batch& batch, ServerConfig given)
       : config_(validated(std::move(given))),
         aside_(1),
-        service_(batch, config_, [this](std::function<void()> work) { asio::post(aside_, std::move(work)); }),
+        service_(batch, config_,
+                 [this](std::function<void()> work) {
+                   asio::post(aside_, [this, work = std::move(work)] {
+                     const Cancellable cancellable(cancels_calls_);
+                     work();
+                   });
+                 }),
         sessions_{.service = service_, .config = config_},
         tls_(asio::ssl::context::tls_server),
         tick_timer_(asio::make_strand(io_)),
@@ -68,7 +93,12 @@ class Server::Impl {
     schedule_tick();
     accept();
     constexpr int kThreads = 2;  // one may be at work on the batch while the other one reads and writes
-    for (int i = 0; i < kThreads; ++i) threads_.emplace_back([this] { io_.run(); });
+    for (int i = 0; i < kThreads; ++i) {
+      threads_.emplace_back([this] {
+        const Cancellable cancellable(cancels_calls_);
+        io_.run();
+      });
+    }
   }
   ~Impl() { stop(); }
 
@@ -96,6 +126,7 @@ class Server::Impl {
     while (sessions_.count > 0 && std::chrono::steady_clock::now() < until)
       std::this_thread::sleep_for(std::chrono::milliseconds(1));
     io_.stop();
+    cancels_calls_ = true;
     for (std::thread& thread : threads_) thread.join();
     aside_.join();
     service_.drop_calls();
@@ -103,7 +134,11 @@ class Server::Impl {
       std::error_code ignored;
       std::filesystem::remove(config_.address.substr(kUnix.size()), ignored);
     }
+    service_.unshare();
   }
+
+  // False in a child of the process that made the server: there it has no threads and cannot be stopped.
+  bool is_own_process() const { return process_id() == owner_; }
 
   const ServerConfig& config() const { return config_; }
   int port() const { return port_; }
@@ -129,8 +164,10 @@ class Server::Impl {
     try {
       if (is_unix(config_)) {
         const std::string path = config_.address.substr(kUnix.size());
-        unix_.emplace(io_, asio::local::stream_protocol::endpoint(path));
+        unix_.emplace(io_, asio::local::stream_protocol());
+        unix_->bind(path);
         std::filesystem::permissions(path, std::filesystem::perms::owner_read | std::filesystem::perms::owner_write);
+        unix_->listen();  // not earlier: nobody else connects before the permissions are set
       } else {
         tcp_.emplace(io_, tcp::endpoint(ip_address(config_), static_cast<unsigned short>(config_.port)), true);
         port_ = tcp_->local_endpoint().port();
@@ -209,7 +246,9 @@ class Server::Impl {
     });
   }
 
+  const long owner_ = process_id();
   const ServerConfig config_;
+  std::atomic<bool> cancels_calls_{false};
   asio::thread_pool aside_;  // compresses images and makes meshes
   Service service_;
   server::Sessions sessions_;
@@ -234,9 +273,13 @@ class Server::Impl {
 };
 
 Server::Server(Batch& batch, ServerConfig config) : impl_(std::make_unique<Impl>(batch, std::move(config))) {}
-Server::~Server() = default;
+Server::~Server() {
+  if (!impl_->is_own_process()) static_cast<void>(impl_.release());  // fork() copies no threads: they cannot be ended
+}
 
-void Server::stop() { impl_->stop(); }
+void Server::stop() {
+  if (impl_->is_own_process()) impl_->stop();
+}
 const ServerConfig& Server::config() const { return impl_->config(); }
 int Server::port() const { return impl_->port(); }
 std::string Server::address() const { return impl_->address(); }

@@ -36,22 +36,30 @@ Service::Service(Batch& batch, const ServerConfig& config, std::function<void(st
       step_s_(1.0 / static_cast<double>(batch.config().clock.policy_hz)),
       rate_hz_(config.rate_hz) {
   const BatchLock lock(batch_);
-  require(config.rate_hz == 0.0 || task_ == nullptr, "rate_hz", "0 for a batch with a task, which actions step", config.rate_hz);
+  require(!batch_.is_shared(), "batch", "one that no server serves", "one that another server serves: stop that one first");
+  require(config.rate_hz == 0.0 || task_ == nullptr, "rate_hz", "0 for a batch with a task, which actions step",
+          config.rate_hz);
   refresh_shape();
   batch_.share([this] {
     count_program_steps();
     begin_change();
   });
+  is_sharing_ = true;
 }
 
-Service::~Service() {
+Service::~Service() { unshare(); }
+
+void Service::unshare() {
+  if (!is_sharing_) return;
   const BatchLock lock(batch_);
   batch_.unshare();
+  is_sharing_ = false;
 }
 
 void Service::refresh_shape() {
   const BatchConfig& config = batch_.config();
   const bool has_grown = !shape_ || shape_->generation != batch_.generation();
+  if (shape_ && shape_->drones_per_env != config.drones_per_env) renumber(config.drones_per_env);
   auto next = std::make_shared<Shape>();
   next->num_envs = config.num_envs;
   next->drones_per_env = config.drones_per_env;
@@ -224,6 +232,7 @@ void Service::count_program_steps() {
 }
 
 void Service::advance() {
+  follow_growth();
   begin_change();
   if (std::ranges::count(has_command_, 1) > 0) batch_.fly(commands_, 0, has_command_, command_control_);
   batch_.sense();
@@ -373,6 +382,25 @@ std::shared_ptr<const World> Service::world(std::uint32_t index) const {
   if (index < now->worlds.size()) return now->worlds[index];
   throw Refusal(Code::kNotFound,
                 "world: expected an index below " + std::to_string(now->worlds.size()) + ", got " + std::to_string(index));
+}
+
+void Service::renumber(std::int64_t drones_per_env) {
+  const std::int64_t before = shape_->drones_per_env, count = shape_->num_drones();
+  if (before == 0) return;
+  const auto moved = [&](std::int64_t drone) { return drone / before * drones_per_env + drone % before; };
+  const auto size = static_cast<std::size_t>(shape_->num_envs * drones_per_env);
+  std::vector<float> commands(4 * size);
+  std::vector<std::uint8_t> has_command(size);
+  for (std::int64_t drone = 0; drone < count; ++drone) {
+    std::copy_n(commands_.begin() + 4 * drone, 4, commands.begin() + 4 * moved(drone));
+    has_command[static_cast<std::size_t>(moved(drone))] = has_command_[static_cast<std::size_t>(drone)];
+  }
+  commands_ = std::move(commands);
+  has_command_ = std::move(has_command);
+  const std::scoped_lock lock(owners_mutex_);
+  std::map<std::int64_t, std::uint32_t> owners;
+  for (const auto& [drone, owner] : owners_) owners.emplace(moved(drone), owner);
+  owners_ = std::move(owners);
 }
 
 void Service::fit_rows() {

@@ -47,6 +47,8 @@ class Service {
   // Ends the claims of a client and its part in the lockstep.
   void leave(Client& client);
 
+  // Ends the sharing of the batch; later calls do nothing. No thread may be in a call of this object.
+  void unshare();
   // Drops the calls that wait for a step. No thread may be in a call of this object.
   void drop_calls() { lockstep_.clear(); }
 
@@ -154,11 +156,13 @@ class Service {
   void step_if_all_wait();
   void count_program_steps();
 
-  void refresh_shape();  // these two need the lock
-  void follow_growth();  // which the program may have caused
+  void refresh_shape();                        // these two need the lock
+  void follow_growth();                        // which the program may have caused
+  void renumber(std::int64_t drones_per_env);  // claims and commands, if that changes the indices of drones
   std::shared_ptr<const Shape> shape() const;
 
   Batch& batch_;
+  bool is_sharing_ = false;
   const Task* const task_;  // null without one
   const ServerConfig config_;
   const std::function<void(std::function<void()>)> run_aside_;

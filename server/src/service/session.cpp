@@ -14,6 +14,7 @@ using protocol::Code;
 constexpr std::size_t kMaxHelloBytes = 4096;
 constexpr std::chrono::seconds kHelloTime{10};
 constexpr std::size_t kMaxOutbox = 256;        // messages; then nothing more is read until the client reads
+constexpr std::size_t kMaxOutboxBytes = std::size_t{1} << 24;  // then no request is answered until the client reads
 constexpr std::size_t kMaxSubscriptions = 64;  // of a client
 constexpr double kMaxStreamHz = 1000.0;
 
@@ -47,11 +48,27 @@ void Session<Stream>::start() {
     beast::get_lowest_layer(self->socket_).expires_after(kHelloTime);
     if constexpr (std::is_same_v<Stream, TlsStream>) {
       self->socket_.next_layer().async_handshake(asio::ssl::stream_base::server, [self](beast::error_code error) {
-        if (!error) self->accept();
+        if (!error) self->read_upgrade();
       });
     } else {
-      self->accept();
+      self->read_upgrade();
     }
+  });
+}
+
+template <class Stream>
+void Session<Stream>::read_upgrade() {
+  beast::http::async_read(socket_.next_layer(), buffer_, upgrade_, [self = self()](beast::error_code error, std::size_t) {
+    if (error) return;
+    self->buffer_.clear();
+    // A browser lets any web page connect to this machine, and says so by this field.
+    if (!self->sessions_.config.token.empty() || self->upgrade_.count(beast::http::field::origin) == 0) return self->accept();
+    const auto response = std::make_shared<beast::http::response<beast::http::string_body>>(
+        beast::http::status::forbidden, self->upgrade_.version(), "a web page needs the token of a server that has one\n");
+    response->keep_alive(false);
+    response->prepare_payload();
+    beast::http::async_write(self->socket_.next_layer(), *response,
+                             [self, response](beast::error_code, std::size_t) { self->end(); });
   });
 }
 
@@ -73,7 +90,7 @@ void Session<Stream>::accept() {
     if (error || !self || self->is_open_) return;
     self->close(websocket::close_code::policy_error, "expected Hello within 10 s");
   });
-  socket_.async_accept([self = self()](beast::error_code error) {
+  socket_.async_accept(upgrade_, [self = self()](beast::error_code error) {
     if (!error) self->read();
   });
 }
@@ -86,13 +103,15 @@ void Session<Stream>::open(const std::shared_ptr<Call>& call) {
   if (!is_equal(hello->token, sessions_.config.token)) {
     return refuse(id, Code::kUnauthenticated, hello->token.empty() ? "token: this server requires one" : "token: wrong", true);
   }
-  if (sessions_.count > sessions_.config.max_clients) {
+  if (++sessions_.num_open > sessions_.config.max_clients) {
+    --sessions_.num_open;
     return refuse(id, Code::kResourceExhausted,
                   "this server has " + std::to_string(sessions_.config.max_clients) + " clients, its maximum", true);
   }
   sessions_.service.welcome(*call);
   is_ending_ = std::holds_alternative<protocol::Error>(call->reply.result);
   is_open_ = !is_ending_;
+  if (!is_open_) --sessions_.num_open;
   hello_timer_.cancel();
   socket_.read_message_max(0);  // take_header() limits each operation
   call->finish();
@@ -189,7 +208,7 @@ void Session<Stream>::take_message() {
 
 template <class Stream>
 void Session<Stream>::dispatch_next() {
-  if (is_busy_ || waiting_.empty() || is_gone_) return;
+  if (is_busy_ || waiting_.empty() || is_gone_ || outbox_bytes_ > kMaxOutboxBytes) return;
   is_busy_ = true;
   const std::shared_ptr<Call> call = std::move(waiting_.front());
   waiting_.pop_front();
@@ -304,6 +323,7 @@ void Session<Stream>::send(const std::shared_ptr<Call>& call) {
     return;  // unsubscribed in the meantime
   }
   outbox_.push_back(call);
+  outbox_bytes_ += call->writer.size();
   if (outbox_.size() == 1) write();
 }
 
@@ -315,6 +335,7 @@ void Session<Stream>::write() {
     if (error) return self->end();
     const std::shared_ptr<Call> sent = std::move(self->outbox_.front());
     self->outbox_.pop_front();
+    self->outbox_bytes_ -= sent->writer.size();
     if (sent->is_of_stream) {
       if (const auto stream = self->subscriptions_.find(sent->request.id); stream != self->subscriptions_.end()) {
         stream->second->is_pending = false;
@@ -325,6 +346,7 @@ void Session<Stream>::write() {
     } else if (self->is_ending_) {
       self->close(websocket::close_code::policy_error, "refused");
     }
+    if (!self->is_ending_) self->dispatch_next();
     self->read();
   });
 }
@@ -351,7 +373,9 @@ void Session<Stream>::end() {
   subscriptions_.clear();
   waiting_.clear();
   beast::get_lowest_layer(socket_).close();
-  if (is_open_) sessions_.service.leave(*this);
+  if (!is_open_) return;
+  --sessions_.num_open;
+  sessions_.service.leave(*this);
 }
 
 template class Session<TcpStream>;

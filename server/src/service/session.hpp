@@ -5,6 +5,7 @@
 #include <boost/asio.hpp>
 #include <boost/asio/ssl.hpp>
 #include <boost/beast/core.hpp>
+#include <boost/beast/http.hpp>
 #include <boost/beast/ssl.hpp>
 #include <boost/beast/websocket.hpp>
 #include <chrono>
@@ -35,7 +36,8 @@ using UnixStream = beast::basic_stream<asio::local::stream_protocol, asio::any_i
 struct Sessions {
   Service& service;
   const ServerConfig& config;
-  std::atomic<int> count{0};
+  std::atomic<int> count{0};     // connections
+  std::atomic<int> num_open{0};  // those whose Hello was answered
 };
 
 // All handlers run in the strand of the stream.
@@ -62,6 +64,8 @@ class Session final : public Client, public std::enable_shared_from_this<Session
     std::int64_t last_change = -1;  // of the value that was sent last
   };
 
+  // Reads the HTTP request that begins a WebSocket, and refuses those of web pages if there is no token.
+  void read_upgrade();
   void accept();
   void read();
   // Takes what has come of a message; returns false if the session ends.
@@ -82,6 +86,7 @@ class Session final : public Client, public std::enable_shared_from_this<Session
   Sessions& sessions_;
   websocket::stream<Stream> socket_;
   beast::flat_buffer buffer_;
+  beast::http::request<beast::http::empty_body> upgrade_;
   Timer hello_timer_;
 
   bool is_open_ = false;    // Hello was answered
@@ -96,6 +101,7 @@ class Session final : public Client, public std::enable_shared_from_this<Session
   std::size_t incoming_bytes_ = 0;             // of the whole message
   std::deque<std::shared_ptr<Call>> waiting_;
   std::deque<std::shared_ptr<Call>> outbox_;  // the first is being written
+  std::size_t outbox_bytes_ = 0;
   std::map<std::uint64_t, std::shared_ptr<Subscription>> subscriptions_;
 };
 
