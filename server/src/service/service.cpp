@@ -37,8 +37,7 @@ Service::Service(Batch& batch, const ServerConfig& config, std::function<void(st
       rate_hz_(config.rate_hz) {
   const BatchLock lock(batch_);
   require(!batch_.is_shared(), "batch", "one that no server serves", "one that another server serves: stop that one first");
-  require(config.rate_hz == 0.0 || task_ == nullptr, "rate_hz", "0 for a batch with a task, which actions step",
-          config.rate_hz);
+  require(config.rate_hz == 0.0 || task_ == nullptr, "rate_hz", "0 for a batch with a task, which actions step", config.rate_hz);
   refresh_shape();
   batch_.share([this] {
     count_program_steps();

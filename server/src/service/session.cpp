@@ -13,9 +13,9 @@ using protocol::Code;
 
 constexpr std::size_t kMaxHelloBytes = 4096;
 constexpr std::chrono::seconds kHelloTime{10};
-constexpr std::size_t kMaxOutbox = 256;        // messages; then nothing more is read until the client reads
+constexpr std::size_t kMaxOutbox = 256;                        // messages; then nothing more is read until the client reads
 constexpr std::size_t kMaxOutboxBytes = std::size_t{1} << 24;  // then no request is answered until the client reads
-constexpr std::size_t kMaxSubscriptions = 64;  // of a client
+constexpr std::size_t kMaxSubscriptions = 64;                  // of a client
 constexpr double kMaxStreamHz = 1000.0;
 
 // Compares in a time that does not depend on where the texts differ.
