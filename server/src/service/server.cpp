@@ -129,6 +129,7 @@ class Server::Impl {
     cancels_calls_ = true;
     for (std::thread& thread : threads_) thread.join();
     aside_.join();
+    for (const OpenSession& session : open_) session.abort();
     service_.drop_calls();
     if (is_unix(config_)) {
       std::error_code ignored;
@@ -225,6 +226,9 @@ class Server::Impl {
       std::erase_if(open_, [](const OpenSession& open) { return open.session.expired(); });
       open_.push_back({session, [weak = std::weak_ptr(session)] {
                          if (const auto open = weak.lock()) open->stop("the server stops");
+                       },
+                       [weak = std::weak_ptr(session)] {
+                         if (const auto open = weak.lock()) open->abort();
                        }});
     }
     session->start();
@@ -263,7 +267,7 @@ class Server::Impl {
 
   struct OpenSession {
     std::weak_ptr<server::Client> session;
-    std::function<void()> end;
+    std::function<void()> end, abort;
   };
   std::mutex list_mutex_;
   std::vector<OpenSession> open_;

@@ -50,6 +50,8 @@ class Session final : public Client, public std::enable_shared_from_this<Session
   void start();
   // Ends the session with a reason, from any thread.
   void stop(const std::string& reason);
+  // Ends the connection without a reason. No thread may be in a handler of this object.
+  void abort() { beast::get_lowest_layer(socket_).close(); }
   void deliver(const std::shared_ptr<Call>& call) override;
 
  private:
