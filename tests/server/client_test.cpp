@@ -280,7 +280,7 @@ TEST(Client, SpawnsAndRemovesDrones) {
   EXPECT_EQ(error_of([&] { simulation.remove_drone(0); }).code(), ErrorCode::permission_denied);
   // Growth would change the indices of drones.
   EXPECT_EQ(error_of([&] { simulation.spawn_drone(); }).code(), ErrorCode::failed_precondition);
-  DroneController(first, 1).remove();
+  simulation.remove_drone(1);
   const client::Drone more = simulation.spawn_drone();
   EXPECT_EQ(more.drone, 1);
   EXPECT_EQ(DroneController(first, 1).get_location(), (Vector3{-1, 0, 1}));  // the start
