@@ -129,7 +129,7 @@ class Server::Impl {
     cancels_calls_ = true;
     for (std::thread& thread : threads_) thread.join();
     aside_.join();
-    for (const OpenSession& session : open_) session.abort();
+    for (const OpenSession& session : open_) session.shut_down();
     service_.drop_calls();
     if (is_unix(config_)) {
       std::error_code ignored;
@@ -224,11 +224,12 @@ class Server::Impl {
     {
       const std::scoped_lock lock(list_mutex_);
       std::erase_if(open_, [](const OpenSession& open) { return open.session.expired(); });
-      open_.push_back({session, [weak = std::weak_ptr(session)] {
+      open_.push_back({session,
+                       [weak = std::weak_ptr(session)] {
                          if (const auto open = weak.lock()) open->stop("the server stops");
                        },
                        [weak = std::weak_ptr(session)] {
-                         if (const auto open = weak.lock()) open->abort();
+                         if (const auto open = weak.lock()) open->shut_down();
                        }});
     }
     session->start();
@@ -267,7 +268,7 @@ class Server::Impl {
 
   struct OpenSession {
     std::weak_ptr<server::Client> session;
-    std::function<void()> end, abort;
+    std::function<void()> end, shut_down;
   };
   std::mutex list_mutex_;
   std::vector<OpenSession> open_;

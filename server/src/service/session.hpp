@@ -50,8 +50,12 @@ class Session final : public Client, public std::enable_shared_from_this<Session
   void start();
   // Ends the session with a reason, from any thread.
   void stop(const std::string& reason);
-  // Ends the connection without a reason. No thread may be in a handler of this object.
-  void abort() { beast::get_lowest_layer(socket_).close(); }
+  // Ends the connection on this side; the client can still read what was sent, such as the reason. No thread may be in a
+  // handler of this object.
+  void shut_down() {
+    beast::error_code ignored;
+    beast::get_lowest_layer(socket_).socket().shutdown(asio::socket_base::shutdown_send, ignored);
+  }
   void deliver(const std::shared_ptr<Call>& call) override;
 
  private:
