@@ -50,7 +50,7 @@ class Raw:
 
     def __init__(self, server, hello=True):
         self.stack = contextlib.ExitStack()
-        opened = connect_websocket(f"ws://{server.address}/", compression=None, max_size=None, proxy=None)
+        opened = connect_websocket(f"ws://{server.address}/", compression=None, max_size=None, max_queue=1, proxy=None)
         self.socket = self.stack.enter_context(opened)
         if hello:
             assert self.ask(Request(id=1, hello=Hello(protocol=1))).welcome.protocol == 1
@@ -634,7 +634,7 @@ def test_indices_stay():
     server = flockstep.serve(batch, port=0, ownership=True)
     with server, flockstep.connect(server.address) as owner, flockstep.connect(server.address) as other:
         owner.claim([2])
-        with pytest.raises(flockstep.client.ServerError, match="env: expected an env with the place of a removed"):
+        with pytest.raises(flockstep.client.ServerError, match="no slot is free"):
             other.spawn_drone([1, 0, 1.5], env=0)
         other.drone(1).remove()
         assert other.spawn_drone([1, 0, 1.5], env=0).index == 1
