@@ -17,7 +17,8 @@ from collections.abc import Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
 
-SHARED = "sensor_fields.hpp"  # constants that fields() of several headers use
+HEADERS = Path(__file__).resolve().parents[2] / "engine" / "include" / "flockstep"
+SHARED = HEADERS / "sensor_fields.hpp"  # constants that fields() of several headers use
 
 NOT_CODE = re.compile(r'//[^\n]*|"(?:\\.|[^"\\\n])*"|\'(?:\\.|[^\'\\\n])\'|^#(?:[^\n]*\\\n)*[^\n]*', re.MULTILINE)
 SCOPE = re.compile(r"\b(namespace|class|struct|union|enum)\b(?:\s+(?:class|FLOCKSTEP_API))?\s+(\w*)")
@@ -280,5 +281,5 @@ def literals(text: str) -> str:
 
 if __name__ == "__main__":
     path = Path(sys.argv[1])
-    shared = (path.parent / SHARED).read_text(encoding="utf-8")
+    shared = SHARED.read_text(encoding="utf-8")
     sys.stdout.write(Header(path.read_text(encoding="utf-8"), shared).documented())

@@ -7,8 +7,8 @@
 //   const client::Impact impact = drone.set_location({2, 0, 1});
 //   const client::LidarData scan = drone.get_lidar_data();
 //
-// Each operation has two forms. The first one waits for the reply. The second one begins with the argument `later`; it sends the
-// request and returns a Future at once: drone.get_lidar_data(client::later). Both throw Error.
+// Each operation has two forms. The first one waits for the reply. The second one begins with the argument client::later; it
+// sends the request and returns a Future at once: drone.get_lidar_data(client::later). Both throw Error.
 //
 // Units are SI. The world frame is right-handed: x east, y north, z up. The body frame is x forward, y left, z up.
 #pragma once
