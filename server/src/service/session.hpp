@@ -1,13 +1,17 @@
 // Session: a client's connection. Requests come in and replies go out as WebSocket messages, over TCP, TLS or a Unix socket.
 #pragma once
 
-#include <atomic>
+// clang-format off: Boost 1.74 uses std::exchange without its header
+#include <utility>
 #include <boost/asio.hpp>
 #include <boost/asio/ssl.hpp>
 #include <boost/beast/core.hpp>
 #include <boost/beast/http.hpp>
 #include <boost/beast/ssl.hpp>
 #include <boost/beast/websocket.hpp>
+// clang-format on
+
+#include <atomic>
 #include <chrono>
 #include <cstddef>
 #include <cstdint>
@@ -17,7 +21,6 @@
 #include <optional>
 #include <string>
 #include <string_view>
-#include <utility>  // Boost 1.74 uses std::exchange without it
 
 #include "service/call.hpp"
 #include "service/service.hpp"
