@@ -464,8 +464,8 @@ class ServerConfig:
     max_requests
         Maximum number of unanswered requests of a client; more are refused. Values: [1, 100000]. Default: 64.
     idle_timeout_s
-        A connection on which nothing arrives for this long is closed. Clients answer the server's pings, so only dead
-        ones are silent. Values: [0.1, 86400] s. Default: 60.0.
+        A connection on which nothing arrives for this long is closed. Python clients answer the server's pings at any
+        time, C++ clients while they wait for a reply or a stream. Values: [0.1, 86400] s. Default: 600.0.
     """
 
     # fields of ServerConfig
@@ -492,7 +492,7 @@ class ServerConfig:
         rate_hz: float = 0.0,
         max_clients: int = 1024,
         max_requests: int = 64,
-        idle_timeout_s: float = 60.0,
+        idle_timeout_s: float = 600.0,
     ) -> None: ...
     # end of fields
 

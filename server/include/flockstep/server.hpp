@@ -21,7 +21,7 @@ struct ServerConfig {
   double rate_hz = 0.0;
   int max_clients = 1024;
   int max_requests = 64;
-  double idle_timeout_s = 60.0;
+  double idle_timeout_s = 600.0;
 
   static constexpr auto fields() {
     using C = ServerConfig;
@@ -45,8 +45,8 @@ struct ServerConfig {
         field("max_requests", &C::max_requests,
               {.about = "Maximum number of unanswered requests of a client; more are refused.", .limits = between(1, 100000)}),
         field("idle_timeout_s", &C::idle_timeout_s,
-              {.about = "A connection on which nothing arrives for this long is closed. Clients answer the server's pings, so "
-                        "only dead ones are silent.",
+              {.about = "A connection on which nothing arrives for this long is closed. Python clients answer the server's pings "
+                        "at any time, C++ clients while they wait for a reply or a stream.",
                .unit = "s",
                .limits = between(0.1, 86400)}));
   }

@@ -332,7 +332,10 @@ void Session<Stream>::write() {
   const Call& call = *outbox_.front();
   const std::array<asio::const_buffer, 2> parts{asio::buffer(call.writer.header()), asio::buffer(call.writer.values())};
   socket_.async_write(parts, [self = self()](beast::error_code error, std::size_t) {
-    if (error) return self->end();
+    if (error) {
+      self->outbox_.clear();  // calls hold their session
+      return self->end();
+    }
     const std::shared_ptr<Call> sent = std::move(self->outbox_.front());
     self->outbox_.pop_front();
     self->outbox_bytes_ -= sent->writer.size();
@@ -372,6 +375,7 @@ void Session<Stream>::end() {
   hello_timer_.cancel();
   subscriptions_.clear();
   waiting_.clear();
+  while (outbox_.size() > 1) outbox_.pop_back();  // the first one is being written
   beast::get_lowest_layer(socket_).close();
   if (!is_open_) return;
   --sessions_.num_open;

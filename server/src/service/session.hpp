@@ -58,6 +58,9 @@ class Session final : public Client, public std::enable_shared_from_this<Session
   void shut_down() {
     beast::error_code ignored;
     beast::get_lowest_layer(socket_).socket().shutdown(asio::socket_base::shutdown_send, ignored);
+    subscriptions_.clear();
+    waiting_.clear();
+    outbox_.clear();  // calls hold their session
   }
   void deliver(const std::shared_ptr<Call>& call) override;
 
