@@ -538,9 +538,7 @@ void register_batch(py::module_& module) {
           py::arg("visible"), py::arg("mask") = none)
       .def(
           "move_line",
-          [](const Batch& batch, std::int64_t index) {
-            return rows(in_turn(batch, [&] { return batch.move_line(index); }));
-          },
+          [](const Batch& batch, std::int64_t index) { return rows(in_turn(batch, [&] { return batch.move_line(index); })); },
           py::arg("index"))
       .def(
           "picture",

@@ -19,7 +19,10 @@ exclude_patterns = ["site"]
 # Every reference must lead somewhere, except to names of other packages.
 nitpicky = True
 nitpick_ignore_regex = [
-    ("cpp:identifier", r"flockstep|flockstep::client|detail(::.*)?|DroneKind|EnvKind|(std|Eigen|Vec3|Quat)(::.*)?"),  # the last two are Eigen's
+    (
+        "cpp:identifier",
+        r"flockstep|flockstep::client|detail(::.*)?|DroneKind|EnvKind|(std|Eigen|Vec3|Quat)(::.*)?",
+    ),  # the last two are Eigen's
     ("py:obj", r"Box|Discrete|TimeLimit|(single_)?(action|observation)_space|np_random"),  # Gymnasium's
     ("py:obj", r"Monitor|PPO|VecEnv"),  # Stable-Baselines3's
     ("py:(obj|exc)", r"(gymnasium|numpy|stable_baselines3|torch)\..*"),
