@@ -37,7 +37,8 @@ QUIET = YES
 MACRO_EXPANSION = YES
 EXPAND_ONLY_PREDEF = YES
 PREDEFINED = FLOCKSTEP_API=
-EXCLUDE_SYMBOLS = flockstep::detail* flockstep::client::detail* flockstep::EnumNames* FLOCKSTEP_TEXT* FLOCKSTEP_API FLOCKSTEP_EXPORT \\
+EXCLUDE_SYMBOLS = flockstep::detail* flockstep::client::detail* flockstep::EnumNames* FLOCKSTEP_TEXT* FLOCKSTEP_API \\
+  FLOCKSTEP_EXPORT \\
   FLOCKSTEP_TASK_VERSION
 """
 

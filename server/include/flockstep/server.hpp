@@ -11,6 +11,7 @@
 
 namespace flockstep {
 
+// How a server listens, and what clients may do.
 struct ServerConfig {
   std::string address = "127.0.0.1";
   int port = 41451;
