@@ -54,6 +54,7 @@ def test_the_page_has_the_numbers_of_the_code(room):
         "drone file": str(drone.to_dict()["flockstep_drone"]),
         "recipe": str(json.loads(flockstep.Recipe().to_json())["flockstep_recipe"]),
         "snapshot": str(struct.unpack_from("=QQ", flockstep.Batch([room], 1).snapshot())[1]),
+        "protocol of the server": re.search(r"kVersion = (\d+)", text_of("server/src/protocol/frame.hpp"))[1],
         "C++ task": str(task_format()),
     }
 
