@@ -14,6 +14,7 @@
 
 #include "array_views.hpp"
 #include "arrays.hpp"
+#include "base/array_shape.hpp"
 #include "base/require.hpp"
 #include "camera.hpp"
 #include "convert.hpp"
