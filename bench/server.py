@@ -277,20 +277,20 @@ def measure_streams(prefix: str, jpeg_us: float) -> Iterator[Measured]:
     """Step with cameras as fast as possible, in turns with and without a client that reads a stream of each."""
     camera = {"width_px": 640, "height_px": 480}
     recipe = {**WORLD, "drones_per_env": CAMERAS, "cameras": [camera]}
-    alone, watched, lost, images, encoding, reading = [], [], [], [], [], []
+    unwatched, watched, lost, images, encoding, reading = [], [], [], [], [], []
     with serving(recipe, "--rate-hz", "10000") as served, flockstep.connect(served.address) as client:
         stepping_rate(client)
         for _ in range(ROUNDS):
-            alone.append(stepping_rate(client))
+            unwatched.append(stepping_rate(client))
             with watching(served.address) as count:
                 stepping_rate(client, 0.5)
                 before, spent = count(), time.process_time()
                 watched.append(stepping_rate(client))
                 images.append((count() - before) / STREAM_S)
                 reading.append((time.process_time() - spent) / STREAM_S / (os.cpu_count() or 1))
-            lost.append(1 - watched[-1] / alone[-1])
+            lost.append(1 - watched[-1] / unwatched[-1])
             encoding.append(images[-1] * jpeg_us * 1e-6 / (os.cpu_count() or 1))
-    yield f"{prefix}/steps_per_second", statistics.median(alone), "1/s", ROUNDS
+    yield f"{prefix}/steps_per_second", statistics.median(unwatched), "1/s", ROUNDS
     yield f"{prefix}/steps_per_second_watched", statistics.median(watched), "1/s", ROUNDS
     yield f"{prefix}/images_per_second", statistics.median(images), "1/s", ROUNDS
     yield f"{prefix}/steps_lost", statistics.median(lost), "1", ROUNDS

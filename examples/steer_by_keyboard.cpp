@@ -56,7 +56,7 @@ std::string_view keys(std::array<char, 16>& buffer) {
   return {buffer.data(), static_cast<std::size_t>(std::max<ssize_t>(size, 0))};
 }
 
-// Adds what a key asks for.
+// Changes the motion by a key.
 void apply(std::string_view key, Motion& motion) {
   constexpr float kStep = 0.25F;
   if (key == "w" || key == "s") motion[0] += key == "w" ? kStep : -kStep;

@@ -499,7 +499,7 @@ class ServerConfig:
 class Server:
     """Lets other processes see and steer the drones of a batch.
 
-    Make it by `flockstep.serve`. It runs on threads of its own until `stop`, the end of a ``with`` block, or its deletion.
+    Make it by `flockstep.serve`. It runs on separate threads until `stop`, the end of a ``with`` block, or its deletion.
     The program may go on calling the batch: calls of the program and of clients wait for each other.
 
     Parameters

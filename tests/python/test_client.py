@@ -391,7 +391,7 @@ def test_tls(connect, tmp_path):
         connect(f"wss://{address}", ca_file=files[0])
 
 
-# --- the blocking client alone
+# --- only the blocking client
 
 
 def test_threads_share_a_client():
@@ -520,7 +520,7 @@ def test_a_slow_reader_gets_the_newest_value():
         assert len(steps) < 20
 
 
-# --- the asyncio client alone
+# --- only the asyncio client
 
 
 def test_many_requests_in_flight():

@@ -54,17 +54,17 @@ def test_the_bits_are_those_of_a_batch_made_with_the_control(control, integrator
     usual = made(control, integrator=integrator)
     others = [made(other, integrator=integrator) for other in ("pose", *MIDDLE) if other != control]
     hit = np.zeros(DRONES, bool)
-    for told in commands(control):
-        hit |= usual.fly(told).hit
+    for command in commands(control):
+        hit |= usual.fly(command).hit
         for other in others:
-            other.fly(told, control=control)
+            other.fly(command, control=control)
     assert hit.any()
     assert np.ptp(usual.velocity, axis=0).min() > 0
     for other in others:
         np.testing.assert_array_equal(bits(other), bits(usual))
     named = made(control, integrator=integrator)
-    for told in commands(control):
-        named.fly(told, control=control)
+    for command in commands(control):
+        named.fly(command, control=control)
     assert named.snapshot() == usual.snapshot()
 
 

@@ -697,6 +697,18 @@ def test_a_child_process_can_drop_the_server(batch):
     server.stop()
 
 
+@pytest.mark.filterwarnings("ignore:.*fork.*:DeprecationWarning")
+def test_a_child_process_can_drop_a_client(server):
+    client = flockstep.connect(server.address)
+    pid = os.fork()
+    if pid == 0:
+        del client
+        os._exit(0)
+    assert os.waitpid(pid, 0) == (pid, 0)
+    client.ping()
+    client.close()
+
+
 def test_ctrl_c_of_the_program_ends_its_wait_for_a_client():
     code = """
 import os, signal, sys, threading, time, numpy, flockstep
@@ -794,6 +806,26 @@ def test_ownership(batch):
         while other.get_drones()[2].owner and time.monotonic() < deadline:
             time.sleep(0.01)
         other.drone(2).set_location([1.0, 0.0, 1.2], teleport=True)
+
+
+def test_a_client_that_is_gone_claims_nothing(batch):
+    names, stop = ["position"], threading.Event()
+    batch.remove([3])
+    with flockstep.serve(batch, port=0, ownership=True) as server, flockstep.connect(server.address) as client:
+        thread = in_thread(lambda: [batch.sense() for _ in iter(stop.is_set, True)])
+        try:
+            for _ in range(20):
+                raw = Raw(server)
+                raw.send(encode(Request(id=2, spawn_drone=pb.SpawnDrone(claim=True)), {}))
+                raw.__exit__()
+        finally:
+            stop.set()
+            thread.join()
+        deadline = time.monotonic() + 10
+        while server.num_clients > 1 and time.monotonic() < deadline:
+            time.sleep(0.01)
+        client.get_arrays(names)
+        assert all(drone.owner == 0 for drone in client.get_drones())
 
 
 def test_without_ownership_a_claim_only_shows(server, client):

@@ -93,7 +93,7 @@ void BatchConfig::validate() const {
   require(drones >= 0 && drones <= kMaxDrones, "num_drones = num_envs x drones_per_env", "an integer in [0, 1048576]", drones);
   check_fields(*this, "");
   require(num_envs > 0 || drones_per_env == 1, "num_envs",
-          "an integer >= 1, or drones_per_env=1 (each drone that comes then has an env of its own)", num_envs);
+          "an integer >= 1, or drones_per_env=1 (then each new drone has a separate env)", num_envs);
   require(!dynamics.is_kinematic() || !clock.controller_hz, "controller_hz",
           "None for kinematic motion (it has no controller: give motion=\"rotors\")", clock.controller_hz.value_or(0.0F));
   require(dynamics.is_kinematic() || clock.ticks_hz() >= kLeastPhysicsHz, "physics_hz",

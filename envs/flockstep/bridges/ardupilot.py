@@ -194,7 +194,7 @@ class ArduPilotBridge:
     drone's env by one frame of 1 / ``frame_rate`` s. If an env has several drones, it waits until each of them has a
     packet. A drone begins at the pose that it has when the bridge is made, at rest and with its rotors stopped. It
     returns to that pose when its controller restarts. The bridge reads no sensors: ArduPilot gets the exact state and
-    adds the errors of its own simulated sensors.
+    adds the errors of its simulated sensors.
 
     A pulse of 1000 us or less stops a motor, and 2000 us is full speed. In between, the command is linear: in speed
     with ``control="rotor_speeds"``, in thrust with ``control="rotor_thrusts"``.

@@ -24,8 +24,8 @@ class ClientSource:
     """Drones of a server as a `Source`. Drones that are spawned later join, and removed ones leave.
 
     `time_s` reads the poses and velocities of all drones, of one moment, in one request. A scan or an image is a
-    request of its own, and the LiDAR scans then. If the drone has moved in between, the points of the scan are still
-    where the beams hit. Mountings are read when a drone appears. IMUs are left out, because a server does not tell how
+    separate request, and the LiDAR scans then. If the drone has moved in between, the points of the scan are still
+    where the beams hit. Mountings are read when a drone appears. IMUs are left out, because a server does not say how
     they are mounted, and so are images of cameras without the outputs rgb and grey.
 
     >>> with flockstep.connect() as client, McapRecorder("flight.mcap", ClientSource(client)) as recorder:

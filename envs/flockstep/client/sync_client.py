@@ -122,6 +122,7 @@ class Client(Operations):
         self._num_waiting = 0  # threads that wait for the condition
         self._slots: dict[int, _Slot] = {}
         self._last_id = 0
+        self._process = os.getpid()
         self._closed = threading.Event()
         threading.Thread(
             target=_attend, args=(weakref.ref(self), self._closed), name="flockstep client", daemon=True
@@ -169,7 +170,8 @@ class Client(Operations):
         self.close()
 
     def __del__(self) -> None:
-        if hasattr(self, "_closed"):
+        # A child of fork() has a copy of the connection; its goodbye would end the connection of the parent.
+        if hasattr(self, "_closed") and self._process == os.getpid():
             self._closed.set()
             self._disconnect()
 

@@ -164,7 +164,7 @@ FLOCKSTEP_API bool wait_for(Call& call, std::chrono::nanoseconds timeout);
 }  // namespace detail
 
 // A connection to a server. Copies share it, and threads may: operations of several threads do not disturb each other. The
-// connection closes with its last copy, controller, Future and Stream. It has no thread of its own.
+// connection closes with its last copy, controller, Future and Stream. It has no thread.
 class FLOCKSTEP_API Connection {
  public:
   // Connects. Throws Error.

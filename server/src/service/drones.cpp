@@ -232,19 +232,19 @@ void Service::locked(Call& call, const protocol::GetLidarConfig& get) {
   result.rotation = quaternion_at(config.quat_wxyz.data());
 }
 
+DroneMask Service::require_drones(const Call& call, std::int64_t index, bool concerns_all) {
+  const std::size_t drone = index == -1 ? 0 : require_drone(index);
+  if (index == -1 || concerns_all) {
+    require_may_change(call, std::span<const std::uint8_t>());
+    return {};
+  }
+  require_may_change(call, index);
+  return only(drone);
+}
+
 void Service::locked(Call& call, const protocol::SetLidarConfig& set) {
   const protocol::LidarConfig config = set.config.value_or(protocol::LidarConfig());
-  const bool is_for_all = set.drone == -1 || config.beams || config.channels;
-  DroneMask mask;
-  if (set.drone != -1) {
-    const std::size_t drone = require_drone(set.drone);
-    if (!is_for_all) mask = only(drone);
-  }
-  if (is_for_all) {
-    require_may_change(call, std::span<const std::uint8_t>());
-  } else {
-    require_may_change(call, set.drone);
-  }
+  const DroneMask mask = require_drones(call, set.drone, config.beams || config.channels);
   LidarChange change;
   change.channels = config.channels;
   change.beams = config.beams;
@@ -281,17 +281,7 @@ void Service::locked(Call& call, const protocol::SetCameraConfig& set) {
   require_unset(config.near_m, "near_m");
   require_unset(config.far_m, "far_m");
   require(config.outputs.empty(), "outputs", "none: they cannot change", config.outputs.size());
-  const bool is_for_all = set.drone == -1 || config.width_px || config.height_px;
-  DroneMask mask;
-  if (set.drone != -1) {
-    const std::size_t drone = require_drone(set.drone);
-    if (!is_for_all) mask = only(drone);
-  }
-  if (is_for_all) {
-    require_may_change(call, std::span<const std::uint8_t>());
-  } else {
-    require_may_change(call, set.drone);
-  }
+  const DroneMask mask = require_drones(call, set.drone, config.width_px || config.height_px);
   CameraChange change;
   change.width_px = config.width_px;
   change.height_px = config.height_px;

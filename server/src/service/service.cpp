@@ -202,11 +202,12 @@ std::size_t Service::max_array_bytes(const protocol::Request& request) {
 }
 
 void Service::leave(Client& client) {
-  {
-    const std::scoped_lock lock(owners_mutex_);
-    std::erase_if(owners_, [&](const auto& entry) { return entry.second == client.number; });
-  }
-  executor_.run([this, gone = &client] {
+  // After the operations of this client that still wait: one of them may claim a drone.
+  executor_.run([this, gone = &client, number = client.number] {
+    {
+      const std::scoped_lock lock(owners_mutex_);
+      std::erase_if(owners_, [&](const auto& entry) { return entry.second == number; });
+    }
     if (lockstep_.erase(gone) > 0) step_if_all_wait();
   });
 }

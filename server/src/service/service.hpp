@@ -140,6 +140,8 @@ class Service {
   std::size_t require_drone(std::int64_t drone) const;                                  // active; needs the lock
   void require_may_change(const Call& call, std::int64_t drone) const;                  // by ownership
   void require_may_change(const Call& call, std::span<const std::uint8_t> mask) const;  // empty: all drones
+  // Returns the drones that a setting of a sensor changes: one, or all if the index is -1 or the setting is a common one.
+  DroneMask require_drones(const Call& call, std::int64_t index, bool concerns_all);
   void require_sensor(const std::string& name) const;
   std::shared_ptr<const World> world(std::uint32_t index) const;
 
