@@ -39,8 +39,12 @@ class Pump {
     do {
       while (try_write() || try_read()) {
       }
-    } while (context_.poll() > 0);
+    } while (running_ > (read_ != nullptr ? 1 : 0) + (write_ != nullptr ? 1 : 0) && context_.poll() > 0);
   }
+  // Count the operations in progress, such as the handshake or the sending of a message. Each one waits in one place: here, or in
+  // the queue of the context, which costs a system call to look at.
+  void begin() { ++running_; }
+  void end() { --running_; }
   // Ends the operations in progress.
   void cancel() {
     for (std::unique_ptr<Operation>* const slot : {&read_, &write_}) {
@@ -128,6 +132,7 @@ class Pump {
   Socket socket_;
   std::unique_ptr<Operation> read_, write_;
   bool may_read_ = false;
+  int running_ = 0;
 };
 
 class ByteStream {

@@ -58,7 +58,9 @@ class WebSocket final : public Transport {
   void open(Events events) override {
     events_ = std::move(events);
     if constexpr (kHasTls) {
+      pump_->begin();
       stream_->next_layer().async_handshake(ssl::stream_base::client, [this](beast::error_code error) {
+        pump_->end();
         if (error) return fail(tls_problem(error));
         open_websocket();
       });
@@ -69,7 +71,9 @@ class WebSocket final : public Transport {
 
   void send(std::string_view header, std::string_view values, std::function<void()> sent) override {
     const std::array<asio::const_buffer, 2> parts{asio::buffer(header), asio::buffer(values)};
+    pump_->begin();
     stream_->async_write(parts, [this, sent = std::move(sent)](beast::error_code error, std::size_t) {
+      pump_->end();
       if (error) return fail(problem(error));
       sent();
     });
@@ -77,7 +81,8 @@ class WebSocket final : public Transport {
 
   void close() override {
     if (has_failed_ || !stream_->is_open()) return;
-    stream_->async_close(websocket::close_code::normal, [](beast::error_code) {});
+    pump_->begin();
+    stream_->async_close(websocket::close_code::normal, [this](beast::error_code) { pump_->end(); });
     pump_->run(false);
   }
 
@@ -87,7 +92,9 @@ class WebSocket final : public Transport {
 
  private:
   void open_websocket() {
+    pump_->begin();
     stream_->async_handshake(host_, "/", [this](beast::error_code error) {
+      pump_->end();
       if (error) return fail(handshake_problem(error));
       if (events_.opened) events_.opened();
       read();
@@ -95,7 +102,9 @@ class WebSocket final : public Transport {
   }
 
   void read() {
+    pump_->begin();
     stream_->async_read(message_, [this](beast::error_code error, std::size_t) {
+      pump_->end();
       if (error) return fail(problem(error));
       if (events_.received) events_.received(std::exchange(message_, Message()));
       if (!has_failed_) read();
