@@ -63,9 +63,13 @@ protocol::Request request_of(Operation operation) {
 template <class Message>
 class ReplyOf {
  public:
-  explicit ReplyOf(Call& call) : reply_(call.link().take(call)), message_(std::get_if<Message>(&reply_->header.result)) {
+  explicit ReplyOf(Call& call)
+      : link_(call.link()), reply_(link_.take(call)), message_(std::get_if<Message>(&reply_->header.result)) {
     if (message_ == nullptr) refuse_reply("a reply is that of another operation");
   }
+  ~ReplyOf() { link_.reuse(std::move(reply_->bytes)); }
+  ReplyOf(const ReplyOf&) = delete;
+  ReplyOf& operator=(const ReplyOf&) = delete;
   Message& message() { return *message_; }
   const std::vector<protocol::ReceivedArray>& arrays() const { return reply_->arrays; }
 
@@ -98,6 +102,7 @@ class ReplyOf {
   }
 
  private:
+  Link& link_;
   std::unique_ptr<ReceivedReply> reply_;
   Message* message_;
 };

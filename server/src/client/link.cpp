@@ -36,7 +36,7 @@ Link::Link(const Options& options) : options_(checked(options)) {
   const Clock::time_point deadline = after(options_.timeout);
   transport_ = make_transport(options_, deadline);
   transport_->open({.opened = [this] { is_open_ = true; },
-                    .received = [this](Message message) { receive(std::move(message)); },
+                    .received = [this](Message& message) { receive(message); },
                     .failed = [this](ErrorCode code, const std::string& text) { fail(code, text); }});
   Lock lock(mutex_);
   advance(false);
@@ -183,6 +183,14 @@ std::unique_ptr<ReceivedReply> Link::take(const Call& call) {
   return std::move(call.state_->reply);
 }
 
+void Link::reuse(Message memory) noexcept {
+  constexpr std::size_t kMaxBytes = std::size_t{1} << 20;
+  if (memory.capacity() > kMaxBytes) return;
+  memory.clear();
+  const Lock lock(mutex_);
+  spare_ = std::move(memory);
+}
+
 Error Link::failure() const {
   if (failure_) return *failure_;
   return Error(ErrorCode::timeout,
@@ -191,7 +199,7 @@ Error Link::failure() const {
 
 // ------------------------------------------------------------------------------------------------------------------- replies
 
-void Link::receive(Message message) {
+void Link::receive(Message& message) {
   try {
     const std::string_view bytes(static_cast<const char*>(message.data().data()), message.size());
     const std::size_t header = protocol::header_size(bytes);
@@ -201,7 +209,7 @@ void Link::receive(Message message) {
     auto reply = std::make_unique<ReceivedReply>();
     protocol::read_header(bytes, reply->header);
     reply->arrays = protocol::read_arrays(bytes, reply->header.arrays);
-    reply->bytes = std::move(message);  // whose memory stays where it is
+    reply->bytes = std::exchange(message, std::exchange(spare_, Message()));  // the memory stays where it is
     take_reply(std::move(reply));
   } catch (const std::exception& error) {
     fail(ErrorCode::bad_reply, std::string("the server does not speak this client's protocol: ") + error.what());

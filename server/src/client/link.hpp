@@ -57,6 +57,8 @@ class Link : public std::enable_shared_from_this<Link> {
   void wait(const Call& call);
   // Takes the reply of a call that has one. Throws if it was taken before.
   std::unique_ptr<ReceivedReply> take(const Call& call);
+  // Takes the memory of a reply that has been read, for a later one: new memory costs more than the copy into it.
+  void reuse(Message memory) noexcept;
 
   const ServerInfo& server() const { return server_; }
   bool is_open() const;
@@ -75,7 +77,7 @@ class Link : public std::enable_shared_from_this<Link> {
   template <class IsDone>
   bool run_until(Lock& lock, IsDone is_done, Clock::time_point deadline);
   void advance(bool may_read);
-  void receive(Message message);
+  void receive(Message& message);
   void take_reply(std::unique_ptr<ReceivedReply> reply);
   void fail(ErrorCode code, const std::string& text);
   // Returns the error that ended the connection, or a timeout.
@@ -88,6 +90,7 @@ class Link : public std::enable_shared_from_this<Link> {
   std::condition_variable changed_;
   std::unique_ptr<Transport> transport_;
   protocol::FrameWriter writer_;
+  Message spare_;         // empty, with memory
   bool is_open_ = false;  // the handshakes are done
   bool is_sending_ = false;
   bool is_polling_ = false;  // a thread waits for the socket, without the mutex

@@ -106,7 +106,7 @@ class WebSocket final : public Transport {
     stream_->async_read(message_, [this](beast::error_code error, std::size_t) {
       pump_->end();
       if (error) return fail(problem(error));
-      if (events_.received) events_.received(std::exchange(message_, Message()));
+      if (events_.received) events_.received(message_);
       if (!has_failed_) read();
     });
   }

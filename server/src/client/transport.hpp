@@ -25,7 +25,7 @@ class Transport {
   // Called from advance().
   struct Events {
     std::function<void()> opened;
-    std::function<void(Message)> received;
+    std::function<void(Message&)> received;                     // may take the message, and leaves an empty one for the next
     std::function<void(ErrorCode, const std::string&)> failed;  // once; nothing else follows
   };
 
