@@ -67,6 +67,7 @@ std::optional<Picture> copy_frame(Call& call, const ArraySource& arrays, const C
 
 void Service::handle(const std::shared_ptr<Call>& call, const protocol::GetCameraData&) {
   std::optional<Picture> picture;
+  std::optional<Workload::Mark> mark(std::in_place, workload_);
   const bool is_taken = executor_.try_run([&] {
     const std::optional<BatchLock> lock = BatchLock::try_lock(batch_);
     if (!lock) return false;
@@ -77,10 +78,11 @@ void Service::handle(const std::shared_ptr<Call>& call, const protocol::GetCamer
     return true;
   });
   if (is_taken || take_published_frame(*call, picture)) return compress_aside(call, std::move(picture));
+  mark.reset();
   executor_.run([this, call] {
     std::optional<Picture> taken;
     guard(*call, [&] {
-      const BatchLock lock(batch_);
+      const Hold hold(*this, false);
       follow_growth();
       taken = take_frame(*call);
     });

@@ -6,12 +6,17 @@
 #include <deque>
 #include <functional>
 #include <mutex>
+#include <optional>
 #include <utility>
+
+#include "service/workload.hpp"
 
 namespace flockstep::server {
 
 class Executor {
  public:
+  explicit Executor(Workload& workload) : workload_(workload) {}
+
   // Runs the operation now or later; it must not throw.
   void run(std::function<void()> operation) {
     {
@@ -40,7 +45,9 @@ class Executor {
 
  private:
   void work_off() {
-    for (;;) {
+    constexpr int kMany = 8;  // short operations, of some microseconds
+    std::optional<Workload::Mark> mark;
+    for (int count = 1;; ++count) {
       std::function<void()> next;
       {
         const std::scoped_lock lock(mutex_);
@@ -51,10 +58,12 @@ class Executor {
         next = std::move(queue_.front());
         queue_.pop_front();
       }
+      if (count == kMany) mark.emplace(workload_);
       next();
     }
   }
 
+  Workload& workload_;
   std::mutex mutex_;
   bool is_busy_ = false;
   std::deque<std::function<void()>> queue_;

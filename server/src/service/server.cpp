@@ -6,6 +6,7 @@
 #include <set>
 #include <stdexcept>
 #include <thread>
+#include <type_traits>
 #include <vector>
 
 #include "base/check_fields.hpp"
@@ -13,6 +14,7 @@
 #include "base/platform.hpp"
 #include "base/require.hpp"
 #include "service/session.hpp"
+#include "service/workload.hpp"
 
 namespace flockstep {
 
@@ -77,14 +79,16 @@ class Server::Impl {
   Impl(Batch& batch, ServerConfig given)
       : config_(validated(std::move(given))),
         aside_(1),
-        service_(batch, config_,
-                 [this](std::function<void()> work) {
-                   asio::post(aside_, [this, work = std::move(work)] {
-                     const Cancellable cancellable(cancels_calls_);
-                     work();
-                   });
-                 }),
-        sessions_{.service = service_, .config = config_},
+        service_(
+            batch, config_,
+            [this](std::function<void()> work) {
+              asio::post(aside_, [this, work = std::move(work)] {
+                const Cancellable cancellable(cancels_calls_);
+                work();
+              });
+            },
+            workload_),
+        sessions_{.service = service_, .config = config_, .workload = workload_},
         tls_(asio::ssl::context::tls_server),
         tick_timer_(asio::make_strand(io_)),
         retry_timer_(io_) {
@@ -92,13 +96,15 @@ class Server::Impl {
     service_.on_new_rate([this] { asio::post(tick_timer_.get_executor(), [this] { schedule_tick(); }); });
     schedule_tick();
     accept();
-    constexpr int kThreads = 2;  // one may be at work on the batch while the other one reads and writes
-    for (int i = 0; i < kThreads; ++i) {
-      threads_.emplace_back([this] {
-        const Cancellable cancellable(cancels_calls_);
-        io_.run();
-      });
-    }
+    threads_.emplace_back([this] {
+      const Cancellable cancellable(cancels_calls_);
+      io_.run();
+    });
+    // Runs handlers while the other thread may be at work for long. If it always did, each message would wake both.
+    threads_.emplace_back([this] {
+      const Cancellable cancellable(cancels_calls_);
+      while (workload_.wait()) io_.run_one();
+    });
   }
   ~Impl() { stop(); }
 
@@ -114,22 +120,27 @@ class Server::Impl {
       if (unix_) unix_->close(ignored);
     });
     asio::post(tick_timer_.get_executor(), [this] { tick_timer_.cancel(); });
-    std::vector<std::function<void()>> ends;
+    std::vector<std::weak_ptr<server::Session>> open;
     {
       const std::scoped_lock lock(list_mutex_);
-      for (const OpenSession& session : open_) ends.push_back(session.end);
+      open = open_;
     }
-    for (const auto& end : ends) end();
+    for (const auto& weak : open) {
+      if (const auto session = weak.lock()) session->stop("the server stops");
+    }
     work_.reset();
     constexpr std::chrono::milliseconds kGrace{500};
     const auto until = std::chrono::steady_clock::now() + kGrace;
     while (sessions_.count > 0 && std::chrono::steady_clock::now() < until)
       std::this_thread::sleep_for(std::chrono::milliseconds(1));
+    workload_.end();
     io_.stop();
     cancels_calls_ = true;
     for (std::thread& thread : threads_) thread.join();
     aside_.join();
-    for (const OpenSession& session : open_) session.shut_down();
+    for (const auto& open : open_) {
+      if (const auto session = open.lock()) session->shut_down();
+    }
     service_.drop_calls();
     if (is_unix(config_)) {
       std::error_code ignored;
@@ -186,26 +197,18 @@ class Server::Impl {
 
   void accept() {
     if (tcp_) {
-      tcp_->async_accept(asio::make_strand(io_), [this](boost::system::error_code error, tcp::socket socket) {
-        if (!error) {
-          boost::system::error_code ignored;
-          socket.set_option(tcp::no_delay(true), ignored);
-          socket.set_option(asio::socket_base::keep_alive(true), ignored);
-          if (config_.certificate_file.empty()) {
-            start<server::TcpStream>(server::TcpStream(std::move(socket)));
-          } else {
-            start<server::TlsStream>(server::TlsStream(server::TcpStream(std::move(socket)), tls_));
-          }
-        }
-        accept_next(error);
-      });
+      accept_from(*tcp_);
     } else {
-      unix_->async_accept(asio::make_strand(io_),
-                          [this](boost::system::error_code error, asio::local::stream_protocol::socket socket) {
-                            if (!error) start<server::UnixStream>(server::UnixStream(std::move(socket)));
-                            accept_next(error);
-                          });
+      accept_from(*unix_);
     }
+  }
+  template <class Acceptor>
+  void accept_from(Acceptor& acceptor) {
+    using Socket = asio::basic_stream_socket<typename Acceptor::protocol_type, server::Stream::executor_type>;
+    acceptor.async_accept(asio::make_strand(io_), [this](boost::system::error_code error, Socket socket) {
+      if (!error) start(std::move(socket));
+      accept_next(error);
+    });
   }
   void accept_next(boost::system::error_code error) {
     const bool is_open = tcp_ ? tcp_->is_open() : unix_->is_open();
@@ -218,19 +221,19 @@ class Server::Impl {
     });
   }
 
-  template <class Stream>
-  void start(Stream stream) {
-    const auto session = std::make_shared<server::Session<Stream>>(sessions_, std::move(stream));
+  template <class Socket>
+  void start(Socket socket) {
+    if constexpr (std::is_same_v<typename Socket::protocol_type, tcp>) {
+      boost::system::error_code ignored;
+      socket.set_option(tcp::no_delay(true), ignored);
+      socket.set_option(asio::socket_base::keep_alive(true), ignored);
+    }
+    const auto session = std::make_shared<server::Session>(sessions_, server::Stream::Socket(std::move(socket)),
+                                                           config_.certificate_file.empty() ? nullptr : &tls_);
     {
       const std::scoped_lock lock(list_mutex_);
-      std::erase_if(open_, [](const OpenSession& open) { return open.session.expired(); });
-      open_.push_back({session,
-                       [weak = std::weak_ptr(session)] {
-                         if (const auto open = weak.lock()) open->stop("the server stops");
-                       },
-                       [weak = std::weak_ptr(session)] {
-                         if (const auto open = weak.lock()) open->shut_down();
-                       }});
+      std::erase_if(open_, [](const auto& open) { return open.expired(); });
+      open_.push_back(session);
     }
     session->start();
   }
@@ -254,6 +257,7 @@ class Server::Impl {
   const long owner_ = process_id();
   const ServerConfig config_;
   std::atomic<bool> cancels_calls_{false};
+  server::Workload workload_;
   asio::thread_pool aside_;  // compresses images and makes meshes
   Service service_;
   server::Sessions sessions_;
@@ -266,12 +270,8 @@ class Server::Impl {
   asio::steady_timer tick_timer_, retry_timer_;
   std::chrono::steady_clock::time_point next_tick_{};
 
-  struct OpenSession {
-    std::weak_ptr<server::Client> session;
-    std::function<void()> end, shut_down;
-  };
   std::mutex list_mutex_;
-  std::vector<OpenSession> open_;
+  std::vector<std::weak_ptr<server::Session>> open_;
   std::mutex stop_mutex_;
   std::atomic<bool> is_stopped_{false};
   std::vector<std::thread> threads_;

@@ -1,12 +1,12 @@
 #include "service/service.hpp"
 
 #include <algorithm>
+#include <cstddef>
 #include <type_traits>
 #include <utility>
 #include <variant>
 
 #include "base/require.hpp"
-#include "flockstep/batch_lock.hpp"
 #include "flockstep/version.hpp"
 #include "service/guard.hpp"
 
@@ -25,15 +25,27 @@ const std::string& sensor_of(const Operation& operation) {
   }
 }
 
+template <class T, class... Types>
+constexpr bool kIsOneOf = (std::is_same_v<T, Types> || ...);
+
+// Operations on one drone, without images. In a small batch they take microseconds.
+template <class Operation>
+constexpr bool kIsShort = kIsOneOf<Operation, protocol::SetLocation, protocol::SetRotation, protocol::SetLocationAndRotation,
+                                   protocol::SetCommand, protocol::GetLidarData, protocol::GetLidarConfig,
+                                   protocol::GetCameraConfig, protocol::GetCameraCaptureMode, protocol::GetMoveLineVisible>;
+
 }  // namespace
 
-Service::Service(Batch& batch, const ServerConfig& config, std::function<void(std::function<void()>)> run_aside)
+Service::Service(Batch& batch, const ServerConfig& config, std::function<void(std::function<void()>)> run_aside,
+                 Workload& workload)
     : batch_(batch),
       task_(batch.task()),
       config_(config),
       run_aside_(std::move(run_aside)),
+      workload_(workload),
       flies_by_rotors_(!batch.config().dynamics.is_kinematic()),
       step_s_(1.0 / static_cast<double>(batch.config().clock.policy_hz)),
+      executor_(workload),
       rate_hz_(config.rate_hz) {
   const BatchLock lock(batch_);
   require(!batch_.is_shared(), "batch", "one that no server serves", "one that another server serves: stop that one first");
@@ -67,7 +79,19 @@ void Service::refresh_shape() {
   for (const ImuConfig& imu : config.imus) next->imus.push_back(imu.name);
   for (std::size_t camera = 0; camera < config.cameras.size(); ++camera) next->cameras.push_back(batch_.camera_config(camera));
   next->worlds = batch_.worlds();
-  list_arrays(batch_, "", [&](const ArrayView& view) { next->array_names.emplace_back(view.name); });
+  std::size_t bytes = 0, rays = 0;
+  const auto count = [&](const ArrayView& view) { bytes += view.size * view.value_size; };
+  list_arrays(batch_, "", [&](const ArrayView& view) {
+    next->array_names.emplace_back(view.name);
+    count(view);
+  });
+  for (const LidarConfig& lidar : config.lidars) {
+    list_arrays(batch_, lidar.name, count);
+    rays = std::max(rays, static_cast<std::size_t>(lidar.rows()) * static_cast<std::size_t>(lidar.columns()));
+  }
+  for (const ImuConfig& imu : config.imus) list_arrays(batch_, imu.name, count);
+  constexpr std::size_t kFewBytes = std::size_t{1} << 20, kFewRays = std::size_t{1} << 12;
+  is_small_ = bytes <= kFewBytes && rays <= kFewRays;
   {
     const std::scoped_lock lock(shape_mutex_);
     shape_ = std::move(next);
@@ -134,6 +158,8 @@ void Service::handle(const std::shared_ptr<Call>& call, const Operation& operati
     });
   } else if constexpr (requires(const ArraySource& arrays) { read(*call, operation, arrays); }) {
     const auto reply = [&](const ArraySource& arrays) {
+      std::optional<Workload::Mark> mark;
+      if (!is_small_) mark.emplace(workload_);
       guard(*call, [&] { read(*call, operation, arrays); });
       complete(call);
     };
@@ -153,9 +179,11 @@ void Service::handle(const std::shared_ptr<Call>& call, const Operation& operati
       return complete(call);
     }
     if (const auto copy = publisher_.read(batch_, sensor)) return reply(*copy);
-    run_locked(call, [this](Call& waited) { read(waited, std::get<Operation>(waited.request.operation), LiveArrays(batch_)); });
+    run_locked(call, true,
+               [this](Call& waited) { read(waited, std::get<Operation>(waited.request.operation), LiveArrays(batch_)); });
   } else if constexpr (requires { locked(*call, operation); }) {
-    run_locked(call, [this](Call& waited) { locked(waited, std::get<Operation>(waited.request.operation)); });
+    run_locked(call, kIsShort<Operation>,
+               [this](Call& waited) { locked(waited, std::get<Operation>(waited.request.operation)); });
   } else {
     call->fail(Code::kUnimplemented, std::is_same_v<Operation, std::monostate>
                                          ? "operation: this server does not have the operation of this request"
@@ -164,10 +192,17 @@ void Service::handle(const std::shared_ptr<Call>& call, const Operation& operati
   }
 }
 
-void Service::run_locked(const std::shared_ptr<Call>& call, std::function<void(Call&)> operation) {
-  executor_.run([this, call, operation = std::move(operation)] {
+Service::Hold::Hold(Service& service, bool is_short)
+    : lock_(is_short && service.is_small_ ? BatchLock::try_lock(service.batch_) : std::nullopt) {
+  if (lock_) return;
+  mark_.emplace(service.workload_);
+  lock_.emplace(service.batch_);
+}
+
+void Service::run_locked(const std::shared_ptr<Call>& call, bool is_short, std::function<void(Call&)> operation) {
+  executor_.run([this, call, is_short, operation = std::move(operation)] {
     guard(*call, [&] {
-      const BatchLock lock(batch_);
+      const Hold hold(*this, is_short);
       follow_growth();
       operation(*call);
     });
@@ -253,7 +288,7 @@ void Service::tick() {
     is_tick_waiting_ = false;
     if (rate_hz() == 0.0) return;
     try {
-      const BatchLock lock(batch_);
+      const Hold hold(*this, false);
       advance();
     } catch (const std::exception&) {
       rate_hz_ = 0.0;  // a client that steps gets the error
@@ -280,7 +315,7 @@ void Service::handle(const std::shared_ptr<Call>& call, const protocol::Step&) {
         waits = true;
         return;
       }
-      const BatchLock lock(batch_);
+      const Hold hold(*this, false);
       advance();
       write_time(*call);
     });
@@ -300,7 +335,7 @@ void Service::step_if_all_wait() {
   for (auto& [client, call] : lockstep_) calls.push_back(std::exchange(call, nullptr));
   std::string failure;
   try {
-    const BatchLock lock(batch_);
+    const Hold hold(*this, false);
     advance();
   } catch (const std::exception& error) {
     failure = error.what();

@@ -16,11 +16,13 @@
 #include <vector>
 
 #include "flockstep/batch.hpp"
+#include "flockstep/batch_lock.hpp"
 #include "flockstep/server.hpp"
 #include "service/batch_arrays.hpp"
 #include "service/call.hpp"
 #include "service/executor.hpp"
 #include "service/rate_meter.hpp"
+#include "service/workload.hpp"
 
 namespace flockstep::server {
 
@@ -32,8 +34,9 @@ struct Picture {
 
 class Service {
  public:
-  // run_aside: runs a function on another thread, for work that needs no batch, such as compressing an image.
-  Service(Batch& batch, const ServerConfig& config, std::function<void(std::function<void()>)> run_aside);
+  // run_aside: runs a function on another thread, for work that needs no batch, such as compressing an image. Operations that may
+  // take long are marked in the workload.
+  Service(Batch& batch, const ServerConfig& config, std::function<void(std::function<void()>)> run_aside, Workload& workload);
   ~Service();
   Service(const Service&) = delete;
   Service& operator=(const Service&) = delete;
@@ -64,6 +67,16 @@ class Service {
   std::int64_t steps() const { return steps_.load(std::memory_order_relaxed); }
 
  private:
+  // Holds the lock of the batch during an operation, and marks the operation if it may take long or has to wait for the lock.
+  class Hold {
+   public:
+    Hold(Service& service, bool is_short);
+
+   private:
+    std::optional<BatchLock> lock_;
+    std::optional<Workload::Mark> mark_;
+  };
+
   // A copy of some properties of the batch, which needs no lock.
   struct Shape {
     std::int64_t num_envs = 0, drones_per_env = 0, generation = -1;
@@ -128,7 +141,7 @@ class Service {
   void handle(const std::shared_ptr<Call>& call, const protocol::Step&);
   void handle(const std::shared_ptr<Call>& call, const protocol::JoinLockstep&);
   void handle(const std::shared_ptr<Call>& call, const protocol::LeaveLockstep&);
-  void run_locked(const std::shared_ptr<Call>& call, std::function<void(Call&)> operation);
+  void run_locked(const std::shared_ptr<Call>& call, bool is_short, std::function<void(Call&)> operation);
   void complete(const std::shared_ptr<Call>& call);
 
   // --- camera images: cameras.cpp. Each returns the colours for a file, or nothing if the reply is complete.
@@ -168,6 +181,7 @@ class Service {
   const Task* const task_;  // null without one
   const ServerConfig config_;
   const std::function<void(std::function<void()>)> run_aside_;
+  Workload& workload_;
   const bool flies_by_rotors_;
   const double step_s_;
   std::function<void()> on_new_rate_;
@@ -194,6 +208,7 @@ class Service {
 
   std::atomic<double> rate_hz_;
   std::atomic<bool> is_tick_waiting_{false};
+  std::atomic<bool> is_small_{true};    // copying all arrays without images, or one scan, takes less than a millisecond
   std::atomic<bool> has_lines_{false};  // a client has made a move line visible
   std::atomic<std::int64_t> changes_{0}, answered_{0}, steps_{0};
 };

@@ -2,6 +2,7 @@
 
 #include <cmath>
 #include <type_traits>
+#include <utility>
 #include <variant>
 
 #include "flockstep/version.hpp"
@@ -13,6 +14,7 @@ using protocol::Code;
 
 constexpr std::size_t kMaxHelloBytes = 4096;
 constexpr std::chrono::seconds kHelloTime{10};
+constexpr std::size_t kLargeMessage = std::size_t{1} << 20;    // bytes that take long to copy
 constexpr std::size_t kMaxOutbox = 256;                        // messages; then nothing more is read until the client reads
 constexpr std::size_t kMaxOutboxBytes = std::size_t{1} << 24;  // then no request is answered until the client reads
 constexpr std::size_t kMaxSubscriptions = 64;                  // of a client
@@ -29,35 +31,35 @@ bool is_equal(const std::string& a, const std::string& b) {
 
 }  // namespace
 
-template <class Stream>
-Session<Stream>::Session(Sessions& sessions, Stream stream)
-    : sessions_(sessions), socket_(std::move(stream)), hello_timer_(socket_.get_executor()) {
+Session::Session(Sessions& sessions, Stream::Socket socket, asio::ssl::context* tls)
+    : sessions_(sessions),
+      socket_(std::move(socket), tls),
+      hello_timer_(socket_.get_executor()),
+      idle_timer_(socket_.get_executor()) {
   ++sessions_.count;
 }
 
-template <class Stream>
-Session<Stream>::~Session() {
-  --sessions_.count;
-}
+Session::~Session() { --sessions_.count; }
 
 // ----------------------------------------------------------------------------------------------------------------- beginning
 
-template <class Stream>
-void Session<Stream>::start() {
+void Session::start() {
   asio::dispatch(socket_.get_executor(), [self = self()] {
-    beast::get_lowest_layer(self->socket_).expires_after(kHelloTime);
-    if constexpr (std::is_same_v<Stream, TlsStream>) {
-      self->socket_.next_layer().async_handshake(asio::ssl::stream_base::server, [self](beast::error_code error) {
-        if (!error) self->read_upgrade();
-      });
-    } else {
-      self->read_upgrade();
-    }
+    self->hello_timer_.expires_after(kHelloTime);
+    self->hello_timer_.async_wait([weak = self->weak_from_this()](beast::error_code error) {
+      const auto late = weak.lock();
+      if (!error && late && !late->is_open_) late->close(websocket::close_code::policy_error, "expected Hello within 10 s");
+    });
+    if (!self->socket_.next_layer().has_tls()) return self->read_upgrade();
+    self->mark_.emplace(self->sessions_.workload);
+    self->socket_.next_layer().async_tls_handshake([self](beast::error_code error) {
+      self->mark_.reset();
+      if (!error) self->read_upgrade();
+    });
   });
 }
 
-template <class Stream>
-void Session<Stream>::read_upgrade() {
+void Session::read_upgrade() {
   beast::http::async_read(socket_.next_layer(), buffer_, upgrade_, [self = self()](beast::error_code error, std::size_t) {
     if (error) return;
     self->buffer_.clear();
@@ -72,31 +74,25 @@ void Session<Stream>::read_upgrade() {
   });
 }
 
-template <class Stream>
-void Session<Stream>::accept() {
-  beast::get_lowest_layer(socket_).expires_never();  // from here on the WebSocket stream has its own timeouts
-  const auto idle = std::chrono::duration_cast<std::chrono::steady_clock::duration>(
-      std::chrono::duration<double>(sessions_.config.idle_timeout_s));
-  socket_.set_option(websocket::stream_base::timeout{kHelloTime, idle, true});
+void Session::accept() {
+  socket_.set_option(websocket::stream_base::timeout{kHelloTime, websocket::stream_base::none(), false});
+  socket_.control_callback(
+      [this](websocket::frame_type, beast::string_view) { last_arrival_ = std::chrono::steady_clock::now(); });
   socket_.set_option(websocket::stream_base::decorator(
       [](websocket::response_type& response) { response.set(beast::http::field::server, "flockstep " FLOCKSTEP_VERSION); }));
   socket_.binary(true);
   socket_.auto_fragment(false);
   socket_.write_buffer_bytes(std::size_t{1} << 16);
   socket_.read_message_max(kMaxHelloBytes);
-  hello_timer_.expires_after(kHelloTime);
-  hello_timer_.async_wait([weak = this->weak_from_this()](beast::error_code error) {
-    const auto self = weak.lock();
-    if (error || !self || self->is_open_) return;
-    self->close(websocket::close_code::policy_error, "expected Hello within 10 s");
-  });
   socket_.async_accept(upgrade_, [self = self()](beast::error_code error) {
-    if (!error) self->read();
+    if (error) return;
+    self->last_arrival_ = std::chrono::steady_clock::now();
+    self->watch();
+    self->read();
   });
 }
 
-template <class Stream>
-void Session<Stream>::open(const std::shared_ptr<Call>& call) {
+void Session::open(const std::shared_ptr<Call>& call) {
   const auto* const hello = std::get_if<protocol::Hello>(&call->request.operation);
   const std::uint64_t id = call->request.id;
   if (hello == nullptr) return refuse(id, Code::kFailedPrecondition, "expected Hello as the first request", true);
@@ -120,22 +116,21 @@ void Session<Stream>::open(const std::shared_ptr<Call>& call) {
 
 // ------------------------------------------------------------------------------------------------------------------ requests
 
-template <class Stream>
-void Session<Stream>::read() {
+void Session::read() {
   if (is_reading_ || is_ending_ || is_gone_ || outbox_.size() >= kMaxOutbox) return;
   is_reading_ = true;
   constexpr std::size_t kMost = std::size_t{1} << 18;
   socket_.async_read_some(buffer_, kMost, [self = self()](beast::error_code error, std::size_t) {
     self->is_reading_ = false;
     if (error) return self->end();
+    self->last_arrival_ = std::chrono::steady_clock::now();
     if (!self->take_header()) return;
     if (self->socket_.is_message_done()) self->take_message();
     self->read();
   });
 }
 
-template <class Stream>
-bool Session<Stream>::take_header() {
+bool Session::take_header() {
   const std::string_view bytes(static_cast<const char*>(buffer_.data().data()), buffer_.size());
   const auto refused = [&](Code code, const std::string& text) {
     refuse(incoming_ ? incoming_->id : 0, code, text, true);
@@ -158,6 +153,7 @@ bool Session<Stream>::take_header() {
                                                      " bytes for this operation, got " + std::to_string(arrays));
       }
       incoming_bytes_ = sizeof(std::uint32_t) + header + arrays;
+      if (incoming_bytes_ > kLargeMessage) mark_.emplace(sessions_.workload);
     } catch (const std::exception& error) {
       // The message ends where WebSocket says so: the session goes on after it.
       is_skipping_ = incoming_.has_value() && is_open_;
@@ -178,8 +174,7 @@ bool Session<Stream>::take_header() {
   return true;
 }
 
-template <class Stream>
-void Session<Stream>::take_message() {
+void Session::take_message() {
   if (std::exchange(is_skipping_, false)) {
     buffer_.consume(buffer_.size());
     incoming_.reset();
@@ -196,6 +191,7 @@ void Session<Stream>::take_message() {
   }
   call->request = std::move(*incoming_);
   incoming_.reset();
+  mark_.reset();
   if (!is_open_) return open(call);
   const std::size_t unanswered = waiting_.size() + (is_busy_ ? 1 : 0);
   if (unanswered >= static_cast<std::size_t>(sessions_.config.max_requests)) {
@@ -206,8 +202,7 @@ void Session<Stream>::take_message() {
   dispatch_next();
 }
 
-template <class Stream>
-void Session<Stream>::dispatch_next() {
+void Session::dispatch_next() {
   if (is_busy_ || waiting_.empty() || is_gone_ || outbox_bytes_ > kMaxOutboxBytes) return;
   is_busy_ = true;
   const std::shared_ptr<Call> call = std::move(waiting_.front());
@@ -217,8 +212,7 @@ void Session<Stream>::dispatch_next() {
   sessions_.service.answer(call);
 }
 
-template <class Stream>
-void Session<Stream>::deliver(const std::shared_ptr<Call>& call) {
+void Session::deliver(const std::shared_ptr<Call>& call) {
   asio::dispatch(socket_.get_executor(), [self = self(), call] {
     if (!call->is_of_stream) {
       self->is_busy_ = false;
@@ -230,8 +224,7 @@ void Session<Stream>::deliver(const std::shared_ptr<Call>& call) {
   });
 }
 
-template <class Stream>
-void Session<Stream>::refuse(std::uint64_t id, Code code, const std::string& text, bool ends) {
+void Session::refuse(std::uint64_t id, Code code, const std::string& text, bool ends) {
   const auto call = std::make_shared<Call>();
   call->request.id = id;
   call->fail(code, text);
@@ -242,8 +235,7 @@ void Session<Stream>::refuse(std::uint64_t id, Code code, const std::string& tex
 
 // ------------------------------------------------------------------------------------------------------------------- streams
 
-template <class Stream>
-void Session<Stream>::subscribe(const std::shared_ptr<Call>& call, const protocol::Subscribe& subscribe) {
+void Session::subscribe(const std::shared_ptr<Call>& call, const protocol::Subscribe& subscribe) {
   const auto refused = [&](Code code, const std::string& text) {
     call->fail(code, text);
     call->finish();
@@ -270,40 +262,37 @@ void Session<Stream>::subscribe(const std::shared_ptr<Call>& call, const protoco
   dispatch_next();
 }
 
-template <class Stream>
-void Session<Stream>::wait_for(std::uint64_t id) {
+void Session::wait_for(std::uint64_t id) {
   const auto found = subscriptions_.find(id);
   if (found == subscriptions_.end()) return;
-  found->second->timer.async_wait(
-      [weak = this->weak_from_this(), id, stream = std::weak_ptr(found->second)](beast::error_code error) {
-        const auto self = weak.lock();
-        const auto subscription = stream.lock();
-        if (error || !self || !subscription || self->is_gone_ || self->is_ending_) return;
-        // The next time is a multiple of the period, unless it is late already.
-        const auto now = std::chrono::steady_clock::now();
-        subscription->timer.expires_at(std::max(subscription->timer.expiry() + subscription->period, now));
-        const std::int64_t change = self->sessions_.service.changes();
-        const bool is_new = !subscription->what.only_new || change != subscription->last_change;
-        if (!subscription->is_pending && is_new) {
-          subscription->is_pending = true;
-          subscription->last_change = change;
-          const auto call = std::make_shared<Call>();
-          call->client = self;
-          call->is_of_stream = true;
-          call->request.id = id;
-          std::visit(
-              [&](const auto& what) {
-                if constexpr (!std::is_same_v<std::decay_t<decltype(what)>, std::monostate>) call->request.operation = what;
-              },
-              subscription->what.what);
-          self->sessions_.service.answer(call);
-        }
-        self->wait_for(id);
-      });
+  found->second->timer.async_wait([weak = weak_from_this(), id, stream = std::weak_ptr(found->second)](beast::error_code error) {
+    const auto self = weak.lock();
+    const auto subscription = stream.lock();
+    if (error || !self || !subscription || self->is_gone_ || self->is_ending_) return;
+    // The next time is a multiple of the period, unless it is late already.
+    const auto now = std::chrono::steady_clock::now();
+    subscription->timer.expires_at(std::max(subscription->timer.expiry() + subscription->period, now));
+    const std::int64_t change = self->sessions_.service.changes();
+    const bool is_new = !subscription->what.only_new || change != subscription->last_change;
+    if (!subscription->is_pending && is_new) {
+      subscription->is_pending = true;
+      subscription->last_change = change;
+      const auto call = std::make_shared<Call>();
+      call->client = self;
+      call->is_of_stream = true;
+      call->request.id = id;
+      std::visit(
+          [&](const auto& what) {
+            if constexpr (!std::is_same_v<std::decay_t<decltype(what)>, std::monostate>) call->request.operation = what;
+          },
+          subscription->what.what);
+      self->sessions_.service.answer(call);
+    }
+    self->wait_for(id);
+  });
 }
 
-template <class Stream>
-void Session<Stream>::unsubscribe(const std::shared_ptr<Call>& call, const protocol::Unsubscribe& unsubscribe) {
+void Session::unsubscribe(const std::shared_ptr<Call>& call, const protocol::Unsubscribe& unsubscribe) {
   if (subscriptions_.erase(unsubscribe.stream) == 0) {
     call->fail(Code::kNotFound, "stream: expected the id of a Subscribe request, got " + std::to_string(unsubscribe.stream));
   } else {
@@ -315,8 +304,7 @@ void Session<Stream>::unsubscribe(const std::shared_ptr<Call>& call, const proto
 
 // ------------------------------------------------------------------------------------------------------------------- replies
 
-template <class Stream>
-void Session<Stream>::send(const std::shared_ptr<Call>& call) {
+void Session::send(const std::shared_ptr<Call>& call) {
   if (is_gone_) return;
   if (call->is_of_stream && !subscriptions_.contains(call->request.id) &&
       !std::holds_alternative<protocol::Error>(call->reply.result)) {
@@ -327,8 +315,7 @@ void Session<Stream>::send(const std::shared_ptr<Call>& call) {
   if (outbox_.size() == 1) write();
 }
 
-template <class Stream>
-void Session<Stream>::write() {
+void Session::write() {
   const Call& call = *outbox_.front();
   const std::array<asio::const_buffer, 2> parts{asio::buffer(call.writer.header()), asio::buffer(call.writer.values())};
   socket_.async_write(parts, [self = self()](beast::error_code error, std::size_t) {
@@ -356,34 +343,46 @@ void Session<Stream>::write() {
 
 // ---------------------------------------------------------------------------------------------------------------------- end
 
-template <class Stream>
-void Session<Stream>::stop(const std::string& reason) {
+void Session::stop(const std::string& reason) {
   asio::dispatch(socket_.get_executor(), [self = self(), reason] { self->close(websocket::close_code::going_away, reason); });
 }
 
-template <class Stream>
-void Session<Stream>::close(websocket::close_code code, const std::string& reason) {
+void Session::close(websocket::close_code code, const std::string& reason) {
   if (is_gone_ || !socket_.is_open()) return end();
   is_ending_ = true;
   if (std::exchange(is_closing_, true)) return;
   socket_.async_close({code, reason}, [self = self()](beast::error_code) { self->end(); });
 }
 
-template <class Stream>
-void Session<Stream>::end() {
+void Session::end() {
   if (std::exchange(is_gone_, true)) return;
   hello_timer_.cancel();
+  idle_timer_.cancel();
+  mark_.reset();
   subscriptions_.clear();
   waiting_.clear();
   while (outbox_.size() > 1) outbox_.pop_back();  // the first one is being written
-  beast::get_lowest_layer(socket_).close();
+  socket_.next_layer().close();
   if (!is_open_) return;
   --sessions_.num_open;
   sessions_.service.leave(*this);
 }
 
-template class Session<TcpStream>;
-template class Session<TlsStream>;
-template class Session<UnixStream>;
+void Session::watch() {
+  const auto limit = std::chrono::duration_cast<std::chrono::steady_clock::duration>(
+      std::chrono::duration<double>(sessions_.config.idle_timeout_s));
+  const auto silence = std::chrono::steady_clock::now() - last_arrival_;
+  if (silence >= limit) return end();
+  const bool is_late = silence >= limit / 2;
+  if (is_late && !is_pinging_ && !is_closing_) {
+    is_pinging_ = true;
+    socket_.async_ping({}, [self = self()](beast::error_code) { self->is_pinging_ = false; });
+  }
+  idle_timer_.expires_at(last_arrival_ + (is_late ? limit : limit / 2));
+  idle_timer_.async_wait([weak = weak_from_this()](beast::error_code error) {
+    const auto self = weak.lock();
+    if (!error && self && !self->is_gone_) self->watch();
+  });
+}
 
 }  // namespace flockstep::server

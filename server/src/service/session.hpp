@@ -4,10 +4,8 @@
 // clang-format off: Boost 1.74 uses std::exchange without its header
 #include <utility>
 #include <boost/asio.hpp>
-#include <boost/asio/ssl.hpp>
 #include <boost/beast/core.hpp>
 #include <boost/beast/http.hpp>
-#include <boost/beast/ssl.hpp>
 #include <boost/beast/websocket.hpp>
 // clang-format on
 
@@ -24,30 +22,27 @@
 
 #include "service/call.hpp"
 #include "service/service.hpp"
+#include "service/stream.hpp"
+#include "service/workload.hpp"
 
 namespace flockstep::server {
 
-namespace asio = boost::asio;
-namespace beast = boost::beast;
 namespace websocket = beast::websocket;
-
-using TcpStream = beast::tcp_stream;
-using TlsStream = beast::ssl_stream<beast::tcp_stream>;
-using UnixStream = beast::basic_stream<asio::local::stream_protocol, asio::any_io_executor, beast::unlimited_rate_policy>;
 
 // Data that the sessions of a server share.
 struct Sessions {
   Service& service;
   const ServerConfig& config;
+  Workload& workload;
   std::atomic<int> count{0};     // connections
   std::atomic<int> num_open{0};  // those whose Hello was answered
 };
 
 // All handlers run in the strand of the stream.
-template <class Stream>
-class Session final : public Client, public std::enable_shared_from_this<Session<Stream>> {
+class Session final : public Client, public std::enable_shared_from_this<Session> {
  public:
-  Session(Sessions& sessions, Stream stream);
+  // tls: null without TLS.
+  Session(Sessions& sessions, Stream::Socket socket, asio::ssl::context* tls);
   ~Session() override;
 
   void start();
@@ -57,7 +52,7 @@ class Session final : public Client, public std::enable_shared_from_this<Session
   // handler of this object.
   void shut_down() {
     beast::error_code ignored;
-    beast::get_lowest_layer(socket_).socket().shutdown(asio::socket_base::shutdown_send, ignored);
+    socket_.next_layer().socket().shutdown(asio::socket_base::shutdown_send, ignored);
     subscriptions_.clear();
     waiting_.clear();
     outbox_.clear();  // calls hold their session
@@ -65,7 +60,6 @@ class Session final : public Client, public std::enable_shared_from_this<Session
   void deliver(const std::shared_ptr<Call>& call) override;
 
  private:
-  using Self = Session<Stream>;
   using Timer = asio::steady_timer;
 
   struct Subscription {
@@ -93,19 +87,25 @@ class Session final : public Client, public std::enable_shared_from_this<Session
   void write();
   void close(websocket::close_code code, const std::string& reason);
   void end();
-  std::shared_ptr<Self> self() { return this->shared_from_this(); }
+  // Ends the session when nothing has arrived for a while, and sends a ping after half of that time. The timeout of Beast would
+  // set a timer of the system at each message.
+  void watch();
+  std::shared_ptr<Session> self() { return shared_from_this(); }
 
   Sessions& sessions_;
-  websocket::stream<Stream> socket_;
+  websocket::stream<Stream, false> socket_;  // without compression
   beast::flat_buffer buffer_;
   beast::http::request<beast::http::empty_body> upgrade_;
-  Timer hello_timer_;
+  Timer hello_timer_, idle_timer_;
+  std::chrono::steady_clock::time_point last_arrival_{};
+  std::optional<Workload::Mark> mark_;  // during the handshake of TLS, and while a large message comes in
 
   bool is_open_ = false;    // Hello was answered
   bool is_ending_ = false;  // no more is read; the connection closes when all is sent
   bool is_closing_ = false;
   bool is_gone_ = false;
   bool is_reading_ = false;
+  bool is_pinging_ = false;
   bool is_busy_ = false;                       // a request is being answered
   std::optional<protocol::Request> incoming_;  // header of the message that is coming in
   bool is_skipping_ = false;                   // that message was refused
@@ -116,9 +116,5 @@ class Session final : public Client, public std::enable_shared_from_this<Session
   std::size_t outbox_bytes_ = 0;
   std::map<std::uint64_t, std::shared_ptr<Subscription>> subscriptions_;
 };
-
-extern template class Session<TcpStream>;
-extern template class Session<TlsStream>;
-extern template class Session<UnixStream>;
 
 }  // namespace flockstep::server
