@@ -758,7 +758,9 @@ def load():
             remote.step(remote.action_space.sample())
 for _ in range(3):
     threading.Thread(target=load, daemon=True).start()
-time.sleep(0.5)
+deadline = time.monotonic() + 30
+while server.num_steps <= 10 and time.monotonic() < deadline:
+    time.sleep(0.01)
 assert server.num_steps > 10, server.num_steps
 for _ in range(20):
     envs.step(envs.action_space.sample())
@@ -806,26 +808,6 @@ def test_ownership(batch):
         while other.get_drones()[2].owner and time.monotonic() < deadline:
             time.sleep(0.01)
         other.drone(2).set_location([1.0, 0.0, 1.2], teleport=True)
-
-
-def test_a_client_that_is_gone_claims_nothing(batch):
-    names, stop = ["position"], threading.Event()
-    batch.remove([3])
-    with flockstep.serve(batch, port=0, ownership=True) as server, flockstep.connect(server.address) as client:
-        thread = in_thread(lambda: [batch.sense() for _ in iter(stop.is_set, True)])
-        try:
-            for _ in range(20):
-                raw = Raw(server)
-                raw.send(encode(Request(id=2, spawn_drone=pb.SpawnDrone(claim=True)), {}))
-                raw.__exit__()
-        finally:
-            stop.set()
-            thread.join()
-        deadline = time.monotonic() + 10
-        while server.num_clients > 1 and time.monotonic() < deadline:
-            time.sleep(0.01)
-        client.get_arrays(names)
-        assert all(drone.owner == 0 for drone in client.get_drones())
 
 
 def test_without_ownership_a_claim_only_shows(server, client):

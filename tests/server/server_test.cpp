@@ -1,0 +1,334 @@
+// The server's threads: one runs handlers, and a spare one helps out while something may take long.
+#include "flockstep/server.hpp"
+
+#include <gtest/gtest.h>
+#include <sys/resource.h>
+
+#include <algorithm>
+#include <atomic>
+#include <chrono>
+#include <cstdint>
+#include <functional>
+#include <memory>
+#include <optional>
+#include <stdexcept>
+#include <string>
+#include <thread>
+#include <utility>
+#include <vector>
+
+#include "batch_helpers.hpp"
+#include "flockstep/batch.hpp"
+#include "flockstep/batch_lock.hpp"
+#include "flockstep/client.hpp"
+#include "service/executor.hpp"
+#include "service/workload.hpp"
+
+namespace flockstep::server {
+namespace {
+
+using namespace std::chrono_literals;
+using client::Connection;
+using client::DroneController;
+using client::GameModeController;
+using client::later;
+
+BatchConfig kinematic() {
+  BatchConfig config = testing::lidar_batch(1, {.beams = 35, .max_range_m = 20});
+  config.drones_per_env = 8;
+  CameraConfig camera;
+  camera.width_px = 32;
+  camera.height_px = 24;
+  camera.capture_mode = CaptureMode::on_demand;
+  config.cameras = {camera};
+  return config;
+}
+
+constexpr std::size_t kFleet = 64;
+
+BatchConfig rotors() {
+  BatchConfig config = testing::lidar_batch(kFleet);
+  config.dynamics.motion = Motion::rotors;
+  config.dynamics.control = Control::velocity;
+  return config;
+}
+
+struct Served {
+  explicit Served(const BatchConfig& config)
+      : batch(config, Batch::Worlds{testing::closet()}, nullptr, DroneModel::quadrotor650()), server(batch, any_port()) {}
+  static ServerConfig any_port() {
+    ServerConfig config;
+    config.port = 0;
+    config.max_clients = 2000;
+    return config;
+  }
+  Connection connect() const { return Connection({.address = server.address(), .timeout = 60s}); }
+
+  Batch batch;
+  Server server;
+};
+
+// Some pings take longer than a request on its way to the server.
+bool answers_pings(GameModeController& client) {
+  for (int i = 0; i < 50; ++i) {
+    if (!client.ping(later).get_for(5s)) return false;
+  }
+  return true;
+}
+
+// An operation that is sent and whose result is fetched later.
+using Sent = std::function<void()>;
+using Operation = std::function<Sent(const Connection&)>;
+
+template <class Begin>
+Operation operation(Begin begin) {
+  return [begin](const Connection& connection) {
+    const auto future = std::make_shared<decltype(begin(connection))>(begin(connection));
+    return [future] { future->get(); };
+  };
+}
+
+std::vector<std::pair<std::string, Operation>> operations() {
+  const auto drone = [](const Connection& to) { return DroneController(to, 3); };
+  return {
+      {"SetLocation", operation([=](const Connection& to) { return drone(to).set_location(later, {1, 1, 0.75F}, true); })},
+      {"GetLidarData", operation([=](const Connection& to) { return drone(to).get_lidar_data(later); })},
+      {"GetCameraData", operation([=](const Connection& to) { return drone(to).get_camera_data(later); })},
+      {"GetLocation", operation([=](const Connection& to) { return drone(to).get_location(later); })},
+      {"GetArrays", operation([=](const Connection& to) { return GameModeController(to).get_array(later, "position"); })},
+      {"SetPoses", operation([](const Connection& to) { return GameModeController(to).set_poses(later, {}, true); })},
+      {"Sense", operation([](const Connection& to) { return GameModeController(to).sense(later); })},
+      {"Step", operation([](const Connection& to) { return GameModeController(to).step(later); })},
+      {"Snapshot", operation([](const Connection& to) { return GameModeController(to).snapshot(later); })},
+      {"SetLidarConfig", operation([=](const Connection& to) { return drone(to).set_lidar_config(later, {.hfov_deg = 90.0F}); })},
+  };
+}
+
+TEST(Workload, IsWaitedForUntilItsLastMark) {
+  Workload workload;
+  std::atomic<int> turns{0};
+  std::thread spare([&] {
+    while (workload.wait()) ++turns;
+  });
+  const auto is_idle = [&] {
+    for (int i = 0; i < 200; ++i) {
+      const int before = turns;
+      std::this_thread::sleep_for(10ms);
+      if (turns == before) return true;
+    }
+    return false;
+  };
+  const auto is_busy = [&] {
+    for (const int before = turns; turns == before;) std::this_thread::yield();
+  };
+  EXPECT_TRUE(is_idle());
+  {
+    const Workload::Mark outer(workload);
+    is_busy();
+    try {
+      const Workload::Mark inner(workload);
+      throw std::runtime_error("of the operation");
+    } catch (const std::runtime_error&) {
+    }
+    is_busy();
+  }
+  EXPECT_TRUE(is_idle());
+  for (int i = 0; i < 100; ++i) {
+    const Workload::Mark mark(workload);
+    is_busy();
+  }
+  workload.end();
+  spare.join();
+}
+
+TEST(Executor, MarksTheWorkOfMany) {
+  Workload workload;
+  std::atomic<int> turns{0};
+  std::thread spare([&] {
+    while (workload.wait()) ++turns;
+  });
+  Executor executor(workload);
+  std::vector<int> order;
+  executor.run([&] {
+    for (int i = 0; i < 100; ++i) {
+      executor.run([&, i] {
+        order.push_back(i);
+        if (i == 50) {
+          for (const int before = turns; turns == before;) std::this_thread::yield();
+        }
+      });
+    }
+    EXPECT_FALSE(executor.try_run([] { return true; }));
+    EXPECT_TRUE(order.empty());
+  });
+  ASSERT_EQ(order.size(), 100U);
+  EXPECT_TRUE(std::ranges::is_sorted(order));
+  EXPECT_TRUE(executor.try_run([] { return true; }));
+  workload.end();
+  spare.join();
+}
+
+TEST(Server, AnswersPingsWhileAnOperationWaitsForTheProgram) {
+  Served served(kinematic());
+  const Connection first = served.connect(), second = served.connect();
+  GameModeController other(served.connect());
+  for (const auto& [name, begin] : operations()) {
+    SCOPED_TRACE(name);
+    std::vector<Sent> sent;
+    {
+      const BatchLock lock(served.batch);
+      sent.push_back(begin(first));
+      ASSERT_TRUE(answers_pings(other));
+      sent.push_back(begin(second));
+      ASSERT_TRUE(answers_pings(other));
+    }
+    for (const Sent& result : sent) result();
+    EXPECT_TRUE(answers_pings(other));
+  }
+}
+
+TEST(Server, FreesADroneThatALastRequestClaims) {
+  Served served(kinematic());
+  GameModeController first(served.connect()), other(served.connect());
+  std::optional<Connection> gone = served.connect();
+  {
+    const BatchLock lock(served.batch);
+    auto sensed = first.sense(later);  // waits for the lock, and the next request for this one
+    ASSERT_TRUE(answers_pings(other));
+    static_cast<void>(GameModeController(*gone).spawn_drone(later, {.claim = true}));
+    ASSERT_TRUE(answers_pings(other));
+    gone.reset();
+    ASSERT_TRUE(answers_pings(other));  // by then the server knows that the client is gone
+  }
+  other.sense();  // comes after both
+  const std::vector<client::Drone> drones = other.get_drones();
+  EXPECT_EQ(drones.size(), 9U);
+  for (const client::Drone& drone : drones) EXPECT_EQ(drone.owner, 0U);
+}
+
+TEST(Server, AnswersPingsWhileATickOrALockstepWaits) {
+  Served served(kinematic());
+  GameModeController clock(served.connect()), member(served.connect()), other(served.connect());
+  clock.set_clock(1000);
+  for (int i = 0; i < 3; ++i) {
+    const BatchLock lock(served.batch);
+    std::this_thread::sleep_for(5ms);
+    ASSERT_TRUE(answers_pings(other));
+  }
+  clock.set_clock(0);
+  clock.join_lockstep();
+  member.join_lockstep();
+  auto first = clock.step(later);
+  std::optional<client::Future<client::Time>> second;
+  {
+    const BatchLock lock(served.batch);
+    second.emplace(member.step(later));
+    ASSERT_TRUE(answers_pings(other));
+  }
+  EXPECT_EQ(first.get().step, second->get().step);
+}
+
+TEST(Server, AnswersPingsDuringALongOperationAndAfterItsFailure) {
+  Served served(rotors());
+  GameModeController pilot(served.connect()), second(served.connect()), other(served.connect());
+  const std::vector<float> hover(4 * kFleet, 0.0F);
+  for (int i = 0; i < 100; ++i) EXPECT_THROW(pilot.fly({.command = hover}, 2'000'000), client::Error);
+  auto flight = pilot.fly(later, {.command = hover}, 100'000);
+  auto next = second.fly(later, {.command = hover}, 1);
+  ASSERT_TRUE(answers_pings(other));
+  EXPECT_FALSE(flight.is_ready());
+  EXPECT_FALSE(next.is_ready());
+  next.get();
+  EXPECT_TRUE(flight.is_ready());
+}
+
+TEST(Server, StopsWhileOperationsRunAndWait) {
+  for (int i = 0; i < 3; ++i) {
+    Served served(rotors());
+    GameModeController pilot(served.connect()), second(served.connect()), other(served.connect());
+    const std::vector<float> hover(4 * kFleet, 0.0F);
+    auto flight = pilot.fly(later, {.command = hover}, 1'000'000);
+    auto next = second.fly(later, {.command = hover}, 1'000'000);
+    ASSERT_TRUE(answers_pings(other));
+    const auto begin = std::chrono::steady_clock::now();
+    served.server.stop();
+    EXPECT_LT(std::chrono::steady_clock::now() - begin, 5s);
+    EXPECT_THROW(flight.get(), client::Error);
+    EXPECT_THROW(next.get(), client::Error);
+    EXPECT_THROW(other.ping(), client::Error);
+  }
+}
+
+TEST(Server, AnswersAThousandClientsThatAskAtOnce) {
+  constexpr rlim_t kFiles = 8192;
+  rlimit before{};
+  ASSERT_EQ(getrlimit(RLIMIT_NOFILE, &before), 0);
+  rlimit files = before;
+  files.rlim_cur = std::max(before.rlim_cur, std::min(before.rlim_max, kFiles));
+  ASSERT_EQ(setrlimit(RLIMIT_NOFILE, &files), 0);
+  const std::size_t count = files.rlim_cur >= kFiles ? 1000 : static_cast<std::size_t>(files.rlim_cur / 8);
+  {
+    Served served(kinematic());
+    std::vector<Connection> connections;
+    for (std::size_t i = 0; i < count; ++i) connections.push_back(served.connect());
+    const auto all = operations();
+    GameModeController other(connections.front());
+    for (int round = 0; round < 3; ++round) {
+      std::vector<Sent> sent;
+      for (std::size_t i = 1; i < count; ++i)
+        sent.push_back(all[(i + static_cast<std::size_t>(round)) % all.size()].second(connections[i]));
+      EXPECT_TRUE(answers_pings(other));
+      for (const Sent& result : sent) result();
+    }
+    EXPECT_EQ(served.server.num_clients(), static_cast<int>(count));
+  }
+  setrlimit(RLIMIT_NOFILE, &before);
+}
+
+// Threads of clients and of the program, which refused requests and the end of the server meet at any time.
+TEST(Server, LosesNoReplyUnderLoad) {
+  for (int round = 0; round < 3; ++round) {
+    Served served(kinematic());
+    std::atomic<bool> is_over{false};
+    std::atomic<int> done{0};
+    std::vector<std::thread> threads;
+    for (std::size_t i = 0; i < 6; ++i) {
+      threads.emplace_back([&, i] {
+        const auto all = operations();
+        try {
+          const Connection connection = served.connect();
+          DroneController missing(connection, 99);
+          for (std::size_t turn = i; !is_over; ++turn) {
+            const Sent first = all[turn % all.size()].second(connection),
+                       second = all[(turn + i) % all.size()].second(connection);
+            if (turn % 7 == 0) {
+              EXPECT_THROW(missing.set_location({0, 0, 1}), client::Error);
+            }
+            second();
+            first();
+            ++done;
+          }
+        } catch (const client::Error& error) {
+          EXPECT_NE(error.code(), client::ErrorCode::timeout) << error.what();
+          EXPECT_TRUE(is_over) << error.what();
+        }
+      });
+    }
+    threads.emplace_back([&] {
+      while (!is_over) {
+        served.batch.sense();
+        std::this_thread::sleep_for(100us);
+      }
+    });
+    GameModeController other(served.connect());
+    bool is_answered = true;
+    while (is_answered && done < 300) is_answered = answers_pings(other);
+    is_over = true;
+    if (round > 0) served.server.stop();
+    for (std::thread& thread : threads) thread.join();
+    EXPECT_TRUE(is_answered);
+  }
+}
+
+}  // namespace
+}  // namespace flockstep::server
