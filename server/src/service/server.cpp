@@ -91,7 +91,7 @@ class Server::Impl {
         sessions_{.service = service_, .config = config_, .workload = workload_},
         tls_(asio::ssl::context::tls_server),
         tick_timer_(asio::make_strand(io_)),
-        retry_timer_(io_) {
+        retry_timer_(accepting_) {
     listen();
     service_.on_new_rate([this] { asio::post(tick_timer_.get_executor(), [this] { schedule_tick(); }); });
     schedule_tick();
@@ -114,7 +114,7 @@ class Server::Impl {
       if (is_stopped_) return;
       is_stopped_ = true;
     }
-    asio::post(io_, [this] {
+    asio::post(accepting_, [this] {
       boost::system::error_code ignored;
       if (tcp_) tcp_->close(ignored);
       if (unix_) unix_->close(ignored);
@@ -176,12 +176,12 @@ class Server::Impl {
     try {
       if (is_unix(config_)) {
         const std::string path = config_.address.substr(kUnix.size());
-        unix_.emplace(io_, asio::local::stream_protocol());
+        unix_.emplace(accepting_, asio::local::stream_protocol());
         unix_->bind(path);
         std::filesystem::permissions(path, std::filesystem::perms::owner_read | std::filesystem::perms::owner_write);
         unix_->listen();  // not earlier: nobody else connects before the permissions are set
       } else {
-        tcp_.emplace(io_, tcp::endpoint(ip_address(config_), static_cast<unsigned short>(config_.port)), true);
+        tcp_.emplace(accepting_, tcp::endpoint(ip_address(config_), static_cast<unsigned short>(config_.port)), true);
         port_ = tcp_->local_endpoint().port();
       }
     } catch (const boost::system::system_error& error) {
@@ -264,6 +264,7 @@ class Server::Impl {
   asio::ssl::context tls_;
   asio::io_context io_;  // after what the sessions in it refer to
   asio::executor_work_guard<asio::io_context::executor_type> work_{io_.get_executor()};
+  asio::strand<asio::io_context::executor_type> accepting_{asio::make_strand(io_)};  // of the acceptors and retry_timer_
   std::optional<tcp::acceptor> tcp_;
   std::optional<asio::local::stream_protocol::acceptor> unix_;
   int port_ = 0;
