@@ -1,8 +1,8 @@
 // Times the server from the outside: round trips of the C++ client beside those of bare echoes, and clients that load a server.
 // Prints a JSON list of figures. bench/server.py starts the servers and runs this program:
 //
-//   server echo tcp|websocket                                  answers on a free port, which it prints, until it is killed
-//   server round-trips DRONE ARRAYS TCP WEBSOCKET CALLS NAME:REQUEST:REPLY...
+//   server echo tcp|websocket|async                            answers on a free port, which it prints, until it is killed
+//   server round-trips DRONE ARRAYS TCP WEBSOCKET ASYNC CALLS NAME:REQUEST:REPLY...
 //                      addresses of two servers of flockstep, ports of two echoes, calls to time, sizes of messages in bytes
 //   server clients ADDRESS COUNT move|scan SECONDS             COUNT clients at once, each with a drone and a thread
 //   server in-process                                          what a scan and a JPEG file cost without a server
@@ -153,6 +153,46 @@ void set_options(WebSocket& socket) {
   }
 }
 
+// As a server of many clients must do it: with the asynchronous operations of Beast, on one thread.
+class AsyncEcho {
+ public:
+  explicit AsyncEcho(tcp::socket socket) : socket_(std::move(socket)) {
+    set_options(socket_);
+    socket_.accept();
+    Sizes sizes{};
+    asio::buffer_copy(asio::buffer(sizes), (socket_.read(buffer_), buffer_.data()));
+    reply_.assign(sizes[1], 'x');
+    read();
+  }
+
+ private:
+  void read() {
+    buffer_.clear();
+    socket_.async_read(buffer_, [this](beast::error_code error, std::size_t) {
+      if (error) return;
+      socket_.async_write(asio::buffer(reply_), [this](beast::error_code failure, std::size_t) {
+        if (!failure) read();
+      });
+    });
+  }
+
+  WebSocket socket_;
+  beast::flat_buffer buffer_;
+  std::vector<char> reply_;
+};
+
+[[noreturn]] void echo_async() {
+  asio::io_context context;
+  tcp::acceptor acceptor(context, {asio::ip::address_v4::loopback(), 0});
+  std::printf("%d\n", acceptor.local_endpoint().port());
+  std::fflush(stdout);
+  for (;;) {
+    AsyncEcho echo(acceptor.accept());
+    context.restart();
+    context.run();
+  }
+}
+
 // --------------------------------------------------------------------------------------------------------------- round trips
 
 // Times of calls, µs.
@@ -217,10 +257,11 @@ Case read_case(const std::string& text) {
 }
 
 void round_trips(const std::vector<std::string>& arguments) {
-  constexpr std::size_t kFixed = 5;
-  if (arguments.size() <= kFixed) throw std::invalid_argument("round-trips: expected five arguments and cases");
+  constexpr std::size_t kFixed = 6;
+  if (arguments.size() <= kFixed) throw std::invalid_argument("round-trips: expected six arguments and cases");
   const client::Connection to_drone({.address = arguments[0]}), to_arrays({.address = arguments[1]});
-  const int tcp_port = std::stoi(arguments[2]), websocket_port = std::stoi(arguments[3]), calls = std::stoi(arguments[4]);
+  const int tcp_port = std::stoi(arguments[2]), websocket_port = std::stoi(arguments[3]), async_port = std::stoi(arguments[4]);
+  const int calls = std::stoi(arguments[5]);
   client::DroneController drone(to_drone, 0);
   client::GameModeController arrays(to_arrays);
   client::Vector3 location = drone.get_location();
@@ -247,6 +288,7 @@ void round_trips(const std::vector<std::string>& arguments) {
     const auto [name, sizes] = read_case(arguments[i]);
     add(name + "/tcp", time_tcp(tcp_port, sizes, calls));
     add(name + "/websocket", time_websocket(websocket_port, sizes, calls));
+    add(name + "/async", time_websocket(async_port, sizes, calls));
     if (const auto operation = operations.find(name); operation != operations.end()) {
       add(name + "/cpp", time_calls(calls, operation->second));
     }
@@ -343,6 +385,7 @@ int main(int argc, char** argv) try {
   const std::vector<std::string> arguments(argv + std::min(argc, 2), argv + argc);
   if (command == "echo" && arguments == std::vector<std::string>{"tcp"}) echo_tcp();
   if (command == "echo" && arguments == std::vector<std::string>{"websocket"}) echo_websocket();
+  if (command == "echo" && arguments == std::vector<std::string>{"async"}) echo_async();
   if (command == "round-trips") {
     round_trips(arguments);
   } else if (command == "clients") {
@@ -350,7 +393,8 @@ int main(int argc, char** argv) try {
   } else if (command == "in-process") {
     in_process();
   } else {
-    throw std::invalid_argument("expected echo tcp, echo websocket, round-trips, clients or in-process, got \"" + command + '"');
+    throw std::invalid_argument("expected echo tcp, echo websocket, echo async, round-trips, clients or in-process, got \"" +
+                                command + '"');
   }
 } catch (const std::exception& error) {
   std::fprintf(stderr, "server: %s\n", error.what());

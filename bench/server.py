@@ -29,6 +29,7 @@ Measured = tuple[str, float, str, int]  # name, value, unit, runs
 
 ROUNDS, CALLS = 9, 1000  # of round trips: medians of the rounds; calls in a round
 PERCENTILES = (10, 50, 90)
+ECHOES = ("tcp", "websocket", "async")
 COUNTS = (1, 2, 4, 8, 16, 32, 64, 128)  # clients at once
 BEAMS = (35, 125, 250, 500, 1000)
 LOAD_S, STREAM_S, STEPS_S = 3.0, 5.0, 0.5
@@ -128,7 +129,7 @@ def measure_round_trips(prefix: str) -> Iterator[Measured]:
     with contextlib.ExitStack() as stack:
         drone_at = stack.enter_context(serving({**WORLD, "drones_per_env": 1, "lidars": [{}]})).address
         arrays_at = stack.enter_context(serving({**WORLD, "num_envs": DRONES, "lidars": [{"beams": 38}]})).address
-        echoes = [stack.enter_context(running([program(), "echo", kind]))[0] for kind in ("tcp", "websocket")]
+        echoes = [stack.enter_context(running([program(), "echo", kind]))[0] for kind in ECHOES]
         loop = asyncio.new_event_loop()
         stack.callback(loop.close)
         sync = [stack.enter_context(flockstep.connect(address)) for address in (drone_at, arrays_at)]
@@ -160,8 +161,8 @@ def measure_round_trips(prefix: str) -> Iterator[Measured]:
         yield f"{prefix}/{name}/{by}/p{percent}", statistics.median(values), "us", ROUNDS
         if percent != 50:
             continue
-        for bare in ("tcp", "websocket"):
-            if by not in ("tcp", "websocket"):
+        for bare in ECHOES:
+            if by not in ECHOES:
                 ratios = [a / b for a, b in zip(values, found[name, bare, 50], strict=True)]
                 yield f"{prefix}/{name}/{by}/ratio_to_{bare}", statistics.median(ratios), "1", ROUNDS
 

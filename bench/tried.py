@@ -8,6 +8,7 @@ agreement     LiDAR rays in worlds of primitives and triangles, in tiles, throug
 watertight    rays at corners and edges of closed meshes, in tiles: none passes through
 independence  rays in tiles, traced beside other rays and singly: the same bits
 worlds   seeds of the generated worlds: each has a flown path, and in every fiftieth a planner finds one
+soak     clients that connect, fly, read, stream, break off and send nonsense: the server's memory and files do not grow
 extensions   the patches of tests/extensions, applied to a copy, built and run; only if named
 scene, obj, ply, gltf, snapshot, calls, messages   the fuzzers, with address and undefined-behaviour sanitizers
 
@@ -29,6 +30,7 @@ import xml.etree.ElementTree
 
 import pybind11
 
+import soak
 from run import ROOT, commit, machine
 
 OUT = ROOT / "out" / "tried"
@@ -48,6 +50,7 @@ UNITS = dict.fromkeys(("agreement", "watertight", "independence"), "rays")  # un
 WORLDS = {"forest": 0.5, "office": 0.5, "warehouse": 0.6}
 SEEDS, PLANNED = 1000, 50  # seeds per generator; one world in PLANNED is planned
 FUZZERS = ("scene", "obj", "ply", "gltf", "snapshot", "calls", "messages")
+SOAK_S = 1800.0
 RUNS, HOUR_S = 1_000_000, 3600  # limits of a fuzzer, whichever is reached first
 
 
@@ -168,11 +171,12 @@ def write(name: str, result: dict[str, object]) -> None:
 
 
 def main() -> None:
-    names = [*TESTS, "worlds", "extensions", *FUZZERS]
+    names = [*TESTS, "worlds", "extensions", "soak", *FUZZERS]
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("names", nargs="*", metavar="NAME", help=f"one of {', '.join(names)}; all without one")
     parser.add_argument("--seeds", type=int, default=SEEDS, help="of each generator of worlds")
     parser.add_argument("--runs", type=int, default=RUNS, help="of a fuzzer; it ends after an hour all the same")
+    parser.add_argument("--seconds", type=float, default=SOAK_S, help="of the soak test of the server")
     args = parser.parse_args()
     for name in args.names:
         if name not in names:
@@ -185,6 +189,8 @@ def main() -> None:
             run_tests(name)
         elif name == "worlds":
             write(name, {**source(), "count": run_worlds(args.seeds), "unit": name})
+        elif name == "soak":
+            write(name, {**source(), **soak.run(args.seconds)})
         else:
             write(name, {**source(), "count": run_fuzzer(name, args.runs), "unit": "runs"})
 
