@@ -141,9 +141,12 @@ def returned(env: SteppedEnv, observation: Observation) -> Observation:
 
 
 def episode_infos(
-    env: SteppedEnv, indices: npt.NDArray[np.intp] | None, task_infos: Mapping[str, Array]
+    env: SteppedEnv, indices: npt.NDArray[np.intp] | slice | None, task_infos: Mapping[str, Array]
 ) -> dict[str, Any]:
-    """Return the episode statistics of the envs ``indices`` (None: all) and those of the task, as new arrays."""
+    """Return the episode statistics of the rows ``indices`` and those of the task.
+
+    They are new arrays if ``indices`` is an array, or None for all rows; views if it is a slice.
+    """
     batch, rows = env.batch, slice(None) if indices is None else indices
     report = {name: getattr(batch, name)[rows] for name in _OF_EPISODES}
     report["episode_terms"] = dict(zip(env._reward_terms, batch.episode_terms[rows].T, strict=True))

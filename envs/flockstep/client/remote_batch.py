@@ -50,7 +50,8 @@ class RemoteTask:
 class RemoteBatch:
     """Steps the task of a server's batch, and holds the arrays of its last answer, which are new in each answer.
 
-    The arrays of episodes, from ``final_observation`` on, are there if an episode has ended in the last step.
+    The arrays of episodes, and ``final_observation``, have one row for each of the K rows whose episode has ended in
+    the last step; they are absent if K is 0.
     """
 
     def __init__(self, call: _Caller) -> None:
@@ -72,6 +73,23 @@ class RemoteBatch:
             Actions have a wrong shape or dtype, or are not finite; nothing has changed.
         """
         self._arrays = self._send(pb.Request(step_envs=pb.StepEnvs()), {"actions": self._actions(actions)})
+
+    def rows_of(self, indices: npt.NDArray[np.intp] | None) -> npt.NDArray[np.intp] | slice:
+        """Return where the arrays of episodes have the rows ``indices``, whose episodes must have ended; None: all.
+
+        Raises
+        ------
+        ValueError
+            The episode of one of the rows has not ended in the last step.
+        """
+        if indices is None:
+            return slice(None)
+        ended = np.flatnonzero(self.terminated | self.truncated)
+        if np.array_equal(indices, ended):
+            return slice(None)
+        if not np.isin(indices, ended).all():
+            raise ValueError(f"indices: expected rows whose episodes have ended in the last step, got {indices}")
+        return np.searchsorted(ended, indices)
 
     def _send(self, request: pb.Request, arrays: Arrays) -> Arrays:
         try:
@@ -107,7 +125,7 @@ class RemoteBatch:
 
     @property
     def final_observation(self) -> Any:
-        """Last observations of episodes that ended in this step, like `observation`."""
+        """Last observations of the episodes that ended in this step: arrays (K, ...)."""
         return self._observation(_FINAL_OBSERVATION)
 
     @property
@@ -127,37 +145,37 @@ class RemoteBatch:
 
     @property
     def episode_return(self) -> npt.NDArray[Any]:
-        """Sums of the rewards (N,)."""
+        """Sums of the rewards (K,)."""
         return self._arrays["episode_return"]
 
     @property
     def episode_terms(self) -> npt.NDArray[Any]:
-        """Sums of the reward terms (N, terms)."""
+        """Sums of the reward terms (K, terms)."""
         return self._arrays["episode_terms"]
 
     @property
     def episode_length(self) -> npt.NDArray[Any]:
-        """Numbers of steps (N,)."""
+        """Numbers of steps (K,)."""
         return self._arrays["episode_length"]
 
     @property
     def success(self) -> npt.NDArray[Any]:
-        """Flags (N,)."""
+        """Flags (K,)."""
         return self._arrays["success"]
 
     @property
     def crashed(self) -> npt.NDArray[Any]:
-        """Flags (N,)."""
+        """Flags (K,)."""
         return self._arrays["crashed"]
 
     @property
     def bad_state(self) -> npt.NDArray[Any]:
-        """Flags (N,)."""
+        """Flags (K,)."""
         return self._arrays["bad_state"]
 
     @property
     def episode_end(self) -> npt.NDArray[Any]:
-        """Reasons (N,), values of `EpisodeEnd`."""
+        """Reasons (K,), values of `EpisodeEnd`."""
         return self._arrays["episode_end"]
 
 

@@ -101,12 +101,25 @@ class RemoteVectorEnv(VectorEnv[Observation, Array, Array]):
         return stepping.results(self)
 
     def episode_infos(self, indices: npt.NDArray[np.intp] | None = None) -> dict[str, Any]:
-        """Return the statistics of the episodes that ended in the last step, in the envs ``indices``."""
-        return stepping.episode_infos(self, indices, {})
+        """Return the statistics of the episodes that ended in the last step, in the envs ``indices`` (default: in all).
+
+        Raises
+        ------
+        ValueError
+            The episode of one of the envs has not ended in the last step.
+        """
+        return stepping.episode_infos(self, self.batch.rows_of(indices), {})
 
     def final_observations(self, indices: npt.NDArray[np.intp]) -> list[Observation]:
-        """Return the last observation of the episode that ended in each of the envs ``indices``, as new arrays."""
-        return stepping.final_observations(self, indices)
+        """Return the last observation of the episode that ended in each of the envs ``indices``, as new arrays.
+
+        Raises
+        ------
+        ValueError
+            The episode of one of the envs has not ended in the last step.
+        """
+        rows = self.batch.rows_of(indices)
+        return stepping.final_observations(self, np.arange(len(indices)) if isinstance(rows, slice) else rows)
 
     def close_extras(self, **kwargs: Any) -> None:
         """Forget the batch. The client stays connected."""

@@ -563,7 +563,8 @@ class FLOCKSTEP_API GameModeController {
   }
   Future<Readings> reset_envs(Later, std::span<const std::uint64_t> seeds = {}, std::span<const std::uint8_t> mask = {});
   // Steps the task. actions: of the shape (Task::num_rows, ...) and type of Task::action; actions of floats are float32, others
-  // int64. Returns the arrays "observation/NAME", "reward", "terminated" and "truncated", and more when an episode has ended.
+  // int64. Returns the arrays "observation/NAME", "reward", "terminated" and "truncated". If episodes have ended, there are more
+  // arrays, such as "episode_return", with one row for each row whose "terminated" or "truncated" is set.
   Readings step_envs(const Array& actions) { return step_envs(later, actions).get(); }
   Future<Readings> step_envs(Later, const Array& actions);
 

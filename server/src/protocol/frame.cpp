@@ -76,6 +76,14 @@ void FrameWriter::add(std::string_view name, DType type, std::span<const std::by
   values_.append(reinterpret_cast<const char*>(values.data()), values.size());
 }
 
+void FrameWriter::add_rows(std::string_view name, DType type, const std::byte* values, std::span<const std::size_t> rows,
+                           std::span<const std::size_t> shape) {
+  add(name, type, std::span<const std::byte>(), shape);
+  std::size_t bytes = size_of(type);
+  for (const std::size_t size : shape.subspan(1)) bytes *= size;
+  for (const std::size_t row : rows) values_.append(reinterpret_cast<const char*>(values + row * bytes), bytes);
+}
+
 void FrameWriter::clear() {
   arrays_.clear();
   header_.clear();

@@ -45,6 +45,11 @@ class FrameWriter {
     add(name, dtype_of<T>(), std::as_bytes(values), std::span(shape.begin(), shape.size()));
   }
   void add(std::string_view name, DType type, std::span<const std::byte> values, std::span<const std::size_t> shape);
+  // Adds an array of some rows of another one, whose values begin at `values`. The shape is that of the new array.
+  void add_rows(std::string_view name, DType type, const std::byte* values, std::span<const std::size_t> rows,
+                std::span<const std::size_t> shape);
+  // Allocates memory for the values of all arrays, so that adding a large one does not copy those before it.
+  void reserve(std::size_t bytes) { values_.reserve(bytes); }
 
   // Writes the header with the descriptions of the arrays.
   template <class Message>

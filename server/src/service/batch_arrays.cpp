@@ -72,6 +72,13 @@ void add_row(protocol::FrameWriter& writer, std::string_view name, const ArrayVi
   writer.add(name, dtype_of(array), {static_cast<const std::byte*>(array.data) + row * bytes, bytes}, sizes);
 }
 
+void add_rows(protocol::FrameWriter& writer, const ArrayView& array, std::span<const std::size_t> rows) {
+  const ArrayShape shape = shape_of(array);
+  std::vector<std::size_t> sizes{rows.size()};
+  for (const std::ptrdiff_t size : shape.span().subspan(1)) sizes.push_back(static_cast<std::size_t>(size));
+  writer.add_rows(array.name, dtype_of(array), static_cast<const std::byte*>(array.data), rows, sizes);
+}
+
 std::optional<ArrayView> ArraySource::find(std::string_view sensor, std::string_view name) const {
   std::optional<ArrayView> found;
   list(sensor, [&](const ArrayView& view) {

@@ -8,6 +8,7 @@
 #include <memory>
 #include <mutex>
 #include <optional>
+#include <span>
 #include <string>
 #include <string_view>
 #include <vector>
@@ -26,6 +27,8 @@ protocol::DType dtype_of(const ArrayView& array);
 // Adds an array to a message, or one row of it under another name.
 void add_array(protocol::FrameWriter& writer, const ArrayView& array);
 void add_row(protocol::FrameWriter& writer, std::string_view name, const ArrayView& array, std::size_t row);
+// Adds an array of some of its rows.
+void add_rows(protocol::FrameWriter& writer, const ArrayView& array, std::span<const std::size_t> rows);
 
 // Arrays of one moment.
 class ArraySource {

@@ -44,14 +44,46 @@ protocol::DType message_of(DType type) {
   }
 }
 
-void add_observation(protocol::FrameWriter& writer, const char* prefix, const TaskSpec& spec, const std::vector<Buffer>& buffers,
-                     std::size_t rows) {
+std::vector<std::size_t> shape_of(const Field& field, std::size_t rows) {
+  std::vector<std::size_t> shape{rows};
+  for (const std::int64_t size : field.shape) shape.push_back(static_cast<std::size_t>(size));
+  return shape;
+}
+
+void add_observation(protocol::FrameWriter& writer, const TaskSpec& spec, const std::vector<Buffer>& buffers, std::size_t rows) {
   for (std::size_t i = 0; i < buffers.size(); ++i) {
     const Field& field = spec.observation[i];
-    std::vector<std::size_t> shape{rows};
-    for (const std::int64_t size : field.shape) shape.push_back(static_cast<std::size_t>(size));
-    writer.add(prefix + field.name, message_of(field.type), std::as_bytes(std::span(buffers[i].bytes())), shape);
+    writer.add("observation/" + field.name, message_of(field.type), std::as_bytes(std::span(buffers[i].bytes())),
+               shape_of(field, rows));
   }
+}
+
+// Adds the results of a step. Statistics of episodes, and final observations, only have the rows whose episode has ended.
+void add_step(protocol::FrameWriter& writer, const TaskSpec& spec, const Outputs& outputs, bool has_final) {
+  const std::size_t rows = outputs.reward.size();
+  std::vector<std::size_t> ended;
+  for (std::size_t row = 0; row < rows; ++row) {
+    if ((outputs.terminated[row] | outputs.truncated[row]) != 0) ended.push_back(row);
+  }
+  std::size_t row_bytes = 0;
+  for (const Buffer& buffer : outputs.observation) row_bytes += buffer.row_bytes();
+  const std::size_t statistics_bytes = 32 + sizeof(double) * spec.reward_terms.size();
+  writer.reserve(rows * (row_bytes + 8) + ended.size() * (row_bytes + statistics_bytes));
+  add_observation(writer, spec, outputs.observation, rows);
+  const bool adds_final = has_final && !ended.empty();
+  for (std::size_t i = 0; adds_final && i < spec.observation.size(); ++i) {
+    const Field& field = spec.observation[i];
+    writer.add_rows("final_observation/" + field.name, message_of(field.type), outputs.final_observation[i].bytes().data(), ended,
+                    shape_of(field, ended.size()));
+  }
+  for_each_view(outputs, {.sizes = {std::ssize(spec.reward_terms), 1}, .dimensions = 1}, [&](const ArrayView& view) {
+    const std::string_view name = view.name;
+    if (name == "reward" || name == "terminated" || name == "truncated") {
+      add_array(writer, view);
+    } else if (name != "reward_terms" && !ended.empty()) {
+      add_rows(writer, view, ended);
+    }
+  });
 }
 
 protocol::Field message_of(const Field& field) {
@@ -225,8 +257,7 @@ void Service::locked(Call& call, const protocol::ResetEnvs&) {
   begin_change();
   batch_.reset(seeds ? std::span<const std::uint64_t>(*seeds) : std::span<const std::uint64_t>(),
                mask ? EnvMask(*mask) : EnvMask());
-  add_observation(call.writer, "observation/", batch_.task()->spec(), batch_.outputs().observation,
-                  static_cast<std::size_t>(num_rows(batch_)));
+  add_observation(call.writer, batch_.task()->spec(), batch_.outputs().observation, static_cast<std::size_t>(num_rows(batch_)));
   write_time(call);
 }
 
@@ -249,18 +280,7 @@ void Service::locked(Call& call, const protocol::StepEnvs&) {
   }
   steps_.fetch_add(1, std::memory_order_relaxed);
   rate_.add(1.0, step_s_);
-  const Outputs& outputs = batch_.outputs();
-  const auto rows = static_cast<std::size_t>(shape[0]);
-  add_observation(call.writer, "observation/", spec, outputs.observation, rows);
-  const auto is_set = [](std::uint8_t flag) { return flag != 0; };
-  const bool ended = std::ranges::any_of(outputs.terminated, is_set) || std::ranges::any_of(outputs.truncated, is_set);
-  const bool has_final = ended && batch_.config().episode.autoreset_mode == AutoresetMode::same_step;
-  if (has_final) add_observation(call.writer, "final_observation/", spec, outputs.final_observation, rows);
-  for_each_view(outputs, {.sizes = {std::ssize(spec.reward_terms), 1}, .dimensions = 1}, [&](const ArrayView& view) {
-    const std::string_view name = view.name;
-    if (name == "reward_terms") return;
-    if (ended || name == "reward" || name == "terminated" || name == "truncated") add_array(call.writer, view);
-  });
+  add_step(call.writer, spec, batch_.outputs(), batch_.config().episode.autoreset_mode == AutoresetMode::same_step);
   write_time(call);
 }
 
