@@ -61,6 +61,25 @@ def test_arrays_of_every_type_survive():
         assert arrays[name].flags.writeable
 
 
+def test_descriptions_of_arrays_that_were_read_before():
+    random = np.random.default_rng(0)
+    for i in range(2000):
+        names = [str(random.choice(["a", "b", "x" * 200])) + str(j) for j in range(random.integers(4))]
+        arrays = {name: np.zeros(random.choice([0, 1, 200], 2), np.uint8) for name in names}
+        reply = pb.Reply(id=int(random.choice([0, 1, 127, 128, 2**63])), time=pb.Time(step=int(random.integers(300))))
+        for name, array in arrays.items():
+            reply.arrays.add(name=name, dtype=pb.DType.DTYPE_UINT8, shape=array.shape)
+        read, found = decode(reply_bytes(reply, b"".join(array.tobytes() for array in arrays.values())))
+        assert (read, list(found)) == (reply, list(arrays)), i
+        assert [array.shape for array in found.values()] == [array.shape for array in arrays.values()], i
+
+
+def test_a_described_request_is_not_described_again():
+    request = pb.Request(step_envs=pb.StepEnvs())
+    first = encode(request, {"actions": np.zeros(3)})
+    assert encode(request, {"actions": np.ones(3)}) == first[:-24] + np.ones(3).tobytes()
+
+
 def test_arrays_in_another_order_in_memory():
     columns = np.asfortranarray(np.arange(6, dtype=np.float32).reshape(2, 3))
     assert encode(pb.Request(fly=pb.Fly()), {"a": columns}).endswith(np.arange(6, dtype=np.float32).tobytes())

@@ -9,7 +9,7 @@ from typing import Any, TypeAlias
 import numpy as np
 import numpy.typing as npt
 
-from flockstep.client.protocol_pb2 import DecodeError, DType, Reply, Request
+from flockstep.client.protocol_pb2 import Array, DecodeError, DType, Reply, Request
 
 Arrays: TypeAlias = dict[str, npt.NDArray[Any]]
 
@@ -36,14 +36,56 @@ def numpy_type(dtype: int) -> np.dtype[Any]:
 
 
 def encode(request: Request, arrays: Mapping[str, npt.NDArray[Any]]) -> bytes:
-    """Return the message of a request with its arrays, whose descriptions are added to the request."""
+    """Return the message of a request with its arrays, whose descriptions are added to the request if it has none."""
     values = []
+    is_described = len(request.arrays) > 0
     for name, array in arrays.items():
         array = np.ascontiguousarray(array).reshape(array.shape)  # the first makes one dimension of none
-        request.arrays.add(name=name, dtype=_DTYPES[array.dtype.str], shape=array.shape)
+        if not is_described:
+            request.arrays.add(name=name, dtype=_DTYPES[array.dtype.str], shape=array.shape)
         values.append(array.data)
     header = request.SerializeToString()
     return b"".join((len(header).to_bytes(4, "little"), header, *values))
+
+
+#: Name, type, shape and bytes of each array of a message.
+Layout: TypeAlias = list[tuple[str, np.dtype[Any], tuple[int, ...], int]]
+
+_MAX_LAYOUTS = 1024
+
+
+class _Layouts:
+    """The layouts of earlier replies, by the bytes that describe their arrays, which Python reads slowly."""
+
+    def __init__(self) -> None:
+        self._known: dict[bytes, Layout] = {}
+        self._size = 0  # bytes of the last description
+
+    def of(self, reply: Reply, header: bytes) -> Layout:
+        """Return the layout of a reply with arrays. Servers write the id first, then the arrays."""
+        begin = 1 + _varint_size(reply.id) if reply.id else 0
+        layout = self._known.get(header[begin : begin + self._size])
+        if layout is None or len(layout) != len(reply.arrays):
+            sizes = [len(array.SerializeToString()) for array in reply.arrays]
+            self._size = sum(1 + _varint_size(size) + size for size in sizes)
+            if len(self._known) >= _MAX_LAYOUTS:
+                self._known.clear()
+            layout = [_described(array) for array in reply.arrays]
+            self._known[header[begin : begin + self._size]] = layout
+        return layout
+
+
+def _described(array: Array) -> tuple[str, np.dtype[Any], tuple[int, ...], int]:
+    dtype, shape = numpy_type(array.dtype), tuple(array.shape)
+    return array.name, dtype, shape, prod(shape) * dtype.itemsize
+
+
+def _varint_size(value: int) -> int:
+    """Return the bytes of an integer in a message of Protocol Buffers."""
+    return max(1, (value.bit_length() + 6) // 7)
+
+
+_layouts = _Layouts()
 
 
 def decode(message: bytes | bytearray | memoryview) -> tuple[Reply, Arrays]:
@@ -57,18 +99,17 @@ def decode(message: bytes | bytearray | memoryview) -> tuple[Reply, Arrays]:
         The message is malformed.
     """
     start = 4 + int.from_bytes(message[:4], "little")
+    header = bytes(message[4:start])
     try:
-        reply = Reply.FromString(bytes(message[4:start]))
+        reply = Reply.FromString(header)
     except DecodeError as error:
         raise ConnectionError(f"the server sent a malformed message: {error}") from None
     arrays: Arrays = {}
-    for array in reply.arrays:
-        dtype, shape = numpy_type(array.dtype), array.shape[:]  # faster than a tuple
-        size = prod(shape) * dtype.itemsize
+    for name, dtype, shape, size in _layouts.of(reply, header) if reply.arrays else ():
         if start + size > len(message):
-            raise ConnectionError(f"the server sent a malformed message: the values of {array.name!r} are cut off")
+            raise ConnectionError(f"the server sent a malformed message: the values of {name!r} are cut off")
         values: npt.NDArray[Any] = np.ndarray(shape, dtype, message if size else None, start if size else 0)
-        arrays[array.name] = values if values.flags.aligned else values.copy()
+        arrays[name] = values if values.flags.aligned else values.copy()
         start += size
     if start != len(message):
         raise ConnectionError(f"the server sent a malformed message: {start} bytes expected, {len(message)} received")

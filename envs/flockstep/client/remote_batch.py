@@ -58,11 +58,12 @@ class RemoteBatch:
         self._call = call
         self.task = call(Call(pb.Request(get_task=pb.GetTask()), "task", _task))
         self._arrays: Arrays = {}
+        self._step = Call(pb.Request(step_envs=pb.StepEnvs()), "time", _arrays)  # sent by each step
 
     def reset(self, seeds: npt.NDArray[np.uint64] | None = None, mask: npt.NDArray[np.bool_] | None = None) -> None:
         """Begin new episodes, with seeds (E,) or none, in the envs of the mask (E,) or in all."""
         request = pb.Request(reset_envs=pb.ResetEnvs())
-        self._arrays = self._send(request, given(seeds=seeds, mask=mask))
+        self._arrays = self._send(Call(request, "time", _arrays, given(seeds=seeds, mask=mask)))
 
     def step(self, actions: npt.ArrayLike) -> None:
         """Fly one step.
@@ -72,7 +73,8 @@ class RemoteBatch:
         ValueError
             Actions have a wrong shape or dtype, or are not finite; nothing has changed.
         """
-        self._arrays = self._send(pb.Request(step_envs=pb.StepEnvs()), {"actions": self._actions(actions)})
+        self._step.arrays = {"actions": self._actions(actions)}
+        self._arrays = self._send(self._step)
 
     def rows_of(self, indices: npt.NDArray[np.intp] | None) -> npt.NDArray[np.intp] | slice:
         """Return where the arrays of episodes have the rows ``indices``, whose episodes must have ended; None: all.
@@ -91,9 +93,9 @@ class RemoteBatch:
             raise ValueError(f"indices: expected rows whose episodes have ended in the last step, got {indices}")
         return np.searchsorted(ended, indices)
 
-    def _send(self, request: pb.Request, arrays: Arrays) -> Arrays:
+    def _send(self, call: Call[Arrays]) -> Arrays:
         try:
-            return self._call(Call(request, "time", lambda reply, arrays: arrays, arrays))
+            return self._call(call)
         except ServerError as error:
             if error.code == "INVALID_ARGUMENT":
                 raise ValueError(str(error)) from error
@@ -177,6 +179,10 @@ class RemoteBatch:
     def episode_end(self) -> npt.NDArray[Any]:
         """Reasons (K,), values of `EpisodeEnd`."""
         return self._arrays["episode_end"]
+
+
+def _arrays(reply: pb.Reply, arrays: Arrays) -> Arrays:
+    return arrays
 
 
 def _field(message: pb.Field) -> RemoteField:
