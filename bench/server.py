@@ -24,15 +24,17 @@ from typing import Any, NamedTuple
 import numpy as np
 
 import flockstep
+from thesis import BEAMS, COLUMNS
 
 Measured = tuple[str, float, str, int]  # name, value, unit, runs
 
 ROUNDS, CALLS = 9, 1000  # of round trips: medians of the rounds; calls in a round
 PERCENTILES = (10, 50, 90)
 ECHOES = ("tcp", "websocket", "async")
-COUNTS = (1, 2, 4, 8, 16, 32, 64, 128)  # clients at once
-BEAMS = (35, 125, 250, 500, 1000)
+COUNTS = (1, 2, 4, 8, 16, 24, 32, 64, 128)  # clients at once
 LOAD_S, STREAM_S, STEPS_S = 3.0, 5.0, 0.5
+LOADED_HZ = 1000.0  # rate at which a server steps while many clients load it
+RATE_S = 0.02  # time over which one value of its rate is measured
 WORLD: dict[str, Any] = {"task": None, "worlds": ["playground/train-1"], "num_envs": 1}
 DRONES = 1024
 CAMERAS, STREAM_HZ = 8, 30.0
@@ -181,23 +183,22 @@ def operations(of_drone: Any, of_arrays: Any) -> dict[str, Callable[[], Any]]:
 
 def message_sizes(client: flockstep.client.Client, call: Callable[[], object]) -> tuple[int, int]:
     """Return the bytes of an operation's messages, without those of WebSocket."""
-    session, sizes = client._session, [0, 0]
-    frame, receive = session.frame, session.receive
+    sizes = [0, 0]
+    frame, deliver = client._session.frame, client._deliver
 
     def counted_frame(message: bytes) -> bytes:
         sizes[0] += len(message)
         return frame(message)
 
-    def counted_receive(data: bytes | memoryview) -> list[Any]:
-        messages = receive(data)
-        sizes[1] += sum(map(len, messages))
-        return messages
+    def counted_deliver(message: bytes | bytearray | memoryview) -> None:
+        sizes[1] += len(message)
+        deliver(message)
 
-    session.frame, session.receive = counted_frame, counted_receive  # type: ignore[method-assign]
+    client._session.frame, client._deliver = counted_frame, counted_deliver  # type: ignore[method-assign]
     try:
         call()
     finally:
-        del session.frame, session.receive
+        del client._session.frame, client._deliver
     return sizes[0], sizes[1]
 
 
@@ -232,8 +233,8 @@ async def time_awaited(call: Callable[[], Awaitable[object]]) -> list[float]:
 
 
 def measure_vector_env(prefix: str) -> Iterator[Measured]:
-    """Step the LiDAR task in this process and through a server, in turns."""
-    own = flockstep.DroneVectorEnv(DRONES)
+    """Step the LiDAR task in this process and through a server, in turns, on one thread each."""
+    own = flockstep.DroneVectorEnv(DRONES, num_threads=1)
     with serving(own.recipe.to_json()) as served, flockstep.connect(served.address) as client:
         envs = {"in_process": own, "remote": client.vector_env()}
         actions = np.random.default_rng(0).integers(0, 6, (64, DRONES))
@@ -259,16 +260,48 @@ def measure_vector_env(prefix: str) -> Iterator[Measured]:
 
 
 def measure_clients(prefix: str) -> Iterator[Measured]:
-    """Let C++ clients of one process, each with its drone and thread, move or scan as fast as they can."""
+    """Let C++ clients of one process, each with its drone and thread, move or scan as fast as they can.
+
+    Meanwhile the server steps by itself.
+    """
     for count in COUNTS:
         recipe = {**WORLD, "drones_per_env": count, "lidars": [{}]}
-        with serving(recipe) as served, flockstep.connect(served.address) as client:
-            for f in native("clients", served.address, count, "move", LOAD_S):
-                yield f"{prefix}/move/{count}/{f['name']}", f["value"], f["unit"], 1
-            for beams in BEAMS:
-                client.set_lidar_config(beams=beams)
-                for f in native("clients", served.address, count, "scan", LOAD_S):
-                    yield f"{prefix}/scan{beams}/{count}/{f['name']}", f["value"], f["unit"], 1
+        with serving(recipe, "--rate-hz", str(LOADED_HZ)) as served, flockstep.connect(served.address) as client:
+            for load in ("move", *BEAMS):
+                if load != "move":
+                    client.set_lidar_config(beams=load)
+                with step_rates(client) as rates:
+                    kind = "move" if load == "move" else "scan"
+                    figures = native("clients", served.address, count, kind, LOAD_S)
+                name = f"{prefix}/{kind}{load if kind == 'scan' else ''}/{count}"
+                for f in figures:
+                    yield f"{name}/{f['name']}", f["value"], f["unit"], 1
+                values = np.array(rates)
+                for what in COLUMNS:
+                    value = np.percentile(values, int(what[1:])) if what[0] == "p" else getattr(values, what)()
+                    yield f"{name}/rate_{what}", float(value), "1/s", len(rates)
+
+
+@contextlib.contextmanager
+def step_rates(client: flockstep.client.Client) -> Iterator[list[float]]:
+    """Collect the steps per second of a server, over short times, while the block runs."""
+    rates: list[float] = []
+    is_over = threading.Event()
+
+    def collect() -> None:
+        step, start = client.get_arrays(["tick"]).time.step, time.perf_counter()
+        while not is_over.wait(RATE_S):
+            before, then = step, start
+            step, start = client.get_arrays(["tick"]).time.step, time.perf_counter()
+            rates.append((step - before) / (start - then))
+
+    collector = threading.Thread(target=collect)
+    collector.start()
+    try:
+        yield rates
+    finally:
+        is_over.set()
+        collector.join()
 
 
 # --- streams

@@ -24,6 +24,8 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+import thesis
+
 ROOT = Path(__file__).resolve().parent.parent
 README = ROOT / "README.md"
 BENCHMARKS = ROOT / "docs" / "benchmarks.md"
@@ -47,7 +49,7 @@ NAMES = (
     "dynamics",
 )
 #: Benchmarks that are not in the table of all figures.
-APART = ("imaging", "plan", "dynamics_accuracy", "dynamics_peers", "mesh_peers", "flight_train")
+APART = ("imaging", "plan", "dynamics_accuracy", "dynamics_peers", "mesh_peers", "flight_train", "server")
 ARCHITECTURE = ROOT / "docs" / "architecture.md"
 CAMERAS = ROOT / "docs" / "cameras.md"
 TRAINERS = ROOT / "docs" / "trainers.md"
@@ -508,6 +510,97 @@ def mesh_peers(results: dict[str, Result]) -> str:
     return with_source(results, name, "\n".join(written))
 
 
+def figures_of(results: dict[str, Result], name: str, prefix: str) -> dict[str, float]:
+    """Return the values of a benchmark's figures whose names begin with a prefix, by the rest of their names."""
+    figures = results.get(name, {"figures": []})["figures"]
+    return {f["name"].removeprefix(prefix): f["value"] for f in figures if f["name"].startswith(prefix)}
+
+
+def short(value: float) -> str:
+    """Format a value with three digits: 0.0213, 23.5, 1,240."""
+    return f"{value:,.0f}" if value >= 100 else f"{value:.3g}"
+
+
+def server_round_trips(results: dict[str, Result]) -> str:
+    """Return the tables of round trips: each client's median, and its ratio to the bare echoes, by operation."""
+    echoes = {"tcp": "TCP echo", "async": "Beast echo"}
+    clients = {"cpp": "C++ client", "python": "Python", "asyncio": "asyncio"}
+    tables = []
+    for place, title in (("pinned", "on one core, µs"), ("unpinned", "on all cores, µs")):
+        found = figures_of(results, "server", f"server/round_trip/{place}/")
+        cells: dict[tuple[str, str], str] = {}
+        for name in dict.fromkeys(name.split("/")[0] for name in found):
+            row = f"`{name}`, {number(found[f'{name}/request'])} to {number(found[f'{name}/reply'])} B"
+            for echo, column in echoes.items():
+                cells[row, column] = short(found[f"{name}/{echo}/p50"])
+            for client, column in clients.items():
+                if f"{name}/{client}/p50" in found:
+                    ratios = " / ".join(f"{found[f'{name}/{client}/ratio_to_{echo}']:.1f}" for echo in echoes)
+                    cells[row, column] = f"{short(found[f'{name}/{client}/p50'])} ({ratios})"
+        tables.append(pivot(cells, title))
+    return with_source(results, "server", "\n".join(tables))
+
+
+def server_vector_env(results: dict[str, Result]) -> str:
+    """Return the table of the remote vector environment's speed."""
+    cells = {}
+    for place, row in (("pinned", "server and client on one core"), ("unpinned", "on all cores")):
+        found = figures_of(results, "server", f"server/vector_env/{place}/")
+        for what, column in (("in_process", "in-process"), ("remote", "remote"), ("ratio", "ratio")):
+            if what in found:
+                cells[row, column] = number(found[what]) if what != "ratio" else f"{found[what]:.2f}"
+    return with_source(results, "server", pivot(cells, "drone-steps per second"))
+
+
+def server_clients(results: dict[str, Result]) -> str:
+    """Return tables 5.2 to 5.5 of the thesis with our figures, and those of the thesis in brackets."""
+    found = figures_of(results, "server", "server/clients/")
+    response: dict[tuple[str, str], str] = {}
+    rate: dict[tuple[str, str], str] = {}
+    scans: dict[tuple[str, str], str] = {}
+    scan_rates: dict[tuple[str, str], str] = {}
+    for count in thesis.MOVE_MS:
+        if f"move/{count}/mean" not in found:
+            continue
+        row = number(count)
+        for what, ms, fps in zip(thesis.COLUMNS, thesis.MOVE_MS[count], thesis.MOVE_FPS[count], strict=True):
+            response[row, what] = f"{short(found[f'move/{count}/{what}'])} ({ms})"
+            rate[row, what] = f"{short(found[f'move/{count}/rate_{what}'])} ({fps:.0f})"
+        for beams, ms, fps in zip(thesis.BEAMS, thesis.SCAN_MS[count], thesis.SCAN_FPS[count], strict=True):
+            mean, std = (found[f"scan{beams}/{count}/{what}"] for what in ("mean", "std"))
+            scans[row, f"{beams} beams"] = f"{short(mean)} ± {short(std)} ({ms[0]} ± {ms[1]})"
+            scan_rates[row, f"{beams} beams"] = f"{short(found[f'scan{beams}/{count}/rate_mean'])} ({fps:.0f})"
+    tables = {
+        "moves: response, ms": response,
+        "moves: steps per second": rate,
+        "scans: response, ms": scans,
+        "scans: steps per second": scan_rates,
+    }
+    return with_source(
+        results, "server", "\n".join(pivot(cells, f"drones; {title}") for title, cells in tables.items())
+    )
+
+
+def server_streams(results: dict[str, Result]) -> str:
+    """Return the table of the cost of camera streams."""
+    found = figures_of(results, "server", "server/streams/")
+    texts = {
+        "steps_per_second": ("steps per second without streams", number),
+        "steps_per_second_watched": ("with streams", number),
+        "images_per_second": ("images per second", number),
+        "steps_lost": ("steps lost", percentage),
+        "encoding": ("time of all cores that encoding takes", percentage),
+        "reading": ("time of all cores that the reading client takes", percentage),
+    }
+    rows = [f"| {text} | {told(found[name])} |" for name, (text, told) in texts.items() if name in found]
+    return with_source(results, "server", "\n".join(["| | |", "|---|---:|", *rows]) + "\n")
+
+
+def percentage(value: float) -> str:
+    """Format a fraction: 12 %."""
+    return f"{100 * value:.0f} %"
+
+
 def with_content(text: str, name: str, content: str) -> str:
     """Return a document with the content between the markers of this name."""
     begin, end = f"<!-- {name} -->", f"<!-- /{name} -->"
@@ -584,7 +677,14 @@ def main() -> None:
         documents[DYNAMICS] = with_content(documents[DYNAMICS], marker, write(results))
     for marker, write in {"frames": frames, "modes": modes, "imaging": imaging}.items():
         documents[CAMERAS] = with_content(documents[CAMERAS], marker, write(results))
-    for marker, write in {"peers": peers, "mesh peers": mesh_peers}.items():
+    for marker, write in {
+        "peers": peers,
+        "mesh peers": mesh_peers,
+        "server round trips": server_round_trips,
+        "server vector env": server_vector_env,
+        "server clients": server_clients,
+        "server streams": server_streams,
+    }.items():
         documents[BENCHMARKS] = with_content(documents[BENCHMARKS], marker, write(results))
     for path, text in documents.items():
         if text == path.read_text(encoding="utf-8"):

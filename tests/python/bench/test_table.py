@@ -240,3 +240,36 @@ def test_the_tables_of_ray_casters_have_a_column_for_each_world_and_sensor():
     assert differing[2:] == ["| slow 1.2: cast | 0.27 |", "| flockstep 0.1: Batch | 0 |"]
     assert table.mesh_peers({}) == "Not measured yet.\n"
     assert table.table(of_flight("mesh_peers")).startswith("Not measured yet: ")  # it is in no table
+
+
+def test_the_tables_of_the_server():
+    values = {
+        "round_trip/pinned/get_location/request": 10,
+        "round_trip/pinned/get_location/reply": 24,
+        "round_trip/pinned/get_location/tcp/p50": 12.5,
+        "round_trip/pinned/get_location/async/p50": 15.04,
+        "round_trip/pinned/get_location/cpp/p50": 25,
+        "round_trip/pinned/get_location/cpp/ratio_to_tcp": 2,
+        "round_trip/pinned/get_location/cpp/ratio_to_async": 1.66,
+        "vector_env/pinned/in_process": 3_000_000,
+        "vector_env/pinned/remote": 2_100_000,
+        "vector_env/pinned/ratio": 0.7,
+        "streams/steps_per_second": 1000,
+        "streams/steps_lost": 0.25,
+    }
+    for load in ("move", "scan35", "scan125", "scan250", "scan500", "scan1000"):
+        for what in ("mean", "std", "min", "max", "p5", "p25", "p75", "p95"):
+            values |= {f"clients/{load}/2/{what}": 0.0456, f"clients/{load}/2/rate_{what}": 999.6}
+    figures = [{"name": f"server/{name}", "value": value, "unit": "1", "runs": 1} for name, value in values.items()]
+    results = {"server": result(figures=figures)}
+    assert "| `get_location`, 10 to 24 B | 12.5 | 15 | 25 (2.0 / 1.7) |" in table.server_round_trips(results)
+    assert "| server and client on one core | 3,000,000 | 2,100,000 | 0.70 |" in table.server_vector_env(results)
+    written = table.server_clients(results)
+    assert "| 2 | 0.0456 (3.6) | 0.0456 (0.25) | 0.0456 (0.46) | 0.0456 (8.69) |" in written
+    assert "| 2 | 1,000 (273) | 1,000 (14) | 1,000 (215) | 1,000 (400) |" in written
+    assert "| 2 | 0.0456 ± 0.0456 (0.13 ± 0.03) | 0.0456 ± 0.0456 (0.38 ± 0.08) |" in written
+    assert "| 2 | 1,000 (286) | 1,000 (287) |" in written
+    assert "| steps lost | 25 % |" in table.server_streams(results)
+    for write in (table.server_round_trips, table.server_vector_env, table.server_clients, table.server_streams):
+        assert write(results).startswith("Fast One, ")
+        assert write({}) == "Not measured yet.\n"
