@@ -122,7 +122,8 @@ void Session::read() {
   constexpr std::size_t kMost = std::size_t{1} << 18;
   socket_.async_read_some(buffer_, kMost, [self = self()](beast::error_code error, std::size_t) {
     self->is_reading_ = false;
-    if (error) return self->end();
+    // A session that has ended must not keep the message: it would keep the session.
+    if (error || self->is_gone_) return self->end();
     self->last_arrival_ = std::chrono::steady_clock::now();
     if (!self->take_header()) return;
     if (self->socket_.is_message_done()) self->take_message();
