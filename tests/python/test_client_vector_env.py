@@ -86,6 +86,56 @@ def test_gymnasium_wrappers(closet):
         assert RemoteVectorEnv.__base__ is gymnasium.vector.VectorEnv  # some libraries look at the direct base
 
 
+@pytest.mark.parametrize("kind", KINDS)
+def test_a_snapshot_continues(kind, closet):
+    keywords = {**KINDS[kind], "worlds": closet, "max_episode_steps": 15}
+    local = flockstep.DroneVectorEnv(4, **keywords)
+    local.action_space.seed(2)
+    with contextlib.closing(Served(4, **keywords)) as remote:
+        with pytest.raises(gymnasium.error.ResetNeeded):
+            remote.snapshot()
+        local.reset(seed=5)
+        remote.reset(seed=5)
+        actions = [local.action_space.sample() for _ in range(30)]
+        for action in actions[:10]:
+            local.step(action)
+            remote.step(action)
+        blob = remote.snapshot()
+        assert blob == local.snapshot()
+        expected = [remote.step(action) for action in actions[10:]]
+        assert_equal(remote.restore(blob), local.restore(blob))
+        for action, step in zip(actions[10:], expected, strict=True):
+            assert_equal(remote.step(action), step)
+        with pytest.raises(ValueError, match="snapshot"):
+            remote.restore(b"nothing")
+    with pytest.raises(RuntimeError, match="closed"):
+        remote.restore(blob)
+    local.close()
+
+
+def test_statistics_of_some_of_the_ended_episodes(closet):
+    keywords = {"worlds": closet, "max_episode_steps": 5, "autoreset_mode": "same_step"}
+    local = flockstep.DroneVectorEnv(6, **keywords)
+    with contextlib.closing(Served(6, **keywords)) as remote:
+        local.reset(seed=1)
+        remote.reset(seed=1)
+        ended = np.zeros(6, bool)
+        while ended.sum() < 2:
+            _, _, terminated, truncated, _ = local.step(np.zeros(6, np.int64))
+            remote.step(np.zeros(6, np.int64))
+            ended = terminated | truncated
+        indices = np.flatnonzero(ended)
+        for some in (indices, indices[1:], indices[::-1]):
+            assert_equal(local.episode_infos(some), remote.episode_infos(some))
+            assert_equal(local.final_observations(some), remote.final_observations(some))
+        assert_equal(remote.episode_infos(), remote.episode_infos(indices))
+        local.step(np.zeros(6, np.int64))
+        remote.step(np.zeros(6, np.int64))
+        with pytest.raises(ValueError, match="indices: expected rows whose episodes have ended"):
+            remote.episode_infos(np.array([0]))
+    local.close()
+
+
 def test_arrays_belong_to_the_caller(closet):
     with contextlib.closing(Served(3, worlds=closet, action="displacement")) as remote:
         first, _ = remote.reset(seed=0)

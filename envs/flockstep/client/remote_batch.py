@@ -9,6 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from flockstep.client import protocol_pb2 as pb
+from flockstep.client import readers
 from flockstep.client.call import Call, given
 from flockstep.client.errors import ServerError
 from flockstep.client.frames import Arrays, numpy_type
@@ -75,6 +76,21 @@ class RemoteBatch:
         """
         self._step.arrays = {"actions": self._actions(actions)}
         self._arrays = self._send(self._step)
+
+    def snapshot(self) -> bytes:
+        """Return everything that affects later steps."""
+        return self._call(Call(pb.Request(snapshot=pb.Snapshot()), "done", readers.snapshot))
+
+    def restore(self, blob: bytes) -> None:
+        """Go back to a snapshot.
+
+        Raises
+        ------
+        ValueError
+            The snapshot belongs to another configuration; nothing has changed.
+        """
+        arrays = {"snapshot": np.frombuffer(blob, np.uint8)}
+        self._arrays = self._send(Call(pb.Request(restore=pb.Restore()), "done", _arrays, arrays))
 
     def rows_of(self, indices: npt.NDArray[np.intp] | None) -> npt.NDArray[np.intp] | slice:
         """Return where the arrays of episodes have the rows ``indices``, whose episodes must have ended; None: all.

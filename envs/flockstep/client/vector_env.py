@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 import numpy.typing as npt
+from gymnasium.error import ResetNeeded
 from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space
 
@@ -99,6 +100,27 @@ class RemoteVectorEnv(VectorEnv[Observation, Array, Array]):
         """
         stepping.step(self, actions)
         return stepping.results(self)
+
+    def snapshot(self) -> bytes:
+        """Return everything that affects later steps, as `DroneVectorEnv.snapshot` of the server's env does."""
+        stepping.require_open(self)
+        if not self._seeded:
+            raise ResetNeeded("call reset before snapshot")
+        return self.batch.snapshot()
+
+    def restore(self, blob: bytes) -> Observation:
+        """Go back to a snapshot and return its observation (N, ...).
+
+        Raises
+        ------
+        ValueError
+            The snapshot belongs to an env with another configuration; nothing has changed.
+        """
+        stepping.require_open(self)
+        self.batch.restore(blob)
+        self._seeded = True
+        observation: Observation = self.batch.observation
+        return observation
 
     def episode_infos(self, indices: npt.NDArray[np.intp] | None = None) -> dict[str, Any]:
         """Return the statistics of the episodes that ended in the last step, in the envs ``indices`` (default: in all).

@@ -229,6 +229,8 @@ void Service::locked(Call& call, const protocol::Restore&) {
   require(bytes.has_value(), "snapshot", "an array of this name", "none");
   begin_change();
   batch_.restore(std::string(bytes->begin(), bytes->end()));
+  if (task_ == nullptr) return;
+  add_observation(call.writer, task_->spec(), batch_.outputs().observation, static_cast<std::size_t>(num_rows(batch_)));
 }
 
 // ------------------------------------------------------------------------------------------------------------------- the task
