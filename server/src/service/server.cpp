@@ -103,7 +103,10 @@ class Server::Impl {
     // Runs handlers while the other thread may be at work for long. If it always did, each message would wake both.
     threads_.emplace_back([this] {
       const Cancellable cancellable(cancels_calls_);
-      while (workload_.wait()) io_.run_one();
+      while (workload_.wait()) {
+        io_.run_one();
+        io_.poll();  // also runs handlers that this one has posted: the context would wake no thread for them
+      }
     });
   }
   ~Impl() { stop(); }
