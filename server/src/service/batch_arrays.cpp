@@ -124,26 +124,37 @@ bool CopiedArrays::list(std::string_view sensor, const std::function<void(const 
   return true;
 }
 
+std::shared_ptr<CopiedArrays> Publisher::make_copy() {
+  std::unique_ptr<CopiedArrays> copy;
+  {
+    const std::scoped_lock lock(spare_->mutex);
+    copy = std::move(spare_->copy);
+  }
+  if (!copy) copy = std::make_unique<CopiedArrays>();
+  return {copy.release(), [spare = spare_](CopiedArrays* read) {
+            std::unique_ptr<CopiedArrays> kept(read);
+            const std::scoped_lock lock(spare->mutex);
+            spare->copy.swap(kept);
+          }};
+}
+
 void Publisher::publish(const Batch& batch, std::int64_t step) {
   const std::int64_t now = now_ns();
   std::vector<std::string> sensors;
-  std::shared_ptr<CopiedArrays> copy;
   {
     const std::scoped_lock lock(mutex_);
     std::erase_if(last_read_ns_, [&](const auto& read) { return now - read.second > kReadLatelyNs; });
     for (const auto& [sensor, time] : last_read_ns_) sensors.push_back(sensor);
-    if (spare_ && spare_.use_count() == 1) copy = std::move(spare_);
-    spare_ = nullptr;
   }
   if (sensors.empty()) return;
-  if (!copy) copy = std::make_shared<CopiedArrays>();
+  std::shared_ptr<CopiedArrays> copy = make_copy();
   copy->keep_only(sensors);
   for (const std::string& sensor : sensors) copy->copy(batch, sensor);
   copy->num_drones = batch.config().num_drones();
   copy->drones_per_env = batch.config().drones_per_env;
   copy->step = step;
   const std::scoped_lock lock(mutex_);
-  spare_ = std::exchange(newest_, std::move(copy));
+  newest_.swap(copy);
   turn_ = BatchLock::turn(batch);
 }
 

@@ -81,11 +81,19 @@ class Publisher {
   std::shared_ptr<const ArraySource> read(const Batch& batch, std::string_view sensor);
 
  private:
+  // Memory of a copy that nobody reads any more, for the next one.
+  struct Spare {
+    std::mutex mutex;
+    std::unique_ptr<CopiedArrays> copy;
+  };
+
+  std::shared_ptr<CopiedArrays> make_copy();
+
   std::mutex mutex_;
   std::map<std::string, std::int64_t, std::less<>> last_read_ns_;  // by sensor
+  std::shared_ptr<Spare> spare_ = std::make_shared<Spare>();
   std::shared_ptr<CopiedArrays> newest_;
-  std::shared_ptr<CopiedArrays> spare_;  // memory of the copy before
-  std::uint64_t turn_ = 0;               // of the lock, in which newest_ was made
+  std::uint64_t turn_ = 0;  // of the lock, in which newest_ was made
 };
 
 }  // namespace flockstep::server
