@@ -22,6 +22,7 @@ void register_terms(pybind11::module_& module);
 void register_batch(pybind11::module_& module);
 void register_recipe(pybind11::module_& module);
 void register_server(pybind11::module_& module);
+void register_learner(pybind11::module_& module);
 namespace {
 
 // Rejects objects from a plain `cls.__new__(cls)`, which have no value. pybind11 would give them uninitialized memory.
@@ -61,6 +62,7 @@ PYBIND11_MODULE(_core, module) {
   flockstep::bindings::register_recipe(module);
   flockstep::bindings::register_batch(module);
   flockstep::bindings::register_server(module);
+  flockstep::bindings::register_learner(module);
   module.def("_unexpected_keyword", &flockstep::bindings::unexpected_keyword, pybind11::arg("callee"), pybind11::arg("keyword"),
              pybind11::arg("known"));
   flockstep::bindings::document(module);

@@ -1,0 +1,180 @@
+#include "flockstep/learner.hpp"
+
+#include <pybind11/numpy.h>
+#include <pybind11/pybind11.h>
+#include <pybind11/stl.h>
+
+#include <cstdint>
+#include <span>
+#include <string>
+#include <utility>
+#include <vector>
+
+#include "arrays.hpp"
+#include "config.hpp"
+#include "released.hpp"
+
+namespace flockstep::bindings {
+namespace {
+
+py::array_t<float> array_of(std::span<const float> values) {
+  return py::array_t<float>(static_cast<py::ssize_t>(values.size()), values.data());
+}
+
+// Shape of the actions of `leading` rows.
+Shape action_shape(const Learner& learner, Shape leading) {
+  if (!learner.config().is_discrete) leading.push_back(learner.config().action_size);
+  return leading;
+}
+
+py::array_t<float> rollout_array(const py::object& self, std::span<const float> values) {
+  const auto& learner = self.cast<const Learner&>();
+  return view<float>(self, values.data(), {py::ssize_t{learner.rollout_config().n_steps}, py::ssize_t{learner.rows()}});
+}
+
+Input<float> observations(const Learner& learner, const py::object& observation, const char* name, py::ssize_t rows = -1) {
+  Input<float> input = floats(observation, name, {rows, py::ssize_t{learner.config().observation_size}});
+  if (!input.given()) throw py::value_error(std::string(name) + ": expected an array of real numbers, got None");
+  return input;
+}
+
+py::array_t<float> predict(const Learner& learner, const py::object& observation) {
+  const Input<float> input = observations(learner, observation, "observation");
+  py::array_t<float> action(action_shape(learner, {static_cast<py::ssize_t>(input.rows())}));
+  const std::span<float> out(action.mutable_data(), static_cast<std::size_t>(action.size()));
+  released([&] { learner.predict(input, out); });
+  return action;
+}
+
+py::array_t<float> values(const Learner& learner, const py::object& observation) {
+  const Input<float> input = observations(learner, observation, "observation");
+  py::array_t<float> value(static_cast<py::ssize_t>(input.rows()));
+  const std::span<float> out(value.mutable_data(), static_cast<std::size_t>(value.size()));
+  released([&] { learner.values(input, out); });
+  return value;
+}
+
+py::array_t<float> act(const py::object& self, int t, const py::object& observation) {
+  auto& learner = self.cast<Learner&>();
+  const Input<float> input = observations(learner, observation, "observation", learner.rows());
+  const std::span<const float> action = released([&] { return learner.act(t, input); });
+  return view<float>(self, action.data(), action_shape(learner, {py::ssize_t{learner.rows()}}));
+}
+
+void record(Learner& learner, int t, const py::object& reward, const py::object& terminated, const py::object& truncated,
+            const py::object& final_observation, const py::object& skipped) {
+  const py::ssize_t rows = learner.rows();
+  const Input<float> rewards = floats(reward, "reward", {rows});
+  const Input<std::uint8_t> ended = flags(terminated, "terminated", rows), cut = flags(truncated, "truncated", rows);
+  const Input<float> final_ones = floats(final_observation, "final_observation", {rows, py::ssize_t{learner.config().observation_size}});
+  const Input<std::uint8_t> unused = flags(skipped, "skipped", rows);
+  released([&] { learner.record(t, {rewards, ended, cut, final_ones, unused}); });
+}
+
+UpdateReport update(Learner& learner, const UpdateConfig& config, const py::object& order) {
+  const Input<std::int64_t> steps = integers<std::int64_t>(order, "order", {-1});
+  return released([&] { return learner.update(config, steps); });
+}
+
+py::array_t<float> gradient(Learner& learner, const UpdateConfig& config, const py::object& minibatch) {
+  const Input<std::int64_t> steps = integers<std::int64_t>(minibatch, "minibatch", {-1});
+  return array_of(released([&] { return learner.gradient(config, steps); }));
+}
+
+py::tuple moments_of(const RunningMoments& moments) {
+  const auto array = [](const std::vector<double>& values) {
+    return py::array_t<double>(static_cast<py::ssize_t>(values.size()), values.data());
+  };
+  return py::make_tuple(array(moments.mean), array(moments.variance), moments.count);
+}
+
+using Moments = std::tuple<std::vector<double>, std::vector<double>, double>;
+
+RunningMoments moments_from(Moments moments) {
+  return {std::move(std::get<0>(moments)), std::move(std::get<1>(moments)), std::get<2>(moments)};
+}
+
+}  // namespace
+
+void register_learner(py::module_& module) {
+  py::class_<UpdateReport>(module, "UpdateReport")
+      .def_readonly("policy_gradient_loss", &UpdateReport::policy_gradient_loss)
+      .def_readonly("value_loss", &UpdateReport::value_loss)
+      .def_readonly("entropy_loss", &UpdateReport::entropy_loss)
+      .def_readonly("clip_fraction", &UpdateReport::clip_fraction)
+      .def_readonly("approx_kl", &UpdateReport::approx_kl)
+      .def_readonly("loss", &UpdateReport::loss)
+      .def_readonly("explained_variance", &UpdateReport::explained_variance)
+      .def_readonly("std", &UpdateReport::std)
+      .def_readonly("epochs", &UpdateReport::epochs)
+      .def_readonly("stopped_early", &UpdateReport::stopped_early)
+      .def_readonly("is_finite", &UpdateReport::is_finite);
+  using Array = std::span<const float> (Learner::*)() const;
+  py::class_<Learner> cls(module, "Learner");
+  cls.def(py::init<NetworkConfig, int, std::uint64_t>(), py::arg("config"), py::arg("num_threads") = 0, py::arg("seed") = 0)
+      .def_property_readonly("config", [](const Learner& learner) { return learner.config(); })
+      .def_property_readonly("num_threads", &Learner::num_threads)
+      .def_property_readonly("seed", &Learner::seed)
+      .def_property_readonly("rows", &Learner::rows)
+      .def_property_readonly("layout",
+                             [](const Learner& learner) {
+                               py::list all;
+                               for (const ParameterInfo& info : learner.parameter_infos()) {
+                                 all.append(py::make_tuple(info.name, py::tuple(py::cast(info.shape)), info.first));
+                               }
+                               return all;
+                             })
+      .def_property(
+          "parameters", [](const Learner& learner) { return array_of(learner.parameters()); },
+          [](Learner& learner, const py::object& values) { learner.set_parameters(floats(values, "parameters", {-1})); })
+      .def_property_readonly("adam",
+                             [](const Learner& learner) {
+                               return py::make_tuple(array_of(learner.first_moments()), array_of(learner.second_moments()),
+                                                     learner.adam_steps());
+                             })
+      .def(
+          "set_adam",
+          [](Learner& learner, const py::object& first, const py::object& second, std::int64_t steps) {
+            learner.set_adam(floats(first, "first", {-1}), floats(second, "second", {-1}), steps);
+          },
+          py::arg("first"), py::arg("second"), py::arg("steps"))
+      .def_property("draws", &Learner::draws, &Learner::set_draws)
+      .def_property_readonly("observation_moments", [](const Learner& learner) { return moments_of(learner.observation_moments()); })
+      .def_property_readonly("return_moments", [](const Learner& learner) { return moments_of(learner.return_moments()); })
+      .def(
+          "set_moments",
+          [](Learner& learner, Moments observation, Moments returns) {
+            learner.set_moments(moments_from(std::move(observation)), moments_from(std::move(returns)));
+          },
+          py::arg("observation"), py::arg("returns"))
+      .def("predict", &predict, py::arg("observation"))
+      .def("values", &values, py::arg("observation"))
+      .def("begin", &Learner::begin, py::arg("config"), py::arg("rows"))
+      .def("act", &act, py::arg("t"), py::arg("observation"))
+      .def("record", &record, py::arg("t"), py::arg("reward"), py::arg("terminated"), py::arg("truncated"),
+           py::arg("final_observation") = py::none(), py::arg("skipped") = py::none())
+      .def(
+          "finish",
+          [](Learner& learner, const py::object& observation) {
+            const Input<float> input = observations(learner, observation, "observation", learner.rows());
+            released([&] { learner.finish(input); });
+          },
+          py::arg("observation"))
+      .def("update", &update, py::arg("config"), py::arg("order") = py::none())
+      .def("gradient", &gradient, py::arg("config"), py::arg("minibatch"))
+      .def_property_readonly("actions", [](const py::object& self) {
+        const auto& learner = self.cast<const Learner&>();
+        return view<float>(self, learner.actions().data(),
+                           action_shape(learner, {py::ssize_t{learner.rollout_config().n_steps}, py::ssize_t{learner.rows()}}));
+      });
+  const auto add = [&](const char* name, Array array) {
+    cls.def_property_readonly(name, [array](const py::object& self) { return rollout_array(self, (self.cast<const Learner&>().*array)()); });
+  };
+  add("advantages", &Learner::advantages);
+  add("returns", &Learner::returns);
+  add("rewards", &Learner::rewards);
+  add("rollout_values", &Learner::rollout_values);
+  add("log_probs", &Learner::log_probs);
+}
+
+}  // namespace flockstep::bindings

@@ -1,0 +1,227 @@
+// Learner: proximal policy optimisation for small networks on the processor (J. Schulman, F. Wolski, P. Dhariwal, A. Radford, O.
+// Klimov, "Proximal policy optimization algorithms", arXiv:1707.06347). Names, defaults and semantics are those of
+// Stable-Baselines3's PPO.
+#pragma once
+
+#include <array>
+#include <cstddef>
+#include <cstdint>
+#include <memory>
+#include <optional>
+#include <span>
+#include <string>
+#include <vector>
+
+#include "flockstep/aligned.hpp"
+#include "flockstep/export.hpp"
+#include "flockstep/fields.hpp"
+
+namespace flockstep {
+
+enum class Activation : std::uint8_t { tanh, relu };
+template <>
+struct EnumNames<Activation> {
+  static constexpr std::array kNames{"tanh", "relu"};
+};
+
+// Fixed function from observations to the inputs of the networks; flockstep.sb3 has the same as features extractors.
+enum class Features : std::uint8_t { flat, goal, blob, point };
+template <>
+struct EnumNames<Features> {
+  static constexpr std::array kNames{"flat", "goal", "blob", "point"};
+};
+
+// Actor and critic: two networks of fully connected layers on the same inputs.
+struct NetworkConfig {
+  int observation_size = 1;
+  int action_size = 1;
+  bool is_discrete = false;
+  std::vector<int> actor_layers = {64, 64};
+  std::vector<int> critic_layers = {64, 64};
+  Activation activation = Activation::tanh;
+  Features features = Features::flat;
+
+  static constexpr auto fields() {
+    using C = NetworkConfig;
+    return field_list(
+        field("observation_size", &C::observation_size,
+              {.about = "Numbers of an observation.", .limits = between(1, 65536)}),
+        field("action_size", &C::action_size,
+              {.about = "Numbers of an action, or discrete actions to choose from.", .limits = between(1, 4096)}),
+        field("is_discrete", &C::is_discrete,
+              {.about = "An action is an index with a categorical distribution, not numbers with a Gaussian one."}),
+        field("actor_layers", &C::actor_layers,
+              {.about = "Sizes of the actor's hidden layers.", .limits = between(1, 4096)}),
+        field("critic_layers", &C::critic_layers,
+              {.about = "Sizes of the critic's hidden layers.", .limits = between(1, 4096)}),
+        field("activation", &C::activation, {.about = "Function after each hidden layer."}),
+        field("features", &C::features,
+              {.about = "Function from observations to inputs: ``\"flat\"`` for the observation itself, ``\"goal\"``, "
+                        "``\"blob\"`` and ``\"point\"`` as `flockstep.sb3.GoalFeatures` and so on."}));
+  }
+
+  FLOCKSTEP_API void validate() const;
+  FLOCKSTEP_API int input_size() const;  // inputs of the networks
+};
+
+// An update: what learns from one rollout.
+struct UpdateConfig {
+  double learning_rate = 3e-4;
+  int batch_size = 64;
+  int n_epochs = 10;
+  double clip_range = 0.2;
+  std::optional<double> clip_range_vf;
+  bool normalize_advantage = true;
+  double ent_coef = 0.0;
+  double vf_coef = 0.5;
+  double max_grad_norm = 0.5;
+  std::optional<double> target_kl;
+
+  static constexpr auto fields() {
+    using C = UpdateConfig;
+    return field_list(
+        field("learning_rate", &C::learning_rate, {.about = "Step size of Adam.", .limits = at_least(0)}),
+        field("batch_size", &C::batch_size, {.about = "Steps in a minibatch.", .limits = between(2, 1 << 30)}),
+        field("n_epochs", &C::n_epochs, {.about = "Passes over the rollout.", .limits = between(1, 10'000)}),
+        field("clip_range", &C::clip_range,
+              {.about = "The ratio of probabilities is clipped to [1 - clip_range, 1 + clip_range].", .limits = above(0)}),
+        field("clip_range_vf", &C::clip_range_vf,
+              {.about = "Largest change of the value by an update, in the unit of the returns. None: not clipped.",
+               .limits = above(0)}),
+        field("normalize_advantage", &C::normalize_advantage,
+              {.about = "Shift and scale the advantages of each minibatch to mean 0 and standard deviation 1."}),
+        field("ent_coef", &C::ent_coef, {.about = "Weight of the entropy bonus."}),
+        field("vf_coef", &C::vf_coef, {.about = "Weight of the squared error of the value."}),
+        field("max_grad_norm", &C::max_grad_norm, {.about = "Greatest norm of the gradient.", .limits = above(0)}),
+        field("target_kl", &C::target_kl,
+              {.about = "An update stops when a minibatch's approximate KL divergence exceeds 1.5 times this. None: never.",
+               .limits = above(0)}));
+  }
+
+  FLOCKSTEP_API void validate() const;
+};
+
+// Means over the minibatches of an update, as Stable-Baselines3 logs them.
+struct UpdateReport {
+  double policy_gradient_loss = 0.0, value_loss = 0.0, entropy_loss = 0.0, clip_fraction = 0.0;
+  double approx_kl = 0.0;           // over the last epoch
+  double loss = 0.0;                // of the last minibatch
+  double explained_variance = 0.0;  // of the returns by the values of the rollout
+  double std = 0.0;                 // mean standard deviation of the actions, after the update
+  int epochs = 0;                   // begun
+  bool stopped_early = false;       // by target_kl
+  bool is_finite = true;            // false: the update stopped before a minibatch whose loss or gradient was not finite
+};
+
+// Name, shape and place of a weight or bias among the parameters. Names are those of Stable-Baselines3's policies.
+struct ParameterInfo {
+  std::string name;
+  std::vector<int> shape;  // (out, in) or (out)
+  std::size_t first;       // index of its first number
+};
+
+// A rollout: what is collected for one update.
+struct RolloutConfig {
+  int n_steps = 2048;
+  double gamma = 0.99;
+  double gae_lambda = 0.95;
+  bool normalize_observations = false;
+  bool normalize_rewards = false;
+
+  static constexpr auto fields() {
+    using C = RolloutConfig;
+    return field_list(
+        field("n_steps", &C::n_steps, {.about = "Steps of each row between two updates.", .limits = between(1, 1 << 24)}),
+        field("gamma", &C::gamma, {.about = "Discount of rewards per step.", .limits = between(0, 1)}),
+        field("gae_lambda", &C::gae_lambda,
+              {.about = "Weight of long against short estimates of the advantage.", .limits = between(0, 1)}),
+        field("normalize_observations", &C::normalize_observations,
+              {.about = "Shift and scale each number of the observations to mean 0 and variance 1, both estimated from all "
+                        "observations so far, and clip the results to +-10, as `VecNormalize` of Stable-Baselines3."}),
+        field("normalize_rewards", &C::normalize_rewards,
+              {.about = "Divide rewards by the standard deviation of the discounted returns so far and clip the results to "
+                        "+-10, as `VecNormalize` of Stable-Baselines3."}));
+  }
+
+  FLOCKSTEP_API void validate() const;
+};
+
+// Mean and variance of everything that was seen so far, per number.
+struct RunningMoments {
+  std::vector<double> mean, variance;
+  double count = 1e-4;  // as in Stable-Baselines3, whose variance begins at 1 with this weight
+};
+
+// Results of one step of all rows; what Learner::record() learns from.
+struct StepResults {
+  std::span<const float> reward;                 // (R,)
+  std::span<const std::uint8_t> terminated;      // (R,) the episode ended in a terminal state
+  std::span<const std::uint8_t> truncated;       // (R,) the episode was cut off: the value of its final observation counts
+  std::span<const float> final_observation;      // (R, observation_size); read where `truncated` is set and `terminated` is not
+  std::span<const std::uint8_t> skipped = {};    // (R,) the step only reset an env; nothing is learned from it
+};
+
+// Networks, optimiser and the rollout that the next update learns from. Results have the same bits for any number of threads.
+// One thread at a time may call it. All methods check sizes and throw std::invalid_argument.
+class FLOCKSTEP_API Learner {
+ public:
+  // num_threads: 0 for one per physical core. seed: of initial weights, actions and minibatches.
+  Learner(NetworkConfig config, int num_threads, std::uint64_t seed);
+  ~Learner();
+  Learner(const Learner&) = delete;
+  Learner& operator=(const Learner&) = delete;
+
+  const NetworkConfig& config() const;
+  int num_threads() const;
+  std::uint64_t seed() const;
+
+  // --- state: everything that the next rollout and update depend on
+  const std::vector<ParameterInfo>& parameter_infos() const;
+  std::vector<float> parameters() const;
+  void set_parameters(std::span<const float> values);
+  // Moments of Adam, in the order of the parameters, and its number of steps.
+  std::vector<float> first_moments() const;
+  std::vector<float> second_moments() const;
+  std::int64_t adam_steps() const;
+  void set_adam(std::span<const float> first, std::span<const float> second, std::int64_t steps);
+  // Number of draws so far, which is the state of the random numbers.
+  std::uint64_t draws() const;
+  void set_draws(std::uint64_t draws);
+  const RunningMoments& observation_moments() const;
+  const RunningMoments& return_moments() const;
+  void set_moments(RunningMoments observation, RunningMoments returns);
+
+  // --- acting; observations (R, observation_size)
+  // Writes the most probable actions: (R, action_size) numbers, or (R,) indices.
+  void predict(std::span<const float> observation, std::span<float> action) const;
+  void values(std::span<const float> observation, std::span<float> value) const;  // (R,)
+
+  // --- collecting
+  void begin(const RolloutConfig& config, int rows);
+  const RolloutConfig& rollout_config() const;
+  int rows() const;
+  // Draws the actions of step t, not limited to the bounds of the action. Returns (R, action_size) numbers or (R,) indices.
+  std::span<const float> act(int t, std::span<const float> observation);
+  void record(int t, const StepResults& results);
+  // Computes advantages and returns. observation: after the last step.
+  void finish(std::span<const float> observation);
+  // Arrays (n_steps, R) of the rollout.
+  std::span<const float> advantages() const;
+  std::span<const float> returns() const;
+  std::span<const float> rewards() const;  // normalised, with the value of the final observation where truncated
+  std::span<const float> rollout_values() const;
+  std::span<const float> log_probs() const;
+  std::span<const float> actions() const;  // (n_steps, R, action_size) or (n_steps, R)
+
+  // --- learning
+  // order: indices t * R + r of the rollout in the order of the minibatches, for each epoch; empty: drawn.
+  UpdateReport update(const UpdateConfig& config, std::span<const std::int64_t> order = {});
+  // Returns the gradient of the loss of one minibatch, not limited, in the order of the parameters.
+  std::vector<float> gradient(const UpdateConfig& config, std::span<const std::int64_t> minibatch);
+
+ private:
+  struct Parts;
+  std::unique_ptr<Parts> parts_;
+};
+
+}  // namespace flockstep

@@ -1,0 +1,58 @@
+#include "learning/rollout.hpp"
+
+#include <limits>
+
+namespace flockstep::learning {
+
+void Rollout::resize(const RolloutConfig& new_config, std::size_t new_rows, std::size_t input_stride, std::size_t action_size) {
+  config = new_config;
+  steps = static_cast<std::size_t>(config.n_steps);
+  rows = new_rows;
+  const std::size_t count = steps * rows;
+  inputs.assign(count * input_stride, 0.0F);
+  actions.assign(count * action_size, 0.0F);
+  for (auto* array : {&log_probs, &values, &rewards, &advantages, &returns}) array->assign(count, 0.0F);
+  done.assign(count, 0);
+  skipped.assign(count, 0);
+  has_skipped = false;
+}
+
+void Rollout::estimate_advantages(const float* last_values) {
+  const auto gamma = static_cast<float>(config.gamma), decay = static_cast<float>(config.gamma * config.gae_lambda);
+  std::vector<float> advantage(rows, 0.0F);  // of the step after
+  const float* next_values = last_values;
+  for (std::size_t t = steps; t-- > 0;) {
+    const std::size_t first = t * rows;
+    for (std::size_t r = 0; r < rows; ++r) {
+      const std::size_t i = first + r;
+      const float goes_on = done[i] != 0 || skipped[i] != 0 ? 0.0F : 1.0F;
+      const float error = rewards[i] + gamma * next_values[r] * goes_on - values[i];
+      advantage[r] = error + decay * goes_on * advantage[r];
+      advantages[i] = advantage[r];
+      returns[i] = advantage[r] + values[i];
+    }
+    next_values = values.data() + first;
+  }
+}
+
+double Rollout::explained_variance() const {
+  double count = 0.0, mean = 0.0, mean_error = 0.0;
+  for (std::size_t i = 0; i < returns.size(); ++i) {
+    if (skipped[i] != 0) continue;
+    count += 1.0;
+    mean += returns[i];
+    mean_error += returns[i] - values[i];
+  }
+  mean /= count;
+  mean_error /= count;
+  double variance = 0.0, left = 0.0;
+  for (std::size_t i = 0; i < returns.size(); ++i) {
+    if (skipped[i] != 0) continue;
+    variance += (returns[i] - mean) * (returns[i] - mean);
+    const double error = returns[i] - values[i] - mean_error;
+    left += error * error;
+  }
+  return variance == 0.0 ? std::numeric_limits<double>::quiet_NaN() : 1.0 - left / variance;
+}
+
+}  // namespace flockstep::learning
