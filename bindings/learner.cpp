@@ -7,6 +7,7 @@
 #include <cstdint>
 #include <span>
 #include <string>
+#include <tuple>
 #include <utility>
 #include <vector>
 
@@ -43,6 +44,14 @@ py::array_t<float> predict(const Learner& learner, const py::object& observation
   py::array_t<float> action(action_shape(learner, {static_cast<py::ssize_t>(input.rows())}));
   const std::span<float> out(action.mutable_data(), static_cast<std::size_t>(action.size()));
   released([&] { learner.predict(input, out); });
+  return action;
+}
+
+py::array_t<float> sample(Learner& learner, const py::object& observation) {
+  const Input<float> input = observations(learner, observation, "observation");
+  py::array_t<float> action(action_shape(learner, {static_cast<py::ssize_t>(input.rows())}));
+  const std::span<float> out(action.mutable_data(), static_cast<std::size_t>(action.size()));
+  released([&] { learner.sample(input, out); });
   return action;
 }
 
@@ -148,6 +157,14 @@ void register_learner(py::module_& module) {
           },
           py::arg("observation"), py::arg("returns"))
       .def("predict", &predict, py::arg("observation"))
+      .def_property(
+          "discounted_returns",
+          [](const Learner& learner) {
+            const auto values = learner.discounted_returns();
+            return py::array_t<double>(static_cast<py::ssize_t>(values.size()), values.data());
+          },
+          [](Learner& learner, const std::vector<double>& values) { learner.set_discounted_returns(values); })
+      .def("sample", &sample, py::arg("observation"))
       .def("values", &values, py::arg("observation"))
       .def("begin", &Learner::begin, py::arg("config"), py::arg("rows"))
       .def("act", &act, py::arg("t"), py::arg("observation"))
@@ -160,6 +177,20 @@ void register_learner(py::module_& module) {
             released([&] { learner.finish(input); });
           },
           py::arg("observation"))
+      .def(
+          "fly",
+          [](Learner& learner, int t, Batch& batch, float reward_scale) {
+            released(batch, [&] { learner.fly(t, batch, reward_scale); });
+          },
+          py::arg("t"), py::arg("batch"), py::arg("reward_scale") = 1.0F)
+      .def(
+          "read_observation",
+          [](const Learner& learner, const Batch& batch) {
+            py::array_t<float> observation({py::ssize_t{learner.rows()}, py::ssize_t{learner.config().observation_size}});
+            learner.read_observation(batch, {observation.mutable_data(), static_cast<std::size_t>(observation.size())});
+            return observation;
+          },
+          py::arg("batch"))
       .def("update", &update, py::arg("config"), py::arg("order") = py::none())
       .def("gradient", &gradient, py::arg("config"), py::arg("minibatch"))
       .def_property_readonly("actions", [](const py::object& self) {

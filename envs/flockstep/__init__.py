@@ -55,6 +55,7 @@ from flockstep._core import (
 from flockstep.drone_mesh import DroneMesh
 from flockstep.env import DroneEnv
 from flockstep.headers import cmake_dir, include_dir
+from flockstep.learning import PPO
 from flockstep.pictures.picture import render
 from flockstep.planning import plan
 from flockstep.recording import record
@@ -65,6 +66,7 @@ from flockstep.vector_env import DroneVectorEnv
 from flockstep.world_pool import WorldPool
 
 __all__ = [
+    "PPO",
     "Batch",
     "Camera",
     "CameraConfig",

@@ -539,6 +539,254 @@ class Server:
     def __enter__(self) -> Server: ...
     def __exit__(self, *exception: object) -> None: ...
 
+@final
+class NetworkConfig:
+    """Actor and critic: two networks on the same inputs."""
+
+    # fields of NetworkConfig
+    __match_args__: ClassVar[tuple[str, ...]]
+    observation_size: int
+    action_size: int
+    is_discrete: bool
+    actor_layers: Sequence[int]
+    critic_layers: Sequence[int]
+    activation: Literal["tanh", "relu"]
+    features: Literal["flat", "goal", "blob", "point"]
+    def __init__(
+        self,
+        *,
+        observation_size: int = 1,
+        action_size: int = 1,
+        is_discrete: bool = False,
+        actor_layers: Sequence[int] = (64, 64),
+        critic_layers: Sequence[int] = (64, 64),
+        activation: Literal["tanh", "relu"] = "tanh",
+        features: Literal["flat", "goal", "blob", "point"] = "flat",
+    ) -> None: ...
+    # end of fields
+
+@final
+class RolloutConfig:
+    """A rollout: what is collected for one update."""
+
+    # fields of RolloutConfig
+    __match_args__: ClassVar[tuple[str, ...]]
+    n_steps: int
+    gamma: float
+    gae_lambda: float
+    normalize_observations: bool
+    normalize_rewards: bool
+    def __init__(
+        self,
+        *,
+        n_steps: int = 2048,
+        gamma: float = 0.99,
+        gae_lambda: float = 0.95,
+        normalize_observations: bool = False,
+        normalize_rewards: bool = False,
+    ) -> None: ...
+    # end of fields
+
+@final
+class UpdateConfig:
+    """An update: what is learned from one rollout."""
+
+    # fields of UpdateConfig
+    __match_args__: ClassVar[tuple[str, ...]]
+    learning_rate: float
+    batch_size: int
+    n_epochs: int
+    clip_range: float
+    clip_range_vf: float | None
+    normalize_advantage: bool
+    ent_coef: float
+    vf_coef: float
+    max_grad_norm: float
+    target_kl: float | None
+    def __init__(
+        self,
+        *,
+        learning_rate: float = 0.0003,
+        batch_size: int = 64,
+        n_epochs: int = 10,
+        clip_range: float = 0.2,
+        clip_range_vf: float | None = None,
+        normalize_advantage: bool = True,
+        ent_coef: float = 0.0,
+        vf_coef: float = 0.5,
+        max_grad_norm: float = 0.5,
+        target_kl: float | None = None,
+    ) -> None: ...
+    # end of fields
+
+@final
+class UpdateReport:
+    """Means over the minibatches of an update."""
+
+    @property
+    def policy_gradient_loss(self) -> float:
+        """Clipped surrogate, negative."""
+    @property
+    def value_loss(self) -> float:
+        """Mean squared error of the value."""
+    @property
+    def entropy_loss(self) -> float:
+        """Negative entropy."""
+    @property
+    def clip_fraction(self) -> float:
+        """Share of the steps whose ratio was clipped."""
+    @property
+    def approx_kl(self) -> float:
+        """Approximate KL divergence, over the last epoch."""
+    @property
+    def loss(self) -> float:
+        """Loss of the last minibatch."""
+    @property
+    def explained_variance(self) -> float:
+        """Share of the variance of the returns that the values of the rollout explain."""
+    @property
+    def std(self) -> float:
+        """Mean standard deviation of the actions, after the update; 0 for discrete actions."""
+    @property
+    def epochs(self) -> int:
+        """Number of epochs begun."""
+    @property
+    def stopped_early(self) -> bool:
+        """True if ``target_kl`` ended the update."""
+    @property
+    def is_finite(self) -> bool:
+        """False if the update stopped before a minibatch whose loss or gradient was not finite."""
+
+class Learner:
+    """Networks, optimiser and rollout of `flockstep.PPO`. R is the number of rows, k the size of an observation.
+
+    Parameters
+    ----------
+    config
+        Shape of the networks.
+    num_threads
+        0: one per physical core. Results have the same bits for any number.
+    seed
+        Of initial weights, actions and minibatches.
+    """
+
+    def __init__(self, config: NetworkConfig, num_threads: int = 0, seed: int = 0) -> None: ...
+    @property
+    def config(self) -> NetworkConfig:
+        """Shape of the networks."""
+    @property
+    def num_threads(self) -> int:
+        """Actual number of threads."""
+    @property
+    def seed(self) -> int:
+        """The seed as given."""
+    @property
+    def rows(self) -> int:
+        """Rows of the current rollout."""
+    @property
+    def layout(self) -> list[tuple[str, tuple[int, ...], int]]:
+        """Name, shape and first index of each group of parameters; names are those of Stable-Baselines3's policies."""
+    @property
+    def parameters(self) -> _F32:
+        """A copy of the parameters; setting it changes them."""
+    @parameters.setter
+    def parameters(self, values: npt.ArrayLike) -> None: ...
+    @property
+    def adam(self) -> tuple[_F32, _F32, int]:
+        """Copies of Adam's first and second moments, in the order of the parameters, and its number of steps."""
+    def set_adam(self, first: npt.ArrayLike, second: npt.ArrayLike, steps: int) -> None:
+        """Set what `adam` returns."""
+    @property
+    def draws(self) -> int:
+        """Number of draws so far: the state of the random numbers."""
+    @draws.setter
+    def draws(self, value: int) -> None: ...
+    @property
+    def observation_moments(self) -> tuple[_F64, _F64, float]:
+        """Running mean and variance of the observations, (k,) each, and their weight."""
+    @property
+    def return_moments(self) -> tuple[_F64, _F64, float]:
+        """Running mean and variance of the discounted returns, (1,) each, and their weight."""
+    def set_moments(
+        self,
+        observation: tuple[npt.ArrayLike, npt.ArrayLike, float],
+        returns: tuple[npt.ArrayLike, npt.ArrayLike, float],
+    ) -> None:
+        """Set the running moments."""
+    @property
+    def discounted_returns(self) -> _F64:
+        """A copy of the discounted return of each row's episode so far, for normalised rewards."""
+    @discounted_returns.setter
+    def discounted_returns(self, values: npt.ArrayLike) -> None: ...
+    def predict(self, observation: npt.ArrayLike) -> _F32:
+        """Return the most probable actions, (R, action_size) numbers or (R,) indices, for observations (R, k)."""
+    def sample(self, observation: npt.ArrayLike) -> _F32:
+        """Return random actions in the same form, not limited to the bounds of the action."""
+    def values(self, observation: npt.ArrayLike) -> _F32:
+        """Return the values (R,) of observations (R, k)."""
+    def begin(self, config: RolloutConfig, rows: int) -> None:
+        """Begin a rollout of R rows."""
+    def act(self, t: int, observation: npt.ArrayLike) -> _F32:
+        """Draw the actions of step t from observations (R, k), keep what the update needs, and return a view of them."""
+    def record(
+        self,
+        t: int,
+        reward: npt.ArrayLike,
+        terminated: npt.ArrayLike,
+        truncated: npt.ArrayLike,
+        final_observation: npt.ArrayLike | None = None,
+        skipped: npt.ArrayLike | None = None,
+    ) -> None:
+        """Keep the results of step t.
+
+        Parameters
+        ----------
+        t
+            Number of the step.
+        reward, terminated, truncated
+            As Gymnasium's vector envs return them, (R,).
+        final_observation
+            (R, k), read in rows that were truncated and not terminated.
+        skipped
+            (R,) bool: rows in which the step only reset an env, so that nothing is learned from it.
+        """
+    def fly(self, t: int, batch: Batch, reward_scale: float = 1.0) -> None:
+        """Draw the actions of step t within a step of a batch, on the threads that fly it, and keep the results."""
+    def read_observation(self, batch: Batch) -> _F32:
+        """Return the current observations of a batch as rows of numbers, (R, k)."""
+    def finish(self, observation: npt.ArrayLike) -> None:
+        """Compute advantages and returns; the observations (R, k) are those after the last step."""
+    def update(self, config: UpdateConfig, order: npt.ArrayLike | None = None) -> UpdateReport:
+        """Learn from the rollout.
+
+        Parameters
+        ----------
+        config
+            Settings of this update.
+        order
+            Indices t R + r of the steps in the order of the minibatches, for each epoch. None: drawn.
+        """
+    def gradient(self, config: UpdateConfig, minibatch: npt.ArrayLike) -> _F32:
+        """Return the gradient of the loss over some steps, given as indices t R + r, not limited."""
+    @property
+    def actions(self) -> _F32:
+        """Actions of the rollout, (n_steps, R, action_size) numbers or (n_steps, R) indices."""
+    @property
+    def advantages(self) -> _F32:
+        """Advantages (n_steps, R)."""
+    @property
+    def returns(self) -> _F32:
+        """Returns (n_steps, R) that the values learn."""
+    @property
+    def rewards(self) -> _F32:
+        """Rewards (n_steps, R) as learned from: normalised, with the value of the final observation where truncated."""
+    @property
+    def rollout_values(self) -> _F32:
+        """Values (n_steps, R) when the actions were drawn."""
+    @property
+    def log_probs(self) -> _F32:
+        """Logarithms (n_steps, R) of the probability densities of the actions when they were drawn."""
+
 class WindConfig:
     """The wind for ``motion="rotors"``: a mean, and separate gusts for each drone, constant during a flown step.
 

@@ -16,6 +16,7 @@
 #include "flockstep/drone_model.hpp"
 #include "flockstep/export.hpp"
 #include "flockstep/move_line.hpp"
+#include "flockstep/pilot.hpp"
 #include "flockstep/readings.hpp"
 #include "flockstep/state.hpp"
 #include "flockstep/task.hpp"
@@ -219,6 +220,7 @@ class FLOCKSTEP_API Batch {
   // times.
   void step(std::span<const std::int64_t> actions);  // (R,) integer actions
   void step(std::span<const float> actions);         // (R, ...) floating-point actions
+  void step(Pilot& pilot);                           // the actions that it chooses, on the threads that step the envs
   const EpisodeState& episodes() const;              // counters and flags of the current episodes
   void visit_task(ArrayVisitor& visitor) const;      // visits the arrays of the task, for reading
   const Outputs& outputs() const;                    // of the last step, reset or restore; intact during the next one

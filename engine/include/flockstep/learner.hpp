@@ -161,6 +161,8 @@ struct StepResults {
   std::span<const std::uint8_t> skipped = {};    // (R,) the step only reset an env; nothing is learned from it
 };
 
+class Batch;
+
 // Networks, optimiser and the rollout that the next update learns from. Results have the same bits for any number of threads.
 // One thread at a time may call it. All methods check sizes and throw std::invalid_argument.
 class FLOCKSTEP_API Learner {
@@ -190,10 +192,15 @@ class FLOCKSTEP_API Learner {
   const RunningMoments& observation_moments() const;
   const RunningMoments& return_moments() const;
   void set_moments(RunningMoments observation, RunningMoments returns);
+  // Discounted sum of the rewards of each row's episode so far, (R,); kept if the next rollout has as many rows.
+  std::span<const double> discounted_returns() const;
+  void set_discounted_returns(std::span<const double> values);
 
   // --- acting; observations (R, observation_size)
   // Writes the most probable actions: (R, action_size) numbers, or (R,) indices.
   void predict(std::span<const float> observation, std::span<float> action) const;
+  // Draws actions, in the same form, not limited to the bounds of the action.
+  void sample(std::span<const float> observation, std::span<float> action);
   void values(std::span<const float> observation, std::span<float> value) const;  // (R,)
 
   // --- collecting
@@ -203,6 +210,11 @@ class FLOCKSTEP_API Learner {
   // Draws the actions of step t, not limited to the bounds of the action. Returns (R, action_size) numbers or (R,) indices.
   std::span<const float> act(int t, std::span<const float> observation);
   void record(int t, const StepResults& results);
+  // Does both with a batch of at most num_threads() threads: draws the actions within a step of it, on its threads. Its task has
+  // one row per row of the rollout, and fields of numbers. rewards are multiplied by reward_scale.
+  void fly(int t, Batch& batch, float reward_scale = 1.0F);
+  // Writes the observation of a batch as fly() reads it, (R, observation_size).
+  void read_observation(const Batch& batch, std::span<float> observation) const;
   // Computes advantages and returns. observation: after the last step.
   void finish(std::span<const float> observation);
   // Arrays (n_steps, R) of the rollout.

@@ -411,6 +411,15 @@ void Batch::step(std::span<const float> actions) {
   std::copy(actions.begin(), actions.end(), sim_->task_state->next_actions<float>());
   flockstep::step(*sim_);
 }
+void Batch::step(Pilot& pilot) {
+  const LongCallGuard guard(*lock_);
+  checks::not_stepping(*sim_, "step");
+  checks::has_task(*sim_);
+  checks::require_not_interrupted(*sim_);
+  checks::require_started(*sim_);
+  std::swap(sim_->task_state->actions, sim_->task_state->actions_before);  // rows of removed drones keep older ones
+  flockstep::step(*sim_, &pilot);
+}
 
 const EpisodeState& Batch::episodes() const {
   checks::has_task(*sim_);

@@ -119,6 +119,7 @@ Simulation::Simulation(BatchConfig config_in, Batch::Worlds worlds_in, std::uniq
   }
   for (int i = 0; i < workers.num_threads(); ++i) {
     scratches.push_back(std::make_unique<Scratch>());
+    scratches.back()->thread = static_cast<std::size_t>(i);
     for (auto* const drones : {&scratches.back()->flying, &scratches.back()->drones}) {
       drones->reserve(schedule.block_size() * drones_per_env());
     }

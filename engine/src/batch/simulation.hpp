@@ -33,6 +33,7 @@ namespace flockstep {
 // Working memory of a thread that steps a block; made once.
 struct Scratch {
   trace::Tracer tracer;
+  std::size_t thread = 0;  // its number
   dynamics::FlightScratch flight;
   std::vector<DroneIndex> flying;  // drones of Block::flying during a step
   std::vector<DroneIndex> drones;  // drones of some envs

@@ -218,11 +218,22 @@ void begin_program(Simulation& sim, Executor& executor, bool place) {
 
 void keep(Simulation& sim, Block& block, Scratch&) { keep_final(sim, block); }
 
+// Lets the pilot choose the actions of a block.
+void pilot_block(Simulation& sim, Block& block, Scratch& scratch, Pilot& pilot) {
+  const std::size_t rows = sim.rows_per_env();
+  for_each_contiguous(block.envs, [&](std::size_t first, std::size_t count) {
+    pilot.act({sim.outputs.before().observation, first * rows, count * rows, scratch.thread}, sim.task_state->actions);
+  });
+}
+
 // A step runs two programs: fly_program flies the envs, turn_program begins episodes. In between, the envs that begin an
 // episode may change their worlds.
 template <class Executor>
-void fly_program(Simulation& sim, Executor& executor) {
+void fly_program(Simulation& sim, Executor& executor, Pilot* pilot) {
   Task& task = *sim.task_state->task;
+  if (pilot != nullptr) {
+    executor.each([pilot](Simulation& s, Block& block, Scratch& scratch) { pilot_block(s, block, scratch, *pilot); });
+  }
   executor.each([](Simulation& s, Block& block, Scratch&) { select_envs(s, block); });
   for (int flown = 1; flown <= sim.config.episode.frame_skip; ++flown) {
     const bool is_last = flown == sim.config.episode.frame_skip;
@@ -283,18 +294,18 @@ class Stepping {
 
 }  // namespace
 
-void step(Simulation& sim) {
+void step(Simulation& sim, Pilot* pilot) {
   const Stepping stepping(sim);
   sim.outputs.turn();
   if (!sim.cameras.empty() || sim.task_state->task->takes_all_envs_at_once()) {
     StageByStage executor(sim);
-    fly_program(sim, executor);
+    fly_program(sim, executor, pilot);
     if (sim.pool) change_worlds(sim);
     turn_program(sim, executor);
   } else {
     sim.for_each_block([&](Block& block, Scratch& scratch, std::size_t thread) {
       BlockByBlock executor(sim, block, scratch, thread);
-      fly_program(sim, executor);
+      fly_program(sim, executor, pilot);
       if (!sim.pool) turn_program(sim, executor);
     });
     if (sim.pool) {

@@ -8,8 +8,8 @@
 
 namespace flockstep {
 
-// Flies the actions in sim.task_state->actions.
-void step(Simulation& sim);
+// Flies the actions in sim.task_state->actions, which the pilot writes first if there is one.
+void step(Simulation& sim, Pilot* pilot = nullptr);
 
 // Begins the episodes that have been opened in the envs of Block::resetting. place: true if the task places the drones;
 // otherwise they start at their current poses.

@@ -14,6 +14,7 @@
 #include "base/platform.hpp"
 #include "base/require.hpp"
 #include "base/workers.hpp"
+#include "flockstep/batch.hpp"
 #include "learning/distribution.hpp"
 #include "learning/features.hpp"
 #include "learning/network.hpp"
@@ -155,6 +156,12 @@ struct Learner::Parts {
     }
   }
 
+  // Draws the actions of rows of step t, whose inputs are those of the pass, and keeps what the update needs.
+  void draw_actions(Pass& pass, std::size_t t, std::size_t from, std::size_t count);
+  // Throws if fly() cannot step the batch.
+  void require_fits(const Batch& batch) const;
+  class StepPilot;
+
   // Fills gradients[0] with the gradient of a minibatch.
   Sums add_gradients(const UpdateConfig& update, std::span<const std::int64_t> minibatch);
   Sums add_chunk(const UpdateConfig& update, std::span<const std::int64_t> chunk, std::size_t of, Pass& pass,
@@ -286,6 +293,7 @@ std::uint64_t Learner::draws() const { return parts_->draws; }
 void Learner::set_draws(std::uint64_t draws) { parts_->draws = draws; }
 const RunningMoments& Learner::observation_moments() const { return parts_->observation_moments; }
 const RunningMoments& Learner::return_moments() const { return parts_->return_moments; }
+std::span<const double> Learner::discounted_returns() const { return parts_->discounted; }
 const RolloutConfig& Learner::rollout_config() const { return parts_->rollout.config; }
 int Learner::rows() const { return static_cast<int>(parts_->rollout.rows); }
 std::span<const float> Learner::advantages() const { return parts_->rollout.advantages; }
@@ -329,6 +337,11 @@ void Learner::set_moments(RunningMoments observation, RunningMoments returns) {
   parts_->return_moments = std::move(returns);
 }
 
+void Learner::set_discounted_returns(std::span<const double> values) {
+  for (const double value : values) require(std::isfinite(value), "discounted_returns", "finite numbers", value);
+  parts_->discounted.assign(values.begin(), values.end());
+}
+
 void Learner::predict(std::span<const float> observation, std::span<float> action) const {
   Parts& parts = *parts_;
   const std::size_t rows = rows_of(observation, parts.observation_size, "observation"), size = parts.action_size();
@@ -337,6 +350,20 @@ void Learner::predict(std::span<const float> observation, std::span<float> actio
     const float* const outputs = pass.act(parts.parameters.data(), parts.transposed.data(), count);
     for (std::size_t i = 0; i < count; ++i) {
       parts.distribution.mode(outputs + i * padded(parts.distribution.outputs()), action.data() + (from + i) * size);
+    }
+  });
+}
+
+void Learner::sample(std::span<const float> observation, std::span<float> action) {
+  Parts& parts = *parts_;
+  const std::size_t rows = rows_of(observation, parts.observation_size, "observation"), size = parts.action_size();
+  require_size(action.size(), rows * size, "action");
+  ++parts.draws;
+  parts.for_observations(observation.data(), rows, [&](Pass& pass, std::size_t from, std::size_t count) {
+    const float* const outputs = pass.act(parts.parameters.data(), parts.transposed.data(), count);
+    for (std::size_t i = 0; i < count; ++i) {
+      parts.distribution.draw(outputs + i * padded(parts.distribution.outputs()),
+                              {parts.seed, parts.draws, static_cast<std::uint32_t>(from + i)}, action.data() + (from + i) * size);
     }
   });
 }
@@ -352,9 +379,23 @@ void Learner::begin(const RolloutConfig& config, int rows) {
   config.validate();
   require(rows >= 1 && rows <= 1 << 24, "rows", "an integer in [1, 16777216]", rows);
   const auto count = static_cast<std::size_t>(rows);
-  if (parts.rollout.rows != count) parts.discounted.assign(count, 0.0);
+  if (parts.discounted.size() != count) parts.discounted.assign(count, 0.0);
   parts.rollout.resize(config, count, parts.input_stride, parts.action_size());
   parts.next = 0;
+}
+
+void Learner::Parts::draw_actions(Pass& pass, std::size_t t, std::size_t from, std::size_t count) {
+  const std::size_t first = t * rollout.rows + from, size = action_size(), stride = padded(distribution.outputs());
+  std::copy_n(pass.inputs(), count * input_stride, rollout.inputs.data() + first * input_stride);
+  const float* const outputs = pass.act(parameters.data(), transposed.data(), count);
+  std::vector<float> work(distribution.outputs());
+  for (std::size_t i = 0; i < count; ++i) {
+    float* const action = rollout.actions.data() + (first + i) * size;
+    distribution.draw(outputs + i * stride, {seed, draws, static_cast<std::uint32_t>(from + i)}, action);
+    rollout.log_probs[first + i] = distribution.evaluate(outputs + i * stride, action, work.data()).log_prob;
+  }
+  const float* const values = pass.judge(parameters.data(), transposed.data(), count);
+  for (std::size_t i = 0; i < count; ++i) rollout.values[first + i] = values[i * kPad];
 }
 
 std::span<const float> Learner::act(int t, std::span<const float> observation) {
@@ -363,22 +404,145 @@ std::span<const float> Learner::act(int t, std::span<const float> observation) {
   require(t == parts.next && t < rollout.config.n_steps, "t", "step " + std::to_string(parts.next), t);
   require_size(observation.size(), rollout.rows * parts.observation_size, "observation");
   if (rollout.config.normalize_observations) take(parts.observation_moments, observation.data(), rollout.rows);
-  const std::size_t first = static_cast<std::size_t>(t) * rollout.rows, size = parts.action_size();
-  const std::uint64_t number = ++parts.draws;
+  ++parts.draws;
+  const auto step = static_cast<std::size_t>(t);
   parts.for_observations(observation.data(), rollout.rows, [&](Pass& pass, std::size_t from, std::size_t count) {
-    std::copy_n(pass.inputs(), count * parts.input_stride, rollout.inputs.data() + (first + from) * parts.input_stride);
-    const float* const outputs = pass.act(parts.parameters.data(), parts.transposed.data(), count);
-    std::vector<float> work(parts.distribution.outputs());
-    for (std::size_t i = 0; i < count; ++i) {
-      const float* const output = outputs + i * padded(parts.distribution.outputs());
-      float* const action = rollout.actions.data() + (first + from + i) * size;
-      parts.distribution.draw(output, {parts.seed, number, static_cast<std::uint32_t>(from + i)}, action);
-      rollout.log_probs[first + from + i] = parts.distribution.evaluate(output, action, work.data()).log_prob;
-    }
-    const float* const values = pass.judge(parts.parameters.data(), parts.transposed.data(), count);
-    for (std::size_t i = 0; i < count; ++i) rollout.values[first + from + i] = values[i * kPad];
+    parts.draw_actions(pass, step, from, count);
   });
-  return std::span(rollout.actions).subspan(first * size, rollout.rows * size);
+  const std::size_t size = rollout.rows * parts.action_size();
+  return std::span(rollout.actions).subspan(step * size, size);
+}
+
+namespace {
+
+template <class T>
+void append_as_floats(std::span<const T> values, float*& to) {
+  for (const T value : values) *to++ = static_cast<float>(value);
+}
+
+// Appends a row of a field, as numbers.
+void append_row(const Buffer& field, std::size_t row, float*& to) {
+  switch (field.type()) {
+    case DType::float32:
+      to = std::copy_n(field.row<float>(row).data(), field.columns(), to);
+      return;
+    case DType::float64:
+      return append_as_floats(field.row<double>(row), to);
+    case DType::int32:
+      return append_as_floats(field.row<std::int32_t>(row), to);
+    case DType::int64:
+      return append_as_floats(field.row<std::int64_t>(row), to);
+    case DType::boolean:
+    case DType::uint8:
+      return append_as_floats(field.row<std::uint8_t>(row), to);
+  }
+}
+
+void write_row(const std::vector<Buffer>& observation, std::size_t row, float* to) {
+  for (const Buffer& field : observation) append_row(field, row, to);
+}
+
+}  // namespace
+
+// Draws the actions of a step within a step of a batch.
+class Learner::Parts::StepPilot : public Pilot {
+ public:
+  StepPilot(Parts& parts, std::size_t t, const Field& action) : parts_(parts), t_(t), low_(action.low.at(0)) {}
+
+  void act(const PilotedRows& rows, Buffer& actions) override {
+    Pass& pass = parts_.passes[rows.thread];
+    std::vector<float> observation(parts_.observation_size), normalised;
+    for (std::size_t from = rows.first; from < rows.first + rows.count; from += Pass::kRows) {
+      const std::size_t count = std::min(Pass::kRows, rows.first + rows.count - from);
+      for (std::size_t i = 0; i < count; ++i) {
+        write_row(rows.observation, from + i, observation.data());
+        parts_.write_inputs(observation.data(), normalised, pass.inputs() + i * parts_.input_stride);
+      }
+      parts_.draw_actions(pass, t_, from, count);
+      for (std::size_t i = 0; i < count; ++i) write_action(from + i, actions);
+    }
+  }
+
+ private:
+  void write_action(std::size_t row, Buffer& actions) const {
+    const std::size_t size = parts_.action_size();
+    const float* const drawn = parts_.rollout.actions.data() + (t_ * parts_.rollout.rows + row) * size;
+    switch (actions.type()) {
+      case DType::float32:
+        std::copy_n(drawn, size, actions.row<float>(row).data());
+        return;
+      case DType::int32:
+        actions.row<std::int32_t>(row)[0] = static_cast<std::int32_t>(low_ + static_cast<double>(*drawn));
+        return;
+      default:
+        actions.row<std::int64_t>(row)[0] = static_cast<std::int64_t>(low_ + static_cast<double>(*drawn));
+    }
+  }
+
+  Parts& parts_;
+  std::size_t t_;
+  double low_;  // first integer action
+};
+
+void Learner::read_observation(const Batch& batch, std::span<float> observation) const {
+  parts_->require_fits(batch);
+  require_size(observation.size(), parts_->rollout.rows * parts_->observation_size, "observation");
+  for (std::size_t row = 0; row < parts_->rollout.rows; ++row) {
+    write_row(batch.outputs().observation, row, observation.data() + row * parts_->observation_size);
+  }
+}
+
+void Learner::fly(int t, Batch& batch, float reward_scale) {
+  Parts& parts = *parts_;
+  Rollout& rollout = parts.rollout;
+  require(t == parts.next && t < rollout.config.n_steps, "t", "step " + std::to_string(parts.next), t);
+  parts.require_fits(batch);
+  if (rollout.config.normalize_observations) {
+    std::vector<float> observation(rollout.rows * parts.observation_size);
+    read_observation(batch, observation);
+    take(parts.observation_moments, observation.data(), rollout.rows);
+  }
+  // Under next-step autoreset, envs whose episodes are over only reset.
+  std::vector<std::uint8_t> skipped;
+  if (batch.config().episode.autoreset_mode != AutoresetMode::same_step) {
+    const Outputs& before = batch.outputs();
+    for (std::size_t row = 0; row < rollout.rows; ++row) skipped.push_back(before.terminated[row] | before.truncated[row]);
+  }
+  ++parts.draws;
+  Parts::StepPilot pilot(parts, static_cast<std::size_t>(t), batch.task()->spec().action);
+  batch.step(pilot);
+  const Outputs& after = batch.outputs();
+  std::vector<float> reward(after.reward.begin(), after.reward.end());
+  for (float& value : reward) value *= reward_scale;
+  const auto is_cut = [&](std::size_t row) { return after.truncated[row] != 0 && after.terminated[row] == 0; };
+  std::vector<float> final_observation;
+  for (std::size_t row = 0; row < rollout.rows; ++row) {
+    if (!is_cut(row)) continue;
+    final_observation.resize(rollout.rows * parts.observation_size);
+    write_row(after.final_observation, row, final_observation.data() + row * parts.observation_size);
+  }
+  record(t, {.reward = reward,
+             .terminated = after.terminated,
+             .truncated = after.truncated,
+             .final_observation = final_observation,
+             .skipped = skipped});
+}
+
+void Learner::Parts::require_fits(const Batch& batch) const {
+  require(batch.task() != nullptr, "batch", "a batch with a task", "one without");
+  const TaskSpec& spec = batch.task()->spec();
+  const Outputs& outputs = batch.outputs();
+  require(outputs.reward.size() == rollout.rows, "batch", std::to_string(rollout.rows) + " rows", outputs.reward.size());
+  std::size_t size = 0;
+  for (const Field& field : spec.observation) size += field.size();
+  require(size == observation_size, "batch", "observations of " + std::to_string(observation_size) + " numbers", size);
+  const bool is_discrete = !is_floating(spec.action.type);
+  require(is_discrete == config.is_discrete, "batch", config.is_discrete ? "discrete actions" : "actions of numbers",
+          is_discrete ? "discrete actions" : "actions of numbers");
+  const auto actions = is_discrete ? static_cast<std::size_t>(spec.action.high.at(0) - spec.action.low.at(0)) + 1 : spec.action.size();
+  require(actions == distribution.outputs(), "batch", "actions of size " + std::to_string(distribution.outputs()), actions);
+  require(static_cast<std::size_t>(batch.num_threads()) <= passes.size(), "batch",
+          "at most " + std::to_string(passes.size()) + " threads", batch.num_threads());
 }
 
 void Learner::record(int t, const StepResults& results) {

@@ -16,7 +16,14 @@ except ImportError as _error:
     raise type(_error)(_needed, name=_error.name) from _error
 
 from flockstep.sb3.evaluation import Evaluation, evaluate, success_rates
-from flockstep.sb3.features import BlobFeatures, GoalFeatures, ImageFeatures, PixelFeatures, PointFeatures
+from flockstep.sb3.features import (
+    BlobFeatures,
+    GoalFeatures,
+    ImageFeatures,
+    NormalizedFeatures,
+    PixelFeatures,
+    PointFeatures,
+)
 from flockstep.sb3.log_terms import LogTerms
 from flockstep.sb3.progress import Progress
 from flockstep.sb3.vec_env import DroneVecEnv, make_vec
@@ -28,6 +35,7 @@ __all__ = [
     "GoalFeatures",
     "ImageFeatures",
     "LogTerms",
+    "NormalizedFeatures",
     "PixelFeatures",
     "PointFeatures",
     "Progress",

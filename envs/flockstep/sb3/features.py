@@ -43,6 +43,41 @@ class GoalFeatures(BaseFeaturesExtractor):
         return torch.cat([DIRECTION_GAIN * direction, nearness(ranges)], dim=1)
 
 
+class NormalizedFeatures(BaseFeaturesExtractor):
+    """Observations shifted and scaled by constants and clipped to +-10, as `flockstep.PPO` does.
+
+    Parameters
+    ----------
+    observation_space
+        A Box, or a Dict of Boxes, which is flattened in the order of its names.
+    mean, variance
+        Of each number of an observation.
+    inner
+        Features extractor of the results. None: the results themselves.
+    """
+
+    def __init__(
+        self,
+        observation_space: spaces.Box | spaces.Dict,
+        mean: list[float],
+        variance: list[float],
+        inner: type[BaseFeaturesExtractor] | None = None,
+    ) -> None:
+        flat = spaces.Box(-np.inf, np.inf, (len(mean),), np.float32)
+        extractor = nn.Identity() if inner is None else inner(flat)  # type: ignore[call-arg]
+        super().__init__(observation_space, features_dim=int(getattr(extractor, "features_dim", len(mean))))
+        self.inner = extractor
+        self.register_buffer("mean", torch.as_tensor(mean, dtype=torch.float64))
+        self.register_buffer("scale", 1 / torch.sqrt(torch.as_tensor(variance, dtype=torch.float64) + 1e-8))
+
+    def forward(self, observations: torch.Tensor | dict[str, torch.Tensor]) -> torch.Tensor:
+        """Convert observations (N, ...), or a dict of them, into features (N, features_dim)."""
+        parts = list(observations.values()) if isinstance(observations, dict) else [observations]
+        flat = torch.cat([part.flatten(1) for part in parts], dim=1).double()
+        normal = ((flat - self.mean) * self.scale).float().clamp(-10, 10)
+        return self.inner(normal)  # type: ignore[no-any-return]
+
+
 class BlobFeatures(BaseFeaturesExtractor):
     """Offset and width of the green blob, a flag for its presence, and the nearness of the obstacles."""
 

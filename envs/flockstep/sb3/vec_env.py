@@ -123,12 +123,13 @@ class DroneVecEnv(VecEnv):
         going_on: dict[str, Any] = {}
         infos = [going_on] * self.num_envs
         if np.count_nonzero(done):
-            self._add_ends(infos, np.flatnonzero(done), truncated)
+            self.add_ends(infos, np.flatnonzero(done), truncated)
         return self.env.observation(), self.env.scaled_reward().copy(), done, infos
 
-    def _add_ends(
+    def add_ends(
         self, infos: list[dict[str, Any]], ended: npt.NDArray[np.intp], truncated: npt.NDArray[np.bool_]
     ) -> None:
+        """Set the infos of the rows whose episodes have ended in the last step."""
         seconds = round(time.perf_counter() - self._created, 6)
         report = _lists(self.env.episode_infos(ended))
         total, length, success = (report.pop(name) for name in ("episode_return", "episode_length", "success"))

@@ -1,0 +1,574 @@
+"""PPO by the compiled learner, with the names, defaults and semantics of Stable-Baselines3's."""
+
+from __future__ import annotations
+
+import inspect
+import secrets
+import time
+from collections import deque
+from collections.abc import Callable, Mapping
+from os import PathLike
+from typing import Any, TypeAlias, TypeVar
+
+import numpy as np
+import numpy.typing as npt
+from gymnasium import spaces
+
+from flockstep._core import Learner, NetworkConfig, RolloutConfig, UpdateConfig
+from flockstep.learning import files, sb3_models
+from flockstep.learning.callbacks import Callbacks
+from flockstep.learning.logs import Log
+from flockstep.learning.networks import network_config
+from flockstep.learning.sources import Episode, Source, source_of
+
+#: A number, or a function of the remaining share of the training, which falls from 1 to 0.
+Schedule: TypeAlias = float | Callable[[float], float]
+Array = npt.NDArray[Any]
+_Self = TypeVar("_Self", bound="PPO")
+
+_SCHEDULES = ("learning_rate", "clip_range", "clip_range_vf")
+_NUMBERS = (
+    "n_steps",
+    "batch_size",
+    "n_epochs",
+    "gamma",
+    "gae_lambda",
+    "normalize_advantage",
+    "ent_coef",
+    "vf_coef",
+    "max_grad_norm",
+    "target_kl",
+    "stats_window_size",
+    "seed",
+    "normalize_observations",
+    "normalize_rewards",
+)
+
+
+class PPO:
+    """Proximal policy optimisation in C++, for networks of fully connected layers.
+
+    A script that trains with Stable-Baselines3's PPO trains with this class if its import changes. Steps of the
+    engine's tasks stay in the engine; your own tasks, any Gymnasium vector env and any ``VecEnv`` work, too. Results
+    have the same bits for any number of threads. Policies with images or memory need Stable-Baselines3.
+
+    >>> envs = flockstep.DroneVectorEnv(512, task=flockstep.HoverConfig(), autoreset_mode="same_step")
+    >>> model = flockstep.PPO("MlpPolicy", envs, n_steps=32, batch_size=4096, n_epochs=5, learning_rate=3e-3)
+    >>> model.learn(1_600_000, progress_bar=True)
+    >>> model.save("hover")
+
+    Parameters
+    ----------
+    policy
+        ``"MlpPolicy"``, or ``"MultiInputPolicy"`` for a dict, whose parts are flattened in the order of their names.
+    env
+        A `DroneVectorEnv`, a Gymnasium vector env, env or id, or a ``VecEnv``. None: for `predict` only.
+    learning_rate, clip_range, clip_range_vf
+        A number, or a function of the remaining share of the training, which falls from 1 to 0.
+    n_steps
+        Steps of each row between two updates.
+    batch_size
+        Steps in a minibatch.
+    n_epochs
+        Passes over the steps of an update.
+    gamma, gae_lambda
+        Discount factor, and the weight of long against short estimates of the advantage.
+    normalize_advantage
+        Shift and scale the advantages of each minibatch to mean 0 and standard deviation 1.
+    ent_coef, vf_coef
+        Weights of entropy and value in the loss.
+    max_grad_norm
+        Largest norm of the gradient.
+    target_kl
+        End an update at a minibatch whose approximate KL divergence exceeds 1.5 times this. None: never.
+    stats_window_size
+        Number of the latest episodes whose means are logged.
+    tensorboard_log
+        Folder for TensorBoard, with the tags of Stable-Baselines3. None: none.
+    policy_kwargs
+        ``net_arch``: sizes of the hidden layers, a list for both networks or a dict with ``pi`` and ``vf``. Default:
+        [64, 64]. ``activation_fn``: ``"tanh"`` (default), ``"relu"``, or these classes of PyTorch. ``log_std_init``:
+        logarithm of the actions' standard deviations at the start, 0. ``features_extractor_class``: `GoalFeatures`,
+        `BlobFeatures` or `PointFeatures` of `flockstep.sb3`, or their names, which do not need PyTorch.
+    verbose
+        1: print a table after every update.
+    seed
+        Of weights, actions, minibatches and the environments. None: drawn.
+    device
+        ``"cpu"`` or ``"auto"``.
+    num_threads
+        Threads of the learner. 0: those of the batch, or one per physical core.
+    normalize_observations, normalize_rewards
+        As ``VecNormalize``: shift and scale observations by running means and variances; scale rewards by the running
+        standard deviation of the discounted return.
+
+    Raises
+    ------
+    ValueError, TypeError
+        A value is not allowed, or needs Stable-Baselines3; the message names it.
+    """
+
+    def __init__(
+        self,
+        policy: str,
+        env: Any,
+        learning_rate: Schedule = 3e-4,
+        n_steps: int = 2048,
+        batch_size: int = 64,
+        n_epochs: int = 10,
+        gamma: float = 0.99,
+        gae_lambda: float = 0.95,
+        clip_range: Schedule = 0.2,
+        clip_range_vf: Schedule | None = None,
+        normalize_advantage: bool = True,
+        ent_coef: float = 0.0,
+        vf_coef: float = 0.5,
+        max_grad_norm: float = 0.5,
+        target_kl: float | None = None,
+        stats_window_size: int = 100,
+        tensorboard_log: str | PathLike[str] | None = None,
+        policy_kwargs: Mapping[str, Any] | None = None,
+        verbose: int = 0,
+        seed: int | None = None,
+        device: str = "auto",
+        *,
+        num_threads: int = 0,
+        normalize_observations: bool = False,
+        normalize_rewards: bool = False,
+    ) -> None:
+        if str(device) not in ("auto", "cpu"):
+            raise ValueError(f"device: expected 'cpu' or 'auto', got {device!r}: the learner runs on the processor")
+        if env is None:
+            raise TypeError("env: expected an environment, got None; load() makes a model without one")
+        self.source: Source | None = source_of(env)
+        self.env = env
+        self.observation_space, self.action_space = self.source.observation_space, self.source.action_space
+        self.learning_rate, self.clip_range, self.clip_range_vf = learning_rate, clip_range, clip_range_vf
+        self.n_steps, self.batch_size, self.n_epochs = n_steps, batch_size, n_epochs
+        self.gamma, self.gae_lambda, self.normalize_advantage = gamma, gae_lambda, normalize_advantage
+        self.ent_coef, self.vf_coef, self.max_grad_norm, self.target_kl = ent_coef, vf_coef, max_grad_norm, target_kl
+        self.stats_window_size, self.tensorboard_log, self.verbose = stats_window_size, tensorboard_log, verbose
+        self.normalize_observations, self.normalize_rewards = normalize_observations, normalize_rewards
+        self.seed = seed
+        self._make_learner(policy, policy_kwargs, num_threads)
+
+    def _make_learner(self, policy: str, policy_kwargs: Mapping[str, Any] | None, num_threads: int) -> None:
+        """Make the networks; the environment or its spaces, and the hyperparameters, are set."""
+        self._check()
+        self.policy_kwargs = dict(policy_kwargs or {})
+        config, log_std = network_config(policy, self.observation_space, self.action_space, self.policy_kwargs)
+        drawn = secrets.randbits(62) if self.seed is None else int(self.seed)
+        self.learner = Learner(config, num_threads or self._threads_of_env(), drawn)
+        if not config.is_discrete and log_std != 0.0:
+            parameters = self.learner.parameters
+            parameters[: config.action_size] = log_std
+            self.learner.parameters = parameters
+        self._begin_counts()
+
+    @classmethod
+    def _without_env(
+        cls: type[_Self],
+        policy: str,
+        observation_space: spaces.Space[Any],
+        action_space: spaces.Space[Any],
+        policy_kwargs: Mapping[str, Any],
+        hyperparameters: Mapping[str, Any],
+    ) -> _Self:
+        model = cls.__new__(cls)
+        for name, value in {**_DEFAULTS, **hyperparameters}.items():
+            setattr(model, name, value)
+        model.source, model.env = None, None
+        model.observation_space, model.action_space = observation_space, action_space
+        model._make_learner(policy, policy_kwargs, 0)
+        return model
+
+    def _begin_counts(self) -> None:
+        self.num_timesteps = self._total_timesteps = self._n_updates = 0
+        self._current_progress_remaining = 1.0
+        self.ep_info_buffer: deque[dict[str, float]] = deque(maxlen=self.stats_window_size)
+        self.ep_success_buffer: deque[bool] = deque(maxlen=self.stats_window_size)
+        self._is_started = False
+        self._log: Log | None = None
+
+    def _threads_of_env(self) -> int:
+        batch = getattr(getattr(self.source, "env", None), "batch", None)
+        return int(getattr(batch, "num_threads", 0))
+
+    @property
+    def n_envs(self) -> int:
+        """Number of rows of the environment."""
+        return 1 if self.source is None else self.source.rows
+
+    @property
+    def logger(self) -> Any:
+        """The log of the current training, with ``record(key, value)`` and ``dump(step)``."""
+        if self._log is None:
+            self._log = Log(self.verbose, None, "PPO")
+        return self._log
+
+    def set_logger(self, logger: Any) -> None:
+        """Use another logger, such as one of Stable-Baselines3."""
+        self._log = logger
+        self._has_given_log = True
+
+    _has_given_log = False
+
+    def get_env(self) -> Any:
+        """Return the environment."""
+        return self.env
+
+    def set_env(self, env: Any) -> None:
+        """Train in another environment, with equal spaces, from the next `learn` on."""
+        source = source_of(env)
+        for name in ("observation_space", "action_space"):
+            if getattr(source, name) != getattr(self, name):
+                raise ValueError(f"env: expected the {name} {getattr(self, name)}, got {getattr(source, name)}")
+        self.source, self.env, self._is_started = source, env, False
+
+    # --- learning
+
+    def learn(
+        self: _Self,
+        total_timesteps: int,
+        callback: Any = None,
+        log_interval: int | None = 1,
+        tb_log_name: str = "PPO",
+        reset_num_timesteps: bool = True,
+        progress_bar: bool = False,
+    ) -> _Self:
+        """Train for a number of steps, rounded up to whole rollouts.
+
+        Ctrl-C leaves a whole model, as of the last minibatch.
+
+        Parameters
+        ----------
+        total_timesteps
+            Steps of all rows together.
+        callback
+            Callbacks of Stable-Baselines3, a function of ``(locals, globals)`` that returns False to stop, or a list.
+        log_interval
+            Rollouts between two logs; None: no logs.
+        tb_log_name
+            Name of the run in TensorBoard.
+        reset_num_timesteps
+            Begin to count anew, and begin new episodes. False: go on.
+        progress_bar
+            Show a progress bar; needs tqdm.
+
+        Raises
+        ------
+        ValueError
+            A hyperparameter is out of range.
+        FloatingPointError
+            A loss is not finite; the parameters are those before it.
+        """
+        if self.source is None:
+            raise ValueError("learn: expected an environment: call set_env first")
+        if not isinstance(total_timesteps, (int, np.integer)) and float(total_timesteps) != int(total_timesteps):
+            raise ValueError(f"total_timesteps: expected an integer, got {total_timesteps!r}")
+        self._check()
+        if reset_num_timesteps:
+            self.num_timesteps = 0
+        self._total_timesteps = int(total_timesteps) + self.num_timesteps
+        if not self._has_given_log:
+            self._log = Log(self.verbose, self.tensorboard_log, tb_log_name, is_new=reset_num_timesteps)
+        if reset_num_timesteps or not self._is_started:
+            self.source.reset(self.seed if not self._is_started else None)
+            self._is_started = True
+        callbacks = Callbacks(callback, self)
+        bar = _progress_bar(int(total_timesteps)) if progress_bar else None
+        begun, begun_at = time.perf_counter(), self.num_timesteps
+        callbacks.start(locals(), globals())
+        iteration = 0
+        try:
+            while self.num_timesteps < self._total_timesteps:
+                if not self._collect(callbacks, bar):
+                    break
+                iteration += 1
+                self._current_progress_remaining = 1.0 - self.num_timesteps / self._total_timesteps
+                if log_interval is not None and iteration % log_interval == 0:
+                    self._log_progress(iteration, time.perf_counter() - begun, self.num_timesteps - begun_at)
+                self._train()
+        finally:
+            if bar is not None:
+                bar.close()
+        callbacks.end()
+        return self
+
+    def _collect(self, callbacks: Callbacks, bar: Any) -> bool:
+        """Collect a rollout; return False if a callback stops the training."""
+        assert self.source is not None
+        source, learner = self.source, self.learner
+        learner.begin(self._rollout_config(), source.rows)
+        callbacks.start_rollout()
+        for t in range(self.n_steps):
+            stepped = source.step(learner, t, callbacks.need_infos)
+            self.num_timesteps += source.rows
+            for episode in stepped.episodes:
+                self._count(episode)
+            if bar is not None:
+                bar.update(source.rows)
+            if not callbacks.step(stepped):
+                return False
+        learner.finish(source.observation(learner))
+        callbacks.end_rollout()
+        return True
+
+    def _count(self, episode: Episode) -> None:
+        self.ep_info_buffer.append({"r": episode.total, "l": episode.length})
+        if episode.success is not None:
+            self.ep_success_buffer.append(episode.success)
+
+    def _train(self) -> None:
+        """Learn from the rollout."""
+        config = self._update_config(self._current_progress_remaining)
+        report = self.learner.update(config)
+        if not report.is_finite:
+            raise FloatingPointError(
+                f"the loss of an update, after {self.num_timesteps} steps, is not finite "
+                f"({report.loss}): rewards or observations are too large, or learning_rate is; the model is as before"
+            )
+        self._n_updates += report.epochs
+        record = self.logger.record
+        record("train/learning_rate", config.learning_rate)
+        record("train/entropy_loss", report.entropy_loss)
+        record("train/policy_gradient_loss", report.policy_gradient_loss)
+        record("train/value_loss", report.value_loss)
+        record("train/approx_kl", report.approx_kl)
+        record("train/clip_fraction", report.clip_fraction)
+        record("train/loss", report.loss)
+        record("train/explained_variance", report.explained_variance)
+        if not self.learner.config.is_discrete:
+            record("train/std", report.std)
+        record("train/n_updates", self._n_updates, exclude="tensorboard")
+        record("train/clip_range", config.clip_range)
+        if config.clip_range_vf is not None:
+            record("train/clip_range_vf", config.clip_range_vf)
+
+    def _log_progress(self, iteration: int, seconds: float, steps: int) -> None:
+        record = self.logger.record
+        record("time/iterations", iteration, exclude="tensorboard")
+        if self.ep_info_buffer:
+            record("rollout/ep_rew_mean", float(np.mean([end["r"] for end in self.ep_info_buffer])))
+            record("rollout/ep_len_mean", float(np.mean([end["l"] for end in self.ep_info_buffer])))
+        record("time/fps", int(steps / max(seconds, 1e-9)))
+        record("time/time_elapsed", int(seconds), exclude="tensorboard")
+        record("time/total_timesteps", self.num_timesteps, exclude="tensorboard")
+        if self.ep_success_buffer:
+            record("rollout/success_rate", float(np.mean(self.ep_success_buffer)))
+        self.logger.dump(step=self.num_timesteps)
+
+    def _rollout_config(self) -> RolloutConfig:
+        return RolloutConfig(
+            n_steps=self.n_steps,
+            gamma=self.gamma,
+            gae_lambda=self.gae_lambda,
+            normalize_observations=self.normalize_observations,
+            normalize_rewards=self.normalize_rewards,
+        )
+
+    def _update_config(self, progress_remaining: float) -> UpdateConfig:
+        scheduled = {name: _value(getattr(self, name), progress_remaining) for name in _SCHEDULES}
+        return UpdateConfig(
+            batch_size=self.batch_size,
+            n_epochs=self.n_epochs,
+            normalize_advantage=self.normalize_advantage,
+            ent_coef=self.ent_coef,
+            vf_coef=self.vf_coef,
+            max_grad_norm=self.max_grad_norm,
+            target_kl=self.target_kl,
+            **scheduled,
+        )
+
+    def _check(self) -> None:
+        """Raise ValueError or TypeError that names a hyperparameter with an invalid value."""
+        self._rollout_config()
+        self._update_config(1.0)
+        if self.seed is not None and not 0 <= int(self.seed) < 1 << 63:
+            raise ValueError(f"seed: expected an integer in [0, 2**63) or None, got {self.seed!r}")
+        if self.stats_window_size < 1:
+            raise ValueError(f"stats_window_size: expected an integer >= 1, got {self.stats_window_size!r}")
+
+    # --- acting
+
+    def predict(
+        self,
+        observation: Any,
+        state: tuple[Array, ...] | None = None,
+        episode_start: Array | None = None,
+        deterministic: bool = False,
+    ) -> tuple[Array, tuple[Array, ...] | None]:
+        """Return the actions for one observation or for several, and ``state`` as given.
+
+        Parameters
+        ----------
+        observation
+            As of the observation space, or rows of it.
+        state, episode_start
+            For compatibility; the policy has no memory.
+        deterministic
+            The most probable action, not a random one.
+        """
+        del episode_start
+        rows, is_single = self._rows(observation)
+        drawn = self.learner.predict(rows) if deterministic else self.learner.sample(rows)
+        space = self.action_space
+        if isinstance(space, spaces.Discrete):
+            actions = drawn.astype(np.int64) + int(space.start)
+        else:
+            assert isinstance(space, spaces.Box)
+            actions = np.clip(drawn.reshape(len(rows), *space.shape), space.low, space.high).astype(space.dtype)
+        return (actions[0] if is_single else actions), state
+
+    def _rows(self, observation: Any) -> tuple[npt.NDArray[np.float32], bool]:
+        """Return observations as rows of numbers, and True if there is a single one without a dimension of rows."""
+        space = self.observation_space
+        parts = dict(space.spaces) if isinstance(space, spaces.Dict) else {"": space}
+        given = observation if isinstance(space, spaces.Dict) else {"": observation}
+        is_single = None
+        flat = []
+        for name, part in parts.items():
+            values = np.asarray(given[name], np.float32)
+            assert part.shape is not None
+            if values.shape == part.shape:
+                is_single = True
+            elif values.shape[1:] == part.shape and is_single is not True:
+                is_single = False
+            else:
+                where = f"observation[{name!r}]" if name else "observation"
+                raise ValueError(f"{where}: expected shape {part.shape} or (rows, ...), got {values.shape}")
+            flat.append(values.reshape(1 if is_single else len(values), -1))
+        return np.ascontiguousarray(np.concatenate(flat, axis=1)), bool(is_single)
+
+    # --- files and conversions
+
+    def save(self, path: str | PathLike[str]) -> None:
+        """Write the model to a file: JSON and arrays in a zip archive. It is replaced as a whole."""
+        files.save(path, self._state(), self._arrays())
+
+    @classmethod
+    def load(cls: type[_Self], path: str | PathLike[str], env: Any = None, **changes: Any) -> _Self:
+        """Read a model from a file that `save` wrote. No code in it is run.
+
+        Parameters
+        ----------
+        path
+            The file; ``.zip`` may be omitted.
+        env
+            The environment to go on training in, or None.
+        **changes
+            Hyperparameters to change; a schedule that was a function has to be given again.
+
+        Raises
+        ------
+        ValueError
+            The file is of another kind or damaged, or a schedule is missing.
+        """
+        state, arrays = files.load(path)
+        return cls._from_state(state, arrays, env, changes)
+
+    def to_sb3(self) -> Any:
+        """Return a ``PPO`` of Stable-Baselines3 with the same network and hyperparameters. It acts the same to 1e-6."""
+        return sb3_models.to_sb3(self)
+
+    @classmethod
+    def from_sb3(cls: type[_Self], model: Any, env: Any = None) -> _Self:
+        """Return a model with the network and hyperparameters of a ``PPO`` of Stable-Baselines3.
+
+        Raises
+        ------
+        ValueError
+            The model has a part that the learner lacks; the message names it.
+        """
+        made: _Self = sb3_models.from_sb3(cls, model, env)
+        return made
+
+    def _state(self) -> dict[str, Any]:
+        config = self.learner.config
+        return {
+            "network": {name: getattr(config, name) for name in config.__match_args__},
+            "observation_space": files.plain_space(self.observation_space),
+            "action_space": files.plain_space(self.action_space),
+            "hyperparameters": {name: getattr(self, name) for name in _NUMBERS},
+            "schedules": {name: None if callable(getattr(self, name)) else getattr(self, name) for name in _SCHEDULES},
+            "callable_schedules": [name for name in _SCHEDULES if callable(getattr(self, name))],
+            "num_timesteps": self.num_timesteps,
+            "n_updates": self._n_updates,
+            "adam_steps": self.learner.adam[2],
+            "learner_seed": self.learner.seed,
+            "draws": self.learner.draws,
+            "observation_count": self.learner.observation_moments[2],
+            "return_count": self.learner.return_moments[2],
+        }
+
+    def _arrays(self) -> dict[str, Array]:
+        learner = self.learner
+        first, second, _ = learner.adam
+        return {
+            "parameters": learner.parameters,
+            "adam_first": first,
+            "adam_second": second,
+            "observation_mean": learner.observation_moments[0],
+            "observation_variance": learner.observation_moments[1],
+            "return_mean": learner.return_moments[0],
+            "return_variance": learner.return_moments[1],
+            "discounted_returns": learner.discounted_returns,
+        }
+
+    @classmethod
+    def _from_state(
+        cls: type[_Self], state: Mapping[str, Any], arrays: Mapping[str, Array], env: Any, changes: Mapping[str, Any]
+    ) -> _Self:
+        model = cls.__new__(cls)
+        values = {**state["hyperparameters"], **state["schedules"]}
+        known = [*_NUMBERS, *_SCHEDULES, "tensorboard_log", "verbose", "num_threads"]
+        for name in changes:
+            if name not in known:
+                raise TypeError(f"load: expected hyperparameters such as learning_rate, got {name!r}")
+        for name in state["callable_schedules"]:
+            if name not in changes:
+                raise ValueError(f"{name}: it was a function, which files do not hold: give it to load()")
+        values = {"tensorboard_log": None, "verbose": 0, **values, **changes}
+        num_threads = int(values.pop("num_threads", 0))
+        for name, value in values.items():
+            setattr(model, name, value)
+        model.policy_kwargs = {}
+        model.observation_space = files.space_from(state["observation_space"])
+        model.action_space = files.space_from(state["action_space"])
+        model.source, model.env = None, None
+        model._check()
+        if env is not None:
+            model.set_env(env)
+        config = NetworkConfig(**state["network"])
+        learner = Learner(config, num_threads or model._threads_of_env(), state["learner_seed"])
+        learner.parameters = arrays["parameters"]
+        learner.set_adam(arrays["adam_first"], arrays["adam_second"], state["adam_steps"])
+        learner.set_moments(
+            (arrays["observation_mean"], arrays["observation_variance"], state["observation_count"]),
+            (arrays["return_mean"], arrays["return_variance"], state["return_count"]),
+        )
+        learner.discounted_returns = arrays["discounted_returns"]
+        learner.draws = state["draws"]
+        model.learner = learner
+        model._begin_counts()
+        model.num_timesteps, model._n_updates = state["num_timesteps"], state["n_updates"]
+        return model
+
+
+def _value(schedule: Any, progress_remaining: float) -> float | None:
+    return float(schedule(progress_remaining)) if callable(schedule) else schedule
+
+
+def _progress_bar(total: int) -> Any:
+    try:
+        from tqdm.auto import tqdm
+    except ImportError as error:
+        raise ImportError("progress_bar=True needs tqdm: pip install tqdm", name="tqdm") from error
+    return tqdm(total=total, unit=" steps", unit_scale=True, mininterval=0.5)
+
+
+_DEFAULTS = {
+    name: parameter.default
+    for name, parameter in inspect.signature(PPO.__init__).parameters.items()
+    if name in (*_NUMBERS, *_SCHEDULES, "tensorboard_log", "verbose")
+}
