@@ -285,7 +285,7 @@ class PPO:
                 if not self._collect(callbacks, bar):
                     break
                 iteration += 1
-                self._current_progress_remaining = 1.0 - self.num_timesteps / self._total_timesteps
+                self._current_progress_remaining = max(0.0, 1.0 - self.num_timesteps / self._total_timesteps)
                 if log_interval is not None and iteration % log_interval == 0:
                     self._log_progress(iteration, time.perf_counter() - begun, self.num_timesteps - begun_at)
                 self._train()

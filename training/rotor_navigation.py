@@ -1,0 +1,98 @@
+"""The playgrounds by rotors: fly from start to goal by LiDAR with velocities relative to the heading.
+
+Unlike in the LiDAR task of the thesis, the drone has inertia, and the policy chooses velocities instead of steps.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any, ClassVar
+
+import numpy as np
+import numpy.typing as npt
+from gymnasium import spaces
+
+import flockstep
+from flockstep.rotations import rotate
+
+Array = npt.NDArray[Any]
+
+GOAL_RADIUS_M = 0.5
+NEAR = 0.25  # fraction of the LiDAR's range within which nearness costs
+MOST_DISTANCE_M = 5.0  # observed distances are limited to this
+
+
+class RotorNavigation(flockstep.Task):
+    """Fly to each waypoint and then to the goal, without touching anything."""
+
+    worlds: ClassVar[tuple[str, ...]] = ("train",)
+    lidar = flockstep.LidarConfig()
+    drone = "t650"
+    dynamics = flockstep.DynamicsConfig(motion="rotors", control="heading_velocity", max_speed_mps=2.0)
+    clock = flockstep.ClockConfig(policy_hz=10)
+    action_space = spaces.Box(-1, 1, (3,), np.float32)
+    observation_space = spaces.Box(-np.inf, np.inf, (51,), np.float32)
+    reward_terms = ("progress", "near", "crash", "reached", "change")
+    random_world = True
+    max_episode_steps = 400
+
+    def setup(self, batch: flockstep.Batch) -> None:
+        """Allocate the state of the drones."""
+        drones = batch.num_drones
+        self.last_goal = np.array([len(world.waypoints) for world in batch.worlds], np.int32)
+        self.goal = np.zeros(drones, np.int32)
+        self.distance = np.zeros(drones, np.float32)
+        self.action = np.zeros((drones, 3), np.float32)
+        self.before = np.zeros((drones, 3), np.float32)
+
+    def reset(self, batch: flockstep.Batch, mask: npt.NDArray[np.bool_]) -> None:
+        """Begin at the start of the world."""
+        super().reset(batch, mask)
+        self.goal[mask] = 0
+        self.distance[mask] = batch.terms.goal_distance(self.goal)[mask]
+        self.action[mask] = 0
+
+    def act(self, batch: flockstep.Batch, actions: Array) -> Array:
+        """Return the velocities: forward, left and up; the heading stays."""
+        del batch
+        self.before[:] = self.action
+        self.action[:] = np.clip(actions, -1, 1)
+        return np.concatenate([self.action * [1.0, 1.0, 0.5], np.zeros((len(actions), 1))], axis=1, dtype=np.float32)
+
+    def step(self, batch: flockstep.Batch) -> tuple[Mapping[str, Array], Array]:
+        """Reward progress and clearance; end at the goal or at a contact."""
+        crashed = batch.contact.hit
+        distance = batch.terms.goal_distance(self.goal)
+        reached = self.flying & (distance <= GOAL_RADIUS_M)
+        arrived = reached & (self.goal == self.last_goal[batch.world_index])
+        progress = self.distance - distance
+        self.goal += reached & ~arrived
+        self.distance[:] = batch.terms.goal_distance(self.goal) if reached.any() else distance
+        self.success[:] = arrived & ~crashed
+        change = self.action - self.before
+        terms = {
+            "progress": progress,
+            "near": 0.5 * np.minimum(batch.terms.clearance() - NEAR, 0),
+            "crash": -10.0 * crashed,
+            "reached": 5.0 * reached,
+            "change": -0.02 * (change * change).sum(axis=1) - 0.01,
+        }
+        return terms, crashed | arrived
+
+    def observe(self, batch: flockstep.Batch) -> Array:
+        """Return direction and distance of the goal, ranges, and the motion in the body frame."""
+        velocity = rotate(batch.quat_wxyz, batch.velocity, inverse=True)
+        up = rotate(batch.quat_wxyz, np.tile(np.float32([0, 0, 1]), (batch.num_drones, 1)), inverse=True)
+        return np.concatenate(
+            [
+                3.0 * batch.terms.goal_direction(self.goal),
+                0.4 * np.minimum(self.distance, MOST_DISTANCE_M)[:, None],
+                2.0 - 2.0 * batch.terms.ranges(),
+                velocity,
+                up,
+                batch.angular_velocity,
+                self.action,
+            ],
+            axis=1,
+            dtype=np.float32,
+        )
