@@ -247,8 +247,8 @@ void register_config(py::module_& module) {
   register_fields<DynamicsConfig>(module, "DynamicsConfig", "How drones move, and the meaning of their commands.");
   register_fields<ServerConfig>(module, "ServerConfig", "How a server listens, and what clients may do.");
   register_fields<NetworkConfig>(module, "NetworkConfig", "Actor and critic: two networks on the same inputs.");
-  register_fields<RolloutConfig>(module, "RolloutConfig", "A rollout: what is collected for one update.");
-  register_fields<UpdateConfig>(module, "UpdateConfig", "An update: what is learned from one rollout.");
+  register_fields<RolloutConfig>(module, "RolloutConfig", "The steps that are collected for one update.");
+  register_fields<UpdateConfig>(module, "UpdateConfig", "One update from a rollout.");
   register_fields<NavigationReward>(module, "NavigationReward", "The terms of the navigation reward and their weights.");
   py::dict tasks;
   for_each_task([&]<class Config>(std::type_identity<Config>) {

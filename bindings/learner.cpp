@@ -5,6 +5,7 @@
 #include <pybind11/stl.h>
 
 #include <cstdint>
+#include <exception>
 #include <span>
 #include <string>
 #include <tuple>
@@ -28,9 +29,14 @@ Shape action_shape(const Learner& learner, Shape leading) {
   return leading;
 }
 
-py::array_t<float> rollout_array(const py::object& self, std::span<const float> values) {
-  const auto& learner = self.cast<const Learner&>();
-  return view<float>(self, values.data(), {py::ssize_t{learner.rollout_config().n_steps}, py::ssize_t{learner.rows()}});
+// Arrays of the rollout are copied, because the next rollout may move them.
+py::array_t<float> rollout_array(std::span<const float> values, Shape shape) {
+  if (values.empty()) shape[0] = 0;  // before the first rollout
+  return py::array_t<float>(shape, values.data());
+}
+
+Shape steps_and_rows(const Learner& learner) {
+  return {py::ssize_t{learner.rollout_config().n_steps}, py::ssize_t{learner.rows()}};
 }
 
 Input<float> observations(const Learner& learner, const py::object& observation, const char* name, py::ssize_t rows = -1) {
@@ -63,11 +69,10 @@ py::array_t<float> values(const Learner& learner, const py::object& observation)
   return value;
 }
 
-py::array_t<float> act(const py::object& self, int t, const py::object& observation) {
-  auto& learner = self.cast<Learner&>();
+py::array_t<float> act(Learner& learner, int t, const py::object& observation) {
   const Input<float> input = observations(learner, observation, "observation", learner.rows());
   const std::span<const float> action = released([&] { return learner.act(t, input); });
-  return view<float>(self, action.data(), action_shape(learner, {py::ssize_t{learner.rows()}}));
+  return py::array_t<float>(action_shape(learner, {py::ssize_t{learner.rows()}}), action.data());
 }
 
 void record(Learner& learner, int t, const py::object& reward, const py::object& terminated, const py::object& truncated,
@@ -75,7 +80,8 @@ void record(Learner& learner, int t, const py::object& reward, const py::object&
   const py::ssize_t rows = learner.rows();
   const Input<float> rewards = floats(reward, "reward", {rows});
   const Input<std::uint8_t> ended = flags(terminated, "terminated", rows), cut = flags(truncated, "truncated", rows);
-  const Input<float> final_ones = floats(final_observation, "final_observation", {rows, py::ssize_t{learner.config().observation_size}});
+  const Input<float> final_ones =
+      floats(final_observation, "final_observation", {rows, py::ssize_t{learner.config().observation_size}});
   const Input<std::uint8_t> unused = flags(skipped, "skipped", rows);
   released([&] { learner.record(t, {rewards, ended, cut, final_ones, unused}); });
 }
@@ -106,6 +112,13 @@ RunningMoments moments_from(Moments moments) {
 }  // namespace
 
 void register_learner(py::module_& module) {
+  py::register_exception_translator([](std::exception_ptr thrown) {
+    try {
+      if (thrown) std::rethrow_exception(thrown);
+    } catch (const NotFiniteError& error) {
+      PyErr_SetString(PyExc_FloatingPointError, error.what());
+    }
+  });
   py::class_<UpdateReport>(module, "UpdateReport")
       .def_readonly("policy_gradient_loss", &UpdateReport::policy_gradient_loss)
       .def_readonly("value_loss", &UpdateReport::value_loss)
@@ -148,7 +161,8 @@ void register_learner(py::module_& module) {
           },
           py::arg("first"), py::arg("second"), py::arg("steps"))
       .def_property("draws", &Learner::draws, &Learner::set_draws)
-      .def_property_readonly("observation_moments", [](const Learner& learner) { return moments_of(learner.observation_moments()); })
+      .def_property_readonly("observation_moments",
+                             [](const Learner& learner) { return moments_of(learner.observation_moments()); })
       .def_property_readonly("return_moments", [](const Learner& learner) { return moments_of(learner.return_moments()); })
       .def(
           "set_moments",
@@ -193,13 +207,12 @@ void register_learner(py::module_& module) {
           py::arg("batch"))
       .def("update", &update, py::arg("config"), py::arg("order") = py::none())
       .def("gradient", &gradient, py::arg("config"), py::arg("minibatch"))
-      .def_property_readonly("actions", [](const py::object& self) {
-        const auto& learner = self.cast<const Learner&>();
-        return view<float>(self, learner.actions().data(),
-                           action_shape(learner, {py::ssize_t{learner.rollout_config().n_steps}, py::ssize_t{learner.rows()}}));
+      .def_property_readonly("actions", [](const Learner& learner) {
+        return rollout_array(learner.actions(), action_shape(learner, steps_and_rows(learner)));
       });
   const auto add = [&](const char* name, Array array) {
-    cls.def_property_readonly(name, [array](const py::object& self) { return rollout_array(self, (self.cast<const Learner&>().*array)()); });
+    cls.def_property_readonly(
+        name, [array](const Learner& learner) { return rollout_array((learner.*array)(), steps_and_rows(learner)); });
   };
   add("advantages", &Learner::advantages);
   add("returns", &Learner::returns);

@@ -541,7 +541,26 @@ class Server:
 
 @final
 class NetworkConfig:
-    """Actor and critic: two networks on the same inputs."""
+    """Actor and critic: two networks on the same inputs.
+
+    Parameters
+    ----------
+    observation_size
+        Numbers of an observation. Values: [1, 65536]. Default: 1.
+    action_size
+        Numbers of an action, or discrete actions to choose from. Values: [1, 4096]. Default: 1.
+    is_discrete
+        An action is an index with a categorical distribution, not numbers with a Gaussian one. Default: False.
+    actor_layers
+        Sizes of the actor's hidden layers. Values: [1, 4096]. Default: [64, 64].
+    critic_layers
+        Sizes of the critic's hidden layers. Values: [1, 4096]. Default: [64, 64].
+    activation
+        Function after each hidden layer. Default: 'tanh'.
+    features
+        Function from observations to inputs: ``"flat"`` for the observation itself, ``"goal"``, ``"blob"`` and
+        ``"point"`` as `flockstep.sb3.GoalFeatures` and so on. Default: 'flat'.
+    """
 
     # fields of NetworkConfig
     __match_args__: ClassVar[tuple[str, ...]]
@@ -567,7 +586,23 @@ class NetworkConfig:
 
 @final
 class RolloutConfig:
-    """A rollout: what is collected for one update."""
+    """The steps that are collected for one update.
+
+    Parameters
+    ----------
+    n_steps
+        Steps of each row between two updates. Values: [1, 16777216]. Default: 2048.
+    gamma
+        Discount of rewards per step. Values: [0, 1]. Default: 0.99.
+    gae_lambda
+        Weight of long against short estimates of the advantage. Values: [0, 1]. Default: 0.95.
+    normalize_observations
+        Shift and scale each number of the observations to mean 0 and variance 1, both estimated from all observations
+        so far, and clip the results to +-10, as `VecNormalize` of Stable-Baselines3. Default: False.
+    normalize_rewards
+        Divide rewards by the standard deviation of the discounted returns so far and clip the results to +-10, as
+        `VecNormalize` of Stable-Baselines3. Default: False.
+    """
 
     # fields of RolloutConfig
     __match_args__: ClassVar[tuple[str, ...]]
@@ -589,7 +624,33 @@ class RolloutConfig:
 
 @final
 class UpdateConfig:
-    """An update: what is learned from one rollout."""
+    """One update from a rollout.
+
+    Parameters
+    ----------
+    learning_rate
+        Step size of Adam. Values: >= 0. Default: 0.0003.
+    batch_size
+        Steps in a minibatch. Values: [1, 1073741824]. Default: 64.
+    n_epochs
+        Passes over the rollout. Values: [1, 10000]. Default: 10.
+    clip_range
+        The ratio of probabilities is clipped to [1 - clip_range, 1 + clip_range]. Values: >= 0. Default: 0.2.
+    clip_range_vf
+        Largest change of the value by an update, in the unit of the returns. None: not clipped. Values: >= 0. Default:
+        None.
+    normalize_advantage
+        Shift and scale the advantages of each minibatch to mean 0 and standard deviation 1. Default: True.
+    ent_coef
+        Weight of the entropy bonus. Default: 0.0.
+    vf_coef
+        Weight of the squared error of the value. Default: 0.5.
+    max_grad_norm
+        Greatest norm of the gradient. Values: > 0. Default: 0.5.
+    target_kl
+        An update stops when a minibatch's approximate KL divergence exceeds 1.5 times this. None: never. Values: > 0.
+        Default: None.
+    """
 
     # fields of UpdateConfig
     __match_args__: ClassVar[tuple[str, ...]]
@@ -727,7 +788,7 @@ class Learner:
     def begin(self, config: RolloutConfig, rows: int) -> None:
         """Begin a rollout of R rows."""
     def act(self, t: int, observation: npt.ArrayLike) -> _F32:
-        """Draw the actions of step t from observations (R, k), keep what the update needs, and return a view of them."""
+        """Draw and return the actions of step t from observations (R, k), and keep what the update needs."""
     def record(
         self,
         t: int,
@@ -751,9 +812,12 @@ class Learner:
             (R,) bool: rows in which the step only reset an env, so that nothing is learned from it.
         """
     def fly(self, t: int, batch: Batch, reward_scale: float = 1.0) -> None:
-        """Draw the actions of step t within a step of a batch, on the threads that fly it, and keep the results."""
+        """Draw the actions of step t within a step of a batch, on the threads that fly it, and keep the results.
+
+        The actions are limited to the bounds of the task's action.
+        """
     def read_observation(self, batch: Batch) -> _F32:
-        """Return the current observations of a batch as rows of numbers, (R, k)."""
+        """Return the current observations of a batch as rows of numbers, (R, k), its fields in the order of names."""
     def finish(self, observation: npt.ArrayLike) -> None:
         """Compute advantages and returns; the observations (R, k) are those after the last step."""
     def update(self, config: UpdateConfig, order: npt.ArrayLike | None = None) -> UpdateReport:

@@ -9,6 +9,7 @@
 #include <memory>
 #include <optional>
 #include <span>
+#include <stdexcept>
 #include <string>
 #include <vector>
 
@@ -18,6 +19,7 @@
 
 namespace flockstep {
 
+// Function after each hidden layer.
 enum class Activation : std::uint8_t { tanh, relu };
 template <>
 struct EnumNames<Activation> {
@@ -44,16 +46,13 @@ struct NetworkConfig {
   static constexpr auto fields() {
     using C = NetworkConfig;
     return field_list(
-        field("observation_size", &C::observation_size,
-              {.about = "Numbers of an observation.", .limits = between(1, 65536)}),
+        field("observation_size", &C::observation_size, {.about = "Numbers of an observation.", .limits = between(1, 65536)}),
         field("action_size", &C::action_size,
               {.about = "Numbers of an action, or discrete actions to choose from.", .limits = between(1, 4096)}),
         field("is_discrete", &C::is_discrete,
               {.about = "An action is an index with a categorical distribution, not numbers with a Gaussian one."}),
-        field("actor_layers", &C::actor_layers,
-              {.about = "Sizes of the actor's hidden layers.", .limits = between(1, 4096)}),
-        field("critic_layers", &C::critic_layers,
-              {.about = "Sizes of the critic's hidden layers.", .limits = between(1, 4096)}),
+        field("actor_layers", &C::actor_layers, {.about = "Sizes of the actor's hidden layers.", .limits = between(1, 4096)}),
+        field("critic_layers", &C::critic_layers, {.about = "Sizes of the critic's hidden layers.", .limits = between(1, 4096)}),
         field("activation", &C::activation, {.about = "Function after each hidden layer."}),
         field("features", &C::features,
               {.about = "Function from observations to inputs: ``\"flat\"`` for the observation itself, ``\"goal\"``, "
@@ -64,7 +63,7 @@ struct NetworkConfig {
   FLOCKSTEP_API int input_size() const;  // inputs of the networks
 };
 
-// An update: what learns from one rollout.
+// One update from a rollout.
 struct UpdateConfig {
   double learning_rate = 3e-4;
   int batch_size = 64;
@@ -81,13 +80,13 @@ struct UpdateConfig {
     using C = UpdateConfig;
     return field_list(
         field("learning_rate", &C::learning_rate, {.about = "Step size of Adam.", .limits = at_least(0)}),
-        field("batch_size", &C::batch_size, {.about = "Steps in a minibatch.", .limits = between(2, 1 << 30)}),
+        field("batch_size", &C::batch_size, {.about = "Steps in a minibatch.", .limits = between(1, 1 << 30)}),
         field("n_epochs", &C::n_epochs, {.about = "Passes over the rollout.", .limits = between(1, 10'000)}),
         field("clip_range", &C::clip_range,
-              {.about = "The ratio of probabilities is clipped to [1 - clip_range, 1 + clip_range].", .limits = above(0)}),
+              {.about = "The ratio of probabilities is clipped to [1 - clip_range, 1 + clip_range].", .limits = at_least(0)}),
         field("clip_range_vf", &C::clip_range_vf,
               {.about = "Largest change of the value by an update, in the unit of the returns. None: not clipped.",
-               .limits = above(0)}),
+               .limits = at_least(0)}),
         field("normalize_advantage", &C::normalize_advantage,
               {.about = "Shift and scale the advantages of each minibatch to mean 0 and standard deviation 1."}),
         field("ent_coef", &C::ent_coef, {.about = "Weight of the entropy bonus."}),
@@ -103,24 +102,27 @@ struct UpdateConfig {
 
 // Means over the minibatches of an update, as Stable-Baselines3 logs them.
 struct UpdateReport {
-  double policy_gradient_loss = 0.0, value_loss = 0.0, entropy_loss = 0.0, clip_fraction = 0.0;
-  double approx_kl = 0.0;           // over the last epoch
-  double loss = 0.0;                // of the last minibatch
-  double explained_variance = 0.0;  // of the returns by the values of the rollout
-  double std = 0.0;                 // mean standard deviation of the actions, after the update
-  int epochs = 0;                   // begun
-  bool stopped_early = false;       // by target_kl
-  bool is_finite = true;            // false: the update stopped before a minibatch whose loss or gradient was not finite
+  double policy_gradient_loss = 0.0;  // clipped surrogate, negative
+  double value_loss = 0.0;            // mean squared error of the value
+  double entropy_loss = 0.0;          // negative entropy
+  double clip_fraction = 0.0;         // share of the steps whose ratio was clipped
+  double approx_kl = 0.0;             // over the last epoch
+  double loss = 0.0;                  // of the last minibatch
+  double explained_variance = 0.0;    // of the returns by the values of the rollout
+  double std = 0.0;                   // mean standard deviation of the actions, after the update
+  int epochs = 0;                     // begun
+  bool stopped_early = false;         // by target_kl
+  bool is_finite = true;              // false: the update stopped before a minibatch whose loss or gradient was not finite
 };
 
 // Name, shape and place of a weight or bias among the parameters. Names are those of Stable-Baselines3's policies.
 struct ParameterInfo {
-  std::string name;
+  std::string name;        // such as "action_net.weight"
   std::vector<int> shape;  // (out, in) or (out)
   std::size_t first;       // index of its first number
 };
 
-// A rollout: what is collected for one update.
+// The steps that are collected for one update.
 struct RolloutConfig {
   int n_steps = 2048;
   double gamma = 0.99;
@@ -148,23 +150,31 @@ struct RolloutConfig {
 
 // Mean and variance of everything that was seen so far, per number.
 struct RunningMoments {
-  std::vector<double> mean, variance;
-  double count = 1e-4;  // as in Stable-Baselines3, whose variance begins at 1 with this weight
+  std::vector<double> mean;      // of each number
+  std::vector<double> variance;  // of each number
+  double count = 1e-4;           // as in Stable-Baselines3, whose variance begins at 1 with this weight
 };
 
 // Results of one step of all rows; what Learner::record() learns from.
 struct StepResults {
-  std::span<const float> reward;                 // (R,)
-  std::span<const std::uint8_t> terminated;      // (R,) the episode ended in a terminal state
-  std::span<const std::uint8_t> truncated;       // (R,) the episode was cut off: the value of its final observation counts
-  std::span<const float> final_observation;      // (R, observation_size); read where `truncated` is set and `terminated` is not
-  std::span<const std::uint8_t> skipped = {};    // (R,) the step only reset an env; nothing is learned from it
+  std::span<const float> reward;               // (R,)
+  std::span<const std::uint8_t> terminated;    // (R,) the episode ended in a terminal state
+  std::span<const std::uint8_t> truncated;     // (R,) the episode was cut off: the value of its final observation counts
+  std::span<const float> final_observation;    // (R, observation_size); read where `truncated` is set and `terminated` is not
+  std::span<const std::uint8_t> skipped = {};  // (R,) the step only reset an env; nothing is learned from it
 };
 
 class Batch;
 
+// Thrown if a reward, an observation or an action is NaN or infinite. Parameters and running moments are as before the call.
+class FLOCKSTEP_API NotFiniteError : public std::runtime_error {
+ public:
+  using std::runtime_error::runtime_error;
+};
+
 // Networks, optimiser and the rollout that the next update learns from. Results have the same bits for any number of threads.
-// One thread at a time may call it. All methods check sizes and throw std::invalid_argument.
+// All methods check sizes and throw std::invalid_argument. They throw std::runtime_error while another thread is in a call, and
+// in a child of the process that made the learner.
 class FLOCKSTEP_API Learner {
  public:
   // num_threads: 0 for one per physical core. seed: of initial weights, actions and minibatches.
@@ -173,27 +183,28 @@ class FLOCKSTEP_API Learner {
   Learner(const Learner&) = delete;
   Learner& operator=(const Learner&) = delete;
 
-  const NetworkConfig& config() const;
-  int num_threads() const;
-  std::uint64_t seed() const;
+  const NetworkConfig& config() const;  // shape of the networks
+  int num_threads() const;              // actual number of threads
+  std::uint64_t seed() const;           // as given
 
   // --- state: everything that the next rollout and update depend on
-  const std::vector<ParameterInfo>& parameter_infos() const;
-  std::vector<float> parameters() const;
-  void set_parameters(std::span<const float> values);
-  // Moments of Adam, in the order of the parameters, and its number of steps.
-  std::vector<float> first_moments() const;
-  std::vector<float> second_moments() const;
-  std::int64_t adam_steps() const;
+  const std::vector<ParameterInfo>& parameter_infos() const;  // in the order of the parameters
+  std::vector<float> parameters() const;                      // weights, biases and logarithms of standard deviations
+  void set_parameters(std::span<const float> values);         // finite numbers in the order of parameters()
+  std::vector<float> first_moments() const;                   // of Adam, in the order of the parameters
+  std::vector<float> second_moments() const;                  // of Adam
+  std::int64_t adam_steps() const;                            // number of minibatches that Adam has taken
+  // Sets the moments of Adam and its number of steps.
   void set_adam(std::span<const float> first, std::span<const float> second, std::int64_t steps);
-  // Number of draws so far, which is the state of the random numbers.
-  std::uint64_t draws() const;
-  void set_draws(std::uint64_t draws);
-  const RunningMoments& observation_moments() const;
-  const RunningMoments& return_moments() const;
+  std::uint64_t draws() const;                        // number of draws so far, which is the state of the random numbers
+  void set_draws(std::uint64_t draws);                // sets the state of the random numbers
+  const RunningMoments& observation_moments() const;  // of all observations so far
+  const RunningMoments& return_moments() const;       // of the discounted returns so far
+  // Sets both moments.
   void set_moments(RunningMoments observation, RunningMoments returns);
   // Discounted sum of the rewards of each row's episode so far, (R,); kept if the next rollout has as many rows.
   std::span<const double> discounted_returns() const;
+  // Sets them. If there is a rollout, values has its number of rows.
   void set_discounted_returns(std::span<const double> values);
 
   // --- acting; observations (R, observation_size)
@@ -204,26 +215,27 @@ class FLOCKSTEP_API Learner {
   void values(std::span<const float> observation, std::span<float> value) const;  // (R,)
 
   // --- collecting
-  void begin(const RolloutConfig& config, int rows);
-  const RolloutConfig& rollout_config() const;
-  int rows() const;
+  void begin(const RolloutConfig& config, int rows);  // begins a rollout of R rows
+  const RolloutConfig& rollout_config() const;        // of the current rollout
+  int rows() const;                                   // R
   // Draws the actions of step t, not limited to the bounds of the action. Returns (R, action_size) numbers or (R,) indices.
   std::span<const float> act(int t, std::span<const float> observation);
+  // Keeps the results of step t.
   void record(int t, const StepResults& results);
-  // Does both with a batch of at most num_threads() threads: draws the actions within a step of it, on its threads. Its task has
-  // one row per row of the rollout, and fields of numbers. rewards are multiplied by reward_scale.
+  // Does both with a batch: draws the actions within a step of it, on its threads, and limits them to the bounds of its task's
+  // action. The task has one row per row of the rollout. Rewards are multiplied by reward_scale.
   void fly(int t, Batch& batch, float reward_scale = 1.0F);
-  // Writes the observation of a batch as fly() reads it, (R, observation_size).
+  // Writes the observation of a batch as fly() reads it, (R, observation_size): its fields in the order of their names.
   void read_observation(const Batch& batch, std::span<float> observation) const;
   // Computes advantages and returns. observation: after the last step.
   void finish(std::span<const float> observation);
   // Arrays (n_steps, R) of the rollout.
   std::span<const float> advantages() const;
-  std::span<const float> returns() const;
-  std::span<const float> rewards() const;  // normalised, with the value of the final observation where truncated
-  std::span<const float> rollout_values() const;
-  std::span<const float> log_probs() const;
-  std::span<const float> actions() const;  // (n_steps, R, action_size) or (n_steps, R)
+  std::span<const float> returns() const;         // which the values learn
+  std::span<const float> rewards() const;         // normalised, with the value of the final observation where truncated
+  std::span<const float> rollout_values() const;  // when the actions were drawn
+  std::span<const float> log_probs() const;       // of the actions when they were drawn
+  std::span<const float> actions() const;         // (n_steps, R, action_size) or (n_steps, R)
 
   // --- learning
   // order: indices t * R + r of the rollout in the order of the minibatches, for each epoch; empty: drawn.

@@ -13,7 +13,7 @@ inline constexpr std::size_t kPad = 16;
 
 constexpr std::size_t padded(std::size_t count) { return (count + kPad - 1) / kPad * kPad; }
 
-// What follows a layer.
+// The function after a layer.
 enum class After : std::uint8_t { nothing, tanh, relu };
 
 // Sizes of a layer, and places of its parameters.

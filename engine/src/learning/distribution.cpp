@@ -14,8 +14,9 @@ const double kHalfLogTwoPi = 0.5 * std::log(2.0 * std::numbers::pi);
 constexpr std::uint32_t kStream = 0x61637473U;  // distinguishes actions from other draws with the same key
 
 std::array<std::uint32_t, 4> words(const Distribution::Draw& draw, std::uint32_t index) {
-  return philox4x32({draw.row, index ^ kStream, static_cast<std::uint32_t>(draw.number), static_cast<std::uint32_t>(draw.number >> 32U)},
-                    {static_cast<std::uint32_t>(draw.seed), static_cast<std::uint32_t>(draw.seed >> 32U)});
+  return philox4x32(
+      {draw.row, index ^ kStream, static_cast<std::uint32_t>(draw.number), static_cast<std::uint32_t>(draw.number >> 32U)},
+      {static_cast<std::uint32_t>(draw.seed), static_cast<std::uint32_t>(draw.seed >> 32U)});
 }
 
 }  // namespace
@@ -53,6 +54,7 @@ void Distribution::draw(const float* output, const Draw& draw, float* action) co
     return;
   }
   // The largest of logit + Gumbel noise has the distribution of the softmax.
+  *action = 0.0F;
   float best = -INFINITY;
   for (std::size_t j = 0; j < size_; ++j) {
     const double uniform = (words(draw, static_cast<std::uint32_t>(j))[0] + 0.5) * 0x1p-32;
