@@ -163,6 +163,26 @@ def final_observations(env: SteppedEnv, indices: npt.NDArray[np.intp]) -> list[O
     return [{name: rows[i, ...] for name, rows in parts.items()} for i in range(len(indices))]
 
 
+def ends(env: SteppedEnv, indices: npt.NDArray[np.intp], seconds: float) -> list[dict[str, Any]]:
+    """Return the infos of the episodes that ended in the envs ``indices``, in the form of Stable-Baselines3.
+
+    ``seconds`` is the time since the env was made, the ``t`` of each ``episode``.
+    """
+    report = _lists(env.episode_infos(indices))
+    total, length, success = (report.pop(name) for name in ("episode_return", "episode_length", "success"))
+    final, truncated = env.final_observations(indices), env.batch.truncated[indices].tolist()
+    return [
+        {
+            "terminal_observation": final[k],
+            "TimeLimit.truncated": truncated[k],
+            "is_success": success[k],
+            "episode": {"r": total[k], "l": length[k], "t": seconds},
+            **{name: _nth(value, k) for name, value in report.items()},
+        }
+        for k in range(len(indices))
+    ]
+
+
 def infos_of(env: SteppedEnv, ended: BoolArray) -> dict[str, Any]:
     """Return the infos of a step in which episodes have ended."""
     indices = np.flatnonzero(ended)
@@ -258,3 +278,12 @@ def _masked(arrays: Mapping[str, Any], mask: BoolArray) -> dict[str, Any]:
     for key, value in arrays.items():
         infos[key], infos[f"_{key}"] = value, mask
     return infos
+
+
+def _lists(report: dict[str, Any]) -> dict[str, Any]:
+    """Return infos as lists."""
+    return {name: _lists(part) if isinstance(part, dict) else part.tolist() for name, part in report.items()}
+
+
+def _nth(value: Any, k: int) -> Any:
+    return {name: part[k] for name, part in value.items()} if isinstance(value, dict) else value[k]

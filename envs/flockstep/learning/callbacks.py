@@ -59,9 +59,9 @@ class Callbacks:
         goes_on = True
         for callback in self._objects:
             callback.update_locals(self._locals)
-            goes_on &= callback.on_step() is not False
+            goes_on &= _goes_on(callback.on_step())
         for function in self._functions:
-            goes_on &= function(self._locals, globals()) is not False
+            goes_on &= _goes_on(function(self._locals, globals()))
         return goes_on
 
     def end_rollout(self) -> None:
@@ -74,3 +74,8 @@ class Callbacks:
         """Call ``on_training_end``."""
         for callback in self._objects:
             callback.on_training_end()
+
+
+def _goes_on(answer: Any) -> bool:
+    """Return False for any false value except None, such as NumPy's."""
+    return answer is None or bool(answer)

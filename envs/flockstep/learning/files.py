@@ -1,13 +1,14 @@
-"""Files of models: JSON and raw arrays in a zip archive, which also holds checksums. Nothing in them is run."""
+"""Files of models: JSON and raw arrays in a zip archive, with checksums. Nothing in them is run."""
 
 from __future__ import annotations
 
+import hashlib
 import io
 import json
+import math
 import os
 import zipfile
-import zlib
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from os import PathLike, fspath
 from pathlib import Path
 from typing import Any
@@ -19,27 +20,31 @@ from gymnasium import spaces
 FORMAT = "flockstep model 1"
 _TEXT = "model.json"
 _TYPES = {"parameters": "<f4", "adam_first": "<f4", "adam_second": "<f4"}  # others are <f8
-_MOST_BYTES = 1 << 31  # of the unpacked text or an array
+_MOST_NUMBERS = 1 << 16  # of an observation or an action
 
 
 def save(path: str | PathLike[str], state: Mapping[str, Any], arrays: Mapping[str, npt.NDArray[Any]]) -> None:
     """Write a model. An earlier file of the name stays whole until the new one is complete."""
     target = _with_suffix(path)
     target.parent.mkdir(parents=True, exist_ok=True)
+    members = {name: np.ascontiguousarray(array, _type_of(name)).tobytes() for name, array in arrays.items()}
+    sums = {name: hashlib.sha256(member).hexdigest() for name, member in members.items()}
+    text = json.dumps({"format": FORMAT, **state, "sha256": sums}, indent=1, allow_nan=False, default=_plain_number)
     content = io.BytesIO()
     with zipfile.ZipFile(content, "w", zipfile.ZIP_STORED) as archive:
-        sizes = {name: int(array.size) for name, array in arrays.items()}
-        text = json.dumps({"format": FORMAT, **state, "arrays": sizes}, indent=1, allow_nan=True)
         archive.writestr(_TEXT, text)
-        for name, array in arrays.items():
-            archive.writestr(name, np.ascontiguousarray(array, _TYPES.get(name, "<f8")).tobytes())
+        for name, member in members.items():
+            archive.writestr(name, member)
     written = target.with_name(f"{target.name}.{os.getpid()}.part")
-    written.write_bytes(content.getvalue())
-    written.replace(target)
+    try:
+        written.write_bytes(content.getvalue())
+        written.replace(target)
+    finally:
+        written.unlink(missing_ok=True)
 
 
-def load(path: str | PathLike[str]) -> tuple[dict[str, Any], dict[str, npt.NDArray[Any]]]:
-    """Read a model.
+def load(path: str | PathLike[str], names: Iterable[str]) -> tuple[dict[str, Any], dict[str, npt.NDArray[Any]]]:
+    """Read a model with arrays of some names.
 
     Raises
     ------
@@ -52,44 +57,41 @@ def load(path: str | PathLike[str]) -> tuple[dict[str, Any], dict[str, npt.NDArr
     source = source if source.is_file() else _with_suffix(path)
     if not source.is_file():
         raise FileNotFoundError(f"expected a model that PPO.save wrote, got {source}, which is not there")
+    content = source.read_bytes()
     try:
-        with zipfile.ZipFile(source) as archive:
-            if "data" in archive.namelist():
-                raise ValueError(
-                    f"{source}: it is a model of Stable-Baselines3: load it there, then call flockstep.PPO.from_sb3"
-                )
-            state = json.loads(_member(archive, _TEXT).decode())
-            if not isinstance(state, dict) or state.get("format") != FORMAT:
-                raise ValueError(f"expected the format {FORMAT!r}")
-            arrays = {}
-            for name, size in state["arrays"].items():
-                array = np.frombuffer(_member(archive, name), _TYPES.get(name, "<f8"))
-                if array.size != size:
-                    raise ValueError(f"expected {size} numbers of {name}, got {array.size}")
-                arrays[name] = array.astype(array.dtype.newbyteorder("="))
-    except (
-        zipfile.BadZipFile,
-        zlib.error,
-        KeyError,
-        TypeError,
-        AttributeError,
-        UnicodeDecodeError,
-        OSError,
-        NotImplementedError,
-        RuntimeError,
-        json.JSONDecodeError,
-    ) as error:
+        return _read(content, names)
+    except Exception as error:  # a damaged archive makes zipfile raise errors of many kinds
         raise ValueError(
-            f"{source}: expected a model that PPO.save wrote; it is damaged or of another kind ({error})"
+            f"{source}: expected a model that PPO.save wrote, got another or a damaged file ({error})"
         ) from error
+
+
+def _read(content: bytes, names: Iterable[str]) -> tuple[dict[str, Any], dict[str, npt.NDArray[Any]]]:
+    with zipfile.ZipFile(io.BytesIO(content)) as archive:
+        if "data" in archive.namelist():
+            raise ValueError("it is a model of Stable-Baselines3: load it there, then call flockstep.PPO.from_sb3")
+        state = json.loads(_member(archive, _TEXT).decode())
+        if not isinstance(state, dict) or state.get("format") != FORMAT:
+            raise ValueError(f"expected the format {FORMAT!r}")
+        arrays = {}
+        for name in names:
+            member = _member(archive, name)
+            if hashlib.sha256(member).hexdigest() != state["sha256"][name]:
+                raise ValueError(f"{name}: the checksum differs")
+            array = np.frombuffer(member, _type_of(name))
+            arrays[name] = array.astype(array.dtype.newbyteorder("="))
     return state, arrays
 
 
 def _member(archive: zipfile.ZipFile, name: str) -> bytes:
     info = archive.getinfo(name)
-    if info.file_size > _MOST_BYTES:
-        raise ValueError(f"{name}: expected at most {_MOST_BYTES} bytes, got {info.file_size}")
+    if info.compress_type != zipfile.ZIP_STORED:  # a small file could become large
+        raise ValueError(f"{name}: expected no compression")
     return archive.read(info)
+
+
+def _type_of(name: str) -> str:
+    return _TYPES.get(name, "<f8")
 
 
 def _with_suffix(path: str | PathLike[str]) -> Path:
@@ -97,47 +99,69 @@ def _with_suffix(path: str | PathLike[str]) -> Path:
     return plain if plain.suffix == ".zip" else plain.with_name(plain.name + ".zip")
 
 
+def _plain_number(value: Any) -> Any:
+    if isinstance(value, np.generic):
+        return value.item()
+    raise TypeError(f"expected a number, got {value!r}")
+
+
 def plain_space(space: spaces.Space[Any]) -> dict[str, Any]:
-    """Return a space as JSON has it."""
+    """Return a space for JSON."""
     if isinstance(space, spaces.Dict):
-        return {"dict": {name: plain_space(part) for name, part in space.spaces.items()}}
+        return {"dict": [[name, plain_space(part)] for name, part in space.spaces.items()]}
     if isinstance(space, spaces.Discrete):
         return {"discrete": int(space.n), "start": int(space.start)}
     assert isinstance(space, spaces.Box)
     return {
         "box": list(space.shape),
         "dtype": np.dtype(space.dtype).name,
-        "low": _bounds(space.low),
-        "high": _bounds(space.high),
+        "low": _plain_bounds(space.low),
+        "high": _plain_bounds(space.high),
     }
 
 
-def _bounds(values: npt.NDArray[Any]) -> list[float]:
+def _plain_bounds(values: npt.NDArray[Any]) -> list[float | str]:
     flat = values.ravel()
-    return [float(flat[0])] if flat.size and (flat == flat[0]).all() else [float(value) for value in flat]
+    if flat.size and (flat == flat[0]).all():
+        flat = flat[:1]
+    return [value if math.isfinite(value) else str(value) for value in flat.tolist()]  # JSON has no infinity
 
 
 def space_from(plain: Any) -> spaces.Space[Any]:
-    """Return a space from JSON.
+    """Return the space that `plain_space` described.
 
     Raises
     ------
     ValueError
-        It is not a space.
+        It is not a space, or too large for a model.
     """
-    try:
-        if "dict" in plain:
-            return spaces.Dict({str(name): space_from(part) for name, part in plain["dict"].items()})
-        if "discrete" in plain:
-            return spaces.Discrete(int(plain["discrete"]), start=int(plain["start"]))
-        shape = tuple(int(size) for size in plain["box"])
-        dtype = np.dtype(plain["dtype"])
-        if dtype.kind not in "fiub":
-            raise ValueError(f"dtype: expected numbers, got {dtype}")
-        low, high = (
-            np.broadcast_to(np.asarray(plain[side], dtype), int(np.prod(shape))).reshape(shape)
-            for side in ("low", "high")
-        )
-        return spaces.Box(low, high, shape, dtype.type)
-    except (KeyError, TypeError, AttributeError, AssertionError, OverflowError) as error:
-        raise ValueError(f"expected a space, got {plain!r} ({error})") from error
+    if "dict" in plain:
+        parts = [(_text(name), space_from(part)) for name, part in plain["dict"]]
+        return spaces.Dict(parts)  # in this order: Gymnasium sorts the names of a dict
+    if "discrete" in plain:
+        return spaces.Discrete(_integer(plain["discrete"]), start=_integer(plain["start"]))
+    shape = tuple(_integer(size) for size in plain["box"])
+    if min(shape, default=1) < 0 or math.prod(shape) > _MOST_NUMBERS:
+        raise ValueError(f"shape: expected at most {_MOST_NUMBERS} numbers, got {shape}")
+    dtype = np.dtype(_text(plain["dtype"]))
+    if dtype.kind not in "fiub":
+        raise ValueError(f"dtype: expected numbers, got {dtype}")
+    low, high = (_bounds(plain[side], dtype, shape) for side in ("low", "high"))
+    return spaces.Box(low, high, shape, dtype.type)
+
+
+def _bounds(values: Any, dtype: np.dtype[Any], shape: tuple[int, ...]) -> npt.NDArray[Any]:
+    numbers = np.array([float(value) if isinstance(value, str) else value for value in values], dtype)
+    return np.broadcast_to(numbers, math.prod(shape)).reshape(shape)
+
+
+def _integer(value: Any) -> int:
+    if not isinstance(value, int) or isinstance(value, bool):
+        raise ValueError(f"expected an integer, got {value!r}")
+    return value
+
+
+def _text(value: Any) -> str:
+    if not isinstance(value, str):
+        raise ValueError(f"expected a text, got {value!r}")
+    return value

@@ -26,17 +26,49 @@ class Log:
 
     def __init__(self, verbose: int, folder: str | PathLike[str] | None, name: str, *, is_new: bool = True) -> None:
         self.name_to_value: dict[str, Any] = {}
-        self._excluded: dict[str, str] = {}
+        self._excluded: dict[str, tuple[str, ...]] = {}
         self._sums: dict[str, tuple[float, int]] = {}
         self._prints = verbose >= 1
         self._writer = None if folder is None else _writer(Path(fspath(folder)), name, is_new)
 
-    def record(self, key: str, value: Any, exclude: str | None = None) -> None:
-        """Set a number of the next `dump`. exclude: ``"tensorboard"`` to print it only."""
-        self.name_to_value[key] = value
-        self._excluded[key] = exclude or ""
+    @property
+    def dir(self) -> str | None:
+        """Folder of the run, or None."""
+        return None if self._writer is None else str(self._writer.get_logdir())
 
-    def record_mean(self, key: str, value: float | None, exclude: str | None = None) -> None:
+    def get_dir(self) -> str | None:
+        """Return the folder of the run, or None."""
+        return self.dir
+
+    def record(self, key: str, value: Any, exclude: str | tuple[str, ...] | None = None) -> None:
+        """Set a number or text of the next `dump`.
+
+        Parameters
+        ----------
+        key
+            Name; the part before a slash is the group in the table.
+        value
+            A number, or a text, which is only printed.
+        exclude
+            ``"tensorboard"`` to print it only, ``"stdout"`` to write it only to TensorBoard, or both.
+
+        Raises
+        ------
+        TypeError
+            The value is of another kind.
+        """
+        if not isinstance(value, str):
+            try:
+                value = value if isinstance(value, (int, float)) else float(value)
+            except (TypeError, ValueError) as error:
+                raise TypeError(
+                    f"{key}: expected a number or a text, got {type(value).__name__}: for other values, call "
+                    "set_logger with a logger of Stable-Baselines3"
+                ) from error
+        self.name_to_value[key] = value
+        self._excluded[key] = () if exclude is None else (exclude,) if isinstance(exclude, str) else tuple(exclude)
+
+    def record_mean(self, key: str, value: float | None, exclude: str | tuple[str, ...] | None = None) -> None:
         """Record the mean of all values since the last `dump`."""
         if value is None:
             return
@@ -47,10 +79,11 @@ class Log:
     def dump(self, step: int = 0) -> None:
         """Write what was recorded since the last call."""
         if self._prints:
-            print(_table(self.name_to_value), flush=True)
+            shown = {key: value for key, value in self.name_to_value.items() if "stdout" not in self._excluded[key]}
+            print(_table(shown), flush=True)
         if self._writer is not None:
             for key, value in self.name_to_value.items():
-                if self._excluded[key] != "tensorboard" and isinstance(value, (int, float)):
+                if "tensorboard" not in self._excluded[key] and not isinstance(value, str):
                     _write(self._writer, key, float(value), step)
             self._writer.flush()
         self.name_to_value.clear()

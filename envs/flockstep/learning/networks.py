@@ -22,6 +22,26 @@ FEATURES = {
 _ARGUMENTS = ("net_arch", "activation_fn", "log_std_init", "features_extractor_class")
 _USE_SB3 = "train with Stable-Baselines3"
 
+#: Arguments of Stable-Baselines3's policies that the learner accepts only with their defaults, which are its behaviour.
+_FIXED: dict[str, tuple[Any, ...]] = {
+    "use_sde": (False,),
+    "squash_output": (False,),
+    "ortho_init": (True,),
+    "optimizer_kwargs": (None, {}, {"eps": 1e-5}),
+    "features_extractor_kwargs": (None, {}),
+    # Without effect here: the features have no parameters, images are refused, and the rest belongs to use_sde.
+    "share_features_extractor": (True, False),
+    "normalize_images": (True, False),
+    "full_std": (True, False),
+    "use_expln": (True, False),
+}
+_POLICIES = {
+    "MlpPolicy": "MlpPolicy",
+    "MultiInputPolicy": "MultiInputPolicy",
+    "ActorCriticPolicy": "MlpPolicy",
+    "MultiInputActorCriticPolicy": "MultiInputPolicy",
+}
+
 
 def network_config(
     policy: Any, observation_space: spaces.Space[Any], action_space: spaces.Space[Any], arguments: Mapping[str, Any]
@@ -33,12 +53,20 @@ def network_config(
     ValueError, TypeError
         The learner lacks what the arguments ask for; the message names it.
     """
-    if policy not in ("MlpPolicy", "MultiInputPolicy"):
+    if (policy if isinstance(policy, str) else getattr(policy, "__name__", None)) not in _POLICIES:
         raise ValueError(
             f"policy: expected 'MlpPolicy' or 'MultiInputPolicy', got {policy!r}: for images or memory, {_USE_SB3}"
         )
-    for name in arguments:
-        if name not in _ARGUMENTS:
+    for name, value in arguments.items():
+        if name in _FIXED:
+            if not any(value is allowed or value == allowed for allowed in _FIXED[name]):
+                raise ValueError(
+                    f"policy_kwargs: expected {name}={_FIXED[name][0]!r}, got {value!r}: for others, {_USE_SB3}"
+                )
+        elif name == "optimizer_class":
+            if getattr(value, "__name__", None) != "Adam":
+                raise ValueError(f"policy_kwargs: expected optimizer_class=Adam, got {value!r}: for others, {_USE_SB3}")
+        elif name not in _ARGUMENTS:
             raise ValueError(
                 f"policy_kwargs: expected {', '.join(_ARGUMENTS)}, got {name!r}{did_you_mean(name, _ARGUMENTS)}; "
                 f"for other networks, {_USE_SB3}"
@@ -76,10 +104,31 @@ def observation_size(space: spaces.Space[Any]) -> int:
         where = f"observation {name!r}" if name else "observation"
         if not isinstance(part, spaces.Box):
             raise ValueError(f"{where}: expected numbers (a Box), got {part}: {_USE_SB3}")
+        assert part.shape is not None
         if len(part.shape) in (2, 3) and part.dtype == np.uint8:
             raise ValueError(f"{where}: it is an image, which the learner's networks do not take: {_USE_SB3}")
         total += int(np.prod(part.shape))
     return total
+
+
+def require_fits(config: NetworkConfig, observation_space: spaces.Space[Any], action_space: spaces.Space[Any]) -> None:
+    """Raise ValueError if networks do not take the observations or return the actions of spaces."""
+    expected = (config.observation_size, (config.action_size, config.is_discrete))
+    got = (observation_size(observation_space), _action_size(action_space))
+    if expected != got:
+        raise ValueError(f"spaces: expected sizes {expected} of observation and action, got {got}")
+
+
+def count_parameters(config: NetworkConfig) -> int:
+    """Return the number of weights, biases and standard deviations."""
+    more_inputs = {"flat": 0, "goal": 0, "blob": 1, "point": 3}[config.features]
+    count = 0 if config.is_discrete else config.action_size
+    for hidden, outputs in ((config.actor_layers, config.action_size), (config.critic_layers, 1)):
+        inputs = config.observation_size + more_inputs
+        for size in [*hidden, outputs]:
+            count += (inputs + 1) * size
+            inputs = size
+    return count
 
 
 def _action_size(space: spaces.Space[Any]) -> tuple[int, bool]:
@@ -93,6 +142,8 @@ def _action_size(space: spaces.Space[Any]) -> tuple[int, bool]:
 def _layers(given: Any) -> tuple[list[int], list[int]]:
     if given is None:
         return [64, 64], [64, 64]
+    if isinstance(given, (list, tuple)) and len(given) == 1 and isinstance(given[0], Mapping):
+        given = given[0]  # as Stable-Baselines3 took it before 1.8
     if isinstance(given, Mapping):
         if set(given) - {"pi", "vf"}:
             raise ValueError(f"net_arch: expected the keys 'pi' and 'vf', got {sorted(given)}")
@@ -101,20 +152,20 @@ def _layers(given: Any) -> tuple[list[int], list[int]]:
 
 
 def _sizes(given: Any) -> list[int]:
-    sizes = list(given) if isinstance(given, Sequence) and not isinstance(given, str) else [None]
+    sizes: list[Any] = list(given) if isinstance(given, Sequence) and not isinstance(given, str) else [None]
     if not all(isinstance(size, (int, np.integer)) and size >= 1 for size in sizes):
         raise ValueError(f"net_arch: expected a list of sizes >= 1, or a dict of them, got {given!r}")
     return [int(size) for size in sizes]
 
 
-def _activation(given: Any) -> str:
+def _activation(given: Any) -> Any:
     name = given if isinstance(given, str) else getattr(given, "__name__", repr(given))
     if name.lower() not in ("tanh", "relu"):
         raise ValueError(f"activation_fn: expected 'tanh' or 'relu', got {given!r}: for others, {_USE_SB3}")
     return name.lower()
 
 
-def _features(given: Any) -> str:
+def _features(given: Any) -> Any:
     name = given if isinstance(given, str) else getattr(given, "__name__", repr(given))
     if name not in FEATURES:
         raise ValueError(

@@ -6,7 +6,8 @@ import inspect
 import secrets
 import time
 from collections import deque
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
 from os import PathLike
 from typing import Any, TypeAlias, TypeVar
 
@@ -18,8 +19,9 @@ from flockstep._core import Learner, NetworkConfig, RolloutConfig, UpdateConfig
 from flockstep.learning import files, sb3_models
 from flockstep.learning.callbacks import Callbacks
 from flockstep.learning.logs import Log
-from flockstep.learning.networks import network_config
-from flockstep.learning.sources import Episode, Source, source_of
+from flockstep.learning.networks import FEATURES, count_parameters, network_config, require_fits
+from flockstep.learning.sources import Episode, SingleEnvSource, Source, flat_rows, source_of
+from flockstep.nearest_name import did_you_mean
 
 #: A number, or a function of the remaining share of the training, which falls from 1 to 0.
 Schedule: TypeAlias = float | Callable[[float], float]
@@ -27,6 +29,16 @@ Array = npt.NDArray[Any]
 _Self = TypeVar("_Self", bound="PPO")
 
 _SCHEDULES = ("learning_rate", "clip_range", "clip_range_vf")
+_ARRAYS = (
+    "parameters",
+    "adam_first",
+    "adam_second",
+    "observation_mean",
+    "observation_variance",
+    "return_mean",
+    "return_variance",
+    "discounted_returns",
+)
 _NUMBERS = (
     "n_steps",
     "batch_size",
@@ -60,9 +72,9 @@ class PPO:
     Parameters
     ----------
     policy
-        ``"MlpPolicy"``, or ``"MultiInputPolicy"`` for a dict, whose parts are flattened in the order of their names.
+        ``"MlpPolicy"``, or ``"MultiInputPolicy"`` for a dict, whose parts are flattened in the order of its space.
     env
-        A `DroneVectorEnv`, a Gymnasium vector env, env or id, or a ``VecEnv``. None: for `predict` only.
+        A `DroneVectorEnv`, a Gymnasium vector env, env or id, or a ``VecEnv``.
     learning_rate, clip_range, clip_range_vf
         A number, or a function of the remaining share of the training, which falls from 1 to 0.
     n_steps
@@ -79,6 +91,8 @@ class PPO:
         Weights of entropy and value in the loss.
     max_grad_norm
         Largest norm of the gradient.
+    use_sde, sde_sample_freq, rollout_buffer_class, rollout_buffer_kwargs
+        Arguments of Stable-Baselines3; only their defaults are accepted.
     target_kl
         End an update at a minibatch whose approximate KL divergence exceeds 1.5 times this. None: never.
     stats_window_size
@@ -89,7 +103,8 @@ class PPO:
         ``net_arch``: sizes of the hidden layers, a list for both networks or a dict with ``pi`` and ``vf``. Default:
         [64, 64]. ``activation_fn``: ``"tanh"`` (default), ``"relu"``, or these classes of PyTorch. ``log_std_init``:
         logarithm of the actions' standard deviations at the start, 0. ``features_extractor_class``: `GoalFeatures`,
-        `BlobFeatures` or `PointFeatures` of `flockstep.sb3`, or their names, which do not need PyTorch.
+        `BlobFeatures` or `PointFeatures` of `flockstep.sb3`, or their names, which do not need PyTorch. Other arguments
+        of Stable-Baselines3's policies are accepted with their defaults.
     verbose
         1: print a table after every update.
     seed
@@ -124,24 +139,41 @@ class PPO:
         ent_coef: float = 0.0,
         vf_coef: float = 0.5,
         max_grad_norm: float = 0.5,
+        use_sde: bool = False,
+        sde_sample_freq: int = -1,
+        rollout_buffer_class: Any = None,
+        rollout_buffer_kwargs: Mapping[str, Any] | None = None,
         target_kl: float | None = None,
         stats_window_size: int = 100,
         tensorboard_log: str | PathLike[str] | None = None,
         policy_kwargs: Mapping[str, Any] | None = None,
         verbose: int = 0,
         seed: int | None = None,
-        device: str = "auto",
+        device: Any = "auto",
+        _init_setup_model: bool = True,
         *,
         num_threads: int = 0,
         normalize_observations: bool = False,
         normalize_rewards: bool = False,
     ) -> None:
-        if str(device) not in ("auto", "cpu"):
-            raise ValueError(f"device: expected 'cpu' or 'auto', got {device!r}: the learner runs on the processor")
+        del sde_sample_freq  # of use_sde
+        if use_sde:
+            raise ValueError(
+                "use_sde: expected False, got True: for state-dependent exploration, use Stable-Baselines3"
+            )
+        if getattr(rollout_buffer_class, "__name__", "") not in ("", "RolloutBuffer", "DictRolloutBuffer"):
+            raise ValueError(
+                f"rollout_buffer_class: expected None, got {rollout_buffer_class!r}: for others, use Stable-Baselines3"
+            )
+        if rollout_buffer_kwargs:
+            raise ValueError(f"rollout_buffer_kwargs: expected none, got {rollout_buffer_kwargs!r}")
+        if not _init_setup_model:
+            raise ValueError("_init_setup_model: expected True, got False: the networks are always made")
+        _require_cpu(device)
         if env is None:
             raise TypeError("env: expected an environment, got None; load() makes a model without one")
         self.source: Source | None = source_of(env)
-        self.env = env
+        self.env = self.source.single if isinstance(self.source, SingleEnvSource) else env
         self.observation_space, self.action_space = self.source.observation_space, self.source.action_space
         self.learning_rate, self.clip_range, self.clip_range_vf = learning_rate, clip_range, clip_range_vf
         self.n_steps, self.batch_size, self.n_epochs = n_steps, batch_size, n_epochs
@@ -158,12 +190,17 @@ class PPO:
         self.policy_kwargs = dict(policy_kwargs or {})
         config, log_std = network_config(policy, self.observation_space, self.action_space, self.policy_kwargs)
         drawn = secrets.randbits(62) if self.seed is None else int(self.seed)
-        self.learner = Learner(config, num_threads or self._threads_of_env(), drawn)
+        self.learner = Learner(config, num_threads or _threads_of(self.source), drawn)
         if not config.is_discrete and log_std != 0.0:
             parameters = self.learner.parameters
             parameters[: config.action_size] = log_std
             self.learner.parameters = parameters
+        self._set_normalization(self.n_envs)
         self._begin_counts()
+
+    def _set_normalization(self, rows: int) -> None:
+        """Let the learner act on normalised observations if the model normalises them, before its first rollout."""
+        self.learner.begin(RolloutConfig(n_steps=1, normalize_observations=self.normalize_observations), rows)
 
     @classmethod
     def _without_env(
@@ -185,14 +222,15 @@ class PPO:
     def _begin_counts(self) -> None:
         self.num_timesteps = self._total_timesteps = self._n_updates = 0
         self._current_progress_remaining = 1.0
+        self._begin_statistics()
+        # How the next learn() begins: "seed" the environments, "reset" them, or "go on".
+        self._start = "seed"
+        self._log: Any = None
+        self._vec_env: Any = None
+
+    def _begin_statistics(self) -> None:
         self.ep_info_buffer: deque[dict[str, float]] = deque(maxlen=self.stats_window_size)
         self.ep_success_buffer: deque[bool] = deque(maxlen=self.stats_window_size)
-        self._is_started = False
-        self._log: Log | None = None
-
-    def _threads_of_env(self) -> int:
-        batch = getattr(getattr(self.source, "env", None), "batch", None)
-        return int(getattr(batch, "num_threads", 0))
 
     @property
     def n_envs(self) -> int:
@@ -214,16 +252,43 @@ class PPO:
     _has_given_log = False
 
     def get_env(self) -> Any:
-        """Return the environment."""
-        return self.env
+        """Return the environment as given, or a ``VecEnv`` of Stable-Baselines3 around a Gymnasium env or id."""
+        if self._vec_env is None and isinstance(self.source, SingleEnvSource):
+            self._vec_env = self.source.as_vec_env()
+        return self.env if self._vec_env is None else self._vec_env
 
-    def set_env(self, env: Any) -> None:
-        """Train in another environment, with equal spaces, from the next `learn` on."""
+    def get_vec_normalize_env(self) -> Any:
+        """Return the ``VecNormalize`` around the environment, or None."""
+        env = self.env
+        while env is not None and type(env).__name__ != "VecNormalize":
+            env = getattr(env, "venv", None)
+        return env
+
+    def set_env(self, env: Any, force_reset: bool = True) -> None:
+        """Train in another environment, with equal spaces, from the next `learn` on.
+
+        Parameters
+        ----------
+        env
+            As for the constructor.
+        force_reset
+            Begin new episodes. False: go on with the current ones, such as those of a snapshot of a `DroneVectorEnv`,
+            if `learn` is called with ``reset_num_timesteps=False``.
+
+        Raises
+        ------
+        ValueError
+            The spaces differ, or the environment cannot go on.
+        """
         source = source_of(env)
         for name in ("observation_space", "action_space"):
             if getattr(source, name) != getattr(self, name):
                 raise ValueError(f"env: expected the {name} {getattr(self, name)}, got {getattr(source, name)}")
-        self.source, self.env, self._is_started = source, env, False
+        if not force_reset:
+            source.resume()
+        self.source, self._vec_env = source, None
+        self.env = source.single if isinstance(source, SingleEnvSource) else env
+        self._start = "seed" if force_reset else "go on"
 
     # --- learning
 
@@ -238,7 +303,7 @@ class PPO:
     ) -> _Self:
         """Train for a number of steps, rounded up to whole rollouts.
 
-        Ctrl-C leaves a whole model, as of the last minibatch.
+        Ctrl-C leaves a whole model, as of the last minibatch; the next `learn` begins new episodes.
 
         Parameters
         ----------
@@ -251,7 +316,7 @@ class PPO:
         tb_log_name
             Name of the run in TensorBoard.
         reset_num_timesteps
-            Begin to count anew, and begin new episodes. False: go on.
+            Count from 0, and begin new episodes. False: go on.
         progress_bar
             Show a progress bar; needs tqdm.
 
@@ -260,21 +325,27 @@ class PPO:
         ValueError
             A hyperparameter is out of range.
         FloatingPointError
-            A loss is not finite; the parameters are those before it.
+            A reward, an observation or a loss is not finite; the message names the step. The parameters are those
+            before it.
         """
         if self.source is None:
             raise ValueError("learn: expected an environment: call set_env first")
-        if not isinstance(total_timesteps, (int, np.integer)) and float(total_timesteps) != int(total_timesteps):
+        if float(total_timesteps) != int(total_timesteps):
             raise ValueError(f"total_timesteps: expected an integer, got {total_timesteps!r}")
         self._check()
         if reset_num_timesteps:
             self.num_timesteps = 0
+            self._begin_statistics()
         self._total_timesteps = int(total_timesteps) + self.num_timesteps
         if not self._has_given_log:
+            if self._log is not None:
+                self._log.close()
             self._log = Log(self.verbose, self.tensorboard_log, tb_log_name, is_new=reset_num_timesteps)
-        if reset_num_timesteps or not self._is_started:
-            self.source.reset(self.seed if not self._is_started else None)
-            self._is_started = True
+        if self._start == "seed":
+            self.source.reset(self.seed)
+        elif reset_num_timesteps or self._start == "reset":
+            self.source.reset(None)
+        self._start = "reset"  # if this training ends early
         callbacks = Callbacks(callback, self)
         bar = _progress_bar(int(total_timesteps)) if progress_bar else None
         begun, begun_at = time.perf_counter(), self.num_timesteps
@@ -293,6 +364,7 @@ class PPO:
             if bar is not None:
                 bar.close()
         callbacks.end()
+        self._start = "go on"
         return self
 
     def _collect(self, callbacks: Callbacks, bar: Any) -> bool:
@@ -302,7 +374,8 @@ class PPO:
         learner.begin(self._rollout_config(), source.rows)
         callbacks.start_rollout()
         for t in range(self.n_steps):
-            stepped = source.step(learner, t, callbacks.need_infos)
+            with _naming_step(self.num_timesteps + source.rows):
+                stepped = source.step(learner, t, callbacks.need_infos)
             self.num_timesteps += source.rows
             for episode in stepped.episodes:
                 self._count(episode)
@@ -310,7 +383,8 @@ class PPO:
                 bar.update(source.rows)
             if not callbacks.step(stepped):
                 return False
-        learner.finish(source.observation(learner))
+        with _naming_step(self.num_timesteps):
+            learner.finish(source.observation(learner))
         callbacks.end_rollout()
         return True
 
@@ -325,8 +399,8 @@ class PPO:
         report = self.learner.update(config)
         if not report.is_finite:
             raise FloatingPointError(
-                f"the loss of an update, after {self.num_timesteps} steps, is not finite "
-                f"({report.loss}): rewards or observations are too large, or learning_rate is; the model is as before"
+                f"step {self.num_timesteps}: the loss of an update is not finite ({report.loss}): rewards, "
+                "observations or learning_rate are too large; the parameters are those before that minibatch"
             )
         self._n_updates += report.epochs
         record = self.logger.record
@@ -368,7 +442,7 @@ class PPO:
         )
 
     def _update_config(self, progress_remaining: float) -> UpdateConfig:
-        scheduled = {name: _value(getattr(self, name), progress_remaining) for name in _SCHEDULES}
+        scheduled: dict[str, Any] = {name: _value(getattr(self, name), progress_remaining) for name in _SCHEDULES}
         return UpdateConfig(
             batch_size=self.batch_size,
             n_epochs=self.n_epochs,
@@ -384,9 +458,11 @@ class PPO:
         """Raise ValueError or TypeError that names a hyperparameter with an invalid value."""
         self._rollout_config()
         self._update_config(1.0)
-        if self.seed is not None and not 0 <= int(self.seed) < 1 << 63:
+        if self.clip_range_vf is not None and not callable(self.clip_range_vf) and self.clip_range_vf <= 0:
+            raise ValueError(f"clip_range_vf: expected a number > 0, or None, got {self.clip_range_vf!r}")
+        if self.seed is not None and not (isinstance(self.seed, (int, np.integer)) and 0 <= self.seed < 1 << 63):
             raise ValueError(f"seed: expected an integer in [0, 2**63) or None, got {self.seed!r}")
-        if self.stats_window_size < 1:
+        if not (isinstance(self.stats_window_size, (int, np.integer)) and self.stats_window_size >= 1):
             raise ValueError(f"stats_window_size: expected an integer >= 1, got {self.stats_window_size!r}")
 
     # --- acting
@@ -423,22 +499,14 @@ class PPO:
     def _rows(self, observation: Any) -> tuple[npt.NDArray[np.float32], bool]:
         """Return observations as rows of numbers, and True if there is a single one without a dimension of rows."""
         space = self.observation_space
-        parts = dict(space.spaces) if isinstance(space, spaces.Dict) else {"": space}
-        given = observation if isinstance(space, spaces.Dict) else {"": observation}
-        is_single = None
-        flat = []
-        for name, part in parts.items():
-            values = np.asarray(given[name], np.float32)
-            assert part.shape is not None
-            if values.shape == part.shape:
-                is_single = True
-            elif values.shape[1:] == part.shape and is_single is not True:
-                is_single = False
-            else:
-                where = f"observation[{name!r}]" if name else "observation"
-                raise ValueError(f"{where}: expected shape {part.shape} or (rows, ...), got {values.shape}")
-            flat.append(values.reshape(1 if is_single else len(values), -1))
-        return np.ascontiguousarray(np.concatenate(flat, axis=1)), bool(is_single)
+        values, first = observation, space
+        if isinstance(space, spaces.Dict):
+            name, first = next(iter(space.spaces.items()))
+            values = observation.get(name) if isinstance(observation, Mapping) else None
+        assert first.shape is not None
+        is_single = np.ndim(values) == len(first.shape)
+        rows = None if is_single else len(values) if np.ndim(values) else 0
+        return flat_rows(space, observation, rows), is_single
 
     # --- files and conversions
 
@@ -447,7 +515,16 @@ class PPO:
         files.save(path, self._state(), self._arrays())
 
     @classmethod
-    def load(cls: type[_Self], path: str | PathLike[str], env: Any = None, **changes: Any) -> _Self:
+    def load(
+        cls: type[_Self],
+        path: str | PathLike[str],
+        env: Any = None,
+        device: Any = "auto",
+        custom_objects: Mapping[str, Any] | None = None,
+        print_system_info: bool = False,
+        force_reset: bool = True,
+        **changes: Any,
+    ) -> _Self:
         """Read a model from a file that `save` wrote. No code in it is run.
 
         Parameters
@@ -456,6 +533,10 @@ class PPO:
             The file; ``.zip`` may be omitted.
         env
             The environment to go on training in, or None.
+        device, custom_objects, print_system_info
+            Arguments of Stable-Baselines3; only their defaults are accepted.
+        force_reset
+            As for `set_env`.
         **changes
             Hyperparameters to change; a schedule that was a function has to be given again.
 
@@ -464,8 +545,44 @@ class PPO:
         ValueError
             The file is of another kind or damaged, or a schedule is missing.
         """
-        state, arrays = files.load(path)
-        return cls._from_state(state, arrays, env, changes)
+        _require_cpu(device)
+        if custom_objects or print_system_info:
+            raise ValueError(
+                "load: expected no custom_objects and no print_system_info: give hyperparameters as keywords, such as "
+                "learning_rate=1e-3"
+            )
+        known = [*_NUMBERS, *_SCHEDULES, "tensorboard_log", "verbose", "num_threads"]
+        for name in changes:
+            if name not in known:
+                raise TypeError(
+                    f"load: expected hyperparameters such as learning_rate, got {name!r}{did_you_mean(name, known)}"
+                )
+        num_threads = int(changes.pop("num_threads", 0))
+        source = None if env is None else source_of(env)
+        state, arrays = files.load(path, _ARRAYS)
+        try:
+            model = cls._from_state(state, arrays, num_threads or _threads_of(source))
+            missing = [name for name in _schedules_of(state) if name not in changes]
+        except (
+            KeyError,
+            TypeError,
+            ValueError,
+            AttributeError,
+            OverflowError,
+            AssertionError,
+            RecursionError,
+        ) as error:
+            raise ValueError(f"{path}: expected a model that PPO.save wrote, got other values ({error})") from error
+        if missing:
+            raise ValueError(f"{missing[0]}: it was a function, which files do not hold: give it to load()")
+        for name, value in changes.items():
+            setattr(model, name, value)
+        model._check()
+        if "normalize_observations" in changes:
+            model._set_normalization(model.learner.rows)
+        if env is not None:
+            model.set_env(env, force_reset)
+        return model
 
     def to_sb3(self) -> Any:
         """Return a ``PPO`` of Stable-Baselines3 with the same network and hyperparameters. It acts the same to 1e-6."""
@@ -516,43 +633,72 @@ class PPO:
         }
 
     @classmethod
-    def _from_state(
-        cls: type[_Self], state: Mapping[str, Any], arrays: Mapping[str, Array], env: Any, changes: Mapping[str, Any]
-    ) -> _Self:
+    def _from_state(cls: type[_Self], state: Mapping[str, Any], arrays: Mapping[str, Array], num_threads: int) -> _Self:
         model = cls.__new__(cls)
-        values = {**state["hyperparameters"], **state["schedules"]}
-        known = [*_NUMBERS, *_SCHEDULES, "tensorboard_log", "verbose", "num_threads"]
-        for name in changes:
-            if name not in known:
-                raise TypeError(f"load: expected hyperparameters such as learning_rate, got {name!r}")
-        for name in state["callable_schedules"]:
-            if name not in changes:
-                raise ValueError(f"{name}: it was a function, which files do not hold: give it to load()")
-        values = {"tensorboard_log": None, "verbose": 0, **values, **changes}
-        num_threads = int(values.pop("num_threads", 0))
-        for name, value in values.items():
+        functions = _schedules_of(state)
+        values = {name: state["hyperparameters"][name] for name in _NUMBERS}
+        values |= {name: _DEFAULTS[name] if name in functions else state["schedules"][name] for name in _SCHEDULES}
+        for name, value in {**_DEFAULTS, **values}.items():
             setattr(model, name, value)
-        model.policy_kwargs = {}
+        model._check()
         model.observation_space = files.space_from(state["observation_space"])
         model.action_space = files.space_from(state["action_space"])
         model.source, model.env = None, None
-        model._check()
-        if env is not None:
-            model.set_env(env)
         config = NetworkConfig(**state["network"])
-        learner = Learner(config, num_threads or model._threads_of_env(), state["learner_seed"])
+        require_fits(config, model.observation_space, model.action_space)
+        expected = count_parameters(config)
+        if arrays["parameters"].size != expected:
+            raise ValueError(f"parameters: expected {expected} numbers, got {arrays['parameters'].size}")
+        features = {name: extractor for extractor, name in FEATURES.items() if extractor.endswith("Features")}
+        model.policy_kwargs = {
+            "net_arch": {"pi": config.actor_layers, "vf": config.critic_layers},
+            "activation_fn": config.activation,
+            **({"features_extractor_class": features[config.features]} if config.features in features else {}),
+        }
+        model.learner = learner = Learner(config, num_threads, state["learner_seed"])
         learner.parameters = arrays["parameters"]
         learner.set_adam(arrays["adam_first"], arrays["adam_second"], state["adam_steps"])
         learner.set_moments(
             (arrays["observation_mean"], arrays["observation_variance"], state["observation_count"]),
             (arrays["return_mean"], arrays["return_variance"], state["return_count"]),
         )
+        model._set_normalization(arrays["discounted_returns"].size)
         learner.discounted_returns = arrays["discounted_returns"]
         learner.draws = state["draws"]
-        model.learner = learner
         model._begin_counts()
-        model.num_timesteps, model._n_updates = state["num_timesteps"], state["n_updates"]
+        model.num_timesteps, model._n_updates = (_count(state[name]) for name in ("num_timesteps", "n_updates"))
         return model
+
+
+@contextmanager
+def _naming_step(step: int) -> Iterator[None]:
+    """Name the step in errors about numbers that are not finite."""
+    try:
+        yield
+    except FloatingPointError as error:
+        raise FloatingPointError(f"step {step}: {error}; the parameters are those of the last update") from error
+
+
+def _count(value: Any) -> int:
+    if not isinstance(value, int) or value < 0:
+        raise ValueError(f"expected an integer >= 0, got {value!r}")
+    return value
+
+
+def _schedules_of(state: Mapping[str, Any]) -> list[str]:
+    """Return the names of the schedules that were functions when a model was saved."""
+    return [name for name in _SCHEDULES if name in state["callable_schedules"]]
+
+
+def _require_cpu(device: Any) -> None:
+    if str(device) not in ("auto", "cpu"):
+        raise ValueError(f"device: expected 'cpu' or 'auto', got {device!r}: the learner runs on the processor")
+
+
+def _threads_of(source: Source | None) -> int:
+    """Return the number of threads of a source's batch, or 0."""
+    batch = getattr(getattr(source, "env", None), "batch", None)
+    return int(getattr(batch, "num_threads", 0))
 
 
 def _value(schedule: Any, progress_remaining: float) -> float | None:

@@ -5,8 +5,12 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
+import numpy.typing as npt
+from gymnasium import spaces
 
 from flockstep.learning.networks import FEATURES
+
+_FLAT = "FlattenExtractor"
 
 _SHARED = (
     "n_steps",
@@ -25,12 +29,12 @@ _SHARED = (
 def to_sb3(model: Any) -> Any:
     """Return a ``PPO`` of Stable-Baselines3 with the network and hyperparameters of a model."""
     import torch
-    from gymnasium import spaces
     from stable_baselines3 import PPO
 
     import flockstep.sb3
 
     config = model.learner.config
+    _require_start(model.action_space)
     arguments: dict[str, Any] = {
         "net_arch": {"pi": config.actor_layers, "vf": config.critic_layers},
         "activation_fn": torch.nn.Tanh if config.activation == "tanh" else torch.nn.ReLU,
@@ -39,17 +43,18 @@ def to_sb3(model: Any) -> Any:
     if config.features in names:
         arguments["features_extractor_class"] = getattr(flockstep.sb3, names[config.features])
     if model.normalize_observations:
-        mean, variance, _ = model.learner.observation_moments
+        mean, variance, count = model.learner.observation_moments
         inner = arguments.get("features_extractor_class")
         arguments["features_extractor_class"] = flockstep.sb3.NormalizedFeatures
         arguments["features_extractor_kwargs"] = {
             "mean": mean.tolist(),
             "variance": variance.tolist(),
             "inner": inner,
+            "count": count,
         }
     made = PPO(
         "MultiInputPolicy" if isinstance(model.observation_space, spaces.Dict) else "MlpPolicy",
-        None,
+        None,  # type: ignore[arg-type] # an environment is not needed
         learning_rate=model.learning_rate,
         clip_range=model.clip_range,
         clip_range_vf=model.clip_range_vf,
@@ -68,54 +73,90 @@ def to_sb3(model: Any) -> Any:
         values = parameters[first : first + int(np.prod(shape))].reshape(shape)
         state[name] = torch.as_tensor(values.copy())
     made.policy.load_state_dict(state)
+    first_moments, second_moments, steps = model.learner.adam
+    places = {name: (shape, first) for name, shape, first in model.learner.layout}
+    for name, parameter in made.policy.named_parameters():
+        if steps == 0:
+            break
+        shape, first = places[name]
+        part = slice(first, first + int(np.prod(shape)))
+        made.policy.optimizer.state[parameter] = {
+            "step": torch.tensor(float(steps)),
+            "exp_avg": torch.as_tensor(first_moments[part].reshape(shape)),
+            "exp_avg_sq": torch.as_tensor(second_moments[part].reshape(shape)),
+        }
     return made
 
 
 def from_sb3(cls: Any, model: Any, env: Any) -> Any:
     """Return a model of ``cls`` with the network and hyperparameters of a ``PPO`` of Stable-Baselines3."""
-    policy = model.policy
-    if type(model).__name__ != "PPO":
+    if type(model).__name__ != "PPO" or not hasattr(model, "policy"):
         raise ValueError(f"model: expected a PPO of Stable-Baselines3, got {type(model).__name__}")
+    policy = model.policy
     if model.use_sde:
         raise ValueError("model: expected use_sde=False, got state-dependent exploration, which the learner lacks")
-    extractor = type(policy.features_extractor).__name__
-    if extractor not in FEATURES:
-        raise ValueError(f"model: expected features of {', '.join(FEATURES)}, got {extractor}")
-    arguments = {
-        "net_arch": _net_arch(policy.net_arch),
-        "activation_fn": policy.activation_fn,
-        "features_extractor_class": extractor,
-    }
+    _require_start(model.action_space)
+    extractor, moments = policy.features_extractor, None
+    if type(extractor).__name__ == "NormalizedFeatures":
+        moments = (extractor.mean.numpy(), extractor.variance.numpy(), extractor.count)
+        extractor = extractor.inner
+    features = type(extractor).__name__ if moments is None or type(extractor).__name__ != "Identity" else _FLAT
+    if features not in FEATURES:
+        raise ValueError(f"model: expected features of {', '.join(FEATURES)}, got {features}")
     source = model.get_env() if env is None else env
     made = cls._without_env(
-        "MultiInputPolicy" if extractor == "CombinedExtractor" else "MlpPolicy",
+        "MultiInputPolicy" if features == "CombinedExtractor" else "MlpPolicy",
         model.observation_space,
         model.action_space,
-        arguments,
+        {
+            "net_arch": policy.net_arch,
+            "activation_fn": policy.activation_fn,
+            "features_extractor_class": features,
+        },
         {
             **{name: getattr(model, name) for name in _SHARED},
             "learning_rate": model.learning_rate,
             "clip_range": _plain_schedule(model.clip_range),
             "clip_range_vf": None if model.clip_range_vf is None else _plain_schedule(model.clip_range_vf),
             "seed": model.seed,
+            "normalize_observations": moments is not None,
         },
     )
     if source is not None:
         made.set_env(source)
-    state = policy.state_dict()
-    named = {name: value.detach().cpu().numpy() for name, value in state.items()}
-    parameters = np.zeros(len(made.learner.parameters), np.float32)
-    for name, shape, first in made.learner.layout:
-        if name not in named or named[name].shape != tuple(shape):
-            raise ValueError(f"model: expected the parameter {name} of shape {tuple(shape)}")
-        parameters[first : first + int(np.prod(shape))] = named[name].ravel()
-    made.learner.parameters = parameters
+    learner = made.learner
+    learner.parameters = _in_layout(learner, dict(policy.named_parameters()))
+    if moments is not None:
+        learner.set_moments(moments, learner.return_moments)
+    state = {name: policy.optimizer.state.get(parameter, {}) for name, parameter in policy.named_parameters()}
+    if type(policy.optimizer).__name__ == "Adam" and all("exp_avg_sq" in values for values in state.values()):
+        first, second = (
+            _in_layout(learner, {name: values[key] for name, values in state.items()})
+            for key in ("exp_avg", "exp_avg_sq")
+        )
+        learner.set_adam(first, second, int(next(iter(state.values()))["step"]))
     made.num_timesteps, made._n_updates = model.num_timesteps, model._n_updates
     return made
 
 
-def _net_arch(given: Any) -> Any:
-    return given if isinstance(given, dict) else list(given)
+def _in_layout(learner: Any, tensors: dict[str, Any]) -> npt.NDArray[np.float32]:
+    """Return tensors by name as one array in the order of the learner's parameters."""
+    values = np.zeros(len(learner.parameters), np.float32)
+    layout = {name: (tuple(shape), first) for name, shape, first in learner.layout}
+    for name in tensors.keys() ^ layout.keys():
+        raise ValueError(f"model: expected the parameters {', '.join(layout)}, got other ones ({name})")
+    for name, (shape, first) in layout.items():
+        if tuple(tensors[name].shape) != shape:
+            raise ValueError(f"model: expected {name} of shape {shape}, got {tuple(tensors[name].shape)}")
+        values[first : first + int(np.prod(shape))] = tensors[name].detach().cpu().numpy().ravel()
+    return values
+
+
+def _require_start(space: spaces.Space[Any]) -> None:
+    if isinstance(space, spaces.Discrete) and space.start != 0:
+        raise ValueError(
+            f"action_space: expected a Discrete that starts at 0, got {space}: Stable-Baselines3 ignores the start"
+        )
 
 
 def _plain_schedule(schedule: Any) -> Any:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -13,6 +13,7 @@ import numpy.typing as npt
 from gymnasium import spaces
 from gymnasium.vector import AutoresetMode, SyncVectorEnv, VectorEnv
 
+from flockstep import stepping
 from flockstep._core import Learner
 from flockstep.vector_env import DroneVectorEnv
 
@@ -33,7 +34,7 @@ class Episode:
 
 @dataclass
 class Stepped:
-    """What a callback may read about a step."""
+    """Results of a step, for callbacks."""
 
     rewards: Array
     dones: Array
@@ -60,6 +61,19 @@ class Source:
         """Return the current observations, (R, k) float32."""
         raise NotImplementedError
 
+    def resume(self) -> None:
+        """Go on with the current episodes of the environment, such as those of a snapshot.
+
+        Raises
+        ------
+        ValueError
+            The environment does not return its current observations without a step or a reset.
+        """
+        raise ValueError(
+            "force_reset=False: expected a DroneVectorEnv after reset() or restore(), which keeps its current "
+            "observations; other environments begin new episodes"
+        )
+
 
 class EngineSource(Source):
     """A task in C++, whose steps the learner makes within the engine."""
@@ -68,9 +82,14 @@ class EngineSource(Source):
         self.env, self.vec_env = env, vec_env
         self.rows = env.num_envs
         self.observation_space, self.action_space = env.single_observation_space, env.single_action_space
+        self._made = time.perf_counter()
+
+    def resume(self) -> None:
+        """Go on with the current episodes."""
 
     def reset(self, seed: int | None) -> None:
         """Begin new episodes."""
+        stepping.require_open(self.env)
         if self.vec_env is not None:
             if seed is not None:
                 self.vec_env.seed(seed)
@@ -84,7 +103,9 @@ class EngineSource(Source):
 
     def step(self, learner: Learner, t: int, needs_infos: bool) -> Stepped:
         """Fly one step, whose actions are drawn on the threads that fly it."""
-        env, batch = self.env, self.env.batch
+        env = self.env
+        stepping.require_open(env)
+        batch = env.batch
         was_over = batch.terminated | batch.truncated if env.autoreset_mode is AutoresetMode.NEXT_STEP else None
         learner.fly(t, batch, env.reward_scale)
         if env.trail is not None:
@@ -101,10 +122,9 @@ class EngineSource(Source):
         if needs_infos:
             going_on: dict[str, Any] = {}
             stepped.infos = [going_on] * self.rows
-            if self.vec_env is not None and ended.size:
-                self.vec_env.add_ends(stepped.infos, ended, batch.truncated)
-            else:
-                _add_episodes(stepped.infos, ended, stepped.episodes)
+            seconds = round(time.perf_counter() - self._made, 6)
+            for row, info in zip(ended.tolist(), stepping.ends(env, ended, seconds) if ended.size else (), strict=True):
+                stepped.infos[row] = info
         if env.autoreset_mode is AutoresetMode.DISABLED and ended.size:
             env.reset(options={"reset_mask": done.copy()})
         return stepped
@@ -118,7 +138,6 @@ class ArraySource(Source):
     def __init__(self) -> None:
         self._totals = np.zeros(self.rows)
         self._lengths = np.zeros(self.rows, np.int64)
-        self._begun = time.perf_counter()
 
     def observation(self, learner: Learner) -> Array:
         """Return the current observations."""
@@ -126,12 +145,8 @@ class ArraySource(Source):
         return self._current
 
     def flat(self, observation: Any) -> Array:
-        """Return observations as rows of numbers; a dict is flattened in the order of its keys."""
-        if isinstance(observation, dict):
-            names = list(self.observation_space.spaces)  # type: ignore[attr-defined]
-            parts = [np.asarray(observation[name], np.float32).reshape(self.rows, -1) for name in names]
-            return np.concatenate(parts, axis=1)
-        return np.ascontiguousarray(np.asarray(observation, np.float32).reshape(self.rows, -1))
+        """Return observations as rows of numbers; a dict is flattened in the order of its space."""
+        return flat_rows(self.observation_space, observation, self.rows)
 
     def actions(self, drawn: Array) -> Array:
         """Return drawn actions as the environment takes them."""
@@ -139,16 +154,15 @@ class ArraySource(Source):
         if isinstance(space, spaces.Discrete):
             return drawn.astype(np.int64) + int(space.start)
         assert isinstance(space, spaces.Box)
-        return np.clip(drawn.reshape(self.rows, *space.shape), space.low, space.high).astype(space.dtype)
+        return np.clip(drawn.reshape(self.rows, *space.shape), space.low, space.high).astype(space.dtype, copy=False)
 
-    def count(self, rewards: Array, dones: Array, successes: Array | None) -> list[Episode]:
-        """Count a step, and return the episodes that it ended."""
+    def count(self, rewards: Array, flown: Array, dones: Array) -> list[Episode]:
+        """Count a step of the rows that flew, and return the episodes that it ended."""
         self._totals += rewards
-        self._lengths += 1
+        self._lengths += flown
         episodes = []
         for row in np.flatnonzero(dones).tolist():
-            success = None if successes is None else bool(successes[row])
-            episodes.append(Episode(float(self._totals[row]), int(self._lengths[row]), success))
+            episodes.append(Episode(float(self._totals[row]), int(self._lengths[row]), None))
             self._totals[row] = self._lengths[row] = 0
         return episodes
 
@@ -169,43 +183,79 @@ class VectorEnvSource(ArraySource):
         self._over[:] = False
         self._totals[:] = self._lengths[:] = 0
 
+    def resume(self) -> None:
+        """Go on with the current episodes of a `DroneVectorEnv`."""
+        env = self.env
+        if not isinstance(env, DroneVectorEnv):
+            super().resume()
+            return
+        stepping.require_open(env)
+        self._current = self.flat(env.observation()).copy()
+        is_next_step = self.mode is AutoresetMode.NEXT_STEP
+        self._over = env.batch.terminated | env.batch.truncated if is_next_step else np.zeros(self.rows, bool)
+        self._totals[:] = np.where(self._over, 0.0, env.batch.episode_return)
+        self._lengths[:] = np.where(self._over, 0, env.batch.episode_length)
+
     def step(self, learner: Learner, t: int, needs_infos: bool) -> Stepped:
         """Step once."""
         actions = self.actions(learner.act(t, self._current))
         observation, rewards, terminated, truncated, infos = self.env.step(actions)
-        rewards = np.asarray(rewards, np.float32)
+        rewards = _rewards(rewards, self.rows)
         terminated, truncated = np.asarray(terminated, bool), np.asarray(truncated, bool)
         skipped = self._over.copy()
         done = (terminated | truncated) & ~skipped
+        ended = np.flatnonzero(done)
         current = self.flat(observation)
+        last = {row: self._last(observation, infos, row) for row in ended.tolist()}
         final = current
-        if self.mode is AutoresetMode.SAME_STEP and done.any():
-            final = self._final(current, infos, done)
+        if self.mode is AutoresetMode.SAME_STEP and ended.size:
+            final = current.copy()
+            for row, values in last.items():
+                final[row] = flat_rows(self.observation_space, values, None)[0]
         learner.record(t, rewards, terminated & ~skipped, truncated & ~skipped, final, skipped)
         if self.mode is AutoresetMode.NEXT_STEP:
             self._over = done
-        elif self.mode is AutoresetMode.DISABLED and done.any():
+        elif self.mode is AutoresetMode.DISABLED and ended.size:
             current = self.flat(self.env.reset(options={"reset_mask": done})[0])
         self._current = current
-        final_infos = infos.get("final_info", infos)
-        successes = next((final_infos[name] for name in ("is_success", "success") if name in final_infos), None)
-        counted = np.where(skipped, 0.0, rewards)
-        self._lengths -= skipped
-        stepped = Stepped(rewards, done, [], self.count(counted, done, successes))
-        if needs_infos:
-            stepped.infos = [{} for _ in range(self.rows)]
-            _add_episodes(stepped.infos, np.flatnonzero(done), stepped.episodes)
-        return stepped
+        by_row: list[dict[str, Any]] = [{} for _ in range(self.rows)]
+        if ended.size or needs_infos:
+            by_row = infos_by_row(infos, self.rows)
+            for row, info in enumerate(infos_by_row(infos.get("final_info", {}), self.rows)):
+                by_row[row].update(info)
+        episodes = self.count(np.where(skipped, 0.0, rewards), ~skipped, done)
+        for row, episode in zip(ended.tolist(), episodes, strict=True):
+            info = by_row[row]
+            _read_episode(episode, info)
+            info.setdefault("terminal_observation", last[row])
+            info.setdefault("TimeLimit.truncated", bool(truncated[row] and not terminated[row]))
+            info["episode"] = {"r": episode.total, "l": episode.length, "t": 0.0}
+            if episode.success is not None:
+                info["is_success"] = episode.success
+        return Stepped(rewards, done, by_row if needs_infos else [], episodes)
 
-    def _final(self, current: Array, infos: dict[str, Any], done: Array) -> Array:
-        """Return the last observations of the ended episodes, in their rows."""
-        final = current.copy()
-        rows = np.flatnonzero(done)
-        for row in rows.tolist():
-            last = infos["final_obs"][row]
-            parts = [last[name] for name in self.observation_space.spaces] if isinstance(last, dict) else [last]  # type: ignore[attr-defined]
-            final[row] = np.concatenate([np.asarray(part, np.float32).ravel() for part in parts])
-        return final
+    def _last(self, observation: Any, infos: Mapping[str, Any], row: int) -> Any:
+        """Return the last observation of an ended episode."""
+        if self.mode is AutoresetMode.SAME_STEP:
+            return infos["final_obs"][row]
+        if isinstance(observation, Mapping):
+            return {name: np.array(part[row]) for name, part in observation.items()}
+        return np.array(observation[row])
+
+
+class SingleEnvSource(VectorEnvSource):
+    """A Gymnasium env."""
+
+    def __init__(self, env: gymnasium.Env[Any, Any]) -> None:
+        self.single = env
+        super().__init__(SyncVectorEnv([lambda: env], autoreset_mode=AutoresetMode.SAME_STEP))
+
+    def as_vec_env(self) -> Any:
+        """Return the env as a ``VecEnv`` of Stable-Baselines3, as its own PPO does."""
+        from stable_baselines3.common.monitor import Monitor
+        from stable_baselines3.common.vec_env import DummyVecEnv
+
+        return DummyVecEnv([lambda: Monitor(self.single)])
 
 
 class VecEnvSource(ArraySource):
@@ -229,22 +279,18 @@ class VecEnvSource(ArraySource):
         actions = self.actions(learner.act(t, self._current))
         observation, rewards, dones, infos = self.env.step(actions)
         dones = np.asarray(dones, bool)
-        truncated = np.array([info.get("TimeLimit.truncated", False) for info in infos], bool) & dones
+        is_cut = [info.get("TimeLimit.truncated") and info.get("terminal_observation") is not None for info in infos]
+        truncated = np.array(is_cut, bool) & dones
         current = self.flat(observation)
         final = current.copy() if truncated.any() else current
         for row in np.flatnonzero(truncated).tolist():
-            last = infos[row]["terminal_observation"]
-            parts = [last[name] for name in self.observation_space.spaces] if isinstance(last, dict) else [last]  # type: ignore[attr-defined]
-            final[row] = np.concatenate([np.asarray(part, np.float32).ravel() for part in parts])
-        rewards = np.asarray(rewards, np.float32)
+            final[row] = flat_rows(self.observation_space, infos[row]["terminal_observation"], None)[0]
+        rewards = _rewards(rewards, self.rows)
         learner.record(t, rewards, dones & ~truncated, truncated, final)
         self._current = current
-        episodes = self.count(rewards, dones, None)
+        episodes = self.count(rewards, np.ones(self.rows, bool), dones)
         for row, episode in zip(np.flatnonzero(dones).tolist(), episodes, strict=True):
-            if "episode" in infos[row]:  # unscaled
-                episode.total, episode.length = float(infos[row]["episode"]["r"]), int(infos[row]["episode"]["l"])
-            if "is_success" in infos[row]:
-                episode.success = bool(infos[row]["is_success"])
+            _read_episode(episode, infos[row])
         return Stepped(rewards, dones, list(infos), episodes)
 
 
@@ -257,10 +303,9 @@ def source_of(env: Any) -> Source:
         It is none of the kinds that a learner steps.
     """
     if isinstance(env, str):
-        env = gymnasium.make_vec(env, num_envs=1, vectorization_mode="sync")
+        env = gymnasium.make(env)
     if isinstance(env, gymnasium.Env):
-        single = env
-        env = SyncVectorEnv([lambda: single], autoreset_mode=AutoresetMode.SAME_STEP)
+        return SingleEnvSource(env)
     if isinstance(env, DroneVectorEnv):
         return EngineSource(env) if env._task_calls is None else VectorEnvSource(env)
     if isinstance(env, VectorEnv):
@@ -273,8 +318,68 @@ def source_of(env: Any) -> Source:
     raise TypeError(f"env: expected a Gymnasium id, env or vector env, or a VecEnv of Stable-Baselines3, got {env!r}")
 
 
-def _add_episodes(infos: list[dict[str, Any]], rows: npt.NDArray[np.intp], episodes: Sequence[Episode]) -> None:
-    for row, episode in zip(rows.tolist(), episodes, strict=True):
-        infos[row] = {"episode": {"r": episode.total, "l": episode.length, "t": 0.0}}
-        if episode.success is not None:
-            infos[row]["is_success"] = episode.success
+def flat_rows(space: spaces.Space[Any], observation: Any, rows: int | None) -> Array:
+    """Return observations (R, k); a dict is flattened in the order of its space. rows: None for one observation.
+
+    Raises
+    ------
+    ValueError
+        A part is missing, or has a wrong shape.
+    """
+    if not isinstance(space, spaces.Dict):
+        return _flat("observation", space, observation, rows)
+    if not isinstance(observation, Mapping):
+        raise ValueError(
+            f"observation: expected a dict with {', '.join(space.spaces)}, got {type(observation).__name__}"
+        )
+    for name in space.spaces:
+        if name not in observation:
+            raise ValueError(
+                f"observation: expected a dict with {', '.join(space.spaces)}, got {', '.join(observation)}"
+            )
+    parts = [_flat(f"observation[{name!r}]", part, observation[name], rows) for name, part in space.spaces.items()]
+    return np.concatenate(parts, axis=1)
+
+
+def _flat(name: str, space: spaces.Space[Any], values: Any, rows: int | None) -> Array:
+    array = np.asarray(values, np.float32)
+    assert space.shape is not None
+    expected = space.shape if rows is None else (rows, *space.shape)
+    if array.shape != expected:
+        raise ValueError(f"{name}: expected shape {expected}, got {array.shape}")
+    return np.ascontiguousarray(array.reshape(1 if rows is None else rows, int(np.prod(space.shape))))
+
+
+def _rewards(rewards: Any, rows: int) -> Array:
+    array = np.asarray(rewards, np.float32)
+    if array.shape != (rows,):
+        raise ValueError(f"rewards: expected shape {(rows,)}, got {array.shape}")
+    return array
+
+
+def infos_by_row(infos: Mapping[str, Any], rows: int) -> list[dict[str, Any]]:
+    """Return the infos of a Gymnasium vector env as a dict for each row, without those of final steps."""
+    by_row: list[dict[str, Any]] = [{} for _ in range(rows)]
+    for name, values in infos.items():
+        if name.startswith("_") or name in ("final_obs", "final_info"):
+            continue
+        mask = infos.get(f"_{name}")
+        each: Any = infos_by_row(values, rows) if isinstance(values, Mapping) else values
+        has_rows = isinstance(each, (list, tuple, np.ndarray)) and len(each) == rows
+        for row in range(rows) if mask is None else np.flatnonzero(mask).tolist():
+            value = each[row] if has_rows else each
+            by_row[row][name] = value.item() if isinstance(value, np.generic) else value
+    return by_row
+
+
+def _read_episode(episode: Episode, info: Mapping[str, Any]) -> None:
+    """Replace the counts of an episode by those that the environment reports."""
+    reported = info.get("episode")
+    if isinstance(reported, Mapping) and {"r", "l"} <= reported.keys():  # as Monitor and RecordEpisodeStatistics do
+        episode.total, episode.length = float(reported["r"]), int(reported["l"])
+    elif "episode_return" in info:  # as DroneVectorEnv does; without reward_scale
+        episode.total, episode.length = float(info["episode_return"]), int(info["episode_length"])
+    for name in ("is_success", "success"):
+        if name in info:
+            episode.success = bool(info[name])
+            return

@@ -54,6 +54,8 @@ class NormalizedFeatures(BaseFeaturesExtractor):
         Of each number of an observation.
     inner
         Features extractor of the results. None: the results themselves.
+    count
+        Number of observations behind the mean and the variance, which `flockstep.PPO.from_sb3` reads.
     """
 
     def __init__(
@@ -62,19 +64,22 @@ class NormalizedFeatures(BaseFeaturesExtractor):
         mean: list[float],
         variance: list[float],
         inner: type[BaseFeaturesExtractor] | None = None,
+        count: float = 1.0,
     ) -> None:
         flat = spaces.Box(-np.inf, np.inf, (len(mean),), np.float32)
-        extractor = nn.Identity() if inner is None else inner(flat)  # type: ignore[call-arg]
+        extractor = nn.Identity() if inner is None else inner(flat)
         super().__init__(observation_space, features_dim=int(getattr(extractor, "features_dim", len(mean))))
-        self.inner = extractor
+        self.inner, self.count = extractor, count
+        self.mean: torch.Tensor
+        self.variance: torch.Tensor
         self.register_buffer("mean", torch.as_tensor(mean, dtype=torch.float64))
-        self.register_buffer("scale", 1 / torch.sqrt(torch.as_tensor(variance, dtype=torch.float64) + 1e-8))
+        self.register_buffer("variance", torch.as_tensor(variance, dtype=torch.float64))
 
     def forward(self, observations: torch.Tensor | dict[str, torch.Tensor]) -> torch.Tensor:
         """Convert observations (N, ...), or a dict of them, into features (N, features_dim)."""
         parts = list(observations.values()) if isinstance(observations, dict) else [observations]
         flat = torch.cat([part.flatten(1) for part in parts], dim=1).double()
-        normal = ((flat - self.mean) * self.scale).float().clamp(-10, 10)
+        normal = ((flat - self.mean) / torch.sqrt(self.variance + 1e-8)).float().clamp(-10, 10)
         return self.inner(normal)  # type: ignore[no-any-return]
 
 

@@ -13,6 +13,7 @@ from gymnasium.vector import AutoresetMode
 from stable_baselines3.common.monitor import Monitor
 from stable_baselines3.common.vec_env.base_vec_env import VecEnv, VecEnvIndices, VecEnvStepReturn
 
+from flockstep import stepping
 from flockstep._core import NativeTask
 from flockstep.registration import make_by_id
 from flockstep.stepping import Observation
@@ -123,25 +124,11 @@ class DroneVecEnv(VecEnv):
         going_on: dict[str, Any] = {}
         infos = [going_on] * self.num_envs
         if np.count_nonzero(done):
-            self.add_ends(infos, np.flatnonzero(done), truncated)
+            seconds = round(time.perf_counter() - self._created, 6)
+            ended = np.flatnonzero(done)
+            for row, info in zip(ended.tolist(), stepping.ends(self.env, ended, seconds), strict=True):
+                infos[row] = info
         return self.env.observation(), self.env.scaled_reward().copy(), done, infos
-
-    def add_ends(
-        self, infos: list[dict[str, Any]], ended: npt.NDArray[np.intp], truncated: npt.NDArray[np.bool_]
-    ) -> None:
-        """Set the infos of the rows whose episodes have ended in the last step."""
-        seconds = round(time.perf_counter() - self._created, 6)
-        report = _lists(self.env.episode_infos(ended))
-        total, length, success = (report.pop(name) for name in ("episode_return", "episode_length", "success"))
-        final = self.env.final_observations(ended)
-        for k, index in enumerate(ended.tolist()):
-            infos[index] = {
-                "terminal_observation": final[k],
-                "TimeLimit.truncated": bool(truncated[index]),
-                "is_success": success[k],
-                "episode": {"r": total[k], "l": length[k], "t": seconds},
-                **{name: _nth(value, k) for name, value in report.items()},
-            }
 
     def close(self) -> None:
         """Close the env."""
@@ -174,12 +161,3 @@ class DroneVecEnv(VecEnv):
     def get_images(self) -> Sequence[npt.NDArray[np.uint8] | None]:
         """Return a picture of each env, (height, width, 3) uint8."""
         return self.env.render() or [None] * self.num_envs
-
-
-def _lists(report: dict[str, Any]) -> dict[str, Any]:
-    """Return infos as lists."""
-    return {name: _lists(part) if isinstance(part, dict) else part.tolist() for name, part in report.items()}
-
-
-def _nth(value: Any, k: int) -> Any:
-    return {name: part[k] for name, part in value.items()} if isinstance(value, dict) else value[k]
