@@ -140,7 +140,8 @@ def test_python_runs_in_an_empty_folder(block, tmp_path):
             check(tmp_path, printed)
     assert ("learn(" in text) == ("success_rates(" in text), "what trains says how well"
     if "learn(" in text:
-        assert "torch.set_num_threads(1)" in text, "two threads that wait for each other do not end on a busy machine"
+        if "flockstep.PPO" not in text:  # which does not use PyTorch
+            assert "torch.set_num_threads(1)" in text, "two threads that wait for each other are slow if busy"
         rates = ast.literal_eval(printed.strip().splitlines()[-1])
         assert sum(rates.values()) / len(rates) >= 6 / 7, rates
 

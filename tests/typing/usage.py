@@ -15,6 +15,8 @@ batch = flockstep.Batch("train", 4, drone="racer5")
 ends = [flockstep.EpisodeEnd(code).name for code in batch.episode_end.tolist()]
 envs = flockstep.sb3.make_vec("flockstep/Hover-v0", 4, start_tilt_deg=10)
 rates: dict[str, float] = flockstep.sb3.evaluate(None, "flockstep/Hover-v0").ends
+model = flockstep.PPO("MlpPolicy", envs, learning_rate=lambda left: 1e-3 * left, policy_kwargs={"net_arch": [32]})
+actions: npt.NDArray[np.float32] = flockstep.PPO.load("policy").learn(1_000).predict(envs.reset())[0]
 flockstep.testing.check_vector_env(lambda n: flockstep.DroneVectorEnv(n, task=flockstep.HoverConfig(), hold_m=0.1))
 
 client = flockstep.connect("127.0.0.1:41451", token="secret", timeout_s=5)
