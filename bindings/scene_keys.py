@@ -164,7 +164,8 @@ def values_text(key: Key) -> str:
         "integer": f"an integer{limits}",
         "index": f"{size} indices",
         "direction": f"{size} numbers{limits}, not all 0",
-        "choice": f"{size} of " + ", ".join(f'`"{choice}"`' for choice in key.get("choices", ())),
+        "choice": (f"{size} of " if size else "one of ")
+        + ", ".join(f'`"{choice}"`' for choice in key.get("choices", ())),
         "object": ", ".join(f"`{inner['name']}`" for inner in key.get("keys", ())),
     }
     text = ("0 or " if key.get("or_zero") else "") + words[kind] + (f", {key['unit']}" if key["unit"] else "")

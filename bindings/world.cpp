@@ -58,6 +58,24 @@ py::list primitives(const World& world) {
   return list;
 }
 
+py::list gates(const World& world) {
+  py::list list;
+  for (const Gate& gate : world.gates()) {
+    py::dict entry;
+    entry["shape"] = EnumNames<GateShape>::kNames[static_cast<std::size_t>(gate.shape)];
+    entry["center"] = row(gate.center);
+    const Quat& q = gate.rotation;
+    entry["quat_wxyz"] = py::make_tuple(q.w(), q.x(), q.y(), q.z());
+    entry["size_m"] = gate.size;
+    entry["bar_m"] = gate.bar;
+    entry["material"] = world.materials()[gate.material].name;
+    entry["visible"] = is_visible(gate.visibility);
+    entry["solid"] = is_solid(gate.visibility);
+    list.append(entry);
+  }
+  return list;
+}
+
 py::tuple triple(const std::array<float, 3>& v) { return py::make_tuple(v[0], v[1], v[2]); }
 
 // Returns the materials. Semantic ids are those that cameras report.
@@ -267,6 +285,7 @@ void register_world(py::module_& module) {
           py::arg("path"))
       .def("mesh", &mesh, py::arg("chord_error_m") = 1e-3F)
       .def("raycast", &raycast, py::arg("origins"), py::arg("directions"), py::arg("max_range_m"))
+      .def_property_readonly("gates", &gates)
       .def("__copy__", [](const py::object& self) { return self; })  // immutable
       .def(
           "__deepcopy__", [](const py::object& self, const py::dict&) { return self; }, py::arg("memo"))

@@ -1,6 +1,7 @@
 #include "flockstep/world_builder.hpp"
 
 #include "arrays.hpp"
+#include "base/json_document.hpp"
 #include "convert.hpp"
 #include "released.hpp"
 
@@ -147,6 +148,15 @@ void register_world_builder(py::module_& module) {
           [](WorldBuilder& b, const py::object& center, float radius, std::uint16_t material, const py::object& q, bool visible,
              bool solid) { b.disc(point(center, "center"), radius, material, rotation(q), visibility(visible, solid)); },
           py::arg("center"), py::arg("radius"), wall, turned, keywords, seen, hit)
+      .def(
+          "gate",
+          [](WorldBuilder& b, const py::object& center, std::uint16_t material, const py::object& q, const std::string& shape,
+             float size_m, float bar_m, bool visible, bool solid) {
+            b.gate({enum_of<GateShape>(shape, "shape"), point(center, "center"), rotation(q), size_m, bar_m, material,
+                    visibility(visible, solid)});
+          },
+          py::arg("center"), wall, turned, keywords, py::arg("shape") = "square", py::arg("size_m") = Gate().size,
+          py::arg("bar_m") = json::shortest(Gate().bar), seen, hit)
       .def(
           "mesh",
           [](WorldBuilder& b, const py::object& vertices, const py::object& triangles, std::uint16_t material,

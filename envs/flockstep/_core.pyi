@@ -1729,6 +1729,20 @@ class World:
             They also apply to textures. Base colours are limited to 1.
         """
 
+        They are ordered by kind. The bars of the `gates` follow the other primitives of their kind.
+        """
+
+    @property
+    def gates(self) -> list[dict[str, Any]]:
+        """The gates in the order of flight, one dict each.
+
+        - ``shape``: of the opening, ``"square"`` or ``"ring"``.
+        - ``center``: (3,) m, the middle of the opening.
+        - ``quat_wxyz``: (4,); drones pass the gate along its local x, and its local z is up.
+        - ``size_m``: inside width of a square, inside diameter of a ring.
+        - ``bar_m``: thickness of the bars of the frame.
+        - ``material``, ``visible`` and ``solid``: of the frame, whose bars are among the `primitives`.
+
     def free_places(
         self,
         count: int,
@@ -2102,6 +2116,24 @@ class Contact:
         """(N,): fraction of the motion, or of the substep that hit, flown before the contact."""
 
     @property
+    def gate(
+        self,
+        center: Sequence[float],
+        material: int,
+        quat_wxyz: Sequence[float] | None = None,
+        *,
+        shape: Literal["square", "ring"] = "square",
+        size_m: float = 1.5,
+        bar_m: float = 0.1,
+        visible: bool = True,
+        solid: bool = True,
+    ) -> None:
+        """Add a gate after the gates so far, with a frame around its opening; drones pass it along its local x.
+
+        ``size_m`` is the inside width of a square or the inside diameter of a ring, ``bar_m`` the thickness of the
+        bars. Without a rotation it is passed along x.
+        """
+
     def point(self) -> _F32:
         """(N, 3) m, world frame: contact point on the obstacle."""
 

@@ -141,6 +141,26 @@ inline constexpr std::uint16_t kSemanticStart = 65533;
 inline constexpr std::uint16_t kSemanticWaypoint = 65534;  // semantic id of waypoints
 inline constexpr std::uint16_t kSemanticGoal = 65535;      // semantic id of the goal
 
+// Shape of a gate's opening.
+enum class GateShape : std::uint8_t { square, ring };
+template <>
+struct EnumNames<GateShape> {
+  static constexpr std::array kNames{"square", "ring"};
+};
+
+// An opening to fly through, with a frame around it. Drones pass it along local x. Cameras, LiDARs, drones and queries find the
+// frame among World::primitives(): four boxes, or kRingBars capsules in a circle.
+struct Gate {
+  GateShape shape = GateShape::square;       // of the opening and the frame
+  Vec3 center = Vec3::Zero();                // m, world frame, middle of the opening
+  Quat rotation = Quat::Identity();          // local to world; passed along local x, with local z up
+  float size = 1.5F;                         // m, inside width of a square or inside diameter of a ring
+  float bar = 0.1F;                          // m, thickness of the frame's bars
+  std::uint16_t material = 0;                // of the frame, index into World::materials()
+  Visibility visibility = Visibility::full;  // role of the frame
+};
+inline constexpr std::size_t kRingBars = 16;  // capsules of a ring
+
 // Content of a scene file in memory. Every World is built from a SceneDescription.
 struct SceneDescription {
   std::string name = "unnamed";                                              // name of the world
@@ -150,6 +170,7 @@ struct SceneDescription {
   TriangleMesh mesh;                                                         // all triangle meshes of the scene, merged
   Markers markers;                                                           // start, waypoints, goal, spawn box
   Light light;                                                               // sun and sky
+  std::vector<Gate> gates;                                                   // in the order of flight, at most 4096
 };
 
 // Folders from which a scene may read mesh files: the scene's folder and its subfolders, or any folder. in_folder keeps a scene
@@ -197,11 +218,13 @@ class FLOCKSTEP_API World {
   std::span<const Material> materials() const { return description_.materials; }  // by the indices that objects have
   std::span<const Texture> textures() const { return shape().textures; }          // by the indices that materials have
   std::uint16_t semantic(std::size_t material) const;  // semantic id of a material in camera images, in [1, 65532]
-  std::span<const Primitive> primitives() const { return shape().primitives; }  // sorted by kind
-  const TriangleMesh& triangles() const { return shape().mesh; }                // all meshes, sorted by object
-  const Markers& markers() const { return description_.markers; }               // places for tasks
-  const Light& light() const { return description_.light; }                     // sun and sky
-  const Aabb& bounds() const { return bounds_; }                                // m, of all geometry
+  // All primitives, sorted by kind. The bars of the gates follow the other primitives of their kind.
+  std::span<const Primitive> primitives() const { return original_ ? original_->own_primitives() : own_primitives(); }
+  std::span<const Gate> gates() const { return shape().gates; }    // in the order of flight
+  const TriangleMesh& triangles() const { return shape().mesh; }   // all meshes, sorted by object
+  const Markers& markers() const { return description_.markers; }  // places for tasks
+  const Light& light() const { return description_.light; }        // sun and sky
+  const Aabb& bounds() const { return bounds_; }                   // m, of all geometry
 
   // The world whose geometry this one shares; null if it has its own.
   const World* original() const { return original_.get(); }
@@ -220,7 +243,7 @@ class FLOCKSTEP_API World {
   // them. uv of geometry without a texture is (0, 0).
   TriangleMesh mesh(float chord_error_m = 1e-3F, std::vector<std::int32_t>* all_objects = nullptr) const;
 
-  // Returns the same world with these markers and no others.
+  // Returns the same world with these markers and no others. It keeps the gates.
   std::shared_ptr<const World> with_markers(Markers markers) const;
 
   // Hash of the whole content except the name; every byte of the canonical content counts. Worlds of equal hash give the same
@@ -232,10 +255,12 @@ class FLOCKSTEP_API World {
 
  private:
   const SceneDescription& shape() const { return original_ ? original_->description_ : description_; }
+  std::span<const Primitive> own_primitives() const { return framed_.empty() ? description_.primitives : framed_; }
   // Returns the complete description, built in `copy` if this world shares the geometry of another.
   const SceneDescription& description(SceneDescription& copy) const;
 
-  SceneDescription description_;  // without textures, primitives and triangles if original_ has them
+  SceneDescription description_;   // without textures, primitives, triangles and gates if original_ has them
+  std::vector<Primitive> framed_;  // the primitives and the frames of the gates; empty without gates
   std::shared_ptr<const World> original_;
   std::vector<std::string> ignored_;
   Aabb bounds_;

@@ -62,6 +62,8 @@ class FLOCKSTEP_API WorldBuilder {
   // A disc normal to its local z axis, without thickness.
   void disc(const Vec3& center, float radius, std::uint16_t material, const Quat& rotation = Quat::Identity(),
             Visibility visibility = Visibility::full);
+  // Adds a gate after the gates so far.
+  void gate(const Gate& gate) { scene_.gates.push_back(gate); }
   // Adds a mesh as a separate object.
   void mesh(const MeshPart& part, std::uint16_t material, Visibility visibility = Visibility::full);
   // Adds ground over a grid of heights as a separate object.

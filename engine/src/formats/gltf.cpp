@@ -161,7 +161,7 @@ class GltfReader {
                               " whose extras describe another shape than the mesh, which is used instead");
     }
     if (suns_ > 1) file_.ignored.push_back("all but the first of " + std::to_string(suns_) + " directional lights");
-    if (scene().mesh.triangles.empty() && scene().primitives.empty()) {
+    if (scene().mesh.triangles.empty() && scene().primitives.empty() && scene().gates.empty()) {
       std::string others;
       for (const std::string& what : file_.ignored) others += (others.empty() ? ", but " : ", ") + what;
       refuse(source_, "at least one triangle with an area", "none" + others);
@@ -251,6 +251,39 @@ class GltfReader {
     primitive.visibility = primitive.kind == PrimitiveKind::room ? Visibility::full : visibility;
     scene().primitives.push_back(primitive);
     return true;
+  }
+
+  // Reads a gate at the place of its node. Its mesh, which shows the frame, is not read: the gate makes its frame.
+  void read_gate_of(const GltfNode& node, std::size_t index, bool is_root, const Eigen::Affine3d& place, int semantic,
+                    Visibility visibility) {
+    Gate gate = *node.extras.gate;
+    double scale = options_.scale;
+    if (is_root && options_.up != UpAxis::z && !node.matrix && !node.scale) {  // keeps every bit
+      const auto& q = node.rotation;
+      if (q) gate.rotation = unit_quaternion({(*q)[3], (*q)[0], -(*q)[2], (*q)[1]});
+    } else {
+      Eigen::Matrix3d axes = place.linear() * upright().linear().inverse();
+      scale = std::cbrt(axes.determinant());
+      if (scale > 0.0) axes /= scale;
+      const bool is_turn = scale > 0.0 && (axes.transpose() * axes).isIdentity(kRounding);
+      if (!is_turn)
+        refuse(field("nodes", index), "a gate that is moved, turned and scaled alike along all axes", "another transform");
+      const Eigen::Quaterniond q = Eigen::Quaterniond(axes).normalized();
+      gate.rotation = unit_quaternion({q.w(), q.x(), q.y(), q.z()});
+    }
+    const Vec3d center = place.translation();
+    const auto sized = [&](float length) { return static_cast<float>(length * scale); };
+    gate.size = sized(gate.size);
+    gate.bar = sized(gate.bar);
+    const bool fits = center.cwiseAbs().maxCoeff() + static_cast<double>(gate.size + 2.0F * gate.bar) <= kMaxCoordinate &&
+                      std::min(gate.size, gate.bar) >= static_cast<float>(2.0 * kMinSize);
+    if (!fits) refuse(field("nodes", index), in_world("a gate") + ", of sizes >= 2e-06 m", written(center));
+    require(scene().gates.size() < kMaxGates, field("nodes", index), "at most " + std::to_string(kMaxGates) + " gates", "more");
+    gate.center = center.cast<float>();
+    const std::vector<GltfPrimitive>& parts = model_.meshes[*node.mesh];
+    gate.material = material_of(parts.empty() ? std::nullopt : parts[0].material, semantic);
+    gate.visibility = visibility;
+    scene().gates.push_back(gate);
   }
 
   // Returns false if the scale distorts a round primitive, or if a room has a rotation that is not a multiple of 90 degrees.
@@ -479,6 +512,7 @@ class GltfReader {
         scene().light.sun_direction = {static_cast<float>(unit.x()), static_cast<float>(unit.y()), static_cast<float>(unit.z())};
     }
     if (!node.mesh) return;
+    if (node.extras.gate) return read_gate_of(node, index, at.is_root, place, semantic, visibility);
     if (node.extras.primitive) {
       if (read_primitive_of(node, index, at.is_root, place, semantic, visibility)) return;
       ++reshaped_;

@@ -10,6 +10,8 @@
 
 #include "base/interrupt.hpp"
 #include "formats/scene_json.hpp"
+#include "formats/scene_values.hpp"
+#include "world/gate_frame.hpp"
 #include "world/scene_description.hpp"
 #include "world/scene_keys.hpp"
 #include "world/tessellate.hpp"
@@ -61,6 +63,13 @@ Primitive read_primitive(const JsonField& field) {
   return primitive;
 }
 
+Gate read_gate(const JsonField& field) {
+  check_object(field, {keys::kGateShape.name, keys::kGateSize.name, keys::kGateBar.name});
+  return {.shape = gate_shape_of(json::require(field, keys::kGateShape.name)),
+          .size = size_of(json::require(field, keys::kGateSize.name), keys::kGateSize, 1.0),
+          .bar = size_of(json::require(field, keys::kGateBar.name), keys::kGateBar, 1.0)};
+}
+
 std::vector<std::uint32_t> read_order(const JsonField& field) {
   std::vector<std::uint32_t> order;
   const std::size_t count = require_array(field, "an array of integers").size();
@@ -82,9 +91,14 @@ GltfNodeExtras read_gltf_node_extras(const JsonField& extras) {
   GltfNodeExtras read;
   const std::optional<JsonField> ours = find_ours(extras);
   if (!ours) return read;
-  check_object(*ours, {"primitive", "radius", "height", "object", "order"});
+  check_object(*ours, {"primitive", "radius", "height", "gate", "object", "order"});
   if (ours->value.contains("primitive")) {
     read.primitive = read_primitive(*ours);
+    return read;
+  }
+  if (const auto gate = find(*ours, "gate")) {
+    check_object(*ours, {"gate"});
+    read.gate = read_gate(*gate);
     return read;
   }
   check_object(*ours, {"object", "order"});
@@ -116,6 +130,11 @@ OrderedJson write_gltf_extras(const GltfNodeExtras& extras) {
       ours["height"] = json::shortest(2.0 * static_cast<double>(half.z()));
     }
   }
+  if (extras.gate) {
+    ours["gate"] = {{keys::kGateShape.name, EnumNames<GateShape>::kNames[static_cast<std::size_t>(extras.gate->shape)]},
+                    {keys::kGateSize.name, json::shortest(extras.gate->size)},
+                    {keys::kGateBar.name, json::shortest(extras.gate->bar)}};
+  }
   if (extras.object) ours["object"] = *extras.object;
   if (!extras.order.empty()) ours["order"] = extras.order;
   return {{kGltfExtras, std::move(ours)}};
@@ -139,6 +158,13 @@ TriangleMesh gltf_tessellation(const Primitive& primitive) {
   TriangleMesh mesh = tessellate(description, kChordError);
   for (Vec3& vertex : mesh.vertices) vertex *= radius;
   return mesh;
+}
+
+TriangleMesh gltf_tessellation(const Gate& gate) {
+  constexpr float kChordError = 0.1F;  // relative to the bars
+  SceneDescription description;
+  append_frame({.shape = gate.shape, .size = gate.size, .bar = gate.bar}, description.primitives);
+  return tessellate(description, std::max(kChordError * gate.bar, static_cast<float>(kMinSize)));
 }
 
 }  // namespace flockstep

@@ -18,7 +18,7 @@ inline constexpr const char* kGltfExtras = "flockstep";
 inline constexpr const char* kGltfVisual = "visual_only";
 inline constexpr const char* kGltfSolid = "collision_only";
 
-// Extras of a node with a mesh: either a primitive or an object.
+// Extras of a node with a mesh: a primitive, a gate or an object.
 struct GltfNodeExtras {
   // The mesh is the gltf_tessellation() of this primitive, in the node's frame with z up. Half extents are 1 (0 across a plane
   // or a disc), so that the node's scale is the primitive's size. Only capsules have their own half extents, because a scale
@@ -26,6 +26,8 @@ struct GltfNodeExtras {
   std::optional<Primitive> primitive;
   // The object's number in TriangleMesh::objects. The glTF primitives of such a mesh share vertices, and all keep their uv.
   std::optional<std::uint16_t> object;
+  // The mesh is the frame of this gate, in the node's frame with z up. Position, material and visibility are those of the node.
+  std::optional<Gate> gate;
   // The order of the mesh's triangles, as runs from its glTF primitives: primitive, count, primitive, count, ... Empty if they
   // are ordered primitive by primitive.
   std::vector<std::uint32_t> order;
@@ -48,5 +50,8 @@ nlohmann::ordered_json write_gltf_extras(const GltfSceneExtras& extras);
 // Returns the mesh of a primitive in extras, with at most about a thousand triangles. The reader compares meshes with this, so
 // it must not change: otherwise primitives of older files would be treated as edited meshes.
 TriangleMesh gltf_tessellation(const Primitive& primitive);
+
+// Returns the mesh of a gate's frame, for viewers. The reader does not use it.
+TriangleMesh gltf_tessellation(const Gate& gate);
 
 }  // namespace flockstep

@@ -82,6 +82,7 @@ class GltfWriter {
     write_textures();
     write_materials();
     for (const Primitive& primitive : world_.primitives) write_primitive(primitive);
+    for (const Gate& gate : world_.gates) write_gate(gate);
     write_meshes();
     write_markers();
     write_sun();
@@ -104,6 +105,8 @@ class GltfWriter {
   }
 
  private:
+  using ShapeKey = std::tuple<std::string, float, float>;
+
   // ------------------------------------------------------------------------------------------------------------- bytes
 
   void require_size(std::size_t bytes) const {
@@ -224,23 +227,48 @@ class GltfWriter {
     OrderedJson node = {{"name", name + ' ' + std::to_string(num_primitives_[kind]++)},
                         {"mesh", tessellation(*extras.primitive, material)},
                         {"translation", in_file(to_file(center))}};
-    const Vec3 axis = to_file(rotation.vec());
-    if (!(rotation.w() == 1.0F && axis.isZero(0.0F))) {
-      node["rotation"] = in_file(axis);
-      node["rotation"].push_back(json::shortest(rotation.w()));
-    }
+    write_rotation(node, rotation);
     if (!is_capsule) node["scale"] = in_file(Vec3(half.x(), is_flat ? 1.0F : half.z(), half.y()));
     node["extras"] = with_visibility(write_gltf_extras(extras), visibility);
     nodes_.add(node);
   }
 
-  // Returns the mesh that all primitives with this shape and material share.
-  std::size_t tessellation(const Primitive& primitive, std::uint16_t material) {
-    const Vec3& half = primitive.half_extents;
-    const auto [shape, is_new_shape] = shapes_.try_emplace({primitive.kind, half.x(), half.z()});
+  void write_gate(const Gate& gate) {
+    GltfNodeExtras extras;
+    extras.gate = gate;
+    OrderedJson node = {{"name", "gate " + std::to_string(num_gates_++)},
+                        {"mesh", tessellation(gate, gate.material)},
+                        {"translation", in_file(to_file(gate.center))}};
+    write_rotation(node, gate.rotation);
+    node["extras"] = with_visibility(write_gltf_extras(extras), gate.visibility);
+    nodes_.add(node);
+  }
+
+  static void write_rotation(OrderedJson& node, const Quat& rotation) {
+    const Vec3 axis = to_file(rotation.vec());
+    if (rotation.w() == 1.0F && axis.isZero(0.0F)) return;
+    node["rotation"] = in_file(axis);
+    node["rotation"].push_back(json::shortest(rotation.w()));
+  }
+
+  // The kind of a shape in messages and names, and its key.
+  static std::pair<std::string, ShapeKey> shape_of(const Primitive& primitive) {
+    const std::string name = EnumNames<PrimitiveKind>::kNames[static_cast<std::size_t>(primitive.kind)];
+    return {name, {name, primitive.half_extents.x(), primitive.half_extents.z()}};
+  }
+  static std::pair<std::string, ShapeKey> shape_of(const Gate& gate) {
+    const std::string name = "gate " + std::string(EnumNames<GateShape>::kNames[static_cast<std::size_t>(gate.shape)]);
+    return {name, {name, gate.size, gate.bar}};
+  }
+
+  // Returns the mesh that all primitives or gates with this shape and material share.
+  template <class Solid>
+  std::size_t tessellation(const Solid& solid, std::uint16_t material) {
+    const auto [name, key] = shape_of(solid);
+    const auto [shape, is_new_shape] = shapes_.try_emplace(key);
     auto& [position, corners, num_vertices, num_triangles, uv] = shape->second;
     if (is_new_shape) {
-      const TriangleMesh mesh = gltf_tessellation(primitive);
+      const TriangleMesh mesh = gltf_tessellation(solid);
       position = positions(mesh.vertices);
       corners = indices(mesh.triangles, 0, mesh.vertices.size());
       num_vertices = mesh.vertices.size();
@@ -253,7 +281,6 @@ class GltfWriter {
       if (!uv) uv = texture_coordinates(std::vector<std::array<float, 2>>(num_vertices));
       attributes["TEXCOORD_0"] = *uv;
     }
-    const std::string name = EnumNames<PrimitiveKind>::kNames[static_cast<std::size_t>(primitive.kind)];
     const OrderedJson whole = {{"attributes", attributes}, {"indices", corners}, {"material", material}};
     return add_mesh(name, OrderedJson::array({whole}), num_triangles);
   }
@@ -405,8 +432,9 @@ class GltfWriter {
   std::size_t num_triangles_ = 0;
   bool has_strength_ = false;  // emission strength is used
   std::map<PrimitiveKind, std::size_t> num_primitives_;
+  std::size_t num_gates_ = 0;
   std::map<std::array<TextureWrap, 2>, std::size_t> sampler_of_;
-  std::map<std::tuple<PrimitiveKind, float, float>, Shape> shapes_;
+  std::map<ShapeKey, Shape> shapes_;
   std::map<std::pair<std::size_t, std::uint16_t>, std::size_t> tessellations_;  // by positions and material
 };
 

@@ -52,6 +52,14 @@ SceneDescription placed(SceneDescription description, const LoadOptions& options
       primitive.rotation = unit_quaternion({rotation.w(), rotation.x(), rotation.y(), rotation.z()});
     }
   }
+  for (Gate& gate : description.gates) {
+    gate.center = point(gate.center);
+    gate.size = size(gate.size);
+    gate.bar = size(gate.bar);
+    if (!is_turned) continue;
+    const Eigen::Quaterniond rotation = upright * gate.rotation.cast<double>();
+    gate.rotation = unit_quaternion({rotation.w(), rotation.x(), rotation.y(), rotation.z()});
+  }
   for (Vec3& vertex : description.mesh.vertices) vertex = point(vertex);
   Markers& markers = description.markers;
   markers.radius = size(markers.radius);

@@ -73,12 +73,13 @@ class SceneReader {
     for_each(keys::kCapsules, &SceneReader::read_capsule);
     for_each(keys::kPlanes, &SceneReader::read_plane);
     for_each(keys::kDiscs, &SceneReader::read_disc);
+    for_each(keys::kGates, &SceneReader::read_gate);
     for_each(keys::kMeshes, &SceneReader::read_mesh);
     if (const auto markers = find(root_, keys::kMarkers)) scene_.markers = read_markers(*markers);
     if (const auto light = find(root_, keys::kLight)) scene_.light = read_light(*light);
     if (scene_.materials.empty()) scene_.materials.push_back(Material{kDefault});
-    if (scene_.primitives.empty() && scene_.mesh.triangles.empty()) {
-      refuse(root_, "at least one of room, pillars, cylinders, boxes, spheres, capsules, planes, discs, meshes",
+    if (scene_.primitives.empty() && scene_.mesh.triangles.empty() && scene_.gates.empty()) {
+      refuse(root_, "at least one of room, pillars, cylinders, boxes, spheres, capsules, planes, discs, gates, meshes",
              "an empty scene");
     }
     return std::move(scene_);
@@ -277,6 +278,16 @@ class SceneReader {
   void read_disc(const JsonField& field) {
     const float radius = radius_of(field);
     add_solid(field, PrimitiveKind::disc, Vec3(radius, radius, 0.0F));
+  }
+
+  void read_gate(const JsonField& field) {
+    Gate gate{.center = point(require(field, keys::kCenter), keys::kCenter), .rotation = rotation_of(field)};
+    if (const auto shape = find(field, keys::kGateShape)) gate.shape = gate_shape_of(*shape);
+    read_to(gate.size, field, keys::kGateSize);
+    read_to(gate.bar, field, keys::kGateBar);
+    gate.material = material_of(field);
+    gate.visibility = visibility_of(field);
+    scene_.gates.push_back(gate);
   }
 
   static float radius_of(const JsonField& field) {

@@ -121,6 +121,21 @@ void write_primitive(OrderedJson& document, const Primitive& primitive, const st
   document[kLists[static_cast<std::size_t>(primitive.kind)]].push_back(std::move(object));
 }
 
+OrderedJson write_gates(const std::vector<Gate>& gates, const std::vector<Material>& materials) {
+  OrderedJson list = OrderedJson::array();
+  for (const Gate& gate : gates) {
+    OrderedJson object = {{"shape", EnumNames<GateShape>::kNames[static_cast<std::size_t>(gate.shape)]},
+                          {"center", numbers(gate.center)}};
+    write_rotation(object, gate.rotation);
+    object["size"] = json::shortest(gate.size);
+    object["bar"] = json::shortest(gate.bar);
+    object["material"] = materials[gate.material].name;
+    write_visibility(object, gate.visibility);
+    list.push_back(std::move(object));
+  }
+  return list;
+}
+
 // Writes the triangles [first, last) with the vertices [first_vertex, last_vertex).
 OrderedJson write_mesh(const TriangleMesh& mesh, std::size_t first, std::size_t last, std::size_t first_vertex,
                        std::size_t last_vertex, const std::vector<Material>& materials) {
@@ -238,6 +253,7 @@ std::string write_scene(const SceneDescription& description) {
   for (const Primitive& primitive : description.primitives) {
     write_primitive(document, primitive, description.materials[primitive.material].name);
   }
+  if (!description.gates.empty()) document["gates"] = write_gates(description.gates, description.materials);
   if (!description.mesh.triangles.empty()) document["meshes"] = write_meshes(description.mesh, description.materials);
   document["markers"] = write_markers(description.markers);
   if (OrderedJson light = write_light(description.light); !light.empty()) document["light"] = std::move(light);

@@ -114,6 +114,13 @@ std::array<TextureWrap, 2> wrap_of(const JsonField& field) {
   return wrap;
 }
 
+GateShape gate_shape_of(const JsonField& field) {
+  const auto& choices = EnumNames<GateShape>::kNames;
+  const auto found = std::find_if(choices.begin(), choices.end(), [&](const char* known) { return field.value == known; });
+  if (found == choices.end()) refuse(field, "\"square\" or \"ring\"");
+  return static_cast<GateShape>(found - choices.begin());
+}
+
 Box3d box_of(const JsonField& object, const SceneKey& min, const SceneKey& max, double least_side) {
   const Box3d box{vec3(require(object, min), min), vec3(require(object, max), max)};
   if (!((box.max - box.min).array() >= least_side).all()) refuse(object, least_side > 0.0 ? "min < max" : "min <= max");

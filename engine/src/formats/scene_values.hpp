@@ -50,6 +50,7 @@ void read_to(std::optional<Vec3>& value, const json::JsonField& object, const Sc
 Quat rotation_of(const json::JsonField& object);  // identity if missing
 Visibility visibility_of(const json::JsonField& object);
 std::array<TextureWrap, 2> wrap_of(const json::JsonField& field);
+GateShape gate_shape_of(const json::JsonField& field);
 
 struct Box3d {
   Vec3d min, max;

@@ -69,6 +69,17 @@ void add(Hash& hash, const TriangleMesh& mesh) {
   if (!visibility.empty()) hash.add(std::as_bytes(std::span(visibility)));
 }
 
+void add(Hash& hash, const Gate& gate) {
+  const auto& [shape, center, rotation, size, bar, material, visibility] = gate;
+  hash.add(shape);
+  add(hash, center);
+  hash.add(std::span<const float>(rotation.coeffs().data(), 4));
+  hash.add(size);
+  hash.add(bar);
+  hash.add(material);
+  hash.add(visibility);
+}
+
 void add(Hash& hash, const Markers& markers) {
   const auto& [radius, start, waypoints, goal, spawn_box] = markers;
   hash.add(radius);
@@ -98,7 +109,7 @@ void add(Hash& hash, const Light& light) {
 }  // namespace
 
 std::uint64_t content_hash(const SceneDescription& description) {
-  const auto& [name, materials, textures, primitives, mesh, markers, light] = description;
+  const auto& [name, materials, textures, primitives, mesh, markers, light, gates] = description;
   static_cast<void>(name);
   Hash hash;
   hash.add(materials.size());
@@ -110,6 +121,8 @@ std::uint64_t content_hash(const SceneDescription& description) {
   add(hash, mesh);
   add(hash, markers);
   add(hash, light);
+  if (!gates.empty()) hash.add(gates.size());  // older worlds keep their hash
+  for (const Gate& gate : gates) add(hash, gate);
   return hash.value();
 }
 

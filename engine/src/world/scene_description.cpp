@@ -14,6 +14,7 @@
 #include "base/in_world.hpp"
 #include "base/interrupt.hpp"
 #include "base/require.hpp"
+#include "world/gate_frame.hpp"
 #include "world/scene_keys.hpp"
 
 namespace flockstep {
@@ -117,6 +118,26 @@ void check_primitive(const std::string& field, Primitive& primitive, std::size_t
       refuse(field + ".kind", "a PrimitiveKind", std::to_string(static_cast<int>(primitive.kind)));
   }
   check_material(field + ".material", primitive.material, num_materials);
+}
+
+void check_gate(const std::string& field, Gate& gate, std::size_t num_materials) {
+  const auto name = [&] { return field; };
+  if (gate.shape > GateShape::ring) refuse(field + ".shape", "a GateShape", std::to_string(static_cast<int>(gate.shape)));
+  check_point(field + ".center", gate.center);
+  check_values(name, keys::kGateSize, {&gate.size, 1});
+  check_values(name, keys::kGateBar, {&gate.bar, 1});
+  check_visibility(field + ".visibility", gate.visibility);
+  const Quat& q = gate.rotation;
+  const Eigen::Vector4d wxyz(q.w(), q.x(), q.y(), q.z());
+  if (!(std::abs(wxyz.norm() - 1.0) <= kQuaternionTolerance)) {
+    refuse(field + ".rotation", "a unit quaternion", "norm " + std::to_string(wxyz.norm()));
+  }
+  gate.rotation = unit_quaternion(wxyz);
+  if (q.w() == 1.0F && q.vec().isZero(0.0F)) gate.rotation = Quat::Identity();  // replaces -0
+  check_material(field + ".material", gate.material, num_materials);
+  std::vector<Primitive> frame;
+  append_frame(gate, frame);
+  for (Primitive& bar : frame) check_primitive(field + " (its frame)", bar, num_materials);
 }
 
 constexpr std::size_t kBetweenPolls = 1024;  // vertices or triangles
@@ -243,6 +264,7 @@ TriangleMesh ordered_by_object(const TriangleMesh& mesh) {
 void check_solid(const SceneDescription& description) {
   const auto is_one = [](const Primitive& primitive) { return is_solid(primitive.visibility); };
   if (std::any_of(description.primitives.begin(), description.primitives.end(), is_one)) return;
+  if (std::ranges::any_of(description.gates, [](const Gate& gate) { return is_solid(gate.visibility); })) return;
   const TriangleMesh& mesh = description.mesh;
   for (std::size_t i = 0; i < mesh.triangles.size(); ++i) {
     if (is_solid(mesh.visibility_of(i))) return;
@@ -381,7 +403,12 @@ SceneDescription canonical(SceneDescription description) {
            std::any_of(materials.begin(), materials.end(), [](const Material& m) { return m.texture.has_value(); }));
   check_colors(description.mesh);
   description.mesh = ordered_by_object(description.mesh);
-  if (primitives.empty() && description.mesh.triangles.empty()) {
+  auto& gates = description.gates;
+  if (gates.size() > kMaxGates) {
+    refuse("gates", "at most " + std::to_string(kMaxGates) + " of them", std::to_string(gates.size()));
+  }
+  for (std::size_t i = 0; i < gates.size(); ++i) check_gate(element("gates", i), gates[i], description.materials.size());
+  if (primitives.empty() && description.mesh.triangles.empty() && gates.empty()) {
     refuse("scene", "at least one primitive or triangle", "an empty scene");
   }
   check_solid(description);

@@ -28,6 +28,7 @@ inline constexpr std::size_t kMaxMaterials = kSemanticStart - 1;
 inline constexpr std::size_t kMaxObjects = 65536;
 inline constexpr std::size_t kMaxTextures = 65536;
 inline constexpr int kMaxTexturePx = 16384;
+inline constexpr std::size_t kMaxGates = 4096;
 
 // Worlds with at least this many triangles return freed memory to the system; for them, memory matters more than a few
 // milliseconds.

@@ -55,6 +55,10 @@ std::string as_json(const std::array<TextureWrap, 2>& wrap) {
   return names.dump();
 }
 
+std::string as_json(GateShape shape) {
+  return as_json(std::string(EnumNames<GateShape>::kNames[static_cast<std::size_t>(shape)]));
+}
+
 std::string scene_keys_as_json() { return keys_as_json(keys::kSceneKeys).dump(); }
 
 std::string text_of_values(const SceneKey& key) {

@@ -67,6 +67,7 @@ std::string as_json(const std::string& text);
 std::string as_json(float value);
 std::string as_json(const std::array<float, 3>& values);
 std::string as_json(const std::array<TextureWrap, 2>& wrap);
+std::string as_json(GateShape shape);
 
 // Returns all keys as a JSON array of objects.
 std::string scene_keys_as_json();
@@ -202,6 +203,23 @@ inline constexpr SceneKey kPlaneSize{
 inline constexpr std::array kPlaneKeys{kCenter, kPlaneSize, kRotation, kMaterial, kVisible, kSolid};
 
 inline constexpr std::array kDiscKeys{kCenter, kRadius, kRotation, kMaterial, kVisible, kSolid};
+
+// Gates
+inline constexpr SceneKey kGateShape{.name = "shape",
+                                     .meaning = "Shape of the opening and the frame.",
+                                     .kind = ValueKind::choice,
+                                     .usual = [] { return as_json(Gate().shape); },
+                                     .choices = EnumNames<GateShape>::kNames};
+inline constexpr SceneKey kGateSize{.name = "size",
+                                    .meaning = "Inside width of a square, inside diameter of a ring.",
+                                    .limits = kLengths,
+                                    .unit = "m",
+                                    .usual = [] { return as_json(Gate().size); }};
+inline constexpr SceneKey kGateBar{
+    .name = "bar", .meaning = "Thickness of the frame's bars.", .limits = kLengths, .unit = "m", .usual = [] {
+      return as_json(Gate().bar);
+    }};
+inline constexpr std::array kGateKeys{kGateShape, kCenter, kRotation, kGateSize, kGateBar, kMaterial, kVisible, kSolid};
 
 // Meshes
 inline constexpr SceneKey kMeshFile{.name = "file",
@@ -361,6 +379,10 @@ inline constexpr SceneKey kPlanes =
     list_of("planes", "Rectangles of no thickness, normal to local z, seen and hit from both sides.", kPlaneKeys);
 inline constexpr SceneKey kDiscs =
     list_of("discs", "Discs of no thickness, normal to local z, seen and hit from both sides.", kDiscKeys);
+inline constexpr SceneKey kGates = list_of("gates",
+                                           "Openings with a frame, in the order of flight. Drones pass a gate along its local x; "
+                                           "local z is up. The frame is four boxes or a ring of 16 capsules.",
+                                           kGateKeys, kMaxGates);
 inline constexpr SceneKey kMeshes = list_of("meshes",
                                             "Triangles from an OBJ or PLY file, or given here; scaled, then rotated, then moved. "
                                             "Each mesh is one object to cameras.",
@@ -371,8 +393,8 @@ inline constexpr SceneKey kMarkers{.name = "markers",
                                    .keys = kMarkerKeys};
 inline constexpr SceneKey kLight{
     .name = "light", .meaning = "Sun and sky, as cameras see them.", .kind = ValueKind::object, .keys = kLightKeys};
-inline constexpr std::array kSceneKeys{kVersion, kSchema,  kName,     kTextures, kMaterials, kRoom,   kPillars, kCylinders,
-                                       kBoxes,   kSpheres, kCapsules, kPlanes,   kDiscs,     kMeshes, kMarkers, kLight};
+inline constexpr std::array kSceneKeys{kVersion, kSchema,   kName,   kTextures, kMaterials, kRoom,   kPillars, kCylinders, kBoxes,
+                                       kSpheres, kCapsules, kPlanes, kDiscs,    kGates,     kMeshes, kMarkers, kLight};
 
 }  // namespace keys
 

@@ -1,31 +1,36 @@
 #include "flockstep/world.hpp"
 
 #include <mutex>
+#include <span>
 #include <string>
 #include <utility>
 
 #include "base/platform.hpp"
 #include "world/content_hash.hpp"
+#include "world/gate_frame.hpp"
 #include "world/scene_description.hpp"
 #include "world/tessellate.hpp"
 
 namespace flockstep {
 namespace {
 
-Aabb bounds_of(const SceneDescription& description) {
+Aabb bounds_of(std::span<const Primitive> primitives, std::span<const Vec3> vertices) {
   Eigen::AlignedBox3f box;
-  for (const Primitive& primitive : description.primitives) {
+  for (const Primitive& primitive : primitives) {
     const Aabb part = bounds(primitive);
     box.extend(part.min).extend(part.max);
   }
-  for (const Vec3& vertex : description.mesh.vertices) box.extend(vertex);
+  for (const Vec3& vertex : vertices) box.extend(vertex);
   return Aabb{box.min(), box.max()};
 }
 
 }  // namespace
 
 World::World(SceneDescription description, std::vector<std::string> ignored)
-    : description_(canonical(std::move(description))), ignored_(std::move(ignored)), bounds_(bounds_of(description_)) {
+    : description_(canonical(std::move(description))),
+      framed_(with_frames(description_)),
+      ignored_(std::move(ignored)),
+      bounds_(bounds_of(own_primitives(), description_.mesh.vertices)) {
   if (description_.mesh.triangles.size() >= kManyTriangles) give_back_freed_memory();  // the readers have freed much
 }
 
@@ -45,6 +50,7 @@ const SceneDescription& World::description(SceneDescription& copy) const {
   copy.textures = shape().textures;
   copy.primitives = shape().primitives;
   copy.mesh = shape().mesh;
+  copy.gates = shape().gates;
   return copy;
 }
 
@@ -55,7 +61,10 @@ std::uint16_t World::semantic(std::size_t material) const {
 
 TriangleMesh World::mesh(float chord_error_m, std::vector<std::int32_t>* all_objects) const {
   SceneDescription copy;
-  return tessellate(description(copy), chord_error_m, all_objects);
+  if (gates().empty()) return tessellate(description(copy), chord_error_m, all_objects);
+  copy = description(copy);
+  copy.primitives.assign(primitives().begin(), primitives().end());
+  return tessellate(copy, chord_error_m, all_objects);
 }
 
 std::shared_ptr<const World> World::with_markers(Markers markers) const {

@@ -240,14 +240,16 @@ TEST(SceneJson, BadScenesAreRefusedWithFieldExpectedAndGot) {
       {"an older version", R"({"flockstep_scene": 0})", "x.json: /flockstep_scene: expected version 1, got 0"},
       {"a version that is no number", R"({"flockstep_scene": "1"})", "x.json: /flockstep_scene: expected version 1, got \"1\""},
       {"empty scene", R"({"flockstep_scene": 1})",
-       "x.json: expected at least one of room, pillars, cylinders, boxes, spheres, capsules, planes, discs, meshes, got an empty "
+       "x.json: expected at least one of room, pillars, cylinders, boxes, spheres, capsules, planes, discs, gates, meshes, got "
+       "an empty "
        "scene"},
       {"empty lists", scene(R"("boxes": [])"),
-       "x.json: expected at least one of room, pillars, cylinders, boxes, spheres, capsules, planes, discs, meshes, got an empty "
+       "x.json: expected at least one of room, pillars, cylinders, boxes, spheres, capsules, planes, discs, gates, meshes, got "
+       "an empty "
        "scene"},
       {"unknown field at the top", scene(R"("rooms": {})"),
        "x.json: /rooms: unknown field; expected one of flockstep_scene, $schema, name, textures, materials, room, pillars, "
-       "cylinders, boxes, spheres, capsules, planes, discs, meshes, markers, light. Did you mean room?"},
+       "cylinders, boxes, spheres, capsules, planes, discs, gates, meshes, markers, light. Did you mean room?"},
       {"unknown field inside", scene(kRoom + R"(, "pillars": [{"center": [1, 1], "raduis": 1}])"),
        "x.json: /pillars/0/raduis: unknown field; expected one of center, radius, z, material, visible, solid. Did you mean "
        "radius?"},

@@ -30,6 +30,7 @@ SceneDescription full() {
                    .waypoints = {{2, 2, 2}, {3, 3, 3}},
                    .goal = Vec3(4, 4, 4),
                    .spawn_box = Aabb{.min = {0, 0, 0}, .max = {1, 1, 1}}};
+  scene.gates = {{.center = {1, 2, 3}}, {.shape = GateShape::ring, .center = {4, 5, 6}}};
   return scene;
 }
 
@@ -101,6 +102,15 @@ TEST(ContentHash, EveryByteOfEveryFieldCounts) {
   seen.flip("light.zenith_color", scene.light.zenith_color);
   seen.flip("light.horizon_color", scene.light.horizon_color);
   seen.flip("light.gamma", scene.light.gamma);
+  for (Gate& gate : scene.gates) {
+    seen.flip("gates.shape", gate.shape);
+    seen.flip("gates.center", gate.center);
+    seen.flip("gates.rotation", gate.rotation);
+    seen.flip("gates.size", gate.size);
+    seen.flip("gates.bar", gate.bar);
+    seen.flip("gates.material", gate.material);
+    seen.flip("gates.visibility", gate.visibility);
+  }
 }
 
 TEST(ContentHash, ContentsAndTheirOrderCount) {
@@ -124,6 +134,9 @@ TEST(ContentHash, ContentsAndTheirOrderCount) {
   without("a waypoint", [](SceneDescription& s) { s.markers.waypoints.pop_back(); });
   without("a goal", [](SceneDescription& s) { s.markers.goal.reset(); });
   without("a spawn box", [](SceneDescription& s) { s.markers.spawn_box.reset(); });
+  without("a gate", [](SceneDescription& s) { s.gates.pop_back(); });
+  without("the gates", [](SceneDescription& s) { s.gates.clear(); });
+  without("order of gates", [](SceneDescription& s) { std::swap(s.gates[0], s.gates[1]); });
   without("order of primitives", [](SceneDescription& s) { std::swap(s.primitives[0], s.primitives[1]); });
   without("order of waypoints", [](SceneDescription& s) { std::swap(s.markers.waypoints[0], s.markers.waypoints[1]); });
   without("a start that is a goal", [](SceneDescription& s) {
