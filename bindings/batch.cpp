@@ -264,6 +264,14 @@ std::size_t camera_of(const Batch& batch, const std::optional<std::string>& name
   return batch.camera_index(name.value_or(""));
 }
 
+py::array_t<float> path(const Batch& batch) {
+  const std::span<const float> points = batch.path();
+  const auto ticks = static_cast<py::ssize_t>(batch.config().clock.substeps());
+  py::array_t<float> copy({static_cast<py::ssize_t>(batch.config().num_drones()), ticks + 1, py::ssize_t{3}});
+  std::ranges::copy(points, copy.mutable_data());
+  return copy;
+}
+
 py::array_t<float> random(const Batch& batch, std::uint32_t stream, int count) {
   return in_turn(batch, [&] {  // the number of envs may change until then
     py::array_t<float> numbers({num_envs(batch), static_cast<py::ssize_t>(std::max(count, 0))});
@@ -580,6 +588,7 @@ void register_batch(py::module_& module) {
           py::arg("seeds") = none, py::arg("mask") = none)
       .def("step", &step, py::arg("actions"))
       .def_property_readonly("spec", [](const Batch& batch) { return spec_of(batch); })
+      .def_property_readonly("path", &path)
       .def_property_readonly("observation", observation_view(&Outputs::observation, true))
       .def_property_readonly("final_observation", observation_view(&Outputs::final_observation))
       .def_property_readonly("terms", &terms_of)

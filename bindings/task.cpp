@@ -330,12 +330,15 @@ void register_task(py::module_& module) {
       .def_property_readonly("high", [](const Field& field) { return bounds(field.high); })
       .def("__repr__", &describe_field);
   py::class_<TaskSpec>(module, "TaskSpec", "Actions, observations and reward terms of a task.")
-      .def(py::init(
-               [](Field action, std::vector<Field> observation, std::vector<std::string> reward_terms, const std::string& row) {
-                 return TaskSpec{std::move(action), std::move(observation), std::move(reward_terms), enum_of<Row>(row, "row")};
-               }),
-           py::arg("action"), py::arg("observation"), py::arg("reward_terms"), py::arg("row") = "drone")
+      .def(py::init([](Field action, std::vector<Field> observation, std::vector<std::string> reward_terms,
+                       const std::string& row, bool records_path) {
+             return TaskSpec{std::move(action), std::move(observation), std::move(reward_terms), enum_of<Row>(row, "row"),
+                             records_path};
+           }),
+           py::arg("action"), py::arg("observation"), py::arg("reward_terms"), py::arg("row") = "drone",
+           py::arg("records_path") = false)
       .def_property_readonly("row", [](const TaskSpec& spec) { return name_of(spec.row); })
+      .def_readonly("records_path", &TaskSpec::records_path)
       .def_readonly("action", &TaskSpec::action)
       .def_readonly("observation", &TaskSpec::observation)
       .def_readonly("reward_terms", &TaskSpec::reward_terms)

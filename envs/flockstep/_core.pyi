@@ -1474,11 +1474,16 @@ class World:
 
         A `UserWarning` lists content of the scene's files that flockstep does not read.
         """
+        records_path: bool = False,
 
     @staticmethod
     def playground(
         seed: int, pillars: int = 12, size_m: Sequence[float] = (14.0, 14.0, 5.25), pillar_radius_m: float = 0.25
     ) -> World:
+    @property
+    def records_path(self) -> bool:
+        """True if the task reads `Batch.path`."""
+
         """Generate a room of ``size_m`` metres with full-height pillars, a start, waypoints and a goal.
 
         The default drone can fly from the start via the waypoints to the goal. The same arguments make the same world.
@@ -3057,6 +3062,13 @@ def color_blob(images: npt.NDArray[np.uint8], color: ColorRange, layout: str = "
     ------
     ValueError
         The images have another dtype or shape, the layout is unknown, or the range is outside [0, 255].
+    @property
+    def path(self) -> _F32:
+        """(N, ticks + 1, 3) m: positions before the last flown step and after each of its ticks, as a new array.
+
+        Between two of them a drone moves almost straight. Recorded for tasks that declare ``records_path``.
+        """
+
     """
 
 @final

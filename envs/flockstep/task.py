@@ -92,6 +92,8 @@ class Task:
         Kind of the rows of actions, observations, rewards and flags if envs have several drones. ``"drone"``: one row
         per drone, N rows. ``"env"``: one row per env, E rows; one action commands all drones of an env. The result of
         `act` always has a row per drone. Arrays of the batch have N or E rows, as documented there.
+    records_path
+        True if `step` reads ``batch.path``: the positions of the drones before the step and after each of its ticks.
     steps
         (N,) int64: steps flown in the current episode; in `step`, the current step is included. Read-only.
     flying
@@ -129,6 +131,7 @@ class Task:
     markers: tuple[str, ...] = MARKERS
     step_m: float = 0.1
     row_kind: Literal["drone", "env"] = "drone"
+    records_path: bool = False
 
     success: BoolArray
     truncated: BoolArray
@@ -274,7 +277,7 @@ def native_task(task: Task) -> tuple[PythonTask, TaskCalls]:
         raise ValueError(f"max_episode_steps: expected an integer in [0, {(1 << 31) - 1}], got {limit!r}")
     calls = TaskCalls(task)
     observation = [_field(name, space) for name, space in calls.observation_spaces.items()]
-    spec = TaskSpec(_action_field(task), observation, list(task.reward_terms), task.row_kind)
+    spec = TaskSpec(_action_field(task), observation, list(task.reward_terms), task.row_kind, task.records_path)
     return PythonTask(spec, _identity(task), int(limit), calls), calls
 
 

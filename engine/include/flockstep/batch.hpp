@@ -223,7 +223,10 @@ class FLOCKSTEP_API Batch {
   void step(Pilot& pilot);                           // the actions that it chooses, on the threads that step the envs
   const EpisodeState& episodes() const;              // counters and flags of the current episodes
   void visit_task(ArrayVisitor& visitor) const;      // visits the arrays of the task, for reading
-  const Outputs& outputs() const;                    // of the last step, reset or restore; intact during the next one
+  // Positions of the drones before the last flown step and after each of its ticks, (N, ticks + 1, 3) m; see
+  // TaskContext::path_of(). Throws std::logic_error if the task does not record them.
+  std::span<const float> path() const;
+  const Outputs& outputs() const;  // of the last step, reset or restore; intact during the next one
   Outputs& outputs();
 
   // --- everything that the next step depends on, with a hash of the configuration that restore() checks

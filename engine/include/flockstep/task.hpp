@@ -36,11 +36,12 @@ struct TaskSpec {
   std::vector<Field> observation;         // one field is the observation itself; several form a dict
   std::vector<std::string> reward_terms;  // names of the terms; their sum is the reward
   Row row = Row::drone;                   // actions, observations and rewards have one row per drone or one per env
+  bool records_path = false;              // the task reads TaskContext::path_of()
 
   static constexpr auto fields() {
     using C = TaskSpec;
     return field_list(field("action", &C::action), field("observation", &C::observation), field("reward_terms", &C::reward_terms),
-                      field("row", &C::row));
+                      field("row", &C::row), field("records_path", &C::records_path));
   }
 };
 
@@ -106,6 +107,10 @@ class TaskContext {
   // Puts a drone at a pose, without a collision check. Call it in Task::place(). A pose that is not in the world is a bad
   // state; see Outputs::bad_state. In rotor motion the drone starts with this velocity and with its rotors at hover speed.
   virtual void place(DroneIndex drone, const Pose& pose, const Velocity& velocity = {}) = 0;
+
+  // Positions of a drone before the flown step and after each of its ticks, (ticks + 1, 3) m, world frame. Between them the drone
+  // moves almost straight. Empty unless TaskSpec::records_path is set. Read it in Task::score().
+  virtual std::span<const float> path_of(DroneIndex drone) const = 0;
 
  private:
   std::size_t num_envs_, drones_per_env_;

@@ -426,6 +426,14 @@ const EpisodeState& Batch::episodes() const {
   return sim_->episodes;
 }
 
+std::span<const float> Batch::path() const {
+  checks::has_task(*sim_);
+  if (sim_->task_state->path.empty()) {
+    throw std::logic_error("path: this task does not record it (declare records_path, in Python an attribute of the class)");
+  }
+  return sim_->task_state->path;
+}
+
 const Outputs& Batch::outputs() const { return sim_->outputs.now(); }
 Outputs& Batch::outputs() { return sim_->outputs.now(); }
 

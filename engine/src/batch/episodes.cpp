@@ -270,6 +270,12 @@ void begin_task(Simulation& sim, std::unique_ptr<Task> task) {
   if (tells_poses) task_state.setpoints.target.resize(sim.num_drones());
   if (!tells_poses) task_state.setpoints.command.resize(4 * sim.num_drones());
   if (tells_poses && sim.config.clock.substeps() > 1) task_state.step_start.resize(sim.num_drones());
+  if (spec.records_path) {
+    const auto ticks = static_cast<std::size_t>(sim.config.clock.substeps());
+    checks::memory(12.0 * static_cast<double>(ticks + 1) * static_cast<double>(sim.num_drones()));
+    task_state.path.resize(3 * (ticks + 1) * sim.num_drones());
+    for (const auto& scratch : sim.scratches) scratch->flight.path.resize(ticks);
+  }
   task_state.score.num_terms = spec.reward_terms.size();
   task_state.score.terms.resize(n * task_state.score.num_terms);
   task_state.score.terminated.resize(n);

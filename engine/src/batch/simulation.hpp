@@ -48,6 +48,7 @@ struct TaskState {
   Buffer actions_before;         // actions of the previous step
   Setpoints setpoints;           // written by task.command
   std::vector<Pose> step_start;  // (N,) poses before the flown step; for Control::pose with several ticks
+  std::vector<float> path;       // (N, ticks + 1, 3) m, see TaskContext::path_of(); empty if the task does not record it
   Score score;                   // score of the last flown step; written by task.score
   std::vector<double> earned;    // (R, terms) sum over the flown steps of this step(); empty without frame_skip
   int max_episode_steps = 0;     // 0: no limit

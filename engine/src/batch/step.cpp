@@ -77,6 +77,17 @@ void move(Simulation& sim, std::span<const DroneIndex> drones, int substep) {
   }
 }
 
+// Writes the positions of drones to the entries of their paths from `first` on.
+void record_path(Simulation& sim, std::span<const DroneIndex> drones, int first) {
+  std::vector<float>& path = sim.task_state->path;
+  const std::size_t row = path.size() / sim.num_drones();
+  for (const DroneIndex drone : drones) {
+    for (std::size_t i = 3 * static_cast<std::size_t>(first); i < row; i += 3) {
+      std::copy_n(sim.state.position.data() + 3 * drone, 3, path.data() + row * drone + i);
+    }
+  }
+}
+
 // Flies one step: moves the drones, with contacts, and reads the sensors that are due between ticks. sense() reads those that
 // are due at the end of the step.
 void fly(Simulation& sim, Block& block, Scratch& scratch) {
@@ -85,6 +96,8 @@ void fly(Simulation& sim, Block& block, Scratch& scratch) {
   if (!sim.task_state->step_start.empty()) {
     for (const DroneIndex drone : drones) sim.task_state->step_start[drone] = pose_of(sim.state, drone);
   }
+  const bool records_path = !sim.task_state->path.empty();
+  if (records_path) record_path(sim, drones, 0);
   for_each_contiguous(drones, [&](std::size_t first, std::size_t count) {
     if (sim.fleet) {
       if (!is_any(sim.state.contact.hit.data() + first, count)) return;  // the usual case
@@ -104,6 +117,7 @@ void fly(Simulation& sim, Block& block, Scratch& scratch) {
       fly_by_rotors(sim, block, drones, commands, flown - leg, leg, scratch);
     } else {
       move(sim, drones, flown);
+      if (records_path) record_path(sim, drones, flown);
     }
     for_each_contiguous(block.flying, [&](std::size_t first, std::size_t count) {
       for (std::size_t env = first; env < first + count; ++env) sim.state.tick[env] += leg;

@@ -52,6 +52,12 @@ class Context final : public TaskContext {
     }
   }
 
+  std::span<const float> path_of(DroneIndex drone) const override {
+    const std::span<const float> path = sim_.task_state->path;
+    const std::size_t row = path.size() / num_drones();
+    return path.subspan(drone * row, row);
+  }
+
  private:
   Simulation& sim_;
 };

@@ -382,7 +382,7 @@ HWY_INLINE F goodness(const Physics& p, const State& s) {
 }
 
 template <bool kRk4, bool kHasRotorTerms>
-void fly_all(const Physics& p, const Numbers& n, Flock& flock, int first_tick, int ticks) {
+void fly_all(const Physics& p, const Numbers& n, Flock& flock, int first_tick, int ticks, Lanes<3>* path) {
   for (std::size_t lane = 0; lane < kLanes; lane += F::kCount) {
     const At at{lane};
     State s{load3(flock.travelled, lane),
@@ -417,6 +417,7 @@ void fly_all(const Physics& p, const Numbers& n, Flock& flock, int first_tick, i
         midpoint<kHasRotorTerms>(p, n, at, s, command, wind, height);
       }
       reach2 = max(reach2, dot(s.travelled, s.travelled));
+      if (path != nullptr) store3(s.travelled, path[tick - first_tick], lane);
     }
     const F per_second(1.0F / p.dt);
     store3((s.velocity - velocity_before) * per_second, flock.acceleration, lane);
@@ -435,13 +436,14 @@ void fly_all(const Physics& p, const Numbers& n, Flock& flock, int first_tick, i
   }
 }
 
-void fly(const Physics& p, const Numbers& n, Flock& flock, int first_tick, int ticks) {
+void fly(const Physics& p, const Numbers& n, Flock& flock, int first_tick, int ticks, Lanes<3>* path) {
   const bool has_rotor_terms = p.rotor_drag || p.rotor_lift || p.gyroscopic || p.ground_effect;
   if (p.is_rk4) {
-    has_rotor_terms ? fly_all<true, true>(p, n, flock, first_tick, ticks) : fly_all<true, false>(p, n, flock, first_tick, ticks);
+    has_rotor_terms ? fly_all<true, true>(p, n, flock, first_tick, ticks, path)
+                    : fly_all<true, false>(p, n, flock, first_tick, ticks, path);
   } else {
-    has_rotor_terms ? fly_all<false, true>(p, n, flock, first_tick, ticks)
-                    : fly_all<false, false>(p, n, flock, first_tick, ticks);
+    has_rotor_terms ? fly_all<false, true>(p, n, flock, first_tick, ticks, path)
+                    : fly_all<false, false>(p, n, flock, first_tick, ticks, path);
   }
 }
 
@@ -453,8 +455,8 @@ namespace flockstep::dynamics {
 
 HWY_EXPORT(fly);
 
-void fly(const Physics& physics, const LaneNumbers& numbers, Flock& flock, int first_tick, int ticks) {
-  HWY_DYNAMIC_DISPATCH(fly)(physics, numbers, flock, first_tick, ticks);
+void fly(const Physics& physics, const LaneNumbers& numbers, Flock& flock, int first_tick, int ticks, Lanes<3>* path) {
+  HWY_DYNAMIC_DISPATCH(fly)(physics, numbers, flock, first_tick, ticks, path);
 }
 
 void fly(const Physics& physics, Flock& flock, int first_tick, int ticks) {

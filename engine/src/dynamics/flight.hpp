@@ -148,7 +148,8 @@ struct Physics {
 // Flies all lanes for `ticks` ticks, ignoring obstacles. first_tick is the index of the first tick in its step. The result of a
 // lane depends only on the inputs of that lane. Every operation rounds correctly, so all SIMD targets agree. The terms that
 // Physics turns on are computed for all lanes; a coefficient of 0 turns a term off for one lane.
-void fly(const Physics& physics, const LaneNumbers& numbers, Flock& flock, int first_tick, int ticks);
+// path: if not null, receives `travelled` after each tick.
+void fly(const Physics& physics, const LaneNumbers& numbers, Flock& flock, int first_tick, int ticks, Lanes<3>* path = nullptr);
 void fly(const Physics& physics, Flock& flock, int first_tick, int ticks);  // the same airframe in every lane
 
 }  // namespace flockstep::dynamics

@@ -1,8 +1,10 @@
 #include "dynamics/rotor_motion.hpp"
 
+#include <algorithm>
 #include <array>
 #include <cmath>
 #include <limits>
+#include <vector>
 
 #include "base/interrupt.hpp"
 #include "dynamics/contact.hpp"
@@ -141,8 +143,8 @@ class GroupFlight {
     }
   }
 
-  void advance(int first_tick, int ticks) {
-    dynamics::fly(physics_, numbers_, flock_, first_tick, ticks);
+  void advance(int first_tick, int ticks, Lanes<3>* path = nullptr) {
+    dynamics::fly(physics_, numbers_, flock_, first_tick, ticks, path);
     update_position(flock_);
   }
 
@@ -158,14 +160,40 @@ class GroupFlight {
 
   // Flies all ticks at once and stores the drones that have no obstacle within their reach.
   void fly_free(int first_tick, int ticks) {
-    advance(first_tick, ticks);
+    advance(first_tick, ticks, path_of_leg());
     check_open_space();
     LaneFlags flies{};
     for (std::size_t lane = 0; lane < kLanes; ++lane) {
       if (is_done_[lane]) continue;
       flies[lane] = is_done_[lane] = is_good(lane) && (is_open_[lane] != 0 || find_open_space(lane));
+      if (flies[lane] && !context_.path.empty()) store_path(lane, first_tick, ticks);
     }
     group_.store(flies, flock_, state_);
+  }
+
+  // Memory for the path of a leg; null if it is not recorded.
+  Lanes<3>* path_of_leg() { return context_.path.empty() ? nullptr : context_.scratch.path.data(); }
+
+  float* path_of(std::size_t lane, int tick) {
+    const std::size_t row = context_.path.size() / fleet_.open.world.size();
+    return context_.path.data() + row * group_[lane] + 3 * static_cast<std::size_t>(tick);
+  }
+
+  // Stores the recorded leg of a drone.
+  void store_path(std::size_t lane, int first_tick, int ticks) {
+    float* to = path_of(lane, first_tick + 1);
+    for (int tick = 0; tick < ticks; ++tick) {
+      const Lanes<3>& travelled = context_.scratch.path[static_cast<std::size_t>(tick)];
+      for (std::size_t axis = 0; axis < 3; ++axis) *to++ = flock_.origin[axis][lane] + travelled[axis][lane];
+    }
+  }
+
+  // Stores the drone's position as that after this tick and, in case the drone stays there, after all later ones.
+  void store_rest_of_path(std::size_t lane, int tick) {
+    if (context_.path.empty()) return;
+    const float* const position = state_.position.data() + 3 * group_[lane];
+    float* const end = path_of(lane, 0) + context_.path.size() / fleet_.open.world.size();
+    for (float* to = path_of(lane, tick + 1); to < end; to += 3) std::copy_n(position, 3, to);
   }
 
   // Computes the free radius that each drone needs and checks it against the cached open space. The loops have no branches, so
@@ -216,6 +244,7 @@ class GroupFlight {
       } else {
         give_up(lane);
       }
+      store_rest_of_path(lane, tick);
     }
   }
 

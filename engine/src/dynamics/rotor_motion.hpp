@@ -13,6 +13,7 @@
 #include "dynamics/flight.hpp"
 #include "dynamics/lane_group.hpp"
 #include "dynamics/setpoint.hpp"
+#include "flockstep/aligned.hpp"
 #include "flockstep/index.hpp"
 #include "flockstep/state.hpp"
 #include "trace/scene.hpp"
@@ -36,6 +37,7 @@ struct FlightScratch {
   Flock flock;
   // For a fleet with several airframes: the coefficients of the last group's lanes and their airframe rows; -1: no group yet.
   LaneNumbers numbers;
+  AlignedVector<Lanes<3>> path;  // of the current leg, one entry per tick; empty if it is not recorded
   std::array<std::int32_t, kLanes> airframes{-1};
   LostDrones lost;  // of the current call; used without a task only
 };
@@ -50,6 +52,7 @@ struct FlightContext {
   std::span<const collision::Obstacles* const> obstacles;  // by slot
   std::span<std::uint8_t> bad;  // (R,) 1 if the row's episode ends as a bad state; empty without a task
   std::size_t drones_per_row;   // drones for each element of bad
+  std::span<float> path;        // (N, ticks + 1, 3) m, positions before the step and after each tick; empty: not recorded
   DroneRange own;               // drones that no other thread reads or writes meanwhile
   trace::Tracer& tracer;
   FlightScratch& scratch;
