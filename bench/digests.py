@@ -48,6 +48,7 @@ ENVS = {
         "imu": flockstep.ImuConfig(gyroscope_noise_density=0.01, accelerometer_random_walk=0.02),
         "max_episode_steps": 200,
     },
+    "Race-v0 (generated tracks)": {"worlds": "race_track/seed-0..3", "laps": 1, "max_episode_steps": 120},
 }
 POLICIES = {"flockstep/Hover-v0": "hover.zip", "flockstep/Track-v0": "track.zip"}
 MODES = ("next_step", "same_step", "disabled")

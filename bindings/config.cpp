@@ -274,6 +274,7 @@ void register_config(py::module_& module) {
   add("ForestConfig", ForestConfig());
   add("OfficeConfig", OfficeConfig());
   add("PlaygroundConfig", PlaygroundConfig());
+  add("RaceTrackConfig", RaceTrackConfig());
   add("WarehouseConfig", WarehouseConfig());
   module.attr("_other_fields") = others;
 }

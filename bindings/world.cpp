@@ -259,6 +259,14 @@ void register_world(py::module_& module) {
           },
           py::arg("seed"), py::arg("size_m") = WarehouseConfig().size_m, py::arg("height_m") = WarehouseConfig().height_m,
           py::arg("waypoints") = false)
+      .def_static(
+          "race_track",
+          [](std::uint64_t seed, int gates, const std::array<float, 3>& size_m, float gate_size_m, float rings) {
+            const RaceTrackConfig config{seed, gates, size_m, gate_size_m, rings};
+            return std::const_pointer_cast<World>(released([&] { return race_track(config); }));
+          },
+          py::arg("seed"), py::arg("gates") = RaceTrackConfig().gates, py::arg("size_m") = RaceTrackConfig().size_m,
+          py::arg("gate_size_m") = RaceTrackConfig().gate_size_m, py::arg("rings") = RaceTrackConfig().rings)
       .def_property_readonly("name", [](const World& world) { return world.name(); })
       .def_property_readonly("bounds", [](const World& world) { return box_rows(world.bounds()); })
       .def_property_readonly("start", [](const World& world) { return row(world.markers().start); })
@@ -277,6 +285,7 @@ void register_world(py::module_& module) {
            py::arg("horizon_color") = py::none(), py::arg("gamma") = py::none(), py::arg("sun_radius_deg") = py::none(),
            py::arg("sun_glow") = py::none(), py::arg("tint") = py::none())
       .def_property_readonly("primitives", &primitives)
+      .def_property_readonly("gates", &gates)
       .def(
           "to_dict",
           [](const World& world) { return py::module_::import("json").attr("loads")(released([&] { return world.to_json(); })); })
@@ -285,7 +294,6 @@ void register_world(py::module_& module) {
           py::arg("path"))
       .def("mesh", &mesh, py::arg("chord_error_m") = 1e-3F)
       .def("raycast", &raycast, py::arg("origins"), py::arg("directions"), py::arg("max_range_m"))
-      .def_property_readonly("gates", &gates)
       .def("__copy__", [](const py::object& self) { return self; })  // immutable
       .def(
           "__deepcopy__", [](const py::object& self, const py::dict&) { return self; }, py::arg("memo"))

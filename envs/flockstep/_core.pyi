@@ -1264,6 +1264,125 @@ class TrackConfig:
     # end of fields
 
 @final
+class RaceConfig:
+    """Fly through the gates of a track, lap after lap.
+
+    The track is `World.gates` in their order. Episodes begin behind a random gate, and the next gate is the first to
+    pass. ``control`` is ``"body_rates"``. Actions are four numbers in [-1, 1]: thrust from the least of the rotors over
+    hovering to ``max_thrust_to_weight``, and body rates up to the ``max_rate_dps`` and ``max_yaw_rate_dps`` of
+    `DynamicsConfig`; 0 hovers.
+
+    Observation, float32 (13 + 6 ``gates_ahead``,), in the body frame: for each of the next gates the offset to its
+    centre in m, times ``observation_scale`` (3), and the direction in which it is passed (3); velocity in m/s, times
+    ``observation_scale`` (3); the world's up vector (3); angular velocity in rad/s, times ``observation_scale`` (3);
+    the last action (4).
+
+    A gate is passed, or missed, where the drone's path through the ticks of a step crosses the gate's plane forwards.
+    An episode ends as a crash if the drone touches something, misses a gate, or leaves the area: the next gate is
+    farther than ``max_distance_m``. It ends as a success after the last gate of the last lap.
+
+    The cap on the rewarded speed, v, is a curriculum. It rises in each env by ``cap_rise_mps`` after an episode if at
+    least ``cap_success`` of the env's last ``cap_episodes`` episodes were clean. An episode is clean if it succeeds, or
+    if it reaches its time limit after a whole lap. ``batch.task_state`` has ``target``, ``passed`` and ``speed_cap``.
+
+    Parameters
+    ----------
+    laps
+        Laps of a successful episode. Values: [1, 1000]. Default: 3.
+    gates_ahead
+        Number of gates that are observed. Values: [1, 8]. Default: 2.
+    max_thrust_to_weight
+        Largest commanded thrust over the weight, if the rotors can deliver it. Values: [1.1, 100]. Default: 4.0.
+    start
+        ``"between"``: anywhere in the first nine tenths of the way from one gate to the next. ``"gate"``: behind a
+        gate, at rest. Default: 'between'.
+    start_offset_m
+        Maximum offset of the start along each axis. All spreads are drawn uniformly up to their maxima, and drawn again
+        if the drone would touch something. Values: [0, 1000] m. Default: 0.5.
+    start_yaw_deg
+        Maximum angle between the heading and the way to fly. Values: [0, 180] deg. Default: 30.0.
+    start_tilt_deg
+        Maximum roll and pitch at the start. Values: [0, 90] deg. Default: 17.0.
+    start_speed_mps
+        Maximum speed along each axis of a start between gates. Values: [0, 1000] m/s. Default: 0.5.
+    miss_m
+        A drone misses a gate if it crosses its plane outside the opening but within this distance of its centre.
+        Values: >= 0 m. Default: 3.0.
+    max_distance_m
+        Distance from the next gate beyond which an episode ends as a crash. Values: > 0 m. Default: 30.0.
+    observation_scale
+        Factor of observed offsets, velocities and angular velocities. Values: (0, 1000]. Default: 0.2.
+    speed_cap_mps
+        First and last cap on the speed that the progress term rewards. Values: (0, 1000] m/s. Default: [8.0, 16.0].
+    cap_rise_mps
+        Rise of the cap after an episode, until it has reached its last value. Values: >= 0 m/s. Default: 1.0.
+    cap_episodes
+        Number of last episodes of an env that decide whether its cap rises. Values: [1, 8]. Default: 4.
+    cap_success
+        Share of clean episodes among these at which the cap rises. Values: [0, 1]. Default: 1.0.
+    progress_weight
+        Weight of the distance gained towards the centre of the next gate, in m, at most v times the step's time.
+        Default: 0.3.
+    gate_weight
+        Reward for each gate that is passed. Default: 0.6.
+    rates_weight
+        Weight of the penalty on the angular velocity, in rad/s. Default: 0.003.
+    change_weight
+        Weight of the penalty on the mean squared difference from the previous action. The first action is compared with
+        0. Default: 0.024.
+    crash_weight
+        Penalty for a crash. Default: 1.5.
+    """
+
+    # fields of RaceConfig
+    __match_args__: ClassVar[tuple[str, ...]]
+    laps: int
+    gates_ahead: int
+    max_thrust_to_weight: float
+    start: Literal["between", "gate"]
+    start_offset_m: float
+    start_yaw_deg: float
+    start_tilt_deg: float
+    start_speed_mps: float
+    miss_m: float
+    max_distance_m: float
+    observation_scale: float
+    speed_cap_mps: Sequence[float]
+    cap_rise_mps: float
+    cap_episodes: int
+    cap_success: float
+    progress_weight: float
+    gate_weight: float
+    rates_weight: float
+    change_weight: float
+    crash_weight: float
+    def __init__(
+        self,
+        *,
+        laps: int = 3,
+        gates_ahead: int = 2,
+        max_thrust_to_weight: float = 4.0,
+        start: Literal["between", "gate"] = "between",
+        start_offset_m: float = 0.5,
+        start_yaw_deg: float = 30.0,
+        start_tilt_deg: float = 17.0,
+        start_speed_mps: float = 0.5,
+        miss_m: float = 3.0,
+        max_distance_m: float = 30.0,
+        observation_scale: float = 0.2,
+        speed_cap_mps: Sequence[float] = (8.0, 16.0),
+        cap_rise_mps: float = 1.0,
+        cap_episodes: int = 4,
+        cap_success: float = 1.0,
+        progress_weight: float = 0.3,
+        gate_weight: float = 0.6,
+        rates_weight: float = 0.003,
+        change_weight: float = 0.024,
+        crash_weight: float = 1.5,
+    ) -> None: ...
+    # end of fields
+
+@final
 class NavigationConfig:
     """Fly from the start via the waypoints to the goal.
 
@@ -1355,10 +1474,15 @@ class TaskSpec:
         observation: Sequence[Field],
         reward_terms: Sequence[str],
         row: Literal["drone", "env"] = "drone",
+        records_path: bool = False,
     ) -> None: ...
     @property
     def row(self) -> str:
         """Kind of the rows of actions, observations and rewards: one per ``"drone"`` or one per ``"env"``."""
+
+    @property
+    def records_path(self) -> bool:
+        """True if the task reads `Batch.path`."""
 
     @property
     def action(self) -> Field:
@@ -1438,7 +1562,9 @@ def _unexpected_keyword(callee: str, keyword: str, known: Sequence[str]) -> str:
 def load_scene(name: str, folder: str | PathLike[str]) -> World:
     """Return the world of a name or path; ``folder`` holds the bundled scenes."""
 
-def task_defaults(task: NavigationConfig | HoverConfig | TrackConfig | NativeTask | PythonTask) -> dict[str, Any]:
+def task_defaults(
+    task: NavigationConfig | HoverConfig | TrackConfig | RaceConfig | NativeTask | PythonTask,
+) -> dict[str, Any]:
     """Return the defaults of an environment with this task.
 
     The keys are ``worlds``, ``lidar``, ``cameras``, ``max_episode_steps``, ``drone`` (a name or None), ``dynamics`` and
@@ -1474,16 +1600,11 @@ class World:
 
         A `UserWarning` lists content of the scene's files that flockstep does not read.
         """
-        records_path: bool = False,
 
     @staticmethod
     def playground(
         seed: int, pillars: int = 12, size_m: Sequence[float] = (14.0, 14.0, 5.25), pillar_radius_m: float = 0.25
     ) -> World:
-    @property
-    def records_path(self) -> bool:
-        """True if the task reads `Batch.path`."""
-
         """Generate a room of ``size_m`` metres with full-height pillars, a start, waypoints and a goal.
 
         The default drone can fly from the start via the waypoints to the goal. The same arguments make the same world.
@@ -1532,6 +1653,22 @@ class World:
 
     def __copy__(self) -> World: ...
     def __deepcopy__(self, memo: dict[int, Any]) -> World: ...
+    @staticmethod
+    def race_track(
+        seed: int,
+        gates: int = 7,
+        size_m: Sequence[float] = (22.0, 18.0, 8.0),
+        gate_size_m: float = 1.5,
+        rings: float = 0.25,
+    ) -> World:
+        """Generate a race track: a closed loop of ``gates`` gates in an empty hall of ``size_m`` metres.
+
+        From each gate to the next it is 4.5 to 12 m, with turns of at most 120 degrees and climbs of at most 40 %. A
+        ``racer5`` can fly straight from the centre of each gate to that of the next. ``gate_size_m`` is the inside
+        width of the gates, in [1.2, 2], and ``rings`` the share of rings among them. The start is before the first
+        gate, the goal behind it. The same arguments make the same world.
+        """
+
     @property
     def name(self) -> str:
         """Name given in the scene file, otherwise the name of the file."""
@@ -1591,6 +1728,20 @@ class World:
         - ``quat_wxyz``: (4,).
         - ``half_extents``: (3,) m; for round primitives radius, radius, half height.
         - ``material``, ``visible`` and ``solid``.
+
+        They are ordered by kind. The bars of the `gates` follow the other primitives of their kind.
+        """
+
+    @property
+    def gates(self) -> list[dict[str, Any]]:
+        """The gates in the order of flight, one dict each.
+
+        - ``shape``: of the opening, ``"square"`` or ``"ring"``.
+        - ``center``: (3,) m, the middle of the opening.
+        - ``quat_wxyz``: (4,); drones pass the gate along its local x, and its local z is up.
+        - ``size_m``: inside width of a square, inside diameter of a ring.
+        - ``bar_m``: thickness of the bars of the frame.
+        - ``material``, ``visible`` and ``solid``: of the frame, whose bars are among the `primitives`.
         """
 
     def to_dict(self) -> dict[str, Any]:
@@ -1733,20 +1884,6 @@ class World:
             Linear RGB factors in [0, 10], (3,) for the base colours of all materials or (M, 3) for each of `materials`.
             They also apply to textures. Base colours are limited to 1.
         """
-
-        They are ordered by kind. The bars of the `gates` follow the other primitives of their kind.
-        """
-
-    @property
-    def gates(self) -> list[dict[str, Any]]:
-        """The gates in the order of flight, one dict each.
-
-        - ``shape``: of the opening, ``"square"`` or ``"ring"``.
-        - ``center``: (3,) m, the middle of the opening.
-        - ``quat_wxyz``: (4,); drones pass the gate along its local x, and its local z is up.
-        - ``size_m``: inside width of a square, inside diameter of a ring.
-        - ``bar_m``: thickness of the bars of the frame.
-        - ``material``, ``visible`` and ``solid``: of the frame, whose bars are among the `primitives`.
 
     def free_places(
         self,
@@ -1979,6 +2116,24 @@ class WorldBuilder:
     ) -> None:
         """Add a disc normal to its own z; rays and drones hit it from both sides."""
 
+    def gate(
+        self,
+        center: Sequence[float],
+        material: int,
+        quat_wxyz: Sequence[float] | None = None,
+        *,
+        shape: Literal["square", "ring"] = "square",
+        size_m: float = 1.5,
+        bar_m: float = 0.1,
+        visible: bool = True,
+        solid: bool = True,
+    ) -> None:
+        """Add a gate after the gates so far, with a frame around its opening; drones pass it along its local x.
+
+        ``size_m`` is the inside width of a square or the inside diameter of a ring, ``bar_m`` the thickness of the
+        bars. Without a rotation it is passed along x.
+        """
+
     def mesh(
         self,
         vertices: npt.ArrayLike,
@@ -2121,24 +2276,6 @@ class Contact:
         """(N,): fraction of the motion, or of the substep that hit, flown before the contact."""
 
     @property
-    def gate(
-        self,
-        center: Sequence[float],
-        material: int,
-        quat_wxyz: Sequence[float] | None = None,
-        *,
-        shape: Literal["square", "ring"] = "square",
-        size_m: float = 1.5,
-        bar_m: float = 0.1,
-        visible: bool = True,
-        solid: bool = True,
-    ) -> None:
-        """Add a gate after the gates so far, with a frame around its opening; drones pass it along its local x.
-
-        ``size_m`` is the inside width of a square or the inside diameter of a ring, ``bar_m`` the thickness of the
-        bars. Without a rotation it is passed along x.
-        """
-
     def point(self) -> _F32:
         """(N, 3) m, world frame: contact point on the obstacle."""
 
@@ -2324,7 +2461,7 @@ class Recipe:
         for a batch without a task.
     """
 
-    task: NavigationConfig | HoverConfig | TrackConfig | str | None
+    task: NavigationConfig | HoverConfig | TrackConfig | RaceConfig | str | None
     worlds: list[str]
     drone: str | DroneModel
     # fields of Recipe
@@ -2342,7 +2479,7 @@ class Recipe:
     clock: ClockConfig
     dynamics: DynamicsConfig
     # end of fields
-    def __init__(self, task: NavigationConfig | HoverConfig | TrackConfig | str | None = None) -> None: ...
+    def __init__(self, task: NavigationConfig | HoverConfig | TrackConfig | RaceConfig | str | None = None) -> None: ...
     @staticmethod
     def from_json(text: str) -> Recipe:
         """Return the recipe of a JSON text; no file is opened.
@@ -2420,7 +2557,7 @@ class Batch:
         lidar: LidarConfig | Sequence[LidarConfig] | None = None,
         pose_sensor: PoseSensorConfig | None = None,
         imu: ImuConfig | Sequence[ImuConfig] | None = None,
-        task: NavigationConfig | HoverConfig | TrackConfig | NativeTask | PythonTask | None = None,
+        task: NavigationConfig | HoverConfig | TrackConfig | RaceConfig | NativeTask | PythonTask | None = None,
         drone: _DroneLike | None = None,
         cameras: Sequence[CameraConfig] = (),
         camera_backend: str = "raycast",
@@ -2926,6 +3063,13 @@ class Batch:
         """The declarations of the task."""
 
     @property
+    def path(self) -> _F32:
+        """(N, ticks + 1, 3) m: positions before the last flown step and after each of its ticks, as a new array.
+
+        Between two of them a drone moves almost straight. Recorded for tasks that declare ``records_path``.
+        """
+
+    @property
     def observation(self) -> Any:
         """(R, ...): observation after any resets, or a dict of arrays if the task observes several fields.
 
@@ -3062,13 +3206,6 @@ def color_blob(images: npt.NDArray[np.uint8], color: ColorRange, layout: str = "
     ------
     ValueError
         The images have another dtype or shape, the layout is unknown, or the range is outside [0, 255].
-    @property
-    def path(self) -> _F32:
-        """(N, ticks + 1, 3) m: positions before the last flown step and after each of its ticks, as a new array.
-
-        Between two of them a drone moves almost straight. Recorded for tasks that declare ``records_path``.
-        """
-
     """
 
 @final

@@ -31,6 +31,7 @@ from flockstep._core import (
     NavigationConfig,
     PoseSensorConfig,
     PythonTask,
+    RaceConfig,
     Recipe,
     TrackConfig,
     _unexpected_keyword,
@@ -58,7 +59,7 @@ if TYPE_CHECKING:
     class Fields(TypedDict, total=False):
         """Fields of the configurations that are keywords of the env."""
 
-        # fields of EpisodeConfig, ClockConfig, DynamicsConfig, NavigationConfig, HoverConfig, TrackConfig
+        # fields of EpisodeConfig, ClockConfig, DynamicsConfig, NavigationConfig, HoverConfig, TrackConfig, RaceConfig
         frame_skip: int
         stagger_first_episode: bool
         random_world: bool
@@ -120,6 +121,20 @@ if TYPE_CHECKING:
         close_m: float
         close_weight: float
         yaw_weight: float
+        laps: int
+        gates_ahead: int
+        max_thrust_to_weight: float
+        start: Literal["between", "gate"]
+        start_yaw_deg: float
+        miss_m: float
+        observation_scale: float
+        speed_cap_mps: Sequence[float]
+        cap_rise_mps: float
+        cap_episodes: int
+        cap_success: float
+        progress_weight: float
+        gate_weight: float
+        rates_weight: float
         # end of fields
 
 
@@ -135,9 +150,9 @@ _TASK_CONFIGS: tuple[Any, ...] = tuple(config for config in engine_tasks.values(
 class DroneVectorEnv(VectorEnv[Observation, Array, Array]):
     """Many drone envs stepped by one call, with a task of the engine or your own `Task`.
 
-    The built-in tasks are navigation, which is the default, hovering (`HoverConfig`, ``flockstep/Hover-v0``) and path
-    tracking (`TrackConfig`, ``flockstep/Track-v0``). The last two simulate the rotors. The navigation tasks differ in
-    their observations and therefore in their defaults:
+    The built-in tasks are navigation, which is the default, hovering (`HoverConfig`, ``flockstep/Hover-v0``), path
+    tracking (`TrackConfig`, ``flockstep/Track-v0``) and racing (`RaceConfig`, ``flockstep/Race-v0``). The last three
+    simulate the rotors. The navigation tasks differ in their observations and therefore in their defaults:
 
     - ``"goal"`` (``flockstep/LidarNavigation-v0``): float32 (3 + rays,), the unit direction to the current goal in the
       body frame, then the LiDAR ranges divided by the maximum range (1 on a miss).
@@ -160,9 +175,9 @@ class DroneVectorEnv(VectorEnv[Observation, Array, Array]):
         these; or a `WorldPool`, from which each episode draws one. Default: ``"train"``, or ``"camera-train"`` for
         camera tasks; a `Task` declares its own.
     task
-        A task other than navigation: a `HoverConfig` or a `TrackConfig`, your own `Task` (an object, or its class), or
-        a `NativeTask` in C++. With `gymnasium.make_vec`, the time limit registered for the env's id applies, unless
-        ``max_episode_steps`` is also given.
+        A task other than navigation: a `HoverConfig`, a `TrackConfig` or a `RaceConfig`, your own `Task` (an object, or
+        its class), or a `NativeTask` in C++. With `gymnasium.make_vec`, the time limit registered for the env's id
+        applies, unless ``max_episode_steps`` is also given.
     observation
         Observation of the navigation task: ``"goal"``, ``"blob"`` or ``"pixels"``.
     lidar
@@ -204,7 +219,7 @@ class DroneVectorEnv(VectorEnv[Observation, Array, Array]):
         beams, camera frustums and the trail. ``"fleet"``: the same, with the other drones of its world. Two points (m,
         world frame), such as ``((0, -8, 5), (4, 4, 1))``: the same as ``"fleet"``, seen from the first point towards
         the second. Every view shows the lines of `Batch.set_move_line_visible`. Default: ``"third_person"`` for
-        `HoverConfig` and `TrackConfig`, because it shows attitude and height, otherwise ``"top"``.
+        `HoverConfig`, `TrackConfig` and `RaceConfig`, because it shows attitude and height, otherwise ``"top"``.
     render_size
         Width and height of the pictures in pixels. Default: 256 x 256 for ``"top"``, the camera's own size for
         ``"camera"``, otherwise 640 x 480. With ``"camera"``, frames are scaled if the size is not the camera's own.
@@ -239,6 +254,11 @@ class DroneVectorEnv(VectorEnv[Observation, Array, Array]):
         For the track task, from `TrackConfig`: ``path``, ``yaw``, ``size_m``, ``speed_mps``, ``start_offset_m``,
         ``points``, ``ahead_s``, ``max_distance_m``, ``close_m``, ``near_weight``, ``close_weight``, ``yaw_weight``,
         ``spin_weight``, ``change_weight``, ``crash_weight``.
+
+        For the race task, from `RaceConfig`: ``laps``, ``gates_ahead``, ``max_thrust_to_weight``, ``start``,
+        ``start_offset_m``, ``start_yaw_deg``, ``start_tilt_deg``, ``start_speed_mps``, ``miss_m``, ``max_distance_m``,
+        ``observation_scale``, ``speed_cap_mps``, ``cap_rise_mps``, ``cap_episodes``, ``cap_success``,
+        ``progress_weight``, ``gate_weight``, ``rates_weight``, ``change_weight``, ``crash_weight``.
 
     Attributes
     ----------
@@ -310,7 +330,7 @@ class DroneVectorEnv(VectorEnv[Observation, Array, Array]):
         num_envs: int = 1,
         *,
         worlds: scenes.WorldsLike | WorldPool | None = None,
-        task: Task | type[Task] | NativeTask | HoverConfig | TrackConfig | None = None,
+        task: Task | type[Task] | NativeTask | HoverConfig | TrackConfig | RaceConfig | None = None,
         observation: str = "goal",
         lidar: LidarConfig | Sequence[LidarConfig] | None = None,
         camera: CameraConfig | Sequence[CameraConfig] | None = None,
@@ -342,7 +362,7 @@ class DroneVectorEnv(VectorEnv[Observation, Array, Array]):
         require_render_mode(render_mode, "gymnasium.wrappers.vector.HumanRendering")
         is_flight = isinstance(task, (HoverConfig, TrackConfig))  # the overlay draws the observed target of these two
         if render_view is None:
-            render_view = "third_person" if is_flight else "top"
+            render_view = "third_person" if is_flight or isinstance(task, RaceConfig) else "top"
         shown = views.choose(render_view, render_size, render_camera)
         if drone_mesh is not None and not isinstance(drone_mesh, DroneMesh):
             raise TypeError(f"drone_mesh: expected a flockstep.DroneMesh, got {drone_mesh!r}")

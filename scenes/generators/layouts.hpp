@@ -1,6 +1,7 @@
-// Retry loop of the generators: draw layouts until a drone can fly through one.
+// Helpers of generators that draw layouts: the retry loop until a drone can fly through one, and rounding.
 #pragma once
 
+#include <cmath>
 #include <cstdint>
 #include <memory>
 
@@ -8,6 +9,9 @@
 #include "flockstep/world.hpp"
 
 namespace flockstep {
+
+// Rounds a coordinate to 1 cm.
+inline double centimetres(double metres) { return std::floor(metres * 100.0 + 0.5) / 100.0; }
 
 // Returns the first non-null world of make(0), make(1), ..., or null if all attempts fail.
 template <class Make>

@@ -37,8 +37,6 @@ constexpr double kYRange[2] = {2.7, 11.3};
 constexpr double kYStep = 3.2;  // maximum change of y between markers
 constexpr double kZRange[2] = {1.0, 4.0};
 
-double centimetres(double metres) { return std::floor(metres * 100.0 + 0.5) / 100.0; }
-
 // Start, waypoints and goal, by increasing x.
 struct Route {
   std::vector<Vec3d> markers;

@@ -219,6 +219,7 @@ CONFIGS = [
     *(flockstep.LidarConfig, flockstep.CameraConfig, flockstep.PoseSensorConfig, flockstep.ImuConfig),
     *(flockstep.EpisodeConfig, flockstep.ClockConfig, flockstep.WindConfig, flockstep.DynamicsConfig),
     *(flockstep.NavigationReward, flockstep.NavigationConfig, flockstep.HoverConfig, flockstep.TrackConfig),
+    flockstep.RaceConfig,
 ]
 
 

@@ -135,7 +135,7 @@ def test_public_python_has_docstrings():
 
 
 CONFIGS = [flockstep.EpisodeConfig, flockstep.ClockConfig, flockstep.DynamicsConfig]
-CONFIGS += [flockstep.NavigationConfig, flockstep.HoverConfig, flockstep.TrackConfig]
+CONFIGS += [flockstep.NavigationConfig, flockstep.HoverConfig, flockstep.TrackConfig, flockstep.RaceConfig]
 
 
 def test_the_env_documents_every_keyword():

@@ -81,9 +81,14 @@ def test_calls_for_one_world():
 
 
 OTHER = {"path": "random", "yaw": "along", "points": 3}
+OTHER |= {"laps": 2, "cap_episodes": 2, "gates_ahead": 1, "start": "gate", "speed_cap_mps": (5.0, 9.0)}
 FIELDS = [
     (name, config, field)
-    for name, config in (("Hover", flockstep.HoverConfig), ("Track", flockstep.TrackConfig))
+    for name, config in (
+        ("Hover", flockstep.HoverConfig),
+        ("Track", flockstep.TrackConfig),
+        ("Race", flockstep.RaceConfig),
+    )
     for field in config.__match_args__
 ]
 

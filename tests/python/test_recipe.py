@@ -22,6 +22,7 @@ ENVS: dict[str, dict[str, Any]] = {
     "blob": {"observation": "blob", "autoreset_mode": "same_step"},
     "hover": {"task": flockstep.HoverConfig(hold_s=0.5), "imu": flockstep.ImuConfig(gyroscope_noise_density=0.01)},
     "track": {"task": flockstep.TrackConfig(), "drones_per_env": 2, "max_tilt_deg": 30.0, "on_contact": "bounce"},
+    "race": {"task": flockstep.RaceConfig(laps=1, start="gate"), "worlds": "race/split-s", "max_rate_dps": 500.0},
 }
 
 

@@ -147,4 +147,35 @@ struct WarehouseConfig {
 // std::invalid_argument on a bad config, or if many layouts have no such path.
 FLOCKSTEP_API std::shared_ptr<const World> warehouse(const WarehouseConfig& config);
 
+// A race track, made from a seed: a closed loop of gates in an empty hall.
+struct RaceTrackConfig {
+  std::uint64_t seed = 0;
+  int gates = 7;
+  std::array<float, 3> size_m{22.0F, 18.0F, 8.0F};
+  float gate_size_m = 1.5F;
+  float rings = 0.25F;
+
+  static constexpr std::array<Limits, 3> kSizes{between(12, 200), between(12, 200), between(4, 50)};
+
+  static constexpr auto fields() {
+    using C = RaceTrackConfig;
+    return field_list(field("seed", &C::seed, {.about = "Seed of the layout."}),
+                      field("gates", &C::gates, {.about = "Number of gates.", .limits = between(4, 20)}),
+                      field("size_m", &C::size_m, {.about = "Size of the hall (x, y, z).", .unit = "m", .each = kSizes}),
+                      field("gate_size_m", &C::gate_size_m,
+                            {.about = "Inside width or diameter of the gates.", .unit = "m", .limits = between(1.2, 2.0)}),
+                      field("rings", &C::rings, {.about = "Share of rings among the gates.", .limits = between(0, 1)}));
+  }
+
+  FLOCKSTEP_API void validate() const;
+};
+
+// Generates a race track, the same on every machine. From each gate to the next, and from the last to the first, it is 4.5 to 12
+// m. The ways to and from a gate make at most 60 degrees with its direction, seen from above, and climb by at most 40 %. A
+// racer5 can fly straight from the centre of each gate to that of the next; the generator checks this path in the
+// finished world. A gate's direction is level and halfway between these two ways, so the gate before lies behind it and outside
+// of its miss zone (RaceConfig::miss_m). The start is before the first gate, the goal behind it. Throws std::invalid_argument on
+// a bad config, or if many layouts have no such loop.
+FLOCKSTEP_API std::shared_ptr<const World> race_track(const RaceTrackConfig& config);
+
 }  // namespace flockstep

@@ -284,6 +284,114 @@ struct TrackConfig {
 // std::invalid_argument on a bad config.
 FLOCKSTEP_API std::unique_ptr<Task> make_task(const TrackConfig& config);
 
+// -- Race: a drone flies through the gates of its world, in their order
+
+// Place of the start: anywhere on the way from one gate to the next, or at a gate, at rest.
+enum class RaceStart : std::uint8_t { between, gate };
+template <>
+struct EnumNames<RaceStart> {
+  static constexpr std::array kNames{"between", "gate"};
+};
+
+// Episodes begin behind a random gate of the world, and the next gate is the first to pass. Control is body_rates. Actions are
+// four numbers in [-1, 1]: thrust from the least of the rotors over hovering to max_thrust_to_weight, and body rates up to
+// max_rate_dps and max_yaw_rate_dps of the dynamics. 0 hovers.
+//
+// Observation, float32 (13 + 6 gates_ahead,), in the body frame: for each of the next gates the offset to its centre, times
+// observation_scale (3), and the direction in which it is passed (3); velocity in m/s (3), times observation_scale; the world's
+// up vector (3); angular velocity in rad/s (3), times observation_scale; the last action (4).
+//
+// A gate is passed, or missed, where the drone's path through the ticks of a step crosses the gate's plane forwards. An episode
+// ends as a crash if the drone touches something, misses a gate, or leaves the area: the next gate is farther than
+// max_distance_m. It ends as a success after the last gate of the last lap.
+//
+// v, the cap on the rewarded speed, rises in each env by cap_rise_mps after an episode if enough of the env's last cap_episodes
+// episodes were clean. An episode is clean if it succeeds, or reaches its time limit after a whole lap.
+struct RaceConfig {
+  static constexpr const char* kName = "race";
+  static constexpr const char* kAbout = "Fly through the gates of a track, lap after lap.";
+
+  int laps = 3;
+  int gates_ahead = 2;
+  float max_thrust_to_weight = 4.0F;
+  RaceStart start = RaceStart::between;
+  float start_offset_m = 0.5F;
+  float start_yaw_deg = 30.0F;
+  float start_tilt_deg = 17.0F;
+  float start_speed_mps = 0.5F;
+  float miss_m = 3.0F;
+  float max_distance_m = 30.0F;
+  float observation_scale = 0.2F;
+  std::array<float, 2> speed_cap_mps{8.0F, 16.0F};
+  float cap_rise_mps = 1.0F;
+  int cap_episodes = 4;
+  float cap_success = 1.0F;
+  float progress_weight = 0.3F;
+  float gate_weight = 0.6F;
+  float rates_weight = 0.003F;
+  float change_weight = 0.024F;
+  float crash_weight = 1.5F;
+
+  static constexpr auto fields() {
+    using C = RaceConfig;
+    return field_list(
+        field("laps", &C::laps, {.about = "Laps of a successful episode.", .limits = between(1, 1000)}),
+        field("gates_ahead", &C::gates_ahead, {.about = "Number of gates that are observed.", .limits = between(1, 8)}),
+        field("max_thrust_to_weight", &C::max_thrust_to_weight,
+              {.about = "Largest commanded thrust over the weight, if the rotors can deliver it.", .limits = between(1.1, 100)}),
+        field("start", &C::start,
+              {.about = "``\"between\"``: anywhere in the first nine tenths of the way from one gate to the next. "
+                        "``\"gate\"``: behind a gate, at rest."}),
+        field("start_offset_m", &C::start_offset_m,
+              {.about = "Maximum offset of the start along each axis. All spreads are drawn uniformly up to their maxima, and "
+                        "drawn again if the drone would touch something.",
+               .unit = "m",
+               .limits = between(0, 1000)}),
+        field("start_yaw_deg", &C::start_yaw_deg,
+              {.about = "Maximum angle between the heading and the way to fly.", .unit = "deg", .limits = between(0, 180)}),
+        field("start_tilt_deg", &C::start_tilt_deg,
+              {.about = "Maximum roll and pitch at the start.", .unit = "deg", .limits = between(0, 90)}),
+        field("start_speed_mps", &C::start_speed_mps,
+              {.about = "Maximum speed along each axis of a start between gates.", .unit = "m/s", .limits = between(0, 1000)}),
+        field(
+            "miss_m", &C::miss_m,
+            {.about = "A drone misses a gate if it crosses its plane outside the opening but within this distance of its centre.",
+             .unit = "m",
+             .limits = at_least(0)}),
+        field("max_distance_m", &C::max_distance_m,
+              {.about = "Distance from the next gate beyond which an episode ends as a crash.", .unit = "m", .limits = above(0)}),
+        field("observation_scale", &C::observation_scale,
+              {.about = "Factor of observed offsets, velocities and angular velocities.", .limits = above_up_to(0, 1000)}),
+        field("speed_cap_mps", &C::speed_cap_mps,
+              {.about = "First and last cap on the speed that the progress term rewards.",
+               .unit = "m/s",
+               .limits = above_up_to(0, 1000)}),
+        field("cap_rise_mps", &C::cap_rise_mps,
+              {.about = "Rise of the cap after an episode, until it has reached its last value.",
+               .unit = "m/s",
+               .limits = at_least(0)}),
+        field("cap_episodes", &C::cap_episodes,
+              {.about = "Number of last episodes of an env that decide whether its cap rises.", .limits = between(1, 8)}),
+        field("cap_success", &C::cap_success,
+              {.about = "Share of clean episodes among these at which the cap rises.", .limits = between(0, 1)}),
+        field("progress_weight", &C::progress_weight,
+              {.about =
+                   "Weight of the distance gained towards the centre of the next gate, in m, at most v times the step's time."}),
+        field("gate_weight", &C::gate_weight, {.about = "Reward for each gate that is passed."}),
+        field("rates_weight", &C::rates_weight, {.about = "Weight of the penalty on the angular velocity, in rad/s."}),
+        field("change_weight", &C::change_weight,
+              {.about = "Weight of the penalty on the mean squared difference from the previous action. The first action is "
+                        "compared with 0."}),
+        field("crash_weight", &C::crash_weight, {.about = "Penalty for a crash."}));
+  }
+
+  FLOCKSTEP_API void validate() const;
+};
+
+// Makes the race task. Defaults: "race/figure-8", a racer5, body rates at 50 Hz, episodes of 10 s. Throws std::invalid_argument
+// on a bad config.
+FLOCKSTEP_API std::unique_ptr<Task> make_task(const RaceConfig& config);
+
 // -- The list
 
 // A task that another program registered under this id, for example in Python. The engine cannot make it.
@@ -299,7 +407,7 @@ std::unique_ptr<Task> make_task(const Config& config) = delete;
 // All tasks of the engine, plus std::monostate for none, and RegisteredTask. Recipes and the Python classes, keywords and
 // environments are made from this list. A configuration has a name for recipes (kName), a sentence (kAbout), fields() and
 // make_task().
-using TaskConfig = std::variant<std::monostate, NavigationConfig, HoverConfig, TrackConfig, RegisteredTask>;
+using TaskConfig = std::variant<std::monostate, NavigationConfig, HoverConfig, TrackConfig, RaceConfig, RegisteredTask>;
 
 // True for the configuration of a task of the engine.
 template <class Config>

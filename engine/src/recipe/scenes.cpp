@@ -29,12 +29,13 @@ constexpr std::array<GeneratedScene, 4> kGenerated{
     GeneratedScene{"outdoor/forest", [] { return forest({.seed = 1}); }},
 };
 
-constexpr std::array<SceneGenerator, 7> kGenerators{
+constexpr std::array<SceneGenerator, 8> kGenerators{
     SceneGenerator{"playground", [](std::uint64_t seed) { return playground({.seed = seed}); }},
     SceneGenerator{"forest", [](std::uint64_t seed) { return forest({.seed = seed}); }},
     SceneGenerator{"city", [](std::uint64_t seed) { return city({.seed = seed}); }},
     SceneGenerator{"office", [](std::uint64_t seed) { return office({.seed = seed}); }},
     SceneGenerator{"warehouse", [](std::uint64_t seed) { return warehouse({.seed = seed}); }},
+    SceneGenerator{"race_track", [](std::uint64_t seed) { return race_track({.seed = seed}); }},
     SceneGenerator{"guided_office", [](std::uint64_t seed) { return office({.seed = seed, .waypoints = true}); }},
     SceneGenerator{"guided_warehouse", [](std::uint64_t seed) { return warehouse({.seed = seed, .waypoints = true}); }},
 };

@@ -2,8 +2,10 @@
 #pragma once
 
 #include <Eigen/Core>
+#include <algorithm>
 #include <array>
 #include <cstddef>
+#include <limits>
 #include <numbers>
 
 #include "dynamics/setpoint.hpp"
@@ -65,7 +67,10 @@ inline ActionRanges rotor_speed_ranges(const Airframe& frame) {
 class FlightAction {
  public:
   FlightAction() = default;
-  FlightAction(const DynamicsConfig& config, const Airframe& frame) : control_(config.control) {
+  // max_thrust_to_weight: limit of the commanded total thrust over the weight, for body_rates and attitude.
+  FlightAction(const DynamicsConfig& config, const Airframe& frame,
+               double max_thrust_to_weight = std::numeric_limits<double>::infinity())
+      : control_(config.control) {
     const auto even = [](double most) { return ActionRange{-most, 0.0, most}; };
     const auto radians = [](float degrees) { return static_cast<double>(degrees) * std::numbers::pi / 180.0; };
     const double half_turn = std::numbers::pi;
@@ -73,7 +78,8 @@ class FlightAction {
     const double max_acceleration = static_cast<double>(config.max_acceleration_mps2);
     const double to_acceleration = static_cast<double>(kRotors) / frame.mass_kg;
     const double least = frame.thrust_at(frame.min_speed_radps);
-    const ActionRange thrust{to_acceleration * least, kGravity, to_acceleration * frame.max_thrust()};
+    const double most = std::min(to_acceleration * frame.max_thrust(), max_thrust_to_weight * kGravity);
+    const ActionRange thrust{to_acceleration * least, kGravity, most};
     const ActionRange rotor{least, frame.mass_kg * kGravity / static_cast<double>(kRotors), frame.max_thrust()};
     const ActionRange rate = even(radians(config.max_rate_dps)), yaw_rate = even(radians(config.max_yaw_rate_dps));
     const ActionRange tilt = even(radians(config.max_tilt_deg)), yaw = even(half_turn);

@@ -86,7 +86,7 @@ class FlightTask : public Task {
   bool takes(Control control) const override { return control != Control::pose; }
 
   void setup(const TaskContext& context) override {
-    action_ = FlightAction(context.dynamics(), *context.drone_model().airframe());
+    action_ = FlightAction(context.dynamics(), *context.drone_model().airframe(), max_thrust_to_weight_);
     rotor_ = rotor_speed_ranges(*context.drone_model().airframe());
     step_s_ = context.clock().step_s();
     targets_.resize(3 * context.num_drones());
@@ -186,6 +186,7 @@ class FlightTask : public Task {
   const std::vector<float>& action_before() const { return action_before_; }
 
   TaskSpec spec_;
+  double max_thrust_to_weight_ = std::numeric_limits<double>::infinity();  // of actions, set before setup()
 
  private:
   FlightAction action_;

@@ -125,12 +125,14 @@ TEST(ConfigJson, EachDefaultComesBack) {
   comes_back(NavigationReward());
   comes_back(PoseSensorConfig());
   comes_back(TrackConfig());
+  comes_back(RaceConfig());
   comes_back(WindConfig());
   comes_back(PlaygroundConfig{.seed = ~std::uint64_t{0}});
   comes_back(ForestConfig());
   comes_back(CityConfig());
   comes_back(OfficeConfig());
   comes_back(WarehouseConfig());
+  comes_back(RaceTrackConfig());
 }
 
 TEST(ConfigJson, EachFloatKeepsItsBits) {

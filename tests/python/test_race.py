@@ -1,0 +1,509 @@
+"""Race: the engine's task against its NumPy twin, crossings by hand, the shipped tracks and the generator."""
+
+import pickle
+
+import gymnasium
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+import flockstep
+from flockstep.rotations import rotate
+from flockstep.testing import check_vector_env
+
+TRACKS = ("race/figure-8", "race/split-s", "race/warehouse")
+LANE = flockstep.World.from_dict(
+    {
+        "flockstep_scene": 1,
+        "name": "lane",
+        "room": {"min": [-30, -10, 0], "max": [30, 10, 10]},
+        "gates": [{"center": [x, 0, 5], "solid": False} for x in (0, 4)],
+    }
+)
+LOOP = flockstep.World.from_dict(
+    {
+        "flockstep_scene": 1,
+        "name": "loop",
+        "room": {"min": [-10, -10, 0], "max": [10, 10, 10]},
+        "gates": [  # counter-clockwise
+            {"center": [1.6, 0, 5], "quat_wxyz": [0.5**0.5, 0, 0, 0.5**0.5], "solid": False},
+            {"center": [0, 1.6, 5], "quat_wxyz": [0, 0, 0, 1], "shape": "ring", "solid": False},
+            {"center": [-1.6, 0, 5], "quat_wxyz": [0.5**0.5, 0, 0, -(0.5**0.5)], "solid": False},
+            {"center": [0, -1.6, 5], "solid": False},
+        ],
+    }
+)
+OPEN = flockstep.World.from_dict(
+    {"flockstep_scene": 1, "gates": [{"center": [0, 0, 5]}, {"center": [8, 0, 5], "shape": "ring"}]}
+)
+STEP_S = 0.02
+ROUNDING = 5e-6  # of float32, for values computed from the same state
+DRIFT = 1e-2  # after a flight of less than a second with commands that differ by rounding
+
+
+def make(num_envs=1, worlds=LANE, **keywords):
+    envs = flockstep.DroneVectorEnv(num_envs, task=flockstep.RaceConfig(), worlds=worlds, **keywords)
+    envs.reset(seed=0)
+    return envs
+
+
+def still(num_envs=1):
+    return np.zeros((num_envs, 4), np.float32)
+
+
+def level(batch, position, velocity=(0, 0, 0)):
+    """Put the drones at a position, level, facing along x."""
+    n = batch.num_drones
+    batch.set_pose(np.broadcast_to(position, (n, 3)), np.tile([1, 0, 0, 0], (n, 1)))
+    batch.set_velocity(np.broadcast_to(velocity, (n, 3)))
+
+
+def before_first_gate(**keywords):
+    """Return an env whose next gate is the first of the lane."""
+    envs = make(**keywords)
+    while envs.batch.task_state["target"][0] != 0:
+        envs.reset()
+    return envs
+
+
+def towards_gates(batch, speed):
+    """Velocities (N, 3) from the drones to points behind their next gates."""
+    aims = []
+    for world, target in zip(batch.world_index, batch.task_state["target"], strict=True):
+        gate = batch.worlds[world].gates[target]
+        aims.append(gate["center"] + rotate(np.array(gate["quat_wxyz"]), np.array([0.3, 0, 0])))
+    way = aims - batch.position
+    return speed * way / np.linalg.norm(way, axis=1, keepdims=True)
+
+
+class TestTwin:
+    # With these small offsets no start touches a frame; the twin does not draw starts again.
+    CASES = (
+        flockstep.RaceConfig(
+            start_offset_m=0.2,
+            laps=1,
+            cap_success=0.2,
+            cap_rise_mps=3.0,
+            cap_episodes=5,
+            speed_cap_mps=(2.0, 16.0),
+            crash_weight=2.5,
+        ),
+        flockstep.RaceConfig(
+            start_offset_m=0.2, gates_ahead=3, start="gate", observation_scale=0.5, change_weight=0.3, rates_weight=0.2
+        ),
+        flockstep.RaceConfig(
+            start_offset_m=0.2, laps=1, gates_ahead=1, max_distance_m=9.5, miss_m=1.5, cap_success=0.0, gate_weight=2.0
+        ),
+    )
+
+    @pytest.mark.parametrize("case", range(len(CASES)))
+    def test_agree(self, example, case):
+        """Compare with noise in the observed poses, several tracks, and all kinds of episode ends."""
+        example("hover_numpy")
+        race, config = example("race_numpy"), self.CASES[case]
+        mode = ("next_step", "same_step", "disabled")[case]
+        arguments = {
+            "worlds": [LOOP, flockstep.World.race_track(case), *map(flockstep.World.load, TRACKS[:2])],
+            "pose_sensor": flockstep.PoseSensorConfig(position_noise_std_m=0.01, orientation_noise_std_deg=2.0),
+            "autoreset_mode": mode,
+            "max_episode_steps": 40,
+            "random_world": True,
+            "frame_skip": 1 + case % 2,
+            "num_threads": 1,
+        }
+        engine = flockstep.DroneVectorEnv(40, task=config, **arguments)
+        twin_task = race.Race(config)
+        twin_task.max_episode_steps = 40
+        twin = flockstep.DroneVectorEnv(40, task=twin_task, **arguments)
+        np.testing.assert_allclose(engine.reset(seed=0)[0], twin.reset(seed=0)[0], rtol=ROUNDING, atol=ROUNDING)
+        rng, ends, passed = np.random.default_rng(case), np.zeros(len(flockstep.EpisodeEnd), int), 0
+        actions = np.zeros((40, 4))
+        for _ in range(200):
+            velocity = towards_gates(engine.batch, 16)
+            # Every second drone is steered through all gates, the others only from their starts.
+            mask = (engine.batch.steps == 0) | (np.arange(40) % 2 == 0)
+            for envs in (engine, twin):
+                envs.batch.set_velocity(velocity, None, None, mask)
+            actions = 0.9 * actions + rng.normal(0, 0.1, (40, 4))
+            ours, theirs = engine.step(actions.astype(np.float32)), twin.step(actions.astype(np.float32))
+            np.testing.assert_array_equal(ours[2], theirs[2])
+            np.testing.assert_array_equal(ours[3], theirs[3])
+            seen = twin_task.observe(engine.batch)
+            np.testing.assert_allclose(engine.batch.observation, seen, rtol=ROUNDING, atol=ROUNDING)
+            np.testing.assert_allclose(ours[0], theirs[0], atol=DRIFT)
+            np.testing.assert_allclose(engine.batch.reward_terms, twin.batch.reward_terms, atol=DRIFT)
+            state = engine.batch.task_state
+            for name in ("target", "passed", "outcome"):
+                np.testing.assert_array_equal(state[name], getattr(twin_task, name))
+            np.testing.assert_allclose(state["speed_cap"], twin_task.speed_cap, rtol=1e-6)
+            passed += engine.batch.reward_terms[:, 1].astype(bool).sum()
+            ended = ours[2] | ours[3]
+            if not ended.any():
+                continue
+            infos, expected = (s[4].get("final_info", s[4]) for s in (ours, theirs))
+            for key in ("episode_length", "success", "crashed", "bad_state", "episode_end"):
+                np.testing.assert_array_equal(infos[key], expected[key])
+            ends += np.bincount(infos["episode_end"][ended], minlength=len(ends))
+            if mode == "disabled":
+                options = {"reset_mask": ended}
+                np.testing.assert_allclose(engine.reset(options=options)[0], twin.reset(options=options)[0], atol=DRIFT)
+        kinds = flockstep.EpisodeEnd
+        assert passed > 40
+        assert ends[kinds.contact] > 2
+        assert ends[kinds.task] > 2  # misses
+        assert ends[kinds.success] > 2 or config.laps > 1
+        assert ends[kinds.left_area] > 0 or config.max_distance_m > 10
+        assert (twin_task.speed_cap > config.speed_cap_mps[0]).any() or config.laps > 1
+
+
+class TestEpisodes:
+    def test_the_environment(self):
+        envs = gymnasium.make_vec("flockstep/Race-v0", 4, laps=2)
+        assert envs.unwrapped.batch.worlds[0].name == "race/figure-8"
+        assert envs.unwrapped.batch.drone.name == "racer5"
+        assert envs.single_observation_space.shape == (25,)
+        envs.close()
+
+    def test_the_checker(self):
+        check_vector_env(
+            lambda n: flockstep.DroneVectorEnv(n, task=flockstep.RaceConfig(), max_episode_steps=20), steps=50
+        )
+
+    def test_terms_by_hand(self):
+        envs = before_first_gate(
+            progress_weight=2.0, gate_weight=3.0, rates_weight=5.0, change_weight=7.0, crash_weight=11.0
+        )
+        batch = envs.batch
+        assert batch.spec.reward_terms == ["progress", "gate", "rates", "change", "crash"]
+        assert batch.spec.records_path
+        level(batch, (-3, 0, 5))
+        batch.step(still())  # measures the distance from here
+        level(batch, (-2.9, 0, 5))
+        batch.step(np.float32([[0.5, -0.5, 3.0, 0]]))
+        progress, gate, rates, change, crash = batch.reward_terms[0]
+        assert progress == pytest.approx(2 * 0.1, rel=0.02)
+        assert gate == 0
+        assert rates == pytest.approx(-5 * np.linalg.norm(batch.angular_velocity), rel=1e-5) != 0
+        assert change == pytest.approx(-7 * (0.25 + 0.25 + 1) / 4)
+        assert crash == 0
+        level(batch, (-0.1, 0, 5), (10, 0, 0))
+        batch.step(still())
+        assert batch.reward_terms[0, 1] == 3
+        assert batch.task_state["passed"][0] == 1
+        level(batch, (3.9, 2, 5), (10, 0, 0))
+        batch.step(still())
+        assert batch.reward_terms[0, 4] == -11
+        assert batch.terminated[0]
+
+    def test_progress_is_rewarded_up_to_the_cap(self):
+        envs = before_first_gate(progress_weight=1.0, speed_cap_mps=(3.0, 3.0))
+        for speed, rewarded in ((2, 2), (3.5, 3), (10, 3), (-10, -10)):
+            level(envs.batch, (-5, 0, 5))
+            envs.batch.step(still())
+            level(envs.batch, (-5, 0, 5), (speed, 0, 0))
+            envs.batch.step(still())
+            assert envs.batch.reward_terms[0, 0] == pytest.approx(rewarded * STEP_S, rel=0.03)
+
+    def test_the_path_is_that_of_the_last_flown_step(self):
+        envs = make(3, worlds="race/split-s")
+        for _ in range(20):
+            before = envs.batch.position.copy()
+            envs.batch.step(np.random.default_rng(0).uniform(-1, 1, (3, 4)).astype(np.float32))
+            flown = envs.batch.flying
+            path = envs.batch.path
+            assert path.shape == (3, 11, 3)
+            np.testing.assert_array_equal(path[flown, 0], before[flown])
+            goes_on = flown & (envs.batch.steps > 0)
+            np.testing.assert_array_equal(path[goes_on, -1], envs.batch.position[goes_on])
+            assert (np.linalg.norm(np.diff(path, axis=1), axis=2) < 0.1).all()
+
+    def test_a_task_without_the_path_has_none(self):
+        envs = flockstep.DroneVectorEnv(1, task=flockstep.HoverConfig())
+        with pytest.raises(RuntimeError, match=r"path: this task does not record it"):
+            _ = envs.batch.path
+
+    def test_farther_than_the_limit_ends_the_episode(self):
+        envs = before_first_gate(worlds=OPEN, max_distance_m=6.0)
+        level(envs.batch, (-5.9, 0, 5))
+        assert not envs.step(still())[2][0]
+        level(envs.batch, (-6.1, 0, 5))
+        _, _, terminated, _, infos = envs.step(still())
+        assert terminated[0]
+        assert infos["episode_end"][0] == flockstep.EpisodeEnd.left_area
+
+    def test_the_thrust_is_limited(self):
+        for most, expected in ((4.0, 4.0), (2.0, 2.0), (100.0, None)):
+            envs = make(worlds=OPEN, max_thrust_to_weight=most, max_distance_m=1e4, autoreset_mode="disabled")
+            level(envs.batch, (-5, 5, 5))
+            for _ in range(25):
+                envs.step(np.float32([[1, 0, 0, 0]]))
+            upward = envs.batch.acceleration[0, 2] / 9.81 + 1
+            frame = envs.batch.drone
+            assert upward == pytest.approx(expected or 4 * frame.max_thrust_n / frame.mass_kg / 9.81, rel=0.03)
+
+    def test_rates_reach_their_limits(self):
+        envs = make(worlds=OPEN, max_distance_m=1e4)
+        for axis, limit in ((0, 460), (1, 460), (2, 230)):
+            level(envs.batch, (-5, 5, 5))
+            action = still()
+            action[0, 1 + axis] = 1
+            for _ in range(100):
+                envs.step(action)
+            rate = np.degrees(envs.batch.angular_velocity[0, axis])
+            assert 0.85 * limit < rate < 1.02 * limit  # yaw has little authority
+
+    def test_the_observation(self):
+        envs = make(50, worlds=OPEN, gates_ahead=3)
+        batch, rng = envs.batch, np.random.default_rng(0)
+        quat = Rotation.random(50, random_state=1).as_quat(scalar_first=True)
+        batch.set_pose(np.add(rng.uniform(-3, -1, (50, 3)), [0, 0, 8]), quat)
+        batch.set_velocity(rng.uniform(-1, 1, (50, 3)), rng.uniform(-1, 1, (50, 3)))
+        actions = rng.uniform(-0.2, 0.2, (50, 4)).astype(np.float32)
+        seen, *_ = envs.step(actions)
+        turn, target = batch.quat_wxyz.astype(float), batch.task_state["target"]
+        for i in range(3):
+            center = np.array([[0, 0, 5], [8, 0, 5]])[(target + i) % 2]
+            offset = rotate(turn, seen[:, 6 * i : 6 * i + 3].astype(float)) / 0.2
+            np.testing.assert_allclose(batch.position + offset, center, atol=1e-4)
+            ahead = rotate(turn, seen[:, 6 * i + 3 : 6 * i + 6].astype(float))
+            np.testing.assert_allclose(ahead, np.tile([1, 0, 0], (50, 1)), atol=1e-5)
+        np.testing.assert_allclose(rotate(turn, seen[:, 18:21].astype(float)) / 0.2, batch.velocity, atol=1e-5)
+        np.testing.assert_allclose(rotate(turn, seen[:, 21:24].astype(float)), np.tile([0, 0, 1], (50, 1)), atol=1e-5)
+        np.testing.assert_allclose(seen[:, 24:27] / 0.2, batch.angular_velocity, atol=1e-5)
+        np.testing.assert_allclose(seen[:, 27:], actions)
+
+
+class TestStarts:
+    def test_between_gates(self):
+        batch = make(20_000, worlds=OPEN, start_speed_mps=2.0, start_yaw_deg=20.0, start_tilt_deg=10.0).batch
+        target = batch.task_state["target"]
+        assert 0.48 < target.mean() < 0.52
+        way = batch.position[target == 1]  # from the first gate at x = 0 to the second at x = 8
+        assert way[:, 0].min() == pytest.approx(-0.2, abs=0.05)
+        assert way[:, 0].max() == pytest.approx(0.3 + 0.9 * 7.2 + 0.5, abs=0.05)
+        for axis, middle in ((1, 0), (2, 5)):
+            assert np.abs(way[:, axis] - middle).max() == pytest.approx(0.5, abs=0.01)
+        assert np.abs(batch.velocity).max(axis=0) == pytest.approx([2, 2, 2], rel=0.01)
+        yaw, pitch, roll = Rotation.from_quat(batch.quat_wxyz[target == 1], scalar_first=True).as_euler("ZYX", True).T
+        for angle, most in ((yaw, 20), (pitch, 10), (roll, 10)):
+            assert np.abs(angle).max() == pytest.approx(most, rel=0.01)
+            assert np.abs(angle).mean() == pytest.approx(most / 2, rel=0.02)
+        np.testing.assert_allclose(batch.task_state["distance"][target == 1], np.linalg.norm(way - [8, 0, 5], axis=1))
+
+    def test_at_a_gate(self):
+        batch = make(200, worlds="race/figure-8", start="gate", start_offset_m=0.0, start_tilt_deg=0.0).batch
+        assert not batch.velocity.any()
+        gates, target = batch.worlds[0].gates, batch.task_state["target"]
+        assert set(target) == set(range(7))
+        last = [gates[(t - 1) % 7] for t in target]
+        for position, gate in zip(batch.position, last, strict=True):
+            behind = rotate(np.array(gate["quat_wxyz"]), (position - gate["center"]).astype(float), inverse=True)
+            np.testing.assert_allclose(behind, [0.3, 0, 0], atol=1e-5)
+
+    @pytest.mark.parametrize("track", TRACKS)
+    @pytest.mark.parametrize("start", ["between", "gate"])
+    def test_touch_nothing(self, track, start):
+        envs = make(3000, worlds=track, start=start, start_offset_m=0.7)
+        envs.batch.step(still(3000))
+        assert not envs.batch.contact.inside.any()
+
+
+class TestCurriculum:
+    def test_the_cap_rises_after_clean_episodes_only(self):
+        config = {
+            "laps": 1,
+            "cap_success": 0.25,
+            "cap_episodes": 8,
+            "cap_rise_mps": 0.2,
+            "speed_cap_mps": (4.0, 6.0),
+        }
+        envs = before_first_gate(autoreset_mode="same_step", **config)
+        batch = envs.batch
+
+        def fly(clean):
+            for _ in range(2):
+                x = 4 * int(batch.task_state["target"][0])
+                level(batch, (x - 0.1, 0 if clean else 2, 5), (10, 0, 0))
+                terminated = envs.step(still())[2][0]
+                if terminated:
+                    break
+            assert terminated
+            return float(batch.task_state["speed_cap"][0])
+
+        # 2 of the last 8 have to be clean.
+        assert [fly(False), fly(True)] == [4, 4]
+        assert fly(True) == pytest.approx(4.2)
+        assert [fly(False) for _ in range(5)] == pytest.approx([4.4, 4.6, 4.8, 5.0, 5.2])
+        assert [fly(False) for _ in range(3)] == pytest.approx([5.4, 5.4, 5.4])
+        assert [fly(True) for _ in range(6)] == pytest.approx([5.4, 5.6, 5.8, 6.0, 6.0, 6.0])
+
+    def test_an_episode_at_its_time_limit_is_clean_after_a_lap(self):
+        for passed, cap in ((1, 4.0), (2, 4.2)):
+            envs = before_first_gate(
+                autoreset_mode="same_step",
+                laps=2,
+                cap_success=0.25,
+                cap_rise_mps=0.2,
+                speed_cap_mps=(4.0, 6.0),
+                max_episode_steps=5,
+            )
+            level(envs.batch, (-0.1, 0, 5), (10, 0, 0))
+            envs.step(still())
+            level(envs.batch, (3.9, 0, 5) if passed == 2 else (1, 0, 5), (10, 0, 0))
+            for _ in range(4):
+                _, _, terminated, truncated, _ = envs.step(still())
+                level(envs.batch, (-5, 0, 5)) if not truncated[0] else None
+            assert truncated[0]
+            assert not terminated[0]
+            assert envs.batch.task_state["speed_cap"][0] == pytest.approx(cap)
+
+    def test_snapshots_keep_it(self):
+        config = {"laps": 1, "cap_success": 0.0, "speed_cap_mps": (4.0, 6.0), "max_episode_steps": 10}
+        envs = make(8, worlds=OPEN, **config)
+        rng = np.random.default_rng(0)
+        actions = rng.uniform(-1, 1, (60, 8, 4)).astype(np.float32)
+        for action in actions[:30]:
+            envs.step(action)
+        blob = envs.snapshot()
+        first = [envs.step(action) for action in actions[30:]]
+        assert (envs.batch.task_state["speed_cap"] > 4).all()
+        envs.restore(blob)
+        for step, action in zip(first, actions[30:], strict=True):
+            again = envs.step(action)
+            for a, b in zip(step[:4], again[:4], strict=True):
+                np.testing.assert_array_equal(a, b)
+
+
+def test_bad_configurations_are_refused():
+    with pytest.raises(ValueError, match=r"task\.speed_cap_mps: expected a first cap that is at most the last"):
+        make(speed_cap_mps=(5.0, 4.0))
+    with pytest.raises(ValueError, match=r'world "arena/hall": gates: expected at least 2, got 0'):
+        make(worlds="arena/hall")
+    with pytest.raises(ValueError, match=r'control: expected a control that this task takes \("body_rates"\)'):
+        make(control="attitude")
+
+
+def test_the_configuration_pickles():
+    config = flockstep.RaceConfig(laps=5, start="gate")
+    again = pickle.loads(pickle.dumps(config))
+    assert again.laps == 5
+    assert again.start == "gate"
+
+
+def frames(world):
+    """Centres, normals and sizes of a world's gates."""
+    gates = world.gates
+    quats = np.array([gate["quat_wxyz"] for gate in gates])
+    centers = np.array([gate["center"] for gate in gates], float)
+    return centers, rotate(quats, np.array([1.0, 0, 0])), np.array([gate["size_m"] for gate in gates])
+
+
+def test_gates_of_a_world():
+    square, ring = OPEN.gates
+    assert square["shape"] == "square"
+    assert ring["shape"] == "ring"
+    assert ring["center"].tolist() == [8, 0, 5]
+    assert square["quat_wxyz"] == (1, 0, 0, 0)
+    assert (square["size_m"], square["bar_m"]) == (1.5, pytest.approx(0.1))
+    assert (square["visible"], square["solid"], square["material"]) == (True, True, "default")
+    assert len(OPEN.primitives) == 4 + 16
+    again = flockstep.World.from_dict(OPEN.to_dict())
+    assert again.to_dict() == OPEN.to_dict()
+
+
+def test_the_builder_adds_gates():
+    builder = flockstep.WorldBuilder("mine")
+    material = builder.material("gate", (0.9, 0.3, 0.1))
+    builder.gate((0, 0, 2), material)
+    builder.gate((5, 0, 2), material, (0, 0, 0, 1), shape="ring", size_m=2, bar_m=0.2, solid=False)
+    first, second = builder.build().gates
+    assert first["size_m"] == 1.5
+    assert second["quat_wxyz"] == (0, 0, 0, 1)
+    assert (second["shape"], second["size_m"], second["solid"]) == ("ring", 2, False)
+    with pytest.raises(ValueError, match="shape: expected"):
+        builder.gate((0, 0, 2), material, shape="oval")
+
+
+@pytest.mark.parametrize("track", TRACKS)
+def test_shipped_tracks(track):
+    """The straight way from gate to gate is free, and no gate lies in the miss zone of the next."""
+    world = flockstep.World.load(track)
+    centers, normals, sizes = frames(world)
+    ways = np.roll(centers, -1, axis=0) - centers
+    lengths = np.linalg.norm(ways, axis=1)
+    assert lengths.min() >= 4
+    assert lengths.max() < 12
+    # Someone who leaves a gate forwards does not cross the plane of the next one within its miss zone.
+    beyond = ((np.roll(centers, 1, axis=0) - centers) * normals).sum(axis=1)
+    is_apart = np.roll(lengths, 1) - np.roll(sizes, 1) / 2 > 3
+    assert ((beyond < -1) | is_apart).all()
+    batch = flockstep.Batch([world], len(centers), drone=flockstep.DroneModel.load("racer5"))
+    batch.set_pose(centers, np.tile([1, 0, 0, 0], (len(centers), 1)))
+    following = np.roll(centers, -1, axis=0)
+    for place in (centers + 0.8 * normals, following - 0.8 * np.roll(normals, -1, axis=0), following):
+        assert not batch.move(place).hit.any()
+
+
+class TestGenerator:
+    def test_promises(self):
+        """Spacing, turns and climbs of many tracks; no gate is in the miss zone of the next; the ways are free."""
+        for seed in range(60):
+            world = flockstep.World.race_track(seed, gates=4 + seed % 9, size_m=(30, 24, 9))
+            centers, normals, _ = frames(world)
+            assert len(centers) == 4 + seed % 9
+            ways = np.roll(centers, -1, axis=0) - centers
+            lengths = np.linalg.norm(ways, axis=1)
+            assert lengths.min() > 4.49
+            assert lengths.max() < 12.01
+            level_ways = ways[:, :2] / np.linalg.norm(ways[:, :2], axis=1, keepdims=True)
+            np.testing.assert_allclose(normals[:, 2], 0, atol=1e-6)
+            for adjacent in (level_ways, np.roll(level_ways, 1, axis=0)):
+                assert ((adjacent * normals[:, :2]).sum(axis=1) > np.cos(np.radians(60.1))).all()
+            assert (np.abs(ways[:, 2]) < 0.401 * np.linalg.norm(ways[:, :2], axis=1)).all()
+            beyond = ((np.roll(centers, 1, axis=0) - centers) * normals).sum(axis=1)
+            assert beyond.max() < -2
+            batch = flockstep.Batch([world], len(centers), drone=flockstep.DroneModel.load("racer5"))
+            batch.set_pose(centers, np.tile([1, 0, 0, 0], (len(centers), 1)))
+            assert not batch.move(np.roll(centers, -1, axis=0)).hit.any()
+            assert world.start is not None
+            assert world.goal is not None
+
+    def test_races_start_in_many(self):
+        envs = make(60, worlds=[flockstep.World.race_track(seed) for seed in range(30)])
+        envs.step(still(60))
+        assert not envs.batch.contact.inside.any()
+
+    def test_rings(self):
+        def share(rings):
+            gates = [gate for seed in range(20) for gate in flockstep.World.race_track(seed, rings=rings).gates]
+            return np.mean([gate["shape"] == "ring" for gate in gates])
+
+        assert share(0.0) == 0
+        assert share(1.0) == 1
+        assert 0.3 < share(0.5) < 0.7
+
+    def test_the_same_arguments_make_the_same_world(self):
+        first = flockstep.World.race_track(3)
+        assert first.to_dict() == flockstep.World.race_track(3).to_dict()
+        assert first.to_dict() != flockstep.World.race_track(4).to_dict()
+        assert flockstep.World.load("race_track/seed-3").to_dict() == first.to_dict()
+        # Computed with correctly rounded operations, so it is the same on every machine.
+        centers = np.array([gate["center"] for gate in first.gates])
+        np.testing.assert_allclose(centers.astype(float).sum(axis=0), CENTERS_OF_SEED_3, atol=1e-4)
+
+    @pytest.mark.parametrize(
+        ("fields", "message"),
+        [
+            ({"gates": 3}, r"gates: expected an integer in \[4, 20\], got 3"),
+            ({"rings": 1.5}, r"rings: expected a number in \[0, 1\], got 1.5"),
+            ({"gate_size_m": 1.0}, r"gate_size_m: expected a number in \[1.2, 2\], got 1"),
+            ({"size_m": (11, 20, 8)}, r"size_m\[0\]: expected a number in \[12, 200\], got 11"),
+            ({"size_m": (12, 12, 4), "gates": 20}, r"gates: expected few enough for a hall of 12 x 12 x 4 m, got 20"),
+        ],
+    )
+    def test_bad_arguments_are_refused(self, fields, message):
+        with pytest.raises(ValueError, match=f"race_track: {message}"):
+            flockstep.World.race_track(0, **fields)
+
+
+CENTERS_OF_SEED_3 = (80.99, 74.13, 24.9)
