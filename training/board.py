@@ -44,7 +44,7 @@ CURVE_FLIGHTS = 200
 
 @dataclass(frozen=True)
 class Verdict:
-    """What flights say about a policy."""
+    """Results of the flights of a policy."""
 
     success: float
     """Share of successful flights."""

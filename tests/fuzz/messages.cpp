@@ -16,6 +16,7 @@
 #include "flockstep/tasks.hpp"
 #include "fuzz/targets.hpp"
 #include "service/service.hpp"
+#include "service/workload.hpp"
 
 namespace flockstep::fuzz {
 namespace {
@@ -93,7 +94,8 @@ void messages(Bytes input) {
   if (input.empty()) return;
   const std::unique_ptr<Batch> batch = make_batch(input[0]);
   const ServerConfig config{.ownership = input[0] >= 128};
-  server::Service service(*batch, config, [](const std::function<void()>& work) { work(); });
+  server::Workload workload;
+  server::Service service(*batch, config, [](const std::function<void()>& work) { work(); }, workload);
   const std::shared_ptr<Collector> clients[] = {std::make_shared<Collector>(), std::make_shared<Collector>()};
   clients[0]->number = 1;
   clients[1]->number = 2;
