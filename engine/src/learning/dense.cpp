@@ -123,10 +123,11 @@ void forward_then(const Layer& layer, const float* parameters, const float* tran
                   float* y) {
   const std::size_t in = padded(layer.in), out = padded(layer.out);
   const float* bias = parameters + layer.bias;
-  multiply({.a = x, .a_row = in, .a_k = 1, .b = transposed + layer.transposed, .b_row = out, .depth = layer.in}, rows, layer.out,
-           [=](std::size_t, std::size_t column) HWY_ATTR { return hn::Load(kTag, bias + column); },
-           [=](std::size_t row, std::size_t column, Floats sum)
-               HWY_ATTR { hn::Store(applied<kAfter>(sum), kTag, y + row * out + column); });
+  multiply(
+      {.a = x, .a_row = in, .a_k = 1, .b = transposed + layer.transposed, .b_row = out, .depth = layer.in}, rows, layer.out,
+      [=](std::size_t, std::size_t column) HWY_ATTR { return hn::Load(kTag, bias + column); },
+      [=](std::size_t row, std::size_t column, Floats sum)
+          HWY_ATTR { hn::Store(applied<kAfter>(sum), kTag, y + row * out + column); });
 }
 
 void forward(const Layer& layer, const float* parameters, const float* transposed, const float* x, std::size_t rows, float* y) {
@@ -143,9 +144,10 @@ void forward(const Layer& layer, const float* parameters, const float* transpose
 void add_gradient(const Layer& layer, const float* x, const float* dy, std::size_t rows, float* gradient) {
   const std::size_t in = padded(layer.in), out = padded(layer.out);
   float* weight = gradient + layer.weight;
-  multiply({.a = dy, .a_row = 1, .a_k = out, .b = x, .b_row = in, .depth = rows}, layer.out, layer.in,
-           [=](std::size_t row, std::size_t column) HWY_ATTR { return hn::Load(kTag, weight + row * in + column); },
-           [=](std::size_t row, std::size_t column, Floats sum) HWY_ATTR { hn::Store(sum, kTag, weight + row * in + column); });
+  multiply(
+      {.a = dy, .a_row = 1, .a_k = out, .b = x, .b_row = in, .depth = rows}, layer.out, layer.in,
+      [=](std::size_t row, std::size_t column) HWY_ATTR { return hn::Load(kTag, weight + row * in + column); },
+      [=](std::size_t row, std::size_t column, Floats sum) HWY_ATTR { hn::Store(sum, kTag, weight + row * in + column); });
   float* bias = gradient + layer.bias;
   for (std::size_t column = 0; column < layer.out; column += kLanes) {
     Floats sum = hn::Load(kTag, bias + column);
@@ -157,12 +159,13 @@ void add_gradient(const Layer& layer, const float* x, const float* dy, std::size
 template <After kBefore>
 void backward_to(const Layer& layer, const float* parameters, const float* dy, const float* x, std::size_t rows, float* dx) {
   const std::size_t in = padded(layer.in), out = padded(layer.out);
-  multiply({.a = dy, .a_row = out, .a_k = 1, .b = parameters + layer.weight, .b_row = in, .depth = layer.out}, rows, layer.in,
-           [](std::size_t, std::size_t) HWY_ATTR { return hn::Zero(kTag); },
-           [=](std::size_t row, std::size_t column, Floats sum) HWY_ATTR {
-             const std::size_t at = row * in + column;
-             hn::Store(with_derivative<kBefore>(sum, hn::Load(kTag, x + at)), kTag, dx + at);
-           });
+  multiply(
+      {.a = dy, .a_row = out, .a_k = 1, .b = parameters + layer.weight, .b_row = in, .depth = layer.out}, rows, layer.in,
+      [](std::size_t, std::size_t) HWY_ATTR { return hn::Zero(kTag); },
+      [=](std::size_t row, std::size_t column, Floats sum) HWY_ATTR {
+        const std::size_t at = row * in + column;
+        hn::Store(with_derivative<kBefore>(sum, hn::Load(kTag, x + at)), kTag, dx + at);
+      });
 }
 
 void backward(const Layer& layer, const float* parameters, const float* dy, After before, const float* x, std::size_t rows,

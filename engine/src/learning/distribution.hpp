@@ -25,7 +25,7 @@ class Distribution {
   explicit Distribution(const NetworkConfig& config)
       : is_discrete_(config.is_discrete), size_(static_cast<std::size_t>(config.action_size)) {}
 
-  std::size_t outputs() const { return size_; }                          // of the actor
+  std::size_t outputs() const { return size_; }                         // of the actor
   std::size_t action_size() const { return is_discrete_ ? 1 : size_; }  // numbers that an action is stored as
   // Call this after the parameters have changed; for discrete actions log_std is not read.
   void set(const float* log_std);

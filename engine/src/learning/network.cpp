@@ -15,7 +15,8 @@ std::vector<Layer> layers_of(std::size_t in, const std::vector<int>& hidden, std
                              Network& network) {
   std::vector<Layer> layers;
   const auto add = [&](std::size_t size, After after) {
-    Layer layer{.in = in, .out = size, .weight = network.num_padded, .bias = 0, .transposed = network.num_transposed, .after = after};
+    Layer layer{
+        .in = in, .out = size, .weight = network.num_padded, .bias = 0, .transposed = network.num_transposed, .after = after};
     layer.bias = layer.weight + size * padded(in);
     network.num_padded = layer.bias + padded(size);
     network.num_transposed += in * padded(size);
@@ -74,16 +75,14 @@ void Network::for_each_run(const F& f) const {
 }
 
 void Network::unpack(std::span<const float> plain, std::span<float> padded) const {
-  for_each_run([&](std::size_t from, std::size_t to, std::size_t count) {
-    std::copy_n(plain.data() + from, count, padded.data() + to);
-  });
+  for_each_run(
+      [&](std::size_t from, std::size_t to, std::size_t count) { std::copy_n(plain.data() + from, count, padded.data() + to); });
 }
 
 std::vector<float> Network::packed(std::span<const float> padded) const {
   std::vector<float> plain(num_parameters);
-  for_each_run([&](std::size_t to, std::size_t from, std::size_t count) {
-    std::copy_n(padded.data() + from, count, plain.data() + to);
-  });
+  for_each_run(
+      [&](std::size_t to, std::size_t from, std::size_t count) { std::copy_n(padded.data() + from, count, plain.data() + to); });
   return plain;
 }
 
@@ -98,8 +97,8 @@ void Network::initialise(std::uint64_t seed, std::span<float> padded_values) con
       Eigen::MatrixXd random(std::max(rows, columns), std::min(rows, columns));
       std::uint32_t index = 0;
       for (Eigen::Index i = 0; i < random.size(); ++i) {
-        random.data()[i] = normal_pair(philox4x32({index++, number, 0, 0}, {static_cast<std::uint32_t>(seed),
-                                                                             static_cast<std::uint32_t>(seed >> 32U)}))[0];
+        random.data()[i] = normal_pair(
+            philox4x32({index++, number, 0, 0}, {static_cast<std::uint32_t>(seed), static_cast<std::uint32_t>(seed >> 32U)}))[0];
       }
       ++number;
       const Eigen::HouseholderQR<Eigen::MatrixXd> qr(random);

@@ -17,11 +17,11 @@ struct Network {
   explicit Network(const NetworkConfig& config);
 
   std::vector<Layer> actor, critic;
-  std::size_t log_std = 0;              // first of action_size numbers; only for actions that are numbers
-  std::size_t num_padded = 0;           // parameters with padding
-  std::size_t num_transposed = 0;       // transposed weights with padding
-  std::vector<ParameterInfo> infos;     // in the order of the plain parameters
-  std::size_t num_parameters = 0;       // without padding
+  std::size_t log_std = 0;           // first of action_size numbers; only for actions that are numbers
+  std::size_t num_padded = 0;        // parameters with padding
+  std::size_t num_transposed = 0;    // transposed weights with padding
+  std::vector<ParameterInfo> infos;  // in the order of the plain parameters
+  std::size_t num_parameters = 0;    // without padding
 
   // Copies between plain and padded parameters.
   void unpack(std::span<const float> plain, std::span<float> padded) const;
