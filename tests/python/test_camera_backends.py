@@ -93,8 +93,8 @@ def test_backends_agree(name: str) -> None:
     np.testing.assert_array_equal(np.isfinite(ours), np.isfinite(theirs))
     seen = np.isfinite(ours)
     apart = np.abs(ours[seen] / theirs[seen] - 1) >= 1e-3
-    # A tree occludes itself, so there are silhouettes within its id.
-    assert apart.mean() <= (1e-4 if name in flockstep.scenes.GENERATED else 0)
+    # A tree and a gate's frame occlude themselves, so there are silhouettes within their ids.
+    assert apart.mean() <= (1e-4 if name in flockstep.scenes.GENERATED or world.gates else 0)
     for output in ("rgb", "grey"):
         ours, theirs = (getattr(camera, output)[:, 1:-1, 1:-1][inner].astype(int) for camera in (raycast, gl))
         assert np.abs(ours - theirs).mean() < 2

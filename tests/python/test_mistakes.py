@@ -38,8 +38,8 @@ ID = "flockstep/LidarNavigation-v0"
         (lambda: flockstep.Batch(3), "worlds: expected a name, a path, a World or a sequence of these, got 3"),
         (lambda: flockstep.Batch([3]), "worlds: expected a name, a path or a World, got int"),
         (
-            lambda: DroneVectorEnv(start_tilt_deg=3),
-            "start_tilt_deg: a keyword of the hover task, but another task is given",
+            lambda: DroneVectorEnv(hold_m=3),
+            "hold_m: a keyword of the hover task, but another task is given",
         ),
         (
             lambda: DroneVectorEnv(task=flockstep.HoverConfig(), step_m=3),
