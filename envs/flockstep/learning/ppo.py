@@ -39,22 +39,7 @@ _ARRAYS = (
     "return_variance",
     "discounted_returns",
 )
-_NUMBERS = (
-    "n_steps",
-    "batch_size",
-    "n_epochs",
-    "gamma",
-    "gae_lambda",
-    "normalize_advantage",
-    "ent_coef",
-    "vf_coef",
-    "max_grad_norm",
-    "target_kl",
-    "stats_window_size",
-    "seed",
-    "normalize_observations",
-    "normalize_rewards",
-)
+_NUMBERS = (*sb3_models.SHARED, "stats_window_size", "seed", "normalize_observations", "normalize_rewards")
 
 
 class PPO:

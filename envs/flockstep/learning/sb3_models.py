@@ -12,7 +12,8 @@ from flockstep.learning.networks import FEATURES
 
 _FLAT = "FlattenExtractor"
 
-_SHARED = (
+#: Hyperparameters that both have under the same names.
+SHARED = (
     "n_steps",
     "batch_size",
     "n_epochs",
@@ -61,7 +62,7 @@ def to_sb3(model: Any) -> Any:
         policy_kwargs=arguments,
         device="cpu",
         _init_setup_model=False,
-        **{name: getattr(model, name) for name in _SHARED},
+        **{name: getattr(model, name) for name in SHARED},
     )
     made.observation_space, made.action_space = model.observation_space, model.action_space
     made.n_envs = model.n_envs
@@ -114,7 +115,7 @@ def from_sb3(cls: Any, model: Any, env: Any) -> Any:
             "features_extractor_class": features,
         },
         {
-            **{name: getattr(model, name) for name in _SHARED},
+            **{name: getattr(model, name) for name in SHARED},
             "learning_rate": model.learning_rate,
             "clip_range": _plain_schedule(model.clip_range),
             "clip_range_vf": None if model.clip_range_vf is None else _plain_schedule(model.clip_range_vf),
