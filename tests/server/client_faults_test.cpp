@@ -110,7 +110,11 @@ TEST(ClientFaults, AServerOfAnotherKind) {
   EXPECT_EQ(no_websocket.code, ErrorCode::bad_reply);
   EXPECT_TRUE(contains(no_websocket.text, "no flockstep server at " + web.address())) << no_websocket.text;
 
-  ScriptedServer mail([](Peer& peer) { peer.send_raw("220 mail.example.org ESMTP\r\n"); });
+  ScriptedServer mail([](Peer& peer) {
+    peer.send_raw("220 mail.example.org ESMTP\r\n");
+    std::array<char, 4096> request{};
+    peer.socket().read_some(boost::asio::buffer(request));  // to close with unread bytes would reset the connection
+  });
   EXPECT_EQ(connecting({.address = mail.address()}).code, ErrorCode::bad_reply);
 
   ScriptedServer closes([](Peer& peer) {
