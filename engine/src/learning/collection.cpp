@@ -1,0 +1,135 @@
+// A Learner collects a rollout step by step.
+#include <algorithm>
+#include <cmath>
+#include <cstdint>
+#include <span>
+#include <string>
+#include <vector>
+
+#include "base/require.hpp"
+#include "learning/learner_parts.hpp"
+
+namespace flockstep {
+
+using namespace learning;
+
+namespace {
+
+constexpr std::int64_t kMostSteps = 1 << 28;  // of a rollout, all rows together
+
+}  // namespace
+
+void Learner::begin(const RolloutConfig& config, int rows) {
+  const SingleCaller::Call call(parts_->callers);
+  Parts& parts = *parts_;
+  config.validate();
+  require(rows >= 1 && rows <= 1 << 24, "rows", "an integer in [1, 16777216]", rows);
+  require(std::int64_t{config.n_steps} * rows <= kMostSteps, "n_steps",
+          "at most " + std::to_string(kMostSteps) + " steps of all rows", std::int64_t{config.n_steps} * rows);
+  const auto count = static_cast<std::size_t>(rows);
+  parts.next = 0;
+  parts.rollout.rows = parts.rollout.steps = 0;  // if there is not enough memory, the learner has no rollout
+  if (parts.discounted.size() != count) parts.discounted.assign(count, 0.0);
+  parts.rollout.resize(config, count, parts.input_stride, parts.action_size());
+}
+
+void Learner::Parts::draw_actions(Pass& pass, std::size_t t, std::size_t from, std::size_t count) {
+  const std::size_t first = t * rollout.rows + from, size = action_size(), stride = padded(distribution.outputs());
+  std::copy_n(pass.inputs(), count * input_stride, rollout.inputs.data() + first * input_stride);
+  const float* const outputs = pass.act(parameters.data(), transposed.data(), count);
+  std::vector<float> work(distribution.outputs());
+  for (std::size_t i = 0; i < count; ++i) {
+    float* const action = rollout.actions.data() + (first + i) * size;
+    distribution.draw(outputs + i * stride, {seed, draws, static_cast<std::uint32_t>(from + i)}, action);
+    rollout.log_probs[first + i] = distribution.evaluate(outputs + i * stride, action, work.data()).log_prob;
+  }
+  const float* const values = pass.judge(parameters.data(), transposed.data(), count);
+  for (std::size_t i = 0; i < count; ++i) rollout.values[first + i] = values[i * kPad];
+}
+
+std::span<const float> Learner::act(int t, std::span<const float> observation) {
+  const SingleCaller::Call call(parts_->callers);
+  Parts& parts = *parts_;
+  Rollout& rollout = parts.rollout;
+  require(t == parts.next && t < rollout.config.n_steps, "t", "step " + std::to_string(parts.next), t);
+  require_size(observation.size(), rollout.rows * parts.observation_size, "observation");
+  require_finite(observation, parts.observation_size, "observation");
+  if (rollout.config.normalize_observations) take(parts.observation_moments, observation.data(), rollout.rows);
+  ++parts.draws;
+  const auto step = static_cast<std::size_t>(t);
+  parts.for_observations(observation.data(), rollout.rows,
+                         [&](Pass& pass, std::size_t from, std::size_t count) { parts.draw_actions(pass, step, from, count); });
+  const std::size_t size = rollout.rows * parts.action_size();
+  const std::span<const float> actions = std::span(rollout.actions).subspan(step * size, size);
+  require_finite(actions, parts.action_size(), "action");
+  return actions;
+}
+
+void Learner::record(int t, const StepResults& results) {
+  const SingleCaller::Call call(parts_->callers);
+  Parts& parts = *parts_;
+  Rollout& rollout = parts.rollout;
+  const std::size_t rows = rollout.rows, size = parts.observation_size;
+  require(t == parts.next && t < rollout.config.n_steps, "t", "step " + std::to_string(parts.next), t);
+  require_size(results.reward.size(), rows, "reward");
+  require_size(results.terminated.size(), rows, "terminated");
+  require_size(results.truncated.size(), rows, "truncated");
+  require(results.final_observation.empty() || results.final_observation.size() == rows * size, "final_observation",
+          std::to_string(rows * size) + " numbers", results.final_observation.size());
+  require(results.skipped.empty() || results.skipped.size() == rows, "skipped", std::to_string(rows) + " flags",
+          results.skipped.size());
+  require_finite(results.reward, 1, "reward");
+  const auto is_skipped = [&](std::size_t r) { return !results.skipped.empty() && results.skipped[r] != 0; };
+  const auto is_cut = [&](std::size_t r) { return results.truncated[r] != 0 && results.terminated[r] == 0 && !is_skipped(r); };
+  for (std::size_t r = 0; r < rows; ++r) {
+    if (!is_cut(r)) continue;
+    require(!results.final_observation.empty(), "final_observation", "the observations of truncated episodes", "none");
+    require_finite(results.final_observation.subspan(r * size, size), size, "final_observation", r);
+  }
+  const std::size_t first = static_cast<std::size_t>(t) * rows;
+  std::copy(results.reward.begin(), results.reward.end(), rollout.rewards.begin() + static_cast<std::ptrdiff_t>(first));
+  if (rollout.config.normalize_rewards) {
+    std::vector<double> discounted;  // of the rows that count
+    for (std::size_t r = 0; r < rows; ++r) {
+      if (is_skipped(r)) continue;
+      parts.discounted[r] = parts.discounted[r] * rollout.config.gamma + static_cast<double>(results.reward[r]);
+      discounted.push_back(parts.discounted[r]);
+    }
+    take(parts.return_moments, discounted.data(), discounted.size());
+    const double scale = 1.0 / std::sqrt(parts.return_moments.variance[0] + kLeastVariance);
+    for (std::size_t r = 0; r < rows; ++r) {
+      rollout.rewards[first + r] = std::clamp(static_cast<float>(results.reward[r] * scale), -kClip, kClip);
+    }
+  }
+  std::vector<std::size_t> cut;  // rows that were only truncated
+  for (std::size_t r = 0; r < rows; ++r) {
+    const bool is_done = results.terminated[r] != 0 || results.truncated[r] != 0;
+    rollout.done[first + r] = is_done ? 1 : 0;
+    rollout.skipped[first + r] = is_skipped(r) ? 1 : 0;
+    if (is_done && !is_skipped(r)) parts.discounted[r] = 0.0;
+    if (is_cut(r)) cut.push_back(r);
+  }
+  if (!cut.empty()) {
+    std::vector<float> observations(cut.size() * size), values(cut.size());
+    for (std::size_t i = 0; i < cut.size(); ++i) {
+      std::copy_n(results.final_observation.data() + cut[i] * size, size, observations.data() + i * size);
+    }
+    parts.write_values(observations.data(), cut.size(), values.data());
+    const auto gamma = static_cast<float>(rollout.config.gamma);
+    for (std::size_t i = 0; i < cut.size(); ++i) rollout.rewards[first + cut[i]] += gamma * values[i];
+  }
+  ++parts.next;
+}
+
+void Learner::finish(std::span<const float> observation) {
+  const SingleCaller::Call call(parts_->callers);
+  Parts& parts = *parts_;
+  require(parts.next == parts.rollout.config.n_steps && parts.rollout.rows > 0, "finish",
+          "a rollout of " + std::to_string(parts.rollout.config.n_steps) + " steps", parts.next);
+  require_size(observation.size(), parts.rollout.rows * parts.observation_size, "observation");
+  require_finite(observation, parts.observation_size, "observation");
+  std::vector<float> values(parts.rollout.rows);
+  parts.write_values(observation.data(), parts.rollout.rows, values.data());
+  parts.rollout.estimate_advantages(values.data());
+}
+}  // namespace flockstep

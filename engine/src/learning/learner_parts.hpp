@@ -1,0 +1,118 @@
+// LearnerParts: what a Learner consists of. Its methods are in learner.cpp (state, acting), collection.cpp (a rollout step by
+// step), flight.cpp (the same within the steps of a batch) and update.cpp.
+#pragma once
+
+#include <algorithm>
+#include <cstddef>
+#include <cstdint>
+#include <span>
+#include <vector>
+
+#include "base/workers.hpp"
+#include "flockstep/aligned.hpp"
+#include "flockstep/learner.hpp"
+#include "learning/distribution.hpp"
+#include "learning/network.hpp"
+#include "learning/pass.hpp"
+#include "learning/rollout.hpp"
+#include "learning/running_moments.hpp"
+#include "learning/single_caller.hpp"
+
+namespace flockstep {
+namespace learning {
+
+constexpr float kClip = 10.0F;           // of normalised observations and rewards
+constexpr double kLeastVariance = 1e-8;  // added to their variances
+
+// Means over the steps of a minibatch, as sums of its chunks.
+struct Sums {
+  double policy = 0.0, value = 0.0, entropy = 0.0, clipped = 0.0, kl = 0.0;
+
+  Sums& operator+=(const Sums& other) {
+    policy += other.policy;
+    value += other.value;
+    entropy += other.entropy;
+    clipped += other.clipped;
+    kl += other.kl;
+    return *this;
+  }
+};
+
+// Returns the number of rows of `size` values each.
+std::size_t rows_of(std::span<const float> values, std::size_t size, const char* name);
+void require_size(std::size_t got, std::size_t expected, const char* name);
+// Throws NotFiniteError that names the row, of `size` values each, with the first value that is NaN or infinite. The first row
+// has the given number.
+void require_finite(std::span<const float> values, std::size_t size, const char* name, std::size_t first_row = 0);
+
+}  // namespace learning
+
+// State is documented in learner.hpp.
+struct Learner::Parts {
+  using Pass = learning::Pass;
+
+  Parts(NetworkConfig new_config, int num_threads, std::uint64_t new_seed);
+
+  // Returns *this. Throws if another thread is in a call.
+  const Parts& idle() const {
+    const learning::SingleCaller::Call call(callers);
+    return *this;
+  }
+
+  std::size_t size() const { return rollout.steps * rollout.rows; }
+  std::size_t action_size() const { return distribution.action_size(); }
+
+  // Call it after the parameters have changed.
+  void prepare();
+  // Writes the inputs of a network for one observation. normalised: memory for it.
+  void write_inputs(const float* observation, std::vector<float>& normalised, float* inputs) const;
+  // Calls f(pass, first row, rows) for all rows, a few at a time, on all threads; the inputs of the pass are those of the rows.
+  template <class F>
+  void for_observations(const float* observations, std::size_t rows, const F& f) {
+    workers.run((rows + Pass::kRows - 1) / Pass::kRows, [&](std::size_t part, std::size_t thread) {
+      Pass& pass = passes[thread];
+      std::vector<float> normalised;
+      const std::size_t from = part * Pass::kRows, count = std::min(Pass::kRows, rows - from);
+      for (std::size_t i = 0; i < count; ++i) {
+        write_inputs(observations + (from + i) * observation_size, normalised, pass.inputs() + i * input_stride);
+      }
+      f(pass, from, count);
+    });
+  }
+  void write_values(const float* observations, std::size_t rows, float* values);
+
+  // Draws the actions of rows of step t, whose inputs are those of the pass, and keeps what the update needs.
+  void draw_actions(Pass& pass, std::size_t t, std::size_t from, std::size_t count);
+  // Throws if fly() cannot step the batch.
+  void require_fits(const Batch& batch) const;
+  class StepPilot;
+
+  // Draws the minibatches of an epoch: all steps that count, in random order.
+  void draw_order();
+  // Fills gradients[0] with the gradient of a minibatch.
+  learning::Sums add_gradients(const UpdateConfig& update, std::span<const std::int64_t> minibatch);
+  learning::Sums add_chunk(const UpdateConfig& update, std::span<const std::int64_t> chunk, std::size_t of, Pass& pass,
+                           AlignedVector<float>& gradient);
+
+  const NetworkConfig config;
+  const std::size_t observation_size, input_stride;
+  const learning::Network network;
+  learning::Distribution distribution;
+  const std::uint64_t seed;
+  AlignedVector<float> parameters, first, second, transposed;
+  std::int64_t adam_steps = 0;
+  std::uint64_t draws = 0;
+  RunningMoments observation_moments, return_moments;
+  std::vector<double> discounted;  // (R,) return so far of each row, for normalised rewards
+
+  learning::Rollout rollout;
+  int next = 0;  // step that act() or record() takes next
+  std::vector<std::int64_t> order;
+  std::vector<AlignedVector<float>> gradients;         // of the chunks
+  double advantage_mean = 0.0, advantage_scale = 1.0;  // of the minibatch
+  Workers workers;
+  std::vector<Pass> passes;                // one per thread
+  mutable learning::SingleCaller callers;  // of the learner
+};
+
+}  // namespace flockstep
