@@ -8,6 +8,7 @@ camera_train  the same for the camera task, which observes the green blob in an 
 pixels_train  the same for the task that observes the image itself; takes half an hour
 camera_large  the camera task at 640 x 480; takes half an hour
 places_train  the LiDAR task in generated offices and forests
+board   the trainings of docs/board.md with five seeds each, also with Stable-Baselines3; only if named, takes hours
 flight_train  Hover and Track with five seeds each, and the controller only; the LiDAR task's policy with rotors
 tiles   tracing rays against triangles, in tiles and with Embree's packets; only tracing
 worlds  LiDARs and cameras in every bundled world, and the share of rays traced by Embree
@@ -315,6 +316,10 @@ def bench_flight_train() -> list[Figure]:
     return trained("flight_train", "benchmark_flight", "--seeds", "0", "1", "2", "3", "4")
 
 
+def bench_board() -> list[Figure]:
+    return trained("board", "board", "--seeds", "5")
+
+
 def bench_load() -> list[Figure]:
     """Load scene files of 65,000 objects: with one shared material, and with one material each."""
     count = 65_000
@@ -450,6 +455,7 @@ BENCHES: dict[str, Callable[[], list[Figure]]] = {
     "camera_large": bench_camera_large,
     "places_train": bench_places_train,
     "flight_train": bench_flight_train,
+    "board": bench_board,
     "trainers": bench_trainers,
     "snippet": bench_snippet,
     "busy": bench_busy,
@@ -465,7 +471,7 @@ BENCHES: dict[str, Callable[[], list[Figure]]] = {
     "mesh_peers": bench_mesh_peers,
 }
 #: Benchmarks that run only if named.
-APART = ("busy", "dynamics_peers", "mesh_peers")
+APART = ("board", "busy", "dynamics_peers", "mesh_peers")
 
 
 def machine() -> dict[str, Any]:

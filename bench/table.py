@@ -13,6 +13,7 @@ into the JSON file of a result that needs an explanation, and shown with its fig
 from __future__ import annotations
 
 import argparse
+import itertools
 import json
 import math
 import re
@@ -49,13 +50,24 @@ NAMES = (
     "dynamics",
 )
 #: Benchmarks that are not in the table of all figures.
-APART = ("imaging", "plan", "dynamics_accuracy", "dynamics_peers", "mesh_peers", "flight_train", "server")
+APART = ("imaging", "plan", "dynamics_accuracy", "dynamics_peers", "mesh_peers", "flight_train", "server", "board")
 ARCHITECTURE = ROOT / "docs" / "architecture.md"
 CAMERAS = ROOT / "docs" / "cameras.md"
 TRAINERS = ROOT / "docs" / "trainers.md"
 OWN_WORLD = ROOT / "docs" / "own-world.md"
 DYNAMICS = ROOT / "docs" / "dynamics.md"
 FLIGHT_TASKS = ROOT / "docs" / "flight-tasks.md"
+BOARD = ROOT / "docs" / "board.md"
+#: Trainings of the board, described in words.
+TRAININGS = {
+    "hover": "hover: within 5 cm after a throw",
+    "track": "track: within 5 cm of a moving point",
+    "race": "race: 3 laps of 7 gates",
+    "race_unseen": "race: a lap of an unseen generated track",
+    "lidar": "LiDAR navigation: an unseen playground",
+    "lidar_rotors": "LiDAR navigation by rotors: an unseen playground",
+    "forest": "forest: an unseen one by depth of 16 x 12",
+}
 STAGE = "step/stage/"
 #: Rows of the README's table: text, benchmark, the figures whose median is shown, and the number of threads. A training
 #: uses one thread for PyTorch, and one per core for the simulator.
@@ -338,6 +350,71 @@ def spread(values: list[float], worst: Callable[[list[float]], float], told: Cal
     return told(statistics.median(values)) + (f" ({told(worst(values))})" if len(values) > 1 else "")
 
 
+def board(results: dict[str, Result]) -> str:
+    """Return the table of the board: the median over the seeds, with the worst seed in brackets."""
+    cells: dict[tuple[str, str], str] = {}
+    for name, told in TRAININGS.items():
+        values = by_run(results, name)
+        if not values:
+            continue
+        baseline = named(results, "board", rf"board/{name}/baseline/success")
+        cells[told, "success"] = spread(values["flockstep_1", "success"], min, percent_1)
+        cells[told, "baseline"] = percent_1(baseline[0][1]["value"])
+        cells[told, "two threads"] = spread(values["flockstep_2", "seconds"], max, seconds)
+        cells[told, "one thread"] = spread(values["flockstep_1", "seconds"], max, seconds)
+        if ("sb3_1", "success") in values:
+            cells[told, "success, SB3"] = spread(values["sb3_1", "success"], min, percent_1)
+            cells[told, "one thread, SB3"] = spread(values["sb3_1", "seconds"], max, seconds)
+        if ("flockstep_1", "lap_s") in values:
+            cells[told, "lap"] = spread(values["flockstep_1", "lap_s"], max, lambda x: f"{x:.2f} s")
+    return with_source(results, "board", pivot(cells, "training"))
+
+
+def board_seeds(results: dict[str, Result]) -> str:
+    """Return the table of the board's trainings one by one: success and seconds with one thread."""
+    cells = {}
+    for name in TRAININGS:
+        values = by_run(results, name)
+        for run, learner in (("flockstep_1", "`flockstep.PPO`"), ("sb3_1", "Stable-Baselines3")):
+            pairs = zip(values.get((run, "success"), ()), values.get((run, "seconds"), ()), strict=True)
+            for seed, (success, time) in enumerate(pairs):
+                cells[f"{name}, {learner}", f"seed {seed}"] = f"{percent_1(success)}, {seconds(time)}"
+    return with_source(results, "board", pivot(cells, "one thread"))
+
+
+def board_curves(results: dict[str, Result]) -> str:
+    """Return the table that compares the learning curves of the two learners."""
+    cells = {}
+    for name in TRAININGS:
+        means: dict[str, list[float]] = {}
+        for (learner,), figure in named(results, "board", rf"board/{name}/seed\d/(\w+)_1/success"):
+            means.setdefault(learner, []).append(statistics.mean(success for _, _, success in figure["curve"]))
+        if len(means) == 2:
+            cells[name, "mean of the curve, `flockstep.PPO`"] = spread(means["flockstep"], min, percent_1)
+            cells[name, "Stable-Baselines3"] = spread(means["sb3"], min, percent_1)
+            cells[name, "p"] = f"{permutation_p(means['flockstep'], means['sb3']):.2f}"
+    return with_source(results, "board", pivot(cells, "training"))
+
+
+def by_run(results: dict[str, Result], training: str) -> dict[tuple[str, str], list[float]]:
+    """Return the values of a training of the board for all seeds, by run, such as flockstep_1, and kind of figure."""
+    values: dict[tuple[str, str], list[float]] = {}
+    for (run, what), figure in named(results, "board", rf"board/{training}/seed\d/(\w+)/(\w+)"):
+        values.setdefault((run, what), []).append(figure["value"])
+    return values
+
+
+def permutation_p(first: list[float], second: list[float]) -> float:
+    """Return the p value of the exact two-sided permutation test of the difference of two means."""
+    both, size = [*first, *second], len(first)
+    differences = []
+    for chosen in itertools.combinations(range(len(both)), size):
+        rest = [both[i] for i in range(len(both)) if i not in chosen]
+        differences.append(abs(statistics.mean(both[i] for i in chosen) - statistics.mean(rest)))
+    observed = abs(statistics.mean(first) - statistics.mean(second))
+    return sum(difference >= observed - 1e-12 for difference in differences) / len(differences)
+
+
 def thesis_by_rotors(results: dict[str, Result]) -> str:
     """Return the table of the LiDAR task's policy, trained with kinematic motion and flown with simulated rotors."""
     cells = {}
@@ -601,6 +678,16 @@ def percentage(value: float) -> str:
     return f"{100 * value:.0f} %"
 
 
+def percent_1(value: float) -> str:
+    """Format a fraction: 99.2 %."""
+    return f"{100 * value:.1f} %"
+
+
+def seconds(value: float) -> str:
+    """Format a time: 7.4 s, 74 s."""
+    return f"{value:.1f} s" if value < 20 else f"{value:.0f} s"
+
+
 def with_content(text: str, name: str, content: str) -> str:
     """Return a document with the content between the markers of this name."""
     begin, end = f"<!-- {name} -->", f"<!-- /{name} -->"
@@ -660,6 +747,7 @@ def main() -> None:
         CAMERAS: CAMERAS.read_text(encoding="utf-8"),
         OWN_WORLD: with_content(OWN_WORLD.read_text(encoding="utf-8"), "plans", plans(results)),
         DYNAMICS: DYNAMICS.read_text(encoding="utf-8"),
+        BOARD: BOARD.read_text(encoding="utf-8"),
         TRAINERS: with_content(TRAINERS.read_text(encoding="utf-8"), "trainers", trainers(results)),
         FLIGHT_TASKS: with_content(
             with_content(FLIGHT_TASKS.read_text(encoding="utf-8"), "flight training", flight_training(results)),
@@ -675,6 +763,8 @@ def main() -> None:
         "costs": costs,
     }.items():
         documents[DYNAMICS] = with_content(documents[DYNAMICS], marker, write(results))
+    for marker, write in {"board": board, "seeds": board_seeds, "curves": board_curves}.items():
+        documents[BOARD] = with_content(documents[BOARD], marker, write(results))
     for marker, write in {"frames": frames, "modes": modes, "imaging": imaging}.items():
         documents[CAMERAS] = with_content(documents[CAMERAS], marker, write(results))
     for marker, write in {

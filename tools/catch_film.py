@@ -5,10 +5,9 @@
 
 from __future__ import annotations
 
-import copy
 import time
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
 from typing import Any
@@ -17,22 +16,23 @@ import numpy as np
 import numpy.typing as npt
 import tyro
 from PIL import Image
-from stable_baselines3 import PPO
+from stable_baselines3.common.callbacks import BaseCallback
 from tqdm import tqdm
 
+import flockstep
 from flockstep.pictures.body import Body
 from flockstep.pictures.drawing import Drawing
 from flockstep.pictures.stage import Stage, with_markers
 from flockstep.rotations import rotate
 from tools.film import ALARM, FINER, FPS, INK, PATH, POINT, Color, Flight, flown, tiled, write_captions, write_film
-from training import train_flight
 from training.flight import CLOSE_M, LASTS_S, POLICY_HZ, Pilot, fly, greedy, make
+from training.recipes import RECIPES, Recipe, train
 from training.tasks import UNSEEN_SEEDS
 
 Array = npt.NDArray[Any]
 
 HZ = POLICY_HZ["hover"]
-SHOWN = (0.0, 1 / 6, 1 / 2)  # fractions of the training's steps; the fourth policy is the one that it chose
+SHOWN = (0.0, 1 / 6, 1 / 2)  # fractions of the training's steps; the fourth policy is the last one
 THROWS = 100  # number of throws; the one with the most tilt is filmed, caught or not
 
 GIF_FPS, GIF_WIDTH_PX = 6.25, 560
@@ -51,8 +51,8 @@ class Args:
     seed: int = 0
     """Seed of the training."""
     total_steps: int | None = None
-    """Step budget of the training; default: the budget of training/train_flight.py."""
-    max_minutes: float = 1.5
+    """Step budget of the training; default: that of training/recipes.py."""
+    max_minutes: float = 1.0
     """Time budget of the training; the film shows the results up to then."""
     flights: int = 1000
     """Number of other throws to evaluate each policy."""
@@ -68,43 +68,42 @@ class Moment:
 
     steps: int
     seconds: float
-    """Training time, without the evaluations."""
-    state: dict[str, Any]
-    """State of its network."""
+    parameters: Array
+    """Of its networks."""
 
 
-class Keeper(train_flight.Chooser):
-    """Also stores the policy before each update, and ends the training when its time is up."""
+class Keeper(BaseCallback):
+    """Stores the policy before each update, and ends the training when its time is up."""
 
-    def __init__(self, args: train_flight.Args, total_steps: int, max_seconds: float) -> None:
-        super().__init__(args, total_steps)
+    def __init__(self, max_seconds: float) -> None:
+        super().__init__()
         self.max_seconds = max_seconds
         self.moments: list[Moment] = []
 
-    def _on_step(self) -> bool:
-        return super()._on_step() and self._seconds() < self.max_seconds
+    def _on_training_start(self) -> None:
+        self._begun = time.perf_counter()
 
     def _on_rollout_start(self) -> None:
-        super()._on_rollout_start()
-        self.moments.append(Moment(self.num_timesteps, self._seconds(), copy.deepcopy(self.model.policy.state_dict())))
+        self._keep()
 
-    def _seconds(self) -> float:
-        return time.perf_counter() - self.begun - self.outcome.evaluation_seconds
+    def _on_step(self) -> bool:
+        return time.perf_counter() - self._begun < self.max_seconds
+
+    def _on_training_end(self) -> None:
+        self._keep()
+
+    def _keep(self) -> None:
+        seconds = time.perf_counter() - self._begun
+        self.moments.append(Moment(self.num_timesteps, seconds, self.model.learner.parameters))
 
 
-def learn(args: train_flight.Args, max_minutes: float) -> tuple[PPO, list[Moment]]:
-    """Train; return the chosen model, and the policies to show, of which it is the last."""
-    keepers: list[Keeper] = []
-
-    def keeper(of: train_flight.Args, total_steps: int) -> Keeper:
-        keepers.append(Keeper(of, total_steps, 60 * max_minutes))
-        return keepers[0]
-
-    model, outcome = train_flight.train(args, keeper)
-    moments = keepers[0].moments
-    steps = np.array([moment.steps for moment in moments])
-    shown = [moments[int(np.abs(steps - share * outcome.steps).argmin())] for share in SHOWN]
-    return model, [*shown, Moment(outcome.steps, outcome.seconds, copy.deepcopy(model.policy.state_dict()))]
+def learn(recipe: Recipe, seed: int, max_minutes: float) -> tuple[flockstep.PPO, list[Moment]]:
+    """Train; return the model, and the policies to show, of which it is the last."""
+    keeper = Keeper(60 * max_minutes)
+    model = train(recipe, "flockstep", seed, 0, [keeper])
+    steps = np.array([moment.steps for moment in keeper.moments])
+    shown = [keeper.moments[int(np.abs(steps - share * steps[-1]).argmin())] for share in SHOWN]
+    return model, [*shown, keeper.moments[-1]]
 
 
 def most_tilted(seeds: range) -> int:
@@ -191,14 +190,14 @@ def smooth(rows: Array) -> Array:
     return np.stack([np.convolve(column, weights / weights.sum(), "valid") for column in padded.T], axis=1)
 
 
-def draw(args: Args, model: PPO, moments: Sequence[Moment]) -> list[float]:
+def draw(args: Args, model: flockstep.PPO, moments: Sequence[Moment]) -> list[float]:
     """Film one throw with the policies of some moments; return each one's share of other throws held within 5 cm."""
     width = args.width_px // 4 * 2  # width of a panel; codecs need even sizes
     scene = Scene((width, width * 9 // 32 * 2))
     seed = most_tilted(range(UNSEEN_SEEDS.start, UNSEEN_SEEDS.start + THROWS))
     panels, rates = [], []
     for moment in moments:
-        model.policy.load_state_dict(moment.state)
+        model.learner.parameters = moment.parameters
         rates.append(fly("hover", greedy(model), args.flights, UNSEEN_SEEDS.start).close_rate)
         title = f"after {moment.seconds:.0f} s of training" if moment.steps else "untrained"
         below = f"{moment.steps:,} steps: holds {rates[-1]:.1%} of {args.flights:,} throws"
@@ -215,14 +214,16 @@ def main(args: Args) -> None:
     """Train, fly, film and print the results."""
     args.out.mkdir(parents=True, exist_ok=True)
     print("Training a quadrotor to catch itself by the thrusts of its rotors ...")
-    model, moments = learn(train_flight.Args(seed=args.seed, total_steps=args.total_steps), args.max_minutes)
+    recipe = RECIPES["hover"]
+    recipe = replace(recipe, steps=args.total_steps or recipe.steps)
+    model, moments = learn(recipe, args.seed, args.max_minutes)
     model.save(args.out / "catch.zip")
     rates = draw(args, model, moments)
-    chosen = moments[-1]
+    last = moments[-1]
     lines = [f"  {m.steps:>9,} steps {m.seconds:>5.0f} s {rate:>8.1%}" for m, rate in zip(moments, rates, strict=True)]
     print(f"""
-A policy learned from scratch to catch a quadrotor by the thrusts of its rotors: {chosen.steps:,} steps in
-{chosen.seconds:.0f} seconds. Share of {args.flights:,} held-out throws that it brings to the point and
+A policy learned from scratch to catch a quadrotor by the thrusts of its rotors: {last.steps:,} steps in
+{last.seconds:.0f} seconds. Share of {args.flights:,} held-out throws that it brings to the point and
 holds them there, within {100 * CLOSE_M:g} cm:
 {chr(10).join(lines)}
 
@@ -230,7 +231,7 @@ In {args.out}/
   catch.mp4            a film of one throw, caught by the policy at four moments of its training
   catch.gif            the same, smaller
   catch.png            the same at a glance: a row for each moment
-  catch.zip            the policy""")
+  catch.zip            the policy, for flockstep.PPO.load""")
 
 
 if __name__ == "__main__":

@@ -6,6 +6,7 @@ import difflib
 import importlib
 import os
 import sys
+import zipfile
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from types import ModuleType
@@ -50,8 +51,13 @@ CAMERA_SIDEWAYS_M = 2.5
 TRUST = "Loading a policy file runs code that is in it (it holds pickled Python objects): load only policies you trust."
 
 
-def load_policy(path: Path) -> PPO:
-    """Warn on standard error that a policy file runs code, and load it."""
+def load_policy(path: Path) -> Any:
+    """Load a model of `flockstep.PPO` or, with a warning that this runs code from the file, of Stable-Baselines3."""
+    if zipfile.is_zipfile(path):
+        with zipfile.ZipFile(path) as archive:
+            names = archive.namelist()
+        if "model.json" in names:
+            return flockstep.PPO.load(path)
     print(f"{path}: {TRUST}", file=sys.stderr, flush=True)
     return PPO.load(path, device="cpu")
 

@@ -1,12 +1,13 @@
 """The film of a quadrotor that learns to catch itself."""
 
+from dataclasses import replace
+
 import imageio.v3 as imageio
 import numpy as np
-import torch
 
 from flockstep.rotations import rotate
 from tools import catch_film
-from training import train_flight
+from training.recipes import RECIPES
 from training.tasks import UNSEEN_SEEDS
 
 
@@ -17,27 +18,22 @@ def nothing(observation, envs):
 
 def learn(max_minutes=1.0):
     """Train for four updates."""
-    small = {"num_envs": 8, "steps_per_update": 8, "batch_size": 64, "epochs": 1, "learner_threads": 1}
-    args = train_flight.Args(**small, total_steps=256, evaluations=1, evaluation_flights=2, progress=False)
-    return catch_film.learn(args, max_minutes)
-
-
-def weights(state):
-    return torch.cat([values.reshape(-1) for values in state.values()])
+    settings = {**RECIPES["hover"].settings, "n_steps": 8, "batch_size": 64, "n_epochs": 1}
+    return catch_film.learn(replace(RECIPES["hover"], steps=256, num_envs=8, settings=settings), 0, max_minutes)
 
 
 def test_the_policies_of_a_training_are_filmed(tmp_path):
     model, moments = learn()
     assert [moment.steps for moment in moments] == [0, 64, 128, 256]
     assert all(np.diff([moment.seconds for moment in moments]) > 0)
-    assert not torch.equal(weights(moments[0].state), weights(moments[3].state))
-    chosen = weights(model.policy.state_dict())
-    assert torch.equal(weights(moments[3].state), chosen)
+    assert not np.array_equal(moments[0].parameters, moments[3].parameters)
+    last = model.learner.parameters
+    np.testing.assert_array_equal(moments[3].parameters, last)
 
     rates = catch_film.draw(catch_film.Args(out=tmp_path, flights=2, width_px=128, film_s=0.2), model, moments)
     assert rates[0] == 0
     assert len(rates) == 4
-    assert torch.equal(weights(model.policy.state_dict()), chosen)
+    np.testing.assert_array_equal(model.learner.parameters, last)
     assert (tmp_path / "catch.mp4").stat().st_size > 1000
     assert imageio.imread(tmp_path / "catch.gif").shape == (2, 315, 560, 3)
     assert imageio.imread(tmp_path / "catch.png").shape == (900, 2000, 3)
