@@ -94,24 +94,19 @@ HEADLINE = (
         "1",
     ),
     (
-        "time to train with a LiDAR until solved (at most 1.5 million steps), median of 5",
-        "train",
-        r"train/lidar/seed\d/seconds",
-        "1 per core",
+        "time to train a policy that flies by LiDAR, 1.5 million steps, median of 5",
+        "board",
+        r"board/lidar/seed\d/flockstep_2/seconds",
+        "2",
     ),
-    ("success rate of these policies in unseen playgrounds", "train", r"train/lidar/seed\d/unseen_success_rate", ""),
+    ("success rate of these policies in unseen playgrounds", "board", r"board/lidar/seed\d/flockstep_1/success", ""),
     (
-        "success rate of policies that observe the goal's offset and area in a 64 x 48 camera image",
-        "camera_train",
-        r"train/camera/seed\d/unseen_success_rate",
-        "",
+        "time to train a policy that catches a thrown quadrotor, 1.6 million steps, median of 5",
+        "board",
+        r"board/hover/seed\d/flockstep_2/seconds",
+        "2",
     ),
-    (
-        "success rate of policies that observe the pixels of a camera",
-        "pixels_train",
-        r"train/pixels/seed\d/unseen_success_rate",
-        "",
-    ),
+    ("success rate of these policies, within 5 cm", "board", r"board/hover/seed\d/flockstep_1/success", ""),
 )
 MARKS = "¹²³⁴⁵⁶⁷⁸⁹"  # of the remarks below that table
 #: Figures with separate tables.

@@ -59,7 +59,7 @@ def main(total_timesteps: int = 150_000, film: str | None = None) -> float:
     model.learn(total_timesteps)
     if film:
         flockstep.record(film, model, FlyToPoint)
-    rates = flockstep.sb3.success_rates(model, FlyToPoint, episodes=200, seed=1_000)  # new targets
+    rates = flockstep.success_rates(model, FlyToPoint, episodes=200, seed=1_000)  # new targets
     return rates[ROOM.name]
 
 

@@ -5,8 +5,8 @@
 
 `World`, `Batch`, `LidarConfig` and similar classes are the native simulator. `DroneVectorEnv` wraps it as a Gymnasium
 environment, and `Task` is the base class for your own tasks. `flockstep.sb3` connects to Stable-Baselines3, and
-`flockstep.testing` checks any Gymnasium vector environment. `render` takes a picture of a world; `record` films a
-flight. `connect` connects to a server.
+`flockstep.testing` checks any Gymnasium vector environment. `PPO` trains a policy, `evaluate` and `success_rates` test
+it, `record` films a flight. `render` takes a picture of a world. `connect` connects to a server.
 """
 
 # ruff: noqa: E402 # the check for required packages comes before the imports that need them
@@ -55,6 +55,7 @@ from flockstep._core import (
 )
 from flockstep.drone_mesh import DroneMesh
 from flockstep.env import DroneEnv
+from flockstep.evaluation import Evaluation, evaluate, success_rates
 from flockstep.headers import cmake_dir, include_dir
 from flockstep.learning import PPO
 from flockstep.pictures.picture import render
@@ -83,6 +84,7 @@ __all__ = [
     "DynamicsConfig",
     "EpisodeConfig",
     "EpisodeEnd",
+    "Evaluation",
     "GreenBlob",
     "HoverConfig",
     "ImuConfig",
@@ -109,6 +111,7 @@ __all__ = [
     "color_components",
     "connect",
     "connect_async",
+    "evaluate",
     "green_blob",
     "include_dir",
     "plan",
@@ -120,6 +123,7 @@ __all__ = [
     "sb3",
     "scenes",
     "serve",
+    "success_rates",
     "testing",
 ]
 

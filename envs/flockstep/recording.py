@@ -31,16 +31,17 @@ def record(
 ) -> int:
     """Fly one drone and film one episode: the first one, or the first that succeeds.
 
-    Needs imageio with ffmpeg, which the extra ``sb3`` installs.
+    Needs imageio with ffmpeg, which the extra ``film`` installs.
 
     Parameters
     ----------
     path
         File of the film, ``.mp4`` or ``.gif``.
     policy
-        A Stable-Baselines3 model, flown deterministically, or a function from observations (1, ...) to actions (1,
-        ...). None: random actions. To load a model from a file, call its class: ``PPO.load("policy.zip")``. That runs
-        code from the file, which holds pickled objects: load only policies you trust.
+        A model of `flockstep.PPO` or Stable-Baselines3, flown deterministically, or a function from observations (1,
+        ...) to actions (1, ...). None: random actions. To load a model from a file, call its class:
+        ``PPO.load("policy.zip")``. With Stable-Baselines3 that runs code from the file, which holds pickled objects:
+        load only policies you trust.
     env
         A Gymnasium id, a `Task` (an object, or its class) or a `NativeTask`.
     steps

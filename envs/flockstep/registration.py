@@ -67,6 +67,25 @@ def make_by_id(env_id: str, num_envs: int, **keywords: Any) -> DroneVectorEnv:
     return made
 
 
+def make_same_step(
+    caller: str, env: str | Task | type[Task] | NativeTask, num_envs: int, **keywords: Any
+) -> DroneVectorEnv:
+    """Make an env by its id or from a task, with same-step autoreset and without copies.
+
+    Raises
+    ------
+    TypeError
+        The keywords choose either of these.
+    """
+    own = [name for name in ("autoreset_mode", "copy") if name in keywords]
+    if own:
+        raise TypeError(f"{caller}: {' and '.join(own)} cannot be chosen: it needs same-step autoreset")
+    keywords |= {"autoreset_mode": "same_step", "copy": False}
+    if isinstance(env, str):
+        return make_by_id(env, num_envs, **keywords)
+    return DroneVectorEnv(num_envs, task=env, **keywords)
+
+
 def register_task(env_id: str, task: type[Task] | str | PathLike[str], **defaults: Any) -> None:
     """Register your own task with Gymnasium, so that `gymnasium.make_vec` can make its environments.
 

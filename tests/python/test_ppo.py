@@ -592,12 +592,21 @@ def test_a_model_survives_a_file(tmp_path):
         PPO.load(tmp_path / "nothing")
 
 
-def test_a_function_is_given_again(tmp_path):
+def test_a_function_is_given_again_to_learn(tmp_path):
     model = small_model(learning_rate=lambda left: 1e-3 * left)
     model.save(tmp_path / "model")
+    flies = PPO.load(tmp_path / "model")
+    observation = np.ones((3, *model.observation_space.shape), np.float32)
+    np.testing.assert_array_equal(flies.predict(observation)[0], model.predict(observation)[0])
+    flies.save(tmp_path / "again")
+    for name in ("model", "again"):
+        with pytest.raises(ValueError, match="learning_rate: it was a function, which files do not hold"):
+            PPO.load(tmp_path / name, env=model.get_env())
+    flies.set_env(model.get_env())
     with pytest.raises(ValueError, match="learning_rate: it was a function, which files do not hold"):
-        PPO.load(tmp_path / "model")
-    assert PPO.load(tmp_path / "model", learning_rate=1e-3).learning_rate == 1e-3
+        flies.learn(1)
+    learns = PPO.load(tmp_path / "model", env=model.get_env(), learning_rate=1e-3)
+    assert learns.learn(1).learning_rate == 1e-3
 
 
 @pytest.mark.parametrize(
@@ -1120,6 +1129,7 @@ def test_it_needs_no_pytorch():
         "import sys, flockstep\n"
         "envs = flockstep.DroneVectorEnv(4, task=flockstep.HoverConfig())\n"
         "flockstep.PPO('MlpPolicy', envs, n_steps=8, policy_kwargs={'activation_fn': 'relu'}).learn(64)\n"
+        "flockstep.success_rates(None, 'flockstep/Hover-v0')\n"
         "assert 'torch' not in sys.modules and 'stable_baselines3' not in sys.modules\n"
     )
     subprocess.run([sys.executable, "-c", code], check=True, cwd=Path(__file__).parent)

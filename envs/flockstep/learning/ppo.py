@@ -108,6 +108,9 @@ class PPO:
         A value is not allowed, or needs Stable-Baselines3; the message names it.
     """
 
+    _missing: tuple[str, ...] = ()
+    """Schedules that were functions when the model was saved, and were not given to load; they have their defaults."""
+
     def __init__(
         self,
         policy: str,
@@ -315,6 +318,7 @@ class PPO:
         """
         if self.source is None:
             raise ValueError("learn: expected an environment: call set_env first")
+        self._require_schedules()
         if float(total_timesteps) != int(total_timesteps):
             raise ValueError(f"total_timesteps: expected an integer, got {total_timesteps!r}")
         self._check()
@@ -523,12 +527,12 @@ class PPO:
         force_reset
             As for `set_env`.
         **changes
-            Hyperparameters to change; a schedule that was a function has to be given again.
+            Hyperparameters to change. A schedule that was a function has to be given again, if the model is to learn.
 
         Raises
         ------
         ValueError
-            The file is of another kind or damaged, or a schedule is missing.
+            The file is of another kind or damaged, or an env is given and a schedule is missing.
         """
         _require_cpu(device)
         if custom_objects or print_system_info:
@@ -547,7 +551,7 @@ class PPO:
         state, arrays = files.load(path, _ARRAYS)
         try:
             model = cls._from_state(state, arrays, num_threads or _threads_of(source))
-            missing = [name for name in _schedules_of(state) if name not in changes]
+            model._missing = tuple(name for name in _schedules_of(state) if name not in changes)
         except (
             KeyError,
             TypeError,
@@ -558,8 +562,8 @@ class PPO:
             RecursionError,
         ) as error:
             raise ValueError(f"{path}: expected a model that PPO.save wrote, got other values ({error})") from error
-        if missing:
-            raise ValueError(f"{missing[0]}: it was a function, which files do not hold: give it to load()")
+        if env is not None:
+            model._require_schedules()
         for name, value in changes.items():
             setattr(model, name, value)
         model._check()
@@ -568,6 +572,10 @@ class PPO:
         if env is not None:
             model.set_env(env, force_reset)
         return model
+
+    def _require_schedules(self) -> None:
+        if self._missing:
+            raise ValueError(f"{self._missing[0]}: it was a function, which files do not hold: give it to load()")
 
     def to_sb3(self) -> Any:
         """Return a ``PPO`` of Stable-Baselines3 with the same network and hyperparameters. It acts the same to 1e-6."""
@@ -593,7 +601,7 @@ class PPO:
             "action_space": files.plain_space(self.action_space),
             "hyperparameters": {name: getattr(self, name) for name in _NUMBERS},
             "schedules": {name: None if callable(getattr(self, name)) else getattr(self, name) for name in _SCHEDULES},
-            "callable_schedules": [name for name in _SCHEDULES if callable(getattr(self, name))],
+            "callable_schedules": [n for n in _SCHEDULES if callable(getattr(self, n)) or n in self._missing],
             "num_timesteps": self.num_timesteps,
             "n_updates": self._n_updates,
             "adam_steps": self.learner.adam[2],

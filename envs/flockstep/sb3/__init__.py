@@ -15,7 +15,7 @@ except ImportError as _error:
     _needed = f"flockstep.sb3 needs Stable-Baselines3 and PyTorch: pip install 'flockstep[sb3]' ({_error})"
     raise type(_error)(_needed, name=_error.name) from _error
 
-from flockstep.sb3.evaluation import Evaluation, evaluate, success_rates
+from flockstep.evaluation import Evaluation, evaluate, success_rates
 from flockstep.sb3.features import (
     BlobFeatures,
     GoalFeatures,

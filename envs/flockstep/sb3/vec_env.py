@@ -15,7 +15,7 @@ from stable_baselines3.common.vec_env.base_vec_env import VecEnv, VecEnvIndices,
 
 from flockstep import stepping
 from flockstep._core import NativeTask
-from flockstep.registration import make_by_id
+from flockstep.registration import make_same_step
 from flockstep.stepping import Observation
 from flockstep.task import Task
 from flockstep.vector_env import DroneVectorEnv
@@ -43,13 +43,7 @@ def make_vec(
         if num_envs not in (1, env.num_envs, env.num_groups) or kwargs:
             raise TypeError("make_vec: expected no num_envs or keywords with an env that exists already")
         return DroneVecEnv(env)
-    own = [name for name in ("autoreset_mode", "copy") if name in kwargs]
-    if own:
-        raise TypeError(f"make_vec: {' and '.join(own)} cannot be chosen: Stable-Baselines3 needs same-step autoreset")
-    kwargs |= {"autoreset_mode": "same_step", "copy": False}
-    if isinstance(env, (Task, NativeTask, type)):
-        return DroneVecEnv(DroneVectorEnv(num_envs, task=env, **kwargs))
-    return DroneVecEnv(make_by_id(env, num_envs, **kwargs))
+    return DroneVecEnv(make_same_step("make_vec", env, num_envs, **kwargs))
 
 
 class DroneVecEnv(VecEnv):

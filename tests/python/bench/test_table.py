@@ -47,16 +47,16 @@ def test_the_headline_names_threads_processor_commit_and_remark_of_each_row():
     written = table.headline(
         {
             "step": one("step/n1/microseconds"),
-            "train": one("train/lidar/seed0/seconds", machine=MACHINE | {"simd": "AVX2"}, remark="By old code."),
+            "board": one("board/lidar/seed0/flockstep_2/seconds", machine=MACHINE | {"simd": "AVX2"}, remark="By old code."),
         }
     )
     rows = [[cell.strip() for cell in line.strip("|").split("|")] for line in written.splitlines() if " 2.5 s " in line]
     assert rows == [
         ["a step of one drone", "2.5 s", "1", "Fast One, 2 logical, AVX3", "0123456, 2026-11-24"],
         [
-            "time to train with a LiDAR until solved (at most 1.5 million steps), median of 5",
+            "time to train a policy that flies by LiDAR, 1.5 million steps, median of 5",
             "2.5 s",
-            "1 per core",
+            "2",
             "Fast One, 2 logical, AVX2",
             "0123456, 2026-11-24 ¹",
         ],

@@ -9,12 +9,13 @@ from typing import Any
 
 import numpy as np
 
-from flockstep import scenes
+from flockstep import scenes, stepping
 from flockstep._core import EpisodeEnd, NativeTask
 from flockstep.recording import actions_of
-from flockstep.sb3.vec_env import DroneVecEnv, make_vec
+from flockstep.registration import make_same_step
 from flockstep.scenes import WorldsLike
 from flockstep.task import Task
+from flockstep.vector_env import DroneVectorEnv
 
 
 @dataclass(frozen=True)
@@ -46,16 +47,16 @@ def evaluate(
 ) -> Evaluation:
     """Fly a policy for some episodes; return how often each kind of end occurred, and the means of all other values.
 
-    >>> flockstep.sb3.evaluate(None, "flockstep/Hover-v0").ends  # random actions
+    >>> flockstep.evaluate(None, "flockstep/Hover-v0").ends  # random actions
     {'success': 0.0, 'contact': 0.21, 'left_area': 0.79, 'bad_state': 0.0, 'time': 0.0, 'task': 0.0}
 
     Parameters
     ----------
     model
-        A trained model, such as a `PPO`, flown deterministically; a function from observations (N, ...) to actions (N,
-        ...); or None for random actions.
+        A model of `flockstep.PPO` or Stable-Baselines3, flown deterministically; a function from observations (N, ...)
+        to actions (N, ...); or None for random actions.
     env
-        The environment, as for `make_vec`.
+        A Gymnasium id of this package, your own `Task` (an object, or its class) or `NativeTask`.
     episodes
         Number of episodes. The same number of envs fly in parallel, and only the first episode of each counts.
     seed
@@ -64,8 +65,8 @@ def evaluate(
     **kwargs
         Further keywords of `DroneVectorEnv`. Several ``worlds`` are assigned to the envs in turn.
     """
-    envs = make_vec(env, _count(episodes), **kwargs)
-    names = [] if not isinstance(envs.env.task, Task) else envs.env.task.info_names
+    envs = make_same_step("evaluate", env, _count(episodes), **kwargs)
+    names = envs.task.info_names if isinstance(envs.task, Task) else []
     ends = _first_episodes(model, envs, "evaluate", seed)
     return Evaluation(
         episodes=len(ends),
@@ -111,26 +112,25 @@ def success_rates(
     if worlds is None:
         worlds = getattr(kwargs.get("task", env), "worlds", None) or ("train", "validation")
     loaded = scenes.load(worlds)
-    envs = make_vec(env, len(loaded) * _count(episodes), worlds=loaded, **kwargs)
+    envs = make_same_step("success_rates", env, len(loaded) * _count(episodes), worlds=loaded, **kwargs)
     by_world: dict[str, list[bool]] = defaultdict(list)
     for k, end in enumerate(_first_episodes(model, envs, "success_rates", seed)):
         by_world[loaded[k % len(loaded)].name].append(end["is_success"])
     return {name: _mean(successes) for name, successes in by_world.items()}
 
 
-def _first_episodes(model: Any, envs: DroneVecEnv, caller: str, seed: int) -> list[dict[str, Any]]:
+def _first_episodes(model: Any, envs: DroneVectorEnv, caller: str, seed: int) -> list[dict[str, Any]]:
     """Fly until every env has ended an episode; return the infos of these first ends and close the envs."""
-    act = actions_of(model, envs.env, caller, seed)
-    envs.seed(seed)
-    observation: Any = envs.reset()
-    ends: list[dict[str, Any] | None] = [None] * envs.num_envs
-    while None in ends:
-        observation, _, done, infos = envs.step(act(observation))
-        for i in np.flatnonzero(done):
-            if ends[i] is None:  # later episodes of an env do not count
-                ends[i] = infos[i]
+    act = actions_of(model, envs, caller, seed)
+    observation, _ = envs.reset(seed=seed)
+    found: list[dict[str, Any] | None] = [None] * envs.num_envs
+    while None in found:
+        observation, _, terminated, truncated, _ = envs.step(act(observation))
+        ended = np.array([i for i in np.flatnonzero(terminated | truncated) if found[i] is None], np.intp)
+        for i, end in zip(ended, stepping.ends(envs, ended, 0.0), strict=True):  # later episodes do not count
+            found[i] = end
     envs.close()
-    return [end for end in ends if end is not None]
+    return [end for end in found if end is not None]
 
 
 def _count(episodes: Any) -> int:

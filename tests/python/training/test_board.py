@@ -1,0 +1,133 @@
+"""The board: recipes, reports, curves and the tables made of them."""
+
+import dataclasses
+import json
+
+import numpy as np
+import pytest
+
+import flockstep
+
+pytest.importorskip("stable_baselines3")
+import table
+from training import board, recipes
+from training.tasks import CHOOSING_SEEDS, UNSEEN_SEEDS
+
+
+@pytest.fixture
+def small(monkeypatch):
+    """Make a recipe of two rollouts, judged by three flights."""
+
+    def make(name):
+        recipe = recipes.RECIPES[name]
+        settings = {**recipe.settings, "n_steps": 4, "batch_size": 32, "n_epochs": 1}
+        made = dataclasses.replace(
+            recipe,
+            steps=128,
+            num_envs=16,
+            settings=settings,
+            flights=3,
+            baseline=lambda: recipes.Verdict(0.25, 0.5),
+            film={**recipe.film, "steps": 2, "render_size": (32, 24)},
+        )
+        monkeypatch.setitem(recipes.RECIPES, name, made)
+        return made
+
+    return make
+
+
+@pytest.mark.parametrize("name", recipes.RECIPES)
+def test_every_recipe_trains_is_judged_and_filmed(name, small, tmp_path):
+    small(name)
+    figures = {each["name"]: each for each in board.report(name, 1, name == "hover", tmp_path)}
+    run = f"board/{name}/seed0/flockstep_1"
+    assert 0 <= figures[f"{run}/success"]["value"] <= 1
+    assert figures[f"{run}/seconds"]["value"] > 0
+    assert figures[f"board/{name}/baseline/success"]["value"] == 0.25
+    assert [steps for steps, _, _ in figures[f"{run}/success"]["curve"]] == [64, 128]
+    assert (f"board/{name}/seed0/sb3_1/success" in figures) == (name == "hover")
+    assert (tmp_path / f"{name}.mp4").stat().st_size > 500
+    flown = flockstep.PPO.load(tmp_path / f"{name}-seed0")
+    assert flown.num_timesteps == 128
+
+
+def test_the_flights_of_the_report_are_those_of_nothing_else(small, monkeypatch, tmp_path):
+    judged = []
+
+    def judge(predict, flights, seed):
+        judged.append((flights, seed))
+        return recipes.Verdict(1.0, 0.0)
+
+    monkeypatch.setitem(recipes.RECIPES, "hover", dataclasses.replace(small("hover"), judge=judge))
+    board.report("hover", 2, False, tmp_path)
+    once = [(3, CHOOSING_SEEDS.start), (3, CHOOSING_SEEDS.start), (3, UNSEEN_SEEDS.start)]
+    assert judged == once * 2
+
+
+def test_different_policies_of_one_thread_and_two_are_an_error(small, monkeypatch, tmp_path):
+    small("hover")
+    seeds = iter(range(9))
+    monkeypatch.setattr(
+        board, "train", lambda recipe, learner, seed, *rest: recipes.train(recipe, learner, next(seeds), *rest)
+    )
+    with pytest.raises(AssertionError, match="hover: one thread and two gave different policies"):
+        board.report("hover", 1, False, tmp_path)
+
+
+def test_the_entropy_bonus_falls_to_zero_and_the_learning_rate_too(small):
+    recipe = dataclasses.replace(small("lidar"), steps=640)
+    coefficients, rates = [], []
+
+    class Look(board.BaseCallback):
+        def _on_rollout_start(self):
+            coefficients.append(self.model.ent_coef)
+            rates.append(self.model.learning_rate(self.model._current_progress_remaining))
+
+        def _on_step(self):
+            return True
+
+    recipes.train(recipe, "flockstep", 0, 1, [Look()])
+    np.testing.assert_allclose(coefficients, [0.03 * max(0, 1 - k / 8) for k in range(10)], atol=1e-12)
+    np.testing.assert_allclose(rates, [1.5e-3 * (1 - k / 10) for k in range(10)])
+
+
+def test_the_command_writes_figures_and_curves_and_refuses_other_names(small, tmp_path):
+    small("hover")
+    board.main(board.Args(names=("hover",), out=tmp_path, seeds=2, sb3=False))
+    figures = json.loads((tmp_path / "figures.json").read_text())
+    assert sum("curve" in each for each in figures) == 2
+    assert (tmp_path / "curves.png").stat().st_size > 5000
+    with pytest.raises(SystemExit, match=r"NAME: expected one of hover, track, .*, got 'hoover'"):
+        board.main(board.Args(names=("hoover",), out=tmp_path))
+
+
+def run_of(name, seed, run, success, seconds, curve):
+    path = f"board/{name}/seed{seed}/{run}"
+    return [
+        {"name": f"{path}/seconds", "value": seconds, "unit": "s", "runs": 1},
+        {"name": f"{path}/success", "value": success, "unit": "1", "runs": 9, "curve": [[1, 1.0, curve]]},
+    ]
+
+
+def test_the_tables_have_medians_worst_seeds_and_p_values():
+    machine = {"cpu": "Fast One", "logical_processors": 2, "simd": "AVX3", "embree": "3", "python": "3.11"}
+    figures = [{"name": "board/hover/baseline/success", "value": 0.077, "unit": "1", "runs": 9}]
+    for seed in range(5):
+        figures += run_of("hover", seed, "flockstep_1", 0.99 - 0.01 * seed, 7.0 + seed, 0.5 + 0.01 * seed)
+        figures += run_of("hover", seed, "sb3_1", 0.98, 40.0, 0.6 + 0.01 * seed)
+        figures.append({"name": f"board/hover/seed{seed}/flockstep_2/seconds", "value": 4.0, "unit": "s", "runs": 1})
+    results = {"board": {"machine": machine, "commit": "0" * 40, "figures": figures}}
+    row = table.board(results).splitlines()[-1]
+    assert row == (
+        "| hover: within 5 cm after a throw | 97.0 % (95.0 %) | 7.7 % | 4.0 s (4.0 s) | 9.0 s (11.0 s) "
+        "| 98.0 % (98.0 %) | 40 s (40 s) |"
+    )
+    assert "| hover, `flockstep.PPO` | 99.0 %, 7.0 s | 98.0 %, 8.0 s |" in table.board_seeds(results)
+    assert table.board_curves(results).splitlines()[-1] == "| hover | 52.0 % (50.0 %) | 62.0 % (60.0 %) | 0.01 |"
+    assert set(table.TRAININGS) >= set(recipes.RECIPES)
+
+
+def test_a_permutation_test_by_hand():
+    """Of the six ways to split four numbers into pairs, two have a difference as large as that of 1, 2 and 3, 4."""
+    assert table.permutation_p([1, 2], [3, 4]) == pytest.approx(2 / 6)
+    assert table.permutation_p([1, 4], [2, 3]) == 1
