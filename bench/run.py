@@ -8,6 +8,7 @@ camera_train  the same for the camera task, which observes the green blob in an 
 pixels_train  the same for the task that observes the image itself; takes half an hour
 camera_large  the camera task at 640 x 480; takes half an hour
 places_train  the LiDAR task in generated offices and forests
+learner one update of flockstep.PPO beside Stable-Baselines3's, and what a second thread gains; needs an idle machine
 board   the trainings of docs/board.md with five seeds each, also with Stable-Baselines3; only if named, takes hours
 flight_train  Hover and Track with five seeds each, and the controller only; the LiDAR task's policy with rotors
 tiles   tracing rays against triangles, in tiles and with Embree's packets; only tracing
@@ -50,6 +51,7 @@ import dynamics_accuracy
 import dynamics_peers
 import flockstep
 import imaging
+import learner
 import mesh_peers
 import peers
 import plan
@@ -320,6 +322,16 @@ def bench_board() -> list[Figure]:
     return trained("board", "board", "--seeds", "5")
 
 
+def bench_learner() -> list[Figure]:
+    """Compare an update of `flockstep.PPO` with Stable-Baselines3's, and one thread with two."""
+    return [
+        figure(
+            f"learner/{name}", statistics.median(values), "us" if name.endswith("microseconds") else "1", len(values)
+        )
+        for name, values in learner.measure().items()
+    ]
+
+
 def bench_load() -> list[Figure]:
     """Load scene files of 65,000 objects: with one shared material, and with one material each."""
     count = 65_000
@@ -459,6 +471,7 @@ BENCHES: dict[str, Callable[[], list[Figure]]] = {
     "trainers": bench_trainers,
     "snippet": bench_snippet,
     "busy": bench_busy,
+    "learner": bench_learner,
     "load": bench_load,
     "worlds": bench_worlds,
     "imaging": bench_imaging,

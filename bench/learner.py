@@ -1,0 +1,124 @@
+"""The learner: one update beside Stable-Baselines3's, drawing actions, and what a second thread gains."""
+
+from __future__ import annotations
+
+import dataclasses
+import time
+from collections.abc import Callable
+from functools import partial
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+import torch
+from gymnasium import spaces
+from stable_baselines3 import PPO
+from stable_baselines3.common.buffers import RolloutBuffer
+from stable_baselines3.common.logger import configure
+
+import flockstep
+from flockstep import _core
+from training.board import Clock
+from training.recipes import RECIPES, train
+
+Array = npt.NDArray[Any]
+
+INPUTS, ACTIONS, STEPS, ROWS, EPOCHS = 38, 3, 32, 512, 3
+MINIBATCHES = (4096, 1024)
+RUNS = 7
+TRAININGS = ("hover", "lidar")
+SHARE = 8  # of a training's steps, for the gain of a second thread
+
+
+def measure() -> dict[str, list[float]]:
+    """Return figures by name, one value per run: microseconds per step of the rollout, and ratios within a run."""
+    torch.set_num_threads(1)
+    ours, rollout = ours_and_its_rollout()
+    theirs = {size: sb3(size) for size in MINIBATCHES}
+    found: dict[str, list[float]] = {}
+    for _ in range(RUNS):
+        found.setdefault("act/microseconds", []).append(per_step(partial(collect, ours, rollout)))
+        for size in MINIBATCHES:
+            config = _core.UpdateConfig(batch_size=size, n_epochs=EPOCHS)
+            update = per_step(partial(ours.update, config))
+            fill(theirs[size], rollout)
+            beside = per_step(theirs[size].train)
+            for name, value in (
+                ("flockstep_microseconds", update),
+                ("sb3_microseconds", beside),
+                ("ratio", update / beside),
+            ):
+                found.setdefault(f"update/minibatch{size}/{name}", []).append(value)
+    for name in TRAININGS:
+        for seed in range(100, 100 + RUNS):
+            one, two = (training_seconds(name, seed, threads) for threads in (1, 2))
+            found.setdefault(f"threads/{name}/speedup_of_two", []).append(one / two)
+    return found
+
+
+def training_seconds(name: str, seed: int, threads: int) -> float:
+    """Return the time of a shortened training in s, without making the environments."""
+    recipe = dataclasses.replace(RECIPES[name], steps=RECIPES[name].steps // SHARE)
+    clock = Clock(recipe, judges=False)
+    train(recipe, "flockstep", seed, threads, [clock])
+    return clock.training_s
+
+
+def per_step(call: Callable[[], object]) -> float:
+    """Return the wall time of a call in us per step of the rollout."""
+    before = time.perf_counter()
+    call()
+    return 1e6 * (time.perf_counter() - before) / (STEPS * ROWS)
+
+
+def ours_and_its_rollout() -> tuple[Any, dict[str, Array]]:
+    """Return a learner, and random observations, rewards and ends of episodes."""
+    random = np.random.default_rng(0)
+    rollout = {
+        "observation": random.normal(size=(STEPS + 1, ROWS, INPUTS)).astype(np.float32),
+        "reward": random.normal(size=(STEPS, ROWS)).astype(np.float32),
+        "done": random.random((STEPS, ROWS)) < 0.01,
+    }
+    return _core.Learner(_core.NetworkConfig(observation_size=INPUTS, action_size=ACTIONS), 1, 0), rollout
+
+
+def collect(learner: Any, rollout: dict[str, Array]) -> None:
+    """Draw actions for the observations, and keep the results."""
+    learner.begin(_core.RolloutConfig(n_steps=STEPS), ROWS)
+    never = np.zeros(ROWS, bool)
+    for t in range(STEPS):
+        learner.act(t, rollout["observation"][t])
+        learner.record(t, rollout["reward"][t], rollout["done"][t], never)
+    learner.finish(rollout["observation"][STEPS])
+
+
+class Spaces(flockstep.Task):
+    """Declares the spaces; its envs are never stepped."""
+
+    worlds = flockstep.World.from_dict({"flockstep_scene": 1, "name": "room", "room": {"min": [0] * 3, "max": [1] * 3}})
+    observation_space = spaces.Box(-10, 10, (INPUTS,), np.float32)
+    action_space = spaces.Box(-1, 1, (ACTIONS,), np.float32)
+
+
+def sb3(batch_size: int) -> PPO:
+    """Return a PPO of Stable-Baselines3 with the same networks."""
+    envs = flockstep.sb3.make_vec(Spaces, ROWS)
+    model = PPO("MlpPolicy", envs, n_steps=STEPS, batch_size=batch_size, n_epochs=EPOCHS, device="cpu", seed=0)
+    model.set_logger(configure(format_strings=[]))
+    return model
+
+
+def fill(model: PPO, rollout: dict[str, Array]) -> None:
+    """Fill the buffer of a model with the rollout, with the model's actions, values and log probabilities."""
+    buffer = model.rollout_buffer
+    assert isinstance(buffer, RolloutBuffer)
+    buffer.reset()
+    starts = np.zeros(ROWS, bool)
+    with torch.no_grad():
+        for t in range(STEPS):
+            observation = rollout["observation"][t]
+            actions, values, log_probs = model.policy(torch.as_tensor(observation))
+            buffer.add(observation, actions.numpy(), rollout["reward"][t], starts, values, log_probs)
+            starts = rollout["done"][t]
+        last = model.policy.predict_values(torch.as_tensor(rollout["observation"][STEPS]))
+    buffer.compute_returns_and_advantage(last, starts)
