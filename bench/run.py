@@ -376,23 +376,29 @@ def bench_server() -> list[Figure]:
 
 
 def bench_snippet() -> list[Figure]:
-    """Run the README's first training as published, and three times as long, with five seeds not used to choose it."""
-    block = re.search(r"```python\n(.*?)```", (ROOT / "README.md").read_text(), re.DOTALL)
-    assert block
+    """Run the README's trainings as published, without the film, with five seeds not used to choose them."""
+    blocks = re.findall(r"```python\n(.*?)```", (ROOT / "README.md").read_text(), re.DOTALL)
     figures = []
     for seed in range(20, 25):
-        for subject, steps in ((f"snippet/seed{seed}", "1_200_000"), (f"snippet/longer/seed{seed}", "3_600_000")):
-            text = block[1]
-            seeded = ('"device": "cpu"', f'"device": "cpu", "seed": {seed}')
-            for old, new in (seeded, ("1_200_000, callback=flockstep.sb3.Progress()", steps)):
-                assert text.count(old) == 1, f"README.md: expected {old} once in its first block"
-                text = text.replace(old, new)
+        first = published(
+            blocks[0], {"left}": f'left, "seed": {seed}}}', 'flockstep.record("flight.mp4", model)\n': ""}
+        )
+        both = published(first, {"1_000_000": "1"}) + blocks[1]
+        for subject, text in ((f"snippet/seed{seed}", first), (f"snippet/sb3/seed{seed}", both)):
             before = time.perf_counter()
             output = subprocess.run([sys.executable, "-c", text], check=True, stdout=subprocess.PIPE, text=True).stdout
             seconds = time.perf_counter() - before
             flown = sum(ast.literal_eval(output.splitlines()[-1]).values())
             figures += [figure(f"{subject}/playgrounds", flown, "1", 1), figure(f"{subject}/seconds", seconds, "s", 1)]
     return figures
+
+
+def published(block: str, changes: dict[str, str]) -> str:
+    """Return a block of the README with changes, each of a text that is there once."""
+    for old, new in changes.items():
+        assert block.count(old) == 1, f"README.md: expected {old} once"
+        block = block.replace(old, new)
+    return block
 
 
 BUSY = "while True: pass"
@@ -402,7 +408,7 @@ def bench_busy() -> list[Figure]:
     """Run the trainings of the README and of First steps as published, while every processor runs a busy loop."""
     pages = "".join((ROOT / page).read_text() for page in ("README.md", "docs/first-steps.md"))
     blocks = re.findall(r"```python\n(.*?)```", pages, re.DOTALL)
-    trainings = [block for block in blocks if "learn(" in block]
+    trainings = [block for block in blocks if "learn(" in block and "import flockstep" in block]
     figures = []
     others = [subprocess.Popen([sys.executable, "-c", BUSY]) for _ in range(os.cpu_count() or 1)]
     try:

@@ -44,6 +44,7 @@ NAMES = (
     "places_train",
     "trainers",
     "snippet",
+    "learner",
     "load",
     "worlds",
     "tiles",

@@ -128,6 +128,6 @@ def test_the_tables_have_medians_worst_seeds_and_p_values():
 
 
 def test_a_permutation_test_by_hand():
-    """Of the six ways to split four numbers into pairs, two have a difference as large as that of 1, 2 and 3, 4."""
+    """Four numbers split into pairs in six ways; two have a difference as large as that of 1, 2 and 3, 4."""
     assert table.permutation_p([1, 2], [3, 4]) == pytest.approx(2 / 6)
     assert table.permutation_p([1, 4], [2, 3]) == 1
