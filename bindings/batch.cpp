@@ -8,6 +8,7 @@
 #include <functional>
 #include <iterator>
 #include <memory>
+#include <numeric>
 #include <optional>
 #include <span>
 #include <string>
@@ -272,12 +273,34 @@ py::array_t<float> path(const Batch& batch) {
   return copy;
 }
 
-py::array_t<float> random(const Batch& batch, std::uint32_t stream, int count) {
+py::array_t<float> random(const Batch& batch, std::uint32_t stream, int count, const py::object& rows) {
+  const auto envs = integers<std::int64_t>(rows, "rows", {-1});
   return in_turn(batch, [&] {  // the number of envs may change until then
-    py::array_t<float> numbers({num_envs(batch), static_cast<py::ssize_t>(std::max(count, 0))});
-    batch.random(stream, count, {numbers.mutable_data(), static_cast<std::size_t>(numbers.size())});
+    const py::ssize_t length = envs.given() ? static_cast<py::ssize_t>(envs.rows()) : num_envs(batch);
+    py::array_t<float> numbers({length, static_cast<py::ssize_t>(std::max(count, 0))});
+    const std::span<float> out(numbers.mutable_data(), static_cast<std::size_t>(numbers.size()));
+    if (envs.given()) {
+      batch.random(stream, count, envs, out);
+    } else {
+      batch.random(stream, count, out);
+    }
     return numbers;
   });
+}
+
+// Returns the drones of a call by their indices; not given for None. Throws ValueError if there is also a mask.
+Input<std::int64_t> rows_argument(const py::object& rows, const py::object& mask) {
+  if (!rows.is_none() && !mask.is_none()) throw py::value_error("mask: expected None with rows, got an array");
+  return integers<std::int64_t>(rows, "rows", {-1});
+}
+
+// Returns the rows whose episodes begin, within a Python task's reset; otherwise all rows.
+py::array_t<std::int64_t> beginning_rows(const Batch& batch) {
+  const py::ssize_t count = num_rows(batch);
+  if (const std::optional<py::array_t<std::int64_t>> rows = rows_of_reset(*batch.task())) return *rows;
+  py::array_t<std::int64_t> all(count);
+  std::iota(all.mutable_data(), all.mutable_data() + count, std::int64_t{0});
+  return all;
 }
 
 // Getters for the arrays' properties.
@@ -378,13 +401,16 @@ void register_batch(py::module_& module) {
       .def("lidar", &lidar_view, py::arg("name") = none)
       .def(
           "set_pose",
-          [](Batch& batch, const py::object& position, const py::object& quat_wxyz, const py::object& mask) {
-            const auto p = floats(position, "position", n_by(batch, 3));
-            const auto q = floats(quat_wxyz, "quat_wxyz", n_by(batch, 4));
+          [](Batch& batch, const py::object& position, const py::object& quat_wxyz, const py::object& mask,
+             const py::object& rows) {
+            const auto r = rows_argument(rows, mask);
+            const py::ssize_t n = r.given() ? static_cast<py::ssize_t>(r.rows()) : num_drones(batch);
+            const auto p = floats(position, "position", {n, 3});
+            const auto q = floats(quat_wxyz, "quat_wxyz", {n, 4});
             const auto m = flags(mask, "mask", num_drones(batch));
-            in_turn(batch, [&] { batch.set_pose(p, q, m); });
+            in_turn(batch, [&] { r.given() ? batch.set_poses(r, p, q) : batch.set_pose(p, q, m); });
           },
-          py::arg("position") = none, py::arg("quat_wxyz") = none, py::arg("mask") = none)
+          py::arg("position") = none, py::arg("quat_wxyz") = none, py::arg("mask") = none, py::kw_only(), py::arg("rows") = none)
       .def(
           "move",
           [](const py::object& self, const py::object& position, const py::object& quat_wxyz, const py::object& mask) {
@@ -399,14 +425,17 @@ void register_batch(py::module_& module) {
       .def(
           "set_velocity",
           [](Batch& batch, const py::object& velocity, const py::object& angular_velocity, const py::object& rotor_speed,
-             const py::object& mask) {
-            const auto v = floats(velocity, "velocity", n_by(batch, 3));
-            const auto w = floats(angular_velocity, "angular_velocity", n_by(batch, 3));
-            const auto r = floats(rotor_speed, "rotor_speed", n_by(batch, kRotors));
+             const py::object& mask, const py::object& rows) {
+            const auto drones = rows_argument(rows, mask);
+            const py::ssize_t n = drones.given() ? static_cast<py::ssize_t>(drones.rows()) : num_drones(batch);
+            const auto v = floats(velocity, "velocity", {n, 3});
+            const auto w = floats(angular_velocity, "angular_velocity", {n, 3});
+            const auto r = floats(rotor_speed, "rotor_speed", {n, py::ssize_t{kRotors}});
             const auto m = flags(mask, "mask", num_drones(batch));
-            in_turn(batch, [&] { batch.set_velocity(v, w, r, m); });
+            in_turn(batch, [&] { drones.given() ? batch.set_velocities(drones, v, w, r) : batch.set_velocity(v, w, r, m); });
           },
-          py::arg("velocity") = none, py::arg("angular_velocity") = none, py::arg("rotor_speed") = none, py::arg("mask") = none)
+          py::arg("velocity") = none, py::arg("angular_velocity") = none, py::arg("rotor_speed") = none, py::arg("mask") = none,
+          py::kw_only(), py::arg("rows") = none)
       .def(
           "fly",
           [](const py::object& self, const py::object& command, const py::object& ticks, const py::object& mask,
@@ -577,7 +606,8 @@ void register_batch(py::module_& module) {
             in_turn(batch, [&] { batch.begin_episode(m); });
           },
           py::arg("mask") = none)
-      .def("random", &random, py::arg("stream"), py::arg("count"))
+      .def("random", &random, py::arg("stream"), py::arg("count"), py::arg("rows") = none)
+      .def_property_readonly("rows", &beginning_rows)
       .def(
           "reset",
           [](Batch& batch, const py::object& seeds, const py::object& mask) {

@@ -74,7 +74,10 @@ class PythonTask final : public Task {
 
   void begin(const TaskBlock& block) override {
     const py::gil_scoped_acquire acquire;
-    calls_->attr("begin")(is_per_drone_ ? indices(block.drones) : indices(block.envs));
+    {
+      const Beginning beginning(*this, is_per_drone_ ? indices(block.drones) : indices(block.envs));
+      calls_->attr("begin")(*beginning_);
+    }
     for (const DroneIndex drone : block.drones) {
       const Vec3 position = position_of(block.context.state(), drone);
       const World& world = block.context.world_of(block.context.env_of(drone));
@@ -171,6 +174,9 @@ class PythonTask final : public Task {
     visitor.blob("state", state_);
   }
 
+  // The rows that begin() is beginning.
+  const std::optional<py::array_t<std::int64_t>>& beginning() const { return beginning_; }
+
   void restored() override {
     const py::gil_scoped_acquire acquire;
     calls_->attr("load")(py::bytes(state_));
@@ -178,6 +184,21 @@ class PythonTask final : public Task {
   }
 
  private:
+  // Sets the rows of a reset for its scope.
+  class Beginning {
+   public:
+    Beginning(PythonTask& task, py::array_t<std::int64_t> rows) : task_(task) {
+      rows.attr("setflags")(py::arg("write") = false);  // batch.rows returns this array
+      task_.beginning_ = std::move(rows);
+    }
+    ~Beginning() { task_.beginning_.reset(); }
+    Beginning(const Beginning&) = delete;
+    Beginning& operator=(const Beginning&) = delete;
+
+   private:
+    PythonTask& task_;
+  };
+
   // The batch ends the episode of a row with such a value and continues. This reports the row to the author of the task.
   void report(const std::string& what, std::size_t row, double value) const { calls_->attr("report")(what, row, value); }
 
@@ -232,7 +253,8 @@ class PythonTask final : public Task {
   std::string identity_;
   int max_episode_steps_;
   std::shared_ptr<py::object> calls_;
-  std::string state_;  // from the last snapshot
+  std::string state_;                                   // from the last snapshot
+  std::optional<py::array_t<std::int64_t>> beginning_;  // the rows of the current reset
   bool is_per_drone_ = true;
   std::size_t num_rows_ = 0;
 };
@@ -318,6 +340,11 @@ std::unique_ptr<Task> make_task(const py::object& description) {
   }
   throw py::type_error("task: expected " + names_of_task_configs() + ", a NativeTask or None, got " +
                        std::string(py::repr(description)));
+}
+
+std::optional<py::array_t<std::int64_t>> rows_of_reset(const Task& task) {
+  const auto* const python = dynamic_cast<const PythonTask*>(&task);
+  return python == nullptr ? std::nullopt : python->beginning();
 }
 
 void register_task(py::module_& module) {

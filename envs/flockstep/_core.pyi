@@ -2800,10 +2800,13 @@ class Batch:
         position: npt.ArrayLike | None = None,
         quat_wxyz: npt.ArrayLike | None = None,
         mask: npt.ArrayLike | None = None,
+        *,
+        rows: npt.ArrayLike | None = None,
     ) -> None:
         """Teleport to positions (N, 3) m and quaternions (N, 4) without a collision check.
 
-        None leaves a value unchanged.
+        None leaves a value unchanged. With ``rows`` (K,), the indices of drones, the arrays have K rows, for these
+        drones.
         """
 
     def move(
@@ -2823,12 +2826,15 @@ class Batch:
         angular_velocity: npt.ArrayLike | None = None,
         rotor_speed: npt.ArrayLike | None = None,
         mask: npt.ArrayLike | None = None,
+        *,
+        rows: npt.ArrayLike | None = None,
     ) -> None:
         """Set velocities (N, 3) m/s, angular velocities (N, 3) rad/s and rotor speeds (N, 4) rad/s.
 
         Velocities are in the world frame, angular velocities in the body frame. None leaves a value unchanged. A drone
         may turn by at most half a turn per tick: angular velocities above pi times `physics_hz` raise `ValueError`.
-        After `set_pose` a drone is at rest with its rotors at hover speed.
+        After `set_pose` a drone is at rest with its rotors at hover speed. With ``rows`` (K,), the indices of drones,
+        the arrays have K rows, for these drones.
         """
 
     def fly(
@@ -3028,12 +3034,16 @@ class Batch:
     def begin_episode(self, mask: npt.ArrayLike | None = None) -> None:
         """Advance the episode counters. With a task, `reset` and `step` do this."""
 
-    def random(self, stream: int, count: int) -> _F32:
+    def random(self, stream: int, count: int, rows: npt.ArrayLike | None = None) -> _F32:
         """Return uniform numbers in [0, 1), (E, count), as a new array.
 
         They depend only on the env's seed, its episode and the stream (from 0 to 2**31 - 1). Drawing does not change
-        any state.
+        any state. With ``rows`` (K,), the indices of envs, it draws only the numbers of these envs, (K, count).
         """
+
+    @property
+    def rows(self) -> npt.NDArray[np.int64]:
+        """Indices of the rows whose episodes begin, in `Task.reset`: those of its mask, sorted. Elsewhere all rows."""
 
     def reset(self, seeds: npt.ArrayLike | None = None, mask: npt.ArrayLike | None = None) -> None:
         """Begin new episodes of the task.

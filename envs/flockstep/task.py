@@ -170,7 +170,12 @@ class Task:
         """Allocate state with a row per drone. Called once, before the first `reset`."""
 
     def reset(self, batch: Batch, mask: BoolArray) -> None:
-        """Begin new episodes where ``mask`` (N,) is True: place those drones and reset their rows of your state."""
+        """Begin new episodes where ``mask`` (N,) is True: place those drones and reset their rows of your state.
+
+        ``batch.rows`` has the indices of these rows. With ``rows=batch.rows``, `Batch.random`, `Batch.set_pose` and
+        `Batch.set_velocity` take only these rows. With several drones per env, `Batch.random` takes indices of envs and
+        the others take indices of drones; drone d belongs to env ``d // batch.drones_per_env``.
+        """
         level = np.zeros((batch.num_drones, 4), np.float32)
         level[:, 0] = 1
         drones = mask if self.row_kind == "drone" else np.repeat(mask, batch.drones_per_env)

@@ -135,12 +135,17 @@ class FLOCKSTEP_API Batch {
 
   // --- motion and sensing; positions (N, 3) m, quaternions (N, 4) wxyz; an empty span leaves the value unchanged
   void set_pose(std::span<const float> position, std::span<const float> quat_wxyz, DroneMask mask = {});  // no collision check
+  // set_pose() for some drones: their indices (K,), positions (K, 3), quaternions (K, 4).
+  void set_poses(std::span<const std::int64_t> drones, std::span<const float> position, std::span<const float> quat_wxyz);
   void move(std::span<const float> position, std::span<const float> quat_wxyz,
             DroneMask mask = {});  // with collision check; sets state().contact
   // Rotor motion only: velocities (N, 3) in m/s, world frame; angular velocities (N, 3) in rad/s, body frame; rotor speeds (N,
   // 4) in rad/s. After set_pose() a drone is at rest with its rotors at hover speed.
   void set_velocity(std::span<const float> velocity, std::span<const float> angular_velocity, std::span<const float> rotor_speed,
                     DroneMask mask = {});
+  // set_velocity() for some drones: their indices (K,), and K rows of each array.
+  void set_velocities(std::span<const std::int64_t> drones, std::span<const float> velocity,
+                      std::span<const float> angular_velocity, std::span<const float> rotor_speed);
   // Flies a command (N, 4) for a number of ticks in [0, 1000000]; 0 means one step. control: the meaning of this command, by
   // default config().dynamics.control; not Control::pose. Rotor motion only; use move() for kinematic motion.
   void fly(std::span<const float> command, int ticks = 0, DroneMask mask = {}, std::optional<Control> control = {});
@@ -212,6 +217,8 @@ class FLOCKSTEP_API Batch {
   void seed(std::span<const std::uint64_t> seeds, EnvMask mask = {});        // (E,); sets the episode counters to 0
   void begin_episode(EnvMask mask = {});                                     // advances each masked env to its next episode
   void random(std::uint32_t stream, int count, std::span<float> out) const;  // (E, count), uniform in [0, 1)
+  // The rows of some envs, (K, count).
+  void random(std::uint32_t stream, int count, std::span<const std::int64_t> envs, std::span<float> out) const;
 
   // --- the task; std::logic_error without one, or before the first reset
   const Task* task() const;                                             // null without one

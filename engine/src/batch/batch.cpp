@@ -40,6 +40,34 @@ Pose requested_pose(const Simulation& sim, DroneIndex drone, std::size_t row, st
   return pose;
 }
 
+// Draws the numbers of an env from a user stream.
+void draw_row(const State& state, EnvIndex env, std::uint32_t stream, std::span<float> row) {
+  for (std::size_t k = 0; k < row.size(); ++k) {
+    row[k] = draw_uniform(state, RandomKey::of(env), stream, static_cast<std::uint32_t>(k));
+  }
+}
+
+// Puts a drone at a pose, at rest.
+void put_drone(Simulation& sim, DroneIndex drone, const Pose& pose) {
+  set_pose_of(sim.state, drone, pose);
+  clear_contact(sim.state, drone);
+  start_flight(sim, drone, {});
+  sim.move_lines.begin(drone);
+}
+
+// Writes a row of each array that is not empty to the flight of a drone.
+void put_velocity(Simulation& sim, DroneIndex drone, std::size_t row, std::span<const float> velocity,
+                  std::span<const float> angular_velocity, std::span<const float> rotor_speed) {
+  const auto put = [&](std::span<const float> from, std::vector<float>& to, std::size_t columns) {
+    if (!from.empty()) std::copy_n(from.data() + columns * row, columns, to.data() + columns * drone);
+  };
+  FlightState& flight = sim.state.flight;
+  put(velocity, flight.velocity, 3);
+  put(angular_velocity, flight.angular_velocity, 3);
+  put(rotor_speed, flight.rotor_speed, kRotors);
+  put(rotor_speed, flight.rotor_command, kRotors);
+}
+
 // Deactivates a drone and sets its readings and outputs to those of an absent one.
 void mark_absent(Simulation& sim, DroneIndex drone) {
   sim.state.active[drone] = 0;
@@ -141,12 +169,18 @@ void Batch::set_pose(std::span<const float> position, std::span<const float> qua
   const CallGuard guard(*lock_);
   checks::mask(*sim_, mask);
   checks::poses(position, quat_wxyz, sim_->num_drones());
-  for_each_selected(*sim_, mask, [&](DroneIndex drone) {
-    set_pose_of(sim_->state, drone, requested_pose(*sim_, drone, drone, position, quat_wxyz));
-    clear_contact(sim_->state, drone);
-    start_flight(*sim_, drone, {});
-    sim_->move_lines.begin(drone);
-  });
+  for_each_selected(*sim_, mask,
+                    [&](DroneIndex drone) { put_drone(*sim_, drone, requested_pose(*sim_, drone, drone, position, quat_wxyz)); });
+}
+
+void Batch::set_poses(std::span<const std::int64_t> drones, std::span<const float> position, std::span<const float> quat_wxyz) {
+  const CallGuard guard(*lock_);
+  checks::indices(drones, sim_->num_drones(), "rows");
+  checks::poses(position, quat_wxyz, drones.size());
+  for (std::size_t row = 0; row < drones.size(); ++row) {
+    const DroneIndex drone(drones[row]);
+    if (sim_->state.active[drone]) put_drone(*sim_, drone, requested_pose(*sim_, drone, row, position, quat_wxyz));
+  }
 }
 
 void Batch::move(std::span<const float> position, std::span<const float> quat_wxyz, DroneMask mask) {
@@ -170,19 +204,25 @@ void Batch::set_velocity(std::span<const float> velocity, std::span<const float>
   const CallGuard guard(*lock_);
   checks::flies_by_rotors(*sim_, "set_velocity");
   checks::mask(*sim_, mask);
-  checks::velocity(*sim_, velocity);
-  checks::angular_velocity(*sim_, angular_velocity);
-  checks::rotor_speeds(*sim_, rotor_speed);
-  const auto put = [](std::span<const float> from, std::vector<float>& to, DroneIndex drone, std::size_t columns) {
-    if (!from.empty()) std::copy_n(from.data() + columns * drone, columns, to.data() + columns * drone);
-  };
-  for_each_selected(*sim_, mask, [&](DroneIndex drone) {
-    FlightState& flight = sim_->state.flight;
-    put(velocity, flight.velocity, drone, 3);
-    put(angular_velocity, flight.angular_velocity, drone, 3);
-    put(rotor_speed, flight.rotor_speed, drone, kRotors);
-    put(rotor_speed, flight.rotor_command, drone, kRotors);
-  });
+  checks::velocity(velocity, sim_->num_drones());
+  checks::angular_velocity(*sim_, angular_velocity, sim_->num_drones());
+  checks::rotor_speeds(*sim_, rotor_speed, {});
+  for_each_selected(*sim_, mask,
+                    [&](DroneIndex drone) { put_velocity(*sim_, drone, drone, velocity, angular_velocity, rotor_speed); });
+}
+
+void Batch::set_velocities(std::span<const std::int64_t> drones, std::span<const float> velocity,
+                           std::span<const float> angular_velocity, std::span<const float> rotor_speed) {
+  const CallGuard guard(*lock_);
+  checks::flies_by_rotors(*sim_, "set_velocity");
+  checks::indices(drones, sim_->num_drones(), "rows");
+  checks::velocity(velocity, drones.size());
+  checks::angular_velocity(*sim_, angular_velocity, drones.size());
+  checks::rotor_speeds(*sim_, rotor_speed, drones);
+  for (std::size_t row = 0; row < drones.size(); ++row) {
+    const DroneIndex drone(drones[row]);
+    if (sim_->state.active[drone]) put_velocity(*sim_, drone, row, velocity, angular_velocity, rotor_speed);
+  }
 }
 
 void Batch::fly(std::span<const float> command, int ticks, DroneMask mask, std::optional<Control> control) {
@@ -258,10 +298,7 @@ std::vector<std::int64_t> Batch::spawn(std::span<const std::int64_t> indices, st
     } else {
       forget_readings(sim, drone);
     }
-    set_pose_of(state, drone, requested_pose(sim, drone, row, position, quat_wxyz));
-    clear_contact(state, drone);
-    start_flight(sim, drone, {});
-    sim.move_lines.begin(drone);
+    put_drone(sim, drone, requested_pose(sim, drone, row, position, quat_wxyz));
     if (!sim.task_state) continue;
     start_counts(sim, env);
     sim.outputs.clear(sim.row_of(drone));
@@ -326,14 +363,22 @@ void Batch::begin_episode(EnvMask mask) {
 
 void Batch::random(std::uint32_t stream, int count, std::span<float> out) const {
   const CallGuard guard(*lock_);
-  require(stream < 0x80000000U, "stream", "an integer in [0, 2147483648)", stream);
-  require(count >= 0, "count", "an integer >= 0", count);
+  checks::random(stream, count);
   const auto columns = static_cast<std::size_t>(count);
   checks::size(out.size(), sim_->num_envs() * columns, "out");
   for (std::size_t env = 0; env < sim_->num_envs(); ++env) {
-    for (std::size_t k = 0; k < columns; ++k) {
-      out[env * columns + k] = draw_uniform(sim_->state, RandomKey::of(EnvIndex(env)), stream, static_cast<std::uint32_t>(k));
-    }
+    draw_row(sim_->state, EnvIndex(env), stream, out.subspan(env * columns, columns));
+  }
+}
+
+void Batch::random(std::uint32_t stream, int count, std::span<const std::int64_t> envs, std::span<float> out) const {
+  const CallGuard guard(*lock_);
+  checks::random(stream, count);
+  checks::indices(envs, sim_->num_envs(), "rows");
+  const auto columns = static_cast<std::size_t>(count);
+  checks::size(out.size(), envs.size() * columns, "out");
+  for (std::size_t row = 0; row < envs.size(); ++row) {
+    draw_row(sim_->state, EnvIndex(envs[row]), stream, out.subspan(row * columns, columns));
   }
 }
 

@@ -67,9 +67,9 @@ void flies_by_rotors(const Simulation& sim, std::string_view call) {
                          "() is for motion by rotors; this Batch has kinematic motion (give motion=\"rotors\")");
 }
 
-void velocity(const Simulation& sim, std::span<const float> values) {
+void velocity(std::span<const float> values, std::size_t rows) {
   if (values.empty()) return;
-  size(values.size(), 3 * sim.num_drones(), "velocity");
+  size(values.size(), 3 * rows, "velocity");
   for (std::size_t i = 0; i < values.size(); ++i) {
     if (!(std::abs(values[i]) <= dynamics::kMaxSpeed)) {
       refuse(row_of("velocity", i / 3), "finite numbers within +-10000", values[i]);
@@ -77,25 +77,26 @@ void velocity(const Simulation& sim, std::span<const float> values) {
   }
 }
 
-void angular_velocity(const Simulation& sim, std::span<const float> values) {
+void angular_velocity(const Simulation& sim, std::span<const float> values, std::size_t rows) {
   if (values.empty()) return;
-  size(values.size(), 3 * sim.num_drones(), "angular_velocity");
+  size(values.size(), 3 * rows, "angular_velocity");
   const float most = sim.fleet->physics.max_turn;
-  for (std::size_t drone = 0; drone < sim.num_drones(); ++drone) {
-    const float* const w = values.data() + 3 * drone;
+  for (std::size_t row = 0; row < rows; ++row) {
+    const float* const w = values.data() + 3 * row;
     const float norm = Vec3(w[0], w[1], w[2]).norm();
     if (norm <= most) continue;
     std::ostringstream expected;
     expected << "at most " << most << " rad/s, half a turn in a tick of 1 / physics_hz";
-    refuse(row_of("angular_velocity", drone), expected.str(), norm);
+    refuse(row_of("angular_velocity", row), expected.str(), norm);
   }
 }
 
-void rotor_speeds(const Simulation& sim, std::span<const float> values) {
+void rotor_speeds(const Simulation& sim, std::span<const float> values, std::span<const std::int64_t> drones) {
   if (values.empty()) return;
-  size(values.size(), kRotors * sim.num_drones(), "rotor_speed");
+  size(values.size(), kRotors * (drones.empty() ? sim.num_drones() : drones.size()), "rotor_speed");
   for (std::size_t i = 0; i < values.size(); ++i) {
-    const auto most = static_cast<float>(sim.fleet->airframe_of(DroneIndex(i / kRotors)).max_speed_radps);
+    const DroneIndex drone(drones.empty() ? i / kRotors : static_cast<std::size_t>(drones[i / kRotors]));
+    const auto most = static_cast<float>(sim.fleet->airframe_of(drone).max_speed_radps);
     if (values[i] >= 0.0F && values[i] <= most) continue;
     refuse(row_of("rotor_speed", i / kRotors), "numbers in [0, " + std::to_string(most) + "] rad/s", values[i]);
   }
@@ -195,11 +196,18 @@ void index(const Simulation& sim, std::int64_t index) {
   refuse("index", "an integer in [0, " + std::to_string(sim.num_drones()) + ")", index);
 }
 
-void indices(const Simulation& sim, std::span<const std::int64_t> indices) {
+void indices(const Simulation& sim, std::span<const std::int64_t> numbers) { indices(numbers, sim.num_drones(), "indices"); }
+
+void indices(std::span<const std::int64_t> indices, std::size_t end, std::string_view field) {
   for (std::size_t row = 0; row < indices.size(); ++row) {
-    if (indices[row] >= 0 && static_cast<std::size_t>(indices[row]) < sim.num_drones()) continue;
-    refuse(row_of("indices", row), "an integer in [0, " + std::to_string(sim.num_drones()) + ")", indices[row]);
+    if (indices[row] >= 0 && static_cast<std::size_t>(indices[row]) < end) continue;
+    refuse(row_of(field, row), "an integer in [0, " + std::to_string(end) + ")", indices[row]);
   }
+}
+
+void random(std::uint32_t stream, int count) {
+  require(stream < 0x80000000U, "stream", "an integer in [0, 2147483648)", stream);
+  require(count >= 0, "count", "an integer >= 0", count);
 }
 
 namespace {

@@ -28,9 +28,10 @@ void has_camera(const Simulation& sim, std::size_t camera);
 void capture_mode(const Simulation& sim, std::size_t camera, CaptureMode mode);
 void is_kinematic(const Simulation& sim, std::string_view call);
 void flies_by_rotors(const Simulation& sim, std::string_view call);
-void velocity(const Simulation& sim, std::span<const float> values);
-void angular_velocity(const Simulation& sim, std::span<const float> values);
-void rotor_speeds(const Simulation& sim, std::span<const float> values);
+void velocity(std::span<const float> values, std::size_t rows);
+void angular_velocity(const Simulation& sim, std::span<const float> values, std::size_t rows);
+// drones: (rows,) the drones of the rows; empty: all drones.
+void rotor_speeds(const Simulation& sim, std::span<const float> values, std::span<const std::int64_t> drones);
 void command(const Simulation& sim, std::span<const float> values, std::optional<Control> control);
 // Checks the angles in rows of four numbers, as the control defines them: a finite angle that is too large is usually in
 // degrees.
@@ -42,6 +43,9 @@ void require_started(const Simulation& sim);          // every active env is in 
 
 void index(const Simulation& sim, std::int64_t index);
 void indices(const Simulation& sim, std::span<const std::int64_t> indices);
+// Checks that each number of a field is an index below `end`.
+void indices(std::span<const std::int64_t> indices, std::size_t end, std::string_view field);
+void random(std::uint32_t stream, int count);
 void mask(const Simulation& sim, EnvMask mask);
 void mask(const Simulation& sim, DroneMask mask);
 // Checks drones to be spawned: with a task all drones of an env must begin together, and all drones of an env are in one world.
