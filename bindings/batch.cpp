@@ -621,6 +621,9 @@ void register_batch(py::module_& module) {
       .def_property_readonly("path", &path)
       .def_property_readonly("observation", observation_view(&Outputs::observation, true))
       .def_property_readonly("final_observation", observation_view(&Outputs::final_observation))
+      .def_property_readonly("rotation", [](const Batch& batch) { return rotation_matrices(batch.state().quat_wxyz); })
+      .def_property_readonly("sensed_rotation",
+                             [](const Batch& batch) { return rotation_matrices(batch.pose_readings().quat_wxyz); })
       .def_property_readonly("terms", &terms_of)
       .def_property_readonly("task_state", &task_state)
       .def("snapshot",

@@ -1,8 +1,23 @@
 // The engine's terms for Python tasks. Each term is computed in one pass over the batch's current state.
 #include "terms.hpp"
 
+#include <Eigen/Core>
+#include <algorithm>
+#include <cstddef>
+#include <cstdint>
+#include <limits>
+#include <optional>
+#include <span>
+#include <string>
+#include <vector>
+
 #include "arrays.hpp"
+#include "base/require.hpp"
+#include "batch/checks.hpp"
+#include "convert.hpp"
 #include "flockstep/batch.hpp"
+#include "tasks/flight_action.hpp"
+#include "tasks/gates.hpp"
 #include "tasks/terms.hpp"
 
 namespace flockstep::bindings {
@@ -106,7 +121,13 @@ py::array_t<float> goal_direction(const Terms& terms, const py::object& goal_ind
   return rows(points);
 }
 
+// Refuses None for an array.
+void require_array(const py::object& object, const char* field, const char* shape) {
+  if (object.is_none()) refuse(field, std::string("an array ") + shape, "None");
+}
+
 py::array_t<float> displaced(const Terms& terms, const py::object& displacement) {
+  require_array(displacement, "displacement_m", "(N, 3)");
   const auto input = floats(displacement, "displacement_m", {static_cast<py::ssize_t>(terms.size()), 3});
   const std::span<const float> d = input;
   const State& state = terms.batch().state();
@@ -116,6 +137,124 @@ py::array_t<float> displaced(const Terms& terms, const py::object& displacement)
     points[drone] = pose.position + pose.rotation * Vec3(d[3 * drone], d[3 * drone + 1], d[3 * drone + 2]);
   }
   return rows(points);
+}
+
+// Rotates a vector by a quaternion with this vector part. The operations are those of flockstep.rotations.rotate in float32, so
+// that both give the same bits.
+Vec3 rotated(float w, const Vec3& axis, const Vec3& vector) {
+  const Vec3 twice = 2.0F * axis.cross(vector);
+  return vector + w * twice + axis.cross(twice);
+}
+
+// Returns vectors of the world in the body frames that the pose sensor measured, (N, 3) or (N, K, 3). subtracts_position: they
+// are points.
+py::array_t<float> to_body(const Terms& terms, const py::object& given, const char* field, bool subtracts_position) {
+  require_array(given, field, "(N, 3) or (N, K, 3)");
+  const auto n = static_cast<py::ssize_t>(terms.size());
+  const auto array = py::array::ensure(given);  // null for something that is no array; it is refused below
+  const bool has_several = array && array.ndim() == 3;
+  const auto input = floats(given, field, has_several ? Shape{n, -1, 3} : Shape{n, 3});
+  const std::span<const float> vectors = input;
+  const std::size_t row = has_several ? static_cast<std::size_t>(3 * array.shape(1)) : 3;
+  py::array_t<float> result(has_several ? Shape{n, array.shape(1), 3} : Shape{n, 3});
+  float* out = result.mutable_data();
+  const Batch& batch = terms.batch();
+  const std::vector<float>& position = batch.pose_readings().position;
+  const std::vector<float>& quat_wxyz = batch.pose_readings().quat_wxyz;
+  const std::size_t count = terms.size();
+  for (std::size_t drone = 0; drone < count; ++drone) {
+    const float* const p = position.data() + 3 * drone;
+    const float* const q = quat_wxyz.data() + 4 * drone;
+    const Vec3 origin = subtracts_position ? Vec3(p[0], p[1], p[2]) : Vec3(Vec3::Zero());
+    const Vec3 axis(-q[1], -q[2], -q[3]);
+    for (const float* v = vectors.data() + row * drone; v != vectors.data() + row * (drone + 1); v += 3) {
+      const Vec3 turned = rotated(q[0], axis, Vec3(v[0], v[1], v[2]) - origin);
+      out = std::copy_n(turned.data(), 3, out);
+    }
+  }
+  return result;
+}
+
+py::array_t<float> body_velocity(const Terms& terms) { return to_body(terms, terms.owner.attr("velocity"), "velocity", false); }
+
+// Returns the flight model of the drones. Throws AttributeError for kinematic motion.
+const Airframe& airframe_of(const Batch& batch, const char* what) {
+  if (batch.config().dynamics.is_kinematic()) {
+    throw py::attribute_error(std::string("kinematic motion has no ") + what + ": make this Batch with motion=\"rotors\"");
+  }
+  return *batch.drone().airframe();
+}
+
+py::array_t<float> command(const Terms& terms, const py::object& actions, const std::optional<double>& max_thrust_to_weight) {
+  const Batch& batch = terms.batch();
+  const DynamicsConfig& dynamics = batch.config().dynamics;
+  const Airframe& frame = airframe_of(batch, "commands");
+  const std::string control = '"' + std::string(name_of(dynamics.control)) + '"';
+  require(dynamics.control != Control::pose, "control", "one that commands the rotors", control);
+  if (max_thrust_to_weight) {
+    require(*max_thrust_to_weight > 1.0, "max_thrust_to_weight", "a number > 1", *max_thrust_to_weight);
+    require(task::commands_thrust(dynamics.control), "max_thrust_to_weight", "None with a control that commands no thrust",
+            "a number with control " + control);
+  }
+  const auto n = static_cast<py::ssize_t>(terms.size());
+  require_array(actions, "actions", "(N, 4)");
+  const auto input = floats(actions, "actions", {n, 4});
+  const std::span<const float> given = input;
+  const task::FlightAction levels(dynamics, frame, max_thrust_to_weight.value_or(std::numeric_limits<double>::infinity()));
+  py::array_t<float> commands({n, py::ssize_t{4}});
+  float* const out = commands.mutable_data();
+  const std::size_t count = terms.size();
+  for (std::size_t drone = 0; drone < count; ++drone) {
+    const task::Four action = task::Four(given.data() + 4 * drone).max(-1.0F).min(1.0F);
+    Eigen::Map<task::Four>(out + 4 * drone) = levels.command(action, batch.state(), DroneIndex(drone));
+  }
+  return commands;
+}
+
+py::array_t<float> rotor_levels(const Terms& terms) {
+  const Batch& batch = terms.batch();
+  const task::ActionRanges range = task::rotor_speed_ranges(airframe_of(batch, "rotors"));
+  const auto n = static_cast<py::ssize_t>(terms.size());
+  py::array_t<float> levels({n, static_cast<py::ssize_t>(kRotors)});
+  float* const out = levels.mutable_data();
+  const float* const speeds = batch.state().flight.rotor_speed.data();
+  const std::size_t count = terms.size();
+  for (std::size_t i = 0; i < kRotors * count; i += kRotors) {
+    Eigen::Map<task::Four>(out + i) = range.action_for(task::Four(speeds + i));
+  }
+  return levels;
+}
+
+py::tuple crossed(const Terms& terms, const py::object& gate, const std::optional<double>& miss_m) {
+  const Batch& batch = terms.batch();
+  const std::span<const float> paths = batch.path();
+  const double most_m = miss_m.value_or(std::numeric_limits<double>::infinity());
+  require(most_m > 0.0, "miss_m", "a number > 0 or None", most_m);
+  const auto n = static_cast<py::ssize_t>(terms.size());
+  require_array(gate, "gate", "(N,)");
+  const auto input = integers<std::int64_t>(gate, "gate", {n});
+  const std::span<const std::int64_t> targets = input;
+  const std::size_t count = terms.size(), row = paths.size() / count;
+  const auto per_env = static_cast<std::size_t>(batch.config().drones_per_env);
+  py::array_t<std::int32_t> passed(n);
+  py::array_t<bool> missed(n);
+  for (std::size_t drone = 0; drone < count; ++drone) {
+    const World& world = world_of(batch, drone);
+    const std::span<const Gate> gates = world.gates();
+    if (gates.empty()) refuse("gate", "a world with gates", "world \"" + world.name() + "\", which has none");
+    if (targets[drone] < 0 || targets[drone] >= std::ssize(gates)) {
+      refuse(checks::row_of("gate", drone),
+             "an integer in [0, " + std::to_string(gates.size()) + "), a gate of world \"" + world.name() + '"', targets[drone]);
+    }
+    task::Crossings crossings;
+    if (batch.episodes().flying[drone / per_env]) {
+      crossings = task::cross_gates(gates, static_cast<std::size_t>(targets[drone]), paths.subspan(row * drone, row),
+                                    static_cast<float>(most_m));
+    }
+    passed.mutable_data()[drone] = crossings.passed;
+    missed.mutable_data()[drone] = crossings.has_missed;
+  }
+  return py::make_tuple(passed, missed);
 }
 
 py::array_t<float> ranges(const Terms& terms) {
@@ -145,6 +284,19 @@ py::array_t<double> free_space(const Terms& terms, double min_clearance) {
 
 py::object terms_of(const py::object& batch) { return py::cast(Terms{batch}); }
 
+py::array_t<float> rotation_matrices(std::span<const float> quat_wxyz) {
+  const std::size_t count = quat_wxyz.size() / 4;
+  py::array_t<float> matrices({static_cast<py::ssize_t>(count), py::ssize_t{3}, py::ssize_t{3}});
+  float* const out = matrices.mutable_data();
+  for (std::size_t row = 0; row < count; ++row) {
+    const float* const q = quat_wxyz.data() + 4 * row;
+    const Vec3 axis(q[1], q[2], q[3]);
+    Eigen::Map<Eigen::Matrix<float, 3, 3, Eigen::RowMajor>> matrix(out + 9 * row);
+    for (Eigen::Index k = 0; k < 3; ++k) matrix.col(k) = rotated(q[0], axis, Vec3::Unit(k));
+  }
+  return matrices;
+}
+
 void register_terms(py::module_& module) {
   const auto none = py::none();
   py::class_<Terms>(module, "Terms",
@@ -156,6 +308,17 @@ void register_terms(py::module_& module) {
       .def("goal_distance", &goal_distance, py::arg("goal_index") = none)
       .def("goal_direction", &goal_direction, py::arg("goal_index") = none)
       .def("displaced", &displaced, py::arg("displacement_m"))
+      .def(
+          "to_body", [](const Terms& terms, const py::object& points) { return to_body(terms, points, "points", true); },
+          py::arg("points"))
+      .def(
+          "rotate_to_body",
+          [](const Terms& terms, const py::object& vectors) { return to_body(terms, vectors, "vectors", false); },
+          py::arg("vectors"))
+      .def("body_velocity", &body_velocity)
+      .def("command", &command, py::arg("actions"), py::kw_only(), py::arg("max_thrust_to_weight") = none)
+      .def("rotor_levels", &rotor_levels)
+      .def("crossed", &crossed, py::arg("gate"), py::kw_only(), py::arg("miss_m") = none)
       .def("ranges", &ranges)
       .def("clearance", &clearance)
       .def("free_space", &free_space, py::arg("min_clearance"))

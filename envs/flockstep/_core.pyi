@@ -2427,6 +2427,60 @@ class Terms:
     def goal_direction(self, goal_index: npt.ArrayLike | None = None) -> _F32:
         """Return the directions to the goals, (N, 3) unit, in the body frame as measured by the pose sensor."""
 
+    def to_body(self, points: npt.ArrayLike) -> _F32:
+        """Return points of the world in the body frame, in m: (N, 3), or (N, K, 3) for K points per drone.
+
+        The pose is that of the pose sensor, as in the observations of the engine's tasks.
+        """
+
+    def rotate_to_body(self, vectors: npt.ArrayLike) -> _F32:
+        """Return vectors of the world, such as velocities, in the body frame: (N, 3), or (N, K, 3) for K per drone.
+
+        The orientation is that of the pose sensor.
+        """
+
+    def body_velocity(self) -> _F32:
+        """Return the velocities, (N, 3) m/s, in the body frame as measured by the pose sensor."""
+
+    def command(self, actions: npt.ArrayLike, *, max_thrust_to_weight: float | None = None) -> _F32:
+        """Return the commands (N, 4) of `DynamicsConfig.control` for actions (N, 4) in [-1, 1], for `Task.act`.
+
+        These are the actions of the engine's flight tasks. 0 hovers, and 1 and -1 are the limits:
+
+        - rotor speeds, rotor thrusts and collective thrust: the slowest speed and the fastest one;
+        - rates, roll, pitch, velocities and accelerations: the maxima in `DynamicsConfig`, in both directions;
+        - positions: 1 m from the current one along each axis of the world; yaw: half a turn from the current one.
+
+        Actions beyond [-1, 1] are clipped.
+
+        Parameters
+        ----------
+        actions
+            (N, 4) in [-1, 1].
+        max_thrust_to_weight
+            Limit of the commanded thrust of all rotors over the weight. None: only the rotors limit it.
+        """
+
+    def rotor_levels(self) -> _F32:
+        """Return the rotor speeds, (N, 4): -1 is the slowest commanded speed, 0 hovers, 1 is the fastest."""
+
+    def crossed(self, gate: npt.ArrayLike, *, miss_m: float | None = None) -> tuple[_I32, _Bool]:
+        """Return how many gates each drone passed in this step, (N,), and if it missed one, (N,).
+
+        It follows the path through the ticks of the step (`Batch.path`, so the task declares ``records_path``). Passed
+        gates count in the order of `World.gates`, from ``gate`` on, and the first follows the last. After the step, the
+        next gate is ``(gate + passed) % len(world.gates)``. Nothing is counted after a miss. Rows that do not fly have
+        passed and missed none.
+
+        Parameters
+        ----------
+        gate
+            (N,) index of the next gate in `World.gates` of the drone's world.
+        miss_m
+            A drone misses the gate if it crosses its plane forwards outside the opening, at most this far from its
+            centre; None: at any distance. Crossing it backwards counts as neither.
+        """
+
     def displaced(self, displacement_m: npt.ArrayLike) -> _F32:
         """Return the drones' positions, (N, 3) m, world frame, after a displacement (N, 3) m in their body frames."""
 
@@ -2766,6 +2820,17 @@ class Batch:
     def move_line_visible(self) -> _Bool:
         """(N,): True if the drone's path is recorded and shown in pictures."""
     # end of arrays
+    @property
+    def rotation(self) -> _F32:
+        """(N, 3, 3): rotation matrices of `quat_wxyz`, as a new array; the columns are the body's axes in the world frame.
+
+        Row 2 is the world's up in the body frame: ``batch.rotation[:, 2]``.
+        """
+
+    @property
+    def sensed_rotation(self) -> _F32:
+        """(N, 3, 3): rotation matrices of `sensed_quat_wxyz`, as a new array."""
+
     @property
     def contact(self) -> Contact:
         """Contacts of the last motion."""

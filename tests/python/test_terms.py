@@ -1,15 +1,29 @@
-"""Python tasks: rows of a reset."""
+"""Python tasks: rows of a reset, the body frame, commands and gates."""
+
+from itertools import pairwise
 
 import numpy as np
 import pytest
 from gymnasium import spaces
 
 import flockstep
+from flockstep.rotations import rotate, yaw_of
 
 MODES = ["next_step", "same_step", "disabled"]
+CONTROLS = (
+    "rotor_speeds",
+    "rotor_thrusts",
+    "body_rates",
+    "attitude",
+    "acceleration",
+    "velocity",
+    "heading_velocity",
+    "position",
+)
 HALL = flockstep.World.from_dict(
     {"flockstep_scene": 1, "name": "hall", "room": {"min": [-40, -40, 0], "max": [40, 40, 40]}}
 )
+NOISE = flockstep.PoseSensorConfig(position_noise_std_m=0.1, orientation_noise_std_deg=10.0)
 
 
 class Still(flockstep.Task):
@@ -195,3 +209,367 @@ class TestPlacingRows:
             with pytest.raises(ValueError, match=match):
                 call()
         assert batch.snapshot() == before
+
+
+class TestBodyFrame:
+    @pytest.fixture
+    def batch(self):
+        batch = flockstep.Batch(
+            [HALL],
+            40,
+            pose_sensor=NOISE,
+            drone=flockstep.DroneModel.load("racer5"),
+            dynamics=flockstep.DynamicsConfig(motion="rotors"),
+        )
+        batch.seed(np.arange(40))
+        random_poses(batch)
+        batch.set_velocity(np.random.default_rng(1).normal(0, 5, (40, 3)))
+        assert not np.array_equal(batch.sensed_quat_wxyz, batch.quat_wxyz)
+        return batch
+
+    def test_rotation_matrices_have_the_axes_of_the_body_as_columns(self, batch):
+        axes = np.eye(3, dtype=np.float32)
+        for matrices, quat in (
+            (batch.rotation, batch.quat_wxyz),
+            (batch.sensed_rotation, batch.sensed_quat_wxyz),
+        ):
+            assert (matrices.shape, matrices.dtype) == ((40, 3, 3), np.float32)
+            for k in range(3):
+                np.testing.assert_array_equal(matrices[:, :, k], rotate(quat, axes[k]))
+            up = np.tile(axes[2], (40, 1))
+            np.testing.assert_array_equal(matrices[:, 2], rotate(quat, up, inverse=True))
+            np.testing.assert_allclose(matrices @ matrices.swapaxes(1, 2), np.tile(axes, (40, 1, 1)), atol=1e-6)
+
+    def test_points_and_vectors(self, batch):
+        """Equal to rotate() bit by bit, for the pose that the sensor measured."""
+        rng, quat, position = np.random.default_rng(2), batch.sensed_quat_wxyz, batch.sensed_position
+        points = rng.uniform(-40, 40, (40, 7, 3)).astype(np.float32)
+        inside = batch.terms.to_body(points)
+        assert (inside.shape, inside.dtype) == ((40, 7, 3), np.float32)
+        expected = rotate(quat[:, None], points - position[:, None], inverse=True)
+        np.testing.assert_array_equal(inside, expected)
+        turned = batch.terms.rotate_to_body(points)
+        np.testing.assert_array_equal(turned, rotate(quat[:, None], points, inverse=True))
+        for k in range(7):
+            np.testing.assert_array_equal(batch.terms.to_body(points[:, k]), inside[:, k])
+            np.testing.assert_array_equal(batch.terms.rotate_to_body(points[:, k]), turned[:, k])
+        np.testing.assert_array_equal(batch.terms.to_body(points.astype(float).tolist()), inside)
+        assert batch.terms.to_body(points[:, :0]).shape == (40, 0, 3)
+        np.testing.assert_array_equal(batch.terms.to_body(position), 0)
+
+    def test_velocity(self, batch):
+        expected = rotate(batch.sensed_quat_wxyz, batch.velocity, inverse=True)
+        np.testing.assert_array_equal(batch.terms.body_velocity(), expected)
+
+    def test_of_each_drone_of_an_env(self):
+        batch = flockstep.Batch([HALL], 6, drones_per_env=3)
+        random_poses(batch)
+        points = np.random.default_rng(0).uniform(-9, 9, (6, 3)).astype(np.float32)
+        expected = rotate(batch.quat_wxyz, points - batch.position, inverse=True)
+        np.testing.assert_array_equal(batch.terms.to_body(points), expected)
+
+    def test_refusals(self, batch):
+        for points, match in (
+            (None, r"points: expected an array \(N, 3\) or \(N, K, 3\), got None"),
+            (np.zeros((39, 3)), r"points: expected shape \(40, 3\), got shape \(39, 3\)"),
+            (np.zeros((40, 2, 4)), r"points: expected shape \(40, -1, 3\), got shape \(40, 2, 4\)"),
+            (np.zeros((40, 3), bool), "points: expected an array of real numbers, got dtype bool"),
+            (np.full((40, 3), 1e300), "points: expected finite numbers in float32's range"),
+            ("here", "points: expected an array of real numbers"),
+        ):
+            with pytest.raises(ValueError, match=match):
+                batch.terms.to_body(points)
+        with pytest.raises(ValueError, match=r"vectors: expected shape \(40, 3\), got shape \(3,\)"):
+            batch.terms.rotate_to_body([0, 0, 1])
+        with pytest.raises(ValueError, match=r"displacement_m: expected an array \(N, 3\), got None"):
+            batch.terms.displaced(None)
+        with pytest.raises(AttributeError, match="kinematic motion has no velocities"):
+            flockstep.Batch([HALL]).terms.body_velocity()
+
+
+def levels_of(drone, dynamics, most_to_weight):
+    """Commands for actions of -1, 0 and 1, (3, 4), from the file of the drone."""
+    frame = drone.to_dict()
+    rotors, mass = frame["rotors"], frame["mass_kg"]
+    c0, c1, c2 = rotors["thrust_n"]
+    slowest, fastest = rotors["min_speed_radps"], rotors["max_speed_radps"]
+
+    def thrust_at(speed):
+        return max(c0 + c1 * speed + c2 * speed**2, 0)
+
+    def speed_for(thrust):
+        return max(root.real for root in np.roots([c2, c1, c0 - thrust]))
+
+    def even(most):
+        return np.array([-most, 0, most])
+
+    hover = mass * 9.81 / 4
+    most = min(thrust_at(fastest), most_to_weight * hover)
+    rotor = np.array([thrust_at(slowest), hover, most])
+    speeds = np.array([slowest, speed_for(hover), speed_for(most) if most < thrust_at(fastest) else fastest])
+    thrust = 4 * rotor / mass
+    rate, yaw_rate = even(np.radians(dynamics.max_rate_dps)), even(np.radians(dynamics.max_yaw_rate_dps))
+    tilt, yaw = even(np.radians(dynamics.max_tilt_deg)), even(np.pi)
+    speed, acceleration = even(dynamics.max_speed_mps), even(dynamics.max_acceleration_mps2)
+    columns = {
+        "rotor_speeds": [speeds] * 4,
+        "rotor_thrusts": [rotor] * 4,
+        "body_rates": [thrust, rate, rate, yaw_rate],
+        "attitude": [thrust, tilt, tilt, yaw],
+        "acceleration": [acceleration] * 3 + [yaw],
+        "velocity": [speed] * 3 + [yaw_rate],
+        "heading_velocity": [speed] * 3 + [yaw_rate],
+        "position": [even(1.0)] * 3 + [yaw],
+    }
+    return np.stack(columns[dynamics.control], axis=1)
+
+
+class TestCommand:
+    def batch(self, control, drone="racer5", num_drones=50):
+        batch = flockstep.Batch(
+            [HALL],
+            num_drones,
+            drone=flockstep.DroneModel.load(drone),
+            dynamics=flockstep.DynamicsConfig(
+                motion="rotors",
+                control=control,
+                max_rate_dps=300,
+                max_yaw_rate_dps=100,
+                max_tilt_deg=50,
+                max_speed_mps=3,
+            ),
+        )
+        random_poses(batch)
+        return batch
+
+    @pytest.mark.parametrize("control", CONTROLS)
+    @pytest.mark.parametrize("drone", ["racer5", "crazyflie"])
+    @pytest.mark.parametrize("most_to_weight", [None, 1.5, 100.0])
+    def test_agrees_with_numpy(self, control, drone, most_to_weight):
+        batch = self.batch(control, drone)
+        commands_thrust = control in ("rotor_speeds", "rotor_thrusts", "body_rates", "attitude")
+        most = most_to_weight if commands_thrust else None
+        low, middle, high = levels_of(batch.drone, batch.dynamics, most or np.inf)
+        actions = np.random.default_rng(0).uniform(-1.3, 1.3, (50, 4))
+        actions[:3] = [[-1] * 4, [0] * 4, [1] * 4]
+        clipped = np.clip(actions, -1, 1)
+        expected = middle + clipped * np.where(clipped < 0, middle - low, high - middle)
+        if control == "position":
+            expected[:, :3] += batch.position
+        if control in ("attitude", "acceleration", "position"):
+            expected[:, 3] += yaw_of(batch.quat_wxyz)
+        command = batch.terms.command(actions, max_thrust_to_weight=most)
+        assert (command.shape, command.dtype) == ((50, 4), np.float32)
+        np.testing.assert_allclose(command, expected, rtol=1e-5, atol=1e-5)
+
+    def test_the_cap_limits_the_thrust(self):
+        batch = self.batch("body_rates")
+        assert batch.terms.command(np.ones((50, 4)))[0, 0] / 9.81 > 5
+        assert batch.terms.command(np.ones((50, 4)), max_thrust_to_weight=2)[0, 0] / 9.81 == pytest.approx(2)
+
+    def test_rotor_levels(self):
+        batch = self.batch("rotor_speeds")
+        actions = np.random.default_rng(0).uniform(-1, 1, (50, 4))
+        actions[:3] = [[-1] * 4, [0] * 4, [1] * 4]
+        batch.set_velocity(None, None, batch.terms.command(actions))
+        np.testing.assert_allclose(batch.terms.rotor_levels(), actions, atol=1e-6)
+
+    def test_refusals(self):
+        batch = self.batch("body_rates")
+        for call, match in (
+            (lambda: batch.terms.command(None), r"actions: expected an array \(N, 4\), got None"),
+            (lambda: batch.terms.command(np.zeros((50, 3))), r"actions: expected shape \(50, 4\), got shape \(50, 3\)"),
+            (
+                lambda: batch.terms.command(np.zeros((50, 4)), max_thrust_to_weight=1),
+                "max_thrust_to_weight: expected a number > 1, got 1",
+            ),
+            (
+                lambda: batch.terms.command(np.zeros((50, 4)), max_thrust_to_weight=np.nan),
+                "max_thrust_to_weight: expected a number > 1, got nan",
+            ),
+            (
+                lambda: self.batch("velocity").terms.command(np.zeros((50, 4)), max_thrust_to_weight=2),
+                "max_thrust_to_weight: expected None with a control that commands no thrust, got a number",
+            ),
+            (
+                lambda: self.batch("pose").terms.command(np.zeros((50, 4))),
+                'control: expected one that commands the rotors, got "pose"',
+            ),
+        ):
+            with pytest.raises(ValueError, match=match):
+                call()
+        for name, match in (("command", "commands"), ("rotor_levels", "rotors")):
+            call = getattr(flockstep.Batch([HALL]).terms, name)
+            with pytest.raises(AttributeError, match=f"kinematic motion has no {match}"):
+                call(*([np.zeros((1, 4))] if name == "command" else []))
+
+
+def gates_world(name, gates):
+    return flockstep.World.from_dict(
+        {
+            "flockstep_scene": 1,
+            "name": name,
+            "room": {"min": [-40, -40, 0], "max": [40, 40, 40]},
+            "gates": [{**gate, "solid": False} for gate in gates],
+        }
+    )
+
+
+LANE = gates_world(
+    "lane", [{"center": [0, 0, 5]}, {"center": [4, 0, 5], "shape": "ring"}, {"center": [8, 0, 5], "size": 3.0}]
+)
+
+
+def random_gates(seed):
+    """Return a world with gates that a drone passes along x, turned at random by up to about 20 degrees."""
+    rng = np.random.default_rng(seed)
+    quats = [1, 0, 0, 0] + 0.2 * rng.normal(size=(5 + seed, 4))
+    return gates_world(
+        f"gates-{seed}",
+        [
+            {
+                "center": rng.normal([3 * k - 7, 0, 20], 0.5).tolist(),
+                "quat_wxyz": (quat / np.linalg.norm(quat)).tolist(),
+                "shape": ("square", "ring")[k % 2],
+                "size": rng.uniform(2, 10),
+            }
+            for k, quat in enumerate(quats)
+        ],
+    )
+
+
+class Gates(Still):
+    """Flies straight to random points and follows its path through the gates of its world."""
+
+    records_path = True
+    clock = flockstep.ClockConfig(policy_hz=10, physics_hz=100)
+    action_space = spaces.Box(-40, 40, (3,), np.float32)
+    max_episode_steps = 50
+    miss_m = None
+
+    def act(self, batch, actions):
+        return batch.position + actions
+
+    def setup(self, batch):
+        self.target, self.passed, self.has_missed = np.zeros((3, batch.num_drones), int)
+
+    def step(self, batch):
+        self.passed, self.has_missed = batch.terms.crossed(self.target, miss_m=self.miss_m)
+        self.expected = follow(batch, self.target, self.flying, np.inf if self.miss_m is None else self.miss_m)
+        counts = np.array([len(batch.world_of(i).gates) for i in range(batch.num_drones)])
+        self.target = (self.target + self.passed) % counts
+        return super().step(batch)
+
+
+def follow(batch, target, flying, miss_m):
+    """Count the gates passed and missed in double precision, drone by drone and tick by tick."""
+    passed, missed = np.zeros(batch.num_drones, int), np.zeros(batch.num_drones, bool)
+    for drone, path in enumerate(batch.path.astype(float)):
+        gates = batch.world_of(drone).gates
+        for start, end in pairwise(path):
+            gate = gates[(target[drone] + passed[drone]) % len(gates)]
+            quat = np.array(gate["quat_wxyz"], float)
+            before, after = (rotate(quat, point - gate["center"], inverse=True) for point in (start, end))
+            if missed[drone] or not flying[drone] or not before[0] < 0 <= after[0]:
+                continue
+            crossing = before + before[0] / (before[0] - after[0]) * (after - before)
+            across = crossing[1:]
+            size = np.hypot(*across) if gate["shape"] == "ring" else np.abs(across).max()
+            if size < gate["size_m"] / 2:
+                passed[drone] += 1
+            elif np.linalg.norm(crossing) <= miss_m:
+                missed[drone] = True
+    return passed, missed
+
+
+class TestCrossed:
+    def envs(self, num_envs=1, worlds=LANE, miss_m=None, **keywords):
+        task = Gates()
+        task.miss_m = miss_m
+        envs = flockstep.DroneVectorEnv(num_envs, worlds=worlds, task=task, **keywords)
+        envs.reset(seed=0)
+        return envs, task
+
+    @pytest.mark.parametrize(
+        ("target", "start", "way", "miss_m", "passed", "missed"),
+        [
+            (0, (-1, 0, 5), (0.5, 0, 0), None, 0, False),  # before the first
+            (0, (-1, 0, 5), (2, 0, 0), None, 1, False),
+            (0, (-1, 0, 5), (6, 0, 0), None, 2, False),
+            (0, (-1, 0, 5), (10, 0, 0), None, 3, False),  # the next is the first again
+            (1, (-1, 0, 5), (10, 0, 0), None, 2, False),
+            (0, (1, 0, 5), (-2, 0, 0), None, 0, False),  # backwards
+            (0, (-1, 0.74, 5), (2, 0, 0), None, 1, False),
+            (0, (-1, 0.76, 5), (2, 0, 0), None, 0, True),
+            (0, (-1, 0.76, 5), (2, 0, 0), 0.7, 0, False),  # too far away to be a miss
+            (0, (-1, 0.7, 5.7), (2, 0, 0), None, 1, False),  # in the corner of a square
+            (1, (3, 0.7, 5.7), (2, 0, 0), None, 0, True),  # a ring has none
+            (0, (-1, 0.7, 5.7), (10, 0, 0), None, 1, True),  # it misses the second and does not count the third
+            (0, (-1, 0.7, 5.7), (10, 0, 0), 0.5, 1, False),  # not a miss, but it does not pass the second either
+            (0, (-1, 0, 5), (1, 0, 0), None, 1, False),  # ends in the plane
+            (0, (0, 0, 5), (1, 0, 0), None, 0, False),  # begins in the plane
+        ],
+    )
+    def test_by_hand(self, target, start, way, miss_m, passed, missed):
+        envs, task = self.envs(miss_m=miss_m)
+        task.target[:] = target
+        envs.batch.set_pose([start])
+        envs.step(np.float32([way]))
+        assert (task.passed.tolist(), task.has_missed.tolist()) == ([passed], [missed])
+        assert (task.passed.dtype, task.has_missed.dtype) == (np.int32, bool)
+        assert task.target[0] == (target + passed) % 3
+
+    @pytest.mark.parametrize("miss_m", [None, 3.0])
+    def test_agrees_with_numpy(self, miss_m):
+        envs, task = self.envs(60, [random_gates(seed) for seed in range(5)], miss_m, max_episode_steps=7)
+        rng, passed, missed = np.random.default_rng(0), [], []
+        for _ in range(80):
+            aim = rng.uniform([-9, -4, 16], [9, 4, 24], (60, 3))
+            envs.step((aim - envs.batch.position).astype(np.float32))
+            np.testing.assert_array_equal(task.passed, task.expected[0])
+            np.testing.assert_array_equal(task.has_missed, task.expected[1])
+            passed.append(task.passed)
+            missed.append(task.has_missed)
+        assert np.sum(passed) > 50
+        assert np.sum(missed) > 50
+        assert np.max(passed) > 2
+
+    def test_rows_that_do_not_fly_cross_nothing(self):
+        envs, task = self.envs(2, max_episode_steps=1, autoreset_mode="disabled")
+        envs.batch.set_pose([[-1, 0, 5]] * 2)
+        envs.step(np.float32([[2, 0, 0]] * 2))
+        assert task.passed.tolist() == [1, 1]
+        envs.reset(options={"reset_mask": np.array([True, False])})
+        envs.batch.set_pose([[3, 0, 5]] * 2)
+        envs.step(np.float32([[2, 0, 0]] * 2))
+        assert task.passed.tolist() == [1, 0]
+
+    def test_refusals(self):
+        envs, _ = self.envs(3)
+        crossed = envs.batch.terms.crossed
+        for call, match in (
+            (lambda: crossed(None), r"gate: expected an array \(N,\), got None"),
+            (
+                lambda: crossed([0, 3, 0]),
+                r'gate \(row 1\): expected an integer in \[0, 3\), a gate of world "lane", got 3',
+            ),
+            (
+                lambda: crossed([0, 0, -1]),
+                r'gate \(row 2\): expected an integer in \[0, 3\), a gate of world "lane", got -1',
+            ),
+            (lambda: crossed([0, 0]), r"gate: expected shape \(3,\), got shape \(2,\)"),
+            (lambda: crossed([0.0] * 3), "gate: expected an array of integers, got dtype float64"),
+            (lambda: crossed([0] * 3, miss_m=0), "miss_m: expected a number > 0 or None, got 0"),
+            (lambda: crossed([0] * 3, miss_m=np.nan), "miss_m: expected a number > 0 or None, got nan"),
+            (
+                lambda: self.envs(worlds=HALL)[0].batch.terms.crossed([0]),
+                'gate: expected a world with gates, got world "hall", which has none',
+            ),
+        ):
+            with pytest.raises(ValueError, match=match):
+                call()
+        batch = flockstep.DroneVectorEnv(1, task=Still).batch
+        with pytest.raises(RuntimeError, match=r"path: this task does not record it \(declare records_path"):
+            batch.terms.crossed([0])
+        with pytest.raises(RuntimeError, match="this Batch has no task"):
+            flockstep.Batch([LANE]).terms.crossed([0])

@@ -50,10 +50,17 @@ class ActionRanges {
   Four middle_, down_, up_, inverse_down_, inverse_up_;
 };
 
-// Rotor speeds, rad/s; an action of 0 is hover speed.
-inline ActionRanges rotor_speed_ranges(const Airframe& frame) {
-  const ActionRange range{frame.min_speed_radps, frame.hover_speed(), frame.max_speed_radps};
+// Rotor speeds, rad/s; an action of 0 is hover speed. most_n: limit of a rotor's commanded thrust.
+inline ActionRanges rotor_speed_ranges(const Airframe& frame, double most_n = std::numeric_limits<double>::infinity()) {
+  const double fastest = most_n < frame.max_thrust() ? frame.speed_for(most_n) : frame.max_speed_radps;
+  const ActionRange range{frame.min_speed_radps, frame.hover_speed(), fastest};
   return {range, range, range, range};
+}
+
+// True if an action of this control commands a thrust.
+inline bool commands_thrust(Control control) {
+  return control == Control::rotor_speeds || control == Control::rotor_thrusts || control == Control::body_rates ||
+         control == Control::attitude;
 }
 
 // The meaning of an action for each control. 0 hovers, and 1 is the maximum:
@@ -67,7 +74,7 @@ inline ActionRanges rotor_speed_ranges(const Airframe& frame) {
 class FlightAction {
  public:
   FlightAction() = default;
-  // max_thrust_to_weight: limit of the commanded total thrust over the weight, for body_rates and attitude.
+  // max_thrust_to_weight: limit of the commanded total thrust over the weight, for controls that command a thrust.
   FlightAction(const DynamicsConfig& config, const Airframe& frame,
                double max_thrust_to_weight = std::numeric_limits<double>::infinity())
       : control_(config.control) {
@@ -79,13 +86,14 @@ class FlightAction {
     const double to_acceleration = static_cast<double>(kRotors) / frame.mass_kg;
     const double least = frame.thrust_at(frame.min_speed_radps);
     const double most = std::min(to_acceleration * frame.max_thrust(), max_thrust_to_weight * kGravity);
+    const double hover_n = frame.mass_kg * kGravity / static_cast<double>(kRotors);  // of one rotor
     const ActionRange thrust{to_acceleration * least, kGravity, most};
-    const ActionRange rotor{least, frame.mass_kg * kGravity / static_cast<double>(kRotors), frame.max_thrust()};
+    const ActionRange rotor{least, hover_n, std::min(frame.max_thrust(), max_thrust_to_weight * hover_n)};
     const ActionRange rate = even(radians(config.max_rate_dps)), yaw_rate = even(radians(config.max_yaw_rate_dps));
     const ActionRange tilt = even(radians(config.max_tilt_deg)), yaw = even(half_turn);
     switch (control_) {
       case Control::rotor_speeds:
-        ranges_ = rotor_speed_ranges(frame);
+        ranges_ = rotor_speed_ranges(frame, max_thrust_to_weight * hover_n);
         break;
       case Control::rotor_thrusts:
         ranges_ = {rotor, rotor, rotor, rotor};

@@ -15,6 +15,7 @@
 #include "base/require.hpp"
 #include "flockstep/tasks.hpp"
 #include "tasks/flight_task.hpp"
+#include "tasks/gates.hpp"
 #include "tasks/terms.hpp"
 
 namespace flockstep {
@@ -22,21 +23,6 @@ namespace task {
 namespace {
 
 constexpr float kRadians = std::numbers::pi_v<float> / 180.0F;
-
-// The direction in which a gate is passed, the x axis of its frame.
-Vec3 normal_of(const Gate& gate) {
-  const Quat& q = gate.rotation;
-  return {1.0F - 2.0F * (q.y() * q.y() + q.z() * q.z()), 2.0F * (q.x() * q.y() + q.w() * q.z()),
-          2.0F * (q.x() * q.z() - q.w() * q.y())};
-}
-
-// True if a point of the gate's plane, given from its centre, is in the opening.
-bool is_in_opening(const Gate& gate, const Vec3& from_center) {
-  const Vec3 local = gate.rotation.conjugate() * from_center;
-  const float half = 0.5F * gate.size;
-  if (gate.shape == GateShape::ring) return local.y() * local.y() + local.z() * local.z() < half * half;
-  return std::max(std::abs(local.y()), std::abs(local.z())) < half;
-}
 
 class Race final : public FlightTask {
  public:
@@ -136,10 +122,13 @@ class Race final : public FlightTask {
       const double distance = distance_m(target_of(gates, drone).center, position);
       const double most = static_cast<double>(cap_[drone]) * step_s();
       const double progress = std::min(distance_[drone] - distance, most);
-      const Flown flown = follow(gates, drone, block.context.path_of(drone));
-      distance_[drone] = flown.passed == 0 ? distance : distance_m(target_of(gates, drone).center, position);
+      const Crossings crossings =
+          cross_gates(gates, static_cast<std::size_t>(target_[drone]), block.context.path_of(drone), config_.miss_m);
+      target_[drone] = (target_[drone] + crossings.passed) % static_cast<std::int32_t>(gates.size());
+      passed_[drone] += crossings.passed;
+      distance_[drone] = crossings.passed == 0 ? distance : distance_m(target_of(gates, drone).center, position);
       const bool is_far = distance_[drone] > static_cast<double>(config_.max_distance_m);
-      const bool crashed = state.contact.hit[drone] != 0 || flown.has_missed || is_far;
+      const bool crashed = state.contact.hit[drone] != 0 || crossings.has_missed || is_far;
       const auto lap = static_cast<std::int64_t>(gates.size());
       const bool finished = !crashed && passed_[drone] >= config_.laps * lap;
       const bool is_last = episodes.time_limit[env] > 0 && episodes.steps[env] >= episodes.time_limit[env];
@@ -147,7 +136,7 @@ class Race final : public FlightTask {
       if (ends) outcome_[drone] = finished || (!crashed && passed_[drone] >= lap) ? kClean : kUnclean;
       const std::span<double> terms = score.terms_of(drone);
       terms[kProgress] = static_cast<double>(config_.progress_weight) * progress;
-      terms[kGate] = static_cast<double>(config_.gate_weight) * flown.passed;
+      terms[kGate] = static_cast<double>(config_.gate_weight) * crossings.passed;
       terms[kRates] = -static_cast<double>(config_.rates_weight * angular_velocity_of(state, drone).norm());
       terms[kChange] = -static_cast<double>(config_.change_weight * change(drone));
       terms[kCrash] = crashed ? -static_cast<double>(config_.crash_weight) : 0.0;
@@ -217,48 +206,8 @@ class Race final : public FlightTask {
   static constexpr float kBehind = 0.3F;       // m, behind the last gate
   static constexpr float kBefore = 0.8F;       // m, before the next gate
 
-  // The gates that a drone passed on a path, and whether it missed one.
-  struct Flown {
-    int passed = 0;
-    bool has_missed = false;
-  };
-
   const Gate& target_of(std::span<const Gate> gates, DroneIndex drone) const {
     return gates[static_cast<std::size_t>(target_[drone])];
-  }
-
-  // Follows the path of a step, tick by tick: counts the gates that it passes, and stops where it misses one.
-  Flown follow(std::span<const Gate> gates, DroneIndex drone, std::span<const float> path) {
-    Flown flown;
-    const auto point = [&](std::size_t i) { return Vec3(path[i], path[i + 1], path[i + 2]); };
-    const Gate* gate = &target_of(gates, drone);
-    Vec3 normal = normal_of(*gate);
-    Vec3 from = point(0);
-    float before = normal.dot(from - gate->center);  // m beyond the gate's plane
-    for (std::size_t i = 3; i < path.size(); i += 3) {
-      const Vec3 to = point(i);
-      const float after = normal.dot(to - gate->center);
-      if (before < 0.0F && after >= 0.0F) {
-        const Vec3 crossing = from + (before / (before - after)) * (to - from) - gate->center;
-        if (is_in_opening(*gate, crossing)) {
-          ++flown.passed;
-          ++passed_[drone];
-          target_[drone] = (target_[drone] + 1) % static_cast<std::int32_t>(gates.size());
-          gate = &target_of(gates, drone);
-          normal = normal_of(*gate);
-          before = normal.dot(to - gate->center);
-          from = to;
-          continue;
-        }
-        if (crossing.norm() <= config_.miss_m) {
-          flown.has_missed = true;
-          return flown;
-        }
-      }
-      before = after;
-      from = to;
-    }
-    return flown;
   }
 
   // Adds the last episode to the history, and raises the cap if enough of the last ones were clean.
