@@ -181,6 +181,15 @@ class Task:
         drones = mask if self.row_kind == "drone" else np.repeat(mask, batch.drones_per_env)
         batch.set_pose(batch.terms.start(), level, drones)
 
+    def curriculum(self, batch: Batch, rows: npt.NDArray[np.int64]) -> None:
+        """Adapt the task to its results, for example raise the level of an env after a success.
+
+        Called once at the end of each step in which episodes ended, with the indices of their rows, before these begin
+        their next episodes. Their results are still available: ``batch.success``, ``batch.episode_end``,
+        ``batch.episode_return``, ``batch.episode_length`` and your state. The last observation has already been made.
+        Hold levels in arrays: snapshots contain these. An episode that the caller cuts off with a reset does not count.
+        """
+
     def act(self, batch: Batch, actions: Array) -> Target:
         """Return a target for each drone: positions (N, 3) m, or a pair of positions and quaternions (N, 4).
 
@@ -310,6 +319,8 @@ class TaskCalls:
                 taken = ", ".join(_INFOS_OF_ALL)
                 raise ValueError(f"{_name(task)}.info_names: expected names that are not taken ({taken}), got {name!r}")
         self.observation_spaces = boxes
+        self._has_curriculum = type(task).curriculum is not Task.curriculum
+        self._has_scored = False  # the curriculum has not been called since
         self._is_dict = isinstance(space, spaces.Dict)
         self._task = task
 
@@ -389,6 +400,7 @@ class TaskCalls:
             columns = [self._row("reward", reward)]
         else:
             raise ValueError(f"{_name(self._task)}.step: expected a mapping of the reward terms {', '.join(names)}")
+        self._has_scored = True
         terms = np.array(columns, np.float64)
         flags = {"terminated": terminated}
         flags |= {name: getattr(self._task, name) for name in ("truncated", "success", "left_area")}
@@ -407,7 +419,21 @@ class TaskCalls:
         )
 
     def observe(self) -> tuple[Array, ...]:
-        """Return the observation of all envs, field by field, contiguous and of the declared types."""
+        """Return the observation of all envs, field by field, contiguous and of the declared types.
+
+        The first observation after a step is followed by the curriculum.
+        """
+        observation = self._observed()
+        if self._has_scored and self._has_curriculum:
+            batch = self._task._own_batch()
+            rows = np.flatnonzero(self._task.flying & (batch.terminated | batch.truncated))
+            if rows.size:
+                observation = tuple(part.copy() for part in observation)  # the task may have returned its state
+                self._task.curriculum(batch, rows)
+        self._has_scored = False
+        return observation
+
+    def _observed(self) -> tuple[Array, ...]:
         observation = self._task.observe(self._task._own_batch())
         if not self._is_dict:
             return (self._checked("observe", observation, self.observation_spaces["observation"]),)

@@ -1,4 +1,4 @@
-"""Python tasks: rows of a reset, the body frame, commands and gates."""
+"""Python tasks: rows of a reset, the body frame, commands, gates and the curriculum."""
 
 from itertools import pairwise
 
@@ -7,7 +7,9 @@ import pytest
 from gymnasium import spaces
 
 import flockstep
+from flockstep import EpisodeEnd
 from flockstep.rotations import rotate, yaw_of
+from flockstep.testing import check_vector_env
 
 MODES = ["next_step", "same_step", "disabled"]
 CONTROLS = (
@@ -573,3 +575,150 @@ class TestCrossed:
             batch.terms.crossed([0])
         with pytest.raises(RuntimeError, match="this Batch has no task"):
             flockstep.Batch([LANE]).terms.crossed([0])
+
+
+class Ladder(Still):
+    """Succeeds at random; each success raises the level of its env, and each failure lowers it."""
+
+    observation_space = spaces.Box(-np.inf, np.inf, (1,), np.float32)
+    info_names = ("level",)
+    max_episode_steps = 3
+
+    def setup(self, batch):
+        self.level = np.zeros(len(self.success), np.float32)
+        self.calls = 0
+
+    def reset(self, batch, mask):
+        super().reset(batch, mask)
+        self.level[mask & (batch.episode == 0)] = 0  # with a seed, everything repeats
+
+    def curriculum(self, batch, rows):
+        self.calls += 1
+        self.level[rows] += np.where(batch.success[rows], 1, -1)
+
+    def step(self, batch):
+        drawn = batch.random(stream=0, count=2)
+        self.success[:] = drawn[:, 0] < 0.6
+        self.info["level"][:] = self.level
+        return self.level.astype(float), self.steps > 2 * drawn[:, 1]
+
+    def observe(self, batch):
+        return self.level[:, None]  # the state itself, which the curriculum then changes
+
+
+class TestCurriculum:
+    @pytest.mark.parametrize("mode", MODES)
+    def test_passes_the_checker(self, mode):
+        check_vector_env(
+            lambda n: flockstep.DroneVectorEnv(n, task=Ladder(), autoreset_mode=mode, num_threads=1),
+        )
+
+    @pytest.mark.parametrize("mode", MODES)
+    @pytest.mark.parametrize("frame_skip", [1, 2])
+    def test_is_called_once_for_each_episode_that_ended(self, mode, frame_skip):
+        task = Ladder()
+        envs = flockstep.DroneVectorEnv(8, task=task, autoreset_mode=mode, frame_skip=frame_skip)
+        envs.reset(seed=0)
+        level, calls, successes = np.zeros(8, int), 0, 0
+        for _ in range(30):
+            before = level.copy()
+            observation, _, terminated, truncated, infos = envs.step(still(envs))
+            ended = (terminated | truncated) & envs.batch.flying
+            report = infos.get("final_info", infos)
+            if ended.any():
+                level[ended] += np.where(report["success"][ended], 1, -1)
+                np.testing.assert_array_equal(report["level"][ended], before[ended])
+                calls += 1
+                successes += report["success"][ended].sum()
+            np.testing.assert_array_equal(task.level, level)
+            assert task.calls == calls
+            if mode == "same_step":
+                np.testing.assert_array_equal(observation[:, 0], level)  # of the next episode, if one ended
+                for env in np.flatnonzero(ended):
+                    assert infos["final_obs"][env][0] == before[env]
+            else:
+                np.testing.assert_array_equal(observation[ended, 0], before[ended])
+            if mode == "disabled" and ended.any():
+                observation, _ = envs.reset(options={"reset_mask": ended})
+                np.testing.assert_array_equal(observation[ended, 0], level[ended])
+        assert calls > 5
+        assert successes > 5
+
+    def test_an_episode_that_the_caller_cuts_off_does_not_count(self):
+        task = Ladder()
+        envs = flockstep.DroneVectorEnv(4, task=task, autoreset_mode="disabled")
+        for seed in range(3):
+            envs.reset(seed=seed)
+        assert task.calls == 0
+        assert not task.level.any()
+
+    def test_results_of_the_episodes_are_there(self):
+        seen = []
+
+        class Reads(Still):
+            max_episode_steps = 2
+            reward_terms = ("one", "two")
+
+            def step(self, batch):
+                ends = np.zeros(3, bool)
+                ends[1] = True
+                return {"one": np.ones(3), "two": np.full(3, 2.0)}, ends
+
+            def curriculum(self, batch, rows):
+                seen.append(
+                    (
+                        rows.tolist(),
+                        batch.episode_end[rows].tolist(),
+                        batch.episode_length[rows].tolist(),
+                        batch.episode_return[rows].tolist(),
+                        batch.episode_terms[rows, 1].tolist(),
+                    )
+                )
+
+        envs = flockstep.DroneVectorEnv(3, task=Reads)
+        envs.reset(seed=0)
+        for _ in range(3):
+            envs.step(still(envs))
+        task, time = EpisodeEnd.task, EpisodeEnd.time
+        assert seen == [
+            ([1], [task], [1], [3.0], [2.0]),
+            ([0, 2], [time, time], [2, 2], [6.0, 6.0], [4.0, 4.0]),
+            ([1], [task], [1], [3.0], [2.0]),
+        ]
+
+    def test_of_teammates(self):
+        rows_seen = []
+
+        class Team(Still):
+            def step(self, batch):
+                ends = np.zeros(6, bool)
+                ends[2] = self.steps[2] == 1
+                return np.zeros(6), ends
+
+            def curriculum(self, batch, rows):
+                rows_seen.append((rows.tolist(), batch.episode_end[rows].tolist()))
+
+        envs = flockstep.DroneVectorEnv(3, task=Team, drones_per_env=2)
+        envs.reset(seed=0)
+        envs.step(still(envs))
+        assert rows_seen == [([2, 3], [EpisodeEnd.task, EpisodeEnd.teammate])]
+
+    def test_it_may_choose_the_next_world(self):
+        other = flockstep.World.from_dict(
+            {"flockstep_scene": 1, "name": "harder", "room": {"min": [-9, -9, 0], "max": [9, 9, 9]}}
+        )
+
+        class Harder(Ladder):
+            def reset(self, batch, mask):
+                batch.set_world((self.level > 0).astype(int), mask)
+                super().reset(batch, mask)
+
+        task = Harder()
+        envs = flockstep.DroneVectorEnv(8, task=task, worlds=[HALL, other], autoreset_mode="same_step")
+        envs.reset(seed=0)
+        seen = set()
+        for _ in range(20):
+            envs.step(still(envs))
+            np.testing.assert_array_equal(envs.batch.world_index, task.level > 0)
+            seen |= set(envs.batch.world_index.tolist())
+        assert seen == {0, 1}
