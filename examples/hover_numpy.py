@@ -11,84 +11,42 @@ import numpy as np
 from gymnasium import spaces
 
 import flockstep
-from flockstep.rotations import rotate, yaw_of
 from flockstep.task import Array, BoolArray
 
-GRAVITY = 9.81  # m/s^2
 SPIN_UNIT = 10.0  # rad/s: unit of angular velocity in observation and reward
 
 
 class FlightTask(flockstep.Task):
     """The shared parts of hovering and tracking: actions, observation of the drone's motion, and the world's middle.
 
-    The levels of the actions and the length of a step follow from `dynamics` and `clock`: set these here or in a
-    subclass, and do not pass their keywords to the env.
+    The length of a step follows from `clock`: set it here or in a subclass, and do not pass its keywords to the env.
     """
 
     action_space = spaces.Box(-1, 1, (4,), np.float32)
     worlds = "arena/hall"
     drone = "crazyflie"
-    dynamics: flockstep.DynamicsConfig
     clock: flockstep.ClockConfig
+    max_thrust_to_weight: float | None = None  # of actions; None: what the rotors can deliver
 
     def setup(self, batch: flockstep.Batch) -> None:
         middle = [world.bounds.mean(axis=0) if world.goal is None else world.goal for world in batch.worlds]
         self.middles = np.array(middle, float)  # (W, 3) m
-        frame = batch.drone.to_dict()
-        rotors, mass = frame["rotors"], frame["mass_kg"]
-        slowest, fastest = rotors["min_speed_radps"], rotors["max_speed_radps"]
-        self.rotor_speeds = np.array([slowest, batch.drone.hover_speed_radps, fastest])
-        c0, c1, c2 = rotors["thrust_n"]
-        least = max(c0 + c1 * slowest + c2 * slowest**2, 0)
-        self.levels = self.action_levels(np.array([least, mass * GRAVITY / 4, batch.drone.max_thrust_n]), mass)
-        self.action = np.zeros((batch.num_drones, 4))
+        self.action = np.zeros((batch.num_drones, 4), np.float32)
         self.last_action = self.action
-
-    def action_levels(self, rotor_n: Array, mass_kg: float) -> Array:
-        """Return the commands for actions of -1, 0 and 1, (3, 4), given a rotor's minimum, hover and maximum thrust."""
-        limits = self.dynamics
-
-        def even(most: float) -> Array:
-            return np.array([-most, 0, most])
-
-        thrust = 4 * rotor_n / mass_kg
-        rate, yaw_rate = even(np.radians(limits.max_rate_dps)), even(np.radians(limits.max_yaw_rate_dps))
-        tilt, yaw = even(np.radians(limits.max_tilt_deg)), even(np.pi)
-        speed, acceleration = even(limits.max_speed_mps), even(limits.max_acceleration_mps2)
-        columns = {
-            "rotor_speeds": [self.rotor_speeds] * 4,
-            "rotor_thrusts": [rotor_n] * 4,
-            "body_rates": [thrust, rate, rate, yaw_rate],
-            "attitude": [thrust, tilt, tilt, yaw],
-            "acceleration": [acceleration] * 3 + [yaw],
-            "velocity": [speed] * 3 + [yaw_rate],
-            "heading_velocity": [speed] * 3 + [yaw_rate],
-            "position": [even(1.0)] * 3 + [yaw],
-        }
-        levels: Array = np.stack(columns[limits.control], axis=1)
-        return levels
 
     def reset(self, batch: flockstep.Batch, mask: BoolArray) -> None:
         self.action[mask] = 0  # reference of the first action change
 
     def act(self, batch: flockstep.Batch, actions: Array) -> Array:
-        self.last_action, self.action = self.action, np.clip(actions, -1.0, 1.0).astype(float)
-        low, middle, high = self.levels
-        command: Array = middle + self.action * np.where(self.action < 0, middle - low, high - middle)
-        if self.dynamics.control == "position":
-            command[:, :3] += batch.position
-        if self.dynamics.control in ("attitude", "acceleration", "position"):
-            command[:, 3] += yaw_of(batch.quat_wxyz)
-        return command
+        self.last_action, self.action = self.action, np.clip(actions, -1.0, 1.0)
+        return batch.terms.command(self.action, max_thrust_to_weight=self.max_thrust_to_weight)
 
     def own_flight(self, batch: flockstep.Batch) -> Array:
         """Return velocity, the world's up and angular velocity in the body frame, and rotor speeds, (N, 13)."""
-        slowest, hovering, fastest = self.rotor_speeds
-        faster = batch.rotor_speed - hovering
-        rotors = faster / np.where(faster < 0, hovering - slowest, fastest - hovering)
-        quat = batch.sensed_quat_wxyz.astype(float)
-        velocity, up = rotate(quat, batch.velocity, inverse=True), rotate(quat, np.array([0.0, 0, 1]), inverse=True)
-        return np.concatenate([velocity, up, batch.angular_velocity / SPIN_UNIT, rotors], axis=1)
+        terms, up = batch.terms, batch.sensed_rotation[:, 2]
+        return np.concatenate(
+            [terms.body_velocity(), up, batch.angular_velocity / SPIN_UNIT, terms.rotor_levels()], axis=1
+        )
 
     def middle(self, batch: flockstep.Batch) -> Array:
         """Return the goal marker of each drone's world, or the centre of its bounds, (N, 3) m."""
@@ -128,8 +86,8 @@ class Hover(FlightTask):
     def reset(self, batch: flockstep.Batch, mask: BoolArray) -> None:
         super().reset(batch, mask)
         self.held[mask] = 0
-        c = self.config
-        random = batch.random(stream=0, count=12).astype(float)
+        c, rows = self.config, batch.rows  # of the mask
+        random = batch.random(stream=0, count=12, rows=rows).astype(float)
         even = 2 * random - 1
         tilt = random[:, 3] * np.radians(c.start_tilt_deg) / 2  # half-angle for the quaternion
         axis, yaw = 2 * np.pi * random[:, 4], np.pi * random[:, 5]
@@ -139,12 +97,13 @@ class Hover(FlightTask):
             np.sin(tilt) * np.sin(axis - yaw),
             np.cos(tilt) * np.sin(yaw),
         ]
-        batch.set_pose(self.middle(batch) + c.start_offset_m * even[:, :3], np.stack(quat, axis=1), mask)
+        position = self.middle(batch)[rows] + c.start_offset_m * even[:, :3]
+        batch.set_pose(position, np.stack(quat, axis=1), rows=rows)
         speed, upward, heading = c.start_speed_mps * random[:, 6], even[:, 7], 2 * np.pi * random[:, 8]
         level = np.sqrt(1 - upward**2)
         direction = np.stack([level * np.cos(heading), level * np.sin(heading), upward], axis=1)
         rates = np.radians(c.start_rate_dps) * even[:, 9:]
-        batch.set_velocity(speed[:, None] * direction, rates, None, mask)
+        batch.set_velocity(speed[:, None] * direction, rates, rows=rows)
 
     def step(self, batch: flockstep.Batch) -> tuple[dict[str, Array], BoolArray]:
         c = self.config
@@ -164,9 +123,7 @@ class Hover(FlightTask):
         return terms, crashed
 
     def observe(self, batch: flockstep.Batch) -> Array:
-        way = self.middle(batch) - batch.sensed_position
-        way = rotate(batch.sensed_quat_wxyz.astype(float), way, inverse=True)
-        return np.concatenate([way, self.own_flight(batch)], axis=1)
+        return np.concatenate([batch.terms.to_body(self.middle(batch)), self.own_flight(batch)], axis=1)
 
 
 def fly_both(config: flockstep.HoverConfig | flockstep.TrackConfig, twin_task: FlightTask) -> None:

@@ -12,7 +12,7 @@ import numpy as np
 from gymnasium import spaces
 
 import flockstep
-from flockstep.rotations import rotate, yaw_of
+from flockstep.rotations import yaw_of
 from flockstep.task import Array, BoolArray
 from hover_numpy import FlightTask, fly_both
 
@@ -48,12 +48,14 @@ class Track(FlightTask):
     def reset(self, batch: flockstep.Batch, mask: BoolArray) -> None:
         super().reset(batch, mask)
         self.squares[mask] = 0
-        self.phase[mask] = batch.random(stream=1, count=9)[mask]
-        position, velocity = self.path(batch)
+        self.phase[mask] = batch.random(stream=1, count=9, rows=batch.rows)
+        rows = batch.rows  # of the mask
+        position, velocity = (values[rows] for values in self.path(batch))
         half = self.path_yaw(velocity) / 2
-        offset = self.config.start_offset_m * (2.0 * batch.random(stream=0, count=3) - 1)
-        batch.set_pose(position + offset, np.stack([np.cos(half), 0 * half, 0 * half, np.sin(half)], axis=1), mask)
-        batch.set_velocity(velocity, None, None, mask)
+        offset = self.config.start_offset_m * (2.0 * batch.random(stream=0, count=3, rows=rows) - 1)
+        quat = np.stack([np.cos(half), 0 * half, 0 * half, np.sin(half)], axis=1)
+        batch.set_pose(position + offset, quat, rows=rows)
+        batch.set_velocity(velocity, rows=rows)
 
     def step(self, batch: flockstep.Batch) -> tuple[dict[str, Array], BoolArray]:
         c = self.config
@@ -74,18 +76,10 @@ class Track(FlightTask):
         return terms, crashed
 
     def observe(self, batch: flockstep.Batch) -> Array:
-        quat = batch.sensed_quat_wxyz.astype(float)
-        ways = [self.path(batch, i * self.config.ahead_s)[0] - batch.sensed_position for i in range(self.config.points)]
-        missing = self.missing_yaw(self.path(batch)[1], quat)
-        return np.concatenate(
-            [
-                *(rotate(quat, way, inverse=True) for way in ways),
-                self.own_flight(batch),
-                np.sin(missing)[:, None],
-                np.cos(missing)[:, None],
-            ],
-            axis=1,
-        )
+        points = np.stack([self.path(batch, i * self.config.ahead_s)[0] for i in range(self.config.points)], axis=1)
+        ways = batch.terms.to_body(points).reshape(batch.num_drones, -1)
+        missing = self.missing_yaw(self.path(batch)[1], batch.sensed_quat_wxyz)
+        return np.column_stack([ways, self.own_flight(batch), np.sin(missing), np.cos(missing)])
 
     def path(self, batch: flockstep.Batch, ahead_s: float = 0.0) -> tuple[Array, Array]:
         """Return each drone's position (N, 3) m and velocity (N, 3) m/s on its path, at a time after now."""

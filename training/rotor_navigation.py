@@ -13,7 +13,6 @@ import numpy.typing as npt
 from gymnasium import spaces
 
 import flockstep
-from flockstep.rotations import rotate
 
 Array = npt.NDArray[Any]
 
@@ -57,7 +56,10 @@ class RotorNavigation(flockstep.Task):
         del batch
         self.before[:] = self.action
         self.action[:] = np.clip(actions, -1, 1)
-        return np.concatenate([self.action * [1.0, 1.0, 0.5], np.zeros((len(actions), 1))], axis=1, dtype=np.float32)
+        command = np.zeros((len(actions), 4), np.float32)
+        command[:, :3] = self.action
+        command[:, 2] *= 0.5
+        return command
 
     def step(self, batch: flockstep.Batch) -> tuple[Mapping[str, Array], Array]:
         """Reward progress and clearance; end at the goal or at a contact."""
@@ -81,15 +83,13 @@ class RotorNavigation(flockstep.Task):
 
     def observe(self, batch: flockstep.Batch) -> Array:
         """Return direction and distance of the goal, ranges, and the motion in the body frame."""
-        velocity = rotate(batch.quat_wxyz, batch.velocity, inverse=True)
-        up = rotate(batch.quat_wxyz, np.tile(np.float32([0, 0, 1]), (batch.num_drones, 1)), inverse=True)
         return np.concatenate(
             [
                 3.0 * batch.terms.goal_direction(self.goal),
                 0.4 * np.minimum(self.distance, MOST_DISTANCE_M)[:, None],
                 2.0 - 2.0 * batch.terms.ranges(),
-                velocity,
-                up,
+                batch.terms.body_velocity(),
+                batch.sensed_rotation[:, 2],  # the world's up
                 batch.angular_velocity,
                 self.action,
             ],
