@@ -47,7 +47,9 @@ def test_the_headline_names_threads_processor_commit_and_remark_of_each_row():
     written = table.headline(
         {
             "step": one("step/n1/microseconds"),
-            "board": one("board/lidar/seed0/flockstep_2/seconds", machine=MACHINE | {"simd": "AVX2"}, remark="By old code."),
+            "board": one(
+                "board/lidar/seed0/flockstep_2/seconds", machine=MACHINE | {"simd": "AVX2"}, remark="By old code."
+            ),
         }
     )
     rows = [[cell.strip() for cell in line.strip("|").split("|")] for line in written.splitlines() if " 2.5 s " in line]
