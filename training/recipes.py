@@ -5,6 +5,7 @@ The hyperparameters were found with the seeds 100 and above; the board reports t
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from typing import Any, Literal
@@ -17,9 +18,10 @@ from stable_baselines3.common.callbacks import BaseCallback
 from stable_baselines3.common.utils import LinearSchedule
 
 import flockstep
-from flockstep.sb3 import DroneVecEnv, GoalFeatures, PointFeatures, evaluate
+from flockstep.sb3 import DroneVecEnv, GoalFeatures, PointFeatures
 from training import train_flight
 from training.flight import POLICY_HZ, Flights, fly, make
+from training.forest_flight import ForestFlight, straight
 from training.rotor_navigation import RotorNavigation
 from training.tasks import TRAINING_SEEDS, UNSEEN_SEEDS, Setup, first_env_seed
 
@@ -144,10 +146,42 @@ def judge_navigation(task: Any, most_steps: int) -> Callable[[Predict, int, int]
     def judged(predict: Predict, flights: int, seed: int) -> Verdict:
         worlds = Setup("lidar").generated(range(seed, seed + flights), flights)
         made = task() if isinstance(task, type) else task
-        flown = evaluate(predict, made, flights, seed, worlds=worlds, random_world=False, max_episode_steps=most_steps)
+        flown = flockstep.evaluate(predict, made, flights, seed, worlds=worlds, random_world=False, max_episode_steps=most_steps)
         return Verdict(flown.success_rate, flown.ends["contact"])
 
     return judged
+
+
+# --- forest
+
+
+@functools.cache
+def forest(seed: int) -> flockstep.World:
+    """Generate a forest once."""
+    return flockstep.World.forest(seed)
+
+
+def make_forest(num_envs: int, threads: int) -> flockstep.DroneVectorEnv:
+    """Make the environments of the flight through a forest."""
+    return flockstep.DroneVectorEnv(
+        num_envs,
+        task=ForestFlight(),
+        worlds=[forest(seed) for seed in TRAINING_SEEDS[:200]],
+        stagger_first_episode=True,
+        autoreset_mode="same_step",
+        copy=False,
+        num_threads=threads,
+    )
+
+
+def judge_forest(predict: Predict, flights: int, seed: int) -> Verdict:
+    """Fly once in each of several forests."""
+    worlds = [forest(each) for each in range(seed, seed + flights)]
+    flown = flockstep.evaluate(predict, ForestFlight, flights, seed, worlds=worlds, random_world=False)
+    return Verdict(flown.success_rate, flown.ends["contact"], {"speed_mps": flown.infos["speed_mps"]})
+
+
+# --- what flies without a policy
 
 
 def straight_by_steps(observation: Array) -> Array:
@@ -223,6 +257,23 @@ RECIPES: dict[str, Recipe] = {
         judge=ROTORS,
         baseline=lambda: ROTORS(straight_by_velocity, 1000, UNSEEN_SEEDS.start),
         film={"env": RotorNavigation, "steps": 400},
+    ),
+    "forest": Recipe(
+        steps=1_200_000,
+        num_envs=256,
+        settings={
+            "n_steps": 32,
+            "batch_size": 1024,
+            "n_epochs": 4,
+            "learning_rate": 1e-3,
+            "gamma": 0.98,
+            "policy_kwargs": {"net_arch": [128, 128], "activation_fn": torch.nn.ReLU, "log_std_init": -1.0},
+        },
+        make=make_forest,
+        judge=judge_forest,
+        baseline=lambda: judge_forest(straight, 300, UNSEEN_SEEDS.start),
+        film={"env": ForestFlight, "worlds": "forest/seed-0", "steps": 200},
+        flights=300,
     ),
 }
 
