@@ -217,7 +217,7 @@ RECIPES: dict[str, Recipe] = {
         film={"env": "flockstep/Hover-v0", "steps": 300, "policy_hz": POLICY_HZ["hover"]},
     ),
     "track": Recipe(
-        steps=3_000_000,
+        steps=4_500_000,
         num_envs=256,
         settings={
             "n_steps": 64,
@@ -250,9 +250,16 @@ RECIPES: dict[str, Recipe] = {
         film={"steps": 400, "fps": 25},
     ),
     "lidar_rotors": Recipe(
-        steps=1_500_000,
+        steps=2_500_000,
         num_envs=512,
-        settings={"n_steps": 32, "batch_size": 1024, "n_epochs": 4, "learning_rate": 1e-3, "gamma": 0.98},
+        settings={
+            "n_steps": 32,
+            "batch_size": 1024,
+            "n_epochs": 4,
+            "learning_rate": 1e-3,
+            "gamma": 0.98,
+            "policy_kwargs": {"activation_fn": torch.nn.ReLU},
+        },
         make=make_rotors,
         judge=ROTORS,
         baseline=lambda: ROTORS(straight_by_velocity, 1000, UNSEEN_SEEDS.start),

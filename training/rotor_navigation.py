@@ -17,7 +17,6 @@ import flockstep
 Array = npt.NDArray[Any]
 
 GOAL_RADIUS_M = 0.5
-NEAR = 0.25  # fraction of the LiDAR's range within which nearness costs
 MOST_DISTANCE_M = 5.0  # observed distances are limited to this
 
 
@@ -31,7 +30,7 @@ class RotorNavigation(flockstep.Task):
     clock = flockstep.ClockConfig(policy_hz=10)
     action_space = spaces.Box(-1, 1, (3,), np.float32)
     observation_space = spaces.Box(-np.inf, np.inf, (51,), np.float32)
-    reward_terms = ("progress", "near", "crash", "reached", "change")
+    reward_terms = ("progress", "crash", "reached", "change")
     random_world = True
     max_episode_steps = 400
 
@@ -62,7 +61,7 @@ class RotorNavigation(flockstep.Task):
         return command
 
     def step(self, batch: flockstep.Batch) -> tuple[Mapping[str, Array], Array]:
-        """Reward progress and clearance; end at the goal or at a contact."""
+        """Reward progress; end at the goal or at a contact."""
         crashed = batch.contact.hit
         distance = batch.terms.goal_distance(self.goal)
         reached = self.flying & (distance <= GOAL_RADIUS_M)
@@ -74,8 +73,7 @@ class RotorNavigation(flockstep.Task):
         change = self.action - self.before
         terms = {
             "progress": progress,
-            "near": 0.5 * np.minimum(batch.terms.clearance() - NEAR, 0),
-            "crash": -10.0 * crashed,
+            "crash": -30.0 * crashed,
             "reached": 5.0 * reached,
             "change": -0.02 * (change * change).sum(axis=1) - 0.01,
         }
