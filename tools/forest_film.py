@@ -21,8 +21,8 @@ from PIL import Image
 
 import flockstep
 from tools.film import write_captions
-from training.board import train
 from training.forest_flight import FAR_M, ForestFlight
+from training.recipes import RECIPES, train
 from training.tasks import UNSEEN_SEEDS
 
 Array = npt.NDArray[Any]
@@ -93,8 +93,10 @@ def pictures(model: flockstep.PPO, world: flockstep.World, args: Args) -> Iterat
 
 def main(args: Args) -> None:
     """Train if necessary, fly, and write the film."""
-    model = train("forest", "flockstep", 0, args.threads, judges=False)[0] if args.policy is None else None
-    model = model or flockstep.PPO.load(str(args.policy), learning_rate=0.0)
+    if args.policy is None:
+        model = train(RECIPES["forest"], "flockstep", 0, args.threads)
+    else:
+        model = flockstep.PPO.load(args.policy)
     film = list(pictures(model, flockstep.World.forest(args.seed), args))
     step_ms = round(1000 / ForestFlight.clock.policy_hz)
     durations = [*[step_ms] * (len(film) - 1), round(1000 * HOLD_S)]

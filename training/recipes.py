@@ -146,7 +146,9 @@ def judge_navigation(task: Any, most_steps: int) -> Callable[[Predict, int, int]
     def judged(predict: Predict, flights: int, seed: int) -> Verdict:
         worlds = Setup("lidar").generated(range(seed, seed + flights), flights)
         made = task() if isinstance(task, type) else task
-        flown = flockstep.evaluate(predict, made, flights, seed, worlds=worlds, random_world=False, max_episode_steps=most_steps)
+        flown = flockstep.evaluate(
+            predict, made, flights, seed, worlds=worlds, random_world=False, max_episode_steps=most_steps
+        )
         return Verdict(flown.success_rate, flown.ends["contact"])
 
     return judged
