@@ -88,7 +88,7 @@ ID = "flockstep/LidarNavigation-v0"
         ),
         (
             lambda: flockstep.sb3.make_vec(ID, 2, autoreset_mode="disabled"),
-            "make_vec: autoreset_mode cannot be chosen: Stable-Baselines3 needs same-step autoreset",
+            "make_vec: autoreset_mode cannot be chosen: it needs same-step autoreset",
         ),
     ],
 )
