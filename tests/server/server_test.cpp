@@ -8,6 +8,7 @@
 #include <atomic>
 #include <chrono>
 #include <cstdint>
+#include <deque>
 #include <functional>
 #include <memory>
 #include <optional>
@@ -141,31 +142,33 @@ TEST(Workload, IsWaitedForUntilItsLastMark) {
   spare.join();
 }
 
-TEST(Executor, MarksTheWorkOfMany) {
-  Workload workload;
-  std::atomic<int> turns{0};
-  std::thread spare([&] {
-    while (workload.wait()) ++turns;
-  });
-  Executor executor(workload);
+TEST(Executor, RunsEachWaitingOperationByItself) {
+  std::deque<std::function<void()>> posted;
+  Executor executor([&](std::function<void()> work) { posted.push_back(std::move(work)); });
   std::vector<int> order;
   executor.run([&] {
-    for (int i = 0; i < 100; ++i) {
-      executor.run([&, i] {
-        order.push_back(i);
-        if (i == 50) {
-          for (const int before = turns; turns == before;) std::this_thread::yield();
-        }
-      });
-    }
+    for (int i = 0; i < 3; ++i) executor.run([&, i] { order.push_back(i); });
+    executor.run_later([&] { order.push_back(3); });
     EXPECT_FALSE(executor.try_run([] { return true; }));
     EXPECT_TRUE(order.empty());
   });
-  ASSERT_EQ(order.size(), 100U);
-  EXPECT_TRUE(std::ranges::is_sorted(order));
+  for (int i = 0; i < 4; ++i) {
+    EXPECT_EQ(std::ssize(order), i);
+    ASSERT_EQ(posted.size(), 1U);
+    const std::function<void()> next = std::move(posted.front());
+    posted.pop_front();
+    next();
+  }
+  EXPECT_EQ(order, (std::vector{0, 1, 2, 3}));
+  EXPECT_TRUE(posted.empty());
   EXPECT_TRUE(executor.try_run([] { return true; }));
-  workload.end();
-  spare.join();
+
+  executor.run_later([&] { order.push_back(4); });
+  EXPECT_FALSE(executor.try_run([] { return true; }));
+  ASSERT_EQ(posted.size(), 1U);
+  executor.clear();
+  posted.front()();
+  EXPECT_EQ(order.size(), 4U);
 }
 
 TEST(Server, AnswersPingsWhileAnOperationWaitsForTheProgram) {
@@ -228,12 +231,28 @@ TEST(Server, AnswersPingsWhileATickOrALockstepWaits) {
   EXPECT_EQ(first.get().step, second->get().step);
 }
 
+TEST(Server, StreamsImagesWhileItsClockTakesAllItsTime) {
+  BatchConfig config = kinematic();
+  config.cameras[0].capture_mode = CaptureMode::every_step;
+  Served served(config);
+  GameModeController clock(served.connect());
+  clock.set_clock(10000);
+  const Connection watcher = served.connect();
+  std::vector<client::Stream<client::CameraData>> streams;
+  for (std::int64_t drone = 0; drone < 8; ++drone) streams.push_back(DroneController(watcher, drone).stream_camera(200));
+  for (int i = 0; i < 20; ++i) {
+    for (auto& stream : streams) ASSERT_TRUE(stream.next(10s));
+  }
+  EXPECT_GT(clock.get_fps().fps, 0.0);
+}
+
 TEST(Server, AnswersPingsDuringALongOperationAndAfterItsFailure) {
   Served served(rotors());
   GameModeController pilot(served.connect()), second(served.connect()), other(served.connect());
   const std::vector<float> hover(4 * kFleet, 0.0F);
   for (int i = 0; i < 100; ++i) EXPECT_THROW(pilot.fly({.command = hover}, 2'000'000), client::Error);
   auto flight = pilot.fly(later, {.command = hover}, 100'000);
+  ASSERT_TRUE(answers_pings(other));  // by then the flight has begun
   auto next = second.fly(later, {.command = hover}, 1);
   ASSERT_TRUE(answers_pings(other));
   EXPECT_FALSE(flight.is_ready());

@@ -2,6 +2,7 @@
 
 #include <bit>
 #include <stdexcept>
+#include <utility>
 
 #include "protocol/read_values.hpp"
 
@@ -74,6 +75,15 @@ std::size_t bytes_of(std::span<const Array> arrays) {
 void FrameWriter::add(std::string_view name, DType type, std::span<const std::byte> values, std::span<const std::size_t> shape) {
   arrays_.push_back({.name = std::string(name), .dtype = type, .shape = {shape.begin(), shape.end()}});
   values_.append(reinterpret_cast<const char*>(values.data()), values.size());
+}
+
+void FrameWriter::add_bytes(std::string_view name, std::string bytes) {
+  arrays_.push_back({.name = std::string(name), .dtype = DType::kDtypeUint8, .shape = {bytes.size()}});
+  if (values_.empty()) {
+    values_ = std::move(bytes);
+  } else {
+    values_ += bytes;
+  }
 }
 
 void FrameWriter::add_rows(std::string_view name, DType type, const std::byte* values, std::span<const std::size_t> rows,

@@ -45,6 +45,8 @@ class FrameWriter {
     add(name, dtype_of<T>(), std::as_bytes(values), std::span(shape.begin(), shape.size()));
   }
   void add(std::string_view name, DType type, std::span<const std::byte> values, std::span<const std::size_t> shape);
+  // Adds an array of bytes, without a copy if it is the first one.
+  void add_bytes(std::string_view name, std::string bytes);
   // Adds an array of some rows of another one, whose values begin at `values`. The shape is that of the new array.
   void add_rows(std::string_view name, DType type, const std::byte* values, std::span<const std::size_t> rows,
                 std::span<const std::size_t> shape);

@@ -13,11 +13,16 @@ namespace flockstep::server {
 namespace {
 
 // Copies the colours of one drone's frame, from any layout, red, green and blue from row to row.
-Picture picture_of(const ArrayView& view, const CameraConfig& camera, std::size_t drone) {
-  Picture picture{.rgb = {}, .width_px = camera.image_width_px(), .height_px = camera.image_height_px()};
+void copy_colors(const ArrayView& view, const CameraConfig& camera, std::size_t drone, Picture& picture) {
+  picture.width_px = camera.image_width_px();
+  picture.height_px = camera.image_height_px();
   const auto pixels = static_cast<std::size_t>(picture.width_px) * static_cast<std::size_t>(picture.height_px);
   const auto channels = static_cast<std::size_t>(std::max(view.info.columns, 1));
   const auto* const frame = static_cast<const std::uint8_t*>(view.data) + drone * pixels * channels;
+  if (channels == 3 && camera.layout == ImageLayout::hwc) {
+    picture.rgb.assign(frame, frame + 3 * pixels);
+    return;
+  }
   picture.rgb.resize(3 * pixels);
   for (std::size_t pixel = 0; pixel < pixels; ++pixel) {
     for (std::size_t channel = 0; channel < 3; ++channel) {
@@ -26,7 +31,6 @@ Picture picture_of(const ArrayView& view, const CameraConfig& camera, std::size_
           frame[camera.layout == ImageLayout::chw ? from * pixels + pixel : channels * pixel + from];
     }
   }
-  return picture;
 }
 
 std::string compress(const Picture& picture, const protocol::GetCameraData& get) {
@@ -45,24 +49,6 @@ std::string compress(const Picture& picture, const protocol::GetCameraData& get)
   return encode_png(picture.width_px, picture.height_px, rgba);
 }
 
-// Adds raw pixels to the reply, or returns the colours for a file.
-std::optional<Picture> copy_frame(Call& call, const ArraySource& arrays, const CameraConfig& camera, std::size_t drone) {
-  const auto& get = std::get<protocol::GetCameraData>(call.request.operation);
-  const bool is_file = get.format != protocol::ImageFormat::kRaw;
-  const std::string output = !get.output.empty() ? get.output : camera.outputs.rgb ? "rgb" : "grey";
-  const std::optional<ArrayView> found = arrays.find(camera.name, output);
-  require(found && output != "frame_step", "output", "an output of camera \"" + camera.name + '"', '"' + output + '"');
-  require(!is_file || output == "rgb" || output == "grey", "output", "rgb or grey for a JPEG or PNG file; RAW gives the others",
-          '"' + output + '"');
-  auto& data = call.result<protocol::CameraData>();
-  data.step = static_cast<const std::int64_t*>(arrays.find(camera.name, "frame_step")->data)[drone];
-  data.width_px = static_cast<std::uint32_t>(camera.image_width_px());
-  data.height_px = static_cast<std::uint32_t>(camera.image_height_px());
-  if (is_file) return picture_of(*found, camera, drone);
-  add_row(call.writer, "image", *found, drone);
-  return std::nullopt;
-}
-
 }  // namespace
 
 void Service::handle(const std::shared_ptr<Call>& call, const protocol::GetCameraData&) {
@@ -77,9 +63,10 @@ void Service::handle(const std::shared_ptr<Call>& call, const protocol::GetCamer
     });
     return true;
   });
-  if (is_taken || take_published_frame(*call, picture)) return compress_aside(call, std::move(picture));
+  // A stream waits for the end of the step and then copies its frame. To publish all frames before each step would take longer.
+  if (is_taken || (!call->is_of_stream && take_published_frame(*call, picture))) return compress_aside(call, std::move(picture));
   mark.reset();
-  executor_.run([this, call] {
+  executor_.run_later([this, call] {
     std::optional<Picture> taken;
     guard(*call, [&] {
       const Hold hold(*this, false);
@@ -99,8 +86,30 @@ std::optional<Picture> Service::take_frame(Call& call) {
     batch_.capture(camera, only(drone));
   }
   std::optional<Picture> picture = copy_frame(call, LiveArrays(batch_), batch_.camera_config(camera), drone);
-  if (picture && get.output.empty()) picture->rgb = batch_.picture(camera, get.drone);  // with the move lines
+  const bool has_lines = std::ranges::count(batch_.move_lines().move_line_visible, 1) > 0;
+  if (picture && get.output.empty() && has_lines) picture->rgb = batch_.picture(camera, get.drone);
   return picture;
+}
+
+std::optional<Picture> Service::copy_frame(Call& call, const ArraySource& arrays, const CameraConfig& camera, std::size_t drone) {
+  const auto& get = std::get<protocol::GetCameraData>(call.request.operation);
+  const bool is_file = get.format != protocol::ImageFormat::kRaw;
+  const std::string output = !get.output.empty() ? get.output : camera.outputs.rgb ? "rgb" : "grey";
+  const std::optional<ArrayView> found = arrays.find(camera.name, output);
+  require(found && output != "frame_step", "output", "an output of camera \"" + camera.name + '"', '"' + output + '"');
+  require(!is_file || output == "rgb" || output == "grey", "output", "rgb or grey for a JPEG or PNG file; RAW gives the others",
+          '"' + output + '"');
+  auto& data = call.result<protocol::CameraData>();
+  data.step = static_cast<const std::int64_t*>(arrays.find(camera.name, "frame_step")->data)[drone];
+  data.width_px = static_cast<std::uint32_t>(camera.image_width_px());
+  data.height_px = static_cast<std::uint32_t>(camera.image_height_px());
+  if (is_file) {
+    Picture picture{.rgb = pictures_.take()};
+    copy_colors(*found, camera, drone, picture);
+    return picture;
+  }
+  add_row(call.writer, "image", *found, drone);
+  return std::nullopt;
 }
 
 bool Service::take_published_frame(Call& call, std::optional<Picture>& picture) {
@@ -122,12 +131,12 @@ bool Service::take_published_frame(Call& call, std::optional<Picture>& picture) 
 
 void Service::compress_aside(const std::shared_ptr<Call>& call, std::optional<Picture> picture) {
   if (!picture) return complete(call);
-  run_aside_([this, call, picture = std::move(*picture)] {
+  run_aside_([this, call, picture = std::move(*picture)]() mutable {
     guard(*call, [&] {
-      const std::string file = compress(picture, std::get<protocol::GetCameraData>(call->request.operation));
-      call->writer.add("image", std::span(reinterpret_cast<const std::uint8_t*>(file.data()), file.size()), {file.size()});
+      call->writer.add_bytes("image", compress(picture, std::get<protocol::GetCameraData>(call->request.operation)));
     });
     complete(call);
+    pictures_.give_back(std::move(picture.rgb));
   });
 }
 

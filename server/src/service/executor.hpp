@@ -1,72 +1,84 @@
-// Executor: runs operations on the batch one at a time, on the threads that bring them. A thread that finds another one at work
-// leaves its operation in a queue, which the other one then works off. No thread waits, and an operation that finds nobody at
-// work costs no hand-over.
+// Executor: runs operations on the batch one at a time. A thread that finds nobody at work runs its operation at once, without a
+// hand-over. Otherwise the operation waits in a queue. Each operation of the queue is a handler by itself: a thread that ran all
+// of them would never return to its client while others keep coming.
 #pragma once
 
 #include <deque>
 #include <functional>
 #include <mutex>
-#include <optional>
 #include <utility>
-
-#include "service/workload.hpp"
 
 namespace flockstep::server {
 
 class Executor {
  public:
-  explicit Executor(Workload& workload) : workload_(workload) {}
+  using Operation = std::function<void()>;
 
-  // Runs the operation now or later; it must not throw.
-  void run(std::function<void()> operation) {
-    {
-      const std::scoped_lock lock(mutex_);
-      if (is_busy_) {
-        queue_.push_back(std::move(operation));
-        return;
-      }
-      is_busy_ = true;
-    }
+  // post: runs a function later, on any thread, but never within the call.
+  explicit Executor(std::function<void(Operation)> post) : post_(std::move(post)) {}
+
+  // Runs the operation now or later. Operations must not throw.
+  void run(Operation operation) {
+    if (!begin(operation)) return;
     operation();
-    work_off();
+    end();
   }
-  // Runs the operation now if nobody is at work. It must not throw; if it returns false, it counts as not run.
-  template <class Operation>
-  bool try_run(const Operation& operation) {
+  // Runs the operation later.
+  void run_later(Operation operation) {
+    const std::scoped_lock lock(mutex_);
+    queue_.push_back(std::move(operation));
+    if (!std::exchange(is_busy_, true)) post_next();
+  }
+  // Runs the operation now if nobody is at work. If it returns false, it counts as not run.
+  template <class Function>
+  bool try_run(const Function& operation) {
     {
       const std::scoped_lock lock(mutex_);
       if (is_busy_) return false;
       is_busy_ = true;
     }
     const bool done = operation();
-    work_off();
+    end();
     return done;
+  }
+  // Drops the operations in the queue, of which none will run any more.
+  void clear() {
+    std::deque<Operation> dropped;
+    const std::scoped_lock lock(mutex_);
+    dropped.swap(queue_);
   }
 
  private:
-  void work_off() {
-    constexpr int kMany = 8;  // short operations, of some microseconds
-    std::optional<Workload::Mark> mark;
-    for (int count = 1;; ++count) {
-      std::function<void()> next;
+  // Returns false if the operation has moved into the queue.
+  bool begin(Operation& operation) {
+    const std::scoped_lock lock(mutex_);
+    if (!std::exchange(is_busy_, true)) return true;
+    queue_.push_back(std::move(operation));
+    return false;
+  }
+  void end() {
+    const std::scoped_lock lock(mutex_);
+    is_busy_ = !queue_.empty();
+    if (is_busy_) post_next();
+  }
+  void post_next() {
+    post_([this] {
+      Operation next;
       {
         const std::scoped_lock lock(mutex_);
-        if (queue_.empty()) {
-          is_busy_ = false;
-          return;
-        }
+        if (queue_.empty()) return;  // cleared
         next = std::move(queue_.front());
         queue_.pop_front();
       }
-      if (count == kMany) mark.emplace(workload_);
       next();
-    }
+      end();
+    });
   }
 
-  Workload& workload_;
+  const std::function<void(Operation)> post_;
   std::mutex mutex_;
   bool is_busy_ = false;
-  std::deque<std::function<void()>> queue_;
+  std::deque<Operation> queue_;
 };
 
 }  // namespace flockstep::server

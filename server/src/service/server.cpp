@@ -80,7 +80,7 @@ class Server::Impl {
       : config_(validated(std::move(given))),
         aside_(1),
         service_(
-            batch, config_,
+            batch, config_, [this](std::function<void()> work) { asio::post(io_, std::move(work)); },
             [this](std::function<void()> work) {
               asio::post(aside_, [this, work = std::move(work)] {
                 const Cancellable cancellable(cancels_calls_);

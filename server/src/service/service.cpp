@@ -36,8 +36,7 @@ constexpr bool kIsShort = kIsOneOf<Operation, protocol::SetLocation, protocol::S
 
 }  // namespace
 
-Service::Service(Batch& batch, const ServerConfig& config, std::function<void(std::function<void()>)> run_aside,
-                 Workload& workload)
+Service::Service(Batch& batch, const ServerConfig& config, Post post, Post run_aside, Workload& workload)
     : batch_(batch),
       task_(batch.task()),
       config_(config),
@@ -45,7 +44,7 @@ Service::Service(Batch& batch, const ServerConfig& config, std::function<void(st
       workload_(workload),
       flies_by_rotors_(!batch.config().dynamics.is_kinematic()),
       step_s_(1.0 / static_cast<double>(batch.config().clock.policy_hz)),
-      executor_(workload),
+      executor_(std::move(post)),
       rate_hz_(config.rate_hz) {
   const BatchLock lock(batch_);
   require(!batch_.is_shared(), "batch", "one that no server serves", "one that another server serves: stop that one first");

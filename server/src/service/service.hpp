@@ -21,22 +21,18 @@
 #include "service/batch_arrays.hpp"
 #include "service/call.hpp"
 #include "service/executor.hpp"
+#include "service/picture.hpp"
 #include "service/rate_meter.hpp"
 #include "service/workload.hpp"
 
 namespace flockstep::server {
 
-// Colours of a frame.
-struct Picture {
-  std::vector<std::uint8_t> rgb;  // from row to row, from the top
-  int width_px = 0, height_px = 0;
-};
-
 class Service {
  public:
-  // run_aside: runs a function on another thread, for work that needs no batch, such as compressing an image. Operations that may
-  // take long are marked in the workload.
-  Service(Batch& batch, const ServerConfig& config, std::function<void(std::function<void()>)> run_aside, Workload& workload);
+  using Post = std::function<void(std::function<void()>)>;
+  // post: runs a function later, on a thread of the sessions. run_aside: runs it on another thread, for work that needs no batch,
+  // such as compressing an image. Operations that may take long are marked in the workload.
+  Service(Batch& batch, const ServerConfig& config, Post post, Post run_aside, Workload& workload);
   ~Service();
   Service(const Service&) = delete;
   Service& operator=(const Service&) = delete;
@@ -52,8 +48,11 @@ class Service {
 
   // Ends the sharing of the batch; later calls do nothing. No thread may be in a call of this object.
   void unshare();
-  // Drops the calls that wait for a step. No thread may be in a call of this object.
-  void drop_calls() { lockstep_.clear(); }
+  // Drops the calls that wait for a step or for other calls. No thread may be in a call of this object.
+  void drop_calls() {
+    lockstep_.clear();
+    executor_.clear();
+  }
 
   // Makes a step of real time, when the batch is free. Does nothing while an earlier one is waiting.
   void tick();
@@ -147,6 +146,8 @@ class Service {
   // --- camera images: cameras.cpp. Each returns the colours for a file, or nothing if the reply is complete.
   std::optional<Picture> take_frame(Call& call);                           // renders it if necessary; needs the lock
   bool take_published_frame(Call& call, std::optional<Picture>& picture);  // false if there is none that will do
+  // Adds raw pixels to the reply, or returns the colours for a file.
+  std::optional<Picture> copy_frame(Call& call, const ArraySource& arrays, const CameraConfig& camera, std::size_t drone);
   void compress_aside(const std::shared_ptr<Call>& call, std::optional<Picture> picture);
 
   // --- checks
@@ -180,13 +181,14 @@ class Service {
   bool is_sharing_ = false;
   const Task* const task_;  // null without one
   const ServerConfig config_;
-  const std::function<void(std::function<void()>)> run_aside_;
+  const Post run_aside_;
   Workload& workload_;
   const bool flies_by_rotors_;
   const double step_s_;
   std::function<void()> on_new_rate_;
   Executor executor_;
   Publisher publisher_;
+  PictureMemory pictures_;
   RateMeter rate_;
   std::int64_t last_tick_ = 0;  // of the first env
 

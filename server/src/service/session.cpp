@@ -273,24 +273,28 @@ void Session::wait_for(std::uint64_t id) {
     // The next time is a multiple of the period, unless it is late already.
     const auto now = std::chrono::steady_clock::now();
     subscription->timer.expires_at(std::max(subscription->timer.expiry() + subscription->period, now));
-    const std::int64_t change = self->sessions_.service.changes();
-    const bool is_new = !subscription->what.only_new || change != subscription->last_change;
-    if (!subscription->is_pending && is_new) {
-      subscription->is_pending = true;
-      subscription->last_change = change;
-      const auto call = std::make_shared<Call>();
-      call->client = self;
-      call->is_of_stream = true;
-      call->request.id = id;
-      std::visit(
-          [&](const auto& what) {
-            if constexpr (!std::is_same_v<std::decay_t<decltype(what)>, std::monostate>) call->request.operation = what;
-          },
-          subscription->what.what);
-      self->sessions_.service.answer(call);
-    }
+    self->make_value(id, *subscription);
     self->wait_for(id);
   });
+}
+
+void Session::make_value(std::uint64_t id, Subscription& subscription) {
+  subscription.is_due = subscription.is_pending;
+  const std::int64_t change = sessions_.service.changes();
+  const bool is_new = !subscription.what.only_new || change != subscription.last_change;
+  if (subscription.is_pending || !is_new) return;
+  subscription.is_pending = true;
+  subscription.last_change = change;
+  const auto call = std::make_shared<Call>();
+  call->client = self();
+  call->is_of_stream = true;
+  call->request.id = id;
+  std::visit(
+      [&](const auto& what) {
+        if constexpr (!std::is_same_v<std::decay_t<decltype(what)>, std::monostate>) call->request.operation = what;
+      },
+      subscription.what.what);
+  sessions_.service.answer(call);
 }
 
 void Session::unsubscribe(const std::shared_ptr<Call>& call, const protocol::Unsubscribe& unsubscribe) {
@@ -327,10 +331,11 @@ void Session::write() {
     const std::shared_ptr<Call> sent = std::move(self->outbox_.front());
     self->outbox_.pop_front();
     self->outbox_bytes_ -= sent->writer.size();
-    if (sent->is_of_stream) {
-      if (const auto stream = self->subscriptions_.find(sent->request.id); stream != self->subscriptions_.end()) {
-        stream->second->is_pending = false;
-      }
+    std::shared_ptr<Subscription> stream;
+    if (const auto found = self->subscriptions_.find(sent->request.id);
+        sent->is_of_stream && found != self->subscriptions_.end()) {
+      stream = found->second;
+      stream->is_pending = false;
     }
     if (!self->outbox_.empty()) {
       self->write();
@@ -339,6 +344,7 @@ void Session::write() {
     }
     if (!self->is_ending_) self->dispatch_next();
     self->read();
+    if (stream && stream->is_due && !self->is_ending_ && !self->is_gone_) self->make_value(sent->request.id, *stream);
   });
 }
 

@@ -67,6 +67,7 @@ class Session final : public Client, public std::enable_shared_from_this<Session
     Timer timer;
     std::chrono::steady_clock::duration period;
     bool is_pending = false;        // a value is being made, or waits to be sent
+    bool is_due = false;            // and the next one should be on its way by now
     std::int64_t last_change = -1;  // of the value that was sent last
   };
 
@@ -83,6 +84,7 @@ class Session final : public Client, public std::enable_shared_from_this<Session
   void subscribe(const std::shared_ptr<Call>& call, const protocol::Subscribe& subscribe);
   void unsubscribe(const std::shared_ptr<Call>& call, const protocol::Unsubscribe& unsubscribe);
   void wait_for(std::uint64_t id);
+  void make_value(std::uint64_t id, Subscription& subscription);
   void send(const std::shared_ptr<Call>& call);
   void write();
   void close(websocket::close_code code, const std::string& reason);
