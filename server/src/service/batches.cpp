@@ -1,5 +1,6 @@
 // Operations on all drones or envs at once.
 #include <algorithm>
+#include <chrono>
 #include <cmath>
 #include <string>
 
@@ -269,6 +270,7 @@ void Service::locked(Call& call, const protocol::StepEnvs&) {
   require_may_change(call, std::span<const std::uint8_t>());
   const TaskSpec& spec = task_->spec();
   std::vector<std::int64_t> shape{num_rows(batch_)};
+  const auto start = std::chrono::steady_clock::now();
   begin_change();
   if (is_floating(spec.action.type)) {
     shape.insert(shape.end(), spec.action.shape.begin(), spec.action.shape.end());
@@ -280,6 +282,7 @@ void Service::locked(Call& call, const protocol::StepEnvs&) {
     require(actions.has_value(), "actions", "an array of this name", "none");
     batch_.step(std::span<const std::int64_t>(*actions));
   }
+  steps_are_short_ = std::chrono::steady_clock::now() - start < std::chrono::milliseconds(1);
   steps_.fetch_add(1, std::memory_order_relaxed);
   rate_.add(1.0, step_s_);
   add_step(call.writer, spec, batch_.outputs(), batch_.config().episode.autoreset_mode == AutoresetMode::same_step);

@@ -178,11 +178,12 @@ void Service::handle(const std::shared_ptr<Call>& call, const Operation& operati
       return complete(call);
     }
     if (const auto copy = publisher_.read(batch_, sensor)) return reply(*copy);
-    run_locked(call, true,
+    run_locked(call, is_small_,
                [this](Call& waited) { read(waited, std::get<Operation>(waited.request.operation), LiveArrays(batch_)); });
   } else if constexpr (requires { locked(*call, operation); }) {
-    run_locked(call, kIsShort<Operation>,
-               [this](Call& waited) { locked(waited, std::get<Operation>(waited.request.operation)); });
+    const bool is_short =
+        std::is_same_v<Operation, protocol::StepEnvs> ? steps_are_short_.load() : kIsShort<Operation> && is_small_;
+    run_locked(call, is_short, [this](Call& waited) { locked(waited, std::get<Operation>(waited.request.operation)); });
   } else {
     call->fail(Code::kUnimplemented, std::is_same_v<Operation, std::monostate>
                                          ? "operation: this server does not have the operation of this request"
@@ -191,8 +192,7 @@ void Service::handle(const std::shared_ptr<Call>& call, const Operation& operati
   }
 }
 
-Service::Hold::Hold(Service& service, bool is_short)
-    : lock_(is_short && service.is_small_ ? BatchLock::try_lock(service.batch_) : std::nullopt) {
+Service::Hold::Hold(Service& service, bool is_short) : lock_(is_short ? BatchLock::try_lock(service.batch_) : std::nullopt) {
   if (lock_) return;
   mark_.emplace(service.workload_);
   lock_.emplace(service.batch_);

@@ -1,5 +1,6 @@
 #include "service/session.hpp"
 
+#include <array>
 #include <cmath>
 #include <type_traits>
 #include <utility>
@@ -323,6 +324,8 @@ void Session::send(const std::shared_ptr<Call>& call) {
 void Session::write() {
   const Call& call = *outbox_.front();
   const std::array<asio::const_buffer, 2> parts{asio::buffer(call.writer.header()), asio::buffer(call.writer.values())};
+  constexpr std::size_t kOneWrite = (std::size_t{1} << 16) - 16;  // with its frame, Asio sends this at once
+  if (call.writer.size() > kOneWrite) socket_.next_layer().announce(parts);
   socket_.async_write(parts, [self = self()](beast::error_code error, std::size_t) {
     if (error) {
       self->outbox_.clear();  // calls hold their session
