@@ -87,6 +87,9 @@ class SteppedEnv(Protocol):
     def final_observations(self, indices: npt.NDArray[np.intp]) -> list[Observation]:
         """Return the last observations of ended episodes."""
 
+    def _last_infos(self, ended: npt.NDArray[np.intp]) -> dict[str, Any]:
+        """Return the episode statistics of ``ended``: all envs whose episode ended in the last step."""
+
 
 def reset(env: SteppedEnv, seed: int | Sequence[int] | None, options: Mapping[str, Any] | None) -> BoolArray | None:
     """Begin new episodes and return the mask of the envs (E,) in which they begin, or None for all."""
@@ -200,7 +203,7 @@ def infos_of(env: SteppedEnv, ended: BoolArray) -> dict[str, Any]:
                 arrays[name][indices] = values
         return arrays
 
-    infos = _masked(spread(env.episode_infos(indices)), ended)
+    infos = _masked(spread(env._last_infos(indices)), ended)
     if env.autoreset_mode is not AutoresetMode.SAME_STEP:
         return infos
     final_obs = np.full(env.num_envs, None, dtype=object)

@@ -606,6 +606,9 @@ class DroneVectorEnv(VectorEnv[Observation, Array, Array]):
         task_infos = {} if self._task_calls is None else self._task_calls.infos()
         return stepping.episode_infos(self, indices, task_infos)
 
+    def _last_infos(self, ended: npt.NDArray[np.intp]) -> dict[str, Any]:
+        return self.episode_infos(ended)
+
     def final_observations(self, indices: npt.NDArray[np.intp]) -> list[Observation]:
         """Return the last observation of the episode that ended in each of the envs ``indices``, as new arrays."""
         return stepping.final_observations(self, indices)

@@ -7,6 +7,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from websockets.frames import Opcode
+from websockets.protocol import Protocol, Side
 from websockets.utils import accept_key
 
 import flockstep
@@ -132,10 +134,10 @@ def fed(session, stream, sizes):
         space = session.space()
         size = min(next(sizes), len(space), len(stream) - begin)
         space[:size] = stream[begin : begin + size]
-        messages += map(bytes, session.received(size))
+        messages += session.received(size)
         sent += session.to_send()
         begin += size
-    return messages, sent
+    return list(map(bytes, messages)), sent  # only now: messages keep their memory
 
 
 @pytest.mark.parametrize("size", [1, 2, 3, 7, 1000, 70_000, None])
@@ -163,6 +165,56 @@ def test_messages_in_fragments_and_pieces(size):
     assert fed(session, b"\x88\x05\x03\xe9bye", sizes)[0] == []
     assert session.reason == "closed the connection: bye"
     assert session.received(0) == []
+
+
+def framed(message):
+    size = len(message)
+    if size < 126:
+        return bytes((0x82, size)) + message
+    return (struct.pack(">BBH", 0x82, 126, size) if size < 1 << 16 else struct.pack(">BBQ", 0x82, 127, size)) + message
+
+
+@pytest.mark.parametrize("seed", range(20))
+def test_messages_of_changing_sizes_in_pieces(seed):
+    random = np.random.default_rng(seed)
+    session = Session("ws://a/")
+    usual = int(random.choice([100, 4000, 9000, 70_000, 200_000, 1_100_000]))
+    expected = []
+    for _ in range(30):
+        size = int(usual * random.uniform(0.9, 1.1)) if random.random() < 0.8 else int(random.integers(100_000))
+        expected.append(random.integers(0, 256, size, np.uint8).tobytes())
+    stream = handshake(session) + b"".join(map(framed, expected))
+    most = int(random.choice([500, 10_000, 1_000_000]))
+    messages, _ = fed(session, stream, iter(lambda: int(random.integers(1, most)), 0))
+    assert messages == expected
+
+
+def test_a_message_like_the_last_comes_into_the_memory_in_which_it_stays():
+    session = Session("ws://a/")
+    fed(session, handshake(session), iter(lambda: 1000, 0))
+    values = np.arange(30_000, dtype=np.float64)
+    reply = pb.Reply(id=5, arrays=[pb.Array(name="a", dtype=pb.DType.DTYPE_FLOAT64, shape=[30_000])])
+    stream = framed(reply_bytes(reply, values.tobytes()))
+    fed(session, stream, iter(lambda: 100_000, 0))
+    for _ in range(3):
+        space = session.space()
+        space[: len(stream)] = stream
+        (message,) = session.received(len(stream))
+        read = decode(message)[1]["a"]
+        np.testing.assert_array_equal(read, values)
+        assert np.shares_memory(read, np.frombuffer(space, np.uint8))
+        assert not np.shares_memory(read, np.frombuffer(session.space(), np.uint8))
+
+
+def test_frames_of_requests():
+    session = Session("ws://a/")
+    fed(session, handshake(session), iter(lambda: 1000, 0))
+    server = Protocol(Side.SERVER)
+    for size in (0, 1, 125, 126, 65535, 65536, 100_000):
+        message = np.random.default_rng(size).integers(0, 256, size, np.uint8).tobytes()
+        server.receive_data(session.frame(message))
+        (frame,) = server.events_received()
+        assert (frame.opcode, frame.data, frame.fin) == (Opcode.BINARY, message, True)
 
 
 @pytest.mark.parametrize(

@@ -40,7 +40,8 @@ def encode(request: Request, arrays: Mapping[str, npt.NDArray[Any]]) -> bytes:
     values = []
     is_described = len(request.arrays) > 0
     for name, array in arrays.items():
-        array = np.ascontiguousarray(array).reshape(array.shape)  # the first makes one dimension of none
+        if not array.flags.c_contiguous:
+            array = np.ascontiguousarray(array)
         if not is_described:
             request.arrays.add(name=name, dtype=_DTYPES[array.dtype.str], shape=array.shape)
         values.append(array.data)

@@ -16,10 +16,12 @@ Message: TypeAlias = bytes | bytearray | memoryview
 
 _MAX_MESSAGE_BYTES = 1 << 31  # a server that announces more is not one of ours
 _BUFFER_BYTES = 1 << 13
+_MAX_BUFFER_BYTES = 1 << 20
 _ALIGNMENT = 8
 _WHOLE_BINARY_MESSAGE = 0x82  # first byte of a frame
 _MASKED = 0x80  # in the second byte, beside the size; clients mask
 _SHORT = 126  # size from which the second byte says where the size is
+_MEDIUM = 1 << 16  # size from which it takes 8 bytes
 
 
 class Session:
@@ -27,7 +29,7 @@ class Session:
 
     The package websockets does the handshake, answers pings and ends the connection. It would copy each message that
     comes three times. Therefore whole binary messages, which are all that our servers send, do not pass through it. A
-    large one is received into the memory in which it stays.
+    large one stays in the memory into which it is received: the buffer, if the one before was about as large.
 
     Attributes
     ----------
@@ -60,10 +62,14 @@ class Session:
     def frame(self, message: bytes) -> bytes:
         """Return the bytes that send a message."""
         size = len(message)
-        if size >= _SHORT:
-            return Frame(Opcode.BINARY, message).serialize(mask=True)
+        if size < _SHORT:
+            header = bytes((_WHOLE_BINARY_MESSAGE, _MASKED | size))
+        elif size < _MEDIUM:
+            header = bytes((_WHOLE_BINARY_MESSAGE, _MASKED | 126)) + size.to_bytes(2, "big")
+        else:
+            header = bytes((_WHOLE_BINARY_MESSAGE, _MASKED | 127)) + size.to_bytes(8, "big")
         mask = os.urandom(4)
-        return b"".join((bytes((_WHOLE_BINARY_MESSAGE, _MASKED | size)), mask, apply_mask(message, mask)))
+        return b"".join((header, mask, apply_mask(message, mask)))
 
     def close(self) -> None:
         """End the connection in an orderly way, if it is open."""
@@ -103,11 +109,11 @@ class Session:
             return [bytearray(buffer[2:size])]  # a short message, as most replies are
         messages: list[Message] = []
         used = 0 if self.is_open else self._shake_hands(messages)
-        while self.is_open and used < self._filled and (end := self._take(used, messages)) > used:
+        while self.is_open and used < self._filled and (end := self._take(buffer, used, messages)) > used:
             used = end
         rest = self._filled - used
         if used and rest:
-            self._buffer[:rest] = self._buffer[used : self._filled]
+            self._buffer[:rest] = buffer[used : self._filled]
         self._filled = rest
         return messages
 
@@ -124,9 +130,9 @@ class Session:
             self.end("is not a flockstep server: its answer is too long")
         return size
 
-    def _take(self, begin: int, messages: list[Message]) -> int:
+    def _take(self, buffer: memoryview, begin: int, messages: list[Message]) -> int:
         """Take a frame that begins there in the buffer. Returns where it ends, or ``begin`` if it is incomplete."""
-        buffer, size = self._buffer, self._filled - begin
+        size = self._filled - begin
         if self._foreign:
             size = min(size, self._foreign)
             self._foreign -= size
@@ -143,14 +149,23 @@ class Session:
             length = int.from_bytes(buffer[begin + 2 : begin + header], "big")
         if length > _MAX_MESSAGE_BYTES or buffer[begin + 1] & 0x80 or buffer[begin] != _WHOLE_BINARY_MESSAGE:
             self._foreign = header + length
-            return self._take(begin, messages)
-        payload = buffer[begin + header : min(begin + header + length, self._filled)]
+            return self._take(buffer, begin, messages)
+        frame = header + length
+        if frame > size and frame <= len(self._buffer):
+            return begin
+        payload = buffer[begin + header : begin + min(frame, size)]
+        if frame <= size and 2 * frame > len(buffer) and buffer is self._buffer:
+            messages.append(payload)  # which keeps this buffer
+            self._buffer = _memory(payload, len(buffer), header)
+            return begin + frame
         message = _memory(payload, length)
         message[: len(payload)] = payload
-        if len(payload) == length:
+        if frame <= size:
             messages.append(message)
         else:
-            self._message, self._missing = message, length - len(payload)
+            self._message, self._missing = message, frame - size
+            if frame <= _MAX_BUFFER_BYTES:
+                self._buffer = _memory(payload, frame + frame // 16, header)  # for the next message
         return begin + header + len(payload)
 
     def _pass_on(self, data: bytes, messages: list[Message]) -> None:
@@ -192,8 +207,11 @@ class Session:
             self.end("is not a flockstep server, or expects another kind of address (ws://, wss://)")
 
 
-def _memory(begin: memoryview, size: int) -> memoryview:
-    """Return memory for a message, in which its first array begins at a multiple of 8: see `decode`."""
-    arrays = 4 + int.from_bytes(begin[:4], "little")
+def _memory(begin: memoryview, size: int, header: int = 0) -> memoryview:
+    """Return memory for a message, in which its first array begins at a multiple of 8: see `decode`.
+
+    ``begin`` is the beginning of this message, or of one with the same arrays; ``header`` bytes come before it.
+    """
+    arrays = header + 4 + int.from_bytes(begin[:4], "little")
     offset = -arrays % _ALIGNMENT  # NumPy's memory begins at a multiple of 16
     return np.empty(offset + size, np.uint8).data[offset:]  # a bytearray would be set to 0 first

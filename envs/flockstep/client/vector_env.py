@@ -132,6 +132,9 @@ class RemoteVectorEnv(VectorEnv[Observation, Array, Array]):
         """
         return stepping.episode_infos(self, self.batch.rows_of(indices), {})
 
+    def _last_infos(self, ended: npt.NDArray[np.intp]) -> dict[str, Any]:
+        return stepping.episode_infos(self, slice(None), {})  # the batch has no others
+
     def final_observations(self, indices: npt.NDArray[np.intp]) -> list[Observation]:
         """Return the last observation of the episode that ended in each of the envs ``indices``, as new arrays.
 
