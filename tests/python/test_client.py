@@ -328,7 +328,7 @@ def test_streams(connect):
         with pytest.raises(TimeoutError, match="get_arrays: no reply"):
             stream.receive(timeout_s=0.1)
         go.set()
-        assert stream.receive(timeout_s=10).time == (9, 0.5)
+        assert stream.receive(timeout_s=10).time == (9, 0.5, 0, 0)
         stream.close()
         stream.close()
         assert list(stream) == []
@@ -341,7 +341,6 @@ def test_streams_that_the_server_ends(connect):
     def script(s):
         s.answer(WELCOME)
         s.answer(pb.Reply(error=pb.Error(code=pb.Code.INVALID_ARGUMENT, text="names: no")))
-        s.answer(pb.Reply(closed=pb.Closed(reason="the drone is gone")))
         s.answer(pb.Reply(fps=pb.Fps(fps=5)))
         s.connection.close(1001, "bye")
 
@@ -352,9 +351,6 @@ def test_streams_that_the_server_ends(connect):
         with pytest.raises(ConnectionError, match="stream has ended"):
             next(stream)
         stream.close()
-        stream = client.drone(0).subscribe_lidar()
-        with pytest.raises(ConnectionError, match="the drone is gone"):
-            next(stream)
         stream = client.subscribe_fps(rate_hz=2)
         assert next(stream).fps == 5
         with pytest.raises(ConnectionError, match="bye"):

@@ -300,7 +300,7 @@ def test_poses(client, batch, room):
 def test_steps_and_time(client, batch):
     assert client.step().step == 1
     time_ = client.step()
-    assert time_ == (2, pytest.approx(2 * client.info.step_s))
+    assert time_ == (2, pytest.approx(2 * client.info.step_s), batch.num_envs, batch.generation)
     batch.set_pose(START + np.float32([0.5, 0, 0]))
     client.sense()
     fresh = client.get_arrays(["ranges"], sensor="scan")["ranges"]

@@ -97,7 +97,7 @@ class TestClientSource:
 
     def test_velocities_of_drones_with_rotors(self, tmp_path):
         dynamics = flockstep.DynamicsConfig(motion="rotors", control="velocity")
-        imu = flockstep.ImuConfig()  # no message without its mounting
+        imu = flockstep.ImuConfig(offset_m=(0.1, -0.05, 0.2), quat_wxyz=TILT)
         batch = flockstep.Batch("playground/train-1", drone="x500", dynamics=dynamics, imu=imu)
         with (
             flockstep.serve(batch, port=0) as server,
@@ -110,7 +110,17 @@ class TestClientSource:
                 client.step()
             recorder.write()
         found = read(tmp_path / "a.mcap")
-        assert sorted(found) == ["/clock", "/drone0/odom", "/tf", "/tf_static"]
+        assert sorted(found) == ["/clock", "/drone0/imu/data", "/drone0/odom", "/tf", "/tf_static"]
+        ((_, reading),) = found["/drone0/imu/data"]
+        assert reading.header.frame_id == "drone0/imu"
+        np.testing.assert_array_equal(vector(reading.linear_acceleration), batch.sensor("imu")["accelerometer"][0])
+        np.testing.assert_array_equal(vector(reading.angular_velocity), batch.sensor("imu")["gyroscope"][0])
+        assert np.linalg.norm(vector(reading.linear_acceleration)) > 1
+        ((_, static),) = found["/tf_static"]
+        (mounting,) = (transform for transform in static.transforms if transform.child_frame_id == "drone0/imu")
+        np.testing.assert_allclose(vector(mounting.transform.translation), [0.1, -0.05, 0.2], atol=1e-6)
+        turned = mounting.transform.rotation
+        np.testing.assert_allclose([turned.w, turned.x, turned.y, turned.z], TILT, atol=1e-6)
         ((_, odometry),) = found["/drone0/odom"]
         np.testing.assert_array_equal(vector(odometry.pose.pose.position), batch.position[0])
         assert np.linalg.norm(batch.velocity[0]) > 0.1
@@ -232,7 +242,7 @@ class TestCommand:
                 recording.send_signal(signal.SIGINT)
                 assert recording.wait(20) == 0
                 assert re.fullmatch(
-                    r"square\.mcap: \d+ times, 1 drones, sensors lidar, front\n", recording.stdout.read()
+                    r"square\.mcap: \d+ moments, 1 drone, sensors lidar, front\n", recording.stdout.read()
                 )
             served.send_signal(signal.SIGINT)
             assert served.wait(20) == 0

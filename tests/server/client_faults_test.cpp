@@ -202,7 +202,6 @@ TEST(ClientFaults, AServerThatEndsInTheMiddle) {
        " is gone"},
       {[](Peer& peer) { peer.stream().close({boost::beast::websocket::close_code::going_away, "the server stops"}); },
        " closed the connection: the server stops"},
-      {[](Peer& peer) { peer.reply(0, protocol::Closed{.reason = "maintenance"}); }, "the server ended the session: maintenance"},
       {[](Peer& peer) { peer.reply(0, protocol::Error{.code = protocol::Code::kInternal, .text = "out of order"}); },
        "out of order"}};
   for (const Case& each : cases) {
@@ -397,7 +396,7 @@ TEST(ClientFaults, StreamsGiveTheNewestValueAndEnd) {
     peer.reply(peer.next().id, protocol::Done{});  // Ping
     const std::uint64_t other = peer.next().id;
     peer.reply(other, protocol::Fps{.fps = 1.0});
-    peer.reply(other, protocol::Closed{.reason = "over"});
+    peer.reply(other, protocol::Error{.code = protocol::Code::kNotFound, .text = "the drone is gone"});
     const std::uint64_t refused = peer.next().id;
     peer.reply(refused, protocol::Error{.code = protocol::Code::kInvalidArgument, .text = "rate_hz: bad"});
     peer.reply(peer.next().id, protocol::Done{});  // Ping
@@ -419,7 +418,7 @@ TEST(ClientFaults, StreamsGiveTheNewestValueAndEnd) {
               while (other.next(5s)) {
               }
             }).text,
-            "the stream has ended: over");
+            "the drone is gone");
   auto refused = simulation.stream_fps(-1.0);
   EXPECT_EQ(failure([&] { refused.next(5s); }).text, "rate_hz: bad");
   simulation.ping();

@@ -25,8 +25,8 @@ class ClientSource:
 
     `time_s` reads the poses and velocities of all drones, of one moment, in one request. A scan or an image is a
     separate request, and the LiDAR scans then. If the drone has moved in between, the points of the scan are still
-    where the beams hit. Mountings are read when a drone appears. IMUs are left out, because a server does not say how
-    they are mounted, and so are images of cameras without the outputs rgb and grey.
+    where the beams hit. The readings of an IMU are one request for all drones. Mountings are read when a drone appears.
+    Images of cameras without the outputs rgb and grey are left out.
 
     >>> with flockstep.connect() as client, McapRecorder("flight.mcap", ClientSource(client)) as recorder:
     ...     while True:
@@ -40,7 +40,7 @@ class ClientSource:
     drones
         Indices of the drones. None: all active drones. Drones of several envs are all placed in the frame ``map``.
     clock
-        ``"real"``: seconds since the source was made, also while simulated time stands still. ``"simulated"``: the
+        ``"real"``: seconds since the first `time_s`, also while simulated time stands still. ``"simulated"``: the
         simulated time of the server's steps, which steps of its program and single motions do not advance.
     jpeg_quality
         From 1 to 100.
@@ -66,20 +66,30 @@ class ClientSource:
         self._quality = jpeg_quality
         named: list[tuple[str, Kind]] = [(lidar, "lidar") for lidar in client.info.lidars]
         named += [(camera, "camera") for camera in client.info.cameras]
+        named += [(imu, "imu") for imu in client.info.imu_mountings]
         self.sensors = dict(named)
         if len(self.sensors) != len(named):
             raise ValueError(f"sensors: expected different names, got {[name for name, _ in named]}")
         self._settings: dict[int, dict[str, Any]] = {}  # of each sensor, by the index of the drone
-        self._start_s = time.monotonic()
-        self.time_s()
+        self._inertial: dict[str, TimedArrays] = {}  # of each IMU, since the last time_s
+        self._start_s: float | None = None
+        self._read()
 
     def time_s(self) -> float:
         """Read the drones, and return their time."""
+        self._read()
+        if not self._is_real:
+            return self._moment.time.time_s
+        if self._start_s is None:
+            self._start_s = self._read_s
+        return self._read_s - self._start_s
+
+    def _read(self) -> None:
         names = ["active", "position", "quat_wxyz"]
         if self.client.info.flies_by_rotors:
             names += ["velocity", "angular_velocity"]
         moment = self.client.get_arrays(names)
-        now_s = time.monotonic() - self._start_s if self._is_real else moment.time.time_s
+        self._read_s = time.monotonic()
         active = np.flatnonzero(moment["active"]).tolist()
         chosen = [drone for drone in active if self._chosen is None or drone in self._chosen]
         settings = {drone: self._settings.get(drone) or self._read_settings(drone) for drone in chosen}
@@ -87,7 +97,7 @@ class ClientSource:
         self._indices = list(self._settings)
         self.drones = [f"drone{index}" for index in self._indices]
         self._moment: TimedArrays = moment
-        return now_s
+        self._inertial.clear()
 
     def poses(self) -> tuple[Array, Array]:
         """Return position and quat_wxyz."""
@@ -101,6 +111,8 @@ class ClientSource:
 
     def mounting(self, sensor: str, drone: int) -> tuple[npt.ArrayLike, npt.ArrayLike]:
         """Return position and rotation of a sensor in the body frame."""
+        if sensor in self.client.info.imu_mountings:
+            return self.client.info.imu_mountings[sensor]
         settings = self._settings[self._indices[drone]][sensor]
         return settings.offset_m, settings.quat_wxyz
 
@@ -119,8 +131,11 @@ class ClientSource:
         return rotate(mounting, in_body - offset_m, inverse=True).astype(np.float32)
 
     def inertial(self, sensor: str, drone: int) -> tuple[Array, Array]:
-        """Raise `KeyError`: this source has no IMUs."""
-        raise KeyError(sensor)
+        """Return the latest specific force and angular velocity in the sensor's frame."""
+        if sensor not in self._inertial:
+            self._inertial[sensor] = self.client.get_arrays(["accelerometer", "gyroscope"], sensor=sensor)
+        readings, index = self._inertial[sensor], self._indices[drone]
+        return readings["accelerometer"][index], readings["gyroscope"][index]
 
     def jpeg(self, sensor: str, drone: int) -> bytes | None:
         """Return a camera's image as a JPEG file; None without colours, or if the drone has been removed."""
@@ -135,7 +150,9 @@ class ClientSource:
         """Return the settings of a drone's sensors by name; None if it has been removed."""
         drone = self.client.drone(index)
         read = {"lidar": drone.get_lidar_config, "camera": drone.get_camera_config}
-        return _unless_removed(lambda: {sensor: read[kind](sensor) for sensor, kind in self.sensors.items()})
+        return _unless_removed(
+            lambda: {sensor: read[kind](sensor) for sensor, kind in self.sensors.items() if kind in read}
+        )
 
 
 def _unless_removed(request: Callable[[], T]) -> T | None:

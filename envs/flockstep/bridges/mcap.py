@@ -384,7 +384,8 @@ def _record_server(arguments: argparse.Namespace, rates: Mapping[str, float]) ->
                     stopped.wait(max(0.0, due - time.monotonic()))
     except ServerError as error:
         raise RuntimeError(f"{error.operation}: {error}") from error
-    print(f"{arguments.path}: {writes} times, {len(seen)} drones, sensors {', '.join(source.sensors) or 'none'}")
+    drones = f"{len(seen)} drone{'' if len(seen) == 1 else 's'}"
+    print(f"{arguments.path}: {writes} moments, {drones}, sensors {', '.join(source.sensors) or 'none'}")
 
 
 def _stopped_by_ctrl_c() -> threading.Event:

@@ -157,7 +157,7 @@ class AsyncClient(AsyncOperations):
 
         async def receive(timeout_s: float | None) -> T:
             reply, arrays = await inbox.take(timeout_s)
-            if reply.WhichOneof("result") in ("error", "closed"):
+            if reply.WhichOneof("result") == "error":
                 connection.inboxes.pop(inbox.request_id, None)
                 inbox.end()
             return subscribed.answer(reply, arrays)

@@ -62,8 +62,6 @@ class Call(Generic[T]):
             name = Code(code).name if code in {*Code} else f"CODE_{code}"
             advice = ": pass the server's token to connect()" if name == Code.UNAUTHENTICATED.name else ""
             raise ServerError(name, reply.error.text + advice, self.operation)
-        if kind == "closed":
-            raise ConnectionError(f"{self.operation}: the server ended the stream: {reply.closed.reason}")
         raise ConnectionError(f"{self.operation}: the server answered {kind!r}, expected {self.result!r}")
 
 

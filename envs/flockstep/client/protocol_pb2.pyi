@@ -246,8 +246,6 @@ class Reply(Message):
     def light(self) -> Light: ...
     @property
     def task(self) -> Task: ...
-    @property
-    def closed(self) -> Closed: ...
     def __init__(
         self,
         *,
@@ -272,7 +270,6 @@ class Reply(Message):
         worlds: Worlds | None = ...,
         light: Light | None = ...,
         task: Task | None = ...,
-        closed: Closed | None = ...,
     ) -> None: ...
 
 class Array(Message):
@@ -290,10 +287,6 @@ class Error(Message):
 
 class Done(Message):
     def __init__(self) -> None: ...
-
-class Closed(Message):
-    reason: str
-    def __init__(self, *, reason: str | None = ...) -> None: ...
 
 class Hello(Message):
     protocol: int
@@ -315,6 +308,8 @@ class Welcome(Message):
     has_task: bool
     step_s: float
     array_names: MutableSequence[str]
+    @property
+    def imu_mountings(self) -> _Messages[Mounting]: ...
     def __init__(
         self,
         *,
@@ -331,7 +326,15 @@ class Welcome(Message):
         has_task: bool | None = ...,
         step_s: float | None = ...,
         array_names: Iterable[str] | None = ...,
+        imu_mountings: Iterable[Mounting] | None = ...,
     ) -> None: ...
+
+class Mounting(Message):
+    @property
+    def offset_m(self) -> Vector3: ...
+    @property
+    def rotation(self) -> Quaternion: ...
+    def __init__(self, *, offset_m: Vector3 | None = ..., rotation: Quaternion | None = ...) -> None: ...
 
 class Ping(Message):
     def __init__(self) -> None: ...
@@ -651,7 +654,16 @@ class SetCommand(Message):
 class Time(Message):
     step: int
     time_s: float
-    def __init__(self, *, step: int | None = ..., time_s: float | None = ...) -> None: ...
+    num_envs: int
+    generation: int
+    def __init__(
+        self,
+        *,
+        step: int | None = ...,
+        time_s: float | None = ...,
+        num_envs: int | None = ...,
+        generation: int | None = ...,
+    ) -> None: ...
 
 class Step(Message):
     def __init__(self) -> None: ...

@@ -22,6 +22,7 @@ from flockstep.client.results import (
     LidarSettings,
     Light,
     Mesh,
+    Mounting,
     PointCloud,
     Rotation,
     ServerInfo,
@@ -59,7 +60,14 @@ def server_info(reply: pb.Reply, arrays: Arrays) -> ServerInfo:
         welcome.has_task,
         welcome.step_s,
         tuple(welcome.array_names),
+        dict(zip(welcome.imus, map(mounting, welcome.imu_mountings), strict=False)),  # some servers send no mountings
     )
+
+
+def mounting(message: pb.Mounting) -> Mounting:
+    """Return a sensor's mounting."""
+    at, turned = message.offset_m, message.rotation
+    return Mounting((at.x, at.y, at.z), (turned.w, turned.x, turned.y, turned.z))
 
 
 def location(reply: pb.Reply, arrays: Arrays) -> _F32:
@@ -147,7 +155,7 @@ def move_line_visible(reply: pb.Reply, arrays: Arrays) -> bool:
 
 def time(reply: pb.Reply, arrays: Arrays) -> Time:
     """Return the time in a reply."""
-    return Time(reply.time.step, reply.time.time_s)
+    return Time(reply.time.step, reply.time.time_s, reply.time.num_envs, reply.time.generation)
 
 
 def timed_arrays(reply: pb.Reply, arrays: Arrays) -> TimedArrays:

@@ -201,10 +201,16 @@ class Time(NamedTuple):
         Number of steps of clients and of the server's clock since the server started.
     time_s
         Simulated time of these steps in s.
+    num_envs
+        Number of envs, E.
+    generation
+        Number of times that the arrays of the batch changed their shapes, because drones were spawned.
     """
 
     step: int
     time_s: float
+    num_envs: int
+    generation: int
 
 
 class Fps(NamedTuple):
@@ -243,6 +249,21 @@ class TimedArrays(Mapping[str, npt.NDArray[Any]]):
 
     def __len__(self) -> int:
         return len(self._arrays)
+
+
+class Mounting(NamedTuple):
+    """The mounting of a sensor.
+
+    Attributes
+    ----------
+    offset_m
+        Position in the body frame in m.
+    quat_wxyz
+        Rotation from the sensor's frame to the body frame.
+    """
+
+    offset_m: tuple[float, float, float]
+    quat_wxyz: tuple[float, float, float, float]
 
 
 @dataclass(frozen=True, eq=False)
@@ -365,6 +386,8 @@ class ServerInfo:
         Number of times that the arrays of the batch changed their shapes.
     lidars, cameras, imus
         Names of the sensors.
+    imu_mountings
+        Mounting of each IMU by its name.
     flies_by_rotors
         True if drones are simulated with rotors: `fly` and `set_command` move them.
     has_task
@@ -387,6 +410,7 @@ class ServerInfo:
     has_task: bool
     step_s: float
     array_names: tuple[str, ...]
+    imu_mountings: Mapping[str, Mounting]
 
     @property
     def num_drones(self) -> int:

@@ -213,7 +213,7 @@ class Client(Operations):
                 while not self._is_reading and session.reason is None and self._receive():
                     pass  # the newest value may still be in the socket
                 reply, arrays = self._wait(slot, stream_id, timeout_s, call)
-                if reply.WhichOneof("result") in ("error", "closed"):
+                if reply.WhichOneof("result") == "error":
                     self._slots.pop(stream_id, None)
             return subscribed.answer(reply, arrays)
 

@@ -140,6 +140,12 @@ struct Options {
   std::size_t max_message_bytes = std::size_t{1} << 30;  // a longer reply ends the connection
 };
 
+// The mounting of a sensor.
+struct Mounting {
+  Vector3 offset_m{};     // body frame
+  Quaternion rotation{};  // sensor to body
+};
+
 // The server that a connection leads to.
 struct ServerInfo {
   std::string version;                   // of flockstep
@@ -150,6 +156,7 @@ struct ServerInfo {
   std::vector<std::string> lidars;       // names
   std::vector<std::string> cameras;      // names
   std::vector<std::string> imus;         // names
+  std::vector<Mounting> imu_mountings;   // of each IMU
   bool flies_by_rotors = false;          // otherwise drones move kinematically
   bool has_task = false;                 // otherwise get_task(), reset_envs() and step_envs() are refused
   double step_s = 0.0;                   // simulated time of a step
@@ -346,6 +353,8 @@ struct CameraConfig {
 struct Time {
   std::int64_t step = 0;  // steps of clients and of the server's clock since the server started
   double time_s = 0.0;    // simulated time of these steps
+  std::int64_t num_envs = 0;
+  std::int64_t generation = 0;  // counts how often the arrays of the batch changed their shapes
 };
 
 // Arrays of one moment.

@@ -144,14 +144,22 @@ Array value_of(const protocol::ReceivedArray& array) {
 
 void read_done(Call& call) { ReplyOf<protocol::Done> reply(call); }
 
+namespace {
+
+Time value_of(const protocol::Time& time) {
+  return {.step = time.step, .time_s = time.time_s, .num_envs = time.num_envs, .generation = time.generation};
+}
+
+}  // namespace
+
 Time read_time(Call& call) {
   ReplyOf<protocol::Time> reply(call);
-  return {.step = reply.message().step, .time_s = reply.message().time_s};
+  return value_of(reply.message());
 }
 
 Readings read_readings(Call& call) {
   ReplyOf<protocol::Time> reply(call);
-  Readings readings{.time = {.step = reply.message().step, .time_s = reply.message().time_s}, .arrays = {}};
+  Readings readings{.time = value_of(reply.message()), .arrays = {}};
   for (const protocol::ReceivedArray& array : reply.arrays())
     readings.arrays.insert_or_assign(array.array->name, value_of(array));
   return readings;

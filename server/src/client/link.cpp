@@ -4,6 +4,8 @@
 #include <utility>
 #include <variant>
 
+#include "client/convert.hpp"
+
 namespace flockstep::client::detail {
 namespace {
 
@@ -63,6 +65,11 @@ void Link::introduce() {
                                                     " of the server (flockstep " + welcome.version +
                                                     "); install the same version on both sides");
   }
+  std::vector<Mounting> mountings;
+  for (const protocol::Mounting& mounting : welcome.imu_mountings) {
+    mountings.push_back(
+        {.offset_m = required(mounting.offset_m, "offset_m"), .rotation = required(mounting.rotation, "rotation")});
+  }
   server_ = {.version = std::move(welcome.version),
              .client = welcome.client,
              .num_envs = welcome.num_envs,
@@ -71,6 +78,7 @@ void Link::introduce() {
              .lidars = std::move(welcome.lidars),
              .cameras = std::move(welcome.cameras),
              .imus = std::move(welcome.imus),
+             .imu_mountings = std::move(mountings),
              .flies_by_rotors = welcome.flies_by_rotors,
              .has_task = welcome.has_task,
              .step_s = welcome.step_s,
@@ -218,21 +226,17 @@ void Link::receive(Message& message) {
 
 void Link::take_reply(std::unique_ptr<ReceivedReply> reply) {
   const auto* const error = std::get_if<protocol::Error>(&reply->header.result);
-  const auto* const closed = std::get_if<protocol::Closed>(&reply->header.result);
   const auto found = expected_.find(reply->header.id);
   if (found == expected_.end()) {
     if (error != nullptr) return fail(code_of(error->code), error->text);
-    if (closed != nullptr) return fail(ErrorCode::unavailable, "the server ended the session: " + closed->reason);
     throw std::invalid_argument("a reply to request " + std::to_string(reply->header.id) + ", which was not sent");
   }
   const std::shared_ptr<CallState> call = found->second.call.lock();
   if (found->second.stream != 0) expected_.erase(found->second.stream);
-  if (!found->second.is_stream || error != nullptr || closed != nullptr) expected_.erase(reply->header.id);
+  if (!found->second.is_stream || error != nullptr) expected_.erase(reply->header.id);
   if (call == nullptr) return;
   if (error != nullptr) {
     call->error.emplace(code_of(error->code), error->text);
-  } else if (closed != nullptr) {
-    call->error.emplace(ErrorCode::unavailable, "the stream has ended: " + closed->reason);
   } else {
     call->reply = std::move(reply);
   }

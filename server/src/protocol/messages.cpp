@@ -1313,6 +1313,27 @@ void Error::read(protozero::pbf_reader reader) {
   }
 }
 
+void Mounting::write(protozero::pbf_writer& writer) const {
+  if (offset_m) write_message(writer, 1, *offset_m);
+  if (rotation) write_message(writer, 2, *rotation);
+}
+void Mounting::read(protozero::pbf_reader reader) {
+  while (reader.next()) {
+    switch (reader.tag()) {
+      case 1:
+        require_type(reader, protozero::pbf_wire_type::length_delimited, "offset_m");
+        offset_m.emplace().read(reader.get_message());
+        break;
+      case 2:
+        require_type(reader, protozero::pbf_wire_type::length_delimited, "rotation");
+        rotation.emplace().read(reader.get_message());
+        break;
+      default:
+        reader.skip();
+    }
+  }
+}
+
 void Welcome::write(protozero::pbf_writer& writer) const {
   if (protocol != std::uint32_t{}) writer.add_uint32(1, protocol);
   if (!version.empty()) writer.add_string(2, version);
@@ -1327,6 +1348,7 @@ void Welcome::write(protozero::pbf_writer& writer) const {
   if (has_task != bool{}) writer.add_bool(11, has_task);
   if (step_s != double{}) writer.add_double(12, step_s);
   for (const auto& value : array_names) writer.add_string(13, value);
+  for (const auto& value : imu_mountings) write_message(writer, 14, value);
 }
 void Welcome::read(protozero::pbf_reader reader) {
   while (reader.next()) {
@@ -1369,6 +1391,10 @@ void Welcome::read(protozero::pbf_reader reader) {
         break;
       case 13:
         array_names.push_back(read_string(reader, "array_names"));
+        break;
+      case 14:
+        require_type(reader, protozero::pbf_wire_type::length_delimited, "imu_mountings");
+        imu_mountings.emplace_back().read(reader.get_message());
         break;
       default:
         reader.skip();
@@ -1571,6 +1597,8 @@ void MoveLineVisible::read(protozero::pbf_reader reader) {
 void Time::write(protozero::pbf_writer& writer) const {
   if (step != std::int64_t{}) writer.add_int64(1, step);
   if (time_s != double{}) writer.add_double(2, time_s);
+  if (num_envs != std::int64_t{}) writer.add_int64(3, num_envs);
+  if (generation != std::int64_t{}) writer.add_int64(4, generation);
 }
 void Time::read(protozero::pbf_reader reader) {
   while (reader.next()) {
@@ -1580,6 +1608,12 @@ void Time::read(protozero::pbf_reader reader) {
         break;
       case 2:
         time_s = read_double(reader, "time_s");
+        break;
+      case 3:
+        num_envs = read_int64(reader, "num_envs");
+        break;
+      case 4:
+        generation = read_int64(reader, "generation");
         break;
       default:
         reader.skip();
@@ -1718,21 +1752,6 @@ void Task::read(protozero::pbf_reader reader) {
   }
 }
 
-void Closed::write(protozero::pbf_writer& writer) const {
-  if (!reason.empty()) writer.add_string(1, reason);
-}
-void Closed::read(protozero::pbf_reader reader) {
-  while (reader.next()) {
-    switch (reader.tag()) {
-      case 1:
-        reason = read_string(reader, "reason");
-        break;
-      default:
-        reader.skip();
-    }
-  }
-}
-
 void Reply::write(protozero::pbf_writer& writer) const {
   if (id != std::uint64_t{}) writer.add_uint64(1, id);
   for (const auto& value : arrays) write_message(writer, 2, value);
@@ -1792,9 +1811,6 @@ void Reply::write(protozero::pbf_writer& writer) const {
   }
   if (const auto* const value = std::get_if<Task>(&result)) {
     write_message(writer, 21, *value);
-  }
-  if (const auto* const value = std::get_if<Closed>(&result)) {
-    write_message(writer, 22, *value);
   }
 }
 void Reply::read(protozero::pbf_reader reader) {
@@ -1882,10 +1898,6 @@ void Reply::read(protozero::pbf_reader reader) {
       case 21:
         require_type(reader, protozero::pbf_wire_type::length_delimited, "task");
         result.emplace<Task>().read(reader.get_message());
-        break;
-      case 22:
-        require_type(reader, protozero::pbf_wire_type::length_delimited, "closed");
-        result.emplace<Closed>().read(reader.get_message());
         break;
       default:
         reader.skip();

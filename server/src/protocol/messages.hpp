@@ -480,6 +480,14 @@ struct Error {
   void read(protozero::pbf_reader reader);
 };
 
+struct Mounting {
+  std::optional<Vector3> offset_m;
+  std::optional<Quaternion> rotation;
+
+  void write(protozero::pbf_writer& writer) const;
+  void read(protozero::pbf_reader reader);
+};
+
 struct Welcome {
   std::uint32_t protocol = 0;
   std::string version;
@@ -494,6 +502,7 @@ struct Welcome {
   bool has_task = false;
   double step_s = 0.0;
   std::vector<std::string> array_names;
+  std::vector<Mounting> imu_mountings;
 
   void write(protozero::pbf_writer& writer) const;
   void read(protozero::pbf_reader reader);
@@ -577,6 +586,8 @@ struct MoveLineVisible {
 struct Time {
   std::int64_t step = 0;
   double time_s = 0.0;
+  std::int64_t num_envs = 0;
+  std::int64_t generation = 0;
 
   void write(protozero::pbf_writer& writer) const;
   void read(protozero::pbf_reader reader);
@@ -626,18 +637,11 @@ struct Task {
   void read(protozero::pbf_reader reader);
 };
 
-struct Closed {
-  std::string reason;
-
-  void write(protozero::pbf_writer& writer) const;
-  void read(protozero::pbf_reader reader);
-};
-
 struct Reply {
   std::uint64_t id = 0;
   std::vector<Array> arrays;
   std::variant<std::monostate, Done, Error, Welcome, Drones, Drone, CaptureMode, Fps, Vector3, Rotation, Impact, CameraData,
-               LidarData, LidarConfig, CameraConfig, MoveLineVisible, Time, Worlds, Light, Task, Closed>
+               LidarData, LidarConfig, CameraConfig, MoveLineVisible, Time, Worlds, Light, Task>
       result;
 
   void write(protozero::pbf_writer& writer) const;

@@ -87,10 +87,14 @@ std::optional<ArrayView> ArraySource::find(std::string_view sensor, std::string_
   return found;
 }
 
-LiveArrays::LiveArrays(const Batch& batch) : batch_(batch) {
+void ArraySource::describe(const Batch& batch) {
+  num_envs = batch.config().num_envs;
   num_drones = batch.config().num_drones();
   drones_per_env = batch.config().drones_per_env;
+  generation = batch.generation();
 }
+
+LiveArrays::LiveArrays(const Batch& batch) : batch_(batch) { describe(batch); }
 
 bool LiveArrays::list(std::string_view sensor, const std::function<void(const ArrayView&)>& list) const {
   list_arrays(batch_, sensor, list);
@@ -150,8 +154,7 @@ void Publisher::publish(const Batch& batch, std::int64_t step) {
   std::shared_ptr<CopiedArrays> copy = make_copy();
   copy->keep_only(sensors);
   for (const std::string& sensor : sensors) copy->copy(batch, sensor);
-  copy->num_drones = batch.config().num_drones();
-  copy->drones_per_env = batch.config().drones_per_env;
+  copy->describe(batch);
   copy->step = step;
   const std::scoped_lock lock(mutex_);
   newest_.swap(copy);

@@ -39,9 +39,13 @@ class ArraySource {
 
   // Returns an array; nothing if there is none of this name.
   std::optional<ArrayView> find(std::string_view sensor, std::string_view name) const;
+  // Sets the fields below, except the step.
+  void describe(const Batch& batch);
 
+  std::int64_t num_envs = 0;
   std::int64_t num_drones = 0;
   std::int64_t drones_per_env = 1;
+  std::int64_t generation = 0;
   std::int64_t step = 0;
 };
 

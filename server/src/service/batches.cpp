@@ -119,6 +119,9 @@ void Service::read(Call& call, const protocol::GetArrays& get, const ArraySource
     refuse("names", "names among " + known, '"' + missing.front() + '"');
   }
   write_time(call);
+  auto& time = std::get<protocol::Time>(call.reply.result);
+  time.num_envs = arrays.num_envs;
+  time.generation = arrays.generation;
 }
 
 void Service::locked(Call& call, const protocol::SetPoses& set) {

@@ -8,6 +8,7 @@
 
 #include "base/require.hpp"
 #include "flockstep/version.hpp"
+#include "service/convert.hpp"
 #include "service/guard.hpp"
 
 namespace flockstep::server {
@@ -75,7 +76,10 @@ void Service::refresh_shape() {
   next->drones_per_env = config.drones_per_env;
   next->generation = batch_.generation();
   for (const LidarConfig& lidar : config.lidars) next->lidars.push_back(lidar.name);
-  for (const ImuConfig& imu : config.imus) next->imus.push_back(imu.name);
+  for (const ImuConfig& imu : config.imus) {
+    next->imus.push_back(imu.name);
+    next->imu_mountings.push_back({.offset_m = message_of(imu.offset_m), .rotation = quaternion_at(imu.quat_wxyz.data())});
+  }
   for (std::size_t camera = 0; camera < config.cameras.size(); ++camera) next->cameras.push_back(batch_.camera_config(camera));
   next->worlds = batch_.worlds();
   std::size_t bytes = 0, rays = 0;
@@ -126,6 +130,7 @@ void Service::welcome(Call& call) {
     welcome.lidars = now->lidars;
     for (const CameraConfig& camera : now->cameras) welcome.cameras.push_back(camera.name);
     welcome.imus = now->imus;
+    welcome.imu_mountings = now->imu_mountings;
     welcome.flies_by_rotors = flies_by_rotors_;
     welcome.has_task = task_ != nullptr;
     welcome.step_s = step_s_;
@@ -279,6 +284,9 @@ void Service::write_time(Call& call) const {
   auto& time = call.result<protocol::Time>();
   time.step = steps();
   time.time_s = static_cast<double>(steps()) * step_s_;
+  const auto now = shape();
+  time.num_envs = now->num_envs;
+  time.generation = now->generation;
 }
 
 void Service::tick() {

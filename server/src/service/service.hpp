@@ -80,6 +80,7 @@ class Service {
   struct Shape {
     std::int64_t num_envs = 0, drones_per_env = 0, generation = -1;
     std::vector<std::string> array_names, lidars, imus;
+    std::vector<protocol::Mounting> imu_mountings;
     std::vector<CameraConfig> cameras;  // with their current capture modes
     Batch::Worlds worlds;
     std::int64_t num_drones() const { return num_envs * drones_per_env; }
