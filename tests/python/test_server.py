@@ -582,8 +582,29 @@ def test_a_snapshot_under_load_restores(server, batch):
         np.testing.assert_array_equal(batch.position, position)
 
 
+def test_a_large_snapshot_restores():
+    batch = flockstep.Batch("playground/train-1", 10_000, lidar=flockstep.LidarConfig())
+    with flockstep.serve(batch, port=0) as server, flockstep.connect(server.address) as client:
+        blob, position = client.snapshot(), batch.position.copy()
+        assert len(blob) > 2**21  # messages of more than 2^20 bytes are received in another way
+        client.drone(0).set_location([1.0, 0.5, 1.0], teleport=True)
+        client.restore(blob)
+        np.testing.assert_array_equal(batch.position, position)
+        assert client.snapshot() == blob
+        request = Request(id=2, restore=pb.Restore())
+        whole = encode(request, {"snapshot": np.frombuffer(blob, np.uint8)})
+        for wrong, text in ((whole[:-1], "cut short"), (whole + b"1", "got more")):
+            with Raw(server) as raw:
+                raw.send(wrong)
+                assert text in raw.reply().error.text
+                assert raw.is_closed()
+
+
 def test_a_batch_that_its_program_enlarges_is_followed(server, client, batch):
+    assert client.sense()[2:] == (batch.num_envs, 0)
     batch.spawn([5], position=[[1.0, 0.0, 1.5]])
+    assert client.get_arrays(["active"]).time[2:] == (batch.num_envs, batch.generation) == (batch.num_envs, 1)
+    assert client.sense()[2:] == (batch.num_envs, 1)
     assert len(client.get_drones()) == 5
     client.set_poses(position=np.tile(np.float32([1.0, 0.0, 1.0]), (8, 1)), teleport=True)
     np.testing.assert_array_equal(batch.position[5], [1.0, 0.0, 1.0])

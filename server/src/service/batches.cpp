@@ -221,18 +221,15 @@ void Service::locked(Call& call, const protocol::Sense&) {
   write_time(call);
 }
 
-void Service::locked(Call& call, const protocol::Snapshot&) {
-  const std::string bytes = batch_.snapshot();
-  call.writer.add("snapshot", std::span(reinterpret_cast<const std::uint8_t*>(bytes.data()), bytes.size()), {bytes.size()});
-}
+void Service::locked(Call& call, const protocol::Snapshot&) { call.writer.add_bytes("snapshot", batch_.snapshot()); }
 
 void Service::locked(Call& call, const protocol::Restore&) {
   call.require_only({"snapshot"});
   require_may_change(call, std::span<const std::uint8_t>());
-  const auto bytes = call.array<std::uint8_t>("snapshot", {-1});
+  const std::optional<std::string> bytes = call.take_bytes("snapshot");
   require(bytes.has_value(), "snapshot", "an array of this name", "none");
   begin_change();
-  batch_.restore(std::string(bytes->begin(), bytes->end()));
+  batch_.restore(*bytes);
   if (task_ == nullptr) return;
   add_observation(call.writer, task_->spec(), batch_.outputs().observation, static_cast<std::size_t>(num_rows(batch_)));
 }

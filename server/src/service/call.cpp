@@ -1,6 +1,7 @@
 #include "service/call.hpp"
 
 #include <algorithm>
+#include <utility>
 
 #include "base/require.hpp"
 
@@ -32,6 +33,15 @@ std::optional<protocol::ReceivedArray> Call::find(std::string_view name, protoco
     return received;
   }
   return std::nullopt;
+}
+
+std::optional<std::string> Call::take_bytes(std::string_view name) {
+  const auto found = find(name, protocol::DType::kDtypeUint8, {-1});
+  if (!found) return std::nullopt;
+  const std::size_t size = found->bytes.size();
+  bytes.erase(0, static_cast<std::size_t>(reinterpret_cast<const char*>(found->bytes.data()) - bytes.data()));
+  bytes.resize(size);
+  return std::exchange(bytes, {});
 }
 
 std::optional<std::vector<std::uint8_t>> Call::flags(std::string_view name, std::int64_t size) const {

@@ -56,6 +56,9 @@ struct Call {
     const auto found = find(name, protocol::dtype_of<T>(), shape);
     return found ? std::optional(found->template values<T>()) : std::nullopt;
   }
+  // Like array(), for any number of bytes. Takes them out of the message without another copy in memory: arrays can be read no
+  // more.
+  std::optional<std::string> take_bytes(std::string_view name);
   // Like array(), for flags: as bytes, 0 or 1.
   std::optional<std::vector<std::uint8_t>> flags(std::string_view name, std::int64_t size) const;
   // Throws std::invalid_argument if the request has other arrays.

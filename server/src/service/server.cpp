@@ -1,6 +1,7 @@
 #include "flockstep/server.hpp"
 
 #include <algorithm>
+#include <cstdio>
 #include <filesystem>
 #include <mutex>
 #include <set>
@@ -94,6 +95,11 @@ class Server::Impl {
         retry_timer_(accepting_) {
     listen();
     service_.on_new_rate([this] { asio::post(tick_timer_.get_executor(), [this] { schedule_tick(); }); });
+    service_.on_clock_failure([this](const std::string& reason) {
+      if (cancels_calls_) return;
+      std::fprintf(stderr, "flockstep server at %s: a step failed, and the clock stands still: %s\n", address().c_str(),
+                   reason.c_str());
+    });
     schedule_tick();
     accept();
     threads_.emplace_back([this] {

@@ -297,8 +297,9 @@ void Service::tick() {
     try {
       const Hold hold(*this, false);
       advance();
-    } catch (const std::exception&) {
-      rate_hz_ = 0.0;  // a client that steps gets the error
+    } catch (const std::exception& error) {
+      rate_hz_ = 0.0;
+      if (on_clock_failure_) on_clock_failure_(error.what());
     }
   });
 }

@@ -59,6 +59,8 @@ class Service {
   double rate_hz() const { return rate_hz_.load(std::memory_order_relaxed); }  // of real time; 0: none
   // Calls `call` whenever a client has set another rate.
   void on_new_rate(std::function<void()> call) { on_new_rate_ = std::move(call); }
+  // Calls `call` with the reason when a step of real time has failed, which ends real time.
+  void on_clock_failure(std::function<void(const std::string&)> call) { on_clock_failure_ = std::move(call); }
 
   // Counts what may have changed the batch.
   std::int64_t changes() const { return changes_.load(std::memory_order_relaxed); }
@@ -187,6 +189,7 @@ class Service {
   const bool flies_by_rotors_;
   const double step_s_;
   std::function<void()> on_new_rate_;
+  std::function<void(const std::string&)> on_clock_failure_;
   Executor executor_;
   Publisher publisher_;
   PictureMemory pictures_;

@@ -170,7 +170,12 @@ bool Session::take_header() {
     if (skipped_ > kMostSkipped) return refused(Code::kResourceExhausted, "message: too long");
     return true;
   }
-  if (bytes.size() > incoming_bytes_) {
+  // The buffer would copy all that it has whenever it grows, and the message would be copied out of it.
+  if (incoming_bytes_ > kLargeMessage) {
+    large_.append(bytes);
+    buffer_.consume(bytes.size());
+  }
+  if (large_.size() + buffer_.size() > incoming_bytes_) {
     return refused(Code::kInvalidArgument, "message: expected " + std::to_string(incoming_bytes_) + " bytes, got more");
   }
   return true;
@@ -183,11 +188,12 @@ void Session::take_message() {
     skipped_ = 0;
     return;
   }
-  const std::size_t size = buffer_.size();
   const auto call = std::make_shared<Call>();
   call->client = self();
-  call->bytes.assign(static_cast<const char*>(buffer_.data().data()), size);
-  buffer_.consume(size);
+  call->bytes = std::exchange(large_, {});
+  call->bytes.append(static_cast<const char*>(buffer_.data().data()), buffer_.size());
+  buffer_.consume(buffer_.size());
+  const std::size_t size = call->bytes.size();
   if (!incoming_ || size != incoming_bytes_) {
     return refuse(incoming_ ? incoming_->id : 0, Code::kInvalidArgument, "message: it is cut short", true);
   }
@@ -371,6 +377,7 @@ void Session::end() {
   mark_.reset();
   subscriptions_.clear();
   waiting_.clear();
+  large_ = {};
   while (outbox_.size() > 1) outbox_.pop_back();  // the first one is being written
   socket_.next_layer().close();
   if (!is_open_) return;

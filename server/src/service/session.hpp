@@ -96,7 +96,8 @@ class Session final : public Client, public std::enable_shared_from_this<Session
 
   Sessions& sessions_;
   websocket::stream<Stream, false> socket_;  // without compression
-  beast::flat_buffer buffer_;
+  beast::flat_buffer buffer_;                // for what comes in
+  std::string large_;                        // the beginning of a large message, taken out of the buffer
   beast::http::request<beast::http::empty_body> upgrade_;
   Timer hello_timer_, idle_timer_;
   std::chrono::steady_clock::time_point last_arrival_{};
