@@ -233,10 +233,15 @@ async def time_awaited(call: Callable[[], Awaitable[object]]) -> list[float]:
 
 
 def measure_vector_env(prefix: str) -> Iterator[Measured]:
-    """Step the LiDAR task in this process and through a server, in turns, on one thread each."""
+    """Step the LiDAR task in this process, over TCP and by a Unix socket, in turns, on one thread each."""
     own = flockstep.DroneVectorEnv(DRONES, num_threads=1)
-    with serving(own.recipe.to_json()) as served, flockstep.connect(served.address) as client:
-        envs = {"in_process": own, "remote": client.vector_env()}
+    recipe = own.recipe.to_json()
+    with contextlib.ExitStack() as stack:
+        folder = stack.enter_context(tempfile.TemporaryDirectory())
+        envs: dict[str, Any] = {"in_process": own}
+        for name, options in (("remote", ()), ("unix", ("--address", f"unix:{folder}/server"))):
+            served = stack.enter_context(serving(recipe, *options))
+            envs[name] = stack.enter_context(flockstep.connect(served.address)).vector_env()
         actions = np.random.default_rng(0).integers(0, 6, (64, DRONES))
         for env in envs.values():
             env.reset(seed=0)
@@ -252,8 +257,9 @@ def measure_vector_env(prefix: str) -> Iterator[Measured]:
                 rates[name].append(steps * DRONES / elapsed)
     for name, values in rates.items():
         yield f"{prefix}/{name}", statistics.median(values), "1/s", ROUNDS
-    ratios = [remote / here for remote, here in zip(rates["remote"], rates["in_process"], strict=True)]
-    yield f"{prefix}/ratio", statistics.median(ratios), "1", ROUNDS
+    for name, ratio in (("remote", "ratio"), ("unix", "unix_ratio")):
+        ratios = [remote / here for remote, here in zip(rates[name], rates["in_process"], strict=True)]
+        yield f"{prefix}/{ratio}", statistics.median(ratios), "1", ROUNDS
 
 
 # --- many clients
@@ -318,10 +324,11 @@ def measure_streams(prefix: str, jpeg_us: float) -> Iterator[Measured]:
             unwatched.append(stepping_rate(client))
             with watching(served.address) as count:
                 stepping_rate(client, 0.5)
-                before, spent = count(), time.process_time()
+                before, spent, start = count(), time.process_time(), time.perf_counter()
                 watched.append(stepping_rate(client))
-                images.append((count() - before) / STREAM_S)
-                reading.append((time.process_time() - spent) / STREAM_S / (os.cpu_count() or 1))
+                elapsed = time.perf_counter() - start
+                images.append((count() - before) / elapsed)
+                reading.append((time.process_time() - spent) / elapsed / (os.cpu_count() or 1))
             lost.append(1 - watched[-1] / unwatched[-1])
             encoding.append(images[-1] * jpeg_us * 1e-6 / (os.cpu_count() or 1))
     yield f"{prefix}/steps_per_second", statistics.median(unwatched), "1/s", ROUNDS

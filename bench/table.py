@@ -619,9 +619,11 @@ def server_vector_env(results: dict[str, Result]) -> str:
     cells = {}
     for place, row in (("pinned", "server and client on one core"), ("unpinned", "on all cores")):
         found = figures_of(results, "server", f"server/vector_env/{place}/")
-        for what, column in (("in_process", "in-process"), ("remote", "remote"), ("ratio", "ratio")):
+        if "in_process" in found:
+            cells[row, "in-process"] = number(found["in_process"])
+        for what, ratio, column in (("remote", "ratio", "over TCP"), ("unix", "unix_ratio", "by a Unix socket")):
             if what in found:
-                cells[row, column] = number(found[what]) if what != "ratio" else f"{found[what]:.2f}"
+                cells[row, f"{column} (ratio)"] = f"{number(found[what])} ({found[ratio]:.2f})"
     return with_source(results, "server", pivot(cells, "drone-steps per second"))
 
 

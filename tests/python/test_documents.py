@@ -157,7 +157,7 @@ def test_python_runs_in_an_empty_folder(block, tmp_path):
 
 
 def test_a_server_its_recording_and_a_client_run_as_their_page_says(tmp_path):
-    """The three terminals of server.md, at a free port."""
+    """The first three terminals of server.md, at a free port."""
     (client,) = CLIENTS
     serve, record, *_ = (block.text for block in of_kind("sh", "-m flockstep") if block.place.startswith("server.md:"))
     port = "127.0.0.1:41451"
