@@ -25,7 +25,7 @@ class Race(FlightTask):
     """
 
     reward_terms = ("progress", "gate", "rates", "change", "crash")
-    max_episode_steps = 500
+    max_episode_steps = 350
     worlds = "race/figure-8"
     drone = "racer5"
     dynamics = flockstep.DynamicsConfig(motion="rotors", control="body_rates", max_rate_dps=460, max_yaw_rate_dps=230)
@@ -71,11 +71,13 @@ class Race(FlightTask):
         random = batch.random(stream=0, count=10, rows=rows).astype(float)
         even = 2 * random - 1
         is_between = c.start == "between"
-        share = 0.9 * random[:, :1] * is_between
+        share = 0.9 * np.maximum(0, 2 * random[:, :1] - 1) * is_between
         way = self.centers[world, following] - self.centers[world, last]
         leaving = self.normals[world, last]
         direction = (1 - share) * leaving + share * way / np.linalg.norm(way, axis=1, keepdims=True)
-        position = self.centers[world, last] + 0.3 * leaving + share * (way - 0.8 * self.normals[world, following])
+        behind = (1 - share) * (0.3 + c.start_offset_m * np.abs(leaving).sum(axis=1, keepdims=True))
+        to_next = share * (way - 0.8 * self.normals[world, following])
+        position = self.centers[world, last] + behind * leaving + to_next
         yaw = np.arctan2(direction[:, 1], direction[:, 0]) + np.radians(c.start_yaw_deg) * even[:, 4]
         roll, pitch = np.radians(c.start_tilt_deg) * even[:, 5:7].T
         quat = quat_from_rpy(np.stack([roll, pitch, yaw], axis=1))
@@ -89,8 +91,8 @@ class Race(FlightTask):
         """Raise the cap on the rewarded speed of drones of which enough last episodes were clean."""
         c, end = self.config, batch.episode_end
         rows = rows[end[rows] != EpisodeEnd.bad_state]
-        has_lap = self.passed[rows] >= self.num_gates[batch.world_index[rows]]
-        is_clean = (end[rows] == EpisodeEnd.success) | ((end[rows] == EpisodeEnd.time) & has_lap)
+        has_half_lap = 2 * self.passed[rows] >= self.num_gates[batch.world_index[rows]]
+        is_clean = (end[rows] == EpisodeEnd.success) | ((end[rows] == EpisodeEnd.time) & has_half_lap)
         self.clean[rows] = np.column_stack([is_clean, self.clean[rows, :-1]])
         rises = rows[self.clean[rows].mean(axis=1, dtype=np.float32) >= np.float32(c.cap_success)]
         self.speed_cap[rises] = np.minimum(self.speed_cap[rises] + c.cap_rise_mps, c.speed_cap_mps[1])

@@ -1294,8 +1294,8 @@ class RaceConfig:
     max_thrust_to_weight
         Largest commanded thrust over the weight, if the rotors can deliver it. Values: [1.1, 100]. Default: 4.0.
     start
-        ``"between"``: anywhere in the first nine tenths of the way from one gate to the next. ``"gate"``: behind a
-        gate, at rest. Default: 'between'.
+        ``"gate"``: behind a gate, at rest. ``"between"``: half of the drones behind a gate, the others anywhere in the
+        first nine tenths of the way to the next gate. Default: 'between'.
     start_offset_m
         Maximum offset of the start along each axis. All spreads are drawn uniformly up to their maxima, and drawn again
         if the drone would touch something. Values: [0, 1000] m. Default: 0.5.

@@ -340,8 +340,8 @@ struct RaceConfig {
         field("max_thrust_to_weight", &C::max_thrust_to_weight,
               {.about = "Largest commanded thrust over the weight, if the rotors can deliver it.", .limits = between(1.1, 100)}),
         field("start", &C::start,
-              {.about = "``\"between\"``: anywhere in the first nine tenths of the way from one gate to the next. "
-                        "``\"gate\"``: behind a gate, at rest."}),
+              {.about = "``\"gate\"``: behind a gate, at rest. ``\"between\"``: half of the drones behind a gate, the others "
+                        "anywhere in the first nine tenths of the way to the next gate."}),
         field("start_offset_m", &C::start_offset_m,
               {.about = "Maximum offset of the start along each axis. All spreads are drawn uniformly up to their maxima, and "
                         "drawn again if the drone would touch something.",
@@ -388,7 +388,7 @@ struct RaceConfig {
   FLOCKSTEP_API void validate() const;
 };
 
-// Makes the race task. Defaults: "race/figure-8", a racer5, body rates at 50 Hz, episodes of 10 s. Throws std::invalid_argument
+// Makes the race task. Defaults: "race/figure-8", a racer5, body rates at 50 Hz, episodes of 7 s. Throws std::invalid_argument
 // on a bad config.
 FLOCKSTEP_API std::unique_ptr<Task> make_task(const RaceConfig& config);
 

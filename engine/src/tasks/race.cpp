@@ -38,7 +38,7 @@ class Race final : public FlightTask {
 
   TaskDefaults defaults() const override {
     return {.worlds = "race/figure-8",
-            .max_episode_steps = 500,
+            .max_episode_steps = 350,
             .drone = "racer5",
             .dynamics = {.motion = Motion::rotors,
                          .control = Control::body_rates,
@@ -133,7 +133,7 @@ class Race final : public FlightTask {
       const bool finished = !crashed && passed_[drone] >= config_.laps * lap;
       const bool is_last = episodes.time_limit[env] > 0 && episodes.steps[env] >= episodes.time_limit[env];
       const bool ends = crashed || finished || is_last;
-      if (ends) outcome_[drone] = finished || (!crashed && passed_[drone] >= lap) ? kClean : kUnclean;
+      if (ends) outcome_[drone] = finished || (!crashed && 2 * passed_[drone] >= lap) ? kClean : kUnclean;
       const std::span<double> terms = score.terms_of(drone);
       terms[kProgress] = static_cast<double>(config_.progress_weight) * progress;
       terms[kGate] = static_cast<double>(config_.gate_weight) * crossings.passed;
@@ -203,7 +203,7 @@ class Race final : public FlightTask {
   static constexpr std::uint32_t kDraws = 10;
   static constexpr std::uint32_t kTries = 64;  // random starts to try before starting right behind a gate
   static constexpr float kWayShare = 0.9F;     // share of the way to the next gate on which drones start
-  static constexpr float kBehind = 0.3F;       // m, behind the last gate
+  static constexpr float kBehind = 0.3F;       // m, least distance behind the plane of the last gate
   static constexpr float kBefore = 0.8F;       // m, before the next gate
 
   const Gate& target_of(std::span<const Gate> gates, DroneIndex drone) const {
@@ -225,11 +225,14 @@ class Race final : public FlightTask {
     const auto even = [&](std::size_t k) { return 2.0F * unit[k] - 1.0F; };
     const auto around = [&](std::size_t k) { return Vec3(even(k), even(k + 1), even(k + 2)); };
     const bool is_between = config_.start == RaceStart::between;
-    const float share = is_between ? kWayShare * unit[0] : 0.0F;
+    // Half of the drones begin behind the gate: from there the first gate is the hardest.
+    const float share = is_between ? kWayShare * std::max(0.0F, 2.0F * unit[0] - 1.0F) : 0.0F;
     const Vec3 way = next.center - last.center;
     const Vec3 leaving = normal_of(last);
     const Vec3 direction = (1.0F - share) * leaving + share * way.normalized();
-    const Vec3 position = last.center + kBehind * leaving + share * (way - kBefore * normal_of(next));
+    // The offset of a start behind the gate does not lead back into its frame, which the drone does not observe.
+    const float behind = kBehind + config_.start_offset_m * leaving.lpNorm<1>();
+    const Vec3 position = last.center + (1.0F - share) * behind * leaving + share * (way - kBefore * normal_of(next));
     const float yaw = std::atan2(direction.y(), direction.x()) + kRadians * config_.start_yaw_deg * even(4);
     const float roll = kRadians * config_.start_tilt_deg * even(5), pitch = kRadians * config_.start_tilt_deg * even(6);
     const Quat turned(std::cos(yaw / 2), 0.0F, 0.0F, std::sin(yaw / 2));
