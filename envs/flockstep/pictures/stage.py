@@ -211,5 +211,7 @@ def _pushed(world: World, solid: npt.NDArray[np.bool_], origin: Floats, way: Flo
         if not 0 <= hit["primitive"][0] < len(solid) or not solid[hit["primitive"][0]]:
             break
         gone += 1e-3  # into the obstacle, or out of it
+        if gone >= length + free:
+            break
     reach = min(length, max(gone - free, gone / 2))
     return origin + way / length * reach

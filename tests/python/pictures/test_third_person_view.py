@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 import flockstep
-from flockstep.pictures.stage import Stage
+from flockstep.pictures.stage import Stage, _pushed
 from flockstep.pictures.third_person_view import ThirdPersonView, frustum, smoothed
 from flockstep.pictures.trail import Trail
 from flockstep.rotations import rotate
@@ -35,6 +35,15 @@ def viewed(world, position, quat_wxyz=(1, 0, 0, 0)):
 
 def changed(after, before):
     return (after != before).any(axis=-1)
+
+
+def test_the_viewer_moves_past_obstacles_that_end_where_the_motion_ends():
+    """Thin bars, such as those of a gate, of which the last surface is less than a millimetre before the end."""
+    box = {"center": [1, 0, 0], "size": [0.1, 1, 1]}
+    world = flockstep.World.from_dict({"flockstep_scene": 1, "boxes": [box]})
+    for length in np.concatenate([1.05 + np.linspace(-2e-3, 2e-3, 41), 0.95 + np.linspace(-2e-3, 2e-3, 41)]):
+        way = np.array([length, 0.0, 0.0])
+        np.testing.assert_allclose(_pushed(world, np.array([True]), np.zeros(3), way, 0.0), way, atol=2e-3)
 
 
 @DRONES
