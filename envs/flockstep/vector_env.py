@@ -41,7 +41,7 @@ from flockstep._core import (
 from flockstep.drone_mesh import DroneMesh
 from flockstep.nearest_name import did_you_mean
 from flockstep.pictures import views
-from flockstep.pictures.flight_overlay import FlightOverlay
+from flockstep.pictures.flight_overlay import FlightOverlay, RaceOverlay
 from flockstep.pictures.frames import selected
 from flockstep.stepping import AUTORESET_MODES, Array, BoolArray, Observation
 from flockstep.task import DroneLike, Task, TaskCalls, native_task, settable_names
@@ -54,6 +54,7 @@ if TYPE_CHECKING:
     from typing_extensions import TypedDict, Unpack
 
     from flockstep._core import ColorRange, NavigationReward, WindConfig, World
+    from flockstep.pictures.drawing import Overlay
     from flockstep.pictures.trail import Trail
 
     class Fields(TypedDict, total=False):
@@ -415,8 +416,11 @@ class DroneVectorEnv(VectorEnv[Observation, Array, Array]):
         self._view: views.View | None = None
         self.trail: Trail | None = None  # past positions of the drones, if the pictures show them
         if render_mode is not None:
-            flight = FlightOverlay(height=shown.view != "top") if is_flight else None
-            overlay = task if isinstance(task, Task) else flight
+            overlay: Overlay | None = task if isinstance(task, Task) else None
+            if is_flight:
+                overlay = FlightOverlay(height=shown.view != "top")
+            elif isinstance(task, RaceConfig):
+                overlay = RaceOverlay()
             self._view, self.trail = views.make(shown, self.batch, self.cameras, overlay, drone_mesh)
 
     @classmethod

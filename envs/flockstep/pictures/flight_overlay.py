@@ -5,6 +5,7 @@ from __future__ import annotations
 from importlib.util import find_spec
 
 import numpy as np
+import numpy.typing as npt
 
 from flockstep._core import Batch
 from flockstep.pictures.drawing import Drawing
@@ -12,6 +13,7 @@ from flockstep.pictures.picture import FARTHEST_M
 from flockstep.rotations import rotate
 
 _DOWN = np.array([[0.0, 0.0, -1.0]])
+_CORNERS = {"square": 4, "ring": 32}  # of the outline of a gate's opening
 
 
 class FlightOverlay:
@@ -46,6 +48,32 @@ class FlightOverlay:
         ground = position - [0, 0, height_m]
         drawing.lines(position, ground, "grey", 1.5)
         drawing.points(ground, "grey", 6)
-        if find_spec("PIL") is not None:
-            below = 1.1 * float(np.ptp(np.asarray(batch.drone.hull, float), axis=0).max())
-            drawing.text(position - [0, 0, below], f"{height_m:.1f} m", "black", 16)
+        _write_below(batch, position, f"{height_m:.1f} m", drawing)
+
+
+class RaceOverlay:
+    """Draws the next gate of a drone of `RaceConfig`, the line to it, and the drone's speed if Pillow is installed."""
+
+    markers: tuple[str, ...] = ()  # drones begin behind gates
+
+    def draw(self, batch: Batch, env: int, drawing: Drawing) -> None:
+        """Add to the picture of one env, like `Task.draw`."""
+        position = np.asarray(batch.position[env], float)
+        gate = batch.world_of(env).gates[int(batch.task_state["target"][env])]
+        center = np.asarray(gate["center"], float)
+        count = _CORNERS[gate["shape"]]
+        angle = 2 * np.pi * (np.arange(count + 1) + 0.5) / count
+        around = np.stack([np.zeros(count + 1), np.cos(angle), np.sin(angle)], axis=1)
+        outline = center + rotate(
+            np.asarray(gate["quat_wxyz"], float), 0.5 * gate["size_m"] / np.abs(around[0]).max() * around
+        )
+        drawing.lines(outline[:-1], outline[1:], "green", 3)
+        drawing.lines(position, center, "green", 1)
+        drawing.points(center, "green", 6)
+        _write_below(batch, position, f"{np.linalg.norm(batch.velocity[env]):.0f} m/s", drawing)
+
+
+def _write_below(batch: Batch, position: npt.NDArray[np.float64], text: str, drawing: Drawing) -> None:
+    if find_spec("PIL") is not None:
+        below = 1.1 * float(np.ptp(np.asarray(batch.drone.hull, float), axis=0).max())
+        drawing.text(position - [0, 0, below], text, "black", 16)

@@ -1,11 +1,11 @@
-"""Pictures of Hover and Track, and selected envs."""
+"""Pictures of Hover, Track and Race, and selected envs."""
 
 import gymnasium
 import numpy as np
 import pytest
 
 import flockstep
-from flockstep.pictures.flight_overlay import FlightOverlay
+from flockstep.pictures.flight_overlay import FlightOverlay, RaceOverlay
 
 TASKS = pytest.mark.parametrize("config", [flockstep.HoverConfig, flockstep.TrackConfig])
 
@@ -17,7 +17,8 @@ class Notes:
         self.drawn = {}
 
     def lines(self, starts, ends, color, width):
-        self.drawn[color, "line"] = np.array([starts, ends])
+        name = "line" if np.ndim(starts) == 1 else "outline"
+        self.drawn[color, name] = np.array([starts, ends])
 
     def points(self, positions, color, size):
         self.drawn[color, "point"] = np.array(positions)
@@ -29,9 +30,9 @@ class Notes:
         self.drawn["text"] = string
 
 
-def noted(envs, **arguments):
+def noted(envs, overlay=FlightOverlay, **arguments):
     notes = Notes()
-    FlightOverlay(**arguments).draw(envs.batch, 0, notes)
+    overlay(**arguments).draw(envs.batch, 0, notes)
     return notes.drawn
 
 
@@ -97,6 +98,43 @@ def test_track_shows_where_its_path_is():
     assert 0 < np.linalg.norm(noted(envs)["green", "point"] - before) < 0.1
 
 
+@pytest.mark.parametrize("shape", ["square", "ring"])
+def test_race_shows_its_next_gate_and_the_speed(shape):
+    turned = {"quat_wxyz": [0.5**0.5, 0, 0, 0.5**0.5], "shape": shape, "size": 1.8}  # is passed along y
+    world = flockstep.World.from_dict(
+        {"flockstep_scene": 1, "gates": [{"center": [0, 0, 5]}, {"center": [8, 0, 5], **turned}]}
+    )
+    envs = flown(flockstep.RaceConfig(start="gate"), steps=0, worlds=world)
+    while envs.batch.task_state["target"][0] != 1:
+        envs.reset()
+    envs.batch.set_velocity(np.float32([[3, 4, 12]]))
+    drawn = noted(envs, RaceOverlay)
+    np.testing.assert_allclose(drawn["green", "line"], [envs.batch.position[0], [8, 0, 5]], atol=1e-5)
+    np.testing.assert_allclose(drawn["green", "point"], [8, 0, 5])
+    outline = drawn["green", "outline"]
+    np.testing.assert_array_equal(outline[0, 1:], outline[1, :-1])
+    np.testing.assert_allclose(outline[0, 0], outline[1, -1])
+    offset = outline[0] - [8, 0, 5]
+    np.testing.assert_allclose(offset[:, 1], 0, atol=1e-6)
+    if shape == "square":
+        np.testing.assert_allclose(
+            sorted(map(tuple, offset[:, ::2].round(6))), [(x, z) for x in (-0.9, 0.9) for z in (-0.9, 0.9)]
+        )
+    else:
+        np.testing.assert_allclose(np.linalg.norm(offset, axis=1), 0.9, rtol=0.01)
+    assert drawn["text"] == "13 m/s"
+
+
+def test_race_is_drawn_in_every_view():
+    world = flockstep.World.load("race/figure-8")
+    for view in ("top", "third_person", ((-10.5, -8.5, 7.5), (0, 0, 3))):
+        envs = flown(flockstep.RaceConfig(), 0, worlds=world, render_view=view)
+        (before,) = envs.render()
+        envs.batch.set_velocity(np.float32([[9, 0, 0]]))
+        assert (envs.render()[0] != before).any()  # the speed
+        assert (np.abs(before.astype(int) - [52, 160, 80]).max(axis=-1) < 12).any()  # the next gate, green
+
+
 def test_some_envs_are_drawn(closet):
     envs = flockstep.DroneVectorEnv(5, worlds=closet, render_mode="rgb_array", random_start=True)
     envs.reset(seed=1)
@@ -115,8 +153,9 @@ def test_some_envs_are_drawn(closet):
     assert flockstep.DroneVectorEnv(5, worlds=closet).render([0]) is None
 
 
-def test_without_pillow_the_height_has_no_label(monkeypatch):
+def test_without_pillow_there_is_no_label(monkeypatch):
     monkeypatch.setattr("flockstep.pictures.flight_overlay.find_spec", lambda name: None)
-    drawn = noted(flown(flockstep.HoverConfig()))
-    assert ("grey", "line") in drawn
-    assert "text" not in drawn
+    for config, overlay in ((flockstep.HoverConfig(), FlightOverlay), (flockstep.RaceConfig(), RaceOverlay)):
+        drawn = noted(flown(config), overlay)
+        assert ("green", "line") in drawn
+        assert "text" not in drawn
