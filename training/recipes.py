@@ -19,7 +19,7 @@ from stable_baselines3.common.utils import LinearSchedule
 
 import flockstep
 from flockstep.sb3 import DroneVecEnv, GoalFeatures, PointFeatures
-from training import train_flight
+from training import race, train_flight
 from training.flight import POLICY_HZ, Flights, fly, make
 from training.forest_flight import ForestFlight, straight
 from training.rotor_navigation import RotorNavigation
@@ -183,6 +183,20 @@ def judge_forest(predict: Predict, flights: int, seed: int) -> Verdict:
     return Verdict(flown.success_rate, flown.ends["contact"], {"speed_mps": flown.infos["speed_mps"]})
 
 
+# --- race
+
+
+def judge_race(fly_it: Callable[[Predict, int, int], race.Race]) -> Callable[[Predict, int, int], Verdict]:
+    """Return a function that flies races of three laps; all laps are a success."""
+
+    def judged(predict: Predict, flights: int, seed: int) -> Verdict:
+        flown = fly_it(predict, flights, seed)
+        figures = {"lap_s": flown.lap_s, "speed_mps": flown.speed_mps} if flown.success.any() else {}
+        return Verdict(float(flown.success.mean()), float(flown.crashed.mean()), figures)
+
+    return judged
+
+
 # --- what flies without a policy
 
 
@@ -200,6 +214,7 @@ def straight_by_velocity(observation: Array) -> Array:
 
 LIDAR = judge_navigation("flockstep/LidarNavigation-v0", 500)
 ROTORS = judge_navigation(RotorNavigation, 400)
+RACE, UNSEEN_RACE = judge_race(race.fly), judge_race(race.fly_unseen)
 
 RECIPES: dict[str, Recipe] = {
     "hover": Recipe(
@@ -283,6 +298,24 @@ RECIPES: dict[str, Recipe] = {
         baseline=lambda: judge_forest(straight, 300, UNSEEN_SEEDS.start),
         film={"env": ForestFlight, "worlds": "forest/seed-0", "steps": 200},
         flights=300,
+    ),
+    "race": Recipe(
+        steps=race.STEPS,
+        num_envs=race.NUM_ENVS,
+        settings=race.SETTINGS,
+        make=race.make,
+        judge=RACE,
+        baseline=lambda: RACE(race.chosen_pursuit(race.fly), 1000, UNSEEN_SEEDS.start),
+        film={**race.FILM, "render_view": race.VIEW},
+    ),
+    "race_unseen": Recipe(
+        steps=race.UNSEEN_STEPS,
+        num_envs=race.NUM_ENVS,
+        settings=race.SETTINGS,
+        make=race.make_on_tracks,
+        judge=UNSEEN_RACE,
+        baseline=lambda: UNSEEN_RACE(race.chosen_pursuit(race.fly_unseen), 1000, UNSEEN_SEEDS.start),
+        film={**race.FILM, "worlds": flockstep.World.race_track(UNSEEN_SEEDS.start)},
     ),
 }
 

@@ -1,0 +1,54 @@
+"""Train a quadrotor to race with flockstep.PPO, and judge the last policy: the recipe of the board.
+
+.venv/bin/python -m training.train_race                    # out/train/race.zip, takes less than a minute
+.venv/bin/python -m training.train_race --unseen           # on generated tracks, and judged on others
+"""
+
+from __future__ import annotations
+
+import time
+from dataclasses import dataclass
+from pathlib import Path
+
+import tyro
+
+import flockstep
+from training.recipes import RECIPES, predict_of, train
+from training.tasks import UNSEEN_SEEDS
+
+
+@dataclass
+class Args:
+    """Options."""
+
+    out: Path = Path("out/train/race.zip")
+    """File of the policy."""
+    unseen: bool = False
+    """Train on generated tracks instead of the figure-8."""
+    seed: int = 0
+    """Seed of the training."""
+    threads: int = 2
+    """Threads of the simulator and the learner; the results have the same bits for any number."""
+    flights: int = 1000
+    """Flights that judge the policy; nothing else uses their seeds."""
+
+
+def main(args: Args) -> None:
+    """Train, save, judge and print."""
+    recipe = RECIPES["race_unseen" if args.unseen else "race"]
+    begun = time.perf_counter()
+    model = train(recipe, "flockstep", args.seed, args.threads)
+    seconds = time.perf_counter() - begun
+    model.learning_rate = 0.0  # a number: a function would not be saved
+    args.out.parent.mkdir(parents=True, exist_ok=True)
+    model.save(args.out)
+    verdict = recipe.judge(predict_of(flockstep.PPO.load(args.out)), args.flights, UNSEEN_SEEDS.start)
+    figures = ", ".join(f"{name} {value:.2f}" for name, value in verdict.more.items())
+    print(
+        f"{model.num_timesteps:,} steps in {seconds:.1f} s; {verdict.success:.1%} of {args.flights:,} flights of three "
+        f"laps succeed, {figures}; {args.out}"
+    )
+
+
+if __name__ == "__main__":
+    main(tyro.cli(Args))
