@@ -191,6 +191,7 @@ STEP: list[tuple[str, Setup]] = [
     ("step/track_n1024", flying(1024, "TrackConfig")),
     ("step/track_velocity_n1024", flying(1024, "TrackConfig", control="velocity")),
     ("step/track_bounce_n256", flying(256, "TrackConfig", in_small_room=True, on_contact="bounce", max_distance_m=10)),
+    ("step/race_n1024", flying(1024, "RaceConfig")),
     ("step/track_gusts_imu_n1024", flying(1024, "TrackConfig", imu=True, wind={"gusts": "ornstein_uhlenbeck"})),
 ]
 

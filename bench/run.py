@@ -16,6 +16,7 @@ worlds  LiDARs and cameras in every bundled world, and the share of rays traced 
 busy    the trainings of the README and of docs/first-steps.md while every processor runs a busy loop; only if named
 server  round trips of the clients against bare echoes, a remote vector environment, many clients, streams
 imaging cost of colour detection, HSV and smaller images, in our kernels and in OpenCV
+race    steps of Race, with gates that are solid and with gates that are not
 plan    paths from start to goal in every bundled world and twenty of each generator: processor time and length
 trainers  the programs of examples/trainers/ with three seeds each: speed, and steps until they solve the LiDAR task
 dynamics  rotor flight: the kernel against a bare one, every controller and term, contacts, steps, memory
@@ -55,6 +56,7 @@ import learner
 import mesh_peers
 import peers
 import plan
+import race
 import server
 from flockstep import _core
 
@@ -371,6 +373,10 @@ def bench_plan() -> list[Figure]:
     return [figure(*measured) for measured in plan.measure()]
 
 
+def bench_race() -> list[Figure]:
+    return [figure(*measured) for measured in race.measure()]
+
+
 def bench_server() -> list[Figure]:
     return [figure(*measured) for measured in server.measure()]
 
@@ -482,6 +488,7 @@ BENCHES: dict[str, Callable[[], list[Figure]]] = {
     "worlds": bench_worlds,
     "imaging": bench_imaging,
     "plan": bench_plan,
+    "race": bench_race,
     "server": bench_server,
     "tiles": bench_tiles,
     "dynamics": bench_dynamics,

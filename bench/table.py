@@ -51,12 +51,23 @@ NAMES = (
     "dynamics",
 )
 #: Benchmarks that are not in the table of all figures.
-APART = ("imaging", "plan", "dynamics_accuracy", "dynamics_peers", "mesh_peers", "flight_train", "server", "board")
+APART = (
+    "imaging",
+    "plan",
+    "race",
+    "dynamics_accuracy",
+    "dynamics_peers",
+    "mesh_peers",
+    "flight_train",
+    "server",
+    "board",
+)
 ARCHITECTURE = ROOT / "docs" / "architecture.md"
 CAMERAS = ROOT / "docs" / "cameras.md"
 TRAINERS = ROOT / "docs" / "trainers.md"
 OWN_WORLD = ROOT / "docs" / "own-world.md"
 DYNAMICS = ROOT / "docs" / "dynamics.md"
+RACE = ROOT / "docs" / "race.md"
 FLIGHT_TASKS = ROOT / "docs" / "flight-tasks.md"
 BOARD = ROOT / "docs" / "board.md"
 #: Trainings of the board, described in words.
@@ -64,7 +75,7 @@ TRAININGS = {
     "hover": "hover: within 5 cm after a throw",
     "track": "track: within 5 cm of a moving point",
     "race": "race: 3 laps of 7 gates",
-    "race_unseen": "race: a lap of an unseen generated track",
+    "race_unseen": "race: 3 laps of an unseen generated track",
     "lidar": "LiDAR navigation: an unseen playground",
     "lidar_rotors": "LiDAR navigation by rotors: an unseen playground",
     "forest": "forest: an unseen one by depth of 16 x 12",
@@ -503,6 +514,16 @@ def plans(results: dict[str, Result]) -> str:
     return with_source(results, "plan", pivot(cells, "kind"))
 
 
+def races(results: dict[str, Result]) -> str:
+    """Return the table of the time of a step of Race, with frames that drones touch and without."""
+    heads = {"solid": "solid gates", "open": "not solid"}
+    cells = {
+        (f"{ticks} ticks", heads[kind]): rough(f)
+        for (kind, ticks), f in named(results, "race", r"race/(solid|open)_gates/(\d+)_ticks/step")
+    }
+    return with_source(results, "race", pivot(cells, "one drone, one thread"))
+
+
 def imaging(results: dict[str, Result]) -> str:
     """Return the tables of the costs of colour detection and smaller images."""
     colours = {
@@ -746,6 +767,7 @@ def main() -> None:
         OWN_WORLD: with_content(OWN_WORLD.read_text(encoding="utf-8"), "plans", plans(results)),
         DYNAMICS: DYNAMICS.read_text(encoding="utf-8"),
         BOARD: BOARD.read_text(encoding="utf-8"),
+        RACE: with_content(RACE.read_text(encoding="utf-8"), "race steps", races(results)),
         TRAINERS: with_content(TRAINERS.read_text(encoding="utf-8"), "trainers", trainers(results)),
         FLIGHT_TASKS: with_content(
             with_content(FLIGHT_TASKS.read_text(encoding="utf-8"), "flight training", flight_training(results)),

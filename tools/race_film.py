@@ -1,0 +1,249 @@
+"""Film a race: three laps of the figure-8 by a trained policy.
+
+.venv/bin/python -m tools.race_film               # docs/race.webp
+
+The policy is `policies/race.zip`, made by `training/race.py`. The film shows the flight of the first unseen seed that
+starts behind the blue gate, whatever its end, at the speed of flight. The room's walls are left out, and the drone is
+drawn larger than it is. The colour of the trail is the speed; the dark line on the floor is its shadow.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+import tyro
+from PIL import Image, ImageDraw, ImageFont
+from tqdm import tqdm
+
+import flockstep
+from flockstep.pictures.body import Body
+from flockstep.pictures.depth_canvas import DepthCanvas
+from flockstep.pictures.picture import facing, render
+from flockstep.rotations import rotate
+from tools.film import FINER, Color
+from tools.flight_film import LIGHT, beside
+from training.race import LAPS, MOST_STEPS
+from training.tasks import UNSEEN_SEEDS
+
+Array = npt.NDArray[Any]
+
+TRACK = "race/figure-8"
+POLICY_HZ = 50  # of the task
+FILM_EVERY = 3  # steps of 1/50 s between pictures
+HOLD_S = 1.5  # the last picture
+ENLARGED = 2.2  # size of the drawn drone, over that of the model
+VIEWER_M, TARGET_M, HFOV_DEG = np.array([-1.0, -17.5, 12.5]), np.array([0.0, -0.7, 1.6]), 58.0
+TRAIL_S, SHADOW_S = 2.2, 0.5  # older parts of the trail and of its shadow are not drawn
+KEY_EVERY = 16  # pictures between two that do not depend on others, in which faint traces of older ones disappear
+GRID_M = 2.0
+COLORS: dict[str, tuple[float, float, float]] = {
+    "floor": (0.020, 0.028, 0.045),
+    "grid": (0.035, 0.048, 0.075),
+    "gate": (0.75, 0.22, 0.03),
+    "start": (0.03, 0.25, 0.85),
+    "next": (0.05, 0.90, 0.30),
+    "post": (0.10, 0.12, 0.15),
+}
+SLOW_MPS, FAST_MPS = 5.0, 12.0
+INK, SHADOW, ALARM = (240, 243, 248), (10, 13, 20), (255, 110, 90)
+RAMP = np.array([[60, 110, 255], [40, 220, 230], [250, 220, 60], [255, 80, 40]], float)  # from slow to fast
+
+
+@dataclass
+class Args:
+    """Options for flying and filming."""
+
+    policy: Path = Path("policies/race.zip")
+    """A policy of flockstep.PPO."""
+    out: Path = Path("docs/race.webp")
+    """The film."""
+    width_px: int = 800
+    """Width of the film; its height is 9/16 of that."""
+    quality: int = 60
+    """Quality of the pictures, 0 to 100."""
+    film_s: float | None = None
+    """Filmed time from the start of the flight. None: all of it."""
+
+
+@dataclass
+class Flight:
+    """A flight, step by step, beginning with the start."""
+
+    position: Array
+    """(T, 3) m."""
+    quat_wxyz: Array
+    """(T, 4)."""
+    speed_mps: Array
+    """(T,)."""
+    passed: Array
+    """(T,): gates passed so far."""
+    first: int
+    """Index of the gate that is passed first."""
+    success: bool
+    """True if it flew all laps."""
+
+
+def flown(policy: Any) -> Flight:
+    """Fly the first unseen seed that starts behind gate 0."""
+    task = flockstep.RaceConfig(start="gate", laps=LAPS)
+    envs = flockstep.DroneVectorEnv(1, task=task, worlds=TRACK, max_episode_steps=MOST_STEPS, autoreset_mode="disabled")
+    for seed in UNSEEN_SEEDS:
+        observation, _ = envs.reset(seed=seed)
+        if envs.batch.task_state["target"][0] == 1:
+            break
+    states, ended = [], False
+    while True:
+        batch = envs.batch
+        passed = int(batch.task_state["passed"][0])
+        speed = float(np.linalg.norm(batch.velocity[0]))
+        states.append((np.array(batch.position[0], float), np.array(batch.quat_wxyz[0], float), speed, passed))
+        if ended:
+            break
+        actions, _ = policy.predict(observation, deterministic=True)
+        observation, _, terminated, truncated, _ = envs.step(actions)
+        ended = bool(terminated[0] or truncated[0])
+    position, quat, speeds, passed_gates = (np.array(each) for each in zip(*states, strict=True))
+    return Flight(position, quat, speeds, passed_gates, 1, bool(envs.batch.success[0]))
+
+
+class Scene:
+    """The track and the drone, seen from a fixed place."""
+
+    def __init__(self, size_px: tuple[int, int]) -> None:
+        batch = flockstep.DroneVectorEnv(1, task=flockstep.RaceConfig(), worlds=TRACK).batch
+        self.world = batch.worlds[0]
+        self.gates = list(self.world.gates)
+        self.turn = facing(VIEWER_M, TARGET_M).astype(float)
+        width, height = size_px
+        self.camera = flockstep.CameraConfig(
+            width_px=FINER * width, height_px=FINER * height, hfov_deg=HFOV_DEG, outputs=("rgb", "depth"), shadows=True
+        )
+        self.body = Body(enlarged(batch.drone))
+        self.stills: dict[int, DepthCanvas] = {}  # by the index of the next gate
+
+    def picture(self, flight: Flight, step: int) -> Image.Image:
+        """Return the drone after this many steps, and its trail."""
+        canvas = self.canvas((flight.first + int(flight.passed[step])) % len(self.gates))
+        shadow = flight.position[max(0, step - round(SHADOW_S * POLICY_HZ)) : step + 1] * [1, 1, 0] + [0, 0, 0.02]
+        canvas.lines(shadow[:-1], shadow[1:], SHADOW, width_px=4 * FINER)
+        begin = max(0, step - round(TRAIL_S * POLICY_HZ))
+        trail = flight.position[begin : step + 1]
+        for index in range(len(trail) - 1):
+            age = 1 - (index + 1) / (len(trail) - 1)
+            color = speed_color(flight.speed_mps[begin + index])
+            width_px = round(FINER * (4 - 2.5 * age))
+            canvas.lines(trail[index], trail[index + 1], color, width_px=width_px, opacity=1 - 0.75 * age)
+        self.body.draw(canvas, flight.position[step], flight.quat_wxyz[step], line_px=FINER)
+        return Image.fromarray(canvas.rgb).reduce(FINER)
+
+    def canvas(self, following: int) -> DepthCanvas:
+        """Return the track to draw into, with the next gate in green."""
+        if following not in self.stills:
+            drawn = self._drawn(following)
+            taken = render(drawn, VIEWER_M, self.turn, camera=self.camera)
+            self.stills[following] = DepthCanvas(
+                taken["rgb"], taken["depth"], self.camera, VIEWER_M, self.turn, drawn.light
+            )
+        return self.stills[following].copy()
+
+    def _drawn(self, following: int) -> flockstep.World:
+        builder = flockstep.WorldBuilder("film")
+        builder.light(**LIGHT)
+        m = {name: builder.material(name, color, emissive=glow(name, color)) for name, color in COLORS.items()}
+        (left, near, _), (right, far, _) = np.asarray(self.world.bounds, float)
+        builder.box((0, 0, -0.1), (right - left, far - near, 0.2), m["floor"])
+        for line in np.arange(left + GRID_M / 2, right, GRID_M):
+            builder.plane((line, 0, 0.004), (0.03, far - near), m["grid"])
+        for line in np.arange(near + GRID_M / 2, far, GRID_M):
+            builder.plane((0, line, 0.004), (right - left, 0.03), m["grid"])
+        for index, gate in enumerate(self.gates):
+            color = "next" if index == following else "start" if index == 0 else "gate"
+            center = np.asarray(gate["center"], float)
+            size = {"size_m": gate["size_m"], "bar_m": gate["bar_m"]}
+            builder.gate(beside(center), m[color], gate["quat_wxyz"], shape=gate["shape"], **size)
+            side = rotate(np.asarray(gate["quat_wxyz"], float), np.array([0.0, 0.5 * gate["size_m"] + 0.05, 0.0]))
+            for foot in (center - side, center + side):
+                top = foot[2] - 0.5 * gate["size_m"]
+                builder.cylinder((foot[0], foot[1], top / 2), 0.03, top, m["post"])
+        return builder.build()
+
+
+def glow(name: str, color: tuple[float, float, float]) -> tuple[float, float, float]:
+    """Return the light that a material emits."""
+    share = {"next": 0.9, "gate": 0.35, "start": 0.45}.get(name, 0.0)
+    return share * color[0], share * color[1], share * color[2]
+
+
+def enlarged(drone: flockstep.DroneModel) -> flockstep.DroneModel:
+    """Return a larger drone for the pictures."""
+    model = drone.to_dict()
+    model["hull_m"] = (ENLARGED * np.asarray(model["hull_m"], float)).tolist()
+    for name in ("position_m", "radius_m"):
+        model["rotors"][name] = (ENLARGED * np.asarray(model["rotors"][name], float)).tolist()
+    return flockstep.DroneModel.from_dict(model)
+
+
+def speed_color(speed_mps: float) -> Color:
+    """Return the colour of a speed."""
+    place = np.clip((speed_mps - SLOW_MPS) / (FAST_MPS - SLOW_MPS), 0, 1) * (len(RAMP) - 1)
+    red, green, blue = (round(np.interp(place, np.arange(len(RAMP)), column)) for column in RAMP.T)
+    return red, green, blue
+
+
+def captioned(scene: Scene, flight: Flight, step: int) -> Image.Image:
+    """Return a picture with the time and the speed, and the times of finished laps."""
+    picture = scene.picture(flight, step)
+    laps = lap_ends(flight, len(scene.gates))
+    lines = [(20, f"{flight.speed_mps[step]:.1f} m/s", speed_color(flight.speed_mps[step]))]
+    for index, end in enumerate(laps):
+        if end <= step:
+            begin, note = (laps[index - 1], "") if index > 0 else (0, ", from rest")
+            lines.append((14, f"lap {index + 1}: {(end - begin) / POLICY_HZ:.2f} s{note}", INK))
+    if step == len(flight.position) - 1 and not flight.success:
+        lines.append((14, "crashed", ALARM))
+    pen, unit = ImageDraw.Draw(picture), picture.width / 640
+    top = 12.0
+    for size, text, color in lines:
+        font = ImageFont.load_default(max(round(size * unit), 1))
+        pen.text((16 * unit, top * unit), text, font=font, fill=color)
+        top += 1.35 * size
+    return picture
+
+
+def lap_ends(flight: Flight, gates: int) -> list[int]:
+    """Return the steps after which laps were finished."""
+    return [int(np.argmax(flight.passed >= gates * lap)) for lap in range(1, int(flight.passed[-1]) // gates + 1)]
+
+
+def write(path: Path, frames: Sequence[Image.Image], quality: int) -> None:
+    """Write a film that repeats forever and pauses at its end."""
+    durations = [round(1000 * FILM_EVERY / POLICY_HZ)] * (len(frames) - 1) + [round(1000 * HOLD_S)]
+    settings: dict[str, Any] = {"duration": durations, "loop": 0, "quality": quality, "method": 4}
+    settings |= {"kmin": KEY_EVERY - 1, "kmax": KEY_EVERY}
+    frames[0].save(path, save_all=True, append_images=frames[1:], **settings)
+
+
+def main(args: Args) -> None:
+    """Fly, film, and print the result."""
+    flight = flown(flockstep.PPO.load(args.policy))
+    scene = Scene((args.width_px, args.width_px * 9 // 16))
+    last = len(flight.position) - 1
+    if args.film_s is not None:
+        last = min(last, round(args.film_s * POLICY_HZ))
+    steps = [*range(0, last, FILM_EVERY), last]
+    frames = [captioned(scene, flight, step) for step in tqdm(steps, "filming", unit=" pictures")]
+    write(args.out, frames, args.quality)
+    end = "success" if flight.success else "crash"
+    print(
+        f"{args.out}: {end} after {len(flight.position) - 1} steps, {flight.passed[-1]} gates, at most "
+        f"{flight.speed_mps.max():.1f} m/s; {len(frames)} pictures, {args.out.stat().st_size:,} bytes"
+    )
+
+
+if __name__ == "__main__":
+    main(tyro.cli(Args))
