@@ -275,3 +275,12 @@ def test_the_tables_of_the_server():
     for write in (table.server_round_trips, table.server_vector_env, table.server_clients, table.server_streams):
         assert write(results).startswith("Fast One, ")
         assert write({}) == "Not measured yet.\n"
+
+
+def test_the_table_of_race_steps():
+    values = {"solid_gates/5_ticks": 0.2986, "open_gates/5_ticks": 0.2556, "solid_gates/10_ticks": 0.4213}
+    figures = [{"name": f"race/{name}/step", "value": v, "unit": "us", "runs": 1} for name, v in values.items()]
+    written = table.races({"race": result(figures=figures)})
+    assert "| one drone, one thread | solid gates | not solid |" in written
+    assert "| 5 ticks | 0.3 us | 0.26 us |" in written
+    assert "| 10 ticks | 0.42 us |  |" in written
