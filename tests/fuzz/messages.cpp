@@ -4,11 +4,14 @@
 #include <cstdint>
 #include <cstdlib>
 #include <cstring>
+#include <deque>
+#include <functional>
 #include <memory>
 #include <protozero/exception.hpp>
 #include <span>
 #include <string>
 #include <string_view>
+#include <utility>
 #include <variant>
 
 #include "base/in_world.hpp"
@@ -95,7 +98,16 @@ void messages(Bytes input) {
   const std::unique_ptr<Batch> batch = make_batch(input[0]);
   const ServerConfig config{.ownership = input[0] >= 128};
   server::Workload workload;
-  server::Service service(*batch, config, [](const std::function<void()>& work) { work(); }, workload);
+  std::deque<std::function<void()>> later;
+  const auto post = [&later](std::function<void()> work) { later.push_back(std::move(work)); };
+  const auto run_posted = [&later] {
+    while (!later.empty()) {
+      const std::function<void()> work = std::move(later.front());
+      later.pop_front();
+      work();
+    }
+  };
+  server::Service service(*batch, config, post, post, workload);
   const std::shared_ptr<Collector> clients[] = {std::make_shared<Collector>(), std::make_shared<Collector>()};
   clients[0]->number = 1;
   clients[1]->number = 2;
@@ -125,10 +137,12 @@ void messages(Bytes input) {
     if (!is_small(call->request)) continue;
     ++asked;
     service.answer(call);
+    run_posted();
     require_in_world(*batch);
   }
   service.leave(*clients[0]);
   service.leave(*clients[1]);
+  run_posted();
   service.drop_calls();
   if (clients[0]->count + clients[1]->count > asked) std::abort();
 }
