@@ -52,7 +52,6 @@ import dynamics_accuracy
 import dynamics_peers
 import flockstep
 import imaging
-import learner
 import mesh_peers
 import peers
 import plan
@@ -326,12 +325,7 @@ def bench_board() -> list[Figure]:
 
 def bench_learner() -> list[Figure]:
     """Compare an update of `flockstep.PPO` with Stable-Baselines3's, and one thread with two."""
-    return [
-        figure(
-            f"learner/{name}", statistics.median(values), "us" if name.endswith("microseconds") else "1", len(values)
-        )
-        for name, values in learner.measure().items()
-    ]
+    return trained("learner", "benchmark_learner", "--runs", str(RUNS))
 
 
 def bench_load() -> list[Figure]:

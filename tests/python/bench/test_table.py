@@ -256,6 +256,8 @@ def test_the_tables_of_the_server():
         "vector_env/pinned/in_process": 3_000_000,
         "vector_env/pinned/remote": 2_100_000,
         "vector_env/pinned/ratio": 0.7,
+        "vector_env/pinned/unix": 2_400_000,
+        "vector_env/pinned/unix_ratio": 0.8,
         "streams/steps_per_second": 1000,
         "streams/steps_lost": 0.25,
     }
@@ -265,7 +267,10 @@ def test_the_tables_of_the_server():
     figures = [{"name": f"server/{name}", "value": value, "unit": "1", "runs": 1} for name, value in values.items()]
     results = {"server": result(figures=figures)}
     assert "| `get_location`, 10 to 24 B | 12.5 | 15 | 25 (2.0 / 1.7) |" in table.server_round_trips(results)
-    assert "| server and client on one core | 3,000,000 | 2,100,000 | 0.70 |" in table.server_vector_env(results)
+    assert (
+        "| server and client on one core | 3,000,000 | 2,100,000 (0.70) | 2,400,000 (0.80) |"
+        in table.server_vector_env(results)
+    )
     written = table.server_clients(results)
     assert "| 2 | 0.0456 (3.6) | 0.0456 (0.25) | 0.0456 (0.46) | 0.0456 (8.69) |" in written
     assert "| 2 | 1,000 (273) | 1,000 (14) | 1,000 (215) | 1,000 (400) |" in written

@@ -1,16 +1,24 @@
-"""The learner: one update beside Stable-Baselines3's, drawing actions, and what a second thread gains."""
+"""Measure the learner: one update beside Stable-Baselines3's, drawing actions, and what a second thread gains.
+
+`./dev bench learner` runs this and writes its figures.
+"""
 
 from __future__ import annotations
 
 import dataclasses
+import json
+import statistics
 import time
 from collections.abc import Callable
+from dataclasses import dataclass
 from functools import partial
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 import torch
+import tyro
 from gymnasium import spaces
 from stable_baselines3 import PPO
 from stable_baselines3.common.buffers import RolloutBuffer
@@ -18,25 +26,24 @@ from stable_baselines3.common.logger import configure
 
 import flockstep
 from flockstep import _core
-from training.board import Clock
+from training.board import Clock, Figure
 from training.recipes import RECIPES, train
 
 Array = npt.NDArray[Any]
 
 INPUTS, ACTIONS, STEPS, ROWS, EPOCHS = 38, 3, 32, 512, 3
 MINIBATCHES = (4096, 1024)
-RUNS = 7
 TRAININGS = ("hover", "lidar")
 SHARE = 8  # of a training's steps, for the gain of a second thread
 
 
-def measure() -> dict[str, list[float]]:
+def measure(runs: int) -> dict[str, list[float]]:
     """Return figures by name, one value per run: microseconds per step of the rollout, and ratios within a run."""
     torch.set_num_threads(1)
     ours, rollout = ours_and_its_rollout()
     theirs = {size: sb3(size) for size in MINIBATCHES}
     found: dict[str, list[float]] = {}
-    for _ in range(RUNS):
+    for _ in range(runs):
         found.setdefault("act/microseconds", []).append(per_step(partial(collect, ours, rollout)))
         for size in MINIBATCHES:
             config = _core.UpdateConfig(batch_size=size, n_epochs=EPOCHS)
@@ -50,7 +57,7 @@ def measure() -> dict[str, list[float]]:
             ):
                 found.setdefault(f"update/minibatch{size}/{name}", []).append(value)
     for name in TRAININGS:
-        for seed in range(100, 100 + RUNS):
+        for seed in range(100, 100 + runs):
             one, two = (training_seconds(name, seed, threads) for threads in (1, 2))
             found.setdefault(f"threads/{name}/speedup_of_two", []).append(one / two)
     return found
@@ -122,3 +129,34 @@ def fill(model: PPO, rollout: dict[str, Array]) -> None:
             starts = rollout["done"][t]
         last = model.policy.predict_values(torch.as_tensor(rollout["observation"][STEPS]))
     buffer.compute_returns_and_advantage(last, starts)
+
+
+@dataclass
+class Options:
+    """Options for measuring the learner."""
+
+    runs: int = 7
+    """Number of runs, whose medians are the figures."""
+    out: Path = Path("out/bench")
+    """Not used: nothing is kept but the figures."""
+    figures: Path = Path("out/bench/learner.figures")
+    """File for the figures."""
+
+
+def main(options: Options) -> None:
+    """Measure, and write the medians."""
+    figures: list[Figure] = [
+        {
+            "name": f"learner/{name}",
+            "value": float(f"{statistics.median(values):.4g}"),
+            "unit": "us" if name.endswith("microseconds") else "1",
+            "runs": len(values),
+        }
+        for name, values in measure(options.runs).items()
+    ]
+    options.figures.parent.mkdir(parents=True, exist_ok=True)
+    options.figures.write_text(json.dumps(figures, indent=1) + "\n")
+
+
+if __name__ == "__main__":
+    main(tyro.cli(Options))
