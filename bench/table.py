@@ -377,6 +377,23 @@ def board(results: dict[str, Result]) -> str:
     return with_source(results, "board", pivot(cells, "training"))
 
 
+def race_board(results: dict[str, Result]) -> str:
+    """Return the table of the races of the board, with laps and speeds."""
+    cells: dict[tuple[str, str], str] = {}
+    for name, told in (("race", "`race/figure-8`"), ("race_unseen", "unseen tracks")):
+        policy = {what: values for (run, what), values in by_run(results, name).items() if run == "flockstep_1"}
+        controller = {
+            what: [figure["value"]] for (what,), figure in named(results, "board", rf"board/{name}/baseline/(\w+)")
+        }
+        for who, found in (("policy", policy), ("controller", controller)):
+            if "success" in found:
+                cells[f"{told}: {who}", "success"] = spread(found["success"], min, percent_1)
+            if "lap_s" in found:
+                cells[f"{told}: {who}", "lap"] = spread(found["lap_s"], max, lambda x: f"{x:.2f} s")
+                cells[f"{told}: {who}", "mean speed"] = spread(found["speed_mps"], min, lambda x: f"{x:.1f} m/s")
+    return with_source(results, "board", pivot(cells, ""))
+
+
 def board_seeds(results: dict[str, Result]) -> str:
     """Return the table of the board's trainings one by one: success and seconds with one thread."""
     cells = {}
@@ -767,7 +784,11 @@ def main() -> None:
         OWN_WORLD: with_content(OWN_WORLD.read_text(encoding="utf-8"), "plans", plans(results)),
         DYNAMICS: DYNAMICS.read_text(encoding="utf-8"),
         BOARD: BOARD.read_text(encoding="utf-8"),
-        RACE: with_content(RACE.read_text(encoding="utf-8"), "race steps", races(results)),
+        RACE: with_content(
+            with_content(RACE.read_text(encoding="utf-8"), "race steps", races(results)),
+            "race board",
+            race_board(results),
+        ),
         TRAINERS: with_content(TRAINERS.read_text(encoding="utf-8"), "trainers", trainers(results)),
         FLIGHT_TASKS: with_content(
             with_content(FLIGHT_TASKS.read_text(encoding="utf-8"), "flight training", flight_training(results)),

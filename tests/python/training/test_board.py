@@ -127,6 +127,20 @@ def test_the_tables_have_medians_worst_seeds_and_p_values():
     assert set(table.TRAININGS) >= set(recipes.RECIPES)
 
 
+def test_the_table_of_races_has_laps_and_speeds():
+    machine = {"cpu": "Fast One", "logical_processors": 2, "simd": "AVX3", "embree": "3", "python": "3.11"}
+    figures = []
+    for seed, lap in enumerate((5.0, 4.5, 6.0)):
+        figures += run_of("race", seed, "flockstep_1", 0.99, 16.0, 0.5)
+        path = f"board/race/seed{seed}/flockstep_1"
+        figures.append({"name": f"{path}/lap_s", "value": lap, "unit": "", "runs": 9})
+        figures.append({"name": f"{path}/speed_mps", "value": 48 / lap, "unit": "", "runs": 9})
+    figures.append({"name": "board/race/baseline/success", "value": 1.0, "unit": "1", "runs": 9})
+    written = table.race_board({"board": {"machine": machine, "commit": "0" * 40, "figures": figures}})
+    assert "| `race/figure-8`: policy | 99.0 % (99.0 %) | 5.00 s (6.00 s) | 9.6 m/s (8.0 m/s) |" in written
+    assert "| `race/figure-8`: controller | 100.0 % |  |  |" in written
+
+
 def test_a_permutation_test_by_hand():
     """Four numbers split into pairs in six ways; two have a difference as large as that of 1, 2 and 3, 4."""
     assert table.permutation_p([1, 2], [3, 4]) == pytest.approx(2 / 6)
