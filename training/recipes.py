@@ -296,7 +296,7 @@ RECIPES: dict[str, Recipe] = {
         make=make_forest,
         judge=judge_forest,
         baseline=lambda: judge_forest(straight, 300, UNSEEN_SEEDS.start),
-        film={"env": ForestFlight, "worlds": "forest/seed-0", "steps": 200},
+        film={"env": ForestFlight, "worlds": forest(UNSEEN_SEEDS.start), "steps": 200},
         flights=300,
     ),
     "race": Recipe(

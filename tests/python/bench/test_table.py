@@ -54,9 +54,9 @@ def test_the_headline_names_threads_processor_commit_and_remark_of_each_row():
     )
     rows = [[cell.strip() for cell in line.strip("|").split("|")] for line in written.splitlines() if " 2.5 s " in line]
     assert rows == [
-        ["a step of one drone", "2.5 s", "1", "Fast One, 2 logical, AVX3", "0123456, 2026-11-24"],
+        ["a call of `step` with one drone", "2.5 s", "1", "Fast One, 2 logical, AVX3", "0123456, 2026-11-24"],
         [
-            "time to train a policy that flies by LiDAR, 1.5 million steps, median of 5",
+            "time to train a policy of the kinematic LiDAR task, 1.5 million steps, median of 5",
             "2.5 s",
             "2",
             "Fast One, 2 logical, AVX2",
