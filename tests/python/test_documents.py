@@ -2,8 +2,8 @@
 
 Each ```python block of README.md and docs/ runs separately in an empty folder. If that would take long, a comment right
 before the block lists the test's replacements: ``<!-- test: 256 -> 8; 1_000_000 -> 512 -->``. A block that trains ends
-by printing `success_rates` or the ends of `evaluate`, and must have learned. With ``continues`` among the replacements a
-block runs after the one before it. A block after ``<!-- test: server -->`` is a client of the server that the first
+by printing `success_rates` or the ends of `evaluate`, and must have learned. With ``continues`` among the replacements
+a block runs after the one before it. A block after ``<!-- test: server -->`` is a client of the server that the first
 command of its page starts.
 """
 
