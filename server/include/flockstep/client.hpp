@@ -351,9 +351,9 @@ struct CameraConfig {
 
 // A moment of the simulation.
 struct Time {
-  std::int64_t step = 0;  // steps of clients and of the server's clock since the server started
-  double time_s = 0.0;    // simulated time of these steps
-  std::int64_t num_envs = 0;
+  std::int64_t step = 0;        // steps of clients and of the server's clock since the server started
+  double time_s = 0.0;          // simulated time of these steps
+  std::int64_t num_envs = 0;    // of the batch
   std::int64_t generation = 0;  // counts how often the arrays of the batch changed their shapes
 };
 
