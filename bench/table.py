@@ -317,12 +317,13 @@ def trainers(results: dict[str, Result]) -> str:
         )
         until = [count if flights >= 6 else math.inf for count, flights in zip(steps, flown, strict=True)]
         median, learned = statistics.median(until), sum(map(math.isfinite, until))
-        told = number(median) if math.isfinite(median) else f"more than {number(max(steps))}"
+        until_it_flies = number(median) if math.isfinite(median) else f"more than {number(max(steps))}"
         row = {
             "version": own[0]["version"],
             "autoreset mode": own[0]["autoreset_mode"],
             "steps/s": number(statistics.median(rates)),
-            "steps until it flies 6 of 7": told + f" ({learned} of {len(until)} seeds)" * (learned < len(until)),
+            "steps until it flies 6 of 7": until_it_flies
+            + f" ({learned} of {len(until)} seeds)" * (learned < len(until)),
         }
         cells |= {(f"`{program}`", column): text for column, text in row.items()}
     return with_source(results, "trainers", pivot(cells, "program"))
@@ -353,45 +354,45 @@ def flight_training(results: dict[str, Result]) -> str:
     return with_source(results, "flight_train", pivot(cells, "1,000 flights"))
 
 
-def spread(values: list[float], worst: Callable[[list[float]], float], told: Callable[[float], str]) -> str:
+def spread(values: list[float], worst: Callable[[list[float]], float], shown: Callable[[float], str]) -> str:
     """Return the median, followed by the worst value in brackets if there are several."""
-    return told(statistics.median(values)) + (f" ({told(worst(values))})" if len(values) > 1 else "")
+    return shown(statistics.median(values)) + (f" ({shown(worst(values))})" if len(values) > 1 else "")
 
 
 def board(results: dict[str, Result]) -> str:
     """Return the table of the board: the median over the seeds, with the worst seed in brackets."""
     cells: dict[tuple[str, str], str] = {}
-    for name, told in TRAININGS.items():
+    for name, row in TRAININGS.items():
         values = by_run(results, name)
         if not values:
             continue
         baseline = named(results, "board", rf"board/{name}/baseline/success")
-        cells[told, "success"] = spread(values["flockstep_1", "success"], min, percent_1)
-        cells[told, "baseline"] = percent_1(baseline[0][1]["value"])
-        cells[told, "two threads"] = spread(values["flockstep_2", "seconds"], max, seconds)
-        cells[told, "one thread"] = spread(values["flockstep_1", "seconds"], max, seconds)
+        cells[row, "success"] = spread(values["flockstep_1", "success"], min, percent_1)
+        cells[row, "baseline"] = percent_1(baseline[0][1]["value"])
+        cells[row, "two threads"] = spread(values["flockstep_2", "seconds"], max, seconds)
+        cells[row, "one thread"] = spread(values["flockstep_1", "seconds"], max, seconds)
         if ("sb3_1", "success") in values:
-            cells[told, "success, SB3"] = spread(values["sb3_1", "success"], min, percent_1)
-            cells[told, "one thread, SB3"] = spread(values["sb3_1", "seconds"], max, seconds)
+            cells[row, "success, SB3"] = spread(values["sb3_1", "success"], min, percent_1)
+            cells[row, "one thread, SB3"] = spread(values["sb3_1", "seconds"], max, seconds)
         if ("flockstep_1", "lap_s") in values:
-            cells[told, "lap"] = spread(values["flockstep_1", "lap_s"], max, lambda x: f"{x:.2f} s")
+            cells[row, "lap"] = spread(values["flockstep_1", "lap_s"], max, lambda x: f"{x:.2f} s")
     return with_source(results, "board", pivot(cells, "training"))
 
 
 def race_board(results: dict[str, Result]) -> str:
     """Return the table of the races of the board, with laps and speeds."""
     cells: dict[tuple[str, str], str] = {}
-    for name, told in (("race", "`race/figure-8`"), ("race_unseen", "unseen tracks")):
+    for name, row in (("race", "`race/figure-8`"), ("race_unseen", "unseen tracks")):
         policy = {what: values for (run, what), values in by_run(results, name).items() if run == "flockstep_1"}
         controller = {
             what: [figure["value"]] for (what,), figure in named(results, "board", rf"board/{name}/baseline/(\w+)")
         }
         for who, found in (("policy", policy), ("controller", controller)):
             if "success" in found:
-                cells[f"{told}: {who}", "success"] = spread(found["success"], min, percent_1)
+                cells[f"{row}: {who}", "success"] = spread(found["success"], min, percent_1)
             if "lap_s" in found:
-                cells[f"{told}: {who}", "lap"] = spread(found["lap_s"], max, lambda x: f"{x:.2f} s")
-                cells[f"{told}: {who}", "mean speed"] = spread(found["speed_mps"], min, lambda x: f"{x:.1f} m/s")
+                cells[f"{row}: {who}", "lap"] = spread(found["lap_s"], max, lambda x: f"{x:.2f} s")
+                cells[f"{row}: {who}", "mean speed"] = spread(found["speed_mps"], min, lambda x: f"{x:.1f} m/s")
     return with_source(results, "board", pivot(cells, ""))
 
 
@@ -706,7 +707,7 @@ def server_streams(results: dict[str, Result]) -> str:
         "encoding": ("time of all cores that encoding takes", percentage),
         "reading": ("time of all cores that the reading client takes", percentage),
     }
-    rows = [f"| {text} | {told(found[name])} |" for name, (text, told) in texts.items() if name in found]
+    rows = [f"| {text} | {shown(found[name])} |" for name, (text, shown) in texts.items() if name in found]
     return with_source(results, "server", "\n".join(["| | |", "|---|---:|", *rows]) + "\n")
 
 

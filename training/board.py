@@ -89,14 +89,14 @@ def report(name: str, seeds: int, sb3: bool, out: Path) -> list[Figure]:
             model = train(recipe, learner, seed, threads, [clock])
             run = f"{name}/seed{seed}/{learner}_{threads}"
             figures.append(figure(f"{run}/seconds", clock.training_s, "s", 1))
-            told = f"{run}: {clock.training_s:.1f} s"
+            line = f"{run}: {clock.training_s:.1f} s"
             if clock.judges:
                 verdict = recipe.judge(predict_of(model), recipe.flights, UNSEEN_SEEDS.start)
                 more = {"crashed": verdict.crashed, **verdict.more}
                 figures.append(figure(f"{run}/success", verdict.success, "1", recipe.flights, curve=clock.curve))
                 figures += [figure(f"{run}/{what}", value, "", recipe.flights) for what, value in more.items()]
-                told += f", success {verdict.success:.1%}"
-            print(told, flush=True)
+                line += f", success {verdict.success:.1%}"
+            print(line, flush=True)
             if learner == "flockstep":
                 parameters.append(model.learner.parameters)
                 model.save(out / f"{name}-seed{seed}")

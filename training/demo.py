@@ -100,7 +100,9 @@ def plot_exposures(world: flockstep.World, flight: Flight, path: Path) -> None:
     imageio.imwrite(path, view.frame(len(exposed) // 2), optimize=True)
 
 
-def tell(args: Args, clock: Clock, flown: int, playgrounds: int, generated: float, untrained: dict[str, float]) -> None:
+def print_summary(
+    args: Args, clock: Clock, flown: int, playgrounds: int, generated: float, untrained: dict[str, float]
+) -> None:
     """Print a summary of the results and the locations of the files."""
     print(f"""
 A policy learned to fly by LiDAR from scratch: {clock.num_timesteps:,} steps in {clock.training_s:.0f} seconds. Without
@@ -143,7 +145,7 @@ def main(args: Args) -> None:
     draw_sheet(args.out / "camera-sheet.png", ("raycast",))
     unseen = Setup().generated(UNSEEN_SEEDS, UNSEEN_WORLDS)
     rate, untrained = summary(fly(policy, unseen, MAX_STEPS))["success_rate"], baselines(unseen, Setup())
-    tell(args, clock, sum(flight.outcome == "success" for flight in flights), len(worlds), rate, untrained)
+    print_summary(args, clock, sum(flight.outcome == "success" for flight in flights), len(worlds), rate, untrained)
 
 
 if __name__ == "__main__":
