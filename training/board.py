@@ -126,7 +126,7 @@ def plot(figures: list[Figure], path: Path) -> None:
         for training, _, run, curve in curves:
             learner = run.rsplit("_", 1)[0]
             if training == name:
-                _, seconds, success = zip((0, 0.0, 0.0), *curve, strict=True)
+                _, seconds, success = zip(*curve, strict=True)
                 panel.plot(seconds, 100 * np.array(success), color=COLORS[learner], lw=1, alpha=0.8)
         panel.set(title=name, xlabel="seconds, one thread", xlim=(0, None), ylim=(0, 101))
         panel.grid(alpha=0.3)

@@ -201,15 +201,16 @@ def judge_race(fly_it: Callable[[Predict, int, int], race.Race]) -> Callable[[Pr
 
 
 def straight_by_steps(observation: Array) -> Array:
-    """Return the actions of a drone that flies straight to the goal by the six steps of the LiDAR task."""
+    """Return the actions of a drone that flies straight to the next waypoint by the six steps of the LiDAR task."""
     direction = observation[:, :3]
     axis = np.abs(direction).argmax(axis=1)
     return 2 * axis + (np.take_along_axis(direction, axis[:, None], axis=1)[:, 0] < 0)
 
 
 def straight_by_velocity(observation: Array) -> Array:
-    """Return the actions of a drone that flies straight to the goal by velocities."""
-    return np.clip(observation[:, :3] / 3.0, -1, 1)
+    """Return the actions of a drone that flies straight to the next waypoint as fast as it can."""
+    velocity = observation[:, :3] * [1.0, 1.0, 2.0]  # an action of 1 is half as fast upwards
+    return np.asarray(velocity / np.abs(velocity).max(axis=1, keepdims=True), np.float32)
 
 
 LIDAR = judge_navigation("flockstep/LidarNavigation-v0", 500)

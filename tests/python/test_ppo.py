@@ -777,6 +777,57 @@ def test_other_archives_are_refused(content, tmp_path):
         PPO.load(tmp_path / "deep")
 
 
+# --- seeds
+
+
+@pytest.mark.parametrize(
+    "wrap", [lambda env: env, lambda env: VecNormalize(env, norm_reward=False)], ids=["engine", "arrays"]
+)
+def test_seeds_given_to_a_vec_env_after_the_model_are_used(wrap):
+    """As with Stable-Baselines3: each model begins where its environments begin with those seeds."""
+
+    def first_places(make):
+        env = flockstep.DroneVectorEnv(6, task=flockstep.HoverConfig(), autoreset_mode="same_step")
+        make(env)
+        return np.array(env.batch.position)
+
+    def seeded(cls, seed, later):
+        def make(env):
+            vec_env = wrap(flockstep.sb3.make_vec(env))
+            model = cls("MlpPolicy", vec_env, n_steps=8, batch_size=48, seed=seed)
+            if later is not None:
+                vec_env.seed(later)
+            model.learn(0)
+
+        return first_places(make)
+
+    expected = first_places(lambda env: env.reset(seed=1000))
+    for cls in (PPO, stable_baselines3.PPO):
+        assert (seeded(cls, 0, 1000) == expected).all()
+        assert (seeded(cls, 1000, None) == expected).all()
+        assert (seeded(cls, 0, None) != expected).any()
+
+
+def test_a_model_seeds_another_env_when_it_takes_it():
+    def vec_env():
+        return flockstep.sb3.make_vec(
+            flockstep.DroneVectorEnv(6, task=flockstep.HoverConfig(), autoreset_mode="same_step")
+        )
+
+    def places(env, seed):
+        env.env.reset(seed=seed)
+        return np.array(env.env.batch.position)
+
+    model, taken, later = PPO("MlpPolicy", vec_env(), **SMALL), vec_env(), vec_env()
+    model.set_env(taken)
+    model.learn(0)
+    assert (np.array(taken.env.batch.position) == places(vec_env(), SMALL["seed"])).all()
+    model.set_env(later)
+    later.seed(1000)
+    model.learn(0)
+    assert (np.array(later.env.batch.position) == places(vec_env(), 1000)).all()
+
+
 # --- checkpoints
 
 

@@ -93,7 +93,8 @@ class PPO:
     verbose
         1: print a table after every update.
     seed
-        Of weights, actions, minibatches and the environments. None: drawn.
+        Of weights, actions, minibatches and the environments. None: drawn. A ``VecEnv`` gets it here, so that its own
+        ``seed``, called afterwards, replaces it.
     device
         ``"cpu"`` or ``"auto"``.
     num_threads
@@ -171,6 +172,7 @@ class PPO:
         self.normalize_observations, self.normalize_rewards = normalize_observations, normalize_rewards
         self.seed = seed
         self._make_learner(policy, policy_kwargs, num_threads)
+        self._seed_env()
 
     def _make_learner(self, policy: str, policy_kwargs: Mapping[str, Any] | None, num_threads: int) -> None:
         """Make the networks; the environment or its spaces, and the hyperparameters, are set."""
@@ -185,6 +187,10 @@ class PPO:
             self.learner.parameters = parameters
         self._set_normalization(self.n_envs)
         self._begin_counts()
+
+    def _seed_env(self) -> None:
+        if self.source is not None and self.seed is not None:
+            self.source.seed(int(self.seed))
 
     def _set_normalization(self, rows: int) -> None:
         """Let the learner act on normalised observations if the model normalises them, before its first rollout."""
@@ -277,6 +283,8 @@ class PPO:
         self.source, self._vec_env = source, None
         self.env = source.single if isinstance(source, SingleEnvSource) else env
         self._start = "seed" if force_reset else "go on"
+        if force_reset:
+            self._seed_env()
 
     # --- learning
 

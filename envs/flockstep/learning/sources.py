@@ -49,8 +49,11 @@ class Source:
     observation_space: spaces.Space[Any]
     action_space: spaces.Space[Any]
 
+    def seed(self, seed: int) -> None:
+        """Seed a ``VecEnv``, which uses the seed at its next reset; other environments get theirs from `reset`."""
+
     def reset(self, seed: int | None) -> None:
-        """Begin new episodes."""
+        """Begin new episodes. The seed is not for a ``VecEnv``, whose user may have seeded it after `seed`."""
         raise NotImplementedError
 
     def step(self, learner: Learner, t: int, needs_infos: bool) -> Stepped:
@@ -87,12 +90,15 @@ class EngineSource(Source):
     def resume(self) -> None:
         """Go on with the current episodes."""
 
+    def seed(self, seed: int) -> None:
+        """Seed the ``VecEnv``, if there is one."""
+        if self.vec_env is not None:
+            self.vec_env.seed(seed)
+
     def reset(self, seed: int | None) -> None:
         """Begin new episodes."""
         stepping.require_open(self.env)
         if self.vec_env is not None:
-            if seed is not None:
-                self.vec_env.seed(seed)
             self.vec_env.reset()
         else:
             self.env.reset(seed=seed)
@@ -266,10 +272,13 @@ class VecEnvSource(ArraySource):
         self.observation_space, self.action_space = env.observation_space, env.action_space
         super().__init__()
 
+    def seed(self, seed: int) -> None:
+        """Seed the episodes from the next reset on."""
+        self.env.seed(seed)
+
     def reset(self, seed: int | None) -> None:
         """Begin new episodes."""
-        if seed is not None:
-            self.env.seed(seed)
+        del seed
         self._current = self.flat(self.env.reset())
         self._totals[:] = self._lengths[:] = 0
 
