@@ -1,12 +1,13 @@
 """Times steps of Race with gates that are solid and with gates that are not, one thread, in processor time.
 
-The drones fly by `policies/race.zip`. Its actions are recorded once, and the timed steps replay them from a snapshot,
+Also finds the lap of a point mass (`training/race_bound.py`). The drones fly by `policies/race.zip`. Its actions are recorded once, and the timed steps replay them from a snapshot,
 so that the policy is not timed. The two worlds alternate.
 """
 
 from __future__ import annotations
 
 import statistics
+import sys
 import time
 from collections.abc import Iterator
 from pathlib import Path
@@ -15,6 +16,9 @@ from typing import Any
 import numpy as np
 
 import flockstep
+
+sys.path.append(str(Path(__file__).resolve().parent.parent))
+from training import race_bound
 
 DRONES, RUNS = 1024, 15
 WARM_UP, STEPS = 300, 100
@@ -26,7 +30,7 @@ Measured = tuple[str, float, str, int]  # name, value, unit, runs
 
 
 def measure() -> Iterator[Measured]:
-    """Measure the microseconds of a step of one drone, and the share of drones in a new episode at each step."""
+    """Measure the microseconds of a step of one drone, the share of drones in a new episode at each step, and a lap."""
     for ticks in TICKS:
         replays = {name: Replay(is_solid, ticks) for name, is_solid in (("solid", True), ("open", False))}
         times: dict[str, list[float]] = {name: [] for name in replays}
@@ -37,6 +41,9 @@ def measure() -> Iterator[Measured]:
             subject = f"race/{name}_gates/{ticks}_ticks"
             yield f"{subject}/step", 1e6 * statistics.median(times[name]), "us", RUNS
             yield f"{subject}/episodes_per_step", replay.ended, "1", 1
+    bound = race_bound.Args()
+    lap_s = race_bound.lap_s(flockstep.World.load("race/figure-8"), bound.thrust_to_weight, bound.parts)
+    yield "race/point_mass/lap_s", lap_s, "s", 1
 
 
 class Replay:

@@ -6,6 +6,7 @@
 //                      addresses of two servers of flockstep, ports of two echoes, calls to time, sizes of messages in bytes
 //   server clients ADDRESS COUNT move|scan SECONDS             COUNT clients at once, each with a drone and a thread
 //   server in-process                                          what a scan and a JPEG file cost without a server
+//   server encode IMAGES HZ                                    encodes images of 640 x 480 pixels at a rate, until it is killed
 // clang-format off: Boost 1.74 uses std::exchange without its header
 #include <utility>
 #include <boost/asio.hpp>
@@ -356,7 +357,10 @@ void clients(const std::vector<std::string>& arguments) {
 
 // ------------------------------------------------------------------------------------------------------------ without a server
 
-void in_process() {
+constexpr int kQuality = 90;
+
+// A drone with the default LiDAR and a camera of 640 x 480 pixels.
+BatchConfig watched_drone() {
   BatchConfig config;
   config.num_envs = 1;
   config.num_threads = 1;
@@ -365,17 +369,39 @@ void in_process() {
   camera.width_px = 640;
   camera.height_px = 480;
   config.cameras = {camera};
+  return config;
+}
+
+void in_process() {
+  const BatchConfig config = watched_drone();
   Batch batch(config, {World::load(FLOCKSTEP_SCENES "/playground/train-1.json")});
   batch.sense();
   std::vector<float> ranges(static_cast<std::size_t>(config.lidars[0].rows() * config.lidars[0].columns()));
   const std::vector<std::uint8_t> image = batch.picture(0, 0);
-  constexpr int kQuality = 90, kRuns = 25;
+  constexpr int kRuns = 25;
   const bench::Times times = bench::interleave(
-      {{"scan", [&] { batch.scan(0, ranges); }}, {"jpeg", [&] { render::compress_rgb(image.data(), camera, kQuality); }}}, kRuns);
+      {{"scan", [&] { batch.scan(0, ranges); }},
+       {"jpeg", [&] { render::compress_rgb(image.data(), config.cameras[0], kQuality); }}},
+      kRuns);
   bench::Figures figures;
   figures.add("scan", 1e6 * bench::median(times[0]), "us", kRuns);
   figures.add("jpeg", 1e6 * bench::median(times[1]), "us", kRuns);
   figures.print();
+}
+
+// What the encoding of streams costs a process beside it.
+[[noreturn]] void encode(int images, double rate_hz) {
+  const BatchConfig config = watched_drone();
+  Batch batch(config, {World::load(FLOCKSTEP_SCENES "/playground/train-1.json")});
+  batch.sense();
+  const std::vector<std::uint8_t> image = batch.picture(0, 0);
+  std::puts("encoding");
+  std::fflush(stdout);
+  const auto start = std::chrono::steady_clock::now();
+  for (int round = 1;; ++round) {
+    for (int i = 0; i < images; ++i) render::compress_rgb(image.data(), config.cameras[0], kQuality);
+    std::this_thread::sleep_until(start + std::chrono::duration<double>(round / rate_hz));
+  }
 }
 
 }  // namespace
@@ -392,9 +418,11 @@ int main(int argc, char** argv) try {
     clients(arguments);
   } else if (command == "in-process") {
     in_process();
+  } else if (command == "encode" && arguments.size() == 2) {
+    encode(std::stoi(arguments[0]), std::stod(arguments[1]));
   } else {
-    throw std::invalid_argument("expected echo tcp, echo websocket, echo async, round-trips, clients or in-process, got \"" +
-                                command + '"');
+    throw std::invalid_argument(
+        "expected echo tcp, echo websocket, echo async, round-trips, clients, in-process or encode, got \"" + command + '"');
   }
 } catch (const std::exception& error) {
   std::fprintf(stderr, "server: %s\n", error.what());

@@ -314,10 +314,11 @@ def step_rates(client: flockstep.client.Client) -> Iterator[list[float]]:
 
 
 def measure_streams(prefix: str, jpeg_us: float) -> Iterator[Measured]:
-    """Step with cameras as fast as possible, in turns with and without a client that reads a stream of each."""
+    """Step with cameras as fast as possible, in turns alone, with a client that reads a stream of each, and beside a process
+    that encodes as many images."""
     camera = {"width_px": 640, "height_px": 480}
     recipe = {**WORLD, "drones_per_env": CAMERAS, "cameras": [camera]}
-    unwatched, watched, lost, images, encoding, reading = [], [], [], [], [], []
+    unwatched, watched, lost, images, encoding, reading, beside = [], [], [], [], [], [], []
     with serving(recipe, "--rate-hz", "10000") as served, flockstep.connect(served.address) as client:
         stepping_rate(client)
         for _ in range(ROUNDS):
@@ -331,10 +332,14 @@ def measure_streams(prefix: str, jpeg_us: float) -> Iterator[Measured]:
                 reading.append((time.process_time() - spent) / elapsed / (os.cpu_count() or 1))
             lost.append(1 - watched[-1] / unwatched[-1])
             encoding.append(images[-1] * jpeg_us * 1e-6 / (os.cpu_count() or 1))
+            with running([program(), "encode", CAMERAS, STREAM_HZ]):
+                stepping_rate(client, 0.5)
+                beside.append(1 - stepping_rate(client) / unwatched[-1])
     yield f"{prefix}/steps_per_second", statistics.median(unwatched), "1/s", ROUNDS
     yield f"{prefix}/steps_per_second_watched", statistics.median(watched), "1/s", ROUNDS
     yield f"{prefix}/images_per_second", statistics.median(images), "1/s", ROUNDS
     yield f"{prefix}/steps_lost", statistics.median(lost), "1", ROUNDS
+    yield f"{prefix}/steps_lost_beside_encoding", statistics.median(beside), "1", ROUNDS
     yield f"{prefix}/encoding", statistics.median(encoding), "1", ROUNDS
     yield f"{prefix}/reading", statistics.median(reading), "1", ROUNDS
 

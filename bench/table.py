@@ -393,6 +393,8 @@ def race_board(results: dict[str, Result]) -> str:
             if "lap_s" in found:
                 cells[f"{row}: {who}", "lap"] = spread(found["lap_s"], max, lambda x: f"{x:.2f} s")
                 cells[f"{row}: {who}", "mean speed"] = spread(found["speed_mps"], min, lambda x: f"{x:.1f} m/s")
+    for _, lap in named(results, "race", r"race/point_mass/lap_s"):
+        cells["`race/figure-8`: point mass", "lap"] = f"{lap['value']:.2f} s"
     return with_source(results, "board", pivot(cells, ""))
 
 
@@ -704,6 +706,7 @@ def server_streams(results: dict[str, Result]) -> str:
         "steps_per_second_watched": ("with streams", number),
         "images_per_second": ("images per second", number),
         "steps_lost": ("steps lost", percentage),
+        "steps_lost_beside_encoding": ("steps lost beside another process that encodes as many images, without streams", percentage),
         "encoding": ("time of all cores that encoding takes", percentage),
         "reading": ("time of all cores that the reading client takes", percentage),
     }
