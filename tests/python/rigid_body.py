@@ -16,6 +16,16 @@ GRAVITY = 9.81  # m/s^2
 OPEN = flockstep.World.from_dict({"flockstep_scene": 1, "room": {"min": [-2e4] * 3, "max": [2e4] * 3}})
 UP = np.array([0.0, 0.0, 1.0])
 FRAMES = flockstep.DroneModel.names()
+CONTROLS = (  # that `fly` and the flight tasks accept
+    "rotor_speeds",
+    "rotor_thrusts",
+    "body_rates",
+    "attitude",
+    "acceleration",
+    "velocity",
+    "heading_velocity",
+    "position",
+)
 
 
 def frame(name="kingfisher", **changes):

@@ -7,7 +7,7 @@ import pickle
 import gymnasium
 import numpy as np
 import pytest
-from rigid_body import OPEN
+from rigid_body import CONTROLS, OPEN
 from scipy.spatial.transform import Rotation
 
 import flockstep
@@ -21,16 +21,6 @@ GOAL = ROOM.goal  # target of the tasks: neither the origin nor the middle of th
 NO_GOAL = flockstep.World.from_dict({"flockstep_scene": 1, "room": {"min": [-3, -2, 1], "max": [4, 6, 6]}})
 WORLDS = [ROOM, NO_GOAL, flockstep.World.load("arena/hall")]
 
-CONTROLS = (
-    "rotor_speeds",
-    "rotor_thrusts",
-    "body_rates",
-    "attitude",
-    "acceleration",
-    "velocity",
-    "heading_velocity",
-    "position",
-)
 WEIGHTS = {"near_weight": 1.5, "spin_weight": 0.7, "change_weight": 0.3, "crash_weight": 4.0}
 HOVER = flockstep.HoverConfig(
     start_rate_dps=90.0, max_distance_m=1.2, hold_m=0.6, hold_s=0.07, hold_weight=0.9, speed_weight=0.2, **WEIGHTS

@@ -5,6 +5,7 @@ from itertools import pairwise
 import numpy as np
 import pytest
 from gymnasium import spaces
+from rigid_body import CONTROLS
 
 import flockstep
 from flockstep import EpisodeEnd
@@ -12,16 +13,6 @@ from flockstep.rotations import rotate, yaw_of
 from flockstep.testing import check_vector_env
 
 MODES = ["next_step", "same_step", "disabled"]
-CONTROLS = (
-    "rotor_speeds",
-    "rotor_thrusts",
-    "body_rates",
-    "attitude",
-    "acceleration",
-    "velocity",
-    "heading_velocity",
-    "position",
-)
 HALL = flockstep.World.from_dict(
     {"flockstep_scene": 1, "name": "hall", "room": {"min": [-40, -40, 0], "max": [40, 40, 40]}}
 )
