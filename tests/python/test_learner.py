@@ -678,6 +678,33 @@ def test_absurd_sizes_are_refused():
         make_learner().update(_core.UpdateConfig(batch_size=1))
 
 
+def test_too_little_memory_leaves_no_rollout():
+    learner = make_learner(size=65536)
+    learner.begin(_core.RolloutConfig(n_steps=2), 3)
+    with pytest.raises(MemoryError):
+        learner.begin(_core.RolloutConfig(n_steps=1 << 24), 16)
+    assert learner.rows == learner.advantages.size == 0
+    with pytest.raises(ValueError, match="observation: expected 0 numbers"):
+        learner.act(0, np.zeros((16, 65536), np.float32))
+
+
+def test_an_update_needs_a_finished_rollout():
+    learner = make_learner()
+    random_rollout(learner)
+    learner.update(_core.UpdateConfig())
+    learner.update(_core.UpdateConfig())  # again, as with Stable-Baselines3
+    steps, rows = 2, 3
+    learner.begin(_core.RolloutConfig(n_steps=steps), rows)
+    size, no = learner.config.observation_size, np.zeros(rows, bool)
+    for t in range(steps):
+        learner.act(t, np.zeros((rows, size), np.float32))
+        learner.record(t, np.zeros(rows, np.float32), no, no)
+    with pytest.raises(FloatingPointError, match="observation"):
+        learner.finish(np.full((rows, size), np.nan, np.float32))
+    with pytest.raises(ValueError, match="update: expected a finished rollout"):
+        learner.update(_core.UpdateConfig())
+
+
 def test_arrays_of_a_rollout_outlive_it():
     learner = make_learner()
     assert learner.advantages.size == learner.actions.size == 0

@@ -379,6 +379,29 @@ def test_vec_envs_of_sb3_count_the_same_episodes():
     assert model.get_vec_normalize_env() is None
 
 
+@pytest.mark.parametrize("task", [flockstep.HoverConfig(), ToTarget], ids=["engine", "python"])
+def test_steps_of_a_subclass_are_used(task):
+    class Shaped(flockstep.DroneVectorEnv):
+        def step(self, actions):
+            observation, reward, *rest = super().step(actions)
+            return (observation, 0 * reward - 3, *rest)
+
+    model = PPO("MlpPolicy", Shaped(4, task=task, autoreset_mode="same_step"), **SMALL).learn(32)
+    assert (model.learner.rewards == -3).all()
+
+
+def test_success_that_an_env_does_not_know_is_not_counted():
+    successes = iter([None, 0.5, 1.0, np.array([True, False])])
+
+    class Judged(Still):
+        def step(self, action):
+            *rest, truncated, infos = super().step(action)
+            return (*rest, truncated, {"is_success": next(successes)} if truncated else infos)
+
+    model = PPO("MlpPolicy", Judged(), n_steps=20, batch_size=20, seed=0).learn(20)
+    assert list(model.ep_success_buffer) == [0.5, 1.0]
+
+
 def test_reward_scale_trains_and_is_not_reported():
     with_scale, without = (PPO("MlpPolicy", hover(reward_scale=scale), **SMALL).learn(128) for scale in (0.01, 1.0))
     assert np.abs(with_scale.learner.rewards).max() < np.abs(without.learner.rewards).max()
@@ -434,6 +457,47 @@ def test_callbacks_are_called_as_by_sb3():
         noted.append(callback.noted)
     assert noted[0] == noted[1]
     assert len(noted[0]) > 30
+
+
+@pytest.mark.parametrize("cls", [PPO, SB3])
+def test_the_total_of_a_training_that_goes_on(cls):
+    """As a progress bar needs it: with the steps before."""
+
+    class Total(BaseCallback):
+        def _on_training_start(self):
+            totals.append(self.locals["total_timesteps"])
+
+        def _on_step(self):
+            return True
+
+    totals = []
+    model = cls("MlpPolicy", DummyVecEnv([Still] * 2), n_steps=8, batch_size=16, n_epochs=1)
+    model.learn(16, callback=Total())
+    model.learn(32, callback=Total(), reset_num_timesteps=False)
+    assert totals == [16, 48]
+
+
+def test_a_callback_may_keep_rewards():
+    kept = []
+
+    def keep(names, _):
+        kept.append((names["rewards"], names["rewards"].copy()))
+
+    PPO("MlpPolicy", hover(), **SMALL).learn(16 * 8, callback=keep)
+    assert all((rewards == then).all() for rewards, then in kept)
+    assert len({float(then[0]) for _, then in kept}) > 4
+
+
+def test_an_env_that_a_callback_sets_at_the_end_is_reset():
+    class Move(BaseCallback):
+        def _on_step(self):
+            return True
+
+        def _on_training_end(self):
+            self.model.set_env(SyncVectorEnv([Still] * 2))
+
+    model = PPO("MlpPolicy", SyncVectorEnv([Still] * 2), n_steps=8, batch_size=16).learn(16, callback=Move())
+    assert model.learn(16, reset_num_timesteps=False).num_timesteps == 32
 
 
 def test_the_callbacks_of_sb3_work(tmp_path):
@@ -808,27 +872,64 @@ def test_seeds_given_to_a_vec_env_after_the_model_are_used(wrap):
         assert (seeded(cls, 0, None) != expected).any()
 
 
-def test_a_model_seeds_another_env_when_it_takes_it():
-    def vec_env():
-        return flockstep.sb3.make_vec(
-            flockstep.DroneVectorEnv(6, task=flockstep.HoverConfig(), autoreset_mode="same_step")
-        )
+def hover_vec_env():
+    env = flockstep.DroneVectorEnv(6, task=flockstep.HoverConfig(), autoreset_mode="same_step")
+    return flockstep.sb3.make_vec(env)
 
-    def places(env, seed):
-        env.env.reset(seed=seed)
-        return np.array(env.env.batch.position)
 
-    model, taken, later = PPO("MlpPolicy", vec_env(), **SMALL), vec_env(), vec_env()
-    model.set_env(taken)
+def places(vec_env):
+    return np.array(vec_env.env.batch.position)
+
+
+def places_of(seed):
+    vec_env = hover_vec_env()
+    vec_env.env.reset(seed=seed)
+    return places(vec_env)
+
+
+def test_another_env_keeps_its_seeds():
+    model, other = PPO("MlpPolicy", hover_vec_env(), **SMALL), hover_vec_env()
+    other.seed(1000)
+    model.set_env(other)
     model.learn(0)
-    assert (np.array(taken.env.batch.position) == places(vec_env(), SMALL["seed"])).all()
-    model.set_env(later)
-    later.seed(1000)
-    model.learn(0)
-    assert (np.array(later.env.batch.position) == places(vec_env(), 1000)).all()
+    assert (places(other) == places_of(1000)).all()
+
+
+def test_a_loaded_model_seeds_its_env(tmp_path):
+    PPO("MlpPolicy", hover_vec_env(), **SMALL).save(tmp_path / "model")
+    for changes, seed in (({}, SMALL["seed"]), ({"seed": 7}, 7)):
+        vec_env = hover_vec_env()
+        PPO.load(tmp_path / "model", vec_env, **changes).learn(0)
+        assert (places(vec_env) == places_of(seed)).all()
+    drone_env = hover_vec_env().env
+    PPO.load(tmp_path / "model", drone_env, seed=7).learn(0)
+    assert (np.array(drone_env.batch.position) == places_of(7)).all()
+
+
+def test_a_seed_given_to_load_is_also_that_of_actions(tmp_path):
+    small_model().save(tmp_path / "model")
+    observation = np.zeros((4, 1), np.float32)
+    first, same, other = (PPO.load(tmp_path / "model", seed=seed).predict(observation)[0] for seed in (7, 7, 8))
+    assert (first == same).all()
+    assert (first != other).any()
+    with pytest.raises(ValueError, match="seed: expected an integer"):
+        PPO.load(tmp_path / "model", seed=-1)
+
+
+def test_a_model_made_from_one_of_sb3_leaves_the_seeds_of_its_env():
+    vec_env = hover_vec_env()
+    theirs = stable_baselines3.PPO("MlpPolicy", vec_env, n_steps=8, batch_size=48, seed=0)
+    vec_env.seed(1000)
+    PPO.from_sb3(theirs).learn(0)
+    assert (places(vec_env) == places_of(1000)).all()
+
+
+def test_seeds_of_numpy_are_accepted():
+    PPO("MlpPolicy", "CartPole-v1", n_steps=8, batch_size=8, seed=np.int64(5)).learn(8)
 
 
 # --- checkpoints
+
 
 
 @pytest.mark.parametrize("mode", ["next_step", "same_step", "disabled"])
@@ -871,10 +972,27 @@ def test_a_checkpoint_within_a_training_resumes_to_the_same_bits(tmp_path):
     assert_same(whole, resumed.learn(256, reset_num_timesteps=False))
 
 
+def test_an_env_without_episodes_cannot_go_on(tmp_path):
+    PPO("MlpPolicy", hover(), **SMALL).save(tmp_path / "model")
+    for task in (flockstep.HoverConfig(), None):
+        env = hover() if task else flockstep.DroneVectorEnv(4, task=ToTarget)
+        with pytest.raises(ValueError, match=r"force_reset=False: expected a DroneVectorEnv after reset\(\) or restore"):
+            (PPO.load(tmp_path / "model") if task else PPO("MlpPolicy", env, **SMALL)).set_env(env, force_reset=False)
+
+
 def test_other_environments_cannot_go_on(tmp_path):
     small_model().save(tmp_path / "model")
     with pytest.raises(ValueError, match="force_reset=False: expected a DroneVectorEnv"):
         PPO.load(tmp_path / "model", Aim(4), force_reset=False)
+
+
+def test_discounted_returns_begin_anew_with_the_episodes():
+    """As in VecNormalize: what was earned before a reset does not count afterwards."""
+    env = hover(max_episode_steps=1000)
+    model = PPO("MlpPolicy", env, **OPTIONS, **SMALL).learn(16 * 8)
+    assert model.learner.discounted_returns.any()
+    model.learn(0)
+    assert not model.learner.discounted_returns.any()
 
 
 def test_learning_twice_equals_learning_once():
@@ -962,6 +1080,17 @@ def test_training_goes_on_after_a_conversion():
     ours = PPO.from_sb3(theirs)
     assert ours.num_timesteps == 384
     assert ours.learn(128, reset_num_timesteps=False).num_timesteps == 512
+
+
+@pytest.mark.parametrize(
+    "changes",
+    [{"optimizer_class": torch.optim.AdamW}, {"optimizer_kwargs": {"weight_decay": 0.01}}, {"optimizer_kwargs": {"eps": 1e-8}}],
+)
+def test_other_optimizers_are_not_converted(changes):
+    policy_kwargs = {"optimizer_kwargs": {"eps": 1e-5}} | changes
+    theirs = SB3("MlpPolicy", DummyVecEnv([Still]), n_steps=8, batch_size=8, policy_kwargs=policy_kwargs)
+    with pytest.raises(ValueError, match="model: expected Adam with its betas, eps=1e-5 and no weight_decay, got Adam"):
+        PPO.from_sb3(theirs)
 
 
 def test_a_model_trained_by_sb3_with_vec_normalize_converts():

@@ -166,7 +166,8 @@ struct StepResults {
 
 class Batch;
 
-// Thrown if a reward, an observation or an action is NaN or infinite. Parameters and running moments are as before the call.
+// Thrown if a reward, an observation or an action is NaN or infinite. The parameters are as before the call, and for a reward or
+// an observation so are the running moments.
 class FLOCKSTEP_API NotFiniteError : public std::runtime_error {
  public:
   using std::runtime_error::runtime_error;

@@ -28,7 +28,8 @@ void Learner::begin(const RolloutConfig& config, int rows) {
           "at most " + std::to_string(kMostSteps) + " steps of all rows", std::int64_t{config.n_steps} * rows);
   const auto count = static_cast<std::size_t>(rows);
   parts.next = 0;
-  parts.rollout.rows = parts.rollout.steps = 0;  // if there is not enough memory, the learner has no rollout
+  parts.is_finished = false;
+  parts.rollout.rows = parts.rollout.steps = 0;
   if (parts.discounted.size() != count) parts.discounted.assign(count, 0.0);
   parts.rollout.resize(config, count, parts.input_stride, parts.action_size());
 }
@@ -131,5 +132,6 @@ void Learner::finish(std::span<const float> observation) {
   std::vector<float> values(parts.rollout.rows);
   parts.write_values(observation.data(), parts.rollout.rows, values.data());
   parts.rollout.estimate_advantages(values.data());
+  parts.is_finished = true;
 }
 }  // namespace flockstep

@@ -106,7 +106,8 @@ struct Learner::Parts {
   std::vector<double> discounted;  // (R,) return so far of each row, for normalised rewards
 
   learning::Rollout rollout;
-  int next = 0;  // step that act() or record() takes next
+  int next = 0;              // step that act() or record() takes next
+  bool is_finished = false;  // finish() has estimated the advantages of the rollout
   std::vector<std::int64_t> order;
   std::vector<AlignedVector<float>> gradients;         // of the chunks
   double advantage_mean = 0.0, advantage_scale = 1.0;  // of the minibatch

@@ -5,16 +5,18 @@
 namespace flockstep::learning {
 
 void Rollout::resize(const RolloutConfig& new_config, std::size_t new_rows, std::size_t input_stride, std::size_t action_size) {
-  config = new_config;
-  steps = static_cast<std::size_t>(config.n_steps);
-  rows = new_rows;
-  const std::size_t count = steps * rows;
+  const auto new_steps = static_cast<std::size_t>(new_config.n_steps);
+  const std::size_t count = new_steps * new_rows;
   inputs.assign(count * input_stride, 0.0F);
   actions.assign(count * action_size, 0.0F);
   for (auto* array : {&log_probs, &values, &rewards, &advantages, &returns}) array->assign(count, 0.0F);
   done.assign(count, 0);
   skipped.assign(count, 0);
   has_skipped = false;
+  // Last, so that there is no rollout if memory ran out.
+  config = new_config;
+  steps = new_steps;
+  rows = new_rows;
 }
 
 void Rollout::estimate_advantages(const float* last_values) {

@@ -136,7 +136,7 @@ UpdateReport Learner::update(const UpdateConfig& config, std::span<const std::in
   Parts& parts = *parts_;
   config.validate();
   const std::size_t steps = parts.size();
-  require(steps > 0 && parts.next == parts.rollout.config.n_steps, "update", "a finished rollout", parts.next);
+  require(steps > 0 && parts.is_finished, "update", "a finished rollout", parts.next);
   const auto epochs = static_cast<std::size_t>(config.n_epochs);
   require(order.size() % epochs == 0, "order", "the same number of steps for each epoch", order.size());
   for (const std::int64_t step : order) {

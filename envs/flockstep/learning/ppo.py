@@ -179,8 +179,7 @@ class PPO:
         self._check()
         self.policy_kwargs = dict(policy_kwargs or {})
         config, log_std = network_config(policy, self.observation_space, self.action_space, self.policy_kwargs)
-        drawn = secrets.randbits(62) if self.seed is None else int(self.seed)
-        self.learner = Learner(config, num_threads or _threads_of(self.source), drawn)
+        self.learner = Learner(config, num_threads or _threads_of(self.source), _drawn_seed(self.seed))
         if not config.is_discrete and log_std != 0.0:
             parameters = self.learner.parameters
             parameters[: config.action_size] = log_std
@@ -189,6 +188,8 @@ class PPO:
         self._begin_counts()
 
     def _seed_env(self) -> None:
+        """Seed the environment: a ``VecEnv`` now, others when the next `learn` begins."""
+        self._start = "seed"
         if self.source is not None and self.seed is not None:
             self.source.seed(int(self.seed))
 
@@ -224,7 +225,7 @@ class PPO:
 
     def _begin_statistics(self) -> None:
         self.ep_info_buffer: deque[dict[str, float]] = deque(maxlen=self.stats_window_size)
-        self.ep_success_buffer: deque[bool] = deque(maxlen=self.stats_window_size)
+        self.ep_success_buffer: deque[float] = deque(maxlen=self.stats_window_size)
 
     @property
     def n_envs(self) -> int:
@@ -259,7 +260,7 @@ class PPO:
         return env
 
     def set_env(self, env: Any, force_reset: bool = True) -> None:
-        """Train in another environment, with equal spaces, from the next `learn` on.
+        """Train in another environment, with equal spaces and its own seeds, from the next `learn` on.
 
         Parameters
         ----------
@@ -282,9 +283,7 @@ class PPO:
             source.resume()
         self.source, self._vec_env = source, None
         self.env = source.single if isinstance(source, SingleEnvSource) else env
-        self._start = "seed" if force_reset else "go on"
-        if force_reset:
-            self._seed_env()
+        self._start = "reset" if force_reset else "go on"
 
     # --- learning
 
@@ -338,15 +337,15 @@ class PPO:
             if self._log is not None:
                 self._log.close()
             self._log = Log(self.verbose, self.tensorboard_log, tb_log_name, is_new=reset_num_timesteps)
-        if self._start == "seed":
-            self.source.reset(self.seed)
-        elif reset_num_timesteps or self._start == "reset":
-            self.source.reset(None)
+        if reset_num_timesteps or self._start != "go on":
+            self.source.reset(int(self.seed) if self._start == "seed" and self.seed is not None else None)
+            if self.learner.rows == self.source.rows:
+                self.learner.discounted_returns = np.zeros(self.source.rows)
         self._start = "reset"  # if this training ends early
         callbacks = Callbacks(callback, self)
         bar = _progress_bar(int(total_timesteps)) if progress_bar else None
         begun, begun_at = time.perf_counter(), self.num_timesteps
-        callbacks.start(locals(), globals())
+        callbacks.start({**locals(), "total_timesteps": self._total_timesteps}, globals())
         iteration = 0
         try:
             while self.num_timesteps < self._total_timesteps:
@@ -360,8 +359,8 @@ class PPO:
         finally:
             if bar is not None:
                 bar.close()
+        self._start = "go on"  # unless a callback sets another environment
         callbacks.end()
-        self._start = "go on"
         return self
 
     def _collect(self, callbacks: Callbacks, bar: Any) -> bool:
@@ -457,8 +456,7 @@ class PPO:
         self._update_config(1.0)
         if self.clip_range_vf is not None and not callable(self.clip_range_vf) and self.clip_range_vf <= 0:
             raise ValueError(f"clip_range_vf: expected a number > 0, or None, got {self.clip_range_vf!r}")
-        if self.seed is not None and not (isinstance(self.seed, (int, np.integer)) and 0 <= self.seed < 1 << 63):
-            raise ValueError(f"seed: expected an integer in [0, 2**63) or None, got {self.seed!r}")
+        _require_seed(self.seed)
         if not (isinstance(self.stats_window_size, (int, np.integer)) and self.stats_window_size >= 1):
             raise ValueError(f"stats_window_size: expected an integer >= 1, got {self.stats_window_size!r}")
 
@@ -557,6 +555,9 @@ class PPO:
         num_threads = int(changes.pop("num_threads", 0))
         source = None if env is None else source_of(env)
         state, arrays = files.load(path, _ARRAYS)
+        if "seed" in changes:  # also of actions and minibatches
+            _require_seed(changes["seed"])
+            state |= {"learner_seed": _drawn_seed(changes["seed"]), "draws": 0}
         try:
             model = cls._from_state(state, arrays, num_threads or _threads_of(source))
             model._missing = tuple(name for name in _schedules_of(state) if name not in changes)
@@ -579,6 +580,8 @@ class PPO:
             model._set_normalization(model.learner.rows)
         if env is not None:
             model.set_env(env, force_reset)
+            if force_reset:
+                model._seed_env()
         return model
 
     def _require_schedules(self) -> None:
@@ -678,6 +681,16 @@ def _naming_step(step: int) -> Iterator[None]:
         yield
     except FloatingPointError as error:
         raise FloatingPointError(f"step {step}: {error}; the parameters are those of the last update") from error
+
+
+def _require_seed(seed: Any) -> None:
+    if seed is not None and not (isinstance(seed, (int, np.integer)) and 0 <= seed < 1 << 63):
+        raise ValueError(f"seed: expected an integer in [0, 2**63) or None, got {seed!r}")
+
+
+def _drawn_seed(seed: int | None) -> int:
+    """Return the seed of the learner."""
+    return secrets.randbits(62) if seed is None else int(seed)
 
 
 def _count(value: Any) -> int:

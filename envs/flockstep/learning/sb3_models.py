@@ -104,6 +104,13 @@ def from_sb3(cls: Any, model: Any, env: Any) -> Any:
     features = type(extractor).__name__ if moments is None or type(extractor).__name__ != "Identity" else _FLAT
     if features not in FEATURES:
         raise ValueError(f"model: expected features of {', '.join(FEATURES)}, got {features}")
+    optimizer = policy.optimizer
+    default = (type(optimizer).__name__, *(optimizer.defaults.get(key) for key in ("betas", "eps", "weight_decay")))
+    if default != ("Adam", (0.9, 0.999), 1e-5, 0):
+        raise ValueError(
+            f"model: expected Adam with its betas, eps=1e-5 and no weight_decay, got {type(optimizer).__name__} with "
+            f"{optimizer.defaults}"
+        )
     source = model.get_env() if env is None else env
     made = cls._without_env(
         "MultiInputPolicy" if features == "CombinedExtractor" else "MlpPolicy",
@@ -125,12 +132,14 @@ def from_sb3(cls: Any, model: Any, env: Any) -> Any:
     )
     if source is not None:
         made.set_env(source)
+        if env is not None:
+            made._seed_env()
     learner = made.learner
     learner.parameters = _in_layout(learner, dict(policy.named_parameters()))
     if moments is not None:
         learner.set_moments(moments, learner.return_moments)
     state = {name: policy.optimizer.state.get(parameter, {}) for name, parameter in policy.named_parameters()}
-    if type(policy.optimizer).__name__ == "Adam" and all("exp_avg_sq" in values for values in state.values()):
+    if all("exp_avg_sq" in values for values in state.values()):
         first, second = (
             _in_layout(learner, {name: values[key] for name, values in state.items()})
             for key in ("exp_avg", "exp_avg_sq")

@@ -28,8 +28,8 @@ class Episode:
     """Sum of the rewards, unscaled."""
     length: int
     """Number of steps."""
-    success: bool | None
-    """None if the environment does not say."""
+    success: float | None
+    """1 or 0, or None if the environment does not say."""
 
 
 @dataclass
@@ -73,8 +73,8 @@ class Source:
             The environment does not return its current observations without a step or a reset.
         """
         raise ValueError(
-            "force_reset=False: expected a DroneVectorEnv after reset() or restore(), which keeps its current "
-            "observations; other environments begin new episodes"
+            "force_reset=False: expected a DroneVectorEnv, which keeps its current observations, after reset() or "
+            "restore(); other environments begin new episodes"
         )
 
 
@@ -89,6 +89,7 @@ class EngineSource(Source):
 
     def resume(self) -> None:
         """Go on with the current episodes."""
+        _require_episodes(self.env)
 
     def seed(self, seed: int) -> None:
         """Seed the ``VecEnv``, if there is one."""
@@ -119,7 +120,7 @@ class EngineSource(Source):
         done = batch.terminated | batch.truncated
         if was_over is not None:
             done &= ~was_over
-        stepped = Stepped(env.scaled_reward(), done, [])
+        stepped = Stepped(env.scaled_reward().copy() if needs_infos else env.scaled_reward(), done, [])
         ended = np.flatnonzero(done)
         for row in ended.tolist():
             stepped.episodes.append(
@@ -195,7 +196,7 @@ class VectorEnvSource(ArraySource):
         if not isinstance(env, DroneVectorEnv):
             super().resume()
             return
-        stepping.require_open(env)
+        _require_episodes(env)
         self._current = self.flat(env.observation()).copy()
         is_next_step = self.mode is AutoresetMode.NEXT_STEP
         self._over = env.batch.terminated | env.batch.truncated if is_next_step else np.zeros(self.rows, bool)
@@ -316,15 +317,28 @@ def source_of(env: Any) -> Source:
     if isinstance(env, gymnasium.Env):
         return SingleEnvSource(env)
     if isinstance(env, DroneVectorEnv):
-        return EngineSource(env) if env._task_calls is None else VectorEnvSource(env)
+        return EngineSource(env) if _steps_in_engine(env) else VectorEnvSource(env)
     if isinstance(env, VectorEnv):
         return VectorEnvSource(env)
     inner = getattr(env, "env", None)
-    if type(env).__name__ == "DroneVecEnv" and isinstance(inner, DroneVectorEnv) and inner._task_calls is None:
+    is_ours = (type(env).__module__, type(env).__name__) == ("flockstep.sb3.vec_env", "DroneVecEnv")
+    if is_ours and isinstance(inner, DroneVectorEnv) and _steps_in_engine(inner):
         return EngineSource(inner, env)
     if all(hasattr(env, name) for name in ("num_envs", "observation_space", "action_space", "step", "reset", "seed")):
         return VecEnvSource(env)
     raise TypeError(f"env: expected a Gymnasium id, env or vector env, or a VecEnv of Stable-Baselines3, got {env!r}")
+
+
+def _require_episodes(env: DroneVectorEnv) -> None:
+    stepping.require_open(env)
+    if not env._seeded:
+        raise ValueError("force_reset=False: expected a DroneVectorEnv after reset() or restore(), got one before")
+
+
+def _steps_in_engine(env: DroneVectorEnv) -> bool:
+    """Return whether a step needs no Python: the task is in C++, and no subclass has a step or observation of its own."""
+    is_plain = type(env).step is DroneVectorEnv.step and type(env).observation is DroneVectorEnv.observation
+    return is_plain and env._task_calls is None
 
 
 def flat_rows(space: spaces.Space[Any], observation: Any, rows: int | None) -> Array:
@@ -389,6 +403,7 @@ def _read_episode(episode: Episode, info: Mapping[str, Any]) -> None:
     elif "episode_return" in info:  # as DroneVectorEnv does; without reward_scale
         episode.total, episode.length = float(info["episode_return"]), int(info["episode_length"])
     for name in ("is_success", "success"):
-        if name in info:
-            episode.success = bool(info[name])
+        value = info.get(name)
+        if value is not None and np.ndim(value) == 0:
+            episode.success = float(value)
             return
