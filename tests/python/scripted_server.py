@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import socket
 import ssl
 import subprocess
 import threading
@@ -12,6 +13,8 @@ from typing import Any
 
 import numpy as np
 from websockets.exceptions import ConnectionClosed
+from websockets.frames import Frame
+from websockets.server import ServerProtocol
 from websockets.sync.server import ServerConnection, serve, unix_serve
 
 from flockstep.client import protocol_pb2 as pb
@@ -83,6 +86,39 @@ def serving(
         thread.join()
     if failures:
         raise failures[0]
+
+
+@contextmanager
+def serving_hello_only() -> Iterator[str]:
+    """Answer the Hello of one client, and then read nothing more from its socket. Yields the server's address."""
+    is_over = threading.Event()
+
+    def greet() -> None:
+        connected, _ = listener.accept()
+        protocol, is_greeted = ServerProtocol(), False
+        while not is_greeted:
+            protocol.receive_data(connected.recv(65536))
+            for event in protocol.events_received():
+                if isinstance(event, Frame):
+                    reply = pb.Reply(id=1)
+                    reply.MergeFrom(WELCOME)
+                    protocol.send_binary(encode(reply, {}))
+                    is_greeted = True
+                else:
+                    protocol.send_response(protocol.accept(event))
+            for data in protocol.data_to_send():
+                connected.sendall(data)
+        is_over.wait()
+        connected.close()
+
+    with socket.create_server(("127.0.0.1", 0)) as listener:
+        thread = threading.Thread(target=greet)
+        thread.start()
+        try:
+            yield f"127.0.0.1:{listener.getsockname()[1]}"
+        finally:
+            is_over.set()
+            thread.join()
 
 
 def certificate(folder: Path, host: str) -> tuple[Path, Path]:

@@ -9,7 +9,7 @@ import time
 
 import numpy as np
 import pytest
-from scripted_server import WELCOME, certificate, message, serving
+from scripted_server import WELCOME, certificate, message, serving, serving_hello_only
 
 import flockstep
 from flockstep.client import ServerError
@@ -282,6 +282,30 @@ def test_reconnecting(connect):
         client.reconnect()
         assert client.info.client == 2
         assert drone.get_location()[2] == 3
+
+
+def test_a_server_that_stops_reading(connect):
+    """Calls and close() end, although what they send never leaves this process."""
+    with serving_hello_only() as address:
+        client = connect(address, timeout_s=0.3)
+        for _ in range(2):
+            with pytest.raises((TimeoutError, ConnectionError), match=r"within 0.3 s|took longer than 0.3 s"):
+                client.restore(bytes(50_000_000))
+        started = time.monotonic()
+        client.close()
+        assert time.monotonic() - started < 10
+
+
+def test_an_interrupted_request_ends_the_connection(monkeypatch):
+    def interrupt(*_, **__):
+        raise KeyboardInterrupt
+
+    with serving_hello_only() as address, flockstep.connect(address) as client:
+        monkeypatch.setattr(client._readiness, "wait", interrupt)
+        with pytest.raises(KeyboardInterrupt):
+            client.restore(bytes(50_000_000))
+        with pytest.raises(ConnectionError, match="^this client was interrupted within a request$"):
+            client.ping()
 
 
 def test_large_messages(connect):

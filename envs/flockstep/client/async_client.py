@@ -25,6 +25,8 @@ if TYPE_CHECKING:
 
 T = TypeVar("T")
 
+_FLUSH_S = 1.0  # for what close() still has to send
+
 
 async def connect_async(
     address: str = "127.0.0.1",
@@ -102,8 +104,13 @@ class AsyncClient(AsyncOperations):
 
     async def close(self) -> None:
         """End the connection: claims and streams end. `reconnect` begins another one."""
-        self._connection.close()
-        await self._connection.closed.wait()
+        connection = self._connection
+        connection.close()
+        try:
+            await asyncio.wait_for(connection.closed.wait(), _FLUSH_S)
+        except asyncio.TimeoutError:  # the server does not read
+            connection.abort()
+            await connection.closed.wait()
 
     async def __aenter__(self) -> Self:
         return self
@@ -144,7 +151,10 @@ class AsyncClient(AsyncOperations):
         inbox = connection.send(call, call.operation)
         try:
             if not connection.is_writable.is_set():
-                await connection.is_writable.wait()
+                try:
+                    await asyncio.wait_for(connection.is_writable.wait(), self._timeout_s)
+                except asyncio.TimeoutError:
+                    raise connection.late(call.operation, self._timeout_s) from None
             reply, arrays = await inbox.take(self._timeout_s)
         finally:
             connection.inboxes.pop(inbox.request_id, None)
@@ -184,6 +194,7 @@ class _Connection(asyncio.BufferedProtocol):
         self.is_writable.set()
         self._address = address
         self._transport: asyncio.Transport | None = None
+        self._closing: asyncio.Transport | None = None  # what close() closes
         self._last_id = 0
 
     def require_open(self) -> None:
@@ -204,8 +215,9 @@ class _Connection(asyncio.BufferedProtocol):
         return inbox
 
     def close(self) -> None:
-        """Say goodbye and close the transport."""
+        """Say goodbye and close the transport, as soon as everything is sent."""
         transport, self._transport = self._transport, None
+        self._closing = transport or self._closing
         if self.session.reason is None:
             self.session.close()
             if transport is not None and not transport.is_closing():
@@ -213,6 +225,11 @@ class _Connection(asyncio.BufferedProtocol):
         self._end("this client is closed")
         if transport is not None:
             transport.close()
+
+    def abort(self) -> None:
+        """Close the transport now."""
+        if self._closing is not None:
+            self._closing.abort()
 
     def late(self, operation: str, timeout_s: float) -> TimeoutError:
         """Return the error for a reply that did not come in time."""

@@ -356,19 +356,23 @@ class Client(Operations):
         connected = self._socket
         assert connected is not None
         rest = memoryview(data)
-        while rest:
-            try:
-                rest = rest[connected.send(rest) :]
-            except _WOULD_BLOCK as error:
-                to_write = not isinstance(error, ssl.SSLWantReadError)
-                if not self._readiness.wait(self._timeout_s, to_write=to_write):
-                    self._session.end(f"does not read: a request took longer than {self._timeout_s:g} s")
-                    self._require_session()
-            except OSError as error:
-                while self._session.reason is None and self._receive():
-                    pass  # the server may have sent a reason
-                self._session.end(f"is gone: {error}")
-                return
+        try:
+            while rest:
+                try:
+                    rest = rest[connected.send(rest) :]
+                except _WOULD_BLOCK as error:
+                    to_write = not isinstance(error, ssl.SSLWantReadError)
+                    if not self._readiness.wait(self._timeout_s, to_write=to_write):
+                        self._session.end(f"does not read: a request took longer than {self._timeout_s:g} s")
+                        self._require_session()
+                except OSError as error:
+                    while self._session.reason is None and self._receive():
+                        pass  # the server may have sent a reason
+                    self._session.end(f"is gone: {error}")
+                    return
+        except KeyboardInterrupt:
+            self._session.end("this client was interrupted within a request")  # the server waits for the rest of it
+            raise
 
 
 def _attend(owner: weakref.ref[Client], closed: threading.Event) -> None:
