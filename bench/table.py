@@ -45,6 +45,7 @@ NAMES = (
     "trainers",
     "snippet",
     "learner",
+    "learner_avx2",
     "load",
     "worlds",
     "tiles",
