@@ -1,7 +1,7 @@
 """Times steps of Race with gates that are solid and with gates that are not, one thread, in processor time.
 
-Also finds the lap of a point mass (`training/race_bound.py`). The drones fly by `policies/race.zip`. Its actions are recorded once, and the timed steps replay them from a snapshot,
-so that the policy is not timed. The two worlds alternate.
+The drones fly by `policies/race.zip`. Its actions are recorded once, and the timed steps replay them from a snapshot,
+so that the policy is not timed. The two worlds alternate. Also finds the lap of a point mass.
 """
 
 from __future__ import annotations

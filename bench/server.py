@@ -314,8 +314,10 @@ def step_rates(client: flockstep.client.Client) -> Iterator[list[float]]:
 
 
 def measure_streams(prefix: str, jpeg_us: float) -> Iterator[Measured]:
-    """Step with cameras as fast as possible, in turns alone, with a client that reads a stream of each, and beside a process
-    that encodes as many images."""
+    """Step with cameras as fast as possible.
+
+    In turns, nobody watches, a client reads a stream of each camera, and another process encodes as many images.
+    """
     camera = {"width_px": 640, "height_px": 480}
     recipe = {**WORLD, "drones_per_env": CAMERAS, "cameras": [camera]}
     unwatched, watched, lost, images, encoding, reading, beside = [], [], [], [], [], [], []

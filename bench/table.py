@@ -707,7 +707,10 @@ def server_streams(results: dict[str, Result]) -> str:
         "steps_per_second_watched": ("with streams", number),
         "images_per_second": ("images per second", number),
         "steps_lost": ("steps lost", percentage),
-        "steps_lost_beside_encoding": ("steps lost beside another process that encodes as many images, without streams", percentage),
+        "steps_lost_beside_encoding": (
+            "steps lost beside another process that encodes as many images, without streams",
+            percentage,
+        ),
         "encoding": ("time of all cores that encoding takes", percentage),
         "reading": ("time of all cores that the reading client takes", percentage),
     }

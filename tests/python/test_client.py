@@ -304,7 +304,7 @@ def test_an_interrupted_request_ends_the_connection(monkeypatch):
         monkeypatch.setattr(client._readiness, "wait", interrupt)
         with pytest.raises(KeyboardInterrupt):
             client.restore(bytes(50_000_000))
-        with pytest.raises(ConnectionError, match="^this client was interrupted within a request$"):
+        with pytest.raises(ConnectionError, match=r"^this client was interrupted within a request$"):
             client.ping()
 
 

@@ -19,6 +19,7 @@ import numpy as np
 import pytest
 import stable_baselines3
 import torch
+import torch._dynamo  # which optimizers import; it derives a class from pickle.Unpickler, which a fixture replaces
 from gymnasium import spaces
 from gymnasium.vector import AutoresetMode, SyncVectorEnv
 from scripted_episodes import ScriptedEpisodes
@@ -386,7 +387,7 @@ def test_steps_of_a_subclass_are_used(task):
             observation, reward, *rest = super().step(actions)
             return (observation, 0 * reward - 3, *rest)
 
-    model = PPO("MlpPolicy", Shaped(4, task=task, autoreset_mode="same_step"), **SMALL).learn(32)
+    model = PPO("MlpPolicy", Shaped(4, task=task, max_episode_steps=100), **SMALL).learn(32)
     assert (model.learner.rewards == -3).all()
 
 
@@ -931,7 +932,6 @@ def test_seeds_of_numpy_are_accepted():
 # --- checkpoints
 
 
-
 @pytest.mark.parametrize("mode", ["next_step", "same_step", "disabled"])
 @pytest.mark.parametrize("task", [flockstep.HoverConfig(), ToTarget], ids=["engine", "python"])
 @pytest.mark.parametrize("options", [{}, OPTIONS], ids=["plain", "normalized"])
@@ -976,7 +976,9 @@ def test_an_env_without_episodes_cannot_go_on(tmp_path):
     PPO("MlpPolicy", hover(), **SMALL).save(tmp_path / "model")
     for task in (flockstep.HoverConfig(), None):
         env = hover() if task else flockstep.DroneVectorEnv(4, task=ToTarget)
-        with pytest.raises(ValueError, match=r"force_reset=False: expected a DroneVectorEnv after reset\(\) or restore"):
+        with pytest.raises(
+            ValueError, match=r"force_reset=False: expected a DroneVectorEnv after reset\(\) or restore"
+        ):
             (PPO.load(tmp_path / "model") if task else PPO("MlpPolicy", env, **SMALL)).set_env(env, force_reset=False)
 
 
@@ -1084,7 +1086,11 @@ def test_training_goes_on_after_a_conversion():
 
 @pytest.mark.parametrize(
     "changes",
-    [{"optimizer_class": torch.optim.AdamW}, {"optimizer_kwargs": {"weight_decay": 0.01}}, {"optimizer_kwargs": {"eps": 1e-8}}],
+    [
+        {"optimizer_class": torch.optim.AdamW},
+        {"optimizer_kwargs": {"weight_decay": 0.01}},
+        {"optimizer_kwargs": {"eps": 1e-8}},
+    ],
 )
 def test_other_optimizers_are_not_converted(changes):
     policy_kwargs = {"optimizer_kwargs": {"eps": 1e-5}} | changes

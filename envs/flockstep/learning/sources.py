@@ -336,7 +336,7 @@ def _require_episodes(env: DroneVectorEnv) -> None:
 
 
 def _steps_in_engine(env: DroneVectorEnv) -> bool:
-    """Return whether a step needs no Python: the task is in C++, and no subclass has a step or observation of its own."""
+    """Return True if a step needs no Python: the task is in C++, and no subclass replaces what the learner skips."""
     is_plain = type(env).step is DroneVectorEnv.step and type(env).observation is DroneVectorEnv.observation
     return is_plain and env._task_calls is None
 

@@ -10,7 +10,6 @@ from training.forest_flight import ForestFlight
 from training.rotor_navigation import RotorNavigation
 from training.tasks import UNSEEN_SEEDS
 
-
 FOREST = flockstep.World.forest(0, trees=20, size_m=(30, 20))
 PLAYGROUND = flockstep.World.load("playground/train-1")
 
