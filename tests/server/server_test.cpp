@@ -231,10 +231,53 @@ TEST(Server, AnswersPingsWhileATickOrALockstepWaits) {
   EXPECT_EQ(first.get().step, second->get().step);
 }
 
-TEST(Server, StreamsImagesWhileItsClockTakesAllItsTime) {
+BatchConfig filming() {
   BatchConfig config = kinematic();
   config.cameras[0].capture_mode = CaptureMode::every_step;
-  Served served(config);
+  return config;
+}
+
+// Lets a client ask for a frame while the batch is locked, so that the server publishes frames before the next long calls.
+void ask_for_published_frames(Served& served, const Connection& connection, GameModeController& other) {
+  std::optional<client::Future<client::CameraData>> frame;
+  {
+    const BatchLock lock(served.batch);
+    frame.emplace(DroneController(connection, 7).get_camera_data(later));
+    ASSERT_TRUE(answers_pings(other));
+  }
+  frame->get();
+}
+
+// Calls a function during a long call of the program, after the server has published what clients read.
+void during_a_call(Batch& batch, const std::function<void()>& function) {
+  bool was_called = false;
+  batch.run_moves_with([&](const std::function<void()>& move) {
+    function();
+    was_called = true;
+    move();
+  });
+  batch.set_camera(0, {.width_px = 64});
+  batch.run_moves_with({});
+  ASSERT_TRUE(was_called);
+}
+
+TEST(Server, ReadsAPublishedFrameInTheSizeThatItHas) {
+  Served served(filming());
+  const Connection connection = served.connect();
+  GameModeController other(served.connect());
+  served.batch.sense();
+  ask_for_published_frames(served, connection, other);
+  served.batch.set_camera(0, {.width_px = 8, .height_px = 6});
+  served.batch.sense();
+  during_a_call(served.batch, [&] {
+    const client::CameraData frame = DroneController(connection, 7).get_camera_data({.format = client::ImageFormat::png});
+    EXPECT_EQ(frame.width_px, 8);
+    EXPECT_EQ(frame.height_px, 6);
+  });
+}
+
+TEST(Server, StreamsImagesWhileItsClockTakesAllItsTime) {
+  Served served(filming());
   GameModeController clock(served.connect());
   clock.set_clock(10000);
   const Connection watcher = served.connect();

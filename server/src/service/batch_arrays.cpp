@@ -101,14 +101,18 @@ bool LiveArrays::list(std::string_view sensor, const std::function<void(const Ar
   return true;
 }
 
+const CameraConfig* LiveArrays::camera(std::string_view name) const {
+  return &batch_.camera_config(batch_.camera_index(name));
+}
+
 void CopiedArrays::keep_only(const std::vector<std::string>& sensors) {
   std::erase_if(sensors_, [&](const auto& entry) { return std::ranges::find(sensors, entry.first) == sensors.end(); });
 }
 
 void CopiedArrays::copy(const Batch& batch, std::string_view sensor) {
   auto found = sensors_.find(sensor);
-  if (found == sensors_.end()) found = sensors_.emplace(sensor, std::vector<Copy>()).first;
-  std::vector<Copy>& copies = found->second;
+  if (found == sensors_.end()) found = sensors_.emplace(sensor, Sensor()).first;
+  std::vector<Copy>& copies = found->second.arrays;
   std::size_t count = 0;
   list_arrays(batch, sensor, [&](const ArrayView& view) {
     if (count == copies.size()) copies.emplace_back();
@@ -119,13 +123,22 @@ void CopiedArrays::copy(const Batch& batch, std::string_view sensor) {
     copy.view.data = copy.values.data();
   });
   copies.resize(count);
+  const auto& cameras = batch.config().cameras;
+  const auto camera = std::ranges::find(cameras, sensor, &CameraConfig::name);
+  found->second.camera.reset();
+  if (camera != cameras.end()) found->second.camera = batch.camera_config(static_cast<std::size_t>(camera - cameras.begin()));
 }
 
 bool CopiedArrays::list(std::string_view sensor, const std::function<void(const ArrayView&)>& list) const {
   const auto found = sensors_.find(sensor);
   if (found == sensors_.end()) return false;
-  for (const Copy& copy : found->second) list(copy.view);
+  for (const Copy& copy : found->second.arrays) list(copy.view);
   return true;
+}
+
+const CameraConfig* CopiedArrays::camera(std::string_view name) const {
+  const auto found = sensors_.find(name);
+  return found == sensors_.end() || !found->second.camera ? nullptr : &*found->second.camera;
 }
 
 std::shared_ptr<CopiedArrays> Publisher::make_copy() {

@@ -36,6 +36,8 @@ class ArraySource {
   virtual ~ArraySource() = default;
   // Calls list for each array of a sensor, or of the batch if its name is empty. Returns false if they are not known.
   virtual bool list(std::string_view sensor, const std::function<void(const ArrayView&)>& list) const = 0;
+  // Returns the configuration of a camera when its arrays were made, with the capture mode; null if they are not known.
+  virtual const CameraConfig* camera(std::string_view name) const = 0;
 
   // Returns an array; nothing if there is none of this name.
   std::optional<ArrayView> find(std::string_view sensor, std::string_view name) const;
@@ -54,6 +56,7 @@ class LiveArrays final : public ArraySource {
  public:
   explicit LiveArrays(const Batch& batch);
   bool list(std::string_view sensor, const std::function<void(const ArrayView&)>& list) const override;
+  const CameraConfig* camera(std::string_view name) const override;
 
  private:
   const Batch& batch_;
@@ -65,13 +68,18 @@ class CopiedArrays final : public ArraySource {
   void keep_only(const std::vector<std::string>& sensors);
   void copy(const Batch& batch, std::string_view sensor);
   bool list(std::string_view sensor, const std::function<void(const ArrayView&)>& list) const override;
+  const CameraConfig* camera(std::string_view name) const override;
 
  private:
   struct Copy {
     ArrayView view;
     std::vector<std::byte> values;
   };
-  std::map<std::string, std::vector<Copy>, std::less<>> sensors_;
+  struct Sensor {
+    std::vector<Copy> arrays;
+    std::optional<CameraConfig> camera;  // of a camera
+  };
+  std::map<std::string, Sensor, std::less<>> sensors_;
 };
 
 // Publishes copies of the arrays that clients have read lately, so that they can read while a step runs. A copy is made before

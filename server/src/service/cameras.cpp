@@ -85,14 +85,15 @@ std::optional<Picture> Service::take_frame(Call& call) {
     begin_change();
     batch_.capture(camera, only(drone));
   }
-  std::optional<Picture> picture = copy_frame(call, LiveArrays(batch_), batch_.camera_config(camera), drone);
+  std::optional<Picture> picture = copy_frame(call, LiveArrays(batch_), batch_.camera_config(camera).name, drone);
   const bool has_lines = std::ranges::count(batch_.move_lines().move_line_visible, 1) > 0;
   if (picture && get.output.empty() && has_lines) picture->rgb = batch_.picture(camera, get.drone);
   return picture;
 }
 
-std::optional<Picture> Service::copy_frame(Call& call, const ArraySource& arrays, const CameraConfig& camera, std::size_t drone) {
+std::optional<Picture> Service::copy_frame(Call& call, const ArraySource& arrays, const std::string& name, std::size_t drone) {
   const auto& get = std::get<protocol::GetCameraData>(call.request.operation);
+  const CameraConfig& camera = *arrays.camera(name);
   const bool is_file = get.format != protocol::ImageFormat::kRaw;
   const std::string output = !get.output.empty() ? get.output : camera.outputs.rgb ? "rgb" : "grey";
   const std::optional<ArrayView> found = arrays.find(camera.name, output);
@@ -115,17 +116,18 @@ std::optional<Picture> Service::copy_frame(Call& call, const ArraySource& arrays
 bool Service::take_published_frame(Call& call, std::optional<Picture>& picture) {
   const auto& get = std::get<protocol::GetCameraData>(call.request.operation);
   const auto now = shape();
-  const auto camera = get.camera.empty() && now->cameras.size() == 1
-                          ? now->cameras.begin()
-                          : std::ranges::find(now->cameras, get.camera, &CameraConfig::name);
+  const auto known = get.camera.empty() && now->cameras.size() == 1
+                         ? now->cameras.begin()
+                         : std::ranges::find(now->cameras, get.camera, &CameraConfig::name);
   // Only a frame that the camera takes by itself. A copy has no move lines.
-  if (camera == now->cameras.end() || camera->capture_mode == CaptureMode::on_demand || has_lines_ || get.quality > 100)
+  if (known == now->cameras.end() || known->capture_mode == CaptureMode::on_demand || has_lines_ || get.quality > 100)
     return false;
-  const auto copy = publisher_.read(batch_, camera->name);
+  const auto copy = publisher_.read(batch_, known->name);
   if (!copy || get.drone < 0 || get.drone >= copy->num_drones) return false;
+  if (copy->camera(known->name)->capture_mode == CaptureMode::on_demand) return false;  // by then the program had set it
   const auto drone = static_cast<std::size_t>(get.drone);
-  if (static_cast<const std::int64_t*>(copy->find(camera->name, "frame_step")->data)[drone] < 0) return false;
-  guard(call, [&] { picture = copy_frame(call, *copy, *camera, drone); });
+  if (static_cast<const std::int64_t*>(copy->find(known->name, "frame_step")->data)[drone] < 0) return false;
+  guard(call, [&] { picture = copy_frame(call, *copy, known->name, drone); });
   return true;
 }
 

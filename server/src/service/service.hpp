@@ -150,7 +150,7 @@ class Service {
   std::optional<Picture> take_frame(Call& call);                           // renders it if necessary; needs the lock
   bool take_published_frame(Call& call, std::optional<Picture>& picture);  // false if there is none that will do
   // Adds raw pixels to the reply, or returns the colours for a file.
-  std::optional<Picture> copy_frame(Call& call, const ArraySource& arrays, const CameraConfig& camera, std::size_t drone);
+  std::optional<Picture> copy_frame(Call& call, const ArraySource& arrays, const std::string& name, std::size_t drone);
   void compress_aside(const std::shared_ptr<Call>& call, std::optional<Picture> picture);
 
   // --- checks
