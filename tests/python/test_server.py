@@ -339,7 +339,7 @@ def test_messages_that_are_too_long_end_the_session(server):
 
 
 def test_claimed_sizes_are_not_allocated(server):
-    for shape in ([1 << 62, 4], [1 << 33], [0, 1 << 63], [2] * 9):
+    for shape in ([1 << 62, 4], [1 << 33], [1 << 30], [0, 1 << 63], [2] * 9):
         header = Request(id=2, restore=pb.Restore(), arrays=[pb.Array(name="snapshot", dtype=2, shape=shape)])
         data = header.SerializeToString()
         with Raw(server) as raw:
@@ -391,6 +391,29 @@ def test_unanswered_requests_are_limited(batch):
         assert "8 unanswered requests" in replies[0].error.text
         other.leave_lockstep()
         assert [raw.reply().id for _ in range(8)] == list(range(10, 18))
+
+
+def test_waiting_requests_do_not_fill_the_memory():
+    """A client can send about 16 MiB before its first request is answered."""
+    batch = flockstep.Batch("playground/train-1", 40_000)
+    wrong = encode(Request(id=3, set_poses=pb.SetPoses()), {"position": np.zeros(7 * 40_000, np.float32)})
+    server = flockstep.serve(batch, port=0, max_requests=100)
+    with server, Raw(server) as raw, flockstep.connect(server.address) as other:
+        other.join_lockstep()
+        raw.ask(Request(id=2, join_lockstep=pb.JoinLockstep()))
+        raw.send(encode(Request(id=2, step=Step()), {}))  # waits for the other client
+        sent = []
+        thread = in_thread(lambda: [sent.append(raw.send(wrong)) for _ in range(60)])
+        before = -1
+        while len(sent) > before:
+            before = len(sent)
+            time.sleep(0.3)
+        assert len(sent) < 45  # 60 would be 64 MiB; some are in the buffers of the sockets
+        other.leave_lockstep()
+        assert raw.reply().HasField("time")
+        for _ in range(60):
+            assert "position: expected shape" in raw.reply().error.text
+        thread.join(10)
 
 
 def test_clients_are_limited(batch):

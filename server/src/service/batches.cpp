@@ -3,6 +3,7 @@
 #include <chrono>
 #include <cmath>
 #include <string>
+#include <utility>
 
 #include "base/require.hpp"
 #include "flockstep/task.hpp"
@@ -221,7 +222,11 @@ void Service::locked(Call& call, const protocol::Sense&) {
   write_time(call);
 }
 
-void Service::locked(Call& call, const protocol::Snapshot&) { call.writer.add_bytes("snapshot", batch_.snapshot()); }
+void Service::locked(Call& call, const protocol::Snapshot&) {
+  std::string bytes = batch_.snapshot();
+  largest_snapshot_ = std::max(largest_snapshot_.load(), bytes.size());
+  call.writer.add_bytes("snapshot", std::move(bytes));
+}
 
 void Service::locked(Call& call, const protocol::Restore&) {
   call.require_only({"snapshot"});

@@ -93,6 +93,7 @@ void Service::refresh_shape() {
     rays = std::max(rays, static_cast<std::size_t>(lidar.rows()) * static_cast<std::size_t>(lidar.columns()));
   }
   for (const ImuConfig& imu : config.imus) list_arrays(batch_, imu.name, count);
+  next->max_snapshot_bytes = max_snapshot_bytes(bytes);
   constexpr std::size_t kFewBytes = std::size_t{1} << 20, kFewRays = std::size_t{1} << 12;
   is_small_ = bytes <= kFewBytes && rays <= kFewRays;
   {
@@ -100,6 +101,17 @@ void Service::refresh_shape() {
     shape_ = std::move(next);
   }
   if (has_grown) fit_rows();
+}
+
+std::size_t Service::max_snapshot_bytes(std::size_t array_bytes) const {
+  constexpr std::size_t kSpare = std::size_t{1} << 26;          // of the state of a task
+  constexpr std::size_t kBytesPerDrone = std::size_t{1} << 10;  // of settings of its sensors, and of the task
+  if (task_ != nullptr) {
+    for (const auto* const buffers : {&batch_.outputs().observation, &batch_.outputs().final_observation}) {
+      for (const Buffer& buffer : *buffers) array_bytes += buffer.bytes().size();
+    }
+  }
+  return 2 * array_bytes + kBytesPerDrone * static_cast<std::size_t>(batch_.config().num_drones()) + kSpare;
 }
 
 std::shared_ptr<const Service::Shape> Service::shape() const {
@@ -236,8 +248,7 @@ std::size_t Service::max_array_bytes(const protocol::Request& request) {
   if (is(std::type_identity<protocol::StepEnvs>())) {
     return task_ == nullptr ? 0 : drones * task_->spec().action.size() * sizeof(std::int64_t);
   }
-  constexpr std::size_t kMaxSnapshotBytes = std::size_t{1} << 30;
-  return is(std::type_identity<protocol::Restore>()) ? kMaxSnapshotBytes : 0;
+  return is(std::type_identity<protocol::Restore>()) ? std::max(now->max_snapshot_bytes, 2 * largest_snapshot_) : 0;
 }
 
 void Service::leave(Client& client) {

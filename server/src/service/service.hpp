@@ -85,6 +85,7 @@ class Service {
     std::vector<protocol::Mounting> imu_mountings;
     std::vector<CameraConfig> cameras;  // with their current capture modes
     Batch::Worlds worlds;
+    std::size_t max_snapshot_bytes = 0;  // of a snapshot to restore; see also largest_snapshot_
     std::int64_t num_drones() const { return num_envs * drones_per_env; }
   };
 
@@ -175,9 +176,10 @@ class Service {
   void step_if_all_wait();
   void count_program_steps();
 
-  void refresh_shape();                        // these two need the lock
-  void follow_growth();                        // which the program may have caused
-  void renumber(std::int64_t drones_per_env);  // claims and commands, if that changes the indices of drones
+  void refresh_shape();                                           // these four need the lock
+  void follow_growth();                                           // which the program may have caused
+  std::size_t max_snapshot_bytes(std::size_t array_bytes) const;  // array_bytes: of the batch, without observations
+  void renumber(std::int64_t drones_per_env);                     // claims and commands, if that changes the indices of drones
   std::shared_ptr<const Shape> shape() const;
 
   Batch& batch_;
@@ -218,6 +220,7 @@ class Service {
   std::atomic<bool> steps_are_short_{false};  // the last StepEnvs took less than a millisecond
   std::atomic<bool> has_lines_{false};        // a client has made a move line visible
   std::atomic<std::int64_t> changes_{0}, answered_{0}, steps_{0};
+  std::atomic<std::size_t> largest_snapshot_{0};  // bytes of those that clients have got
 };
 
 }  // namespace flockstep::server

@@ -18,6 +18,7 @@ constexpr std::chrono::seconds kHelloTime{10};
 constexpr std::size_t kLargeMessage = std::size_t{1} << 20;    // bytes that take long to copy
 constexpr std::size_t kMaxOutbox = 256;                        // messages; then nothing more is read until the client reads
 constexpr std::size_t kMaxOutboxBytes = std::size_t{1} << 24;  // then no request is answered until the client reads
+constexpr std::size_t kMaxUnansweredBytes = kMaxOutboxBytes;   // then nothing more is read until requests are answered
 constexpr std::size_t kMaxSubscriptions = 64;                  // of a client
 constexpr double kMaxStreamHz = 1000.0;
 
@@ -118,7 +119,8 @@ void Session::open(const std::shared_ptr<Call>& call) {
 // ------------------------------------------------------------------------------------------------------------------ requests
 
 void Session::read() {
-  if (is_reading_ || is_ending_ || is_gone_ || outbox_.size() >= kMaxOutbox) return;
+  if (is_reading_ || is_ending_ || is_gone_) return;
+  if (outbox_.size() >= kMaxOutbox || unanswered_bytes_ > kMaxUnansweredBytes) return;
   is_reading_ = true;
   constexpr std::size_t kMost = std::size_t{1} << 18;
   socket_.async_read_some(buffer_, kMost, [self = self()](beast::error_code error, std::size_t) {
@@ -207,6 +209,7 @@ void Session::take_message() {
                   "this client has " + std::to_string(unanswered) + " unanswered requests, the maximum", false);
   }
   waiting_.push_back(call);
+  unanswered_bytes_ += size;
   dispatch_next();
 }
 
@@ -215,20 +218,27 @@ void Session::dispatch_next() {
   is_busy_ = true;
   const std::shared_ptr<Call> call = std::move(waiting_.front());
   waiting_.pop_front();
+  busy_bytes_ = call->bytes.size();
   if (const auto* const wanted = std::get_if<protocol::Subscribe>(&call->request.operation)) return subscribe(call, *wanted);
   if (const auto* const ended = std::get_if<protocol::Unsubscribe>(&call->request.operation)) return unsubscribe(call, *ended);
   sessions_.service.answer(call);
 }
 
+void Session::end_request() {
+  is_busy_ = false;
+  unanswered_bytes_ -= std::exchange(busy_bytes_, 0);
+}
+
 void Session::deliver(const std::shared_ptr<Call>& call) {
   asio::dispatch(socket_.get_executor(), [self = self(), call] {
     if (!call->is_of_stream) {
-      self->is_busy_ = false;
+      self->end_request();
     } else if (std::holds_alternative<protocol::Error>(call->reply.result)) {
       self->subscriptions_.erase(call->request.id);  // the error is its end
     }
     self->send(call);
     self->dispatch_next();
+    self->read();
   });
 }
 
@@ -264,7 +274,7 @@ void Session::subscribe(const std::shared_ptr<Call>& call, const protocol::Subsc
   const auto period = std::chrono::duration_cast<std::chrono::steady_clock::duration>(std::chrono::duration<double>(1.0 / rate));
   subscriptions_.emplace(call->request.id, std::make_shared<Subscription>(Subscription{
                                                .what = subscribe, .timer = Timer(socket_.get_executor()), .period = period}));
-  is_busy_ = false;
+  end_request();
   subscriptions_.at(call->request.id)->timer.expires_after(std::chrono::seconds(0));
   wait_for(call->request.id);
   dispatch_next();

@@ -79,6 +79,7 @@ class Session final : public Client, public std::enable_shared_from_this<Session
   bool take_header();
   void take_message();
   void dispatch_next();
+  void end_request();  // the request that was being answered
   void open(const std::shared_ptr<Call>& hello);
   void refuse(std::uint64_t id, protocol::Code code, const std::string& text, bool ends);
   void subscribe(const std::shared_ptr<Call>& call, const protocol::Subscribe& subscribe);
@@ -110,6 +111,8 @@ class Session final : public Client, public std::enable_shared_from_this<Session
   bool is_reading_ = false;
   bool is_pinging_ = false;
   bool is_busy_ = false;                       // a request is being answered
+  std::size_t busy_bytes_ = 0;                 // of its message
+  std::size_t unanswered_bytes_ = 0;           // of the messages of all requests that came and were not answered
   std::optional<protocol::Request> incoming_;  // header of the message that is coming in
   bool is_skipping_ = false;                   // that message was refused
   std::size_t skipped_ = 0;                    // bytes of it
