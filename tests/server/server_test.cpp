@@ -11,6 +11,7 @@
 #include <deque>
 #include <functional>
 #include <memory>
+#include <new>
 #include <optional>
 #include <stdexcept>
 #include <string>
@@ -169,6 +170,26 @@ TEST(Executor, RunsEachWaitingOperationByItself) {
   executor.clear();
   posted.front()();
   EXPECT_EQ(order.size(), 4U);
+}
+
+TEST(Executor, RunsTheNextOperationAfterOneThatThrows) {
+  std::deque<std::function<void()>> posted;
+  Executor executor([&](std::function<void()> work) { posted.push_back(std::move(work)); });
+  const auto fail = [] { throw std::bad_alloc(); };
+  int runs = 0;
+  EXPECT_THROW(executor.run([&] {
+    executor.run_later(fail);
+    executor.run_later([&] { ++runs; });
+    fail();
+  }),
+               std::bad_alloc);
+  ASSERT_EQ(posted.size(), 1U);
+  EXPECT_THROW(posted[0](), std::bad_alloc);
+  ASSERT_EQ(posted.size(), 2U);
+  posted[1]();
+  EXPECT_EQ(runs, 1);
+  EXPECT_THROW(static_cast<void>(executor.try_run([&]() -> bool { throw std::bad_alloc(); })), std::bad_alloc);
+  EXPECT_TRUE(executor.try_run([] { return true; }));
 }
 
 TEST(Server, AnswersPingsWhileAnOperationWaitsForTheProgram) {

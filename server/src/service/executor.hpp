@@ -17,11 +17,11 @@ class Executor {
   // post: runs a function later, on any thread, but never within the call.
   explicit Executor(std::function<void(Operation)> post) : post_(std::move(post)) {}
 
-  // Runs the operation now or later. Operations must not throw.
+  // Runs the operation now or later. If it throws, for example without memory, the next ones still run.
   void run(Operation operation) {
     if (!begin(operation)) return;
+    const Turn turn(*this);
     operation();
-    end();
   }
   // Runs the operation later.
   void run_later(Operation operation) {
@@ -37,9 +37,8 @@ class Executor {
       if (is_busy_) return false;
       is_busy_ = true;
     }
-    const bool done = operation();
-    end();
-    return done;
+    const Turn turn(*this);
+    return operation();
   }
   // Drops the operations in the queue, of which none will run any more.
   void clear() {
@@ -49,6 +48,18 @@ class Executor {
   }
 
  private:
+  // The time in which an operation runs.
+  class Turn {
+   public:
+    explicit Turn(Executor& executor) : executor_(executor) {}
+    ~Turn() { executor_.end(); }
+    Turn(const Turn&) = delete;
+    Turn& operator=(const Turn&) = delete;
+
+   private:
+    Executor& executor_;
+  };
+
   // Returns false if the operation has moved into the queue.
   bool begin(Operation& operation) {
     const std::scoped_lock lock(mutex_);
@@ -70,8 +81,8 @@ class Executor {
         next = std::move(queue_.front());
         queue_.pop_front();
       }
+      const Turn turn(*this);
       next();
-      end();
     });
   }
 

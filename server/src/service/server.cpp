@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cstdio>
+#include <exception>
 #include <filesystem>
 #include <mutex>
 #include <set>
@@ -59,6 +60,16 @@ class Cancellable {
   Interrupt interrupt_;
 };
 
+// Runs handlers. One that fails, for example without memory, must not end the process.
+template <class Run>
+void run_handlers(const Run& run) {
+  try {
+    run();
+  } catch (const std::exception& error) {
+    std::fprintf(stderr, "flockstep server: an operation failed: %s\n", error.what());
+  }
+}
+
 }  // namespace
 
 void ServerConfig::validate() const {
@@ -85,7 +96,7 @@ class Server::Impl {
             [this](std::function<void()> work) {
               asio::post(aside_, [this, work = std::move(work)] {
                 const Cancellable cancellable(cancels_calls_);
-                work();
+                run_handlers(work);
               });
             },
             workload_),
@@ -104,14 +115,16 @@ class Server::Impl {
     accept();
     threads_.emplace_back([this] {
       const Cancellable cancellable(cancels_calls_);
-      io_.run();
+      while (!io_.stopped()) run_handlers([this] { io_.run(); });
     });
     // Runs handlers while the other thread may be at work for long. If it always did, each message would wake both.
     threads_.emplace_back([this] {
       const Cancellable cancellable(cancels_calls_);
       while (workload_.wait()) {
-        io_.run_one();
-        io_.poll();  // also runs handlers that this one has posted: the context would wake no thread for them
+        run_handlers([this] {
+          io_.run_one();
+          io_.poll();  // also runs handlers that this one has posted: the context would wake no thread for them
+        });
       }
     });
   }
@@ -215,7 +228,7 @@ class Server::Impl {
   void accept_from(Acceptor& acceptor) {
     using Socket = asio::basic_stream_socket<typename Acceptor::protocol_type, server::Stream::executor_type>;
     acceptor.async_accept(asio::make_strand(io_), [this](boost::system::error_code error, Socket socket) {
-      if (!error) start(std::move(socket));
+      if (!error) run_handlers([&] { start(std::move(socket)); });
       accept_next(error);
     });
   }

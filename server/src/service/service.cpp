@@ -173,17 +173,19 @@ void Service::handle(const std::shared_ptr<Call>& call, const Operation& operati
       complete(call);
     });
   } else if constexpr (requires(const ArraySource& arrays) { read(*call, operation, arrays); }) {
-    const auto reply = [&](const ArraySource& arrays) {
+    const auto reply = [&](const auto& read_now) {
       std::optional<Workload::Mark> mark;
       if (!is_small_) mark.emplace(workload_);
-      guard(*call, [&] { read(*call, operation, arrays); });
+      guard(*call, read_now);
       complete(call);
     };
     const bool done = executor_.try_run([&] {
       const std::optional<BatchLock> lock = BatchLock::try_lock(batch_);
       if (!lock) return false;
-      follow_growth();
-      reply(LiveArrays(batch_));
+      reply([&] {
+        follow_growth();
+        read(*call, operation, LiveArrays(batch_));
+      });
       return true;
     });
     if (done) return;
@@ -194,7 +196,7 @@ void Service::handle(const std::shared_ptr<Call>& call, const Operation& operati
       call->fail(Code::kInvalidArgument, error.what());
       return complete(call);
     }
-    if (const auto copy = publisher_.read(batch_, sensor)) return reply(*copy);
+    if (const auto copy = publisher_.read(batch_, sensor)) return reply([&] { read(*call, operation, *copy); });
     run_locked(call, is_small_,
                [this](Call& waited) { read(waited, std::get<Operation>(waited.request.operation), LiveArrays(batch_)); });
   } else if constexpr (requires { locked(*call, operation); }) {
@@ -228,7 +230,12 @@ void Service::run_locked(const std::shared_ptr<Call>& call, bool is_short, std::
 
 void Service::complete(const std::shared_ptr<Call>& call) {
   answered_.fetch_add(1, std::memory_order_relaxed);
-  call->finish();
+  try {
+    call->finish();
+  } catch (const std::exception&) {
+    call->fail(Code::kResourceExhausted, "the server has not enough memory for this reply");
+    call->finish();
+  }
   call->client->deliver(call);
 }
 

@@ -128,9 +128,11 @@ void Session::read() {
     // A session that has ended must not keep the message: it would keep the session.
     if (error || self->is_gone_) return self->end();
     self->last_arrival_ = std::chrono::steady_clock::now();
-    if (!self->take_header()) return;
-    if (self->socket_.is_message_done()) self->take_message();
-    self->read();
+    self->attempt([&] {
+      if (!self->take_header()) return;
+      if (self->socket_.is_message_done()) self->take_message();
+      self->read();
+    });
   });
 }
 
@@ -236,9 +238,11 @@ void Session::deliver(const std::shared_ptr<Call>& call) {
     } else if (std::holds_alternative<protocol::Error>(call->reply.result)) {
       self->subscriptions_.erase(call->request.id);  // the error is its end
     }
-    self->send(call);
-    self->dispatch_next();
-    self->read();
+    self->attempt([&] {
+      self->send(call);
+      self->dispatch_next();
+      self->read();
+    });
   });
 }
 
@@ -290,8 +294,10 @@ void Session::wait_for(std::uint64_t id) {
     // The next time is a multiple of the period, unless it is late already.
     const auto now = std::chrono::steady_clock::now();
     subscription->timer.expires_at(std::max(subscription->timer.expiry() + subscription->period, now));
-    self->make_value(id, *subscription);
-    self->wait_for(id);
+    self->attempt([&] {
+      self->make_value(id, *subscription);
+      self->wait_for(id);
+    });
   });
 }
 
@@ -356,14 +362,16 @@ void Session::write() {
       stream = found->second;
       stream->is_pending = false;
     }
-    if (!self->outbox_.empty()) {
-      self->write();
-    } else if (self->is_ending_) {
-      self->close(websocket::close_code::policy_error, "refused");
-    }
-    if (!self->is_ending_) self->dispatch_next();
-    self->read();
-    if (stream && stream->is_due && !self->is_ending_ && !self->is_gone_) self->make_value(sent->request.id, *stream);
+    self->attempt([&] {
+      if (!self->outbox_.empty()) {
+        self->write();
+      } else if (self->is_ending_) {
+        self->close(websocket::close_code::policy_error, "refused");
+      }
+      if (!self->is_ending_) self->dispatch_next();
+      self->read();
+      if (stream && stream->is_due && !self->is_ending_ && !self->is_gone_) self->make_value(sent->request.id, *stream);
+    });
   });
 }
 

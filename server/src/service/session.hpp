@@ -14,6 +14,7 @@
 #include <cstddef>
 #include <cstdint>
 #include <deque>
+#include <exception>
 #include <map>
 #include <memory>
 #include <optional>
@@ -90,6 +91,15 @@ class Session final : public Client, public std::enable_shared_from_this<Session
   void write();
   void close(websocket::close_code code, const std::string& reason);
   void end();
+  // Runs a part of the session. If it fails, for example without memory, the session ends.
+  template <class Part>
+  void attempt(const Part& part) {
+    try {
+      part();
+    } catch (const std::exception&) {
+      end();
+    }
+  }
   // Ends the session when nothing has arrived for a while, and sends a ping after half of that time. The timeout of Beast would
   // set a timer of the system at each message.
   void watch();
