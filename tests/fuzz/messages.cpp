@@ -140,8 +140,8 @@ void messages(Bytes input) {
     run_posted();
     require_in_world(*batch);
   }
-  service.leave(*clients[0]);
-  service.leave(*clients[1]);
+  service.leave(clients[0]);
+  service.leave(clients[1]);
   run_posted();
   service.drop_calls();
   if (clients[0]->count + clients[1]->count > asked) std::abort();

@@ -56,15 +56,20 @@ BatchConfig rotors() {
 }
 
 struct Served {
-  explicit Served(const BatchConfig& config)
-      : batch(config, Batch::Worlds{testing::closet()}, nullptr, DroneModel::quadrotor650()), server(batch, any_port()) {}
-  static ServerConfig any_port() {
+  explicit Served(const BatchConfig& config, int max_clients = 2000)
+      : batch(config, Batch::Worlds{testing::closet()}, nullptr, DroneModel::quadrotor650()),
+        server(batch, any_port(max_clients)) {}
+  static ServerConfig any_port(int max_clients) {
     ServerConfig config;
     config.port = 0;
-    config.max_clients = 2000;
+    config.max_clients = max_clients;
     return config;
   }
   Connection connect() const { return Connection({.address = server.address(), .timeout = 60s}); }
+  void wait_for_clients(int count) const {
+    for (int i = 0; i < 10000 && server.num_clients() != count; ++i) std::this_thread::sleep_for(1ms);
+    EXPECT_EQ(server.num_clients(), count);
+  }
 
   Batch batch;
   Server server;
@@ -213,21 +218,71 @@ TEST(Server, AnswersPingsWhileAnOperationWaitsForTheProgram) {
 
 TEST(Server, FreesADroneThatALastRequestClaims) {
   Served served(kinematic());
+  GameModeController other(served.connect());
+  std::optional<Connection> gone = served.connect();
+  {
+    const BatchLock lock(served.batch);
+    static_cast<void>(GameModeController(*gone).spawn_drone(later, {.claim = true}));  // runs, and waits for the lock
+    ASSERT_TRUE(answers_pings(other));
+    gone.reset();
+  }
+  served.wait_for_clients(1);
+  const std::vector<client::Drone> drones = other.get_drones();
+  EXPECT_EQ(drones.size(), 9U);
+  for (const client::Drone& drone : drones) EXPECT_EQ(drone.owner, 0U);
+}
+
+TEST(Server, DropsWaitingRequestsOfAClientThatIsGone) {
+  Served served(kinematic(), 3);
   GameModeController first(served.connect()), other(served.connect());
   std::optional<Connection> gone = served.connect();
   {
     const BatchLock lock(served.batch);
     auto sensed = first.sense(later);  // waits for the lock, and the next request for this one
     ASSERT_TRUE(answers_pings(other));
-    static_cast<void>(GameModeController(*gone).spawn_drone(later, {.claim = true}));
+    static_cast<void>(GameModeController(*gone).spawn_drone(later));
     ASSERT_TRUE(answers_pings(other));
     gone.reset();
-    ASSERT_TRUE(answers_pings(other));  // by then the server knows that the client is gone
+    ASSERT_TRUE(answers_pings(other));
+    try {  // the request still has its place
+      static_cast<void>(served.connect());
+      ADD_FAILURE() << "a fourth client";
+    } catch (const client::Error& error) {
+      EXPECT_EQ(error.code(), client::ErrorCode::resource_exhausted);
+    }
   }
-  other.sense();  // comes after both
-  const std::vector<client::Drone> drones = other.get_drones();
-  EXPECT_EQ(drones.size(), 9U);
-  for (const client::Drone& drone : drones) EXPECT_EQ(drone.owner, 0U);
+  other.sense();
+  EXPECT_EQ(other.get_drones().size(), 8U);
+  served.wait_for_clients(2);
+  EXPECT_TRUE(served.connect().is_open());
+}
+
+TEST(Server, LimitsTheStreamsWhoseValuesAreBeingMade) {
+  Served served(kinematic());
+  const Connection connection = served.connect();
+  GameModeController first(served.connect()), client(connection), other(served.connect());
+  DroneController drone(connection, 3);
+  const auto is_refused = [&] {
+    auto stream = drone.stream_lidar(1000);
+    client.ping();
+    try {
+      static_cast<void>(stream.next(0ns));
+    } catch (const client::Error& error) {
+      EXPECT_EQ(error.code(), client::ErrorCode::resource_exhausted);
+      return true;
+    }
+    return false;
+  };
+  {
+    const BatchLock lock(served.batch);
+    auto sensed = first.sense(later);  // waits for the lock, and all values for this one
+    ASSERT_TRUE(answers_pings(other));
+    int turns = 0;
+    while (!is_refused()) ASSERT_LT(++turns, 2000);
+    EXPECT_GE(turns, 64);
+  }
+  client.sense();  // comes after all values
+  EXPECT_FALSE(is_refused());
 }
 
 TEST(Server, AnswersPingsWhileATickOrALockstepWaits) {

@@ -1,4 +1,4 @@
-// Runs an operation, and makes a reply of its exception.
+// Runs an operation, and makes a reply of its exception. An operation of a client that is gone does not run.
 #pragma once
 
 #include <new>
@@ -14,6 +14,7 @@ template <class Operation>
 void guard(Call& call, const Operation& operation) {
   using protocol::Code;
   try {
+    if (call.client->is_gone) throw Refusal(Code::kFailedPrecondition, "the client is gone");
     operation();
     if (std::holds_alternative<std::monostate>(call.reply.result)) call.result<protocol::Done>();
   } catch (const Refusal& error) {

@@ -258,14 +258,14 @@ std::size_t Service::max_array_bytes(const protocol::Request& request) {
   return is(std::type_identity<protocol::Restore>()) ? std::max(now->max_snapshot_bytes, 2 * largest_snapshot_) : 0;
 }
 
-void Service::leave(Client& client) {
-  // After the operations of this client that still wait: one of them may claim a drone.
-  executor_.run([this, gone = &client, number = client.number] {
+void Service::leave(const std::shared_ptr<Client>& client) {
+  // After the operation that is running: it may be of this client and claim a drone.
+  executor_.run([this, client] {
     {
       const std::scoped_lock lock(owners_mutex_);
-      std::erase_if(owners_, [&](const auto& entry) { return entry.second == number; });
+      std::erase_if(owners_, [&](const auto& entry) { return entry.second == client->number; });
     }
-    if (lockstep_.erase(gone) > 0) step_if_all_wait();
+    if (lockstep_.erase(client.get()) > 0) step_if_all_wait();
   });
 }
 

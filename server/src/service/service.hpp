@@ -43,8 +43,8 @@ class Service {
   void answer(const std::shared_ptr<Call>& call);
   // Bytes that the arrays of a request may have.
   std::size_t max_array_bytes(const protocol::Request& request);
-  // Ends the claims of a client and its part in the lockstep.
-  void leave(Client& client);
+  // Ends the claims of a client and its part in the lockstep, after the operations that wait.
+  void leave(const std::shared_ptr<Client>& client);
 
   // Ends the sharing of the batch; later calls do nothing. No thread may be in a call of this object.
   void unshare();

@@ -1,5 +1,6 @@
 #include "service/session.hpp"
 
+#include <algorithm>
 #include <array>
 #include <cmath>
 #include <type_traits>
@@ -41,7 +42,10 @@ Session::Session(Sessions& sessions, Stream::Socket socket, asio::ssl::context* 
   ++sessions_.count;
 }
 
-Session::~Session() { --sessions_.count; }
+Session::~Session() {
+  --sessions_.count;
+  if (is_open_) --sessions_.num_open;  // calls hold their session: operations that run or wait count as clients
+}
 
 // ----------------------------------------------------------------------------------------------------------------- beginning
 
@@ -119,14 +123,14 @@ void Session::open(const std::shared_ptr<Call>& call) {
 // ------------------------------------------------------------------------------------------------------------------ requests
 
 void Session::read() {
-  if (is_reading_ || is_ending_ || is_gone_) return;
+  if (is_reading_ || is_ending_ || is_gone) return;
   if (outbox_.size() >= kMaxOutbox || unanswered_bytes_ > kMaxUnansweredBytes) return;
   is_reading_ = true;
   constexpr std::size_t kMost = std::size_t{1} << 18;
   socket_.async_read_some(buffer_, kMost, [self = self()](beast::error_code error, std::size_t) {
     self->is_reading_ = false;
     // A session that has ended must not keep the message: it would keep the session.
-    if (error || self->is_gone_) return self->end();
+    if (error || self->is_gone) return self->end();
     self->last_arrival_ = std::chrono::steady_clock::now();
     self->attempt([&] {
       if (!self->take_header()) return;
@@ -216,7 +220,7 @@ void Session::take_message() {
 }
 
 void Session::dispatch_next() {
-  if (is_busy_ || waiting_.empty() || is_gone_ || outbox_bytes_ > kMaxOutboxBytes) return;
+  if (is_busy_ || waiting_.empty() || is_gone || outbox_bytes_ > kMaxOutboxBytes) return;
   is_busy_ = true;
   const std::shared_ptr<Call> call = std::move(waiting_.front());
   waiting_.pop_front();
@@ -235,8 +239,9 @@ void Session::deliver(const std::shared_ptr<Call>& call) {
   asio::dispatch(socket_.get_executor(), [self = self(), call] {
     if (!call->is_of_stream) {
       self->end_request();
-    } else if (std::holds_alternative<protocol::Error>(call->reply.result)) {
-      self->subscriptions_.erase(call->request.id);  // the error is its end
+    } else {
+      --self->num_values_;
+      if (std::holds_alternative<protocol::Error>(call->reply.result)) self->subscriptions_.erase(call->request.id);  // its end
     }
     self->attempt([&] {
       self->send(call);
@@ -269,8 +274,9 @@ void Session::subscribe(const std::shared_ptr<Call>& call, const protocol::Subsc
   }
   if (subscribe.what.index() == 0)
     return refused(Code::kInvalidArgument, "what: expected one of arrays, lidar, camera, fps, got none");
-  if (subscriptions_.size() >= kMaxSubscriptions) {
-    return refused(Code::kResourceExhausted, "this client has " + std::to_string(kMaxSubscriptions) + " streams, the maximum");
+  if (std::max(subscriptions_.size(), num_values_) >= kMaxSubscriptions) {
+    return refused(Code::kResourceExhausted, "this client has " + std::to_string(kMaxSubscriptions) +
+                                                 " streams, the maximum; ended ones count while a value is made");
   }
   if (subscriptions_.contains(call->request.id)) {
     return refused(Code::kInvalidArgument, "id: expected one that no stream of this client has");
@@ -290,7 +296,7 @@ void Session::wait_for(std::uint64_t id) {
   found->second->timer.async_wait([weak = weak_from_this(), id, stream = std::weak_ptr(found->second)](beast::error_code error) {
     const auto self = weak.lock();
     const auto subscription = stream.lock();
-    if (error || !self || !subscription || self->is_gone_ || self->is_ending_) return;
+    if (error || !self || !subscription || self->is_gone || self->is_ending_) return;
     // The next time is a multiple of the period, unless it is late already.
     const auto now = std::chrono::steady_clock::now();
     subscription->timer.expires_at(std::max(subscription->timer.expiry() + subscription->period, now));
@@ -317,6 +323,7 @@ void Session::make_value(std::uint64_t id, Subscription& subscription) {
         if constexpr (!std::is_same_v<std::decay_t<decltype(what)>, std::monostate>) call->request.operation = what;
       },
       subscription.what.what);
+  ++num_values_;
   sessions_.service.answer(call);
 }
 
@@ -333,7 +340,7 @@ void Session::unsubscribe(const std::shared_ptr<Call>& call, const protocol::Uns
 // ------------------------------------------------------------------------------------------------------------------- replies
 
 void Session::send(const std::shared_ptr<Call>& call) {
-  if (is_gone_) return;
+  if (is_gone) return;
   if (call->is_of_stream && !subscriptions_.contains(call->request.id) &&
       !std::holds_alternative<protocol::Error>(call->reply.result)) {
     return;  // unsubscribed in the meantime
@@ -370,7 +377,7 @@ void Session::write() {
       }
       if (!self->is_ending_) self->dispatch_next();
       self->read();
-      if (stream && stream->is_due && !self->is_ending_ && !self->is_gone_) self->make_value(sent->request.id, *stream);
+      if (stream && stream->is_due && !self->is_ending_ && !self->is_gone) self->make_value(sent->request.id, *stream);
     });
   });
 }
@@ -382,14 +389,14 @@ void Session::stop(const std::string& reason) {
 }
 
 void Session::close(websocket::close_code code, const std::string& reason) {
-  if (is_gone_ || !socket_.is_open()) return end();
+  if (is_gone || !socket_.is_open()) return end();
   is_ending_ = true;
   if (std::exchange(is_closing_, true)) return;
   socket_.async_close({code, reason}, [self = self()](beast::error_code) { self->end(); });
 }
 
 void Session::end() {
-  if (std::exchange(is_gone_, true)) return;
+  if (is_gone.exchange(true)) return;
   hello_timer_.cancel();
   idle_timer_.cancel();
   mark_.reset();
@@ -398,9 +405,7 @@ void Session::end() {
   large_ = {};
   while (outbox_.size() > 1) outbox_.pop_back();  // the first one is being written
   socket_.next_layer().close();
-  if (!is_open_) return;
-  --sessions_.num_open;
-  sessions_.service.leave(*this);
+  if (is_open_) sessions_.service.leave(self());
 }
 
 void Session::watch() {
@@ -416,7 +421,7 @@ void Session::watch() {
   idle_timer_.expires_at(last_arrival_ + (is_late ? limit : limit / 2));
   idle_timer_.async_wait([weak = weak_from_this()](beast::error_code error) {
     const auto self = weak.lock();
-    if (!error && self && !self->is_gone_) self->watch();
+    if (!error && self && !self->is_gone) self->watch();
   });
 }
 

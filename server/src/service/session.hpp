@@ -36,7 +36,7 @@ struct Sessions {
   const ServerConfig& config;
   Workload& workload;
   std::atomic<int> count{0};     // connections
-  std::atomic<int> num_open{0};  // those whose Hello was answered
+  std::atomic<int> num_open{0};  // those whose Hello was answered, until the last operation of the client ends
 };
 
 // All handlers run in the strand of the stream.
@@ -117,7 +117,6 @@ class Session final : public Client, public std::enable_shared_from_this<Session
   bool is_open_ = false;    // Hello was answered
   bool is_ending_ = false;  // no more is read; the connection closes when all is sent
   bool is_closing_ = false;
-  bool is_gone_ = false;
   bool is_reading_ = false;
   bool is_pinging_ = false;
   bool is_busy_ = false;                       // a request is being answered
@@ -131,6 +130,7 @@ class Session final : public Client, public std::enable_shared_from_this<Session
   std::deque<std::shared_ptr<Call>> outbox_;  // the first is being written
   std::size_t outbox_bytes_ = 0;
   std::map<std::uint64_t, std::shared_ptr<Subscription>> subscriptions_;
+  std::size_t num_values_ = 0;  // of streams, ended ones too, that are being made
 };
 
 }  // namespace flockstep::server
