@@ -672,6 +672,36 @@ def test_a_new_drone_has_no_command_and_no_owner(fleet):
         drone.set_command([0, 0, 0.5, 0])
 
 
+def test_a_command_that_steps_would_refuse_is_refused(fleet):
+    with flockstep.serve(fleet, port=0) as server, flockstep.connect(server.address) as client:
+        for control, command in (
+            ("velocity", [1e7, 0, 0, 0]),
+            ("attitude", [9.8, 90, 0, 0]),
+            ("position", [0, 0, 1, 1e5]),
+        ):
+            with pytest.raises(flockstep.client.ServerError, match="command") as refusal:
+                client.drone(0).set_command(command, control=control)
+            assert refusal.value.code == "INVALID_ARGUMENT"
+            with pytest.raises(flockstep.client.ServerError, match="command"):
+                client.set_command([[0, 0, 0, 0], command], control=control)
+        client.set_command([[0, 0, 0, 0], [1e7, 0, 0, 0]], mask=[True, False])
+        assert client.step().step == 1
+
+
+@pytest.mark.parametrize("is_by_program", [False, True])
+def test_the_command_of_a_removed_drone_concerns_nobody(fleet, is_by_program):
+    fleet.set_pose([[3, 3, 2], [4, 3, 2]])
+    with flockstep.serve(fleet, port=0) as server, flockstep.connect(server.address) as client:
+        client.drone(0).set_command([5, 4, 0, 0])  # as angles, 4 would be too large
+        client.step()
+        if is_by_program:
+            fleet.remove([0])
+        else:
+            client.drone(0).remove()
+        client.drone(1).set_command([9.8, 0, 0, 0], control="attitude")
+        assert client.step().step == 2
+
+
 def test_indices_stay():
     """A client cannot change the indices of drones, and claims follow those that the program changes."""
     batch = flockstep.Batch("playground/train-1", 4, drones_per_env=2)

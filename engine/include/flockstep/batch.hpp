@@ -149,6 +149,7 @@ class FLOCKSTEP_API Batch {
   // Flies a command (N, 4) for a number of ticks in [0, 1000000]; 0 means one step. control: the meaning of this command, by
   // default config().dynamics.control; not Control::pose. Rotor motion only; use move() for kinematic motion.
   void fly(std::span<const float> command, int ticks = 0, DroneMask mask = {}, std::optional<Control> control = {});
+  void require_command(std::span<const float> command, std::optional<Control> control = {}) const;  // as fly() checks it
   void sense(DroneMask mask = {});  // reads the sensors now; cameras as their capture mode requires
 
   // --- slots

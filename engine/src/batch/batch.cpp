@@ -250,6 +250,12 @@ void Batch::fly(std::span<const float> command, int ticks, DroneMask mask, std::
   sim_->warn_of_lost_drones();
 }
 
+void Batch::require_command(std::span<const float> command, std::optional<Control> control) const {
+  const CallGuard guard(*lock_);
+  checks::flies_by_rotors(*sim_, "fly");
+  checks::command(*sim_, command, control);
+}
+
 void Batch::sense(DroneMask mask) {
   const LongCallGuard guard(*lock_);
   checks::mask(*sim_, mask);

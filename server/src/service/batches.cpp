@@ -1,7 +1,6 @@
 // Operations on all drones or envs at once.
 #include <algorithm>
 #include <chrono>
-#include <cmath>
 #include <string>
 #include <utility>
 
@@ -173,20 +172,23 @@ void Service::locked(Call& call, const protocol::SetCommand& set) {
   const std::int64_t drones = batch_.config().num_drones();
   const Control control = control_of(set.control).value_or(batch_.config().dynamics.control);
   require(control != Control::pose, "control", "a control other than pose", "pose");
+  drop_absent_commands();
   std::vector<std::uint8_t> mask(static_cast<std::size_t>(drones), 0);
-  std::vector<float> commands;
+  std::vector<float> commands = commands_;
   if (set.drone) {
     const std::size_t drone = require_drone(*set.drone);
     const auto command = call.array<float>("command", {4});
     require(command.has_value(), "command", "an array of this name", "none");
-    commands = commands_;
     std::ranges::copy(*command, commands.begin() + static_cast<std::ptrdiff_t>(4 * drone));
     mask[drone] = 1;
   } else {
     const auto command = call.array<float>("command", {drones, 4});
     require(command.has_value(), "command", "an array of this name", "none");
-    commands = *command;
     mask = call.flags("mask", drones).value_or(std::vector<std::uint8_t>(static_cast<std::size_t>(drones), 1));
+    for (std::size_t drone = 0; drone < mask.size(); ++drone) {
+      const auto row = static_cast<std::ptrdiff_t>(4 * drone);
+      if (mask[drone] != 0) std::copy_n(command->begin() + row, 4, commands.begin() + row);
+    }
   }
   require_may_change(call, mask);
   for (std::size_t drone = 0; drone < mask.size(); ++drone) {
@@ -196,13 +198,10 @@ void Service::locked(Call& call, const protocol::SetCommand& set) {
                                                    name_of(control));
     }
   }
+  batch_.require_command(commands, control);
+  commands_ = std::move(commands);
   for (std::size_t drone = 0; drone < mask.size(); ++drone) {
-    if (mask[drone] == 0) continue;
-    for (std::size_t i = 4 * drone; i < 4 * drone + 4; ++i)
-      require(std::isfinite(commands[i]), "command", "finite numbers", commands[i]);
-    std::copy_n(commands.begin() + static_cast<std::ptrdiff_t>(4 * drone), 4,
-                commands_.begin() + static_cast<std::ptrdiff_t>(4 * drone));
-    has_command_[drone] = 1;
+    if (mask[drone] != 0) has_command_[drone] = 1;
   }
   command_control_ = control;
 }

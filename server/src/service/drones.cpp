@@ -101,7 +101,7 @@ void Service::locked(Call& call, const protocol::SpawnDrone& spawn) {
   begin_change();
   const std::int64_t drone = batch_.spawn({}, position, rotation, {}, env).front();
   refresh_shape();
-  has_command_[static_cast<std::size_t>(drone)] = 0;  // of a drone that the program has removed there, like the claim
+  clear_command(static_cast<std::size_t>(drone));  // of a drone that the program has removed there, like the claim
   {
     const std::scoped_lock lock(owners_mutex_);
     owners_.erase(drone);
@@ -118,7 +118,7 @@ void Service::locked(Call& call, const protocol::RemoveDrone& remove) {
   require_may_change(call, remove.drone);
   begin_change();
   batch_.remove(std::array{remove.drone});
-  has_command_[drone] = 0;
+  clear_command(drone);
   const std::scoped_lock lock(owners_mutex_);
   owners_.erase(remove.drone);
 }

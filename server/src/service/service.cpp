@@ -290,6 +290,7 @@ void Service::count_program_steps() {
 
 void Service::advance() {
   follow_growth();
+  drop_absent_commands();
   begin_change();
   if (std::ranges::count(has_command_, 1) > 0) batch_.fly(commands_, 0, has_command_, command_control_);
   batch_.sense();
@@ -472,6 +473,17 @@ void Service::fit_rows() {
   mask_.assign(drones, 0);
   commands_.resize(4 * drones, 0.0F);
   has_command_.resize(drones, 0);
+}
+
+void Service::clear_command(std::size_t drone) {
+  has_command_[drone] = 0;
+  std::fill_n(commands_.begin() + static_cast<std::ptrdiff_t>(4 * drone), 4, 0.0F);
+}
+
+void Service::drop_absent_commands() {
+  for (std::size_t drone = 0; drone < has_command_.size(); ++drone) {
+    if (has_command_[drone] != 0 && batch_.state().active[drone] == 0) clear_command(drone);
+  }
 }
 
 std::span<const std::uint8_t> Service::only(std::size_t drone) {

@@ -168,6 +168,8 @@ class Service {
             const std::optional<protocol::Quaternion>& rotation, bool teleport);
   std::span<const std::uint8_t> only(std::size_t drone);  // a mask
   void fit_rows();                                        // resizes the arrays of rows after the batch has grown
+  void clear_command(std::size_t drone);
+  void drop_absent_commands();  // of drones that were removed, also by the program
 
   // --- time; needs the lock
   void begin_change();  // before a long call
@@ -209,7 +211,7 @@ class Service {
   std::vector<float> positions_, rotations_;           // (N, 3), (N, 4): for calls that take rows of all drones
   std::vector<std::uint8_t> mask_;                     // (N,), see only()
   std::vector<float> ranges_, directions_;             // of one scan
-  std::vector<float> commands_;                        // (N, 4), which steps fly
+  std::vector<float> commands_;                        // (N, 4), which steps fly; 0 without a command
   std::vector<std::uint8_t> has_command_;              // (N,)
   std::optional<Control> command_control_;             // of all commands
   std::map<Client*, std::shared_ptr<Call>> lockstep_;  // members, with the step for which they wait
