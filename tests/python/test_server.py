@@ -107,6 +107,7 @@ def test_an_address_of_the_network_needs_a_token(batch):
         ({"port": 65536}, r"port: expected an integer in \[0, 65535\]"),
         ({"certificate_file": "a.pem"}, "private_key_file: expected both a certificate and its private key"),
         ({"rate_hz": float("nan")}, "rate_hz: expected"),
+        ({"rate_hz": 1e-300}, r"rate_hz: expected 0 or a number in \[1e-06, 10000\], got 1e-300"),
         ({"max_clients": 0}, "max_clients: expected"),
         ({"tokn": "x"}, "tokn.*Did you mean 'token'"),
     ],
@@ -927,6 +928,18 @@ def test_the_clock_steps_in_real_time(client):
         client.step()
     client.set_clock(0)
     client.step()
+
+
+@pytest.mark.parametrize("rate_hz", [1e-12, 1e-300, -1.0, 1e5])
+def test_rates_without_a_period_are_refused(server, rate_hz):
+    with Raw(server) as raw:
+        error = raw.ask(Request(id=2, set_clock=pb.SetClock(rate_hz=rate_hz))).error
+        assert error.code == pb.Code.INVALID_ARGUMENT and "rate_hz: expected 0 or a number in" in error.text
+        error = raw.ask(Request(id=3, subscribe=pb.Subscribe(rate_hz=rate_hz, fps=pb.GetFps()))).error
+        assert error.code == pb.Code.INVALID_ARGUMENT and "rate_hz: expected a number in [1e-06, 1000]" in error.text
+        slow = pb.Subscribe(rate_hz=1e-6, fps=pb.GetFps())
+        assert raw.ask(Request(id=4, subscribe=slow)).HasField("fps")
+        assert raw.ask(Request(id=5, ping=Ping())).id == 5  # no second value
 
 
 # --- the documents

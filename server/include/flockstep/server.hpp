@@ -24,6 +24,8 @@ struct ServerConfig {
   int max_requests = 64;
   double idle_timeout_s = 600.0;
 
+  static constexpr double kMinRateHz = 1e-6;  // of clocks and streams that run: longer periods overflow
+
   static constexpr auto fields() {
     using C = ServerConfig;
     return field_list(
@@ -39,7 +41,8 @@ struct ServerConfig {
         field("private_key_file", &C::private_key_file, {.about = "PEM file with the private key of the certificate."}),
         field("ownership", &C::ownership, {.about = "Refuse operations that change a drone which another client has claimed."}),
         field("rate_hz", &C::rate_hz,
-              {.about = "Steps per second of wall time. 0: the server steps only when clients or the program ask for it.",
+              {.about = "Steps per second of wall time, at least 1e-06. 0: the server steps only when clients or the program ask "
+                        "for it.",
                .unit = "Hz",
                .limits = between(0, 10000)}),
         field("max_clients", &C::max_clients, {.about = "Maximum number of clients at once.", .limits = between(1, 100000)}),

@@ -207,7 +207,8 @@ void Service::locked(Call& call, const protocol::SetCommand& set) {
 }
 
 void Service::locked(Call& call, const protocol::SetClock& set) {
-  require(set.rate_hz >= 0.0 && set.rate_hz <= 10000.0, "rate_hz", "a number in [0, 10000]", set.rate_hz);
+  require(set.rate_hz == 0.0 || (set.rate_hz >= ServerConfig::kMinRateHz && set.rate_hz <= 10000.0), "rate_hz",
+          "0 or a number in [1e-06, 10000]", set.rate_hz);
   if (task_ != nullptr) throw Refusal(Code::kFailedPrecondition, "this batch has a task, which actions step");
   if (set.rate_hz > 0.0 && !lockstep_.empty()) throw Refusal(Code::kFailedPrecondition, "clients step in lockstep");
   rate_hz_ = set.rate_hz;

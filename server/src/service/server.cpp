@@ -74,6 +74,7 @@ void run_handlers(const Run& run) {
 
 void ServerConfig::validate() const {
   check_fields(*this, "");
+  require(rate_hz == 0.0 || rate_hz >= kMinRateHz, "rate_hz", "0 or a number in [1e-06, 10000]", rate_hz);
   require(certificate_file.empty() == private_key_file.empty(),
           certificate_file.empty() ? "certificate_file" : "private_key_file",
           "both a certificate and its private key, or neither", "only one of them");

@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
+#include <sstream>
 #include <type_traits>
 #include <utility>
 #include <variant>
@@ -269,8 +270,10 @@ void Session::subscribe(const std::shared_ptr<Call>& call, const protocol::Subsc
     deliver(call);
   };
   const double rate = subscribe.rate_hz;
-  if (!(rate > 0.0) || rate > kMaxStreamHz) {
-    return refused(Code::kInvalidArgument, "rate_hz: expected a number in (0, 1000], got " + std::to_string(rate));
+  if (!(rate >= ServerConfig::kMinRateHz && rate <= kMaxStreamHz)) {
+    std::ostringstream text;
+    text << "rate_hz: expected a number in [1e-06, 1000], got " << rate;
+    return refused(Code::kInvalidArgument, text.str());
   }
   if (subscribe.what.index() == 0)
     return refused(Code::kInvalidArgument, "what: expected one of arrays, lidar, camera, fps, got none");
