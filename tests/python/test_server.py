@@ -21,11 +21,13 @@ from websockets.sync.client import connect as connect_websocket
 import flockstep
 from flockstep.client import protocol_pb2 as pb
 from flockstep.client.frames import decode, encode
-from flockstep.client.protocol_pb2 import Hello, Ping, Request, Step
+from flockstep.client.protocol_pb2 import Hello, Ping, Reply, Request, Step
+from flockstep.client.session import Session
 
 ROOT = Path(__file__).resolve().parents[2]
 CERTIFICATES = Path(__file__).parent / "certificates"
 SECRET = "a-secret"
+PONG = encode(Reply(id=4, done=pb.Done()), {})
 
 
 @pytest.fixture
@@ -341,11 +343,13 @@ def test_messages_that_are_too_long_end_the_session(server):
 
 def test_claimed_sizes_are_not_allocated(server):
     for shape in ([1 << 62, 4], [1 << 33], [1 << 30], [0, 1 << 63], [2] * 9):
+        is_too_long = shape in ([1 << 33], [1 << 30])
         header = Request(id=2, restore=pb.Restore(), arrays=[pb.Array(name="snapshot", dtype=2, shape=shape)])
         data = header.SerializeToString()
         with Raw(server) as raw:
             raw.send(struct.pack("<I", len(data)) + data)
-            assert raw.reply().error.code in (pb.Code.INVALID_ARGUMENT, pb.Code.RESOURCE_EXHAUSTED)
+            code = pb.Code.RESOURCE_EXHAUSTED if is_too_long else pb.Code.INVALID_ARGUMENT
+            assert raw.reply().error.code == code
 
 
 def test_text_messages_end_the_session(server):
@@ -415,6 +419,21 @@ def test_waiting_requests_do_not_fill_the_memory():
         for _ in range(60):
             assert "position: expected shape" in raw.reply().error.text
         thread.join(10)
+
+
+def test_many_waiting_requests_are_answered_at_once(batch):
+    server = flockstep.serve(batch, port=0, max_requests=40_000)
+    with server, Raw(server) as raw, flockstep.connect(server.address) as other:
+        other.join_lockstep()
+        raw.ask(Request(id=2, join_lockstep=pb.JoinLockstep()))
+        raw.send(encode(Request(id=3, step=Step()), {}))  # waits for the other client
+        ping = Session("ws://a/").frame(encode(Request(id=4, ping=Ping()), {}))
+        raw.socket.socket.sendall(40_000 * ping)
+        assert raw.reply().error.code == pb.Code.RESOURCE_EXHAUSTED  # the last one: all have come
+        other.leave_lockstep()
+        assert raw.reply().id == 3
+        for _ in range(39_999):
+            assert raw.socket.recv(10) == PONG
 
 
 def test_clients_are_limited(batch):

@@ -221,14 +221,21 @@ void Session::take_message() {
 }
 
 void Session::dispatch_next() {
-  if (is_busy_ || waiting_.empty() || is_gone || outbox_bytes_ > kMaxOutboxBytes) return;
-  is_busy_ = true;
-  const std::shared_ptr<Call> call = std::move(waiting_.front());
-  waiting_.pop_front();
-  busy_bytes_ = call->bytes.size();
-  if (const auto* const wanted = std::get_if<protocol::Subscribe>(&call->request.operation)) return subscribe(call, *wanted);
-  if (const auto* const ended = std::get_if<protocol::Unsubscribe>(&call->request.operation)) return unsubscribe(call, *ended);
-  sessions_.service.answer(call);
+  if (std::exchange(is_dispatching_, true)) return;  // a request was answered at once: the loop below goes on
+  while (!is_busy_ && !waiting_.empty() && !is_gone && outbox_bytes_ <= kMaxOutboxBytes) {
+    is_busy_ = true;
+    const std::shared_ptr<Call> call = std::move(waiting_.front());
+    waiting_.pop_front();
+    busy_bytes_ = call->bytes.size();
+    if (const auto* const wanted = std::get_if<protocol::Subscribe>(&call->request.operation)) {
+      subscribe(call, *wanted);
+    } else if (const auto* const ended = std::get_if<protocol::Unsubscribe>(&call->request.operation)) {
+      unsubscribe(call, *ended);
+    } else {
+      sessions_.service.answer(call);
+    }
+  }
+  is_dispatching_ = false;
 }
 
 void Session::end_request() {
@@ -290,7 +297,6 @@ void Session::subscribe(const std::shared_ptr<Call>& call, const protocol::Subsc
   end_request();
   subscriptions_.at(call->request.id)->timer.expires_after(std::chrono::seconds(0));
   wait_for(call->request.id);
-  dispatch_next();
 }
 
 void Session::wait_for(std::uint64_t id) {

@@ -79,7 +79,7 @@ class Session final : public Client, public std::enable_shared_from_this<Session
   // Takes what has come of a message; returns false if the session ends.
   bool take_header();
   void take_message();
-  void dispatch_next();
+  void dispatch_next();        // and those after it that are answered at once
   void end_request();  // the request that was being answered
   void open(const std::shared_ptr<Call>& hello);
   void refuse(std::uint64_t id, protocol::Code code, const std::string& text, bool ends);
@@ -119,6 +119,7 @@ class Session final : public Client, public std::enable_shared_from_this<Session
   bool is_closing_ = false;
   bool is_reading_ = false;
   bool is_pinging_ = false;
+  bool is_dispatching_ = false;                // dispatch_next() runs
   bool is_busy_ = false;                       // a request is being answered
   std::size_t busy_bytes_ = 0;                 // of its message
   std::size_t unanswered_bytes_ = 0;           // of the messages of all requests that came and were not answered
