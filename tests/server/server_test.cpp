@@ -5,6 +5,7 @@
 #include <sys/resource.h>
 
 #include <algorithm>
+#include <array>
 #include <atomic>
 #include <chrono>
 #include <cstdint>
@@ -255,6 +256,27 @@ TEST(Server, DropsWaitingRequestsOfAClientThatIsGone) {
   EXPECT_EQ(other.get_drones().size(), 8U);
   served.wait_for_clients(2);
   EXPECT_TRUE(served.connect().is_open());
+}
+
+TEST(Server, SendsNoErrorOfAStreamThatHasEnded) {
+  Served served(kinematic());
+  const Connection connection = served.connect();
+  GameModeController first(served.connect()), client(connection), other(served.connect());
+  {
+    const BatchLock lock(served.batch);
+    auto sensed = first.sense(later);  // waits for the lock, and the value for this one
+    ASSERT_TRUE(answers_pings(other));
+    {
+      const auto stream = DroneController(connection, 3).stream_lidar(1000);
+      client.ping();
+      ASSERT_TRUE(answers_pings(other));  // by then a value is being made
+    }
+    client.ping();
+    served.batch.remove(std::array<std::int64_t, 1>{3});  // the value fails
+  }
+  client.sense();
+  client.ping();
+  EXPECT_TRUE(connection.is_open());
 }
 
 TEST(Server, LimitsTheStreamsWhoseValuesAreBeingMade) {

@@ -249,7 +249,9 @@ void Session::deliver(const std::shared_ptr<Call>& call) {
       self->end_request();
     } else {
       --self->num_values_;
-      if (std::holds_alternative<protocol::Error>(call->reply.result)) self->subscriptions_.erase(call->request.id);  // its end
+      const auto stream = self->subscriptions_.find(call->request.id);
+      if (stream == self->subscriptions_.end()) return;  // unsubscribed in the meantime
+      if (std::holds_alternative<protocol::Error>(call->reply.result)) self->subscriptions_.erase(stream);  // its end
     }
     self->attempt([&] {
       self->send(call);
@@ -350,10 +352,6 @@ void Session::unsubscribe(const std::shared_ptr<Call>& call, const protocol::Uns
 
 void Session::send(const std::shared_ptr<Call>& call) {
   if (is_gone) return;
-  if (call->is_of_stream && !subscriptions_.contains(call->request.id) &&
-      !std::holds_alternative<protocol::Error>(call->reply.result)) {
-    return;  // unsubscribed in the meantime
-  }
   outbox_.push_back(call);
   outbox_bytes_ += call->writer.size();
   if (outbox_.size() == 1) write();
