@@ -123,7 +123,7 @@ void messages(Bytes input) {
     call->bytes = left.substr(0, size);
     left.remove_prefix(std::min<std::size_t>(size, left.size()));
     try {
-      const std::size_t header = protocol::header_size(call->bytes);
+      const std::size_t header = protocol::header_size<protocol::Request>(call->bytes);
       if (call->bytes.size() < sizeof(std::uint32_t) + header) continue;
       protocol::read_header(call->bytes, call->request);
       const std::size_t arrays = protocol::bytes_of(std::span<const protocol::Array>(call->request.arrays));

@@ -18,12 +18,16 @@
 #include <string>
 #include <thread>
 #include <utility>
+#include <variant>
 #include <vector>
 
 #include "batch_helpers.hpp"
 #include "flockstep/batch.hpp"
 #include "flockstep/batch_lock.hpp"
 #include "flockstep/client.hpp"
+#include "protocol/frame.hpp"
+#include "protocol/messages.hpp"
+#include "service/call.hpp"
 #include "service/executor.hpp"
 #include "service/workload.hpp"
 
@@ -196,6 +200,24 @@ TEST(Executor, RunsTheNextOperationAfterOneThatThrows) {
   EXPECT_EQ(runs, 1);
   EXPECT_THROW(static_cast<void>(executor.try_run([&]() -> bool { throw std::bad_alloc(); })), std::bad_alloc);
   EXPECT_TRUE(executor.try_run([] { return true; }));
+}
+
+TEST(Call, MakesAnErrorOfAReplyThatIsTooLong) {
+  Call call;
+  call.request.id = 7;
+  call.result<protocol::Error>().text = std::string(protocol::kMaxHeaderBytes<protocol::Reply>, 'x');
+  call.finish();
+  protocol::Reply reply;
+  protocol::read_header(call.writer.header(), reply);
+  EXPECT_EQ(reply.id, 7U);
+  EXPECT_EQ(std::get<protocol::Error>(reply.result).code, protocol::Code::kResourceExhausted);
+}
+
+TEST(Server, ListsTenThousandDrones) {
+  BatchConfig config;
+  config.num_envs = 10'000;
+  Served served(config);
+  EXPECT_EQ(GameModeController(served.connect()).get_drones().size(), 10'000U);
 }
 
 TEST(Server, AnswersPingsWhileAnOperationWaitsForTheProgram) {

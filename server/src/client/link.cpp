@@ -210,7 +210,7 @@ Error Link::failure() const {
 void Link::receive(Message& message) {
   try {
     const std::string_view bytes(static_cast<const char*>(message.data().data()), message.size());
-    const std::size_t header = protocol::header_size(bytes);
+    const std::size_t header = protocol::header_size<protocol::Reply>(bytes);
     if (bytes.size() < sizeof(std::uint32_t) || bytes.size() - sizeof(std::uint32_t) < header) {
       throw std::invalid_argument("a message is cut short");
     }

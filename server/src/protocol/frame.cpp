@@ -68,7 +68,7 @@ std::size_t bytes_of(const Array& array) {
 
 std::size_t bytes_of(std::span<const Array> arrays) {
   std::size_t bytes = 0;
-  for (const Array& array : arrays) bytes += bytes_of(array);  // there are at most kMaxHeaderBytes of them
+  for (const Array& array : arrays) bytes += bytes_of(array);  // a header has room for fewer than 2^23 of them
   return bytes;
 }
 
@@ -100,18 +100,18 @@ void FrameWriter::clear() {
   values_.clear();
 }
 
-std::size_t header_size(std::string_view bytes) {
+std::size_t header_size(std::string_view bytes, std::size_t limit) {
   std::uint32_t size = 0;
   if (bytes.size() < sizeof(size)) return 0;
   std::memcpy(&size, bytes.data(), sizeof(size));
-  if (size > kMaxHeaderBytes) {
-    refuse_value("message", "a header of at most " + std::to_string(kMaxHeaderBytes) + " bytes", std::to_string(size));
+  if (size > limit) {
+    refuse_value("message", "a header of at most " + std::to_string(limit) + " bytes", std::to_string(size));
   }
   return size;
 }
 
 std::vector<ReceivedArray> read_arrays(std::string_view bytes, std::span<const Array> arrays) {
-  const std::size_t header = sizeof(std::uint32_t) + header_size(bytes);
+  const std::size_t header = sizeof(std::uint32_t) + header_size<Reply>(bytes);  // the larger limit
   const std::size_t values = bytes_of(arrays);
   if (bytes.size() < header || bytes.size() - header != values) {
     refuse_value("message", std::to_string(header + values) + " bytes", std::to_string(bytes.size()));

@@ -16,7 +16,9 @@
 namespace flockstep::protocol {
 
 inline constexpr std::uint32_t kVersion = 1;
-inline constexpr std::size_t kMaxHeaderBytes = 1 << 16;  // of a Request or Reply without the values of its arrays
+// Bytes that a Request or Reply may have without the values of its arrays. A Reply may list all drones.
+template <class Message>
+inline constexpr std::size_t kMaxHeaderBytes = std::size_t{1} << (std::is_same_v<Message, Reply> ? 26U : 16U);
 
 // The DType of a C++ type.
 template <class T>
@@ -89,20 +91,24 @@ struct ReceivedArray {
 };
 
 // Size of the header at the beginning of a message, or 0 while fewer than 4 bytes have come. Throws std::invalid_argument if it
-// is above kMaxHeaderBytes.
-std::size_t header_size(std::string_view bytes);
+// is above the limit.
+std::size_t header_size(std::string_view bytes, std::size_t limit);
+template <class Message>
+std::size_t header_size(std::string_view bytes) {
+  return header_size(bytes, kMaxHeaderBytes<Message>);
+}
 
 // Reads the header of a message that has all of it.
 template <class Message>
 void read_header(std::string_view bytes, Message& message) {
-  message.read(protozero::pbf_reader(bytes.data() + sizeof(std::uint32_t), header_size(bytes)));
+  message.read(protozero::pbf_reader(bytes.data() + sizeof(std::uint32_t), header_size<Message>(bytes)));
 }
 
 // Bytes of all arrays of a message.
 std::size_t bytes_of(std::span<const Array> arrays);
 
-// Returns the arrays of a complete message. Throws std::invalid_argument if their sizes do not add up to that of the message. The
-// values point into `bytes`.
+// Returns the arrays of a complete message, whose header was read before. Throws std::invalid_argument if their sizes do not add
+// up to that of the message. The values point into `bytes`.
 std::vector<ReceivedArray> read_arrays(std::string_view bytes, std::span<const Array> arrays);
 
 }  // namespace flockstep::protocol

@@ -1,6 +1,8 @@
 #include "service/call.hpp"
 
 #include <algorithm>
+#include <cstddef>
+#include <cstdint>
 #include <utility>
 
 #include "base/require.hpp"
@@ -59,6 +61,16 @@ void Call::require_only(std::initializer_list<std::string_view> names) const {
     require(std::ranges::find(names, array.name) != names.end(), "arrays",
             names.size() == 0 ? "no array for this operation" : known, '"' + array.name + '"');
   }
+}
+
+void Call::finish() {
+  reply.id = request.id;
+  writer.finish(reply);
+  const std::size_t size = writer.header().size();
+  if (size <= sizeof(std::uint32_t) + protocol::kMaxHeaderBytes<protocol::Reply>) return;
+  fail(protocol::Code::kResourceExhausted, "the reply is too long: it has " + std::to_string(size) + " bytes without arrays");
+  reply.id = request.id;
+  writer.finish(reply);
 }
 
 void Call::fail(protocol::Code code, const std::string& text) {

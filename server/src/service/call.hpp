@@ -72,11 +72,8 @@ struct Call {
   }
   // Replaces the reply by an error.
   void fail(protocol::Code code, const std::string& text);
-  // Writes the reply, with the id of the request.
-  void finish() {
-    reply.id = request.id;
-    writer.finish(reply);
-  }
+  // Writes the reply, with the id of the request. A reply that is too long becomes an error.
+  void finish();
 
  private:
   std::optional<protocol::ReceivedArray> find(std::string_view name, protocol::DType type,

@@ -153,7 +153,7 @@ bool Session::take_header() {
   }
   if (!incoming_) {
     try {
-      const std::size_t header = protocol::header_size(bytes);
+      const std::size_t header = protocol::header_size<protocol::Request>(bytes);
       if (bytes.size() < sizeof(std::uint32_t) || bytes.size() - sizeof(std::uint32_t) < header) return true;  // more will come
       incoming_.emplace();
       protocol::read_header(bytes, *incoming_);
