@@ -517,7 +517,13 @@ class Server:
 
     def __init__(self, batch: Batch, config: ServerConfig) -> None: ...
     def stop(self) -> None:
-        """Close all connections and end the threads. Clients get the reason. Further calls do nothing."""
+        """Close all connections and end the threads. Clients get the reason. Further calls wait for the first one.
+
+        Raises
+        ------
+        RuntimeError
+            Called by a task that a client steps.
+        """
     @property
     def config(self) -> ServerConfig:
         """The configuration as given."""

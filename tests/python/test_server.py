@@ -12,7 +12,9 @@ import sys
 import threading
 import time
 from pathlib import Path
+from typing import ClassVar
 
+import gymnasium
 import numpy as np
 import pytest
 from websockets.exceptions import ConnectionClosed
@@ -775,6 +777,52 @@ def test_stop_ends_long_operations(fleet):
     thread.join(10)
     assert len(failures) == 1
     fleet.fly(np.zeros((2, 4)))  # the program goes on
+
+
+class EndOfServers(flockstep.Task):
+    """Calls a function of the list of servers in each step."""
+
+    observation_space = gymnasium.spaces.Box(-np.inf, np.inf, (3,), np.float32)
+    servers: ClassVar[list] = []
+    end = staticmethod(list.clear)
+
+    def step(self, batch):
+        type(self).end(self.servers)
+        return batch.position[:, 2], batch.contact.hit
+
+    def observe(self, batch):
+        return batch.position
+
+
+def test_a_task_cannot_stop_its_server(monkeypatch):
+    monkeypatch.setattr(EndOfServers, "end", staticmethod(lambda servers: servers[0].stop()))
+    envs = flockstep.DroneVectorEnv(1, worlds="train", task=EndOfServers)
+    with flockstep.serve(envs, port=0) as server, flockstep.connect(server.address) as client:
+        monkeypatch.setattr(EndOfServers, "servers", [server])
+        remote = client.vector_env()
+        remote.reset(seed=0)
+        with pytest.raises(flockstep.client.ServerError, match=r"stop\(\) was called by an operation of a client"):
+            remote.step(remote.action_space.sample())
+        client.ping()
+
+
+def test_a_task_can_drop_its_server(monkeypatch):
+    envs = flockstep.DroneVectorEnv(1, worlds="train", task=EndOfServers)
+    monkeypatch.setattr(EndOfServers, "servers", [flockstep.serve(envs, port=0)])
+    client = flockstep.connect(EndOfServers.servers[0].address)
+    remote = client.vector_env()
+    remote.reset(seed=0)
+    with contextlib.suppress(ConnectionError, flockstep.client.ServerError):
+        remote.step(remote.action_space.sample())
+        while True:  # until the server has stopped
+            client.ping()
+    deadline = time.monotonic() + 10
+    while time.monotonic() < deadline:
+        with contextlib.suppress(ValueError):  # another server serves the batch
+            flockstep.serve(envs, port=0).stop()
+            return
+        time.sleep(0.01)
+    pytest.fail("the batch is still shared")
 
 
 @pytest.mark.filterwarnings("ignore:.*fork.*:DeprecationWarning")

@@ -21,6 +21,7 @@
 #include <variant>
 #include <vector>
 
+#include "base/interrupt.hpp"
 #include "batch_helpers.hpp"
 #include "flockstep/batch.hpp"
 #include "flockstep/batch_lock.hpp"
@@ -439,6 +440,42 @@ TEST(Server, StopsWhileOperationsRunAndWait) {
     EXPECT_THROW(next.get(), client::Error);
     EXPECT_THROW(other.ping(), client::Error);
   }
+}
+
+TEST(Server, ASecondStopWaitsForTheFirst) {
+  Served served(rotors());
+  GameModeController pilot(served.connect()), other(served.connect());
+  const std::vector<float> hover(4 * kFleet, 0.0F);
+  auto flight = pilot.fly(later, {.command = hover}, 1'000'000);
+  ASSERT_TRUE(answers_pings(other));
+  std::thread first([&] { served.server.stop(); });
+  try {
+    for (;;) other.ping();
+  } catch (const client::Error&) {  // now the server stops
+  }
+  served.server.stop();
+  EXPECT_FALSE(served.batch.is_shared());
+  first.join();
+}
+
+TEST(Server, StopsAgainAfterAnInterrupt) {
+  Served served(kinematic());
+  std::atomic<int> phase{0};
+  std::thread program([&] {
+    const BatchLock lock(served.batch);
+    phase = 1;
+    while (phase == 1) std::this_thread::yield();
+  });
+  while (phase == 0) std::this_thread::yield();
+  {
+    const Interrupt interrupt([] { throw std::runtime_error("interrupted"); });
+    EXPECT_THROW(served.server.stop(), std::runtime_error);
+  }
+  EXPECT_TRUE(served.batch.is_shared());
+  phase = 2;
+  served.server.stop();
+  EXPECT_FALSE(served.batch.is_shared());
+  program.join();
 }
 
 TEST(Server, AnswersAThousandClientsThatAskAtOnce) {

@@ -69,7 +69,9 @@ class FLOCKSTEP_API Server {
   Server(const Server&) = delete;
   Server& operator=(const Server&) = delete;
 
-  // Closes all connections and ends the threads. Clients get the reason. Further calls do nothing.
+  // Closes all connections and ends the threads. Clients get the reason. Further calls wait for the first one. An Interrupt while
+  // the program is in a call on the batch leaves the batch shared until the next stop(). Throws std::logic_error on a thread of
+  // the server, such as from a task that a client steps.
   void stop();
 
   const ServerConfig& config() const;  // as given

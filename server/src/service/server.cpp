@@ -9,6 +9,7 @@
 #include <stdexcept>
 #include <thread>
 #include <type_traits>
+#include <utility>
 #include <vector>
 
 #include "base/check_fields.hpp"
@@ -47,6 +48,8 @@ ServerConfig validated(ServerConfig config) {
 class Cancellable {
  public:
   explicit Cancellable(const std::atomic<bool>& flag) : interrupt_(check) { current() = &flag; }
+  // Returns whether this thread has run calls that this flag ends.
+  static bool is_of_thread(const std::atomic<bool>& flag) { return current() == &flag; }
 
  private:
   static const std::atomic<bool>*& current() {
@@ -129,14 +132,38 @@ class Server::Impl {
       }
     });
   }
-  ~Impl() { stop(); }
+  ~Impl() {
+    const Interrupt none(nullptr);  // the batch must be free of this server
+    stop();
+  }
 
   void stop() {
-    {
-      const std::scoped_lock lock(stop_mutex_);
-      if (is_stopped_) return;
-      is_stopped_ = true;
+    if (is_own_thread()) {
+      throw std::logic_error("stop() was called by an operation of a client, for which it would wait: call it on another thread");
     }
+    const std::scoped_lock lock(stop_mutex_);
+    if (!is_stopped_.exchange(true)) end();
+    service_.unshare();  // again, if an interrupt ended an earlier wait for the batch
+  }
+
+  // False in a child of the process that made the server: there it has no threads and cannot be stopped.
+  bool is_own_process() const { return process_id() == owner_; }
+  // True on the threads that this server has started.
+  bool is_own_thread() const { return Cancellable::is_of_thread(cancels_calls_); }
+
+  const ServerConfig& config() const { return config_; }
+  int port() const { return port_; }
+  std::string address() const {
+    if (is_unix(config_)) return config_.address;
+    const asio::ip::address address = ip_address(config_);
+    return (address.is_v6() ? '[' + address.to_string() + ']' : address.to_string()) + ':' + std::to_string(port_);
+  }
+  int num_clients() const { return sessions_.count; }
+  const Service& service() const { return service_; }
+
+ private:
+  // Ends connections and threads.
+  void end() {
     asio::post(accepting_, [this] {
       boost::system::error_code ignored;
       if (tcp_) tcp_->close(ignored);
@@ -169,23 +196,8 @@ class Server::Impl {
       std::error_code ignored;
       std::filesystem::remove(config_.address.substr(kUnix.size()), ignored);
     }
-    service_.unshare();
   }
 
-  // False in a child of the process that made the server: there it has no threads and cannot be stopped.
-  bool is_own_process() const { return process_id() == owner_; }
-
-  const ServerConfig& config() const { return config_; }
-  int port() const { return port_; }
-  std::string address() const {
-    if (is_unix(config_)) return config_.address;
-    const asio::ip::address address = ip_address(config_);
-    return (address.is_v6() ? '[' + address.to_string() + ']' : address.to_string()) + ':' + std::to_string(port_);
-  }
-  int num_clients() const { return sessions_.count; }
-  const Service& service() const { return service_; }
-
- private:
   void listen() {
     if (!config_.certificate_file.empty()) {
       try {
@@ -279,7 +291,7 @@ class Server::Impl {
 
   const long owner_ = process_id();
   const ServerConfig config_;
-  std::atomic<bool> cancels_calls_{false};
+  std::atomic<bool> cancels_calls_{false};  // its address is that of the server's threads, see is_own_thread()
   server::Workload workload_;
   asio::thread_pool aside_;  // compresses images and makes meshes
   Service service_;
@@ -303,7 +315,11 @@ class Server::Impl {
 
 Server::Server(Batch& batch, ServerConfig config) : impl_(std::make_unique<Impl>(batch, std::move(config))) {}
 Server::~Server() {
-  if (!impl_->is_own_process()) static_cast<void>(impl_.release());  // fork() copies no threads: they cannot be ended
+  if (!impl_->is_own_process()) {
+    static_cast<void>(impl_.release());  // fork() copies no threads: they cannot be ended
+  } else if (impl_->is_own_thread()) {
+    std::thread([impl = std::move(impl_)] {}).detach();  // a thread cannot wait for its own end
+  }
 }
 
 void Server::stop() {
