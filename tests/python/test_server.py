@@ -257,6 +257,31 @@ def test_connections_without_hello_keep_nobody_out(batch):
             raw.__exit__()
 
 
+def test_too_many_connections_without_hello_make_room(batch):
+    with flockstep.serve(batch, port=0, max_clients=2) as server, flockstep.connect(server.address) as client:
+        silent = [socket.create_connection(("127.0.0.1", server.port), timeout=5) for _ in range(75)]
+        for oldest in silent[:10]:  # 66 connections may stay
+            assert oldest.recv(1) == b""  # the time for Hello is 10 s
+        client.ping()
+        flockstep.connect(server.address).close()
+        for connection in silent:
+            connection.close()
+
+
+def test_connections_without_hello_leave_files_for_clients():
+    serve = [sys.executable, "-m", "flockstep", "serve", "--port", "0", "--world", "playground/train-1"]
+    limited = ["sh", "-c", 'ulimit -n 64; exec "$@"', "sh", *serve]
+    with contextlib.ExitStack() as stack:
+        process = stack.enter_context(subprocess.Popen(limited, stdout=subprocess.PIPE, text=True))
+        stack.callback(process.terminate)
+        address = process.stdout.readline().split(" at ")[1].split(";")[0]
+        host, port = address.split(":")
+        for _ in range(100):
+            stack.enter_context(socket.create_connection((host, int(port))))
+        with flockstep.connect(address, timeout_s=5) as client:
+            client.ping()
+
+
 def test_replies_that_are_not_read_do_not_fill_the_memory(batch):
     def peak_kib():
         return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss

@@ -162,6 +162,8 @@ class Server::Impl {
   const Service& service() const { return service_; }
 
  private:
+  static constexpr int kSpareConnections = 64;  // beyond the clients: for those that have not said Hello
+
   // Ends connections and threads.
   void end() {
     asio::post(accepting_, [this] {
@@ -250,6 +252,7 @@ class Server::Impl {
     if (!is_open || error == asio::error::operation_aborted) return;
     if (!error) return accept();
     // Too many open files, say: try again a little later.
+    drop_oldest(kSpareConnections);
     retry_timer_.expires_after(std::chrono::milliseconds(100));
     retry_timer_.async_wait([this](boost::system::error_code cancelled) {
       if (!cancelled) accept();
@@ -271,6 +274,19 @@ class Server::Impl {
       open_.push_back(session);
     }
     session->start();
+    if (sessions_.count > config_.max_clients + kSpareConnections) drop_oldest(1);
+  }
+
+  // Ends the connections without Hello that have waited longest.
+  void drop_oldest(int count) {
+    const std::scoped_lock lock(list_mutex_);
+    std::erase_if(open_, [&](const auto& open) {
+      const auto session = count > 0 ? open.lock() : nullptr;
+      if (session == nullptr || session->is_open()) return false;
+      --count;
+      session->drop();
+      return true;
+    });
   }
 
   void schedule_tick() {

@@ -395,6 +395,12 @@ void Session::stop(const std::string& reason) {
   asio::dispatch(socket_.get_executor(), [self = self(), reason] { self->close(websocket::close_code::going_away, reason); });
 }
 
+void Session::drop() {
+  asio::dispatch(socket_.get_executor(), [self = self()] {
+    if (!self->is_open_) self->end();
+  });
+}
+
 void Session::close(websocket::close_code code, const std::string& reason) {
   if (is_gone || !socket_.is_open()) return end();
   is_ending_ = true;

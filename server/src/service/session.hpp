@@ -49,6 +49,9 @@ class Session final : public Client, public std::enable_shared_from_this<Session
   void start();
   // Ends the session with a reason, from any thread.
   void stop(const std::string& reason);
+  // Ends the connection at once if there was no Hello, from any thread. It then makes room for others.
+  void drop();
+  bool is_open() const { return is_open_; }  // Hello was answered
   // Ends the connection on this side; the client can still read what was sent, such as the reason. No thread may be in a
   // handler of this object.
   void shut_down() {
@@ -114,8 +117,8 @@ class Session final : public Client, public std::enable_shared_from_this<Session
   std::chrono::steady_clock::time_point last_arrival_{};
   std::optional<Workload::Mark> mark_;  // during the handshake of TLS, and while a large message comes in
 
-  bool is_open_ = false;    // Hello was answered
-  bool is_ending_ = false;  // no more is read; the connection closes when all is sent
+  std::atomic<bool> is_open_{false};  // Hello was answered
+  bool is_ending_ = false;            // no more is read; the connection closes when all is sent
   bool is_closing_ = false;
   bool is_reading_ = false;
   bool is_pinging_ = false;
