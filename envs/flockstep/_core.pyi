@@ -457,8 +457,8 @@ class ServerConfig:
     ownership
         Refuse operations that change a drone which another client has claimed. Default: False.
     rate_hz
-        Steps per second of wall time. 0: the server steps only when clients or the program ask for it. Values: [0,
-        10000] Hz. Default: 0.0.
+        Steps per second of wall time, at least 1e-06. 0: the server steps only when clients or the program ask for it.
+        Values: [0, 10000] Hz. Default: 0.0.
     max_clients
         Maximum number of clients at once. Values: [1, 100000]. Default: 1024.
     max_requests

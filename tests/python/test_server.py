@@ -682,6 +682,21 @@ def test_a_batch_that_its_program_enlarges_is_followed(server, client, batch):
     assert drone.index == 4 and batch.active.sum() == 6
 
 
+def test_the_light_that_the_program_sets_is_followed(client, batch):
+    before = client.get_light(0)
+    batch.set_light(0, sun_color=(0.1, 0.2, 0.3))
+    np.testing.assert_allclose(client.get_light(0).sun_color, [0.1, 0.2, 0.3])
+    content_hash = client.get_worlds()[0].content_hash
+    batch.set_light(0, sun_color=(0.3, 0.2, 0.1))
+    assert client.get_worlds()[0].content_hash != content_hash
+    batch.set_light(0, sun_color=(0.2, 0.2, 0.1))
+    client.set_light(0, sky_ambient=(0.5, 0.6, 0.7))
+    light = client.get_light(0)
+    np.testing.assert_allclose(light.sun_color, [0.2, 0.2, 0.1])
+    np.testing.assert_allclose(light.sky_ambient, [0.5, 0.6, 0.7])
+    np.testing.assert_array_equal(light.ground_ambient, before.ground_ambient)
+
+
 @pytest.fixture
 def fleet():
     """Drones with rotors: one env, with room for one more."""

@@ -397,6 +397,22 @@ TEST(Server, ReadsAPublishedFrameInTheSizeThatItHas) {
   });
 }
 
+TEST(Server, PublishesNoFramesOfACameraThatTheProgramSetsOnDemand) {
+  Served served(filming());
+  const Connection connection = served.connect();
+  GameModeController other(served.connect());
+  served.batch.sense();
+  ask_for_published_frames(served, connection, other);
+  served.batch.set_capture_mode(0, CaptureMode::on_demand);
+  std::optional<client::Future<client::CameraData>> frame;
+  during_a_call(served.batch, [&] {
+    frame.emplace(DroneController(connection, 7).get_camera_data(later));
+    ASSERT_TRUE(answers_pings(other));
+    EXPECT_FALSE(frame->is_ready());
+  });
+  EXPECT_EQ(frame->get().width_px, 64);
+}
+
 TEST(Server, StreamsImagesWhileItsClockTakesAllItsTime) {
   Served served(filming());
   GameModeController clock(served.connect());

@@ -58,7 +58,7 @@ void Service::handle(const std::shared_ptr<Call>& call, const protocol::GetCamer
     const std::optional<BatchLock> lock = BatchLock::try_lock(batch_);
     if (!lock) return false;
     guard(*call, [&] {
-      follow_growth();
+      follow_program();
       picture = take_frame(*call);
     });
     return true;
@@ -70,7 +70,7 @@ void Service::handle(const std::shared_ptr<Call>& call, const protocol::GetCamer
     std::optional<Picture> taken;
     guard(*call, [&] {
       const Hold hold(*this, false);
-      follow_growth();
+      follow_program();
       taken = take_frame(*call);
     });
     compress_aside(call, std::move(taken));

@@ -33,7 +33,8 @@ constexpr bool kIsOneOf = (std::is_same_v<T, Types> || ...);
 template <class Operation>
 constexpr bool kIsShort = kIsOneOf<Operation, protocol::SetLocation, protocol::SetRotation, protocol::SetLocationAndRotation,
                                    protocol::SetCommand, protocol::GetLidarData, protocol::GetLidarConfig,
-                                   protocol::GetCameraConfig, protocol::GetCameraCaptureMode, protocol::GetMoveLineVisible>;
+                                   protocol::GetCameraConfig, protocol::GetCameraCaptureMode, protocol::GetMoveLineVisible,
+                                   protocol::GetLight>;
 
 }  // namespace
 
@@ -183,7 +184,7 @@ void Service::handle(const std::shared_ptr<Call>& call, const Operation& operati
       const std::optional<BatchLock> lock = BatchLock::try_lock(batch_);
       if (!lock) return false;
       reply([&] {
-        follow_growth();
+        follow_program();
         read(*call, operation, LiveArrays(batch_));
       });
       return true;
@@ -221,7 +222,7 @@ void Service::run_locked(const std::shared_ptr<Call>& call, bool is_short, std::
   executor_.run([this, call, is_short, operation = std::move(operation)] {
     guard(*call, [&] {
       const Hold hold(*this, is_short);
-      follow_growth();
+      follow_program();
       operation(*call);
     });
     complete(call);
@@ -241,7 +242,7 @@ void Service::complete(const std::shared_ptr<Call>& call) {
 
 std::size_t Service::max_array_bytes(const protocol::Request& request) {
   if (request.arrays.empty()) return 0;
-  if (const std::optional<BatchLock> lock = BatchLock::try_lock(batch_)) follow_growth();
+  follow_program_if_free();
   const auto now = shape();
   const auto drones = static_cast<std::size_t>(now->num_drones()), envs = static_cast<std::size_t>(now->num_envs);
   constexpr std::size_t kFloat = sizeof(float);
@@ -271,8 +272,16 @@ void Service::leave(const std::shared_ptr<Client>& client) {
 
 // ------------------------------------------------------------------------------------------------------------------------ time
 
-void Service::follow_growth() {
-  if (batch_.generation() != shape_->generation) refresh_shape();
+void Service::follow_program() {
+  bool has_changed = batch_.generation() != shape_->generation || batch_.worlds() != shape_->worlds;
+  for (std::size_t camera = 0; camera < shape_->cameras.size(); ++camera) {
+    has_changed |= batch_.camera_config(camera).capture_mode != shape_->cameras[camera].capture_mode;
+  }
+  if (has_changed) refresh_shape();
+}
+
+void Service::follow_program_if_free() {
+  if (const std::optional<BatchLock> lock = BatchLock::try_lock(batch_)) follow_program();
 }
 
 void Service::begin_change() {
@@ -289,7 +298,7 @@ void Service::count_program_steps() {
 }
 
 void Service::advance() {
-  follow_growth();
+  follow_program();
   drop_absent_commands();
   begin_change();
   if (std::ranges::count(has_command_, 1) > 0) batch_.fly(commands_, 0, has_command_, command_control_);

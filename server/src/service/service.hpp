@@ -95,7 +95,6 @@ class Service {
   void now(Call& call, const protocol::Release& release);
   void now(Call& call, const protocol::GetFps&);
   void now(Call& call, const protocol::GetWorlds&);
-  void now(Call& call, const protocol::GetLight& get);
   void now(Call& call, const protocol::GetTask&);
 
   // --- operations that need only worlds and may take long: worlds.cpp
@@ -133,6 +132,7 @@ class Service {
   void locked(Call& call, const protocol::Snapshot&);
   void locked(Call& call, const protocol::Restore&);
   void locked(Call& call, const protocol::SetWorld& set);
+  void locked(Call& call, const protocol::GetLight& get);
   void locked(Call& call, const protocol::SetLight& set);
   void locked(Call& call, const protocol::ResetEnvs&);
   void locked(Call& call, const protocol::StepEnvs&);
@@ -179,9 +179,10 @@ class Service {
   void count_program_steps();
 
   void refresh_shape();                                           // these four need the lock
-  void follow_growth();                                           // which the program may have caused
+  void follow_program();                                          // whose calls may have changed it
   std::size_t max_snapshot_bytes(std::size_t array_bytes) const;  // array_bytes: of the batch, without observations
   void renumber(std::int64_t drones_per_env);                     // claims and commands, if that changes the indices of drones
+  void follow_program_if_free();                                  // needs no lock
   std::shared_ptr<const Shape> shape() const;
 
   Batch& batch_;

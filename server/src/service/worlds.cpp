@@ -59,6 +59,7 @@ void Service::now(Call& call, const protocol::GetFps&) {
 
 void Service::now(Call& call, const protocol::GetWorlds&) {
   auto& worlds = call.result<protocol::Worlds>().worlds;
+  follow_program_if_free();
   const auto now = shape();
   for (const auto& world : now->worlds) {
     protocol::World& message = worlds.emplace_back();
@@ -71,7 +72,7 @@ void Service::now(Call& call, const protocol::GetWorlds&) {
   }
 }
 
-void Service::now(Call& call, const protocol::GetLight& get) {
+void Service::locked(Call& call, const protocol::GetLight& get) {
   const Light light = world(get.world)->light();
   auto& message = call.result<protocol::Light>();
   message.sun_direction = message_of(light.sun_direction);
