@@ -413,6 +413,17 @@ TEST(Server, PublishesNoFramesOfACameraThatTheProgramSetsOnDemand) {
   EXPECT_EQ(frame->get().width_px, 64);
 }
 
+TEST(Server, TakesNoFrameForAChange) {
+  Served served(kinematic());
+  DroneController drone(served.connect(), 3);
+  auto stream = drone.stream_camera(1000, {}, true);
+  ASSERT_TRUE(stream.next(10s));
+  for (int i = 0; i < 10; ++i) drone.get_camera_data();
+  EXPECT_FALSE(stream.next(50ms));
+  drone.set_location({1, 1, 0.75F}, true);
+  EXPECT_TRUE(stream.next(10s));
+}
+
 TEST(Server, StreamsImagesWhileItsClockTakesAllItsTime) {
   Served served(filming());
   GameModeController clock(served.connect());

@@ -82,7 +82,7 @@ std::optional<Picture> Service::take_frame(Call& call) {
   const std::size_t drone = require_drone(get.drone), camera = batch_.camera_index(get.camera);
   require(get.quality <= 100, "quality", "a number in [0, 100]", get.quality);
   if (batch_.camera_config(camera).capture_mode == CaptureMode::on_demand || batch_.images(camera).frame_step[drone] < 0) {
-    begin_change();
+    publisher_.publish(batch_, steps());  // no begin_change(): the same pose gives the same frame again
     batch_.capture(camera, only(drone));
   }
   std::optional<Picture> picture = copy_frame(call, LiveArrays(batch_), batch_.camera_config(camera).name, drone);
