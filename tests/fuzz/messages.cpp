@@ -107,7 +107,7 @@ void messages(Bytes input) {
       work();
     }
   };
-  server::Service service(*batch, config, post, post, workload);
+  server::Service service(*batch, config, post, post, post, workload);
   const std::shared_ptr<Collector> clients[] = {std::make_shared<Collector>(), std::make_shared<Collector>()};
   clients[0]->number = 1;
   clients[1]->number = 2;

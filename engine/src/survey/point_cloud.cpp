@@ -50,6 +50,7 @@ std::vector<std::uint32_t> along_curve(const TriangleMesh& mesh, const Aabb& bou
   std::vector<std::pair<std::uint64_t, std::uint32_t>> order;
   order.reserve(mesh.triangles.size());
   for (const auto& triangle : mesh.triangles) {
+    Interrupt::poll();
     Eigen::Vector3d middle = -bounds.min.cast<double>();
     for (const std::int32_t vertex : triangle) middle += mesh.vertices[static_cast<std::size_t>(vertex)].cast<double>() / 3.0;
     std::uint64_t code = 0;
@@ -59,7 +60,11 @@ std::vector<std::uint32_t> along_curve(const TriangleMesh& mesh, const Aabb& bou
     }
     order.emplace_back(code, static_cast<std::uint32_t>(order.size()));
   }
-  std::sort(order.begin(), order.end());
+  std::uint32_t compared = 0;
+  std::sort(order.begin(), order.end(), [&compared](const auto& a, const auto& b) {
+    if (++compared % 1024 == 0) Interrupt::poll();
+    return a < b;
+  });
   std::vector<std::uint32_t> triangles;
   triangles.reserve(order.size());
   for (const auto& [code, triangle] : order) triangles.push_back(triangle);
@@ -86,44 +91,66 @@ void drop_hidden(const World& world, TriangleMesh& mesh, std::vector<std::int32_
   mesh.triangles.resize(kept);
 }
 
-}  // namespace
+// The visible surfaces of a world as triangles.
+struct Surfaces {
+  Surfaces(const World& world, float chord_error_m) : mesh(world.mesh(chord_error_m, &objects)) {
+    drop_hidden(world, mesh, objects);
+  }
 
-PointCloud point_cloud(const World& world, float spacing_m) {
-  require(spacing_m >= 1e-4F && is_in_world(spacing_m), "spacing_m", "a number in [1e-04, 1e+06]", spacing_m);
-  std::vector<std::int32_t> objects;
-  TriangleMesh mesh = world.mesh(spacing_m / 100.0F, &objects);
-  drop_hidden(world, mesh, objects);
-  const auto corners = [&mesh](std::size_t triangle) {
+  Corners corners(std::size_t triangle) const {
     Corners at;
     for (std::size_t i = 0; i < 3; ++i)
       at[i] = mesh.vertices[static_cast<std::size_t>(mesh.triangles[triangle][i])].cast<double>();
     return at;
-  };
-  const auto twice_area = [](const Corners& t) { return Eigen::Vector3d((t[1] - t[0]).cross(t[2] - t[0])); };  // along the normal
-  const double per_point = static_cast<double>(spacing_m) * static_cast<double>(spacing_m);
-  double points = 0.0;
-  for (std::size_t i = 0; i < mesh.triangles.size(); ++i) points += 0.5 * twice_area(corners(i)).norm() / per_point;
-  if (points > kMaxPoints) {
-    std::ostringstream got;
-    got << spacing_m << " m, which makes " << points;
-    refuse("spacing_m", "a number that makes at most 50,000,000 points", got.str());
   }
 
-  PointCloud cloud;
-  double passed = 0.5;  // area in points; starts half a point in, to be centred
-  for (const std::uint32_t i : along_curve(mesh, world.bounds())) {
+  std::vector<std::int32_t> objects;  // of the triangles
+  TriangleMesh mesh;
+};
+
+// Along the normal.
+Eigen::Vector3d twice_area(const Corners& t) { return (t[1] - t[0]).cross(t[2] - t[0]); }
+
+double square(float spacing_m) { return static_cast<double>(spacing_m) * static_cast<double>(spacing_m); }
+
+void require_few_points(const Surfaces& surfaces, float spacing_m) {
+  double points = 0.0;
+  for (std::size_t i = 0; i < surfaces.mesh.triangles.size(); ++i) {
     Interrupt::poll();
-    const Corners at = corners(i);
+    points += 0.5 * twice_area(surfaces.corners(i)).norm() / square(spacing_m);
+  }
+  if (points <= kMaxPoints) return;
+  std::ostringstream got;
+  got << spacing_m << " m, which makes " << points;
+  refuse("spacing_m", "a number that makes at most 50,000,000 points", got.str());
+}
+
+}  // namespace
+
+PointCloud point_cloud(const World& world, float spacing_m) {
+  require(spacing_m >= 1e-4F && is_in_world(spacing_m), "spacing_m", "a number in [1e-04, 1e+06]", spacing_m);
+  constexpr float kCoarse = 1e6F;  // few triangles, whose area is a little too small
+  require_few_points(Surfaces(world, kCoarse), spacing_m);
+  const Surfaces surfaces(world, spacing_m / 100.0F);
+  require_few_points(surfaces, spacing_m);
+
+  PointCloud cloud;
+  const double per_point = square(spacing_m);
+  double passed = 0.5;  // area in points; starts half a point in, to be centred
+  for (const std::uint32_t i : along_curve(surfaces.mesh, world.bounds())) {
+    Interrupt::poll();
+    const Corners at = surfaces.corners(i);
     const Eigen::Vector3d across = twice_area(at);
     const double area = 0.5 * across.norm();
     passed += area / per_point;
     const double whole = std::floor(passed);
     passed -= whole;
     for (std::uint64_t k = 0; k < static_cast<std::uint64_t>(whole); ++k) {
+      if (k % 1024 == 1023) Interrupt::poll();
       cloud.points.emplace_back(point_of_sequence(k, at).cast<float>());
       cloud.normals.emplace_back((across / (2.0 * area)).cast<float>());
-      cloud.semantic.push_back(world.semantic(mesh.materials[i]));
-      cloud.objects.push_back(objects[i]);
+      cloud.semantic.push_back(world.semantic(surfaces.mesh.materials[i]));
+      cloud.objects.push_back(surfaces.objects[i]);
     }
   }
   return cloud;

@@ -133,7 +133,7 @@ bool Service::take_published_frame(Call& call, std::optional<Picture>& picture) 
 
 void Service::compress_aside(const std::shared_ptr<Call>& call, std::optional<Picture> picture) {
   if (!picture) return complete(call);
-  run_aside_([this, call, picture = std::move(*picture)]() mutable {
+  run_compression_([this, call, picture = std::move(*picture)]() mutable {
     guard(*call, [&] {
       call->writer.add_bytes("image", compress(picture, std::get<protocol::GetCameraData>(call->request.operation)));
     });

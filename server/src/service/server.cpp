@@ -95,15 +95,10 @@ class Server::Impl {
   Impl(Batch& batch, ServerConfig given)
       : config_(validated(std::move(given))),
         aside_(1),
+        compression_(1),
         service_(
-            batch, config_, [this](std::function<void()> work) { asio::post(io_, std::move(work)); },
-            [this](std::function<void()> work) {
-              asio::post(aside_, [this, work = std::move(work)] {
-                const Cancellable cancellable(cancels_calls_);
-                run_handlers(work);
-              });
-            },
-            workload_),
+            batch, config_, [this](std::function<void()> work) { asio::post(io_, std::move(work)); }, runs_on(aside_),
+            runs_on(compression_), workload_),
         sessions_{.service = service_, .config = config_, .workload = workload_},
         tls_(asio::ssl::context::tls_server),
         tick_timer_(asio::make_strand(io_)),
@@ -164,6 +159,15 @@ class Server::Impl {
  private:
   static constexpr int kSpareConnections = 64;  // beyond the clients: for those that have not said Hello
 
+  Service::Post runs_on(asio::thread_pool& thread) {
+    return [this, &thread](std::function<void()> work) {
+      asio::post(thread, [this, work = std::move(work)] {
+        const Cancellable cancellable(cancels_calls_);
+        if (!cancels_calls_) run_handlers(work);
+      });
+    };
+  }
+
   // Ends connections and threads.
   void end() {
     asio::post(accepting_, [this] {
@@ -190,6 +194,7 @@ class Server::Impl {
     cancels_calls_ = true;
     for (std::thread& thread : threads_) thread.join();
     aside_.join();
+    compression_.join();
     for (const auto& open : open_) {
       if (const auto session = open.lock()) session->shut_down();
     }
@@ -309,7 +314,8 @@ class Server::Impl {
   const ServerConfig config_;
   std::atomic<bool> cancels_calls_{false};  // its address is that of the server's threads, see is_own_thread()
   server::Workload workload_;
-  asio::thread_pool aside_;  // compresses images and makes meshes
+  asio::thread_pool aside_;        // makes meshes and point clouds
+  asio::thread_pool compression_;  // of images
   Service service_;
   server::Sessions sessions_;
   asio::ssl::context tls_;

@@ -38,11 +38,12 @@ constexpr bool kIsShort = kIsOneOf<Operation, protocol::SetLocation, protocol::S
 
 }  // namespace
 
-Service::Service(Batch& batch, const ServerConfig& config, Post post, Post run_aside, Workload& workload)
+Service::Service(Batch& batch, const ServerConfig& config, Post post, Post run_aside, Post run_compression, Workload& workload)
     : batch_(batch),
       task_(batch.task()),
       config_(config),
       run_aside_(std::move(run_aside)),
+      run_compression_(std::move(run_compression)),
       workload_(workload),
       flies_by_rotors_(!batch.config().dynamics.is_kinematic()),
       step_s_(1.0 / static_cast<double>(batch.config().clock.policy_hz)),

@@ -30,9 +30,9 @@ namespace flockstep::server {
 class Service {
  public:
   using Post = std::function<void(std::function<void()>)>;
-  // post: runs a function later, on a thread of the sessions. run_aside: runs it on another thread, for work that needs no batch,
-  // such as compressing an image. Operations that may take long are marked in the workload.
-  Service(Batch& batch, const ServerConfig& config, Post post, Post run_aside, Workload& workload);
+  // post: runs a function later, on a thread of the sessions. run_aside, run_compression: run it on other threads, for work that
+  // needs no batch: making a mesh, or compressing an image. Operations that may take long are marked in the workload.
+  Service(Batch& batch, const ServerConfig& config, Post post, Post run_aside, Post run_compression, Workload& workload);
   ~Service();
   Service(const Service&) = delete;
   Service& operator=(const Service&) = delete;
@@ -189,7 +189,7 @@ class Service {
   bool is_sharing_ = false;
   const Task* const task_;  // null without one
   const ServerConfig config_;
-  const Post run_aside_;
+  const Post run_aside_, run_compression_;
   Workload& workload_;
   const bool flies_by_rotors_;
   const double step_s_;

@@ -5,11 +5,13 @@
 
 #include <algorithm>
 #include <cmath>
+#include <string>
 #include <vector>
 
 #include "flockstep/planning.hpp"
 #include "flockstep/world_report.hpp"
 #include "planning/reach.hpp"
+#include "refusal.hpp"
 
 namespace flockstep {
 namespace {
@@ -51,6 +53,14 @@ TEST(Survey, PointsCoverEqualAreas) {
     EXPECT_GE(cloud.points[i].y(), 1.0F);
     EXPECT_LE(cloud.points[i].x() + cloud.points[i].y(), 3.0F);
   }
+}
+
+TEST(Survey, TooManyPointsAreRefusedBeforeTheirTrianglesAreMade) {
+  SceneDescription scene;
+  scene.primitives.push_back({PrimitiveKind::sphere, {0, 0, 0}, Quat::Identity(), {100, 100, 100}});
+  const World world(scene);
+  const std::string refused = testing::refusal([&] { point_cloud(world, 1e-4F); });
+  EXPECT_TRUE(refused.starts_with("spacing_m: expected a number that makes at most 50,000,000 points")) << refused;
 }
 
 TEST(Survey, GridsCoverTheWorld) {
