@@ -101,9 +101,7 @@ bool LiveArrays::list(std::string_view sensor, const std::function<void(const Ar
   return true;
 }
 
-const CameraConfig* LiveArrays::camera(std::string_view name) const {
-  return &batch_.camera_config(batch_.camera_index(name));
-}
+const CameraConfig* LiveArrays::camera(std::string_view name) const { return &batch_.camera_config(batch_.camera_index(name)); }
 
 void CopiedArrays::keep_only(const std::vector<std::string>& sensors) {
   std::erase_if(sensors_, [&](const auto& entry) { return std::ranges::find(sensors, entry.first) == sensors.end(); });

@@ -39,7 +39,7 @@ class Client {
   // Takes a call whose reply is complete. Any thread may call this.
   virtual void deliver(const std::shared_ptr<Call>& call) = 0;
 
-  std::uint32_t number = 0;         // from 1; set when the client says Hello
+  std::uint32_t number = 0;          // from 1; set when the client says Hello
   std::atomic<bool> is_gone{false};  // nobody receives its replies any more
 };
 

@@ -31,10 +31,10 @@ constexpr bool kIsOneOf = (std::is_same_v<T, Types> || ...);
 
 // Operations on one drone, without images. In a small batch they take microseconds.
 template <class Operation>
-constexpr bool kIsShort = kIsOneOf<Operation, protocol::SetLocation, protocol::SetRotation, protocol::SetLocationAndRotation,
-                                   protocol::SetCommand, protocol::GetLidarData, protocol::GetLidarConfig,
-                                   protocol::GetCameraConfig, protocol::GetCameraCaptureMode, protocol::GetMoveLineVisible,
-                                   protocol::GetLight>;
+constexpr bool kIsShort =
+    kIsOneOf<Operation, protocol::SetLocation, protocol::SetRotation, protocol::SetLocationAndRotation, protocol::SetCommand,
+             protocol::GetLidarData, protocol::GetLidarConfig, protocol::GetCameraConfig, protocol::GetCameraCaptureMode,
+             protocol::GetMoveLineVisible, protocol::GetLight>;
 
 }  // namespace
 

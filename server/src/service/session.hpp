@@ -82,8 +82,8 @@ class Session final : public Client, public std::enable_shared_from_this<Session
   // Takes what has come of a message; returns false if the session ends.
   bool take_header();
   void take_message();
-  void dispatch_next();        // and those after it that are answered at once
-  void end_request();  // the request that was being answered
+  void dispatch_next();  // and those after it that are answered at once
+  void end_request();    // the request that was being answered
   void open(const std::shared_ptr<Call>& hello);
   void refuse(std::uint64_t id, protocol::Code code, const std::string& text, bool ends);
   void subscribe(const std::shared_ptr<Call>& call, const protocol::Subscribe& subscribe);
