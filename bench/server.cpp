@@ -379,17 +379,17 @@ void in_process() {
   std::vector<float> ranges(static_cast<std::size_t>(config.lidars[0].rows() * config.lidars[0].columns()));
   const std::vector<std::uint8_t> image = batch.picture(0, 0);
   constexpr int kRuns = 25;
-  const bench::Times times = bench::interleave(
-      {{"scan", [&] { batch.scan(0, ranges); }},
-       {"jpeg", [&] { render::compress_rgb(image.data(), config.cameras[0], kQuality); }}},
-      kRuns);
+  const bench::Times times =
+      bench::interleave({{"scan", [&] { batch.scan(0, ranges); }},
+                         {"jpeg", [&] { render::compress_rgb(image.data(), config.cameras[0], kQuality); }}},
+                        kRuns);
   bench::Figures figures;
   figures.add("scan", 1e6 * bench::median(times[0]), "us", kRuns);
   figures.add("jpeg", 1e6 * bench::median(times[1]), "us", kRuns);
   figures.print();
 }
 
-// What the encoding of streams costs a process beside it.
+// Encodes as streams do, to measure their cost for other processes.
 [[noreturn]] void encode(int images, double rate_hz) {
   const BatchConfig config = watched_drone();
   Batch batch(config, {World::load(FLOCKSTEP_SCENES "/playground/train-1.json")});

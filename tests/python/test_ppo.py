@@ -988,7 +988,7 @@ def test_other_environments_cannot_go_on(tmp_path):
         PPO.load(tmp_path / "model", Aim(4), force_reset=False)
 
 
-def test_discounted_returns_begin_anew_with_the_episodes():
+def test_discounted_returns_begin_at_zero_with_the_episodes():
     """As in VecNormalize: what was earned before a reset does not count afterwards."""
     env = hover(max_episode_steps=1000)
     model = PPO("MlpPolicy", env, **OPTIONS, **SMALL).learn(16 * 8)
