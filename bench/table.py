@@ -416,12 +416,15 @@ def board_curves(results: dict[str, Result]) -> str:
     cells = {}
     for name in TRAININGS:
         means: dict[str, list[float]] = {}
+        successes: dict[str, list[float]] = {}
         for (learner,), figure in named(results, "board", rf"board/{name}/seed\d/(\w+)_1/success"):
             means.setdefault(learner, []).append(statistics.mean(success for _, _, success in figure["curve"]))
+            successes.setdefault(learner, []).append(figure["value"])
         if len(means) == 2:
             cells[name, "mean of the curve, `flockstep.PPO`"] = spread(means["flockstep"], min, percent_1)
             cells[name, "Stable-Baselines3"] = spread(means["sb3"], min, percent_1)
             cells[name, "p"] = f"{permutation_p(means['flockstep'], means['sb3']):.2f}"
+            cells[name, "p of the success"] = f"{permutation_p(successes['flockstep'], successes['sb3']):.2f}"
     return with_source(results, "board", pivot(cells, "training"))
 
 

@@ -2,9 +2,9 @@
 
 .venv/bin/python -m tools.race_film               # docs/race.webp
 
-The policy is `policies/race.zip`, made by `training/race.py`. The film shows the flight of the first unseen seed that
-starts behind the blue gate, whatever its end, at the speed of flight. The room's walls are left out, and the drone is
-drawn larger than it is. The colour of the trail is the speed; the dark line on the floor is its shadow.
+The policy is `policies/race.zip`, made by `training/train_race.py`. The film shows the flight of the first unseen seed
+that starts behind the blue gate, successful or not, at the speed of flight. The walls are left out, and the drone
+is drawn larger than it is. The colour of the trail is the speed; the dark line on the floor is its shadow.
 """
 
 from __future__ import annotations
