@@ -15,6 +15,7 @@ tiles   tracing rays against triangles, in tiles and with Embree's packets; only
 worlds  LiDARs and cameras in every bundled world, and the share of rays traced by Embree
 busy    the trainings of the README and of docs/first-steps.md while every processor runs a busy loop; only if named
 server  round trips of the clients against bare echoes, a remote vector environment, many clients, streams
+scaling steps, frames and trainings with 1, 2, 4, ... threads, up to one per processor; only if named
 imaging cost of colour detection, HSV and smaller images, in our kernels and in OpenCV
 race    steps of Race, with gates that are solid and with gates that are not
 plan    paths from start to goal in every bundled world and twenty of each generator: processor time and length
@@ -56,6 +57,7 @@ import mesh_peers
 import peers
 import plan
 import race
+import scaling
 import server
 from flockstep import _core
 
@@ -328,6 +330,11 @@ def bench_learner() -> list[Figure]:
     return trained("learner", "benchmark_learner", "--runs", str(RUNS))
 
 
+def bench_scaling() -> list[Figure]:
+    """Measure what threads gain, up to one per processor."""
+    return scaling.measure()
+
+
 def bench_load() -> list[Figure]:
     """Load scene files of 65,000 objects: with one shared material, and with one material each."""
     count = 65_000
@@ -481,6 +488,7 @@ BENCHES: dict[str, Callable[[], list[Figure]]] = {
     "snippet": bench_snippet,
     "busy": bench_busy,
     "learner": bench_learner,
+    "scaling": bench_scaling,
     "load": bench_load,
     "worlds": bench_worlds,
     "imaging": bench_imaging,
@@ -494,7 +502,7 @@ BENCHES: dict[str, Callable[[], list[Figure]]] = {
     "mesh_peers": bench_mesh_peers,
 }
 #: Benchmarks that run only if named.
-APART = ("board", "busy", "dynamics_peers", "mesh_peers")
+APART = ("board", "busy", "scaling", "dynamics_peers", "mesh_peers")
 
 
 def machine() -> dict[str, Any]:
