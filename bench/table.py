@@ -62,6 +62,8 @@ APART = (
     "flight_train",
     "server",
     "board",
+    "scaling",
+    "camera_gpu",
 )
 ARCHITECTURE = ROOT / "docs" / "architecture.md"
 CAMERAS = ROOT / "docs" / "cameras.md"
@@ -148,8 +150,9 @@ def number(value: float) -> str:
 def source(result: Result) -> str:
     """Describe the machine and the commit of a benchmark's figures."""
     machine, commit = result["machine"], result["commit"]
+    gpu = f"{machine['gpu']}, " if "gpu" in machine else ""
     return (
-        f"{machine['cpu']}, {machine['logical_processors']} logical processors, {machine['simd']}, "
+        f"{gpu}{machine['cpu']}, {machine['logical_processors']} logical processors, {machine['simd']}, "
         f"Embree {machine['embree']}, Python {machine['python']}; commit {commit[:12]}"
     ) + (f". {result['remark']}" if "remark" in result else "")
 
@@ -283,17 +286,38 @@ def pivot(cells: dict[tuple[str, str], str], corner: str) -> str:
     return "\n".join(lines) + "\n"
 
 
-def frames(results: dict[str, Result]) -> str:
+def frames(results: dict[str, Result], name: str = "camera") -> str:
     """Return the table of camera frames per second by resolution, number of drones, world and backend."""
     figures = []
-    for f in results.get("camera", {"figures": []})["figures"]:
+    for f in results.get(name, {"figures": []})["figures"]:
         if f["name"].startswith(FRAMES):
             world, size, what = f["name"].removeprefix(FRAMES).split("/")
             column = f"{world} {what.removesuffix('_frames_per_second')}"
             figures.append((tuple(map(int, size.split("x"))), column, number(f["value"])))
     figures.sort(key=lambda figure: figure[0])
     cells = {(f"{size[0]} x {size[1]}, N = {size[2]}", column): value for size, column, value in figures}
-    return with_source(results, "camera", pivot(cells, "frames/s"))
+    return with_source(results, name, pivot(cells, "frames/s"))
+
+
+def frames_gpu(results: dict[str, Result]) -> str:
+    """Return the same table, measured with a GPU."""
+    return frames(results, "camera_gpu")
+
+
+def scaling(results: dict[str, Result]) -> str:
+    """Return the table of rates by number of threads, each with its ratio to the rate of one thread."""
+    heads = {
+        "steps_per_second": "steps of {}",
+        "frames_per_second": "frames of {}",
+        "training_steps_per_second": "training of {}",
+    }
+    one: dict[str, float] = {}
+    cells = {}
+    for (kind, subject, threads), f in named(results, "scaling", r"scaling/(\w+)/([^/]+)/threads(\d+)"):
+        row = heads[kind].format(re.sub(r"(?<=[a-z])(\d+)$", r", \1 drones", subject))
+        ratio = f["value"] / one.setdefault(row, f["value"])
+        cells[row, f"{threads} threads" if threads != "1" else "1 thread"] = f"{number(f['value'])} ({ratio:.1f})"
+    return with_source(results, "scaling", pivot(cells, "per second"))
 
 
 def modes(results: dict[str, Result]) -> str:
@@ -818,9 +842,15 @@ def main() -> None:
         documents[DYNAMICS] = with_content(documents[DYNAMICS], marker, write(results))
     for marker, write in {"board": board, "seeds": board_seeds, "curves": board_curves}.items():
         documents[BOARD] = with_content(documents[BOARD], marker, write(results))
-    for marker, write in {"frames": frames, "modes": modes, "imaging": imaging}.items():
+    for marker, write in {
+        "frames": frames,
+        "frames gpu": frames_gpu,
+        "modes": modes,
+        "imaging": imaging,
+    }.items():
         documents[CAMERAS] = with_content(documents[CAMERAS], marker, write(results))
     for marker, write in {
+        "scaling": scaling,
         "peers": peers,
         "mesh peers": mesh_peers,
         "server round trips": server_round_trips,
