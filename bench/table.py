@@ -154,6 +154,7 @@ def source(result: Result) -> str:
     return (
         f"{gpu}{machine['cpu']}, {machine['logical_processors']} logical processors, {machine['simd']}, "
         f"Embree {machine['embree']}, Python {machine['python']}; commit {commit[:12]}"
+        + "".join(f", {part['what']}: commit {part['commit'][:12]}" for part in result.get("parts", ()))
     ) + (f". {result['remark']}" if "remark" in result else "")
 
 
