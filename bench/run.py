@@ -447,6 +447,11 @@ TRAINERS = {
     "torchrl_gymwrapper": "torchrl_ppo.py",
     "torchrl_gymenv": "torchrl_ppo.py --env gymenv",
     "skrl": "skrl_ppo.py",
+    "ddp_1": "torchrun --nproc-per-node 1 ddp_ppo.py",
+    "ddp_2": "torchrun --nproc-per-node 2 ddp_ppo.py",
+    "torchrl_processes_1": "torchrl_collectors.py --workers 1",
+    "torchrl_processes_2": "torchrl_collectors.py --workers 2",
+    "torchrl_distributed_2": "torchrl_collectors.py --workers 2 --collector distributed",
 }
 TRAINED = re.compile(r"^(\S+ \S+), (\w+): (\d) of 7 playgrounds after ([\d,]+) steps, ([\d,]+) steps/s$", re.MULTILINE)
 
@@ -456,8 +461,12 @@ def bench_trainers() -> list[Figure]:
     figures = []
     for seed in range(3):
         for name, program in TRAINERS.items():
-            script, *options = program.split()
-            command = [sys.executable, ROOT / "examples" / "trainers" / script, *options, "--seed", str(seed)]
+            words = program.split()
+            launcher: list[str] = []
+            if words[0] == "torchrun":
+                launcher, words = ["-m", "torch.distributed.run", "--standalone", *words[1:-1]], words[-1:]
+            script = str(ROOT / "examples" / "trainers" / words[0])
+            command = [sys.executable, *launcher, script, *words[1:], "--seed", str(seed)]
             output = subprocess.run(command, check=True, stdout=subprocess.PIPE, text=True).stdout
             ended = TRAINED.search(output)
             assert ended, output

@@ -4,12 +4,14 @@
 .venv/bin/python examples/trainers/torchrl_ppo.py --env gymenv
 """
 
+from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import Literal
 
 import gymnasium
 import torch
 import tyro
+from tensordict import TensorDictBase
 from tensordict.nn import TensorDictModule
 from torch import nn
 from torch.distributions import Categorical
@@ -42,36 +44,44 @@ def make_env(name: str) -> EnvBase:
     return GymWrapper(envs, categorical_action_encoding=True)
 
 
-def main(options: TorchRLOptions) -> nn.Module:
-    """Train and return actor and critic."""
-    run = Run("torchrl", "none" if options.env == "gymenv" else AUTORESET, options)
-    env = make_env(options.env)
-    env.set_seed(options.seed * NUM_ENVS)
-    net = network(6, gain=0.01)
-    logits = TensorDictModule(net, in_keys=["observation"], out_keys=["logits"])
-    actor = ProbabilisticActor(logits, in_keys=["logits"], distribution_class=Categorical, return_log_prob=True)
+def make_actor() -> ProbabilisticActor:
+    """Return the policy."""
+    logits = TensorDictModule(network(6, gain=0.01), in_keys=["observation"], out_keys=["logits"])
+    return ProbabilisticActor(logits, in_keys=["logits"], distribution_class=Categorical, return_log_prob=True)
+
+
+def learn(run: Run, actor: ProbabilisticActor, collector: Iterable[TensorDictBase]) -> nn.Module:
+    """Train with steps (N, T) from a collector; return actor and critic."""
     critic = ValueOperator(network(1, gain=1.0), in_keys=["observation"])
     advantage = GAE(gamma=0.98, lmbda=0.95, value_network=critic)
     losses = ClipPPOLoss(
         actor, critic, entropy_coeff=0.01, critic_coeff=0.5, loss_critic_type="l2", normalize_advantage=True
     )
     optimizer = torch.optim.Adam(losses.parameters(), lr=3e-3, eps=1e-5)
-    collector = iter(
-        Collector(env, actor, frames_per_batch=FRAMES, total_frames=-1, auto_register_policy_transforms=False)
-    )
-    flown = 0
+    flown, steps, net = 0, iter(collector), actor[0].module
     while run.goes_on(flown, lambda seen: net(torch.from_numpy(seen)).argmax(1).numpy()):
-        data = next(collector)
-        data = advantage(data).flatten()
+        data = advantage(next(steps)).flatten()
         for _ in range(EPOCHS):
-            for rows in torch.randperm(FRAMES).split(BATCH_SIZE):
+            for rows in torch.randperm(len(data)).split(BATCH_SIZE):
                 loss = losses(data[rows])
                 optimizer.zero_grad()
                 (loss["loss_objective"] + loss["loss_critic"] + loss["loss_entropy"]).backward()
                 nn.utils.clip_grad_norm_(losses.parameters(), 0.5)
                 optimizer.step()
-        flown += FRAMES
+        flown += len(data)
     return nn.ModuleList([actor, critic])
+
+
+def main(options: TorchRLOptions) -> nn.Module:
+    """Train and return actor and critic."""
+    run = Run("torchrl", "none" if options.env == "gymenv" else AUTORESET, options)
+    env, actor = make_env(options.env), make_actor()
+    env.set_seed(options.seed * NUM_ENVS)
+    return learn(
+        run,
+        actor,
+        Collector(env, actor, frames_per_batch=FRAMES, total_frames=-1, auto_register_policy_transforms=False),
+    )
 
 
 if __name__ == "__main__":

@@ -17,7 +17,7 @@ from both_clients import Blocking
 
 import flockstep
 
-if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:  # a shell's job in the background: its children would ignore Ctrl-C
+if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:  # a job in the background, whose children ignore Ctrl-C
     signal.signal(signal.SIGINT, signal.default_int_handler)
 
 ROOT = Path(__file__).resolve().parents[2]

@@ -1,6 +1,8 @@
 """The programs in examples/trainers/ learn something and use the env correctly."""
 
 import importlib
+import subprocess
+import sys
 from pathlib import Path
 
 import gymnasium
@@ -22,8 +24,8 @@ pytestmark = [  # TorchRL warns about its own classes when imported
 
 def test_every_program_is_short():
     programs = sorted(FOLDER.glob("*.py"))
-    assert len(programs) == 5
-    assert {path.name: lines for path in programs if (lines := len(path.read_text().splitlines())) > 80} == {}
+    assert len(programs) == 7
+    assert {path.name: lines for path in programs if (lines := len(path.read_text().splitlines())) > 100} == {}
 
 
 @pytest.mark.parametrize(
@@ -55,6 +57,63 @@ def test_it_learns(name, package, options, monkeypatch, capsys):
     assert untrained == "0"
     assert int(trained.replace(",", "")) > 200
     assert int(rate.replace(",", "")) > 10
+
+
+def test_processes_learn_together():
+    """Both end with the same networks, although each learned from other drones."""
+    code = (
+        "import ddp_ppo, hashlib\n"
+        "nets = ddp_ppo.main(ddp_ppo.Options(updates=2))\n"
+        "weights = b''.join(each.detach().numpy().tobytes() for each in nets.parameters())\n"
+        "print('\\nnetworks', ddp_ppo.RANK, hashlib.sha256(weights).hexdigest())\n"
+    )
+    command = [sys.executable, "-m", "torch.distributed.run", "--standalone", "--nproc-per-node", "2", "--no-python"]
+    done = subprocess.run(
+        [*command, sys.executable, "-c", code], cwd=FOLDER, capture_output=True, text=True, timeout=120, check=False
+    )
+    assert done.returncode == 0, done.stderr
+    networks = dict(line.split()[1:] for line in done.stdout.splitlines() if line.startswith("networks"))
+    assert networks.keys() == {"0", "1"}
+    assert networks["0"] == networks["1"]
+    ((version, mode, _, _, rate),) = TRAINED.findall(done.stdout)
+    assert (version.split()[0], mode) == ("torch", "next_step")
+    assert int(rate.replace(",", "")) > 10
+
+
+@pytest.mark.parametrize("processes", [2, 4])
+def test_processes_fly_the_episodes_of_one(processes, monkeypatch):
+    """The drones of all processes together fly what those of a single process fly, with the same actions."""
+
+    def flown(count, rank):
+        for name, value in (("RANK", rank), ("WORLD_SIZE", count), ("LOCAL_WORLD_SIZE", count)):
+            monkeypatch.setenv(name, str(value))
+        program = importlib.reload(importlib.import_module("ddp_ppo"))
+        envs, first = program.make_envs(seed=3)
+        drones = np.arange(envs.num_envs) + rank * envs.num_envs
+        return [first.numpy().copy(), *(envs.step((drones + t // 5) % 6)[0].copy() for t in range(60))]
+
+    monkeypatch.setenv("RANK", "0")
+    monkeypatch.setenv("WORLD_SIZE", "1")
+    monkeypatch.setenv("LOCAL_WORLD_SIZE", "1")
+    apart = [flown(processes, rank) for rank in range(processes)]
+    np.testing.assert_array_equal(np.concatenate(apart, axis=1), flown(1, 0))
+
+
+@pytest.mark.parametrize("workers", [2, 4])
+def test_workers_fly_the_episodes_of_one(workers):
+    program = importlib.import_module("torchrl_collectors")
+
+    def flown(count, worker):
+        env = program.make_env(worker, program.CollectorOptions(workers=count, seed=3))
+        drones = torch.arange(env.batch_size[0]) + worker * env.batch_size[0]
+        seen, data = [], env.reset()
+        for t in range(60):
+            stepped, data = env.step_and_maybe_reset(data.set("action", (drones + t // 5) % 6))
+            seen.append(stepped["next", "observation"].clone())
+        return torch.stack(seen)
+
+    apart = [flown(workers, worker) for worker in range(workers)]
+    assert torch.equal(torch.cat(apart, dim=1), flown(1, 0))
 
 
 def test_the_features_are_those_of_the_sb3_adapter():

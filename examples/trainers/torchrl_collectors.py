@@ -1,0 +1,64 @@
+"""Train on the LiDAR task with the PPO of TorchRL, from steps that several processes collect.
+
+.venv/bin/python examples/trainers/torchrl_collectors.py --workers 2
+.venv/bin/python examples/trainers/torchrl_collectors.py --workers 2 --collector distributed
+"""
+
+import os
+from dataclasses import dataclass
+from functools import partial
+from typing import Literal
+
+import gymnasium
+import tyro
+from torch import nn
+from torchrl.collectors import MultiSyncCollector
+from torchrl.collectors.distributed import DistributedSyncCollector
+from torchrl.envs import EnvBase, GymWrapper
+
+from lidar_task import ID, NUM_ENVS, SETTINGS, Options, Run
+from torchrl_ppo import AUTORESET, FRAMES, learn, make_actor
+
+
+@dataclass
+class CollectorOptions(Options):
+    """Learn to fly by LiDAR until the policy flies six of the seven playgrounds."""
+
+    workers: int = 2
+    """Processes that fly drones; 256 must be a multiple."""
+    collector: Literal["processes", "distributed"] = "processes"
+    """Processes that share memory with the learner, or that send their steps by torch.distributed."""
+
+
+def make_env(worker: int, options: CollectorOptions) -> EnvBase:
+    """Return a worker's drones; the workers share the seeds of a single one."""
+    drones = NUM_ENVS // options.workers
+    threads = max(len(os.sched_getaffinity(0)) // options.workers, 1)
+    envs = gymnasium.make_vec(ID, drones, autoreset_mode=AUTORESET, num_threads=threads, **SETTINGS)
+    env = GymWrapper(envs, categorical_action_encoding=True)
+    env.set_seed(options.seed * NUM_ENVS + worker * drones)
+    return env
+
+
+def main(options: CollectorOptions) -> nn.Module:
+    """Train and return actor and critic."""
+    run, actor = Run("torchrl", AUTORESET, options), make_actor()
+    make = [partial(make_env, worker, options) for worker in range(options.workers)]
+    frames = {"frames_per_batch": FRAMES, "total_frames": FRAMES * (options.updates + 1)}
+    plain = {"auto_register_policy_transforms": False}
+    if options.collector == "processes":
+        collector = MultiSyncCollector(
+            make, actor, cat_results=0, use_buffers=True, update_at_each_batch=True, **frames, **plain
+        )
+    else:
+        collector = DistributedSyncCollector(make, actor, launcher="mp", collector_kwargs=plain, **frames)
+    try:
+        return learn(run, actor, collector)
+    finally:
+        for job in getattr(collector, "jobs", ()):  # they would go on until they have flown all frames
+            job.terminate()
+        collector.shutdown()
+
+
+if __name__ == "__main__":
+    main(tyro.cli(CollectorOptions))
