@@ -26,11 +26,12 @@ COPY = ROOT / "build" / "docs" / "python" / "flockstep"
 #: Classes that calls return but that no public name stands for.
 RETURNED = ("Field", "TaskSpec", "Terms")
 #: Packages whose types appear in signatures, without a link.
-OTHERS = ("collections.", "gymnasium.", "numpy.", "os.", "pathlib.", "stable_baselines3.", "torch.", "typing.")
+OTHERS = ("collections.", "gymnasium.", "numpy.", "os.", "pathlib.", "ray.", "stable_baselines3.", "torch.", "typing.")
 PUBLIC = (
     "flockstep",
     "flockstep.bridges",
     "flockstep.client",
+    "flockstep.rllib",
     "flockstep.rotations",
     "flockstep.sb3",
     "flockstep.scenes",

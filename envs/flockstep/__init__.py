@@ -4,7 +4,7 @@
 >>> envs = gymnasium.make_vec("flockstep/LidarNavigation-v0", num_envs=1024, worlds="train")
 
 `World`, `Batch`, `LidarConfig` and similar classes are the native simulator. `DroneVectorEnv` wraps it as a Gymnasium
-environment, and `Task` is the base class for your own tasks. `flockstep.sb3` connects to Stable-Baselines3, and
+environment, and `Task` is the base class for your own tasks. `flockstep.sb3` connects to Stable-Baselines3, `flockstep.rllib` to Ray, and
 `flockstep.testing` checks any Gymnasium vector environment. `PPO` trains a policy, `evaluate` and `success_rates` test
 it, `record` films a flight. `render` takes a picture of a world. `connect` connects to a server.
 """
@@ -119,6 +119,7 @@ __all__ = [
     "register_task",
     "relight",
     "render",
+    "rllib",
     "rotations",
     "sb3",
     "scenes",
@@ -131,15 +132,15 @@ registration.register()
 register_task = registration.register_task
 
 if _TYPE_CHECKING:
-    from flockstep import client, sb3, testing
+    from flockstep import client, rllib, sb3, testing
     from flockstep.client import connect, connect_async
 else:
 
     def __getattr__(name: str) -> object:
-        # Imported on first use: sb3 and client need optional packages, and only tests need testing.
+        # Imported on first use: client, rllib and sb3 need optional packages, and only tests need testing.
         import importlib
 
-        if name in ("client", "sb3", "testing"):
+        if name in ("client", "rllib", "sb3", "testing"):
             return importlib.import_module(f"flockstep.{name}")
         if name in ("connect", "connect_async"):
             return getattr(importlib.import_module("flockstep.client"), name)

@@ -23,7 +23,7 @@ def run(code: str) -> str:
 
 
 def test_every_exported_name_is_there():
-    for name in flockstep.__all__:
+    for name in set(flockstep.__all__) - {"rllib"}:  # Ray needs a separate environment: tests/ray/
         assert getattr(flockstep, name) is not None
 
 
@@ -96,11 +96,18 @@ def test_connect_names_the_extra_it_needs():
         assert missing in printed.rpartition(" ")[2]
 
 
+def test_rllib_names_the_extra_it_needs():
+    code = "import flockstep\ntry:\n    flockstep.rllib\nexcept ImportError as error:\n    print(error, error.name)"
+    printed = run(WITHOUT.format(names=["ray"]) + code)
+    assert "pip install 'flockstep[rllib]'" in printed
+    assert printed.endswith(" ray")
+
+
 def test_names_that_dir_lists():
     listed = run("import flockstep; print(*dir(flockstep))").split()
     public = [name for name in listed if not name.startswith("__")]
     assert sorted([*public, "__version__"]) == sorted(flockstep.__all__)
-    assert {"client", "connect", "sb3", "testing"} < set(public)
+    assert {"client", "connect", "rllib", "sb3", "testing"} < set(public)
 
 
 def test_an_unknown_name_is_an_attribute_error():
@@ -111,7 +118,8 @@ def test_an_unknown_name_is_an_attribute_error():
 def test_import_needs_no_optional_package():
     code = (
         "import sys, flockstep; "
-        "optional = ('torch', 'stable_baselines3', 'OpenGL', 'matplotlib', 'PIL', 'google.protobuf', 'websockets'); "
+        "optional = ('torch', 'stable_baselines3', 'OpenGL', 'matplotlib', 'PIL', 'google.protobuf', 'websockets', "
+        "'ray'); "
         "print([m for m in optional if m in sys.modules])"
     )
     assert run(code) == "[]"
