@@ -1,4 +1,4 @@
-"""What more threads gain: steps of environments, frames, and trainings with 1, 2, 4, ... threads."""
+"""Gains by threads: rates of environments, frames and trainings with 1, 2, 4, ... threads."""
 
 from __future__ import annotations
 
