@@ -115,7 +115,8 @@ def sweep(args: Args, values: dict[str, list[Any]]) -> tune.ResultGrid:
         "settings": {name: tune.grid_search(each) for name, each in values.items()},
     }
     trainable = tune.with_resources(train_and_judge, {"cpu": args.cpus})
-    asked, kept = {"settings": values, "seeds": args.seeds, "cpus": args.cpus, "flights": args.flights}, folder / "sweep.json"
+    asked = {"settings": values, "seeds": args.seeds, "cpus": args.cpus, "flights": args.flights}
+    kept = folder / "sweep.json"
     if tune.Tuner.can_restore(str(folder)):
         begun = json.loads(kept.read_text())
         if begun != json.loads(json.dumps(asked)):

@@ -4,9 +4,10 @@
 >>> envs = gymnasium.make_vec("flockstep/LidarNavigation-v0", num_envs=1024, worlds="train")
 
 `World`, `Batch`, `LidarConfig` and similar classes are the native simulator. `DroneVectorEnv` wraps it as a Gymnasium
-environment, and `Task` is the base class for your own tasks. `flockstep.sb3` connects to Stable-Baselines3, `flockstep.rllib` to Ray, and
-`flockstep.testing` checks any Gymnasium vector environment. `PPO` trains a policy, `evaluate` and `success_rates` test
-it, `record` films a flight. `render` takes a picture of a world. `connect` connects to a server.
+environment, and `Task` is the base class for your own tasks. `flockstep.sb3` connects to Stable-Baselines3,
+`flockstep.rllib` to Ray RLlib, and `flockstep.testing` checks any Gymnasium vector environment. `PPO` trains a policy,
+`evaluate` and `success_rates` test it, `record` films a flight. `render` takes a picture of a world. `connect` connects
+to a server.
 """
 
 # ruff: noqa: E402 # the check for required packages comes before the imports that need them

@@ -74,17 +74,19 @@ class DroneEnvs(VectorWrapper):
         settings = dict(context)
         env, count = settings.pop("env"), settings.pop("num_envs", None)
         if count is None:
-            raise ValueError('gym_env_vectorize_mode: expected "vector_entry_point", as set by flockstep.rllib.configure')
+            raise ValueError('gym_env_vectorize_mode: expected "vector_entry_point", which configure sets')
         settings.setdefault("num_threads", _granted_cpus())
-        made = make_by_id(env, count, **settings) if isinstance(env, str) else DroneVectorEnv(count, task=env, **settings)
-        super().__init__(made)
+        if isinstance(env, str):
+            super().__init__(make_by_id(env, count, **settings))
+        else:
+            super().__init__(DroneVectorEnv(count, task=env, **settings))
 
     def reset(
         self, *, seed: int | list[int | None] | None = None, options: dict[str, Any] | None = None
     ) -> tuple[Any, dict[str, Any]]:
         """Begin new episodes. Any seed is replaced by those of the runner."""
         if seed is not None and self.first_seed is None:
-            raise RuntimeError("env_runner_cls: expected flockstep.rllib.DroneEnvRunner or a subclass: it spaces the seeds")
+            raise RuntimeError("env_runner_cls: expected DroneEnvRunner or a subclass, which spaces the seeds")
         return self.env.reset(seed=seed if seed is None else self.first_seed, options=options)
 
 
@@ -96,7 +98,9 @@ class DroneEnvRunner(SingleAgentEnvRunner):  # type: ignore[misc] # Ray is missi
         super().make_env()
         envs: VectorEnv[Any, Any, Any] = self.env
         while not isinstance(envs, DroneEnvs):
-            envs = envs.env  # type: ignore[attr-defined] # wrappers of RLlib
+            if not isinstance(envs, VectorWrapper):
+                raise TypeError(f"env: expected flockstep.rllib.DroneEnvs, got {type(envs).__name__}")
+            envs = envs.env  # RLlib has wrappers around it
         if self.config.seed is not None:
             first = int(self.config.seed) + (_FIRST_EVALUATION_SEED if self.config.in_evaluation else 0)
             envs.first_seed = first + max(self.worker_index - 1, 0) * self.num_envs  # runner 0 is in the main process

@@ -57,9 +57,7 @@ def main(options: RLlibOptions) -> nn.Module:
     """Train and return actor and critic."""
     run = Run("ray", AUTORESET, options)
     ray.init(options.address, include_dashboard=None if options.address else False)
-    config = configure(
-        PPOConfig(), ID, num_envs=NUM_ENVS // options.runners, seed=options.seed * NUM_ENVS, **SETTINGS
-    )
+    config = configure(PPOConfig(), ID, num_envs=NUM_ENVS // options.runners, seed=options.seed * NUM_ENVS, **SETTINGS)
     config.env_runners(num_env_runners=options.runners)
     config.rl_module(rl_module_spec=RLModuleSpec(module_class=ActorCritic))
     config.training(grad_clip=0.5, grad_clip_by="global_norm", **LEARNING, **LOSSES, **UNUSED)

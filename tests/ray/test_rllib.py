@@ -14,6 +14,7 @@ import numpy as np
 import pytest
 import ray
 import torch
+from conftest import CPUS, wait_until
 from ray.rllib.algorithms.ppo import PPOConfig
 from ray.rllib.core.columns import Columns
 from ray.rllib.core.rl_module.apis import ValueFunctionAPI
@@ -22,7 +23,6 @@ from ray.rllib.core.rl_module.torch import TorchRLModule
 from ray.rllib.env.single_agent_env_runner import SingleAgentEnvRunner
 
 import flockstep
-from conftest import CPUS, wait_until
 from flockstep import rllib
 from run import TRAINED
 
@@ -30,7 +30,8 @@ ROOT = Path(__file__).resolve().parents[2]
 ID = "flockstep/LidarNavigation-v0"
 SEED, ENVS, LIMIT = 70, 8, 12
 
-pytestmark = [pytest.mark.filterwarnings("ignore:.*Overriding environment:UserWarning")]  # RLlib registers its env again
+# RLlib registers its environment again for every runner.
+pytestmark = [pytest.mark.filterwarnings("ignore:.*Overriding environment:UserWarning")]
 
 ray.cloudpickle.register_pickle_by_value(sys.modules[__name__])  # workers cannot import this file
 
@@ -178,8 +179,16 @@ def test_seeds_are_spaced_by_the_envs_of_a_runner(address):
 
 def test_another_runner_class_is_refused(address):
     config = configured(2).env_runners(env_runner_cls=SingleAgentEnvRunner)
-    with pytest.raises(RuntimeError, match="env_runner_cls: expected flockstep.rllib.DroneEnvRunner or a subclass"):
+    with pytest.raises(RuntimeError, match="env_runner_cls: expected DroneEnvRunner or a subclass"):
         first_seed(config, 1, SingleAgentEnvRunner)
+
+
+def test_other_envs_are_refused(address):
+    config = configured(2)
+    config.env_config = {}  # environment() would add to the keywords of configure
+    config.environment(ID)
+    with pytest.raises(TypeError, match=r"env: expected flockstep.rllib.DroneEnvs, got DroneVectorEnv"):
+        first_seed(config, 1)
 
 
 def test_a_single_env_of_rllib_is_refused():
@@ -246,7 +255,8 @@ def test_a_sweep_that_was_killed_continues(address, tmp_path):
     command = ["-m", "training.sweep", "hover", "--seeds", "2", "--set", "n_epochs=1,2", "--set", "steps=16384"]
     command += ["--flights", "20", "--out", str(tmp_path), "--address", address]
     results = tmp_path / "hover"
-    killed = subprocess.Popen([sys.executable, *command, "--cpus", "2"], cwd=ROOT, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+    quiet = {"stdout": subprocess.DEVNULL, "stderr": subprocess.DEVNULL}
+    killed = subprocess.Popen([sys.executable, *command, "--cpus", "2"], cwd=ROOT, **quiet)
     finished = lambda: [path for path in results.glob("*/result.json") if path.stat().st_size]  # noqa: E731
     assert wait_until(finished, 120)
     killed.kill()
