@@ -14,6 +14,10 @@
 
 #if defined(FLOCKSTEP_THREAD_SANITIZER)
 #include <sanitizer/tsan_interface.h>
+// A function whose reads and writes are not checked; those of the functions that it calls are.
+#define FLOCKSTEP_UNCHECKED_BY_THREAD_SANITIZER __attribute__((no_sanitize("thread")))
+#else
+#define FLOCKSTEP_UNCHECKED_BY_THREAD_SANITIZER
 #endif
 
 namespace flockstep::thread_sanitizer {

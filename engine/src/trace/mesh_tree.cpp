@@ -9,6 +9,7 @@
 #include <new>
 #include <tuple>
 
+#include "base/thread_sanitizer.hpp"
 #include "flockstep/aligned.hpp"
 
 namespace flockstep::trace {
@@ -94,6 +95,18 @@ void cut(std::span<BoxedTriangle> triangles) {
   cut(triangles.subspan(kTreeWidth * best_leaf));
 }
 
+// In a callback of Embree: other threads of Embree have written what this one reads, and read what it writes.
+class HandedOver {
+ public:
+  explicit HandedOver(const void* at) : at_(at) { thread_sanitizer::acquire(at_); }
+  ~HandedOver() { thread_sanitizer::release(at_); }
+  HandedOver(const HandedOver&) = delete;
+  HandedOver& operator=(const HandedOver&) = delete;
+
+ private:
+  const void* at_;
+};
+
 }  // namespace
 
 MeshTree::MeshTree(RTCDevice device, const TriangleMesh& mesh, std::size_t fewest_in_bunches)
@@ -133,21 +146,25 @@ MeshTree::MeshTree(RTCDevice device, const TriangleMesh& mesh, std::size_t fewes
   arguments.traversalCost = kVisitCost;
   arguments.intersectionCost = 1.0F;
   arguments.createNode = [](RTCThreadLocalAllocator allocator, unsigned int children, void* user) -> void* {
+    const HandedOver handed_over(user);
     ++static_cast<Sizes*>(user)->nodes;
     auto* const built = new (rtcThreadLocalAlloc(allocator, sizeof(BuiltNode), alignof(BuiltNode))) BuiltNode;
     built->children = children;
     return static_cast<Built*>(built);
   };
-  arguments.setNodeChildren = [](void* node, void** children, unsigned int count, void*) {
+  arguments.setNodeChildren = [](void* node, void** children, unsigned int count, void* user) {
+    const HandedOver handed_over(user);
     auto& built = static_cast<BuiltNode&>(*static_cast<Built*>(node));
     for (unsigned int i = 0; i < count; ++i) built.child[i] = static_cast<const Built*>(children[i]);
   };
-  arguments.setNodeBounds = [](void* node, const RTCBounds** bounds, unsigned int count, void*) {
+  arguments.setNodeBounds = [](void* node, const RTCBounds** bounds, unsigned int count, void* user) {
+    const HandedOver handed_over(user);
     auto& built = static_cast<BuiltNode&>(*static_cast<Built*>(node));
     for (unsigned int i = 0; i < count; ++i) built.bounds[i] = *bounds[i];
   };
   arguments.createLeaf = [](RTCThreadLocalAllocator allocator, const RTCBuildPrimitive* given, std::size_t count,
                             void* user) -> void* {
+    const HandedOver handed_over(user);
     // The triangles are sorted in place; Embree does not need them any more.
     const std::span triangles(reinterpret_cast<BoxedTriangle*>(const_cast<RTCBuildPrimitive*>(given)), count);
     cut(triangles);
@@ -156,7 +173,9 @@ MeshTree::MeshTree(RTCDevice device, const TriangleMesh& mesh, std::size_t fewes
     if (leaves_for(count) > 1) ++nodes;
     return new (rtcThreadLocalAlloc(allocator, sizeof(Built), alignof(Built))) Built{triangles};
   };
+  thread_sanitizer::release(&sizes);
   const auto* const root = static_cast<const Built*>(rtcBuildBVH(&arguments));
+  thread_sanitizer::acquire(&sizes);
   if (root == nullptr) throw std::bad_alloc();
   nodes_.reserve(sizes.nodes);
   leaves_.reserve(sizes.leaves);
