@@ -124,7 +124,7 @@ def test_stub_and_documents_are_made_from_the_lists_of_the_engine():
 
 
 def test_public_python_has_docstrings():
-    for name in flockstep.__all__:
+    for name in set(flockstep.__all__) - {"rllib"}:  # Ray needs a separate environment
         item = getattr(flockstep, name)
         if isinstance(item, str):
             continue
