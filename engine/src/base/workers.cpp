@@ -94,7 +94,7 @@ void throw_if_cancelled() {
   if (tbb::is_current_task_group_canceling()) throw Cancelled();
 }
 
-// What a task does. oneTBB copies it and the range from thread to thread, which the sanitizer does not observe. Therefore
+// The work of a task. oneTBB copies it and the range from thread to thread, which the sanitizer does not observe. Therefore
 // nothing else reads the copies.
 struct TaskBody {
   void (*run)(const void* all, std::size_t begin, std::size_t end);
