@@ -16,11 +16,11 @@ from torch.distributions import Categorical
 from torch.nn.parallel import DistributedDataParallel
 
 from cleanrl_ppo import AUTORESET, BATCH_SIZE, CLIP, ENTROPY, EPOCHS, MAX_GRADIENT, STEPS, VALUE, advantages
-from lidar_task import ID, NUM_ENVS, SETTINGS, Options, Run, network
+from lidar_task import ID, NUM_ENVS, SETTINGS, Options, Run, drones_of_each, network
 
 RANK, PROCESSES = int(os.environ["RANK"]), int(os.environ["WORLD_SIZE"])  # set by torchrun, as the next one is
 THREADS = max(len(os.sched_getaffinity(0)) // int(os.environ["LOCAL_WORLD_SIZE"]), 1)
-DRONES = NUM_ENVS // PROCESSES
+DRONES = drones_of_each(PROCESSES)
 MINIBATCHES = STEPS * NUM_ENVS // BATCH_SIZE  # of BATCH_SIZE / PROCESSES rows in each process
 
 

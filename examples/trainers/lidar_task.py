@@ -48,6 +48,13 @@ def network(outputs: int, gain: float) -> nn.Sequential:
     return nn.Sequential(GoalFeatures(), layers[0], nn.Tanh(), layers[1], nn.Tanh(), layers[2])
 
 
+def drones_of_each(processes: int) -> int:
+    """Return the number of drones of each of several processes that fly together."""
+    if processes < 1 or NUM_ENVS % processes:
+        raise SystemExit(f"expected a number of processes that divides {NUM_ENVS} drones, got {processes}")
+    return NUM_ENVS // processes
+
+
 def playgrounds_flown(policy: Policy) -> int:
     """Fly the five playgrounds of "train" and the two of "validation" once; return the number of goals reached."""
     envs = flockstep.DroneVectorEnv(7, worlds=("train", "validation"), max_episode_steps=400, autoreset_mode="disabled")

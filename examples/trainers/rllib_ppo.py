@@ -20,7 +20,7 @@ from ray.rllib.core.rl_module.torch import TorchRLModule
 from torch import nn
 
 from flockstep.rllib import configure
-from lidar_task import ID, NUM_ENVS, SETTINGS, Options, Run, network
+from lidar_task import ID, NUM_ENVS, SETTINGS, Options, Run, drones_of_each, network
 
 AUTORESET = "next_step"  # RLlib begins an episode with the observation after a last step
 LEARNING = {"train_batch_size_per_learner": 64 * NUM_ENVS, "minibatch_size": 4096, "num_epochs": 4, "lr": 3e-3}
@@ -55,9 +55,9 @@ class ActorCritic(TorchRLModule, ValueFunctionAPI):
 
 def main(options: RLlibOptions) -> nn.Module:
     """Train and return actor and critic."""
-    run = Run("ray", AUTORESET, options)
+    run, drones = Run("ray", AUTORESET, options), drones_of_each(options.runners)
     ray.init(options.address, include_dashboard=None if options.address else False)
-    config = configure(PPOConfig(), ID, num_envs=NUM_ENVS // options.runners, seed=options.seed * NUM_ENVS, **SETTINGS)
+    config = configure(PPOConfig(), ID, num_envs=drones, seed=options.seed * NUM_ENVS, **SETTINGS)
     config.env_runners(num_env_runners=options.runners)
     config.rl_module(rl_module_spec=RLModuleSpec(module_class=ActorCritic))
     config.training(grad_clip=0.5, grad_clip_by="global_norm", **LEARNING, **LOSSES, **UNUSED)

@@ -16,7 +16,7 @@ from torchrl.collectors import MultiSyncCollector
 from torchrl.collectors.distributed import DistributedSyncCollector
 from torchrl.envs import EnvBase, GymWrapper
 
-from lidar_task import ID, NUM_ENVS, SETTINGS, Options, Run
+from lidar_task import ID, NUM_ENVS, SETTINGS, Options, Run, drones_of_each
 from torchrl_ppo import AUTORESET, FRAMES, learn, make_actor
 
 
@@ -32,7 +32,7 @@ class CollectorOptions(Options):
 
 def make_env(worker: int, options: CollectorOptions) -> EnvBase:
     """Return a worker's drones; the workers share the seeds of a single one."""
-    drones = NUM_ENVS // options.workers
+    drones = drones_of_each(options.workers)
     threads = max(len(os.sched_getaffinity(0)) // options.workers, 1)
     envs = gymnasium.make_vec(ID, drones, autoreset_mode=AUTORESET, num_threads=threads, **SETTINGS)
     env = GymWrapper(envs, categorical_action_encoding=True)
@@ -42,6 +42,7 @@ def make_env(worker: int, options: CollectorOptions) -> EnvBase:
 
 def main(options: CollectorOptions) -> nn.Module:
     """Train and return actor and critic."""
+    drones_of_each(options.workers)  # refuses before any process starts
     run, actor = Run("torchrl", AUTORESET, options), make_actor()
     make = [partial(make_env, worker, options) for worker in range(options.workers)]
     frames = {"frames_per_batch": FRAMES, "total_frames": FRAMES * (options.updates + 1)}

@@ -12,7 +12,7 @@ import torch
 from gymnasium import spaces
 
 import flockstep
-from lidar_task import ID, SETTINGS, GoalFeatures, Options
+from lidar_task import ID, SETTINGS, GoalFeatures, Options, drones_of_each
 from run import TRAINED
 
 FOLDER = Path(__file__).resolve().parents[2] / "examples" / "trainers"
@@ -78,6 +78,12 @@ def test_processes_learn_together():
     ((version, mode, _, _, rate),) = TRAINED.findall(done.stdout)
     assert (version.split()[0], mode) == ("torch", "next_step")
     assert int(rate.replace(",", "")) > 10
+
+
+@pytest.mark.parametrize("processes", [-1, 0, 3, 512])
+def test_a_number_of_processes_that_does_not_divide_the_drones_is_refused(processes):
+    with pytest.raises(SystemExit, match=f"divides 256 drones, got {processes}"):
+        drones_of_each(processes)
 
 
 @pytest.mark.parametrize("processes", [2, 4])
