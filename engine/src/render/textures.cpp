@@ -2,7 +2,9 @@
 
 #include <algorithm>
 #include <cmath>
+#include <cstddef>
 #include <limits>
+#include <span>
 
 #include "base/require.hpp"
 #include "base/srgb.hpp"
@@ -39,53 +41,71 @@ std::vector<Cover> covers(int size, int half) {
   return covers;
 }
 
+// A level in memory, without its border.
 struct Level {
-  std::vector<std::uint32_t> texels;
-  int width, height;
+  const std::uint32_t* texels;
+  int width, height, stride;
+
+  const std::uint32_t* row(int y) const { return texels + std::ptrdiff_t{stride} * y; }
 };
 
-Level largest(const Texture& texture) {
-  Level level{{}, texture.width_px, texture.height_px};
-  level.texels.resize(texture.rgba.size() / 4);
-  for (std::size_t i = 0; i < level.texels.size(); ++i) {
-    const std::uint8_t* const rgba = texture.rgba.data() + 4 * i;
-    level.texels[i] = packed(rgba[0], rgba[1], rgba[2], rgba[3]);
-  }
-  return level;
-}
+// Computes the rows of a level that is half as wide and high, but at least one texel, by averaging linear values.
+class Halving {
+ public:
+  Halving(const Level& from, bool is_masked)
+      : from_(from),
+        is_masked_(is_masked),
+        across_(covers(from.width, std::max(from.width / 2, 1))),
+        down_(covers(from.height, std::max(from.height / 2, 1))) {}
 
-// Halves width and height, to at least one texel, by averaging linear values.
-Level halved(const Level& from, bool is_masked) {
-  const std::array<float, 256>& linear = srgb_to_linear();
-  Level half{{}, std::max(from.width / 2, 1), std::max(from.height / 2, 1)};
-  const std::vector<Cover> across = covers(from.width, half.width);
-  const std::vector<Cover> down = covers(from.height, half.height);
-  for (const Cover& rows : down) {
-    for (const Cover& columns : across) {
-      std::array<float, 3> sum{}, seen{};
-      float alpha = 0.0F;
-      for (int j = 0; j < 3; ++j) {
-        for (int i = 0; i < 3; ++i) {
-          const float share = rows.shares[static_cast<std::size_t>(j)] * columns.shares[static_cast<std::size_t>(i)];
-          if (share == 0.0F) continue;
-          const int row = std::min(rows.first + j, from.height - 1);
-          const int column = std::min(columns.first + i, from.width - 1);
-          const std::uint32_t texel = from.texels[static_cast<std::size_t>(row) * static_cast<std::size_t>(from.width) +
-                                                  static_cast<std::size_t>(column)];
-          for (std::size_t c = 0; c < 3; ++c) sum[c] += share * linear[texel >> 8U * c & 0xFFU];
-          if (!is_masked) continue;
-          const float weight = share * static_cast<float>(texel >> 24U);
-          alpha += weight;
-          for (std::size_t c = 0; c < 3; ++c) seen[c] += weight * linear[texel >> 8U * c & 0xFFU];
-        }
-      }
-      for (std::size_t c = 0; alpha > 0.0F && c < 3; ++c) sum[c] = seen[c] / alpha;
-      half.texels.push_back(packed(linear_to_srgb(sum[0]), linear_to_srgb(sum[1]), linear_to_srgb(sum[2]),
-                                   static_cast<std::uint8_t>(std::lround(std::min(alpha, 255.0F)))));
+  void write_row(int y, std::span<std::uint32_t> out) const {
+    if (!is_masked_ && from_.width % 2 == 0 && from_.height % 2 == 0) return write_row_of_fours(y, out);
+    const Cover& rows = down_[static_cast<std::size_t>(y)];
+    std::transform(across_.begin(), across_.end(), out.begin(), [&](const Cover& columns) { return mean(rows, columns); });
+  }
+
+ private:
+  // The usual case, with the operations of mean() in the same order.
+  void write_row_of_fours(int y, std::span<std::uint32_t> out) const {
+    const std::uint32_t* upper = from_.row(2 * y);
+    const std::uint32_t* lower = from_.row(2 * y + 1);
+    for (std::uint32_t& texel : out) {
+      const auto channel = [&](unsigned int shift) {
+        const auto quarter = [&](std::uint32_t from) { return 0.25F * linear_[from >> shift & 0xFFU]; };
+        return linear_to_srgb(quarter(upper[0]) + quarter(upper[1]) + quarter(lower[0]) + quarter(lower[1]));
+      };
+      texel = packed(channel(0), channel(8), channel(16), 0);
+      upper += 2;
+      lower += 2;
     }
   }
-  return half;
-}
+
+  std::uint32_t mean(const Cover& rows, const Cover& columns) const {
+    std::array<float, 3> sum{}, seen{};
+    float alpha = 0.0F;
+    for (int j = 0; j < 3; ++j) {
+      for (int i = 0; i < 3; ++i) {
+        const float share = rows.shares[static_cast<std::size_t>(j)] * columns.shares[static_cast<std::size_t>(i)];
+        if (share == 0.0F) continue;
+        const std::uint32_t texel =
+            from_.row(std::min(rows.first + j, from_.height - 1))[std::min(columns.first + i, from_.width - 1)];
+        for (std::size_t c = 0; c < 3; ++c) sum[c] += share * linear_[texel >> 8U * c & 0xFFU];
+        if (!is_masked_) continue;
+        const float weight = share * static_cast<float>(texel >> 24U);
+        alpha += weight;
+        for (std::size_t c = 0; c < 3; ++c) seen[c] += weight * linear_[texel >> 8U * c & 0xFFU];
+      }
+    }
+    for (std::size_t c = 0; alpha > 0.0F && c < 3; ++c) sum[c] = seen[c] / alpha;
+    return packed(linear_to_srgb(sum[0]), linear_to_srgb(sum[1]), linear_to_srgb(sum[2]),
+                  static_cast<std::uint8_t>(std::lround(std::min(alpha, 255.0F))));
+  }
+
+  const Level from_;
+  const bool is_masked_;
+  const std::vector<Cover> across_, down_;
+  const std::array<float, 256>& linear_ = srgb_to_linear();
+};
 
 // Returns the number of texels of all levels.
 std::size_t num_texels(const Texture& texture, int border) {
@@ -123,24 +143,52 @@ Textures::Textures(std::span<const Texture> textures, const std::vector<bool>& m
     count += num_texels(texture, wide);
     require(count < kMost, "textures", "less than 2^31 texels, mip levels included", texture.name);
   }
-  texels.reserve(count);
+  texels.reserve(count);  // levels are computed from levels in this memory
   for (const Texture& texture : textures) {
     first_level.push_back(static_cast<std::int32_t>(offset.size()));
     wrap_across.push_back(static_cast<std::int32_t>(texture.wrap[0]));
     wrap_down.push_back(static_cast<std::int32_t>(texture.wrap[1]));
     const bool is_masked = !masked.empty() && masked[first_level.size() - 1];
-    for (Level level = largest(texture);; level = halved(level, is_masked)) {
-      width.push_back(level.width);
-      height.push_back(level.height);
-      stride.push_back(level.width + 2 * wide);
-      offset.push_back(static_cast<std::int32_t>(texels.size()) + wide * (stride.back() + 1));
-      for (int y = -wide; y < level.height + wide; ++y) {
-        const auto row = level.texels.begin() + std::ptrdiff_t{level.width} * source(y, level.height, texture.wrap[1]);
-        if (wide != 0) texels.push_back(row[source(-1, level.width, texture.wrap[0])]);
-        texels.insert(texels.end(), row, row + level.width);
-        if (wide != 0) texels.push_back(row[source(level.width, level.width, texture.wrap[0])]);
+    const auto add_level = [&](const Level& size, const auto& write_row) {
+      const std::size_t first = texels.size(), length = static_cast<std::size_t>(size.stride);
+      width.push_back(size.width);
+      height.push_back(size.height);
+      stride.push_back(size.stride);
+      offset.push_back(static_cast<std::int32_t>(first) + wide * (size.stride + 1));
+      texels.resize(first + static_cast<std::size_t>(wide) * length);
+      for (int y = 0; y < size.height; ++y) {
+        const std::size_t begin = texels.size();
+        texels.resize(begin + length);
+        const std::span row(texels.data() + begin, length);
+        write_row(y, row.subspan(static_cast<std::size_t>(wide), static_cast<std::size_t>(size.width)));
+        if (wide == 0) continue;
+        row.front() = row[static_cast<std::size_t>(source(-1, size.width, texture.wrap[0]) + 1)];
+        row.back() = row[static_cast<std::size_t>(source(size.width, size.width, texture.wrap[0]) + 1)];
       }
-      if (level.width == 1 && level.height == 1) break;
+      const Level level{texels.data() + offset.back(), size.width, size.height, size.stride};
+      if (wide == 0) return level;
+      texels.resize(texels.size() + length);
+      const auto copy_row = [&](int to) {
+        std::copy_n(level.row(source(to, size.height, texture.wrap[1])) - 1, length,
+                    texels.data() + first + static_cast<std::size_t>(to + 1) * length);
+      };
+      copy_row(-1);
+      copy_row(size.height);
+      return level;
+    };
+    Level level = add_level({nullptr, texture.width_px, texture.height_px, texture.width_px + 2 * wide},
+                            [&](int y, std::span<std::uint32_t> row) {
+                              const std::uint8_t* rgba = texture.rgba.data() + std::ptrdiff_t{4} * texture.width_px * y;
+                              for (std::uint32_t& texel : row) {
+                                texel = packed(rgba[0], rgba[1], rgba[2], rgba[3]);
+                                rgba += 4;
+                              }
+                            });
+    while (level.width > 1 || level.height > 1) {
+      const Halving halving(level, is_masked);
+      const int half_width = std::max(level.width / 2, 1);
+      level = add_level({nullptr, half_width, std::max(level.height / 2, 1), half_width + 2 * wide},
+                        [&](int y, std::span<std::uint32_t> row) { halving.write_row(y, row); });
     }
     num_levels.push_back(static_cast<std::int32_t>(offset.size()) - first_level.back());
   }

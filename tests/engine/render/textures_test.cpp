@@ -8,8 +8,10 @@
 #include <cstdint>
 #include <memory>
 #include <string>
+#include <utility>
 #include <vector>
 
+#include "base/srgb.hpp"
 #include "batch_helpers.hpp"
 #include "on_target.hpp"
 #include "picture_oracle.hpp"
@@ -184,22 +186,44 @@ TEST(Textures, EverySimdTargetShowsTheSameBits) {
 }
 
 TEST(Textures, LevelsAreMeansOfLinearValues) {
-  const Texture image = patches(13, 6, 1, 3, {TextureWrap::repeat, TextureWrap::repeat});
-  const Textures textures(std::vector<Texture>{image});
-  const auto levels = oracle::mip_levels(image);
-  ASSERT_EQ(textures.num_levels, std::vector<std::int32_t>{static_cast<std::int32_t>(levels.size())});
-  EXPECT_EQ(textures.width, (std::vector<std::int32_t>{13, 6, 3, 1}));
-  EXPECT_EQ(textures.height, (std::vector<std::int32_t>{6, 3, 1, 1}));
-  for (std::size_t level = 0; level < levels.size(); ++level) {
-    for (int row = 0; row < levels[level].height; ++row) {
-      for (int column = 0; column < levels[level].width; ++column) {
-        const std::uint32_t texel =
-            textures.texels[static_cast<std::size_t>(textures.offset[level] + row * textures.width[level] + column)];
-        for (Eigen::Index c = 0; c < 3; ++c) {
-          const int byte = static_cast<int>(texel >> (8 * c) & 0xFF);
-          EXPECT_NEAR(byte, oracle::rounded_to_byte(levels[level].at(row, column)[c]), level == 0 ? 0 : 1) << level;
+  for (const auto& [width, height] : {std::pair(13, 6), std::pair(16, 8), std::pair(12, 10), std::pair(4, 1), std::pair(1, 6)}) {
+    const Texture image = patches(width, height, 1, 3, {TextureWrap::repeat, TextureWrap::repeat});
+    const Textures textures(std::vector<Texture>{image});
+    const auto levels = oracle::mip_levels(image);
+    ASSERT_EQ(textures.num_levels, std::vector<std::int32_t>{static_cast<std::int32_t>(levels.size())});
+    for (std::size_t level = 0; level < levels.size(); ++level) {
+      ASSERT_EQ(textures.width[level], levels[level].width);
+      ASSERT_EQ(textures.height[level], levels[level].height);
+      for (int row = 0; row < levels[level].height; ++row) {
+        for (int column = 0; column < levels[level].width; ++column) {
+          const std::uint32_t texel =
+              textures.texels[static_cast<std::size_t>(textures.offset[level] + row * textures.width[level] + column)];
+          for (Eigen::Index c = 0; c < 3; ++c) {
+            const int byte = static_cast<int>(texel >> (8 * c) & 0xFF);
+            EXPECT_NEAR(byte, oracle::rounded_to_byte(levels[level].at(row, column)[c]), level == 0 ? 0 : 1) << level;
+          }
         }
       }
+    }
+  }
+}
+
+// These bits decide pictures that users have stored.
+TEST(Textures, ALevelOfEvenSizeHasTheBitsOfASumInOrder) {
+  const Texture image = patches(64, 32, 1, 5, {TextureWrap::clamp, TextureWrap::clamp});
+  const Textures textures(std::vector<Texture>{image});
+  const std::array<float, 256>& linear = srgb_to_linear();
+  for (int row = 0; row < 16; ++row) {
+    for (int column = 0; column < 32; ++column) {
+      const std::uint32_t texel = textures.texels[static_cast<std::size_t>(textures.offset[1] + row * 32 + column)];
+      for (std::size_t c = 0; c < 3; ++c) {
+        float mean = 0.0F;
+        for (const int at : {0, 1, 64, 65}) {
+          mean += 0.5F * 0.5F * linear[image.rgba[4 * static_cast<std::size_t>(128 * row + 2 * column + at) + c]];
+        }
+        ASSERT_EQ(texel >> 8 * c & 0xFF, linear_to_srgb(mean));
+      }
+      ASSERT_EQ(texel >> 24, 0U);
     }
   }
 }
