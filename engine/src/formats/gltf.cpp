@@ -16,6 +16,7 @@
 #include "base/in_world.hpp"
 #include "base/interrupt.hpp"
 #include "base/require.hpp"
+#include "base/sort_unique.hpp"
 #include "base/text_file.hpp"
 #include "formats/gltf_extras.hpp"
 #include "formats/gltf_model.hpp"
@@ -729,8 +730,7 @@ class GltfReader {
   }
 
   void read_vertices(const Part& part, const Eigen::Affine3d& place, Vertices& own) {
-    std::sort(own.used.begin(), own.used.end());
-    own.used.erase(std::unique(own.used.begin(), own.used.end()), own.used.end());
+    sort_unique(own.used);
     const std::size_t position = part.primitive->attributes.at("POSITION");
     const Elements positions(model_, position);
     std::optional<Elements> uv, colors;
@@ -763,11 +763,14 @@ class GltfReader {
   void read_triangles(const Part& part, const Eigen::Affine3d& place, const Vertices& own) {
     TriangleMesh& mesh = scene().mesh;
     const bool is_mirrored = place.linear().determinant() < 0.0;
+    const bool is_dense = !own.used.empty() && own.used.back() - own.used.front() + 1 == own.used.size();
     for (std::size_t i = 0; i < part.corners.size(); i += 3) {
       if (i % 4096 == 0) Interrupt::poll();
       std::array<std::int32_t, 3> triangle{};
       for (std::size_t k = 0; k < 3; ++k) {
-        const auto at = std::lower_bound(own.used.begin(), own.used.end(), part.corners[i + k]) - own.used.begin();
+        const std::uint32_t corner = part.corners[i + k];
+        const auto at =
+            is_dense ? corner - own.used.front() : std::lower_bound(own.used.begin(), own.used.end(), corner) - own.used.begin();
         triangle[k] = own.first + static_cast<std::int32_t>(at);
       }
       if (is_mirrored) std::swap(triangle[1], triangle[2]);

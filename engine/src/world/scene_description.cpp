@@ -14,6 +14,7 @@
 #include "base/in_world.hpp"
 #include "base/interrupt.hpp"
 #include "base/require.hpp"
+#include "base/sort_unique.hpp"
 #include "world/gate_frame.hpp"
 #include "world/scene_keys.hpp"
 
@@ -227,8 +228,7 @@ TriangleMesh ordered_by_object(const TriangleMesh& mesh) {
     const auto last = std::find_if(first, order.end(), [&](std::size_t i) { return mesh.objects[i] != object; });
     used.clear();
     for (auto i = first; i != last; ++i) used.insert(used.end(), mesh.triangles[*i].begin(), mesh.triangles[*i].end());
-    std::sort(used.begin(), used.end());
-    used.erase(std::unique(used.begin(), used.end()), used.end());
+    sort_unique(used);
     for (const std::int32_t index : used) {
       moved[static_cast<std::size_t>(index)] = static_cast<std::int32_t>(ordered.vertices.size());
       ordered.vertices.push_back(mesh.vertices[static_cast<std::size_t>(index)]);
