@@ -3,6 +3,8 @@
 #include <pybind11/stl.h>
 #include <pybind11/stl/filesystem.h>
 
+#include <string_view>
+
 #include "arrays.hpp"
 #include "convert.hpp"
 #include "flockstep/generators.hpp"
@@ -297,8 +299,11 @@ void register_world(py::module_& module) {
       .def("__copy__", [](const py::object& self) { return self; })  // immutable
       .def(
           "__deepcopy__", [](const py::object& self, const py::dict&) { return self; }, py::arg("memo"))
-      .def(py::pickle([](const World& world) { return world.to_json(); },
-                      [](const std::string& json) { return std::const_pointer_cast<World>(World::from_json(json)); }))
+      .def(py::pickle([](const World& world) { return py::bytes(released([&] { return world.to_bytes(); })); },
+                      [](const py::bytes& packed) {
+                        const std::string_view bytes = packed;
+                        return std::const_pointer_cast<World>(released([&] { return World::from_bytes(bytes); }));
+                      }))
       .def("__repr__", [](const World& world) { return "World('" + world.name() + "')"; });
 }
 

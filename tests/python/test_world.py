@@ -338,3 +338,29 @@ class TestMeshFiles:
         for file in ("pipe.obj", "meshes"):
             with pytest.raises(ValueError, match="not a regular file"):
                 flockstep.World.from_dict(self.scene(file), folder)
+
+
+class TestPickles:
+    def test_every_bundled_kind_of_world_comes_back_equal(self):
+        for name in ("playground/train-1", "race/figure-8", "outdoor/city"):
+            world = flockstep.World.load(name)
+            again = pickle.loads(pickle.dumps(world))
+            assert again.to_dict() == world.to_dict()
+
+    def test_triangles_and_textures_are_binary(self):
+        """JSON takes seconds for a mesh of a million triangles."""
+        builder = flockstep.WorldBuilder()
+        noise = np.random.default_rng(0).integers(0, 256, (64, 64, 3), np.uint8)
+        material = builder.material("ground", texture=builder.texture("noise", noise))
+        rows = 101
+        builder.heightfield(np.zeros((rows, rows), np.float32), material, cell_m=1)
+        per_vertex, per_triangle = 4 * (3 + 2), 4 * 3 + 2 + 2
+        size = per_vertex * rows**2 + per_triangle * 2 * (rows - 1) ** 2 + 4 * noise.size // 3
+        assert size <= len(pickle.dumps(builder.build())) < size + 2000
+
+    @pytest.mark.parametrize("state", [b"", b"flockstep", b"\xff" * 100])
+    def test_damaged_bytes_are_refused(self, state):
+        with pytest.raises(
+            ValueError, match=r"world: expected the bytes of a packed world of this version, got others"
+        ):
+            flockstep.World.__new__(flockstep.World).__setstate__(state)

@@ -14,6 +14,7 @@
 #include "formats/gltf.hpp"
 #include "formats/gltf_writer.hpp"
 #include "formats/mesh_scene.hpp"
+#include "formats/packed_world.hpp"
 #include "formats/placement.hpp"
 #include "formats/scene_json.hpp"
 
@@ -102,6 +103,15 @@ std::shared_ptr<const World> World::from_json(const std::string& text, const Pat
 std::string World::to_json() const {
   SceneDescription copy;
   return write_scene(description(copy));
+}
+
+std::string World::to_bytes() const {
+  SceneDescription copy;
+  return pack_world(description(copy));
+}
+
+std::shared_ptr<const World> World::from_bytes(std::string_view bytes) {
+  return std::make_shared<const World>(unpack_world(bytes));
 }
 
 void World::save(const Path& path) const {
