@@ -315,6 +315,43 @@ class TestFork:
 
         assert self.in_child(use)
 
+    @pytest.mark.parametrize("num_threads", [1, 2])
+    def test_a_child_uses_what_the_parent_built_from_a_world(self, num_threads):
+        world = flockstep.World.load("outdoor/city")  # triangles and textures
+        lidar = flockstep.LidarConfig(channels=16, beams=90, vfov_deg=60, max_range_m=60)
+        cameras = [flockstep.CameraConfig(width_px=64, height_px=48, outputs=("rgb", "depth"), shadows=True)]
+
+        def use():
+            batch = flockstep.Batch([world], 8, lidar=lidar, cameras=cameras, num_threads=num_threads)
+            batch.set_pose(world.free_places(8, seed=0))
+            batch.sense()
+            camera = batch.camera()
+            return batch.lidar().ranges.copy(), camera.rgb.copy(), camera.depth.copy()
+
+        expected = use()
+        for array, found in zip(expected, self.in_child(use), strict=True):
+            np.testing.assert_array_equal(found, array)
+        assert np.isfinite(expected[0]).any()
+        assert expected[1].any()
+
+    def test_a_child_can_drop_what_the_parent_built(self):
+        worlds = [flockstep.World.load("outdoor/city")]
+
+        def scan():
+            batch = flockstep.Batch(worlds, 8, lidar=flockstep.LidarConfig(max_range_m=60), num_threads=2)
+            batch.set_pose(worlds[0].free_places(8, seed=0))
+            batch.sense()
+            return batch.lidar().ranges.copy()
+
+        def use():
+            worlds.clear()
+            gc.collect()
+            worlds.append(flockstep.World.load("outdoor/city"))
+            return scan()
+
+        expected = scan()
+        np.testing.assert_array_equal(self.in_child(use), expected)
+
     def test_a_batch_of_the_parent_raises_in_a_child(self, batch):
         def use():
             try:
