@@ -160,8 +160,8 @@ def measure_looks() -> list[Measured]:
     ]
 
 
-def ground(rows: int, texture_px: int, path: Path) -> int:
-    """Write a glTF file of rolling ground; return the number of its triangles."""
+def ground(rows: int, texture_px: int, path: Path, **markers: Any) -> int:
+    """Write a glTF file of rolling ground, with markers if given; return the number of its triangles."""
     builder = flockstep.WorldBuilder()
     texture: dict[str, Any] = {}
     if texture_px:
@@ -172,7 +172,8 @@ def ground(rows: int, texture_px: int, path: Path) -> int:
     heights = (3 * np.sin(along)[:, None] + 3 * np.cos(0.8 * along)[None, :]).astype(np.float32)
     cell_m = 400 / rows
     builder.heightfield(heights, material, corner=(-200, -200), cell_m=cell_m, texture_m=400)
-    builder.build().save(path)
+    world = builder.build()
+    (world.with_markers(**markers) if markers else world).save(path)
     return 2 * (rows - 1) ** 2
 
 

@@ -18,6 +18,7 @@ server  round trips of the clients against bare echoes, a remote vector environm
 scaling steps, frames and trainings with 1, 2, 4, ... threads, up to one per processor; only if named
 imaging cost of colour detection, HSV and smaller images, in our kernels and in OpenCV
 race    steps of Race, with gates that are solid and with gates that are not
+workers start of a trainer's worker: import, worlds, first scan, step and frame, memory; by spawn, by fork, by pickle
 plan    paths from start to goal in every bundled world and twenty of each generator: processor time and length
 trainers  the programs of examples/trainers/ with three seeds each: speed, and steps until they solve the LiDAR task
 dynamics  rotor flight: the kernel against a bare one, every controller and term, contacts, steps, memory
@@ -59,6 +60,7 @@ import plan
 import race
 import scaling
 import server
+import workers
 from flockstep import _core
 
 ROOT = Path(__file__).resolve().parent.parent
@@ -378,6 +380,10 @@ def bench_race() -> list[Figure]:
     return [figure(*measured) for measured in race.measure()]
 
 
+def bench_workers() -> list[Figure]:
+    return [figure(*measured) for measured in workers.measure()]
+
+
 def bench_server() -> list[Figure]:
     return [figure(*measured) for measured in server.measure()]
 
@@ -503,6 +509,7 @@ BENCHES: dict[str, Callable[[], list[Figure]]] = {
     "imaging": bench_imaging,
     "plan": bench_plan,
     "race": bench_race,
+    "workers": bench_workers,
     "server": bench_server,
     "tiles": bench_tiles,
     "dynamics": bench_dynamics,

@@ -64,6 +64,7 @@ APART = (
     "board",
     "scaling",
     "camera_gpu",
+    "workers",
 )
 ARCHITECTURE = ROOT / "docs" / "architecture.md"
 CAMERAS = ROOT / "docs" / "cameras.md"
