@@ -19,6 +19,7 @@ scaling steps, frames and trainings with 1, 2, 4, ... threads, up to one per pro
 imaging cost of colour detection, HSV and smaller images, in our kernels and in OpenCV
 race    steps of Race, with gates that are solid and with gates that are not
 workers start of a trainer's worker: import, worlds, first scan, step and frame, memory; by spawn, by fork, by pickle
+engines steps of DDP, TorchRL's collectors and RLlib with 1, 2, 4, ... processes: rate, time, bytes; only if named
 plan    paths from start to goal in every bundled world and twenty of each generator: processor time and length
 trainers  the programs of examples/trainers/ with three seeds each: speed, and steps until they solve the LiDAR task
 dynamics  rotor flight: the kernel against a bare one, every controller and term, contacts, steps, memory
@@ -52,6 +53,7 @@ import numpy as np
 import bundled
 import dynamics_accuracy
 import dynamics_peers
+import engines
 import flockstep
 import imaging
 import mesh_peers
@@ -384,6 +386,10 @@ def bench_workers() -> list[Figure]:
     return [figure(*measured) for measured in workers.measure()]
 
 
+def bench_engines() -> list[Figure]:
+    return [figure(*measured) for measured in engines.measure()]
+
+
 def bench_server() -> list[Figure]:
     return [figure(*measured) for measured in server.measure()]
 
@@ -458,6 +464,7 @@ TRAINERS = {
     "torchrl_processes_1": "torchrl_collectors.py --workers 1",
     "torchrl_processes_2": "torchrl_collectors.py --workers 2",
     "torchrl_distributed_2": "torchrl_collectors.py --workers 2 --collector distributed",
+    "rllib_2": "rllib_ppo.py --runners 2",
 }
 TRAINED = re.compile(r"^(\S+ \S+), (\w+): (\d) of 7 playgrounds after ([\d,]+) steps, ([\d,]+) steps/s$", re.MULTILINE)
 
@@ -472,8 +479,11 @@ def bench_trainers() -> list[Figure]:
             if words[0] == "torchrun":
                 launcher, words = ["-m", "torch.distributed.run", "--standalone", *words[1:-1]], words[-1:]
             script = str(ROOT / "examples" / "trainers" / words[0])
-            command = [sys.executable, *launcher, script, *words[1:], "--seed", str(seed)]
-            output = subprocess.run(command, check=True, stdout=subprocess.PIPE, text=True).stdout
+            python = engines.ray_python() if name.startswith("rllib") else sys.executable
+            command = [python, *launcher, script, *words[1:], "--seed", str(seed)]
+            output = subprocess.run(
+                command, check=True, stdout=subprocess.PIPE, text=True, env=engines.environment()
+            ).stdout
             ended = TRAINED.search(output)
             assert ended, output
             subject = f"trainers/{name}/seed{seed}"
@@ -510,6 +520,7 @@ BENCHES: dict[str, Callable[[], list[Figure]]] = {
     "plan": bench_plan,
     "race": bench_race,
     "workers": bench_workers,
+    "engines": bench_engines,
     "server": bench_server,
     "tiles": bench_tiles,
     "dynamics": bench_dynamics,
@@ -518,7 +529,7 @@ BENCHES: dict[str, Callable[[], list[Figure]]] = {
     "mesh_peers": bench_mesh_peers,
 }
 #: Benchmarks that run only if named.
-APART = ("board", "busy", "scaling", "dynamics_peers", "mesh_peers")
+APART = ("board", "busy", "engines", "scaling", "dynamics_peers", "mesh_peers")
 
 
 def machine() -> dict[str, Any]:

@@ -65,10 +65,12 @@ APART = (
     "scaling",
     "camera_gpu",
     "workers",
+    "engines",
 )
 ARCHITECTURE = ROOT / "docs" / "architecture.md"
 CAMERAS = ROOT / "docs" / "cameras.md"
 TRAINERS = ROOT / "docs" / "trainers.md"
+SEVERAL = ROOT / "docs" / "several-machines.md"
 OWN_WORLD = ROOT / "docs" / "own-world.md"
 DYNAMICS = ROOT / "docs" / "dynamics.md"
 RACE = ROOT / "docs" / "race.md"
@@ -354,6 +356,68 @@ def trainers(results: dict[str, Result]) -> str:
         }
         cells |= {(f"`{program}`", column): text for column, text in row.items()}
     return with_source(results, "trainers", pivot(cells, "program"))
+
+
+def engines(results: dict[str, Result]) -> str:
+    """Return the table of what a step costs on the engines for several processes."""
+    heads = {
+        "steps_per_second": "steps/s",
+        "cpu_us": "processor time of a step, µs",
+        "main_cpu_us": "of that, first process, µs",
+        "bytes": "sent for a step, B",
+        "start_s": "start, s",
+    }
+    titles = {
+        "ddp": "DDP",
+        "torchrl_processes": "TorchRL, shared memory",
+        "torchrl_distributed": "TorchRL, distributed",
+        "rllib": "RLlib",
+    }
+    cells = {}
+    for (engine, count, what), f in named(results, "engines", r"engines/(\w+)/processes(\d+)/(\w+)"):
+        cells[f"{titles[engine]}, {count}", heads[what]] = number(f["value"])
+    return with_source(results, "engines", pivot(cells, "engine, processes"))
+
+
+#: Worlds of the benchmark of workers, in words.
+WORKER_WORLDS = {
+    "playground": "one playground",
+    "playgrounds1000": "1,000 playgrounds",
+    "city": "the city",
+    "scan2M": "a scan of 2 million triangles",
+    "scan2M_8k": "the scan with a texture of 8,192 x 8,192",
+}
+
+
+def workers(results: dict[str, Result]) -> str:
+    """Return the table of what a worker costs to start, when two start together."""
+    starts = {"spawn": "new process", "fork": "forked"}
+    heads = {
+        "world_cpu_s": "load worlds, s",
+        "make_cpu_s": "make environments, s",
+        "first_frame_cpu_s": "first camera frame, s",
+    }
+    found = {key: f["value"] for key, f in named(results, "workers", r"workers/(\w+)/(spawn|fork)2/(\w+)")}
+    cells = {}
+    for (world, start, what), value in found.items():
+        row = f"{WORKER_WORLDS[world]}, {starts[start]}"
+        if what in heads:
+            cells[row, heads[what]] = f"{value:.3f}"
+        for prefix, column in (("", "memory, MB"), ("camera_", "with a camera, MB")):
+            if what == f"{prefix}resident_mb":
+                cells[row, column] = f"{value - found[world, start, f'{prefix}shared_mb']:.0f}"
+    ordered = dict.fromkeys([*((row, head) for row, _ in cells for head in heads.values()), *cells])
+    return with_source(results, "workers", pivot({key: cells.get(key, "") for key in ordered}, ""))
+
+
+def pickles(results: dict[str, Result]) -> str:
+    """Return the table of what it costs to send worlds to a worker."""
+    heads = {"dump_cpu_s": "pickle, s", "load_cpu_s": "load, s", "size_mb": "size, MB"}
+    cells = {
+        (WORKER_WORLDS[world], heads[what]): number(float(f"{f['value']:.2g}"))
+        for (world, what), f in named(results, "workers", r"workers/(\w+)/pickle/(\w+)")
+    }
+    return with_source(results, "workers", pivot(cells, ""))
 
 
 def flight_training(results: dict[str, Result]) -> str:
@@ -828,6 +892,7 @@ def main() -> None:
             race_board(results),
         ),
         TRAINERS: with_content(TRAINERS.read_text(encoding="utf-8"), "trainers", trainers(results)),
+        SEVERAL: SEVERAL.read_text(encoding="utf-8"),
         FLIGHT_TASKS: with_content(
             with_content(FLIGHT_TASKS.read_text(encoding="utf-8"), "flight training", flight_training(results)),
             "by rotors",
@@ -842,6 +907,8 @@ def main() -> None:
         "costs": costs,
     }.items():
         documents[DYNAMICS] = with_content(documents[DYNAMICS], marker, write(results))
+    for marker, write in {"engines": engines, "workers": workers, "pickles": pickles}.items():
+        documents[SEVERAL] = with_content(documents[SEVERAL], marker, write(results))
     for marker, write in {"board": board, "seeds": board_seeds, "curves": board_curves}.items():
         documents[BOARD] = with_content(documents[BOARD], marker, write(results))
     for marker, write in {

@@ -10,6 +10,7 @@ from functools import partial
 from typing import Literal
 
 import gymnasium
+import torch
 import tyro
 from torch import nn
 from torchrl.collectors import MultiSyncCollector
@@ -30,21 +31,21 @@ class CollectorOptions(Options):
     """Processes that share memory with the learner, or that send their steps by torch.distributed."""
 
 
-def make_env(worker: int, options: CollectorOptions) -> EnvBase:
+def make_env(drones: int, seed: int, threads: int) -> EnvBase:
     """Return a worker's drones; the workers share the seeds of a single one."""
-    drones = drones_of_each(options.workers)
-    threads = max(len(os.sched_getaffinity(0)) // options.workers, 1)
+    torch.set_num_threads(1)  # of the worker: its network is small
     envs = gymnasium.make_vec(ID, drones, autoreset_mode=AUTORESET, num_threads=threads, **SETTINGS)
     env = GymWrapper(envs, categorical_action_encoding=True)
-    env.set_seed(options.seed * NUM_ENVS + worker * drones)
+    env.set_seed(seed)
     return env
 
 
 def main(options: CollectorOptions) -> nn.Module:
     """Train and return actor and critic."""
-    drones_of_each(options.workers)  # refuses before any process starts
+    drones, threads = drones_of_each(options.workers), max(len(os.sched_getaffinity(0)) // options.workers, 1)
     run, actor = Run("torchrl", AUTORESET, options), make_actor()
-    make = [partial(make_env, worker, options) for worker in range(options.workers)]
+    seeds = range(options.seed * NUM_ENVS, (options.seed + 1) * NUM_ENVS, drones)
+    make = [partial(make_env, drones, seed, threads) for seed in seeds]
     frames = {"frames_per_batch": FRAMES, "total_frames": FRAMES * (options.updates + 1)}
     plain = {"auto_register_policy_transforms": False}
     if options.collector == "processes":

@@ -110,7 +110,8 @@ def test_workers_fly_the_episodes_of_one(workers):
     program = importlib.import_module("torchrl_collectors")
 
     def flown(count, worker):
-        env = program.make_env(worker, program.CollectorOptions(workers=count, seed=3))
+        share = program.drones_of_each(count)
+        env = program.make_env(share, 3 * program.NUM_ENVS + worker * share, 1)
         drones = torch.arange(env.batch_size[0]) + worker * env.batch_size[0]
         seen, data = [], env.reset()
         for t in range(60):
