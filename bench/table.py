@@ -379,6 +379,41 @@ def engines(results: dict[str, Result]) -> str:
     return with_source(results, "engines", pivot(cells, "engine, processes"))
 
 
+#: Assumptions of `many_machines`: cores of a machine, s for a message to another, bytes per second of its network.
+CORES, LATENCY_S, NETWORK = 16, 50e-6, 1.25e9
+#: DDP exchanges the gradients this often for so many steps of a process.
+EXCHANGES, STEPS_BETWEEN = 16, 64 * 256
+
+
+def many_machines(results: dict[str, Result]) -> str:
+    """Return the table of what 1, 10 and 100 machines would carry, calculated from the costs of a step."""
+    found = {key: f["value"] for key, f in named(results, "engines", r"engines/(\w+)/processes(1|2)/(\w+)")}
+    if not found:
+        return "Not measured yet.\n"
+    cells = {}
+    for machines in (1, 10, 100):
+        processes = CORES * machines
+        flown = 1e-6 * found["ddp", "1", "cpu_us"] * STEPS_BETWEEN
+        exchanged = EXCHANGES * 2 * (processes - 1) * LATENCY_S
+        rates = {"DDP, a process per core": processes * STEPS_BETWEEN / (flown + exchanged)}
+        for title, engine in (("TorchRL, distributed", "torchrl_distributed"), ("RLlib", "rllib")):
+            learner = found[engine, "1", "main_cpu_us"]
+            flying = (found[engine, "1", "cpu_us"] - learner) / (processes - 1)
+            # TorchRL's workers fly on while the learner learns; RLlib's runners wait for it.
+            step_us = max(learner, flying) if engine == "torchrl_distributed" else learner + flying
+            rates[f"{title}, one learner"] = min(1e6 / step_us, NETWORK / found[engine, "1", "bytes"])
+        for row, rate in rates.items():
+            cells[row, "1 machine" if machines == 1 else f"{machines} machines"] = f"{float(f'{rate:.2g}'):,.0f}"
+    limit = STEPS_BETWEEN / (2 * EXCHANGES * LATENCY_S)
+    cells["DDP, a process per core", "limit"] = f"{float(f'{limit:.2g}'):,.0f}: messages of the gradients"
+    cells["TorchRL, distributed, one learner", "limit"] = "the learner"
+    cells["RLlib, one learner", "limit"] = "the learner"
+    for row, engine in zip(rates, ("ddp", "torchrl_distributed", "rllib"), strict=True):
+        hours = 1e9 * 1e-6 * found[engine, "1", "cpu_us"] / 3600
+        cells[row, "core hours for 10⁹ steps"] = f"{hours:.0f}"
+    return with_source(results, "engines", pivot(cells, "steps/s, calculated"))
+
+
 #: Worlds of the benchmark of workers, in words.
 WORKER_WORLDS = {
     "playground": "one playground",
@@ -907,7 +942,12 @@ def main() -> None:
         "costs": costs,
     }.items():
         documents[DYNAMICS] = with_content(documents[DYNAMICS], marker, write(results))
-    for marker, write in {"engines": engines, "workers": workers, "pickles": pickles}.items():
+    for marker, write in {
+        "engines": engines,
+        "many machines": many_machines,
+        "workers": workers,
+        "pickles": pickles,
+    }.items():
         documents[SEVERAL] = with_content(documents[SEVERAL], marker, write(results))
     for marker, write in {"board": board, "seeds": board_seeds, "curves": board_curves}.items():
         documents[BOARD] = with_content(documents[BOARD], marker, write(results))

@@ -90,6 +90,7 @@ def main(options: Options) -> nn.Module:
                 loss.backward()  # averages the gradients of the processes
                 nn.utils.clip_grad_norm_(nets.parameters(), MAX_GRADIENT)
                 optimizer.step()
+    dist.barrier()  # gloo's threads have then let go of all tensors, or Python could end before they do
     dist.destroy_process_group()
     return nets
 
