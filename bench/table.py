@@ -381,7 +381,7 @@ def engines(results: dict[str, Result]) -> str:
 
 #: Assumptions of `many_machines`: cores of a machine, s for a message to another, bytes per second of its network.
 CORES, LATENCY_S, NETWORK = 16, 50e-6, 1.25e9
-#: DDP exchanges the gradients this often for so many steps of a process.
+#: Exchanges of gradients by DDP between two updates, and steps of a process between them.
 EXCHANGES, STEPS_BETWEEN = 16, 64 * 256
 
 
