@@ -66,6 +66,7 @@ APART = (
     "camera_gpu",
     "workers",
     "engines",
+    "engines_16",
 )
 ARCHITECTURE = ROOT / "docs" / "architecture.md"
 CAMERAS = ROOT / "docs" / "cameras.md"
@@ -347,18 +348,20 @@ def trainers(results: dict[str, Result]) -> str:
         until = [count if flights >= 6 else math.inf for count, flights in zip(steps, flown, strict=True)]
         median, learned = statistics.median(until), sum(map(math.isfinite, until))
         until_it_flies = number(median) if math.isfinite(median) else f"more than {number(max(steps))}"
+        seconds = statistics.median(count / rate for count, rate in zip(until, rates, strict=True))
         row = {
             "version": own[0]["version"],
             "autoreset mode": own[0]["autoreset_mode"],
             "steps/s": number(statistics.median(rates)),
             "steps until it flies 6 of 7": until_it_flies
             + f" ({learned} of {len(until)} seeds)" * (learned < len(until)),
+            "seconds until then": f"{seconds:.1f}" if math.isfinite(seconds) else "",
         }
         cells |= {(f"`{program}`", column): text for column, text in row.items()}
     return with_source(results, "trainers", pivot(cells, "program"))
 
 
-def engines(results: dict[str, Result]) -> str:
+def engines(results: dict[str, Result], name: str = "engines") -> str:
     """Return the table of what a step costs on the engines for several processes."""
     heads = {
         "steps_per_second": "steps/s",
@@ -374,44 +377,60 @@ def engines(results: dict[str, Result]) -> str:
         "rllib": "RLlib",
     }
     cells = {}
-    for (engine, count, what), f in named(results, "engines", r"engines/(\w+)/processes(\d+)/(\w+)"):
-        cells[f"{titles[engine]}, {count}", heads[what]] = number(f["value"])
-    return with_source(results, "engines", pivot(cells, "engine, processes"))
+    for (engine, count, what), f in named(results, name, r"engines/(\w+)/processes(\d+)/(\w+)"):
+        value = f["value"] if what == "steps_per_second" else float(f"{f['value']:.3g}")
+        cells[f"{titles[engine]}, {count}", heads[what]] = number(value)
+    return with_source(results, name, pivot(cells, "engine, processes"))
 
 
-#: Assumptions of `many_machines`: cores of a machine, s for a message to another, bytes per second of its network.
-CORES, LATENCY_S, NETWORK = 16, 50e-6, 1.25e9
+def engines_16(results: dict[str, Result]) -> str:
+    """Return the same table, measured on a machine of 16 processors."""
+    return engines(results, "engines_16")
+
+
 #: Exchanges of gradients by DDP between two updates, and steps of a process between them.
 EXCHANGES, STEPS_BETWEEN = 16, 64 * 256
 
 
 def many_machines(results: dict[str, Result]) -> str:
-    """Return the table of what 1, 10 and 100 machines would carry, calculated from the costs of a step."""
-    found = {key: f["value"] for key, f in named(results, "engines", r"engines/(\w+)/processes(1|2)/(\w+)")}
+    """Return the table of what 10 and 100 machines would carry, calculated from the costs of a step on one."""
+    found = {key: f["value"] for key, f in named(results, "engines_16", r"engines/(\w+)/processes(\d+)/(\w+)")}
     if not found:
         return "Not measured yet.\n"
+    fewest, cores = 2, 16
+
+    def updates_s(processes: int) -> float:
+        return processes * STEPS_BETWEEN / found["ddp", str(processes), "steps_per_second"]
+
+    # An exchange takes a time, and more for each of the 2 (P - 1) messages that P processes pass one after another.
+    alone_s, few_s, many_s = (updates_s(processes) for processes in (1, fewest, cores))
+    message_s = (many_s - few_s) / EXCHANGES / (2 * (cores - fewest))
+    rest_s = (few_s - alone_s) / EXCHANGES - 2 * (fewest - 1) * message_s
     cells = {}
-    for machines in (1, 10, 100):
-        processes = CORES * machines
-        flown = 1e-6 * found["ddp", "1", "cpu_us"] * STEPS_BETWEEN
-        exchanged = EXCHANGES * 2 * (processes - 1) * LATENCY_S
-        rates = {"DDP, a process per core": processes * STEPS_BETWEEN / (flown + exchanged)}
-        for title, engine in (("TorchRL, distributed", "torchrl_distributed"), ("RLlib", "rllib")):
-            learner = found[engine, "1", "main_cpu_us"]
-            flying = (found[engine, "1", "cpu_us"] - learner) / (processes - 1)
-            # TorchRL's workers fly on while the learner learns; RLlib's runners wait for it.
-            step_us = max(learner, flying) if engine == "torchrl_distributed" else learner + flying
-            rates[f"{title}, one learner"] = min(1e6 / step_us, NETWORK / found[engine, "1", "bytes"])
-        for row, rate in rates.items():
-            cells[row, "1 machine" if machines == 1 else f"{machines} machines"] = f"{float(f'{rate:.2g}'):,.0f}"
-    limit = STEPS_BETWEEN / (2 * EXCHANGES * LATENCY_S)
-    cells["DDP, a process per core", "limit"] = f"{float(f'{limit:.2g}'):,.0f}: messages of the gradients"
-    cells["TorchRL, distributed, one learner", "limit"] = "the learner"
-    cells["RLlib, one learner", "limit"] = "the learner"
-    for row, engine in zip(rates, ("ddp", "torchrl_distributed", "rllib"), strict=True):
+    rows = {"ddp": "DDP, a process per core", "torchrl_distributed": "TorchRL, distributed", "rllib": "RLlib"}
+    for engine, row in rows.items():
+        measured = found[engine, str(cores if engine == "ddp" else cores - 1), "steps_per_second"]
+        cells[row, "1 machine, measured"] = number(float(f"{measured:.2g}"))
+        for machines in (10, 100):
+            processes = cores * machines
+            learner_us = found[engine, "15" if engine != "ddp" else "16", "main_cpu_us"]
+            if engine == "ddp":
+                exchange_s = rest_s + 2 * (processes - 1) * message_s
+                rate = processes * STEPS_BETWEEN / (alone_s + EXCHANGES * exchange_s)
+            elif engine == "torchrl_distributed":  # its workers fly on while the learner learns
+                rate = 1e6 / learner_us
+            else:  # its runners wait for the learner
+                flying_us = found[engine, "15", "cpu_us"] - learner_us
+                rate = 1e6 / (learner_us + flying_us / (processes - 1))
+            cells[row, f"{machines} machines"] = number(float(f"{rate:.2g}"))
+        cells[row, "limit"] = (
+            f"{number(float(f'{STEPS_BETWEEN / (2 * EXCHANGES * message_s):.2g}'))}, by the exchanges"
+            if engine == "ddp"
+            else f"{number(float(f'{1e6 / learner_us:.2g}'))}, by the learner"
+        )
         hours = 1e9 * 1e-6 * found[engine, "1", "cpu_us"] / 3600
         cells[row, "core hours for 10⁹ steps"] = f"{hours:.0f}"
-    return with_source(results, "engines", pivot(cells, "steps/s, calculated"))
+    return with_source(results, "engines_16", pivot(cells, "steps/s"))
 
 
 #: Worlds of the benchmark of workers, in words.
@@ -944,6 +963,7 @@ def main() -> None:
         documents[DYNAMICS] = with_content(documents[DYNAMICS], marker, write(results))
     for marker, write in {
         "engines": engines,
+        "engines 16": engines_16,
         "many machines": many_machines,
         "workers": workers,
         "pickles": pickles,
