@@ -14,6 +14,7 @@ import csv
 import dataclasses
 import inspect
 import json
+import math
 import sys
 import time
 from dataclasses import dataclass
@@ -175,12 +176,15 @@ def main(args: Args) -> None:
     except ValueError as error:
         sys.exit(str(error))
     folder, rows = args.out / args.name, rows_of(results)
+    planned = args.seeds * math.prod(len(each) for each in values.values())
     if rows:
         write_table(rows, folder / "table.csv")
         plot(rows, list(values), folder / "plot.png")
-        print(f"\ntable.csv and plot.png with {len(rows)} trainings are in {folder}/")
+        print(f"\ntable.csv and plot.png, with {len(rows)} of {planned} trainings, are in {folder}/")
     if results.num_errors:
         sys.exit(f"{results.num_errors} trainings failed; the same command repeats them")
+    if len(rows) < planned:
+        sys.exit(f"{planned - len(rows)} of {planned} trainings are not finished: the same command continues with them")
 
 
 if __name__ == "__main__":

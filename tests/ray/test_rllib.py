@@ -268,6 +268,7 @@ def test_a_sweep_that_was_killed_continues(address, tmp_path):
     assert "--out: " in other.stderr and "choose another folder" in other.stderr
     done = run_program(*command, "--cpus", "2")
     assert done.returncode == 0, done.stderr
+    assert "with 4 of 4 trainings" in done.stdout
     assert {path: path.read_text() for path in kept} == kept, "not trained again"
     rows = list(csv.DictReader((results / "table.csv").read_text().splitlines()))
     assert [(row["n_epochs"], row["steps"], row["seed"]) for row in rows] == [
