@@ -169,9 +169,12 @@ def main(args: Args) -> None:
     """Train, and write table and plot."""
     if args.name not in RECIPES:
         sys.exit(f"NAME: expected one of {', '.join(RECIPES)}, got {args.name!r}")
+    for option in ("seeds", "cpus", "flights"):
+        if getattr(args, option) < 1:
+            sys.exit(f"--{option}: expected at least 1, got {getattr(args, option)}")
     try:
         values = values_of(args.set)
-        ray.init(args.address, include_dashboard=None if args.address else False)
+        ray.init(args.address or "local", include_dashboard=None if args.address else False)
         results = sweep(args, values)
     except ValueError as error:
         sys.exit(str(error))

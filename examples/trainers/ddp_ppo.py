@@ -2,7 +2,7 @@
 
 .venv/bin/torchrun --nproc-per-node 2 examples/trainers/ddp_ppo.py
 
-Every process flies its share of the drones and learns from their steps; DistributedDataParallel averages the gradients.
+Every process flies its share of the drones and learns from their steps; the gradients are averaged.
 """
 
 import os
@@ -18,7 +18,9 @@ from torch.nn.parallel import DistributedDataParallel
 from cleanrl_ppo import AUTORESET, BATCH_SIZE, CLIP, ENTROPY, EPOCHS, MAX_GRADIENT, STEPS, VALUE, advantages
 from lidar_task import ID, NUM_ENVS, SETTINGS, Options, Run, drones_of_each, network
 
-RANK, PROCESSES = int(os.environ["RANK"]), int(os.environ["WORLD_SIZE"])  # set by torchrun, as the next one is
+if "RANK" not in os.environ:
+    raise SystemExit("start this program by torchrun: torchrun --nproc-per-node 2 ddp_ppo.py")
+RANK, PROCESSES = int(os.environ["RANK"]), int(os.environ["WORLD_SIZE"])
 THREADS = max(len(os.sched_getaffinity(0)) // int(os.environ["LOCAL_WORLD_SIZE"]), 1)
 DRONES = drones_of_each(PROCESSES)
 MINIBATCHES = STEPS * NUM_ENVS // BATCH_SIZE  # of BATCH_SIZE / PROCESSES rows in each process
@@ -60,8 +62,7 @@ def main(options: Options) -> nn.Module:
     observation = torch.zeros(STEPS + 1, DRONES, 38)
     action, reward, log_prob = torch.zeros(3, STEPS, DRONES)
     terminated, ended = torch.zeros(2, STEPS + 1, DRONES, dtype=torch.bool)  # row t: flags of the previous step
-    envs, observation[-1] = make_envs(options.seed)
-    flown = 0
+    (envs, observation[-1]), flown = make_envs(options.seed), 0
     while goes_on(run, flown, nets):
         observation[0], ended[0] = observation[-1], ended[-1]
         for t in range(STEPS):

@@ -70,6 +70,8 @@ class Run:
     """Decides when a trainer stops, and prints the result at the end. Flights of the playgrounds are not timed."""
 
     def __init__(self, package: str, autoreset_mode: str, options: Options) -> None:
+        if options.updates < 0:
+            raise SystemExit(f"--updates: expected at least 0, got {options.updates}")
         torch.set_num_threads(1)  # the networks are small
         torch.manual_seed(options.seed)
         self.trainer, self.updates = f"{package} {version(package)}, {autoreset_mode}", options.updates

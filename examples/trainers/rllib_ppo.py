@@ -33,7 +33,7 @@ class RLlibOptions(Options):
     """Learn to fly by LiDAR until the policy flies six of the seven playgrounds."""
 
     runners: int = 2
-    """Processes that fly drones; 256 must be a multiple."""
+    """Processes that fly drones; 256 must be a multiple. Each needs a CPU of the cluster."""
     address: str | None = None
     """Address of a running cluster, as `ray start` prints it; default: start Ray here."""
 
@@ -56,7 +56,7 @@ class ActorCritic(TorchRLModule, ValueFunctionAPI):
 def main(options: RLlibOptions) -> nn.Module:
     """Train and return actor and critic."""
     run, drones = Run("ray", AUTORESET, options), drones_of_each(options.runners)
-    ray.init(options.address, include_dashboard=None if options.address else False)
+    ray.init(options.address or "local", include_dashboard=None if options.address else False)
     config = configure(PPOConfig(), ID, num_envs=drones, seed=options.seed * NUM_ENVS, **SETTINGS)
     config.env_runners(num_env_runners=options.runners)
     config.rl_module(rl_module_spec=RLModuleSpec(module_class=ActorCritic))

@@ -283,6 +283,7 @@ def test_a_sweep_that_was_killed_continues(address, tmp_path):
     ("arguments", "message"),
     [
         (["hoover"], "NAME: expected one of hover, track"),
+        (["hover", "--seeds", "0"], "--seeds: expected at least 1, got 0"),
         (["hover", "--set", "learning_rat=1"], "--set: expected one of steps, num_envs, entropy, learning_rate"),
         (["hover", "--set", "n_epochs=x"], "--set: expected n_epochs=VALUE,VALUE with literals"),
         (["hover", "--set", "n_epochs="], "--set: expected n_epochs=VALUE,VALUE, got"),
