@@ -33,6 +33,12 @@ from training.tasks import CHOOSING_SEEDS
 
 FIELDS = ("steps", "num_envs", "entropy")
 """Fields of a recipe that can be swept, besides the hyperparameters of PPO and net_arch."""
+UNSWEPT = {
+    *("policy", "env", "seed", "device", "num_threads", "policy_kwargs", "use_sde", "sde_sample_freq"),
+    *("verbose", "tensorboard_log", "stats_window_size", "rollout_buffer_class", "rollout_buffer_kwargs"),
+    "_init_setup_model",
+}
+"""Parameters of PPO that a sweep does not change."""
 FIRST_SEED = 100
 """The board reports smaller seeds, so none of those chooses settings."""
 
@@ -67,7 +73,8 @@ def values_of(sets: tuple[str, ...]) -> dict[str, list[Any]]:
     ValueError
         A setting is unknown, given twice, or its values cannot be read.
     """
-    known = [*FIELDS, *list(inspect.signature(flockstep.PPO).parameters)[2:], "net_arch"]
+    of_ppo = [name for name in inspect.signature(flockstep.PPO).parameters if name not in UNSWEPT]
+    known = [*FIELDS, *of_ppo, "net_arch"]
     found: dict[str, list[Any]] = {}
     for text in sets:
         name, _, values = text.partition("=")
