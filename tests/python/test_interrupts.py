@@ -18,6 +18,7 @@ ROOT = Path(__file__).resolve().parents[2]
 
 # Generous limit; on a quiet machine an interrupt ends each work within a second.
 PATIENCE_S = 10.0
+INTERRUPT_AFTER_S = 0.4
 
 PREPARE = """
 import signal
@@ -39,20 +40,20 @@ def work(call):
 room = flockstep.World.load("playground/train-1")
 """
 
-# Each takes several seconds.
+# Each takes at least five times INTERRUPT_AFTER_S on a fast machine.
 WORK = {
     "load a mesh": """
 with open(sys.argv[1] + "/large.obj", "w") as file:
-    file.write("".join(f"v {i} {i % 7} {i % 11}\\n" for i in range(1000)))
+    file.write("".join(f"v {i} {i**2 % 1009} {i**3 % 1013}\\n" for i in range(1000)))
     faces = "".join(f"f {i} {i + 1} {i + 2}\\n" for i in range(1, 998))
-    for _ in range(5_000):
+    for _ in range(10_000):
         file.write(faces)
 work(lambda: flockstep.World.load(sys.argv[1] + "/large.obj"))
 """,
     "load a scene": """
 with open(sys.argv[1] + "/large.json", "w") as file:
     spheres = ",".join(f'{{"center": [{i}, 0, 0], "radius": 0.1}}' for i in range(1000))
-    file.write('{"flockstep_scene": 1, "spheres": [' + ",".join([spheres] * 1000) + "]}")
+    file.write('{"flockstep_scene": 1, "spheres": [' + ",".join([spheres] * 2000) + "]}")
 work(lambda: flockstep.World.load(sys.argv[1] + "/large.json"))
 """,
     "step": """
@@ -93,7 +94,7 @@ def test_ctrl_c_ends(name, tmp_path):
         text=True,
     ) as child:
         assert child.stdout.readline() == "begun\n"
-        time.sleep(1.0)
+        time.sleep(INTERRUPT_AFTER_S)
         child.send_signal(signal.SIGINT)
         asked = time.monotonic()
         assert child.stdout.readline() == "interrupted\n"
