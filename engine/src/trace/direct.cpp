@@ -1,5 +1,8 @@
 #include "trace/direct.hpp"
 
+#include <algorithm>
+#include <cmath>
+
 #undef HWY_TARGET_INCLUDE
 #define HWY_TARGET_INCLUDE "trace/direct.cpp"
 #include <hwy/foreach_target.h>
@@ -77,18 +80,21 @@ HWY_INLINE void meet(const Candidate& candidate, const Rays3& direction, Rays ne
   }
 }
 
-template <bool kNumbered>
+// kNearer: only hits nearer than t_hit count.
+template <bool kNumbered, bool kNearer>
 void meet_all(std::span<const Candidate* const> seen, RayBundle& rays) {
   const Rays near = rays.near, range = rays.range;
   for (std::size_t i = 0; i < rays.count; i += Rays::kCount) {
     const Rays3 direction = rotate(rays.rotation, Rays3::load_unaligned(rays.x + i, rays.y + i, rays.z + i));
     Nearest<Rays, kNumbered> nearest;
+    if constexpr (kNearer) nearest = {Rays::load(rays.t_hit + i), Rays::Int::load(rays.element + i)};
     for (const Candidate* const candidate : seen) meet(*candidate, direction, near, nearest);
     store(nearest, range, rays.t_hit + i, rays.element + i);
   }
 }
 
-bool trace_bundle(std::span<const Candidate> candidates, std::size_t max_seen, RayBundle& rays) {
+template <bool kNearer>
+HWY_INLINE bool trace_seen(std::span<const Candidate> candidates, std::size_t max_seen, RayBundle& rays) {
   const Candidate* seen[kMaxCandidates];
   std::size_t count = candidates.size();
   if (count <= kMinCulled) {
@@ -97,8 +103,18 @@ bool trace_bundle(std::span<const Candidate> candidates, std::size_t max_seen, R
     count = select_seen(candidates, max_seen, rays, seen);
     if (count > max_seen) return false;
   }
-  rays.numbered ? meet_all<true>({seen, count}, rays) : meet_all<false>({seen, count}, rays);
+  rays.numbered ? meet_all<true, kNearer>({seen, count}, rays) : meet_all<false, kNearer>({seen, count}, rays);
   return true;
+}
+
+bool trace_bundle(std::span<const Candidate> candidates, std::size_t max_seen, RayBundle& rays) {
+  return trace_seen<false>(candidates, max_seen, rays);
+}
+
+void trace_nearer_bundle(std::span<const Candidate> candidates, RayBundle& rays) {
+  for (std::size_t i = 0; i < candidates.size(); i += kMaxCandidates) {
+    trace_seen<true>(candidates.subspan(i, std::min(kMaxCandidates, candidates.size() - i)), kMaxCandidates, rays);
+  }
 }
 
 // kFront: shapes are visible from outside only.
@@ -127,11 +143,33 @@ HWY_AFTER_NAMESPACE();
 namespace flockstep::trace {
 
 HWY_EXPORT(trace_bundle);
+HWY_EXPORT(trace_nearer_bundle);
 HWY_EXPORT(trace_shapes);
 HWY_EXPORT(trace_markers);
 
+Candidate make_candidate(const Shape& shape, std::int32_t element, const Vec3& origin) {
+  const Vec3 offset(origin.x() - shape.center[0], origin.y() - shape.center[1], origin.z() - shape.center[2]);
+  const Vec3 local = shape.aligned ? offset : rotated(shape.to_local, offset);
+  return {.shape = &shape,
+          .element = element,
+          .hint = OriginHint::anywhere,
+          .walls = {},
+          .local_origin = {local.x(), local.y(), local.z()}};
+}
+
+OriginHint hint_at_solid(const Shape& shape, const std::array<float, 3>& o, float near) {
+  const float* const half = shape.half_extents;
+  const float away = half[0] + near;
+  const bool beside = shape.kind == ShapeKind::cylinder && o[0] * o[0] + o[1] * o[1] > away * away && std::abs(o[2]) <= half[2];
+  return beside ? OriginHint::beside_cylinder : OriginHint::anywhere;
+}
+
 bool trace_direct(std::span<const Candidate> candidates, std::size_t max_seen, RayBundle& rays) {
   return HWY_DYNAMIC_DISPATCH(trace_bundle)(candidates, max_seen, rays);
+}
+
+void trace_nearer(std::span<const Candidate> candidates, RayBundle& rays) {
+  HWY_DYNAMIC_DISPATCH(trace_nearer_bundle)(candidates, rays);
 }
 
 void trace_direct(std::span<const NumberedShape> shapes, RayBlock& rays) { HWY_DYNAMIC_DISPATCH(trace_shapes)(shapes, rays); }

@@ -28,11 +28,19 @@ struct Candidate {
   std::array<float, 3> local_origin;  // m, shape's frame, origin of the rays
 };
 
+// Returns a candidate without hint and walls. The shape must outlive it.
+Candidate make_candidate(const Shape& shape, std::int32_t element, const Vec3& origin);
+// Returns the hint for a solid. near: hits nearer than this are ignored.
+OriginHint hint_at_solid(const Shape& shape, const std::array<float, 3>& local_origin, float near);
+
 inline constexpr std::size_t kMaxCandidates = 512;
 
 // Traces all rays of the bundle against the candidates in its frustum. Returns false and does nothing if these are more than
 // max_seen. max_seen is at most kMaxCandidates.
 bool trace_direct(std::span<const Candidate> candidates, std::size_t max_seen, RayBundle& rays);
+
+// The same for any number of candidates, but keeps hits nearer than t_hit only.
+void trace_nearer(std::span<const Candidate> candidates, RayBundle& rays);
 
 // Traces all rays of the block against these shapes and keeps hits nearer than t_hit.
 void trace_direct(std::span<const NumberedShape> shapes, RayBlock& rays);

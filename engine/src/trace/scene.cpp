@@ -76,19 +76,12 @@ void pass_through_masks(const RTCFilterFunctionNArguments* args) {
   }
 }
 
-// near: hits nearer than this are ignored. The hints are not valid if the surface is nearer than this.
+// near: hits nearer than this are ignored. The hint is not valid if the surface is nearer than this.
 OriginHint hint_in_room(const Shape& room, const std::array<float, 3>& o, float near) {
   const float* const half = room.half_extents;
   // On a wall, every ray hits that wall at distance 0, as with any other solid.
   const bool within = std::abs(o[0]) + near < half[0] && std::abs(o[1]) + near < half[1] && std::abs(o[2]) + near < half[2];
   return within ? OriginHint::in_room : OriginHint::anywhere;
-}
-
-OriginHint hint_at_solid(const Shape& shape, const std::array<float, 3>& o, float near) {
-  const float* const half = shape.half_extents;
-  const float away = half[0] + near;
-  const bool beside = shape.kind == ShapeKind::cylinder && o[0] * o[0] + o[1] * o[1] > away * away && std::abs(o[2]) <= half[2];
-  return beside ? OriginHint::beside_cylinder : OriginHint::anywhere;
 }
 
 }  // namespace
@@ -309,12 +302,7 @@ void Scene::add_candidate(const Shape& shape, std::int32_t element, const Vec3& 
     candidates.crowded = true;
     return;
   }
-  Candidate& candidate = candidates.list[candidates.count++];
-  candidate.shape = &shape;
-  candidate.element = element;
-  const Vec3 offset(origin.x() - shape.center[0], origin.y() - shape.center[1], origin.z() - shape.center[2]);
-  const Vec3 local = shape.aligned ? offset : rotated(shape.to_local, offset);
-  candidate.local_origin = {local.x(), local.y(), local.z()};
+  candidates.list[candidates.count++] = make_candidate(shape, element, origin);
 }
 
 void Scene::gather(const Vec3& origin, float near_m, float range_m, bool markers, CandidateSet& candidates) const {

@@ -70,23 +70,26 @@ void Tracer::set_viewpoint(const Scene& scene, const Viewpoint& viewpoint) {
   bundle_.range = viewpoint.range;
   scene.gather(viewpoint.origin, viewpoint.near * viewpoint.longest, viewpoint.range * viewpoint.longest, viewpoint.sees_markers,
                candidates_);
+  near_bodies_.gather(viewpoint.bodies, viewpoint.origin, viewpoint.near * viewpoint.longest,
+                      viewpoint.range * viewpoint.longest);
   candidates_.crowded |= viewpoint.policy.embree;
   policy_ = viewpoint.policy;
 }
 
 const RayBundle& Tracer::trace(const RayTile& tile) {
+  bundle_.numbered = true;
   bundle_.no_hits_yet = tree_ != nullptr && candidates_.triangles && is_nothing_near();
   if (bundle_.no_hits_yet) {
     aim(tile);
   } else if (!trace_candidates(tile, true)) {
     trace_by_embree();
   }
-  if (!candidates_.triangles) return bundle_;  // all static geometry has been traced, here and at the end
-  if (tree_ != nullptr) {
+  if (candidates_.triangles && tree_ != nullptr) {
     trace_mesh_tile(*tree_, scene_->first_triangle(), *tile.u, *tile.v, bundle_, &details_, asked_, scene_->masks());
-  } else {
+  } else if (candidates_.triangles) {
     note(bundle_.count, scene_->intersect_triangles(bundle_, details_));
   }
+  meet_bodies();
   return bundle_;
 }
 
@@ -95,14 +98,17 @@ void Tracer::enqueue(const RayTile& tile, float* ranges, std::size_t stride) {
   if (!trace_candidates(tile, false)) {
     if (!in_view) {
       forget_hits(bundle_);
+      meet_bodies();  // before the rays leave the bundle
       return wait(tile, ranges, stride, for_everything_);
     }
     trace_by_embree();
   } else if (candidates_.triangles && !in_view) {
+    meet_bodies();
     return wait(tile, ranges, stride, for_triangles_);
   }
   if (in_view) trace_view(*tile.view, tile.rows, tile.width, is_nothing_near());
-  for (std::size_t row = 0; row < tile.rows; ++row) {  // all static geometry has been traced
+  meet_bodies();
+  for (std::size_t row = 0; row < tile.rows; ++row) {
     copy_ranges(bundle_.t_hit + row * tile.width, tile.width, ranges + row * stride);
   }
 }
@@ -112,16 +118,18 @@ void Tracer::finish() {
   deliver(for_triangles_);
 }
 
-void Tracer::trace_block(const Scene& scene) {
+void Tracer::trace_block(const Scene& scene, std::span<const NumberedShape> bodies) {
   forget_hits(block_);
   scene.intersect_primitives(block_);
-  meet_triangles(scene, block_, &details_);  // all static geometry has been traced
+  meet_triangles(scene, block_, &details_);
+  if (!bodies.empty()) trace_direct(bodies, block_);
 }
 
-void Tracer::trace_shadows(const Scene& scene) {
+void Tracer::trace_shadows(const Scene& scene, std::span<const NumberedShape> bodies) {
   forget_hits(block_);
   scene.intersect_casters(block_);
-  meet_triangles(scene, block_, nullptr, Through::masks);  // all static geometry has been traced
+  meet_triangles(scene, block_, nullptr, Through::masks);
+  if (!bodies.empty()) trace_direct(bodies, block_);
 }
 
 void Tracer::aim(const RayTile& tile) {
@@ -192,6 +200,10 @@ void Tracer::meet_triangles(const Scene& scene, RayBlock& rays, HitDetails* deta
   note(rays.count, scene.intersect_triangles(rays, details, through));
 }
 
+void Tracer::meet_bodies() {
+  if (!near_bodies_.empty()) trace_nearer(near_bodies_.candidates(), bundle_);
+}
+
 void Tracer::note(std::size_t rays, std::size_t packets) {
   if (packets > 0) embree_use_ += {static_cast<std::int64_t>(rays), static_cast<std::int64_t>(packets)};
 }
@@ -213,7 +225,7 @@ void Tracer::wait(const RayTile& tile, float* ranges, std::size_t stride, Waitin
 void Tracer::deliver(Waiting& waiting) {
   if (waiting.rays.count == 0) return;
   if (&waiting == &for_everything_) meet_primitives(waiting.rays);
-  meet_triangles(*scene_, waiting.rays, nullptr);  // all static geometry has been traced
+  meet_triangles(*scene_, waiting.rays, nullptr);
   const float* t_hit = waiting.rays.t_hit;
   for (std::size_t i = 0; i < waiting.num_segments; ++i) {
     std::copy_n(t_hit, waiting.segments[i].count, waiting.segments[i].ranges);

@@ -1,16 +1,17 @@
 // Tracer: finds the nearest hits of rays in a Scene, for every sensor. It owns the working data: the candidates near the
 // sensor, the rays in progress, and the rays that wait to go through Embree together.
 //
-// Every query covers only static geometry and keeps the distances that it found. The comments "all static geometry has been
-// traced" mark the places at which moving objects would be tested, against rays that end at the hits found so far.
+// Bodies, which move, are traced apart from static geometry, against rays that end at the hits found so far.
 #pragma once
 
 #include <array>
 #include <cstddef>
 #include <cstdint>
+#include <span>
 
 #include "flockstep/config.hpp"
 #include "flockstep/pose.hpp"
+#include "trace/bodies.hpp"
 #include "trace/frustum.hpp"
 #include "trace/mesh_tiles.hpp"
 #include "trace/ray_block.hpp"
@@ -35,6 +36,7 @@ struct Viewpoint {
   float range;                // in lengths of the directions
   float longest = 1.0F;       // length of the longest direction
   bool sees_markers = false;  // markers are visible, numbered after the triangles
+  Bodies bodies{};            // of the env; their arrays must outlive trace() and enqueue()
   AskedDetails asked{};       // details of the hits of trace()
   TracePolicy policy{};       // tiles require Scene::prepare_tiles()
 };
@@ -88,10 +90,10 @@ class Tracer {
 
   // Rays of arbitrary origins. The caller sets `near` and, for the first `count` rays, everything except t_hit and element.
   RayBlock& block() { return block_; }
-  // Finds the nearest hits of the block.
-  void trace_block(const Scene& scene);
+  // Finds the nearest hits of the block. bodies: see make_shapes().
+  void trace_block(const Scene& scene, std::span<const NumberedShape> bodies = {});
   // Tests if anything except rooms and markers lies on the rays of the block, through masks. If so, t_hit is finite.
-  void trace_shadows(const Scene& scene);
+  void trace_shadows(const Scene& scene, std::span<const NumberedShape> bodies = {});
 
   // Details of the last trace() or trace_block(), for hits on triangles.
   const HitDetails& details() const { return details_; }
@@ -118,6 +120,7 @@ class Tracer {
   void trace_view(const TileView& view, std::size_t rows, std::size_t width, bool no_hits_yet);
   void meet_primitives(RayBlock& rays) const;
   void meet_triangles(const Scene& scene, RayBlock& rays, HitDetails* details, Through through = Through::nothing);
+  void meet_bodies();  // shortens the bundle's rays
   void note(std::size_t rays, std::size_t packets);  // adds to embree_use_ unless packets is 0
   void wait(const RayTile& tile, float* ranges, std::size_t stride, Waiting& waiting);
   void deliver(Waiting& waiting);
@@ -128,6 +131,7 @@ class Tracer {
   AskedDetails asked_;
   TracePolicy policy_;
   CandidateSet candidates_;  // for the current sensor
+  NearBodies near_bodies_;   // for the current sensor
   RayBundle bundle_;         // rays of the current tile
   RayBundle view_bundle_;    // the same rays in the frame of the tile's view
   HitDetails details_;

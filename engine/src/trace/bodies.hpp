@@ -1,0 +1,45 @@
+// Bodies: the solids of one env that move, as its sensors see them. The batch owns their arrays. For each sensor, the bodies
+// within range become candidates for direct tracing, so nothing has to be updated when a body moves.
+#pragma once
+
+#include <cstddef>
+#include <cstdint>
+#include <span>
+#include <vector>
+
+#include "flockstep/pose.hpp"
+#include "flockstep/world.hpp"
+#include "trace/direct.hpp"
+#include "trace/shape.hpp"
+
+namespace flockstep::trace {
+
+struct Bodies {
+  const float* position = nullptr;    // (count, 3) m, world frame
+  const float* quat_wxyz = nullptr;   // (count, 4) body to world
+  const float* radius = nullptr;      // (count,) m, of the ball around the position that contains it; negative: not visible
+  const Primitive* solids = nullptr;  // (count,) kind and half_extents; the pose is ignored
+  std::size_t count = 0;
+  std::size_t readable = 0;        // bodies of this env and the following ones, which these arrays also hold
+  std::int32_t first_element = 0;  // number of the first body in hits
+};
+
+// Makes shapes of all visible bodies, for rays of arbitrary origins.
+void make_shapes(const Bodies& bodies, std::vector<NumberedShape>& shapes);
+
+// The bodies that the rays of one sensor may hit.
+class NearBodies {
+ public:
+  // Takes those within range_m of the origin. Allocates only if there are more bodies than ever before.
+  void gather(const Bodies& bodies, const Vec3& origin, float near_m, float range_m);
+
+  bool empty() const { return candidates_.empty(); }
+  std::span<const Candidate> candidates() const { return candidates_; }  // valid until the next gather()
+
+ private:
+  std::vector<std::uint32_t> found_;
+  std::vector<Shape> shapes_;
+  std::vector<Candidate> candidates_;
+};
+
+}  // namespace flockstep::trace
