@@ -9,6 +9,7 @@
 #include <utility>
 #include <vector>
 
+#include "flockstep/world.hpp"
 #include "random.hpp"
 #include "trace/frustum.hpp"
 #include "trace/ray_block.hpp"
@@ -69,6 +70,17 @@ inline std::vector<Vec3> cone(Random& random, std::size_t count, float degrees) 
     directions.push_back(turn * Vec3(across * std::cos(angle), across * std::sin(angle), z));
   }
   return directions;
+}
+
+// Returns triangles of about 1 m at random places.
+inline TriangleMesh soup(Random& random, int count) {
+  TriangleMesh mesh;
+  for (std::int32_t i = 0; i < 3 * count; i += 3) {
+    const Vec3 center = random.point(4.0F);
+    for (int corner = 0; corner < 3; ++corner) mesh.vertices.push_back(center + random.point(1.0F));
+    mesh.triangles.push_back({i, i + 1, i + 2});
+  }
+  return mesh;
 }
 
 // A frustum without planes, which contains everything.

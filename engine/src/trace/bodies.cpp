@@ -15,7 +15,7 @@ HWY_BEFORE_NAMESPACE();
 namespace flockstep::trace::HWY_NAMESPACE {
 using namespace flockstep::HWY_NAMESPACE;
 
-constexpr float kRounding = 1e-5F;  // fraction of distances, by which the search goes farther
+constexpr float kSearchRounding = 1e-5F;  // fraction of distances, by which the search goes farther
 
 // Writes the numbers of the bodies within range_m of the origin, and returns how many there are.
 std::size_t find_near(const Bodies& bodies, const Vec3& origin, float range_m, std::uint32_t* found) {
@@ -32,7 +32,7 @@ std::size_t find_near(const Bodies& bodies, const Vec3& origin, float range_m, s
     }
     const Wide3<F> away = Wide3<F>::load_rows(is_last ? rows : bodies.position + 3 * i) - from;
     const F radius = F::load_unaligned(is_last ? radii : bodies.radius + i);
-    const F reach = (radius + range_m) * (1.0F + kRounding);
+    const F reach = (radius + range_m) * (1.0F + kSearchRounding);
     std::uint32_t near = bits((dot(away, away) <= reach * reach) & (radius >= 0.0F)) & ((1U << here) - 1U);
     for (; near != 0; near &= near - 1) {
       found[count++] = static_cast<std::uint32_t>(i) + static_cast<std::uint32_t>(std::countr_zero(near));
@@ -56,7 +56,7 @@ Shape shape_of(const Bodies& bodies, std::size_t number) {
   const float* const p = bodies.position + 3 * number;
   const float* const q = bodies.quat_wxyz + 4 * number;
   solid.center = {p[0], p[1], p[2]};
-  solid.rotation = Quat(q[0], q[1], q[2], q[3]);
+  if (solid.kind != PrimitiveKind::sphere) solid.rotation = Quat(q[0], q[1], q[2], q[3]);  // a turned one is the same
   return make_shape(solid);
 }
 

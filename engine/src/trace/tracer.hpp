@@ -120,7 +120,7 @@ class Tracer {
   void trace_view(const TileView& view, std::size_t rows, std::size_t width, bool no_hits_yet);
   void meet_primitives(RayBlock& rays) const;
   void meet_triangles(const Scene& scene, RayBlock& rays, HitDetails* details, Through through = Through::nothing);
-  void meet_bodies();  // shortens the bundle's rays
+  void meet_bodies();                                // shortens the bundle's rays
   void note(std::size_t rays, std::size_t packets);  // adds to embree_use_ unless packets is 0
   void wait(const RayTile& tile, float* ranges, std::size_t stride, Waiting& waiting);
   void deliver(Waiting& waiting);

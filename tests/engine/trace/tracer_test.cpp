@@ -30,16 +30,7 @@ using testing::make_world;
 using testing::primitive;
 using testing::Random;
 using testing::same_bits;
-
-TriangleMesh soup(Random& random, int count) {
-  TriangleMesh mesh;
-  for (std::int32_t i = 0; i < 3 * count; i += 3) {
-    const Vec3 center = random.point(4.0F);
-    for (int corner = 0; corner < 3; ++corner) mesh.vertices.push_back(center + random.point(1.0F));
-    mesh.triangles.push_back({i, i + 1, i + 2});
-  }
-  return mesh;
-}
+using testing::soup;
 
 // One world per tracing path: direct, direct and then triangles, and all through Embree.
 std::vector<std::shared_ptr<const World>> worlds(Random& random) {
