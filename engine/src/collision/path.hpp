@@ -38,6 +38,19 @@ struct Path {
     return first_matrix * Eigen::AngleAxisd(time * angle, axis).toRotationMatrix();
   }
 
+  bool turns() const { return angle != 0.0; }
+
+  // Returns the part of the motion from one time to another, as a motion over time 0 to 1.
+  Path part(double begin, double end) const {
+    Path path = *this;
+    path.start = position(begin);
+    path.velocity = (end - begin) * velocity;
+    path.first = rotation(begin);
+    path.first_matrix = matrix(begin);
+    path.angle = (end - begin) * angle;
+    return path;
+  }
+
   static constexpr double kLeastSine = 1e-9;  // smaller turns are below the resolution of a float
 
   Eigen::Vector3d start;                            // m, world frame
