@@ -24,11 +24,12 @@
 
 namespace flockstep {
 
-// Kind of an array's rows. EnumNames are the row counts: N drones, E envs, and R, which is N or E depending on TaskSpec::row.
-enum class Rows : std::uint8_t { drone, env, task };
+// Kind of an array's rows. EnumNames are the row counts: N drones, E envs, R, which is N or E depending on TaskSpec::row, and B
+// bodies of each env.
+enum class Rows : std::uint8_t { drone, env, task, body };
 template <>
 struct EnumNames<Rows> {
-  static constexpr std::array kNames{"N", "E", "R"};
+  static constexpr std::array kNames{"N", "E", "R", "E, B"};
 };
 
 // Frame of reference of vectors and quaternions.
@@ -100,12 +101,15 @@ struct ArraySizes {
   std::size_t num_envs = 0;       // E
   std::size_t num_drones = 0;     // N
   std::size_t num_task_rows = 0;  // R: N or E
+  std::size_t num_bodies = 0;     // E B
   std::size_t num_terms = 0;      // terms of the reward
   std::size_t num_rays = 0;       // rays of a LiDAR, of one drone
   std::size_t num_pixels = 0;     // pixels of a camera's image
 
   // Returns the number of rows of this kind.
-  std::size_t rows(Rows of) const { return of == Rows::drone ? num_drones : of == Rows::env ? num_envs : num_task_rows; }
+  std::size_t rows(Rows of) const {
+    return std::array{num_drones, num_envs, num_task_rows, num_bodies}[static_cast<std::size_t>(of)];
+  }
   // Returns the number of values per row.
   std::size_t width(const ArrayInfo& info) const {
     const std::size_t items = info.per == Per::term    ? num_terms

@@ -5,6 +5,7 @@
 
 #include <vector>
 
+#include "flockstep/body.hpp"
 #include "flockstep/camera.hpp"
 #include "flockstep/dynamics.hpp"
 #include "flockstep/episode.hpp"
@@ -34,6 +35,8 @@ struct BatchConfig {
   TracerKind tracer = TracerKind::automatic;
   PoseSensorConfig pose_sensor;
   std::vector<ImuConfig> imus;
+  std::vector<BodyConfig> bodies;
+  int max_bodies = 0;
   EpisodeConfig episode;
   ClockConfig clock;
   DynamicsConfig dynamics;
@@ -75,6 +78,11 @@ struct BatchConfig {
                       "for these numbers of rays and triangles. Fans, sparse patterns and shadow rays always use Embree."}),
         field("pose_sensor", &C::pose_sensor, {.about = "The pose sensor of each drone."}),
         field("imus", &C::imus, {.about = "The IMUs of each drone, with different names; they need motion by rotors."}),
+        field("bodies", &C::bodies, {.about = "Bodies that are in every env when an episode begins, after those of its world."}),
+        field("max_bodies", &C::max_bodies,
+              {.about = "Number of slots for bodies in each env, B. Free slots are for ``batch.bodies.spawn()``. 0: as many as "
+                        "an episode may begin with.",
+               .limits = between(0, kMaxBodies)}),
         field("episode", &C::episode, {.about = "Begin and end of episodes."}),
         field("clock", &C::clock, {.about = "Rates of policy, controller and physics."}),
         field("dynamics", &C::dynamics, {.about = "Motion model of the drones."}));

@@ -22,6 +22,8 @@ struct ContactState {  // contacts of the last motion
   std::vector<float> fraction;
   std::vector<float> point;
   std::vector<float> normal;
+  std::vector<std::int32_t> body;
+  std::vector<float> surface_velocity;
 
   static constexpr auto fields() {
     using C = ContactState;
@@ -43,7 +45,69 @@ struct ContactState {  // contacts of the last motion
                .unit = "1",
                .frame = Frame::world,
                .writer = kWriter,
-               .about = "direction from the obstacle towards the drone"}));
+               .about = "direction from the obstacle towards the drone"}),
+        array("body", &C::body,
+              {.values = Values::last_count,
+               .writer = kWriter,
+               .about = "number of the body that the drone touched, in its env; -1: no body"}),
+        array("surface_velocity", &C::surface_velocity,
+              {.columns = 3,
+               .unit = "m/s",
+               .frame = Frame::world,
+               .writer = kWriter,
+               .about = "velocity of the body at the contact point; 0 if the drone touched no body"}));
+  }
+};
+
+// Bodies, E envs of B slots. See flockstep/body.hpp.
+struct BodyState {
+  FlagArray active;
+  std::vector<float> position;
+  std::vector<float> quat_wxyz;
+  std::vector<float> velocity;
+  std::vector<float> angular_velocity;
+  FlagArray scripted;
+  std::vector<std::int32_t> model;
+  std::vector<std::int64_t> changes;
+
+  static constexpr auto fields() {
+    using C = BodyState;
+    constexpr const char* kWriter = "the step, resets, calls of batch.bodies";
+    return field_list(
+        array("body_active", &C::active,
+              {.rows = Rows::body, .values = Values::flag, .writer = kWriter, .about = "True if the slot holds a body"}),
+        array("body_position", &C::position,
+              {.rows = Rows::body, .columns = 3, .unit = "m", .frame = Frame::world, .writer = kWriter, .about = "position"}),
+        array("body_quat_wxyz", &C::quat_wxyz,
+              {.rows = Rows::body,
+               .columns = 4,
+               .unit = "1",
+               .frame = Frame::world,
+               .writer = kWriter,
+               .about = "orientation, body to world"}),
+        array("body_velocity", &C::velocity,
+              {.rows = Rows::body, .columns = 3, .unit = "m/s", .frame = Frame::world, .writer = kWriter, .about = "velocity"}),
+        array("body_angular_velocity", &C::angular_velocity,
+              {.rows = Rows::body,
+               .columns = 3,
+               .unit = "rad/s",
+               .frame = Frame::body,
+               .writer = kWriter,
+               .about = "angular velocity"}),
+        array("body_scripted", &C::scripted,
+              {.rows = Rows::body,
+               .values = Values::flag,
+               .writer = kWriter,
+               .about = "True if the body's script moves it; False after a call has moved it"}),
+        array(
+            "body_model", &C::model,
+            {.rows = Rows::body, .access = Access::internal, .writer = kWriter, .about = "number of the body's model; -1: none"}),
+        array("body_changes", &C::changes,
+              {.rows = Rows::env,
+               .values = Values::count,
+               .access = Access::internal,
+               .writer = kWriter,
+               .about = "number of ticks and calls that changed what sensors see of the bodies"}));
   }
 };
 
@@ -118,6 +182,7 @@ struct State {
   std::vector<float> quat_wxyz;
   ContactState contact;  // contacts of the last motion
   FlightState flight;    // velocities, rotor speeds and wind; empty with kinematic motion
+  BodyState bodies;      // empty if the batch has none
   FlagArray active;
   // Envs.
   std::vector<std::int32_t> world_index;
@@ -134,7 +199,7 @@ struct State {
               {.columns = 3, .unit = "m", .frame = Frame::world, .writer = kWriter, .about = "position"}),
         array("quat_wxyz", &C::quat_wxyz,
               {.columns = 4, .unit = "1", .frame = Frame::world, .writer = kWriter, .about = "orientation, body to world"}),
-        field("contact", &C::contact), field("flight", &C::flight),
+        field("contact", &C::contact), field("flight", &C::flight), field("bodies", &C::bodies),
         array("active", &C::active,
               {.values = Values::flag,
                .writer = "spawn() and remove()",

@@ -16,6 +16,7 @@
 #include "flockstep/export.hpp"
 #include "flockstep/fields.hpp"
 #include "flockstep/pose.hpp"
+#include "flockstep/visibility.hpp"
 
 namespace flockstep {
 
@@ -26,14 +27,6 @@ template <>
 struct EnumNames<PrimitiveKind> {
   static constexpr std::array kNames{"room", "box", "cylinder", "sphere", "capsule", "plane", "disc"};
 };
-
-// Role of an object. Visual objects are detected by cameras, LiDARs and rays. Solid objects are hit by drones, avoided by
-// planners and measured by distances. A room is always both (full).
-enum class Visibility : std::uint8_t { full, visual, solid };
-// Returns true if cameras, LiDARs and rays detect it.
-inline bool is_visible(Visibility visibility) { return visibility != Visibility::solid; }
-// Returns true if drones hit it.
-inline bool is_solid(Visibility visibility) { return visibility != Visibility::visual; }
 
 // A simple shape.
 struct Primitive {

@@ -100,6 +100,8 @@ void BatchConfig::validate() const {
           "at least 50 Hz for motion by rotors (500 is usual)", clock.ticks_hz());
   require(imus.empty() || !dynamics.is_kinematic(), "imu",
           "None for kinematic motion (it has no accelerations: give motion=\"rotors\")", "an ImuConfig");
+  require(max_bodies == 0 || max_bodies >= static_cast<int>(bodies.size()), "max_bodies",
+          "at least the number of bodies (" + std::to_string(bodies.size()) + "), or 0", max_bodies);
   for_each_field(*this, [&](const auto& entry, const auto& value) { check_sensors(entry.name, value, clock); });
   for (const LidarConfig& lidar : lidars) {
     const long long rays = static_cast<long long>(num_drones()) * lidar.rows() * lidar.columns();

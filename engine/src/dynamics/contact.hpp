@@ -1,6 +1,7 @@
 // Contact: resolves one drone's contacts with obstacles during one tick.
 #pragma once
 
+#include "collision/moving_sweep.hpp"
 #include "collision/sweep.hpp"
 #include "flockstep/airframe.hpp"
 #include "flockstep/dynamics.hpp"
@@ -44,5 +45,7 @@ ContactResult resolve_contacts(const collision::Obstacles& obstacles, const Body
                                const TickMotion& motion);
 
 void write_contact(State& state, DroneIndex drone, const collision::Contact& contact);
+// Also writes the body and its velocity. duration_s: of the motion.
+void write_contact(State& state, DroneIndex drone, const collision::MovingContact& contact, double duration_s);
 
 }  // namespace flockstep::dynamics

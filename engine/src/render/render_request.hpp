@@ -6,6 +6,7 @@
 #include "flockstep/config.hpp"
 #include "flockstep/pose.hpp"
 #include "flockstep/world.hpp"
+#include "render/body_surface.hpp"
 #include "render/pinhole_camera.hpp"
 #include "trace/tracer.hpp"
 
@@ -42,6 +43,7 @@ struct RenderRequest {
   Mat3 rotation;                 // camera to world
   Frame frame;
   trace::TracePolicy policy{};
+  VisibleBodies bodies{};  // of the env; their arrays must outlive the rendering
 };
 
 }  // namespace flockstep::render

@@ -1,54 +1,8 @@
 #include "trace/bodies.hpp"
 
-#include <algorithm>
-#include <bit>
+#include "trace/near_balls.hpp"
 
-#undef HWY_TARGET_INCLUDE
-#define HWY_TARGET_INCLUDE "trace/bodies.cpp"
-#include <hwy/foreach_target.h>
-// Highway's own headers come after foreach_target.
-#include <hwy/highway.h>
-
-#include "base/wide-inl.hpp"
-
-HWY_BEFORE_NAMESPACE();
-namespace flockstep::trace::HWY_NAMESPACE {
-using namespace flockstep::HWY_NAMESPACE;
-
-constexpr float kSearchRounding = 1e-5F;  // fraction of distances, by which the search goes farther
-
-// Writes the numbers of the bodies within range_m of the origin, and returns how many there are.
-std::size_t find_near(const Bodies& bodies, const Vec3& origin, float range_m, std::uint32_t* found) {
-  using F = WideUpTo<16>;
-  const Wide3<F> from{origin.x(), origin.y(), origin.z()};
-  std::size_t count = 0;
-  for (std::size_t i = 0; i < bodies.count; i += F::kCount) {
-    const std::size_t here = std::min(F::kCount, bodies.count - i);
-    const bool is_last = i + F::kCount > bodies.readable;  // of the whole arrays
-    float rows[3 * F::kCount] = {}, radii[F::kCount] = {};
-    if (is_last) {
-      std::copy_n(bodies.position + 3 * i, 3 * here, rows);
-      std::copy_n(bodies.radius + i, here, radii);
-    }
-    const Wide3<F> away = Wide3<F>::load_rows(is_last ? rows : bodies.position + 3 * i) - from;
-    const F radius = F::load_unaligned(is_last ? radii : bodies.radius + i);
-    const F reach = (radius + range_m) * (1.0F + kSearchRounding);
-    std::uint32_t near = bits((dot(away, away) <= reach * reach) & (radius >= 0.0F)) & ((1U << here) - 1U);
-    for (; near != 0; near &= near - 1) {
-      found[count++] = static_cast<std::uint32_t>(i) + static_cast<std::uint32_t>(std::countr_zero(near));
-    }
-  }
-  return count;
-}
-
-}  // namespace flockstep::trace::HWY_NAMESPACE
-HWY_AFTER_NAMESPACE();
-
-#if HWY_ONCE
 namespace flockstep::trace {
-
-HWY_EXPORT(find_near);
-
 namespace {
 
 Shape shape_of(const Bodies& bodies, std::size_t number) {
@@ -79,7 +33,7 @@ void NearBodies::gather(const Bodies& bodies, const Vec3& origin, float near_m, 
     shapes_.reserve(bodies.count);
     candidates_.reserve(bodies.count);
   }
-  const std::size_t count = HWY_DYNAMIC_DISPATCH(find_near)(bodies, origin, range_m, found_.data());
+  const std::size_t count = find_near_balls(bodies.balls(), origin, range_m, found_.data());
   for (const std::uint32_t number : std::span(found_).first(count)) {
     shapes_.push_back(shape_of(bodies, number));
     candidates_.push_back(make_candidate(shapes_.back(), bodies.first_element + static_cast<std::int32_t>(number), origin));
@@ -88,4 +42,3 @@ void NearBodies::gather(const Bodies& bodies, const Vec3& origin, float near_m, 
 }
 
 }  // namespace flockstep::trace
-#endif

@@ -10,6 +10,7 @@
 #include "flockstep/pose.hpp"
 #include "flockstep/world.hpp"
 #include "trace/direct.hpp"
+#include "trace/near_balls.hpp"
 #include "trace/shape.hpp"
 
 namespace flockstep::trace {
@@ -22,6 +23,8 @@ struct Bodies {
   std::size_t count = 0;
   std::size_t readable = 0;        // bodies of this env and the following ones, which these arrays also hold
   std::int32_t first_element = 0;  // number of the first body in hits
+
+  Balls balls() const { return {position, radius, count, readable}; }
 };
 
 // Makes shapes of all visible bodies, for rays of arbitrary origins.

@@ -1,0 +1,162 @@
+// BodyConfig: a solid in an env that may move, and BodyMotion: the script that moves it.
+#pragma once
+
+#include <array>
+#include <cstdint>
+#include <string>
+#include <vector>
+
+#include "flockstep/export.hpp"
+#include "flockstep/fields.hpp"
+#include "flockstep/pose.hpp"
+#include "flockstep/visibility.hpp"
+
+namespace flockstep {
+
+// Shape of a body. Solids are full: a ray from outside stops at their surface.
+enum class BodyShape : std::uint8_t { box, cylinder, sphere, capsule };
+template <>
+struct EnumNames<BodyShape> {
+  static constexpr std::array kNames{"box", "cylinder", "sphere", "capsule"};
+};
+
+// Scripts of bodies.
+enum class BodyMotionKind : std::uint8_t { velocity, waypoints, orbit, hinge, slider, random_walk };
+template <>
+struct EnumNames<BodyMotionKind> {
+  static constexpr std::array kNames{"velocity", "waypoints", "orbit", "hinge", "slider", "random_walk"};
+};
+
+// Continuation of a route after its last point.
+enum class BodyRoute : std::uint8_t { loop, back_and_forth, once };
+template <>
+struct EnumNames<BodyRoute> {
+  static constexpr std::array kNames{"loop", "back_and_forth", "once"};
+};
+
+// The pose of a scripted body is a function of the time since the episode began, so it does not drift. bodies/body_motion.hpp
+// has the formulas.
+struct BodyMotion {
+  BodyMotionKind kind = BodyMotionKind::velocity;
+  std::array<float, 3> velocity_mps{0.0F, 0.0F, 0.0F};
+  std::array<float, 3> turn_rate_dps{0.0F, 0.0F, 0.0F};
+  std::vector<std::array<float, 3>> points_m;
+  BodyRoute route = BodyRoute::loop;
+  float speed_mps = 1.0F;
+  float corner_radius_m = 0.0F;
+  bool faces_travel = false;
+  std::array<float, 3> center_m{0.0F, 0.0F, 0.0F};
+  std::array<float, 3> axis{0.0F, 0.0F, 1.0F};
+  float period_s = 10.0F;
+  float angle_deg = 90.0F;
+  std::array<float, 3> travel_m{0.0F, 0.0F, 0.0F};
+  std::array<float, 3> box_min_m{0.0F, 0.0F, 0.0F};
+  std::array<float, 3> box_max_m{0.0F, 0.0F, 0.0F};
+  float phase = 0.0F;
+  bool random_phase = false;
+  float speed_spread = 0.0F;
+
+  static constexpr auto fields() {
+    using C = BodyMotion;
+    return field_list(
+        field("kind", &C::kind,
+              {.about = "The script. ``\"velocity\"``: constant ``velocity_mps`` and ``turn_rate_dps``; by default the body "
+                        "stands still. ``\"waypoints\"``: along ``points_m`` at ``speed_mps``. ``\"orbit\"``: around "
+                        "``center_m`` and ``axis``, one turn per ``period_s``. ``\"hinge\"``: around the same line, from the "
+                        "initial pose to ``angle_deg`` and back in ``period_s``. ``\"slider\"``: from the initial position to "
+                        "``travel_m`` away and back in ``period_s``. ``\"random_walk\"``: to a new random point of the box "
+                        "every ``period_s``, in a straight line."}),
+        field("velocity_mps", &C::velocity_mps,
+              {.about = "Velocity in the world frame; for ``\"velocity\"``.", .unit = "m/s", .limits = within(1e4)}),
+        field("turn_rate_dps", &C::turn_rate_dps,
+              {.about = "Angular velocity in the body frame; for ``\"velocity\"``.", .unit = "deg/s", .limits = within(36000)}),
+        field("points_m", &C::points_m,
+              {.about = "Positions (x, y, z) to pass, world frame; for ``\"waypoints\"``, which starts at the first one instead "
+                        "of the body's ``position_m``.",
+               .unit = "m",
+               .limits = within(kMaxCoordinate)}),
+        field("route", &C::route,
+              {.about = "After the last point: ``\"loop\"`` goes to the first, ``\"back_and_forth\"`` returns the same way, "
+                        "``\"once\"`` stays; for ``\"waypoints\"``."}),
+        field("speed_mps", &C::speed_mps, {.about = "Speed along the points.", .unit = "m/s", .limits = between(0, 1e4)}),
+        field("corner_radius_m", &C::corner_radius_m,
+              {.about = "Radius of the arcs that round the route's corners, smaller if the legs of a corner are short.",
+               .unit = "m",
+               .limits = between(0, kMaxCoordinate)}),
+        field("faces_travel", &C::faces_travel,
+              {.about = "Turns the body about z, so that its x axis points along the route; for ``\"waypoints\"``."}),
+        field("center_m", &C::center_m,
+              {.about = "A point of the axis, world frame; for ``\"orbit\"`` and ``\"hinge\"``.",
+               .unit = "m",
+               .limits = within(kMaxCoordinate)}),
+        field("axis", &C::axis,
+              {.about = "Direction of the axis, world frame, of any length except 0; turns are counter-clockwise about it. For "
+                        "``\"orbit\"`` and ``\"hinge\"``.",
+               .limits = within(kMaxCoordinate)}),
+        field("period_s", &C::period_s,
+              {.about = "Time of one turn, of a swing there and back, or of one way of a random walk.",
+               .unit = "s",
+               .limits = between(1e-3, 1e6)}),
+        field("angle_deg", &C::angle_deg, {.about = "Widest angle of a hinge.", .unit = "deg", .limits = within(360)}),
+        field("travel_m", &C::travel_m,
+              {.about = "Way of a slider, world frame.", .unit = "m", .limits = within(kMaxCoordinate)}),
+        field("box_min_m", &C::box_min_m,
+              {.about = "Lower corner of the box of a random walk, world frame.", .unit = "m", .limits = within(kMaxCoordinate)}),
+        field("box_max_m", &C::box_max_m, {.about = "Upper corner of that box.", .unit = "m", .limits = within(kMaxCoordinate)}),
+        field("phase", &C::phase,
+              {.about = "Part of the script that is over when an episode begins: of the turn, the swing or the round trip.",
+               .limits = between(0, 1)}),
+        field("random_phase", &C::random_phase, {.about = "Draws the phase of each episode, uniform in [0, 1)."}),
+        field("speed_spread", &C::speed_spread,
+              {.about = "Each episode multiplies the speed by a factor drawn from [1 - spread, 1 + spread].",
+               .limits = {.least = 0, .greatest = 1, .excludes_greatest = true}}));
+  }
+
+  FLOCKSTEP_API void validate() const;
+};
+
+// Limits of ids in camera images.
+inline constexpr std::uint16_t kSemanticBody = 65532;       // default semantic id of bodies
+inline constexpr std::uint16_t kFirstBodyInstance = 61440;  // instance id of an env's first body; the others follow
+inline constexpr int kMaxBodies = 4096;                     // of one env
+
+struct BodyConfig {
+  std::string name = "body";
+  BodyShape shape = BodyShape::box;
+  std::array<float, 3> size_m{1.0F, 1.0F, 1.0F};
+  std::array<float, 3> position_m{0.0F, 0.0F, 0.0F};
+  std::array<float, 4> quat_wxyz{1.0F, 0.0F, 0.0F, 0.0F};
+  BodyMotion motion;
+  std::array<float, 3> color{0.8F, 0.25F, 0.1F};
+  int semantic = 0;
+  Visibility visibility = Visibility::full;
+
+  static constexpr auto fields() {
+    using C = BodyConfig;
+    return field_list(
+        field("name", &C::name, {.about = "Name in messages; several bodies may share it.", .form = Form::plain_name}),
+        field("shape", &C::shape, {.about = "The shape; cylinders and capsules stand along their z axis."}),
+        field("size_m", &C::size_m,
+              {.about = "Sizes along the body's x, y and z axes. A cylinder or a capsule has equal x and y, its diameter, and a "
+                        "capsule's z, with its round caps, is at least that; the three of a sphere are equal.",
+               .unit = "m",
+               .limits = between(1e-3, 1e5)}),
+        field("position_m", &C::position_m,
+              {.about = "Position of the centre when an episode begins, world frame.",
+               .unit = "m",
+               .limits = within(kMaxCoordinate)}),
+        field("quat_wxyz", &C::quat_wxyz,
+              {.about = "Rotation (w, x, y, z) when an episode begins, body to world.", .form = Form::unit_quaternion}),
+        field("motion", &C::motion, {.about = "The script that moves the body."}),
+        field("color", &C::color, {.about = "Base colour, linear RGB.", .limits = between(0, 1)}),
+        field("semantic", &C::semantic,
+              {.about = "Semantic id in camera images; 0: 65532.", .limits = between(0, kSemanticBody)}),
+        field("visibility", &C::visibility,
+              {.about = "``\"full\"``: sensors see it and drones hit it. ``\"visual\"``: only sensors. ``\"solid\"``: only "
+                        "drones."}));
+  }
+
+  FLOCKSTEP_API void validate() const;
+};
+
+}  // namespace flockstep

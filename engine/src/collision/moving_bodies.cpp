@@ -1,0 +1,32 @@
+#include "collision/moving_bodies.hpp"
+
+#include "trace/near_balls.hpp"
+
+namespace flockstep::collision {
+namespace {
+
+Pose pose_in(const float* position, const float* quat_wxyz, std::size_t number) {
+  const float *const p = position + 3 * number, *const q = quat_wxyz + 4 * number;
+  return {Vec3(p[0], p[1], p[2]), Quat(q[0], q[1], q[2], q[3])};
+}
+
+}  // namespace
+
+std::span<const MovingSolid> NearSolids::gather(const MovingBodies& bodies, const Vec3& origin, float range_m) {
+  solids_.clear();
+  if (bodies.count == 0) return {};
+  if (found_.size() < bodies.count) {
+    found_.resize(bodies.count);
+    solids_.reserve(bodies.count);
+  }
+  const trace::Balls balls{bodies.position, bodies.reach, bodies.count, bodies.readable};
+  const std::size_t count = trace::find_near_balls(balls, origin, range_m, found_.data());
+  for (const std::uint32_t number : std::span(found_).first(count)) {
+    const Primitive& solid = bodies.solids[number];
+    solids_.emplace_back(solid.kind, solid.half_extents, pose_in(bodies.from_position, bodies.from_quat, number),
+                         pose_in(bodies.position, bodies.quat_wxyz, number), static_cast<int>(number));
+  }
+  return solids_;
+}
+
+}  // namespace flockstep::collision

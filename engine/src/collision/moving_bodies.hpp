@@ -1,0 +1,53 @@
+// MovingBodies: the solid bodies of one env during a tick, as drones meet them.
+#pragma once
+
+#include <cstddef>
+#include <cstdint>
+#include <span>
+#include <vector>
+
+#include "collision/moving_solid.hpp"
+#include "flockstep/pose.hpp"
+#include "flockstep/world.hpp"
+
+namespace flockstep::collision {
+
+// A view of arrays, which the batch owns.
+struct MovingBodies {
+  const float* from_position = nullptr;  // (count, 3) m, world frame, before the tick
+  const float* from_quat = nullptr;      // (count, 4) body to world, before the tick
+  const float* position = nullptr;       // (count, 3) m, after the tick
+  const float* quat_wxyz = nullptr;      // (count, 4) after the tick
+  // (count,) m, radius of a ball around `position` that contains the body during the whole tick; negative: drones pass through.
+  const float* reach = nullptr;
+  const Primitive* solids = nullptr;  // (count,) kind and half_extents; the pose is ignored
+  std::size_t count = 0;
+  std::size_t readable = 0;  // number of bodies that these arrays hold, at least count
+
+  // Returns the bodies of one env, if these are the bodies of all envs.
+  MovingBodies of_env(std::size_t env, std::size_t per_env) const {
+    const std::size_t first = env * per_env;
+    return {from_position + 3 * first,
+            from_quat + 4 * first,
+            position + 3 * first,
+            quat_wxyz + 4 * first,
+            reach + first,
+            solids + first,
+            per_env,
+            readable - first};
+  }
+};
+
+// The bodies that one drone may meet.
+class NearSolids {
+ public:
+  // Takes those that reach into the ball of range_m around the origin. Their indices are their numbers in `bodies`. Allocates
+  // only if there are more than ever before. The result is valid until the next call.
+  std::span<const MovingSolid> gather(const MovingBodies& bodies, const Vec3& origin, float range_m);
+
+ private:
+  std::vector<std::uint32_t> found_;
+  std::vector<MovingSolid> solids_;
+};
+
+}  // namespace flockstep::collision

@@ -1,0 +1,56 @@
+#include "trace/near_balls.hpp"
+
+#include <algorithm>
+#include <bit>
+
+#undef HWY_TARGET_INCLUDE
+#define HWY_TARGET_INCLUDE "trace/near_balls.cpp"
+#include <hwy/foreach_target.h>
+// Highway's own headers come after foreach_target.
+#include <hwy/highway.h>
+
+#include "base/wide-inl.hpp"
+
+HWY_BEFORE_NAMESPACE();
+namespace flockstep::trace::HWY_NAMESPACE {
+using namespace flockstep::HWY_NAMESPACE;
+
+constexpr float kBallRounding = 1e-5F;  // fraction of distances, by which the search goes farther
+
+std::size_t find_balls(const Balls& balls, const Vec3& origin, float range_m, std::uint32_t* found) {
+  using F = WideUpTo<16>;
+  const Wide3<F> from{origin.x(), origin.y(), origin.z()};
+  std::size_t count = 0;
+  for (std::size_t i = 0; i < balls.count; i += F::kCount) {
+    const std::size_t here = std::min(F::kCount, balls.count - i);
+    const bool is_last = i + F::kCount > balls.readable;
+    float rows[3 * F::kCount] = {}, radii[F::kCount] = {};
+    if (is_last) {
+      std::copy_n(balls.center + 3 * i, 3 * here, rows);
+      std::copy_n(balls.radius + i, here, radii);
+    }
+    const Wide3<F> away = Wide3<F>::load_rows(is_last ? rows : balls.center + 3 * i) - from;
+    const F radius = F::load_unaligned(is_last ? radii : balls.radius + i);
+    const F reach = (radius + range_m) * (1.0F + kBallRounding);
+    std::uint32_t near = bits((dot(away, away) <= reach * reach) & (radius >= 0.0F)) & ((1U << here) - 1U);
+    for (; near != 0; near &= near - 1) {
+      found[count++] = static_cast<std::uint32_t>(i) + static_cast<std::uint32_t>(std::countr_zero(near));
+    }
+  }
+  return count;
+}
+
+}  // namespace flockstep::trace::HWY_NAMESPACE
+HWY_AFTER_NAMESPACE();
+
+#if HWY_ONCE
+namespace flockstep::trace {
+
+HWY_EXPORT(find_balls);
+
+std::size_t find_near_balls(const Balls& balls, const Vec3& origin, float range_m, std::uint32_t* found) {
+  return HWY_DYNAMIC_DISPATCH(find_balls)(balls, origin, range_m, found);
+}
+
+}  // namespace flockstep::trace
+#endif
