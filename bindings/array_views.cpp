@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <string>
+#include <string_view>
 
 #include "arrays.hpp"
 #include "base/array_shape.hpp"
@@ -23,10 +24,17 @@ std::string shape_text(const ArrayInfo& info) {
   return text + (text.find(',') == std::string::npos ? ",)" : ")");
 }
 
+// Returns the name of an array's attribute. Those of bodies are attributes of batch.bodies.
+std::string attribute_of(const ArrayView& array) {
+  constexpr std::string_view kPrefix = "body_";
+  const std::string name = array.name;
+  return array.info.rows == Rows::body && name.starts_with(kPrefix) ? name.substr(kPrefix.size()) : name;
+}
+
 // Returns the description of an array for the stub and the tables in the documents.
 py::dict description_of(const ArrayView& array) {
   py::dict entry;
-  entry["name"] = array.name;
+  entry["name"] = attribute_of(array);
   entry["dtype"] = dtype_of(array).attr("name");
   entry["shape"] = shape_text(array.info);
   entry["unit"] = array.info.unit;
@@ -48,7 +56,7 @@ void add_array(const py::object& cls, const ArrayView& listed, ViewArray view_no
     return view(viewed.owner, dtype, now.data, shape_of(now).span(), now.info.access == Access::write);
   };
   if (!cls.attr("__dict__").contains("_arrays")) cls.attr("_arrays") = py::list();
-  cls.attr(listed.name) = property(py::cpp_function(read, py::is_method(cls)));
+  cls.attr(attribute_of(listed).c_str()) = property(py::cpp_function(read, py::is_method(cls)));
   cls.attr("_arrays").attr("append")(description_of(listed));
 }
 

@@ -76,7 +76,8 @@ std::unique_ptr<Batch, Released> make_batch(const py::object& given_worlds, cons
                                             const py::object& episode, const py::object& clock, const py::object& dynamics,
                                             const py::object& num_threads, const py::object& block_size,
                                             const py::object& world_index, const py::object& tracer,
-                                            const py::object& drones_per_env, const py::kwargs& unknown) {
+                                            const py::object& drones_per_env, const py::object& bodies,
+                                            const py::object& max_bodies, const py::kwargs& unknown) {
   for (const auto& [keyword, value] : unknown) {
     constexpr std::array kKnown{"worlds",      "num_drones", "lidar",          "pose_sensor", "imu",           "task",
                                 "drone",       "cameras",    "camera_backend", "episode",     "clock",         "dynamics",
@@ -97,6 +98,8 @@ std::unique_ptr<Batch, Released> make_batch(const py::object& given_worlds, cons
   config.pose_sensor = optional_argument<PoseSensorConfig>(pose_sensor, "pose_sensor").value_or(PoseSensorConfig());
   config.imus = configs_of<ImuConfig>(imu, "imu", true);
   config.cameras = configs_of<CameraConfig>(cameras, "cameras", false);
+  config.bodies = configs_of<BodyConfig>(bodies, "bodies", false);
+  config.max_bodies = from_python<int>(max_bodies, "max_bodies");
   config.camera_backend = from_python<CameraBackend>(backend, "camera_backend");
   config.tracer = from_python<TracerKind>(tracer, "tracer");
   config.episode = optional_argument<EpisodeConfig>(episode, "episode").value_or(EpisodeConfig());
@@ -160,6 +163,37 @@ std::string describe_contact(const ContactView& contact) {
   const FlagArray& hit = contact.state().hit;
   return "<Contact: " + std::to_string(std::ranges::count(hit, 1)) + " of " + counted(std::ssize(hit), "drone") +
          " hit something>";
+}
+
+// Bodies of a batch. Keeps the batch alive, because its arrays are views.
+struct BodiesView {
+  py::object owner;
+
+  Batch& batch() const { return owner.cast<Batch&>(); }
+  py::ssize_t per_env() const { return static_cast<py::ssize_t>(batch().bodies_per_env()); }
+  Shape rows(py::ssize_t columns) const { return {num_envs(batch()), per_env(), columns}; }
+};
+
+std::string describe_bodies(const BodiesView& view) {
+  const FlagArray& active = view.batch().state().bodies.active;
+  return "<Bodies: " + std::to_string(std::ranges::count(active, 1)) + " in " + counted(num_envs(view.batch()), "env") + " of " +
+         counted(view.per_env(), "slot") + '>';
+}
+
+// Returns a mask of bodies (E, B) as flags. Accepts a mask of envs (E,), which selects all of their bodies.
+std::vector<std::uint8_t> body_mask(const BodiesView& view, const py::object& mask) {
+  const auto envs = static_cast<std::size_t>(num_envs(view.batch())), per_env = static_cast<std::size_t>(view.per_env());
+  if (mask.is_none()) return {};
+  if (py::len(mask) > 0 && py::array(mask).ndim() == 1) {
+    const auto given = flags(mask, "mask", num_envs(view.batch()));
+    const std::span<const std::uint8_t> of_envs = given;
+    std::vector<std::uint8_t> all(envs * per_env);
+    for (std::size_t row = 0; row < all.size(); ++row) all[row] = of_envs[row / per_env];
+    return all;
+  }
+  const Input<std::uint8_t> given(mask, "mask", {num_envs(view.batch()), view.per_env()}, "b", "bool");
+  const std::span<const std::uint8_t> all = given;
+  return {all.begin(), all.end()};
 }
 
 std::string describe_batch(const Batch& batch) {
@@ -328,6 +362,10 @@ Viewed<Outputs> outputs_arrays(const py::object& self, const char*) {
   const auto& batch = self.cast<const Batch&>();
   return {batch.outputs(), self, {.sizes = {std::ssize(spec_of(batch).reward_terms), 1}, .dimensions = 1}};
 }
+Viewed<BodyState> bodies_arrays(const py::object& self, const char*) {
+  const auto& view = self.cast<const BodiesView&>();
+  return {view.batch().state().bodies, memory_of(view.owner), {.bodies = view.per_env()}};
+}
 Viewed<ContactState> contacts_arrays(const py::object& self, const char*) {
   const auto& view = self.cast<const ContactView&>();
   return {view.state(), memory_of(view.owner)};
@@ -341,6 +379,61 @@ void register_batch(py::module_& module) {
   add_arrays<ContactState, &contacts_arrays>(contact);
 
   const auto none = py::none();
+  py::class_<BodiesView> bodies(module, "Bodies", "The bodies of a batch: E envs of B slots.");
+  add_arrays<BodyState, &bodies_arrays>(bodies);
+  bodies.def("__repr__", &describe_bodies)
+      .def("__len__", &BodiesView::per_env)
+      .def(
+          "spawn",
+          [](const BodiesView& view, const py::object& config, const py::object& position, const py::object& quat_wxyz,
+             const py::object& velocity, const py::object& angular_velocity, const py::object& mask) {
+            Batch& batch = view.batch();
+            const auto body = argument<BodyConfig>(config, "body", "a flockstep.BodyConfig");
+            const py::ssize_t n = num_envs(batch);
+            const auto p = floats(position, "position", {n, 3});
+            const auto q = floats(quat_wxyz, "quat_wxyz", {n, 4});
+            const auto v = floats(velocity, "velocity", {n, 3});
+            const auto w = floats(angular_velocity, "angular_velocity", {n, 3});
+            const auto m = flags(mask, "mask", n);
+            const std::vector<std::int64_t> slots = in_turn(batch, [&] { return batch.spawn_bodies(body, p, q, v, w, m); });
+            return py::array_t<std::int64_t>(n, slots.data());
+          },
+          py::arg("body"), py::arg("position") = none, py::arg("quat_wxyz") = none, py::arg("velocity") = none,
+          py::arg("angular_velocity") = none, py::arg("mask") = none)
+      .def(
+          "remove",
+          [](const BodiesView& view, const py::object& mask) {
+            const std::vector<std::uint8_t> m = body_mask(view, mask);
+            in_turn(view.batch(), [&] { view.batch().remove_bodies(m); });
+          },
+          py::arg("mask") = none)
+      .def(
+          "set_pose",
+          [](const BodiesView& view, const py::object& position, const py::object& quat_wxyz, const py::object& mask) {
+            const auto p = floats(position, "position", view.rows(3));
+            const auto q = floats(quat_wxyz, "quat_wxyz", view.rows(4));
+            const std::vector<std::uint8_t> m = body_mask(view, mask);
+            in_turn(view.batch(), [&] { view.batch().set_body_pose(p, q, m); });
+          },
+          py::arg("position") = none, py::arg("quat_wxyz") = none, py::arg("mask") = none)
+      .def(
+          "set_velocity",
+          [](const BodiesView& view, const py::object& velocity, const py::object& angular_velocity, const py::object& mask) {
+            const auto v = floats(velocity, "velocity", view.rows(3));
+            const auto w = floats(angular_velocity, "angular_velocity", view.rows(3));
+            const std::vector<std::uint8_t> m = body_mask(view, mask);
+            in_turn(view.batch(), [&] { view.batch().set_body_velocity(v, w, m); });
+          },
+          py::arg("velocity") = none, py::arg("angular_velocity") = none, py::arg("mask") = none)
+      .def(
+          "config",
+          [](const BodiesView& view, const py::object& env, const py::object& body) -> std::optional<BodyConfig> {
+            const auto e = from_python<std::int64_t>(env, "env"), b = from_python<std::int64_t>(body, "body");
+            const BodyConfig* const found = view.batch().body_config(e, b);
+            return found == nullptr ? std::nullopt : std::optional(*found);
+          },
+          py::arg("env"), py::arg("body"));
+
   py::class_<Batch, std::unique_ptr<Batch, Released>> cls(module, "Batch", "N drone slots over W worlds, stepped together.");
   add_arrays<State, &state_arrays>(cls);
   add_arrays<FlightState, &flight_arrays>(cls);
@@ -354,7 +447,7 @@ void register_batch(py::module_& module) {
           py::arg("cameras") = py::tuple(), py::arg("camera_backend") = "raycast", py::arg("episode") = none,
           py::arg("clock") = none, py::arg("dynamics") = none, py::arg("num_threads") = 0,
           py::arg("block_size") = BatchConfig().block_size, py::arg("world_index") = none, py::arg("tracer") = "auto",
-          py::arg("drones_per_env") = 1)
+          py::arg("drones_per_env") = 1, py::arg("bodies") = py::tuple(), py::arg("max_bodies") = 0)
       .def_static("from_recipe", &batch_from_recipe, py::arg("recipe"), py::arg("worlds") = none, py::arg("task") = none,
                   py::kw_only(), py::arg("allow_files") = false)
       .def_property_readonly("num_envs", [](const Batch& batch) { return batch.config().num_envs; })
@@ -389,6 +482,7 @@ void register_batch(py::module_& module) {
           },
           py::arg("index"))
       .def_property_readonly("drone", [](const Batch& batch) { return batch.drone(); })
+      .def_property_readonly("bodies", [](const py::object& self) { return BodiesView{self}; })
       .def_property_readonly("contact", [](const py::object& self) { return ContactView{self}; })
       .def_property_readonly("lidars", [](const Batch& batch) { return batch.config().lidars; })
       .def_property_readonly("cameras", [](const Batch& batch) { return batch.config().cameras; })

@@ -167,6 +167,27 @@ class FLOCKSTEP_API Batch {
   // world become stale. Snapshots from before are refused by restore(), unless the same light is set again. Refused with a pool.
   void set_light(std::int64_t world_index, const Lighting& lighting);
 
+  // --- bodies, E envs of B slots; state().bodies has their arrays. A body that a call has placed, moved or given a velocity
+  // moves with constant velocity until the next episode, which begins with the bodies of the configuration and no others. A mask
+  // of bodies has E B flags; an empty one selects all. Slots without a body are skipped. All but bodies_per_env() throw
+  // std::invalid_argument if B is 0. Sensors see a change at their next reading.
+  std::size_t bodies_per_env() const;  // B
+  // Puts a body into the first free slot of each selected env; returns the slots (E,), -1 for other envs. position (E, 3) m,
+  // quat_wxyz (E, 4), velocity (E, 3) m/s, world frame, and angular_velocity (E, 3) rad/s, body frame, replace those of the
+  // configuration; without all of them its script moves the body. Refused if a selected env has no free slot.
+  std::vector<std::int64_t> spawn_bodies(const BodyConfig& config, std::span<const float> position = {},
+                                         std::span<const float> quat_wxyz = {}, std::span<const float> velocity = {},
+                                         std::span<const float> angular_velocity = {}, EnvMask mask = {});
+  void remove_bodies(std::span<const std::uint8_t> mask);
+  // position (E, B, 3) m, quat_wxyz (E, B, 4); an empty span leaves the value unchanged. Bodies may be put onto drones: these are
+  // then inside an obstacle, which they may only leave.
+  void set_body_pose(std::span<const float> position, std::span<const float> quat_wxyz, std::span<const std::uint8_t> mask = {});
+  // velocity (E, B, 3) m/s, world frame, at most 10000; angular_velocity (E, B, 3) rad/s, body frame, at most 1000.
+  void set_body_velocity(std::span<const float> velocity, std::span<const float> angular_velocity,
+                         std::span<const std::uint8_t> mask = {});
+  // Configuration of a body, valid until the batch is destroyed or restored; null for a free slot.
+  const BodyConfig* body_config(std::int64_t env, std::int64_t body) const;
+
   // --- sensor readings; all arrays are empty for a sensor that the batch does not have
   const PoseReadings& pose_readings() const;                         // of the pose sensor
   const ImuReadings& imu_readings(std::size_t imu = 0) const;        // index into config().imus

@@ -56,7 +56,7 @@ struct TaskDefaults {
   ClockConfig clock;                  // rates
 };
 
-// Access of a task to the batch. Only place() writes. Indices are not checked.
+// Access of a task to the batch. Only place(), place_body() and remove_body() write. Indices are not checked.
 class TaskContext {
  public:
   // Made by the batch.
@@ -97,7 +97,7 @@ class TaskContext {
   // draws the same numbers as its env.
   virtual float random(EnvIndex env, std::uint32_t stream, std::uint32_t index) const = 0;
   virtual float random(DroneIndex drone, std::uint32_t stream, std::uint32_t index) const = 0;
-  // Returns true if a drone of the env would touch nothing at this pose.
+  // Returns true if a drone of the env would touch nothing at this pose, neither the world nor a body.
   virtual bool is_free(EnvIndex env, const Pose& pose) const = 0;
 
   // Motion model of the drones, and meaning of Setpoints.
@@ -107,6 +107,14 @@ class TaskContext {
   // Puts a drone at a pose, without a collision check. Call it in Task::place(). A pose that is not in the world is a bad
   // state; see Outputs::bad_state. In rotor motion the drone starts with this velocity and with its rotors at hover speed.
   virtual void place(DroneIndex drone, const Pose& pose, const Velocity& velocity = {}) = 0;
+
+  // Number of slots for bodies in each env, B. state().bodies has their arrays, with row env B + body.
+  virtual std::size_t bodies_per_env() const = 0;
+  // Puts a body at a pose; from there it moves with this velocity until the next episode. The body must be active, and pose and
+  // velocity finite: otherwise nothing changes. Call it in place(), begin() or command().
+  virtual void place_body(EnvIndex env, std::size_t body, const Pose& pose, const Velocity& velocity = {}) = 0;
+  // Removes a body until the next episode. Call it in place(), begin() or command().
+  virtual void remove_body(EnvIndex env, std::size_t body) = 0;
 
   // Positions of a drone before the flown step and after each of its ticks, (ticks + 1, 3) m, world frame. Between them the drone
   // moves almost straight. Empty unless TaskSpec::records_path is set. Read it in Task::score().
@@ -206,7 +214,7 @@ class Task {
 
 // Version of the binary interface between a task library and the engine. Increase it if a change to a header that this file
 // includes changes a layout, a virtual function or the meaning of a value; tests/python/test_compatibility.py notices changes.
-#define FLOCKSTEP_TASK_FORMAT 2
+#define FLOCKSTEP_TASK_FORMAT 3
 
 // Version string on which a task library and the engine that loads it must agree: the interface and the layout of Eigen's types,
 // which options such as -march=native change.

@@ -13,7 +13,7 @@ namespace flockstep {
 
 // It does not allocate, because every step creates some views.
 struct ArrayShape {
-  std::array<std::ptrdiff_t, 4> sizes{};
+  std::array<std::ptrdiff_t, 5> sizes{};
   std::size_t dimensions = 1;
 
   void add(std::ptrdiff_t size) { sizes[dimensions++] = size; }
@@ -24,6 +24,7 @@ inline ArrayShape shape_of(const ArrayView& array) {
   const int columns = array.info.columns;
   const ItemShape& items = array.items;
   ArrayShape shape;
+  if (array.info.rows == Rows::body) shape.add(items.bodies);
   if (columns > 0 && items.columns_first) shape.add(columns);
   for (std::size_t i = 0; array.info.per != Per::row && i < items.dimensions; ++i) shape.add(items.sizes[i]);
   if (columns > 0 && !items.columns_first) shape.add(columns);

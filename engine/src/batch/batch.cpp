@@ -18,6 +18,7 @@
 #include "batch/simulation.hpp"
 #include "batch/snapshot.hpp"
 #include "batch/step.hpp"
+#include "dynamics/kinematic.hpp"
 
 namespace flockstep {
 namespace {
@@ -53,6 +54,41 @@ void put_drone(Simulation& sim, DroneIndex drone, const Pose& pose) {
   clear_contact(sim.state, drone);
   start_flight(sim, drone, {});
   sim.move_lines.begin(drone);
+}
+
+// Moves the listed drones, sorted by env, in one step of substeps while the bodies of their envs move. Other drones of these envs
+// hold still, unless a body pushes them.
+template <class TargetOf>
+void move_among_bodies(Simulation& sim, std::span<const DroneIndex> drones, const TargetOf& target_of, Scratch& scratch) {
+  const int ticks = sim.config.clock.substeps();
+  while (!drones.empty()) {
+    const EnvIndex env = sim.env_of(drones.front());
+    const auto end = std::ranges::find_if(drones, [&](DroneIndex drone) { return sim.env_of(drone) != env; });
+    const auto of_env = drones.first(static_cast<std::size_t>(end - drones.begin()));
+    drones = drones.subspan(of_env.size());
+    scratch.poses.clear();
+    for (const DroneIndex drone : of_env) {
+      scratch.poses.push_back(pose_of(sim.state, drone));
+      scratch.poses.push_back(target_of(drone));
+      clear_contact(sim.state, drone);
+    }
+    for (int tick = 1; tick <= ticks; ++tick) {
+      Interrupt::poll();  // between ticks the state is consistent
+      sim.bodies->advance(env, ++sim.state.tick[env]);
+      for (std::size_t i = 0; i < of_env.size(); ++i) {
+        const Pose &from = scratch.poses[2 * i], &to = scratch.poses[2 * i + 1];
+        if (sim.state.contact.hit[of_env[i]]) {
+          give_way(sim, of_env[i], scratch);
+        } else {
+          sweep_to(sim, of_env[i], ticks == 1 ? to : dynamics::integrate_kinematic(from, to, tick, ticks), scratch);
+        }
+      }
+      for (std::size_t member = 0; member < sim.drones_per_env(); ++member) {
+        const DroneIndex other = sim.drone_of(env, member);
+        if (sim.state.active[other] && !std::ranges::binary_search(of_env, other)) give_way(sim, other, scratch);
+      }
+    }
+  }
 }
 
 // Writes a row of each array that is not empty to the flight of a drone.
@@ -96,6 +132,7 @@ void hide_absent(Simulation& sim) {
 void begin_time(Simulation& sim, EnvIndex env) {
   forget_readings(sim, env);
   for (std::size_t member = 0; member < sim.drones_per_env(); ++member) begin_gusts(sim, sim.drone_of(env, member));
+  if (sim.bodies) sim.bodies->begin(env);
 }
 
 }  // namespace
@@ -189,9 +226,12 @@ void Batch::move(std::span<const float> position, std::span<const float> quat_wx
   checks::mask(*sim_, mask);
   checks::poses(position, quat_wxyz, sim_->num_drones());
   sim_->for_each_block([&](Block& block, Scratch& scratch, std::size_t) {
+    const std::span<const DroneIndex> drones = selected_drones(*sim_, block.envs, mask, scratch);
+    const auto target_of = [&](DroneIndex drone) { return requested_pose(*sim_, drone, drone, position, quat_wxyz); };
+    if (sim_->bodies) return move_among_bodies(*sim_, drones, target_of, scratch);
     EnvIndex before(sim_->num_envs());  // none
-    for (const DroneIndex drone : selected_drones(*sim_, block.envs, mask, scratch)) {
-      sweep_to(*sim_, drone, requested_pose(*sim_, drone, drone, position, quat_wxyz));
+    for (const DroneIndex drone : drones) {
+      sweep_to(*sim_, drone, target_of(drone), scratch);
       const EnvIndex env = sim_->env_of(drone);
       if (env != std::exchange(before, env)) sim_->state.tick[env] += sim_->config.clock.substeps();
     }
@@ -301,6 +341,7 @@ std::vector<std::int64_t> Batch::spawn(std::span<const std::int64_t> indices, st
     state.active[drone] = 1;
     if (begins[env]) {
       forget_readings(sim, env);
+      if (sim.bodies) sim.bodies->begin(env);
     } else {
       forget_readings(sim, drone);
     }
@@ -335,7 +376,10 @@ void Batch::set_world(std::span<const std::int32_t> world_index, EnvMask mask) {
   checks::size(world_index.size(), sim_->num_envs(), "world_index");
   checks::world_index(*sim_, world_index, sim_->num_envs());
   for (std::size_t i = 0; i < sim_->num_envs(); ++i) {
-    if (const EnvIndex env(i); mask.selects(env)) sim_->state.world_index[env] = world_index[env];
+    if (const EnvIndex env(i); mask.selects(env)) {
+      sim_->state.world_index[env] = world_index[env];
+      if (sim_->bodies) sim_->bodies->begin(env);
+    }
   }
   if (sim_->is_stepping) {
     sim_->scratches[0]->moved_world = true;  // the blocks are rebuilt after the step
@@ -518,7 +562,7 @@ void Batch::restore(const std::string& blob) {
     list_selected(*sim_, EnvMask(), &Block::resetting);
     look_ahead(*sim_);
   }
-  sim_->cameras.ask_again();
+  if (!sim_->bodies) sim_->cameras.ask_again();  // otherwise the snapshot has the images
   sim_->cameras.start();
   sim_->cameras.finish(sim_->workers);
 }

@@ -294,6 +294,8 @@ void clear_contact(State& state, DroneIndex drone) {
   state.contact.fraction[drone] = 1.0F;
   std::fill_n(state.contact.point.data() + 3 * drone, 3, 0.0F);
   std::fill_n(state.contact.normal.data() + 3 * drone, 3, 0.0F);
+  state.contact.body[drone] = -1;
+  std::fill_n(state.contact.surface_velocity.data() + 3 * drone, 3, 0.0F);
 }
 
 void forget_readings(Simulation& sim, EnvIndex env) {
@@ -325,6 +327,7 @@ void open_episode(Simulation& sim, EnvIndex env, Scratch& scratch) {
     scratch.moved_world |= world != state.world_index[env];
     state.world_index[env] = world;
   }
+  if (sim.bodies) sim.bodies->begin(env);
   start_counts(sim, env);
 }
 

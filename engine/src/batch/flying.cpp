@@ -6,6 +6,7 @@
 #include "base/pose_access.hpp"
 #include "batch/episodes.hpp"
 #include "batch/selected.hpp"
+#include "collision/moving_sweep.hpp"
 #include "collision/sweep.hpp"
 #include "dynamics/contact.hpp"
 #include "dynamics/rotor_motion.hpp"
@@ -32,6 +33,17 @@ dynamics::FlightContext context_of(Simulation& sim, const Block& block, Scratch&
   };
 }
 
+const collision::Obstacles& obstacles_of(const Simulation& sim, DroneIndex drone) {
+  return *sim.obstacles[sim.slot_of(sim.env_of(drone))];
+}
+
+// The solid bodies that a drone may meet while it moves by a distance.
+std::span<const collision::MovingSolid> near_solids(const Simulation& sim, DroneIndex drone, float distance, Scratch& scratch) {
+  const Vec3 origin = position_of(sim.state, drone);
+  const float range = distance + sim.hull.radius() + dynamics::margin(origin.cwiseAbs().maxCoeff() + distance);
+  return scratch.solids.gather(sim.bodies->moving().of_env(sim.env_of(drone), sim.bodies->per_env()), origin, range);
+}
+
 }  // namespace
 
 void start_flight(Simulation& sim, DroneIndex drone, const Velocity& velocity) {
@@ -50,12 +62,30 @@ void begin_gusts(Simulation& sim, DroneIndex drone) {
   if (sim.fleet) sim.fleet->begin_gusts(sim.state, drone);
 }
 
-void sweep_to(Simulation& sim, DroneIndex drone, const Pose& target) {
+void sweep_to(Simulation& sim, DroneIndex drone, const Pose& target, Scratch& scratch) {
   const Pose from = pose_of(sim.state, drone);
-  const collision::Obstacles& obstacles = *sim.obstacles[sim.slot_of(sim.env_of(drone))];
+  const collision::Obstacles& obstacles = obstacles_of(sim, drone);
+  if (sim.bodies) {
+    const auto near = near_solids(sim, drone, (target.position - from.position).norm(), scratch);
+    const collision::MovingSweep swept = collision::sweep(obstacles, near, sim.hull, from, target);
+    set_pose_of(sim.state, drone, swept.end.pose);
+    dynamics::write_contact(sim.state, drone, swept.contact, sim.config.clock.dt_s());
+    if (swept.end.jammed) sim.state.contact.inside[drone] = 1;
+    return;
+  }
   const collision::Contact contact = collision::sweep(obstacles, sim.hull, from, target);
   set_pose_of(sim.state, drone, contact.hit ? collision::interpolate(from, target, contact.fraction) : target);
   dynamics::write_contact(sim.state, drone, contact);
+}
+
+void give_way(Simulation& sim, DroneIndex drone, Scratch& scratch) {
+  const Pose pose = pose_of(sim.state, drone);
+  if (!sim.state.contact.hit[drone]) return sweep_to(sim, drone, pose, scratch);
+  const auto near = near_solids(sim, drone, 0.0F, scratch);
+  if (near.empty()) return;
+  const collision::Push push = collision::push(obstacles_of(sim, drone), near, sim.hull, pose);
+  set_pose_of(sim.state, drone, push.pose);
+  if (push.jammed) sim.state.contact.inside[drone] = 1;
 }
 
 void update_accelerations(Simulation& sim, const Block& block, std::span<const DroneIndex> drones, Scratch& scratch) {
@@ -83,7 +113,15 @@ void fly_ticks(Simulation& sim, const Block& block, std::span<const EnvIndex> en
       const auto drones = selected_drones(sim, scratch.envs, mask, scratch);
       if (has_gusts) leg = std::min(ticks - flown, step - tick);
       if (tick == 0) sim.fleet->update_wind(sim.state, drones, flown);
+      if (sim.bodies) {
+        leg = 1;
+        for (const EnvIndex env : scratch.envs) sim.bodies->advance(env, sim.state.tick[env] + flown + 1);
+      }
       fly_by_rotors(sim, block, drones, commands, tick, leg, scratch);
+      if (!sim.bodies || mask.empty()) continue;
+      for (const DroneIndex drone : sim.drones_of(scratch.envs, scratch)) {
+        if (!mask.selects(drone)) give_way(sim, drone, scratch);  // the others hold still
+      }
     }
   }
   for (const EnvIndex env : envs) sim.state.tick[env] += ticks;

@@ -25,8 +25,12 @@ void place_at_start(Simulation& sim, DroneIndex drone);
 // Draws the initial gusts of an episode.
 void begin_gusts(Simulation& sim, DroneIndex drone);
 
-// Moves one drone kinematically to a pose, or to the first contact on the way.
-void sweep_to(Simulation& sim, DroneIndex drone, const Pose& target);
+// Moves one drone kinematically to a pose, or to the first contact on the way. Bodies move at the same time, as in their last
+// tick, and may push the drone.
+void sweep_to(Simulation& sim, DroneIndex drone, const Pose& target, Scratch& scratch);
+
+// Lets bodies push a drone that stands still during their last tick. If the drone has a contact already, it keeps that one.
+void give_way(Simulation& sim, DroneIndex drone, Scratch& scratch);
 
 // The next three functions are for rotor-driven drones of one block.
 

@@ -213,6 +213,7 @@ std::shared_ptr<Simulation> resized(Simulation& sim, BatchConfig config) {
     if (env < sim.num_envs()) place_at_start(*next, drone);
     state.active[drone] = 0;
   }
+  if (sim.bodies) next->bodies->copy(*sim.bodies);
   next->suite.pose().assume_truth(state);
   copy(sim.state, state, Rows::drone);
   copy(sim.state.contact, state.contact, Rows::drone);

@@ -87,6 +87,14 @@ std::vector<const World*> pointers(const Batch::Worlds& worlds) {
   return result;
 }
 
+// Slots for bodies in each env.
+std::size_t body_slots(const BatchConfig& config) {
+  const std::size_t slots = config.max_bodies > 0 ? static_cast<std::size_t>(config.max_bodies) : config.bodies.size();
+  constexpr double kBytes = 300.0;  // of a slot
+  checks::memory(kBytes * static_cast<double>(slots) * config.num_envs);
+  return slots;
+}
+
 std::optional<dynamics::Fleet> fleet_of(const BatchConfig& config, const DroneModel& drone) {
   if (config.dynamics.is_kinematic()) return std::nullopt;
   require(drone.airframe().has_value(), "drone",
@@ -135,9 +143,11 @@ Simulation::Simulation(BatchConfig config_in, Batch::Worlds worlds_in, std::uniq
   }
   checks::world_index(*this, world_index, num_envs());
 
-  const ArraySizes sizes{.num_envs = num_envs(), .num_drones = num_drones()};
+  const std::size_t bodies_per_env = body_slots(config);
+  const ArraySizes sizes{.num_envs = num_envs(), .num_drones = num_drones(), .num_bodies = num_envs() * bodies_per_env};
   allocate(state, sizes);
   allocate(state.contact, sizes);
+  std::ranges::fill(state.contact.body, -1);
   if (fleet) allocate(state.flight, sizes);
   std::fill(state.active.begin(), state.active.end(), std::uint8_t{1});
   std::fill(state.sensed.begin(), state.sensed.end(), std::int64_t{-1});
@@ -147,6 +157,12 @@ Simulation::Simulation(BatchConfig config_in, Batch::Worlds worlds_in, std::uniq
   }
   for (std::size_t i = 0; i < num_drones(); ++i) place_at_start(*this, DroneIndex(i));
   suite.pose().assume_truth(state);
+  if (bodies_per_env > 0) {
+    allocate(state.bodies, sizes);
+    bodies.emplace(state, config.bodies, bodies_per_env, config.clock.dt_s(), [](EnvIndex) { return bodies::Models(); });
+    for (std::size_t env = 0; env < num_envs(); ++env) bodies->begin(EnvIndex(env));
+    cameras.set_bodies(bodies->visible(), bodies_per_env);
+  }
 
   rebuild_schedule();
   listed.reserve(num_envs());

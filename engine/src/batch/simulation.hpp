@@ -20,7 +20,9 @@
 #include "batch/outputs.hpp"
 #include "batch/pool_state.hpp"
 #include "batch/schedule.hpp"
+#include "bodies/body_table.hpp"
 #include "collision/hull.hpp"
+#include "collision/moving_bodies.hpp"
 #include "collision/obstacles.hpp"
 #include "dynamics/fleet.hpp"
 #include "dynamics/rotor_motion.hpp"
@@ -38,6 +40,8 @@ struct Scratch {
   std::vector<DroneIndex> flying;  // drones of Block::flying during a step
   std::vector<DroneIndex> drones;  // drones of some envs
   std::vector<EnvIndex> envs;      // envs of a block
+  collision::NearSolids solids;    // bodies that a drone may meet
+  std::vector<Pose> poses;         // start and target of some drones
   bool moved_world = false;        // an env has moved to another world
 };
 
@@ -151,6 +155,7 @@ struct Simulation {
   std::optional<dynamics::Fleet> fleet;  // only for rotor-driven drones
 
   State state;
+  std::optional<bodies::BodyTable> bodies;  // nothing if the envs have no slots for bodies
   sensors::SensorSuite suite;
   sensors::CameraRig cameras;
   MoveLines move_lines;

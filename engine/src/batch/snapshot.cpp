@@ -16,7 +16,7 @@ namespace flockstep {
 namespace {
 
 constexpr std::uint64_t kMagic = 0x504554534b434f4cULL;  // "LOCKSTEP"
-constexpr std::uint64_t kFormat = 8;                     // format of a snapshot; increment with each change
+constexpr std::uint64_t kFormat = 9;                     // format of a snapshot; increment with each change
 
 struct Header {
   std::uint64_t magic, format, config, length, checksum;
@@ -41,6 +41,7 @@ void visit_own(Simulation& sim, ArrayVisitor& visitor) {
   visitor.fields(sim.state);
   if (sim.fleet && sim.fleet->airframes.size() > 1) visitor.array("airframe_index", sim.fleet->airframe_index);
   if (sim.pool) visitor.array("world_content", sim.pool->contents);
+  if (sim.bodies) sim.bodies->visit(visitor);
   for_each_sensor(sim, [&](sensors::Sensor& sensor) { sensor.visit(visitor); });
   if (!sim.task_state) return;
   visitor.fields(sim.episodes);
@@ -206,6 +207,7 @@ void put(Simulation& sim, std::string_view body) {
   Reader reader(body);
   visit(sim, reader);
   reader.apply();
+  if (sim.bodies) sim.bodies->restored();
   for_each_sensor(sim, [](sensors::Sensor& sensor) { sensor.restored(); });
   sim.outputs.restored();
   if (sim.task_state) sim.task_state->task->restored();
@@ -217,6 +219,8 @@ void check_values_of(Simulation& sim) {
   check_arrays(sim.state);
   check_arrays(sim.state.contact);
   check_arrays(sim.state.flight);
+  check_arrays(sim.state.bodies);
+  checks::poses(sim.state.bodies.position, sim.state.bodies.quat_wxyz, sim.state.bodies.active.size());
   if (sim.fleet) {
     const std::size_t rows = sim.fleet->airframes.size();
     for (const std::int32_t row : sim.fleet->airframe_index) {

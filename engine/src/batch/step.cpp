@@ -26,7 +26,9 @@ sensors::Surroundings surroundings_of(Simulation& sim, Scratch& scratch) {
           .scenes = sim.scenes,
           .slots = sim.slots(),
           .drones_per_env = sim.drones_per_env(),
-          .tracer = scratch.tracer};
+          .tracer = scratch.tracer,
+          .bodies = sim.bodies ? sim.bodies->shapes() : trace::Bodies(),
+          .bodies_per_env = sim.bodies ? sim.bodies->per_env() : 0};
 }
 
 // Reads every kind of sensor except the cameras, which render for all blocks at once.
@@ -62,17 +64,18 @@ void count_step(Simulation& sim, Block& block, Scratch&) {
 }
 
 // Moves kinematic drones by one substep. The last substep of a step ends at the setpoint, unless a drone hits something.
-void move(Simulation& sim, std::span<const DroneIndex> drones, int substep) {
+void move(Simulation& sim, std::span<const DroneIndex> drones, int substep, Scratch& scratch) {
   const int substeps = sim.config.clock.substeps();
   for (std::size_t i = 0; i < drones.size(); ++i) {
     const DroneIndex drone = drones[i];
     sim.fetch_ahead(drones, i);
     const Pose& target = sim.task_state->setpoints.target[drone];
     if (substeps == 1) {
-      sweep_to(sim, DroneIndex(drone), target);
+      sweep_to(sim, drone, target, scratch);
     } else if (!sim.state.contact.hit[drone]) {  // after a hit the drone stays until the next step
-      sweep_to(sim, DroneIndex(drone),
-               dynamics::integrate_kinematic(sim.task_state->step_start[drone], target, substep, substeps));
+      sweep_to(sim, drone, dynamics::integrate_kinematic(sim.task_state->step_start[drone], target, substep, substeps), scratch);
+    } else if (sim.bodies) {
+      give_way(sim, drone, scratch);
     }
   }
 }
@@ -109,14 +112,17 @@ void fly(Simulation& sim, Block& block, Scratch& scratch) {
     }
   });
   if (sim.fleet) sim.fleet->update_wind(sim.state, drones, 0);
-  const int leg = sim.fleet && !sim.suite.reads_between_ticks() ? ticks : 1;  // kinematic drones move tick by tick
+  const int leg = sim.fleet && !sim.suite.reads_between_ticks() && !sim.bodies ? ticks : 1;  // kinematic drones move by ticks
   const dynamics::Commands commands{sim.task_state->setpoints.command, sim.task_state->setpoints.target,
                                     sim.task_state->step_start};
   for (int flown = leg; flown <= ticks; flown += leg) {
+    if (sim.bodies) {
+      for (const EnvIndex env : block.flying) sim.bodies->advance(env, sim.state.tick[env] + leg);
+    }
     if (sim.fleet) {
       fly_by_rotors(sim, block, drones, commands, flown - leg, leg, scratch);
     } else {
-      move(sim, drones, flown);
+      move(sim, drones, flown, scratch);
       if (records_path) record_path(sim, drones, flown);
     }
     for_each_contiguous(block.flying, [&](std::size_t first, std::size_t count) {

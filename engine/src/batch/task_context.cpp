@@ -30,6 +30,17 @@ class Context final : public TaskContext {
   const ImuReadings& imu_readings(std::size_t imu) const override { return sim_.imu_readings(imu); }
   const LidarReadings& lidar_readings(std::size_t lidar) const override { return sim_.lidar_readings(lidar); }
 
+  std::size_t bodies_per_env() const override { return sim_.bodies ? sim_.bodies->per_env() : 0; }
+  void place_body(EnvIndex env, std::size_t body, const Pose& pose, const Velocity& velocity) override {
+    if (!has_body(env, body) || !is_in_world(pose.position) || !pose.rotation.coeffs().allFinite()) return;
+    if (!velocity.linear.allFinite() || !velocity.angular.allFinite()) return;
+    sim_.bodies->set_pose(env, body, {pose.position, pose.rotation.normalized()});
+    sim_.bodies->set_velocity(env, body, velocity);
+  }
+  void remove_body(EnvIndex env, std::size_t body) override {
+    if (has_body(env, body)) sim_.bodies->remove(env, body);
+  }
+
   float random(EnvIndex env, std::uint32_t stream, std::uint32_t index) const override {
     return draw_uniform(sim_.state, RandomKey::of(env), stream, index);
   }
@@ -37,7 +48,9 @@ class Context final : public TaskContext {
     return draw_uniform(sim_.state, sim_.random_key(drone), stream, index);
   }
   bool is_free(EnvIndex env, const Pose& pose) const override {
-    return !collision::overlaps(*sim_.obstacles[sim_.slot_of(env)], sim_.hull, pose);
+    const collision::Obstacles& obstacles = *sim_.obstacles[sim_.slot_of(env)];
+    if (collision::overlaps(obstacles, sim_.hull, pose)) return false;
+    return !sim_.bodies || !overlaps_body(sim_.bodies->moving().of_env(env, bodies_per_env()), obstacles, sim_.hull, pose);
   }
 
   const DynamicsConfig& dynamics() const override { return sim_.config.dynamics; }
@@ -59,6 +72,10 @@ class Context final : public TaskContext {
   }
 
  private:
+  bool has_body(EnvIndex env, std::size_t body) const {
+    return body < bodies_per_env() && sim_.state.bodies.active[sim_.bodies->row_of(env, body)];
+  }
+
   Simulation& sim_;
 };
 

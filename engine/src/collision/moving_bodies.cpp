@@ -1,5 +1,6 @@
 #include "collision/moving_bodies.hpp"
 
+#include "collision/moving_sweep.hpp"
 #include "trace/near_balls.hpp"
 
 namespace flockstep::collision {
@@ -11,6 +12,19 @@ Pose pose_in(const float* position, const float* quat_wxyz, std::size_t number) 
 }
 
 }  // namespace
+
+bool overlaps_body(const MovingBodies& bodies, const Obstacles& obstacles, const Hull& hull, const Pose& pose) {
+  for (std::size_t number = 0; number < bodies.count; ++number) {
+    if (bodies.reach[number] < 0.0F) continue;
+    const Pose there = pose_in(bodies.position, bodies.quat_wxyz, number);
+    const float reach = bodies.reach[number] + hull.radius();
+    if ((there.position - pose.position).squaredNorm() > reach * reach) continue;
+    const Primitive& solid = bodies.solids[number];
+    const MovingSolid standing(solid.kind, solid.half_extents, there, there, static_cast<int>(number));
+    if (first_contact(obstacles, {&standing, 1}, hull, pose, pose).body >= 0) return true;
+  }
+  return false;
+}
 
 std::span<const MovingSolid> NearSolids::gather(const MovingBodies& bodies, const Vec3& origin, float range_m) {
   solids_.clear();

@@ -6,7 +6,9 @@
 #include <span>
 #include <vector>
 
+#include "collision/hull.hpp"
 #include "collision/moving_solid.hpp"
+#include "collision/obstacles.hpp"
 #include "flockstep/pose.hpp"
 #include "flockstep/world.hpp"
 
@@ -26,6 +28,7 @@ struct MovingBodies {
 
   // Returns the bodies of one env, if these are the bodies of all envs.
   MovingBodies of_env(std::size_t env, std::size_t per_env) const {
+    if (per_env == 0) return {};
     const std::size_t first = env * per_env;
     return {from_position + 3 * first,
             from_quat + 4 * first,
@@ -37,6 +40,9 @@ struct MovingBodies {
             readable - first};
   }
 };
+
+// Returns true if the hull, standing at a pose after the tick, overlaps one of the bodies.
+bool overlaps_body(const MovingBodies& bodies, const Obstacles& obstacles, const Hull& hull, const Pose& pose);
 
 // The bodies that one drone may meet.
 class NearSolids {

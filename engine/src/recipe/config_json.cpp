@@ -360,6 +360,8 @@ TaskConfig read_task(const Json& json) {
   template void read_config(const Json&, const std::string&, Config&)
 FLOCKSTEP_CONFIG_JSON(Airframe);
 FLOCKSTEP_CONFIG_JSON(BatchConfig);
+FLOCKSTEP_CONFIG_JSON(BodyConfig);
+FLOCKSTEP_CONFIG_JSON(BodyMotion);
 FLOCKSTEP_CONFIG_JSON(CameraConfig);
 FLOCKSTEP_CONFIG_JSON(CityConfig);
 FLOCKSTEP_CONFIG_JSON(ClockConfig);

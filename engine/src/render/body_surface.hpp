@@ -17,6 +17,11 @@ struct BodySurface {
 struct VisibleBodies {
   trace::Bodies shapes;                   // first_element is set by the renderer
   const BodySurface* surfaces = nullptr;  // (shapes.count,)
+
+  // Returns the bodies of one env, if these are the bodies of all envs.
+  VisibleBodies of_env(std::size_t env, std::size_t per_env) const {
+    return {shapes.of_env(env, per_env), surfaces + env * per_env};
+  }
 };
 
 }  // namespace flockstep::render

@@ -110,7 +110,8 @@ bool Camera::is_due(DroneIndex drone, const State& state) const {
     case CaptureMode::on_movement:
       return images_.frame_step[drone] < 0 || taken_.world[drone] != state.world_index[env] ||
              !std::equal(&taken_.position[3 * drone], &taken_.position[3 * drone] + 3, &state.position[3 * drone]) ||
-             !std::equal(&taken_.quat_wxyz[4 * drone], &taken_.quat_wxyz[4 * drone] + 4, &state.quat_wxyz[4 * drone]);
+             !std::equal(&taken_.quat_wxyz[4 * drone], &taken_.quat_wxyz[4 * drone] + 4, &state.quat_wxyz[4 * drone]) ||
+             (bodies_per_env_ > 0 && taken_.bodies[drone] != state.bodies.changes[env]);
     default:
       return false;
   }
@@ -122,6 +123,7 @@ render::RenderRequest Camera::take(DroneIndex drone, const World& world, const S
   store_pose(&taken_.position[3 * drone], &taken_.quat_wxyz[4 * drone], pose);
   taken_.world[drone] = state.world_index[env];
   taken_.tick[drone] = state.tick[env];
+  if (bodies_per_env_ > 0) taken_.bodies[drone] = state.bodies.changes[env];
   images_.frame_step[drone] = std::max<std::int64_t>(state.sensed[env], 0);
   return request(drone, world, pose);
 }
@@ -144,7 +146,8 @@ render::RenderRequest Camera::request(DroneIndex drone, const World& world, cons
                                 .position = pose.position + trace::rotated(body, Vec3::Map(settings_[drone].offset_m.data())),
                                 .rotation = rotation,
                                 .frame = {},
-                                .policy = policy_};
+                                .policy = policy_,
+                                .bodies = bodies_.of_env(drone / drones_per_env_, bodies_per_env_)};
   // Frames are rendered directly into the camera's images, unless they must be converted first.
   const auto image = [&](auto CameraImages::* output, std::size_t values) {
     auto& frames = (frames_.*output).empty() && !resample_ ? images_.*output : frames_.*output;
@@ -198,6 +201,7 @@ void Camera::visit(ArrayVisitor& visitor) {
   settings_.visit(label(), visitor);
   visitor.fields(taken_);
   visitor.array("frame_step", images_.frame_step);
+  if (bodies_per_env_ > 0) visit_images(visitor);
 }
 
 void Camera::visit_images(ArrayVisitor& visitor) {

@@ -40,6 +40,12 @@ class Camera final : public Sensor {
   const CameraConfig& config() const { return config_; }  // without the settings of individual drones
   const CameraImages& images() const { return images_; }
   std::size_t pixels() const { return pixels_; }  // pixels of one written image
+  // The bodies of all envs; the view must stay valid. A snapshot then holds the images, because bodies have moved on since their
+  // frames were taken.
+  void set_bodies(const render::VisibleBodies& bodies, std::size_t per_env) {
+    bodies_ = bodies;
+    bodies_per_env_ = per_env;
+  }
   void set_capture_mode(CaptureMode mode) { config_.capture_mode = mode; }
 
   // The drone's own setting, including changes at run time. Setting it marks the drone's frame stale.
@@ -85,6 +91,7 @@ class Camera final : public Sensor {
     std::vector<float> quat_wxyz;
     std::vector<std::int32_t> world;
     std::vector<std::int64_t> tick;
+    std::vector<std::int64_t> bodies;
 
     static constexpr auto fields() {
       using C = Taken;
@@ -94,7 +101,8 @@ class Camera final : public Sensor {
       return field_list(array("taken_position", &C::position, info(3, "position of the drone in its frame, m, world frame")),
                         array("taken_quat_wxyz", &C::quat_wxyz, info(4, "its orientation, body to world")),
                         array("taken_world", &C::world, info(0, "index of the world in the frame")),
-                        array("taken_tick", &C::tick, info(0, "tick of the episode")));
+                        array("taken_tick", &C::tick, info(0, "tick of the episode")),
+                        array("taken_bodies", &C::bodies, info(0, "BodyState::changes of the env")));
     }
   };
   render::RenderRequest request(DroneIndex drone, const World& world, const Pose& pose);
@@ -112,6 +120,8 @@ class Camera final : public Sensor {
   CameraImages images_;
   std::optional<imaging::Resample> resample_;
   CameraImages frames_;  // rendered images, if they differ from the written ones
+  render::VisibleBodies bodies_;
+  std::size_t bodies_per_env_ = 0;
 };
 
 }  // namespace flockstep::sensors

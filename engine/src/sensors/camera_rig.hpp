@@ -27,6 +27,11 @@ class CameraRig {
             const std::vector<std::int32_t>& slots, const State& state, std::size_t drones_per_env, std::size_t num_drones,
             TracerKind tracer);
 
+  // See Camera::set_bodies().
+  void set_bodies(const render::VisibleBodies& bodies, std::size_t per_env) {
+    for (const auto& camera : cameras_) camera->set_bodies(bodies, per_env);
+  }
+
   // Throws std::invalid_argument if a camera cannot show the world.
   void require_world(const World& world) const;
 

@@ -93,17 +93,20 @@ void Lidar::measure(std::span<const DroneIndex> drones, const Surroundings& surr
     if (i + 2 < drones.size()) {
       if (const trace::Scene& next = surroundings.scene_of(drones[i + 2]); &next != &scene) next.prefetch_parts();
     }
-    scan(scene, pose_of(surroundings.state, drone), drone, readings_.truth().ranges.data() + drone * rays_, surroundings.tracer);
+    scan(scene, surroundings.bodies_of(drone), pose_of(surroundings.state, drone), drone,
+         readings_.truth().ranges.data() + drone * rays_, surroundings.tracer);
   }
   surroundings.tracer.finish();
 }
 
-void Lidar::scan(const trace::Scene& scene, const Pose& pose, DroneIndex drone, float* ranges, trace::Tracer& tracer) const {
+void Lidar::scan(const trace::Scene& scene, const trace::Bodies& bodies, const Pose& pose, DroneIndex drone, float* ranges,
+                 trace::Tracer& tracer) const {
   const BeamPattern& pattern = settings_.optics(drone);
   const Mat3 rotation = pose.rotation.toRotationMatrix();
   tracer.set_viewpoint(scene, {.origin = pose.position + trace::rotated(rotation, offset_of(drone)),
                                .rotation = rotation,
                                .range = settings_[drone].max_range_m,
+                               .bodies = bodies,
                                .policy = policy_});
   for (const BeamTile& tile : pattern.tiles) {
     tracer.enqueue({.x = pattern.x.data() + tile.first,

@@ -76,11 +76,12 @@ struct Surroundings {
   std::span<const std::int32_t> slots;          // (E,) slot of each env's world
   std::size_t drones_per_env;
   trace::Tracer& tracer;
+  trace::Bodies bodies{};  // of all envs
+  std::size_t bodies_per_env = 0;
 
-  const trace::Scene& scene_of(DroneIndex drone) const {
-    const std::size_t env = drones_per_env == 1 ? std::size_t{drone} : drone / drones_per_env;
-    return *scenes[static_cast<std::size_t>(slots[env])];
-  }
+  std::size_t env_of(DroneIndex drone) const { return drones_per_env == 1 ? std::size_t{drone} : drone / drones_per_env; }
+  const trace::Scene& scene_of(DroneIndex drone) const { return *scenes[static_cast<std::size_t>(slots[env_of(drone)])]; }
+  trace::Bodies bodies_of(DroneIndex drone) const { return bodies.of_env(env_of(drone), bodies_per_env); }
 };
 
 // A sensor that is read block by block, on the threads of the step. Cameras are not: the frames of all blocks are rendered

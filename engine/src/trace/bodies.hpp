@@ -24,6 +24,13 @@ struct Bodies {
   std::size_t readable = 0;        // bodies of this env and the following ones, which these arrays also hold
   std::int32_t first_element = 0;  // number of the first body in hits
 
+  // Returns the bodies of one env, if these are the bodies of all envs.
+  Bodies of_env(std::size_t env, std::size_t per_env) const {
+    if (per_env == 0) return {};
+    const std::size_t first = env * per_env;
+    return {position + 3 * first, quat_wxyz + 4 * first, radius + first, solids + first, per_env,
+            readable - first,     first_element};
+  }
   Balls balls() const { return {position, radius, count, readable}; }
 };
 

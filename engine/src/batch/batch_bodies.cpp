@@ -1,0 +1,180 @@
+// The members of Batch that concern bodies.
+#include <cmath>
+#include <cstdint>
+#include <span>
+#include <sstream>
+#include <string>
+#include <string_view>
+#include <vector>
+
+#include "base/in_world.hpp"
+#include "base/pose_access.hpp"
+#include "base/require.hpp"
+#include "batch/call_guard.hpp"
+#include "batch/checks.hpp"
+#include "batch/selected.hpp"
+#include "batch/simulation.hpp"
+#include "flockstep/batch.hpp"
+
+namespace flockstep {
+namespace {
+
+constexpr float kMaxBodySpeed = 1e4F;  // m/s
+constexpr float kMaxBodyTurn = 1e3F;   // rad/s
+
+bodies::BodyTable& table_of(Simulation& sim) {
+  require(sim.bodies.has_value(), "max_bodies", "at least 1 when the batch is made, for bodies", 0);
+  return *sim.bodies;
+}
+
+// The values of a call, one row per body or per env; an empty span leaves the value unchanged.
+struct BodyRows {
+  std::span<const float> position, quat_wxyz, velocity, angular_velocity;
+
+  void check_sizes(std::size_t rows) const {
+    if (!position.empty()) checks::size(position.size(), 3 * rows, "position");
+    if (!quat_wxyz.empty()) checks::size(quat_wxyz.size(), 4 * rows, "quat_wxyz");
+    if (!velocity.empty()) checks::size(velocity.size(), 3 * rows, "velocity");
+    if (!angular_velocity.empty()) checks::size(angular_velocity.size(), 3 * rows, "angular_velocity");
+  }
+
+  // Checks one row. `where` says in messages to which body it belongs.
+  void check(std::size_t row, const std::string& where) const {
+    const auto check_vector = [&](std::span<const float> values, const char* field, double most, const char* unit) {
+      for (std::size_t i = 3 * row; i < 3 * row + 3 && !values.empty(); ++i) {
+        if (std::abs(static_cast<double>(values[i])) <= most) continue;
+        std::ostringstream expected;
+        expected << "finite numbers within +-" << most << ' ' << unit;
+        refuse(field + where, expected.str(), values[i]);
+      }
+    };
+    check_vector(position, "position", kMaxCoordinate, "m");
+    check_vector(velocity, "velocity", static_cast<double>(kMaxBodySpeed), "m/s");
+    check_vector(angular_velocity, "angular_velocity", static_cast<double>(kMaxBodyTurn), "rad/s");
+    if (quat_wxyz.empty()) return;
+    const float* const q = quat_wxyz.data() + 4 * row;
+    const double norm = std::hypot(std::hypot(static_cast<double>(q[0]), q[1]), std::hypot(static_cast<double>(q[2]), q[3]));
+    if (std::abs(norm - 1.0) < 1e-2) return;
+    refuse("quat_wxyz" + where, "a unit quaternion (w, x, y, z)", "one of norm " + std::to_string(norm));
+  }
+
+  Pose pose(std::size_t row, Pose pose) const {
+    if (!position.empty()) pose.position = Vec3::Map(position.data() + 3 * row);
+    if (!quat_wxyz.empty()) {
+      const float* const q = quat_wxyz.data() + 4 * row;
+      pose.rotation = Quat(q[0], q[1], q[2], q[3]).normalized();
+    }
+    return pose;
+  }
+  Velocity turning(std::size_t row, Velocity now) const {
+    if (!velocity.empty()) now.linear = Vec3::Map(velocity.data() + 3 * row);
+    if (!angular_velocity.empty()) now.angular = Vec3::Map(angular_velocity.data() + 3 * row);
+    return now;
+  }
+  bool has_pose() const { return !position.empty() || !quat_wxyz.empty(); }
+  bool has_velocity() const { return !velocity.empty() || !angular_velocity.empty(); }
+};
+
+Pose pose_of_body(const State& state, std::size_t row) {
+  return load_pose(state.bodies.position.data() + 3 * row, state.bodies.quat_wxyz.data() + 4 * row);
+}
+Velocity velocity_of_body(const State& state, std::size_t row) {
+  return {Vec3::Map(state.bodies.velocity.data() + 3 * row), Vec3::Map(state.bodies.angular_velocity.data() + 3 * row)};
+}
+
+std::string text_of(std::size_t env, std::size_t body) {
+  return " of body " + std::to_string(body) + " in env " + std::to_string(env);
+}
+
+// Calls f(env, body, row) for each selected active body.
+template <class F>
+void for_each_body(const Simulation& sim, std::span<const std::uint8_t> mask, const F& f) {
+  const std::size_t per_env = sim.bodies->per_env();
+  for (std::size_t row = 0; row < sim.state.bodies.active.size(); ++row) {
+    if (sim.state.bodies.active[row] && (mask.empty() || mask[row])) f(EnvIndex(row / per_env), row % per_env, row);
+  }
+}
+
+// Changes bodies after checking all rows that belong to selected ones.
+void change(Simulation& sim, const BodyRows& rows, std::span<const std::uint8_t> mask) {
+  bodies::BodyTable& table = table_of(sim);
+  const std::size_t count = sim.state.bodies.active.size();
+  if (!mask.empty()) checks::size(mask.size(), count, "mask");
+  rows.check_sizes(count);
+  for_each_body(sim, mask, [&](EnvIndex env, std::size_t body, std::size_t row) { rows.check(row, text_of(env, body)); });
+  for_each_body(sim, mask, [&](EnvIndex env, std::size_t body, std::size_t row) {
+    if (rows.has_pose()) table.set_pose(env, body, rows.pose(row, pose_of_body(sim.state, row)));
+    if (rows.has_velocity()) table.set_velocity(env, body, rows.turning(row, velocity_of_body(sim.state, row)));
+  });
+}
+
+}  // namespace
+
+std::size_t Batch::bodies_per_env() const { return sim_->bodies ? sim_->bodies->per_env() : 0; }
+
+std::vector<std::int64_t> Batch::spawn_bodies(const BodyConfig& config, std::span<const float> position,
+                                              std::span<const float> quat_wxyz, std::span<const float> velocity,
+                                              std::span<const float> angular_velocity, EnvMask mask) {
+  const CallGuard guard(*lock_);
+  Simulation& sim = *sim_;
+  bodies::BodyTable& table = table_of(sim);
+  config.validate();
+  checks::mask(sim, mask);
+  const BodyRows rows{position, quat_wxyz, velocity, angular_velocity};
+  rows.check_sizes(sim.num_envs());
+  std::vector<std::int64_t> slots(sim.num_envs(), -1);
+  for_each_selected(sim, mask, [&](EnvIndex env) {
+    rows.check(env, " of env " + std::to_string(env));
+    const auto active = std::span(sim.state.bodies.active).subspan(table.row_of(env, 0), table.per_env());
+    const auto free = std::ranges::find(active, std::uint8_t{0});
+    require(free != active.end(), "env " + std::to_string(env),
+            "a free slot for the body \"" + config.name + "\" (max_bodies sets their number)",
+            std::to_string(table.per_env()) + " bodies");
+    slots[env] = free - active.begin();
+  });
+  const std::int32_t model = table.add_model(config);
+  const BodyMotion& motion = config.motion;
+  for_each_selected(sim, mask, [&](EnvIndex env) {
+    const auto body = static_cast<std::size_t>(slots[env]);
+    table.put(env, body, model);
+    const bool is_placed = rows.has_pose() || rows.has_velocity();
+    if (motion.kind != BodyMotionKind::velocity && !is_placed) return;  // its script moves it
+    const std::size_t row = table.row_of(env, body);
+    const Pose first = load_pose(config.position_m.data(), config.quat_wxyz.data());
+    table.set_pose(env, body, rows.pose(env, {first.position, first.rotation.normalized()}));
+    table.set_velocity(env, body, rows.turning(env, velocity_of_body(sim.state, row)));
+  });
+  return slots;
+}
+
+void Batch::remove_bodies(std::span<const std::uint8_t> mask) {
+  const CallGuard guard(*lock_);
+  bodies::BodyTable& table = table_of(*sim_);
+  if (!mask.empty()) checks::size(mask.size(), sim_->state.bodies.active.size(), "mask");
+  for_each_body(*sim_, mask, [&](EnvIndex env, std::size_t body, std::size_t) { table.remove(env, body); });
+}
+
+void Batch::set_body_pose(std::span<const float> position, std::span<const float> quat_wxyz, std::span<const std::uint8_t> mask) {
+  const CallGuard guard(*lock_);
+  change(*sim_, {.position = position, .quat_wxyz = quat_wxyz, .velocity = {}, .angular_velocity = {}}, mask);
+}
+
+void Batch::set_body_velocity(std::span<const float> velocity, std::span<const float> angular_velocity,
+                              std::span<const std::uint8_t> mask) {
+  const CallGuard guard(*lock_);
+  change(*sim_, {.position = {}, .quat_wxyz = {}, .velocity = velocity, .angular_velocity = angular_velocity}, mask);
+}
+
+const BodyConfig* Batch::body_config(std::int64_t env, std::int64_t body) const {
+  const CallGuard guard(*lock_);
+  const bodies::BodyTable& table = table_of(*sim_);
+  const auto check = [](const char* name, std::int64_t index, std::size_t end) {
+    require(index >= 0 && static_cast<std::size_t>(index) < end, name, "an integer in [0, " + std::to_string(end) + ")", index);
+  };
+  check("env", env, sim_->num_envs());
+  check("body", body, table.per_env());
+  const bodies::BodyModel* const model = table.model_of(EnvIndex(env), static_cast<std::size_t>(body));
+  return model == nullptr ? nullptr : &model->config;
+}
+
+}  // namespace flockstep
