@@ -150,7 +150,8 @@ def array_table(classes: list[type[Any]]) -> list[str]:
     """Return a table of the arrays of some classes."""
     lines = ["| array | type | shape | unit | frame | written by | content |", "|---|---|---|---|---|---|---|"]
     for cls in classes:
-        owner = {"Contact": "contact.", "Lidar": "lidar().", "Camera": "camera()."}.get(cls.__name__, "")
+        owners = {"Contact": "contact.", "Lidar": "lidar().", "Camera": "camera().", "Bodies": "bodies."}
+        owner = owners.get(cls.__name__, "")
         for array in cls._arrays:
             cells = (array[key] for key in ("dtype", "shape", "unit", "frame", "writer", "about"))
             lines.append(f"| `{owner}{array['name']}` | " + " | ".join(cells) + " |")

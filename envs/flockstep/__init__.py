@@ -21,6 +21,9 @@ _stop_without_required()
 from flockstep import registration, rotations, scenes
 from flockstep._core import (
     Batch,
+    Bodies,
+    BodyConfig,
+    BodyMotion,
     Camera,
     CameraConfig,
     ClockConfig,
@@ -71,6 +74,9 @@ from flockstep.world_pool import WorldPool
 __all__ = [
     "PPO",
     "Batch",
+    "Bodies",
+    "BodyConfig",
+    "BodyMotion",
     "Camera",
     "CameraConfig",
     "ClockConfig",

@@ -437,6 +437,161 @@ class ImuConfig:
     # end of fields
 
 @final
+class BodyMotion:
+    """The script that moves a body. Its pose is a function of the time since the episode began.
+
+    Parameters
+    ----------
+    kind
+        The script. ``"velocity"``: constant ``velocity_mps`` and ``turn_rate_dps``; by default the body stands still.
+        ``"waypoints"``: along ``points_m`` at ``speed_mps``. ``"orbit"``: around ``center_m`` and ``axis``, one turn
+        per ``period_s``. ``"hinge"``: around the same line, from the initial pose to ``angle_deg`` and back in
+        ``period_s``. ``"slider"``: from the initial position to ``travel_m`` away and back in ``period_s``.
+        ``"random_walk"``: to a new random point of the box every ``period_s``, in a straight line. Default: 'velocity'.
+    velocity_mps
+        Velocity in the world frame; for ``"velocity"``. Values: within +-10000 m/s. Default: [0.0, 0.0, 0.0].
+    turn_rate_dps
+        Angular velocity in the body frame; for ``"velocity"``. Values: within +-36000 deg/s. Default: [0.0, 0.0, 0.0].
+    points_m
+        Positions (x, y, z) to pass, world frame; for ``"waypoints"``, which starts at the first one instead of the
+        body's ``position_m``. Values: within +-1e+06 m. Default: [].
+    route
+        After the last point: ``"loop"`` goes to the first, ``"back_and_forth"`` returns the same way, ``"once"`` stays;
+        for ``"waypoints"``. Default: 'loop'.
+    speed_mps
+        Speed along the points. Values: [0, 10000] m/s. Default: 1.0.
+    corner_radius_m
+        Radius of the arcs that round the route's corners, smaller if the legs of a corner are short. Values: [0,
+        1000000] m. Default: 0.0.
+    faces_travel
+        Turns the body about z, so that its x axis points along the route; for ``"waypoints"``. Default: False.
+    center_m
+        A point of the axis, world frame; for ``"orbit"`` and ``"hinge"``. Values: within +-1e+06 m. Default: [0.0, 0.0,
+        0.0].
+    axis
+        Direction of the axis, world frame, of any length except 0; turns are counter-clockwise about it. For
+        ``"orbit"`` and ``"hinge"``. Values: within +-1e+06. Default: [0.0, 0.0, 1.0].
+    period_s
+        Time of one turn, of a swing there and back, or of one way of a random walk. Values: [0.001, 1000000] s.
+        Default: 10.0.
+    angle_deg
+        Widest angle of a hinge. Values: within +-360 deg. Default: 90.0.
+    travel_m
+        Way of a slider, world frame. Values: within +-1e+06 m. Default: [0.0, 0.0, 0.0].
+    box_min_m
+        Lower corner of the box of a random walk, world frame. Values: within +-1e+06 m. Default: [0.0, 0.0, 0.0].
+    box_max_m
+        Upper corner of that box. Values: within +-1e+06 m. Default: [0.0, 0.0, 0.0].
+    phase
+        Part of the script that is over when an episode begins: of the turn, the swing or the round trip. Values: [0,
+        1]. Default: 0.0.
+    random_phase
+        Draws the phase of each episode, uniform in [0, 1). Default: False.
+    speed_spread
+        Each episode multiplies the speed by a factor drawn from [1 - spread, 1 + spread]. Values: [0, 1). Default: 0.0.
+    """
+
+    # fields of BodyMotion
+    __match_args__: ClassVar[tuple[str, ...]]
+    kind: Literal["velocity", "waypoints", "orbit", "hinge", "slider", "random_walk"]
+    velocity_mps: Sequence[float]
+    turn_rate_dps: Sequence[float]
+    points_m: Sequence[Sequence[float]]
+    route: Literal["loop", "back_and_forth", "once"]
+    speed_mps: float
+    corner_radius_m: float
+    faces_travel: bool
+    center_m: Sequence[float]
+    axis: Sequence[float]
+    period_s: float
+    angle_deg: float
+    travel_m: Sequence[float]
+    box_min_m: Sequence[float]
+    box_max_m: Sequence[float]
+    phase: float
+    random_phase: bool
+    speed_spread: float
+    def __init__(
+        self,
+        *,
+        kind: Literal["velocity", "waypoints", "orbit", "hinge", "slider", "random_walk"] = "velocity",
+        velocity_mps: Sequence[float] = (0.0, 0.0, 0.0),
+        turn_rate_dps: Sequence[float] = (0.0, 0.0, 0.0),
+        points_m: Sequence[Sequence[float]] = (),
+        route: Literal["loop", "back_and_forth", "once"] = "loop",
+        speed_mps: float = 1.0,
+        corner_radius_m: float = 0.0,
+        faces_travel: bool = False,
+        center_m: Sequence[float] = (0.0, 0.0, 0.0),
+        axis: Sequence[float] = (0.0, 0.0, 1.0),
+        period_s: float = 10.0,
+        angle_deg: float = 90.0,
+        travel_m: Sequence[float] = (0.0, 0.0, 0.0),
+        box_min_m: Sequence[float] = (0.0, 0.0, 0.0),
+        box_max_m: Sequence[float] = (0.0, 0.0, 0.0),
+        phase: float = 0.0,
+        random_phase: bool = False,
+        speed_spread: float = 0.0,
+    ) -> None: ...
+    # end of fields
+
+@final
+class BodyConfig:
+    """A solid in each env that may move: LiDARs and cameras see it, and drones hit it.
+
+    Parameters
+    ----------
+    name
+        Name in messages; several bodies may share it. Values: letters, digits, _ and -. Default: 'body'.
+    shape
+        The shape; cylinders and capsules stand along their z axis. Default: 'box'.
+    size_m
+        Sizes along the body's x, y and z axes. A cylinder or a capsule has equal x and y, its diameter, and a capsule's
+        z, with its round caps, is at least that; the three of a sphere are equal. Values: [0.001, 100000] m. Default:
+        [1.0, 1.0, 1.0].
+    position_m
+        Position of the centre when an episode begins, world frame. Values: within +-1e+06 m. Default: [0.0, 0.0, 0.0].
+    quat_wxyz
+        Rotation (w, x, y, z) when an episode begins, body to world. Values: a unit quaternion. Default: [1.0, 0.0, 0.0,
+        0.0].
+    motion
+        The script that moves the body. Default: BodyMotion().
+    color
+        Base colour, linear RGB. Values: [0, 1]. Default: [0.8, 0.25, 0.1].
+    semantic
+        Semantic id in camera images; 0: 65532. Values: [0, 65532]. Default: 0.
+    visibility
+        ``"full"``: sensors see it and drones hit it. ``"visual"``: only sensors. ``"solid"``: only drones. Default:
+        'full'.
+    """
+
+    # fields of BodyConfig
+    __match_args__: ClassVar[tuple[str, ...]]
+    name: str
+    shape: Literal["box", "cylinder", "sphere", "capsule"]
+    size_m: Sequence[float]
+    position_m: Sequence[float]
+    quat_wxyz: Sequence[float]
+    motion: BodyMotion
+    color: Sequence[float]
+    semantic: int
+    visibility: Literal["full", "visual", "solid"]
+    def __init__(
+        self,
+        *,
+        name: str = "body",
+        shape: Literal["box", "cylinder", "sphere", "capsule"] = "box",
+        size_m: Sequence[float] = (1.0, 1.0, 1.0),
+        position_m: Sequence[float] = (0.0, 0.0, 0.0),
+        quat_wxyz: Sequence[float] = (1.0, 0.0, 0.0, 0.0),
+        motion: BodyMotion = ...,
+        color: Sequence[float] = (0.800000011920929, 0.25, 0.10000000149011612),
+        semantic: int = 0,
+        visibility: Literal["full", "visual", "solid"] = "full",
+    ) -> None: ...
+    # end of fields
+
+@final
 class ServerConfig:
     """How a server listens, and what clients may do.
 
@@ -2288,7 +2443,113 @@ class Contact:
     @property
     def normal(self) -> _F32:
         """(N, 3) 1, world frame: direction from the obstacle towards the drone."""
+
+    @property
+    def body(self) -> _I32:
+        """(N,): number of the body that the drone touched, in its env; -1: no body."""
+
+    @property
+    def surface_velocity(self) -> _F32:
+        """(N, 3) m/s, world frame: velocity of the body at the contact point; 0 if the drone touched no body."""
     # end of arrays
+
+@final
+class Bodies:
+    """The bodies of a batch, in B slots of each env; `Batch.bodies` returns it.
+
+    Its arrays are read-only views into the batch. Every episode begins with the bodies of the configuration in the first
+    slots, and no others. A body that a call has placed, moved or given a velocity moves with constant velocity until
+    the next episode. Sensors see changes at their next reading. A body that leaves the world is removed.
+
+    Masks are bool: (E, B) for bodies, or (E,) for all bodies of envs; None selects all. Slots without a body are skipped.
+    """
+
+    def __len__(self) -> int:
+        """Number of slots in each env, B."""
+
+    # arrays of Bodies
+    @property
+    def active(self) -> _Bool:
+        """(E, B): True if the slot holds a body."""
+
+    @property
+    def position(self) -> _F32:
+        """(E, B, 3) m, world frame: position."""
+
+    @property
+    def quat_wxyz(self) -> _F32:
+        """(E, B, 4) 1, world frame: orientation, body to world."""
+
+    @property
+    def velocity(self) -> _F32:
+        """(E, B, 3) m/s, world frame: velocity."""
+
+    @property
+    def angular_velocity(self) -> _F32:
+        """(E, B, 3) rad/s, body frame: angular velocity."""
+
+    @property
+    def scripted(self) -> _Bool:
+        """(E, B): True if the body's script moves it; False after a call has moved it."""
+    # end of arrays
+    def spawn(
+        self,
+        body: BodyConfig,
+        position: npt.ArrayLike | None = None,
+        quat_wxyz: npt.ArrayLike | None = None,
+        velocity: npt.ArrayLike | None = None,
+        angular_velocity: npt.ArrayLike | None = None,
+        mask: npt.ArrayLike | None = None,
+    ) -> _I64:
+        """Put a body into the first free slot of each env with True in ``mask`` (E,).
+
+        Parameters
+        ----------
+        body
+            Its configuration.
+        position, quat_wxyz, velocity, angular_velocity
+            (E, 3) m, (E, 4), (E, 3) m/s in the world frame and (E, 3) rad/s in the body frame; they replace those of
+            the configuration. Without all of them its script moves the body.
+        mask
+            The envs; None selects all.
+
+        Returns
+        -------
+        (E,) The slots; -1 for other envs.
+
+        Raises
+        ------
+        ValueError
+            An env has no free slot, or a value is invalid. No body was added.
+        """
+
+    def remove(self, mask: npt.ArrayLike | None = None) -> None:
+        """Remove bodies until the next episode."""
+
+    def set_pose(
+        self,
+        position: npt.ArrayLike | None = None,
+        quat_wxyz: npt.ArrayLike | None = None,
+        mask: npt.ArrayLike | None = None,
+    ) -> None:
+        """Teleport bodies to positions (E, B, 3) m and quaternions (E, B, 4); None leaves a value unchanged.
+
+        A drone that is then inside a body may only leave it.
+        """
+
+    def set_velocity(
+        self,
+        velocity: npt.ArrayLike | None = None,
+        angular_velocity: npt.ArrayLike | None = None,
+        mask: npt.ArrayLike | None = None,
+    ) -> None:
+        """Set velocities (E, B, 3) in m/s, world frame, and angular velocities (E, B, 3) in rad/s, body frame.
+
+        None leaves a value unchanged. Limits: 10,000 m/s and 1,000 rad/s along each axis.
+        """
+
+    def config(self, env: int, body: int) -> BodyConfig | None:
+        """Return a copy of the configuration of the body in a slot; None for a free slot."""
 
 @final
 class Camera:
@@ -2535,6 +2796,8 @@ class Recipe:
     tracer: Literal["auto", "tiles", "embree"]
     pose_sensor: PoseSensorConfig
     imus: Sequence[ImuConfig]
+    bodies: Sequence[BodyConfig]
+    max_bodies: int
     episode: EpisodeConfig
     clock: ClockConfig
     dynamics: DynamicsConfig
@@ -2607,6 +2870,10 @@ class Batch:
         comparison.
     drones_per_env
         M. 0 only with ``num_drones=0``. The drones of an env share its world, seed and episodes. They neither sense nor touch each other.
+    bodies
+        Bodies that are in every env when an episode begins.
+    max_bodies
+        Number of slots for bodies in each env, B; 0: as many as an episode begins with.
     """
 
     def __init__(
@@ -2629,6 +2896,8 @@ class Batch:
         world_index: npt.ArrayLike | None = None,
         tracer: str = "auto",
         drones_per_env: int = 1,
+        bodies: Sequence[BodyConfig] = (),
+        max_bodies: int = 0,
     ) -> None: ...
     @staticmethod
     def from_recipe(
@@ -2836,6 +3105,10 @@ class Batch:
     @property
     def sensed_rotation(self) -> _F32:
         """(N, 3, 3): rotation matrices of `sensed_quat_wxyz`, as a new array."""
+
+    @property
+    def bodies(self) -> Bodies:
+        """The bodies of all envs."""
 
     @property
     def contact(self) -> Contact:

@@ -17,6 +17,8 @@ import numpy as np
 from gymnasium.envs.registration import EnvSpec
 
 from flockstep._core import (
+    BodyConfig,
+    BodyMotion,
     CameraConfig,
     ColorRange,
     DroneModel,
@@ -33,6 +35,8 @@ from flockstep.drone_mesh import DroneMesh
 
 _PREFIX = "flockstep."
 _CONFIGS: tuple[Any, ...] = (
+    BodyConfig,
+    BodyMotion,
     CameraConfig,
     ColorRange,
     ImuConfig,

@@ -23,6 +23,7 @@ from gymnasium import spaces
 
 from flockstep._core import (
     Batch,
+    BodyConfig,
     CameraConfig,
     ClockConfig,
     DroneModel,
@@ -74,6 +75,9 @@ class Task:
         each.
     lidar, camera
         The LiDAR and the camera that the task needs, if any, or a sequence of several.
+    bodies, max_bodies
+        Bodies in every env when an episode begins, one `BodyConfig` or a sequence, and the number of slots for bodies;
+        see `Bodies`. Default: none.
     worlds
         Default worlds of envs with this task, in a form that `DroneVectorEnv` accepts. Default: ``"train"``.
     drone, dynamics, clock
@@ -120,6 +124,8 @@ class Task:
     reward_terms: tuple[str, ...] = ("reward",)
     lidar: LidarConfig | Sequence[LidarConfig] | None = None
     camera: CameraConfig | Sequence[CameraConfig] | None = None
+    bodies: BodyConfig | Sequence[BodyConfig] | None = None
+    max_bodies: int = 0
     worlds: WorldsLike | WorldPool | None = None
     drone: DroneLike | None = None
     dynamics: DynamicsConfig | None = None

@@ -19,6 +19,7 @@ from gymnasium.vector.utils import batch_space
 from flockstep import scenes, serialization, stepping
 from flockstep._core import (
     Batch,
+    BodyConfig,
     CameraConfig,
     ClockConfig,
     DroneModel,
@@ -195,6 +196,12 @@ class DroneVectorEnv(VectorEnv[Observation, Array, Array]):
         Default: an exact pose.
     imu
         One `ImuConfig` or a sequence. Default: none.
+    bodies
+        One `BodyConfig` or a sequence: solids that move in every env; see `Bodies`. Default: none; a `Task` declares
+        its own.
+    max_bodies
+        Number of slots for bodies in each env, B; free slots are for ``batch.bodies.spawn``. Default: as many as an
+        episode begins with.
     drone
         A `DroneModel`, the name of a bundled airframe, or the path of a JSON file. Default: the task's drone, which for
         navigation is the 650-class quadrotor.
@@ -339,6 +346,8 @@ class DroneVectorEnv(VectorEnv[Observation, Array, Array]):
         tracer: str = "auto",
         pose_sensor: PoseSensorConfig | None = None,
         imu: ImuConfig | Sequence[ImuConfig] | None = None,
+        bodies: BodyConfig | Sequence[BodyConfig] | None = None,
+        max_bodies: int | None = None,
         drone: DroneLike | None = None,
         max_episode_steps: int | None = None,
         autoreset_mode: str | AutoresetMode = "next_step",
@@ -355,9 +364,9 @@ class DroneVectorEnv(VectorEnv[Observation, Array, Array]):
     ) -> None:
         given = {name: value for name, value in locals().items() if name not in ("self", "fields")}
         self._arguments: dict[str, Any] = {**given, **fields}  # for copies and pickles
-        worlds, task, lidar, camera, pose_sensor, imu, drone, drone_mesh = (
+        worlds, task, lidar, camera, pose_sensor, imu, bodies, drone, drone_mesh = (
             serialization.from_plain(value)
-            for value in (worlds, task, lidar, camera, pose_sensor, imu, drone, drone_mesh)
+            for value in (worlds, task, lidar, camera, pose_sensor, imu, bodies, drone, drone_mesh)
         )
         own_fields = {name: serialization.from_plain(value) for name, value in fields.items()}
         require_render_mode(render_mode, "gymnasium.wrappers.vector.HumanRendering")
@@ -388,6 +397,9 @@ class DroneVectorEnv(VectorEnv[Observation, Array, Array]):
         if camera is not None:
             recipe.cameras = _listed(camera, CameraConfig, "camera")
         recipe.imus = _listed(imu, ImuConfig, "imu")
+        if bodies is not None:
+            recipe.bodies = _listed(bodies, BodyConfig, "bodies")
+        _set_given(recipe, max_bodies=max_bodies)
         if worlds is None:
             worlds = self.task.worlds if isinstance(self.task, Task) else recipe.worlds
         recipe.worlds = _names(worlds)
@@ -467,6 +479,7 @@ class DroneVectorEnv(VectorEnv[Observation, Array, Array]):
             )
         }
         given |= {"lidar": recipe.lidars, "camera": recipe.cameras, "imu": recipe.imus, "tracer": recipe.tracer}
+        given |= {"bodies": recipe.bodies, "max_bodies": recipe.max_bodies}
         return cls(**{**given, **keywords})
 
     @property
@@ -710,6 +723,8 @@ def _recipe_for(
         _set_given(recipe, drone=_drone(task.drone), dynamics=task.dynamics, clock=task.clock)
         recipe.lidars = _listed(task.lidar, LidarConfig, "lidar")
         recipe.cameras = _listed(task.camera, CameraConfig, "camera")
+        recipe.bodies = _listed(task.bodies, BodyConfig, "bodies")
+        recipe.max_bodies = task.max_bodies
     elif isinstance(task, NativeTask):
         own_task = task
         recipe = Recipe(f"library/{task.path}")
