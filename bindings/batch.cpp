@@ -364,7 +364,7 @@ Viewed<Outputs> outputs_arrays(const py::object& self, const char*) {
 }
 Viewed<BodyState> bodies_arrays(const py::object& self, const char*) {
   const auto& view = self.cast<const BodiesView&>();
-  return {view.batch().state().bodies, memory_of(view.owner), {.bodies = view.per_env()}};
+  return {view.batch().state().bodies, memory_of(view.owner), {.bodies = {num_envs(view.batch()), view.per_env()}}};
 }
 Viewed<ContactState> contacts_arrays(const py::object& self, const char*) {
   const auto& view = self.cast<const ContactView&>();

@@ -149,7 +149,7 @@ struct ItemShape {
   std::array<std::int64_t, 2> sizes{1, 1};  // number of items along each dimension
   std::size_t dimensions = 0;               // number of dimensions, 0 to 2
   bool columns_first = false;               // the columns come before the items, as in chw images
-  std::int64_t bodies = 1;                  // B, for Rows::body
+  std::array<std::int64_t, 2> bodies{};     // E and B, for Rows::body
 };
 
 // Memory and description of a listed array.

@@ -33,6 +33,9 @@ void list_arrays(const Batch& batch, std::string_view sensor, const std::functio
   }
   list_all(batch.state(), {}, list);
   list_all(batch.state().contact, {}, list);
+  if (batch.bodies_per_env() > 0) {
+    list_all(batch.state().bodies, {.bodies = {batch.config().num_envs, std::int64_t(batch.bodies_per_env())}}, list);
+  }
   if (!batch.config().dynamics.is_kinematic()) list_all(batch.state().flight, {}, list);
   list_all(batch.pose_readings(), {}, list);
   if (batch.task() == nullptr) return;

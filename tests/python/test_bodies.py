@@ -1,0 +1,413 @@
+"""Bodies of a batch: solids that move, which LiDARs detect and drones hit."""
+
+import pickle
+
+import numpy as np
+import pytest
+
+import flockstep
+from flockstep import BodyConfig, BodyMotion
+
+ROOM = {
+    "flockstep_scene": 1,
+    "name": "room",
+    "room": {"min": [0, 0, 0], "max": [20, 20, 10]},
+    "markers": {"start": [5, 10, 2]},
+}
+SOLIDS = (
+    {"shape": "box", "size_m": [0.6, 0.4, 1.0]},
+    {"shape": "cylinder", "size_m": [0.8, 0.8, 1.5]},
+    {"shape": "sphere", "size_m": [0.9, 0.9, 0.9]},
+    {"shape": "capsule", "size_m": [0.5, 0.5, 1.7]},
+)
+
+
+def room(**more):
+    return flockstep.World.from_dict({**ROOM, **more})
+
+
+def solid_in_scene(shape, size_m, center, quat_wxyz):
+    """Return the name of a list in a scene, and a body's shape as an object of it, standing."""
+    item = {"center": [float(x) for x in center]}
+    if shape != "sphere":
+        item["quat_wxyz"] = [float(x) for x in quat_wxyz]
+    if shape == "box":
+        return "boxes", item | {"size": size_m}
+    item["radius"] = size_m[0] / 2
+    if shape == "sphere":
+        return "spheres", item
+    return ("cylinders" if shape == "cylinder" else "capsules"), item | {"height": size_m[2]}
+
+
+# Worlds normalise quaternions; these keep their bits.
+EXACT = np.float32([[1, 0, 0, 0], [0.5, 0.5, 0.5, 0.5], [0.5, -0.5, 0.5, -0.5], [0, 0, 1, 0]])
+
+
+def batch_with(bodies, num_drones=1, world=None, **more):
+    return flockstep.Batch([world or room()], num_drones, bodies=bodies, **more)
+
+
+class TestArrays:
+    def test_every_episode_begins_with_the_configured_bodies(self):
+        first = BodyConfig(position_m=[8, 10, 2], motion=BodyMotion(velocity_mps=[1, 0, 0], turn_rate_dps=[0, 0, 90]))
+        batch = batch_with([first, BodyConfig(shape="sphere", position_m=[3, 3, 3])], 4, max_bodies=3)
+        bodies = batch.bodies
+        assert len(bodies) == 3
+        assert bodies.position.shape == (4, 3, 3)
+        assert bodies.quat_wxyz.shape == (4, 3, 4)
+        assert bodies.active.tolist() == [[True, True, False]] * 4
+        assert bodies.scripted.tolist() == [[True, True, False]] * 4
+        assert (bodies.position[:, 0] == [8, 10, 2]).all()
+        assert (bodies.velocity[:, 0] == [1, 0, 0]).all()
+        np.testing.assert_allclose(bodies.angular_velocity[:, 0], [[0, 0, np.pi / 2]] * 4, rtol=1e-6)
+        for _ in range(5):
+            batch.move(batch.position)
+        np.testing.assert_allclose(bodies.position[:, 0], [[8.5, 10, 2]] * 4, rtol=1e-6)
+        np.testing.assert_allclose(bodies.quat_wxyz[:, 0], [[np.cos(np.pi / 8), 0, 0, np.sin(np.pi / 8)]] * 4, rtol=1e-6)
+        batch.bodies.spawn(BodyConfig())
+        batch.bodies.set_pose(np.ones((4, 3, 3)))
+        batch.begin_episode()
+        assert (batch.bodies.position[:, 0] == [8, 10, 2]).all()
+        assert batch.bodies.active.tolist() == [[True, True, False]] * 4
+
+    def test_a_script_does_not_drift(self):
+        batch = batch_with([BodyConfig(position_m=[1, 1, 1], motion=BodyMotion(velocity_mps=[0.1, 0, 0]))])
+        for _ in range(1000):
+            batch.move(batch.position)
+        assert batch.bodies.position[0, 0, 0] == np.float32(1 + 1000 * 0.1 * np.float64(np.float32(0.1)))
+
+    def test_only_envs_that_fly_move_their_bodies(self):
+        batch = batch_with([BodyConfig(position_m=[8, 10, 2], motion=BodyMotion(velocity_mps=[1, 0, 0]))], 3)
+        batch.move(batch.position, mask=np.array([True, False, True]))
+        np.testing.assert_allclose(batch.bodies.position[:, 0, 0], [8.1, 8, 8.1], rtol=1e-6)
+
+    def test_a_body_that_leaves_the_world_is_removed(self):
+        batch = batch_with([BodyConfig(position_m=[999_500, 0, 0], motion=BodyMotion(velocity_mps=[1e4, 0, 0]))])
+        batch.move(batch.position)
+        assert not batch.bodies.active.any()
+        assert batch.bodies.config(0, 0) is None
+
+    def test_views_keep_the_batch_alive(self):
+        bodies = batch_with([BodyConfig(position_m=[1, 2, 3])]).bodies
+        position = bodies.position
+        del bodies
+        assert position.tolist() == [[[1, 2, 3]]]
+        assert not position.flags.writeable
+
+    def test_a_batch_without_bodies_has_no_slots(self):
+        batch = batch_with([])
+        assert len(batch.bodies) == 0
+        assert batch.bodies.position.shape == (1, 0, 3)
+        with pytest.raises(ValueError, match="max_bodies: expected at least 1 when the batch is made"):
+            batch.bodies.spawn(BodyConfig())
+
+
+class TestCalls:
+    def test_spawn_takes_the_first_free_slot(self):
+        batch = batch_with([BodyConfig(name="first")], 3, max_bodies=3)
+        mask = np.array([True, False, True])
+        ball = BodyConfig(name="ball", shape="sphere")
+        assert batch.bodies.spawn(ball, position=np.full((3, 3), 4.0), mask=mask).tolist() == [1, -1, 1]
+        assert batch.bodies.spawn(ball, velocity=np.full((3, 3), 2.0)).tolist() == [2, 1, 2]
+        assert batch.bodies.config(0, 1).name == "ball"
+        assert batch.bodies.config(1, 2) is None
+        assert (batch.bodies.velocity[0, 2] == 2).all()
+        batch.bodies.remove(np.array([[True, False, False]] * 3))
+        assert batch.bodies.spawn(ball).tolist() == [0, 0, 0]
+
+    def test_a_spawned_script_runs_on(self):
+        batch = batch_with([], max_bodies=1)
+        batch.move(batch.position)
+        batch.bodies.spawn(BodyConfig(position_m=[1, 1, 1], motion=BodyMotion(velocity_mps=[1, 0, 0])))
+        assert batch.bodies.position[0, 0].tolist() == [1, 1, 1]  # constant velocity begins where it was spawned
+        batch.move(batch.position)
+        np.testing.assert_allclose(batch.bodies.position[0, 0], [1.1, 1, 1], rtol=1e-6)
+
+    def test_calls_concern_only_selected_bodies(self):
+        batch = batch_with([BodyConfig(), BodyConfig()], 2, max_bodies=3)
+        mask = np.array([[True, False, True], [False, True, True]])
+        position = np.arange(18).reshape(2, 3, 3)
+        batch.bodies.set_pose(position, mask=mask)
+        assert batch.bodies.position[0, 0].tolist() == [0, 1, 2]
+        assert batch.bodies.position[1, 1].tolist() == [12, 13, 14]
+        assert (batch.bodies.position[0, 1] == 0).all()
+        assert (batch.bodies.position[:, 2] == 0).all()  # free slots
+        assert batch.bodies.scripted.tolist() == [[False, True, False], [True, False, False]]
+        batch.bodies.set_velocity(angular_velocity=np.full((2, 3, 3), 0.5), mask=np.array([False, True]))
+        assert (batch.bodies.angular_velocity[1, :2] == 0.5).all()
+        assert (batch.bodies.angular_velocity[0] == 0).all()
+        batch.bodies.remove(np.array([True, False]))
+        assert batch.bodies.active.tolist() == [[False, False, False], [True, True, False]]
+
+    def test_a_quaternion_is_normalised(self):
+        batch = batch_with([BodyConfig()])
+        batch.bodies.set_pose(quat_wxyz=[[[0.995, 0, 0, 0]]])
+        assert batch.bodies.quat_wxyz[0, 0].tolist() == [1, 0, 0, 0]
+
+
+class TestRefusals:
+    @pytest.fixture
+    def batch(self):
+        return batch_with([BodyConfig(), BodyConfig()], 2, max_bodies=3)
+
+    @pytest.mark.parametrize(
+        ("call", "message"),
+        [
+            (lambda b: b.set_pose(np.full((2, 3, 3), np.nan)), "position of body 0 in env 0: expected finite numbers"),
+            (lambda b: b.set_pose(np.full((2, 3, 3), 1e9)), r"within \+-1e\+06 m, got 1e\+09"),
+            (lambda b: b.set_pose(np.zeros((2, 2, 3))), r"position: expected"),
+            (lambda b: b.set_pose(quat_wxyz=np.zeros((2, 3, 4))), "quat_wxyz of body 0 in env 0: expected a unit quat"),
+            (lambda b: b.set_velocity(np.full((2, 3, 3), 1e9)), r"velocity of body 0 in env 0: expected .*-10000 m/s"),
+            (lambda b: b.set_velocity(angular_velocity=np.full((2, 3, 3), np.inf)), "angular_velocity of body 0 in env 0"),
+            (lambda b: b.remove(np.zeros((3, 2), bool)), "mask: expected"),
+            (lambda b: b.remove(np.zeros(2)), "mask: expected"),
+            (lambda b: b.spawn(BodyConfig(), position=np.full((2, 3), np.nan)), "position of env 0: expected finite"),
+            (lambda b: [b.spawn(BodyConfig(name="box")) for _ in range(2)], 'env 0: expected a free slot .* "box"'),
+            (lambda b: b.config(2, 0), r"env: expected an integer in \[0, 2\)"),
+            (lambda b: b.config(0, 3), r"body: expected an integer in \[0, 3\)"),
+        ],
+    )
+    def test_a_bad_call_changes_nothing(self, batch, call, message):
+        if "free slot" in message:
+            batch.bodies.spawn(BodyConfig(), mask=np.array([True, True]))
+        before = batch.snapshot()
+        with pytest.raises(ValueError, match=message):
+            call(batch.bodies)
+        assert batch.snapshot() == before
+
+    def test_a_bad_value_of_another_row_is_not_read(self, batch):
+        position = np.full((2, 3, 3), np.nan)
+        position[1, 0] = 3
+        batch.bodies.set_pose(position, mask=np.array([[False] * 3, [True, False, True]]))
+        assert batch.bodies.position[1, 0].tolist() == [3, 3, 3]
+
+    @pytest.mark.parametrize(
+        ("fields", "message"),
+        [
+            ({"size_m": [0, 1, 1]}, r"body.size_m\[0\]: expected"),
+            ({"size_m": [np.nan, 1, 1]}, r"body.size_m\[0\]: expected"),
+            ({"shape": "sphere", "size_m": [1, 2, 1]}, "body.size_m: expected three equal sizes"),
+            ({"shape": "cylinder", "size_m": [1, 2, 1]}, "body.size_m: expected equal x and y"),
+            ({"shape": "capsule", "size_m": [1, 1, 0.5]}, "body.size_m: expected a z of at least"),
+            ({"shape": "cone"}, 'shape: expected "box", "cylinder"'),
+            ({"quat_wxyz": [0, 0, 0, 0]}, "body.quat_wxyz: expected a unit quaternion"),
+            ({"position_m": [1e9, 0, 0]}, r"body.position_m\[0\]: expected"),
+            ({"semantic": 65533}, "body.semantic: expected"),
+            ({"name": "a b"}, "body.name: expected letters"),
+        ],
+    )
+    def test_a_bad_configuration_names_its_field(self, fields, message):
+        with pytest.raises(ValueError, match=message):
+            BodyConfig(**fields)
+
+    @pytest.mark.parametrize(
+        ("fields", "message"),
+        [
+            ({"kind": "waypoints"}, "body.motion.points_m: expected at least two points"),
+            ({"kind": "waypoints", "points_m": [[0, 0, 0], [0, 0, 0]]}, r"body.motion.points_m\[1\]: expected another"),
+            ({"kind": "hinge", "axis": [0, 0, 0]}, "body.motion.axis: expected a direction"),
+            ({"kind": "orbit", "period_s": 0}, "body.motion.period_s: expected"),
+            ({"velocity_mps": [1e9, 0, 0]}, r"body.motion.velocity_mps\[0\]: expected"),
+            ({"kind": "random_walk", "box_min_m": [1, 0, 0]}, r"body.motion.box_max_m\[0\]: expected at least"),
+            ({"speed_spread": 1}, "body.motion.speed_spread: expected"),
+        ],
+    )
+    def test_a_bad_script_names_its_field(self, fields, message):
+        with pytest.raises(ValueError, match=message):
+            BodyMotion(**fields)
+
+    def test_too_few_slots(self):
+        with pytest.raises(ValueError, match="max_bodies: expected at least the number of bodies"):
+            batch_with([BodyConfig()] * 3, max_bodies=2)
+        with pytest.raises(ValueError, match="max_bodies: expected an integer in"):
+            batch_with([], max_bodies=5000)
+
+
+class TestLidar:
+    LIDAR = flockstep.LidarConfig(channels=5, beams=72, hfov_deg=360, vfov_deg=40, max_range_m=8)
+
+    def test_bodies_are_detected_as_standing_solids_are(self):
+        """The ranges have the bits of a world in which the same solids stand at the bodies' poses."""
+        rng = np.random.default_rng(0)
+        batch = batch_with([BodyConfig(**solid) for solid in SOLIDS], lidar=self.LIDAR)
+        for trial in range(20):
+            position = rng.uniform([3, 8, 1], [7, 12, 3], (1, 4, 3)).astype(np.float32)
+            batch.bodies.set_pose(position, np.broadcast_to(EXACT[trial % 4], (1, 4, 4)))
+            batch.sense()
+            scene = {}
+            for body, solid in enumerate(SOLIDS):
+                name, item = solid_in_scene(center=position[0, body], quat_wxyz=batch.bodies.quat_wxyz[0, body], **solid)
+                scene.setdefault(name, []).append(item)
+            standing = flockstep.Batch([room(**scene)], lidar=self.LIDAR)
+            standing.sense()
+            assert (batch.lidar().ranges == standing.lidar().ranges).all()
+            assert (batch.lidar().ranges < 4).any()
+
+    def test_an_invisible_body_is_hit_only_by_drones(self):
+        ahead = {"size_m": [0.2, 2, 2], "position_m": [7, 10, 2]}
+        lidar = flockstep.LidarConfig(beams=1, hfov_deg=1, max_range_m=5)
+        for visibility, sees, hits in (("full", True, True), ("visual", True, False), ("solid", False, True)):
+            batch = batch_with([BodyConfig(visibility=visibility, **ahead)], lidar=lidar)
+            batch.sense()
+            assert np.isfinite(batch.lidar().ranges).all() == sees
+            batch.move([[9, 10, 2]])
+            assert batch.contact.hit.all() == hits
+
+    def test_each_env_sees_its_own_bodies(self):
+        lidar = flockstep.LidarConfig(beams=1, hfov_deg=1, max_range_m=6)
+        batch = batch_with([BodyConfig(shape="sphere")], 70, lidar=lidar)
+        distance = 1 + np.arange(70) / 20
+        batch.bodies.set_pose(np.stack([5 + distance, np.full(70, 10), np.full(70, 2)], 1)[:, None])
+        batch.sense()
+        np.testing.assert_allclose(batch.lidar().ranges[:, 0, 0], distance - 0.5, rtol=1e-5)
+
+    def test_a_thousand_bodies_removed_between_two_scans(self):
+        batch = batch_with([BodyConfig(shape="sphere", size_m=[0.1] * 3)] * 1000, lidar=self.LIDAR)
+        rng = np.random.default_rng(0)
+        batch.bodies.set_pose(rng.uniform([3, 8, 1], [8, 12, 3], (1, 1000, 3)))
+        batch.sense()
+        among = batch.lidar().ranges.copy()
+        batch.bodies.remove()
+        batch.sense()
+        alone = flockstep.Batch([room()], lidar=self.LIDAR)
+        alone.sense()
+        assert (batch.lidar().ranges == alone.lidar().ranges).all()
+        assert (among < alone.lidar().ranges).sum() > 100
+
+
+class TestContacts:
+    def test_a_body_runs_into_a_standing_drone(self):
+        plate = BodyConfig(size_m=[0.2, 2, 2], position_m=[8, 10, 2], motion=BodyMotion(velocity_mps=[-2, 0, 0]))
+        batch = batch_with([plate])
+        while not batch.contact.hit[0]:
+            assert batch.bodies.position[0, 0, 0] > 5
+            batch.move(batch.position)
+        contact = batch.contact
+        assert contact.body.tolist() == [0]
+        np.testing.assert_allclose(contact.surface_velocity, [[-2, 0, 0]], rtol=1e-5)
+        np.testing.assert_allclose(contact.normal, [[-1, 0, 0]], atol=1e-6)
+        before = batch.position.copy()
+        batch.move(batch.position)
+        np.testing.assert_allclose(batch.position - before, [[-0.2, 0, 0]], atol=1e-4)  # the plate pushes it
+        assert not batch.contact.inside[0]
+
+    @pytest.mark.parametrize("speed", [50.0, 500.0])
+    def test_a_thin_plate_does_not_tunnel(self, speed):
+        plate = BodyConfig(size_m=[0.005, 2, 2], position_m=[8, 10, 2], motion=BodyMotion(velocity_mps=[-speed, 0, 0]))
+        batch = batch_with([plate])
+        batch.move(batch.position)
+        assert batch.contact.hit[0]
+        assert batch.contact.body[0] == 0
+        drone, body = batch.position[0, 0], batch.bodies.position[0, 0, 0]
+        assert drone < body or batch.contact.inside[0]  # ahead of the plate, or squeezed against the wall
+
+    def test_a_drone_squeezed_against_a_wall_is_reported(self):
+        plate = BodyConfig(size_m=[0.2, 2, 2], position_m=[3, 10, 2], motion=BodyMotion(velocity_mps=[-1, 0, 0]))
+        batch = batch_with([plate])
+        batch.set_pose([[1, 10, 2]])
+        for _ in range(40):
+            batch.move(batch.position)
+            assert batch.position[0, 0] > 0.3  # never into the wall
+            if batch.contact.inside[0]:
+                break
+        assert batch.contact.inside[0]
+
+    def test_a_static_contact_names_no_body(self):
+        batch = batch_with([BodyConfig(position_m=[15, 15, 5])])
+        batch.move([[-3, 10, 2]])
+        assert batch.contact.hit[0]
+        assert batch.contact.body[0] == -1
+        assert (batch.contact.surface_velocity == 0).all()
+
+    def test_a_body_spawned_on_a_drone_lets_it_leave(self):
+        batch = batch_with([], max_bodies=1)
+        batch.bodies.spawn(BodyConfig(shape="sphere", size_m=[2] * 3), position=batch.position)
+        batch.move([[5.1, 10, 2]])
+        assert batch.contact.inside[0]
+        for _ in range(30):
+            batch.move(batch.position + 0.1 * batch.contact.normal)  # the shortest way out
+        assert not batch.contact.hit[0]
+        assert np.linalg.norm(batch.position - [5, 10, 2]) > 1.1
+
+    def test_substeps_meet_bodies_between_setpoints(self):
+        clock = flockstep.ClockConfig(policy_hz=10, physics_hz=200)
+        orbiting = BodyConfig(shape="sphere", size_m=[0.3] * 3, position_m=[6, 10, 2])
+        batch = batch_with([orbiting], clock=clock)
+        batch.bodies.set_velocity([[[-30, 0, 0]]])
+        batch.move(batch.position)
+        assert batch.contact.hit[0]
+        assert batch.contact.body[0] == 0
+        assert batch.position[0, 0] < batch.bodies.position[0, 0, 0]
+
+
+class Seek(flockstep.Task):
+    """Fly ahead among bodies that the task throws."""
+
+    observation_space = flockstep.DroneVectorEnv(1).single_observation_space
+    lidar = flockstep.LidarConfig()
+    worlds = "train"
+    max_episode_steps = 30
+    max_bodies = 3
+    bodies = (BodyConfig(position_m=[3, 3, 1.4], motion=BodyMotion(velocity_mps=[0.3, 0.1, 0])),)
+
+    def reset(self, batch, mask):
+        super().reset(batch, mask)
+        at = batch.position[:, None] + 2 * batch.random(1, 3)[:, None] - 1
+        batch.bodies.spawn(BodyConfig(shape="sphere", size_m=[0.5] * 3), at[:, 0], velocity=-at[:, 0] / 10, mask=mask)
+
+    def step(self, batch):
+        return -batch.contact.hit.astype(float), batch.contact.hit
+
+    def observe(self, batch):
+        return np.concatenate([batch.bodies.position[:, 1], np.minimum(batch.lidar().ranges[:, 0], 3)], 1).astype(np.float32)
+
+
+def flown(num_envs, steps=60, **keywords):
+    env = flockstep.DroneVectorEnv(num_envs, task=Seek(), **keywords)
+    env.reset(seed=3)
+    rows = []
+    for step in range(steps):
+        action = np.stack([np.sin([step + i, 2 * step, 3]) for i in range(num_envs)]).astype(np.float32)
+        observation, reward, *_ = env.step(action)
+        rows.append((observation.tobytes(), reward.tobytes(), env.batch.bodies.position.tobytes()))
+        rows.append(observation[0].tobytes())
+    return rows, env
+
+
+class TestBits:
+    def test_no_result_depends_on_threads_or_blocks(self):
+        first, _ = flown(6, num_threads=1)
+        assert first == flown(6, num_threads=3)[0]
+
+    def test_env_i_is_the_single_env(self):
+        assert flown(5)[0][1::2] == flown(1)[0][1::2]
+
+    def test_a_restored_batch_goes_on_with_the_same_bits(self):
+        env = flown(4, 20)[1]
+        blob = env.snapshot()
+        twin = pickle.loads(pickle.dumps(env))
+        twin.reset(seed=0)
+        twin.restore(blob)
+        for step in range(40):
+            action = np.full((4, 3), np.sin(step), np.float32)
+            a, b = env.step(action), twin.step(action)
+            assert a[0].tobytes() == b[0].tobytes()
+            assert env.batch.bodies.position.tobytes() == twin.batch.bodies.position.tobytes()
+            assert env.batch.contact.body.tobytes() == twin.batch.contact.body.tobytes()
+
+    def test_a_snapshot_with_other_models_is_refused(self):
+        env = flown(2, 5)[1]
+        blob = bytearray(env.batch.snapshot())
+        other = batch_with([BodyConfig()])
+        with pytest.raises(ValueError, match="snapshot: expected"):
+            other.restore(bytes(blob))
+
+
+def test_an_env_takes_bodies():
+    env = flockstep.DroneVectorEnv(2, bodies=BodyConfig(position_m=[2, 2, 1]), max_bodies=2)
+    assert env.batch.bodies.active.tolist() == [[True, False]] * 2
+    again = flockstep.DroneVectorEnv.from_recipe(env.recipe.to_json())
+    assert again.batch.bodies.position.tolist() == env.batch.bodies.position.tolist()
+    assert len(again.batch.bodies) == 2
+    with pytest.raises(TypeError, match="bodies: expected a flockstep.BodyConfig"):
+        flockstep.DroneVectorEnv(2, bodies="cars")
