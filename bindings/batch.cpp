@@ -506,6 +506,21 @@ void register_batch(py::module_& module) {
           },
           py::arg("position") = none, py::arg("quat_wxyz") = none, py::arg("mask") = none, py::kw_only(), py::arg("rows") = none)
       .def(
+          "is_free",
+          [](const Batch& batch, const py::object& position, const py::object& quat_wxyz, const py::object& rows) {
+            const auto r = integers<std::int64_t>(rows, "rows", {-1});
+            if (position.is_none()) throw py::value_error("position: expected an array (K, 3), got None");
+            const py::ssize_t n = r.given() ? static_cast<py::ssize_t>(r.rows()) : num_drones(batch);
+            const auto p = floats(position, "position", {n, 3});
+            const auto q = floats(quat_wxyz, "quat_wxyz", {n, 4});
+            py::array_t<bool> free(n);
+            if (n == 0) return free;
+            const std::span out(reinterpret_cast<std::uint8_t*>(free.mutable_data()), static_cast<std::size_t>(n));
+            in_turn(batch, [&] { batch.is_free(r, p, q, out); });
+            return free;
+          },
+          py::arg("position"), py::arg("quat_wxyz") = none, py::kw_only(), py::arg("rows") = none)
+      .def(
           "move",
           [](const py::object& self, const py::object& position, const py::object& quat_wxyz, const py::object& mask) {
             auto& batch = self.cast<Batch&>();

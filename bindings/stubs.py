@@ -1,7 +1,8 @@
 """Generates the parts of the stub and the documents that come from lists in the engine; --check only compares.
 
 The parts are between marks: "# fields of A, B" and "# end of fields" in envs/flockstep/_core.pyi (attributes and
-__init__) and envs/flockstep/vector_env.py (the keywords of `DroneVectorEnv`); "# arrays of A" and "# end of arrays" in
+__init__) and envs/flockstep/vector_env.py (the keywords of `DroneVectorEnv`; "tasks" stands for the configurations of
+all tasks); "# arrays of A" and "# end of arrays" in
 _core.pyi; in docs/, "<!-- arrays of A, B -->" and "<!-- end of arrays -->", "<!-- fields of A -->" and "<!-- end of
 fields -->". The section "Parameters" at the end of the docstring above "# fields of A" in _core.pyi is also generated.
 Run it with the module built after a change of such a list, then build again, because the module's docstrings come from
@@ -158,13 +159,18 @@ def array_table(classes: list[type[Any]]) -> list[str]:
     return lines
 
 
+def configs_named(name: str) -> list[type[Any]]:
+    """Return the configuration of a name; for "tasks" those of all tasks."""
+    return list(_core.engine_tasks.values()) if name == "tasks" else [getattr(_core, name)]
+
+
 def with_fields(path: Path) -> str:
     """Return a Python file's text with the fields of configurations and their docstrings regenerated."""
     text = path.read_text(encoding="utf-8")
     new, end = "", 0
     for match in MARKED.finditer(text):
         indent, names = match.group(1), match.group(2)
-        configs = [getattr(_core, name.strip()) for name in names.split(",")]
+        configs = [config for name in names.split(",") for config in configs_named(name.strip())]
         before = text[end : match.start()]
         head, section, rest = before.rpartition(f"{indent}Parameters\n")
         if section and rest.endswith('"""\n\n') and rest.count('"""') == 1:

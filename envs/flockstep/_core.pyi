@@ -1425,6 +1425,69 @@ class TrackConfig:
     # end of fields
 
 @final
+class DodgeConfig:
+    """Fly to a goal by LiDAR, in the plane, among bodies that move.
+
+    An episode begins at a random free place, and a random free place is its goal, both at the height of the world's start
+    marker. The drone moves in the plane: actions are two numbers, clipped to [-1, 1], the displacement along the
+    body's x and y in units of ``step_m``. It should have a planar LiDAR.
+
+    The observation is float32 (5 + 2 rays,): the unit direction to the goal, x and y of the body frame (2); the distance
+    to the goal, in units of 10 m, at most 1; the last action (2); the LiDAR ranges over the maximum range, 1 on a miss;
+    and the ranges of the scan before, which show how things move.
+
+    The reward is the sum of the weighted terms. The episode ends at the goal, as a success, or at a contact.
+
+    Parameters
+    ----------
+    step_m
+        Distance of a full action. Values: > 0 m. Default: 0.15.
+    goal_distance_m
+        Minimum distance from the start to the goal. If no such place is found, the goal is the farthest free place
+        among those drawn. Values: >= 0 m. Default: 5.0.
+    goal_radius_m
+        Distance within which the goal counts as reached. Values: > 0 m. Default: 0.5.
+    near_m
+        Range below which the near term grows, from 0 to 1 at range 0. Values: > 0 m. Default: 1.0.
+    progress_weight
+        Reward for each metre gained towards the goal. Default: 1.0.
+    goal_weight
+        Reward for reaching the goal. Default: 10.0.
+    crash_weight
+        Penalty for a contact. Default: 10.0.
+    near_weight
+        Weight of the penalty for the nearest range. Default: 0.1.
+    time_weight
+        Penalty for each step. Default: 0.02.
+    """
+
+    # fields of DodgeConfig
+    __match_args__: ClassVar[tuple[str, ...]]
+    step_m: float
+    goal_distance_m: float
+    goal_radius_m: float
+    near_m: float
+    progress_weight: float
+    goal_weight: float
+    crash_weight: float
+    near_weight: float
+    time_weight: float
+    def __init__(
+        self,
+        *,
+        step_m: float = 0.15,
+        goal_distance_m: float = 5.0,
+        goal_radius_m: float = 0.5,
+        near_m: float = 1.0,
+        progress_weight: float = 1.0,
+        goal_weight: float = 10.0,
+        crash_weight: float = 10.0,
+        near_weight: float = 0.1,
+        time_weight: float = 0.02,
+    ) -> None: ...
+    # end of fields
+
+@final
 class RaceConfig:
     """Fly through the gates of a track, lap after lap.
 
@@ -1724,7 +1787,7 @@ def load_scene(name: str, folder: str | PathLike[str]) -> World:
     """Return the world of a name or path; ``folder`` holds the bundled scenes."""
 
 def task_defaults(
-    task: NavigationConfig | HoverConfig | TrackConfig | RaceConfig | NativeTask | PythonTask,
+    task: NavigationConfig | HoverConfig | TrackConfig | RaceConfig | DodgeConfig | NativeTask | PythonTask,
 ) -> dict[str, Any]:
     """Return the defaults of an environment with this task.
 
@@ -2782,7 +2845,7 @@ class Recipe:
         for a batch without a task.
     """
 
-    task: NavigationConfig | HoverConfig | TrackConfig | RaceConfig | str | None
+    task: NavigationConfig | HoverConfig | TrackConfig | RaceConfig | DodgeConfig | str | None
     worlds: list[str]
     drone: str | DroneModel
     # fields of Recipe
@@ -2802,7 +2865,9 @@ class Recipe:
     clock: ClockConfig
     dynamics: DynamicsConfig
     # end of fields
-    def __init__(self, task: NavigationConfig | HoverConfig | TrackConfig | RaceConfig | str | None = None) -> None: ...
+    def __init__(
+        self, task: NavigationConfig | HoverConfig | TrackConfig | RaceConfig | DodgeConfig | str | None = None
+    ) -> None: ...
     @staticmethod
     def from_json(text: str) -> Recipe:
         """Return the recipe of a JSON text; no file is opened.
@@ -2884,7 +2949,14 @@ class Batch:
         lidar: LidarConfig | Sequence[LidarConfig] | None = None,
         pose_sensor: PoseSensorConfig | None = None,
         imu: ImuConfig | Sequence[ImuConfig] | None = None,
-        task: NavigationConfig | HoverConfig | TrackConfig | RaceConfig | NativeTask | PythonTask | None = None,
+        task: NavigationConfig
+        | HoverConfig
+        | TrackConfig
+        | RaceConfig
+        | DodgeConfig
+        | NativeTask
+        | PythonTask
+        | None = None,
         drone: _DroneLike | None = None,
         cameras: Sequence[CameraConfig] = (),
         camera_backend: str = "raycast",
@@ -3151,6 +3223,19 @@ class Batch:
 
         None leaves a value unchanged. With ``rows`` (K,), the indices of drones, the arrays have K rows, for these
         drones.
+        """
+
+    def is_free(
+        self,
+        position: npt.ArrayLike,
+        quat_wxyz: npt.ArrayLike | None = None,
+        *,
+        rows: npt.ArrayLike | None = None,
+    ) -> _Bool:
+        """Test poses: True (K,) if the drone would touch nothing there, neither its world nor a body.
+
+        Positions are (K, 3) m; quaternions (K, 4) are level, facing +x, by default. ``rows`` (K,) are the indices of
+        drones, by default all.
         """
 
     def move(

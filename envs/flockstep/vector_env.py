@@ -22,6 +22,7 @@ from flockstep._core import (
     BodyConfig,
     CameraConfig,
     ClockConfig,
+    DodgeConfig,
     DroneModel,
     DynamicsConfig,
     EpisodeConfig,
@@ -61,7 +62,7 @@ if TYPE_CHECKING:
     class Fields(TypedDict, total=False):
         """Fields of the configurations that are keywords of the env."""
 
-        # fields of EpisodeConfig, ClockConfig, DynamicsConfig, NavigationConfig, HoverConfig, TrackConfig, RaceConfig
+        # fields of EpisodeConfig, ClockConfig, DynamicsConfig, tasks
         frame_skip: int
         stagger_first_episode: bool
         random_world: bool
@@ -137,6 +138,11 @@ if TYPE_CHECKING:
         progress_weight: float
         gate_weight: float
         rates_weight: float
+        goal_distance_m: float
+        goal_radius_m: float
+        near_m: float
+        goal_weight: float
+        time_weight: float
         # end of fields
 
 
@@ -153,8 +159,9 @@ class DroneVectorEnv(VectorEnv[Observation, Array, Array]):
     """Many drone envs stepped by one call, with a task of the engine or your own `Task`.
 
     The built-in tasks are navigation, which is the default, hovering (`HoverConfig`, ``flockstep/Hover-v0``), path
-    tracking (`TrackConfig`, ``flockstep/Track-v0``) and racing (`RaceConfig`, ``flockstep/Race-v0``). The last three
-    simulate the rotors. The navigation tasks differ in their observations and therefore in their defaults:
+    tracking (`TrackConfig`, ``flockstep/Track-v0``), racing (`RaceConfig`, ``flockstep/Race-v0``) and dodging bodies
+    (`DodgeConfig`, ``flockstep/Dodge-v0``). Hover, Track and Race simulate the rotors. The navigation tasks differ in
+    their observations and therefore in their defaults:
 
     - ``"goal"`` (``flockstep/LidarNavigation-v0``): float32 (3 + rays,), the unit direction to the current goal in the
       body frame, then the LiDAR ranges divided by the maximum range (1 on a miss).
@@ -177,9 +184,9 @@ class DroneVectorEnv(VectorEnv[Observation, Array, Array]):
         these; or a `WorldPool`, from which each episode draws one. Default: ``"train"``, or ``"camera-train"`` for
         camera tasks; a `Task` declares its own.
     task
-        A task other than navigation: a `HoverConfig`, a `TrackConfig` or a `RaceConfig`, your own `Task` (an object, or
-        its class), or a `NativeTask` in C++. With `gymnasium.make_vec`, the time limit registered for the env's id
-        applies, unless ``max_episode_steps`` is also given.
+        A task other than navigation: a `HoverConfig`, `TrackConfig`, `RaceConfig` or `DodgeConfig`, your own `Task` (an
+        object, or its class), or a `NativeTask` in C++. With `gymnasium.make_vec`, the time limit registered for the
+        env's id applies, unless ``max_episode_steps`` is also given.
     observation
         Observation of the navigation task: ``"goal"``, ``"blob"`` or ``"pixels"``.
     lidar
@@ -268,6 +275,9 @@ class DroneVectorEnv(VectorEnv[Observation, Array, Array]):
         ``observation_scale``, ``speed_cap_mps``, ``cap_rise_mps``, ``cap_episodes``, ``cap_success``,
         ``progress_weight``, ``gate_weight``, ``rates_weight``, ``change_weight``, ``crash_weight``.
 
+        For the dodge task, from `DodgeConfig`: ``step_m``, ``goal_distance_m``, ``goal_radius_m``, ``near_m``,
+        ``progress_weight``, ``goal_weight``, ``crash_weight``, ``near_weight``, ``time_weight``.
+
     Attributes
     ----------
     num_envs
@@ -338,7 +348,7 @@ class DroneVectorEnv(VectorEnv[Observation, Array, Array]):
         num_envs: int = 1,
         *,
         worlds: scenes.WorldsLike | WorldPool | None = None,
-        task: Task | type[Task] | NativeTask | HoverConfig | TrackConfig | RaceConfig | None = None,
+        task: Task | type[Task] | NativeTask | HoverConfig | TrackConfig | RaceConfig | DodgeConfig | None = None,
         observation: str = "goal",
         lidar: LidarConfig | Sequence[LidarConfig] | None = None,
         camera: CameraConfig | Sequence[CameraConfig] | None = None,

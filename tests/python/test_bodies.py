@@ -63,7 +63,9 @@ class TestArrays:
         for _ in range(5):
             batch.move(batch.position)
         np.testing.assert_allclose(bodies.position[:, 0], [[8.5, 10, 2]] * 4, rtol=1e-6)
-        np.testing.assert_allclose(bodies.quat_wxyz[:, 0], [[np.cos(np.pi / 8), 0, 0, np.sin(np.pi / 8)]] * 4, rtol=1e-6)
+        np.testing.assert_allclose(
+            bodies.quat_wxyz[:, 0], [[np.cos(np.pi / 8), 0, 0, np.sin(np.pi / 8)]] * 4, rtol=1e-6
+        )
         batch.bodies.spawn(BodyConfig())
         batch.bodies.set_pose(np.ones((4, 3, 3)))
         batch.begin_episode()
@@ -158,7 +160,10 @@ class TestRefusals:
             (lambda b: b.set_pose(np.zeros((2, 2, 3))), r"position: expected"),
             (lambda b: b.set_pose(quat_wxyz=np.zeros((2, 3, 4))), "quat_wxyz of body 0 in env 0: expected a unit quat"),
             (lambda b: b.set_velocity(np.full((2, 3, 3), 1e9)), r"velocity of body 0 in env 0: expected .*-10000 m/s"),
-            (lambda b: b.set_velocity(angular_velocity=np.full((2, 3, 3), np.inf)), "angular_velocity of body 0 in env 0"),
+            (
+                lambda b: b.set_velocity(angular_velocity=np.full((2, 3, 3), np.inf)),
+                "angular_velocity of body 0 in env 0",
+            ),
             (lambda b: b.remove(np.zeros((3, 2), bool)), "mask: expected"),
             (lambda b: b.remove(np.zeros(2)), "mask: expected"),
             (lambda b: b.spawn(BodyConfig(), position=np.full((2, 3), np.nan)), "position of env 0: expected finite"),
@@ -236,7 +241,9 @@ class TestLidar:
             batch.sense()
             scene = {}
             for body, solid in enumerate(SOLIDS):
-                name, item = solid_in_scene(center=position[0, body], quat_wxyz=batch.bodies.quat_wxyz[0, body], **solid)
+                name, item = solid_in_scene(
+                    center=position[0, body], quat_wxyz=batch.bodies.quat_wxyz[0, body], **solid
+                )
                 scene.setdefault(name, []).append(item)
             standing = flockstep.Batch([room(**scene)], lidar=self.LIDAR)
             standing.sense()
@@ -359,7 +366,9 @@ class Seek(flockstep.Task):
         return -batch.contact.hit.astype(float), batch.contact.hit
 
     def observe(self, batch):
-        return np.concatenate([batch.bodies.position[:, 1], np.minimum(batch.lidar().ranges[:, 0], 3)], 1).astype(np.float32)
+        return np.concatenate([batch.bodies.position[:, 1], np.minimum(batch.lidar().ranges[:, 0], 3)], 1).astype(
+            np.float32
+        )
 
 
 def flown(num_envs, steps=60, **keywords):

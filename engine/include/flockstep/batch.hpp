@@ -185,6 +185,10 @@ class FLOCKSTEP_API Batch {
   // velocity (E, B, 3) m/s, world frame, at most 10000; angular_velocity (E, B, 3) rad/s, body frame, at most 1000.
   void set_body_velocity(std::span<const float> velocity, std::span<const float> angular_velocity,
                          std::span<const std::uint8_t> mask = {});
+  // Tests poses of drones: writes 1 to out (K,) if the drone would touch nothing there, neither its world nor a body. drones (K,)
+  // are their indices; empty: all drones, K = N. position (K, 3) m; quat_wxyz (K, 4), or empty: level, facing +x.
+  void is_free(std::span<const std::int64_t> drones, std::span<const float> position, std::span<const float> quat_wxyz,
+               std::span<std::uint8_t> out) const;
   // Configuration of a body, valid until the batch is destroyed or restored; null for a free slot.
   const BodyConfig* body_config(std::int64_t env, std::int64_t body) const;
 

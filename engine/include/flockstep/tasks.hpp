@@ -392,6 +392,58 @@ struct RaceConfig {
 // on a bad config.
 FLOCKSTEP_API std::unique_ptr<Task> make_task(const RaceConfig& config);
 
+// -- Dodge: fly to a goal by LiDAR, among bodies that move
+
+// An episode begins at a random free place, and a random free place is its goal, both at the height of the world's start marker.
+// The drone moves in the plane: actions are two numbers, clipped to [-1, 1], the displacement along the body's x and y in units
+// of step_m. It should have a planar LiDAR.
+//
+// Observation, float32 (5 + 2 rays,): unit direction to the goal, x and y of the body frame (2); distance to the goal, in units
+// of 10 m, at most 1; the last action (2); the LiDAR ranges over the maximum range, 1 on a miss; the ranges of the scan before,
+// which show how things move, equal to the others at the start.
+//
+// Reward: the sum of the weighted terms. The episode ends at the goal, as a success, or at a contact.
+struct DodgeConfig {
+  static constexpr const char* kName = "dodge";
+  static constexpr const char* kAbout = "Fly to a goal by LiDAR, among bodies that move.";
+
+  float step_m = 0.15F;
+  float goal_distance_m = 5.0F;
+  float goal_radius_m = 0.5F;
+  float near_m = 1.0F;
+  float progress_weight = 1.0F;
+  float goal_weight = 10.0F;
+  float crash_weight = 10.0F;
+  float near_weight = 0.1F;
+  float time_weight = 0.02F;
+
+  static constexpr auto fields() {
+    using C = DodgeConfig;
+    return field_list(
+        field("step_m", &C::step_m, {.about = "Distance of a full action.", .unit = "m", .limits = above(0)}),
+        field("goal_distance_m", &C::goal_distance_m,
+              {.about = "Minimum distance from the start to the goal. If no such place is found, the goal is the farthest free "
+                        "place among those drawn.",
+               .unit = "m",
+               .limits = at_least(0)}),
+        field("goal_radius_m", &C::goal_radius_m,
+              {.about = "Distance within which the goal counts as reached.", .unit = "m", .limits = above(0)}),
+        field("near_m", &C::near_m,
+              {.about = "Range below which the near term grows, from 0 to 1 at range 0.", .unit = "m", .limits = above(0)}),
+        field("progress_weight", &C::progress_weight, {.about = "Reward for each metre gained towards the goal."}),
+        field("goal_weight", &C::goal_weight, {.about = "Reward for reaching the goal."}),
+        field("crash_weight", &C::crash_weight, {.about = "Penalty for a contact."}),
+        field("near_weight", &C::near_weight, {.about = "Weight of the penalty for the nearest range."}),
+        field("time_weight", &C::time_weight, {.about = "Penalty for each step."}));
+  }
+
+  FLOCKSTEP_API void validate() const;
+};
+
+// Makes the dodge task. Defaults: the set of worlds "train", 36 beams all around with a range of 6 m, episodes of 400 steps.
+// Throws std::invalid_argument on a bad config.
+FLOCKSTEP_API std::unique_ptr<Task> make_task(const DodgeConfig& config);
+
 // -- The list
 
 // A task that another program registered under this id, for example in Python. The engine cannot make it.
@@ -407,7 +459,8 @@ std::unique_ptr<Task> make_task(const Config& config) = delete;
 // All tasks of the engine, plus std::monostate for none, and RegisteredTask. Recipes and the Python classes, keywords and
 // environments are made from this list. A configuration has a name for recipes (kName), a sentence (kAbout), fields() and
 // make_task().
-using TaskConfig = std::variant<std::monostate, NavigationConfig, HoverConfig, TrackConfig, RaceConfig, RegisteredTask>;
+using TaskConfig =
+    std::variant<std::monostate, NavigationConfig, HoverConfig, TrackConfig, RaceConfig, DodgeConfig, RegisteredTask>;
 
 // True for the configuration of a task of the engine.
 template <class Config>

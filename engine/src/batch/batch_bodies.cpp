@@ -165,6 +165,25 @@ void Batch::set_body_velocity(std::span<const float> velocity, std::span<const f
   change(*sim_, {.position = {}, .quat_wxyz = {}, .velocity = velocity, .angular_velocity = angular_velocity}, mask);
 }
 
+void Batch::is_free(std::span<const std::int64_t> drones, std::span<const float> position, std::span<const float> quat_wxyz,
+                    std::span<std::uint8_t> out) const {
+  const CallGuard guard(*lock_);
+  const Simulation& sim = *sim_;
+  checks::indices(drones, sim.num_drones(), "rows");
+  const std::size_t count = drones.empty() ? sim.num_drones() : drones.size();
+  require(!position.empty() || count == 0, "position", "an array", "none");
+  checks::poses(position, quat_wxyz, count);
+  checks::size(out.size(), count, "out");
+  for (std::size_t row = 0; row < count; ++row) {
+    Pose pose{Vec3::Map(position.data() + 3 * row), Quat::Identity()};
+    if (!quat_wxyz.empty()) {
+      const float* const q = quat_wxyz.data() + 4 * row;
+      pose.rotation = Quat(q[0], q[1], q[2], q[3]).normalized();
+    }
+    out[row] = sim.context->is_free(sim.env_of(DroneIndex(drones.empty() ? row : static_cast<std::size_t>(drones[row]))), pose);
+  }
+}
+
 const BodyConfig* Batch::body_config(std::int64_t env, std::int64_t body) const {
   const CallGuard guard(*lock_);
   const bodies::BodyTable& table = table_of(*sim_);

@@ -217,7 +217,7 @@ void BodyTable::place(std::size_t row, const Moment& moment) {
 void BodyTable::show(std::size_t row, const BodyModel* model) {
   models_[row] = model;
   const bool is_there = model != nullptr;
-  solids_[row] = is_there ? model->solid : Primitive();
+  solids_[row] = is_there ? &model->solid : nullptr;
   surfaces_[row] = is_there ? model->surface : render::BodySurface();
   seen_radius_[row] = is_there && is_visible(model->config.visibility) ? model->radius : -1.0F;
   reach_[row] = is_there && is_solid(model->config.visibility) ? model->radius : -1.0F;

@@ -81,7 +81,7 @@ class BodyTable {
   std::string added_;                                       // the added ones, packed
   // (E B,)
   std::vector<const BodyModel*> models_;
-  std::vector<Primitive> solids_;
+  std::vector<const Primitive*> solids_;
   std::vector<render::BodySurface> surfaces_;
   std::vector<float> seen_radius_, reach_;
   std::vector<float> from_position_, from_quat_;  // before the last tick

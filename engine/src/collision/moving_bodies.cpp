@@ -19,7 +19,7 @@ bool overlaps_body(const MovingBodies& bodies, const Obstacles& obstacles, const
     const Pose there = pose_in(bodies.position, bodies.quat_wxyz, number);
     const float reach = bodies.reach[number] + hull.radius();
     if ((there.position - pose.position).squaredNorm() > reach * reach) continue;
-    const Primitive& solid = bodies.solids[number];
+    const Primitive& solid = *bodies.solids[number];
     const MovingSolid standing(solid.kind, solid.half_extents, there, there, static_cast<int>(number));
     if (first_contact(obstacles, {&standing, 1}, hull, pose, pose).body >= 0) return true;
   }
@@ -36,7 +36,7 @@ std::span<const MovingSolid> NearSolids::gather(const MovingBodies& bodies, cons
   const trace::Balls balls{bodies.position, bodies.reach, bodies.count, bodies.readable};
   const std::size_t count = trace::find_near_balls(balls, origin, range_m, found_.data());
   for (const std::uint32_t number : std::span(found_).first(count)) {
-    const Primitive& solid = bodies.solids[number];
+    const Primitive& solid = *bodies.solids[number];
     solids_.emplace_back(solid.kind, solid.half_extents, pose_in(bodies.from_position, bodies.from_quat, number),
                          pose_in(bodies.position, bodies.quat_wxyz, number), static_cast<int>(number));
   }

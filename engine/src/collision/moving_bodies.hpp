@@ -22,7 +22,7 @@ struct MovingBodies {
   const float* quat_wxyz = nullptr;      // (count, 4) after the tick
   // (count,) m, radius of a ball around `position` that contains the body during the whole tick; negative: drones pass through.
   const float* reach = nullptr;
-  const Primitive* solids = nullptr;  // (count,) kind and half_extents; the pose is ignored
+  const Primitive* const* solids = nullptr;  // (count,) kind and half_extents; the poses are ignored
   std::size_t count = 0;
   std::size_t readable = 0;  // number of bodies that these arrays hold, at least count
 

@@ -93,6 +93,7 @@ void Lidar::measure(std::span<const DroneIndex> drones, const Surroundings& surr
     if (i + 2 < drones.size()) {
       if (const trace::Scene& next = surroundings.scene_of(drones[i + 2]); &next != &scene) next.prefetch_parts();
     }
+    if (surroundings.bodies_per_env > 0 && i + 1 < drones.size()) surroundings.bodies_of(drones[i + 1]).prefetch_balls();
     scan(scene, surroundings.bodies_of(drone), pose_of(surroundings.state, drone), drone,
          readings_.truth().ranges.data() + drone * rays_, surroundings.tracer);
   }

@@ -7,6 +7,7 @@
 #include <span>
 #include <vector>
 
+#include "base/prefetch.hpp"
 #include "flockstep/pose.hpp"
 #include "flockstep/world.hpp"
 #include "trace/direct.hpp"
@@ -16,10 +17,10 @@
 namespace flockstep::trace {
 
 struct Bodies {
-  const float* position = nullptr;    // (count, 3) m, world frame
-  const float* quat_wxyz = nullptr;   // (count, 4) body to world
-  const float* radius = nullptr;      // (count,) m, of the ball around the position that contains it; negative: not visible
-  const Primitive* solids = nullptr;  // (count,) kind and half_extents; the pose is ignored
+  const float* position = nullptr;   // (count, 3) m, world frame
+  const float* quat_wxyz = nullptr;  // (count, 4) body to world
+  const float* radius = nullptr;     // (count,) m, of the ball around the position that contains it; negative: not visible
+  const Primitive* const* solids = nullptr;  // (count,) kind and half_extents; the poses are ignored
   std::size_t count = 0;
   std::size_t readable = 0;        // bodies of this env and the following ones, which these arrays also hold
   std::int32_t first_element = 0;  // number of the first body in hits
@@ -30,6 +31,10 @@ struct Bodies {
     const std::size_t first = env * per_env;
     return {position + 3 * first, quat_wxyz + 4 * first, radius + first, solids + first, per_env,
             readable - first,     first_element};
+  }
+  void prefetch_balls() const {
+    prefetch(position, 3 * count * sizeof(float));
+    prefetch(radius, count * sizeof(float));
   }
   Balls balls() const { return {position, radius, count, readable}; }
 };

@@ -3,9 +3,8 @@
 #include "world/scene_description.hpp"
 
 namespace flockstep::trace {
-namespace {
 
-ShapeKind kind_of(PrimitiveKind kind) {
+ShapeKind shape_kind_of(PrimitiveKind kind) {
   switch (kind) {
     case PrimitiveKind::cylinder:
     case PrimitiveKind::disc:
@@ -19,11 +18,9 @@ ShapeKind kind_of(PrimitiveKind kind) {
   }
 }
 
-}  // namespace
-
 Shape make_shape(const Primitive& primitive) {
   Shape shape;
-  shape.kind = kind_of(primitive.kind);
+  shape.kind = shape_kind_of(primitive.kind);
   const Aabb box = bounds(primitive);
   shape.box_center = 0.5F * (box.min + box.max);
   shape.box_half = 0.5F * (box.max - box.min) + 1e-5F * (Vec3::Ones() + box.min.cwiseAbs().cwiseMax(box.max.cwiseAbs()));

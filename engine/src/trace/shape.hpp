@@ -28,6 +28,7 @@ struct alignas(64) NumberedShape {
   std::int32_t element;
 };
 
+ShapeKind shape_kind_of(PrimitiveKind kind);
 Shape make_shape(const Primitive& primitive);
 
 }  // namespace flockstep::trace

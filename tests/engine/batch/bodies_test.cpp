@@ -38,10 +38,9 @@ testing::NavigationBatch among_bodies(int num_envs) {
   config.episode.max_episode_steps = 60;
   config.episode.autoreset_mode = AutoresetMode::same_step;
   config.episode.random_world = true;
-  config.bodies = {body_at({3, 3, 1}, {0.5F, 0.3F, 0}, BodyShape::box),
-                   body_at({7, 7, 1}, {-0.4F, -0.2F, 0.05F}, BodyShape::sphere),
-                   body_at({4, 9, 1.5F}, {0.2F, -0.5F, 0}, BodyShape::capsule),
-                   body_at({10, 4, 1}, {-0.5F, 0, 0}, BodyShape::cylinder)};
+  config.bodies = {
+      body_at({4, 6.5F, 1.4F}, {-0.5F, 0, 0}, BodyShape::box), body_at({3, 5, 1.2F}, {-0.1F, 0.5F, 0.05F}, BodyShape::sphere),
+      body_at({2, 9, 1.5F}, {0.2F, -0.5F, 0}, BodyShape::capsule), body_at({6, 6, 1.5F}, {-0.9F, 0, 0}, BodyShape::cylinder)};
   config.max_bodies = 5;
   return config;
 }
@@ -80,8 +79,9 @@ TEST(Bodies, EnvsDoNotDependOnOthers) {
   testing::NavigationBatch few_config = among_bodies(20);
   few_config.block_size = 3;
   few_config.num_threads = 4;
-  Batch few = few_config.make(five_playgrounds());
-  Batch many = among_bodies(200).make(five_playgrounds());
+  const Batch::Worlds worlds = five_playgrounds();
+  Batch few = few_config.make(worlds);
+  Batch many = among_bodies(200).make(worlds);
   few.reset({});
   many.reset({});
   for (std::size_t step = 0; step < 150; ++step) {

@@ -37,6 +37,7 @@ using testing::soup;
 struct Moving {
   std::vector<float> position, quat_wxyz, radius;
   std::vector<Primitive> solids;
+  mutable std::vector<const Primitive*> pointers;  // to the solids, for the last view()
 
   void add(const Primitive& solid, float ball) {
     for (const float p : solid.center) position.push_back(p);
@@ -45,10 +46,12 @@ struct Moving {
     solids.push_back(solid);
   }
   Bodies view(std::int32_t first_element = 0) const {
+    pointers.clear();
+    for (const Primitive& solid : solids) pointers.push_back(&solid);
     return {.position = position.data(),
             .quat_wxyz = quat_wxyz.data(),
             .radius = radius.data(),
-            .solids = solids.data(),
+            .solids = pointers.data(),
             .count = radius.size(),
             .readable = radius.size(),
             .first_element = first_element};
