@@ -418,5 +418,5 @@ def test_an_env_takes_bodies():
     again = flockstep.DroneVectorEnv.from_recipe(env.recipe.to_json())
     assert again.batch.bodies.position.tolist() == env.batch.bodies.position.tolist()
     assert len(again.batch.bodies) == 2
-    with pytest.raises(TypeError, match="bodies: expected a flockstep.BodyConfig"):
+    with pytest.raises(TypeError, match=r"bodies: expected a flockstep\.BodyConfig"):
         flockstep.DroneVectorEnv(2, bodies="cars")
