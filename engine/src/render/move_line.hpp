@@ -17,12 +17,12 @@ namespace flockstep::render {
 inline constexpr std::array<std::uint8_t, 3> kMoveLineColor{0, 230, 60};  // sRGB
 
 // Lines are two pixels wide in an image of 640 pixels, wider in wider images, and have smooth edges. For each pixel of a line
-// the painter traces one ray from the camera to the line's nearest point. It sees what the camera sees: markers, and the world
-// through masks, between the near and the far plane.
+// the painter traces one ray from the camera to the line's nearest point. It sees what the camera sees: markers, bodies, and
+// the world through masks, between the near and the far plane.
 class LinePainter {
  public:
-  // view: the request of the frame; only its pose, scene and optics are read. It must outlive the painter. width_px, height_px:
-  // size of the image, which may be resized. tracer: not in use elsewhere meanwhile.
+  // view: the request of the frame; only its pose, scene, bodies and optics are read. It must outlive the painter. width_px,
+  // height_px: size of the image, which may be resized. tracer: not in use elsewhere meanwhile.
   LinePainter(const RenderRequest& view, int width_px, int height_px, trace::Tracer& tracer);
 
   // Adds a line through points in m, world frame. A point that is NaN separates two lines.

@@ -3,6 +3,7 @@
 #include "trace/near_balls.hpp"
 
 namespace flockstep::trace {
+
 namespace {
 
 // Returns the shape of a body at its pose. Its bits are those of the same solid in a world, except the bounding box: if the body
@@ -27,6 +28,15 @@ Shape shape_of(const Bodies& bodies, std::size_t number) {
 }
 
 }  // namespace
+
+Primitive posed_solid(const Bodies& bodies, std::size_t number) {
+  Primitive solid = *bodies.solids[number];
+  const float* const p = bodies.position + 3 * number;
+  const float* const q = bodies.quat_wxyz + 4 * number;
+  solid.center = {p[0], p[1], p[2]};
+  if (solid.kind != PrimitiveKind::sphere) solid.rotation = Quat(q[0], q[1], q[2], q[3]);  // a turned one is the same
+  return solid;
+}
 
 void make_shapes(const Bodies& bodies, std::vector<NumberedShape>& shapes) {
   shapes.clear();

@@ -39,6 +39,9 @@ struct Bodies {
   Balls balls() const { return {position, radius, count, readable}; }
 };
 
+// Returns body `number` as a primitive at its current pose.
+Primitive posed_solid(const Bodies& bodies, std::size_t number);
+
 // Makes shapes of all visible bodies, for rays of arbitrary origins.
 void make_shapes(const Bodies& bodies, std::vector<NumberedShape>& shapes);
 

@@ -267,24 +267,41 @@ void set_light(Record& record, const Surface& surface, const Light& light) {
   record.sun_direction = light.sun_direction;
 }
 
-void add_round(RoundKind kind, const Vec3& center, const Mat3& rotation, const Vec3& half, const Surface& surface,
-               bool only_front, GlModel& model) {
-  RoundShape shape{};
-  shape.center = array_of(center);
-  shape.radius = half.x();
-  shape.axis_x = array_of(rotation.col(0));
-  shape.axis_y = array_of(rotation.col(1));
-  shape.axis_z = array_of(rotation.col(2));
-  shape.half_height = half.z();
+Mat3 rotation_of(const Primitive& primitive) {
+  return primitive.rotation.cast<double>().normalized().toRotationMatrix().cast<float>();
+}
+
+void add_round(RoundKind kind, const Primitive& primitive, const Surface& surface, bool only_front, GlModel& model) {
+  RoundShape shape = make_round_shape(primitive, surface, model.light);
   shape.only_front = only_front ? 1.0F : 0.0F;
-  set_light(shape, surface, model.light);
-  shape.ids = pack(surface);
   model.shapes[static_cast<std::size_t>(kind)].push_back(shape);
-  const float reach = kind == RoundKind::cylinder ? std::hypot(half.x(), half.z()) : std::max(half.x(), half.z());
-  model.bounds[static_cast<std::size_t>(kind)].push_back({center, rotation.col(2), half.x(), reach});
+  model.bounds[static_cast<std::size_t>(kind)].push_back(make_round_bound(kind, primitive));
 }
 
 }  // namespace
+
+RoundShape make_round_shape(const Primitive& primitive, const Surface& surface, const Light& light) {
+  const Mat3 rotation = rotation_of(primitive);
+  RoundShape shape{};
+  shape.center = array_of(primitive.center);
+  shape.radius = primitive.half_extents.x();
+  shape.axis_x = array_of(rotation.col(0));
+  shape.axis_y = array_of(rotation.col(1));
+  shape.axis_z = array_of(rotation.col(2));
+  shape.half_height = primitive.half_extents.z();
+  set_light(shape, surface, light);
+  shape.half_y = primitive.half_extents.y();
+  shape.ids = pack(surface);
+  return shape;
+}
+
+RoundBound make_round_bound(RoundKind kind, const Primitive& primitive) {
+  const Vec3& half = primitive.half_extents;
+  const float reach = kind == RoundKind::box        ? half.norm()
+                      : kind == RoundKind::cylinder ? std::hypot(half.x(), half.z())
+                                                    : std::max(half.x(), half.z());
+  return {primitive.center, rotation_of(primitive).col(2), half.x(), reach};
+}
 
 GlModel::GlModel(const World& world) : textures(world) {
   const Appearance appearance(world);
@@ -294,10 +311,7 @@ GlModel::GlModel(const World& world) : textures(world) {
     const Primitive& primitive = world.primitives()[i];
     if (!is_visible(primitive.visibility)) continue;
     const Surface& surface = appearance.primitives[i];
-    const auto round = [&](RoundKind kind) {
-      const Mat3 rotation = primitive.rotation.cast<double>().normalized().toRotationMatrix().cast<float>();
-      add_round(kind, primitive.center, rotation, primitive.half_extents, surface, false, *this);
-    };
+    const auto round = [&](RoundKind kind) { add_round(kind, primitive, surface, false, *this); };
     switch (primitive.kind) {
       case PrimitiveKind::room:
         rooms.push_back({primitive.center - primitive.half_extents, primitive.center + primitive.half_extents});
@@ -322,8 +336,11 @@ GlModel::GlModel(const World& world) : textures(world) {
   }
   add_mesh(world, appearance, soup);
   for (const MarkerSphere& marker : appearance.markers) {
-    add_round(RoundKind::sphere, marker.center, Mat3::Identity(), Vec3::Constant(appearance.marker_radius), marker.surface, true,
-              *this);
+    Primitive sphere;
+    sphere.kind = PrimitiveKind::sphere;
+    sphere.center = marker.center;
+    sphere.half_extents = Vec3::Constant(appearance.marker_radius);
+    add_round(RoundKind::sphere, sphere, marker.surface, true, *this);
   }
   const std::vector<bool> masking = trace::masking_materials(world);
   for (std::size_t i = 0; soup.is_painted && i < appearance.materials.size(); ++i) {

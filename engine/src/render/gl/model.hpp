@@ -8,6 +8,7 @@
 
 #include "flockstep/pose.hpp"
 #include "flockstep/world.hpp"
+#include "render/appearance.hpp"
 #include "render/textures.hpp"
 
 namespace flockstep::render {
@@ -53,14 +54,15 @@ struct FlatChunk {
   std::uint32_t first_index, index_count;
 };
 
-// Kinds of round primitives; each has its own shader.
-enum class RoundKind : std::uint8_t { cylinder, sphere, capsule, disc };
-inline constexpr std::size_t kNumRoundKinds = 4;
+// Kinds of shapes that the fragment shader intersects exactly; each has its own shader. Only bodies have boxes among them:
+// boxes of worlds are flat geometry.
+enum class RoundKind : std::uint8_t { cylinder, sphere, capsule, disc, box };
+inline constexpr std::size_t kNumRoundKinds = 5;
 
-// A round primitive in the layout of the shaders; each row is a vec4.
+// A round primitive, or the box of a body, in the layout of the shaders; each row is a vec4.
 struct RoundShape {
   std::array<float, 3> center;  // m, world frame
-  float radius;                 // m
+  float radius;                 // m; half size of a box along x
   std::array<float, 3> axis_x;  // x axis of its own frame, in the world frame
   float half_height;            // m
   std::array<float, 3> axis_y;
@@ -70,11 +72,11 @@ struct RoundShape {
   std::array<float, 3> middle;  // ambient and emitted light: middle + slope * n.z
   std::uint32_t ids;            // as in FlatVertex
   std::array<float, 3> slope;
-  float unused_1;
+  float half_y;              // m, half size of a box along y
   std::array<float, 3> sun;  // sunlight at normal incidence
-  float unused_2;
+  float unused_1;
   std::array<float, 3> sun_direction;  // towards the sun, world frame
-  float unused_3;
+  float unused_2;
 };
 static_assert(sizeof(RoundShape) == 8 * 16);
 
@@ -84,6 +86,10 @@ struct RoundBound {
   float radius;  // m
   float reach;   // m, radius of its bounding sphere
 };
+
+// Each takes the kind, the pose and the size of the primitive.
+RoundShape make_round_shape(const Primitive& primitive, const Surface& surface, const Light& light);
+RoundBound make_round_bound(RoundKind kind, const Primitive& primitive);
 
 struct GlModel {
   explicit GlModel(const World& world);

@@ -56,11 +56,18 @@ std::array<float, 4> row(const std::array<float, 3>& v, float w) { return {v[0],
 // Returns whether the eye is far enough from the shape that a rectangle covers all of it and lies beyond the near plane.
 bool is_well_outside(const RoundBound& bound, RoundKind kind, const TileCamera& camera, float near_m) {
   if (kind == RoundKind::disc) return true;  // a disc lies in its rectangle
+  if (kind == RoundKind::box) return false;  // it has no rectangle
   const Vec3 center = bound.center - camera.position;
   const float pixel = 1.0F / std::min(camera.fx, camera.fy);
   const float radius = 1.001F * bound.radius + 0.06F * pixel * (center.norm() + bound.reach);
   const float distance = (kind == RoundKind::sphere ? center : Vec3(center - center.dot(bound.axis) * bound.axis)).norm();
   return distance > 1.2F * radius + near_m;
+}
+
+template <class Planes>
+bool is_hidden(const RoundBound& bound, const Planes& frustum) {
+  return std::any_of(frustum.begin(), frustum.end(),
+                     [&](const auto& plane) { return plane.normal.dot(bound.center) + plane.offset < -bound.reach; });
 }
 
 }  // namespace
@@ -74,7 +81,9 @@ GlPainter::GlPainter()
       quads_(pattern(kQuad, 4, kMaxBoxes)),
       cameras_(GlBuffer::make()),
       commands_(GlBuffer::make()),
-      visible_buffer_(GlBuffer::make()) {
+      visible_buffer_(GlBuffer::make()),
+      body_buffer_(GlBuffer::make()),
+      body_casters_(GlBuffer::make()) {
   glVertexArrayElementBuffer(box_array_.name(), boxes_.name());
   glVertexArrayElementBuffer(quad_array_.name(), quads_.name());
 
@@ -184,14 +193,19 @@ void GlPainter::add(std::uint32_t model, const GlSunGrid& grid) {
   models_[model].grid = static_cast<std::uint32_t>(grids_.append(std::span<const GridRecord>(&record, 1)));
 }
 
-void GlPainter::paint(const GlAtlas& atlas, std::span<const TileCamera> cameras, const GlPass& pass) {
+void GlPainter::paint(const GlAtlas& atlas, std::span<const TileCamera> cameras, std::span<const GlBody> bodies,
+                      const GlPass& pass) {
   records_.clear();
   flat_commands_.clear();
-  for (auto& of_kind : visible_) {
-    for (auto& visible : of_kind) visible.clear();
+  for (auto* const shapes : {&visible_, &visible_bodies_}) {
+    for (VisibleShapes& of_kind : *shapes) {
+      for (auto& visible : of_kind) visible.clear();
+    }
   }
+  for (auto& shapes : body_shapes_) shapes.clear();
+  caster_lists_.assign(1, SunCaster{});
   sky_cameras_.clear();
-  for (std::size_t i = 0; i < cameras.size(); ++i) cull(cameras[i], static_cast<std::uint32_t>(i), atlas, pass);
+  for (std::size_t i = 0; i < cameras.size(); ++i) cull(cameras[i], static_cast<std::uint32_t>(i), bodies, atlas, pass);
   upload(cameras_, std::span<const CameraRecord>(records_));
 
   // Attachments need clearing only if a pixel may remain unwritten. If colours are drawn, the sky fills every uncovered
@@ -214,13 +228,18 @@ void GlPainter::paint(const GlAtlas& atlas, std::span<const TileCamera> cameras,
     glBindBufferBase(GL_SHADER_STORAGE_BUFFER, kEntriesBinding, entries_.name());
     glBindBufferBase(GL_SHADER_STORAGE_BUFFER, kCastersBinding, casters_.name());
   }
+  ShaderTraits traits = pass.traits;
+  traits.bodies = caster_lists_.size() > 1;
+  if (traits.bodies) {
+    upload(body_casters_, std::span<const SunCaster>(caster_lists_));
+    glBindBufferBase(GL_SHADER_STORAGE_BUFFER, kBodyCastersBinding, body_casters_.name());
+  }
   const auto use = [&](GLuint program) {
     glUseProgram(program);
     const auto tile_height = static_cast<float>(size.height);
     glUniform4f(kTilesUniform, tile_height, 1.0F / tile_height, 1.0F / static_cast<float>(size.tiles), 0.0F);
     glUniform4f(kRangeUniform, pass.near_m, pass.far_m, 1.0F / pass.far_m, 1.0F / (1.0F / pass.near_m - 1.0F / pass.far_m));
   };
-  ShaderTraits traits = pass.traits;
   traits.masked = std::any_of(cameras.begin(), cameras.end(), [&](const TileCamera& c) { return models_[c.model].is_masked; });
   if (!flat_commands_.empty()) {
     traits.painted =
@@ -229,11 +248,17 @@ void GlPainter::paint(const GlAtlas& atlas, std::span<const TileCamera> cameras,
     draw_flat(traits.painted);
   }
   for (std::size_t kind = 0; kind < kNumRoundKinds; ++kind) {
-    for (const bool boxes : {false, true}) {
-      if (visible_[kind][boxes ? 1 : 0].empty()) continue;
-      use(shaders_.round(static_cast<RoundKind>(kind), traits));
-      draw_round(kind, boxes);
-    }
+    const auto draw = [&](const VisibleShapes& visible, GLuint shapes) {
+      for (const bool boxes : {false, true}) {
+        if (visible[boxes ? 1 : 0].empty()) continue;
+        use(shaders_.round(static_cast<RoundKind>(kind), traits));
+        draw_round(visible, boxes, shapes);
+      }
+    };
+    draw(visible_[kind], shapes_[kind].name());
+    if (body_shapes_[kind].empty()) continue;
+    upload(body_buffer_, std::span<const RoundShape>(body_shapes_[kind]));
+    draw(visible_bodies_[kind], body_buffer_.name());
   }
   if (writes.color && !sky_cameras_.empty()) {
     traits.sun = std::any_of(sky_cameras_.begin(), sky_cameras_.end(),
@@ -243,7 +268,20 @@ void GlPainter::paint(const GlAtlas& atlas, std::span<const TileCamera> cameras,
   }
 }
 
-void GlPainter::cull(const TileCamera& camera, std::uint32_t number, const GlAtlas& atlas, const GlPass& pass) {
+// Returns the first caster of the camera's list, and adds the list unless the previous camera has the same one.
+std::uint32_t GlPainter::list_casters(const TileCamera& camera, std::span<const GlBody> bodies) {
+  if (camera.num_bodies == 0) return 0;
+  if (listed_body_ != camera.first_body || caster_lists_.size() == 1) {
+    listed_body_ = camera.first_body;
+    last_list_ = static_cast<std::uint32_t>(caster_lists_.size());
+    for (const GlBody& body : bodies) caster_lists_.push_back(body.caster);
+    caster_lists_.emplace_back();
+  }
+  return last_list_;
+}
+
+void GlPainter::cull(const TileCamera& camera, std::uint32_t number, std::span<const GlBody> bodies, const GlAtlas& atlas,
+                     const GlPass& pass) {
   const UploadedModel& model = models_[camera.model];
   const AtlasSize& size = atlas.size();
   const Eigen::Matrix3d rotation = camera.rotation.cast<double>();
@@ -264,8 +302,10 @@ void GlPainter::cull(const TileCamera& camera, std::uint32_t number, const GlAtl
   const double middle = (2.0 * number + 1.0) / size.tiles - 1.0;
   const float gamma_exponent = 1.0F / model.light.gamma;
   const Vec3d eye = camera.position.cast<double>();
-  records_.push_back({row(eye, middle), row(forward, cx), row(x, cy), row(y, 1.0 / fx), row(ray_0, 1.0 / fy), row(-left / fx),
-                      row(-up / fy, model.grid), row(model.light.horizon_color, gamma_exponent),
+  const std::span<const GlBody> of_env = bodies.subspan(camera.first_body, camera.num_bodies);
+  const std::uint32_t casters = pass.traits.shadows ? list_casters(camera, of_env) : 0;
+  records_.push_back({row(eye, middle), row(forward, cx), row(x, cy), row(y, 1.0 / fx), row(ray_0, 1.0 / fy),
+                      row(-left / fx, casters), row(-up / fy, model.grid), row(model.light.horizon_color, gamma_exponent),
                       row(model.light.zenith_color, model.sun_disc.glow), row(model.light.sun_direction, model.sun_disc.edge),
                       row(model.sun_disc.color, model.sun_disc.steepness)});
 
@@ -284,6 +324,7 @@ void GlPainter::cull(const TileCamera& camera, std::uint32_t number, const GlAtl
   plane(5, -forward, -far);
   cull_flat(model, frustum, number);
   cull_round(model, frustum, camera, pass, number);
+  cull_bodies(of_env, frustum, camera, pass, number);
 
   // A camera shows no sky if it is inside a room, the near plane is too far from the walls to cut through one, and the far
   // plane lies beyond the room.
@@ -324,13 +365,21 @@ void GlPainter::cull_round(const UploadedModel& model, const Frustum& frustum, c
   for (std::size_t kind = 0; kind < kNumRoundKinds; ++kind) {
     for (std::size_t i = 0; i < model.bounds[kind].size(); ++i) {
       const RoundBound& bound = model.bounds[kind][i];
-      const bool hidden = std::any_of(frustum.begin(), frustum.end(), [&](const Plane& plane) {
-        return plane.normal.dot(bound.center) + plane.offset < -bound.reach;
-      });
-      if (hidden) continue;
+      if (is_hidden(bound, frustum)) continue;
       const bool boxes = !is_well_outside(bound, static_cast<RoundKind>(kind), camera, pass.near_m);
       visible_[kind][boxes ? 1 : 0].push_back({number, model.first_shape[kind] + static_cast<std::uint32_t>(i)});
     }
+  }
+}
+
+void GlPainter::cull_bodies(std::span<const GlBody> bodies, const Frustum& frustum, const TileCamera& camera, const GlPass& pass,
+                            std::uint32_t number) {
+  for (const GlBody& body : bodies) {
+    if (is_hidden(body.bound, frustum)) continue;
+    const auto kind = static_cast<std::size_t>(body.kind);
+    const bool boxes = !is_well_outside(body.bound, body.kind, camera, pass.near_m);
+    visible_bodies_[kind][boxes ? 1 : 0].push_back({number, static_cast<std::uint32_t>(body_shapes_[kind].size())});
+    body_shapes_[kind].push_back(body.shape);
   }
 }
 
@@ -358,8 +407,8 @@ void GlPainter::draw_flat(bool painted) {
   glMultiDrawElementsIndirect(GL_TRIANGLES, GL_UNSIGNED_INT, nullptr, static_cast<GLsizei>(flat_commands_.size()), 0);
 }
 
-void GlPainter::draw_round(std::size_t kind, bool boxes) {
-  const std::vector<VisibleShape>& visible = visible_[kind][boxes ? 1 : 0];
+void GlPainter::draw_round(const VisibleShapes& shown, bool boxes, GLuint shapes) {
+  const std::vector<VisibleShape>& visible = shown[boxes ? 1 : 0];
   if (boxes) {
     glEnable(GL_CULL_FACE);
     glCullFace(GL_FRONT);
@@ -370,7 +419,7 @@ void GlPainter::draw_round(std::size_t kind, bool boxes) {
   glBindVertexArray(boxes ? box_array_.name() : quad_array_.name());
   upload(visible_buffer_, std::span<const VisibleShape>(visible));
   glBindBufferBase(GL_SHADER_STORAGE_BUFFER, kVisibleBinding, visible_buffer_.name());
-  glBindBufferBase(GL_SHADER_STORAGE_BUFFER, kShapesBinding, shapes_[kind].name());
+  glBindBufferBase(GL_SHADER_STORAGE_BUFFER, kShapesBinding, shapes);
   const std::size_t indices = boxes ? kBox.size() : kQuad.size();
   for (std::size_t first = 0; first < visible.size(); first += kMaxBoxes) {
     const std::size_t count = std::min(kMaxBoxes, visible.size() - first);

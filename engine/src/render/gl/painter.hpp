@@ -8,6 +8,7 @@
 
 #include "render/appearance.hpp"
 #include "render/gl/atlas.hpp"
+#include "render/gl/bodies.hpp"
 #include "render/gl/model.hpp"
 #include "render/gl/objects.hpp"
 #include "render/gl/shaders.hpp"
@@ -23,6 +24,7 @@ struct TileCamera {
   Mat3 rotation;            // camera to world
   float fx = 1, fy = 1;     // px
   float cx = 0, cy = 0;     // px, from the tile's upper left
+  std::uint32_t first_body = 0, num_bodies = 0;
 };
 
 struct GlPass {
@@ -41,8 +43,8 @@ class GlPainter {
   // Copies the sun grid of a model. Call it before the first pass with shadows that shows the model.
   void add(std::uint32_t model, const GlSunGrid& grid);
 
-  // Clears the atlas and draws one tile per camera.
-  void paint(const GlAtlas& atlas, std::span<const TileCamera> cameras, const GlPass& pass);
+  // Clears the atlas and draws one tile per camera. bodies: of all cameras; those of one env follow each other.
+  void paint(const GlAtlas& atlas, std::span<const TileCamera> cameras, std::span<const GlBody> bodies, const GlPass& pass);
   // Averages the sample grid of each pixel.
   void resolve(const GlAtlas& samples, const GlAtlas& into, int side, int tiles);
 
@@ -78,6 +80,8 @@ class GlPainter {
   struct VisibleShape {  // in the layout of the shaders
     std::uint32_t camera, shape;
   };
+  // Shapes drawn as rectangles, and shapes drawn as boxes; see shaders.cpp.
+  using VisibleShapes = std::array<std::vector<VisibleShape>, 2>;
   struct Plane {
     Vec3 normal;   // unit, inwards
     float offset;  // m
@@ -85,12 +89,16 @@ class GlPainter {
   using Frustum = std::array<Plane, 6>;
 
   void add_paints(const GlModel& model, std::size_t first_vertex);
-  void cull(const TileCamera& camera, std::uint32_t number, const GlAtlas& atlas, const GlPass& pass);
+  std::uint32_t list_casters(const TileCamera& camera, std::span<const GlBody> bodies);
+  void cull(const TileCamera& camera, std::uint32_t number, std::span<const GlBody> bodies, const GlAtlas& atlas,
+            const GlPass& pass);
   void cull_flat(const UploadedModel& model, const Frustum& frustum, std::uint32_t number);
   void cull_round(const UploadedModel& model, const Frustum& frustum, const TileCamera& camera, const GlPass& pass,
                   std::uint32_t number);
+  void cull_bodies(std::span<const GlBody> bodies, const Frustum& frustum, const TileCamera& camera, const GlPass& pass,
+                   std::uint32_t number);
   void draw_flat(bool painted);
-  void draw_round(std::size_t kind, bool boxes);
+  void draw_round(const VisibleShapes& shown, bool boxes, GLuint shapes);
   void draw_sky();
 
   GlShaders shaders_;
@@ -106,13 +114,17 @@ class GlPainter {
   GlStore<std::uint32_t> starts_, entries_;
   GlStore<SunCaster> casters_;
   GlVertexArray flat_array_, box_array_, quad_array_, no_array_;
-  GlBuffer boxes_, quads_;                        // index patterns of many boxes and quads
-  GlBuffer cameras_, commands_, visible_buffer_;  // rewritten by each paint()
+  GlBuffer boxes_, quads_;                                                     // index patterns of many boxes and quads
+  GlBuffer cameras_, commands_, visible_buffer_, body_buffer_, body_casters_;  // rewritten by each paint()
 
   std::vector<CameraRecord> records_;
   std::vector<DrawCommand> flat_commands_;
-  // Shapes drawn as rectangles, and shapes drawn as boxes; see shaders.cpp.
-  std::array<std::array<std::vector<VisibleShape>, 2>, kNumRoundKinds> visible_;
+  std::array<VisibleShapes, kNumRoundKinds> visible_;
+  std::array<VisibleShapes, kNumRoundKinds> visible_bodies_;  // indices into body_shapes_
+  std::array<std::vector<RoundShape>, kNumRoundKinds> body_shapes_;
+  // Lists of the casters among the bodies, each with an empty caster at its end. The first list is empty.
+  std::vector<SunCaster> caster_lists_;
+  std::uint32_t listed_body_ = 0, last_list_ = 0;  // of the last list: its first body, its first caster
   std::vector<std::uint32_t> sky_cameras_;
 };
 

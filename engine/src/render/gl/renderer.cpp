@@ -8,6 +8,7 @@
 #include <vector>
 
 #include "base/platform.hpp"
+#include "render/gl/bodies.hpp"
 #include "render/gl/frame_writer.hpp"
 #include "render/gl/worker.hpp"
 
@@ -133,6 +134,7 @@ void GlRenderer::finish(Workers& workers) {
 
 void GlRenderer::Impl::plan() {
   GlTask& task = worker.task();
+  task.bodies.clear();
   task.cameras.clear();
   task.rounds.clear();
   parts.clear();
@@ -172,8 +174,17 @@ void GlRenderer::Impl::plan_group(std::span<const std::uint32_t> group) {
       std::max(1, static_cast<int>(std::min<std::int64_t>(worker.max_side() / (tile.height * pass.samples), by_size)));
 
   const std::size_t first_camera = task.cameras.size();
+  const RenderRequest* last = nullptr;
+  std::size_t first_body = task.bodies.size();
   for (const std::uint32_t i : group) {
     const RenderRequest& request = requests[i];
+    // Drones of one env share its bodies.
+    if (last == nullptr || last->bodies.shapes.position != request.bodies.shapes.position || last->world != request.world) {
+      first_body = task.bodies.size();
+      append_bodies(request.bodies, *request.world, pass.traits.shadows, task.bodies);
+    }
+    last = &request;
+    const auto num_bodies = static_cast<std::uint32_t>(task.bodies.size() - first_body);
     const std::uint32_t model = model_of(*request.world, pass.traits.shadows);
     for (int row = 0; row < rows; ++row) {
       for (int column = 0; column < columns; ++column) {
@@ -182,7 +193,8 @@ void GlRenderer::Impl::plan_group(std::span<const std::uint32_t> group) {
         parts.push_back(
             {i, left, top, std::min(tile.width, camera.width_px - left), std::min(tile.height, camera.height_px - top)});
         task.cameras.push_back({model, request.position, request.rotation, request.pinhole->fx, request.pinhole->fy,
-                                request.pinhole->cx - static_cast<float>(left), request.pinhole->cy - static_cast<float>(top)});
+                                request.pinhole->cx - static_cast<float>(left), request.pinhole->cy - static_cast<float>(top),
+                                static_cast<std::uint32_t>(first_body), num_bodies});
       }
     }
   }

@@ -31,7 +31,7 @@ struct Camera {
   vec4 x_cy;        // xyz: the same for the clip x; w: cy, px
   vec4 y_fx;        // xyz: the same for the clip y, within the tile; w: 1 / fx
   vec4 ray_0_fy;    // w: 1 / fy
-  vec4 ray_u;
+  vec4 ray_u_casters;  // w: first entry of BodyCasters for the bodies of this camera's env
   vec4 ray_v_grid;  // w: index of the sun's grid
   vec4 horizon;  // w: 1 / gamma
   vec4 zenith_glow;
@@ -68,14 +68,22 @@ layout(location = 12) flat out vec4 sun_ray_0_low;
 layout(location = 13) flat out vec4 sun_ray_u_cells;  // w: cells per metre
 layout(location = 14) flat out vec3 sun_ray_v;
 layout(location = 15) flat out uvec4 sun_grid;
+#ifdef BODIES
+layout(location = 10) flat out uint first_body_caster;
+#endif
 
-void look_at_sun(vec3 eye, vec3 ray_0, vec3 ray_u, vec3 ray_v, float number) {
-  Grid grid = grids[uint(number)];
+void look_at_sun(vec3 eye, vec3 ray_0, vec4 ray_u_casters, vec4 ray_v_grid) {
+  Grid grid = grids[uint(ray_v_grid.w)];
+  vec3 ray_u = ray_u_casters.xyz;
+  vec3 ray_v = ray_v_grid.xyz;
   sun_eye_left = vec4(grid.to_sun * eye, grid.left_low_cell.x);
   sun_ray_0_low = vec4(grid.to_sun * ray_0, grid.left_low_cell.y);
   sun_ray_u_cells = vec4(grid.to_sun * ray_u, grid.left_low_cell.w);
   sun_ray_v = grid.to_sun * ray_v;
   sun_grid = grid.size;
+#ifdef BODIES
+  first_body_caster = uint(ray_u_casters.w);
+#endif
 }
 #endif
 )";
@@ -113,7 +121,7 @@ layout(location = 6) in vec4 w_cx;
 layout(location = 7) in vec4 x_cy;
 layout(location = 8) in vec4 y_fx;
 layout(location = 9) in vec4 ray_0_fy;
-layout(location = 10) in vec4 ray_u;
+layout(location = 10) in vec4 ray_u_casters;
 layout(location = 11) in vec4 ray_v_grid;
 
 layout(location = 0) flat out vec3 nearness;
@@ -162,7 +170,7 @@ void main() {
   place(clip, (1.0 - clip.z * farness) * nearness_scale, eye_offset.w);
   // A ray d meets the plane at the depth height / (normal . d).
   float height = dot(normal, at);
-  nearness = vec3(dot(normal, ray_0_fy.xyz), dot(normal, ray_u.xyz), dot(normal, ray_v_grid.xyz)) / height;
+  nearness = vec3(dot(normal, ray_0_fy.xyz), dot(normal, ray_u_casters.xyz), dot(normal, ray_v_grid.xyz)) / height;
   bool front = height < 0.0;
   tints_ids = uvec3(front ? sunlit.x : sunlit.y, front ? shadowy.x : shadowy.y, ids);
 #ifdef PAINT
@@ -172,7 +180,7 @@ void main() {
   facing = front ? normal : -normal;
 #endif
 #ifdef SHADOWS
-  look_at_sun(eye_offset.xyz, ray_0_fy.xyz, ray_u.xyz, ray_v_grid.xyz, ray_v_grid.w);
+  look_at_sun(eye_offset.xyz, ray_0_fy.xyz, ray_u_casters, ray_v_grid);
 #endif
 }
 )";
@@ -318,7 +326,7 @@ struct Shape {
   vec4 axis_z_gamma;
   vec3 middle;
   uint ids;
-  vec4 slope;
+  vec4 slope_half;  // w: half size of a box along y
   vec4 sun;
   vec4 sun_direction;
 };
@@ -328,7 +336,7 @@ layout(std430, binding = 2) readonly buffer Shapes { Shape shapes[]; };
 
 layout(location = 0) flat out vec4 origin_radius;  // of the rays, in the shape's frame
 layout(location = 1) flat out vec4 ray_0_half;
-layout(location = 2) flat out vec4 ray_u_only_front;
+layout(location = 2) flat out vec4 ray_u_only_front;  // w of a box: half size along y
 layout(location = 3) flat out vec4 ray_v_gamma;
 #ifdef COLOR
 layout(location = 4) flat out vec3 middle;
@@ -389,8 +397,14 @@ void main() {
   float half_height = shape.axis_x_half.w;
 
   // A twentieth of a pixel wider than the shape, so that the rasteriser's rounding drops no pixel of it.
-  float reach = length(center) + length(vec2(radius, half_height));
-  vec3 extents = vec3(radius, radius, half_height) * 1.0001 + 0.05 * reach * max(camera.y_fx.w, camera.ray_0_fy.w);
+#ifdef BOX
+  vec3 half_extents = vec3(radius, shape.slope_half.w, half_height);
+  float reach = length(center) + length(half_extents);
+#else
+  vec3 half_extents = vec3(radius, radius, half_height);
+  float reach = length(center) + length(half_extents.yz);
+#endif
+  vec3 extents = half_extents * 1.0001 + 0.05 * reach * max(camera.y_fx.w, camera.ray_0_fy.w);
   vec3 at = boxes == 1 ? box_corner(gl_VertexID & 7, center, rotation, extents)
                        : rectangle_corner(gl_VertexID & 3, center, rotation, extents);
   // The near and far planes must not clip this: it may lie in front of the near plane while the visible surface behind it does
@@ -399,11 +413,15 @@ void main() {
 
   origin_radius = vec4(-center * rotation, radius);
   ray_0_half = vec4(camera.ray_0_fy.xyz * rotation, half_height);
-  ray_u_only_front = vec4(camera.ray_u.xyz * rotation, shape.axis_y_only_front.w);
+#ifdef BOX
+  ray_u_only_front = vec4(camera.ray_u_casters.xyz * rotation, shape.slope_half.w);
+#else
+  ray_u_only_front = vec4(camera.ray_u_casters.xyz * rotation, shape.axis_y_only_front.w);
+#endif
   ray_v_gamma = vec4(camera.ray_v_grid.xyz * rotation, shape.axis_z_gamma.w);
 #ifdef COLOR
   middle = shape.middle;
-  slope = shape.slope.xyz;
+  slope = shape.slope_half.xyz;
   sun = shape.sun.xyz;
   sun_direction = shape.sun_direction.xyz * rotation;
   up = vec3(rotation[0].z, rotation[1].z, rotation[2].z);
@@ -415,7 +433,7 @@ void main() {
   to_world = rotation;
 #endif
 #ifdef SHADOWS
-  look_at_sun(camera.eye_offset.xyz, camera.ray_0_fy.xyz, camera.ray_u.xyz, camera.ray_v_grid.xyz, camera.ray_v_grid.w);
+  look_at_sun(camera.eye_offset.xyz, camera.ray_0_fy.xyz, camera.ray_u_casters, camera.ray_v_grid);
 #endif
 }
 )";
@@ -496,6 +514,10 @@ layout(location = 15) flat in uvec4 sun_grid;
 layout(std430, binding = 4) readonly buffer Starts { uint starts[]; };
 layout(std430, binding = 5) readonly buffer Entries { uint entries[]; };
 layout(std430, binding = 6) readonly buffer Casters { mat4 casters[]; };  // columns are what GlSunGrid calls rows
+#ifdef BODIES
+layout(location = 10) flat in uint first_body_caster;
+layout(std430, binding = 8) readonly buffer BodyCasters { mat4 body_casters[]; };  // lists with an empty caster at the end
+#endif
 
 #ifdef MASK
 float mask_alpha(uint first, int texel) {
@@ -520,14 +542,35 @@ bool is_shone_through(mat4 triangle, float b, float c) {
 }
 #endif
 
-bool in_shadow(float depth, vec3 at, bool matters) {
+// Returns whether a solid lies above the point.
+bool is_above(mat4 solid, vec3 p) {
+  mat3 to_solid = transpose(mat3(solid[1].xyz, solid[2].xyz, solid[3].xyz));
+  vec3 half_extents = vec3(solid[1].w, solid[2].w, solid[3].w);
+  vec3 o = to_solid * (p - solid[0].xyz);
+  vec3 d = to_solid[2];
+  int kind = int(solid[0].w);
+  vec2 inside;
+  if (kind == 1 || kind == 5) {
+    inside = intersection(slab(o.x, d.x, half_extents.x), slab(o.y, d.y, half_extents.y));
+    inside = intersection(inside, slab(o.z, d.z, half_extents.z));
+  } else if (kind == 2) {
+    inside = intersection(circle(o.xy, d.xy, half_extents.x), slab(o.z, d.z, half_extents.z));
+  } else if (kind == 3) {
+    inside = ball(o, d, half_extents.x);
+  } else {
+    inside = capsule(o, d, half_extents.x, half_extents.z);
+  }
+  return inside.x <= inside.y && (kind == 5 ? inside.x : inside.y) >= 0.0;  // a room hides only from outside
+}
+
+bool in_shadow(float depth, vec3 at, bool faces_sun) {
   vec3 ray = sun_ray_0_low.xyz + sun_ray_u_cells.xyz * at.y + sun_ray_v * at.z;
   vec3 p = sun_eye_left.xyz + depth * ray;
   // Moves the point off the surface by more than its rounding error: back along the ray, and towards the sun.
   float lift = 1e-4 * (1.0 + max(abs(p.x), max(abs(p.y), abs(p.z))));
   p += lift * (vec3(0.0, 0.0, 1.0) - normalize(ray));
   vec2 cell = floor((p.xy - vec2(sun_eye_left.w, sun_ray_0_low.w)) * sun_ray_u_cells.w);
-  matters = matters && all(greaterThanEqual(cell, vec2(0.0))) && all(lessThan(cell, vec2(sun_grid.xy)));
+  bool matters = faces_sun && all(greaterThanEqual(cell, vec2(0.0))) && all(lessThan(cell, vec2(sun_grid.xy)));
   uint list = sun_grid.z + (matters ? uint(cell.y) * sun_grid.x + uint(cell.x) : 0u) * 2u;
   uint next = starts[list];
   uint solids = matters ? starts[list + 1u] : next;
@@ -544,25 +587,13 @@ bool in_shadow(float depth, vec3 at, bool matters) {
 #endif
   }
   for (next = solids; next < end && !hidden; ++next) {
-    mat4 solid = casters[entries[next]];
-    mat3 to_solid = transpose(mat3(solid[1].xyz, solid[2].xyz, solid[3].xyz));
-    vec3 half_extents = vec3(solid[1].w, solid[2].w, solid[3].w);
-    vec3 o = to_solid * (p - solid[0].xyz);
-    vec3 d = to_solid[2];
-    int kind = int(solid[0].w);
-    vec2 inside;
-    if (kind == 1 || kind == 5) {
-      inside = intersection(slab(o.x, d.x, half_extents.x), slab(o.y, d.y, half_extents.y));
-      inside = intersection(inside, slab(o.z, d.z, half_extents.z));
-    } else if (kind == 2) {
-      inside = intersection(circle(o.xy, d.xy, half_extents.x), slab(o.z, d.z, half_extents.z));
-    } else if (kind == 3) {
-      inside = ball(o, d, half_extents.x);
-    } else {
-      inside = capsule(o, d, half_extents.x, half_extents.z);
-    }
-    hidden = inside.x <= inside.y && (kind == 5 ? inside.x : inside.y) >= 0.0;  // a room hides only from outside
+    hidden = is_above(casters[entries[next]], p);
   }
+#ifdef BODIES
+  for (next = faces_sun ? first_body_caster : 0u; !hidden && body_casters[next][0].w > 0.0; ++next) {
+    hidden = is_above(body_casters[next], p);
+  }
+#endif
   return hidden;
 }
 #endif
@@ -572,6 +603,11 @@ bool in_shadow(float depth, vec3 at, bool matters) {
 constexpr const char* kRoundKinds = R"(
 #define radius origin_radius.w
 #define half_height ray_0_half.w
+#ifdef BOX
+#define only_front false
+#else
+#define only_front (ray_u_only_front.w != 0.0)
+#endif
 
 #ifdef SPHERE
 vec2 interval(vec3 o, vec3 d) { return ball(o, d, radius); }
@@ -606,6 +642,18 @@ vec2 interval(vec3 o, vec3 d) {
 }
 vec3 surface_normal(vec3 p, vec2 inside, float depth) { return vec3(0.0, 0.0, 1.0); }
 #endif
+
+#ifdef BOX
+#define half_y ray_u_only_front.w
+vec2 interval(vec3 o, vec3 d) {
+  return intersection(intersection(slab(o.x, d.x, radius), slab(o.y, d.y, half_y)), slab(o.z, d.z, half_height));
+}
+vec3 surface_normal(vec3 p, vec2 inside, float depth) {
+  vec3 outside = abs(p) - vec3(radius, half_y, half_height);
+  if (outside.z > max(outside.x, outside.y)) return vec3(0.0, 0.0, 1.0);
+  return outside.y > outside.x ? vec3(0.0, 1.0, 0.0) : vec3(1.0, 0.0, 0.0);
+}
+#endif
 )";
 
 constexpr const char* kRoundMain = R"(
@@ -614,7 +662,7 @@ void main() {
   vec3 ray = ray_0_half.xyz + ray_u_only_front.xyz * at.y + ray_v_gamma.xyz * at.z;
   vec2 inside = interval(origin_radius.xyz, ray);
   float depth = inside.x;
-  if (!(depth >= near) && ray_u_only_front.w == 0.0) depth = inside.y;
+  if (!(depth >= near) && !only_front) depth = inside.y;
   if (!(inside.x <= inside.y && depth >= near && depth <= far)) discard;
   gl_FragDepth = (1.0 / depth - farness) * nearness_scale;
 #if defined(COLOR) || defined(NORMAL)
@@ -661,7 +709,7 @@ void main() {
 #endif
   place(vec3(vec2(gl_VertexID & 1, (gl_VertexID >> 1) & 1) * 2.0 - 1.0, 1.0), 0.0, camera.eye_offset.w);
   ray_0_gamma = vec4(camera.ray_0_fy.xyz, camera.horizon.w);
-  ray_u = camera.ray_u.xyz;
+  ray_u = camera.ray_u_casters.xyz;
   ray_v = camera.ray_v_grid.xyz;
   horizon = camera.horizon.xyz;
   zenith = camera.zenith_glow.xyz;
@@ -752,11 +800,11 @@ GlProgram link(const GlShader& vertex, const GlShader& fragment) {
 }  // namespace
 
 GLuint GlShaders::get(Role role, const ShaderTraits& traits) {
-  static constexpr std::array kDefines{"", "#define CYLINDER\n", "#define SPHERE\n", "#define CAPSULE\n", "#define DISC\n", "",
-                                       ""};
+  static constexpr std::array kDefines{
+      "", "#define CYLINDER\n", "#define SPHERE\n", "#define CAPSULE\n", "#define DISC\n", "#define BOX\n", "", ""};
   const std::array flags{traits.writes.color,  traits.writes.depth, traits.writes.ids,
                          traits.writes.normal, traits.shadows,      traits.painted && (traits.writes.color || traits.masked),
-                         traits.sun,           traits.masked};
+                         traits.sun,           traits.masked,       traits.bodies};
   static const std::array<std::string, flags.size()> kFlagDefines{
       "#define COLOR\n",
       "#define DEPTH\n",
@@ -765,7 +813,8 @@ GLuint GlShaders::get(Role role, const ShaderTraits& traits) {
       "#define SHADOWS\n",
       "#define PAINT\n",
       "#define SUN\n#define sun_focus " + std::to_string(SunDisc::kFocus) + '\n',
-      "#define MASK\n"};
+      "#define MASK\n",
+      "#define BODIES\n"};
   auto key = static_cast<std::uint32_t>(role);
   std::string defines;
   for (std::size_t i = 0; i < flags.size(); ++i) key |= (flags[i] ? 1U : 0U) << (8U + static_cast<std::uint32_t>(i));
@@ -809,8 +858,10 @@ GLuint GlShaders::round(RoundKind kind, const ShaderTraits& all_traits) {
       return get(Role::sphere, traits);
     case RoundKind::capsule:
       return get(Role::capsule, traits);
-    default:
+    case RoundKind::disc:
       return get(Role::disc, traits);
+    default:
+      return get(Role::box, traits);
   }
 }
 

@@ -23,6 +23,7 @@ struct Attachments {
 struct ShaderTraits {
   Attachments writes;
   bool shadows = false;  // shadows cast by the sun
+  bool bodies = false;   // bodies cast shadows, too
   bool painted = false;  // some triangles have textures or vertex colours
   bool masked = false;   // some triangles are transparent in places
   bool sun = false;      // the sun is visible in the sky
@@ -43,6 +44,7 @@ inline constexpr GLuint kGridsBinding = 3;
 inline constexpr GLuint kStartsBinding = 4;
 inline constexpr GLuint kEntriesBinding = 5;
 inline constexpr GLuint kCastersBinding = 6;
+inline constexpr GLuint kBodyCastersBinding = 8;
 
 class GlShaders {
  public:
@@ -53,7 +55,7 @@ class GlShaders {
   GLuint resolve();  // averages samples
 
  private:
-  enum class Role : std::uint8_t { flat, cylinder, sphere, capsule, disc, sky, resolve };
+  enum class Role : std::uint8_t { flat, cylinder, sphere, capsule, disc, box, sky, resolve };
   GLuint get(Role role, const ShaderTraits& traits);
 
   std::unordered_map<std::uint32_t, GlProgram> programs_;

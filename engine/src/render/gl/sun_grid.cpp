@@ -62,21 +62,36 @@ std::array<float, 4> row(double x, double y, double z, double w) {
   return {static_cast<float>(x), static_cast<float>(y), static_cast<float>(z), static_cast<float>(w)};
 }
 
+CasterKind caster_kind_of(PrimitiveKind kind) {
+  switch (kind) {
+    case PrimitiveKind::cylinder:
+    case PrimitiveKind::disc:
+      return CasterKind::cylinder;
+    case PrimitiveKind::sphere:
+      return CasterKind::sphere;
+    case PrimitiveKind::capsule:
+      return CasterKind::capsule;
+    case PrimitiveKind::room:
+      return CasterKind::room;
+    default:
+      return CasterKind::box;
+  }
+}
+
+Mat3d rotation_to_sun(const Primitive& primitive, const Mat3d& to_sun) {
+  return to_sun * primitive.rotation.cast<double>().normalized().toRotationMatrix();
+}
+
 class Casters {
  public:
   Casters(const Mat3d& to_sun, GlSunGrid& grid) : to_sun_(to_sun), grid_(grid) {}
 
   void add(const Primitive& primitive) {
-    const Mat3d rotation = to_sun_ * primitive.rotation.cast<double>().normalized().toRotationMatrix();
+    const Mat3d rotation = rotation_to_sun(primitive, to_sun_);
     const Vec3d center = to_sun_ * primitive.center.cast<double>();
     const Vec3d half = primitive.half_extents.cast<double>();
-    SunCaster caster;
-    caster.rows[0] = row(center.x(), center.y(), center.z(), static_cast<double>(kind_of(primitive.kind)));
-    for (Eigen::Index i = 0; i < 3; ++i) {
-      caster.rows[static_cast<std::size_t>(i) + 1] = row(rotation(0, i), rotation(1, i), rotation(2, i), half[i]);
-    }
     Shadow shadow{};
-    shadow.kind = kind_of(primitive.kind);
+    shadow.kind = caster_kind_of(primitive.kind);
     if (shadow.kind == CasterKind::box || shadow.kind == CasterKind::room) {
       for (int i = 0; i < 8; ++i) {
         const Vec3d corner(i % 2 == 0 ? -1.0 : 1.0, i / 2 % 2 == 0 ? -1.0 : 1.0, i / 4 == 0 ? -1.0 : 1.0);
@@ -92,7 +107,7 @@ class Casters {
       shadow.add_side(straight * rotation.col(2).head<2>());
       shadow.round = half.x();
     }
-    push(caster, shadow);
+    push(make_caster(primitive, to_sun_), shadow);
   }
 
   void add(const Vec3& a, const Vec3& b, const Vec3& c, const trace::Masks::Triangle* masked) {
@@ -140,22 +155,6 @@ class Casters {
   }
 
  private:
-  static CasterKind kind_of(PrimitiveKind kind) {
-    switch (kind) {
-      case PrimitiveKind::cylinder:
-      case PrimitiveKind::disc:
-        return CasterKind::cylinder;
-      case PrimitiveKind::sphere:
-        return CasterKind::sphere;
-      case PrimitiveKind::capsule:
-        return CasterKind::capsule;
-      case PrimitiveKind::room:
-        return CasterKind::room;
-      default:
-        return CasterKind::box;
-    }
-  }
-
   void push(const SunCaster& caster, const Shadow& shadow) {
     grid_.casters.push_back(caster);
     shadows_.push_back(shadow);
@@ -233,13 +232,30 @@ void add_masks(const trace::Masks& from, GlSunGrid& grid) {
 
 }  // namespace
 
-GlSunGrid::GlSunGrid(const World& world) {
-  const auto& direction = world.light().sun_direction;
+Mat3d sun_rotation(const Light& light) {
+  const auto& direction = light.sun_direction;
   const Vec3d sun = Vec3(direction[0], direction[1], direction[2]).cast<double>().normalized();
   Mat3d rotation;
   rotation.row(2) = sun;
   rotation.row(0) = sun.unitOrthogonal();
   rotation.row(1) = sun.cross(Vec3d(rotation.row(0)));
+  return rotation;
+}
+
+SunCaster make_caster(const Primitive& primitive, const Mat3d& to_sun) {
+  const Mat3d rotation = rotation_to_sun(primitive, to_sun);
+  const Vec3d center = to_sun * primitive.center.cast<double>();
+  SunCaster caster;
+  caster.rows[0] = row(center.x(), center.y(), center.z(), static_cast<double>(caster_kind_of(primitive.kind)));
+  for (Eigen::Index i = 0; i < 3; ++i) {
+    const auto half = static_cast<double>(primitive.half_extents[i]);
+    caster.rows[static_cast<std::size_t>(i) + 1] = row(rotation(0, i), rotation(1, i), rotation(2, i), half);
+  }
+  return caster;
+}
+
+GlSunGrid::GlSunGrid(const World& world) {
+  const Mat3d rotation = sun_rotation(world.light());
   to_sun = rotation.cast<float>();
   Casters all(rotation, *this);
   const bool has_shading_room = shading_room(world).has_value();

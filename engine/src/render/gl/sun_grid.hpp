@@ -10,6 +10,7 @@
 #include <cstdint>
 #include <vector>
 
+#include "flockstep/pose.hpp"
 #include "flockstep/world.hpp"
 
 namespace flockstep::render {
@@ -37,6 +38,12 @@ struct SunCaster {
     rows[1][1] = static_cast<float>(first & 0xFFFFU);
   }
 };
+
+// Returns the rotation from the world frame to the sun's frame.
+Eigen::Matrix3d sun_rotation(const Light& light);
+
+// Returns the caster of a primitive. to_sun: see sun_rotation().
+SunCaster make_caster(const Primitive& primitive, const Eigen::Matrix3d& to_sun);
 
 struct GlSunGrid {
   explicit GlSunGrid(const World& world);

@@ -251,17 +251,17 @@ struct GlWorker::Device {
     const GlAtlas& atlas = atlases.get(round.size, round.pass.traits.writes);
     GlPass pass = round.pass;
     if (pass.samples == 1) {
-      painter.paint(atlas, cameras, pass);
+      painter.paint(atlas, cameras, s.task.bodies, pass);
     } else {  // only colours use several samples
       const AtlasSize large{round.size.width * pass.samples, round.size.height * pass.samples, round.size.tiles};
       const GlAtlas& samples = atlases.get(large, {.color = true});
       GlPass colors = pass;
       colors.traits.writes = {.color = true};
-      painter.paint(samples, cameras, colors);
+      painter.paint(samples, cameras, s.task.bodies, colors);
       pass.traits.writes.color = false;
       pass.traits.shadows = false;
       pass.samples = 1;
-      if (pass.traits.writes != Attachments{}) painter.paint(atlas, cameras, pass);
+      if (pass.traits.writes != Attachments{}) painter.paint(atlas, cameras, s.task.bodies, pass);
       painter.resolve(samples, atlas, round.pass.samples, round.count);
     }
     readback.start(atlas, round.count);

@@ -10,6 +10,7 @@
 #include <vector>
 
 #include "render/gl/atlas.hpp"
+#include "render/gl/bodies.hpp"
 #include "render/gl/model.hpp"
 #include "render/gl/painter.hpp"
 #include "render/gl/sun_grid.hpp"
@@ -33,6 +34,7 @@ struct GlModelGrid {
 struct GlTask {
   std::vector<GlModel> models;     // added first
   std::vector<GlModelGrid> grids;  // added after the models
+  std::vector<GlBody> bodies;      // of the cameras' envs
   std::vector<TileCamera> cameras;
   std::vector<GlRound> rounds;
 };

@@ -16,6 +16,11 @@ static_assert(PixelTile::kSide == trace::kTileWidth && TilePixels::kCount == tra
 // Distance of a shadow ray's origin from the surface, relative to its coordinates. It exceeds the rounding error of a hit.
 constexpr float kLift = 1e-4F;
 
+Vec3 to_sun(const RenderRequest& request) {
+  const auto& direction = request.world->light().sun_direction;
+  return {direction[0], direction[1], direction[2]};
+}
+
 // Returns whether the ray from a point to the sun passes through a room that the point is outside of.
 bool is_behind(const Aabb& room, const Vec3& point, const Vec3& sun) {
   float enter = -std::numeric_limits<float>::max();
@@ -36,8 +41,9 @@ bool is_behind(const Aabb& room, const Vec3& point, const Vec3& sun) {
 // Finds the hits that lie in shadow: traces a ray from each hit towards the sun.
 void find_shadows(const RenderRequest& request, const trace::RayBundle& rays, RaycastScratch& scratch) {
   trace::RayBlock& block = scratch.tracer.block();
-  const auto& to_sun = request.world->light().sun_direction;
-  const Vec3 sun(to_sun[0], to_sun[1], to_sun[2]);
+  const Vec3 sun = to_sun(request);
+  constexpr float kFar = std::numeric_limits<float>::max();
+  Aabb hits{Vec3::Constant(kFar), Vec3::Constant(-kFar)};
   block.count = rays.count;
   block.near = 0.0F;
   for (std::size_t i = 0; i < rays.count; ++i) {
@@ -53,9 +59,14 @@ void find_shadows(const RenderRequest& request, const trace::RayBundle& rays, Ra
     block.dir_x[i] = sun.x();
     block.dir_y[i] = sun.y();
     block.dir_z[i] = sun.z();
-    block.range[i] = hit ? std::numeric_limits<float>::max() : 0.0F;
+    block.range[i] = hit ? kFar : 0.0F;
+    if (!hit) continue;
+    hits.min = hits.min.cwiseMin(point);
+    hits.max = hits.max.cwiseMax(point);
   }
-  scratch.tracer.trace_shadows(*request.scene);
+  const bool has_casters = !scratch.casters.empty() && hits.min.x() <= hits.max.x();
+  scratch.tracer.trace_shadows(*request.scene,
+                               has_casters ? scratch.casters.above(hits) : std::span<const trace::NumberedShape>());
   for (std::size_t i = 0; i < rays.count; ++i) scratch.shaded[i] = std::isfinite(block.t_hit[i]);
   const std::optional<Aabb>& room = request.shading->room();
   for (std::size_t i = 0; room && i < rays.count; ++i) {
@@ -81,7 +92,7 @@ void sample(const RenderRequest& request, const PinholeCamera::Grid& grid, const
   const PinholeCamera& pinhole = *request.pinhole;
   const auto samples = static_cast<float>(std::max(pinhole.grids.size() - 1, std::size_t{1}));
   request.shading->shade(rays, scratch.tracer.details(), shaded, 1.0F / (pinhole.fx * pinhole.fy * samples), wanted,
-                         request.camera->depth_kind, scratch.pixels);
+                         request.camera->depth_kind, scratch.bodies, scratch.pixels);
 }
 
 // Averages the colours of all samples.
@@ -116,6 +127,10 @@ RaycastScratch::RaycastScratch() { std::fill(std::begin(ones), std::end(ones), 1
 void render_tiles(const RenderRequest& request, std::size_t first, std::size_t last, RaycastScratch& scratch) {
   const CameraConfig& camera = *request.camera;
   const PinholeCamera& pinhole = *request.pinhole;
+  VisibleBodies bodies = request.bodies;
+  bodies.shapes.first_element = request.shading->first_body();
+  scratch.bodies.begin(bodies, *request.shading);
+  scratch.casters.begin(camera.shadows && camera.outputs.any_color() ? bodies.shapes : trace::Bodies{}, to_sun(request));
   scratch.tracer.set_viewpoint(*request.scene,
                                {.origin = request.position,
                                 .rotation = request.rotation,
@@ -123,6 +138,7 @@ void render_tiles(const RenderRequest& request, std::size_t first, std::size_t l
                                 .range = camera.far_m,
                                 .longest = pinhole.corner,
                                 .sees_markers = true,
+                                .bodies = bodies.shapes,
                                 .asked = {.normals = camera.outputs.normal, .weights = camera.outputs.any_color()},
                                 .policy = request.policy});
   CameraOutputs wanted = camera.outputs;

@@ -3,6 +3,8 @@
 
 #include <cstddef>
 
+#include "render/raycast/body_casters.hpp"
+#include "render/raycast/shaded_bodies.hpp"
 #include "render/raycast/shading.hpp"
 #include "render/render_request.hpp"
 #include "trace/tracer.hpp"
@@ -12,6 +14,8 @@ namespace flockstep::render {
 // Working memory of one rendering thread, created once.
 struct RaycastScratch {
   trace::Tracer tracer;
+  ShadedBodies bodies;
+  BodyCasters casters;  // empty if the frame has no shadows
   TilePixels pixels;
   alignas(64) std::uint8_t shaded[TilePixels::kCount];
   alignas(64) std::uint16_t sums[3][TilePixels::kCount];  // sums of r, g and b over the samples

@@ -18,6 +18,7 @@
 #include "base/prefetch.hpp"
 #include "base/srgb.hpp"
 #include "base/wide-inl.hpp"
+#include "render/raycast/shaded_bodies.hpp"
 
 #ifndef FLOCKSTEP_RENDER_COMMON_FACE
 #define FLOCKSTEP_RENDER_COMMON_FACE
@@ -632,6 +633,25 @@ void light_triangles(const Shading::Tables& tables, std::span<const Vec3> vertic
   }
 }
 
+// Fills a ramp; see ShadedSolid::ramp.
+void fill_ramp(const Shading::Tables& tables, const Surface& surface, Shading::Ramp& ramp) {
+  const auto base = [&](std::size_t c) { return surface.color[c]; };
+  const auto emitted = [&](std::size_t c) { return surface.emissive[c]; };
+  const auto level = [&](F value) HWY_ATTR {
+    const F at = sqrt(min(value, 1.0F)) * static_cast<float>(Shading::kLevels);
+    const I below = convert<I>(at);
+    return I::gather(tables.levels.data(), select(at - convert<F>(below) < 0.5F, below, below + 1));
+  };
+  for (std::size_t i = 0; i < ramp.size(); i += F::kCount) {
+    alignas(64) float roots[F::kCount];
+    for (std::size_t k = 0; k < F::kCount; ++k) roots[k] = static_cast<float>(i + k) / Shading::kRamp;
+    const F root = F::load(roots);
+    const Color color =
+        linear(tables, base, root * root, 0.0F, Rays<false, false>{{0.0F, 0.0F, 0.0F}, 0.0F, Mask(false)}, emitted);
+    packed(level(color[0]), level(color[1]), level(color[2])).store_unaligned(ramp.data() + i);
+  }
+}
+
 HWY_INLINE Pixels select(Mask mask, const Pixels& yes, const Pixels& no) {
   return {select(mask, yes.color, no.color), select(mask, yes.semantic, no.semantic), select(mask, yes.instance, no.instance),
           select(mask, yes.normal, no.normal)};
@@ -670,10 +690,17 @@ bool all_equal(const std::int32_t* values, std::size_t count) {
   return all(differing == 0);
 }
 
+// Returns the solid of an element that is no triangle.
+HWY_INLINE const ShadedSolid& solid_of(const Shading::Tables& tables, std::int32_t element, ShadedBodies& bodies) {
+  if (element < tables.first_triangle) return tables.solids[static_cast<std::size_t>(element)];
+  const auto marker = static_cast<std::size_t>(element - tables.first_marker);
+  return marker < tables.markers.size() ? tables.markers[marker] : bodies.at(marker - tables.markers.size());
+}
+
 template <bool kShadows, bool kPlain>
 void shade_tile(const Shading::Tables& tables, const trace::RayBundle& bundle, const trace::HitDetails& details,
                 const std::uint8_t* shaded, float pixel_area, const CameraOutputs& wanted, DepthKind depth_kind,
-                TilePixels& out) {
+                ShadedBodies& bodies, TilePixels& out) {
   using Bytes = Wide<hn::Rebind<std::uint8_t, F::Tag>>;
   using Shorts = Wide<hn::Rebind<std::uint16_t, F::Tag>>;
   TintedTile tinted;
@@ -704,10 +731,7 @@ void shade_tile(const Shading::Tables& tables, const trace::RayBundle& bundle, c
         shown = triangle_pixels(tables, elements, mask, details, i, rays, pixel_area, wanted, tinted);
       } else {
         mask = element == number;
-        const ShadedSolid& solid = number < tables.first_triangle
-                                       ? tables.solids[static_cast<std::size_t>(number)]
-                                       : tables.markers[static_cast<std::size_t>(number - tables.first_marker)];
-        shown = solid_pixels(tables, solid, bundle.origin, rays, wanted);
+        shown = solid_pixels(tables, solid_of(tables, number, bodies), bundle.origin, rays, wanted);
       }
       pixels = first ? shown : select(mask, shown, pixels);
       left &= ~bits(mask);
@@ -721,11 +745,13 @@ void shade_tile(const Shading::Tables& tables, const trace::RayBundle& bundle, c
 }
 
 void shade(const Shading::Tables& tables, const trace::RayBundle& bundle, const trace::HitDetails& details,
-           const std::uint8_t* shaded, float pixel_area, const CameraOutputs& wanted, DepthKind depth_kind, TilePixels& out) {
+           const std::uint8_t* shaded, float pixel_area, const CameraOutputs& wanted, DepthKind depth_kind, ShadedBodies& bodies,
+           TilePixels& out) {
   if (shaded == nullptr) {
     const std::int32_t element = bundle.element[0];
-    if (element >= 0 && element < tables.first_triangle && all_equal(bundle.element, bundle.count)) {
-      const ShadedSolid& solid = tables.solids[static_cast<std::size_t>(element)];
+    const bool is_solid = element >= 0 && (element < tables.first_triangle || element >= tables.first_marker);
+    if (is_solid && all_equal(bundle.element, bundle.count)) {
+      const ShadedSolid& solid = solid_of(tables, element, bodies);
       if (const int face = common_face(*solid.shape, bundle); face >= 0) {
         const Vec3 outward = solid.shape->to_local.row(face / 2).transpose();
         fill(solid.faces[0][static_cast<std::size_t>(face)], solid.surface, face % 2 == 0 ? Vec3(-outward) : outward, wanted,
@@ -734,10 +760,10 @@ void shade(const Shading::Tables& tables, const trace::RayBundle& bundle, const 
       }
     }
     const auto tile = tables.is_plain() ? shade_tile<false, true> : shade_tile<false, false>;
-    tile(tables, bundle, details, shaded, pixel_area, wanted, depth_kind, out);
+    tile(tables, bundle, details, shaded, pixel_area, wanted, depth_kind, bodies, out);
   } else {
     const auto tile = tables.is_plain() ? shade_tile<true, true> : shade_tile<true, false>;
-    tile(tables, bundle, details, shaded, pixel_area, wanted, depth_kind, out);
+    tile(tables, bundle, details, shaded, pixel_area, wanted, depth_kind, bodies, out);
   }
 }
 
@@ -750,6 +776,7 @@ namespace {
 
 HWY_EXPORT(shade);
 HWY_EXPORT(light_triangles);
+HWY_EXPORT(fill_ramp);
 
 // Computes the same as the kernels' `linear` for one surface, converted to the levels that are written.
 std::int32_t lit_color(const Shading::Tables& tables, const Surface& surface, float sunward, float upward) {
@@ -777,7 +804,8 @@ std::int32_t sky_color(const Shading::Tables& tables, float up) {
   return static_cast<std::int32_t>(color);
 }
 
-// Returns whether the nearest entry of a table of colours is exact enough: no channel skips a level between adjacent entries.
+}  // namespace
+
 bool is_fine(std::span<const std::int32_t> colors) {
   const auto skips = [](std::int32_t a, std::int32_t b) {
     for (int shift = 0; shift < 24; shift += 8) {
@@ -788,23 +816,28 @@ bool is_fine(std::span<const std::int32_t> colors) {
   return std::adjacent_find(colors.begin(), colors.end(), skips) == colors.end();
 }
 
-ShadedSolid make_solid(const trace::Shape& shape, const Surface& surface, const Shading::Tables& tables) {
+bool takes_ramp(const ShadedSolid& solid) {
+  return solid.shape->kind == trace::ShapeKind::cylinder && solid.up[0] == 0.0F && solid.up[1] == 0.0F;
+}
+
+ShadedSolid Shading::make_solid(const trace::Shape& shape, const Surface& surface) const {
   ShadedSolid solid{.shape = &shape, .surface = surface, .sun = {}, .up = {}, .faces = {}};
-  const Vec3 to_sun(tables.light.sun_direction[0], tables.light.sun_direction[1], tables.light.sun_direction[2]);
+  const auto& sun = tables_.light.sun_direction;
+  const Vec3 to_sun(sun[0], sun[1], sun[2]);
   for (std::size_t axis = 0; axis < 3; ++axis) {
     const Vec3 outward = shape.to_local.row(static_cast<Eigen::Index>(axis)).transpose();
     solid.sun[axis] = outward.dot(to_sun);
     solid.up[axis] = outward.z();
     for (std::size_t shaded = 0; shaded < 2; ++shaded) {
       const float sunward = shaded != 0 ? 0.0F : outward.dot(to_sun);
-      solid.faces[shaded][2 * axis] = lit_color(tables, surface, -sunward, -outward.z());
-      solid.faces[shaded][2 * axis + 1] = lit_color(tables, surface, sunward, outward.z());
+      solid.faces[shaded][2 * axis] = lit_color(tables_, surface, -sunward, -outward.z());
+      solid.faces[shaded][2 * axis + 1] = lit_color(tables_, surface, sunward, outward.z());
     }
   }
   return solid;
 }
 
-}  // namespace
+void Shading::make_ramp(const Surface& surface, Ramp& ramp) const { HWY_DYNAMIC_DISPATCH(fill_ramp)(tables_, surface, ramp); }
 
 Shading::Images::Images(const World& world) : textures(world, Border::yes) {
   std::array<std::uint32_t, 256> roots;
@@ -838,23 +871,17 @@ Shading::Shading(const World& world, const trace::Scene& scene, const Shading* o
     tables_.levels[i] =
         static_cast<std::int32_t>(std::lround(255.0 * std::pow(value, 1.0 / static_cast<double>(tables_.light.gamma))));
   }
-  for (const Surface& material : appearance.materials) {
-    auto& ramp = tables_.ramps.emplace_back();
-    for (std::size_t i = 0; i < ramp.size(); ++i) {
-      const float root = static_cast<float>(i) / kRamp;
-      ramp[i] = lit_color(tables_, material, root * root, 0.0F);
-    }
-  }
+  for (const Surface& material : appearance.materials) make_ramp(material, tables_.ramps.emplace_back());
   for (std::size_t i = 0; i < appearance.primitives.size(); ++i) {
     const trace::Shape& shape = scene.shape(i);
-    ShadedSolid& solid = tables_.solids.emplace_back(make_solid(shape, appearance.primitives[i], tables_));
-    if (shape.kind == trace::ShapeKind::cylinder && solid.up[0] == 0.0F && solid.up[1] == 0.0F) {
+    ShadedSolid& solid = tables_.solids.emplace_back(make_solid(shape, appearance.primitives[i]));
+    if (takes_ramp(solid)) {
       const auto& ramp = tables_.ramps[world.primitives()[i].material];
       if (is_fine(ramp)) solid.ramp = ramp.data();
     }
   }
   for (std::size_t i = 0; i < appearance.markers.size(); ++i) {
-    tables_.markers.push_back(make_solid(scene.markers()[i].shape, appearance.markers[i].surface, tables_));
+    tables_.markers.push_back(make_solid(scene.markers()[i].shape, appearance.markers[i].surface));
   }
   tables_.first_triangle = static_cast<std::int32_t>(world.primitives().size());
   tables_.first_marker = tables_.first_triangle + static_cast<std::int32_t>(world.triangles().triangles.size());
@@ -905,9 +932,10 @@ void Shading::prepare_shadows() const {
 }
 
 void Shading::shade(const trace::RayBundle& rays, const trace::HitDetails& details, std::span<const std::uint8_t> shaded,
-                    float pixel_area, const CameraOutputs& wanted, DepthKind depth_kind, TilePixels& out) const {
+                    float pixel_area, const CameraOutputs& wanted, DepthKind depth_kind, ShadedBodies& bodies,
+                    TilePixels& out) const {
   HWY_DYNAMIC_DISPATCH(shade)
-  (tables_, rays, details, shaded.empty() ? nullptr : shaded.data(), pixel_area, wanted, depth_kind, out);
+  (tables_, rays, details, shaded.empty() ? nullptr : shaded.data(), pixel_area, wanted, depth_kind, bodies, out);
 }
 
 }  // namespace flockstep::render

@@ -40,6 +40,8 @@ struct ShadedSolid {
   const std::int32_t* ramp = nullptr;
 };
 
+class ShadedBodies;
+
 // Tables of all data that the colours of a world depend on; built once.
 class Shading {
  public:
@@ -49,9 +51,9 @@ class Shading {
 
   // Writes the wanted outputs of a traced tile. details: of the triangles that were hit. shaded: empty, or one value per ray,
   // 1 if its hit lies in the shadow of something else, otherwise 0. pixel_area: m^2, area of a pixel, or of one of its
-  // samples, at planar depth 1.
+  // samples, at planar depth 1. bodies: of the frame.
   void shade(const trace::RayBundle& rays, const trace::HitDetails& details, std::span<const std::uint8_t> shaded,
-             float pixel_area, const CameraOutputs& wanted, DepthKind depth_kind, TilePixels& out) const;
+             float pixel_area, const CameraOutputs& wanted, DepthKind depth_kind, ShadedBodies& bodies, TilePixels& out) const;
 
   // Computes the colours of triangles in shade, unless they exist. Call it before calling shade() with shaded hits.
   void prepare_shadows() const;
@@ -59,12 +61,22 @@ class Shading {
   // Result of shading_room().
   const std::optional<Aabb>& room() const { return room_; }
 
+  // Element number of the first body; bodies follow the markers.
+  std::int32_t first_body() const { return tables_.first_marker + static_cast<std::int32_t>(tables_.markers.size()); }
+
   // A linear value v >= 0 is written as 255 * min(v, 1)^(1 / gamma), rounded. This is entry sqrt(min(v, 1)) * kLevels of the
   // levels table.
   static constexpr int kLevels = 1023;
   static constexpr int kRamp = 511;
   static constexpr int kSky = 2047;
   static constexpr int kRoots = 1023;
+  using Ramp = std::array<std::int32_t, kRamp + 1>;
+
+  // Returns a solid without a ramp. The shape must outlive it.
+  ShadedSolid make_solid(const trace::Shape& shape, const Surface& surface) const;
+  // Computes the ramp of the sides of upright cylinders with this surface.
+  void make_ramp(const Surface& surface, Ramp& ramp) const;
+  const Light& light() const { return tables_.light; }
 
   // Texture data, which does not depend on the light.
   struct Images {
@@ -115,7 +127,7 @@ class Shading {
     Light light;
     SunDisc sun_disc;
     std::array<std::int32_t, kLevels + 1> levels{};
-    std::vector<std::array<std::int32_t, kRamp + 1>> ramps;  // one per material
+    std::vector<Ramp> ramps;  // one per material
     // True without a sun disc, emission and vertex colours. The kernels then omit the code for them.
     bool is_plain() const { return !sun_disc.shows && !emits && colors.empty(); }
     explicit Tables(const World& world) : light(world.light()), sun_disc(world.light()) {}
@@ -130,5 +142,11 @@ class Shading {
   mutable std::mutex shadows_mutex_;
   mutable bool has_shadows_ = false;
 };
+
+// Returns whether the nearest entry of a table of colours is exact enough: no channel skips a level between adjacent entries.
+bool is_fine(std::span<const std::int32_t> colors);
+
+// Returns whether a solid can use a ramp: whether it is an upright cylinder.
+bool takes_ramp(const ShadedSolid& solid);
 
 }  // namespace flockstep::render

@@ -1,0 +1,43 @@
+#include "render/gl/bodies.hpp"
+
+#include <cstddef>
+#include <cstdint>
+
+#include "flockstep/body.hpp"
+#include "render/appearance.hpp"
+#include "trace/bodies.hpp"
+
+namespace flockstep::render {
+namespace {
+
+RoundKind round_kind_of(PrimitiveKind kind) {
+  switch (kind) {
+    case PrimitiveKind::cylinder:
+      return RoundKind::cylinder;
+    case PrimitiveKind::sphere:
+      return RoundKind::sphere;
+    case PrimitiveKind::capsule:
+      return RoundKind::capsule;
+    default:
+      return RoundKind::box;
+  }
+}
+
+}  // namespace
+
+void append_bodies(const VisibleBodies& bodies, const World& world, bool shadows, std::vector<GlBody>& out) {
+  if (bodies.shapes.count == 0) return;
+  const Eigen::Matrix3d to_sun = sun_rotation(world.light());
+  for (std::size_t i = 0; i < bodies.shapes.count; ++i) {
+    if (bodies.shapes.radius[i] < 0.0F) continue;
+    const Primitive solid = trace::posed_solid(bodies.shapes, i);
+    const RoundKind kind = round_kind_of(solid.kind);
+    const Surface surface{.color = bodies.surfaces[i].color,
+                          .semantic = bodies.surfaces[i].semantic,
+                          .instance = static_cast<std::uint16_t>(kFirstBodyInstance + i)};
+    out.push_back({kind, make_round_shape(solid, surface, world.light()), make_round_bound(kind, solid),
+                   shadows ? make_caster(solid, to_sun) : SunCaster{}});
+  }
+}
+
+}  // namespace flockstep::render

@@ -1,0 +1,29 @@
+// BodyCasters: the bodies of one frame as casters of shadows.
+#pragma once
+
+#include <cstddef>
+#include <span>
+#include <vector>
+
+#include "flockstep/pose.hpp"
+#include "flockstep/world.hpp"
+#include "trace/bodies.hpp"
+#include "trace/shape.hpp"
+
+namespace flockstep::render {
+
+// Each thread needs its own.
+class BodyCasters {
+ public:
+  // Begins a frame. Allocates only if there are more bodies than ever before.
+  void begin(const trace::Bodies& bodies, const Vec3& to_sun);
+  bool empty() const { return casters_.empty(); }
+  // Returns at least those casters whose shadow reaches into the box, valid until the next call.
+  std::span<const trace::NumberedShape> above(const Aabb& box);
+
+ private:
+  Vec3 to_sun_ = Vec3::UnitZ();
+  std::vector<trace::NumberedShape> casters_, above_;
+};
+
+}  // namespace flockstep::render
