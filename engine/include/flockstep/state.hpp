@@ -33,7 +33,8 @@ struct ContactState {  // contacts of the last motion
         array("inside", &C::inside,
               {.values = Values::flag,
                .writer = kWriter,
-               .about = "True if the drone overlapped an obstacle when the motion began"}),
+               .about = "True if the drone overlapped an obstacle when the motion began, or was squeezed between a body and "
+                        "something else at its end"}),
         array("fraction", &C::fraction,
               {.values = Values::fraction,
                .writer = kWriter,

@@ -123,6 +123,7 @@ class Pushed {
     result.jammed = !move();
     result.pushed = pose_.position != first_.position;
     result.pose = pose_;
+    result.farthest = farthest_;
     result.jammed = result.jammed || overlaps_body();
     return result;
   }
@@ -161,17 +162,22 @@ class Pushed {
       meet_all(search, obstacles_, bodies_, [&supports](const MovingSolid& body) { return supports.has(body); });
       const Touch& touch = search.end_of_motion();
       if (!touch.hit) {
-        pose_ = target;
+        move_to(target);
         time_ = end;
         return true;
       }
       const float flown = search.fraction();
-      pose_ = interpolate(pose_, target, flown);
+      move_to(interpolate(pose_, target, flown));
       time_ += static_cast<double>(flown) * (end - time_);
       if (supports.count == kMostSupports) return false;
       supports.all[supports.count++] =
           search.body_at_end() != nullptr ? support_of(touch, *search.body_at_end()) : Support{.normal = touch.normal};
     }
+  }
+
+  void move_to(const Pose& pose) {
+    pose_ = pose;
+    farthest_ = std::max(farthest_, (pose.position - first_.position).norm());
   }
 
   double end_of_push(std::span<const Support> supports) const {
@@ -278,6 +284,7 @@ class Pushed {
   Pose pose_;
   const double begin_;
   double time_;  // of the bodies' motion
+  float farthest_ = 0.0F;
 };
 
 }  // namespace

@@ -30,9 +30,10 @@ MovingContact first_contact(const Obstacles& obstacles, std::span<const MovingSo
 
 // The result of bodies that move while the hull stands.
 struct Push {
-  Pose pose;            // at the end
-  bool pushed = false;  // a body has moved the hull
-  bool jammed = false;  // see push()
+  Pose pose;              // at the end
+  bool pushed = false;    // a body has moved the hull
+  bool jammed = false;    // see push()
+  float farthest = 0.0F;  // m, largest distance from the beginning
 };
 
 // Moves the bodies from time `begin` to 1, while the hull stands at `pose` and gives way. A body that runs into the hull carries

@@ -6,6 +6,8 @@
 #include <limits>
 #include <span>
 
+#include "collision/convex.hpp"
+#include "collision/moving_solid.hpp"
 #include "dynamics/impact.hpp"
 
 namespace flockstep::dynamics {
@@ -18,8 +20,8 @@ class ContactPoints {
  public:
   // Inside an obstacle the points are the deepest vertices. All points are projected onto the hit surface and deduplicated:
   // points off its plane, or a millimetre apart, would act as tiny levers that keep the body from turning.
-  ContactPoints(const collision::Obstacles& obstacles, const collision::Hull& hull, const Pose& pose,
-                const collision::Contact& contact) {
+  // touches(point, reach): whether the point is nearer than reach to the obstacle.
+  ContactPoints(const auto& touches, const collision::Hull& hull, const Pose& pose, const collision::Contact& contact) {
     const auto vertex = [&](int i) { return Vec3(hull.vertex(i).cast<float>()); };
     const auto above_surface = [&](int i) {
       return contact.normal.dot(pose.position + pose.rotation * vertex(i) - contact.point);
@@ -35,7 +37,7 @@ class ContactPoints {
       const float above = above_surface(i) - level;
       if (above >= near) continue;
       const Vec3 point = pose.position + pose.rotation * vertex(i);
-      if (!contact.inside && !obstacles.touches(point, near)) continue;
+      if (!contact.inside && !touches(point, near)) continue;
       const Vec3 on_surface = point - above * contact.normal;
       if (count_ > 0 && (on_surface - points_[0]).norm() < near) {
         points_[0] = on_surface;
@@ -59,10 +61,85 @@ Surface surface_of(const DynamicsConfig& config) {
   return {static_cast<double>(config.restitution), static_cast<double>(config.friction)};
 }
 
-}  // namespace
+// The static world. It answers what resolve() asks.
+class StaticWorld {
+ public:
+  StaticWorld(const collision::Obstacles& obstacles, const collision::Hull& hull) : obstacles_(obstacles), hull_(hull) {}
 
-ContactResult resolve_contacts(const collision::Obstacles& obstacles, const Body& body, const DynamicsConfig& config,
-                               const TickMotion& motion) {
+  collision::MovingContact meet(const Pose& from, const Pose& to) { return {collision::sweep(obstacles_, hull_, from, to)}; }
+  bool touches(const collision::MovingContact&, const Vec3& point, float reach) const { return obstacles_.touches(point, reach); }
+  void end(ContactResult&, double) {}
+
+ private:
+  const collision::Obstacles& obstacles_;
+  const collision::Hull& hull_;
+};
+
+// The static world and bodies, whose time goes on with the drone's.
+class MovingWorld {
+ public:
+  MovingWorld(const collision::Obstacles& obstacles, std::span<const collision::MovingSolid> solids, const collision::Hull& hull,
+              const Pose& from)
+      : obstacles_(obstacles), solids_(solids), hull_(hull), first_(from.position) {}
+
+  collision::MovingContact meet(const Pose& from, const Pose& to) {
+    const collision::MovingContact contact = collision::first_contact(obstacles_, solids_, hull_, from, to, time_);
+    const Pose reached = contact.hit ? collision::interpolate(from, to, contact.fraction) : to;
+    farthest_ = std::max(farthest_, (reached.position - first_).norm());
+    time_ += static_cast<double>(contact.hit ? contact.fraction : 1.0F) * (1.0 - time_);
+    return contact;
+  }
+
+  bool touches(const collision::MovingContact& contact, const Vec3& point, float reach) const {
+    if (contact.body < 0) return obstacles_.touches(point, reach);
+    const auto solid = std::ranges::find(solids_, contact.body, &collision::MovingSolid::index);
+    const collision::Vec3d center = point.cast<double>();
+    return (collision::closest_point(solid->at(time_), center) - center).norm() < static_cast<double>(reach);
+  }
+
+  // Lets bodies push the drone until the end of the tick.
+  void end(ContactResult& result, double left_s) {
+    const collision::Push push = collision::push(obstacles_, solids_, hull_, result.pose, time_);
+    farthest_ = std::max(farthest_, (result.pose.position - first_).norm() + push.farthest);
+    if (push.pushed) follow(push.pose.position - result.pose.position, left_s, result.velocity);
+    result.pose = push.pose;
+    if (!push.jammed) return;
+    result.contact.inside = true;
+    result.velocity = {};
+  }
+
+  float farthest() const { return farthest_; }  // m, from the beginning
+
+ private:
+  // Gives a pushed drone at least the speed of the push, so that it does not fall back into the body.
+  void follow(const Vec3& way, double left_s, Velocity& velocity) const {
+    const auto left = static_cast<float>(left_s);
+    const float length = way.norm();
+    float speed = fastest() * static_cast<float>(1.0 - time_);  // m in the rest of the tick: a push also restores the standoff
+    speed = std::min(length, speed) / left;
+    const Vec3 along = way / length;
+    if (left > 0.0F && length > 0.0F) velocity.linear += std::max(0.0F, speed - velocity.linear.dot(along)) * along;
+  }
+
+  // Returns a bound of the speeds (m per tick) of all points of the bodies.
+  float fastest() const {
+    double speed = 0.0;
+    for (const collision::MovingSolid& solid : solids_) {
+      speed = std::max(speed, solid.path().velocity.norm() + solid.path().angle * solid.radius());
+    }
+    return static_cast<float>(speed);
+  }
+
+  const collision::Obstacles& obstacles_;
+  std::span<const collision::MovingSolid> solids_;
+  const collision::Hull& hull_;
+  Vec3 first_;
+  double time_ = 0.0;  // of the bodies' motion
+  float farthest_ = 0.0F;
+};
+
+template <class World>
+ContactResult resolve(World& world, const Body& body, const DynamicsConfig& config, const TickMotion& motion) {
   constexpr int kMostContacts = 3;  // per tick: two walls and their corner
   const bool terminates = config.on_contact == OnContact::terminate;
   Pose from = motion.from, to = motion.to;
@@ -70,7 +147,7 @@ ContactResult resolve_contacts(const collision::Obstacles& obstacles, const Body
   double left_s = motion.duration_s;
   ContactResult result;
   for (int contacts = 0; contacts < kMostContacts; ++contacts) {
-    const collision::Contact contact = collision::sweep(obstacles, body.hull, from, to);
+    const collision::MovingContact contact = world.meet(from, to);
     if (contact.hit) result.contact = contact;
     if (!contact.hit || (contact.inside && contact.fraction == 1.0F && !terminates)) {
       if (contacts > 0) result.pose = to, result.velocity = end;
@@ -78,19 +155,25 @@ ContactResult resolve_contacts(const collision::Obstacles& obstacles, const Body
     }
     result.is_deflected = true;
     from = collision::interpolate(from, to, contact.fraction);
+    const float share = contact.fraction;
+    left_s *= 1.0 - static_cast<double>(share);
     if (terminates) {
       result.pose = from;
       result.velocity = end;
+      world.end(result, left_s);
       return result;
     }
-    const float share = contact.fraction;
-    const Velocity hit{begin.linear + share * (end.linear - begin.linear), begin.angular + share * (end.angular - begin.angular)};
-    left_s *= 1.0 - static_cast<double>(share);
-    const ContactPoints touching(obstacles, body.hull, from, contact);
+    Velocity hit{begin.linear + share * (end.linear - begin.linear), begin.angular + share * (end.angular - begin.angular)};
+    const auto touches = [&](const Vec3& point, float reach) { return world.touches(contact, point, reach); };
+    const ContactPoints touching(touches, body.hull, from, contact);
+    const bool is_moving = contact.body >= 0;  // then the drone rebounds in the frame of the surface
+    const Vec3 surface = contact.velocity / static_cast<float>(motion.duration_s);
+    if (is_moving) hit.linear -= surface, end.linear -= surface;
     const Rebound rebound =
         thrown_back(hit, end, left_s, from, touching.points(), contact.normal, body.airframe, surface_of(config));
     begin = rebound.after;
     end = rebound.at_end;
+    if (is_moving) begin.linear += surface, end.linear += surface;
     const auto time = static_cast<float>(0.5 * left_s);
     const Vec3 turn = time * (begin.angular + end.angular);
     const float angle = turn.norm();
@@ -101,6 +184,50 @@ ContactResult resolve_contacts(const collision::Obstacles& obstacles, const Body
   // accelerate it there.
   result.pose = from;
   result.velocity = result.contact.inside ? Velocity{} : begin;
+  world.end(result, left_s);
+  return result;
+}
+
+// Calls resolve(solids), which returns how far from the origin (m) the drone came, until the solids are all that it can meet.
+template <class F>
+void among_near(const Traffic& traffic, const collision::Hull& hull, const Vec3& origin, float expected_m, const F& resolve) {
+  const float around = hull.radius() + margin(origin.cwiseAbs().maxCoeff());
+  for (float range = expected_m;;) {
+    const float came = resolve(traffic.near.gather(traffic.bodies, origin, around + range));
+    if (!(came > range)) return;
+    range = 2.0F * came;
+  }
+}
+
+}  // namespace
+
+ContactResult resolve_contacts(const collision::Obstacles& obstacles, const Body& body, const DynamicsConfig& config,
+                               const TickMotion& motion) {
+  StaticWorld world(obstacles, body.hull);
+  return resolve(world, body, config, motion);
+}
+
+ContactResult resolve_contacts(const collision::Obstacles& obstacles, const Traffic& traffic, const Body& body,
+                               const DynamicsConfig& config, const TickMotion& motion) {
+  ContactResult result;
+  const Vec3& origin = motion.from.position;
+  among_near(traffic, body.hull, origin, (motion.to.position - origin).norm(), [&](std::span<const collision::MovingSolid> near) {
+    MovingWorld world(obstacles, near, body.hull, motion.from);
+    result = resolve(world, body, config, motion);
+    return world.farthest();
+  });
+  return result;
+}
+
+collision::Push push_standing(const collision::Obstacles& obstacles, const Traffic& traffic, const collision::Hull& hull,
+                              const Pose& pose) {
+  collision::Push result;
+  result.pose = pose;
+  among_near(traffic, hull, pose.position, 0.0F, [&](std::span<const collision::MovingSolid> near) {
+    if (near.empty()) return 0.0F;
+    result = collision::push(obstacles, near, hull, pose);
+    return result.farthest;
+  });
   return result;
 }
 

@@ -1,6 +1,7 @@
 // Contact: resolves one drone's contacts with obstacles during one tick.
 #pragma once
 
+#include "collision/moving_bodies.hpp"
 #include "collision/moving_sweep.hpp"
 #include "collision/sweep.hpp"
 #include "flockstep/airframe.hpp"
@@ -33,8 +34,8 @@ struct TickMotion {
 
 // The motion of a drone in a tick after all contacts.
 struct ContactResult {
-  collision::Contact contact;  // the last hit; hit is false if there was none
-  bool is_deflected = false;   // the tick ends with the pose and velocity below instead of those of TickMotion
+  collision::MovingContact contact;  // the last hit; hit is false if there was none
+  bool is_deflected = false;         // the tick ends with the pose and velocity below instead of those of TickMotion
   Pose pose;
   Velocity velocity;
 };
@@ -43,6 +44,22 @@ struct ContactResult {
 // rest of the tick, and may hit again. A drone that begins inside an obstacle may fly out of it; this also reports a contact.
 ContactResult resolve_contacts(const collision::Obstacles& obstacles, const Body& body, const DynamicsConfig& config,
                                const TickMotion& motion);
+
+// The bodies that one drone may meet in a tick, which is their motion. Both are references to what others own.
+struct Traffic {
+  const collision::MovingBodies& bodies;  // of the drone's env
+  collision::NearSolids& near;
+};
+
+// The same among bodies. The drone rebounds relative to the surface that it hits. After its last contact, or a hit with
+// OnContact::terminate, bodies push it out of their way until the end of the tick. If they jam it, contact.inside is set and the
+// drone rests.
+ContactResult resolve_contacts(const collision::Obstacles& obstacles, const Traffic& traffic, const Body& body,
+                               const DynamicsConfig& config, const TickMotion& motion);
+
+// Moves the bodies, which push a drone that stands.
+collision::Push push_standing(const collision::Obstacles& obstacles, const Traffic& traffic, const collision::Hull& hull,
+                              const Pose& pose);
 
 void write_contact(State& state, DroneIndex drone, const collision::Contact& contact);
 // Also writes the body and its velocity. duration_s: of the motion.

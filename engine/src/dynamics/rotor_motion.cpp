@@ -7,6 +7,7 @@
 #include <vector>
 
 #include "base/interrupt.hpp"
+#include "base/pose_access.hpp"
 #include "dynamics/contact.hpp"
 #include "dynamics/rows.hpp"
 
@@ -54,6 +55,7 @@ class GroupFlight {
 
   void fly(const Commands& commands, int first_tick, int ticks) {
     for (std::size_t lane = 0; lane < kLanes; ++lane) is_done_[lane] = !group_.is_listed(lane) || is_held(lane);
+    if (has_bodies()) push_held(first_tick);
     if (is_done()) return;
     load();
     load_setpoints(commands);
@@ -156,6 +158,28 @@ class GroupFlight {
            (!context_.bad.empty() && context_.bad[row_of(lane)]);
   }
 
+  bool has_bodies() const { return context_.bodies.count != 0; }
+  collision::MovingBodies bodies(std::size_t lane) const { return context_.bodies.of_env(env_of(lane), context_.bodies_per_env); }
+
+  // Lets bodies push a drone that stays in place.
+  void push(std::size_t lane, int tick) {
+    const DroneIndex drone = group_[lane];
+    const collision::MovingBodies all = bodies(lane);
+    const Pose pose = pose_of(state_, drone);
+    const collision::Push result = push_standing(obstacles(lane), {all, context_.scratch.near}, context_.hull, pose);
+    if (result.jammed && state_.contact.hit[drone]) state_.contact.inside[drone] = 1;
+    if (!result.pushed) return;
+    set_pose_of(state_, drone, {result.pose.position, pose.rotation});
+    std::fill_n(state_.flight.remainder.data() + 3 * drone, 3, 0.0F);
+    store_rest_of_path(lane, tick);
+  }
+
+  void push_held(int tick) {
+    for (std::size_t lane = 0; lane < kLanes; ++lane) {
+      if (group_.is_listed(lane) && is_held(lane)) push(lane, tick);
+    }
+  }
+
   bool is_done() const { return std::ranges::count(is_done_, true) == kLanes; }
 
   // Flies all ticks at once and stores the drones that have no obstacle within their reach.
@@ -165,7 +189,8 @@ class GroupFlight {
     LaneFlags flies{};
     for (std::size_t lane = 0; lane < kLanes; ++lane) {
       if (is_done_[lane]) continue;
-      flies[lane] = is_done_[lane] = is_good(lane) && (is_open_[lane] != 0 || find_open_space(lane));
+      flies[lane] = is_done_[lane] =
+          is_good(lane) && !(has_bodies() && is_near_body(lane)) && (is_open_[lane] != 0 || find_open_space(lane));
       if (flies[lane] && !context_.path.empty()) store_path(lane, first_tick, ticks);
     }
     group_.store(flies, flock_, state_);
@@ -219,6 +244,11 @@ class GroupFlight {
     }
   }
 
+  // True if a body reaches into the space that the drone needs.
+  bool is_near_body(std::size_t lane) {
+    return !context_.scratch.near.gather(bodies(lane), vec3(flock_.origin, lane), space_[lane]).empty();
+  }
+
   // Checks the world for the free space that the drone needs, and caches it if it is open.
   bool find_open_space(std::size_t lane) {
     const Vec3 center = vec3(flock_.origin, lane);
@@ -242,10 +272,25 @@ class GroupFlight {
       if (is_good(lane)) {
         end_tick(lane);
       } else {
-        give_up(lane);
+        give_up(lane, tick);
       }
       store_rest_of_path(lane, tick);
     }
+  }
+
+  // Resolves the contacts of one tick and writes the last one.
+  ContactResult resolve(std::size_t lane, const TickMotion& motion) {
+    const DroneIndex drone = group_[lane];
+    const Body body{context_.hull, fleet_.airframe_of(drone)};
+    if (!has_bodies()) {
+      const ContactResult result = resolve_contacts(obstacles(lane), body, fleet_.config, motion);
+      if (result.contact.hit) write_contact(state_, drone, static_cast<const collision::Contact&>(result.contact));
+      return result;
+    }
+    const collision::MovingBodies all = bodies(lane);
+    const ContactResult result = resolve_contacts(obstacles(lane), {all, context_.scratch.near}, body, fleet_.config, motion);
+    if (result.contact.hit) write_contact(state_, drone, result.contact, motion.duration_s);
+    return result;
   }
 
   void end_tick(std::size_t lane) {
@@ -258,9 +303,7 @@ class GroupFlight {
         .end = {vec3(flock_.velocity, lane), vec3(flock_.turn, lane)},
         .duration_s = fleet_.clock.dt_s(),
     };
-    const ContactResult result =
-        resolve_contacts(obstacles(lane), {context_.hull, fleet_.airframe_of(drone)}, fleet_.config, motion);
-    if (result.contact.hit) write_contact(state_, drone, result.contact);
+    const ContactResult result = resolve(lane, motion);
     if (result.is_deflected) {
       set(result.pose.position, lane, flock_.position);
       set(result.pose.rotation, lane, flock_.rotation);
@@ -291,7 +334,7 @@ class GroupFlight {
 
   // Stops a drone whose state left the range that can be integrated: it rests at its last position. With a task its episode
   // ends as a bad state; without a task the drone is counted as lost.
-  void give_up(std::size_t lane) {
+  void give_up(std::size_t lane, int tick) {
     fleet_.start(state_, group_[lane], {});
     if (context_.bad.empty()) {
       context_.scratch.lost.add(group_[lane]);
@@ -299,6 +342,7 @@ class GroupFlight {
       context_.bad[row_of(lane)] = 1;
     }
     is_done_[lane] = true;
+    if (has_bodies()) push(lane, tick);
   }
 
   const FlightContext& context_;

@@ -8,6 +8,7 @@
 #include <span>
 
 #include "collision/hull.hpp"
+#include "collision/moving_bodies.hpp"
 #include "collision/obstacles.hpp"
 #include "dynamics/fleet.hpp"
 #include "dynamics/flight.hpp"
@@ -40,6 +41,7 @@ struct FlightScratch {
   AlignedVector<Lanes<3>> path;  // of the current leg, one entry per tick; empty if it is not recorded
   std::array<std::int32_t, kLanes> airframes{-1};
   LostDrones lost;  // of the current call; used without a task only
+  collision::NearSolids near;
 };
 
 // The data that flight reads and writes.
@@ -56,13 +58,16 @@ struct FlightContext {
   DroneRange own;               // drones that no other thread reads or writes meanwhile
   trace::Tracer& tracer;
   FlightScratch& scratch;
+  // The bodies of all envs, env by env, during a call of fly() with one tick. Without bodies the count is 0.
+  collision::MovingBodies bodies = {};
+  std::size_t bodies_per_env = 0;
 };
 
 // Sets the accelerations of drones for their current state, assuming constant rotor speeds.
 void update_accelerations(const FlightContext& context, std::span<const DroneIndex> drones);
 
 // Flies drones for `ticks` ticks of one step, from the tick with index first_tick on, and checks each tick for contacts. With
-// OnContact::terminate, drones that hit something in this step stay in place.
+// OnContact::terminate, drones that hit something in this step stay in place, unless bodies push them. With bodies, ticks is 1.
 void fly(const FlightContext& context, std::span<const DroneIndex> drones, const Commands& commands, int first_tick, int ticks);
 
 }  // namespace flockstep::dynamics
