@@ -4,6 +4,7 @@ moves    pushes and turns at rest against walls, 0 to 10 km from the origin: the
 pushes   ticks of rotor-driven drones that push against walls and corners: none ever penetrates
 motions  sweeps against fine stepping with an independent convex distance
 encounters   sweeps among moving bodies against fine stepping, and pushes by bodies: no wall is ever penetrated
+crushes      ticks of rotor-driven drones among bodies that push them: none is inside anything unless it is reported
 rays     rays traced directly, through Embree, and by closed forms in double precision
 agreement     LiDAR rays in worlds of primitives and triangles, in tiles, through Embree, and by closed forms
 watertight    rays at corners and edges of closed meshes, in tiles: none passes through
@@ -13,7 +14,7 @@ soak     clients that connect, fly, read, stream, break off and send nonsense: t
 extensions   the patches of tests/extensions, applied to a copy, built and run; only if named
 scene, obj, ply, gltf, snapshot, calls, messages   the fuzzers, with address and undefined-behaviour sanitizers
 
-Each writes its number of trials to out/tried/NAME.json; bench/table.py --keep copies it from there. The first eight run
+Each writes its number of trials to out/tried/NAME.json; bench/table.py --keep copies it from there. The first nine run
 in parts, each with its own seeds, and write after each part. A stopped run continues with the next part, on another
 machine from the stored results.
 """
@@ -42,12 +43,14 @@ TESTS = {
     "pushes": ("Contact.Pushed*", 30, 10),
     "motions": ("SweepAgainstFineStepping*", 10, 10),
     "encounters": ("MovingSweepAgainstFineStepping*:Push*", 10, 30),
+    "crushes": ("ContactInACrowd.NoDrone*", 10, 10),
     "rays": ("Agreement*", 20, 50),
     "agreement": ("TracerAgreement*", 21, 750),
     "watertight": ("MeshTiles.NoRay*", 20, 1700),
     "independence": ("MeshTiles.ARays*", 20, 6000),
 }
-UNITS = dict.fromkeys(("agreement", "watertight", "independence"), "rays")  # units that differ from the name
+#: Units that differ from the name.
+UNITS = dict.fromkeys(("agreement", "watertight", "independence"), "rays") | {"crushes": "ticks"}
 #: Generators of worlds, and the cell size (m) with which a planner finds a path in each.
 WORLDS = {"forest": 0.5, "office": 0.5, "warehouse": 0.6}
 SEEDS, PLANNED = 1000, 50  # seeds per generator; one world in PLANNED is planned
