@@ -30,6 +30,8 @@ dynamics::FlightContext context_of(Simulation& sim, const Block& block, Scratch&
                                  : dynamics::DroneRange{},
       .tracer = scratch.tracer,
       .scratch = scratch.flight,
+      .bodies = sim.bodies ? sim.bodies->moving() : collision::MovingBodies(),
+      .bodies_per_env = sim.bodies ? sim.bodies->per_env() : 0,
   };
 }
 
@@ -37,11 +39,8 @@ const collision::Obstacles& obstacles_of(const Simulation& sim, DroneIndex drone
   return *sim.obstacles[sim.slot_of(sim.env_of(drone))];
 }
 
-// The solid bodies that a drone may meet while it moves by a distance.
-std::span<const collision::MovingSolid> near_solids(const Simulation& sim, DroneIndex drone, float distance, Scratch& scratch) {
-  const Vec3 origin = position_of(sim.state, drone);
-  const float range = distance + sim.hull.radius() + dynamics::margin(origin.cwiseAbs().maxCoeff() + distance);
-  return scratch.solids.gather(sim.bodies->moving().of_env(sim.env_of(drone), sim.bodies->per_env()), origin, range);
+collision::MovingBodies bodies_of(const Simulation& sim, DroneIndex drone) {
+  return sim.bodies->moving().of_env(sim.env_of(drone), sim.bodies->per_env());
 }
 
 }  // namespace
@@ -66,8 +65,8 @@ void sweep_to(Simulation& sim, DroneIndex drone, const Pose& target, Scratch& sc
   const Pose from = pose_of(sim.state, drone);
   const collision::Obstacles& obstacles = obstacles_of(sim, drone);
   if (sim.bodies) {
-    const auto near = near_solids(sim, drone, (target.position - from.position).norm(), scratch);
-    const collision::MovingSweep swept = collision::sweep(obstacles, near, sim.hull, from, target);
+    const collision::MovingBodies bodies = bodies_of(sim, drone);
+    const collision::MovingSweep swept = dynamics::sweep_among(obstacles, {bodies, scratch.flight.near}, sim.hull, from, target);
     set_pose_of(sim.state, drone, swept.end.pose);
     dynamics::write_contact(sim.state, drone, swept.contact, sim.config.clock.dt_s());
     if (swept.end.jammed) sim.state.contact.inside[drone] = 1;
@@ -81,9 +80,8 @@ void sweep_to(Simulation& sim, DroneIndex drone, const Pose& target, Scratch& sc
 void give_way(Simulation& sim, DroneIndex drone, Scratch& scratch) {
   const Pose pose = pose_of(sim.state, drone);
   if (!sim.state.contact.hit[drone]) return sweep_to(sim, drone, pose, scratch);
-  const auto near = near_solids(sim, drone, 0.0F, scratch);
-  if (near.empty()) return;
-  const collision::Push push = collision::push(obstacles_of(sim, drone), near, sim.hull, pose);
+  const collision::MovingBodies bodies = bodies_of(sim, drone);
+  const collision::Push push = dynamics::push_standing(obstacles_of(sim, drone), {bodies, scratch.flight.near}, sim.hull, pose);
   set_pose_of(sim.state, drone, push.pose);
   if (push.jammed) sim.state.contact.inside[drone] = 1;
 }

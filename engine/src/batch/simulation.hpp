@@ -22,7 +22,6 @@
 #include "batch/schedule.hpp"
 #include "bodies/body_table.hpp"
 #include "collision/hull.hpp"
-#include "collision/moving_bodies.hpp"
 #include "collision/obstacles.hpp"
 #include "dynamics/fleet.hpp"
 #include "dynamics/rotor_motion.hpp"
@@ -40,7 +39,6 @@ struct Scratch {
   std::vector<DroneIndex> flying;  // drones of Block::flying during a step
   std::vector<DroneIndex> drones;  // drones of some envs
   std::vector<EnvIndex> envs;      // envs of a block
-  collision::NearSolids solids;    // bodies that a drone may meet
   std::vector<Pose> poses;         // start and target of some drones
   bool moved_world = false;        // an env has moved to another world
 };

@@ -219,6 +219,17 @@ ContactResult resolve_contacts(const collision::Obstacles& obstacles, const Traf
   return result;
 }
 
+collision::MovingSweep sweep_among(const collision::Obstacles& obstacles, const Traffic& traffic, const collision::Hull& hull,
+                                   const Pose& from, const Pose& to) {
+  collision::MovingSweep result;
+  const float way = (to.position - from.position).norm();
+  among_near(traffic, hull, from.position, way, [&](std::span<const collision::MovingSolid> near) {
+    result = collision::sweep(obstacles, near, hull, from, to);
+    return result.contact.hit ? result.contact.fraction * way + result.end.farthest : way;
+  });
+  return result;
+}
+
 collision::Push push_standing(const collision::Obstacles& obstacles, const Traffic& traffic, const collision::Hull& hull,
                               const Pose& pose) {
   collision::Push result;

@@ -57,6 +57,10 @@ struct Traffic {
 ContactResult resolve_contacts(const collision::Obstacles& obstacles, const Traffic& traffic, const Body& body,
                                const DynamicsConfig& config, const TickMotion& motion);
 
+// Moves a drone kinematically while the bodies move, which may push it.
+collision::MovingSweep sweep_among(const collision::Obstacles& obstacles, const Traffic& traffic, const collision::Hull& hull,
+                                   const Pose& from, const Pose& to);
+
 // Moves the bodies, which push a drone that stands.
 collision::Push push_standing(const collision::Obstacles& obstacles, const Traffic& traffic, const collision::Hull& hull,
                               const Pose& pose);

@@ -44,6 +44,7 @@ constexpr std::uint16_t kSemantic = 500;  // of the first body
 struct Crowd {
   std::vector<float> position, quat_wxyz, radius;
   std::vector<Primitive> solids;
+  mutable std::vector<const Primitive*> pointers;  // to the solids, for the last view
   std::vector<BodySurface> surfaces;
 
   void add(const Primitive& solid, const std::array<float, 3>& color = {0.7F, 0.3F, 0.2F}) {
@@ -55,10 +56,12 @@ struct Crowd {
     solids.back().center = Vec3::Constant(99.0F);  // not read
   }
   VisibleBodies view() const {
+    pointers.clear();
+    for (const Primitive& solid : solids) pointers.push_back(&solid);
     return {{.position = position.data(),
              .quat_wxyz = quat_wxyz.data(),
              .radius = radius.data(),
-             .solids = solids.data(),
+             .solids = pointers.data(),
              .count = radius.size(),
              .readable = radius.size()},
             surfaces.data()};
