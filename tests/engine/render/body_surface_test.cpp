@@ -359,7 +359,7 @@ TEST_P(BodyImagesOf, BodiesCastShadowsAndReceiveThem) {
 
 INSTANTIATE_TEST_SUITE_P(Backends, BodyImagesOf, ::testing::Values(CameraBackend::raycast, CameraBackend::gl));
 
-// Several envs with bodies of their own and some without any, several drones in one env, and all shapes.
+// Envs with different bodies, an env without any, several drones in each env, and all shapes.
 TEST(BodyImages, GlShowsWhatRaycastShows) {
   Random random(392);
   Workers workers(2);
