@@ -420,3 +420,88 @@ def test_an_env_takes_bodies():
     assert len(again.batch.bodies) == 2
     with pytest.raises(TypeError, match=r"bodies: expected a flockstep\.BodyConfig"):
         flockstep.DroneVectorEnv(2, bodies="cars")
+
+
+class TestCameras:
+    CAMERA = flockstep.CameraConfig(
+        width_px=64, height_px=48, outputs=["rgb", "depth", "semantic", "instance"], capture_mode="on_movement"
+    )
+
+    def test_a_body_hides_what_is_behind_it(self):
+        ball = BodyConfig(shape="sphere", size_m=[2, 2, 2], position_m=[8, 10, 2], color=[0, 0, 1], semantic=7)
+        batch = batch_with([BodyConfig(position_m=[5, 18, 2]), ball], cameras=[self.CAMERA])
+        batch.sense()
+        camera = batch.camera()
+        np.testing.assert_allclose(camera.depth[0, 24, 32], 2.0, rtol=1e-3)
+        assert camera.semantic[0, 24, 32] == 7
+        assert camera.instance[0, 24, 32] == 61440 + 1
+        assert camera.rgb[0, 24, 32].argmax() == 2
+        assert camera.semantic[0, 0, 0] != 7
+
+    @pytest.mark.parametrize("change", ["script", "pose", "spawn", "remove"])
+    def test_a_change_of_bodies_makes_frames_stale(self, change):
+        motion = BodyMotion(velocity_mps=[0, 1, 0]) if change == "script" else BodyMotion()
+        body = BodyConfig(position_m=[8, 10, 2], motion=motion)
+        batch = batch_with([body], 2, max_bodies=2, cameras=[self.CAMERA])
+        batch.sense()
+        steps = batch.camera().frame_step.copy()
+        batch.sense()
+        assert (batch.camera().frame_step == steps).all()  # nothing has moved
+        only_first = np.array([True, False])
+        if change == "script":
+            batch.move(batch.position, mask=only_first)
+        elif change == "pose":
+            batch.bodies.set_pose(batch.bodies.position + 1, mask=only_first)
+        elif change == "spawn":
+            batch.bodies.spawn(body, mask=only_first)
+        else:
+            batch.bodies.remove(only_first)
+        before = batch.camera().depth.copy()
+        batch.sense()
+        assert (batch.camera().frame_step > steps).tolist() == [True, False]
+        assert (batch.camera().depth[0] != before[0]).any()
+        assert (batch.camera().depth[1] == before[1]).all()
+
+    def test_a_restored_frame_shows_the_bodies_of_its_time(self):
+        body = BodyConfig(position_m=[8, 10, 2], motion=BodyMotion(velocity_mps=[0, 1, 0]))
+        camera = flockstep.CameraConfig(width_px=64, height_px=48, outputs=["rgb"], capture_mode="on_demand")
+        batch = batch_with([body], cameras=[camera])
+        batch.capture()
+        frame = batch.camera().rgb.copy()
+        for _ in range(5):
+            batch.move(batch.position)
+        blob = batch.snapshot()
+        batch.capture()
+        assert (batch.camera().rgb != frame).any()
+        batch.restore(blob)
+        assert (batch.camera().rgb == frame).all()
+
+
+class TestRotors:
+    @staticmethod
+    def hovering(bodies, on_contact, **more):
+        dynamics = flockstep.DynamicsConfig(motion="rotors", control="velocity", on_contact=on_contact)
+        return batch_with(bodies, dynamics=dynamics, drone="crazyflie", **more)
+
+    @pytest.mark.parametrize("on_contact", ["terminate", "stop", "bounce"])
+    def test_a_body_hits_a_hovering_drone(self, on_contact):
+        plate = BodyConfig(size_m=[0.1, 1, 1], position_m=[5.6, 10, 2], motion=BodyMotion(velocity_mps=[-2, 0, 0]))
+        batch = self.hovering([plate], on_contact)
+        bodies, hits = [], 0
+        for _ in range(8):
+            batch.fly(np.zeros((1, 4), np.float32))
+            hits += int(batch.contact.hit[0])
+            bodies.append(int(batch.contact.body[0]))
+            assert batch.position[0, 0] < batch.bodies.position[0, 0, 0] - 0.05  # ahead of the plate
+        assert hits > 0
+        assert 0 in bodies
+
+    def test_a_drone_flies_past_bodies_as_without_them(self):
+        far = BodyConfig(position_m=[15, 15, 8], motion=BodyMotion(velocity_mps=[0.1, 0, 0]))
+        among, free = self.hovering([far], "bounce"), self.hovering([], "bounce")
+        for step in range(20):
+            command = np.float32([[np.sin(step), np.cos(step), 0.3, 0.1]])
+            among.fly(command)
+            free.fly(command)
+            assert among.position.tobytes() == free.position.tobytes()
+            assert among.velocity.tobytes() == free.velocity.tobytes()

@@ -23,6 +23,7 @@ ALLOWED: dict[str, set[str]] = {
     "collision": {"base", "trace", "world"},
     "render": {"base", "trace", "world"},
     "dynamics": {"base", "collision", "trace"},
+    "bodies": {"base", "collision", "render", "trace", "world"},
     "prepared": {"base", "collision", "render", "trace", "world"},
     "survey": {"base", "collision", "prepared", "trace", "world"},
     "planning": {"base", "collision", "prepared", "survey", "world"},

@@ -57,6 +57,7 @@ TEST(Bodies, AStepAmongThemAllocatesNothing) {
   for (const int substeps : {1, 4}) {
     testing::NavigationBatch config = among_bodies(128);
     config.block_size = 16;
+    config.episode.autoreset_mode = AutoresetMode::next_step;  // contacts stay until the next step
     config.clock.policy_hz = 10.0F;
     config.clock.physics_hz = 10.0F * static_cast<float>(substeps);
     Batch batch = config.make(five_playgrounds());

@@ -68,13 +68,16 @@ class Bodies {
     return at;
   }
   collision::MovingBodies view() const {
+    pointers_.clear();
+    for (const Primitive& solid : solids_) pointers_.push_back(&solid);
     return {from_position_.data(), from_quat_.data(), position_.data(), quat_.data(),
-            reach_.data(),         solids_.data(),    count(),          count()};
+            reach_.data(),         pointers_.data(),  count(),          count()};
   }
 
  private:
   std::vector<float> from_position_, from_quat_, position_, quat_, reach_;
   std::vector<Primitive> solids_;
+  mutable std::vector<const Primitive*> pointers_;
 };
 
 double distance(const Pose& drone, const Primitive& solid) {

@@ -1,0 +1,53 @@
+"""Train a drone to dodge bodies with flockstep.PPO, and judge the last policy: the recipe of the board.
+
+.venv/bin/python -m training.train_dodge                    # out/train/dodge.zip, takes a few minutes
+.venv/bin/python -m training.train_dodge --still            # in the same worlds without bodies, for comparison
+"""
+
+from __future__ import annotations
+
+import time
+from dataclasses import dataclass
+from pathlib import Path
+
+import tyro
+
+import flockstep
+from training.recipes import RECIPES, predict_of, train
+from training.tasks import UNSEEN_SEEDS
+
+
+@dataclass
+class Args:
+    """Options."""
+
+    out: Path = Path("out/train/dodge.zip")
+    """File of the policy."""
+    still: bool = False
+    """Train in worlds without bodies; the flights that judge have them all the same."""
+    seed: int = 0
+    """Seed of the training."""
+    threads: int = 2
+    """Threads of the simulator and the learner; the results have the same bits for any number."""
+    flights: int = 1000
+    """Flights that judge the policy; nothing else uses their seeds."""
+
+
+def main(args: Args) -> None:
+    """Train, save, judge and print."""
+    recipe = RECIPES["dodge_still" if args.still else "dodge"]
+    begun = time.perf_counter()
+    model = train(recipe, "flockstep", args.seed, args.threads)
+    seconds = time.perf_counter() - begun
+    args.out.parent.mkdir(parents=True, exist_ok=True)
+    model.save(args.out)
+    verdict = recipe.judge(predict_of(flockstep.PPO.load(args.out)), args.flights, UNSEEN_SEEDS.start)
+    figures = ", ".join(f"{name} {value:.2f}" for name, value in verdict.more.items())
+    print(
+        f"{model.num_timesteps:,} steps in {seconds:.1f} s; {verdict.success:.1%} of {args.flights:,} flights succeed, "
+        f"{verdict.crashed:.1%} end in a contact, {figures}; {args.out}"
+    )
+
+
+if __name__ == "__main__":
+    main(tyro.cli(Args))
