@@ -2493,7 +2493,7 @@ class Contact:
 
     @property
     def inside(self) -> _Bool:
-        """(N,): True if the drone overlapped an obstacle when the motion began."""
+        """(N,): True if the drone overlapped an obstacle when the motion began, or was squeezed between a body and something else at its end."""
 
     @property
     def fraction(self) -> _F32:

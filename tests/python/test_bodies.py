@@ -453,7 +453,7 @@ class TestCameras:
         elif change == "pose":
             batch.bodies.set_pose(batch.bodies.position + 1, mask=only_first)
         elif change == "spawn":
-            batch.bodies.spawn(body, mask=only_first)
+            batch.bodies.spawn(body, position=[[8, 9, 2]] * 2, mask=only_first)
         else:
             batch.bodies.remove(only_first)
         before = batch.camera().depth.copy()

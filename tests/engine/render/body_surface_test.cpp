@@ -68,7 +68,7 @@ struct Crowd {
   }
 };
 
-// One third stands upright as it is, one third is turned about z, and one third is tilted.
+// One third stands upright, one third is turned about z, and one third is tilted.
 Primitive random_solid_of(Random& random, PrimitiveKind kind, float reach) {
   Vec3 half(random.within(0.1F, 0.7F), random.within(0.1F, 0.7F), random.within(0.1F, 0.7F));
   if (kind != PrimitiveKind::box) half.y() = half.x();
