@@ -34,7 +34,7 @@ struct EnumNames<BodyRoute> {
   static constexpr std::array kNames{"loop", "back_and_forth", "once"};
 };
 
-// The pose of a scripted body is a function of the time since the episode began, so it does not drift. bodies/body_motion.hpp
+// The pose of a scripted body is a function of the time since the episode began, so it does not drift. bodies/body_script.hpp
 // has the formulas.
 struct BodyMotion {
   BodyMotionKind kind = BodyMotionKind::velocity;
