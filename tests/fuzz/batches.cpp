@@ -17,6 +17,7 @@ namespace flockstep::fuzz {
 namespace {
 
 constexpr int kDrones = 4;
+constexpr int kBodies = 3;  // slots of each env
 
 // Reads numbers from the input; 0 after its end.
 class Stream {
@@ -72,6 +73,14 @@ std::unique_ptr<Batch> make(bool with_camera) {
   config.lidars = {LidarConfig{.beams = 5}};
   config.pose_sensor = {.position_noise_std_m = 0.01F, .orientation_noise_std_deg = 1.0F};
   config.episode.max_episode_steps = 20;
+  BodyConfig slider;
+  slider.size_m = {0.2F, 0.4F, 0.3F};
+  slider.position_m = {0.3F, 0.3F, 0.5F};
+  slider.motion.kind = BodyMotionKind::slider;
+  slider.motion.travel_m = {1.5F, 1.5F, 0.2F};
+  slider.motion.period_s = 2.0F;
+  config.bodies = {slider};
+  config.max_bodies = kBodies;
   if (with_camera) config.cameras = {CameraConfig{.width_px = 8, .height_px = 6, .outputs = {.depth = true}}};
   static const DroneModel drone = DroneModel::quadrotor650();  // checked once
   return std::make_unique<Batch>(config, worlds(), make_task(NavigationConfig{.action = ActionKind::displacement_yaw}), drone);
@@ -84,6 +93,11 @@ void require_sane(const Batch& batch) {
   if (!std::all_of(state.position.begin(), state.position.end(), in_world)) std::abort();
   for (std::size_t i = 0; i < kDrones; ++i) {
     const float* const q = state.quat_wxyz.data() + 4 * i;
+    if (!(std::abs(std::hypot(std::hypot(q[0], q[1]), std::hypot(q[2], q[3])) - 1.0F) < 0.02F)) std::abort();
+  }
+  if (!std::all_of(state.bodies.position.begin(), state.bodies.position.end(), in_world)) std::abort();
+  for (std::size_t row = 0; row < state.bodies.active.size(); ++row) {
+    const float* const q = state.bodies.quat_wxyz.data() + 4 * row;
     if (!(std::abs(std::hypot(std::hypot(q[0], q[1]), std::hypot(q[2], q[3])) - 1.0F) < 0.02F)) std::abort();
   }
   for (const float range : batch.lidar_readings().ranges) {
@@ -167,7 +181,7 @@ void calls(Bytes input) {
   std::int64_t kept_drone = 0;
   for (int call = 0; call < 64 && !stream.empty(); ++call) {
     try {
-      switch (stream.take<std::uint8_t>() % 16) {
+      switch (stream.take<std::uint8_t>() % 20) {
         case 0:
         case 1:
         case 2:
@@ -224,6 +238,42 @@ void calls(Bytes input) {
         case 14:
           batch->capture(0, mask());
           break;
+        case 15: {
+          BodyConfig body;
+          body.shape = static_cast<BodyShape>(stream.take<std::uint8_t>() % EnumNames<BodyShape>::kNames.size());
+          for (float& size : body.size_m) size = stream.number(1.0F);
+          if (stream.flag()) body.size_m[1] = body.size_m[2] = body.size_m[0];
+          BodyMotion& motion = body.motion;
+          motion.kind = static_cast<BodyMotionKind>(stream.take<std::uint8_t>() % EnumNames<BodyMotionKind>::kNames.size());
+          motion.route = static_cast<BodyRoute>(stream.take<std::uint8_t>() % EnumNames<BodyRoute>::kNames.size());
+          motion.points_m.resize(stream.take<std::uint8_t>() % 4U);
+          for (auto& point : motion.points_m) {
+            for (float& value : point) value = stream.number(3.0F);
+          }
+          for (auto* const vector : {&motion.velocity_mps, &motion.center_m, &motion.axis, &motion.travel_m, &motion.box_max_m}) {
+            for (float& value : *vector) value = stream.number(3.0F);
+          }
+          for (float* const value : {&motion.speed_mps, &motion.corner_radius_m, &motion.period_s, &motion.phase}) {
+            *value = stream.number(2.0F);
+          }
+          const std::vector<float> at = stream.flag() ? position() : std::vector<float>();
+          batch->spawn_bodies(body, at, {}, {}, {}, mask());
+          break;
+        }
+        case 16:
+          batch->remove_bodies(stream.list<std::uint8_t>(kDrones * kBodies, [&] { return stream.flag(); }));
+          break;
+        case 17:
+        case 18: {
+          const auto to = stream.list<float>(3 * kDrones * kBodies, [&] { return stream.number(3.0F); });
+          const auto mask_of_bodies = stream.list<std::uint8_t>(kDrones * kBodies, [&] { return stream.flag(); });
+          if (stream.flag()) {
+            batch->set_body_pose(to, {}, mask_of_bodies);
+          } else {
+            batch->set_body_velocity(to, to, mask_of_bodies);
+          }
+          break;
+        }
         default: {
           const CameraChange change{.hfov_deg = optional(200.0F), .vfov_deg = optional(200.0F)};  // braces evaluate in order
           batch->set_camera(0, change, mask());
