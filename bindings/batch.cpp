@@ -45,22 +45,6 @@ struct Released {
   }
 };
 
-// Converts a sequence of configurations; if one_will_do, also a single one or None.
-template <class Config>
-std::vector<Config> configs_of(const py::object& given, const char* name, bool one_will_do) {
-  const std::string type = py::str(py::type::of<Config>().attr("__name__"));
-  if (one_will_do && given.is_none()) return {};
-  if (one_will_do && py::isinstance<Config>(given)) return {given.cast<const Config&>()};
-  const std::string expected =
-      (one_will_do ? "a flockstep." + type + ", None or a" : std::string("a")) + " sequence of flockstep." + type + " objects";
-  if (!py::isinstance<py::sequence>(given) || py::isinstance<py::str>(given)) {
-    throw py::type_error(name + (": expected " + expected) + ", got " + std::string(py::repr(given)));
-  }
-  std::vector<Config> configs;
-  for (const py::handle config : given) configs.push_back(argument<Config>(config, name, expected));
-  return configs;
-}
-
 // Lets the arrays move only while the interpreter lock is held. Every reader holds it.
 void hold_interpreter(Batch& batch) {
   batch.run_moves_with([](const std::function<void()>& move) {

@@ -76,6 +76,8 @@ def value_schema(key: Key) -> Schema:
         return {"enum": key["choices"]}
     if kind == "object":
         return object_schema(key["keys"])
+    if kind == "config":
+        return {"type": "object"}
     if kind == "index":
         return {"type": "integer", "minimum": 0}
     limits = {word: plain(key[end]) for word, end in (("minimum", "least"), ("maximum", "greatest")) if end in key}
@@ -167,6 +169,7 @@ def values_text(key: Key) -> str:
         "choice": (f"{size} of " if size else "one of ")
         + ", ".join(f'`"{choice}"`' for choice in key.get("choices", ())),
         "object": ", ".join(f"`{inner['name']}`" for inner in key.get("keys", ())),
+        "config": "objects as in [configs.md](configs.md#bodies)",
     }
     text = ("0 or " if key.get("or_zero") else "") + words[kind] + (f", {key['unit']}" if key["unit"] else "")
     most = f"; at most {key['most']:,}" if "most" in key else ""

@@ -288,6 +288,19 @@ void register_world(py::module_& module) {
            py::arg("sun_glow") = py::none(), py::arg("tint") = py::none())
       .def_property_readonly("primitives", &primitives)
       .def_property_readonly("gates", &gates)
+      .def_property_readonly("bodies",
+                             [](const World& world) {
+                               py::list list;
+                               for (const BodyConfig& body : world.bodies()) list.append(py::cast(body));
+                               return list;
+                             })
+      .def(
+          "with_bodies",
+          [](const World& world, const py::object& given) {
+            std::vector<BodyConfig> bodies = configs_of<BodyConfig>(given, "bodies", false);
+            return std::const_pointer_cast<World>(released([&] { return world.with_bodies(std::move(bodies)); }));
+          },
+          py::arg("bodies"))
       .def(
           "to_dict",
           [](const World& world) { return py::module_::import("json").attr("loads")(released([&] { return world.to_json(); })); })

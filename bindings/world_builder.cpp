@@ -158,6 +158,10 @@ void register_world_builder(py::module_& module) {
           py::arg("center"), wall, turned, keywords, py::arg("shape") = "square", py::arg("size_m") = Gate().size,
           py::arg("bar_m") = json::shortest(Gate().bar), seen, hit)
       .def(
+          "body",
+          [](WorldBuilder& b, const py::object& body) { b.body(argument<BodyConfig>(body, "body", "a flockstep.BodyConfig")); },
+          py::arg("body"))
+      .def(
           "mesh",
           [](WorldBuilder& b, const py::object& vertices, const py::object& triangles, std::uint16_t material,
              const py::object& uv, const py::object& colors, bool visible,

@@ -1968,6 +1968,13 @@ class World:
         - ``material``, ``visible`` and ``solid``: of the frame, whose bars are among the `primitives`.
         """
 
+    @property
+    def bodies(self) -> list[BodyConfig]:
+        """The bodies that every env in this world begins an episode with; queries of the world do not find them."""
+
+    def with_bodies(self, bodies: Sequence[BodyConfig]) -> World:
+        """Return the same world with these bodies, and no others."""
+
     def to_dict(self) -> dict[str, Any]:
         """Return the content that `save` writes to a ``.json`` file; triangle meshes are inline."""
 
@@ -2357,6 +2364,9 @@ class WorldBuilder:
         ``size_m`` is the inside width of a square or the inside diameter of a ring, ``bar_m`` the thickness of the
         bars. Without a rotation it is passed along x.
         """
+
+    def body(self, body: BodyConfig) -> None:
+        """Add a body, a solid that moves, after the bodies so far; every env in the world has it."""
 
     def mesh(
         self,

@@ -1,4 +1,4 @@
-// AnyWorld: random worlds that use every feature of a scene except gates, for tests of formats.
+// AnyWorld: random worlds that use every feature of a scene except gates and bodies, for tests of formats.
 #pragma once
 
 #include <algorithm>

@@ -24,7 +24,7 @@ ALLOWED: dict[str, set[str]] = {
     "render": {"base", "trace", "world"},
     "dynamics": {"base", "collision", "trace"},
     "bodies": {"base", "collision", "render", "trace", "world"},
-    "prepared": {"base", "collision", "render", "trace", "world"},
+    "prepared": {"base", "bodies", "collision", "render", "trace", "world"},
     "survey": {"base", "collision", "prepared", "trace", "world"},
     "planning": {"base", "collision", "prepared", "survey", "world"},
     "generators": {"base", "planning", "world"},

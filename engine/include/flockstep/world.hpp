@@ -13,6 +13,7 @@
 #include <vector>
 
 #include "flockstep/attachment.hpp"
+#include "flockstep/body.hpp"
 #include "flockstep/export.hpp"
 #include "flockstep/fields.hpp"
 #include "flockstep/pose.hpp"
@@ -165,6 +166,7 @@ struct SceneDescription {
   Markers markers;                                                           // start, waypoints, goal, spawn box
   Light light;                                                               // sun and sky
   std::vector<Gate> gates;                                                   // in the order of flight, at most 4096
+  std::vector<BodyConfig> bodies;                                            // of every env in this world, at most 4096
 };
 
 // Folders from which a scene may read mesh files: the scene's folder and its subfolders, or any folder. in_folder keeps a scene
@@ -202,8 +204,8 @@ class FLOCKSTEP_API World {
   // Quaternions and the sun's direction become unit. uv are present exactly if a material has a texture, vertex colours only if
   // one is not white, and visibility only up to the last object that is not full.
   explicit World(SceneDescription description, std::vector<std::string> ignored = {});
-  // Makes a copy of a world in another light. It shares geometry, textures and all acceleration structures with the original,
-  // and keeps the original alive. Throws std::invalid_argument if the lighting is not valid.
+  // Makes a copy of a world in another light. It shares geometry, bodies, textures and all acceleration structures with the
+  // original, and keeps the original alive. Throws std::invalid_argument if the lighting is not valid.
   World(std::shared_ptr<const World> world, const Lighting& lighting);
   World(const World&) = delete;
   World& operator=(const World&) = delete;
@@ -214,11 +216,13 @@ class FLOCKSTEP_API World {
   std::uint16_t semantic(std::size_t material) const;  // semantic id of a material in camera images, in [1, 65532]
   // All primitives, sorted by kind. The bars of the gates follow the other primitives of their kind.
   std::span<const Primitive> primitives() const { return original_ ? original_->own_primitives() : own_primitives(); }
-  std::span<const Gate> gates() const { return shape().gates; }    // in the order of flight
+  std::span<const Gate> gates() const { return shape().gates; }  // in the order of flight
+  // Bodies that every env in this world begins an episode with. They are no part of the geometry: queries do not find them.
+  std::span<const BodyConfig> bodies() const { return shape().bodies; }
   const TriangleMesh& triangles() const { return shape().mesh; }   // all meshes, sorted by object
   const Markers& markers() const { return description_.markers; }  // places for tasks
   const Light& light() const { return description_.light; }        // sun and sky
-  const Aabb& bounds() const { return bounds_; }                   // m, of all geometry
+  const Aabb& bounds() const { return bounds_; }                   // m, of all geometry; without bodies
 
   // The world whose geometry this one shares; null if it has its own.
   const World* original() const { return original_.get(); }
@@ -241,8 +245,11 @@ class FLOCKSTEP_API World {
   // them. uv of geometry without a texture is (0, 0).
   TriangleMesh mesh(float chord_error_m = 1e-3F, std::vector<std::int32_t>* all_objects = nullptr) const;
 
-  // Returns the same world with these markers and no others. It keeps the gates.
+  // Returns the same world with these markers and no others. It keeps gates and bodies.
   std::shared_ptr<const World> with_markers(Markers markers) const;
+
+  // Returns the same world with these bodies and no others. Throws std::invalid_argument that names the body.
+  std::shared_ptr<const World> with_bodies(std::vector<BodyConfig> bodies) const;
 
   // Hash of the whole content except the name; every byte of the canonical content counts. Worlds of equal hash give the same
   // simulation and images. Computed on first use, thread-safe.
@@ -257,7 +264,7 @@ class FLOCKSTEP_API World {
   // Returns the complete description, built in `copy` if this world shares the geometry of another.
   const SceneDescription& description(SceneDescription& copy) const;
 
-  SceneDescription description_;   // without textures, primitives, triangles and gates if original_ has them
+  SceneDescription description_;   // without textures, primitives, triangles, gates and bodies if original_ has them
   std::vector<Primitive> framed_;  // the primitives and the frames of the gates; empty without gates
   std::shared_ptr<const World> original_;
   std::vector<std::string> ignored_;

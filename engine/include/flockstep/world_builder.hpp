@@ -64,6 +64,8 @@ class FLOCKSTEP_API WorldBuilder {
             Visibility visibility = Visibility::full);
   // Adds a gate after the gates so far.
   void gate(const Gate& gate) { scene_.gates.push_back(gate); }
+  // Adds a body after the bodies so far.
+  void body(const BodyConfig& body) { scene_.bodies.push_back(body); }
   // Adds a mesh as a separate object.
   void mesh(const MeshPart& part, std::uint16_t material, Visibility visibility = Visibility::full);
   // Adds ground over a grid of heights as a separate object.

@@ -19,6 +19,14 @@ void size(std::size_t size, std::size_t expected, std::string_view field) {
   require(size == expected, field, std::to_string(expected) + " numbers", size);
 }
 
+void bodies_of_world(const World& world, const BatchConfig& config, std::size_t slots) {
+  const std::size_t of_world = world.bodies().size(), needed = of_world + config.bodies.size();
+  if (of_world == 0 || needed <= slots) return;
+  std::string bodies = std::to_string(of_world) + (of_world == 1 ? " body" : " bodies") + " of world \"" + world.name() + '"';
+  if (!config.bodies.empty()) bodies += " and " + std::to_string(config.bodies.size()) + " of the batch";
+  refuse("max_bodies", "at least " + std::to_string(needed) + ", for the " + bodies, slots);
+}
+
 void memory(double bytes) {
   constexpr double kGibibyte = 1024.0 * 1024.0 * 1024.0;
   const double available = physical_memory();

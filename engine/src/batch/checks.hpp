@@ -21,6 +21,9 @@ void size(std::size_t size, std::size_t expected, std::string_view field);
 // using the arrays would kill the process.
 void memory(double bytes);
 
+// Checks that the bodies of a world and of the configuration fit into the slots of an env.
+void bodies_of_world(const World& world, const BatchConfig& config, std::size_t slots);
+
 void not_stepping(const Simulation& sim, std::string_view call);  // against calls of a task on its own batch
 void has_lidar(const Simulation& sim, std::size_t lidar);
 void has_scanned(const sensors::Lidar& lidar);  // at least once

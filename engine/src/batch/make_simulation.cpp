@@ -88,8 +88,13 @@ std::vector<const World*> pointers(const Batch::Worlds& worlds) {
 }
 
 // Slots for bodies in each env.
-std::size_t body_slots(const BatchConfig& config) {
-  const std::size_t slots = config.max_bodies > 0 ? static_cast<std::size_t>(config.max_bodies) : config.bodies.size();
+std::size_t body_slots(const BatchConfig& config, std::span<const World* const> worlds, bool has_pool) {
+  std::size_t most = config.bodies.size();
+  if (!has_pool) {
+    for (const World* const world : worlds) most = std::max(most, world->bodies().size() + config.bodies.size());
+  }
+  const std::size_t slots =
+      config.max_bodies > 0 ? static_cast<std::size_t>(config.max_bodies) : std::min<std::size_t>(most, kMaxBodies);
   constexpr double kBytes = 300.0;  // of a slot
   checks::memory(kBytes * static_cast<double>(slots) * config.num_envs);
   return slots;
@@ -139,11 +144,15 @@ Simulation::Simulation(BatchConfig config_in, Batch::Worlds worlds_in, std::uniq
     if (world != nullptr) build_ahead(*world, config);
     scenes.push_back(world != nullptr ? &prepared(*world).scene() : nullptr);
     obstacles.push_back(world != nullptr ? &prepared(*world).obstacles() : nullptr);
+    body_models.push_back(world != nullptr ? prepared(*world).bodies() : bodies::Models());
     sorts_by_world |= world != nullptr && scenes.back()->may_need_embree();
   }
   checks::world_index(*this, world_index, num_envs());
 
-  const std::size_t bodies_per_env = body_slots(config);
+  const std::size_t bodies_per_env = body_slots(config, world_pointers, pool.has_value());
+  for (const World* const world : world_pointers) {
+    if (world != nullptr && !pool) checks::bodies_of_world(*world, config, bodies_per_env);
+  }
   const ArraySizes sizes{.num_envs = num_envs(), .num_drones = num_drones(), .num_bodies = num_envs() * bodies_per_env};
   allocate(state, sizes);
   allocate(state.contact, sizes);
@@ -159,7 +168,8 @@ Simulation::Simulation(BatchConfig config_in, Batch::Worlds worlds_in, std::uniq
   suite.pose().assume_truth(state);
   if (bodies_per_env > 0) {
     allocate(state.bodies, sizes);
-    bodies.emplace(state, config.bodies, bodies_per_env, config.clock.dt_s(), [](EnvIndex) { return bodies::Models(); });
+    bodies.emplace(state, config.bodies, bodies_per_env, config.clock.dt_s(),
+                   [this](EnvIndex env) { return body_models[slot_of(env)]; });
     for (std::size_t env = 0; env < num_envs(); ++env) bodies->begin(EnvIndex(env));
     cameras.set_bodies(bodies->visible(), bodies_per_env);
   }

@@ -10,6 +10,7 @@
 
 #include "base/random.hpp"
 #include "base/require.hpp"
+#include "batch/checks.hpp"
 #include "batch/episodes.hpp"
 #include "batch/simulation.hpp"
 #include "prepared/prepared_world.hpp"
@@ -27,6 +28,7 @@ void set_slot(Simulation& sim, std::int32_t slot, std::shared_ptr<const World> w
   sim.world_pointers[at] = world.get();
   sim.scenes[at] = world ? &prepared(*world).scene() : nullptr;
   sim.obstacles[at] = world ? &prepared(*world).obstacles() : nullptr;
+  sim.body_models[at] = world ? prepared(*world).bodies() : bodies::Models();
   sim.sorts_by_world |= world && sim.scenes[at]->may_need_embree();
   sim.worlds[at] = std::move(world);
 }
@@ -72,6 +74,7 @@ void build_ahead(const World& world, const BatchConfig& config) {
   if (scene.num_triangles() > 0 && scene.num_triangles() <= tile_triangle_limit(config)) scene.prepare_tiles(world.triangles());
   if (config.tracer == TracerKind::embree) scene.prepare_embree();
   prepared(world).obstacles();
+  prepared(world).bodies();
   for (const CameraConfig& camera : config.cameras) prepared(world).shading(camera.shadows);
 }
 
@@ -88,6 +91,7 @@ PoolState::PoolState(WorldPool pool_in, std::size_t num_envs)
 void require_world_of_pool(const Simulation& sim, std::int32_t number, const World* world) {
   try {
     if (world == nullptr) refuse("worlds", "worlds", "a null pointer");
+    checks::bodies_of_world(*world, sim.config, sim.bodies ? sim.bodies->per_env() : 0);
     sim.cameras.require_world(*world);
     if (sim.task_state) sim.task_state->task->require_world(*world, sim.drone_model);
   } catch (const std::invalid_argument& error) {

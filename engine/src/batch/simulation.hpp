@@ -141,13 +141,14 @@ struct Simulation {
 
   const BatchConfig config;
   std::optional<PoolState> pool;  // if the worlds are drawn from a pool
-  // Tables by slot: the world, its scene for rays and its obstacles for drones. They are constant without a pool. With a pool,
-  // free slots are null.
+  // Tables by slot: the world, its scene for rays, its obstacles for drones and its bodies. They are constant without a pool.
+  // With a pool, free slots are null.
   Batch::Worlds worlds;
   std::vector<const World*> world_pointers;
   Batch::Worlds replaced_worlds;  // replaced by set_light(); kept for a renderer that identifies worlds by their addresses
   std::vector<const trace::Scene*> scenes;
   std::vector<const collision::Obstacles*> obstacles;
+  std::vector<bodies::Models> body_models;  // of World::bodies()
   const DroneModel drone_model;
   const collision::Hull hull;
   std::optional<dynamics::Fleet> fleet;  // only for rotor-driven drones

@@ -196,14 +196,16 @@ class GltfReader {
   void read_scene_extras() {
     if (!scene_extras()) return;
     is_ours_ = true;
-    const auto& [light, markers] = *scene_extras();
+    const auto& [light, markers, bodies] = *scene_extras();
     scene().name = model_.scenes[*model_.scene].name;
     scene().light = light;
     scene().markers = markers;
+    scene().bodies = bodies;
     for (std::size_t i = 0; i < model_.textures.size(); ++i) texture_of(i);  // includes textures without a material
     if (place_.matrix() == upright().matrix()) return;
     const Eigen::Affine3d place = place_ * upright().inverse();
     scene().markers.radius = static_cast<float>(markers.radius * options_.scale);
+    for (BodyConfig& body : scene().bodies) place_body(body, place, options_.scale);
     if (markers.spawn_box) {
       const Vec3 a = (place * markers.spawn_box->min.cast<double>()).cast<float>();
       const Vec3 b = (place * markers.spawn_box->max.cast<double>()).cast<float>();

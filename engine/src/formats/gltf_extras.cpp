@@ -9,6 +9,7 @@
 #include <utility>
 
 #include "base/interrupt.hpp"
+#include "formats/body_json.hpp"
 #include "formats/scene_json.hpp"
 #include "formats/scene_values.hpp"
 #include "world/gate_frame.hpp"
@@ -110,13 +111,14 @@ GltfNodeExtras read_gltf_node_extras(const JsonField& extras) {
 std::optional<GltfSceneExtras> read_gltf_scene_extras(const JsonField& extras) {
   const std::optional<JsonField> ours = find_ours(extras);
   if (!ours) return std::nullopt;
-  check_object(*ours, {"light", "markers"});
+  check_object(*ours, {"light", "markers", keys::kBodies.name});
   GltfSceneExtras read;
   if (const auto light = find(*ours, "light")) read.light = read_light(*light);
   if (const auto markers = find(*ours, "markers")) {
     check_object(*markers, {keys::kMarkerRadius.name, keys::kSpawnBox.name});
     read.markers = read_markers(*markers);
   }
+  if (const auto bodies = find(*ours, keys::kBodies.name)) read.bodies = read_bodies(*bodies);
   return read;
 }
 
@@ -144,7 +146,9 @@ OrderedJson write_gltf_extras(const GltfSceneExtras& extras) {
   Markers rest;
   rest.radius = extras.markers.radius;
   rest.spawn_box = extras.markers.spawn_box;
-  return {{kGltfExtras, {{"light", write_light(extras.light)}, {"markers", write_markers(rest)}}}};
+  OrderedJson ours = {{"light", write_light(extras.light)}, {"markers", write_markers(rest)}};
+  if (!extras.bodies.empty()) ours[keys::kBodies.name] = write_bodies(extras.bodies);
+  return {{kGltfExtras, std::move(ours)}};
 }
 
 TriangleMesh gltf_tessellation(const Primitive& primitive) {

@@ -37,6 +37,7 @@ struct GltfNodeExtras {
 struct GltfSceneExtras {
   Light light;
   Markers markers;  // only radius and spawn box; other markers are nodes
+  std::vector<BodyConfig> bodies;
 };
 
 // `extras` is the field of that name of a node or a scene. Everything outside kGltfExtras is ignored. Throw

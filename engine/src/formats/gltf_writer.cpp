@@ -393,8 +393,9 @@ class GltfWriter {
   std::string document(const OrderedJson& buffer) const {
     OrderedJson roots = OrderedJson::array();
     for (std::size_t i = 0; i < nodes_.size(); ++i) roots.push_back(i);
-    const OrderedJson scene = {
-        {"name", world_.name}, {"nodes", roots}, {"extras", write_gltf_extras(GltfSceneExtras{world_.light, world_.markers})}};
+    const OrderedJson scene = {{"name", world_.name},
+                               {"nodes", roots},
+                               {"extras", write_gltf_extras(GltfSceneExtras{world_.light, world_.markers, world_.bodies})}};
     OrderedJson used = OrderedJson::array({kLights});
     if (has_strength_) used.push_back(kStrength);
     const OrderedJson head = {{"asset", {{"version", "2.0"}, {"generator", "flockstep"}}},

@@ -95,6 +95,7 @@ SceneDescription without_arrays(const SceneDescription& from) {
   rest.markers = from.markers;
   rest.light = from.light;
   rest.gates = from.gates;
+  rest.bodies = from.bodies;
   if (rest.primitives.empty() && rest.gates.empty()) rest.primitives.emplace_back();
   return rest;
 }

@@ -1,5 +1,6 @@
 #include "formats/placement.hpp"
 
+#include <array>
 #include <cmath>
 
 #include "base/in_world.hpp"
@@ -35,6 +36,34 @@ bool moves(const LoadOptions& options) {
   return options.scale != 1.0 || !options.origin.isZero(0.0F) || is_y_up(options, UpAxis::z);
 }
 
+void place_body(BodyConfig& body, const Eigen::Affine3d& place, double scale) {
+  const auto assign = [](std::array<float, 3>& values, const Eigen::Vector3d& v) { Vec3::Map(values.data()) = v.cast<float>(); };
+  const auto vector = [](const std::array<float, 3>& v) -> Eigen::Vector3d { return Vec3::Map(v.data()).cast<double>(); };
+  const auto move = [&](std::array<float, 3>& point) { assign(point, place * vector(point)); };
+  const auto turn = [&](std::array<float, 3>& way) { assign(way, place.linear() * vector(way)); };
+  const auto size = [&](float& value) { value = static_cast<float>(static_cast<double>(value) * scale); };
+  const Eigen::Matrix3d rotation = place.linear() / scale;
+  for (float& value : body.size_m) size(value);
+  move(body.position_m);
+  const auto [w, x, y, z] = body.quat_wxyz;
+  if (!rotation.isIdentity(0.0)) {
+    const Eigen::Quaterniond turned = Eigen::Quaterniond(rotation) * Eigen::Quaterniond(w, x, y, z);
+    const Quat unit = unit_quaternion({turned.w(), turned.x(), turned.y(), turned.z()});
+    body.quat_wxyz = {unit.w(), unit.x(), unit.y(), unit.z()};
+  }
+  BodyMotion& motion = body.motion;
+  turn(motion.velocity_mps);
+  for (std::array<float, 3>& point : motion.points_m) move(point);
+  size(motion.speed_mps);
+  size(motion.corner_radius_m);
+  move(motion.center_m);
+  assign(motion.axis, rotation * vector(motion.axis));
+  turn(motion.travel_m);
+  const Eigen::Vector3d a = place * vector(motion.box_min_m), b = place * vector(motion.box_max_m);
+  assign(motion.box_min_m, a.cwiseMin(b));
+  assign(motion.box_max_m, a.cwiseMax(b));
+}
+
 SceneDescription placed(SceneDescription description, const LoadOptions& options) {
   const Eigen::Affine3d place = placement(options, UpAxis::z);
   const bool is_turned = is_y_up(options, UpAxis::z);
@@ -60,6 +89,7 @@ SceneDescription placed(SceneDescription description, const LoadOptions& options
     const Eigen::Quaterniond rotation = upright * gate.rotation.cast<double>();
     gate.rotation = unit_quaternion({rotation.w(), rotation.x(), rotation.y(), rotation.z()});
   }
+  for (BodyConfig& body : description.bodies) place_body(body, place, options.scale);
   for (Vec3& vertex : description.mesh.vertices) vertex = point(vertex);
   Markers& markers = description.markers;
   markers.radius = size(markers.radius);

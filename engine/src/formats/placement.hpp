@@ -17,6 +17,9 @@ Eigen::Affine3d placement(const LoadOptions& options, UpAxis usual);
 // Returns whether the options change anything in a file with z up.
 bool moves(const LoadOptions& options);
 
+// Transforms a body by a rotation that maps axes to axes, a scale and a translation.
+void place_body(BodyConfig& body, const Eigen::Affine3d& place, double scale);
+
 // Transforms the description of a file with z up as the options say.
 SceneDescription placed(SceneDescription description, const LoadOptions& options);
 

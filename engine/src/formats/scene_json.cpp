@@ -18,6 +18,7 @@
 #include "base/require.hpp"
 #include "base/text_file.hpp"
 #include "formats/base64.hpp"
+#include "formats/body_json.hpp"
 #include "formats/image.hpp"
 #include "formats/mtl.hpp"
 #include "formats/obj.hpp"
@@ -75,6 +76,7 @@ class SceneReader {
     for_each(keys::kDiscs, &SceneReader::read_disc);
     for_each(keys::kGates, &SceneReader::read_gate);
     for_each(keys::kMeshes, &SceneReader::read_mesh);
+    if (const auto bodies = find(root_, keys::kBodies)) scene_.bodies = read_bodies(*bodies);
     if (const auto markers = find(root_, keys::kMarkers)) scene_.markers = read_markers(*markers);
     if (const auto light = find(root_, keys::kLight)) scene_.light = read_light(*light);
     if (scene_.materials.empty()) scene_.materials.push_back(Material{kDefault});

@@ -10,6 +10,7 @@
 
 #include "base/json_document.hpp"
 #include "formats/base64.hpp"
+#include "formats/body_json.hpp"
 #include "formats/image.hpp"
 #include "formats/scene_json.hpp"
 #include "formats/scene_values.hpp"
@@ -255,6 +256,7 @@ std::string write_scene(const SceneDescription& description) {
   }
   if (!description.gates.empty()) document["gates"] = write_gates(description.gates, description.materials);
   if (!description.mesh.triangles.empty()) document["meshes"] = write_meshes(description.mesh, description.materials);
+  if (!description.bodies.empty()) document["bodies"] = write_bodies(description.bodies);
   document["markers"] = write_markers(description.markers);
   if (OrderedJson light = write_light(description.light); !light.empty()) document["light"] = std::move(light);
   return format(document, description);

@@ -3,6 +3,7 @@
 #include <algorithm>
 
 #include "base/platform.hpp"
+#include "bodies/body_model.hpp"
 #include "collision/obstacles.hpp"
 #include "render/raycast/shading.hpp"
 #include "trace/scene.hpp"
@@ -40,6 +41,14 @@ const collision::Obstacles& PreparedWorld::obstacles() const {
     const World& solids = once(solids_, [this] { return std::make_unique<const World>(solids_of(world_)); });
     const trace::Scene& solid_scene = once(solid_scene_, [&] { return std::make_unique<const trace::Scene>(solids); });
     return make_near<collision::Obstacles>(memory_, solids, solid_scene);
+  });
+}
+
+std::span<const bodies::BodyModel> PreparedWorld::bodies() const {
+  if (world_.original() != nullptr) return prepared(*world_.original()).bodies();
+  if (world_.bodies().empty()) return {};
+  return once(bodies_, [this] {
+    return std::make_unique<const std::vector<bodies::BodyModel>>(world_.bodies().begin(), world_.bodies().end());
   });
 }
 

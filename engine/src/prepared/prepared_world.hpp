@@ -3,12 +3,17 @@
 
 #include <memory>
 #include <mutex>
+#include <span>
+#include <vector>
 
 #include "base/near_memory.hpp"
 #include "flockstep/world.hpp"
 
 namespace flockstep {
 
+namespace bodies {
+struct BodyModel;
+}
 namespace trace {
 class Scene;
 }
@@ -30,8 +35,9 @@ class PreparedWorld {
   PreparedWorld& operator=(const PreparedWorld&) = delete;
 
   const World& world() const { return world_; }
-  const trace::Scene& scene() const;              // for rays: visible objects
-  const collision::Obstacles& obstacles() const;  // for collisions: solid objects
+  const trace::Scene& scene() const;                  // for rays: visible objects
+  const collision::Obstacles& obstacles() const;      // for collisions: solid objects
+  std::span<const bodies::BodyModel> bodies() const;  // of World::bodies()
   // For cameras; with shadows, for cameras that show shadows.
   const render::Shading& shading(bool shadows = false) const;
 
@@ -55,6 +61,7 @@ class PreparedWorld {
   mutable Part<trace::Scene> solid_scene_;
   mutable NearPart<collision::Obstacles> obstacles_;
   mutable Part<render::Shading> shading_;
+  mutable Part<std::vector<bodies::BodyModel>> bodies_;
 };
 
 // Returns the PreparedWorld of this world. It is created on first use and kept by the world, so that all batches share it.

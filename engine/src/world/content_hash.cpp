@@ -109,7 +109,7 @@ void add(Hash& hash, const Light& light) {
 }  // namespace
 
 std::uint64_t content_hash(const SceneDescription& description) {
-  const auto& [name, materials, textures, primitives, mesh, markers, light, gates] = description;
+  const auto& [name, materials, textures, primitives, mesh, markers, light, gates, bodies] = description;
   static_cast<void>(name);
   Hash hash;
   hash.add(materials.size());
@@ -123,6 +123,8 @@ std::uint64_t content_hash(const SceneDescription& description) {
   add(hash, light);
   if (!gates.empty()) hash.add(gates.size());  // older worlds keep their hash
   for (const Gate& gate : gates) add(hash, gate);
+  if (!bodies.empty()) hash.add("bodies");  // distinguishes them from gates
+  for (const BodyConfig& body : bodies) hash.add(body);
   return hash.value();
 }
 

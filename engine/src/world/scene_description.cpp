@@ -6,6 +6,7 @@
 #include <numeric>
 #include <set>
 #include <sstream>
+#include <stdexcept>
 #include <string>
 #include <string_view>
 #include <utility>
@@ -387,6 +388,22 @@ void check_markers(const Markers& markers) {
   if (markers.spawn_box) check_box("markers.spawn_box", *markers.spawn_box);
 }
 
+void check_bodies(std::vector<BodyConfig>& bodies) {
+  require(bodies.size() <= kMaxBodies, "bodies", "at most " + std::to_string(kMaxBodies) + " of them", bodies.size());
+  constexpr std::string_view kPrefix = "body";  // of the messages of BodyConfig::validate()
+  for (std::size_t i = 0; i < bodies.size(); ++i) {
+    Interrupt::poll();
+    try {
+      bodies[i].validate();
+    } catch (const std::invalid_argument& error) {
+      throw std::invalid_argument(element("bodies", i) + (error.what() + kPrefix.size()));
+    }
+    const auto [w, x, y, z] = bodies[i].quat_wxyz;
+    const Quat unit = unit_quaternion({w, x, y, z});
+    bodies[i].quat_wxyz = {unit.w(), unit.x(), unit.y(), unit.z()};
+  }
+}
+
 SceneDescription canonical(SceneDescription description) {
   check_textures(description.textures);
   check_materials(description.materials, description.textures.size());
@@ -408,6 +425,7 @@ SceneDescription canonical(SceneDescription description) {
     refuse("gates", "at most " + std::to_string(kMaxGates) + " of them", std::to_string(gates.size()));
   }
   for (std::size_t i = 0; i < gates.size(); ++i) check_gate(element("gates", i), gates[i], description.materials.size());
+  check_bodies(description.bodies);
   if (primitives.empty() && description.mesh.triangles.empty() && gates.empty()) {
     refuse("scene", "at least one primitive or triangle", "an empty scene");
   }

@@ -54,6 +54,9 @@ Vec3 unit_direction(const Eigen::Vector3d& direction);
 // Throws std::invalid_argument that names the marker, the expected value and the actual one.
 void check_markers(const Markers& markers);
 
+// Normalizes the rotations. Throws std::invalid_argument that names the body and the field: "bodies[3].motion.period_s".
+void check_bodies(std::vector<BodyConfig>& bodies);
+
 // Normalizes the direction to the sun. Throws std::invalid_argument like check_markers().
 void check_light(Light& light);
 

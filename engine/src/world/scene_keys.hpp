@@ -29,11 +29,12 @@ enum class ValueKind : std::uint8_t {
   direction,      // numbers, not all 0
   choice,         // one of a few texts
   object,         // nested keys
+  config,         // an object with the fields of a configuration; docs/configs.md lists them
 };
 template <>
 struct EnumNames<ValueKind> {
-  static constexpr std::array kNames{"anything", "version", "text",      "text_or_texts", "flag",  "number",
-                                     "integer",  "index",   "direction", "choice",        "object"};
+  static constexpr std::array kNames{"anything", "version", "text",      "text_or_texts", "flag",   "number",
+                                     "integer",  "index",   "direction", "choice",        "object", "config"};
 };
 
 // Number of values that a key holds.
@@ -387,14 +388,20 @@ inline constexpr SceneKey kMeshes = list_of("meshes",
                                             "Triangles from an OBJ or PLY file, or given here; scaled, then rotated, then moved. "
                                             "Each mesh is one object to cameras.",
                                             kMeshKeys, kMaxObjects);
+inline constexpr SceneKey kBodies{.name = "bodies",
+                                  .meaning = "Solids that move, with the fields of BodyConfig. Every env in this world has them.",
+                                  .kind = ValueKind::config,
+                                  .count = ValueCount::list,
+                                  .most = kMaxBodies};
 inline constexpr SceneKey kMarkers{.name = "markers",
                                    .meaning = "Named places. Nothing collides with them and no LiDAR sees them.",
                                    .kind = ValueKind::object,
                                    .keys = kMarkerKeys};
 inline constexpr SceneKey kLight{
     .name = "light", .meaning = "Sun and sky, as cameras see them.", .kind = ValueKind::object, .keys = kLightKeys};
-inline constexpr std::array kSceneKeys{kVersion, kSchema,   kName,   kTextures, kMaterials, kRoom,   kPillars, kCylinders, kBoxes,
-                                       kSpheres, kCapsules, kPlanes, kDiscs,    kGates,     kMeshes, kMarkers, kLight};
+inline constexpr std::array kSceneKeys{kVersion, kSchema,    kName,   kTextures, kMaterials, kRoom,
+                                       kPillars, kCylinders, kBoxes,  kSpheres,  kCapsules,  kPlanes,
+                                       kDiscs,   kGates,     kMeshes, kBodies,   kMarkers,   kLight};
 
 }  // namespace keys
 

@@ -51,6 +51,7 @@ const SceneDescription& World::description(SceneDescription& copy) const {
   copy.primitives = shape().primitives;
   copy.mesh = shape().mesh;
   copy.gates = shape().gates;
+  copy.bodies = shape().bodies;
   return copy;
 }
 
@@ -72,6 +73,14 @@ std::shared_ptr<const World> World::with_markers(Markers markers) const {
   SceneDescription copy = description_;
   if (original_) description(copy);
   copy.markers = std::move(markers);
+  return std::make_shared<const World>(std::move(copy), ignored_);
+}
+
+std::shared_ptr<const World> World::with_bodies(std::vector<BodyConfig> bodies) const {
+  check_bodies(bodies);  // before the copy, which may be large
+  SceneDescription copy = description_;
+  if (original_) description(copy);
+  copy.bodies = std::move(bodies);
   return std::make_shared<const World>(std::move(copy), ignored_);
 }
 

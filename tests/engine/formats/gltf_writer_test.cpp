@@ -267,7 +267,10 @@ TEST(GltfWriter, BadExtrasAreRefused) {
     return edit_refusal([&](Json& json) { json["scenes"][0]["extras"]["flockstep"] = ours; });
   };
   const std::string scene = "x.glb: /scenes/0/extras/flockstep";
-  EXPECT_EQ(of_scene({{"boxes", 1}}), scene + "/boxes: unknown field; expected one of light, markers");
+  EXPECT_EQ(of_scene({{"boxes", 1}}),
+            scene + "/boxes: unknown field; expected one of light, markers, bodies. Did you mean bodies?");
+  EXPECT_EQ(of_scene({{"bodies", 1}}), scene + "/bodies: expected an array, got 1");
+  EXPECT_EQ(of_scene({{"bodies", {{{"size_m", {1, 1}}}}}}), "x.glb: bodies[0].size_m: expected an array of 3, got [1,1]");
   EXPECT_EQ(of_scene({{"light", {{"gamma", 9}}}}), scene + "/light/gamma: expected a number in [1, 4], got 9");
   EXPECT_EQ(of_scene({{"markers", {{"start", {0, 0, 0}}}}}),
             scene + "/markers/start: unknown field; expected one of radius, spawn_box");

@@ -249,7 +249,7 @@ TEST(SceneJson, BadScenesAreRefusedWithFieldExpectedAndGot) {
        "scene"},
       {"unknown field at the top", scene(R"("rooms": {})"),
        "x.json: /rooms: unknown field; expected one of flockstep_scene, $schema, name, textures, materials, room, pillars, "
-       "cylinders, boxes, spheres, capsules, planes, discs, gates, meshes, markers, light. Did you mean room?"},
+       "cylinders, boxes, spheres, capsules, planes, discs, gates, meshes, bodies, markers, light. Did you mean room?"},
       {"unknown field inside", scene(kRoom + R"(, "pillars": [{"center": [1, 1], "raduis": 1}])"),
        "x.json: /pillars/0/raduis: unknown field; expected one of center, radius, z, material, visible, solid. Did you mean "
        "radius?"},

@@ -1,0 +1,198 @@
+"""Worlds with bodies: every env in such a world has them."""
+
+import json
+import pickle
+
+import numpy as np
+import pytest
+
+import flockstep
+from flockstep import BodyConfig
+
+ROOM = {
+    "flockstep_scene": 1,
+    "name": "room",
+    "room": {"min": [0, 0, 0], "max": [20, 20, 10]},
+    "markers": {"start": [5, 10, 2], "goal": [15, 10, 2]},
+}
+SLIDER = {"name": "slider", "position_m": [9, 8, 2], "motion": {"kind": "slider", "travel_m": [0, 4, 0], "period_s": 4}}
+CAR = {
+    "name": "car",
+    "position_m": [12, 12, 1],
+    "motion": {"kind": "waypoints", "points_m": [[12, 12, 1], [16, 12, 1], [16, 16, 1]], "speed_mps": 2},
+}
+BALL = {"name": "ball", "shape": "sphere", "position_m": [3, 3, 3], "motion": {"velocity_mps": [0.5, 0, 0]}}
+
+
+def world(*bodies, name="room"):
+    return flockstep.World.from_dict({**ROOM, "name": name, "bodies": list(bodies)})
+
+
+def flown(batch, steps):
+    """Keep every drone in place for some steps of 0.1 s."""
+    for _ in range(steps):
+        batch.move(batch.position)
+    return batch
+
+
+def slider_y(time_s):
+    return 8 + 4 * (1 - np.cos(2 * np.pi * time_s / 4)) / 2
+
+
+class TestWorlds:
+    def test_bodies_of_a_world(self):
+        bodies = world(SLIDER, BALL).bodies
+        assert [body.name for body in bodies] == ["slider", "ball"]
+        assert isinstance(bodies[0], BodyConfig)
+        assert bodies[0].motion.kind == "slider"
+        assert tuple(bodies[0].motion.travel_m) == (0, 4, 0)
+        assert world().bodies == []
+
+    def test_with_bodies(self):
+        ball = BodyConfig(shape="sphere", position_m=[3, 3, 3])
+        changed = world(SLIDER).with_bodies([ball])
+        assert [body.shape for body in changed.bodies] == ["sphere"]
+        assert changed.with_light(gamma=1.5).bodies[0].shape == "sphere"
+        assert changed.with_bodies([]).to_dict() == world().to_dict()
+        with pytest.raises(TypeError, match=r"bodies: expected a sequence of flockstep\.BodyConfig objects"):
+            changed.with_bodies(ball)
+        with pytest.raises(ValueError, match="bodies: expected at most 4096 of them, got 4097"):
+            changed.with_bodies([BodyConfig()] * 4097)
+
+    @pytest.mark.parametrize("suffix", ["json", "glb", "gltf"])
+    def test_files(self, tmp_path, suffix):
+        first = world(SLIDER, CAR, BALL)
+        first.save(tmp_path / f"room.{suffix}")
+        again = flockstep.World.load(tmp_path / f"room.{suffix}")
+        assert again.to_dict() == first.to_dict()
+        assert again.to_dict()["bodies"] == json.loads(json.dumps([SLIDER, CAR, BALL]))
+        assert pickle.loads(pickle.dumps(first)).to_dict() == first.to_dict()
+
+    def test_a_builder_adds_bodies(self):
+        builder = flockstep.WorldBuilder("built")
+        builder.box([0, 0, 0], [1, 1, 1], builder.material("white"))
+        builder.body(BodyConfig(name="first"))
+        builder.body(BodyConfig(name="second"))
+        assert [body.name for body in builder.build().bodies] == ["first", "second"]
+
+    @pytest.mark.parametrize(
+        ("bodies", "message"),
+        [
+            ([{"motion": {"period_s": -1}}], r"bodies\[0\]\.motion\.period_s: expected a"),
+            ([{}, {"shape": "cube"}], r"bodies\[1\]\.shape: expected one of box, cylinder, sphere, capsule, got cube"),
+            ([{"motoin": {}}], r"bodies\[0\]\.motoin: expected one of .*[Dd]id you mean"),
+            ({"size_m": [1, 1, 1]}, r"/bodies: expected an array"),
+        ],
+    )
+    def test_a_bad_body_is_named(self, bodies, message):
+        with pytest.raises(ValueError, match=message):
+            flockstep.World.from_dict({**ROOM, "bodies": bodies})
+
+
+class TestBatches:
+    def test_an_env_moves_the_bodies_of_its_world(self):
+        batch = flown(flockstep.Batch([world(SLIDER, BALL)], 3), 20)
+        time_s = 2.0
+        assert len(batch.bodies) == 2
+        assert batch.bodies.active.all()
+        np.testing.assert_allclose(batch.bodies.position[:, 0, 1], slider_y(time_s), rtol=1e-5)
+        np.testing.assert_allclose(batch.bodies.position[:, 1, 0], 3 + 0.5 * time_s, rtol=1e-5)
+        assert batch.bodies.config(1, 1).name == "ball"
+
+    def test_those_of_the_configuration_follow(self):
+        batch = flockstep.Batch([world(SLIDER), world(BALL, CAR)], 4, bodies=[BodyConfig(name="own")])
+        assert len(batch.bodies) == 3
+        assert batch.bodies.active.tolist() == [[True, True, False], [True, True, True]] * 2
+        names = [[config and config.name for config in (batch.bodies.config(e, b) for b in range(3))] for e in (0, 1)]
+        assert names == [["slider", "own", None], ["ball", "car", "own"]]
+        flown(batch, 10)
+        np.testing.assert_allclose(batch.bodies.position[0, 0, 1], slider_y(1), rtol=1e-5)
+        np.testing.assert_allclose(batch.bodies.position[1, 1, 0], 14, rtol=1e-5)
+
+    def test_too_few_slots_name_the_world(self):
+        with pytest.raises(
+            ValueError, match=r'max_bodies: expected at least 3, for the 3 bodies of world "full", got 2'
+        ):
+            flockstep.Batch([world(SLIDER), world(SLIDER, BALL, CAR, name="full")], 2, max_bodies=2)
+        own = [BodyConfig()]
+        with pytest.raises(ValueError, match=r'at least 3, for the 2 bodies of world "room" and 1 of the batch, got 2'):
+            flockstep.Batch([world(SLIDER, BALL)], 2, bodies=own, max_bodies=2)
+
+    def test_a_lidar_detects_them(self):
+        wall = {"size_m": [0.2, 4, 4], "position_m": [8, 10, 2]}
+        lidar = flockstep.LidarConfig(beams=1, hfov_deg=1, max_range_m=30)
+        batch = flockstep.Batch([world(wall), world()], 2, lidar=lidar)
+        batch.sense()
+        np.testing.assert_allclose(batch.lidar().ranges.ravel(), [2.9, 15], rtol=1e-5)
+
+    def test_light_keeps_them(self):
+        batch = flown(flockstep.Batch([world(SLIDER)], 1), 4)
+        before = batch.bodies.position.copy()
+        batch.set_light(0, gamma=1.5)
+        np.testing.assert_array_equal(batch.bodies.position, before)
+        flown(batch, 6)
+        np.testing.assert_allclose(batch.bodies.position[0, 0, 1], slider_y(1), rtol=1e-5)
+
+    def test_snapshots(self):
+        batch = flown(flockstep.Batch([world(SLIDER), world(BALL, CAR)], 4), 7)
+        blob = batch.snapshot()
+        expected = flown(batch, 20).bodies.position.copy()
+        batch.restore(blob)
+        np.testing.assert_array_equal(flown(batch, 20).bodies.position, expected)
+        other = flockstep.Batch([world(SLIDER), world(BALL, SLIDER)], 4)
+        with pytest.raises(
+            ValueError, match="snapshot: expected one of a batch with the same configuration and worlds"
+        ):
+            other.restore(blob)
+
+
+def poses(envs):
+    return envs.batch.bodies.position.copy()
+
+
+class TestEnvs:
+    def test_episodes_begin_with_the_bodies_of_their_world(self):
+        envs = flockstep.DroneVectorEnv(
+            6, worlds=[world(SLIDER), world(BALL, CAR)], max_episode_steps=5, random_world=True
+        )
+        envs.reset(seed=3)
+        for _ in range(40):
+            envs.step(envs.action_space.sample())
+            active = envs.batch.bodies.active.sum(axis=1)
+            np.testing.assert_array_equal(active, envs.batch.world_index + 1)
+
+    def test_an_episode_draws_phases(self):
+        motion = {**SLIDER["motion"], "random_phase": True, "speed_spread": 0.5}
+        envs = flockstep.DroneVectorEnv(8, worlds=[world({**SLIDER, "motion": motion})], max_episode_steps=5)
+        envs.reset(seed=3)
+        first = poses(envs)
+        assert len(np.unique(first[:, 0, 1])) == 8
+        for _ in range(7):
+            envs.step(envs.action_space.sample())
+        assert not np.isin(poses(envs)[:, 0, 1], first[:, 0, 1]).any()
+        envs.reset(seed=3)
+        np.testing.assert_array_equal(poses(envs), first)
+
+    def test_pools(self):
+        def make(number):
+            return world(*[SLIDER, BALL, CAR][: number % 4], name=f"room-{number}")
+
+        pool = flockstep.WorldPool(make, size=8)
+        envs = flockstep.DroneVectorEnv(5, worlds=pool, max_episode_steps=4, max_bodies=3)
+        envs.reset(seed=1)
+        for _ in range(30):
+            envs.step(envs.action_space.sample())
+            np.testing.assert_array_equal(envs.batch.bodies.active.sum(axis=1), envs.batch.world_index % 4)
+        blob = envs.batch.snapshot()
+        expected = poses(envs)
+        for _ in range(10):
+            envs.step(envs.action_space.sample())
+        envs.batch.restore(blob)
+        np.testing.assert_array_equal(poses(envs), expected)
+
+    def test_a_pool_needs_enough_slots(self):
+        pool = flockstep.WorldPool(lambda number: world(SLIDER, BALL, name=f"room-{number}"), size=4)
+        with pytest.raises(ValueError, match=r"world 0 of the pool: max_bodies: expected at least 2, for the 2 bodies"):
+            flockstep.DroneVectorEnv(2, worlds=pool, max_bodies=1)
+        with pytest.raises(ValueError, match=r"world 0 of the pool: max_bodies: expected at least 2, for the 2 bodies"):
+            flockstep.DroneVectorEnv(2, worlds=pool)
