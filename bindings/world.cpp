@@ -229,11 +229,12 @@ void register_world(py::module_& module) {
           py::arg("scene"), py::arg("base_dir") = "", py::kw_only(), py::arg("meshes_anywhere") = false)
       .def_static(
           "playground",
-          [](std::uint64_t seed, int pillars, const std::array<float, 3>& size_m, float pillar_radius_m) {
-            return std::const_pointer_cast<World>(released([&] { return playground({seed, pillars, size_m, pillar_radius_m}); }));
+          [](std::uint64_t seed, int pillars, const std::array<float, 3>& size_m, float pillar_radius_m, int movers) {
+            return std::const_pointer_cast<World>(
+                released([&] { return playground({seed, pillars, size_m, pillar_radius_m, movers}); }));
           },
           py::arg("seed"), py::arg("pillars") = PlaygroundConfig().pillars, py::arg("size_m") = PlaygroundConfig().size_m,
-          py::arg("pillar_radius_m") = PlaygroundConfig().pillar_radius_m)
+          py::arg("pillar_radius_m") = PlaygroundConfig().pillar_radius_m, py::arg("movers") = 0)
       .def_static(
           "forest",
           [](std::uint64_t seed, int trees, const std::array<float, 2>& size_m, float relief_m) {
@@ -243,24 +244,27 @@ void register_world(py::module_& module) {
           py::arg("relief_m") = ForestConfig().relief_m)
       .def_static(
           "city",
-          [](std::uint64_t seed, const std::array<int, 2>& blocks, float height_m) {
-            return std::const_pointer_cast<World>(released([&] { return city({seed, blocks, height_m}); }));
+          [](std::uint64_t seed, const std::array<int, 2>& blocks, float height_m, int traffic) {
+            return std::const_pointer_cast<World>(released([&] { return city({seed, blocks, height_m, traffic}); }));
           },
-          py::arg("seed"), py::arg("blocks") = CityConfig().blocks, py::arg("height_m") = CityConfig().height_m)
+          py::arg("seed"), py::arg("blocks") = CityConfig().blocks, py::arg("height_m") = CityConfig().height_m,
+          py::arg("traffic") = 0)
       .def_static(
           "office",
-          [](std::uint64_t seed, const std::array<float, 2>& size_m, float furniture, bool waypoints) {
-            return std::const_pointer_cast<World>(released([&] { return office({seed, size_m, furniture, waypoints}); }));
+          [](std::uint64_t seed, const std::array<float, 2>& size_m, float furniture, bool waypoints, int walkers) {
+            return std::const_pointer_cast<World>(
+                released([&] { return office({seed, size_m, furniture, waypoints, walkers}); }));
           },
           py::arg("seed"), py::arg("size_m") = OfficeConfig().size_m, py::arg("furniture") = OfficeConfig().furniture,
-          py::arg("waypoints") = false)
+          py::arg("waypoints") = false, py::arg("walkers") = 0)
       .def_static(
           "warehouse",
-          [](std::uint64_t seed, const std::array<float, 2>& size_m, float height_m, bool waypoints) {
-            return std::const_pointer_cast<World>(released([&] { return warehouse({seed, size_m, height_m, waypoints}); }));
+          [](std::uint64_t seed, const std::array<float, 2>& size_m, float height_m, bool waypoints, int forklifts) {
+            return std::const_pointer_cast<World>(
+                released([&] { return warehouse({seed, size_m, height_m, waypoints, forklifts}); }));
           },
           py::arg("seed"), py::arg("size_m") = WarehouseConfig().size_m, py::arg("height_m") = WarehouseConfig().height_m,
-          py::arg("waypoints") = false)
+          py::arg("waypoints") = false, py::arg("forklifts") = 0)
       .def_static(
           "race_track",
           [](std::uint64_t seed, int gates, const std::array<float, 3>& size_m, float gate_size_m, float rings) {

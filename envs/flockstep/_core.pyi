@@ -1827,11 +1827,16 @@ class World:
 
     @staticmethod
     def playground(
-        seed: int, pillars: int = 12, size_m: Sequence[float] = (14.0, 14.0, 5.25), pillar_radius_m: float = 0.25
+        seed: int,
+        pillars: int = 12,
+        size_m: Sequence[float] = (14.0, 14.0, 5.25),
+        pillar_radius_m: float = 0.25,
+        movers: int = 0,
     ) -> World:
         """Generate a room of ``size_m`` metres with full-height pillars, a start, waypoints and a goal.
 
-        The default drone can fly from the start via the waypoints to the goal. The same arguments make the same world.
+        The default drone can fly from the start via the waypoints to the goal. ``movers`` is the number of bodies that
+        go back and forth between the pillars; fewer if not all find a free way. The same arguments make the same world.
         """
 
     @staticmethod
@@ -1843,36 +1848,48 @@ class World:
         """
 
     @staticmethod
-    def city(seed: int, blocks: Sequence[int] = (3, 2), height_m: float = 34.0) -> World:
+    def city(seed: int, blocks: Sequence[int] = (3, 2), height_m: float = 34.0, traffic: int = 0) -> World:
         """Generate a city: blocks of houses, streets with cars, lamps, trees and cables, a start and a goal far apart.
 
         ``blocks`` is the number of blocks along x, from start to goal, and along y, each in [1, 8]; a block is 34 to 46
         m wide. ``height_m`` is the height of the tallest roofs, in [12, 200]. The default drone can fly from the start
-        to the goal along the streets, 2 to 6 m above them. The same arguments make the same world.
+        to the goal along the streets, 2 to 6 m above them. ``traffic`` is the number of cars that drive around blocks,
+        instead of those that stand on the lanes; fewer if not all find a free way. The same arguments make the same
+        world.
         """
 
     @staticmethod
     def office(
-        seed: int, size_m: Sequence[float] = (36.0, 20.0), furniture: float = 0.8, waypoints: bool = False
+        seed: int,
+        size_m: Sequence[float] = (36.0, 20.0),
+        furniture: float = 0.8,
+        waypoints: bool = False,
+        walkers: int = 0,
     ) -> World:
         """Generate one textured floor of an office building: furnished rooms, corridors, and lounges with windows.
 
         ``size_m`` is the size in metres: at least 20 along x, at least 14 along y. ``furniture`` in [0, 1] is the
         density of the furniture. Start and goal are in rooms at opposite ends of x. The default drone can fly from one
         to the other through doors, but not in a straight line. With ``waypoints`` there is a waypoint on either side of
-        each door of this path. The same arguments make the same world.
+        each door of this path. ``walkers`` is the number of people that walk up and down; fewer if not all find a free
+        way. The same arguments make the same world.
         """
 
     @staticmethod
     def warehouse(
-        seed: int, size_m: Sequence[float] = (48.0, 30.0), height_m: float = 8.0, waypoints: bool = False
+        seed: int,
+        size_m: Sequence[float] = (48.0, 30.0),
+        height_m: float = 8.0,
+        waypoints: bool = False,
+        forklifts: int = 0,
     ) -> World:
         """Generate a textured warehouse: a hall with skylights, rows of racks with pallets, forklifts and more.
 
         ``size_m`` is the size in metres: at least 26 along x, which crosses the rows of racks, and at least 16 along y.
         ``height_m`` is the height of the eaves, in [5, 20]. Start and goal are at opposite ends of x. The default drone
         can fly from one to the other around racks and through empty bays, but not in a straight line. With
-        ``waypoints`` there is a waypoint at each turn of this path. The same arguments make the same world.
+        ``waypoints`` there is a waypoint at each turn of this path. ``forklifts`` is the number of forklifts that drive
+        up and down the aisles; fewer if not all find a free way. The same arguments make the same world.
         """
 
     def __copy__(self) -> World: ...

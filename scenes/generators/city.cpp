@@ -19,6 +19,7 @@
 #include "generators/city_surfaces.hpp"
 #include "generators/city_things.hpp"
 #include "generators/layouts.hpp"
+#include "generators/movers.hpp"
 #include "generators/noise.hpp"
 #include "planning/draws.hpp"
 #include "planning/way.hpp"
@@ -65,6 +66,46 @@ class City {
     return points;
   }
 
+  // Lets cars drive around blocks, clockwise on the lane beside them: on the right.
+  void drive(Movers& movers) const {
+    constexpr int kDarts = 50;
+    constexpr double kAside = 1.5, kAbove = 0.08;  // m, from the middle of the road, and above it
+    constexpr float kCornerRadius = 4.5F;
+    constexpr std::array<std::array<float, 3>, 4> kPaints{
+        {{0.55F, 0.04F, 0.03F}, {0.03F, 0.12F, 0.40F}, {0.60F, 0.60F, 0.58F}, {0.02F, 0.02F, 0.02F}}};
+    Draws& draws = movers.draws();
+    for (int i = 0; i < config_.traffic; ++i) {
+      Interrupt::poll();
+      BodyConfig car;
+      car.name = "car";
+      car.size_m = {4.4F, 1.8F, 1.5F};
+      car.color = kPaints[static_cast<std::size_t>(draws.below(4))];
+      bool is_added = false;
+      for (int dart = 0; dart < kDarts && !is_added; ++dart) {
+        std::array<Span, 2> around{};
+        for (std::size_t axis = 0; axis < 2; ++axis) {
+          const int first = draws.below(config_.blocks[axis]);
+          const int last = std::min(first + draws.below(2), config_.blocks[axis] - 1);
+          around[axis] = {roads_[axis][static_cast<std::size_t>(first)].middle() + kAside,
+                          roads_[axis][static_cast<std::size_t>(last) + 1].middle() - kAside};
+        }
+        const float z = static_cast<float>(0.5 * static_cast<double>(car.size_m[2]) + kAbove);
+        const auto corner = [&](double x, double y) {
+          return std::array<float, 3>{static_cast<float>(centimetres(x)), static_cast<float>(centimetres(y)), z};
+        };
+        const auto& [x, y] = around;
+        car.motion.kind = BodyMotionKind::waypoints;
+        car.motion.points_m = {corner(x.low, y.low), corner(x.low, y.high), corner(x.high, y.high), corner(x.high, y.low)};
+        car.position_m = car.motion.points_m.front();
+        car.motion.corner_radius_m = kCornerRadius;
+        car.motion.faces_travel = true;
+        car.motion.speed_mps = static_cast<float>(centimetres(draws.uniform(3.0, 7.0)));
+        is_added = movers.add(car);
+      }
+      if (!is_added) return;
+    }
+  }
+
   WorldBuilder built() {
     WorldBuilder builder("city/seed-" + std::to_string(config_.seed));
     surfaces_ = add_city_surfaces(builder, config_.seed);
@@ -80,7 +121,7 @@ class City {
     add_rim(builder);
     add_bridges(builder);
     add_cables(builder);
-    add_traffic(builder);
+    if (config_.traffic == 0) add_traffic(builder);
 
     Light light;  // late afternoon
     light.sun_direction = {-0.80F, -0.40F, 0.52F};
@@ -589,7 +630,11 @@ std::shared_ptr<const World> city(const CityConfig& config) {
   const auto build = [&](std::uint32_t attempt) -> std::shared_ptr<const World> {
     City city(config, attempt);
     auto world = city.built().build();
-    return is_free_way(*world, hull, city.lane()) ? world : nullptr;
+    if (!is_free_way(*world, hull, city.lane())) return nullptr;
+    if (config.traffic == 0) return world;
+    Movers movers(*world, Draws::kCity, config.seed, attempt);
+    city.drive(movers);
+    return world->with_bodies(movers.bodies());
   };
   if (auto world = first_layout(kAttempts, build)) return world;
   std::ostringstream expected;

@@ -15,6 +15,7 @@
 #include "generators/floor_plan.hpp"
 #include "generators/furniture.hpp"
 #include "generators/layouts.hpp"
+#include "generators/movers.hpp"
 #include "generators/noise.hpp"
 #include "generators/parts.hpp"
 #include "generators/places.hpp"
@@ -771,6 +772,26 @@ class Office {
   std::uint16_t shade_ = 0, ceiling_ = 0, lamp_ = 0, facade_ = 0;
 };
 
+std::shared_ptr<const World> with_walkers(const std::shared_ptr<const World>& world, const OfficeConfig& config,
+                                          std::uint32_t attempt) {
+  if (config.walkers == 0) return world;
+  constexpr std::array<std::array<float, 3>, 3> kClothes{{{0.10F, 0.16F, 0.35F}, {0.35F, 0.10F, 0.10F}, {0.25F, 0.25F, 0.22F}}};
+  std::vector<BodyConfig> walkers;
+  for (const auto& color : kClothes) {
+    BodyConfig walker;
+    walker.name = "walker";
+    walker.shape = BodyShape::capsule;
+    walker.size_m = {0.5F, 0.5F, 1.75F};
+    walker.position_m[2] = 0.955F;
+    walker.color = color;
+    walkers.push_back(walker);
+  }
+  Movers movers(*world, Draws::kOffice, config.seed, attempt);
+  const Aabb area{Vec3::Zero(), Vec3(config.size_m[0], config.size_m[1], 0.0F)};
+  movers.add_on_lines(walkers, config.walkers, {.area = area, .least_m = 2.0, .most_m = 8.0, .least_mps = 0.6, .most_mps = 1.4});
+  return world->with_bodies(movers.bodies());
+}
+
 }  // namespace
 }  // namespace flockstep::indoors
 
@@ -787,7 +808,8 @@ std::shared_ptr<const World> office(const OfficeConfig& config) {
     Office office(config, attempt);
     auto world = office.built().build();
     const std::vector<Vec3> lane = office.lane(), straight{lane.front(), lane.back()};
-    return !is_free_way(*world, hull, straight) && is_free_way(*world, hull, lane) ? world : nullptr;
+    if (is_free_way(*world, hull, straight) || !is_free_way(*world, hull, lane)) return nullptr;
+    return with_walkers(world, config, attempt);
   };
   if (auto world = first_layout(kAttempts, build)) return world;
   refuse("office: seed", "one with a free way that is not straight (none in " + std::to_string(kAttempts) + " layouts)",

@@ -13,6 +13,7 @@
 #include "flockstep/generators.hpp"
 #include "flockstep/planning.hpp"
 #include "generators/layouts.hpp"
+#include "generators/movers.hpp"
 #include "planning/draws.hpp"
 #include "planning/way.hpp"
 
@@ -197,6 +198,27 @@ SceneDescription describe(const PlaygroundConfig& config, const Route& route, co
   return scene;
 }
 
+// Adds pillars, nearly as high as the room, and lower boxes that hang in the middle.
+std::shared_ptr<const World> with_movers(const std::shared_ptr<const World>& world, const PlaygroundConfig& config,
+                                         std::uint32_t attempt) {
+  if (config.movers == 0) return world;
+  const float high = config.size_m[2];
+  BodyConfig pillar;
+  pillar.name = "pillar";
+  pillar.shape = BodyShape::cylinder;
+  pillar.size_m = {2.0F * config.pillar_radius_m, 2.0F * config.pillar_radius_m, high - 0.2F};
+  pillar.position_m[2] = 0.5F * high;
+  BodyConfig box;
+  box.name = "box";
+  box.size_m = {0.6F, 0.6F, 0.6F * high};
+  box.position_m[2] = 0.5F * high;
+  Movers movers(*world, Draws::kPlayground, config.seed, attempt);
+  const Aabb area{Vec3::Zero(), Vec3(config.size_m[0], config.size_m[1], high)};
+  movers.add_on_lines({pillar, box}, config.movers,
+                      {.area = area, .least_m = 1.5, .most_m = 5.0, .least_mps = 0.4, .most_mps = 1.2, .slides = true});
+  return world->with_bodies(movers.bodies());
+}
+
 }  // namespace
 
 void PlaygroundConfig::validate() const {
@@ -229,7 +251,7 @@ std::shared_ptr<const World> playground(const PlaygroundConfig& config) {
     straight.insert(straight.end(), goals.begin(), goals.end());
     if (config.pillars > 0 && is_free_way(*world, collision::Hull(drone), straight)) return nullptr;
     const bool has_path = plan(*world, drone, start, goals, kCoarseCell) || plan(*world, drone, start, goals);
-    return has_path ? world : nullptr;
+    return has_path ? with_movers(world, config, attempt) : nullptr;
   };
   if (auto world = first_layout(kAttempts, lay_out)) return world;
   std::ostringstream expected;

@@ -14,6 +14,7 @@
 #include "flockstep/world_builder.hpp"
 #include "generators/furniture.hpp"
 #include "generators/layouts.hpp"
+#include "generators/movers.hpp"
 #include "generators/noise.hpp"
 #include "generators/parts.hpp"
 #include "generators/places.hpp"
@@ -568,6 +569,21 @@ class Warehouse {
   std::uint16_t floor_ = 0, shade_ = 0, roof_ = 0, shutter_ = 0, marking_ = 0, glow_ = 0;
 };
 
+std::shared_ptr<const World> with_forklifts(const std::shared_ptr<const World>& world, const WarehouseConfig& config,
+                                            std::uint32_t attempt) {
+  if (config.forklifts == 0) return world;
+  BodyConfig forklift;
+  forklift.name = "forklift";
+  forklift.size_m = {2.4F, 1.2F, 2.0F};
+  forklift.position_m[2] = 1.08F;
+  forklift.color = {0.8F, 0.45F, 0.03F};
+  Movers movers(*world, Draws::kWarehouse, config.seed, attempt);
+  const Aabb area{Vec3::Zero(), Vec3(config.size_m[0], config.size_m[1], 0.0F)};
+  movers.add_on_lines({forklift}, config.forklifts,
+                      {.area = area, .least_m = 5.0, .most_m = 14.0, .is_aligned = true, .least_mps = 1.0, .most_mps = 2.5});
+  return world->with_bodies(movers.bodies());
+}
+
 }  // namespace
 }  // namespace flockstep::indoors
 
@@ -584,7 +600,8 @@ std::shared_ptr<const World> warehouse(const WarehouseConfig& config) {
     Warehouse warehouse(config, attempt);
     auto world = warehouse.built().build();
     const std::vector<Vec3> lane = warehouse.lane(), straight{lane.front(), lane.back()};
-    return !is_free_way(*world, hull, straight) && is_free_way(*world, hull, lane) ? world : nullptr;
+    if (is_free_way(*world, hull, straight) || !is_free_way(*world, hull, lane)) return nullptr;
+    return with_forklifts(world, config, attempt);
   };
   if (auto world = first_layout(kAttempts, build)) return world;
   refuse("warehouse: seed", "one with a free way that is not straight (none in " + std::to_string(kAttempts) + " layouts)",

@@ -26,7 +26,7 @@ ALLOWED: dict[str, set[str]] = {
     "bodies": {"base", "collision", "render", "trace", "world"},
     "prepared": {"base", "bodies", "collision", "render", "trace", "world"},
     "survey": {"base", "collision", "prepared", "trace", "world"},
-    "planning": {"base", "collision", "prepared", "survey", "world"},
+    "planning": {"base", "bodies", "collision", "prepared", "survey", "world"},
     "generators": {"base", "planning", "world"},
     "sensors": {"base", "imaging", "prepared", "render", "trace", "world"},
 }

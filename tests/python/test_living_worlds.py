@@ -88,6 +88,12 @@ class TestWorlds:
         with pytest.raises(ValueError, match=message):
             flockstep.World.from_dict({**ROOM, "bodies": bodies})
 
+    def test_generated_bodies(self):
+        assert len(flockstep.World.playground(1, movers=3).bodies) == 3
+        assert flockstep.World.playground(1).bodies == []
+        assert len(flockstep.World.warehouse(1, forklifts=2).bodies) == 2
+        assert len(flockstep.World.office(1, walkers=2).bodies) == 2
+
 
 class TestBatches:
     def test_an_env_moves_the_bodies_of_its_world(self):
@@ -196,3 +202,12 @@ class TestEnvs:
             flockstep.DroneVectorEnv(2, worlds=pool, max_bodies=1)
         with pytest.raises(ValueError, match=r"world 0 of the pool: max_bodies: expected at least 2, for the 2 bodies"):
             flockstep.DroneVectorEnv(2, worlds=pool)
+
+    def test_living_scenes_train(self):
+        envs = flockstep.DroneVectorEnv(4, worlds="living_playground/seed-1..2")
+        envs.reset(seed=0)
+        assert envs.batch.bodies.active.sum() == 4 * 6
+        before = poses(envs)
+        for _ in range(5):
+            envs.step(envs.action_space.sample())
+        assert (poses(envs) != before).any(axis=2).all()

@@ -17,6 +17,7 @@ struct PlaygroundConfig {
   int pillars = 12;
   std::array<float, 3> size_m{14.0F, 14.0F, 5.25F};
   float pillar_radius_m = 0.25F;
+  int movers = 0;
 
   static constexpr std::array<Limits, 3> kSizes{between(6, 200), between(6, 200), between(1.5, 100)};
 
@@ -28,7 +29,11 @@ struct PlaygroundConfig {
                       field("pillar_radius_m", &C::pillar_radius_m,
                             {.about = "Radius of the pillars, at most a fourteenth of the shorter side of the room.",
                              .unit = "m",
-                             .limits = at_least(0.01)}));
+                             .limits = at_least(0.01)}),
+                      field("movers", &C::movers,
+                            {.about = "Number of pillars and boxes that go back and forth between the pillars; fewer if not all "
+                                      "find a free way.",
+                             .limits = between(0, 100)}));
   }
 
   FLOCKSTEP_API void validate() const;
@@ -71,6 +76,7 @@ struct CityConfig {
   std::uint64_t seed = 0;
   std::array<int, 2> blocks{3, 2};
   float height_m = 34.0F;
+  int traffic = 0;
 
   static constexpr auto fields() {
     using C = CityConfig;
@@ -79,7 +85,11 @@ struct CityConfig {
         field("blocks", &C::blocks,
               {.about = "Number of blocks along x, from start to goal, and along y. A block is 34 to 46 m, a street 10 m wide.",
                .limits = between(1, 8)}),
-        field("height_m", &C::height_m, {.about = "Height of the tallest roofs.", .unit = "m", .limits = between(12, 200)}));
+        field("height_m", &C::height_m, {.about = "Height of the tallest roofs.", .unit = "m", .limits = between(12, 200)}),
+        field("traffic", &C::traffic,
+              {.about = "Number of cars that drive around the blocks, instead of cars that stand on the lanes; fewer if not all "
+                        "find a free way.",
+               .limits = between(0, 500)}));
   }
 
   FLOCKSTEP_API void validate() const;
@@ -97,6 +107,7 @@ struct OfficeConfig {
   std::array<float, 2> size_m{36.0F, 20.0F};
   float furniture = 0.8F;
   bool waypoints = false;
+  int walkers = 0;
 
   static constexpr std::array<Limits, 2> kSizes{between(20, 200), between(14, 200)};
 
@@ -106,7 +117,9 @@ struct OfficeConfig {
         field("seed", &C::seed, {.about = "Seed of the layout."}),
         field("size_m", &C::size_m, {.about = "Size along x and y, rounded down to half metres.", .unit = "m", .each = kSizes}),
         field("furniture", &C::furniture, {.about = "Density of the furniture.", .limits = between(0, 1)}),
-        field("waypoints", &C::waypoints, {.about = "Place a waypoint on either side of each door of the path."}));
+        field("waypoints", &C::waypoints, {.about = "Place a waypoint on either side of each door of the path."}),
+        field("walkers", &C::walkers,
+              {.about = "Number of people that walk up and down; fewer if not all find a free way.", .limits = between(0, 200)}));
   }
 
   FLOCKSTEP_API void validate() const;
@@ -124,6 +137,7 @@ struct WarehouseConfig {
   std::array<float, 2> size_m{48.0F, 30.0F};
   float height_m = 8.0F;
   bool waypoints = false;
+  int forklifts = 0;
 
   static constexpr std::array<Limits, 2> kSizes{between(26, 200), between(16, 200)};
 
@@ -136,7 +150,10 @@ struct WarehouseConfig {
         field(
             "height_m", &C::height_m,
             {.about = "Height of the eaves; up to five pallets stand above each other.", .unit = "m", .limits = between(5, 20)}),
-        field("waypoints", &C::waypoints, {.about = "Place a waypoint at each turn of the path."}));
+        field("waypoints", &C::waypoints, {.about = "Place a waypoint at each turn of the path."}),
+        field("forklifts", &C::forklifts,
+              {.about = "Number of forklifts that drive up and down the aisles; fewer if not all find a free way.",
+               .limits = between(0, 200)}));
   }
 
   FLOCKSTEP_API void validate() const;

@@ -19,8 +19,11 @@ constexpr std::array<std::string_view, 5> kTrain{"playground/train-1", "playgrou
 constexpr std::array<std::string_view, 2> kValidation{"playground/validation-1", "playground/validation-2"};
 constexpr std::array<std::string_view, 2> kCameraTrain{"playground/camera-train-1", "playground/camera-train-2"};
 constexpr std::array<std::string_view, 2> kCameraValidation{"playground/camera-validation-1", "playground/camera-validation-2"};
-constexpr std::array<SceneSet, 4> kSets{SceneSet{"train", kTrain}, SceneSet{"validation", kValidation},
-                                        SceneSet{"camera-train", kCameraTrain}, SceneSet{"camera-validation", kCameraValidation}};
+constexpr std::array<std::string_view, 5> kLiving{"living_playground/seed-1", "living_playground/seed-2",
+                                                  "living_playground/seed-3", "living_warehouse/seed-1", "living_office/seed-1"};
+constexpr std::array<SceneSet, 5> kSets{SceneSet{"train", kTrain}, SceneSet{"validation", kValidation},
+                                        SceneSet{"camera-train", kCameraTrain}, SceneSet{"camera-validation", kCameraValidation},
+                                        SceneSet{"living", kLiving}};
 
 constexpr std::array<GeneratedScene, 4> kGenerated{
     GeneratedScene{"indoor/office", [] { return office({.seed = 1}); }},
@@ -29,7 +32,7 @@ constexpr std::array<GeneratedScene, 4> kGenerated{
     GeneratedScene{"outdoor/forest", [] { return forest({.seed = 1}); }},
 };
 
-constexpr std::array<SceneGenerator, 8> kGenerators{
+constexpr std::array<SceneGenerator, 12> kGenerators{
     SceneGenerator{"playground", [](std::uint64_t seed) { return playground({.seed = seed}); }},
     SceneGenerator{"forest", [](std::uint64_t seed) { return forest({.seed = seed}); }},
     SceneGenerator{"city", [](std::uint64_t seed) { return city({.seed = seed}); }},
@@ -38,6 +41,11 @@ constexpr std::array<SceneGenerator, 8> kGenerators{
     SceneGenerator{"race_track", [](std::uint64_t seed) { return race_track({.seed = seed}); }},
     SceneGenerator{"guided_office", [](std::uint64_t seed) { return office({.seed = seed, .waypoints = true}); }},
     SceneGenerator{"guided_warehouse", [](std::uint64_t seed) { return warehouse({.seed = seed, .waypoints = true}); }},
+    SceneGenerator{"living_playground", [](std::uint64_t seed) { return playground({.seed = seed, .movers = 6}); }},
+    SceneGenerator{"living_city", [](std::uint64_t seed) { return city({.seed = seed, .traffic = 16}); }},
+    SceneGenerator{"living_office", [](std::uint64_t seed) { return office({.seed = seed, .waypoints = true, .walkers = 8}); }},
+    SceneGenerator{"living_warehouse",
+                   [](std::uint64_t seed) { return warehouse({.seed = seed, .waypoints = true, .forklifts = 6}); }},
 };
 
 constexpr std::uint64_t kMostSeeds = 100'000;  // seeds in a range
