@@ -139,6 +139,21 @@ class TestBatches:
         flown(batch, 6)
         np.testing.assert_allclose(batch.bodies.position[0, 0, 1], slider_y(1), rtol=1e-5)
 
+    def test_an_env_that_changes_its_world_takes_the_other_bodies(self):
+        batch = flockstep.Batch([world(SLIDER), world(BALL, CAR)], 4)
+        batch.set_world([1, 1, 0, 0])
+        assert batch.bodies.active.tolist() == [[True, True], [True, True], [True, False], [True, False]]
+        assert batch.bodies.config(0, 0).name == "ball"
+        np.testing.assert_array_equal(flown(batch, 10).bodies.position[0, 1], [14, 12, 1])
+
+    def test_new_drones_fly_among_them(self):
+        batch = flown(flockstep.Batch([world(SLIDER), world(BALL, CAR)], 2), 10)
+        batch.spawn(position=[[5, 5, 5]] * 2, world_index=[1, 0])
+        assert batch.bodies.active.tolist() == [[True, False], [True, True], [True, True], [True, False]]
+        flown(batch, 5)
+        np.testing.assert_allclose(batch.bodies.position[:2, 0], [[9, slider_y(1.5), 2], [3.75, 3, 3]], rtol=1e-5)
+        np.testing.assert_allclose(batch.bodies.position[2:, 0], [[3.25, 3, 3], [9, slider_y(0.5), 2]], rtol=1e-5)
+
     def test_snapshots(self):
         batch = flown(flockstep.Batch([world(SLIDER), world(BALL, CAR)], 4), 7)
         blob = batch.snapshot()
