@@ -26,7 +26,7 @@ class Dodge(flockstep.Task):
 
     action_space = spaces.Box(-1, 1, (2,), np.float32)
     reward_terms = ("progress", "goal", "crash", "near", "time")
-    worlds = "train"
+    worlds = "living"
     max_episode_steps = 400
 
     def __init__(self, config: flockstep.DodgeConfig, lidar: flockstep.LidarConfig) -> None:

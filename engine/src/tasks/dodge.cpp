@@ -51,7 +51,7 @@ class Dodge final : public Task {
   const TaskSpec& spec() const override { return spec_; }
 
   TaskDefaults defaults() const override {
-    return {.worlds = "train",
+    return {.worlds = "living",
             .lidars = {LidarConfig{.beams = 36, .hfov_deg = 360.0F, .max_range_m = 6.0F}},
             .max_episode_steps = 400};
   }
