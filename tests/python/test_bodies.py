@@ -505,3 +505,30 @@ class TestRotors:
             free.fly(command)
             assert among.position.tobytes() == free.position.tobytes()
             assert among.velocity.tobytes() == free.velocity.tobytes()
+
+
+class TestPictures:
+    BALL = BodyConfig(shape="sphere", size_m=[2, 2, 2], position_m=[9, 10, 2], color=[0, 0, 1])
+
+    def test_a_picture_shows_the_given_bodies(self):
+        camera = flockstep.CameraConfig(width_px=32, height_px=32, outputs=["instance"])
+        view = {"position": [5, 10, 2], "camera": camera}
+        world = room()
+        assert (flockstep.render(world, **view)["instance"] < 61440).all()
+        assert flockstep.render(world, **view, bodies=[self.BALL])["instance"][16, 16] == 61440
+
+    @pytest.mark.parametrize("view", ["top", "third_person", ((3, 10, 2), (9, 10, 2))])
+    def test_an_env_draws_its_bodies(self, view):
+        envs = flockstep.DroneVectorEnv(
+            2, task=Seek(), worlds=room(), bodies=[], max_bodies=1, render_mode="rgb_array", render_view=view
+        )
+        envs.reset(seed=0)
+        envs.batch.bodies.remove()
+        empty = envs.render()
+        envs.batch.bodies.spawn(self.BALL, mask=np.array([True, False]))
+        shown = envs.render()
+        assert (shown[0] != empty[0]).any()
+        assert (shown[1] == empty[1]).all()
+        envs.batch.bodies.set_pose(np.full((2, 1, 3), [9, 12, 2]))
+        moved = envs.render()
+        assert (moved[0] != shown[0]).any()

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any, TypeAlias
 
 import numpy as np
 import numpy.typing as npt
 
-from flockstep._core import Batch, CameraConfig
+from flockstep._core import Batch, BodyConfig, CameraConfig
 from flockstep.scenes import WorldLike, load_one
 
 Array: TypeAlias = npt.NDArray[Any]
@@ -22,6 +23,7 @@ def render(
     *,
     look_at: npt.ArrayLike | None = None,
     camera: CameraConfig | None = None,
+    bodies: Sequence[BodyConfig] | None = None,
 ) -> dict[str, Array]:
     """Take a picture of a world. For many pictures make a `Batch` with cameras, which takes them all at once.
 
@@ -35,6 +37,8 @@ def render(
         (3,) m, instead of ``quat_wxyz``: a point to face, with the horizon level.
     camera
         Default: 640 x 480 pixels over 90 degrees, ``rgb``, with practically unlimited range.
+    bodies
+        The bodies to show. Default: those of the world, as at the start of an episode.
 
     Returns
     -------
@@ -50,7 +54,12 @@ def render(
             raise ValueError("look_at: expected look_at or quat_wxyz, got both")
         quat_wxyz = facing(position, look_at)
     config = CameraConfig(far_m=FARTHEST_M) if camera is None else camera
-    batch = Batch(load_one(world), cameras=[config])
+    shown = load_one(world)
+    batch = Batch(shown, cameras=[config], max_bodies=max(len(shown.bodies), len(bodies or ())))
+    if bodies is not None and len(batch.bodies) > 0:
+        batch.bodies.remove()
+        for body in bodies:
+            batch.bodies.spawn(body)
     batch.set_pose(_row("position", position, 3), None if quat_wxyz is None else _row("quat_wxyz", quat_wxyz, 4))
     batch.capture()
     taken = batch.camera(config.name)

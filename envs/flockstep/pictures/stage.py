@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from flockstep._core import CameraConfig, World
+from flockstep._core import BodyConfig, CameraConfig, World
 from flockstep.pictures.depth_canvas import DepthCanvas, Floats, Image, Ints
 from flockstep.pictures.picture import FARTHEST_M, facing, render
 from flockstep.rotations import rotate
@@ -69,8 +69,13 @@ class Stage:
         if len(primitives) <= _NUMBERED:
             self._dissolves[1 : 1 + len(primitives)] = self._solid
             self._outputs += ["instance"]
+        self._bodies: Sequence[BodyConfig] = ()
         self._bare = world.with_markers()
         self._emptied = _emptied(world)
+
+    def show_bodies(self, bodies: Sequence[BodyConfig]) -> None:
+        """Set the bodies of the next canvases."""
+        self._bodies = bodies
 
     def seen_from(self, viewer: Floats, target: Floats) -> DepthCanvas:
         """Return a canvas of the world seen from a position (3,) m towards another."""
@@ -137,7 +142,8 @@ class Stage:
     def _take(
         self, world: World, viewer: Floats, turn: Floats, *outputs: str, near_m: float = _NEAR_M
     ) -> dict[str, npt.NDArray[Any]]:
-        return render(world, viewer, turn, camera=self._camera(near_m, outputs))
+        bodies = () if world is self._emptied else self._bodies
+        return render(world, viewer, turn, camera=self._camera(near_m, outputs), bodies=bodies)
 
 
 def with_markers(world: World, markers: Sequence[str]) -> World:

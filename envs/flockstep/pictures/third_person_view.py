@@ -13,6 +13,7 @@ from flockstep.pictures.body import Body
 from flockstep.pictures.depth_canvas import Color, DepthCanvas, Floats, Image
 from flockstep.pictures.drawing import Drawing, Overlay, line_px
 from flockstep.pictures.move_lines import draw_move_lines, drones_of_env
+from flockstep.pictures.posed_bodies import posed_bodies
 from flockstep.pictures.stage import Obstacles, Stage, with_markers
 from flockstep.pictures.trail import Trail
 from flockstep.rotations import rotate
@@ -128,9 +129,11 @@ class ThirdPersonView:
     ) -> tuple[DepthCanvas, Obstacles | None]:
         """Return the world to draw into, and the obstacles to draw last."""
         stage = self._stages[index]
+        bodies = posed_bodies(self._batch, env // self._batch.drones_per_env)
+        stage.show_bodies(bodies)
         if self._place is None:
             return stage.set(position, quat_wxyz, self._anchor(env, position))
-        if index not in self._still:
+        if bodies or index not in self._still:
             self._still[index] = stage.seen_from(*self._place)
         return self._still[index].copy(), None
 

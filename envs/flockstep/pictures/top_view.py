@@ -12,6 +12,7 @@ from flockstep.pictures.beams import beams_of
 from flockstep.pictures.depth_canvas import Color, Floats, Image, blended, overlap, tint
 from flockstep.pictures.drawing import Drawing, Overlay, line_px
 from flockstep.pictures.move_lines import draw_move_lines, drones_of_env
+from flockstep.pictures.posed_bodies import outline, posed_bodies
 from flockstep.pictures.relief import SOLID, Relief
 from flockstep.rotations import rotate
 from flockstep.task import MARKERS
@@ -22,6 +23,7 @@ _GOAL: Color = (52, 160, 80)
 _BEAM: Color = (250, 160, 120)
 _HIT: Color = (200, 60, 30)
 _DRONE: Color = (35, 70, 160)
+_BODY: Color = (190, 95, 60)
 
 _CIRCLE = np.stack([np.cos(a := np.linspace(0, 2 * np.pi, 24, endpoint=False)), np.sin(a), 0 * a], axis=1)
 _MARGIN = 0.02  # free margin around the world, as a fraction of the picture's side
@@ -82,6 +84,8 @@ class TopView:
         position = np.asarray(self._batch.position[env], float)
         hull = rotate(np.asarray(self._batch.quat_wxyz[env], float), self._hull)
         canvas.clear(float(position[2] + hull[:, 2].max()) if self._cut_m is None else self._cut_m)
+        for body in posed_bodies(self._batch, env // self._batch.drones_per_env):
+            canvas.polygon(outline(body), _BODY)
         draw_move_lines(canvas, self._batch, drones_of_env(self._batch, env), 2 * self._line_px)
         if self._batch.active[env]:
             if self._beams:
