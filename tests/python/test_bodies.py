@@ -519,11 +519,12 @@ class TestPictures:
 
     @pytest.mark.parametrize("view", ["top", "third_person", ((3, 10, 2), (9, 10, 2))])
     def test_an_env_draws_its_bodies(self, view):
+        task = flockstep.DodgeConfig()
         envs = flockstep.DroneVectorEnv(
-            2, task=Seek(), worlds=room(), bodies=[], max_bodies=1, render_mode="rgb_array", render_view=view
+            2, task=task, worlds=room(), max_bodies=1, render_mode="rgb_array", render_view=view
         )
         envs.reset(seed=0)
-        envs.batch.bodies.remove()
+        envs.batch.set_pose([[5, 10, 2]] * 2)
         empty = envs.render()
         envs.batch.bodies.spawn(self.BALL, mask=np.array([True, False]))
         shown = envs.render()
