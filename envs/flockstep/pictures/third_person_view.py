@@ -133,7 +133,9 @@ class ThirdPersonView:
         stage.show_bodies(bodies)
         if self._place is None:
             return stage.set(position, quat_wxyz, self._anchor(env, position))
-        if bodies or index not in self._still:
+        if bodies:
+            return stage.seen_from(*self._place), None
+        if index not in self._still:
             self._still[index] = stage.seen_from(*self._place)
         return self._still[index].copy(), None
 
