@@ -593,19 +593,20 @@ void register_batch(py::module_& module) {
           [](Batch& batch, std::int64_t world_index, const ColorArgument& sun_direction, const ColorArgument& sun_color,
              const ColorArgument& sky_ambient, const ColorArgument& ground_ambient, const ColorArgument& zenith_color,
              const ColorArgument& horizon_color, const std::optional<float>& gamma, const std::optional<float>& sun_radius_deg,
-             const std::optional<float>& sun_glow, const py::object& tint) {
+             const std::optional<float>& sun_glow, const std::optional<float>& fog_visibility_m, const py::object& tint) {
             const auto& worlds = batch.worlds();
             const bool is_known = world_index >= 0 && world_index < std::ssize(worlds);
-            const Lighting lighting = !is_known ? Lighting()
-                                                : lighting_argument(*worlds[static_cast<std::size_t>(world_index)], sun_direction,
-                                                                    sun_color, sky_ambient, ground_ambient, zenith_color,
-                                                                    horizon_color, gamma, sun_radius_deg, sun_glow, tint);
+            const Lighting lighting = !is_known
+                                          ? Lighting()
+                                          : lighting_argument(*worlds[static_cast<std::size_t>(world_index)], sun_direction,
+                                                              sun_color, sky_ambient, ground_ambient, zenith_color, horizon_color,
+                                                              gamma, sun_radius_deg, sun_glow, fog_visibility_m, tint);
             released(batch, [&] { batch.set_light(world_index, lighting); });
           },
           py::arg("world_index"), py::kw_only(), py::arg("sun_direction") = none, py::arg("sun_color") = none,
           py::arg("sky_ambient") = none, py::arg("ground_ambient") = none, py::arg("zenith_color") = none,
           py::arg("horizon_color") = none, py::arg("gamma") = none, py::arg("sun_radius_deg") = none, py::arg("sun_glow") = none,
-          py::arg("tint") = none)
+          py::arg("fog_visibility_m") = none, py::arg("tint") = none)
       .def(
           "set_lidar",
           [](Batch& batch, const py::object& mask, const std::optional<std::string>& lidar, std::optional<float> max_range_m,

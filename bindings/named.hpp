@@ -24,7 +24,8 @@ Lighting lighting_argument(const World& world, const ColorArgument& sun_directio
                            const ColorArgument& sky_ambient, const ColorArgument& ground_ambient,
                            const ColorArgument& zenith_color, const ColorArgument& horizon_color,
                            const std::optional<float>& gamma, const std::optional<float>& sun_radius_deg,
-                           const std::optional<float>& sun_glow, const pybind11::object& tint);
+                           const std::optional<float>& sun_glow, const std::optional<float>& fog_visibility_m,
+                           const pybind11::object& tint);
 // Returns a drone model from a model or an argument of DroneModel.load(); None means DroneModel::quadrotor650().
 DroneModel drone_argument(const pybind11::object& drone);
 

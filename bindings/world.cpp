@@ -108,6 +108,7 @@ py::dict light(const World& world) {
   entry["gamma"] = light.gamma;
   entry["sun_radius_deg"] = light.sun_radius_deg;
   entry["sun_glow"] = light.sun_glow;
+  entry["fog_visibility_m"] = light.fog_visibility_m;
   return entry;
 }
 
@@ -116,9 +117,9 @@ std::shared_ptr<World> with_light(const std::shared_ptr<World>& world, const Col
                                   const ColorArgument& ground_ambient, const ColorArgument& zenith_color,
                                   const ColorArgument& horizon_color, const std::optional<float>& gamma,
                                   const std::optional<float>& sun_radius_deg, const std::optional<float>& sun_glow,
-                                  const py::object& tint) {
+                                  const std::optional<float>& fog_visibility_m, const py::object& tint) {
   const Lighting lighting = lighting_argument(*world, sun_direction, sun_color, sky_ambient, ground_ambient, zenith_color,
-                                              horizon_color, gamma, sun_radius_deg, sun_glow, tint);
+                                              horizon_color, gamma, sun_radius_deg, sun_glow, fog_visibility_m, tint);
   return released([&] { return std::make_shared<World>(world, lighting); });
 }
 
@@ -164,7 +165,8 @@ Lighting lighting_argument(const World& world, const ColorArgument& sun_directio
                            const ColorArgument& sky_ambient, const ColorArgument& ground_ambient,
                            const ColorArgument& zenith_color, const ColorArgument& horizon_color,
                            const std::optional<float>& gamma, const std::optional<float>& sun_radius_deg,
-                           const std::optional<float>& sun_glow, const py::object& tint) {
+                           const std::optional<float>& sun_glow, const std::optional<float>& fog_visibility_m,
+                           const py::object& tint) {
   const Light& usual = world.light();
   Lighting lighting;
   lighting.light = {sun_direction.value_or(usual.sun_direction),
@@ -175,7 +177,8 @@ Lighting lighting_argument(const World& world, const ColorArgument& sun_directio
                     horizon_color.value_or(usual.horizon_color),
                     gamma.value_or(usual.gamma),
                     sun_radius_deg.value_or(usual.sun_radius_deg),
-                    sun_glow.value_or(usual.sun_glow)};
+                    sun_glow.value_or(usual.sun_glow),
+                    fog_visibility_m.value_or(usual.fog_visibility_m)};
   if (!tint.is_none()) {
     const Input<float> rows = floats(py::module_::import("numpy").attr("atleast_2d")(tint), "tint", {-1, 3});
     const std::span<const float> values = rows;
@@ -289,7 +292,7 @@ void register_world(py::module_& module) {
       .def("with_light", &with_light, py::kw_only(), py::arg("sun_direction") = py::none(), py::arg("sun_color") = py::none(),
            py::arg("sky_ambient") = py::none(), py::arg("ground_ambient") = py::none(), py::arg("zenith_color") = py::none(),
            py::arg("horizon_color") = py::none(), py::arg("gamma") = py::none(), py::arg("sun_radius_deg") = py::none(),
-           py::arg("sun_glow") = py::none(), py::arg("tint") = py::none())
+           py::arg("sun_glow") = py::none(), py::arg("fog_visibility_m") = py::none(), py::arg("tint") = py::none())
       .def_property_readonly("primitives", &primitives)
       .def_property_readonly("gates", &gates)
       .def_property_readonly("bodies",

@@ -179,15 +179,15 @@ void register_world_builder(py::module_& module) {
           [](WorldBuilder& b, const std::array<float, 3>& sun_direction, const std::array<float, 3>& sun_color,
              const std::array<float, 3>& sky_ambient, const std::array<float, 3>& ground_ambient,
              const std::array<float, 3>& zenith_color, const std::array<float, 3>& horizon_color, float gamma,
-             float sun_radius_deg, float sun_glow) {
+             float sun_radius_deg, float sun_glow, float fog_visibility_m) {
             b.light({sun_direction, sun_color, sky_ambient, ground_ambient, zenith_color, horizon_color, gamma, sun_radius_deg,
-                     sun_glow});
+                     sun_glow, fog_visibility_m});
           },
           py::kw_only(), py::arg("sun_direction") = Light().sun_direction, py::arg("sun_color") = Light().sun_color,
           py::arg("sky_ambient") = Light().sky_ambient, py::arg("ground_ambient") = Light().ground_ambient,
           py::arg("zenith_color") = Light().zenith_color, py::arg("horizon_color") = Light().horizon_color,
           py::arg("gamma") = Light().gamma, py::arg("sun_radius_deg") = Light().sun_radius_deg,
-          py::arg("sun_glow") = Light().sun_glow)
+          py::arg("sun_glow") = Light().sun_glow, py::arg("fog_visibility_m") = Light().fog_visibility_m)
       .def(
           "start", [](WorldBuilder& b, const py::object& place) { b.start(point(place, "place")); }, py::arg("place"))
       .def(

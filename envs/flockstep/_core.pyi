@@ -1958,6 +1958,7 @@ class World:
         - ``gamma``
         - ``sun_radius_deg``: radius of the sun's disc in the sky; 0 means no disc.
         - ``sun_glow``: share of the sun's colour in the sky next to it.
+        - ``fog_visibility_m``: distance at which fog leaves 2 % of a surface's contrast; 0 means no fog.
         """
 
     @property
@@ -2117,6 +2118,7 @@ class World:
         gamma: float | None = None,
         sun_radius_deg: float | None = None,
         sun_glow: float | None = None,
+        fog_visibility_m: float | None = None,
         tint: npt.ArrayLike | None = None,
     ) -> World:
         """Return the same world in another light, with other colours.
@@ -2430,6 +2432,7 @@ class WorldBuilder:
         gamma: float = ...,
         sun_radius_deg: float = ...,
         sun_glow: float = ...,
+        fog_visibility_m: float = ...,
     ) -> None:
         """Set the light, with the keys of `World.light`; omitted values have their defaults."""
 
@@ -3377,6 +3380,7 @@ class Batch:
         gamma: float | None = None,
         sun_radius_deg: float | None = None,
         sun_glow: float | None = None,
+        fog_visibility_m: float | None = None,
         tint: npt.ArrayLike | None = None,
     ) -> None:
         """Change the light of one of the `worlds`, for all envs in it; None leaves a value unchanged.

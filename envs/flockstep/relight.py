@@ -20,6 +20,7 @@ def relight(
     sun: Range = (0.5, 1.5),
     ambient: Range = (0.7, 1.2),
     tint: float = 0.15,
+    fog_visibility_m: Range | None = None,
 ) -> list[World]:
     """Return copies of one world under random light; with ``random_world=True`` an environment draws one per episode.
 
@@ -41,6 +42,8 @@ def relight(
     tint
         Red, green and blue of each material are multiplied by random factors in [1 - tint, 1 + tint]; tint is in [0,
         1].
+    fog_visibility_m
+        Range of the visibility in fog, m, in [0.1, 1e6]. None: the world's own.
     """
     shape = load_one(world)
     for name, number, least in (("count", count, 1), ("seed", seed, 0)):
@@ -52,6 +55,7 @@ def relight(
         ("sun", sun, 0.0, 100.0),
         ("ambient", ambient, 0.0, 100.0),
         ("tint", (0.0, tint), 0.0, 1.0),
+        ("fog_visibility_m", (1.0, 1.0) if fog_visibility_m is None else fog_visibility_m, 0.1, 1e6),
     ):
         pair = np.array(span, dtype=object).ravel()
         is_pair = len(pair) == 2 and all(isinstance(end, (int, float, np.number)) for end in pair)
@@ -80,6 +84,7 @@ def relight(
                 zenith_color=brighter("zenith_color", daylight),
                 horizon_color=brighter("horizon_color", daylight),
                 tint=random.uniform(1.0 - tint, 1.0 + tint, (len(shape.materials), 3)),
+                fog_visibility_m=None if fog_visibility_m is None else random.uniform(*fog_visibility_m),
             )
         )
     return result

@@ -50,9 +50,16 @@ class AnyWorld {
     }
     if (below(2) == 0) {
       const auto color = [&] { return std::array<float, 3>{100 * share(), share(), 0.0F}; };
-      scene.light = {
-          {coordinate(), coordinate(), size()},          color(), color(), color(), color(), color(), 1.0F + 3 * share(),
-          below(2) == 0 ? 0.0F : 0.1F + 44.0F * share(), share()};
+      scene.light = {{coordinate(), coordinate(), size()},
+                     color(),
+                     color(),
+                     color(),
+                     color(),
+                     color(),
+                     1.0F + 3 * share(),
+                     below(2) == 0 ? 0.0F : 0.1F + 44.0F * share(),
+                     share(),
+                     below(2) == 0 ? 0.0F : 0.1F + 99.0F * share()};
     }
     return World(std::move(scene));
   }

@@ -394,17 +394,28 @@ inline Vec3d lerp(const std::array<float, 3>& a, const std::array<float, 3>& b, 
   return vector_of(a.data()) + part * (vector_of(b.data()) - vector_of(a.data()));
 }
 
-inline std::array<int, 3> surface_levels(const World& world, const Surface& surface, const Vec3d& normal, bool shaded) {
+// Returns the colour of the sky without the sun.
+inline Vec3d clear_sky(const World& world, const Vec3d& direction) {
+  const Light& light = world.light();
+  return lerp(light.horizon_color, light.zenith_color, std::max(0.0, direction.normalized().z()));
+}
+
+// ray: from the eye to the surface, m.
+inline std::array<int, 3> surface_levels(const World& world, const Surface& surface, const Vec3d& normal, bool shaded,
+                                         const Vec3d& ray) {
   const Light& light = world.light();
   const double sun = shaded ? 0.0 : std::max(0.0, normal.dot(to_sun(world)));
   const Vec3d light_there =
       sun * vector_of(light.sun_color.data()) + lerp(light.ground_ambient, light.sky_ambient, 0.5 * (1.0 + normal.z()));
-  return levels(world, surface.color.cwiseProduct(light_there) + surface.emissive);
+  const Vec3d color = surface.color.cwiseProduct(light_there) + surface.emissive;
+  if (light.fog_visibility_m == 0.0F) return levels(world, color);
+  const double fog = -std::expm1(-3.9 * ray.norm() / static_cast<double>(light.fog_visibility_m));
+  return levels(world, color + fog * (clear_sky(world, ray) - color));
 }
 
 inline std::array<int, 3> sky_levels(const World& world, const Vec3d& direction) {
   const Light& light = world.light();
-  Vec3d sky = lerp(light.horizon_color, light.zenith_color, std::max(0.0, direction.normalized().z()));
+  Vec3d sky = clear_sky(world, direction);
   // The sun's disc and its glow, by angle.
   const Vec3d sun = vector_of(light.sun_color.data());
   if (sun.maxCoeff() > 0.0) {
@@ -565,7 +576,7 @@ inline Compared expect_picture(const Batch& batch, std::size_t drone = 0, std::s
       auto shade = oracle::Shade::lit;
       if (config.shadows) shade = oracle::shade_at(world, eye.origin + seen.depth * direction, seen.normal);
       colors_are_clear &= shade != oracle::Shade::unclear;
-      rgb = oracle::surface_levels(world, surface, seen.normal, shade == oracle::Shade::shaded);
+      rgb = oracle::surface_levels(world, surface, seen.normal, shade == oracle::Shade::shaded, seen.depth * direction);
       compared.shaded += shade == oracle::Shade::shaded;
       compared.lit += shade == oracle::Shade::lit;
     }

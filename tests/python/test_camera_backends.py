@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import subprocess
 import sys
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -141,11 +142,21 @@ def test_options_agree(fields: dict[str, object]) -> None:
 
 @pytest.mark.parametrize(
     "fields",
-    [{}, {"samples_per_pixel": 9}, {"shadows": True}, {"shadows": True, "layout": "chw", "depth_kind": "range"}],
+    [
+        {},
+        {"samples_per_pixel": 9},
+        {"shadows": True},
+        {"shadows": True, "layout": "chw", "depth_kind": "range"},
+        {"fog_visibility_m": 5.0},
+        {"fog_visibility_m": 5.0, "shadows": True},
+    ],
 )
-def test_moving_bodies_agree(fields: dict[str, object]) -> None:
+def test_moving_bodies_agree(fields: dict[str, Any]) -> None:
     """The bodies of an env, of all shapes, which both backends show at the poses after each step."""
-    world = flockstep.scenes.load("playground/camera-train-1")[0]
+    fields = dict(fields)
+    world = flockstep.scenes.load("playground/camera-train-1")[0].with_light(
+        fog_visibility_m=fields.pop("fog_visibility_m", None)
+    )
     rng = np.random.default_rng(5)
     bodies = []
     for i in range(24):
@@ -184,6 +195,24 @@ def test_moving_bodies_agree(fields: dict[str, object]) -> None:
         for batch in batches:
             batch.move(batch.position)
     assert min(seen) > 1000
+
+
+@pytest.mark.parametrize("name", ["outdoor/city", "playground/camera-train-1"])
+def test_fog_agrees(name: str) -> None:
+    world = flockstep.scenes.load(name)[0].with_light(fog_visibility_m=15)
+    poses = random_poses(world, 200, np.random.default_rng(6))
+    clear, raycast, gl = (
+        pictures(backend, shown, poses, width_px=40, height_px=30)
+        for backend, shown in (("raycast", world.with_light(fog_visibility_m=0)), ("raycast", world), ("gl", world))
+    )
+    inner = off_silhouettes(raycast.instance, gl.instance)
+    ours, theirs, before = (camera.rgb[:, 1:-1, 1:-1][inner].astype(int) for camera in (raycast, gl, clear))
+    assert np.abs(ours - theirs).mean() < 2
+    far = raycast.depth[:, 1:-1, 1:-1][inner] > 4
+    assert far.any()
+    assert np.abs(ours - before)[far].mean() > 10
+    for output in ("depth", "semantic", "instance", "normal"):
+        np.testing.assert_array_equal(getattr(raycast, output), getattr(clear, output))
 
 
 def test_gl_repeats_what_raycast_shows_after_moves() -> None:

@@ -48,6 +48,16 @@ def test_the_same_seed_draws_the_same_looks() -> None:
         assert world.materials == flockstep.World.load("outdoor/city").materials
 
 
+def test_fog_in_a_range_changes_nothing_else() -> None:
+    clear, foggy = (flockstep.relight("outdoor/city", 8, 3, fog_visibility_m=fog) for fog in (None, (10, 40)))
+    for before, after in zip(clear, foggy, strict=True):
+        assert before.light["fog_visibility_m"] == 0
+        assert 10 <= after.light["fog_visibility_m"] <= 40
+        assert {**after.light, "fog_visibility_m": 0} == before.light
+        assert after.materials == before.materials
+    assert len({world.light["fog_visibility_m"] for world in foggy}) == 8
+
+
 def test_a_light_of_ones_own() -> None:
     world = flockstep.World.load("playground/train-1")
     red = world.with_light(sun_color=(1, 0, 0), tint=(0.5, 1, 1))
@@ -68,6 +78,7 @@ def test_a_light_of_ones_own() -> None:
         ({"gamma": 0.5}, "light.gamma: expected"),
         ({"sun_direction": (0, 0, 0)}, "light.sun_direction: expected"),
         ({"sun_color": (np.inf, 0, 0)}, "light.sun_color: expected"),
+        ({"fog_visibility_m": 0.01}, "light.fog_visibility_m: expected 0 or a number in"),
     ],
 )
 def test_an_invalid_light(arguments: dict[str, Any], message: str) -> None:
@@ -88,6 +99,11 @@ def test_an_invalid_light(arguments: dict[str, Any], message: str) -> None:
         ({"count": 2, "azimuth_deg": (0, 1, 2)}, "azimuth_deg: expected"),
         ({"count": 2, "tint": None}, "tint: expected a number"),
         ({"count": 2, "tint": 1.5}, "tint: expected"),
+        (
+            {"count": 2, "fog_visibility_m": (0.0, 5.0)},
+            r"fog_visibility_m: expected two numbers \(low, high\) in \[0.1",
+        ),
+        ({"count": 2, "fog_visibility_m": 20}, "fog_visibility_m: expected"),
         ({"count": 2, "world": "train"}, "world: expected one world, got 5"),
     ],
 )

@@ -212,6 +212,8 @@ class TestLight:
             {"sun_radius_deg": 0.1},
             {"sun_radius_deg": 45},
             {"sun_glow": 1},
+            {"fog_visibility_m": 0.1},
+            {"fog_visibility_m": 1e6},
             *({color: [0, 0.5, 100]} for color in COLORS),
         ],
     )
@@ -248,6 +250,9 @@ class TestLight:
             ("sun_radius_deg", "1"),
             ("sun_glow", -0.1),
             ("sun_glow", 1.1),
+            ("fog_visibility_m", 0.05),
+            ("fog_visibility_m", -1),
+            ("fog_visibility_m", 1.1e6),
         ],
     )
     def test_refused(self, field, value):
@@ -329,6 +334,7 @@ FULL = {
         "gamma": 1,
         "sun_radius_deg": 0,
         "sun_glow": 0,
+        "fog_visibility_m": 0,
     },
 }
 #: The limits of its numbers, by path.
@@ -364,6 +370,7 @@ LIMITS = {
     "light/gamma": (1, 4),
     "light/sun_radius_deg": (0.1, 45),
     "light/sun_glow": (0, 1),
+    "light/fog_visibility_m": (0.1, 1e6),
 }
 
 

@@ -28,7 +28,7 @@ def batch_in(worlds, backend="raycast", num_drones=4, **camera):
 
 
 @pytest.mark.parametrize("backend", ["raycast", "gl"])
-@pytest.mark.parametrize("change", [DARK, {"gamma": 1.0}, {"tint": (0.4, 1.0, 0.7)}])
+@pytest.mark.parametrize("change", [DARK, {"gamma": 1.0}, {"tint": (0.4, 1.0, 0.7)}, {"fog_visibility_m": 5.0}])
 def test_the_frames_are_those_of_a_batch_made_with_the_relit_world(backend, change):
     worlds = loaded()
     changed, made = batch_in(worlds, backend), batch_in([worlds[0], worlds[1].with_light(**change)], backend)

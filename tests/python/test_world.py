@@ -213,6 +213,7 @@ class TestLight:
             "gamma": 1.5,
             "sun_radius_deg": 2.5,
             "sun_glow": 0.5,
+            "fog_visibility_m": 40.0,
         }
         world = flockstep.World.from_dict({**SCENE, "light": light})
         np.testing.assert_allclose(world.light["sun_direction"], [0, 0.6, -0.8], rtol=1e-7)

@@ -44,6 +44,7 @@ def test_it_makes_what_a_scene_file_says():
             "gamma": 2,
             "sun_radius_deg": 1,
             "sun_glow": 0.5,
+            "fog_visibility_m": 30,
         },
     }
     builder = flockstep.WorldBuilder("hall")
@@ -62,7 +63,14 @@ def test_it_makes_what_a_scene_file_says():
     builder.waypoint(np.array([1, 3, 1]))
     builder.goal([4, 0, 1])
     builder.spawn_box([-4.5, -0.5, 1], [-4, 0.5, 1.5])
-    builder.light(sun_direction=[0, 0.6, 0.8], sun_color=[1, 0.9, 0.8], gamma=2, sun_radius_deg=1, sun_glow=0.5)
+    builder.light(
+        sun_direction=[0, 0.6, 0.8],
+        sun_color=[1, 0.9, 0.8],
+        gamma=2,
+        sun_radius_deg=1,
+        sun_glow=0.5,
+        fog_visibility_m=30,
+    )
     assert builder.build().to_dict() == flockstep.World.from_dict(scene).to_dict()
 
 

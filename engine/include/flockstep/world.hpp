@@ -82,6 +82,9 @@ struct Material {
 // The sun is drawn if sun_radius_deg or sun_glow is not 0. With q = |d - sun_direction|^2 and r = 2 sin(sun_radius_deg / 2),
 // the sky is then lerp(sky, s, max(disc, sun_glow / (1 + 100 q))), with disc = clamp((r^2 - q) / (0.19 r^2), 0, 1) and s =
 // sun_color over its largest channel. The outer tenth of the disc's radius is its soft border.
+//
+// Fog lies everywhere if fog_visibility_m is not 0. A surface of colour v at distance t in direction d then has the colour
+// lerp(sky, v, exp(-3.9 t / fog_visibility_m)), where sky is the colour of the sky in direction d without the sun.
 struct Light {
   std::array<float, 3> sun_direction{0.4F, 0.3F, 0.8660254F};  // towards the sun; any length except 0; unit in a World
   std::array<float, 3> sun_color{0.45F, 0.43F, 0.4F};          // linear RGB
@@ -91,7 +94,8 @@ struct Light {
   std::array<float, 3> horizon_color{0.68F, 0.78F, 0.88F};     // sky at and below the horizon
   float gamma = 2.2F;                                          // exponent of written colours, see above
   float sun_radius_deg = 0.0F;                                 // radius of the sun's disc in the sky; 0: no disc
-  float sun_glow = 0.0F;  // share of the sun's colour in the sky next to it; half of that 5.7 degrees away
+  float sun_glow = 0.0F;          // share of the sun's colour in the sky next to it; half of that 5.7 degrees away
+  float fog_visibility_m = 0.0F;  // distance at which the fog leaves 2 % of a surface's contrast; 0: no fog
 };
 
 // Light and colours that can differ between copies of a world. They do not affect drones and rays.

@@ -44,6 +44,9 @@ struct SunDisc {
   static constexpr float kFocus = 100.0F;  // factor of q in the glow: larger values make the glow fade faster
 };
 
+// Returns beta of the fog; see Light. 0 means no fog.
+inline float fog_density(const Light& light) { return light.fog_visibility_m > 0.0F ? 3.9F / light.fog_visibility_m : 0.0F; }
+
 struct Appearance {
   explicit Appearance(const World& world);
 

@@ -96,14 +96,16 @@ void add(Hash& hash, const Markers& markers) {
 
 void add(Hash& hash, const Light& light) {
   const auto& [sun_direction, sun_color, sky_ambient, ground_ambient, zenith_color, horizon_color, gamma, sun_radius_deg,
-               sun_glow] = light;
+               sun_glow, fog_visibility_m] = light;
   for (const auto* triple : {&sun_direction, &sun_color, &sky_ambient, &ground_ambient, &zenith_color, &horizon_color}) {
     hash.add(std::span<const float>(*triple));
   }
   hash.add(gamma);
-  if (sun_radius_deg == 0.0F && sun_glow == 0.0F) return;  // older worlds keep their hash
+  // Older worlds keep their hash.
+  if (sun_radius_deg == 0.0F && sun_glow == 0.0F && fog_visibility_m == 0.0F) return;
   hash.add(sun_radius_deg);
   hash.add(sun_glow);
+  if (fog_visibility_m != 0.0F) hash.add(fog_visibility_m);
 }
 
 }  // namespace

@@ -341,8 +341,17 @@ inline constexpr SceneKey kSunGlow{.name = "sun_glow",
                                        "5.7 degrees.",
                                    .limits = kShares,
                                    .usual = [] { return as_json(Light().sun_glow); }};
+inline constexpr SceneKey kFogVisibility{
+    .name = "fog_visibility_m",
+    .meaning =
+        "Distance at which fog leaves 2 % of a surface's contrast to the sky behind it; 0: no "
+        "fog.",
+    .limits = between(0.1, 1e6),
+    .or_zero = true,
+    .unit = "m",
+    .usual = [] { return as_json(Light().fog_visibility_m); }};
 inline constexpr std::array kLightKeys{kSunDirection, kSunColor, kSkyAmbient, kGroundAmbient, kZenithColor,
-                                       kHorizonColor, kGamma,    kSunRadius,  kSunGlow};
+                                       kHorizonColor, kGamma,    kSunRadius,  kSunGlow,       kFogVisibility};
 
 // The scene
 inline constexpr SceneKey kVersion{
@@ -419,7 +428,9 @@ struct LightNumber {
   const SceneKey& key;
   float Light::* member;
 };
-inline constexpr std::array<LightNumber, 3> kLightNumbers{
-    {{keys::kGamma, &Light::gamma}, {keys::kSunRadius, &Light::sun_radius_deg}, {keys::kSunGlow, &Light::sun_glow}}};
+inline constexpr std::array<LightNumber, 4> kLightNumbers{{{keys::kGamma, &Light::gamma},
+                                                           {keys::kSunRadius, &Light::sun_radius_deg},
+                                                           {keys::kSunGlow, &Light::sun_glow},
+                                                           {keys::kFogVisibility, &Light::fog_visibility_m}}};
 
 }  // namespace flockstep

@@ -68,7 +68,7 @@ void expect_same(const World& a, const World& b) {
     EXPECT_EQ(m.spawn_box->min, n.spawn_box->min);
     EXPECT_EQ(m.spawn_box->max, n.spawn_box->max);
   }
-  static_assert(sizeof(Light) == 21 * sizeof(float), "padding would be compared as well");
+  static_assert(sizeof(Light) == 22 * sizeof(float), "padding would be compared as well");
   expect_same_bits(a.light(), b.light(), "light");
 }
 
@@ -366,7 +366,7 @@ TEST(SceneJson, BadScenesAreRefusedWithFieldExpectedAndGot) {
       {"light that is none", scene(kRoom + R"(, "light": [1, 1, 1])"), "x.json: /light: expected an object, got [1,1,1]"},
       {"unknown field of the light", scene(kRoom + R"(, "light": {"sun": [1, 1, 1]})"),
        "x.json: /light/sun: unknown field; expected one of sun_direction, sun_color, sky_ambient, ground_ambient, zenith_color, "
-       "horizon_color, gamma, sun_radius_deg, sun_glow"},
+       "horizon_color, gamma, sun_radius_deg, sun_glow, fog_visibility_m"},
       {"no direction", scene(kRoom + R"(, "light": {"sun_direction": [0, -0.0, 0.0]})"),
        "x.json: /light/sun_direction: expected a direction that is not 0, got [0,-0.0,0.0]"},
       {"two coordinates of a direction", scene(kRoom + R"(, "light": {"sun_direction": [0, 1]})"),

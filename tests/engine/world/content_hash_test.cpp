@@ -165,6 +165,16 @@ TEST(ContentHash, DistinguishesSunsInTheSky) {
   }
 }
 
+TEST(ContentHash, DistinguishesFogs) {
+  std::set<std::uint64_t> seen{World(full()).content_hash()};
+  for (const auto& [glow, fog] : {std::pair{0.0F, 1.0F}, {1.0F, 0.0F}, {1.0F, 1.0F}, {1.0F, 30.0F}, {0.0F, 30.0F}}) {
+    SceneDescription scene = full();
+    scene.light.sun_glow = glow;
+    scene.light.fog_visibility_m = fog;
+    EXPECT_TRUE(seen.insert(World(scene).content_hash()).second);
+  }
+}
+
 TEST(ContentHash, DistinguishesTextures) {
   SceneDescription scene;
   scene.textures = {Texture{"a", 1, 2, std::vector<std::uint8_t>(8, 7)}, Texture{"b", 2, 1, std::vector<std::uint8_t>(8, 7)}};

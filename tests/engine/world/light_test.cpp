@@ -210,6 +210,73 @@ TEST_P(LitPictures, OfSeveralWorldsThatGlow) {
   for (std::size_t drone = 0; drone < 5; ++drone) EXPECT_GT(expect_picture(*batch, drone, 0, 5).clear, 1000U);
 }
 
+// Returns a world in fog.
+std::shared_ptr<const World> foggy(const std::shared_ptr<const World>& world, float visibility_m) {
+  Lighting lighting{.light = world->light()};
+  lighting.light.fog_visibility_m = visibility_m;
+  return std::make_shared<const World>(world, lighting);
+}
+
+// Every kind of primitive, a gate, markers and a triangle. The material of the primitives has a texture, which only the
+// triangle shows.
+std::shared_ptr<const World> exhibition() {
+  SceneDescription scene;
+  scene.light.sun_direction = {-0.5F, -0.3F, 0.6F};
+  scene.light.sun_color = {1.4F, 1.1F, 0.8F};  // brighter than images can show, before the fog
+  scene.light.sun_radius_deg = 3.0F;
+  scene.light.sun_glow = 0.8F;
+  scene.light.horizon_color = {0.7F, 0.5F, 0.4F};
+  scene.materials = {{"clay", {0.8F, 0.4F, 0.2F}}, {"tiles", {0.9F, 0.8F, 0.7F}, 0, std::uint16_t{0}}};
+  scene.materials[0].emissive = {0.0F, 0.05F, 0.1F};
+  scene.textures = {{"tiles", 2, 1, {250, 40, 30, 255, 30, 220, 90, 255}}};
+  scene.primitives = {primitive(plane, {0, 0, -2}, {40, 40, 0}),         primitive(box, {5, 2, -1}, {0.6F, 0.8F, 1}),
+                      primitive(cylinder, {6, -2, 0}, {0.5F, 0.5F, 2}),  primitive(sphere, {7, 0, 0}, {1, 1, 1}),
+                      primitive(capsule, {9, 3, 0}, {0.5F, 0.5F, 1.5F}), primitive(disc, {12, -3, 1}, {1.5F, 1.5F, 0})};
+  for (std::size_t i = 1; i < scene.primitives.size(); ++i) {
+    scene.primitives[i].material = static_cast<std::uint16_t>(i % 2);
+    if (i != 3) scene.primitives[i].rotation = Eigen::AngleAxisf(0.4F, Vec3(1, 0.3F, 0.2F).normalized());
+  }
+  scene.gates = {{.center = Vec3(16, 2, 1)}};
+  scene.mesh.vertices = {Vec3(14, -4, -2), Vec3(14, 0, -2), Vec3(14, -2, 3)};
+  scene.mesh.triangles = {{0, 1, 2}};
+  scene.mesh.materials = {1};
+  scene.mesh.uv = {{0, 0}, {1, 0}, {0, 2}};
+  scene.markers.start = Vec3(4, 0, -1.5F);
+  scene.markers.goal = Vec3(20, -1, 1);
+  return std::make_shared<const World>(scene);
+}
+
+TEST_P(LitPictures, Fog) {
+  const std::vector<View> views{{{0, 0, 0}, {8, 0, 0}}, {{0, -3, 3}, {9, 0, -1}}, {{3, 0, 1.5F}, {13, -2, 2}}};
+  for (const float visibility : {0.5F, 12.0F, 1000.0F}) {
+    for (const bool shadows : {false, true}) {
+      PICTURES_OR_SKIP(all, compared(foggy(exhibition(), visibility), camera_of(shadows), views, 3));
+      EXPECT_GT(all.clear, 5000U);
+      EXPECT_GT(all.sky, 500U);
+      EXPECT_GT(all.elements.size(), 12U);
+    }
+  }
+}
+
+TEST_P(LitPictures, FogBeforeLampsAndColoursOfVertices) {
+  PICTURES_OR_SKIP(all, compared(foggy(lamps(), 4.0F), camera_of(true), kLampViews, 2));
+  EXPECT_GT(all.clear, 6000U);
+}
+
+// Worlds without fog show the same bits beside others with fog.
+TEST_P(LitPictures, OfWorldsWithAndWithoutFog) {
+  const Batch::Worlds worlds{exhibition(), foggy(exhibition(), 6.0F), lamps(), foggy(testing::closet(), 2.0F), exhibition()};
+  const View view{{0, 0, 1}, {3, 0, 1}};
+  const auto batch = pictures(worlds, camera_of(true), std::vector<View>(5, view));
+  if (!batch) GTEST_SKIP() << "OpenGL is not installed";
+  for (std::size_t drone = 0; drone < 5; ++drone) EXPECT_GT(expect_picture(*batch, drone, 0, 5).clear, 1000U);
+  const auto only = pictures({exhibition()}, camera_of(true), {view});
+  const auto& rgb = batch->images(0).rgb;
+  EXPECT_TRUE(std::equal(only->images(0).rgb.begin(), only->images(0).rgb.end(), rgb.begin()));
+  EXPECT_TRUE(std::equal(only->images(0).rgb.begin(), only->images(0).rgb.end(),
+                         rgb.begin() + 4 * static_cast<std::ptrdiff_t>(rgb.size() / 5)));
+}
+
 INSTANTIATE_TEST_SUITE_P(Backends, LitPictures, ::testing::Values(CameraBackend::raycast, CameraBackend::gl),
                          [](const auto& info) { return std::string(info.param == CameraBackend::gl ? "Gl" : "Raycast"); });
 
@@ -219,7 +286,7 @@ TEST(Light, EverySimdTargetShowsTheSameBits) {
   sky.light.sun_glow = 0.5F;
   sky.light.sun_direction = {1, 0.2F, 0.1F};
   sky.primitives = {primitive(sphere, {3, 0, -1}, {1, 1, 1})};
-  for (const auto& world : {lamps(), std::make_shared<const World>(sky)}) {
+  for (const auto& world : {lamps(), std::make_shared<const World>(sky), foggy(exhibition(), 9.0F), foggy(lamps(), 3.0F)}) {
     std::vector<std::uint8_t> first;
     for (const std::int64_t target : hwy::SupportedAndGeneratedTargets()) {
       const testing::OnTarget on(target);
@@ -276,6 +343,10 @@ TEST(Light, BadValuesAreRefused) {
             "materials[0].emissive: expected numbers in [0, 100], got -1.000000");
   EXPECT_EQ(refusal([](auto& s) { s.light.sun_radius_deg = 0.05F; }),
             "light.sun_radius_deg: expected 0 or a number in [0.1, 45], got 0.050000");
+  EXPECT_EQ(refusal([](auto& s) { s.light.fog_visibility_m = 0.05F; }),
+            "light.fog_visibility_m: expected 0 or a number in [0.1, 1000000], got 0.050000");
+  EXPECT_EQ(refusal([](auto& s) { s.light.fog_visibility_m = -1.0F; }),
+            "light.fog_visibility_m: expected 0 or a number in [0.1, 1000000], got -1.000000");
   EXPECT_EQ(refusal([](auto& s) { s.light.sun_glow = std::nanf(""); }), "light.sun_glow: expected a number in [0, 1], got nan");
 }
 

@@ -78,7 +78,7 @@ struct Soup {
 };
 
 // Adds the faces of a room or a box, or the single face of a plane.
-void add_flat(const Primitive& primitive, const Surface& surface, Soup& soup) {
+void add_flat(const Primitive& primitive, const Surface& surface, std::uint32_t paint, Soup& soup) {
   const Eigen::Matrix3d rotation = primitive.rotation.cast<double>().normalized().toRotationMatrix();
   const Vec3d center = primitive.center.cast<double>();
   const Vec3d half = primitive.half_extents.cast<double>();
@@ -91,8 +91,8 @@ void add_flat(const Primitive& primitive, const Surface& surface, Soup& soup) {
     const std::size_t v = std::size_t{1} << ((axis + 2) % 3);
     const std::size_t base = side << axis;
     const Vec3d normal = rotation.col(static_cast<Eigen::Index>(axis)) * (side == 1 ? 1.0 : -1.0);
-    soup.add({corners[base], corners[base + u], corners[base + u + v]}, normal, surface);
-    soup.add({corners[base], corners[base + u + v], corners[base + v]}, normal, surface);
+    soup.add({corners[base], corners[base + u], corners[base + u + v]}, normal, surface, 0.0F, paint);
+    soup.add({corners[base], corners[base + u + v], corners[base + v]}, normal, surface, 0.0F, paint);
   };
   if (primitive.kind == PrimitiveKind::plane) {
     face(2, 1);
@@ -110,7 +110,8 @@ void add_mesh(const World& world, const Appearance& appearance, Soup& soup) {
   const auto base = static_cast<std::uint32_t>(soup.positions.size());
   soup.positions.insert(soup.positions.end(), mesh.vertices.begin(), mesh.vertices.end());
   constexpr std::array<float, 3> kWhite{1.0F, 1.0F, 1.0F};
-  soup.is_painted = !mesh.uv.empty() || !mesh.colors.empty();
+  const bool has_fog = fog_density(appearance.light) > 0.0F;
+  soup.is_painted = !mesh.uv.empty() || !mesh.colors.empty() || has_fog;
   if (soup.is_painted) {
     soup.uv.resize(base);
     soup.uv.insert(soup.uv.end(), mesh.uv.begin(), mesh.uv.end());
@@ -131,10 +132,9 @@ void add_mesh(const World& world, const Appearance& appearance, Soup& soup) {
     if (!(normal.norm() > 0.0)) continue;  // a triangle without area is invisible
     Surface surface = appearance.materials[mesh.materials[i]];
     surface.instance = static_cast<std::uint16_t>(appearance.first_object + mesh.objects[i]);
-    const bool is_painted =
-        soup.is_painted && (surface.texture >= 0 || std::any_of(corners.begin(), corners.end(), [&](std::uint32_t corner) {
-                              return soup.colors[corner] != kWhite;
-                            }));
+    const bool is_painted = soup.is_painted && (has_fog || surface.texture >= 0 ||
+                                                std::any_of(corners.begin(), corners.end(),
+                                                            [&](std::uint32_t corner) { return soup.colors[corner] != kWhite; }));
     soup.add(corners, normal.normalized(), surface, densities.empty() ? 0.0F : densities[i],
              is_painted ? mesh.materials[i] + 1U : 0U);
   }
@@ -307,6 +307,10 @@ GlModel::GlModel(const World& world) : textures(world) {
   const Appearance appearance(world);
   light = appearance.light;
   Soup soup;
+  // Fog changes the linear colour of each pixel, so all flat geometry is painted. Primitives show no textures: the paints
+  // without textures follow those of the materials.
+  const bool has_fog = fog_density(light) > 0.0F;
+  const std::size_t num_materials = appearance.materials.size();
   for (std::size_t i = 0; i < world.primitives().size(); ++i) {
     const Primitive& primitive = world.primitives()[i];
     if (!is_visible(primitive.visibility)) continue;
@@ -318,7 +322,7 @@ GlModel::GlModel(const World& world) : textures(world) {
         [[fallthrough]];
       case PrimitiveKind::box:
       case PrimitiveKind::plane:
-        add_flat(primitive, surface, soup);
+        add_flat(primitive, surface, has_fog ? static_cast<std::uint32_t>(num_materials + primitive.material + 1) : 0U, soup);
         break;
       case PrimitiveKind::cylinder:
         round(RoundKind::cylinder);
@@ -343,13 +347,14 @@ GlModel::GlModel(const World& world) : textures(world) {
     add_round(RoundKind::sphere, sphere, marker.surface, true, *this);
   }
   const std::vector<bool> masking = trace::masking_materials(world);
-  for (std::size_t i = 0; soup.is_painted && i < appearance.materials.size(); ++i) {
+  for (std::size_t i = 0; soup.is_painted && i < num_materials; ++i) {
     Paint& paint = paints.emplace_back();
     set_light(paint, appearance.materials[i], light);
     paint.texture = static_cast<float>(appearance.materials[i].texture + 1);
     if (masking[i]) paint.cutoff = 255.0F * world.materials()[i].alpha_cutoff;
     masked |= masking[i];
   }
+  for (std::size_t i = 0; has_fog && i < num_materials; ++i) set_light(paints.emplace_back(), appearance.materials[i], light);
   sort_for_chunks(soup.triangles);
   make_chunks(soup, light, *this);
 }

@@ -24,12 +24,12 @@ struct FlatVertex {
   std::uint32_t ids;                     // semantic in the lower half, instance in the upper half
 };
 
-// Further vertex data, present if a world has textures or vertex colours. `density` and `paint` describe a triangle, as in
+// Further vertex data, present if a world has textures, vertex colours or fog. `density` and `paint` describe a triangle, as in
 // FlatVertex.
 struct PaintedVertex {
   std::array<float, 2> uv;
   float density;               // texels per square metre
-  std::uint32_t paint;         // index of the Paint plus 1; 0 means that FlatVertex has the colour
+  std::uint32_t paint;         // index of the Paint plus 1; 0 means that FlatVertex has the colour, which fog does not change
   std::array<float, 3> color;  // linear RGB, multiplies the colour of the paint
   float unused;
 };
@@ -96,7 +96,7 @@ struct GlModel {
 
   std::vector<FlatVertex> vertices;
   std::vector<PaintedVertex> painted;  // one per vertex, or none if all triangles have plain colours
-  std::vector<Paint> paints;           // one per material, or none in the same case
+  std::vector<Paint> paints;           // one per material, with fog followed by as many without textures; none in that case
   bool masked = false;                 // true if a material is transparent in places
   Textures textures;
   std::vector<std::uint32_t> indices;  // three per triangle

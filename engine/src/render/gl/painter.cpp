@@ -240,6 +240,8 @@ void GlPainter::paint(const GlAtlas& atlas, std::span<const TileCamera> cameras,
     glUniform4f(kTilesUniform, tile_height, 1.0F / tile_height, 1.0F / static_cast<float>(size.tiles), 0.0F);
     glUniform4f(kRangeUniform, pass.near_m, pass.far_m, 1.0F / pass.far_m, 1.0F / (1.0F / pass.near_m - 1.0F / pass.far_m));
   };
+  traits.fog = std::any_of(cameras.begin(), cameras.end(),
+                           [&](const TileCamera& c) { return fog_density(models_[c.model].light) > 0.0F; });
   traits.masked = std::any_of(cameras.begin(), cameras.end(), [&](const TileCamera& c) { return models_[c.model].is_masked; });
   if (!flat_commands_.empty()) {
     traits.painted =
@@ -304,10 +306,18 @@ void GlPainter::cull(const TileCamera& camera, std::uint32_t number, std::span<c
   const Vec3d eye = camera.position.cast<double>();
   const std::span<const GlBody> of_env = bodies.subspan(camera.first_body, camera.num_bodies);
   const std::uint32_t casters = pass.traits.shadows ? list_casters(camera, of_env) : 0;
-  records_.push_back({row(eye, middle), row(forward, cx), row(x, cy), row(y, 1.0 / fx), row(ray_0, 1.0 / fy),
-                      row(-left / fx, casters), row(-up / fy, model.grid), row(model.light.horizon_color, gamma_exponent),
-                      row(model.light.zenith_color, model.sun_disc.glow), row(model.light.sun_direction, model.sun_disc.edge),
-                      row(model.sun_disc.color, model.sun_disc.steepness)});
+  records_.push_back({row(eye, middle),
+                      row(forward, cx),
+                      row(x, cy),
+                      row(y, 1.0 / fx),
+                      row(ray_0, 1.0 / fy),
+                      row(-left / fx, casters),
+                      row(-up / fy, model.grid),
+                      row(model.light.horizon_color, gamma_exponent),
+                      row(model.light.zenith_color, model.sun_disc.glow),
+                      row(model.light.sun_direction, model.sun_disc.edge),
+                      row(model.sun_disc.color, model.sun_disc.steepness),
+                      {fog_density(model.light), 0.0F, 0.0F, 0.0F}});
 
   const double near = static_cast<double>(pass.near_m);
   const double far = static_cast<double>(pass.far_m);

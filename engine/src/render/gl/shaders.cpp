@@ -37,6 +37,7 @@ struct Camera {
   vec4 zenith_glow;
   vec4 sun_edge;  // xyz: direction to the sun; see SunDisc
   vec4 disc_steepness;  // xyz: colour of the sun
+  vec4 fog;  // x: fog_density()
 };
 )";
 
@@ -108,6 +109,21 @@ vec3 pixel() {
 vec4 encode(vec3 light, float gamma_exponent) {
   return vec4(floor(255.0 * pow(min(light, 1.0), vec3(gamma_exponent)) + 0.5) / 255.0, 1.0);
 }
+
+#ifdef FOG
+layout(std430, binding = 0) readonly buffer Cameras { Camera cameras[]; };
+
+// Returns the colour of a surface at this depth behind fog; see Light. Camera i draws tile i.
+vec3 through_fog(vec3 light, float depth, vec3 at) {
+  Camera camera = cameras[uint(gl_FragCoord.y * tiles_per_pixel)];
+  vec3 ray = camera.ray_0_fy.xyz + camera.ray_u_casters.xyz * at.y + camera.ray_v_grid.xyz * at.z;
+  float metres = length(ray);
+  vec3 sky = mix(camera.horizon.xyz, camera.zenith_glow.xyz, max(0.0, ray.z) / metres);
+  return mix(sky, light, exp(-camera.fog.x * depth * metres));
+}
+#else
+#define through_fog(light, depth, at) (light)
+#endif
 )";
 
 constexpr const char* kFlatVertex = R"(
@@ -297,7 +313,7 @@ void main() {
   if (painted_texture_density.x > 0.0) {
     vec3 shown = (sun ? in_sun_height.xyz : in_shadow_gamma.xyz) * tint;
     if (painted_texture_density.y > 0.0) shown *= texture_color(depth, at);
-    out_color = encode(shown, in_shadow_gamma.w);
+    out_color = encode(through_fog(shown, depth, at), in_shadow_gamma.w);
   }
 #endif
 #endif
@@ -675,7 +691,7 @@ void main() {
   if (in_shadow(depth, at, sunward > 0.0)) sunward = 0.0;
 #endif
   vec3 light = middle + slope * dot(normal, up) + sun * sunward;
-  out_color = encode(light, ray_v_gamma.w);
+  out_color = encode(through_fog(light, depth, at), ray_v_gamma.w);
 #endif
 #ifdef IDS
   out_ids = uvec2(ids & 0xFFFFu, ids >> 16u);
@@ -802,9 +818,11 @@ GlProgram link(const GlShader& vertex, const GlShader& fragment) {
 GLuint GlShaders::get(Role role, const ShaderTraits& traits) {
   static constexpr std::array kDefines{
       "", "#define CYLINDER\n", "#define SPHERE\n", "#define CAPSULE\n", "#define DISC\n", "#define BOX\n", "", ""};
-  const std::array flags{traits.writes.color,  traits.writes.depth, traits.writes.ids,
-                         traits.writes.normal, traits.shadows,      traits.painted && (traits.writes.color || traits.masked),
-                         traits.sun,           traits.masked,       traits.bodies};
+  const std::array flags{traits.writes.color, traits.writes.depth,
+                         traits.writes.ids,   traits.writes.normal,
+                         traits.shadows,      traits.painted && (traits.writes.color || traits.masked),
+                         traits.sun,          traits.masked,
+                         traits.bodies,       traits.fog && traits.writes.color};
   static const std::array<std::string, flags.size()> kFlagDefines{
       "#define COLOR\n",
       "#define DEPTH\n",
@@ -814,7 +832,8 @@ GLuint GlShaders::get(Role role, const ShaderTraits& traits) {
       "#define PAINT\n",
       "#define SUN\n#define sun_focus " + std::to_string(SunDisc::kFocus) + '\n',
       "#define MASK\n",
-      "#define BODIES\n"};
+      "#define BODIES\n",
+      "#define FOG\n"};
   auto key = static_cast<std::uint32_t>(role);
   std::string defines;
   for (std::size_t i = 0; i < flags.size(); ++i) key |= (flags[i] ? 1U : 0U) << (8U + static_cast<std::uint32_t>(i));

@@ -73,8 +73,11 @@ using Mask = F::Mask;
 using F3 = Wide3<F>;
 using Color = std::array<F, 3>;
 
-// One vector of rays. kShadows: some hits may be in shadow. kPlain: see Shading::Tables::is_plain().
-template <bool kShadows, bool kPlain>
+// Kernels for worlds that Shading::Tables::is_plain() describes, for other worlds without fog, and for fog.
+enum class Detail : std::uint8_t { plain, full, fog };
+
+// One vector of rays. kShadows: some hits may be in shadow.
+template <bool kShadows, Detail kDetail>
 struct Rays {
   F3 direction;  // world frame
   F t;
@@ -112,8 +115,8 @@ struct Nothing {};  // no emission
 
 // Returns the linear colour of a surface with this base colour. sunward: cosine of the angle between the normal and the sun.
 // upward: z of the normal.
-template <bool kShadows, bool kPlain, class Base, class Emitted = Nothing>
-HWY_INLINE Color linear(const Shading::Tables& tables, const Base& base, F sunward, F upward, const Rays<kShadows, kPlain>& rays,
+template <bool kShadows, Detail kDetail, class Base, class Emitted = Nothing>
+HWY_INLINE Color linear(const Shading::Tables& tables, const Base& base, F sunward, F upward, const Rays<kShadows, kDetail>& rays,
                         const Emitted& emitted = {}) {
   const Light& light = tables.light;
   F sun = max(sunward, 0.0F);
@@ -127,6 +130,38 @@ HWY_INLINE Color linear(const Shading::Tables& tables, const Base& base, F sunwa
   };
   return {channel(0), channel(1), channel(2)};
 }
+
+// Returns e^-x for x >= 0, to a relative error of 1e-6: 2^-n of an integer n, times a polynomial.
+HWY_INLINE F exp_of_minus(F x) {
+  const F power = max(x * -1.44269504F, -126.0F);
+  const F whole = floor(power);
+  const F y = (power - whole - 0.5F) * 0.693147181F;  // in [-ln(2) / 2, ln(2) / 2]
+  const F high = (y * (1.0F / 720.0F) + 1.0F / 120.0F) * y + 1.0F / 24.0F;
+  const F sum = (((high * y + 1.0F / 6.0F) * y + 0.5F) * y + 1.0F) * y + 1.0F;
+  return sum * 1.41421356F * bit_cast<F>(shift_left<23>(convert<I>(whole) + 127));
+}
+
+// The part of a surface's light that comes through the fog, and the height of the sky behind it; see Light.
+struct FogView {
+  F clear, up;
+
+  template <bool kShadows, Detail kDetail>
+  HWY_INLINE FogView(const Shading::Tables& tables, const Rays<kShadows, kDetail>& rays) {
+    const F length = sqrt(dot(rays.direction, rays.direction));
+    clear = exp_of_minus(rays.t * length * tables.fog_per_m);
+    up = max(rays.direction.z / length, 0.0F);
+  }
+  HWY_INLINE FogView(F clear_part, F up_part) : clear(clear_part), up(up_part) {}
+
+  HWY_INLINE Color operator()(const Shading::Tables& tables, const Color& color) const {
+    const auto channel = [&](std::size_t c) HWY_ATTR {
+      const float horizon = tables.light.horizon_color[c];
+      const F behind = horizon + (tables.light.zenith_color[c] - horizon) * up;
+      return behind + (color[c] - behind) * clear;
+    };
+    return {channel(0), channel(1), channel(2)};
+  }
+};
 
 // Converts a linear colour to the levels that are written.
 HWY_INLINE I written(const Shading::Tables& tables, const Color& color) {
@@ -152,8 +187,8 @@ HWY_INLINE Color of_roots(I roots, const Color& unit) {
   return {squared_root<0>(roots) * unit[0], squared_root<1>(roots) * unit[1], squared_root<2>(roots) * unit[2]};
 }
 
-template <bool kShadows, bool kPlain>
-HWY_INLINE I on_ramp(const std::int32_t* ramp, F sunward, const Rays<kShadows, kPlain>& rays) {
+template <bool kShadows, Detail kDetail>
+HWY_INLINE I on_ramp(const std::int32_t* ramp, F sunward, const Rays<kShadows, kDetail>& rays) {
   F sun = min(max(sunward, 0.0F), 1.0F);
   if constexpr (kShadows) sun = zero_if(rays.shaded, sun);
   return entry<Shading::kRamp>(ramp, sqrt(sun));
@@ -168,12 +203,12 @@ HWY_INLINE F sun_share(const Shading::Tables& tables, const F3& direction, F len
   return max(min((disc.edge - q) * disc.steepness, 1.0F), disc.glow / (1.0F + SunDisc::kFocus * q));
 }
 
-template <bool kPlain>
+template <Detail kDetail>
 HWY_INLINE I sky(const Shading::Tables& tables, const F3& direction) {
   const F length = sqrt(dot(direction, direction));
   const F up = max(direction.z / length, 0.0F);
   if (!tables.sky.empty()) return entry<Shading::kSky>(tables.sky.data(), min(up, 1.0F));
-  const bool disc = !kPlain && tables.sun_disc.shows;
+  const bool disc = kDetail != Detail::plain && tables.sun_disc.shows;
   const F share = disc ? sun_share(tables, direction, length) : F(0.0F);
   const auto channel = [&](std::size_t c) HWY_ATTR {
     const float horizon = tables.light.horizon_color[c];
@@ -185,8 +220,8 @@ HWY_INLINE I sky(const Shading::Tables& tables, const F3& direction) {
 }
 
 // Returns the colour of a flat face across an axis, on the side that faces the ray's origin.
-template <bool kShadows, bool kPlain>
-HWY_INLINE I face_color(const ShadedSolid& solid, std::size_t axis, F along, const Rays<kShadows, kPlain>& rays) {
+template <bool kShadows, Detail kDetail>
+HWY_INLINE I face_color(const ShadedSolid& solid, std::size_t axis, F along, const Rays<kShadows, kDetail>& rays) {
   const auto side = [&](std::size_t sign) HWY_ATTR {
     const I lit_color = solid.faces[0][2 * axis + sign];
     if constexpr (!kShadows) return lit_color;
@@ -196,9 +231,9 @@ HWY_INLINE I face_color(const ShadedSolid& solid, std::size_t axis, F along, con
 }
 HWY_INLINE F face_normal(F along) { return copy_sign(1.0F, -along); }
 
-template <bool kShadows, bool kPlain>
-HWY_INLINE void color_box(const ShadedSolid& solid, const F3& at, const F3& dir, const Rays<kShadows, kPlain>& rays,
-                          const CameraOutputs& wanted, Pixels& pixels) {
+template <bool kShadows, Detail kDetail>
+HWY_INLINE void color_box(const ShadedSolid& solid, const F3& at, const F3& dir, const Rays<kShadows, kDetail>& rays,
+                          bool with_normal, Pixels& pixels) {
   // Selects the face whose plane is nearest. A plane has no thickness, so its z face is always selected.
   const float* const half = solid.shape->half_extents;
   const F outside_x = abs(at.x) - half[0], outside_y = abs(at.y) - half[1];
@@ -207,7 +242,7 @@ HWY_INLINE void color_box(const ShadedSolid& solid, const F3& at, const F3& dir,
   const Mask z_over_xy = outside_z > max(outside_x, outside_y);
   pixels.color = select(y_over_x, face_color(solid, 1, dir.y, rays), face_color(solid, 0, dir.x, rays));
   pixels.color = select(z_over_xy, face_color(solid, 2, dir.z, rays), pixels.color);
-  if (!wanted.normal) return;
+  if (!with_normal) return;
   pixels.normal = {zero_if(y_over_x | z_over_xy, face_normal(dir.x)), value_if(without(y_over_x, z_over_xy), face_normal(dir.y)),
                    value_if(z_over_xy, face_normal(dir.z))};
 }
@@ -225,17 +260,17 @@ HWY_INLINE F3 outward_normal(const trace::Shape& shape, const F3& at) {
   }
 }
 
-template <bool kShadows, bool kPlain>
+template <bool kShadows, Detail kDetail>
 HWY_INLINE void color_round(const Shading::Tables& tables, const ShadedSolid& solid, const F3& at, const F3& dir,
-                            const Rays<kShadows, kPlain>& rays, const CameraOutputs& wanted, Pixels& pixels) {
+                            const Rays<kShadows, kDetail>& rays, const CameraOutputs& wanted, Pixels& pixels) {
   pixels.normal = towards_camera(outward_normal(*solid.shape, at), dir);
-  if (wanted.any_color()) {
+  if (kDetail != Detail::fog && wanted.any_color()) {
     const auto cosine = [&](const std::array<float, 3>& to) HWY_ATTR { return dot(pixels.normal, F3{to[0], to[1], to[2]}); };
     const auto base = [&](std::size_t c) { return solid.surface.color[c]; };
     const auto emitted = [&](std::size_t c) { return solid.surface.emissive[c]; };
     if (solid.ramp != nullptr) {
       pixels.color = on_ramp(solid.ramp, cosine(solid.sun), rays);
-    } else if (!kPlain && solid.surface.emits()) {
+    } else if (kDetail != Detail::plain && solid.surface.emits()) {
       pixels.color = written(tables, linear(tables, base, cosine(solid.sun), cosine(solid.up), rays, emitted));
     } else {
       pixels.color = written(tables, linear(tables, base, cosine(solid.sun), cosine(solid.up), rays));
@@ -252,10 +287,20 @@ HWY_INLINE void color_round(const Shading::Tables& tables, const ShadedSolid& so
   pixels.normal = select(cap, {0.0F, 0.0F, face_normal(dir.z)}, pixels.normal);
 }
 
+// Returns the colours of a solid in fog. normal: in the solid's frame.
+template <bool kShadows, Detail kDetail>
+HWY_INLINE I foggy(const Shading::Tables& tables, const ShadedSolid& solid, const F3& normal,
+                   const Rays<kShadows, kDetail>& rays) {
+  const auto cosine = [&](const std::array<float, 3>& to) HWY_ATTR { return dot(normal, F3{to[0], to[1], to[2]}); };
+  const auto base = [&](std::size_t c) { return solid.surface.color[c]; };
+  const auto emitted = [&](std::size_t c) { return solid.surface.emissive[c]; };
+  return written(tables, FogView(tables, rays)(tables, linear(tables, base, cosine(solid.sun), cosine(solid.up), rays, emitted)));
+}
+
 // Shades a solid at the hit points of its rays.
-template <bool kShadows, bool kPlain>
+template <bool kShadows, Detail kDetail>
 HWY_INLINE Pixels solid_pixels(const Shading::Tables& tables, const ShadedSolid& solid, const Vec3& origin,
-                               const Rays<kShadows, kPlain>& rays, const CameraOutputs& wanted) {
+                               const Rays<kShadows, kDetail>& rays, const CameraOutputs& wanted) {
   const trace::Shape& shape = *solid.shape;
   const Vec3 offset(origin.x() - shape.center[0], origin.y() - shape.center[1], origin.z() - shape.center[2]);
   const Vec3 o = shape.aligned ? offset : trace::rotated(shape.to_local, offset);
@@ -263,9 +308,12 @@ HWY_INLINE Pixels solid_pixels(const Shading::Tables& tables, const ShadedSolid&
   const F3 at{o.x() + rays.t * dir.x, o.y() + rays.t * dir.y, o.z() + rays.t * dir.z};
   Pixels pixels{0, solid.surface.semantic, solid.surface.instance, {0.0F, 0.0F, 0.0F}};
   if (shape.kind == trace::ShapeKind::box) {
-    color_box(solid, at, dir, rays, wanted, pixels);
+    color_box(solid, at, dir, rays, wanted.normal || kDetail == Detail::fog, pixels);
   } else {
     color_round(tables, solid, at, dir, rays, wanted, pixels);
+  }
+  if constexpr (kDetail == Detail::fog) {
+    if (wanted.any_color()) pixels.color = foggy(tables, solid, pixels.normal, rays);
   }
   if (wanted.normal && !shape.aligned) {
     const auto to_world = [&shape](int row, int column) { return shape.to_local(column, row); };
@@ -431,8 +479,8 @@ class TintedTile {
     }
   }
   // Adds the textures of the vector added last. pixel_area: see Shading::shade().
-  template <bool kShadows, bool kPlain>
-  HWY_INLINE void add(const Textured& textured, const Rays<kShadows, kPlain>& rays, float pixel_area) {
+  template <bool kShadows, Detail kDetail>
+  HWY_INLINE void add(const Textured& textured, const Rays<kShadows, kDetail>& rays, float pixel_area) {
     const std::size_t pixel = tinted_[num_tinted_ - 1];
     // Square of the number of texels that a pixel covers along its longer side.
     const F across = dot(textured.normal, rays.direction);
@@ -455,6 +503,11 @@ class TintedTile {
     // Near surfaces use only the largest level.
     if (!none(towards > 0.0F)) mixed_[num_mixed_++] = tinted_[num_tinted_ - 1];
   }
+  // Adds the fog in front of the vector added last.
+  HWY_INLINE void add(const FogView& fog) {
+    fog.clear.store(clear_ + tinted_[num_tinted_ - 1]);
+    fog.up.store(up_ + tinted_[num_tinted_ - 1]);
+  }
   HWY_INLINE void add_none() {
     for (auto& texel : texel_) F(1.0F).store(texel + tinted_[num_tinted_ - 1]);
   }
@@ -462,7 +515,7 @@ class TintedTile {
   HWY_INLINE void set_color(std::size_t pixel, I color) { color.store(color_ + pixel); }
 
   // Calls f(pixel, colour) for each vector.
-  template <class Function>
+  template <Detail kDetail, class Function>
   HWY_INLINE void finish(const Shading::Tables& tables, bool of_vertices, const Function& f) {
     look_up(tables, finer_, std::span(textured_).first(num_textured_), [&](std::size_t i, const Color& color) HWY_ATTR {
       const Mask lanes = I::load(finer_ + i) > -1;
@@ -484,6 +537,7 @@ class TintedTile {
         if (of_vertices) tint = F::load(of_vertices_[c] + i) * tint;
         color[c] = color[c] * tint;
       }
+      if constexpr (kDetail == Detail::fog) color = FogView(F::load(clear_ + i), F::load(up_ + i))(tables, color);
       f(i, select(known < 0, written(tables, color), known));
     }
   }
@@ -518,22 +572,23 @@ class TintedTile {
   alignas(64) std::int32_t finer_[kCount], coarser_[kCount];  // levels; negative means no texture
   alignas(64) std::int32_t first_[kCount], stride_[kCount];   // fields of Place
   alignas(64) float across_[kCount], down_[kCount];
+  alignas(64) float clear_[kCount], up_[kCount];  // fields of FogView
   std::uint16_t tinted_[kVectors], textured_[kVectors], mixed_[kVectors];
   std::size_t num_tinted_ = 0, num_textured_ = 0, num_mixed_ = 0;
 };
 
 // Returns the colours of the triangle table for lanes that show a triangle; 0 in other lanes.
-template <bool kShadows, bool kPlain>
+template <bool kShadows, Detail kDetail>
 HWY_INLINE I lit(const Shading::Tables& tables, I elements, Mask triangles, const trace::HitDetails& details, std::size_t first,
-                 const Rays<kShadows, kPlain>& rays) {
+                 const Rays<kShadows, kDetail>& rays) {
   I place = shift_left<1>(elements - tables.first_triangle) + I::load(details.back + first);
   if constexpr (kShadows) place = place + value_if(rays.shaded, I(2 * (tables.first_marker - tables.first_triangle)));
   return value_if(triangles, I::gather(tables.lit.get(), value_if(triangles, place)));
 }
 
-template <bool kShadows, bool kPlain>
+template <bool kShadows, Detail kDetail>
 HWY_INLINE Pixels triangle_pixels(const Shading::Tables& tables, const std::int32_t* each, Mask which,
-                                  const trace::HitDetails& details, std::size_t first, const Rays<kShadows, kPlain>& rays,
+                                  const trace::HitDetails& details, std::size_t first, const Rays<kShadows, kDetail>& rays,
                                   float pixel_area, const CameraOutputs& wanted, TintedTile& tile) {
   Pixels pixels = empty_pixels();
   if (wanted.any_color()) pixels.color = lit(tables, I::load(each), which, details, first, rays);
@@ -548,7 +603,7 @@ HWY_INLINE Pixels triangle_pixels(const Shading::Tables& tables, const std::int3
 
   const F u = F::load(details.u + first), v = F::load(details.v + first);
   const Weights weights{1.0F - u - v, u, v};
-  const bool colored = !kPlain && !tables.colors.empty();
+  const bool colored = kDetail != Detail::plain && !tables.colors.empty();
   const std::span<const Shading::Images::Print> prints(tables.images->prints);
   Color tints{1.0F, 1.0F, 1.0F}, unit{0.0F, 0.0F, 0.0F};
   Textured textured{Mask(false), 0.0F, 0.0F, {0.0F, 0.0F, 0.0F}, 0, 0, 0, 0};
@@ -586,12 +641,13 @@ HWY_INLINE Pixels triangle_pixels(const Shading::Tables& tables, const std::int3
   } else {
     tile.add(textured, rays, pixel_area);
   }
+  if constexpr (kDetail == Detail::fog) tile.add(FogView(tables, rays));
   return pixels;
 }
 
 // Returns the linear colours of one side of a vector of triangles.
 HWY_INLINE Color light_side(const Shading::Tables& tables, const F3& normal, I materials, bool shaded) {
-  const Rays<true, false> rays{normal, 0.0F, Mask(shaded)};
+  const Rays<true, Detail::full> rays{normal, 0.0F, Mask(shaded)};
   const auto base = [&](std::size_t c) HWY_ATTR { return F::gather(tables.color[c].data(), materials); };
   const auto emitted = [&](std::size_t c) HWY_ATTR { return F::gather(tables.emissive[c].data(), materials); };
   const auto& to_sun = tables.light.sun_direction;
@@ -627,7 +683,8 @@ void light_triangles(const Shading::Tables& tables, std::span<const Vec3> vertic
       as_roots(color, unit).store(roots[k]);
     }
     for (std::size_t i = 0; i < count; ++i) {
-      const bool tinted = !tables.colors.empty() || tables.paints[static_cast<std::size_t>(material[i])].texture >= 0;
+      const bool tinted =
+          !tables.colors.empty() || tables.has_fog() || tables.paints[static_cast<std::size_t>(material[i])].texture >= 0;
       for (std::size_t k = 0; k < 2; ++k) out[2 * (first + i) + k] = tinted ? roots[k][i] : plain[k][i];
     }
   }
@@ -647,7 +704,7 @@ void fill_ramp(const Shading::Tables& tables, const Surface& surface, Shading::R
     for (std::size_t k = 0; k < F::kCount; ++k) roots[k] = static_cast<float>(i + k) / Shading::kRamp;
     const F root = F::load(roots);
     const Color color =
-        linear(tables, base, root * root, 0.0F, Rays<false, false>{{0.0F, 0.0F, 0.0F}, 0.0F, Mask(false)}, emitted);
+        linear(tables, base, root * root, 0.0F, Rays<false, Detail::full>{{0.0F, 0.0F, 0.0F}, 0.0F, Mask(false)}, emitted);
     packed(level(color[0]), level(color[1]), level(color[2])).store_unaligned(ramp.data() + i);
   }
 }
@@ -697,7 +754,7 @@ HWY_INLINE const ShadedSolid& solid_of(const Shading::Tables& tables, std::int32
   return marker < tables.markers.size() ? tables.markers[marker] : bodies.at(marker - tables.markers.size());
 }
 
-template <bool kShadows, bool kPlain>
+template <bool kShadows, Detail kDetail>
 void shade_tile(const Shading::Tables& tables, const trace::RayBundle& bundle, const trace::HitDetails& details,
                 const std::uint8_t* shaded, float pixel_area, const CameraOutputs& wanted, DepthKind depth_kind,
                 ShadedBodies& bodies, TilePixels& out) {
@@ -713,8 +770,8 @@ void shade_tile(const Shading::Tables& tables, const trace::RayBundle& bundle, c
     const std::int32_t* const elements = bundle.element + i;
     const I element = I::load(elements);
     const Mask triangles = (element > tables.first_triangle - 1) & (element < tables.first_marker);
-    Rays<kShadows, kPlain> rays{rotate(bundle.rotation, F3::load_unaligned(bundle.x + i, bundle.y + i, bundle.z + i)),
-                                F::load(bundle.t_hit + i), Mask(false)};
+    Rays<kShadows, kDetail> rays{rotate(bundle.rotation, F3::load_unaligned(bundle.x + i, bundle.y + i, bundle.z + i)),
+                                 F::load(bundle.t_hit + i), Mask(false)};
     if constexpr (kShadows) rays.shaded = convert<I>(Bytes::load_unaligned(shaded + i)) != 0;
     if (wanted.depth) write_depth(bundle, i, depth_kind, out);
     Pixels pixels = empty_pixels();
@@ -725,7 +782,7 @@ void shade_tile(const Shading::Tables& tables, const trace::RayBundle& bundle, c
       Mask mask;
       if (number < 0) {
         mask = element < 0;
-        if (wanted.any_color()) shown.color = sky<kPlain>(tables, rays.direction);
+        if (wanted.any_color()) shown.color = sky<kDetail>(tables, rays.direction);
       } else if (number >= tables.first_triangle && number < tables.first_marker) {
         mask = triangles;
         shown = triangle_pixels(tables, elements, mask, details, i, rays, pixel_area, wanted, tinted);
@@ -741,16 +798,23 @@ void shade_tile(const Shading::Tables& tables, const trace::RayBundle& bundle, c
     if (wanted.instance) convert<Shorts>(pixels.instance).store_unaligned(out.instance + i);
     if (wanted.normal) pixels.normal.store(out.nx + i, out.ny + i, out.nz + i);
   }
-  tinted.finish(tables, !kPlain && !tables.colors.empty(), put_color);
+  tinted.finish<kDetail>(tables, kDetail != Detail::plain && !tables.colors.empty(), put_color);
+}
+
+template <bool kShadows>
+auto tile_shader(const Shading::Tables& tables, bool has_fog) {
+  if (has_fog) return shade_tile<kShadows, Detail::fog>;
+  return tables.is_plain() ? shade_tile<kShadows, Detail::plain> : shade_tile<kShadows, Detail::full>;
 }
 
 void shade(const Shading::Tables& tables, const trace::RayBundle& bundle, const trace::HitDetails& details,
            const std::uint8_t* shaded, float pixel_area, const CameraOutputs& wanted, DepthKind depth_kind, ShadedBodies& bodies,
            TilePixels& out) {
+  const bool has_fog = tables.has_fog() && wanted.any_color();
   if (shaded == nullptr) {
     const std::int32_t element = bundle.element[0];
     const bool is_solid = element >= 0 && (element < tables.first_triangle || element >= tables.first_marker);
-    if (is_solid && all_equal(bundle.element, bundle.count)) {
+    if (is_solid && !has_fog && all_equal(bundle.element, bundle.count)) {
       const ShadedSolid& solid = solid_of(tables, element, bodies);
       if (const int face = common_face(*solid.shape, bundle); face >= 0) {
         const Vec3 outward = solid.shape->to_local.row(face / 2).transpose();
@@ -759,11 +823,9 @@ void shade(const Shading::Tables& tables, const trace::RayBundle& bundle, const 
         return;
       }
     }
-    const auto tile = tables.is_plain() ? shade_tile<false, true> : shade_tile<false, false>;
-    tile(tables, bundle, details, shaded, pixel_area, wanted, depth_kind, bodies, out);
+    tile_shader<false>(tables, has_fog)(tables, bundle, details, shaded, pixel_area, wanted, depth_kind, bodies, out);
   } else {
-    const auto tile = tables.is_plain() ? shade_tile<true, true> : shade_tile<true, false>;
-    tile(tables, bundle, details, shaded, pixel_area, wanted, depth_kind, bodies, out);
+    tile_shader<true>(tables, has_fog)(tables, bundle, details, shaded, pixel_area, wanted, depth_kind, bodies, out);
   }
 }
 
