@@ -14,6 +14,7 @@
 #include "base/require.hpp"
 #include "flockstep/generators.hpp"
 #include "flockstep/world_builder.hpp"
+#include "generators/forest_surfaces.hpp"
 #include "generators/layouts.hpp"
 #include "generators/noise.hpp"
 #include "generators/parts.hpp"
@@ -30,7 +31,6 @@ class Forest {
   static constexpr double kSpawnReach = 0.25;      // m, half size of the spawn box
   static constexpr double kTreeGap = 2.4;          // m, gap between trunks if there is room
   static constexpr double kHill = 18.0;            // m, distance between hills
-  static constexpr int kTexturePx = 128;
   // Flight lane, in m. Trunks keep kLaneHalfWidth away and branches stay kLaneHeadroom above it. kLaneSwing is its sideways
   // swing and kLaneBend the length of a bend.
   static constexpr double kLaneHalfWidth = 0.9, kLaneHeadroom = 0.5, kLaneStep = 0.5, kLaneSwing = 6.0, kLaneBend = 12.0;
@@ -55,35 +55,28 @@ class Forest {
   // Returns nullopt if a tree finds no free place.
   std::optional<WorldBuilder> grown() {
     WorldBuilder builder("forest/seed-" + std::to_string(config_.seed));
-    const std::uint16_t ground = ground_material(builder);
-    builder.heightfield(terrain(), ground);
-    const std::uint16_t bark = textured(builder, "bark", {0.16F, 0.10F, 0.06F}, {0.32F, 0.22F, 0.14F}, 8.0, 2.0, 1);
-    const std::uint16_t needles = textured(builder, "needles", {0.015F, 0.05F, 0.02F}, {0.06F, 0.16F, 0.05F}, 12.0, 12.0, 2);
-    const std::uint16_t leaves = textured(builder, "leaves", {0.05F, 0.12F, 0.02F}, {0.22F, 0.34F, 0.08F}, 10.0, 10.0, 3);
-    const std::uint16_t stone = textured(builder, "rock", {0.16F, 0.16F, 0.15F}, {0.42F, 0.41F, 0.38F}, 5.0, 5.0, 4);
+    ForestSurfaces surfaces(builder, config_.seed);
+    parts_.clear();
+    shades_.clear();
     for (int i = 0; i < config_.trees; ++i) {
       Interrupt::poll();
       const std::optional<Vec2d> at = free_place(kTreeGap);
       if (!at) return std::nullopt;
-      draws_.uniform(0.0, 1.0) < 0.7 ? add_conifer(builder, *at, bark, needles) : add_broadleaf(builder, *at, bark, leaves);
+      draws_.uniform(0.0, 1.0) < 0.7 ? add_conifer(*at, surfaces.conifer()) : add_broadleaf(*at, surfaces.broadleaf());
     }
     for (int i = 0; i < config_.trees / 6; ++i) {
       const std::optional<Vec2d> at = free_place(1.2);
       if (!at) break;  // rocks are optional
       const double size = draws_.uniform(0.25, 0.8);
       MeshPart part;
-      add_ball(part, {at->x(), at->y(), height(*at) + 0.1 * size}, {size, draws_.uniform(0.7, 1.0) * size, 0.7 * size}, 3, 0.12,
-               draws_);
-      builder.mesh(part, stone);
+      const Vec3d center(at->x(), at->y(), height(*at) + 0.1 * size), half(size, draws_.uniform(0.7, 1.0) * size, 0.7 * size);
+      add_ball(part, center, half, 3, 0.12, draws_);
+      surfaces.color_rock(part, center, half);
+      parts_.emplace_back(std::move(part), surfaces.rock_material());
     }
-    Light light;  // late morning
-    light.sun_direction = {-0.5F, -0.45F, 0.74F};
-    light.sun_color = {1.5F, 1.35F, 1.1F};
-    light.sky_ambient = {0.55F, 0.65F, 0.8F};
-    light.ground_ambient = {0.22F, 0.2F, 0.16F};
-    light.sun_radius_deg = 1.2F;  // as wide as glare makes it look in a camera
-    light.sun_glow = 0.6F;
-    builder.light(light);
+    builder.mesh(ForestSurfaces::ground(terrain(), shades_), surfaces.ground_material());
+    for (const auto& [part, material] : parts_) builder.mesh(part, material);
+    builder.light(ForestSurfaces::light());
     builder.start(start_.cast<float>());
     builder.goal(goal_.cast<float>());
     const Vec3d reach = Vec3d::Constant(kSpawnReach);
@@ -143,35 +136,6 @@ class Forest {
     return field;
   }
 
-  // Grass with bare patches.
-  std::uint16_t ground_material(WorldBuilder& builder) const {
-    const Noise fine(Draws::kForest, config_.seed, 5), coarse(Draws::kForest, config_.seed, 6);
-    const auto color = [&](float s, float t) {
-      const double blades = fine.octaves(32.0 * static_cast<double>(s), 32.0 * static_cast<double>(t), 2, 32);
-      const double bare = coarse.octaves(4.0 * static_cast<double>(s), 4.0 * static_cast<double>(t), 3, 4);
-      const Color grass = mixed(Color{0.05F, 0.10F, 0.02F}, Color{0.20F, 0.27F, 0.07F}, blades);
-      return mixed(grass, Color{0.20F, 0.15F, 0.09F}, std::clamp(4.0 * bare - 2.1, 0.0, 0.8));
-    };
-    const std::uint16_t texture = builder.texture("ground", 2 * kTexturePx, 2 * kTexturePx, color);
-    return builder.material({"ground", {1.0F, 1.0F, 1.0F}, 0, texture});
-  }
-
-  // Adds a noise material between two colours, with `across` by `down` noise cells.
-  std::uint16_t textured(WorldBuilder& builder, const std::string& name, const Color& dark, const Color& bright, double across,
-                         double down, std::uint32_t number) const {
-    const Noise noise(Draws::kForest, config_.seed, number);
-    const int columns = static_cast<int>(across), rows = static_cast<int>(down);
-    const auto color = [&](float s, float t) {
-      const double period = std::max(columns, rows);
-      const double value = 0.5 * (noise.octaves(across * static_cast<double>(s), down * static_cast<double>(t), 1, columns) +
-                                  noise.octaves(2.0 * period * static_cast<double>(s), period * static_cast<double>(t), 3,
-                                                static_cast<int>(2.0 * period)));
-      return mixed(dark, bright, std::clamp(2.0 * value - 0.5, 0.0, 1.0));
-    };
-    const std::uint16_t texture = builder.texture(name, kTexturePx, kTexturePx, color);
-    return builder.material({name, {1.0F, 1.0F, 1.0F}, 0, texture});
-  }
-
   // Draws random places until one is free. The gap shrinks after repeated misses.
   std::optional<Vec2d> free_place(double gap) {
     for (; gap > 0.9; gap *= 0.9) {
@@ -195,7 +159,7 @@ class Forest {
     }
   }
 
-  void add_conifer(WorldBuilder& builder, const Vec2d& at, std::uint16_t bark, std::uint16_t needles) {
+  void add_conifer(const Vec2d& at, const ForestSurfaces::Tree& tree) {
     const double ground = height(at);
     const double tall = draws_.uniform(6.0, 11.0);
     const double radius = 0.014 * tall + draws_.uniform(0.04, 0.1);
@@ -203,18 +167,21 @@ class Forest {
     const double crown = std::max(draws_.uniform(1.6, 2.6), above_lane(at, reach) - ground);  // m, above the ground
     MeshPart trunk, branches;
     add_trunk(trunk, at, ground - 0.5, ground + 0.8 * tall, radius, 0.4 * radius, turn());
-    builder.mesh(trunk, bark);
+    ForestSurfaces::color_trunk(trunk, tree);
+    parts_.emplace_back(std::move(trunk), tree.bark);
     constexpr int kTiers = 4;
     for (int i = 0; i < kTiers; ++i) {
       const double share = static_cast<double>(i) / kTiers;
       const double low = ground + mixed(crown, tall, share);
       const double high = i + 1 == kTiers ? ground + tall : low + 1.6 * (tall - crown) / kTiers;
       add_cone(branches, at, low, high, reach * (1.0 - 0.75 * share), turn());
+      ForestSurfaces::color_tier(branches, tree, share);
     }
-    builder.mesh(branches, needles);
+    parts_.emplace_back(std::move(branches), tree.crown);
+    shades_.push_back({at, 1.3 * reach});
   }
 
-  void add_broadleaf(WorldBuilder& builder, const Vec2d& at, std::uint16_t bark, std::uint16_t leaves) {
+  void add_broadleaf(const Vec2d& at, const ForestSurfaces::Tree& tree) {
     const double ground = height(at);
     const double tall = draws_.uniform(5.0, 8.0);
     const double radius = 0.018 * tall + draws_.uniform(0.03, 0.1);
@@ -222,10 +189,14 @@ class Forest {
     const double fork = std::max(draws_.uniform(2.0, 2.8), above_lane(at, 1.2 * reach.maxCoeff()) - ground);
     MeshPart trunk, crown;
     add_trunk(trunk, at, ground - 0.5, ground + fork + 1.0, radius, 0.7 * radius, turn());
-    builder.mesh(trunk, bark);
+    ForestSurfaces::color_trunk(trunk, tree);
+    parts_.emplace_back(std::move(trunk), tree.bark);
     const Vec3d half(reach.x(), reach.y(), std::max(0.5 * (tall - fork), 0.8));
-    add_ball(crown, {at.x(), at.y(), ground + fork + 1.1 * half.z()}, half, 4, 0.13, draws_);
-    builder.mesh(crown, leaves);
+    const Vec3d center(at.x(), at.y(), ground + fork + 1.1 * half.z());
+    add_ball(crown, center, half, 4, 0.13, draws_);
+    ForestSurfaces::color_crown(crown, tree, center, half);
+    parts_.emplace_back(std::move(crown), tree.crown);
+    shades_.push_back({at, 0.8 * reach.maxCoeff()});
   }
 
   const ForestConfig& config_;
@@ -235,6 +206,8 @@ class Forest {
   Vec3d start_, goal_;
   std::vector<Vec3d> lane_;
   std::vector<Vec2d> taken_;
+  std::vector<std::pair<MeshPart, std::uint16_t>> parts_;  // with their materials
+  std::vector<ForestSurfaces::Shade> shades_;
 };
 
 }  // namespace

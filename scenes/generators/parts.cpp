@@ -74,14 +74,16 @@ void add_trunk(MeshPart& part, const Vec2d& at, double low, double high, double 
 
 void add_cone(MeshPart& part, const Vec2d& at, double low, double high, double radius, const Vec2d& turn) {
   const std::vector<Vec2d> ring = polygon(8, turn);
-  const std::int32_t middle = add_vertex(part, {at.x(), at.y(), low + 0.25 * radius}, 0.5, 0.0);
+  const double side = (ring[1] - ring[0]).norm() * radius;
+  const double slant = Vec2d(high - low, 0.9239 * radius).norm();  // from the middle of an edge
+  const std::int32_t middle = add_vertex(part, {at.x(), at.y(), low + 0.25 * radius}, 4.0 * side, -radius);
   std::vector<std::int32_t> rim;
   for (std::size_t i = 0; i <= ring.size(); ++i) {
     const Vec2d edge = at + radius * ring[i % ring.size()];
-    rim.push_back(add_vertex(part, {edge.x(), edge.y(), low}, static_cast<double>(i) / 4.0, 0.0));
+    rim.push_back(add_vertex(part, {edge.x(), edge.y(), low}, static_cast<double>(i) * side, 0.0));
   }
   for (std::size_t i = 0; i < ring.size(); ++i) {
-    const std::int32_t tip = add_vertex(part, {at.x(), at.y(), high}, (static_cast<double>(i) + 0.5) / 4.0, high - low);
+    const std::int32_t tip = add_vertex(part, {at.x(), at.y(), high}, (static_cast<double>(i) + 0.5) * side, slant);
     add_triangle(part, rim[i], rim[i + 1], tip);
     add_triangle(part, rim[i + 1], rim[i], middle);
   }

@@ -419,8 +419,8 @@ class TestCheck:
         assert "markers.start: expected room for the drone" in room.check(large)["not_navigable"]
         assert "markers.start: expected a point, found none" in room.with_markers().check()["not_navigable"]
         forest = flockstep.World.load("outdoor/forest").check()
-        assert forest["textures"] == 5
-        assert forest["texture_bytes"] == 524_288
+        assert forest["textures"] == 6
+        assert forest["texture_bytes"] == 589_824
 
         corners = np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0], [1, 1, 0]], float)
         flat = trimesh.Trimesh(corners, [[0, 1, 2], [1, 3, 2], [0, 1, 1]], process=False)
