@@ -22,7 +22,7 @@ class Movers {
   // which drones start.
   bool add(BodyConfig body);
 
-  // Where a body goes back and forth.
+  // Straight ways on which bodies go back and forth.
   struct Lines {
     Aabb area;                // m, of the middle of the body
     double least_m, most_m;   // lengths
