@@ -143,7 +143,7 @@ def test_worlds_given_as_objects_are_not_in_the_recipe() -> None:
 
 
 def test_every_name_of_a_scene_is_known_to_the_engine() -> None:
-    bundled = [name for members in scenes.SETS.values() for name in members]
+    bundled = [name for members in scenes.SETS.values() for name in members if "/seed-" not in name]
     assert set(bundled) <= set(scenes.names())
     for name in ("playground/seed-3", "playground/train-1"):
         envs = flockstep.DroneVectorEnv(1, worlds=name)

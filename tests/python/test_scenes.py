@@ -21,9 +21,15 @@ SCHEMA = json.loads((scenes.directory() / "schema.json").read_text())
 
 
 def test_the_eleven_playgrounds_are_bundled():
-    expected = [name for members in scenes.SETS.values() for name in members]
+    expected = [name for members in scenes.SETS.values() for name in members if "/seed-" not in name]
     assert len(expected) == 11
     assert set(expected) <= set(SHIPPED)
+
+
+def test_a_set_of_living_worlds_is_generated():
+    worlds = scenes.load("living")
+    assert [world.name.partition("/")[0] for world in worlds] == ["playground"] * 3 + ["warehouse", "office"]
+    assert all(len(world.bodies) >= 6 for world in worlds)
 
 
 def test_schema_and_documents_are_made_from_the_list_of_keys():
