@@ -247,7 +247,8 @@ def field_read(
     if is_real and checked:
         value = f"finite({value}, {label})"
     if field.type == F.TYPE_STRING and checked:
-        value = f"short_text({value}, {label})"
+        reader = "long_text" if field.name.endswith("_json") else "short_text"
+        value = f"{reader}({value}, {label})"
     if field.label == F.LABEL_REPEATED:
         return [f"{name}.push_back({value});"]
     return [f"{name} = {value};"]

@@ -45,6 +45,7 @@ std::unique_ptr<Batch> make_batch(std::uint8_t kind) {
   config.num_threads = 1;
   config.num_envs = 2;
   config.drones_per_env = kind % 3 == 0 ? 0 : 2;
+  config.max_bodies = (kind & 64) != 0 ? 2 : 0;
   config.lidars = {LidarConfig{.beams = 5}};
   config.cameras = {CameraConfig{.width_px = 8, .height_px = 6, .capture_mode = CaptureMode::on_demand}};
   if (kind % 3 == 2) config.dynamics = {.motion = Motion::rotors, .control = Control::velocity};
@@ -89,6 +90,7 @@ void require_in_world(const Batch& batch) {
   const State& state = batch.state();
   const auto in_world = [](float value) { return is_in_world(value); };
   if (!std::all_of(state.position.begin(), state.position.end(), in_world)) std::abort();
+  if (!std::all_of(state.bodies.position.begin(), state.bodies.position.end(), in_world)) std::abort();
 }
 
 }  // namespace

@@ -288,6 +288,7 @@ def test_bad_options_are_refused(tmp_path):
 
 def test_every_operation_of_the_protocol_is_in_the_client():
     text = (ROOT / "envs/flockstep/client/async_operations.py").read_text()
+    text += (ROOT / "envs/flockstep/client/bodies.py").read_text()
     text += (ROOT / "envs/flockstep/client/call.py").read_text()
     text += (ROOT / "envs/flockstep/client/remote_batch.py").read_text()
     operations = [field.name for field in pb.Request.DESCRIPTOR.oneofs_by_name["operation"].fields]

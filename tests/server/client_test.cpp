@@ -316,6 +316,65 @@ TEST(Client, MovesAllDronesAtOnce) {
   EXPECT_TRUE(testing::same_bits(placed.values<float>("position"), position));
 }
 
+TEST(Client, SpawnsAndMovesBodies) {
+  BatchConfig config = kinematic();
+  config.bodies = {BodyConfig{.name = "crate", .position_m = {2, 2, 1}}};
+  config.max_bodies = 3;
+  Served served(config);
+  const Connection connection = served.connect();
+  GameModeController simulation(connection);
+  EXPECT_EQ(connection.server().bodies_per_env, 3);
+  ASSERT_EQ(connection.server().array_rows.size(), connection.server().array_names.size());
+  const auto row = std::ranges::find(connection.server().array_names, "body_position") - connection.server().array_names.begin();
+  EXPECT_EQ(connection.server().array_rows[static_cast<std::size_t>(row)], "body");
+  const BodyState& twin = served.twin->state().bodies;
+  const auto expect_the_same = [&] {
+    const std::vector<std::string> names{"body_active", "body_position", "body_quat_wxyz", "body_velocity",
+                                         "body_angular_velocity"};
+    const client::Readings got = simulation.get_arrays(names);
+    EXPECT_EQ(got.array("body_quat_wxyz").shape, (std::vector<std::size_t>{2, 3, 4}));
+    EXPECT_TRUE(testing::same_bits(got.values<bool>("body_active"), twin.active));
+    EXPECT_TRUE(testing::same_bits(got.values<float>("body_position"), twin.position));
+    EXPECT_TRUE(testing::same_bits(got.values<float>("body_quat_wxyz"), twin.quat_wxyz));
+    EXPECT_TRUE(testing::same_bits(got.values<float>("body_velocity"), twin.velocity));
+    EXPECT_TRUE(testing::same_bits(got.values<float>("body_angular_velocity"), twin.angular_velocity));
+  };
+  expect_the_same();
+  const BodyConfig ball{.name = "ball", .shape = BodyShape::sphere, .size_m = {0.5F, 0.5F, 0.5F}};
+  const std::vector<float> at{1, 1, 1, 2, 2, 2}, turn{0, 1, 0, 0, 0, 1, 0, 0};
+  const std::vector<std::uint8_t> second{0, 1};
+  const std::string text = R"({"name": "ball", "shape": "sphere", "size_m": [0.5, 0.5, 0.5]})";
+  EXPECT_EQ(simulation.spawn_bodies(text, {.position = at, .quat_wxyz = turn, .velocity = at, .angular_velocity = at}),
+            served.twin->spawn_bodies(ball, at, turn, at, at));
+  EXPECT_EQ(simulation.spawn_bodies(text, {.mask = second}), (std::vector<std::int64_t>{-1, 2}));
+  served.twin->spawn_bodies(ball, {}, {}, {}, {}, EnvMask(second));
+  expect_the_same();
+  std::vector<float> places(18), quats(24, 0.5F);
+  for (std::size_t i = 0; i < places.size(); ++i) places[i] = static_cast<float>(i) / 8.0F;
+  const std::vector<std::uint8_t> some{1, 0, 0, 0, 1, 1};
+  simulation.set_body_poses({.position = places, .quat_wxyz = quats, .mask = some});
+  served.twin->set_body_pose(places, quats, some);
+  expect_the_same();
+  simulation.set_body_velocities({.velocity = places, .angular_velocity = places, .mask = second});
+  served.twin->set_body_velocity(places, places, std::vector<std::uint8_t>{0, 0, 0, 1, 1, 1});
+  expect_the_same();
+  const client::BodyConfigs configs = simulation.get_body_configs();
+  EXPECT_EQ(configs.numbers, (std::vector<std::int32_t>{0, 1, -1, 0, 1, 1}));
+  ASSERT_EQ(configs.configs.size(), 2U);
+  EXPECT_NE(configs.configs[1].find(R"("name":"ball")"), std::string::npos);
+  EXPECT_EQ(simulation.get_body_configs(std::array<std::int64_t, 1>{0}).numbers, (std::vector<std::int32_t>{0, 1, -1}));
+  simulation.remove_bodies(some);
+  served.twin->remove_bodies(some);
+  expect_the_same();
+  EXPECT_EQ(error_of([&] { simulation.spawn_bodies("{}", {.mask = std::array<std::uint8_t, 3>{}}); }).code(),
+            ErrorCode::invalid_argument);
+  EXPECT_EQ(error_of([&] { simulation.spawn_bodies(R"({"weight": 1})"); }).code(), ErrorCode::invalid_argument);
+  EXPECT_EQ(error_of([&] { simulation.set_body_poses({.position = at}); }).code(), ErrorCode::invalid_argument);
+  EXPECT_EQ(error_of([&] { simulation.get_body_configs(std::array<std::int64_t, 1>{2}); }).code(), ErrorCode::invalid_argument);
+  simulation.remove_bodies();
+  EXPECT_EQ(simulation.get_body_configs().numbers, std::vector<std::int32_t>(6, -1));
+}
+
 TEST(Client, StepsAndRestores) {
   Served served(rotors());
   const Connection connection = served.connect();

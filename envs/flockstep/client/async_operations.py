@@ -10,8 +10,9 @@ from typing import Any, Literal, TypeAlias, TypeVar
 import numpy as np
 import numpy.typing as npt
 
+from flockstep._core import BodyConfig
+from flockstep.client import bodies, readers
 from flockstep.client import protocol_pb2 as pb
-from flockstep.client import readers
 from flockstep.client.call import Call, finite, flags, floats, given, nothing
 from flockstep.client.results import (
     Angles,
@@ -273,6 +274,89 @@ class AsyncOperations:
         if mask is not None:
             arrays["mask"] = flags("mask", mask)
         await self._call(Call(pb.Request(set_command=pb.SetCommand(control=control)), "done", nothing, arrays))
+
+    # --- bodies of many envs at once
+
+    async def spawn_bodies(
+        self,
+        body: BodyConfig,
+        position: npt.ArrayLike | None = None,
+        quat_wxyz: npt.ArrayLike | None = None,
+        velocity: npt.ArrayLike | None = None,
+        angular_velocity: npt.ArrayLike | None = None,
+        *,
+        mask: npt.ArrayLike | None = None,
+    ) -> npt.NDArray[np.int64]:
+        """Put a body into the first free slot of each env, or of no env if one has no free slot.
+
+        Parameters
+        ----------
+        body
+            Its configuration.
+        position, quat_wxyz
+            Poses (E, 3) m and (E, 4), world frame. Default here and below: those of the configuration.
+        velocity, angular_velocity
+            (E, 3) m/s, world frame, and (E, 3) rad/s, body frame. Without any of the four arrays, the script of the
+            configuration moves the body.
+        mask
+            (E,) bool: the envs. Default: all.
+
+        Returns
+        -------
+        slots
+            (E,) The slots; -1 for other envs.
+        """
+        return await self._call(bodies.spawn(body, position, quat_wxyz, velocity, angular_velocity, mask))
+
+    async def remove_bodies(self, mask: npt.ArrayLike | None = None) -> Time:
+        """Remove bodies until the next episode: those of the mask (E, B), or all of the envs of a mask (E,), or all."""
+        return await self._call(bodies.remove(mask))
+
+    async def set_body_poses(
+        self,
+        position: npt.ArrayLike | None = None,
+        quat_wxyz: npt.ArrayLike | None = None,
+        *,
+        mask: npt.ArrayLike | None = None,
+    ) -> Time:
+        """Place bodies. They leave their scripts until the next episode.
+
+        Parameters
+        ----------
+        position, quat_wxyz
+            (E, B, 3) m and (E, B, 4), world frame. Default: unchanged.
+        mask
+            (E, B) bool: the bodies, or (E,) for all bodies of envs. Default: all. Free slots are skipped.
+        """
+        return await self._call(bodies.set_poses(position, quat_wxyz, mask))
+
+    async def set_body_velocities(
+        self,
+        velocity: npt.ArrayLike | None = None,
+        angular_velocity: npt.ArrayLike | None = None,
+        *,
+        mask: npt.ArrayLike | None = None,
+    ) -> Time:
+        """Set the velocities of bodies, which keep them until the next episode.
+
+        Parameters
+        ----------
+        velocity, angular_velocity
+            (E, B, 3) m/s, world frame, and (E, B, 3) rad/s, body frame. Default: unchanged.
+        mask
+            As for `set_body_poses`.
+        """
+        return await self._call(bodies.set_velocities(velocity, angular_velocity, mask))
+
+    async def get_body_configs(self, envs: Iterable[int] | None = None) -> list[list[BodyConfig | None]]:
+        """Return the configurations of the bodies in some envs: for each env a list of B, with None for free slots.
+
+        Parameters
+        ----------
+        envs
+            Indices of envs. Default: all.
+        """
+        return await self._call(bodies.get_configs(envs))
 
     # --- time
 

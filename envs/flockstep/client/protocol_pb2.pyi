@@ -151,6 +151,16 @@ class Request(Message):
     def reset_envs(self) -> ResetEnvs: ...
     @property
     def step_envs(self) -> StepEnvs: ...
+    @property
+    def spawn_bodies(self) -> SpawnBodies: ...
+    @property
+    def remove_bodies(self) -> RemoveBodies: ...
+    @property
+    def set_body_poses(self) -> SetBodyPoses: ...
+    @property
+    def set_body_velocities(self) -> SetBodyVelocities: ...
+    @property
+    def get_body_configs(self) -> GetBodyConfigs: ...
     def __init__(
         self,
         *,
@@ -202,6 +212,11 @@ class Request(Message):
         get_task: GetTask | None = ...,
         reset_envs: ResetEnvs | None = ...,
         step_envs: StepEnvs | None = ...,
+        spawn_bodies: SpawnBodies | None = ...,
+        remove_bodies: RemoveBodies | None = ...,
+        set_body_poses: SetBodyPoses | None = ...,
+        set_body_velocities: SetBodyVelocities | None = ...,
+        get_body_configs: GetBodyConfigs | None = ...,
     ) -> None: ...
 
 class Reply(Message):
@@ -246,6 +261,8 @@ class Reply(Message):
     def light(self) -> Light: ...
     @property
     def task(self) -> Task: ...
+    @property
+    def body_configs(self) -> BodyConfigs: ...
     def __init__(
         self,
         *,
@@ -270,6 +287,7 @@ class Reply(Message):
         worlds: Worlds | None = ...,
         light: Light | None = ...,
         task: Task | None = ...,
+        body_configs: BodyConfigs | None = ...,
     ) -> None: ...
 
 class Array(Message):
@@ -310,6 +328,8 @@ class Welcome(Message):
     array_names: MutableSequence[str]
     @property
     def imu_mountings(self) -> _Messages[Mounting]: ...
+    array_rows: MutableSequence[str]
+    bodies_per_env: int
     def __init__(
         self,
         *,
@@ -327,6 +347,8 @@ class Welcome(Message):
         step_s: float | None = ...,
         array_names: Iterable[str] | None = ...,
         imu_mountings: Iterable[Mounting] | None = ...,
+        array_rows: Iterable[str] | None = ...,
+        bodies_per_env: int | None = ...,
     ) -> None: ...
 
 class Mounting(Message):
@@ -843,3 +865,24 @@ class ResetEnvs(Message):
 
 class StepEnvs(Message):
     def __init__(self) -> None: ...
+
+class SpawnBodies(Message):
+    config_json: str
+    def __init__(self, *, config_json: str | None = ...) -> None: ...
+
+class RemoveBodies(Message):
+    def __init__(self) -> None: ...
+
+class SetBodyPoses(Message):
+    def __init__(self) -> None: ...
+
+class SetBodyVelocities(Message):
+    def __init__(self) -> None: ...
+
+class GetBodyConfigs(Message):
+    envs: MutableSequence[int]
+    def __init__(self, *, envs: Iterable[int] | None = ...) -> None: ...
+
+class BodyConfigs(Message):
+    config_json: MutableSequence[str]
+    def __init__(self, *, config_json: Iterable[str] | None = ...) -> None: ...

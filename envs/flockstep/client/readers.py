@@ -61,6 +61,8 @@ def server_info(reply: pb.Reply, arrays: Arrays) -> ServerInfo:
         welcome.step_s,
         tuple(welcome.array_names),
         dict(zip(welcome.imus, map(mounting, welcome.imu_mountings), strict=False)),  # some servers send no mountings
+        dict(zip(welcome.array_names, welcome.array_rows, strict=False)),  # nor rows
+        welcome.bodies_per_env,
     )
 
 

@@ -10,6 +10,7 @@ import numpy.typing as npt
 
 from flockstep.client import protocol_pb2 as pb
 from flockstep.client import readers
+from flockstep.client.bodies import RemoteBodies
 from flockstep.client.call import Call, given
 from flockstep.client.errors import ServerError
 from flockstep.client.frames import Arrays, numpy_type
@@ -53,11 +54,19 @@ class RemoteBatch:
 
     The arrays of episodes, and ``final_observation``, have one row for each of the K rows whose episode has ended in
     the last step; they are absent if K is 0.
+
+    Attributes
+    ----------
+    task
+        Its `RemoteTask`.
+    bodies
+        Its `RemoteBodies`.
     """
 
     def __init__(self, call: _Caller) -> None:
         self._call = call
         self.task = call(Call(pb.Request(get_task=pb.GetTask()), "task", _task))
+        self.bodies = RemoteBodies(self._send)
         self._arrays: Arrays = {}
         self._step = Call(pb.Request(step_envs=pb.StepEnvs()), "time", _arrays)  # sent by each step
 
@@ -109,7 +118,7 @@ class RemoteBatch:
             raise ValueError(f"indices: expected rows whose episodes have ended in the last step, got {indices}")
         return np.searchsorted(ended, indices)
 
-    def _send(self, call: Call[Arrays]) -> Arrays:
+    def _send(self, call: Call[T]) -> T:
         try:
             return self._call(call)
         except ServerError as error:

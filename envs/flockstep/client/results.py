@@ -396,6 +396,11 @@ class ServerInfo:
         Simulated time of a step in s.
     array_names
         Names for `get_arrays`, without those of sensors.
+    array_rows
+        Kind of the rows of each of these arrays by its name: ``"drone"``, ``"env"``, ``"task"`` (those of the task's
+        outputs) or ``"body"`` (a row for each env, with B bodies).
+    bodies_per_env
+        Number of slots for bodies in each env, B.
     """
 
     version: str
@@ -411,6 +416,8 @@ class ServerInfo:
     step_s: float
     array_names: tuple[str, ...]
     imu_mountings: Mapping[str, Mounting]
+    array_rows: Mapping[str, str]
+    bodies_per_env: int
 
     @property
     def num_drones(self) -> int:

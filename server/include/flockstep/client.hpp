@@ -161,6 +161,8 @@ struct ServerInfo {
   bool has_task = false;                 // otherwise get_task(), reset_envs() and step_envs() are refused
   double step_s = 0.0;                   // simulated time of a step
   std::vector<std::string> array_names;  // of get_arrays(), without those of sensors
+  std::vector<std::string> array_rows;   // kind of the rows of each: "drone", "env", "task", or "body": B bodies of each env
+  std::int64_t bodies_per_env = 0;       // slots for bodies in each env, B
 };
 
 namespace detail {
@@ -385,6 +387,35 @@ struct Commands {
   std::span<const std::uint8_t> mask{};  // (N,) 0 or 1; empty: all drones
 };
 
+// Where and how fast bodies begin, one row per env. Empty arrays: as in the configuration.
+struct BodySpawn {
+  std::span<const float> position{};          // (E, 3) m
+  std::span<const float> quat_wxyz{};         // (E, 4)
+  std::span<const float> velocity{};          // (E, 3) m/s, world frame
+  std::span<const float> angular_velocity{};  // (E, 3) rad/s, body frame
+  std::span<const std::uint8_t> mask{};       // (E,) 0 or 1; empty: all envs
+};
+
+// Poses of bodies, B slots of each env. Empty arrays: unchanged.
+struct BodyPoses {
+  std::span<const float> position{};     // (E, B, 3) m
+  std::span<const float> quat_wxyz{};    // (E, B, 4)
+  std::span<const std::uint8_t> mask{};  // (E, B), or (E,) for all bodies of envs, 0 or 1; empty: all bodies
+};
+
+// Velocities of bodies, B slots of each env. Empty arrays: unchanged.
+struct BodyVelocities {
+  std::span<const float> velocity{};          // (E, B, 3) m/s, world frame
+  std::span<const float> angular_velocity{};  // (E, B, 3) rad/s, body frame
+  std::span<const std::uint8_t> mask{};       // as of BodyPoses
+};
+
+// Configurations of the bodies in K envs.
+struct BodyConfigs {
+  std::vector<std::string> configs;   // the different ones: JSON objects with the fields of BodyConfig
+  std::vector<std::int32_t> numbers;  // (K, B): index in `configs`; -1 for a free slot
+};
+
 // A world of the server.
 struct World {
   std::string name;                // as in its file
@@ -510,6 +541,26 @@ class FLOCKSTEP_API GameModeController {
   // Streams arrays as of get_arrays(), at most `rate_hz` times per second of wall time; with `only_new` only after a change.
   Stream<Readings> stream_arrays(std::span<const std::string> names, double rate_hz, std::string_view sensor = {},
                                  bool only_new = false);
+
+  // --- bodies: solids that move, in B slots of each env
+  // Puts a body into the first free slot of each env. config: a JSON object with the fields of BodyConfig that differ from their
+  // defaults. Without arrays its script moves the body. Returns the slots (E,); -1 for envs that are not selected.
+  std::vector<std::int64_t> spawn_bodies(std::string_view config, const BodySpawn& spawn = {}) {
+    return spawn_bodies(later, config, spawn).get();
+  }
+  Future<std::vector<std::int64_t>> spawn_bodies(Later, std::string_view config, const BodySpawn& spawn = {});
+  // Removes bodies until the next episode. mask: as of BodyPoses.
+  Time remove_bodies(std::span<const std::uint8_t> mask = {}) { return remove_bodies(later, mask).get(); }
+  Future<Time> remove_bodies(Later, std::span<const std::uint8_t> mask = {});
+  // Places bodies. They leave their scripts until the next episode.
+  Time set_body_poses(const BodyPoses& poses) { return set_body_poses(later, poses).get(); }
+  Future<Time> set_body_poses(Later, const BodyPoses& poses);
+  // Sets the velocities of bodies. They leave their scripts until the next episode.
+  Time set_body_velocities(const BodyVelocities& velocities) { return set_body_velocities(later, velocities).get(); }
+  Future<Time> set_body_velocities(Later, const BodyVelocities& velocities);
+  // Returns the configurations of the bodies in some envs; empty: in all.
+  BodyConfigs get_body_configs(std::span<const std::int64_t> envs = {}) { return get_body_configs(later, envs).get(); }
+  Future<BodyConfigs> get_body_configs(Later, std::span<const std::int64_t> envs = {});
 
   // --- time
   // Returns the speed of the simulation.

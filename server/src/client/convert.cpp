@@ -1,6 +1,7 @@
 #include "client/convert.hpp"
 
 #include <algorithm>
+#include <array>
 #include <cmath>
 #include <limits>
 
@@ -54,6 +55,12 @@ static_assert(static_cast<int>(ImageFormat::raw) == static_cast<int>(protocol::I
   throw Error(ErrorCode::invalid_argument, std::string(field) + ": expected " + expected + ", got " + got);
 }
 
+void require_flags(std::span<const std::uint8_t> mask) {
+  for (const std::uint8_t flag : mask) {
+    if (flag > 1) refuse("mask", "0 or 1", std::to_string(flag));
+  }
+}
+
 template <class Real>
 Real finite_number(Real value, const char* field) {
   if (!std::isfinite(value)) refuse(field, "finite numbers", std::to_string(value));
@@ -103,11 +110,25 @@ void add_rows(protocol::FrameWriter& writer, const char* name, std::span<const f
 }
 void add_mask(protocol::FrameWriter& writer, std::span<const std::uint8_t> mask) {
   if (mask.empty()) return;
-  for (const std::uint8_t flag : mask) {
-    if (flag > 1) refuse("mask", "0 or 1", std::to_string(flag));
-  }
+  require_flags(mask);
   const std::size_t size = mask.size();
   writer.add("mask", protocol::DType::kDtypeBool, std::as_bytes(mask), std::span(&size, 1));
+}
+void add_bodies(protocol::FrameWriter& writer, const char* name, std::span<const float> values, std::size_t columns,
+                const ServerInfo& server) {
+  if (values.empty()) return;
+  const auto envs = static_cast<std::size_t>(server.num_envs), per_env = static_cast<std::size_t>(server.bodies_per_env);
+  if (values.size() != envs * per_env * columns) {
+    refuse(name, std::to_string(envs * per_env) + " rows of " + std::to_string(columns) + " numbers",
+           std::to_string(values.size()) + " numbers");
+  }
+  writer.add(name, values, {envs, per_env, columns});
+}
+void add_body_mask(protocol::FrameWriter& writer, std::span<const std::uint8_t> mask, const ServerInfo& server) {
+  const auto envs = static_cast<std::size_t>(server.num_envs), per_env = static_cast<std::size_t>(server.bodies_per_env);
+  if (mask.size() != envs * per_env) return add_mask(writer, mask);
+  require_flags(mask);
+  writer.add("mask", protocol::DType::kDtypeBool, std::as_bytes(mask), std::array{envs, per_env});
 }
 void add_array(protocol::FrameWriter& writer, const char* name, const Array& array) {
   const auto type = static_cast<protocol::DType>(array.dtype);

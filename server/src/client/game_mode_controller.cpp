@@ -114,6 +114,18 @@ Task read_task(Call& call) {
   return task;
 }
 
+std::vector<std::int64_t> read_slots(Call& call) { return ReplyOf<protocol::Time>(call).values<std::int64_t>("slot"); }
+
+BodyConfigs read_body_configs(Call& call) {
+  ReplyOf<protocol::BodyConfigs> reply(call);
+  BodyConfigs bodies{.configs = std::move(reply.message().config_json),
+                     .numbers = reply.array<std::int32_t>("config", 2).values<std::int32_t>()};
+  for (const std::int32_t number : bodies.numbers) {
+    if (number < -1 || number >= std::ssize(bodies.configs)) refuse_reply("a body has no such configuration");
+  }
+  return bodies;
+}
+
 AddArrays commands(const Commands& commands) {
   return [&commands](protocol::FrameWriter& writer) {
     add_rows(writer, "command", commands.command, 4);
@@ -204,6 +216,50 @@ Future<Time> GameModeController::fly(Later, const Commands& of_all, int ticks) {
 
 Future<void> GameModeController::set_command(Later, const Commands& of_all) {
   return {link_->send(request_of(protocol::SetCommand{.drone = {}, .control = of_all.control}), commands(of_all)), read_done};
+}
+
+// -------------------------------------------------------------------------------------------------------------------- bodies
+
+Future<std::vector<std::int64_t>> GameModeController::spawn_bodies(Later, std::string_view config, const BodySpawn& spawn) {
+  return {link_->send(request_of(protocol::SpawnBodies{.config_json = std::string(config)}),
+                      [&](protocol::FrameWriter& writer) {
+                        if (!spawn.position.empty()) add_rows(writer, "position", spawn.position, 3);
+                        if (!spawn.quat_wxyz.empty()) add_rows(writer, "quat_wxyz", spawn.quat_wxyz, 4);
+                        if (!spawn.velocity.empty()) add_rows(writer, "velocity", spawn.velocity, 3);
+                        if (!spawn.angular_velocity.empty()) add_rows(writer, "angular_velocity", spawn.angular_velocity, 3);
+                        add_mask(writer, spawn.mask);
+                      }),
+          read_slots};
+}
+
+Future<Time> GameModeController::remove_bodies(Later, std::span<const std::uint8_t> mask) {
+  return {link_->send(request_of(protocol::RemoveBodies{}),
+                      [&](protocol::FrameWriter& writer) { add_body_mask(writer, mask, link_->server()); }),
+          read_time};
+}
+
+Future<Time> GameModeController::set_body_poses(Later, const BodyPoses& poses) {
+  return {link_->send(request_of(protocol::SetBodyPoses{}),
+                      [&](protocol::FrameWriter& writer) {
+                        add_bodies(writer, "position", poses.position, 3, link_->server());
+                        add_bodies(writer, "quat_wxyz", poses.quat_wxyz, 4, link_->server());
+                        add_body_mask(writer, poses.mask, link_->server());
+                      }),
+          read_time};
+}
+
+Future<Time> GameModeController::set_body_velocities(Later, const BodyVelocities& velocities) {
+  return {link_->send(request_of(protocol::SetBodyVelocities{}),
+                      [&](protocol::FrameWriter& writer) {
+                        add_bodies(writer, "velocity", velocities.velocity, 3, link_->server());
+                        add_bodies(writer, "angular_velocity", velocities.angular_velocity, 3, link_->server());
+                        add_body_mask(writer, velocities.mask, link_->server());
+                      }),
+          read_time};
+}
+
+Future<BodyConfigs> GameModeController::get_body_configs(Later, std::span<const std::int64_t> envs) {
+  return {link_->send(request_of(protocol::GetBodyConfigs{.envs = {envs.begin(), envs.end()}})), read_body_configs};
 }
 
 // ---------------------------------------------------------------------------------------------------------------------- time

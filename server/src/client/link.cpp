@@ -82,7 +82,9 @@ void Link::introduce() {
              .flies_by_rotors = welcome.flies_by_rotors,
              .has_task = welcome.has_task,
              .step_s = welcome.step_s,
-             .array_names = std::move(welcome.array_names)};
+             .array_names = std::move(welcome.array_names),
+             .array_rows = std::move(welcome.array_rows),
+             .bodies_per_env = welcome.bodies_per_env};
 }
 
 bool Link::is_open() const {

@@ -949,6 +949,43 @@ void ResetEnvs::read(protozero::pbf_reader reader) { skip_all(reader); }
 void StepEnvs::write(protozero::pbf_writer&) const {}
 void StepEnvs::read(protozero::pbf_reader reader) { skip_all(reader); }
 
+void SpawnBodies::write(protozero::pbf_writer& writer) const {
+  if (!config_json.empty()) writer.add_string(1, config_json);
+}
+void SpawnBodies::read(protozero::pbf_reader reader) {
+  while (reader.next()) {
+    switch (reader.tag()) {
+      case 1:
+        config_json = long_text(read_string(reader, "config_json"), "config_json");
+        break;
+      default:
+        reader.skip();
+    }
+  }
+}
+
+void RemoveBodies::write(protozero::pbf_writer&) const {}
+void RemoveBodies::read(protozero::pbf_reader reader) { skip_all(reader); }
+
+void SetBodyPoses::write(protozero::pbf_writer&) const {}
+void SetBodyPoses::read(protozero::pbf_reader reader) { skip_all(reader); }
+
+void SetBodyVelocities::write(protozero::pbf_writer&) const {}
+void SetBodyVelocities::read(protozero::pbf_reader reader) { skip_all(reader); }
+
+void GetBodyConfigs::write(protozero::pbf_writer& writer) const { writer.add_packed_int64(1, envs.begin(), envs.end()); }
+void GetBodyConfigs::read(protozero::pbf_reader reader) {
+  while (reader.next()) {
+    switch (reader.tag()) {
+      case 1:
+        for (const auto value : packed_int64(reader, "envs")) envs.push_back(value);
+        break;
+      default:
+        reader.skip();
+    }
+  }
+}
+
 void Request::write(protozero::pbf_writer& writer) const {
   if (id != std::uint64_t{}) writer.add_uint64(1, id);
   for (const auto& value : arrays) write_message(writer, 2, value);
@@ -1089,6 +1126,21 @@ void Request::write(protozero::pbf_writer& writer) const {
   }
   if (const auto* const value = std::get_if<StepEnvs>(&operation)) {
     write_message(writer, 82, *value);
+  }
+  if (const auto* const value = std::get_if<SpawnBodies>(&operation)) {
+    write_message(writer, 90, *value);
+  }
+  if (const auto* const value = std::get_if<RemoveBodies>(&operation)) {
+    write_message(writer, 91, *value);
+  }
+  if (const auto* const value = std::get_if<SetBodyPoses>(&operation)) {
+    write_message(writer, 92, *value);
+  }
+  if (const auto* const value = std::get_if<SetBodyVelocities>(&operation)) {
+    write_message(writer, 93, *value);
+  }
+  if (const auto* const value = std::get_if<GetBodyConfigs>(&operation)) {
+    write_message(writer, 94, *value);
   }
 }
 void Request::read(protozero::pbf_reader reader) {
@@ -1285,6 +1337,26 @@ void Request::read(protozero::pbf_reader reader) {
         require_type(reader, protozero::pbf_wire_type::length_delimited, "step_envs");
         operation.emplace<StepEnvs>().read(reader.get_message());
         break;
+      case 90:
+        require_type(reader, protozero::pbf_wire_type::length_delimited, "spawn_bodies");
+        operation.emplace<SpawnBodies>().read(reader.get_message());
+        break;
+      case 91:
+        require_type(reader, protozero::pbf_wire_type::length_delimited, "remove_bodies");
+        operation.emplace<RemoveBodies>().read(reader.get_message());
+        break;
+      case 92:
+        require_type(reader, protozero::pbf_wire_type::length_delimited, "set_body_poses");
+        operation.emplace<SetBodyPoses>().read(reader.get_message());
+        break;
+      case 93:
+        require_type(reader, protozero::pbf_wire_type::length_delimited, "set_body_velocities");
+        operation.emplace<SetBodyVelocities>().read(reader.get_message());
+        break;
+      case 94:
+        require_type(reader, protozero::pbf_wire_type::length_delimited, "get_body_configs");
+        operation.emplace<GetBodyConfigs>().read(reader.get_message());
+        break;
       default:
         reader.skip();
     }
@@ -1349,6 +1421,8 @@ void Welcome::write(protozero::pbf_writer& writer) const {
   if (step_s != double{}) writer.add_double(12, step_s);
   for (const auto& value : array_names) writer.add_string(13, value);
   for (const auto& value : imu_mountings) write_message(writer, 14, value);
+  for (const auto& value : array_rows) writer.add_string(15, value);
+  if (bodies_per_env != std::int64_t{}) writer.add_int64(16, bodies_per_env);
 }
 void Welcome::read(protozero::pbf_reader reader) {
   while (reader.next()) {
@@ -1395,6 +1469,12 @@ void Welcome::read(protozero::pbf_reader reader) {
       case 14:
         require_type(reader, protozero::pbf_wire_type::length_delimited, "imu_mountings");
         imu_mountings.emplace_back().read(reader.get_message());
+        break;
+      case 15:
+        array_rows.push_back(read_string(reader, "array_rows"));
+        break;
+      case 16:
+        bodies_per_env = read_int64(reader, "bodies_per_env");
         break;
       default:
         reader.skip();
@@ -1752,6 +1832,21 @@ void Task::read(protozero::pbf_reader reader) {
   }
 }
 
+void BodyConfigs::write(protozero::pbf_writer& writer) const {
+  for (const auto& value : config_json) writer.add_string(1, value);
+}
+void BodyConfigs::read(protozero::pbf_reader reader) {
+  while (reader.next()) {
+    switch (reader.tag()) {
+      case 1:
+        config_json.push_back(read_string(reader, "config_json"));
+        break;
+      default:
+        reader.skip();
+    }
+  }
+}
+
 void Reply::write(protozero::pbf_writer& writer) const {
   if (id != std::uint64_t{}) writer.add_uint64(1, id);
   for (const auto& value : arrays) write_message(writer, 2, value);
@@ -1811,6 +1906,9 @@ void Reply::write(protozero::pbf_writer& writer) const {
   }
   if (const auto* const value = std::get_if<Task>(&result)) {
     write_message(writer, 21, *value);
+  }
+  if (const auto* const value = std::get_if<BodyConfigs>(&result)) {
+    write_message(writer, 22, *value);
   }
 }
 void Reply::read(protozero::pbf_reader reader) {
@@ -1898,6 +1996,10 @@ void Reply::read(protozero::pbf_reader reader) {
       case 21:
         require_type(reader, protozero::pbf_wire_type::length_delimited, "task");
         result.emplace<Task>().read(reader.get_message());
+        break;
+      case 22:
+        require_type(reader, protozero::pbf_wire_type::length_delimited, "body_configs");
+        result.emplace<BodyConfigs>().read(reader.get_message());
         break;
       default:
         reader.skip();

@@ -452,6 +452,35 @@ struct StepEnvs {
   void read(protozero::pbf_reader reader);
 };
 
+struct SpawnBodies {
+  std::string config_json;
+
+  void write(protozero::pbf_writer& writer) const;
+  void read(protozero::pbf_reader reader);
+};
+
+struct RemoveBodies {
+  void write(protozero::pbf_writer& writer) const;
+  void read(protozero::pbf_reader reader);
+};
+
+struct SetBodyPoses {
+  void write(protozero::pbf_writer& writer) const;
+  void read(protozero::pbf_reader reader);
+};
+
+struct SetBodyVelocities {
+  void write(protozero::pbf_writer& writer) const;
+  void read(protozero::pbf_reader reader);
+};
+
+struct GetBodyConfigs {
+  std::vector<std::int64_t> envs;
+
+  void write(protozero::pbf_writer& writer) const;
+  void read(protozero::pbf_reader reader);
+};
+
 struct Request {
   std::uint64_t id = 0;
   std::vector<Array> arrays;
@@ -460,7 +489,8 @@ struct Request {
                GetCameraData, GetLidarData, GetLidarConfig, SetLidarConfig, GetCameraConfig, SetCameraConfig, GetMoveLineVisible,
                SetMoveLineVisible, GetArrays, SetPoses, Fly, SetCommand, Step, SetClock, JoinLockstep, LeaveLockstep, Sense,
                Snapshot, Restore, GetWorlds, SetWorld, GetLight, SetLight, GetMesh, GetPointCloud, GetBoxes, Subscribe,
-               Unsubscribe, GetTask, ResetEnvs, StepEnvs>
+               Unsubscribe, GetTask, ResetEnvs, StepEnvs, SpawnBodies, RemoveBodies, SetBodyPoses, SetBodyVelocities,
+               GetBodyConfigs>
       operation;
 
   void write(protozero::pbf_writer& writer) const;
@@ -503,6 +533,8 @@ struct Welcome {
   double step_s = 0.0;
   std::vector<std::string> array_names;
   std::vector<Mounting> imu_mountings;
+  std::vector<std::string> array_rows;
+  std::int64_t bodies_per_env = 0;
 
   void write(protozero::pbf_writer& writer) const;
   void read(protozero::pbf_reader reader);
@@ -637,11 +669,18 @@ struct Task {
   void read(protozero::pbf_reader reader);
 };
 
+struct BodyConfigs {
+  std::vector<std::string> config_json;
+
+  void write(protozero::pbf_writer& writer) const;
+  void read(protozero::pbf_reader reader);
+};
+
 struct Reply {
   std::uint64_t id = 0;
   std::vector<Array> arrays;
   std::variant<std::monostate, Done, Error, Welcome, Drones, Drone, CaptureMode, Fps, Vector3, Rotation, Impact, CameraData,
-               LidarData, LidarConfig, CameraConfig, MoveLineVisible, Time, Worlds, Light, Task>
+               LidarData, LidarConfig, CameraConfig, MoveLineVisible, Time, Worlds, Light, Task, BodyConfigs>
       result;
 
   void write(protozero::pbf_writer& writer) const;

@@ -8,6 +8,7 @@
 #include <stdexcept>
 #include <string>
 #include <string_view>
+#include <utility>
 #include <vector>
 
 namespace flockstep::protocol {
@@ -70,14 +71,19 @@ Real finite(Real value, const char* field) {
   return value;
 }
 
-// A name or a token. Messages quote names, and Protocol Buffers require UTF-8.
+// A text that is at most as long as the message. Protocol Buffers require UTF-8.
+inline std::string long_text(std::string text, const char* field) {
+  if (!is_utf8(text)) refuse_value(field, "UTF-8", "other bytes");
+  return text;
+}
+
+// A name or a token. Messages quote names.
 inline std::string short_text(std::string text, const char* field) {
   constexpr std::size_t kMostBytes = 1024;
   if (text.size() > kMostBytes) {
     refuse_value(field, "at most " + std::to_string(kMostBytes) + " bytes", std::to_string(text.size()));
   }
-  if (!is_utf8(text)) refuse_value(field, "UTF-8", "other bytes");
-  return text;
+  return long_text(std::move(text), field);
 }
 
 // Not by a writer in the writer: protozero leaves out messages that turn out to be empty.

@@ -24,7 +24,7 @@ namespace flockstep::server {
 void list_arrays(const Batch& batch, std::string_view sensor, const std::function<void(const ArrayView&)>& list);
 
 protocol::DType dtype_of(const ArrayView& array);
-// Adds an array to a message, or one row of it under another name.
+// Adds an array to a message, or one row of it under another name. A row of an array of bodies is an env with all its slots.
 void add_array(protocol::FrameWriter& writer, const ArrayView& array);
 void add_row(protocol::FrameWriter& writer, std::string_view name, const ArrayView& array, std::size_t row);
 // Adds an array of some of its rows.

@@ -129,7 +129,7 @@ void Service::locked(Call& call, const protocol::SetPoses& set) {
   const std::int64_t drones = batch_.config().num_drones();
   const auto position = call.array<float>("position", {drones, 3});
   const auto quat = call.array<float>("quat_wxyz", {drones, 4});
-  const auto mask = call.flags("mask", drones);
+  const auto mask = call.flags("mask", {drones});
   if (!set.teleport && !batch_.config().dynamics.is_kinematic()) {
     throw Refusal(Code::kFailedPrecondition,
                   "these drones fly by their rotors: Fly and SetCommand move them, and with teleport=true they are placed");
@@ -154,7 +154,7 @@ void Service::locked(Call& call, const protocol::Fly& fly) {
   call.require_only({"command", "mask"});
   const std::int64_t drones = batch_.config().num_drones();
   const auto command = call.array<float>("command", {drones, 4});
-  const auto mask = call.flags("mask", drones);
+  const auto mask = call.flags("mask", {drones});
   require(command.has_value(), "command", "an array of this name", "none");
   require(fly.ticks <= 1000000, "ticks", "an integer in [0, 1000000]", fly.ticks);
   require_may_change(call, mask ? std::span<const std::uint8_t>(*mask) : std::span<const std::uint8_t>());
@@ -184,7 +184,7 @@ void Service::locked(Call& call, const protocol::SetCommand& set) {
   } else {
     const auto command = call.array<float>("command", {drones, 4});
     require(command.has_value(), "command", "an array of this name", "none");
-    mask = call.flags("mask", drones).value_or(std::vector<std::uint8_t>(static_cast<std::size_t>(drones), 1));
+    mask = call.flags("mask", {drones}).value_or(std::vector<std::uint8_t>(static_cast<std::size_t>(drones), 1));
     for (std::size_t drone = 0; drone < mask.size(); ++drone) {
       const auto row = static_cast<std::ptrdiff_t>(4 * drone);
       if (mask[drone] != 0) std::copy_n(command->begin() + row, 4, commands.begin() + row);
@@ -261,7 +261,7 @@ void Service::locked(Call& call, const protocol::ResetEnvs&) {
   require_may_change(call, std::span<const std::uint8_t>());
   const std::int64_t envs = batch_.config().num_envs;
   const auto seeds = call.array<std::uint64_t>("seeds", {envs});
-  const auto mask = call.flags("mask", envs);
+  const auto mask = call.flags("mask", {envs});
   begin_change();
   batch_.reset(seeds ? std::span<const std::uint64_t>(*seeds) : std::span<const std::uint64_t>(),
                mask ? EnvMask(*mask) : EnvMask());

@@ -46,8 +46,8 @@ std::optional<std::string> Call::take_bytes(std::string_view name) {
   return std::exchange(bytes, {});
 }
 
-std::optional<std::vector<std::uint8_t>> Call::flags(std::string_view name, std::int64_t size) const {
-  const auto found = find(name, protocol::DType::kDtypeBool, {size});
+std::optional<std::vector<std::uint8_t>> Call::flags(std::string_view name, const std::vector<std::int64_t>& shape) const {
+  const auto found = find(name, protocol::DType::kDtypeBool, shape);
   if (!found) return std::nullopt;
   std::vector<std::uint8_t> flags = found->values<std::uint8_t>();
   for (const std::uint8_t flag : flags) require(flag <= 1, name, "flags, 0 or 1", static_cast<int>(flag));

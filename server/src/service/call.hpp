@@ -62,7 +62,7 @@ struct Call {
   // more.
   std::optional<std::string> take_bytes(std::string_view name);
   // Like array(), for flags: as bytes, 0 or 1.
-  std::optional<std::vector<std::uint8_t>> flags(std::string_view name, std::int64_t size) const;
+  std::optional<std::vector<std::uint8_t>> flags(std::string_view name, const std::vector<std::int64_t>& shape) const;
   // Throws std::invalid_argument if the request has other arrays.
   void require_only(std::initializer_list<std::string_view> names) const;
 

@@ -29,6 +29,20 @@ const std::string& sensor_of(const Operation& operation) {
 template <class T, class... Types>
 constexpr bool kIsOneOf = (std::is_same_v<T, Types> || ...);
 
+const char* name_of(Rows rows) {
+  switch (rows) {
+    case Rows::drone:
+      return "drone";
+    case Rows::env:
+      return "env";
+    case Rows::task:
+      return "task";
+    case Rows::body:
+      return "body";
+  }
+  return "";
+}
+
 // Operations on one drone, without images. In a small batch they take microseconds.
 template <class Operation>
 constexpr bool kIsShort =
@@ -76,6 +90,7 @@ void Service::refresh_shape() {
   auto next = std::make_shared<Shape>();
   next->num_envs = config.num_envs;
   next->drones_per_env = config.drones_per_env;
+  next->bodies_per_env = static_cast<std::int64_t>(batch_.bodies_per_env());
   next->generation = batch_.generation();
   for (const LidarConfig& lidar : config.lidars) next->lidars.push_back(lidar.name);
   for (const ImuConfig& imu : config.imus) {
@@ -88,6 +103,7 @@ void Service::refresh_shape() {
   const auto count = [&](const ArrayView& view) { bytes += view.size * view.value_size; };
   list_arrays(batch_, "", [&](const ArrayView& view) {
     next->array_names.emplace_back(view.name);
+    next->array_rows.emplace_back(name_of(view.info.rows));
     count(view);
   });
   for (const LidarConfig& lidar : config.lidars) {
@@ -149,6 +165,8 @@ void Service::welcome(Call& call) {
     welcome.has_task = task_ != nullptr;
     welcome.step_s = step_s_;
     welcome.array_names = now->array_names;
+    welcome.array_rows = now->array_rows;
+    welcome.bodies_per_env = now->bodies_per_env;
   });
 }
 
@@ -246,6 +264,7 @@ std::size_t Service::max_array_bytes(const protocol::Request& request) {
   follow_program_if_free();
   const auto now = shape();
   const auto drones = static_cast<std::size_t>(now->num_drones()), envs = static_cast<std::size_t>(now->num_envs);
+  const std::size_t bodies = std::max(static_cast<std::size_t>(now->num_bodies()), envs);  // a mask may be that of envs
   constexpr std::size_t kFloat = sizeof(float);
   const auto is = [&]<class Operation>(std::type_identity<Operation>) {
     return std::holds_alternative<Operation>(request.operation);
@@ -253,6 +272,10 @@ std::size_t Service::max_array_bytes(const protocol::Request& request) {
   if (is(std::type_identity<protocol::SetPoses>())) return drones * (7 * kFloat + 1);
   if (is(std::type_identity<protocol::Fly>())) return drones * (4 * kFloat + 1);
   if (is(std::type_identity<protocol::SetCommand>())) return std::max<std::size_t>(drones, 1) * (4 * kFloat + 1);
+  if (is(std::type_identity<protocol::SpawnBodies>())) return envs * (13 * kFloat + 1);
+  if (is(std::type_identity<protocol::RemoveBodies>())) return bodies;
+  if (is(std::type_identity<protocol::SetBodyPoses>())) return bodies * (7 * kFloat + 1);
+  if (is(std::type_identity<protocol::SetBodyVelocities>())) return bodies * (6 * kFloat + 1);
   if (is(std::type_identity<protocol::ResetEnvs>())) return envs * (sizeof(std::uint64_t) + 1);
   if (is(std::type_identity<protocol::StepEnvs>())) {
     return task_ == nullptr ? 0 : drones * task_->spec().action.size() * sizeof(std::int64_t);

@@ -80,13 +80,14 @@ class Service {
 
   // A copy of some properties of the batch, which needs no lock.
   struct Shape {
-    std::int64_t num_envs = 0, drones_per_env = 0, generation = -1;
-    std::vector<std::string> array_names, lidars, imus;
+    std::int64_t num_envs = 0, drones_per_env = 0, bodies_per_env = 0, generation = -1;
+    std::vector<std::string> array_names, array_rows, lidars, imus;
     std::vector<protocol::Mounting> imu_mountings;
     std::vector<CameraConfig> cameras;  // with their current capture modes
     Batch::Worlds worlds;
     std::size_t max_snapshot_bytes = 0;  // of a snapshot to restore; see also largest_snapshot_
     std::int64_t num_drones() const { return num_envs * drones_per_env; }
+    std::int64_t num_bodies() const { return num_envs * bodies_per_env; }  // slots
   };
 
   // --- operations that need no batch: worlds.cpp, batches.cpp
@@ -136,6 +137,12 @@ class Service {
   void locked(Call& call, const protocol::SetLight& set);
   void locked(Call& call, const protocol::ResetEnvs&);
   void locked(Call& call, const protocol::StepEnvs&);
+  // bodies.cpp
+  void locked(Call& call, const protocol::SpawnBodies& spawn);
+  void locked(Call& call, const protocol::RemoveBodies&);
+  void locked(Call& call, const protocol::SetBodyPoses&);
+  void locked(Call& call, const protocol::SetBodyVelocities&);
+  void locked(Call& call, const protocol::GetBodyConfigs& get);
 
   // --- operations of several parts: service.cpp
   template <class Operation>
@@ -158,6 +165,10 @@ class Service {
   std::size_t require_drone(std::int64_t drone) const;                                  // active; needs the lock
   void require_may_change(const Call& call, std::int64_t drone) const;                  // by ownership
   void require_may_change(const Call& call, std::span<const std::uint8_t> mask) const;  // empty: all drones
+  // mask: of envs or bodies. Its envs change for all their drones. Empty: all envs.
+  void require_may_change_envs(const Call& call, std::span<const std::uint8_t> mask) const;
+  void require_bodies() const;                                  // that the batch has slots for them
+  std::vector<std::uint8_t> body_mask(const Call& call) const;  // that of the request, of all slots; empty: all bodies
   // Returns the drones that a setting of a sensor changes: one, or all if the index is -1 or the setting is a common one.
   DroneMask require_drones(const Call& call, std::int64_t index, bool concerns_all);
   void require_sensor(const std::string& name) const;
