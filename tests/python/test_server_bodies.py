@@ -376,6 +376,16 @@ def test_streams_see_a_change(client, batch):
     stream.close()
 
 
+def test_a_batch_that_grows(client, batch):
+    assert client.spawn_drone().index == 4
+    assert client.spawn_bodies(BALL, np.full((5, 3), 2)).tolist() == [1, 1, 1, 1, 1]
+    client.set_body_poses(np.full((5, 3, 3), 3), mask=np.ones((5, 3), bool))
+    np.testing.assert_array_equal(batch.bodies.position[:, :2], np.full((5, 2, 3), 3))
+    assert client.get_body_configs([4]) == [[DOOR, BALL, None]]
+    with pytest.raises(ServerError, match=r"position: expected shape \(5, 3, 3\)"):
+        client.set_body_poses(np.zeros((4, 3, 3)))
+
+
 def test_the_batch_of_a_remote_env(closet):
     keywords = {"worlds": closet, "bodies": [BALL], "max_bodies": 2, "max_episode_steps": 5}
     local = flockstep.DroneVectorEnv(3, **keywords)

@@ -459,6 +459,10 @@ TEST(ClientFaults, BadArgumentsAreNotSent) {
       [&] { simulation.fly({.command = std::vector<float>(5)}); },
       [&] { simulation.set_poses({.position = std::vector<float>(4)}); },
       [&] { simulation.set_poses({.mask = std::vector<std::uint8_t>{2}}); },
+      [&] { simulation.spawn_bodies("{}", {.velocity = std::vector<float>(4)}); },
+      [&] { simulation.set_body_poses({.position = std::vector<float>(4)}); },
+      [&] { simulation.set_body_velocities({.angular_velocity = std::vector<float>(6)}); },
+      [&] { simulation.remove_bodies(std::vector<std::uint8_t>{1}); },
       [&] { simulation.step_envs({.shape = {2}, .bytes = std::vector<std::byte>(7)}); }};
   for (std::size_t i = 0; i < calls.size(); ++i) {
     const Failure refused = failure(calls[i]);

@@ -355,8 +355,8 @@ TEST(Client, SpawnsAndMovesBodies) {
   simulation.set_body_poses({.position = places, .quat_wxyz = quats, .mask = some});
   served.twin->set_body_pose(places, quats, some);
   expect_the_same();
-  simulation.set_body_velocities({.velocity = places, .angular_velocity = places, .mask = second});
-  served.twin->set_body_velocity(places, places, std::vector<std::uint8_t>{0, 0, 0, 1, 1, 1});
+  simulation.set_body_velocities({.velocity = places, .angular_velocity = places, .mask = some});
+  served.twin->set_body_velocity(places, places, some);
   expect_the_same();
   const client::BodyConfigs configs = simulation.get_body_configs();
   EXPECT_EQ(configs.numbers, (std::vector<std::int32_t>{0, 1, -1, 0, 1, 1}));

@@ -400,7 +400,7 @@ struct BodySpawn {
 struct BodyPoses {
   std::span<const float> position{};     // (E, B, 3) m
   std::span<const float> quat_wxyz{};    // (E, B, 4)
-  std::span<const std::uint8_t> mask{};  // (E, B), or (E,) for all bodies of envs, 0 or 1; empty: all bodies
+  std::span<const std::uint8_t> mask{};  // (E, B) 0 or 1; empty: all bodies
 };
 
 // Velocities of bodies, B slots of each env. Empty arrays: unchanged.

@@ -61,6 +61,11 @@ void require_flags(std::span<const std::uint8_t> mask) {
   }
 }
 
+void require_bodies(const char* field, std::size_t size, std::size_t row, std::int64_t per_env) {
+  if (row > 0 && size % row == 0) return;
+  refuse(field, "values of " + std::to_string(per_env) + " bodies in each env", std::to_string(size) + " values");
+}
+
 template <class Real>
 Real finite_number(Real value, const char* field) {
   if (!std::isfinite(value)) refuse(field, "finite numbers", std::to_string(value));
@@ -115,20 +120,18 @@ void add_mask(protocol::FrameWriter& writer, std::span<const std::uint8_t> mask)
   writer.add("mask", protocol::DType::kDtypeBool, std::as_bytes(mask), std::span(&size, 1));
 }
 void add_bodies(protocol::FrameWriter& writer, const char* name, std::span<const float> values, std::size_t columns,
-                const ServerInfo& server) {
+                std::int64_t per_env) {
   if (values.empty()) return;
-  const auto envs = static_cast<std::size_t>(server.num_envs), per_env = static_cast<std::size_t>(server.bodies_per_env);
-  if (values.size() != envs * per_env * columns) {
-    refuse(name, std::to_string(envs * per_env) + " rows of " + std::to_string(columns) + " numbers",
-           std::to_string(values.size()) + " numbers");
-  }
-  writer.add(name, values, {envs, per_env, columns});
+  const auto bodies = static_cast<std::size_t>(per_env);
+  require_bodies(name, values.size(), bodies * columns, per_env);
+  writer.add(name, values, {values.size() / (bodies * columns), bodies, columns});
 }
-void add_body_mask(protocol::FrameWriter& writer, std::span<const std::uint8_t> mask, const ServerInfo& server) {
-  const auto envs = static_cast<std::size_t>(server.num_envs), per_env = static_cast<std::size_t>(server.bodies_per_env);
-  if (mask.size() != envs * per_env) return add_mask(writer, mask);
+void add_body_mask(protocol::FrameWriter& writer, std::span<const std::uint8_t> mask, std::int64_t per_env) {
+  if (mask.empty()) return;
   require_flags(mask);
-  writer.add("mask", protocol::DType::kDtypeBool, std::as_bytes(mask), std::array{envs, per_env});
+  const auto bodies = static_cast<std::size_t>(per_env);
+  require_bodies("mask", mask.size(), bodies, per_env);
+  writer.add("mask", protocol::DType::kDtypeBool, std::as_bytes(mask), std::array{mask.size() / bodies, bodies});
 }
 void add_array(protocol::FrameWriter& writer, const char* name, const Array& array) {
   const auto type = static_cast<protocol::DType>(array.dtype);

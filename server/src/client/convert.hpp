@@ -45,11 +45,11 @@ protocol::GetLidarData message_of(const ScanRequest& request, std::int64_t drone
 void add_rows(protocol::FrameWriter& writer, const char* name, std::span<const float> values, std::size_t columns);
 // Adds flags, if there are any.
 void add_mask(protocol::FrameWriter& writer, std::span<const std::uint8_t> mask);
-// Adds an array of bodies (E, B, columns), if it has values; throws Error if they are not as many.
+// Add an array (E, B, columns) or flags (E, B) of bodies, if there are any; throw Error if they do not divide into envs. per_env:
+// B.
 void add_bodies(protocol::FrameWriter& writer, const char* name, std::span<const float> values, std::size_t columns,
-                const ServerInfo& server);
-// Adds flags of bodies (E, B) or of envs (E,), if there are any.
-void add_body_mask(protocol::FrameWriter& writer, std::span<const std::uint8_t> mask, const ServerInfo& server);
+                std::int64_t per_env);
+void add_body_mask(protocol::FrameWriter& writer, std::span<const std::uint8_t> mask, std::int64_t per_env);
 // Adds an array; throws Error if its shape is not that of its values.
 void add_array(protocol::FrameWriter& writer, const char* name, const Array& array);
 

@@ -234,16 +234,16 @@ Future<std::vector<std::int64_t>> GameModeController::spawn_bodies(Later, std::s
 
 Future<Time> GameModeController::remove_bodies(Later, std::span<const std::uint8_t> mask) {
   return {link_->send(request_of(protocol::RemoveBodies{}),
-                      [&](protocol::FrameWriter& writer) { add_body_mask(writer, mask, link_->server()); }),
+                      [&](protocol::FrameWriter& writer) { add_body_mask(writer, mask, link_->server().bodies_per_env); }),
           read_time};
 }
 
 Future<Time> GameModeController::set_body_poses(Later, const BodyPoses& poses) {
   return {link_->send(request_of(protocol::SetBodyPoses{}),
                       [&](protocol::FrameWriter& writer) {
-                        add_bodies(writer, "position", poses.position, 3, link_->server());
-                        add_bodies(writer, "quat_wxyz", poses.quat_wxyz, 4, link_->server());
-                        add_body_mask(writer, poses.mask, link_->server());
+                        add_bodies(writer, "position", poses.position, 3, link_->server().bodies_per_env);
+                        add_bodies(writer, "quat_wxyz", poses.quat_wxyz, 4, link_->server().bodies_per_env);
+                        add_body_mask(writer, poses.mask, link_->server().bodies_per_env);
                       }),
           read_time};
 }
@@ -251,9 +251,9 @@ Future<Time> GameModeController::set_body_poses(Later, const BodyPoses& poses) {
 Future<Time> GameModeController::set_body_velocities(Later, const BodyVelocities& velocities) {
   return {link_->send(request_of(protocol::SetBodyVelocities{}),
                       [&](protocol::FrameWriter& writer) {
-                        add_bodies(writer, "velocity", velocities.velocity, 3, link_->server());
-                        add_bodies(writer, "angular_velocity", velocities.angular_velocity, 3, link_->server());
-                        add_body_mask(writer, velocities.mask, link_->server());
+                        add_bodies(writer, "velocity", velocities.velocity, 3, link_->server().bodies_per_env);
+                        add_bodies(writer, "angular_velocity", velocities.angular_velocity, 3, link_->server().bodies_per_env);
+                        add_body_mask(writer, velocities.mask, link_->server().bodies_per_env);
                       }),
           read_time};
 }
