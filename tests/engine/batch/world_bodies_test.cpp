@@ -24,7 +24,7 @@ Batch::Worlds four_playgrounds() {
   return worlds;
 }
 
-testing::NavigationBatch among_bodies(int num_envs) {
+testing::NavigationBatch in_living_worlds(int num_envs) {
   testing::NavigationBatch config = testing::navigation_batch(num_envs);
   config.episode.max_episode_steps = 20;
   config.episode.autoreset_mode = AutoresetMode::same_step;
@@ -42,7 +42,7 @@ void step(Batch& batch, std::size_t number, std::vector<std::int64_t>& actions) 
 }
 
 TEST(BatchInWorldsWithBodies, AStepAllocatesNothing) {
-  Batch batch = among_bodies(64).make(four_playgrounds());
+  Batch batch = in_living_worlds(64).make(four_playgrounds());
   EXPECT_EQ(batch.bodies_per_env(), 6U);
   batch.reset({});
   std::vector<std::int64_t> actions(64);
@@ -53,7 +53,7 @@ TEST(BatchInWorldsWithBodies, AStepAllocatesNothing) {
 }
 
 TEST(BatchInWorldsWithBodies, EveryEnvHasThoseOfItsWorldAndTheConfiguration) {
-  Batch batch = among_bodies(64).make(four_playgrounds());
+  Batch batch = in_living_worlds(64).make(four_playgrounds());
   batch.reset({});
   std::vector<std::int64_t> actions(64);
   for (std::size_t i = 0; i < 60; ++i) {
@@ -69,11 +69,11 @@ TEST(BatchInWorldsWithBodies, EveryEnvHasThoseOfItsWorldAndTheConfiguration) {
 }
 
 TEST(BatchInWorldsWithBodies, EnvsDoNotDependOnOthers) {
-  testing::NavigationBatch few_config = among_bodies(10);
+  testing::NavigationBatch few_config = in_living_worlds(10);
   few_config.block_size = 3;
   few_config.num_threads = 4;
   const Batch::Worlds worlds = four_playgrounds();
-  Batch few = few_config.make(worlds), many = among_bodies(50).make(worlds);
+  Batch few = few_config.make(worlds), many = in_living_worlds(50).make(worlds);
   few.reset({});
   many.reset({});
   std::vector<std::int64_t> few_actions(10), many_actions(50);
