@@ -387,7 +387,7 @@ struct Commands {
   std::span<const std::uint8_t> mask{};  // (N,) 0 or 1; empty: all drones
 };
 
-// Where and how fast bodies begin, one row per env. Empty arrays: as in the configuration.
+// Initial poses and velocities of bodies, one row per env. Empty arrays: as in the configuration.
 struct BodySpawn {
   std::span<const float> position{};          // (E, 3) m
   std::span<const float> quat_wxyz{};         // (E, 4)
