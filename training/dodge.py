@@ -1,4 +1,4 @@
-"""Dodge for the board: environments, flights that judge a policy, and a flyer to compare with.
+"""Dodge: environments for training, flights that judge a policy, and a flyer to compare with.
 
 .venv/bin/python -m training.dodge                  # the flyer, straight to the goal
 """
@@ -21,8 +21,9 @@ Predict = Callable[[Array], Array]
 Kind = Literal["playground", "warehouse"]
 
 MOST_STEPS = 400
-WORLDS = 200  # of each kind, for training
-KINDS: tuple[Kind, ...] = ("playground", "warehouse")
+#: Number of worlds of each kind, for training. A warehouse takes about 20 MB.
+WORLDS: dict[Kind, int] = {"playground": 200, "warehouse": 16}
+UNSEEN_WAREHOUSES = 16  # of the flights that judge
 #: The recipe, found with the seeds 100 to 109 and start seeds from `CHOOSING_SEEDS`.
 NUM_ENVS, STEPS = 512, 8_000_000
 SETTINGS: dict[str, Any] = {
@@ -67,9 +68,9 @@ def still(living: flockstep.World) -> flockstep.World:
     return flockstep.World.from_dict(scene)
 
 
-def worlds(seeds: range, count: int) -> list[flockstep.World]:
+def worlds(seeds: range, counts: dict[Kind, int]) -> list[flockstep.World]:
     """Return worlds of all kinds, from the first of these seeds."""
-    return [world(kind, seed) for seed in seeds[:count] for kind in KINDS]
+    return [world(kind, seed) for kind, count in counts.items() for seed in seeds[:count]]
 
 
 def make(num_envs: int, threads: int, *, living: bool = True) -> flockstep.DroneVectorEnv:
@@ -89,12 +90,17 @@ def make(num_envs: int, threads: int, *, living: bool = True) -> flockstep.Drone
 
 
 def fly(predict: Predict, flights: int, seed: int) -> Dodge:
-    """Fly once in each of several living worlds; their seeds are those of the flights."""
-    made = worlds(range(seed, seed + flights), (flights + 1) // len(KINDS))
+    """Fly in living worlds, half of the flights in warehouses; the seeds of worlds and flights begin with this one."""
+    warehouses = min(UNSEEN_WAREHOUSES, flights // 2)
+    made = worlds(range(seed, seed + flights), {"playground": flights // 2, "warehouse": warehouses})
+    half = flights - flights // 2  # every other flight is in a warehouse
+    index = np.empty(flights, int)
+    index[0::2] = np.arange(half) % (flights // 2)
+    index[1::2] = flights // 2 + np.arange(flights // 2) % warehouses
     envs = flockstep.DroneVectorEnv(
         flights,
         task=flockstep.DodgeConfig(),
-        worlds=made,
+        worlds=[made[world_index] for world_index in index],
         max_episode_steps=MOST_STEPS,
         autoreset_mode="disabled",
         copy=False,

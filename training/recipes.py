@@ -19,7 +19,7 @@ from stable_baselines3.common.utils import LinearSchedule
 
 import flockstep
 from flockstep.sb3 import DroneVecEnv, GoalFeatures, PointFeatures
-from training import dodge, race, train_flight
+from training import race, train_flight
 from training.flight import POLICY_HZ, Flights, fly, make
 from training.forest_flight import ForestFlight, straight
 from training.rotor_navigation import RotorNavigation
@@ -197,16 +197,6 @@ def judge_race(fly_it: Callable[[Predict, int, int], race.Race]) -> Callable[[Pr
     return judged
 
 
-# --- dodge
-
-
-def judge_dodge(predict: Predict, flights: int, seed: int) -> Verdict:
-    """Fly once in each of several living worlds."""
-    flown = dodge.fly(predict, flights, seed)
-    figures = {"crashes_per_minute": flown.crashes_per_minute}
-    return Verdict(float(flown.success.mean()), float(flown.crashed.mean()), figures)
-
-
 # --- what flies without a policy
 
 
@@ -327,26 +317,6 @@ RECIPES: dict[str, Recipe] = {
         judge=UNSEEN_RACE,
         baseline=lambda: UNSEEN_RACE(race.chosen_pursuit(race.fly_unseen), 1000, UNSEEN_SEEDS.start),
         film={**race.FILM, "worlds": flockstep.World.race_track(UNSEEN_SEEDS.start)},
-    ),
-    "dodge": Recipe(
-        steps=dodge.STEPS,
-        num_envs=dodge.NUM_ENVS,
-        settings=dodge.SETTINGS,
-        entropy=0.003,
-        make=dodge.make,
-        judge=judge_dodge,
-        baseline=lambda: judge_dodge(dodge.straight, 1000, UNSEEN_SEEDS.start),
-        film={"env": "flockstep/Dodge-v0", "worlds": "living_playground/seed-1000000", "steps": dodge.MOST_STEPS},
-    ),
-    "dodge_still": Recipe(
-        steps=dodge.STEPS,
-        num_envs=dodge.NUM_ENVS,
-        settings=dodge.SETTINGS,
-        entropy=0.003,
-        make=functools.partial(dodge.make, living=False),
-        judge=judge_dodge,
-        baseline=lambda: judge_dodge(dodge.straight, 1000, UNSEEN_SEEDS.start),
-        film={"env": "flockstep/Dodge-v0", "worlds": "living_playground/seed-1000000", "steps": dodge.MOST_STEPS},
     ),
 }
 

@@ -1,4 +1,4 @@
-"""Train a drone to dodge bodies with flockstep.PPO, and judge the last policy: the recipe of the board.
+"""Train a drone to dodge bodies with flockstep.PPO, and judge the last policy.
 
 .venv/bin/python -m training.train_dodge                    # out/train/dodge.zip, takes a few minutes
 .venv/bin/python -m training.train_dodge --still            # in the same worlds without bodies, for comparison
@@ -6,6 +6,7 @@
 
 from __future__ import annotations
 
+import functools
 import time
 from dataclasses import dataclass
 from pathlib import Path
@@ -13,7 +14,8 @@ from pathlib import Path
 import tyro
 
 import flockstep
-from training.recipes import RECIPES, predict_of, train
+from training import dodge
+from training.recipes import Recipe, Verdict, predict_of, train
 from training.tasks import UNSEEN_SEEDS
 
 
@@ -27,15 +29,38 @@ class Args:
     """Train in worlds without bodies; the flights that judge have them all the same."""
     seed: int = 0
     """Seed of the training."""
+    steps: int = dodge.STEPS
+    """Steps of all drones together."""
     threads: int = 2
     """Threads of the simulator and the learner; the results have the same bits for any number."""
     flights: int = 1000
     """Flights that judge the policy; nothing else uses their seeds."""
 
 
+def judge(predict: dodge.Predict, flights: int, seed: int) -> Verdict:
+    """Fly once in each of several living worlds."""
+    flown = dodge.fly(predict, flights, seed)
+    figures = {"contacts_per_minute": flown.crashes_per_minute}
+    return Verdict(float(flown.success.mean()), float(flown.crashed.mean()), figures)
+
+
+def recipe_of(args: Args) -> Recipe:
+    """Return the recipe of the training."""
+    return Recipe(
+        steps=args.steps,
+        num_envs=dodge.NUM_ENVS,
+        settings=dodge.SETTINGS,
+        entropy=0.003,
+        make=functools.partial(dodge.make, living=not args.still),
+        judge=judge,
+        baseline=lambda: judge(dodge.straight, args.flights, UNSEEN_SEEDS.start),
+        film={"env": "flockstep/Dodge-v0", "steps": dodge.MOST_STEPS},
+    )
+
+
 def main(args: Args) -> None:
     """Train, save, judge and print."""
-    recipe = RECIPES["dodge_still" if args.still else "dodge"]
+    recipe = recipe_of(args)
     begun = time.perf_counter()
     model = train(recipe, "flockstep", args.seed, args.threads)
     seconds = time.perf_counter() - begun

@@ -23,7 +23,7 @@ class FieldPacker {
     if constexpr (std::is_arithmetic_v<T> || std::is_enum_v<T>) {
       bytes_.append(reinterpret_cast<const char*>(&value), sizeof(T));
     } else if constexpr (HasFields<T>) {
-      for_each_field(value, [this](const auto&, const auto& part) { add(part); });
+      for_each_field(value, [this](const auto&, const auto& part) { this->add(part); });
     } else {
       add_parts(value);
     }
@@ -74,7 +74,7 @@ class FieldUnpacker {
       std::memcpy(&value, left_.data(), sizeof(T));
       left_.remove_prefix(sizeof(T));
     } else if constexpr (HasFields<T>) {
-      for_each_field(value, [this](const auto&, auto& part) { take(part); });
+      for_each_field(value, [this](const auto&, auto& part) { this->take(part); });
     } else {
       take_parts(value);
     }

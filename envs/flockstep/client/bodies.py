@@ -87,7 +87,8 @@ def get_configs(envs: Iterable[int] | None) -> Call[list[list[BodyConfig | None]
 class RemoteBodies:
     """The bodies of a server's batch: E envs of B slots, with the attributes and calls of `Bodies`.
 
-    Each access reads the attribute from the server. A call that the server refuses for a wrong value raises `ValueError`.
+    Each access reads the attribute from the server. A call that the server refuses for a wrong value raises
+    `ValueError`.
     """
 
     def __init__(self, call: _Caller) -> None:
