@@ -30,7 +30,7 @@ CONSTANT = re.compile(r"constexpr FieldInfo (k\w+)(?=\{)")
 TWO = re.compile(r"([\w:<>]+) \w+(?: = \w+)?(,) \w+(?: = \w+)?;")
 LITERAL = re.compile(r'\s*"((?:\\.|[^"\\])*)"')
 
-ROWS = {"drone": "N", "env": "E", "task": "R"}
+ROWS = {"drone": "N", "env": "E", "task": "R", "body": "E, B"}
 ITEMS = {"row": "", "term": "terms", "ray": "channels, beams", "pixel": "height, width"}
 USUAL = (
     (re.compile(r"\bauto fields\(\)"), "The list of the members, from which checks, hashes and documents are made."),
