@@ -178,7 +178,7 @@ class FLOCKSTEP_API Batch {
   std::vector<std::int64_t> spawn_bodies(const BodyConfig& config, std::span<const float> position = {},
                                          std::span<const float> quat_wxyz = {}, std::span<const float> velocity = {},
                                          std::span<const float> angular_velocity = {}, EnvMask mask = {});
-  void remove_bodies(std::span<const std::uint8_t> mask);
+  void remove_bodies(std::span<const std::uint8_t> mask);  // until the next episode
   // position (E, B, 3) m, quat_wxyz (E, B, 4); an empty span leaves the value unchanged. Bodies may be put onto drones: these are
   // then inside an obstacle, which they may only leave.
   void set_body_pose(std::span<const float> position, std::span<const float> quat_wxyz, std::span<const std::uint8_t> mask = {});
