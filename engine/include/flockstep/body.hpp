@@ -3,6 +3,7 @@
 
 #include <array>
 #include <cstdint>
+#include <memory>
 #include <string>
 #include <vector>
 
@@ -13,11 +14,14 @@
 
 namespace flockstep {
 
-// Shape of a body. Solids are full: a ray from outside stops at their surface.
-enum class BodyShape : std::uint8_t { box, cylinder, sphere, capsule };
+class World;
+
+// Shape of a body. Solids are full: a ray from outside stops at their surface. A mesh consists of triangles: sensors detect
+// these, and drones hit their convex hull.
+enum class BodyShape : std::uint8_t { box, cylinder, sphere, capsule, mesh };
 template <>
 struct EnumNames<BodyShape> {
-  static constexpr std::array kNames{"box", "cylinder", "sphere", "capsule"};
+  static constexpr std::array kNames{"box", "cylinder", "sphere", "capsule", "mesh"};
 };
 
 // Scripts of bodies.
@@ -124,6 +128,7 @@ struct BodyConfig {
   std::string name = "body";
   BodyShape shape = BodyShape::box;
   std::array<float, 3> size_m{1.0F, 1.0F, 1.0F};
+  std::shared_ptr<const World> mesh;
   std::array<float, 3> position_m{0.0F, 0.0F, 0.0F};
   std::array<float, 4> quat_wxyz{1.0F, 0.0F, 0.0F, 0.0F};
   BodyMotion motion;
@@ -135,20 +140,27 @@ struct BodyConfig {
     using C = BodyConfig;
     return field_list(
         field("name", &C::name, {.about = "Name in messages; several bodies may share it.", .form = Form::plain_name}),
-        field("shape", &C::shape, {.about = "The shape; cylinders and capsules stand along their z axis."}),
+        field("shape", &C::shape,
+              {.about = "The shape; cylinders and capsules stand along their z axis. Sensors detect the triangles of a "
+                        "``\"mesh\"``, and drones hit its convex hull."}),
         field("size_m", &C::size_m,
               {.about = "Sizes along the body's x, y and z axes. A cylinder or a capsule has equal x and y, its diameter, and a "
-                        "capsule's z, with its round caps, is at least that; the three of a sphere are equal.",
+                        "capsule's z, with its round caps, is at least that; the three of a sphere are equal. Not for a mesh, "
+                        "which has its own size.",
                .unit = "m",
                .limits = between(1e-3, 1e5)}),
+        field("mesh", &C::mesh,
+              {.about = "World whose triangles, materials and textures make up a body of the shape ``\"mesh\"``, in the body's "
+                        "frame. It has no primitives and no bodies; its markers and its light are ignored."}),
         field("position_m", &C::position_m,
-              {.about = "Position of the centre when an episode begins, world frame.",
+              {.about = "Position of the centre, or of a mesh's origin, when an episode begins, world frame.",
                .unit = "m",
                .limits = within(kMaxCoordinate)}),
         field("quat_wxyz", &C::quat_wxyz,
               {.about = "Rotation (w, x, y, z) when an episode begins, body to world.", .form = Form::unit_quaternion}),
         field("motion", &C::motion, {.about = "The script that moves the body."}),
-        field("color", &C::color, {.about = "Base colour, linear RGB.", .limits = between(0, 1)}),
+        field("color", &C::color,
+              {.about = "Base colour, linear RGB. A mesh has the colours of its materials.", .limits = between(0, 1)}),
         field("semantic", &C::semantic,
               {.about = "Semantic id in camera images; 0: 65532.", .limits = between(0, kSemanticBody)}),
         field("visibility", &C::visibility,

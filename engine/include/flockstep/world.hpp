@@ -96,6 +96,8 @@ struct Light {
   float sun_radius_deg = 0.0F;                                 // radius of the sun's disc in the sky; 0: no disc
   float sun_glow = 0.0F;          // share of the sun's colour in the sky next to it; half of that 5.7 degrees away
   float fog_visibility_m = 0.0F;  // distance at which the fog leaves 2 % of a surface's contrast; 0: no fog
+
+  bool operator==(const Light&) const = default;
 };
 
 // Light and colours that can differ between copies of a world. They do not affect drones and rays.
@@ -173,9 +175,9 @@ struct SceneDescription {
   std::vector<BodyConfig> bodies;                                            // of every env in this world, at most 4096
 };
 
-// Folders from which a scene may read mesh files: the scene's folder and its subfolders, or any folder. in_folder keeps a scene
-// from an untrusted source from reading other files.
-enum class MeshFiles : std::uint8_t { in_folder, anywhere };
+// Folders from which a scene may read mesh files: the scene's folder and its subfolders, any folder, or none. in_folder keeps a
+// scene from an untrusted source from reading other files.
+enum class MeshFiles : std::uint8_t { in_folder, anywhere, none };
 
 // Axis of a file that points up. of_format is y for glTF and z for all other formats. If y is up, a file's point (x, y, z)
 // becomes (x, -z, y).
@@ -239,6 +241,10 @@ class FLOCKSTEP_API World {
   // textures, which it does not compress. from_bytes() throws std::invalid_argument if the bytes are damaged.
   std::string to_bytes() const;
   static std::shared_ptr<const World> from_bytes(std::string_view bytes);  // an equal world
+  // Bytes of a binary glTF file (.glb), for files that contain worlds. from_glb() reads them back as an equal world, and refuses
+  // bytes that name other files. Throws std::invalid_argument naming the cause; messages name `source`.
+  std::string to_glb() const;
+  static std::shared_ptr<const World> from_glb(const std::string& bytes, const std::string& source);
   // Writes a scene file (.json) or a glTF 2.0 file (.glb, .gltf) that load() reads back as an equal world. The file is written
   // completely or not at all. Throws std::invalid_argument naming the file and the cause.
   void save(const std::filesystem::path& path) const;

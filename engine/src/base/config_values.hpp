@@ -16,6 +16,7 @@
 
 #include "base/check_fields.hpp"
 #include "base/field_offsets.hpp"
+#include "base/world_field.hpp"
 #include "flockstep/fields.hpp"
 
 namespace flockstep::config_values {
@@ -57,6 +58,7 @@ inline OrderedJson written(bool value, const std::string&) { return value; }
 inline OrderedJson written(int value, const std::string&) { return value; }
 inline OrderedJson written(std::uint64_t value, const std::string&) { return value; }
 inline OrderedJson written(const std::string& value, const std::string&) { return value; }
+inline OrderedJson written(const WorldField& world, const std::string&) { return json_of_field(world); }
 OrderedJson written(float value, const std::string& path);
 OrderedJson written(double value, const std::string& path);
 OrderedJson written_object(const Members& members, const void* config, const std::string& path);
@@ -99,6 +101,9 @@ OrderedJson written(const Values& values, const std::string& path) {
 // -- Reading
 
 void read_value(const Json& json, const FieldInfo&, const std::string& path, bool& value);
+inline void read_value(const Json& json, const FieldInfo&, const std::string& path, WorldField& world) {
+  world = read_world_field(json, path);
+}
 void read_value(const Json& json, const FieldInfo& info, const std::string& path, std::string& value);
 void read_flags(const Json& json, const std::string& path, const Members& members, void* flags);
 std::size_t read_name(const Json& json, const std::string& path, std::span<const char* const> names);

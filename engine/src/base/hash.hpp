@@ -15,6 +15,7 @@
 #include <type_traits>
 #include <vector>
 
+#include "base/world_field.hpp"
 #include "flockstep/fields.hpp"
 
 namespace flockstep {
@@ -86,6 +87,7 @@ class Hash {
   }
 
  private:
+  void add_parts(const WorldField& world) { add(hash_of_field(world)); }
   template <class T>
   void add_parts(const std::optional<T>& value) {
     add(value.has_value());

@@ -11,6 +11,7 @@
 #include <vector>
 
 #include "base/require.hpp"
+#include "base/world_field.hpp"
 #include "flockstep/fields.hpp"
 
 namespace flockstep {
@@ -31,6 +32,7 @@ class FieldPacker {
   const std::string& bytes() const { return bytes_; }
 
  private:
+  void add_parts(const WorldField& world) { add_parts(bytes_of_field(world)); }
   template <class T, std::size_t kSize>
   void add_parts(const std::array<T, kSize>& values) {
     for (const T& value : values) add(value);
@@ -81,6 +83,11 @@ class FieldUnpacker {
   }
 
  private:
+  void take_parts(WorldField& world) {
+    std::string bytes;
+    take_parts(bytes);
+    world = world_of_field(bytes);
+  }
   template <class T, std::size_t kSize>
   void take_parts(std::array<T, kSize>& values) {
     for (T& value : values) take(value);

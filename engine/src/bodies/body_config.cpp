@@ -4,12 +4,27 @@
 #include "base/check_fields.hpp"
 #include "base/require.hpp"
 #include "flockstep/body.hpp"
+#include "flockstep/world.hpp"
 
 namespace flockstep {
 namespace {
 
 std::string size_text(const std::array<float, 3>& size) {
   return std::to_string(size[0]) + " x " + std::to_string(size[1]) + " x " + std::to_string(size[2]);
+}
+
+void check_mesh(const BodyConfig& body) {
+  if (body.shape != BodyShape::mesh) {
+    return require(body.mesh == nullptr, "body.mesh", "no mesh unless shape is \"mesh\"", "a world");
+  }
+  require(body.mesh != nullptr, "body.mesh", "a world of triangles for the shape \"mesh\"", "none");
+  const World& mesh = *body.mesh;
+  require(!mesh.triangles().triangles.empty(), "body.mesh", "a world with triangles", "a world without any");
+  require(mesh.primitives().empty(), "body.mesh", "a world of triangles only",
+          std::to_string(mesh.primitives().size()) + " primitives");
+  require(mesh.bodies().empty(), "body.mesh", "a world without bodies", std::to_string(mesh.bodies().size()) + " bodies");
+  require(body.size_m == BodyConfig().size_m, "body.size_m", "1 x 1 x 1 for a mesh, which has its own size",
+          size_text(body.size_m));
 }
 
 }  // namespace
@@ -41,6 +56,7 @@ void BodyMotion::validate() const {
 
 void BodyConfig::validate() const {
   check_fields(*this, "body.");
+  check_mesh(*this);
   const bool is_round = shape == BodyShape::cylinder || shape == BodyShape::capsule;
   require(!is_round || size_m[0] == size_m[1], "body.size_m", "equal x and y for a cylinder or a capsule", size_text(size_m));
   require(shape != BodyShape::capsule || size_m[2] >= size_m[0], "body.size_m",

@@ -4,6 +4,8 @@
 #include <cmath>
 #include <utility>
 
+#include "prepared/prepared_world.hpp"
+
 namespace flockstep::bodies {
 namespace {
 
@@ -43,6 +45,11 @@ float radius_of(const Primitive& solid) {
   }
 }
 
+float radius_of(const Aabb& box) {
+  constexpr float kWider = 1.00001F;
+  return kWider * box.min.cwiseAbs().cwiseMax(box.max.cwiseAbs()).norm();
+}
+
 BodyConfig validated(const BodyConfig& config) {
   config.validate();
   return config;
@@ -55,6 +62,15 @@ BodyModel::BodyModel(const BodyConfig& given)
       script(config),
       solid(solid_of(config)),
       radius(radius_of(solid)),
-      surface{config.color, config.semantic == 0 ? kSemanticBody : static_cast<std::uint16_t>(config.semantic)} {}
+      surface{config.color, config.semantic == 0 ? kSemanticBody : static_cast<std::uint16_t>(config.semantic)} {
+  if (!config.mesh) return;
+  const PreparedWorld& parts = prepared(*config.mesh);
+  mesh = &parts.scene();
+  mesh->prepare_tiles(config.mesh->triangles());
+  if (!parts.corners().empty()) hull = &parts.corners();
+  radius = radius_of(config.mesh->bounds());
+  surface.mesh = &config.mesh;
+  surface.shading = &parts.shading(true);
+}
 
 }  // namespace flockstep::bodies

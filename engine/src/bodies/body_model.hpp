@@ -2,20 +2,26 @@
 #pragma once
 
 #include "bodies/body_script.hpp"
+#include "collision/corners.hpp"
 #include "flockstep/body.hpp"
 #include "flockstep/world.hpp"
 #include "render/body_surface.hpp"
+#include "trace/scene.hpp"
 
 namespace flockstep::bodies {
 
 struct BodyModel {
   // Throws std::invalid_argument if the configuration is not valid.
   explicit BodyModel(const BodyConfig& config);
+  BodyModel(const BodyModel&) = delete;  // `surface` refers to `config`
+  BodyModel& operator=(const BodyModel&) = delete;
 
   BodyConfig config;
   BodyScript script;
-  Primitive solid;  // kind and half_extents
-  float radius;     // m, of a ball around the position that contains the body
+  Primitive solid;                           // kind and half_extents; not for a mesh
+  const trace::Scene* mesh = nullptr;        // of a mesh
+  const collision::Corners* hull = nullptr;  // of a mesh that has solid triangles
+  float radius;                              // m, of a ball around the position that contains the body
   render::BodySurface surface;
 };
 

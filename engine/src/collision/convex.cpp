@@ -4,6 +4,9 @@
 #include <cassert>
 #include <cmath>
 
+#include "collision/convex_distance.hpp"
+#include "collision/corners.hpp"
+
 namespace flockstep::collision {
 
 namespace {
@@ -61,6 +64,15 @@ Convex make_convex(const Primitive& primitive) {
   return convex;
 }
 
+Convex make_hull(const Corners& corners, const Pose& pose) {
+  Convex convex;
+  convex.kind = Convex::Kind::hull;
+  convex.center = pose.position.cast<double>();
+  convex.rotation = pose.rotation.cast<double>().normalized().toRotationMatrix();
+  convex.hull = &corners;
+  return convex;
+}
+
 Convex make_triangle(const Vec3& a, const Vec3& b, const Vec3& c) {
   Convex convex;
   convex.kind = Convex::Kind::triangle;
@@ -95,6 +107,8 @@ Vec3d support(const Convex& convex, const Vec3d& direction) {
       const double c = direction.dot(corners[2]);
       return a >= b && a >= c ? corners[0] : (b >= c ? corners[1] : corners[2]);
     }
+    case Convex::Kind::hull:
+      return convex.hull->support(direction);
   }
   return Vec3d::Zero();
 }
@@ -109,6 +123,7 @@ Vec3d closest_point(const Convex& convex, const Vec3d& point) {
     const auto& corners = convex.corners;
     return convex.center + closest_on_triangle(point - convex.center, corners[0], corners[1], corners[2]);
   }
+  if (convex.kind == Convex::Kind::hull) return closest_point_of_hull(convex, point);
   const Vec3d& h = convex.half_extents;
   if (convex.kind == Convex::Kind::capsule) {
     const Vec3d axis = convex.rotation.col(2);

@@ -4,6 +4,7 @@
 #include <array>
 #include <cstdint>
 
+#include "flockstep/pose.hpp"
 #include "flockstep/world.hpp"
 
 namespace flockstep::collision {
@@ -11,18 +12,23 @@ namespace flockstep::collision {
 using Vec3d = Eigen::Vector3d;
 using Mat3d = Eigen::Matrix3d;
 
+class Corners;
+
 struct Convex {
-  // The axis of cylinders and capsules is local z. Cylinders have flat caps.
-  enum class Kind : std::uint8_t { box, cylinder, capsule, sphere, triangle };
+  // The axis of cylinders and capsules is local z. Cylinders have flat caps. A hull is the convex hull of its corners.
+  enum class Kind : std::uint8_t { box, cylinder, capsule, sphere, triangle, hull };
 
   Kind kind = Kind::box;
   Vec3d center = Vec3d::Zero();        // m, world frame, the local origin
   Mat3d rotation = Mat3d::Identity();  // local to world
   Vec3d half_extents = Vec3d::Zero();  // m, as in Primitive
   std::array<Vec3d, 3> corners{};      // m, local frame; triangle only
+  const Corners* hull = nullptr;       // hull only
 };
 
 Convex make_convex(const Primitive& primitive);  // not for rooms, which are hollow
+// The corners must outlive the convex.
+Convex make_hull(const Corners& corners, const Pose& pose);
 Convex make_triangle(const Vec3& a, const Vec3& b, const Vec3& c);
 
 // Returns the point farthest along the direction (any length), local frame.

@@ -270,4 +270,11 @@ Penetration penetrate(const Hull& hull, const Mat3d& rotation, const Vec3d& posi
   return result;
 }
 
+Vec3d closest_point_of_hull(const Convex& convex, const Vec3d& point) {
+  const Vec3d apart = point - convex.center;
+  const Separation found =
+      separate(Hull(), Mat3d::Identity(), point, convex, apart.squaredNorm() > 0.0 ? apart : Vec3d(Vec3d::UnitZ()));
+  return found.overlapping || !(found.gap > 0.0) ? point : Vec3d(point - found.gap * found.plane.normal);
+}
+
 }  // namespace flockstep::collision

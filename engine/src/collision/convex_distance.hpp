@@ -29,6 +29,10 @@ struct Separation {
 // not zero) from the obstacle to the hull; a good one saves iterations.
 Separation separate(const Hull& hull, const Mat3d& rotation, const Vec3d& position, const Convex& obstacle, const Vec3d& guess);
 
+// Returns the point of a convex of the kind hull that is nearest to `point`, or `point` itself if it is inside; world frame. The
+// plane through the result across the way to `point` never cuts the convex; its distance has the error of Separation::gap.
+Vec3d closest_point_of_hull(const Convex& convex, const Vec3d& point);
+
 // The way out of an obstacle that the hull penetrates.
 struct Penetration {
   Vec3d normal = Vec3d::UnitZ();  // unit, from the obstacle towards the hull: the shortest way out

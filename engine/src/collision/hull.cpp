@@ -26,6 +26,12 @@ Hull::Hull(const DroneModel& drone) : count_(static_cast<int>(drone.hull().size(
   }
 }
 
+Hull::Hull() : count_(1) {
+  x_.fill(0.0F);
+  y_.fill(0.0F);
+  z_.fill(0.0F);
+}
+
 int Hull::support(const Vec3& direction) const {
   const auto along = [&](int first) {
     return load(x_.data() + first) * direction.x() + load(y_.data() + first) * direction.y() +

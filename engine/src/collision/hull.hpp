@@ -11,6 +11,7 @@ namespace flockstep::collision {
 class Hull {
  public:
   explicit Hull(const DroneModel& drone);
+  Hull();  // a single vertex at the origin
 
   // Returns the index of a vertex farthest along the direction (body frame, any length). Compares in float32: the vertex may
   // fall short of the farthest one by at most 1e-7 m.

@@ -11,6 +11,13 @@ Pose pose_in(const float* position, const float* quat_wxyz, std::size_t number) 
   return {Vec3(p[0], p[1], p[2]), Quat(q[0], q[1], q[2], q[3])};
 }
 
+MovingSolid solid_between(const MovingBodies& bodies, std::size_t number, const Pose& from, const Pose& to) {
+  const auto index = static_cast<int>(number);
+  if (const Corners* const hull = bodies.hulls[number]) return {*hull, from, to, index};
+  const Primitive& solid = *bodies.solids[number];
+  return {solid.kind, solid.half_extents, from, to, index};
+}
+
 }  // namespace
 
 bool overlaps_body(const MovingBodies& bodies, const Obstacles& obstacles, const Hull& hull, const Pose& pose) {
@@ -19,8 +26,7 @@ bool overlaps_body(const MovingBodies& bodies, const Obstacles& obstacles, const
     const Pose there = pose_in(bodies.position, bodies.quat_wxyz, number);
     const float reach = bodies.reach[number] + hull.radius();
     if ((there.position - pose.position).squaredNorm() > reach * reach) continue;
-    const Primitive& solid = *bodies.solids[number];
-    const MovingSolid standing(solid.kind, solid.half_extents, there, there, static_cast<int>(number));
+    const MovingSolid standing = solid_between(bodies, number, there, there);
     if (first_contact(obstacles, {&standing, 1}, hull, pose, pose).body >= 0) return true;
   }
   return false;
@@ -36,9 +42,8 @@ std::span<const MovingSolid> NearSolids::gather(const MovingBodies& bodies, cons
   const trace::Balls balls{bodies.position, bodies.reach, bodies.count, bodies.readable};
   const std::size_t count = trace::find_near_balls(balls, origin, range_m, found_.data());
   for (const std::uint32_t number : std::span(found_).first(count)) {
-    const Primitive& solid = *bodies.solids[number];
-    solids_.emplace_back(solid.kind, solid.half_extents, pose_in(bodies.from_position, bodies.from_quat, number),
-                         pose_in(bodies.position, bodies.quat_wxyz, number), static_cast<int>(number));
+    solids_.push_back(solid_between(bodies, number, pose_in(bodies.from_position, bodies.from_quat, number),
+                                    pose_in(bodies.position, bodies.quat_wxyz, number)));
   }
   return solids_;
 }

@@ -16,6 +16,8 @@ double radius_of(const Convex& convex) {
       return std::max(h.x(), h.z());
     case Convex::Kind::sphere:
       return h.x();
+    case Convex::Kind::hull:
+      return convex.hull->radius();
     case Convex::Kind::box:
     case Convex::Kind::triangle:
       break;
@@ -31,6 +33,9 @@ MovingSolid::MovingSolid(PrimitiveKind kind, const Vec3& half_extents, const Pos
       end_(make_convex({.kind = kind, .center = to.position, .rotation = to.rotation, .half_extents = half_extents})) {
   radius_ = radius_of(end_);
 }
+
+MovingSolid::MovingSolid(const Corners& corners, const Pose& from, const Pose& to, int index)
+    : radius_(corners.radius()), index_(index), path_(from, to), end_(make_hull(corners, to)) {}
 
 Convex MovingSolid::at(double time) const {
   if (time == 1.0) return end_;

@@ -2,6 +2,7 @@
 #pragma once
 
 #include "collision/convex.hpp"
+#include "collision/corners.hpp"
 #include "collision/path.hpp"
 #include "flockstep/pose.hpp"
 #include "flockstep/world.hpp"
@@ -14,6 +15,8 @@ class alignas(64) MovingSolid {
   // quaternions choose the arc. kind: any except a room. half_extents: as in Primitive. index: unique among the bodies of a
   // motion, not negative.
   MovingSolid(PrimitiveKind kind, const Vec3& half_extents, const Pose& from, const Pose& to, int index);
+  // The convex hull of corners, which must outlive the body.
+  MovingSolid(const Corners& corners, const Pose& from, const Pose& to, int index);
 
   int index() const { return index_; }
   double radius() const { return radius_; }  // m, of the ball around the body's origin that contains it

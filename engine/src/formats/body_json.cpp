@@ -1,11 +1,17 @@
 #include "formats/body_json.hpp"
 
+#include <algorithm>
 #include <cstddef>
+#include <cstdint>
+#include <span>
+#include <stdexcept>
 #include <string>
 #include <utility>
 
 #include "base/config_values.hpp"
 #include "base/interrupt.hpp"
+#include "base/require.hpp"
+#include "base/text_file.hpp"
 #include "formats/scene_values.hpp"
 
 namespace flockstep {
@@ -23,9 +29,38 @@ OrderedJson without_defaults(const OrderedJson& object, const OrderedJson& usual
   return rest;
 }
 
+constexpr const char* kMesh = "mesh";
+
+// Returns the mesh of a body if it is a file or that of an earlier body.
+WorldField mesh_elsewhere(const nlohmann::json& body, const std::string& place, std::span<const BodyConfig> earlier,
+                          const std::filesystem::path& folder, MeshFiles files) {
+  const auto found = body.is_object() ? body.find(kMesh) : body.end();
+  if (found == body.end()) return nullptr;
+  if (found->is_number_integer()) {
+    const auto number = found->is_number_unsigned() ? found->get<std::uint64_t>() : earlier.size();
+    if (number >= earlier.size() || !earlier[number].mesh) {
+      refuse(place, "the number of an earlier body with a mesh", json::excerpt_of(*found));
+    }
+    return earlier[number].mesh;
+  }
+  const auto* const name = found->get_ptr<const std::string*>();
+  if (name == nullptr || name->starts_with("data:")) return nullptr;
+  const std::filesystem::path path = folder / *name;
+  if (name->empty() || name->find('\0') != name->npos || files == MeshFiles::none ||
+      (files == MeshFiles::in_folder && !is_below(path, folder))) {
+    refuse(place, "a file in the scene's folder or below it (load with meshes_anywhere=True to allow others)",
+           json::excerpt_of(*found));
+  }
+  try {
+    return World::load(path, {.files = files});
+  } catch (const std::invalid_argument& error) {
+    throw std::invalid_argument(place + ": " + error.what());
+  }
+}
+
 }  // namespace
 
-std::vector<BodyConfig> read_bodies(const json::JsonField& field) {
+std::vector<BodyConfig> read_bodies(const json::JsonField& field, const std::filesystem::path& folder, MeshFiles files) {
   const std::size_t count = json::require_array(field, "an array").size();
   if (count > keys::kBodies.most) {
     refuse(field, "at most " + std::to_string(keys::kBodies.most) + ' ' + std::string(keys::kBodies.name), count);
@@ -34,7 +69,17 @@ std::vector<BodyConfig> read_bodies(const json::JsonField& field) {
   std::vector<BodyConfig> bodies(count);
   for (std::size_t i = 0; i < count; ++i) {
     Interrupt::poll();
-    config_values::read_value(field.value[i], {}, config_values::element(list, i), bodies[i]);
+    const std::string place = config_values::element(list, i);
+    WorldField mesh =
+        mesh_elsewhere(field.value[i], config_values::member(place, kMesh), std::span(bodies).first(i), folder, files);
+    if (mesh) {
+      nlohmann::json rest = field.value[i];
+      rest.erase(kMesh);
+      config_values::read_value(rest, {}, place, bodies[i]);
+      bodies[i].mesh = std::move(mesh);
+    } else {
+      config_values::read_value(field.value[i], {}, place, bodies[i]);
+    }
   }
   return bodies;
 }
@@ -42,7 +87,15 @@ std::vector<BodyConfig> read_bodies(const json::JsonField& field) {
 OrderedJson write_bodies(const std::vector<BodyConfig>& bodies) {
   const OrderedJson usual = config_values::written(BodyConfig(), "");
   OrderedJson list = OrderedJson::array();
-  for (const BodyConfig& body : bodies) list.push_back(without_defaults(config_values::written(body, ""), usual));
+  for (std::size_t i = 0; i < bodies.size(); ++i) {
+    BodyConfig body = bodies[i];
+    const auto same =
+        std::ranges::find(bodies.begin(), bodies.begin() + static_cast<std::ptrdiff_t>(i), body.mesh, &BodyConfig::mesh);
+    const bool repeats = body.mesh && same != bodies.begin() + static_cast<std::ptrdiff_t>(i);
+    if (repeats) body.mesh = nullptr;
+    OrderedJson& object = list.emplace_back(without_defaults(config_values::written(body, ""), usual));
+    if (repeats) object[kMesh] = same - bodies.begin();
+  }
   return list;
 }
 

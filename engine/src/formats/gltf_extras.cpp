@@ -108,7 +108,8 @@ GltfNodeExtras read_gltf_node_extras(const JsonField& extras) {
   return read;
 }
 
-std::optional<GltfSceneExtras> read_gltf_scene_extras(const JsonField& extras) {
+std::optional<GltfSceneExtras> read_gltf_scene_extras(const JsonField& extras, const std::filesystem::path& folder,
+                                                      MeshFiles files) {
   const std::optional<JsonField> ours = find_ours(extras);
   if (!ours) return std::nullopt;
   check_object(*ours, {"light", "markers", keys::kBodies.name});
@@ -118,7 +119,7 @@ std::optional<GltfSceneExtras> read_gltf_scene_extras(const JsonField& extras) {
     check_object(*markers, {keys::kMarkerRadius.name, keys::kSpawnBox.name});
     read.markers = read_markers(*markers);
   }
-  if (const auto bodies = find(*ours, keys::kBodies.name)) read.bodies = read_bodies(*bodies);
+  if (const auto bodies = find(*ours, keys::kBodies.name)) read.bodies = read_bodies(*bodies, folder, files);
   return read;
 }
 

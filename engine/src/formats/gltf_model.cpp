@@ -486,7 +486,8 @@ class Reader {
 
   GltfScene scene_of(const JsonField& field) const {
     GltfScene scene{.name = name_in(field), .nodes = indices(field, "nodes", "nodes"), .extras = {}};
-    if (const auto extras = find(field, "extras")) scene.extras = read_gltf_scene_extras(*extras);
+    if (const auto extras = find(field, "extras"))
+      scene.extras = read_gltf_scene_extras(*extras, files_.folder(), files_.allowed());
     return scene;
   }
 
@@ -619,6 +620,7 @@ std::string GltfFiles::read(const std::string& uri, const std::string& field, co
   if (name.empty() || name.find('\0') != name.npos || name.find("://") != name.npos) {
     refuse(field, "a data: URI or the path of a file", quoted_excerpt(uri));
   }
+  if (files_ == MeshFiles::none) refuse(field, "a data: URI, because " + source_ + " is no file", quoted_excerpt(uri));
   const std::filesystem::path path = folder_ / name;
   if (files_ == MeshFiles::in_folder && !is_below(path, folder_)) {
     refuse(field, "a file in the folder of " + source_ + " or below it (load with meshes_anywhere=True to allow others)",

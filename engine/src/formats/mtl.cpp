@@ -184,7 +184,7 @@ std::optional<std::filesystem::path> ObjMaterials::find(std::string name, const 
   std::replace(name.begin(), name.end(), '\\', '/');
   if (name.find('\0') != name.npos) name.clear();
   const std::filesystem::path path = folder / name;
-  if (files_ == MeshFiles::in_folder && !is_below(path, folder_)) {
+  if (files_ == MeshFiles::none || (files_ == MeshFiles::in_folder && !is_below(path, folder_))) {
     outside_.insert(name);
     return std::nullopt;
   }

@@ -36,6 +36,20 @@ bool moves(const LoadOptions& options) {
   return options.scale != 1.0 || !options.origin.isZero(0.0F) || is_y_up(options, UpAxis::z);
 }
 
+namespace {
+
+std::shared_ptr<const World> scaled(const World& mesh, double scale) {
+  SceneDescription description;
+  description.name = mesh.name();
+  description.materials.assign(mesh.materials().begin(), mesh.materials().end());
+  description.textures.assign(mesh.textures().begin(), mesh.textures().end());
+  description.mesh = mesh.triangles();
+  for (Vec3& vertex : description.mesh.vertices) vertex = (scale * vertex.cast<double>()).cast<float>();
+  return std::make_shared<const World>(std::move(description));
+}
+
+}  // namespace
+
 void place_body(BodyConfig& body, const Eigen::Affine3d& place, double scale) {
   const auto assign = [](std::array<float, 3>& values, const Eigen::Vector3d& v) { Vec3::Map(values.data()) = v.cast<float>(); };
   const auto vector = [](const std::array<float, 3>& v) -> Eigen::Vector3d { return Vec3::Map(v.data()).cast<double>(); };
@@ -43,7 +57,11 @@ void place_body(BodyConfig& body, const Eigen::Affine3d& place, double scale) {
   const auto turn = [&](std::array<float, 3>& way) { assign(way, place.linear() * vector(way)); };
   const auto size = [&](float& value) { value = static_cast<float>(static_cast<double>(value) * scale); };
   const Eigen::Matrix3d rotation = place.linear() / scale;
-  for (float& value : body.size_m) size(value);
+  if (body.shape != BodyShape::mesh) {
+    for (float& value : body.size_m) size(value);
+  } else if (scale != 1.0) {
+    body.mesh = scaled(*body.mesh, scale);
+  }
   move(body.position_m);
   const auto [w, x, y, z] = body.quat_wxyz;
   if (!rotation.isIdentity(0.0)) {

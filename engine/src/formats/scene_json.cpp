@@ -76,7 +76,7 @@ class SceneReader {
     for_each(keys::kDiscs, &SceneReader::read_disc);
     for_each(keys::kGates, &SceneReader::read_gate);
     for_each(keys::kMeshes, &SceneReader::read_mesh);
-    if (const auto bodies = find(root_, keys::kBodies)) scene_.bodies = read_bodies(*bodies);
+    if (const auto bodies = find(root_, keys::kBodies)) scene_.bodies = read_bodies(*bodies, base_dir_, files_);
     if (const auto markers = find(root_, keys::kMarkers)) scene_.markers = read_markers(*markers);
     if (const auto light = find(root_, keys::kLight)) scene_.light = read_light(*light);
     if (scene_.materials.empty()) scene_.materials.push_back(Material{kDefault});
@@ -169,7 +169,7 @@ class SceneReader {
   std::filesystem::path path_of(const JsonField& file, const char* expected) const {
     if (!file.value.is_string()) refuse(file, expected);
     std::filesystem::path path = base_dir_ / file.value.get<std::string>();
-    if (files_ == MeshFiles::in_folder && !is_below(path, base_dir_)) {
+    if (files_ == MeshFiles::none || (files_ == MeshFiles::in_folder && !is_below(path, base_dir_))) {
       fail(file, "expected a file in the scene's folder or below it (load with meshes_anywhere=True to allow others), got " +
                      json::excerpt_of(file.value));
     }

@@ -114,6 +114,20 @@ std::shared_ptr<const World> World::from_bytes(std::string_view bytes) {
   return std::make_shared<const World>(unpack_world(bytes));
 }
 
+std::string World::to_glb() const {
+  SceneDescription copy;
+  return write_gltf(description(copy), GltfForm::binary, name());
+}
+
+std::shared_ptr<const World> World::from_glb(const std::string& bytes, const std::string& source) {
+  GltfFile file = parse_gltf(bytes, source, {}, {.files = MeshFiles::none});
+  try {
+    return std::make_shared<const World>(std::move(file.scene), std::move(file.ignored));
+  } catch (const std::invalid_argument& error) {
+    throw std::invalid_argument(source + ": " + error.what());
+  }
+}
+
 void World::save(const Path& path) const {
   const Format& format = format_of(path, &can_save);
   SceneDescription copy;

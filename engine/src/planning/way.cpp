@@ -18,6 +18,16 @@ std::vector<Vec3> hull_around(const BodyConfig& body, float margin_m) {
   constexpr int kSides = 12;
   const Vec3 half = 0.5F * Vec3(body.size_m[0], body.size_m[1], body.size_m[2]) + Vec3::Constant(margin_m);
   std::vector<Vec3> points;
+  if (body.shape == BodyShape::mesh) {
+    const Aabb& box = body.mesh->bounds();
+    const Vec3 low = box.min - Vec3::Constant(margin_m), high = box.max + Vec3::Constant(margin_m);
+    for (const float z : {low.z(), high.z()}) {
+      for (const float x : {low.x(), high.x()}) {
+        for (const float y : {low.y(), high.y()}) points.emplace_back(x, y, z);
+      }
+    }
+    return points;
+  }
   for (const float z : {-half.z(), half.z()}) {
     if (body.shape == BodyShape::box) {
       for (const float x : {-half.x(), half.x()}) {

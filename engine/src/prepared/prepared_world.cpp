@@ -4,6 +4,7 @@
 
 #include "base/platform.hpp"
 #include "bodies/body_model.hpp"
+#include "collision/corners.hpp"
 #include "collision/obstacles.hpp"
 #include "render/raycast/shading.hpp"
 #include "trace/scene.hpp"
@@ -42,6 +43,11 @@ const collision::Obstacles& PreparedWorld::obstacles() const {
     const trace::Scene& solid_scene = once(solid_scene_, [&] { return std::make_unique<const trace::Scene>(solids); });
     return make_near<collision::Obstacles>(memory_, solids, solid_scene);
   });
+}
+
+const collision::Corners& PreparedWorld::corners() const {
+  if (world_.original() != nullptr) return prepared(*world_.original()).corners();
+  return once(corners_, [this] { return std::make_unique<const collision::Corners>(world_.triangles()); });
 }
 
 std::span<const bodies::BodyModel> PreparedWorld::bodies() const {

@@ -18,8 +18,9 @@ namespace trace {
 class Scene;
 }
 namespace collision {
+class Corners;
 class Obstacles;
-}
+}  // namespace collision
 namespace render {
 class Shading;
 }
@@ -37,6 +38,7 @@ class PreparedWorld {
   const World& world() const { return world_; }
   const trace::Scene& scene() const;                  // for rays: visible objects
   const collision::Obstacles& obstacles() const;      // for collisions: solid objects
+  const collision::Corners& corners() const;          // of all solid triangles, for a body that is this world's mesh
   std::span<const bodies::BodyModel> bodies() const;  // of World::bodies()
   // For cameras; with shadows, for cameras that show shadows.
   const render::Shading& shading(bool shadows = false) const;
@@ -60,6 +62,7 @@ class PreparedWorld {
   mutable Part<World> solids_;            // used if not everything is both solid and visible
   mutable Part<trace::Scene> solid_scene_;
   mutable NearPart<collision::Obstacles> obstacles_;
+  mutable Part<collision::Corners> corners_;
   mutable Part<render::Shading> shading_;
   mutable Part<std::vector<bodies::BodyModel>> bodies_;
 };

@@ -3,14 +3,20 @@
 
 #include <array>
 #include <cstdint>
+#include <memory>
 
 #include "trace/bodies.hpp"
 
 namespace flockstep::render {
 
+class Shading;
+
 struct BodySurface {
-  std::array<float, 3> color{};  // base colour, linear RGB
+  std::array<float, 3> color{};  // base colour, linear RGB; not for meshes
   std::uint16_t semantic = 0;
+  // Only for meshes. A backend that keeps data of the world shares its ownership.
+  const std::shared_ptr<const World>* mesh = nullptr;
+  const Shading* shading = nullptr;  // of that world, for raycast
 };
 
 // The bodies of one env as its cameras see them. Body b has the instance id kFirstBodyInstance + b.

@@ -38,25 +38,49 @@ Primitive posed_solid(const Bodies& bodies, std::size_t number) {
   return solid;
 }
 
+PosedMesh posed_mesh(const Bodies& bodies, std::size_t number) {
+  const float* const p = bodies.position + 3 * number;
+  const float* const q = bodies.quat_wxyz + 4 * number;
+  return {.scene = bodies.meshes[number],
+          .position = {p[0], p[1], p[2]},
+          .to_local = Quat(q[0], q[1], q[2], q[3]).toRotationMatrix().transpose(),
+          .radius = bodies.radius[number],
+          .element = bodies.first_element + static_cast<std::int32_t>(number)};
+}
+
 void make_shapes(const Bodies& bodies, std::vector<NumberedShape>& shapes) {
   shapes.clear();
   shapes.reserve(bodies.count);
   for (std::size_t i = 0; i < bodies.count; ++i) {
-    if (bodies.radius[i] >= 0.0F) shapes.push_back({shape_of(bodies, i), bodies.first_element + static_cast<std::int32_t>(i)});
+    if (bodies.radius[i] >= 0.0F && bodies.meshes[i] == nullptr)
+      shapes.push_back({shape_of(bodies, i), bodies.first_element + static_cast<std::int32_t>(i)});
+  }
+}
+
+void make_meshes(const Bodies& bodies, std::vector<PosedMesh>& meshes) {
+  meshes.clear();
+  for (std::size_t i = 0; i < bodies.count; ++i) {
+    if (bodies.radius[i] >= 0.0F && bodies.meshes[i] != nullptr) meshes.push_back(posed_mesh(bodies, i));
   }
 }
 
 void NearBodies::gather(const Bodies& bodies, const Vec3& origin, float near_m, float range_m) {
   shapes_.clear();
   candidates_.clear();
+  meshes_.clear();
   if (bodies.count == 0) return;
   if (found_.size() < bodies.count) {
     found_.resize(bodies.count);
     shapes_.reserve(bodies.count);
     candidates_.reserve(bodies.count);
+    meshes_.reserve(bodies.count);
   }
   const std::size_t count = find_near_balls(bodies.balls(), origin, range_m, found_.data());
   for (const std::uint32_t number : std::span(found_).first(count)) {
+    if (bodies.meshes[number] != nullptr) {
+      meshes_.push_back(posed_mesh(bodies, number));
+      continue;
+    }
     shapes_.push_back(shape_of(bodies, number));
     candidates_.push_back(make_candidate(shapes_.back(), bodies.first_element + static_cast<std::int32_t>(number), origin));
     candidates_.back().hint = hint_at_solid(shapes_.back(), candidates_.back().local_origin, near_m);

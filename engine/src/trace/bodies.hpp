@@ -12,6 +12,7 @@
 #include "flockstep/world.hpp"
 #include "trace/direct.hpp"
 #include "trace/near_balls.hpp"
+#include "trace/posed_mesh.hpp"
 #include "trace/shape.hpp"
 
 namespace flockstep::trace {
@@ -21,6 +22,7 @@ struct Bodies {
   const float* quat_wxyz = nullptr;  // (count, 4) body to world
   const float* radius = nullptr;     // (count,) m, of the ball around the position that contains it; negative: not visible
   const Primitive* const* solids = nullptr;  // (count,) kind and half_extents; the poses are ignored
+  const Scene* const* meshes = nullptr;      // (count,) scenes of meshes, instead of solids; null for other bodies
   std::size_t count = 0;
   std::size_t readable = 0;        // bodies of this env and the following ones, which these arrays also hold
   std::int32_t first_element = 0;  // number of the first body in hits
@@ -29,7 +31,7 @@ struct Bodies {
   Bodies of_env(std::size_t env, std::size_t per_env) const {
     if (per_env == 0) return {};
     const std::size_t first = env * per_env;
-    return {position + 3 * first, quat_wxyz + 4 * first, radius + first, solids + first, per_env,
+    return {position + 3 * first, quat_wxyz + 4 * first, radius + first, solids + first, meshes + first, per_env,
             readable - first,     first_element};
   }
   void prefetch_balls() const {
@@ -39,11 +41,15 @@ struct Bodies {
   Balls balls() const { return {position, radius, count, readable}; }
 };
 
-// Returns body `number` as a primitive at its current pose.
+// Returns body `number`, which is no mesh, as a primitive at its current pose.
 Primitive posed_solid(const Bodies& bodies, std::size_t number);
 
-// Makes shapes of all visible bodies, for rays of arbitrary origins.
+// Returns body `number`, which is a mesh.
+PosedMesh posed_mesh(const Bodies& bodies, std::size_t number);
+
+// Make shapes and meshes of all visible bodies, for rays of arbitrary origins.
 void make_shapes(const Bodies& bodies, std::vector<NumberedShape>& shapes);
+void make_meshes(const Bodies& bodies, std::vector<PosedMesh>& meshes);
 
 // The bodies that the rays of one sensor may hit.
 class NearBodies {
@@ -51,13 +57,15 @@ class NearBodies {
   // Takes those within range_m of the origin. Allocates only if there are more bodies than ever before.
   void gather(const Bodies& bodies, const Vec3& origin, float near_m, float range_m);
 
-  bool empty() const { return candidates_.empty(); }
+  bool empty() const { return candidates_.empty() && meshes_.empty(); }
   std::span<const Candidate> candidates() const { return candidates_; }  // valid until the next gather()
+  std::span<const PosedMesh> meshes() const { return meshes_; }          // valid until the next gather()
 
  private:
   std::vector<std::uint32_t> found_;
   std::vector<Shape> shapes_;
   std::vector<Candidate> candidates_;
+  std::vector<PosedMesh> meshes_;
 };
 
 }  // namespace flockstep::trace

@@ -60,6 +60,8 @@ struct HitDetails {
   alignas(64) RayFloats u, v;                          // barycentric weights of the triangle's second and third vertex
   alignas(64) RayFloats normal_x, normal_y, normal_z;  // geometric normal of any length and either sign, world frame
   alignas(64) RayInts back;                            // 1 if the triangle's corners appear clockwise, else 0
+  alignas(64) RayInts triangle;                        // its number in the mesh of a body; only for such hits, whose normal is
+                                                       // in the body's frame
 };
 
 // The details to write, in addition to `back`. Tiles leave the others unchanged.

@@ -89,7 +89,7 @@ const RayBundle& Tracer::trace(const RayTile& tile) {
   } else if (candidates_.triangles) {
     note(bundle_.count, scene_->intersect_triangles(bundle_, details_));
   }
-  meet_bodies();
+  meet_bodies(&tile);
   return bundle_;
 }
 
@@ -118,18 +118,22 @@ void Tracer::finish() {
   deliver(for_triangles_);
 }
 
-void Tracer::trace_block(const Scene& scene, std::span<const NumberedShape> bodies) {
+void Tracer::trace_block(const Scene& scene) {
   forget_hits(block_);
   scene.intersect_primitives(block_);
   meet_triangles(scene, block_, &details_);
-  if (!bodies.empty()) trace_direct(bodies, block_);
 }
 
-void Tracer::trace_shadows(const Scene& scene, std::span<const NumberedShape> bodies) {
+void Tracer::trace_shadows(const Scene& scene, std::span<const NumberedShape> bodies, std::span<const PosedMesh> meshes) {
   forget_hits(block_);
   scene.intersect_casters(block_);
   meet_triangles(scene, block_, nullptr, Through::masks);
   if (!bodies.empty()) trace_direct(bodies, block_);
+  for (const PosedMesh& mesh : meshes) {
+    select_rays(mesh, block_, mesh_rays_);
+    meet_triangles(*mesh.scene, mesh_rays_.rays, nullptr, Through::masks);
+    for (std::size_t i = 0; i < mesh_rays_.rays.count; ++i) block_.t_hit[mesh_rays_.of[i]] = mesh_rays_.rays.t_hit[i];
+  }
 }
 
 void Tracer::aim(const RayTile& tile) {
@@ -200,8 +204,63 @@ void Tracer::meet_triangles(const Scene& scene, RayBlock& rays, HitDetails* deta
   note(rays.count, scene.intersect_triangles(rays, details, through));
 }
 
-void Tracer::meet_bodies() {
-  if (!near_bodies_.empty()) trace_nearer(near_bodies_.candidates(), bundle_);
+void Tracer::meet_bodies(const RayTile* picture) {
+  if (near_bodies_.empty()) return;
+  if (!near_bodies_.candidates().empty()) trace_nearer(near_bodies_.candidates(), bundle_);
+  for (const PosedMesh& mesh : near_bodies_.meshes()) {
+    if (is_beside(mesh, bundle_)) continue;
+    picture == nullptr ? meet_mesh(mesh) : meet_mesh(mesh, *picture);
+  }
+}
+
+void Tracer::meet_mesh(const PosedMesh& mesh) {
+  select_rays(mesh, bundle_, mesh_rays_);
+  const RayBlock& rays = mesh_rays_.rays;
+  meet_triangles(*mesh.scene, mesh_rays_.rays, nullptr);
+  for (std::size_t i = 0; i < rays.count; ++i) {
+    if (rays.element[i] < 0) continue;
+    bundle_.t_hit[mesh_rays_.of[i]] = rays.t_hit[i];
+    bundle_.element[mesh_rays_.of[i]] = mesh.element;
+  }
+}
+
+void Tracer::meet_mesh(const PosedMesh& mesh, const RayTile& picture) {
+  const auto take = [&](std::size_t ray, float t_hit, std::int32_t triangle) {
+    bundle_.t_hit[ray] = t_hit;
+    bundle_.element[ray] = mesh.element;
+    details_.triangle[ray] = triangle;
+  };
+  const MeshTree* const tree =
+      mesh.scene->num_triangles() <= policy_.tile_triangle_limit && picture.u != nullptr ? mesh.scene->tiles() : nullptr;
+  if (tree != nullptr) {
+    RayBundle& seen = view_bundle_;
+    seen.origin = mesh.local_point(bundle_.origin);
+    seen.rotation = mesh.local_rotation(bundle_.rotation);
+    seen.near = bundle_.near;
+    seen.range = bundle_.range;
+    seen.count = bundle_.count;
+    seen.no_hits_yet = false;
+    std::copy_n(bundle_.t_hit, bundle_.count, seen.t_hit);
+    std::fill_n(seen.element, seen.count, -1);
+    trace_mesh_tile(*tree, 0, *picture.u, *picture.v, seen, &details_, asked_, mesh.scene->masks());
+    for (std::size_t i = 0; i < seen.count; ++i) {
+      if (seen.element[i] >= 0) take(i, seen.t_hit[i], seen.element[i]);
+    }
+    return;
+  }
+  select_rays(mesh, bundle_, mesh_rays_);
+  const RayBlock& rays = mesh_rays_.rays;
+  meet_triangles(*mesh.scene, mesh_rays_.rays, &mesh_details_, Through::masks);
+  for (std::size_t i = 0; i < rays.count; ++i) {
+    if (rays.element[i] < 0) continue;
+    const std::size_t ray = mesh_rays_.of[i];
+    take(ray, rays.t_hit[i], rays.element[i]);
+    for (const auto values :
+         {&HitDetails::u, &HitDetails::v, &HitDetails::normal_x, &HitDetails::normal_y, &HitDetails::normal_z}) {
+      (details_.*values)[ray] = (mesh_details_.*values)[i];
+    }
+    details_.back[ray] = mesh_details_.back[i];
+  }
 }
 
 void Tracer::note(std::size_t rays, std::size_t packets) {

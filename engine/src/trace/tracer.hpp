@@ -14,6 +14,7 @@
 #include "trace/bodies.hpp"
 #include "trace/frustum.hpp"
 #include "trace/mesh_tiles.hpp"
+#include "trace/posed_mesh.hpp"
 #include "trace/ray_block.hpp"
 #include "trace/scene.hpp"
 
@@ -70,7 +71,7 @@ struct EmbreeUse {
   }
 };
 
-// Each thread needs its own. It takes about 60 KB, so create it once. Tracing allocates nothing. A ray's result has the same
+// Each thread needs its own. It takes about 90 KB, so create it once. Tracing allocates nothing. A ray's result has the same
 // bits beside any other rays. Only in trace() it depends on the ray's tile, which is always the same for a pixel. Call under
 // FlushDenormals.
 class Tracer {
@@ -90,10 +91,11 @@ class Tracer {
 
   // Rays of arbitrary origins. The caller sets `near` and, for the first `count` rays, everything except t_hit and element.
   RayBlock& block() { return block_; }
-  // Finds the nearest hits of the block. bodies: see make_shapes().
-  void trace_block(const Scene& scene, std::span<const NumberedShape> bodies = {});
-  // Tests if anything except rooms and markers lies on the rays of the block, through masks. If so, t_hit is finite.
-  void trace_shadows(const Scene& scene, std::span<const NumberedShape> bodies = {});
+  // Finds the nearest hits of the block in the static world.
+  void trace_block(const Scene& scene);
+  // Tests if anything except rooms and markers lies on the rays of the block, through masks. If so, t_hit is finite. bodies and
+  // meshes: see make_shapes().
+  void trace_shadows(const Scene& scene, std::span<const NumberedShape> bodies = {}, std::span<const PosedMesh> meshes = {});
 
   // Details of the last trace() or trace_block(), for hits on triangles.
   const HitDetails& details() const { return details_; }
@@ -120,7 +122,9 @@ class Tracer {
   void trace_view(const TileView& view, std::size_t rows, std::size_t width, bool no_hits_yet);
   void meet_primitives(RayBlock& rays) const;
   void meet_triangles(const Scene& scene, RayBlock& rays, HitDetails* details, Through through = Through::nothing);
-  void meet_bodies();                                // shortens the bundle's rays
+  void meet_bodies(const RayTile* picture = nullptr);  // shortens the bundle's rays; picture: for a camera's tile
+  void meet_mesh(const PosedMesh& mesh);
+  void meet_mesh(const PosedMesh& mesh, const RayTile& picture);
   void note(std::size_t rays, std::size_t packets);  // adds to embree_use_ unless packets is 0
   void wait(const RayTile& tile, float* ranges, std::size_t stride, Waiting& waiting);
   void deliver(Waiting& waiting);
@@ -137,6 +141,8 @@ class Tracer {
   HitDetails details_;
   EmbreeUse embree_use_;
   RayBlock block_;
+  MeshRays mesh_rays_;       // for one mesh of a body
+  HitDetails mesh_details_;  // of these rays
   Waiting for_everything_, for_triangles_;
 };
 

@@ -65,8 +65,11 @@ void find_shadows(const RenderRequest& request, const trace::RayBundle& rays, Ra
     hits.max = hits.max.cwiseMax(point);
   }
   const bool has_casters = !scratch.casters.empty() && hits.min.x() <= hits.max.x();
-  scratch.tracer.trace_shadows(*request.scene,
-                               has_casters ? scratch.casters.above(hits) : std::span<const trace::NumberedShape>());
+  if (has_casters) {
+    scratch.tracer.trace_shadows(*request.scene, scratch.casters.above(hits), scratch.casters.meshes_above(hits));
+  } else {
+    scratch.tracer.trace_shadows(*request.scene);
+  }
   for (std::size_t i = 0; i < rays.count; ++i) scratch.shaded[i] = std::isfinite(block.t_hit[i]);
   const std::optional<Aabb>& room = request.shading->room();
   for (std::size_t i = 0; room && i < rays.count; ++i) {

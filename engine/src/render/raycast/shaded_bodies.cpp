@@ -9,7 +9,8 @@
 namespace flockstep::render {
 namespace {
 
-constexpr std::size_t kRamps = 16;  // ramps that are kept, unless a frame needs more
+constexpr std::size_t kRamps = 16;   // ramps that are kept, unless a frame needs more
+constexpr std::size_t kMeshes = 16;  // the same for meshes
 
 // Returns whether two lights give the same ramps.
 bool give_same_ramps(const Light& a, const Light& b) {
@@ -36,6 +37,38 @@ void ShadedBodies::shade(std::size_t number, Body& body) {
                                                  .instance = static_cast<std::uint16_t>(kFirstBodyInstance + number)});
   if (takes_ramp(body.solid)) body.solid.ramp = find_ramp(body.solid.surface);
   body.frame = frame_;
+}
+
+ShadedBodies::Mesh ShadedBodies::mesh_at(std::size_t number) {
+  const BodySurface& surface = bodies_.surfaces[number];
+  const trace::PosedMesh posed = trace::posed_mesh(bodies_.shapes, number);
+  // The best is one that already has this rotation, then one whose rotation is not needed in this frame.
+  const auto rank = [&](const KeptMesh& kept) {
+    if (!kept.shaded->fits(surface, shading_->light())) return 0;
+    return !kept.shaded->is_turned(posed.to_local) ? 2 : kept.frame != frame_ ? 1 : 0;
+  };
+  auto found =
+      std::max_element(meshes_.begin(), meshes_.end(), [&](const KeptMesh& a, const KeptMesh& b) { return rank(a) < rank(b); });
+  if (found == meshes_.end() || rank(*found) == 0) {
+    found =
+        std::min_element(meshes_.begin(), meshes_.end(), [](const KeptMesh& a, const KeptMesh& b) { return a.frame < b.frame; });
+    if (meshes_.size() < kMeshes || found->frame == frame_) found = meshes_.emplace(meshes_.end());
+    found->shaded = std::make_unique<ShadedMesh>(surface, *shading_);
+  }
+  found->shaded->turn(posed.to_local);
+  found->frame = frame_;
+  return {found->shaded.get(),
+          posed,
+          {.semantic = surface.semantic, .instance = static_cast<std::uint16_t>(kFirstBodyInstance + number)}};
+}
+
+void ShadedBodies::light(const Mesh& mesh, std::int32_t element, const trace::RayBundle& rays, const trace::HitDetails& details,
+                         bool shadows) {
+  triangles_.clear();
+  for (std::size_t i = 0; i < rays.count; ++i) {
+    if (rays.element[i] == element) triangles_.push_back(details.triangle[i]);
+  }
+  mesh.shaded->light(triangles_, shadows);
 }
 
 const std::int32_t* ShadedBodies::find_ramp(const Surface& surface) {

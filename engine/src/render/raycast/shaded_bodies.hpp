@@ -1,15 +1,20 @@
 // ShadedBodies: the bodies of one frame in the form that the shading kernels need.
 #pragma once
 
+#include <algorithm>
 #include <array>
 #include <cstddef>
 #include <cstdint>
 #include <memory>
+#include <span>
 #include <vector>
 
 #include "flockstep/world.hpp"
 #include "render/body_surface.hpp"
+#include "render/raycast/shaded_mesh.hpp"
 #include "render/raycast/shading.hpp"
+#include "trace/posed_mesh.hpp"
+#include "trace/ray_block.hpp"
 #include "trace/shape.hpp"
 
 namespace flockstep::render {
@@ -19,14 +24,40 @@ class ShadedBodies {
  public:
   // Begins a frame. The arguments must outlive it. Allocates only if there are more bodies than ever before.
   void begin(const VisibleBodies& bodies, const Shading& shading);
-  // Returns body `number`; the reference is valid until the next begin().
+  bool is_mesh(std::size_t number) const { return bodies_.surfaces[number].shading != nullptr; }
+  // Returns body `number`, which is no mesh; the reference is valid until the next begin().
   const ShadedSolid& at(std::size_t number) {
     Body& body = shaded_[number];
     if (body.frame != frame_) shade(number, body);
     return body.solid;
   }
 
+  struct Mesh {
+    ShadedMesh* shaded;  // valid until the next begin()
+    trace::PosedMesh posed;
+    Surface surface;  // semantic and instance
+  };
+  // Returns body `number`, which is a mesh.
+  Mesh mesh_at(std::size_t number);
+  // Computes the colours of the mesh's triangles that the rays of a tile hit. element: of the body.
+  void light(const Mesh& mesh, std::int32_t element, const trace::RayBundle& rays, const trace::HitDetails& details,
+             bool shadows);
+  // The meshes that a tile shows, each once.
+  void see_mesh(std::int32_t number) {
+    if (std::find(seen_meshes_.begin(), seen_meshes_.end(), number) == seen_meshes_.end()) seen_meshes_.push_back(number);
+  }
+  std::span<const std::int32_t> take_seen_meshes() {
+    taken_meshes_.swap(seen_meshes_);
+    seen_meshes_.clear();
+    return taken_meshes_;
+  }
+
  private:
+  // A mesh in one light and rotation. Its colours are kept, because many envs and frames share them.
+  struct KeptMesh {
+    std::unique_ptr<ShadedMesh> shaded;
+    std::uint64_t frame = 0;  // frame of the last use
+  };
   struct Body {
     trace::Shape shape;
     ShadedSolid solid;
@@ -49,6 +80,8 @@ class ShadedBodies {
   std::uint64_t frame_ = 0;
   std::vector<Body> shaded_;  // by number
   std::vector<std::unique_ptr<Ramp>> ramps_;
+  std::vector<KeptMesh> meshes_;
+  std::vector<std::int32_t> seen_meshes_, taken_meshes_, triangles_;
 };
 
 }  // namespace flockstep::render

@@ -111,6 +111,8 @@ HWY_INLINE I level(const Shading::Tables& tables, F value) {
 
 HWY_INLINE I packed(I red, I green, I blue) { return red | shift_left<8>(green) | shift_left<16>(blue); }
 
+HWY_INLINE F3 up_of(const Shading::Tables& tables) { return {tables.up[0], tables.up[1], tables.up[2]}; }
+
 struct Nothing {};  // no emission
 
 // Returns the linear colour of a surface with this base colour. sunward: cosine of the angle between the normal and the sun.
@@ -149,7 +151,7 @@ struct FogView {
   HWY_INLINE FogView(const Shading::Tables& tables, const Rays<kShadows, kDetail>& rays) {
     const F length = sqrt(dot(rays.direction, rays.direction));
     clear = exp_of_minus(rays.t * length * tables.fog_per_m);
-    up = max(rays.direction.z / length, 0.0F);
+    up = max(dot(rays.direction, up_of(tables)) / length, 0.0F);
   }
   HWY_INLINE FogView(F clear_part, F up_part) : clear(clear_part), up(up_part) {}
 
@@ -651,24 +653,27 @@ HWY_INLINE Color light_side(const Shading::Tables& tables, const F3& normal, I m
   const auto base = [&](std::size_t c) HWY_ATTR { return F::gather(tables.color[c].data(), materials); };
   const auto emitted = [&](std::size_t c) HWY_ATTR { return F::gather(tables.emissive[c].data(), materials); };
   const auto& to_sun = tables.light.sun_direction;
-  return linear(tables, base, dot(normal, F3{to_sun[0], to_sun[1], to_sun[2]}), normal.z, rays, emitted);
+  return linear(tables, base, dot(normal, F3{to_sun[0], to_sun[1], to_sun[2]}), dot(normal, up_of(tables)), rays, emitted);
 }
 
-// Fills one half of Shading::Tables::lit.
-void light_triangles(const Shading::Tables& tables, std::span<const Vec3> vertices, bool shaded, std::int32_t* out) {
-  for (std::size_t first = 0; first < tables.triangles.size(); first += F::kCount) {
-    const std::size_t count = std::min(F::kCount, tables.triangles.size() - first);
+// Fills one half of Shading::Tables::lit for these triangles, or for all if the list is empty.
+void light_triangles(const Shading::Tables& tables, std::span<const std::int32_t> list, bool shaded, std::int32_t* out) {
+  if (shaded) out += 2 * tables.triangles.size();
+  const std::size_t total = list.empty() ? tables.triangles.size() : list.size();
+  const auto number = [&](std::size_t i) { return list.empty() ? i : static_cast<std::size_t>(list[i]); };
+  for (std::size_t first = 0; first < total; first += F::kCount) {
+    const std::size_t count = std::min(F::kCount, total - first);
     alignas(64) float a[3][PixelTile::kSide] = {}, b[3][PixelTile::kSide] = {};
     alignas(64) std::int32_t material[PixelTile::kSide] = {};
     for (std::size_t i = 0; i < count; ++i) {
-      const auto& corners = tables.triangles[first + i];
-      const auto corner = [&](std::size_t k) -> const Vec3& { return vertices[static_cast<std::size_t>(corners[k])]; };
+      const auto& corners = tables.triangles[number(first + i)];
+      const auto corner = [&](std::size_t k) -> const Vec3& { return tables.vertices[static_cast<std::size_t>(corners[k])]; };
       for (std::size_t axis = 0; axis < 3; ++axis) {
         const auto at = static_cast<Eigen::Index>(axis);
         a[axis][i] = corner(1)[at] - corner(0)[at];
         b[axis][i] = corner(2)[at] - corner(0)[at];
       }
-      material[i] = tables.triangle_material[first + i];
+      material[i] = tables.triangle_material[number(first + i)];
     }
     const F3 front = normalised(cross(F3::load(a[0], a[1], a[2]), F3::load(b[0], b[1], b[2])));
     Color unit{0.0F, 0.0F, 0.0F};
@@ -685,7 +690,7 @@ void light_triangles(const Shading::Tables& tables, std::span<const Vec3> vertic
     for (std::size_t i = 0; i < count; ++i) {
       const bool tinted =
           !tables.colors.empty() || tables.has_fog() || tables.paints[static_cast<std::size_t>(material[i])].texture >= 0;
-      for (std::size_t k = 0; k < 2; ++k) out[2 * (first + i) + k] = tinted ? roots[k][i] : plain[k][i];
+      for (std::size_t k = 0; k < 2; ++k) out[2 * number(first + i) + k] = tinted ? roots[k][i] : plain[k][i];
     }
   }
 }
@@ -747,7 +752,16 @@ bool all_equal(const std::int32_t* values, std::size_t count) {
   return all(differing == 0);
 }
 
-// Returns the solid of an element that is no triangle.
+// Returns the number of the body that an element is; negative for other elements.
+HWY_INLINE std::int32_t body_of(const Shading::Tables& tables, std::int32_t element) {
+  return element - tables.first_marker - static_cast<std::int32_t>(tables.markers.size());
+}
+HWY_INLINE bool is_mesh_body(const Shading::Tables& tables, std::int32_t element, const ShadedBodies& bodies) {
+  const std::int32_t body = body_of(tables, element);
+  return body >= 0 && bodies.is_mesh(static_cast<std::size_t>(body));
+}
+
+// Returns the solid of an element that is neither a triangle nor a mesh.
 HWY_INLINE const ShadedSolid& solid_of(const Shading::Tables& tables, std::int32_t element, ShadedBodies& bodies) {
   if (element < tables.first_triangle) return tables.solids[static_cast<std::size_t>(element)];
   const auto marker = static_cast<std::size_t>(element - tables.first_marker);
@@ -788,7 +802,11 @@ void shade_tile(const Shading::Tables& tables, const trace::RayBundle& bundle, c
         shown = triangle_pixels(tables, elements, mask, details, i, rays, pixel_area, wanted, tinted);
       } else {
         mask = element == number;
-        shown = solid_pixels(tables, solid_of(tables, number, bodies), bundle.origin, rays, wanted);
+        if (is_mesh_body(tables, number, bodies)) {
+          bodies.see_mesh(body_of(tables, number));  // shade_mesh() writes these pixels
+        } else {
+          shown = solid_pixels(tables, solid_of(tables, number, bodies), bundle.origin, rays, wanted);
+        }
       }
       pixels = first ? shown : select(mask, shown, pixels);
       left &= ~bits(mask);
@@ -799,6 +817,52 @@ void shade_tile(const Shading::Tables& tables, const trace::RayBundle& bundle, c
     if (wanted.normal) pixels.normal.store(out.nx + i, out.ny + i, out.nz + i);
   }
   tinted.finish<kDetail>(tables, kDetail != Detail::plain && !tables.colors.empty(), put_color);
+}
+
+// Writes the pixels of a tile that show a body that is a mesh. to_local: rotation, sensor's to body's frame.
+template <bool kShadows, Detail kDetail>
+void shade_mesh(const Shading::Tables& tables, const Mat3& to_local, const Mat3& to_world, std::int32_t body_element,
+                const Surface& surface, const trace::RayBundle& bundle, const trace::HitDetails& details,
+                const std::uint8_t* shaded, float pixel_area, const CameraOutputs& wanted, TilePixels& out) {
+  using Bytes = Wide<hn::Rebind<std::uint8_t, F::Tag>>;
+  using Shorts = Wide<hn::Rebind<std::uint16_t, F::Tag>>;
+  TintedTile tinted;
+  const auto shows = [&](std::size_t i) HWY_ATTR { return I::load(bundle.element + i) == body_element; };
+  const auto put_byte = [](Mask mask, I value, std::uint8_t* to) HWY_ATTR {
+    convert<Bytes>(select(mask, value & 0xFF, convert<I>(Bytes::load_unaligned(to)))).store_unaligned(to);
+  };
+  const auto put_short = [](Mask mask, I value, std::uint16_t* to) HWY_ATTR {
+    convert<Shorts>(select(mask, value, convert<I>(Shorts::load_unaligned(to)))).store_unaligned(to);
+  };
+  const auto put_color = [&](std::size_t i, I color) HWY_ATTR {
+    const Mask mask = shows(i);
+    put_byte(mask, color, out.r + i);
+    put_byte(mask, shift_right<8>(color), out.g + i);
+    put_byte(mask, shift_right<16>(color), out.b + i);
+  };
+  CameraOutputs of_triangles = wanted;
+  of_triangles.semantic = of_triangles.instance = false;
+  for (std::size_t i = 0; i < bundle.count; i += F::kCount) {
+    const Mask mask = shows(i);
+    if (none(mask)) continue;
+    Rays<kShadows, kDetail> rays{rotate(to_local, F3::load_unaligned(bundle.x + i, bundle.y + i, bundle.z + i)),
+                                 F::load(bundle.t_hit + i), Mask(false)};
+    if constexpr (kShadows) rays.shaded = convert<I>(Bytes::load_unaligned(shaded + i)) != 0;
+    const Pixels pixels = triangle_pixels(tables, details.triangle + i, mask, details, i, rays, pixel_area, of_triangles, tinted);
+    if (wanted.any_color()) tinted.waits_for(i) ? tinted.set_color(i, pixels.color) : put_color(i, pixels.color);
+    if (wanted.semantic) put_short(mask, surface.semantic, out.semantic + i);
+    if (wanted.instance) put_short(mask, surface.instance, out.instance + i);
+    if (!wanted.normal) continue;
+    const F3 normal = rotate(to_world, pixels.normal);
+    select(mask, normal, F3::load(out.nx + i, out.ny + i, out.nz + i)).store(out.nx + i, out.ny + i, out.nz + i);
+  }
+  tinted.finish<kDetail>(tables, kDetail != Detail::plain && !tables.colors.empty(), put_color);
+}
+
+template <bool kShadows>
+auto mesh_shader(const Shading::Tables& tables, bool has_fog) {
+  if (has_fog) return shade_mesh<kShadows, Detail::fog>;
+  return tables.is_plain() ? shade_mesh<kShadows, Detail::plain> : shade_mesh<kShadows, Detail::full>;
 }
 
 template <bool kShadows>
@@ -813,7 +877,8 @@ void shade(const Shading::Tables& tables, const trace::RayBundle& bundle, const 
   const bool has_fog = tables.has_fog() && wanted.any_color();
   if (shaded == nullptr) {
     const std::int32_t element = bundle.element[0];
-    const bool is_solid = element >= 0 && (element < tables.first_triangle || element >= tables.first_marker);
+    const bool is_solid = element >= 0 && (element < tables.first_triangle || element >= tables.first_marker) &&
+                          !is_mesh_body(tables, element, bodies);
     if (is_solid && !has_fog && all_equal(bundle.element, bundle.count)) {
       const ShadedSolid& solid = solid_of(tables, element, bodies);
       if (const int face = common_face(*solid.shape, bundle); face >= 0) {
@@ -826,6 +891,15 @@ void shade(const Shading::Tables& tables, const trace::RayBundle& bundle, const 
     tile_shader<false>(tables, has_fog)(tables, bundle, details, shaded, pixel_area, wanted, depth_kind, bodies, out);
   } else {
     tile_shader<true>(tables, has_fog)(tables, bundle, details, shaded, pixel_area, wanted, depth_kind, bodies, out);
+  }
+  const std::int32_t first_body = tables.first_marker + static_cast<std::int32_t>(tables.markers.size());
+  for (const std::int32_t body : bodies.take_seen_meshes()) {
+    const ShadedBodies::Mesh mesh = bodies.mesh_at(static_cast<std::size_t>(body));
+    bodies.light(mesh, first_body + body, bundle, details, shaded != nullptr && wanted.any_color());
+    const Shading::Tables& own = mesh.shaded->tables();
+    (shaded == nullptr ? mesh_shader<false>(own, has_fog) : mesh_shader<true>(own, has_fog))(
+        own, mesh.posed.local_rotation(bundle.rotation), mesh.posed.to_local.transpose(), first_body + body, mesh.surface, bundle,
+        details, shaded, pixel_area, wanted, out);
   }
 }
 
@@ -926,7 +1000,7 @@ Shading::Images::Images(const World& world) : textures(world, Border::yes) {
 }
 
 Shading::Shading(const World& world, const trace::Scene& scene, const Shading* original)
-    : world_(world), tables_(world), room_(shading_room(world)) {
+    : world_(world), tables_(world.light()), room_(shading_room(world)) {
   const Appearance appearance(world);
   for (std::size_t i = 0; i < tables_.levels.size(); ++i) {
     const double value = std::pow(static_cast<double>(i) / kLevels, 2.0);
@@ -948,33 +1022,7 @@ Shading::Shading(const World& world, const trace::Scene& scene, const Shading* o
   tables_.first_triangle = static_cast<std::int32_t>(world.primitives().size());
   tables_.first_marker = tables_.first_triangle + static_cast<std::int32_t>(world.triangles().triangles.size());
   tables_.images = original != nullptr ? original->tables_.images : std::make_shared<const Images>(world);
-  tables_.triangle_material = world.triangles().materials;
-  tables_.triangle_object = world.triangles().objects;
-  for (const Surface& material : appearance.materials) {
-    Paint& paint = tables_.paints.emplace_back();
-    for (std::size_t c = 0; c < 3; ++c) {
-      tables_.color[c].push_back(material.color[c]);
-      tables_.emissive[c].push_back(material.emissive[c]);
-      const Light& light = tables_.light;
-      const float brightest = std::max(light.sky_ambient[c], light.ground_ambient[c]) + light.sun_color[c];
-      const float most = static_cast<float>(Shading::kRoots);
-      paint.unit[c] = (material.color[c] * brightest + material.emissive[c]) / (most * most);
-    }
-    tables_.emits |= material.emits();
-    tables_.semantic.push_back(material.semantic);
-    if (material.texture < 0) continue;
-    const Textures& textures = tables_.images->textures;
-    const auto texture = static_cast<std::size_t>(material.texture);
-    paint.texture = material.texture;
-    paint.wrap_across = textures.wrap_across[texture];
-    paint.wrap_down = textures.wrap_down[texture];
-    paint.first_level = textures.first_level[texture];
-    paint.last_level = textures.num_levels[texture] - 1;
-  }
-  tables_.triangles = world.triangles().triangles;
-  tables_.colors = world.triangles().colors;
-  tables_.first_object = appearance.first_object;
-  tables_.lit = std::make_unique_for_overwrite<std::int32_t[]>(4 * tables_.triangles.size());
+  add_mesh(appearance, tables_);
   light_triangles(false);
   if (!tables_.sun_disc.shows) {
     for (int i = 0; i <= kSky; ++i) tables_.sky.push_back(sky_color(tables_, static_cast<float>(i) / kSky));
@@ -982,9 +1030,54 @@ Shading::Shading(const World& world, const trace::Scene& scene, const Shading* o
   }
 }
 
+// Sets everything that concerns triangles, except their colours. The images and the light of the tables are set.
+void Shading::add_mesh(const Appearance& appearance, Tables& tables) const {
+  tables.triangle_material = world_.triangles().materials;
+  tables.triangle_object = world_.triangles().objects;
+  for (const Surface& material : appearance.materials) {
+    Paint& paint = tables.paints.emplace_back();
+    for (std::size_t c = 0; c < 3; ++c) {
+      tables.color[c].push_back(material.color[c]);
+      tables.emissive[c].push_back(material.emissive[c]);
+      const Light& light = tables.light;
+      const float brightest = std::max(light.sky_ambient[c], light.ground_ambient[c]) + light.sun_color[c];
+      const float most = static_cast<float>(Shading::kRoots);
+      paint.unit[c] = (material.color[c] * brightest + material.emissive[c]) / (most * most);
+    }
+    tables.emits |= material.emits();
+    tables.semantic.push_back(material.semantic);
+    if (material.texture < 0) continue;
+    const Textures& textures = tables.images->textures;
+    const auto texture = static_cast<std::size_t>(material.texture);
+    paint.texture = material.texture;
+    paint.wrap_across = textures.wrap_across[texture];
+    paint.wrap_down = textures.wrap_down[texture];
+    paint.first_level = textures.first_level[texture];
+    paint.last_level = textures.num_levels[texture] - 1;
+  }
+  tables.vertices = world_.triangles().vertices;
+  tables.triangles = world_.triangles().triangles;
+  tables.colors = world_.triangles().colors;
+  tables.first_object = appearance.first_object;
+  tables.lit = std::make_unique_for_overwrite<std::int32_t[]>(4 * tables.triangles.size());
+}
+
+Shading::Tables Shading::tables_of_body(const Shading& world) const {
+  Tables tables(world.light());
+  tables.sun_disc = SunDisc(Light());  // it is in the sky, which a mesh does not show
+  tables.levels = world.tables_.levels;
+  tables.images = tables_.images;
+  tables.first_marker = static_cast<std::int32_t>(world_.triangles().triangles.size());
+  add_mesh(Appearance(world_), tables);
+  return tables;
+}
+
 void Shading::light_triangles(bool shaded) const {
-  std::int32_t* const out = tables_.lit.get() + (shaded ? 2 * tables_.triangles.size() : 0);
-  HWY_DYNAMIC_DISPATCH(light_triangles)(tables_, world_.triangles().vertices, shaded, out);
+  HWY_DYNAMIC_DISPATCH(light_triangles)(tables_, {}, shaded, tables_.lit.get());
+}
+
+void Shading::light_triangles(Tables& tables, std::span<const std::int32_t> triangles, bool shaded) const {
+  HWY_DYNAMIC_DISPATCH(light_triangles)(tables, triangles, shaded, tables.lit.get());
 }
 
 void Shading::prepare_shadows() const {

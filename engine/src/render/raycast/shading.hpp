@@ -61,6 +61,13 @@ class Shading {
   // Result of shading_room().
   const std::optional<Aabb>& room() const { return room_; }
 
+  // Returns tables for a body that is this world's mesh, in a world of that shading. They have no solids, no sky and no colours
+  // of triangles; light_triangles() computes those. The caller turns the light and `up` into the body's frame.
+  struct Tables;
+  Tables tables_of_body(const Shading& world) const;
+  // Computes the colours of these triangles in tables_of_body() of this shading.
+  void light_triangles(Tables& tables, std::span<const std::int32_t> triangles, bool shaded) const;
+
   // Element number of the first body; bodies follow the markers.
   std::int32_t first_body() const { return tables_.first_marker + static_cast<std::int32_t>(tables_.markers.size()); }
 
@@ -115,6 +122,7 @@ class Shading {
     std::vector<std::int32_t> semantic;                 // one per material
     std::vector<Paint> paints;                          // one per material
     std::shared_ptr<const Images> images;
+    std::span<const Vec3> vertices;
     std::span<const std::array<std::int32_t, 3>> triangles;
     std::span<const std::array<float, 3>> colors;  // one per vertex; empty if all are white
     // Colours of the front and the back of each triangle: first all of them in the sun, then all in shade. The memory of the
@@ -125,17 +133,19 @@ class Shading {
     std::vector<std::int32_t> sky;  // (kSky + 1,) from the horizon to the zenith; empty if too coarse or with a sun disc
     std::int32_t first_object = 0;
     Light light;
-    float fog_per_m = 0.0F;  // 1/m, fog_density() of the light
+    std::array<float, 3> up{0.0F, 0.0F, 1.0F};  // direction of the zenith
+    float fog_per_m = 0.0F;                     // 1/m, fog_density() of the light
     SunDisc sun_disc;
     std::array<std::int32_t, kLevels + 1> levels{};
     std::vector<Ramp> ramps;  // one per material
     bool has_fog() const { return fog_per_m > 0.0F; }
     // True without a sun disc, emission, vertex colours and fog. The kernels then omit the code for them.
     bool is_plain() const { return !sun_disc.shows && !emits && colors.empty() && !has_fog(); }
-    explicit Tables(const World& world) : light(world.light()), fog_per_m(fog_density(light)), sun_disc(light) {}
+    explicit Tables(const Light& of) : light(of), fog_per_m(fog_density(light)), sun_disc(light) {}
   };
 
  private:
+  void add_mesh(const Appearance& appearance, Tables& tables) const;
   void light_triangles(bool shaded) const;
 
   const World& world_;
