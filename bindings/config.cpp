@@ -171,6 +171,17 @@ void add_properties(const py::object& cls, const std::type_info& type, const std
   }
 }
 
+// Returns the fields by name, with hashes of worlds instead of the worlds, which are compared by identity.
+py::dict comparable_state_of(const py::object& self) {
+  py::dict state = state_of(self);
+  py::dict hashes;
+  for (const auto& [name, value] : state) {
+    if (py::isinstance<World>(value)) hashes[name] = value.cast<const World&>().content_hash();
+  }
+  state.attr("update")(hashes);
+  return state;
+}
+
 // Adds everything except the constructor: fields, repr and equality by value.
 void add_fields(const py::object& cls, const std::type_info& type, const std::vector<ConfigField>& fields) {
   add_properties(cls, type, fields);
@@ -190,7 +201,7 @@ void add_fields(const py::object& cls, const std::type_info& type, const std::ve
   });
   add("__eq__", [](const py::object& self, const py::object& other) -> py::object {
     if (!py::isinstance(other, py::type::of(self))) return py::reinterpret_borrow<py::object>(Py_NotImplemented);
-    return py::bool_(state_of(self).equal(state_of(other)));
+    return py::bool_(comparable_state_of(self).equal(comparable_state_of(other)));
   });
 }
 

@@ -8,6 +8,7 @@
 #include <array>
 #include <cmath>
 #include <limits>
+#include <memory>
 #include <optional>
 #include <span>
 #include <string>
@@ -19,6 +20,7 @@
 #include "base/nearest_name.hpp"
 #include "flockstep/camera.hpp"
 #include "flockstep/fields.hpp"
+#include "flockstep/world.hpp"
 
 namespace flockstep::bindings {
 
@@ -86,6 +88,11 @@ py::object to_python(const T& value) {
   }
 }
 
+// Its default is converted before World is registered.
+inline py::object to_python(const std::shared_ptr<const World>& world) {
+  return world ? py::cast(std::const_pointer_cast<World>(world)) : py::object(py::none());
+}
+
 template <class Enum, std::size_t kSize>
   requires std::is_enum_v<Enum>
 py::list to_python(const std::array<Enum, kSize>& values) {
@@ -107,6 +114,10 @@ struct PythonName {
 template <class T>
 struct PythonName<std::optional<T>> {
   static std::string of() { return PythonName<T>::of() + " or None"; }
+};
+template <>
+struct PythonName<std::shared_ptr<const World>> {
+  static std::string of() { return "a flockstep.World or None"; }
 };
 template <class T>
 struct PythonName<std::vector<T>> {
@@ -147,6 +158,10 @@ struct StubType {
 template <class T>
 struct StubType<std::optional<T>> {
   static std::string of() { return StubType<T>::of() + " | None"; }
+};
+template <>
+struct StubType<std::shared_ptr<const World>> {
+  static std::string of() { return "World | None"; }
 };
 template <class T>
 struct StubType<std::vector<T>> {

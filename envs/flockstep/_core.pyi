@@ -544,20 +544,25 @@ class BodyConfig:
     name
         Name in messages; several bodies may share it. Values: letters, digits, _ and -. Default: 'body'.
     shape
-        The shape; cylinders and capsules stand along their z axis. Default: 'box'.
+        The shape; cylinders and capsules stand along their z axis. Sensors detect the triangles of a ``"mesh"``, and
+        drones hit its convex hull. Default: 'box'.
     size_m
         Sizes along the body's x, y and z axes. A cylinder or a capsule has equal x and y, its diameter, and a capsule's
-        z, with its round caps, is at least that; the three of a sphere are equal. Values: [0.001, 100000] m. Default:
-        [1.0, 1.0, 1.0].
+        z, with its round caps, is at least that; the three of a sphere are equal. Not for a mesh, which has its own
+        size. Values: [0.001, 100000] m. Default: [1.0, 1.0, 1.0].
+    mesh
+        World whose triangles, materials and textures make up a body of the shape ``"mesh"``, in the body's frame. It
+        has no primitives and no bodies; its markers and its light are ignored. Default: None.
     position_m
-        Position of the centre when an episode begins, world frame. Values: within +-1e+06 m. Default: [0.0, 0.0, 0.0].
+        Position of the centre, or of a mesh's origin, when an episode begins, world frame. Values: within +-1e+06 m.
+        Default: [0.0, 0.0, 0.0].
     quat_wxyz
         Rotation (w, x, y, z) when an episode begins, body to world. Values: a unit quaternion. Default: [1.0, 0.0, 0.0,
         0.0].
     motion
         The script that moves the body. Default: BodyMotion().
     color
-        Base colour, linear RGB. Values: [0, 1]. Default: [0.8, 0.25, 0.1].
+        Base colour, linear RGB. A mesh has the colours of its materials. Values: [0, 1]. Default: [0.8, 0.25, 0.1].
     semantic
         Semantic id in camera images; 0: 65532. Values: [0, 65532]. Default: 0.
     visibility
@@ -568,8 +573,9 @@ class BodyConfig:
     # fields of BodyConfig
     __match_args__: ClassVar[tuple[str, ...]]
     name: str
-    shape: Literal["box", "cylinder", "sphere", "capsule"]
+    shape: Literal["box", "cylinder", "sphere", "capsule", "mesh"]
     size_m: Sequence[float]
+    mesh: World | None
     position_m: Sequence[float]
     quat_wxyz: Sequence[float]
     motion: BodyMotion
@@ -580,8 +586,9 @@ class BodyConfig:
         self,
         *,
         name: str = "body",
-        shape: Literal["box", "cylinder", "sphere", "capsule"] = "box",
+        shape: Literal["box", "cylinder", "sphere", "capsule", "mesh"] = "box",
         size_m: Sequence[float] = (1.0, 1.0, 1.0),
+        mesh: World | None = None,
         position_m: Sequence[float] = (0.0, 0.0, 0.0),
         quat_wxyz: Sequence[float] = (1.0, 0.0, 0.0, 0.0),
         motion: BodyMotion = ...,

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any, TypeAlias
 import numpy as np
 import numpy.typing as npt
 
-from flockstep._core import World
+from flockstep._core import World, WorldBuilder
 from flockstep.hull_simplify import simplified_hull, thickness
 
 if TYPE_CHECKING:
@@ -175,6 +175,18 @@ class DroneMesh:
                 f"got one of {thick_m:.2g} m"
             )
         return simplified_hull(outermost, points)
+
+    def world(self) -> World:
+        """Return the mesh as a `World`, for a body: ``BodyConfig(shape="mesh", mesh=mesh.world())``."""
+        builder = WorldBuilder(self._name or "drone")
+        corners = self.vertices[self.triangles].reshape(-1, 3)
+        builder.mesh(
+            corners,
+            np.arange(len(corners)).reshape(-1, 3),
+            builder.material("paint", (1.0, 1.0, 1.0)),
+            colors=np.repeat(self.colors, 3, axis=0),
+        )
+        return builder.build()
 
     def to_dict(self) -> dict[str, Any]:
         """Return the mesh as lists and numbers, for `from_dict`."""

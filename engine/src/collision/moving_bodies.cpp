@@ -13,7 +13,7 @@ Pose pose_in(const float* position, const float* quat_wxyz, std::size_t number) 
 
 MovingSolid solid_between(const MovingBodies& bodies, std::size_t number, const Pose& from, const Pose& to) {
   const auto index = static_cast<int>(number);
-  if (const Corners* const hull = bodies.hulls[number]) return {*hull, from, to, index};
+  if (const Corners* const hull = bodies.hulls == nullptr ? nullptr : bodies.hulls[number]) return {*hull, from, to, index};
   const Primitive& solid = *bodies.solids[number];
   return {solid.kind, solid.half_extents, from, to, index};
 }

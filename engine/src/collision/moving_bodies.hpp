@@ -23,7 +23,8 @@ struct MovingBodies {
   // (count,) m, radius of a ball around `position` that contains the body during the whole tick; negative: drones pass through.
   const float* reach = nullptr;
   const Primitive* const* solids = nullptr;  // (count,) kind and half_extents; the poses are ignored
-  const Corners* const* hulls = nullptr;     // (count,) convex hulls of meshes, instead of solids; null for other bodies
+  // (count,) convex hulls of meshes, instead of solids; null for other bodies. Null if there are no meshes.
+  const Corners* const* hulls = nullptr;
   std::size_t count = 0;
   std::size_t readable = 0;  // number of bodies that these arrays hold, at least count
 
@@ -37,7 +38,7 @@ struct MovingBodies {
             quat_wxyz + 4 * first,
             reach + first,
             solids + first,
-            hulls + first,
+            hulls == nullptr ? nullptr : hulls + first,
             per_env,
             readable - first};
   }

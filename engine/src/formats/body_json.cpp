@@ -51,6 +51,7 @@ WorldField mesh_elsewhere(const nlohmann::json& body, const std::string& place, 
     refuse(place, "a file in the scene's folder or below it (load with meshes_anywhere=True to allow others)",
            json::excerpt_of(*found));
   }
+  if (extension_of(path) == ".json") refuse(place, "a .glb, .gltf, .obj or .ply file", json::excerpt_of(*found));
   try {
     return World::load(path, {.files = files});
   } catch (const std::invalid_argument& error) {

@@ -108,8 +108,7 @@ GltfNodeExtras read_gltf_node_extras(const JsonField& extras) {
   return read;
 }
 
-std::optional<GltfSceneExtras> read_gltf_scene_extras(const JsonField& extras, const std::filesystem::path& folder,
-                                                      MeshFiles files) {
+std::optional<GltfSceneExtras> read_gltf_scene_extras(const JsonField& extras) {
   const std::optional<JsonField> ours = find_ours(extras);
   if (!ours) return std::nullopt;
   check_object(*ours, {"light", "markers", keys::kBodies.name});
@@ -119,7 +118,8 @@ std::optional<GltfSceneExtras> read_gltf_scene_extras(const JsonField& extras, c
     check_object(*markers, {keys::kMarkerRadius.name, keys::kSpawnBox.name});
     read.markers = read_markers(*markers);
   }
-  if (const auto bodies = find(*ours, keys::kBodies.name)) read.bodies = read_bodies(*bodies, folder, files);
+  if (const auto bodies = find(*ours, keys::kBodies.name))
+    read.bodies = read_bodies(*bodies, {}, MeshFiles::none);  // meshes are embedded
   return read;
 }
 

@@ -3,7 +3,6 @@
 #pragma once
 
 #include <cstdint>
-#include <filesystem>
 #include <nlohmann/json.hpp>
 #include <optional>
 #include <vector>
@@ -41,11 +40,10 @@ struct GltfSceneExtras {
   std::vector<BodyConfig> bodies;
 };
 
-// `extras` is the field of that name of a node or a scene. folder, files: see read_bodies(). Everything outside kGltfExtras is
+// `extras` is the field of that name of a node or a scene. Everything outside kGltfExtras is
 // ignored. Throw std::invalid_argument that names the field, the expected value and the actual one.
 GltfNodeExtras read_gltf_node_extras(const json::JsonField& extras);
-std::optional<GltfSceneExtras> read_gltf_scene_extras(const json::JsonField& extras, const std::filesystem::path& folder,
-                                                      MeshFiles files);
+std::optional<GltfSceneExtras> read_gltf_scene_extras(const json::JsonField& extras);
 
 nlohmann::ordered_json write_gltf_extras(const GltfNodeExtras& extras);
 nlohmann::ordered_json write_gltf_extras(const GltfSceneExtras& extras);

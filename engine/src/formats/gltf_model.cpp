@@ -486,8 +486,7 @@ class Reader {
 
   GltfScene scene_of(const JsonField& field) const {
     GltfScene scene{.name = name_in(field), .nodes = indices(field, "nodes", "nodes"), .extras = {}};
-    if (const auto extras = find(field, "extras"))
-      scene.extras = read_gltf_scene_extras(*extras, files_.folder(), files_.allowed());
+    if (const auto extras = find(field, "extras")) scene.extras = read_gltf_scene_extras(*extras);
     return scene;
   }
 

@@ -31,9 +31,6 @@ class GltfFiles {
   // file.
   std::string read(const std::string& uri, const std::string& field, const std::string& kind);
 
-  const std::filesystem::path& folder() const { return folder_; }
-  MeshFiles allowed() const { return files_; }
-
  private:
   std::string source_;
   std::filesystem::path folder_;

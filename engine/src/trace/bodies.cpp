@@ -41,7 +41,7 @@ Primitive posed_solid(const Bodies& bodies, std::size_t number) {
 PosedMesh posed_mesh(const Bodies& bodies, std::size_t number) {
   const float* const p = bodies.position + 3 * number;
   const float* const q = bodies.quat_wxyz + 4 * number;
-  return {.scene = bodies.meshes[number],
+  return {.scene = bodies.mesh(number),
           .position = {p[0], p[1], p[2]},
           .to_local = Quat(q[0], q[1], q[2], q[3]).toRotationMatrix().transpose(),
           .radius = bodies.radius[number],
@@ -52,7 +52,7 @@ void make_shapes(const Bodies& bodies, std::vector<NumberedShape>& shapes) {
   shapes.clear();
   shapes.reserve(bodies.count);
   for (std::size_t i = 0; i < bodies.count; ++i) {
-    if (bodies.radius[i] >= 0.0F && bodies.meshes[i] == nullptr)
+    if (bodies.radius[i] >= 0.0F && bodies.mesh(i) == nullptr)
       shapes.push_back({shape_of(bodies, i), bodies.first_element + static_cast<std::int32_t>(i)});
   }
 }
@@ -60,7 +60,7 @@ void make_shapes(const Bodies& bodies, std::vector<NumberedShape>& shapes) {
 void make_meshes(const Bodies& bodies, std::vector<PosedMesh>& meshes) {
   meshes.clear();
   for (std::size_t i = 0; i < bodies.count; ++i) {
-    if (bodies.radius[i] >= 0.0F && bodies.meshes[i] != nullptr) meshes.push_back(posed_mesh(bodies, i));
+    if (bodies.radius[i] >= 0.0F && bodies.mesh(i) != nullptr) meshes.push_back(posed_mesh(bodies, i));
   }
 }
 
@@ -77,7 +77,7 @@ void NearBodies::gather(const Bodies& bodies, const Vec3& origin, float near_m, 
   }
   const std::size_t count = find_near_balls(bodies.balls(), origin, range_m, found_.data());
   for (const std::uint32_t number : std::span(found_).first(count)) {
-    if (bodies.meshes[number] != nullptr) {
+    if (bodies.mesh(number) != nullptr) {
       meshes_.push_back(posed_mesh(bodies, number));
       continue;
     }

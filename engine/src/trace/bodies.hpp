@@ -22,7 +22,8 @@ struct Bodies {
   const float* quat_wxyz = nullptr;  // (count, 4) body to world
   const float* radius = nullptr;     // (count,) m, of the ball around the position that contains it; negative: not visible
   const Primitive* const* solids = nullptr;  // (count,) kind and half_extents; the poses are ignored
-  const Scene* const* meshes = nullptr;      // (count,) scenes of meshes, instead of solids; null for other bodies
+  // (count,) scenes of meshes, instead of solids; null for other bodies. Null if there are no meshes.
+  const Scene* const* meshes = nullptr;
   std::size_t count = 0;
   std::size_t readable = 0;        // bodies of this env and the following ones, which these arrays also hold
   std::int32_t first_element = 0;  // number of the first body in hits
@@ -31,13 +32,20 @@ struct Bodies {
   Bodies of_env(std::size_t env, std::size_t per_env) const {
     if (per_env == 0) return {};
     const std::size_t first = env * per_env;
-    return {position + 3 * first, quat_wxyz + 4 * first, radius + first, solids + first, meshes + first, per_env,
-            readable - first,     first_element};
+    return {position + 3 * first,
+            quat_wxyz + 4 * first,
+            radius + first,
+            solids + first,
+            meshes == nullptr ? nullptr : meshes + first,
+            per_env,
+            readable - first,
+            first_element};
   }
   void prefetch_balls() const {
     prefetch(position, 3 * count * sizeof(float));
     prefetch(radius, count * sizeof(float));
   }
+  const Scene* mesh(std::size_t number) const { return meshes == nullptr ? nullptr : meshes[number]; }
   Balls balls() const { return {position, radius, count, readable}; }
 };
 

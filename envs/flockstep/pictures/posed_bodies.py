@@ -32,6 +32,10 @@ def posed_bodies(batch: Batch, env: int) -> list[BodyConfig]:
 
 def outline(body: BodyConfig) -> Floats:
     """Return points around a body seen from above, (K, 3) m, world frame."""
+    if body.mesh is not None:
+        corners = rotate(np.asarray(body.quat_wxyz, float), body.mesh.mesh()["vertices"].astype(float))
+        outermost: Floats = corners[np.argmax(corners[:, :2] @ _CIRCLE.T, axis=0)]
+        return np.asarray(body.position_m, float) + outermost
     x, y, z = np.asarray(body.size_m, float) / 2
     ring = np.array([[-x, -y], [x, -y], [x, y], [-x, y]]) if body.shape == "box" else _CIRCLE * x
     levels = [-z, z] if body.shape in ("box", "cylinder") else [x - z, z - x]

@@ -1,0 +1,416 @@
+"""Bodies that are meshes: sensors detect their triangles, drones hit their convex hull."""
+
+import json
+import pickle
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+import flockstep
+from flockstep import BodyConfig, BodyMotion, CameraConfig, LidarConfig, World
+
+ROOM = {
+    "flockstep_scene": 1,
+    "name": "room",
+    "room": {"min": [-6, -6, 0], "max": [6, 6, 6]},
+    "boxes": [{"center": [2, 2, 0.5], "size": [1, 1, 1]}],
+    "markers": {"start": [-3, 0, 2]},
+}
+OUTPUTS = ("rgb", "depth", "semantic", "instance", "normal")
+IMAGES = (*OUTPUTS[1:], "rgb")
+
+
+def star(rings=12, radius=0.8):
+    """Return vertices, triangles and texture coordinates of a closed surface with dents."""
+    down, around = np.meshgrid(
+        np.linspace(0, np.pi, rings + 1), np.linspace(0, 2 * np.pi, 2 * rings + 1), indexing="ij"
+    )
+    across = radius * np.sin(down) * (1 + 0.3 * np.sin(5 * around) * np.sin(down))
+    vertices = np.stack([across * np.cos(around), across * np.sin(around), radius * np.cos(down)], -1).reshape(-1, 3)
+    uv = np.stack([around / (2 * np.pi), down / np.pi], -1).reshape(-1, 2)
+    row = 2 * rings + 1
+    first = (np.arange(rings)[:, None] * row + np.arange(2 * rings)).ravel()
+    triangles = np.concatenate(
+        [np.stack([first, first + row, first + 1], 1), np.stack([first + 1, first + row, first + row + 1], 1)]
+    )
+    corners = vertices[triangles]
+    areas = np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1)
+    return vertices.astype(np.float32), triangles[areas > 1e-9], uv.astype(np.float32)  # without those at the poles
+
+
+def add_star(builder, place=lambda vertices: vertices, *, style="textured"):
+    """Add a mesh of two materials in a style, with its vertices placed."""
+    random = np.random.default_rng(5)
+    vertices, triangles, uv = star()
+    placed = place(vertices).astype(np.float32)
+    pixels = random.integers(0, 256, (16, 16, 4)).astype(np.uint8)
+    pixels[..., 3] = 255
+    colors = random.uniform(0, 1, vertices.shape).astype(np.float32)
+    if style == "masked":
+        pixels[4:9, 3:7, 3] = 0
+    plain = builder.material("plain", (0.7, 0.5, 0.3))
+    more = {}
+    if style in ("textured", "masked"):
+        more["texture"] = builder.texture("noise", pixels)
+    if style == "masked":
+        more["alpha_cutoff"] = 0.5
+    if style == "glowing":
+        more["emissive"] = (0.1, 0.3, 0.0)
+    fancy = builder.material("fancy", (0.9, 0.8, 0.9), **more)
+    half = len(triangles) // 2
+    tints = colors if style == "tinted" else None
+    builder.mesh(placed, triangles[:half], fancy, uv, tints)
+    builder.mesh(placed, triangles[half:], plain, uv, tints)
+
+
+def star_world(style="textured"):
+    builder = flockstep.WorldBuilder("star")
+    add_star(builder, style=style)
+    return builder.build()
+
+
+def room(**more):
+    return World.from_dict({**ROOM, **more})
+
+
+def room_with_star(position, turn, style, light):
+    builder = flockstep.WorldBuilder("room")
+    grey = builder.material("grey", (0.8, 0.8, 0.8))
+    builder.room((-6, -6, 0), (6, 6, 6), grey)
+    builder.box((2, 2, 0.5), (1, 1, 1), grey)
+    builder.start((-3, 0, 2))
+    add_star(builder, lambda vertices: turn.apply(vertices.astype(float)) + position, style=style)
+    builder.light(**light)
+    return builder.build()
+
+
+def batch_with(bodies=(), world=None, num_drones=1, **more):
+    return flockstep.Batch([world or room()], num_drones, bodies=list(bodies), **more)
+
+
+def images_of(batch):
+    batch.capture()
+    camera = batch.camera()
+    return {name: np.array(getattr(camera, name)[0]) for name in OUTPUTS}
+
+
+def quat_of(turn):
+    return turn.as_quat()[[3, 0, 1, 2]].tolist()
+
+
+class TestSensors:
+    @pytest.mark.parametrize("tracer", ["auto", "embree"])
+    @pytest.mark.parametrize("light", [{}, {"fog_visibility_m": 12.0}], ids=["clear", "fog"])
+    @pytest.mark.parametrize("style", ["plain", "textured", "masked", "tinted", "glowing"])
+    def test_images_show_it_as_the_same_mesh_in_the_static_world(self, style, light, tracer):
+        """Pixels at edges may differ, because the rays are computed in another frame."""
+        random = np.random.default_rng(hash_of(style, light))
+        camera = CameraConfig(
+            width_px=96,
+            height_px=64,
+            outputs=OUTPUTS,
+            shadows=True,
+            samples_per_pixel=4 if style == "textured" else 1,
+        )
+        standing_room = World.from_dict({**ROOM, "light": light})
+        mesh, seen = star_world(style), 0
+        for _ in range(6):
+            turn, position = Rotation.random(random_state=random), random.uniform([-2, -2, 1], [2, 2, 3])
+            body = BodyConfig(
+                shape="mesh", mesh=mesh, position_m=position.tolist(), quat_wxyz=quat_of(turn), semantic=900
+            )
+            moving = batch_with([body], standing_room, cameras=[camera], tracer=tracer)
+            standing = batch_with(world=room_with_star(position, turn, style, light), cameras=[camera], tracer=tracer)
+            eye = random.uniform([-5, -5, 0.5], [5, 5, 5])
+            away = position - eye
+            pose = [[*eye]], [quat_of(Rotation.from_euler("z", np.arctan2(away[1], away[0])))]
+            for batch in (moving, standing):
+                batch.set_pose(*map(np.float32, pose))
+            ours, theirs = images_of(moving), images_of(standing)
+            shows = (theirs["instance"] == 3) | (theirs["instance"] == 4)
+            seen += shows.sum()
+            edge = np.abs(ours["depth"] - theirs["depth"]) > 1e-3
+            assert edge.mean() < 0.005
+            np.testing.assert_array_equal((ours["instance"] == 61440)[~edge], shows[~edge])
+            np.testing.assert_array_equal((ours["semantic"] == 900)[~edge], shows[~edge])
+            np.testing.assert_allclose(ours["normal"][~edge], theirs["normal"][~edge], atol=1e-4)
+            apart = np.abs(ours["rgb"].astype(int) - theirs["rgb"]).max(-1)
+            assert (apart > 2).mean() < 0.01
+        assert seen > 500
+
+    @pytest.mark.parametrize("tracer", ["auto", "tiles", "embree"])
+    def test_ranges_are_those_of_the_same_mesh_in_the_static_world(self, tracer):
+        random = np.random.default_rng(8)
+        lidars = [
+            LidarConfig(name="fan", beams=36, hfov_deg=360, max_range_m=8),
+            LidarConfig(name="dense", beams=200, hfov_deg=90, channels=8, vfov_deg=40, max_range_m=8),
+        ]
+        met = 0
+        for _ in range(10):
+            turn, position = Rotation.random(random_state=random), random.uniform([-2, -2, 1], [2, 2, 3])
+            body = BodyConfig(shape="mesh", mesh=star_world(), position_m=position.tolist(), quat_wxyz=quat_of(turn))
+            standing = batch_with(
+                world=room_with_star(position, turn, "textured", {}), num_drones=20, lidar=lidars, tracer=tracer
+            )
+            moving = batch_with([body], num_drones=20, lidar=lidars, tracer=tracer)
+            eyes = np.float32(random.uniform([-5, -5, 0.5], [5, 5, 5], (20, 3)))
+            turns = np.float32([quat_of(Rotation.random(random_state=random)) for _ in eyes])
+            for batch in (moving, standing):
+                batch.set_pose(eyes, turns)
+                batch.sense()
+            for lidar in lidars:
+                ours, theirs = moving.lidar(lidar.name).ranges, standing.lidar(lidar.name).ranges
+                equal = np.isclose(ours, theirs, rtol=0, atol=1e-4)
+                assert equal.mean() > 0.999  # others are at edges
+                empty = batch_with(num_drones=20, lidar=lidars, tracer=tracer)
+                empty.set_pose(eyes, turns)
+                empty.sense()
+                met += (empty.lidar(lidar.name).ranges != ours).sum()
+        assert met > 5000
+
+    def test_a_mesh_at_the_origin_gives_the_bits_of_the_static_world(self):
+        random = np.random.default_rng(9)
+        lidar = LidarConfig(beams=90, hfov_deg=360, max_range_m=8)
+        eyes = np.float32(random.uniform([-3, -3, -1], [3, 3, 1], (50, 3)))
+        eyes[np.linalg.norm(eyes, axis=1) < 1.2] = [2, 0, 0]
+        far = World.from_dict({**ROOM, "room": {"min": [-50, -50, -50], "max": [50, 50, 50]}, "boxes": []})
+        standing = batch_with(world=star_world(), num_drones=50, lidar=lidar)
+        moving = batch_with([BodyConfig(shape="mesh", mesh=star_world())], far, num_drones=50, lidar=lidar)
+        for batch in (moving, standing):
+            batch.set_pose(eyes)
+            batch.sense()
+        assert (moving.lidar().ranges == standing.lidar().ranges).all()
+        assert np.isfinite(moving.lidar().ranges).sum() > 100
+
+    def test_many_that_share_a_mesh_have_their_own_places(self):
+        mesh = star_world()
+        bodies = [
+            BodyConfig(shape="mesh", mesh=mesh, position_m=[x, y, 1.5], quat_wxyz=quat_of(Rotation.from_euler("z", x)))
+            for x in (-4.0, 0.0, 4.0)
+            for y in (-4.0, 0.0, 4.0)
+        ]
+        for k, body in enumerate(bodies):
+            body.semantic = 100 + k
+        camera = CameraConfig(width_px=64, height_px=64, outputs=OUTPUTS, shadows=True)
+        alone, together = [], batch_with(bodies, cameras=[camera])
+        pose = np.float32([[-5.5, -5.5, 5]]), np.float32([quat_of(Rotation.from_euler("zy", [45, 30], degrees=True))])
+        together.set_pose(*pose)
+        ours = images_of(together)
+        for body in bodies:
+            batch = batch_with([body], cameras=[camera])
+            batch.set_pose(*pose)
+            alone.append(images_of(batch)["depth"])
+        np.testing.assert_array_equal(ours["depth"], np.min(alone, axis=0))
+        assert set(range(100, 109)) <= set(ours["semantic"].flat)
+
+
+def hash_of(style, light):
+    return sum(map(ord, style)) + len(light)
+
+
+def box_world(half, random):
+    """Return a box as a mesh, with further triangles inside."""
+    corners = np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)]) * half
+    faces = [[0, 2, 3, 1], [4, 5, 7, 6], [0, 1, 5, 4], [2, 6, 7, 3], [0, 4, 6, 2], [1, 3, 7, 5]]
+    triangles = [[f[0], f[k], f[k + 1]] for f in faces for k in (1, 2)]
+    inside = random.uniform(-0.99, 0.99, (600, 3)) * half
+    builder = flockstep.WorldBuilder("box")
+    grey = builder.material("grey")
+    builder.mesh(np.float32(corners), triangles, grey)
+    builder.mesh(np.float32(inside), np.arange(600).reshape(-1, 3), grey)
+    return builder.build()
+
+
+class TestContacts:
+    def test_drones_hit_its_hull_as_a_box_of_that_size(self):
+        random = np.random.default_rng(21)
+        hits = 0
+        for _ in range(10):
+            half = random.uniform(0.1, 0.8, 3)
+            pose = {
+                "position_m": random.uniform([-1, -1, 2], [1, 1, 4]).tolist(),
+                "quat_wxyz": quat_of(Rotation.random(random_state=random)),
+                "motion": BodyMotion(
+                    velocity_mps=random.uniform(-2, 2, 3).tolist(), turn_rate_dps=random.uniform(-90, 90, 3).tolist()
+                ),
+            }
+            solid = BodyConfig(size_m=(2 * half).tolist(), **pose)
+            mesh = BodyConfig(shape="mesh", mesh=box_world(half, random), **pose)
+            start = np.float32(random.uniform([-4, -4, 1], [4, 4, 5], (200, 3)))
+            goal = np.float32(random.uniform([-2, -2, 1], [2, 2, 5], (200, 3)))
+            batches = [batch_with([body], num_drones=200) for body in (solid, mesh)]
+            free = batches[0].is_free(start)
+            np.testing.assert_array_equal(batches[1].is_free(start), free)
+            for batch in batches:
+                batch.set_pose(start)
+                batch.move(goal)
+            box, hull = (batch.contact for batch in batches)
+            np.testing.assert_array_equal(hull.hit, box.hit)
+            met = free & (box.body >= 0)
+            hits += met.sum()
+            np.testing.assert_array_equal(hull.body[free], box.body[free])
+            np.testing.assert_allclose(batches[1].position[free], batches[0].position[free], atol=2e-5)
+            np.testing.assert_allclose(hull.surface_velocity[met], box.surface_velocity[met], atol=0.05)
+        assert hits > 200
+
+    def test_it_pushes_drones_as_a_box_of_that_size(self):
+        random = np.random.default_rng(22)
+        half = np.array([0.4, 0.7, 0.5])
+        motion = BodyMotion(velocity_mps=[-2, 0.3, 0], turn_rate_dps=[0, 0, 60])
+        bodies = [
+            BodyConfig(size_m=(2 * half).tolist(), position_m=[3, 0, 2], motion=motion),
+            BodyConfig(shape="mesh", mesh=box_world(half, random), position_m=[3, 0, 2], motion=motion),
+        ]
+        places = np.float32(random.uniform([-1, -1, 1.5], [1, 1, 2.5], (50, 3)))
+        batches = [batch_with([body], num_drones=50) for body in bodies]
+        for batch in batches:
+            batch.set_pose(places)
+        for _ in range(15):
+            for batch in batches:
+                batch.move(batch.position)
+        box, hull = batches
+        assert not hull.contact.inside.any()
+        pushed = np.linalg.norm(box.position - places, axis=1) > 0.1
+        assert pushed.sum() > 20
+        np.testing.assert_allclose(hull.position, box.position, atol=1e-3)
+
+    def test_visibility_of_bodies_and_of_their_objects(self):
+        builder = flockstep.WorldBuilder("ghost")
+        grey = builder.material("grey")
+        vertices, triangles, _ = star()
+        builder.mesh(vertices, triangles, grey, solid=False)
+        builder.mesh([[0, 2, 0], [0.1, 2, 0], [0, 2.1, 0]], [[0, 1, 2]], grey)
+        ghost = builder.build()
+        for mesh, role, hit, seen in [
+            (star_world(), "full", True, True),
+            (star_world(), "visual", False, True),
+            (star_world(), "solid", True, False),
+            (ghost, "full", False, True),  # the way leads past its solid triangle
+        ]:
+            body = BodyConfig(shape="mesh", mesh=mesh, position_m=[0, 0, 2], visibility=role)
+            batch = batch_with([body], lidar=LidarConfig(beams=3, hfov_deg=10, max_range_m=4))
+            batch.set_pose(np.float32([[-3, 0, 2]]))
+            batch.sense()
+            assert np.isfinite(batch.lidar().ranges).any() == seen
+            batch.move(np.float32([[3, 0, 2]]))
+            assert bool(batch.contact.hit[0]) == hit
+
+
+class TestFiles:
+    @pytest.mark.parametrize("suffix", ["json", "glb", "gltf"])
+    def test_worlds_keep_meshes_of_bodies(self, suffix, tmp_path):
+        mesh = star_world()
+        bodies = [BodyConfig(shape="mesh", mesh=mesh), BodyConfig(), BodyConfig(shape="mesh", mesh=mesh, semantic=3)]
+        world = room().with_bodies(bodies)
+        world.save(tmp_path / f"world.{suffix}")
+        loaded = World.load(tmp_path / f"world.{suffix}")
+        assert loaded.bodies == bodies
+        assert loaded.bodies[0].mesh is loaded.bodies[2].mesh
+        assert loaded.to_dict() == world.to_dict()
+        assert pickle.loads(pickle.dumps(world)).bodies == bodies
+        twice = World.load(tmp_path / f"world.{suffix}", scale=2.0)
+        np.testing.assert_allclose(twice.bodies[0].mesh.bounds, 2 * np.array(mesh.bounds), rtol=1e-6)
+
+    def test_a_mesh_in_a_file_of_its_own(self, tmp_path):
+        (tmp_path / "meshes").mkdir()
+        star_world().save(tmp_path / "meshes" / "star.glb")
+        bodies = [{"shape": "mesh", "mesh": "meshes/star.glb"}, {"shape": "mesh", "mesh": 0}]
+        (tmp_path / "scene.json").write_text(json.dumps({**ROOM, "bodies": bodies}))
+        first, second = World.load(tmp_path / "scene.json").bodies
+        assert first.mesh.to_dict() == star_world().to_dict()
+        assert second.mesh is first.mesh
+
+    @pytest.mark.parametrize(
+        ("body", "message"),
+        [
+            ({"shape": "mesh"}, r"bodies\[0\].mesh: expected a world of triangles for the shape \"mesh\", got none"),
+            ({"mesh": "star.glb"}, 'expected no mesh unless shape is "mesh"'),
+            ({"shape": "mesh", "mesh": "/etc/passwd"}, "expected a file in the scene's folder or below it"),
+            ({"shape": "mesh", "mesh": "../star.glb"}, "expected a file in the scene's folder or below it"),
+            ({"shape": "mesh", "mesh": "scene.json"}, "expected a .glb, .gltf, .obj or .ply file"),
+            ({"shape": "mesh", "mesh": "none.glb"}, "none.glb"),
+            ({"shape": "mesh", "mesh": ""}, "expected a file in the scene's folder or below it"),
+            ({"shape": "mesh", "mesh": 0}, "expected the number of an earlier body with a mesh, got 0"),
+            ({"shape": "mesh", "mesh": -1}, "expected the number of an earlier body with a mesh, got -1"),
+            ({"shape": "mesh", "mesh": True}, "expected null or a .glb file"),
+            ({"shape": "mesh", "mesh": "data:,x"}, "expected null or a .glb file"),
+            ({"shape": "mesh", "mesh": "data:model/gltf-binary;base64,AAAA"}, r"bodies\[0\].mesh"),
+            ({"shape": "mesh", "mesh": "star.glb", "size_m": [2, 1, 1]}, "size_m: expected 1 x 1 x 1 for a mesh"),
+        ],
+    )
+    def test_a_bad_mesh_is_refused(self, body, message, tmp_path):
+        star_world().save(tmp_path / "star.glb")
+        (tmp_path / "scene.json").write_text(json.dumps({**ROOM, "bodies": [body]}))
+        with pytest.raises(ValueError, match=message):
+            World.load(tmp_path / "scene.json")
+
+    def test_a_mesh_with_other_things_is_refused(self):
+        for mesh, message in [
+            (room(), "expected a world with triangles"),
+            (
+                room_with_star([0, 0, 2], Rotation.identity(), "plain", {}),
+                "expected a world of triangles only, got 2 prim",
+            ),
+            (star_world().with_bodies([BodyConfig()]), "expected a world without bodies, got 1 bodies"),
+        ]:
+            with pytest.raises(ValueError, match=message):
+                batch_with([BodyConfig(shape="mesh", mesh=mesh)])
+        with pytest.raises(TypeError, match=r"mesh: expected a flockstep.World or None, got 3"):
+            BodyConfig(mesh=3)
+
+    def test_snapshots_keep_spawned_meshes(self):
+        lidar = LidarConfig(beams=36, hfov_deg=360, max_range_m=8)
+        batch = batch_with(num_drones=3, max_bodies=2, lidar=lidar)
+        body = BodyConfig(shape="mesh", mesh=star_world(), position_m=[0, 0, 2])
+        assert batch.bodies.spawn(body, velocity=[[0.5, 0, 0]] * 3).tolist() == [0, 0, 0]
+        batch.sense()
+        other = batch_with(num_drones=3, max_bodies=2, lidar=lidar)
+        other.restore(batch.snapshot())
+        assert other.bodies.config(1, 0) == body
+        for each in (batch, other):
+            for _ in range(3):
+                each.move(each.position)
+            each.sense()
+        np.testing.assert_array_equal(other.bodies.position, batch.bodies.position)
+        np.testing.assert_array_equal(other.lidar().ranges, batch.lidar().ranges)
+
+    def test_a_picture_of_a_drone_becomes_a_world(self):
+        vertices, triangles, _ = star()
+        colors = np.random.default_rng(1).uniform(0, 1, (len(triangles), 3))
+        mesh = flockstep.DroneMesh(vertices, triangles, colors, "toy").world()
+        assert mesh.name == "toy"
+        camera = CameraConfig(width_px=64, height_px=64, outputs=["rgb", "instance"])
+        batch = batch_with([BodyConfig(shape="mesh", mesh=mesh, position_m=[0, 0, 2])], cameras=[camera])
+        batch.set_pose(np.float32([[-2, 0, 2]]))
+        batch.capture()
+        shows = batch.camera().instance[0] == 61440
+        assert shows.sum() > 500
+        assert len(np.unique(batch.camera().rgb[0][shows], axis=0)) > 50
+
+
+def test_threads_and_numbers_of_envs_do_not_change_images():
+    camera = CameraConfig(width_px=48, height_px=48, outputs=OUTPUTS, shadows=True)
+    bodies = [
+        BodyConfig(
+            shape="mesh",
+            mesh=star_world(),
+            position_m=[x, 0, 2],
+            motion=BodyMotion(turn_rate_dps=[0, 40, 30], velocity_mps=[0, 0.4, 0]),
+        )
+        for x in (-0.5, 1.5)
+    ]
+
+    def flown(envs, threads):
+        batch = batch_with(bodies, num_drones=envs, cameras=[camera], num_threads=threads)
+        batch.set_pose(np.float32([[-3, 0.1 * env, 2] for env in range(envs)]))
+        for _ in range(4):
+            batch.move(batch.position)
+        batch.capture()
+        return {name: np.array(getattr(batch.camera(), name)) for name in OUTPUTS}
+
+    many = flown(6, 1)
+    for name, images in flown(6, 2).items():
+        np.testing.assert_array_equal(images, many[name])
+    for name, images in flown(2, 1).items():
+        np.testing.assert_array_equal(images, many[name][:2])
