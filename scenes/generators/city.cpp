@@ -67,19 +67,21 @@ class City {
   }
 
   // Lets cars drive around blocks, clockwise on the lane beside them: on the right.
-  void drive(Movers& movers) const {
+  void drive(const World& city, Movers& movers) const {
     constexpr int kDarts = 50;
-    constexpr double kAside = 1.5, kAbove = 0.08;  // m, from the middle of the road, and above it
-    constexpr float kCornerRadius = 4.5F;
-    constexpr std::array<std::array<float, 3>, 4> kPaints{
-        {{0.55F, 0.04F, 0.03F}, {0.03F, 0.12F, 0.40F}, {0.60F, 0.60F, 0.58F}, {0.02F, 0.02F, 0.02F}}};
+    constexpr double kAside = 1.5;  // m, from the middle of the road
+    constexpr float kLift = 0.08F, kCornerRadius = 4.5F;
+    constexpr std::array kKinds{CarKind::hatchback, CarKind::sedan, CarKind::estate, CarKind::taxi, CarKind::van, CarKind::sedan};
     Draws& draws = movers.draws();
+    std::vector<std::shared_ptr<const World>> cars;  // shared by the bodies
+    for (const CarKind kind : kKinds) cars.push_back(moving_car(city, surfaces_.car, kind, draws));
     for (int i = 0; i < config_.traffic; ++i) {
       Interrupt::poll();
       BodyConfig car;
       car.name = "car";
-      car.size_m = {4.4F, 1.8F, 1.5F};
-      car.color = kPaints[static_cast<std::size_t>(draws.below(4))];
+      car.shape = BodyShape::mesh;
+      car.mesh = cars[static_cast<std::size_t>(draws.below(static_cast<int>(cars.size())))];
+      car.semantic = city.semantic(surfaces_.car);
       bool is_added = false;
       for (int dart = 0; dart < kDarts && !is_added; ++dart) {
         std::array<Span, 2> around{};
@@ -89,9 +91,8 @@ class City {
           around[axis] = {roads_[axis][static_cast<std::size_t>(first)].middle() + kAside,
                           roads_[axis][static_cast<std::size_t>(last) + 1].middle() - kAside};
         }
-        const float z = static_cast<float>(0.5 * static_cast<double>(car.size_m[2]) + kAbove);
         const auto corner = [&](double x, double y) {
-          return std::array<float, 3>{static_cast<float>(centimetres(x)), static_cast<float>(centimetres(y)), z};
+          return std::array<float, 3>{static_cast<float>(centimetres(x)), static_cast<float>(centimetres(y)), 0.0F};
         };
         const auto& [x, y] = around;
         car.motion.kind = BodyMotionKind::waypoints;
@@ -100,7 +101,7 @@ class City {
         car.motion.corner_radius_m = kCornerRadius;
         car.motion.faces_travel = true;
         car.motion.speed_mps = static_cast<float>(centimetres(draws.uniform(3.0, 7.0)));
-        is_added = movers.add(car);
+        is_added = movers.add(car, kLift);
       }
       if (!is_added) return;
     }
@@ -633,7 +634,7 @@ std::shared_ptr<const World> city(const CityConfig& config) {
     if (!is_free_way(*world, hull, city.lane())) return nullptr;
     if (config.traffic == 0) return world;
     Movers movers(*world, Draws::kCity, config.seed, attempt);
-    city.drive(movers);
+    city.drive(*world, movers);
     return world->with_bodies(movers.bodies());
   };
   if (auto world = first_layout(kAttempts, build)) return world;

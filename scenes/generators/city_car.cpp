@@ -259,4 +259,12 @@ void add_car(WorldBuilder& builder, std::uint16_t material, const Frame& frame, 
   builder.mesh(Car(frame, shape_of(kind), paint).made(), material);
 }
 
+std::shared_ptr<const World> moving_car(const World& city, std::uint16_t material, CarKind kind, Draws& draws) {
+  WorldBuilder builder("car");
+  Material paint = city.materials()[material];
+  if (paint.texture) paint.texture = builder.texture(city.textures()[*paint.texture]);
+  add_car(builder, builder.material(paint), Frame{Vec3d::Zero(), Vec2d(1.0, 0.0)}, kind, draws);
+  return builder.build();
+}
+
 }  // namespace flockstep::streets

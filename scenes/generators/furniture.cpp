@@ -420,8 +420,9 @@ void Furniture::barrel(const Spot& spot, Swatch paint) {
   add(shape, Kind::barrel);
 }
 
-void Furniture::forklift(const Spot& spot) {
-  Shape shape(spot);
+namespace {
+
+void add_chassis(Shape& shape) {
   for (const double x : {-0.48, 0.48}) {
     for (const double y : {-0.62, 0.55}) {  // octagonal wheels, lying on their sides
       const double r = y < 0.0 ? 0.24 : 0.3;
@@ -431,6 +432,37 @@ void Furniture::forklift(const Spot& spot) {
   shape.cushion({0, -0.75, 0.65}, {1.06, 0.6, 0.78}, 0.1, Swatch::dark_grey);
   shape.cushion({0, 0.0, 0.48}, {1.0, 1.5, 0.42}, 0.05, Swatch::yellow);
   shape.cushion({0, -0.45, 0.9}, {0.96, 0.8, 0.3}, 0.06, Swatch::yellow);
+}
+
+}  // namespace
+
+void Furniture::moving_forklift(const Spot& spot) {
+  const auto add_object = [&](const auto& build) {
+    Shape shape(spot);
+    build(shape);
+    add(shape, Kind::forklift);
+  };
+  add_object(add_chassis);
+  add_object([](Shape& shape) {
+    shape.block({0, -0.05, 1.1}, {0.9, 1.1, 0.14}, Swatch::yellow);
+    shape.block({0, -0.05, 1.63}, {0.84, 1.02, 0.92}, Swatch::navy);
+    for (const double x : {-0.42, 0.42}) {
+      for (const double y : {-0.56, 0.46}) shape.block({x, y, 1.63}, {0.08, 0.08, 0.92}, Swatch::dark_grey);
+    }
+    shape.block({0, -0.05, 2.12}, {0.96, 1.16, 0.06}, Swatch::yellow);
+  });
+  add_object([](Shape& shape) {  // mast
+    for (const double x : {-0.33, 0.33}) shape.block({x, 0.85, 1.15}, {0.1, 0.14, 2.2}, Swatch::dark_grey);
+    for (const double z : {0.3, 1.0, 2.2}) shape.block({0, 0.88, z}, {0.76, 0.06, 0.1}, Swatch::dark_grey);
+  });
+  for (const double x : {-0.26, 0.26}) {
+    add_object([x](Shape& shape) { shape.block({x, 1.5, 0.12}, {0.12, 1.1, 0.05}, Swatch::dark_grey); });
+  }
+}
+
+void Furniture::forklift(const Spot& spot) {
+  Shape shape(spot);
+  add_chassis(shape);
   shape.cushion({0, -0.25, 1.1}, {0.5, 0.45, 0.14}, 0.04, Swatch::black);
   shape.cushion({0, -0.45, 1.38}, {0.46, 0.12, 0.5}, 0.04, Swatch::black);
   shape.block({0, 0.58, 0.95}, {0.9, 0.16, 0.6}, Swatch::yellow, Swatch::dark_grey);

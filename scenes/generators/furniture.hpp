@@ -88,6 +88,7 @@ class Furniture {
   void cartons(const Spot& spot, int count);  // small stack
   void barrel(const Spot& spot, Swatch paint);
   void forklift(const Spot& spot);
+  void moving_forklift(const Spot& spot);        // with a closed cabin, as convex objects
   void conveyor(const Spot& spot, double deep);  // runs along its y axis
   void workbench(const Spot& spot);
 

@@ -50,11 +50,15 @@ bool keeps_off(const std::vector<Vec3>& points, const Aabb& box, float room) {
 Movers::Movers(const World& world, std::uint32_t purpose, std::uint64_t seed, std::uint32_t attempt)
     : world_(world), draws_(purpose, seed, kAttempts + attempt) {}
 
-bool Movers::add(BodyConfig body) {
-  const Vec3 half = 0.5F * vector_of(body.size_m);
+bool Movers::add(BodyConfig body, float lift_m) {
+  const Vec3 half = body.mesh ? Vec3(body.mesh->bounds().min.cwiseAbs().cwiseMax(body.mesh->bounds().max.cwiseAbs()))
+                              : Vec3(0.5F * vector_of(body.size_m));
   const float reach = half.head<2>().norm() + kStartRoom;
   if (world_.markers().spawn_box && !keeps_off(legs_of(body), *world_.markers().spawn_box, reach)) return false;
-  if (!is_free_body(world_, body, kMargin)) return false;
+  BodyConfig lifted = body;
+  lifted.position_m[2] += lift_m;
+  for (auto& point : lifted.motion.points_m) point[2] += lift_m;
+  if (!is_free_body(world_, lifted, kMargin)) return false;
   body.motion.random_phase = true;
   body.motion.speed_spread = kSpeedSpread;
   bodies_.push_back(std::move(body));
@@ -107,7 +111,7 @@ bool Movers::add_on_line(BodyConfig body, const Lines& lines) {
     body.motion.points_m = {body.position_m, rounded(to.x(), to.y(), z)};
     body.motion.speed_mps = static_cast<float>(centimetres(speed));
   }
-  return add(std::move(body));
+  return add(std::move(body), lines.lift_m);
 }
 
 }  // namespace flockstep

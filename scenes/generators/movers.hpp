@@ -19,8 +19,8 @@ class Movers {
   const std::vector<BodyConfig>& bodies() const { return bodies_; }
 
   // Adds a body, with a phase and a speed that each episode draws, if its whole way keeps clear of the world and of the box in
-  // which drones start.
-  bool add(BodyConfig body);
+  // which drones start. lift_m: height above the floor at which this is tested, for bodies that touch the floor.
+  bool add(BodyConfig body, float lift_m = 0.0F);
 
   // Straight ways on which bodies go back and forth.
   struct Lines {
@@ -29,6 +29,7 @@ class Movers {
     bool is_aligned = false;  // only along x and y; the body's x axis then points along the way
     double least_mps = 0.5, most_mps = 1.5;
     bool slides = false;  // half of the bodies swing instead of turning back at full speed
+    float lift_m = 0.0F;  // as in add()
   };
   // Adds up to `count` bodies on random straight ways.
   void add_on_lines(const std::vector<BodyConfig>& kinds, int count, const Lines& lines);

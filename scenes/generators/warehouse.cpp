@@ -572,15 +572,19 @@ class Warehouse {
 std::shared_ptr<const World> with_forklifts(const std::shared_ptr<const World>& world, const WarehouseConfig& config,
                                             std::uint32_t attempt) {
   if (config.forklifts == 0) return world;
+  constexpr float kLift = 0.08F;
+  Movers movers(*world, Draws::kWarehouse, config.seed, attempt);
+  WorldBuilder builder("forklift");
+  Furniture(builder, Draws::kWarehouse, config.seed, movers.draws()).moving_forklift({{-0.5, 0.0}, {1.0, 0.0}, 0.0});
   BodyConfig forklift;
   forklift.name = "forklift";
-  forklift.size_m = {2.4F, 1.2F, 2.0F};
-  forklift.position_m[2] = 1.08F;
-  forklift.color = {0.8F, 0.45F, 0.03F};
-  Movers movers(*world, Draws::kWarehouse, config.seed, attempt);
+  forklift.shape = BodyShape::mesh;
+  forklift.mesh = builder.build();
+  forklift.semantic = semantic(Kind::forklift);
   const Aabb area{Vec3::Zero(), Vec3(config.size_m[0], config.size_m[1], 0.0F)};
-  movers.add_on_lines({forklift}, config.forklifts,
-                      {.area = area, .least_m = 5.0, .most_m = 14.0, .is_aligned = true, .least_mps = 1.0, .most_mps = 2.5});
+  movers.add_on_lines(
+      {forklift}, config.forklifts,
+      {.area = area, .least_m = 5.0, .most_m = 14.0, .is_aligned = true, .least_mps = 1.0, .most_mps = 2.5, .lift_m = kLift});
   return world->with_bodies(movers.bodies());
 }
 

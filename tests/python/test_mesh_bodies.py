@@ -39,7 +39,7 @@ def star(rings=12, radius=0.8):
     return vertices.astype(np.float32), triangles[areas > 1e-9], uv.astype(np.float32)  # without those at the poles
 
 
-def add_star(builder, place=lambda vertices: vertices, *, style="textured"):
+def add_star(builder, place=lambda vertices: vertices, *, style="textured", name=""):
     """Add a mesh of two materials in a style, with its vertices placed."""
     random = np.random.default_rng(5)
     vertices, triangles, uv = star()
@@ -49,15 +49,15 @@ def add_star(builder, place=lambda vertices: vertices, *, style="textured"):
     colors = random.uniform(0, 1, vertices.shape).astype(np.float32)
     if style == "masked":
         pixels[4:9, 3:7, 3] = 0
-    plain = builder.material("plain", (0.7, 0.5, 0.3))
+    plain = builder.material(name + "plain", (0.7, 0.5, 0.3))
     more = {}
     if style in ("textured", "masked"):
-        more["texture"] = builder.texture("noise", pixels)
+        more["texture"] = builder.texture(name + "noise", pixels)
     if style == "masked":
         more["alpha_cutoff"] = 0.5
     if style == "glowing":
         more["emissive"] = (0.1, 0.3, 0.0)
-    fancy = builder.material("fancy", (0.9, 0.8, 0.9), **more)
+    fancy = builder.material(name + "fancy", (0.9, 0.8, 0.9), **more)
     half = len(triangles) // 2
     tints = colors if style == "tinted" else None
     builder.mesh(placed, triangles[:half], fancy, uv, tints)
@@ -70,19 +70,23 @@ def star_world(style="textured"):
     return builder.build()
 
 
-def room(**more):
-    return World.from_dict({**ROOM, **more})
-
-
-def room_with_star(position, turn, style, light):
+def room_with(light=(), star=None):
+    """Return a room with a textured mesh, and a further one if ``star`` has its place, rotation and style."""
     builder = flockstep.WorldBuilder("room")
     grey = builder.material("grey", (0.8, 0.8, 0.8))
     builder.room((-6, -6, 0), (6, 6, 6), grey)
     builder.box((2, 2, 0.5), (1, 1, 1), grey)
     builder.start((-3, 0, 2))
-    add_star(builder, lambda vertices: turn.apply(vertices.astype(float)) + position, style=style)
-    builder.light(**light)
+    add_star(builder, lambda vertices: 1.5 * vertices + [0, 0, 2], name="standing ")
+    if star is not None:
+        position, turn, style = star
+        add_star(builder, lambda vertices: turn.apply(vertices.astype(float)) + position, style=style)
+    builder.light(**dict(light))
     return builder.build()
+
+
+def room():
+    return World.from_dict(ROOM)
 
 
 def batch_with(bodies=(), world=None, num_drones=1, **more):
@@ -113,22 +117,21 @@ class TestSensors:
             shadows=True,
             samples_per_pixel=4 if style == "textured" else 1,
         )
-        standing_room = World.from_dict({**ROOM, "light": light})
         mesh, seen = star_world(style), 0
         for _ in range(6):
             turn, position = Rotation.random(random_state=random), random.uniform([-2, -2, 1], [2, 2, 3])
             body = BodyConfig(
                 shape="mesh", mesh=mesh, position_m=position.tolist(), quat_wxyz=quat_of(turn), semantic=900
             )
-            moving = batch_with([body], standing_room, cameras=[camera], tracer=tracer)
-            standing = batch_with(world=room_with_star(position, turn, style, light), cameras=[camera], tracer=tracer)
+            moving = batch_with([body], room_with(light), cameras=[camera], tracer=tracer)
+            standing = batch_with(world=room_with(light, (position, turn, style)), cameras=[camera], tracer=tracer)
             eye = random.uniform([-5, -5, 0.5], [5, 5, 5])
             away = position - eye
             pose = [[*eye]], [quat_of(Rotation.from_euler("z", np.arctan2(away[1], away[0])))]
             for batch in (moving, standing):
                 batch.set_pose(*map(np.float32, pose))
             ours, theirs = images_of(moving), images_of(standing)
-            shows = (theirs["instance"] == 3) | (theirs["instance"] == 4)
+            shows = (theirs["instance"] == 5) | (theirs["instance"] == 6)
             seen += shows.sum()
             edge = np.abs(ours["depth"] - theirs["depth"]) > 1e-3
             assert edge.mean() < 0.005
@@ -151,9 +154,9 @@ class TestSensors:
             turn, position = Rotation.random(random_state=random), random.uniform([-2, -2, 1], [2, 2, 3])
             body = BodyConfig(shape="mesh", mesh=star_world(), position_m=position.tolist(), quat_wxyz=quat_of(turn))
             standing = batch_with(
-                world=room_with_star(position, turn, "textured", {}), num_drones=20, lidar=lidars, tracer=tracer
+                world=room_with(star=(position, turn, "textured")), num_drones=20, lidar=lidars, tracer=tracer
             )
-            moving = batch_with([body], num_drones=20, lidar=lidars, tracer=tracer)
+            moving = batch_with([body], room_with(), num_drones=20, lidar=lidars, tracer=tracer)
             eyes = np.float32(random.uniform([-5, -5, 0.5], [5, 5, 5], (20, 3)))
             turns = np.float32([quat_of(Rotation.random(random_state=random)) for _ in eyes])
             for batch in (moving, standing):
@@ -163,7 +166,7 @@ class TestSensors:
                 ours, theirs = moving.lidar(lidar.name).ranges, standing.lidar(lidar.name).ranges
                 equal = np.isclose(ours, theirs, rtol=0, atol=1e-4)
                 assert equal.mean() > 0.999  # others are at edges
-                empty = batch_with(num_drones=20, lidar=lidars, tracer=tracer)
+                empty = batch_with(world=room_with(), num_drones=20, lidar=lidars, tracer=tracer)
                 empty.set_pose(eyes, turns)
                 empty.sense()
                 met += (empty.lidar(lidar.name).ranges != ours).sum()
@@ -349,7 +352,7 @@ class TestFiles:
         for mesh, message in [
             (room(), "expected a world with triangles"),
             (
-                room_with_star([0, 0, 2], Rotation.identity(), "plain", {}),
+                room_with(),
                 "expected a world of triangles only, got 2 prim",
             ),
             (star_world().with_bodies([BodyConfig()]), "expected a world without bodies, got 1 bodies"),

@@ -17,7 +17,7 @@ namespace flockstep {
 class World;
 
 // Shape of a body. Solids are full: a ray from outside stops at their surface. A mesh consists of triangles: sensors detect
-// these, and drones hit their convex hull.
+// these, and drones hit the convex hull of each of its objects.
 enum class BodyShape : std::uint8_t { box, cylinder, sphere, capsule, mesh };
 template <>
 struct EnumNames<BodyShape> {
@@ -142,7 +142,7 @@ struct BodyConfig {
         field("name", &C::name, {.about = "Name in messages; several bodies may share it.", .form = Form::plain_name}),
         field("shape", &C::shape,
               {.about = "The shape; cylinders and capsules stand along their z axis. Sensors detect the triangles of a "
-                        "``\"mesh\"``, and drones hit its convex hull."}),
+                        "``\"mesh\"``, and drones hit the convex hull of each of its objects."}),
         field("size_m", &C::size_m,
               {.about = "Sizes along the body's x, y and z axes. A cylinder or a capsule has equal x and y, its diameter, and a "
                         "capsule's z, with its round caps, is at least that; the three of a sphere are equal. Not for a mesh, "

@@ -64,13 +64,13 @@ BodyModel::BodyModel(const BodyConfig& given)
       radius(radius_of(solid)),
       surface{config.color, config.semantic == 0 ? kSemanticBody : static_cast<std::uint16_t>(config.semantic)} {
   if (!config.mesh) return;
-  const PreparedWorld& parts = prepared(*config.mesh);
-  mesh = &parts.scene();
+  const PreparedWorld& made = prepared(*config.mesh);
+  mesh = &made.scene();
   mesh->prepare_tiles(config.mesh->triangles());
-  if (!parts.corners().empty()) hull = &parts.corners();
+  parts = &made.corners();
   radius = radius_of(config.mesh->bounds());
   surface.mesh = &config.mesh;
-  surface.shading = &parts.shading(true);
+  surface.shading = &made.shading(true);
 }
 
 }  // namespace flockstep::bodies

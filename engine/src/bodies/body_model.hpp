@@ -1,6 +1,8 @@
 // BodyModel: a body's configuration in the forms that the stages need.
 #pragma once
 
+#include <vector>
+
 #include "bodies/body_script.hpp"
 #include "collision/corners.hpp"
 #include "flockstep/body.hpp"
@@ -18,10 +20,10 @@ struct BodyModel {
 
   BodyConfig config;
   BodyScript script;
-  Primitive solid;                           // kind and half_extents; not for a mesh
-  const trace::Scene* mesh = nullptr;        // of a mesh
-  const collision::Corners* hull = nullptr;  // of a mesh that has solid triangles
-  float radius;                              // m, of a ball around the position that contains the body
+  Primitive solid;                                         // kind and half_extents; not for a mesh
+  const trace::Scene* mesh = nullptr;                      // of a mesh
+  const std::vector<collision::Corners>* parts = nullptr;  // of a mesh
+  float radius;                                            // m, of a ball around the position that contains the body
   render::BodySurface surface;
 };
 

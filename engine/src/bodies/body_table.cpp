@@ -40,7 +40,7 @@ BodyTable::BodyTable(State& state, const std::vector<BodyConfig>& configs, std::
       models_(state.bodies.active.size()),
       solids_(models_.size()),
       meshes_(models_.size()),
-      hulls_(models_.size()),
+      parts_(models_.size()),
       surfaces_(models_.size()),
       seen_radius_(models_.size(), -1.0F),
       reach_(models_.size(), -1.0F),
@@ -197,7 +197,7 @@ collision::MovingBodies BodyTable::moving() const {
           .quat_wxyz = state_.bodies.quat_wxyz.data(),
           .reach = reach_.data(),
           .solids = solids_.data(),
-          .hulls = hulls_.data(),
+          .parts = parts_.data(),
           .count = models_.size(),
           .readable = models_.size()};
 }
@@ -223,11 +223,10 @@ void BodyTable::show(std::size_t row, const BodyModel* model) {
   const bool is_there = model != nullptr;
   solids_[row] = is_there ? &model->solid : nullptr;
   meshes_[row] = is_there ? model->mesh : nullptr;
-  hulls_[row] = is_there ? model->hull : nullptr;
+  parts_[row] = is_there ? model->parts : nullptr;
   surfaces_[row] = is_there ? model->surface : render::BodySurface();
   seen_radius_[row] = is_there && is_visible(model->config.visibility) ? model->radius : -1.0F;
-  const bool has_hull = is_there && (model->mesh == nullptr || model->hull != nullptr);
-  reach_[row] = has_hull && is_solid(model->config.visibility) ? model->radius : -1.0F;
+  reach_[row] = is_there && is_solid(model->config.visibility) ? model->radius : -1.0F;
 }
 
 void BodyTable::stand(std::size_t row) {

@@ -83,7 +83,7 @@ class BodyTable {
   std::vector<const BodyModel*> models_;
   std::vector<const Primitive*> solids_;
   std::vector<const trace::Scene*> meshes_;
-  std::vector<const collision::Corners*> hulls_;
+  std::vector<const std::vector<collision::Corners>*> parts_;
   std::vector<render::BodySurface> surfaces_;
   std::vector<float> seen_radius_, reach_;
   std::vector<float> from_position_, from_quat_;  // before the last tick

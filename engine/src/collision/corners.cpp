@@ -9,16 +9,13 @@
 
 namespace flockstep::collision {
 
-Corners::Corners(const TriangleMesh& mesh) {
-  std::vector<bool> is_used(mesh.vertices.size());
-  for (std::size_t i = 0; i < mesh.triangles.size(); ++i) {
-    if (!is_solid(mesh.visibility_of(i))) continue;
-    for (const std::int32_t index : mesh.triangles[i]) is_used[static_cast<std::size_t>(index)] = true;
-  }
-  // Objects do not share vertices, so the same corner may occur several times.
+Corners::Corners(const TriangleMesh& mesh, std::span<const std::array<std::int32_t, 3>> triangles) {
   std::vector<std::array<float, 3>> corners;
-  for (std::size_t i = 0; i < is_used.size(); ++i) {
-    if (is_used[i]) corners.push_back({mesh.vertices[i].x(), mesh.vertices[i].y(), mesh.vertices[i].z()});
+  for (const auto& triangle : triangles) {
+    for (const std::int32_t index : triangle) {
+      const Vec3& corner = mesh.vertices[static_cast<std::size_t>(index)];
+      corners.push_back({corner.x(), corner.y(), corner.z()});
+    }
   }
   std::ranges::sort(corners);
   corners.erase(std::unique(corners.begin(), corners.end()), corners.end());
@@ -58,6 +55,18 @@ Vec3d Corners::support(const Vec3d& direction) const {
     }
   }
   return corner(best);
+}
+
+std::vector<Corners> corners_of_objects(const TriangleMesh& mesh) {
+  std::vector<Corners> corners;
+  const std::span triangles(mesh.triangles);
+  for (std::size_t first = 0; first < triangles.size();) {  // sorted by object
+    std::size_t end = first + 1;
+    while (end < triangles.size() && mesh.objects[end] == mesh.objects[first]) ++end;
+    if (is_solid(mesh.visibility_of(first))) corners.emplace_back(mesh, triangles.subspan(first, end - first));
+    first = end;
+  }
+  return corners;
 }
 
 }  // namespace flockstep::collision

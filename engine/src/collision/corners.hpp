@@ -1,7 +1,11 @@
-// Corners: the corners of a convex body, for the query that its distance needs: the corner farthest along a direction.
+// Corners: the corners of a convex part of a body, for the query that its distance needs: the corner farthest along a direction.
 #pragma once
 
+#include <array>
+#include <cstddef>
+#include <cstdint>
 #include <span>
+#include <vector>
 
 #include "collision/convex.hpp"
 #include "flockstep/aligned.hpp"
@@ -11,10 +15,9 @@ namespace flockstep::collision {
 
 class Corners {
  public:
-  // Takes the corners of the mesh's solid triangles. Those that are not corners of their convex hull only cost time.
-  explicit Corners(const TriangleMesh& mesh);
+  // Takes the corners of triangles. Those that are not corners of their convex hull only cost time.
+  Corners(const TriangleMesh& mesh, std::span<const std::array<std::int32_t, 3>> triangles);
 
-  bool empty() const { return x_.empty(); }
   std::size_t count() const { return x_.size(); }
   Vec3d corner(std::size_t index) const {  // m, local frame
     return {static_cast<double>(x_[index]), static_cast<double>(y_[index]), static_cast<double>(z_[index])};
@@ -28,5 +31,8 @@ class Corners {
   AlignedVector<float> x_, y_, z_;
   double radius_ = 0.0;
 };
+
+// Returns the corners of each solid object of a mesh.
+std::vector<Corners> corners_of_objects(const TriangleMesh& mesh);
 
 }  // namespace flockstep::collision

@@ -11,11 +11,16 @@ Pose pose_in(const float* position, const float* quat_wxyz, std::size_t number) 
   return {Vec3(p[0], p[1], p[2]), Quat(q[0], q[1], q[2], q[3])};
 }
 
-MovingSolid solid_between(const MovingBodies& bodies, std::size_t number, const Pose& from, const Pose& to) {
+// Calls f(solid) for each convex part of a body.
+template <class Function>
+void for_each_part(const MovingBodies& bodies, std::size_t number, const Pose& from, const Pose& to, const Function& f) {
   const auto index = static_cast<int>(number);
-  if (const Corners* const hull = bodies.hulls == nullptr ? nullptr : bodies.hulls[number]) return {*hull, from, to, index};
-  const Primitive& solid = *bodies.solids[number];
-  return {solid.kind, solid.half_extents, from, to, index};
+  if (const auto* const parts = bodies.parts == nullptr ? nullptr : bodies.parts[number]) {
+    for (const Corners& corners : *parts) f(MovingSolid(corners, from, to, index));
+  } else {
+    const Primitive& solid = *bodies.solids[number];
+    f(MovingSolid(solid.kind, solid.half_extents, from, to, index));
+  }
 }
 
 }  // namespace
@@ -26,8 +31,11 @@ bool overlaps_body(const MovingBodies& bodies, const Obstacles& obstacles, const
     const Pose there = pose_in(bodies.position, bodies.quat_wxyz, number);
     const float reach = bodies.reach[number] + hull.radius();
     if ((there.position - pose.position).squaredNorm() > reach * reach) continue;
-    const MovingSolid standing = solid_between(bodies, number, there, there);
-    if (first_contact(obstacles, {&standing, 1}, hull, pose, pose).body >= 0) return true;
+    bool is_met = false;
+    for_each_part(bodies, number, there, there, [&](const MovingSolid& standing) {
+      is_met = is_met || first_contact(obstacles, {&standing, 1}, hull, pose, pose).body >= 0;
+    });
+    if (is_met) return true;
   }
   return false;
 }
@@ -42,8 +50,9 @@ std::span<const MovingSolid> NearSolids::gather(const MovingBodies& bodies, cons
   const trace::Balls balls{bodies.position, bodies.reach, bodies.count, bodies.readable};
   const std::size_t count = trace::find_near_balls(balls, origin, range_m, found_.data());
   for (const std::uint32_t number : std::span(found_).first(count)) {
-    solids_.push_back(solid_between(bodies, number, pose_in(bodies.from_position, bodies.from_quat, number),
-                                    pose_in(bodies.position, bodies.quat_wxyz, number)));
+    for_each_part(bodies, number, pose_in(bodies.from_position, bodies.from_quat, number),
+                  pose_in(bodies.position, bodies.quat_wxyz, number),
+                  [this](const MovingSolid& solid) { solids_.push_back(solid); });
   }
   return solids_;
 }

@@ -23,8 +23,8 @@ struct MovingBodies {
   // (count,) m, radius of a ball around `position` that contains the body during the whole tick; negative: drones pass through.
   const float* reach = nullptr;
   const Primitive* const* solids = nullptr;  // (count,) kind and half_extents; the poses are ignored
-  // (count,) convex hulls of meshes, instead of solids; null for other bodies. Null if there are no meshes.
-  const Corners* const* hulls = nullptr;
+  // (count,) corners of the convex parts of meshes, instead of solids; null for other bodies. Null if there are no meshes.
+  const std::vector<Corners>* const* parts = nullptr;
   std::size_t count = 0;
   std::size_t readable = 0;  // number of bodies that these arrays hold, at least count
 
@@ -38,7 +38,7 @@ struct MovingBodies {
             quat_wxyz + 4 * first,
             reach + first,
             solids + first,
-            hulls == nullptr ? nullptr : hulls + first,
+            parts == nullptr ? nullptr : parts + first,
             per_env,
             readable - first};
   }
@@ -50,8 +50,8 @@ bool overlaps_body(const MovingBodies& bodies, const Obstacles& obstacles, const
 // The bodies that one drone may meet.
 class NearSolids {
  public:
-  // Takes those that reach into the ball of range_m around the origin. Their indices are their numbers in `bodies`. Allocates
-  // only if there are more than ever before. The result is valid until the next call.
+  // Takes those that reach into the ball of range_m around the origin. Their indices are their numbers in `bodies`; the parts of
+  // a mesh share one. Allocates only if there are more than ever before. The result is valid until the next call.
   std::span<const MovingSolid> gather(const MovingBodies& bodies, const Vec3& origin, float range_m);
 
  private:

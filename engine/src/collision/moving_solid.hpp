@@ -12,8 +12,8 @@ namespace flockstep::collision {
 class alignas(64) MovingSolid {
  public:
   // Moves as Path does: the position along the segment, the rotation along the shortest arc. At a half turn the signs of the
-  // quaternions choose the arc. kind: any except a room. half_extents: as in Primitive. index: unique among the bodies of a
-  // motion, not negative.
+  // quaternions choose the arc. kind: any except a room. half_extents: as in Primitive. index: not negative; ordered as the
+  // bodies of a motion are. Parts of one body may share it.
   MovingSolid(PrimitiveKind kind, const Vec3& half_extents, const Pose& from, const Pose& to, int index);
   // The convex hull of corners, which must outlive the body.
   MovingSolid(const Corners& corners, const Pose& from, const Pose& to, int index);

@@ -92,9 +92,11 @@ class MovingWorld {
 
   bool touches(const collision::MovingContact& contact, const Vec3& point, float reach) const {
     if (contact.body < 0) return obstacles_.touches(point, reach);
-    const auto solid = std::ranges::find(solids_, contact.body, &collision::MovingSolid::index);
     const collision::Vec3d center = point.cast<double>();
-    return (collision::closest_point(solid->at(time_), center) - center).norm() < static_cast<double>(reach);
+    return std::ranges::any_of(solids_, [&](const collision::MovingSolid& solid) {
+      return solid.index() == contact.body &&
+             (collision::closest_point(solid.at(time_), center) - center).norm() < static_cast<double>(reach);
+    });
   }
 
   // Lets bodies push the drone until the end of the tick.

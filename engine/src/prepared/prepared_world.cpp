@@ -45,9 +45,11 @@ const collision::Obstacles& PreparedWorld::obstacles() const {
   });
 }
 
-const collision::Corners& PreparedWorld::corners() const {
+const std::vector<collision::Corners>& PreparedWorld::corners() const {
   if (world_.original() != nullptr) return prepared(*world_.original()).corners();
-  return once(corners_, [this] { return std::make_unique<const collision::Corners>(world_.triangles()); });
+  return once(corners_, [this] {
+    return std::make_unique<const std::vector<collision::Corners>>(collision::corners_of_objects(world_.triangles()));
+  });
 }
 
 std::span<const bodies::BodyModel> PreparedWorld::bodies() const {

@@ -36,9 +36,10 @@ class PreparedWorld {
   PreparedWorld& operator=(const PreparedWorld&) = delete;
 
   const World& world() const { return world_; }
-  const trace::Scene& scene() const;                  // for rays: visible objects
-  const collision::Obstacles& obstacles() const;      // for collisions: solid objects
-  const collision::Corners& corners() const;          // of all solid triangles, for a body that is this world's mesh
+  const trace::Scene& scene() const;              // for rays: visible objects
+  const collision::Obstacles& obstacles() const;  // for collisions: solid objects
+  // Of each solid object, for a body that is this world's mesh.
+  const std::vector<collision::Corners>& corners() const;
   std::span<const bodies::BodyModel> bodies() const;  // of World::bodies()
   // For cameras; with shadows, for cameras that show shadows.
   const render::Shading& shading(bool shadows = false) const;
@@ -62,7 +63,7 @@ class PreparedWorld {
   mutable Part<World> solids_;            // used if not everything is both solid and visible
   mutable Part<trace::Scene> solid_scene_;
   mutable NearPart<collision::Obstacles> obstacles_;
-  mutable Part<collision::Corners> corners_;
+  mutable Part<std::vector<collision::Corners>> corners_;
   mutable Part<render::Shading> shading_;
   mutable Part<std::vector<bodies::BodyModel>> bodies_;
 };

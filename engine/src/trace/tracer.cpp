@@ -225,10 +225,15 @@ void Tracer::meet_mesh(const PosedMesh& mesh) {
 }
 
 void Tracer::meet_mesh(const PosedMesh& mesh, const RayTile& picture) {
-  const auto take = [&](std::size_t ray, float t_hit, std::int32_t triangle) {
+  const auto take = [&](std::size_t ray, float t_hit, std::int32_t triangle, std::size_t i) {
     bundle_.t_hit[ray] = t_hit;
     bundle_.element[ray] = mesh.element;
     details_.triangle[ray] = triangle;
+    for (const auto values :
+         {&HitDetails::u, &HitDetails::v, &HitDetails::normal_x, &HitDetails::normal_y, &HitDetails::normal_z}) {
+      (details_.*values)[ray] = (mesh_details_.*values)[i];
+    }
+    details_.back[ray] = mesh_details_.back[i];
   };
   const MeshTree* const tree =
       mesh.scene->num_triangles() <= policy_.tile_triangle_limit && picture.u != nullptr ? mesh.scene->tiles() : nullptr;
@@ -242,9 +247,9 @@ void Tracer::meet_mesh(const PosedMesh& mesh, const RayTile& picture) {
     seen.no_hits_yet = false;
     std::copy_n(bundle_.t_hit, bundle_.count, seen.t_hit);
     std::fill_n(seen.element, seen.count, -1);
-    trace_mesh_tile(*tree, 0, *picture.u, *picture.v, seen, &details_, asked_, mesh.scene->masks());
+    trace_mesh_tile(*tree, 0, *picture.u, *picture.v, seen, &mesh_details_, asked_, mesh.scene->masks());
     for (std::size_t i = 0; i < seen.count; ++i) {
-      if (seen.element[i] >= 0) take(i, seen.t_hit[i], seen.element[i]);
+      if (seen.element[i] >= 0) take(i, seen.t_hit[i], seen.element[i], i);
     }
     return;
   }
@@ -252,14 +257,7 @@ void Tracer::meet_mesh(const PosedMesh& mesh, const RayTile& picture) {
   const RayBlock& rays = mesh_rays_.rays;
   meet_triangles(*mesh.scene, mesh_rays_.rays, &mesh_details_, Through::masks);
   for (std::size_t i = 0; i < rays.count; ++i) {
-    if (rays.element[i] < 0) continue;
-    const std::size_t ray = mesh_rays_.of[i];
-    take(ray, rays.t_hit[i], rays.element[i]);
-    for (const auto values :
-         {&HitDetails::u, &HitDetails::v, &HitDetails::normal_x, &HitDetails::normal_y, &HitDetails::normal_z}) {
-      (details_.*values)[ray] = (mesh_details_.*values)[i];
-    }
-    details_.back[ray] = mesh_details_.back[i];
+    if (rays.element[i] >= 0) take(mesh_rays_.of[i], rays.t_hit[i], rays.element[i], i);
   }
 }
 
