@@ -1,0 +1,90 @@
+#include "collision/corners.hpp"
+
+#include <gtest/gtest.h>
+
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <cstddef>
+#include <memory>
+#include <vector>
+
+#include "batch_helpers.hpp"
+#include "bundles.hpp"
+#include "collision/convex.hpp"
+#include "flockstep/world_builder.hpp"
+#include "random.hpp"
+
+namespace flockstep::collision {
+namespace {
+
+using testing::Random;
+
+// Triangles with a vertex at each corner of a box, and `inside` more in it.
+MeshPart box_of_triangles(Random& random, const Vec3& half, int inside) {
+  MeshPart part;
+  for (int i = 0; i < 8 + inside; ++i) {
+    const Vec3 corner =
+        i < 8 ? Vec3((i & 1) != 0 ? 1.0F : -1.0F, (i & 2) != 0 ? 1.0F : -1.0F, (i & 4) != 0 ? 1.0F : -1.0F) : random.point(0.99F);
+    part.vertices.push_back(corner.cwiseProduct(half));
+  }
+  for (std::int32_t i = 0; i + 2 < 8 + inside; ++i) part.triangles.push_back({i, i + 1, i + 2});
+  return part;
+}
+
+std::shared_ptr<const World> world_of(const std::vector<MeshPart>& parts) {
+  WorldBuilder builder;
+  const std::uint16_t grey = builder.material({.name = "grey"});
+  for (const MeshPart& part : parts) builder.mesh(part, grey);
+  return builder.build();
+}
+
+TEST(Corners, TheFarthestCornerIsThatOfAllCorners) {
+  Random random(31);
+  for (const float size : {0.01F, 1.0F, 300.0F}) {
+    const auto world = world_of({box_of_triangles(random, Vec3::Constant(size), 700)});
+    const std::vector<Corners> parts = corners_of_objects(world->triangles());
+    ASSERT_EQ(parts.size(), 1U);
+    for (int i = 0; i < 300; ++i) {
+      const Vec3d direction = random.direction().cast<double>() * std::pow(10.0, i % 7 - 3);
+      double farthest = -1e300;
+      for (const Vec3& vertex : world->triangles().vertices) farthest = std::max(farthest, vertex.cast<double>().dot(direction));
+      EXPECT_EQ(parts[0].support(direction).dot(direction), farthest);
+    }
+    EXPECT_NEAR(parts[0].radius(), std::sqrt(3.0) * static_cast<double>(size), 1e-6 * static_cast<double>(size));
+  }
+}
+
+TEST(Corners, EachObjectHasItsOwn) {
+  Random random(32);
+  const auto world = world_of({box_of_triangles(random, {1, 1, 1}, 10), box_of_triangles(random, {2, 1, 1}, 20)});
+  const std::vector<Corners> parts = corners_of_objects(world->triangles());
+  ASSERT_EQ(parts.size(), 2U);
+  EXPECT_EQ(parts[0].support(Vec3d::UnitX()).x(), 1.0);
+  EXPECT_EQ(parts[1].support(Vec3d::UnitX()).x(), 2.0);
+}
+
+TEST(Corners, TheNearestPointOfAHullIsThatOfItsBox) {
+  Random random(33);
+  for (int i = 0; i < 2000; ++i) {
+    const Vec3 half(random.within(0.05F, 3.0F), random.within(0.05F, 3.0F), random.within(0.05F, 3.0F));
+    const auto world = world_of({box_of_triangles(random, half, 30)});
+    const std::vector<Corners> parts = corners_of_objects(world->triangles());
+    const Pose pose{random.point(2.0F), random.rotation()};
+    const Convex hull = make_hull(parts[0], pose);
+    const Convex box =
+        make_convex({.kind = PrimitiveKind::box, .center = pose.position, .rotation = pose.rotation, .half_extents = half});
+    const Vec3d point = random.point(6.0F).cast<double>();
+    const double distance = (closest_point(box, point) - point).norm();
+    const Vec3d nearest = closest_point(hull, point);
+    EXPECT_NEAR((nearest - point).norm(), distance, 3e-4 * distance + 1e-6);
+    if (distance < 1e-4) continue;
+    // The plane through the point never cuts the hull.
+    const Vec3d normal = (point - nearest).normalized();
+    const Vec3d farthest = hull.center + hull.rotation * support(hull, hull.rotation.transpose() * normal);
+    EXPECT_LE(normal.dot(farthest - nearest), 1e-9);
+  }
+}
+
+}  // namespace
+}  // namespace flockstep::collision
