@@ -118,10 +118,11 @@ void Tracer::finish() {
   deliver(for_triangles_);
 }
 
-void Tracer::trace_block(const Scene& scene) {
+void Tracer::trace_block(const Scene& scene, std::span<const NumberedShape> bodies) {
   forget_hits(block_);
   scene.intersect_primitives(block_);
   meet_triangles(scene, block_, &details_);
+  if (!bodies.empty()) trace_direct(bodies, block_);
 }
 
 void Tracer::trace_shadows(const Scene& scene, std::span<const NumberedShape> bodies, std::span<const PosedMesh> meshes) {

@@ -91,10 +91,10 @@ class Tracer {
 
   // Rays of arbitrary origins. The caller sets `near` and, for the first `count` rays, everything except t_hit and element.
   RayBlock& block() { return block_; }
-  // Finds the nearest hits of the block in the static world.
-  void trace_block(const Scene& scene);
-  // Tests if anything except rooms and markers lies on the rays of the block, through masks. If so, t_hit is finite. bodies and
-  // meshes: see make_shapes().
+  // Finds the nearest hits of the block. bodies: see make_shapes().
+  void trace_block(const Scene& scene, std::span<const NumberedShape> bodies = {});
+  // Tests if anything except rooms and markers lies on the rays of the block, through masks. If so, t_hit is finite. meshes: see
+  // make_meshes().
   void trace_shadows(const Scene& scene, std::span<const NumberedShape> bodies = {}, std::span<const PosedMesh> meshes = {});
 
   // Details of the last trace() or trace_block(), for hits on triangles.

@@ -189,7 +189,7 @@ TEST(WorldBodies, BadFilesAreRefused) {
   EXPECT_EQ(message(R"([{"motion": {"period_s": "x"}}])").rfind("scene: bodies[0].motion.period_s: expected a number", 0), 0U);
   EXPECT_EQ(message(R"([{"motion": {"period_s": 0}}])").rfind("scene: bodies[0].motion.period_s: expected a", 0), 0U);
   EXPECT_EQ(message(R"([{"shape": "cube"}])"),
-            "scene: bodies[0].shape: expected one of box, cylinder, sphere, capsule, got cube");
+            "scene: bodies[0].shape: expected one of box, cylinder, sphere, capsule, mesh, got cube");
   const std::string unknown = message(R"([{"motoin": {}}])");
   EXPECT_EQ(unknown.rfind("scene: bodies[0].motoin: expected one of name, shape, ", 0), 0U) << unknown;
   EXPECT_NE(unknown.find("id you mean"), std::string::npos) << unknown;
