@@ -14,7 +14,6 @@
 namespace flockstep {
 namespace {
 
-constexpr float kMargin = 0.05F;    // m, to the static world
 constexpr float kStartRoom = 1.0F;  // m, around the box in which drones start
 constexpr float kSpeedSpread = 0.3F;
 constexpr std::uint32_t kAttempts = 1U << 20U;  // separates the draws from those of the layout
@@ -25,6 +24,7 @@ Vec3 vector_of(const std::array<float, 3>& v) { return {v[0], v[1], v[2]}; }
 std::vector<Vec3> legs_of(const BodyConfig& body) {
   const Vec3 position = vector_of(body.position_m);
   if (body.motion.kind == BodyMotionKind::slider) return {position, position + vector_of(body.motion.travel_m)};
+  if (body.motion.kind != BodyMotionKind::waypoints) return {position, position};  // it turns within its own reach
   std::vector<Vec3> points;
   for (const auto& point : body.motion.points_m) points.push_back(vector_of(point));
   if (body.motion.route == BodyRoute::loop) points.push_back(points.front());
@@ -50,7 +50,7 @@ bool keeps_off(const std::vector<Vec3>& points, const Aabb& box, float room) {
 Movers::Movers(const World& world, std::uint32_t purpose, std::uint64_t seed, std::uint32_t attempt)
     : world_(world), draws_(purpose, seed, kAttempts + attempt) {}
 
-bool Movers::add(BodyConfig body, float lift_m) {
+bool Movers::add(BodyConfig body, float lift_m, float margin_m) {
   const Vec3 half = body.mesh ? Vec3(body.mesh->bounds().min.cwiseAbs().cwiseMax(body.mesh->bounds().max.cwiseAbs()))
                               : Vec3(0.5F * vector_of(body.size_m));
   const float reach = half.head<2>().norm() + kStartRoom;
@@ -58,7 +58,7 @@ bool Movers::add(BodyConfig body, float lift_m) {
   BodyConfig lifted = body;
   lifted.position_m[2] += lift_m;
   for (auto& point : lifted.motion.points_m) point[2] += lift_m;
-  if (!is_free_body(world_, lifted, kMargin)) return false;
+  if (!is_free_body(world_, lifted, margin_m)) return false;
   body.motion.random_phase = true;
   body.motion.speed_spread = kSpeedSpread;
   bodies_.push_back(std::move(body));

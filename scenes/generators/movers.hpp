@@ -19,8 +19,9 @@ class Movers {
   const std::vector<BodyConfig>& bodies() const { return bodies_; }
 
   // Adds a body, with a phase and a speed that each episode draws, if its whole way keeps clear of the world and of the box in
-  // which drones start. lift_m: height above the floor at which this is tested, for bodies that touch the floor.
-  bool add(BodyConfig body, float lift_m = 0.0F);
+  // which drones start. lift_m: height above the floor at which this is tested, for bodies that touch the floor. margin_m: to the
+  // world.
+  bool add(BodyConfig body, float lift_m = 0.0F, float margin_m = 0.05F);
 
   // Straight ways on which bodies go back and forth.
   struct Lines {

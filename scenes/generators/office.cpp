@@ -88,6 +88,37 @@ class Office {
     return points;
   }
 
+  // Hangs doors that open and close on their own. A leaf that furniture would stop stays open.
+  void hang_doors(Movers& movers) const {
+    constexpr double kGap = 0.06, kThick = 0.045;  // m, between leaf and frame
+    constexpr float kMargin = 0.01F;               // m
+    for (const auto& [door, side, hinge] : leaves_) {
+      const Vec2d ahead = door->is_across_x ? Vec2d::UnitX() : Vec2d::UnitY(), right(ahead.y(), -ahead.x());
+      const double width = door->width - 2.0 * (kFrame + kGap), high = door->high - kFrame - 2.0 * kGap;
+      const Vec2d pivot = door->at + side * FloorPlan::kHalfWall * ahead + hinge * (0.5 * width - 0.5 * kThick) * right;
+      BodyConfig leaf;
+      leaf.name = "door";
+      leaf.color = {0.33F, 0.20F, 0.10F};
+      leaf.semantic = semantic(Kind::door);
+      const Vec2d across = (width * right + kThick * ahead).cwiseAbs();
+      leaf.size_m = {static_cast<float>(across.x()), static_cast<float>(across.y()), static_cast<float>(high)};
+      const auto at = [&](const Vec2d& middle) {
+        return std::array<float, 3>{static_cast<float>(middle.x()), static_cast<float>(middle.y()),
+                                    static_cast<float>(0.5 * high + kGap)};
+      };
+      leaf.position_m = at(door->at + side * FloorPlan::kHalfWall * ahead);
+      leaf.motion.kind = BodyMotionKind::hinge;
+      leaf.motion.center_m = at(pivot);
+      leaf.motion.angle_deg = static_cast<float>(-90.0 * side * hinge);
+      leaf.motion.period_s = static_cast<float>(centimetres(movers.draws().uniform(8.0, 14.0)));
+      if (movers.add(leaf, 0.0F, kMargin)) continue;
+      leaf.position_m =
+          at(door->at + side * (FloorPlan::kHalfWall + kGap) * ahead + hinge * (0.5 * door->width + 0.5 * width) * right);
+      leaf.motion = {};
+      movers.add(leaf, 0.0F, kMargin);
+    }
+  }
+
   WorldBuilder built() {
     make_materials();
     for (const Room& room : plan_.rooms) add_shell(room);
@@ -439,7 +470,11 @@ class Office {
         for (std::size_t i : {door.from, door.to}) {
           const Room& room = plan_.rooms[i];
           if (!room.inside().contains(rect.grown(0.005)) || !is_clear_of_openings(room, rect)) continue;
-          leaf(hinge * (0.5 * door.width + 0.5 * width), side * off, side, hinge);
+          if (config_.walkers > 0) {
+            leaves_.push_back({&door, side, hinge});
+          } else {
+            leaf(hinge * (0.5 * door.width + 0.5 * width), side * off, side, hinge);
+          }
           places_.add(rect);
           hung_[i].push_back({side_at(room, door), 0, 0, 0, 0, false});
           Opening& span = hung_[i].back();
@@ -761,8 +796,14 @@ class Office {
   std::vector<Vec2d> lane_;                 // corner points
   Places places_;                           // footprints of furniture and door swings
   std::vector<std::vector<Opening>> hung_;  // per room: wall areas in use
-  std::size_t painting_ = 0;                // index of the last painting hung
-  std::size_t room_ = 0;                    // index of the room being furnished
+  // Leaves of open doors in an office with people: the side on which it opens, and the side of its hinge seen from there.
+  struct Leaf {
+    const Door* door;
+    double side, hinge;
+  };
+  std::vector<Leaf> leaves_;
+  std::size_t painting_ = 0;  // index of the last painting hung
+  std::size_t room_ = 0;      // index of the room being furnished
 
   struct Pair {
     std::uint16_t first = 0, second = 0;
@@ -772,8 +813,8 @@ class Office {
   std::uint16_t shade_ = 0, ceiling_ = 0, lamp_ = 0, facade_ = 0;
 };
 
-std::shared_ptr<const World> with_walkers(const std::shared_ptr<const World>& world, const OfficeConfig& config,
-                                          std::uint32_t attempt) {
+std::shared_ptr<const World> with_walkers(const std::shared_ptr<const World>& world, const Office& office,
+                                          const OfficeConfig& config, std::uint32_t attempt) {
   if (config.walkers == 0) return world;
   constexpr std::array<std::array<float, 3>, 3> kClothes{{{0.10F, 0.16F, 0.35F}, {0.35F, 0.10F, 0.10F}, {0.25F, 0.25F, 0.22F}}};
   std::vector<BodyConfig> walkers;
@@ -788,6 +829,7 @@ std::shared_ptr<const World> with_walkers(const std::shared_ptr<const World>& wo
   }
   Movers movers(*world, Draws::kOffice, config.seed, attempt);
   const Aabb area{Vec3::Zero(), Vec3(config.size_m[0], config.size_m[1], 0.0F)};
+  office.hang_doors(movers);
   movers.add_on_lines(walkers, config.walkers, {.area = area, .least_m = 2.0, .most_m = 8.0, .least_mps = 0.6, .most_mps = 1.4});
   return world->with_bodies(movers.bodies());
 }
@@ -809,7 +851,7 @@ std::shared_ptr<const World> office(const OfficeConfig& config) {
     auto world = office.built().build();
     const std::vector<Vec3> lane = office.lane(), straight{lane.front(), lane.back()};
     if (is_free_way(*world, hull, straight) || !is_free_way(*world, hull, lane)) return nullptr;
-    return with_walkers(world, config, attempt);
+    return with_walkers(world, office, config, attempt);
   };
   if (auto world = first_layout(kAttempts, build)) return world;
   refuse("office: seed", "one with a free way that is not straight (none in " + std::to_string(kAttempts) + " layouts)",

@@ -55,6 +55,7 @@ RoundTrip round_trip(const BodyConfig& body) {
     const double length = bodies::Route(motion).length();
     return {length / static_cast<double>(motion.speed_mps), length};
   }
+  if (motion.kind == BodyMotionKind::velocity) return {0.0, 0.0};  // it stands
   const auto distance = [](const std::array<float, 3>& a, const std::array<float, 3>& b) {
     return static_cast<double>((Vec3(a[0], a[1], a[2]) - Vec3(b[0], b[1], b[2])).norm());
   };
