@@ -61,11 +61,13 @@ std::unique_ptr<Batch, Released> make_batch(const py::object& given_worlds, cons
                                             const py::object& num_threads, const py::object& block_size,
                                             const py::object& world_index, const py::object& tracer,
                                             const py::object& drones_per_env, const py::object& bodies,
-                                            const py::object& max_bodies, const py::kwargs& unknown) {
+                                            const py::object& max_bodies, const py::object& lights,
+                                            const py::kwargs& unknown) {
   for (const auto& [keyword, value] : unknown) {
-    constexpr std::array kKnown{"worlds",      "num_drones", "lidar",          "pose_sensor", "imu",           "task",
-                                "drone",       "cameras",    "camera_backend", "episode",     "clock",         "dynamics",
-                                "num_threads", "block_size", "world_index",    "tracer",      "drones_per_env"};
+    constexpr std::array kKnown{"worlds",      "num_drones", "lidar",          "pose_sensor", "imu",            "task",
+                                "drone",       "cameras",    "camera_backend", "episode",     "clock",          "dynamics",
+                                "num_threads", "block_size", "world_index",    "tracer",      "drones_per_env", "bodies",
+                                "max_bodies",  "lights"};
     throw py::type_error(unexpected_keyword("Batch.__init__", py::str(keyword), {kKnown.begin(), kKnown.end()}));
   }
   BatchConfig config;
@@ -84,6 +86,7 @@ std::unique_ptr<Batch, Released> make_batch(const py::object& given_worlds, cons
   config.cameras = configs_of<CameraConfig>(cameras, "cameras", false);
   config.bodies = configs_of<BodyConfig>(bodies, "bodies", false);
   config.max_bodies = from_python<int>(max_bodies, "max_bodies");
+  config.lights = configs_of<Light>(lights, "lights", false);
   config.camera_backend = from_python<CameraBackend>(backend, "camera_backend");
   config.tracer = from_python<TracerKind>(tracer, "tracer");
   config.episode = optional_argument<EpisodeConfig>(episode, "episode").value_or(EpisodeConfig());
@@ -312,6 +315,27 @@ Input<std::int64_t> rows_argument(const py::object& rows, const py::object& mask
   return integers<std::int64_t>(rows, "rows", {-1});
 }
 
+// Returns a mask of envs from a bool mask, from indices, or from one index; None gives an empty one.
+std::vector<std::uint8_t> env_mask(const Batch& batch, const py::object& envs) {
+  if (envs.is_none()) return {};
+  const auto count = static_cast<std::size_t>(num_envs(batch));
+  std::vector<std::uint8_t> mask(count);
+  const py::array given(py::module_::import("numpy").attr("atleast_1d")(envs));
+  if (given.dtype().kind() == 'b') {
+    const auto flagged = flags(given, "envs", num_envs(batch));
+    const std::span<const std::uint8_t> values = flagged;
+    mask.assign(values.begin(), values.end());
+  } else if (given.size() > 0) {
+    const auto indices = integers<std::int64_t>(given, "envs", {-1});
+    const std::span<const std::int64_t> values = indices;
+    for (const std::int64_t env : values) {
+      require(env >= 0 && static_cast<std::size_t>(env) < count, "envs", "integers in [0, " + std::to_string(count) + ")", env);
+    }
+    for (const std::int64_t env : values) mask[static_cast<std::size_t>(env)] = 1;
+  }
+  return mask;
+}
+
 // Returns the rows whose episodes begin, within a Python task's reset; otherwise all rows.
 py::array_t<std::int64_t> beginning_rows(const Batch& batch) {
   const py::ssize_t count = num_rows(batch);
@@ -431,7 +455,8 @@ void register_batch(py::module_& module) {
           py::arg("cameras") = py::tuple(), py::arg("camera_backend") = "raycast", py::arg("episode") = none,
           py::arg("clock") = none, py::arg("dynamics") = none, py::arg("num_threads") = 0,
           py::arg("block_size") = BatchConfig().block_size, py::arg("world_index") = none, py::arg("tracer") = "auto",
-          py::arg("drones_per_env") = 1, py::arg("bodies") = py::tuple(), py::arg("max_bodies") = 0)
+          py::arg("drones_per_env") = 1, py::arg("bodies") = py::tuple(), py::arg("max_bodies") = 0,
+           py::arg("lights") = py::tuple())
       .def_static("from_recipe", &batch_from_recipe, py::arg("recipe"), py::arg("worlds") = none, py::arg("task") = none,
                   py::kw_only(), py::arg("allow_files") = false)
       .def_property_readonly("num_envs", [](const Batch& batch) { return batch.config().num_envs; })
@@ -590,22 +615,48 @@ void register_batch(py::module_& module) {
           py::arg("world_index"), py::arg("mask") = none)
       .def(
           "set_light",
-          [](Batch& batch, std::int64_t world_index, const ColorArgument& sun_direction, const ColorArgument& sun_color,
-             const ColorArgument& sky_ambient, const ColorArgument& ground_ambient, const ColorArgument& zenith_color,
-             const ColorArgument& horizon_color, const std::optional<float>& gamma, const std::optional<float>& sun_radius_deg,
-             const std::optional<float>& sun_glow, const std::optional<float>& fog_visibility_m, const py::object& tint) {
-            const auto& worlds = batch.worlds();
-            const bool is_known = world_index >= 0 && world_index < std::ssize(worlds);
-            const Lighting lighting = !is_known
-                                          ? Lighting()
-                                          : lighting_argument(*worlds[static_cast<std::size_t>(world_index)], sun_direction,
-                                                              sun_color, sky_ambient, ground_ambient, zenith_color, horizon_color,
-                                                              gamma, sun_radius_deg, sun_glow, fog_visibility_m, tint);
-            released(batch, [&] { batch.set_light(world_index, lighting); });
+          [](Batch& batch, const py::object& light, const py::object& envs, const py::object& world_index,
+             const ColorArgument& sun_direction, const ColorArgument& sun_color, const ColorArgument& sky_ambient,
+             const ColorArgument& ground_ambient, const ColorArgument& zenith_color, const ColorArgument& horizon_color,
+             const std::optional<float>& gamma, const std::optional<float>& sun_radius_deg, const std::optional<float>& sun_glow,
+             const std::optional<float>& fog_visibility_m, const py::object& tint) {
+            const auto changed = [&](const World& world) {
+              return lighting_argument(world, sun_direction, sun_color, sky_ambient, ground_ambient, zenith_color, horizon_color,
+                                       gamma, sun_radius_deg, sun_glow, fog_visibility_m, tint);
+            };
+            const bool is_number = py::isinstance<py::int_>(light) || py::hasattr(light, "__index__");
+            if (is_number || !world_index.is_none()) {
+              if (!light.is_none() && !world_index.is_none()) throw py::type_error("light: expected None with world_index");
+              if (!envs.is_none()) throw py::type_error("envs: expected None with the index of a world, for all envs in it");
+              const auto number = from_python<std::int64_t>(is_number ? light : world_index, "world_index");
+              const auto& worlds = batch.worlds();
+              const bool is_known = number >= 0 && number < std::ssize(worlds);
+              const Lighting lighting = is_known ? changed(*worlds[static_cast<std::size_t>(number)]) : Lighting();
+              released(batch, [&] { batch.set_light(number, lighting); });
+              return;
+            }
+            if (!tint.is_none()) throw py::type_error("tint: expected None without the index of a world (envs share materials)");
+            const std::vector<std::uint8_t> mask = env_mask(batch, envs);
+            const bool changes = sun_direction || sun_color || sky_ambient || ground_ambient || zenith_color || horizon_color ||
+                                 gamma || sun_radius_deg || sun_glow || fog_visibility_m;
+            if (!light.is_none()) {
+              if (changes) throw py::type_error("light: expected None with fields of a light, got a Light");
+              const auto given = argument<Light>(light, "light", "a flockstep.Light, the index of a world, or None");
+              released(batch, [&] { batch.set_light(given, mask); });
+            } else if (changes) {
+              std::vector<Light> lights(static_cast<std::size_t>(num_envs(batch)));
+              for (std::size_t env = 0; env < lights.size(); ++env) {
+                if (mask.empty() || mask[env] != 0) lights[env] = changed(*batch.world_of(EnvIndex(env))).light;
+              }
+              released(batch, [&] { batch.set_light(lights, mask); });
+            } else {
+              released(batch, [&] { batch.use_world_light(mask); });
+            }
           },
-          py::arg("world_index"), py::kw_only(), py::arg("sun_direction") = none, py::arg("sun_color") = none,
-          py::arg("sky_ambient") = none, py::arg("ground_ambient") = none, py::arg("zenith_color") = none,
-          py::arg("horizon_color") = none, py::arg("gamma") = none, py::arg("sun_radius_deg") = none, py::arg("sun_glow") = none,
+          py::arg("light") = none, py::arg("envs") = none, py::kw_only(), py::arg("world_index") = none,
+          py::arg("sun_direction") = none, py::arg("sun_color") = none, py::arg("sky_ambient") = none,
+          py::arg("ground_ambient") = none, py::arg("zenith_color") = none, py::arg("horizon_color") = none,
+          py::arg("gamma") = none, py::arg("sun_radius_deg") = none, py::arg("sun_glow") = none,
           py::arg("fog_visibility_m") = none, py::arg("tint") = none)
       .def(
           "set_lidar",

@@ -254,6 +254,7 @@ void register_config(py::module_& module) {
   register_fields<ImuConfig>(module, "ImuConfig", "An inertial measurement unit, for motion by rotors.");
   register_fields<BodyMotion>(module, "BodyMotion", "The script that moves a body.");
   register_fields<BodyConfig>(module, "BodyConfig", "A solid in an env that may move.");
+  register_fields<Light>(module, "Light", "Sun, sky and fog of camera images.");
   register_fields<EpisodeConfig>(module, "EpisodeConfig", "When episodes begin and end; the same for every task.");
   register_fields<ClockConfig>(module, "ClockConfig", "How time passes: the rates of policy, controller and physics.");
   register_fields<WindConfig>(module, "WindConfig", "The wind, for motion by rotors.");

@@ -599,6 +599,17 @@ class BodyConfig:
     # end of fields
 
 @final
+class Light:
+    """Sun, sky and fog of camera images. ``Light(**world.light)`` is the light of a world.
+
+    Parameters
+    ----------
+    """
+
+    # fields of Light
+    # end of fields
+
+@final
 class ServerConfig:
     """How a server listens, and what clients may do.
 
@@ -2976,6 +2987,8 @@ class Batch:
         Bodies that are in every env when an episode begins.
     max_bodies
         Number of slots for bodies in each env, B; 0: as many as an episode begins with.
+    lights
+        Lights, at most 4096, of which each episode of an env draws one instead of its world's.
     """
 
     def __init__(
@@ -3007,6 +3020,7 @@ class Batch:
         drones_per_env: int = 1,
         bodies: Sequence[BodyConfig] = (),
         max_bodies: int = 0,
+        lights: Sequence[Light] = (),
     ) -> None: ...
     @staticmethod
     def from_recipe(
@@ -3073,7 +3087,7 @@ class Batch:
         """The W worlds, indexed by `world_index`. With a `WorldPool` it raises `AttributeError`: use `world_of`."""
 
     def world_of(self, index: int) -> World:
-        """Return the world of a drone."""
+        """Return the world of a drone, in the light of its env."""
 
     @property
     def drone(self) -> DroneModel:
@@ -3376,8 +3390,10 @@ class Batch:
 
     def set_light(
         self,
-        world_index: int,
+        light: int | Light | None = None,
+        envs: npt.ArrayLike | None = None,
         *,
+        world_index: int | None = None,
         sun_direction: tuple[float, float, float] | None = None,
         sun_color: tuple[float, float, float] | None = None,
         sky_ambient: tuple[float, float, float] | None = None,
@@ -3390,21 +3406,40 @@ class Batch:
         fog_visibility_m: float | None = None,
         tint: npt.ArrayLike | None = None,
     ) -> None:
-        """Change the light of one of the `worlds`, for all envs in it; None leaves a value unchanged.
+        """Change the light of some envs, or that of one of the `worlds`.
 
-        ``worlds[world_index]`` becomes ``worlds[world_index].with_light(...)``; the original world object and other
-        batches that use it do not change. The arguments are those of `World.with_light`; ``tint`` multiplies the
-        current colours. Frames that show the world are stale until they are rendered again. With the camera backend
-        ``gl``, every call copies the geometry to the device again, and the copies are freed with the batch.
+        ``set_light(light, envs)`` gives envs a `Light` of their own, ``set_light(envs=..., gamma=1.5)`` changes fields
+        of their current ones, and ``set_light(envs=...)`` lets them show the lights of their worlds again. An own light
+        stays until the next call: `reset` and `set_world` keep it, and `snapshot` holds it. If the batch has
+        ``lights``, it stays until the next episode draws one. ``world_of(i).light`` is the current light of drone i's
+        env.
 
-        The light is part of the configuration that `restore` checks: it refuses a snapshot that was taken in another
-        light.
+        ``set_light(k, gamma=1.5)``, with the index of a world, changes its light for all envs in it that have no light
+        of their own: ``worlds[k]`` becomes ``worlds[k].with_light(...)``; the original world object and other batches
+        that use it do not change. This light is part of the configuration that `restore` checks: it refuses a snapshot
+        that was taken in another light of the worlds.
+
+        Frames of these envs are stale until they are rendered again; nothing else changes. With the camera backend
+        ``gl``, every new pair of world and light is copied to the device.
+
+        Parameters
+        ----------
+        light
+            A `Light`, or the index of a world, also as ``world_index``.
+        envs
+            A bool mask (E,), indices of envs, or one index. None: all envs.
+        sun_direction, sun_color, sky_ambient, ground_ambient, zenith_color, horizon_color, gamma
+            Fields of the light that change, as in `World.with_light`; None leaves one unchanged.
+        sun_radius_deg, sun_glow, fog_visibility_m
+            Further fields.
+        tint
+            Factors of the current colours of the world's materials, as in `World.with_light`; only for a world.
 
         Raises
         ------
         ValueError
-            A value is out of its limits, there is no such world, or the worlds come from a `WorldPool`, because the
-            next episode would draw a world with its own light.
+            A value is out of its limits, there is no such world or env, or ``light`` is the index of a world and the
+            worlds come from a `WorldPool`, because the next episode would draw a world with its own light.
         RuntimeError
             The call comes from a task while its batch steps or resets.
         """

@@ -30,6 +30,7 @@ from flockstep._core import (
     DynamicsConfig,
     Field,
     LidarConfig,
+    Light,
     PythonTask,
     TaskSpec,
     World,
@@ -78,6 +79,8 @@ class Task:
     bodies, max_bodies
         Bodies in every env when an episode begins, one `BodyConfig` or a sequence, and the number of slots for bodies;
         see `Bodies`. Default: none.
+    lights
+        Lights of which each episode of an env draws one, a `Light` or a sequence. Default: the lights of the worlds.
     worlds
         Default worlds of envs with this task, in a form that `DroneVectorEnv` accepts. Default: ``"train"``.
     drone, dynamics, clock
@@ -126,6 +129,7 @@ class Task:
     camera: CameraConfig | Sequence[CameraConfig] | None = None
     bodies: BodyConfig | Sequence[BodyConfig] | None = None
     max_bodies: int = 0
+    lights: Light | Sequence[Light] | None = None
     worlds: WorldsLike | WorldPool | None = None
     drone: DroneLike | None = None
     dynamics: DynamicsConfig | None = None

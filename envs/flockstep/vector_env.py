@@ -29,6 +29,7 @@ from flockstep._core import (
     HoverConfig,
     ImuConfig,
     LidarConfig,
+    Light,
     NativeTask,
     NavigationConfig,
     PoseSensorConfig,
@@ -209,6 +210,9 @@ class DroneVectorEnv(VectorEnv[Observation, Array, Array]):
     max_bodies
         Number of slots for bodies in each env, B; free slots are for ``batch.bodies.spawn``. Default: as many as an
         episode begins with.
+    lights
+        One `Light` or a sequence, of which each episode of an env draws one instead of its world's. Default: the lights
+        of the worlds; a `Task` declares its own. `Batch.set_light` sets lights at run time.
     drone
         A `DroneModel`, the name of a bundled airframe, or the path of a JSON file. Default: the task's drone, which for
         navigation is the 650-class quadrotor.
@@ -358,6 +362,7 @@ class DroneVectorEnv(VectorEnv[Observation, Array, Array]):
         imu: ImuConfig | Sequence[ImuConfig] | None = None,
         bodies: BodyConfig | Sequence[BodyConfig] | None = None,
         max_bodies: int | None = None,
+        lights: Light | Sequence[Light] | None = None,
         drone: DroneLike | None = None,
         max_episode_steps: int | None = None,
         autoreset_mode: str | AutoresetMode = "next_step",
@@ -374,9 +379,9 @@ class DroneVectorEnv(VectorEnv[Observation, Array, Array]):
     ) -> None:
         given = {name: value for name, value in locals().items() if name not in ("self", "fields")}
         self._arguments: dict[str, Any] = {**given, **fields}  # for copies and pickles
-        worlds, task, lidar, camera, pose_sensor, imu, bodies, drone, drone_mesh = (
+        worlds, task, lidar, camera, pose_sensor, imu, bodies, lights, drone, drone_mesh = (
             serialization.from_plain(value)
-            for value in (worlds, task, lidar, camera, pose_sensor, imu, bodies, drone, drone_mesh)
+            for value in (worlds, task, lidar, camera, pose_sensor, imu, bodies, lights, drone, drone_mesh)
         )
         own_fields = {name: serialization.from_plain(value) for name, value in fields.items()}
         require_render_mode(render_mode, "gymnasium.wrappers.vector.HumanRendering")
@@ -410,6 +415,8 @@ class DroneVectorEnv(VectorEnv[Observation, Array, Array]):
         if bodies is not None:
             recipe.bodies = _listed(bodies, BodyConfig, "bodies")
         _set_given(recipe, max_bodies=max_bodies)
+        if lights is not None:
+            recipe.lights = _listed(lights, Light, "lights")
         if worlds is None:
             worlds = self.task.worlds if isinstance(self.task, Task) else recipe.worlds
         recipe.worlds = _names(worlds)
@@ -489,7 +496,7 @@ class DroneVectorEnv(VectorEnv[Observation, Array, Array]):
             )
         }
         given |= {"lidar": recipe.lidars, "camera": recipe.cameras, "imu": recipe.imus, "tracer": recipe.tracer}
-        given |= {"bodies": recipe.bodies, "max_bodies": recipe.max_bodies}
+        given |= {"bodies": recipe.bodies, "max_bodies": recipe.max_bodies, "lights": recipe.lights}
         return cls(**{**given, **keywords})
 
     @property
@@ -735,6 +742,7 @@ def _recipe_for(
         recipe.cameras = _listed(task.camera, CameraConfig, "camera")
         recipe.bodies = _listed(task.bodies, BodyConfig, "bodies")
         recipe.max_bodies = task.max_bodies
+        recipe.lights = _listed(task.lights, Light, "lights")
     elif isinstance(task, NativeTask):
         own_task = task
         recipe = Recipe(f"library/{task.path}")

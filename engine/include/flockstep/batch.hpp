@@ -107,9 +107,10 @@ class FLOCKSTEP_API Batch {
 
   const BatchConfig& config() const;                                 // of the constructor, with the current sizes
   const Worlds& worlds() const;                                      // indexed by state().world_index; empty with a pool
-  const std::shared_ptr<const World>& world_of(EnvIndex env) const;  // the world of an env; the index is not checked
-  const DroneModel& drone() const;                                   // body and flight model of all drones
-  int num_threads() const;                                           // actual number, also if num_threads = 0
+  // The world of an env, in the light of the env; the index is not checked.
+  std::shared_ptr<const World> world_of(EnvIndex env) const;
+  const DroneModel& drone() const;  // body and flight model of all drones
+  int num_threads() const;          // actual number, also if num_threads = 0
   // Number of LiDAR and camera rays, shadow rays included, traced through Embree's triangle trees since the batch was made, and
   // the number of packets they were traced in.
   std::int64_t embree_rays() const;
@@ -166,6 +167,11 @@ class FLOCKSTEP_API Batch {
   // Replaces a world, by its index into worlds(), by a copy of it in another light, for all of its envs. Frames that show the
   // world become stale. Snapshots from before are refused by restore(), unless the same light is set again. Refused with a pool.
   void set_light(std::int64_t world_index, const Lighting& lighting);
+  // Gives envs their own lights: one for each env (E,), or one for all that the mask selects. Their frames become stale. A light
+  // stays until the next call, also in other worlds and episodes; with BatchConfig::lights, until the next episode draws one.
+  void set_light(std::span<const Light> lights, EnvMask mask = {});
+  void set_light(const Light& light, EnvMask mask = {}) { set_light(std::span(&light, 1), mask); }
+  void use_world_light(EnvMask mask = {});  // the envs show the lights of their worlds again
 
   // --- bodies, E envs of B slots; state().bodies has their arrays. A body that a call has placed, moved or given a velocity
   // moves with constant velocity until the next episode, which begins with the bodies of the configuration and no others. A mask

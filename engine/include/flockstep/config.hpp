@@ -13,6 +13,7 @@
 #include "flockstep/fields.hpp"
 #include "flockstep/imu.hpp"
 #include "flockstep/lidar.hpp"
+#include "flockstep/light.hpp"
 #include "flockstep/pose_sensor.hpp"
 
 namespace flockstep {
@@ -37,11 +38,13 @@ struct BatchConfig {
   std::vector<ImuConfig> imus;
   std::vector<BodyConfig> bodies;
   int max_bodies = 0;
+  std::vector<Light> lights;
   EpisodeConfig episode;
   ClockConfig clock;
   DynamicsConfig dynamics;
 
   static constexpr int kMaxDrones = 1 << 20;  // total over all envs
+  static constexpr std::size_t kMaxLights = 4096;
 
   static constexpr auto fields() {
     using C = BatchConfig;
@@ -83,6 +86,9 @@ struct BatchConfig {
               {.about = "Number of slots for bodies in each env, B. Free slots are for ``batch.bodies.spawn()``. 0: as many as "
                         "an episode may begin with.",
                .limits = between(0, kMaxBodies)}),
+        field("lights", &C::lights,
+              {.about = "Lights, at most 4096, of which each episode of an env draws one instead of its world's. Empty: the "
+                        "lights of the worlds."}),
         field("episode", &C::episode, {.about = "Begin and end of episodes."}),
         field("clock", &C::clock, {.about = "Rates of policy, controller and physics."}),
         field("dynamics", &C::dynamics, {.about = "Motion model of the drones."}));

@@ -16,6 +16,7 @@
 #include "flockstep/body.hpp"
 #include "flockstep/export.hpp"
 #include "flockstep/fields.hpp"
+#include "flockstep/light.hpp"
 #include "flockstep/pose.hpp"
 #include "flockstep/visibility.hpp"
 
@@ -71,33 +72,6 @@ struct Material {
   // A triangle is transparent to cameras and sunlight wherever the texture's alpha, from 0 to 1, is below this; 0: nowhere.
   // LiDAR rays and collisions hit the whole triangle.
   float alpha_cutoff = 0.0F;
-};
-
-// Sun and sky of camera images. Colours are linear RGB. The limits are those of the light's keys in a scene file.
-//
-// A surface with unit normal n and base colour c has the colour c * (sun_color * max(0, n . sun_direction) +
-// lerp(ground_ambient, sky_ambient, (1 + n.z) / 2)) plus its emission. The sky in unit direction d has the colour
-// lerp(horizon_color, zenith_color, max(0, d.z)). A value v is written as 255 * min(v, 1)^(1 / gamma), rounded.
-//
-// The sun is drawn if sun_radius_deg or sun_glow is not 0. With q = |d - sun_direction|^2 and r = 2 sin(sun_radius_deg / 2),
-// the sky is then lerp(sky, s, max(disc, sun_glow / (1 + 100 q))), with disc = clamp((r^2 - q) / (0.19 r^2), 0, 1) and s =
-// sun_color over its largest channel. The outer tenth of the disc's radius is its soft border.
-//
-// Fog lies everywhere if fog_visibility_m is not 0. A surface of colour v at distance t in direction d then has the colour
-// lerp(sky, v, exp(-3.9 t / fog_visibility_m)), where sky is the colour of the sky in direction d without the sun.
-struct Light {
-  std::array<float, 3> sun_direction{0.4F, 0.3F, 0.8660254F};  // towards the sun; any length except 0; unit in a World
-  std::array<float, 3> sun_color{0.45F, 0.43F, 0.4F};          // linear RGB
-  std::array<float, 3> sky_ambient{0.6F, 0.62F, 0.65F};        // light from above
-  std::array<float, 3> ground_ambient{0.48F, 0.47F, 0.46F};    // light from below
-  std::array<float, 3> zenith_color{0.16F, 0.36F, 0.72F};      // sky straight up
-  std::array<float, 3> horizon_color{0.68F, 0.78F, 0.88F};     // sky at and below the horizon
-  float gamma = 2.2F;                                          // exponent of written colours, see above
-  float sun_radius_deg = 0.0F;                                 // radius of the sun's disc in the sky; 0: no disc
-  float sun_glow = 0.0F;          // share of the sun's colour in the sky next to it; half of that 5.7 degrees away
-  float fog_visibility_m = 0.0F;  // distance at which the fog leaves 2 % of a surface's contrast; 0: no fog
-
-  bool operator==(const Light&) const = default;
 };
 
 // Light and colours that can differ between copies of a world. They do not affect drones and rays.

@@ -21,6 +21,7 @@ enum class Stream : std::uint32_t {
   time_limit,
   gust,
   imu_noise,
+  light,
 };
 
 // Returns the stream of an instrument that is not listed above: a hash of its name (FNV-1a) with the top bit set.

@@ -128,9 +128,10 @@ void hide_absent(Simulation& sim) {
   sim.move_lines.set_visible(false, absent);
 }
 
-// Restarts the clock of an env, clears its readings and draws gusts from its seed and episode.
+// Restarts the clock of an env, clears its readings and draws light and gusts from its seed and episode.
 void begin_time(Simulation& sim, EnvIndex env) {
   forget_readings(sim, env);
+  draw_light(sim, env);
   for (std::size_t member = 0; member < sim.drones_per_env(); ++member) begin_gusts(sim, sim.drone_of(env, member));
   if (sim.bodies) sim.bodies->begin(env);
 }
@@ -170,7 +171,7 @@ const Batch::Worlds& Batch::worlds() const {
   static const Worlds kNone;
   return sim_->pool ? kNone : sim_->worlds;
 }
-const std::shared_ptr<const World>& Batch::world_of(EnvIndex env) const { return sim_->worlds[sim_->slot_of(env)]; }
+std::shared_ptr<const World> Batch::world_of(EnvIndex env) const { return sim_->lights.world(env, sim_->slot_of(env)); }
 const DroneModel& Batch::drone() const { return sim_->drone_model; }
 int Batch::num_threads() const { return sim_->workers.num_threads(); }
 std::int64_t Batch::embree_rays() const { return sim_->embree_use().rays; }

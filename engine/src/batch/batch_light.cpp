@@ -1,4 +1,4 @@
-// The member of Batch that changes the light of a world.
+// The members of Batch that change the light of worlds and envs.
 #include <memory>
 #include <stdexcept>
 #include <string>
@@ -7,8 +7,10 @@
 #include "base/require.hpp"
 #include "batch/call_guard.hpp"
 #include "batch/checks.hpp"
+#include "batch/selected.hpp"
 #include "batch/simulation.hpp"
 #include "flockstep/batch.hpp"
+#include "world/scene_description.hpp"
 
 namespace flockstep {
 
@@ -28,10 +30,42 @@ void Batch::set_light(std::int64_t world_index, const Lighting& lighting) {
   build_ahead(*relit, sim_->config);
   // The copy has the scene and the obstacles of the world that it replaces, so those tables stay.
   if (sim_->cameras.keeps_worlds()) sim_->replaced_worlds.push_back(sim_->worlds[index]);
+  if (sensors::CameraRig::has_many_unused(sim_->replaced_worlds.size(), count)) {
+    sim_->cameras.forget_worlds();
+    sim_->replaced_worlds.clear();
+  }
   sim_->world_pointers[index] = relit.get();
   sim_->worlds[index] = std::move(relit);
   sim_->cameras.mark_world_stale(static_cast<std::int32_t>(world_index));
   sim_->known_hash.reset();
+}
+
+void Batch::set_light(std::span<const Light> lights, EnvMask mask) {
+  const LongCallGuard guard(*lock_);
+  checks::not_stepping(*sim_, "set_light");
+  checks::mask(*sim_, mask);
+  const std::size_t count = sim_->num_envs();
+  require(lights.size() == 1 || lights.size() == count, "lights", "one, or " + std::to_string(count) + " for the envs",
+          lights.size());
+  std::vector<Light> checked(lights.begin(), lights.end());
+  for (Light& light : checked) check_light(light);
+  for_each_selected(*sim_, mask, [&](EnvIndex env) {
+    sim_->lights.set(env, checked[checked.size() == 1 ? 0 : std::size_t{env}]);
+    sim_->cameras.mark_stale(env);
+  });
+  sim_->cameras.free_unused_worlds();
+}
+
+void Batch::use_world_light(EnvMask mask) {
+  const LongCallGuard guard(*lock_);
+  checks::not_stepping(*sim_, "use_world_light");
+  checks::mask(*sim_, mask);
+  if (sim_->lights.empty()) return;
+  for_each_selected(*sim_, mask, [&](EnvIndex env) {
+    sim_->lights.clear(env);
+    sim_->cameras.mark_stale(env);
+  });
+  sim_->cameras.free_unused_worlds();
 }
 
 }  // namespace flockstep

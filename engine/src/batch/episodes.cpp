@@ -12,6 +12,7 @@
 #include "base/require.hpp"
 #include "batch/bad_states.hpp"
 #include "batch/checks.hpp"
+#include "world/scene_description.hpp"
 
 namespace flockstep {
 namespace {
@@ -327,8 +328,18 @@ void open_episode(Simulation& sim, EnvIndex env, Scratch& scratch) {
     scratch.moved_world |= world != state.world_index[env];
     state.world_index[env] = world;
   }
+  draw_light(sim, env);
   if (sim.bodies) sim.bodies->begin(env);
   start_counts(sim, env);
+}
+
+void draw_light(Simulation& sim, EnvIndex env) {
+  const std::vector<Light>& lights = sim.config.lights;
+  if (lights.empty()) return;
+  const double u = uniform01(draw(sim.state, RandomKey::of(env), Stream::light, 0)[0]);
+  Light light = lights[static_cast<std::size_t>(u * static_cast<double>(lights.size()))];
+  check_light(light);  // makes the direction a unit vector
+  sim.lights.set(env, light);
 }
 
 void start_counts(Simulation& sim, EnvIndex env) {

@@ -214,6 +214,7 @@ std::shared_ptr<Simulation> resized(Simulation& sim, BatchConfig config) {
     state.active[drone] = 0;
   }
   if (sim.bodies) next->bodies->copy(*sim.bodies);
+  next->lights.copy(sim.lights);
   next->suite.pose().assume_truth(state);
   copy(sim.state, state, Rows::drone);
   copy(sim.state.contact, state.contact, Rows::drone);

@@ -120,8 +120,9 @@ Simulation::Simulation(BatchConfig config_in, Batch::Worlds worlds_in, std::uniq
       hull(drone_model),
       fleet(fleet_of(config, drone_model)),
       suite(config),
-      cameras(config.cameras, config.clock, world_pointers, pool ? pool->slots : state.world_index, state, drones_per_env(),
-              num_drones(), config.tracer),
+      lights(worlds, num_envs(), !config.lights.empty()),
+      cameras(config.cameras, config.clock, world_pointers, pool ? pool->slots : state.world_index, lights, state,
+              drones_per_env(), num_drones(), config.tracer),
       move_lines(state, drones_per_env(), num_drones()),
       workers(config.num_threads > 0 ? config.num_threads : physical_cores()),
       schedule(num_envs(), worlds.size(), static_cast<std::size_t>(config.block_size),
@@ -165,6 +166,7 @@ Simulation::Simulation(BatchConfig config_in, Batch::Worlds worlds_in, std::uniq
     if (!pool) state.world_index[env] = world_index.empty() ? static_cast<std::int32_t>(env % worlds.size()) : world_index[env];
   }
   for (std::size_t i = 0; i < num_drones(); ++i) place_at_start(*this, DroneIndex(i));
+  for (std::size_t env = 0; env < num_envs(); ++env) draw_light(*this, EnvIndex(env));
   suite.pose().assume_truth(state);
   if (bodies_per_env > 0) {
     allocate(state.bodies, sizes);
@@ -196,6 +198,7 @@ void Simulation::take_over(Simulation& other) noexcept {
   cameras.take_renderer(other.cameras);
   warning = std::move(other.warning);
   replaced_worlds.swap(other.replaced_worlds);
+  lights.take_worlds(other.lights);
   other.scratches.clear();
   other.workers.close();
 }

@@ -27,6 +27,7 @@
 #include "dynamics/rotor_motion.hpp"
 #include "flockstep/batch.hpp"
 #include "sensors/camera_rig.hpp"
+#include "sensors/env_lights.hpp"
 #include "sensors/sensor_suite.hpp"
 
 namespace flockstep {
@@ -156,6 +157,7 @@ struct Simulation {
   State state;
   std::optional<bodies::BodyTable> bodies;  // nothing if the envs have no slots for bodies
   sensors::SensorSuite suite;
+  sensors::EnvLights lights;
   sensors::CameraRig cameras;
   MoveLines move_lines;
 

@@ -16,7 +16,7 @@ namespace flockstep {
 namespace {
 
 constexpr std::uint64_t kMagic = 0x504554534b434f4cULL;  // "LOCKSTEP"
-constexpr std::uint64_t kFormat = 9;                     // format of a snapshot; increment with each change
+constexpr std::uint64_t kFormat = 10;                    // format of a snapshot; increment with each change
 
 struct Header {
   std::uint64_t magic, format, config, length, checksum;
@@ -42,6 +42,7 @@ void visit_own(Simulation& sim, ArrayVisitor& visitor) {
   if (sim.fleet && sim.fleet->airframes.size() > 1) visitor.array("airframe_index", sim.fleet->airframe_index);
   if (sim.pool) visitor.array("world_content", sim.pool->contents);
   if (sim.bodies) sim.bodies->visit(visitor);
+  sim.lights.visit(visitor);
   for_each_sensor(sim, [&](sensors::Sensor& sensor) { sensor.visit(visitor); });
   if (!sim.task_state) return;
   visitor.fields(sim.episodes);
@@ -208,6 +209,7 @@ void put(Simulation& sim, std::string_view body) {
   visit(sim, reader);
   reader.apply();
   if (sim.bodies) sim.bodies->restored();
+  sim.lights.restored();
   for_each_sensor(sim, [](sensors::Sensor& sensor) { sensor.restored(); });
   sim.outputs.restored();
   if (sim.task_state) sim.task_state->task->restored();

@@ -72,6 +72,15 @@ trace::EmbreeUse Renderer::embree_use() const {
   return use;
 }
 
+void Renderer::forget_worlds() {
+  if (!gl_) return;
+  try {
+    gl_->forget_worlds();
+  } catch (const GlUnavailable& error) {
+    give_up_gl(error.what());
+  }
+}
+
 // Requests of one camera are adjacent and have the same tiles.
 void Renderer::raycast(std::span<const RenderRequest> requests, Workers& workers) {
   while (!requests.empty()) {

@@ -30,8 +30,9 @@ class Renderer {
   std::string take_warning() { return std::exchange(warning_, std::string()); }
 
   trace::EmbreeUse embree_use() const;  // by the raycast backend
-  // True if the worlds of past requests must outlive the renderer.
+  // True if the worlds of past requests must live until forget_worlds() or the renderer's end.
   bool keeps_worlds() const { return gl_ != nullptr; }
+  void forget_worlds();  // between frames: the worlds of past requests may now be destroyed
 
   // Between start() and finish(), OpenGL already renders on its own thread; the requests must not change meanwhile.
   void start(std::span<const RenderRequest> requests);

@@ -28,9 +28,9 @@ void require_instances(const World& world) {
 }  // namespace
 
 CameraRig::CameraRig(const std::vector<CameraConfig>& configs, const ClockConfig& clock, std::span<const World* const> worlds,
-                     const std::vector<std::int32_t>& slots, const State& state, std::size_t drones_per_env,
-                     std::size_t num_drones, TracerKind tracer)
-    : worlds_(worlds), slots_(&slots), state_(&state), drones_per_env_(drones_per_env), num_drones_(num_drones) {
+                     const std::vector<std::int32_t>& slots, EnvLights& lights, const State& state,
+                     std::size_t drones_per_env, std::size_t num_drones, TracerKind tracer)
+    : worlds_(worlds), slots_(&slots), lights_(&lights), state_(&state), drones_per_env_(drones_per_env), num_drones_(num_drones) {
   for (const CameraConfig& config : configs) {
     try {
       cameras_.push_back(std::make_unique<Camera>(config, clock, drones_per_env, num_drones, tracer));
@@ -96,6 +96,10 @@ void CameraRig::mark_stale(DroneIndex drone) {
   for (const auto& camera : cameras_) camera->mark_stale(drone);
 }
 
+void CameraRig::mark_stale(EnvIndex env) {
+  for (std::size_t member = 0; member < drones_per_env_; ++member) mark_stale(DroneIndex(env * drones_per_env_ + member));
+}
+
 void CameraRig::mark_world_stale(std::int32_t world) {
   for (const auto& camera : cameras_) {
     for (std::size_t i = 0; i < num_drones_; ++i) {
@@ -128,12 +132,26 @@ void CameraRig::ask_again() {
 render::RenderRequest CameraRig::retake(std::size_t camera, DroneIndex drone) const {
   const bool by_slot = slots_ == &state_->world_index;  // otherwise a frame of another world is stale
   Camera& taken = *cameras_[camera];
-  return taken.retake(drone, by_slot ? *worlds_[static_cast<std::size_t>(taken.taken_world(drone))] : world_of(drone));
+  return taken.retake(
+      drone, by_slot ? world_in_light(drone, static_cast<std::size_t>(taken.taken_world(drone))) : world_of(drone));
 }
 
 void CameraRig::clear_requests() {
   requests_.clear();
   conversions_.clear();
+  if (!lights_->empty()) free_unused_worlds();
+}
+
+void CameraRig::free_unused_worlds() {
+  if (keeps_worlds()) {
+    if (!has_many_unused(lights_->num_unused(), lights_->num_used())) return;
+    forget_worlds();
+  }
+  lights_->free_unused();
+}
+
+void CameraRig::forget_worlds() {
+  if (renderer_) renderer_->forget_worlds();
 }
 
 void CameraRig::start() {
@@ -198,7 +216,11 @@ void CameraRig::require_frame(std::size_t camera, DroneIndex drone) const {
 }
 
 const World& CameraRig::world_of(DroneIndex drone) const {
-  return *worlds_[static_cast<std::size_t>((*slots_)[drone / drones_per_env_])];
+  return world_in_light(drone, static_cast<std::size_t>((*slots_)[drone / drones_per_env_]));
+}
+
+const World& CameraRig::world_in_light(DroneIndex drone, std::size_t slot) const {
+  return lights_->empty() ? *worlds_[slot] : *lights_->world(EnvIndex(drone / drones_per_env_), slot);
 }
 
 }  // namespace flockstep::sensors

@@ -16,6 +16,7 @@
 #include "flockstep/world.hpp"
 #include "render/renderer.hpp"
 #include "sensors/camera.hpp"
+#include "sensors/env_lights.hpp"
 
 namespace flockstep::sensors {
 
@@ -24,8 +25,8 @@ class CameraRig {
   // Env e uses worlds[slots[e]]; slots without an env are null. The arguments must outlive the rig, and the worlds must keep
   // their addresses.
   CameraRig(const std::vector<CameraConfig>& configs, const ClockConfig& clock, std::span<const World* const> worlds,
-            const std::vector<std::int32_t>& slots, const State& state, std::size_t drones_per_env, std::size_t num_drones,
-            TracerKind tracer);
+            const std::vector<std::int32_t>& slots, EnvLights& lights, const State& state, std::size_t drones_per_env,
+            std::size_t num_drones, TracerKind tracer);
 
   // See Camera::set_bodies().
   void set_bodies(const render::VisibleBodies& bodies, std::size_t per_env) {
@@ -51,6 +52,7 @@ class CameraRig {
   const Camera& operator[](std::size_t camera) const { return *cameras_[camera]; }
 
   void mark_stale(DroneIndex drone);
+  void mark_stale(EnvIndex env);              // the frames of its drones
   void mark_world_stale(std::int32_t world);  // marks the frames that show a world as stale; world: State::world_index
   void clear(DroneIndex drone);               // clears the images of a removed drone
 
@@ -74,6 +76,11 @@ class CameraRig {
   const std::string& report() const;
   std::string take_warning();
   bool keeps_worlds() const { return renderer_ && renderer_->keeps_worlds(); }  // see Renderer
+  // True if so many worlds of past requests are not needed any more that the renderer should forget all worlds. used: those
+  // that it still needs. Copying these to the device again then costs less than what has been copied since the last time.
+  static bool has_many_unused(std::size_t unused, std::size_t used) { return unused > used + 4; }
+  void forget_worlds();         // between frames: no world of a past request is needed any more
+  void free_unused_worlds();    // between frames: copies of worlds in lights that no env has any more
   trace::EmbreeUse embree_use() const { return renderer_ ? renderer_->embree_use() : trace::EmbreeUse{}; }
   // Returns a JPEG file of one frame; quality in [1, 100].
   std::string jpeg(std::size_t camera, DroneIndex drone, int quality) const;
@@ -84,6 +91,7 @@ class CameraRig {
 
  private:
   const World& world_of(DroneIndex drone) const;
+  const World& world_in_light(DroneIndex drone, std::size_t slot) const;
   void require_frame(std::size_t camera, DroneIndex drone) const;  // in colour or grey, and not stale
   void clear_requests();
   void request(Camera& camera, DroneIndex drone, const render::RenderRequest& frame) {
@@ -93,6 +101,7 @@ class CameraRig {
 
   std::span<const World* const> worlds_;
   const std::vector<std::int32_t>* slots_;  // (E,)
+  EnvLights* lights_;
   const State* state_;
   std::size_t drones_per_env_;
   std::size_t num_drones_;

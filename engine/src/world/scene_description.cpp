@@ -340,6 +340,11 @@ void check_light(Light& light) {
   for (const auto& [key, member] : kLightNumbers) check_values(name, key, {&(light.*member), 1});
 }
 
+void Light::validate() const {
+  Light copy = *this;
+  check_light(copy);
+}
+
 void apply_tint(std::span<const std::array<float, 3>> tint, std::vector<Material>& materials) {
   if (tint.empty()) return;
   if (tint.size() != materials.size()) {

@@ -9,7 +9,10 @@
 #include <span>
 #include <string>
 #include <string_view>
+#include <tuple>
+#include <type_traits>
 
+#include "flockstep/fields.hpp"
 #include "flockstep/limits.hpp"
 #include "flockstep/pose.hpp"
 #include "flockstep/world.hpp"
@@ -90,9 +93,23 @@ constexpr SceneKey list_of(std::string_view name, std::string_view meaning, std:
   return {.name = name, .meaning = meaning, .kind = ValueKind::object, .count = ValueCount::list, .most = most, .keys = keys};
 }
 
-constexpr SceneKey light_color(std::string_view name, std::string_view meaning, std::string (*usual)()) {
-  constexpr Limits kBrightness = between(0.0, 100.0);  // brighter than images can show, and far from overflow
-  return {.name = name, .meaning = meaning, .limits = kBrightness, .size = 3, .usual = usual};
+// Returns the key of a light's field.
+template <auto kMember>
+constexpr SceneKey light_key() {
+  SceneKey key;
+  const auto take = [&]<class Value>(const FieldPointer<Light, Value>& field) {
+    if constexpr (std::is_same_v<Value Light::*, decltype(kMember)>) {
+      if (field.member != kMember) return;
+      key = {.name = field.name,
+             .meaning = field.info.about,
+             .limits = field.info.limits,
+             .size = std::is_same_v<Value, float> ? 0U : 3U,
+             .unit = field.info.unit,
+             .usual = [] { return as_json(Light().*kMember); }};
+    }
+  };
+  std::apply([&](const auto&... fields) { (take(fields), ...); }, kFields<Light>);
+  return key;
 }
 
 inline constexpr Limits kCoordinates = within(kMaxCoordinate);
@@ -166,10 +183,13 @@ inline constexpr SceneKey kTexture{.name = "texture",
                                        "A name listed in textures. Its colours are multiplied by base_color; only triangles "
                                        "show it.",
                                    .kind = ValueKind::text};
-inline constexpr SceneKey kEmissive = light_color("emissive",
-                                                  "Linear red, green, blue, shown in any light and added to the lit colour. On "
-                                                  "triangles it is multiplied by texture and colors.",
-                                                  [] { return as_json(Material().emissive); });
+inline constexpr SceneKey kEmissive{.name = "emissive",
+                                    .meaning =
+                                        "Linear red, green, blue, shown in any light and added to the lit colour. On triangles "
+                                        "it is multiplied by texture and colors.",
+                                    .limits = Light::kBrightness,
+                                    .size = 3,
+                                    .usual = [] { return as_json(Material().emissive); }};
 inline constexpr SceneKey kAlphaCutoff{.name = "alpha_cutoff",
                                        .meaning =
                                            "Cameras see through triangles, and the sun shines through, if the texture's "
@@ -308,48 +328,26 @@ inline constexpr SceneKey kSpawnBox{.name = "spawn_box",
 inline constexpr std::array kMarkerKeys{kMarkerRadius, kStart, kWaypoints, kGoal, kSpawnBox};
 
 // The light
-inline constexpr SceneKey kSunDirection{.name = "sun_direction",
-                                        .meaning = "Direction towards the sun; it need not be normalised.",
-                                        .kind = ValueKind::direction,
-                                        .limits = kCoordinates,
-                                        .size = 3,
-                                        .usual = [] { return as_json(Light().sun_direction); }};
-inline constexpr SceneKey kSunColor =
-    light_color("sun_color", "Linear red, green, blue of the sun's light.", [] { return as_json(Light().sun_color); });
-inline constexpr SceneKey kSkyAmbient =
-    light_color("sky_ambient", "Linear red, green, blue of the light from above.", [] { return as_json(Light().sky_ambient); });
-inline constexpr SceneKey kGroundAmbient = light_color("ground_ambient", "Linear red, green, blue of the light from below.",
-                                                       [] { return as_json(Light().ground_ambient); });
-inline constexpr SceneKey kZenithColor =
-    light_color("zenith_color", "Linear red, green, blue of the sky straight up.", [] { return as_json(Light().zenith_color); });
-inline constexpr SceneKey kHorizonColor =
-    light_color("horizon_color", "Linear red, green, blue of the sky at the horizon and below.",
-                [] { return as_json(Light().horizon_color); });
-inline constexpr SceneKey kGamma{
-    .name = "gamma", .meaning = "A value v is written as 255 * min(v, 1)^(1 / gamma).", .limits = between(1.0, 4.0), .usual = [] {
-      return as_json(Light().gamma);
-    }};
-inline constexpr SceneKey kSunRadius{.name = "sun_radius_deg",
-                                     .meaning = "Radius of the sun's disc in the sky; 0: no disc. The real sun's is 0.27.",
-                                     .limits = between(0.1, 45.0),  // the least is resolvable by float32 directions
-                                     .or_zero = true,
-                                     .unit = "deg",
-                                     .usual = [] { return as_json(Light().sun_radius_deg); }};
-inline constexpr SceneKey kSunGlow{.name = "sun_glow",
-                                   .meaning =
-                                       "Share of the sun's colour in the sky next to the sun. The glow falls to half at "
-                                       "5.7 degrees.",
-                                   .limits = kShares,
-                                   .usual = [] { return as_json(Light().sun_glow); }};
-inline constexpr SceneKey kFogVisibility{
-    .name = "fog_visibility_m",
-    .meaning =
-        "Distance at which fog leaves 2 % of a surface's contrast to the sky behind it; 0: no "
-        "fog.",
-    .limits = between(0.1, 1e6),
-    .or_zero = true,
-    .unit = "m",
-    .usual = [] { return as_json(Light().fog_visibility_m); }};
+constexpr SceneKey light_key_or_zero(SceneKey key, double least) {
+  key.limits.least = least;
+  key.or_zero = true;
+  return key;
+}
+constexpr SceneKey direction_key(SceneKey key) {
+  key.kind = ValueKind::direction;
+  return key;
+}
+inline constexpr SceneKey kSunDirection = direction_key(light_key<&Light::sun_direction>());
+inline constexpr SceneKey kSunColor = light_key<&Light::sun_color>();
+inline constexpr SceneKey kSkyAmbient = light_key<&Light::sky_ambient>();
+inline constexpr SceneKey kGroundAmbient = light_key<&Light::ground_ambient>();
+inline constexpr SceneKey kZenithColor = light_key<&Light::zenith_color>();
+inline constexpr SceneKey kHorizonColor = light_key<&Light::horizon_color>();
+inline constexpr SceneKey kGamma = light_key<&Light::gamma>();
+// The least radius is resolvable by float32 directions.
+inline constexpr SceneKey kSunRadius = light_key_or_zero(light_key<&Light::sun_radius_deg>(), 0.1);
+inline constexpr SceneKey kSunGlow = light_key<&Light::sun_glow>();
+inline constexpr SceneKey kFogVisibility = light_key_or_zero(light_key<&Light::fog_visibility_m>(), 0.1);
 inline constexpr std::array kLightKeys{kSunDirection, kSunColor, kSkyAmbient, kGroundAmbient, kZenithColor,
                                        kHorizonColor, kGamma,    kSunRadius,  kSunGlow,       kFogVisibility};
 

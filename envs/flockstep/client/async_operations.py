@@ -406,27 +406,36 @@ class AsyncOperations:
         request = pb.Request(set_world=pb.SetWorld(env=index(env), world=index(world)))
         await self._call(Call(request, "done", nothing))
 
-    async def get_light(self, world: int = 0) -> Light:
-        """Return the light of a world."""
-        return await self._call(Call(pb.Request(get_light=pb.GetLight(world=index(world))), "light", readers.light))
+    async def get_light(self, world: int = 0, *, env: int | None = None) -> Light:
+        """Return the light of an env, or without one that of a world."""
+        get = pb.GetLight(world=index(world)) if env is None else pb.GetLight(env=index(env))
+        return await self._call(Call(pb.Request(get_light=get), "light", readers.light))
 
     async def set_light(
         self,
         world: int = 0,
         *,
+        envs: Iterable[int] | None = None,
         sun_direction: npt.ArrayLike | None = None,
         sun_color: npt.ArrayLike | None = None,
         sky_ambient: npt.ArrayLike | None = None,
         ground_ambient: npt.ArrayLike | None = None,
         zenith_color: npt.ArrayLike | None = None,
         horizon_color: npt.ArrayLike | None = None,
+        gamma: float | None = None,
+        sun_radius_deg: float | None = None,
+        sun_glow: float | None = None,
+        fog_visibility_m: float | None = None,
     ) -> None:
-        """Change the light of a world, for all envs in it.
+        """Change the light of some envs, or that of a world, for all envs in it that have no light of their own.
 
         Parameters
         ----------
         world
-            Index of the world.
+            Index of the world, without ``envs``.
+        envs
+            Indices of the envs, whose lights change. If nothing else is given, they show the lights of their worlds
+            again. Default: the light of the world changes.
         sun_direction
             Direction towards the sun, (3,), world frame. Default here and below: unchanged.
         sun_color
@@ -435,8 +444,16 @@ class AsyncOperations:
             Ambient light from above and from below.
         zenith_color, horizon_color
             Colours of the sky.
+        gamma
+            Exponent of written colours.
+        sun_radius_deg
+            Radius of the sun's disc in the sky; 0: no disc.
+        sun_glow
+            Share of the sun's colour in the sky next to it.
+        fog_visibility_m
+            Distance at which fog leaves 2 % of a surface's contrast; 0: no fog.
         """
-        values = given(
+        colors = given(
             sun_direction=sun_direction,
             sun_color=sun_color,
             sky_ambient=sky_ambient,
@@ -444,8 +461,21 @@ class AsyncOperations:
             zenith_color=zenith_color,
             horizon_color=horizon_color,
         )
-        light = pb.Light(**{name: _vector(name, value) for name, value in values.items()})
-        await self._call(Call(pb.Request(set_light=pb.SetLight(world=index(world), light=light)), "done", nothing))
+        numbers = given(
+            gamma=gamma, sun_radius_deg=sun_radius_deg, sun_glow=sun_glow, fog_visibility_m=fog_visibility_m
+        )
+        light = pb.Light(
+            **{name: _vector(name, value) for name, value in colors.items()},
+            **{name: finite(name, [value], 1)[0] for name, value in numbers.items()},
+        )
+        chosen = [] if envs is None else [index(env) for env in envs]
+        if envs is not None and not chosen:
+            raise ValueError("envs: expected at least one index, got none")
+        if chosen:
+            change = pb.SetLight(envs=chosen, light=light) if colors or numbers else pb.SetLight(envs=chosen)
+        else:
+            change = pb.SetLight(world=index(world), light=light)
+        await self._call(Call(pb.Request(set_light=change), "done", nothing))
 
     async def get_mesh(self, world: int = 0) -> Mesh:
         """Return the geometry of a world as triangles."""

@@ -746,13 +746,17 @@ class SetWorld(Message):
 
 class GetLight(Message):
     world: int
-    def __init__(self, *, world: int | None = ...) -> None: ...
+    env: int
+    def __init__(self, *, world: int | None = ..., env: int | None = ...) -> None: ...
 
 class SetLight(Message):
     world: int
     @property
     def light(self) -> Light: ...
-    def __init__(self, *, world: int | None = ..., light: Light | None = ...) -> None: ...
+    envs: MutableSequence[int]
+    def __init__(
+        self, *, world: int | None = ..., light: Light | None = ..., envs: Iterable[int] | None = ...
+    ) -> None: ...
 
 class Light(Message):
     @property
@@ -767,6 +771,10 @@ class Light(Message):
     def zenith_color(self) -> Vector3: ...
     @property
     def horizon_color(self) -> Vector3: ...
+    gamma: float
+    sun_radius_deg: float
+    sun_glow: float
+    fog_visibility_m: float
     def __init__(
         self,
         *,
@@ -776,6 +784,10 @@ class Light(Message):
         ground_ambient: Vector3 | None = ...,
         zenith_color: Vector3 | None = ...,
         horizon_color: Vector3 | None = ...,
+        gamma: float | None = ...,
+        sun_radius_deg: float | None = ...,
+        sun_glow: float | None = ...,
+        fog_visibility_m: float | None = ...,
     ) -> None: ...
 
 class GetMesh(Message):

@@ -200,6 +200,10 @@ def light(reply: pb.Reply, arrays: Arrays) -> Light:
         vector(message.ground_ambient),
         vector(message.zenith_color),
         vector(message.horizon_color),
+        message.gamma,
+        message.sun_radius_deg,
+        message.sun_glow,
+        message.fog_visibility_m,
     )
 
 

@@ -292,7 +292,7 @@ class WorldInfo:
 
 @dataclass(frozen=True, eq=False)
 class Light:
-    """The light of a world. Colours are linear RGB, (3,).
+    """The light of a world or an env. Colours are linear RGB, (3,).
 
     Attributes
     ----------
@@ -304,6 +304,14 @@ class Light:
         Ambient light from above and from below.
     zenith_color, horizon_color
         Colours of the sky.
+    gamma
+        Exponent of written colours.
+    sun_radius_deg
+        Radius of the sun's disc in the sky; 0: no disc.
+    sun_glow
+        Share of the sun's colour in the sky next to it.
+    fog_visibility_m
+        Distance at which fog leaves 2 % of a surface's contrast; 0: no fog.
     """
 
     sun_direction: _F32
@@ -312,6 +320,10 @@ class Light:
     ground_ambient: _F32
     zenith_color: _F32
     horizon_color: _F32
+    gamma: float
+    sun_radius_deg: float
+    sun_glow: float
+    fog_visibility_m: float
 
 
 @dataclass(frozen=True, eq=False)

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from flockstep._core import Batch, CameraConfig
+from flockstep._core import Batch, CameraConfig, World
 from flockstep.drone_mesh import DroneMesh
 from flockstep.pictures.beams import beams_of
 from flockstep.pictures.body import Body
@@ -89,22 +89,21 @@ class ThirdPersonView:
         self._place = place
         self._markers = tuple(markers)
         self._overlay = overlay
-        self._stages: dict[int, Stage] = {}
-        self._still: dict[int, DepthCanvas] = {}  # by world, for a fixed place
+        self._stages: dict[World, Stage] = {}  # by the world that `Batch.world_of` returns, in its light
+        self._still: dict[World, DepthCanvas] = {}  # for a fixed place
 
     def frame(self, env: int) -> Image:
         """Return the picture of one env, (height, width, 3) uint8, a new array."""
         world_index = np.repeat(self._batch.world_index, self._batch.drones_per_env)
-        index = int(world_index[env])
-        if index not in self._stages:
+        world = self._batch.world_of(env)
+        if world not in self._stages:
             if len(self._stages) >= _WORLDS:
                 self._stages.clear()
                 self._still.clear()
-            world = with_markers(self._batch.world_of(env), self._markers)
-            self._stages[index] = Stage(world, self._length, self._size_px)
+            self._stages[world] = Stage(with_markers(world, self._markers), self._length, self._size_px)
         position = np.asarray(self._batch.position[env], float)
         quat_wxyz = np.asarray(self._batch.quat_wxyz[env], float)
-        canvas, obstacles = self._canvas(index, env, position, quat_wxyz)
+        canvas, obstacles = self._canvas(world, env, position, quat_wxyz)
         if self._batch.active[env]:
             self._body.draw(canvas, position, quat_wxyz, line_px=self._line_px)
             self._draw_trail(canvas, env)
@@ -114,7 +113,7 @@ class ThirdPersonView:
                 self._overlay.draw(self._batch, env, Drawing(canvas, self._line_px))
             self._draw_beams(canvas, env)  # last, because they are transparent
         if self._others:
-            for other in np.flatnonzero(self._batch.active & (world_index == index)):
+            for other in np.flatnonzero(self._batch.active & (world_index == world_index[env])):
                 if other != env:
                     pose = self._batch.position[other].astype(float), self._batch.quat_wxyz[other].astype(float)
                     self._body.draw(canvas, *pose, pale=True, line_px=self._line_px)
@@ -125,19 +124,19 @@ class ThirdPersonView:
         return _averaged(canvas.rgb)
 
     def _canvas(
-        self, index: int, env: int, position: Floats, quat_wxyz: Floats
+        self, world: World, env: int, position: Floats, quat_wxyz: Floats
     ) -> tuple[DepthCanvas, Obstacles | None]:
         """Return the world to draw into, and the obstacles to draw last."""
-        stage = self._stages[index]
+        stage = self._stages[world]
         bodies = posed_bodies(self._batch, env // self._batch.drones_per_env)
         stage.show_bodies(bodies)
         if self._place is None:
             return stage.set(position, quat_wxyz, self._anchor(env, position))
         if bodies:
             return stage.seen_from(*self._place), None
-        if index not in self._still:
-            self._still[index] = stage.seen_from(*self._place)
-        return self._still[index].copy(), None
+        if world not in self._still:
+            self._still[world] = stage.seen_from(*self._place)
+        return self._still[world].copy(), None
 
     def _anchor(self, env: int, position: Floats) -> Floats:
         """Return the point that the viewer follows: the drone's mean position over the last steps."""

@@ -434,6 +434,10 @@ struct Light {
   std::optional<Vector3> ground_ambient;  // from below
   std::optional<Vector3> zenith_color;    // of the sky that cameras see
   std::optional<Vector3> horizon_color;   // of the sky that cameras see
+  std::optional<float> gamma;             // exponent of written colours
+  std::optional<float> sun_radius_deg;    // radius of the sun's disc; 0: no disc
+  std::optional<float> sun_glow;          // share of the sun's colour in the sky next to it
+  std::optional<float> fog_visibility_m;  // distance at which fog leaves 2 % of the contrast; 0: no fog
 };
 
 // All surfaces of a world as triangles.
@@ -600,9 +604,18 @@ class FLOCKSTEP_API GameModeController {
   // Returns the light of a world.
   Light get_light(std::uint32_t world = 0) { return get_light(later, world).get(); }
   Future<Light> get_light(Later, std::uint32_t world = 0);
-  // Sets the light of a world, in all envs that are in it.
+  // Sets the light of a world, for all envs in it that have no light of their own.
   void set_light(const Light& light, std::uint32_t world = 0) { set_light(later, light, world).get(); }
   Future<void> set_light(Later, const Light& light, std::uint32_t world = 0);
+  // Returns the light that the cameras of an env show.
+  Light get_env_light(std::int64_t env) { return get_env_light(later, env).get(); }
+  Future<Light> get_env_light(Later, std::int64_t env);
+  // Gives envs their own lights, which differ from their current ones in the given fields. Without a light, the envs show the
+  // lights of their worlds again.
+  void set_env_lights(std::span<const std::int64_t> envs, const std::optional<Light>& light) {
+    set_env_lights(later, envs, light).get();
+  }
+  Future<void> set_env_lights(Later, std::span<const std::int64_t> envs, const std::optional<Light>& light);
   // Returns the surfaces of a world.
   Mesh get_mesh(std::uint32_t world = 0) { return get_mesh(later, world).get(); }
   Future<Mesh> get_mesh(Later, std::uint32_t world = 0);

@@ -1,4 +1,5 @@
 #include <limits>
+#include <stdexcept>
 
 #include "client/convert.hpp"
 
@@ -57,7 +58,24 @@ Light read_light(Call& call) {
           .sky_ambient = detail::value_of(light.sky_ambient),
           .ground_ambient = detail::value_of(light.ground_ambient),
           .zenith_color = detail::value_of(light.zenith_color),
-          .horizon_color = detail::value_of(light.horizon_color)};
+          .horizon_color = detail::value_of(light.horizon_color),
+          .gamma = light.gamma,
+          .sun_radius_deg = light.sun_radius_deg,
+          .sun_glow = light.sun_glow,
+          .fog_visibility_m = light.fog_visibility_m};
+}
+
+protocol::Light message_of_light(const Light& light) {
+  return {.sun_direction = message_of(light.sun_direction, "sun_direction"),
+          .sun_color = message_of(light.sun_color, "sun_color"),
+          .sky_ambient = message_of(light.sky_ambient, "sky_ambient"),
+          .ground_ambient = message_of(light.ground_ambient, "ground_ambient"),
+          .zenith_color = message_of(light.zenith_color, "zenith_color"),
+          .horizon_color = message_of(light.horizon_color, "horizon_color"),
+          .gamma = finite(light.gamma, "gamma"),
+          .sun_radius_deg = finite(light.sun_radius_deg, "sun_radius_deg"),
+          .sun_glow = finite(light.sun_glow, "sun_glow"),
+          .fog_visibility_m = finite(light.fog_visibility_m, "fog_visibility_m")};
 }
 
 Mesh read_mesh(Call& call) {
@@ -303,17 +321,22 @@ Future<void> GameModeController::set_world(Later, std::int64_t env, std::uint32_
 }
 
 Future<Light> GameModeController::get_light(Later, std::uint32_t world) {
-  return {link_->send(request_of(protocol::GetLight{.world = world})), read_light};
+  return {link_->send(request_of(protocol::GetLight{.world = world, .env = {}})), read_light};
 }
 
 Future<void> GameModeController::set_light(Later, const Light& light, std::uint32_t world) {
-  const protocol::Light message{.sun_direction = message_of(light.sun_direction, "sun_direction"),
-                                .sun_color = message_of(light.sun_color, "sun_color"),
-                                .sky_ambient = message_of(light.sky_ambient, "sky_ambient"),
-                                .ground_ambient = message_of(light.ground_ambient, "ground_ambient"),
-                                .zenith_color = message_of(light.zenith_color, "zenith_color"),
-                                .horizon_color = message_of(light.horizon_color, "horizon_color")};
-  return {link_->send(request_of(protocol::SetLight{.world = world, .light = message})), read_done};
+  return {link_->send(request_of(protocol::SetLight{.world = world, .light = message_of_light(light), .envs = {}})), read_done};
+}
+
+Future<Light> GameModeController::get_env_light(Later, std::int64_t env) {
+  return {link_->send(request_of(protocol::GetLight{.world = 0, .env = env})), read_light};
+}
+
+Future<void> GameModeController::set_env_lights(Later, std::span<const std::int64_t> envs, const std::optional<Light>& light) {
+  if (envs.empty()) throw std::invalid_argument("envs: expected at least one index, got none");
+  protocol::SetLight set{.world = 0, .light = {}, .envs = {envs.begin(), envs.end()}};
+  if (light) set.light = message_of_light(*light);
+  return {link_->send(request_of(set)), read_done};
 }
 
 Future<Mesh> GameModeController::get_mesh(Later, std::uint32_t world) {

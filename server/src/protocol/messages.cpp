@@ -755,12 +755,16 @@ void SetWorld::read(protozero::pbf_reader reader) {
 
 void GetLight::write(protozero::pbf_writer& writer) const {
   if (world != std::uint32_t{}) writer.add_uint32(1, world);
+  if (env) writer.add_int64(2, *env);
 }
 void GetLight::read(protozero::pbf_reader reader) {
   while (reader.next()) {
     switch (reader.tag()) {
       case 1:
         world = read_uint32(reader, "world");
+        break;
+      case 2:
+        env = read_int64(reader, "env");
         break;
       default:
         reader.skip();
@@ -775,6 +779,10 @@ void Light::write(protozero::pbf_writer& writer) const {
   if (ground_ambient) write_message(writer, 4, *ground_ambient);
   if (zenith_color) write_message(writer, 5, *zenith_color);
   if (horizon_color) write_message(writer, 6, *horizon_color);
+  if (gamma) writer.add_float(7, *gamma);
+  if (sun_radius_deg) writer.add_float(8, *sun_radius_deg);
+  if (sun_glow) writer.add_float(9, *sun_glow);
+  if (fog_visibility_m) writer.add_float(10, *fog_visibility_m);
 }
 void Light::read(protozero::pbf_reader reader) {
   while (reader.next()) {
@@ -803,6 +811,18 @@ void Light::read(protozero::pbf_reader reader) {
         require_type(reader, protozero::pbf_wire_type::length_delimited, "horizon_color");
         horizon_color.emplace().read(reader.get_message());
         break;
+      case 7:
+        gamma = finite(read_float(reader, "gamma"), "gamma");
+        break;
+      case 8:
+        sun_radius_deg = finite(read_float(reader, "sun_radius_deg"), "sun_radius_deg");
+        break;
+      case 9:
+        sun_glow = finite(read_float(reader, "sun_glow"), "sun_glow");
+        break;
+      case 10:
+        fog_visibility_m = finite(read_float(reader, "fog_visibility_m"), "fog_visibility_m");
+        break;
       default:
         reader.skip();
     }
@@ -812,6 +832,7 @@ void Light::read(protozero::pbf_reader reader) {
 void SetLight::write(protozero::pbf_writer& writer) const {
   if (world != std::uint32_t{}) writer.add_uint32(1, world);
   if (light) write_message(writer, 2, *light);
+  writer.add_packed_int64(3, envs.begin(), envs.end());
 }
 void SetLight::read(protozero::pbf_reader reader) {
   while (reader.next()) {
@@ -822,6 +843,9 @@ void SetLight::read(protozero::pbf_reader reader) {
       case 2:
         require_type(reader, protozero::pbf_wire_type::length_delimited, "light");
         light.emplace().read(reader.get_message());
+        break;
+      case 3:
+        for (const auto value : packed_int64(reader, "envs")) envs.push_back(value);
         break;
       default:
         reader.skip();

@@ -374,6 +374,7 @@ struct SetWorld {
 
 struct GetLight {
   std::uint32_t world = 0;
+  std::optional<std::int64_t> env;
 
   void write(protozero::pbf_writer& writer) const;
   void read(protozero::pbf_reader reader);
@@ -386,6 +387,10 @@ struct Light {
   std::optional<Vector3> ground_ambient;
   std::optional<Vector3> zenith_color;
   std::optional<Vector3> horizon_color;
+  std::optional<float> gamma;
+  std::optional<float> sun_radius_deg;
+  std::optional<float> sun_glow;
+  std::optional<float> fog_visibility_m;
 
   void write(protozero::pbf_writer& writer) const;
   void read(protozero::pbf_reader reader);
@@ -394,6 +399,7 @@ struct Light {
 struct SetLight {
   std::uint32_t world = 0;
   std::optional<Light> light;
+  std::vector<std::int64_t> envs;
 
   void write(protozero::pbf_writer& writer) const;
   void read(protozero::pbf_reader reader);

@@ -172,6 +172,7 @@ class Service {
   // Returns the drones that a setting of a sensor changes: one, or all if the index is -1 or the setting is a common one.
   DroneMask require_drones(const Call& call, std::int64_t index, bool concerns_all);
   void require_sensor(const std::string& name) const;
+  void require_env(std::int64_t env, const char* field) const;  // needs the lock
   std::shared_ptr<const World> world(std::uint32_t index) const;
 
   // --- motion; needs the lock

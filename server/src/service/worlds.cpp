@@ -17,6 +17,27 @@ using protocol::Code;
 void set_if_given(std::array<float, 3>& value, const std::optional<protocol::Vector3>& given) {
   if (given) value = array_of(*given);
 }
+void set_if_given(float& value, const std::optional<float>& given) { value = given.value_or(value); }
+
+// Calls f(value, other) for each field of a light and the same field of a message.
+template <class F, class Ours, class Message>
+void for_each_light_field(Ours& light, Message& message, const F& f) {
+  f(light.sun_direction, message.sun_direction);
+  f(light.sun_color, message.sun_color);
+  f(light.sky_ambient, message.sky_ambient);
+  f(light.ground_ambient, message.ground_ambient);
+  f(light.zenith_color, message.zenith_color);
+  f(light.horizon_color, message.horizon_color);
+  f(light.gamma, message.gamma);
+  f(light.sun_radius_deg, message.sun_radius_deg);
+  f(light.sun_glow, message.sun_glow);
+  f(light.fog_visibility_m, message.fog_visibility_m);
+}
+
+struct Put {
+  void operator()(const std::array<float, 3>& value, std::optional<protocol::Vector3>& to) const { to = server::message_of(value); }
+  void operator()(float value, std::optional<float>& to) const { to = value; }
+};
 
 void add_points(protocol::FrameWriter& writer, const char* name, const std::vector<Vec3>& points) {
   static_assert(sizeof(Vec3) == 3 * sizeof(float));
@@ -73,37 +94,53 @@ void Service::now(Call& call, const protocol::GetWorlds&) {
 }
 
 void Service::locked(Call& call, const protocol::GetLight& get) {
-  const Light light = world(get.world)->light();
-  auto& message = call.result<protocol::Light>();
-  message.sun_direction = message_of(light.sun_direction);
-  message.sun_color = message_of(light.sun_color);
-  message.sky_ambient = message_of(light.sky_ambient);
-  message.ground_ambient = message_of(light.ground_ambient);
-  message.zenith_color = message_of(light.zenith_color);
-  message.horizon_color = message_of(light.horizon_color);
+  if (get.env) require_env(*get.env, "env");
+  const Light light = get.env ? batch_.world_of(EnvIndex(*get.env))->light() : world(get.world)->light();
+  for_each_light_field(light, call.result<protocol::Light>(), Put());
 }
 
 void Service::locked(Call& call, const protocol::SetLight& set) {
-  require_may_change(call, std::span<const std::uint8_t>());
-  Light light = world(set.world)->light();
   const protocol::Light given = set.light.value_or(protocol::Light());
-  set_if_given(light.sun_direction, given.sun_direction);
-  set_if_given(light.sun_color, given.sun_color);
-  set_if_given(light.sky_ambient, given.sky_ambient);
-  set_if_given(light.ground_ambient, given.ground_ambient);
-  set_if_given(light.zenith_color, given.zenith_color);
-  set_if_given(light.horizon_color, given.horizon_color);
+  const auto changed = [&](Light light) {
+    for_each_light_field(light, given, [](auto& value, const auto& to) { set_if_given(value, to); });
+    return light;
+  };
+  if (set.envs.empty()) {
+    require_may_change(call, std::span<const std::uint8_t>());
+    const Light light = changed(world(set.world)->light());
+    begin_change();
+    batch_.set_light(set.world, {.light = light, .tint = {}});
+    refresh_shape();
+    return;
+  }
+  const int num_envs = batch_.config().num_envs;
+  require(std::ssize(set.envs) <= num_envs, "envs", "at most " + std::to_string(num_envs) + " indices", set.envs.size());
+  std::vector<std::uint8_t> envs(static_cast<std::size_t>(num_envs), 0);
+  for (const std::int64_t env : set.envs) {
+    require_env(env, "envs");
+    envs[static_cast<std::size_t>(env)] = 1;
+  }
+  require_may_change_envs(call, envs);
+  std::vector<Light> lights(envs.size());
+  for (const std::int64_t env : set.envs) lights[static_cast<std::size_t>(env)] = changed(batch_.world_of(EnvIndex(env))->light());
   begin_change();
-  batch_.set_light(set.world, {.light = light, .tint = {}});
-  refresh_shape();
+  if (set.light) {
+    batch_.set_light(lights, envs);
+  } else {
+    batch_.use_world_light(envs);
+  }
+}
+
+void Service::require_env(std::int64_t env, const char* field) const {
+  const int num_envs = batch_.config().num_envs;
+  if (env >= 0 && env < num_envs) return;
+  throw Refusal(Code::kNotFound, std::string(field) + ": expected an index below " + std::to_string(num_envs) + ", got " +
+                                     std::to_string(env));
 }
 
 void Service::locked(Call& call, const protocol::SetWorld& set) {
+  require_env(set.env, "env");
   const auto now = shape();
-  if (set.env < 0 || set.env >= now->num_envs) {
-    throw Refusal(Code::kNotFound,
-                  "env: expected an index below " + std::to_string(now->num_envs) + ", got " + std::to_string(set.env));
-  }
   static_cast<void>(world(set.world));
   const auto env = static_cast<std::size_t>(set.env), members = static_cast<std::size_t>(now->drones_per_env);
   std::vector<std::uint8_t> drones(static_cast<std::size_t>(now->num_drones()), 0),

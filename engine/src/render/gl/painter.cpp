@@ -139,6 +139,13 @@ void GlPainter::add(const GlModel& model) {
   models_.push_back(std::move(uploaded));
 }
 
+void GlPainter::forget_models() {
+  models_.clear();
+  const auto clear = [](auto&... stores) { (stores.clear(), ...); };
+  clear(vertices_, painted_, paints_, texels_, textures_, indices_, grids_, starts_, entries_, casters_);
+  for (auto& shapes : shapes_) shapes.clear();
+}
+
 void GlPainter::add_paints(const GlModel& model, std::size_t first_vertex) {
   const Textures& textures = model.textures;
   if (texels_.size() == 0) {

@@ -127,6 +127,13 @@ void GlRenderer::start(std::span<const RenderRequest> requests) {
   self.rounds_left = self.worker.task().rounds.size();
 }
 
+void GlRenderer::forget_worlds() {
+  Impl& self = impl();
+  self.take_rounds([](const GlRound&, const Pixels&) {});
+  self.worlds.clear();
+  self.worker.task().forgets_models = true;
+}
+
 void GlRenderer::finish(Workers& workers) {
   Impl& self = impl();
   self.take_rounds([&](const GlRound& round, const Pixels& pixels) { self.write(round, pixels, workers); });

@@ -1,4 +1,4 @@
-// GlStore: a buffer of equal elements that grows only at its end.
+// GlStore: a buffer of equal elements that grows only at its end, and is cleared as a whole.
 #pragma once
 
 #include <algorithm>
@@ -23,6 +23,8 @@ class GlStore {
     size_ += elements.size();
     return first;
   }
+
+  void clear() { size_ = 0; }
 
   std::size_t size() const { return size_; }
   GLuint name() const { return buffer_.name(); }  // changes when the buffer grows; 0 while it is empty

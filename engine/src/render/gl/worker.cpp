@@ -11,6 +11,7 @@
 #include <string>
 #include <system_error>
 #include <thread>
+#include <utility>
 
 #include "base/platform.hpp"
 #include "render/gl/egl_context.hpp"
@@ -218,6 +219,7 @@ struct GlWorker::Device {
         if (s.stop) return;
         done = s.started;
       }
+      if (std::exchange(s.task.forgets_models, false)) painter.forget_models();
       for (const GlModel& model : s.task.models) {
         painter.add(model);
         s.give_sign();

@@ -32,6 +32,7 @@ struct GlModelGrid {
 };
 
 struct GlTask {
+  bool forgets_models = false;     // those of earlier tasks; cleared by the thread
   std::vector<GlModel> models;     // added first
   std::vector<GlModelGrid> grids;  // added after the models
   std::vector<GlBody> bodies;      // of the cameras' envs
