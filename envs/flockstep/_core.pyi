@@ -604,9 +604,58 @@ class Light:
 
     Parameters
     ----------
+    sun_direction
+        Direction towards the sun, not 0; it need not be normalised. Values: within +-1e+06. Default: [0.4, 0.3,
+        0.8660254].
+    sun_color
+        Linear red, green, blue of the sun's light. Values: [0, 100]. Default: [0.45, 0.43, 0.4].
+    sky_ambient
+        Linear red, green, blue of the light from above. Values: [0, 100]. Default: [0.6, 0.62, 0.65].
+    ground_ambient
+        Linear red, green, blue of the light from below. Values: [0, 100]. Default: [0.48, 0.47, 0.46].
+    zenith_color
+        Linear red, green, blue of the sky straight up. Values: [0, 100]. Default: [0.16, 0.36, 0.72].
+    horizon_color
+        Linear red, green, blue of the sky at the horizon and below. Values: [0, 100]. Default: [0.68, 0.78, 0.88].
+    gamma
+        A value v is written as 255 * min(v, 1)^(1 / gamma). Values: [1, 4]. Default: 2.2.
+    sun_radius_deg
+        Radius of the sun's disc in the sky, at least 0.1; 0: no disc. The real sun's is 0.27. Values: [0, 45] deg.
+        Default: 0.0.
+    sun_glow
+        Share of the sun's colour in the sky next to the sun. The glow falls to half at 5.7 degrees. Values: [0, 1].
+        Default: 0.0.
+    fog_visibility_m
+        Distance at which fog leaves 2 % of a surface's contrast to the sky behind it, at least 0.1; 0: no fog. Values:
+        [0, 1000000] m. Default: 0.0.
     """
 
     # fields of Light
+    __match_args__: ClassVar[tuple[str, ...]]
+    sun_direction: Sequence[float]
+    sun_color: Sequence[float]
+    sky_ambient: Sequence[float]
+    ground_ambient: Sequence[float]
+    zenith_color: Sequence[float]
+    horizon_color: Sequence[float]
+    gamma: float
+    sun_radius_deg: float
+    sun_glow: float
+    fog_visibility_m: float
+    def __init__(
+        self,
+        *,
+        sun_direction: Sequence[float] = (0.4000000059604645, 0.30000001192092896, 0.8660253882408142),
+        sun_color: Sequence[float] = (0.44999998807907104, 0.4300000071525574, 0.4000000059604645),
+        sky_ambient: Sequence[float] = (0.6000000238418579, 0.6200000047683716, 0.6499999761581421),
+        ground_ambient: Sequence[float] = (0.47999998927116394, 0.4699999988079071, 0.46000000834465027),
+        zenith_color: Sequence[float] = (0.1599999964237213, 0.36000001430511475, 0.7200000286102295),
+        horizon_color: Sequence[float] = (0.6800000071525574, 0.7799999713897705, 0.8799999952316284),
+        gamma: float = 2.2,
+        sun_radius_deg: float = 0.0,
+        sun_glow: float = 0.0,
+        fog_visibility_m: float = 0.0,
+    ) -> None: ...
     # end of fields
 
 @final
@@ -2909,6 +2958,7 @@ class Recipe:
     imus: Sequence[ImuConfig]
     bodies: Sequence[BodyConfig]
     max_bodies: int
+    lights: Sequence[Light]
     episode: EpisodeConfig
     clock: ClockConfig
     dynamics: DynamicsConfig
