@@ -61,13 +61,12 @@ std::unique_ptr<Batch, Released> make_batch(const py::object& given_worlds, cons
                                             const py::object& num_threads, const py::object& block_size,
                                             const py::object& world_index, const py::object& tracer,
                                             const py::object& drones_per_env, const py::object& bodies,
-                                            const py::object& max_bodies, const py::object& lights,
-                                            const py::kwargs& unknown) {
+                                            const py::object& max_bodies, const py::object& lights, const py::kwargs& unknown) {
   for (const auto& [keyword, value] : unknown) {
-    constexpr std::array kKnown{"worlds",      "num_drones", "lidar",          "pose_sensor", "imu",            "task",
-                                "drone",       "cameras",    "camera_backend", "episode",     "clock",          "dynamics",
-                                "num_threads", "block_size", "world_index",    "tracer",      "drones_per_env", "bodies",
-                                "max_bodies",  "lights"};
+    constexpr std::array kKnown{"worlds", "num_drones",     "lidar",       "pose_sensor",    "imu",
+                                "task",   "drone",          "cameras",     "camera_backend", "episode",
+                                "clock",  "dynamics",       "num_threads", "block_size",     "world_index",
+                                "tracer", "drones_per_env", "bodies",      "max_bodies",     "lights"};
     throw py::type_error(unexpected_keyword("Batch.__init__", py::str(keyword), {kKnown.begin(), kKnown.end()}));
   }
   BatchConfig config;
@@ -456,7 +455,7 @@ void register_batch(py::module_& module) {
           py::arg("clock") = none, py::arg("dynamics") = none, py::arg("num_threads") = 0,
           py::arg("block_size") = BatchConfig().block_size, py::arg("world_index") = none, py::arg("tracer") = "auto",
           py::arg("drones_per_env") = 1, py::arg("bodies") = py::tuple(), py::arg("max_bodies") = 0,
-           py::arg("lights") = py::tuple())
+          py::arg("lights") = py::tuple())
       .def_static("from_recipe", &batch_from_recipe, py::arg("recipe"), py::arg("worlds") = none, py::arg("task") = none,
                   py::kw_only(), py::arg("allow_files") = false)
       .def_property_readonly("num_envs", [](const Batch& batch) { return batch.config().num_envs; })

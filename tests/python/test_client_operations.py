@@ -1,6 +1,8 @@
 """Every operation of the clients, with a server in this process, against the batch itself."""
 
+import dataclasses
 import io
+import re
 import threading
 import time
 
@@ -442,6 +444,58 @@ def test_light(client, batch):
         horizon_color=(0, 1, 0),
     )
     assert (client.drone(2).get_camera_data(format="raw").image != before).any()
+
+
+def test_every_field_of_a_light(client, batch):
+    values = {
+        "sun_color": (0.5, 0.25, 0.125),
+        "gamma": 1.5,
+        "sun_radius_deg": 2.0,
+        "sun_glow": 0.25,
+        "fog_visibility_m": 16.0,
+    }
+    client.set_light(**values)
+    light = client.get_light()
+    for name, value in values.items():
+        np.testing.assert_array_equal(getattr(light, name), value)
+        np.testing.assert_array_equal(batch.worlds[0].light[name], value)
+    assert set(batch.worlds[0].light) == {field.name for field in dataclasses.fields(light)}
+    client.set_light(0, fog_visibility_m=0)
+    assert batch.worlds[0].light["fog_visibility_m"] == 0
+    assert batch.worlds[0].light["gamma"] == 1.5
+
+
+def test_light_of_envs(client, batch):
+    client.set_light(fog_visibility_m=16)
+    client.set_light(envs=[1, 3], sun_color=(0.5, 0.25, 0.125))
+    client.set_light(envs=[3], gamma=1.5)
+    expected = [batch.worlds[0].light["sun_color"], (0.5, 0.25, 0.125)]
+    for env in range(4):
+        light = client.get_light(env=env)
+        np.testing.assert_array_equal(light.sun_color, expected[env % 2])
+        np.testing.assert_array_equal(batch.world_of(env).light["sun_color"], expected[env % 2])
+        assert light.fog_visibility_m == 16
+        assert light.gamma == (1.5 if env == 3 else batch.worlds[0].light["gamma"])
+    client.set_light(envs=[1])
+    assert batch.world_of(1) is batch.worlds[0]
+    before = batch.snapshot()
+    for envs, change, match in (
+        ([4], {"gamma": 1.5}, "envs: expected an index below 4, got 4"),
+        ([0, -1], {}, "envs: expected an index below 4, got -1"),
+        ([0] * 5, {}, "envs: expected at most 4 indices, got 5"),
+        ([0], {"gamma": 0.5}, "light.gamma: expected"),
+        ([0], {"sun_direction": (0, 0, 0)}, "light.sun_direction: expected"),
+    ):
+        with pytest.raises(ServerError, match=re.escape(match)):
+            client.set_light(envs=envs, **change)
+    with pytest.raises(ServerError, match="env: expected an index below 4, got 9"):
+        client.get_light(env=9)
+    for change, match in (({"gamma": np.nan}, "gamma: expected finite"), ({"sun_glow": "much"}, "sun_glow")):
+        with pytest.raises(ValueError, match=match):
+            client.set_light(envs=[0], **change)
+    with pytest.raises(ValueError, match="envs: expected at least one index"):
+        client.set_light(envs=[], gamma=1.5)
+    assert batch.snapshot() == before
 
 
 def test_streams(client, batch):

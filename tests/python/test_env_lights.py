@@ -62,8 +62,7 @@ def images(batch):
 def lit(envs, lights, backend="raycast"):
     """Return the images of a batch in which each env has its own world, made with the light of the env."""
     worlds = [
-        world if light is None else world.with_light(**fields(light))
-        for world, light in zip(envs, lights, strict=True)
+        world if light is None else world.with_light(**fields(light)) for world, light in zip(envs, lights, strict=True)
     ]
     batch = batch_in(worlds, backend, len(worlds), range(len(worlds)))
     batch.capture()
@@ -190,7 +189,7 @@ class TestSetLight:
 
     @pytest.mark.parametrize("backend", ["raycast", "gl"])
     def test_many_lights(self, backend):
-        """Copies are freed on the way (the C++ tests count them); a new one at an old address is not mistaken for it."""
+        """Copies are freed on the way; a new one at an old address is not mistaken for it. The C++ tests count them."""
         world = loaded()[0]
         batch = batch_in([world], backend, 3, config={"shadows": False})
         for step in range(60):
@@ -304,9 +303,7 @@ class TestSnapshots:
         envs.batch.set_light(GAMMA, envs=0)
         envs.step([0, 0])
         for other in (copy.deepcopy(envs), pickle.loads(pickle.dumps(envs))):
-            assert [other.batch.world_of(i).light for i in range(2)] == [
-                envs.batch.world_of(i).light for i in range(2)
-            ]
+            assert [other.batch.world_of(i).light for i in range(2)] == [envs.batch.world_of(i).light for i in range(2)]
             np.testing.assert_array_equal(other.batch.camera().rgb, envs.batch.camera().rgb)
 
     def test_damaged_lights_are_refused(self):

@@ -105,8 +105,8 @@ class FLOCKSTEP_API Batch {
   Batch(const Batch&) = delete;
   Batch& operator=(const Batch&) = delete;
 
-  const BatchConfig& config() const;                                 // of the constructor, with the current sizes
-  const Worlds& worlds() const;                                      // indexed by state().world_index; empty with a pool
+  const BatchConfig& config() const;  // of the constructor, with the current sizes
+  const Worlds& worlds() const;       // indexed by state().world_index; empty with a pool
   // The world of an env, in the light of the env; the index is not checked.
   std::shared_ptr<const World> world_of(EnvIndex env) const;
   const DroneModel& drone() const;  // body and flight model of all drones

@@ -28,9 +28,14 @@ void require_instances(const World& world) {
 }  // namespace
 
 CameraRig::CameraRig(const std::vector<CameraConfig>& configs, const ClockConfig& clock, std::span<const World* const> worlds,
-                     const std::vector<std::int32_t>& slots, EnvLights& lights, const State& state,
-                     std::size_t drones_per_env, std::size_t num_drones, TracerKind tracer)
-    : worlds_(worlds), slots_(&slots), lights_(&lights), state_(&state), drones_per_env_(drones_per_env), num_drones_(num_drones) {
+                     const std::vector<std::int32_t>& slots, EnvLights& lights, const State& state, std::size_t drones_per_env,
+                     std::size_t num_drones, TracerKind tracer)
+    : worlds_(worlds),
+      slots_(&slots),
+      lights_(&lights),
+      state_(&state),
+      drones_per_env_(drones_per_env),
+      num_drones_(num_drones) {
   for (const CameraConfig& config : configs) {
     try {
       cameras_.push_back(std::make_unique<Camera>(config, clock, drones_per_env, num_drones, tracer));
@@ -132,8 +137,8 @@ void CameraRig::ask_again() {
 render::RenderRequest CameraRig::retake(std::size_t camera, DroneIndex drone) const {
   const bool by_slot = slots_ == &state_->world_index;  // otherwise a frame of another world is stale
   Camera& taken = *cameras_[camera];
-  return taken.retake(
-      drone, by_slot ? world_in_light(drone, static_cast<std::size_t>(taken.taken_world(drone))) : world_of(drone));
+  return taken.retake(drone,
+                      by_slot ? world_in_light(drone, static_cast<std::size_t>(taken.taken_world(drone))) : world_of(drone));
 }
 
 void CameraRig::clear_requests() {

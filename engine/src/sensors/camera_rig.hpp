@@ -76,11 +76,11 @@ class CameraRig {
   const std::string& report() const;
   std::string take_warning();
   bool keeps_worlds() const { return renderer_ && renderer_->keeps_worlds(); }  // see Renderer
-  // True if so many worlds of past requests are not needed any more that the renderer should forget all worlds. used: those
-  // that it still needs. Copying these to the device again then costs less than what has been copied since the last time.
+  // True if the renderer should forget all worlds, because more of them are unused than used. Copying the used ones to the
+  // device again then takes no longer than the copies since the last time did.
   static bool has_many_unused(std::size_t unused, std::size_t used) { return unused > used + 4; }
-  void forget_worlds();         // between frames: no world of a past request is needed any more
-  void free_unused_worlds();    // between frames: copies of worlds in lights that no env has any more
+  void forget_worlds();       // between frames: no world of a past request is needed any more
+  void free_unused_worlds();  // between frames: copies of worlds in lights that no env has any more
   trace::EmbreeUse embree_use() const { return renderer_ ? renderer_->embree_use() : trace::EmbreeUse{}; }
   // Returns a JPEG file of one frame; quality in [1, 100].
   std::string jpeg(std::size_t camera, DroneIndex drone, int quality) const;

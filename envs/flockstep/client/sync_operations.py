@@ -462,15 +462,14 @@ class Operations:
         numbers = given(
             gamma=gamma, sun_radius_deg=sun_radius_deg, sun_glow=sun_glow, fog_visibility_m=fog_visibility_m
         )
-        light = pb.Light(
-            **{name: _vector(name, value) for name, value in colors.items()},
-            **{name: finite(name, [value], 1)[0] for name, value in numbers.items()},
-        )
+        fields: dict[str, Any] = {name: _vector(name, value) for name, value in colors.items()}
+        fields |= {name: finite(name, [value], 1)[0] for name, value in numbers.items()}
+        light = pb.Light(**fields)
         chosen = [] if envs is None else [index(env) for env in envs]
         if envs is not None and not chosen:
             raise ValueError("envs: expected at least one index, got none")
         if chosen:
-            change = pb.SetLight(envs=chosen, light=light) if colors or numbers else pb.SetLight(envs=chosen)
+            change = pb.SetLight(envs=chosen, light=light) if fields else pb.SetLight(envs=chosen)
         else:
             change = pb.SetLight(world=index(world), light=light)
         self._call(Call(pb.Request(set_light=change), "done", nothing))

@@ -35,7 +35,9 @@ void for_each_light_field(Ours& light, Message& message, const F& f) {
 }
 
 struct Put {
-  void operator()(const std::array<float, 3>& value, std::optional<protocol::Vector3>& to) const { to = server::message_of(value); }
+  void operator()(const std::array<float, 3>& value, std::optional<protocol::Vector3>& to) const {
+    to = server::message_of(value);
+  }
   void operator()(float value, std::optional<float>& to) const { to = value; }
 };
 
@@ -122,7 +124,8 @@ void Service::locked(Call& call, const protocol::SetLight& set) {
   }
   require_may_change_envs(call, envs);
   std::vector<Light> lights(envs.size());
-  for (const std::int64_t env : set.envs) lights[static_cast<std::size_t>(env)] = changed(batch_.world_of(EnvIndex(env))->light());
+  for (const std::int64_t env : set.envs)
+    lights[static_cast<std::size_t>(env)] = changed(batch_.world_of(EnvIndex(env))->light());
   begin_change();
   if (set.light) {
     batch_.set_light(lights, envs);
@@ -134,8 +137,8 @@ void Service::locked(Call& call, const protocol::SetLight& set) {
 void Service::require_env(std::int64_t env, const char* field) const {
   const int num_envs = batch_.config().num_envs;
   if (env >= 0 && env < num_envs) return;
-  throw Refusal(Code::kNotFound, std::string(field) + ": expected an index below " + std::to_string(num_envs) + ", got " +
-                                     std::to_string(env));
+  throw Refusal(Code::kNotFound,
+                std::string(field) + ": expected an index below " + std::to_string(num_envs) + ", got " + std::to_string(env));
 }
 
 void Service::locked(Call& call, const protocol::SetWorld& set) {
