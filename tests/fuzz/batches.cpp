@@ -134,6 +134,7 @@ void snapshot(Bytes input) {
   static const std::string good = [] {
     batch->reset(std::vector<std::uint64_t>{1, 2, 3, 4});
     fly(*batch);
+    batch->set_light(Light{.fog_visibility_m = 4.0F}, std::vector<std::uint8_t>{0, 1, 1, 0});
     return batch->snapshot();
   }();
   batch->restore(good);
@@ -181,7 +182,7 @@ void calls(Bytes input) {
   std::int64_t kept_drone = 0;
   for (int call = 0; call < 64 && !stream.empty(); ++call) {
     try {
-      switch (stream.take<std::uint8_t>() % 20) {
+      switch (stream.take<std::uint8_t>() % 21) {
         case 0:
         case 1:
         case 2:
@@ -258,6 +259,19 @@ void calls(Bytes input) {
           }
           const std::vector<float> at = stream.flag() ? position() : std::vector<float>();
           batch->spawn_bodies(body, at, {}, {}, {}, mask());
+          break;
+        }
+        case 20: {
+          std::vector<Light> lights(stream.flag() ? 1U : kDrones);
+          for (Light& light : lights) {
+            for (float& value : light.sun_direction) value = stream.number(2.0F);
+            light.fog_visibility_m = stream.number(8.0F);
+          }
+          if (stream.flag()) {
+            batch->set_light(lights, mask());
+          } else {
+            batch->use_world_light(mask());
+          }
           break;
         }
         case 16:

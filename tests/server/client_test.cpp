@@ -17,6 +17,7 @@
 #include <memory>
 #include <optional>
 #include <span>
+#include <stdexcept>
 #include <string>
 #include <thread>
 #include <vector>
@@ -449,6 +450,17 @@ TEST(Client, ReadsWorlds) {
   EXPECT_EQ(light.sun_direction, (Vector3{0, 0, 1}));
   EXPECT_EQ(light.sun_color, (Vector3{0.5F, 0.25F, 0}));
   EXPECT_EQ(light.sky_ambient, world.light().sky_ambient);
+  EXPECT_EQ(light.gamma, world.light().gamma);
+  simulation.set_env_lights(std::array<std::int64_t, 1>{1}, client::Light{.sun_glow = 0.25F, .fog_visibility_m = 16.0F});
+  EXPECT_EQ(simulation.get_env_light(1).fog_visibility_m, 16.0F);
+  EXPECT_EQ(simulation.get_env_light(1).sun_glow, 0.25F);
+  EXPECT_EQ(simulation.get_env_light(1).sun_color, light.sun_color);
+  EXPECT_EQ(simulation.get_env_light(0).fog_visibility_m, 0.0F);
+  EXPECT_EQ(error_of([&] { simulation.set_env_lights(std::array<std::int64_t, 1>{9}, light); }).code(), ErrorCode::not_found);
+  EXPECT_EQ(error_of([&] { static_cast<void>(simulation.get_env_light(-1)); }).code(), ErrorCode::not_found);
+  EXPECT_THROW(simulation.set_env_lights({}, light), std::invalid_argument);
+  simulation.set_env_lights(std::array<std::int64_t, 1>{1}, std::nullopt);
+  EXPECT_EQ(simulation.get_env_light(1).fog_visibility_m, 0.0F);
 
   simulation.set_world(1, 1);
   EXPECT_EQ(simulation.get_array("world_index").values<std::int32_t>("world_index")[1], 1);
