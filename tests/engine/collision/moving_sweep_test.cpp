@@ -514,7 +514,7 @@ void compare_with_fine_stepping(unsigned seed, long cases, float length, float m
   EXPECT_GT(hits, cases / 25);
   EXPECT_GT(frees, cases / 20);
   EXPECT_GT(insides, cases / 50);
-  testing::tried("encounters", cases);
+  testing::tried("encounters", hits + frees);
 }
 
 TEST(MovingSweepAgainstFineStepping, ShortMotions) { compare_with_fine_stepping(1, 1500, 0.3F, 0.0F); }
@@ -731,7 +731,7 @@ void push_around(unsigned seed, long scenarios, int count, float length, float m
   }
   EXPECT_GT(pushes, motions / 50);
   EXPECT_LT(static_cast<double>(jams), most_jams * static_cast<double>(motions));
-  testing::tried("encounters", motions);
+  testing::tried("shoves", pushes);
 }
 
 TEST(PushInARoom, SlowBodies) { push_around(11, 150, 4, 0.05F, 0.0F, 0.05); }
