@@ -299,14 +299,21 @@ class TestContacts:
         assert not batch.contact.inside[0]
 
     @pytest.mark.parametrize("speed", [50.0, 500.0])
-    def test_a_thin_plate_does_not_tunnel(self, speed):
-        plate = BodyConfig(size_m=[0.005, 2, 2], position_m=[8, 10, 2], motion=BodyMotion(velocity_mps=[-speed, 0, 0]))
-        batch = batch_with([plate])
-        batch.move(batch.position)
-        assert batch.contact.hit[0]
-        assert batch.contact.body[0] == 0
-        drone, body = batch.position[0, 0], batch.bodies.position[0, 0, 0]
-        assert drone < body or batch.contact.inside[0]  # ahead of the plate, or squeezed against the wall
+    @pytest.mark.parametrize("share", [0.0, 0.5, 1.0])  # of the plate in the relative speed
+    def test_a_thin_plate_does_not_tunnel(self, speed, share):
+        """The hall is so long that the plate never squeezes the drone against a wall."""
+        hall = room(room={"min": [-5000, 0, 0], "max": [5000, 20, 10]})
+        motion = BodyMotion(velocity_mps=[-share * speed, 0, 0])
+        plate = BodyConfig(size_m=[0.005, 20, 10], position_m=[8, 10, 5], motion=motion)
+        batch = batch_with([plate], world=hall)
+        for _ in range(20):
+            batch.move(batch.position + np.float32([(1 - share) * speed / 10, 0, 0]))
+            assert not batch.contact.inside[0]
+            face, nose = batch.bodies.position[0, 0, 0] - 0.0025, batch.position[0, 0] + 0.465
+            assert 0 < face - nose < 0.002
+            assert batch.contact.hit[0]
+            assert batch.contact.body[0] == 0
+            np.testing.assert_allclose(batch.contact.surface_velocity[0, 0], -share * speed, rtol=1e-4)
 
     def test_a_drone_squeezed_against_a_wall_is_reported(self):
         plate = BodyConfig(size_m=[0.2, 2, 2], position_m=[3, 10, 2], motion=BodyMotion(velocity_mps=[-1, 0, 0]))
