@@ -3,19 +3,22 @@
 moves    pushes and turns at rest against walls, 0 to 10 km from the origin: the resting gap never shrinks
 pushes   ticks of rotor-driven drones that push against walls and corners: none ever penetrates
 motions  sweeps against fine stepping with an independent convex distance
-encounters   sweeps among moving bodies against fine stepping, and pushes by bodies: no wall is ever penetrated
+encounters   motions among moving bodies against fine stepping with an independent convex distance: the first contacts
+shoves       pushes by bodies among walls and other bodies: no drone is inside anything unless it is reported
 crushes      ticks of rotor-driven drones among bodies that push them: none is inside anything unless it is reported
+body_rays    LiDAR beams and camera pixels among bodies of 1 mm to 100 m, against closed forms in double precision
 rays     rays traced directly, through Embree, and by closed forms in double precision
 agreement     LiDAR rays in worlds of primitives and triangles, in tiles, through Embree, and by closed forms
 watertight    rays at corners and edges of closed meshes, in tiles: none passes through
 independence  rays in tiles, traced beside other rays and singly: the same bits
 worlds   seeds of the generated worlds: each has a flown path, and in every fiftieth a planner finds one
+attacks  random calls of `batch.bodies`, many of them invalid: none crashes or hangs, and a refused one changes nothing
 soak     clients that connect, fly, read, stream, break off and send nonsense: the server's memory and files do not grow
 extensions   the patches of tests/extensions, applied to a copy, built and run; only if named
 scene, obj, ply, gltf, snapshot, calls, messages   the fuzzers, with address and undefined-behaviour sanitizers
 
-Each writes its number of trials to out/tried/NAME.json; bench/table.py --keep copies it from there. The first nine run
-in parts, each with its own seeds, and write after each part. A stopped run continues with the next part, on another
+Each writes its number of trials to out/tried/NAME.json; bench/table.py --keep copies it from there. The first eleven
+run in parts, each with its own seeds, and write after each part. A stopped run continues with the next part, on another
 machine from the stored results.
 """
 
@@ -32,6 +35,7 @@ import xml.etree.ElementTree
 
 import pybind11
 
+import body_attack
 import soak
 from run import ROOT, commit, machine
 
@@ -42,20 +46,27 @@ TESTS = {
     "moves": ("*Creep*", 51, 20),
     "pushes": ("Contact.Pushed*", 30, 10),
     "motions": ("SweepAgainstFineStepping*", 10, 10),
-    "encounters": ("MovingSweepAgainstFineStepping*:Push*", 10, 30),
+    "encounters": ("Encounters*:MovingSweepAgainstFineStepping*", 10, 20),
+    "shoves": ("Shoves*:Push*", 10, 150),
     "crushes": ("ContactInACrowd.NoDrone*", 10, 10),
+    "body_rays": ("BodyRays*", 10, 25),
     "rays": ("Agreement*", 20, 50),
     "agreement": ("TracerAgreement*", 21, 750),
     "watertight": ("MeshTiles.NoRay*", 20, 1700),
     "independence": ("MeshTiles.ARays*", 20, 6000),
 }
 #: Units that differ from the name.
-UNITS = dict.fromkeys(("agreement", "watertight", "independence"), "rays") | {"crushes": "ticks"}
+UNITS = dict.fromkeys(("agreement", "watertight", "independence", "body_rays"), "rays") | {
+    "encounters": "motions",
+    "shoves": "pushes",
+    "crushes": "ticks",
+}
 #: Generators of worlds, and the cell size (m) with which a planner finds a path in each.
 WORLDS = {"forest": 0.5, "office": 0.5, "warehouse": 0.6}
 SEEDS, PLANNED = 1000, 50  # seeds per generator; one world in PLANNED is planned
 FUZZERS = ("scene", "obj", "ply", "gltf", "snapshot", "calls", "messages")
 SOAK_S = 1800.0
+CALLS = 1_000_000
 RUNS, HOUR_S = 1_000_000, 3600  # limits of a fuzzer, whichever is reached first
 
 
@@ -112,6 +123,13 @@ def run_worlds(seeds: int) -> int:
             if seed % PLANNED == 0 and flockstep.plan(world, world.start, [world.goal], cell_m=cell_m) is None:
                 raise SystemExit(f"{generator} {seed}: no path found")
     return seeds * len(WORLDS)
+
+
+def run_attacks(calls: int) -> int:
+    """Call the bodies of batches at random and return the number of calls."""
+    counts = body_attack.run(calls)
+    print(f"attacks: {counts['accepted']:,} accepted, {counts['refused']:,} refused", flush=True)
+    return counts["accepted"] + counts["refused"]
 
 
 def run_extensions() -> None:
@@ -176,11 +194,12 @@ def write(name: str, result: dict[str, object]) -> None:
 
 
 def main() -> None:
-    names = [*TESTS, "worlds", "extensions", "soak", *FUZZERS]
+    names = [*TESTS, "worlds", "extensions", "attacks", "soak", *FUZZERS]
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("names", nargs="*", metavar="NAME", help=f"one of {', '.join(names)}; all without one")
     parser.add_argument("--seeds", type=int, default=SEEDS, help="of each generator of worlds")
     parser.add_argument("--runs", type=int, default=RUNS, help="of a fuzzer; it ends after an hour all the same")
+    parser.add_argument("--calls", type=int, default=CALLS, help="of the random attack on bodies")
     parser.add_argument("--seconds", type=float, default=SOAK_S, help="of the soak test of the server")
     args = parser.parse_args()
     for name in args.names:
@@ -194,6 +213,8 @@ def main() -> None:
             run_tests(name)
         elif name == "worlds":
             write(name, {**source(), "count": run_worlds(args.seeds), "unit": name})
+        elif name == "attacks":
+            write(name, {**source(), "count": run_attacks(args.calls), "unit": "calls"})
         elif name == "soak":
             write(name, {**source(), **soak.run(args.seconds)})
         else:
