@@ -195,7 +195,7 @@ class FLOCKSTEP_API Batch {
   // are their indices; empty: all drones, K = N. position (K, 3) m; quat_wxyz (K, 4), or empty: level, facing +x.
   void is_free(std::span<const std::int64_t> drones, std::span<const float> position, std::span<const float> quat_wxyz,
                std::span<std::uint8_t> out) const;
-  // Configuration of a body, valid until the batch is destroyed or restored; null for a free slot.
+  // Configuration of a body, valid until the body is removed or the batch is restored or destroyed; null for a free slot.
   const BodyConfig* body_config(std::int64_t env, std::int64_t body) const;
 
   // --- sensor readings; all arrays are empty for a sensor that the batch does not have

@@ -109,10 +109,33 @@ std::int32_t BodyTable::add_model(const BodyConfig& config) {
     if (known.bytes() == wanted.bytes()) return static_cast<std::int32_t>(number);
   }
   auto model = std::make_unique<BodyModel>(config);
+  if (numbered_.size() - num_configs_ > 2 * models_.size()) drop_unused_models();
   std::string added = added_ + wanted.bytes();
   numbered_.push_back(std::move(model));
   added_.swap(added);
   return static_cast<std::int32_t>(numbered_.size()) - 1;
+}
+
+void BodyTable::drop_unused_models() {
+  std::vector<std::int32_t> numbers(numbered_.size(), kNone);  // by the current numbers
+  for (const std::int32_t number : state_.bodies.model) {
+    if (number >= 0) numbers[static_cast<std::size_t>(number)] = number;
+  }
+  FieldPacker added;
+  std::size_t count = num_configs_;
+  for (std::size_t number = num_configs_; number < numbers.size(); ++number) {
+    if (numbers[number] == kNone) continue;
+    added.add(numbered_[number]->config);
+    numbers[number] = static_cast<std::int32_t>(count++);
+  }
+  added_ = added.bytes();
+  for (std::size_t number = num_configs_; number < numbers.size(); ++number) {
+    if (numbers[number] != kNone) std::swap(numbered_[static_cast<std::size_t>(numbers[number])], numbered_[number]);
+  }
+  numbered_.resize(count);
+  for (std::int32_t& number : state_.bodies.model) {
+    if (number >= 0) number = numbers[static_cast<std::size_t>(number)];
+  }
 }
 
 void BodyTable::put(EnvIndex env, std::size_t body, std::int32_t model) {

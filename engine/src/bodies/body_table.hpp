@@ -66,6 +66,7 @@ class BodyTable {
   collision::MovingBodies moving() const;  // during the last tick
 
  private:
+  void drop_unused_models();  // added ones that no slot holds; the others may change their numbers
   const BodyModel* find_model(EnvIndex env, std::int32_t number) const;  // null if there is none
   void place(std::size_t row, const Moment& moment);
   void show(std::size_t row, const BodyModel* model);  // null: nothing
