@@ -18,6 +18,7 @@ server  round trips of the clients against bare echoes, a remote vector environm
 scaling steps, frames and trainings with 1, 2, 4, ... threads, up to one per processor; only if named
 imaging cost of colour detection, HSV and smaller images, in our kernels and in OpenCV
 race    steps of Race, with gates that are solid and with gates that are not
+bodies  steps of the LiDAR task among bodies and beside the same solids in the static world; a tick of each script
 workers start of a trainer's worker: import, worlds, first scan, step and frame, memory; by spawn, by fork, by pickle
 engines steps of DDP, TorchRL's collectors and RLlib with 1, 2, 4, ... processes: rate, time, bytes; only if named
 plan    paths from start to goal in every bundled world and twenty of each generator: processor time and length
@@ -50,6 +51,7 @@ from typing import Any
 
 import numpy as np
 
+import bodies
 import bundled
 import dynamics_accuracy
 import dynamics_peers
@@ -382,6 +384,10 @@ def bench_race() -> list[Figure]:
     return [figure(*measured) for measured in race.measure()]
 
 
+def bench_bodies() -> list[Figure]:
+    return [figure(*measured) for measured in bodies.measure()]
+
+
 def bench_workers() -> list[Figure]:
     return [figure(*measured) for measured in workers.measure()]
 
@@ -519,6 +525,7 @@ BENCHES: dict[str, Callable[[], list[Figure]]] = {
     "imaging": bench_imaging,
     "plan": bench_plan,
     "race": bench_race,
+    "bodies": bench_bodies,
     "workers": bench_workers,
     "engines": bench_engines,
     "server": bench_server,

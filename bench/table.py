@@ -56,6 +56,7 @@ APART = (
     "imaging",
     "plan",
     "race",
+    "bodies",
     "dynamics_accuracy",
     "dynamics_peers",
     "mesh_peers",
@@ -75,6 +76,7 @@ SEVERAL = ROOT / "docs" / "several-machines.md"
 OWN_WORLD = ROOT / "docs" / "own-world.md"
 DYNAMICS = ROOT / "docs" / "dynamics.md"
 RACE = ROOT / "docs" / "race.md"
+LIVING_WORLDS = ROOT / "docs" / "living-worlds.md"
 FLIGHT_TASKS = ROOT / "docs" / "flight-tasks.md"
 BOARD = ROOT / "docs" / "board.md"
 #: Trainings of the board, described in words.
@@ -693,6 +695,26 @@ def races(results: dict[str, Result]) -> str:
     return with_source(results, "race", pivot(cells, "one drone, one thread"))
 
 
+def bodies(results: dict[str, Result]) -> str:
+    """Return the tables of the costs of bodies: steps of the LiDAR task among them, and a tick of each script."""
+    rows = {
+        "none": "an empty hall",
+        "static": "64 solids in the static world",
+        "still": "64 bodies that stand",
+        "moving": "64 bodies that move",
+    }
+    heads = {"steps_per_second": "steps per second", "ratio_to_static": "speed relative to the static world"}
+    steps = {
+        (rows[variant], heads[what]): number(f["value"]) if what == "steps_per_second" else rough(f)
+        for (variant, what), f in named(results, "bodies", r"bodies/lidar_task/(\w+)/(\w+)")
+    }
+    scripts = {
+        (script.replace("_", " "), "a tick of a body"): rough(f)
+        for (script,), f in named(results, "bodies", r"bodies/script/([^/]+)/ns_per_tick")
+    }
+    return with_source(results, "bodies", pivot(steps, "1,024 drones") + "\n" + pivot(scripts, "script"))
+
+
 def imaging(results: dict[str, Result]) -> str:
     """Return the tables of the costs of colour detection and smaller images."""
     colours = {
@@ -945,6 +967,7 @@ def main() -> None:
             "race board",
             race_board(results),
         ),
+        LIVING_WORLDS: with_content(LIVING_WORLDS.read_text(encoding="utf-8"), "bodies", bodies(results)),
         TRAINERS: with_content(TRAINERS.read_text(encoding="utf-8"), "trainers", trainers(results)),
         SEVERAL: SEVERAL.read_text(encoding="utf-8"),
         FLIGHT_TASKS: with_content(

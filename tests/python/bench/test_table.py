@@ -289,3 +289,17 @@ def test_the_table_of_race_steps():
     assert "| one drone, one thread | solid gates | not solid |" in written
     assert "| 5 ticks | 0.3 us | 0.26 us |" in written
     assert "| 10 ticks | 0.42 us |  |" in written
+
+
+def test_the_costs_of_bodies():
+    values = {
+        "lidar_task/static/steps_per_second": (2_000_000.0, "1/s"),
+        "lidar_task/moving/steps_per_second": (1_240_000.0, "1/s"),
+        "lidar_task/moving/ratio_to_static": (0.6213, "1"),
+        "script/random_walk/ns_per_tick": (46.98, "ns"),
+    }
+    figures = [{"name": f"bodies/{name}", "value": v, "unit": unit, "runs": 7} for name, (v, unit) in values.items()]
+    written = table.bodies({"bodies": result(figures=figures)})
+    assert "| 64 solids in the static world | 2,000,000 |  |" in written
+    assert "| 64 bodies that move | 1,240,000 | 0.62 |" in written
+    assert "| random walk | 47 ns |" in written

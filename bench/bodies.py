@@ -1,0 +1,138 @@
+"""Costs of bodies: the LiDAR task among bodies that move, and a tick of each script. One thread, in processor time.
+
+The variants that are compared alternate.
+"""
+
+from __future__ import annotations
+
+import statistics
+import time
+from collections.abc import Callable, Iterator
+from typing import Any
+
+import numpy as np
+
+import flockstep
+from flockstep import BodyConfig, BodyMotion
+
+RUNS = 7
+DRONES, STEPS = 1024, 60
+ENVS, BODIES = 64, 64  # of the ticks of scripts
+TICKS = 100
+SIDE = 8  # SIDE x SIDE solids
+
+Measured = tuple[str, float, str, int]  # name, value, unit, runs
+
+
+def measure() -> Iterator[Measured]:
+    yield from lidar_task()
+    yield from scripts()
+
+
+def seconds(call: Callable[[], object]) -> float:
+    before = time.process_time()
+    call()
+    return time.process_time() - before
+
+
+def hall(**more: Any) -> flockstep.World:
+    """Return a hall of 20 m x 20 m with room for 64 solids."""
+    markers = {"start": [10, 10, 1.5], "goal": [17.5, 17.5, 1.5]}
+    scene = {"flockstep_scene": 1, "room": {"min": [0, 0, 0], "max": [20, 20, 3]}, "markers": markers}
+    return flockstep.World.from_dict(scene | more)
+
+
+def solids() -> list[dict[str, Any]]:
+    """Return 64 boxes, cylinders, spheres and capsules on a jittered grid, as fields of `BodyConfig`."""
+    random = np.random.default_rng(0)
+    shapes = ("box", "cylinder", "sphere", "capsule")
+    found: list[dict[str, Any]] = []
+    for i in range(SIDE * SIDE):
+        shape, width = shapes[i % 4], float(random.uniform(0.3, 0.7))
+        x, y = 2.5 * (np.array(divmod(i, SIDE)) + 0.5) + random.uniform(-0.3, 0.3, 2)
+        height = width if shape == "sphere" else float(random.uniform(1, 2.5))
+        found.append({"shape": shape, "size_m": [width, width, height], "position_m": [float(x), float(y), 1.5]})
+    return found
+
+
+def standing() -> flockstep.World:
+    """Return the hall with the solids in its static world."""
+    lists: dict[str, list[dict[str, Any]]] = {"boxes": [], "cylinders": [], "spheres": [], "capsules": []}
+    names = {"box": "boxes", "cylinder": "cylinders", "sphere": "spheres", "capsule": "capsules"}
+    for solid in solids():
+        width, _, height = solid["size_m"]
+        item: dict[str, Any] = {"center": solid["position_m"]}
+        if solid["shape"] == "box":
+            item["size"] = solid["size_m"]
+        else:
+            item["radius"] = width / 2
+        if solid["shape"] in ("cylinder", "capsule"):
+            item["height"] = height
+        lists[names[solid["shape"]]].append(item)
+    return hall(**lists)
+
+
+def with_bodies(travel_m: float) -> flockstep.World:
+    """Return the hall with the solids as bodies, which slide to and fro."""
+    random = np.random.default_rng(1)
+    bodies = []
+    for solid in solids():
+        angle = random.uniform(0, 2 * np.pi)
+        travel = [travel_m * np.cos(angle), travel_m * np.sin(angle), 0]
+        bodies.append(BodyConfig(**solid, motion=BodyMotion(kind="slider", travel_m=travel, period_s=4)))
+    return hall().with_bodies(bodies)
+
+
+def lidar_task() -> Iterator[Measured]:
+    """Step the task under random actions, in steady state, including resets."""
+    worlds = {"none": hall(), "static": standing(), "still": with_bodies(0.0), "moving": with_bodies(0.3)}
+    actions = np.random.default_rng(0).integers(0, 6, (STEPS, DRONES))
+    envs = {name: flockstep.DroneVectorEnv(DRONES, worlds=world, num_threads=1) for name, world in worlds.items()}
+    for each in envs.values():
+        each.reset(seed=0)
+        for i in range(1000):  # until drones are spread out and episodes end at a steady rate
+            each.step(actions[i % STEPS])
+    times: dict[str, list[float]] = {name: [] for name in envs}
+    for _ in range(RUNS):
+        for name, each in envs.items():
+            times[name].append(seconds(lambda each=each: [each.step(told) for told in actions]) / STEPS)
+    for name in envs:
+        yield f"bodies/lidar_task/{name}/steps_per_second", DRONES / statistics.median(times[name]), "1/s", RUNS
+    for name in ("none", "still", "moving"):
+        ratio = statistics.median(a / b for a, b in zip(times["static"], times[name], strict=True))
+        yield f"bodies/lidar_task/{name}/ratio_to_static", ratio, "1", RUNS
+
+
+def motions() -> dict[str, BodyMotion]:
+    """Return a motion of each script around its position, and one that stands."""
+    points = [[20, 0, 5], [25, 0, 5], [25, 5, 5], [20, 5, 5]]
+    box = {"box_min_m": [20, -5, 3], "box_max_m": [30, 5, 7]}
+    return {
+        "standing": BodyMotion(),
+        "velocity": BodyMotion(velocity_mps=[0.01, 0, 0], turn_rate_dps=[0, 0, 90]),
+        "waypoints": BodyMotion(kind="waypoints", points_m=points),
+        "waypoints, rounded": BodyMotion(kind="waypoints", points_m=points, corner_radius_m=1, faces_travel=True),
+        "orbit": BodyMotion(kind="orbit", center_m=[25, 0, 5]),
+        "hinge": BodyMotion(kind="hinge", center_m=[25, 0, 5]),
+        "slider": BodyMotion(kind="slider", travel_m=[5, 0, 0]),
+        "random_walk": BodyMotion(kind="random_walk", period_s=1, **box),
+    }
+
+
+def scripts() -> Iterator[Measured]:
+    """Time a tick of a body by script. The drones stand 20 m away; a batch without bodies is subtracted."""
+    clock = flockstep.ClockConfig(policy_hz=10, physics_hz=10 * TICKS)
+    bare = flockstep.World.from_dict({"flockstep_scene": 1, "room": {"min": [-100] * 3, "max": [100] * 3}})
+    batches = {"none": flockstep.Batch([bare], ENVS, clock=clock, num_threads=1)}
+    for name, motion in motions().items():
+        body = BodyConfig(position_m=[20, 0, 5], motion=motion)
+        batches[name] = flockstep.Batch([bare], ENVS, bodies=[body] * BODIES, clock=clock, num_threads=1)
+    times: dict[str, list[float]] = {name: [] for name in batches}
+    for run in range(RUNS + 1):
+        for name, batch in batches.items():
+            took = seconds(lambda batch=batch: batch.move(batch.position))
+            if run > 0:  # the first one warms up
+                times[name].append(took)
+    for name in motions():
+        added = statistics.median(a - b for a, b in zip(times[name], times["none"], strict=True))
+        yield f"bodies/script/{name}/ns_per_tick", 1e9 * added / (TICKS * ENVS * BODIES), "ns", RUNS
