@@ -1,6 +1,6 @@
-"""Costs of bodies: the LiDAR task among bodies that move, and a tick of each script. One thread, in processor time.
+"""Costs of bodies: the LiDAR task and cameras among bodies that move, and a tick of each script.
 
-The variants that are compared alternate.
+One thread, in processor time. The variants that are compared alternate.
 """
 
 from __future__ import annotations
@@ -20,12 +20,16 @@ DRONES, STEPS = 1024, 60
 ENVS, BODIES = 64, 64  # of the ticks of scripts
 TICKS = 100
 SIDE = 8  # SIDE x SIDE solids
+CAMERAS, FRAMES = 64, 10  # drones with a camera, and frames of each in a run
+RINGS = 50  # of a torus of 2 RINGS x RINGS triangles
+TILT_RAD = -0.7  # of the torus about y, which shows its hole to the cameras
 
 Measured = tuple[str, float, str, int]  # name, value, unit, runs
 
 
 def measure() -> Iterator[Measured]:
     yield from lidar_task()
+    yield from cameras()
     yield from scripts()
 
 
@@ -101,6 +105,57 @@ def lidar_task() -> Iterator[Measured]:
     for name in ("none", "still", "moving"):
         ratio = statistics.median(a / b for a, b in zip(times["static"], times[name], strict=True))
         yield f"bodies/lidar_task/{name}/ratio_to_static", ratio, "1", RUNS
+
+
+def torus(center_m: tuple[float, float, float] | None = None) -> flockstep.World:
+    """Return a torus of 5,000 triangles and 2 m: in its own frame, or tilted around a point in a room."""
+    turn = 2 * np.pi * np.arange(RINGS) / RINGS
+    along, around = (angle.ravel() for angle in np.meshgrid(turn, turn, indexing="ij"))
+    radius = 0.65 + 0.3 * np.cos(around)
+    vertices = np.stack([radius * np.cos(along), radius * np.sin(along), 0.3 * np.sin(around)], axis=1)
+    first = np.arange(RINGS * RINGS).reshape(RINGS, RINGS)
+    right, up = np.roll(first, -1, 0), np.roll(first, -1, 1)
+    both = np.roll(right, -1, 1)
+    triangles = np.concatenate([np.stack([first, right, both], -1), np.stack([first, both, up], -1)]).reshape(-1, 3)
+    builder = flockstep.WorldBuilder()
+    material = builder.material("steel", base_color=[0.5, 0.5, 0.6])
+    if center_m is not None:
+        builder.room([-10, -10, 0], [10, 10, 6], material)
+        x, y, z = vertices.T
+        cos, sin = np.cos(TILT_RAD), np.sin(TILT_RAD)
+        vertices = np.stack([cos * x + sin * z, y, cos * z - sin * x], axis=1) + center_m
+    builder.mesh(vertices, triangles, material)
+    return builder.build()
+
+
+def cameras() -> Iterator[Measured]:
+    """Move drones and render 64 x 64 pixels of colour and depth of a torus, static and as a body that turns."""
+    center = (2.0, 0.0, 3.0)
+    camera = flockstep.CameraConfig(width_px=64, height_px=64, outputs=["rgb", "depth"])
+    settings: dict[str, Any] = {"cameras": [camera], "num_threads": 1}
+    room = flockstep.World.from_dict({"flockstep_scene": 1, "room": {"min": [-10, -10, 0], "max": [10, 10, 6]}})
+    tilt = [np.cos(TILT_RAD / 2), 0, np.sin(TILT_RAD / 2), 0]
+    body: dict[str, Any] = {"shape": "mesh", "mesh": torus(), "position_m": center, "quat_wxyz": tilt}
+    spin = BodyMotion(kind="orbit", center_m=center, axis=[np.sin(TILT_RAD), 0, np.cos(TILT_RAD)])  # its own axis
+    batches = {
+        "none": flockstep.Batch([room], CAMERAS, **settings),
+        "static": flockstep.Batch([torus(center)], CAMERAS, **settings),
+        "still": flockstep.Batch([room], CAMERAS, bodies=[BodyConfig(**body)], **settings),
+        "moving": flockstep.Batch([room], CAMERAS, bodies=[BodyConfig(**body, motion=spin)], **settings),
+    }
+    places = np.array([0, 0, 3]) + np.random.default_rng(0).uniform(-0.3, 0.3, (CAMERAS, 3))
+    times: dict[str, list[float]] = {name: [] for name in batches}
+    for run in range(RUNS + 1):
+        for name, batch in batches.items():
+            batch.set_pose(places)
+            took = seconds(lambda batch=batch: [(batch.move(places), batch.sense()) for _ in range(FRAMES)])
+            if run > 0:  # the first one warms up
+                times[name].append(took / (CAMERAS * FRAMES))
+    for name in batches:
+        yield f"bodies/cameras/{name}/frames_per_second", 1 / statistics.median(times[name]), "1/s", RUNS
+    for name in ("none", "still", "moving"):
+        ratio = statistics.median(a / b for a, b in zip(times["static"], times[name], strict=True))
+        yield f"bodies/cameras/{name}/ratio_to_static", ratio, "1", RUNS
 
 
 def motions() -> dict[str, BodyMotion]:

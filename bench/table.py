@@ -696,23 +696,39 @@ def races(results: dict[str, Result]) -> str:
 
 
 def bodies(results: dict[str, Result]) -> str:
-    """Return the tables of the costs of bodies: steps of the LiDAR task among them, and a tick of each script."""
+    """Return the tables of the costs of bodies: steps of the LiDAR task, camera frames, and a tick of each script."""
     rows = {
-        "none": "an empty hall",
-        "static": "64 solids in the static world",
-        "still": "64 bodies that stand",
-        "moving": "64 bodies that move",
+        "lidar_task": {
+            "none": "an empty hall",
+            "static": "64 solids in the static world",
+            "still": "64 bodies that stand",
+            "moving": "64 bodies that move",
+        },
+        "cameras": {
+            "none": "an empty room",
+            "static": "a mesh of 5,000 triangles in the static world",
+            "still": "the mesh as a body that stands",
+            "moving": "the mesh as a body that moves",
+        },
     }
-    heads = {"steps_per_second": "steps per second", "ratio_to_static": "speed relative to the static world"}
-    steps = {
-        (rows[variant], heads[what]): number(f["value"]) if what == "steps_per_second" else rough(f)
-        for (variant, what), f in named(results, "bodies", r"bodies/lidar_task/(\w+)/(\w+)")
+    heads = {
+        "steps_per_second": "steps per second",
+        "frames_per_second": "frames per second",
+        "ratio_to_static": "speed relative to the static world",
     }
+    corners = {"lidar_task": "1,024 drones", "cameras": "64 x 64 pixels of colour and depth"}
+    tables = []
+    for subject, variants in rows.items():
+        cells = {
+            (variants[variant], heads[what]): rough(f) if what == "ratio_to_static" else number(f["value"])
+            for (variant, what), f in named(results, "bodies", rf"bodies/{subject}/(\w+)/(\w+)")
+        }
+        tables.append(pivot(cells, corners[subject]))
     scripts = {
         (script.replace("_", " "), "a tick of a body"): rough(f)
         for (script,), f in named(results, "bodies", r"bodies/script/([^/]+)/ns_per_tick")
     }
-    return with_source(results, "bodies", pivot(steps, "1,024 drones") + "\n" + pivot(scripts, "script"))
+    return with_source(results, "bodies", "\n".join([*tables, pivot(scripts, "script")]))
 
 
 def imaging(results: dict[str, Result]) -> str:

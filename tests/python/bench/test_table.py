@@ -296,10 +296,13 @@ def test_the_costs_of_bodies():
         "lidar_task/static/steps_per_second": (2_000_000.0, "1/s"),
         "lidar_task/moving/steps_per_second": (1_240_000.0, "1/s"),
         "lidar_task/moving/ratio_to_static": (0.6213, "1"),
+        "cameras/still/frames_per_second": (61_234.0, "1/s"),
+        "cameras/still/ratio_to_static": (0.8765, "1"),
         "script/random_walk/ns_per_tick": (46.98, "ns"),
     }
     figures = [{"name": f"bodies/{name}", "value": v, "unit": unit, "runs": 7} for name, (v, unit) in values.items()]
     written = table.bodies({"bodies": result(figures=figures)})
     assert "| 64 solids in the static world | 2,000,000 |  |" in written
     assert "| 64 bodies that move | 1,240,000 | 0.62 |" in written
+    assert "| the mesh as a body that stands | 61,234 | 0.88 |" in written
     assert "| random walk | 47 ns |" in written
