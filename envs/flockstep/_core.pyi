@@ -545,7 +545,7 @@ class BodyConfig:
         Name in messages; several bodies may share it. Values: letters, digits, _ and -. Default: 'body'.
     shape
         The shape; cylinders and capsules stand along their z axis. Sensors detect the triangles of a ``"mesh"``, and
-        drones hit its convex hull. Default: 'box'.
+        drones hit the convex hull of each of its objects. Default: 'box'.
     size_m
         Sizes along the body's x, y and z axes. A cylinder or a capsule has equal x and y, its diameter, and a capsule's
         z, with its round caps, is at least that; the three of a sphere are equal. Not for a mesh, which has its own
