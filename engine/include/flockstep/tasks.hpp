@@ -440,7 +440,7 @@ struct DodgeConfig {
   FLOCKSTEP_API void validate() const;
 };
 
-// Makes the dodge task. Defaults: the set of worlds "living", 36 beams all around with a range of 6 m, episodes of 400 steps.
+// Makes the dodge task. Defaults: the set of worlds "living", 72 beams all around with a range of 6 m, episodes of 400 steps.
 // Throws std::invalid_argument on a bad config.
 FLOCKSTEP_API std::unique_ptr<Task> make_task(const DodgeConfig& config);
 

@@ -52,7 +52,7 @@ class Dodge final : public Task {
 
   TaskDefaults defaults() const override {
     return {.worlds = "living",
-            .lidars = {LidarConfig{.beams = 36, .hfov_deg = 360.0F, .max_range_m = 6.0F}},
+            .lidars = {LidarConfig{.beams = 72, .hfov_deg = 360.0F, .max_range_m = 6.0F}},
             .max_episode_steps = 400};
   }
 

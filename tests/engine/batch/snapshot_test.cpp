@@ -224,7 +224,7 @@ class SnapshotRefusal : public ::testing::Test {
   std::size_t offset_of(std::string_view array) const {
     std::vector<std::string> names;  // arrays of the state, in order
     testing::for_each_array(batch_.state(), [&](const std::string& name, const auto&) { names.push_back(name); });
-    names.insert(names.end(), {"lidar_ranges", "lidar_settings", "sensed_position", "sensed_quat_wxyz"});
+    names.insert(names.end(), {"env_lights", "lidar_ranges", "lidar_settings", "sensed_position", "sensed_quat_wxyz"});
     std::size_t at = sizeof(testing::SnapshotHeader);
     for (const std::string& name : names) {
       if (name == array) return at;
