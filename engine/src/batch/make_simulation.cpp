@@ -145,7 +145,7 @@ Simulation::Simulation(BatchConfig config_in, Batch::Worlds worlds_in, std::uniq
     if (world != nullptr) build_ahead(*world, config);
     scenes.push_back(world != nullptr ? &prepared(*world).scene() : nullptr);
     obstacles.push_back(world != nullptr ? &prepared(*world).obstacles() : nullptr);
-    body_models.push_back(world != nullptr ? prepared(*world).bodies() : bodies::Models());
+    body_models.push_back(world != nullptr ? bodies::models_of(*world) : bodies::Models());
     sorts_by_world |= world != nullptr && scenes.back()->may_need_embree();
   }
   checks::world_index(*this, world_index, num_envs());

@@ -28,7 +28,7 @@ void set_slot(Simulation& sim, std::int32_t slot, std::shared_ptr<const World> w
   sim.world_pointers[at] = world.get();
   sim.scenes[at] = world ? &prepared(*world).scene() : nullptr;
   sim.obstacles[at] = world ? &prepared(*world).obstacles() : nullptr;
-  sim.body_models[at] = world ? prepared(*world).bodies() : bodies::Models();
+  sim.body_models[at] = world ? bodies::models_of(*world) : bodies::Models();
   sim.sorts_by_world |= world && sim.scenes[at]->may_need_embree();
   sim.worlds[at] = std::move(world);
 }
@@ -74,7 +74,7 @@ void build_ahead(const World& world, const BatchConfig& config) {
   if (scene.num_triangles() > 0 && scene.num_triangles() <= tile_triangle_limit(config)) scene.prepare_tiles(world.triangles());
   if (config.tracer == TracerKind::embree) scene.prepare_embree();
   prepared(world).obstacles();
-  prepared(world).bodies();
+  bodies::models_of(world);
   for (const CameraConfig& camera : config.cameras) prepared(world).shading(camera.shadows);
 }
 

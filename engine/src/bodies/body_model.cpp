@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <memory>
 #include <utility>
 
 #include "prepared/prepared_world.hpp"
@@ -71,6 +72,13 @@ BodyModel::BodyModel(const BodyConfig& given)
   radius = radius_of(config.mesh->bounds());
   surface.mesh = &config.mesh;
   surface.shading = &made.shading(true);
+}
+
+Models models_of(const World& world) {
+  if (world.original() != nullptr) return models_of(*world.original());
+  if (world.bodies().empty()) return {};
+  return prepared(world).bodies().get<std::vector<BodyModel>>(
+      [&world] { return std::make_shared<const std::vector<BodyModel>>(world.bodies().begin(), world.bodies().end()); });
 }
 
 }  // namespace flockstep::bodies

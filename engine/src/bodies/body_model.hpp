@@ -1,6 +1,7 @@
 // BodyModel: a body's configuration in the forms that the stages need.
 #pragma once
 
+#include <span>
 #include <vector>
 
 #include "bodies/body_script.hpp"
@@ -26,5 +27,11 @@ struct BodyModel {
   float radius;                                            // m, of a ball around the position that contains the body
   render::BodySurface surface;
 };
+
+// Bodies of a world.
+using Models = std::span<const BodyModel>;
+
+// Returns the models of World::bodies(). They are made on first use and kept with the world's other prepared data. Thread-safe.
+Models models_of(const World& world);
 
 }  // namespace flockstep::bodies

@@ -19,9 +19,6 @@
 
 namespace flockstep::bodies {
 
-// Bodies that an env has because of its world.
-using Models = std::span<const BodyModel>;
-
 // Envs are independent: threads may change different envs at the same time, except through add_model() and restored().
 class BodyTable {
  public:

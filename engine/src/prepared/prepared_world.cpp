@@ -3,7 +3,6 @@
 #include <algorithm>
 
 #include "base/platform.hpp"
-#include "bodies/body_model.hpp"
 #include "collision/corners.hpp"
 #include "collision/obstacles.hpp"
 #include "render/raycast/shading.hpp"
@@ -49,14 +48,6 @@ const std::vector<collision::Corners>& PreparedWorld::corners() const {
   if (world_.original() != nullptr) return prepared(*world_.original()).corners();
   return once(corners_, [this] {
     return std::make_unique<const std::vector<collision::Corners>>(collision::corners_of_objects(world_.triangles()));
-  });
-}
-
-std::span<const bodies::BodyModel> PreparedWorld::bodies() const {
-  if (world_.original() != nullptr) return prepared(*world_.original()).bodies();
-  if (world_.bodies().empty()) return {};
-  return once(bodies_, [this] {
-    return std::make_unique<const std::vector<bodies::BodyModel>>(world_.bodies().begin(), world_.bodies().end());
   });
 }
 

@@ -3,17 +3,14 @@
 
 #include <memory>
 #include <mutex>
-#include <span>
 #include <vector>
 
 #include "base/near_memory.hpp"
+#include "flockstep/attachment.hpp"
 #include "flockstep/world.hpp"
 
 namespace flockstep {
 
-namespace bodies {
-struct BodyModel;
-}
 namespace trace {
 class Scene;
 }
@@ -40,7 +37,8 @@ class PreparedWorld {
   const collision::Obstacles& obstacles() const;  // for collisions: solid objects
   // Of each solid object, for a body that is this world's mesh.
   const std::vector<collision::Corners>& corners() const;
-  std::span<const bodies::BodyModel> bodies() const;  // of World::bodies()
+  // Cache for the layer of bodies; see bodies/body_model.hpp.
+  const Attachment& bodies() const { return bodies_; }
   // For cameras; with shadows, for cameras that show shadows.
   const render::Shading& shading(bool shadows = false) const;
 
@@ -65,7 +63,7 @@ class PreparedWorld {
   mutable NearPart<collision::Obstacles> obstacles_;
   mutable Part<std::vector<collision::Corners>> corners_;
   mutable Part<render::Shading> shading_;
-  mutable Part<std::vector<bodies::BodyModel>> bodies_;
+  Attachment bodies_;
 };
 
 // Returns the PreparedWorld of this world. It is created on first use and kept by the world, so that all batches share it.

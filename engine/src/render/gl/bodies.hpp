@@ -1,6 +1,9 @@
-// GlBody: a body in the form that OpenGL draws.
+// GlBody, GlMeshBody: bodies in the form that OpenGL draws.
 #pragma once
 
+#include <cstdint>
+#include <functional>
+#include <memory>
 #include <vector>
 
 #include "flockstep/world.hpp"
@@ -17,7 +20,23 @@ struct GlBody {
   SunCaster caster;  // in the sun's frame of the env's world; empty without shadows
 };
 
-// Appends the visible bodies of an env.
-void append_bodies(const VisibleBodies& bodies, const World& world, bool shadows, std::vector<GlBody>& out);
+// A body that is a mesh. Its triangles are drawn as flat geometry in its own frame.
+struct GlMeshBody {
+  std::uint32_t model;  // number given by GlPainter::add()
+  Vec3 position;        // m, world frame
+  Mat3 rotation;        // body to world
+  float radius;         // m, of the ball around the position that contains it
+  std::uint32_t ids;    // as in FlatVertex
+  SunCaster caster;     // as in GlBody, without its nodes
+};
+
+struct GlBodies {
+  std::vector<GlBody> solids;
+  std::vector<GlMeshBody> meshes;
+};
+
+// Appends the visible bodies of an env. model_of: returns the model of a mesh body's world.
+void append_bodies(const VisibleBodies& bodies, const World& world, bool shadows,
+                   const std::function<std::uint32_t(const std::shared_ptr<const World>&)>& model_of, GlBodies& out);
 
 }  // namespace flockstep::render

@@ -19,8 +19,12 @@ constexpr std::size_t kChunkTriangles = 256;
 
 std::array<float, 3> array_of(const Vec3& v) { return {v.x(), v.y(), v.z()}; }
 
-std::uint32_t pack(const Surface& surface) {
-  return static_cast<std::uint32_t>(surface.semantic) | (static_cast<std::uint32_t>(surface.instance) << 16U);
+// Returns the light of the models of mesh bodies; see Paint.
+Light light_of_bodies() {
+  Light light;
+  light.sun_color = {1.0F, 1.0F, 1.0F};
+  light.sky_ambient = light.ground_ambient = {0.0F, 0.0F, 0.0F};
+  return light;
 }
 
 // Returns the colour of a surface as written to images; see Light.
@@ -104,14 +108,14 @@ void add_flat(const Primitive& primitive, const Surface& surface, std::uint32_t 
   }
 }
 
-void add_mesh(const World& world, const Appearance& appearance, Soup& soup) {
+// paints_all: paint all triangles.
+void add_mesh(const World& world, const Appearance& appearance, bool paints_all, Soup& soup) {
   const TriangleMesh& mesh = world.triangles();
   const std::vector<float> densities = texels_per_square_metre(world);
   const auto base = static_cast<std::uint32_t>(soup.positions.size());
   soup.positions.insert(soup.positions.end(), mesh.vertices.begin(), mesh.vertices.end());
   constexpr std::array<float, 3> kWhite{1.0F, 1.0F, 1.0F};
-  const bool has_fog = fog_density(appearance.light) > 0.0F;
-  soup.is_painted = !mesh.uv.empty() || !mesh.colors.empty() || has_fog;
+  soup.is_painted = !mesh.uv.empty() || !mesh.colors.empty() || paints_all;
   if (soup.is_painted) {
     soup.uv.resize(base);
     soup.uv.insert(soup.uv.end(), mesh.uv.begin(), mesh.uv.end());
@@ -132,7 +136,7 @@ void add_mesh(const World& world, const Appearance& appearance, Soup& soup) {
     if (!(normal.norm() > 0.0)) continue;  // a triangle without area is invisible
     Surface surface = appearance.materials[mesh.materials[i]];
     surface.instance = static_cast<std::uint16_t>(appearance.first_object + mesh.objects[i]);
-    const bool is_painted = soup.is_painted && (has_fog || surface.texture >= 0 ||
+    const bool is_painted = soup.is_painted && (paints_all || surface.texture >= 0 ||
                                                 std::any_of(corners.begin(), corners.end(),
                                                             [&](std::uint32_t corner) { return soup.colors[corner] != kWhite; }));
     soup.add(corners, normal.normalized(), surface, densities.empty() ? 0.0F : densities[i],
@@ -206,7 +210,7 @@ class Corners {
     };
     last.sunlit = both_sides(true);
     last.shadowy = both_sides(false);
-    last.ids = pack(triangle.surface);
+    last.ids = pack_ids(triangle.surface);
     if (soup_.is_painted) {
       painted_[indices[2]].density = triangle.density;
       painted_[indices[2]].paint = triangle.paint;
@@ -280,6 +284,10 @@ void add_round(RoundKind kind, const Primitive& primitive, const Surface& surfac
 
 }  // namespace
 
+std::uint32_t pack_ids(const Surface& surface) {
+  return static_cast<std::uint32_t>(surface.semantic) | (static_cast<std::uint32_t>(surface.instance) << 16U);
+}
+
 RoundShape make_round_shape(const Primitive& primitive, const Surface& surface, const Light& light) {
   const Mat3 rotation = rotation_of(primitive);
   RoundShape shape{};
@@ -291,7 +299,7 @@ RoundShape make_round_shape(const Primitive& primitive, const Surface& surface, 
   shape.half_height = primitive.half_extents.z();
   set_light(shape, surface, light);
   shape.half_y = primitive.half_extents.y();
-  shape.ids = pack(surface);
+  shape.ids = pack_ids(surface);
   return shape;
 }
 
@@ -303,8 +311,12 @@ RoundBound make_round_bound(RoundKind kind, const Primitive& primitive) {
   return {primitive.center, rotation_of(primitive).col(2), half.x(), reach};
 }
 
-GlModel::GlModel(const World& world) : textures(world) {
-  const Appearance appearance(world);
+GlModel::GlModel(const World& world, Of of) : textures(world) {
+  Appearance appearance(world);
+  if (of == Of::mesh_body) {
+    appearance.light = light_of_bodies();
+    appearance.markers.clear();
+  }
   light = appearance.light;
   Soup soup;
   // Fog changes the linear colour of each pixel, so all flat geometry is painted. Primitives show no textures: the paints
@@ -338,7 +350,7 @@ GlModel::GlModel(const World& world) : textures(world) {
         break;
     }
   }
-  add_mesh(world, appearance, soup);
+  add_mesh(world, appearance, has_fog || of == Of::mesh_body, soup);
   for (const MarkerSphere& marker : appearance.markers) {
     Primitive sphere;
     sphere.kind = PrimitiveKind::sphere;

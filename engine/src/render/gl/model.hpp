@@ -13,6 +13,9 @@
 
 namespace flockstep::render {
 
+// Returns the ids of a surface: semantic in the lower half, instance in the upper half.
+std::uint32_t pack_ids(const Surface& surface);
+
 // A vertex of flat geometry: mesh triangles, rooms, boxes and planes. Except for the position, its fields describe the
 // triangle whose last corner it is. Each vertex is the last corner of at most one triangle, so triangles share vertices but
 // have their own values. The colour of a triangle depends only on the side that is visible and on whether the sun reaches it.
@@ -21,7 +24,7 @@ struct FlatVertex {
   std::array<float, 3> normal;           // unit, points out of the front side
   std::array<std::uint32_t, 2> sunlit;   // RGBA as written, front and back
   std::array<std::uint32_t, 2> shadowy;  // the same without the sun
-  std::uint32_t ids;                     // semantic in the lower half, instance in the upper half
+  std::uint32_t ids;                     // see pack_ids()
 };
 
 // Further vertex data, present if a world has textures, vertex colours or fog. `density` and `paint` describe a triangle, as in
@@ -35,7 +38,8 @@ struct PaintedVertex {
 };
 static_assert(sizeof(PaintedVertex) == 2 * 16);
 
-// The material of painted triangles in the layout of the shaders; each row is a vec4.
+// The material of painted triangles in the layout of the shaders; each row is a vec4. The light on a mesh body depends on its env
+// and its pose, so its paints hold the emitted light in `middle`, the base colour in `sun`, and no other light.
 struct Paint {
   std::array<float, 3> middle;  // ambient and emitted light: middle + slope * n.z
   float gamma_exponent;         // 1 / gamma
@@ -92,7 +96,9 @@ RoundShape make_round_shape(const Primitive& primitive, const Surface& surface, 
 RoundBound make_round_bound(RoundKind kind, const Primitive& primitive);
 
 struct GlModel {
-  explicit GlModel(const World& world);
+  // A world, or the world of a mesh body: its triangles only, all painted.
+  enum class Of : bool { world, mesh_body };
+  explicit GlModel(const World& world, Of of = Of::world);
 
   std::vector<FlatVertex> vertices;
   std::vector<PaintedVertex> painted;  // one per vertex, or none if all triangles have plain colours

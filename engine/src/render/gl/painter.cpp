@@ -79,11 +79,12 @@ GlPainter::GlPainter()
       no_array_(GlVertexArray::make()),
       boxes_(pattern(kBox, 8, kMaxBoxes)),
       quads_(pattern(kQuad, 4, kMaxBoxes)),
-      cameras_(GlBuffer::make()),
+      cameras_{GlBuffer::make(), GlBuffer::make()},
       commands_(GlBuffer::make()),
       visible_buffer_(GlBuffer::make()),
       body_buffer_(GlBuffer::make()),
-      body_casters_(GlBuffer::make()) {
+      body_casters_(GlBuffer::make()),
+      posed_buffer_(GlBuffer::make()) {
   glVertexArrayElementBuffer(box_array_.name(), boxes_.name());
   glVertexArrayElementBuffer(quad_array_.name(), quads_.name());
 
@@ -181,15 +182,19 @@ void GlPainter::add_paints(const GlModel& model, std::size_t first_vertex) {
   painted_.append(std::span<const PaintedVertex>(vertices));
 }
 
+std::uint32_t GlPainter::add_masks(const SunMasks& masks) {
+  const auto first_alpha = static_cast<std::uint32_t>(entries_.append(std::span<const std::uint32_t>(masks.alphas)));
+  std::vector<SunCaster> casters = masks.masks;
+  for (SunCaster& mask : casters) mask.begin_alphas(first_alpha);
+  return static_cast<std::uint32_t>(casters_.append(std::span<const SunCaster>(casters)));
+}
+
 void GlPainter::add(std::uint32_t model, const GlSunGrid& grid) {
   const auto first_caster = static_cast<std::uint32_t>(casters_.append(std::span(grid.casters)));
   std::vector<std::uint32_t> entries = grid.entries;
   for (std::uint32_t& entry : entries) entry += first_caster;
   const auto first_entry = static_cast<std::uint32_t>(entries_.append(std::span<const std::uint32_t>(entries)));
-  const auto first_alpha = static_cast<std::uint32_t>(entries_.append(std::span<const std::uint32_t>(grid.alphas)));
-  std::vector<SunCaster> masks = grid.masks;
-  for (SunCaster& mask : masks) mask.begin_alphas(first_alpha);
-  const auto first_mask = static_cast<std::uint32_t>(casters_.append(std::span<const SunCaster>(masks)));
+  const std::uint32_t first_mask = add_masks(grid.masks);
   std::vector<std::uint32_t> starts = grid.starts;
   for (std::uint32_t& start : starts) start += first_entry;
   const auto first_start = static_cast<std::uint32_t>(starts_.append(std::span<const std::uint32_t>(starts)));
@@ -200,10 +205,31 @@ void GlPainter::add(std::uint32_t model, const GlSunGrid& grid) {
   models_[model].grid = static_cast<std::uint32_t>(grids_.append(std::span<const GridRecord>(&record, 1)));
 }
 
-void GlPainter::paint(const GlAtlas& atlas, std::span<const TileCamera> cameras, std::span<const GlBody> bodies,
-                      const GlPass& pass) {
+void GlPainter::add(std::uint32_t model, const GlCasterTree& tree) {
+  if (tree.nodes.empty()) return;
+  const std::uint32_t first_mask = add_masks(tree.masks);
+  std::vector<SunCaster> triangles = tree.triangles;
+  for (SunCaster& triangle : triangles) {
+    if (triangle.rows[0][3] > 0.0F) triangle.rows[0][3] += static_cast<float>(first_mask);
+  }
+  const auto first_triangle = static_cast<std::uint32_t>(casters_.append(std::span<const SunCaster>(triangles)));
+  const auto first_node = static_cast<std::uint32_t>(nodes_.size());
+  std::vector<CasterNode> nodes = tree.nodes;
+  for (CasterNode& node : nodes) {
+    node.next += first_node;
+    if (node.triangles != 0) node.triangles += first_triangle << 3U;
+  }
+  nodes_.append(std::span<const CasterNode>(nodes));
+  models_[model].nodes = first_node;
+}
+
+void GlPainter::paint(const GlAtlas& atlas, std::span<const TileCamera> cameras, const GlBodies& bodies, const GlPass& pass) {
   records_.clear();
+  painted_last_ = 1 - painted_last_;
+  posed_cameras_.clear();
+  posed_.clear();
   flat_commands_.clear();
+  posed_commands_.clear();
   for (auto* const shapes : {&visible_, &visible_bodies_}) {
     for (VisibleShapes& of_kind : *shapes) {
       for (auto& visible : of_kind) visible.clear();
@@ -212,8 +238,11 @@ void GlPainter::paint(const GlAtlas& atlas, std::span<const TileCamera> cameras,
   for (auto& shapes : body_shapes_) shapes.clear();
   caster_lists_.assign(1, SunCaster{});
   sky_cameras_.clear();
-  for (std::size_t i = 0; i < cameras.size(); ++i) cull(cameras[i], static_cast<std::uint32_t>(i), bodies, atlas, pass);
-  upload(cameras_, std::span<const CameraRecord>(records_));
+  meshes_cast_ = false;
+  for (std::size_t i = 0; i < cameras.size(); ++i)
+    cull(cameras[i], cameras.size(), static_cast<std::uint32_t>(i), bodies, atlas, pass);
+  records_.insert(records_.end(), posed_cameras_.begin(), posed_cameras_.end());
+  upload(camera_buffer(), std::span<const CameraRecord>(records_));
 
   // Attachments need clearing only if a pixel may remain unwritten. If colours are drawn, the sky fills every uncovered
   // pixel. If the sky is invisible to all cameras, every pixel is covered.
@@ -228,7 +257,7 @@ void GlPainter::paint(const GlAtlas& atlas, std::span<const TileCamera> cameras,
   glEnable(GL_CLIP_DISTANCE0);
   glEnable(GL_CLIP_DISTANCE1);
   glDepthFunc(GL_GREATER);
-  glBindBufferBase(GL_SHADER_STORAGE_BUFFER, kCamerasBinding, cameras_.name());
+  glBindBufferBase(GL_SHADER_STORAGE_BUFFER, kCamerasBinding, camera_buffer().name());
   if (pass.traits.shadows) {
     glBindBufferBase(GL_SHADER_STORAGE_BUFFER, kGridsBinding, grids_.name());
     glBindBufferBase(GL_SHADER_STORAGE_BUFFER, kStartsBinding, starts_.name());
@@ -241,6 +270,8 @@ void GlPainter::paint(const GlAtlas& atlas, std::span<const TileCamera> cameras,
     upload(body_casters_, std::span<const SunCaster>(caster_lists_));
     glBindBufferBase(GL_SHADER_STORAGE_BUFFER, kBodyCastersBinding, body_casters_.name());
   }
+  traits.meshes = meshes_cast_;
+  if (traits.meshes) glBindBufferBase(GL_SHADER_STORAGE_BUFFER, kCasterNodesBinding, nodes_.name());
   const auto use = [&](GLuint program) {
     glUseProgram(program);
     const auto tile_height = static_cast<float>(size.height);
@@ -249,12 +280,26 @@ void GlPainter::paint(const GlAtlas& atlas, std::span<const TileCamera> cameras,
   };
   traits.fog = std::any_of(cameras.begin(), cameras.end(),
                            [&](const TileCamera& c) { return fog_density(models_[c.model].light) > 0.0F; });
-  traits.masked = std::any_of(cameras.begin(), cameras.end(), [&](const TileCamera& c) { return models_[c.model].is_masked; });
+  const auto shows_masks = [&](const TileCamera& c) { return models_[c.model].is_masked; };
+  const bool masked_worlds = std::any_of(cameras.begin(), cameras.end(), shows_masks);
+  const bool masked_meshes = std::any_of(cameras.begin(), cameras.end(), [&](const TileCamera& c) {
+    const auto meshes = std::span(bodies.meshes).subspan(c.first_mesh, c.num_meshes);
+    return std::any_of(meshes.begin(), meshes.end(), [&](const GlMeshBody& mesh) { return models_[mesh.model].is_masked; });
+  });
+  traits.masked = masked_worlds || (masked_meshes && traits.shadows);
   if (!flat_commands_.empty()) {
     traits.painted =
         std::any_of(cameras.begin(), cameras.end(), [&](const TileCamera& c) { return models_[c.model].is_painted; });
     use(shaders_.flat(traits));
-    draw_flat(traits.painted);
+    draw_flat(flat_commands_, traits.painted);
+  }
+  if (!posed_commands_.empty()) {
+    ShaderTraits of_meshes = traits;
+    of_meshes.masked = masked_meshes || (masked_worlds && traits.shadows);
+    upload(posed_buffer_, std::span<const PosedRecord>(posed_));
+    glBindBufferBase(GL_SHADER_STORAGE_BUFFER, kPosedMeshesBinding, posed_buffer_.name());
+    use(shaders_.posed(of_meshes));
+    draw_flat(posed_commands_, true);
   }
   for (std::size_t kind = 0; kind < kNumRoundKinds; ++kind) {
     const auto draw = [&](const VisibleShapes& visible, GLuint shapes) {
@@ -278,19 +323,51 @@ void GlPainter::paint(const GlAtlas& atlas, std::span<const TileCamera> cameras,
 }
 
 // Returns the first caster of the camera's list, and adds the list unless the previous camera has the same one.
-std::uint32_t GlPainter::list_casters(const TileCamera& camera, std::span<const GlBody> bodies) {
-  if (camera.num_bodies == 0) return 0;
-  if (listed_body_ != camera.first_body || caster_lists_.size() == 1) {
+std::uint32_t GlPainter::list_casters(const TileCamera& camera, const GlBodies& bodies) {
+  if (camera.num_bodies == 0 && camera.num_meshes == 0) return 0;
+  if (listed_body_ != camera.first_body || listed_mesh_ != camera.first_mesh || caster_lists_.size() == 1) {
     listed_body_ = camera.first_body;
+    listed_mesh_ = camera.first_mesh;
     last_list_ = static_cast<std::uint32_t>(caster_lists_.size());
-    for (const GlBody& body : bodies) caster_lists_.push_back(body.caster);
+    for (const GlBody& body : std::span(bodies.solids).subspan(camera.first_body, camera.num_bodies)) {
+      caster_lists_.push_back(body.caster);
+    }
+    for (const GlMeshBody& mesh : std::span(bodies.meshes).subspan(camera.first_mesh, camera.num_meshes)) {
+      const std::optional<std::uint32_t>& nodes = models_[mesh.model].nodes;
+      if (!nodes) continue;
+      caster_lists_.push_back(mesh.caster);
+      caster_lists_.back().begin_nodes(*nodes);
+      meshes_cast_ = true;
+    }
     caster_lists_.emplace_back();
   }
   return last_list_;
 }
 
-void GlPainter::cull(const TileCamera& camera, std::uint32_t number, std::span<const GlBody> bodies, const GlAtlas& atlas,
-                     const GlPass& pass) {
+GlPainter::View GlPainter::View::in_frame_of(const GlMeshBody& body) const {
+  const Eigen::Matrix3d to_local = body.rotation.cast<double>().transpose();
+  const auto turned = [&](const Vec3d& v) -> Vec3d { return to_local * v; };
+  return {
+      turned(eye - body.position.cast<double>()), turned(w), turned(x), turned(y), turned(ray_0), turned(ray_u), turned(ray_v)};
+}
+
+GlPainter::Frustum GlPainter::View::frustum(const GlPass& pass) const {
+  Frustum frustum;
+  const auto plane = [&](std::size_t i, const Vec3d& normal, double distance) {
+    frustum[i] = {normal.normalized().cast<float>(),
+                  static_cast<float>(-normal.dot(eye) - distance) / static_cast<float>(normal.norm())};
+  };
+  plane(0, w - x, 0.0);
+  plane(1, w + x, 0.0);
+  plane(2, w - y, 0.0);
+  plane(3, w + y, 0.0);
+  plane(4, w, static_cast<double>(pass.near_m));
+  plane(5, -w, -static_cast<double>(pass.far_m));
+  return frustum;
+}
+
+void GlPainter::cull(const TileCamera& camera, std::size_t num_cameras, std::uint32_t number, const GlBodies& bodies,
+                     const GlAtlas& atlas, const GlPass& pass) {
   const UploadedModel& model = models_[camera.model];
   const AtlasSize& size = atlas.size();
   const Eigen::Matrix3d rotation = camera.rotation.cast<double>();
@@ -305,75 +382,97 @@ void GlPainter::cull(const TileCamera& camera, std::uint32_t number, std::span<c
   const double width = size.width;
   const double height = size.height;
   // Maps u = cx - fx y / x and v = cy - fy z / x to [-1, 1] over the tile.
-  const Vec3d x = (2.0 * cx / width - 1.0) * forward - 2.0 * fx / width * left;
-  const Vec3d y = (2.0 * cy / height - 1.0) * forward - 2.0 * fy / height * up;
-  const Vec3d ray_0 = forward + cx / fx * left + cy / fy * up;
+  const View view{.eye = camera.position.cast<double>(),
+                  .w = forward,
+                  .x = (2.0 * cx / width - 1.0) * forward - 2.0 * fx / width * left,
+                  .y = (2.0 * cy / height - 1.0) * forward - 2.0 * fy / height * up,
+                  .ray_0 = forward + cx / fx * left + cy / fy * up,
+                  .ray_u = -left / fx,
+                  .ray_v = -up / fy};
   const double middle = (2.0 * number + 1.0) / size.tiles - 1.0;
   const float gamma_exponent = 1.0F / model.light.gamma;
-  const Vec3d eye = camera.position.cast<double>();
-  const std::span<const GlBody> of_env = bodies.subspan(camera.first_body, camera.num_bodies);
-  const std::uint32_t casters = pass.traits.shadows ? list_casters(camera, of_env) : 0;
-  records_.push_back({row(eye, middle),
-                      row(forward, cx),
-                      row(x, cy),
-                      row(y, 1.0 / fx),
-                      row(ray_0, 1.0 / fy),
-                      row(-left / fx, casters),
-                      row(-up / fy, model.grid),
-                      row(model.light.horizon_color, gamma_exponent),
-                      row(model.light.zenith_color, model.sun_disc.glow),
-                      row(model.light.sun_direction, model.sun_disc.edge),
-                      row(model.sun_disc.color, model.sun_disc.steepness),
-                      {fog_density(model.light), 0.0F, 0.0F, 0.0F}});
-
-  const double near = static_cast<double>(pass.near_m);
-  const double far = static_cast<double>(pass.far_m);
-  Frustum frustum;
-  const auto plane = [&](std::size_t i, const Vec3d& normal, double distance) {
-    frustum[i] = {normal.normalized().cast<float>(),
-                  static_cast<float>(-normal.dot(eye) - distance) / static_cast<float>(normal.norm())};
+  const auto record_of = [&](const View& v, double ray_u_w, double ray_v_w) -> CameraRecord {
+    return {row(v.eye, middle),
+            row(v.w, cx),
+            row(v.x, cy),
+            row(v.y, 1.0 / fx),
+            row(v.ray_0, 1.0 / fy),
+            row(v.ray_u, ray_u_w),
+            row(v.ray_v, ray_v_w),
+            row(model.light.horizon_color, gamma_exponent),
+            row(model.light.zenith_color, model.sun_disc.glow),
+            row(model.light.sun_direction, model.sun_disc.edge),
+            row(model.sun_disc.color, model.sun_disc.steepness),
+            {fog_density(model.light), 0.0F, 0.0F, 0.0F}};
   };
-  plane(0, forward - x, 0.0);
-  plane(1, forward + x, 0.0);
-  plane(2, forward - y, 0.0);
-  plane(3, forward + y, 0.0);
-  plane(4, forward, near);
-  plane(5, -forward, -far);
-  cull_flat(model, frustum, number);
+  const std::uint32_t casters = pass.traits.shadows ? list_casters(camera, bodies) : 0;
+  records_.push_back(record_of(view, casters, model.grid));
+
+  const Frustum frustum = view.frustum(pass);
+  cull_flat(model, frustum, number, flat_commands_);
   cull_round(model, frustum, camera, pass, number);
-  cull_bodies(of_env, frustum, camera, pass, number);
+  cull_bodies(std::span(bodies.solids).subspan(camera.first_body, camera.num_bodies), frustum, camera, pass, number);
+  for (const GlMeshBody& mesh : std::span(bodies.meshes).subspan(camera.first_mesh, camera.num_meshes)) {
+    if (is_hidden(RoundBound{mesh.position, Vec3::UnitZ(), mesh.radius, mesh.radius}, frustum)) continue;
+    const View local = view.in_frame_of(mesh);
+    const auto record = static_cast<std::uint32_t>(num_cameras + posed_.size());
+    posed_cameras_.push_back(record_of(local, static_cast<double>(posed_.size()), 0.0));
+    posed_.push_back(posed_record(mesh, number, model.light));
+    cull_flat(models_[mesh.model], local.frustum(pass), record, posed_commands_);
+  }
 
   // A camera shows no sky if it is inside a room, the near plane is too far from the walls to cut through one, and the far
   // plane lies beyond the room.
+  const double near = static_cast<double>(pass.near_m);
+  const double far = static_cast<double>(pass.far_m);
   double corner = 0.0;
   for (const double u : {0.0, width}) {
-    for (const double v : {0.0, height}) corner = std::max(corner, (ray_0 - u / fx * left - v / fy * up).norm());
+    for (const double v : {0.0, height}) corner = std::max(corner, (view.ray_0 + u * view.ray_u + v * view.ray_v).norm());
   }
   const bool is_indoors = std::any_of(model.rooms.begin(), model.rooms.end(), [&](const Aabb& room) {
     const Vec3d low = room.min.cast<double>();
     const Vec3d high = room.max.cast<double>();
-    const double margin = std::min((eye - low).minCoeff(), (high - eye).minCoeff());
-    const Vec3d farthest = (forward.array() > 0.0).select(high, low) - eye;
+    const double margin = std::min((view.eye - low).minCoeff(), (high - view.eye).minCoeff());
+    const Vec3d farthest = (forward.array() > 0.0).select(high, low) - view.eye;
     return margin > 1.001 * near * corner && forward.dot(farthest) < 0.999 * far;
   });
   if (!is_indoors) sky_cameras_.push_back(number);
 }
 
-void GlPainter::cull_flat(const UploadedModel& model, const Frustum& frustum, std::uint32_t number) {
+GlPainter::PosedRecord GlPainter::posed_record(const GlMeshBody& mesh, std::uint32_t camera, const Light& light) {
+  PosedRecord record{.camera = camera, .ids = mesh.ids, .gamma_exponent = 1.0F / light.gamma};
+  const auto axis = [&](Eigen::Index i) -> std::array<float, 3> {
+    return {mesh.rotation(0, i), mesh.rotation(1, i), mesh.rotation(2, i)};
+  };
+  record.axis_x = axis(0);
+  record.axis_y = axis(1);
+  record.axis_z = axis(2);
+  for (std::size_t i = 0; i < 3; ++i) {
+    record.middle[i] = 0.5F * (light.sky_ambient[i] + light.ground_ambient[i]);
+    record.slope[i] = 0.5F * (light.sky_ambient[i] - light.ground_ambient[i]);
+  }
+  record.sun = row(light.sun_color, 0.0F);
+  record.sun_direction = row(light.sun_direction, 0.0F);
+  return record;
+}
+
+// number: of the camera's record.
+void GlPainter::cull_flat(const UploadedModel& model, const Frustum& frustum, std::uint32_t number,
+                          std::vector<DrawCommand>& commands) {
   const bool all = model.chunks.size() == 1;
   for (const FlatChunk& chunk : model.chunks) {
     const bool hidden = !all && std::any_of(frustum.begin(), frustum.end(), [&](const Plane& plane) {
       return plane.normal.dot(chunk.center) + plane.normal.cwiseAbs().dot(chunk.half) + plane.offset < 0.0F;
     });
     if (hidden) continue;
-    if (!flat_commands_.empty() && flat_commands_.back().base_instance == number) {
-      DrawCommand& last = flat_commands_.back();
+    if (!commands.empty() && commands.back().base_instance == number) {
+      DrawCommand& last = commands.back();
       if (last.first_index + last.count == chunk.first_index) {
         last.count += chunk.index_count;
         continue;
       }
     }
-    flat_commands_.push_back({chunk.index_count, 1, chunk.first_index, model.first_vertex, number});
+    commands.push_back({chunk.index_count, 1, chunk.first_index, model.first_vertex, number});
   }
 }
 
@@ -400,11 +499,11 @@ void GlPainter::cull_bodies(std::span<const GlBody> bodies, const Frustum& frust
   }
 }
 
-void GlPainter::draw_flat(bool painted) {
+void GlPainter::draw_flat(const std::vector<DrawCommand>& commands, bool painted) {
   glDisable(GL_CULL_FACE);
   glBindVertexArray(flat_array_.name());
   glVertexArrayVertexBuffer(flat_array_.name(), 0, vertices_.name(), 0, sizeof(FlatVertex));
-  glVertexArrayVertexBuffer(flat_array_.name(), 1, cameras_.name(), 0, sizeof(CameraRecord));
+  glVertexArrayVertexBuffer(flat_array_.name(), 1, camera_buffer().name(), 0, sizeof(CameraRecord));
   glVertexArrayElementBuffer(flat_array_.name(), indices_.name());
   if (painted) {
     // Models added after the last painted one lack these vertices.
@@ -419,9 +518,9 @@ void GlPainter::draw_flat(bool painted) {
   for (GLuint location = 12; location < 16; ++location) {
     (painted ? glEnableVertexArrayAttrib : glDisableVertexArrayAttrib)(flat_array_.name(), location);
   }
-  upload(commands_, std::span<const DrawCommand>(flat_commands_));
+  upload(commands_, std::span<const DrawCommand>(commands));
   glBindBuffer(GL_DRAW_INDIRECT_BUFFER, commands_.name());
-  glMultiDrawElementsIndirect(GL_TRIANGLES, GL_UNSIGNED_INT, nullptr, static_cast<GLsizei>(flat_commands_.size()), 0);
+  glMultiDrawElementsIndirect(GL_TRIANGLES, GL_UNSIGNED_INT, nullptr, static_cast<GLsizei>(commands.size()), 0);
 }
 
 void GlPainter::draw_round(const VisibleShapes& shown, bool boxes, GLuint shapes) {

@@ -46,6 +46,16 @@ GlPass pass_of(const CameraConfig& camera) {
 // varies from step to step.
 int roomy(int tiles, int most) { return std::min(static_cast<int>(std::bit_ceil(static_cast<unsigned int>(tiles))), most); }
 
+// Returns the number of triangles that a request may show.
+std::size_t triangles_of(const RenderRequest& request) {
+  std::size_t triangles = request.world->triangles().triangles.size();
+  for (std::size_t i = 0; i < request.bodies.shapes.count; ++i) {
+    const auto* const mesh = request.bodies.surfaces[i].mesh;
+    if (mesh != nullptr) triangles += (*mesh)->triangles().triangles.size();
+  }
+  return triangles;
+}
+
 int pieces(int length, int most) { return (length + most - 1) / most; }
 
 }  // namespace
@@ -60,6 +70,12 @@ struct GlRenderer::Impl {
     bool has_grid = false;
   };
   std::unordered_map<const World*, KnownWorld> worlds;
+  struct KnownMesh {
+    std::shared_ptr<const World> world;  // keeps its address from being used again
+    std::uint32_t model;
+    bool has_tree = false;
+  };
+  std::unordered_map<const World*, KnownMesh> meshes;  // worlds of mesh bodies
   std::vector<RenderRequest> requests;
   std::vector<std::uint32_t> order;  // indices of the requests, grouped by kind of camera
   std::vector<FramePart> parts;      // one per camera of the task
@@ -71,7 +87,7 @@ struct GlRenderer::Impl {
     auto found = worlds.find(&world);
     if (found == worlds.end()) {
       worker.task().models.emplace_back(world);
-      found = worlds.emplace(&world, KnownWorld{static_cast<std::uint32_t>(worlds.size())}).first;
+      found = worlds.emplace(&world, KnownWorld{next_model()}).first;
     }
     KnownWorld& known = found->second;
     if (shadows && !known.has_grid) {
@@ -80,6 +96,23 @@ struct GlRenderer::Impl {
     }
     return known.model;
   }
+
+  // The same for the world of a mesh body, with its caster tree.
+  std::uint32_t model_of_mesh(const std::shared_ptr<const World>& world, bool shadows) {
+    auto found = meshes.find(world.get());
+    if (found == meshes.end()) {
+      found = meshes.emplace(world.get(), KnownMesh{world, next_model()}).first;
+      worker.task().models.emplace_back(*world, GlModel::Of::mesh_body);
+    }
+    KnownMesh& known = found->second;
+    if (shadows && !known.has_tree) {
+      worker.task().trees.push_back({known.model, GlCasterTree(*world)});
+      known.has_tree = true;
+    }
+    return known.model;
+  }
+
+  std::uint32_t next_model() const { return static_cast<std::uint32_t>(worlds.size() + meshes.size()); }
 
   // Calls f(round, pixels) for each remaining round, in order, as it arrives.
   template <class F>
@@ -94,6 +127,7 @@ struct GlRenderer::Impl {
     }
     worker.task().models.clear();
     worker.task().grids.clear();
+    worker.task().trees.clear();
   }
 
   void plan();
@@ -141,7 +175,8 @@ void GlRenderer::finish(Workers& workers) {
 
 void GlRenderer::Impl::plan() {
   GlTask& task = worker.task();
-  task.bodies.clear();
+  task.bodies.solids.clear();
+  task.bodies.meshes.clear();
   task.cameras.clear();
   task.rounds.clear();
   parts.clear();
@@ -174,7 +209,7 @@ void GlRenderer::Impl::plan_group(std::span<const std::uint32_t> group) {
   std::int64_t by_size = (worker.is_software() ? kMaxSoftwarePixels : kMaxPixels) / tile_pixels;
   if (worker.is_software()) {  // so that progress is reported every few seconds
     std::size_t triangles = 1;
-    for (const std::uint32_t i : group) triangles = std::max(triangles, requests[i].world->triangles().triangles.size());
+    for (const std::uint32_t i : group) triangles = std::max(triangles, triangles_of(requests[i]));
     by_size = std::min(by_size, static_cast<std::int64_t>(kMaxSoftwareTriangles / triangles));
   }
   const int most =
@@ -182,16 +217,20 @@ void GlRenderer::Impl::plan_group(std::span<const std::uint32_t> group) {
 
   const std::size_t first_camera = task.cameras.size();
   const RenderRequest* last = nullptr;
-  std::size_t first_body = task.bodies.size();
+  std::size_t first_body = 0, first_mesh = 0;
   for (const std::uint32_t i : group) {
     const RenderRequest& request = requests[i];
     // Drones of one env share its bodies.
     if (last == nullptr || last->bodies.shapes.position != request.bodies.shapes.position || last->world != request.world) {
-      first_body = task.bodies.size();
-      append_bodies(request.bodies, *request.world, pass.traits.shadows, task.bodies);
+      first_body = task.bodies.solids.size();
+      first_mesh = task.bodies.meshes.size();
+      append_bodies(
+          request.bodies, *request.world, pass.traits.shadows,
+          [&](const std::shared_ptr<const World>& mesh) { return model_of_mesh(mesh, pass.traits.shadows); }, task.bodies);
     }
     last = &request;
-    const auto num_bodies = static_cast<std::uint32_t>(task.bodies.size() - first_body);
+    const auto num_bodies = static_cast<std::uint32_t>(task.bodies.solids.size() - first_body);
+    const auto num_meshes = static_cast<std::uint32_t>(task.bodies.meshes.size() - first_mesh);
     const std::uint32_t model = model_of(*request.world, pass.traits.shadows);
     for (int row = 0; row < rows; ++row) {
       for (int column = 0; column < columns; ++column) {
@@ -201,7 +240,8 @@ void GlRenderer::Impl::plan_group(std::span<const std::uint32_t> group) {
             {i, left, top, std::min(tile.width, camera.width_px - left), std::min(tile.height, camera.height_px - top)});
         task.cameras.push_back({model, request.position, request.rotation, request.pinhole->fx, request.pinhole->fy,
                                 request.pinhole->cx - static_cast<float>(left), request.pinhole->cy - static_cast<float>(top),
-                                static_cast<std::uint32_t>(first_body), num_bodies});
+                                static_cast<std::uint32_t>(first_body), num_bodies, static_cast<std::uint32_t>(first_mesh),
+                                num_meshes});
       }
     }
   }

@@ -9,7 +9,8 @@
 namespace flockstep::render {
 namespace {
 
-// Declarations shared by all shaders. Tiles are stacked vertically in the atlas. Row 0 of a tile, the top of its image, has
+// Declarations shared by all shaders. For a mesh body, a further Camera describes the camera of a tile in the body's frame
+// instead of the world's. Tiles are stacked vertically in the atlas. Row 0 of a tile, the top of its image, has
 // the lowest y. The ray through a pixel is ray_0 + ray_u u + ray_v v, with u and v taken at the centre of the pixel and
 // counted from the upper left of its tile. The planar depth of this vector is one metre. The depth buffer holds (1 / depth -
 // 1 / far) / (1 / near - 1 / far), which is 1 at the near plane and 0 at the far plane. This value is as accurate as the
@@ -31,7 +32,7 @@ struct Camera {
   vec4 x_cy;        // xyz: the same for the clip x; w: cy, px
   vec4 y_fx;        // xyz: the same for the clip y, within the tile; w: 1 / fx
   vec4 ray_0_fy;    // w: 1 / fy
-  vec4 ray_u_casters;  // w: first entry of BodyCasters for the bodies of this camera's env
+  vec4 ray_u_casters;  // w: first entry of BodyCasters for the bodies of this camera's env; of a mesh body: its PosedMesh
   vec4 ray_v_grid;  // w: index of the sun's grid
   vec4 horizon;  // w: 1 / gamma
   vec4 zenith_glow;
@@ -145,6 +146,23 @@ layout(location = 1) flat out uvec3 tints_ids;  // colours in the sun and in sha
 #ifdef NORMAL
 layout(location = 2) flat out vec3 facing;
 #endif
+#ifdef POSED
+layout(std430, binding = 0) readonly buffer Cameras { Camera cameras[]; };
+// A mesh body seen by a camera: its rotation into the world frame and the light there.
+struct PosedMesh {
+  vec3 axis_x;
+  uint camera;  // number of the camera in the world frame
+  vec3 axis_y;
+  uint ids;
+  vec3 axis_z;
+  float gamma_exponent;
+  vec4 middle;  // ambient light: middle + slope * n.z
+  vec4 slope;
+  vec4 sun;
+  vec4 sun_direction;
+};
+layout(std430, binding = 10) readonly buffer PosedMeshes { PosedMesh posed_meshes[]; };
+#endif
 #ifdef PAINT
 layout(location = 12) in vec2 uv;
 layout(location = 13) in float density;
@@ -172,10 +190,20 @@ void paint(vec3 n, float height) {
   painted_texture_density = vec4(0.0);
   if (paint_number == 0u) return;
   Paint record = paints[paint_number - 1u];
+#ifdef POSED
+  PosedMesh posed = posed_meshes[uint(ray_u_casters.w)];
+  vec3 base = record.sun_cutoff.xyz;
+  vec3 shadowed = record.middle_gamma.xyz + base * (posed.middle.xyz + posed.slope.xyz * n.z);
+  vec3 sunlight = base * posed.sun.xyz * max(0.0, dot(n, posed.sun_direction.xyz));
+  float gamma_exponent = posed.gamma_exponent;
+#else
   vec3 shadowed = record.middle_gamma.xyz + record.slope_texture.xyz * n.z;
+  vec3 sunlight = record.sun_cutoff.xyz * max(0.0, dot(n, record.sun_direction.xyz));
+  float gamma_exponent = record.middle_gamma.w;
+#endif
   lens = vec4(w_cx.w, x_cy.w, y_fx.w, ray_0_fy.w);
-  in_sun_height = vec4(shadowed + record.sun_cutoff.xyz * max(0.0, dot(n, record.sun_direction.xyz)), height);
-  in_shadow_gamma = vec4(shadowed, record.middle_gamma.w);
+  in_sun_height = vec4(shadowed + sunlight, height);
+  in_shadow_gamma = vec4(shadowed, gamma_exponent);
   painted_texture_density = vec4(1.0, record.slope_texture.w, density, record.sun_cutoff.w);
 }
 #endif
@@ -188,15 +216,27 @@ void main() {
   float height = dot(normal, at);
   nearness = vec3(dot(normal, ray_0_fy.xyz), dot(normal, ray_u_casters.xyz), dot(normal, ray_v_grid.xyz)) / height;
   bool front = height < 0.0;
+  vec3 visible = front ? normal : -normal;
+#ifdef POSED
+  PosedMesh posed = posed_meshes[uint(ray_u_casters.w)];
+  visible = mat3(posed.axis_x, posed.axis_y, posed.axis_z) * visible;
+  tints_ids = uvec3(0u, 0u, posed.ids);
+#else
   tints_ids = uvec3(front ? sunlit.x : sunlit.y, front ? shadowy.x : shadowy.y, ids);
+#endif
 #ifdef PAINT
-  paint(front ? normal : -normal, height);
+  paint(visible, height);
 #endif
 #ifdef NORMAL
-  facing = front ? normal : -normal;
+  facing = visible;
 #endif
 #ifdef SHADOWS
+#ifdef POSED
+  Camera camera = cameras[posed.camera];
+  look_at_sun(camera.eye_offset.xyz, camera.ray_0_fy.xyz, camera.ray_u_casters, camera.ray_v_grid);
+#else
   look_at_sun(eye_offset.xyz, ray_0_fy.xyz, ray_u_casters, ray_v_grid);
+#endif
 #endif
 }
 )";
@@ -292,7 +332,7 @@ vec3 texture_color(float depth, vec3 at) {
 #endif
 
 void main() {
-#ifdef MASK
+#if defined(MASK) && defined(PAINT)
   if (is_seen_through()) discard;
 #endif
 #ifdef COLOR
@@ -534,6 +574,15 @@ layout(std430, binding = 6) readonly buffer Casters { mat4 casters[]; };  // col
 layout(location = 10) flat in uint first_body_caster;
 layout(std430, binding = 8) readonly buffer BodyCasters { mat4 body_casters[]; };  // lists with an empty caster at the end
 #endif
+#ifdef MESHES
+struct CasterNode {
+  vec3 low;
+  uint next;
+  vec3 high;
+  uint triangles;
+};
+layout(std430, binding = 9) readonly buffer CasterNodes { CasterNode caster_nodes[]; };
+#endif
 
 #ifdef MASK
 float mask_alpha(uint first, int texel) {
@@ -541,8 +590,8 @@ float mask_alpha(uint first, int texel) {
 }
 
 // Returns whether the sun shines through a triangle at these weights of its second and third corner; see masks.hpp.
-bool is_shone_through(mat4 triangle, float b, float c) {
-  mat4 mask = casters[sun_grid.w + uint(triangle[0].w) - 1u];
+bool is_shone_through(mat4 triangle, float b, float c, uint first_mask) {
+  mat4 mask = casters[first_mask + uint(triangle[0].w) - 1u];
   uvec2 wrap = uvec2(mask[0].zw);
   ivec2 size = ivec2(mask[0].xy);
   uint first = uint(mask[1].x) << 16u | uint(mask[1].y);
@@ -579,6 +628,53 @@ bool is_above(mat4 solid, vec3 p) {
   return inside.x <= inside.y && (kind == 5 ? inside.x : inside.y) >= 0.0;  // a room hides only from outside
 }
 
+#ifdef MESHES
+// Returns whether a triangle of a mesh lies above the point; see GlCasterTree.
+bool mesh_is_above(mat4 mesh, vec3 p) {
+  mat3 to_mesh = transpose(mat3(mesh[1].xyz, mesh[2].xyz, mesh[3].xyz));
+  vec3 d = to_mesh[2];
+  vec3 o = to_mesh * (p - mesh[0].xyz);
+  // Begins where the ray passes the centre of the ball, because numbers are most accurate there. The point lies at `below`.
+  float below = dot(o, d);
+  o -= below * d;
+  float radius = mesh[1].w * 1.0001;
+  if (dot(o, o) > radius * radius || below > radius) return false;
+  vec3 safe = vec3(abs(d.x) > 1e-12 ? d.x : 1e-12, abs(d.y) > 1e-12 ? d.y : 1e-12, abs(d.z) > 1e-12 ? d.z : 1e-12);
+  vec3 slope = 1.0 / safe;
+  uint node = uint(mesh[2].w) << 16u | uint(mesh[3].w);
+  uint end = caster_nodes[node].next;
+  bool hidden = false;
+  while (node < end && !hidden) {
+    CasterNode box = caster_nodes[node];
+    vec3 a = (box.low - o) * slope;
+    vec3 b = (box.high - o) * slope;
+    vec3 enter = min(a, b);
+    vec3 leave = max(a, b);
+    float last = min(leave.x, min(leave.y, leave.z));
+    bool reached = max(enter.x, max(enter.y, enter.z)) <= last && last >= below;
+    uint next = reached ? box.triangles >> 3u : 0u;
+    uint stop = next + (reached ? box.triangles & 7u : 0u);
+    for (; next < stop && !hidden; ++next) {
+      mat4 triangle = casters[next];
+      vec3 from_corner = o - triangle[0].xyz;
+      vec3 to_second = triangle[1].xyz;
+      vec3 to_third = vec3(triangle[1].w, triangle[2].xy);
+      vec3 across = cross(d, to_third);
+      vec3 turned = cross(from_corner, to_second);
+      float area = dot(to_second, across);
+      float b = dot(from_corner, across) / area;
+      float c = dot(d, turned) / area;
+      hidden = area != 0.0 && b >= 0.0 && c >= 0.0 && b + c <= 1.0 && dot(to_third, turned) / area >= below;
+#ifdef MASK
+      if (hidden && triangle[0].w > 0.0) hidden = !is_shone_through(triangle, b, c, 0u);
+#endif
+    }
+    node = reached ? node + 1u : box.next;
+  }
+  return hidden;
+}
+#endif
+
 bool in_shadow(float depth, vec3 at, bool faces_sun) {
   vec3 ray = sun_ray_0_low.xyz + sun_ray_u_cells.xyz * at.y + sun_ray_v * at.z;
   vec3 p = sun_eye_left.xyz + depth * ray;
@@ -599,7 +695,7 @@ bool in_shadow(float depth, vec3 at, bool faces_sun) {
     float c = dot(from_corner, triangle[1].zw);
     hidden = b >= 0.0 && c >= 0.0 && b + c <= 1.0 && triangle[0].z + b * triangle[2].x + c * triangle[2].y > p.z;
 #ifdef MASK
-    if (hidden && triangle[0].w > 0.0) hidden = !is_shone_through(triangle, b, c);
+    if (hidden && triangle[0].w > 0.0) hidden = !is_shone_through(triangle, b, c, sun_grid.w);
 #endif
   }
   for (next = solids; next < end && !hidden; ++next) {
@@ -607,6 +703,12 @@ bool in_shadow(float depth, vec3 at, bool faces_sun) {
   }
 #ifdef BODIES
   for (next = faces_sun ? first_body_caster : 0u; !hidden && body_casters[next][0].w > 0.0; ++next) {
+#ifdef MESHES
+    if (body_casters[next][0].w == 6.0) {
+      hidden = mesh_is_above(body_casters[next], p);
+      continue;
+    }
+#endif
     hidden = is_above(body_casters[next], p);
   }
 #endif
@@ -817,12 +919,14 @@ GlProgram link(const GlShader& vertex, const GlShader& fragment) {
 
 GLuint GlShaders::get(Role role, const ShaderTraits& traits) {
   static constexpr std::array kDefines{
-      "", "#define CYLINDER\n", "#define SPHERE\n", "#define CAPSULE\n", "#define DISC\n", "#define BOX\n", "", ""};
+      "", "#define POSED\n", "#define CYLINDER\n", "#define SPHERE\n", "#define CAPSULE\n", "#define DISC\n", "#define BOX\n", "",
+      ""};
   const std::array flags{traits.writes.color, traits.writes.depth,
                          traits.writes.ids,   traits.writes.normal,
                          traits.shadows,      traits.painted && (traits.writes.color || traits.masked),
                          traits.sun,          traits.masked,
-                         traits.bodies,       traits.fog && traits.writes.color};
+                         traits.bodies,       traits.fog && traits.writes.color,
+                         traits.meshes};
   static const std::array<std::string, flags.size()> kFlagDefines{
       "#define COLOR\n",
       "#define DEPTH\n",
@@ -833,7 +937,8 @@ GLuint GlShaders::get(Role role, const ShaderTraits& traits) {
       "#define SUN\n#define sun_focus " + std::to_string(SunDisc::kFocus) + '\n',
       "#define MASK\n",
       "#define BODIES\n",
-      "#define FOG\n"};
+      "#define FOG\n",
+      "#define MESHES\n"};
   auto key = static_cast<std::uint32_t>(role);
   std::string defines;
   for (std::size_t i = 0; i < flags.size(); ++i) key |= (flags[i] ? 1U : 0U) << (8U + static_cast<std::uint32_t>(i));
@@ -848,6 +953,7 @@ GLuint GlShaders::get(Role role, const ShaderTraits& traits) {
   GlProgram program;
   switch (role) {
     case Role::flat:
+    case Role::posed:
       program = make({kVertexCommon, kFlatVertex}, {kFragmentCommon, kLookup, kLines, kShadows, kFlatFragment});
       break;
     case Role::sky:
@@ -865,6 +971,12 @@ GLuint GlShaders::get(Role role, const ShaderTraits& traits) {
 }
 
 GLuint GlShaders::flat(const ShaderTraits& traits) { return get(Role::flat, traits); }
+
+GLuint GlShaders::posed(const ShaderTraits& all_traits) {
+  ShaderTraits traits = all_traits;
+  traits.painted = true;
+  return get(Role::posed, traits);
+}
 
 GLuint GlShaders::round(RoundKind kind, const ShaderTraits& all_traits) {
   ShaderTraits traits = all_traits;

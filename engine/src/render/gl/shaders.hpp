@@ -24,6 +24,7 @@ struct ShaderTraits {
   Attachments writes;
   bool shadows = false;  // shadows cast by the sun
   bool bodies = false;   // bodies cast shadows, too
+  bool meshes = false;   // some of these are meshes
   bool painted = false;  // some triangles have textures or vertex colours
   bool masked = false;   // some triangles are transparent in places
   bool sun = false;      // the sun is visible in the sky
@@ -46,17 +47,20 @@ inline constexpr GLuint kStartsBinding = 4;
 inline constexpr GLuint kEntriesBinding = 5;
 inline constexpr GLuint kCastersBinding = 6;
 inline constexpr GLuint kBodyCastersBinding = 8;
+inline constexpr GLuint kCasterNodesBinding = 9;
+inline constexpr GLuint kPosedMeshesBinding = 10;
 
 class GlShaders {
  public:
   // Each function throws GlUnavailable if the driver rejects the source.
   GLuint flat(const ShaderTraits& traits);
+  GLuint posed(const ShaderTraits& traits);  // draws the flat geometry of mesh bodies
   GLuint round(RoundKind kind, const ShaderTraits& traits);
   GLuint sky(const ShaderTraits& traits);
   GLuint resolve();  // averages samples
 
  private:
-  enum class Role : std::uint8_t { flat, cylinder, sphere, capsule, disc, box, sky, resolve };
+  enum class Role : std::uint8_t { flat, posed, cylinder, sphere, capsule, disc, box, sky, resolve };
   GLuint get(Role role, const ShaderTraits& traits);
 
   std::unordered_map<std::uint32_t, GlProgram> programs_;

@@ -8,7 +8,6 @@
 #include <span>
 
 #include "render/appearance.hpp"
-#include "trace/masks.hpp"
 
 namespace flockstep::render {
 namespace {
@@ -121,13 +120,7 @@ class Casters {
     caster.rows[0] = row(corner.x(), corner.y(), corner.z(), 0.0);
     caster.rows[1] = row(ac.y() / area, -ac.x() / area, -ab.y() / area, ab.x() / area);
     caster.rows[2] = row(ab.z(), ac.z(), 0.0, 0.0);
-    if (masked != nullptr) {
-      const auto& [first, second, third] = masked->uv;
-      caster.rows[0][3] = static_cast<float>(masked->mask + 1);
-      caster.rows[2][2] = first[0];
-      caster.rows[2][3] = first[1];
-      caster.rows[3] = {second[0] - first[0], second[1] - first[1], third[0] - first[0], third[1] - first[1]};
-    }
+    if (masked != nullptr) caster.set_mask(*masked);
     Shadow shadow{};
     shadow.kind = CasterKind::triangle;
     for (const Vec3d& point : {corner, Vec3d(corner + ab), Vec3d(corner + ac)}) shadow.add_point(point);
@@ -212,24 +205,6 @@ class Casters {
   double margin_ = 0.0;  // m
 };
 
-// Packs four alphas into each number of grid.alphas. Each image starts at a new number.
-void add_masks(const trace::Masks& from, GlSunGrid& grid) {
-  std::map<std::size_t, std::uint32_t> first_of;  // index into grid.alphas, by the first alpha of the mask
-  for (const trace::Masks::Mask& mask : from.masks()) {
-    const auto [first, is_new] = first_of.try_emplace(mask.first, static_cast<std::uint32_t>(grid.alphas.size()));
-    const std::size_t count = static_cast<std::size_t>(mask.width) * static_cast<std::size_t>(mask.height);
-    const std::span<const std::uint8_t> alphas = from.alphas().subspan(mask.first, count);
-    for (std::size_t i = 0; is_new && i < count; ++i) {
-      if (i % 4 == 0) grid.alphas.push_back(0);
-      grid.alphas.back() |= static_cast<std::uint32_t>(alphas[i]) << (8U * static_cast<std::uint32_t>(i % 4));
-    }
-    SunCaster& caster = grid.masks.emplace_back();
-    caster.rows[0] = row(mask.width, mask.height, static_cast<double>(mask.wrap[0]), static_cast<double>(mask.wrap[1]));
-    caster.rows[1][2] = mask.cutoff;
-    caster.begin_alphas(first->second);
-  }
-}
-
 }  // namespace
 
 Mat3d sun_rotation(const Light& light) {
@@ -254,6 +229,44 @@ SunCaster make_caster(const Primitive& primitive, const Mat3d& to_sun) {
   return caster;
 }
 
+SunCaster make_mesh_caster(const Vec3& position, const Mat3& rotation, float radius, const Mat3d& to_sun) {
+  const Vec3d center = to_sun * position.cast<double>();
+  const Mat3d to_own = to_sun * rotation.cast<double>();
+  SunCaster caster;
+  caster.rows[0] = row(center.x(), center.y(), center.z(), static_cast<double>(CasterKind::mesh));
+  for (Eigen::Index i = 0; i < 3; ++i) {
+    caster.rows[static_cast<std::size_t>(i) + 1] = row(to_own(0, i), to_own(1, i), to_own(2, i), 0.0);
+  }
+  caster.rows[1][3] = radius;
+  return caster;
+}
+
+void SunCaster::set_mask(const trace::Masks::Triangle& masked) {
+  const auto& [first, second, third] = masked.uv;
+  rows[0][3] = static_cast<float>(masked.mask + 1);
+  rows[2][2] = first[0];
+  rows[2][3] = first[1];
+  rows[3] = {second[0] - first[0], second[1] - first[1], third[0] - first[0], third[1] - first[1]};
+}
+
+// Packs four alphas into each number. Each image starts at a new number.
+SunMasks::SunMasks(const trace::Masks& from) {
+  std::map<std::size_t, std::uint32_t> first_of;  // index into alphas, by the first alpha of the mask
+  for (const trace::Masks::Mask& mask : from.masks()) {
+    const auto [first, is_new] = first_of.try_emplace(mask.first, static_cast<std::uint32_t>(alphas.size()));
+    const std::size_t count = static_cast<std::size_t>(mask.width) * static_cast<std::size_t>(mask.height);
+    const std::span<const std::uint8_t> image = from.alphas().subspan(mask.first, count);
+    for (std::size_t i = 0; is_new && i < count; ++i) {
+      if (i % 4 == 0) alphas.push_back(0);
+      alphas.back() |= static_cast<std::uint32_t>(image[i]) << (8U * static_cast<std::uint32_t>(i % 4));
+    }
+    SunCaster& caster = masks.emplace_back();
+    caster.rows[0] = row(mask.width, mask.height, static_cast<double>(mask.wrap[0]), static_cast<double>(mask.wrap[1]));
+    caster.rows[1][2] = mask.cutoff;
+    caster.begin_alphas(first->second);
+  }
+}
+
 GlSunGrid::GlSunGrid(const World& world) {
   const Mat3d rotation = sun_rotation(world.light());
   to_sun = rotation.cast<float>();
@@ -273,7 +286,7 @@ GlSunGrid::GlSunGrid(const World& world) {
     all.add(corner(0), corner(1), corner(2), seen_through.find(i));
   }
   all.finish();
-  add_masks(seen_through, *this);
+  masks = SunMasks(seen_through);
 }
 
 }  // namespace flockstep::render

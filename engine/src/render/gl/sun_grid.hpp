@@ -12,11 +12,12 @@
 
 #include "flockstep/pose.hpp"
 #include "flockstep/world.hpp"
+#include "trace/masks.hpp"
 
 namespace flockstep::render {
 
-// A plane counts as a box, and a disc as a cylinder without thickness.
-enum class CasterKind : std::uint8_t { triangle, box, cylinder, sphere, capsule, room };
+// A plane counts as a box, and a disc as a cylinder without thickness. Only bodies are meshes.
+enum class CasterKind : std::uint8_t { triangle, box, cylinder, sphere, capsule, room, mesh };
 
 // Each cell has a list of triangles and a list of solids.
 inline constexpr std::size_t kNumLists = 2;
@@ -28,15 +29,33 @@ inline constexpr std::size_t kNumLists = 2;
 // Mask: the size of the texture and how it wraps; the upper and the lower half of the index of its first alpha, and the
 // cutoff.
 // Solid: its centre and its kind; the rows of the rotation into its own frame, each with the half extent along that axis.
+// Mesh: as a solid, but instead of half extents the radius of its ball, and the upper and the lower half of the index of its
+// first CasterNode.
 struct SunCaster {
   std::array<std::array<float, 4>, 4> rows{};
 
+  // Sets the mask of a triangle.
+  void set_mask(const trace::Masks::Triangle& masked);
   // Adds an offset to the index of the first alpha of a mask.
   void begin_alphas(std::uint32_t by) {
     const std::uint32_t first = (static_cast<std::uint32_t>(rows[1][0]) << 16U | static_cast<std::uint32_t>(rows[1][1])) + by;
     rows[1][0] = static_cast<float>(first >> 16U);
     rows[1][1] = static_cast<float>(first & 0xFFFFU);
   }
+  // Sets the first node of a mesh.
+  void begin_nodes(std::uint32_t first) {
+    rows[2][3] = static_cast<float>(first >> 16U);
+    rows[3][3] = static_cast<float>(first & 0xFFFFU);
+  }
+};
+
+// The masks of triangles that cast shadows.
+struct SunMasks {
+  SunMasks() = default;
+  explicit SunMasks(const trace::Masks& from);
+
+  std::vector<SunCaster> masks;
+  std::vector<std::uint32_t> alphas;  // of the mask textures, row by row; four per number, from the lowest byte on
 };
 
 // Returns the rotation from the world frame to the sun's frame.
@@ -44,6 +63,8 @@ Eigen::Matrix3d sun_rotation(const Light& light);
 
 // Returns the caster of a primitive. to_sun: see sun_rotation().
 SunCaster make_caster(const Primitive& primitive, const Eigen::Matrix3d& to_sun);
+// Returns the caster of a mesh body, without its nodes.
+SunCaster make_mesh_caster(const Vec3& position, const Mat3& rotation, float radius, const Eigen::Matrix3d& to_sun);
 
 struct GlSunGrid {
   explicit GlSunGrid(const World& world);
@@ -55,8 +76,7 @@ struct GlSunGrid {
   std::vector<std::uint32_t> starts;   // first entry of each list of each cell, then the end of the last list
   std::vector<std::uint32_t> entries;  // indices into casters
   std::vector<SunCaster> casters;
-  std::vector<SunCaster> masks;
-  std::vector<std::uint32_t> alphas;  // of the mask textures, row by row; four per number, from the lowest byte on
+  SunMasks masks;
 };
 
 }  // namespace flockstep::render

@@ -228,6 +228,10 @@ struct GlWorker::Device {
         painter.add(grid.model, grid.grid);
         s.give_sign();
       }
+      for (const GlModelTree& tree : s.task.trees) {
+        painter.add(tree.model, tree.tree);
+        s.give_sign();
+      }
       const std::size_t count = s.task.rounds.size();
       for (std::size_t round = 0; round < count; ++round) {
         {

@@ -11,6 +11,7 @@
 
 #include "render/gl/atlas.hpp"
 #include "render/gl/bodies.hpp"
+#include "render/gl/caster_tree.hpp"
 #include "render/gl/model.hpp"
 #include "render/gl/painter.hpp"
 #include "render/gl/sun_grid.hpp"
@@ -31,11 +32,18 @@ struct GlModelGrid {
   GlSunGrid grid;
 };
 
+// The caster tree of the model of a mesh body.
+struct GlModelTree {
+  std::uint32_t model;
+  GlCasterTree tree;
+};
+
 struct GlTask {
   bool forgets_models = false;     // those of earlier tasks; cleared by the thread
   std::vector<GlModel> models;     // added first
   std::vector<GlModelGrid> grids;  // added after the models
-  std::vector<GlBody> bodies;      // of the cameras' envs
+  std::vector<GlModelTree> trees;  // added after the models
+  GlBodies bodies;                 // of the cameras' envs
   std::vector<TileCamera> cameras;
   std::vector<GlRound> rounds;
 };
