@@ -640,8 +640,6 @@ TEST_P(BodyImagesOf, MeshesLookLikeStandingTriangles) {
   EXPECT_LE(static_cast<double>(seen.deep), 0.001 * static_cast<double>(seen.inner));
   EXPECT_LE(static_cast<double>(seen.turned), 0.001 * static_cast<double>(seen.inner));
   EXPECT_LE(static_cast<double>(seen.different), 0.002 * static_cast<double>(seen.inner));  // at edges of shadows
-  std::printf("inner %zu of %zu, ids %zu, deep %zu, turned %zu, different %zu\n", seen.inner, seen.pixels,
-              seen.pixels - seen.same_ids, seen.deep, seen.turned, seen.different);
 }
 
 // The sun shines through the holes of a mesh and past its edge.
@@ -727,8 +725,6 @@ TEST(BodyImages, GlShowsMeshesAsRaycastDoes) {
         EXPECT_LE(static_cast<double>(seen.deep), 0.001 * static_cast<double>(seen.inner));
         EXPECT_LE(static_cast<double>(seen.turned), 0.001 * static_cast<double>(seen.inner));
         EXPECT_LE(static_cast<double>(seen.different), 0.01 * static_cast<double>(seen.inner));
-        std::printf("%zu %d %d: inner %zu of %zu, ids %zu, deep %zu, turned %zu, different %zu\n", count, shadows, samples,
-                    seen.inner, seen.pixels, seen.pixels - seen.same_ids, seen.deep, seen.turned, seen.different);
       }
     }
   }
