@@ -1,4 +1,4 @@
-"""Costs of bodies: the LiDAR task and cameras among bodies that move, and a tick of each script.
+"""Costs of bodies: scans, the LiDAR task and cameras among bodies that move, and a tick of each script.
 
 One thread, in processor time. The variants that are compared alternate.
 """
@@ -28,6 +28,7 @@ Measured = tuple[str, float, str, int]  # name, value, unit, runs
 
 
 def measure() -> Iterator[Measured]:
+    yield from scans()
     yield from lidar_task()
     yield from cameras()
     yield from scripts()
@@ -85,6 +86,31 @@ def with_bodies(travel_m: float) -> flockstep.World:
         travel = [travel_m * np.cos(angle), travel_m * np.sin(angle), 0]
         bodies.append(BodyConfig(**solid, motion=BodyMotion(kind="slider", travel_m=travel, period_s=4)))
     return hall().with_bodies(bodies)
+
+
+def scans() -> Iterator[Measured]:
+    """Scan with the default LiDAR from places between the solids, without moving anything meanwhile."""
+    random = np.random.default_rng(2)
+    places = np.full((DRONES, 3), 1.5, np.float32)
+    places[:, :2] = 2.5 * random.integers(1, SIDE, (DRONES, 2))
+    worlds = {"none": hall(), "static": standing(), "moving": with_bodies(0.3)}
+    lidar = flockstep.LidarConfig()
+    batches = {name: flockstep.Batch([world], DRONES, lidar=lidar, num_threads=1) for name, world in worlds.items()}
+    for batch in batches.values():
+        for _ in range(7):  # the bodies leave their initial places
+            batch.move(places)
+        batch.set_pose(places)
+    times: dict[str, list[float]] = {name: [] for name in batches}
+    for run in range(RUNS + 1):
+        for name, batch in batches.items():
+            took = seconds(lambda batch=batch: [batch.sense() for _ in range(STEPS)])
+            if run > 0:  # the first one warms up
+                times[name].append(took / STEPS)
+    for name in batches:
+        yield f"bodies/scans/{name}/scans_per_second", DRONES / statistics.median(times[name]), "1/s", RUNS
+    for name in ("none", "moving"):
+        ratio = statistics.median(a / b for a, b in zip(times["static"], times[name], strict=True))
+        yield f"bodies/scans/{name}/ratio_to_static", ratio, "1", RUNS
 
 
 def lidar_task() -> Iterator[Measured]:

@@ -18,7 +18,8 @@ server  round trips of the clients against bare echoes, a remote vector environm
 scaling steps, frames and trainings with 1, 2, 4, ... threads, up to one per processor; only if named
 imaging cost of colour detection, HSV and smaller images, in our kernels and in OpenCV
 race    steps of Race, with gates that are solid and with gates that are not
-bodies  steps of the LiDAR task and frames among bodies and beside the same solids in the static world; ticks of scripts
+bodies  scans, steps and frames among bodies and beside the same solids in the static world; ticks of scripts
+dodge   trainings of Dodge with three seeds, among bodies and without them; only if named, takes half an hour
 workers start of a trainer's worker: import, worlds, first scan, step and frame, memory; by spawn, by fork, by pickle
 engines steps of DDP, TorchRL's collectors and RLlib with 1, 2, 4, ... processes: rate, time, bytes; only if named
 plan    paths from start to goal in every bundled world and twenty of each generator: processor time and length
@@ -384,6 +385,12 @@ def bench_race() -> list[Figure]:
     return [figure(*measured) for measured in race.measure()]
 
 
+def bench_dodge() -> list[Figure]:
+    import dodge
+
+    return [figure(*measured) for measured in dodge.measure()]
+
+
 def bench_bodies() -> list[Figure]:
     return [figure(*measured) for measured in bodies.measure()]
 
@@ -526,6 +533,7 @@ BENCHES: dict[str, Callable[[], list[Figure]]] = {
     "plan": bench_plan,
     "race": bench_race,
     "bodies": bench_bodies,
+    "dodge": bench_dodge,
     "workers": bench_workers,
     "engines": bench_engines,
     "server": bench_server,
@@ -536,7 +544,7 @@ BENCHES: dict[str, Callable[[], list[Figure]]] = {
     "mesh_peers": bench_mesh_peers,
 }
 #: Benchmarks that run only if named.
-APART = ("board", "busy", "engines", "scaling", "dynamics_peers", "mesh_peers")
+APART = ("board", "busy", "dodge", "engines", "scaling", "dynamics_peers", "mesh_peers")
 
 
 def machine() -> dict[str, Any]:

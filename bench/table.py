@@ -57,6 +57,7 @@ APART = (
     "plan",
     "race",
     "bodies",
+    "dodge",
     "dynamics_accuracy",
     "dynamics_peers",
     "mesh_peers",
@@ -76,6 +77,7 @@ SEVERAL = ROOT / "docs" / "several-machines.md"
 OWN_WORLD = ROOT / "docs" / "own-world.md"
 DYNAMICS = ROOT / "docs" / "dynamics.md"
 RACE = ROOT / "docs" / "race.md"
+DODGE = ROOT / "docs" / "dodge.md"
 LIVING_WORLDS = ROOT / "docs" / "living-worlds.md"
 FLIGHT_TASKS = ROOT / "docs" / "flight-tasks.md"
 BOARD = ROOT / "docs" / "board.md"
@@ -696,8 +698,13 @@ def races(results: dict[str, Result]) -> str:
 
 
 def bodies(results: dict[str, Result]) -> str:
-    """Return the tables of the costs of bodies: steps of the LiDAR task, camera frames, and a tick of each script."""
+    """Return the tables of the costs of bodies: scans, steps, camera frames, and a tick of each script."""
     rows = {
+        "scans": {
+            "none": "an empty hall",
+            "static": "64 solids in the static world",
+            "moving": "64 bodies that have moved",
+        },
         "lidar_task": {
             "none": "an empty hall",
             "static": "64 solids in the static world",
@@ -712,11 +719,16 @@ def bodies(results: dict[str, Result]) -> str:
         },
     }
     heads = {
+        "scans_per_second": "scans per second",
         "steps_per_second": "steps per second",
         "frames_per_second": "frames per second",
         "ratio_to_static": "speed relative to the static world",
     }
-    corners = {"lidar_task": "1,024 drones", "cameras": "64 x 64 pixels of colour and depth"}
+    corners = {
+        "scans": "35 beams, 1,024 drones",
+        "lidar_task": "whole steps of 1,024 drones",
+        "cameras": "64 x 64 pixels of colour and depth",
+    }
     tables = []
     for subject, variants in rows.items():
         cells = {
@@ -729,6 +741,27 @@ def bodies(results: dict[str, Result]) -> str:
         for (script,), f in named(results, "bodies", r"bodies/script/([^/]+)/ns_per_tick")
     }
     return with_source(results, "bodies", "\n".join([*tables, pivot(scripts, "script")]))
+
+
+def dodge(results: dict[str, Result]) -> str:
+    """Return the table of the trainings of Dodge beside the straight flyer."""
+    heads = {
+        "success": "success",
+        "success_in_playgrounds": "in playgrounds",
+        "success_in_warehouses": "in warehouses",
+        "contacts_per_minute": "contacts per minute",
+        "training_s": "training",
+    }
+    rows = {"living": "trained among bodies", "still": "trained without bodies"}
+    cells = {}
+    for (who, what), f in named(results, "dodge", r"dodge/(straight|\w+/\d)/(\w+)"):
+        kind, _, seed = who.partition("/")
+        row = f"{rows[kind]}, seed {seed}" if seed else "flies straight to the goal"
+        value = f["value"]
+        cells[row, heads[what]] = (
+            seconds(value) if what == "training_s" else f"{value:.2f}" if "minute" in what else percent_1(value)
+        )
+    return with_source(results, "dodge", pivot(cells, "1,000 flights"))
 
 
 def imaging(results: dict[str, Result]) -> str:
@@ -983,6 +1016,7 @@ def main() -> None:
             "race board",
             race_board(results),
         ),
+        DODGE: with_content(DODGE.read_text(encoding="utf-8"), "dodge", dodge(results)),
         LIVING_WORLDS: with_content(LIVING_WORLDS.read_text(encoding="utf-8"), "bodies", bodies(results)),
         TRAINERS: with_content(TRAINERS.read_text(encoding="utf-8"), "trainers", trainers(results)),
         SEVERAL: SEVERAL.read_text(encoding="utf-8"),

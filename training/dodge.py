@@ -24,14 +24,15 @@ MOST_STEPS = 400
 #: Number of worlds of each kind, for training. A warehouse takes about 20 MB.
 WORLDS: dict[Kind, int] = {"playground": 200, "warehouse": 16}
 UNSEEN_WAREHOUSES = 16  # of the flights that judge
-#: A first recipe, not tuned: one training with seed 100, among other bodies than those of `worlds`, led to it.
-NUM_ENVS, STEPS = 512, 8_000_000
+REPEATS = 12  # of the warehouses in the list, so that about half of the episodes are there
+#: Found with the seeds 100 and 101.
+NUM_ENVS, STEPS = 512, 24_000_000
 SETTINGS: dict[str, Any] = {
     "n_steps": 32,
     "batch_size": 2048,
     "n_epochs": 4,
     "learning_rate": 1e-3,
-    "gamma": 0.98,
+    "gamma": 0.99,
     "policy_kwargs": {"net_arch": [128, 128], "log_std_init": -0.7},
 }
 
@@ -49,6 +50,10 @@ class Dodge:
     by_body: Array
     """(N,) bool: touched a body."""
 
+    def of(self, kind: Kind) -> Array:
+        """Return which flights were in worlds of a kind: (N,) bool."""
+        return (np.arange(len(self.success)) % 2 == 0) == (kind == "playground")
+
     @property
     def crashes_per_minute(self) -> float:
         """Return the number of contacts per minute of flight."""
@@ -61,11 +66,10 @@ def world(kind: Kind, seed: int) -> flockstep.World:
     return flockstep.World.load(f"living_{kind}/seed-{seed}")
 
 
+@functools.cache
 def still(living: flockstep.World) -> flockstep.World:
     """Return a world without its bodies."""
-    scene = living.to_dict()
-    scene.pop("bodies", None)
-    return flockstep.World.from_dict(scene)
+    return living.with_bodies([])
 
 
 def worlds(seeds: range, counts: dict[Kind, int]) -> list[flockstep.World]:
@@ -75,7 +79,8 @@ def worlds(seeds: range, counts: dict[Kind, int]) -> list[flockstep.World]:
 
 def make(num_envs: int, threads: int, *, living: bool = True) -> flockstep.DroneVectorEnv:
     """Make the environments for training, in living worlds or in the same worlds without bodies."""
-    made = worlds(TRAINING_SEEDS, WORLDS)
+    made = worlds(TRAINING_SEEDS, {"playground": WORLDS["playground"]})
+    made += REPEATS * worlds(TRAINING_SEEDS, {"warehouse": WORLDS["warehouse"]})
     return flockstep.DroneVectorEnv(
         num_envs,
         task=flockstep.DodgeConfig(),

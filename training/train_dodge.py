@@ -41,6 +41,8 @@ def judge(predict: dodge.Predict, flights: int, seed: int) -> Verdict:
     """Fly once in each of several living worlds."""
     flown = dodge.fly(predict, flights, seed)
     figures = {"contacts_per_minute": flown.crashes_per_minute}
+    for kind in dodge.WORLDS:
+        figures[f"success_in_{kind}s"] = float(flown.success[flown.of(kind)].mean())
     return Verdict(float(flown.success.mean()), float(flown.crashed.mean()), figures)
 
 

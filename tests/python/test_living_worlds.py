@@ -79,7 +79,7 @@ class TestWorlds:
         ("bodies", "message"),
         [
             ([{"motion": {"period_s": -1}}], r"bodies\[0\]\.motion\.period_s: expected a"),
-            ([{}, {"shape": "cube"}], r"bodies\[1\]\.shape: expected one of box, cylinder, sphere, capsule, mesh, got cube"),
+            ([{}, {"shape": "cube"}], r"bodies\[1\]\.shape: expected one of .* capsule, mesh, got cube"),
             ([{"motoin": {}}], r"bodies\[0\]\.motoin: expected one of .*[Dd]id you mean"),
             ({"size_m": [1, 1, 1]}, r"/bodies: expected an array"),
         ],

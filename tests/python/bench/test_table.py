@@ -291,6 +291,20 @@ def test_the_table_of_race_steps():
     assert "| 10 ticks | 0.42 us |  |" in written
 
 
+def test_the_trainings_of_dodge():
+    values = {
+        "straight/success": (0.2, "1"),
+        "straight/contacts_per_minute": (15.123, "1/min"),
+        "living/0/success": (0.8125, "1"),
+        "living/0/training_s": (251.0, "s"),
+    }
+    figures = [{"name": f"dodge/{name}", "value": v, "unit": unit, "runs": 1} for name, (v, unit) in values.items()]
+    written = table.dodge({"dodge": result(figures=figures)})
+    assert "| 1,000 flights | success | contacts per minute | training |" in written
+    assert "| flies straight to the goal | 20.0 % | 15.12 |  |" in written
+    assert "| trained among bodies, seed 0 | 81.2 % |  | 251 s |" in written
+
+
 def test_the_costs_of_bodies():
     values = {
         "lidar_task/static/steps_per_second": (2_000_000.0, "1/s"),
