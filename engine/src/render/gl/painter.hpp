@@ -161,7 +161,7 @@ class GlPainter {
   std::array<std::vector<RoundShape>, kNumRoundKinds> body_shapes_;
   // Lists of the casters among the bodies, each with an empty caster at its end. The first list is empty.
   std::vector<SunCaster> caster_lists_;
-  // For the last list: its first solid, its first mesh, its first caster.
+  // The first solid, the first mesh and the first caster of the last list.
   std::uint32_t listed_body_ = 0, listed_mesh_ = 0, last_list_ = 0;
   bool meshes_cast_ = false;  // some caster in the lists is a mesh
   std::vector<std::uint32_t> sky_cameras_;
