@@ -92,7 +92,12 @@ class TestWorlds:
         assert len(flockstep.World.playground(1, movers=3).bodies) == 3
         assert flockstep.World.playground(1).bodies == []
         assert len(flockstep.World.warehouse(1, forklifts=2).bodies) == 2
-        assert len(flockstep.World.office(1, walkers=2).bodies) == 2
+        names = [body.name for body in flockstep.World.office(1, walkers=2).bodies]
+        assert names.count("walker") == 2
+        assert names.count("door") > 5
+        cars = flockstep.World.city(1, traffic=3).bodies
+        assert [car.name for car in cars] == ["car"] * 3
+        assert all(car.mesh is not None for car in cars)
 
 
 class TestBatches:

@@ -119,7 +119,9 @@ struct OfficeConfig {
         field("furniture", &C::furniture, {.about = "Density of the furniture.", .limits = between(0, 1)}),
         field("waypoints", &C::waypoints, {.about = "Place a waypoint on either side of each door of the path."}),
         field("walkers", &C::walkers,
-              {.about = "Number of people that walk up and down; fewer if not all find a free way.", .limits = between(0, 200)}));
+              {.about = "Number of people that walk up and down; fewer if not all find a free way. If there are any, the open "
+                        "doors swing.",
+               .limits = between(0, 200)}));
   }
 
   FLOCKSTEP_API void validate() const;
