@@ -490,9 +490,10 @@ def test_light_of_envs(client, batch):
             client.set_light(envs=envs, **change)
     with pytest.raises(ServerError, match="env: expected an index below 4, got 9"):
         client.get_light(env=9)
-    for change, match in (({"gamma": np.nan}, "gamma: expected finite"), ({"sun_glow": "much"}, "sun_glow")):
-        with pytest.raises(ValueError, match=match):
-            client.set_light(envs=[0], **change)
+    with pytest.raises(ValueError, match="gamma: expected finite numbers"):
+        client.set_light(envs=[0], gamma=np.nan)
+    with pytest.raises(TypeError, match="sun_glow: expected numbers"):
+        client.set_light(envs=[0], sun_glow="much")
     with pytest.raises(ValueError, match="envs: expected at least one index"):
         client.set_light(envs=[], gamma=1.5)
     assert batch.snapshot() == before

@@ -82,7 +82,7 @@ def finite(name: str, values: npt.ArrayLike, size: int) -> list[float]:
     """Return ``size`` finite numbers. In messages, servers refuse other numbers like malformed bytes."""
     try:
         numbers = [] if isinstance(values, str) else [*map(float, values)]  # type: ignore[arg-type] # faster than NumPy
-    except TypeError:
+    except (TypeError, ValueError):
         numbers = []
     if len(numbers) != size:
         numbers = floats(name, values, size).tolist()
