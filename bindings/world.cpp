@@ -314,6 +314,14 @@ void register_world(py::module_& module) {
       .def(
           "save", [](const World& world, const std::filesystem::path& path) { released([&] { world.save(path); }); },
           py::arg("path"))
+      .def("to_glb", [](const World& world) { return py::bytes(released([&] { return world.to_glb(); })); })
+      .def_static(
+          "from_glb",
+          [](const py::bytes& data) {
+            const std::string bytes = data;
+            return std::const_pointer_cast<World>(released([&] { return World::from_glb(bytes, "data"); }));
+          },
+          py::arg("data"))
       .def("mesh", &mesh, py::arg("chord_error_m") = 1e-3F)
       .def("raycast", &raycast, py::arg("origins"), py::arg("directions"), py::arg("max_range_m"))
       .def("__copy__", [](const py::object& self) { return self; })  // immutable

@@ -2075,6 +2075,19 @@ class World:
             The suffix is not one of these, the path cannot be written, or the world exceeds the glTF limit of 1 GiB.
         """
 
+    def to_glb(self) -> bytes:
+        """Return the bytes of a ``.glb`` file, which `from_glb` reads back as an equal world."""
+
+    @staticmethod
+    def from_glb(data: bytes) -> World:
+        """Read the bytes of a ``.glb`` file, which must not refer to other files.
+
+        Raises
+        ------
+        ValueError
+            The bytes are not such a file.
+        """
+
     def mesh(self, chord_error_m: float = 1e-3) -> dict[str, npt.NDArray[Any]]:
         """Return all geometry as triangles.
 

@@ -315,6 +315,20 @@ class TestFiles:
         twice = World.load(tmp_path / f"world.{suffix}", scale=2.0)
         np.testing.assert_allclose(twice.bodies[0].mesh.bounds, 2 * np.array(mesh.bounds), rtol=1e-6)
 
+    def test_worlds_as_bytes_of_files(self):
+        world = room_with()
+        data = world.to_glb()
+        assert data.startswith(b"glTF")
+        assert World.from_glb(data).to_dict() == world.to_dict()
+        for bad, message in [(b"", "data: "), (data[:100], "data: "), (b'{"asset": {"version": "2.0"}}', "data: ")]:
+            with pytest.raises(ValueError, match=message):
+                World.from_glb(bad)
+        outside = json.dumps(
+            {"asset": {"version": "2.0"}, "buffers": [{"uri": "/etc/passwd", "byteLength": 4}]}
+        ).encode()
+        with pytest.raises(ValueError, match=r"expected a data: URI, because data is no file, got \"/etc/passwd\""):
+            World.from_glb(outside)
+
     def test_a_mesh_in_a_file_of_its_own(self, tmp_path):
         (tmp_path / "meshes").mkdir()
         star_world().save(tmp_path / "meshes" / "star.glb")

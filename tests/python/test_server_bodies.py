@@ -125,6 +125,19 @@ def test_configurations(client, batch):
     assert client.get_body_configs(np.array([3])) == expected[3:]
 
 
+def test_a_mesh(room, connect):
+    builder = flockstep.WorldBuilder("wedge")
+    material = builder.material("red", (0.7, 0.1, 0.1))
+    corners = [[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]]
+    builder.mesh(corners, [[0, 2, 1], [0, 1, 3], [1, 2, 3], [2, 0, 3]], material)
+    wedge = BodyConfig(shape="mesh", mesh=builder.build(), position_m=[5, 5, 1])
+    batch = make(room)
+    with flockstep.serve(batch, port=0) as server, connect(server.address) as client:
+        client.spawn_bodies(wedge)
+        assert batch.bodies.config(0, 1) == wedge
+        assert client.get_body_configs()[0][1] == wedge
+
+
 def test_the_server_tells_the_rows_of_arrays(client, room, connect):
     assert client.info.bodies_per_env == 3
     rows = client.info.array_rows

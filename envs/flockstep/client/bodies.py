@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import base64
 import json
 from collections.abc import Iterable
 from operator import index
@@ -10,7 +11,7 @@ from typing import Any, Protocol, TypeVar
 import numpy as np
 import numpy.typing as npt
 
-from flockstep._core import BodyConfig, BodyMotion
+from flockstep._core import BodyConfig, BodyMotion, World
 from flockstep.client import protocol_pb2 as pb
 from flockstep.client import readers
 from flockstep.client.call import Call, floats, given
@@ -18,6 +19,8 @@ from flockstep.client.frames import Arrays
 from flockstep.client.results import Time
 
 T = TypeVar("T")
+
+_GLB_URI = "data:model/gltf-binary;base64,"  # begins a mesh in JSON
 
 
 class _Caller(Protocol):
@@ -190,6 +193,8 @@ def _plain(value: Any) -> Any:
     """Return a configuration as JSON values."""
     if isinstance(value, (BodyConfig, BodyMotion)):
         return {name: _plain(getattr(value, name)) for name in type(value).__match_args__}
+    if isinstance(value, World):
+        return _GLB_URI + base64.b64encode(value.to_glb()).decode()
     if isinstance(value, (list, tuple)):
         return [_plain(part) for part in value]
     return value.tolist() if isinstance(value, (np.ndarray, np.generic)) else value
@@ -197,6 +202,8 @@ def _plain(value: Any) -> Any:
 
 def _body(text: str) -> BodyConfig:
     fields = json.loads(text)
+    if (mesh := fields.get("mesh")) is not None:
+        fields["mesh"] = World.from_glb(base64.b64decode(mesh.removeprefix(_GLB_URI)))
     return BodyConfig(**{**fields, "motion": BodyMotion(**fields["motion"])})
 
 
