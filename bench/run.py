@@ -19,7 +19,7 @@ scaling steps, frames and trainings with 1, 2, 4, ... threads, up to one per pro
 imaging cost of colour detection, HSV and smaller images, in our kernels and in OpenCV
 race    steps of Race, with gates that are solid and with gates that are not
 bodies  scans, steps and frames among bodies and beside the same solids in the static world; ticks of scripts
-dodge   trainings of Dodge with three seeds, among bodies and without them; only if named, takes half an hour
+dodge   trainings of Dodge with three seeds among bodies and one without them; only if named
 workers start of a trainer's worker: import, worlds, first scan, step and frame, memory; by spawn, by fork, by pickle
 engines steps of DDP, TorchRL's collectors and RLlib with 1, 2, 4, ... processes: rate, time, bytes; only if named
 plan    paths from start to goal in every bundled world and twenty of each generator: processor time and length
