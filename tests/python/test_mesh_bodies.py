@@ -3,6 +3,7 @@
 import json
 import pickle
 
+import gymnasium as gym
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
@@ -375,6 +376,15 @@ class TestFiles:
                 batch_with([BodyConfig(shape="mesh", mesh=mesh)])
         with pytest.raises(TypeError, match=r"mesh: expected a flockstep.World or None, got 3"):
             BodyConfig(mesh=3)
+
+    def test_recipes_and_specifications_keep_meshes(self):
+        body = BodyConfig(shape="mesh", mesh=star_world(), position_m=[1, 1, 2])
+        envs = gym.make_vec("flockstep/LidarNavigation-v0", num_envs=2, bodies=[body])
+        recipe = envs.unwrapped.recipe
+        assert flockstep.Recipe.from_json(recipe.to_json()).bodies == [body]
+        again = gym.make_vec(envs.spec)
+        assert again.unwrapped.batch.bodies.config(1, 0) == body
+        assert json.loads(envs.spec.to_json())["kwargs"]["bodies"]
 
     def test_snapshots_keep_spawned_meshes(self):
         lidar = LidarConfig(beams=36, hfov_deg=360, max_range_m=8)
