@@ -36,7 +36,7 @@ class Args:
     """Time after which the drone passes where the car was."""
     above_m: float = 2.8
     """Height above the street."""
-    seconds: float = 12.0
+    seconds: float = 9.0
     """Length of the film."""
     seed: int = 0
     """Seed of the episode."""
@@ -44,7 +44,7 @@ class Args:
     """The film."""
     width_px: int = 480
     """Width of the film; its height is 9/16 of that."""
-    quality: int = 40
+    quality: int = 34
     """Quality of the pictures, 0 to 100."""
 
 
