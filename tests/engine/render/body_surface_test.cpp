@@ -699,6 +699,38 @@ TEST_P(BodyImagesOf, MeshesCastShadowsAndReceiveThem) {
   EXPECT_LT(look_down(under_panel).first, sunny.first - 20);
 }
 
+// Meshes are copied to the device again after it has discarded all worlds, also if the world has been replaced by another one.
+TEST_P(BodyImagesOf, MeshesReturnAfterWorldsAreForgotten) {
+  Random random(397);
+  const auto models = mesh_models(random);
+  const std::vector<SceneDescription> scenes = sceneries(random);
+  Crowd crowd;
+  for (std::size_t i = 0; i < 8; ++i) crowd.add_mesh(*models[i % models.size()], random.point(3.0F), random.rotation());
+  const Vec3 position(-5, 0, 1);
+  const Mat3 rotation = facing({1, 0, 0}, -position).toRotationMatrix();
+  const auto look_at = [&](const World& world) {
+    Shot shot(camera_with(true, 1));
+    shot.take(*renderer_, workers_, shot.request(world, position, rotation, crowd.view()));
+    return shot;
+  };
+  std::vector<Shot> before;
+  for (const SceneDescription& scene : scenes) {
+    before.push_back(look_at(*worlds_.emplace_back(std::make_shared<const World>(scene))));
+  }
+  EXPECT_FALSE(same_bytes(before[0].rgb, before[2].rgb));
+  for (int i = 0; i < 3; ++i) {
+    renderer_->forget_worlds();
+    worlds_.clear();
+    for (const std::size_t number : {2U, 0U, 3U, 1U}) {
+      const Shot after = look_at(*worlds_.emplace_back(std::make_shared<const World>(scenes[number])));
+      EXPECT_TRUE(same_bytes(after.rgb, before[number].rgb)) << i << ' ' << number;
+      EXPECT_TRUE(same_bytes(after.depth, before[number].depth)) << i << ' ' << number;
+      EXPECT_TRUE(same_bytes(after.instance, before[number].instance)) << i << ' ' << number;
+    }
+  }
+  EXPECT_EQ(renderer_->take_warning(), "");
+}
+
 INSTANTIATE_TEST_SUITE_P(Backends, BodyImagesOf, ::testing::Values(CameraBackend::raycast, CameraBackend::gl));
 
 TEST(BodyImages, GlShowsMeshesAsRaycastDoes) {

@@ -143,7 +143,7 @@ void GlPainter::add(const GlModel& model) {
 void GlPainter::forget_models() {
   models_.clear();
   const auto clear = [](auto&... stores) { (stores.clear(), ...); };
-  clear(vertices_, painted_, paints_, texels_, textures_, indices_, grids_, starts_, entries_, casters_);
+  clear(vertices_, painted_, paints_, texels_, textures_, indices_, grids_, starts_, entries_, casters_, nodes_);
   for (auto& shapes : shapes_) shapes.clear();
 }
 

@@ -43,7 +43,7 @@ class GlPainter {
 
   // Copies a model to the device. Models are numbered from 0.
   void add(const GlModel& model);
-  // Discards all models and sun grids, and keeps their memory for the next ones.
+  // Discards all models, sun grids and caster trees, and keeps their memory for the next ones.
   void forget_models();
   // Copies the sun grid of a model. Call it before the first pass with shadows that shows the model.
   void add(std::uint32_t model, const GlSunGrid& grid);

@@ -165,6 +165,7 @@ void GlRenderer::forget_worlds() {
   Impl& self = impl();
   self.take_rounds([](const GlRound&, const Pixels&) {});
   self.worlds.clear();
+  self.meshes.clear();
   self.worker.task().forgets_models = true;
 }
 
