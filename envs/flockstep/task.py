@@ -612,7 +612,8 @@ def _is_near(name: str, value: Any, meant: str) -> bool:
     elif meant == "step_m" or name.strip("_").count("_") > meant.count("_"):
         return _letters(name) == _letters(meant)  # lidar_m or step_ms may be a quantity with its unit
     a, b = (_letters(text).removesuffix("s") for text in (name, meant))
-    return sorted(a) == sorted(b) or difflib.SequenceMatcher(None, a, b).ratio() > 0.88
+    # A word that begins with another letter is another word: flight is no misspelt light.
+    return sorted(a) == sorted(b) or (a[:1] == b[:1] and difflib.SequenceMatcher(None, a, b).ratio() > 0.88)
 
 
 def _count_parameters(function: Any) -> int | None:
