@@ -1,6 +1,6 @@
 """Dodge: policies trained among bodies, policies trained in the same worlds without them, and a straight flyer.
 
-The last policy of each training is judged, in worlds and flights that nothing else uses. Four trainings of some minutes.
+The last policy of each training is judged, in worlds and flights that nothing else uses. Four trainings.
 """
 
 from __future__ import annotations
