@@ -59,7 +59,8 @@ std::shared_ptr<const World> EnvLights::world(EnvIndex env, std::size_t slot) {
   drop(shown);
   std::shared_ptr<const Copy>& copy = copies_[Key(base.get(), std::bit_cast<Values>(*shown.light))];
   if (!copy) {
-    copy = std::make_shared<const Copy>(base, std::make_shared<const World>(base, Lighting{.light = *shown.light, .tint = {}}));
+    copy = std::make_shared<const Copy>(
+        Copy{base, std::make_shared<const World>(base, Lighting{.light = *shown.light, .tint = {}})});
   }
   shown.copy = copy;
   return copy->world;
