@@ -43,8 +43,8 @@ struct BatchConfig {
   ClockConfig clock;
   DynamicsConfig dynamics;
 
-  static constexpr int kMaxDrones = 1 << 20;  // total over all envs
-  static constexpr std::size_t kMaxLights = 4096;
+  static constexpr int kMaxDrones = 1 << 20;       // total over all envs
+  static constexpr std::size_t kMaxLights = 4096;  // length of `lights`
 
   static constexpr auto fields() {
     using C = BatchConfig;

@@ -215,9 +215,9 @@ class FLOCKSTEP_API World {
   // textures, which it does not compress. from_bytes() throws std::invalid_argument if the bytes are damaged.
   std::string to_bytes() const;
   static std::shared_ptr<const World> from_bytes(std::string_view bytes);  // an equal world
-  // Bytes of a binary glTF file (.glb), for files that contain worlds. from_glb() reads them back as an equal world, and refuses
-  // bytes that name other files. Throws std::invalid_argument naming the cause; messages name `source`.
-  std::string to_glb() const;
+  std::string to_glb() const;  // bytes of a binary glTF file (.glb), for files that contain worlds
+  // Returns the equal world of such bytes, which must not name other files. Throws std::invalid_argument naming the cause;
+  // messages name `source`.
   static std::shared_ptr<const World> from_glb(const std::string& bytes, const std::string& source);
   // Writes a scene file (.json) or a glTF 2.0 file (.glb, .gltf) that load() reads back as an equal world. The file is written
   // completely or not at all. Throws std::invalid_argument naming the file and the cause.

@@ -25,7 +25,7 @@ from flockstep.client.results import (
     Impacts,
     LidarData,
     LidarSettings,
-    Light,
+    LightSettings,
     Mesh,
     PointCloud,
     Rotation,
@@ -406,7 +406,7 @@ class AsyncOperations:
         request = pb.Request(set_world=pb.SetWorld(env=index(env), world=index(world)))
         await self._call(Call(request, "done", nothing))
 
-    async def get_light(self, world: int = 0, *, env: int | None = None) -> Light:
+    async def get_light(self, world: int = 0, *, env: int | None = None) -> LightSettings:
         """Return the light of an env, or without one that of a world."""
         get = pb.GetLight(world=index(world)) if env is None else pb.GetLight(env=index(env))
         return await self._call(Call(pb.Request(get_light=get), "light", readers.light))

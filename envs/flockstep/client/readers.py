@@ -20,7 +20,7 @@ from flockstep.client.results import (
     Impacts,
     LidarData,
     LidarSettings,
-    Light,
+    LightSettings,
     Mesh,
     Mounting,
     PointCloud,
@@ -190,10 +190,10 @@ def worlds(reply: pb.Reply, arrays: Arrays) -> list[WorldInfo]:
     ]
 
 
-def light(reply: pb.Reply, arrays: Arrays) -> Light:
+def light(reply: pb.Reply, arrays: Arrays) -> LightSettings:
     """Return the light in a reply."""
     message = reply.light
-    return Light(
+    return LightSettings(
         vector(message.sun_direction),
         vector(message.sun_color),
         vector(message.sky_ambient),

@@ -291,7 +291,7 @@ class WorldInfo:
 
 
 @dataclass(frozen=True, eq=False)
-class Light:
+class LightSettings:
     """The light of a world or an env. Colours are linear RGB, (3,).
 
     Attributes

@@ -25,7 +25,7 @@ from flockstep.client.results import (
     Impacts,
     LidarData,
     LidarSettings,
-    Light,
+    LightSettings,
     Mesh,
     PointCloud,
     Rotation,
@@ -404,7 +404,7 @@ class Operations:
         request = pb.Request(set_world=pb.SetWorld(env=index(env), world=index(world)))
         self._call(Call(request, "done", nothing))
 
-    def get_light(self, world: int = 0, *, env: int | None = None) -> Light:
+    def get_light(self, world: int = 0, *, env: int | None = None) -> LightSettings:
         """Return the light of an env, or without one that of a world."""
         get = pb.GetLight(world=index(world)) if env is None else pb.GetLight(env=index(env))
         return self._call(Call(pb.Request(get_light=get), "light", readers.light))
