@@ -42,6 +42,9 @@ using testing::soup;
 
 constexpr std::uint16_t kSemantic = 500;  // of the first body
 
+// OpenGL is optional: tests of it are skipped where it is not installed, and fail where it is but does not work.
+bool lacks_gl(const Renderer& renderer) { return renderer.report().find("not installed") != std::string::npos; }
+
 // Bodies of one env, in arrays as a batch has them.
 struct Crowd {
   std::vector<float> position, quat_wxyz, radius;
@@ -254,7 +257,7 @@ class BodyImagesOf : public ::testing::TestWithParam<CameraBackend> {
   void SetUp() override {
     renderer_ = std::make_unique<Renderer>(GetParam(), std::span<const RenderRequest>(), workers_);
     if (GetParam() == CameraBackend::raycast) return;
-    if (renderer_->report().find("not installed") != std::string::npos) GTEST_SKIP() << renderer_->report();
+    if (lacks_gl(*renderer_)) GTEST_SKIP() << renderer_->report();
     ASSERT_EQ(renderer_->report().substr(0, 3), "gl:") << renderer_->report();
   }
   // Looks along x from the origin.
@@ -450,7 +453,7 @@ TEST(BodyImages, GlShowsWhatRaycastShows) {
   std::vector<std::shared_ptr<const World>> worlds;
   for (const SceneDescription& scene : sceneries(random)) worlds.push_back(std::make_shared<const World>(scene));
   Renderer raycast(CameraBackend::raycast, {}, workers), gl(CameraBackend::gl, {}, workers);
-  if (gl.report().find("not installed") != std::string::npos) GTEST_SKIP() << gl.report();
+  if (lacks_gl(gl)) GTEST_SKIP() << gl.report();
   ASSERT_EQ(gl.report().substr(0, 3), "gl:") << gl.report();
   std::vector<Crowd> crowds;
   for (const std::size_t count : {20U, 0U, 40U, 3U}) crowds.push_back(random_crowd(random, count, 3.5F));
@@ -739,7 +742,7 @@ TEST(BodyImages, GlShowsMeshesAsRaycastDoes) {
   std::vector<std::shared_ptr<const World>> worlds;
   for (const auto& scene : clear_and_foggy_sceneries(random)) worlds.push_back(std::make_shared<const World>(scene));
   Renderer raycast(CameraBackend::raycast, {}, workers), gl(CameraBackend::gl, {}, workers);
-  if (gl.report().find("not installed") != std::string::npos) GTEST_SKIP() << gl.report();
+  if (lacks_gl(gl)) GTEST_SKIP() << gl.report();
   ASSERT_EQ(gl.report().substr(0, 3), "gl:") << gl.report();
   const auto models = mesh_models(random);
   std::vector<Crowd> crowds;
