@@ -119,8 +119,8 @@ double BodyScript::turns_at(double time_s, double phase) const {
 }
 
 BodyScript::Wave BodyScript::wave_at(double time_s, double phase) const {
-  const double angle = kTurn * turns_at(time_s, phase), half = std::sin(angle / 2.0);
-  return {half * half, std::numbers::pi / static_cast<double>(motion_.period_s) * std::sin(angle)};
+  const double half = std::numbers::pi * turns_at(time_s, phase), sin = std::sin(half), cos = std::cos(half);
+  return {sin * sin, kTurn / static_cast<double>(motion_.period_s) * sin * cos};
 }
 
 Moment BodyScript::on_route(double time_s, const Draws& draws) const {

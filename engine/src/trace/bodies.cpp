@@ -1,9 +1,12 @@
 #include "trace/bodies.hpp"
 
+#include <algorithm>
+#include <array>
+#include <cmath>
+
 #include "trace/near_balls.hpp"
 
 namespace flockstep::trace {
-
 namespace {
 
 // Returns the shape of a body at its pose. Its bits are those of the same solid in a world, except the bounding box: if the body
@@ -25,6 +28,18 @@ Shape shape_of(const Bodies& bodies, std::size_t number) {
     shape.half_extents[axis] = solid.half_extents[axis];
   }
   return shape;
+}
+
+// True if the shape's own bounding box may be within range of a point in its frame.
+bool is_within(const Shape& shape, const std::array<float, 3>& local, float range_m) {
+  float squared = 0.0F, extent = 1.0F + range_m;
+  for (std::size_t axis = 0; axis < 3; ++axis) {
+    const float beside = std::max(std::abs(local[axis]) - shape.half_extents[axis], 0.0F);
+    squared += beside * beside;
+    extent += std::abs(shape.center[axis]) + shape.half_extents[axis];
+  }
+  const float reach = range_m + 1e-5F * extent;  // more than the rounding of `local`
+  return squared <= reach * reach;
 }
 
 }  // namespace
@@ -82,8 +97,14 @@ void NearBodies::gather(const Bodies& bodies, const Vec3& origin, float near_m, 
       continue;
     }
     shapes_.push_back(shape_of(bodies, number));
-    candidates_.push_back(make_candidate(shapes_.back(), bodies.first_element + static_cast<std::int32_t>(number), origin));
-    candidates_.back().hint = hint_at_solid(shapes_.back(), candidates_.back().local_origin, near_m);
+    const Shape& shape = shapes_.back();
+    const Candidate candidate = make_candidate(shape, bodies.first_element + static_cast<std::int32_t>(number), origin);
+    if (!is_within(shape, candidate.local_origin, range_m)) {  // only its ball is
+      shapes_.pop_back();
+      continue;
+    }
+    candidates_.push_back(candidate);
+    candidates_.back().hint = hint_at_solid(shape, candidate.local_origin, near_m);
   }
 }
 
