@@ -25,9 +25,19 @@ struct EnumNames<TracerKind> {
   static constexpr std::array kNames{"auto", "tiles", "embree"};
 };
 
+// What the drones of an env are to each other.
+enum class Meet : std::uint8_t { never, seen, touched, both };
+template <>
+struct EnumNames<Meet> {
+  static constexpr std::array kNames{"never", "seen", "touched", "both"};
+};
+inline bool is_seen(Meet meet) { return meet == Meet::seen || meet == Meet::both; }
+inline bool is_touched(Meet meet) { return meet == Meet::touched || meet == Meet::both; }
+
 struct BatchConfig {
   int num_envs = 1;
   int drones_per_env = 1;
+  Meet meet = Meet::never;
   int num_threads = 0;
   int block_size = 0;
   std::vector<LidarConfig> lidars;
@@ -54,9 +64,13 @@ struct BatchConfig {
                         "begin with no env; every drone that it spawns then has its own env.",
                .limits = between(0, kMaxDrones)}),
         field("drones_per_env", &C::drones_per_env,
-              {.about = "Number of drones in each env, M. They share a world, and neither sense nor touch each other. A batch "
-                        "without a task may begin with no drone in its envs.",
+              {.about = "Number of drones in each env, M. They share a world. A batch without a task may begin with no drone in "
+                        "its envs.",
                .limits = between(0, kMaxDrones)}),
+        field("meet", &C::meet,
+              {.about = "What the drones of an env are to each other, if there are at most 4096 in it. ``\"never\"``: nothing. "
+                        "``\"seen\"``: their LiDARs detect the hulls of the others, and their cameras see them. "
+                        "``\"touched\"``: they hit each other with their hulls. ``\"both\"``: both."}),
         field("num_threads", &C::num_threads,
               {.about = "Number of threads. 0: the physical cores that this process may run on. No result depends on it.",
                .limits = between(0, 4096),
