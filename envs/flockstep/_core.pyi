@@ -2962,6 +2962,8 @@ class Recipe:
     # fields of Recipe
     num_envs: int
     drones_per_env: int
+    meet: Literal["never", "seen", "touched", "both"]
+    drone_mesh: World | None
     num_threads: int
     block_size: int
     lidars: Sequence[LidarConfig]

@@ -246,18 +246,18 @@ class DroneVectorEnv(VectorEnv[Observation, Array, Array]):
     render_camera
         The name of the camera that ``render_view="camera"`` shows. Default: the first.
     drones_per_env
-        Number of drones in each env, M. They share a world and their episodes; ``meet`` says what they are to each other.
-        Gymnasium expects one env per row, so the attribute `num_envs` is N = E M, whereas the argument ``num_envs`` is
-        E. Drone m of env i has row i M + m. Default: 1.
+        Number of drones in each env, M. They share a world and their episodes; ``meet`` says if they see and touch each
+        other. Gymnasium expects one env per row, so the attribute `num_envs` is N = E M, whereas the argument
+        ``num_envs`` is E. Drone m of env i has row i M + m. Default: 1.
     meet
         What the drones of an env are to each other. ``"never"``: nothing. ``"seen"``: their LiDARs detect the hulls of
         the others, and their cameras see the others. ``"touched"``: they hit each other with their hulls. ``"both"``:
         both. Default: ``"never"``; a `Task` declares its own.
     drone_mesh
-        A `DroneMesh`, or a `World` of triangles, that shows the drones in perspective views, from behind and from a fixed point, and to the cameras
-        of other drones, if these see each other. Default: in views a shape made from the drone's model, arms and rotors
-        if it has rotors, otherwise its hull; for cameras its hull. LiDARs and collisions always use the hull of
-        ``drone``.
+        A `DroneMesh`, or a `World` of triangles, that shows the drones in perspective views, from behind and from a
+        fixed point, and to the cameras of other drones, if these see each other. Default: in views a shape made from
+        the drone's model, arms and rotors if it has rotors, otherwise its hull; for cameras its hull. LiDARs and
+        collisions always use the hull of ``drone``.
     **fields
         Fields of configurations. The task sets their defaults; each configuration documents its fields.
 

@@ -26,7 +26,7 @@ struct EnumNames<TracerKind> {
   static constexpr std::array kNames{"auto", "tiles", "embree"};
 };
 
-// What the drones of an env are to each other.
+// Perception of and contact with the other drones of an env.
 enum class Meet : std::uint8_t { never, seen, touched, both };
 template <>
 struct EnumNames<Meet> {
@@ -73,10 +73,12 @@ struct BatchConfig {
               {.about = "What the drones of an env are to each other, if there are at most 4096 in it. ``\"never\"``: nothing. "
                         "``\"seen\"``: their LiDARs detect the hulls of the others, and their cameras see their meshes. "
                         "``\"touched\"``: they hit each other with their hulls. ``\"both\"``: both."}),
-        field("drone_mesh", &C::drone_mesh,
-              {.about = "World whose triangles, materials and textures show the drones to the cameras of the others, in the body "
-                        "frame, like the mesh of a `BodyConfig`. Only if ``meet`` is ``\"seen\"`` or ``\"both\"``. None: their hull, in "
-                        "grey."}),
+        field(
+            "drone_mesh", &C::drone_mesh,
+            {.about =
+                 "World whose triangles, materials and textures show the drones to the cameras of the others, in the body "
+                 "frame, like the mesh of a `BodyConfig`. Only if ``meet`` is ``\"seen\"`` or ``\"both\"``. None: their hull, in "
+                 "grey."}),
         field("num_threads", &C::num_threads,
               {.about = "Number of threads. 0: the physical cores that this process may run on. No result depends on it.",
                .limits = between(0, 4096),

@@ -160,7 +160,7 @@ struct Simulation {
   std::optional<dynamics::Fleet> fleet;  // only for rotor-driven drones
 
   State state;
-  std::optional<bodies::BodyTable> bodies;  // nothing if the envs have no slots for bodies
+  std::optional<bodies::BodyTable> bodies;        // nothing if the envs have no slots for bodies
   std::optional<bodies::SeenDrones> seen_drones;  // nothing if drones do not see each other
   sensors::SensorSuite suite;
   sensors::EnvLights lights;
