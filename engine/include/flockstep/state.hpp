@@ -23,6 +23,7 @@ struct ContactState {  // contacts of the last motion
   std::vector<float> point;
   std::vector<float> normal;
   std::vector<std::int32_t> body;
+  std::vector<std::int32_t> drone;
   std::vector<float> surface_velocity;
 
   static constexpr auto fields() {
@@ -51,12 +52,16 @@ struct ContactState {  // contacts of the last motion
               {.values = Values::last_count,
                .writer = kWriter,
                .about = "number of the body that the drone touched, in its env; -1: no body"}),
+        array("drone", &C::drone,
+              {.values = Values::last_count,
+               .writer = kWriter,
+               .about = "number of the drone that the drone touched, in its env; -1: no drone"}),
         array("surface_velocity", &C::surface_velocity,
               {.columns = 3,
                .unit = "m/s",
                .frame = Frame::world,
                .writer = kWriter,
-               .about = "velocity of the body at the contact point; 0 if the drone touched no body"}));
+               .about = "velocity, at the contact point, of the body or drone that the drone touched; 0 for the static world"}));
   }
 };
 

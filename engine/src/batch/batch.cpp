@@ -59,13 +59,9 @@ void put_drone(Simulation& sim, DroneIndex drone, const Pose& pose) {
 // Moves the listed drones, sorted by env, in one step of substeps while the bodies of their envs move. Other drones of these envs
 // hold still, unless a body pushes them.
 template <class TargetOf>
-void move_among_bodies(Simulation& sim, std::span<const DroneIndex> drones, const TargetOf& target_of, Scratch& scratch) {
+void move_by_ticks(Simulation& sim, std::span<const DroneIndex> drones, const TargetOf& target_of, Scratch& scratch) {
   const int ticks = sim.config.clock.substeps();
-  while (!drones.empty()) {
-    const EnvIndex env = sim.env_of(drones.front());
-    const auto end = std::ranges::find_if(drones, [&](DroneIndex drone) { return sim.env_of(drone) != env; });
-    const auto of_env = drones.first(static_cast<std::size_t>(end - drones.begin()));
-    drones = drones.subspan(of_env.size());
+  for_each_env(sim, drones, [&](EnvIndex env, std::span<const DroneIndex> of_env) {
     scratch.poses.clear();
     for (const DroneIndex drone : of_env) {
       scratch.poses.push_back(pose_of(sim.state, drone));
@@ -74,21 +70,17 @@ void move_among_bodies(Simulation& sim, std::span<const DroneIndex> drones, cons
     }
     for (int tick = 1; tick <= ticks; ++tick) {
       Interrupt::poll();  // between ticks the state is consistent
-      sim.bodies->advance(env, ++sim.state.tick[env]);
+      ++sim.state.tick[env];
+      if (sim.bodies) sim.bodies->advance(env, sim.state.tick[env]);
+      scratch.moves.clear();
       for (std::size_t i = 0; i < of_env.size(); ++i) {
         const Pose &from = scratch.poses[2 * i], &to = scratch.poses[2 * i + 1];
-        if (sim.state.contact.hit[of_env[i]]) {
-          give_way(sim, of_env[i], scratch);
-        } else {
-          sweep_to(sim, of_env[i], ticks == 1 ? to : dynamics::integrate_kinematic(from, to, tick, ticks), scratch);
-        }
+        scratch.moves.push_back({of_env[i], ticks == 1 ? to : dynamics::integrate_kinematic(from, to, tick, ticks),
+                                 sim.state.contact.hit[of_env[i]] != 0});
       }
-      for (std::size_t member = 0; member < sim.drones_per_env(); ++member) {
-        const DroneIndex other = sim.drone_of(env, member);
-        if (sim.state.active[other] && !std::ranges::binary_search(of_env, other)) give_way(sim, other, scratch);
-      }
+      move_tick(sim, env, scratch.moves, scratch);
     }
-  }
+  });
 }
 
 // Writes a row of each array that is not empty to the flight of a drone.
@@ -229,7 +221,7 @@ void Batch::move(std::span<const float> position, std::span<const float> quat_wx
   sim_->for_each_block([&](Block& block, Scratch& scratch, std::size_t) {
     const std::span<const DroneIndex> drones = selected_drones(*sim_, block.envs, mask, scratch);
     const auto target_of = [&](DroneIndex drone) { return requested_pose(*sim_, drone, drone, position, quat_wxyz); };
-    if (sim_->bodies) return move_among_bodies(*sim_, drones, target_of, scratch);
+    if (sim_->bodies || sim_->drones_touch()) return move_by_ticks(*sim_, drones, target_of, scratch);
     EnvIndex before(sim_->num_envs());  // none
     for (const DroneIndex drone : drones) {
       sweep_to(*sim_, drone, target_of(drone), scratch);

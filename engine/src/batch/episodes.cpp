@@ -295,7 +295,7 @@ void clear_contact(State& state, DroneIndex drone) {
   state.contact.fraction[drone] = 1.0F;
   std::fill_n(state.contact.point.data() + 3 * drone, 3, 0.0F);
   std::fill_n(state.contact.normal.data() + 3 * drone, 3, 0.0F);
-  state.contact.body[drone] = -1;
+  state.contact.body[drone] = state.contact.drone[drone] = -1;
   std::fill_n(state.contact.surface_velocity.data() + 3 * drone, 3, 0.0F);
 }
 

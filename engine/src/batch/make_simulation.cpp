@@ -138,6 +138,7 @@ Simulation::Simulation(BatchConfig config_in, Batch::Worlds worlds_in, std::uniq
       drones->reserve(schedule.block_size() * drones_per_env());
     }
     scratches.back()->envs.reserve(schedule.block_size());
+    if (drones_touch()) scratches.back()->meetings = std::make_unique<Meetings>(drone_model);
   }
   sorts_by_world = config.tracer == TracerKind::embree;
   // Build these now, so that no thread has to build them during a step.
@@ -158,7 +159,9 @@ Simulation::Simulation(BatchConfig config_in, Batch::Worlds worlds_in, std::uniq
   allocate(state, sizes);
   allocate(state.contact, sizes);
   std::ranges::fill(state.contact.body, -1);
+  std::ranges::fill(state.contact.drone, -1);
   if (fleet) allocate(state.flight, sizes);
+  if (fleet && drones_touch()) reach.resize(num_drones());
   std::fill(state.active.begin(), state.active.end(), std::uint8_t{1});
   std::fill(state.sensed.begin(), state.sensed.end(), std::int64_t{-1});
   std::iota(state.seed.begin(), state.seed.end(), std::uint64_t{0});

@@ -16,6 +16,7 @@
 #include "base/prefetch.hpp"
 #include "base/random.hpp"
 #include "base/workers.hpp"
+#include "batch/meetings.hpp"
 #include "batch/move_lines.hpp"
 #include "batch/outputs.hpp"
 #include "batch/pool_state.hpp"
@@ -42,6 +43,9 @@ struct Scratch {
   std::vector<EnvIndex> envs;      // envs of a block
   std::vector<Pose> poses;         // start and target of some drones
   bool moved_world = false;        // an env has moved to another world
+  std::unique_ptr<Meetings> meetings;   // null unless drones touch each other
+  std::vector<EnvIndex> meeting_envs;   // envs whose drones fly together
+  std::vector<MoveRequest> moves;       // of one env
 };
 
 // The task of a batch, and the data that it exchanges with the episode machine.
@@ -71,6 +75,7 @@ struct Simulation {
              std::span<const std::int32_t> world_index, std::optional<WorldPool> pool = std::nullopt);
 
   std::size_t num_envs() const { return static_cast<std::size_t>(config.num_envs); }
+  bool drones_touch() const { return is_touched(config.meet) && config.drones_per_env > 1; }
   std::size_t drones_per_env() const { return static_cast<std::size_t>(config.drones_per_env); }
   std::size_t num_drones() const { return static_cast<std::size_t>(config.num_drones()); }
   EnvIndex env_of(DroneIndex drone) const {  // no division for single drones
@@ -156,6 +161,7 @@ struct Simulation {
 
   State state;
   std::optional<bodies::BodyTable> bodies;  // nothing if the envs have no slots for bodies
+  std::vector<float> reach;                 // (N,) see FlightContext::reach; empty unless rotor-driven drones touch each other
   sensors::SensorSuite suite;
   sensors::EnvLights lights;
   sensors::CameraRig cameras;

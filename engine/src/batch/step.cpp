@@ -66,17 +66,23 @@ void count_step(Simulation& sim, Block& block, Scratch&) {
 // Moves kinematic drones by one substep. The last substep of a step ends at the setpoint, unless a drone hits something.
 void move(Simulation& sim, std::span<const DroneIndex> drones, int substep, Scratch& scratch) {
   const int substeps = sim.config.clock.substeps();
-  for (std::size_t i = 0; i < drones.size(); ++i) {
-    const DroneIndex drone = drones[i];
-    sim.fetch_ahead(drones, i);
+  const auto request_of = [&](DroneIndex drone) {
     const Pose& target = sim.task_state->setpoints.target[drone];
-    if (substeps == 1) {
-      sweep_to(sim, drone, target, scratch);
-    } else if (!sim.state.contact.hit[drone]) {  // after a hit the drone stays until the next step
-      sweep_to(sim, drone, dynamics::integrate_kinematic(sim.task_state->step_start[drone], target, substep, substeps), scratch);
-    } else if (sim.bodies) {
-      give_way(sim, drone, scratch);
-    }
+    if (substeps == 1) return MoveRequest{drone, target, false};
+    return MoveRequest{drone, dynamics::integrate_kinematic(sim.task_state->step_start[drone], target, substep, substeps),
+                       sim.state.contact.hit[drone] != 0};  // after a hit the drone stays until the next step
+  };
+  if (sim.drones_touch()) {
+    for_each_env(sim, drones, [&](EnvIndex env, std::span<const DroneIndex> of_env) {
+      scratch.moves.clear();
+      for (const DroneIndex drone : of_env) scratch.moves.push_back(request_of(drone));
+      move_tick(sim, env, scratch.moves, scratch);
+    });
+    return;
+  }
+  for (std::size_t i = 0; i < drones.size(); ++i) {
+    sim.fetch_ahead(drones, i);
+    move_tick(sim, request_of(drones[i]), scratch);
   }
 }
 
