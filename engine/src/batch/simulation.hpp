@@ -38,14 +38,14 @@ struct Scratch {
   trace::Tracer tracer;
   std::size_t thread = 0;  // its number
   dynamics::FlightScratch flight;
-  std::vector<DroneIndex> flying;  // drones of Block::flying during a step
-  std::vector<DroneIndex> drones;  // drones of some envs
-  std::vector<EnvIndex> envs;      // envs of a block
-  std::vector<Pose> poses;         // start and target of some drones
-  bool moved_world = false;        // an env has moved to another world
-  std::unique_ptr<Meetings> meetings;   // null unless drones touch each other
-  std::vector<EnvIndex> meeting_envs;   // envs whose drones fly together
-  std::vector<MoveRequest> moves;       // of one env
+  std::vector<DroneIndex> flying;      // drones of Block::flying during a step
+  std::vector<DroneIndex> drones;      // drones of some envs
+  std::vector<EnvIndex> envs;          // envs of a block
+  std::vector<Pose> poses;             // start and target of some drones
+  bool moved_world = false;            // an env has moved to another world
+  std::unique_ptr<Meetings> meetings;  // null unless drones touch each other
+  std::vector<EnvIndex> meeting_envs;  // envs whose drones fly together
+  std::vector<MoveRequest> moves;      // of one env
 };
 
 // The task of a batch, and the data that it exchanges with the episode machine.

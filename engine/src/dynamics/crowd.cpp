@@ -30,8 +30,8 @@ auto order_of(const Neighbor& drone) {
 
 }  // namespace
 
-void Crowd::resolve(std::span<Neighbor* const> drones, const collision::Obstacles& obstacles, const collision::MovingBodies& bodies,
-                    const DynamicsConfig& config) {
+void Crowd::resolve(std::span<Neighbor* const> drones, const collision::Obstacles& obstacles,
+                    const collision::MovingBodies& bodies, const DynamicsConfig& config) {
   drones_ = drones;
   obstacles_ = &obstacles;
   bodies_ = bodies;
@@ -62,8 +62,9 @@ void Crowd::resolve(std::span<Neighbor* const> drones, const collision::Obstacle
     for (std::size_t b = a + 1; b < legs_.size() && legs_[b].from.position.x() - from.x() <= near; ++b) find_with_drone(a, b);
   }
   while (!meetings_.empty()) {
-    const auto first = std::ranges::min_element(
-        meetings_, [](const Meeting& x, const Meeting& y) { return std::tuple(x.time, x.a, x.b) < std::tuple(y.time, y.a, y.b); });
+    const auto first = std::ranges::min_element(meetings_, [](const Meeting& x, const Meeting& y) {
+      return std::tuple(x.time, x.a, x.b) < std::tuple(y.time, y.a, y.b);
+    });
     meet(Meeting(*first));
   }
   for (std::size_t a = 0; a < legs_.size(); ++a) {
@@ -207,8 +208,8 @@ void Crowd::meet_world(const Meeting& meeting) {
       contact.body >= 0 ? Vec3(contact.velocity / static_cast<float>(each.motion.duration_s)) : Vec3(Vec3::Zero());
   hit.linear -= surface;
   end.linear -= surface;
-  Rebound rebound = thrown_back(hit, end, left_s(meeting.time), pose, touching.points(), contact.normal, *each.airframe,
-                                surface_of(*config_));
+  Rebound rebound =
+      thrown_back(hit, end, left_s(meeting.time), pose, touching.points(), contact.normal, *each.airframe, surface_of(*config_));
   rebound.after.linear += surface;
   rebound.at_end.linear += surface;
   fly_on(meeting.a, meeting.time, pose, rebound.after, rebound.at_end);
@@ -294,8 +295,7 @@ void Crowd::push(std::size_t a) {
   if (pushed.pushed) {
     const auto solids = solids_near(a, pushed.farthest, false);
     const double most = fastest_of(solids) * (1.0 - leg.begin);
-    leg.last.linear =
-        pushed_along(leg.last.linear, pushed.pose.position - leg.from.position, most, left_s(leg.begin));
+    leg.last.linear = pushed_along(leg.last.linear, pushed.pose.position - leg.from.position, most, left_s(leg.begin));
     each.is_deflected = true;
   }
   leg.to = pushed.pose;

@@ -79,8 +79,8 @@ void update_accelerations(const FlightContext& context, std::span<const DroneInd
 // OnContact::terminate, drones that hit something in this step stay in place, unless bodies push them. With bodies, ticks is 1.
 void fly(const FlightContext& context, std::span<const DroneIndex> drones, const Commands& commands, int first_tick, int ticks);
 
-// Flies drones of one env for one tick without any contact, and writes the motion, is_open and holds of their neighbours. Those of
-// drones that stay in place are not changed.
+// Flies drones of one env for one tick without any contact, and writes the motion, is_open and holds of their neighbours. Those
+// of drones that stay in place are not changed.
 void record_motions(const FlightContext& context, std::span<const DroneIndex> drones, const Commands& commands, int tick,
                     const NeighborTable& table);
 
