@@ -80,6 +80,7 @@ float sweep_to(Simulation& sim, DroneIndex drone, const Pose& target, Scratch& s
 }
 
 float give_way(Simulation& sim, DroneIndex drone, Scratch& scratch) {
+  if (!sim.bodies) return 0.0F;
   const Pose pose = pose_of(sim.state, drone);
   if (!sim.state.contact.hit[drone]) return sweep_to(sim, drone, pose, scratch);
   const collision::MovingBodies bodies = bodies_of(sim, drone);
@@ -92,7 +93,7 @@ float give_way(Simulation& sim, DroneIndex drone, Scratch& scratch) {
 void move_tick(Simulation& sim, const MoveRequest& move, Scratch& scratch) {
   if (!move.has_contact) {
     sweep_to(sim, move.drone, move.target, scratch);
-  } else if (sim.bodies) {
+  } else {
     give_way(sim, move.drone, scratch);
   }
 }

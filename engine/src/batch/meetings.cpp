@@ -46,7 +46,7 @@ class EnvMeeting {
       const float margin = dynamics::margin(work_.saved.position(copy_ + member).cwiseAbs().maxCoeff());
       work_.radius[member] = is_there ? sim_.hull.radius() + reach(member) + margin : -1.0F;
     }
-    const trace::Balls balls{work_.saved.positions(copy_), work_.radius.data(), count_, work_.saved.count() - copy_};
+    const trace::Balls balls{work_.saved.positions(copy_), work_.radius.data(), count_, count_};
     bool is_new = false;
     for (std::size_t member = 0; member < count_; ++member) {
       if (work_.radius[member] < 0.0F) continue;
@@ -144,7 +144,7 @@ void move_meeting(Simulation& sim, EnvIndex env, std::span<const MoveRequest> mo
       const MoveRequest& move = moves[next++];
       sim.state.contact.drone[drone] = move.has_contact ? sim.state.contact.drone[drone] : -1;
       work.reach[member] = move.has_contact ? give_way(sim, drone, scratch) : sweep_to(sim, drone, move.target, scratch);
-    } else if (sim.bodies && sim.state.active[drone]) {
+    } else if (sim.state.active[drone]) {
       work.reach[member] = give_way(sim, drone, scratch);
     }
   }

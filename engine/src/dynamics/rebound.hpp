@@ -30,7 +30,7 @@ class ContactPoints {
     add_vertices(touches, hull, pose, contact, 1.0F);
   }
 
-  // Takes the touching vertices of another hull, on the other side of the surface (side -1).
+  // Takes the touching vertices of another hull, on the other side of the surface (side -1), except near known points.
   void add_vertices(const auto& touches, const collision::Hull& hull, const Pose& pose, const collision::Contact& contact,
                     float side) {
     const auto vertex = [&](int i) { return Vec3(hull.vertex(i).cast<float>()); };
@@ -48,7 +48,10 @@ class ContactPoints {
       const Vec3 point = pose.position + pose.rotation * vertex(i);
       if (!contact.inside && !touches(point, near)) continue;
       const Vec3 on_surface = point - side * above * contact.normal;
-      if (count_ > 0 && (on_surface - points_[0]).norm() < near) {
+      const auto is_here = [&](const Vec3& known) { return (on_surface - known).norm() < near; };
+      if (side < 0.0F) {
+        if (std::ranges::none_of(points(), is_here)) add(on_surface);
+      } else if (count_ > 0 && is_here(points_[0])) {
         points_[0] = on_surface;
       } else {
         add(on_surface);

@@ -131,7 +131,7 @@ Targets any_targets(const Batch& batch, Random& random, float length) {
 TEST(Meetings, KinematicDronesNeverEndInsideEachOther) {
   Random random(1 + 100U * testing::part_tried());
   long moves = 0, contacts = 0;
-  const long wanted = testing::times_tried(4000);
+  const long wanted = testing::times_tried(40000);
   while (moves < wanted) {
     const int drones = 2 + static_cast<int>(random.generator()() % 9);
     Many config(2, drones);
@@ -154,7 +154,7 @@ TEST(Meetings, KinematicDronesNeverEndInsideEachOther) {
 TEST(Meetings, RotorDronesNeverEndInsideEachOther) {
   Random random(2 + 100U * testing::part_tried());
   long moves = 0, contacts = 0;
-  const long wanted = testing::times_tried(1500);
+  const long wanted = testing::times_tried(150000);
   while (moves < wanted) {
     const auto on_contact = std::array{OnContact::bounce, OnContact::stop, OnContact::terminate}[random.generator()() % 3];
     const int drones = 2 + static_cast<int>(random.generator()() % 7);
@@ -172,14 +172,14 @@ TEST(Meetings, RotorDronesNeverEndInsideEachOther) {
       moves += 20 * 2 * drones;
     }
   }
-  EXPECT_GT(contacts, moves / 1000);
+  EXPECT_GT(contacts, moves / 5000);
   testing::tried("meetings", moves);
 }
 
 TEST(Meetings, BodiesPushNoDroneIntoAnother) {
   Random random(3 + 100U * testing::part_tried());
   long moves = 0, pushes = 0;
-  const long wanted = testing::times_tried(1500);
+  const long wanted = testing::times_tried(50000);
   while (moves < wanted) {
     const bool rotors = random.generator()() % 2 == 0;
     const int drones = 2 + static_cast<int>(random.generator()() % 5);
@@ -213,7 +213,7 @@ TEST(Meetings, BodiesPushNoDroneIntoAnother) {
       ASSERT_EQ(unreported_overlaps(batch), 0) << "after " << moves << " moves";
     }
   }
-  EXPECT_GT(pushes, 20);
+  EXPECT_GT(pushes, 100);
   testing::tried("meetings", moves);
 }
 
@@ -254,7 +254,7 @@ void act(Batch& batch, Random& random, const std::vector<Copy>& copies, float le
   }
   std::vector<float> command;
   for (int i = 0; i < batch.config().num_drones(); ++i) {
-    const Vec3 velocity = random.point(4.0F);
+    const Vec3 velocity = random.point(3.0F) - Vec3::Map(batch.state().position.data() + 3 * i);  // mostly to the middle
     command.insert(command.end(), {velocity.x(), velocity.y(), 0.2F * velocity.z(), 0.5F});
   }
   batch.fly(command);
@@ -284,22 +284,6 @@ std::vector<Many> kinds_of_meetings(int envs, int drones) {
           Many(envs, drones).by_rotors(OnContact::terminate)};
 }
 
-// Checks that drone i of the first batch and drone of[i] of the second have the same state.
-void expect_same(const Batch& first, const Batch& second, std::span<const std::size_t> of) {
-  testing::for_each_array(first.state(), [&](const std::string& name, const auto& array) {
-    if (array.size() % of.size() != 0 || array.empty()) return;
-    testing::for_each_array(second.state(), [&](const std::string& other_name, const auto& other) {
-      if (other_name != name || name == "drone") return;
-      const std::size_t width = array.size() / of.size();
-      for (std::size_t i = 0; i < of.size(); ++i) {
-        EXPECT_TRUE(same_bits(std::as_bytes(std::span(array).subspan(width * i, width)),
-                              std::as_bytes(std::span(other).subspan(width * of[i], width))))
-            << name << " of drone " << i;
-      }
-    });
-  });
-}
-
 TEST(Meetings, TheOrderOfTheDronesDoesNotMatter) {
   Random random(4);
   for (const Many& config : kinds_of_meetings(1, 8)) {
@@ -310,7 +294,7 @@ TEST(Meetings, TheOrderOfTheDronesDoesNotMatter) {
     std::ranges::shuffle(shuffled.of, random.generator());
     place(first, shuffled);
     int contacts = 0;
-    for (int round = 0; round < 20; ++round) {
+    for (int round = 0; round < 60; ++round) {
       act(first, random, {shuffled});
       expect_same(first, shuffled);
       for (std::size_t i = 0; i < 8; ++i) {
@@ -440,8 +424,9 @@ TEST(Meetings, ADroneThatHoldsStillIsInTheWay) {
       batch.move(target, {}, first);
       EXPECT_EQ(batch.state().contact.drone, (std::vector<std::int32_t>{1, 0}));
     }
-    EXPECT_LT(batch.state().position[0], -1.8F);
+    EXPECT_LT(batch.state().position[0], -1.5F);
     EXPECT_EQ(batch.state().position[3], -0.9F);
+    EXPECT_EQ(unreported_overlaps(batch), 0);
   }
 }
 
