@@ -16,7 +16,7 @@ namespace {
 using collision::MovingContact;
 using collision::MovingSolid;
 
-constexpr int kMostContactsOfTick = 8;  // of a drone; then it stays until the next tick
+constexpr int kMostContactsOfTick = 3;  // of a drone; then it stays until the next tick
 
 // Sorts by what drones do, not by their numbers, which only decide between equal motions.
 auto order_of(const Neighbor& drone) {
