@@ -53,6 +53,17 @@ void hold_interpreter(Batch& batch) {
   });
 }
 
+// Returns the world of a mesh that is given as a World or a DroneMesh; null for None.
+std::shared_ptr<const World> mesh_argument(const py::object& mesh, const char* name) {
+  if (mesh.is_none()) return nullptr;
+  if (py::isinstance<World>(mesh)) return mesh.cast<std::shared_ptr<World>>();
+  if (py::isinstance(mesh, py::module_::import("flockstep.drone_mesh").attr("DroneMesh"))) {
+    return mesh.attr("world")().cast<std::shared_ptr<World>>();
+  }
+  throw py::type_error(std::string(name) + ": expected a flockstep.DroneMesh, a flockstep.World or None, got " +
+                       std::string(py::repr(mesh)));
+}
+
 // Takes all arguments as py::object, because pybind11's error for a wrong argument names every other one as well.
 std::unique_ptr<Batch, Released> make_batch(const py::object& given_worlds, const py::object& num_drones, const py::object& lidar,
                                             const py::object& pose_sensor, const py::object& imu, const py::object& task,
@@ -61,12 +72,14 @@ std::unique_ptr<Batch, Released> make_batch(const py::object& given_worlds, cons
                                             const py::object& num_threads, const py::object& block_size,
                                             const py::object& world_index, const py::object& tracer,
                                             const py::object& drones_per_env, const py::object& bodies,
-                                            const py::object& max_bodies, const py::object& lights, const py::kwargs& unknown) {
+                                            const py::object& max_bodies, const py::object& lights, const py::object& meet,
+                                            const py::object& drone_mesh, const py::kwargs& unknown) {
   for (const auto& [keyword, value] : unknown) {
     constexpr std::array kKnown{"worlds", "num_drones",     "lidar",       "pose_sensor",    "imu",
                                 "task",   "drone",          "cameras",     "camera_backend", "episode",
                                 "clock",  "dynamics",       "num_threads", "block_size",     "world_index",
-                                "tracer", "drones_per_env", "bodies",      "max_bodies",     "lights"};
+                                "tracer", "drones_per_env", "bodies",      "max_bodies",     "lights",
+                                "meet",   "drone_mesh"};
     throw py::type_error(unexpected_keyword("Batch.__init__", py::str(keyword), {kKnown.begin(), kKnown.end()}));
   }
   BatchConfig config;
@@ -86,6 +99,8 @@ std::unique_ptr<Batch, Released> make_batch(const py::object& given_worlds, cons
   config.bodies = configs_of<BodyConfig>(bodies, "bodies", false);
   config.max_bodies = from_python<int>(max_bodies, "max_bodies");
   config.lights = configs_of<Light>(lights, "lights", false);
+  config.meet = from_python<Meet>(meet, "meet");
+  config.drone_mesh = mesh_argument(drone_mesh, "drone_mesh");
   config.camera_backend = from_python<CameraBackend>(backend, "camera_backend");
   config.tracer = from_python<TracerKind>(tracer, "tracer");
   config.episode = optional_argument<EpisodeConfig>(episode, "episode").value_or(EpisodeConfig());
@@ -455,7 +470,7 @@ void register_batch(py::module_& module) {
           py::arg("clock") = none, py::arg("dynamics") = none, py::arg("num_threads") = 0,
           py::arg("block_size") = BatchConfig().block_size, py::arg("world_index") = none, py::arg("tracer") = "auto",
           py::arg("drones_per_env") = 1, py::arg("bodies") = py::tuple(), py::arg("max_bodies") = 0,
-          py::arg("lights") = py::tuple())
+          py::arg("lights") = py::tuple(), py::arg("meet") = "never", py::arg("drone_mesh") = none)
       .def_static("from_recipe", &batch_from_recipe, py::arg("recipe"), py::arg("worlds") = none, py::arg("task") = none,
                   py::kw_only(), py::arg("allow_files") = false)
       .def_property_readonly("num_envs", [](const Batch& batch) { return batch.config().num_envs; })

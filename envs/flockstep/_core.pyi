@@ -15,6 +15,7 @@ from typing import Any, ClassVar, Literal, TypeAlias, final
 import numpy as np
 import numpy.typing as npt
 
+from flockstep.drone_mesh import DroneMesh
 from flockstep.scenes import WorldLike, WorldsLike
 from flockstep.world_pool import WorldPool
 
@@ -3045,13 +3046,21 @@ class Batch:
         ``"embree"``: uses no tiles; Embree also traces all primitives except rooms. It is slower and meant for
         comparison.
     drones_per_env
-        M. 0 only with ``num_drones=0``. The drones of an env share its world, seed and episodes. They neither sense nor touch each other.
+        M. 0 only with ``num_drones=0``. The drones of an env share its world, seed and episodes; ``meet``
+        says what they are to each other.
     bodies
         Bodies that are in every env when an episode begins.
     max_bodies
         Number of slots for bodies in each env, B; 0: as many as an episode begins with.
     lights
         Lights, at most 4096, of which each episode of an env draws one instead of its world's.
+    meet
+        What the drones of an env, at most 4096, are to each other. ``"never"``: nothing. ``"seen"``: their LiDARs
+        detect the hulls of the others, and their cameras see their meshes. ``"touched"``: they hit each other with
+        their hulls. ``"both"``: both.
+    drone_mesh
+        How cameras see drones: a `DroneMesh`, or a `World` whose triangles, materials and textures show a drone in its
+        body frame. Only if ``meet`` is ``"seen"`` or ``"both"``. None: their hull, in grey.
     """
 
     def __init__(
@@ -3084,6 +3093,8 @@ class Batch:
         bodies: Sequence[BodyConfig] = (),
         max_bodies: int = 0,
         lights: Sequence[Light] = (),
+        meet: str = "never",
+        drone_mesh: World | DroneMesh | None = None,
     ) -> None: ...
     @staticmethod
     def from_recipe(

@@ -144,6 +144,11 @@ class DroneMesh:
         simplified._outermost = _outermost(vertices)
         return simplified
 
+    @classmethod
+    def _of_world(cls, world: World) -> DroneMesh:
+        """Return the visible triangles of a world; the inverse of `world`. Textures need Pillow."""
+        return cls(*_visible(world, world.name), world.name)
+
     def hull(self, points: int = 32) -> npt.NDArray[np.float32]:
         """Return the corners (V, 3) m of a convex body that encloses the whole mesh, before simplification.
 

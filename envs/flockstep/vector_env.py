@@ -37,6 +37,7 @@ from flockstep._core import (
     RaceConfig,
     Recipe,
     TrackConfig,
+    World,
     _unexpected_keyword,
     engine_tasks,
     task_defaults,
@@ -56,7 +57,7 @@ if TYPE_CHECKING:
 
     from typing_extensions import TypedDict, Unpack
 
-    from flockstep._core import ColorRange, NavigationReward, WindConfig, World
+    from flockstep._core import ColorRange, NavigationReward, WindConfig
     from flockstep.pictures.drawing import Overlay
     from flockstep.pictures.trail import Trail
 
@@ -245,13 +246,18 @@ class DroneVectorEnv(VectorEnv[Observation, Array, Array]):
     render_camera
         The name of the camera that ``render_view="camera"`` shows. Default: the first.
     drones_per_env
-        Number of drones in each env, M. They share a world and their episodes, but neither sense nor touch each other.
+        Number of drones in each env, M. They share a world and their episodes; ``meet`` says what they are to each other.
         Gymnasium expects one env per row, so the attribute `num_envs` is N = E M, whereas the argument ``num_envs`` is
         E. Drone m of env i has row i M + m. Default: 1.
+    meet
+        What the drones of an env are to each other. ``"never"``: nothing. ``"seen"``: their LiDARs detect the hulls of
+        the others, and their cameras see the others. ``"touched"``: they hit each other with their hulls. ``"both"``:
+        both. Default: ``"never"``; a `Task` declares its own.
     drone_mesh
-        A `DroneMesh` that shows the drones in perspective views: from behind and from a fixed point. Default: a shape
-        made from the drone's model: arms and rotors if it has rotors, otherwise its hull. Collisions always use the
-        hull of ``drone``.
+        A `DroneMesh`, or a `World` of triangles, that shows the drones in perspective views, from behind and from a fixed point, and to the cameras
+        of other drones, if these see each other. Default: in views a shape made from the drone's model, arms and rotors
+        if it has rotors, otherwise its hull; for cameras its hull. LiDARs and collisions always use the hull of
+        ``drone``.
     **fields
         Fields of configurations. The task sets their defaults; each configuration documents its fields.
 
@@ -373,8 +379,9 @@ class DroneVectorEnv(VectorEnv[Observation, Array, Array]):
         render_view: str | npt.ArrayLike | None = None,
         render_size: tuple[int, int] | None = None,
         render_camera: str | None = None,
-        drone_mesh: DroneMesh | None = None,
+        drone_mesh: DroneMesh | World | None = None,
         drones_per_env: int = 1,
+        meet: Literal["never", "seen", "touched", "both"] | None = None,
         **fields: Unpack[Fields],
     ) -> None:
         given = {name: value for name, value in locals().items() if name not in ("self", "fields")}
@@ -389,8 +396,8 @@ class DroneVectorEnv(VectorEnv[Observation, Array, Array]):
         if render_view is None:
             render_view = "third_person" if is_flight or isinstance(task, RaceConfig) else "top"
         shown = views.choose(render_view, render_size, render_camera)
-        if drone_mesh is not None and not isinstance(drone_mesh, DroneMesh):
-            raise TypeError(f"drone_mesh: expected a flockstep.DroneMesh, got {drone_mesh!r}")
+        if not isinstance(drone_mesh, (DroneMesh, World, type(None))):
+            raise TypeError(f"drone_mesh: expected a flockstep.DroneMesh, a World or None, got {drone_mesh!r}")
         self.reward_scale = stepping.require_reward_scale(reward_scale)
         self.autoreset_mode = _autoreset_mode(autoreset_mode)
         self.metadata = {**self.metadata, "autoreset_mode": self.autoreset_mode}
@@ -414,7 +421,9 @@ class DroneVectorEnv(VectorEnv[Observation, Array, Array]):
         recipe.imus = _listed(imu, ImuConfig, "imu")
         if bodies is not None:
             recipe.bodies = _listed(bodies, BodyConfig, "bodies")
-        _set_given(recipe, max_bodies=max_bodies)
+        _set_given(recipe, max_bodies=max_bodies, meet=meet)
+        if recipe.meet in ("seen", "both") and drone_mesh is not None:
+            recipe.drone_mesh = drone_mesh.world() if isinstance(drone_mesh, DroneMesh) else drone_mesh
         if lights is not None:
             recipe.lights = _listed(lights, Light, "lights")
         if worlds is None:
@@ -450,7 +459,8 @@ class DroneVectorEnv(VectorEnv[Observation, Array, Array]):
                 overlay = FlightOverlay(height=shown.view != "top")
             elif isinstance(task, RaceConfig):
                 overlay = RaceOverlay()
-            self._view, self.trail = views.make(shown, self.batch, self.cameras, overlay, drone_mesh)
+            mesh = DroneMesh._of_world(drone_mesh) if isinstance(drone_mesh, World) else drone_mesh
+            self._view, self.trail = views.make(shown, self.batch, self.cameras, overlay, mesh)
 
     @classmethod
     def from_recipe(cls, recipe: Recipe | str, *, allow_files: bool = False, **keywords: Any) -> DroneVectorEnv:
@@ -497,6 +507,7 @@ class DroneVectorEnv(VectorEnv[Observation, Array, Array]):
         }
         given |= {"lidar": recipe.lidars, "camera": recipe.cameras, "imu": recipe.imus, "tracer": recipe.tracer}
         given |= {"bodies": recipe.bodies, "max_bodies": recipe.max_bodies, "lights": recipe.lights}
+        given |= {"meet": recipe.meet, "drone_mesh": recipe.drone_mesh}
         return cls(**{**given, **keywords})
 
     @property
@@ -742,6 +753,7 @@ def _recipe_for(
         recipe.cameras = _listed(task.camera, CameraConfig, "camera")
         recipe.bodies = _listed(task.bodies, BodyConfig, "bodies")
         recipe.max_bodies = task.max_bodies
+        recipe.meet = task.meet
         recipe.lights = _listed(task.lights, Light, "lights")
     elif isinstance(task, NativeTask):
         own_task = task

@@ -3,6 +3,7 @@
 // throws std::invalid_argument naming the field, the expected value and the actual one.
 #pragma once
 
+#include <memory>
 #include <vector>
 
 #include "flockstep/body.hpp"
@@ -38,6 +39,7 @@ struct BatchConfig {
   int num_envs = 1;
   int drones_per_env = 1;
   Meet meet = Meet::never;
+  std::shared_ptr<const World> drone_mesh;
   int num_threads = 0;
   int block_size = 0;
   std::vector<LidarConfig> lidars;
@@ -69,8 +71,12 @@ struct BatchConfig {
                .limits = between(0, kMaxDrones)}),
         field("meet", &C::meet,
               {.about = "What the drones of an env are to each other, if there are at most 4096 in it. ``\"never\"``: nothing. "
-                        "``\"seen\"``: their LiDARs detect the hulls of the others, and their cameras see them. "
+                        "``\"seen\"``: their LiDARs detect the hulls of the others, and their cameras see their meshes. "
                         "``\"touched\"``: they hit each other with their hulls. ``\"both\"``: both."}),
+        field("drone_mesh", &C::drone_mesh,
+              {.about = "World whose triangles, materials and textures show the drones to the cameras of the others, in the body "
+                        "frame, like the mesh of a `BodyConfig`. Only if ``meet`` is ``\"seen\"`` or ``\"both\"``. None: their hull, in "
+                        "grey."}),
         field("num_threads", &C::num_threads,
               {.about = "Number of threads. 0: the physical cores that this process may run on. No result depends on it.",
                .limits = between(0, 4096),

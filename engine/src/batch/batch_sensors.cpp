@@ -147,7 +147,8 @@ void Batch::scan(std::int64_t index, std::span<float> out, std::size_t lidar) co
   trace::Tracer& tracer = sim_->scratches[0]->tracer;
   const EnvIndex env = sim_->env_of(drone);
   const trace::Bodies bodies = sim_->bodies ? sim_->bodies->shapes().of_env(env, sim_->bodies->per_env()) : trace::Bodies();
-  found.scan(*sim_->scenes[sim_->slot_of(env)], bodies, pose_of(sim_->state, drone), drone, out.data(), tracer);
+  found.scan(*sim_->scenes[sim_->slot_of(env)], bodies, sim_->hulls().seen_by(drone, sim_->drones_per_env()),
+             pose_of(sim_->state, drone), drone, out.data(), tracer);
   tracer.finish();
 }
 

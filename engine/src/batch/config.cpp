@@ -7,6 +7,7 @@
 
 #include "base/check_fields.hpp"
 #include "base/require.hpp"
+#include "bodies/mesh_world.hpp"
 #include "sensors/rate.hpp"
 
 namespace flockstep {
@@ -104,6 +105,8 @@ void BatchConfig::validate() const {
           "at least the number of bodies (" + std::to_string(bodies.size()) + "), or 0", max_bodies);
   require(meet == Meet::never || drones_per_env <= kMaxBodies, "drones_per_env",
           "at most " + std::to_string(kMaxBodies) + " unless meet is \"never\"", drones_per_env);
+  require(drone_mesh == nullptr || is_seen(meet), "drone_mesh", "None unless meet is \"seen\" or \"both\"", "a world");
+  if (drone_mesh != nullptr) require_mesh(*drone_mesh, "drone_mesh");
   require(lights.size() <= kMaxLights, "lights", "at most 4096", lights.size());
   for_each_field(*this, [&](const auto& entry, const auto& value) { check_sensors(entry.name, value, clock); });
   for (const LidarConfig& lidar : lidars) {

@@ -22,6 +22,7 @@
 #include "batch/pool_state.hpp"
 #include "batch/schedule.hpp"
 #include "bodies/body_table.hpp"
+#include "bodies/seen_drones.hpp"
 #include "collision/hull.hpp"
 #include "collision/obstacles.hpp"
 #include "dynamics/fleet.hpp"
@@ -141,8 +142,12 @@ struct Simulation {
   // Takes the renderer and the pending warnings of a simulation that this one replaces, and leaves it only the memory that
   // views need.
   void take_over(Simulation& other) noexcept;
+  // The drones of all envs as their LiDARs see each other; none if they do not.
+  trace::Bodies hulls() const { return seen_drones && drones_per_env() > 1 ? seen_drones->hulls() : trace::Bodies(); }
+  // Call it after State::active has changed.
   void rebuild_schedule() {
     schedule.rebuild(sorts_by_world ? std::span<const std::int32_t>(slots()) : std::span<const std::int32_t>(), state.active);
+    if (seen_drones) seen_drones->update();
   }
 
   const BatchConfig config;
@@ -162,6 +167,7 @@ struct Simulation {
   State state;
   std::optional<bodies::BodyTable> bodies;  // nothing if the envs have no slots for bodies
   std::vector<float> reach;                 // (N,) see FlightContext::reach; empty unless rotor-driven drones touch each other
+  std::optional<bodies::SeenDrones> seen_drones;  // nothing if drones do not see each other
   sensors::SensorSuite suite;
   sensors::EnvLights lights;
   sensors::CameraRig cameras;

@@ -28,7 +28,8 @@ sensors::Surroundings surroundings_of(Simulation& sim, Scratch& scratch) {
           .drones_per_env = sim.drones_per_env(),
           .tracer = scratch.tracer,
           .bodies = sim.bodies ? sim.bodies->shapes() : trace::Bodies(),
-          .bodies_per_env = sim.bodies ? sim.bodies->per_env() : 0};
+          .bodies_per_env = sim.bodies ? sim.bodies->per_env() : 0,
+          .drones = sim.hulls()};
 }
 
 // Reads every kind of sensor except the cameras, which render for all blocks at once.

@@ -3,6 +3,7 @@
 
 #include "base/check_fields.hpp"
 #include "base/require.hpp"
+#include "bodies/mesh_world.hpp"
 #include "flockstep/body.hpp"
 #include "flockstep/world.hpp"
 
@@ -18,11 +19,7 @@ void check_mesh(const BodyConfig& body) {
     return require(body.mesh == nullptr, "body.mesh", "no mesh unless shape is \"mesh\"", "a world");
   }
   require(body.mesh != nullptr, "body.mesh", "a world of triangles for the shape \"mesh\"", "none");
-  const World& mesh = *body.mesh;
-  require(!mesh.triangles().triangles.empty(), "body.mesh", "a world with triangles", "a world without any");
-  require(mesh.primitives().empty(), "body.mesh", "a world of triangles only",
-          std::to_string(mesh.primitives().size()) + " primitives");
-  require(mesh.bodies().empty(), "body.mesh", "a world without bodies", std::to_string(mesh.bodies().size()) + " bodies");
+  require_mesh(*body.mesh, "body.mesh");
   require(body.size_m == BodyConfig().size_m, "body.size_m", "1 x 1 x 1 for a mesh, which has its own size",
           size_text(body.size_m));
 }

@@ -33,6 +33,7 @@ LinePainter::LinePainter(const RenderRequest& view, int width_px, int height_px,
                                       .longest = 2.0F * view.pinhole->corner,  // rays may pass beside the image
                                       .sees_markers = true,
                                       .bodies = view.bodies.shapes,
+                                      .drones = view.drones.shapes,
                                       .asked = {.normals = false, .weights = false}});
 }
 

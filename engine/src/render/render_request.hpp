@@ -44,6 +44,7 @@ struct RenderRequest {
   Frame frame;
   trace::TracePolicy policy{};
   VisibleBodies bodies{};  // of the env; their arrays must outlive the rendering
+  VisibleBodies drones{};  // the same for the drones that the camera sees
 };
 
 }  // namespace flockstep::render

@@ -101,7 +101,7 @@ void Camera::clear(DroneIndex drone) {
   mark_stale(drone);
 }
 
-bool Camera::is_due(DroneIndex drone, const State& state) const {
+bool Camera::is_due(DroneIndex drone, const State& state, std::uint64_t seen) const {
   const std::size_t env = drone / drones_per_env_;
   switch (config_.capture_mode) {
     case CaptureMode::every_step:
@@ -111,19 +111,21 @@ bool Camera::is_due(DroneIndex drone, const State& state) const {
       return images_.frame_step[drone] < 0 || taken_.world[drone] != state.world_index[env] ||
              !std::equal(&taken_.position[3 * drone], &taken_.position[3 * drone] + 3, &state.position[3 * drone]) ||
              !std::equal(&taken_.quat_wxyz[4 * drone], &taken_.quat_wxyz[4 * drone] + 4, &state.quat_wxyz[4 * drone]) ||
-             (bodies_per_env_ > 0 && taken_.bodies[drone] != state.bodies.changes[env]);
+             (bodies_per_env_ > 0 && taken_.bodies[drone] != state.bodies.changes[env]) ||
+             taken_.drones[drone] != static_cast<std::int64_t>(seen);
     default:
       return false;
   }
 }
 
-render::RenderRequest Camera::take(DroneIndex drone, const World& world, const State& state) {
+render::RenderRequest Camera::take(DroneIndex drone, const World& world, const State& state, std::uint64_t seen) {
   const std::size_t env = drone / drones_per_env_;
   const Pose pose = pose_of(state, drone);
   store_pose(&taken_.position[3 * drone], &taken_.quat_wxyz[4 * drone], pose);
   taken_.world[drone] = state.world_index[env];
   taken_.tick[drone] = state.tick[env];
   if (bodies_per_env_ > 0) taken_.bodies[drone] = state.bodies.changes[env];
+  taken_.drones[drone] = static_cast<std::int64_t>(seen);
   images_.frame_step[drone] = std::max<std::int64_t>(state.sensed[env], 0);
   return request(drone, world, pose);
 }
@@ -147,7 +149,8 @@ render::RenderRequest Camera::request(DroneIndex drone, const World& world, cons
                                 .rotation = rotation,
                                 .frame = {},
                                 .policy = policy_,
-                                .bodies = bodies_.of_env(drone / drones_per_env_, bodies_per_env_)};
+                                .bodies = bodies_.of_env(drone / drones_per_env_, bodies_per_env_),
+                                .drones = drones_.seen_by(drone, drones_per_env_)};
   // Frames are rendered directly into the camera's images, unless they must be converted first.
   const auto image = [&](auto CameraImages::* output, std::size_t values) {
     auto& frames = (frames_.*output).empty() && !resample_ ? images_.*output : frames_.*output;
@@ -201,7 +204,7 @@ void Camera::visit(ArrayVisitor& visitor) {
   settings_.visit(label(), visitor);
   visitor.fields(taken_);
   visitor.array("frame_step", images_.frame_step);
-  if (bodies_per_env_ > 0) visit_images(visitor);
+  if (bodies_per_env_ > 0 || sees_drones_) visit_images(visitor);
 }
 
 void Camera::visit_images(ArrayVisitor& visitor) {

@@ -46,6 +46,11 @@ class Camera final : public Sensor {
     bodies_ = bodies;
     bodies_per_env_ = per_env;
   }
+  // The drones of all envs, which their cameras see; the view must stay valid. A snapshot then holds the images, too.
+  void set_drones(const render::VisibleBodies& drones) {
+    drones_ = drones;
+    sees_drones_ = true;
+  }
   void set_capture_mode(CaptureMode mode) { config_.capture_mode = mode; }
 
   // The drone's own setting, including changes at run time. Setting it marks the drone's frame stale.
@@ -60,11 +65,11 @@ class Camera final : public Sensor {
   // Clears the images of a removed drone: black, depth inf, ids 0.
   void clear(DroneIndex drone) override;
 
-  // Returns whether a step or sense() must render the drone's frame.
-  bool is_due(DroneIndex drone, const State& state) const;
+  // Returns whether a step or sense() must render the drone's frame. seen: another number if a drone of the env has moved.
+  bool is_due(DroneIndex drone, const State& state, std::uint64_t seen) const;
   // Returns a request for the view from the drone's current pose, and records its frame as taken there, at this reading of
   // the episode.
-  render::RenderRequest take(DroneIndex drone, const World& world, const State& state);
+  render::RenderRequest take(DroneIndex drone, const World& world, const State& state, std::uint64_t seen);
   // Returns a request that renders the recorded frame again.
   render::RenderRequest retake(DroneIndex drone, const World& world);
 
@@ -92,6 +97,7 @@ class Camera final : public Sensor {
     std::vector<std::int32_t> world;
     std::vector<std::int64_t> tick;
     std::vector<std::int64_t> bodies;
+    std::vector<std::int64_t> drones;
 
     static constexpr auto fields() {
       using C = Taken;
@@ -102,7 +108,8 @@ class Camera final : public Sensor {
                         array("taken_quat_wxyz", &C::quat_wxyz, info(4, "its orientation, body to world")),
                         array("taken_world", &C::world, info(0, "index of the world in the frame")),
                         array("taken_tick", &C::tick, info(0, "tick of the episode")),
-                        array("taken_bodies", &C::bodies, info(0, "BodyState::changes of the env")));
+                        array("taken_bodies", &C::bodies, info(0, "BodyState::changes of the env")),
+                        array("taken_drones", &C::drones, info(0, "hash of the poses of the env's drones")));
     }
   };
   render::RenderRequest request(DroneIndex drone, const World& world, const Pose& pose);
@@ -122,6 +129,8 @@ class Camera final : public Sensor {
   CameraImages frames_;  // rendered images, if they differ from the written ones
   render::VisibleBodies bodies_;
   std::size_t bodies_per_env_ = 0;
+  render::VisibleBodies drones_;
+  bool sees_drones_ = false;
 };
 
 }  // namespace flockstep::sensors

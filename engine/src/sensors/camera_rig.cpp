@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <new>
 
+#include "base/hash.hpp"
 #include "base/require.hpp"
 #include "prepared/prepared_world.hpp"
 #include "render/jpeg.hpp"
@@ -87,7 +88,7 @@ void CameraRig::choose_backend(CameraBackend backend, std::span<const DroneIndex
     const std::size_t count = std::min({typical.size(), kTypicalRequests, most});
     for (std::size_t i = 0; i < count; ++i) {
       const DroneIndex drone = typical[i * typical.size() / count];
-      requests_.push_back(camera->take(drone, world_of(drone), *state_));
+      requests_.push_back(camera->take(drone, world_of(drone), *state_, 0));
       camera->mark_stale(drone);
     }
   }
@@ -117,10 +118,28 @@ void CameraRig::clear(DroneIndex drone) {
   for (const auto& camera : cameras_) camera->clear(drone);
 }
 
+std::uint64_t CameraRig::Sight::of(DroneIndex drone) {
+  const std::size_t per_env = rig_.drones_per_env_;
+  if (!rig_.sees_drones_ || per_env == 1) return 0;
+  const std::size_t env = drone / per_env, first = env * per_env;
+  if (env_ == env) return hash_;
+  const State& state = *rig_.state_;
+  Hash hash;
+  hash.add(std::span(state.active).subspan(first, per_env));
+  hash.add(std::span(state.position).subspan(3 * first, 3 * per_env));
+  hash.add(std::span(state.quat_wxyz).subspan(4 * first, 4 * per_env));
+  env_ = env;
+  hash_ = hash.value();
+  return hash_;
+}
+
 void CameraRig::ask_now(std::size_t camera, std::span<const DroneIndex> drones) {
   clear_requests();
   Camera& chosen = *cameras_[camera];
-  for (const DroneIndex drone : drones) request(chosen, drone, chosen.take(drone, world_of(drone), *state_));
+  Sight sight(*this);
+  for (const DroneIndex drone : drones) {
+    request(chosen, drone, chosen.take(drone, world_of(drone), *state_, sight.of(drone)));
+  }
 }
 
 void CameraRig::ask_again() {

@@ -33,6 +33,12 @@ class CameraRig {
     for (const auto& camera : cameras_) camera->set_bodies(bodies, per_env);
   }
 
+  // See Camera::set_drones().
+  void set_drones(const render::VisibleBodies& drones) {
+    sees_drones_ = true;
+    for (const auto& camera : cameras_) camera->set_drones(drones);
+  }
+
   // Throws std::invalid_argument if a camera cannot show the world.
   void require_world(const World& world) const;
 
@@ -62,8 +68,10 @@ class CameraRig {
   void ask(const ForEachDrone& for_each_drone) {
     clear_requests();
     for (const auto& camera : cameras_) {
+      Sight sight(*this);
       for_each_drone([&](DroneIndex drone) {
-        if (camera->is_due(drone, *state_)) request(*camera, drone, camera->take(drone, world_of(drone), *state_));
+        const std::uint64_t seen = sight.of(drone);
+        if (camera->is_due(drone, *state_, seen)) request(*camera, drone, camera->take(drone, world_of(drone), *state_, seen));
       });
     }
   }
@@ -90,6 +98,18 @@ class CameraRig {
   render::RenderRequest retake(std::size_t camera, DroneIndex drone) const;
 
  private:
+  // Identifies the poses of the drones of an env by a hash. Consecutive drones of an env share it.
+  class Sight {
+   public:
+    explicit Sight(const CameraRig& rig) : rig_(rig) {}
+    std::uint64_t of(DroneIndex drone);  // 0 if drones do not see each other
+
+   private:
+    const CameraRig& rig_;
+    std::optional<std::size_t> env_;
+    std::uint64_t hash_ = 0;
+  };
+
   const World& world_of(DroneIndex drone) const;
   const World& world_in_light(DroneIndex drone, std::size_t slot) const;
   void require_frame(std::size_t camera, DroneIndex drone) const;  // in colour or grey, and not stale
@@ -108,6 +128,7 @@ class CameraRig {
   std::vector<std::unique_ptr<Camera>> cameras_;
   std::optional<render::Renderer> renderer_;  // set by choose_backend()
   bool awaits_drones_ = false;
+  bool sees_drones_ = false;
   std::vector<render::RenderRequest> requests_;  // grouped by camera
   struct Conversion {
     Camera* camera;

@@ -94,20 +94,21 @@ void Lidar::measure(std::span<const DroneIndex> drones, const Surroundings& surr
       if (const trace::Scene& next = surroundings.scene_of(drones[i + 2]); &next != &scene) next.prefetch_parts();
     }
     if (surroundings.bodies_per_env > 0 && i + 1 < drones.size()) surroundings.bodies_of(drones[i + 1]).prefetch_balls();
-    scan(scene, surroundings.bodies_of(drone), pose_of(surroundings.state, drone), drone,
+    scan(scene, surroundings.bodies_of(drone), surroundings.drones_seen_by(drone), pose_of(surroundings.state, drone), drone,
          readings_.truth().ranges.data() + drone * rays_, surroundings.tracer);
   }
   surroundings.tracer.finish();
 }
 
-void Lidar::scan(const trace::Scene& scene, const trace::Bodies& bodies, const Pose& pose, DroneIndex drone, float* ranges,
-                 trace::Tracer& tracer) const {
+void Lidar::scan(const trace::Scene& scene, const trace::Bodies& bodies, const trace::Bodies& drones, const Pose& pose,
+                 DroneIndex drone, float* ranges, trace::Tracer& tracer) const {
   const BeamPattern& pattern = settings_.optics(drone);
   const Mat3 rotation = pose.rotation.toRotationMatrix();
   tracer.set_viewpoint(scene, {.origin = pose.position + trace::rotated(rotation, offset_of(drone)),
                                .rotation = rotation,
                                .range = settings_[drone].max_range_m,
                                .bodies = bodies,
+                               .drones = drones,
                                .policy = policy_});
   for (const BeamTile& tile : pattern.tiles) {
     tracer.enqueue({.x = pattern.x.data() + tile.first,

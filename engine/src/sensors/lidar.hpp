@@ -41,8 +41,8 @@ class Lidar final : public BlockSensor {
   void write_points(const State& state, std::span<float> out) const;    // same shape, m, world frame; inf on a miss
 
   // Scans from a pose with the drone's own setting.
-  void scan(const trace::Scene& scene, const trace::Bodies& bodies, const Pose& pose, DroneIndex drone, float* ranges,
-            trace::Tracer& tracer) const;
+  void scan(const trace::Scene& scene, const trace::Bodies& bodies, const trace::Bodies& drones, const Pose& pose,
+            DroneIndex drone, float* ranges, trace::Tracer& tracer) const;
 
   void clear(DroneIndex drone) override;
   void list_arrays(const std::function<void(const ArrayView&)>& list) const override {

@@ -78,10 +78,12 @@ struct Surroundings {
   trace::Tracer& tracer;
   trace::Bodies bodies{};  // of all envs
   std::size_t bodies_per_env = 0;
+  trace::Bodies drones{};  // of all envs, if they see each other
 
   std::size_t env_of(DroneIndex drone) const { return drones_per_env == 1 ? std::size_t{drone} : drone / drones_per_env; }
   const trace::Scene& scene_of(DroneIndex drone) const { return *scenes[static_cast<std::size_t>(slots[env_of(drone)])]; }
   trace::Bodies bodies_of(DroneIndex drone) const { return bodies.of_env(env_of(drone), bodies_per_env); }
+  trace::Bodies drones_seen_by(DroneIndex drone) const { return drones.seen_by(drone, drones_per_env); }
 };
 
 // A sensor that is read block by block, on the threads of the step. Cameras are not: the frames of all blocks are rendered

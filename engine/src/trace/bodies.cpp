@@ -30,6 +30,16 @@ Shape shape_of(const Bodies& bodies, std::size_t number) {
   return shape;
 }
 
+PosedHull posed_hull(const Bodies& drones, std::size_t number) {
+  const float* const p = drones.position + 3 * number;
+  const float* const q = drones.quat_wxyz + 4 * number;
+  return {.planes = drones.common_hull,
+          .position = {p[0], p[1], p[2]},
+          .rotation = Quat(q[0], q[1], q[2], q[3]),
+          .radius = drones.radius[number],
+          .element = drones.first_element + static_cast<std::int32_t>(number)};
+}
+
 // True if the shape's own bounding box may be within range of a point in its frame.
 bool is_within(const Shape& shape, const std::array<float, 3>& local, float range_m) {
   float squared = 0.0F, extent = 1.0F + range_m;
@@ -63,35 +73,48 @@ PosedMesh posed_mesh(const Bodies& bodies, std::size_t number) {
           .element = bodies.first_element + static_cast<std::int32_t>(number)};
 }
 
-void make_shapes(const Bodies& bodies, std::vector<NumberedShape>& shapes) {
-  shapes.clear();
-  shapes.reserve(bodies.count);
+void append_shapes(const Bodies& bodies, std::vector<NumberedShape>& shapes) {
+  if (bodies.solids == nullptr) return;
+  shapes.reserve(shapes.size() + bodies.count);
   for (std::size_t i = 0; i < bodies.count; ++i) {
-    if (bodies.radius[i] >= 0.0F && bodies.mesh(i) == nullptr)
+    if (bodies.is_visible(i) && bodies.mesh(i) == nullptr)
       shapes.push_back({shape_of(bodies, i), bodies.first_element + static_cast<std::int32_t>(i)});
   }
 }
 
-void make_meshes(const Bodies& bodies, std::vector<PosedMesh>& meshes) {
-  meshes.clear();
+void append_meshes(const Bodies& bodies, std::vector<PosedMesh>& meshes) {
   for (std::size_t i = 0; i < bodies.count; ++i) {
-    if (bodies.radius[i] >= 0.0F && bodies.mesh(i) != nullptr) meshes.push_back(posed_mesh(bodies, i));
+    if (bodies.is_visible(i) && bodies.mesh(i) != nullptr) meshes.push_back(posed_mesh(bodies, i));
   }
 }
 
-void NearBodies::gather(const Bodies& bodies, const Vec3& origin, float near_m, float range_m) {
+void NearBodies::gather(const Bodies& bodies, const Bodies& drones, const Vec3& origin, float near_m, float range_m) {
   shapes_.clear();
   candidates_.clear();
   meshes_.clear();
-  if (bodies.count == 0) return;
-  if (found_.size() < bodies.count) {
-    found_.resize(bodies.count);
-    shapes_.reserve(bodies.count);
-    candidates_.reserve(bodies.count);
-    meshes_.reserve(bodies.count);
+  hulls_.clear();
+  const std::size_t most = bodies.count + drones.count;
+  if (most == 0) return;
+  if (found_.size() < most) {
+    found_.resize(most);
+    shapes_.reserve(most);
+    candidates_.reserve(most);
+    meshes_.reserve(most);
+    hulls_.reserve(most);
   }
+  add(bodies, origin, near_m, range_m);
+  add(drones, origin, near_m, range_m);
+}
+
+void NearBodies::add(const Bodies& bodies, const Vec3& origin, float near_m, float range_m) {
+  if (bodies.count == 0) return;
   const std::size_t count = find_near_balls(bodies.balls(), origin, range_m, found_.data());
   for (const std::uint32_t number : std::span(found_).first(count)) {
+    if (number == bodies.hidden) continue;
+    if (bodies.common_hull != nullptr) {
+      hulls_.push_back(posed_hull(bodies, number));
+      continue;
+    }
     if (bodies.mesh(number) != nullptr) {
       meshes_.push_back(posed_mesh(bodies, number));
       continue;

@@ -1,5 +1,6 @@
-// Bodies: the solids of one env that move, as its sensors see them. The batch owns their arrays. For each sensor, the bodies
-// within range become candidates for direct tracing, so nothing has to be updated when a body moves.
+// Bodies: the solids of one env that move, as its sensors see them: its bodies, or the drones that see each other. The batch
+// owns their arrays. For each sensor, the bodies within range become candidates for direct tracing, so nothing has to be updated
+// when a body moves.
 #pragma once
 
 #include <cstddef>
@@ -11,6 +12,7 @@
 #include "flockstep/pose.hpp"
 #include "flockstep/world.hpp"
 #include "trace/direct.hpp"
+#include "trace/hulls.hpp"
 #include "trace/near_balls.hpp"
 #include "trace/posed_mesh.hpp"
 #include "trace/shape.hpp"
@@ -24,9 +26,15 @@ struct Bodies {
   const Primitive* const* solids = nullptr;  // (count,) kind and half_extents; the poses are ignored
   // (count,) scenes of meshes, instead of solids; null for other bodies. Null if there are no meshes.
   const Scene* const* meshes = nullptr;
+  // The shape of all of them, if they are drones, instead of solids and meshes: a hull or a mesh.
+  const HullPlanes* common_hull = nullptr;
+  const Scene* common_mesh = nullptr;
   std::size_t count = 0;
   std::size_t readable = 0;        // bodies of this env and the following ones, which these arrays also hold
   std::int32_t first_element = 0;  // number of the first body in hits
+  std::size_t hidden = kNone;      // number of the drone that carries the sensor, which does not see it
+
+  static constexpr std::size_t kNone = static_cast<std::size_t>(-1);
 
   // Returns the bodies of one env, if these are the bodies of all envs.
   Bodies of_env(std::size_t env, std::size_t per_env) const {
@@ -35,45 +43,59 @@ struct Bodies {
     return {position + 3 * first,
             quat_wxyz + 4 * first,
             radius + first,
-            solids + first,
+            solids == nullptr ? nullptr : solids + first,
             meshes == nullptr ? nullptr : meshes + first,
+            common_hull,
+            common_mesh,
             per_env,
             readable - first,
             first_element};
+  }
+  // Returns the drones of one env as one of them sees them, if these are the drones of all envs.
+  Bodies seen_by(std::size_t drone, std::size_t per_env) const {
+    if (count == 0) return {};
+    Bodies others = of_env(drone / per_env, per_env);
+    others.hidden = drone % per_env;
+    return others;
   }
   void prefetch_balls() const {
     prefetch(position, 3 * count * sizeof(float));
     prefetch(radius, count * sizeof(float));
   }
-  const Scene* mesh(std::size_t number) const { return meshes == nullptr ? nullptr : meshes[number]; }
+  const Scene* mesh(std::size_t number) const { return meshes == nullptr ? common_mesh : meshes[number]; }
+  bool is_visible(std::size_t number) const { return radius[number] >= 0.0F && number != hidden; }
   Balls balls() const { return {position, radius, count, readable}; }
 };
 
-// Returns body `number`, which is no mesh, as a primitive at its current pose.
+// Returns body `number`, which is neither a mesh nor a hull, as a primitive at its current pose.
 Primitive posed_solid(const Bodies& bodies, std::size_t number);
 
 // Returns body `number`, which is a mesh.
 PosedMesh posed_mesh(const Bodies& bodies, std::size_t number);
 
-// Make shapes and meshes of all visible bodies, for rays of arbitrary origins.
-void make_shapes(const Bodies& bodies, std::vector<NumberedShape>& shapes);
-void make_meshes(const Bodies& bodies, std::vector<PosedMesh>& meshes);
+// Append shapes and meshes of all visible bodies, for rays of arbitrary origins. Bodies with a common hull have neither.
+void append_shapes(const Bodies& bodies, std::vector<NumberedShape>& shapes);
+void append_meshes(const Bodies& bodies, std::vector<PosedMesh>& meshes);
 
 // The bodies that the rays of one sensor may hit.
 class NearBodies {
  public:
-  // Takes those within range_m of the origin. Allocates only if there are more bodies than ever before.
-  void gather(const Bodies& bodies, const Vec3& origin, float near_m, float range_m);
+  // Takes those within range_m of the origin. Allocates only if there are more of them than ever before.
+  void gather(const Bodies& bodies, const Bodies& drones, const Vec3& origin, float near_m, float range_m);
 
-  bool empty() const { return candidates_.empty() && meshes_.empty(); }
+  bool empty() const { return candidates_.empty() && meshes_.empty() && hulls_.empty(); }
   std::span<const Candidate> candidates() const { return candidates_; }  // valid until the next gather()
   std::span<const PosedMesh> meshes() const { return meshes_; }          // valid until the next gather()
+  std::span<const PosedHull> hulls() const { return hulls_; }            // valid until the next gather()
 
  private:
+  void add(const Bodies& bodies, const Vec3& origin, float near_m, float range_m);
+
   std::vector<std::uint32_t> found_;
   std::vector<Shape> shapes_;
   std::vector<Candidate> candidates_;
   std::vector<PosedMesh> meshes_;
+  std::vector<PosedHull> hulls_;
 };
 
 }  // namespace flockstep::trace

@@ -70,7 +70,7 @@ void Tracer::set_viewpoint(const Scene& scene, const Viewpoint& viewpoint) {
   bundle_.range = viewpoint.range;
   scene.gather(viewpoint.origin, viewpoint.near * viewpoint.longest, viewpoint.range * viewpoint.longest, viewpoint.sees_markers,
                candidates_);
-  near_bodies_.gather(viewpoint.bodies, viewpoint.origin, viewpoint.near * viewpoint.longest,
+  near_bodies_.gather(viewpoint.bodies, viewpoint.drones, viewpoint.origin, viewpoint.near * viewpoint.longest,
                       viewpoint.range * viewpoint.longest);
   candidates_.crowded |= viewpoint.policy.embree;
   policy_ = viewpoint.policy;
@@ -212,6 +212,7 @@ void Tracer::meet_bodies(const RayTile* picture) {
     if (is_beside(mesh, bundle_)) continue;
     picture == nullptr ? meet_mesh(mesh) : meet_mesh(mesh, *picture);
   }
+  if (!near_bodies_.hulls().empty()) trace_hulls(near_bodies_.hulls(), bundle_);
 }
 
 void Tracer::meet_mesh(const PosedMesh& mesh) {

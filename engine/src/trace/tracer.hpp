@@ -38,6 +38,7 @@ struct Viewpoint {
   float longest = 1.0F;       // length of the longest direction
   bool sees_markers = false;  // markers are visible, numbered after the triangles
   Bodies bodies{};            // of the env; their arrays must outlive trace() and enqueue()
+  Bodies drones{};            // the same for the drones that the sensor sees
   AskedDetails asked{};       // details of the hits of trace()
   TracePolicy policy{};       // tiles require Scene::prepare_tiles()
 };
@@ -91,10 +92,10 @@ class Tracer {
 
   // Rays of arbitrary origins. The caller sets `near` and, for the first `count` rays, everything except t_hit and element.
   RayBlock& block() { return block_; }
-  // Finds the nearest hits of the block. bodies: see make_shapes().
+  // Finds the nearest hits of the block. bodies: see append_shapes().
   void trace_block(const Scene& scene, std::span<const NumberedShape> bodies = {});
   // Tests if anything except rooms and markers lies on the rays of the block, through masks. If so, t_hit is finite. meshes: see
-  // make_meshes().
+  // append_meshes().
   void trace_shadows(const Scene& scene, std::span<const NumberedShape> bodies = {}, std::span<const PosedMesh> meshes = {});
 
   // Details of the last trace() or trace_block(), for hits on triangles.

@@ -48,7 +48,7 @@ class ThirdPersonView:
     beams
         Draw the LiDAR's beams. A beam without a hit is as long as the LiDAR's range.
     others
-        Also draw the other drones of the same world, in paler colours. Drones neither sense nor touch each other.
+        Also draw the other drones of the same world, in paler colours.
     size_px
         Width and height of the picture. None: 640 x 480.
     place

@@ -206,7 +206,7 @@ TEST(Bodies, AreNumberedFromTheFirstElement) {
   aimed.range = 9.0F;
   testing::copy(aimed, tracer->block());
   std::vector<NumberedShape> shapes;
-  make_shapes(moving.view(100), shapes);
+  append_shapes(moving.view(100), shapes);
   tracer->trace_block(scene, shapes);
   for (int i = 0; i < 4; ++i) EXPECT_EQ(tracer->block().element[i], rays.element[i]);
   tracer->trace_shadows(scene, shapes);

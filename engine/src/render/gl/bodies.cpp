@@ -30,11 +30,10 @@ void append_bodies(const VisibleBodies& bodies, const World& world, bool shadows
   if (bodies.shapes.count == 0) return;
   const Eigen::Matrix3d to_sun = sun_rotation(world.light());
   for (std::size_t i = 0; i < bodies.shapes.count; ++i) {
-    if (bodies.shapes.radius[i] < 0.0F) continue;
-    const Surface surface{.color = bodies.surfaces[i].color,
-                          .semantic = bodies.surfaces[i].semantic,
-                          .instance = static_cast<std::uint16_t>(kFirstBodyInstance + i)};
-    if (const std::shared_ptr<const World>* const mesh = bodies.surfaces[i].mesh) {
+    if (bodies.shapes.radius[i] < 0.0F) continue;  // the drone that carries the camera is hidden later; see TileCamera
+    const BodySurface& appearance = bodies.surface(i);
+    const Surface surface{.color = appearance.color, .semantic = appearance.semantic, .instance = bodies.instance(i)};
+    if (const std::shared_ptr<const World>* const mesh = appearance.mesh) {
       const trace::PosedMesh posed = trace::posed_mesh(bodies.shapes, i);
       const Mat3 rotation = posed.to_local.transpose();
       out.meshes.push_back({model_of(*mesh), posed.position, rotation, posed.radius, pack_ids(surface),

@@ -35,7 +35,7 @@ struct GlBodies {
   std::vector<GlMeshBody> meshes;
 };
 
-// Appends the visible bodies of an env. model_of: returns the model of a mesh body's world.
+// Appends the visible bodies or drones of an env. model_of: returns the model of a mesh body's world.
 void append_bodies(const VisibleBodies& bodies, const World& world, bool shadows,
                    const std::function<std::uint32_t(const std::shared_ptr<const World>&)>& model_of, GlBodies& out);
 

@@ -325,16 +325,18 @@ void GlPainter::paint(const GlAtlas& atlas, std::span<const TileCamera> cameras,
 // Returns the first caster of the camera's list, and adds the list unless the previous camera has the same one.
 std::uint32_t GlPainter::list_casters(const TileCamera& camera, const GlBodies& bodies) {
   if (camera.num_bodies == 0 && camera.num_meshes == 0) return 0;
-  if (listed_body_ != camera.first_body || listed_mesh_ != camera.first_mesh || caster_lists_.size() == 1) {
+  if (listed_body_ != camera.first_body || listed_mesh_ != camera.first_mesh || listed_without_ != camera.hidden_ids ||
+      caster_lists_.size() == 1) {
     listed_body_ = camera.first_body;
     listed_mesh_ = camera.first_mesh;
+    listed_without_ = camera.hidden_ids;
     last_list_ = static_cast<std::uint32_t>(caster_lists_.size());
     for (const GlBody& body : std::span(bodies.solids).subspan(camera.first_body, camera.num_bodies)) {
       caster_lists_.push_back(body.caster);
     }
     for (const GlMeshBody& mesh : std::span(bodies.meshes).subspan(camera.first_mesh, camera.num_meshes)) {
       const std::optional<std::uint32_t>& nodes = models_[mesh.model].nodes;
-      if (!nodes) continue;
+      if (!nodes || !camera.shows(mesh)) continue;
       caster_lists_.push_back(mesh.caster);
       caster_lists_.back().begin_nodes(*nodes);
       meshes_cast_ = true;
@@ -413,7 +415,7 @@ void GlPainter::cull(const TileCamera& camera, std::size_t num_cameras, std::uin
   cull_round(model, frustum, camera, pass, number);
   cull_bodies(std::span(bodies.solids).subspan(camera.first_body, camera.num_bodies), frustum, camera, pass, number);
   for (const GlMeshBody& mesh : std::span(bodies.meshes).subspan(camera.first_mesh, camera.num_meshes)) {
-    if (is_hidden(RoundBound{mesh.position, Vec3::UnitZ(), mesh.radius, mesh.radius}, frustum)) continue;
+    if (!camera.shows(mesh) || is_hidden(RoundBound{mesh.position, Vec3::UnitZ(), mesh.radius, mesh.radius}, frustum)) continue;
     const View local = view.in_frame_of(mesh);
     const auto record = static_cast<std::uint32_t>(num_cameras + posed_.size());
     posed_cameras_.push_back(record_of(local, static_cast<double>(posed_.size()), 0.0));

@@ -28,6 +28,9 @@ struct TileCamera {
   float cx = 0, cy = 0;                          // px, from the tile's upper left
   std::uint32_t first_body = 0, num_bodies = 0;  // in GlBodies::solids
   std::uint32_t first_mesh = 0, num_meshes = 0;  // in GlBodies::meshes
+  std::uint32_t hidden_ids = 0;                  // GlMeshBody::ids of the drone that carries the camera; 0: none
+
+  bool shows(const GlMeshBody& mesh) const { return mesh.ids != hidden_ids; }
 };
 
 struct GlPass {
@@ -161,8 +164,8 @@ class GlPainter {
   std::array<std::vector<RoundShape>, kNumRoundKinds> body_shapes_;
   // Lists of the casters among the bodies, each with an empty caster at its end. The first list is empty.
   std::vector<SunCaster> caster_lists_;
-  // The first solid, the first mesh and the first caster of the last list.
-  std::uint32_t listed_body_ = 0, listed_mesh_ = 0, last_list_ = 0;
+  // The first solid, the first mesh, the hidden mesh and the first caster of the last list.
+  std::uint32_t listed_body_ = 0, listed_mesh_ = 0, listed_without_ = 0, last_list_ = 0;
   bool meshes_cast_ = false;  // some caster in the lists is a mesh
   std::vector<std::uint32_t> sky_cameras_;
 };

@@ -49,10 +49,11 @@ int roomy(int tiles, int most) { return std::min(static_cast<int>(std::bit_ceil(
 // Returns the number of triangles that a request may show.
 std::size_t triangles_of(const RenderRequest& request) {
   std::size_t triangles = request.world->triangles().triangles.size();
-  for (std::size_t i = 0; i < request.bodies.shapes.count; ++i) {
-    const auto* const mesh = request.bodies.surfaces[i].mesh;
-    if (mesh != nullptr) triangles += (*mesh)->triangles().triangles.size();
-  }
+  const auto triangles_of_mesh = [](const BodySurface& surface) {
+    return surface.mesh == nullptr ? std::size_t{0} : (*surface.mesh)->triangles().triangles.size();
+  };
+  for (std::size_t i = 0; i < request.bodies.shapes.count; ++i) triangles += triangles_of_mesh(request.bodies.surface(i));
+  if (request.drones.shapes.count > 0) triangles += request.drones.shapes.count * triangles_of_mesh(request.drones.surface(0));
   return triangles;
 }
 
@@ -221,15 +222,23 @@ void GlRenderer::Impl::plan_group(std::span<const std::uint32_t> group) {
   std::size_t first_body = 0, first_mesh = 0;
   for (const std::uint32_t i : group) {
     const RenderRequest& request = requests[i];
-    // Drones of one env share its bodies.
-    if (last == nullptr || last->bodies.shapes.position != request.bodies.shapes.position || last->world != request.world) {
+    // Drones of one env share its bodies, and see the same drones except themselves.
+    const VisibleBodies& drones = request.drones;
+    if (last == nullptr || last->bodies.shapes.position != request.bodies.shapes.position ||
+        last->drones.shapes.position != drones.shapes.position || last->world != request.world) {
       first_body = task.bodies.solids.size();
       first_mesh = task.bodies.meshes.size();
-      append_bodies(
-          request.bodies, *request.world, pass.traits.shadows,
-          [&](const std::shared_ptr<const World>& mesh) { return model_of_mesh(mesh, pass.traits.shadows); }, task.bodies);
+      for (const VisibleBodies& visible : {request.bodies, drones}) {
+        append_bodies(
+            visible, *request.world, pass.traits.shadows,
+            [&](const std::shared_ptr<const World>& mesh) { return model_of_mesh(mesh, pass.traits.shadows); }, task.bodies);
+      }
     }
     last = &request;
+    std::uint32_t hidden_ids = 0;
+    if (const std::size_t own = drones.shapes.hidden; own != trace::Bodies::kNone) {
+      hidden_ids = pack_ids({.semantic = drones.surface(own).semantic, .instance = drones.instance(own)});
+    }
     const auto num_bodies = static_cast<std::uint32_t>(task.bodies.solids.size() - first_body);
     const auto num_meshes = static_cast<std::uint32_t>(task.bodies.meshes.size() - first_mesh);
     const std::uint32_t model = model_of(*request.world, pass.traits.shadows);
@@ -242,7 +251,7 @@ void GlRenderer::Impl::plan_group(std::span<const std::uint32_t> group) {
         task.cameras.push_back({model, request.position, request.rotation, request.pinhole->fx, request.pinhole->fy,
                                 request.pinhole->cx - static_cast<float>(left), request.pinhole->cy - static_cast<float>(top),
                                 static_cast<std::uint32_t>(first_body), num_bodies, static_cast<std::uint32_t>(first_mesh),
-                                num_meshes});
+                                num_meshes, hidden_ids});
       }
     }
   }

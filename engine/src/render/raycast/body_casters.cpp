@@ -6,10 +6,13 @@
 
 namespace flockstep::render {
 
-void BodyCasters::begin(const trace::Bodies& bodies, const Vec3& to_sun) {
+void BodyCasters::begin(const trace::Bodies& bodies, const trace::Bodies& drones, const Vec3& to_sun) {
   to_sun_ = to_sun;
-  trace::make_shapes(bodies, casters_);
-  trace::make_meshes(bodies, meshes_);
+  casters_.clear();
+  meshes_.clear();
+  trace::append_shapes(bodies, casters_);
+  trace::append_meshes(bodies, meshes_);
+  trace::append_meshes(drones, meshes_);
   above_.reserve(casters_.size());
   meshes_above_.reserve(meshes_.size());
 }

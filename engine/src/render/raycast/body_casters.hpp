@@ -1,4 +1,4 @@
-// BodyCasters: the bodies of one frame as casters of shadows.
+// BodyCasters: the bodies and drones of one frame as casters of shadows.
 #pragma once
 
 #include <cstddef>
@@ -17,7 +17,7 @@ namespace flockstep::render {
 class BodyCasters {
  public:
   // Begins a frame. Allocates only if there are more bodies than ever before.
-  void begin(const trace::Bodies& bodies, const Vec3& to_sun);
+  void begin(const trace::Bodies& bodies, const trace::Bodies& drones, const Vec3& to_sun);
   bool empty() const { return casters_.empty() && meshes_.empty(); }
   // Return at least those casters whose shadow reaches into the box, valid until the next call.
   std::span<const trace::NumberedShape> above(const Aabb& box);

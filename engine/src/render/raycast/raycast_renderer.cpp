@@ -130,10 +130,12 @@ RaycastScratch::RaycastScratch() { std::fill(std::begin(ones), std::end(ones), 1
 void render_tiles(const RenderRequest& request, std::size_t first, std::size_t last, RaycastScratch& scratch) {
   const CameraConfig& camera = *request.camera;
   const PinholeCamera& pinhole = *request.pinhole;
-  VisibleBodies bodies = request.bodies;
+  VisibleBodies bodies = request.bodies, drones = request.drones;
   bodies.shapes.first_element = request.shading->first_body();
-  scratch.bodies.begin(bodies, *request.shading);
-  scratch.casters.begin(camera.shadows && camera.outputs.any_color() ? bodies.shapes : trace::Bodies{}, to_sun(request));
+  drones.shapes.first_element = bodies.shapes.first_element + static_cast<std::int32_t>(bodies.shapes.count);
+  scratch.bodies.begin(bodies, drones, *request.shading);
+  const bool shadows = camera.shadows && camera.outputs.any_color();
+  scratch.casters.begin(shadows ? bodies.shapes : trace::Bodies{}, shadows ? drones.shapes : trace::Bodies{}, to_sun(request));
   scratch.tracer.set_viewpoint(*request.scene,
                                {.origin = request.position,
                                 .rotation = request.rotation,
@@ -142,6 +144,7 @@ void render_tiles(const RenderRequest& request, std::size_t first, std::size_t l
                                 .longest = pinhole.corner,
                                 .sees_markers = true,
                                 .bodies = bodies.shapes,
+                                .drones = drones.shapes,
                                 .asked = {.normals = camera.outputs.normal, .weights = camera.outputs.any_color()},
                                 .policy = request.policy});
   CameraOutputs wanted = camera.outputs;

@@ -20,9 +20,10 @@ bool give_same_ramps(const Light& a, const Light& b) {
 
 }  // namespace
 
-void ShadedBodies::begin(const VisibleBodies& bodies, const Shading& shading) {
+void ShadedBodies::begin(const VisibleBodies& bodies, const VisibleBodies& drones, const Shading& shading) {
   shading_ = &shading;
   bodies_ = bodies;
+  drones_ = drones;
   ++frame_;
   if (bodies.shapes.count == 0) return;
   if (shaded_.size() < bodies.shapes.count) shaded_.resize(bodies.shapes.count);
@@ -30,18 +31,20 @@ void ShadedBodies::begin(const VisibleBodies& bodies, const Shading& shading) {
 }
 
 void ShadedBodies::shade(std::size_t number, Body& body) {
-  const BodySurface& surface = bodies_.surfaces[number];
+  const BodySurface& surface = bodies_.surface(number);
   body.shape = trace::make_shape(trace::posed_solid(bodies_.shapes, number));
   body.solid = shading_->make_solid(body.shape, {.color = surface.color,
                                                  .semantic = surface.semantic,
-                                                 .instance = static_cast<std::uint16_t>(kFirstBodyInstance + number)});
+                                                 .instance = bodies_.instance(number)});
   if (takes_ramp(body.solid)) body.solid.ramp = find_ramp(body.solid.surface);
   body.frame = frame_;
 }
 
 ShadedBodies::Mesh ShadedBodies::mesh_at(std::size_t number) {
-  const BodySurface& surface = bodies_.surfaces[number];
-  const trace::PosedMesh posed = trace::posed_mesh(bodies_.shapes, number);
+  const VisibleBodies& set = of(number);
+  const std::size_t among = number_among(number);
+  const BodySurface& surface = set.surface(among);
+  const trace::PosedMesh posed = trace::posed_mesh(set.shapes, among);
   // The best is one that already has this rotation, then one whose rotation is not needed in this frame.
   const auto rank = [&](const KeptMesh& kept) {
     if (!kept.shaded->fits(surface, shading_->light())) return 0;
@@ -59,7 +62,7 @@ ShadedBodies::Mesh ShadedBodies::mesh_at(std::size_t number) {
   found->frame = frame_;
   return {found->shaded.get(),
           posed,
-          {.semantic = surface.semantic, .instance = static_cast<std::uint16_t>(kFirstBodyInstance + number)}};
+          {.semantic = surface.semantic, .instance = set.instance(among)}};
 }
 
 void ShadedBodies::light(const Mesh& mesh, std::int32_t element, const trace::RayBundle& rays, const trace::HitDetails& details,

@@ -1,4 +1,4 @@
-// ShadedBodies: the bodies of one frame in the form that the shading kernels need.
+// ShadedBodies: the bodies and drones of one frame in the form that the shading kernels need.
 #pragma once
 
 #include <algorithm>
@@ -19,12 +19,12 @@
 
 namespace flockstep::render {
 
-// Each thread needs its own. A body is computed when the first ray of the frame hits it.
+// Each thread needs its own. A body is computed when the first ray of the frame hits it. Drones are numbered after the bodies.
 class ShadedBodies {
  public:
   // Begins a frame. The arguments must outlive it. Allocates only if there are more bodies than ever before.
-  void begin(const VisibleBodies& bodies, const Shading& shading);
-  bool is_mesh(std::size_t number) const { return bodies_.surfaces[number].shading != nullptr; }
+  void begin(const VisibleBodies& bodies, const VisibleBodies& drones, const Shading& shading);
+  bool is_mesh(std::size_t number) const { return of(number).surface(number_among(number)).shading != nullptr; }
   // Returns body `number`, which is no mesh; the reference is valid until the next begin().
   const ShadedSolid& at(std::size_t number) {
     Body& body = shaded_[number];
@@ -72,11 +72,14 @@ class ShadedBodies {
     Shading::Ramp entries{};
   };
 
+  bool is_drone(std::size_t number) const { return number >= bodies_.shapes.count; }
+  const VisibleBodies& of(std::size_t number) const { return is_drone(number) ? drones_ : bodies_; }
+  std::size_t number_among(std::size_t number) const { return is_drone(number) ? number - bodies_.shapes.count : number; }
   void shade(std::size_t number, Body& body);
   const std::int32_t* find_ramp(const Surface& surface);  // null if the ramp would be too coarse
 
   const Shading* shading_ = nullptr;
-  VisibleBodies bodies_;
+  VisibleBodies bodies_, drones_;
   std::uint64_t frame_ = 0;
   std::vector<Body> shaded_;  // by number
   std::vector<std::unique_ptr<Ramp>> ramps_;

@@ -1,0 +1,492 @@
+// Drones of an env that see each other by LiDAR and camera.
+#include <gtest/gtest.h>
+
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <cstddef>
+#include <cstdint>
+#include <functional>
+#include <memory>
+#include <random>
+#include <span>
+#include <string>
+#include <tuple>
+#include <utility>
+#include <vector>
+
+#include "allocation_counter.hpp"
+#include "base/pose_access.hpp"
+#include "batch_helpers.hpp"
+#include "flockstep/batch.hpp"
+#include "flockstep/world_builder.hpp"
+#include "hull_oracle.hpp"
+#include "ray_oracle.hpp"
+
+namespace flockstep {
+namespace {
+
+using oracle::Vec3d;
+using testing::Poses;
+using testing::primitive;
+using testing::Random;
+using testing::same_bits;
+
+std::shared_ptr<const World> hall() {
+  return testing::make_world({primitive(PrimitiveKind::room, {0, 0, 0}, {5, 5, 4}),
+                              primitive(PrimitiveKind::cylinder, {1, 1, 0}, {0.3F, 0.3F, 2}),
+                              primitive(PrimitiveKind::box, {-2, 0, 0}, {0.5F, 0.4F, 0.6F})},
+                             {.start = Vec3(0, 0, 1), .goal = Vec3(3, 3, 1)});
+}
+
+// A coloured arrow that points forward.
+std::shared_ptr<const World> arrow() {
+  WorldBuilder builder("arrow");
+  MeshPart part;
+  part.vertices = {{0.5F, 0, 0}, {-0.3F, 0.3F, 0}, {-0.3F, -0.3F, 0}, {-0.2F, 0, 0.25F}};
+  part.triangles = {{0, 3, 2}, {0, 1, 3}, {1, 2, 3}, {0, 2, 1}};
+  builder.mesh(part, builder.material({.name = "red", .base_color = {0.8F, 0.1F, 0.1F}}));
+  return builder.build();
+}
+
+BatchConfig flock_of(int num_envs, int drones_per_env, Meet meet = Meet::seen) {
+  BatchConfig config;
+  config.num_envs = num_envs;
+  config.drones_per_env = drones_per_env;
+  config.num_threads = 1;
+  config.meet = meet;
+  LidarConfig lidar;
+  lidar.channels = 5;
+  lidar.beams = 60;
+  lidar.hfov_deg = 360;
+  lidar.vfov_deg = 60;
+  lidar.max_range_m = 6;
+  config.lidars = {lidar};
+  return config;
+}
+
+CameraConfig camera_of(CaptureMode mode = CaptureMode::every_step) {
+  CameraConfig camera;
+  camera.width_px = 64;
+  camera.height_px = 48;
+  camera.outputs = {.rgb = true, .depth = true, .semantic = true, .instance = true, .normal = true, .grey = true};
+  camera.shadows = true;
+  camera.capture_mode = mode;
+  return camera;
+}
+
+Pose pose_of_row(const Poses& poses, std::size_t row) {
+  return load_pose(poses.position.data() + 3 * row, poses.quat_wxyz.data() + 4 * row);
+}
+
+// The poses of some rows.
+Poses rows_of(const Poses& poses, std::span<const std::size_t> rows) {
+  Poses some;
+  for (const std::size_t row : rows) {
+    some.position.insert(some.position.end(), &poses.position[3 * row], &poses.position[3 * row] + 3);
+    some.quat_wxyz.insert(some.quat_wxyz.end(), &poses.quat_wxyz[4 * row], &poses.quat_wxyz[4 * row] + 4);
+  }
+  return some;
+}
+
+// The nearest of the static world, which is element -2, and the other drones of an env.
+oracle::Hit nearest(const World& world, const oracle::Hull& hull, const Batch& batch, const Poses& poses, std::size_t drone,
+                    const Vec3d& origin, const Vec3d& direction) {
+  oracle::Hit found = oracle::nearest(world, origin, direction, 6.0);
+  if (found.element >= 0) found.element = -2;
+  const std::size_t per_env = static_cast<std::size_t>(batch.config().drones_per_env), env = drone / per_env;
+  for (std::size_t other = env * per_env; other < (env + 1) * per_env; ++other) {
+    if (other == drone || !batch.state().active[other]) continue;
+    oracle::Hit hit = hull.hit(pose_of_row(poses, other), origin, direction);
+    if (hit.t > 6.0 || hit.t >= found.t) continue;
+    found = hit;
+    found.element = static_cast<int>(other);
+  }
+  return found;
+}
+
+TEST(SeenDrones, LidarsDetectTheHullsOfTheOthers) {
+  const auto world = hall();
+  Random random(1);
+  std::size_t rays = 0, on_drones = 0, unclear = 0;
+  for (const DroneModel& model : {DroneModel::quadrotor650(), DroneModel::load("crazyflie")}) {
+    const oracle::Hull hull(model.hull());
+    Batch batch(flock_of(3, 5), {world}, nullptr, model);
+    batch.remove(std::array<std::int64_t, 1>{7});
+    for (int i = 0; i < 12; ++i) {
+      const Poses poses = testing::random_poses(random, 15, {1, 1, 1});
+      batch.set_pose(poses.position, poses.quat_wxyz);
+      batch.sense();
+      std::vector<float> directions(15 * 300 * 3);
+      batch.lidar_directions(directions);
+      for (std::size_t ray = 0; ray < 15 * 300; ++ray) {
+        const std::size_t drone = ray / 300;
+        const float range = batch.lidar_readings().ranges[ray];
+        if (drone == 7) {
+          ASSERT_TRUE(std::isinf(range));
+          continue;
+        }
+        const Pose pose = pose_of_row(poses, drone);
+        const Vec3d origin = pose.position.cast<double>();
+        const Vec3d direction =
+            (pose.rotation.cast<double>().normalized() * Vec3(Vec3::Map(&directions[3 * ray])).cast<double>()).normalized();
+        const oracle::Hit expected = nearest(*world, hull, batch, poses, drone, origin, direction);
+        ++rays;
+        bool clear = true;
+        double steepest = 1.0;
+        const Vec3d u = direction.unitOrthogonal(), v = direction.cross(u);
+        for (const Vec3d& way : {u, Vec3d(-u), v, Vec3d(-v), direction, Vec3d(-direction)}) {
+          const oracle::Hit other = nearest(*world, hull, batch, poses, drone, origin + 2e-5 * way, direction);
+          clear = clear && other.element == expected.element && (expected.element == -1 || other.normal.dot(expected.normal) > 0.9);
+          if (clear && expected.element != -1) steepest = std::max(steepest, std::abs(other.t - expected.t) / 2e-5);
+        }
+        if (!clear) {
+          ++unclear;
+          continue;
+        }
+        on_drones += expected.element >= 0 ? 1 : 0;
+        if (expected.element == -1) {
+          ASSERT_TRUE(std::isinf(range)) << range;
+        } else {
+          ASSERT_NEAR(static_cast<double>(range), expected.t, 5e-6 * steepest) << expected.element;
+        }
+      }
+    }
+  }
+  EXPECT_GT(rays, 100'000U);
+  EXPECT_GT(on_drones, 10'000U);
+  EXPECT_LT(unclear, rays / 50);
+}
+
+TEST(SeenDrones, ADroneDoesNotSeeItselfNorDronesOfOtherEnvs) {
+  for (const int per_env : {1, 2}) {
+    BatchConfig config = flock_of(4 / per_env, per_env), never = flock_of(4 / per_env, per_env, Meet::never);
+    config.cameras = never.cameras = {camera_of()};
+    Batch seen(config, {hall()}), unseen(never, {hall()});
+    const std::vector<std::int64_t> second{1, 3};
+    Random random(2);
+    const Poses poses = testing::random_poses(random, 4, {0.3F, 0.3F, 0.3F});
+    for (Batch* const batch : {&seen, &unseen}) {
+      if (per_env == 2) batch->remove(second);
+      batch->set_pose(poses.position, poses.quat_wxyz);
+      batch->sense();
+    }
+    EXPECT_TRUE(same_bits(seen.lidar_readings().ranges, unseen.lidar_readings().ranges)) << per_env;
+    testing::for_each_array(seen.images(0), [&](const std::string& name, const auto& image) {
+      testing::for_each_array(unseen.images(0), [&](const std::string& other, const auto& expected) {
+        if (name == other) EXPECT_TRUE(same_bits(std::as_bytes(std::span(image)), std::as_bytes(std::span(expected)))) << name;
+      });
+    });
+  }
+}
+
+std::vector<std::int64_t> actions_of(std::size_t step, std::size_t num_drones) {
+  std::vector<std::int64_t> actions(num_drones);
+  for (std::size_t drone = 0; drone < num_drones; ++drone) {
+    actions[drone] = static_cast<std::int64_t>(std::mt19937(static_cast<unsigned>(1000 * drone + step))() % 6);
+  }
+  return actions;
+}
+
+testing::NavigationBatch flying_flock(int num_envs, Meet meet = Meet::seen) {
+  testing::NavigationBatch config = testing::navigation_batch(num_envs);
+  config.drones_per_env = 6;
+  config.meet = meet;
+  config.navigation.random_start = true;
+  config.episode.max_episode_steps = 25;
+  config.episode.autoreset_mode = AutoresetMode::same_step;
+  return config;
+}
+
+TEST(SeenDrones, ResultsDoNotDependOnThreadsBlocksOrOtherEnvs) {
+  const auto world = testing::closet();
+  testing::NavigationBatch few_config = flying_flock(4), small_blocks = flying_flock(40);
+  small_blocks.num_threads = 3;
+  small_blocks.block_size = 3;
+  Batch few = few_config.make({world}), many = flying_flock(40).make({world}), others = small_blocks.make({world});
+  Batch unseen = flying_flock(40, Meet::never).make({world});
+  for (Batch* const batch : {&few, &many, &others, &unseen}) batch->reset({});
+  std::size_t nearer = 0;
+  for (std::size_t step = 0; step < 60; ++step) {
+    few.step(std::span<const std::int64_t>(actions_of(step, 24)));
+    for (Batch* const batch : {&many, &others, &unseen}) batch->step(std::span<const std::int64_t>(actions_of(step, 240)));
+    ASSERT_TRUE(same_bits(many.lidar_readings().ranges, others.lidar_readings().ranges)) << step;
+    const auto first = std::span(many.lidar_readings().ranges).first(few.lidar_readings().ranges.size());
+    ASSERT_TRUE(same_bits(few.lidar_readings().ranges, first)) << step;
+    ASSERT_TRUE(same_bits(many.state().position, unseen.state().position));  // what they see does not move them
+    for (std::size_t ray = 0; ray < many.lidar_readings().ranges.size(); ++ray) {
+      ASSERT_LE(many.lidar_readings().ranges[ray], unseen.lidar_readings().ranges[ray]);
+      nearer += many.lidar_readings().ranges[ray] < unseen.lidar_readings().ranges[ray] ? 1 : 0;
+    }
+  }
+  EXPECT_GT(nearer, 10'000U);
+}
+
+TEST(SeenDrones, AStepAllocatesNothing) {
+  Batch batch = flying_flock(64).make({testing::closet()});
+  batch.reset({});
+  std::vector<std::vector<std::int64_t>> actions;
+  for (std::size_t step = 0; step < 60; ++step) actions.push_back(actions_of(step, 384));
+  for (std::size_t step = 0; step < 30; ++step) batch.step(std::span<const std::int64_t>(actions[step]));
+  const std::uint64_t before = testing::allocations();
+  for (std::size_t step = 30; step < 60; ++step) batch.step(std::span<const std::int64_t>(actions[step]));
+  EXPECT_EQ(testing::allocations() - before, 0U);
+}
+
+TEST(SeenDrones, TheirOrderDoesNotMatter) {
+  Random random(3);
+  const Poses poses = testing::random_poses(random, 6, {1, 1, 1});
+  const std::array<std::size_t, 6> order{4, 2, 0, 5, 1, 3};
+  const Poses permuted = rows_of(poses, order);
+  Batch a(flock_of(1, 6), {hall()}), b(flock_of(1, 6), {hall()});
+  a.set_pose(poses.position, poses.quat_wxyz);
+  b.set_pose(permuted.position, permuted.quat_wxyz);
+  a.sense();
+  b.sense();
+  for (std::size_t row = 0; row < 6; ++row) {
+    EXPECT_TRUE(same_bits(testing::row(a.lidar_readings().ranges, order[row], 300), testing::row(b.lidar_readings().ranges, row, 300)));
+  }
+}
+
+TEST(SeenDrones, ASnapshotBringsTheSameBitsBack) {
+  BatchConfig config = flock_of(2, 4);
+  config.cameras = {camera_of(CaptureMode::on_movement)};
+  Random random(4);
+  const Poses first = testing::random_poses(random, 8, {1, 1, 1}), second = testing::random_poses(random, 8, {1, 1, 1});
+  Batch batch(config, {hall()});
+  batch.set_pose(first.position, first.quat_wxyz);
+  batch.sense();
+  batch.remove(std::array<std::int64_t, 1>{2});
+  batch.set_pose(second.position, second.quat_wxyz, std::vector<std::uint8_t>{0, 1, 0, 0, 0, 0, 0, 0});  // frames are old now
+  const std::string blob = batch.snapshot();
+  const CameraImages images = batch.images(0);
+  const std::vector<float> ranges = batch.lidar_readings().ranges;
+  batch.sense();
+  const CameraImages next = batch.images(0);
+  const std::vector<float> next_ranges = batch.lidar_readings().ranges;
+  Batch other(config, {hall()});
+  other.restore(blob);
+  EXPECT_TRUE(same_bits(other.images(0).rgb, images.rgb));
+  EXPECT_TRUE(same_bits(other.images(0).instance, images.instance));
+  EXPECT_TRUE(same_bits(other.lidar_readings().ranges, ranges));
+  other.sense();
+  EXPECT_TRUE(same_bits(other.images(0).rgb, next.rgb));
+  EXPECT_TRUE(same_bits(other.images(0).depth, next.depth));
+  EXPECT_FALSE(same_bits(images.depth, next.depth));
+  EXPECT_TRUE(same_bits(other.lidar_readings().ranges, next_ranges));
+}
+
+TEST(SeenDrones, DronesThatComeAreSeen) {
+  BatchConfig config = flock_of(1, 0);
+  config.cameras = {camera_of()};
+  Batch batch(config, {hall()});
+  const std::vector<float> at{0, 0, 0, 1, 0, 0, 2, 0, 0};
+  batch.spawn({}, std::span(at).first(3));
+  const auto ahead = [&] { return batch.lidar_readings().ranges[2 * 60 + 30]; };  // of the first drone
+  EXPECT_FLOAT_EQ(ahead(), 5.0F);
+  batch.spawn({}, std::span(at).subspan(3));
+  batch.sense();
+  EXPECT_FLOAT_EQ(ahead(), 1.0F - 0.465F);
+  const std::size_t middle = 24 * 64 + 32;
+  EXPECT_EQ(batch.images(0).instance[middle], kFirstDroneInstance + 1);
+  EXPECT_EQ(batch.images(0).semantic[middle], kSemanticDrone);
+  EXPECT_FLOAT_EQ(batch.images(0).depth[middle], 1.0F - 0.465F);
+  batch.remove(std::array<std::int64_t, 1>{1});
+  batch.sense();
+  EXPECT_FLOAT_EQ(ahead(), 2.0F - 0.465F);
+  EXPECT_EQ(batch.images(0).instance[middle], kFirstDroneInstance + 2);
+  std::vector<float> one(300);
+  batch.scan(0, one);
+  EXPECT_FLOAT_EQ(one[2 * 60 + 30], 2.0F - 0.465F);
+}
+
+TEST(SeenDrones, AFrameIsStaleWhenADroneHasMovedThatItMayShow) {
+  BatchConfig config = flock_of(2, 3);
+  config.cameras = {camera_of(CaptureMode::on_movement)};
+  Batch batch(config, {hall()});
+  std::vector<float> at{0, 0, 0, 2, 0, 0, 2, 2, 0, 0, 0, 0, 2, 0, 0, 2, 2, 0};
+  batch.set_pose(at, {});
+  batch.sense();
+  const auto is_drawn_again = [&](std::size_t drone) {
+    const std::size_t first = drone * 64 * 48;
+    std::vector<float>& depth = const_cast<std::vector<float>&>(batch.images(0).depth);
+    std::fill_n(depth.begin() + static_cast<std::ptrdiff_t>(first), 64 * 48, -1.0F);
+    return [&depth, first] { return depth[first] != -1.0F; };
+  };
+  const auto check = [&](std::array<bool, 6> expected) {
+    std::vector<std::function<bool()>> drawn;
+    for (std::size_t drone = 0; drone < 6; ++drone) drawn.emplace_back(is_drawn_again(drone));
+    batch.sense();
+    for (std::size_t drone = 0; drone < 6; ++drone) EXPECT_EQ(drawn[drone](), expected[drone]) << drone;
+  };
+  check({false, false, false, false, false, false});
+  at[4] = 0.1F;  // of drone 1
+  batch.set_pose(at, {});
+  check({true, true, true, false, false, false});
+  check({false, false, false, false, false, false});
+  batch.remove(std::array<std::int64_t, 1>{4});
+  check({false, false, false, true, false, true});
+}
+
+// Each drone sees what a drone by itself sees among bodies with the same mesh.
+class SeenDronesBy : public ::testing::TestWithParam<std::tuple<CameraBackend, bool>> {};
+
+TEST_P(SeenDronesBy, CamerasShowThemAsBodiesWithTheirMesh) {
+  const auto [backend, has_mesh] = GetParam();
+  BatchConfig config;
+  config.num_envs = 1;
+  config.drones_per_env = 5;
+  config.num_threads = 1;
+  config.meet = Meet::both;
+  config.camera_backend = backend;
+  config.cameras = {camera_of()};
+  if (has_mesh) config.drone_mesh = arrow();
+  const DroneModel tetrahedron({{0.5F, 0, 0}, {-0.3F, 0.3F, 0}, {-0.3F, -0.3F, 0}, {-0.2F, 0, 0.25F}});
+  WorldBuilder grey("grey");
+  grey.mesh({.vertices = {{0.5F, 0, 0}, {-0.3F, 0.3F, 0}, {-0.3F, -0.3F, 0}, {-0.2F, 0, 0.25F}},
+             .triangles = {{0, 3, 2}, {0, 1, 3}, {1, 2, 3}, {0, 2, 1}}},
+            grey.material({.name = "grey", .base_color = {0.4F, 0.4F, 0.4F}}));
+  const auto world = hall();
+  Batch batch(config, {world}, nullptr, tetrahedron);
+  if (batch.camera_backend_report().find("not installed") != std::string::npos) GTEST_SKIP() << batch.camera_backend_report();
+  BatchConfig one = config;
+  one.drones_per_env = 1;
+  one.num_envs = 5;
+  one.meet = Meet::never;
+  one.drone_mesh = nullptr;
+  one.max_bodies = 4;
+  BodyConfig body;
+  body.shape = BodyShape::mesh;
+  body.mesh = has_mesh ? arrow() : grey.build();
+  body.semantic = kSemanticDrone;
+  Batch bodies(one, {world}, nullptr, tetrahedron);
+  Random random(6);
+  const Poses poses = testing::random_poses(random, 5, {1, 1, 1});
+  batch.set_pose(poses.position, poses.quat_wxyz);
+  bodies.set_pose(poses.position, poses.quat_wxyz);
+  for (std::size_t env = 0; env < 5; ++env) {
+    std::vector<std::uint8_t> only(5, 0);
+    only[env] = 1;
+    for (std::size_t other = 0; other < 5; ++other) {
+      if (other == env) continue;
+      const std::array<std::size_t, 1> row{other};
+      const Poses pose = rows_of(poses, row);
+      std::vector<float> positions, quats;
+      for (int i = 0; i < 5; ++i) {
+        positions.insert(positions.end(), pose.position.begin(), pose.position.end());
+        quats.insert(quats.end(), pose.quat_wxyz.begin(), pose.quat_wxyz.end());
+      }
+      bodies.spawn_bodies(body, positions, quats, {}, {}, only);
+    }
+  }
+  batch.sense();
+  bodies.sense();
+  const CameraImages &got = batch.images(0), &expected = bodies.images(0);
+  std::size_t of_drones = 0, different = 0, ids = 0;
+  const std::size_t pixels = got.depth.size();
+  for (std::size_t pixel = 0; pixel < pixels; ++pixel) {
+    const std::size_t drone = pixel / (64 * 48);
+    ids += got.semantic[pixel] != expected.semantic[pixel] ? 1 : 0;
+    different += got.rgb[3 * pixel] != expected.rgb[3 * pixel] || got.depth[pixel] != expected.depth[pixel] ||
+                         got.normal[3 * pixel] != expected.normal[3 * pixel]
+                     ? 1
+                     : 0;
+    if (got.semantic[pixel] != kSemanticDrone) {
+      if (got.semantic[pixel] == expected.semantic[pixel]) EXPECT_EQ(got.instance[pixel], expected.instance[pixel]);
+      continue;
+    }
+    ++of_drones;
+    ASSERT_GE(got.instance[pixel], kFirstDroneInstance);
+    std::size_t number = static_cast<std::size_t>(got.instance[pixel] - kFirstDroneInstance);
+    ASSERT_LT(number, 5U);
+    ASSERT_NE(number, drone);
+    if (number > drone) --number;
+    if (got.semantic[pixel] == expected.semantic[pixel]) EXPECT_EQ(expected.instance[pixel], kFirstBodyInstance + number);
+  }
+  EXPECT_GT(of_drones, pixels / 50);
+  EXPECT_EQ(ids, 0U);
+  EXPECT_EQ(different, 0U);
+}
+
+INSTANTIATE_TEST_SUITE_P(Backends, SeenDronesBy,
+                         ::testing::Combine(::testing::Values(CameraBackend::raycast, CameraBackend::gl), ::testing::Bool()));
+
+TEST(SeenDrones, TheBackendsAgree) {
+  BatchConfig config;
+  config.drones_per_env = 5;
+  config.num_threads = 1;
+  config.meet = Meet::seen;
+  config.cameras = {camera_of()};
+  config.drone_mesh = arrow();
+  Batch traced(config, {hall()});
+  config.camera_backend = CameraBackend::gl;
+  Batch drawn(config, {hall()});
+  if (drawn.camera_backend_report().find("not installed") != std::string::npos) GTEST_SKIP() << drawn.camera_backend_report();
+  Random random(7);
+  std::size_t pixels = 0, same = 0, of_drones = 0;
+  for (int i = 0; i < 10; ++i) {
+    const Poses poses = testing::random_poses(random, 5, {1, 1, 1});
+    for (Batch* const batch : {&traced, &drawn}) {
+      batch->set_pose(poses.position, poses.quat_wxyz);
+      batch->sense();
+    }
+    for (std::size_t pixel = 0; pixel < traced.images(0).depth.size(); ++pixel) {
+      ++pixels;
+      const bool same_thing = traced.images(0).instance[pixel] == drawn.images(0).instance[pixel];
+      const int off = std::abs(traced.images(0).grey[pixel] - drawn.images(0).grey[pixel]);
+      same += same_thing && off <= 2 ? 1 : 0;
+      of_drones += traced.images(0).semantic[pixel] == kSemanticDrone ? 1 : 0;
+    }
+  }
+  EXPECT_GT(of_drones, pixels / 50);
+  EXPECT_GE(static_cast<double>(same), 0.995 * static_cast<double>(pixels));
+}
+
+// The own drone casts no shadow for its cameras; another one does.
+TEST(SeenDrones, CastShadowsForTheOthers) {
+  for (const CameraBackend backend : {CameraBackend::raycast, CameraBackend::gl}) {
+    BatchConfig config;
+    config.drones_per_env = 2;
+    config.num_threads = 1;
+    config.meet = Meet::seen;
+    config.camera_backend = backend;
+    config.cameras = {camera_of()};
+    config.cameras[0].quat_wxyz = {0.70710678F, 0, 0.70710678F, 0};  // down
+    SceneDescription scene;
+    scene.materials = {{"chalk", {0.7F, 0.7F, 0.6F}, 0}};
+    scene.primitives = {primitive(PrimitiveKind::plane, {0, 0, 0}, {9, 9, 0})};
+    scene.light.sun_direction = {0, 0, 1};
+    const auto world = std::make_shared<const World>(scene);
+    Batch batch(config, {world});
+    if (batch.camera_backend_report().find("not installed") != std::string::npos) continue;
+    const auto middle_of_first = [&](float above) {
+      batch.set_pose(std::vector<float>{0, 0, 2, above, 0, 4}, {});
+      batch.sense();
+      return int{batch.images(0).grey[24 * 64 + 32]};
+    };
+    const int lit = middle_of_first(5.0F), shaded = middle_of_first(0.0F);
+    EXPECT_LT(shaded, lit - 20);
+    config.meet = Meet::never;
+    Batch unseen(config, {world});
+    unseen.set_pose(std::vector<float>{0, 0, 2, 5, 0, 4}, {});
+    unseen.sense();
+    EXPECT_EQ(lit, int{unseen.images(0).grey[24 * 64 + 32]});
+  }
+}
+
+TEST(SeenDrones, BadConfigurationsAreRefused) {
+  BatchConfig config = flock_of(1, 2, Meet::touched);
+  config.drone_mesh = arrow();
+  EXPECT_REFUSED(config.validate(), "drone_mesh: expected None unless meet is \"seen\" or \"both\", got a world");
+  config.meet = Meet::both;
+  config.validate();
+  config.drone_mesh = hall();
+  EXPECT_REFUSED(config.validate(), "drone_mesh: expected a world with triangles, got a world without any");
+  config = flock_of(1, 4097);
+  EXPECT_REFUSED(config.validate(), "drones_per_env: expected at most 4096");
+  config.meet = Meet::never;
+  config.validate();
+}
+
+}  // namespace
+}  // namespace flockstep

@@ -1,0 +1,143 @@
+"""Drones of an env that see each other: keywords, recipes, copies, pictures."""
+
+import copy
+import json
+import pickle
+
+import gymnasium
+import numpy as np
+import pytest
+
+import flockstep
+from flockstep import Batch, CameraConfig, DroneMesh, LidarConfig
+
+ARROW = np.array([[0.5, 0, 0], [-0.3, 0.3, 0], [-0.3, -0.3, 0], [-0.2, 0, 0.25]], np.float32)
+SIDES = [[0, 3, 2], [0, 1, 3], [1, 2, 3], [0, 2, 1]]
+RED = DroneMesh(ARROW, SIDES, [0.9, 0.05, 0.05], "arrow")
+OUTPUTS = ["rgb", "depth", "semantic", "instance", "normal"]
+
+
+@pytest.fixture(scope="module")
+def room():
+    builder = flockstep.WorldBuilder("room")
+    builder.room([-6, -6, 0], [6, 6, 4], builder.material("chalk", [0.7, 0.7, 0.65]))
+    builder.start([0, 0, 2])
+    builder.goal([4, 4, 2])
+    return builder.build()
+
+
+def flock(room, **keywords):
+    """Return three drones in a row along +x, 2 m apart, with a LiDAR and a camera."""
+    lidar = LidarConfig(beams=4, hfov_deg=360, max_range_m=20)
+    camera = CameraConfig(width_px=64, height_px=48, outputs=OUTPUTS)
+    batch = Batch(room, 3, drones_per_env=3, lidar=lidar, cameras=[camera], **{"meet": "seen", **keywords})
+    batch.set_pose(np.float32([[0, 0, 2], [2, 0, 2], [4, 0, 2]]))
+    batch.sense()
+    return batch
+
+
+def test_lidars_and_cameras_detect_the_others(room):
+    unseen, seen, meshes = flock(room, meet="never"), flock(room), flock(room, drone_mesh=RED, meet="both")
+    ranges = [batch.lidar().ranges[:, 0] for batch in (unseen, seen, meshes)]
+    backwards, _, forwards, _ = range(4)  # beams from -180 degrees on
+    np.testing.assert_allclose(ranges[0][:, forwards], [6, 4, 2], rtol=1e-6)
+    np.testing.assert_allclose(ranges[1][:, forwards], [2 - 0.465, 2 - 0.465, 2], rtol=1e-6)
+    np.testing.assert_allclose(ranges[1][:, backwards], [6, 2 - 0.465, 2 - 0.465], rtol=1e-6)
+    np.testing.assert_array_equal(ranges[2], ranges[1])  # LiDARs detect the hull, also with a mesh
+    assert [batch.camera().instance[0, 24, 32] for batch in (unseen, seen, meshes)] == [1, 57345, 57345]
+    assert seen.camera().instance[1, 24, 32] == 57346
+    assert set(np.unique(seen.camera().instance[2])) == {1}
+    assert set(np.unique(seen.camera().semantic)) == {1, 65531}
+    assert seen.camera().depth[0, 24, 32] == pytest.approx(2 - 0.465)
+    assert meshes.camera().depth[0, 24, 32] == pytest.approx(2 - 0.3, abs=0.05)
+    red, green, blue = (meshes.camera().rgb[0][meshes.camera().instance[0] == 57345].mean(axis=0)).tolist()
+    assert red > 2 * green and red > 2 * blue
+    grey = seen.camera().rgb[0][seen.camera().instance[0] == 57345].mean(axis=0)
+    assert np.ptp(grey) < 20
+
+
+def test_a_world_is_the_same_mesh(room):
+    by_mesh, by_world = flock(room, drone_mesh=RED), flock(room, drone_mesh=RED.world())
+    for output in OUTPUTS:
+        np.testing.assert_array_equal(getattr(by_mesh.camera(), output), getattr(by_world.camera(), output))
+
+
+def test_bad_keywords_are_refused(room):
+    with pytest.raises(ValueError, match="meet"):
+        flock(room, meet="sometimes")
+    with pytest.raises(TypeError, match=r"drone_mesh: expected a flockstep\.DroneMesh, a flockstep\.World or None, got 3"):
+        flock(room, drone_mesh=3)
+    with pytest.raises(ValueError, match='drone_mesh: expected None unless meet is "seen" or "both"'):
+        flock(room, drone_mesh=RED, meet="touched")
+    with pytest.raises(ValueError, match="drone_mesh: expected a world with triangles"):
+        flock(room, drone_mesh=room)
+    with pytest.raises(ValueError, match="drones_per_env: expected at most 4096"):
+        Batch(room, 4097, drones_per_env=4097, meet="seen")
+
+
+def test_environments_accept_copy_pickle_and_describe_them(room):
+    camera = CameraConfig(width_px=32, height_px=24, outputs=OUTPUTS)
+    keywords = {"worlds": room, "drones_per_env": 3, "meet": "seen", "drone_mesh": RED, "camera": camera}
+    envs = gymnasium.make_vec("flockstep/LidarNavigation-v0", 2, **keywords)
+    assert (envs.unwrapped.recipe.meet, envs.unwrapped.recipe.drone_mesh.name) == ("seen", "arrow")
+    recipe = flockstep.Recipe.from_json(envs.unwrapped.recipe.to_json())
+    assert recipe == envs.unwrapped.recipe
+    assert json.loads(recipe.to_json())["meet"] == "seen"
+    spec = gymnasium.envs.registration.EnvSpec.from_json(envs.unwrapped.spec.to_json())
+    again = flockstep.DroneVectorEnv.from_recipe(recipe, worlds=room)
+    images = []
+    for made in (envs, gymnasium.make_vec(spec), copy.deepcopy(envs), pickle.loads(pickle.dumps(envs)), again):
+        made.reset(seed=3)
+        batch = made.unwrapped.batch
+        batch.set_pose(np.float32([[0, 0, 2], [2, 0, 2], [4, 0, 2]] * 2))
+        batch.sense()
+        images.append({output: getattr(batch.camera(), output).copy() for output in OUTPUTS})
+    assert (images[0]["semantic"] == 65531).any()
+    for other in images[1:]:
+        for output in OUTPUTS:
+            np.testing.assert_array_equal(other[output], images[0][output], err_msg=output)
+
+
+def test_a_task_declares_it(room):
+    class Idle(flockstep.Task):
+        observation_space = gymnasium.spaces.Box(0, 100, (4,), np.float32)
+        lidar = LidarConfig(beams=4, hfov_deg=360, max_range_m=20)
+        meet = "seen"
+
+        def reset(self, batch, mask):
+            batch.set_pose(np.tile(np.float32([[0, 0, 2], [2, 0, 2]]), (batch.num_envs, 1)), mask=mask)
+
+        def step(self, batch):
+            return np.zeros(batch.num_drones, np.float32), np.zeros(batch.num_drones, bool)
+
+        def observe(self, batch):
+            return batch.lidar().ranges.reshape(batch.num_drones, 4)
+
+    observation, _ = flockstep.DroneVectorEnv(2, drones_per_env=2, task=Idle, worlds=room).reset(seed=1)
+    np.testing.assert_allclose(observation[:, 2], [2 - 0.465, 4] * 2, rtol=1e-6)
+    alone, _ = flockstep.DroneVectorEnv(2, drones_per_env=2, task=Idle, worlds=room, meet="never").reset(seed=1)
+    np.testing.assert_allclose(alone[:, 2], [6, 4] * 2, rtol=1e-6)
+
+
+def test_pictures_show_each_drone_once(room):
+    """Views from outside draw drones themselves; what the drones see of each other does not change them."""
+    keywords = {"worlds": room, "drones_per_env": 2, "render_mode": "rgb_array", "drone_mesh": RED}
+    pictures = []
+    for meet in ("never", "seen"):
+        envs = flockstep.DroneVectorEnv(1, **keywords, meet=meet, render_view=((-3, 0, 3), (1, 0, 2)), render_size=(80, 60))
+        envs.reset(seed=1)
+        envs.batch.set_pose(np.float32([[0, 0, 2], [1.5, 1, 2]]))
+        pictures.append(envs.render()[0])
+    np.testing.assert_array_equal(*pictures)
+
+
+def test_the_camera_view_shows_the_others(room):
+    camera = CameraConfig(width_px=64, height_px=48)
+    keywords = {"worlds": room, "drones_per_env": 2, "render_mode": "rgb_array", "render_view": "camera", "meet": "seen"}
+    envs = flockstep.DroneVectorEnv(1, **keywords, camera=camera, drone_mesh=RED)
+    envs.reset(seed=1)
+    envs.batch.set_pose(np.float32([[0, 0, 2], [2, 0, 2]]))
+    envs.batch.sense()
+    seen, empty = envs.render()
+    is_red = [(picture[:, :, 0] > 2 * picture[:, :, 1].astype(int)).sum() for picture in (seen, empty)]
+    assert is_red[0] > 50 and is_red[1] == 0
