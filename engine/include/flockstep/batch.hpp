@@ -251,10 +251,15 @@ class FLOCKSTEP_API Batch {
   void random(std::uint32_t stream, int count, std::span<float> out) const;  // (E, count), uniform in [0, 1)
   // The rows of some envs, (K, count).
   void random(std::uint32_t stream, int count, std::span<const std::int64_t> envs, std::span<float> out) const;
+  // Rows of some drones, (K, count), keyed by the drone too. The first drone of an env has the numbers of its env, as long as it
+  // begins no episode without the others.
+  void random_of_drones(std::uint32_t stream, int count, std::span<const std::int64_t> drones, std::span<float> out) const;
 
   // --- the task; std::logic_error without one, or before the first reset
   const Task* task() const;                                             // null without one
   void reset(std::span<const std::uint64_t> seeds, EnvMask mask = {});  // seeds (E,); empty: the next episode of each env
+  // Begins the next episode of each selected drone, while its env goes on; only with Episodes::each.
+  void reset_drones(DroneMask mask);
   // Actions have one row per drone or env, in the form of TaskSpec::action. Each action is flown EpisodeConfig::frame_skip
   // times.
   void step(std::span<const std::int64_t> actions);  // (R,) integer actions
