@@ -293,16 +293,16 @@ py::array_t<float> path(const Batch& batch) {
   return copy;
 }
 
-// Returns true if each drone begins its episodes without the other drones of its env.
-bool begins_drones(const Batch& batch) {
-  return batch.config().episode.episodes == Episodes::each && batch.config().drones_per_env > 1 && batch.task() != nullptr;
+// Returns how the episodes of an env's drones belong together.
+Episodes episodes_of(const Batch& batch) {
+  return batch.config().drones_per_env == 1 || batch.task() == nullptr ? Episodes::team : batch.config().episode.episodes;
 }
 
 py::array_t<float> random(const Batch& batch, std::uint32_t stream, int count, const py::object& rows,
                           const std::string& row_kind) {
   const auto given = integers<std::int64_t>(rows, "rows", {-1});
   const bool of_drones = enum_of<Row>(row_kind, "row_kind") == Row::drone;
-  if (!of_drones && begins_drones(batch) && rows_of_reset(*batch.task())) {
+  if (!of_drones && episodes_of(batch) == Episodes::each && rows_of_reset(*batch.task())) {
     refuse("row_kind",
            "\"drone\" in a reset with episodes=\"each\" (the numbers of an env do not change when one of its drones begins)",
            "\"env\"");
@@ -777,7 +777,7 @@ void register_batch(py::module_& module) {
           "reset",
           [](Batch& batch, const py::object& seeds, const py::object& mask) {
             const auto s = integers<std::uint64_t>(seeds, "seeds", {num_envs(batch)});
-            if (seeds.is_none() && begins_drones(batch) && py::hasattr(mask, "__len__") &&
+            if (seeds.is_none() && episodes_of(batch) != Episodes::team && py::hasattr(mask, "__len__") &&
                 static_cast<py::ssize_t>(py::len(mask)) == num_drones(batch)) {
               const auto drones = flags(mask, "mask", num_drones(batch));
               return released(batch, [&] { batch.reset_drones(drones); });

@@ -3620,8 +3620,12 @@ class Batch:
         """Begin new episodes of the task.
 
         With ``seeds`` (E,) uint64, each env begins the first episode of its new seed. Without, each begins its next
-        episode. With ``episodes="each"`` and without seeds, the mask may have a flag for each drone (N,): these drones
-        then begin their next episodes, while their envs go on.
+        episode.
+
+        With ``episodes="each"`` and without seeds, the mask may have a flag for each drone (N,): these drones then
+        begin their next episodes, while their envs go on. With ``episodes="last"`` it may too: an env begins its next
+        episode if all of its drones are selected, or one of them after all have ended. Before that, only drones whose
+        episodes have ended may be selected: this clears their flags.
 
         Raises
         ------

@@ -34,7 +34,7 @@ class SteppedBatch(Protocol):
     def reset(self, seeds: npt.NDArray[np.uint64] | None = None, mask: BoolArray | None = None) -> None:
         """Begin new episodes, with seeds (E,) or none, in the envs of the mask (E,) or in all.
 
-        If each drone has its own episodes, a mask (N,) without seeds begins those of single drones.
+        If the episodes of an env's drones end separately, the mask may be (N,) if there are no seeds.
         """
 
     def step(self, actions: npt.ArrayLike) -> None:
@@ -71,7 +71,7 @@ class SteppedEnv(Protocol):
     num_envs: int
     num_groups: int
     _rows_per_env: int
-    _begins_drones: bool  # each drone has its own episodes, with episodes="each"
+    _ends_rows: bool  # the episodes of the rows of an env end separately
     _reward_terms: list[str]
     autoreset_mode: AutoresetMode
     copy: bool
@@ -101,7 +101,7 @@ class SteppedEnv(Protocol):
 def reset(env: SteppedEnv, seed: int | Sequence[int] | None, options: Mapping[str, Any] | None) -> BoolArray | None:
     """Begin new episodes and return the mask of the envs (E,) or drones (N,) for which they begin, or None for all."""
     require_open(env)
-    mask = reset_mask(env, options, of_drones=env._begins_drones and seed is None)
+    mask = reset_mask(env, options, of_drones=env._ends_rows and seed is None)
     seeds = seeds_of(env, seed)
     if seeds is None and not env._seeded:
         if mask is not None and not mask.all():
@@ -196,16 +196,6 @@ def ends(env: SteppedEnv, indices: npt.NDArray[np.intp], seconds: float) -> list
     ]
 
 
-def finished(env: SteppedEnv) -> BoolArray:
-    """Return the rows to reset with autoreset disabled (N,): those whose episodes, and their env's, are over."""
-    batch: Any = env.batch
-    ended: BoolArray = batch.terminated | batch.truncated
-    if env._begins_drones or env._rows_per_env == 1:
-        return ended
-    groups = (ended | ~batch.active).reshape(env.num_groups, -1).all(axis=1)
-    return np.repeat(groups & ended.reshape(env.num_groups, -1).any(axis=1), env._rows_per_env)
-
-
 def infos_of(env: SteppedEnv, ended: BoolArray) -> dict[str, Any]:
     """Return the infos of a step in which episodes have ended."""
     indices = np.flatnonzero(ended)
@@ -297,7 +287,7 @@ def reset_mask(
     if split.size:
         raise ValueError(
             f"options['reset_mask']: expected all {env._rows_per_env} drones of an env or none, since they begin "
-            f"{'with the same seed' if env._begins_drones else 'their episodes together'}, got some of env {split[0]}"
+            f"{'with one seed' if env._ends_rows else 'their episodes together'}, got some of env {split[0]}"
         )
     return groups[:, 0].copy()
 

@@ -428,8 +428,8 @@ class DroneVectorEnv(VectorEnv[Observation, Array, Array]):
         self._made_worlds: list[World] | None = getattr(self.batch, "worlds", None)  # None with a pool
         self._rows_per_env = self.drones_per_env if self.batch.spec.row == "drone" else 1
         self.num_envs = self.num_groups * self._rows_per_env
-        own = recipe.episode.episodes if self.drones_per_env > 1 else "team"
-        self._begins_drones, self._has_rests = own == "each", own == "last"
+        episodes = recipe.episode.episodes if self.drones_per_env > 1 else "team"
+        self._ends_rows, self._has_rests = episodes != "team", episodes == "last"
         flown_hz = self.batch.clock.policy_hz / recipe.episode.frame_skip
         self.metadata["render_fps"] = max(1, round(flown_hz))  # one picture per step, at the speed of flight
         self._task_calls = calls
@@ -551,9 +551,10 @@ class DroneVectorEnv(VectorEnv[Observation, Array, Array]):
             the next episode of its current seed; the first time, seeds are drawn from `np_random`.
         options
             ``{"reset_mask": mask}`` with a bool array, one flag per row, resets the envs whose flag is True. The drones
-            of an env begin together, so a mask that selects only some of them is rejected. With ``episodes="each"`` and
-            without a seed, exactly these drones begin their next episodes, and their envs go on. The dict is not
-            changed.
+            of an env begin together, so a mask that selects only some of them is rejected. The dict is not changed.
+            Without a seed, ``episodes="each"`` and ``"last"`` accept such masks. With ``"each"`` exactly these drones
+            begin their next episodes, and their envs go on. With ``"last"`` the mask of the rows that have just ended
+            is right: the env begins its next episode once all have ended.
 
         Returns
         -------

@@ -258,7 +258,9 @@ class FLOCKSTEP_API Batch {
   // --- the task; std::logic_error without one, or before the first reset
   const Task* task() const;                                             // null without one
   void reset(std::span<const std::uint64_t> seeds, EnvMask mask = {});  // seeds (E,); empty: the next episode of each env
-  // Begins the next episode of each selected drone, while its env goes on; only with Episodes::each.
+  // Resets by a mask of drones. With Episodes::each the selected drones begin their next episodes, while their envs go on. With
+  // Episodes::last an env begins its next episode if all of its drones are selected, or one of them after all have ended; before
+  // that, only drones whose episodes have ended may be selected, which clears their flags.
   void reset_drones(DroneMask mask);
   // Actions have one row per drone or env, in the form of TaskSpec::action. Each action is flown EpisodeConfig::frame_skip
   // times.

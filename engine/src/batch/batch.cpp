@@ -150,6 +150,69 @@ void begin_time(Simulation& sim, EnvIndex env) {
   if (sim.bodies) sim.bodies->begin(env);
 }
 
+// Begins episodes in the envs of Block::resetting. seeds: (E,); empty: the next episode of each env.
+void reset_listed(Simulation& sim, std::span<const std::uint64_t> seeds) {
+  if (sim.pool) {
+    PoolState& pool = *sim.pool;
+    pool.moves.clear();
+    for (const Block& block : sim.schedule.blocks()) {
+      for (const EnvIndex env : block.resetting) {
+        const bool goes_on = seeds.empty();
+        const std::uint64_t seed = goes_on ? sim.state.seed[env] : seeds[env];
+        pool.moves.push_back({env, pool.pool.number_of(seed, goes_on ? next_episode(sim, env) : 0), nullptr});
+      }
+    }
+    fetch_worlds(sim);
+    sim.is_cut_short = true;  // until all envs have moved
+    move_envs(sim);
+  }
+  sim.is_cut_short = false;
+  sim.outputs.turn_and_copy();
+  std::vector<EnvIndex> begun;
+  for (const Block& block : sim.schedule.blocks()) {
+    for (const EnvIndex env : block.resetting) {
+      if (seeds.empty()) {
+        start_next_episode(sim, env, *sim.scratches[0]);
+      } else {
+        sim.state.seed[env] = seeds[env];
+        sim.state.episode[env] = 0;
+        forget_own_episodes(sim, env);
+        open_episode(sim, env, *sim.scratches[0]);
+      }
+      const std::size_t rows = sim.rows_per_env(), first = env * rows;
+      for (std::size_t row = first; row < first + rows; ++row) sim.outputs.clear(row);
+      sim.outputs.forget_final(first, rows);
+      begun.push_back(env);
+    }
+  }
+  begin_episodes(sim, true);
+  std::ranges::sort(begun);
+  for (const DroneIndex drone : sim.move_lines.visible()) {
+    if (std::ranges::binary_search(begun, sim.env_of(drone))) sim.move_lines.begin(drone);
+  }
+}
+
+// Begins the next episodes of the selected drones in the envs of Block::resetting, with Episodes::each.
+void reset_listed_drones(Simulation& sim, DroneMask mask) {
+  sim.outputs.turn_and_copy();
+  for (const Block& block : sim.schedule.blocks()) {
+    for (const EnvIndex env : block.resetting) {
+      for (std::size_t member = 0; member < sim.drones_per_env(); ++member) {
+        const DroneIndex drone = sim.drone_of(env, member);
+        sim.begins[drone] = is_selected(sim, mask, drone);
+        if (!sim.begins[drone]) continue;
+        start_next_episode(sim, drone);
+        sim.outputs.clear(drone);
+        sim.outputs.forget_final(drone, 1);
+      }
+    }
+  }
+  begin_episodes(sim, true);
+  for (const DroneIndex drone : sim.move_lines.visible()) {
+    if (is_selected(sim, mask, drone)) sim.move_lines.begin(drone);
+  }
+}
+
 }  // namespace
 
 Batch::Batch(BatchConfig config, Worlds worlds, std::unique_ptr<Task> task, DroneModel drone,
@@ -472,41 +535,7 @@ void Batch::reset(std::span<const std::uint64_t> seeds, EnvMask mask) {
   if (!seeds.empty()) checks::size(seeds.size(), sim_->num_envs(), "seeds");
   if (!selects_all(*sim_, mask)) checks::require_not_interrupted(*sim_);
   list_selected(*sim_, mask, &Block::resetting);
-  if (sim_->pool) {
-    PoolState& pool = *sim_->pool;
-    pool.moves.clear();
-    for (const Block& block : sim_->schedule.blocks()) {
-      for (const EnvIndex env : block.resetting) {
-        const bool goes_on = seeds.empty();
-        const std::uint64_t seed = goes_on ? sim_->state.seed[env] : seeds[env];
-        pool.moves.push_back({env, pool.pool.number_of(seed, goes_on ? next_episode(*sim_, env) : 0), nullptr});
-      }
-    }
-    fetch_worlds(*sim_);
-    sim_->is_cut_short = true;  // until all envs have moved
-    move_envs(*sim_);
-  }
-  sim_->is_cut_short = false;
-  sim_->outputs.turn_and_copy();
-  for (const Block& block : sim_->schedule.blocks()) {
-    for (const EnvIndex env : block.resetting) {
-      if (seeds.empty()) {
-        start_next_episode(*sim_, env, *sim_->scratches[0]);
-      } else {
-        sim_->state.seed[env] = seeds[env];
-        sim_->state.episode[env] = 0;
-        forget_own_episodes(*sim_, env);
-        open_episode(*sim_, env, *sim_->scratches[0]);
-      }
-      const std::size_t rows = sim_->rows_per_env(), first = env * rows;
-      for (std::size_t row = first; row < first + rows; ++row) sim_->outputs.clear(row);
-      sim_->outputs.forget_final(first, rows);
-    }
-  }
-  begin_episodes(*sim_, true);
-  for (const DroneIndex drone : sim_->move_lines.visible()) {
-    if (mask.selects(sim_->env_of(drone))) sim_->move_lines.begin(drone);
-  }
+  reset_listed(*sim_, seeds);
 }
 
 void Batch::reset_drones(DroneMask mask) {
@@ -514,28 +543,41 @@ void Batch::reset_drones(DroneMask mask) {
   Simulation& sim = *sim_;
   checks::not_stepping(sim, "reset_drones");
   checks::has_task(sim);
-  require(sim.episodes_mode() == Episodes::each, "mask", "a flag for each env (its drones begin their episodes together)",
+  require(sim.episodes_mode() != Episodes::team, "mask", "a flag for each env (its drones begin their episodes together)",
           "one for each drone");
   checks::mask(sim, mask);
   checks::require_not_interrupted(sim);
   checks::require_started(sim);
-  list_selected(sim, mask, &Block::resetting);
-  sim.outputs.turn_and_copy();
-  for (const Block& block : sim.schedule.blocks()) {
-    for (const EnvIndex env : block.resetting) {
-      for (std::size_t member = 0; member < sim.drones_per_env(); ++member) {
-        const DroneIndex drone = sim.drone_of(env, member);
-        sim.begins[drone] = is_selected(sim, mask, drone);
-        if (!sim.begins[drone]) continue;
-        start_next_episode(sim, drone);
-        sim.outputs.clear(drone);
-        sim.outputs.forget_final(drone, 1);
-      }
-    }
+  if (sim.episodes_mode() == Episodes::each) {
+    list_selected(sim, mask, &Block::resetting);
+    reset_listed_drones(sim, mask);
+    return;
   }
-  begin_episodes(sim, true);
-  for (const DroneIndex drone : sim.move_lines.visible()) {
-    if (is_selected(sim, mask, drone)) sim.move_lines.begin(drone);
+  std::vector<std::uint8_t> begins(sim.num_envs());
+  std::vector<DroneIndex> rests;
+  for (std::size_t i = 0; i < sim.num_envs(); ++i) {
+    const EnvIndex env(i);
+    bool all = true, any = false, goes_on = false;
+    for (std::size_t member = 0; member < sim.drones_per_env(); ++member) {
+      const DroneIndex drone = sim.drone_of(env, member);
+      if (is_removed(sim, drone)) continue;
+      const bool chosen = mask.selects(drone);
+      any |= chosen;
+      all &= chosen;
+      goes_on |= chosen && !sim.state.own.resting[drone];
+      if (chosen && sim.state.own.resting[drone]) rests.push_back(drone);
+    }
+    begins[env] = any && (all || sim.episodes.done[env * sim.rows_per_env()]);
+    require(begins[env] || !goes_on, "mask", "all drones of env " + std::to_string(i) + ", or some whose episodes have ended",
+            "one whose episode goes on");
+  }
+  std::erase_if(rests, [&](DroneIndex drone) { return begins[sim.env_of(drone)]; });
+  const EnvMask envs(begins);
+  list_selected(sim, envs, &Block::resetting);
+  reset_listed(sim, {});
+  for (const DroneIndex drone : rests) {
+    sim.outputs.forget_final(drone, 1);
+    sim.outputs.rest(sim.task_state->spec(), drone);
   }
 }
 

@@ -78,7 +78,7 @@ class RemoteVectorEnv(VectorEnv[Observation, Array, Array]):
         self.observation_space = batch_space(self.single_observation_space, self.num_envs)
         self.action_space = batch_space(self.single_action_space, self.num_envs)
         self._rows_per_env = 1 if task.row_is_env else self.drones_per_env
-        self._begins_drones = False  # the server resets whole envs
+        self._ends_rows = False  # the server resets whole envs
         self._reward_terms = task.reward_terms
         self._seeded = False  # True once every env has a seed, and so an episode to continue
 

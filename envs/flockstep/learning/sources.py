@@ -130,9 +130,7 @@ class EngineSource(Source):
             for row, info in zip(ended.tolist(), stepping.ends(env, ended, seconds) if ended.size else (), strict=True):
                 stepped.infos[row] = info
         if env.autoreset_mode is AutoresetMode.DISABLED and ended.size:
-            finished = stepping.finished(env)
-            if finished.any():
-                env.reset(options={"reset_mask": finished})
+            env.reset(options={"reset_mask": done})
         return stepped
 
 
@@ -222,9 +220,7 @@ class VectorEnvSource(ArraySource):
         if self.mode is AutoresetMode.NEXT_STEP:
             self._over = done
         elif self.mode is AutoresetMode.DISABLED and ended.size:
-            finished = stepping.finished(self.env) if isinstance(self.env, DroneVectorEnv) else done
-            if finished.any():
-                current = self.flat(self.env.reset(options={"reset_mask": finished})[0])
+            current = self.flat(self.env.reset(options={"reset_mask": done})[0])
         self._current = current
         by_row: list[dict[str, Any]] = [{} for _ in range(self.rows)]
         if ended.size or needs_infos:
