@@ -136,7 +136,7 @@ void fly_ticks(Simulation& sim, const Block& block, std::span<const EnvIndex> en
     if (scratch.envs.empty()) continue;
     for (int flown = 0, leg = ticks; flown < ticks; flown += leg) {
       const int tick = (phase + flown) % step;  // index in the step
-      const auto drones = selected_drones(sim, scratch.envs, mask, scratch);
+      const auto drones = selected_drones(sim, scratch.envs, Part::active, mask, scratch);
       if (has_gusts) leg = std::min(ticks - flown, step - tick);
       if (tick == 0) sim.fleet->update_wind(sim.state, drones, flown);
       if (sim.bodies) {
@@ -145,7 +145,7 @@ void fly_ticks(Simulation& sim, const Block& block, std::span<const EnvIndex> en
       }
       fly_by_rotors(sim, block, drones, commands, tick, leg, scratch);
       if (!sim.bodies || mask.empty() || sim.drones_touch()) continue;
-      for (const DroneIndex drone : sim.drones_of(scratch.envs, scratch)) {
+      for (const DroneIndex drone : sim.drones_of(scratch.envs, Part::active, scratch.drones)) {
         if (!mask.selects(drone)) give_way(sim, drone, scratch);  // the others hold still
       }
     }

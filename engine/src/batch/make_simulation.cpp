@@ -195,7 +195,7 @@ Simulation::Simulation(BatchConfig config_in, Batch::Worlds worlds_in, std::uniq
 void Simulation::choose_backend() {
   std::vector<DroneIndex> drones;  // in block order: drones of one world are consecutive
   for (const Block& block : schedule.blocks()) {
-    for (const DroneIndex drone : drones_of(block.envs, *scratches[0])) drones.push_back(drone);
+    for (const DroneIndex drone : drones_of(block.envs, Part::active, scratches[0]->drones)) drones.push_back(drone);
   }
   // The worlds of a pool come and go, but the OpenGL backend keeps each world that it draws.
   cameras.choose_backend(pool ? CameraBackend::raycast : config.camera_backend, drones, workers);
@@ -225,7 +225,8 @@ void Simulation::warn_of_lost_drones() {
   warning = text.str();
 }
 
-std::span<const DroneIndex> Simulation::drones_of(std::span<const EnvIndex> envs, std::vector<DroneIndex>& list) const {
+std::span<const DroneIndex> Simulation::drones_of(std::span<const EnvIndex> envs, Part part,
+                                                  std::vector<DroneIndex>& list) const {
   const std::size_t m = drones_per_env();
   if (m == 1) {  // lists hold active envs only
     list.resize(envs.size());
@@ -235,7 +236,7 @@ std::span<const DroneIndex> Simulation::drones_of(std::span<const EnvIndex> envs
   list.clear();
   for (const EnvIndex env : envs) {
     for (std::size_t member = 0; member < m; ++member) {
-      if (const DroneIndex drone = drone_of(env, member); state.active[drone]) list.push_back(drone);
+      if (const DroneIndex drone = drone_of(env, member); takes_part(drone, part)) list.push_back(drone);
     }
   }
   return list;

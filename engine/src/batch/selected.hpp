@@ -48,8 +48,8 @@ void for_each_selected(const Simulation& sim, EnvMask mask, const F& f) {
 void list_selected(Simulation& sim, EnvMask mask, EnvList Block::* list);
 void list_selected(Simulation& sim, DroneMask mask, EnvList Block::* list);
 
-// The selected active drones of some envs, env by env; valid until the next call with this scratch.
-std::span<const DroneIndex> selected_drones(const Simulation& sim, std::span<const EnvIndex> envs, DroneMask mask,
+// The selected drones of some envs that take part, env by env; valid until the next call with this scratch.
+std::span<const DroneIndex> selected_drones(const Simulation& sim, std::span<const EnvIndex> envs, Part part, DroneMask mask,
                                             Scratch& scratch);
 
 }  // namespace flockstep

@@ -90,14 +90,30 @@ struct Simulation {
   std::size_t row_of(DroneIndex drone) const {
     return rows_per_env() == drones_per_env() ? std::size_t{drone} : std::size_t{env_of(drone)};
   }
+  // How the episodes of the drones of an env belong together; a single drone is a team.
+  Episodes episodes_mode() const {
+    return drones_per_env() == 1 || !task_state ? Episodes::team : config.episode.episodes;
+  }
+  // Returns true if a drone of an env in such a list is one of those that the list concerns.
+  bool takes_part(DroneIndex drone, Part part) const {
+    const Episodes mode = episodes_mode();
+    if (mode == Episodes::team || part == Part::active) return state.active[drone];
+    if (part == Part::flown) return episodes.flying[drone];  // it may rest since then
+    if (mode == Episodes::last) return state.active[drone];
+    if (part == Part::flying) return state.active[drone] && episodes.flying[drone] && !episodes.done[drone];
+    return state.active[drone] && begins[drone];
+  }
   // The slot of each env's world in the tables below.
   const std::vector<std::int32_t>& slots() const { return pool ? pool->slots : state.world_index; }
   std::size_t slot_of(EnvIndex env) const { return static_cast<std::size_t>(slots()[env]); }
-  // The active drones of some envs, env by env; valid until the next call with this scratch.
-  std::span<const DroneIndex> drones_of(std::span<const EnvIndex> envs, Scratch& scratch) const {
+  // The drones of some envs that take part, env by env; valid until the next call with this scratch.
+  std::span<const DroneIndex> drones_of(const EnvList& envs, Scratch& scratch) const {
     return drones_of(envs, scratch.drones);
   }
-  std::span<const DroneIndex> drones_of(std::span<const EnvIndex> envs, std::vector<DroneIndex>& list) const;
+  std::span<const DroneIndex> drones_of(const EnvList& envs, std::vector<DroneIndex>& list) const {
+    return drones_of(envs, envs.part(), list);
+  }
+  std::span<const DroneIndex> drones_of(std::span<const EnvIndex> envs, Part part, std::vector<DroneIndex>& list) const;
 
   // Calls f(block, scratch, thread) for every block, on the worker threads.
   template <class F>
@@ -174,6 +190,7 @@ struct Simulation {
   MoveLines move_lines;
 
   EpisodeState episodes;                // empty without a task
+  FlagArray begins;                     // (N,) drones of Block::resetting that begin an episode; only with Episodes::each
   std::optional<TaskState> task_state;  // null without a task
   std::unique_ptr<TaskContext> context;
   OutputSlots outputs;

@@ -161,7 +161,7 @@ class Dodge final : public Task {
       std::copy_n(state_.last_action.data() + kNumAxes * drone, kNumAxes, row.data() + 3);
       float* const now = row.data() + kHead;
       normalise(ranges_of(block.context, drone), block.context.lidar_readings().max_range_m[drone], now);
-      const bool is_first = block.context.episodes().steps[block.context.env_of(drone)] == 0;
+      const bool is_first = block.context.episodes().steps[drone] == 0;
       std::copy_n(is_first ? now : state_.last_ranges.data() + rays_ * drone, rays_, now + rays_);
     }
   }

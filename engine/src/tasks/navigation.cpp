@@ -316,7 +316,7 @@ class Navigation final : public Task {
       crash_term = nearest - min_clearance;
     }
 
-    const auto step_number = static_cast<double>(around.episodes.steps[context.env_of(drone)] - 1);
+    const auto step_number = static_cast<double>(around.episodes.steps[drone] - 1);
     const bool overshot = reward.overshoot_weight != 0.0F && position.x() > target.x() + reward.goal_radius_m;
 
     const std::span<double> terms = score.terms_of(drone);
