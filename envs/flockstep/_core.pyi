@@ -3357,7 +3357,10 @@ class Batch:
         *,
         rows: npt.ArrayLike | None = None,
     ) -> _Bool:
-        """Test poses: True (K,) if the drone would touch nothing there, neither its world nor a body.
+        """Test poses: True (K,) if the drone would touch nothing there: neither its world nor a body nor another drone.
+
+        Other drones count if ``meet`` says that they touch each other, except those that begin an episode in the same
+        step and have not been placed yet.
 
         Positions are (K, 3) m; quaternions (K, 4) are level, facing +x, by default. ``rows`` (K,) are the indices of
         drones, by default all.

@@ -97,8 +97,9 @@ class TaskContext {
   // draws the same numbers as its env.
   virtual float random(EnvIndex env, std::uint32_t stream, std::uint32_t index) const = 0;
   virtual float random(DroneIndex drone, std::uint32_t stream, std::uint32_t index) const = 0;
-  // Returns true if a drone of the env would touch nothing at this pose, neither the world nor a body.
-  virtual bool is_free(EnvIndex env, const Pose& pose) const = 0;
+  // Returns true if the drone would touch nothing at this pose: neither the world nor a body, nor, if drones of an env touch each
+  // other, another drone. In place(), drones that begin an episode and have not been placed yet do not count.
+  virtual bool is_free(DroneIndex drone, const Pose& pose) const = 0;
 
   // Motion model of the drones, and meaning of Setpoints.
   virtual const DynamicsConfig& dynamics() const = 0;

@@ -49,6 +49,7 @@ void draw_row(const State& state, RandomKey key, std::uint32_t stream, std::span
 // Puts a drone at a pose, at rest.
 void put_drone(Simulation& sim, DroneIndex drone, const Pose& pose) {
   set_pose_of(sim.state, drone, pose);
+  if (sim.drones_touch()) sim.unplaced[drone] = 0;
   clear_contact(sim.state, drone);
   start_flight(sim, drone, {});
   sim.move_lines.begin(drone);
@@ -350,7 +351,8 @@ void Batch::fly(std::span<const float> command, int ticks, DroneMask mask, std::
     const int leg = std::min(kLeg, flown - first);
     sim_->for_each_block([&](Block& block, Scratch& scratch, std::size_t) {
       if (first == 0) {
-        for (const DroneIndex drone : selected_drones(*sim_, block.selected, Part::active, mask, scratch)) clear_contact(sim_->state, drone);
+        for (const DroneIndex drone : selected_drones(*sim_, block.selected, Part::active, mask, scratch))
+          clear_contact(sim_->state, drone);
       }
       fly_ticks(*sim_, block, block.selected, mask, {.command = command, .target = {}, .step_start = {}, .control = control}, leg,
                 scratch);

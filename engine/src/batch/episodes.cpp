@@ -229,7 +229,7 @@ void end_env(Simulation& sim, EnvIndex env) {
 void wake(Simulation& sim, EnvIndex env) {
   for (std::size_t member = 0; member < sim.drones_per_env(); ++member) {
     const DroneIndex drone = sim.drone_of(env, member);
-    if (std::exchange(sim.state.own.resting[drone], std::uint8_t{0})) sim.state.active[drone] = 1;
+    if (std::exchange(sim.state.own.resting[drone], std::uint8_t{0})) sim.set_active(drone, true);
   }
 }
 
@@ -307,7 +307,7 @@ void end_rows(Simulation& sim, EnvIndex env) {
       ends = true;
       if (mode == Episodes::each) sim.episodes.done[row] = 1;
       if (mode == Episodes::last) {
-        sim.state.active[row] = 0;
+        sim.set_active(DroneIndex(row), false);
         sim.state.own.resting[row] = 1;
       }
     }
@@ -319,7 +319,8 @@ void end_rows(Simulation& sim, EnvIndex env) {
 }
 
 void end_rest(Simulation& sim, EnvIndex env) {
-  if (sim.episodes_mode() != Episodes::last || is_any(sim.state.active.data() + sim.drone_of(env, 0), sim.drones_per_env())) return;
+  if (sim.episodes_mode() != Episodes::last || is_any(sim.state.active.data() + sim.drone_of(env, 0), sim.drones_per_env()))
+    return;
   wake(sim, env);
   end_env(sim, env);
 }

@@ -118,6 +118,7 @@ Simulation::Simulation(BatchConfig config_in, Batch::Worlds worlds_in, std::uniq
       world_pointers(pointers(worlds)),
       drone_model(std::move(drone)),
       hull(drone_model),
+      corners(drone_model.hull()),
       fleet(fleet_of(config, drone_model)),
       suite(config),
       lights(worlds, num_envs(), !config.lights.empty()),
@@ -138,7 +139,7 @@ Simulation::Simulation(BatchConfig config_in, Batch::Worlds worlds_in, std::uniq
       drones->reserve(schedule.block_size() * drones_per_env());
     }
     scratches.back()->envs.reserve(schedule.block_size());
-    if (drones_touch()) scratches.back()->meetings = std::make_unique<Meetings>(drone_model);
+    if (drones_touch()) scratches.back()->meetings = std::make_unique<Meetings>(hull, corners);
   }
   sorts_by_world = config.tracer == TracerKind::embree;
   // Build these now, so that no thread has to build them during a step.
@@ -161,6 +162,7 @@ Simulation::Simulation(BatchConfig config_in, Batch::Worlds worlds_in, std::uniq
   std::ranges::fill(state.contact.body, -1);
   std::ranges::fill(state.contact.drone, -1);
   if (fleet) allocate(state.flight, sizes);
+  if (drones_touch()) unplaced.resize(num_drones());
   if (fleet && drones_touch()) reach.resize(num_drones());
   std::fill(state.active.begin(), state.active.end(), std::uint8_t{1});
   std::fill(state.sensed.begin(), state.sensed.end(), std::int64_t{-1});

@@ -11,7 +11,6 @@
 
 #include "dynamics/crowd.hpp"
 #include "dynamics/setpoint.hpp"
-#include "flockstep/drone_model.hpp"
 #include "flockstep/index.hpp"
 #include "flockstep/state.hpp"
 
@@ -40,7 +39,7 @@ class SavedDrones {
 
 // Working memory of a thread.
 struct Meetings {
-  explicit Meetings(const DroneModel& drone) : crowd(drone) {}
+  Meetings(const collision::Hull& hull, const collision::Corners& corners) : crowd(hull, corners) {}
 
   dynamics::Crowd crowd;
   SavedDrones saved;

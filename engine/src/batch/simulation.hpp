@@ -76,6 +76,11 @@ struct Simulation {
              std::span<const std::int32_t> world_index, std::optional<WorldPool> pool = std::nullopt);
 
   std::size_t num_envs() const { return static_cast<std::size_t>(config.num_envs); }
+  // Within a step; threads may call it for different drones at the same time. Other calls rebuild the schedule.
+  void set_active(DroneIndex drone, bool is_active) {
+    state.active[drone] = is_active;
+    if (seen_drones) seen_drones->update(drone);
+  }
   bool drones_touch() const { return is_touched(config.meet) && config.drones_per_env > 1; }
   std::size_t drones_per_env() const { return static_cast<std::size_t>(config.drones_per_env); }
   std::size_t num_drones() const { return static_cast<std::size_t>(config.num_drones()); }
@@ -91,9 +96,7 @@ struct Simulation {
     return rows_per_env() == drones_per_env() ? std::size_t{drone} : std::size_t{env_of(drone)};
   }
   // How the episodes of the drones of an env belong together; a single drone is a team.
-  Episodes episodes_mode() const {
-    return drones_per_env() == 1 || !task_state ? Episodes::team : config.episode.episodes;
-  }
+  Episodes episodes_mode() const { return drones_per_env() == 1 || !task_state ? Episodes::team : config.episode.episodes; }
   // Returns true if a drone of an env in such a list is one of those that the list concerns.
   bool takes_part(DroneIndex drone, Part part) const {
     const Episodes mode = episodes_mode();
@@ -107,9 +110,7 @@ struct Simulation {
   const std::vector<std::int32_t>& slots() const { return pool ? pool->slots : state.world_index; }
   std::size_t slot_of(EnvIndex env) const { return static_cast<std::size_t>(slots()[env]); }
   // The drones of some envs that take part, env by env; valid until the next call with this scratch.
-  std::span<const DroneIndex> drones_of(const EnvList& envs, Scratch& scratch) const {
-    return drones_of(envs, scratch.drones);
-  }
+  std::span<const DroneIndex> drones_of(const EnvList& envs, Scratch& scratch) const { return drones_of(envs, scratch.drones); }
   std::span<const DroneIndex> drones_of(const EnvList& envs, std::vector<DroneIndex>& list) const {
     return drones_of(envs, envs.part(), list);
   }
@@ -178,11 +179,13 @@ struct Simulation {
   std::vector<bodies::Models> body_models;  // of World::bodies()
   const DroneModel drone_model;
   const collision::Hull hull;
+  const collision::Corners corners;      // of the hull
   std::optional<dynamics::Fleet> fleet;  // only for rotor-driven drones
 
   State state;
   std::optional<bodies::BodyTable> bodies;  // nothing if the envs have no slots for bodies
-  std::vector<float> reach;                 // (N,) see FlightContext::reach; empty unless rotor-driven drones touch each other
+  FlagArray unplaced;        // (N,) the drone begins an episode and has no place yet; empty unless drones touch each other
+  std::vector<float> reach;  // (N,) see FlightContext::reach; empty unless rotor-driven drones touch each other
   std::optional<bodies::SeenDrones> seen_drones;  // nothing if drones do not see each other
   sensors::SensorSuite suite;
   sensors::EnvLights lights;

@@ -223,7 +223,8 @@ class StageByStage {
     if (sim_.cameras.empty()) return;
     sim_.cameras.ask([&](const auto& ask) {
       for (const Block& block : sim_.schedule.blocks()) {
-        for (const DroneIndex drone : selected_drones(sim_, block.*list, (block.*list).part(), mask, *sim_.scratches[0])) ask(drone);
+        for (const DroneIndex drone : selected_drones(sim_, block.*list, (block.*list).part(), mask, *sim_.scratches[0]))
+          ask(drone);
       }
     });
     sim_.cameras.start();
@@ -243,12 +244,23 @@ bool changes_worlds(const Simulation& sim) { return sim.pool && sim.episodes_mod
 void check_flown(Simulation& sim, Block& block, Scratch&) { check_observations(sim, block.flown, true); }
 void check_first_observations(Simulation& sim, Block& block, Scratch&) { check_observations(sim, block.resetting, false); }
 
+// Notes that the drones that begin an episode have no place yet, or have one.
+template <std::uint8_t kUnplaced>
+void mark_places(Simulation& sim, Block& block, Scratch& scratch) {
+  if (!sim.drones_touch()) return;
+  for (const DroneIndex drone : sim.drones_of(block.resetting, scratch)) sim.unplaced[drone] = kUnplaced;
+}
+
 // Begins an episode in each env of Block::resetting. The caller has already set the counters of these envs. Places the drones
 // if `place` is true, and reads the sensors.
 template <class Executor>
 void begin_program(Simulation& sim, Executor& executor, bool place) {
   Task& task = *sim.task_state->task;
-  if (place) executor.task({&Block::resetting}, [&](const TaskBlock& envs) { task.place(envs); });
+  if (place) {
+    executor.each(mark_places<std::uint8_t{1}>);
+    executor.task({&Block::resetting}, [&](const TaskBlock& envs) { task.place(envs); });
+    executor.each(mark_places<std::uint8_t{0}>);
+  }
   executor.task({&Block::resetting}, [&](const TaskBlock& envs) { task.begin(envs); });
   executor.each([](Simulation& s, Block& block, Scratch& scratch) {
     initial_readings(s, block, scratch);

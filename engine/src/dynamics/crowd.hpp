@@ -13,7 +13,6 @@
 #include "collision/obstacles.hpp"
 #include "dynamics/contact.hpp"
 #include "flockstep/airframe.hpp"
-#include "flockstep/drone_model.hpp"
 #include "flockstep/dynamics.hpp"
 #include "flockstep/pose.hpp"
 
@@ -46,7 +45,8 @@ struct Neighbor {
 // if there are more drones than ever before.
 class Crowd {
  public:
-  explicit Crowd(const DroneModel& drone) : hull_(drone), corners_(drone.hull()) {}
+  // corners: of the hull; both must outlive the crowd.
+  Crowd(const collision::Hull& hull, const collision::Corners& corners) : hull_(hull), corners_(corners) {}
 
   // bodies: of the env. Without bodies the count is 0.
   void resolve(std::span<Neighbor* const> drones, const collision::Obstacles& obstacles, const collision::MovingBodies& bodies,
@@ -91,8 +91,8 @@ class Crowd {
   double left_s(double time) const { return (1.0 - time) * drones_.front()->motion.duration_s; }
   Vec3 surface_velocity(std::size_t a, double time, const Vec3& point) const;
 
-  const collision::Hull hull_;
-  const collision::Corners corners_;
+  const collision::Hull& hull_;
+  const collision::Corners& corners_;
   std::span<Neighbor* const> drones_;
   const collision::Obstacles* obstacles_ = nullptr;
   collision::MovingBodies bodies_;

@@ -90,7 +90,7 @@ class Race final : public FlightTask {
         std::array<float, kDraws> unit;
         for (std::uint32_t k = 0; k < kDraws; ++k) unit[k] = block.context.random(drone, kStartStream, kDraws * attempt + k);
         const auto [drawn_pose, drawn_velocity] = start_between(last, gates[target], unit);
-        if (!block.context.is_free(env, drawn_pose)) continue;
+        if (!block.context.is_free(drone, drawn_pose)) continue;
         pose = drawn_pose;
         velocity = drawn_velocity;
         break;

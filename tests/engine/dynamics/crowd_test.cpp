@@ -120,7 +120,9 @@ TEST(Crowd, ACentralBounceFollowsTheClosedForm) {
           flying(0, {{0, 0, 0}, Quat::Identity()}, {{v1, 0, 0}, Vec3::Zero()}, &light),
           flying(1, {{0.6F + gap, 0, 0}, Quat::Identity()}, {{v2, 0, 0}, Vec3::Zero()}, &other),
       };
-      Crowd crowd(pointed_drone());
+      const collision::Hull hull(pointed_drone());
+      const collision::Corners corners(pointed_drone().hull());
+      Crowd crowd(hull, corners);
       resolve(crowd, drones, contact_config(OnContact::bounce, restitution));
       const double m1 = 1.0, m2 = mass, e = static_cast<double>(restitution);
       const double after1 = ((m1 - e * m2) * 3.0 + (1 + e) * m2 * -1.0) / (m1 + m2);
@@ -170,7 +172,9 @@ TEST(Crowd, BouncesConserveMomentumAndAddNoEnergy) {
       drones.push_back(flying(k, {k == 0 ? at : Vec3(at + apart * towards + aside), turns[k]},
                               {speed * towards + random.point(1.0F), random.point(5.0F)}, &frames[k]));
     }
-    Crowd crowd(model);
+    const collision::Hull hull(model);
+    const collision::Corners corners(model.hull());
+    Crowd crowd(hull, corners);
     resolve(crowd, drones, contact_config(OnContact::bounce, restitution, friction));
     if (!drones[0].contact.hit) {
       EXPECT_FALSE(drones[1].contact.hit);
@@ -204,7 +208,9 @@ TEST(Crowd, ADroneThatHoldsIsAWall) {
       flying(1, {{0.603F, 0, 0}, Quat::Identity()}, {}, &frame),
   };
   drones[1].holds = true;
-  Crowd crowd(pointed_drone());
+  const collision::Hull hull(pointed_drone());
+  const collision::Corners corners(pointed_drone().hull());
+  Crowd crowd(hull, corners);
   resolve(crowd, drones, contact_config(OnContact::bounce, 0.5F));
   EXPECT_NEAR(drones[0].velocity.linear.x(), -1.5F, 1e-5);
   EXPECT_FALSE(drones[1].is_deflected);
@@ -219,7 +225,9 @@ TEST(Crowd, DronesStopTogetherAtAContactThatTerminates) {
       flying(1, {{0.604F, 0, 0}, Quat::Identity()}, {{-1, 0, 0}, Vec3::Zero()}, &frame),
       flying(2, {{1.2F, 0.1F, 0}, Quat::Identity()}, {}, &frame),
   };
-  Crowd crowd(pointed_drone());
+  const collision::Hull hull(pointed_drone());
+  const collision::Corners corners(pointed_drone().hull());
+  Crowd crowd(hull, corners);
   resolve(crowd, drones, contact_config(OnContact::terminate));
   EXPECT_NEAR(drones[1].pose.position.x() - drones[0].pose.position.x(), 0.6001, 2e-6);
   EXPECT_NEAR(drones[0].pose.position.x() / (0.604F - drones[1].pose.position.x()), 3.0, 1e-2);
@@ -236,7 +244,9 @@ TEST(Crowd, ImpulsesPassThroughARow) {
     drones.push_back(flying(i, {{0.6015F * static_cast<float>(i), 0, 0}, Quat::Identity()},
                             {{i == 0 ? 6.0F : 0.0F, 0, 0}, Vec3::Zero()}, &frame));
   }
-  Crowd crowd(pointed_drone());
+  const collision::Hull hull(pointed_drone());
+  const collision::Corners corners(pointed_drone().hull());
+  Crowd crowd(hull, corners);
   resolve(crowd, drones, contact_config(OnContact::bounce, 1.0F));
   for (std::uint32_t i = 0; i < kCount; ++i) {
     EXPECT_NEAR(drones[i].velocity.linear.x(), i + 1 == kCount ? 6.0F : 0.0F, 1e-4) << i;
@@ -248,7 +258,9 @@ TEST(Crowd, TheOrderOfTheDronesDoesNotMatter) {
   const auto world = testing::make_world({primitive(PrimitiveKind::room, Vec3::Zero(), Vec3(2, 2, 1)),
                                           primitive(PrimitiveKind::box, {0.5F, 0, 0}, Vec3(0.2F, 0.2F, 1))});
   const collision::Obstacles& obstacles = prepared(*world).obstacles();
-  Crowd crowd(box_drone());
+  const collision::Hull hull(box_drone());
+  const collision::Corners corners(box_drone().hull());
+  Crowd crowd(hull, corners);
   int contacts = 0;
   for (const OnContact on_contact : {OnContact::terminate, OnContact::bounce, OnContact::stop}) {
     for (int i = 0; i < 100; ++i) {
