@@ -6,6 +6,7 @@ motions  sweeps against fine stepping with an independent convex distance
 encounters   motions among moving bodies against fine stepping with an independent convex distance: the first contacts
 shoves       pushes by bodies among walls and other bodies: no drone is inside anything unless it is reported
 crushes      ticks of rotor-driven drones among bodies that push them: none is inside anything unless it is reported
+meetings     motions of drones that touch each other, kinematic and by rotors, among bodies: none is inside another one
 body_rays    LiDAR beams and camera pixels among bodies of 1 mm to 100 m, against closed forms in double precision
 rays     rays traced directly, through Embree, and by closed forms in double precision
 agreement     LiDAR rays in worlds of primitives and triangles, in tiles, through Embree, and by closed forms
@@ -17,7 +18,7 @@ soak     clients that connect, fly, read, stream, break off and send nonsense: t
 extensions   the patches of tests/extensions, applied to a copy, built and run; only if named
 scene, obj, ply, gltf, snapshot, calls, messages   the fuzzers, with address and undefined-behaviour sanitizers
 
-Each writes its number of trials to out/tried/NAME.json; bench/table.py --keep copies it from there. The first eleven
+Each writes its number of trials to out/tried/NAME.json; bench/table.py --keep copies it from there. The first twelve
 run in parts, each with its own seeds, and write after each part. A stopped run continues with the next part, on another
 machine from the stored results.
 """
@@ -49,6 +50,7 @@ TESTS = {
     "encounters": ("Encounters*:MovingSweepAgainstFineStepping*", 10, 20),
     "shoves": ("Shoves*:Push*", 10, 150),
     "crushes": ("ContactInACrowd.NoDrone*", 10, 10),
+    "meetings": ("Meetings*", 10, 50),
     "body_rays": ("BodyRays*", 10, 25),
     "rays": ("Agreement*", 20, 50),
     "agreement": ("TracerAgreement*", 21, 750),
@@ -60,6 +62,7 @@ UNITS = dict.fromkeys(("agreement", "watertight", "independence", "body_rays"), 
     "encounters": "motions",
     "shoves": "pushes",
     "crushes": "ticks",
+    "meetings": "motions",
 }
 #: Generators of worlds, and the cell size (m) with which a planner finds a path in each.
 WORLDS = {"forest": 0.5, "office": 0.5, "warehouse": 0.6}

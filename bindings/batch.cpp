@@ -307,16 +307,33 @@ py::array_t<float> path(const Batch& batch) {
   return copy;
 }
 
-py::array_t<float> random(const Batch& batch, std::uint32_t stream, int count, const py::object& rows) {
-  const auto envs = integers<std::int64_t>(rows, "rows", {-1});
+// Returns how the episodes of an env's drones belong together.
+Episodes episodes_of(const Batch& batch) {
+  return batch.config().drones_per_env == 1 || batch.task() == nullptr ? Episodes::team : batch.config().episode.episodes;
+}
+
+py::array_t<float> random(const Batch& batch, std::uint32_t stream, int count, const py::object& rows,
+                          const std::string& row_kind) {
+  const auto given = integers<std::int64_t>(rows, "rows", {-1});
+  const bool of_drones = enum_of<Row>(row_kind, "row_kind") == Row::drone;
+  if (!of_drones && episodes_of(batch) == Episodes::each && rows_of_reset(*batch.task())) {
+    refuse("row_kind",
+           "\"drone\" in a reset with episodes=\"each\" (the numbers of an env do not change when one of its drones begins)",
+           "\"env\"");
+  }
   return in_turn(batch, [&] {  // the number of envs may change until then
-    const py::ssize_t length = envs.given() ? static_cast<py::ssize_t>(envs.rows()) : num_envs(batch);
-    py::array_t<float> numbers({length, static_cast<py::ssize_t>(std::max(count, 0))});
+    std::vector<std::int64_t> all;
+    if (!given.given()) {
+      all.resize(static_cast<std::size_t>(of_drones ? num_drones(batch) : num_envs(batch)));
+      std::iota(all.begin(), all.end(), std::int64_t{0});
+    }
+    const std::span<const std::int64_t> chosen = given.given() ? std::span<const std::int64_t>(given) : all;
+    py::array_t<float> numbers({std::ssize(chosen), static_cast<py::ssize_t>(std::max(count, 0))});
     const std::span<float> out(numbers.mutable_data(), static_cast<std::size_t>(numbers.size()));
-    if (envs.given()) {
-      batch.random(stream, count, envs, out);
+    if (of_drones) {
+      batch.random_of_drones(stream, count, chosen, out);
     } else {
-      batch.random(stream, count, out);
+      batch.random(stream, count, chosen, out);
     }
     return numbers;
   });
@@ -360,6 +377,9 @@ py::array_t<std::int64_t> beginning_rows(const Batch& batch) {
 
 // Getters for the arrays' properties.
 Viewed<State> state_arrays(const py::object& self, const char*) { return {self.cast<const Batch&>().state(), memory_of(self)}; }
+Viewed<OwnEpisodes> own_arrays(const py::object& self, const char*) {
+  return {self.cast<const Batch&>().state().own, memory_of(self)};
+}
 Viewed<FlightState> flight_arrays(const py::object& self, const char*) {
   const auto& batch = self.cast<const Batch&>();
   if (batch.config().dynamics.is_kinematic()) {
@@ -457,6 +477,7 @@ void register_batch(py::module_& module) {
 
   py::class_<Batch, std::unique_ptr<Batch, Released>> cls(module, "Batch", "N drone slots over W worlds, stepped together.");
   add_arrays<State, &state_arrays>(cls);
+  add_arrays<OwnEpisodes, &own_arrays>(cls);
   add_arrays<FlightState, &flight_arrays>(cls);
   add_arrays<PoseReadings, &poses_arrays>(cls);
   add_arrays<ImuReadings, &imu_arrays>(cls);
@@ -764,12 +785,17 @@ void register_batch(py::module_& module) {
             in_turn(batch, [&] { batch.begin_episode(m); });
           },
           py::arg("mask") = none)
-      .def("random", &random, py::arg("stream"), py::arg("count"), py::arg("rows") = none)
+      .def("random", &random, py::arg("stream"), py::arg("count"), py::arg("rows") = none, py::arg("row_kind") = "env")
       .def_property_readonly("rows", &beginning_rows)
       .def(
           "reset",
           [](Batch& batch, const py::object& seeds, const py::object& mask) {
             const auto s = integers<std::uint64_t>(seeds, "seeds", {num_envs(batch)});
+            if (seeds.is_none() && episodes_of(batch) != Episodes::team && py::hasattr(mask, "__len__") &&
+                static_cast<py::ssize_t>(py::len(mask)) == num_drones(batch)) {
+              const auto drones = flags(mask, "mask", num_drones(batch));
+              return released(batch, [&] { batch.reset_drones(drones); });
+            }
             const auto m = flags(mask, "mask", num_envs(batch));
             released(batch, [&] { batch.reset(s, m); });
           },

@@ -5,9 +5,9 @@
 
 `World`, `Batch`, `LidarConfig` and similar classes are the native simulator. `DroneVectorEnv` wraps it as a Gymnasium
 environment, and `Task` is the base class for your own tasks. `flockstep.sb3` connects to Stable-Baselines3,
-`flockstep.rllib` to Ray RLlib, and `flockstep.testing` checks any Gymnasium vector environment. `PPO` trains a policy,
-`evaluate` and `success_rates` test it, `record` films a flight. `render` takes a picture of a world. `connect` connects
-to a server.
+`flockstep.rllib` to Ray RLlib, `parallel_env` to PettingZoo, and `flockstep.testing` checks any Gymnasium vector
+environment. `PPO` trains a policy, `evaluate` and `success_rates` test it, `record` films a flight. `render` takes a
+picture of a world. `connect` connects to a server.
 """
 
 # ruff: noqa: E402 # the check for required packages comes before the imports that need them
@@ -125,6 +125,7 @@ __all__ = [
     "evaluate",
     "green_blob",
     "include_dir",
+    "parallel_env",
     "plan",
     "record",
     "register_task",
@@ -145,16 +146,19 @@ register_task = registration.register_task
 if _TYPE_CHECKING:
     from flockstep import client, rllib, sb3, testing
     from flockstep.client import connect, connect_async
+    from flockstep.multi_agent import parallel_env
 else:
 
     def __getattr__(name: str) -> object:
-        # Imported on first use: client, rllib and sb3 need optional packages, and only tests need testing.
+        # Imported on first use: client, parallel_env, rllib and sb3 need optional packages; only tests need testing.
         import importlib
 
         if name in ("client", "rllib", "sb3", "testing"):
             return importlib.import_module(f"flockstep.{name}")
         if name in ("connect", "connect_async"):
             return getattr(importlib.import_module("flockstep.client"), name)
+        if name == "parallel_env":
+            return importlib.import_module("flockstep.multi_agent").parallel_env
         from flockstep.nearest_name import did_you_mean
 
         raise AttributeError(f"module 'flockstep' has no attribute {name!r}{did_you_mean(name, __all__)}")

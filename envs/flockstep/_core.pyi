@@ -3359,7 +3359,10 @@ class Batch:
         *,
         rows: npt.ArrayLike | None = None,
     ) -> _Bool:
-        """Test poses: True (K,) if the drone would touch nothing there, neither its world nor a body.
+        """Test poses: True (K,) if the drone would touch nothing there: neither its world nor a body nor another drone.
+
+        Other drones count if ``meet`` says that they touch each other, except those that begin an episode in the same
+        step and have not been placed yet.
 
         Positions are (K, 3) m; quaternions (K, 4) are level, facing +x, by default. ``rows`` (K,) are the indices of
         drones, by default all.
@@ -3612,11 +3615,17 @@ class Batch:
     def begin_episode(self, mask: npt.ArrayLike | None = None) -> None:
         """Advance the episode counters. With a task, `reset` and `step` do this."""
 
-    def random(self, stream: int, count: int, rows: npt.ArrayLike | None = None) -> _F32:
+    def random(
+        self, stream: int, count: int, rows: npt.ArrayLike | None = None, row_kind: Literal["env", "drone"] = "env"
+    ) -> _F32:
         """Return uniform numbers in [0, 1), (E, count), as a new array.
 
         They depend only on the env's seed, its episode and the stream (from 0 to 2**31 - 1). Drawing does not change
         any state. With ``rows`` (K,), the indices of envs, it draws only the numbers of these envs, (K, count).
+
+        With ``row_kind="drone"`` the rows are drones: (N, count), or (K, count) with the indices of drones. Each drone
+        of an env then has other numbers; those of the first are the env's. In `Task.reset` with ``episodes="each"``,
+        draw these: the numbers of an env stay the same while its drones begin their episodes one by one.
         """
 
     @property
@@ -3628,6 +3637,11 @@ class Batch:
 
         With ``seeds`` (E,) uint64, each env begins the first episode of its new seed. Without, each begins its next
         episode.
+
+        With ``episodes="each"`` and without seeds, the mask may have a flag for each drone (N,): these drones then
+        begin their next episodes, while their envs go on. With ``episodes="last"`` it may too: an env begins its next
+        episode if all of its drones are selected, or one of them after all have ended. Before that, only drones whose
+        episodes have ended may be selected: this clears their flags.
 
         Raises
         ------

@@ -32,7 +32,10 @@ class SteppedBatch(Protocol):
     """The part of a `Batch` that a vector env needs. Its arrays have N rows, one for each row of the actions."""
 
     def reset(self, seeds: npt.NDArray[np.uint64] | None = None, mask: BoolArray | None = None) -> None:
-        """Begin new episodes, with seeds (E,) or none, in the envs of the mask (E,) or in all."""
+        """Begin new episodes, with seeds (E,) or none, in the envs of the mask (E,) or in all.
+
+        If the episodes of an env's drones end separately, the mask may be (N,) if there are no seeds.
+        """
 
     def step(self, actions: npt.ArrayLike) -> None:
         """Fly one step."""
@@ -68,6 +71,7 @@ class SteppedEnv(Protocol):
     num_envs: int
     num_groups: int
     _rows_per_env: int
+    _ends_rows: bool  # the episodes of the rows of an env end separately
     _reward_terms: list[str]
     autoreset_mode: AutoresetMode
     copy: bool
@@ -90,11 +94,14 @@ class SteppedEnv(Protocol):
     def _last_infos(self, ended: npt.NDArray[np.intp]) -> dict[str, Any]:
         """Return the episode statistics of ``ended``: all envs whose episode ended in the last step."""
 
+    def _resting(self) -> BoolArray | None:
+        """Return a mask of the rows that did not fly in the last step, with episodes="last", otherwise None."""
+
 
 def reset(env: SteppedEnv, seed: int | Sequence[int] | None, options: Mapping[str, Any] | None) -> BoolArray | None:
-    """Begin new episodes and return the mask of the envs (E,) in which they begin, or None for all."""
+    """Begin new episodes and return the mask of the envs (E,) or drones (N,) for which they begin, or None for all."""
     require_open(env)
-    mask = reset_mask(env, options)
+    mask = reset_mask(env, options, of_drones=env._ends_rows and seed is None)
     seeds = seeds_of(env, seed)
     if seeds is None and not env._seeded:
         if mask is not None and not mask.all():
@@ -123,6 +130,9 @@ def results(env: SteppedEnv) -> tuple[Observation, Array, BoolArray, BoolArray, 
     terminated, truncated = batch.terminated, batch.truncated
     ended = terminated | truncated
     infos = infos_of(env, ended) if np.count_nonzero(ended) else {}
+    resting = env._resting()
+    if resting is not None and np.count_nonzero(resting):
+        infos |= _masked({"resting": resting}, resting)
     if env.copy:
         return returned(env, observation), reward.copy(), terminated.copy(), truncated.copy(), infos
     return observation, reward, terminated, truncated, infos
@@ -252,8 +262,13 @@ def _seed_np_random(env: SteppedEnv, seed: int) -> None:
     VectorEnv.reset(cast("VectorEnv[Any, Any, Any]", env), seed=seed)
 
 
-def reset_mask(env: SteppedEnv, options: Mapping[str, Any] | None) -> BoolArray | None:
-    """Return the mask (E,) of the envs that a reset with these options selects, or None for all."""
+def reset_mask(
+    env: SteppedEnv, options: Mapping[str, Any] | None, of_drones: bool = False
+) -> BoolArray | None:
+    """Return the mask (E,) of the envs that a reset with these options selects, or None for all.
+
+    With ``of_drones`` it is the mask (N,) of the drones.
+    """
     unknown = [name for name in options or () if name != "reset_mask"]
     if unknown:
         raise ValueError(f"options: expected only 'reset_mask', got {', '.join(map(repr, unknown))}")
@@ -265,12 +280,14 @@ def reset_mask(env: SteppedEnv, options: Mapping[str, Any] | None) -> BoolArray 
         raise ValueError(f"options['reset_mask']: expected a bool array of shape ({env.num_envs},), got {got}")
     if not mask.any():
         raise ValueError("options['reset_mask']: expected at least one True")
+    if of_drones:
+        return mask.copy()
     groups = mask.reshape(env.num_groups, env._rows_per_env)
     split = np.flatnonzero(groups.any(axis=1) != groups.all(axis=1))
     if split.size:
         raise ValueError(
             f"options['reset_mask']: expected all {env._rows_per_env} drones of an env or none, since they begin "
-            f"their episodes together, got some of env {split[0]}"
+            f"{'with one seed' if env._ends_rows else 'their episodes together'}, got some of env {split[0]}"
         )
     return groups[:, 0].copy()
 

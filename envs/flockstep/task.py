@@ -15,7 +15,7 @@ import warnings
 import weakref
 from collections.abc import Mapping, Sequence
 from os import PathLike
-from typing import TYPE_CHECKING, Any, Literal, TypeAlias, TypeVar
+from typing import TYPE_CHECKING, Any, Literal, TypeAlias
 
 import numpy as np
 import numpy.typing as npt
@@ -51,8 +51,6 @@ DroneLike: TypeAlias = DroneModel | str | PathLike[str]
 
 _SUCCESS, _INFO, _STATE = "success", "info.", "state."
 
-_Scalar = TypeVar("_Scalar", bound=np.generic)
-
 #: The kinds of markers that a world may have.
 MARKERS = ("start", "waypoints", "goal")
 
@@ -66,6 +64,7 @@ class Task:
 
     Random numbers come from ``batch.random(stream, count)``, a row per env. They depend only on the env's seed, its
     episode and the stream, so env i behaves the same for any number of envs. Use a separate stream for each purpose.
+    With several drones in an env, ``batch.random(stream, count, row_kind="drone")`` has a row per drone.
 
     Attributes
     ----------
@@ -90,7 +89,7 @@ class Task:
         `ClockConfig`. Default: the 650-class quadrotor, kinematic, at 10 Hz.
     max_episode_steps
         Episodes are truncated after this many steps; 0 means never. The env's own limit takes precedence.
-    frame_skip, random_world
+    frame_skip, random_world, episodes
         Defaults of envs with this task, as in `EpisodeConfig`.
     markers
         The world's markers that the task uses, among ``"start"``, ``"waypoints"`` and ``"goal"``. Default: all.
@@ -106,7 +105,7 @@ class Task:
     steps
         (N,) int64: steps flown in the current episode; in `step`, the current step is included. Read-only.
     flying
-        (N,) bool, for use in `act` and `step`: True if the env takes part in the current step. False if its episode was
+        (N,) bool, for use in `act` and `step`: True if the row takes part in the current step. False if its episode was
         already over, as in the step that resets it. In False rows the drone does not move, the result of `step` is
         discarded, and any state of yours that affects the observation should stay unchanged. Read-only.
     success
@@ -140,6 +139,7 @@ class Task:
     max_episode_steps: int = 1000
     frame_skip: int = 1
     random_world: bool = False
+    episodes: Literal["team", "each", "last"] = "team"
     info_names: tuple[str, ...] = ()
     markers: tuple[str, ...] = MARKERS
     step_m: float = 0.1
@@ -156,17 +156,12 @@ class Task:
     @property
     def steps(self) -> npt.NDArray[np.int64]:
         """Steps flown in the current episode, (N,)."""
-        return self._rows_of(self._own_batch().steps)
+        return self._own_batch().steps
 
     @property
     def flying(self) -> BoolArray:
         """Mask of the drones that fly in the current step, (N,). The episodes of all others are over."""
-        return self._rows_of(self._own_batch().flying)
-
-    def _rows_of(self, of_envs: npt.NDArray[_Scalar]) -> npt.NDArray[_Scalar]:
-        """Expand an array (E,) to the task's rows."""
-        per_env = self._own_batch().drones_per_env
-        return of_envs if self.row_kind == "env" or per_env == 1 else np.repeat(of_envs, per_env)
+        return self._own_batch().flying
 
     def _own_batch(self) -> Batch:
         batch = None if self._batch is None else self._batch()
@@ -187,7 +182,8 @@ class Task:
 
         ``batch.rows`` has the indices of these rows. With ``rows=batch.rows``, `Batch.random`, `Batch.set_pose` and
         `Batch.set_velocity` take only these rows. With several drones per env, `Batch.random` takes indices of envs and
-        the others take indices of drones; drone d belongs to env ``d // batch.drones_per_env``.
+        the others take indices of drones; drone d belongs to env ``d // batch.drones_per_env``. With
+        ``row_kind="drone"``, `Batch.random` takes indices of drones too.
         """
         level = np.zeros((batch.num_drones, 4), np.float32)
         level[:, 0] = 1

@@ -246,9 +246,9 @@ class DroneVectorEnv(VectorEnv[Observation, Array, Array]):
     render_camera
         The name of the camera that ``render_view="camera"`` shows. Default: the first.
     drones_per_env
-        Number of drones in each env, M. They share a world and their episodes; ``meet`` says if they see and touch each
-        other. Gymnasium expects one env per row, so the attribute `num_envs` is N = E M, whereas the argument
-        ``num_envs`` is E. Drone m of env i has row i M + m. Default: 1.
+        Number of drones in each env, M. They share a world; ``episodes`` says whether they share their episodes, and
+        ``meet`` whether they see and touch each other. Gymnasium expects one env per row, so the attribute `num_envs`
+        is N = E M, whereas the argument ``num_envs`` is E. Drone m of env i has row i M + m. Default: 1.
     meet
         What the drones of an env are to each other. ``"never"``: nothing. ``"seen"``: their LiDARs detect the hulls of
         the others, and their cameras see the others. ``"touched"``: they hit each other with their hulls. ``"both"``:
@@ -261,8 +261,8 @@ class DroneVectorEnv(VectorEnv[Observation, Array, Array]):
     **fields
         Fields of configurations. The task sets their defaults; each configuration documents its fields.
 
-        For every task, from `EpisodeConfig`: ``frame_skip``, ``stagger_first_episode``, ``random_world``. From
-        `ClockConfig`: ``policy_hz``, ``physics_hz``, ``controller_hz``. From `DynamicsConfig`: ``motion``, ``control``,
+        For every task, from `EpisodeConfig`: ``episodes``, ``frame_skip``, ``stagger_first_episode``,
+        ``random_world``. From `ClockConfig`: ``policy_hz``, ``physics_hz``, ``controller_hz``. From `DynamicsConfig`: ``motion``, ``control``,
         ``integrator``, ``on_contact``, ``restitution``, ``friction``, ``rotor_lag``, ``rotor_drag``, ``body_drag``,
         ``gyroscopic``, ``ground_effect``, ``wind``, ``max_speed_mps``, ``max_acceleration_mps2``, ``max_tilt_deg``,
         ``max_rate_dps``, ``max_yaw_rate_dps``.
@@ -294,7 +294,7 @@ class DroneVectorEnv(VectorEnv[Observation, Array, Array]):
         Number of rows of actions, observations and rewards: N = E M drones, or E envs for a task whose ``row_kind`` is
         ``"env"``.
     num_groups
-        Number of envs, E. Drones of a group share a world, a seed and their episodes.
+        Number of envs, E. Drones of a group share a world and a seed.
     drones_per_env
         Number of drones in each group, M.
     batch
@@ -335,7 +335,8 @@ class DroneVectorEnv(VectorEnv[Observation, Array, Array]):
     an array of length N, with a mask of the ended episodes under the key with a leading underscore. ``episode_terms``
     is a dict of such arrays and masks, with the sum of each reward term. With same-step autoreset these are inside
     ``final_info``, beside ``final_obs``. With autoreset disabled, a finished env repeats its flags and infos until it
-    is reset. ``episode_end`` is the reason for the end, a value of `EpisodeEnd`. An episode ends with ``bad_state`` if
+    is reset. With ``episodes="last"``, ``resting`` is a mask of the rows that did not fly in the step: ignore them when
+    learning. ``episode_end`` is the reason for the end, a value of `EpisodeEnd`. An episode ends with ``bad_state`` if
     a target, a reward or an observation was not finite; ``batch.bad_states`` counts these episodes.
 
     Raises
@@ -436,6 +437,8 @@ class DroneVectorEnv(VectorEnv[Observation, Array, Array]):
         self._made_worlds: list[World] | None = getattr(self.batch, "worlds", None)  # None with a pool
         self._rows_per_env = self.drones_per_env if self.batch.spec.row == "drone" else 1
         self.num_envs = self.num_groups * self._rows_per_env
+        episodes = recipe.episode.episodes if self.drones_per_env > 1 else "team"
+        self._ends_rows, self._has_rests = episodes != "team", episodes == "last"
         flown_hz = self.batch.clock.policy_hz / recipe.episode.frame_skip
         self.metadata["render_fps"] = max(1, round(flown_hz))  # one picture per step, at the speed of flight
         self._task_calls = calls
@@ -560,6 +563,9 @@ class DroneVectorEnv(VectorEnv[Observation, Array, Array]):
         options
             ``{"reset_mask": mask}`` with a bool array, one flag per row, resets the envs whose flag is True. The drones
             of an env begin together, so a mask that selects only some of them is rejected. The dict is not changed.
+            Without a seed, ``episodes="each"`` and ``"last"`` accept such masks. With ``"each"`` exactly these drones
+            begin their next episodes, and their envs go on. With ``"last"`` the mask of the rows that have just ended
+            is right: the env begins its next episode once all have ended.
 
         Returns
         -------
@@ -570,7 +576,7 @@ class DroneVectorEnv(VectorEnv[Observation, Array, Array]):
         if self.closed:
             raise RuntimeError("the task closed this env during reset(): close it after reset() has returned")
         if self.trail is not None:
-            self.trail.record(True if mask is None else np.repeat(mask, self.drones_per_env))
+            self.trail.record(True if mask is None else np.repeat(mask, self.batch.num_drones // len(mask)))
         return stepping.returned(self, self.observation()), {}
 
     def step(self, actions: npt.ArrayLike) -> tuple[Observation, Array, BoolArray, BoolArray, dict[str, Any]]:
@@ -653,6 +659,9 @@ class DroneVectorEnv(VectorEnv[Observation, Array, Array]):
 
     def _last_infos(self, ended: npt.NDArray[np.intp]) -> dict[str, Any]:
         return self.episode_infos(ended)
+
+    def _resting(self) -> BoolArray | None:
+        return ~self.batch.flying if self._has_rests else None
 
     def final_observations(self, indices: npt.NDArray[np.intp]) -> list[Observation]:
         """Return the last observation of the episode that ended in each of the envs ``indices``, as new arrays."""
@@ -747,6 +756,7 @@ def _recipe_for(
             task.max_episode_steps = episode["max_episode_steps"]
         own_task, calls = native_task(task)
         episode = {**episode, "frame_skip": task.frame_skip, "random_world": task.random_world}
+        episode["episodes"] = task.episodes
         recipe = Recipe(f"{type(task).__module__}/{type(task).__qualname__}")
         _set_given(recipe, drone=_drone(task.drone), dynamics=task.dynamics, clock=task.clock)
         recipe.lidars = _listed(task.lidar, LidarConfig, "lidar")

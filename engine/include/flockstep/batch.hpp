@@ -251,10 +251,17 @@ class FLOCKSTEP_API Batch {
   void random(std::uint32_t stream, int count, std::span<float> out) const;  // (E, count), uniform in [0, 1)
   // The rows of some envs, (K, count).
   void random(std::uint32_t stream, int count, std::span<const std::int64_t> envs, std::span<float> out) const;
+  // Rows of some drones, (K, count), keyed by the drone too. The first drone of an env has the numbers of its env, as long as it
+  // begins no episode without the others.
+  void random_of_drones(std::uint32_t stream, int count, std::span<const std::int64_t> drones, std::span<float> out) const;
 
   // --- the task; std::logic_error without one, or before the first reset
   const Task* task() const;                                             // null without one
   void reset(std::span<const std::uint64_t> seeds, EnvMask mask = {});  // seeds (E,); empty: the next episode of each env
+  // Resets by a mask of drones. With Episodes::each the selected drones begin their next episodes, while their envs go on. With
+  // Episodes::last an env begins its next episode if all of its drones are selected, or one of them after all have ended; before
+  // that, only drones whose episodes have ended may be selected, which clears their flags.
+  void reset_drones(DroneMask mask);
   // Actions have one row per drone or env, in the form of TaskSpec::action. Each action is flown EpisodeConfig::frame_skip
   // times.
   void step(std::span<const std::int64_t> actions);  // (R,) integer actions

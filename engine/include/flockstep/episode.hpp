@@ -17,6 +17,13 @@ struct EnumNames<AutoresetMode> {
   static constexpr std::array kNames{"next_step", "same_step", "disabled"};
 };
 
+// How the episodes of the drones of an env belong together; EpisodeConfig describes the modes.
+enum class Episodes : std::uint8_t { team, each, last };
+template <>
+struct EnumNames<Episodes> {
+  static constexpr std::array kNames{"team", "each", "last"};
+};
+
 // Reason for the end of an episode. If several reasons hold in one step, the first in this order counts: bad_state, success,
 // contact, left_area, time, task, teammate. engine/src/batch/episodes.cpp decides it for all tasks.
 enum class EpisodeEnd : std::uint8_t {
@@ -36,6 +43,7 @@ struct EnumNames<EpisodeEnd> {
 
 struct EpisodeConfig {
   AutoresetMode autoreset_mode = AutoresetMode::next_step;
+  Episodes episodes = Episodes::team;
   std::optional<int> max_episode_steps;
   int frame_skip = 1;
   bool stagger_first_episode = false;
@@ -49,6 +57,11 @@ struct EpisodeConfig {
                         "observation, reward 0 and flags False. ``\"same_step\"``: the last step returns the reset observation, "
                         "and its own is the final observation. ``\"disabled\"``: the caller resets with a mask; a finished env "
                         "does not change until then. As `gymnasium.vector.AutoresetMode`."}),
+        field("episodes", &C::episodes,
+              {.about = "How the episodes of an env's drones belong together, if the task has a row for each drone. "
+                        "``\"team\"``: they begin and end together; if one ends, the others are truncated. ``\"each\"``: a "
+                        "drone begins its next episode without the others, and the env goes on. ``\"last\"``: they begin "
+                        "together; a drone whose episode has ended is inactive until all have ended."}),
         field("max_episode_steps", &C::max_episode_steps,
               {.about = "Time limit in flown steps, after which episodes are truncated. 0: no limit. None: the task's.",
                .limits = at_least(0)}),

@@ -23,6 +23,7 @@ struct ContactState {  // contacts of the last motion
   std::vector<float> point;
   std::vector<float> normal;
   std::vector<std::int32_t> body;
+  std::vector<std::int32_t> drone;
   std::vector<float> surface_velocity;
 
   static constexpr auto fields() {
@@ -51,12 +52,16 @@ struct ContactState {  // contacts of the last motion
               {.values = Values::last_count,
                .writer = kWriter,
                .about = "number of the body that the drone touched, in its env; -1: no body"}),
+        array("drone", &C::drone,
+              {.values = Values::last_count,
+               .writer = kWriter,
+               .about = "number of the drone that the drone touched, in its env; -1: no drone"}),
         array("surface_velocity", &C::surface_velocity,
               {.columns = 3,
                .unit = "m/s",
                .frame = Frame::world,
                .writer = kWriter,
-               .about = "velocity of the body at the contact point; 0 if the drone touched no body"}));
+               .about = "velocity, at the contact point, of the body or drone that the drone touched; 0 for the static world"}));
   }
 };
 
@@ -177,6 +182,29 @@ struct FlightState {
   }
 };
 
+// Drones whose episodes end without those of their teammates: Episodes::each and Episodes::last with several drones in an env.
+// Otherwise both arrays are empty. Only batch/episodes.cpp writes them.
+struct OwnEpisodes {
+  std::vector<std::int64_t> own_episodes;
+  FlagArray resting;
+
+  static constexpr auto fields() {
+    using C = OwnEpisodes;
+    constexpr const char* kWriter = "the step, resets";
+    return field_list(
+        array("own_episodes", &C::own_episodes,
+              {.values = Values::count,
+               .writer = kWriter,
+               .about = "episodes that the drone began without its teammates under the env's seed. The number of the drone's "
+                        "episode is the sum of this and `episode`. Empty unless `episodes` is \"each\" or \"last\""}),
+        array("resting", &C::resting,
+              {.values = Values::flag,
+               .writer = kWriter,
+               .about = "True if the drone is inactive because its episode has ended, and those of its teammates go on. Empty "
+                        "unless `episodes` is \"each\" or \"last\""}));
+  }
+};
+
 struct State {
   // Drones, read and written every step.
   std::vector<float> position;
@@ -185,6 +213,7 @@ struct State {
   FlightState flight;    // velocities, rotor speeds and wind; empty with kinematic motion
   BodyState bodies;      // empty if the batch has none
   FlagArray active;
+  OwnEpisodes own;
   // Envs.
   std::vector<std::int32_t> world_index;
   std::vector<std::uint64_t> seed;
@@ -203,8 +232,9 @@ struct State {
         field("contact", &C::contact), field("flight", &C::flight), field("bodies", &C::bodies),
         array("active", &C::active,
               {.values = Values::flag,
-               .writer = "spawn() and remove()",
-               .about = "True if the slot is in use; False if it was removed"}),
+               .writer = "spawn() and remove(); the step with episodes=\"last\"",
+               .about = "True if the drone is there; False if it was removed or rests, see `resting`"}),
+        field("own", &C::own),
         array("world_index", &C::world_index,
               {.rows = Rows::env,
                .writer = "resets, set_world()",
@@ -245,8 +275,8 @@ inline Pose pose_of(const State& state, DroneIndex drone) {
   return {position_of(state, drone), Quat(q[0], q[1], q[2], q[3])};
 }
 
-// Episodes of a task, one after another in each env. Only batch/episodes.cpp writes these arrays. R rows are N or E, depending
-// on TaskSpec::row.
+// Episodes of a task, one after another in each row. Only batch/episodes.cpp writes these arrays. R rows are N or E, depending
+// on TaskSpec::row. Unless Episodes says otherwise, `steps`, `time_limit`, `done` and `flying` are equal for all rows of an env.
 struct EpisodeState {
   std::vector<std::int64_t> steps;
   std::vector<std::int64_t> time_limit;
@@ -264,13 +294,13 @@ struct EpisodeState {
     constexpr const char* kWriter = "the episode logic";
     return field_list(
         array("steps", &C::steps,
-              {.rows = Rows::env,
+              {.rows = Rows::task,
                .unit = "steps",
                .values = Values::count,
                .writer = kWriter,
                .about = "steps flown in this episode, the current step included"}),
         array("time_limit", &C::time_limit,
-              {.rows = Rows::env,
+              {.rows = Rows::task,
                .unit = "steps",
                .values = Values::count,
                .access = Access::internal,
@@ -291,16 +321,16 @@ struct EpisodeState {
                .writer = kWriter,
                .about = "the first episode has begun"}),
         array("done", &C::done,
-              {.rows = Rows::env,
+              {.rows = Rows::task,
                .values = Values::flag,
                .access = Access::internal,
                .writer = kWriter,
-               .about = "the episode ended and no reset has come since"}),
+               .about = "the episode ended and no reset has come since; with Episodes::last, all of the env have ended"}),
         array("flying", &C::flying,
-              {.rows = Rows::env,
+              {.rows = Rows::task,
                .values = Values::flag,
                .writer = kWriter,
-               .about = "True if the env took part in the last step; False if its episode was already over"}),
+               .about = "True if the row took part in the last step; False if its episode was already over"}),
         array("bad", &C::bad,
               {.rows = Rows::task,
                .values = Values::flag,

@@ -97,8 +97,9 @@ class TaskContext {
   // draws the same numbers as its env.
   virtual float random(EnvIndex env, std::uint32_t stream, std::uint32_t index) const = 0;
   virtual float random(DroneIndex drone, std::uint32_t stream, std::uint32_t index) const = 0;
-  // Returns true if a drone of the env would touch nothing at this pose, neither the world nor a body.
-  virtual bool is_free(EnvIndex env, const Pose& pose) const = 0;
+  // Returns true if the drone would touch nothing at this pose: neither the world nor a body, nor, if drones of an env touch each
+  // other, another drone. In place(), drones that begin an episode and have not been placed yet do not count.
+  virtual bool is_free(DroneIndex drone, const Pose& pose) const = 0;
 
   // Motion model of the drones, and meaning of Setpoints.
   virtual const DynamicsConfig& dynamics() const = 0;
@@ -128,7 +129,7 @@ class TaskContext {
 struct TaskBlock {
   TaskContext& context;                // access to the batch
   std::span<const EnvIndex> envs;      // the envs
-  std::span<const DroneIndex> drones;  // the active drones of these envs, env by env
+  std::span<const DroneIndex> drones;  // the drones of these envs that the call is for
   std::size_t thread;                  // in [0, num_threads()), index for per-thread data
 };
 
@@ -141,8 +142,8 @@ struct Setpoints {
   std::vector<float> command;  // (N, 4), used with every other Control, which gives the meaning of the numbers
 };
 
-// Score of one flown step. R rows are N or E, depending on TaskSpec::row. All drones of an env begin and end their episodes
-// together: if the episode of one row ends, the other rows of the env are truncated.
+// Score of one flown step. R rows are N or E, depending on TaskSpec::row. If the episode of one row ends, EpisodeConfig::episodes
+// decides about the other rows of its env.
 struct Score {
   std::size_t num_terms;      // terms of the reward
   std::vector<double> terms;  // (R, num_terms), each multiplied by its weight
@@ -214,7 +215,7 @@ class Task {
 
 // Version of the binary interface between a task library and the engine. Increase it if a change to a header that this file
 // includes changes a layout, a virtual function or the meaning of a value; tests/python/test_compatibility.py notices changes.
-#define FLOCKSTEP_TASK_FORMAT 3
+#define FLOCKSTEP_TASK_FORMAT 4
 
 // Version string on which a task library and the engine that loads it must agree: the interface and the layout of Eigen's types,
 // which options such as -march=native change.

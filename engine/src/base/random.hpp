@@ -42,26 +42,35 @@ inline std::array<std::uint32_t, 4> draw(std::uint64_t seed, std::int64_t episod
 
 // Key of an env's or a drone's random numbers.
 struct RandomKey {
+  static constexpr std::size_t kNone = SIZE_MAX;
+
   EnvIndex env;
   std::uint32_t member = 0;
+  std::size_t drone = kNone;  // of several in an env
 
   static RandomKey of(EnvIndex env) { return {env}; }
   static RandomKey of(DroneIndex drone, std::size_t drones_per_env) {
     if (drones_per_env == 1) return {EnvIndex(std::size_t{drone})};
-    return {EnvIndex(drone / drones_per_env), static_cast<std::uint32_t>(drone % drones_per_env)};
+    return {EnvIndex(drone / drones_per_env), static_cast<std::uint32_t>(drone % drones_per_env), drone};
   }
 };
+
+// Number of the episode of an env or a drone.
+inline std::int64_t episode_of(const State& state, RandomKey key) {
+  const bool has_own = key.drone != RandomKey::kNone && !state.own.own_episodes.empty();
+  return state.episode[key.env] + (has_own ? state.own.own_episodes[key.drone] : 0);
+}
 
 // `number`, below 2^15, distinguishes instruments of one kind that share a stream.
 inline std::array<std::uint32_t, 4> draw(const State& state, RandomKey key, Stream stream, std::uint32_t index,
                                          std::uint32_t number = 0) {
-  return draw(state.seed[key.env], state.episode[key.env], static_cast<std::uint32_t>(stream) ^ (number << 16U), index,
+  return draw(state.seed[key.env], episode_of(state, key), static_cast<std::uint32_t>(stream) ^ (number << 16U), index,
               key.member);
 }
 
 // Returns number `index` of a user stream, uniform in [0, 1).
 inline float draw_uniform(const State& state, RandomKey key, std::uint32_t stream, std::uint32_t index) {
-  return uniform01(draw(state.seed[key.env], state.episode[key.env], stream, index / 4, key.member)[index % 4]);
+  return uniform01(draw(state.seed[key.env], episode_of(state, key), stream, index / 4, key.member)[index % 4]);
 }
 
 }  // namespace flockstep

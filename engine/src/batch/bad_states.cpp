@@ -33,8 +33,7 @@ void end_now(Simulation& sim, EnvIndex env, std::size_t row) {
   out.crashed[row] = touches(sim, row);
   out.episode_end[row] = static_cast<std::uint8_t>(EpisodeEnd::bad_state);
   ++sim.episodes.bad_states[row];
-  sim.episodes.done[env] = 1;
-  end_teammates(sim, env);
+  end_rows(sim, env);
 }
 
 }  // namespace
@@ -50,7 +49,8 @@ void check_setpoints(Simulation& sim, Block& block) {
       if (are_finite(command.subspan(4 * first, 4 * (end - first)))) return;
       for (std::size_t i = first; i < end; ++i) {
         const DroneIndex drone(i);
-        if (sim.state.active[drone] && !are_finite(command.subspan(4 * i, 4))) mark_bad(sim, sim.row_of(drone));
+        if (!sim.takes_part(drone, Part::flying) || are_finite(command.subspan(4 * i, 4))) continue;
+        mark_bad(sim, sim.row_of(drone));
       }
     });
     return;
@@ -59,7 +59,7 @@ void check_setpoints(Simulation& sim, Block& block) {
     for (std::size_t member = 0; member < m; ++member) {
       const DroneIndex drone = sim.drone_of(env, member);
       Pose& target = sim.task_state->setpoints.target[drone];
-      if (!sim.state.active[drone] || is_valid(target)) continue;
+      if (!sim.takes_part(drone, Part::flying) || is_valid(target)) continue;
       target = pose_of(sim.state, drone);
       mark_bad(sim, sim.row_of(drone));
     }
@@ -91,6 +91,7 @@ void check_observations(Simulation& sim, const EnvList& envs, bool flown) {
       const std::size_t first = first_env * rows, end = (first_env + count) * rows;
       if (are_finite(std::span<const T>(values.row<T>(first).data(), (end - first) * values.columns()))) return;
       for (std::size_t row = first; row < end; ++row) {
+        if (rows > 1 && !sim.takes_part(DroneIndex(row), envs.part())) continue;
         if (!clear_bad(field, values.row<T>(row))) continue;
         if (flown) {
           end_now(sim, EnvIndex(row / rows), row);

@@ -41,16 +41,15 @@ Pose requested_pose(const Simulation& sim, DroneIndex drone, std::size_t row, st
   return pose;
 }
 
-// Draws the numbers of an env from a user stream.
-void draw_row(const State& state, EnvIndex env, std::uint32_t stream, std::span<float> row) {
-  for (std::size_t k = 0; k < row.size(); ++k) {
-    row[k] = draw_uniform(state, RandomKey::of(env), stream, static_cast<std::uint32_t>(k));
-  }
+// Draws the numbers of an env or a drone from a user stream.
+void draw_row(const State& state, RandomKey key, std::uint32_t stream, std::span<float> row) {
+  for (std::size_t k = 0; k < row.size(); ++k) row[k] = draw_uniform(state, key, stream, static_cast<std::uint32_t>(k));
 }
 
 // Puts a drone at a pose, at rest.
 void put_drone(Simulation& sim, DroneIndex drone, const Pose& pose) {
   set_pose_of(sim.state, drone, pose);
+  if (sim.drones_touch()) sim.unplaced[drone] = 0;
   clear_contact(sim.state, drone);
   start_flight(sim, drone, {});
   sim.move_lines.begin(drone);
@@ -59,13 +58,9 @@ void put_drone(Simulation& sim, DroneIndex drone, const Pose& pose) {
 // Moves the listed drones, sorted by env, in one step of substeps while the bodies of their envs move. Other drones of these envs
 // hold still, unless a body pushes them.
 template <class TargetOf>
-void move_among_bodies(Simulation& sim, std::span<const DroneIndex> drones, const TargetOf& target_of, Scratch& scratch) {
+void move_by_ticks(Simulation& sim, std::span<const DroneIndex> drones, const TargetOf& target_of, Scratch& scratch) {
   const int ticks = sim.config.clock.substeps();
-  while (!drones.empty()) {
-    const EnvIndex env = sim.env_of(drones.front());
-    const auto end = std::ranges::find_if(drones, [&](DroneIndex drone) { return sim.env_of(drone) != env; });
-    const auto of_env = drones.first(static_cast<std::size_t>(end - drones.begin()));
-    drones = drones.subspan(of_env.size());
+  for_each_env(sim, drones, [&](EnvIndex env, std::span<const DroneIndex> of_env) {
     scratch.poses.clear();
     for (const DroneIndex drone : of_env) {
       scratch.poses.push_back(pose_of(sim.state, drone));
@@ -74,21 +69,17 @@ void move_among_bodies(Simulation& sim, std::span<const DroneIndex> drones, cons
     }
     for (int tick = 1; tick <= ticks; ++tick) {
       Interrupt::poll();  // between ticks the state is consistent
-      sim.bodies->advance(env, ++sim.state.tick[env]);
+      ++sim.state.tick[env];
+      if (sim.bodies) sim.bodies->advance(env, sim.state.tick[env]);
+      scratch.moves.clear();
       for (std::size_t i = 0; i < of_env.size(); ++i) {
         const Pose &from = scratch.poses[2 * i], &to = scratch.poses[2 * i + 1];
-        if (sim.state.contact.hit[of_env[i]]) {
-          give_way(sim, of_env[i], scratch);
-        } else {
-          sweep_to(sim, of_env[i], ticks == 1 ? to : dynamics::integrate_kinematic(from, to, tick, ticks), scratch);
-        }
+        scratch.moves.push_back({of_env[i], ticks == 1 ? to : dynamics::integrate_kinematic(from, to, tick, ticks),
+                                 sim.state.contact.hit[of_env[i]] != 0});
       }
-      for (std::size_t member = 0; member < sim.drones_per_env(); ++member) {
-        const DroneIndex other = sim.drone_of(env, member);
-        if (sim.state.active[other] && !std::ranges::binary_search(of_env, other)) give_way(sim, other, scratch);
-      }
+      move_tick(sim, env, scratch.moves, scratch);
     }
-  }
+  });
 }
 
 // Writes a row of each array that is not empty to the flight of a drone.
@@ -107,6 +98,10 @@ void put_velocity(Simulation& sim, DroneIndex drone, std::size_t row, std::span<
 // Deactivates a drone and sets its readings and outputs to those of an absent one.
 void mark_absent(Simulation& sim, DroneIndex drone) {
   sim.state.active[drone] = 0;
+  if (sim.episodes_mode() == Episodes::last) {
+    sim.state.own.resting[drone] = 0;
+    end_rest(sim, sim.env_of(drone));
+  }
   clear_contact(sim.state, drone);
   for (const auto& sensor : sim.suite) sensor->clear(drone);
   sim.cameras.clear(drone);
@@ -119,13 +114,25 @@ void mark_absent(Simulation& sim, DroneIndex drone) {
   score.terminated[row] = score.truncated[row] = score.success[row] = score.left_area[row] = 0;
 }
 
-// Makes the move lines of inactive drones invisible.
+// Returns true if a slot is not in use. A resting drone is inactive, but keeps its slot.
+bool is_removed(const Simulation& sim, DroneIndex drone) {
+  const FlagArray& resting = sim.state.own.resting;
+  return !sim.state.active[drone] && (resting.empty() || !resting[drone]);
+}
+
+// Makes the move lines of removed drones invisible.
 void hide_absent(Simulation& sim) {
   std::vector<DroneIndex> absent;
   for (const DroneIndex drone : sim.move_lines.visible()) {
-    if (!sim.state.active[drone]) absent.push_back(drone);
+    if (is_removed(sim, drone)) absent.push_back(drone);
   }
   sim.move_lines.set_visible(false, absent);
+}
+
+// Lets the episodes of an env's drones have the number of the env's episode.
+void forget_own_episodes(Simulation& sim, EnvIndex env) {
+  if (sim.state.own.own_episodes.empty()) return;
+  std::fill_n(sim.state.own.own_episodes.data() + sim.drone_of(env, 0), sim.drones_per_env(), std::int64_t{0});
 }
 
 // Restarts the clock of an env, clears its readings and draws light and gusts from its seed and episode.
@@ -134,6 +141,69 @@ void begin_time(Simulation& sim, EnvIndex env) {
   draw_light(sim, env);
   for (std::size_t member = 0; member < sim.drones_per_env(); ++member) begin_gusts(sim, sim.drone_of(env, member));
   if (sim.bodies) sim.bodies->begin(env);
+}
+
+// Begins episodes in the envs of Block::resetting. seeds: (E,); empty: the next episode of each env.
+void reset_listed(Simulation& sim, std::span<const std::uint64_t> seeds) {
+  if (sim.pool) {
+    PoolState& pool = *sim.pool;
+    pool.moves.clear();
+    for (const Block& block : sim.schedule.blocks()) {
+      for (const EnvIndex env : block.resetting) {
+        const bool goes_on = seeds.empty();
+        const std::uint64_t seed = goes_on ? sim.state.seed[env] : seeds[env];
+        pool.moves.push_back({env, pool.pool.number_of(seed, goes_on ? next_episode(sim, env) : 0), nullptr});
+      }
+    }
+    fetch_worlds(sim);
+    sim.is_cut_short = true;  // until all envs have moved
+    move_envs(sim);
+  }
+  sim.is_cut_short = false;
+  sim.outputs.turn_and_copy();
+  std::vector<EnvIndex> begun;
+  for (const Block& block : sim.schedule.blocks()) {
+    for (const EnvIndex env : block.resetting) {
+      if (seeds.empty()) {
+        start_next_episode(sim, env, *sim.scratches[0]);
+      } else {
+        sim.state.seed[env] = seeds[env];
+        sim.state.episode[env] = 0;
+        forget_own_episodes(sim, env);
+        open_episode(sim, env, *sim.scratches[0]);
+      }
+      const std::size_t rows = sim.rows_per_env(), first = env * rows;
+      for (std::size_t row = first; row < first + rows; ++row) sim.outputs.clear(row);
+      sim.outputs.forget_final(first, rows);
+      begun.push_back(env);
+    }
+  }
+  begin_episodes(sim, true);
+  std::ranges::sort(begun);
+  for (const DroneIndex drone : sim.move_lines.visible()) {
+    if (std::ranges::binary_search(begun, sim.env_of(drone))) sim.move_lines.begin(drone);
+  }
+}
+
+// Begins the next episodes of the selected drones in the envs of Block::resetting, with Episodes::each.
+void reset_listed_drones(Simulation& sim, DroneMask mask) {
+  sim.outputs.turn_and_copy();
+  for (const Block& block : sim.schedule.blocks()) {
+    for (const EnvIndex env : block.resetting) {
+      for (std::size_t member = 0; member < sim.drones_per_env(); ++member) {
+        const DroneIndex drone = sim.drone_of(env, member);
+        sim.begins[drone] = is_selected(sim, mask, drone);
+        if (!sim.begins[drone]) continue;
+        start_next_episode(sim, drone);
+        sim.outputs.clear(drone);
+        sim.outputs.forget_final(drone, 1);
+      }
+    }
+  }
+  begin_episodes(sim, true);
+  for (const DroneIndex drone : sim.move_lines.visible()) {
+    if (is_selected(sim, mask, drone)) sim.move_lines.begin(drone);
+  }
 }
 
 }  // namespace
@@ -227,9 +297,9 @@ void Batch::move(std::span<const float> position, std::span<const float> quat_wx
   checks::mask(*sim_, mask);
   checks::poses(position, quat_wxyz, sim_->num_drones());
   sim_->for_each_block([&](Block& block, Scratch& scratch, std::size_t) {
-    const std::span<const DroneIndex> drones = selected_drones(*sim_, block.envs, mask, scratch);
+    const std::span<const DroneIndex> drones = selected_drones(*sim_, block.envs, Part::active, mask, scratch);
     const auto target_of = [&](DroneIndex drone) { return requested_pose(*sim_, drone, drone, position, quat_wxyz); };
-    if (sim_->bodies) return move_among_bodies(*sim_, drones, target_of, scratch);
+    if (sim_->bodies || sim_->drones_touch()) return move_by_ticks(*sim_, drones, target_of, scratch);
     EnvIndex before(sim_->num_envs());  // none
     for (const DroneIndex drone : drones) {
       sweep_to(*sim_, drone, target_of(drone), scratch);
@@ -281,7 +351,8 @@ void Batch::fly(std::span<const float> command, int ticks, DroneMask mask, std::
     const int leg = std::min(kLeg, flown - first);
     sim_->for_each_block([&](Block& block, Scratch& scratch, std::size_t) {
       if (first == 0) {
-        for (const DroneIndex drone : selected_drones(*sim_, block.selected, mask, scratch)) clear_contact(sim_->state, drone);
+        for (const DroneIndex drone : selected_drones(*sim_, block.selected, Part::active, mask, scratch))
+          clear_contact(sim_->state, drone);
       }
       fly_ticks(*sim_, block, block.selected, mask, {.command = command, .target = {}, .step_start = {}, .control = control}, leg,
                 scratch);
@@ -340,6 +411,7 @@ std::vector<std::int64_t> Batch::spawn(std::span<const std::int64_t> indices, st
     const EnvIndex env = sim.env_of(drone);
     if (!world_index.empty()) state.world_index[env] = world_index[row];
     state.active[drone] = 1;
+    if (!state.own.resting.empty()) state.own.resting[drone] = 0;
     if (begins[env]) {
       forget_readings(sim, env);
       if (sim.bodies) sim.bodies->begin(env);
@@ -398,6 +470,7 @@ void Batch::seed(std::span<const std::uint64_t> seeds, EnvMask mask) {
   for_each_selected(*sim_, mask, [&](EnvIndex env) {
     sim_->state.seed[env] = seeds[env];
     sim_->state.episode[env] = 0;
+    forget_own_episodes(*sim_, env);
     begin_time(*sim_, env);
   });
 }
@@ -418,7 +491,7 @@ void Batch::random(std::uint32_t stream, int count, std::span<float> out) const 
   const auto columns = static_cast<std::size_t>(count);
   checks::size(out.size(), sim_->num_envs() * columns, "out");
   for (std::size_t env = 0; env < sim_->num_envs(); ++env) {
-    draw_row(sim_->state, EnvIndex(env), stream, out.subspan(env * columns, columns));
+    draw_row(sim_->state, RandomKey::of(EnvIndex(env)), stream, out.subspan(env * columns, columns));
   }
 }
 
@@ -429,7 +502,18 @@ void Batch::random(std::uint32_t stream, int count, std::span<const std::int64_t
   const auto columns = static_cast<std::size_t>(count);
   checks::size(out.size(), envs.size() * columns, "out");
   for (std::size_t row = 0; row < envs.size(); ++row) {
-    draw_row(sim_->state, EnvIndex(envs[row]), stream, out.subspan(row * columns, columns));
+    draw_row(sim_->state, RandomKey::of(EnvIndex(envs[row])), stream, out.subspan(row * columns, columns));
+  }
+}
+
+void Batch::random_of_drones(std::uint32_t stream, int count, std::span<const std::int64_t> drones, std::span<float> out) const {
+  const CallGuard guard(*lock_);
+  checks::random(stream, count);
+  checks::indices(drones, sim_->num_drones(), "rows");
+  const auto columns = static_cast<std::size_t>(count);
+  checks::size(out.size(), drones.size() * columns, "out");
+  for (std::size_t row = 0; row < drones.size(); ++row) {
+    draw_row(sim_->state, sim_->random_key(DroneIndex(drones[row])), stream, out.subspan(row * columns, columns));
   }
 }
 
@@ -445,39 +529,49 @@ void Batch::reset(std::span<const std::uint64_t> seeds, EnvMask mask) {
   if (!seeds.empty()) checks::size(seeds.size(), sim_->num_envs(), "seeds");
   if (!selects_all(*sim_, mask)) checks::require_not_interrupted(*sim_);
   list_selected(*sim_, mask, &Block::resetting);
-  if (sim_->pool) {
-    PoolState& pool = *sim_->pool;
-    pool.moves.clear();
-    for (const Block& block : sim_->schedule.blocks()) {
-      for (const EnvIndex env : block.resetting) {
-        const bool goes_on = seeds.empty();
-        const std::uint64_t seed = goes_on ? sim_->state.seed[env] : seeds[env];
-        pool.moves.push_back({env, pool.pool.number_of(seed, goes_on ? next_episode(*sim_, env) : 0), nullptr});
-      }
-    }
-    fetch_worlds(*sim_);
-    sim_->is_cut_short = true;  // until all envs have moved
-    move_envs(*sim_);
+  reset_listed(*sim_, seeds);
+}
+
+void Batch::reset_drones(DroneMask mask) {
+  const LongCallGuard guard(*lock_);
+  Simulation& sim = *sim_;
+  checks::not_stepping(sim, "reset_drones");
+  checks::has_task(sim);
+  require(sim.episodes_mode() != Episodes::team, "mask", "a flag for each env (its drones begin their episodes together)",
+          "one for each drone");
+  checks::mask(sim, mask);
+  checks::require_not_interrupted(sim);
+  checks::require_started(sim);
+  if (sim.episodes_mode() == Episodes::each) {
+    list_selected(sim, mask, &Block::resetting);
+    reset_listed_drones(sim, mask);
+    return;
   }
-  sim_->is_cut_short = false;
-  sim_->outputs.turn_and_copy();
-  for (const Block& block : sim_->schedule.blocks()) {
-    for (const EnvIndex env : block.resetting) {
-      if (seeds.empty()) {
-        start_next_episode(*sim_, env, *sim_->scratches[0]);
-      } else {
-        sim_->state.seed[env] = seeds[env];
-        sim_->state.episode[env] = 0;
-        open_episode(*sim_, env, *sim_->scratches[0]);
-      }
-      const std::size_t rows = sim_->rows_per_env(), first = env * rows;
-      for (std::size_t row = first; row < first + rows; ++row) sim_->outputs.clear(row);
-      sim_->outputs.forget_final(first, rows);
+  std::vector<std::uint8_t> begins(sim.num_envs());
+  std::vector<DroneIndex> rests;
+  for (std::size_t i = 0; i < sim.num_envs(); ++i) {
+    const EnvIndex env(i);
+    bool all = true, any = false, goes_on = false;
+    for (std::size_t member = 0; member < sim.drones_per_env(); ++member) {
+      const DroneIndex drone = sim.drone_of(env, member);
+      if (is_removed(sim, drone)) continue;
+      const bool chosen = mask.selects(drone);
+      any |= chosen;
+      all &= chosen;
+      goes_on |= chosen && !sim.state.own.resting[drone];
+      if (chosen && sim.state.own.resting[drone]) rests.push_back(drone);
     }
+    begins[env] = any && (all || sim.episodes.done[env * sim.rows_per_env()]);
+    require(begins[env] || !goes_on, "mask", "all drones of env " + std::to_string(i) + ", or some whose episodes have ended",
+            "one whose episode goes on");
   }
-  begin_episodes(*sim_, true);
-  for (const DroneIndex drone : sim_->move_lines.visible()) {
-    if (mask.selects(sim_->env_of(drone))) sim_->move_lines.begin(drone);
+  std::erase_if(rests, [&](DroneIndex drone) { return begins[sim.env_of(drone)]; });
+  const EnvMask envs(begins);
+  list_selected(sim, envs, &Block::resetting);
+  reset_listed(sim, {});
+  for (const DroneIndex drone : rests) {
+    sim.outputs.forget_final(drone, 1);
+    sim.outputs.rest(sim.task_state->spec(), drone);
   }
 }
 
@@ -554,7 +648,7 @@ void Batch::restore(const std::string& blob) {
   restore_snapshot(*sim_, blob);
   sim_->is_cut_short = false;
   for (std::size_t i = 0; i < sim_->num_drones(); ++i) {
-    if (!sim_->state.active[i]) mark_absent(*sim_, DroneIndex(i));  // also in the other slot, in which it may have been active
+    if (is_removed(*sim_, DroneIndex(i))) mark_absent(*sim_, DroneIndex(i));  // also in the other slot, where it may be active
   }
   hide_absent(*sim_);
   for (const DroneIndex drone : sim_->move_lines.visible()) sim_->move_lines.begin(drone);

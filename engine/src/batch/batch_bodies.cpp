@@ -180,7 +180,7 @@ void Batch::is_free(std::span<const std::int64_t> drones, std::span<const float>
       const float* const q = quat_wxyz.data() + 4 * row;
       pose.rotation = Quat(q[0], q[1], q[2], q[3]).normalized();
     }
-    out[row] = sim.context->is_free(sim.env_of(DroneIndex(drones.empty() ? row : static_cast<std::size_t>(drones[row]))), pose);
+    out[row] = sim.context->is_free(DroneIndex(drones.empty() ? row : static_cast<std::size_t>(drones[row])), pose);
   }
 }
 

@@ -61,9 +61,8 @@ void compare_actions(const TaskState& task_state, std::size_t first_env, std::si
     default:
       compare_rows<std::uint8_t>(task_state.actions, task_state.actions_before, first, count, changed);
   }
-  for (std::size_t env = 0; env < num_envs; ++env) {
-    if (episodes.steps[first_env + env] == 0) std::fill_n(changed + env * rows, rows, std::uint8_t{1});
-  }
+  const std::int64_t* const steps = episodes.steps.data() + first;
+  for (std::size_t row = 0; row < count; ++row) changed[row] |= steps[row] == 0 ? 1 : 0;
 }
 
 // Sums each row, adding its numbers in order. Several rows are summed side by side.
@@ -118,9 +117,8 @@ void settle_rewards(Simulation& sim, std::size_t first, std::size_t count) {
 EpisodeEnd reason_of(const Simulation& sim, std::size_t row, bool hit) {
   const Score& score = sim.task_state->score;
   const Outputs& out = sim.outputs.now();
-  const std::size_t env = row / sim.rows_per_env();
-  const std::int64_t limit = sim.episodes.time_limit[env];
-  const bool is_late = limit > 0 && sim.episodes.steps[env] >= limit;
+  const std::int64_t limit = sim.episodes.time_limit[row];
+  const bool is_late = limit > 0 && sim.episodes.steps[row] >= limit;
   const bool by_task = score.terminated[row] || score.truncated[row];
   if (out.bad_state[row]) return EpisodeEnd::bad_state;
   if (score.success[row]) return EpisodeEnd::success;
@@ -130,11 +128,11 @@ EpisodeEnd reason_of(const Simulation& sim, std::size_t row, bool hit) {
   return by_task ? EpisodeEnd::task : EpisodeEnd::teammate;
 }
 
-// Decides which of `count` consecutive rows end their episodes, ignoring teammates. lengths, limits: steps flown and allowed
-// for each row. Flags are bytes, so that a SIMD register holds many of them.
-void decide_ends(Simulation& sim, std::size_t first, std::size_t count, const std::int64_t* lengths, const std::int64_t* limits,
-                 std::uint8_t* ends) {
+// Decides which of `count` consecutive rows end their episodes, ignoring teammates. Flags are bytes, so that a SIMD register
+// holds many of them.
+void decide_ends(Simulation& sim, std::size_t first, std::size_t count, std::uint8_t* ends) {
   EpisodeState& episodes = sim.episodes;
+  const std::int64_t *const lengths = episodes.steps.data() + first, *const limits = episodes.time_limit.data() + first;
   const Score& score = sim.task_state->score;
   Outputs& out = sim.outputs.now();
   using Flags = std::array<std::uint8_t, kSettled>;
@@ -182,37 +180,99 @@ void decide_ends(Simulation& sim, std::size_t first, std::size_t count, const st
 // Finishes a flown step of at most kSettled consecutive envs with one row each.
 void settle_single_rows(Simulation& sim, std::size_t first, std::size_t count) {
   settle_rewards(sim, first, count);
-  decide_ends(sim, first, count, sim.episodes.steps.data() + first, sim.episodes.time_limit.data() + first,
-              sim.episodes.done.data() + first);
+  decide_ends(sim, first, count, sim.episodes.done.data() + first);
+}
+
+// Truncates the rows of an env whose episodes go on.
+void truncate_others(Simulation& sim, EnvIndex env) {
+  const std::size_t rows = sim.rows_per_env();
+  Outputs& out = sim.outputs.now();
+  for (std::size_t row = env * rows; row < (env + 1) * rows; ++row) {
+    if (!sim.state.active[row] || out.terminated[row] || out.truncated[row]) continue;
+    const bool hit = touches(sim, row);
+    out.truncated[row] = 1;
+    out.success[row] = sim.task_state->score.success[row];
+    out.crashed[row] = hit;
+    out.episode_end[row] = static_cast<std::uint8_t>(reason_of(sim, row, hit));
+  }
 }
 
 // Finishes a flown step of an env with several rows.
 void settle_rows(Simulation& sim, EnvIndex env) {
-  const std::size_t rows = sim.rows_per_env();
-  const std::int64_t length = sim.episodes.steps[env], limit = sim.episodes.time_limit[env];
-  bool ends = false;
-  for (std::size_t done = 0; done < rows; done += kSettled) {
-    const std::size_t first = env * rows + done, count = std::min(kSettled, rows - done);
-    settle_rewards(sim, first, count);
-    std::array<std::int64_t, kSettled> lengths, limits;
-    lengths.fill(length);
-    limits.fill(limit);
-    std::array<std::uint8_t, kSettled> ended{};
-    decide_ends(sim, first, count, lengths.data(), limits.data(), ended.data());
-    for (std::size_t i = 0; i < count; ++i) {
-      if (!sim.state.active[first + i]) {
-        sim.outputs.clear(first + i);
-      } else {
-        ends |= ended[i] != 0;
-      }
+  const std::size_t begin = env * sim.rows_per_env(), end = begin + sim.rows_per_env();
+  // Removed drones of a team have a score of 0. Other rows that do not fly keep an old score.
+  const bool is_team = sim.episodes_mode() == Episodes::team;
+  const auto flies = [&](std::size_t row) { return is_team || sim.takes_part(DroneIndex(row), Part::flying); };
+  std::array<std::uint8_t, kSettled> ended;
+  for (std::size_t first = begin; first < end;) {
+    std::size_t count = 0;
+    while (count < kSettled && first + count < end && flies(first + count)) ++count;
+    if (count > 0) {
+      settle_rewards(sim, first, count);
+      decide_ends(sim, first, count, ended.data());
     }
+    first += std::max<std::size_t>(count, 1);
   }
-  sim.episodes.done[env] = ends;
-  if (ends) end_teammates(sim, env);
+  for (std::size_t row = begin; is_team && row < end; ++row) {
+    if (!sim.state.active[row]) sim.outputs.clear(row);
+  }
+  end_rows(sim, env);
 }
 
-std::string quoted(Control control) {
-  return '"' + std::string(EnumNames<Control>::kNames[static_cast<std::size_t>(control)]) + '"';
+// Marks all rows of an env as over.
+void end_env(Simulation& sim, EnvIndex env) {
+  const std::size_t rows = sim.rows_per_env();
+  std::fill_n(sim.episodes.done.data() + env * rows, rows, std::uint8_t{1});
+}
+
+// Ends the rest of an env's drones.
+void wake(Simulation& sim, EnvIndex env) {
+  for (std::size_t member = 0; member < sim.drones_per_env(); ++member) {
+    const DroneIndex drone = sim.drone_of(env, member);
+    if (std::exchange(sim.state.own.resting[drone], std::uint8_t{0})) sim.set_active(drone, true);
+  }
+}
+
+// Writes the row of a drone that rests during a step.
+void skip_resting(Simulation& sim, DroneIndex drone) {
+  if (sim.episodes.flying[drone]) {  // its first step of rest
+    clear_contact(sim.state, drone);
+    for (const auto& sensor : sim.suite) sensor->clear(drone);
+    sim.cameras.clear(drone);
+  }
+  if (sim.config.episode.autoreset_mode == AutoresetMode::disabled) {
+    sim.outputs.carry_over(drone);
+  } else {
+    sim.outputs.rest(sim.task_state->spec(), drone);
+  }
+}
+
+// Selects the drones of an env that fly. Each drone whose episode has ended begins its next one in this step, or holds still.
+void select_drones(Simulation& sim, Block& block, EnvIndex env) {
+  const bool resets = sim.config.episode.autoreset_mode != AutoresetMode::disabled;
+  EpisodeState& episodes = sim.episodes;
+  block.flown.push(env);
+  block.flying.push(env);
+  bool any_resets = false;
+  for (std::size_t member = 0; member < sim.drones_per_env(); ++member) {
+    const DroneIndex drone = sim.drone_of(env, member);
+    const bool is_over = sim.state.active[drone] && episodes.done[drone];
+    episodes.flying[drone] = sim.state.active[drone] && !is_over;
+    sim.begins[drone] = is_over && resets;
+    any_resets |= is_over && resets;
+    if (!is_over) continue;
+    if (resets) {
+      sim.outputs.clear(drone);
+    } else {
+      sim.outputs.carry_over(drone);
+    }
+  }
+  if (any_resets) block.resetting.push(env);
+}
+
+template <class Enum>
+std::string quoted(Enum value) {
+  return '"' + std::string(EnumNames<Enum>::kNames[static_cast<std::size_t>(value)]) + '"';
 }
 
 // The controls that a task takes, as text for a message.
@@ -232,17 +292,37 @@ bool touches(const Simulation& sim, std::size_t row) {
   return is_any(sim.state.contact.hit.data() + row * drones, drones);
 }
 
-void end_teammates(Simulation& sim, EnvIndex env) {
+void end_rows(Simulation& sim, EnvIndex env) {
   const std::size_t rows = sim.rows_per_env();
-  Outputs& out = sim.outputs.now();
-  for (std::size_t row = env * rows; rows > 1 && row < (env + 1) * rows; ++row) {
-    if (!sim.state.active[row] || out.terminated[row] || out.truncated[row]) continue;
-    const bool hit = touches(sim, row);
-    out.truncated[row] = 1;
-    out.success[row] = sim.task_state->score.success[row];
-    out.crashed[row] = hit;
-    out.episode_end[row] = static_cast<std::uint8_t>(reason_of(sim, row, hit));
+  const Episodes mode = sim.episodes_mode();
+  const Outputs& out = sim.outputs.now();
+  bool ends = false;
+  if (rows == 1) {
+    ends = out.terminated[env] || out.truncated[env];
+  } else if (mode == Episodes::last && sim.episodes.done[env * rows]) {
+    return;  // all have ended before
+  } else {
+    for (std::size_t row = env * rows; row < (env + 1) * rows; ++row) {
+      if (!(out.terminated[row] || out.truncated[row]) || !sim.takes_part(DroneIndex(row), Part::flying)) continue;
+      ends = true;
+      if (mode == Episodes::each) sim.episodes.done[row] = 1;
+      if (mode == Episodes::last) {
+        sim.set_active(DroneIndex(row), false);
+        sim.state.own.resting[row] = 1;
+      }
+    }
   }
+  if (!ends || mode == Episodes::each) return;
+  if (mode == Episodes::last) return end_rest(sim, env);
+  end_env(sim, env);
+  if (rows > 1) truncate_others(sim, env);
+}
+
+void end_rest(Simulation& sim, EnvIndex env) {
+  if (sim.episodes_mode() != Episodes::last || is_any(sim.state.active.data() + sim.drone_of(env, 0), sim.drones_per_env()))
+    return;
+  wake(sim, env);
+  end_env(sim, env);
 }
 
 void begin_task(Simulation& sim, std::unique_ptr<Task> task) {
@@ -258,6 +338,8 @@ void begin_task(Simulation& sim, std::unique_ptr<Task> task) {
   const TaskSpec& spec = task_state.spec();
   checks::spec(spec);
   task_state.rows_per_env = spec.row == Row::drone ? sim.drones_per_env() : 1;
+  require(sim.episodes_mode() == Episodes::team || spec.row == Row::drone, "episodes",
+          "\"team\" for a task with a row for each env, whose drones share an episode", quoted(sim.config.episode.episodes));
   double bytes = 0.0;  // bytes of a row: two slots, each with the current and the final observation
   for (const Field& field : spec.observation) bytes += 4.0 * static_cast<double>(field.size() * size_of(field.type));
   const std::size_t n = sim.num_rows();
@@ -266,6 +348,8 @@ void begin_task(Simulation& sim, std::unique_ptr<Task> task) {
   const ArraySizes sizes{
       .num_envs = sim.num_envs(), .num_drones = sim.num_drones(), .num_task_rows = n, .num_terms = spec.reward_terms.size()};
   allocate(episodes, sizes);
+  if (sim.episodes_mode() != Episodes::team) allocate(sim.state.own, sizes);
+  if (sim.episodes_mode() == Episodes::each) sim.begins.resize(n);
   task_state.actions = task_state.actions_before = Buffer(spec.action, n);
   const bool tells_poses = sim.config.dynamics.control == Control::pose;
   if (tells_poses) task_state.setpoints.target.resize(sim.num_drones());
@@ -295,7 +379,7 @@ void clear_contact(State& state, DroneIndex drone) {
   state.contact.fraction[drone] = 1.0F;
   std::fill_n(state.contact.point.data() + 3 * drone, 3, 0.0F);
   std::fill_n(state.contact.normal.data() + 3 * drone, 3, 0.0F);
-  state.contact.body[drone] = -1;
+  state.contact.body[drone] = state.contact.drone[drone] = -1;
   std::fill_n(state.contact.surface_velocity.data() + 3 * drone, 3, 0.0F);
 }
 
@@ -319,8 +403,15 @@ void start_next_episode(Simulation& sim, EnvIndex env, Scratch& scratch) {
   open_episode(sim, env, scratch);
 }
 
+void start_next_episode(Simulation& sim, DroneIndex drone) {
+  ++sim.state.own.own_episodes[drone];
+  forget_readings(sim, drone);
+  start_counts(sim, sim.row_of(drone), 1);
+}
+
 void open_episode(Simulation& sim, EnvIndex env, Scratch& scratch) {
   State& state = sim.state;
+  if (sim.episodes_mode() == Episodes::last) wake(sim, env);
   forget_readings(sim, env);
   if (sim.config.episode.random_world && !sim.pool) {
     const double u = uniform01(draw(state, RandomKey::of(env), Stream::world, 0)[0]);
@@ -343,24 +434,35 @@ void draw_light(Simulation& sim, EnvIndex env) {
 }
 
 void start_counts(Simulation& sim, EnvIndex env) {
-  EpisodeState& episodes = sim.episodes;
-  episodes.steps[env] = 0;
-  episodes.started[env] = 1;
-  episodes.done[env] = 0;
-  const std::size_t rows = sim.rows_per_env(), first = env * rows, terms = sim.task_state->score.num_terms;
-  std::fill_n(episodes.episode_return.data() + first, rows, 0.0);
-  std::fill_n(episodes.episode_terms.data() + first * terms, rows * terms, 0.0);
-  std::fill_n(episodes.action_changed.data() + first, rows, std::uint8_t{0});
-  std::fill_n(episodes.bad.data() + first, rows, std::uint8_t{0});
-  episodes.time_limit[env] = sim.task_state->max_episode_steps;
-  if (sim.config.episode.stagger_first_episode && sim.state.episode[env] == 0) {
-    const double u = uniform01(draw(sim.state, RandomKey::of(env), Stream::time_limit, 0)[0]);
-    episodes.time_limit[env] = 1 + static_cast<std::int64_t>(u * sim.task_state->max_episode_steps);
+  const std::size_t rows = sim.rows_per_env(), first = env * rows;
+  sim.episodes.started[env] = 1;
+  start_counts(sim, first, rows);
+  const bool is_each = sim.episodes_mode() == Episodes::each;
+  if (is_each) std::copy_n(sim.state.active.data() + first, rows, sim.begins.data() + first);
+  if (!sim.config.episode.stagger_first_episode || sim.state.episode[env] != 0) return;
+  for (std::size_t row = first; row < first + rows; ++row) {
+    const RandomKey key = is_each ? sim.random_key(DroneIndex(row)) : RandomKey::of(env);
+    const double u = uniform01(draw(sim.state, key, Stream::time_limit, 0)[0]);
+    sim.episodes.time_limit[row] = 1 + static_cast<std::int64_t>(u * sim.task_state->max_episode_steps);
   }
 }
 
+void start_counts(Simulation& sim, std::size_t first, std::size_t count) {
+  EpisodeState& episodes = sim.episodes;
+  const std::size_t terms = sim.task_state->score.num_terms;
+  const auto fill = [&](auto& values, auto value) { std::fill_n(values.data() + first, count, value); };
+  fill(episodes.steps, std::int64_t{0});
+  fill(episodes.time_limit, std::int64_t{sim.task_state->max_episode_steps});
+  fill(episodes.episode_return, 0.0);
+  std::fill_n(episodes.episode_terms.data() + first * terms, count * terms, 0.0);
+  fill(episodes.done, std::uint8_t{0});
+  fill(episodes.action_changed, std::uint8_t{0});
+  fill(episodes.bad, std::uint8_t{0});
+}
+
 void select_envs(Simulation& sim, Block& block) {
-  const bool resets_in_next_step = sim.config.episode.autoreset_mode == AutoresetMode::next_step;
+  const bool resets = sim.config.episode.autoreset_mode != AutoresetMode::disabled;
+  const Episodes mode = sim.episodes_mode();
   const bool skips = !sim.task_state->earned.empty();
   const std::size_t terms = sim.task_state->score.num_terms, rows = sim.rows_per_env();
   block.flown.clear();
@@ -369,26 +471,31 @@ void select_envs(Simulation& sim, Block& block) {
   bool all_fly = true;
   for_each_contiguous(block.envs, [&](std::size_t first, std::size_t count) {
     sim.outputs.forget_final(first * rows, count * rows);
-    all_fly &= !is_any(sim.episodes.done.data() + first, count);
+    all_fly &= !is_any(sim.episodes.done.data() + first * rows, count * rows);
   });
-  if (all_fly) {  // the usual case
+  if (mode == Episodes::each) {
+    for (const EnvIndex env : block.envs) select_drones(sim, block, env);
+  } else if (all_fly && mode == Episodes::team) {  // the usual case
     block.flown.assign(block.envs);
     block.flying.assign(block.envs);
     for_each_contiguous(block.envs, [&](std::size_t first, std::size_t count) {
-      std::fill_n(sim.episodes.flying.data() + first, count, std::uint8_t{1});
+      std::fill_n(sim.episodes.flying.data() + first * rows, count * rows, std::uint8_t{1});
     });
   } else {
     for (const EnvIndex env : block.envs) {
-      const bool flies = !sim.episodes.done[env];
-      sim.episodes.flying[env] = flies;
+      const bool flies = !sim.episodes.done[env * rows];
+      for (std::size_t row = env * rows; row < (env + 1) * rows; ++row) {
+        if (!flies && resets) sim.outputs.clear(row);
+        if (!flies && !resets) sim.outputs.carry_over(row);
+        const bool rests = flies && mode == Episodes::last && sim.state.own.resting[row];
+        if (rests) skip_resting(sim, DroneIndex(row));
+        sim.episodes.flying[row] = flies && !rests;
+      }
       if (flies) {
         block.flown.push(env);
         block.flying.push(env);
-      } else if (resets_in_next_step) {
+      } else if (resets) {
         block.resetting.push(env);
-        for (std::size_t row = env * rows; row < (env + 1) * rows; ++row) sim.outputs.clear(row);
-      } else {
-        for (std::size_t row = env * rows; row < (env + 1) * rows; ++row) sim.outputs.carry_over(row);
       }
     }
   }
@@ -408,14 +515,17 @@ void finish_step(Simulation& sim, Block& block) {
   } else {
     for (const EnvIndex env : block.flying) settle_rows(sim, env);
   }
-  block.flying.filter([&](EnvIndex env) { return !sim.episodes.done[env]; });
+  if (sim.episodes_mode() == Episodes::each) return;  // the env goes on
+  block.flying.filter([&](EnvIndex env) { return !sim.episodes.done[env * sim.rows_per_env()]; });
 }
 
 void keep_final(Simulation& sim, Block& block) {
   const std::size_t rows = sim.rows_per_env();
+  const bool is_team = sim.episodes_mode() == Episodes::team;
   for (const EnvIndex env : block.flown) {
-    if (!sim.episodes.done[env]) continue;
+    if (is_team && !sim.episodes.done[env * rows]) continue;
     for (std::size_t row = env * rows; row < (env + 1) * rows; ++row) {
+      if (!is_team && !sim.takes_part(DroneIndex(row), Part::flown)) continue;
       if (sim.outputs.now().terminated[row] || sim.outputs.now().truncated[row]) sim.outputs.keep_final(row);
     }
   }
@@ -423,19 +533,34 @@ void keep_final(Simulation& sim, Block& block) {
 
 void list_resetting(Simulation& sim, Block& block) {
   if (sim.config.episode.autoreset_mode != AutoresetMode::same_step) return;
+  const std::size_t rows = sim.rows_per_env();
+  const bool is_each = sim.episodes_mode() == Episodes::each;
   for (const EnvIndex env : block.flown) {
-    if (sim.episodes.done[env]) block.resetting.push(env);
+    const std::uint8_t* const done = sim.episodes.done.data() + env * rows;
+    if (is_each) std::copy_n(done, rows, sim.begins.data() + env * rows);
+    if (is_any(done, rows)) block.resetting.push(env);
   }
 }
 
 void advance_episodes(Simulation& sim, Block& block, Scratch& scratch) {
-  for (const EnvIndex env : block.resetting) start_next_episode(sim, env, scratch);
+  if (sim.episodes_mode() == Episodes::each) {
+    for (const DroneIndex drone : sim.drones_of(block.resetting, scratch)) start_next_episode(sim, drone);
+  } else {
+    for (const EnvIndex env : block.resetting) start_next_episode(sim, env, scratch);
+  }
 }
 
-void initial_readings(Simulation& sim, Block& block) {
-  for (const EnvIndex env : block.resetting) {
-    ++sim.state.sensed[env];
-    for (std::size_t member = 0; member < sim.drones_per_env(); ++member) clear_contact(sim.state, sim.drone_of(env, member));
+void initial_readings(Simulation& sim, Block& block, Scratch& scratch) {
+  for (const EnvIndex env : block.resetting) sim.state.sensed[env] = std::max<std::int64_t>(sim.state.sensed[env], 0);
+  for (const DroneIndex drone : sim.drones_of(block.resetting, scratch)) clear_contact(sim.state, drone);
+}
+
+void show_resting(Simulation& sim, Block& block) {
+  for (const EnvIndex env : block.flown) {
+    for (std::size_t member = 0; member < sim.drones_per_env(); ++member) {
+      const DroneIndex drone = sim.drone_of(env, member);
+      if (sim.state.own.resting[drone]) sim.outputs.show_absent(sim.task_state->spec(), drone);
+    }
   }
 }
 

@@ -14,18 +14,25 @@ void begin_task(Simulation& sim, std::unique_ptr<Task> task);
 
 void clear_contact(State& state, DroneIndex drone);
 bool touches(const Simulation& sim, std::size_t row);  // a drone of this row had a contact in its last motion
-// Truncates the other rows of an env in the same step when the episode of one row has ended.
-void end_teammates(Simulation& sim, EnvIndex env);
+// Takes note of the rows of an env that have ended in this step, by their flags. Those of a team end together: it truncates the
+// others. With Episodes::last they rest.
+void end_rows(Simulation& sim, EnvIndex env);
+// With Episodes::last, ends the episode of an env in which no drone flies any more.
+void end_rest(Simulation& sim, EnvIndex env);
 
 // --- for one env
 std::int64_t next_episode(const Simulation& sim, EnvIndex env);  // number of the next episode
 // Opens the next episode of an env, or the first if none has begun. Draws its world if worlds are random.
 void start_next_episode(Simulation& sim, EnvIndex env, Scratch& scratch);
-void open_episode(Simulation& sim, EnvIndex env, Scratch& scratch);  // opens the episode of state.seed and state.episode
-void draw_light(Simulation& sim, EnvIndex env);                      // of this episode, if BatchConfig has lights
-void start_counts(Simulation& sim, EnvIndex env);                    // resets steps, return and flags for a new episode
-void forget_readings(Simulation& sim, EnvIndex env);                 // resets the env's clock and readings
-void forget_readings(Simulation& sim, DroneIndex drone);             // resets the readings of one drone only
+void open_episode(Simulation& sim, EnvIndex env, Scratch& scratch);        // opens the episode of state.seed and state.episode
+void draw_light(Simulation& sim, EnvIndex env);                            // of this episode, if BatchConfig has lights
+void start_counts(Simulation& sim, EnvIndex env);                          // resets steps, return and flags for a new episode
+void start_counts(Simulation& sim, std::size_t first, std::size_t count);  // the same for some rows
+void forget_readings(Simulation& sim, EnvIndex env);                       // resets the env's clock and readings
+void forget_readings(Simulation& sim, DroneIndex drone);                   // resets the readings of one drone only
+
+// --- for one drone, with Episodes::each
+void start_next_episode(Simulation& sim, DroneIndex drone);
 
 // --- stages of a step, for a block
 // Selects the envs that fly. An env whose episode has ended begins the next one in this step, or holds still.
@@ -39,6 +46,8 @@ void list_resetting(Simulation& sim, Block& block);
 // Opens the next episodes of the envs that reset in this step.
 void advance_episodes(Simulation& sim, Block& block, Scratch& scratch);
 // Prepares the first readings of a new episode, after its drones have been placed.
-void initial_readings(Simulation& sim, Block& block);
+void initial_readings(Simulation& sim, Block& block, Scratch& scratch);
+// With Episodes::last and same-step autoreset, shows the observation of an absent drone in the rows that have begun to rest.
+void show_resting(Simulation& sim, Block& block);
 
 }  // namespace flockstep

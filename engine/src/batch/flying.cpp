@@ -14,7 +14,17 @@
 namespace flockstep {
 namespace {
 
-dynamics::FlightContext context_of(Simulation& sim, const Block& block, Scratch& scratch) {
+const collision::Obstacles& obstacles_of(const Simulation& sim, DroneIndex drone) {
+  return *sim.obstacles[sim.slot_of(sim.env_of(drone))];
+}
+
+collision::MovingBodies bodies_of(const Simulation& sim, DroneIndex drone) {
+  return sim.bodies->moving().of_env(sim.env_of(drone), sim.bodies->per_env());
+}
+
+}  // namespace
+
+dynamics::FlightContext flight_context(Simulation& sim, const Block& block, Scratch& scratch) {
   const std::size_t m = sim.drones_per_env();
   return {
       .fleet = *sim.fleet,
@@ -35,16 +45,6 @@ dynamics::FlightContext context_of(Simulation& sim, const Block& block, Scratch&
   };
 }
 
-const collision::Obstacles& obstacles_of(const Simulation& sim, DroneIndex drone) {
-  return *sim.obstacles[sim.slot_of(sim.env_of(drone))];
-}
-
-collision::MovingBodies bodies_of(const Simulation& sim, DroneIndex drone) {
-  return sim.bodies->moving().of_env(sim.env_of(drone), sim.bodies->per_env());
-}
-
-}  // namespace
-
 void start_flight(Simulation& sim, DroneIndex drone, const Velocity& velocity) {
   if (sim.fleet) sim.fleet->start(sim.state, drone, velocity);
 }
@@ -61,8 +61,9 @@ void begin_gusts(Simulation& sim, DroneIndex drone) {
   if (sim.fleet) sim.fleet->begin_gusts(sim.state, drone);
 }
 
-void sweep_to(Simulation& sim, DroneIndex drone, const Pose& target, Scratch& scratch) {
+float sweep_to(Simulation& sim, DroneIndex drone, const Pose& target, Scratch& scratch) {
   const Pose from = pose_of(sim.state, drone);
+  const float way = (target.position - from.position).norm();
   const collision::Obstacles& obstacles = obstacles_of(sim, drone);
   if (sim.bodies) {
     const collision::MovingBodies bodies = bodies_of(sim, drone);
@@ -70,29 +71,56 @@ void sweep_to(Simulation& sim, DroneIndex drone, const Pose& target, Scratch& sc
     set_pose_of(sim.state, drone, swept.end.pose);
     dynamics::write_contact(sim.state, drone, swept.contact, sim.config.clock.dt_s());
     if (swept.end.jammed) sim.state.contact.inside[drone] = 1;
-    return;
+    return way + swept.end.farthest;
   }
   const collision::Contact contact = collision::sweep(obstacles, sim.hull, from, target);
   set_pose_of(sim.state, drone, contact.hit ? collision::interpolate(from, target, contact.fraction) : target);
   dynamics::write_contact(sim.state, drone, contact);
+  return way;
 }
 
-void give_way(Simulation& sim, DroneIndex drone, Scratch& scratch) {
+float give_way(Simulation& sim, DroneIndex drone, Scratch& scratch) {
+  if (!sim.bodies) return 0.0F;
   const Pose pose = pose_of(sim.state, drone);
   if (!sim.state.contact.hit[drone]) return sweep_to(sim, drone, pose, scratch);
   const collision::MovingBodies bodies = bodies_of(sim, drone);
   const collision::Push push = dynamics::push_standing(obstacles_of(sim, drone), {bodies, scratch.flight.near}, sim.hull, pose);
   set_pose_of(sim.state, drone, push.pose);
   if (push.jammed) sim.state.contact.inside[drone] = 1;
+  return push.farthest;
+}
+
+void move_tick(Simulation& sim, const MoveRequest& move, Scratch& scratch) {
+  if (!move.has_contact) {
+    sweep_to(sim, move.drone, move.target, scratch);
+  } else {
+    give_way(sim, move.drone, scratch);
+  }
+}
+
+void move_tick(Simulation& sim, EnvIndex env, std::span<const MoveRequest> moves, Scratch& scratch) {
+  if (sim.drones_touch()) return move_meeting(sim, env, moves, scratch);
+  for (const MoveRequest& move : moves) move_tick(sim, move, scratch);
+  if (!sim.bodies || moves.size() == sim.drones_per_env()) return;
+  std::size_t next = 0;
+  for (std::size_t member = 0; member < sim.drones_per_env(); ++member) {
+    const DroneIndex drone = sim.drone_of(env, member);
+    if (next < moves.size() && moves[next].drone == drone) {
+      ++next;
+    } else if (sim.state.active[drone]) {
+      give_way(sim, drone, scratch);
+    }
+  }
 }
 
 void update_accelerations(Simulation& sim, const Block& block, std::span<const DroneIndex> drones, Scratch& scratch) {
-  dynamics::update_accelerations(context_of(sim, block, scratch), drones);
+  dynamics::update_accelerations(flight_context(sim, block, scratch), drones);
 }
 
 void fly_by_rotors(Simulation& sim, const Block& block, std::span<const DroneIndex> drones, const dynamics::Commands& commands,
                    int first_tick, int ticks, Scratch& scratch) {
-  dynamics::fly(context_of(sim, block, scratch), drones, commands, first_tick, ticks);
+  if (sim.drones_touch()) return fly_meeting(sim, block, drones, commands, first_tick, ticks, scratch);
+  dynamics::fly(flight_context(sim, block, scratch), drones, commands, first_tick, ticks);
 }
 
 void fly_ticks(Simulation& sim, const Block& block, std::span<const EnvIndex> envs, DroneMask mask,
@@ -108,7 +136,7 @@ void fly_ticks(Simulation& sim, const Block& block, std::span<const EnvIndex> en
     if (scratch.envs.empty()) continue;
     for (int flown = 0, leg = ticks; flown < ticks; flown += leg) {
       const int tick = (phase + flown) % step;  // index in the step
-      const auto drones = selected_drones(sim, scratch.envs, mask, scratch);
+      const auto drones = selected_drones(sim, scratch.envs, Part::active, mask, scratch);
       if (has_gusts) leg = std::min(ticks - flown, step - tick);
       if (tick == 0) sim.fleet->update_wind(sim.state, drones, flown);
       if (sim.bodies) {
@@ -116,8 +144,8 @@ void fly_ticks(Simulation& sim, const Block& block, std::span<const EnvIndex> en
         for (const EnvIndex env : scratch.envs) sim.bodies->advance(env, sim.state.tick[env] + flown + 1);
       }
       fly_by_rotors(sim, block, drones, commands, tick, leg, scratch);
-      if (!sim.bodies || mask.empty()) continue;
-      for (const DroneIndex drone : sim.drones_of(scratch.envs, scratch)) {
+      if (!sim.bodies || mask.empty() || sim.drones_touch()) continue;
+      for (const DroneIndex drone : sim.drones_of(scratch.envs, Part::active, scratch.drones)) {
         if (!mask.selects(drone)) give_way(sim, drone, scratch);  // the others hold still
       }
     }

@@ -22,15 +22,25 @@ void start_flight(Simulation& sim, DroneIndex drone, const Velocity& velocity);
 // Puts a drone at rest at the start marker of its world, or at the centre of its bounds if it has none.
 void place_at_start(Simulation& sim, DroneIndex drone);
 
+// The data that the flight of a block reads and writes.
+dynamics::FlightContext flight_context(Simulation& sim, const Block& block, Scratch& scratch);
+
+// Moves a drone by a tick, or lets bodies push it if it has a contact.
+void move_tick(Simulation& sim, const MoveRequest& move, Scratch& scratch);
+// Moves drones of one env, sorted, by a tick; the others stand. Drones may touch each other if BatchConfig::meet says so, and
+// bodies may push them.
+void move_tick(Simulation& sim, EnvIndex env, std::span<const MoveRequest> moves, Scratch& scratch);
+
 // Draws the initial gusts of an episode.
 void begin_gusts(Simulation& sim, DroneIndex drone);
 
 // Moves one drone kinematically to a pose, or to the first contact on the way. Bodies move at the same time, as in their last
-// tick, and may push the drone.
-void sweep_to(Simulation& sim, DroneIndex drone, const Pose& target, Scratch& scratch);
+// tick, and may push the drone. Returns its largest distance from the beginning.
+float sweep_to(Simulation& sim, DroneIndex drone, const Pose& target, Scratch& scratch);
 
 // Lets bodies push a drone that stands still during their last tick. If the drone has a contact already, it keeps that one.
-void give_way(Simulation& sim, DroneIndex drone, Scratch& scratch);
+// Returns its largest distance from the beginning.
+float give_way(Simulation& sim, DroneIndex drone, Scratch& scratch);
 
 // The next three functions are for rotor-driven drones of one block.
 

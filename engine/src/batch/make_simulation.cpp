@@ -118,6 +118,7 @@ Simulation::Simulation(BatchConfig config_in, Batch::Worlds worlds_in, std::uniq
       world_pointers(pointers(worlds)),
       drone_model(std::move(drone)),
       hull(drone_model),
+      corners(drone_model.hull()),
       fleet(fleet_of(config, drone_model)),
       suite(config),
       lights(worlds, num_envs(), !config.lights.empty()),
@@ -138,6 +139,7 @@ Simulation::Simulation(BatchConfig config_in, Batch::Worlds worlds_in, std::uniq
       drones->reserve(schedule.block_size() * drones_per_env());
     }
     scratches.back()->envs.reserve(schedule.block_size());
+    if (drones_touch()) scratches.back()->meetings = std::make_unique<Meetings>(hull, corners);
   }
   sorts_by_world = config.tracer == TracerKind::embree;
   // Build these now, so that no thread has to build them during a step.
@@ -158,7 +160,10 @@ Simulation::Simulation(BatchConfig config_in, Batch::Worlds worlds_in, std::uniq
   allocate(state, sizes);
   allocate(state.contact, sizes);
   std::ranges::fill(state.contact.body, -1);
+  std::ranges::fill(state.contact.drone, -1);
   if (fleet) allocate(state.flight, sizes);
+  if (drones_touch()) unplaced.resize(num_drones());
+  if (fleet && drones_touch()) reach.resize(num_drones());
   std::fill(state.active.begin(), state.active.end(), std::uint8_t{1});
   std::fill(state.sensed.begin(), state.sensed.end(), std::int64_t{-1});
   std::iota(state.seed.begin(), state.seed.end(), std::uint64_t{0});
@@ -192,7 +197,7 @@ Simulation::Simulation(BatchConfig config_in, Batch::Worlds worlds_in, std::uniq
 void Simulation::choose_backend() {
   std::vector<DroneIndex> drones;  // in block order: drones of one world are consecutive
   for (const Block& block : schedule.blocks()) {
-    for (const DroneIndex drone : drones_of(block.envs, *scratches[0])) drones.push_back(drone);
+    for (const DroneIndex drone : drones_of(block.envs, Part::active, scratches[0]->drones)) drones.push_back(drone);
   }
   // The worlds of a pool come and go, but the OpenGL backend keeps each world that it draws.
   cameras.choose_backend(pool ? CameraBackend::raycast : config.camera_backend, drones, workers);
@@ -222,7 +227,8 @@ void Simulation::warn_of_lost_drones() {
   warning = text.str();
 }
 
-std::span<const DroneIndex> Simulation::drones_of(std::span<const EnvIndex> envs, std::vector<DroneIndex>& list) const {
+std::span<const DroneIndex> Simulation::drones_of(std::span<const EnvIndex> envs, Part part,
+                                                  std::vector<DroneIndex>& list) const {
   const std::size_t m = drones_per_env();
   if (m == 1) {  // lists hold active envs only
     list.resize(envs.size());
@@ -232,7 +238,7 @@ std::span<const DroneIndex> Simulation::drones_of(std::span<const EnvIndex> envs
   list.clear();
   for (const EnvIndex env : envs) {
     for (std::size_t member = 0; member < m; ++member) {
-      if (const DroneIndex drone = drone_of(env, member); state.active[drone]) list.push_back(drone);
+      if (const DroneIndex drone = drone_of(env, member); takes_part(drone, part)) list.push_back(drone);
     }
   }
   return list;

@@ -97,6 +97,15 @@ void OutputSlots::clear_final(std::size_t row) {
 
 void OutputSlots::restored() { std::ranges::fill(has_final_[current_], std::uint8_t{1}); }
 
+void OutputSlots::rest(const TaskSpec& spec, std::size_t row) {
+  clear(row);
+  show_absent(spec, row);
+}
+
+void OutputSlots::show_absent(const TaskSpec& spec, std::size_t row) {
+  for (std::size_t i = 0; i < spec.observation.size(); ++i) fill_row(now().observation[i], row, spec.observation[i].absent);
+}
+
 void OutputSlots::mark_absent(const TaskSpec& spec, std::size_t row) {
   for (Outputs& slot : slots_) {
     clear_row(slot, row);

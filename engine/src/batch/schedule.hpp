@@ -11,11 +11,17 @@
 
 namespace flockstep {
 
+// The drones of a list's envs that the list concerns; see Simulation::takes_part(). They differ only if the drones of an env end
+// their episodes separately.
+enum class Part : std::uint8_t { active, flown, flying, resetting };
+
 // A list of envs of one block; it never holds more envs than the block.
 class EnvList {
  public:
   EnvList() = default;
-  explicit EnvList(EnvIndex* storage) : envs_(storage) {}
+  EnvList(EnvIndex* storage, Part part) : envs_(storage), part_(part) {}
+
+  Part part() const { return part_; }
 
   void clear() { count_ = 0; }
   void push(EnvIndex env) { envs_[count_++] = env; }
@@ -42,6 +48,7 @@ class EnvList {
  private:
   EnvIndex* envs_ = nullptr;
   std::size_t count_ = 0;
+  Part part_ = Part::active;
 };
 
 struct Block {
@@ -50,7 +57,7 @@ struct Block {
   // used during a step
   EnvList flown;      // envs that fly in the step
   EnvList flying;     // envs of `flown` whose episode goes on
-  EnvList resetting;  // envs that begin an episode in the step
+  EnvList resetting;  // envs that begin an episode in the step; with Episodes::each, envs of drones that do
   // used during calls with a mask
   EnvList selected;
 };

@@ -29,9 +29,9 @@ void list_selected(Simulation& sim, DroneMask mask, EnvList Block::* list) {
   }
 }
 
-std::span<const DroneIndex> selected_drones(const Simulation& sim, std::span<const EnvIndex> envs, DroneMask mask,
+std::span<const DroneIndex> selected_drones(const Simulation& sim, std::span<const EnvIndex> envs, Part part, DroneMask mask,
                                             Scratch& scratch) {
-  sim.drones_of(envs, scratch);
+  sim.drones_of(envs, part, scratch.drones);
   if (!mask.empty()) std::erase_if(scratch.drones, [&](DroneIndex drone) { return !mask.selects(drone); });
   return scratch.drones;
 }

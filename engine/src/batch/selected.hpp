@@ -21,6 +21,18 @@ void for_each_selected(const Simulation& sim, DroneMask mask, const F& f) {
   }
 }
 
+// Calls f(env, drones of it) for each env of a list of drones that is sorted by env.
+template <class F>
+void for_each_env(const Simulation& sim, std::span<const DroneIndex> drones, const F& f) {
+  while (!drones.empty()) {
+    const EnvIndex env = sim.env_of(drones.front());
+    std::size_t count = 1;
+    while (count < drones.size() && sim.env_of(drones[count]) == env) ++count;
+    f(env, drones.first(count));
+    drones = drones.subspan(count);
+  }
+}
+
 // An env is active if one of its drones is.
 bool is_active(const Simulation& sim, EnvIndex env);
 
@@ -36,8 +48,8 @@ void for_each_selected(const Simulation& sim, EnvMask mask, const F& f) {
 void list_selected(Simulation& sim, EnvMask mask, EnvList Block::* list);
 void list_selected(Simulation& sim, DroneMask mask, EnvList Block::* list);
 
-// The selected active drones of some envs, env by env; valid until the next call with this scratch.
-std::span<const DroneIndex> selected_drones(const Simulation& sim, std::span<const EnvIndex> envs, DroneMask mask,
+// The selected drones of some envs that take part, env by env; valid until the next call with this scratch.
+std::span<const DroneIndex> selected_drones(const Simulation& sim, std::span<const EnvIndex> envs, Part part, DroneMask mask,
                                             Scratch& scratch);
 
 }  // namespace flockstep

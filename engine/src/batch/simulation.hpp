@@ -16,6 +16,7 @@
 #include "base/prefetch.hpp"
 #include "base/random.hpp"
 #include "base/workers.hpp"
+#include "batch/meetings.hpp"
 #include "batch/move_lines.hpp"
 #include "batch/outputs.hpp"
 #include "batch/pool_state.hpp"
@@ -38,11 +39,14 @@ struct Scratch {
   trace::Tracer tracer;
   std::size_t thread = 0;  // its number
   dynamics::FlightScratch flight;
-  std::vector<DroneIndex> flying;  // drones of Block::flying during a step
-  std::vector<DroneIndex> drones;  // drones of some envs
-  std::vector<EnvIndex> envs;      // envs of a block
-  std::vector<Pose> poses;         // start and target of some drones
-  bool moved_world = false;        // an env has moved to another world
+  std::vector<DroneIndex> flying;      // drones of Block::flying during a step
+  std::vector<DroneIndex> drones;      // drones of some envs
+  std::vector<EnvIndex> envs;          // envs of a block
+  std::vector<Pose> poses;             // start and target of some drones
+  bool moved_world = false;            // an env has moved to another world
+  std::unique_ptr<Meetings> meetings;  // null unless drones touch each other
+  std::vector<EnvIndex> meeting_envs;  // envs whose drones fly together
+  std::vector<MoveRequest> moves;      // of one env
 };
 
 // The task of a batch, and the data that it exchanges with the episode machine.
@@ -72,6 +76,12 @@ struct Simulation {
              std::span<const std::int32_t> world_index, std::optional<WorldPool> pool = std::nullopt);
 
   std::size_t num_envs() const { return static_cast<std::size_t>(config.num_envs); }
+  // Within a step; threads may call it for different drones at the same time. Other calls rebuild the schedule.
+  void set_active(DroneIndex drone, bool is_active) {
+    state.active[drone] = is_active;
+    if (seen_drones) seen_drones->update(drone);
+  }
+  bool drones_touch() const { return is_touched(config.meet) && config.drones_per_env > 1; }
   std::size_t drones_per_env() const { return static_cast<std::size_t>(config.drones_per_env); }
   std::size_t num_drones() const { return static_cast<std::size_t>(config.num_drones()); }
   EnvIndex env_of(DroneIndex drone) const {  // no division for single drones
@@ -85,14 +95,26 @@ struct Simulation {
   std::size_t row_of(DroneIndex drone) const {
     return rows_per_env() == drones_per_env() ? std::size_t{drone} : std::size_t{env_of(drone)};
   }
+  // How the episodes of the drones of an env belong together; a single drone is a team.
+  Episodes episodes_mode() const { return drones_per_env() == 1 || !task_state ? Episodes::team : config.episode.episodes; }
+  // Returns true if a drone of an env in such a list is one of those that the list concerns.
+  bool takes_part(DroneIndex drone, Part part) const {
+    const Episodes mode = episodes_mode();
+    if (mode == Episodes::team || part == Part::active) return state.active[drone];
+    if (part == Part::flown) return episodes.flying[drone];  // it may rest since then
+    if (mode == Episodes::last) return state.active[drone];
+    if (part == Part::flying) return state.active[drone] && episodes.flying[drone] && !episodes.done[drone];
+    return state.active[drone] && begins[drone];
+  }
   // The slot of each env's world in the tables below.
   const std::vector<std::int32_t>& slots() const { return pool ? pool->slots : state.world_index; }
   std::size_t slot_of(EnvIndex env) const { return static_cast<std::size_t>(slots()[env]); }
-  // The active drones of some envs, env by env; valid until the next call with this scratch.
-  std::span<const DroneIndex> drones_of(std::span<const EnvIndex> envs, Scratch& scratch) const {
-    return drones_of(envs, scratch.drones);
+  // The drones of some envs that take part, env by env; valid until the next call with this scratch.
+  std::span<const DroneIndex> drones_of(const EnvList& envs, Scratch& scratch) const { return drones_of(envs, scratch.drones); }
+  std::span<const DroneIndex> drones_of(const EnvList& envs, std::vector<DroneIndex>& list) const {
+    return drones_of(envs, envs.part(), list);
   }
-  std::span<const DroneIndex> drones_of(std::span<const EnvIndex> envs, std::vector<DroneIndex>& list) const;
+  std::span<const DroneIndex> drones_of(std::span<const EnvIndex> envs, Part part, std::vector<DroneIndex>& list) const;
 
   // Calls f(block, scratch, thread) for every block, on the worker threads.
   template <class F>
@@ -157,10 +179,13 @@ struct Simulation {
   std::vector<bodies::Models> body_models;  // of World::bodies()
   const DroneModel drone_model;
   const collision::Hull hull;
+  const collision::Corners corners;      // of the hull
   std::optional<dynamics::Fleet> fleet;  // only for rotor-driven drones
 
   State state;
-  std::optional<bodies::BodyTable> bodies;        // nothing if the envs have no slots for bodies
+  std::optional<bodies::BodyTable> bodies;  // nothing if the envs have no slots for bodies
+  FlagArray unplaced;        // (N,) the drone begins an episode and has no place yet; empty unless drones touch each other
+  std::vector<float> reach;  // (N,) see FlightContext::reach; empty unless rotor-driven drones touch each other
   std::optional<bodies::SeenDrones> seen_drones;  // nothing if drones do not see each other
   sensors::SensorSuite suite;
   sensors::EnvLights lights;
@@ -168,6 +193,7 @@ struct Simulation {
   MoveLines move_lines;
 
   EpisodeState episodes;                // empty without a task
+  FlagArray begins;                     // (N,) drones of Block::resetting that begin an episode; only with Episodes::each
   std::optional<TaskState> task_state;  // null without a task
   std::unique_ptr<TaskContext> context;
   OutputSlots outputs;

@@ -38,7 +38,7 @@ void read_all(Simulation& sim, std::span<const DroneIndex> drones, Scratch& scra
   for (const auto& sensor : sim.suite) sensor->read(drones, surroundings);
 }
 
-// Reads the sensors that are due, in the middle of a step or at its end. `drones` are the drones of `envs`.
+// Reads the sensors that are due, in the middle of a step or at its end. `drones` are the flying drones of `envs`.
 void read_due(Simulation& sim, std::span<const EnvIndex> envs, std::span<const DroneIndex> drones, bool step_is_over,
               Scratch& scratch) {
   const sensors::Surroundings surroundings = surroundings_of(sim, scratch);
@@ -52,14 +52,20 @@ void read_due(Simulation& sim, std::span<const EnvIndex> envs, std::span<const D
     for (const EnvIndex env : envs) {
       if (sensors::is_due(period, sim.state.tick[env], step_is_over)) scratch.envs.push_back(env);
     }
-    sensor->read(sim.drones_of(scratch.envs, scratch), surroundings);
+    sensor->read(sim.drones_of(scratch.envs, Part::flying, scratch.drones), surroundings);
   }
 }
 
 void count_step(Simulation& sim, Block& block, Scratch&) {
   for_each_contiguous(block.flying, [&](std::size_t first, std::size_t count) {
-    for (std::size_t env = first; env < first + count; ++env) ++sim.episodes.steps[env];
     const std::size_t rows = sim.rows_per_env();
+    if (sim.episodes_mode() == Episodes::each) {
+      for (std::size_t row = first * rows; row < (first + count) * rows; ++row) {
+        sim.episodes.steps[row] += sim.takes_part(DroneIndex(row), Part::flying) ? 1 : 0;
+      }
+    } else {
+      for (std::size_t row = first * rows; row < (first + count) * rows; ++row) ++sim.episodes.steps[row];
+    }
     std::fill_n(sim.task_state->score.truncated.data() + first * rows, count * rows, std::uint8_t{0});
   });
 }
@@ -67,17 +73,23 @@ void count_step(Simulation& sim, Block& block, Scratch&) {
 // Moves kinematic drones by one substep. The last substep of a step ends at the setpoint, unless a drone hits something.
 void move(Simulation& sim, std::span<const DroneIndex> drones, int substep, Scratch& scratch) {
   const int substeps = sim.config.clock.substeps();
-  for (std::size_t i = 0; i < drones.size(); ++i) {
-    const DroneIndex drone = drones[i];
-    sim.fetch_ahead(drones, i);
+  const auto request_of = [&](DroneIndex drone) {
     const Pose& target = sim.task_state->setpoints.target[drone];
-    if (substeps == 1) {
-      sweep_to(sim, drone, target, scratch);
-    } else if (!sim.state.contact.hit[drone]) {  // after a hit the drone stays until the next step
-      sweep_to(sim, drone, dynamics::integrate_kinematic(sim.task_state->step_start[drone], target, substep, substeps), scratch);
-    } else if (sim.bodies) {
-      give_way(sim, drone, scratch);
-    }
+    if (substeps == 1) return MoveRequest{drone, target, false};
+    return MoveRequest{drone, dynamics::integrate_kinematic(sim.task_state->step_start[drone], target, substep, substeps),
+                       sim.state.contact.hit[drone] != 0};  // after a hit the drone stays until the next step
+  };
+  if (sim.drones_touch()) {
+    for_each_env(sim, drones, [&](EnvIndex env, std::span<const DroneIndex> of_env) {
+      scratch.moves.clear();
+      for (const DroneIndex drone : of_env) scratch.moves.push_back(request_of(drone));
+      move_tick(sim, env, scratch.moves, scratch);
+    });
+    return;
+  }
+  for (std::size_t i = 0; i < drones.size(); ++i) {
+    sim.fetch_ahead(drones, i);
+    move_tick(sim, request_of(drones[i]), scratch);
   }
 }
 
@@ -161,7 +173,8 @@ class BlockByBlock {
   template <class Call>
   void task(std::initializer_list<List> lists, const Call& call) {
     for (const List list : lists) {
-      if (!(block_.*list).empty()) call(TaskBlock{*sim_.context, block_.*list, sim_.drones_of(block_.*list, scratch_), thread_});
+      const auto drones = sim_.drones_of(block_.*list, scratch_);
+      if (!drones.empty()) call(TaskBlock{*sim_.context, block_.*list, drones, thread_});
     }
   }
   void start_frames(List) {}  // there are no cameras
@@ -193,17 +206,25 @@ class StageByStage {
       return;
     }
     sim_.listed.clear();
+    sim_.listed_drones.clear();
+    const bool is_each = sim_.episodes_mode() == Episodes::each;
     for (const Block& block : sim_.schedule.blocks()) {
-      for (const List list : lists) sim_.listed.insert(sim_.listed.end(), (block.*list).begin(), (block.*list).end());
+      for (const List list : lists) {
+        const auto drones = sim_.drones_of(block.*list, *sim_.scratches[0]);
+        sim_.listed_drones.insert(sim_.listed_drones.end(), drones.begin(), drones.end());
+        if (is_each && list != *lists.begin()) continue;  // all envs are flown: those that reset are among them
+        sim_.listed.insert(sim_.listed.end(), (block.*list).begin(), (block.*list).end());
+      }
     }
-    if (!sim_.listed.empty()) call(TaskBlock{*sim_.context, sim_.listed, sim_.drones_of(sim_.listed, sim_.listed_drones), 0});
+    if (!sim_.listed_drones.empty()) call(TaskBlock{*sim_.context, sim_.listed, sim_.listed_drones, 0});
   }
   // A backend with a separate thread renders until finish_frames().
   void start_frames(List list, DroneMask mask = {}) {
     if (sim_.cameras.empty()) return;
     sim_.cameras.ask([&](const auto& ask) {
       for (const Block& block : sim_.schedule.blocks()) {
-        for (const DroneIndex drone : selected_drones(sim_, block.*list, mask, *sim_.scratches[0])) ask(drone);
+        for (const DroneIndex drone : selected_drones(sim_, block.*list, (block.*list).part(), mask, *sim_.scratches[0]))
+          ask(drone);
       }
     });
     sim_.cameras.start();
@@ -217,19 +238,32 @@ class StageByStage {
 // ----------------------------------------------------------------------------------------------- the stages of a step in order
 
 bool resets_at_once(const Simulation& sim) { return sim.config.episode.autoreset_mode == AutoresetMode::same_step; }
+// A world and its light belong to an env, whose episode does not end with those of its drones.
+bool changes_worlds(const Simulation& sim) { return sim.pool && sim.episodes_mode() != Episodes::each; }
 
 void check_flown(Simulation& sim, Block& block, Scratch&) { check_observations(sim, block.flown, true); }
 void check_first_observations(Simulation& sim, Block& block, Scratch&) { check_observations(sim, block.resetting, false); }
+
+// Notes that the drones that begin an episode have no place yet, or have one.
+template <std::uint8_t kUnplaced>
+void mark_places(Simulation& sim, Block& block, Scratch& scratch) {
+  if (!sim.drones_touch()) return;
+  for (const DroneIndex drone : sim.drones_of(block.resetting, scratch)) sim.unplaced[drone] = kUnplaced;
+}
 
 // Begins an episode in each env of Block::resetting. The caller has already set the counters of these envs. Places the drones
 // if `place` is true, and reads the sensors.
 template <class Executor>
 void begin_program(Simulation& sim, Executor& executor, bool place) {
   Task& task = *sim.task_state->task;
-  if (place) executor.task({&Block::resetting}, [&](const TaskBlock& envs) { task.place(envs); });
+  if (place) {
+    executor.each(mark_places<std::uint8_t{1}>);
+    executor.task({&Block::resetting}, [&](const TaskBlock& envs) { task.place(envs); });
+    executor.each(mark_places<std::uint8_t{0}>);
+  }
   executor.task({&Block::resetting}, [&](const TaskBlock& envs) { task.begin(envs); });
   executor.each([](Simulation& s, Block& block, Scratch& scratch) {
-    initial_readings(s, block);
+    initial_readings(s, block, scratch);
     if (s.fleet) update_accelerations(s, block, s.drones_of(block.resetting, scratch), scratch);
   });
   executor.start_frames(&Block::resetting);
@@ -238,6 +272,7 @@ void begin_program(Simulation& sim, Executor& executor, bool place) {
 }
 
 void keep(Simulation& sim, Block& block, Scratch&) { keep_final(sim, block); }
+void show_rest(Simulation& sim, Block& block, Scratch&) { show_resting(sim, block); }
 
 // Lets the pilot choose the actions of a block.
 void pilot_block(Simulation& sim, Block& block, Scratch& scratch, Pilot& pilot) {
@@ -286,6 +321,7 @@ void turn_program(Simulation& sim, Executor& executor) {
   if (resets_at_once(sim)) {
     executor.task({&Block::resetting}, observe);
     executor.each(check_first_observations);
+    if (sim.episodes_mode() == Episodes::last) executor.each(show_rest);
   } else {
     executor.task({&Block::flown, &Block::resetting}, observe);
     executor.each(check_flown);
@@ -321,15 +357,15 @@ void step(Simulation& sim, Pilot* pilot) {
   if (!sim.cameras.empty() || sim.task_state->task->takes_all_envs_at_once()) {
     StageByStage executor(sim);
     fly_program(sim, executor, pilot);
-    if (sim.pool) change_worlds(sim);
+    if (changes_worlds(sim)) change_worlds(sim);
     turn_program(sim, executor);
   } else {
     sim.for_each_block([&](Block& block, Scratch& scratch, std::size_t thread) {
       BlockByBlock executor(sim, block, scratch, thread);
       fly_program(sim, executor, pilot);
-      if (!sim.pool) turn_program(sim, executor);
+      if (!changes_worlds(sim)) turn_program(sim, executor);
     });
-    if (sim.pool) {
+    if (changes_worlds(sim)) {
       change_worlds(sim);
       sim.for_each_block([&](Block& block, Scratch& scratch, std::size_t thread) {
         BlockByBlock executor(sim, block, scratch, thread);
@@ -337,9 +373,9 @@ void step(Simulation& sim, Pilot* pilot) {
       });
     }
   }
-  if (sim.pool) look_ahead(sim);
+  if (changes_worlds(sim)) look_ahead(sim);
   for (const DroneIndex drone : sim.move_lines.visible()) {
-    if (sim.episodes.steps[sim.env_of(drone)] == 0) {
+    if (sim.episodes.steps[sim.row_of(drone)] == 0) {
       sim.move_lines.begin(drone);
     } else {
       sim.move_lines.add(drone);
@@ -364,7 +400,7 @@ void read_sensors(Simulation& sim, DroneMask mask) {
   });
   executor.start_frames(&Block::selected, mask);
   executor.each([mask](Simulation& s, Block& block, Scratch& scratch) {
-    read_all(s, selected_drones(s, block.selected, mask, scratch), scratch);
+    read_all(s, selected_drones(s, block.selected, Part::active, mask, scratch), scratch);
   });
   executor.finish_frames();
 }

@@ -5,7 +5,9 @@
 #include "batch/bad_states.hpp"
 #include "batch/flying.hpp"
 #include "batch/simulation.hpp"
+#include "collision/moving_sweep.hpp"
 #include "collision/sweep.hpp"
+#include "dynamics/contact.hpp"
 
 namespace flockstep {
 namespace {
@@ -47,10 +49,13 @@ class Context final : public TaskContext {
   float random(DroneIndex drone, std::uint32_t stream, std::uint32_t index) const override {
     return draw_uniform(sim_.state, sim_.random_key(drone), stream, index);
   }
-  bool is_free(EnvIndex env, const Pose& pose) const override {
+  bool is_free(DroneIndex drone, const Pose& pose) const override {
+    const EnvIndex env = env_of(drone);
     const collision::Obstacles& obstacles = *sim_.obstacles[sim_.slot_of(env)];
     if (collision::overlaps(obstacles, sim_.hull, pose)) return false;
-    return !sim_.bodies || !overlaps_body(sim_.bodies->moving().of_env(env, bodies_per_env()), obstacles, sim_.hull, pose);
+    if (sim_.bodies && overlaps_body(sim_.bodies->moving().of_env(env, bodies_per_env()), obstacles, sim_.hull, pose))
+      return false;
+    return !sim_.drones_touch() || !overlaps_drone(drone, pose);
   }
 
   const DynamicsConfig& dynamics() const override { return sim_.config.dynamics; }
@@ -59,6 +64,7 @@ class Context final : public TaskContext {
   void place(DroneIndex drone, const Pose& pose, const Velocity& velocity) override {
     if (is_valid(pose) && is_speed(velocity.linear) && is_speed(velocity.angular)) {
       set_pose_of(sim_.state, drone, pose);
+      if (sim_.drones_touch()) sim_.unplaced[drone] = 0;
       start_flight(sim_, DroneIndex(drone), velocity);
     } else {
       mark_bad(sim_, sim_.row_of(drone));
@@ -72,6 +78,19 @@ class Context final : public TaskContext {
   }
 
  private:
+  // Returns true if a drone at a pose overlaps another one that has its place.
+  bool overlaps_drone(DroneIndex drone, const Pose& pose) const {
+    for (std::size_t member = 0; member < drones_per_env(); ++member) {
+      const DroneIndex other = sim_.drone_of(env_of(drone), member);
+      if (other == drone || !sim_.state.active[other] || sim_.unplaced[other]) continue;
+      const Pose there = pose_of(sim_.state, other);
+      if ((there.position - pose.position).norm() > 2.0F * sim_.hull.radius() + dynamics::margin(pose.position.norm())) continue;
+      const collision::MovingSolid solid(sim_.corners, there, there, 0);
+      if (collision::first_contact(solid, sim_.hull, pose, pose).hit) return true;
+    }
+    return false;
+  }
+
   bool has_body(EnvIndex env, std::size_t body) const {
     return body < bodies_per_env() && sim_.state.bodies.active[sim_.bodies->row_of(env, body)];
   }

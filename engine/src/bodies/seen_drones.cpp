@@ -47,8 +47,10 @@ SeenDrones::SeenDrones(const State& state, const DroneModel& model, std::shared_
 }
 
 void SeenDrones::update() {
-  for (std::size_t i = 0; i < seen_radius_.size(); ++i) seen_radius_[i] = state_.active[i] ? radius_ : -1.0F;
+  for (std::size_t i = 0; i < seen_radius_.size(); ++i) update(DroneIndex(i));
 }
+
+void SeenDrones::update(DroneIndex drone) { seen_radius_[drone] = state_.active[drone] ? radius_ : -1.0F; }
 
 trace::Bodies SeenDrones::hulls() const {
   return {.position = state_.position.data(),

@@ -22,6 +22,7 @@ class SeenDrones {
 
   // Call it after State::active has changed.
   void update();
+  void update(DroneIndex drone);  // threads may update different drones at the same time
 
   // Views of all drones, valid as long as this object.
   trace::Bodies hulls() const;            // for LiDARs

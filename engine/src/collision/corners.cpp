@@ -5,6 +5,7 @@
 #include <cmath>
 #include <cstddef>
 #include <limits>
+#include <utility>
 #include <vector>
 
 namespace flockstep::collision {
@@ -17,6 +18,16 @@ Corners::Corners(const TriangleMesh& mesh, std::span<const std::array<std::int32
       corners.push_back({corner.x(), corner.y(), corner.z()});
     }
   }
+  take(std::move(corners));
+}
+
+Corners::Corners(std::span<const Vec3> points) {
+  std::vector<std::array<float, 3>> corners;
+  for (const Vec3& point : points) corners.push_back({point.x(), point.y(), point.z()});
+  take(std::move(corners));
+}
+
+void Corners::take(std::vector<std::array<float, 3>> corners) {
   std::ranges::sort(corners);
   corners.erase(std::unique(corners.begin(), corners.end()), corners.end());
   for (const auto& [x, y, z] : corners) {

@@ -17,6 +17,7 @@ class Corners {
  public:
   // Takes the corners of triangles. Those that are not corners of their convex hull only cost time.
   Corners(const TriangleMesh& mesh, std::span<const std::array<std::int32_t, 3>> triangles);
+  explicit Corners(std::span<const Vec3> points);
 
   std::size_t count() const { return x_.size(); }
   Vec3d corner(std::size_t index) const {  // m, local frame
@@ -27,6 +28,8 @@ class Corners {
   double radius() const { return radius_; }  // m, of the ball around the local origin that contains the corners
 
  private:
+  void take(std::vector<std::array<float, 3>> corners);  // without repetitions
+
   // (count,) m, local frame
   AlignedVector<float> x_, y_, z_;
   double radius_ = 0.0;

@@ -287,12 +287,7 @@ class Pushed {
   float farthest_ = 0.0F;
 };
 
-}  // namespace
-
-MovingContact first_contact(const Obstacles& obstacles, std::span<const MovingSolid> bodies, const Hull& hull, const Pose& from,
-                            const Pose& to, double begin) {
-  BodySearch search(hull, from, to, begin, 1.0);
-  meet_all(search, obstacles, bodies, [](const MovingSolid&) { return false; });
+MovingContact contact_of(const BodySearch& search, double begin) {
   MovingContact contact{search.contact()};
   if (const MovingSolid* const body = search.body_of_contact()) {
     contact.body = body->index();
@@ -300,6 +295,21 @@ MovingContact first_contact(const Obstacles& obstacles, std::span<const MovingSo
     contact.velocity = body->velocity(contact.point.cast<double>(), time).cast<float>();
   }
   return contact;
+}
+
+}  // namespace
+
+MovingContact first_contact(const Obstacles& obstacles, std::span<const MovingSolid> bodies, const Hull& hull, const Pose& from,
+                            const Pose& to, double begin) {
+  BodySearch search(hull, from, to, begin, 1.0);
+  meet_all(search, obstacles, bodies, [](const MovingSolid&) { return false; });
+  return contact_of(search, begin);
+}
+
+MovingContact first_contact(const MovingSolid& body, const Hull& hull, const Pose& from, const Pose& to) {
+  BodySearch search(hull, from, to, 0.0, 1.0);
+  search.meet(body);
+  return contact_of(search, 0.0);
 }
 
 Push push(const Obstacles& obstacles, std::span<const MovingSolid> bodies, const Hull& hull, const Pose& pose, double begin) {

@@ -28,6 +28,9 @@ struct MovingContact : Contact {
 MovingContact first_contact(const Obstacles& obstacles, std::span<const MovingSolid> bodies, const Hull& hull, const Pose& from,
                             const Pose& to, double begin = 0.0);
 
+// The same for one body and no static world.
+MovingContact first_contact(const MovingSolid& body, const Hull& hull, const Pose& from, const Pose& to);
+
 // The result of bodies that move while the hull stands.
 struct Push {
   Pose pose;              // at the end

@@ -1,65 +1,16 @@
 #include "dynamics/contact.hpp"
 
 #include <algorithm>
-#include <array>
 #include <cstddef>
-#include <limits>
 #include <span>
 
 #include "collision/convex.hpp"
 #include "collision/moving_solid.hpp"
 #include "dynamics/impact.hpp"
+#include "dynamics/rebound.hpp"
 
 namespace flockstep::dynamics {
 namespace {
-
-static_assert(kMostPoints == kMaxHullVertices + 1);
-
-// Points of the hull that touch the obstacle, m, world frame. If a face lies flat, these are all its corners.
-class ContactPoints {
- public:
-  // Inside an obstacle the points are the deepest vertices. All points are projected onto the hit surface and deduplicated:
-  // points off its plane, or a millimetre apart, would act as tiny levers that keep the body from turning.
-  // touches(point, reach): whether the point is nearer than reach to the obstacle.
-  ContactPoints(const auto& touches, const collision::Hull& hull, const Pose& pose, const collision::Contact& contact) {
-    const auto vertex = [&](int i) { return Vec3(hull.vertex(i).cast<float>()); };
-    const auto above_surface = [&](int i) {
-      return contact.normal.dot(pose.position + pose.rotation * vertex(i) - contact.point);
-    };
-    float level = 0.0F;
-    if (contact.inside) {
-      for (int i = 0; i < hull.count(); ++i) level = std::min(level, above_surface(i));
-    } else {
-      add(contact.point);
-    }
-    const float near = margin(pose.position.cwiseAbs().maxCoeff());
-    for (int i = 0; i < hull.count(); ++i) {
-      const float above = above_surface(i) - level;
-      if (above >= near) continue;
-      const Vec3 point = pose.position + pose.rotation * vertex(i);
-      if (!contact.inside && !touches(point, near)) continue;
-      const Vec3 on_surface = point - above * contact.normal;
-      if (count_ > 0 && (on_surface - points_[0]).norm() < near) {
-        points_[0] = on_surface;
-      } else {
-        add(on_surface);
-      }
-    }
-  }
-
-  std::span<const Vec3> points() const { return std::span(points_).first(count_); }
-
- private:
-  void add(const Vec3& point) { points_[count_++] = point; }
-
-  std::array<Vec3, kMostPoints> points_;
-  std::size_t count_ = 0;
-};
-
-Surface surface_of(const DynamicsConfig& config) {
-  if (config.on_contact == OnContact::stop) return {0.0, std::numeric_limits<double>::infinity()};
-  return {static_cast<double>(config.restitution), static_cast<double>(config.friction)};
-}
 
 // The static world. It answers what resolve() asks.
 class StaticWorld {
@@ -103,7 +54,10 @@ class MovingWorld {
   void end(ContactResult& result, double left_s) {
     const collision::Push push = collision::push(obstacles_, solids_, hull_, result.pose, time_);
     farthest_ = std::max(farthest_, (result.pose.position - first_).norm() + push.farthest);
-    if (push.pushed) follow(push.pose.position - result.pose.position, left_s, result.velocity);
+    if (push.pushed) {
+      const double most = fastest_of(solids_) * (1.0 - time_);  // a push also restores the standoff
+      result.velocity.linear = pushed_along(result.velocity.linear, push.pose.position - result.pose.position, most, left_s);
+    }
     result.pose = push.pose;
     if (!push.jammed) return;
     result.contact.inside = true;
@@ -113,25 +67,6 @@ class MovingWorld {
   float farthest() const { return farthest_; }  // m, from the beginning
 
  private:
-  // Gives a pushed drone at least the speed of the push, so that it does not fall back into the body.
-  void follow(const Vec3& way, double left_s, Velocity& velocity) const {
-    const auto left = static_cast<float>(left_s);
-    const float length = way.norm();
-    float speed = fastest() * static_cast<float>(1.0 - time_);  // m in the rest of the tick: a push also restores the standoff
-    speed = std::min(length, speed) / left;
-    const Vec3 along = way / length;
-    if (left > 0.0F && length > 0.0F) velocity.linear += std::max(0.0F, speed - velocity.linear.dot(along)) * along;
-  }
-
-  // Returns a bound of the speeds (m per tick) of all points of the bodies.
-  float fastest() const {
-    double speed = 0.0;
-    for (const collision::MovingSolid& solid : solids_) {
-      speed = std::max(speed, solid.path().velocity.norm() + solid.path().angle * solid.radius());
-    }
-    return static_cast<float>(speed);
-  }
-
   const collision::Obstacles& obstacles_;
   std::span<const collision::MovingSolid> solids_;
   const collision::Hull& hull_;
@@ -165,7 +100,7 @@ ContactResult resolve(World& world, const Body& body, const DynamicsConfig& conf
       world.end(result, left_s);
       return result;
     }
-    Velocity hit{begin.linear + share * (end.linear - begin.linear), begin.angular + share * (end.angular - begin.angular)};
+    Velocity hit = velocity_between(begin, end, share);
     const auto touches = [&](const Vec3& point, float reach) { return world.touches(contact, point, reach); };
     const ContactPoints touching(touches, body.hull, from, contact);
     const bool is_moving = contact.body >= 0;  // then the drone rebounds in the frame of the surface
@@ -176,11 +111,7 @@ ContactResult resolve(World& world, const Body& body, const DynamicsConfig& conf
     begin = rebound.after;
     end = rebound.at_end;
     if (is_moving) begin.linear += surface, end.linear += surface;
-    const auto time = static_cast<float>(0.5 * left_s);
-    const Vec3 turn = time * (begin.angular + end.angular);
-    const float angle = turn.norm();
-    to = {from.position + time * (begin.linear + end.linear),
-          angle > 0.0F ? (from.rotation * Quat(Eigen::AngleAxisf(angle, turn / angle))).normalized() : from.rotation};
+    to = pose_after(from, begin, end, left_s);
   }
   // After kMostContacts the drone stays at the last contact. Inside an obstacle its velocity is 0, since forces must not
   // accelerate it there.

@@ -20,106 +20,133 @@ constexpr double kRelaxation = 1.3;  // needed the fewest rounds in measurements
 
 // A body's motion about its centre of mass, world frame.
 struct Twist {
-  Vec3d linear;   // m/s
-  Vec3d angular;  // rad/s
+  Vec3d linear = Vec3d::Zero();   // m/s
+  Vec3d angular = Vec3d::Zero();  // rad/s
 
   Vec3d at(const Vec3d& arm) const { return linear + angular.cross(arm); }
 };
 
-// A contact point of the body.
+// The motions of the two bodies. A surface is a body that never moves.
+using Twists = std::array<Twist, 2>;
+
+// Mass and inertia of a body. The default is a body that no impulse moves.
+struct Inertia {
+  Inertia() = default;
+  Inertia(const Mat3d& rotation, const Airframe& frame) : mass(frame.mass_kg), inverse_mass(1.0 / frame.mass_kg) {
+    const Vec3d inertia(frame.inertia_kgm2[0], frame.inertia_kgm2[1], frame.inertia_kgm2[2]);
+    tensor = rotation * inertia.asDiagonal() * rotation.transpose();
+    inverse = rotation * inertia.cwiseInverse().asDiagonal() * rotation.transpose();
+  }
+
+  // Inner product of two motions, J: for equal motions twice the kinetic energy.
+  double work(const Twist& a, const Twist& b) const { return mass * a.linear.dot(b.linear) + a.angular.dot(tensor * b.angular); }
+
+  double mass = 0.0, inverse_mass = 0.0;
+  Mat3d tensor = Mat3d::Zero(), inverse = Mat3d::Zero();  // world frame
+};
+
+// A contact point of the bodies.
 struct Touching {
-  Vec3d arm;      // m, from the centre of mass
-  double leaves;  // m/s, minimum speed along the normal after the impact
-  double across;  // m/s along the normal per Ns of normal impulse at the point
-  double along;   // m/s in the surface per Ns of tangential impulse, upper bound
-  Vec3d impulse;  // Ns
+  std::array<Vec3d, 2> arms;  // m, from the centres of mass
+  double leaves;              // m/s, minimum speed along the normal after the impact
+  double across;              // m/s along the normal per Ns of normal impulse at the point
+  double along;               // m/s in the surface per Ns of tangential impulse, upper bound
+  Vec3d impulse;              // Ns, on the first body
+
+  Vec3d velocity(const Twists& motions) const { return motions[0].at(arms[0]) - motions[1].at(arms[1]); }
 };
 
 class Impact {
  public:
-  Impact(const Mat3d& rotation, const Airframe& frame, const Vec3d& normal)
-      : normal_(normal), mass_(frame.mass_kg), inverse_mass_(1.0 / frame.mass_kg) {
-    const Vec3d inertia(frame.inertia_kgm2[0], frame.inertia_kgm2[1], frame.inertia_kgm2[2]);
-    inertia_ = rotation * inertia.asDiagonal() * rotation.transpose();
-    inverse_inertia_ = rotation * inertia.cwiseInverse().asDiagonal() * rotation.transpose();
+  Impact(const Inertia& first, const Inertia& second, const Vec3d& normal) : bodies_{first, second}, normal_(normal) {}
+
+  void add(const std::array<Vec3d, 2>& arms) {
+    double across = 0.0, all = 0.0;
+    for (std::size_t body = 0; body < 2; ++body) {
+      const Vec3d turn = arms[body].cross(normal_);
+      across += bodies_[body].inverse_mass + turn.dot(bodies_[body].inverse * turn);
+      Mat3d cross;
+      for (int axis = 0; axis < 3; ++axis) cross.col(axis) = arms[body].cross(Vec3d::Unit(axis));
+      all += 3.0 * bodies_[body].inverse_mass + (cross.transpose() * bodies_[body].inverse * cross).trace();
+    }
+    points_[count_++] = {arms, 0.0, across, all - across, Vec3d::Zero()};
   }
 
-  void add(const Vec3d& arm) {
-    const Vec3d turn = arm.cross(normal_);
-    const double across = inverse_mass_ + turn.dot(inverse_inertia_ * turn);
-    Mat3d cross;
-    for (int axis = 0; axis < 3; ++axis) cross.col(axis) = arm.cross(Vec3d::Unit(axis));
-    const double all = 3.0 * inverse_mass_ + (cross.transpose() * inverse_inertia_ * cross).trace();
-    points_[count_++] = {arm, 0.0, across, all - across, Vec3d::Zero()};
-  }
-
-  bool bounces(const Twist& before, double restitution) {
+  bool bounces(const Twists& before, double restitution) {
     return restitution > 0.0 &&
-           std::ranges::any_of(points(), [&](const Touching& point) { return before.at(point.arm).dot(normal_) < -kSlow; });
+           std::ranges::any_of(points(), [&](const Touching& point) { return point.velocity(before).dot(normal_) < -kSlow; });
   }
 
   // The motion after the impact. If several points touch, or one of them slides, applying restitution to each point separately
   // can add energy. If it does, the result is a blend of the solutions with and without restitution, weighted so that the
   // energy equals the energy before the impact. Such a blend exists because the solution without restitution loses energy. The
   // impulses of both solutions lie within the friction cone, so those of the blend do, too.
-  Twist bounce(const Twist& before, const Surface& surface) {
-    Twist hard = solve(before, surface);
+  Twists bounce(const Twists& before, const Surface& surface) {
+    Twists hard = solve(before, surface);
     if (!is_settled_) hard = solve(before, {surface.restitution, 0.0});  // strong friction can prevent convergence
     if (!is_settled_) return press(before, surface.friction);
     if (energy(hard) <= energy(before)) return hard;
-    const Twist soft = press(before, surface.friction);
-    const Twist way{hard.linear - soft.linear, hard.angular - soft.angular};
+    const Twists soft = press(before, surface.friction);
+    Twists way;
+    for (std::size_t body = 0; body < 2; ++body) {
+      way[body] = {hard[body].linear - soft[body].linear, hard[body].angular - soft[body].angular};
+    }
     const double half = 0.5 * work(soft, way);
     const double more = std::max(energy(before) - energy(soft), 0.0);
     const double share = std::clamp((std::sqrt(half * half + energy(way) * more) - half) / energy(way), 0.0, 1.0);
-    return {soft.linear + share * way.linear, soft.angular + share * way.angular};
+    Twists blend;
+    for (std::size_t body = 0; body < 2; ++body) {
+      blend[body] = {soft[body].linear + share * way[body].linear, soft[body].angular + share * way[body].angular};
+    }
+    return blend;
   }
 
   // The motion after contact without restitution: no point moves further into the surface.
-  Twist press(const Twist& before, double friction) {
-    const Twist rough = solve(before, {0.0, friction});
+  Twists press(const Twists& before, double friction) {
+    const Twists rough = solve(before, {0.0, friction});
     if (is_settled_ && energy(rough) <= energy(before)) return rough;
     return solve(before, {0.0, 0.0});
   }
 
-  // The angular velocity at `time` after an impact that changed it from `hit` to `after`. Without the impact it would have
-  // become `end`. The torques change the angular velocity as much as they would have without the impact. The gyroscopic change
-  // depends on the rotation itself and adds no energy.
-  Vec3d turned(const Vec3d& after, const Vec3d& hit, const Vec3d& end, double time) const {
-    const Vec3d torque = end - coasted(hit, time);
-    const Vec3d turned = coasted(after, time) + torque;
-    const double most =
-        energy({Vec3d::Zero(), after}) + std::max(energy({Vec3d::Zero(), end}) - energy({Vec3d::Zero(), hit}), 0.0);
-    const double is = energy({Vec3d::Zero(), turned});
+  // The angular velocity of a body at `time` after an impact that changed it from `hit` to `after`. Without the impact it would
+  // have become `end`. The torques change the angular velocity as much as they would have without the impact. The gyroscopic
+  // change depends on the rotation itself and adds no energy.
+  Vec3d turned(std::size_t body, const Vec3d& after, const Vec3d& hit, const Vec3d& end, double time) const {
+    const Inertia& inertia = bodies_[body];
+    const auto energy_of = [&](const Vec3d& turn) { return 0.5 * turn.dot(inertia.tensor * turn); };
+    const Vec3d torque = end - coasted(inertia, hit, time);
+    const Vec3d turned = coasted(inertia, after, time) + torque;
+    const double most = energy_of(after) + std::max(energy_of(end) - energy_of(hit), 0.0);
+    const double is = energy_of(turned);
     return is > most ? Vec3d(std::sqrt(most / is) * turned) : turned;
   }
 
  private:
   std::span<Touching> points() { return std::span(points_).first(count_); }
 
-  Twist solve(const Twist& before, const Surface& surface) {
+  Twists solve(const Twists& before, const Surface& surface) {
     double fastest = kSlow;
     for (Touching& point : points()) {
-      const Vec3d velocity = before.at(point.arm);
+      const Vec3d velocity = point.velocity(before);
       const double came = velocity.dot(normal_);
       point.leaves = came < -kSlow ? -surface.restitution * came : 0.0;
       point.impulse = Vec3d::Zero();
       fastest = std::max(fastest, velocity.norm());
     }
-    Twist motion = before;
+    Twists motion = before;
     for (int round = 0; round < kMostRounds; ++round) {
       double changed = 0.0;
       for (Touching& point : points()) changed = std::max(changed, push(point, surface.friction, motion));
       if (changed <= kConverged * fastest) break;
     }
     is_settled_ = std::ranges::all_of(
-        points(), [&](const Touching& point) { return motion.at(point.arm).dot(normal_) >= -kSettled * fastest; });
+        points(), [&](const Touching& point) { return point.velocity(motion).dot(normal_) >= -kSettled * fastest; });
     return motion;
   }
 
   // Corrects the impulse of one point. Returns the change of its speed.
-  double push(Touching& point, double friction, Twist& motion) const {
-    const Vec3d velocity = motion.at(point.arm);
+  double push(Touching& point, double friction, Twists& motion) const {
+    const Vec3d velocity = point.velocity(motion);
     const double speed = velocity.dot(normal_);
     const double before = point.impulse.dot(normal_);
     const double pressed = std::max(before + kRelaxation * (point.leaves - speed) / point.across, 0.0);
@@ -129,55 +156,83 @@ class Impact {
     }
     const Vec3d change = pressed * normal_ + rubbed - point.impulse;
     point.impulse += change;
-    motion.linear += inverse_mass_ * change;
-    motion.angular += inverse_inertia_ * point.arm.cross(change);
+    for (std::size_t body = 0; body < 2; ++body) {
+      const Vec3d on_body = body == 0 ? change : Vec3d(-change);
+      motion[body].linear += bodies_[body].inverse_mass * on_body;
+      motion[body].angular += bodies_[body].inverse * point.arms[body].cross(on_body);
+    }
     return change.norm() * (point.across + point.along);
   }
 
   // Torque-free rotation by Euler's equations, first order, scaled to conserve the energy.
-  Vec3d coasted(const Vec3d& angular, double time) const {
-    const Vec3d later = angular - time * (inverse_inertia_ * angular.cross(inertia_ * angular));
-    const double is = later.dot(inertia_ * later);
-    return is > 0.0 ? Vec3d(std::sqrt(angular.dot(inertia_ * angular) / is) * later) : angular;
+  static Vec3d coasted(const Inertia& inertia, const Vec3d& angular, double time) {
+    const Vec3d later = angular - time * (inertia.inverse * angular.cross(inertia.tensor * angular));
+    const double is = later.dot(inertia.tensor * later);
+    return is > 0.0 ? Vec3d(std::sqrt(angular.dot(inertia.tensor * angular) / is) * later) : angular;
   }
 
-  // Inner product of two motions, J: for equal motions twice the kinetic energy.
-  double work(const Twist& a, const Twist& b) const {
-    return mass_ * a.linear.dot(b.linear) + a.angular.dot(inertia_ * b.angular);
-  }
-  double energy(const Twist& motion) const { return 0.5 * work(motion, motion); }  // J
+  double work(const Twists& a, const Twists& b) const { return bodies_[0].work(a[0], b[0]) + bodies_[1].work(a[1], b[1]); }
+  double energy(const Twists& motions) const { return 0.5 * work(motions, motions); }  // J
 
+  std::array<Inertia, 2> bodies_;
   Vec3d normal_;
-  double mass_, inverse_mass_;
-  Mat3d inertia_, inverse_inertia_;  // world frame
   std::array<Touching, kMostPoints> points_;
   std::size_t count_ = 0;
   bool is_settled_ = true;
 };
+
+Mat3d rotation_of(const Pose& pose) { return pose.rotation.cast<double>().normalized().toRotationMatrix(); }
+
+Twist twist_of(const Velocity& velocity, const Mat3d& rotation) {
+  return {velocity.linear.cast<double>(), rotation * velocity.angular.cast<double>()};
+}
+
+Velocity velocity_of(const Twist& twist, const Mat3d& rotation) {
+  return {twist.linear.cast<float>(), (rotation.transpose() * twist.angular).cast<float>()};
+}
+
+// The motions right after the impact and at the end of the tick.
+std::array<Twists, 2> rebound(Impact& impact, const Twists& before, const Twists& free, double left_s, const Surface& surface) {
+  if (!impact.bounces(before, surface.restitution)) {
+    return {impact.press(before, surface.friction), impact.press(free, surface.friction)};
+  }
+  const Twists after = impact.bounce(before, surface);
+  Twists end;
+  for (std::size_t body = 0; body < 2; ++body) {
+    end[body] = {after[body].linear + (free[body].linear - before[body].linear),
+                 impact.turned(body, after[body].angular, before[body].angular, free[body].angular, left_s)};
+  }
+  return {after, impact.press(end, surface.friction)};
+}
 
 }  // namespace
 
 Rebound thrown_back(const Velocity& at_hit, const Velocity& at_end, double left_s, const Pose& pose, std::span<const Vec3> points,
                     const Vec3& normal, const Airframe& frame, const Surface& surface) {
   assert(points.size() <= kMostPoints);
-  const Mat3d rotation = pose.rotation.cast<double>().normalized().toRotationMatrix();
-  const auto motion = [&](const Velocity& velocity) {
-    return Twist{velocity.linear.cast<double>(), rotation * velocity.angular.cast<double>()};
-  };
-  const auto velocity = [&](const Twist& twist) {
-    return Velocity{twist.linear.cast<float>(), (rotation.transpose() * twist.angular).cast<float>()};
-  };
-  const Twist before = motion(at_hit);
-  Impact impact(rotation, frame, normal.cast<double>());
-  for (const Vec3& point : points) impact.add((point - pose.position).cast<double>());
-  const Twist free = motion(at_end);
-  if (!impact.bounces(before, surface.restitution)) {
-    return {velocity(impact.press(before, surface.friction)), velocity(impact.press(free, surface.friction))};
+  const Mat3d rotation = rotation_of(pose);
+  Impact impact(Inertia(rotation, frame), {}, normal.cast<double>());
+  for (const Vec3& point : points) impact.add({(point - pose.position).cast<double>(), Vec3d::Zero()});
+  const auto [after, end] = rebound(impact, {twist_of(at_hit, rotation), {}}, {twist_of(at_end, rotation), {}}, left_s, surface);
+  return {velocity_of(after[0], rotation), velocity_of(end[0], rotation)};
+}
+
+std::array<Rebound, 2> thrown_apart(const Colliding& first, const Colliding& second, double left_s, std::span<const Vec3> points,
+                                    const Vec3& normal, const Surface& surface) {
+  assert(points.size() <= kMostPoints);
+  const std::array rotations{rotation_of(first.pose), rotation_of(second.pose)};
+  Impact impact(Inertia(rotations[0], first.frame), Inertia(rotations[1], second.frame), normal.cast<double>());
+  for (const Vec3& point : points) {
+    impact.add({(point - first.pose.position).cast<double>(), (point - second.pose.position).cast<double>()});
   }
-  const Twist after = impact.bounce(before, surface);
-  const Twist end{after.linear + (free.linear - before.linear),
-                  impact.turned(after.angular, before.angular, free.angular, left_s)};
-  return {velocity(after), velocity(impact.press(end, surface.friction))};
+  const Twists before{twist_of(first.at_hit, rotations[0]), twist_of(second.at_hit, rotations[1])};
+  const Twists free{twist_of(first.at_end, rotations[0]), twist_of(second.at_end, rotations[1])};
+  const auto [after, end] = rebound(impact, before, free, left_s, surface);
+  std::array<Rebound, 2> result;
+  for (std::size_t body = 0; body < 2; ++body) {
+    result[body] = {velocity_of(after[body], rotations[body]), velocity_of(end[body], rotations[body])};
+  }
+  return result;
 }
 
 }  // namespace flockstep::dynamics

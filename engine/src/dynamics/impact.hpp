@@ -1,6 +1,8 @@
 // Impact: the velocity of a body after a contact.
 #pragma once
 
+#include <array>
+#include <cstddef>
 #include <span>
 
 #include "flockstep/airframe.hpp"
@@ -30,8 +32,20 @@ struct Rebound {
 //
 // The impulses are solved point by point until they converge (projected Gauss-Seidel: E. Catto, "Iterative Dynamics with
 // Temporal Coherence", 2005). This takes many rounds if the points are not coplanar or nearly coincide.
-inline constexpr std::size_t kMostPoints = 33;  // all vertices of a hull, plus one
+inline constexpr std::size_t kMostPoints = 65;  // all vertices of two hulls, plus one
 Rebound thrown_back(const Velocity& at_hit, const Velocity& at_end, double left_s, const Pose& pose, std::span<const Vec3> points,
                     const Vec3& normal, const Airframe& frame, const Surface& surface);
+
+// A body that hits another one.
+struct Colliding {
+  const Pose& pose;
+  const Airframe& frame;
+  Velocity at_hit, at_end;  // as for thrown_back()
+};
+
+// The same for two bodies, which exert opposite impulses on each other: their total momentum and angular momentum stay as they
+// are. normal: from the second body to the first.
+std::array<Rebound, 2> thrown_apart(const Colliding& first, const Colliding& second, double left_s, std::span<const Vec3> points,
+                                    const Vec3& normal, const Surface& surface);
 
 }  // namespace flockstep::dynamics

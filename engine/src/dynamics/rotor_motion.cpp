@@ -54,7 +54,10 @@ class GroupFlight {
   }
 
   void fly(const Commands& commands, int first_tick, int ticks) {
-    for (std::size_t lane = 0; lane < kLanes; ++lane) is_done_[lane] = !group_.is_listed(lane) || is_held(lane);
+    for (std::size_t lane = 0; lane < kLanes; ++lane) {
+      is_done_[lane] = !group_.is_listed(lane) || is_held(lane);
+      if (has_reach() && group_.is_listed(lane)) context_.reach[group_[lane]] = 0.0F;
+    }
     if (has_bodies()) push_held(first_tick);
     if (is_done()) return;
     load();
@@ -67,6 +70,29 @@ class GroupFlight {
       Interrupt::poll();  // between ticks the state is consistent
       fly_tick(tick);
     }
+  }
+
+  void record(const Commands& commands, int tick, const NeighborTable& table) {
+    for (std::size_t lane = 0; lane < kLanes; ++lane) is_done_[lane] = !group_.is_listed(lane) || is_held(lane);
+    if (is_done()) return;
+    load();
+    load_setpoints(commands);
+    advance(tick, 1);
+    check_open_space();
+    LaneFlags flies{};
+    for (std::size_t lane = 0; lane < kLanes; ++lane) {
+      if (is_done_[lane]) continue;
+      flies[lane] = is_good(lane);
+      if (!flies[lane]) {
+        give_up(lane);
+        continue;
+      }
+      Neighbor& neighbor = table.neighbors[group_[lane] - table.first];
+      neighbor.motion = motion_of(lane);
+      neighbor.holds = false;
+      neighbor.is_open = !(has_bodies() && is_near_body(lane)) && (is_open_[lane] != 0 || find_open_space(lane));
+    }
+    group_.store(flies, flock_, state_);
   }
 
  private:
@@ -158,6 +184,7 @@ class GroupFlight {
            (!context_.bad.empty() && context_.bad[row_of(lane)]);
   }
 
+  bool has_reach() const { return !context_.reach.empty(); }
   bool has_bodies() const { return context_.bodies.count != 0; }
   collision::MovingBodies bodies(std::size_t lane) const { return context_.bodies.of_env(env_of(lane), context_.bodies_per_env); }
 
@@ -167,6 +194,7 @@ class GroupFlight {
     const collision::MovingBodies all = bodies(lane);
     const Pose pose = pose_of(state_, drone);
     const collision::Push result = push_standing(obstacles(lane), {all, context_.scratch.near}, context_.hull, pose);
+    if (has_reach()) context_.reach[drone] += result.farthest;
     if (result.jammed && state_.contact.hit[drone]) state_.contact.inside[drone] = 1;
     if (!result.pushed) return;
     set_pose_of(state_, drone, {result.pose.position, pose.rotation});
@@ -192,6 +220,7 @@ class GroupFlight {
       flies[lane] = is_done_[lane] =
           is_good(lane) && !(has_bodies() && is_near_body(lane)) && (is_open_[lane] != 0 || find_open_space(lane));
       if (flies[lane] && !context_.path.empty()) store_path(lane, first_tick, ticks);
+      if (flies[lane] && has_reach()) context_.reach[group_[lane]] = std::sqrt(flock_.reach2[lane]);
     }
     group_.store(flies, flock_, state_);
   }
@@ -272,10 +301,24 @@ class GroupFlight {
       if (is_good(lane)) {
         end_tick(lane);
       } else {
-        give_up(lane, tick);
+        give_up(lane);
+        if (has_bodies()) push(lane, tick);
       }
       store_rest_of_path(lane, tick);
     }
+  }
+
+  // The motion of a tick, which has not been stored yet.
+  TickMotion motion_of(std::size_t lane) const {
+    const DroneIndex drone = group_[lane];
+    const auto& q = flock_.rotation;
+    return {
+        .from = pose_of(state_, drone),
+        .to = {vec3(flock_.position, lane), Quat(q[0][lane], q[1][lane], q[2][lane], q[3][lane])},
+        .begin = {vec3(state_.flight.velocity, drone), vec3(state_.flight.angular_velocity, drone)},
+        .end = {vec3(flock_.velocity, lane), vec3(flock_.turn, lane)},
+        .duration_s = fleet_.clock.dt_s(),
+    };
   }
 
   // Resolves the contacts of one tick and writes the last one.
@@ -295,15 +338,12 @@ class GroupFlight {
 
   void end_tick(std::size_t lane) {
     const DroneIndex drone = group_[lane];
-    const auto& q = flock_.rotation;
-    const TickMotion motion{
-        .from = pose_of(state_, drone),
-        .to = {vec3(flock_.position, lane), Quat(q[0][lane], q[1][lane], q[2][lane], q[3][lane])},
-        .begin = {vec3(state_.flight.velocity, drone), vec3(state_.flight.angular_velocity, drone)},
-        .end = {vec3(flock_.velocity, lane), vec3(flock_.turn, lane)},
-        .duration_s = fleet_.clock.dt_s(),
-    };
+    const TickMotion motion = motion_of(lane);
     const ContactResult result = resolve(lane, motion);
+    if (has_reach()) {
+      const Vec3& end = result.is_deflected ? result.pose.position : motion.to.position;
+      context_.reach[drone] += (motion.to.position - motion.from.position).norm() + (end - motion.to.position).norm();
+    }
     if (result.is_deflected) {
       set(result.pose.position, lane, flock_.position);
       set(result.pose.rotation, lane, flock_.rotation);
@@ -334,7 +374,7 @@ class GroupFlight {
 
   // Stops a drone whose state left the range that can be integrated: it rests at its last position. With a task its episode
   // ends as a bad state; without a task the drone is counted as lost.
-  void give_up(std::size_t lane, int tick) {
+  void give_up(std::size_t lane) {
     fleet_.start(state_, group_[lane], {});
     if (context_.bad.empty()) {
       context_.scratch.lost.add(group_[lane]);
@@ -342,7 +382,6 @@ class GroupFlight {
       context_.bad[row_of(lane)] = 1;
     }
     is_done_[lane] = true;
-    if (has_bodies()) push(lane, tick);
   }
 
   const FlightContext& context_;
@@ -374,6 +413,43 @@ void fly(const FlightContext& context, std::span<const DroneIndex> drones, const
     fly_with(context.fleet.physics_for(control));
   } else {
     fly_with(context.fleet.physics);
+  }
+}
+
+void record_motions(const FlightContext& context, std::span<const DroneIndex> drones, const Commands& commands, int tick,
+                    const NeighborTable& table) {
+  const auto record_with = [&](const Physics& physics) {
+    while (!drones.empty()) GroupFlight(context, physics, drones).record(commands, tick, table);
+  };
+  const Control usual = context.fleet.config.control;
+  if (const Control control = commands.control.value_or(usual); control != usual) {
+    record_with(context.fleet.physics_for(control));
+  } else {
+    record_with(context.fleet.physics);
+  }
+}
+
+void write_result(const FlightContext& context, DroneIndex drone, const Neighbor& neighbor, int tick) {
+  State& state = context.state;
+  if (neighbor.is_deflected) {
+    set_pose_of(state, drone, neighbor.pose);
+    std::copy_n(neighbor.velocity.linear.data(), 3, state.flight.velocity.data() + 3 * drone);
+    std::copy_n(neighbor.velocity.angular.data(), 3, state.flight.angular_velocity.data() + 3 * drone);
+    for (std::vector<float>* const array :
+         {&state.flight.remainder, &state.flight.acceleration, &state.flight.angular_acceleration}) {
+      std::fill_n(array->data() + 3 * drone, 3, 0.0F);
+    }
+  }
+  if (neighbor.contact.hit) {
+    write_contact(state, drone, neighbor);
+  } else if (neighbor.contact.inside && state.contact.hit[drone]) {
+    state.contact.inside[drone] = 1;
+  }
+  if (context.path.empty()) return;
+  const std::size_t row = context.path.size() / context.fleet.open.world.size();
+  float* const end = context.path.data() + row * (drone + std::size_t{1});
+  for (float* to = context.path.data() + row * drone + 3 * static_cast<std::size_t>(tick + 1); to < end; to += 3) {
+    std::copy_n(state.position.data() + 3 * drone, 3, to);
   }
 }
 

@@ -10,6 +10,7 @@
 #include "collision/hull.hpp"
 #include "collision/moving_bodies.hpp"
 #include "collision/obstacles.hpp"
+#include "dynamics/crowd.hpp"
 #include "dynamics/fleet.hpp"
 #include "dynamics/flight.hpp"
 #include "dynamics/lane_group.hpp"
@@ -61,6 +62,14 @@ struct FlightContext {
   // The bodies of all envs, env by env, during a call of fly() with one tick. Without bodies the count is 0.
   collision::MovingBodies bodies = {};
   std::size_t bodies_per_env = 0;
+  // (N,) m, largest distance of each listed drone from its position at the beginning of the call; empty: not asked.
+  std::span<float> reach = {};
+};
+
+// Drones of one env that may touch each other, for record_motions().
+struct NeighborTable {
+  DroneIndex first;               // drone 0 of the env
+  std::span<Neighbor> neighbors;  // (M,)
 };
 
 // Sets the accelerations of drones for their current state, assuming constant rotor speeds.
@@ -69,5 +78,13 @@ void update_accelerations(const FlightContext& context, std::span<const DroneInd
 // Flies drones for `ticks` ticks of one step, from the tick with index first_tick on, and checks each tick for contacts. With
 // OnContact::terminate, drones that hit something in this step stay in place, unless bodies push them. With bodies, ticks is 1.
 void fly(const FlightContext& context, std::span<const DroneIndex> drones, const Commands& commands, int first_tick, int ticks);
+
+// Flies drones of one env for one tick without any contact, and writes the motion, is_open and holds of their neighbours. Those
+// of drones that stay in place are not changed.
+void record_motions(const FlightContext& context, std::span<const DroneIndex> drones, const Commands& commands, int tick,
+                    const NeighborTable& table);
+
+// Writes the result of a crowd to a drone that record_motions() has flown, or that stays in place.
+void write_result(const FlightContext& context, DroneIndex drone, const Neighbor& neighbor, int tick);
 
 }  // namespace flockstep::dynamics

@@ -157,12 +157,6 @@ void Learner::fly(int t, Batch& batch, float reward_scale) {
     require_finite(observation, parts.observation_size, "observation");
     take(parts.observation_moments, observation.data(), rollout.rows);
   }
-  // Under next-step autoreset, envs whose episodes are over only reset.
-  std::vector<std::uint8_t> skipped;
-  if (batch.config().episode.autoreset_mode != AutoresetMode::same_step) {
-    const Outputs& before = batch.outputs();
-    for (std::size_t row = 0; row < rollout.rows; ++row) skipped.push_back(before.terminated[row] | before.truncated[row]);
-  }
   ++parts.draws;
   Parts::StepPilot pilot(parts, static_cast<std::size_t>(t), spec, fields);
   batch.step(pilot);
@@ -170,9 +164,17 @@ void Learner::fly(int t, Batch& batch, float reward_scale) {
   const std::size_t size = rollout.rows * parts.action_size();
   require_finite(std::span(rollout.actions).subspan(static_cast<std::size_t>(t) * size, size), parts.action_size(), "action");
   const Outputs& after = batch.outputs();
+  // Rows that did not fly only begin an episode, or their drones rest.
+  std::vector<std::uint8_t> skipped;
+  const FlagArray& flying = batch.episodes().flying;
+  if (std::ranges::find(flying, 0) != flying.end()) {
+    for (const std::uint8_t flew : flying) skipped.push_back(flew == 0 ? 1 : 0);
+  }
   std::vector<float> reward(after.reward.begin(), after.reward.end());
   for (float& value : reward) value *= reward_scale;
-  const auto is_cut = [&](std::size_t row) { return after.truncated[row] != 0 && after.terminated[row] == 0; };
+  const auto is_cut = [&](std::size_t row) {
+    return after.truncated[row] != 0 && after.terminated[row] == 0 && flying[row] != 0;
+  };
   std::vector<float> final_observation;
   for (std::size_t row = 0; row < rollout.rows; ++row) {
     if (!is_cut(row)) continue;

@@ -86,7 +86,7 @@ class Dodge final : public Task {
       for (std::uint32_t attempt = 0; attempt < kTries; ++attempt) {
         const Vec3 drawn = drawn_position(block.context, drone, kStartStream, attempt);
         if (!is_clear_of_bodies(block.context, env, drawn)) continue;
-        if (!block.context.is_free(env, {drawn, Quat::Identity()})) continue;
+        if (!block.context.is_free(drone, {drawn, Quat::Identity()})) continue;
         start = drawn;
         break;
       }
@@ -96,13 +96,12 @@ class Dodge final : public Task {
 
   void begin(const TaskBlock& block) override {
     for (const DroneIndex drone : block.drones) {
-      const EnvIndex env = block.context.env_of(drone);
       const Vec3 start = position_of(block.context.state(), drone);
       Vec3 goal = start;  // the farthest free one, if none is far enough
       for (std::uint32_t attempt = 0; attempt < kTries; ++attempt) {
         const Vec3 drawn = drawn_position(block.context, drone, kGoalStream, attempt);
         if (distance_m(drawn, start) <= distance_m(goal, start)) continue;
-        if (!block.context.is_free(env, {drawn, Quat::Identity()})) continue;
+        if (!block.context.is_free(drone, {drawn, Quat::Identity()})) continue;
         goal = drawn;
         if (distance_m(goal, start) >= static_cast<double>(config_.goal_distance_m)) break;
       }
@@ -161,7 +160,7 @@ class Dodge final : public Task {
       std::copy_n(state_.last_action.data() + kNumAxes * drone, kNumAxes, row.data() + 3);
       float* const now = row.data() + kHead;
       normalise(ranges_of(block.context, drone), block.context.lidar_readings().max_range_m[drone], now);
-      const bool is_first = block.context.episodes().steps[block.context.env_of(drone)] == 0;
+      const bool is_first = block.context.episodes().steps[drone] == 0;
       std::copy_n(is_first ? now : state_.last_ranges.data() + rays_ * drone, rays_, now + rays_);
     }
   }

@@ -57,7 +57,7 @@ class Hover final : public FlightTask {
       Velocity velocity;
       for (std::uint32_t attempt = 0; attempt < kTries; ++attempt) {
         const auto [thrown_pose, thrown_velocity] = thrown(block.context, drone, attempt);
-        if (!block.context.is_free(block.context.env_of(drone), thrown_pose)) continue;
+        if (!block.context.is_free(drone, thrown_pose)) continue;
         pose = thrown_pose;
         velocity = thrown_velocity;
         break;

@@ -246,7 +246,7 @@ class Navigation final : public Task {
         const auto bits = draw(context.state(), RandomKey::of(drone, context.drones_per_env()), Stream::start, attempt);
         const Vec3 unit(uniform01(bits[0]), uniform01(bits[1]), uniform01(bits[2]));
         const Vec3 position = box.min + unit.cwiseProduct(box.max - box.min);
-        if (context.is_free(env, {position, Quat::Identity()})) return position;
+        if (context.is_free(drone, {position, Quat::Identity()})) return position;
       }
     }
     return *markers.start;
@@ -316,7 +316,7 @@ class Navigation final : public Task {
       crash_term = nearest - min_clearance;
     }
 
-    const auto step_number = static_cast<double>(around.episodes.steps[context.env_of(drone)] - 1);
+    const auto step_number = static_cast<double>(around.episodes.steps[drone] - 1);
     const bool overshot = reward.overshoot_weight != 0.0F && position.x() > target.x() + reward.goal_radius_m;
 
     const std::span<double> terms = score.terms_of(drone);

@@ -90,7 +90,7 @@ class Race final : public FlightTask {
         std::array<float, kDraws> unit;
         for (std::uint32_t k = 0; k < kDraws; ++k) unit[k] = block.context.random(drone, kStartStream, kDraws * attempt + k);
         const auto [drawn_pose, drawn_velocity] = start_between(last, gates[target], unit);
-        if (!block.context.is_free(env, drawn_pose)) continue;
+        if (!block.context.is_free(drone, drawn_pose)) continue;
         pose = drawn_pose;
         velocity = drawn_velocity;
         break;
@@ -131,7 +131,7 @@ class Race final : public FlightTask {
       const bool crashed = state.contact.hit[drone] != 0 || crossings.has_missed || is_far;
       const auto lap = static_cast<std::int64_t>(gates.size());
       const bool finished = !crashed && passed_[drone] >= config_.laps * lap;
-      const bool is_last = episodes.time_limit[env] > 0 && episodes.steps[env] >= episodes.time_limit[env];
+      const bool is_last = episodes.time_limit[drone] > 0 && episodes.steps[drone] >= episodes.time_limit[drone];
       const bool ends = crashed || finished || is_last;
       if (ends) outcome_[drone] = finished || (!crashed && 2 * passed_[drone] >= lap) ? kClean : kUnclean;
       const std::span<double> terms = score.terms_of(drone);

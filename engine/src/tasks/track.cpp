@@ -177,7 +177,7 @@ class Track final : public FlightTask {
     const State& state = block.context.state();
     const EpisodeState& episodes = block.context.episodes();
     for (const DroneIndex drone : block.drones) {
-      const Path::Waves waves = waves_of(episodes, block.context.env_of(drone), drone);
+      const Path::Waves waves = waves_of(episodes, drone);
       const Pose pose = pose_of(state, drone);
       const double distance = distance_m(target_of(block.context, drone) + path_.position(waves), pose.position);
       const auto close = static_cast<double>(config_.close_m);
@@ -193,8 +193,7 @@ class Track final : public FlightTask {
       terms[kCrash] = crashed ? -static_cast<double>(config_.crash_weight) : 0.0;
       score.terminated[drone] = crashed;
       score.left_area[drone] = is_far;
-      score.success[drone] =
-          !crashed && squares_[drone] <= close * close * static_cast<double>(episodes.steps[block.context.env_of(drone)]);
+      score.success[drone] = !crashed && squares_[drone] <= close * close * static_cast<double>(episodes.steps[drone]);
     }
   }
 
@@ -205,7 +204,7 @@ class Track final : public FlightTask {
       const Mat3 to_body = pose.rotation.toRotationMatrix().transpose();
       const std::span<float> row = observation[0].row<float>(drone);
       const auto points = static_cast<std::size_t>(config_.points);
-      Path::Waves waves = waves_of(block.context.episodes(), block.context.env_of(drone), drone);
+      Path::Waves waves = waves_of(block.context.episodes(), drone);
       const float missing = missing_yaw(waves, pose.rotation);
       const Vec3 from_middle = pose.position - target_of(block.context, drone);
       for (std::size_t i = 0; i < points; ++i) {
@@ -234,8 +233,8 @@ class Track final : public FlightTask {
  private:
   enum Term : std::size_t { kNear, kClose, kYaw, kSpin, kChange, kCrash };
 
-  Path::Waves waves_of(const EpisodeState& episodes, EnvIndex env, DroneIndex drone) const {
-    return path_.waves_at(static_cast<double>(episodes.steps[env]) * step_s(), phase_.data() + kPhases * drone);
+  Path::Waves waves_of(const EpisodeState& episodes, DroneIndex drone) const {
+    return path_.waves_at(static_cast<double>(episodes.steps[drone]) * step_s(), phase_.data() + kPhases * drone);
   }
 
   float yaw_at(const Path::Waves& waves) const {

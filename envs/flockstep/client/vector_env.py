@@ -78,6 +78,7 @@ class RemoteVectorEnv(VectorEnv[Observation, Array, Array]):
         self.observation_space = batch_space(self.single_observation_space, self.num_envs)
         self.action_space = batch_space(self.single_action_space, self.num_envs)
         self._rows_per_env = 1 if task.row_is_env else self.drones_per_env
+        self._ends_rows = False  # the server resets whole envs
         self._reward_terms = task.reward_terms
         self._seeded = False  # True once every env has a seed, and so an episode to continue
 
@@ -121,6 +122,9 @@ class RemoteVectorEnv(VectorEnv[Observation, Array, Array]):
         self._seeded = True
         observation: Observation = self.batch.observation
         return observation
+
+    def _resting(self) -> None:
+        """Return None: the server does not send which rows have flown."""
 
     def episode_infos(self, indices: npt.NDArray[np.intp] | None = None) -> dict[str, Any]:
         """Return the statistics of the episodes that ended in the last step, in the envs ``indices`` (default: in all).

@@ -113,13 +113,10 @@ class EngineSource(Source):
         env = self.env
         stepping.require_open(env)
         batch = env.batch
-        was_over = batch.terminated | batch.truncated if env.autoreset_mode is AutoresetMode.NEXT_STEP else None
         learner.fly(t, batch, env.reward_scale)
         if env.trail is not None:
             env.trail.record()
-        done = batch.terminated | batch.truncated
-        if was_over is not None:
-            done &= ~was_over
+        done = (batch.terminated | batch.truncated) & batch.flying
         stepped = Stepped(env.scaled_reward().copy() if needs_infos else env.scaled_reward(), done, [])
         ended = np.flatnonzero(done)
         for row in ended.tolist():
@@ -133,7 +130,7 @@ class EngineSource(Source):
             for row, info in zip(ended.tolist(), stepping.ends(env, ended, seconds) if ended.size else (), strict=True):
                 stepped.infos[row] = info
         if env.autoreset_mode is AutoresetMode.DISABLED and ended.size:
-            env.reset(options={"reset_mask": done.copy()})
+            env.reset(options={"reset_mask": done})
         return stepped
 
 
@@ -209,7 +206,7 @@ class VectorEnvSource(ArraySource):
         observation, rewards, terminated, truncated, infos = self.env.step(actions)
         rewards = _rewards(rewards, self.rows)
         terminated, truncated = np.asarray(terminated, bool), np.asarray(truncated, bool)
-        skipped = self._over.copy()
+        skipped = self._over | infos.get("resting", False)
         done = (terminated | truncated) & ~skipped
         ended = np.flatnonzero(done)
         current = self.flat(observation)

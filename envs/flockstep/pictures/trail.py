@@ -29,7 +29,9 @@ class Trail:
 
     def _episodes(self) -> npt.NDArray[np.int64]:
         """Return each drone's episode number."""
-        return np.repeat(self._batch.episode, self._batch.drones_per_env)
+        episodes = np.repeat(self._batch.episode, self._batch.drones_per_env)
+        own = self._batch.own_episodes
+        return episodes + own if len(own) else episodes
 
     def record(self, began: npt.NDArray[np.bool_] | bool = False) -> None:
         """Record the current positions of the drones.

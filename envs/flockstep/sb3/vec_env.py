@@ -46,6 +46,10 @@ def make_vec(
     return DroneVecEnv(make_same_step("make_vec", env, num_envs, **kwargs))
 
 
+#: Info of a row that rests; all such rows share it.
+_RESTING = {"resting": True}
+
+
 class DroneVecEnv(VecEnv):
     """A `DroneVectorEnv` with the `VecEnv` interface of Stable-Baselines3.
 
@@ -57,7 +61,8 @@ class DroneVecEnv(VecEnv):
     ``episode`` in the format of `Monitor`: return ``r``, length ``l``, and ``t``, seconds since this object was made.
     Further infos are ``episode_end``, a value of `EpisodeEnd`; ``crashed``; ``bad_state``; ``episode_terms``, the sum
     of each reward term by name; and the values that a `Task` names in its ``info_names``. `LogTerms` logs means of the
-    terms and of chosen infos.
+    terms and of chosen infos. With ``episodes="last"`` a row that rests has the info ``resting``, reward 0, the
+    observation of an absent drone, and is not done again.
     """
 
     _options_of_all: dict[str, Any] | None = None  # for the next reset
@@ -117,6 +122,10 @@ class DroneVecEnv(VecEnv):
         done = batch.terminated | truncated
         going_on: dict[str, Any] = {}
         infos = [going_on] * self.num_envs
+        resting = self.env._resting()
+        if resting is not None:
+            for row in np.flatnonzero(resting).tolist():
+                infos[row] = _RESTING
         if np.count_nonzero(done):
             seconds = round(time.perf_counter() - self._created, 6)
             ended = np.flatnonzero(done)

@@ -1,0 +1,105 @@
+"""Steps of drones that see and touch each other, relative to drones that do not.
+
+One thread, in processor time. The variants that are compared alternate.
+"""
+
+from __future__ import annotations
+
+import statistics
+import time
+from collections.abc import Callable, Iterator
+from typing import Any
+
+import numpy as np
+
+import flockstep
+
+RUNS = 7
+STEPS = 40
+GROUPS = {"8 drones in each of 512 envs": (512, 8, 10.0), "1,000 drones in one env": (1, 1000, 60.0)}  # E, M, side of a hall in m
+MEETS = ("never", "seen", "touched", "both")
+
+Measured = tuple[str, float, str, int]  # name, value, unit, runs
+
+
+def hall(side_m: float) -> flockstep.World:
+    """Return an empty hall."""
+    half = side_m / 2
+    return flockstep.World.from_dict(
+        {
+            "flockstep_scene": 1,
+            "room": {"min": [-half, -half, 0], "max": [half, half, 4]},
+            "markers": {"start": [0, 0, 1.5], "goal": [half - 1, half - 1, 1.5]},
+        }
+    )
+
+
+def measure() -> Iterator[Measured]:
+    for name, (envs, drones, side_m) in GROUPS.items():
+        for motion in ("kinematic", "rotors"):
+            yield from steps(f"meetings/{name}/{motion}", envs, drones, hall(side_m), motion)
+
+
+def steps(name: str, envs: int, drones: int, world: flockstep.World, motion: str) -> Iterator[Measured]:
+    """Move drones with a LiDAR to and fro around random places; those of one env are apart when they begin."""
+    random = np.random.default_rng(0)
+    side = world.bounds[1][0] - world.bounds[0][0] - 2
+    rows = int(np.ceil(np.sqrt(drones)))
+    cell = side / rows
+    number = np.arange(envs * drones) % drones
+    places = np.stack([number % rows, number // rows, np.zeros(len(number))], 1) * cell + cell / 2 - side / 2
+    places[:, :2] += random.uniform(-1, 1, (len(number), 2)) * max(cell - 1.2, 0) / 2
+    places[:, 2] = random.uniform(0.5, 3.5, len(number))
+    batches: dict[str, flockstep.Batch] = {}
+    for meet in MEETS:
+        batches[meet] = make(world, envs * drones, drones, motion, meet)
+    batches["alone"] = make(world, envs * drones, 1, motion, "never")
+    calls = {each: [call_of(batch, motion, places, i) for i in range(STEPS)] for each, batch in batches.items()}
+    times: dict[str, list[float]] = {each: [] for each in batches}
+    for run in range(RUNS + 1):
+        for each, batch in batches.items():
+            batch.set_pose(places)
+            before = time.process_time()
+            for call in calls[each]:
+                call()
+                batch.sense()
+            if run > 0:  # the first one warms up
+                times[each].append((time.process_time() - before) / (STEPS * len(number)))
+    touched = {each: float((batch.contact.drone >= 0).mean()) for each, batch in batches.items()}
+    for each in batches:
+        yield f"{name}/{each}/us_per_step", 1e6 * statistics.median(times[each]), "us", RUNS
+        ratio = statistics.median(a / b for a, b in zip(times[each], times["alone"], strict=True))
+        yield f"{name}/{each}/ratio_to_alone", ratio, "1", RUNS
+    yield f"{name}/both/share_in_contact", touched["both"], "1", 1
+
+
+def make(world: flockstep.World, drones: int, per_env: int, motion: str, meet: str) -> flockstep.Batch:
+    """Make a batch whose drones have the default LiDAR."""
+    more: dict[str, Any] = {}
+    if motion == "rotors":
+        more["dynamics"] = flockstep.DynamicsConfig(motion="rotors", control="velocity", on_contact="bounce")
+    return flockstep.Batch(
+        [world],
+        drones,
+        drones_per_env=per_env,
+        meet=meet,
+        lidar=flockstep.LidarConfig(),
+        num_threads=1,
+        **more,
+    )
+
+
+def call_of(batch: flockstep.Batch, motion: str, places: Any, number: int) -> Callable[[], object]:
+    """Return a step to a place at most 0.3 m away, or at most 3 m/s fast."""
+    random = np.random.default_rng(number)
+    way = random.uniform(-1, 1, places.shape)
+    if motion == "rotors":
+        command = np.concatenate([3 * way, np.zeros((len(way), 1))], 1)
+        return lambda: batch.fly(command)
+    target = places + 0.3 * way
+    return lambda: batch.move(target)
+
+
+if __name__ == "__main__":
+    for measured in measure():
+        print(*measured, flush=True)

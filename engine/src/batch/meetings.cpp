@@ -1,0 +1,247 @@
+#include "batch/meetings.hpp"
+
+#include <algorithm>
+#include <cstring>
+#include <type_traits>
+
+#include "base/pose_access.hpp"
+#include "batch/flying.hpp"
+#include "batch/simulation.hpp"
+#include "dynamics/rotor_motion.hpp"
+#include "flockstep/arrays.hpp"
+#include "trace/near_balls.hpp"
+
+namespace flockstep {
+namespace {
+
+// Calls f(values, columns) for each array of a state that motion of drones changes.
+template <class S, class F>
+void for_each_moved(S& state, const F& f) {
+  f(state.position, std::size_t{3});
+  f(state.quat_wxyz, std::size_t{4});
+  const auto each = [&](const auto& entry, auto& values) {
+    if (!values.empty()) f(values, entry.info.columns == 0 ? std::size_t{1} : static_cast<std::size_t>(entry.info.columns));
+  };
+  for_each_listed(state.contact, each);
+  for_each_listed(state.flight, each);
+}
+
+// The drones of one env.
+class EnvMeeting {
+ public:
+  EnvMeeting(Simulation& sim, EnvIndex env, Scratch& scratch, std::size_t copy)
+      : sim_(sim), env_(env), scratch_(scratch), work_(*scratch.meetings), copy_(copy), count_(sim.drones_per_env()) {
+    work_.is_in_crowd.assign(count_, 0);
+    work_.radius.resize(count_);
+    work_.found.resize(count_);
+    work_.neighbors.resize(count_);
+  }
+
+  // Takes all drones into the crowd that may have touched another one outside of it or in it. Returns false if none is new.
+  // reach(member): largest distance from the saved position so far.
+  template <class Reach>
+  bool gather(const Reach& reach) {
+    for (std::size_t member = 0; member < count_; ++member) {
+      const bool is_there = sim_.state.active[drone(member)] != 0;
+      const float margin = dynamics::margin(work_.saved.position(copy_ + member).cwiseAbs().maxCoeff());
+      work_.radius[member] = is_there ? sim_.hull.radius() + reach(member) + margin : -1.0F;
+    }
+    const trace::Balls balls{work_.saved.positions(copy_), work_.radius.data(), count_, count_};
+    bool is_new = false;
+    for (std::size_t member = 0; member < count_; ++member) {
+      if (work_.radius[member] < 0.0F) continue;
+      const std::size_t near =
+          trace::find_near_balls(balls, work_.saved.position(copy_ + member), work_.radius[member], work_.found.data());
+      for (const std::uint32_t other : std::span(work_.found).first(near)) {
+        if (other == member || (work_.is_in_crowd[member] && work_.is_in_crowd[other])) continue;
+        work_.is_in_crowd[member] = work_.is_in_crowd[other] = 1;
+        is_new = true;
+      }
+    }
+    return is_new;
+  }
+
+  // Puts the crowd back to the beginning.
+  void restore() {
+    for (std::size_t member = 0; member < count_; ++member) {
+      if (work_.is_in_crowd[member]) work_.saved.restore(sim_.state, drone(member), copy_ + member);
+    }
+  }
+
+  // Prepares the neighbours of the crowd, which stand.
+  void prepare() {
+    work_.crowd_of_env.clear();
+    for (std::size_t member = 0; member < count_; ++member) {
+      if (!work_.is_in_crowd[member]) continue;
+      const DroneIndex d = drone(member);
+      dynamics::Neighbor& neighbor = work_.neighbors[member];
+      const Pose pose = pose_of(sim_.state, d);
+      neighbor.number = static_cast<std::uint32_t>(member);
+      neighbor.airframe = sim_.fleet ? &sim_.fleet->airframe_of(d) : nullptr;
+      neighbor.motion = {pose, pose, {}, {}, sim_.config.clock.dt_s()};
+      neighbor.is_open = neighbor.has_contact = false;
+      neighbor.holds = true;
+      work_.crowd_of_env.push_back(&neighbor);
+    }
+  }
+
+  void resolve() {
+    work_.crowd.resolve(work_.crowd_of_env, *sim_.obstacles[sim_.slot_of(env_)],
+                        sim_.bodies ? sim_.bodies->moving().of_env(env_, sim_.bodies->per_env()) : collision::MovingBodies(),
+                        sim_.config.dynamics);
+  }
+
+  DroneIndex drone(std::size_t member) const { return sim_.drone_of(env_, member); }
+  std::size_t member_of(DroneIndex of) const { return std::size_t{of} - std::size_t{drone(0)}; }
+
+ private:
+  Simulation& sim_;
+  EnvIndex env_;
+  Scratch& scratch_;
+  Meetings& work_;
+  std::size_t copy_;  // of drone 0
+  std::size_t count_;
+};
+
+}  // namespace
+
+std::size_t SavedDrones::save(const State& state, DroneIndex first, std::size_t count) {
+  const std::size_t copy = count_;
+  count_ += count;
+  std::size_t number = 0;
+  for_each_moved(state, [&](const auto& values, std::size_t columns) {
+    const std::size_t bytes = columns * sizeof(values[0]);
+    if (number == arrays_.size()) arrays_.emplace_back();
+    std::vector<std::byte>& to = arrays_[number++];
+    if (to.size() < count_ * bytes) to.resize(count_ * bytes);
+    std::memcpy(to.data() + copy * bytes, values.data() + columns * first, count * bytes);
+  });
+  if (positions_.size() < 3 * count_) positions_.resize(3 * count_);
+  std::copy_n(state.position.data() + 3 * first, 3 * count, positions_.data() + 3 * copy);
+  return copy;
+}
+
+void SavedDrones::restore(State& state, DroneIndex drone, std::size_t copy) const {
+  std::size_t number = 0;
+  for_each_moved(state, [&](auto& values, std::size_t columns) {
+    const std::size_t bytes = columns * sizeof(values[0]);
+    std::memcpy(values.data() + columns * drone, arrays_[number++].data() + copy * bytes, bytes);
+  });
+}
+
+Vec3 SavedDrones::position(std::size_t copy) const { return Vec3::Map(positions_.data() + 3 * copy); }
+
+void move_meeting(Simulation& sim, EnvIndex env, std::span<const MoveRequest> moves, Scratch& scratch) {
+  Meetings& work = *scratch.meetings;
+  const std::size_t count = sim.drones_per_env();
+  work.saved.clear();
+  EnvMeeting meeting(sim, env, scratch, work.saved.save(sim.state, sim.drone_of(env, 0), count));
+  work.reach.assign(count, 0.0F);
+  std::size_t next = 0;
+  for (std::size_t member = 0; member < count; ++member) {
+    const DroneIndex drone = meeting.drone(member);
+    if (next < moves.size() && moves[next].drone == drone) {
+      const MoveRequest& move = moves[next++];
+      sim.state.contact.drone[drone] = move.has_contact ? sim.state.contact.drone[drone] : -1;
+      work.reach[member] = move.has_contact ? give_way(sim, drone, scratch) : sweep_to(sim, drone, move.target, scratch);
+    } else if (sim.state.active[drone]) {
+      work.reach[member] = give_way(sim, drone, scratch);
+    }
+  }
+  while (meeting.gather([&](std::size_t member) { return work.reach[member]; })) {
+    meeting.restore();
+    meeting.prepare();
+    for (dynamics::Neighbor* const neighbor : work.crowd_of_env) {
+      neighbor->has_contact = sim.state.contact.hit[meeting.drone(neighbor->number)] != 0;
+    }
+    for (const MoveRequest& move : moves) {
+      dynamics::Neighbor& neighbor = work.neighbors[meeting.member_of(move.drone)];
+      neighbor.has_contact = move.has_contact;
+      if (!move.has_contact) neighbor.motion.to = move.target;
+    }
+    meeting.resolve();
+    for (const dynamics::Neighbor* const neighbor : work.crowd_of_env) {
+      const DroneIndex drone = meeting.drone(neighbor->number);
+      work.reach[neighbor->number] = neighbor->reach;
+      set_pose_of(sim.state, drone, neighbor->pose);
+      if (neighbor->has_contact) {
+        if (neighbor->contact.inside) sim.state.contact.inside[drone] = 1;
+      } else {
+        dynamics::write_contact(sim.state, drone, *neighbor);
+      }
+    }
+  }
+}
+
+void fly_meeting(Simulation& sim, const Block& block, std::span<const DroneIndex> drones, const dynamics::Commands& commands,
+                 int first_tick, int ticks, Scratch& scratch) {
+  constexpr std::size_t kTogether = 64;  // drones that fly together, at least one env
+  Meetings& work = *scratch.meetings;
+  const std::size_t count = sim.drones_per_env();
+  dynamics::FlightContext context = flight_context(sim, block, scratch);
+  while (!drones.empty()) {
+    // Some whole envs of the list
+    std::size_t taken = 0;
+    EnvIndex last = sim.env_of(drones.front());
+    work.saved.clear();
+    scratch.meeting_envs.clear();
+    while (taken < drones.size()) {
+      const EnvIndex env = sim.env_of(drones[taken]);
+      if (taken > 0 && env != last && taken + count > kTogether) break;
+      last = env;
+      work.saved.save(sim.state, sim.drone_of(env, 0), count);
+      scratch.meeting_envs.push_back(env);
+      while (taken < drones.size() && sim.env_of(drones[taken]) == env) ++taken;
+    }
+    const auto together = drones.first(taken);
+    drones = drones.subspan(taken);
+    for (const EnvIndex env : scratch.meeting_envs) {
+      std::fill_n(sim.reach.data() + sim.drone_of(env, 0), count, 0.0F);
+    }
+    context.reach = sim.reach;
+    dynamics::fly(context, together, commands, first_tick, ticks);
+    context.reach = {};
+    std::span<const DroneIndex> left = together;
+    for (std::size_t i = 0; i < scratch.meeting_envs.size(); ++i) {
+      const EnvIndex env = scratch.meeting_envs[i];
+      const auto end = std::ranges::find_if(left, [&](DroneIndex drone) { return sim.env_of(drone) != env; });
+      const auto listed = left.first(static_cast<std::size_t>(end - left.begin()));
+      left = left.subspan(listed.size());
+      EnvMeeting meeting(sim, env, scratch, i * count);
+      if (sim.bodies) {
+        for (std::size_t member = 0; member < count; ++member) {
+          const DroneIndex drone = meeting.drone(member);
+          if (!sim.state.active[drone] || std::ranges::binary_search(listed, drone)) continue;
+          sim.reach[drone] = give_way(sim, drone, scratch);
+        }
+      }
+      const auto reach = [&](std::size_t member) { return sim.reach[meeting.drone(member)]; };
+      while (meeting.gather(reach)) {
+        meeting.restore();
+        work.movers.clear();
+        for (const DroneIndex drone : listed) {
+          if (work.is_in_crowd[meeting.member_of(drone)]) work.movers.push_back(drone);
+        }
+        for (std::size_t member = 0; member < count; ++member) {
+          if (work.is_in_crowd[member]) sim.reach[meeting.drone(member)] = 0.0F;
+        }
+        for (int tick = first_tick; tick < first_tick + ticks; ++tick) {
+          meeting.prepare();
+          const bool terminates = sim.config.dynamics.on_contact == OnContact::terminate;
+          for (dynamics::Neighbor* const neighbor : work.crowd_of_env) {
+            neighbor->has_contact = terminates && sim.state.contact.hit[meeting.drone(neighbor->number)];
+          }
+          dynamics::record_motions(context, work.movers, commands, tick, {meeting.drone(0), work.neighbors});
+          meeting.resolve();
+          for (const dynamics::Neighbor* const neighbor : work.crowd_of_env) {
+            const DroneIndex drone = meeting.drone(neighbor->number);
+            dynamics::write_result(context, drone, *neighbor, tick);
+            sim.reach[drone] += neighbor->reach;
+          }
+        }
+      }
+    }
+  }
+}
+
+}  // namespace flockstep

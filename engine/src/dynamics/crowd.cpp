@@ -1,0 +1,313 @@
+#include "dynamics/crowd.hpp"
+
+#include <algorithm>
+#include <array>
+#include <numeric>
+#include <tuple>
+
+#include "collision/convex.hpp"
+#include "collision/moving_solid.hpp"
+#include "dynamics/impact.hpp"
+#include "dynamics/rebound.hpp"
+
+namespace flockstep::dynamics {
+namespace {
+
+using collision::MovingContact;
+using collision::MovingSolid;
+
+constexpr int kMostContactsOfTick = 3;  // of a drone; then it stays until the next tick
+
+// Sorts by what drones do, not by their numbers, which only decide between equal motions.
+auto order_of(const Neighbor& drone) {
+  const auto key = [](const Pose& pose) {
+    const Vec3& p = pose.position;
+    const Quat& q = pose.rotation;
+    return std::tuple(p.x(), p.y(), p.z(), q.w(), q.x(), q.y(), q.z());
+  };
+  return std::tuple(key(drone.motion.from), key(drone.motion.to), drone.number);
+}
+
+}  // namespace
+
+void Crowd::resolve(std::span<Neighbor* const> drones, const collision::Obstacles& obstacles,
+                    const collision::MovingBodies& bodies, const DynamicsConfig& config) {
+  drones_ = drones;
+  obstacles_ = &obstacles;
+  bodies_ = bodies;
+  config_ = &config;
+  stops_ = config.is_kinematic() || config.on_contact == OnContact::terminate;
+  meetings_.clear();
+  order_.resize(drones.size());
+  std::iota(order_.begin(), order_.end(), std::size_t{0});
+  std::ranges::sort(order_, [&](std::size_t a, std::size_t b) { return order_of(*drones[a]) < order_of(*drones[b]); });
+  legs_.assign(drones.size(), {});
+  float longest = 0.0F;
+  for (std::size_t i = 0; i < drones.size(); ++i) {
+    Neighbor& each = drone(i);
+    const TickMotion& motion = each.motion;
+    legs_[i] = {.from = motion.from, .to = motion.to, .first = motion.begin, .last = motion.end};
+    legs_[i].stands = each.has_contact;
+    each.is_deflected = false;
+    each.contact = {};
+    each.other = -1;
+    each.reach = (motion.to.position - motion.from.position).norm();
+    longest = std::max(longest, each.reach);
+  }
+  // From here on drones are numbered by the order, which is that of their x.
+  for (std::size_t a = 0; a < legs_.size(); ++a) {
+    find_with_world(a);
+    const Vec3& from = legs_[a].from.position;
+    const float near = 2.0F * (hull_.radius() + longest + margin(from.cwiseAbs().maxCoeff()));
+    for (std::size_t b = a + 1; b < legs_.size() && legs_[b].from.position.x() - from.x() <= near; ++b) find_with_drone(a, b);
+  }
+  while (!meetings_.empty()) {
+    const auto first = std::ranges::min_element(meetings_, [](const Meeting& x, const Meeting& y) {
+      return std::tuple(x.time, x.a, x.b) < std::tuple(y.time, y.a, y.b);
+    });
+    meet(Meeting(*first));
+  }
+  for (std::size_t a = 0; a < legs_.size(); ++a) {
+    if (bodies_.count != 0 && (legs_[a].stands || legs_[a].rests())) push(a);
+  }
+  for (std::size_t a = 0; a < legs_.size(); ++a) {
+    Neighbor& each = drone(a);
+    each.pose = legs_[a].to;
+    each.velocity = legs_[a].last;
+    if (each.contact.body >= 0) each.contact.velocity /= static_cast<float>(each.motion.duration_s);  // that of drones is in m/s
+    each.reach = std::max(each.reach, (each.pose.position - each.motion.from.position).norm());
+  }
+}
+
+Pose Crowd::pose_at(std::size_t a, double time) const {
+  const Leg& leg = legs_[a];
+  if (leg.rests() || time <= leg.begin) return leg.from;
+  return collision::interpolate(leg.from, leg.to, static_cast<float>((time - leg.begin) / (1.0 - leg.begin)));
+}
+
+// Velocity in m/s of the point of a drone that is at `point` at a time.
+Vec3 Crowd::surface_velocity(std::size_t a, double time, const Vec3& point) const {
+  const Leg& leg = legs_[a];
+  if (leg.rests() || !(leg.begin < 1.0)) return Vec3::Zero();
+  const double share = (time - leg.begin) / (1.0 - leg.begin);
+  const MovingSolid solid(corners_, leg.from, leg.to, 0);
+  return (solid.velocity(point.cast<double>(), share) / left_s(leg.begin)).cast<float>();
+}
+
+void Crowd::find_with_world(std::size_t a) {
+  const Leg& leg = legs_[a];
+  if (leg.stands || (leg.is_first && drone(a).is_open)) return;
+  if (leg.rests() && bodies_.count == 0 && !leg.is_first) return;
+  const auto solids = solids_near(a, (leg.to.position - leg.from.position).norm(), false);
+  const MovingContact contact = collision::first_contact(*obstacles_, solids, hull_, leg.from, leg.to, leg.begin);
+  if (!contact.hit) return;
+  if (contact.inside && contact.fraction == 1.0F) return note(a, contact, -1);
+  const double time = leg.begin + static_cast<double>(contact.fraction) * (1.0 - leg.begin);
+  meetings_.push_back({time, leg.begin, a, kNone, contact});
+}
+
+void Crowd::find_with_drone(std::size_t a, std::size_t b) {
+  const Leg &first = legs_[a], &second = legs_[b];
+  if (first.rests() && second.rests()) return;
+  const double begin = std::max(first.begin, second.begin);
+  const float apart = (first.from.position - second.from.position).norm();
+  const float ways = (first.to.position - first.from.position).norm() + (second.to.position - second.from.position).norm();
+  const float near = margin(first.from.position.cwiseAbs().maxCoeff() + second.from.position.cwiseAbs().maxCoeff());
+  if (apart > ways + 2.0F * hull_.radius() + near) return;
+  const Pose from = pose_at(a, begin);
+  const MovingSolid other(corners_, pose_at(b, begin), second.to, 0);
+  MovingContact contact = collision::first_contact(other, hull_, from, first.to);
+  if (!contact.hit) return;
+  contact.body = -1;
+  const double time = begin + static_cast<double>(contact.fraction) * (1.0 - begin);
+  if (!(contact.inside && contact.fraction == 1.0F)) return meetings_.push_back({time, begin, a, b, contact});
+  contact.velocity = surface_velocity(b, begin, contact.point);
+  note(a, contact, number(b));
+  contact.velocity = surface_velocity(a, begin, contact.point);
+  contact.normal = -contact.normal;
+  note(b, contact, number(a));
+}
+
+void Crowd::find_all(std::size_t a) {
+  find_with_world(a);
+  for (std::size_t b = 0; b < legs_.size(); ++b) {
+    if (b != a) find_with_drone(std::min(a, b), std::max(a, b));
+  }
+}
+
+void Crowd::note(std::size_t a, const MovingContact& contact, std::int32_t other) {
+  Neighbor& each = drone(a);
+  if (each.has_contact || (stops_ && each.contact.hit)) return;
+  each.contact = contact;
+  each.other = other;
+}
+
+void Crowd::stop(std::size_t a, double time, const Pose& pose, const Velocity& velocity) {
+  Leg& leg = legs_[a];
+  leg = {.begin = time, .from = pose, .to = pose, .first = velocity, .last = velocity, .contacts = leg.contacts};
+  leg.is_first = false;
+  leg.stands = true;
+  drone(a).is_deflected = true;
+}
+
+void Crowd::fly_on(std::size_t a, double time, const Pose& pose, const Velocity& after, const Velocity& at_end) {
+  Leg& leg = legs_[a];
+  const int contacts = leg.contacts + 1;
+  const bool is_inside = drone(a).contact.inside;
+  if (contacts >= kMostContactsOfTick) return stop(a, time, pose, is_inside ? Velocity{} : after);
+  leg = {.begin = time,
+         .from = pose,
+         .to = pose_after(pose, after, at_end, left_s(time)),
+         .first = after,
+         .last = at_end,
+         .contacts = contacts};
+  leg.is_first = false;
+  Neighbor& each = drone(a);
+  each.is_deflected = true;
+  const float came = (pose.position - each.motion.from.position).norm();
+  each.reach = std::max(each.reach, came + (leg.to.position - pose.position).norm());
+}
+
+void Crowd::meet(const Meeting& meeting) {
+  std::erase_if(meetings_, [&](const Meeting& other) {
+    const auto is_one_of = [&](std::size_t drone) { return drone != kNone && (drone == meeting.a || drone == meeting.b); };
+    return is_one_of(other.a) || is_one_of(other.b);
+  });
+  if (meeting.b == kNone) {
+    meet_world(meeting);
+    find_all(meeting.a);
+  } else {
+    meet_drone(meeting);
+    find_all(meeting.a);
+    find_with_world(meeting.b);
+    for (std::size_t other = 0; other < legs_.size(); ++other) {
+      if (other != meeting.a && other != meeting.b) find_with_drone(std::min(meeting.b, other), std::max(meeting.b, other));
+    }
+  }
+}
+
+void Crowd::meet_world(const Meeting& meeting) {
+  const Leg leg = legs_[meeting.a];
+  const Pose pose = collision::interpolate(leg.from, leg.to, meeting.contact.fraction);
+  note(meeting.a, meeting.contact, -1);
+  if (stops_) return stop(meeting.a, meeting.time, pose, leg.last);
+  const Neighbor& each = drone(meeting.a);
+  const MovingContact& contact = meeting.contact;
+  const auto solids = solids_near(meeting.a, (leg.to.position - leg.from.position).norm(), false);
+  const auto touches = [&](const Vec3& point, float reach) {
+    if (contact.body < 0) return obstacles_->touches(point, reach);
+    const collision::Vec3d center = point.cast<double>();
+    return std::ranges::any_of(solids, [&](const MovingSolid& solid) {
+      return solid.index() == contact.body &&
+             (collision::closest_point(solid.at(meeting.time), center) - center).norm() < static_cast<double>(reach);
+    });
+  };
+  const ContactPoints touching(touches, hull_, pose, contact);
+  Velocity hit = velocity_between(leg.first, leg.last, contact.fraction), end = leg.last;
+  const Vec3 surface =
+      contact.body >= 0 ? Vec3(contact.velocity / static_cast<float>(each.motion.duration_s)) : Vec3(Vec3::Zero());
+  hit.linear -= surface;
+  end.linear -= surface;
+  Rebound rebound =
+      thrown_back(hit, end, left_s(meeting.time), pose, touching.points(), contact.normal, *each.airframe, surface_of(*config_));
+  rebound.after.linear += surface;
+  rebound.at_end.linear += surface;
+  fly_on(meeting.a, meeting.time, pose, rebound.after, rebound.at_end);
+}
+
+void Crowd::meet_drone(const Meeting& meeting) {
+  const std::array both{meeting.a, meeting.b};
+  const MovingContact& contact = meeting.contact;
+  std::array<Pose, 2> poses;
+  std::array<Velocity, 2> hits, ends;
+  for (std::size_t i = 0; i < 2; ++i) {
+    const Leg& leg = legs_[both[i]];
+    poses[i] = leg.rests() ? leg.from : collision::interpolate(pose_at(both[i], meeting.begin), leg.to, contact.fraction);
+    const auto share = static_cast<float>(leg.begin < 1.0 ? (meeting.time - leg.begin) / (1.0 - leg.begin) : 1.0);
+    hits[i] = velocity_between(leg.first, leg.last, share);
+    ends[i] = leg.last;
+  }
+  const double at = contact.inside ? meeting.begin : meeting.time;
+  std::array<MovingContact, 2> contacts{contact, contact};
+  contacts[1].normal = -contact.normal;
+  for (std::size_t i = 0; i < 2; ++i) {
+    contacts[i].fraction = static_cast<float>(meeting.time);
+    contacts[i].velocity = surface_velocity(both[1 - i], at, contact.point);
+    note(both[i], contacts[i], number(both[1 - i]));
+  }
+  if (stops_) {
+    for (std::size_t i = 0; i < 2; ++i) stop(both[i], meeting.time, poses[i], ends[i]);
+    return;
+  }
+  const std::array solids{MovingSolid(corners_, poses[0], poses[0], 0), MovingSolid(corners_, poses[1], poses[1], 0)};
+  const auto touches = [&](std::size_t i) {
+    return [&solids, i](const Vec3& point, float reach) {
+      const collision::Vec3d center = point.cast<double>();
+      return (collision::closest_point(solids[i].at(1.0), center) - center).norm() < static_cast<double>(reach);
+    };
+  };
+  ContactPoints touching(touches(1), hull_, poses[0], contact);
+  touching.add_vertices(touches(0), hull_, poses[1], contact, -1.0F);
+  const Surface surface = surface_of(*config_);
+  const double left = left_s(meeting.time);
+  for (std::size_t i = 0; i < 2; ++i) {
+    if (!drone(both[i]).holds) continue;
+    const std::size_t free = 1 - i;
+    const Rebound rebound = thrown_back(hits[free], ends[free], left, poses[free], touching.points(), contacts[free].normal,
+                                        *drone(both[free]).airframe, surface);
+    return fly_on(both[free], meeting.time, poses[free], rebound.after, rebound.at_end);
+  }
+  const Airframe &first = *drone(both[0]).airframe, &second = *drone(both[1]).airframe;
+  const auto rebounds = thrown_apart({poses[0], first, hits[0], ends[0]}, {poses[1], second, hits[1], ends[1]}, left,
+                                     touching.points(), contact.normal, surface);
+  for (std::size_t i = 0; i < 2; ++i) fly_on(both[i], meeting.time, poses[i], rebounds[i].after, rebounds[i].at_end);
+}
+
+// The bodies, and on request also the other drones at the end of their motions, that a drone may meet within range. Valid until
+// the next call.
+std::span<const MovingSolid> Crowd::solids_near(std::size_t a, float range_m, bool with_drones) {
+  const Vec3& origin = legs_[a].from.position;
+  const float around = hull_.radius() + margin(origin.cwiseAbs().maxCoeff()) + range_m;
+  const auto of_bodies = near_.gather(bodies_, origin, around);
+  if (!with_drones) return of_bodies;
+  solids_.assign(of_bodies.begin(), of_bodies.end());
+  for (std::size_t b = 0; b < legs_.size(); ++b) {
+    const Pose& pose = legs_[b].to;
+    if (b == a || (pose.position - origin).norm() > around + hull_.radius()) continue;
+    solids_.emplace_back(corners_, pose, pose, static_cast<int>(bodies_.count + b));
+  }
+  return solids_;
+}
+
+// Lets bodies push a drone that stands until the end of the tick. The other drones are at the end of their motions and act as
+// obstacles.
+void Crowd::push(std::size_t a) {
+  Leg& leg = legs_[a];
+  Neighbor& each = drone(a);
+  collision::Push pushed;
+  for (float range = 0.0F;;) {
+    const auto solids = solids_near(a, range, true);
+    pushed = collision::push(*obstacles_, solids, hull_, leg.from, leg.begin);
+    if (!(pushed.farthest > range)) break;
+    range = 2.0F * pushed.farthest;
+  }
+  each.reach = std::max(each.reach, (leg.from.position - each.motion.from.position).norm() + pushed.farthest);
+  if (pushed.pushed) {
+    const auto solids = solids_near(a, pushed.farthest, false);
+    const double most = fastest_of(solids) * (1.0 - leg.begin);
+    leg.last.linear = pushed_along(leg.last.linear, pushed.pose.position - leg.from.position, most, left_s(leg.begin));
+    each.is_deflected = true;
+  }
+  leg.to = pushed.pose;
+  if (!pushed.jammed) return;
+  each.contact.inside = true;
+  leg.last = {};
+  each.is_deflected = true;
+}
+
+void write_contact(State& state, DroneIndex drone, const Neighbor& neighbor) {
+  write_contact(state, drone, neighbor.contact, 1.0);
+  state.contact.drone[drone] = neighbor.other;
+}
+
+}  // namespace flockstep::dynamics

@@ -1,0 +1,294 @@
+// Drones that touch each other during a tick: closed forms of bounces, conservation laws, and independence of their order.
+#include "dynamics/crowd.hpp"
+
+#include <gtest/gtest.h>
+
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <cstddef>
+#include <cstdint>
+#include <limits>
+#include <numeric>
+#include <vector>
+
+#include "batch_helpers.hpp"
+#include "convex_oracle.hpp"
+#include "prepared/prepared_world.hpp"
+#include "random.hpp"
+
+namespace flockstep {
+namespace {
+
+using dynamics::Crowd;
+using dynamics::Neighbor;
+using testing::primitive;
+using testing::Random;
+using Vec3d = Eigen::Vector3d;
+
+constexpr float kTickS = 0.002F;  // s
+const Vec3 kHalf(0.3F, 0.2F, 0.1F);
+
+const DroneModel& box_drone() {
+  static const DroneModel model([] {
+    std::vector<Vec3> corners;
+    for (int i = 0; i < 8; ++i) {
+      corners.emplace_back((i & 1) != 0 ? kHalf.x() : -kHalf.x(), (i & 2) != 0 ? kHalf.y() : -kHalf.y(),
+                           (i & 4) != 0 ? kHalf.z() : -kHalf.z());
+    }
+    return corners;
+  }());
+  return model;
+}
+
+// A crystal-like drone: a ball of radius 1 m would rebound centrally; an octahedron that points at the other one does, too.
+const DroneModel& pointed_drone() {
+  static const DroneModel model(
+      {Vec3(0.3F, 0, 0), Vec3(-0.3F, 0, 0), Vec3(0, 0.3F, 0), Vec3(0, -0.3F, 0), Vec3(0, 0, 0.3F), Vec3(0, 0, -0.3F)});
+  return model;
+}
+
+Airframe frame_of(double mass) {
+  Airframe frame;
+  frame.mass_kg = mass;
+  frame.inertia_kgm2 = {0.01 * mass, 0.014 * mass, 0.02 * mass};
+  return frame;
+}
+
+DynamicsConfig contact_config(OnContact on_contact, float restitution = 0.5F, float friction = 0.0F) {
+  DynamicsConfig config;
+  config.motion = Motion::rotors;
+  config.on_contact = on_contact;
+  config.restitution = restitution;
+  config.friction = friction;
+  return config;
+}
+
+const collision::Obstacles& nothing() {
+  static const auto world = testing::make_world({primitive(PrimitiveKind::sphere, {5000, 0, 0}, Vec3::Ones())});
+  return prepared(*world).obstacles();
+}
+
+// A drone that flies uniformly through a tick.
+Neighbor flying(std::uint32_t number, const Pose& from, const Velocity& velocity, const Airframe* frame) {
+  Neighbor drone;
+  drone.number = number;
+  drone.airframe = frame;
+  Quat rotation = from.rotation;
+  if (const Vec3 turn = kTickS * velocity.angular; turn.norm() > 0.0F) {
+    rotation = (from.rotation * Quat(Eigen::AngleAxisf(turn.norm(), turn.normalized()))).normalized();
+  }
+  drone.motion = {from, {from.position + kTickS * velocity.linear, rotation}, velocity, velocity, static_cast<double>(kTickS)};
+  return drone;
+}
+
+void resolve(Crowd& crowd, std::vector<Neighbor>& drones, const DynamicsConfig& config,
+             const collision::Obstacles& obstacles = nothing()) {
+  std::vector<Neighbor*> pointers;
+  for (Neighbor& drone : drones) pointers.push_back(&drone);
+  crowd.resolve(pointers, obstacles, {}, config);
+}
+
+struct Totals {
+  Vec3d momentum = Vec3d::Zero(), angular = Vec3d::Zero();
+  double energy = 0.0;
+};
+
+// linear: velocity and place of the centres; places: those at the contact.
+Totals totals_of(const std::vector<Neighbor>& drones, const std::array<Pose, 2>& places, bool after) {
+  Totals totals;
+  for (std::size_t i = 0; i < 2; ++i) {
+    const Neighbor& drone = drones[i];
+    const Velocity& velocity = after ? drone.velocity : drone.motion.end;
+    const Vec3d v = velocity.linear.cast<double>(), w = velocity.angular.cast<double>();
+    const Vec3d inertia(drone.airframe->inertia_kgm2[0], drone.airframe->inertia_kgm2[1], drone.airframe->inertia_kgm2[2]);
+    const Vec3d spin = inertia.cwiseProduct(w);
+    const Vec3d p = drone.airframe->mass_kg * v;
+    totals.momentum += p;
+    totals.angular += places[i].position.cast<double>().cross(p) + places[i].rotation.cast<double>() * spin;
+    totals.energy += 0.5 * (v.dot(p) + w.dot(spin));
+  }
+  return totals;
+}
+
+TEST(Crowd, ACentralBounceFollowsTheClosedForm) {
+  for (const float restitution : {0.0F, 0.3F, 1.0F}) {
+    for (const double mass : {0.5, 1.0, 4.0}) {
+      const Airframe light = frame_of(1.0), other = frame_of(mass);
+      const float gap = 0.004F, v1 = 3.0F, v2 = -1.0F;
+      std::vector<Neighbor> drones{
+          flying(0, {{0, 0, 0}, Quat::Identity()}, {{v1, 0, 0}, Vec3::Zero()}, &light),
+          flying(1, {{0.6F + gap, 0, 0}, Quat::Identity()}, {{v2, 0, 0}, Vec3::Zero()}, &other),
+      };
+      const collision::Hull hull(pointed_drone());
+      const collision::Corners corners(pointed_drone().hull());
+      Crowd crowd(hull, corners);
+      resolve(crowd, drones, contact_config(OnContact::bounce, restitution));
+      const double m1 = 1.0, m2 = mass, e = static_cast<double>(restitution);
+      const double after1 = ((m1 - e * m2) * 3.0 + (1 + e) * m2 * -1.0) / (m1 + m2);
+      const double after2 = ((m2 - e * m1) * -1.0 + (1 + e) * m1 * 3.0) / (m1 + m2);
+      EXPECT_NEAR(drones[0].velocity.linear.x(), after1, 1e-5);
+      EXPECT_NEAR(drones[1].velocity.linear.x(), after2, 1e-5);
+      for (const Neighbor& drone : drones) {
+        EXPECT_TRUE(drone.contact.hit);
+        EXPECT_EQ(drone.other, 1 - static_cast<std::int32_t>(drone.number));
+        EXPECT_EQ(drone.contact.body, -1);
+        EXPECT_LT(drone.velocity.angular.norm(), 1e-4F);
+        EXPECT_NEAR(drone.contact.fraction, (gap - 1e-4F) / (v1 - v2) / kTickS, 2e-3);
+      }
+      EXPECT_LT((drones[0].contact.normal - Vec3(-1, 0, 0)).norm(), 1e-3F);
+      EXPECT_EQ(drones[0].contact.normal, -drones[1].contact.normal);
+      EXPECT_EQ(drones[0].contact.point, drones[1].contact.point);
+      EXPECT_NEAR(drones[0].contact.velocity.x(), v2, 1e-3);
+      EXPECT_NEAR(drones[1].contact.velocity.x(), v1, 1e-3);
+      // Before and after the contact both fly uniformly.
+      const double left = (1.0 - static_cast<double>(drones[0].contact.fraction)) * static_cast<double>(kTickS);
+      const double met = 3.0 * (static_cast<double>(kTickS) - left);
+      EXPECT_NEAR(drones[0].pose.position.x(), met + after1 * left, 1e-6);
+    }
+  }
+}
+
+TEST(Crowd, BouncesConserveMomentumAndAddNoEnergy) {
+  Random random(1);
+  int bounces = 0;
+  for (int i = 0; i < 30000; ++i) {
+    const Airframe frames[] = {frame_of(std::exp(random.within(-2, 2))), frame_of(std::exp(random.within(-2, 2)))};
+    const DroneModel& model = i % 2 == 0 ? box_drone() : pointed_drone();
+    const float restitution = i % 3 == 0 ? 0.0F : random.within(0, 1), friction = i % 5 == 0 ? 0.0F : random.within(0, 1.5F);
+    const Vec3 at = random.point(i % 7 == 0 ? 500.0F : 2.0F), towards = random.direction().normalized();
+    std::array<Quat, 2> turns{random.rotation(), random.rotation()};
+    if (i % 4 == 0) turns = {Quat::Identity(), Quat::Identity()};  // faces and edges lie flat
+    const auto support = [&](const Quat& rotation, const Vec3& direction) {
+      float reach = 0.0F;
+      for (const Vec3& point : model.hull()) reach = std::max(reach, direction.dot(rotation * point));
+      return reach;
+    };
+    const float apart = support(turns[0], towards) + support(turns[1], Vec3(-towards)) + random.within(0.001F, 0.01F);
+    const Vec3 aside = random.point(i % 4 == 0 ? 0.0F : 0.02F);
+    std::vector<Neighbor> drones;
+    for (std::uint32_t k = 0; k < 2; ++k) {
+      const float speed = (k == 0 ? 1.0F : -1.0F) * random.within(0.0F, 8.0F);
+      drones.push_back(flying(k, {k == 0 ? at : Vec3(at + apart * towards + aside), turns[k]},
+                              {speed * towards + random.point(1.0F), random.point(5.0F)}, &frames[k]));
+    }
+    const collision::Hull hull(model);
+    const collision::Corners corners(model.hull());
+    Crowd crowd(hull, corners);
+    resolve(crowd, drones, contact_config(OnContact::bounce, restitution, friction));
+    if (!drones[0].contact.hit) {
+      EXPECT_FALSE(drones[1].contact.hit);
+      continue;
+    }
+    if (drones[0].contact.inside) continue;
+    ++bounces;
+    const float fraction = drones[0].contact.fraction;
+    const std::array<Pose, 2> places{collision::interpolate(drones[0].motion.from, drones[0].motion.to, fraction),
+                                     collision::interpolate(drones[1].motion.from, drones[1].motion.to, fraction)};
+    const Totals before = totals_of(drones, places, false), after = totals_of(drones, places, true);
+    const double size = 1.0 + frames[0].mass_kg * 10 + frames[1].mass_kg * 10;
+    ASSERT_LT((after.momentum - before.momentum).norm(), 1e-5 * size) << "bounce " << i;
+    ASSERT_LE(after.energy, before.energy * (1 + 1e-5) + 1e-6) << "bounce " << i;
+    // Gyroscopic torques act on both in the rest of the tick; about the contact the angular momentum else stays.
+    const Vec3d arm = static_cast<double>(at.norm() + 1.0F) * Vec3d::Ones();
+    ASSERT_LT((after.angular - before.angular).norm(), 2e-3 * size * (1.0 + 1e-3 * arm.norm())) << "bounce " << i;
+    const oracle::Support first =
+        oracle::hull_at(model, drones[0].pose.position.cast<double>(), drones[0].pose.rotation.cast<double>());
+    const oracle::Support second =
+        oracle::hull_at(model, drones[1].pose.position.cast<double>(), drones[1].pose.rotation.cast<double>());
+    ASSERT_GT(oracle::distance(first, second).lower, 0.0) << "bounce " << i;
+  }
+  EXPECT_GT(bounces, 1000);
+}
+
+TEST(Crowd, ADroneThatHoldsIsAWall) {
+  const Airframe frame = frame_of(1.0);
+  std::vector<Neighbor> drones{
+      flying(0, {{0, 0, 0}, Quat::Identity()}, {{3, 0, 0}, Vec3::Zero()}, &frame),
+      flying(1, {{0.603F, 0, 0}, Quat::Identity()}, {}, &frame),
+  };
+  drones[1].holds = true;
+  const collision::Hull hull(pointed_drone());
+  const collision::Corners corners(pointed_drone().hull());
+  Crowd crowd(hull, corners);
+  resolve(crowd, drones, contact_config(OnContact::bounce, 0.5F));
+  EXPECT_NEAR(drones[0].velocity.linear.x(), -1.5F, 1e-5);
+  EXPECT_FALSE(drones[1].is_deflected);
+  EXPECT_EQ(drones[1].pose.position, Vec3(0.603F, 0, 0));
+  EXPECT_TRUE(drones[1].contact.hit);
+}
+
+TEST(Crowd, DronesStopTogetherAtAContactThatTerminates) {
+  const Airframe frame = frame_of(1.0);
+  std::vector<Neighbor> drones{
+      flying(0, {{0, 0, 0}, Quat::Identity()}, {{3, 0, 0}, Vec3::Zero()}, &frame),
+      flying(1, {{0.604F, 0, 0}, Quat::Identity()}, {{-1, 0, 0}, Vec3::Zero()}, &frame),
+      flying(2, {{1.2F, 0.1F, 0}, Quat::Identity()}, {}, &frame),
+  };
+  const collision::Hull hull(pointed_drone());
+  const collision::Corners corners(pointed_drone().hull());
+  Crowd crowd(hull, corners);
+  resolve(crowd, drones, contact_config(OnContact::terminate));
+  EXPECT_NEAR(drones[1].pose.position.x() - drones[0].pose.position.x(), 0.6001, 2e-6);
+  EXPECT_NEAR(drones[0].pose.position.x() / (0.604F - drones[1].pose.position.x()), 3.0, 1e-2);
+  EXPECT_TRUE(drones[0].is_deflected && drones[1].is_deflected);
+  EXPECT_FALSE(drones[2].contact.hit);
+}
+
+// A row of drones at rest that one hits from the left: the last one flies off, as in Newton's cradle.
+TEST(Crowd, ImpulsesPassThroughARow) {
+  const Airframe frame = frame_of(1.0);
+  std::vector<Neighbor> drones;
+  constexpr std::uint32_t kCount = 4;
+  for (std::uint32_t i = 0; i < kCount; ++i) {
+    drones.push_back(flying(i, {{0.6015F * static_cast<float>(i), 0, 0}, Quat::Identity()},
+                            {{i == 0 ? 6.0F : 0.0F, 0, 0}, Vec3::Zero()}, &frame));
+  }
+  const collision::Hull hull(pointed_drone());
+  const collision::Corners corners(pointed_drone().hull());
+  Crowd crowd(hull, corners);
+  resolve(crowd, drones, contact_config(OnContact::bounce, 1.0F));
+  for (std::uint32_t i = 0; i < kCount; ++i) {
+    EXPECT_NEAR(drones[i].velocity.linear.x(), i + 1 == kCount ? 6.0F : 0.0F, 1e-4) << i;
+  }
+}
+
+TEST(Crowd, TheOrderOfTheDronesDoesNotMatter) {
+  Random random(2);
+  const auto world = testing::make_world({primitive(PrimitiveKind::room, Vec3::Zero(), Vec3(2, 2, 1)),
+                                          primitive(PrimitiveKind::box, {0.5F, 0, 0}, Vec3(0.2F, 0.2F, 1))});
+  const collision::Obstacles& obstacles = prepared(*world).obstacles();
+  const collision::Hull hull(box_drone());
+  const collision::Corners corners(box_drone().hull());
+  Crowd crowd(hull, corners);
+  int contacts = 0;
+  for (const OnContact on_contact : {OnContact::terminate, OnContact::bounce, OnContact::stop}) {
+    for (int i = 0; i < 100; ++i) {
+      const Airframe frames[] = {frame_of(0.5), frame_of(2.0)};
+      std::vector<Neighbor> drones;
+      for (std::uint32_t k = 0; k < 12; ++k) {
+        const Vec3 place(random.within(-1.6F, 1.6F), random.within(-1.6F, 1.6F), random.within(-0.6F, 0.6F));
+        drones.push_back(flying(k, {place, random.rotation()}, {random.point(60.0F), random.point(30.0F)}, &frames[k % 2]));
+      }
+      std::vector<Neighbor> shuffled(drones);
+      std::ranges::shuffle(shuffled, random.generator());
+      resolve(crowd, drones, contact_config(on_contact, 0.6F, 0.4F), obstacles);
+      resolve(crowd, shuffled, contact_config(on_contact, 0.6F, 0.4F), obstacles);
+      for (const Neighbor& drone : shuffled) {
+        const Neighbor& same = drones[drone.number];
+        contacts += drone.other >= 0;
+        ASSERT_EQ(drone.pose.position, same.pose.position);
+        ASSERT_EQ(drone.pose.rotation.coeffs(), same.pose.rotation.coeffs());
+        ASSERT_EQ(drone.velocity.linear, same.velocity.linear);
+        ASSERT_EQ(drone.velocity.angular, same.velocity.angular);
+        ASSERT_EQ(drone.contact.hit, same.contact.hit);
+        ASSERT_EQ(drone.contact.point, same.contact.point);
+        ASSERT_EQ(drone.other, same.other);
+      }
+    }
+  }
+  EXPECT_GT(contacts, 300);
+}
+
+}  // namespace
+}  // namespace flockstep

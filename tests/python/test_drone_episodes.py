@@ -1,0 +1,539 @@
+"""Episodes of several drones in an env: each by itself, or resting until the last has ended, against single envs."""
+
+import pickle
+from typing import Any
+
+import gymnasium
+import numpy as np
+import pytest
+
+import flockstep
+from flockstep.testing import check_vector_env
+
+E, M = 4, 3
+N = E * M
+MODES = ["next_step", "same_step", "disabled"]
+VALUES = ("reward_terms", "episode_return", "episode_length", "success", "crashed", "episode_end", "episode_terms")
+VALUES += ("position",)
+
+
+def envs(num_envs: int = E, **keywords: Any) -> flockstep.DroneVectorEnv:
+    return flockstep.DroneVectorEnv(num_envs, drones_per_env=M, **keywords)
+
+
+def actions_of(env: Any, steps: int, rows: int = N) -> Any:
+    """Return actions (steps, rows, ...), whose columns do not depend on the number of rows."""
+    space = env.single_action_space
+    if isinstance(space, gymnasium.spaces.Discrete):
+        return np.stack([np.random.default_rng([3, row]).integers(space.n, size=steps) for row in range(rows)], 1)
+    columns = [np.random.default_rng([3, row]).uniform(-1, 1, (steps, *space.shape)) for row in range(rows)]
+    return np.stack(columns, 1).astype(np.float32)
+
+
+def history(env: Any, steps: int, seed: int = 5, actions: Any = None) -> dict[str, Any]:
+    """Return every value of every step, (steps, rows, ...). With autoreset disabled it resets the ended rows."""
+    actions = actions_of(env, steps, env.num_envs) if actions is None else actions
+    env.reset(seed=seed)
+    rows: dict[str, list[Any]] = {}
+    for action in actions:
+        observation, reward, terminated, truncated, _ = env.step(action)
+        ended = terminated | truncated
+        values = {"observation": observation, "reward": reward, "terminated": terminated, "truncated": truncated}
+        values |= {name: getattr(env.batch, name).copy() for name in VALUES}
+        values["active"] = env.batch.active.copy()
+        values["final"] = np.where(ended[:, None], env.batch.final_observation, 0)
+        for name, value in values.items():
+            rows.setdefault(name, []).append(value)
+        if env.autoreset_mode.value == "Disabled" and ended.any():
+            env.reset(options={"reset_mask": ended})
+    return {name: np.stack(values) for name, values in rows.items()}
+
+
+def assert_same(got: dict[str, Any], expected: dict[str, Any]) -> None:
+    assert got.keys() == expected.keys()
+    for name in got:
+        np.testing.assert_array_equal(got[name], expected[name], err_msg=name)
+
+
+# ---------------------------------------------------------------------------------------------------- each
+
+
+@pytest.mark.parametrize("mode", MODES)
+@pytest.mark.parametrize("frame_skip", [1, 3])
+def test_each_drone_has_the_episodes_of_a_single_env(mode: str, frame_skip: int) -> None:
+    """All begin at the start marker: each drone of an env flies as the single env with its actions does."""
+    keywords: dict[str, Any] = {"autoreset_mode": mode, "max_episode_steps": 40, "frame_skip": frame_skip}
+    env = envs(episodes="each", **keywords)
+    actions = actions_of(env, 120)
+    got = history(env, 120, actions=actions)
+    ends = []
+    for member in range(M):
+        single = flockstep.DroneVectorEnv(E, **keywords)
+        expected = history(single, 120, actions=actions[:, member::M])
+        assert_same({name: values[:, member::M] for name, values in got.items()}, expected)
+        ends.append((expected["terminated"] | expected["truncated"]).sum(axis=0))
+    assert np.min(ends) >= 2 and len({tuple(each) for each in ends}) == M, "they end at different times"
+
+
+@pytest.mark.parametrize("mode", MODES)
+@pytest.mark.parametrize(
+    "keywords",
+    [
+        {"random_start": True, "worlds": "train", "max_episode_steps": 30},
+        {"task": flockstep.HoverConfig(), "max_episode_steps": 60},
+        {"task": flockstep.TrackConfig(path="random"), "max_episode_steps": 60},
+        {"task": flockstep.RaceConfig(), "max_episode_steps": 60},
+        {"task": flockstep.DodgeConfig(), "worlds": "playground/train-1", "max_episode_steps": 40},
+    ],
+    ids=["navigation", "hover", "track", "race", "dodge"],
+)
+def test_the_first_of_each_equals_the_single_env(mode: str, keywords: dict[str, Any]) -> None:
+    """Starts are random. The first drone of an env has the random numbers of the single env."""
+    env = envs(episodes="each", autoreset_mode=mode, **keywords)
+    actions = actions_of(env, 150)
+    got = history(env, 150, actions=actions)
+    single = flockstep.DroneVectorEnv(E, autoreset_mode=mode, **keywords)
+    expected = history(single, 150, actions=actions[:, ::M])
+    assert_same({name: values[:, ::M] for name, values in got.items()}, expected)
+    assert env.batch.own_episodes[::M].tolist() == single.batch.episode.tolist()
+    assert min(single.batch.episode) >= 2
+    assert not env.batch.episode.any(), "the env goes on"
+    assert env.batch.active.all() and not env.batch.resting.any()
+
+
+NOISY: dict[str, Any] = {
+    "task": flockstep.HoverConfig(),
+    "wind": flockstep.WindConfig(gusts="dryden"),
+    "imu": flockstep.ImuConfig(gyroscope_noise_density=0.1, accelerometer_random_walk=0.1, rate_hz=250),
+    "pose_sensor": flockstep.PoseSensorConfig(position_noise_std_m=0.01, orientation_noise_std_deg=1, rate_hz=25),
+    "physics_hz": 500,
+    "max_episode_steps": 70,
+}
+
+
+def test_what_each_drone_does_is_independent_of_the_others() -> None:
+    env, other = (envs(episodes="each", autoreset_mode="same_step", **NOISY) for _ in range(2))
+    actions = actions_of(env, 200)
+    changed = actions.copy()
+    changed[:, 0::M] *= -1
+    changed[:, 2::M] *= 0.1
+    first, second = history(env, 200, actions=actions), history(other, 200, actions=changed)
+    assert_same(*({name: values[:, 1::M] for name, values in run.items()} for run in (first, second)))
+    assert not np.array_equal(first["terminated"][:, ::M], second["terminated"][:, ::M])
+    begins = first["terminated"] | first["truncated"]
+    starts = first["position"][begins]
+    assert len(np.unique(starts, axis=0)) == len(starts) > 2 * N, "every episode begins elsewhere"
+
+
+def test_bodies_and_clock_of_an_env_go_on_while_each_drone_begins() -> None:
+    body = flockstep.BodyConfig(shape="sphere", size_m=(0.3, 0.3, 0.3), position=(1, 0, 1.5), velocity=(0.1, 0, 0))
+    env = envs(2, episodes="each", autoreset_mode="same_step", max_episode_steps=7, bodies=body)
+    env.reset(seed=0)
+    for step in range(1, 30):
+        env.step(np.arange(2 * M) % 6)
+        assert env.batch.tick.tolist() == [step] * 2
+        np.testing.assert_allclose(env.batch.bodies.position[:, 0, 0], 1 + 0.01 * step, atol=1e-5)
+    env.reset()
+    assert env.batch.tick.tolist() == [0, 0]
+    assert env.batch.episode.tolist() == [1, 1]
+    np.testing.assert_allclose(env.batch.bodies.position[:, 0, 0], 1)
+
+
+def test_a_mask_begins_the_episodes_of_single_drones() -> None:
+    env = envs(episodes="each", autoreset_mode="disabled", random_start=True, worlds="train")
+    first, _ = env.reset(seed=1)
+    for _ in range(3):
+        before, *_ = env.step(np.zeros(N, int))
+    mask = np.arange(N) == 4
+    after, _ = env.reset(options={"reset_mask": mask})
+    assert env.batch.steps.tolist() == np.where(mask, 0, 3).tolist()
+    assert env.batch.own_episodes.tolist() == mask.astype(int).tolist()
+    np.testing.assert_array_equal(after[~mask], before[~mask])
+    assert not np.array_equal(after[4], before[4]) and not np.array_equal(after[4], first[4])
+    with pytest.raises(ValueError, match=r"expected all 3 drones of an env or none, since they begin with one seed"):
+        env.reset(seed=2, options={"reset_mask": mask})
+    again, _ = env.reset(seed=1)
+    np.testing.assert_array_equal(again, first)
+    env.reset()
+    assert env.batch.episode.tolist() == [1] * E
+
+
+# ---------------------------------------------------------------------------------------------------- last
+
+ABSENT = np.array([0] * 3 + [1] * 35, np.float32)
+
+
+def reference_of_last(actions: Any, mode: str, **keywords: Any) -> Any:
+    """Yield the expected results of each step, from M single envs whose books are kept here.
+
+    All begin at the start marker, so that the drones of an env begin as a single env does.
+    """
+    singles = [flockstep.DroneVectorEnv(E, autoreset_mode="disabled", **keywords) for _ in range(M)]
+    for single in singles:
+        single.reset(seed=5)
+    over = np.zeros((E, M), bool)  # the episode of the drone has ended
+    for action in actions:
+        expected: dict[str, Any] = {
+            "observation": np.tile(ABSENT, (E, M, 1)),
+            "final": np.zeros((E, M, 38), np.float32),
+            "reward": np.zeros((E, M), np.float32),
+            "terminated": np.zeros((E, M), bool),
+            "truncated": np.zeros((E, M), bool),
+            "flying": np.zeros((E, M), bool),
+            "return": np.zeros((E, M)),
+        }
+
+        def begin(expected: dict[str, Any], which: Any) -> None:
+            for member, single in enumerate(singles):
+                observation, _ = single.reset(options={"reset_mask": which})
+                expected["observation"][which, member] = observation[which]
+            over[which] = False
+
+        begins = over.all(axis=1)  # next-step autoreset: this step only resets
+        if begins.any():
+            begin(expected, begins)
+        for member, single in enumerate(singles):
+            observation, reward, terminated, truncated, infos = single.step(action[member::M])
+            flies = ~over[:, member] & ~begins
+            ended = (terminated | truncated) & flies
+            expected["flying"][:, member] = flies
+            for name, values in (("reward", reward), ("terminated", terminated), ("truncated", truncated)):
+                expected[name][flies, member] = values[flies]
+            expected["observation"][flies, member] = observation[flies]
+            expected["final"][ended, member] = observation[ended]
+            if ended.any():
+                expected["return"][ended, member] = infos["episode_return"][ended]
+            if begins.any():  # undo the step of those that have only been reset
+                single.reset(seed=[5] * E, options={"reset_mask": begins})
+            over[:, member] |= ended
+        if mode != "next_step":
+            expected["observation"][over] = ABSENT
+            if over.all(axis=1).any():
+                begin(expected, over.all(axis=1))
+        yield expected, over.copy()
+
+
+@pytest.mark.parametrize("mode", MODES)
+def test_ended_drones_rest_until_the_last_has_ended(mode: str) -> None:
+    keywords: dict[str, Any] = {"max_episode_steps": 40}
+    env = envs(episodes="last", autoreset_mode=mode, **keywords)
+    actions = actions_of(env, 250)
+    env.reset(seed=5)
+    rests = 0
+    for action, (expected, over) in zip(actions, reference_of_last(actions, mode, **keywords), strict=True):
+        observation, reward, terminated, truncated, infos = env.step(action)
+        ended = terminated | truncated
+        flat = {name: values.reshape(N, *values.shape[2:]) for name, values in expected.items()}
+        final = np.where(ended[:, None], env.batch.final_observation, 0)
+        np.testing.assert_array_equal(reward, flat["reward"])
+        np.testing.assert_array_equal(terminated, flat["terminated"])
+        np.testing.assert_array_equal(truncated, flat["truncated"])
+        np.testing.assert_array_equal(final, flat["final"])
+        np.testing.assert_array_equal(env.batch.flying, flat["flying"])
+        is_over = over.all(axis=1, keepdims=True)
+        np.testing.assert_array_equal(env.batch.active.reshape(E, M), ~over | is_over)
+        np.testing.assert_array_equal(env.batch.resting.reshape(E, M), over & ~is_over)
+        assert ("resting" in infos) == (~flat["flying"]).any()
+        if "resting" in infos:
+            np.testing.assert_array_equal(infos["resting"], ~flat["flying"])
+        if ended.any():
+            stats = infos["final_info"] if mode == "same_step" else infos
+            np.testing.assert_array_equal(stats["_episode_return"], ended)
+            np.testing.assert_array_equal(stats["episode_return"], flat["return"])
+        if mode == "disabled" and ended.any():
+            observation, _ = env.reset(options={"reset_mask": ended})
+        np.testing.assert_array_equal(observation, flat["observation"])
+        rests += int((~flat["flying"]).sum())
+    assert rests > 100
+    assert env.batch.episode.max() >= 2 and not env.batch.own_episodes.any()
+
+
+def test_with_autoreset_disabled_flags_repeat_until_the_reset() -> None:
+    env = envs(1, episodes="last", autoreset_mode="disabled", max_episode_steps=50)
+    env.reset(seed=0)
+    ended = np.zeros(M, bool)
+    for action in actions_of(env, 100, M):
+        before = ended
+        _, reward, terminated, truncated, _ = env.step(action)
+        ended = terminated | truncated
+        assert (ended >= before).all() and not reward[before].any()
+        if ended.any() and not ended.all():
+            with pytest.raises(ValueError, match="expected all drones of env 0, or some whose episodes have ended"):
+                env.reset(options={"reset_mask": ~ended})
+    assert ended.all() and env.batch.active.all()
+    observation, _ = env.reset(options={"reset_mask": np.ones(M, bool)})
+    assert env.batch.episode.tolist() == [1]
+    np.testing.assert_array_equal(observation[0], observation[2])
+
+
+def test_a_resting_drone_is_not_sensed_and_a_reset_wakes_it() -> None:
+    env = envs(2, episodes="last", max_episode_steps=60)
+    env.reset(seed=0)
+    actions = iter(actions_of(env, 300, 2 * M))
+    while not env.batch.resting.any():
+        env.step(next(actions))
+    row = int(np.flatnonzero(env.batch.resting)[0])
+    env.step(next(actions))
+    assert env.batch.resting[row] and not env.batch.active[row]
+    assert np.isinf(env.batch.lidar().ranges[row]).all()
+    position = env.batch.position[row].copy()
+    env.step(next(actions))
+    np.testing.assert_array_equal(env.batch.position[row], position)
+    env.reset()
+    assert env.batch.active.all() and not env.batch.resting.any()
+    assert np.isfinite(env.batch.observation).all() and env.batch.lidar().ranges[row].min() < 3
+
+
+def test_removing_the_last_flying_drone_ends_the_episode() -> None:
+    batch = flockstep.Batch(
+        flockstep.scenes.load("train"),
+        2 * M,
+        drones_per_env=M,
+        lidar=flockstep.LidarConfig(),
+        task=flockstep.NavigationConfig(),
+        episode=flockstep.EpisodeConfig(episodes="last", max_episode_steps=50),
+    )
+    batch.reset(np.arange(2))
+    crash = np.array([0, 0, 2, 0, 0, 2])
+    while not batch.resting[:2].all():
+        batch.step(crash)
+    batch.remove([2])
+    assert batch.active[:3].tolist() == [True, True, False]
+    batch.step(crash)
+    assert batch.episode.tolist() == [1, 0]
+    assert batch.steps[:2].tolist() == [0, 0]
+    batch.step(crash)
+    assert batch.steps[:2].tolist() == [1, 1] and not batch.reward[2]
+
+
+# ---------------------------------------------------------------------------------------------------- both
+
+TASKS: dict[str, dict[str, Any]] = {
+    "navigation": {
+        "random_start": True,
+        "random_world": True,
+        "worlds": "train",
+        "stagger_first_episode": True,
+        "pose_sensor": flockstep.PoseSensorConfig(position_noise_std_m=0.01),
+        "max_episode_steps": 30,
+    },
+    "hover": NOISY,
+    "dodge": {"task": flockstep.DodgeConfig(), "worlds": "living", "max_episode_steps": 40},
+    "camera": {"observation": "blob", "max_episode_steps": 25, "frame_skip": 2},
+}
+
+
+@pytest.mark.parametrize("episodes", ["each", "last"])
+@pytest.mark.parametrize("mode", MODES)
+@pytest.mark.parametrize("kind", TASKS)
+def test_bits_depend_on_nothing_else(kind: str, mode: str, episodes: str) -> None:
+    """Neither on threads nor blocks; env i is the single env with its seed."""
+
+    def run(num_envs: int, seed: int, actions: Any, **more: Any) -> dict[str, Any]:
+        return history(envs(num_envs, episodes=episodes, autoreset_mode=mode, **keywords, **more), 0, seed, actions)
+
+    keywords = dict(TASKS[kind])
+    if kind == "navigation":
+        keywords["worlds"] = flockstep.scenes.load("train")[:1]
+    if kind == "dodge":
+        keywords["worlds"] = flockstep.scenes.load("living")[:1]
+    actions = actions_of(envs(1, episodes=episodes, **keywords), 90)
+    all_rows = run(E, 20, actions, num_threads=1)
+    assert_same(run(E, 20, actions, num_threads=3), all_rows)
+    for env in range(E):
+        rows = slice(env * M, (env + 1) * M)
+        assert_same(run(1, 20 + env, actions[:, rows]), {name: each[:, rows] for name, each in all_rows.items()})
+
+
+@pytest.mark.parametrize("episodes", ["each", "last"])
+@pytest.mark.parametrize("block_size", [1, 2, 3])
+def test_bits_do_not_depend_on_blocks(episodes: str, block_size: int) -> None:
+    def run(**keywords: Any) -> Any:
+        episode = flockstep.EpisodeConfig(episodes=episodes, max_episode_steps=30, random_world=True)
+        task = flockstep.NavigationConfig(random_start=True)
+        worlds = flockstep.scenes.load("train")
+        batch = flockstep.Batch(
+            worlds, 7 * M, drones_per_env=M, lidar=flockstep.LidarConfig(), task=task, episode=episode, **keywords
+        )
+        batch.reset(np.arange(7))
+        rows = []
+        for action in np.random.default_rng(0).integers(6, size=(100, 7 * M)):
+            batch.step(action)
+            rows.append(np.column_stack([batch.observation, batch.reward, batch.terminated, batch.truncated]))
+        return np.stack(rows)
+
+    np.testing.assert_array_equal(run(block_size=block_size, num_threads=2), run(num_threads=1))
+
+
+@pytest.mark.parametrize("episodes", ["each", "last"])
+@pytest.mark.parametrize("mode", MODES)
+def test_one_drone_is_the_same_in_all_modes(mode: str, episodes: str) -> None:
+    runs = []
+    for each in ("team", episodes):
+        env = flockstep.DroneVectorEnv(N, autoreset_mode=mode, episodes=each, **TASKS["navigation"])
+        runs.append(history(env, 80))
+        assert len(env.batch.resting) == 0
+    assert_same(*runs)
+
+
+@pytest.mark.parametrize("episodes", ["each", "last"])
+@pytest.mark.parametrize("mode", MODES)
+@pytest.mark.parametrize("kind", ["navigation", "hover", "camera"])
+def test_snapshots_continue(kind: str, mode: str, episodes: str) -> None:
+    """A snapshot is taken at every step of rest, before and after the drones end."""
+    keywords = {"episodes": episodes, "autoreset_mode": mode, **TASKS[kind]}
+    env, other = envs(2, **keywords), envs(2, **keywords)
+    env.reset(seed=3)
+    other.reset(seed=4)
+    actions = actions_of(env, 80, 2 * M)
+    rests = 0
+    for before, action in enumerate(actions):
+        blob = env.snapshot()
+        observation = env.observation()
+        np.testing.assert_array_equal(other.restore(blob), observation)
+        rests += int(env.batch.resting.any())
+        for name in ("terminated", "truncated", "episode_end", "active", "resting", "steps", "final_observation"):
+            np.testing.assert_array_equal(getattr(other.batch, name), getattr(env.batch, name), err_msg=name)
+        if before % 8 == 0:  # goes on for some steps in the copy
+            copy = pickle.loads(pickle.dumps(env))
+            assert copy.snapshot() == blob
+        result, same = env.step(action), other.step(action)
+        for a, b in zip(result[:4], same[:4], strict=True):
+            np.testing.assert_array_equal(a, b)
+        ended = result[2] | result[3]
+        if mode == "disabled" and ended.any():
+            env.reset(options={"reset_mask": ended})
+    assert (rests > 5) == (episodes == "last")
+
+
+@pytest.mark.parametrize("episodes", ["each", "last"])
+@pytest.mark.parametrize("mode", MODES)
+@pytest.mark.parametrize("kind", ["navigation", "hover"])
+def test_gymnasiums_rules_hold(kind: str, mode: str, episodes: str) -> None:
+    keywords: dict[str, Any] = (
+        {"worlds": "playground/train-1"} if kind == "navigation" else {"task": flockstep.HoverConfig()}
+    )
+    check_vector_env(
+        lambda n: flockstep.DroneVectorEnv(
+            n,
+            drones_per_env=M,
+            max_episode_steps=25,
+            autoreset_mode=mode,
+            episodes=episodes,
+            render_mode="rgb_array",
+            **keywords,
+        ),
+        steps=80,
+        num_envs=3,
+    )
+
+
+class Walk(flockstep.Task):
+    """Ends when a drone has gone 1 m from its random start."""
+
+    observation_space = gymnasium.spaces.Box(-20, 20, (4,), np.float32)
+    worlds = "playground/train-1"
+    max_episode_steps = 30
+    info_names = ("way",)
+    row_kind_of_draws = "drone"
+
+    def setup(self, batch: flockstep.Batch) -> None:
+        self._resets: list[list[int]] = []
+        self.start = np.zeros((batch.num_drones, 3), np.float32)
+
+    def reset(self, batch: flockstep.Batch, mask: Any) -> None:
+        rows = np.flatnonzero(mask)
+        np.testing.assert_array_equal(np.sort(batch.rows), rows)
+        draws = batch.random(0, 3, batch.rows, row_kind=self.row_kind_of_draws)
+        self.start[batch.rows] = batch.position[batch.rows] * 0 + [1, 1, 1] + draws
+        batch.set_pose(self.start[batch.rows], rows=batch.rows)
+
+    def step(self, batch: flockstep.Batch) -> Any:
+        way = np.linalg.norm(batch.position - self.start, axis=1)
+        self.info["way"] = np.where(self.flying, way, self.info["way"])
+        return way, (way > 1) & self.flying
+
+    def observe(self, batch: flockstep.Batch) -> Any:
+        return np.column_stack([batch.position, self.steps]).astype(np.float32)
+
+
+@pytest.mark.parametrize("episodes", ["team", "each", "last"])
+@pytest.mark.parametrize("mode", MODES)
+def test_python_tasks(mode: str, episodes: str) -> None:
+    check_vector_env(
+        lambda n: flockstep.DroneVectorEnv(n, drones_per_env=M, task=Walk, episodes=episodes, autoreset_mode=mode),
+        steps=70,
+        num_envs=3,
+    )
+
+
+def test_a_task_declares_its_episodes() -> None:
+    class Each(Walk):
+        episodes = "each"
+
+    env = envs(task=Each, autoreset_mode="same_step")
+    assert env.recipe.episode.episodes == "each"
+    starts = set()
+    env.reset(seed=0)
+    for action in actions_of(env, 100):
+        _, _, terminated, truncated, infos = env.step(action)
+        ended = terminated | truncated
+        if ended.any():
+            np.testing.assert_array_equal(env.batch.steps == 0, ended)
+            way = infos["final_info"]["way"][ended]
+            assert ((way > 1) == terminated[ended]).all()
+            starts |= {tuple(row) for row in env.task.start[ended]}
+    assert len(starts) > 2 * N
+    assert flockstep.DroneVectorEnv(2, drones_per_env=2, task=Each, episodes="team").recipe.episode.episodes == "team"
+
+
+def test_draws_of_a_drone() -> None:
+    env = envs(episodes="each")
+    env.reset(seed=9)
+    batch = env.batch
+    drones = batch.random(4, 6, row_kind="drone")
+    assert drones.shape == (N, 6) and len(np.unique(drones)) == drones.size
+    np.testing.assert_array_equal(drones[::M], batch.random(4, 6))
+    np.testing.assert_array_equal(batch.random(4, 6, [5, 1], "drone"), drones[[5, 1]])
+    env.reset(options={"reset_mask": np.arange(N) == 5})
+    changed = (batch.random(4, 6, row_kind="drone") != drones).all(axis=1)
+    assert np.flatnonzero(changed).tolist() == [5]
+    np.testing.assert_array_equal(batch.random(4, 6), drones[::M])
+
+
+# -------------------------------------------------------------------------------------------------- errors
+
+
+def test_a_task_with_a_row_for_each_env_is_a_team() -> None:
+    class Together(Walk):
+        row_kind = "env"
+
+    for episodes in ("each", "last"):
+        with pytest.raises(ValueError, match=f'episodes: expected "team" for a task with a row for .*"{episodes}"'):
+            envs(task=Together, episodes=episodes)
+    assert flockstep.DroneVectorEnv(2, task=Together, episodes="last").num_envs == 2
+
+
+def test_draws_of_an_env_are_refused_where_they_would_repeat() -> None:
+    class Repeats(Walk):
+        row_kind_of_draws = "env"
+
+        def reset(self, batch: flockstep.Batch, mask: Any) -> None:
+            batch.random(0, 3)
+
+    with pytest.raises(ValueError, match='row_kind: expected "drone" in a reset with episodes="each"'):
+        envs(task=Repeats, episodes="each").reset(seed=0)
+    envs(task=Repeats, episodes="last").reset(seed=0)
+
+
+def test_errors() -> None:
+    with pytest.raises(ValueError, match=r"episodes: expected one of team, each, last, got 'all'"):
+        envs(episodes="all")
+    env = envs()
+    env.reset(seed=0)
+    with pytest.raises(ValueError, match="since they begin their episodes together"):
+        env.reset(options={"reset_mask": np.arange(N) == 1})
+    with pytest.raises(ValueError, match=r"mask: expected shape \(4,\)"):
+        env.batch.reset(mask=np.ones(N, bool))
+    with pytest.raises(ValueError, match="row_kind"):
+        env.batch.random(0, 1, row_kind="row")
