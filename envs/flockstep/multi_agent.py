@@ -20,7 +20,7 @@ except ImportError as _error:
 from flockstep._core import Batch
 from flockstep.registration import make_by_id
 from flockstep.stepping import Observation
-from flockstep.vector_env import DroneVectorEnv, require_render_mode
+from flockstep.vector_env import DroneVectorEnv
 
 __all__ = ["DroneParallelEnv", "parallel_env"]
 
@@ -219,7 +219,8 @@ def parallel_env(
     ValueError
         A value is out of range; the message names it.
     """
-    require_render_mode(render_mode, "a wrapper of your own")
+    if render_mode not in (None, *DroneParallelEnv.metadata["render_modes"]):
+        raise ValueError(f"render_mode: expected None or 'rgb_array', got {render_mode!r}")
     fixed = [name for name in _FIXED if name in kwargs]
     if fixed:
         raise TypeError(f"parallel_env: {' and '.join(fixed)} cannot be chosen: give num_drones")

@@ -64,6 +64,7 @@ if TYPE_CHECKING:
         """Fields of the configurations that are keywords of the env."""
 
         # fields of EpisodeConfig, ClockConfig, DynamicsConfig, tasks
+        episodes: Literal["team", "each", "last"]
         frame_skip: int
         stagger_first_episode: bool
         random_world: bool
