@@ -96,9 +96,7 @@ class DroneParallelEnv(ParallelEnv[str, Observation, Any]):
 
     def step(
         self, actions: Mapping[str, Any]
-    ) -> tuple[
-        dict[str, Observation], dict[str, float], dict[str, bool], dict[str, bool], dict[str, dict[str, Any]]
-    ]:
+    ) -> tuple[dict[str, Observation], dict[str, float], dict[str, bool], dict[str, bool], dict[str, dict[str, Any]]]:
         """Fly one step with an action of each agent.
 
         The info of an agent whose episode has ended holds what `DroneVectorEnv` reports; others are empty.

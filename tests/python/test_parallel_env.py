@@ -183,7 +183,7 @@ def test_errors(monkeypatch: pytest.MonkeyPatch) -> None:
             make(**{name: value})
     with pytest.raises(ValueError, match="num_drones: expected an integer >= 1, got 0"):
         flockstep.parallel_env(num_drones=0)
-    with pytest.raises(ValueError, match="render_mode: expected None or 'rgb_array', got 'human'$"):
+    with pytest.raises(ValueError, match=r"render_mode: expected None or 'rgb_array', got 'human'$"):
         make(render_mode="human")
     with pytest.raises(TypeError, match=r"unexpected keyword argument 'drones'"):
         make(drones=2)

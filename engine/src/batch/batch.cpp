@@ -358,7 +358,8 @@ void Batch::fly(std::span<const float> command, int ticks, DroneMask mask, std::
     const int leg = std::min(kLeg, flown - first);
     sim_->for_each_block([&](Block& block, Scratch& scratch, std::size_t) {
       if (first == 0) {
-        for (const DroneIndex drone : selected_drones(*sim_, block.selected, Part::active, mask, scratch)) clear_contact(sim_->state, drone);
+        for (const DroneIndex drone : selected_drones(*sim_, block.selected, Part::active, mask, scratch))
+          clear_contact(sim_->state, drone);
       }
       fly_ticks(*sim_, block, block.selected, mask, {.command = command, .target = {}, .step_start = {}, .control = control}, leg,
                 scratch);

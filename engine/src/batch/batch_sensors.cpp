@@ -193,7 +193,8 @@ void Batch::capture(std::size_t camera, DroneMask mask) {
   std::vector<DroneIndex>& drones = sim_->captured;  // in block order: drones of one world are consecutive
   drones.clear();
   for (const Block& block : sim_->schedule.blocks()) {
-    for (const DroneIndex drone : selected_drones(*sim_, block.envs, Part::active, mask, *sim_->scratches[0])) drones.push_back(drone);
+    for (const DroneIndex drone : selected_drones(*sim_, block.envs, Part::active, mask, *sim_->scratches[0]))
+      drones.push_back(drone);
   }
   sim_->cameras.ask_now(camera, drones);
   sim_->cameras.start();

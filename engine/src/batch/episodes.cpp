@@ -319,7 +319,8 @@ void end_rows(Simulation& sim, EnvIndex env) {
 }
 
 void end_rest(Simulation& sim, EnvIndex env) {
-  if (sim.episodes_mode() != Episodes::last || is_any(sim.state.active.data() + sim.drone_of(env, 0), sim.drones_per_env())) return;
+  if (sim.episodes_mode() != Episodes::last || is_any(sim.state.active.data() + sim.drone_of(env, 0), sim.drones_per_env()))
+    return;
   wake(sim, env);
   end_env(sim, env);
 }

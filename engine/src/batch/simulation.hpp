@@ -85,9 +85,7 @@ struct Simulation {
     return rows_per_env() == drones_per_env() ? std::size_t{drone} : std::size_t{env_of(drone)};
   }
   // How the episodes of the drones of an env belong together; a single drone is a team.
-  Episodes episodes_mode() const {
-    return drones_per_env() == 1 || !task_state ? Episodes::team : config.episode.episodes;
-  }
+  Episodes episodes_mode() const { return drones_per_env() == 1 || !task_state ? Episodes::team : config.episode.episodes; }
   // Returns true if a drone of an env in such a list is one of those that the list concerns.
   bool takes_part(DroneIndex drone, Part part) const {
     const Episodes mode = episodes_mode();
@@ -101,9 +99,7 @@ struct Simulation {
   const std::vector<std::int32_t>& slots() const { return pool ? pool->slots : state.world_index; }
   std::size_t slot_of(EnvIndex env) const { return static_cast<std::size_t>(slots()[env]); }
   // The drones of some envs that take part, env by env; valid until the next call with this scratch.
-  std::span<const DroneIndex> drones_of(const EnvList& envs, Scratch& scratch) const {
-    return drones_of(envs, scratch.drones);
-  }
+  std::span<const DroneIndex> drones_of(const EnvList& envs, Scratch& scratch) const { return drones_of(envs, scratch.drones); }
   std::span<const DroneIndex> drones_of(const EnvList& envs, std::vector<DroneIndex>& list) const {
     return drones_of(envs, envs.part(), list);
   }

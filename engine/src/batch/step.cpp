@@ -216,7 +216,8 @@ class StageByStage {
     if (sim_.cameras.empty()) return;
     sim_.cameras.ask([&](const auto& ask) {
       for (const Block& block : sim_.schedule.blocks()) {
-        for (const DroneIndex drone : selected_drones(sim_, block.*list, (block.*list).part(), mask, *sim_.scratches[0])) ask(drone);
+        for (const DroneIndex drone : selected_drones(sim_, block.*list, (block.*list).part(), mask, *sim_.scratches[0]))
+          ask(drone);
       }
     });
     sim_.cameras.start();
