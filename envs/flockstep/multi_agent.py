@@ -27,7 +27,7 @@ __all__ = ["DroneParallelEnv", "parallel_env"]
 _FIXED = ("num_envs", "drones_per_env", "episodes", "autoreset_mode", "copy")
 
 
-class DroneParallelEnv(ParallelEnv[str, Observation, Any]):
+class DroneParallelEnv(ParallelEnv[str, Observation, Any]):  # type: ignore[misc] # PettingZoo ships no types
     """The drones of one env as agents, ``"drone_0"``, ``"drone_1"`` and so on.
 
     All episodes begin with a reset. An agent whose episode has ended leaves `agents` and does not return before the
@@ -132,9 +132,9 @@ class DroneParallelEnv(ParallelEnv[str, Observation, Any]):
         """Return the observations of all drones as one vector; of drones whose episodes have ended, the last ones."""
         if not self._was_reset:
             raise ResetNeeded("call reset before state")
-        space, observation = self.envs.single_observation_space, self.envs.observation()
-        rows = self._by_agent(observation, range(self.envs.num_envs)).values()
-        return np.concatenate([gymnasium.spaces.flatten(space, row) for row in rows], dtype=self.state_space.dtype)
+        rows = self._by_agent(self.envs.observation(), range(self.envs.num_envs)).values()
+        flat: list[Any] = [gymnasium.spaces.flatten(self.envs.single_observation_space, row) for row in rows]
+        return np.concatenate(flat, dtype=self.state_space.dtype)
 
     def render(self) -> npt.NDArray[np.uint8] | None:
         """Return a picture of the env, (height, width, 3) uint8, or None without a render mode.

@@ -504,6 +504,103 @@ def test_draws_of_a_drone() -> None:
     np.testing.assert_array_equal(batch.random(4, 6), drones[::M])
 
 
+# ------------------------------------------------------------------------------------------------ trainers
+
+
+@pytest.mark.parametrize("episodes", ["each", "last"])
+@pytest.mark.parametrize("mode", MODES)
+def test_ppo_learns_the_same_within_the_engine_and_outside(mode: str, episodes: str) -> None:
+    class Outside(flockstep.DroneVectorEnv):
+        def step(self, actions: Any) -> Any:
+            return super().step(actions)
+
+    models = []
+    for kind in (flockstep.DroneVectorEnv, Outside):
+        env = kind(
+            16, drones_per_env=M, episodes=episodes, autoreset_mode=mode, random_start=True, max_episode_steps=30
+        )
+        model = flockstep.PPO("MlpPolicy", env, n_steps=70, batch_size=64, n_epochs=1, seed=0)
+        models.append(model.learn(2 * 70 * env.num_envs))
+    first, second = models
+    np.testing.assert_array_equal(first.learner.parameters, second.learner.parameters)
+    ends = [[(end["r"], end["l"]) for end in model.ep_info_buffer] for model in models]
+    assert ends[0] == ends[1] and len(set(ends[0])) > 20
+
+
+class Still(flockstep.Task):
+    """Drone m of an env flies 3 m + 3 steps with reward 1."""
+
+    observation_space = gymnasium.spaces.Box(-1, 1, (2,), np.float32)
+    worlds = "playground/train-1"
+
+    def act(self, batch: flockstep.Batch, actions: Any) -> Any:
+        return batch.position
+
+    def step(self, batch: flockstep.Batch) -> Any:
+        return np.ones(batch.num_drones), self.steps >= 3 * (np.arange(batch.num_drones) % M + 1)
+
+    def observe(self, batch: flockstep.Batch) -> Any:
+        return np.column_stack([self.steps / 10, np.ones(batch.num_drones)]).astype(np.float32)
+
+
+@pytest.mark.parametrize("episodes", ["each", "last"])
+@pytest.mark.parametrize("mode", MODES)
+def test_ppo_learns_from_flown_steps_only(mode: str, episodes: str) -> None:
+    """The steps that count, by the steps since the env's reset, in closed form."""
+    env = envs(2, task=Still, episodes=episodes, autoreset_mode=mode)
+    model = flockstep.PPO("MlpPolicy", env, n_steps=36, batch_size=36, n_epochs=1, gamma=1.0, gae_lambda=1.0, seed=0)
+    counted = []
+
+    class Spy:
+        def __init__(self, learner: Any) -> None:
+            self.learner = learner
+
+        def __getattr__(self, name: str) -> Any:
+            return getattr(self.learner, name)
+
+        def record(self, t: int, *arguments: Any) -> None:
+            counted.append(~arguments[4])
+            self.learner.record(t, *arguments)
+
+    model.learner = Spy(model.learner)
+    model.learn(36 * env.num_envs)
+    flown = np.stack(counted)
+    for member in range(M):
+        length = 3 * (member + 1)
+        waits = 1 if mode == "next_step" else 0
+        period = length + waits if episodes == "each" else 3 * M + waits
+        expected = np.arange(36) % period < length
+        np.testing.assert_array_equal(flown[:, member], expected)
+        np.testing.assert_array_equal(flown[:, M + member], expected)
+    assert {info["r"] for info in model.ep_info_buffer} == {3, 6, 9}
+    assert {info["l"] for info in model.ep_info_buffer} == {3, 6, 9}
+
+
+def test_stable_baselines3_gets_each_end_once() -> None:
+    from flockstep.sb3 import make_vec
+
+    for episodes in ("each", "last"):
+        vec = make_vec(Still, num_envs=2, drones_per_env=M, episodes=episodes)
+        first = np.array(vec.reset())
+        absent = np.zeros(2, np.float32)
+        for t in range(36):
+            observation, reward, done, infos = vec.step(np.zeros((2 * M, 3), np.float32))
+            for row in range(2 * M):
+                length = 3 * (row % M + 1)
+                flown = t % (length if episodes == "each" else 3 * M)
+                assert reward[row] == (flown < length)
+                assert done[row] == (flown == length - 1)
+                if done[row]:
+                    assert infos[row]["episode"]["r"] == infos[row]["episode"]["l"] == length
+                    np.testing.assert_allclose(infos[row]["terminal_observation"], [length / 10, 1])
+                else:
+                    assert infos[row] == ({"resting": True} if flown >= length else {})
+                rests_next = episodes == "last" and length - 1 <= flown < 3 * M - 1
+                begins = (flown + 1) % (length if episodes == "each" else 3 * M) == 0
+                expected = absent if rests_next else first[row] if begins else np.array([(flown + 1) / 10, 1])
+                np.testing.assert_allclose(observation[row], expected, atol=1e-6)
+
+
 # -------------------------------------------------------------------------------------------------- errors
 
 
