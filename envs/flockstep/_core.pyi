@@ -312,6 +312,11 @@ class EpisodeConfig:
         reward 0 and flags False. ``"same_step"``: the last step returns the reset observation, and its own is the final
         observation. ``"disabled"``: the caller resets with a mask; a finished env does not change until then. As
         `gymnasium.vector.AutoresetMode`. Default: 'next_step'.
+    episodes
+        How the episodes of an env's drones belong together, if the task has a row for each drone. ``"team"``: they
+        begin and end together; if one ends, the others are truncated. ``"each"``: a drone begins its next episode
+        without the others, and the env goes on. ``"last"``: they begin together; a drone whose episode has ended is
+        inactive until all have ended. Default: 'team'.
     max_episode_steps
         Time limit in flown steps, after which episodes are truncated. 0: no limit. None: the task's. Values: >= 0.
         Default: None.
@@ -328,6 +333,7 @@ class EpisodeConfig:
     # fields of EpisodeConfig
     __match_args__: ClassVar[tuple[str, ...]]
     autoreset_mode: Literal["next_step", "same_step", "disabled"]
+    episodes: Literal["team", "each", "last"]
     max_episode_steps: int | None
     frame_skip: int
     stagger_first_episode: bool
@@ -336,6 +342,7 @@ class EpisodeConfig:
         self,
         *,
         autoreset_mode: Literal["next_step", "same_step", "disabled"] = "next_step",
+        episodes: Literal["team", "each", "last"] = "team",
         max_episode_steps: int | None = None,
         frame_skip: int = 1,
         stagger_first_episode: bool = False,
@@ -3180,7 +3187,7 @@ class Batch:
 
     @property
     def active(self) -> _Bool:
-        """(N,): True if the slot is in use; False if it was removed."""
+        """(N,): True if the drone is there; False if it was removed or rests, see `resting`."""
 
     @property
     def world_index(self) -> _I32:
@@ -3193,6 +3200,14 @@ class Batch:
     @property
     def tick(self) -> _I64:
         """(E,) ticks: ticks flown in the env's episode."""
+
+    @property
+    def own_episodes(self) -> _I64:
+        """(N,): episodes that the drone began without its teammates under the env's seed. The number of the drone's episode is the sum of this and `episode`. Empty unless `episodes` is "each" or "last"."""
+
+    @property
+    def resting(self) -> _Bool:
+        """(N,): True if the drone is inactive because its episode has ended, and those of its teammates go on. Empty unless `episodes` is "each" or "last"."""
 
     @property
     def velocity(self) -> _F32:
@@ -3236,11 +3251,11 @@ class Batch:
 
     @property
     def steps(self) -> _I64:
-        """(E,) steps: steps flown in this episode, the current step included."""
+        """(R,) steps: steps flown in this episode, the current step included."""
 
     @property
     def flying(self) -> _Bool:
-        """(E,): True if the env took part in the last step; False if its episode was already over."""
+        """(R,): True if the row took part in the last step; False if its episode was already over."""
 
     @property
     def bad_states(self) -> _I64:

@@ -65,6 +65,7 @@ if TYPE_CHECKING:
         """Fields of the configurations that are keywords of the env."""
 
         # fields of EpisodeConfig, ClockConfig, DynamicsConfig, tasks
+        episodes: Literal["team", "each", "last"]
         frame_skip: int
         stagger_first_episode: bool
         random_world: bool
@@ -261,11 +262,11 @@ class DroneVectorEnv(VectorEnv[Observation, Array, Array]):
     **fields
         Fields of configurations. The task sets their defaults; each configuration documents its fields.
 
-        For every task, from `EpisodeConfig`: ``episodes``, ``frame_skip``, ``stagger_first_episode``,
-        ``random_world``. From `ClockConfig`: ``policy_hz``, ``physics_hz``, ``controller_hz``. From `DynamicsConfig`: ``motion``, ``control``,
-        ``integrator``, ``on_contact``, ``restitution``, ``friction``, ``rotor_lag``, ``rotor_drag``, ``body_drag``,
-        ``gyroscopic``, ``ground_effect``, ``wind``, ``max_speed_mps``, ``max_acceleration_mps2``, ``max_tilt_deg``,
-        ``max_rate_dps``, ``max_yaw_rate_dps``.
+        For every task, from `EpisodeConfig`: ``episodes``, ``frame_skip``, ``stagger_first_episode``, ``random_world``.
+        From `ClockConfig`: ``policy_hz``, ``physics_hz``, ``controller_hz``. From `DynamicsConfig`: ``motion``,
+        ``control``, ``integrator``, ``on_contact``, ``restitution``, ``friction``, ``rotor_lag``, ``rotor_drag``,
+        ``body_drag``, ``gyroscopic``, ``ground_effect``, ``wind``, ``max_speed_mps``, ``max_acceleration_mps2``,
+        ``max_tilt_deg``, ``max_rate_dps``, ``max_yaw_rate_dps``.
 
         For the navigation task, from `NavigationConfig`: ``action`` (``"discrete"``, ``"displacement"``,
         ``"displacement_yaw"``, or ``"discrete_forward"``, the default for camera tasks), ``reward`` (for camera tasks,
