@@ -99,17 +99,20 @@ class DroneParallelEnv(ParallelEnv[str, Observation, Any]):  # type: ignore[misc
     ) -> tuple[dict[str, Observation], dict[str, float], dict[str, bool], dict[str, bool], dict[str, dict[str, Any]]]:
         """Fly one step with an action of each agent.
 
-        The info of an agent whose episode has ended holds what `DroneVectorEnv` reports; others are empty.
+        The info of an agent whose episode has ended holds what `DroneVectorEnv` reports; others are empty. If no agent
+        is left, a step without actions does nothing and returns empty dicts, as PettingZoo's wrappers expect.
 
         Raises
         ------
         ValueError
             The action of an agent is missing or not in its space, or another one is given; nothing has changed.
         gymnasium.error.ResetNeeded
-            No agent is left, or `step` was called before the first `reset`.
+            `step` was called before the first `reset`.
         """
-        if not self.agents:
-            raise ResetNeeded("all episodes are over: call reset" if self._was_reset else "call reset before step")
+        if not self._was_reset:
+            raise ResetNeeded("call reset before step")
+        if not self.agents and not actions:
+            return {}, {}, {}, {}, {}
         rows = [self._row_of(agent) for agent in self.agents]
         observation, reward, terminated, truncated, _ = self.envs.step(self._actions(actions))
         ended = [row for row in rows if terminated[row] or truncated[row]]
@@ -165,6 +168,8 @@ class DroneParallelEnv(ParallelEnv[str, Observation, Any]):  # type: ignore[misc
         if not isinstance(actions, Mapping):
             raise TypeError(f"actions: expected a dict by agent, got {type(actions).__name__}")
         expected = f"actions: expected one for each of {', '.join(self.agents)}"
+        if not self.agents:
+            expected = "actions: expected none, since all episodes are over: call reset"
         for agent in actions:
             if agent not in self.agents:
                 why = "whose episode has ended" if agent in self.possible_agents else "which is not an agent"

@@ -79,8 +79,11 @@ def test_seed_s_is_env_s_of_the_batch() -> None:
                     assert results[4][agent]["episode_end"] == infos["episode_end"][row]
             rests += len(agents) < M
     assert rests > 20 and not any(env.agents for env in singles)
-    with pytest.raises(ResetNeeded, match="all episodes are over: call reset"):
-        singles[0].step({})
+    assert singles[0].step({}) == ({}, {}, {}, {}, {})
+    with pytest.raises(
+        ValueError, match="expected none, since all episodes are over: call reset, got one for 'drone_1'"
+    ):
+        singles[0].step({"drone_1": 0})
     singles[1].reset()
     assert singles[1].batch.episode.tolist() == [1] and len(singles[1].agents) == M
 
