@@ -183,7 +183,7 @@ TEST(SeenDrones, ADroneDoesNotSeeItselfNorDronesOfOtherEnvs) {
   }
 }
 
-std::vector<std::int64_t> actions_of(std::size_t step, std::size_t num_drones) {
+std::vector<std::int64_t> seen_actions(std::size_t step, std::size_t num_drones) {
   std::vector<std::int64_t> actions(num_drones);
   for (std::size_t drone = 0; drone < num_drones; ++drone) {
     actions[drone] = static_cast<std::int64_t>(std::mt19937(static_cast<unsigned>(1000 * drone + step))() % 6);
@@ -211,8 +211,8 @@ TEST(SeenDrones, ResultsDoNotDependOnThreadsBlocksOrOtherEnvs) {
   for (Batch* const batch : {&few, &many, &others, &unseen}) batch->reset({});
   std::size_t nearer = 0;
   for (std::size_t step = 0; step < 60; ++step) {
-    few.step(std::span<const std::int64_t>(actions_of(step, 24)));
-    for (Batch* const batch : {&many, &others, &unseen}) batch->step(std::span<const std::int64_t>(actions_of(step, 240)));
+    few.step(std::span<const std::int64_t>(seen_actions(step, 24)));
+    for (Batch* const batch : {&many, &others, &unseen}) batch->step(std::span<const std::int64_t>(seen_actions(step, 240)));
     ASSERT_TRUE(same_bits(many.lidar_readings().ranges, others.lidar_readings().ranges)) << step;
     const auto first = std::span(many.lidar_readings().ranges).first(few.lidar_readings().ranges.size());
     ASSERT_TRUE(same_bits(few.lidar_readings().ranges, first)) << step;
@@ -229,7 +229,7 @@ TEST(SeenDrones, AStepAllocatesNothing) {
   Batch batch = flying_flock(64).make({testing::closet()});
   batch.reset({});
   std::vector<std::vector<std::int64_t>> actions;
-  for (std::size_t step = 0; step < 60; ++step) actions.push_back(actions_of(step, 384));
+  for (std::size_t step = 0; step < 60; ++step) actions.push_back(seen_actions(step, 384));
   for (std::size_t step = 0; step < 30; ++step) batch.step(std::span<const std::int64_t>(actions[step]));
   const std::uint64_t before = testing::allocations();
   for (std::size_t step = 30; step < 60; ++step) batch.step(std::span<const std::int64_t>(actions[step]));
