@@ -2630,8 +2630,12 @@ class Contact:
         """(N,): number of the body that the drone touched, in its env; -1: no body."""
 
     @property
+    def drone(self) -> _I32:
+        """(N,): number of the drone that the drone touched, in its env; -1: no drone."""
+
+    @property
     def surface_velocity(self) -> _F32:
-        """(N, 3) m/s, world frame: velocity of the body at the contact point; 0 if the drone touched no body."""
+        """(N, 3) m/s, world frame: velocity, at the contact point, of the body or drone that the drone touched; 0 for the static world."""
     # end of arrays
 
 @final
