@@ -15,6 +15,7 @@
 #include "flockstep/imu.hpp"
 #include "flockstep/lidar.hpp"
 #include "flockstep/light.hpp"
+#include "flockstep/meet.hpp"
 #include "flockstep/pose_sensor.hpp"
 
 namespace flockstep {
@@ -25,15 +26,6 @@ template <>
 struct EnumNames<TracerKind> {
   static constexpr std::array kNames{"auto", "tiles", "embree"};
 };
-
-// What the drones of an env are to each other.
-enum class Meet : std::uint8_t { never, seen, touched, both };
-template <>
-struct EnumNames<Meet> {
-  static constexpr std::array kNames{"never", "seen", "touched", "both"};
-};
-inline bool is_seen(Meet meet) { return meet == Meet::seen || meet == Meet::both; }
-inline bool is_touched(Meet meet) { return meet == Meet::touched || meet == Meet::both; }
 
 struct BatchConfig {
   int num_envs = 1;
@@ -73,10 +65,12 @@ struct BatchConfig {
               {.about = "What the drones of an env are to each other, if there are at most 4096 in it. ``\"never\"``: nothing. "
                         "``\"seen\"``: their LiDARs detect the hulls of the others, and their cameras see their meshes. "
                         "``\"touched\"``: they hit each other with their hulls. ``\"both\"``: both."}),
-        field("drone_mesh", &C::drone_mesh,
-              {.about = "World whose triangles, materials and textures show the drones to the cameras of the others, in the body "
-                        "frame, like the mesh of a `BodyConfig`. Only if ``meet`` is ``\"seen\"`` or ``\"both\"``. None: their hull, in "
-                        "grey."}),
+        field(
+            "drone_mesh", &C::drone_mesh,
+            {.about =
+                 "World whose triangles, materials and textures show the drones to the cameras of the others, in the body "
+                 "frame, like the mesh of a `BodyConfig`. Only if ``meet`` is ``\"seen\"`` or ``\"both\"``. None: their hull, in "
+                 "grey."}),
         field("num_threads", &C::num_threads,
               {.about = "Number of threads. 0: the physical cores that this process may run on. No result depends on it.",
                .limits = between(0, 4096),
