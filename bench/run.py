@@ -20,6 +20,8 @@ imaging cost of colour detection, HSV and smaller images, in our kernels and in 
 race    steps of Race, with gates that are solid and with gates that are not
 bodies  scans, steps and frames among bodies and beside the same solids in the static world; ticks of scripts
 dodge   trainings of Dodge with three seeds among bodies and one without them; only if named
+swap    trainings of Swap with three seeds; only if named
+formation   trainings of Formation with three seeds; only if named
 workers start of a trainer's worker: import, worlds, first scan, step and frame, memory; by spawn, by fork, by pickle
 engines steps of DDP, TorchRL's collectors and RLlib with 1, 2, 4, ... processes: rate, time, bytes; only if named
 plan    paths from start to goal in every bundled world and twenty of each generator: processor time and length
@@ -391,6 +393,18 @@ def bench_dodge() -> list[Figure]:
     return [figure(*measured) for measured in dodge.measure()]
 
 
+def bench_swap() -> list[Figure]:
+    import swap
+
+    return [figure(*measured) for measured in swap.measure()]
+
+
+def bench_formation() -> list[Figure]:
+    import formation
+
+    return [figure(*measured) for measured in formation.measure()]
+
+
 def bench_bodies() -> list[Figure]:
     return [figure(*measured) for measured in bodies.measure()]
 
@@ -534,6 +548,8 @@ BENCHES: dict[str, Callable[[], list[Figure]]] = {
     "race": bench_race,
     "bodies": bench_bodies,
     "dodge": bench_dodge,
+    "swap": bench_swap,
+    "formation": bench_formation,
     "workers": bench_workers,
     "engines": bench_engines,
     "server": bench_server,
@@ -544,7 +560,7 @@ BENCHES: dict[str, Callable[[], list[Figure]]] = {
     "mesh_peers": bench_mesh_peers,
 }
 #: Benchmarks that run only if named.
-APART = ("board", "busy", "dodge", "engines", "scaling", "dynamics_peers", "mesh_peers")
+APART = ("board", "busy", "dodge", "engines", "formation", "scaling", "swap", "dynamics_peers", "mesh_peers")
 
 
 def machine() -> dict[str, Any]:

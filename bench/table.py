@@ -58,6 +58,8 @@ APART = (
     "race",
     "bodies",
     "dodge",
+    "swap",
+    "formation",
     "dynamics_accuracy",
     "dynamics_peers",
     "mesh_peers",
@@ -78,6 +80,8 @@ OWN_WORLD = ROOT / "docs" / "own-world.md"
 DYNAMICS = ROOT / "docs" / "dynamics.md"
 RACE = ROOT / "docs" / "race.md"
 DODGE = ROOT / "docs" / "dodge.md"
+SWAP = ROOT / "docs" / "swap.md"
+FORMATION = ROOT / "docs" / "formation.md"
 LIVING_WORLDS = ROOT / "docs" / "living-worlds.md"
 FLIGHT_TASKS = ROOT / "docs" / "flight-tasks.md"
 BOARD = ROOT / "docs" / "board.md"
@@ -764,6 +768,37 @@ def dodge(results: dict[str, Result]) -> str:
     return with_source(results, "dodge", pivot(cells, "1,000 flights"))
 
 
+def swap(results: dict[str, Result]) -> str:
+    """Return the table of the trainings of Swap beside the straight flyer."""
+    cells = {}
+    for (who, what), f in named(results, "swap", r"swap/(straight|trained/\d)/(\w+)"):
+        _, _, seed = who.partition("/")
+        row = f"trained with 8 drones, seed {seed}" if seed else "fly straight to their goals"
+        if what.startswith("success_of_"):
+            cells[row, f"{what.removeprefix('success_of_')} drones"] = percent_1(f["value"])
+        elif what == "training_s":
+            cells[row, "training"] = seconds(f["value"])
+        elif what == "seconds" and seed:
+            cells[row, "time of 8 drones"] = f"{f['value']:.1f} s"
+    return with_source(results, "swap", pivot(cells, "swaps without a touch"))
+
+
+def formation(results: dict[str, Result]) -> str:
+    """Return the table of the trainings of Formation beside the straight flyer."""
+    heads = {"success": "success", "touched": "touched", "error_m": "error", "training_s": "training"}
+    cells = {}
+    for (who, what), f in named(results, "formation", r"formation/(straight|trained/\d)/(\w+)"):
+        _, _, seed = who.partition("/")
+        row = f"trained, seed {seed}" if seed else "fly straight to their places"
+        kind, _, name = what.partition("_")
+        if what == "training_s":
+            cells[row, "training"] = seconds(f["value"])
+        else:
+            value = f"{100 * f['value']:.1f} cm" if name == "error_m" else percent_1(f["value"])
+            cells[row, f"{heads[name]}, {kind}s"] = value
+    return with_source(results, "formation", pivot(cells, "4 drones"))
+
+
 def imaging(results: dict[str, Result]) -> str:
     """Return the tables of the costs of colour detection and smaller images."""
     colours = {
@@ -1017,6 +1052,8 @@ def main() -> None:
             race_board(results),
         ),
         DODGE: with_content(DODGE.read_text(encoding="utf-8"), "dodge", dodge(results)),
+        SWAP: with_content(SWAP.read_text(encoding="utf-8"), "swap", swap(results)),
+        FORMATION: with_content(FORMATION.read_text(encoding="utf-8"), "formation", formation(results)),
         LIVING_WORLDS: with_content(LIVING_WORLDS.read_text(encoding="utf-8"), "bodies", bodies(results)),
         TRAINERS: with_content(TRAINERS.read_text(encoding="utf-8"), "trainers", trainers(results)),
         SEVERAL: SEVERAL.read_text(encoding="utf-8"),

@@ -6,6 +6,7 @@
 #include <pybind11/stl.h>
 
 #include <algorithm>
+#include <cmath>
 #include <cstring>
 #include <functional>
 #include <optional>
@@ -304,6 +305,8 @@ py::dict defaults_of(const py::object& description) {
   dict["drone"] = defaults.drone.empty() ? py::none() : py::cast(defaults.drone);
   dict["dynamics"] = py::cast(defaults.dynamics);
   dict["clock"] = py::cast(defaults.clock);
+  dict["drones_per_env"] = defaults.drones_per_env;
+  dict["meet"] = name_of(defaults.meet);
   return dict;
 }
 
@@ -348,6 +351,15 @@ std::optional<py::array_t<std::int64_t>> rows_of_reset(const Task& task) {
 }
 
 void register_task(py::module_& module) {
+  module.def(
+      "formation_places",
+      [](const std::string& shape, int count, float spacing_m) {
+        const auto kind = enum_of<FormationShape>(shape, "shape");
+        require(count >= 0, "count", "an integer >= 0", count);
+        require(spacing_m > 0.0F && std::isfinite(spacing_m), "spacing_m", "a finite number > 0", spacing_m);
+        return rows(formation_places(kind, static_cast<std::size_t>(count), spacing_m));
+      },
+      py::arg("shape"), py::arg("count"), py::arg("spacing_m") = 1.5F);
   py::class_<Field>(module, "Field", "A named array that a task declares; its shape is that of one env.")
       .def(py::init(&make_field), py::arg("name"), py::arg("dtype"), py::arg("shape"), py::arg("low"), py::arg("high"))
       .def_readonly("name", &Field::name)

@@ -16,6 +16,7 @@
 #include "batch/checks.hpp"
 #include "convert.hpp"
 #include "flockstep/batch.hpp"
+#include "flockstep/neighbors.hpp"
 #include "tasks/flight_action.hpp"
 #include "tasks/gates.hpp"
 #include "tasks/terms.hpp"
@@ -177,6 +178,24 @@ py::array_t<float> to_body(const Terms& terms, const py::object& given, const ch
 
 py::array_t<float> body_velocity(const Terms& terms) { return to_body(terms, terms.owner.attr("velocity"), "velocity", false); }
 
+py::array_t<float> neighbors(const Terms& terms, int count, const py::object& velocity) {
+  require(count >= 1, "count", "an integer >= 1", count);
+  const Batch& batch = terms.batch();
+  const State& state = batch.state();
+  const auto n = static_cast<py::ssize_t>(terms.size());
+  const auto given = floats(velocity, "velocity", {n, 3});
+  std::span<const float> velocities = given;
+  if (velocities.empty()) velocities = state.flight.velocity;
+  py::array_t<float> block({n, static_cast<py::ssize_t>(count), static_cast<py::ssize_t>(kNeighborSize)});
+  const std::span<float> rows(block.mutable_data(), static_cast<std::size_t>(block.size()));
+  const std::size_t size = kNeighborSize * static_cast<std::size_t>(count), drones = terms.size();
+  for (std::size_t drone = 0; drone < drones; ++drone) {
+    write_neighbors(state, batch.pose_readings(), static_cast<std::size_t>(batch.config().drones_per_env), DroneIndex(drone),
+                    velocities, rows.subspan(size * drone, size));
+  }
+  return block;
+}
+
 // Returns the flight model of the drones. Throws AttributeError for kinematic motion.
 const Airframe& airframe_of(const Batch& batch, const char* what) {
   if (batch.config().dynamics.is_kinematic()) {
@@ -316,6 +335,7 @@ void register_terms(py::module_& module) {
           [](const Terms& terms, const py::object& vectors) { return to_body(terms, vectors, "vectors", false); },
           py::arg("vectors"))
       .def("body_velocity", &body_velocity)
+      .def("neighbors", &neighbors, py::arg("count"), py::arg("velocity") = none)
       .def("command", &command, py::arg("actions"), py::kw_only(), py::arg("max_thrust_to_weight") = none)
       .def("rotor_levels", &rotor_levels)
       .def("crossed", &crossed, py::arg("gate"), py::kw_only(), py::arg("miss_m") = none)

@@ -1563,6 +1563,185 @@ class DodgeConfig:
     # end of fields
 
 @final
+class SwapConfig:
+    """Exchange places with other drones without touching.
+
+    The drones of an env begin on a circle around the middle of the world's bounds, at the height of its start marker,
+    facing their goals. The goal of drone m of M is the place of drone (m + M // 2) % M; one drone flies to the opposite
+    place. The drones move in the plane: actions are two numbers, clipped to [-1, 1], the displacement along the body's
+    x and y in units of ``step_m``.
+
+    The observation is float32 (7 + 5 neighbors,), in the x and y of the body frame: the unit direction to the goal (2);
+    the distance to the goal, in units of 10 m, at most 1; the last action (2); the velocity over sqrt(2) ``step_m`` per
+    step (2); for each of the nearest drones, the nearest first, its position in units of ``sight_m``, shortened to 1 if
+    it is farther (2), its velocity relative to the drone, over twice the unit above (2), and 1, or five times 0 if there
+    are fewer.
+
+    The reward is the sum of the weighted terms. The episode ends as a success for all when all drones are at their
+    goals at once, and at a contact.
+
+    Parameters
+    ----------
+    step_m
+        Distance of a full action. Values: > 0 m. Default: 0.15.
+    radius_m
+        Minimum radius of the circle. Values: (0, 1000] m. Default: 4.0.
+    spacing_m
+        Minimum distance between neighbouring places, along the circle; with many drones the circle grows. Values: (0,
+        1000] m. Default: 1.3.
+    jitter_m
+        Maximum offset of a start from its place along x and y, drawn uniformly. Values: [0, 1000] m. Default: 0.1.
+    goal_radius_m
+        Distance within which a drone counts as at its goal. Values: > 0 m. Default: 0.3.
+    neighbors
+        Number of neighbours that are observed. Values: [1, 32]. Default: 6.
+    sight_m
+        Unit of observed positions; only the direction of a farther neighbour is observed. Values: > 0 m. Default: 4.0.
+    near_m
+        Distance to the nearest drone, between the centres, below which the near term grows, from 0 to 1. Values: > 0 m.
+        Default: 1.5.
+    progress_weight
+        Reward for each metre gained towards the goal. Default: 1.0.
+    goal_weight
+        Reward of each drone when all are at their goals. Default: 10.0.
+    crash_weight
+        Penalty for a contact. Default: 10.0.
+    near_weight
+        Weight of the penalty for the nearest drone. Default: 0.1.
+    time_weight
+        Penalty for each step after which the drone is not at its goal. Default: 0.02.
+    """
+
+    # fields of SwapConfig
+    __match_args__: ClassVar[tuple[str, ...]]
+    step_m: float
+    radius_m: float
+    spacing_m: float
+    jitter_m: float
+    goal_radius_m: float
+    neighbors: int
+    sight_m: float
+    near_m: float
+    progress_weight: float
+    goal_weight: float
+    crash_weight: float
+    near_weight: float
+    time_weight: float
+    def __init__(
+        self,
+        *,
+        step_m: float = 0.15,
+        radius_m: float = 4.0,
+        spacing_m: float = 1.3,
+        jitter_m: float = 0.1,
+        goal_radius_m: float = 0.3,
+        neighbors: int = 6,
+        sight_m: float = 4.0,
+        near_m: float = 1.5,
+        progress_weight: float = 1.0,
+        goal_weight: float = 10.0,
+        crash_weight: float = 10.0,
+        near_weight: float = 0.1,
+        time_weight: float = 0.02,
+    ) -> None: ...
+    # end of fields
+
+@final
+class FormationConfig:
+    """Hold places relative to a moving leader.
+
+    The leader is a point that flies along a smooth route, at the beginning of which the episode begins. Drone m has place
+    m of `formation_places`, which turns with the leader's heading, and so do the drones. Actions are three numbers,
+    clipped to [-1, 1], the displacement along the body's axes in units of ``step_m``.
+
+    The observation is float32 (12 + 7 neighbors + rays,), in the body frame: the offset to the drone's place, in units of
+    2 m, shortened to 1 if it is farther (3); the velocity of the place over sqrt(3) ``step_m`` per step (3); the last
+    action (3); the velocity, in the same unit (3); for each of the nearest drones, the nearest first, its position in
+    units of ``sight_m``, shortened to 1 if it is farther (3), its velocity relative to the drone, over twice the unit
+    (3), and 1, or seven times 0 if there are fewer; and the LiDAR ranges over the maximum range, 1 on a miss.
+
+    The reward is the sum of the weighted terms. d is the distance to the place, m. The episode ends at a contact, or when
+    the leader has arrived at the end of a path. It is a success without a contact if the mean of d over all steps is at
+    most ``close_m``.
+
+    Parameters
+    ----------
+    shape
+        Places of the drones. ``"line"``: abreast of the leader. ``"column"``: one behind the other. ``"v"``: behind the
+        leader, on two lines at 45 degrees. ``"circle"``: around the leader. Default: 'v'.
+    spacing_m
+        Distance between neighbouring places. Values: (0, 1000] m. Default: 1.5.
+    route
+        ``"loop"``: a random closed way around the middle of the world. ``"path"``: the planned path of the world from
+        its start marker over the waypoints to the goal. Default: 'loop'.
+    loop_radius_m
+        Maximum distance of a loop's corners from the middle; the minimum is 0.6 times that. Values: (0, 1000] m.
+        Default: 4.0.
+    leader_speed_mps
+        Speed of the leader on straight parts; it is lower in curves. Values: [0, 1000] m/s. Default: 0.6.
+    step_m
+        Distance of a full action along an axis. Values: > 0 m. Default: 0.15.
+    jitter_m
+        Maximum offset of a start from its place along x and y, drawn uniformly; more if this is not free. Values: [0,
+        1000] m. Default: 0.2.
+    neighbors
+        Number of neighbours that are observed. Values: [1, 32]. Default: 3.
+    sight_m
+        Unit of observed positions; only the direction of a farther neighbour is observed. Values: > 0 m. Default: 4.0.
+    close_m
+        Maximum mean of d of a successful episode. Values: > 0 m. Default: 0.2.
+    near_m
+        Range below which the near term grows, from 0 to 1 at range 0. Values: > 0 m. Default: 0.8.
+    place_weight
+        Weight of the reward term 1 / (1 + (d / close_m)^2). Default: 0.1.
+    crash_weight
+        Penalty for a contact. Default: 10.0.
+    near_weight
+        Weight of the penalty for the nearest range. Default: 0.1.
+    change_weight
+        Weight of the penalty on the mean squared difference from the previous action. The first action is compared with
+        0. Default: 0.02.
+    """
+
+    # fields of FormationConfig
+    __match_args__: ClassVar[tuple[str, ...]]
+    shape: Literal["line", "column", "v", "circle"]
+    spacing_m: float
+    route: Literal["loop", "path"]
+    loop_radius_m: float
+    leader_speed_mps: float
+    step_m: float
+    jitter_m: float
+    neighbors: int
+    sight_m: float
+    close_m: float
+    near_m: float
+    place_weight: float
+    crash_weight: float
+    near_weight: float
+    change_weight: float
+    def __init__(
+        self,
+        *,
+        shape: Literal["line", "column", "v", "circle"] = "v",
+        spacing_m: float = 1.5,
+        route: Literal["loop", "path"] = "loop",
+        loop_radius_m: float = 4.0,
+        leader_speed_mps: float = 0.6,
+        step_m: float = 0.15,
+        jitter_m: float = 0.2,
+        neighbors: int = 3,
+        sight_m: float = 4.0,
+        close_m: float = 0.2,
+        near_m: float = 0.8,
+        place_weight: float = 0.1,
+        crash_weight: float = 10.0,
+        near_weight: float = 0.1,
+        change_weight: float = 0.02,
+    ) -> None: ...
+    # end of fields
+
+@final
 class RaceConfig:
     """Fly through the gates of a track, lap after lap.
 
@@ -1862,7 +2041,7 @@ def load_scene(name: str, folder: str | PathLike[str]) -> World:
     """Return the world of a name or path; ``folder`` holds the bundled scenes."""
 
 def task_defaults(
-    task: NavigationConfig | HoverConfig | TrackConfig | RaceConfig | DodgeConfig | NativeTask | PythonTask,
+    task: NavigationConfig | HoverConfig | TrackConfig | RaceConfig | DodgeConfig | SwapConfig | FormationConfig | NativeTask | PythonTask,
 ) -> dict[str, Any]:
     """Return the defaults of an environment with this task.
 
@@ -2894,6 +3073,21 @@ class Terms:
     def body_velocity(self) -> _F32:
         """Return the velocities, (N, 3) m/s, in the body frame as measured by the pose sensor."""
 
+    def neighbors(self, count: int, velocity: npt.ArrayLike | None = None) -> _F32:
+        """Return the nearest other drones of each drone's env, (N, count, 7), the nearest first.
+
+        Each has its position (3, m) and velocity (3, m/s) relative to the drone, in the body frame, and 1. If there are
+        fewer, the rest is 0. Poses are those of the pose sensor. Removed and resting drones are no neighbours.
+
+        Parameters
+        ----------
+        count
+            Number of neighbours, at least 1.
+        velocity
+            (N, 3) m/s, world frame, the velocities of the drones. None: those of rotor-driven drones; with kinematic
+            motion, which has none, relative velocities are 0.
+        """
+
     def command(self, actions: npt.ArrayLike, *, max_thrust_to_weight: float | None = None) -> _F32:
         """Return the commands (N, 4) of `DynamicsConfig.control` for actions (N, 4) in [-1, 1], for `Task.act`.
 
@@ -2967,7 +3161,7 @@ class Recipe:
         for a batch without a task.
     """
 
-    task: NavigationConfig | HoverConfig | TrackConfig | RaceConfig | DodgeConfig | str | None
+    task: NavigationConfig | HoverConfig | TrackConfig | RaceConfig | DodgeConfig | SwapConfig | FormationConfig | str | None
     worlds: list[str]
     drone: str | DroneModel
     # fields of Recipe
@@ -2991,7 +3185,7 @@ class Recipe:
     dynamics: DynamicsConfig
     # end of fields
     def __init__(
-        self, task: NavigationConfig | HoverConfig | TrackConfig | RaceConfig | DodgeConfig | str | None = None
+        self, task: NavigationConfig | HoverConfig | TrackConfig | RaceConfig | DodgeConfig | SwapConfig | FormationConfig | str | None = None
     ) -> None: ...
     @staticmethod
     def from_json(text: str) -> Recipe:
@@ -3089,6 +3283,8 @@ class Batch:
         | TrackConfig
         | RaceConfig
         | DodgeConfig
+        | SwapConfig
+        | FormationConfig
         | NativeTask
         | PythonTask
         | None = None,
@@ -3811,6 +4007,22 @@ class ColorBlob:
     @property
     def mask(self) -> _Bool:
         """(..., height, width): True for pixels of the colour."""
+
+def formation_places(shape: str, count: int, spacing_m: float = 1.5) -> _F32:
+    """Return the places of the drones of a formation relative to a leader that flies in direction +x, (count, 3) m.
+
+    Parameters
+    ----------
+    shape
+        ``"line"``: abreast of the leader, alternately left and right. ``"column"``: one behind the other. ``"v"``:
+        behind the leader, alternately left and right, on two lines at 45 degrees. ``"circle"``: around the leader, the
+        first in front of it.
+    count
+        Number of drones. The leader is not one of them.
+    spacing_m
+        Distance between neighbouring places, and minimum distance to the leader. On a circle of fewer than six drones
+        the places are farther apart.
+    """
 
 def color_blob(images: npt.NDArray[np.uint8], color: ColorRange, layout: str = "hwc") -> ColorBlob:
     """Find a colour in images, as the camera task does: the box around all pixels of this colour.

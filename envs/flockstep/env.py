@@ -56,7 +56,8 @@ class DroneEnv(gymnasium.Env[Observation, Any]):
         limit = _limit_of_make()
         if limit is not None:
             kwargs["max_episode_steps"] = max(limit, 0)
-        self.envs = DroneVectorEnv(1, autoreset_mode="disabled", copy=True, render_mode=render_mode, **kwargs)
+        kwargs |= {"drones_per_env": 1, "autoreset_mode": "disabled", "copy": True}
+        self.envs = DroneVectorEnv(1, render_mode=render_mode, **kwargs)
         self.render_mode = render_mode
         self.metadata = {**self.metadata, "render_fps": self.envs.metadata["render_fps"]}
         self.observation_space = self.envs.single_observation_space

@@ -26,6 +26,7 @@ from flockstep._core import (
     DroneModel,
     DynamicsConfig,
     EpisodeConfig,
+    FormationConfig,
     HoverConfig,
     ImuConfig,
     LidarConfig,
@@ -36,6 +37,7 @@ from flockstep._core import (
     PythonTask,
     RaceConfig,
     Recipe,
+    SwapConfig,
     TrackConfig,
     World,
     _unexpected_keyword,
@@ -146,6 +148,16 @@ if TYPE_CHECKING:
         near_m: float
         goal_weight: float
         time_weight: float
+        radius_m: float
+        spacing_m: float
+        jitter_m: float
+        neighbors: int
+        sight_m: float
+        shape: Literal["line", "column", "v", "circle"]
+        route: Literal["loop", "path"]
+        loop_radius_m: float
+        leader_speed_mps: float
+        place_weight: float
         # end of fields
 
 
@@ -162,8 +174,9 @@ class DroneVectorEnv(VectorEnv[Observation, Array, Array]):
     """Many drone envs stepped by one call, with a task of the engine or your own `Task`.
 
     The built-in tasks are navigation, which is the default, hovering (`HoverConfig`, ``flockstep/Hover-v0``), path
-    tracking (`TrackConfig`, ``flockstep/Track-v0``), racing (`RaceConfig`, ``flockstep/Race-v0``) and dodging bodies
-    (`DodgeConfig`, ``flockstep/Dodge-v0``). Hover, Track and Race simulate the rotors. The navigation tasks differ in
+    tracking (`TrackConfig`, ``flockstep/Track-v0``), racing (`RaceConfig`, ``flockstep/Race-v0``) dodging bodies
+    (`DodgeConfig`, ``flockstep/Dodge-v0``), and two of several drones: exchanging places (`SwapConfig`,
+    ``flockstep/Swap-v0``) and flying in formation (`FormationConfig`, ``flockstep/Formation-v0``). Hover, Track and Race simulate the rotors. The navigation tasks differ in
     their observations and therefore in their defaults:
 
     - ``"goal"`` (``flockstep/LidarNavigation-v0``): float32 (3 + rays,), the unit direction to the current goal in the
@@ -187,8 +200,8 @@ class DroneVectorEnv(VectorEnv[Observation, Array, Array]):
         these; or a `WorldPool`, from which each episode draws one. Default: ``"train"``, or ``"camera-train"`` for
         camera tasks; a `Task` declares its own.
     task
-        A task other than navigation: a `HoverConfig`, `TrackConfig`, `RaceConfig` or `DodgeConfig`, your own `Task` (an
-        object, or its class), or a `NativeTask` in C++. With `gymnasium.make_vec`, the time limit registered for the
+        A task other than navigation: a `HoverConfig`, `TrackConfig`, `RaceConfig`, `DodgeConfig`, `SwapConfig` or
+        `FormationConfig`, your own `Task` (an object, or its class), or a `NativeTask` in C++. With `gymnasium.make_vec`, the time limit registered for the
         env's id applies, unless ``max_episode_steps`` is also given.
     observation
         Observation of the navigation task: ``"goal"``, ``"blob"`` or ``"pixels"``.
@@ -249,11 +262,13 @@ class DroneVectorEnv(VectorEnv[Observation, Array, Array]):
     drones_per_env
         Number of drones in each env, M. They share a world; ``episodes`` says whether they share their episodes, and
         ``meet`` whether they see and touch each other. Gymnasium expects one env per row, so the attribute `num_envs`
-        is N = E M, whereas the argument ``num_envs`` is E. Drone m of env i has row i M + m. Default: 1.
+        is N = E M, whereas the argument ``num_envs`` is E. Drone m of env i has row i M + m. Default: 1; for the swap
+        task 8, for the formation task 4.
     meet
         What the drones of an env are to each other. ``"never"``: nothing. ``"seen"``: their LiDARs detect the hulls of
         the others, and their cameras see the others. ``"touched"``: they hit each other with their hulls. ``"both"``:
-        both. Default: ``"never"``; a `Task` declares its own.
+        both. Default: ``"never"``; for the swap task ``"touched"``, for the formation
+        task ``"both"``; a `Task` declares its own.
     drone_mesh
         A `DroneMesh`, or a `World` of triangles, that shows the drones in perspective views, from behind and from a
         fixed point, and to the cameras of other drones, if these see each other. Default: in views a shape made from
@@ -288,6 +303,14 @@ class DroneVectorEnv(VectorEnv[Observation, Array, Array]):
 
         For the dodge task, from `DodgeConfig`: ``step_m``, ``goal_distance_m``, ``goal_radius_m``, ``near_m``,
         ``progress_weight``, ``goal_weight``, ``crash_weight``, ``near_weight``, ``time_weight``.
+
+        For the swap task, from `SwapConfig`: ``step_m``, ``radius_m``, ``spacing_m``, ``jitter_m``, ``goal_radius_m``,
+        ``neighbors``, ``sight_m``, ``near_m``, ``progress_weight``, ``goal_weight``, ``crash_weight``, ``near_weight``,
+        ``time_weight``.
+
+        For the formation task, from `FormationConfig`: ``shape``, ``spacing_m``, ``route``, ``loop_radius_m``,
+        ``leader_speed_mps``, ``step_m``, ``jitter_m``, ``neighbors``, ``sight_m``, ``close_m``, ``near_m``,
+        ``place_weight``, ``crash_weight``, ``near_weight``, ``change_weight``.
 
     Attributes
     ----------
@@ -360,7 +383,7 @@ class DroneVectorEnv(VectorEnv[Observation, Array, Array]):
         num_envs: int = 1,
         *,
         worlds: scenes.WorldsLike | WorldPool | None = None,
-        task: Task | type[Task] | NativeTask | HoverConfig | TrackConfig | RaceConfig | DodgeConfig | None = None,
+        task: Task | type[Task] | NativeTask | HoverConfig | TrackConfig | RaceConfig | DodgeConfig | SwapConfig | FormationConfig | None = None,
         observation: str = "goal",
         lidar: LidarConfig | Sequence[LidarConfig] | None = None,
         camera: CameraConfig | Sequence[CameraConfig] | None = None,
@@ -382,7 +405,7 @@ class DroneVectorEnv(VectorEnv[Observation, Array, Array]):
         render_size: tuple[int, int] | None = None,
         render_camera: str | None = None,
         drone_mesh: DroneMesh | World | None = None,
-        drones_per_env: int = 1,
+        drones_per_env: int | None = None,
         meet: Literal["never", "seen", "touched", "both"] | None = None,
         **fields: Unpack[Fields],
     ) -> None:
@@ -405,7 +428,7 @@ class DroneVectorEnv(VectorEnv[Observation, Array, Array]):
         self.metadata = {**self.metadata, "autoreset_mode": self.autoreset_mode}
         self.render_mode = render_mode
         self.num_groups = _count(num_envs)
-        self.drones_per_env = _members(drones_per_env)
+        drones_per_env = None if drones_per_env is None else _members(drones_per_env)
         self.copy = copy
         self.task = task = task() if isinstance(task, type) else task
         if isinstance(task, Task):
@@ -414,7 +437,8 @@ class DroneVectorEnv(VectorEnv[Observation, Array, Array]):
         mode = next(name for name, member in AUTORESET_MODES.items() if member is self.autoreset_mode)
         episode = {"autoreset_mode": mode, "max_episode_steps": max_episode_steps}
         recipe, self.task, own_task, calls = _recipe_for(task, observation, episode, _by_config(own_fields, task))
-        _set_given(recipe, num_envs=self.num_groups, drones_per_env=self.drones_per_env, num_threads=num_threads)
+        _set_given(recipe, num_envs=self.num_groups, drones_per_env=drones_per_env, num_threads=num_threads)
+        self.drones_per_env = recipe.drones_per_env
         _set_given(recipe, camera_backend=camera_backend, tracer=tracer, pose_sensor=pose_sensor, drone=_drone(drone))
         if lidar is not None:
             recipe.lidars = _listed(lidar, LidarConfig, "lidar")
@@ -771,7 +795,7 @@ def _recipe_for(
         recipe = Recipe(f"library/{task.path}")
         defaults = task_defaults(task)
         recipe.worlds = [defaults["worlds"]]
-        _set_given(recipe, **{name: defaults[name] for name in ("drone", "lidars", "cameras", "dynamics", "clock")})
+        _set_given(recipe, **{name: defaults[name] for name in ("drone", "lidars", "cameras", "dynamics", "clock", "drones_per_env", "meet")})
     else:
         names = ", ".join(config.__name__ for config in _TASK_CONFIGS)
         raise TypeError(f"task: expected a flockstep.Task, a NativeTask or one of {names}, got {task!r}")

@@ -15,6 +15,7 @@
 #include "flockstep/imu.hpp"
 #include "flockstep/lidar.hpp"
 #include "flockstep/light.hpp"
+#include "flockstep/meet.hpp"
 #include "flockstep/pose_sensor.hpp"
 
 namespace flockstep {
@@ -25,15 +26,6 @@ template <>
 struct EnumNames<TracerKind> {
   static constexpr std::array kNames{"auto", "tiles", "embree"};
 };
-
-// Perception of and contact with the other drones of an env.
-enum class Meet : std::uint8_t { never, seen, touched, both };
-template <>
-struct EnumNames<Meet> {
-  static constexpr std::array kNames{"never", "seen", "touched", "both"};
-};
-inline bool is_seen(Meet meet) { return meet == Meet::seen || meet == Meet::both; }
-inline bool is_touched(Meet meet) { return meet == Meet::touched || meet == Meet::both; }
 
 struct BatchConfig {
   int num_envs = 1;

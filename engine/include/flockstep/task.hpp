@@ -21,6 +21,7 @@
 #include "flockstep/episode.hpp"
 #include "flockstep/index.hpp"
 #include "flockstep/lidar.hpp"
+#include "flockstep/meet.hpp"
 #include "flockstep/pose.hpp"
 #include "flockstep/readings.hpp"
 #include "flockstep/state.hpp"
@@ -54,6 +55,8 @@ struct TaskDefaults {
   std::string drone;                  // a bundled airframe; empty: DroneModel::quadrotor650()
   DynamicsConfig dynamics;            // motion model and control
   ClockConfig clock;                  // rates
+  int drones_per_env = 1;             // drones of an env
+  Meet meet = Meet::never;            // what they are to each other
 };
 
 // Access of a task to the batch. Only place(), place_body() and remove_body() write. Indices are not checked.

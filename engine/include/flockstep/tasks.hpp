@@ -11,6 +11,7 @@
 #include "flockstep/color.hpp"
 #include "flockstep/export.hpp"
 #include "flockstep/fields.hpp"
+#include "flockstep/formation.hpp"
 #include "flockstep/task.hpp"
 
 namespace flockstep {
@@ -444,6 +445,163 @@ struct DodgeConfig {
 // Throws std::invalid_argument on a bad config.
 FLOCKSTEP_API std::unique_ptr<Task> make_task(const DodgeConfig& config);
 
+// -- Swap: drones exchange places without touching
+
+// The drones of an env begin on a circle around the middle of the world's bounds, at the height of its start marker, facing their
+// goals. The goal of drone m of M is the place of drone (m + M / 2) mod M; one drone flies to the opposite place. The drones move
+// in the plane: actions are two numbers, clipped to [-1, 1], the displacement along the body's x and y in units of step_m.
+//
+// Observation, float32 (7 + 5 neighbors,), x and y of the body frame: unit direction to the goal (2); distance to the goal, in
+// units of 10 m, at most 1; the last action (2); velocity over sqrt(2) step_m per step (2); for each of the nearest drones, the
+// nearest first, its position in units of sight_m, shortened to 1 if it is farther (2), its velocity relative to the drone, over
+// twice the unit above (2), and 1, or five times 0 if there are fewer.
+//
+// Reward: the sum of the weighted terms. The episode ends as a success for all when all drones are at their goals at once, and
+// at a contact.
+struct SwapConfig {
+  static constexpr const char* kName = "swap";
+  static constexpr const char* kAbout = "Exchange places with other drones without touching.";
+
+  float step_m = 0.15F;
+  float radius_m = 4.0F;
+  float spacing_m = 1.3F;
+  float jitter_m = 0.1F;
+  float goal_radius_m = 0.3F;
+  int neighbors = 6;
+  float sight_m = 4.0F;
+  float near_m = 1.5F;
+  float progress_weight = 1.0F;
+  float goal_weight = 10.0F;
+  float crash_weight = 10.0F;
+  float near_weight = 0.1F;
+  float time_weight = 0.02F;
+
+  static constexpr auto fields() {
+    using C = SwapConfig;
+    return field_list(
+        field("step_m", &C::step_m, {.about = "Distance of a full action.", .unit = "m", .limits = above(0)}),
+        field("radius_m", &C::radius_m, {.about = "Minimum radius of the circle.", .unit = "m", .limits = above_up_to(0, 1000)}),
+        field("spacing_m", &C::spacing_m,
+              {.about = "Minimum distance between neighbouring places, along the circle; with many drones the circle grows.",
+               .unit = "m",
+               .limits = above_up_to(0, 1000)}),
+        field("jitter_m", &C::jitter_m,
+              {.about = "Maximum offset of a start from its place along x and y, drawn uniformly.",
+               .unit = "m",
+               .limits = between(0, 1000)}),
+        field("goal_radius_m", &C::goal_radius_m,
+              {.about = "Distance within which a drone counts as at its goal.", .unit = "m", .limits = above(0)}),
+        field("neighbors", &C::neighbors, {.about = "Number of neighbours that are observed.", .limits = between(1, 32)}),
+        field("sight_m", &C::sight_m,
+              {.about = "Unit of observed positions; only the direction of a farther neighbour is observed.",
+               .unit = "m",
+               .limits = above(0)}),
+        field("near_m", &C::near_m,
+              {.about = "Distance to the nearest drone, between the centres, below which the near term grows, from 0 to 1.",
+               .unit = "m",
+               .limits = above(0)}),
+        field("progress_weight", &C::progress_weight, {.about = "Reward for each metre gained towards the goal."}),
+        field("goal_weight", &C::goal_weight, {.about = "Reward of each drone when all are at their goals."}),
+        field("crash_weight", &C::crash_weight, {.about = "Penalty for a contact."}),
+        field("near_weight", &C::near_weight, {.about = "Weight of the penalty for the nearest drone."}),
+        field("time_weight", &C::time_weight, {.about = "Penalty for each step after which the drone is not at its goal."}));
+  }
+
+  FLOCKSTEP_API void validate() const;
+};
+
+// Makes the swap task. Defaults: "arena/hall", 8 drones in an env that touch each other, episodes of 300 steps. Throws
+// std::invalid_argument on a bad config.
+FLOCKSTEP_API std::unique_ptr<Task> make_task(const SwapConfig& config);
+
+// -- Formation: drones hold their places relative to a moving leader
+
+// Way of the leader.
+enum class FormationRoute : std::uint8_t { loop, path };
+template <>
+struct EnumNames<FormationRoute> {
+  static constexpr std::array kNames{"loop", "path"};
+};
+
+// The leader is a point that flies along a smooth route at the beginning of which the episode begins. Drone m has place m of
+// formation_places(), which turns with the leader's heading, and so do the drones. Actions are three numbers, clipped to [-1, 1],
+// the displacement along the body's axes in units of step_m.
+//
+// Observation, float32 (12 + 7 neighbors + rays,), in the body frame: offset to the drone's place, in units of 2 m, shortened to
+// 1 if it is farther (3); velocity of the place over sqrt(3) step_m per step (3); the last action (3); velocity, in the same unit
+// (3); for each of the nearest drones, the nearest first, its position in units of sight_m, shortened to 1 if it is farther (3),
+// its velocity relative to the drone, over twice the unit (3), and 1, or seven times 0 if there are fewer; the LiDAR ranges over
+// the maximum range, 1 on a miss.
+//
+// Reward: the sum of the weighted terms. d is the distance to the place, m. The episode ends at a contact, or when the leader has
+// arrived at the end of a path. It is a success without a contact if the mean of d over all steps is at most close_m.
+struct FormationConfig {
+  static constexpr const char* kName = "formation";
+  static constexpr const char* kAbout = "Hold places relative to a moving leader.";
+
+  FormationShape shape = FormationShape::v;
+  float spacing_m = 1.5F;
+  FormationRoute route = FormationRoute::loop;
+  float loop_radius_m = 4.0F;
+  float leader_speed_mps = 0.6F;
+  float step_m = 0.15F;
+  float jitter_m = 0.2F;
+  int neighbors = 3;
+  float sight_m = 4.0F;
+  float close_m = 0.2F;
+  float near_m = 0.8F;
+  float place_weight = 0.1F;
+  float crash_weight = 10.0F;
+  float near_weight = 0.1F;
+  float change_weight = 0.02F;
+
+  static constexpr auto fields() {
+    using C = FormationConfig;
+    return field_list(
+        field("shape", &C::shape,
+              {.about = "Places of the drones. ``\"line\"``: abreast of the leader. ``\"column\"``: one behind the other. "
+                        "``\"v\"``: behind the leader, on two lines at 45 degrees. ``\"circle\"``: around the leader."}),
+        field("spacing_m", &C::spacing_m,
+              {.about = "Distance between neighbouring places.", .unit = "m", .limits = above_up_to(0, 1000)}),
+        field("route", &C::route,
+              {.about = "``\"loop\"``: a random closed way around the middle of the world. ``\"path\"``: the planned path of "
+                        "the world from its start marker over the waypoints to the goal."}),
+        field("loop_radius_m", &C::loop_radius_m,
+              {.about = "Maximum distance of a loop's corners from the middle; the minimum is 0.6 times that.",
+               .unit = "m",
+               .limits = above_up_to(0, 1000)}),
+        field("leader_speed_mps", &C::leader_speed_mps,
+              {.about = "Speed of the leader on straight parts; it is lower in curves.",
+               .unit = "m/s",
+               .limits = between(0, 1000)}),
+        field("step_m", &C::step_m, {.about = "Distance of a full action along an axis.", .unit = "m", .limits = above(0)}),
+        field("jitter_m", &C::jitter_m,
+              {.about = "Maximum offset of a start from its place along x and y, drawn uniformly; more if this is not free.",
+               .unit = "m",
+               .limits = between(0, 1000)}),
+        field("neighbors", &C::neighbors, {.about = "Number of neighbours that are observed.", .limits = between(1, 32)}),
+        field("sight_m", &C::sight_m,
+              {.about = "Unit of observed positions; only the direction of a farther neighbour is observed.",
+               .unit = "m",
+               .limits = above(0)}),
+        field("close_m", &C::close_m, {.about = "Maximum mean of d of a successful episode.", .unit = "m", .limits = above(0)}),
+        field("near_m", &C::near_m,
+              {.about = "Range below which the near term grows, from 0 to 1 at range 0.", .unit = "m", .limits = above(0)}),
+        field("place_weight", &C::place_weight, {.about = "Weight of the reward term 1 / (1 + (d / close_m)^2)."}),
+        field("crash_weight", &C::crash_weight, {.about = "Penalty for a contact."}),
+        field("near_weight", &C::near_weight, {.about = "Weight of the penalty for the nearest range."}),
+        field("change_weight", &C::change_weight,
+              {.about = "Weight of the penalty on the mean squared difference from the previous action. The first action is "
+                        "compared with 0."}));
+  }
+
+  FLOCKSTEP_API void validate() const;
+};
+
+// Makes the formation task. Defaults: "arena/hall", 4 drones in an env that see and touch each other, 36 beams all around with a
+// range of 4 m, episodes of 300 steps. Throws std::invalid_argument on a bad config.
+FLOCKSTEP_API std::unique_ptr<Task> make_task(const FormationConfig& config);
+
 // -- The list
 
 // A task that another program registered under this id, for example in Python. The engine cannot make it.
@@ -459,8 +617,8 @@ std::unique_ptr<Task> make_task(const Config& config) = delete;
 // All tasks of the engine, plus std::monostate for none, and RegisteredTask. Recipes and the Python classes, keywords and
 // environments are made from this list. A configuration has a name for recipes (kName), a sentence (kAbout), fields() and
 // make_task().
-using TaskConfig =
-    std::variant<std::monostate, NavigationConfig, HoverConfig, TrackConfig, RaceConfig, DodgeConfig, RegisteredTask>;
+using TaskConfig = std::variant<std::monostate, NavigationConfig, HoverConfig, TrackConfig, RaceConfig, DodgeConfig, SwapConfig,
+                                FormationConfig, RegisteredTask>;
 
 // True for the configuration of a task of the engine.
 template <class Config>

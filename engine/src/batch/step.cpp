@@ -259,9 +259,9 @@ void begin_program(Simulation& sim, Executor& executor, bool place) {
   if (place) {
     executor.each(mark_places<std::uint8_t{1}>);
     executor.task({&Block::resetting}, [&](const TaskBlock& envs) { task.place(envs); });
-    executor.each(mark_places<std::uint8_t{0}>);
   }
-  executor.task({&Block::resetting}, [&](const TaskBlock& envs) { task.begin(envs); });
+  executor.task({&Block::resetting}, [&](const TaskBlock& envs) { task.begin(envs); });  // a Python task places drones here
+  executor.each(mark_places<std::uint8_t{0}>);
   executor.each([](Simulation& s, Block& block, Scratch& scratch) {
     initial_readings(s, block, scratch);
     if (s.fleet) update_accelerations(s, block, s.drones_of(block.resetting, scratch), scratch);

@@ -111,6 +111,8 @@ Recipe Recipe::for_task(TaskConfig task) {
   recipe.batch.cameras = defaults.cameras;
   recipe.batch.dynamics = defaults.dynamics;
   recipe.batch.clock = defaults.clock;
+  recipe.batch.drones_per_env = defaults.drones_per_env;
+  recipe.batch.meet = defaults.meet;
   return recipe;
 }
 

@@ -73,6 +73,9 @@ TEST(Recipe, HasTheDefaultsOfItsTask) {
   EXPECT_EQ(std::get<std::string>(hover.drone), defaults.drone);
   EXPECT_EQ(hover.batch.dynamics.motion, defaults.dynamics.motion);
   EXPECT_EQ(hover.batch.clock.policy_hz, defaults.clock.policy_hz);
+  const Recipe swap = Recipe::from_json(R"({"task": {"name": "swap"}})");
+  EXPECT_EQ(swap.batch.drones_per_env, make_task(SwapConfig{})->defaults().drones_per_env);
+  EXPECT_EQ(swap.batch.meet, Meet::touched);
   const Recipe pixels = Recipe::from_json(R"({"task": {"name": "navigation", "observation": "pixels"}})");
   EXPECT_EQ(pixels.worlds, std::vector<std::string>{"camera-train"});
   EXPECT_EQ(pixels.batch.cameras.size(), 1U);
@@ -125,7 +128,7 @@ TEST(Recipe, BuildsFlightsTheSameFromItsJson) {
 TEST(Recipe, RefusesATaskOfAnotherProgram) {
   const Recipe recipe = Recipe::from_json(R"({"task": {"name": "mine/ReachHeight-v0"}, "worlds": ["train"]})");
   expect_has(refusal_of(recipe),
-             "task.name: expected one of \"navigation\", \"hover\", \"track\", \"race\", \"dodge\", got \"mine/ReachHeight-v0\"");
+             "task.name: expected one of \"navigation\", \"hover\", \"track\", \"race\", \"dodge\", \"swap\", \"formation\", got \"mine/ReachHeight-v0\"");
   expect_has(refusal_of(recipe), "only the program that registered a task under this id can make it");
 }
 

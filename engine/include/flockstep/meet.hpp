@@ -1,0 +1,19 @@
+// Meet: what the drones of an env are to each other.
+#pragma once
+
+#include <array>
+#include <cstdint>
+
+#include "flockstep/fields.hpp"
+
+namespace flockstep {
+
+enum class Meet : std::uint8_t { never, seen, touched, both };
+template <>
+struct EnumNames<Meet> {
+  static constexpr std::array kNames{"never", "seen", "touched", "both"};
+};
+inline bool is_seen(Meet meet) { return meet == Meet::seen || meet == Meet::both; }
+inline bool is_touched(Meet meet) { return meet == Meet::touched || meet == Meet::both; }
+
+}  // namespace flockstep

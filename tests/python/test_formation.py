@@ -1,0 +1,188 @@
+"""The formation task: its places, its leader, its ends, and the same task in NumPy."""
+
+import numpy as np
+import pytest
+
+import flockstep
+from flockstep import EpisodeEnd
+from flockstep.testing import check_vector_env
+
+ROUNDING = 2e-5
+NOISE = flockstep.PoseSensorConfig(position_noise_std_m=0.01, orientation_noise_std_deg=2.0)
+ROOM = flockstep.World.from_dict(
+    {
+        "flockstep_scene": 1,
+        "name": "corner",
+        "room": {"min": [-12, -12, 0], "max": [12, 12, 4]},
+        "boxes": [{"center": [0, -3, 2], "size": [1, 12, 4]}],
+        "markers": {"start": [-6, -6, 1.5], "goal": [6, -6, 1.5], "radius": 0.2},
+    }
+)
+
+
+def make(num_envs=3, config=None, **keywords):
+    envs = flockstep.DroneVectorEnv(num_envs, task=config or flockstep.FormationConfig(), **keywords)
+    envs.reset(seed=0)
+    return envs
+
+
+def to_places(observation, step_m=0.15):
+    """Actions that fly to where the places will be."""
+    fastest = np.sqrt(3) * step_m / 0.1
+    return (2 * observation[:, :3] + 0.1 * fastest * observation[:, 3:6]) / step_m
+
+
+class TestPlaces:
+    @pytest.mark.parametrize("shape", ["line", "column", "v", "circle"])
+    @pytest.mark.parametrize("count", [1, 2, 5, 12])
+    def test_neighbours_are_spaced(self, shape, count):
+        places = flockstep.formation_places(shape, count, 1.5)
+        assert places.shape == (count, 3)
+        assert not places[:, 2].any()
+        with_leader = np.concatenate([np.zeros((1, 3)), places])
+        apart = np.linalg.norm(with_leader[:, None] - with_leader, axis=2) + 99 * np.eye(count + 1)
+        assert apart.min() == pytest.approx(1.5, abs=1e-5)
+        least = apart[1:].min(axis=1)
+        assert (least < 1.5001).all()
+
+    def test_have_their_shapes(self):
+        places = {shape: flockstep.formation_places(shape, 4, 2.0) for shape in ("line", "column", "v", "circle")}
+        np.testing.assert_allclose(places["line"][:, :2], [[0, 2], [0, -2], [0, 4], [0, -4]], atol=1e-6)
+        np.testing.assert_allclose(places["column"][:, :2], [[-2, 0], [-4, 0], [-6, 0], [-8, 0]], atol=1e-6)
+        half = np.sqrt(2)
+        np.testing.assert_allclose(
+            places["v"][:, :2], [[-half, half], [-half, -half], [-2 * half, 2 * half], [-2 * half, -2 * half]], atol=1e-6
+        )
+        np.testing.assert_allclose(places["circle"][:, :2], [[2, 0], [0, 2], [-2, 0], [0, -2]], atol=1e-6)
+
+    def test_bad_input_is_refused(self):
+        with pytest.raises(ValueError, match=r'shape: expected .*got "w"'):
+            flockstep.formation_places("w", 3)
+        with pytest.raises(ValueError, match="count: expected an integer >= 0, got -1"):
+            flockstep.formation_places("v", -1)
+        with pytest.raises(ValueError, match="spacing_m: expected a finite number > 0"):
+            flockstep.formation_places("v", 3, float("nan"))
+
+
+class TestLeader:
+    def test_drones_that_fly_to_their_places_hold_them(self):
+        envs = make(max_episode_steps=300, autoreset_mode="disabled")
+        observation = envs.observation().copy()
+        for step in range(300):
+            observation, _, terminated, truncated, infos = envs.step(to_places(observation))
+            assert step < 40 or 2 * np.linalg.norm(observation[:, :3], axis=1).max() < 0.05
+        assert truncated.all()
+        assert not terminated.any()
+        assert infos["success"].all()
+        assert (infos["episode_end"] == EpisodeEnd.success).all()
+
+    def test_drones_that_stay_behind_have_no_success(self):
+        envs = make(max_episode_steps=20, autoreset_mode="disabled")
+        for _ in range(20):
+            _, _, _, truncated, infos = envs.step(np.zeros((12, 3), np.float32))
+        assert truncated.all()
+        assert (infos["episode_end"] == EpisodeEnd.time).all()
+
+    def test_the_observed_velocity_of_a_place_is_that_of_the_place(self):
+        envs = make(autoreset_mode="disabled", config=flockstep.FormationConfig(spacing_m=1.2))
+        fastest = np.sqrt(3) * 1.5
+
+        def places(observation):
+            offset = 2 * observation[:, :3]
+            return envs.batch.position + flockstep.rotations.rotate(envs.batch.quat_wxyz, offset)
+
+        observation = envs.observation().copy()
+        for _ in range(100):
+            before, velocity = places(observation), fastest * observation[:, 3:6]
+            velocity = flockstep.rotations.rotate(envs.batch.quat_wxyz.copy(), velocity)
+            observation = envs.step(to_places(observation))[0]
+            np.testing.assert_allclose((places(observation) - before) / 0.1, velocity, atol=0.06)
+
+    def test_a_path_leads_around_obstacles_to_the_goal_and_ends_there(self):
+        config = flockstep.FormationConfig(route="path", shape="column", spacing_m=1.2)
+        envs = make(2, config, worlds=ROOM, autoreset_mode="disabled", max_episode_steps=600)
+        observation = envs.observation().copy()
+        np.testing.assert_allclose(2 * np.linalg.norm(observation[:, :3], axis=1).max(), 0.2, atol=0.15)
+        nearest = np.inf
+        for step in range(600):  # noqa: B007
+            observation, _, terminated, truncated, _ = envs.step(to_places(observation))
+            nearest = min(nearest, np.linalg.norm(envs.batch.position[0] - ROOM.goal))
+            if (terminated | truncated).all():
+                break
+        assert truncated.all()
+        path = flockstep.plan(ROOM, ROOM.start, [ROOM.goal])
+        length = np.linalg.norm(np.diff(path, axis=0), axis=1).sum()
+        assert step + 1 == int(np.ceil(length / 0.06))
+        assert nearest < 1.5
+        assert envs.batch.success.all()
+
+    def test_a_world_without_a_path_is_refused(self):
+        walled = flockstep.World.from_dict(
+            ROOM.to_dict() | {"boxes": [{"center": [0, 0, 2], "size": [1, 24, 4]}], "name": "walled"}
+        )
+        config = flockstep.FormationConfig(route="path")
+        with pytest.raises(ValueError, match=r'worlds: expected a path from the start .*, got world "walled"'):
+            make(worlds=walled, config=config)
+        with pytest.raises(ValueError, match=r"worlds: expected bounds of at least"):
+            make(worlds=ROOM, config=flockstep.FormationConfig(loop_radius_m=9.0))
+
+
+class TestObservation:
+    def test_lies_in_its_space(self):
+        envs = make(pose_sensor=NOISE)
+        envs.action_space.seed(0)
+        for _ in range(60):
+            observation = envs.step(envs.action_space.sample())[0]
+            assert envs.observation_space.contains(observation)
+
+    def test_the_task_has_its_defaults(self):
+        envs = make(2)
+        assert (envs.num_groups, envs.drones_per_env, envs.num_envs) == (2, 4, 8)
+        assert envs.recipe.meet == "both"
+        assert (envs.batch.lidar().ranges < 4).any()  # drones see each other
+
+
+def test_it_keeps_the_rules_of_environments():
+    check_vector_env(lambda n: flockstep.DroneVectorEnv(n, task=flockstep.FormationConfig(), max_episode_steps=30))
+
+
+@pytest.mark.parametrize(
+    ("mode", "config", "worlds"),
+    [
+        ("next_step", flockstep.FormationConfig(jitter_m=0.6), None),
+        ("same_step", flockstep.FormationConfig(shape="circle", neighbors=2, close_m=0.5), None),
+        ("disabled", flockstep.FormationConfig(route="path", leader_speed_mps=4.0, shape="line"), [ROOM]),
+    ],
+)
+def test_the_engine_and_numpy_agree(example, mode, config, worlds):
+    formation = example("formation_numpy")
+    keywords = {
+        "drones_per_env": 3,
+        "autoreset_mode": mode,
+        "pose_sensor": NOISE,
+        "max_episode_steps": 45,
+        "num_threads": 1,
+        "worlds": worlds or "arena/hall",
+    }
+    engine = flockstep.DroneVectorEnv(6, task=config, **keywords)
+    twin = flockstep.DroneVectorEnv(6, task=formation.Formation(config, engine.lidar), **keywords)
+    observation, _ = engine.reset(seed=0)
+    np.testing.assert_allclose(observation, twin.reset(seed=0)[0], atol=5 * ROUNDING)
+    rng, ends = np.random.default_rng(0), np.zeros(len(EpisodeEnd), int)
+    for step in range(120):
+        actions = to_places(observation) + rng.normal(0, 0.3 + (step % 60 > 45), (18, 3)).astype(np.float32)
+        ours, theirs = engine.step(actions), twin.step(actions)
+        observation = ours[0]
+        np.testing.assert_allclose(ours[0][:, :33], theirs[0][:, :33], atol=2e-4)
+        assert np.mean(np.abs(ours[0] - theirs[0]) > 2e-3) < 0.01  # a ray may pass a hull on the other side of its edge
+        np.testing.assert_allclose(engine.batch.reward_terms[:, [0, 1, 3]], twin.batch.reward_terms[:, [0, 1, 3]], atol=1e-3)
+        np.testing.assert_array_equal(ours[2], theirs[2])
+        np.testing.assert_array_equal(ours[3], theirs[3])
+        np.testing.assert_array_equal(engine.batch.success, twin.batch.success)
+        ended = ours[2] | ours[3]
+        ends += np.bincount(engine.batch.episode_end[ended], minlength=len(EpisodeEnd))
+        if mode == "disabled" and ended.any():
+            for envs in (engine, twin):
+                envs.reset(options={"reset_mask": ended.copy()})
+            observation = engine.observation().copy()
+    assert ends.sum() > 10
