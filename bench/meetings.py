@@ -16,7 +16,10 @@ import flockstep
 
 RUNS = 7
 STEPS = 40
-GROUPS = {"8 drones in each of 512 envs": (512, 8, 10.0), "1,000 drones in one env": (1, 1000, 60.0)}  # E, M, side of a hall in m
+GROUPS = {
+    "8 drones in each of 512 envs": (512, 8, 10.0),
+    "1,000 drones in one env": (1, 1000, 60.0),
+}  # E, M, side of a hall in m
 MEETS = ("never", "seen", "touched", "both")
 
 Measured = tuple[str, float, str, int]  # name, value, unit, runs

@@ -75,11 +75,10 @@ std::unique_ptr<Batch, Released> make_batch(const py::object& given_worlds, cons
                                             const py::object& max_bodies, const py::object& lights, const py::object& meet,
                                             const py::object& drone_mesh, const py::kwargs& unknown) {
   for (const auto& [keyword, value] : unknown) {
-    constexpr std::array kKnown{"worlds", "num_drones",     "lidar",       "pose_sensor",    "imu",
-                                "task",   "drone",          "cameras",     "camera_backend", "episode",
-                                "clock",  "dynamics",       "num_threads", "block_size",     "world_index",
-                                "tracer", "drones_per_env", "bodies",      "max_bodies",     "lights",
-                                "meet",   "drone_mesh"};
+    constexpr std::array kKnown{
+        "worlds",         "num_drones", "lidar",      "pose_sensor", "imu",         "task",       "drone",       "cameras",
+        "camera_backend", "episode",    "clock",      "dynamics",    "num_threads", "block_size", "world_index", "tracer",
+        "drones_per_env", "bodies",     "max_bodies", "lights",      "meet",        "drone_mesh"};
     throw py::type_error(unexpected_keyword("Batch.__init__", py::str(keyword), {kKnown.begin(), kKnown.end()}));
   }
   BatchConfig config;

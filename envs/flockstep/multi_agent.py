@@ -20,14 +20,14 @@ except ImportError as _error:
 from flockstep._core import Batch
 from flockstep.registration import make_by_id
 from flockstep.stepping import Observation
-from flockstep.vector_env import DroneVectorEnv, require_render_mode
+from flockstep.vector_env import DroneVectorEnv
 
 __all__ = ["DroneParallelEnv", "parallel_env"]
 
 _FIXED = ("num_envs", "drones_per_env", "episodes", "autoreset_mode", "copy")
 
 
-class DroneParallelEnv(ParallelEnv[str, Observation, Any]):
+class DroneParallelEnv(ParallelEnv[str, Observation, Any]):  # type: ignore[misc] # PettingZoo ships no types
     """The drones of one env as agents, ``"drone_0"``, ``"drone_1"`` and so on.
 
     All episodes begin with a reset. An agent whose episode has ended leaves `agents` and does not return before the
@@ -96,22 +96,23 @@ class DroneParallelEnv(ParallelEnv[str, Observation, Any]):
 
     def step(
         self, actions: Mapping[str, Any]
-    ) -> tuple[
-        dict[str, Observation], dict[str, float], dict[str, bool], dict[str, bool], dict[str, dict[str, Any]]
-    ]:
+    ) -> tuple[dict[str, Observation], dict[str, float], dict[str, bool], dict[str, bool], dict[str, dict[str, Any]]]:
         """Fly one step with an action of each agent.
 
-        The info of an agent whose episode has ended holds what `DroneVectorEnv` reports; others are empty.
+        The info of an agent whose episode has ended holds what `DroneVectorEnv` reports; others are empty. If no agent
+        is left, a step without actions does nothing and returns empty dicts, as PettingZoo's wrappers expect.
 
         Raises
         ------
         ValueError
             The action of an agent is missing or not in its space, or another one is given; nothing has changed.
         gymnasium.error.ResetNeeded
-            No agent is left, or `step` was called before the first `reset`.
+            `step` was called before the first `reset`.
         """
-        if not self.agents:
-            raise ResetNeeded("all episodes are over: call reset" if self._was_reset else "call reset before step")
+        if not self._was_reset:
+            raise ResetNeeded("call reset before step")
+        if not self.agents and not actions:
+            return {}, {}, {}, {}, {}
         rows = [self._row_of(agent) for agent in self.agents]
         observation, reward, terminated, truncated, _ = self.envs.step(self._actions(actions))
         ended = [row for row in rows if terminated[row] or truncated[row]]
@@ -134,9 +135,9 @@ class DroneParallelEnv(ParallelEnv[str, Observation, Any]):
         """Return the observations of all drones as one vector; of drones whose episodes have ended, the last ones."""
         if not self._was_reset:
             raise ResetNeeded("call reset before state")
-        space, observation = self.envs.single_observation_space, self.envs.observation()
-        rows = self._by_agent(observation, range(self.envs.num_envs)).values()
-        return np.concatenate([gymnasium.spaces.flatten(space, row) for row in rows], dtype=self.state_space.dtype)
+        rows = self._by_agent(self.envs.observation(), range(self.envs.num_envs)).values()
+        flat: list[Any] = [gymnasium.spaces.flatten(self.envs.single_observation_space, row) for row in rows]
+        return np.concatenate(flat, dtype=self.state_space.dtype)
 
     def render(self) -> npt.NDArray[np.uint8] | None:
         """Return a picture of the env, (height, width, 3) uint8, or None without a render mode.
@@ -167,6 +168,8 @@ class DroneParallelEnv(ParallelEnv[str, Observation, Any]):
         if not isinstance(actions, Mapping):
             raise TypeError(f"actions: expected a dict by agent, got {type(actions).__name__}")
         expected = f"actions: expected one for each of {', '.join(self.agents)}"
+        if not self.agents:
+            expected = "actions: expected none, since all episodes are over: call reset"
         for agent in actions:
             if agent not in self.agents:
                 why = "whose episode has ended" if agent in self.possible_agents else "which is not an agent"
@@ -219,7 +222,8 @@ def parallel_env(
     ValueError
         A value is out of range; the message names it.
     """
-    require_render_mode(render_mode, "a wrapper of your own")
+    if render_mode not in (None, *DroneParallelEnv.metadata["render_modes"]):
+        raise ValueError(f"render_mode: expected None or 'rgb_array', got {render_mode!r}")
     fixed = [name for name in _FIXED if name in kwargs]
     if fixed:
         raise TypeError(f"parallel_env: {' and '.join(fixed)} cannot be chosen: give num_drones")

@@ -262,9 +262,7 @@ def _seed_np_random(env: SteppedEnv, seed: int) -> None:
     VectorEnv.reset(cast("VectorEnv[Any, Any, Any]", env), seed=seed)
 
 
-def reset_mask(
-    env: SteppedEnv, options: Mapping[str, Any] | None, of_drones: bool = False
-) -> BoolArray | None:
+def reset_mask(env: SteppedEnv, options: Mapping[str, Any] | None, of_drones: bool = False) -> BoolArray | None:
     """Return the mask (E,) of the envs that a reset with these options selects, or None for all.
 
     With ``of_drones`` it is the mask (N,) of the drones.

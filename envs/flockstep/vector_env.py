@@ -265,28 +265,27 @@ class DroneVectorEnv(VectorEnv[Observation, Array, Array]):
         The name of the camera that ``render_view="camera"`` shows. Default: the first.
     drones_per_env
         Number of drones in each env, M. They share a world; ``episodes`` says whether they share their episodes, and
-        ``meet`` what they are to each other.
-        Gymnasium expects one env per row, so the attribute `num_envs` is N = E M, whereas the argument ``num_envs`` is
-        E. Drone m of env i has row i M + m. Default: 1; for the swap task 8, for the
-        formation task 4.
+        ``meet`` whether they see and touch each other. Gymnasium expects one env per row, so the attribute `num_envs`
+        is N = E M, whereas the argument ``num_envs`` is E. Drone m of env i has row i M + m. Default: 1; for the swap
+        task 8, for the formation task 4.
     meet
         What the drones of an env are to each other. ``"never"``: nothing. ``"seen"``: their LiDARs detect the hulls of
         the others, and their cameras see the others. ``"touched"``: they hit each other with their hulls. ``"both"``:
         both. Default: ``"never"``; for the swap task ``"touched"``, for the formation
         task ``"both"``; a `Task` declares its own.
     drone_mesh
-        A `DroneMesh`, or a `World` of triangles, that shows the drones in perspective views, from behind and from a fixed point, and to the cameras
-        of other drones, if these see each other. Default: in views a shape made from the drone's model, arms and rotors
-        if it has rotors, otherwise its hull; for cameras its hull. LiDARs and collisions always use the hull of
-        ``drone``.
+        A `DroneMesh`, or a `World` of triangles, that shows the drones in perspective views, from behind and from a
+        fixed point, and to the cameras of other drones, if these see each other. Default: in views a shape made from
+        the drone's model, arms and rotors if it has rotors, otherwise its hull; for cameras its hull. LiDARs and
+        collisions always use the hull of ``drone``.
     **fields
         Fields of configurations. The task sets their defaults; each configuration documents its fields.
 
-        For every task, from `EpisodeConfig`: ``episodes``, ``frame_skip``, ``stagger_first_episode``,
-        ``random_world``. From `ClockConfig`: ``policy_hz``, ``physics_hz``, ``controller_hz``. From `DynamicsConfig`: ``motion``, ``control``,
-        ``integrator``, ``on_contact``, ``restitution``, ``friction``, ``rotor_lag``, ``rotor_drag``, ``body_drag``,
-        ``gyroscopic``, ``ground_effect``, ``wind``, ``max_speed_mps``, ``max_acceleration_mps2``, ``max_tilt_deg``,
-        ``max_rate_dps``, ``max_yaw_rate_dps``.
+        For every task, from `EpisodeConfig`: ``episodes``, ``frame_skip``, ``stagger_first_episode``, ``random_world``.
+        From `ClockConfig`: ``policy_hz``, ``physics_hz``, ``controller_hz``. From `DynamicsConfig`: ``motion``,
+        ``control``, ``integrator``, ``on_contact``, ``restitution``, ``friction``, ``rotor_lag``, ``rotor_drag``,
+        ``body_drag``, ``gyroscopic``, ``ground_effect``, ``wind``, ``max_speed_mps``, ``max_acceleration_mps2``,
+        ``max_tilt_deg``, ``max_rate_dps``, ``max_yaw_rate_dps``.
 
         For the navigation task, from `NavigationConfig`: ``action`` (``"discrete"``, ``"displacement"``,
         ``"displacement_yaw"``, or ``"discrete_forward"``, the default for camera tasks), ``reward`` (for camera tasks,

@@ -424,7 +424,9 @@ def test_envs_accept_copy_pickle_and_describe_it(bumpy, room):
     for name in ("vertices", "triangles", "colors"):
         np.testing.assert_array_equal(getattr(again, name), getattr(mesh, name))
     np.testing.assert_array_equal(again.hull(), mesh.hull())
-    with pytest.raises(TypeError, match=r"drone_mesh: expected a flockstep\.DroneMesh, a World or None, got 'drone\.glb'"):
+    with pytest.raises(
+        TypeError, match=r"drone_mesh: expected a flockstep\.DroneMesh, a World or None, got 'drone\.glb'"
+    ):
         flockstep.DroneVectorEnv(1, worlds=room, drone_mesh="drone.glb")
 
 

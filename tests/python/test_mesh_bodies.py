@@ -1,5 +1,6 @@
 """Bodies that are meshes: sensors detect their triangles, drones hit their convex hull."""
 
+import base64
 import json
 import pickle
 
@@ -441,3 +442,121 @@ def test_threads_and_numbers_of_envs_do_not_change_images():
         np.testing.assert_array_equal(images, many[name])
     for name, images in flown(2, 1).items():
         np.testing.assert_array_equal(images, many[name][:2])
+
+
+def gltf_of(nodes, roots, **extras):
+    """Return a glTF file with one mesh, the star, and these nodes."""
+    vertices, triangles, _ = star()
+    data = np.ascontiguousarray(vertices).tobytes() + triangles.astype(np.uint32).tobytes()
+    lowest, highest = vertices.min(0).tolist(), vertices.max(0).tolist()
+    return json.dumps(
+        {
+            "asset": {"version": "2.0"},
+            "scene": 0,
+            "scenes": [{"nodes": roots, **extras}],
+            "nodes": nodes,
+            "meshes": [{"primitives": [{"attributes": {"POSITION": 0}, "indices": 1, "material": 0}]}],
+            "materials": [{"name": "paint", "pbrMetallicRoughness": {"baseColorFactor": [0.2, 0.5, 0.9, 1]}}],
+            "accessors": [
+                {
+                    "bufferView": 0,
+                    "componentType": 5126,
+                    "type": "VEC3",
+                    "count": len(vertices),
+                    "min": lowest,
+                    "max": highest,
+                },
+                {"bufferView": 1, "componentType": 5125, "type": "SCALAR", "count": triangles.size},
+            ],
+            "bufferViews": [
+                {"buffer": 0, "byteOffset": 0, "byteLength": vertices.nbytes},
+                {"buffer": 0, "byteOffset": vertices.nbytes, "byteLength": 4 * triangles.size},
+            ],
+            "buffers": [
+                {
+                    "byteLength": len(data),
+                    "uri": "data:application/octet-stream;base64," + base64.b64encode(data).decode(),
+                }
+            ],
+        }
+    )
+
+
+def turned_node(body=None, **more):
+    """Return a node that is moved, turned and scaled, in the axes of glTF."""
+    node = {
+        "mesh": 0,
+        "translation": [2, 1, -3],
+        "rotation": [0.5, 0.1, -0.3, 0.8062258],
+        "scale": [1.2, 0.7, 0.9],
+        **more,
+    }
+    return node if body is None else node | {"extras": {"body": body}}
+
+
+def test_a_node_of_a_gltf_file_is_a_body_by_its_extras(tmp_path):
+    """At its first pose a LiDAR detects the same as in the static world; it then moves by its script."""
+    motion = {"kind": "slider", "travel_m": [0, 1, 0], "period_s": 1}
+    child = {"mesh": 0, "translation": [1, 0, 0.5], "scale": [0.4, 0.4, 0.4]}
+    for name, body in (("still", None), ("living", {"name": "car", "motion": motion})):
+        node = turned_node(body, children=[1])
+        nodes = [node, child, {"mesh": 0, "translation": [0, 30, 0]}]
+        (tmp_path / f"{name}.gltf").write_text(gltf_of(nodes, [0, 2]))
+    lidar = LidarConfig(channels=60, vfov_deg=170, beams=180, hfov_deg=360, max_range_m=20)
+    for options in ({}, {"scale": 0.5, "origin": [1, 2, 3]}, {"up": "z"}):
+        still = World.load(tmp_path / "still.gltf", **options)
+        living = World.load(tmp_path / "living.gltf", **options)
+        assert [body.name for body in living.bodies] == ["car"]
+        of_body, of_world = (len(world.mesh()["triangles"]) for world in (living.bodies[0].mesh, living))
+        assert of_body == 2 * of_world
+        places = living.bodies[0].position_m + options.get("scale", 1) * np.array([[0, 0, 2.5], [-2, 1, 0], [1, -2, 0]])
+        batches = [flockstep.Batch([world], 3, lidar=lidar) for world in (still, living)]
+        for batch in batches:
+            batch.set_pose(places)
+            batch.sense()
+        still_ranges, ranges = (batch.lidar().ranges for batch in batches)
+        seen = np.isfinite(still_ranges)
+        assert seen.sum() > 100
+        differ = ~np.isclose(np.where(seen, still_ranges, 0), np.where(np.isfinite(ranges), ranges, 0), atol=1e-4)
+        assert differ.mean() < 1e-3  # at silhouettes
+        before = batches[1].bodies.position[0, 0].copy()
+        for _ in range(5):
+            batches[1].move(batches[1].position)
+        way = (batches[1].bodies.position[0, 0] - before) / options.get("scale", 1)
+        assert np.linalg.norm(way) == pytest.approx(1, abs=1e-4)
+
+
+def test_bodies_of_equal_nodes_share_their_mesh(tmp_path):
+    nodes = [turned_node({}), turned_node({}, translation=[9, 0, 0]), turned_node({}, scale=[1, 1, 1])]
+    (tmp_path / "cars.gltf").write_text(gltf_of([*nodes, {"mesh": 0}], [0, 1, 2, 3]))
+    world = World.load(tmp_path / "cars.gltf")
+    assert world.bodies[0].mesh is world.bodies[1].mesh
+    assert world.bodies[0].mesh is not world.bodies[2].mesh
+    world.save(tmp_path / "saved.glb")
+    for saved, body in zip(World.load(tmp_path / "saved.glb").bodies, world.bodies, strict=True):
+        assert (saved.position_m, saved.quat_wxyz) == (body.position_m, body.quat_wxyz)
+        np.testing.assert_array_equal(saved.mesh.mesh()["vertices"], body.mesh.mesh()["vertices"])
+
+
+@pytest.mark.parametrize(
+    ("nodes", "message"),
+    [
+        ([turned_node({"color": [1, 0, 0]})], "/nodes/0/extras/body/color: expected no such field"),
+        ([turned_node({"motion": {"kind": "fly"}})], r"extras/body\.motion\.kind: expected one of"),
+        ([{**turned_node(), "extras": {"body": 3}}], "extras/body: expected an object of fields of BodyConfig, got 3"),
+        ([turned_node({}, children=[1]), turned_node({})], "/nodes/1/extras/body: expected no body inside another one"),
+        (
+            [{"extras": {"body": {}}}],
+            "/nodes/0/extras/body: expected a body with a triangle that has an area, got none",
+        ),
+        (
+            [{**turned_node({}), "scale": [1, 0, 1]}],
+            "/nodes/0: expected a body that is moved, turned and scaled along its axes",
+        ),
+    ],
+)
+def test_a_bad_body_of_a_gltf_file_is_refused(tmp_path, nodes, message):
+    roots = [0, len(nodes)]
+    (tmp_path / "bad.gltf").write_text(gltf_of([*nodes, {"mesh": 0}], roots))
+    with pytest.raises(ValueError, match=message):
+        World.load(tmp_path / "bad.gltf")

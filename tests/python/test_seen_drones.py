@@ -22,7 +22,7 @@ def room():
     builder = flockstep.WorldBuilder("room")
     builder.room([-6, -6, 0], [6, 6, 4], builder.material("chalk", [0.7, 0.7, 0.65]))
     builder.start([0, 0, 2])
-    builder.goal([4, 4, 2])
+    builder.goal([-4, -4, 2])
     return builder.build()
 
 
@@ -44,12 +44,12 @@ def test_lidars_and_cameras_detect_the_others(room):
     np.testing.assert_allclose(ranges[1][:, forwards], [2 - 0.465, 2 - 0.465, 2], rtol=1e-6)
     np.testing.assert_allclose(ranges[1][:, backwards], [6, 2 - 0.465, 2 - 0.465], rtol=1e-6)
     np.testing.assert_array_equal(ranges[2], ranges[1])  # LiDARs detect the hull, also with a mesh
-    assert [batch.camera().instance[0, 24, 32] for batch in (unseen, seen, meshes)] == [1, 57345, 57345]
+    assert [batch.camera().instance[0, 22, 32] for batch in (unseen, seen, meshes)] == [1, 57345, 57345]
     assert seen.camera().instance[1, 24, 32] == 57346
     assert set(np.unique(seen.camera().instance[2])) == {1}
     assert set(np.unique(seen.camera().semantic)) == {1, 65531}
     assert seen.camera().depth[0, 24, 32] == pytest.approx(2 - 0.465)
-    assert meshes.camera().depth[0, 24, 32] == pytest.approx(2 - 0.3, abs=0.05)
+    assert meshes.camera().depth[0, 22, 32] == pytest.approx(2 - 0.3, abs=0.05)
     red, green, blue = (meshes.camera().rgb[0][meshes.camera().instance[0] == 57345].mean(axis=0)).tolist()
     assert red > 2 * green and red > 2 * blue
     grey = seen.camera().rgb[0][seen.camera().instance[0] == 57345].mean(axis=0)
@@ -65,7 +65,9 @@ def test_a_world_is_the_same_mesh(room):
 def test_bad_keywords_are_refused(room):
     with pytest.raises(ValueError, match="meet"):
         flock(room, meet="sometimes")
-    with pytest.raises(TypeError, match=r"drone_mesh: expected a flockstep\.DroneMesh, a flockstep\.World or None, got 3"):
+    with pytest.raises(
+        TypeError, match=r"drone_mesh: expected a flockstep\.DroneMesh, a flockstep\.World or None, got 3"
+    ):
         flock(room, drone_mesh=3)
     with pytest.raises(ValueError, match='drone_mesh: expected None unless meet is "seen" or "both"'):
         flock(room, drone_mesh=RED, meet="touched")
@@ -124,20 +126,29 @@ def test_pictures_show_each_drone_once(room):
     keywords = {"worlds": room, "drones_per_env": 2, "render_mode": "rgb_array", "drone_mesh": RED}
     pictures = []
     for meet in ("never", "seen"):
-        envs = flockstep.DroneVectorEnv(1, **keywords, meet=meet, render_view=((-3, 0, 3), (1, 0, 2)), render_size=(80, 60))
+        envs = flockstep.DroneVectorEnv(
+            1, **keywords, meet=meet, render_view=((-3, 0, 3), (1, 0, 2)), render_size=(80, 60)
+        )
         envs.reset(seed=1)
-        envs.batch.set_pose(np.float32([[0, 0, 2], [1.5, 1, 2]]))
+        envs.batch.set_pose(np.float32([[0, 0, 2], [1.5, 1, 3]]))  # the second is above the beams
+        envs.batch.sense()
         pictures.append(envs.render()[0])
     np.testing.assert_array_equal(*pictures)
 
 
 def test_the_camera_view_shows_the_others(room):
     camera = CameraConfig(width_px=64, height_px=48)
-    keywords = {"worlds": room, "drones_per_env": 2, "render_mode": "rgb_array", "render_view": "camera", "meet": "seen"}
+    keywords = {
+        "worlds": room,
+        "drones_per_env": 2,
+        "render_mode": "rgb_array",
+        "render_view": "camera",
+        "meet": "seen",
+    }
     envs = flockstep.DroneVectorEnv(1, **keywords, camera=camera, drone_mesh=RED)
     envs.reset(seed=1)
     envs.batch.set_pose(np.float32([[0, 0, 2], [2, 0, 2]]))
     envs.batch.sense()
     seen, empty = envs.render()
     is_red = [(picture[:, :, 0] > 2 * picture[:, :, 1].astype(int)).sum() for picture in (seen, empty)]
-    assert is_red[0] > 50 and is_red[1] == 0
+    assert is_red[0] > 15 and is_red[1] == 0

@@ -639,7 +639,7 @@ goal_radius target laps last_distance max_steps max_speed max_episode_time_s n_s
 action_scale action_dim action_shape observation observation_shape obs_dim state_size states loads draws acts resets
 successes infos info_scale lidar_m lidar_range_m lidar_beams clock_s clock_hz camera_name drone_mass drone_kg
 drone_ids world_size world_name step_ms step_s step_size steps_left flight flock block radar marker_ids frame frames
-skip random_start random_seed dynamics_noise time_limit_s name episodes episode_steps max_reward
+skip random_start random_seed dynamics_noise time_limit_s name num_episodes episode_steps max_reward
 num_waypoints kp gains hold_s
 """
 

@@ -31,8 +31,8 @@ class SeenDrones {
  private:
   const State& state_;
   trace::HullPlanes planes_;
-  std::optional<BodyModel> mesh_;  // for cameras
-  float radius_;                   // m, of a ball around the position that contains hull and mesh
+  std::optional<BodyModel> mesh_;   // for cameras
+  float radius_;                    // m, of a ball around the position that contains hull and mesh
   std::vector<float> seen_radius_;  // (N,), -1: not active
 };
 

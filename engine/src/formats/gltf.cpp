@@ -9,6 +9,7 @@
 #include <cstring>
 #include <limits>
 #include <map>
+#include <memory>
 #include <string_view>
 #include <tuple>
 #include <utility>
@@ -24,6 +25,7 @@
 #include "formats/placement.hpp"
 #include "formats/unused_names.hpp"
 #include "world/scene_description.hpp"
+#include "world/scene_keys.hpp"
 
 namespace flockstep {
 namespace {
@@ -152,6 +154,7 @@ class GltfReader {
     for (std::size_t i = 0; i < model_.materials.size(); ++i) add_material(i, 0);
     read_nodes();
     for (const Shown& shown : shown_) read_mesh(shown);
+    finish_bodies();
     order_waypoints();
     if (scene().materials.empty()) material_of(std::nullopt, 0);
     if (dropped_ > 0) {
@@ -436,6 +439,7 @@ class GltfReader {
     int semantic;           // inherited; 0 if no ancestor has one
     Visibility visibility;  // inherited; full if no ancestor restricts it
     bool is_root;
+    std::size_t body;  // number of the body that an ancestor is, or kNone
   };
 
   void read_nodes() {
@@ -455,16 +459,16 @@ class GltfReader {
     std::vector<bool> is_met(model_.nodes.size(), false);
     std::vector<Placed> open;
     const auto push = [&](const std::vector<std::size_t>& nodes, const Eigen::Affine3d& place, int semantic,
-                          Visibility visibility, bool are_roots) {
+                          Visibility visibility, bool are_roots, std::size_t body) {
       for (auto i = nodes.rbegin(); i != nodes.rend(); ++i) {
-        open.push_back({*i, place, semantic, visibility, are_roots});
+        open.push_back({*i, place, semantic, visibility, are_roots, body});
       }
       for (const std::size_t node : nodes) {
         if (is_met[node]) refuse(field("nodes", node), "a node with one parent", "one with two, or that contains itself");
         is_met[node] = true;
       }
     };
-    push(roots, place_, 0, Visibility::full, true);
+    push(roots, place_, 0, Visibility::full, true, kNone);
     while (!open.empty()) {
       Interrupt::poll();
       const Placed at = open.back();
@@ -476,8 +480,76 @@ class GltfReader {
       if (!place.matrix().allFinite()) refuse(field("nodes", at.node), "a finite transform", "one with infinite numbers");
       const int semantic = node.semantic != 0 ? node.semantic : at.semantic;
       const Visibility visibility = visibility_of(node, at.visibility);
-      read_node(node, at, place, semantic, visibility);
-      push(node.children, place, semantic, visibility, false);
+      const std::size_t body = node.body ? begin_body(node, at, place) : at.body;
+      if (body == kNone) {
+        read_node(node, at, place, semantic, visibility);
+      } else if (node.mesh) {
+        count_triangles(*node.mesh);
+        bodies_[body].reader->shown_.push_back(
+            {*node.mesh, at.node, bodies_[body].frame.inverse() * place, semantic, visibility});
+      }
+      push(node.children, place, semantic, visibility, false, body);
+    }
+  }
+
+  // A node that is a body, with its descendants.
+  struct BodyNode {
+    std::size_t node;
+    Eigen::Affine3d frame;               // of the body, without scale
+    std::unique_ptr<GltfReader> reader;  // of the mesh, in the body frame
+  };
+
+  std::size_t begin_body(const GltfNode& node, const Placed& at, const Eigen::Affine3d& place) {
+    const std::string name = field("nodes", at.node) + "/extras/" + kGltfBody;
+    if (at.body != kNone) refuse(name, "no body inside another one", "one");
+    require(scene().bodies.size() < keys::kBodies.most, name, "at most " + std::to_string(keys::kBodies.most) + " bodies",
+            "more");
+    Eigen::Matrix3d axes = place.linear() * upright().linear().inverse();
+    const Vec3d scale = axes.colwise().norm();
+    axes.array().rowwise() /= scale.transpose().array();
+    if (!(scale.minCoeff() > 0.0) || !(axes.transpose() * axes).isIdentity(kRounding)) {
+      refuse(field("nodes", at.node), "a body that is moved, turned and scaled along its axes", "another transform");
+    }
+    if (axes.determinant() < 0.0) axes.col(0) *= -1.0;  // the mesh is mirrored
+    const Vec3d position = place.translation();
+    if (!(position.cwiseAbs().maxCoeff() <= kMaxCoordinate))
+      refuse(field("nodes", at.node), in_world("a body"), written(position));
+    BodyConfig& body = scene().bodies.emplace_back(*node.body);
+    if (place_.matrix() != upright().matrix()) place_body(body, place_ * upright().inverse(), options_.scale);
+    const Eigen::Quaterniond turned = Eigen::Quaterniond(axes).normalized();
+    const Quat rotation = unit_quaternion({turned.w(), turned.x(), turned.y(), turned.z()});
+    body.shape = BodyShape::mesh;
+    body.size_m = BodyConfig().size_m;
+    Vec3::Map(body.position_m.data()) = position.cast<float>();
+    body.quat_wxyz = {rotation.w(), rotation.x(), rotation.y(), rotation.z()};
+    Eigen::Affine3d frame = Eigen::Affine3d::Identity();
+    frame.linear() = turned.toRotationMatrix();
+    frame.translation() = position;
+    bodies_.push_back({at.node, frame, std::make_unique<GltfReader>(model_, source_, files_, options_)});
+    return bodies_.size() - 1;
+  }
+
+  // Reads the meshes of all bodies. Bodies with equal ones share them.
+  void finish_bodies() {
+    std::vector<BodyConfig>& all = scene().bodies;
+    const std::size_t first = all.size() - bodies_.size();
+    for (std::size_t i = 0; i < bodies_.size(); ++i) {
+      GltfReader& reader = *bodies_[i].reader;
+      const auto same = std::find_if(bodies_.begin(), bodies_.begin() + static_cast<std::ptrdiff_t>(i),
+                                     [&](const BodyNode& body) { return body.reader->shown_ == reader.shown_; });
+      const auto number = static_cast<std::size_t>(same - bodies_.begin());
+      if (number < i) {
+        all[first + i].mesh = all[first + number].mesh;
+        continue;
+      }
+      reader.pixels_left_ = pixels_left_;
+      for (const Shown& shown : reader.shown_) reader.read_mesh(shown);
+      pixels_left_ = reader.pixels_left_;
+      dropped_ += reader.dropped_;
+      if (reader.scene().mesh.triangles.empty()) {
+        refuse(field("nodes", bodies_[i].node) + "/extras/" + kGltfBody, "a body with a triangle that has an area", "none");
+      }
+      all[first + i].mesh = std::make_shared<const World>(std::move(reader.scene()));
     }
   }
 
@@ -558,6 +630,12 @@ class GltfReader {
     Eigen::Affine3d place;
     int semantic;
     Visibility visibility;
+
+    // Returns true if both have the same triangles.
+    bool operator==(const Shown& other) const {
+      return mesh == other.mesh && place.matrix().isApprox(other.place.matrix(), 1e-9) && semantic == other.semantic &&
+             visibility == other.visibility;
+    }
   };
 
   static std::size_t num_triangles(const GltfPrimitive& primitive, std::size_t num_corners) {
@@ -801,8 +879,10 @@ class GltfReader {
   std::map<std::size_t, Extent> extents_;  // by mesh
   std::map<std::tuple<PrimitiveKind, float, float>, Extent> tessellations_;
   std::vector<Shown> shown_;
+  std::vector<BodyNode> bodies_;  // the last ones of the scene
   std::size_t pixels_left_ = kMaxScenePixels;
   std::size_t objects_ = 0, num_triangles_ = 0, dropped_ = 0, suns_ = 0, reshaped_ = 0;
+  static constexpr std::size_t kNone = ~std::size_t{0};
   static constexpr double kRounding = 1e-5;  // tolerance for transforms that other programs changed
 };
 

@@ -8,6 +8,7 @@
 #include <string>
 #include <utility>
 
+#include "base/config_values.hpp"
 #include "base/interrupt.hpp"
 #include "formats/body_json.hpp"
 #include "formats/scene_json.hpp"
@@ -120,6 +121,16 @@ std::optional<GltfSceneExtras> read_gltf_scene_extras(const JsonField& extras) {
   }
   if (const auto bodies = find(*ours, keys::kBodies.name))
     read.bodies = read_bodies(*bodies, {}, MeshFiles::none);  // meshes are embedded
+  return read;
+}
+
+std::shared_ptr<const BodyConfig> read_gltf_body(const JsonField& body) {
+  if (!body.value.is_object()) refuse(body, "an object of fields of BodyConfig");
+  for (const char* const name : {"shape", "size_m", "mesh", "position_m", "quat_wxyz", "color"}) {
+    if (const auto field = find(body, name)) refuse(*field, "no such field (the node defines it)");
+  }
+  auto read = std::make_shared<BodyConfig>();
+  config_values::read_value(body.value, {}, name_of(body), *read);
   return read;
 }
 

@@ -3,6 +3,7 @@
 #pragma once
 
 #include <cstdint>
+#include <memory>
 #include <nlohmann/json.hpp>
 #include <optional>
 #include <vector>
@@ -17,6 +18,7 @@ inline constexpr const char* kGltfExtras = "flockstep";
 // Other boolean keys in the extras of nodes. They apply to the node and its descendants.
 inline constexpr const char* kGltfVisual = "visual_only";
 inline constexpr const char* kGltfSolid = "collision_only";
+inline constexpr const char* kGltfBody = "body";  // key of read_gltf_body()
 
 // Extras of a node with a mesh: a primitive, a gate or an object.
 struct GltfNodeExtras {
@@ -44,6 +46,10 @@ struct GltfSceneExtras {
 // ignored. Throw std::invalid_argument that names the field, the expected value and the actual one.
 GltfNodeExtras read_gltf_node_extras(const json::JsonField& extras);
 std::optional<GltfSceneExtras> read_gltf_scene_extras(const json::JsonField& extras);
+
+// Reads the entry that makes a node and its descendants a body: an object of the fields of BodyConfig that the node does not
+// define, in the axes of a scene file. Throws as the functions above.
+std::shared_ptr<const BodyConfig> read_gltf_body(const json::JsonField& body);
 
 nlohmann::ordered_json write_gltf_extras(const GltfNodeExtras& extras);
 nlohmann::ordered_json write_gltf_extras(const GltfSceneExtras& extras);

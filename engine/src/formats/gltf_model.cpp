@@ -471,6 +471,7 @@ class Reader {
       }
       node.marker = text(*marker);
     }
+    if (const auto body = find(*extras, kGltfBody)) node.body = read_gltf_body(*body);
     for (const auto& [key, flag] : {std::pair(kGltfVisual, &node.visual_only), std::pair(kGltfSolid, &node.collision_only)}) {
       const auto given = find(*extras, key);
       if (!given) continue;

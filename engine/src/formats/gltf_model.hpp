@@ -112,6 +112,7 @@ struct GltfNode {
   std::string marker;                             // valid for is_gltf_marker(), or empty
   std::optional<bool> visual_only, collision_only;
   GltfNodeExtras extras;
+  std::shared_ptr<const BodyConfig> body;  // the node and its descendants are this body; null: they are static
 };
 
 struct GltfScene {

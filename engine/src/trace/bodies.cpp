@@ -30,16 +30,6 @@ Shape shape_of(const Bodies& bodies, std::size_t number) {
   return shape;
 }
 
-PosedHull posed_hull(const Bodies& drones, std::size_t number) {
-  const float* const p = drones.position + 3 * number;
-  const float* const q = drones.quat_wxyz + 4 * number;
-  return {.planes = drones.common_hull,
-          .position = {p[0], p[1], p[2]},
-          .rotation = Quat(q[0], q[1], q[2], q[3]),
-          .radius = drones.radius[number],
-          .element = drones.first_element + static_cast<std::int32_t>(number)};
-}
-
 // True if the shape's own bounding box may be within range of a point in its frame.
 bool is_within(const Shape& shape, const std::array<float, 3>& local, float range_m) {
   float squared = 0.0F, extent = 1.0F + range_m;
@@ -108,11 +98,17 @@ void NearBodies::gather(const Bodies& bodies, const Bodies& drones, const Vec3& 
 
 void NearBodies::add(const Bodies& bodies, const Vec3& origin, float near_m, float range_m) {
   if (bodies.count == 0) return;
+  if (bodies.common_hull != nullptr && turned_.size() < bodies.count) turned_.resize(bodies.count);
   const std::size_t count = find_near_balls(bodies.balls(), origin, range_m, found_.data());
   for (const std::uint32_t number : std::span(found_).first(count)) {
     if (number == bodies.hidden) continue;
     if (bodies.common_hull != nullptr) {
-      hulls_.push_back(posed_hull(bodies, number));
+      turned_[number].turn(*bodies.common_hull, bodies.quat_wxyz + 4 * number);
+      const float* const p = bodies.position + 3 * number;
+      hulls_.push_back({.planes = &turned_[number],
+                        .position = {p[0], p[1], p[2]},
+                        .radius = bodies.radius[number],
+                        .element = bodies.first_element + static_cast<std::int32_t>(number)});
       continue;
     }
     if (bodies.mesh(number) != nullptr) {

@@ -54,8 +54,9 @@ struct Bodies {
   // Returns the drones of one env as one of them sees them, if these are the drones of all envs.
   Bodies seen_by(std::size_t drone, std::size_t per_env) const {
     if (count == 0) return {};
-    Bodies others = of_env(drone / per_env, per_env);
-    others.hidden = drone % per_env;
+    const std::size_t env = drone / per_env;
+    Bodies others = of_env(env, per_env);
+    others.hidden = drone - env * per_env;
     return others;
   }
   void prefetch_balls() const {
@@ -96,6 +97,7 @@ class NearBodies {
   std::vector<Candidate> candidates_;
   std::vector<PosedMesh> meshes_;
   std::vector<PosedHull> hulls_;
+  std::vector<TurnedPlanes> turned_;  // by number of the drone; those of the last envs stay until they are needed
 };
 
 }  // namespace flockstep::trace

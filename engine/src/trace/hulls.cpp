@@ -23,58 +23,56 @@ using namespace flockstep::HWY_NAMESPACE;
 using HullRays = WideUpTo<kRayPadding>;
 using HullRays3 = Wide3<HullRays>;
 
-constexpr float kFarthest = std::numeric_limits<float>::infinity();
+constexpr float kNoHit = std::numeric_limits<float>::infinity();
+constexpr float kHullRounding = 1e-5F;  // more than the relative error of a product or quotient
 
 // The planes of a hull as seen from the origin of the rays: n / (offset - n . origin), with n in the world frame. The dot product
-// with a direction is the inverse of the distance at which a ray crosses the plane.
-struct SeenPlanes {
-  alignas(64) float x[HullPlanes::kMost], y[HullPlanes::kMost], z[HullPlanes::kMost];
-  std::uint64_t front;  // planes with the origin outside, one bit for each
-  std::uint64_t back;   // the others
-
+// with a direction is the inverse of the distance at which a ray crosses the plane. A ray enters the hull at its last crossing of
+// a front plane, with the origin outside, and leaves it at its first crossing of a back plane.
+class SeenPlanes {
+ public:
   // origin: m, from the hull's position.
-  HWY_INLINE void see(const HullPlanes& planes, const Vec3& origin, const Mat3& to_world) {
-    using F = WideUpTo<16>;
-    front = 0;
-    const Wide3<F> o{origin.x(), origin.y(), origin.z()};
-    for (std::size_t i = 0; i < planes.count; i += F::kCount) {
-      const Wide3<F> normal = rotate(to_world, Wide3<F>::load(planes.x.data() + i, planes.y.data() + i, planes.z.data() + i));
-      const F inside = F::load(planes.offset.data() + i) - dot(normal, o);  // m, distance of the origin
-      constexpr float kLeast = 1e-30F;                                      // from a plane; its inverse is finite
-      const F inverse = F(1.0F) / select(abs(inside) < kLeast, F(kLeast), inside);
-      (normal * inverse).store(x + i, y + i, z + i);
-      front |= std::uint64_t{bits(inside <= -kLeast)} << i;
+  HWY_INLINE void see(const TurnedPlanes& turned, const Vec3& origin) {
+    using Faces = WideUpTo<16>;
+    using Faces3 = Wide3<Faces>;
+    const Faces3 o{origin.x(), origin.y(), origin.z()};
+    const std::size_t count = turned.planes->count;
+    front_ = 0;
+    for (std::size_t i = 0; i < count; i += Faces::kCount) {
+      const Faces3 normal = Faces3::load(turned.x.data() + i, turned.y.data() + i, turned.z.data() + i);
+      const Faces inside =
+          Faces::load(turned.planes->offset.data() + i) - dot(normal, o);  // m, distance of the origin from a plane
+      constexpr float kLeast = 1e-30F;                                     // its inverse is finite
+      const Faces distance = select(abs(inside) < kLeast, Faces(kLeast), inside);
+      (normal * (Faces(1.0F) / distance)).store(x_ + i, y_ + i, z_ + i);
+      front_ |= std::uint64_t{bits(distance < 0.0F)} << i;
     }
-    const std::uint64_t all = planes.count == 64 ? ~std::uint64_t{0} : (std::uint64_t{1} << planes.count) - 1;
-    back = all & ~front;
-    front &= all;
+    back_ = (count == 64 ? ~std::uint64_t{0} : (std::uint64_t{1} << count) - 1) & ~front_;
   }
 
-  HWY_INLINE HullRays along(std::size_t plane, const HullRays3& direction) const {
-    return dot(HullRays3{x[plane], y[plane], z[plane]}, direction);
-  }
-
-  // A ray enters the hull at its last crossing of a front plane, and leaves it at its first crossing of a back plane.
   HWY_INLINE void meet(const HullRays3& direction, std::int32_t number, HullRays near, HullRays range, float* t_hit,
                        std::int32_t* element) const {
-    HullRays enter = kFarthest, leave = 0.0F;  // inverse distances
-    for (std::uint64_t left = front; left != 0; left &= left - 1) {
-      enter = min(enter, along(static_cast<std::size_t>(std::countr_zero(left)), direction));
-    }
-    if (none(enter > 0.0F)) return;
-    for (std::uint64_t left = back; left != 0; left &= left - 1) {
-      leave = max(leave, along(static_cast<std::size_t>(std::countr_zero(left)), direction));
-    }
-    const HullRays::Mask starts_outside(front != 0);
-    const HullRays enter_m = HullRays(1.0F) / enter, leave_m = HullRays(1.0F) / leave;
-    const HullRays hit = select(starts_outside & (enter_m >= near), enter_m, leave_m);
     const HullRays before = HullRays::load(t_hit);
-    const HullRays::Mask valid =
-        (enter > 0.0F) & (enter >= leave) & (hit >= near) & (hit <= range) & (hit < before);
-    if (none(valid)) return;
+    HullRays enter = kNoHit, leave = 0.0F;  // inverse distances
+    for (std::uint64_t left = front_; left != 0; left &= left - 1) enter = min(enter, along(left, direction));
+    if (none(enter * min(before, range) > 1.0F - kHullRounding)) return;
+    for (std::uint64_t left = back_; left != 0; left &= left - 1) leave = max(leave, along(left, direction));
+    const HullRays enter_m = HullRays(1.0F) / enter, leave_m = HullRays(1.0F) / leave;
+    const HullRays hit = select(HullRays::Mask(front_ != 0) & (enter_m >= near), enter_m, leave_m);
+    const HullRays::Mask valid = (enter > 0.0F) & (enter >= leave) & (hit >= near) & (hit <= range) & (hit < before);
     select(valid, hit, before).store(t_hit);
     select(valid, HullRays::Int(number), HullRays::Int::load(element)).store(element);
   }
+
+ private:
+  // For the plane that the lowest bit stands for.
+  HWY_INLINE HullRays along(std::uint64_t left, const HullRays3& direction) const {
+    const auto plane = static_cast<std::size_t>(std::countr_zero(left));
+    return dot(HullRays3{x_[plane], y_[plane], z_[plane]}, direction);
+  }
+
+  std::uint64_t front_, back_;  // one bit for each plane
+  alignas(64) float x_[HullPlanes::kMost], y_[HullPlanes::kMost], z_[HullPlanes::kMost];
 };
 
 // The directions of a bundle in the world frame, and their squared lengths.
@@ -90,6 +88,14 @@ struct WorldDirections {
   }
 };
 
+void turn_planes(const HullPlanes& planes, const Mat3& to_world, TurnedPlanes& turned) {
+  using Faces = WideUpTo<16>;
+  for (std::size_t i = 0; i < planes.count; i += Faces::kCount) {
+    const auto normal = Wide3<Faces>::load(planes.x.data() + i, planes.y.data() + i, planes.z.data() + i);
+    rotate(to_world, normal).store(turned.x.data() + i, turned.y.data() + i, turned.z.data() + i);
+  }
+}
+
 void meet_hulls(std::span<const PosedHull> hulls, RayBundle& rays) {
   using Planes = WideOf<Frustum::kPlanes>;
   const Frustum& frustum = *rays.frustum;
@@ -101,24 +107,31 @@ void meet_hulls(std::span<const PosedHull> hulls, RayBundle& rays) {
   bool has_directions = false;
   for (const PosedHull& hull : hulls) {
     const Vec3 center = hull.position - rays.origin;
-    const float squared = center.squaredNorm();
-    const float radius = hull.radius * 1.0001F + 1e-5F * (hull.radius + std::sqrt(squared));  // wider than rounding errors
-    const Wide3<Planes> to_center{center.x(), center.y(), center.z()};
-    if (!none(dot(normal, to_center) - radius > reach)) continue;
-    const float least = squared - radius * radius;  // <= 0: the origin is in the ball
+    const float rounding = kHullRounding * (hull.radius + center.cwiseAbs().sum());  // m
+    const auto beyond = [&](const auto& offset) HWY_ATTR { return dot(normal, Wide3<Planes>{offset[0], offset[1], offset[2]}); };
+    const Mat3& box = hull.planes->half_box;
+    const Planes half = abs(beyond(box.col(0))) + abs(beyond(box.col(1))) + abs(beyond(box.col(2)));
+    if (!none(beyond(center) - half * 1.0001F - rounding > reach)) continue;
+    const float squared = center.squaredNorm(), radius = hull.radius * 1.0001F + rounding;
     if (!has_directions) directions.compute(rays);
     has_directions = true;
-    bool has_planes = false;
+    const HullRays least = squared - radius * radius;  // <= 0: the origin is in the ball
+    const HullRays3 to_center{center.x(), center.y(), center.z()};
+    std::size_t close[kMaxRays / HullRays::kCount];  // the first rays of vectors in which some come close to the hull
+    std::size_t num_close = 0;
     for (std::size_t i = 0; i < rays.count; i += HullRays::kCount) {
-      const HullRays3 direction = HullRays3::load(directions.x + i, directions.y + i, directions.z + i);
-      if (least > 0.0F) {
-        const HullRays along = dot(HullRays3{center.x(), center.y(), center.z()}, direction);
-        const HullRays enough = HullRays(least) * HullRays::load(directions.squared + i);
-        if (none((along > 0.0F) & (along * along * (1.0F + 1e-5F) >= enough))) continue;
-      }
-      if (!has_planes) planes.see(*hull.planes, -center, hull.rotation.toRotationMatrix());
-      has_planes = true;
-      planes.meet(direction, hull.element, near, range, rays.t_hit + i, rays.element + i);
+      const HullRays along = dot(to_center, HullRays3::load(directions.x + i, directions.y + i, directions.z + i));
+      const HullRays enough = least * HullRays::load(directions.squared + i);
+      const HullRays::Mask passes = (along > 0.0F) & (along * along * (1.0F + kHullRounding) >= enough);
+      close[num_close] = i;
+      num_close += none(passes | (least <= 0.0F)) ? 0 : 1;
+    }
+    if (num_close == 0) continue;
+    planes.see(*hull.planes, -center);
+    for (std::size_t i = 0; i < num_close; ++i) {
+      const std::size_t first = close[i];
+      planes.meet(HullRays3::load(directions.x + first, directions.y + first, directions.z + first), hull.element, near, range,
+                  rays.t_hit + first, rays.element + first);
     }
   }
 }
@@ -129,6 +142,7 @@ HWY_AFTER_NAMESPACE();
 #if HWY_ONCE
 namespace flockstep::trace {
 
+HWY_EXPORT(turn_planes);
 HWY_EXPORT(meet_hulls);
 
 HullPlanes::HullPlanes(std::span<const Vec3> points) {
@@ -141,6 +155,15 @@ HullPlanes::HullPlanes(std::span<const Vec3> points) {
     z[i] = static_cast<float>(faces[i].normal.z());
     offset[i] = static_cast<float>(faces[i].offset);
   }
+  for (const Vec3& point : points) half_extents = half_extents.cwiseMax(point.cwiseAbs());
+}
+
+void TurnedPlanes::compute(const HullPlanes& to_turn, const float* quat) {
+  planes = &to_turn;
+  std::copy_n(quat, 4, quat_wxyz.begin());
+  const Mat3 to_world = Quat(quat[0], quat[1], quat[2], quat[3]).toRotationMatrix();
+  for (int axis = 0; axis < 3; ++axis) half_box.col(axis) = to_turn.half_extents[axis] * to_world.col(axis);
+  HWY_DYNAMIC_DISPATCH(turn_planes)(to_turn, to_world, *this);
 }
 
 void trace_hulls(std::span<const PosedHull> hulls, RayBundle& rays) { HWY_DYNAMIC_DISPATCH(meet_hulls)(hulls, rays); }

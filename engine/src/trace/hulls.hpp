@@ -2,6 +2,7 @@
 // vector for each face, so only rays that come close to the hull are tested.
 #pragma once
 
+#include <algorithm>
 #include <array>
 #include <cstddef>
 #include <cstdint>
@@ -21,12 +22,27 @@ struct HullPlanes {
   std::size_t count = 0;
   // m, body frame; the entries from `count` on are half spaces that contain everything
   alignas(64) std::array<float, kMost> x{}, y{}, z{}, offset{};
+  Vec3 half_extents = Vec3::Zero();  // m, of a box around the origin that contains the hull
+};
+
+// The normals of a hull's planes in the world frame. All drones near a hull share them, so they are kept until it turns.
+struct TurnedPlanes {
+  const HullPlanes* planes = nullptr;
+  std::array<float, 4> quat_wxyz{};                          // body to world
+  Mat3 half_box = Mat3::Zero();                              // m, columns: from the position to three faces of the box
+  alignas(64) std::array<float, HullPlanes::kMost> x, y, z;  // as in HullPlanes
+
+  void turn(const HullPlanes& to_turn, const float* quat) {
+    if (planes != &to_turn || !std::equal(quat_wxyz.begin(), quat_wxyz.end(), quat)) compute(to_turn, quat);
+  }
+
+ private:
+  void compute(const HullPlanes& to_turn, const float* quat);
 };
 
 struct PosedHull {
-  const HullPlanes* planes;
+  const TurnedPlanes* planes;
   Vec3 position;         // m, world frame
-  Quat rotation;         // body to world
   float radius;          // m, of the ball around the position that contains it
   std::int32_t element;  // number of the body in hits
 };

@@ -35,8 +35,10 @@ std::vector<std::vector<std::int64_t>> random_actions(std::size_t steps, std::si
   return actions;
 }
 
-void expect_no_allocation(int num_threads) {
-  testing::NavigationBatch config = navigation(256);
+void expect_no_allocation(int num_threads, int drones_per_env = 1, Episodes episodes = Episodes::team) {
+  testing::NavigationBatch config = navigation(256 / drones_per_env);
+  config.drones_per_env = drones_per_env;
+  config.episode.episodes = episodes;
   config.num_threads = num_threads;
   config.block_size = 16;
   config.episode.random_world = true;
@@ -61,6 +63,10 @@ TEST(Batch, AStepAllocatesNothingContactsAndResetsIncluded) { expect_no_allocati
 // The hundred warm-up steps wake the second thread. oneTBB allocates its tasks from its own pools without operator new, so this
 // counts only the engine's allocations, on both threads.
 TEST(Batch, AStepOnTwoThreadsAllocatesNothing) { expect_no_allocation(2); }
+
+TEST(Batch, AStepOfSeveralDronesAllocatesNothing) {
+  for (const Episodes episodes : {Episodes::team, Episodes::each, Episodes::last}) expect_no_allocation(1, 4, episodes);
+}
 
 TEST(Batch, EnvsDoNotDependOnOthers) {
   // The same five worlds and seeds, once with 20 envs in blocks of 3 on four threads, and once with 200 envs on one thread.

@@ -34,7 +34,7 @@ const DroneModel& met_drone() {
   return model;
 }
 
-std::shared_ptr<const World> hall() {
+std::shared_ptr<const World> meeting_hall() {
   return testing::make_world({primitive(PrimitiveKind::room, Vec3::Zero(), Vec3(kReach + 1, kReach + 1, 1.5F)),
                               primitive(PrimitiveKind::box, {0.5F, 0, 0}, Vec3(0.2F, 0.2F, 1.5F))});
 }
@@ -136,7 +136,7 @@ TEST(Meetings, KinematicDronesNeverEndInsideEachOther) {
     const int drones = 2 + static_cast<int>(random.generator()() % 9);
     Many config(2, drones);
     if (random.generator()() % 3 == 0) config.clock = {.policy_hz = 10.0F, .physics_hz = 30.0F};
-    Batch batch(config, {hall()});
+    Batch batch(config, {meeting_hall()});
     scatter(batch, random, random.generator()() % 2 == 0);
     ASSERT_EQ(unreported_overlaps(batch), 0);
     for (int round = 0; round < 20; ++round) {
@@ -158,7 +158,7 @@ TEST(Meetings, RotorDronesNeverEndInsideEachOther) {
   while (moves < wanted) {
     const auto on_contact = std::array{OnContact::bounce, OnContact::stop, OnContact::terminate}[random.generator()() % 3];
     const int drones = 2 + static_cast<int>(random.generator()() % 7);
-    Batch batch(Many(2, drones).by_rotors(on_contact), {hall()});
+    Batch batch(Many(2, drones).by_rotors(on_contact), {meeting_hall()});
     scatter(batch, random, true);
     for (int round = 0; round < 20; ++round) {
       std::vector<float> command;
@@ -197,7 +197,7 @@ TEST(Meetings, BodiesPushNoDroneIntoAnother) {
       made.motion.box_max_m = {2.5F, 2.5F, 0.5F};
       config.bodies.push_back(made);
     }
-    Batch batch(config, {hall()});
+    Batch batch(config, {meeting_hall()});
     scatter(batch, random, true);
     for (int round = 0; round < 10; ++round) {
       if (rotors) {
@@ -287,7 +287,7 @@ std::vector<Many> kinds_of_meetings(int envs, int drones) {
 TEST(Meetings, TheOrderOfTheDronesDoesNotMatter) {
   Random random(4);
   for (const Many& config : kinds_of_meetings(1, 8)) {
-    Batch first(config, {hall()}), second(config, {hall()});
+    Batch first(config, {meeting_hall()}), second(config, {meeting_hall()});
     scatter(first, random, true);
     const Copy copy{second, in_order(8)};
     Copy shuffled(copy);
@@ -316,7 +316,7 @@ TEST(Meetings, ThreadsBlocksAndOtherEnvsDoNotMatter) {
     other.num_threads = 3;
     other.block_size = 2;
     single.num_envs = 1;
-    Batch first(config, {hall()}), second(other, {hall()}), third(single, {hall()});
+    Batch first(config, {meeting_hall()}), second(other, {meeting_hall()}), third(single, {meeting_hall()});
     scatter(first, random, true);
     const Copy threaded{second, in_order(30)};
     Copy alone{third, std::vector<int>(30, -1)};
@@ -334,7 +334,7 @@ TEST(Meetings, ThreadsBlocksAndOtherEnvsDoNotMatter) {
 TEST(Meetings, ASnapshotContinuesInTheMiddle) {
   Random random(6);
   for (const Many& config : kinds_of_meetings(2, 6)) {
-    Batch first(config, {hall()}), second(config, {hall()});
+    Batch first(config, {meeting_hall()}), second(config, {meeting_hall()});
     scatter(first, random, true);
     for (int round = 0; round < 6; ++round) {
       second.restore(first.snapshot());
@@ -351,7 +351,7 @@ TEST(Meetings, DronesThatStayApartFlyAsIfTheyWereAlone) {
   for (const Many& config : kinds_of_meetings(3, 4)) {
     Many never = config;
     never.meet = Meet::never;
-    Batch first(config, {hall()}), second(never, {hall()});
+    Batch first(config, {meeting_hall()}), second(never, {meeting_hall()});
     std::vector<float> position, quat;
     for (int i = 0; i < 12; ++i) {
       position.insert(position.end(),
@@ -377,7 +377,7 @@ TEST(Meetings, DronesThatStayApartFlyAsIfTheyWereAlone) {
 // Two drones fly towards each other and stop 0.1 mm apart.
 TEST(Meetings, AContactNamesBothDrones) {
   for (const Meet meet : {Meet::never, Meet::seen, Meet::touched, Meet::both}) {
-    Batch batch(Many(1, 3, meet), {hall()});
+    Batch batch(Many(1, 3, meet), {meeting_hall()});
     const std::vector<float> start{-2, -1, 0, 0, -1, 0, 2, 2, 0};
     batch.set_pose(start, {});
     const std::vector<float> target{0, -1, 0, -2, -1, 0, 2, 2, 0};
@@ -412,7 +412,7 @@ TEST(Meetings, ADroneThatHoldsStillIsInTheWay) {
   for (const bool rotors : {false, true}) {
     Many config(1, 2);
     if (rotors) config.by_rotors(OnContact::bounce);
-    Batch batch(config, {hall()});
+    Batch batch(config, {meeting_hall()});
     const std::vector<float> start{-2, -1, 0, -0.9F, -1, 0};
     batch.set_pose(start, {});
     const std::vector<std::uint8_t> first{1, 0};
@@ -433,7 +433,7 @@ TEST(Meetings, ADroneThatHoldsStillIsInTheWay) {
 // Drones at one point may leave each other, but come no nearer; nothing hangs.
 TEST(Meetings, DronesAtOnePointSeparate) {
   for (const Many& config : kinds_of_meetings(1, 6)) {
-    Batch batch(config, {hall()});
+    Batch batch(config, {meeting_hall()});
     std::vector<float> position;
     for (int i = 0; i < 6; ++i) position.insert(position.end(), {-1, -1, 0});
     batch.set_pose(position, {});
@@ -452,7 +452,7 @@ TEST(Meetings, DronesAtOnePointSeparate) {
 }
 
 TEST(Meetings, RemovedDronesAreNotThere) {
-  Batch batch(Many(1, 2), {hall()});
+  Batch batch(Many(1, 2), {meeting_hall()});
   const std::vector<float> start{-2, -1, 0, -0.5F, -1, 0};
   batch.set_pose(start, {});
   const std::int64_t second = 1;
@@ -464,7 +464,7 @@ TEST(Meetings, RemovedDronesAreNotThere) {
 }
 
 TEST(Meetings, TooManyDronesAreRefused) {
-  EXPECT_EQ(testing::message_of([] { Batch(Many(1, 10000), {hall()}); }),
+  EXPECT_EQ(testing::message_of([] { Batch(Many(1, 10000), {meeting_hall()}); }),
             "drones_per_env: expected at most 4096 unless meet is \"never\", got 10000");
 }
 

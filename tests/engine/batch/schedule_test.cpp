@@ -123,7 +123,7 @@ TEST(Schedule, ListsHoldTheirWholeBlockAndAreApart) {
 
 TEST(EnvList, FilterKeepsTheOrder) {
   EnvIndex storage[6];
-  EnvList list(storage);
+  EnvList list(storage, Part::active);
   EXPECT_TRUE(list.empty());
   for (const std::uint32_t env : {9U, 2U, 7U, 4U, 1U, 8U}) list.push(EnvIndex(env));
   std::vector<std::size_t> asked;

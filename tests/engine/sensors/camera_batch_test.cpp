@@ -866,8 +866,8 @@ TEST(CameraSnapshot, OfAnotherCameraIsRefused) {
   EXPECT_NO_THROW(batch.restore(two_cameras(CaptureMode::every_step).make(worlds).snapshot()));
 }
 
-// Without a task, the camera data is the end of a snapshot: the mode, settings of 40 bytes per drone, and six arrays with the
-// place and time of the frames. Each is preceded by its length.
+// Without a task, the camera data is the end of a snapshot: the mode, settings of 40 bytes per drone, and seven arrays with
+// the place and time of the frames. Each is preceded by its length.
 TEST(CameraSnapshot, DamagedOnesAreRefusedAndChangeNothing) {
   constexpr std::size_t kDrones = 3;
   Batch batch(probes(kDrones, CaptureMode::every_step), halls());
@@ -875,7 +875,8 @@ TEST(CameraSnapshot, DamagedOnesAreRefusedAndChangeNothing) {
   batch.sense();
   const std::string blob = batch.snapshot();
   const std::size_t steps = blob.size() - 8 * kDrones;
-  const std::size_t bodies = steps - 8 - 8 * kDrones;
+  const std::size_t drones = steps - 8 - 8 * kDrones;
+  const std::size_t bodies = drones - 8 - 8 * kDrones;
   const std::size_t ticks = bodies - 8 - 8 * kDrones;
   const std::size_t worlds = ticks - 8 - 4 * kDrones;
   const std::size_t positions = worlds - 8 - 16 * kDrones - 8 - 12 * kDrones;

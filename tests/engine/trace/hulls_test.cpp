@@ -53,9 +53,14 @@ struct PosedPoints {
   HullPlanes planes;
   oracle::Hull exact;
   Pose pose;
+  TurnedPlanes turned;
 
   PosedPoints(const std::vector<Vec3>& points, const Pose& at) : model(points), planes(points), exact(points), pose(at) {}
-  PosedHull posed(std::int32_t element) const { return {&planes, pose.position, pose.rotation, model.radius(), element}; }
+  PosedHull posed(std::int32_t element) {
+    const Quat& q = pose.rotation;
+    turned.turn(planes, std::array{q.w(), q.x(), q.y(), q.z()}.data());
+    return {&turned, pose.position, model.radius(), element};
+  }
 };
 
 oracle::Hit nearest(const std::vector<std::unique_ptr<PosedPoints>>& hulls, const Vec3d& origin, const Vec3d& direction) {
@@ -155,8 +160,14 @@ TEST(Hulls, ARayDependsOnNoOtherRay) {
   Random random(5);
   const DroneModel model = DroneModel::quadrotor650();
   const HullPlanes planes(model.hull());
+  std::vector<TurnedPlanes> turned(80);
   std::vector<PosedHull> posed;
-  for (int i = 0; i < 20; ++i) posed.push_back({&planes, random.point(3.0F), random.rotation(), model.radius(), i});
+  for (int i = 0; i < 80; ++i) {
+    const Quat q = random.rotation();
+    TurnedPlanes& planes_at = turned[static_cast<std::size_t>(i)];
+    planes_at.turn(planes, std::array{q.w(), q.x(), q.y(), q.z()}.data());
+    posed.push_back({&planes_at, random.point(3.0F), model.radius(), i});
+  }
   std::vector<Vec3> chosen;
   for (std::size_t i = 0; i < kMaxRays; ++i) chosen.push_back(random.direction());
   const auto trace = [&](const std::vector<Vec3>& some, float before) {

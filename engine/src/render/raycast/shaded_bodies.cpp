@@ -33,9 +33,8 @@ void ShadedBodies::begin(const VisibleBodies& bodies, const VisibleBodies& drone
 void ShadedBodies::shade(std::size_t number, Body& body) {
   const BodySurface& surface = bodies_.surface(number);
   body.shape = trace::make_shape(trace::posed_solid(bodies_.shapes, number));
-  body.solid = shading_->make_solid(body.shape, {.color = surface.color,
-                                                 .semantic = surface.semantic,
-                                                 .instance = bodies_.instance(number)});
+  body.solid = shading_->make_solid(body.shape,
+                                    {.color = surface.color, .semantic = surface.semantic, .instance = bodies_.instance(number)});
   if (takes_ramp(body.solid)) body.solid.ramp = find_ramp(body.solid.surface);
   body.frame = frame_;
 }
@@ -60,9 +59,7 @@ ShadedBodies::Mesh ShadedBodies::mesh_at(std::size_t number) {
   }
   found->shaded->turn(posed.to_local);
   found->frame = frame_;
-  return {found->shaded.get(),
-          posed,
-          {.semantic = surface.semantic, .instance = set.instance(among)}};
+  return {found->shaded.get(), posed, {.semantic = surface.semantic, .instance = set.instance(among)}};
 }
 
 void ShadedBodies::light(const Mesh& mesh, std::int32_t element, const trace::RayBundle& rays, const trace::HitDetails& details,
