@@ -210,7 +210,7 @@ def main() -> None:
         worst_reward = max(worst_reward, float(np.abs(a[1] - b[1]).max()))
         assert (a[2] == b[2]).all()
         assert (a[3] == b[3]).all()
-    print(f"4,800 steps, flags the same: observations within {worst_observation:.1e}, rewards within {worst_reward:.1e}")
+    print(f"4,800 steps, same flags: observations within {worst_observation:.1e}, rewards within {worst_reward:.1e}")
 
 
 if __name__ == "__main__":

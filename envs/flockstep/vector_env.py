@@ -161,6 +161,8 @@ if TYPE_CHECKING:
         # end of fields
 
 
+if TYPE_CHECKING:
+    _TaskConfig = HoverConfig | TrackConfig | RaceConfig | DodgeConfig | SwapConfig | FormationConfig
 _Sensor = TypeVar("_Sensor")
 _Config = TypeVar("_Config")
 
@@ -174,9 +176,10 @@ class DroneVectorEnv(VectorEnv[Observation, Array, Array]):
     """Many drone envs stepped by one call, with a task of the engine or your own `Task`.
 
     The built-in tasks are navigation, which is the default, hovering (`HoverConfig`, ``flockstep/Hover-v0``), path
-    tracking (`TrackConfig`, ``flockstep/Track-v0``), racing (`RaceConfig`, ``flockstep/Race-v0``) dodging bodies
-    (`DodgeConfig`, ``flockstep/Dodge-v0``), and two of several drones: exchanging places (`SwapConfig`,
-    ``flockstep/Swap-v0``) and flying in formation (`FormationConfig`, ``flockstep/Formation-v0``). Hover, Track and Race simulate the rotors. The navigation tasks differ in
+    tracking (`TrackConfig`, ``flockstep/Track-v0``), racing (`RaceConfig`, ``flockstep/Race-v0``), dodging bodies
+    (`DodgeConfig`, ``flockstep/Dodge-v0``), and two for several drones: exchanging places (`SwapConfig`,
+    ``flockstep/Swap-v0``) and flying in formation (`FormationConfig`, ``flockstep/Formation-v0``). Hover, Track and
+    Race simulate the rotors. The navigation tasks differ in
     their observations and therefore in their defaults:
 
     - ``"goal"`` (``flockstep/LidarNavigation-v0``): float32 (3 + rays,), the unit direction to the current goal in the
@@ -201,8 +204,9 @@ class DroneVectorEnv(VectorEnv[Observation, Array, Array]):
         camera tasks; a `Task` declares its own.
     task
         A task other than navigation: a `HoverConfig`, `TrackConfig`, `RaceConfig`, `DodgeConfig`, `SwapConfig` or
-        `FormationConfig`, your own `Task` (an object, or its class), or a `NativeTask` in C++. With `gymnasium.make_vec`, the time limit registered for the
-        env's id applies, unless ``max_episode_steps`` is also given.
+        `FormationConfig`, your own `Task` (an object, or its class), or a `NativeTask` in C++. With
+        `gymnasium.make_vec`, the time limit registered for the env's id applies, unless ``max_episode_steps`` is also
+        given.
     observation
         Observation of the navigation task: ``"goal"``, ``"blob"`` or ``"pixels"``.
     lidar
@@ -383,7 +387,7 @@ class DroneVectorEnv(VectorEnv[Observation, Array, Array]):
         num_envs: int = 1,
         *,
         worlds: scenes.WorldsLike | WorldPool | None = None,
-        task: Task | type[Task] | NativeTask | HoverConfig | TrackConfig | RaceConfig | DodgeConfig | SwapConfig | FormationConfig | None = None,
+        task: Task | type[Task] | NativeTask | _TaskConfig | None = None,
         observation: str = "goal",
         lidar: LidarConfig | Sequence[LidarConfig] | None = None,
         camera: CameraConfig | Sequence[CameraConfig] | None = None,
@@ -795,10 +799,11 @@ def _recipe_for(
         recipe = Recipe(f"library/{task.path}")
         defaults = task_defaults(task)
         recipe.worlds = [defaults["worlds"]]
-        _set_given(recipe, **{name: defaults[name] for name in ("drone", "lidars", "cameras", "dynamics", "clock", "drones_per_env", "meet")})
+        names = ("drone", "lidars", "cameras", "dynamics", "clock", "drones_per_env", "meet")
+        _set_given(recipe, **{name: defaults[name] for name in names})
     else:
-        names = ", ".join(config.__name__ for config in _TASK_CONFIGS)
-        raise TypeError(f"task: expected a flockstep.Task, a NativeTask or one of {names}, got {task!r}")
+        kinds = ", ".join(config.__name__ for config in _TASK_CONFIGS)
+        raise TypeError(f"task: expected a flockstep.Task, a NativeTask or one of {kinds}, got {task!r}")
     recipe.episode = EpisodeConfig(**episode | chosen.get(EpisodeConfig, {}))
     recipe.clock = _changed(recipe.clock, chosen.get(ClockConfig))
     recipe.dynamics = _changed(recipe.dynamics, chosen.get(DynamicsConfig))

@@ -43,7 +43,8 @@ ID = "flockstep/LidarNavigation-v0"
         ),
         (
             lambda: DroneVectorEnv(task=flockstep.HoverConfig(), step_m=3),
-            "step_m: a keyword of the navigation and the dodge and the swap and the formation task, but another task is given",
+            "step_m: a keyword of the navigation and the dodge and the swap and the formation task, but another task "
+            "is given",
         ),
         (
             lambda: DroneVectorEnv(task=flockstep.HoverConfig(), hold_x=3),

@@ -744,7 +744,8 @@ class TestNeighbors:
         batch.set_pose([[0, 0, 5], [2, 0, 5]])
         batch.set_velocity([[1, 0, 0], [0, 3, 0]])
         batch.sense()
-        np.testing.assert_allclose(batch.terms.neighbors(1)[:, 0], [[2, 0, 0, -1, 3, 0, 1], [-2, 0, 0, 1, -3, 0, 1]], atol=1e-6)
+        found = batch.terms.neighbors(1)[:, 0]
+        np.testing.assert_allclose(found, [[2, 0, 0, -1, 3, 0, 1], [-2, 0, 0, 1, -3, 0, 1]], atol=1e-6)
 
     def test_kinematic_drones_have_none(self):
         batch = flockstep.Batch([HALL], 2, drones_per_env=2)

@@ -305,6 +305,35 @@ def test_the_trainings_of_dodge():
     assert "| trained among bodies, seed 0 | 81.2 % |  | 251 s |" in written
 
 
+def test_the_trainings_of_swap():
+    values = {
+        "straight/success_of_8": (0.0, "1"),
+        "trained/0/success_of_2": (1.0, "1"),
+        "trained/0/success_of_8": (0.9512, "1"),
+        "trained/0/seconds": (12.34, "s"),
+        "trained/0/training_s": (251.0, "s"),
+    }
+    figures = [{"name": f"swap/{name}", "value": v, "unit": unit, "runs": 1} for name, (v, unit) in values.items()]
+    written = table.swap({"swap": result(figures=figures)})
+    assert "| swaps without a touch | 8 drones | 2 drones | time of 8 drones | training |" in written
+    assert "| fly straight to their goals | 0.0 % |  |  |  |" in written
+    assert "| trained with 8 drones, seed 0 | 95.1 % | 100.0 % | 12.3 s | 251 s |" in written
+
+
+def test_the_trainings_of_formation():
+    values = {
+        "straight/hall_success": (0.25, "1"),
+        "straight/hall_error_m": (0.1234, "m"),
+        "trained/2/hall_success": (1.0, "1"),
+        "trained/2/training_s": (251.0, "s"),
+    }
+    figures = [{"name": f"formation/{name}", "value": v, "unit": unit, "runs": 1} for name, (v, unit) in values.items()]
+    written = table.formation({"formation": result(figures=figures)})
+    assert "| 4 drones | success, halls | error, halls | training |" in written
+    assert "| fly straight to their places | 25.0 % | 12.3 cm |  |" in written
+    assert "| trained, seed 2 | 100.0 % |  | 251 s |" in written
+
+
 def test_the_costs_of_bodies():
     values = {
         "lidar_task/static/steps_per_second": (2_000_000.0, "1/s"),
