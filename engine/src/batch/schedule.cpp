@@ -42,8 +42,8 @@ void Schedule::rebuild(std::span<const std::int32_t> world_index, std::span<cons
     const auto list = [&](std::size_t which, Part part) { return EnvList(lists_[which].data() + first, part); };
     const std::span<const EnvIndex> envs = std::span(order_).subspan(first, std::min(block_size_, end - first));
     const bool is_contiguous = envs.back() - envs.front() + 1 == envs.size() && std::ranges::is_sorted(envs);
-    blocks_.push_back({envs, is_contiguous, list(0, Part::flown), list(1, Part::flying), list(2, Part::resetting),
-                       list(3, Part::active)});
+    blocks_.push_back(
+        {envs, is_contiguous, list(0, Part::flown), list(1, Part::flying), list(2, Part::resetting), list(3, Part::active)});
   }
 }
 

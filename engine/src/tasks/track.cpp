@@ -193,8 +193,7 @@ class Track final : public FlightTask {
       terms[kCrash] = crashed ? -static_cast<double>(config_.crash_weight) : 0.0;
       score.terminated[drone] = crashed;
       score.left_area[drone] = is_far;
-      score.success[drone] =
-          !crashed && squares_[drone] <= close * close * static_cast<double>(episodes.steps[drone]);
+      score.success[drone] = !crashed && squares_[drone] <= close * close * static_cast<double>(episodes.steps[drone]);
     }
   }
 
