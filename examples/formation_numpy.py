@@ -132,7 +132,7 @@ class Formation(flockstep.Task):
         self.summed_error += np.where(self.flying, error, 0)
         nearest = batch.terms.ranges().min(axis=1).astype(float) * batch.lidar().max_range_m
         terms = {
-            "place": c.place_weight / (1 + (error / c.close_m) ** 2),
+            "place": c.place_weight * np.exp(-error),
             "crash": -c.crash_weight * crashed,
             "near": -c.near_weight * np.maximum(1 - nearest / c.near_m, 0),
             "change": -c.change_weight * self.change,

@@ -18,18 +18,18 @@ from training.tasks import UNSEEN_SEEDS
 Array = npt.NDArray[Any]
 Predict = Callable[[Array], Array]
 
-MOST_STEPS = 300
+MOST_STEPS = 300  # of the flights that judge
 DRONES = 8
 #: Numbers of drones of the flights that judge.
 JUDGED = (2, 4, 8, 16, 32)
 #: Found with the seeds 100 and 101.
-NUM_ENVS, STEPS = 64, 8_000_000
+NUM_ENVS, STEPS, TRAINING_STEPS = 64, 12_000_000, 150
 SETTINGS: dict[str, Any] = {
-    "n_steps": 64,
+    "n_steps": 32,
     "batch_size": 4096,
-    "n_epochs": 4,
+    "n_epochs": 3,
     "learning_rate": 1e-3,
-    "gamma": 0.99,
+    "gamma": 0.97,
     "policy_kwargs": {"net_arch": [128, 128], "log_std_init": -0.7},
 }
 
@@ -52,7 +52,7 @@ def make(num_envs: int, threads: int, drones: int = DRONES) -> flockstep.DroneVe
         num_envs,
         task=flockstep.SwapConfig(),
         drones_per_env=drones,
-        max_episode_steps=MOST_STEPS,
+        max_episode_steps=TRAINING_STEPS,
         stagger_first_episode=True,
         autoreset_mode="same_step",
         copy=False,

@@ -268,7 +268,7 @@ struct TrackConfig {
         field("close_m", &C::close_m,
               {.about = "Maximum root mean square of d of a successful episode.", .unit = "m", .limits = above(0)}),
         field("near_weight", &C::near_weight, {.about = "Weight of the reward term exp(-2 d)."}),
-        field("close_weight", &C::close_weight, {.about = "Weight of the reward term 1 / (1 + (d / close_m)^2)."}),
+        field("close_weight", &C::close_weight, {.about = "Weight of the reward term exp(-d)."}),
         field("yaw_weight", &C::yaw_weight, {.about = "Weight of the penalty on the yaw error, in rad."}),
         field("spin_weight", &C::spin_weight,
               {.about = "Weight of the penalty on the magnitude of the angular velocity, in units of 10 rad/s."}),
@@ -472,9 +472,9 @@ struct SwapConfig {
   float near_m = 1.5F;
   float progress_weight = 1.0F;
   float goal_weight = 10.0F;
-  float crash_weight = 10.0F;
+  float crash_weight = 20.0F;
   float near_weight = 0.1F;
-  float time_weight = 0.02F;
+  float time_weight = 0.05F;
 
   static constexpr auto fields() {
     using C = SwapConfig;
@@ -550,8 +550,8 @@ struct FormationConfig {
   float sight_m = 4.0F;
   float close_m = 0.2F;
   float near_m = 0.8F;
-  float place_weight = 0.1F;
-  float crash_weight = 10.0F;
+  float place_weight = 0.2F;
+  float crash_weight = 5.0F;
   float near_weight = 0.1F;
   float change_weight = 0.02F;
 

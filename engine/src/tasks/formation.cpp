@@ -177,10 +177,9 @@ class Formation final : public Task {
       const double error = distance_m(leader_of(context, env, 0).place(place_of(context, drone)), position_of(state, drone));
       const float max_range = context.lidar_readings().max_range_m[drone];
       const double nearest = clearance_of(ranges_of(context, drone), max_range).nearest * static_cast<double>(max_range);
-      const double ratio = error / static_cast<double>(config_.close_m);
       state_.summed_error[drone] += error;
       const std::span<double> terms = score.terms_of(drone);
-      terms[kPlace] = static_cast<double>(config_.place_weight) / (1.0 + ratio * ratio);
+      terms[kPlace] = static_cast<double>(config_.place_weight) * std::exp(-error);
       terms[kCrash] = crashed ? -static_cast<double>(config_.crash_weight) : 0.0;
       terms[kNear] =
           -static_cast<double>(config_.near_weight) * std::max(1.0 - nearest / static_cast<double>(config_.near_m), 0.0);
