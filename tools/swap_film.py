@@ -51,7 +51,7 @@ class Args:
 
 
 def fly(model: flockstep.PPO, args: Args) -> tuple[Array, Array, float]:
-    """Fly one episode; return the positions (T, M, 2) and the goals (M, 2), m, from the middle, and a drone's radius."""
+    """Fly one episode; return the positions (T, M, 2), the goals (M, 2) and the radius of a drone, all in m."""
     envs = flockstep.DroneVectorEnv(
         1,
         task=flockstep.SwapConfig(),

@@ -19,11 +19,13 @@ Array = npt.NDArray[Any]
 Predict = Callable[[Array], Array]
 
 MOST_STEPS = 300  # of the flights that judge
-DRONES = 8
+DRONES = 8  # in each env of the flights that judge
+#: In each env of the training. A policy that has learned with 8 drones touches others among 16.
+TRAINING_DRONES = 16
 #: Numbers of drones of the flights that judge.
 JUDGED = (2, 4, 8, 16, 32)
 #: Found with the seeds 100 and 101.
-NUM_ENVS, STEPS, TRAINING_STEPS = 64, 12_000_000, 150
+NUM_ENVS, STEPS, TRAINING_STEPS = 32, 16_000_000, 150
 SETTINGS: dict[str, Any] = {
     "n_steps": 32,
     "batch_size": 4096,
@@ -46,7 +48,7 @@ class Swaps:
     """(E,) s: the length of the episode."""
 
 
-def make(num_envs: int, threads: int, drones: int = DRONES) -> flockstep.DroneVectorEnv:
+def make(num_envs: int, threads: int, drones: int = TRAINING_DRONES) -> flockstep.DroneVectorEnv:
     """Make the environments for training."""
     return flockstep.DroneVectorEnv(
         num_envs,

@@ -1449,7 +1449,7 @@ class TrackConfig:
     near_weight
         Weight of the reward term exp(-2 d). Default: 1.0.
     close_weight
-        Weight of the reward term 1 / (1 + (d / close_m)^2). Default: 1.0.
+        Weight of the reward term exp(-d). Default: 1.0.
     yaw_weight
         Weight of the penalty on the yaw error, in rad. Default: 0.2.
     spin_weight
@@ -1605,11 +1605,11 @@ class SwapConfig:
     goal_weight
         Reward of each drone when all are at their goals. Default: 10.0.
     crash_weight
-        Penalty for a contact. Default: 10.0.
+        Penalty for a contact. Default: 20.0.
     near_weight
         Weight of the penalty for the nearest drone. Default: 0.1.
     time_weight
-        Penalty for each step after which the drone is not at its goal. Default: 0.02.
+        Penalty for each step after which the drone is not at its goal. Default: 0.05.
     """
 
     # fields of SwapConfig
@@ -1640,9 +1640,9 @@ class SwapConfig:
         near_m: float = 1.5,
         progress_weight: float = 1.0,
         goal_weight: float = 10.0,
-        crash_weight: float = 10.0,
+        crash_weight: float = 20.0,
         near_weight: float = 0.1,
-        time_weight: float = 0.02,
+        time_weight: float = 0.05,
     ) -> None: ...
     # end of fields
 
@@ -1693,9 +1693,9 @@ class FormationConfig:
     near_m
         Range below which the near term grows, from 0 to 1 at range 0. Values: > 0 m. Default: 0.8.
     place_weight
-        Weight of the reward term 1 / (1 + (d / close_m)^2). Default: 0.1.
+        Weight of the reward term 1 / (1 + (d / close_m)^2). Default: 0.2.
     crash_weight
-        Penalty for a contact. Default: 10.0.
+        Penalty for a contact. Default: 5.0.
     near_weight
         Weight of the penalty for the nearest range. Default: 0.1.
     change_weight
@@ -1734,8 +1734,8 @@ class FormationConfig:
         sight_m: float = 4.0,
         close_m: float = 0.2,
         near_m: float = 0.8,
-        place_weight: float = 0.1,
-        crash_weight: float = 10.0,
+        place_weight: float = 0.2,
+        crash_weight: float = 5.0,
         near_weight: float = 0.1,
         change_weight: float = 0.02,
     ) -> None: ...
