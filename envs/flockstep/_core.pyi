@@ -1660,9 +1660,9 @@ class FormationConfig:
     units of ``sight_m``, shortened to 1 if it is farther (3), its velocity relative to the drone, over twice the unit
     (3), and 1, or seven times 0 if there are fewer; and the LiDAR ranges over the maximum range, 1 on a miss.
 
-    The reward is the sum of the weighted terms. d is the distance to the place, m. The episode ends at a contact, or when
-    the leader has arrived at the end of a path. It is a success without a contact if the mean of d over all steps is at
-    most ``close_m``.
+    The reward is the sum of the weighted terms. d is the distance to the place, m. The episode ends at a contact, if d
+    exceeds ``max_distance_m``, or when the leader has arrived at the end of a path. It is a success if it ends without a
+    contact, and the mean of d over all steps is at most ``close_m``.
 
     Parameters
     ----------
@@ -2041,7 +2041,15 @@ def load_scene(name: str, folder: str | PathLike[str]) -> World:
     """Return the world of a name or path; ``folder`` holds the bundled scenes."""
 
 def task_defaults(
-    task: NavigationConfig | HoverConfig | TrackConfig | RaceConfig | DodgeConfig | SwapConfig | FormationConfig | NativeTask | PythonTask,
+    task: NavigationConfig
+    | HoverConfig
+    | TrackConfig
+    | RaceConfig
+    | DodgeConfig
+    | SwapConfig
+    | FormationConfig
+    | NativeTask
+    | PythonTask,
 ) -> dict[str, Any]:
     """Return the defaults of an environment with this task.
 
@@ -3161,7 +3169,17 @@ class Recipe:
         for a batch without a task.
     """
 
-    task: NavigationConfig | HoverConfig | TrackConfig | RaceConfig | DodgeConfig | SwapConfig | FormationConfig | str | None
+    task: (
+        NavigationConfig
+        | HoverConfig
+        | TrackConfig
+        | RaceConfig
+        | DodgeConfig
+        | SwapConfig
+        | FormationConfig
+        | str
+        | None
+    )
     worlds: list[str]
     drone: str | DroneModel
     # fields of Recipe
@@ -3185,7 +3203,16 @@ class Recipe:
     dynamics: DynamicsConfig
     # end of fields
     def __init__(
-        self, task: NavigationConfig | HoverConfig | TrackConfig | RaceConfig | DodgeConfig | SwapConfig | FormationConfig | str | None = None
+        self,
+        task: NavigationConfig
+        | HoverConfig
+        | TrackConfig
+        | RaceConfig
+        | DodgeConfig
+        | SwapConfig
+        | FormationConfig
+        | str
+        | None = None,
     ) -> None: ...
     @staticmethod
     def from_json(text: str) -> Recipe:
