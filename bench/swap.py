@@ -1,4 +1,4 @@
-"""Swap: policies trained with eight drones, and straight flyers, each with 2 to 32 drones.
+"""Swap: policies trained with 16 drones, and straight flyers, each with 2 to 32 drones.
 
 The last policy of each training is judged, in episodes that nothing else uses. Three trainings.
 """

@@ -130,20 +130,22 @@ class Formation(flockstep.Task):
         place, _, _ = self.leaders(batch, steps)
         error = np.linalg.norm(place.astype(np.float32).astype(float) - batch.position, axis=1)
         self.summed_error += np.where(self.flying, error, 0)
+        lost = error > c.max_distance_m
         nearest = batch.terms.ranges().min(axis=1).astype(float) * batch.lidar().max_range_m
         terms = {
-            "place": c.place_weight / (1 + (error / c.close_m) ** 2),
-            "crash": -c.crash_weight * crashed,
+            "place": c.place_weight * np.exp(-error),
+            "crash": -c.crash_weight * (crashed | lost),
             "near": -c.near_weight * np.maximum(1 - nearest / c.near_m, 0),
             "change": -c.change_weight * self.change,
         }
         touched = crashed.reshape(-1, self.per_env).any(axis=1).repeat(self.per_env)
-        self.success[:] = ~touched & (self.summed_error / np.maximum(self.steps, 1) <= c.close_m)
+        self.left_area[:] = lost
+        self.success[:] = ~touched & ~lost & (self.summed_error / np.maximum(self.steps, 1) <= c.close_m)
         if c.route == "path":
             lengths = [self.route(batch, env).ways[-1] for env in range(self.num_envs)]
             arrived = c.leader_speed_mps * self.step_s * steps >= np.array(lengths)
-            self.truncated[:] = arrived.repeat(self.per_env) & ~crashed
-        return terms, crashed
+            self.truncated[:] = arrived.repeat(self.per_env) & ~crashed & ~lost
+        return terms, crashed | lost
 
     def observe(self, batch: flockstep.Batch) -> Array:
         c = self.config

@@ -18,18 +18,20 @@ from training.tasks import UNSEEN_SEEDS
 Array = npt.NDArray[Any]
 Predict = Callable[[Array], Array]
 
-MOST_STEPS = 300
-DRONES = 8
+MOST_STEPS = 300  # of the flights that judge
+DRONES = 8  # in each env of the flights that judge
+#: In each env of the training. A policy that has learned with 8 drones touches others among 16.
+TRAINING_DRONES = 16
 #: Numbers of drones of the flights that judge.
 JUDGED = (2, 4, 8, 16, 32)
 #: Found with the seeds 100 and 101.
-NUM_ENVS, STEPS = 64, 8_000_000
+NUM_ENVS, STEPS, TRAINING_STEPS = 32, 16_000_000, 150
 SETTINGS: dict[str, Any] = {
-    "n_steps": 64,
+    "n_steps": 32,
     "batch_size": 4096,
-    "n_epochs": 4,
+    "n_epochs": 3,
     "learning_rate": 1e-3,
-    "gamma": 0.99,
+    "gamma": 0.97,
     "policy_kwargs": {"net_arch": [128, 128], "log_std_init": -0.7},
 }
 
@@ -46,13 +48,13 @@ class Swaps:
     """(E,) s: the length of the episode."""
 
 
-def make(num_envs: int, threads: int, drones: int = DRONES) -> flockstep.DroneVectorEnv:
+def make(num_envs: int, threads: int, drones: int = TRAINING_DRONES) -> flockstep.DroneVectorEnv:
     """Make the environments for training."""
     return flockstep.DroneVectorEnv(
         num_envs,
         task=flockstep.SwapConfig(),
         drones_per_env=drones,
-        max_episode_steps=MOST_STEPS,
+        max_episode_steps=TRAINING_STEPS,
         stagger_first_episode=True,
         autoreset_mode="same_step",
         copy=False,

@@ -54,7 +54,6 @@ def recipe_of(args: Args) -> Recipe:
         steps=args.steps,
         num_envs=formation.NUM_ENVS,
         settings=formation.SETTINGS,
-        entropy=0.003,
         make=formation.make,
         judge=judge,
         baseline=lambda: judge(formation.straight, args.flights, UNSEEN_SEEDS.start),

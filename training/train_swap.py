@@ -49,7 +49,6 @@ def recipe_of(args: Args) -> Recipe:
         steps=args.steps,
         num_envs=swap.NUM_ENVS,
         settings=swap.SETTINGS,
-        entropy=0.003,
         make=swap.make,
         judge=judge,
         baseline=lambda: judge(swap.straight, args.flights, UNSEEN_SEEDS.start),

@@ -1605,11 +1605,11 @@ class SwapConfig:
     goal_weight
         Reward of each drone when all are at their goals. Default: 10.0.
     crash_weight
-        Penalty for a contact. Default: 10.0.
+        Penalty for a contact. Default: 20.0.
     near_weight
         Weight of the penalty for the nearest drone. Default: 0.1.
     time_weight
-        Penalty for each step after which the drone is not at its goal. Default: 0.02.
+        Penalty for each step after which the drone is not at its goal. Default: 0.05.
     """
 
     # fields of SwapConfig
@@ -1640,9 +1640,9 @@ class SwapConfig:
         near_m: float = 1.5,
         progress_weight: float = 1.0,
         goal_weight: float = 10.0,
-        crash_weight: float = 10.0,
+        crash_weight: float = 20.0,
         near_weight: float = 0.1,
-        time_weight: float = 0.02,
+        time_weight: float = 0.05,
     ) -> None: ...
     # end of fields
 
@@ -1660,9 +1660,9 @@ class FormationConfig:
     units of ``sight_m``, shortened to 1 if it is farther (3), its velocity relative to the drone, over twice the unit
     (3), and 1, or seven times 0 if there are fewer; and the LiDAR ranges over the maximum range, 1 on a miss.
 
-    The reward is the sum of the weighted terms. d is the distance to the place, m. The episode ends at a contact, or when
-    the leader has arrived at the end of a path. It is a success without a contact if the mean of d over all steps is at
-    most ``close_m``.
+    The reward is the sum of the weighted terms. d is the distance to the place, m. The episode ends at a contact, if d
+    exceeds ``max_distance_m``, or when the leader has arrived at the end of a path. It is a success if it ends without a
+    contact, and the mean of d over all steps is at most ``close_m``.
 
     Parameters
     ----------
@@ -1688,14 +1688,16 @@ class FormationConfig:
         Number of neighbours that are observed. Values: [1, 32]. Default: 3.
     sight_m
         Unit of observed positions; only the direction of a farther neighbour is observed. Values: > 0 m. Default: 4.0.
+    max_distance_m
+        Distance from its place beyond which a drone has lost the formation. Values: > 0 m. Default: 3.0.
     close_m
         Maximum mean of d of a successful episode. Values: > 0 m. Default: 0.2.
     near_m
         Range below which the near term grows, from 0 to 1 at range 0. Values: > 0 m. Default: 0.8.
     place_weight
-        Weight of the reward term 1 / (1 + (d / close_m)^2). Default: 0.1.
+        Weight of the reward term exp(-d). Default: 0.2.
     crash_weight
-        Penalty for a contact. Default: 10.0.
+        Penalty for a contact, and for losing the formation. Default: 5.0.
     near_weight
         Weight of the penalty for the nearest range. Default: 0.1.
     change_weight
@@ -1714,6 +1716,7 @@ class FormationConfig:
     jitter_m: float
     neighbors: int
     sight_m: float
+    max_distance_m: float
     close_m: float
     near_m: float
     place_weight: float
@@ -1732,10 +1735,11 @@ class FormationConfig:
         jitter_m: float = 0.2,
         neighbors: int = 3,
         sight_m: float = 4.0,
+        max_distance_m: float = 3.0,
         close_m: float = 0.2,
         near_m: float = 0.8,
-        place_weight: float = 0.1,
-        crash_weight: float = 10.0,
+        place_weight: float = 0.2,
+        crash_weight: float = 5.0,
         near_weight: float = 0.1,
         change_weight: float = 0.02,
     ) -> None: ...
@@ -2041,7 +2045,15 @@ def load_scene(name: str, folder: str | PathLike[str]) -> World:
     """Return the world of a name or path; ``folder`` holds the bundled scenes."""
 
 def task_defaults(
-    task: NavigationConfig | HoverConfig | TrackConfig | RaceConfig | DodgeConfig | SwapConfig | FormationConfig | NativeTask | PythonTask,
+    task: NavigationConfig
+    | HoverConfig
+    | TrackConfig
+    | RaceConfig
+    | DodgeConfig
+    | SwapConfig
+    | FormationConfig
+    | NativeTask
+    | PythonTask,
 ) -> dict[str, Any]:
     """Return the defaults of an environment with this task.
 
@@ -3161,7 +3173,17 @@ class Recipe:
         for a batch without a task.
     """
 
-    task: NavigationConfig | HoverConfig | TrackConfig | RaceConfig | DodgeConfig | SwapConfig | FormationConfig | str | None
+    task: (
+        NavigationConfig
+        | HoverConfig
+        | TrackConfig
+        | RaceConfig
+        | DodgeConfig
+        | SwapConfig
+        | FormationConfig
+        | str
+        | None
+    )
     worlds: list[str]
     drone: str | DroneModel
     # fields of Recipe
@@ -3185,7 +3207,16 @@ class Recipe:
     dynamics: DynamicsConfig
     # end of fields
     def __init__(
-        self, task: NavigationConfig | HoverConfig | TrackConfig | RaceConfig | DodgeConfig | SwapConfig | FormationConfig | str | None = None
+        self,
+        task: NavigationConfig
+        | HoverConfig
+        | TrackConfig
+        | RaceConfig
+        | DodgeConfig
+        | SwapConfig
+        | FormationConfig
+        | str
+        | None = None,
     ) -> None: ...
     @staticmethod
     def from_json(text: str) -> Recipe:

@@ -313,8 +313,8 @@ class DroneVectorEnv(VectorEnv[Observation, Array, Array]):
         ``time_weight``.
 
         For the formation task, from `FormationConfig`: ``shape``, ``spacing_m``, ``route``, ``loop_radius_m``,
-        ``leader_speed_mps``, ``step_m``, ``jitter_m``, ``neighbors``, ``sight_m``, ``close_m``, ``near_m``,
-        ``place_weight``, ``crash_weight``, ``near_weight``, ``change_weight``.
+        ``leader_speed_mps``, ``step_m``, ``jitter_m``, ``neighbors``, ``sight_m``, ``max_distance_m``,
+        ``close_m``, ``near_m``, ``place_weight``, ``crash_weight``, ``near_weight``, ``change_weight``.
 
     Attributes
     ----------

@@ -81,6 +81,17 @@ class TestLeader:
         assert truncated.all()
         assert (infos["episode_end"] == EpisodeEnd.time).all()
 
+    def test_a_drone_far_from_its_place_has_lost_the_formation(self):
+        envs = make(max_episode_steps=300, autoreset_mode="disabled")
+        for _ in range(100):
+            _, _, terminated, truncated, infos = envs.step(np.zeros((12, 3), np.float32))
+            if (terminated | truncated).all():
+                break
+        assert terminated.any()
+        assert (infos["episode_end"][terminated] == EpisodeEnd.left_area).all()
+        assert (envs.batch.reward_terms[terminated, 1] == -5.0).all()
+        assert not infos["success"].any()
+
     def test_the_observed_velocity_of_a_place_is_that_of_the_place(self):
         envs = make(autoreset_mode="disabled", config=flockstep.FormationConfig(spacing_m=1.2))
         fastest = np.sqrt(3) * 1.5

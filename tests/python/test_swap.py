@@ -82,7 +82,7 @@ class TestEnds:
         assert terminated.tolist() == [True, True, False, False, False, False]
         assert truncated.tolist() == [False, False, True, True, True, True]
         assert infos["episode_end"].tolist() == [EpisodeEnd.contact] * 2 + [EpisodeEnd.teammate] * 4
-        assert envs.batch.reward_terms[:, 2].tolist() == [-10.0, -10.0, 0, 0, 0, 0]
+        assert envs.batch.reward_terms[:, 2].tolist() == [-20.0, -20.0, 0, 0, 0, 0]
         assert not envs.batch.success.any()
 
 

@@ -472,9 +472,9 @@ struct SwapConfig {
   float near_m = 1.5F;
   float progress_weight = 1.0F;
   float goal_weight = 10.0F;
-  float crash_weight = 10.0F;
+  float crash_weight = 20.0F;
   float near_weight = 0.1F;
-  float time_weight = 0.02F;
+  float time_weight = 0.05F;
 
   static constexpr auto fields() {
     using C = SwapConfig;
@@ -533,8 +533,9 @@ struct EnumNames<FormationRoute> {
 // its velocity relative to the drone, over twice the unit (3), and 1, or seven times 0 if there are fewer; the LiDAR ranges over
 // the maximum range, 1 on a miss.
 //
-// Reward: the sum of the weighted terms. d is the distance to the place, m. The episode ends at a contact, or when the leader has
-// arrived at the end of a path. It is a success without a contact if the mean of d over all steps is at most close_m.
+// Reward: the sum of the weighted terms. d is the distance to the place, m. The episode ends at a contact, if d exceeds
+// max_distance_m, or when the leader has arrived at the end of a path. It is a success if it ends without a contact, and the mean
+// of d over all steps is at most close_m.
 struct FormationConfig {
   static constexpr const char* kName = "formation";
   static constexpr const char* kAbout = "Hold places relative to a moving leader.";
@@ -548,10 +549,11 @@ struct FormationConfig {
   float jitter_m = 0.2F;
   int neighbors = 3;
   float sight_m = 4.0F;
+  float max_distance_m = 3.0F;
   float close_m = 0.2F;
   float near_m = 0.8F;
-  float place_weight = 0.1F;
-  float crash_weight = 10.0F;
+  float place_weight = 0.2F;
+  float crash_weight = 5.0F;
   float near_weight = 0.1F;
   float change_weight = 0.02F;
 
@@ -584,11 +586,13 @@ struct FormationConfig {
               {.about = "Unit of observed positions; only the direction of a farther neighbour is observed.",
                .unit = "m",
                .limits = above(0)}),
+        field("max_distance_m", &C::max_distance_m,
+              {.about = "Distance from its place beyond which a drone has lost the formation.", .unit = "m", .limits = above(0)}),
         field("close_m", &C::close_m, {.about = "Maximum mean of d of a successful episode.", .unit = "m", .limits = above(0)}),
         field("near_m", &C::near_m,
               {.about = "Range below which the near term grows, from 0 to 1 at range 0.", .unit = "m", .limits = above(0)}),
-        field("place_weight", &C::place_weight, {.about = "Weight of the reward term 1 / (1 + (d / close_m)^2)."}),
-        field("crash_weight", &C::crash_weight, {.about = "Penalty for a contact."}),
+        field("place_weight", &C::place_weight, {.about = "Weight of the reward term exp(-d)."}),
+        field("crash_weight", &C::crash_weight, {.about = "Penalty for a contact, and for losing the formation."}),
         field("near_weight", &C::near_weight, {.about = "Weight of the penalty for the nearest range."}),
         field("change_weight", &C::change_weight,
               {.about = "Weight of the penalty on the mean squared difference from the previous action. The first action is "

@@ -175,21 +175,22 @@ class Formation final : public Task {
       const EnvIndex env = context.env_of(drone);
       const bool crashed = state.contact.hit[drone] != 0;
       const double error = distance_m(leader_of(context, env, 0).place(place_of(context, drone)), position_of(state, drone));
+      const bool is_lost = error > static_cast<double>(config_.max_distance_m);
       const float max_range = context.lidar_readings().max_range_m[drone];
       const double nearest = clearance_of(ranges_of(context, drone), max_range).nearest * static_cast<double>(max_range);
-      const double ratio = error / static_cast<double>(config_.close_m);
       state_.summed_error[drone] += error;
       const std::span<double> terms = score.terms_of(drone);
-      terms[kPlace] = static_cast<double>(config_.place_weight) / (1.0 + ratio * ratio);
-      terms[kCrash] = crashed ? -static_cast<double>(config_.crash_weight) : 0.0;
+      terms[kPlace] = static_cast<double>(config_.place_weight) * std::exp(-error);
+      terms[kCrash] = crashed || is_lost ? -static_cast<double>(config_.crash_weight) : 0.0;
       terms[kNear] =
           -static_cast<double>(config_.near_weight) * std::max(1.0 - nearest / static_cast<double>(config_.near_m), 0.0);
       terms[kChange] = -static_cast<double>(config_.change_weight) * change_[drone];
       const double mean = state_.summed_error[drone] / static_cast<double>(context.episodes().steps[drone]);
       const bool arrived = config_.route == FormationRoute::path && way_of(state, env, 0) >= route_of(context, env).length();
-      score.terminated[drone] = crashed;
-      score.truncated[drone] = arrived && !crashed;
-      score.success[drone] = !has_touched(state, env) && mean <= static_cast<double>(config_.close_m);
+      score.terminated[drone] = crashed || is_lost;
+      score.left_area[drone] = is_lost;
+      score.truncated[drone] = arrived && !score.terminated[drone];
+      score.success[drone] = !is_lost && !has_touched(state, env) && mean <= static_cast<double>(config_.close_m);
     }
   }
 

@@ -128,7 +128,8 @@ TEST(Recipe, BuildsFlightsTheSameFromItsJson) {
 TEST(Recipe, RefusesATaskOfAnotherProgram) {
   const Recipe recipe = Recipe::from_json(R"({"task": {"name": "mine/ReachHeight-v0"}, "worlds": ["train"]})");
   expect_has(refusal_of(recipe),
-             "task.name: expected one of \"navigation\", \"hover\", \"track\", \"race\", \"dodge\", \"swap\", \"formation\", got \"mine/ReachHeight-v0\"");
+             "task.name: expected one of \"navigation\", \"hover\", \"track\", \"race\", \"dodge\", \"swap\", \"formation\", got "
+             "\"mine/ReachHeight-v0\"");
   expect_has(refusal_of(recipe), "only the program that registered a task under this id can make it");
 }
 
