@@ -1449,7 +1449,7 @@ class TrackConfig:
     near_weight
         Weight of the reward term exp(-2 d). Default: 1.0.
     close_weight
-        Weight of the reward term exp(-d). Default: 1.0.
+        Weight of the reward term 1 / (1 + (d / close_m)^2). Default: 1.0.
     yaw_weight
         Weight of the penalty on the yaw error, in rad. Default: 0.2.
     spin_weight
@@ -1688,14 +1688,16 @@ class FormationConfig:
         Number of neighbours that are observed. Values: [1, 32]. Default: 3.
     sight_m
         Unit of observed positions; only the direction of a farther neighbour is observed. Values: > 0 m. Default: 4.0.
+    max_distance_m
+        Distance from its place beyond which a drone has lost the formation. Values: > 0 m. Default: 3.0.
     close_m
         Maximum mean of d of a successful episode. Values: > 0 m. Default: 0.2.
     near_m
         Range below which the near term grows, from 0 to 1 at range 0. Values: > 0 m. Default: 0.8.
     place_weight
-        Weight of the reward term 1 / (1 + (d / close_m)^2). Default: 0.2.
+        Weight of the reward term exp(-d). Default: 0.2.
     crash_weight
-        Penalty for a contact. Default: 5.0.
+        Penalty for a contact, and for losing the formation. Default: 5.0.
     near_weight
         Weight of the penalty for the nearest range. Default: 0.1.
     change_weight
@@ -1714,6 +1716,7 @@ class FormationConfig:
     jitter_m: float
     neighbors: int
     sight_m: float
+    max_distance_m: float
     close_m: float
     near_m: float
     place_weight: float
@@ -1732,6 +1735,7 @@ class FormationConfig:
         jitter_m: float = 0.2,
         neighbors: int = 3,
         sight_m: float = 4.0,
+        max_distance_m: float = 3.0,
         close_m: float = 0.2,
         near_m: float = 0.8,
         place_weight: float = 0.2,
