@@ -75,7 +75,7 @@ class TestLeader:
         assert (infos["episode_end"] == EpisodeEnd.success).all()
 
     def test_drones_that_stay_behind_have_no_success(self):
-        envs = make(max_episode_steps=10, autoreset_mode="disabled")
+        envs = make(config=flockstep.FormationConfig(close_m=0.05), max_episode_steps=10, autoreset_mode="disabled")
         for _ in range(10):
             _, _, _, truncated, infos = envs.step(np.zeros((12, 3), np.float32))
         assert truncated.all()
