@@ -212,8 +212,8 @@ struct State {
   ContactState contact;  // contacts of the last motion
   FlightState flight;    // velocities, rotor speeds and wind; empty with kinematic motion
   BodyState bodies;      // empty if the batch has none
+  OwnEpisodes own;       // empty unless drones end their episodes separately
   FlagArray active;
-  OwnEpisodes own;
   // Envs.
   std::vector<std::int32_t> world_index;
   std::vector<std::uint64_t> seed;
@@ -229,12 +229,11 @@ struct State {
               {.columns = 3, .unit = "m", .frame = Frame::world, .writer = kWriter, .about = "position"}),
         array("quat_wxyz", &C::quat_wxyz,
               {.columns = 4, .unit = "1", .frame = Frame::world, .writer = kWriter, .about = "orientation, body to world"}),
-        field("contact", &C::contact), field("flight", &C::flight), field("bodies", &C::bodies),
+        field("contact", &C::contact), field("flight", &C::flight), field("bodies", &C::bodies), field("own", &C::own),
         array("active", &C::active,
               {.values = Values::flag,
                .writer = "spawn() and remove(); the step with episodes=\"last\"",
                .about = "True if the drone is there; False if it was removed or rests, see `resting`"}),
-        field("own", &C::own),
         array("world_index", &C::world_index,
               {.rows = Rows::env,
                .writer = "resets, set_world()",

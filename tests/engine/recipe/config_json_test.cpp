@@ -161,7 +161,8 @@ TEST(ConfigJson, RefusesToWriteNonFiniteNumbers) {
 TEST(ConfigJson, RefusesInvalidConfigs) {
   const std::vector<std::pair<std::string, std::string>> cases{
       {R"({"episode": {"frame_skp": 2}})",
-       "episode.frame_skp: expected one of autoreset_mode, episodes, max_episode_steps, frame_skip, stagger_first_episode, random_world, "
+       "episode.frame_skp: expected one of autoreset_mode, episodes, max_episode_steps, frame_skip, stagger_first_episode, "
+       "random_world, "
        "got frame_skp. Did you mean frame_skip?"},
       {R"({"quite_another": 2})", "quite_another: expected one of num_envs, drones_per_env, meet, drone_mesh, num_threads, bl"},
       {R"([])", "configuration: expected an object, got []"},
