@@ -24,7 +24,7 @@ DRONES = 4
 KINDS: tuple[Kind, ...] = ("hall", "playground")
 NUM_WORLDS = 100  # playgrounds for training
 #: Found with the seeds 100 and 101.
-NUM_ENVS, STEPS = 128, 12_000_000
+NUM_ENVS, STEPS = 128, 6_000_000
 SETTINGS: dict[str, Any] = {
     "n_steps": 32,
     "batch_size": 4096,
@@ -56,7 +56,7 @@ def keywords_of(kind: Kind, seeds: range, count: int) -> dict[str, Any]:
     return {"task": task, "worlds": worlds, "max_episode_steps": MOST_STEPS[kind]}
 
 
-def make(num_envs: int, threads: int, kind: Kind = "playground") -> flockstep.DroneVectorEnv:
+def make(num_envs: int, threads: int, kind: Kind = "hall") -> flockstep.DroneVectorEnv:
     """Make the environments for training."""
     keywords = keywords_of(kind, TRAINING_SEEDS, NUM_WORLDS)
     return flockstep.DroneVectorEnv(

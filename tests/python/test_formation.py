@@ -75,8 +75,8 @@ class TestLeader:
         assert (infos["episode_end"] == EpisodeEnd.success).all()
 
     def test_drones_that_stay_behind_have_no_success(self):
-        envs = make(max_episode_steps=20, autoreset_mode="disabled")
-        for _ in range(20):
+        envs = make(config=flockstep.FormationConfig(close_m=0.05), max_episode_steps=10, autoreset_mode="disabled")
+        for _ in range(10):
             _, _, _, truncated, infos = envs.step(np.zeros((12, 3), np.float32))
         assert truncated.all()
         assert (infos["episode_end"] == EpisodeEnd.time).all()
@@ -85,10 +85,11 @@ class TestLeader:
         envs = make(max_episode_steps=300, autoreset_mode="disabled")
         for _ in range(100):
             _, _, terminated, truncated, infos = envs.step(np.zeros((12, 3), np.float32))
-            if (terminated | truncated).all():
+            if (terminated | truncated).any():
                 break
         assert terminated.any()
         assert (infos["episode_end"][terminated] == EpisodeEnd.left_area).all()
+        assert (infos["episode_end"][truncated] == EpisodeEnd.teammate).all()
         assert (envs.batch.reward_terms[terminated, 1] == -5.0).all()
         assert not infos["success"].any()
 
