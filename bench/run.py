@@ -19,6 +19,7 @@ scaling steps, frames and trainings with 1, 2, 4, ... threads, up to one per pro
 imaging cost of colour detection, HSV and smaller images, in our kernels and in OpenCV
 race    steps of Race, with gates that are solid and with gates that are not
 bodies  scans, steps and frames among bodies and beside the same solids in the static world; ticks of scripts
+meetings  steps and scans of drones that see and touch each other, and of the same drones in envs of their own
 dodge   trainings of Dodge with three seeds among bodies and one without them; only if named
 swap    trainings of Swap with three seeds; only if named
 formation   trainings of Formation with three seeds; only if named
@@ -55,6 +56,7 @@ from typing import Any
 import numpy as np
 
 import bodies
+import meetings
 import bundled
 import dynamics_accuracy
 import dynamics_peers
@@ -405,6 +407,10 @@ def bench_formation() -> list[Figure]:
     return [figure(*measured) for measured in formation.measure()]
 
 
+def bench_meetings() -> list[Figure]:
+    return [figure(*measured) for measured in meetings.measure()]
+
+
 def bench_bodies() -> list[Figure]:
     return [figure(*measured) for measured in bodies.measure()]
 
@@ -547,6 +553,7 @@ BENCHES: dict[str, Callable[[], list[Figure]]] = {
     "plan": bench_plan,
     "race": bench_race,
     "bodies": bench_bodies,
+    "meetings": bench_meetings,
     "dodge": bench_dodge,
     "swap": bench_swap,
     "formation": bench_formation,

@@ -57,6 +57,7 @@ APART = (
     "plan",
     "race",
     "bodies",
+    "meetings",
     "dodge",
     "swap",
     "formation",
@@ -81,6 +82,7 @@ DYNAMICS = ROOT / "docs" / "dynamics.md"
 RACE = ROOT / "docs" / "race.md"
 DODGE = ROOT / "docs" / "dodge.md"
 SWAP = ROOT / "docs" / "swap.md"
+SEVERAL_DRONES = ROOT / "docs" / "several-drones.md"
 FORMATION = ROOT / "docs" / "formation.md"
 LIVING_WORLDS = ROOT / "docs" / "living-worlds.md"
 FLIGHT_TASKS = ROOT / "docs" / "flight-tasks.md"
@@ -747,6 +749,20 @@ def bodies(results: dict[str, Result]) -> str:
     return with_source(results, "bodies", "\n".join([*tables, pivot(scripts, "script")]))
 
 
+def meetings(results: dict[str, Result]) -> str:
+    """Return the table of what drones cost that see and touch each other."""
+    heads = {"never": "never", "seen": "seen", "touched": "touched", "both": "both"}
+    cells: dict[tuple[str, str], str] = {}
+    for (group, motion, meet), f in named(results, "meetings", r"meetings/([^/]+)/(\w+)/(\w+)/ratio_to_alone"):
+        if meet in heads:
+            cells[f"{group}, {motion}", heads[meet]] = rough(f)
+    for (group, motion), f in named(results, "meetings", r"meetings/([^/]+)/(\w+)/alone/us_per_step"):
+        cells[f"{group}, {motion}", "a step in an env of its own"] = f"{rough(f)} µs"
+    for (group, motion), f in named(results, "meetings", r"meetings/([^/]+)/(\w+)/both/share_in_contact"):
+        cells[f"{group}, {motion}", "in contact"] = f"{f['value']:.1%}".replace("%", " %")
+    return with_source(results, "meetings", pivot(cells, "`meet`"))
+
+
 def dodge(results: dict[str, Result]) -> str:
     """Return the table of the trainings of Dodge beside the straight flyer."""
     heads = {
@@ -1052,6 +1068,7 @@ def main() -> None:
             race_board(results),
         ),
         DODGE: with_content(DODGE.read_text(encoding="utf-8"), "dodge", dodge(results)),
+        SEVERAL_DRONES: with_content(SEVERAL_DRONES.read_text(encoding="utf-8"), "meetings", meetings(results)),
         SWAP: with_content(SWAP.read_text(encoding="utf-8"), "swap", swap(results)),
         FORMATION: with_content(FORMATION.read_text(encoding="utf-8"), "formation", formation(results)),
         LIVING_WORLDS: with_content(LIVING_WORLDS.read_text(encoding="utf-8"), "bodies", bodies(results)),
