@@ -70,7 +70,7 @@ def steps(name: str, envs: int, drones: int, world: flockstep.World, motion: str
                 times[each].append((time.process_time() - before) / (STEPS * len(number)))
     touched = {each: float((batch.contact.drone >= 0).mean()) for each, batch in batches.items()}
     for each in batches:
-        yield f"{name}/{each}/us_per_step", 1e6 * statistics.median(times[each]), "us", RUNS
+        yield f"{name}/{each}/us_per_step", 1e6 * statistics.median(times[each]), "µs", RUNS
         ratio = statistics.median(a / b for a, b in zip(times[each], times["alone"], strict=True))
         yield f"{name}/{each}/ratio_to_alone", ratio, "1", RUNS
     yield f"{name}/both/share_in_contact", touched["both"], "1", 1

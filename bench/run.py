@@ -56,13 +56,13 @@ from typing import Any
 import numpy as np
 
 import bodies
-import meetings
 import bundled
 import dynamics_accuracy
 import dynamics_peers
 import engines
 import flockstep
 import imaging
+import meetings
 import mesh_peers
 import peers
 import plan

@@ -757,7 +757,7 @@ def meetings(results: dict[str, Result]) -> str:
         if meet in heads:
             cells[f"{group}, {motion}", heads[meet]] = rough(f)
     for (group, motion), f in named(results, "meetings", r"meetings/([^/]+)/(\w+)/alone/us_per_step"):
-        cells[f"{group}, {motion}", "a step in an env of its own"] = f"{rough(f)} µs"
+        cells[f"{group}, {motion}", "a step in an env of its own"] = rough(f)
     for (group, motion), f in named(results, "meetings", r"meetings/([^/]+)/(\w+)/both/share_in_contact"):
         cells[f"{group}, {motion}", "in contact"] = f"{f['value']:.1%}".replace("%", " %")
     return with_source(results, "meetings", pivot(cells, "`meet`"))
