@@ -2,7 +2,7 @@
 
 #include <algorithm>
 #include <cstring>
-#include <type_traits>
+#include <tuple>
 
 #include "base/pose_access.hpp"
 #include "batch/flying.hpp"
@@ -26,34 +26,66 @@ void for_each_moved(S& state, const F& f) {
   for_each_listed(state.flight, each);
 }
 
+// Returns the distance of two segments. C. Ericson, "Real-Time Collision Detection", 2005, 5.1.9.
+float distance_of_segments(const Vec3& p, const Vec3& way_p, const Vec3& q, const Vec3& way_q) {
+  constexpr float kPoint = 1e-12F;  // m^2; shorter segments are points
+  const Vec3 apart = p - q;
+  const float a = way_p.squaredNorm(), e = way_q.squaredNorm(), f = way_q.dot(apart), c = way_p.dot(apart);
+  const float b = way_p.dot(way_q), parallel = a * e - b * b;
+  float s = a > kPoint && parallel > kPoint * a * e ? std::clamp((b * f - c * e) / parallel, 0.0F, 1.0F) : 0.0F;
+  const float t = e > kPoint ? std::clamp((b * s + f) / e, 0.0F, 1.0F) : 0.0F;
+  s = a > kPoint ? std::clamp((b * t - c) / a, 0.0F, 1.0F) : 0.0F;
+  return (apart + s * way_p - t * way_q).norm();
+}
+
 // The drones of one env.
 class EnvMeeting {
  public:
   EnvMeeting(Simulation& sim, EnvIndex env, Scratch& scratch, std::size_t copy)
       : sim_(sim), env_(env), scratch_(scratch), work_(*scratch.meetings), copy_(copy), count_(sim.drones_per_env()) {
     work_.is_in_crowd.assign(count_, 0);
+    work_.sorted.reserve(count_);
+    work_.center.resize(3 * count_);
     work_.radius.resize(count_);
     work_.found.resize(count_);
     work_.neighbors.resize(count_);
   }
 
   // Takes all drones into the crowd that may have touched another one outside of it or in it. Returns false if none is new.
-  // reach(member): largest distance from the saved position so far.
-  template <class Reach>
-  bool gather(const Reach& reach) {
+  // reach(member): largest distance from the saved position so far. are_apart(a, b): the ways of two drones are known to be so.
+  template <class Reach, class AreApart>
+  bool gather(const Reach& reach, const AreApart& are_apart) {
+    // Sorted by x, the drones that may be near follow each other.
+    work_.sorted.clear();
+    float largest = 0.0F;
     for (std::size_t member = 0; member < count_; ++member) {
-      const bool is_there = sim_.state.active[drone(member)] != 0;
-      const float margin = dynamics::margin(work_.saved.position(copy_ + member).cwiseAbs().maxCoeff());
-      work_.radius[member] = is_there ? sim_.hull.radius() + reach(member) + margin : -1.0F;
+      if (!sim_.state.active[drone(member)]) continue;
+      const Vec3 center = work_.saved.position(copy_ + member);
+      const float radius = sim_.hull.radius() + reach(member) + dynamics::margin(center.cwiseAbs().maxCoeff());
+      largest = std::max(largest, radius);
+      work_.sorted.push_back({center.x(), radius, static_cast<std::uint32_t>(member)});
     }
-    const trace::Balls balls{work_.saved.positions(copy_), work_.radius.data(), count_, count_};
+    std::ranges::sort(work_.sorted, [](const Meetings::Ball& a, const Meetings::Ball& b) {
+      return std::tuple(a.x, a.member) < std::tuple(b.x, b.member);
+    });
+    const std::size_t count = work_.sorted.size();
+    for (std::size_t i = 0; i < count; ++i) {
+      std::copy_n(work_.saved.positions(copy_ + work_.sorted[i].member), 3, work_.center.data() + 3 * i);
+      work_.radius[i] = work_.sorted[i].radius;
+    }
     bool is_new = false;
-    for (std::size_t member = 0; member < count_; ++member) {
-      if (work_.radius[member] < 0.0F) continue;
+    std::size_t end = 0;  // of those that may be near
+    for (std::size_t i = 0; i < count; ++i) {
+      const Meetings::Ball& ball = work_.sorted[i];
+      while (end < count && work_.sorted[end].x - ball.x <= ball.radius + largest) ++end;
+      end = std::max(end, i + 1);
+      const trace::Balls others{work_.center.data() + 3 * (i + 1), work_.radius.data() + i + 1, end - i - 1, count - i - 1};
+      const std::size_t member = ball.member;
       const std::size_t near =
-          trace::find_near_balls(balls, work_.saved.position(copy_ + member), work_.radius[member], work_.found.data());
-      for (const std::uint32_t other : std::span(work_.found).first(near)) {
-        if (other == member || (work_.is_in_crowd[member] && work_.is_in_crowd[other])) continue;
+          trace::find_near_balls(others, work_.saved.position(copy_ + member), ball.radius, work_.found.data());
+      for (const std::uint32_t found : std::span(work_.found).first(near)) {
+        const std::size_t other = work_.sorted[i + 1 + found].member;
+        if ((work_.is_in_crowd[member] && work_.is_in_crowd[other]) || are_apart(member, other)) continue;
         work_.is_in_crowd[member] = work_.is_in_crowd[other] = 1;
         is_new = true;
       }
@@ -137,6 +169,7 @@ void move_meeting(Simulation& sim, EnvIndex env, std::span<const MoveRequest> mo
   work.saved.clear();
   EnvMeeting meeting(sim, env, scratch, work.saved.save(sim.state, sim.drone_of(env, 0), count));
   work.reach.assign(count, 0.0F);
+  work.way.assign(count, Vec3::Zero());
   std::size_t next = 0;
   for (std::size_t member = 0; member < count; ++member) {
     const DroneIndex drone = meeting.drone(member);
@@ -144,11 +177,18 @@ void move_meeting(Simulation& sim, EnvIndex env, std::span<const MoveRequest> mo
       const MoveRequest& move = moves[next++];
       sim.state.contact.drone[drone] = move.has_contact ? sim.state.contact.drone[drone] : -1;
       work.reach[member] = move.has_contact ? give_way(sim, drone, scratch) : sweep_to(sim, drone, move.target, scratch);
+      if (!move.has_contact) work.way[member] = move.target.position - work.saved.position(member);
     } else if (sim.state.active[drone]) {
       work.reach[member] = give_way(sim, drone, scratch);
     }
   }
-  while (meeting.gather([&](std::size_t member) { return work.reach[member]; })) {
+  // Without bodies, which push, a drone stays on the segment to its target, whenever it stops.
+  const auto are_apart = [&](std::size_t a, std::size_t b) {
+    const Vec3 p = work.saved.position(a), q = work.saved.position(b);
+    const float near = 2.0F * sim.hull.radius() + dynamics::margin(p.cwiseAbs().maxCoeff() + q.cwiseAbs().maxCoeff());
+    return !sim.bodies && distance_of_segments(p, work.way[a], q, work.way[b]) > near;
+  };
+  while (meeting.gather([&](std::size_t member) { return work.reach[member]; }, are_apart)) {
     meeting.restore();
     meeting.prepare();
     for (dynamics::Neighbor* const neighbor : work.crowd_of_env) {
@@ -216,7 +256,7 @@ void fly_meeting(Simulation& sim, const Block& block, std::span<const DroneIndex
         }
       }
       const auto reach = [&](std::size_t member) { return sim.reach[meeting.drone(member)]; };
-      while (meeting.gather(reach)) {
+      while (meeting.gather(reach, [](std::size_t, std::size_t) { return false; })) {
         meeting.restore();
         work.movers.clear();
         for (const DroneIndex drone : listed) {

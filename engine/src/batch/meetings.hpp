@@ -47,9 +47,16 @@ struct Meetings {
   std::vector<dynamics::Neighbor*> crowd_of_env;  // those of the crowd
   std::vector<DroneIndex> movers;                 // of the crowd
   std::vector<std::uint8_t> is_in_crowd;          // (M,)
-  std::vector<float> radius;                      // (M,) m, of balls that contain the drones during their motions
-  std::vector<float> reach;                       // (M,) or, for rotors, (N,): m, largest distance from the beginning
-  std::vector<std::uint32_t> found;               // (M,)
+  // Balls that contain the drones during their motions, sorted by x.
+  struct Ball {
+    float x, radius;  // m
+    std::uint32_t member;
+  };
+  std::vector<Ball> sorted;
+  std::vector<float> center, radius;  // (M, 3), (M,) m, of these
+  std::vector<float> reach;           // (M,) or, for rotors, (N,): m, largest distance from the beginning
+  std::vector<std::uint32_t> found;   // (M,)
+  std::vector<Vec3> way;              // (M,) m, requested kinematic motions
 };
 
 // A kinematic motion of one tick.
