@@ -94,7 +94,7 @@ void profile(bench::Figures& figures) {
   std::vector<EnvIndex> envs;  // grouped by world, as in the batch
   for (const Block& block : sim.schedule.blocks()) envs.insert(envs.end(), block.envs.begin(), block.envs.end());
   std::vector<DroneIndex> drones;
-  sim.drones_of(envs, drones);
+  sim.drones_of(envs, Part::active, drones);
   const TaskBlock all{*sim.context, envs, drones, 0};
   for (const DroneIndex drone : drones) sim.task_state->actions.row<std::int64_t>(drone)[0] = drone % 6;
   float sink = 0.0F;
