@@ -41,8 +41,8 @@ float distance_of_segments(const Vec3& p, const Vec3& way_p, const Vec3& q, cons
 // The drones of one env.
 class EnvMeeting {
  public:
-  EnvMeeting(Simulation& sim, EnvIndex env, Scratch& scratch, std::size_t copy)
-      : sim_(sim), env_(env), scratch_(scratch), work_(*scratch.meetings), copy_(copy), count_(sim.drones_per_env()) {
+  EnvMeeting(Simulation& sim, EnvIndex env, Meetings& work, std::size_t copy)
+      : sim_(sim), env_(env), work_(work), copy_(copy), count_(sim.drones_per_env()) {
     work_.is_in_crowd.assign(count_, 0);
     work_.sorted.reserve(count_);
     work_.center.resize(3 * count_);
@@ -129,7 +129,6 @@ class EnvMeeting {
  private:
   Simulation& sim_;
   EnvIndex env_;
-  Scratch& scratch_;
   Meetings& work_;
   std::size_t copy_;  // of drone 0
   std::size_t count_;
@@ -167,7 +166,7 @@ void move_meeting(Simulation& sim, EnvIndex env, std::span<const MoveRequest> mo
   Meetings& work = *scratch.meetings;
   const std::size_t count = sim.drones_per_env();
   work.saved.clear();
-  EnvMeeting meeting(sim, env, scratch, work.saved.save(sim.state, sim.drone_of(env, 0), count));
+  EnvMeeting meeting(sim, env, work, work.saved.save(sim.state, sim.drone_of(env, 0), count));
   work.reach.assign(count, 0.0F);
   work.way.assign(count, Vec3::Zero());
   std::size_t next = 0;
@@ -247,7 +246,7 @@ void fly_meeting(Simulation& sim, const Block& block, std::span<const DroneIndex
       const auto end = std::ranges::find_if(left, [&](DroneIndex drone) { return sim.env_of(drone) != env; });
       const auto listed = left.first(static_cast<std::size_t>(end - left.begin()));
       left = left.subspan(listed.size());
-      EnvMeeting meeting(sim, env, scratch, i * count);
+      EnvMeeting meeting(sim, env, work, i * count);
       if (sim.bodies) {
         for (std::size_t member = 0; member < count; ++member) {
           const DroneIndex drone = meeting.drone(member);
