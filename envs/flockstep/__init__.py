@@ -5,7 +5,7 @@
 
 `World`, `Batch`, `LidarConfig` and similar classes are the native simulator. `DroneVectorEnv` wraps it as a Gymnasium
 environment, and `Task` is the base class for your own tasks. `flockstep.sb3` connects to Stable-Baselines3,
-`flockstep.rllib` to Ray RLlib, `parallel_env` to PettingZoo, and `flockstep.testing` checks any Gymnasium vector
+`flockstep.rllib` to Ray RLlib, ``parallel_env`` to PettingZoo, and `flockstep.testing` checks any Gymnasium vector
 environment. `PPO` trains a policy, `evaluate` and `success_rates` test it, `record` films a flight. `render` takes a
 picture of a world. `connect` connects to a server.
 """
