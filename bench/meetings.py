@@ -56,7 +56,7 @@ def steps(name: str, envs: int, drones: int, world: flockstep.World, motion: str
     batches: dict[str, flockstep.Batch] = {}
     for meet in MEETS:
         batches[meet] = make(world, envs * drones, drones, motion, meet)
-    batches["alone"] = make(world, envs * drones, 1, motion, "never")
+    batches["separate"] = make(world, envs * drones, 1, motion, "never")
     calls = {each: [call_of(batch, motion, places, i) for i in range(STEPS)] for each, batch in batches.items()}
     times: dict[str, list[float]] = {each: [] for each in batches}
     for run in range(RUNS + 1):
@@ -71,8 +71,8 @@ def steps(name: str, envs: int, drones: int, world: flockstep.World, motion: str
     touched = {each: float((batch.contact.drone >= 0).mean()) for each, batch in batches.items()}
     for each in batches:
         yield f"{name}/{each}/us_per_step", 1e6 * statistics.median(times[each]), "µs", RUNS
-        ratio = statistics.median(a / b for a, b in zip(times[each], times["alone"], strict=True))
-        yield f"{name}/{each}/ratio_to_alone", ratio, "1", RUNS
+        ratio = statistics.median(a / b for a, b in zip(times[each], times["separate"], strict=True))
+        yield f"{name}/{each}/ratio_to_separate", ratio, "1", RUNS
     yield f"{name}/both/share_in_contact", touched["both"], "1", 1
 
 

@@ -19,7 +19,7 @@ scaling steps, frames and trainings with 1, 2, 4, ... threads, up to one per pro
 imaging cost of colour detection, HSV and smaller images, in our kernels and in OpenCV
 race    steps of Race, with gates that are solid and with gates that are not
 bodies  scans, steps and frames among bodies and beside the same solids in the static world; ticks of scripts
-meetings  steps and scans of drones that see and touch each other, and of the same drones in envs of their own
+meetings  steps and scans of drones that see and touch each other, and of the same drones in separate envs
 dodge   trainings of Dodge with three seeds among bodies and one without them; only if named
 swap    trainings of Swap with three seeds; only if named
 formation   trainings of Formation with three seeds; only if named

@@ -753,11 +753,11 @@ def meetings(results: dict[str, Result]) -> str:
     """Return the table of what drones cost that see and touch each other."""
     heads = {"never": "never", "seen": "seen", "touched": "touched", "both": "both"}
     cells: dict[tuple[str, str], str] = {}
-    for (group, motion, meet), f in named(results, "meetings", r"meetings/([^/]+)/(\w+)/(\w+)/ratio_to_alone"):
+    for (group, motion, meet), f in named(results, "meetings", r"meetings/([^/]+)/(\w+)/(\w+)/ratio_to_separate"):
         if meet in heads:
             cells[f"{group}, {motion}", heads[meet]] = rough(f)
-    for (group, motion), f in named(results, "meetings", r"meetings/([^/]+)/(\w+)/alone/us_per_step"):
-        cells[f"{group}, {motion}", "a step in an env of its own"] = rough(f)
+    for (group, motion), f in named(results, "meetings", r"meetings/([^/]+)/(\w+)/separate/us_per_step"):
+        cells[f"{group}, {motion}", "a step in a separate env"] = rough(f)
     for (group, motion), f in named(results, "meetings", r"meetings/([^/]+)/(\w+)/both/share_in_contact"):
         cells[f"{group}, {motion}", "in contact"] = f"{f['value']:.1%}".replace("%", " %")
     return with_source(results, "meetings", pivot(cells, "`meet`"))

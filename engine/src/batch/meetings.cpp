@@ -6,6 +6,7 @@
 
 #include "base/pose_access.hpp"
 #include "batch/flying.hpp"
+#include "batch/selected.hpp"
 #include "batch/simulation.hpp"
 #include "dynamics/rotor_motion.hpp"
 #include "flockstep/arrays.hpp"
@@ -70,7 +71,7 @@ class EnvMeeting {
     });
     const std::size_t count = work_.sorted.size();
     for (std::size_t i = 0; i < count; ++i) {
-      std::copy_n(work_.saved.positions(copy_ + work_.sorted[i].member), 3, work_.center.data() + 3 * i);
+      Vec3::Map(work_.center.data() + 3 * i) = work_.saved.position(copy_ + work_.sorted[i].member);
       work_.radius[i] = work_.sorted[i].radius;
     }
     bool is_new = false;
@@ -147,8 +148,6 @@ std::size_t SavedDrones::save(const State& state, DroneIndex first, std::size_t 
     if (to.size() < count_ * bytes) to.resize(count_ * bytes);
     std::memcpy(to.data() + copy * bytes, values.data() + columns * first, count * bytes);
   });
-  if (positions_.size() < 3 * count_) positions_.resize(3 * count_);
-  std::copy_n(state.position.data() + 3 * first, 3 * count, positions_.data() + 3 * copy);
   return copy;
 }
 
@@ -160,7 +159,11 @@ void SavedDrones::restore(State& state, DroneIndex drone, std::size_t copy) cons
   });
 }
 
-Vec3 SavedDrones::position(std::size_t copy) const { return Vec3::Map(positions_.data() + 3 * copy); }
+Vec3 SavedDrones::position(std::size_t copy) const {
+  Vec3 position;
+  std::memcpy(position.data(), arrays_[0].data() + copy * sizeof(position), sizeof(position));
+  return position;
+}
 
 void move_meeting(Simulation& sim, EnvIndex env, std::span<const MoveRequest> moves, Scratch& scratch) {
   Meetings& work = *scratch.meetings;
@@ -223,30 +226,27 @@ void fly_meeting(Simulation& sim, const Block& block, std::span<const DroneIndex
     std::size_t taken = 0;
     EnvIndex last = sim.env_of(drones.front());
     work.saved.clear();
-    scratch.meeting_envs.clear();
+    work.envs.clear();
     while (taken < drones.size()) {
       const EnvIndex env = sim.env_of(drones[taken]);
       if (taken > 0 && env != last && taken + count > kTogether) break;
       last = env;
       work.saved.save(sim.state, sim.drone_of(env, 0), count);
-      scratch.meeting_envs.push_back(env);
+      work.envs.push_back(env);
       while (taken < drones.size() && sim.env_of(drones[taken]) == env) ++taken;
     }
     const auto together = drones.first(taken);
     drones = drones.subspan(taken);
-    for (const EnvIndex env : scratch.meeting_envs) {
+    for (const EnvIndex env : work.envs) {
       std::fill_n(sim.reach.data() + sim.drone_of(env, 0), count, 0.0F);
     }
     context.reach = sim.reach;
     dynamics::fly(context, together, commands, first_tick, ticks);
     context.reach = {};
-    std::span<const DroneIndex> left = together;
-    for (std::size_t i = 0; i < scratch.meeting_envs.size(); ++i) {
-      const EnvIndex env = scratch.meeting_envs[i];
-      const auto end = std::ranges::find_if(left, [&](DroneIndex drone) { return sim.env_of(drone) != env; });
-      const auto listed = left.first(static_cast<std::size_t>(end - left.begin()));
-      left = left.subspan(listed.size());
-      EnvMeeting meeting(sim, env, work, i * count);
+    std::size_t copy = 0;
+    for_each_env(sim, together, [&](EnvIndex env, std::span<const DroneIndex> listed) {
+      EnvMeeting meeting(sim, env, work, copy);
+      copy += count;
       if (sim.bodies) {
         for (std::size_t member = 0; member < count; ++member) {
           const DroneIndex drone = meeting.drone(member);
@@ -279,7 +279,7 @@ void fly_meeting(Simulation& sim, const Block& block, std::span<const DroneIndex
           }
         }
       }
-    }
+    });
   }
 }
 

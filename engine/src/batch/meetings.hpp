@@ -28,12 +28,9 @@ class SavedDrones {
   std::size_t save(const State& state, DroneIndex first, std::size_t count);
   void restore(State& state, DroneIndex drone, std::size_t copy) const;
   Vec3 position(std::size_t copy) const;
-  const float* positions(std::size_t copy) const { return positions_.data() + 3 * copy; }  // of this and all later copies
-  std::size_t count() const { return count_; }
 
  private:
-  std::vector<std::vector<std::byte>> arrays_;
-  std::vector<float> positions_;
+  std::vector<std::vector<std::byte>> arrays_;  // positions first
   std::size_t count_ = 0;
 };
 
@@ -45,6 +42,7 @@ struct Meetings {
   SavedDrones saved;
   std::vector<dynamics::Neighbor> neighbors;      // (M,)
   std::vector<dynamics::Neighbor*> crowd_of_env;  // those of the crowd
+  std::vector<EnvIndex> envs;                     // whose drones fly together
   std::vector<DroneIndex> movers;                 // of the crowd
   std::vector<std::uint8_t> is_in_crowd;          // (M,)
   // Balls that contain the drones during their motions, sorted by x.
@@ -54,7 +52,7 @@ struct Meetings {
   };
   std::vector<Ball> sorted;
   std::vector<float> center, radius;  // (M, 3), (M,) m, of these
-  std::vector<float> reach;           // (M,) or, for rotors, (N,): m, largest distance from the beginning
+  std::vector<float> reach;           // (M,) m, largest distance of kinematic drones from the beginning
   std::vector<std::uint32_t> found;   // (M,)
   std::vector<Vec3> way;              // (M,) m, requested kinematic motions
 };

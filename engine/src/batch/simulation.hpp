@@ -45,7 +45,6 @@ struct Scratch {
   std::vector<Pose> poses;             // start and target of some drones
   bool moved_world = false;            // an env has moved to another world
   std::unique_ptr<Meetings> meetings;  // null unless drones touch each other
-  std::vector<EnvIndex> meeting_envs;  // envs whose drones fly together
   std::vector<MoveRequest> moves;      // of one env
 };
 

@@ -128,10 +128,11 @@ void Crowd::find_with_drone(std::size_t a, std::size_t b) {
   note(b, contact, number(a));
 }
 
-void Crowd::find_all(std::size_t a) {
+// Finds what a drone meets on its leg, except one drone.
+void Crowd::find_all(std::size_t a, std::size_t except) {
   find_with_world(a);
   for (std::size_t b = 0; b < legs_.size(); ++b) {
-    if (b != a) find_with_drone(std::min(a, b), std::max(a, b));
+    if (b != a && b != except) find_with_drone(std::min(a, b), std::max(a, b));
   }
 }
 
@@ -175,23 +176,19 @@ void Crowd::meet(const Meeting& meeting) {
   });
   if (meeting.b == kNone) {
     meet_world(meeting);
-    find_all(meeting.a);
   } else {
     meet_drone(meeting);
-    find_all(meeting.a);
-    find_with_world(meeting.b);
-    for (std::size_t other = 0; other < legs_.size(); ++other) {
-      if (other != meeting.a && other != meeting.b) find_with_drone(std::min(meeting.b, other), std::max(meeting.b, other));
-    }
+    find_all(meeting.b, meeting.a);
   }
+  find_all(meeting.a, kNone);
 }
 
 void Crowd::meet_world(const Meeting& meeting) {
   const Leg leg = legs_[meeting.a];
   const Pose pose = collision::interpolate(leg.from, leg.to, meeting.contact.fraction);
   note(meeting.a, meeting.contact, -1);
-  if (stops_) return stop(meeting.a, meeting.time, pose, leg.last);
   const Neighbor& each = drone(meeting.a);
+  if (stops_ || each.holds) return stop(meeting.a, meeting.time, pose, leg.last);
   const MovingContact& contact = meeting.contact;
   const auto solids = solids_near(meeting.a, (leg.to.position - leg.from.position).norm(), false);
   const auto touches = [&](const Vec3& point, float reach) {

@@ -78,7 +78,7 @@ class Crowd {
   std::int32_t number(std::size_t a) const { return static_cast<std::int32_t>(drone(a).number); }
   void find_with_world(std::size_t a);
   void find_with_drone(std::size_t a, std::size_t b);
-  void find_all(std::size_t a);
+  void find_all(std::size_t a, std::size_t except);
   Pose pose_at(std::size_t a, double time) const;
   void note(std::size_t a, const collision::MovingContact& contact, std::int32_t other);
   void stop(std::size_t a, double time, const Pose& pose, const Velocity& velocity);

@@ -430,6 +430,26 @@ TEST(Meetings, ADroneThatHoldsStillIsInTheWay) {
   }
 }
 
+// A body pushes a drone that holds still, but does not throw it back.
+TEST(Meetings, ABodyPushesADroneThatHoldsStill) {
+  Many config(1, 2);
+  config.by_rotors(OnContact::bounce);
+  BodyConfig body;
+  body.position_m = {-2.2F, -1, 0};
+  body.motion.velocity_mps = {1, 0, 0};
+  config.bodies = {body};
+  Batch batch(config, {meeting_hall()});
+  const std::vector<float> start{-0.9F, -1, 0, 0.35F, -1, 0};  // so near that they form a crowd
+  batch.set_pose(start, {});
+  const std::vector<std::uint8_t> second{0, 1};
+  for (int step = 0; step < 6; ++step) {
+    batch.fly(std::vector<float>(8, 0.0F), 0, second);
+    ASSERT_EQ(unreported_overlaps(batch), 0) << "step " << step;
+  }
+  EXPECT_NEAR(batch.state().position[0], -1.1F + 0.465F, 1e-3F);  // at the body's front
+  EXPECT_NEAR(batch.state().flight.velocity[0], 1.0F, 0.1F);
+}
+
 // Drones at one point may leave each other, but come no nearer; nothing hangs.
 TEST(Meetings, DronesAtOnePointSeparate) {
   for (const Many& config : kinds_of_meetings(1, 6)) {

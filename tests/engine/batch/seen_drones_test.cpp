@@ -27,6 +27,9 @@
 namespace flockstep {
 namespace {
 
+// OpenGL is optional: tests of it are skipped where it is not installed, and fail where it is but does not work.
+bool lacks_opengl(const Batch& batch) { return batch.camera_backend_report().find("not installed") != std::string::npos; }
+
 using oracle::Vec3d;
 using testing::Poses;
 using testing::primitive;
@@ -355,7 +358,7 @@ TEST_P(SeenDronesBy, CamerasShowThemAsBodiesWithTheirMesh) {
   grey.mesh(part, grey.material({.name = "grey", .base_color = {0.4F, 0.4F, 0.4F}}));
   const auto world = hall();
   Batch batch(config, {world}, nullptr, tetrahedron);
-  if (batch.camera_backend_report().find("not installed") != std::string::npos) GTEST_SKIP() << batch.camera_backend_report();
+  if (lacks_opengl(batch)) GTEST_SKIP() << batch.camera_backend_report();
   BatchConfig one = config;
   one.drones_per_env = 1;
   one.num_envs = 5;
@@ -427,7 +430,7 @@ TEST(SeenDrones, TheBackendsAgree) {
   Batch traced(config, {hall()});
   config.camera_backend = CameraBackend::gl;
   Batch drawn(config, {hall()});
-  if (drawn.camera_backend_report().find("not installed") != std::string::npos) GTEST_SKIP() << drawn.camera_backend_report();
+  if (lacks_opengl(drawn)) GTEST_SKIP() << drawn.camera_backend_report();
   Random random(7);
   std::size_t pixels = 0, same = 0, of_drones = 0;
   for (int i = 0; i < 10; ++i) {
