@@ -38,7 +38,7 @@ Pose pose_at(const std::vector<float>& position, const std::vector<float>& quat_
 }
 
 const World& world_of(const Batch& batch, std::size_t drone) {
-  return *batch.world_of(EnvIndex(drone / static_cast<std::size_t>(batch.config().drones_per_env)));
+  return batch.unlit_world_of(EnvIndex(drone / static_cast<std::size_t>(batch.config().drones_per_env)));
 }
 
 // Returns the goal of each drone: the waypoint at goal_index, or else the goal marker of its world.

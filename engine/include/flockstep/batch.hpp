@@ -109,6 +109,8 @@ class FLOCKSTEP_API Batch {
   const Worlds& worlds() const;       // indexed by state().world_index; empty with a pool
   // The world of an env, in the light of the env; the index is not checked.
   std::shared_ptr<const World> world_of(EnvIndex env) const;
+  // The same in its own light, without a copy of the pointer: valid until the env changes its world.
+  const World& unlit_world_of(EnvIndex env) const;
   const DroneModel& drone() const;  // body and flight model of all drones
   int num_threads() const;          // actual number, also if num_threads = 0
   // Number of LiDAR and camera rays, shadow rays included, traced through Embree's triangle trees since the batch was made, and

@@ -179,6 +179,7 @@ void reset_listed(Simulation& sim, std::span<const std::uint64_t> seeds) {
     }
   }
   begin_episodes(sim, true);
+  if (sim.move_lines.visible().empty()) return;
   std::ranges::sort(begun);
   for (const DroneIndex drone : sim.move_lines.visible()) {
     if (std::ranges::binary_search(begun, sim.env_of(drone))) sim.move_lines.begin(drone);
@@ -241,6 +242,7 @@ const Batch::Worlds& Batch::worlds() const {
   static const Worlds kNone;
   return sim_->pool ? kNone : sim_->worlds;
 }
+const World& Batch::unlit_world_of(EnvIndex env) const { return *sim_->world_pointers[sim_->slot_of(env)]; }
 std::shared_ptr<const World> Batch::world_of(EnvIndex env) const { return sim_->lights.world(env, sim_->slot_of(env)); }
 const DroneModel& Batch::drone() const { return sim_->drone_model; }
 int Batch::num_threads() const { return sim_->workers.num_threads(); }

@@ -63,7 +63,6 @@ void begin_gusts(Simulation& sim, DroneIndex drone) {
 
 float sweep_to(Simulation& sim, DroneIndex drone, const Pose& target, Scratch& scratch) {
   const Pose from = pose_of(sim.state, drone);
-  const float way = (target.position - from.position).norm();
   const collision::Obstacles& obstacles = obstacles_of(sim, drone);
   if (sim.bodies) {
     const collision::MovingBodies bodies = bodies_of(sim, drone);
@@ -71,12 +70,12 @@ float sweep_to(Simulation& sim, DroneIndex drone, const Pose& target, Scratch& s
     set_pose_of(sim.state, drone, swept.end.pose);
     dynamics::write_contact(sim.state, drone, swept.contact, sim.config.clock.dt_s());
     if (swept.end.jammed) sim.state.contact.inside[drone] = 1;
-    return way + swept.end.farthest;
+    return (target.position - from.position).norm() + swept.end.farthest;
   }
   const collision::Contact contact = collision::sweep(obstacles, sim.hull, from, target);
   set_pose_of(sim.state, drone, contact.hit ? collision::interpolate(from, target, contact.fraction) : target);
   dynamics::write_contact(sim.state, drone, contact);
-  return way;
+  return (target.position - from.position).norm();
 }
 
 float give_way(Simulation& sim, DroneIndex drone, Scratch& scratch) {

@@ -26,12 +26,12 @@ struct Twist {
   Vec3d at(const Vec3d& arm) const { return linear + angular.cross(arm); }
 };
 
-// The motions of the two bodies. A surface is a body that never moves.
-using Twists = std::array<Twist, 2>;
+// The motions of the bodies: two that collide, or one that hits a surface, which never moves.
+template <std::size_t kBodies>
+using Twists = std::array<Twist, kBodies>;
 
-// Mass and inertia of a body. The default is a body that no impulse moves.
+// Mass and inertia of a body.
 struct Inertia {
-  Inertia() = default;
   Inertia(const Mat3d& rotation, const Airframe& frame) : mass(frame.mass_kg), inverse_mass(1.0 / frame.mass_kg) {
     const Vec3d inertia(frame.inertia_kgm2[0], frame.inertia_kgm2[1], frame.inertia_kgm2[2]);
     tensor = rotation * inertia.asDiagonal() * rotation.transpose();
@@ -41,28 +41,37 @@ struct Inertia {
   // Inner product of two motions, J: for equal motions twice the kinetic energy.
   double work(const Twist& a, const Twist& b) const { return mass * a.linear.dot(b.linear) + a.angular.dot(tensor * b.angular); }
 
-  double mass = 0.0, inverse_mass = 0.0;
-  Mat3d tensor = Mat3d::Zero(), inverse = Mat3d::Zero();  // world frame
+  double mass, inverse_mass;
+  Mat3d tensor, inverse;  // world frame
 };
 
 // A contact point of the bodies.
+template <std::size_t kBodies>
 struct Touching {
-  std::array<Vec3d, 2> arms;  // m, from the centres of mass
-  double leaves;              // m/s, minimum speed along the normal after the impact
-  double across;              // m/s along the normal per Ns of normal impulse at the point
-  double along;               // m/s in the surface per Ns of tangential impulse, upper bound
-  Vec3d impulse;              // Ns, on the first body
+  std::array<Vec3d, kBodies> arms;  // m, from the centres of mass
+  double leaves;                    // m/s, minimum speed along the normal after the impact
+  double across;                    // m/s along the normal per Ns of normal impulse at the point
+  double along;                     // m/s in the surface per Ns of tangential impulse, upper bound
+  Vec3d impulse;                    // Ns, on the first body
 
-  Vec3d velocity(const Twists& motions) const { return motions[0].at(arms[0]) - motions[1].at(arms[1]); }
+  Vec3d velocity(const Twists<kBodies>& motions) const {
+    const Vec3d first = motions[0].at(arms[0]);
+    if constexpr (kBodies == 1) return first;
+    return first - motions.back().at(arms.back());
+  }
 };
 
+template <std::size_t kBodies>
 class Impact {
  public:
-  Impact(const Inertia& first, const Inertia& second, const Vec3d& normal) : bodies_{first, second}, normal_(normal) {}
+  using Twists = dynamics::Twists<kBodies>;
+  using Touching = dynamics::Touching<kBodies>;
 
-  void add(const std::array<Vec3d, 2>& arms) {
+  Impact(const std::array<Inertia, kBodies>& bodies, const Vec3d& normal) : bodies_(bodies), normal_(normal) {}
+
+  void add(const std::array<Vec3d, kBodies>& arms) {
     double across = 0.0, all = 0.0;
-    for (std::size_t body = 0; body < 2; ++body) {
+    for (std::size_t body = 0; body < kBodies; ++body) {
       const Vec3d turn = arms[body].cross(normal_);
       across += bodies_[body].inverse_mass + turn.dot(bodies_[body].inverse * turn);
       Mat3d cross;
@@ -88,14 +97,14 @@ class Impact {
     if (energy(hard) <= energy(before)) return hard;
     const Twists soft = press(before, surface.friction);
     Twists way;
-    for (std::size_t body = 0; body < 2; ++body) {
+    for (std::size_t body = 0; body < kBodies; ++body) {
       way[body] = {hard[body].linear - soft[body].linear, hard[body].angular - soft[body].angular};
     }
     const double half = 0.5 * work(soft, way);
     const double more = std::max(energy(before) - energy(soft), 0.0);
     const double share = std::clamp((std::sqrt(half * half + energy(way) * more) - half) / energy(way), 0.0, 1.0);
     Twists blend;
-    for (std::size_t body = 0; body < 2; ++body) {
+    for (std::size_t body = 0; body < kBodies; ++body) {
       blend[body] = {soft[body].linear + share * way[body].linear, soft[body].angular + share * way[body].angular};
     }
     return blend;
@@ -156,7 +165,7 @@ class Impact {
     }
     const Vec3d change = pressed * normal_ + rubbed - point.impulse;
     point.impulse += change;
-    for (std::size_t body = 0; body < 2; ++body) {
+    for (std::size_t body = 0; body < kBodies; ++body) {
       const Vec3d on_body = body == 0 ? change : Vec3d(-change);
       motion[body].linear += bodies_[body].inverse_mass * on_body;
       motion[body].angular += bodies_[body].inverse * point.arms[body].cross(on_body);
@@ -171,10 +180,14 @@ class Impact {
     return is > 0.0 ? Vec3d(std::sqrt(angular.dot(inertia.tensor * angular) / is) * later) : angular;
   }
 
-  double work(const Twists& a, const Twists& b) const { return bodies_[0].work(a[0], b[0]) + bodies_[1].work(a[1], b[1]); }
+  double work(const Twists& a, const Twists& b) const {
+    double sum = bodies_[0].work(a[0], b[0]);
+    if constexpr (kBodies == 2) sum += bodies_[1].work(a[1], b[1]);
+    return sum;
+  }
   double energy(const Twists& motions) const { return 0.5 * work(motions, motions); }  // J
 
-  std::array<Inertia, 2> bodies_;
+  std::array<Inertia, kBodies> bodies_;
   Vec3d normal_;
   std::array<Touching, kMostPoints> points_;
   std::size_t count_ = 0;
@@ -192,13 +205,15 @@ Velocity velocity_of(const Twist& twist, const Mat3d& rotation) {
 }
 
 // The motions right after the impact and at the end of the tick.
-std::array<Twists, 2> rebound(Impact& impact, const Twists& before, const Twists& free, double left_s, const Surface& surface) {
+template <std::size_t kBodies>
+std::array<Twists<kBodies>, 2> rebound(Impact<kBodies>& impact, const Twists<kBodies>& before, const Twists<kBodies>& free,
+                                       double left_s, const Surface& surface) {
   if (!impact.bounces(before, surface.restitution)) {
     return {impact.press(before, surface.friction), impact.press(free, surface.friction)};
   }
-  const Twists after = impact.bounce(before, surface);
-  Twists end;
-  for (std::size_t body = 0; body < 2; ++body) {
+  const Twists<kBodies> after = impact.bounce(before, surface);
+  Twists<kBodies> end;
+  for (std::size_t body = 0; body < kBodies; ++body) {
     end[body] = {after[body].linear + (free[body].linear - before[body].linear),
                  impact.turned(body, after[body].angular, before[body].angular, free[body].angular, left_s)};
   }
@@ -211,9 +226,9 @@ Rebound thrown_back(const Velocity& at_hit, const Velocity& at_end, double left_
                     const Vec3& normal, const Airframe& frame, const Surface& surface) {
   assert(points.size() <= kMostPoints);
   const Mat3d rotation = rotation_of(pose);
-  Impact impact(Inertia(rotation, frame), {}, normal.cast<double>());
-  for (const Vec3& point : points) impact.add({(point - pose.position).cast<double>(), Vec3d::Zero()});
-  const auto [after, end] = rebound(impact, {twist_of(at_hit, rotation), {}}, {twist_of(at_end, rotation), {}}, left_s, surface);
+  Impact<1> impact({Inertia(rotation, frame)}, normal.cast<double>());
+  for (const Vec3& point : points) impact.add({(point - pose.position).cast<double>()});
+  const auto [after, end] = rebound<1>(impact, {twist_of(at_hit, rotation)}, {twist_of(at_end, rotation)}, left_s, surface);
   return {velocity_of(after[0], rotation), velocity_of(end[0], rotation)};
 }
 
@@ -221,12 +236,12 @@ std::array<Rebound, 2> thrown_apart(const Colliding& first, const Colliding& sec
                                     const Vec3& normal, const Surface& surface) {
   assert(points.size() <= kMostPoints);
   const std::array rotations{rotation_of(first.pose), rotation_of(second.pose)};
-  Impact impact(Inertia(rotations[0], first.frame), Inertia(rotations[1], second.frame), normal.cast<double>());
+  Impact<2> impact({Inertia(rotations[0], first.frame), Inertia(rotations[1], second.frame)}, normal.cast<double>());
   for (const Vec3& point : points) {
     impact.add({(point - first.pose.position).cast<double>(), (point - second.pose.position).cast<double>()});
   }
-  const Twists before{twist_of(first.at_hit, rotations[0]), twist_of(second.at_hit, rotations[1])};
-  const Twists free{twist_of(first.at_end, rotations[0]), twist_of(second.at_end, rotations[1])};
+  const Twists<2> before{twist_of(first.at_hit, rotations[0]), twist_of(second.at_hit, rotations[1])};
+  const Twists<2> free{twist_of(first.at_end, rotations[0]), twist_of(second.at_end, rotations[1])};
   const auto [after, end] = rebound(impact, before, free, left_s, surface);
   std::array<Rebound, 2> result;
   for (std::size_t body = 0; body < 2; ++body) {

@@ -32,8 +32,8 @@ LinePainter::LinePainter(const RenderRequest& view, int width_px, int height_px,
                                       .range = view.camera->far_m,
                                       .longest = 2.0F * view.pinhole->corner,  // rays may pass beside the image
                                       .sees_markers = true,
-                                      .bodies = view.bodies.shapes,
-                                      .drones = view.drones.shapes,
+                                      .bodies = &view.bodies.shapes,
+                                      .drones = &view.drones.shapes,
                                       .asked = {.normals = false, .weights = false}});
 }
 

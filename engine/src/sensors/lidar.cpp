@@ -107,8 +107,8 @@ void Lidar::scan(const trace::Scene& scene, const trace::Bodies& bodies, const t
   tracer.set_viewpoint(scene, {.origin = pose.position + trace::rotated(rotation, offset_of(drone)),
                                .rotation = rotation,
                                .range = settings_[drone].max_range_m,
-                               .bodies = bodies,
-                               .drones = drones,
+                               .bodies = &bodies,
+                               .drones = &drones,
                                .policy = policy_});
   for (const BeamTile& tile : pattern.tiles) {
     tracer.enqueue({.x = pattern.x.data() + tile.first,

@@ -149,9 +149,9 @@ class Navigation final : public Task {
     const State& state = block.context.state();
     const bool is_discrete = !is_floating(spec_.action.type);
     for (const DroneIndex drone : block.drones) {
-      const Pose pose = pose_of(state, drone);
-      setpoints.target[drone] =
-          is_discrete ? discrete_target(pose, actions.row<std::int64_t>(drone)[0]) : target(pose, actions.row<float>(drone));
+      Pose& pose = setpoints.target[drone];  // written in place: to copy what has just been written makes the processor wait
+      pose = pose_of(state, drone);
+      is_discrete ? move_discretely(pose, actions.row<std::int64_t>(drone)[0]) : move(pose, actions.row<float>(drone));
     }
   }
 
@@ -252,24 +252,21 @@ class Navigation final : public Task {
     return *markers.start;
   }
 
-  Pose discrete_target(const Pose& pose, std::int64_t action) const {
+  void move_discretely(Pose& pose, std::int64_t action) const {
     const auto index = static_cast<std::size_t>(action);
     const auto& direction = config_.action == ActionKind::discrete ? kDirections[index] : kForwardDirections[index];
-    const Vec3 step = config_.step_m * Vec3(direction[0], direction[1], direction[2]);
-    return {pose.position + pose.rotation * step, pose.rotation};
+    pose.position += pose.rotation * (config_.step_m * Vec3(direction[0], direction[1], direction[2]));
   }
 
-  Pose target(const Pose& pose, std::span<const float> action) const {
+  void move(Pose& pose, std::span<const float> action) const {
     Vec3 step;
     for (int axis = 0; axis < 3; ++axis) {
       step[axis] = config_.step_m * std::clamp(action[static_cast<std::size_t>(axis)], -1.0F, 1.0F);
     }
-    Quat rotation = pose.rotation;
-    if (config_.action == ActionKind::displacement_yaw) {
-      const float yaw = std::clamp(action[3], -1.0F, 1.0F) * config_.yaw_step_deg * std::numbers::pi_v<float> / 180.0F;
-      rotation = (rotation * Quat(std::cos(yaw / 2), 0, 0, std::sin(yaw / 2))).normalized();
-    }
-    return {pose.position + pose.rotation * step, rotation};
+    pose.position += pose.rotation * step;
+    if (config_.action != ActionKind::displacement_yaw) return;
+    const float yaw = std::clamp(action[3], -1.0F, 1.0F) * config_.yaw_step_deg * std::numbers::pi_v<float> / 180.0F;
+    pose.rotation = (pose.rotation * Quat(std::cos(yaw / 2), 0, 0, std::sin(yaw / 2))).normalized();
   }
 
   // The drone's next waypoint or goal.

@@ -79,12 +79,8 @@ void append_meshes(const Bodies& bodies, std::vector<PosedMesh>& meshes) {
 }
 
 void NearBodies::gather(const Bodies& bodies, const Bodies& drones, const Vec3& origin, float near_m, float range_m) {
-  shapes_.clear();
-  candidates_.clear();
-  meshes_.clear();
-  hulls_.clear();
+  clear();
   const std::size_t most = bodies.count + drones.count;
-  if (most == 0) return;
   if (found_.size() < most) {
     found_.resize(most);
     shapes_.reserve(most);
@@ -117,13 +113,14 @@ void NearBodies::add(const Bodies& bodies, const Vec3& origin, float near_m, flo
     }
     shapes_.push_back(shape_of(bodies, number));
     const Shape& shape = shapes_.back();
-    const Candidate candidate = make_candidate(shape, bodies.first_element + static_cast<std::int32_t>(number), origin);
+    Candidate& candidate = candidates_.emplace_back();
+    set_candidate(candidate, shape, bodies.first_element + static_cast<std::int32_t>(number), origin);
     if (!is_within(shape, candidate.local_origin, range_m)) {  // only its ball is
       shapes_.pop_back();
+      candidates_.pop_back();
       continue;
     }
-    candidates_.push_back(candidate);
-    candidates_.back().hint = hint_at_solid(shape, candidate.local_origin, near_m);
+    candidate.hint = hint_at_solid(shape, candidate.local_origin, near_m);
   }
 }
 

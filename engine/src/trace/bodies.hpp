@@ -68,6 +68,8 @@ struct Bodies {
   Balls balls() const { return {position, radius, count, readable}; }
 };
 
+inline constexpr Bodies kNoBodies;
+
 // Returns body `number`, which is neither a mesh nor a hull, as a primitive at its current pose.
 Primitive posed_solid(const Bodies& bodies, std::size_t number);
 
@@ -84,6 +86,12 @@ class NearBodies {
   // Takes those within range_m of the origin. Allocates only if there are more of them than ever before.
   void gather(const Bodies& bodies, const Bodies& drones, const Vec3& origin, float near_m, float range_m);
 
+  void clear() {
+    shapes_.clear();
+    candidates_.clear();
+    meshes_.clear();
+    hulls_.clear();
+  }
   bool empty() const { return candidates_.empty() && meshes_.empty() && hulls_.empty(); }
   std::span<const Candidate> candidates() const { return candidates_; }  // valid until the next gather()
   std::span<const PosedMesh> meshes() const { return meshes_; }          // valid until the next gather()

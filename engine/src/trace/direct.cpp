@@ -147,23 +147,6 @@ HWY_EXPORT(trace_nearer_bundle);
 HWY_EXPORT(trace_shapes);
 HWY_EXPORT(trace_markers);
 
-Candidate make_candidate(const Shape& shape, std::int32_t element, const Vec3& origin) {
-  const Vec3 offset(origin.x() - shape.center[0], origin.y() - shape.center[1], origin.z() - shape.center[2]);
-  const Vec3 local = shape.aligned ? offset : rotated(shape.to_local, offset);
-  return {.shape = &shape,
-          .element = element,
-          .hint = OriginHint::anywhere,
-          .walls = {},
-          .local_origin = {local.x(), local.y(), local.z()}};
-}
-
-OriginHint hint_at_solid(const Shape& shape, const std::array<float, 3>& o, float near) {
-  const float* const half = shape.half_extents;
-  const float away = half[0] + near;
-  const bool beside = shape.kind == ShapeKind::cylinder && o[0] * o[0] + o[1] * o[1] > away * away && std::abs(o[2]) <= half[2];
-  return beside ? OriginHint::beside_cylinder : OriginHint::anywhere;
-}
-
 bool trace_direct(std::span<const Candidate> candidates, std::size_t max_seen, RayBundle& rays) {
   return HWY_DYNAMIC_DISPATCH(trace_bundle)(candidates, max_seen, rays);
 }

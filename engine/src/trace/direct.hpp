@@ -2,6 +2,7 @@
 #pragma once
 
 #include <array>
+#include <cmath>
 #include <cstddef>
 #include <cstdint>
 #include <span>
@@ -28,10 +29,25 @@ struct Candidate {
   std::array<float, 3> local_origin;  // m, shape's frame, origin of the rays
 };
 
-// Returns a candidate without hint and walls. The shape must outlive it.
-Candidate make_candidate(const Shape& shape, std::int32_t element, const Vec3& origin);
+// Fills in a candidate, except walls, with no hint. The shape must outlive it. It is filled in place, since copying one that has
+// just been written makes the processor wait.
+inline void set_candidate(Candidate& candidate, const Shape& shape, std::int32_t element, const Vec3& origin) {
+  candidate.shape = &shape;
+  candidate.element = element;
+  candidate.hint = OriginHint::anywhere;
+  const Vec3 offset(origin.x() - shape.center[0], origin.y() - shape.center[1], origin.z() - shape.center[2]);
+  const Vec3 local = shape.aligned ? offset : rotated(shape.to_local, offset);
+  candidate.local_origin = {local.x(), local.y(), local.z()};
+}
+
 // Returns the hint for a solid. near: hits nearer than this are ignored.
-OriginHint hint_at_solid(const Shape& shape, const std::array<float, 3>& local_origin, float near);
+inline OriginHint hint_at_solid(const Shape& shape, const std::array<float, 3>& local_origin, float near) {
+  if (shape.kind != ShapeKind::cylinder) return OriginHint::anywhere;
+  const auto [x, y, z] = local_origin;
+  const float away = shape.half_extents[0] + near;
+  const bool beside = x * x + y * y > away * away && std::abs(z) <= shape.half_extents[2];
+  return beside ? OriginHint::beside_cylinder : OriginHint::anywhere;
+}
 
 inline constexpr std::size_t kMaxCandidates = 512;
 

@@ -302,7 +302,7 @@ void Scene::add_candidate(const Shape& shape, std::int32_t element, const Vec3& 
     candidates.crowded = true;
     return;
   }
-  candidates.list[candidates.count++] = make_candidate(shape, element, origin);
+  set_candidate(candidates.list[candidates.count++], shape, element, origin);
 }
 
 void Scene::gather(const Vec3& origin, float near_m, float range_m, bool markers, CandidateSet& candidates) const {

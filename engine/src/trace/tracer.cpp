@@ -70,8 +70,11 @@ void Tracer::set_viewpoint(const Scene& scene, const Viewpoint& viewpoint) {
   bundle_.range = viewpoint.range;
   scene.gather(viewpoint.origin, viewpoint.near * viewpoint.longest, viewpoint.range * viewpoint.longest, viewpoint.sees_markers,
                candidates_);
-  near_bodies_.gather(viewpoint.bodies, viewpoint.drones, viewpoint.origin, viewpoint.near * viewpoint.longest,
-                      viewpoint.range * viewpoint.longest);
+  near_bodies_.clear();
+  if (viewpoint.bodies->count + viewpoint.drones->count > 0) {
+    near_bodies_.gather(*viewpoint.bodies, *viewpoint.drones, viewpoint.origin, viewpoint.near * viewpoint.longest,
+                        viewpoint.range * viewpoint.longest);
+  }
   candidates_.crowded |= viewpoint.policy.embree;
   policy_ = viewpoint.policy;
 }

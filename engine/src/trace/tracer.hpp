@@ -31,16 +31,16 @@ TracePolicy trace_policy_of(TracerKind kind, std::size_t rays);  // rays: of the
 
 // Pose and range of a sensor, and the data that it needs.
 struct Viewpoint {
-  Vec3 origin;                // m, world frame
-  Mat3 rotation;              // sensor to world
-  float near = 0.0F;          // in lengths of the directions; hits are in [near, range]
-  float range;                // in lengths of the directions
-  float longest = 1.0F;       // length of the longest direction
-  bool sees_markers = false;  // markers are visible, numbered after the triangles
-  Bodies bodies{};            // of the env; their arrays must outlive trace() and enqueue()
-  Bodies drones{};            // the same for the drones that the sensor sees
-  AskedDetails asked{};       // details of the hits of trace()
-  TracePolicy policy{};       // tiles require Scene::prepare_tiles()
+  Vec3 origin;                        // m, world frame
+  Mat3 rotation;                      // sensor to world
+  float near = 0.0F;                  // in lengths of the directions; hits are in [near, range]
+  float range;                        // in lengths of the directions
+  float longest = 1.0F;               // length of the longest direction
+  bool sees_markers = false;          // markers are visible, numbered after the triangles
+  const Bodies* bodies = &kNoBodies;  // of the env; needed by set_viewpoint() only, but their arrays as long as rays are traced
+  const Bodies* drones = &kNoBodies;  // the same for the drones that the sensor sees
+  AskedDetails asked{};               // details of the hits of trace()
+  TracePolicy policy{};               // tiles require Scene::prepare_tiles()
 };
 
 // The rays of a tile as a picture: each is a multiple of (1, u, v) in the tile's frame.

@@ -143,8 +143,8 @@ void render_tiles(const RenderRequest& request, std::size_t first, std::size_t l
                                 .range = camera.far_m,
                                 .longest = pinhole.corner,
                                 .sees_markers = true,
-                                .bodies = bodies.shapes,
-                                .drones = drones.shapes,
+                                .bodies = &bodies.shapes,
+                                .drones = &drones.shapes,
                                 .asked = {.normals = camera.outputs.normal, .weights = camera.outputs.any_color()},
                                 .policy = request.policy});
   CameraOutputs wanted = camera.outputs;
