@@ -133,7 +133,8 @@ TEST(Bodies, RangesAreThoseOfTheNearerOfWorldAndBodies) {
       for (const Directions& set : sets) {
         Viewpoint viewpoint{.origin = random.point(3.0F), .rotation = random.rotation().toRotationMatrix(), .range = 4.0F};
         const std::vector<float> without = scan(*tracer, scene, viewpoint, set);
-        viewpoint.bodies = moving.view();
+        const Bodies bodies = moving.view();
+        viewpoint.bodies = &bodies;
         const std::vector<float> with = scan(*tracer, scene, viewpoint, set);
         for (std::size_t i = 0; i < set.size(); ++i) {
           const double body = oracle_distance(moving, viewpoint.origin, rotated(viewpoint.rotation, set[i]), viewpoint.range);
@@ -172,7 +173,8 @@ TEST(Bodies, HaveTheBitsOfTheSameSolidsThatStandStill) {
     const auto empty = nothing_near();
     Viewpoint viewpoint{.origin = random.point(3.0F), .rotation = random.rotation().toRotationMatrix(), .range = 5.0F};
     const std::vector<float> expected = scan(*tracer, prepared(*standing).scene(), viewpoint, set);
-    viewpoint.bodies = moving.view();
+    const Bodies bodies = moving.view();
+    viewpoint.bodies = &bodies;
     const std::vector<float> found = scan(*tracer, prepared(*empty).scene(), viewpoint, set);
     EXPECT_TRUE(same_bits(found, expected)) << i;
     for (const float range : found) hits += range < kInfinity ? 1 : 0;
@@ -192,7 +194,8 @@ TEST(Bodies, AreNumberedFromTheFirstElement) {
   const std::vector<Vec3> directions{Vec3::UnitX(), Vec3::UnitY(), -Vec3::UnitX(), Vec3::UnitZ()};
   const Directions set(directions);
   RayBundle aimed;
-  tracer->set_viewpoint(scene, {.origin = Vec3::Zero(), .rotation = Mat3::Identity(), .range = 9.0F, .bodies = moving.view(100)});
+  const Bodies bodies = moving.view(100);
+  tracer->set_viewpoint(scene, {.origin = Vec3::Zero(), .rotation = Mat3::Identity(), .range = 9.0F, .bodies = &bodies});
   const RayBundle& rays = tracer->trace(tile_of(set, aimed));
   EXPECT_EQ(rays.element[0], 100);
   EXPECT_EQ(rays.element[1], 101);
@@ -206,7 +209,7 @@ TEST(Bodies, AreNumberedFromTheFirstElement) {
   aimed.range = 9.0F;
   testing::copy(aimed, tracer->block());
   std::vector<NumberedShape> shapes;
-  append_shapes(moving.view(100), shapes);
+  append_shapes(bodies, shapes);
   tracer->trace_block(scene, shapes);
   for (int i = 0; i < 4; ++i) EXPECT_EQ(tracer->block().element[i], rays.element[i]);
   tracer->trace_shadows(scene, shapes);
@@ -226,10 +229,11 @@ TEST(Bodies, OfOtherEnvsAreNotSeen) {
     Moving own = moving;
     for (auto [list, width] : {std::pair{&own.position, 3U}, {&own.quat_wxyz, 4U}, {&own.radius, 1U}})
       list->resize(width * count);
-    Viewpoint viewpoint{.origin = Vec3::Zero(), .rotation = Mat3::Identity(), .range = 9.0F, .bodies = own.view()};
+    Bodies bodies = own.view();
+    const Viewpoint viewpoint{.origin = Vec3::Zero(), .rotation = Mat3::Identity(), .range = 9.0F, .bodies = &bodies};
     const std::vector<float> expected = scan(*tracer, prepared(*world).scene(), viewpoint, set);
-    viewpoint.bodies = moving.view();
-    viewpoint.bodies.count = count;
+    bodies = moving.view();
+    bodies.count = count;
     EXPECT_TRUE(same_bits(scan(*tracer, prepared(*world).scene(), viewpoint, set), expected)) << count;
   }
 }
@@ -241,7 +245,8 @@ TEST(Bodies, AllocateNothingAfterTheFirstScan) {
   const auto world = nothing_near();
   const Directions set(fan(35, 360.0F));
   const Moving moving = random_bodies(random, 64);
-  const Viewpoint viewpoint{.origin = Vec3::Zero(), .rotation = Mat3::Identity(), .range = 9.0F, .bodies = moving.view()};
+  const Bodies bodies = moving.view();
+  const Viewpoint viewpoint{.origin = Vec3::Zero(), .rotation = Mat3::Identity(), .range = 9.0F, .bodies = &bodies};
   RayBundle aimed;
   std::array<float, 35> ranges{};
   const auto once = [&] {
