@@ -31,7 +31,7 @@ FASTEST = 1.0  # of a place that turns or narrows, in units of the leader's spee
 
 
 class Places:
-    """Places relative to the leader (M, 3), m, and those of the column that replaces the shape (M,), m along the route."""
+    """Places of a shape relative to the leader, (M, 3) m, and of a column along the route, (M,) m."""
 
     def __init__(self, config: flockstep.FormationConfig, count: int) -> None:
         self.spacing = config.spacing_m
@@ -128,7 +128,7 @@ class PathRoute(Route):
         shares = (shares + change * np.maximum(steps - SMOOTH_STEPS, 0)).min(axis=1)
         self.shares = (around * shares).sum(axis=1) / around.sum(axis=1)
 
-    def share(self, way: float) -> float:  # noqa: D102
+    def share(self, way: float) -> float:
         return float(np.interp(way, self.sampled, self.shares))
 
 

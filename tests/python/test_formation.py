@@ -39,17 +39,17 @@ def places(envs, observation):
     return envs.batch.position + flockstep.rotations.rotate(envs.batch.quat_wxyz.astype(float), offset)
 
 
-def flown_places(envs, steps=10_000, step_m=0.15):
-    """Fly to the places until the first episode ends; return all places (T, N, 3), and the number of steps."""
+def flown_places(envs, step_m=0.15):
+    """Fly to the places until the first episode ends; return all places (1 + steps, N, 3)."""
     observation = envs.observation().copy()
     found = [places(envs, observation)]
-    for count in range(1, steps + 1):
+    ended = False
+    while not ended:
         observation, _, terminated, truncated, _ = envs.step(to_places(observation, step_m))
         found.append(places(envs, observation))
         assert not terminated.any()
-        if truncated.any():
-            break
-    return np.array(found), count
+        ended = truncated.any()
+    return np.array(found)
 
 
 class TestPlaces:
@@ -136,13 +136,13 @@ class TestLeader:
         starts = places(envs, observation)
         np.testing.assert_allclose(starts[:4, 2], 1.5, atol=1e-5)
         np.testing.assert_allclose(np.linalg.norm(starts[3] - ROOM.start), 0.4, atol=0.01)
-        flown, count = flown_places(envs)
+        flown = flown_places(envs)
         ends = flown[-1, :4]
         np.testing.assert_allclose(np.linalg.norm(ends[0] - ROOM.goal), 1.6, atol=0.07)
         wide = [[1.1 * x, 1.1 * y, z] for x, y, z in envs.batch.drone.hull]
         path = flockstep.plan(ROOM, ROOM.start, [ROOM.goal], drone=flockstep.DroneModel(wide))
         length = np.linalg.norm(np.diff(path, axis=0), axis=1).sum()
-        assert count == pytest.approx((length - 4 * 1.2 - 2 * 0.4) / 0.06, rel=0.05)
+        assert len(flown) - 1 == pytest.approx((length - 4 * 1.2 - 2 * 0.4) / 0.06, rel=0.05)
         assert envs.batch.success.all()
 
     def test_a_world_without_a_path_is_refused(self):
@@ -184,7 +184,7 @@ class TestRoom:
         )
         drone = flockstep.DroneModel.load("crazyflie")
         envs = make(1, config, worlds=world, drones_per_env=count, drone=drone, max_episode_steps=5000)
-        flown, _ = flown_places(envs, step_m=0.5)
+        flown = flown_places(envs, step_m=0.5)
         assert envs.batch.success.all()
         apart = np.linalg.norm(flown[:, :, None] - flown[:, None], axis=3) + 99 * np.eye(count)
         least = 0.7 * spacing

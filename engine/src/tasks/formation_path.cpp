@@ -18,13 +18,13 @@
 namespace flockstep::task {
 namespace {
 
-constexpr double kRoom = 0.2;           // m, to be free around the drone
+constexpr double kRoom = 0.2;            // m, to be free around the drone
 constexpr double kWindow = 2.0 * kRoom;  // m; a route that is rounded by at most the room touches nothing
-constexpr float kPathCell = 0.2F;       // m, of the plan
-constexpr double kShareStep = 0.1;      // m along the route between two shares, less than the room
-constexpr int kSmoothSteps = 10;        // before and after one, over which shares are smoothed
-constexpr double kClosest = 0.7;        // least distance of places, in units of their spacing
-constexpr double kFastest = 1.0;        // of a place that turns or narrows, in units of the leader's speed
+constexpr float kPathCell = 0.2F;        // m, of the plan
+constexpr double kShareStep = 0.1;       // m along the route between two shares, less than the room
+constexpr int kSmoothSteps = 10;         // before and after one, over which shares are smoothed
+constexpr double kClosest = 0.7;         // least distance of places, in units of their spacing
+constexpr double kFastest = 1.0;         // of a place that turns or narrows, in units of the leader's speed
 
 // An upright prism around the drone at any heading, and the room around it.
 DroneModel with_room(const DroneModel& drone) {
@@ -36,14 +36,16 @@ DroneModel with_room(const DroneModel& drone) {
   std::vector<Vec3> hull;
   for (int i = 0; i < kSides; ++i) {
     const double x = radius * std::cos(kTurn * i / kSides), y = radius * std::sin(kTurn * i / kSides);
-    for (const double z : {static_cast<double>(drone.extents().min.z()) - kRoom, static_cast<double>(drone.extents().max.z()) + kRoom}) {
+    for (const double z :
+         {static_cast<double>(drone.extents().min.z()) - kRoom, static_cast<double>(drone.extents().max.z()) + kRoom}) {
       hull.push_back(Eigen::Vector3d(x, y, z).cast<float>());
     }
   }
   return DroneModel(hull);
 }
 
-// The largest share up to which two places keep their distance, if they move by their shares from `column` apart to `shape` apart.
+// The largest share up to which two places keep their distance, if they move by their shares from `column` apart to `shape`
+// apart.
 double share_apart(const Eigen::Vector3d& column, const Eigen::Vector3d& shape, double distance) {
   const Eigen::Vector3d change = shape - column;
   const double a = change.squaredNorm(), b = column.dot(change), c = column.squaredNorm() - distance * distance;
@@ -77,7 +79,8 @@ std::vector<double> over_windows(const std::vector<double>& values, const Functi
   const std::ptrdiff_t end = std::ssize(values);
   std::vector<double> results;
   for (std::ptrdiff_t i = 0; i < end; ++i) {
-    const std::ptrdiff_t from = std::max<std::ptrdiff_t>(i - kSmoothSteps, 0), to = std::min<std::ptrdiff_t>(i + kSmoothSteps + 1, end);
+    const std::ptrdiff_t from = std::max<std::ptrdiff_t>(i - kSmoothSteps, 0),
+                         to = std::min<std::ptrdiff_t>(i + kSmoothSteps + 1, end);
     results.push_back(function(values.begin() + from, values.begin() + to));
   }
   return results;
@@ -102,7 +105,8 @@ FormationPath::FormationPath(const World& world, const DroneModel& drone, const 
   const auto [back, front] = std::minmax_element(places.column.begin(), places.column.end());
   first_ = kWindow - std::min(*back, 0.0);
   last_ = route.length() - kWindow - std::max(*front, 0.0);
-  require(first_ < last_, "worlds", "a path of more than " + std::to_string(first_ + route.length() - last_) + " m, for the column",
+  require(first_ < last_, "worlds",
+          "a path of more than " + std::to_string(first_ + route.length() - last_) + " m, for the column",
           name + " with a path of " + std::to_string(route.length()) + " m");
 
   if (places.is_column) {
@@ -132,7 +136,8 @@ FormationPath::FormationPath(const World& world, const DroneModel& drone, const 
   for (std::size_t i = steps; i-- > 0;) largest[i] = std::min(largest[i], largest[i + 1] + change);
   // The mean of minima is smooth, and at most the largest share.
   const std::vector<double> least = over_windows(largest, [](auto from, auto to) { return *std::min_element(from, to); });
-  shares_ = over_windows(least, [](auto from, auto to) { return std::accumulate(from, to, 0.0) / static_cast<double>(to - from); });
+  shares_ =
+      over_windows(least, [](auto from, auto to) { return std::accumulate(from, to, 0.0) / static_cast<double>(to - from); });
 }
 
 LeaderRoute FormationPath::route() const { return {corners_, false, kWindow, reach_}; }
