@@ -1,4 +1,4 @@
-"""Formation: trained policies and straight flyers, in halls and in playgrounds.
+"""Formation: trained policies and straight flyers, in halls, playgrounds and warehouses.
 
 The last policy of each training is judged, in worlds and episodes that nothing else uses. Three trainings.
 """
@@ -21,7 +21,8 @@ Measured = tuple[str, float, str, int]  # name, value, unit, runs
 
 
 def measure() -> Iterator[Measured]:
-    yield from figures("straight", judge(formation.straight, FLIGHTS, UNSEEN_SEEDS.start))
+    for name, flyer in formation.FLYERS.items():
+        yield from figures(name, judge(flyer, FLIGHTS, UNSEEN_SEEDS.start))
     for seed in SEEDS:
         recipe = recipe_of(Args())
         begun = time.perf_counter()

@@ -800,12 +800,13 @@ def swap(results: dict[str, Result]) -> str:
 
 
 def formation(results: dict[str, Result]) -> str:
-    """Return the table of the trainings of Formation beside the straight flyer."""
+    """Return the table of the trainings of Formation beside the straight flyers."""
+    flyers = {"straight": "fly straight to their places", "ahead": "fly to where their places will be"}
     heads = {"success": "success", "touched": "touched", "error_m": "error", "training_s": "training"}
     cells = {}
-    for (who, what), f in named(results, "formation", r"formation/(straight|trained/\d)/(\w+)"):
+    for (who, what), f in named(results, "formation", r"formation/(straight|ahead|trained/\d)/(\w+)"):
         _, _, seed = who.partition("/")
-        row = f"trained, seed {seed}" if seed else "fly straight to their places"
+        row = f"trained, seed {seed}" if seed else flyers[who]
         kind, _, name = what.partition("_")
         if what == "training_s":
             cells[row, "training"] = seconds(f["value"])

@@ -19,41 +19,141 @@ from flockstep.task import Array, BoolArray, Target
 TRIES = 64  # random positions to try
 CORNERS = 6  # of a loop
 FAR_PLACE_M = 2.0
-WINDOW_M = 1.0  # of the route, before and after the leader
+LOOP_WINDOW_M = 1.0
 SAMPLES = 2000  # of the route, within the window
+ROOM_M = 0.2  # to be free around the drone
+PATH_WINDOW_M = 2 * ROOM_M
+PATH_CELL_M = 0.2
+SHARE_STEP_M = 0.1
+SMOOTH_STEPS = 10  # before and after one, over which the shares are smoothed
+CLOSEST = 0.7  # least distance of places, in units of their spacing
+FASTEST = 1.0  # of a place that turns or narrows, in units of the leader's speed
+
+
+class Places:
+    """Places of a shape relative to the leader, (M, 3) m, and of a column along the route, (M,) m."""
+
+    def __init__(self, config: flockstep.FormationConfig, count: int) -> None:
+        self.spacing = config.spacing_m
+        self.is_column = config.shape == "column"
+        self.shape = flockstep.formation_places(config.shape, count, config.spacing_m).astype(float)
+        in_a_row = flockstep.formation_places("column", count, config.spacing_m).astype(float)[:, 0]
+        self.column = np.empty(count)
+        self.column[np.argsort(-self.shape[:, 0], kind="stable")] = in_a_row
+        self.column += self.shape[:, 0].mean() - in_a_row.mean()
+        self.radius = 0.0 if self.is_column else float(np.linalg.norm(self.shape, axis=1).max())
 
 
 @dataclass
 class Route:
-    """A line through corners (K, 3), m; a closed one repeats its first corner at the end."""
+    """A line through corners (K, 3), m; a closed one repeats its first corner at the end.
+
+    The leader's position is the mean of the line over a window before and after it. Its heading leads from the position
+    the reach before to that after it.
+    """
 
     corners: Array
     is_closed: bool
+    window: float
+    reach: float
 
     def __post_init__(self) -> None:
         lengths = np.linalg.norm(np.diff(self.corners, axis=0), axis=1)
         self.ways = np.concatenate([[0], np.cumsum(lengths)])
+        if self.is_closed:
+            self.reach = min(self.reach, self.ways[-1] / 4)
 
-    def line(self, way: Array) -> Array:
-        """Return points of the line, after some ways along it."""
+    def position(self, way: Array) -> Array:
+        """Return positions after ways along the line."""
+        way = np.asarray(way)[..., None] + self.window * (2 * (np.arange(SAMPLES) + 0.5) / SAMPLES - 1)
         way = way % self.ways[-1] if self.is_closed else way
-        return np.stack([np.interp(way, self.ways, self.corners[:, axis]) for axis in range(3)], axis=-1)
+        axes = [np.interp(way, self.ways, self.corners[:, axis]).mean(axis=-1) for axis in range(3)]
+        return np.stack(axes, axis=-1)
 
-    def position(self, way: float) -> Array:
-        """Return the mean of the line over the window."""
-        middles = (np.arange(SAMPLES) + 0.5) / SAMPLES
-        mean: Array = self.line(way + WINDOW_M * (2 * middles - 1)).mean(axis=0)
-        return mean
+    def heading(self, way: Array) -> Array:
+        """Return headings of the leader, rad."""
+        along = self.position(np.asarray(way) + self.reach) - self.position(np.asarray(way) - self.reach)
+        return np.asarray(np.arctan2(along[..., 1], along[..., 0]))
 
-    def direction(self, way: float) -> Array:
-        """Return the derivative of the position by the way."""
-        ends = self.line(np.array([way - WINDOW_M, way + WINDOW_M]))
-        return np.asarray((ends[1] - ends[0]) / (2 * WINDOW_M))
+    def share(self, _: float) -> float:
+        """Return the share of the shape, in [0, 1]."""
+        return 1.0
 
-    def heading(self, way: float) -> float:
-        """Return the heading of the leader, rad."""
-        x, y, _ = self.direction(way)
-        return float(np.arctan2(y, x))
+    def in_shape(self, places: Places, way: Array) -> Array:
+        """Return the places of the shape, (..., M, 3)."""
+        heading = self.heading(way)[..., None]
+        x, y, z = places.shape.T
+        turned = [np.cos(heading) * x - np.sin(heading) * y, np.sin(heading) * x + np.cos(heading) * y, z + 0 * heading]
+        return self.position(way)[..., None, :] + np.stack(turned, axis=-1)
+
+    def in_column(self, places: Places, way: Array) -> Array:
+        """Return the places of the column, (..., M, 3)."""
+        return self.position(np.asarray(way)[..., None] + places.column)
+
+    def places(self, places: Places, way: float) -> Array:
+        """Return the places of the drones, (M, 3)."""
+        share = 0.0 if places.is_column else self.share(way)
+        shape, column = self.in_shape(places, np.array(way)), self.in_column(places, np.array(way))
+        return column + share * (shape - column)
+
+
+class PathRoute(Route):
+    """The planned path through a world, and the share of the shape that has room along it."""
+
+    def __init__(self, world: flockstep.World, drone: flockstep.DroneModel, places: Places) -> None:
+        assert world.start is not None
+        assert world.goal is not None
+        goals = [*world.waypoints, world.goal]
+        wide = with_room(drone)
+        corners = flockstep.plan(world, world.start, goals, drone=wide, cell_m=PATH_CELL_M)
+        assert corners is not None
+        super().__init__(np.asarray(corners, float), False, PATH_WINDOW_M, max(places.radius, PATH_WINDOW_M))
+        self.first = PATH_WINDOW_M + max(-places.column.min(), 0.0)
+        self.last = self.ways[-1] - PATH_WINDOW_M - max(places.column.max(), 0.0)
+        count = int(np.ceil((self.last - self.first) / SHARE_STEP_M)) + 1
+        self.sampled = self.first + SHARE_STEP_M * np.arange(count)
+        shape, column = self.in_shape(places, self.sampled), self.in_column(places, self.sampled)
+        flights = flockstep.Batch([world], count * len(places.column), drone=wide)
+        flights.set_pose(column.reshape(-1, 3))
+        flights.move(shape.reshape(-1, 3))
+        free = flights.contact.fraction.reshape(count, -1).min(axis=1).astype(float)
+        heading = self.heading(self.sampled + SHARE_STEP_M) - self.heading(self.sampled)
+        turning = np.abs(np.remainder(heading + np.pi, 2 * np.pi) - np.pi) / SHARE_STEP_M
+        apart = share_apart(column, shape, CLOSEST * places.spacing)
+        shares = np.minimum(np.minimum(free, apart), FASTEST / np.maximum(places.radius * turning, FASTEST))
+        straight = np.linalg.norm(places.shape - places.column[:, None] * [1, 0, 0], axis=1).max()
+        steps = np.abs(np.arange(count)[:, None] - np.arange(count))
+        around = steps <= SMOOTH_STEPS
+        change = FASTEST * SHARE_STEP_M / max(straight, SHARE_STEP_M)
+        shares = (shares + change * np.maximum(steps - SMOOTH_STEPS, 0)).min(axis=1)
+        self.shares = (around * shares).sum(axis=1) / around.sum(axis=1)
+
+    def share(self, way: float) -> float:
+        return float(np.interp(way, self.sampled, self.shares))
+
+
+def with_room(drone: flockstep.DroneModel) -> flockstep.DroneModel:
+    """Return an upright prism around the drone at any heading, and the room around it."""
+    hull = drone.hull.astype(float)
+    angle = 2 * np.pi * np.arange(16) / 16
+    radius = (np.linalg.norm(hull[:, :2], axis=1).max() + ROOM_M) / np.cos(np.pi / 16)
+    heights = hull[:, 2].min() - ROOM_M, hull[:, 2].max() + ROOM_M
+    return flockstep.DroneModel([[radius * np.cos(a), radius * np.sin(a), z] for a in angle for z in heights])
+
+
+def share_apart(column: Array, shape: Array, distance: float) -> Array:
+    """Return the largest share of each row up to which all places keep this distance, (K,)."""
+    share = np.ones(len(column))
+    for j in range(column.shape[1]):
+        for i in range(j):
+            start, end = column[:, j] - column[:, i], shape[:, j] - shape[:, i]
+            a, b = ((end - start) ** 2).sum(axis=1), (start * (end - start)).sum(axis=1)
+            c = (start**2).sum(axis=1) - distance**2
+            root = b**2 - a * c
+            with np.errstate(invalid="ignore", divide="ignore"):
+                meets = np.where((b < 0) & (root > 0), (-b - np.sqrt(root)) / a, 1.0)
+            share = np.minimum(share, np.where(c <= 0, 0.0, meets))
+    return share
 
 
 class Formation(flockstep.Task):
@@ -77,9 +177,10 @@ class Formation(flockstep.Task):
         self.per_env = batch.drones_per_env
         self.num_envs = n // self.per_env
         self.step_s = 1 / batch.clock.policy_hz
-        self.places = flockstep.formation_places(c.shape, self.per_env, c.spacing_m).astype(float)
+        self.places = Places(c, self.per_env)
         self.corners = np.zeros((self.num_envs, CORNERS, 3))
-        self._paths = [self.path(world, batch.drone) for world in batch.worlds] if c.route == "path" else []
+        paths = c.route == "path"
+        self._paths = [PathRoute(world, batch.drone, self.places) for world in batch.worlds] if paths else []
         self.summed_error = np.zeros(n)
         self.action = np.zeros((n, 3), np.float32)
         self.change = np.zeros(n)
@@ -142,8 +243,8 @@ class Formation(flockstep.Task):
         self.left_area[:] = lost
         self.success[:] = ~touched & ~lost & (self.summed_error / np.maximum(self.steps, 1) <= c.close_m)
         if c.route == "path":
-            lengths = [self.route(batch, env).ways[-1] for env in range(self.num_envs)]
-            arrived = c.leader_speed_mps * self.step_s * steps >= np.array(lengths)
+            last = [self._paths[int(batch.world_index[env])].last for env in range(self.num_envs)]
+            arrived = np.array([self.way(batch, env, steps[env]) for env in range(self.num_envs)]) >= np.array(last)
             self.truncated[:] = arrived.repeat(self.per_env) & ~crashed & ~lost
         return terms, crashed | lost
 
@@ -163,35 +264,26 @@ class Formation(flockstep.Task):
 
     def leaders(self, batch: flockstep.Batch, steps: Array) -> tuple[Array, Array, Array]:
         """Return place (N, 3) and its velocity (N, 3) for each drone, and the heading of its leader (N,)."""
-        c = self.config
         places, velocities, headings = [], [], []
         for env in range(self.num_envs):
             route = self.route(batch, env)
-            way, speed = c.leader_speed_mps * self.step_s * steps[env], c.leader_speed_mps
-            heading, ahead = route.heading(way), route.heading(way + speed * self.step_s)
-            turning = np.remainder(ahead - heading + np.pi, 2 * np.pi) - np.pi
-            turn = np.array([[np.cos(heading), -np.sin(heading), 0], [np.sin(heading), np.cos(heading), 0], [0, 0, 1]])
-            from_leader = self.places @ turn.T
-            places.append(route.position(way) + from_leader)
-            sideways = np.stack([-from_leader[:, 1], from_leader[:, 0], np.zeros(self.per_env)], axis=1)
-            velocities.append(speed * route.direction(way) + turning / self.step_s * sideways)
-            headings.append(np.full(self.per_env, heading))
+            now, later = (self.way(batch, env, steps[env] + more) for more in (0, 1))
+            places.append(route.places(self.places, now))
+            velocities.append((route.places(self.places, later) - places[-1]) / self.step_s)
+            headings.append(np.full(self.per_env, route.heading(np.array(now))))
         return np.concatenate(places), np.concatenate(velocities), np.concatenate(headings)
+
+    def way(self, batch: flockstep.Batch, env: int, steps: float) -> float:
+        """Return the way of an env's leader along its route, m."""
+        first = self._paths[int(batch.world_index[env])].first if self._paths else 0.0
+        return float(first + self.config.leader_speed_mps * self.step_s * steps)
 
     def route(self, batch: flockstep.Batch, env: int) -> Route:
         """Return the route of an env's leader."""
-        if self.config.route == "path":
+        if self._paths:
             return self._paths[int(batch.world_index[env])]
-        return Route(np.concatenate([self.corners[env], self.corners[env, :1]]), True)
-
-    @staticmethod
-    def path(world: flockstep.World, drone: flockstep.DroneModel) -> Route:
-        """Plan the path through a world."""
-        assert world.start is not None
-        assert world.goal is not None
-        corners = flockstep.plan(world, world.start, [*world.waypoints, world.goal], drone=drone)
-        assert corners is not None
-        return Route(np.asarray(corners, float), False)
+        corners = np.concatenate([self.corners[env], self.corners[env, :1]])
+        return Route(corners, True, LOOP_WINDOW_M, max(self.places.radius, LOOP_WINDOW_M))
 
 
 def main() -> None:

@@ -1,10 +1,11 @@
-"""Formation: environments for training, flights that judge a policy, and a flyer to compare with.
+"""Formation: environments for training, flights that judge a policy, and flyers to compare with.
 
-.venv/bin/python -m training.formation             # the flyer, straight to the places
+.venv/bin/python -m training.formation             # the flyers, straight to the places
 """
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any, Literal
@@ -17,12 +18,16 @@ from training.tasks import TRAINING_SEEDS, UNSEEN_SEEDS
 
 Array = npt.NDArray[Any]
 Predict = Callable[[Array], Array]
-Kind = Literal["hall", "playground"]
+Kind = Literal["hall", "playground", "warehouse"]
 
-MOST_STEPS: dict[Kind, int] = {"hall": 300, "playground": 400}
+MOST_STEPS: dict[Kind, int] = {"hall": 300, "playground": 400, "warehouse": 1500}
 DRONES = 4
-KINDS: tuple[Kind, ...] = ("hall", "playground")
-NUM_WORLDS = 100  # playgrounds for training
+STEP_M = 0.15  # of a full action
+KINDS: tuple[Kind, ...] = ("hall", "playground", "warehouse")
+#: Number of worlds of each kind, for training. A warehouse takes about 20 MB.
+WORLDS: dict[Kind, int] = {"playground": 100, "warehouse": 16}
+UNSEEN_WAREHOUSES = 16  # of the flights that judge
+REPEATS = 6  # of the warehouses in the list, so that about half of the episodes are there
 #: Found with the seeds 100 and 101.
 NUM_ENVS, STEPS = 128, 6_000_000
 SETTINGS: dict[str, Any] = {
@@ -47,38 +52,47 @@ class Formations:
     """(E,) m: mean distance of the drones from their places, over the steps of the episode; at most 2 m each."""
 
 
-def keywords_of(kind: Kind, seeds: range, count: int) -> dict[str, Any]:
-    """Return the keywords of environments in halls or playgrounds."""
-    if kind == "hall":
-        return {"task": flockstep.FormationConfig(), "max_episode_steps": MOST_STEPS[kind]}
-    worlds = [flockstep.World.playground(seed) for seed in seeds[:count]]
-    task = flockstep.FormationConfig(route="path", shape="column", spacing_m=1.3)
-    return {"task": task, "worlds": worlds, "max_episode_steps": MOST_STEPS[kind]}
+@functools.cache
+def world(kind: Kind, seed: int) -> flockstep.World:
+    """Generate a world once: a large playground without waypoints, at which a path may turn back, or a warehouse."""
+    if kind == "warehouse":
+        return flockstep.World.warehouse(seed)
+    playground = flockstep.World.playground(seed, size_m=(28.0, 28.0, 5.25))
+    return playground.with_markers(start=playground.start, goal=playground.goal)
 
 
-def make(num_envs: int, threads: int, kind: Kind = "hall") -> flockstep.DroneVectorEnv:
-    """Make the environments for training."""
-    keywords = keywords_of(kind, TRAINING_SEEDS, NUM_WORLDS)
+def make(num_envs: int, threads: int) -> flockstep.DroneVectorEnv:
+    """Make the environments for training, in playgrounds and warehouses."""
+    playgrounds = [world("playground", seed) for seed in TRAINING_SEEDS[: WORLDS["playground"]]]
+    warehouses = [world("warehouse", seed) for seed in TRAINING_SEEDS[: WORLDS["warehouse"]]]
     return flockstep.DroneVectorEnv(
         num_envs,
+        task=flockstep.FormationConfig(route="path"),
         drones_per_env=DRONES,
-        random_world=kind != "hall",
+        worlds=playgrounds + REPEATS * warehouses,
+        random_world=True,
+        max_episode_steps=MOST_STEPS["warehouse"],
         stagger_first_episode=True,
         autoreset_mode="same_step",
         copy=False,
         num_threads=threads,
-        **keywords,
     )
 
 
 def fly(predict: Predict, flights: int, seed: int, kind: Kind = "hall") -> Formations:
     """Fly one episode in each of several envs; the seeds of worlds and flights begin with this one."""
+    keywords: dict[str, Any] = {}
+    if kind != "hall":
+        count = min(flights, UNSEEN_WAREHOUSES) if kind == "warehouse" else flights
+        keywords["worlds"] = [world(kind, each) for each in range(seed, seed + count)]
     envs = flockstep.DroneVectorEnv(
         flights,
+        task=flockstep.FormationConfig(route="loop" if kind == "hall" else "path"),
         drones_per_env=DRONES,
+        max_episode_steps=MOST_STEPS[kind],
         autoreset_mode="disabled",
         copy=False,
-        **keywords_of(kind, range(seed, seed + flights), flights),
+        **keywords,
     )
     observation, _ = envs.reset(seed=seed)
     flying = np.ones(flights, bool)
@@ -100,19 +114,32 @@ def fly(predict: Predict, flights: int, seed: int, kind: Kind = "hall") -> Forma
 
 
 def straight(observation: Array) -> Array:
-    """Return the actions of drones that fly straight to their places."""
-    offset = 2 * observation[:, :3] / 0.15
-    return np.asarray(offset / np.maximum(np.abs(offset).max(axis=1, keepdims=True), 1), np.float32)
+    """Return the actions of drones that fly straight to their places, and so lag one step behind."""
+    return _towards(2 * observation[:, :3])
+
+
+def ahead(observation: Array) -> Array:
+    """Return the actions of drones that fly straight to where their places will be after the step."""
+    return _towards(2 * observation[:, :3] + np.sqrt(3) * STEP_M * observation[:, 3:6])
+
+
+def _towards(way: Array) -> Array:
+    return np.asarray(way / np.maximum(np.abs(way).max(axis=1, keepdims=True), STEP_M), np.float32)
+
+
+#: Drones without a policy, by name.
+FLYERS: dict[str, Predict] = {"straight": straight, "ahead": ahead}
 
 
 def main() -> None:
-    """Fly the flyer."""
-    for kind in KINDS:
-        flown = fly(straight, 200, UNSEEN_SEEDS.start, kind)
-        print(
-            f"straight, {kind}: {flown.success.mean():.1%} of 200 flights succeed, {flown.touched.mean():.1%} touch, "
-            f"error {flown.error.mean():.3f} m"
-        )
+    """Fly the flyers."""
+    for name, flyer in FLYERS.items():
+        for kind in KINDS:
+            flown = fly(flyer, 200, UNSEEN_SEEDS.start, kind)
+            print(
+                f"{name}, {kind}s: {flown.success.mean():.1%} of 200 flights succeed, {flown.touched.mean():.1%} "
+                f"touch, error {flown.error.mean():.3f} m"
+            )
 
 
 if __name__ == "__main__":

@@ -56,7 +56,7 @@ def recipe_of(args: Args) -> Recipe:
         settings=formation.SETTINGS,
         make=formation.make,
         judge=judge,
-        baseline=lambda: judge(formation.straight, args.flights, UNSEEN_SEEDS.start),
+        baseline=lambda: judge(formation.ahead, args.flights, UNSEEN_SEEDS.start),
         film={"env": "flockstep/Formation-v0", "steps": 300},
     )
 

@@ -1667,13 +1667,14 @@ class FormationConfig:
     Parameters
     ----------
     shape
-        Places of the drones. ``"line"``: abreast of the leader. ``"column"``: one behind the other. ``"v"``: behind the
-        leader, on two lines at 45 degrees. ``"circle"``: around the leader. Default: 'v'.
+        Places of the drones. ``"line"``: abreast of the leader. ``"column"``: one behind the other on its route.
+        ``"v"``: behind the leader, on two lines at 45 degrees. ``"circle"``: around the leader. Default: 'v'.
     spacing_m
         Distance between neighbouring places. Values: (0, 1000] m. Default: 1.5.
     route
-        ``"loop"``: a random closed way around the middle of the world. ``"path"``: the planned path of the world from
-        its start marker over the waypoints to the goal. Default: 'loop'.
+        ``"loop"``: a random closed way around the middle of the world. ``"path"``: a planned path from the start marker
+        of the world over the waypoints to the goal; where the shape has no room, it narrows to a column. Default:
+        'loop'.
     loop_radius_m
         Maximum distance of a loop's corners from the middle; the minimum is 0.6 times that. Values: (0, 1000] m.
         Default: 4.0.

@@ -8,6 +8,7 @@ from flockstep import EpisodeEnd
 from flockstep.testing import check_vector_env
 
 ROUNDING = 2e-5
+SHAPES = ("line", "column", "v", "circle")
 NOISE = flockstep.PoseSensorConfig(position_noise_std_m=0.01, orientation_noise_std_deg=2.0)
 ROOM = flockstep.World.from_dict(
     {
@@ -32,8 +33,27 @@ def to_places(observation, step_m=0.15):
     return (2 * observation[:, :3] + 0.1 * fastest * observation[:, 3:6]) / step_m
 
 
+def places(envs, observation):
+    """The places of all drones, (N, 3) m."""
+    offset = 2 * observation[:, :3].astype(float)
+    return envs.batch.position + flockstep.rotations.rotate(envs.batch.quat_wxyz.astype(float), offset)
+
+
+def flown_places(envs, step_m=0.15):
+    """Fly to the places until the first episode ends; return all places (1 + steps, N, 3)."""
+    observation = envs.observation().copy()
+    found = [places(envs, observation)]
+    ended = False
+    while not ended:
+        observation, _, terminated, truncated, _ = envs.step(to_places(observation, step_m))
+        found.append(places(envs, observation))
+        assert not terminated.any()
+        ended = truncated.any()
+    return np.array(found)
+
+
 class TestPlaces:
-    @pytest.mark.parametrize("shape", ["line", "column", "v", "circle"])
+    @pytest.mark.parametrize("shape", SHAPES)
     @pytest.mark.parametrize("count", [1, 2, 5, 12])
     def test_neighbours_are_spaced(self, shape, count):
         places = flockstep.formation_places(shape, count, 1.5)
@@ -46,7 +66,7 @@ class TestPlaces:
         assert (least < 1.5001).all()
 
     def test_have_their_shapes(self):
-        places = {shape: flockstep.formation_places(shape, 4, 2.0) for shape in ("line", "column", "v", "circle")}
+        places = {shape: flockstep.formation_places(shape, 4, 2.0) for shape in SHAPES}
         np.testing.assert_allclose(places["line"][:, :2], [[0, 2], [0, -2], [0, 4], [0, -4]], atol=1e-6)
         np.testing.assert_allclose(places["column"][:, :2], [[-2, 0], [-4, 0], [-6, 0], [-8, 0]], atol=1e-6)
         diagonal = np.float64([[-1, 1], [-1, -1], [-2, 2], [-2, -2]])
@@ -93,37 +113,36 @@ class TestLeader:
         assert (envs.batch.reward_terms[terminated, 1] == -5.0).all()
         assert not infos["success"].any()
 
-    def test_the_observed_velocity_of_a_place_is_that_of_the_place(self):
-        envs = make(autoreset_mode="disabled", config=flockstep.FormationConfig(spacing_m=1.2))
-        fastest = np.sqrt(3) * 1.5
-
-        def places(observation):
-            offset = 2 * observation[:, :3]
-            return envs.batch.position + flockstep.rotations.rotate(envs.batch.quat_wxyz, offset)
-
+    @pytest.mark.parametrize(
+        ("worlds", "config"),
+        [
+            (None, flockstep.FormationConfig(spacing_m=1.2)),
+            (None, flockstep.FormationConfig(shape="column")),
+            (ROOM, flockstep.FormationConfig(route="path", spacing_m=1.2)),
+        ],
+    )
+    def test_the_observed_velocity_leads_to_the_place_one_step_later(self, worlds, config):
+        envs = make(2, config, worlds=worlds or "arena/hall", autoreset_mode="disabled")
         observation = envs.observation().copy()
-        for _ in range(100):
-            before, velocity = places(observation), fastest * observation[:, 3:6]
-            velocity = flockstep.rotations.rotate(envs.batch.quat_wxyz.copy(), velocity)
-            observation = envs.step(to_places(observation))[0]
-            np.testing.assert_allclose((places(observation) - before) / 0.1, velocity, atol=0.06)
+        for step in range(150):
+            observation, _, terminated, _, _ = envs.step(to_places(observation))
+            assert not terminated.any()
+            assert step < 10 or 2 * np.abs(observation[:, :3]).max() < 1e-4
 
     def test_a_path_leads_around_obstacles_to_the_goal_and_ends_there(self):
         config = flockstep.FormationConfig(route="path", shape="column", spacing_m=1.2)
         envs = make(2, config, worlds=ROOM, autoreset_mode="disabled", max_episode_steps=600)
         observation = envs.observation().copy()
-        np.testing.assert_allclose(2 * np.linalg.norm(observation[:, :3], axis=1).max(), 0.2, atol=0.15)
-        nearest = np.inf
-        for step in range(600):  # noqa: B007
-            observation, _, terminated, truncated, _ = envs.step(to_places(observation))
-            nearest = min(nearest, np.linalg.norm(envs.batch.position[0] - ROOM.goal))
-            if (terminated | truncated).all():
-                break
-        assert truncated.all()
-        path = flockstep.plan(ROOM, ROOM.start, [ROOM.goal])
+        starts = places(envs, observation)
+        np.testing.assert_allclose(starts[:4, 2], 1.5, atol=1e-5)
+        np.testing.assert_allclose(np.linalg.norm(starts[3] - ROOM.start), 0.4, atol=0.01)
+        flown = flown_places(envs)
+        ends = flown[-1, :4]
+        np.testing.assert_allclose(np.linalg.norm(ends[0] - ROOM.goal), 1.6, atol=0.07)
+        wide = [[1.1 * x, 1.1 * y, z] for x, y, z in envs.batch.drone.hull]
+        path = flockstep.plan(ROOM, ROOM.start, [ROOM.goal], drone=flockstep.DroneModel(wide))
         length = np.linalg.norm(np.diff(path, axis=0), axis=1).sum()
-        assert step + 1 == int(np.ceil(length / 0.06))
-        assert nearest < 1.5
+        assert len(flown) - 1 == pytest.approx((length - 4 * 1.2 - 2 * 0.4) / 0.06, rel=0.05)
         assert envs.batch.success.all()
 
     def test_a_world_without_a_path_is_refused(self):
@@ -135,6 +154,80 @@ class TestLeader:
             make(worlds=walled, config=config)
         with pytest.raises(ValueError, match=r"worlds: expected bounds of at least"):
             make(worlds=ROOM, config=flockstep.FormationConfig(loop_radius_m=9.0))
+
+
+def wide_room(length=60.0, width=60.0, gap=2.0):
+    """A room with a wall across, and a gap in its middle."""
+    side = (width - gap) / 2
+    boxes = [{"center": [0, sign * (gap + side) / 2, 2], "size": [1, side, 4]} for sign in (-1, 1)]
+    return flockstep.World.from_dict(
+        {
+            "flockstep_scene": 1,
+            "name": "gap",
+            "room": {"min": [-length / 2, -width / 2, 0], "max": [length / 2, width / 2, 4]},
+            "boxes": boxes,
+            "markers": {"start": [1 - length / 2, 0, 2], "goal": [length / 2 - 1, 0, 2], "radius": 0.2},
+        }
+    )
+
+
+class TestRoom:
+    """A formation on a path becomes a column where its shape has no room."""
+
+    @pytest.mark.parametrize("shape", SHAPES)
+    @pytest.mark.parametrize("count", [2, 3, 4, 7, 16, 32])
+    def test_a_gap_makes_it_a_column_that_stays_apart(self, shape, count):
+        spacing, speed = 1.5, 1.2
+        world = wide_room(length=60 + 3 * spacing * count)
+        config = flockstep.FormationConfig(
+            shape=shape, spacing_m=spacing, route="path", leader_speed_mps=speed, jitter_m=0, step_m=0.5
+        )
+        drone = flockstep.DroneModel.load("crazyflie")
+        envs = make(1, config, worlds=world, drones_per_env=count, drone=drone, max_episode_steps=5000)
+        flown = flown_places(envs, step_m=0.5)
+        assert envs.batch.success.all()
+        apart = np.linalg.norm(flown[:, :, None] - flown[:, None], axis=3) + 99 * np.eye(count)
+        least = 0.7 * spacing
+        assert apart.min() > least - 1e-4
+        # At both ends it has its shape, and in the gap it is a column.
+        offsets = flockstep.formation_places(shape, count, spacing)
+        for ends in (flown[0], flown[-1]):
+            np.testing.assert_allclose(ends - ends[0], offsets - offsets[0], atol=1e-3)
+        through = np.abs(flown[:, :, 0]) < 0.5
+        assert np.abs(flown[through][:, 1]).max() < 1.0 - 0.1
+        assert through.any(axis=0).all()
+        # No place moves faster than twice the leader.
+        speeds = np.linalg.norm(np.diff(flown, axis=0), axis=2) / 0.1
+        assert speeds.max() < 2 * speed + 1e-3
+
+    @pytest.mark.parametrize(("kind", "count"), [("playground", 12), ("warehouse", 2)])
+    def test_all_places_in_generated_worlds_are_free(self, kind, count):
+        for seed in range(7_000_000, 7_000_000 + count):
+            generated = getattr(flockstep.World, kind)(seed)
+            # At a waypoint a path may turn back, and the drones of a column then come near each other.
+            for world in (generated, generated.with_markers(start=generated.start, goal=generated.goal)):
+                config = flockstep.FormationConfig(route="path", jitter_m=0)
+                envs = make(1, config, worlds=world, meet="never", max_episode_steps=5000)
+                checked = flockstep.Batch([world], 4)
+                observation, ended, nearest = envs.observation().copy(), False, np.inf
+                while not ended:
+                    found = places(envs, observation)
+                    assert checked.is_free(found, envs.batch.quat_wxyz).all()
+                    apart = np.linalg.norm(found[:, None] - found, axis=2) + 99 * np.eye(4)
+                    nearest = min(nearest, apart.min())
+                    observation, _, terminated, truncated, _ = envs.step(to_places(observation))
+                    assert not terminated.any()
+                    ended = truncated.any()
+                assert envs.batch.success.all()
+            assert nearest > 0.7 * 1.5 - 1e-3
+
+    def test_a_path_shorter_than_the_column_is_refused(self):
+        config = flockstep.FormationConfig(route="path", spacing_m=8.0)
+        with pytest.raises(ValueError, match=r"worlds: expected a path of more than 24.8.* m, for the column, got"):
+            make(worlds=ROOM, config=config)
+        config = flockstep.FormationConfig(shape="column", spacing_m=4.0)
+        with pytest.raises(ValueError, match=r"spacing_m: expected a column that fits on the shortest loop, 14.4"):
+            make(config=config)
 
 
 class TestObservation:
@@ -161,6 +254,7 @@ def test_it_keeps_the_rules_of_environments():
     [
         ("next_step", flockstep.FormationConfig(jitter_m=0.6), None),
         ("same_step", flockstep.FormationConfig(shape="circle", neighbors=2, close_m=0.5), None),
+        ("same_step", flockstep.FormationConfig(shape="column", neighbors=2), None),
         ("disabled", flockstep.FormationConfig(route="path", leader_speed_mps=4.0, shape="line"), [ROOM]),
     ],
 )

@@ -561,13 +561,15 @@ struct FormationConfig {
     using C = FormationConfig;
     return field_list(
         field("shape", &C::shape,
-              {.about = "Places of the drones. ``\"line\"``: abreast of the leader. ``\"column\"``: one behind the other. "
+              {.about = "Places of the drones. ``\"line\"``: abreast of the leader. ``\"column\"``: one behind the other on its "
+                        "route. "
                         "``\"v\"``: behind the leader, on two lines at 45 degrees. ``\"circle\"``: around the leader."}),
         field("spacing_m", &C::spacing_m,
               {.about = "Distance between neighbouring places.", .unit = "m", .limits = above_up_to(0, 1000)}),
         field("route", &C::route,
-              {.about = "``\"loop\"``: a random closed way around the middle of the world. ``\"path\"``: the planned path of "
-                        "the world from its start marker over the waypoints to the goal."}),
+              {.about = "``\"loop\"``: a random closed way around the middle of the world. ``\"path\"``: a planned path from the "
+                        "start marker of the world over the waypoints to the goal; where the shape has no room, it narrows to a "
+                        "column."}),
         field("loop_radius_m", &C::loop_radius_m,
               {.about = "Maximum distance of a loop's corners from the middle; the minimum is 0.6 times that.",
                .unit = "m",

@@ -6,18 +6,20 @@
 #include <cstddef>
 #include <cstdint>
 #include <iterator>
+#include <memory>
 #include <numbers>
 #include <optional>
 #include <span>
 #include <string>
+#include <unordered_map>
 #include <vector>
 
 #include "base/check_fields.hpp"
 #include "base/hash.hpp"
 #include "base/require.hpp"
-#include "flockstep/planning.hpp"
 #include "flockstep/tasks.hpp"
-#include "planning/navigable.hpp"
+#include "tasks/formation_path.hpp"
+#include "tasks/leader.hpp"
 #include "tasks/ranges.hpp"
 #include "tasks/route.hpp"
 #include "tasks/team_motion.hpp"
@@ -26,27 +28,6 @@
 namespace flockstep {
 namespace task {
 namespace {
-
-// Pose and velocity of the leader, and the rate of its heading.
-struct Leader {
-  Eigen::Vector3d position, velocity;  // m, m/s
-  double heading, turning;             // rad, rad/s
-
-  Vec3 place(const Vec3& offset) const { return (position + turned(offset)).cast<float>(); }
-  Vec3 velocity_of(const Vec3& offset) const {
-    const Eigen::Vector3d from = turned(offset);
-    return (velocity + turning * Eigen::Vector3d(-from.y(), from.x(), 0.0)).cast<float>();
-  }
-  Quat rotation() const {
-    return {static_cast<float>(std::cos(heading / 2.0)), 0.0F, 0.0F, static_cast<float>(std::sin(heading / 2.0))};
-  }
-
- private:
-  Eigen::Vector3d turned(const Vec3& offset) const {
-    const Eigen::Vector3d o = offset.cast<double>();
-    return {std::cos(heading) * o.x() - std::sin(heading) * o.y(), std::sin(heading) * o.x() + std::cos(heading) * o.y(), o.z()};
-  }
-};
 
 struct FormationState {
   std::vector<float> corners;        // (E, kLoopCorners, 3) m, of the loop of each env
@@ -63,6 +44,7 @@ class Formation final : public Task {
   static constexpr std::uint32_t kTries = 64;     // random positions to try
   static constexpr std::size_t kLoopCorners = 6;  // of a loop
   static constexpr float kLeastRadius = 0.6F;     // of the corners of a loop, in units of its radius
+  static constexpr double kLoopWindow = 1.0;      // m, within which the corners of a loop are rounded
   static constexpr float kWiderStart = 0.05F;     // m, by which each try widens the spread of starts
   static constexpr float kFarPlace = 2.0F;        // m; of farther places only the direction is observed
   static constexpr std::size_t kAxes = 3;         // of an action
@@ -106,7 +88,7 @@ class Formation final : public Task {
     observation.absent.assign(kHead + neighbors_, 0.0);
     observation.absent.resize(size, 1.0);
     spec_.observation = {observation};
-    places_ = formation_places(config_.shape, context.drones_per_env(), config_.spacing_m);
+    places_ = FormationPlaces(config_.shape, context.drones_per_env(), config_.spacing_m);
     tick_s_ = context.clock().dt_s();
     step_s_ = context.clock().step_s();
     substeps_ = context.clock().substeps();
@@ -116,30 +98,40 @@ class Formation final : public Task {
     motion_.setup(context);
     if (config_.route == FormationRoute::path) {
       require(!context.worlds().empty(), "route", "\"loop\" with a WorldPool", "\"path\"");
-      for (const auto& world : context.worlds()) paths_.push_back(path_of(*world, context.drone_model()));
+      std::unordered_map<const World*, std::shared_ptr<const FormationPath>> planned;
+      for (const auto& world : context.worlds()) {
+        auto& path = planned[world.get()];
+        if (!path) path = std::make_shared<FormationPath>(*world, context.drone_model(), places_, config_.spacing_m);
+        paths_.push_back(path);
+      }
+    } else if (places_.is_column) {
+      const float shortest = static_cast<float>(kLoopCorners) * kLeastRadius * config_.loop_radius_m;
+      const float length = config_.spacing_m * static_cast<float>(context.drones_per_env());
+      require(length <= shortest, "spacing_m", "a column that fits on the shortest loop, " + std::to_string(shortest) + " m",
+              std::to_string(length) + " m for all drones");
     }
   }
 
   void require_world(const World& world, const DroneModel& drone) const override {
     if (config_.route == FormationRoute::path) return;  // setup() has planned the path
-    float farthest = 0.0F;
-    for (const Vec3& place : places_) farthest = std::max(farthest, place.norm());
     const Vec3 size = world.bounds().max - world.bounds().min;
-    const float room = std::min(size.x(), size.y()), needed = 2.0F * (config_.loop_radius_m + farthest + drone.radius());
+    const float room = std::min(size.x(), size.y());
+    const float needed = 2.0F * (config_.loop_radius_m + static_cast<float>(places_.radius()) + drone.radius());
     require(needed <= room, "worlds", "bounds of at least " + std::to_string(needed) + " m along x and y, for this formation",
             "world \"" + world.name() + "\" of " + std::to_string(room) + " m");
   }
 
   void place(const TaskBlock& block) override {
     const TaskContext& context = block.context;
+    Leaders leaders(*this, context, 0);
     for (const DroneIndex drone : block.drones) {
-      const EnvIndex env = context.env_of(drone);
-      if (config_.route == FormationRoute::loop) draw_loop(context, env);
-      const Leader leader = leader_of(context, env, 0);
-      Vec3 start = leader.place(place_of(context, drone));
+      if (config_.route == FormationRoute::loop) draw_loop(context, context.env_of(drone));
+      const Leader& leader = leaders.of(drone);
+      const Vec3 place = place_of(leader, drone).cast<float>();
+      Vec3 start = place;
       for (std::uint32_t attempt = 0; attempt < kTries; ++attempt) {
         const float spread = config_.jitter_m + kWiderStart * static_cast<float>(attempt);
-        Vec3 drawn = leader.place(place_of(context, drone));
+        Vec3 drawn = place;
         for (std::uint32_t axis = 0; axis < kAxes - 1; ++axis) {
           drawn[axis] += spread * (2.0F * context.random(drone, kStartStream, 2 * attempt + axis) - 1.0F);
         }
@@ -159,10 +151,11 @@ class Formation final : public Task {
   }
 
   void command(const TaskBlock& block, const Buffer& actions, Setpoints& setpoints) override {
+    Leaders leaders(*this, block.context, substeps_);
     for (const DroneIndex drone : block.drones) {
       change_[drone] = 0.0;
       Pose target = motion_.target(block.context.state(), drone, actions.row<float>(drone), &change_[drone]);
-      target.rotation = leader_of(block.context, block.context.env_of(drone), substeps_).rotation();
+      target.rotation = leaders.of(drone).rotation();
       setpoints.target[drone] = target;
     }
   }
@@ -170,11 +163,12 @@ class Formation final : public Task {
   void score(const TaskBlock& block, Score& score) override {
     const TaskContext& context = block.context;
     const State& state = context.state();
+    Leaders leaders(*this, context, 0);
     for (const DroneIndex drone : block.drones) {
       motion_.moved(state, drone);
       const EnvIndex env = context.env_of(drone);
       const bool crashed = state.contact.hit[drone] != 0;
-      const double error = distance_m(leader_of(context, env, 0).place(place_of(context, drone)), position_of(state, drone));
+      const double error = distance_m(place_of(leaders.of(drone), drone).cast<float>(), position_of(state, drone));
       const bool is_lost = error > static_cast<double>(config_.max_distance_m);
       const float max_range = context.lidar_readings().max_range_m[drone];
       const double nearest = clearance_of(ranges_of(context, drone), max_range).nearest * static_cast<double>(max_range);
@@ -186,7 +180,7 @@ class Formation final : public Task {
           -static_cast<double>(config_.near_weight) * std::max(1.0 - nearest / static_cast<double>(config_.near_m), 0.0);
       terms[kChange] = -static_cast<double>(config_.change_weight) * change_[drone];
       const double mean = state_.summed_error[drone] / static_cast<double>(context.episodes().steps[drone]);
-      const bool arrived = config_.route == FormationRoute::path && way_of(state, env, 0) >= route_of(context, env).length();
+      const bool arrived = config_.route == FormationRoute::path && way_of(state, env, 0) >= path_of(state, env).last();
       score.terminated[drone] = crashed || is_lost;
       score.left_area[drone] = is_lost;
       score.truncated[drone] = arrived && !score.terminated[drone];
@@ -196,14 +190,15 @@ class Formation final : public Task {
 
   void observe(const TaskBlock& block, std::span<Buffer> observation) override {
     const TaskContext& context = block.context;
+    Leaders leaders(*this, context, 0), next_leaders(*this, context, substeps_);
     for (const DroneIndex drone : block.drones) {
       const std::span<float> row = observation[0].row<float>(drone);
-      const Leader leader = leader_of(context, context.env_of(drone), 0);
-      const Vec3 offset = place_of(context, drone);
+      const Eigen::Vector3d place = place_of(leaders.of(drone), drone);
+      const Eigen::Vector3d velocity = (place_of(next_leaders.of(drone), drone) - place) / step_s_;
       const Pose pose = context.sensed_pose(drone);
       const Quat to_body = pose.rotation.conjugate();
-      Team::write_shortened(to_body * (leader.place(offset) - pose.position), kFarPlace, row.data());
-      Team::write_limited(to_body * leader.velocity_of(offset) / motion_.fastest(), row.data() + 3);
+      Team::write_shortened(to_body * (place.cast<float>() - pose.position), kFarPlace, row.data());
+      Team::write_limited(to_body * velocity.cast<float>() / motion_.fastest(), row.data() + 3);
       motion_.observe(context, drone, config_.sight_m, row.subspan(6, Team::kOwn + neighbors_));
       normalise(ranges_of(context, drone), context.lidar_readings().max_range_m[drone], row.data() + kHead + neighbors_);
     }
@@ -221,7 +216,29 @@ class Formation final : public Task {
   }
 
  private:
-  const Vec3& place_of(const TaskContext& context, DroneIndex drone) const { return places_[drone % context.drones_per_env()]; }
+  // The leaders of envs after some more ticks. Keeps that of the last env, since the drones of an env follow each other.
+  class Leaders {
+   public:
+    Leaders(const Formation& task, const TaskContext& context, int more_ticks)
+        : task_(task), context_(context), more_ticks_(more_ticks) {}
+    const Leader& of(DroneIndex drone) {
+      const EnvIndex env = context_.env_of(drone);
+      if (!leader_ || env != env_) leader_ = task_.leader_of(context_.state(), env, more_ticks_);
+      env_ = env;
+      return *leader_;
+    }
+
+   private:
+    const Formation& task_;
+    const TaskContext& context_;
+    int more_ticks_;
+    EnvIndex env_{0};
+    std::optional<Leader> leader_;
+  };
+
+  Eigen::Vector3d place_of(const Leader& leader, DroneIndex drone) const {
+    return leader.place(places_, drone % places_.shape.size());
+  }
 
   std::span<const float> ranges_of(const TaskContext& context, DroneIndex drone) const {
     return std::span(context.lidar_readings().ranges).subspan(drone * rays_, rays_);
@@ -229,8 +246,8 @@ class Formation final : public Task {
 
   // True if a drone of the env has just touched something, which ends the episode of a team.
   bool has_touched(const State& state, EnvIndex env) const {
-    const auto first = state.contact.hit.begin() + static_cast<std::ptrdiff_t>(env * places_.size());
-    return std::any_of(first, first + std::ssize(places_), [](std::uint8_t hit) { return hit != 0; });
+    const auto first = state.contact.hit.begin() + static_cast<std::ptrdiff_t>(env * places_.shape.size());
+    return std::any_of(first, first + std::ssize(places_.shape), [](std::uint8_t hit) { return hit != 0; });
   }
 
   // Draws the corners of an env's loop around the middle of its world, at the height of the start marker, if there is one.
@@ -250,43 +267,23 @@ class Formation final : public Task {
     }
   }
 
-  // Plans the path of the leader from the start marker over the waypoints to the goal.
-  static std::vector<float> path_of(const World& world, const DroneModel& drone) {
-    require_navigable(world, drone);
-    std::vector<Vec3> goals = world.markers().waypoints;
-    goals.push_back(*world.markers().goal);
-    const std::optional<std::vector<Vec3>> path = plan(world, drone, *world.markers().start, goals);
-    require(path && path->size() > 1, "worlds", "a path from the start to the goal",
-            "world \"" + world.name() + "\" without one");
-    std::vector<float> corners;
-    for (const Vec3& corner : *path) corners.insert(corners.end(), corner.data(), corner.data() + 3);
-    return corners;
-  }
-
-  LeaderRoute route_of(const TaskContext& context, EnvIndex env) const {
-    if (config_.route == FormationRoute::path) {
-      return {paths_[static_cast<std::size_t>(context.state().world_index[env])], false};
-    }
-    return {std::span(state_.corners).subspan(3 * kLoopCorners * env, 3 * kLoopCorners), true};
+  const FormationPath& path_of(const State& state, EnvIndex env) const {
+    return *paths_[static_cast<std::size_t>(state.world_index[env])];
   }
 
   // Way of the leader along its route, m, after some more ticks.
   double way_of(const State& state, EnvIndex env, int more_ticks) const {
-    return static_cast<double>(config_.leader_speed_mps) * tick_s_ * static_cast<double>(state.tick[env] + more_ticks);
+    const double first = config_.route == FormationRoute::path ? path_of(state, env).first() : 0.0;
+    return first + static_cast<double>(config_.leader_speed_mps) * tick_s_ * static_cast<double>(state.tick[env] + more_ticks);
   }
-  Leader leader_of(const TaskContext& context, EnvIndex env, int more_ticks) const {
-    const LeaderRoute route = route_of(context, env);
-    const double way = way_of(context.state(), env, more_ticks);
-    const auto speed = static_cast<double>(config_.leader_speed_mps);
-    const double ahead = speed * step_s_;  // the change of the heading over the next step
-    const double heading = heading_at(route, way);
-    const double change = std::remainder(heading_at(route, way + ahead) - heading, 2.0 * std::numbers::pi);
-    return {route.position(way), speed * route.direction(way), heading, change / step_s_};
-  }
-  // An open route keeps its last heading.
-  static double heading_at(const LeaderRoute& route, double way) {
-    const Eigen::Vector3d direction = route.direction(way);
-    return std::atan2(direction.y(), direction.x());
+  Leader leader_of(const State& state, EnvIndex env, int more_ticks) const {
+    const double way = way_of(state, env, more_ticks);
+    if (config_.route == FormationRoute::path) {
+      const FormationPath& path = path_of(state, env);
+      return {path.route(), way, path.share(way)};
+    }
+    const auto corners = std::span(state_.corners).subspan(3 * kLoopCorners * env, 3 * kLoopCorners);
+    return {LeaderRoute(corners, true, kLoopWindow, std::max(places_.radius(), kLoopWindow)), way, places_.is_column ? 0.0 : 1.0};
   }
 
   FormationConfig config_;
@@ -294,9 +291,9 @@ class Formation final : public Task {
   std::size_t rays_ = 0, neighbors_ = 0;  // numbers of the observation
   double tick_s_ = 0.0, step_s_ = 0.0;
   int substeps_ = 1;
-  std::vector<Vec3> places_;               // (M,) m, relative to the leader
-  std::vector<std::vector<float>> paths_;  // (K, 3) m, corners by world_index, if the route is a path
-  std::vector<double> change_;             // (N,) of the action; used only within a step
+  FormationPlaces places_;
+  std::vector<std::shared_ptr<const FormationPath>> paths_;  // by world_index, if the route is a path
+  std::vector<double> change_;                               // (N,) of the action; used only within a step
   FormationState state_;
   Team motion_;
 };

@@ -11,24 +11,26 @@
 namespace flockstep::task {
 
 // The polyline through the corners, averaged over a window: the corners are rounded, and on straight parts the point has the
-// speed of the polyline. A closed one goes from the last corner back to the first, lap after lap; an open one ends at its last
-// corner.
+// speed of the polyline. Its distance from the polyline is at most half the window. A closed one goes from the last corner back
+// to the first, lap after lap; an open one ends at its last corner.
 class LeaderRoute {
  public:
-  static constexpr double kWindow = 1.0;  // m before and after a point
-
-  // corners: (K, 3) m, kept by the caller.
-  LeaderRoute(std::span<const float> corners, bool is_closed) : corners_(corners), is_closed_(is_closed) {
+  // corners: (K, 3) m, kept by the caller. window: m before and after a point. reach: m before and after a point, between which
+  // its heading leads.
+  LeaderRoute(std::span<const float> corners, bool is_closed, double window, double reach)
+      : corners_(corners), is_closed_(is_closed), window_(window), reach_(reach) {
     for (std::size_t i = 0; i < num_segments(); ++i) length_ += length_of(i);
+    if (is_closed_) reach_ = std::min(reach_, length_ / 4.0);
   }
 
   double length() const { return length_; }
 
   // Position after a way along the polyline, m.
-  Eigen::Vector3d position(double way) const { return (integral(way + kWindow) - integral(way - kWindow)) / (2.0 * kWindow); }
-  // Its derivative, by the way.
-  Eigen::Vector3d direction(double way) const {
-    return (corner_way(way + kWindow) - corner_way(way - kWindow)) / (2.0 * kWindow);
+  Eigen::Vector3d position(double way) const { return (integral(way + window_) - integral(way - window_)) / (2.0 * window_); }
+  // Heading there, rad.
+  double heading(double way) const {
+    const Eigen::Vector3d along = position(way + reach_) - position(way - reach_);
+    return std::atan2(along.y(), along.x());
   }
 
  private:
@@ -37,19 +39,7 @@ class LeaderRoute {
   Eigen::Vector3d corner(std::size_t i) const { return Vec3::Map(corners_.data() + 3 * (i % num_corners())).cast<double>(); }
   double length_of(std::size_t segment) const { return (corner(segment + 1) - corner(segment)).norm(); }
 
-  // The point on the polyline.
-  Eigen::Vector3d corner_way(double way) const {
-    if (is_closed_) way -= length_ * std::floor(way / length_);
-    if (way <= 0.0) return corner(0);
-    for (std::size_t i = 0; i < num_segments(); ++i) {
-      const double length = length_of(i);
-      if (way < length) return corner(i) + way / length * (corner(i + 1) - corner(i));
-      way -= length;
-    }
-    return corner(num_segments());
-  }
-
-  // The integral of corner_way from 0. A closed polyline adds the same for each lap.
+  // The integral of the point on the polyline from way 0. A closed polyline adds the same for each lap.
   Eigen::Vector3d integral(double way) const {
     Eigen::Vector3d sum = Eigen::Vector3d::Zero();
     if (is_closed_) {
@@ -72,7 +62,8 @@ class LeaderRoute {
 
   std::span<const float> corners_;
   bool is_closed_;
-  double length_ = 0.0;  // m
+  double window_, reach_;  // m
+  double length_ = 0.0;    // m
 };
 
 }  // namespace flockstep::task

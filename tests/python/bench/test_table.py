@@ -324,6 +324,7 @@ def test_the_trainings_of_formation():
     values = {
         "straight/hall_success": (0.25, "1"),
         "straight/hall_error_m": (0.1234, "m"),
+        "ahead/hall_success": (0.99, "1"),
         "trained/2/hall_success": (1.0, "1"),
         "trained/2/training_s": (251.0, "s"),
     }
@@ -331,6 +332,7 @@ def test_the_trainings_of_formation():
     written = table.formation({"formation": result(figures=figures)})
     assert "| 4 drones | success, halls | error, halls | training |" in written
     assert "| fly straight to their places | 25.0 % | 12.3 cm |  |" in written
+    assert "| fly to where their places will be | 99.0 % |  |  |" in written
     assert "| trained, seed 2 | 100.0 % |  | 251 s |" in written
 
 

@@ -9,8 +9,9 @@ from training import formation, train_formation
 @pytest.fixture(autouse=True)
 def small(monkeypatch):
     monkeypatch.setattr(formation, "NUM_ENVS", 8)
-    monkeypatch.setattr(formation, "NUM_WORLDS", 2)
-    monkeypatch.setattr(formation, "MOST_STEPS", {"hall": 40, "playground": 40})
+    monkeypatch.setattr(formation, "WORLDS", {"playground": 2, "warehouse": 1})
+    monkeypatch.setattr(formation, "UNSEEN_WAREHOUSES", 1)
+    monkeypatch.setattr(formation, "MOST_STEPS", dict.fromkeys(formation.KINDS, 40))
 
 
 def test_a_small_training_is_judged(tmp_path, capsys):
