@@ -347,6 +347,7 @@ void Batch::fly(std::span<const float> command, int ticks, DroneMask mask, std::
   require(ticks >= 0 && ticks <= 1000000, "ticks", "an integer in [0, 1000000]", ticks);
   const int flown = ticks == 0 ? sim_->config.clock.substeps() : ticks;
   list_selected(*sim_, mask, &Block::selected);
+  std::ranges::fill(sim_->lost, std::uint8_t{0});
   constexpr int kLeg = 1000;  // ticks; interrupts are polled between legs
   for (int first = 0; first < flown; first += kLeg) {
     Interrupt::poll();
