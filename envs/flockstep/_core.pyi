@@ -834,7 +834,8 @@ class RolloutConfig:
         Weight of long against short estimates of the advantage. Values: [0, 1]. Default: 0.95.
     normalize_observations
         Shift and scale each number of the observations to mean 0 and variance 1, both estimated from all observations
-        so far, and clip the results to +-10, as `VecNormalize` of Stable-Baselines3. Default: False.
+        so far that were flown from, and clip the results to +-10, as `VecNormalize` of Stable-Baselines3. Default:
+        False.
     normalize_rewards
         Divide rewards by the standard deviation of the discounted returns so far and clip the results to +-10, as
         `VecNormalize` of Stable-Baselines3. Default: False.
@@ -1000,7 +1001,7 @@ class Learner:
     def draws(self, value: int) -> None: ...
     @property
     def observation_moments(self) -> tuple[_F64, _F64, float]:
-        """Running mean and variance of the observations, (k,) each, and their weight."""
+        """Running mean and variance of the observations of rows that flew, (k,) each, and their weight."""
     @property
     def return_moments(self) -> tuple[_F64, _F64, float]:
         """Running mean and variance of the discounted returns, (1,) each, and their weight."""
@@ -1023,8 +1024,12 @@ class Learner:
         """Return the values (R,) of observations (R, k)."""
     def begin(self, config: RolloutConfig, rows: int) -> None:
         """Begin a rollout of R rows."""
-    def act(self, t: int, observation: npt.ArrayLike) -> _F32:
-        """Draw and return the actions of step t from observations (R, k), and keep what the update needs."""
+    def act(self, t: int, observation: npt.ArrayLike, skipped: npt.ArrayLike | None = None) -> _F32:
+        """Draw and return the actions of step t from observations (R, k), and keep what the update needs.
+
+        The running moments leave out the observations of rows that are ``skipped``, (R,) bool: those that will not fly
+        in this step.
+        """
     def record(
         self,
         t: int,
@@ -1045,7 +1050,7 @@ class Learner:
         final_observation
             (R, k), read in rows that were truncated and not terminated.
         skipped
-            (R,) bool: rows in which the step only reset an env, so that nothing is learned from it.
+            (R,) bool: rows that have not flown in this step, so that nothing is learned from them.
         """
     def fly(self, t: int, batch: Batch, reward_scale: float = 1.0) -> None:
         """Draw the actions of step t within a step of a batch, on the threads that fly it, and keep the results.
@@ -3905,6 +3910,13 @@ class Batch:
         ------
         RuntimeError
             The batch has no task, or `reset` has not been called.
+        """
+
+    @property
+    def waiting(self) -> _Bool:
+        """(R,), a new array: True if the row takes no part in the next step.
+
+        Either that step only begins the row's next episode, or the drone rests, with ``episodes="last"``.
         """
 
     @property

@@ -507,9 +507,10 @@ def test_draws_of_a_drone() -> None:
 # ------------------------------------------------------------------------------------------------ trainers
 
 
+@pytest.mark.parametrize("normalizes", [False, True])
 @pytest.mark.parametrize("episodes", ["each", "last"])
 @pytest.mark.parametrize("mode", MODES)
-def test_ppo_learns_the_same_within_the_engine_and_outside(mode: str, episodes: str) -> None:
+def test_ppo_learns_the_same_within_the_engine_and_outside(mode: str, episodes: str, normalizes: bool) -> None:
     class Outside(flockstep.DroneVectorEnv):
         def step(self, actions: Any) -> Any:
             return super().step(actions)
@@ -519,10 +520,13 @@ def test_ppo_learns_the_same_within_the_engine_and_outside(mode: str, episodes: 
         env = kind(
             16, drones_per_env=M, episodes=episodes, autoreset_mode=mode, random_start=True, max_episode_steps=30
         )
-        model = flockstep.PPO("MlpPolicy", env, n_steps=70, batch_size=64, n_epochs=1, seed=0)
+        settings: dict[str, Any] = {"normalize_observations": normalizes, "normalize_rewards": normalizes}
+        model = flockstep.PPO("MlpPolicy", env, n_steps=70, batch_size=64, n_epochs=1, seed=0, **settings)
         models.append(model.learn(2 * 70 * env.num_envs))
     first, second = models
     np.testing.assert_array_equal(first.learner.parameters, second.learner.parameters)
+    for a, b in zip(first.learner.observation_moments, second.learner.observation_moments, strict=True):
+        np.testing.assert_array_equal(a, b)
     ends = [[(end["r"], end["l"]) for end in model.ep_info_buffer] for model in models]
     assert ends[0] == ends[1] and len(set(ends[0])) > 20
 
@@ -574,6 +578,76 @@ def test_ppo_learns_from_flown_steps_only(mode: str, episodes: str) -> None:
         np.testing.assert_array_equal(flown[:, M + member], expected)
     assert {info["r"] for info in model.ep_info_buffer} == {3, 6, 9}
     assert {info["l"] for info in model.ep_info_buffer} == {3, 6, 9}
+
+
+def expected_moments(observations: Any) -> tuple[Any, Any, float]:
+    """Return mean, variance and weight of all numbers, beside variance 1 around 0 with the weight 1e-4."""
+    weight = len(observations) + 1e-4
+    mean = observations.sum(axis=0) / weight
+    return mean, (((observations - mean) ** 2).sum(axis=0) + 1e-4 * (1 + mean**2)) / weight, weight
+
+
+@pytest.mark.parametrize("wrapped", [False, True])
+@pytest.mark.parametrize("episodes", ["each", "last"])
+@pytest.mark.parametrize("mode", MODES)
+def test_ppo_normalises_by_the_observations_that_were_flown_from(mode: str, episodes: str, wrapped: bool) -> None:
+    """In closed form. Wrapped: by Gymnasium, or as a VecEnv of Stable-Baselines3, which has same-step autoreset."""
+    from flockstep.sb3 import make_vec
+
+    env: Any = envs(2, task=Still, episodes=episodes, autoreset_mode=mode)
+    if wrapped:
+        env = make_vec(env) if mode == "same_step" else gymnasium.wrappers.vector.RecordEpisodeStatistics(env)
+    model = flockstep.PPO("MlpPolicy", env, n_steps=36, batch_size=36, n_epochs=1, seed=0, normalize_observations=True)
+    model.learn(36 * 2 * M)
+    observations = []
+    for member in range(M):
+        length, waits = 3 * (member + 1), 1 if mode == "next_step" else 0
+        period = length + waits if episodes == "each" else 3 * M + waits
+        flown = np.arange(36) % period
+        observations += 2 * [[step / 10, 1] for step in flown[flown < length]]
+    for got, expected in zip(
+        model.learner.observation_moments, expected_moments(np.float32(observations).astype(float)), strict=True
+    ):
+        np.testing.assert_allclose(got, expected, rtol=1e-9, atol=1e-12)
+
+
+@pytest.mark.parametrize("episodes", ["each", "last"])
+@pytest.mark.parametrize("mode", MODES)
+def test_the_engine_normalises_by_the_observations_that_were_flown_from(
+    mode: str, episodes: str, closet: flockstep.World
+) -> None:
+    """The observations of a task in C++, kept by another env with the same actions."""
+    keywords: dict[str, Any] = {"episodes": episodes, "autoreset_mode": mode, "worlds": closet}
+    env, other = (envs(4, **keywords) for _ in range(2))
+    model = flockstep.PPO("MlpPolicy", env, n_steps=60, batch_size=60, n_epochs=1, seed=0, normalize_observations=True)
+    model.learn(60 * env.num_envs)
+    observation, _ = other.reset(seed=0)  # the learner's seed
+    flown = []
+    for actions in model.learner.actions.astype(int):
+        before = observation
+        observation, _, terminated, truncated, _ = other.step(actions)
+        flown.append(before[other.batch.flying])
+        if mode == "disabled" and (terminated | truncated).any():
+            observation, _ = other.reset(options={"reset_mask": terminated | truncated})
+    waits = 60 * env.num_envs - sum(map(len, flown))
+    assert waits > 10 if episodes == "last" or mode == "next_step" else waits == 0
+    expected = expected_moments(np.concatenate(flown).astype(float))
+    for got, number in zip(model.learner.observation_moments, expected, strict=True):
+        np.testing.assert_allclose(got, number, rtol=1e-9, atol=1e-12)
+
+
+@pytest.mark.parametrize("episodes", ["each", "last"])
+def test_ppo_learns_the_same_from_a_vec_env(episodes: str) -> None:
+    from flockstep.sb3 import make_vec
+
+    learned = []
+    for wrap in (make_vec, lambda env: env):
+        env = wrap(envs(2, task=Still, episodes=episodes, autoreset_mode="same_step"))
+        model = flockstep.PPO("MlpPolicy", env, n_steps=36, batch_size=36, n_epochs=1, seed=0)
+        learned.append(model.learn(2 * 36 * env.num_envs))
+    np.testing.assert_array_equal(*(model.learner.parameters for model in learned))
+    ends = [[(end["r"], end["l"]) for end in model.ep_info_buffer] for model in learned]
+    assert ends[0] == ends[1]
 
 
 def test_stable_baselines3_gets_each_end_once() -> None:

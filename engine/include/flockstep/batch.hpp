@@ -270,7 +270,9 @@ class FLOCKSTEP_API Batch {
   void step(std::span<const float> actions);         // (R, ...) floating-point actions
   void step(Pilot& pilot);                           // the actions that it chooses, on the threads that step the envs
   const EpisodeState& episodes() const;              // counters and flags of the current episodes
-  void visit_task(ArrayVisitor& visitor) const;      // visits the arrays of the task, for reading
+  // (R,) 1 for rows that take no part in the next step: it only begins their next episode, or their drones rest.
+  FlagArray waiting() const;
+  void visit_task(ArrayVisitor& visitor) const;  // visits the arrays of the task, for reading
   // Positions of the drones before the last flown step and after each of its ticks, (N, ticks + 1, 3) m; see
   // TaskContext::path_of(). Throws std::logic_error if the task does not record them.
   std::span<const float> path() const;

@@ -619,6 +619,14 @@ const EpisodeState& Batch::episodes() const {
   return sim_->episodes;
 }
 
+FlagArray Batch::waiting() const {
+  const CallGuard guard(*lock_);
+  checks::has_task(*sim_);
+  FlagArray rows(sim_->num_rows());
+  for (std::size_t row = 0; row < rows.size(); ++row) rows[row] = waits(*sim_, row);
+  return rows;
+}
+
 std::span<const float> Batch::path() const {
   checks::has_task(*sim_);
   if (sim_->task_state->path.empty()) {
