@@ -3700,7 +3700,8 @@ class Batch:
 
         A batch that has grown has the same bits as one that was made with its final size. Snapshots of another size are
         refused. With a task, the batch cannot grow, and the drones of an env begin their episodes together: the slots
-        must include every active drone of the env.
+        must include every drone of the env that is active or rests. With ``episodes="each"`` they may be any: these
+        drones begin their next episodes, and their envs go on.
 
         Returns
         -------

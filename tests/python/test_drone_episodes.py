@@ -161,6 +161,77 @@ def test_a_mask_begins_the_episodes_of_single_drones() -> None:
     assert env.batch.episode.tolist() == [1] * E
 
 
+@pytest.mark.parametrize("mode", MODES)
+@pytest.mark.parametrize("kind", ["navigation", "hover", "own"])
+def test_a_removed_drone_comes_back_while_its_env_flies(kind: str, mode: str) -> None:
+    """It begins its next episode at the given place, and the others fly as if nothing had happened."""
+    tasks: dict[str, dict[str, Any]] = {
+        "navigation": {"worlds": "playground/train-1", "max_episode_steps": 30},
+        "hover": {**NOISY, "max_episode_steps": 30},
+        "own": {"task": Walk},
+    }
+    env, other = (envs(2, episodes="each", autoreset_mode=mode, **tasks[kind]) for _ in range(2))
+    env.reset(seed=3)
+    other.reset(seed=3)
+    actions = actions_of(env, 60, 2 * M)
+    rest = np.arange(2 * M) != 1
+    for step, action in enumerate(actions):
+        if step == 5:
+            env.batch.remove([1])
+        if step == 10:
+            episode = int(env.batch.own_episodes[1])
+            place = env.batch.position[1] + [0.1, 0, 0.2]
+            assert env.batch.spawn([1], [place]).tolist() == [1]
+            if kind != "own":  # which places drones itself
+                np.testing.assert_allclose(env.batch.position[1], place, atol=1e-6)
+            assert env.batch.active[1] and env.batch.own_episodes[1] == episode + 1
+            assert env.batch.steps[1] == 0 and not env.batch.waiting[1]
+            assert np.isfinite(env.observation()).all()
+            if kind == "navigation":
+                assert env.batch.lidar().ranges[1].min() < 3
+        a, b = env.step(action), other.step(action)
+        for mine, others in zip(a[:4], b[:4], strict=True):
+            np.testing.assert_array_equal(mine[rest], others[rest])
+        if 5 <= step < 10:
+            assert env.batch.waiting[1] and not env.batch.flying[1]
+        elif step == 10:
+            assert env.batch.flying[1] and env.batch.steps[1] == 1
+        ended = (a[2] | a[3]) & rest
+        if mode == "disabled" and ended.any():
+            env.reset(options={"reset_mask": ended})
+            other.reset(options={"reset_mask": ended})
+    assert env.batch.tick.tolist() == other.batch.tick.tolist()
+
+
+def test_drones_that_begin_together_are_spawned_together() -> None:
+    for episodes in ("team", "last"):
+        env = envs(2, episodes=episodes, worlds="playground/train-1")
+        env.reset(seed=0)
+        env.step(np.zeros(2 * M, int))
+        env.batch.remove([1])
+        before = env.snapshot()
+        with pytest.raises(
+            ValueError, match=r"indices \(row 0\): expected all drones of an env, since they begin their"
+        ):
+            env.batch.spawn([1], [[1, 1, 1]])
+        assert env.snapshot() == before
+        assert env.batch.spawn([0, 1, 2], env.batch.position[:3]).tolist() == [0, 1, 2]
+        assert env.batch.steps.tolist() == [0] * M + [1] * M
+    env = envs(1, episodes="last", max_episode_steps=50)
+    env.reset(seed=0)
+    for action in actions_of(env, 100, M):
+        env.step(action)
+        if env.batch.resting.any():
+            break
+    flying, resting = np.flatnonzero(env.batch.active), np.flatnonzero(env.batch.resting)
+    for some in (flying, resting):
+        with pytest.raises(ValueError, match="expected all drones of an env"):
+            env.batch.spawn(some, env.batch.position[some])
+    env.batch.spawn(np.arange(M), env.batch.position)
+    assert env.batch.active.all() and not env.batch.resting.any()
+    assert env.batch.steps.tolist() == [0] * M
+
+
 # ---------------------------------------------------------------------------------------------------- last
 
 ABSENT = np.array([0] * 3 + [1] * 35, np.float32)

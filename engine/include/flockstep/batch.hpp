@@ -160,7 +160,9 @@ class FLOCKSTEP_API Batch {
   // Indices beyond N enlarge the batch: with M = 1 each is a new env, and slots in between are inactive; if E = 1 and M is not
   // 1, M grows. Instead of indices, `env` names the env of each row, which takes the lowest inactive slot there, or one of M
   // new ones in each env: with E > 1 drones then have other indices, d = e M + m. Without both, rows take the lowest inactive
-  // slots, then new ones. If it throws, nothing has changed, unless reading the sensors was interrupted.
+  // slots, then new ones. With a task, the drones of an env begin their episodes together: a spawn of some must be one of all
+  // that are active or rest. With Episodes::each the spawned drones begin their next episodes, while their envs go on. If it
+  // throws, nothing has changed, unless reading the sensors was interrupted.
   std::vector<std::int64_t> spawn(std::span<const std::int64_t> indices, std::span<const float> position,
                                   std::span<const float> quat_wxyz, std::span<const std::int32_t> world_index,
                                   std::span<const std::int64_t> env = {});
