@@ -3659,9 +3659,9 @@ class Batch:
 
         ``control`` defines what the command means, for this call; None means `DynamicsConfig.control`. A batch flies
         the same bits as one configured with this control. Drones can hit obstacles; see `DynamicsConfig.on_contact`.
-        Sensors are not read. Gusts and the controller follow each env's clock. Splitting a
-        flight into several calls changes the result only by rounding. A drone that becomes too fast to integrate is put
-        to rest at its last position, with a `RuntimeWarning`; in a task its episode ends as a bad state.
+        Sensors are not read. Gusts and the controller follow each env's clock. Splitting a flight into several calls
+        changes the result only by rounding. A drone that becomes too fast to integrate stays at its last position until
+        the call ends, at rest, with a `RuntimeWarning`; in a task its episode ends as a bad state.
 
         Ctrl-C ends a long flight between two ticks. Drones near obstacles may then have flown fewer ticks than others,
         and `tick` does not count the interrupted part.
