@@ -801,6 +801,13 @@ void register_batch(py::module_& module) {
           },
           py::arg("seeds") = none, py::arg("mask") = none)
       .def("step", &step, py::arg("actions"))
+      .def_property_readonly("waiting",
+                             [](const Batch& batch) {
+                               const FlagArray waiting = in_turn(batch, [&] { return batch.waiting(); });
+                               py::array_t<bool> rows(static_cast<py::ssize_t>(waiting.size()));
+                               std::ranges::copy(waiting, rows.mutable_data());
+                               return rows;
+                             })
       .def_property_readonly("spec", [](const Batch& batch) { return spec_of(batch); })
       .def_property_readonly("path", &path)
       .def_property_readonly("observation", observation_view(&Outputs::observation, true))

@@ -69,9 +69,10 @@ py::array_t<float> values(const Learner& learner, const py::object& observation)
   return value;
 }
 
-py::array_t<float> act(Learner& learner, int t, const py::object& observation) {
+py::array_t<float> act(Learner& learner, int t, const py::object& observation, const py::object& skipped) {
   const Input<float> input = observations(learner, observation, "observation", learner.rows());
-  const std::span<const float> action = released([&] { return learner.act(t, input); });
+  const Input<std::uint8_t> unused = flags(skipped, "skipped", learner.rows());
+  const std::span<const float> action = released([&] { return learner.act(t, input, unused); });
   return py::array_t<float>(action_shape(learner, {py::ssize_t{learner.rows()}}), action.data());
 }
 
@@ -181,7 +182,7 @@ void register_learner(py::module_& module) {
       .def("sample", &sample, py::arg("observation"))
       .def("values", &values, py::arg("observation"))
       .def("begin", &Learner::begin, py::arg("config"), py::arg("rows"))
-      .def("act", &act, py::arg("t"), py::arg("observation"))
+      .def("act", &act, py::arg("t"), py::arg("observation"), py::arg("skipped") = py::none())
       .def("record", &record, py::arg("t"), py::arg("reward"), py::arg("terminated"), py::arg("truncated"),
            py::arg("final_observation") = py::none(), py::arg("skipped") = py::none())
       .def(

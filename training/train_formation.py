@@ -5,30 +5,24 @@
 
 from __future__ import annotations
 
-import time
 from dataclasses import dataclass
 from pathlib import Path
 
 import tyro
 
-import flockstep
-from training import formation
-from training.recipes import Recipe, Verdict, predict_of, train
+from training import formation, train_recipe
+from training.recipes import Recipe, Verdict
 from training.tasks import UNSEEN_SEEDS
 
 
 @dataclass
-class Args:
+class Args(train_recipe.Args):
     """Options."""
 
     out: Path = Path("out/train/formation.zip")
     """File of the policy."""
-    seed: int = 0
-    """Seed of the training."""
     steps: int = formation.STEPS
     """Steps of all drones together."""
-    threads: int = 2
-    """Threads of the simulator and the learner; the results have the same bits for any number."""
     flights: int = 500
     """Episodes of each kind that judge the policy; nothing else uses their seeds."""
 
@@ -63,18 +57,7 @@ def recipe_of(args: Args) -> Recipe:
 
 def main(args: Args) -> None:
     """Train, save, judge and print."""
-    recipe = recipe_of(args)
-    begun = time.perf_counter()
-    model = train(recipe, "flockstep", args.seed, args.threads)
-    seconds = time.perf_counter() - begun
-    args.out.parent.mkdir(parents=True, exist_ok=True)
-    model.save(args.out)
-    verdict = recipe.judge(predict_of(flockstep.PPO.load(args.out)), args.flights, UNSEEN_SEEDS.start)
-    figures = ", ".join(f"{name} {value:.3f}" for name, value in verdict.more.items())
-    print(
-        f"{model.num_timesteps:,} steps in {seconds:.1f} s; {verdict.success:.1%} of the flights succeed, "
-        f"{verdict.crashed:.1%} end in a contact, {figures}; {args.out}"
-    )
+    train_recipe.run(recipe_of(args), args, "flights of each kind")
 
 
 if __name__ == "__main__":

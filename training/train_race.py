@@ -6,47 +6,29 @@
 
 from __future__ import annotations
 
-import time
 from dataclasses import dataclass
 from pathlib import Path
 
 import tyro
 
-import flockstep
-from training.recipes import RECIPES, predict_of, train
-from training.tasks import UNSEEN_SEEDS
+from training import train_recipe
+from training.recipes import RECIPES
 
 
 @dataclass
-class Args:
+class Args(train_recipe.Args):
     """Options."""
 
     out: Path = Path("out/train/race.zip")
     """File of the policy."""
     unseen: bool = False
     """Train on generated tracks instead of the figure-8."""
-    seed: int = 0
-    """Seed of the training."""
-    threads: int = 2
-    """Threads of the simulator and the learner; the results have the same bits for any number."""
-    flights: int = 1000
-    """Flights that judge the policy; nothing else uses their seeds."""
 
 
 def main(args: Args) -> None:
     """Train, save, judge and print."""
     recipe = RECIPES["race_unseen" if args.unseen else "race"]
-    begun = time.perf_counter()
-    model = train(recipe, "flockstep", args.seed, args.threads)
-    seconds = time.perf_counter() - begun
-    args.out.parent.mkdir(parents=True, exist_ok=True)
-    model.save(args.out)
-    verdict = recipe.judge(predict_of(flockstep.PPO.load(args.out)), args.flights, UNSEEN_SEEDS.start)
-    figures = ", ".join(f"{name} {value:.2f}" for name, value in verdict.more.items())
-    print(
-        f"{model.num_timesteps:,} steps in {seconds:.1f} s; {verdict.success:.1%} of {args.flights:,} flights of three "
-        f"laps succeed, {figures}; {args.out}"
-    )
+    train_recipe.run(recipe, args, "flights of three laps")
 
 
 if __name__ == "__main__":

@@ -834,7 +834,8 @@ class RolloutConfig:
         Weight of long against short estimates of the advantage. Values: [0, 1]. Default: 0.95.
     normalize_observations
         Shift and scale each number of the observations to mean 0 and variance 1, both estimated from all observations
-        so far, and clip the results to +-10, as `VecNormalize` of Stable-Baselines3. Default: False.
+        so far that were flown from, and clip the results to +-10, as `VecNormalize` of Stable-Baselines3. Default:
+        False.
     normalize_rewards
         Divide rewards by the standard deviation of the discounted returns so far and clip the results to +-10, as
         `VecNormalize` of Stable-Baselines3. Default: False.
@@ -1000,7 +1001,7 @@ class Learner:
     def draws(self, value: int) -> None: ...
     @property
     def observation_moments(self) -> tuple[_F64, _F64, float]:
-        """Running mean and variance of the observations, (k,) each, and their weight."""
+        """Running mean and variance of the observations of rows that flew, (k,) each, and their weight."""
     @property
     def return_moments(self) -> tuple[_F64, _F64, float]:
         """Running mean and variance of the discounted returns, (1,) each, and their weight."""
@@ -1023,8 +1024,12 @@ class Learner:
         """Return the values (R,) of observations (R, k)."""
     def begin(self, config: RolloutConfig, rows: int) -> None:
         """Begin a rollout of R rows."""
-    def act(self, t: int, observation: npt.ArrayLike) -> _F32:
-        """Draw and return the actions of step t from observations (R, k), and keep what the update needs."""
+    def act(self, t: int, observation: npt.ArrayLike, skipped: npt.ArrayLike | None = None) -> _F32:
+        """Draw and return the actions of step t from observations (R, k), and keep what the update needs.
+
+        The running moments leave out the observations of rows that are ``skipped``, (R,) bool: those that will not fly
+        in this step.
+        """
     def record(
         self,
         t: int,
@@ -1045,7 +1050,7 @@ class Learner:
         final_observation
             (R, k), read in rows that were truncated and not terminated.
         skipped
-            (R,) bool: rows in which the step only reset an env, so that nothing is learned from it.
+            (R,) bool: rows that have not flown in this step, so that nothing is learned from them.
         """
     def fly(self, t: int, batch: Batch, reward_scale: float = 1.0) -> None:
         """Draw the actions of step t within a step of a batch, on the threads that fly it, and keep the results.
@@ -3654,9 +3659,9 @@ class Batch:
 
         ``control`` defines what the command means, for this call; None means `DynamicsConfig.control`. A batch flies
         the same bits as one configured with this control. Drones can hit obstacles; see `DynamicsConfig.on_contact`.
-        Sensors are not read. Gusts and the controller follow each env's clock. Splitting a
-        flight into several calls changes the result only by rounding. A drone that becomes too fast to integrate is put
-        to rest at its last position, with a `RuntimeWarning`; in a task its episode ends as a bad state.
+        Sensors are not read. Gusts and the controller follow each env's clock. Splitting a flight into several calls
+        changes the result only by rounding. A drone that becomes too fast to integrate stays at its last position until
+        the call ends, at rest, with a `RuntimeWarning`; in a task its episode ends as a bad state.
 
         Ctrl-C ends a long flight between two ticks. Drones near obstacles may then have flown fewer ticks than others,
         and `tick` does not count the interrupted part.
@@ -3695,7 +3700,8 @@ class Batch:
 
         A batch that has grown has the same bits as one that was made with its final size. Snapshots of another size are
         refused. With a task, the batch cannot grow, and the drones of an env begin their episodes together: the slots
-        must include every active drone of the env.
+        must include every drone of the env that is active or rests. With ``episodes="each"`` they may be any: these
+        drones begin their next episodes, and their envs go on.
 
         Returns
         -------
@@ -3905,6 +3911,13 @@ class Batch:
         ------
         RuntimeError
             The batch has no task, or `reset` has not been called.
+        """
+
+    @property
+    def waiting(self) -> _Bool:
+        """(R,), a new array: True if the row takes no part in the next step.
+
+        Either that step only begins the row's next episode, or the drone rests, with ``episodes="last"``.
         """
 
     @property

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections import defaultdict
 from collections.abc import Iterable
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -17,13 +17,16 @@ from flockstep.scenes import WorldsLike
 from flockstep.task import Task
 from flockstep.vector_env import DroneVectorEnv
 
+if TYPE_CHECKING:
+    from typing import Literal
+
 
 @dataclass(frozen=True)
 class Evaluation:
     """How a policy's episodes ended, as shares, and the means of what they reported."""
 
     episodes: int
-    """Number of episodes."""
+    """Number of episodes that counted: one of each drone."""
     success_rate: float
     """Share of successful episodes, in [0, 1]: ``ends["success"]``."""
     ends: dict[str, float]
@@ -43,9 +46,14 @@ def evaluate(
     env: str | Task | type[Task] | NativeTask = "flockstep/LidarNavigation-v0",
     episodes: int = 100,
     seed: int = 0,
+    *,
+    drone_episodes: Literal["team", "each", "last"] | None = None,
     **kwargs: Any,
 ) -> Evaluation:
     """Fly a policy for some episodes; return how often each kind of end occurred, and the means of all other values.
+
+    Each env has one drone, unless the task's default is another or you pass ``drones_per_env``. A policy that learned
+    with other drones needs the same keywords here: ``drones_per_env``, ``meet`` and ``drone_episodes``.
 
     >>> flockstep.evaluate(None, "flockstep/Hover-v0").ends  # random actions
     {'success': 0.0, 'contact': 0.21, 'left_area': 0.79, 'bad_state': 0.0, 'time': 0.0, 'task': 0.0}
@@ -58,14 +66,18 @@ def evaluate(
     env
         A Gymnasium id of this package, your own `Task` (an object, or its class) or `NativeTask`.
     episodes
-        Number of episodes. The same number of envs fly in parallel, and only the first episode of each counts.
+        Number of envs that fly in parallel. The first episode of each counts; with several drones in each env, the
+        first episode of each drone.
     seed
         Seed of the first env; the others use the following numbers. Training with ``PPO(seed=s)`` began with s, s + 1
         and so on. Choose other seeds, otherwise you may evaluate on training episodes.
+    drone_episodes
+        How the episodes of an env's drones belong together: the keyword ``episodes`` of `DroneVectorEnv`. Default: that
+        of a `Task`, otherwise ``"team"``.
     **kwargs
         Further keywords of `DroneVectorEnv`. Several ``worlds`` are assigned to the envs in turn.
     """
-    envs = make_same_step("evaluate", env, _count(episodes), **kwargs)
+    envs = make_same_step("evaluate", env, _count(episodes), **kwargs, **_mode(drone_episodes))
     names = envs.task.info_names if isinstance(envs.task, Task) else []
     ends = _first_episodes(model, envs, "evaluate", seed)
     return Evaluation(
@@ -89,20 +101,22 @@ def success_rates(
     worlds: WorldsLike | None = None,
     episodes: int = 1,
     seed: int = 0,
+    *,
+    drone_episodes: Literal["team", "each", "last"] | None = None,
     **kwargs: Any,
 ) -> dict[str, float]:
     """Fly a policy in several worlds; return the success rate in each.
 
     Parameters
     ----------
-    model, env, seed, **kwargs
+    model, env, seed, drone_episodes, **kwargs
         As for `evaluate`.
     worlds
         Scenes, sets of scenes, worlds, or a list of these. Default: the worlds that a `Task` declares, otherwise the
         seven playgrounds: five in ``"train"`` and two in ``"validation"``.
     episodes
-        Number of episodes in each world. One is enough if all episodes begin the same way, as in the navigation tasks
-        without ``random_start=True``.
+        Number of envs in each world, as for `evaluate`. One is enough if all episodes begin the same way, as in the
+        navigation tasks without ``random_start=True``.
 
     Returns
     -------
@@ -112,15 +126,17 @@ def success_rates(
     if worlds is None:
         worlds = getattr(kwargs.get("task", env), "worlds", None) or ("train", "validation")
     loaded = scenes.load(worlds)
-    envs = make_same_step("success_rates", env, len(loaded) * _count(episodes), worlds=loaded, **kwargs)
+    keywords = {**kwargs, **_mode(drone_episodes)}
+    envs = make_same_step("success_rates", env, len(loaded) * _count(episodes), worlds=loaded, **keywords)
+    rows_per_env = envs.num_envs // envs.num_groups
     by_world: dict[str, list[bool]] = defaultdict(list)
-    for k, end in enumerate(_first_episodes(model, envs, "success_rates", seed)):
-        by_world[loaded[k % len(loaded)].name].append(end["is_success"])
+    for row, end in enumerate(_first_episodes(model, envs, "success_rates", seed)):
+        by_world[loaded[row // rows_per_env % len(loaded)].name].append(end["is_success"])
     return {name: _mean(successes) for name, successes in by_world.items()}
 
 
 def _first_episodes(model: Any, envs: DroneVectorEnv, caller: str, seed: int) -> list[dict[str, Any]]:
-    """Fly until every env has ended an episode; return the infos of these first ends and close the envs."""
+    """Fly until every row has ended an episode; return the infos of these first ends and close the envs."""
     act = actions_of(model, envs, caller, seed)
     observation, _ = envs.reset(seed=seed)
     found: list[dict[str, Any] | None] = [None] * envs.num_envs
@@ -133,9 +149,14 @@ def _first_episodes(model: Any, envs: DroneVectorEnv, caller: str, seed: int) ->
     return [end for end in found if end is not None]
 
 
+def _mode(drone_episodes: str | None) -> dict[str, Any]:
+    return {} if drone_episodes is None else {"episodes": drone_episodes}
+
+
 def _count(episodes: Any) -> int:
     if not isinstance(episodes, (int, np.integer)) or isinstance(episodes, bool) or episodes < 1:
-        raise ValueError(f"episodes: expected an integer >= 1, got {episodes!r}")
+        hint = f" (drone_episodes={episodes!r} is the env's keyword)" if isinstance(episodes, str) else ""
+        raise ValueError(f"episodes: expected an integer >= 1, got {episodes!r}{hint}")
     return int(episodes)
 
 

@@ -25,11 +25,15 @@ def record(
     steps: int = 400,
     seed: int = 0,
     until_success: int | None = None,
-    render_view: str | npt.ArrayLike = "third_person",
+    render_view: str | npt.ArrayLike = "fleet",
     fps: float | None = None,
     **kwargs: Any,
 ) -> int:
-    """Fly one drone and film one episode: the first one, or the first that succeeds.
+    """Fly one env and film one episode: the first one, or the first that succeeds.
+
+    The env has one drone, unless the task's default is another or you pass ``drones_per_env``. With several drones, the
+    film follows the first one, and it ends when all of their episodes have ended. A policy that learned with other
+    drones needs the same keywords here: ``drones_per_env``, ``meet`` and ``episodes``.
 
     Needs imageio with ffmpeg, which the extra ``film`` installs.
 
@@ -38,8 +42,8 @@ def record(
     path
         File of the film, ``.mp4`` or ``.gif``.
     policy
-        A model of `flockstep.PPO` or Stable-Baselines3, flown deterministically, or a function from observations (1,
-        ...) to actions (1, ...). None: random actions. To load a model from a file, call its class:
+        A model of `flockstep.PPO` or Stable-Baselines3, flown deterministically, or a function from observations to
+        actions, which have a row for each drone. None: random actions. To load a model from a file, call its class:
         ``PPO.load("policy.zip")``. With Stable-Baselines3 that runs code from the file, which holds pickled objects:
         load only policies you trust.
     env
@@ -49,9 +53,9 @@ def record(
     seed
         Seed of the episode and of random actions.
     until_success
-        Maximum number of episodes to try, seeded ``seed``, ``seed + 1`` and so on. The first that succeeds within
-        ``steps`` is filmed: episodes are flown without pictures, then the successful actions are replayed. None: film
-        the first episode, whether it succeeds or not.
+        Maximum number of episodes to try, seeded ``seed``, ``seed + 1`` and so on. The first that succeeds, for all
+        drones, within ``steps`` is filmed: episodes are flown without pictures, then the successful actions are
+        replayed. None: film the first episode, whether it succeeds or not.
     render_view
         As in `DroneVectorEnv`; ``render_size``, ``render_camera`` and ``drone_mesh`` are also accepted.
     fps
@@ -106,9 +110,9 @@ def record(
             assert frames is not None
             film.append_data(frames[0])
             pictures += 1
-            if step > 0 and (terminated[0] or truncated[0]):
+            if step > 0 and (terminated | truncated).all():
                 break
-    if until_success is not None and not envs.batch.success[0]:
+    if until_success is not None and not envs.batch.success.all():
         raise RuntimeError(
             f"until_success: the episode of seed {seed} succeeded, but its replay did not: its task must draw all "
             "random numbers from batch.random"
@@ -131,9 +135,9 @@ def _succeeding(envs: DroneVectorEnv, act: Callable[[Any], Any], steps: int, see
         for _ in range(steps):
             actions.append(np.array(act(observation)))
             observation, _, terminated, truncated, _ = envs.step(actions[-1])
-            if terminated[0] or truncated[0]:
+            if (terminated | truncated).all():
                 break
-        if envs.batch.success[0]:
+        if envs.batch.success.all():
             return seed, actions
     which = f"the episodes of the seeds {seeds.start} to {seeds.stop - 1}"
     raise RuntimeError(f"until_success: none of {which} succeeded within {steps} steps")

@@ -692,6 +692,11 @@ class DroneVectorEnv(VectorEnv[Observation, Array, Array]):
     def _resting(self) -> BoolArray | None:
         return ~self.batch.flying if self._has_rests else None
 
+    def _waiting(self) -> BoolArray:
+        """Return a mask of the rows that will not fly in the next step, as `flockstep.PPO` needs it."""
+        self._require_open()
+        return self.batch.waiting
+
     def final_observations(self, indices: npt.NDArray[np.intp]) -> list[Observation]:
         """Return the last observation of the episode that ended in each of the envs ``indices``, as new arrays."""
         return stepping.final_observations(self, indices)

@@ -69,10 +69,117 @@ def test_the_same_as_in_process(kind, autoreset_mode, closet):
     local.close()
 
 
+class Walk(flockstep.Task):
+    """Each drone has its own limit of steps. Row kinds of the checks are those of drones."""
+
+    observation_space = gymnasium.spaces.Box(-40, 40, (4,), np.float32)
+
+    def step(self, batch):
+        limit = 4 + 3 * (np.arange(batch.num_drones) % batch.drones_per_env)
+        return batch.position[:, 0], self.steps >= limit
+
+    def observe(self, batch):
+        return np.column_stack([batch.position, self.steps]).astype(np.float32)
+
+
+TEAMS = {
+    "goal": {"action": "displacement", "random_start": True},
+    "hover": {"task": flockstep.HoverConfig(), "meet": "touched"},
+    "own": {"task": Walk, "random_world": True},
+}
+
+
+@pytest.mark.parametrize("kind", TEAMS)
+@pytest.mark.parametrize("episodes", ["team", "each", "last"])
 @pytest.mark.parametrize("autoreset_mode", ["next_step", "same_step", "disabled"])
-def test_the_checker_finds_no_fault(autoreset_mode, closet):
+def test_episodes_of_several_drones_are_the_same_as_in_process(kind, episodes, autoreset_mode, closet):
+    """Ended rows are reset if autoreset is disabled, and with "each" any rows now and then."""
+    keywords = {"worlds": closet, "drones_per_env": 3, "max_episode_steps": 15, **TEAMS[kind]}
+    keywords |= {"episodes": episodes, "autoreset_mode": autoreset_mode}
+    local = flockstep.DroneVectorEnv(4, **keywords)
+    masks = np.random.default_rng(0).random((80, 12)) < 0.2
+    partial = rests = 0
+    with contextlib.closing(Served(4, **keywords)) as remote:
+        assert_equal(local.reset(seed=3), remote.reset(seed=3))
+        local.action_space.seed(1)
+        for mask in masks:
+            actions = local.action_space.sample()
+            a, b = local.step(actions), remote.step(actions)
+            assert_equal(a, b)
+            np.testing.assert_array_equal(remote._waiting(), local.batch.waiting)
+            ended = a[2] | a[3]
+            rests += np.count_nonzero(a[4].get("resting", False))
+            resets = ended if autoreset_mode == "disabled" else mask & (episodes == "each")
+            partial += len(set(np.count_nonzero(resets.reshape(4, 3), axis=1)) - {0, 3})
+            if resets.any():
+                options = {"reset_mask": resets}
+                assert_equal(local.reset(options=options), remote.reset(options=options))
+        assert (partial > 0) == (episodes == "each" or (episodes == "last" and autoreset_mode == "disabled"))
+        assert (rests > 0) == (episodes == "last")
+        blob = remote.snapshot()
+        expected = [remote.step(actions) for _ in range(20)]
+        assert_equal(remote.restore(blob), local.restore(blob))
+        for step in expected:
+            assert_equal(remote.step(actions), step)
+            assert_equal(local.step(actions), step)
+    local.close()
+
+
+def test_masks_of_many_drones(closet):
+    keywords = {"worlds": closet, "drones_per_env": 50, "episodes": "each"}
+    with contextlib.closing(Served(1, **keywords)) as remote:
+        remote.reset(seed=0)
+        remote.step(np.zeros(50, np.int64))
+        mask = np.arange(50) % 3 == 0
+        remote.reset(options={"reset_mask": mask})
+        np.testing.assert_array_equal(remote.served.batch.own_episodes, mask)
+
+
+@pytest.mark.parametrize("episodes", ["team", "each", "last"])
+def test_masks_of_drones_are_refused_as_in_process(episodes, closet):
+    keywords = {"worlds": closet, "drones_per_env": 3, "episodes": episodes, "autoreset_mode": "disabled"}
+    local = flockstep.DroneVectorEnv(2, **keywords)
+    with contextlib.closing(Served(2, **keywords)) as remote:
+        for env in (local, remote):
+            env.reset(seed=0)
+            observation, *_ = env.step(np.zeros(6, np.int64))
+            first = {"reset_mask": np.arange(6) == 1}
+            if episodes == "each":
+                assert (env.reset(options=first)[0][0] == observation[0]).all()
+            else:
+                expected = "together" if episodes == "team" else "or some whose episodes have ended"
+                with pytest.raises(ValueError, match=f"mask'?]?: expected all .*{expected}"):
+                    env.reset(options=first)
+            with pytest.raises(ValueError, match=r"expected all 3 drones of an env or none, since they begin"):
+                env.reset(seed=1, options=first)
+        assert remote.served.batch.steps.tolist() == ([1, 0, 1, 1, 1, 1] if episodes == "each" else [1] * 6)
+    local.close()
+
+
+@pytest.mark.parametrize("episodes", ["each", "last"])
+@pytest.mark.parametrize("autoreset_mode", ["next_step", "same_step", "disabled"])
+def test_ppo_learns_the_same_from_a_server(episodes, autoreset_mode, closet):
+    keywords = {"worlds": closet, "drones_per_env": 3, "max_episode_steps": 12, "random_start": True}
+    keywords |= {"episodes": episodes, "autoreset_mode": autoreset_mode}
+    settings = {"n_steps": 40, "batch_size": 60, "n_epochs": 1, "seed": 0, "normalize_observations": True}
+    trained = []
+    local = flockstep.DroneVectorEnv(4, **keywords)
+    with contextlib.closing(Served(4, **keywords)) as remote:
+        for env in (local, remote):
+            trained.append(flockstep.PPO("MlpPolicy", env, **settings).learn(2 * 40 * env.num_envs).learner)
+    local.close()
+    np.testing.assert_array_equal(trained[0].parameters, trained[1].parameters)
+    for a, b in zip(trained[0].observation_moments, trained[1].observation_moments, strict=True):
+        np.testing.assert_array_equal(a, b)
+
+
+@pytest.mark.parametrize("autoreset_mode", ["next_step", "same_step", "disabled"])
+@pytest.mark.parametrize("episodes", ["team", "each", "last"])
+def test_the_checker_finds_no_fault(episodes, autoreset_mode, closet):
+    drones = {} if episodes == "team" else {"drones_per_env": 2, "episodes": episodes}
+
     def make(num_envs):
-        return Served(num_envs, worlds=closet, max_episode_steps=10, autoreset_mode=autoreset_mode)
+        return Served(num_envs, worlds=closet, max_episode_steps=10, autoreset_mode=autoreset_mode, **drones)
 
     check_vector_env(make, num_envs=3, steps=40)
 

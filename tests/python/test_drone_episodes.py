@@ -161,6 +161,77 @@ def test_a_mask_begins_the_episodes_of_single_drones() -> None:
     assert env.batch.episode.tolist() == [1] * E
 
 
+@pytest.mark.parametrize("mode", MODES)
+@pytest.mark.parametrize("kind", ["navigation", "hover", "own"])
+def test_a_removed_drone_comes_back_while_its_env_flies(kind: str, mode: str) -> None:
+    """It begins its next episode at the given place, and the others fly as if nothing had happened."""
+    tasks: dict[str, dict[str, Any]] = {
+        "navigation": {"worlds": "playground/train-1", "max_episode_steps": 30},
+        "hover": {**NOISY, "max_episode_steps": 30},
+        "own": {"task": Walk},
+    }
+    env, other = (envs(2, episodes="each", autoreset_mode=mode, **tasks[kind]) for _ in range(2))
+    env.reset(seed=3)
+    other.reset(seed=3)
+    actions = actions_of(env, 60, 2 * M)
+    rest = np.arange(2 * M) != 1
+    for step, action in enumerate(actions):
+        if step == 5:
+            env.batch.remove([1])
+        if step == 10:
+            episode = int(env.batch.own_episodes[1])
+            place = env.batch.position[1] + [0.1, 0, 0.2]
+            assert env.batch.spawn([1], [place]).tolist() == [1]
+            if kind != "own":  # which places drones itself
+                np.testing.assert_allclose(env.batch.position[1], place, atol=1e-6)
+            assert env.batch.active[1] and env.batch.own_episodes[1] == episode + 1
+            assert env.batch.steps[1] == 0 and not env.batch.waiting[1]
+            assert np.isfinite(env.observation()).all()
+            if kind == "navigation":
+                assert env.batch.lidar().ranges[1].min() < 3
+        a, b = env.step(action), other.step(action)
+        for mine, others in zip(a[:4], b[:4], strict=True):
+            np.testing.assert_array_equal(mine[rest], others[rest])
+        if 5 <= step < 10:
+            assert env.batch.waiting[1] and not env.batch.flying[1]
+        elif step == 10:
+            assert env.batch.flying[1] and env.batch.steps[1] == 1
+        ended = (a[2] | a[3]) & rest
+        if mode == "disabled" and ended.any():
+            env.reset(options={"reset_mask": ended})
+            other.reset(options={"reset_mask": ended})
+    assert env.batch.tick.tolist() == other.batch.tick.tolist()
+
+
+def test_drones_that_begin_together_are_spawned_together() -> None:
+    for episodes in ("team", "last"):
+        env = envs(2, episodes=episodes, worlds="playground/train-1")
+        env.reset(seed=0)
+        env.step(np.zeros(2 * M, int))
+        env.batch.remove([1])
+        before = env.snapshot()
+        with pytest.raises(
+            ValueError, match=r"indices \(row 0\): expected all drones of an env, since they begin their"
+        ):
+            env.batch.spawn([1], [[1, 1, 1]])
+        assert env.snapshot() == before
+        assert env.batch.spawn([0, 1, 2], env.batch.position[:3]).tolist() == [0, 1, 2]
+        assert env.batch.steps.tolist() == [0] * M + [1] * M
+    env = envs(1, episodes="last", max_episode_steps=50)
+    env.reset(seed=0)
+    for action in actions_of(env, 100, M):
+        env.step(action)
+        if env.batch.resting.any():
+            break
+    flying, resting = np.flatnonzero(env.batch.active), np.flatnonzero(env.batch.resting)
+    for some in (flying, resting):
+        with pytest.raises(ValueError, match="expected all drones of an env"):
+            env.batch.spawn(some, env.batch.position[some])
+    env.batch.spawn(np.arange(M), env.batch.position)
+    assert env.batch.active.all() and not env.batch.resting.any()
+    assert env.batch.steps.tolist() == [0] * M
+
+
 # ---------------------------------------------------------------------------------------------------- last
 
 ABSENT = np.array([0] * 3 + [1] * 35, np.float32)
@@ -507,9 +578,10 @@ def test_draws_of_a_drone() -> None:
 # ------------------------------------------------------------------------------------------------ trainers
 
 
+@pytest.mark.parametrize("normalizes", [False, True])
 @pytest.mark.parametrize("episodes", ["each", "last"])
 @pytest.mark.parametrize("mode", MODES)
-def test_ppo_learns_the_same_within_the_engine_and_outside(mode: str, episodes: str) -> None:
+def test_ppo_learns_the_same_within_the_engine_and_outside(mode: str, episodes: str, normalizes: bool) -> None:
     class Outside(flockstep.DroneVectorEnv):
         def step(self, actions: Any) -> Any:
             return super().step(actions)
@@ -519,10 +591,13 @@ def test_ppo_learns_the_same_within_the_engine_and_outside(mode: str, episodes: 
         env = kind(
             16, drones_per_env=M, episodes=episodes, autoreset_mode=mode, random_start=True, max_episode_steps=30
         )
-        model = flockstep.PPO("MlpPolicy", env, n_steps=70, batch_size=64, n_epochs=1, seed=0)
+        settings: dict[str, Any] = {"normalize_observations": normalizes, "normalize_rewards": normalizes}
+        model = flockstep.PPO("MlpPolicy", env, n_steps=70, batch_size=64, n_epochs=1, seed=0, **settings)
         models.append(model.learn(2 * 70 * env.num_envs))
     first, second = models
     np.testing.assert_array_equal(first.learner.parameters, second.learner.parameters)
+    for a, b in zip(first.learner.observation_moments, second.learner.observation_moments, strict=True):
+        np.testing.assert_array_equal(a, b)
     ends = [[(end["r"], end["l"]) for end in model.ep_info_buffer] for model in models]
     assert ends[0] == ends[1] and len(set(ends[0])) > 20
 
@@ -574,6 +649,76 @@ def test_ppo_learns_from_flown_steps_only(mode: str, episodes: str) -> None:
         np.testing.assert_array_equal(flown[:, M + member], expected)
     assert {info["r"] for info in model.ep_info_buffer} == {3, 6, 9}
     assert {info["l"] for info in model.ep_info_buffer} == {3, 6, 9}
+
+
+def expected_moments(observations: Any) -> tuple[Any, Any, float]:
+    """Return mean, variance and weight of all numbers, beside variance 1 around 0 with the weight 1e-4."""
+    weight = len(observations) + 1e-4
+    mean = observations.sum(axis=0) / weight
+    return mean, (((observations - mean) ** 2).sum(axis=0) + 1e-4 * (1 + mean**2)) / weight, weight
+
+
+@pytest.mark.parametrize("wrapped", [False, True])
+@pytest.mark.parametrize("episodes", ["each", "last"])
+@pytest.mark.parametrize("mode", MODES)
+def test_ppo_normalises_by_the_observations_that_were_flown_from(mode: str, episodes: str, wrapped: bool) -> None:
+    """In closed form. Wrapped: by Gymnasium, or as a VecEnv of Stable-Baselines3, which has same-step autoreset."""
+    from flockstep.sb3 import make_vec
+
+    env: Any = envs(2, task=Still, episodes=episodes, autoreset_mode=mode)
+    if wrapped:
+        env = make_vec(env) if mode == "same_step" else gymnasium.wrappers.vector.RecordEpisodeStatistics(env)
+    model = flockstep.PPO("MlpPolicy", env, n_steps=36, batch_size=36, n_epochs=1, seed=0, normalize_observations=True)
+    model.learn(36 * 2 * M)
+    observations = []
+    for member in range(M):
+        length, waits = 3 * (member + 1), 1 if mode == "next_step" else 0
+        period = length + waits if episodes == "each" else 3 * M + waits
+        flown = np.arange(36) % period
+        observations += 2 * [[step / 10, 1] for step in flown[flown < length]]
+    for got, expected in zip(
+        model.learner.observation_moments, expected_moments(np.float32(observations).astype(float)), strict=True
+    ):
+        np.testing.assert_allclose(got, expected, rtol=1e-9, atol=1e-12)
+
+
+@pytest.mark.parametrize("episodes", ["each", "last"])
+@pytest.mark.parametrize("mode", MODES)
+def test_the_engine_normalises_by_the_observations_that_were_flown_from(
+    mode: str, episodes: str, closet: flockstep.World
+) -> None:
+    """The observations of a task in C++, kept by another env with the same actions."""
+    keywords: dict[str, Any] = {"episodes": episodes, "autoreset_mode": mode, "worlds": closet}
+    env, other = (envs(4, **keywords) for _ in range(2))
+    model = flockstep.PPO("MlpPolicy", env, n_steps=60, batch_size=60, n_epochs=1, seed=0, normalize_observations=True)
+    model.learn(60 * env.num_envs)
+    observation, _ = other.reset(seed=0)  # the learner's seed
+    flown = []
+    for actions in model.learner.actions.astype(int):
+        before = observation
+        observation, _, terminated, truncated, _ = other.step(actions)
+        flown.append(before[other.batch.flying])
+        if mode == "disabled" and (terminated | truncated).any():
+            observation, _ = other.reset(options={"reset_mask": terminated | truncated})
+    waits = 60 * env.num_envs - sum(map(len, flown))
+    assert waits > 10 if episodes == "last" or mode == "next_step" else waits == 0
+    expected = expected_moments(np.concatenate(flown).astype(float))
+    for got, number in zip(model.learner.observation_moments, expected, strict=True):
+        np.testing.assert_allclose(got, number, rtol=1e-9, atol=1e-12)
+
+
+@pytest.mark.parametrize("episodes", ["each", "last"])
+def test_ppo_learns_the_same_from_a_vec_env(episodes: str) -> None:
+    from flockstep.sb3 import make_vec
+
+    learned = []
+    for wrap in (make_vec, lambda env: env):
+        env = wrap(envs(2, task=Still, episodes=episodes, autoreset_mode="same_step"))
+        model = flockstep.PPO("MlpPolicy", env, n_steps=36, batch_size=36, n_epochs=1, seed=0)
+        learned.append(model.learn(2 * 36 * env.num_envs))
+    np.testing.assert_array_equal(*(model.learner.parameters for model in learned))
+    ends = [[(end["r"], end["l"]) for end in model.ep_info_buffer] for model in learned]
+    assert ends[0] == ends[1]
 
 
 def test_stable_baselines3_gets_each_end_once() -> None:

@@ -217,6 +217,75 @@ def test_a_flight_that_is_lost_is_reported():
     batch.fly([[500] * 4] * 3)  # not reported again
 
 
+def two(meet, on_contact="terminate", **keywords):
+    """Two drones of one env, close together; uneven thrusts turn their tiny inertia too fast at once."""
+    batch = flockstep.Batch(
+        [OPEN],
+        2,
+        drones_per_env=2,
+        meet=meet,
+        drone=flockstep.DroneModel.from_dict(plain("x500", inertia_kgm2=[1e-9] * 3)),
+        dynamics=flockstep.DynamicsConfig(motion="rotors", control="rotor_speeds", on_contact=on_contact),
+        clock=flockstep.ClockConfig(policy_hz=10, physics_hz=500),
+        **keywords,
+    )
+    batch.set_pose([[-0.33, 0, 0], [0.33, 0, 0]])
+    return batch
+
+
+ONE_SPINS = [[500] * 4, [500, 600, 500, 500]]
+FAR = flockstep.BodyConfig(shape="sphere", position_m=(100, 0, 0))
+
+
+@pytest.mark.parametrize(
+    "keywords",
+    [
+        {"meet": "never"},
+        {"meet": "touched"},  # they are near each other, and fly tick by tick
+        {"meet": "touched", "on_contact": "bounce"},
+        {"meet": "never", "bodies": [FAR]},  # all drones fly tick by tick
+        {"meet": "touched", "bodies": [FAR]},
+    ],
+)
+@pytest.mark.parametrize("ticks", [1, 50, 2500])
+def test_a_lost_drone_is_counted_once_and_rests(keywords, ticks):
+    batch = two(**keywords)
+    before = batch.position.copy()
+    with pytest.warns(RuntimeWarning, match=r"fly\(\): 1 drone \(first: 1\) moved faster"):
+        batch.fly(ONE_SPINS, ticks=ticks)
+    np.testing.assert_array_equal(batch.position[1], before[1])
+    np.testing.assert_array_equal(batch.velocity[1], 0)
+    assert batch.velocity[0, 2] != 0
+    batch.fly([[500] * 4] * 2, ticks=3)
+    assert batch.velocity[1, 2] != 0  # it flies again
+
+
+def test_a_drone_that_is_stopped_before_it_is_lost_is_not_lost():
+    """Alone, it would soon spin too fast. The other one hits it first, after which it stays until the next call."""
+
+    def flown(meet):
+        drone = flockstep.DroneModel.from_dict(plain("x500", inertia_kgm2=[5e-6] * 3))
+        batch = flockstep.Batch(
+            [OPEN],
+            2,
+            drones_per_env=2,
+            meet=meet,
+            drone=drone,
+            dynamics=flockstep.DynamicsConfig(motion="rotors", control="rotor_speeds"),
+            clock=flockstep.ClockConfig(policy_hz=10, physics_hz=500),
+        )
+        batch.set_pose([[-0.4, 0, 0], [0.4, 0, 0]])
+        batch.set_velocity([[60, 0, 0], [0, 0, 0]])
+        batch.fly(ONE_SPINS, ticks=50)
+        return batch
+
+    with pytest.warns(RuntimeWarning, match=r"fly\(\): 1 drone \(first: 1\) moved faster"):
+        flown("never")
+    met = flown("touched")
+    assert met.contact.hit.tolist() == [True, True]
+    assert np.linalg.norm(met.position[1] - [0.4, 0, 0]) < 0.1
+
+
 def test_a_lost_flight_ends_the_episode_as_a_bad_state():
     stiff = flockstep.DroneModel.from_dict(plain("x500", inertia_kgm2=[1e-9] * 3))
     envs = flockstep.DroneVectorEnv(2, task=flockstep.HoverConfig(), drone=stiff)

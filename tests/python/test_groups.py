@@ -1,6 +1,7 @@
 """Envs of several drones: each drone behaves like a single drone with the same placement and commands."""
 
 import pickle
+import re
 from typing import Any
 
 import gymnasium
@@ -354,6 +355,82 @@ def test_a_mask_that_splits_an_env_is_refused() -> None:
     with pytest.raises(ValueError, match="seed: expected one integer or 4 of them, one per env, got 12"):
         env.reset(seed=list(range(12)))
     assert env.snapshot() == before
+
+
+@pytest.mark.parametrize("episodes", ["team", "each", "last"])
+@pytest.mark.parametrize("action", ["discrete", "displacement"])
+def test_an_action_too_few_or_too_many_changes_nothing(action: str, episodes: str) -> None:
+    env = envs(action=action, episodes=episodes, meet="both")
+    env.reset(seed=0)
+    env.step(env.action_space.sample())
+    before = env.snapshot()
+    shape = "(12,)" if action == "discrete" else "(12, 3)"
+    for rows in (0, 1, 4, 11, 13):
+        got = (rows,) if action == "discrete" else (rows, 3)
+        with pytest.raises(ValueError, match=rf"actions: expected .*{re.escape(shape)}.*got .*{re.escape(str(got))}"):
+            env.step(np.zeros(got, int if action == "discrete" else np.float32))
+    bad = env.action_space.sample().astype(float)
+    bad[7] = np.nan
+    with pytest.raises(ValueError, match="action"):
+        env.step(bad)
+    assert env.snapshot() == before
+
+
+@pytest.mark.parametrize("meet", ["seen", "touched", "both"])
+@pytest.mark.parametrize(
+    "task", [None, flockstep.HoverConfig(), flockstep.DodgeConfig()], ids=["goal", "hover", "dodge"]
+)
+def test_a_single_drone_meets_nobody(task: Any, meet: str) -> None:
+    """With one drone in each env all values of ``meet`` are the same, although all begin at one point."""
+    worlds = "playground/train-1"
+    runs = [flockstep.DroneVectorEnv(5, task=task, worlds=worlds, meet=kind) for kind in ("never", meet)]
+    for env in runs:
+        env.reset(seed=2)
+        env.action_space.seed(0)
+    for _ in range(60):
+        a, b = (env.step(env.action_space.sample()) for env in runs)
+        for first, second in zip(a[:4], b[:4], strict=True):
+            np.testing.assert_array_equal(first, second)
+        np.testing.assert_array_equal(runs[0].batch.position, runs[1].batch.position)
+    assert (runs[1].batch.contact.drone == -1).all()
+
+
+@pytest.mark.parametrize("meet", ["seen", "touched", "both"])
+def test_too_many_drones_that_meet_are_refused(meet: str) -> None:
+    message = 'drones_per_env: expected at most 4096 unless meet is "never", got 10000'
+    with pytest.raises(ValueError, match=message):
+        flockstep.DroneVectorEnv(1, drones_per_env=10_000, meet=meet)
+    with pytest.raises(ValueError, match=message):
+        flockstep.Batch(flockstep.scenes.load("train"), 10_000, drones_per_env=10_000, meet=meet)
+
+
+@pytest.mark.parametrize("motion", ["kinematic", "rotors"])
+def test_many_drones_at_one_point_and_in_a_cubic_metre(motion: str) -> None:
+    """10,000 that do not meet fly as one does; 60 that do all report each other, and all numbers are finite."""
+    world = flockstep.World.from_dict({"flockstep_scene": 1, "room": {"min": [-2, -2, -2], "max": [2, 2, 2]}})
+    dynamics = flockstep.DynamicsConfig(motion=motion, **({"control": "velocity"} if motion == "rotors" else {}))
+
+    def batch_of(count: int, meet: str) -> flockstep.Batch:
+        lidar = flockstep.LidarConfig()
+        return flockstep.Batch([world], count, drones_per_env=count, meet=meet, dynamics=dynamics, lidar=lidar)
+
+    free, met, alone = batch_of(10_000, "never"), batch_of(60, "both"), batch_of(1, "never")
+    for cube in (np.zeros((10_000, 3)), np.random.default_rng(0).uniform(-0.5, 0.5, (10_000, 3))):
+        ways = np.random.default_rng(1).uniform(-0.5, 0.5, (10_000, 4))
+        for batch in (free, met, alone):
+            n = batch.num_drones
+            batch.set_pose(cube[:n])
+            if motion == "kinematic":
+                batch.move(cube[:n] + 0.1 * ways[:n, :3])
+            else:
+                batch.fly(ways[:n], ticks=2)
+            batch.sense()
+            assert np.isfinite(batch.position).all() and np.isfinite(batch.quat_wxyz).all()
+        assert met.contact.inside.all() and (met.contact.drone >= 0).all()
+        assert (met.lidar().ranges.reshape(60, -1).min(axis=1) < 1).all()
+        np.testing.assert_array_equal(free.position[0], alone.position[0])
+        np.testing.assert_array_equal(free.lidar().ranges[0], alone.lidar().ranges[0])
+        assert not free.contact.hit.any()
 
 
 def test_a_single_env_is_of_one_drone() -> None:

@@ -450,7 +450,7 @@ def test_flying_equals_acting_stepping_and_recording(mode, task):
     env, stepped = make()
     over = np.zeros(70, bool)
     for t in range(20):
-        action = stepped.act(t, stepped.read_observation(env.batch))
+        action = stepped.act(t, stepped.read_observation(env.batch), over)
         if stepped.config.is_discrete:
             env.batch.step(action.astype(np.int64))
         else:
@@ -631,6 +631,9 @@ def test_wrong_shapes_and_orders_of_calls_are_refused():
             learner.act(0, wrong)
     with refused(match="t: expected step 0, got 1"):
         learner.act(1, good)
+    for skipped in (np.zeros(2, bool), np.zeros(3), "no"):
+        with refused(match="skipped"):
+            learner.act(0, good, skipped)
     learner.act(0, good)
     for wrong in ({"reward": np.zeros(2)}, {"terminated": np.zeros(3)}, {"truncated": np.zeros(4, bool)}):
         with refused(match=next(iter(wrong))):

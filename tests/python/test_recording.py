@@ -83,6 +83,67 @@ def test_a_film_ends_with_the_episode(closet, tmp_path):
     assert flockstep.record(tmp_path / "flight.gif", worlds=closet, max_episode_steps=3, render_view="top") == 4
 
 
+class Ends(flockstep.Task):
+    """Drone m of an env ends after 2 m + 2 steps; all but the last succeed, or all if `all_succeed`."""
+
+    observation_space = spaces.Box(-9, 9, (3,), np.float32)
+    all_succeed = False
+
+    def step(self, batch):
+        member = np.arange(batch.num_drones) % batch.drones_per_env
+        over = self.steps >= 2 * member + 2
+        self.success[:] = over & (self.all_succeed | (member < batch.drones_per_env - 1))
+        return np.zeros(batch.num_drones), over
+
+    def observe(self, batch):
+        return batch.position
+
+
+@pytest.mark.parametrize(("episodes", "pictures"), [("team", 3), ("each", 7), ("last", 7)])
+def test_a_film_of_several_drones_ends_with_the_last_of_them(episodes, pictures, room, tmp_path):
+    shapes = set()
+
+    def still(observation):
+        shapes.add(observation.shape)
+        return np.zeros((len(observation), 3), np.float32)
+
+    keywords = {"worlds": room, "drones_per_env": 3, "episodes": episodes, "render_size": (64, 48)}
+    assert flockstep.record(tmp_path / "a.gif", still, Ends, **keywords) == pictures
+    assert shapes == {(3, 3)}
+    succeeding = Ends()
+    succeeding.all_succeed = True
+    if episodes == "team":  # the first end cuts the others off, which have not succeeded
+        with pytest.raises(RuntimeError, match="none of the episodes"):
+            flockstep.record(tmp_path / "b.gif", still, succeeding, until_success=2, **keywords)
+        return
+    with pytest.raises(RuntimeError, match="none of the episodes"):
+        flockstep.record(tmp_path / "b.gif", still, Ends, until_success=2, **keywords)
+    assert flockstep.record(tmp_path / "b.gif", still, succeeding, until_success=2, **keywords) == pictures
+
+
+def test_a_film_shows_the_other_drones_of_the_env(room):
+    keywords = {"worlds": room, "render_mode": "rgb_array", "render_size": (64, 48)}
+    for drones in (1, 2):
+        frames = []
+        for view in ("fleet", "third_person"):
+            envs = flockstep.DroneVectorEnv(1, drones_per_env=drones, render_view=view, **keywords)
+            envs.reset(seed=0)
+            envs.batch.set_pose(np.float32([[1, 1, 1], [2.5, 1, 1]])[:drones])
+            frames.append(envs.render()[0])
+        assert (frames[0] != frames[1]).any() == (drones == 2)
+
+
+def test_a_task_of_several_drones_is_filmed_with_all_of_them(tmp_path):
+    rows = set()
+
+    def straight(observation):
+        rows.add(len(observation))
+        return observation[:, :2]
+
+    assert flockstep.record(tmp_path / "a.gif", straight, "flockstep/Swap-v0", steps=3, render_size=(64, 48)) == 4
+    assert rows == {8}
+
+
 def test_a_model_and_a_task_of_ones_own(room, tmp_path):
     class Model:
         def predict(self, observation, deterministic):

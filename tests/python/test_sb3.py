@@ -450,6 +450,52 @@ def test_an_evaluation_has_the_means_of_what_first_episodes_report(room):
     )
 
 
+class CountedTeam(flockstep.Task):
+    """Drone m of an env ends after m + 1 steps; it succeeds in the first world, in its first episode."""
+
+    observation_space = spaces.Box(0, 9, (1,), np.float32)
+
+    def step(self, batch):
+        drone = np.arange(batch.num_drones)
+        env = drone // batch.drones_per_env
+        own = batch.own_episodes if len(batch.own_episodes) else np.zeros(batch.num_drones)
+        self.success[:] = (batch.world_index[env] == 0) & (batch.episode[env] + own == 0)
+        return np.ones(batch.num_drones), self.steps > drone % batch.drones_per_env
+
+    def observe(self, batch):
+        return np.zeros((batch.num_drones, 1), np.float32)
+
+
+@pytest.mark.parametrize("kind", ["team", "each", "last"])
+def test_an_evaluation_counts_the_first_episode_of_each_drone(kind, room, closet):
+    """Two envs of three drones, one in each world."""
+    keywords = {"worlds": [closet, room], "drones_per_env": 3, "drone_episodes": kind}
+    found = flockstep.evaluate(None, CountedTeam, episodes=2, **keywords)
+    assert found.episodes == 6
+    assert found.episode_length == pytest.approx(1 if kind == "team" else 2)
+    assert found.success_rate == found.ends["success"] == 0.5
+    assert found.ends["task" if kind != "team" else "teammate"] == pytest.approx(1 / 2 if kind != "team" else 1 / 3)
+    for worlds, rates in (([closet, room], {"closet": 1, "room": 0}), ([room, closet], {"closet": 0, "room": 1})):
+        keywords["worlds"] = worlds
+        assert flockstep.success_rates(None, CountedTeam, episodes=3, **keywords) == rates
+    one = flockstep.evaluate(None, CountedTeam, episodes=2, worlds=[closet, room])
+    assert (one.episodes, one.episode_length) == (2, 1)
+
+
+def test_an_evaluation_of_a_task_of_several_drones():
+    def straight(observation):
+        assert len(observation) == 4 * 8
+        return observation[:, :2]
+
+    found = flockstep.evaluate(straight, "flockstep/Swap-v0", episodes=4)
+    assert found.episodes == 32
+    assert found.ends["contact"] + found.ends["teammate"] == 1
+    with pytest.raises(ValueError, match=r"got 'each' \(drone_episodes='each' is the env's keyword\)"):
+        flockstep.evaluate(straight, "flockstep/Swap-v0", episodes="each")
+    with pytest.raises(ValueError, match='episodes: expected "team", "each" or "last", got "all"'):
+        flockstep.evaluate(straight, "flockstep/Swap-v0", drone_episodes="all")
+
+
 def test_an_evaluation_of_a_built_in_task(room, closet):
     """Straight ahead: into the pillar of the room, into the wall of the closet; seeds change the start."""
 

@@ -309,6 +309,114 @@ def test_views_show_the_world_that_a_drone_is_in(view):
         np.testing.assert_array_equal(frame, alone.render()[0])
 
 
+# ------------------------------------------------------------------------------------------- drones that end separately
+
+MODES = ["next_step", "same_step", "disabled"]
+M = 3
+
+
+def team(worlds, episodes, mode, num_envs=5, **arguments):
+    """Envs of M drones that begin at random places and fly at most 15 steps."""
+    arguments = {"random_start": True, "max_episode_steps": 15, "action": "displacement", **arguments}
+    return flockstep.DroneVectorEnv(
+        num_envs, worlds=worlds, drones_per_env=M, episodes=episodes, autoreset_mode=mode, **arguments
+    )
+
+
+def flown(envs, steps=60):
+    """Yield after the reset and after each step, with the rows that have ended: each drone often flies into a wall.
+
+    With autoreset disabled these rows are reset.
+    """
+    envs.reset(seed=7)
+    yield np.zeros(envs.num_envs, bool)
+    ways = np.random.default_rng(2).choice([-1, 0, 1], (steps // 6 + 1, 5 * M, 3))
+    for action in np.repeat(ways, 6, axis=0)[:steps].astype(np.float32):
+        _, _, terminated, truncated, _ = envs.step(action[: envs.num_envs])
+        ended = terminated | truncated
+        if envs.metadata["autoreset_mode"].value == "Disabled" and ended.any():
+            envs.reset(options={"reset_mask": ended})
+        yield ended
+
+
+@pytest.mark.parametrize("source", ["pool", "random_world"])
+@pytest.mark.parametrize("mode", MODES)
+@pytest.mark.parametrize("episodes", ["each", "last"])
+def test_drones_of_an_env_are_in_the_world_that_its_episode_draws(episodes, mode, source):
+    """With "each" the episode of an env ends only by its reset."""
+    halls = [hall(number) for number in range(9)]
+    worlds = WorldPool(hall_at_leisure, 9, 1.0) if source == "pool" else halls
+    fresh = 1.0 if source == "pool" else 0.0
+    envs = team(worlds, episodes, mode, **({} if source == "pool" else {"random_world": True}))
+    batch = envs.batch
+    seen, ends = set(), 0
+    for reset in range(2):
+        for ended in flown(envs, 60):
+            expected = [number_of(7 + i, int(batch.episode[i]), 9, fresh) for i in range(5)]
+            assert batch.world_index.tolist() == expected
+            assert [batch.world_of(row).name for row in range(0, 5 * M, M)] == [f"hall-{n}" for n in expected]
+            ends += np.count_nonzero(ended)
+            seen |= set(batch.episode.tolist())
+            ranges = batch.lidar().ranges.copy()
+            for row in np.flatnonzero(~batch.waiting)[:: 4 + reset]:
+                alone = flockstep.Batch([hall(expected[row // M])], 1, lidar=envs.lidar)
+                alone.set_pose(batch.position[[row]], batch.quat_wxyz[[row]])
+                alone.sense()
+                np.testing.assert_array_equal(alone.lidar().ranges[0], ranges[row])
+        if episodes == "each":
+            assert (batch.own_episodes >= 2).all()
+            before = batch.world_index.copy()
+            envs.reset(options={"reset_mask": np.arange(5 * M) % 4 == 0})  # single drones
+            np.testing.assert_array_equal(batch.world_index, before)
+            envs.reset()
+            seen |= set(batch.episode.tolist())
+            assert batch.world_index.tolist() == [number_of(7 + i, 1, 9, fresh) for i in range(5)]
+    assert ends > 60
+    assert max(seen) == 1 if episodes == "each" else max(seen) >= 3
+
+
+@pytest.mark.parametrize("mode", MODES)
+@pytest.mark.parametrize("episodes", ["each", "last"])
+def test_separate_ends_keep_their_bits_with_a_pool(episodes, mode):
+    """Neither threads nor blocks nor the time that worlds take nor other envs matter."""
+
+    def run(make_world, num_envs=5, **arguments):
+        envs = team(WorldPool(make_world, 9, 0.7, threads=2), episodes, mode, num_envs, **arguments)
+        names = ("observation", "reward", "terminated", "truncated", "episode_end", "active", "flying", "position")
+        return [[getattr(envs.batch, name).copy() for name in names] for _ in flown(envs)]
+
+    whole = run(hall)
+    for other in (run(hall_at_leisure), run(hall_at_leisure, num_threads=3), run(hall, 2)):
+        for rows, others in zip(whole, other, strict=True):
+            for a, b in zip(rows, others, strict=True):
+                np.testing.assert_array_equal(a[: len(b)], b)
+
+
+@pytest.mark.parametrize("mode", MODES)
+@pytest.mark.parametrize("episodes", ["each", "last"])
+def test_snapshots_of_separate_ends_continue_in_their_worlds(episodes, mode):
+    envs, other = (team(WorldPool(hall_at_leisure, 9, 1.0), episodes, mode) for _ in range(2))
+    other.reset(seed=70)
+    kept = rests = 0
+    for step, _ in enumerate(flown(envs, 60)):
+        if step % 3:
+            continue
+        blob = envs.snapshot()
+        np.testing.assert_array_equal(other.restore(blob), envs.observation())
+        np.testing.assert_array_equal(other.batch.world_index, envs.batch.world_index)
+        assert other.snapshot() == blob
+        rests += envs.batch.resting.any()
+        actions = np.full((5 * M, 3), 0.9, np.float32)
+        one, two = pickle.loads(pickle.dumps(envs)), other
+        for _ in range(12):
+            for a, b in zip(one.step(actions)[:4], two.step(actions)[:4], strict=True):
+                np.testing.assert_array_equal(a, b)
+        assert one.snapshot() == two.snapshot()
+        kept += 1
+    assert kept > 10
+    assert (rests > 3) == (episodes == "last")
+
+
 # ------------------------------------------------------------------------------------------------------------ snapshots
 
 

@@ -537,6 +537,49 @@ TEST(Client, StepsTheTask) {
   check(again);
 }
 
+TEST(Client, StepsDronesWhoseEpisodesEndSeparately) {
+  for (const Episodes episodes : {Episodes::each, Episodes::last}) {
+    testing::NavigationBatch config = testing::navigation_batch(2);
+    config.drones_per_env = 3;
+    config.episode.episodes = episodes;
+    config.episode.autoreset_mode = AutoresetMode::disabled;
+    config.episode.max_episode_steps = 40;
+    Batch batch = config.make({room()}), twin = config.make({room()});
+    Server server(batch, {.port = 0});
+    const Connection connection({.address = server.address()});
+    GameModeController simulation(connection);
+    EXPECT_EQ(simulation.get_task().episodes, episodes == Episodes::each ? "each" : "last");
+    const std::string observation = "observation/" + twin.task()->spec().observation[0].name;
+    const std::vector<std::uint64_t> seeds{5, 6};
+    simulation.reset_envs(seeds);
+    twin.reset(seeds);
+    int waited = 0;
+    for (std::int64_t i = 0; i < 100; ++i) {
+      std::vector<std::int64_t> actions(6);
+      for (std::size_t drone = 0; drone < 6; ++drone) actions[drone] = drone % 3 == 0 ? 0 : i % 2;  // one of three flies ahead
+      const client::Readings step = simulation.step_envs(client::Array::of({6}, actions));
+      twin.step(actions);
+      EXPECT_TRUE(testing::same_bits(step.values<bool>("terminated"), twin.outputs().terminated));
+      EXPECT_TRUE(testing::same_bits(step.values<bool>("waiting"), twin.waiting()));
+      std::vector<std::uint8_t> ended(6);
+      for (std::size_t drone = 0; drone < 6; ++drone) {
+        ended[drone] = twin.outputs().terminated[drone] | twin.outputs().truncated[drone];
+      }
+      if (std::ranges::count(ended, 1) == 0) continue;
+      const client::Readings reset = simulation.reset_envs({}, ended);
+      twin.reset_drones(DroneMask(ended));
+      EXPECT_TRUE(testing::same_bits(reset.values<bool>("waiting"), twin.waiting()));
+      EXPECT_TRUE(testing::same_bits(reset.array(observation).bytes, twin.outputs().observation[0].bytes()));
+      waited += static_cast<int>(std::ranges::count(twin.waiting(), 1));
+    }
+    EXPECT_EQ(waited > 0, episodes == Episodes::last);
+    const std::vector<std::uint8_t> five(5, 1);
+    EXPECT_EQ(error_of([&] { simulation.reset_envs({}, five); }).code(), ErrorCode::invalid_argument);
+    const client::Error refused = error_of([&] { simulation.reset_envs(seeds, std::vector<std::uint8_t>(6, 1)); });
+    EXPECT_EQ(refused.code(), ErrorCode::invalid_argument) << refused.what();
+  }
+}
+
 // -------------------------------------------------------------------------------------------------------- ways to the server
 
 TEST(Client, ConnectsByAUnixSocket) {

@@ -160,7 +160,9 @@ class FLOCKSTEP_API Batch {
   // Indices beyond N enlarge the batch: with M = 1 each is a new env, and slots in between are inactive; if E = 1 and M is not
   // 1, M grows. Instead of indices, `env` names the env of each row, which takes the lowest inactive slot there, or one of M
   // new ones in each env: with E > 1 drones then have other indices, d = e M + m. Without both, rows take the lowest inactive
-  // slots, then new ones. If it throws, nothing has changed, unless reading the sensors was interrupted.
+  // slots, then new ones. With a task, the drones of an env begin their episodes together: a spawn of some must be one of all
+  // that are active or rest. With Episodes::each the spawned drones begin their next episodes, while their envs go on. If it
+  // throws, nothing has changed, unless reading the sensors was interrupted.
   std::vector<std::int64_t> spawn(std::span<const std::int64_t> indices, std::span<const float> position,
                                   std::span<const float> quat_wxyz, std::span<const std::int32_t> world_index,
                                   std::span<const std::int64_t> env = {});
@@ -270,7 +272,9 @@ class FLOCKSTEP_API Batch {
   void step(std::span<const float> actions);         // (R, ...) floating-point actions
   void step(Pilot& pilot);                           // the actions that it chooses, on the threads that step the envs
   const EpisodeState& episodes() const;              // counters and flags of the current episodes
-  void visit_task(ArrayVisitor& visitor) const;      // visits the arrays of the task, for reading
+  // (R,) 1 for rows that take no part in the next step: it only begins their next episode, or their drones rest.
+  FlagArray waiting() const;
+  void visit_task(ArrayVisitor& visitor) const;  // visits the arrays of the task, for reading
   // Positions of the drones before the last flown step and after each of its ticks, (N, ticks + 1, 3) m; see
   // TaskContext::path_of(). Throws std::logic_error if the task does not record them.
   std::span<const float> path() const;

@@ -139,7 +139,8 @@ struct RolloutConfig {
               {.about = "Weight of long against short estimates of the advantage.", .limits = between(0, 1)}),
         field("normalize_observations", &C::normalize_observations,
               {.about = "Shift and scale each number of the observations to mean 0 and variance 1, both estimated from all "
-                        "observations so far, and clip the results to +-10, as `VecNormalize` of Stable-Baselines3."}),
+                        "observations so far that were flown from, and clip the results to +-10, as `VecNormalize` of "
+                        "Stable-Baselines3."}),
         field("normalize_rewards", &C::normalize_rewards,
               {.about = "Divide rewards by the standard deviation of the discounted returns so far and clip the results to "
                         "+-10, as `VecNormalize` of Stable-Baselines3."}));
@@ -161,7 +162,7 @@ struct StepResults {
   std::span<const std::uint8_t> terminated;    // (R,) the episode ended in a terminal state
   std::span<const std::uint8_t> truncated;     // (R,) the episode was cut off: the value of its final observation counts
   std::span<const float> final_observation;    // (R, observation_size); read where `truncated` is set and `terminated` is not
-  std::span<const std::uint8_t> skipped = {};  // (R,) the step only reset an env; nothing is learned from it
+  std::span<const std::uint8_t> skipped = {};  // (R,) the step was not flown; nothing is learned from it
 };
 
 class Batch;
@@ -199,7 +200,7 @@ class FLOCKSTEP_API Learner {
   void set_adam(std::span<const float> first, std::span<const float> second, std::int64_t steps);
   std::uint64_t draws() const;                        // number of draws so far, which is the state of the random numbers
   void set_draws(std::uint64_t draws);                // sets the state of the random numbers
-  const RunningMoments& observation_moments() const;  // of all observations so far
+  const RunningMoments& observation_moments() const;  // of the observations so far that actions were drawn from
   const RunningMoments& return_moments() const;       // of the discounted returns so far
   // Sets both moments.
   void set_moments(RunningMoments observation, RunningMoments returns);
@@ -220,7 +221,8 @@ class FLOCKSTEP_API Learner {
   const RolloutConfig& rollout_config() const;        // of the current rollout
   int rows() const;                                   // R
   // Draws the actions of step t, not limited to the bounds of the action. Returns (R, action_size) numbers or (R,) indices.
-  std::span<const float> act(int t, std::span<const float> observation);
+  // skipped: (R,) rows that will not fly in this step, whose observations the moments leave out; empty: all fly.
+  std::span<const float> act(int t, std::span<const float> observation, std::span<const std::uint8_t> skipped = {});
   // Keeps the results of step t.
   void record(int t, const StepResults& results);
   // Does both with a batch: draws the actions within a step of it, on its threads, and limits them to the bounds of its task's

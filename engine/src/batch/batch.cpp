@@ -347,6 +347,7 @@ void Batch::fly(std::span<const float> command, int ticks, DroneMask mask, std::
   require(ticks >= 0 && ticks <= 1000000, "ticks", "an integer in [0, 1000000]", ticks);
   const int flown = ticks == 0 ? sim_->config.clock.substeps() : ticks;
   list_selected(*sim_, mask, &Block::selected);
+  std::ranges::fill(sim_->lost, std::uint8_t{0});
   constexpr int kLeg = 1000;  // ticks; interrupts are polled between legs
   for (int first = 0; first < flown; first += kLeg) {
     Interrupt::poll();
@@ -403,9 +404,11 @@ std::vector<std::int64_t> Batch::spawn(std::span<const std::int64_t> indices, st
   std::vector<std::uint8_t> spawned(sim.num_drones()), begins(sim.num_envs(), 1);
   for (const std::int64_t index : plan.indices) spawned[static_cast<std::size_t>(index)] = 1;
   for (std::size_t i = 0; i < sim.num_drones(); ++i) {
-    if (state.active[i] && !spawned[i]) begins[sim.env_of(DroneIndex(i))] = 0;  // its clock goes on
+    const DroneIndex drone(i);
+    if (!is_removed(sim, drone) && !spawned[i]) begins[sim.env_of(drone)] = 0;  // its clock goes on
   }
   checks::spawns(sim, plan.indices, begins, world_index);
+  const bool is_each = sim.episodes_mode() == Episodes::each;
   const std::shared_ptr<const void> before = memory();  // the arguments may be views of its arrays
   if (grown) replace(std::move(grown));
   for (std::size_t row = 0; row < rows; ++row) {
@@ -417,17 +420,20 @@ std::vector<std::int64_t> Batch::spawn(std::span<const std::int64_t> indices, st
     if (begins[env]) {
       forget_readings(sim, env);
       if (sim.bodies) sim.bodies->begin(env);
+    } else if (is_each) {
+      start_next_episode(sim, drone);
     } else {
       forget_readings(sim, drone);
     }
     put_drone(sim, drone, requested_pose(sim, drone, row, position, quat_wxyz));
     if (!sim.task_state) continue;
-    start_counts(sim, env);
+    if (begins[env]) start_counts(sim, env);
     sim.outputs.clear(sim.row_of(drone));
   }
   sim.rebuild_schedule();
   if (sim.task_state) {
     list_selected(sim, DroneMask(spawned), &Block::resetting);
+    if (is_each) std::ranges::copy(spawned, sim.begins.begin());
     begin_episodes(sim, false);
   } else {
     list_selected(sim, DroneMask(spawned), &Block::selected);
@@ -616,6 +622,14 @@ void Batch::step(Pilot& pilot) {
 const EpisodeState& Batch::episodes() const {
   checks::has_task(*sim_);
   return sim_->episodes;
+}
+
+FlagArray Batch::waiting() const {
+  const CallGuard guard(*lock_);
+  checks::has_task(*sim_);
+  FlagArray rows(sim_->num_rows());
+  for (std::size_t row = 0; row < rows.size(); ++row) rows[row] = waits(*sim_, row);
+  return rows;
 }
 
 std::span<const float> Batch::path() const {

@@ -234,7 +234,7 @@ void spawns(const Simulation& sim, std::span<const std::int64_t> indices, std::s
   std::vector<std::int32_t> worlds(sim.num_envs(), -1);
   for (std::size_t row = 0; row < indices.size(); ++row) {
     const EnvIndex env = sim.env_of(DroneIndex(indices[row]));
-    require(begins[env] || !sim.task_state, row_of("indices", row),
+    require(begins[env] || !sim.task_state || sim.episodes_mode() == Episodes::each, row_of("indices", row),
             "all drones of an env, since they begin their episodes together (or remove its other drones first)", indices[row]);
     if (world_index.empty()) continue;
     if (worlds[env] < 0) worlds[env] = begins[env] ? world_index[row] : sim.state.world_index[env];

@@ -257,7 +257,7 @@ void select_drones(Simulation& sim, Block& block, EnvIndex env) {
   for (std::size_t member = 0; member < sim.drones_per_env(); ++member) {
     const DroneIndex drone = sim.drone_of(env, member);
     const bool is_over = sim.state.active[drone] && episodes.done[drone];
-    episodes.flying[drone] = sim.state.active[drone] && !is_over;
+    episodes.flying[drone] = !waits(sim, drone);
     sim.begins[drone] = is_over && resets;
     any_resets |= is_over && resets;
     if (!is_over) continue;
@@ -290,6 +290,12 @@ std::string controls_of(const Task& task) {
 bool touches(const Simulation& sim, std::size_t row) {
   const std::size_t drones = sim.num_drones() / sim.num_rows();
   return is_any(sim.state.contact.hit.data() + row * drones, drones);
+}
+
+bool waits(const Simulation& sim, std::size_t row) {
+  const Episodes mode = sim.episodes_mode();
+  if (mode == Episodes::each && !sim.state.active[row]) return true;
+  return sim.episodes.done[row] || (mode == Episodes::last && sim.state.own.resting[row]);
 }
 
 void end_rows(Simulation& sim, EnvIndex env) {
@@ -487,9 +493,8 @@ void select_envs(Simulation& sim, Block& block) {
       for (std::size_t row = env * rows; row < (env + 1) * rows; ++row) {
         if (!flies && resets) sim.outputs.clear(row);
         if (!flies && !resets) sim.outputs.carry_over(row);
-        const bool rests = flies && mode == Episodes::last && sim.state.own.resting[row];
-        if (rests) skip_resting(sim, DroneIndex(row));
-        sim.episodes.flying[row] = flies && !rests;
+        if (flies && waits(sim, row)) skip_resting(sim, DroneIndex(row));
+        sim.episodes.flying[row] = !waits(sim, row);
       }
       if (flies) {
         block.flown.push(env);

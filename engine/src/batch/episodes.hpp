@@ -14,6 +14,7 @@ void begin_task(Simulation& sim, std::unique_ptr<Task> task);
 
 void clear_contact(State& state, DroneIndex drone);
 bool touches(const Simulation& sim, std::size_t row);  // a drone of this row had a contact in its last motion
+bool waits(const Simulation& sim, std::size_t row);    // it takes no part in the next step, see Batch::waiting()
 // Takes note of the rows of an env that have ended in this step, by their flags. Those of a team end together: it truncates the
 // others. With Episodes::last they rest.
 void end_rows(Simulation& sim, EnvIndex env);

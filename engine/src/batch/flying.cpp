@@ -33,7 +33,7 @@ dynamics::FlightContext flight_context(Simulation& sim, const Block& block, Scra
       .slot = sim.slots(),
       .scenes = sim.scenes,
       .obstacles = sim.obstacles,
-      .bad = sim.task_state ? std::span(sim.episodes.bad) : std::span<std::uint8_t>(),
+      .bad = sim.task_state ? std::span(sim.episodes.bad) : std::span(sim.lost),
       .drones_per_row = sim.task_state ? sim.drones_per_env() / sim.rows_per_env() : 1,
       .path = sim.task_state ? std::span(sim.task_state->path) : std::span<float>(),
       .own = block.is_contiguous ? dynamics::DroneRange{DroneIndex(block.envs.front() * m), block.envs.size() * m}

@@ -162,6 +162,7 @@ Simulation::Simulation(BatchConfig config_in, Batch::Worlds worlds_in, std::uniq
   std::ranges::fill(state.contact.body, -1);
   std::ranges::fill(state.contact.drone, -1);
   if (fleet) allocate(state.flight, sizes);
+  if (fleet) lost.resize(num_drones());
   if (drones_touch()) unplaced.resize(num_drones());
   if (fleet && drones_touch()) reach.resize(num_drones());
   std::fill(state.active.begin(), state.active.end(), std::uint8_t{1});
@@ -213,15 +214,10 @@ void Simulation::take_over(Simulation& other) noexcept {
 }
 
 void Simulation::warn_of_lost_drones() {
-  dynamics::LostDrones lost;
-  for (const auto& scratch : scratches) {
-    lost.count += scratch->flight.lost.count;
-    lost.first = std::min(lost.first, scratch->flight.lost.first);
-    scratch->flight.lost = {};
-  }
-  if (lost.count == 0) return;
+  const auto count = std::ranges::count(lost, 1);
+  if (count == 0) return;
   std::ostringstream text;
-  text << "fly(): " << lost.count << (lost.count == 1 ? " drone" : " drones") << " (first: " << lost.first
+  text << "fly(): " << count << (count == 1 ? " drone" : " drones") << " (first: " << std::ranges::find(lost, 1) - lost.begin()
        << ") moved faster than " << dynamics::kMaxSpeed << " m/s or turned faster than " << fleet->physics.max_turn
        << " rad/s, half a turn in a tick, and were stopped at their last valid pose; a higher physics_hz allows faster turns";
   warning = text.str();

@@ -137,9 +137,12 @@ class EnvMeeting {
 
 }  // namespace
 
-std::size_t SavedDrones::save(const State& state, DroneIndex first, std::size_t count) {
+std::size_t SavedDrones::save(const State& state, DroneIndex first, std::size_t count, std::span<std::uint8_t> bad) {
   const std::size_t copy = count_;
   count_ += count;
+  bad_ = bad;
+  saved_bad_.resize(count_);
+  if (!bad.empty()) std::copy_n(bad.data() + first, count, saved_bad_.data() + copy);
   std::size_t number = 0;
   for_each_moved(state, [&](const auto& values, std::size_t columns) {
     const std::size_t bytes = columns * sizeof(values[0]);
@@ -152,6 +155,7 @@ std::size_t SavedDrones::save(const State& state, DroneIndex first, std::size_t 
 }
 
 void SavedDrones::restore(State& state, DroneIndex drone, std::size_t copy) const {
+  if (!bad_.empty()) bad_[drone] = saved_bad_[copy];
   std::size_t number = 0;
   for_each_moved(state, [&](auto& values, std::size_t columns) {
     const std::size_t bytes = columns * sizeof(values[0]);
@@ -231,7 +235,9 @@ void fly_meeting(Simulation& sim, const Block& block, std::span<const DroneIndex
       const EnvIndex env = sim.env_of(drones[taken]);
       if (taken > 0 && env != last && taken + count > kTogether) break;
       last = env;
-      work.saved.save(sim.state, sim.drone_of(env, 0), count);
+      // With a row for each env a bad state stops all of its drones, also those outside of the crowd.
+      work.saved.save(sim.state, sim.drone_of(env, 0), count,
+                      context.drones_per_row == 1 ? context.bad : std::span<std::uint8_t>());
       work.envs.push_back(env);
       while (taken < drones.size() && sim.env_of(drones[taken]) == env) ++taken;
     }

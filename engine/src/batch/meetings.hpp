@@ -24,13 +24,15 @@ struct Block;
 class SavedDrones {
  public:
   void clear() { count_ = 0; }
-  // Copies consecutive drones. Returns the number of the first copy.
-  std::size_t save(const State& state, DroneIndex first, std::size_t count);
+  // Copies consecutive drones, with their flags FlightContext::bad if these are given. Returns the number of the first copy.
+  std::size_t save(const State& state, DroneIndex first, std::size_t count, std::span<std::uint8_t> bad = {});
   void restore(State& state, DroneIndex drone, std::size_t copy) const;
   Vec3 position(std::size_t copy) const;
 
  private:
   std::vector<std::vector<std::byte>> arrays_;  // positions first
+  std::span<std::uint8_t> bad_;                 // (N,) the flags that restore() writes; empty: none
+  std::vector<std::uint8_t> saved_bad_;
   std::size_t count_ = 0;
 };
 

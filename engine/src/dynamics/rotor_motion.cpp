@@ -180,8 +180,7 @@ class GroupFlight {
 
   // True if the drone stays in place until the end of its step.
   bool is_held(std::size_t lane) const {
-    return (fleet_.config.on_contact == OnContact::terminate && state_.contact.hit[group_[lane]]) ||
-           (!context_.bad.empty() && context_.bad[row_of(lane)]);
+    return (fleet_.config.on_contact == OnContact::terminate && state_.contact.hit[group_[lane]]) || context_.bad[row_of(lane)];
   }
 
   bool has_reach() const { return !context_.reach.empty(); }
@@ -372,15 +371,10 @@ class GroupFlight {
     for (std::size_t k = 0; k < 3; ++k) flock_.setpoint[k][lane] -= moved[static_cast<Eigen::Index>(k)];
   }
 
-  // Stops a drone whose state left the range that can be integrated: it rests at its last position. With a task its episode
-  // ends as a bad state; without a task the drone is counted as lost.
+  // Stops a drone whose state left the range that can be integrated: it rests at its last position.
   void give_up(std::size_t lane) {
     fleet_.start(state_, group_[lane], {});
-    if (context_.bad.empty()) {
-      context_.scratch.lost.add(group_[lane]);
-    } else {
-      context_.bad[row_of(lane)] = 1;
-    }
+    context_.bad[row_of(lane)] = 1;
     is_done_[lane] = true;
   }
 

@@ -23,17 +23,6 @@
 
 namespace flockstep::dynamics {
 
-// Drones whose state left the range that can be integrated.
-struct LostDrones {
-  std::size_t count = 0;
-  std::uint32_t first = ~std::uint32_t{0};  // lowest index
-
-  void add(DroneIndex drone) {
-    ++count;
-    first = std::min(first, static_cast<std::uint32_t>(drone));
-  }
-};
-
 // Working memory of a thread; made once.
 struct FlightScratch {
   Flock flock;
@@ -41,7 +30,6 @@ struct FlightScratch {
   LaneNumbers numbers;
   AlignedVector<Lanes<3>> path;  // of the current leg, one entry per tick; empty if it is not recorded
   std::array<std::int32_t, kLanes> airframes{-1};
-  LostDrones lost;  // of the current call; used without a task only
   collision::NearSolids near;
 };
 
@@ -53,10 +41,12 @@ struct FlightContext {
   std::span<const std::int32_t> slot;                      // (E,) index of the env's world in the next two arrays
   std::span<const trace::Scene* const> scenes;             // by slot
   std::span<const collision::Obstacles* const> obstacles;  // by slot
-  std::span<std::uint8_t> bad;  // (R,) 1 if the row's episode ends as a bad state; empty without a task
-  std::size_t drones_per_row;   // drones for each element of bad
-  std::span<float> path;        // (N, ticks + 1, 3) m, positions before the step and after each tick; empty: not recorded
-  DroneRange own;               // drones that no other thread reads or writes meanwhile
+  // (R,) 1 if a drone of the row left the range that can be integrated: the row's drones stay in place. With a task its episode
+  // ends as a bad state; without one each drone has a row, which is lost until the end of the call of Batch::fly().
+  std::span<std::uint8_t> bad;
+  std::size_t drones_per_row;  // drones for each element of bad
+  std::span<float> path;       // (N, ticks + 1, 3) m, positions before the step and after each tick; empty: not recorded
+  DroneRange own;              // drones that no other thread reads or writes meanwhile
   trace::Tracer& tracer;
   FlightScratch& scratch;
   // The bodies of all envs, env by env, during a call of fly() with one tick. Without bodies the count is 0.

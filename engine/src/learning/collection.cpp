@@ -48,14 +48,27 @@ void Learner::Parts::draw_actions(Pass& pass, std::size_t t, std::size_t from, s
   for (std::size_t i = 0; i < count; ++i) rollout.values[first + i] = values[i * kPad];
 }
 
-std::span<const float> Learner::act(int t, std::span<const float> observation) {
+void Learner::Parts::take_observations(std::span<const float> observations, std::span<const std::uint8_t> skipped) {
+  if (!rollout.config.normalize_observations) return;
+  if (skipped.empty()) return take(observation_moments, observations.data(), rollout.rows);
+  std::vector<float> flown;
+  flown.reserve(observations.size());
+  for (std::size_t r = 0; r < rollout.rows; ++r) {
+    const std::span<const float> row = observations.subspan(r * observation_size, observation_size);
+    if (skipped[r] == 0) flown.insert(flown.end(), row.begin(), row.end());
+  }
+  take(observation_moments, flown.data(), flown.size() / observation_size);
+}
+
+std::span<const float> Learner::act(int t, std::span<const float> observation, std::span<const std::uint8_t> skipped) {
   const SingleCaller::Call call(parts_->callers);
   Parts& parts = *parts_;
   Rollout& rollout = parts.rollout;
   require(t == parts.next && t < rollout.config.n_steps, "t", "step " + std::to_string(parts.next), t);
   require_size(observation.size(), rollout.rows * parts.observation_size, "observation");
   require_finite(observation, parts.observation_size, "observation");
-  if (rollout.config.normalize_observations) take(parts.observation_moments, observation.data(), rollout.rows);
+  require(skipped.empty() || skipped.size() == rollout.rows, "skipped", std::to_string(rollout.rows) + " flags", skipped.size());
+  parts.take_observations(observation, skipped);
   ++parts.draws;
   const auto step = static_cast<std::size_t>(t);
   parts.for_observations(observation.data(), rollout.rows,

@@ -155,7 +155,7 @@ void Learner::fly(int t, Batch& batch, float reward_scale) {
     std::vector<float> observation(rollout.rows * parts.observation_size);
     read_observation(batch, observation);
     require_finite(observation, parts.observation_size, "observation");
-    take(parts.observation_moments, observation.data(), rollout.rows);
+    parts.take_observations(observation, batch.waiting());
   }
   ++parts.draws;
   Parts::StepPilot pilot(parts, static_cast<std::size_t>(t), spec, fields);

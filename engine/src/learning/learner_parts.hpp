@@ -80,6 +80,8 @@ struct Learner::Parts {
     });
   }
   void write_values(const float* observations, std::size_t rows, float* values);
+  // Takes the observations of the rows that fly into account if they are normalised. skipped: (R,), or empty: all fly.
+  void take_observations(std::span<const float> observations, std::span<const std::uint8_t> skipped);
 
   // Draws the actions of rows of step t, whose inputs are those of the pass, and keeps what the update needs.
   void draw_actions(Pass& pass, std::size_t t, std::size_t from, std::size_t count);

@@ -37,7 +37,6 @@ class Dodge final : public Task {
   static constexpr std::uint32_t kTries = 64;    // random positions to try
   static constexpr std::size_t kHead = 5;        // numbers before the ranges
   static constexpr std::size_t kNumAxes = 2;     // of an action
-  static constexpr float kFarGoal = 10.0F;       // m; farther goals are observed at this distance
   static constexpr float kClearOfBodies = 1.5F;  // m, distance of starts from the centres of bodies
   enum Term : std::size_t { kProgress, kGoal, kCrash, kNear, kTime };
 
@@ -151,12 +150,7 @@ class Dodge final : public Task {
   void observe(const TaskBlock& block, std::span<Buffer> observation) override {
     for (const DroneIndex drone : block.drones) {
       const std::span<float> row = observation[0].row<float>(drone);
-      const Pose pose = block.context.sensed_pose(drone);
-      const Vec3 goal = goal_of(drone);
-      const Vec3 direction = direction_to(pose, {goal.x(), goal.y(), pose.position.z()});
-      row[0] = direction.x();
-      row[1] = direction.y();
-      row[2] = std::min((goal - pose.position).norm() / kFarGoal, 1.0F);
+      write_goal(block.context.sensed_pose(drone), goal_of(drone), row.data());
       std::copy_n(state_.last_action.data() + kNumAxes * drone, kNumAxes, row.data() + 3);
       float* const now = row.data() + kHead;
       normalise(ranges_of(block.context, drone), block.context.lidar_readings().max_range_m[drone], now);
@@ -168,11 +162,6 @@ class Dodge final : public Task {
   void visit(ArrayVisitor& visitor) override { visitor.fields(state_); }
 
   void check() const override {
-    const auto require_finite = [](const auto& values, const char* name) {
-      for (const auto value : values) {
-        if (!std::isfinite(value)) refuse(std::string("snapshot: ") + name, "finite numbers", value);
-      }
-    };
     require_finite(state_.goal, "goal");
     require_finite(state_.last_distance, "last_distance");
     require_finite(state_.last_action, "last_action");

@@ -32,8 +32,7 @@ struct SwapState {
 
 class Swap final : public Task {
   static constexpr std::uint32_t kTurnStream = 0, kJitterStream = 1;
-  static constexpr std::size_t kAxes = 2;   // of an action
-  static constexpr float kFarGoal = 10.0F;  // m; farther goals are observed at this distance
+  static constexpr std::size_t kAxes = 2;  // of an action
   using Team = TeamMotion<kAxes>;
   static constexpr std::size_t kHead = 3 + Team::kOwn;  // numbers before the neighbours
   enum Term : std::size_t { kProgress, kGoal, kCrash, kNear, kTime };
@@ -133,12 +132,7 @@ class Swap final : public Task {
   void observe(const TaskBlock& block, std::span<Buffer> observation) override {
     for (const DroneIndex drone : block.drones) {
       const std::span<float> row = observation[0].row<float>(drone);
-      const Pose pose = block.context.sensed_pose(drone);
-      const Vec3 goal = goal_of(drone);
-      const Vec3 direction = direction_to(pose, {goal.x(), goal.y(), pose.position.z()});
-      row[0] = direction.x();
-      row[1] = direction.y();
-      row[2] = std::min((goal - pose.position).norm() / kFarGoal, 1.0F);
+      write_goal(block.context.sensed_pose(drone), goal_of(drone), row.data());
       motion_.observe(block.context, drone, config_.sight_m, row.subspan(3));
     }
   }

@@ -6,23 +6,15 @@
 #include <cmath>
 #include <cstddef>
 #include <span>
-#include <string>
 #include <vector>
 
-#include "base/require.hpp"
 #include "flockstep/neighbors.hpp"
 #include "flockstep/task.hpp"
+#include "tasks/terms.hpp"
 
 namespace flockstep::task {
 
 inline constexpr std::size_t kMostNeighbors = 32;  // that are observed
-
-template <class Values>
-void require_finite(const Values& values, const char* name) {
-  for (const auto value : values) {
-    if (!std::isfinite(value)) refuse(std::string("snapshot: ") + name, "finite numbers", value);
-  }
-}
 
 // 0 if no other drone of the env is within near_m (m) of a drone, rising to 1 at distance 0.
 inline double nearness(const State& state, std::size_t drones_per_env, DroneIndex drone, float near_m) {

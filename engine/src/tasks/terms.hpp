@@ -1,10 +1,14 @@
 // Terms that tasks share: direction and distance to the goal, and free space. Python tasks get them from Batch.terms.
 #pragma once
 
+#include <algorithm>
+#include <cmath>
 #include <cstddef>
 #include <cstdint>
 #include <span>
+#include <string>
 
+#include "base/require.hpp"
 #include "flockstep/pose.hpp"
 #include "flockstep/world.hpp"
 #include "tasks/ranges.hpp"
@@ -26,6 +30,24 @@ inline Vec3 direction_to(const Pose& pose, const Vec3& point) {
   const float length = offset.norm();
   const Vec3 direction = length > 0.0F ? Vec3(pose.rotation.conjugate() * (offset / length)) : Vec3::Zero();
   return direction.cwiseMax(-1.0F).cwiseMin(1.0F);
+}
+
+// Writes the direction to a goal at the height of the drone, x and y of the body frame, and its distance in units of 10 m, at
+// most 1.
+inline void write_goal(const Pose& pose, const Vec3& goal, float* out) {
+  constexpr float kFar = 10.0F;  // m
+  const Vec3 direction = direction_to(pose, {goal.x(), goal.y(), pose.position.z()});
+  out[0] = direction.x();
+  out[1] = direction.y();
+  out[2] = std::min((goal - pose.position).norm() / kFar, 1.0F);
+}
+
+// Throws std::invalid_argument if a number of a snapshot is not finite.
+template <class Values>
+void require_finite(const Values& values, const char* name) {
+  for (const auto value : values) {
+    if (!std::isfinite(value)) refuse(std::string("snapshot: ") + name, "finite numbers", value);
+  }
 }
 
 // sum(l / m - 1) / (n / m - n) over n normalised ranges l, with m = min_clearance: 1 in the open, 0 if all ranges are m.

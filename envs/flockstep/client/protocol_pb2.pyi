@@ -843,6 +843,7 @@ class Task(Message):
     autoreset_mode: str
     policy_hz: float
     frame_skip: int
+    episodes: str
     def __init__(
         self,
         *,
@@ -854,6 +855,7 @@ class Task(Message):
         autoreset_mode: str | None = ...,
         policy_hz: float | None = ...,
         frame_skip: int | None = ...,
+        episodes: str | None = ...,
     ) -> None: ...
 
 class Field(Message):

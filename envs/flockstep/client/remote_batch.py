@@ -47,6 +47,7 @@ class RemoteTask:
     autoreset_mode: str
     policy_hz: float
     frame_skip: int
+    episodes: str
 
 
 class RemoteBatch:
@@ -71,7 +72,10 @@ class RemoteBatch:
         self._step = Call(pb.Request(step_envs=pb.StepEnvs()), "time", _arrays)  # sent by each step
 
     def reset(self, seeds: npt.NDArray[np.uint64] | None = None, mask: npt.NDArray[np.bool_] | None = None) -> None:
-        """Begin new episodes, with seeds (E,) or none, in the envs of the mask (E,) or in all."""
+        """Begin new episodes, with seeds (E,) or none, in the envs of the mask (E,) or in all.
+
+        If the episodes of an env's drones end separately, the mask may be (N,) if there are no seeds.
+        """
         request = pb.Request(reset_envs=pb.ResetEnvs())
         self._arrays = self._send(Call(request, "time", _arrays, given(seeds=seeds, mask=mask)))
 
@@ -171,6 +175,11 @@ class RemoteBatch:
         return self._arrays["truncated"]
 
     @property
+    def waiting(self) -> npt.NDArray[np.bool_]:
+        """Flags (N,): the row takes no part in the next step."""
+        return self._arrays["waiting"]
+
+    @property
     def episode_return(self) -> npt.NDArray[Any]:
         """Sums of the rewards (K,)."""
         return self._arrays["episode_return"]
@@ -230,4 +239,5 @@ def _task(reply: pb.Reply, arrays: Arrays) -> RemoteTask:
         task.autoreset_mode,
         task.policy_hz,
         task.frame_skip,
+        task.episodes,
     )

@@ -78,7 +78,8 @@ class RemoteVectorEnv(VectorEnv[Observation, Array, Array]):
         self.observation_space = batch_space(self.single_observation_space, self.num_envs)
         self.action_space = batch_space(self.single_action_space, self.num_envs)
         self._rows_per_env = 1 if task.row_is_env else self.drones_per_env
-        self._ends_rows = False  # the server resets whole envs
+        self._ends_rows, self._has_rests = task.episodes != "team", task.episodes == "last"
+        self._waited: BoolArray | None = None  # rows that took no part in the last step
         self._reward_terms = task.reward_terms
         self._seeded = False  # True once every env has a seed, and so an episode to continue
 
@@ -99,6 +100,8 @@ class RemoteVectorEnv(VectorEnv[Observation, Array, Array]):
         gymnasium.error.ResetNeeded
             `step` was called before the first `reset`.
         """
+        if self._has_rests and self._seeded:
+            self._waited = self.batch.waiting
         stepping.step(self, actions)
         return stepping.results(self)
 
@@ -123,8 +126,12 @@ class RemoteVectorEnv(VectorEnv[Observation, Array, Array]):
         observation: Observation = self.batch.observation
         return observation
 
-    def _resting(self) -> None:
-        """Return None: the server does not send which rows have flown."""
+    def _resting(self) -> BoolArray | None:
+        return self._waited
+
+    def _waiting(self) -> BoolArray:
+        """Return a mask of the rows that will not fly in the next step, as `flockstep.PPO` needs it."""
+        return self.batch.waiting
 
     def episode_infos(self, indices: npt.NDArray[np.intp] | None = None) -> dict[str, Any]:
         """Return the statistics of the episodes that ended in the last step, in the envs ``indices`` (default: in all).

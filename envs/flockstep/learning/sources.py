@@ -137,6 +137,7 @@ class EngineSource(Source):
 class ArraySource(Source):
     """An environment that takes and returns arrays."""
 
+    env: Any
     _current: Array
 
     def __init__(self) -> None:
@@ -159,6 +160,12 @@ class ArraySource(Source):
             return drawn.astype(np.int64) + int(space.start)
         assert isinstance(space, spaces.Box)
         return np.clip(drawn.reshape(self.rows, *space.shape), space.low, space.high).astype(space.dtype, copy=False)
+
+    def waiting(self) -> Array:
+        """Return a mask of the rows that will not fly in the next step."""
+        env = getattr(self.env, "unwrapped", self.env)
+        waiting = getattr(env, "_waiting", None)  # of this package's envs
+        return np.zeros(self.rows, bool) if waiting is None else waiting()
 
     def count(self, rewards: Array, flown: Array, dones: Array) -> list[Episode]:
         """Count a step of the rows that flew, and return the episodes that it ended."""
@@ -202,11 +209,11 @@ class VectorEnvSource(ArraySource):
 
     def step(self, learner: Learner, t: int, needs_infos: bool) -> Stepped:
         """Step once."""
-        actions = self.actions(learner.act(t, self._current))
+        skipped = self._over | self.waiting()
+        actions = self.actions(learner.act(t, self._current, skipped))
         observation, rewards, terminated, truncated, infos = self.env.step(actions)
         rewards = _rewards(rewards, self.rows)
         terminated, truncated = np.asarray(terminated, bool), np.asarray(truncated, bool)
-        skipped = self._over | infos.get("resting", False)
         done = (terminated | truncated) & ~skipped
         ended = np.flatnonzero(done)
         current = self.flat(observation)
@@ -283,7 +290,8 @@ class VecEnvSource(ArraySource):
     def step(self, learner: Learner, t: int, needs_infos: bool) -> Stepped:
         """Step once."""
         del needs_infos
-        actions = self.actions(learner.act(t, self._current))
+        skipped = self.waiting()
+        actions = self.actions(learner.act(t, self._current, skipped))
         observation, rewards, dones, infos = self.env.step(actions)
         dones = np.asarray(dones, bool)
         is_cut = [info.get("TimeLimit.truncated") and info.get("terminal_observation") is not None for info in infos]
@@ -293,9 +301,9 @@ class VecEnvSource(ArraySource):
         for row in np.flatnonzero(truncated).tolist():
             final[row] = flat_rows(self.observation_space, infos[row]["terminal_observation"], None)[0]
         rewards = _rewards(rewards, self.rows)
-        learner.record(t, rewards, dones & ~truncated, truncated, final)
+        learner.record(t, rewards, dones & ~truncated, truncated, final, skipped)
         self._current = current
-        episodes = self.count(rewards, np.ones(self.rows, bool), dones)
+        episodes = self.count(np.where(skipped, 0.0, rewards), ~skipped, dones)
         for row, episode in zip(np.flatnonzero(dones).tolist(), episodes, strict=True):
             _read_episode(episode, infos[row])
         return Stepped(rewards, dones, list(infos), episodes)

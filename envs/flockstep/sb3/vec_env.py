@@ -133,6 +133,9 @@ class DroneVecEnv(VecEnv):
                 infos[row] = info
         return self.env.observation(), self.env.scaled_reward().copy(), done, infos
 
+    def _waiting(self) -> npt.NDArray[np.bool_]:
+        return self.env._waiting()
+
     def close(self) -> None:
         """Close the env."""
         self.env.close()

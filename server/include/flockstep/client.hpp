@@ -481,6 +481,7 @@ struct Task {
   std::string autoreset_mode;             // as in Gymnasium
   double policy_hz = 0.0;                 // actions per second of simulated time
   int frame_skip = 0;                     // steps of the simulation for each action
+  std::string episodes;                   // how those of an env's drones belong together: "team", "each" or "last"
 };
 
 // --------------------------------------------------------------------------------------------------------------- controllers
@@ -630,13 +631,15 @@ class FLOCKSTEP_API GameModeController {
   // Returns the task of the batch.
   Task get_task() { return get_task(later).get(); }
   Future<Task> get_task(Later);
-  // Begins new episodes. seeds: (E,) or empty; mask: (E,) 0 or 1, or empty for all envs. Returns the arrays "observation/NAME".
+  // Begins new episodes. seeds: (E,) or empty; mask: (E,) 0 or 1, or empty for all envs. Without seeds, and unless
+  // Task::episodes is "team", the mask may also be (N,). Returns the arrays "observation/NAME" and "waiting": 1 for rows that
+  // take no part in the next step.
   Readings reset_envs(std::span<const std::uint64_t> seeds = {}, std::span<const std::uint8_t> mask = {}) {
     return reset_envs(later, seeds, mask).get();
   }
   Future<Readings> reset_envs(Later, std::span<const std::uint64_t> seeds = {}, std::span<const std::uint8_t> mask = {});
   // Steps the task. actions: of the shape (Task::num_rows, ...) and type of Task::action; actions of floats are float32, others
-  // int64. Returns the arrays "observation/NAME", "reward", "terminated" and "truncated". If episodes have ended, there are more
+  // int64. Returns the arrays of reset_envs(), "reward", "terminated" and "truncated". If episodes have ended, there are more
   // arrays, such as "episode_return", with one row for each row whose "terminated" or "truncated" is set.
   Readings step_envs(const Array& actions) { return step_envs(later, actions).get(); }
   Future<Readings> step_envs(Later, const Array& actions);

@@ -127,7 +127,8 @@ Task read_task(Call& call) {
             .row_is_env = message.row_is_env,
             .autoreset_mode = std::move(message.autoreset_mode),
             .policy_hz = message.policy_hz,
-            .frame_skip = message.frame_skip};
+            .frame_skip = message.frame_skip,
+            .episodes = std::move(message.episodes)};
   for (protocol::Field& field : message.observation) task.observation.push_back(value_of(field));
   return task;
 }

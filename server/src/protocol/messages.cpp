@@ -1820,6 +1820,7 @@ void Task::write(protozero::pbf_writer& writer) const {
   if (!autoreset_mode.empty()) writer.add_string(6, autoreset_mode);
   if (policy_hz != double{}) writer.add_double(7, policy_hz);
   if (frame_skip != std::int32_t{}) writer.add_int32(8, frame_skip);
+  if (!episodes.empty()) writer.add_string(9, episodes);
 }
 void Task::read(protozero::pbf_reader reader) {
   while (reader.next()) {
@@ -1849,6 +1850,9 @@ void Task::read(protozero::pbf_reader reader) {
         break;
       case 8:
         frame_skip = read_int32(reader, "frame_skip");
+        break;
+      case 9:
+        episodes = read_string(reader, "episodes");
         break;
       default:
         reader.skip();

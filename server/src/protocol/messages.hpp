@@ -670,6 +670,7 @@ struct Task {
   std::string autoreset_mode;
   double policy_hz = 0.0;
   std::int32_t frame_skip = 0;
+  std::string episodes;
 
   void write(protozero::pbf_writer& writer) const;
   void read(protozero::pbf_reader reader);

@@ -1,5 +1,6 @@
 // Operations on all drones or envs at once.
 #include <algorithm>
+#include <array>
 #include <chrono>
 #include <string>
 #include <utility>
@@ -51,16 +52,28 @@ std::vector<std::size_t> shape_of(const Field& field, std::size_t rows) {
   return shape;
 }
 
-void add_observation(protocol::FrameWriter& writer, const TaskSpec& spec, const std::vector<Buffer>& buffers, std::size_t rows) {
+// True if the drones of an env end their episodes without each other.
+bool ends_separately(const Batch& batch) { return !batch.state().own.resting.empty(); }
+
+// Adds the observations, and the rows that take no part in the next step.
+void add_observation(protocol::FrameWriter& writer, const Batch& batch) {
+  const TaskSpec& spec = batch.task()->spec();
+  const std::vector<Buffer>& buffers = batch.outputs().observation;
+  const std::size_t rows = batch.outputs().reward.size();
   for (std::size_t i = 0; i < buffers.size(); ++i) {
     const Field& field = spec.observation[i];
     writer.add("observation/" + field.name, message_of(field.type), std::as_bytes(std::span(buffers[i].bytes())),
                shape_of(field, rows));
   }
+  const FlagArray waiting = batch.waiting();
+  writer.add("waiting", protocol::DType::kDtypeBool, std::as_bytes(std::span(waiting)), std::array{rows});
 }
 
 // Adds the results of a step. Statistics of episodes, and final observations, only have the rows whose episode has ended.
-void add_step(protocol::FrameWriter& writer, const TaskSpec& spec, const Outputs& outputs, bool has_final) {
+void add_step(protocol::FrameWriter& writer, const Batch& batch) {
+  const TaskSpec& spec = batch.task()->spec();
+  const Outputs& outputs = batch.outputs();
+  const bool has_final = batch.config().episode.autoreset_mode == AutoresetMode::same_step;
   const std::size_t rows = outputs.reward.size();
   std::vector<std::size_t> ended;
   for (std::size_t row = 0; row < rows; ++row) {
@@ -69,8 +82,8 @@ void add_step(protocol::FrameWriter& writer, const TaskSpec& spec, const Outputs
   std::size_t row_bytes = 0;
   for (const Buffer& buffer : outputs.observation) row_bytes += buffer.row_bytes();
   const std::size_t statistics_bytes = 32 + sizeof(double) * spec.reward_terms.size();
-  writer.reserve(rows * (row_bytes + 8) + ended.size() * (row_bytes + statistics_bytes));
-  add_observation(writer, spec, outputs.observation, rows);
+  writer.reserve(rows * (row_bytes + 9) + ended.size() * (row_bytes + statistics_bytes));
+  add_observation(writer, batch);
   const bool adds_final = has_final && !ended.empty();
   for (std::size_t i = 0; adds_final && i < spec.observation.size(); ++i) {
     const Field& field = spec.observation[i];
@@ -235,8 +248,7 @@ void Service::locked(Call& call, const protocol::Restore&) {
   require(bytes.has_value(), "snapshot", "an array of this name", "none");
   begin_change();
   batch_.restore(*bytes);
-  if (task_ == nullptr) return;
-  add_observation(call.writer, task_->spec(), batch_.outputs().observation, static_cast<std::size_t>(num_rows(batch_)));
+  if (task_ != nullptr) add_observation(call.writer, batch_);
 }
 
 // ------------------------------------------------------------------------------------------------------------------- the task
@@ -253,19 +265,26 @@ void Service::now(Call& call, const protocol::GetTask&) {
   task.autoreset_mode = name_of(batch_.config().episode.autoreset_mode);
   task.policy_hz = batch_.config().clock.policy_hz;
   task.frame_skip = batch_.config().episode.frame_skip;
+  task.episodes = name_of(ends_separately(batch_) ? batch_.config().episode.episodes : Episodes::team);
 }
 
 void Service::locked(Call& call, const protocol::ResetEnvs&) {
   call.require_only({"seeds", "mask"});
   require_task(task_);
   require_may_change(call, std::span<const std::uint8_t>());
-  const std::int64_t envs = batch_.config().num_envs;
+  const std::int64_t envs = batch_.config().num_envs, drones = batch_.config().num_drones();
   const auto seeds = call.array<std::uint64_t>("seeds", {envs});
-  const auto mask = call.flags("mask", {envs});
+  auto mask = call.flags("mask", {-1});
+  const bool of_drones = mask && !seeds && ends_separately(batch_) && std::ssize(*mask) == drones;
+  if (!of_drones) mask = call.flags("mask", {envs});
   begin_change();
-  batch_.reset(seeds ? std::span<const std::uint64_t>(*seeds) : std::span<const std::uint64_t>(),
-               mask ? EnvMask(*mask) : EnvMask());
-  add_observation(call.writer, batch_.task()->spec(), batch_.outputs().observation, static_cast<std::size_t>(num_rows(batch_)));
+  if (of_drones) {
+    batch_.reset_drones(DroneMask(*mask));
+  } else {
+    batch_.reset(seeds ? std::span<const std::uint64_t>(*seeds) : std::span<const std::uint64_t>(),
+                 mask ? EnvMask(*mask) : EnvMask());
+  }
+  add_observation(call.writer, batch_);
   write_time(call);
 }
 
@@ -290,7 +309,7 @@ void Service::locked(Call& call, const protocol::StepEnvs&) {
   steps_are_short_ = std::chrono::steady_clock::now() - start < std::chrono::milliseconds(1);
   steps_.fetch_add(1, std::memory_order_relaxed);
   rate_.add(1.0, step_s_);
-  add_step(call.writer, spec, batch_.outputs(), batch_.config().episode.autoreset_mode == AutoresetMode::same_step);
+  add_step(call.writer, batch_);
   write_time(call);
 }
 

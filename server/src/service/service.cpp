@@ -276,7 +276,7 @@ std::size_t Service::max_array_bytes(const protocol::Request& request) {
   if (is(std::type_identity<protocol::RemoveBodies>())) return bodies;
   if (is(std::type_identity<protocol::SetBodyPoses>())) return bodies * (7 * kFloat + 1);
   if (is(std::type_identity<protocol::SetBodyVelocities>())) return bodies * (6 * kFloat + 1);
-  if (is(std::type_identity<protocol::ResetEnvs>())) return envs * (sizeof(std::uint64_t) + 1);
+  if (is(std::type_identity<protocol::ResetEnvs>())) return envs * sizeof(std::uint64_t) + std::max(envs, drones);
   if (is(std::type_identity<protocol::StepEnvs>())) {
     return task_ == nullptr ? 0 : drones * task_->spec().action.size() * sizeof(std::int64_t);
   }

@@ -305,7 +305,7 @@ class Crowds {
       const Quat turn(Eigen::AngleAxisf(kTick * 4.0F, Vec3(1, 2, static_cast<float>(body % 3)).normalized()));
       bodies.move(body, from, {from.position + kTick * speed, (from.rotation * turn).normalized()});
     }
-    dynamics::FlightContext context{fleet,    state,    hull_, slots_, scenes_, obstacles_, {}, 1, {}, {DroneIndex(0), kDrones},
+    dynamics::FlightContext context{fleet,    state,    hull_, slots_, scenes_, obstacles_, bad_, 1, {}, {DroneIndex(0), kDrones},
                                     *tracer_, *scratch_};
     context.bodies = bodies.view();
     context.bodies_per_env = per_env_;
@@ -343,6 +343,7 @@ class Crowds {
   std::vector<Vec3> speeds_;
   std::vector<float> command_ = std::vector<float>(4 * kDrones);
   std::vector<std::int32_t> slots_ = std::vector<std::int32_t>(kDrones, 0);
+  std::vector<std::uint8_t> bad_ = std::vector<std::uint8_t>(kDrones, 0);
   std::vector<const trace::Scene*> scenes_{&prepared(*world_).scene()};
   std::vector<const collision::Obstacles*> obstacles_{&prepared(*world_).obstacles()};
   std::unique_ptr<trace::Tracer> tracer_ = std::make_unique<trace::Tracer>();

@@ -17,7 +17,7 @@ def small(monkeypatch):
 def test_a_small_training_is_judged(tmp_path, capsys):
     out = tmp_path / "formation.zip"
     train_formation.main(train_formation.Args(out=out, steps=4096, threads=1, flights=3))
-    assert "of the flights succeed" in capsys.readouterr().out
+    assert "of 3 flights of each kind succeed" in capsys.readouterr().out
     flockstep.PPO.load(out)
 
 
