@@ -137,6 +137,19 @@ double first_time_by_steps(const std::vector<Mover>& movers, const Way& drone) {
   return first;
 }
 
+// Returns the least distance from a time on, for `length` (m) of relative motion, by steps of 0.2 um.
+double least_by_steps(const std::vector<Mover>& movers, const Way& drone, double time, double length) {
+  double least = std::numeric_limits<double>::infinity();
+  for (const Mover& mover : movers) {
+    const double speed = relative_speed(mover, drone);
+    for (double way = 0.0; way <= length; way += 2e-7) {
+      const double at = std::min(1.0, time + way / speed);
+      least = std::min(least, mover.distance(at, drone, at, 0.5));
+    }
+  }
+  return least;
+}
+
 float any_size(Random& random, float least, float most) {
   return least * std::exp(random.within(0.0F, 1.0F) * std::log(most / least));
 }
@@ -311,7 +324,10 @@ void check_contact(const BodyEnvs& envs, std::size_t env, const std::vector<Move
   EXPECT_LT(ended * speed, expected * speed + 5e-5) << "flew through";
   const double before = std::max(0.0, ended - 1e-3 / speed);
   if ((least_distance(movers, drone, before, 0.5) - left) / 1e-3 > 0.05) {  // else it may stop earlier
-    EXPECT_GT(ended * speed, expected * speed - 1e-3) << "stopped early";
+    // The fine steps may pass over a dip that is narrower.
+    if (ended * speed <= expected * speed - 1e-3) {
+      EXPECT_LT(least_by_steps(movers, drone, ended, 4e-5), standoff + 4e-6 + fraction_m) << "stopped early";
+    }
   }
   EXPECT_LT(met->distance(ended, drone, ended, 0.5) - left, 1e-5 + fraction_m) << "the nearest is " << nearest->number;
   // The contact point is on the solid and beside the hull.
