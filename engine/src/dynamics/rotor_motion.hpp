@@ -11,6 +11,7 @@
 #include "collision/moving_bodies.hpp"
 #include "collision/obstacles.hpp"
 #include "dynamics/crowd.hpp"
+#include "dynamics/downwash.hpp"
 #include "dynamics/fleet.hpp"
 #include "dynamics/flight.hpp"
 #include "dynamics/lane_group.hpp"
@@ -43,6 +44,7 @@ struct FlightScratch {
   std::array<std::int32_t, kLanes> airframes{-1};
   LostDrones lost;  // of the current call; used without a task only
   collision::NearSolids near;
+  Downwash downwash;
 };
 
 // The data that flight reads and writes.
