@@ -83,7 +83,7 @@ def measured(batch, data, speed):
     ones = np.ones(4)
     allocation = np.stack([ones, hubs[:, 1], -hubs[:, 0], -sign * data["rotors"]["torque_ratio_m"]])
     up = Rotation.from_quat(batch.quat_wxyz, scalar_first=True).apply([0, 0, 1])
-    push = data["mass_kg"] * ((batch.acceleration + [0, 0, GRAVITY]) * up).sum(1)
+    push = data["mass_kg"] * ((batch.acceleration + GRAVITY * np.eye(3)[2]) * up).sum(1)
     torque = batch.angular_acceleration * data["inertia_kgm2"]
     found = np.linalg.solve(allocation, np.column_stack([push, torque]).T).T
     return found / thrusts(data, speed)
@@ -126,7 +126,7 @@ class TestEquations:
 
     @pytest.mark.parametrize("control", ["rotor_speeds", "position"])
     def test_below_a_hovering_drone(self, control):
-        """Of two drones that hover, the lower one begins to sink by the loss of thrust in a closed form."""
+        """The lower one of two drones that hover begins to sink by a loss of thrust in closed form."""
         data = plain("x500")
         hubs, length, _ = geometry(data)
         aside = np.hypot(*hubs[0, :2]) / length
@@ -143,7 +143,7 @@ class TestEquations:
         length = geometry(data)[1]
         batch = placed(swarm(data, 2), [[0, 0, 0], [0.5 * length, 0, -2 * length]])
         batch.fly(np.full((2, 4), hover_speed(data)), ticks=1)
-        assert batch.angular_acceleration[1, 1] < -1  # the rotors at -x lose more: the drone pitches up, its thrust to -x
+        assert batch.angular_acceleration[1, 1] < -1  # the rotors at -x lose more
         assert abs(batch.angular_acceleration[1, 0]) < 1e-3
         assert not np.any(np.abs(batch.angular_acceleration[0]) > 1e-3)
 
@@ -163,11 +163,11 @@ class TestEquations:
             assert 0.6 < flux / (2 * area) < 1.1  # the thrust is twice the density times area times v^2
 
     def test_a_crazyflie_below_another_one(self):
-        """Of the order of gym-pybullet-drones' fit, 2267.18 (r / 4 z)^2 N, where that is below the weight."""
+        """The loss is within a factor of 2 of gym-pybullet-drones' fit, 2267.18 (r / 4 z)^2 N, from 1 m on."""
         data = frame("crazyflie")
         for z, of_the_weight in ((1.0, 0.286), (1.5, 0.127), (2.0, 0.072)):
-            share = shares(data, np.array([[0, 0, z], [0, 0, 0]]), np.array([[1.0, 0, 0, 0]] * 2),
-                           np.full((2, 4), hover_speed(data)))  # fmt: skip
+            upright, speed = np.array([[1.0, 0, 0, 0]] * 2), np.full((2, 4), hover_speed(data))
+            share = shares(data, np.array([[0, 0, z], [0, 0, 0]]), upright, speed)
             fit = 2267.18 * (0.0231348 / (4 * z)) ** 2 / (0.027 * GRAVITY)
             assert fit == pytest.approx(of_the_weight, abs=0.001)
             assert fit / 2 < 1 - share[1].mean() < fit * 2
@@ -179,8 +179,8 @@ class TestBounds:
         data = frame("x500")
         length = geometry(data)[1]
         edge = np.sqrt(6 / (np.sqrt(2) - 1)) * S
-        beside = [0.501 + edge * (s - S0) for s in (0.5, 2, 29)]
-        for at in [[0, 0, 0], [0, 0, 1], [2, 0, 0], [0, 0, -30.001], *[[x, 0, -s] for x, s in zip(beside, (0.5, 2, 29))]]:  # fmt: skip  # noqa: B905
+        beside = [[0.501 + edge * (s - S0), 0, -s] for s in (0.5, 2, 29)]
+        for at in [[0, 0, 0], [0, 0, 1], [2, 0, 0], [0, 0, -30.001], *beside]:
             position = [[0, 0, 0], np.multiply(at, length)]
             speed = np.full((2, 4), hover_speed(data))
             on, off = (placed(swarm(data, 2, downwash=downwash), position) for downwash in (True, False))
@@ -361,7 +361,7 @@ class TestInvariance:
         least = 1.0
         for env in range(6):
             own = slice(4 * env, 4 * env + 4)
-            kept = shares(data, *(array[own].astype(float) for array in (batch.position, batch.quat_wxyz, batch.rotor_speed)))
+            kept = shares(data, batch.position[own].astype(float), batch.quat_wxyz[own], batch.rotor_speed[own])
             push = (kept * thrusts(data, batch.rotor_speed[own])).sum(1) / data["mass_kg"]
             np.testing.assert_allclose(batch.acceleration[own], push[:, None] * up[own] - [0, 0, GRAVITY], atol=0.02)
             least = min(least, kept.min())

@@ -6,8 +6,8 @@
 //   U / v = B / (s - s0) / (1 + (sqrt(2) - 1) x^2)^2,  x = q / (S (s - s0)),  B = 10.11, S = 0.07668, s0 = -5.817:
 // L. Bauersfeld, K. Muller, D. Ziegler, F. Coletti, D. Scaramuzza, "Robotics meets Fluid Dynamics: A Characterization of the
 // Induced Airflow below a Quadrotor as a Turbulent Jet", IEEE Robotics and Automation Letters, 2024, fitted to six quadrotors in
-// hover. The fit begins at s = 2.5 and has no end. Here the jet grows linearly from 0 at s = 0 to s = 1, where the washes of
-// single rotors meet, and fades out from s = 20 to s = 30 and at 1/49 of the velocity on the axis.
+// hover, from s = 2.5 on. Here the jet also grows linearly from s = 0 to s = 1, fades out linearly from s = 20 to s = 30, and
+// ends at 1/49 of the velocity on its axis, which is subtracted.
 //
 // A rotor loses the share k U / v of its thrust in an axial wash U, with its own v in hover: to first order, blade elements and
 // momentum theory give k = m / (1 + m), m = a c W r / (16 v), for blades with lift slope a and solidity c that turn at W rad/s
@@ -51,24 +51,22 @@ class Downwash {
 
  private:
   struct Member {
-    Vec3 center, up;                // m; unit, the axis of the rotors
-    std::array<Vec3, kRotors> hub;  // m, world frame
-    float load = 0.0F;              // N/m^2, disc loading
+    Vec3 center, up;    // m; unit, the axis of the rotors
+    float load = 0.0F;  // N/m^2, disc loading
     const WashNumbers* numbers = nullptr;
     DroneIndex drone{};
     // Sums of the squares of the shares that the rotors lose, in units of kUnit: sums of integers do not depend on their order.
     std::array<std::int64_t, kRotors> lost2{};
   };
-  struct Place {
-    float x;  // m
-    std::uint32_t member;
-  };
 
   void update_env(Fleet& fleet, const State& state, std::size_t env);
-  void add_wash(const Member& source, Member& target) const;
+  // Adds the wash of a member to those that are near.
+  void add_wash(const Member& source, const Fleet& fleet, const State& state);
 
-  std::vector<Member> members_;
-  std::vector<Place> places_;  // sorted by x
+  std::vector<Member> members_;     // active drones of an env, sorted by the x of their centres
+  std::vector<float> x_, y_, z_;    // m, their centres
+  std::vector<std::int32_t> near_;  // those that may be in the jet of one of them
+  float farthest_ = 0.0F;           // m, largest reach
 };
 
 }  // namespace flockstep::dynamics

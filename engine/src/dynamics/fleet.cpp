@@ -73,7 +73,7 @@ Physics physics_of(std::span<const Airframe> airframes, const DynamicsConfig& co
   for (const Airframe& frame : airframes.subspan(1)) {
     physics.include(Physics(frame, config, clock.dt_s(), clock.control_ticks()));
   }
-  physics.downwash &= m > 1;
+  physics.downwash &= m > 1;  // there is no other drone
   return physics;
 }
 

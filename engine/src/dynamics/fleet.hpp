@@ -62,11 +62,11 @@ struct Fleet {
   const std::vector<Airframe> airframes;              // the table
   const std::vector<AirframeNumbers<float>> numbers;  // one for each airframe
   std::vector<std::int32_t> airframe_index;           // (N,); empty if the table has one row
-  const Physics physics;                              // terms of all airframes, numbers of the first; no downwash of one drone
+  const Physics physics;                              // terms of all airframes, numbers of the first
   const std::vector<WashNumbers> wash;                // one for each airframe
   const Wind wind;
-  std::vector<float> thrust_share;  // (N, 4) share of its thrust that each rotor keeps in the wash of the other drones of its env;
-                                    // Downwash writes it. Empty without downwash.
+  // (N, 4) share of its thrust that each rotor keeps in the wash of other drones, written by Downwash; empty without downwash.
+  std::vector<float> thrust_share;
   OpenSpace open;
 };
 

@@ -83,7 +83,8 @@ HWY_INLINE void respond(const Physics& p, const Numbers& n, At at, const F* comm
 // Physics has a flag for each optional rotor term. If all of them are false, so is kHasRotorTerms, which removes their branches
 // at compile time. Even an untaken branch for each rotor would cost a quarter of the time.
 template <bool kHasRotorTerms>
-FLOCKSTEP_BIG_INLINE Forces forces(const Physics& p, const Numbers& n, At at, const State& s, const F* command, const Inputs& in) {
+FLOCKSTEP_BIG_INLINE Forces forces(const Physics& p, const Numbers& n, At at, const State& s, const F* command,
+                                   const Inputs& in) {
   const bool has_drag = kHasRotorTerms && p.rotor_drag, has_lift = kHasRotorTerms && p.rotor_lift;
   const bool has_ground = kHasRotorTerms && p.ground_effect, has_momentum = kHasRotorTerms && p.gyroscopic;
   const bool has_wash = kHasRotorTerms && p.downwash;

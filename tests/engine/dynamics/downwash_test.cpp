@@ -48,8 +48,7 @@ struct Swarm {
       std::copy_n(wxyz.data(), 4, state.quat_wxyz.data() + 4 * drone);
       const Airframe& frame = frames[static_cast<std::size_t>(index.back())];
       for (std::size_t rotor = 0; rotor < kRotors; ++rotor) {
-        state.flight.rotor_speed[kRotors * drone + rotor] =
-            static_cast<float>(frame.hover_speed()) * random.within(0.8F, 1.2F);
+        state.flight.rotor_speed[kRotors * drone + rotor] = static_cast<float>(frame.hover_speed()) * random.within(0.8F, 1.2F);
       }
       state.active[drone] = drone % 7 != 3;
     }
@@ -98,7 +97,8 @@ struct Swarm {
       const double cut = std::max(bell * 49.0 - 1.0, 0.0) / 48.0 * std::clamp(s, 0.0, 1.0) * std::clamp(3.0 - s / 10.0, 0.0, 1.0);
       if (s <= 0.0) continue;
       const double hover = frame.mass_kg * kGravity / area(frame);
-      const double lost = 0.4 * 10.11 / (s + 5.817) * cut * std::max(up(drone).dot(up(other)), 0.0) * std::sqrt(load(other) / hover);
+      const double lost =
+          0.4 * 10.11 / (s + 5.817) * cut * std::max(up(drone).dot(up(other)), 0.0) * std::sqrt(load(other) / hover);
       lost2 += std::min(lost * lost, 1.0);
     }
     return 1.0 - std::min(std::sqrt(lost2), 0.5);
