@@ -9,6 +9,7 @@
 #include <cstddef>
 #include <cstdint>
 #include <numbers>
+#include <optional>
 #include <vector>
 
 #include "dynamics/fleet.hpp"
@@ -22,10 +23,10 @@ namespace {
 using dynamics::Downwash;
 using dynamics::Fleet;
 using testing::Random;
-using Vec = Eigen::Vector3d;
+using WideVec = Eigen::Vector3d;
 
-constexpr std::size_t kEnvs = 6, kMembers = 10, kDrones = kEnvs * kMembers;
-const ClockConfig kClock{.policy_hz = 50.0F, .physics_hz = 500.0F, .controller_hz = {}};
+constexpr std::size_t kWashEnvs = 6, kWashMembers = 10, kWashDrones = kWashEnvs * kWashMembers;
+const ClockConfig kWashClock{.policy_hz = 50.0F, .physics_hz = 500.0F, .controller_hz = {}};
 
 DynamicsConfig with_downwash() {
   DynamicsConfig config;
@@ -35,11 +36,11 @@ DynamicsConfig with_downwash() {
   return config;
 }
 
-struct Swarm {
-  explicit Swarm(std::uint32_t seed) : state(testing::flight_state(kEnvs, kMembers)) {
+struct WashSwarm {
+  explicit WashSwarm(std::uint32_t seed) : state(testing::flight_state(kWashEnvs, kWashMembers)) {
     const std::vector<Airframe> frames = testing::different_airframes();
     Random random(seed);
-    for (std::size_t drone = 0; drone < kDrones; ++drone) {
+    for (std::size_t drone = 0; drone < kWashDrones; ++drone) {
       index.push_back(static_cast<std::int32_t>(drone % frames.size()));
       const Vec3 at = random.point(1.5F), axis = random.point(1.0F);
       std::copy_n(at.data(), 3, state.position.data() + 3 * drone);
@@ -52,12 +53,12 @@ struct Swarm {
       }
       state.active[drone] = drone % 7 != 3;
     }
-    fleet.emplace(frames, index, with_downwash(), kClock, kMembers);
+    fleet.emplace(frames, index, with_downwash(), kWashClock, kWashMembers);
   }
 
   void update() {
     std::vector<DroneIndex> drones;
-    for (std::size_t drone = 0; drone < kDrones; ++drone) {
+    for (std::size_t drone = 0; drone < kWashDrones; ++drone) {
       if (state.active[drone]) drones.emplace_back(drone);
     }
     Downwash().update(*fleet, state, drones);
@@ -72,26 +73,26 @@ struct Swarm {
     return frame.radius_m > 0.0 ? thrust / area(frame) : 0.0;
   }
   static double area(const Airframe& frame) { return 4.0 * std::numbers::pi * frame.radius_m * frame.radius_m; }
-  Vec up(std::size_t drone) const { return rotation(drone) * Vec::UnitZ(); }
+  WideVec up(std::size_t drone) const { return rotation(drone) * WideVec::UnitZ(); }
   Eigen::Quaterniond rotation(std::size_t drone) const { return pose_of(state, DroneIndex(drone)).rotation.cast<double>(); }
-  Vec position(std::size_t drone) const { return position_of(state, DroneIndex(drone)).cast<double>(); }
+  WideVec position(std::size_t drone) const { return position_of(state, DroneIndex(drone)).cast<double>(); }
 
   // The share of its thrust that a rotor keeps.
   double share(std::size_t drone, std::size_t rotor) const {
     const Airframe& frame = fleet->airframe_of(DroneIndex(drone));
     if (frame.radius_m == 0.0) return 1.0;
-    const Vec hub = position(drone) + rotation(drone) * Vec(frame.position_m[rotor].data());
+    const WideVec hub = position(drone) + rotation(drone) * WideVec(frame.position_m[rotor].data());
     double lost2 = 0.0;
-    for (std::size_t other = drone / kMembers * kMembers; other < (drone / kMembers + 1) * kMembers; ++other) {
+    for (std::size_t other = drone / kWashMembers * kWashMembers; other < (drone / kWashMembers + 1) * kWashMembers; ++other) {
       if (other == drone || !state.active[other]) continue;
       const Airframe& source = fleet->airframe_of(DroneIndex(other));
       double length = 0.0;
       for (const auto& a : source.position_m) {
-        for (const auto& b : source.position_m) length = std::max(length, (Vec(a.data()) - Vec(b.data())).norm());
+        for (const auto& b : source.position_m) length = std::max(length, (WideVec(a.data()) - WideVec(b.data())).norm());
       }
-      Vec center = Vec::Zero();
-      for (const auto& a : source.position_m) center += Vec(a.data()) / 4.0;
-      const Vec at = (hub - position(other) - rotation(other) * center) / length;
+      WideVec center = WideVec::Zero();
+      for (const auto& a : source.position_m) center += WideVec(a.data()) / 4.0;
+      const WideVec at = (hub - position(other) - rotation(other) * center) / length;
       const double s = -at.dot(up(other)), q = (at + s * up(other)).norm(), x = q / (0.07668 * (s + 5.817));
       const double bell = std::pow(1.0 + (std::sqrt(2.0) - 1.0) * x * x, -2.0);
       const double cut = std::max(bell * 49.0 - 1.0, 0.0) / 48.0 * std::clamp(s, 0.0, 1.0) * std::clamp(3.0 - s / 10.0, 0.0, 1.0);
@@ -112,9 +113,9 @@ struct Swarm {
 TEST(Downwash, OfMixedFleetsFollowsItsEquations) {
   std::size_t lose = 0;
   for (std::uint32_t seed = 0; seed < 20; ++seed) {
-    Swarm swarm(seed);
+    WashSwarm swarm(seed);
     swarm.update();
-    for (std::size_t drone = 0; drone < kDrones; ++drone) {
+    for (std::size_t drone = 0; drone < kWashDrones; ++drone) {
       for (std::size_t rotor = 0; rotor < kRotors; ++rotor) {
         const float found = swarm.fleet->thrust_share[kRotors * drone + rotor];
         const double expected = swarm.state.active[drone] ? swarm.share(drone, rotor) : 1.0;
@@ -127,13 +128,13 @@ TEST(Downwash, OfMixedFleetsFollowsItsEquations) {
 }
 
 TEST(Downwash, LeavesAnEnvOfOneActiveDroneWithoutWash) {
-  Swarm swarm(5);
+  WashSwarm swarm(5);
   swarm.update();
   const auto is_still = [&](float share) { return share == 1.0F; };
   ASSERT_FALSE(std::ranges::all_of(swarm.fleet->thrust_share, is_still));
-  for (std::size_t drone = 0; drone < kDrones; ++drone) swarm.state.active[drone] = drone % kMembers == 4;
+  for (std::size_t drone = 0; drone < kWashDrones; ++drone) swarm.state.active[drone] = drone % kWashMembers == 4;
   swarm.update();
-  for (std::size_t drone = 4; drone < kDrones; drone += kMembers) {
+  for (std::size_t drone = 4; drone < kWashDrones; drone += kWashMembers) {
     EXPECT_TRUE(is_still(swarm.fleet->thrust_share[kRotors * drone]));
   }
 }
@@ -141,10 +142,10 @@ TEST(Downwash, LeavesAnEnvOfOneActiveDroneWithoutWash) {
 TEST(Downwash, IsOffForSingleDronesAndWithoutARotorRadius) {
   std::vector<Airframe> frames = testing::different_airframes();
   frames.resize(1);
-  EXPECT_FALSE(Fleet(frames, std::vector<std::int32_t>(4), with_downwash(), kClock, 1).physics.downwash);
-  EXPECT_TRUE(Fleet(frames, std::vector<std::int32_t>(4), with_downwash(), kClock, 2).physics.downwash);
+  EXPECT_FALSE(Fleet(frames, std::vector<std::int32_t>(4), with_downwash(), kWashClock, 1).physics.downwash);
+  EXPECT_TRUE(Fleet(frames, std::vector<std::int32_t>(4), with_downwash(), kWashClock, 2).physics.downwash);
   frames[0].radius_m = 0.0;
-  const Fleet without(frames, std::vector<std::int32_t>(4), with_downwash(), kClock, 2);
+  const Fleet without(frames, std::vector<std::int32_t>(4), with_downwash(), kWashClock, 2);
   EXPECT_FALSE(without.physics.downwash);
   EXPECT_TRUE(without.thrust_share.empty());
 }
