@@ -1183,6 +1183,8 @@ class DynamicsConfig:
         Gyroscopic torques of the rotors on a turning body. Default: True.
     ground_effect
         More thrust near surfaces below. Default: False.
+    downwash
+        Less thrust in the wash of other drones of the env; independent of ``meet``. Default: False.
     wind
         Wind; none by default. Default: WindConfig().
     max_speed_mps
@@ -1220,6 +1222,7 @@ class DynamicsConfig:
     body_drag: bool
     gyroscopic: bool
     ground_effect: bool
+    downwash: bool
     wind: WindConfig
     max_speed_mps: float
     max_acceleration_mps2: float
@@ -1250,6 +1253,7 @@ class DynamicsConfig:
         body_drag: bool = True,
         gyroscopic: bool = True,
         ground_effect: bool = False,
+        downwash: bool = False,
         wind: WindConfig = ...,
         max_speed_mps: float = 5.0,
         max_acceleration_mps2: float = 8.0,
@@ -3660,8 +3664,9 @@ class Batch:
         ``control`` defines what the command means, for this call; None means `DynamicsConfig.control`. A batch flies
         the same bits as one configured with this control. Drones can hit obstacles; see `DynamicsConfig.on_contact`.
         Sensors are not read. Gusts and the controller follow each env's clock. Splitting a flight into several calls
-        changes the result only by rounding. A drone that becomes too fast to integrate stays at its last position until
-        the call ends, at rest, with a `RuntimeWarning`; in a task its episode ends as a bad state.
+        changes the result only by rounding, unless `DynamicsConfig.downwash` is True: each call computes the wash
+        again. A drone that becomes too fast to integrate stays at its last position until the call ends, at rest, with
+        a `RuntimeWarning`; in a task its episode ends as a bad state.
 
         Ctrl-C ends a long flight between two ticks. Drones near obstacles may then have flown fewer ticks than others,
         and `tick` does not count the interrupted part.

@@ -95,6 +95,7 @@ if TYPE_CHECKING:
         body_drag: bool
         gyroscopic: bool
         ground_effect: bool
+        downwash: bool
         wind: WindConfig
         max_speed_mps: float
         max_acceleration_mps2: float
@@ -284,8 +285,8 @@ class DroneVectorEnv(VectorEnv[Observation, Array, Array]):
         For every task, from `EpisodeConfig`: ``episodes``, ``frame_skip``, ``stagger_first_episode``, ``random_world``.
         From `ClockConfig`: ``policy_hz``, ``physics_hz``, ``controller_hz``. From `DynamicsConfig`: ``motion``,
         ``control``, ``integrator``, ``on_contact``, ``restitution``, ``friction``, ``rotor_lag``, ``rotor_drag``,
-        ``body_drag``, ``gyroscopic``, ``ground_effect``, ``wind``, ``max_speed_mps``, ``max_acceleration_mps2``,
-        ``max_tilt_deg``, ``max_rate_dps``, ``max_yaw_rate_dps``.
+        ``body_drag``, ``gyroscopic``, ``ground_effect``, ``downwash``, ``wind``, ``max_speed_mps``,
+        ``max_acceleration_mps2``, ``max_tilt_deg``, ``max_rate_dps``, ``max_yaw_rate_dps``.
 
         For the navigation task, from `NavigationConfig`: ``action`` (``"discrete"``, ``"displacement"``,
         ``"displacement_yaw"``, or ``"discrete_forward"``, the default for camera tasks), ``reward`` (for camera tasks,

@@ -86,7 +86,7 @@ struct Airframe {
                .limits = between(0, 10),
                .alias = "rotors lag_down_s"}),
         field("radius_m", &C::radius_m,
-              {.about = "Radius of a rotor's disc; 0: no ground effect.",
+              {.about = "Radius of a rotor's disc; 0: no ground effect and no downwash.",
                .unit = "m",
                .limits = between(0, 100),
                .alias = "rotors radius_m"}),

@@ -63,6 +63,7 @@ struct DynamicsConfig {
   bool body_drag = true;
   bool gyroscopic = true;
   bool ground_effect = false;
+  bool downwash = false;
   WindConfig wind;
   float max_speed_mps = 5.0F;
   float max_acceleration_mps2 = 8.0F;
@@ -97,6 +98,8 @@ struct DynamicsConfig {
         field("body_drag", &C::body_drag, {.about = "Drag of the body."}),
         field("gyroscopic", &C::gyroscopic, {.about = "Gyroscopic torques of the rotors on a turning body."}),
         field("ground_effect", &C::ground_effect, {.about = "More thrust near surfaces below."}),
+        field("downwash", &C::downwash,
+              {.about = "Less thrust in the wash of other drones of the env; independent of ``meet``."}),
         field("wind", &C::wind, {.about = "Wind; none by default."}),
         field("max_speed_mps", &C::max_speed_mps, {.about = "Speed limit of the controller.", .unit = "m/s", .limits = above(0)}),
         field("max_acceleration_mps2", &C::max_acceleration_mps2,

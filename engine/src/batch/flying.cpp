@@ -113,6 +113,7 @@ void move_tick(Simulation& sim, EnvIndex env, std::span<const MoveRequest> moves
 }
 
 void update_accelerations(Simulation& sim, const Block& block, std::span<const DroneIndex> drones, Scratch& scratch) {
+  scratch.flight.downwash.update(*sim.fleet, sim.state, drones);
   dynamics::update_accelerations(flight_context(sim, block, scratch), drones);
 }
 
@@ -125,9 +126,9 @@ void fly_by_rotors(Simulation& sim, const Block& block, std::span<const DroneInd
 void fly_ticks(Simulation& sim, const Block& block, std::span<const EnvIndex> envs, DroneMask mask,
                const dynamics::Commands& commands, int ticks, Scratch& scratch) {
   const int step = sim.config.clock.substeps();
-  const bool has_gusts = sim.fleet->wind.has_gusts();
+  const bool follows_steps = sim.fleet->wind.has_gusts() || sim.fleet->physics.downwash;
   // Envs may be at different ticks of their step, and each follows its own clock: envs at the same tick fly together.
-  const int phases = has_gusts || sim.fleet->physics.control_ticks > 1 ? step : 1;
+  const int phases = follows_steps || sim.fleet->physics.control_ticks > 1 ? step : 1;
   for (int phase = 0; phase < phases; ++phase) {
     scratch.envs.clear();
     std::ranges::copy_if(envs, std::back_inserter(scratch.envs),
@@ -136,8 +137,9 @@ void fly_ticks(Simulation& sim, const Block& block, std::span<const EnvIndex> en
     for (int flown = 0, leg = ticks; flown < ticks; flown += leg) {
       const int tick = (phase + flown) % step;  // index in the step
       const auto drones = selected_drones(sim, scratch.envs, Part::active, mask, scratch);
-      if (has_gusts) leg = std::min(ticks - flown, step - tick);
+      if (follows_steps) leg = std::min(ticks - flown, step - tick);
       if (tick == 0) sim.fleet->update_wind(sim.state, drones, flown);
+      if (tick == 0 || flown == 0) scratch.flight.downwash.update(*sim.fleet, sim.state, drones);
       if (sim.bodies) {
         leg = 1;
         for (const EnvIndex env : scratch.envs) sim.bodies->advance(env, sim.state.tick[env] + flown + 1);

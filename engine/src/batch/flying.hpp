@@ -52,7 +52,8 @@ void fly_by_rotors(Simulation& sim, const Block& block, std::span<const DroneInd
                    int first_tick, int ticks, Scratch& scratch);
 
 // Flies the selected drones of some envs of a block outside of a task's step; other drones hold still. Gusts and the controller
-// follow each env's own clock: many calls of one tick give the same result as one call of many ticks.
+// follow each env's own clock: many calls of one tick give the same result as one call of many ticks, except for downwash, which
+// is that of the beginning of a call or step.
 void fly_ticks(Simulation& sim, const Block& block, std::span<const EnvIndex> envs, DroneMask mask,
                const dynamics::Commands& commands, int ticks, Scratch& scratch);
 

@@ -124,7 +124,10 @@ void fly(Simulation& sim, Block& block, Scratch& scratch) {
       std::fill_n(sim.state.contact.hit.data() + first, count, std::uint8_t{0});
     }
   });
-  if (sim.fleet) sim.fleet->update_wind(sim.state, drones, 0);
+  if (sim.fleet) {
+    sim.fleet->update_wind(sim.state, drones, 0);
+    scratch.flight.downwash.update(*sim.fleet, sim.state, drones);
+  }
   const int leg = sim.fleet && !sim.suite.reads_between_ticks() && !sim.bodies ? ticks : 1;  // kinematic drones move by ticks
   const dynamics::Commands commands{sim.task_state->setpoints.command, sim.task_state->setpoints.target,
                                     sim.task_state->step_start};

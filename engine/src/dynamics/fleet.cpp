@@ -68,11 +68,12 @@ std::vector<AirframeNumbers<float>> numbers_of(std::span<const Airframe> airfram
   return numbers;
 }
 
-Physics physics_of(std::span<const Airframe> airframes, const DynamicsConfig& config, const ClockConfig& clock) {
+Physics physics_of(std::span<const Airframe> airframes, const DynamicsConfig& config, const ClockConfig& clock, std::size_t m) {
   Physics physics(airframes[0], config, clock.dt_s(), clock.control_ticks());
   for (const Airframe& frame : airframes.subspan(1)) {
     physics.include(Physics(frame, config, clock.dt_s(), clock.control_ticks()));
   }
+  physics.downwash &= m > 1;  // there is no other drone
   return physics;
 }
 
@@ -90,12 +91,14 @@ Fleet::Fleet(std::span<const Airframe> frames, std::span<const std::int32_t> ind
       airframes(checked(frames, config, clock)),
       numbers(numbers_of(airframes, config, clock)),
       airframe_index(checked(index, airframes.size())),
-      physics(physics_of(airframes, config, clock)),
+      physics(physics_of(airframes, config, clock, m)),
+      wash(airframes.begin(), airframes.end()),
       wind(config.wind, clock.step_s()) {
   const std::size_t num_drones = index.size();
   open.center.resize(3 * num_drones);
   open.radius.resize(num_drones, -1.0F);
   open.world.resize(num_drones);
+  if (physics.downwash) thrust_share.resize(kRotors * num_drones, 1.0F);
 }
 
 void Fleet::set_airframe(DroneIndex drone, std::int32_t row) {

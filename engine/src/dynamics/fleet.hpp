@@ -6,6 +6,7 @@
 #include <span>
 #include <vector>
 
+#include "dynamics/downwash.hpp"
 #include "dynamics/flight.hpp"
 #include "dynamics/wind.hpp"
 #include "flockstep/airframe.hpp"
@@ -62,7 +63,10 @@ struct Fleet {
   const std::vector<AirframeNumbers<float>> numbers;  // one for each airframe
   std::vector<std::int32_t> airframe_index;           // (N,); empty if the table has one row
   const Physics physics;                              // terms of all airframes, numbers of the first
+  const std::vector<WashNumbers> wash;                // one for each airframe
   const Wind wind;
+  // (N, 4) share of its thrust that each rotor keeps in the wash of other drones, written by Downwash; empty without downwash.
+  std::vector<float> thrust_share;
   OpenSpace open;
 };
 

@@ -42,6 +42,13 @@ struct State {
   F rotor[kRotors];
 };
 
+// Inputs of a leg.
+struct Inputs {
+  V3 wind;
+  F height;
+  const Lanes<kRotors>& thrust_share;
+};
+
 struct Forces {
   V3 acceleration;  // world frame
   V3 turning;       // angular acceleration, body frame
@@ -76,13 +83,14 @@ HWY_INLINE void respond(const Physics& p, const Numbers& n, At at, const F* comm
 // Physics has a flag for each optional rotor term. If all of them are false, so is kHasRotorTerms, which removes their branches
 // at compile time. Even an untaken branch for each rotor would cost a quarter of the time.
 template <bool kHasRotorTerms>
-FLOCKSTEP_BIG_INLINE Forces forces(const Physics& p, const Numbers& n, At at, const State& s, const F* command, const V3& wind,
-                                   F height) {
+FLOCKSTEP_BIG_INLINE Forces forces(const Physics& p, const Numbers& n, At at, const State& s, const F* command,
+                                   const Inputs& in) {
   const bool has_drag = kHasRotorTerms && p.rotor_drag, has_lift = kHasRotorTerms && p.rotor_lift;
   const bool has_ground = kHasRotorTerms && p.ground_effect, has_momentum = kHasRotorTerms && p.gyroscopic;
+  const bool has_wash = kHasRotorTerms && p.downwash;
   const M3 r = matrix(s.rotation);
   const V3 w = s.turn;
-  const V3 air = transpose_times(r, s.velocity - wind);
+  const V3 air = transpose_times(r, s.velocity - in.wind);
   V3 force{0.0F, 0.0F, 0.0F};
   V3 torque = force;
   F momentum(0.0F);       // rad/s, signed sum of the rotor speeds about z
@@ -103,11 +111,12 @@ FLOCKSTEP_BIG_INLINE Forces forces(const Physics& p, const Numbers& n, At at, co
       }
     }
     if (has_ground) {  // Cheeseman and Bennett: F / (1 - (r / 4h)^2), for upright drones only
-      const F hub_height = height + s.travelled.z + (r.zx * x + r.zy * y + r.zz * z);
+      const F hub_height = in.height + s.travelled.z + (r.zx * x + r.zy * y + r.zz * z);
       const F near = at(n.ground_quarter) / max(hub_height, at(n.least_height));
       const F gain = 1.0F / (1.0F - near * near);
       push = push * select(r.zz > 0.0F, gain, 1.0F);
     }
+    if (has_wash) push = push * at(in.thrust_share[i]);
     force.z = force.z + push;
     torque.x = torque.x + y * push;
     torque.y = torque.y - x * push;
@@ -139,11 +148,10 @@ FLOCKSTEP_BIG_INLINE Forces forces(const Physics& p, const Numbers& n, At at, co
 
 // Midpoint method, second order. Rotor speeds are exact, and so is the attitude at a constant angular velocity.
 template <bool kHasRotorTerms>
-FLOCKSTEP_BIG_INLINE void midpoint(const Physics& p, const Numbers& n, At at, State& s, const F* command, const V3& wind,
-                                   F height) {
+FLOCKSTEP_BIG_INLINE void midpoint(const Physics& p, const Numbers& n, At at, State& s, const F* command, const Inputs& in) {
   const F half(0.5F * p.dt);
   const F dt(p.dt);
-  const Forces first = forces<kHasRotorTerms>(p, n, at, s, command, wind, height);
+  const Forces first = forces<kHasRotorTerms>(p, n, at, s, command, in);
   State middle;
   middle.velocity = s.velocity + first.acceleration * half;
   middle.turn = s.turn + first.turning * half;
@@ -151,7 +159,7 @@ FLOCKSTEP_BIG_INLINE void midpoint(const Physics& p, const Numbers& n, At at, St
   middle.rotation = turned(s.rotation, s.turn, 0.25F * p.dt);
   for (std::size_t i = 0; i < kRotors; ++i)
     middle.rotor[i] = lagged(s.rotor[i], command[i], at(n.keep_half_up), at(n.keep_half_down));
-  const Forces mean = forces<kHasRotorTerms>(p, n, at, middle, command, wind, height);
+  const Forces mean = forces<kHasRotorTerms>(p, n, at, middle, command, in);
   s.travelled = s.travelled + middle.velocity * dt;
   s.velocity = s.velocity + mean.acceleration * dt;
   s.rotation = normalised(turned(s.rotation, middle.turn, half));
@@ -167,8 +175,8 @@ struct Rates {
 };
 
 template <bool kHasRotorTerms>
-HWY_INLINE Rates rates(const Physics& p, const Numbers& n, At at, const State& s, const F* command, const V3& wind, F height) {
-  const Forces f = forces<kHasRotorTerms>(p, n, at, s, command, wind, height);
+HWY_INLINE Rates rates(const Physics& p, const Numbers& n, At at, const State& s, const F* command, const Inputs& in) {
+  const Forces f = forces<kHasRotorTerms>(p, n, at, s, command, in);
   Rates r{s.velocity, f.acceleration, rate_of(s.rotation, s.turn), f.turning, {}};
   for (std::size_t i = 0; i < kRotors; ++i) r.rotor[i] = rotor_rate(n, at, s.rotor[i], command[i]);
   return r;
@@ -192,18 +200,17 @@ HWY_INLINE void add(Rates& sum, const Rates& r, F weight) {
 // The classical fourth-order Runge-Kutta method, with the rotors as part of the state. The rates are summed as they are
 // computed: four of them do not fit into registers.
 template <bool kHasRotorTerms>
-FLOCKSTEP_BIG_INLINE void runge_kutta(const Physics& p, const Numbers& n, At at, State& s, const F* command, const V3& wind,
-                                      F height) {
+FLOCKSTEP_BIG_INLINE void runge_kutta(const Physics& p, const Numbers& n, At at, State& s, const F* command, const Inputs& in) {
   const F half(0.5F * p.dt);
   const F dt(p.dt);
   const F two(2.0F);
-  Rates r = rates<kHasRotorTerms>(p, n, at, s, command, wind, height);
+  Rates r = rates<kHasRotorTerms>(p, n, at, s, command, in);
   Rates sum = r;
-  r = rates<kHasRotorTerms>(p, n, at, moved(s, r, half), command, wind, height);
+  r = rates<kHasRotorTerms>(p, n, at, moved(s, r, half), command, in);
   add(sum, r, two);
-  r = rates<kHasRotorTerms>(p, n, at, moved(s, r, half), command, wind, height);
+  r = rates<kHasRotorTerms>(p, n, at, moved(s, r, half), command, in);
   add(sum, r, two);
-  r = rates<kHasRotorTerms>(p, n, at, moved(s, r, dt), command, wind, height);
+  r = rates<kHasRotorTerms>(p, n, at, moved(s, r, dt), command, in);
   add(sum, r, 1.0F);
   s = moved(s, sum, p.dt / 6.0F);
   s.rotation = normalised(s.rotation);
@@ -396,8 +403,7 @@ void fly_all(const Physics& p, const Numbers& n, Flock& flock, int first_tick, i
       s.rotor[i] = load(flock.rotor[i], lane);
       command[i] = load(flock.rotor_command[i], lane);
     }
-    const V3 wind = load3(flock.wind, lane);
-    const F height = load(flock.height, lane);
+    const Inputs in{load3(flock.wind, lane), load(flock.height, lane), flock.thrust_share};
     F set[7];
     for (std::size_t i = 0; i < 7; ++i) set[i] = load(flock.setpoint[i], lane);
     F reach2(0.0F);
@@ -412,9 +418,9 @@ void fly_all(const Physics& p, const Numbers& n, Flock& flock, int first_tick, i
       velocity_before = s.velocity;
       turn_before = s.turn;
       if constexpr (kRk4) {
-        runge_kutta<kHasRotorTerms>(p, n, at, s, command, wind, height);
+        runge_kutta<kHasRotorTerms>(p, n, at, s, command, in);
       } else {
-        midpoint<kHasRotorTerms>(p, n, at, s, command, wind, height);
+        midpoint<kHasRotorTerms>(p, n, at, s, command, in);
       }
       reach2 = max(reach2, dot(s.travelled, s.travelled));
       if (path != nullptr) store3(s.travelled, path[tick - first_tick], lane);
@@ -437,7 +443,7 @@ void fly_all(const Physics& p, const Numbers& n, Flock& flock, int first_tick, i
 }
 
 void fly(const Physics& p, const Numbers& n, Flock& flock, int first_tick, int ticks, Lanes<3>* path) {
-  const bool has_rotor_terms = p.rotor_drag || p.rotor_lift || p.gyroscopic || p.ground_effect;
+  const bool has_rotor_terms = p.rotor_drag || p.rotor_lift || p.gyroscopic || p.ground_effect || p.downwash;
   if (p.is_rk4) {
     has_rotor_terms ? fly_all<true, true>(p, n, flock, first_tick, ticks, path)
                     : fly_all<true, false>(p, n, flock, first_tick, ticks, path);

@@ -29,9 +29,10 @@ struct alignas(64) Flock {
   Lanes<kRotors> rotor_command{};  // rad/s, last commanded speeds
   Lanes<3> error_integral{};       // m, integral of the velocity error in the controller
   // Inputs, constant for the whole leg.
-  Lanes<3> wind{};      // m/s
-  Lane height{};        // m above the ground at the start of the leg; infinite without ground
-  Lanes<7> setpoint{};  // see Stage
+  Lanes<3> wind{};                // m/s
+  Lane height{};                  // m above the ground at the start of the leg; infinite without ground
+  Lanes<kRotors> thrust_share{};  // share of its thrust that each rotor keeps in the wash of other drones; see Fleet
+  Lanes<7> setpoint{};            // see Stage
   // Results of the leg.
   Lanes<3> acceleration{};          // m/s^2, mean of the last tick
   Lanes<3> angular_acceleration{};  // rad/s^2, body, mean of the last tick
@@ -132,6 +133,7 @@ struct Physics {
   Stage stage = Stage::rotors;
   bool is_rk4 = false;
   bool rotor_drag = false, rotor_lift = false, body_drag = false, gyroscopic = false, ground_effect = false;
+  bool downwash = false;
   bool instant_up = false, instant_down = false;  // rotors without a lag
   bool linear_thrust = false;                     // thrust curves without a quadratic term
   bool leads = false;                             // rotors commanded beyond the desired speed

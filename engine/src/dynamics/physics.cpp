@@ -100,6 +100,7 @@ Physics::Physics(const Airframe& frame, const DynamicsConfig& config, double dt_
       body_drag(config.body_drag && (any(frame.linear_drag) || any(frame.quadratic_drag))),
       gyroscopic(config.gyroscopic && frame.rotor_inertia_kgm2 != 0.0),
       ground_effect(config.ground_effect && frame.radius_m != 0.0),
+      downwash(config.downwash && frame.radius_m != 0.0),
       control_ticks(ticks),
       dt(narrow(dt_s)) {
   max_turn = std::min(narrow(std::numbers::pi / dt_s), kMaxSpeed);
@@ -186,7 +187,7 @@ bool Physics::flies_by_rk4(const Airframe& frame, const DynamicsConfig& config, 
 void Physics::include(const Physics& other) {
   for (bool Physics::* const term :
        {&Physics::rotor_drag, &Physics::rotor_lift, &Physics::body_drag, &Physics::gyroscopic, &Physics::ground_effect,
-        &Physics::instant_up, &Physics::instant_down, &Physics::linear_thrust, &Physics::leads}) {
+        &Physics::downwash, &Physics::instant_up, &Physics::instant_down, &Physics::linear_thrust, &Physics::leads}) {
     this->*term |= other.*term;
   }
   is_rk4 &= other.is_rk4;

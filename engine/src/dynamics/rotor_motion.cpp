@@ -112,6 +112,7 @@ class GroupFlight {
   void load() {
     group_.load(state_, flock_);
     find_ground();
+    if (fleet_.physics.downwash) group_.load(fleet_.thrust_share, flock_.thrust_share);
   }
 
   void load_setpoints(const Commands& commands) {

@@ -11,6 +11,7 @@
 #include "collision/moving_bodies.hpp"
 #include "collision/obstacles.hpp"
 #include "dynamics/crowd.hpp"
+#include "dynamics/downwash.hpp"
 #include "dynamics/fleet.hpp"
 #include "dynamics/flight.hpp"
 #include "dynamics/lane_group.hpp"
@@ -31,6 +32,7 @@ struct FlightScratch {
   AlignedVector<Lanes<3>> path;  // of the current leg, one entry per tick; empty if it is not recorded
   std::array<std::int32_t, kLanes> airframes{-1};
   collision::NearSolids near;
+  Downwash downwash;
 };
 
 // The data that flight reads and writes.
