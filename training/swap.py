@@ -22,8 +22,6 @@ MOST_STEPS = 300  # of the flights that judge
 DRONES = 8  # in each env of the flights that judge
 #: In each env of the training. A policy that has learned with 8 drones touches others among 16.
 TRAINING_DRONES = 16
-#: m, of their circle. On this small one they meet as near each other as 32 drones do on theirs.
-TRAINING_RADIUS_M = 3.3
 #: Numbers of drones of the flights that judge.
 JUDGED = (2, 4, 8, 16, 32)
 #: Found with the seeds 100 and 101.
@@ -54,7 +52,7 @@ def make(num_envs: int, threads: int, drones: int = TRAINING_DRONES) -> flockste
     """Make the environments for training."""
     return flockstep.DroneVectorEnv(
         num_envs,
-        task=flockstep.SwapConfig(radius_m=TRAINING_RADIUS_M),
+        task=flockstep.SwapConfig(),
         drones_per_env=drones,
         max_episode_steps=TRAINING_STEPS,
         stagger_first_episode=True,
