@@ -37,6 +37,7 @@ namespace flockstep {
 // Working memory of a thread that steps a block; made once.
 struct Scratch {
   trace::Tracer tracer;
+  trace::BallSlices slices;  // of the drones of one env
   std::size_t thread = 0;  // its number
   dynamics::FlightScratch flight;
   std::vector<DroneIndex> flying;      // drones of Block::flying during a step
