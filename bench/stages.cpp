@@ -107,8 +107,12 @@ void profile(bench::Figures& figures) {
       sink += collision::sweep(obstacles, sim.hull, pose_of(sim.state, drone), sim.task_state->setpoints.target[drone]).fraction;
     }
   });
-  const sensors::Surroundings surroundings{
-      .state = sim.state, .scenes = sim.scenes, .slots = sim.slots(), .drones_per_env = 1, .tracer = sim.scratches[0]->tracer};
+  const sensors::Surroundings surroundings{.state = sim.state,
+                                           .scenes = sim.scenes,
+                                           .slots = sim.slots(),
+                                           .drones_per_env = 1,
+                                           .tracer = sim.scratches[0]->tracer,
+                                           .slices = sim.scratches[0]->slices};
   stages.add("lidar", [&] { sim.suite.lidars()[0]->read(drones, surroundings); });
   stages.add("pose_sensor", [&] { sim.suite.pose().read(drones, surroundings); });
   stages.add("score", [&] { task.score(all, sim.task_state->score); });

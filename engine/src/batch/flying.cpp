@@ -137,7 +137,7 @@ void fly_ticks(Simulation& sim, const Block& block, std::span<const EnvIndex> en
     for (int flown = 0, leg = ticks; flown < ticks; flown += leg) {
       const int tick = (phase + flown) % step;  // index in the step
       const auto drones = selected_drones(sim, scratch.envs, Part::active, mask, scratch);
-      if (follows_steps) leg = std::min(ticks - flown, step - tick);
+      if (follows_steps || sim.drones_touch()) leg = std::min(ticks - flown, step - tick);
       if (tick == 0) sim.fleet->update_wind(sim.state, drones, flown);
       if (tick == 0 || flown == 0) scratch.flight.downwash.update(*sim.fleet, sim.state, drones);
       if (sim.bodies) {

@@ -139,7 +139,9 @@ Simulation::Simulation(BatchConfig config_in, Batch::Worlds worlds_in, std::uniq
       drones->reserve(schedule.block_size() * drones_per_env());
     }
     scratches.back()->envs.reserve(schedule.block_size());
-    if (drones_touch()) scratches.back()->meetings = std::make_unique<Meetings>(hull, corners);
+    if (!drones_touch()) continue;
+    scratches.back()->meetings = std::make_unique<Meetings>(hull, corners);
+    if (fleet) scratches.back()->flight.path.resize(static_cast<std::size_t>(this->config.clock.substeps()));
   }
   sorts_by_world = config.tracer == TracerKind::embree;
   // Build these now, so that no thread has to build them during a step.
@@ -164,7 +166,7 @@ Simulation::Simulation(BatchConfig config_in, Batch::Worlds worlds_in, std::uniq
   if (fleet) allocate(state.flight, sizes);
   if (fleet) lost.resize(num_drones());
   if (drones_touch()) unplaced.resize(num_drones());
-  if (fleet && drones_touch()) reach.resize(num_drones());
+  if (fleet && drones_touch()) bend.resize(num_drones());
   std::fill(state.active.begin(), state.active.end(), std::uint8_t{1});
   std::fill(state.sensed.begin(), state.sensed.end(), std::int64_t{-1});
   std::iota(state.seed.begin(), state.seed.end(), std::uint64_t{0});

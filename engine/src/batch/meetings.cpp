@@ -1,8 +1,8 @@
 #include "batch/meetings.hpp"
 
 #include <algorithm>
+#include <cmath>
 #include <cstring>
-#include <tuple>
 
 #include "base/pose_access.hpp"
 #include "batch/flying.hpp"
@@ -10,7 +10,6 @@
 #include "batch/simulation.hpp"
 #include "dynamics/rotor_motion.hpp"
 #include "flockstep/arrays.hpp"
-#include "trace/near_balls.hpp"
 
 namespace flockstep {
 namespace {
@@ -39,83 +38,84 @@ float distance_of_segments(const Vec3& p, const Vec3& way_p, const Vec3& q, cons
   return (apart + s * way_p - t * way_q).norm();
 }
 
+// Returns the share of their time at which two drones on courses may first come nearer than near_m; above 1: never. Both move at
+// the same time, so one moves uniformly past the other.
+float first_time_near(const Course& a, const Course& b, float near_m) {
+  constexpr float kEarlier = 1e-3F;  // more than the rounding
+  constexpr float kNever = 2.0F;
+  const Vec3 apart = a.from - b.from, way = a.way - b.way;
+  const float excess = apart.squaredNorm() - near_m * near_m, closing = -apart.dot(way), length2 = way.squaredNorm();
+  if (!(excess > 0.0F)) return 0.0F;
+  const float square = closing * closing - length2 * excess;
+  if (!(closing > 0.0F && square >= 0.0F)) return kNever;
+  return excess / (closing + std::sqrt(square)) - kEarlier;
+}
+
 // The drones of one env.
 class EnvMeeting {
  public:
-  EnvMeeting(Simulation& sim, EnvIndex env, Meetings& work, std::size_t copy)
-      : sim_(sim), env_(env), work_(work), copy_(copy), count_(sim.drones_per_env()) {
+  EnvMeeting(Simulation& sim, EnvIndex env, Meetings& work) : sim_(sim), env_(env), work_(work), count_(sim.drones_per_env()) {
     work_.is_in_crowd.assign(count_, 0);
-    work_.sorted.reserve(count_);
-    work_.center.resize(3 * count_);
-    work_.radius.resize(count_);
-    work_.found.resize(count_);
+    work_.courses.assign(count_, {});
+    work_.centers.resize(3 * count_);
+    work_.radii.resize(count_);
+    work_.found.resize(count_ + trace::BallColumns::kPadding);
     work_.neighbors.resize(count_);
   }
 
-  // Takes all drones into the crowd that may have touched another one outside of it or in it. Returns false if none is new.
-  // reach(member): largest distance from the saved position so far. are_apart(a, b): the ways of two drones are known to be so.
-  template <class Reach, class AreApart>
-  bool gather(const Reach& reach, const AreApart& are_apart) {
-    // Sorted by x, the drones that may be near follow each other.
-    work_.sorted.clear();
-    float largest = 0.0F;
+  std::size_t count() const { return count_; }
+  DroneIndex drone(std::size_t member) const { return sim_.drone_of(env_, member); }
+  std::size_t member_of(DroneIndex of) const { return std::size_t{of} - std::size_t{drone(0)}; }
+  bool is_active(std::size_t member) const { return sim_.state.active[drone(member)] != 0; }
+
+  // Returns a distance (m) of two drones beyond which they cannot touch.
+  float near_m(const Vec3& p, const Vec3& q) const {
+    return 2.0F * sim_.hull.radius() + dynamics::margin(p.cwiseAbs().maxCoeff() + q.cwiseAbs().maxCoeff());
+  }
+
+  // Calls f(a, b, near_m) for each pair of active drones that may touch on their courses; near_m includes the bends.
+  template <class F>
+  void for_each_near_pair(const F& f) {
     for (std::size_t member = 0; member < count_; ++member) {
-      if (!sim_.state.active[drone(member)]) continue;
-      const Vec3 center = work_.saved.position(copy_ + member);
-      const float radius = sim_.hull.radius() + reach(member) + dynamics::margin(center.cwiseAbs().maxCoeff());
-      largest = std::max(largest, radius);
-      work_.sorted.push_back({center.x(), radius, static_cast<std::uint32_t>(member)});
+      const Course& course = work_.courses[member];
+      const Vec3 center = course.from + 0.5F * course.way;
+      Vec3::Map(work_.centers.data() + 3 * member) = center;
+      work_.radii[member] = is_active(member) ? sim_.hull.radius() + 0.5F * course.way.norm() + course.bend +
+                                                    dynamics::margin(center.cwiseAbs().maxCoeff())
+                                              : -1.0F;
     }
-    std::ranges::sort(work_.sorted, [](const Meetings::Ball& a, const Meetings::Ball& b) {
-      return std::tuple(a.x, a.member) < std::tuple(b.x, b.member);
+    work_.balls.sort({work_.centers.data(), work_.radii.data(), count_, count_});
+    work_.balls.for_each_pair([&](std::size_t a, std::size_t b) {
+      const Course &first = work_.courses[a], &second = work_.courses[b];
+      f(a, b, near_m(first.from, second.from) + (first.bend + second.bend));
     });
-    const std::size_t count = work_.sorted.size();
-    for (std::size_t i = 0; i < count; ++i) {
-      Vec3::Map(work_.center.data() + 3 * i) = work_.saved.position(copy_ + work_.sorted[i].member);
-      work_.radius[i] = work_.sorted[i].radius;
-    }
+  }
+
+  // Takes all drones into the crowd that may touch another one, if each may stop anywhere on its course. Returns false if none is
+  // new.
+  bool gather() {
     bool is_new = false;
-    std::size_t end = 0;  // of those that may be near
-    for (std::size_t i = 0; i < count; ++i) {
-      const Meetings::Ball& ball = work_.sorted[i];
-      while (end < count && work_.sorted[end].x - ball.x <= ball.radius + largest) ++end;
-      end = std::max(end, i + 1);
-      const trace::Balls others{work_.center.data() + 3 * (i + 1), work_.radius.data() + i + 1, end - i - 1, count - i - 1};
-      const std::size_t member = ball.member;
-      const std::size_t near =
-          trace::find_near_balls(others, work_.saved.position(copy_ + member), ball.radius, work_.found.data());
-      for (const std::uint32_t found : std::span(work_.found).first(near)) {
-        const std::size_t other = work_.sorted[i + 1 + found].member;
-        if ((work_.is_in_crowd[member] && work_.is_in_crowd[other]) || are_apart(member, other)) continue;
-        work_.is_in_crowd[member] = work_.is_in_crowd[other] = 1;
-        is_new = true;
-      }
-    }
+    for_each_near_pair([&](std::size_t a, std::size_t b, float near) {
+      const Course &first = work_.courses[a], &second = work_.courses[b];
+      if (work_.is_in_crowd[a] && work_.is_in_crowd[b]) return;
+      if (distance_of_segments(first.from, first.way, second.from, second.way) > near) return;
+      work_.is_in_crowd[a] = work_.is_in_crowd[b] = 1;
+      is_new = true;
+    });
     return is_new;
   }
 
-  // Puts the crowd back to the beginning.
-  void restore() {
-    for (std::size_t member = 0; member < count_; ++member) {
-      if (work_.is_in_crowd[member]) work_.saved.restore(sim_.state, drone(member), copy_ + member);
-    }
-  }
-
-  // Prepares the neighbours of the crowd, which stand.
-  void prepare() {
-    work_.crowd_of_env.clear();
-    for (std::size_t member = 0; member < count_; ++member) {
-      if (!work_.is_in_crowd[member]) continue;
-      const DroneIndex d = drone(member);
-      dynamics::Neighbor& neighbor = work_.neighbors[member];
-      const Pose pose = pose_of(sim_.state, d);
-      neighbor.number = static_cast<std::uint32_t>(member);
-      neighbor.airframe = sim_.fleet ? &sim_.fleet->airframe_of(d) : nullptr;
-      neighbor.motion = {pose, pose, {}, {}, sim_.config.clock.dt_s()};
-      neighbor.is_open = neighbor.has_contact = false;
-      neighbor.holds = true;
-      work_.crowd_of_env.push_back(&neighbor);
-    }
+  // Adds a drone to the neighbours of the crowd. It stands.
+  void prepare(std::size_t member) {
+    const DroneIndex d = drone(member);
+    dynamics::Neighbor& neighbor = work_.neighbors[member];
+    const Pose pose = pose_of(sim_.state, d);
+    neighbor.number = static_cast<std::uint32_t>(member);
+    neighbor.airframe = sim_.fleet ? &sim_.fleet->airframe_of(d) : nullptr;
+    neighbor.motion = {pose, pose, {}, {}, sim_.config.clock.dt_s()};
+    neighbor.is_open = neighbor.has_contact = false;
+    neighbor.holds = true;
+    work_.crowd_of_env.push_back(&neighbor);
   }
 
   void resolve() {
@@ -124,15 +124,132 @@ class EnvMeeting {
                         sim_.config.dynamics);
   }
 
-  DroneIndex drone(std::size_t member) const { return sim_.drone_of(env_, member); }
-  std::size_t member_of(DroneIndex of) const { return std::size_t{of} - std::size_t{drone(0)}; }
-
  private:
   Simulation& sim_;
   EnvIndex env_;
   Meetings& work_;
-  std::size_t copy_;  // of drone 0
   std::size_t count_;
+};
+
+// Drones of one env that have flown a leg, some of which fly again as a crowd.
+class CrowdFlight {
+ public:
+  // drones: those of the env that have flown. copy: of drone 0. context: for drones in any order.
+  CrowdFlight(Simulation& sim, EnvIndex env, std::span<const DroneIndex> drones, std::size_t copy,
+              const dynamics::FlightContext& context, const dynamics::Commands& commands, int first_tick, int ticks,
+              Meetings& work)
+      : sim_(sim),
+        meeting_(sim, env, work),
+        drones_(drones),
+        copy_(copy),
+        context_(context),
+        commands_(commands),
+        first_tick_(first_tick),
+        ticks_(ticks),
+        work_(work) {}
+
+  void fly() {
+    if (!find_first_near()) return;
+    for (int tick = *std::ranges::min_element(work_.first_near); tick < ticks_; ++tick) {
+      work_.crowd_of_env.clear();
+      work_.movers.clear();
+      work_.joining.clear();
+      for (std::size_t member = 0; member < meeting_.count(); ++member) {
+        if (work_.is_in_crowd[member]) {
+          prepare(member);
+        } else if (work_.first_near[member] <= tick) {
+          work_.is_in_crowd[member] = 1;
+          work_.joining.push_back(static_cast<std::uint32_t>(member));
+        }
+      }
+      record(tick);
+      do {
+        join(tick);
+        meeting_.resolve();
+      } while (find_joining(tick));
+      for (const dynamics::Neighbor* const neighbor : work_.crowd_of_env) {
+        dynamics::write_result(context_, meeting_.drone(neighbor->number), *neighbor, first_tick_ + tick);
+      }
+    }
+  }
+
+ private:
+  // Returns false if no drones may have touched.
+  bool find_first_near() {
+    for (std::size_t member = 0; member < meeting_.count(); ++member) {
+      const Vec3 from = work_.saved.position(copy_ + member);
+      const DroneIndex drone = meeting_.drone(member);
+      work_.courses[member] = {from, Vec3::Map(sim_.state.position.data() + 3 * drone) - from, sim_.bend[drone]};
+    }
+    work_.first_near.assign(meeting_.count(), ticks_);
+    bool is_any = false;
+    meeting_.for_each_near_pair([&](std::size_t a, std::size_t b, float near) {
+      const float time = first_time_near(work_.courses[a], work_.courses[b], near);
+      if (time > 1.0F) return;
+      const int tick = std::clamp(static_cast<int>(std::floor(time * static_cast<float>(ticks_))), 0, ticks_ - 1);
+      for (const std::size_t member : {a, b}) work_.first_near[member] = std::min(work_.first_near[member], tick);
+      is_any = true;
+    });
+    return is_any;
+  }
+
+  void prepare(std::size_t member) {
+    meeting_.prepare(member);
+    const DroneIndex drone = meeting_.drone(member);
+    work_.neighbors[member].has_contact =
+        sim_.config.dynamics.on_contact == OnContact::terminate && sim_.state.contact.hit[drone];
+    if (std::ranges::binary_search(drones_, drone)) work_.movers.push_back(drone);
+  }
+
+  // Flies the prepared drones through a tick, without contacts with each other.
+  void record(int tick) {
+    dynamics::record_motions(context_, work_.movers, commands_, first_tick_ + tick, {meeting_.drone(0), work_.neighbors});
+    work_.movers.clear();
+  }
+
+  // Puts the joining drones back and flies them until the tick, and through it.
+  void join(int tick) {
+    for (const std::uint32_t member : work_.joining) {
+      const DroneIndex drone = meeting_.drone(member);
+      work_.saved.restore(sim_.state, drone, copy_ + member);
+      if (std::ranges::binary_search(drones_, drone)) work_.movers.push_back(drone);
+    }
+    if (tick > 0 && !work_.movers.empty()) dynamics::fly(context_, work_.movers, commands_, first_tick_, tick);
+    work_.movers.clear();
+    for (const std::uint32_t member : work_.joining) prepare(member);
+    record(tick);
+  }
+
+  // Finds the drones that one of the crowd may touch in this tick, but that do not belong to it.
+  bool find_joining(int tick) {
+    const float per_tick = 1.0F / static_cast<float>(ticks_);
+    work_.joining.clear();
+    for (const dynamics::Neighbor* const neighbor : work_.crowd_of_env) {
+      const Vec3& from = neighbor->motion.from.position;
+      const float range = sim_.hull.radius() + neighbor->reach + dynamics::margin(from.cwiseAbs().maxCoeff());
+      const std::size_t count = work_.balls.find(from, range, work_.found.data());
+      for (const std::uint32_t member : std::span(work_.found).first(count)) {
+        if (work_.is_in_crowd[member]) continue;
+        const Course& course = work_.courses[member];
+        const Vec3 there = course.from + (static_cast<float>(tick) + 0.5F) * per_tick * course.way;
+        const float near = meeting_.near_m(from, there) + neighbor->reach + course.bend + 0.5F * per_tick * course.way.norm();
+        if ((from - there).norm() > near) continue;
+        work_.is_in_crowd[member] = 1;
+        work_.joining.push_back(member);
+      }
+    }
+    std::ranges::sort(work_.joining);
+    return !work_.joining.empty();
+  }
+
+  Simulation& sim_;
+  EnvMeeting meeting_;
+  std::span<const DroneIndex> drones_;
+  std::size_t copy_;
+  const dynamics::FlightContext& context_;
+  const dynamics::Commands& commands_;
+  int first_tick_, ticks_;
+  Meetings& work_;
 };
 
 }  // namespace
@@ -171,34 +288,45 @@ Vec3 SavedDrones::position(std::size_t copy) const {
 
 void move_meeting(Simulation& sim, EnvIndex env, std::span<const MoveRequest> moves, Scratch& scratch) {
   Meetings& work = *scratch.meetings;
-  const std::size_t count = sim.drones_per_env();
+  EnvMeeting meeting(sim, env, work);
+  for (std::size_t member = 0; member < meeting.count(); ++member) {
+    work.courses[member].from = pose_of(sim.state, meeting.drone(member)).position;
+  }
+  // Without bodies, which push, a drone stays on the segment to its target, whenever it stops. With them it must be moved to find
+  // out how far it comes.
+  bool is_met = false;
   work.saved.clear();
-  EnvMeeting meeting(sim, env, work, work.saved.save(sim.state, sim.drone_of(env, 0), count));
-  work.reach.assign(count, 0.0F);
-  work.way.assign(count, Vec3::Zero());
+  if (sim.bodies) {
+    work.saved.save(sim.state, meeting.drone(0), meeting.count());
+  } else {
+    for (const MoveRequest& move : moves) {
+      Course& course = work.courses[meeting.member_of(move.drone)];
+      if (!move.has_contact) course.way = move.target.position - course.from;
+    }
+    is_met = meeting.gather();
+  }
   std::size_t next = 0;
-  for (std::size_t member = 0; member < count; ++member) {
+  for (std::size_t member = 0; member < meeting.count(); ++member) {
     const DroneIndex drone = meeting.drone(member);
+    float& bend = work.courses[member].bend;
     if (next < moves.size() && moves[next].drone == drone) {
       const MoveRequest& move = moves[next++];
       sim.state.contact.drone[drone] = move.has_contact ? sim.state.contact.drone[drone] : -1;
-      work.reach[member] = move.has_contact ? give_way(sim, drone, scratch) : sweep_to(sim, drone, move.target, scratch);
-      if (!move.has_contact) work.way[member] = move.target.position - work.saved.position(member);
-    } else if (sim.state.active[drone]) {
-      work.reach[member] = give_way(sim, drone, scratch);
+      if (work.is_in_crowd[member]) continue;
+      const float reach = move.has_contact ? give_way(sim, drone, scratch) : sweep_to(sim, drone, move.target, scratch);
+      if (sim.bodies) bend = reach;
+    } else if (sim.bodies && sim.state.active[drone]) {
+      bend = give_way(sim, drone, scratch);
     }
   }
-  // Without bodies, which push, a drone stays on the segment to its target, whenever it stops.
-  const auto are_apart = [&](std::size_t a, std::size_t b) {
-    const Vec3 p = work.saved.position(a), q = work.saved.position(b);
-    const float near = 2.0F * sim.hull.radius() + dynamics::margin(p.cwiseAbs().maxCoeff() + q.cwiseAbs().maxCoeff());
-    return !sim.bodies && distance_of_segments(p, work.way[a], q, work.way[b]) > near;
-  };
-  while (meeting.gather([&](std::size_t member) { return work.reach[member]; }, are_apart)) {
-    meeting.restore();
-    meeting.prepare();
-    for (dynamics::Neighbor* const neighbor : work.crowd_of_env) {
-      neighbor->has_contact = sim.state.contact.hit[meeting.drone(neighbor->number)] != 0;
+  if (sim.bodies) is_met = meeting.gather();
+  while (is_met) {
+    work.crowd_of_env.clear();
+    for (std::size_t member = 0; member < meeting.count(); ++member) {
+      if (!work.is_in_crowd[member]) continue;
+      if (sim.bodies) work.saved.restore(sim.state, meeting.drone(member), member);
+      meeting.prepare(member);
+      work.neighbors[member].has_contact = sim.state.contact.hit[meeting.drone(member)] != 0;
     }
     for (const MoveRequest& move : moves) {
       dynamics::Neighbor& neighbor = work.neighbors[meeting.member_of(move.drone)];
@@ -208,14 +336,15 @@ void move_meeting(Simulation& sim, EnvIndex env, std::span<const MoveRequest> mo
     meeting.resolve();
     for (const dynamics::Neighbor* const neighbor : work.crowd_of_env) {
       const DroneIndex drone = meeting.drone(neighbor->number);
-      work.reach[neighbor->number] = neighbor->reach;
       set_pose_of(sim.state, drone, neighbor->pose);
       if (neighbor->has_contact) {
         if (neighbor->contact.inside) sim.state.contact.inside[drone] = 1;
       } else {
         dynamics::write_contact(sim.state, drone, *neighbor);
       }
+      if (sim.bodies) work.courses[neighbor->number].bend = neighbor->reach;
     }
+    is_met = sim.bodies && meeting.gather();
   }
 }
 
@@ -225,6 +354,7 @@ void fly_meeting(Simulation& sim, const Block& block, std::span<const DroneIndex
   Meetings& work = *scratch.meetings;
   const std::size_t count = sim.drones_per_env();
   dynamics::FlightContext context = flight_context(sim, block, scratch);
+  const dynamics::DroneRange own = context.own;  // the drones of a crowd do not follow each other
   while (!drones.empty()) {
     // Some whole envs of the list
     std::size_t taken = 0;
@@ -244,47 +374,24 @@ void fly_meeting(Simulation& sim, const Block& block, std::span<const DroneIndex
     const auto together = drones.first(taken);
     drones = drones.subspan(taken);
     for (const EnvIndex env : work.envs) {
-      std::fill_n(sim.reach.data() + sim.drone_of(env, 0), count, 0.0F);
+      std::fill_n(sim.bend.data() + sim.drone_of(env, 0), count, 0.0F);
     }
-    context.reach = sim.reach;
+    context.bend = sim.bend;
+    context.own = own;
     dynamics::fly(context, together, commands, first_tick, ticks);
-    context.reach = {};
+    context.bend = {};
+    context.own = {};
     std::size_t copy = 0;
     for_each_env(sim, together, [&](EnvIndex env, std::span<const DroneIndex> listed) {
-      EnvMeeting meeting(sim, env, work, copy);
-      copy += count;
       if (sim.bodies) {
         for (std::size_t member = 0; member < count; ++member) {
-          const DroneIndex drone = meeting.drone(member);
+          const DroneIndex drone = sim.drone_of(env, member);
           if (!sim.state.active[drone] || std::ranges::binary_search(listed, drone)) continue;
-          sim.reach[drone] = give_way(sim, drone, scratch);
+          sim.bend[drone] = 2.0F * give_way(sim, drone, scratch);
         }
       }
-      const auto reach = [&](std::size_t member) { return sim.reach[meeting.drone(member)]; };
-      while (meeting.gather(reach, [](std::size_t, std::size_t) { return false; })) {
-        meeting.restore();
-        work.movers.clear();
-        for (const DroneIndex drone : listed) {
-          if (work.is_in_crowd[meeting.member_of(drone)]) work.movers.push_back(drone);
-        }
-        for (std::size_t member = 0; member < count; ++member) {
-          if (work.is_in_crowd[member]) sim.reach[meeting.drone(member)] = 0.0F;
-        }
-        for (int tick = first_tick; tick < first_tick + ticks; ++tick) {
-          meeting.prepare();
-          const bool terminates = sim.config.dynamics.on_contact == OnContact::terminate;
-          for (dynamics::Neighbor* const neighbor : work.crowd_of_env) {
-            neighbor->has_contact = terminates && sim.state.contact.hit[meeting.drone(neighbor->number)];
-          }
-          dynamics::record_motions(context, work.movers, commands, tick, {meeting.drone(0), work.neighbors});
-          meeting.resolve();
-          for (const dynamics::Neighbor* const neighbor : work.crowd_of_env) {
-            const DroneIndex drone = meeting.drone(neighbor->number);
-            dynamics::write_result(context, drone, *neighbor, tick);
-            sim.reach[drone] += neighbor->reach;
-          }
-        }
-      }
+      CrowdFlight(sim, env, listed, copy, context, commands, first_tick, ticks, work).fly();
+      copy += count;
     });
   }
 }

@@ -1,7 +1,8 @@
 // Meetings: motion of drones that touch each other, if BatchConfig::meet says so.
 //
-// The drones of an env first move as if the others were not there. If two of them may have touched, both are put back and move
-// as a Crowd, tick by tick, until no drone outside the crowd can have touched one of it. Most envs need no crowd.
+// Drones move as if the others were not there, and the courses that they take show which of them may have touched, and in which
+// tick. From this tick on, these drones move as a Crowd, tick by tick. A drone that one of them may touch in a tick joins them in
+// this tick. Most envs need no crowd.
 #pragma once
 
 #include <cstddef>
@@ -13,6 +14,7 @@
 #include "dynamics/setpoint.hpp"
 #include "flockstep/index.hpp"
 #include "flockstep/state.hpp"
+#include "trace/ball_slices.hpp"
 
 namespace flockstep {
 
@@ -36,6 +38,12 @@ class SavedDrones {
   std::size_t count_ = 0;
 };
 
+// The positions of a drone during some ticks: at each share s of their time it is within `bend` of from + s way.
+struct Course {
+  Vec3 from = Vec3::Zero(), way = Vec3::Zero();  // m
+  float bend = 0.0F;                             // m
+};
+
 // Working memory of a thread.
 struct Meetings {
   Meetings(const collision::Hull& hull, const collision::Corners& corners) : crowd(hull, corners) {}
@@ -47,16 +55,13 @@ struct Meetings {
   std::vector<EnvIndex> envs;                     // whose drones fly together
   std::vector<DroneIndex> movers;                 // of the crowd
   std::vector<std::uint8_t> is_in_crowd;          // (M,)
-  // Balls that contain the drones during their motions, sorted by x.
-  struct Ball {
-    float x, radius;  // m
-    std::uint32_t member;
-  };
-  std::vector<Ball> sorted;
-  std::vector<float> center, radius;  // (M, 3), (M,) m, of these
-  std::vector<float> reach;           // (M,) m, largest distance of kinematic drones from the beginning
-  std::vector<std::uint32_t> found;   // (M,)
-  std::vector<Vec3> way;              // (M,) m, requested kinematic motions
+  std::vector<std::uint32_t> joining;             // the drones that join the crowd in a tick
+  std::vector<Course> courses;                    // (M,)
+  std::vector<int> first_near;                    // (M,) tick of the leg in which the drone may first touch another one
+  // Balls that contain the drones on their courses.
+  std::vector<float> centers, radii;  // (M, 3), (M,) m; a negative radius if the drone is not active
+  trace::BallSlices balls;
+  std::vector<std::uint32_t> found;  // (M,), padded
 };
 
 // A kinematic motion of one tick.

@@ -37,7 +37,8 @@ namespace flockstep {
 // Working memory of a thread that steps a block; made once.
 struct Scratch {
   trace::Tracer tracer;
-  std::size_t thread = 0;  // its number
+  trace::BallSlices slices;  // of the drones of one env
+  std::size_t thread = 0;    // its number
   dynamics::FlightScratch flight;
   std::vector<DroneIndex> flying;      // drones of Block::flying during a step
   std::vector<DroneIndex> drones;      // drones of some envs
@@ -184,8 +185,8 @@ struct Simulation {
 
   State state;
   std::optional<bodies::BodyTable> bodies;  // nothing if the envs have no slots for bodies
-  FlagArray unplaced;        // (N,) the drone begins an episode and has no place yet; empty unless drones touch each other
-  std::vector<float> reach;  // (N,) see FlightContext::reach; empty unless rotor-driven drones touch each other
+  FlagArray unplaced;       // (N,) the drone begins an episode and has no place yet; empty unless drones touch each other
+  std::vector<float> bend;  // (N,) see FlightContext::bend; empty unless rotor-driven drones touch each other
   std::optional<bodies::SeenDrones> seen_drones;  // nothing if drones do not see each other
   sensors::SensorSuite suite;
   sensors::EnvLights lights;

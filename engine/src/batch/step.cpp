@@ -27,6 +27,7 @@ sensors::Surroundings surroundings_of(Simulation& sim, Scratch& scratch) {
           .slots = sim.slots(),
           .drones_per_env = sim.drones_per_env(),
           .tracer = scratch.tracer,
+          .slices = scratch.slices,
           .bodies = sim.bodies ? sim.bodies->shapes() : trace::Bodies(),
           .bodies_per_env = sim.bodies ? sim.bodies->per_env() : 0,
           .drones = sim.hulls()};

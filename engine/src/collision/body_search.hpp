@@ -65,16 +65,24 @@ class BodySearch : public Search {
     return (start + nearest * way).squaredNorm() <= reach * reach;
   }
 
+  // Returns the clearance from a body at the start, or nothing if a plane separates them during the whole motion.
+  template <class Track>
+  std::optional<Clearance> clearance_from(const Mover<Track>& mover, const Convex& body, const Vec3d& start, const Vec3d& way,
+                                          double reach) const {
+    if (body.kind == Convex::Kind::hull) return clearance_from_corners(mover, body);
+    const std::optional<Approach> approach = approach_of_ball(body, start, way, reach);
+    if (!approach) return std::nullopt;
+    return clearance_at_start(mover, body, *approach);
+  }
+
   // Seen from the last place of a body that does not turn, the hull moves along a Path, too.
   void meet_straight(const MovingSolid& body, const Vec3d& advance) {
     Path path = mover().path();
     path.start += advance;
     path.velocity -= advance;
     const Convex last = body.at(end_);
-    const std::optional<Approach> approach = approach_of_ball(last, path.start, path.velocity, reach_of_ball());
-    if (!approach) return;
     const Mover mover(hull_, path);
-    const std::optional<Clearance> start = clearance_at_start(mover, last, *approach);
+    const std::optional<Clearance> start = clearance_from(mover, last, path.start, path.velocity, reach_of_ball());
     if (!start) return;
     Found found = touch(mover, last, *start, end_of_motion().time);
     found.touch.point -= (1.0 - time_of(found.touch)) * advance;
@@ -87,10 +95,8 @@ class BodySearch : public Search {
     const Vec3d chord = path.position(1.0) - path.position(0.0);
     const double reach = reach_of_ball() + 0.125 * path.acceleration(0.0);
     const Convex last = body.at(end_);
-    const std::optional<Approach> approach = approach_of_ball(last, path.position(0.0), chord, reach);
-    if (!approach) return;
     const Mover mover(hull_, path);
-    const std::optional<Clearance> start = clearance_at_start(mover, last, *approach);
+    const std::optional<Clearance> start = clearance_from(mover, last, path.position(0.0), chord, reach);
     if (!start) return;
     Found found = touch(mover, last, *start, end_of_motion().time);
     leaves_turning_ |= !std::isinf(found.gain);

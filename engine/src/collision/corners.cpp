@@ -39,8 +39,15 @@ void Corners::take(std::vector<std::array<float, 3>> corners) {
 }
 
 Vec3d Corners::support(const Vec3d& direction) const {
+  constexpr std::size_t kFew = 32, kBlock = 256;
+  if (x_.size() <= kFew) {
+    std::array<double, kFew> distances;
+    for (std::size_t i = 0; i < x_.size(); ++i) distances[i] = corner(i).dot(direction);
+    std::size_t best = 0;
+    for (std::size_t i = 1; i < x_.size(); ++i) best = distances[i] > distances[best] ? i : best;
+    return corner(best);
+  }
   // Float32 decides which corners may be the farthest, double precision which one is.
-  constexpr std::size_t kBlock = 256;
   const double length = direction.norm();
   const Vec3 along = (length > 0.0 ? Vec3d(direction / length) : direction).cast<float>();
   const float doubt = 1e-6F * static_cast<float>(radius_);  // more than the rounding errors of two sums

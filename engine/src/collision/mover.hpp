@@ -20,8 +20,11 @@ inline constexpr double kFloatStep = 0x1p-23;  // fraction of a coordinate
 inline constexpr int kBallTurns = 4;
 inline constexpr double kBallStep = 0.1;  // m; the path's nearest point is good enough if it moves by less
 inline constexpr int kPlaneSteps = 4;
+inline constexpr int kDifferenceSteps = 12;  // each is cheaper than one of the others
 inline constexpr int kMaxAdvances = 1000;
-inline constexpr int kRewinds = 24;  // halvings of the time; they resolve a motion of 10 m to a micrometre
+inline constexpr double kNearest = 0.25;      // of the standoff; see Mover::first_touch()
+inline constexpr int kRewinds = 24;           // halvings of the time; they resolve a motion of 10 m to a micrometre
+inline constexpr double kLeastRewind = 5e-6;  // m; between hulls that turn, the way to which a contact is resolved
 
 // The distances that the hull keeps in one motion. They grow with its coordinates, because rounding errors do.
 struct Margins {
@@ -154,12 +157,26 @@ class Mover {
     // gap never falls below Margins::floor(), however many motions follow.
     const Clearance first = now;
     const bool resting = first.gap < margins.resting();
-    const double target = resting ? std::max(first.gap - margins.slack, margins.floor()) : margins.standoff;
+    double target = resting ? std::max(first.gap - margins.slack, margins.floor()) : margins.standoff;
+    bool ends_near = false;
+    if (resting && Track::kTurnsRelative) {
+      // If edges of two hulls cross, a plane separates them only for a moment. Such a hull may come nearer on its way, so that
+      // fewer planes are needed, but not at its end.
+      if (clear_until(first.plane, 0.0, target) >= 1.0) return {};
+      const Clearance last = clearance(1.0, first.plane.normal);
+      ends_near = last.overlapping || last.gap < target;
+      if (ends_near && !is_as_far(clearance(std::min(first_step(), 1.0), first.plane.normal), first)) {
+        return {true, false, 0.0, first.plane.normal, last.overlapping ? first.point : last.point};
+      }
+      target = std::min(target, kNearest * margins.standoff);
+    }
     double time = 0.0;
     for (int advance = 0; advance < kMaxAdvances; ++advance) {
       const double clear = clear_until(now.plane, time, target);
       if (clear >= 1.0 || (!resting && clear > limit)) {
-        return {};
+        if (!ends_near) return {};
+        time = 1.0;
+        break;
       }
       const bool stuck = clear <= time;
       time = clear;
@@ -203,10 +220,11 @@ class Mover {
   Touch rewind(const ClearanceAt& clearance, const Clearance& first, const Clearance& now, double time) const {
     if (!path_.turns()) return {true, false, 0.0, first.plane.normal, first.point};
     Touch touch{true, false, 0.0, first.plane.normal, now.point};
-    for (int halving = 0; halving < kRewinds; ++halving) {
+    const double least = Track::kTurnsRelative ? first_step() : 0.0;
+    for (int halving = 0; halving < kRewinds && time - touch.time > least; ++halving) {
       const double middle = 0.5 * (touch.time + time);
       const Clearance there = clearance(middle, now.plane.normal);
-      if (!there.overlapping && there.gap >= first.gap) {
+      if (is_as_far(there, first)) {
         touch = {true, false, middle, there.plane.normal, now.point};
       } else {
         time = middle;
@@ -214,6 +232,11 @@ class Mover {
     }
     return touch;
   }
+
+  static bool is_as_far(const Clearance& there, const Clearance& first) { return !there.overlapping && there.gap >= first.gap; }
+
+  // A time in which no point of the hull moves farther than kLeastRewind.
+  double first_step() const { return kLeastRewind / path_.fastest(static_cast<double>(hull_.radius())); }
 
   const Hull& hull_;
   Track path_;

@@ -40,6 +40,9 @@ struct Path {
 
   bool turns() const { return angle != 0.0; }
 
+  // Returns an upper bound of the speed of points at most `radius` (m) from the origin.
+  double fastest(double radius) const { return velocity.norm() + angle * radius; }
+
   // Returns the part of the motion from one time to another, as a motion over time 0 to 1.
   Path part(double begin, double end) const {
     Path path = *this;
@@ -51,7 +54,8 @@ struct Path {
     return path;
   }
 
-  static constexpr double kLeastSine = 1e-9;  // smaller turns are below the resolution of a float
+  static constexpr bool kTurnsRelative = false;  // other than RelativePath
+  static constexpr double kLeastSine = 1e-9;     // smaller turns are below the resolution of a float
 
   Eigen::Vector3d start;                            // m, world frame
   Eigen::Vector3d velocity;                         // m per unit of time

@@ -12,6 +12,8 @@ namespace flockstep::collision {
 // position b, angle beta and Q(t) = exp((1 - t) beta [A]), it has the rotation Q R(t) and the position b(1) + Q (h - b).
 class RelativePath {
  public:
+  static constexpr bool kTurnsRelative = true;
+
   RelativePath(const Path& hull, const Path& body)
       : hull_(hull),
         body_start_(body.start),
@@ -37,11 +39,18 @@ class RelativePath {
   // it is w^2 r for the hull's own turn, plus 2 beta |velocity| and beta^2 |distance from b|.
   double acceleration(double radius) const {
     const double turning = hull_.angle + body_angle_;
-    const double farthest = std::max(apart(0.0).norm(), apart(1.0).norm());  // the distance is convex in time
+    const double farthest = farthest_apart();
     return turning * turning * radius + 2.0 * body_angle_ * velocity().norm() + body_angle_ * body_angle_ * farthest;
   }
 
+  // Returns an upper bound of the speed of such a point.
+  double fastest(double radius) const {
+    return velocity().norm() + (hull_.angle + body_angle_) * radius + body_angle_ * farthest_apart();
+  }
+
  private:
+  double farthest_apart() const { return std::max(apart(0.0).norm(), apart(1.0).norm()); }  // the distance is convex in time
+
   Path hull_;
   Eigen::Vector3d body_start_;     // m, world frame
   Eigen::Vector3d body_velocity_;  // m per unit of time

@@ -235,6 +235,43 @@ class Search {
     return mover.clearance(obstacle, 0.0, guess.norm() > kTouching ? guess : outwards);
   }
 
+  // The same for the convex hull of corners, whose nearest points are not known. The steps move a difference of a point of the
+  // hull and a point of the obstacle towards the difference that is nearest to the plane.
+  template <class Track>
+  std::optional<Clearance> clearance_from_corners(const Mover<Track>& mover, const Convex& obstacle) const {
+    const Mat3d rotation = mover.path().matrix(0.0);
+    const Vec3d position = mover.path().position(0.0);
+    Vec3d on_obstacle = obstacle.center;
+    Vec3d apart = position - on_obstacle;
+    std::optional<Clearance> best;
+    double best_until = 0.0;
+    for (int step = 0; step < kDifferenceSteps; ++step) {
+      const double distance = apart.norm();
+      if (distance <= kTouching) break;
+      const Vec3d normal = apart / distance;
+      const Vec3d outer = obstacle.center + obstacle.rotation * support(obstacle, obstacle.rotation.transpose() * normal);
+      const Vec3d inner = position + rotation * hull_.vertex(hull_.support(-(rotation.transpose() * normal).cast<float>()));
+      const double gap = normal.dot(inner - outer);
+      if (gap > margins_.resting()) {
+        const Plane plane{normal, normal.dot(outer)};
+        const double until = mover.clear_until(plane, 0.0, margins_.standoff);
+        if (until >= 1.0) return std::nullopt;
+        if (until > best_until) {
+          best_until = until;
+          best = Clearance{false, plane, gap, on_obstacle};
+        }
+      }
+      const Vec3d along = inner - outer - apart;
+      const double gain = -along.dot(apart);
+      if (gain <= 0.0) break;
+      const double part = std::min(gain / along.squaredNorm(), 1.0);
+      apart += part * along;
+      on_obstacle += part * (outer - on_obstacle);
+    }
+    if (best) return best;
+    return mover.clearance(obstacle, 0.0, apart.norm() > kTouching ? apart : Vec3d(kTouching * Vec3d::Ones()));
+  }
+
   void take(const Found& found, std::uint32_t element) {
     least_gain_ = std::min(least_gain_, found.gain);
     const Touch& touch = found.touch;

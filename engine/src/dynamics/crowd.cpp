@@ -28,7 +28,16 @@ auto order_of(const Neighbor& drone) {
   return std::tuple(key(drone.motion.from), key(drone.motion.to), drone.number);
 }
 
+std::vector<Vec3> vertices_of(const collision::Hull& hull) {
+  std::vector<Vec3> vertices;
+  for (int i = 0; i < hull.count(); ++i) vertices.emplace_back(hull.vertex(i).cast<float>());
+  return vertices;
+}
+
 }  // namespace
+
+Crowd::Crowd(const collision::Hull& hull, const collision::Corners& corners)
+    : hull_(hull), corners_(corners), planes_(vertices_of(hull)) {}
 
 void Crowd::resolve(std::span<Neighbor* const> drones, const collision::Obstacles& obstacles,
                     const collision::MovingBodies& bodies, const DynamicsConfig& config) {
@@ -40,26 +49,29 @@ void Crowd::resolve(std::span<Neighbor* const> drones, const collision::Obstacle
   meetings_.clear();
   order_.resize(drones.size());
   std::iota(order_.begin(), order_.end(), std::size_t{0});
-  std::ranges::sort(order_, [&](std::size_t a, std::size_t b) { return order_of(*drones[a]) < order_of(*drones[b]); });
+  std::ranges::sort(order_, [&](std::size_t a, std::size_t b) {
+    const float x = drones[a]->motion.from.position.x(), other_x = drones[b]->motion.from.position.x();
+    return x != other_x ? x < other_x : order_of(*drones[a]) < order_of(*drones[b]);
+  });
   legs_.assign(drones.size(), {});
-  float longest = 0.0F;
+  farthest_ = 0.0F;
   for (std::size_t i = 0; i < drones.size(); ++i) {
     Neighbor& each = drone(i);
     const TickMotion& motion = each.motion;
     legs_[i] = {.from = motion.from, .to = motion.to, .first = motion.begin, .last = motion.end};
     legs_[i].stands = each.has_contact;
+    set_box(legs_[i]);
     each.is_deflected = false;
     each.contact = {};
     each.other = -1;
     each.reach = (motion.to.position - motion.from.position).norm();
-    longest = std::max(longest, each.reach);
+    farthest_ = std::max(farthest_, each.reach);
   }
   // From here on drones are numbered by the order, which is that of their x.
   for (std::size_t a = 0; a < legs_.size(); ++a) {
     find_with_world(a);
-    const Vec3& from = legs_[a].from.position;
-    const float near = 2.0F * (hull_.radius() + longest + margin(from.cwiseAbs().maxCoeff()));
-    for (std::size_t b = a + 1; b < legs_.size() && legs_[b].from.position.x() - from.x() <= near; ++b) find_with_drone(a, b);
+    const float end = began(a).x() + widest_gap(a);
+    for (std::size_t b = a + 1; b < legs_.size() && began(b).x() <= end; ++b) find_with_drone(a, b);
   }
   while (!meetings_.empty()) {
     const auto first = std::ranges::min_element(meetings_, [](const Meeting& x, const Meeting& y) {
@@ -77,6 +89,31 @@ void Crowd::resolve(std::span<Neighbor* const> drones, const collision::Obstacle
     if (each.contact.body >= 0) each.contact.velocity /= static_cast<float>(each.motion.duration_s);  // that of drones is in m/s
     each.reach = std::max(each.reach, (each.pose.position - each.motion.from.position).norm());
   }
+}
+
+// Returns a distance (m) of the beginnings of two drones beyond which they cannot touch so far.
+float Crowd::widest_gap(std::size_t a) const {
+  return 2.0F * (hull_.radius() + farthest_ + margin(began(a).cwiseAbs().maxCoeff()));
+}
+
+void Crowd::set_box(Leg& leg) const {
+  constexpr float kTurnPerChange =
+      2.25F;  // an upper bound of a turn (rad) over the distance of the quaternions, at most pi / sqrt(2)
+  const auto &from = leg.from.rotation.coeffs(), &to = leg.to.rotation.coeffs();
+  const float turn = kTurnPerChange * std::min((to - from).norm(), (to + from).norm());
+  const Vec3 half = leg.from.rotation.toRotationMatrix().cwiseAbs() * planes_.half_extents +
+                    Vec3::Constant(turn * hull_.radius() + margin(leg.from.position.cwiseAbs().maxCoeff()));
+  leg.low = leg.from.position.cwiseMin(leg.to.position) - half;
+  leg.high = leg.from.position.cwiseMax(leg.to.position) + half;
+}
+
+// Returns true if a point is nearer than `reach` (m) to the planes of all faces of a drone, or on their inner sides.
+bool Crowd::is_near(const Pose& pose, const Vec3& point, float reach) const {
+  const Vec3 local = pose.rotation.conjugate() * (point - pose.position);
+  for (std::size_t i = 0; i < planes_.count; ++i) {
+    if (planes_.x[i] * local.x() + planes_.y[i] * local.y() + planes_.z[i] * local.z() - planes_.offset[i] >= reach) return false;
+  }
+  return true;
 }
 
 Pose Crowd::pose_at(std::size_t a, double time) const {
@@ -109,6 +146,7 @@ void Crowd::find_with_world(std::size_t a) {
 void Crowd::find_with_drone(std::size_t a, std::size_t b) {
   const Leg &first = legs_[a], &second = legs_[b];
   if (first.rests() && second.rests()) return;
+  if ((first.low.array() > second.high.array()).any() || (second.low.array() > first.high.array()).any()) return;
   const double begin = std::max(first.begin, second.begin);
   const float apart = (first.from.position - second.from.position).norm();
   const float ways = (first.to.position - first.from.position).norm() + (second.to.position - second.from.position).norm();
@@ -131,7 +169,10 @@ void Crowd::find_with_drone(std::size_t a, std::size_t b) {
 // Finds what a drone meets on its leg, except one drone.
 void Crowd::find_all(std::size_t a, std::size_t except) {
   find_with_world(a);
-  for (std::size_t b = 0; b < legs_.size(); ++b) {
+  const float gap = widest_gap(a), first_x = began(a).x() - gap, last_x = began(a).x() + gap;
+  std::size_t first = a;
+  while (first > 0 && began(first - 1).x() >= first_x) --first;
+  for (std::size_t b = first; b < legs_.size() && began(b).x() <= last_x; ++b) {
     if (b != a && b != except) find_with_drone(std::min(a, b), std::max(a, b));
   }
 }
@@ -148,6 +189,7 @@ void Crowd::stop(std::size_t a, double time, const Pose& pose, const Velocity& v
   leg = {.begin = time, .from = pose, .to = pose, .first = velocity, .last = velocity, .contacts = leg.contacts};
   leg.is_first = false;
   leg.stands = true;
+  set_box(leg);
   drone(a).is_deflected = true;
 }
 
@@ -163,10 +205,12 @@ void Crowd::fly_on(std::size_t a, double time, const Pose& pose, const Velocity&
          .last = at_end,
          .contacts = contacts};
   leg.is_first = false;
+  set_box(leg);
   Neighbor& each = drone(a);
   each.is_deflected = true;
   const float came = (pose.position - each.motion.from.position).norm();
   each.reach = std::max(each.reach, came + (leg.to.position - pose.position).norm());
+  farthest_ = std::max(farthest_, each.reach);
 }
 
 void Crowd::meet(const Meeting& meeting) {
@@ -236,12 +280,8 @@ void Crowd::meet_drone(const Meeting& meeting) {
     for (std::size_t i = 0; i < 2; ++i) stop(both[i], meeting.time, poses[i], ends[i]);
     return;
   }
-  const std::array solids{MovingSolid(corners_, poses[0], poses[0], 0), MovingSolid(corners_, poses[1], poses[1], 0)};
   const auto touches = [&](std::size_t i) {
-    return [&solids, i](const Vec3& point, float reach) {
-      const collision::Vec3d center = point.cast<double>();
-      return (collision::closest_point(solids[i].at(1.0), center) - center).norm() < static_cast<double>(reach);
-    };
+    return [this, &pose = poses[i]](const Vec3& point, float reach) { return is_near(pose, point, reach); };
   };
   ContactPoints touching(touches(1), hull_, poses[0], contact);
   touching.add_vertices(touches(0), hull_, poses[1], contact, -1.0F);

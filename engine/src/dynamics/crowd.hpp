@@ -15,6 +15,7 @@
 #include "flockstep/airframe.hpp"
 #include "flockstep/dynamics.hpp"
 #include "flockstep/pose.hpp"
+#include "trace/hulls.hpp"
 
 namespace flockstep::dynamics {
 
@@ -46,7 +47,7 @@ struct Neighbor {
 class Crowd {
  public:
   // corners: of the hull; both must outlive the crowd.
-  Crowd(const collision::Hull& hull, const collision::Corners& corners) : hull_(hull), corners_(corners) {}
+  Crowd(const collision::Hull& hull, const collision::Corners& corners);
 
   // bodies: of the env. Without bodies the count is 0.
   void resolve(std::span<Neighbor* const> drones, const collision::Obstacles& obstacles, const collision::MovingBodies& bodies,
@@ -61,6 +62,7 @@ class Crowd {
     int contacts = 0;
     bool is_first = true;
     bool stands = false;
+    Vec3 low = Vec3::Zero(), high = Vec3::Zero();  // m, corners of a box that contains the hull during the whole leg
 
     bool rests() const { return from.position == to.position && from.rotation.coeffs() == to.rotation.coeffs(); }
   };
@@ -75,7 +77,11 @@ class Crowd {
 
   Neighbor& drone(std::size_t a) { return *drones_[order_[a]]; }
   const Neighbor& drone(std::size_t a) const { return *drones_[order_[a]]; }
+  const Vec3& began(std::size_t a) const { return drone(a).motion.from.position; }  // in ascending order of x
   std::int32_t number(std::size_t a) const { return static_cast<std::int32_t>(drone(a).number); }
+  float widest_gap(std::size_t a) const;
+  void set_box(Leg& leg) const;
+  bool is_near(const Pose& pose, const Vec3& point, float reach) const;
   void find_with_world(std::size_t a);
   void find_with_drone(std::size_t a, std::size_t b);
   void find_all(std::size_t a, std::size_t except);
@@ -93,11 +99,13 @@ class Crowd {
 
   const collision::Hull& hull_;
   const collision::Corners& corners_;
+  const trace::HullPlanes planes_;
   std::span<Neighbor* const> drones_;
   const collision::Obstacles* obstacles_ = nullptr;
   collision::MovingBodies bodies_;
   const DynamicsConfig* config_ = nullptr;
-  bool stops_ = false;  // drones stop at contacts
+  bool stops_ = false;     // drones stop at contacts
+  float farthest_ = 0.0F;  // m, largest reach of all drones so far
   std::vector<std::size_t> order_;
   std::vector<Leg> legs_;
   std::vector<Meeting> meetings_;

@@ -56,7 +56,7 @@ class GroupFlight {
   void fly(const Commands& commands, int first_tick, int ticks) {
     for (std::size_t lane = 0; lane < kLanes; ++lane) {
       is_done_[lane] = !group_.is_listed(lane) || is_held(lane);
-      if (has_reach() && group_.is_listed(lane)) context_.reach[group_[lane]] = 0.0F;
+      if (has_bend() && group_.is_listed(lane)) context_.bend[group_[lane]] = 0.0F;
     }
     if (has_bodies()) push_held(first_tick);
     if (is_done()) return;
@@ -66,10 +66,17 @@ class GroupFlight {
     if (is_done()) return;
     load();
     load_setpoints(commands);
-    for (int tick = first_tick; tick < first_tick + ticks && !is_done(); ++tick) {
-      Interrupt::poll();  // between ticks the state is consistent
-      fly_tick(tick);
+    const Lanes<3> began = flock_.origin;
+    LaneFlags flies{};
+    for (std::size_t lane = 0; lane < kLanes; ++lane) flies[lane] = !is_done_[lane];
+    for (int tick = first_tick; tick < first_tick + ticks && (has_bend() || !is_done()); ++tick) {
+      if (!is_done()) {
+        Interrupt::poll();  // between ticks the state is consistent
+        fly_tick(tick);
+      }
+      if (has_bend()) record_positions(began, tick - first_tick);
     }
+    if (has_bend()) write_bends(flies, ticks);
   }
 
   void record(const Commands& commands, int tick, const NeighborTable& table) {
@@ -184,7 +191,7 @@ class GroupFlight {
     return (fleet_.config.on_contact == OnContact::terminate && state_.contact.hit[group_[lane]]) || context_.bad[row_of(lane)];
   }
 
-  bool has_reach() const { return !context_.reach.empty(); }
+  bool has_bend() const { return !context_.bend.empty(); }
   bool has_bodies() const { return context_.bodies.count != 0; }
   collision::MovingBodies bodies(std::size_t lane) const { return context_.bodies.of_env(env_of(lane), context_.bodies_per_env); }
 
@@ -194,7 +201,7 @@ class GroupFlight {
     const collision::MovingBodies all = bodies(lane);
     const Pose pose = pose_of(state_, drone);
     const collision::Push result = push_standing(obstacles(lane), {all, context_.scratch.near}, context_.hull, pose);
-    if (has_reach()) context_.reach[drone] += result.farthest;
+    note_detour(lane, result.farthest);
     if (result.jammed && state_.contact.hit[drone]) state_.contact.inside[drone] = 1;
     if (!result.pushed) return;
     set_pose_of(state_, drone, {result.pose.position, pose.rotation});
@@ -204,7 +211,40 @@ class GroupFlight {
 
   void push_held(int tick) {
     for (std::size_t lane = 0; lane < kLanes; ++lane) {
-      if (group_.is_listed(lane) && is_held(lane)) push(lane, tick);
+      if (!group_.is_listed(lane) || !is_held(lane)) continue;
+      push(lane, tick);
+      if (has_bend()) context_.bend[group_[lane]] = 2.0F * detour_[lane];
+    }
+  }
+
+  // Notes that a drone came this far (m) from the position where it began a tick, and not straight to where it ended.
+  void note_detour(std::size_t lane, float distance) { detour_[lane] = std::max(detour_[lane], distance); }
+
+  // Records the stored positions after a tick of the leg.
+  void record_positions(const Lanes<3>& began, int tick) {
+    Lanes<3>& travelled = context_.scratch.path[static_cast<std::size_t>(tick)];
+    for (std::size_t lane = 0; lane < kLanes; ++lane)
+      set(vec3(state_.position, group_[lane]) - vec3(began, lane), lane, travelled);
+  }
+
+  // Writes the bends of drones whose leg has been recorded.
+  void write_bends(const LaneFlags& lanes, int ticks) {
+    const std::span<const Lanes<3>> path = std::span(context_.scratch.path).first(static_cast<std::size_t>(ticks));
+    const Lanes<3>& whole = path.back();
+    Lane bend2{};
+    for (std::size_t tick = 0; tick < path.size(); ++tick) {
+      const float share = static_cast<float>(tick + 1) / static_cast<float>(ticks);
+      for (std::size_t lane = 0; lane < kLanes; ++lane) {
+        const float x = path[tick][0][lane] - share * whole[0][lane], y = path[tick][1][lane] - share * whole[1][lane],
+                    z = path[tick][2][lane] - share * whole[2][lane];
+        bend2[lane] = std::max(bend2[lane], x * x + y * y + z * z);
+      }
+    }
+    for (std::size_t lane = 0; lane < kLanes; ++lane) {
+      if (!lanes[lane]) continue;
+      float bend = std::sqrt(bend2[lane]);
+      if (detour_[lane] > 0.0F) bend += detour_[lane] + vec3(whole, lane).norm() / static_cast<float>(ticks);
+      context_.bend[group_[lane]] = bend;
     }
   }
 
@@ -220,13 +260,13 @@ class GroupFlight {
       flies[lane] = is_done_[lane] =
           is_good(lane) && !(has_bodies() && is_near_body(lane)) && (is_open_[lane] != 0 || find_open_space(lane));
       if (flies[lane] && !context_.path.empty()) store_path(lane, first_tick, ticks);
-      if (flies[lane] && has_reach()) context_.reach[group_[lane]] = std::sqrt(flock_.reach2[lane]);
     }
+    if (has_bend()) write_bends(flies, ticks);
     group_.store(flies, flock_, state_);
   }
 
   // Memory for the path of a leg; null if it is not recorded.
-  Lanes<3>* path_of_leg() { return context_.path.empty() ? nullptr : context_.scratch.path.data(); }
+  Lanes<3>* path_of_leg() { return context_.path.empty() && !has_bend() ? nullptr : context_.scratch.path.data(); }
 
   float* path_of(std::size_t lane, int tick) {
     const std::size_t row = context_.path.size() / fleet_.open.world.size();
@@ -337,14 +377,10 @@ class GroupFlight {
   }
 
   void end_tick(std::size_t lane) {
-    const DroneIndex drone = group_[lane];
     const TickMotion motion = motion_of(lane);
     const ContactResult result = resolve(lane, motion);
-    if (has_reach()) {
-      const Vec3& end = result.is_deflected ? result.pose.position : motion.to.position;
-      context_.reach[drone] += (motion.to.position - motion.from.position).norm() + (end - motion.to.position).norm();
-    }
     if (result.is_deflected) {
+      note_detour(lane, (motion.to.position - motion.from.position).norm() + (result.pose.position - motion.to.position).norm());
       set(result.pose.position, lane, flock_.position);
       set(result.pose.rotation, lane, flock_.rotation);
       set(result.velocity.linear, lane, flock_.velocity);
@@ -389,6 +425,7 @@ class GroupFlight {
   alignas(64) Lane space_{};                    // m, free radius around the origin that flying the leg at once requires
   std::array<std::int32_t, kLanes> is_open_{};  // the cached open space is large enough
   LaneFlags is_done_{};                         // the lane has finished the leg
+  Lane detour_{};                               // m, see note_detour()
 };
 
 }  // namespace

@@ -29,7 +29,7 @@ struct FlightScratch {
   Flock flock;
   // For a fleet with several airframes: the coefficients of the last group's lanes and their airframe rows; -1: no group yet.
   LaneNumbers numbers;
-  AlignedVector<Lanes<3>> path;  // of the current leg, one entry per tick; empty if it is not recorded
+  AlignedVector<Lanes<3>> path;  // of the current leg, one entry per tick; empty if neither paths nor bends are recorded
   std::array<std::int32_t, kLanes> airframes{-1};
   collision::NearSolids near;
   Downwash downwash;
@@ -54,8 +54,9 @@ struct FlightContext {
   // The bodies of all envs, env by env, during a call of fly() with one tick. Without bodies the count is 0.
   collision::MovingBodies bodies = {};
   std::size_t bodies_per_env = 0;
-  // (N,) m, largest distance of each listed drone from its position at the beginning of the call; empty: not asked.
-  std::span<float> reach = {};
+  // (N,) m, of each listed drone: its largest distance from a point that moves uniformly from where the drone begins the call to
+  // where it ends; empty: not recorded.
+  std::span<float> bend = {};
 };
 
 // Drones of one env that may touch each other, for record_motions().

@@ -10,6 +10,15 @@ namespace flockstep::sensors {
 namespace {
 
 constexpr float kInfinity = std::numeric_limits<float>::infinity();
+constexpr std::size_t kManyDrones = 48;     // of an env; fewer are searched as fast without slices
+constexpr std::size_t kDronesPerScan = 16;  // whose slicing takes as long as slices save in one scan
+
+// Returns how many drones at the front of a list are in one env.
+std::size_t count_of_env(std::span<const DroneIndex> drones, const Surroundings& surroundings) {
+  const std::size_t env = surroundings.env_of(drones.front());
+  return static_cast<std::size_t>(
+      std::ranges::find_if(drones, [&](DroneIndex drone) { return surroundings.env_of(drone) != env; }) - drones.begin());
+}
 
 }  // namespace
 
@@ -87,14 +96,23 @@ void Lidar::restored() {
 
 void Lidar::measure(std::span<const DroneIndex> drones, const Surroundings& surroundings) {
   if (!drones.empty() && !has_scanned()) has_scanned_.store(true, std::memory_order_relaxed);
+  bool has_slices = false;  // of the drones of this env
   for (std::size_t i = 0; i < drones.size(); ++i) {
     const DroneIndex drone = drones[i];
     const trace::Scene& scene = surroundings.scene_of(drone);
+    trace::Bodies others = surroundings.drones_seen_by(drone);
+    if (others.count >= kManyDrones) {
+      if (i == 0 || surroundings.env_of(drones[i - 1]) != surroundings.env_of(drone)) {
+        has_slices = kDronesPerScan * count_of_env(drones.subspan(i), surroundings) >= others.count;
+        if (has_slices) surroundings.slices.sort(others.balls());
+      }
+      if (has_slices) others.slices = &surroundings.slices;
+    }
     if (i + 2 < drones.size()) {
       if (const trace::Scene& next = surroundings.scene_of(drones[i + 2]); &next != &scene) next.prefetch_parts();
     }
     if (surroundings.bodies_per_env > 0 && i + 1 < drones.size()) surroundings.bodies_of(drones[i + 1]).prefetch_balls();
-    scan(scene, surroundings.bodies_of(drone), surroundings.drones_seen_by(drone), pose_of(surroundings.state, drone), drone,
+    scan(scene, surroundings.bodies_of(drone), others, pose_of(surroundings.state, drone), drone,
          readings_.truth().ranges.data() + drone * rays_, surroundings.tracer);
   }
   surroundings.tracer.finish();

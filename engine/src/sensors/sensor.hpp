@@ -76,7 +76,8 @@ struct Surroundings {
   std::span<const std::int32_t> slots;          // (E,) slot of each env's world
   std::size_t drones_per_env;
   trace::Tracer& tracer;
-  trace::Bodies bodies{};  // of all envs
+  trace::BallSlices& slices;  // working memory for the drones of one env
+  trace::Bodies bodies{};     // of all envs
   std::size_t bodies_per_env = 0;
   trace::Bodies drones{};  // of all envs, if they see each other
 

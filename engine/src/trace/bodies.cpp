@@ -81,8 +81,8 @@ void append_meshes(const Bodies& bodies, std::vector<PosedMesh>& meshes) {
 void NearBodies::gather(const Bodies& bodies, const Bodies& drones, const Vec3& origin, float near_m, float range_m) {
   clear();
   const std::size_t most = bodies.count + drones.count;
-  if (found_.size() < most) {
-    found_.resize(most);
+  if (found_.size() < most + BallColumns::kPadding) {
+    found_.resize(most + BallColumns::kPadding);
     shapes_.reserve(most);
     candidates_.reserve(most);
     meshes_.reserve(most);
@@ -95,13 +95,15 @@ void NearBodies::gather(const Bodies& bodies, const Bodies& drones, const Vec3& 
 void NearBodies::add(const Bodies& bodies, const Vec3& origin, float near_m, float range_m) {
   if (bodies.count == 0) return;
   if (bodies.common_hull != nullptr && turned_.size() < bodies.count) turned_.resize(bodies.count);
-  const std::size_t count = find_near_balls(bodies.balls(), origin, range_m, found_.data());
+  const std::size_t count = bodies.slices != nullptr ? bodies.slices->find(origin, range_m, found_.data())
+                                                     : find_near_balls(bodies.balls(), origin, range_m, found_.data());
   for (const std::uint32_t number : std::span(found_).first(count)) {
     if (number == bodies.hidden) continue;
     if (bodies.common_hull != nullptr) {
-      turned_[number].turn(*bodies.common_hull, bodies.quat_wxyz + 4 * number);
       const float* const p = bodies.position + 3 * number;
-      hulls_.push_back({.planes = &turned_[number],
+      hulls_.push_back({.planes = bodies.common_hull,
+                        .turned = &turned_[number],
+                        .quat_wxyz = bodies.quat_wxyz + 4 * number,
                         .position = {p[0], p[1], p[2]},
                         .radius = bodies.radius[number],
                         .element = bodies.first_element + static_cast<std::int32_t>(number)});

@@ -11,6 +11,7 @@
 #include "base/prefetch.hpp"
 #include "flockstep/pose.hpp"
 #include "flockstep/world.hpp"
+#include "trace/ball_slices.hpp"
 #include "trace/direct.hpp"
 #include "trace/hulls.hpp"
 #include "trace/near_balls.hpp"
@@ -33,6 +34,8 @@ struct Bodies {
   std::size_t readable = 0;        // bodies of this env and the following ones, which these arrays also hold
   std::int32_t first_element = 0;  // number of the first body in hits
   std::size_t hidden = kNone;      // number of the drone that carries the sensor, which does not see it
+
+  const BallSlices* slices = nullptr;  // their balls, if many sensors search them
 
   static constexpr std::size_t kNone = static_cast<std::size_t>(-1);
 

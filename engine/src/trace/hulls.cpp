@@ -88,6 +88,43 @@ struct WorldDirections {
   }
 };
 
+// The planes of a frustum in the world frame, for the balls around hulls.
+class FrustumSides {
+  using Balls = WideUpTo<16>;
+
+ public:
+  static constexpr std::size_t kCount = Balls::kCount;  // hulls tested together
+
+  template <class Planes>
+  HWY_INLINE FrustumSides(const Wide3<Planes>& normal, Planes reach) {
+    normal.store(x_, y_, z_);
+    reach.store(reach_);
+  }
+
+  // Returns a bit for each of at most kCount hulls whose ball is not beyond a plane.
+  HWY_INLINE std::uint32_t find_inside(std::span<const PosedHull> hulls, const Vec3& origin) const {
+    alignas(64) float x[kCount] = {}, y[kCount] = {}, z[kCount] = {}, radius[kCount] = {};
+    for (std::size_t i = 0; i < hulls.size(); ++i) {
+      x[i] = hulls[i].position.x() - origin.x();
+      y[i] = hulls[i].position.y() - origin.y();
+      z[i] = hulls[i].position.z() - origin.z();
+      radius[i] = hulls[i].radius;
+    }
+    const Wide3<Balls> center = Wide3<Balls>::load(x, y, z);
+    const Balls far = abs(center.x) + abs(center.y) + abs(center.z);
+    const Balls ball = Balls::load(radius);
+    const Balls enough = ball * 1.0001F + kHullRounding * (ball + far);
+    Balls::Mask is_beyond(false);
+    for (std::size_t plane = 0; plane < Frustum::kPlanes; ++plane) {
+      is_beyond = is_beyond | (dot(Wide3<Balls>{x_[plane], y_[plane], z_[plane]}, center) - enough > Balls(reach_[plane]));
+    }
+    return ~bits(is_beyond) & ((1U << hulls.size()) - 1U);
+  }
+
+ private:
+  alignas(64) float x_[Frustum::kPlanes], y_[Frustum::kPlanes], z_[Frustum::kPlanes], reach_[Frustum::kPlanes];
+};
+
 void turn_planes(const HullPlanes& planes, const Mat3& to_world, TurnedPlanes& turned) {
   using Faces = WideUpTo<16>;
   for (std::size_t i = 0; i < planes.count; i += Faces::kCount) {
@@ -105,14 +142,16 @@ void meet_hulls(std::span<const PosedHull> hulls, RayBundle& rays) {
   WorldDirections directions;
   SeenPlanes planes;
   bool has_directions = false;
-  for (const PosedHull& hull : hulls) {
+  const auto meet = [&](const PosedHull& hull) HWY_ATTR {
     const Vec3 center = hull.position - rays.origin;
     const float rounding = kHullRounding * (hull.radius + center.cwiseAbs().sum());  // m
+    const float radius = hull.radius * 1.0001F + rounding;
     const auto beyond = [&](const auto& offset) HWY_ATTR { return dot(normal, Wide3<Planes>{offset[0], offset[1], offset[2]}); };
-    const Mat3& box = hull.planes->half_box;
+    hull.turned->turn(*hull.planes, hull.quat_wxyz);
+    const Mat3& box = hull.turned->half_box;
     const Planes half = abs(beyond(box.col(0))) + abs(beyond(box.col(1))) + abs(beyond(box.col(2)));
-    if (!none(beyond(center) - half * 1.0001F - rounding > reach)) continue;
-    const float squared = center.squaredNorm(), radius = hull.radius * 1.0001F + rounding;
+    if (!none(beyond(center) - half * 1.0001F - rounding > reach)) return;
+    const float squared = center.squaredNorm();
     if (!has_directions) directions.compute(rays);
     has_directions = true;
     const HullRays least = squared - radius * radius;  // <= 0: the origin is in the ball
@@ -126,12 +165,24 @@ void meet_hulls(std::span<const PosedHull> hulls, RayBundle& rays) {
       close[num_close] = i;
       num_close += none(passes | (least <= 0.0F)) ? 0 : 1;
     }
-    if (num_close == 0) continue;
-    planes.see(*hull.planes, -center);
+    if (num_close == 0) return;
+    planes.see(*hull.turned, -center);
     for (std::size_t i = 0; i < num_close; ++i) {
       const std::size_t first = close[i];
       planes.meet(HullRays3::load(directions.x + first, directions.y + first, directions.z + first), hull.element, near, range,
                   rays.t_hit + first, rays.element + first);
+    }
+  };
+  constexpr std::size_t kFew = 4;
+  if (hulls.size() <= kFew) {
+    for (const PosedHull& hull : hulls) meet(hull);
+    return;
+  }
+  const FrustumSides sides(normal, reach);
+  for (std::size_t first = 0; first < hulls.size(); first += FrustumSides::kCount) {
+    const auto some = hulls.subspan(first, std::min(FrustumSides::kCount, hulls.size() - first));
+    for (std::uint32_t left = sides.find_inside(some, rays.origin); left != 0; left &= left - 1) {
+      meet(some[static_cast<std::size_t>(std::countr_zero(left))]);
     }
   }
 }

@@ -41,13 +41,16 @@ struct TurnedPlanes {
 };
 
 struct PosedHull {
-  const TurnedPlanes* planes;
-  Vec3 position;         // m, world frame
-  float radius;          // m, of the ball around the position that contains it
-  std::int32_t element;  // number of the body in hits
+  const HullPlanes* planes;
+  TurnedPlanes* turned;    // turned when a ray may hit the hull, which is rare
+  const float* quat_wxyz;  // body to world
+  Vec3 position;           // m, world frame
+  float radius;            // m, of the ball around the position that contains it
+  std::int32_t element;    // number of the body in hits
 };
 
-// Keeps hits on hulls that are nearer than t_hit. Like other solids, a hull is visible from inside, too.
+// Keeps hits on hulls that are nearer than t_hit. Like other solids, a hull is visible from inside, too. The distances do not
+// depend on the order of the hulls; if several are hit at the same distance, the element is that of the first one.
 void trace_hulls(std::span<const PosedHull> hulls, RayBundle& rays);
 
 }  // namespace flockstep::trace

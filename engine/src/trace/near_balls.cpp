@@ -17,8 +17,15 @@ using namespace flockstep::HWY_NAMESPACE;
 
 constexpr float kBallRounding = 1e-5F;  // fraction of distances, by which the search goes farther
 
+using NearF = WideUpTo<16>;
+
+HWY_INLINE NearF::Mask is_near(const Wide3<NearF>& away, NearF radius, float range_m) {
+  const NearF reach = (radius + range_m) * (1.0F + kBallRounding);
+  return (dot(away, away) <= reach * reach) & (radius >= 0.0F);
+}
+
 std::size_t find_balls(const Balls& balls, const Vec3& origin, float range_m, std::uint32_t* found) {
-  using F = WideUpTo<16>;
+  using F = NearF;
   const Wide3<F> from{origin.x(), origin.y(), origin.z()};
   std::size_t count = 0;
   for (std::size_t i = 0; i < balls.count; i += F::kCount) {
@@ -31,10 +38,27 @@ std::size_t find_balls(const Balls& balls, const Vec3& origin, float range_m, st
     }
     const Wide3<F> away = Wide3<F>::load_rows(is_last ? rows : balls.center + 3 * i) - from;
     const F radius = F::load_unaligned(is_last ? radii : balls.radius + i);
-    const F reach = (radius + range_m) * (1.0F + kBallRounding);
-    std::uint32_t near = bits((dot(away, away) <= reach * reach) & (radius >= 0.0F)) & ((1U << here) - 1U);
+    std::uint32_t near = bits(is_near(away, radius, range_m)) & ((1U << here) - 1U);
     for (; near != 0; near &= near - 1) {
       found[count++] = static_cast<std::uint32_t>(i) + static_cast<std::uint32_t>(std::countr_zero(near));
+    }
+  }
+  return count;
+}
+
+// Without branches: how many balls of a vector are near cannot be predicted.
+std::size_t find_in_columns(const BallColumns& balls, const Vec3& origin, float range_m, std::uint32_t* found) {
+  using F = NearF;
+  static_assert(F::kCount <= BallColumns::kPadding);
+  const Wide3<F> from{origin.x(), origin.y(), origin.z()};
+  std::size_t count = 0;
+  for (std::size_t i = 0; i < balls.count; i += F::kCount) {
+    const Wide3<F> away = Wide3<F>::load_unaligned(balls.x + i, balls.y + i, balls.z + i) - from;
+    const F::Int number = F::Int::iota() + F::Int(static_cast<std::int32_t>(i));
+    const F::Mask near =
+        is_near(away, F::load_unaligned(balls.radius + i), range_m) & (number < F::Int(static_cast<std::int32_t>(balls.count)));
+    for (std::size_t p = 0; p < F::kParts; ++p) {
+      count += hn::CompressStore(number.part[p], near.part[p], F::Int::Tag(), reinterpret_cast<std::int32_t*>(found + count));
     }
   }
   return count;
@@ -47,9 +71,14 @@ HWY_AFTER_NAMESPACE();
 namespace flockstep::trace {
 
 HWY_EXPORT(find_balls);
+HWY_EXPORT(find_in_columns);
 
 std::size_t find_near_balls(const Balls& balls, const Vec3& origin, float range_m, std::uint32_t* found) {
   return HWY_DYNAMIC_DISPATCH(find_balls)(balls, origin, range_m, found);
+}
+
+std::size_t find_near_balls(const BallColumns& balls, const Vec3& origin, float range_m, std::uint32_t* found) {
+  return HWY_DYNAMIC_DISPATCH(find_in_columns)(balls, origin, range_m, found);
 }
 
 }  // namespace flockstep::trace

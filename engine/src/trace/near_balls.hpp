@@ -19,4 +19,15 @@ struct Balls {
 // how many there are. found: (count,).
 std::size_t find_near_balls(const Balls& balls, const Vec3& origin, float range_m, std::uint32_t* found);
 
+// Balls in an array for each coordinate, which the search reads faster. All arrays are readable for kPadding more elements.
+struct BallColumns {
+  static constexpr std::size_t kPadding = 16;  // a vector
+
+  const float *x = nullptr, *y = nullptr, *z = nullptr, *radius = nullptr;  // (count,) m
+  std::size_t count = 0;
+};
+
+// Finds the same balls. found: (count + kPadding,).
+std::size_t find_near_balls(const BallColumns& balls, const Vec3& origin, float range_m, std::uint32_t* found);
+
 }  // namespace flockstep::trace

@@ -96,71 +96,120 @@ Poses rows_of(const Poses& poses, std::span<const std::size_t> rows) {
 // The nearest of the static world, which is element -2, and the other drones of an env.
 oracle::Hit nearest(const World& world, const oracle::Hull& hull, const Batch& batch, const Poses& poses, std::size_t drone,
                     const Vec3d& origin, const Vec3d& direction) {
-  oracle::Hit found = oracle::nearest(world, origin, direction, 6.0);
+  const auto range = static_cast<double>(batch.config().lidars[0].max_range_m);
+  oracle::Hit found = oracle::nearest(world, origin, direction, range);
   if (found.element >= 0) found.element = -2;
   const std::size_t per_env = static_cast<std::size_t>(batch.config().drones_per_env), env = drone / per_env;
   for (std::size_t other = env * per_env; other < (env + 1) * per_env; ++other) {
     if (other == drone || !batch.state().active[other]) continue;
     oracle::Hit hit = hull.hit(pose_of_row(poses, other), origin, direction);
-    if (hit.t > 6.0 || hit.t >= found.t) continue;
+    if (hit.t > range || hit.t >= found.t) continue;
     found = hit;
     found.element = static_cast<int>(other);
   }
   return found;
 }
 
+struct RayCounts {
+  std::size_t rays = 0, on_drones = 0, unclear = 0;
+};
+
+// Checks the ranges of all drones against the nearest hit of each ray.
+void check_ranges(const World& world, const DroneModel& model, const Batch& batch, const Poses& poses, RayCounts& counts) {
+  const oracle::Hull hull(model.hull());
+  const std::vector<float>& ranges = batch.lidar_readings().ranges;
+  std::vector<float> directions(3 * ranges.size());
+  batch.lidar_directions(directions);
+  const std::size_t per_drone = ranges.size() / static_cast<std::size_t>(batch.config().num_drones());
+  for (std::size_t ray = 0; ray < ranges.size(); ++ray) {
+    const std::size_t drone = ray / per_drone;
+    const float range = ranges[ray];
+    if (!batch.state().active[drone]) {
+      ASSERT_TRUE(std::isinf(range));
+      continue;
+    }
+    const Pose pose = pose_of_row(poses, drone);
+    const Vec3d origin = pose.position.cast<double>();
+    const Vec3d direction =
+        (pose.rotation.cast<double>().normalized() * Vec3(Vec3::Map(&directions[3 * ray])).cast<double>()).normalized();
+    const oracle::Hit expected = nearest(world, hull, batch, poses, drone, origin, direction);
+    ++counts.rays;
+    bool clear = true;
+    double steepest = 1.0;
+    const Vec3d u = direction.unitOrthogonal(), v = direction.cross(u);
+    for (const Vec3d& way : {u, Vec3d(-u), v, Vec3d(-v), direction, Vec3d(-direction)}) {
+      const oracle::Hit other = nearest(world, hull, batch, poses, drone, origin + 2e-5 * way, direction);
+      clear = clear && other.element == expected.element && (expected.element == -1 || other.normal.dot(expected.normal) > 0.9);
+      if (clear && expected.element != -1) steepest = std::max(steepest, std::abs(other.t - expected.t) / 2e-5);
+    }
+    if (!clear) {
+      ++counts.unclear;
+      continue;
+    }
+    counts.on_drones += expected.element >= 0 ? 1 : 0;
+    if (expected.element == -1) {
+      ASSERT_TRUE(std::isinf(range)) << range;
+    } else {
+      ASSERT_NEAR(static_cast<double>(range), expected.t, 5e-6 * steepest) << expected.element;
+    }
+  }
+}
+
 TEST(SeenDrones, LidarsDetectTheHullsOfTheOthers) {
   const auto world = hall();
   Random random(1);
-  std::size_t rays = 0, on_drones = 0, unclear = 0;
+  RayCounts counts;
   for (const DroneModel& model : {DroneModel::quadrotor650(), DroneModel::load("crazyflie")}) {
-    const oracle::Hull hull(model.hull());
     Batch batch(flock_of(3, 5), {world}, nullptr, model);
     batch.remove(std::array<std::int64_t, 1>{7});
     for (int i = 0; i < 16; ++i) {
       const Poses poses = testing::random_poses(random, 15, Vec3::Constant(std::min(1.0F, 4.0F * model.radius())));
       batch.set_pose(poses.position, poses.quat_wxyz);
       batch.sense();
-      std::vector<float> directions(15 * 300 * 3);
-      batch.lidar_directions(directions);
-      for (std::size_t ray = 0; ray < 15 * 300; ++ray) {
-        const std::size_t drone = ray / 300;
-        const float range = batch.lidar_readings().ranges[ray];
-        if (drone == 7) {
-          ASSERT_TRUE(std::isinf(range));
-          continue;
-        }
-        const Pose pose = pose_of_row(poses, drone);
-        const Vec3d origin = pose.position.cast<double>();
-        const Vec3d direction =
-            (pose.rotation.cast<double>().normalized() * Vec3(Vec3::Map(&directions[3 * ray])).cast<double>()).normalized();
-        const oracle::Hit expected = nearest(*world, hull, batch, poses, drone, origin, direction);
-        ++rays;
-        bool clear = true;
-        double steepest = 1.0;
-        const Vec3d u = direction.unitOrthogonal(), v = direction.cross(u);
-        for (const Vec3d& way : {u, Vec3d(-u), v, Vec3d(-v), direction, Vec3d(-direction)}) {
-          const oracle::Hit other = nearest(*world, hull, batch, poses, drone, origin + 2e-5 * way, direction);
-          clear =
-              clear && other.element == expected.element && (expected.element == -1 || other.normal.dot(expected.normal) > 0.9);
-          if (clear && expected.element != -1) steepest = std::max(steepest, std::abs(other.t - expected.t) / 2e-5);
-        }
-        if (!clear) {
-          ++unclear;
-          continue;
-        }
-        on_drones += expected.element >= 0 ? 1 : 0;
-        if (expected.element == -1) {
-          ASSERT_TRUE(std::isinf(range)) << range;
-        } else {
-          ASSERT_NEAR(static_cast<double>(range), expected.t, 5e-6 * steepest) << expected.element;
-        }
-      }
+      check_ranges(*world, model, batch, poses, counts);
     }
   }
-  EXPECT_GT(rays, 100'000U);
-  EXPECT_GT(on_drones, 10'000U);
-  EXPECT_LT(unclear, rays / 50);
+  EXPECT_GT(counts.rays, 100'000U);
+  EXPECT_GT(counts.on_drones, 10'000U);
+  EXPECT_LT(counts.unclear, counts.rays / 50);
+}
+
+// Scans of many drones of an env share slices of their balls. A single scan searches all drones.
+TEST(SeenDrones, LidarsDetectTheSameAmongMany) {
+  const auto world = hall();
+  Random random(8);
+  RayCounts counts;
+  const DroneModel model = DroneModel::load("crazyflie");
+  for (const int per_env : {60, 700}) {
+    const auto drones = static_cast<std::size_t>(per_env);
+    for (const Vec3& spread : {Vec3(0.3F, 0.3F, 0.3F), Vec3(0.1F, 3, 0.3F), Vec3(0.05F, 0.05F, 2)}) {
+      BatchConfig config = flock_of(2, per_env);
+      config.lidars[0].beams = 8;
+      config.lidars[0].channels = 2;
+      config.lidars[0].max_range_m = 1.5F;
+      Batch batch(config, {world}, nullptr, model);
+      batch.remove(std::array<std::int64_t, 2>{7, static_cast<std::int64_t>(2 * drones - 1)});
+      Poses poses = testing::random_poses(random, 2 * per_env, spread);
+      poses.position[3 * 20] = 400.0F;  // one is far from the others
+      batch.set_pose(poses.position, poses.quat_wxyz);
+      batch.sense();
+      const std::vector<float> ranges = batch.lidar_readings().ranges;
+      if (per_env == 60) check_ranges(*world, model, batch, poses, counts);
+      std::vector<float> one(16);
+      for (std::size_t drone = 0; drone < 2 * drones; ++drone) {
+        if (!batch.state().active[drone]) continue;
+        batch.scan(static_cast<std::int64_t>(drone), one);
+        ASSERT_TRUE(same_bits(one, testing::row(ranges, drone, 16))) << drone;
+      }
+      std::vector<std::uint8_t> few(2 * drones);
+      few[3] = few[drones + 1] = few[drones + 2] = 1;
+      batch.sense(few);
+      ASSERT_TRUE(same_bits(ranges, batch.lidar_readings().ranges));
+    }
+  }
+  EXPECT_GT(counts.rays, 5'000U);
+  EXPECT_GT(counts.on_drones, 500U);
+  EXPECT_LT(counts.unclear, counts.rays / 20);
 }
 
 TEST(SeenDrones, ADroneDoesNotSeeItselfNorDronesOfOtherEnvs) {

@@ -54,12 +54,13 @@ struct PosedPoints {
   oracle::Hull exact;
   Pose pose;
   TurnedPlanes turned;
+  std::array<float, 4> quat_wxyz{};
 
   PosedPoints(const std::vector<Vec3>& points, const Pose& at) : model(points), planes(points), exact(points), pose(at) {}
   PosedHull posed(std::int32_t element) {
     const Quat& q = pose.rotation;
-    turned.turn(planes, std::array{q.w(), q.x(), q.y(), q.z()}.data());
-    return {&turned, pose.position, model.radius(), element};
+    quat_wxyz = {q.w(), q.x(), q.y(), q.z()};
+    return {&planes, &turned, quat_wxyz.data(), pose.position, model.radius(), element};
   }
 };
 
@@ -161,12 +162,12 @@ TEST(Hulls, ARayDependsOnNoOtherRay) {
   const DroneModel model = DroneModel::quadrotor650();
   const HullPlanes planes(model.hull());
   std::vector<TurnedPlanes> turned(80);
+  std::vector<std::array<float, 4>> quats(80);
   std::vector<PosedHull> posed;
-  for (int i = 0; i < 80; ++i) {
+  for (std::size_t i = 0; i < 80; ++i) {
     const Quat q = random.rotation();
-    TurnedPlanes& planes_at = turned[static_cast<std::size_t>(i)];
-    planes_at.turn(planes, std::array{q.w(), q.x(), q.y(), q.z()}.data());
-    posed.push_back({&planes_at, random.point(3.0F), model.radius(), i});
+    quats[i] = {q.w(), q.x(), q.y(), q.z()};
+    posed.push_back({&planes, &turned[i], quats[i].data(), random.point(3.0F), model.radius(), static_cast<std::int32_t>(i)});
   }
   std::vector<Vec3> chosen;
   for (std::size_t i = 0; i < kMaxRays; ++i) chosen.push_back(random.direction());
