@@ -23,6 +23,7 @@ from training import race, train_flight
 from training.flight import POLICY_HZ, Flights, fly, make
 from training.forest_flight import ForestFlight, straight
 from training.rotor_navigation import RotorNavigation
+from training.side_by_side import SideBySide
 from training.tasks import TRAINING_SEEDS, UNSEEN_SEEDS, Setup, first_env_seed
 
 Array = npt.NDArray[Any]
@@ -52,7 +53,7 @@ class Recipe:
     """Drones that fly at once."""
     settings: dict[str, Any]
     """Keywords of PPO. The learning rate falls to zero."""
-    make: Callable[[int, int], flockstep.DroneVectorEnv]
+    make: Callable[[int, int], flockstep.DroneVectorEnv | SideBySide]
     """Makes the environments, from their number and the number of threads."""
     judge: Callable[[Predict, int, int], Verdict]
     """Flies a policy, from the number of flights and the first seed."""
@@ -348,7 +349,8 @@ def train(recipe: Recipe, learner: Learner, seed: int, threads: int, callbacks: 
     callbacks
         Further callbacks.
     """
-    envs = DroneVecEnv(recipe.make(recipe.num_envs, threads))
+    made = recipe.make(recipe.num_envs, threads)
+    envs = DroneVecEnv(made) if isinstance(made, flockstep.DroneVectorEnv) else made
     settings = {**recipe.settings, "learning_rate": LinearSchedule(recipe.settings["learning_rate"], 0.0, 1.0)}
     if learner == "flockstep":
         model: Any = flockstep.PPO("MlpPolicy", envs, seed=seed, num_threads=threads, **settings)

@@ -13,6 +13,8 @@ import numpy as np
 import numpy.typing as npt
 
 import flockstep
+from flockstep.sb3 import DroneVecEnv
+from training.side_by_side import SideBySide
 from training.tasks import UNSEEN_SEEDS
 
 Array = npt.NDArray[Any]
@@ -20,12 +22,12 @@ Predict = Callable[[Array], Array]
 
 MOST_STEPS = 300  # of the flights that judge
 DRONES = 8  # in each env of the flights that judge
-#: In each env of the training. A policy that has learned with 8 drones touches others among 16.
-TRAINING_DRONES = 16
+#: Drones that train at once, by their number in an env. Policies that trained with one number failed with others.
+TRAINING_DRONES = {2: 128, 4: 128, 8: 128, 16: 384}
 #: Numbers of drones of the flights that judge.
 JUDGED = (2, 4, 8, 16, 32)
 #: Found with the seeds 100 and 101.
-NUM_ENVS, STEPS, TRAINING_STEPS = 32, 16_000_000, 150
+STEPS, TRAINING_STEPS = 20_000_000, 150
 SETTINGS: dict[str, Any] = {
     "n_steps": 32,
     "batch_size": 4096,
@@ -48,17 +50,27 @@ class Swaps:
     """(E,) s: the length of the episode."""
 
 
-def make(num_envs: int, threads: int, drones: int = TRAINING_DRONES) -> flockstep.DroneVectorEnv:
-    """Make the environments for training."""
-    return flockstep.DroneVectorEnv(
-        num_envs,
-        task=flockstep.SwapConfig(),
-        drones_per_env=drones,
-        max_episode_steps=TRAINING_STEPS,
-        stagger_first_episode=True,
-        autoreset_mode="same_step",
-        copy=False,
-        num_threads=threads,
+def make(_: int, threads: int) -> SideBySide:
+    """Make the environments for training: envs of each number of drones."""
+    task: dict[str, Any] = {
+        "task": flockstep.SwapConfig(),
+        "max_episode_steps": TRAINING_STEPS,
+        "stagger_first_episode": True,
+    }
+    return SideBySide(
+        [
+            DroneVecEnv(
+                flockstep.DroneVectorEnv(
+                    together // drones,
+                    **task,
+                    drones_per_env=drones,
+                    autoreset_mode="same_step",
+                    copy=False,
+                    num_threads=threads,
+                )
+            )
+            for drones, together in TRAINING_DRONES.items()
+        ]
     )
 
 

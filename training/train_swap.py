@@ -39,7 +39,7 @@ def recipe_of(args: Args) -> Recipe:
     """Return the recipe of the training."""
     return Recipe(
         steps=args.steps,
-        num_envs=swap.NUM_ENVS,
+        num_envs=sum(swap.TRAINING_DRONES.values()),
         settings=swap.SETTINGS,
         make=swap.make,
         judge=judge,

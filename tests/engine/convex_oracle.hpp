@@ -97,17 +97,13 @@ inline Distance distance(const Support& a, const Support& b) {
     points.push_back(q);
     weights.push_back(0.0);
     while (true) {  // nearest point of the affine hull, or of a smaller face if it lies outside
+      // Least squares over differences: normal equations would square the condition of points that are near each other.
       const auto n = static_cast<Eigen::Index>(points.size());
-      Eigen::MatrixXd system = Eigen::MatrixXd::Zero(n + 1, n + 1);
-      for (Eigen::Index i = 0; i < n; ++i) {
-        system(i, n) = system(n, i) = 1.0;
-        for (Eigen::Index j = 0; j < n; ++j) {
-          system(i, j) = points[static_cast<std::size_t>(i)].dot(points[static_cast<std::size_t>(j)]);
-        }
-      }
-      Eigen::VectorXd right = Eigen::VectorXd::Zero(n + 1);
-      right(n) = 1.0;
-      const Eigen::VectorXd affine = system.fullPivLu().solve(right);
+      Eigen::MatrixXd away(3, n - 1);
+      for (Eigen::Index i = 1; i < n; ++i) away.col(i - 1) = points[static_cast<std::size_t>(i)] - points[0];
+      Eigen::VectorXd affine(n);
+      if (n > 1) affine.tail(n - 1) = away.colPivHouseholderQr().solve(-points[0]);
+      affine(0) = 1.0 - affine.tail(n - 1).sum();
       double step = 1.0;
       for (std::size_t i = 0; i < points.size(); ++i) {
         const double target = affine(static_cast<Eigen::Index>(i));

@@ -5,7 +5,7 @@ from training import swap, train_swap
 
 
 def test_a_small_training_is_judged(tmp_path, capsys, monkeypatch):
-    monkeypatch.setattr(swap, "NUM_ENVS", 8)
+    monkeypatch.setattr(swap, "TRAINING_DRONES", {2: 64, 8: 64})
     monkeypatch.setattr(swap, "JUDGED", (2, 8))
     out = tmp_path / "swap.zip"
     train_swap.main(train_swap.Args(out=out, steps=8192, threads=1, flights=4))
