@@ -789,7 +789,7 @@ def swap(results: dict[str, Result]) -> str:
     cells = {}
     for (who, what), f in named(results, "swap", r"swap/(straight|trained/\d)/(\w+)"):
         _, _, seed = who.partition("/")
-        row = f"trained with 16 drones, seed {seed}" if seed else "fly straight to their goals"
+        row = f"trained, seed {seed}" if seed else "fly straight to their goals"
         if what.startswith("success_of_"):
             cells[row, f"{what.removeprefix('success_of_')} drones"] = percent_1(f["value"])
         elif what == "training_s":
