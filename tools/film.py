@@ -58,6 +58,14 @@ def flown(name: Name, pilot: Pilot, seed: int, **keywords: Any) -> Flight:
     return Flight(positions, quats, points, lost)
 
 
+def save_film(path: Path, pictures: Sequence[Image.Image], durations: Sequence[int], quality: int) -> None:
+    """Save a film that repeats forever, and print its size. durations: of each picture, in ms."""
+    path.parent.mkdir(parents=True, exist_ok=True)
+    settings: dict[str, Any] = {"duration": list(durations), "loop": 0, "quality": quality, "method": 6}
+    pictures[0].save(path, save_all=True, append_images=list(pictures[1:]), **settings)
+    print(f"{path}: {len(pictures)} pictures, {path.stat().st_size / 1e6:.2f} MB")
+
+
 def write_captions(picture: Image.Image, lines: Sequence[tuple[float, float, str, Color]]) -> None:
     """Write lines into a picture: distance from the top and height, both for a width of 640; text; color."""
     pen, unit = ImageDraw.Draw(picture), picture.width / 640

@@ -24,7 +24,7 @@ from flockstep.pictures.body import Body
 from flockstep.pictures.depth_canvas import DepthCanvas
 from flockstep.pictures.picture import FARTHEST_M, facing
 from flockstep.rotations import rotate
-from tools.film import write_captions
+from tools.film import save_film, write_captions
 from training import formation
 from training.tasks import UNSEEN_SEEDS
 
@@ -208,11 +208,7 @@ def main(args: Args) -> None:
     """Fly and write the film."""
     film = list(pictures(fly(flockstep.PPO.load(args.policy), args), args.width_px))
     durations = [*[STEP_MS] * (len(film) - 1), HOLD_MS]
-    args.out.parent.mkdir(parents=True, exist_ok=True)
-    film[0].save(
-        args.out, save_all=True, append_images=film[1:], duration=durations, loop=0, quality=args.quality, method=6
-    )
-    print(f"{args.out}: {len(film)} pictures, {args.out.stat().st_size / 1e6:.2f} MB")
+    save_film(args.out, film, durations, args.quality)
 
 
 if __name__ == "__main__":

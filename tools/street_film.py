@@ -18,7 +18,7 @@ import tyro
 from PIL import Image
 
 import flockstep
-from tools.film import write_captions
+from tools.film import save_film, write_captions
 
 INK = (250, 250, 250)
 STEP_MS = 100
@@ -91,11 +91,7 @@ def pictures(args: Args) -> Iterator[Image.Image]:
 def main(args: Args) -> None:
     """Fly and write the film."""
     film = list(pictures(args))
-    args.out.parent.mkdir(parents=True, exist_ok=True)
-    film[0].save(
-        args.out, save_all=True, append_images=film[1:], duration=STEP_MS, loop=0, quality=args.quality, method=6
-    )
-    print(f"{args.out}: {len(film)} pictures, {args.out.stat().st_size / 1e6:.2f} MB")
+    save_film(args.out, film, [STEP_MS] * len(film), args.quality)
 
 
 if __name__ == "__main__":

@@ -19,7 +19,7 @@ import tyro
 from PIL import Image, ImageDraw
 
 import flockstep
-from tools.film import write_captions
+from tools.film import save_film, write_captions
 from training import swap
 from training.tasks import UNSEEN_SEEDS
 
@@ -101,11 +101,7 @@ def main(args: Args) -> None:
     """Fly and write the film."""
     film = list(pictures(*fly(flockstep.PPO.load(args.policy), args), args.size_px))
     durations = [*[STEP_MS] * (len(film) - 1), HOLD_MS]
-    args.out.parent.mkdir(parents=True, exist_ok=True)
-    film[0].save(
-        args.out, save_all=True, append_images=film[1:], duration=durations, loop=0, quality=args.quality, method=6
-    )
-    print(f"{args.out}: {len(film)} pictures, {args.out.stat().st_size / 1e6:.2f} MB")
+    save_film(args.out, film, durations, args.quality)
 
 
 if __name__ == "__main__":
