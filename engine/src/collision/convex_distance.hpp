@@ -1,4 +1,5 @@
-// The distance between the hull and a convex obstacle, by a library's GJK (measured in bench/convex_distance.cpp).
+// The distance between the hull and a convex obstacle, by a library's GJK (see "How the convex distance was
+// chosen" in docs/architecture.md).
 #pragma once
 
 #include "collision/convex.hpp"

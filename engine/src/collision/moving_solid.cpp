@@ -28,14 +28,17 @@ double radius_of(const Convex& convex) {
 }  // namespace
 
 MovingSolid::MovingSolid(PrimitiveKind kind, const Vec3& half_extents, const Pose& from, const Pose& to, int index)
-    : index_(index),
-      path_(from, to),
-      end_(make_convex({.kind = kind, .center = to.position, .rotation = to.rotation, .half_extents = half_extents})) {
-  radius_ = radius_of(end_);
-}
+    : MovingSolid(make_convex({.kind = kind, .center = to.position, .rotation = to.rotation, .half_extents = half_extents}), from,
+                  to, index) {}
 
 MovingSolid::MovingSolid(const Corners& corners, const Pose& from, const Pose& to, int index)
-    : radius_(corners.radius()), index_(index), path_(from, to), end_(make_hull(corners, to)) {}
+    : MovingSolid(make_hull(corners, to), from, to, index) {}
+
+MovingSolid::MovingSolid(const Convex& end, const Pose& from, const Pose& to, int index)
+    : radius_(radius_of(end)), index_(index), path_(from, to), end_(end) {
+  turning_ = path_.angle * (path_.first_matrix * path_.axis);
+  if (end.kind == Convex::Kind::sphere) path_.angle = 0.0;
+}
 
 Convex MovingSolid::at(double time) const {
   if (time == 1.0) return end_;
@@ -51,9 +54,8 @@ Vec3d MovingSolid::point_after(const Vec3d& point, double time, double later) co
 }
 
 Vec3d MovingSolid::velocity(const Vec3d& point, double time) const {
-  if (!path_.turns()) return path_.velocity;
-  const Vec3d turning = path_.angle * (path_.first_matrix * path_.axis);  // the axis is the same at all times
-  return path_.velocity + turning.cross(point - path_.position(time));
+  if (turning_.isZero(0.0)) return path_.velocity;
+  return path_.velocity + turning_.cross(point - path_.position(time));
 }
 
 }  // namespace flockstep::collision

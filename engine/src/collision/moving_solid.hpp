@@ -19,26 +19,29 @@ class alignas(64) MovingSolid {
   MovingSolid(const Corners& corners, const Pose& from, const Pose& to, int index);
 
   int index() const { return index_; }
-  double radius() const { return radius_; }  // m, of the ball around the body's origin that contains it
-  const Path& path() const { return path_; }
+  double radius() const { return radius_; }   // m, of the ball around the body's origin that contains it
+  const Path& path() const { return path_; }  // of the space that it fills: a sphere's never turns
 
   Vec3d position(double time) const { return path_.position(time); }
 
   // Returns the body at a time from 0 to 1.
   Convex at(double time) const;
 
-  // Returns where the body's point that is at `point` (world frame) at one time is at another time.
+  // Returns where the body's point that is at `point` (world frame) at one time is at another time, along its path().
   Vec3d point_after(const Vec3d& point, double time, double later) const;
 
   // Returns the velocity (m per motion) of the body's point that is at `point` (world frame) at that time.
   Vec3d velocity(const Vec3d& point, double time) const;
 
  private:
+  MovingSolid(const Convex& end, const Pose& from, const Pose& to, int index);
+
   // Most bodies are out of reach, which the radius and the beginning of the path show. These share a cache line.
   double radius_ = 0.0;
   int index_ = 0;
   Path path_;
   Convex end_;
+  Vec3d turning_;  // rad per motion, world frame; the same at all times
 };
 
 }  // namespace flockstep::collision

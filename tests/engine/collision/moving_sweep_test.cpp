@@ -184,6 +184,37 @@ TEST(MovingSweep, ASphereRunsIntoATinyHull) {
   EXPECT_GT(hits, 20);
 }
 
+TEST(MovingSweep, ABallThatTurnsFillsTheSameSpace) {
+  Random random(6);
+  int hits = 0;
+  for (int i = 0; i < 2000; ++i) {
+    const Pose from{random.point(0.7F), random.rotation()};
+    const Pose to{random.point(0.7F), random.rotation()};
+    const float radius = std::pow(10.0F, random.within(-3.3F, -0.3F));
+    MovingBody ball{PrimitiveKind::sphere, Vec3::Constant(radius), {random.point(1.0F), random.rotation()}, {}};
+    ball.to = {ball.from.position + random.point(0.3F), random.rotation()};
+    const MovingContact turning = first_contact(open_air().obstacles, std::vector{ball.solid(0)}, quadrotor_hull(), from, to);
+    ball.from.rotation = ball.to.rotation;
+    MovingContact standing = first_contact(open_air().obstacles, std::vector{ball.solid(0)}, quadrotor_hull(), from, to);
+    ASSERT_LE((turning.velocity - standing.velocity).norm(), 3.2F * radius) << i;  // half a turn at most
+    standing.velocity = turning.velocity;
+    ASSERT_TRUE(same_bits(turning, standing)) << i;
+    hits += turning.hit && !turning.inside;
+  }
+  EXPECT_GT(hits, 100);
+
+  // A ball of 0.65 mm that turns by 149 degrees, 0.6 mm from a hull that stands.
+  const Pose drone{{-0.613023579F, 0.000352323055F, 0.62301904F},
+                   Quat(-0.118321374F, -0.516035199F, 0.785454392F, -0.320576191F)};
+  const Vec3 center(-0.753358126F, 0.0563428551F, 0.448532552F);
+  const MovingBody grain{PrimitiveKind::sphere,
+                         Vec3::Constant(0.000654143631F),
+                         {center, Quat(-0.64538449F, -0.266210765F, 0.433251649F, -0.570003331F)},
+                         {center, Quat(0.331519872F, -0.359906733F, 0.869000316F, 0.0734856427F)}};
+  EXPECT_NEAR(distance_at(grain, 0.5, drone, 1.0), 0.000618703, 1e-8);
+  EXPECT_FALSE(first_contact(open_air().obstacles, std::vector{grain.solid(0)}, quadrotor_hull(), drone, drone).hit);
+}
+
 // A plate of 5 mm that moves along x, at most 0.5 m in a motion of 10 ms: 50 m/s.
 MovingBody plate(float from, float to) {
   return {PrimitiveKind::box, {0.0025F, 3, 3}, {.position = {from, 0, 0}}, {.position = {to, 0, 0}}};
