@@ -68,7 +68,7 @@ double bundle_advantage(int within) {
   std::mt19937 random(1);
   const auto world = cloud(count_for(within), kExtent, random);
   const trace::Scene& scene = prepared(*world).scene();
-  const sensors::BeamPattern pattern = sensors::make_pattern(lidar, false);
+  const sensors::BeamPattern pattern = sensors::make_pattern(lidar, {});
   std::uniform_real_distribution<float> place(-kExtent / 3, kExtent / 3);
   std::vector<Vec3> origins(kOrigins);
   for (Vec3& origin : origins) origin = Vec3(place(random), place(random), place(random));

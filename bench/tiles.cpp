@@ -1,9 +1,8 @@
-// Compares tiles of rays with Embree's packets on triangles. Only tracing is timed, from the same poses, on one thread.
+// Compares tiles of rays and slices of fans with Embree on triangles. Only tracing is timed, from the same poses, on one thread.
 //
-// Bare Embree: packets of 8 or 16 neighbouring rays of one sensor, coherent or incoherent, in rectangles of 4 x 2 or 4 x 4 if
-// the pattern has rows. The best of all counts. It stores the same results as the engine: distance, triangle and normal for
-// cameras, distance for LiDARs. Engine: a Tracer, which also traces fans through Embree. All variants run in turns. Prints a
-// JSON list of figures.
+// Bare Embree: single rays, or packets of 8 or 16 neighbouring rays of one sensor, coherent or incoherent, in rectangles of 4 x 2
+// or 4 x 4 if the pattern has rows. The best of all counts. It stores the same results as the engine: distance, triangle and
+// normal for cameras, distance for LiDARs. Engine: a Tracer. All variants run in turns. Prints a JSON list of figures.
 #include <algorithm>
 #include <array>
 #include <cmath>
@@ -15,6 +14,7 @@
 #include <numbers>
 #include <random>
 #include <string>
+#include <tuple>
 #include <utility>
 #include <vector>
 
@@ -37,6 +37,10 @@ using flockstep::Vec3;
 
 constexpr int kRuns = 7;
 constexpr float kInfinity = std::numeric_limits<float>::infinity();
+
+// Fans: beams, field of view (degrees), range (m).
+constexpr std::array<std::tuple<int, float, float>, 6> kFans{
+    {{8, 180.0F, 4.0F}, {12, 180.0F, 5.0F}, {20, 180.0F, 5.0F}, {35, 270.0F, 3.0F}, {35, 270.0F, 30.0F}, {72, 360.0F, 10.0F}}};
 
 // A sensor's rays, row by row, in its frame. For cameras x is 1.
 struct Pattern {
@@ -129,13 +133,37 @@ void trace_bare(const bench::BareScene& scene, const Pattern& pattern, const Pos
   }
 }
 
+// Traces a LiDAR's rays one by one.
+void trace_singly(const bench::BareScene& scene, const Pattern& pattern, const Poses& poses, bool coherent, Hits& hits) {
+  bench::Query query = bench::make_query(coherent);
+  for (std::size_t sensor = 0; sensor < poses.position.size(); ++sensor) {
+    const Mat3& r = poses.rotation[sensor];
+    alignas(16) RTCRayHit ray{};
+    ray.ray.mask = 0xFFFFFFFFU;
+    ray.ray.tnear = pattern.near;
+    ray.ray.org_x = poses.position[sensor].x();
+    ray.ray.org_y = poses.position[sensor].y();
+    ray.ray.org_z = poses.position[sensor].z();
+    for (std::size_t i = 0; i < hits.distance.size(); ++i) {
+      const float x = pattern.x[i], y = pattern.y[i], z = pattern.z[i];
+      ray.ray.dir_x = r(0, 0) * x + r(0, 1) * y + r(0, 2) * z;
+      ray.ray.dir_y = r(1, 0) * x + r(1, 1) * y + r(1, 2) * z;
+      ray.ray.dir_z = r(2, 0) * x + r(2, 1) * y + r(2, 2) * z;
+      ray.ray.tfar = pattern.range;
+      ray.hit.geomID = RTC_INVALID_GEOMETRY_ID;
+      bench::trace_ray(scene.scene, ray, query);
+      hits.distance[i] = ray.hit.geomID == RTC_INVALID_GEOMETRY_ID ? kInfinity : ray.ray.tfar;
+    }
+  }
+}
+
 class Engine {
  public:
   Engine(const flockstep::World& world, const flockstep::CameraConfig* camera, const flockstep::LidarConfig* lidar)
       : scene_(flockstep::prepared(world).scene()), ones_(flockstep::trace::kMaxRays + flockstep::trace::kRayPadding, 1.0F) {
     scene_.prepare_tiles(world.triangles());
     if (camera != nullptr) pinhole_ = flockstep::render::make_pinhole_camera(*camera);
-    if (lidar != nullptr) beams_ = flockstep::sensors::make_pattern(*lidar, true);
+    if (lidar != nullptr) beams_ = flockstep::sensors::make_pattern(*lidar, policy_);
   }
 
   void trace(const Pattern& pattern, const Poses& poses, Hits& hits) {
@@ -145,7 +173,7 @@ class Engine {
                                      .near = pattern.near,
                                      .range = pattern.range,
                                      .longest = pattern.is_camera ? pinhole_.corner : 1.0F,
-                                     .policy = flockstep::trace::trace_policy_of(flockstep::TracerKind::tiles, 0)});
+                                     .policy = policy_});
       pattern.is_camera ? trace_camera(pattern, hits) : trace_lidar(pattern, hits);
     }
     tracer_.finish();
@@ -192,11 +220,14 @@ class Engine {
                        .rows = tile.rows,
                        .width = tile.width,
                        .frustum = &tile.frustum,
-                       .view = tile.view < 0 ? nullptr : &beams_.views[static_cast<std::size_t>(tile.view)]},
+                       .view = tile.view < 0 ? nullptr : &beams_.views[static_cast<std::size_t>(tile.view)],
+                       .fan = tile.fan < 0 ? nullptr : &beams_.fans[static_cast<std::size_t>(tile.fan)]},
                       hits.distance.data() + tile.channel * pattern.columns + tile.beam, pattern.columns);
     }
   }
 
+  // Tiles wherever possible, and every fan as a slice.
+  const flockstep::trace::TracePolicy policy_{.tile_triangle_limit = flockstep::trace::TracePolicy::kNever, .fewest_in_slice = 1};
   const flockstep::trace::Scene& scene_;
   std::vector<float> ones_;
   flockstep::render::PinholeCamera pinhole_{};
@@ -217,6 +248,7 @@ void bench_case(const std::string& scene, const flockstep::World& world, const b
       variants.push_back(
           {"bare Embree " + std::string(shape) + flag, [&, trace, coherent] { trace(bare, pattern, poses, coherent, theirs); }});
     };
+    if (!pattern.is_camera) add("singly", trace_singly);
     add("8 x 1", trace_bare<RTCRayHit8, 8, 1>);
     add("16 x 1", trace_bare<RTCRayHit16, 16, 1>);
     if (pattern.rows == 1) continue;
@@ -288,18 +320,28 @@ flockstep::LidarConfig lidar_of(int channels, int beams, float vfov_deg) {
   flockstep::LidarConfig lidar;
   lidar.channels = channels;
   lidar.beams = beams;
-  lidar.hfov_deg = channels == 1 ? lidar.hfov_deg : 360.0F;
+  lidar.hfov_deg = 360.0F;
   lidar.vfov_deg = vfov_deg;
   lidar.max_range_m = 30.0F;
   return lidar;
 }
 
+flockstep::LidarConfig fan_of(int beams, float hfov_deg, float range_m) {
+  flockstep::LidarConfig lidar;
+  lidar.beams = beams;
+  lidar.hfov_deg = hfov_deg;
+  lidar.max_range_m = range_m;
+  return lidar;
+}
+
 Pattern pattern_of(const flockstep::LidarConfig& lidar, int sensors) {
   const auto rows = static_cast<std::size_t>(lidar.channels), columns = static_cast<std::size_t>(lidar.beams);
-  const std::string name = rows == 1 ? "fan" + std::to_string(columns) : std::to_string(rows) + 'x' + std::to_string(columns);
+  const std::string name = rows == 1
+                               ? "fan" + std::to_string(columns) + '_' + std::to_string(std::lround(lidar.max_range_m)) + 'm'
+                               : std::to_string(rows) + 'x' + std::to_string(columns);
   Pattern pattern{name, rows, columns, sensors, false, 0.0F, lidar.max_range_m, {}, {}, {}};
   std::vector<float> directions(3 * rows * columns);
-  write_directions(flockstep::sensors::make_pattern(lidar, false), directions.data());
+  write_directions(flockstep::sensors::make_pattern(lidar, {}), directions.data());
   for (std::size_t i = 0; i < rows * columns; ++i) {
     pattern.x.push_back(directions[3 * i]);
     pattern.y.push_back(directions[3 * i + 1]);
@@ -332,8 +374,9 @@ int main(int argc, char** argv) {
       {"hills1k", [] { return bench::mesh_world(20, 20.0F); }},
       {"office", [] { return triangles_of(*bench::furnished_rooms(), 0.01F); }},
       {"generated_office", [] { return bundled(flockstep::office(flockstep::OfficeConfig{})); }},
+      {"warehouse", [] { return bundled(flockstep::warehouse(flockstep::WarehouseConfig{})); }},
       {"hills100k", [] { return bench::mesh_world(200, 60.0F); }},
-      {"terrain", [] { return bundled(flockstep::forest(flockstep::ForestConfig{})); }},
+      {"forest", [] { return bundled(flockstep::forest(flockstep::ForestConfig{})); }},
       {"city", [] { return bundled(flockstep::city(flockstep::CityConfig{})); }},
       {"hills1M", [] { return bench::mesh_world(640, 180.0F); }}};
   bench::Figures figures;
@@ -343,8 +386,7 @@ int main(int argc, char** argv) {
     const auto bare = bench::triangle_scene(*world);
     figures.add("tiles/" + scene + "/triangles", static_cast<double>(world->triangles().triangles.size()), "1", 1);
     const flockstep::CameraConfig small = camera_of(64, 64), large = camera_of(640, 480);
-    const flockstep::LidarConfig coarse = lidar_of(16, 360, 30.0F), dense = lidar_of(64, 1024, 45.0F),
-                                 fan = lidar_of(1, 35, 0.0F);
+    const flockstep::LidarConfig coarse = lidar_of(16, 360, 30.0F), dense = lidar_of(64, 1024, 45.0F);
     const auto measure = [&](const Pattern& pattern, const flockstep::CameraConfig* camera, const flockstep::LidarConfig* lidar) {
       if (only_pattern.empty() || only_pattern == pattern.name) bench_case(scene, *world, *bare, pattern, camera, lidar, figures);
     };
@@ -352,7 +394,10 @@ int main(int argc, char** argv) {
     measure(pattern_of(large, 4), &large, nullptr);
     measure(pattern_of(coarse, 64), nullptr, &coarse);
     measure(pattern_of(dense, 8), nullptr, &dense);
-    measure(pattern_of(fan, 1024), nullptr, &fan);
+    for (const auto& [beams, hfov_deg, range_m] : kFans) {
+      const flockstep::LidarConfig fan = fan_of(beams, hfov_deg, range_m);
+      measure(pattern_of(fan, 1024), nullptr, &fan);
+    }
   }
   figures.print();
 }

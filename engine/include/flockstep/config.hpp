@@ -21,10 +21,10 @@
 namespace flockstep {
 
 // Method that finds the objects hit by rays of cameras and LiDARs.
-enum class TracerKind : std::uint8_t { automatic, tiles, embree };
+enum class TracerKind : std::uint8_t { automatic, tiles, slices, embree };
 template <>
 struct EnumNames<TracerKind> {
-  static constexpr std::array kNames{"auto", "tiles", "embree"};
+  static constexpr std::array kNames{"auto", "tiles", "slices", "embree"};
 };
 
 struct BatchConfig {
@@ -88,11 +88,13 @@ struct BatchConfig {
                         "reproducible. ``\"gl\"``: OpenGL 4.5 through EGL, headless; if it is missing, raycast with a warning. "
                         "``\"auto\"``: the faster of the two on the batch's worlds, timed when the batch is made.",
                .affects_hash = AffectsHash::no}),
-        field(
-            "tracer", &C::tracer,
-            {.about = "Method that traces rays against triangles. ``\"tiles\"``: neighbouring rays traverse a tree of triangles "
-                      "together. ``\"embree\"``: Embree traces all rays, for comparison. ``\"auto\"``: tiles if they are faster "
-                      "for these numbers of rays and triangles. Fans, sparse patterns and shadow rays always use Embree."}),
+        field("tracer", &C::tracer,
+              {.about =
+                   "Method that traces rays against triangles. ``\"auto\"``: the fastest for each sensor. LiDAR channels whose "
+                   "beams lie in a plane (fans) see a slice of the world; neighbouring rays of cameras and of LiDARs with many "
+                   "channels go through a tree of triangles together, in tiles; Embree traces the others, and shadow rays. "
+                   "``\"slices\"``: every fan, however few beams it has. ``\"tiles\"``: tiles in every world, and no slices. "
+                   "``\"embree\"``: Embree traces all rays, for comparison."}),
         field("pose_sensor", &C::pose_sensor, {.about = "The pose sensor of each drone."}),
         field("imus", &C::imus, {.about = "The IMUs of each drone, with different names; they need motion by rotors."}),
         field("bodies", &C::bodies, {.about = "Bodies that are in every env when an episode begins, after those of its world."}),

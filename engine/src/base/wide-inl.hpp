@@ -67,6 +67,7 @@ struct WideMask {
 
   friend HWY_INLINE WideMask operator&(WideMask a, WideMask b) { FLOCKSTEP_EACH_PART(WideMask, hn::And(a.part[p], b.part[p])); }
   friend HWY_INLINE WideMask operator|(WideMask a, WideMask b) { FLOCKSTEP_EACH_PART(WideMask, hn::Or(a.part[p], b.part[p])); }
+  friend HWY_INLINE WideMask operator^(WideMask a, WideMask b) { FLOCKSTEP_EACH_PART(WideMask, hn::Xor(a.part[p], b.part[p])); }
   friend HWY_INLINE WideMask operator~(WideMask a) { FLOCKSTEP_EACH_PART(WideMask, hn::Not(a.part[p])); }
   // a & ~b in one instruction.
   friend HWY_INLINE WideMask without(WideMask a, WideMask b) { FLOCKSTEP_EACH_PART(WideMask, hn::AndNot(b.part[p], a.part[p])); }

@@ -14,6 +14,7 @@
 #include "batch/episodes.hpp"
 #include "batch/simulation.hpp"
 #include "prepared/prepared_world.hpp"
+#include "sensors/beams.hpp"
 #include "trace/scene.hpp"
 #include "trace/tracer.hpp"
 
@@ -42,16 +43,18 @@ void leave(Simulation& sim, EnvIndex env) {
   set_slot(sim, slot, nullptr);
 }
 
-// The largest number of triangles in a world for which some sensor traces tiles.
-std::size_t tile_triangle_limit(const BatchConfig& config) {
-  std::size_t most = 0;
-  const auto count = [&](int rows, int columns) {
+// Returns true if a sensor traces triangles through the tree for tiles and slices.
+bool needs_tiles(const BatchConfig& config, std::size_t triangles) {
+  const auto in_tiles = [&](const auto& rows, const auto& columns) {
     const std::size_t rays = static_cast<std::size_t>(rows) * static_cast<std::size_t>(columns);
-    most = std::max(most, trace::trace_policy_of(config.tracer, rays).tile_triangle_limit);
+    return triangles <= trace::trace_policy_of(config.tracer, rays).tile_triangle_limit;
   };
-  for (const LidarConfig& lidar : config.lidars) count(lidar.rows(), lidar.columns());
-  for (const CameraConfig& camera : config.cameras) count(camera.height_px, camera.width_px);
-  return most;
+  return std::ranges::any_of(config.lidars,
+                             [&](const LidarConfig& lidar) {
+                               return in_tiles(lidar.rows(), lidar.columns()) || sensors::has_fans(lidar, config.tracer);
+                             }) ||
+         std::ranges::any_of(config.cameras,
+                             [&](const CameraConfig& camera) { return in_tiles(camera.height_px, camera.width_px); });
 }
 
 }  // namespace
@@ -71,7 +74,9 @@ std::int32_t WorldPool::number_of(std::uint64_t seed, std::int64_t episode) cons
 
 void build_ahead(const World& world, const BatchConfig& config) {
   const trace::Scene& scene = prepared(world).scene();
-  if (scene.num_triangles() > 0 && scene.num_triangles() <= tile_triangle_limit(config)) scene.prepare_tiles(world.triangles());
+  if (const auto triangles = scene.num_triangles(); triangles > 0 && needs_tiles(config, triangles)) {
+    scene.prepare_tiles(world.triangles());
+  }
   if (config.tracer == TracerKind::embree) scene.prepare_embree();
   prepared(world).obstacles();
   bodies::models_of(world);

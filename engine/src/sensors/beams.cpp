@@ -4,6 +4,8 @@
 #include <array>
 #include <cmath>
 #include <numbers>
+#include <span>
+#include <utility>
 
 #include "trace/packets.hpp"
 
@@ -87,34 +89,103 @@ void add_view(BeamPattern& pattern, BeamTile& tile) {
   pattern.views.push_back(view);
 }
 
-}  // namespace
+// Cuts the grid of a LiDAR into tiles.
+class PatternMaker {
+ public:
+  static constexpr int kFewestChannels = 4;  // of tiles with views; these keep their fans
 
-BeamPattern make_pattern(const LidarConfig& config, bool views) {
-  const auto& q = config.quat_wxyz;
-  const Eigen::Matrix3d mounting = Eigen::Quaterniond(q[0], q[1], q[2], q[3]).normalized().toRotationMatrix();
-  const auto channels = static_cast<std::size_t>(config.rows());
-  BeamPattern pattern;
-  pattern.columns = static_cast<std::size_t>(config.columns());
-  const std::size_t height = std::min(channels, trace::kMaxRays / kTileWidth);
-  const std::size_t width = channels == 1 && pattern.columns <= kFan ? pattern.columns : kTileWidth;
-  for (std::size_t channel = 0; channel < channels; channel += height) {
-    for (std::size_t beam = 0; beam < pattern.columns; beam += width) {
-      BeamTile tile{
-          pattern.x.size(), std::min(height, channels - channel), std::min(width, pattern.columns - beam), channel, beam, {}, -1};
-      for (std::size_t i = 0; i < tile.rows * tile.width; ++i) {
-        const Eigen::Vector3d direction = mounting * beam_direction(config, channel + i / tile.width, beam + i % tile.width);
-        pattern.x.push_back(static_cast<float>(direction.x()));
-        pattern.y.push_back(static_cast<float>(direction.y()));
-        pattern.z.push_back(static_cast<float>(direction.z()));
-      }
-      if (views) add_view(pattern, tile);
-      const auto part = [&tile](const std::vector<float>& all) { return std::span(all).subspan(tile.first); };
-      tile.frustum = trace::make_frustum(part(pattern.x), part(pattern.y), part(pattern.z));
-      pattern.tiles.push_back(tile);
+  PatternMaker(const LidarConfig& config, const trace::TracePolicy& policy)
+      : policy_(policy),
+        channels_(static_cast<std::size_t>(config.rows())),
+        columns_(static_cast<std::size_t>(config.columns())) {
+    const auto& q = config.quat_wxyz;
+    mounting_ = Eigen::Quaterniond(q[0], q[1], q[2], q[3]).normalized().toRotationMatrix();
+    for (std::size_t channel = 0; channel < channels_; ++channel) {
+      for (std::size_t beam = 0; beam < columns_; ++beam) directions_.push_back(beam_direction(config, channel, beam));
     }
   }
-  for (auto* component : {&pattern.x, &pattern.y, &pattern.z}) component->resize(component->size() + trace::kRayPadding);
-  return pattern;
+
+  BeamPattern make() {
+    pattern_.columns = columns_;
+    std::size_t begun = 0;  // the first channel that is in no tile
+    if (columns_ == 1 && add_fan(0, channels_)) begun = channels_;
+    for (std::size_t channel = begun; channel < channels_ && channels_ < std::size_t{kFewestChannels}; ++channel) {
+      if (!trace_as_fan(channel, 1)) continue;
+      add_grid(begun, channel);
+      add_fan(channel, 1);
+      begun = channel + 1;
+    }
+    add_grid(begun, channels_);
+    for (auto* component : {&pattern_.x, &pattern_.y, &pattern_.z}) component->resize(component->size() + trace::kRayPadding);
+    return std::move(pattern_);
+  }
+
+ private:
+  // Returns the directions of channels, before the mounting rotation.
+  std::span<const Eigen::Vector3d> directions(std::size_t channel, std::size_t rows) const {
+    return std::span(directions_).subspan(channel * columns_, rows * columns_);
+  }
+
+  bool trace_as_fan(std::size_t channel, std::size_t rows) const {
+    return rows * columns_ >= policy_.fewest_in_slice && trace::are_in_plane(directions(channel, rows));
+  }
+
+  // Adds tiles for one channel, or for channels of one beam, if their beams are to be traced as a fan.
+  bool add_fan(std::size_t channel, std::size_t rows) {
+    if (!trace_as_fan(channel, rows)) return false;
+    const auto all = directions(channel, rows);
+    const std::size_t parts = (all.size() + trace::kMaxRays - 1) / trace::kMaxRays;
+    for (std::size_t part = 0; part < parts; ++part) {
+      const std::size_t begin = part * all.size() / parts, count = (part + 1) * all.size() / parts - begin;
+      columns_ == 1 ? add_tile(channel + begin, count, 0, 1) : add_tile(channel, 1, begin, count);
+      pattern_.tiles.back().fan = static_cast<std::int32_t>(pattern_.fans.size());
+      pattern_.fans.push_back(trace::make_fan(all.subspan(begin, count), mounting_));
+    }
+    return true;
+  }
+
+  // Adds tiles for the channels from begin to end.
+  void add_grid(std::size_t begin, std::size_t end) {
+    const std::size_t height = std::min(end - begin, trace::kMaxRays / kTileWidth);
+    const std::size_t width = channels_ == 1 && columns_ <= kFan ? columns_ : kTileWidth;
+    for (std::size_t channel = begin; channel < end; channel += height) {
+      for (std::size_t beam = 0; beam < columns_; beam += width) {
+        add_tile(channel, std::min(height, end - channel), beam, std::min(width, columns_ - beam));
+        if (policy_.tile_triangle_limit > 0) add_view(pattern_, pattern_.tiles.back());
+      }
+    }
+  }
+
+  void add_tile(std::size_t channel, std::size_t rows, std::size_t beam, std::size_t width) {
+    BeamTile tile{.first = pattern_.x.size(), .rows = rows, .width = width, .channel = channel, .beam = beam, .frustum = {}};
+    for (std::size_t i = 0; i < rows * width; ++i) {
+      const Eigen::Vector3d direction = mounting_ * directions_[(channel + i / width) * columns_ + beam + i % width];
+      pattern_.x.push_back(static_cast<float>(direction.x()));
+      pattern_.y.push_back(static_cast<float>(direction.y()));
+      pattern_.z.push_back(static_cast<float>(direction.z()));
+    }
+    const auto part = [&tile](const std::vector<float>& all) { return std::span(all).subspan(tile.first); };
+    tile.frustum = trace::make_frustum(part(pattern_.x), part(pattern_.y), part(pattern_.z));
+    pattern_.tiles.push_back(tile);
+  }
+
+  const trace::TracePolicy policy_;
+  const std::size_t channels_, columns_;
+  Eigen::Matrix3d mounting_;
+  std::vector<Eigen::Vector3d> directions_;  // by channel and beam, before the mounting rotation
+  BeamPattern pattern_;
+};
+
+}  // namespace
+
+BeamPattern make_pattern(const LidarConfig& config, const trace::TracePolicy& policy) {
+  return PatternMaker(config, policy).make();
+}
+
+bool has_fans(const LidarConfig& config, TracerKind tracer) {
+  if (config.rows() >= PatternMaker::kFewestChannels && config.columns() > 1) return false;
+  const std::size_t rays = static_cast<std::size_t>(config.rows()) * static_cast<std::size_t>(config.columns());
+  return !make_pattern(config, trace::trace_policy_of(tracer, rays)).fans.empty();
 }
 
 void write_directions(const BeamPattern& pattern, float* out) {

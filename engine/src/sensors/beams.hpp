@@ -20,6 +20,7 @@ struct BeamTile {
   std::size_t channel, beam;  // channel and number of its first beam
   trace::Frustum frustum;     // body frame
   std::int32_t view = -1;     // index into the pattern's views; -1 if its beams are too far apart for a view
+  std::int32_t fan = -1;      // index into the pattern's fans; -1 if it is not traced as a slice
 };
 
 // The beams of one setting, mounting rotation included. They are stored as a structure of arrays, tile by tile, and padded so
@@ -28,11 +29,15 @@ struct BeamPattern {
   std::vector<float> x, y, z;  // (rays + trace::kRayPadding,) unit, body frame
   std::vector<BeamTile> tiles;
   std::vector<trace::TileView> views;
+  std::vector<trace::Fan> fans;
   std::size_t columns;  // beams per channel
 };
 
-// views: adds a view for each tile that can have one.
-BeamPattern make_pattern(const LidarConfig& config, bool views);
+// Makes the tiles, views and fans that the policy asks for.
+BeamPattern make_pattern(const LidarConfig& config, const trace::TracePolicy& policy);
+
+// Returns true if some of the beams are traced as fans.
+bool has_fans(const LidarConfig& config, TracerKind tracer);
 
 // Writes the pattern's directions to out, shape (channels, beams, 3).
 void write_directions(const BeamPattern& pattern, float* out);

@@ -20,16 +20,22 @@ std::size_t count_of_env(std::span<const DroneIndex> drones, const Surroundings&
       std::ranges::find_if(drones, [&](DroneIndex drone) { return surroundings.env_of(drone) != env; }) - drones.begin());
 }
 
+// Without fans, no change of the beams makes any: worlds may lack the tree that slices need.
+trace::TracePolicy policy_of(const LidarConfig& config, TracerKind tracer) {
+  trace::TracePolicy policy =
+      trace::trace_policy_of(tracer, static_cast<std::size_t>(config.rows()) * static_cast<std::size_t>(config.columns()));
+  if (!has_fans(config, tracer)) policy.fewest_in_slice = trace::TracePolicy::kNever;
+  return policy;
+}
+
 }  // namespace
 
 Lidar::Lidar(const LidarConfig& config, const SensorSetup& setup)
     : BlockSensor("lidar", config.name, config.rate_hz, setup.clock),
       config_(config),
-      policy_(trace::trace_policy_of(setup.tracer,
-                                     static_cast<std::size_t>(config.rows()) * static_cast<std::size_t>(config.columns()))),
+      policy_(policy_of(config, setup.tracer)),
       rays_(static_cast<std::size_t>(config.rows()) * static_cast<std::size_t>(config.columns())),
-      settings_(config, setup.num_drones, true,
-                [in_tiles = policy_.tile_triangle_limit > 0](const LidarConfig& of) { return make_pattern(of, in_tiles); }) {
+      settings_(config, setup.num_drones, true, [policy = policy_](const LidarConfig& of) { return make_pattern(of, policy); }) {
   readings_.allocate({.num_drones = setup.num_drones, .num_rays = rays_}, false);
   std::ranges::fill(readings_.truth().max_range_m, config.max_range_m);
 }
@@ -135,7 +141,8 @@ void Lidar::scan(const trace::Scene& scene, const trace::Bodies& bodies, const t
                     .rows = tile.rows,
                     .width = tile.width,
                     .frustum = &tile.frustum,
-                    .view = tile.view < 0 ? nullptr : &pattern.views[static_cast<std::size_t>(tile.view)]},
+                    .view = tile.view < 0 ? nullptr : &pattern.views[static_cast<std::size_t>(tile.view)],
+                    .fan = tile.fan < 0 ? nullptr : &pattern.fans[static_cast<std::size_t>(tile.fan)]},
                    ranges + tile.channel * pattern.columns + tile.beam, pattern.columns);
   }
 }

@@ -14,5 +14,7 @@ inline constexpr std::size_t kMaxDirectAnyOrigin = 16;
 // ray.
 inline constexpr std::size_t kFewestInTiles = 256;
 inline constexpr std::size_t kTrianglesPerRay = 1024;
+// A fan with at least this many rays is traced as a slice.
+inline constexpr std::size_t kFewestInSlice = 12;
 
 }  // namespace flockstep::trace

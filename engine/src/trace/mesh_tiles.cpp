@@ -75,7 +75,6 @@ HWY_INLINE F numbered(F a) { return bit_cast<F>((bit_cast<I>(a) & ~15) | I::iota
 HWY_INLINE F largest(const F3& a) { return max(max(abs(a.x), abs(a.y)), abs(a.z)); }
 
 constexpr float kRounding = 0x1p-20F;  // several roundings of a sum of products, relative to the magnitude of its terms
-constexpr float kWiden = 0x1p-18F;  // relative to the largest coordinate; exceeds the rounding error of a rotated corner or box
 constexpr float kBeyond = 1.0001F;  // boxes that begin beyond this multiple of the farthest hit are skipped
 constexpr float kTiny = 1e-12F;     // m
 constexpr float kWide = 1e30F;
@@ -156,8 +155,7 @@ class TileTrace {
         to_tile_[i][j] = rays_.rotation(static_cast<Eigen::Index>(j), static_cast<Eigen::Index>(i));
       }
     }
-    const float largest = std::max({std::abs(origin_[0]), std::abs(origin_[1]), std::abs(origin_[2])});
-    widen_ = kWiden * (tree_.extent() + largest);
+    widen_ = tree_.rounding(rays_.origin);
     most_w_ = rays_.near > 0.0F ? 1.0F / rays_.near : FLT_MAX;
     const float least_w = std::max(1.0F / rays_.range, FLT_MIN);
 

@@ -40,7 +40,8 @@ class MeshTree {
   const MeshNode& node(std::uint32_t child) const { return nodes_[child]; }
   const MeshLeaf& leaf(std::uint32_t child) const { return leaves_[child & ~kLeaf]; }
   std::uint32_t root() const { return root_; }
-  float extent() const { return extent_; }  // m; no coordinate and no side of the overall bounding box is larger
+  // Returns a length (m) that exceeds the rounding error of a corner or a box in a frame at the origin.
+  float rounding(const Vec3& origin) const { return kRounding * (extent_ + origin.cwiseAbs().maxCoeff()); }
   // Returns true if the position of a hit in its triangle matters: for textures or vertex colours.
   bool needs_weights() const { return needs_weights_; }
   std::size_t bytes() const { return nodes_.size() * sizeof(MeshNode) + leaves_.size() * sizeof(MeshLeaf); }
@@ -49,6 +50,7 @@ class MeshTree {
   struct Built;
   struct BuiltNode;
   static constexpr std::uint32_t kLeaf = 0x80000000U;
+  static constexpr float kRounding = 0x1p-18F;  // relative to the largest coordinate
 
   // Each adds a node or leaf and returns its number.
   std::uint32_t take(const Built& built, const TriangleMesh& mesh);
@@ -61,7 +63,7 @@ class MeshTree {
   std::vector<MeshNode> nodes_;
   std::vector<MeshLeaf> leaves_;
   std::uint32_t root_ = 0;
-  float extent_ = 0.0F;
+  float extent_ = 0.0F;  // m; no coordinate and no side of the overall bounding box is larger
   bool needs_weights_;
 };
 

@@ -45,7 +45,9 @@ void copy_ranges(const float* from, std::size_t count, float* to) {
 TracePolicy trace_policy_of(TracerKind kind, std::size_t rays) {
   switch (kind) {
     case TracerKind::automatic:
-      return {.tile_triangle_limit = rays < kFewestInTiles ? 0 : kTrianglesPerRay * rays};
+      return {.tile_triangle_limit = rays < kFewestInTiles ? 0 : kTrianglesPerRay * rays, .fewest_in_slice = kFewestInSlice};
+    case TracerKind::slices:
+      return {.tile_triangle_limit = rays < kFewestInTiles ? 0 : kTrianglesPerRay * rays, .fewest_in_slice = 1};
     case TracerKind::tiles:
       return {.tile_triangle_limit = std::numeric_limits<std::size_t>::max()};
     default:
@@ -65,6 +67,7 @@ void Tracer::set_viewpoint(const Scene& scene, const Viewpoint& viewpoint) {
   bundle_.origin = viewpoint.origin;
   bundle_.rotation = viewpoint.rotation;
   tree_ = scene.num_triangles() <= viewpoint.policy.tile_triangle_limit ? scene.tiles() : nullptr;
+  sliced_ = viewpoint.policy.fewest_in_slice == TracePolicy::kNever ? nullptr : scene.tiles();
   asked_ = viewpoint.asked;
   bundle_.near = viewpoint.near;
   bundle_.range = viewpoint.range;
@@ -97,18 +100,20 @@ const RayBundle& Tracer::trace(const RayTile& tile) {
 }
 
 void Tracer::enqueue(const RayTile& tile, float* ranges, std::size_t stride) {
-  const bool in_view = tree_ != nullptr && tile.view != nullptr && candidates_.triangles;
+  const bool in_slice = sliced_ != nullptr && tile.fan != nullptr && candidates_.triangles;
+  const bool in_view = !in_slice && tree_ != nullptr && tile.view != nullptr && candidates_.triangles;
   if (!trace_candidates(tile, false)) {
-    if (!in_view) {
+    if (!in_slice && !in_view) {
       forget_hits(bundle_);
       meet_bodies();  // before the rays leave the bundle
       return wait(tile, ranges, stride, for_everything_);
     }
     trace_by_embree();
-  } else if (candidates_.triangles && !in_view) {
+  } else if (candidates_.triangles && !in_slice && !in_view) {
     meet_bodies();
     return wait(tile, ranges, stride, for_triangles_);
   }
+  if (in_slice) trace_mesh_slice(*sliced_, scene_->first_triangle(), *tile.fan, bundle_);
   if (in_view) trace_view(*tile.view, tile.rows, tile.width, is_nothing_near());
   meet_bodies();
   for (std::size_t row = 0; row < tile.rows; ++row) {

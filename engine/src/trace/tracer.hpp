@@ -13,6 +13,7 @@
 #include "flockstep/pose.hpp"
 #include "trace/bodies.hpp"
 #include "trace/frustum.hpp"
+#include "trace/mesh_slices.hpp"
 #include "trace/mesh_tiles.hpp"
 #include "trace/posed_mesh.hpp"
 #include "trace/ray_block.hpp"
@@ -22,8 +23,10 @@ namespace flockstep::trace {
 
 // The method of tracing a sensor's rays.
 struct TracePolicy {
-  std::size_t tile_triangle_limit = 0;  // triangles; tiles are used in worlds of up to this many
-  bool embree = false;                  // use Embree for everything it can trace, primitives included
+  static constexpr std::size_t kNever = static_cast<std::size_t>(-1);
+  std::size_t tile_triangle_limit = 0;   // triangles; tiles are used in worlds of up to this many
+  std::size_t fewest_in_slice = kNever;  // rays; fans of at least this many are traced as slices
+  bool embree = false;                   // use Embree for everything it can trace, primitives included
 
   friend bool operator==(const TracePolicy&, const TracePolicy&) = default;
 };
@@ -57,6 +60,7 @@ struct RayTile {
   std::size_t rows, width;                    // rows * width is at most kMaxRays
   const Frustum* frustum;                     // contains the directions, sensor frame
   const TileView* view = nullptr;             // null if the rays spread too far; for enqueue() only
+  const Fan* fan = nullptr;                   // these rays, to be traced as a slice, or null; for enqueue() only
   const TileAxis *u = nullptr, *v = nullptr;  // axes of y and z if x is 1; for trace() in tiles only
 };
 
@@ -130,8 +134,9 @@ class Tracer {
   void wait(const RayTile& tile, float* ranges, std::size_t stride, Waiting& waiting);
   void deliver(Waiting& waiting);
 
-  const Scene* scene_ = nullptr;    // scene of the sensor
-  const MeshTree* tree_ = nullptr;  // tree of its triangles; null if not traced in tiles
+  const Scene* scene_ = nullptr;      // scene of the sensor
+  const MeshTree* tree_ = nullptr;    // tree of its triangles; null if not traced in tiles
+  const MeshTree* sliced_ = nullptr;  // the same for slices
   bool sees_markers_ = false;
   AskedDetails asked_;
   TracePolicy policy_;
