@@ -371,7 +371,7 @@ TEST(TracerTilesOf, PatternsThatAreDenseHaveViews) {
   const auto views = [](int channels, int beams, float hfov_deg) {
     LidarConfig config = grid(channels, beams);
     config.hfov_deg = hfov_deg;
-    const sensors::BeamPattern pattern = sensors::make_pattern(config, trace_policy_of(TracerKind::tiles, 0));
+    const sensors::BeamPattern pattern = sensors::make_pattern(config, trace::trace_policy_of(TracerKind::tiles, 0));
     std::size_t with_view = 0;
     for (const sensors::BeamTile& tile : pattern.tiles) with_view += tile.view >= 0;
     EXPECT_EQ(with_view, pattern.views.size());
@@ -388,7 +388,7 @@ TEST(TracerTilesOf, PatternsThatAreDenseHaveViews) {
 TEST(TracerTilesOf, ViewsPointWhereBeamsDo) {
   LidarConfig config = grid(6, 200);
   config.quat_wxyz = {0.5F, -0.5F, 0.5F, 0.5F};
-  const sensors::BeamPattern pattern = sensors::make_pattern(config, trace_policy_of(TracerKind::tiles, 0));
+  const sensors::BeamPattern pattern = sensors::make_pattern(config, trace::trace_policy_of(TracerKind::tiles, 0));
   ASSERT_FALSE(pattern.views.empty());
   for (const sensors::BeamTile& tile : pattern.tiles) {
     if (tile.view < 0) continue;
