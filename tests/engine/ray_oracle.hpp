@@ -154,21 +154,21 @@ inline Hit nearest(const World& world, const Vec3d& origin, const Vec3d& directi
   return nearest(world, origin, direction, max_range, [](std::size_t, const Vec3d&) { return true; });
 }
 
-// Returns how much the hit moves along the ray when the ray is offset by 1e-5 m, relative to the offset. This is the
+// Returns how much the hit moves along the ray when the ray is offset by `offset` m, relative to the offset. This is the
 // magnification of an error across the ray. It is infinite if an offset ray hits another element or face, which means that an
 // edge, a silhouette or the end of the range is near.
-inline double steepness(const World& world, const Hit& hit, const Vec3d& origin, const Vec3d& direction, double max_range) {
-  constexpr double kAside = 1e-5;
-  if (hit.element >= 0 && std::abs(hit.t - max_range) <= kAside) return kNever;
+inline double steepness(const World& world, const Hit& hit, const Vec3d& origin, const Vec3d& direction, double max_range,
+                        double offset = 1e-5) {
+  if (hit.element >= 0 && std::abs(hit.t - max_range) <= offset) return kNever;
   const Vec3d u = direction.unitOrthogonal();
   const Vec3d v = direction.cross(u);
   double steepest = 0.0;
   for (const Vec3d& aside : {u, Vec3d(-u), v, Vec3d(-v)}) {
-    const Hit other = nearest(world, origin + kAside * aside, direction, max_range);
+    const Hit other = nearest(world, origin + offset * aside, direction, max_range);
     if (other.element != hit.element) return kNever;
     if (hit.element < 0) continue;
     if (other.normal.dot(hit.normal) < 0.999) return kNever;
-    steepest = std::max(steepest, std::abs(other.t - hit.t) / kAside);
+    steepest = std::max(steepest, std::abs(other.t - hit.t) / offset);
   }
   return steepest;
 }

@@ -12,6 +12,7 @@
 
 #include "base/flush_denormals.hpp"
 #include "batch_helpers.hpp"
+#include "meshes.hpp"
 #include "numbers.hpp"
 #include "random.hpp"
 #include "ray_oracle.hpp"
@@ -21,6 +22,9 @@
 namespace flockstep::trace {
 namespace {
 
+using testing::add_slivers;
+using testing::ball;
+using testing::cube;
 using testing::kInfinity;
 using testing::Random;
 
@@ -29,88 +33,6 @@ struct Device {
   MeshTree tree(const TriangleMesh& mesh) const { return {device.get(), mesh}; }
   MeshTree tree_in_bunches(const TriangleMesh& mesh) const { return {device.get(), mesh, 0}; }
 };
-
-// A ball, or a deformed one whose points move along their radii. It is closed for any `bumps`.
-TriangleMesh ball(int rings, int sides, float bumps, Random& random) {
-  TriangleMesh mesh;
-  const auto add = [&](float polar, float azimuth) {
-    const float radius = 3.0F + bumps * random.within(-1, 1);
-    mesh.vertices.push_back(radius *
-                            Vec3(std::sin(polar) * std::cos(azimuth), std::sin(polar) * std::sin(azimuth), std::cos(polar)));
-  };
-  constexpr float kPi = 3.14159265F;
-  add(0.0F, 0.0F);
-  for (int ring = 1; ring < rings; ++ring) {
-    for (int side = 0; side < sides; ++side) {
-      add(kPi * static_cast<float>(ring) / static_cast<float>(rings),
-          2 * kPi * static_cast<float>(side) / static_cast<float>(sides));
-    }
-  }
-  add(kPi, 0.0F);
-  const auto at = [&](int ring, int side) { return 1 + (ring - 1) * sides + side % sides; };
-  const auto last = static_cast<std::int32_t>(mesh.vertices.size()) - 1;
-  for (int side = 0; side < sides; ++side) {
-    mesh.triangles.push_back({0, at(1, side), at(1, side + 1)});
-    for (int ring = 1; ring + 1 < rings; ++ring) {
-      mesh.triangles.push_back({at(ring, side), at(ring + 1, side), at(ring + 1, side + 1)});
-      mesh.triangles.push_back({at(ring, side), at(ring + 1, side + 1), at(ring, side + 1)});
-    }
-    mesh.triangles.push_back({last, at(rings - 1, side + 1), at(rings - 1, side)});
-  }
-  mesh.materials.assign(mesh.triangles.size(), 0);
-  mesh.objects.assign(mesh.triangles.size(), 0);
-  mesh.uv.assign(mesh.vertices.size(), {0.0F, 0.0F});  // makes the hit's position matter
-  return mesh;
-}
-
-TriangleMesh cube(float half) {
-  TriangleMesh mesh;
-  for (int i = 0; i < 8; ++i) {
-    mesh.vertices.emplace_back((i & 1) != 0 ? half : -half, (i & 2) != 0 ? half : -half, (i & 4) != 0 ? half : -half);
-  }
-  for (const auto& [a, b, c, d] :
-       {std::array{0, 1, 3, 2}, {4, 5, 7, 6}, {0, 1, 5, 4}, {2, 3, 7, 6}, {0, 2, 6, 4}, {1, 3, 7, 5}}) {
-    mesh.triangles.push_back({a, b, c});
-    mesh.triangles.push_back({a, c, d});
-  }
-  mesh.materials.assign(mesh.triangles.size(), 0);
-  mesh.objects.assign(mesh.triangles.size(), 0);
-  mesh.uv.assign(mesh.vertices.size(), {0.0F, 0.0F});
-  return mesh;
-}
-
-// Adds triangles that are hard to classify: needles, and triangles that are edge-on as seen from `eye`. Also adds a level floor
-// of squares just below.
-void add_slivers(TriangleMesh& mesh, int count, const Vec3& eye, Random& random) {
-  constexpr int kSquares = 12;
-  const auto first_of_floor = static_cast<std::int32_t>(mesh.vertices.size());
-  for (int row = 0; row <= kSquares; ++row) {
-    for (int column = 0; column <= kSquares; ++column) {
-      mesh.vertices.emplace_back(static_cast<float>(column - kSquares / 2), static_cast<float>(row - kSquares / 2),
-                                 eye.z() - 1e-5F);
-    }
-  }
-  for (int row = 0; row < kSquares; ++row) {
-    for (int column = 0; column < kSquares; ++column) {
-      const std::int32_t at = first_of_floor + row * (kSquares + 1) + column;
-      mesh.triangles.push_back({at, at + 1, at + kSquares + 2});
-      mesh.triangles.push_back({at, at + kSquares + 2, at + kSquares + 1});
-    }
-  }
-  for (int i = 0; i < count; ++i) {
-    const Vec3 a = random.point(4.0F), b = random.point(4.0F);
-    const float along = random.within(-1, 1);
-    const Vec3 c = i % 3 == 0   ? Vec3(a + 0.5F * (b - a) + 1e-5F * random.point(1.0F))       // needle
-                   : i % 3 == 1 ? Vec3(eye + (1.0F + along) * (a - eye) + along * (b - eye))  // edge-on, up to rounding
-                                : Vec3(a.x() + 1e-3F, a.y(), a.z());
-    const auto first = static_cast<std::int32_t>(mesh.vertices.size());
-    mesh.vertices.insert(mesh.vertices.end(), {a, b, c});
-    mesh.triangles.push_back({first, first + 1, first + 2});
-  }
-  mesh.materials.assign(mesh.triangles.size(), 0);
-  mesh.objects.assign(mesh.triangles.size(), 0);
-  mesh.uv.assign(mesh.vertices.size(), {0.0F, 0.0F});
-}
 
 // 256 rays (1, u, v), their pose and their hits.
 struct Tile {

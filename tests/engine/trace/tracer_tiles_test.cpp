@@ -14,6 +14,7 @@
 #include <vector>
 
 #include "batch_helpers.hpp"
+#include "meshes.hpp"
 #include "on_target.hpp"
 #include "prepared/prepared_world.hpp"
 #include "random.hpp"
@@ -25,36 +26,12 @@
 namespace flockstep {
 namespace {
 
+using testing::hills;
+using testing::loose_triangles;
 using testing::make_world;
 using testing::primitive;
 using testing::Random;
 using testing::same_bits;
-
-// Hills of cells x cells squares of 1 m, starting at -cells / 2, and a solid, invisible wall above them.
-TriangleMesh hills(int cells) {
-  TriangleMesh mesh;
-  const float from = -0.5F * static_cast<float>(cells);
-  for (int row = 0; row <= cells; ++row) {
-    for (int column = 0; column <= cells; ++column) {
-      const float x = from + static_cast<float>(column), y = from + static_cast<float>(row);
-      mesh.vertices.emplace_back(x, y, std::sin(0.7F * x) * std::cos(0.5F * y));
-    }
-  }
-  for (int row = 0; row < cells; ++row) {
-    for (int column = 0; column < cells; ++column) {
-      const int at = row * (cells + 1) + column;
-      mesh.triangles.push_back({at, at + 1, at + cells + 2});
-      mesh.triangles.push_back({at, at + cells + 2, at + cells + 1});
-    }
-  }
-  mesh.visibility.assign(mesh.triangles.size(), Visibility::full);
-  const auto wall = static_cast<std::int32_t>(mesh.vertices.size());
-  for (const Vec3& corner : {Vec3(-9, 0, 0), Vec3(9, 0, 0), Vec3(0, 0, 9)}) mesh.vertices.push_back(corner);
-  mesh.triangles.push_back({wall, wall + 1, wall + 2});
-  mesh.visibility.push_back(Visibility::solid);
-  mesh.materials.assign(mesh.triangles.size(), 0);
-  return mesh;
-}
 
 // A world with spheres over hills. Few spheres are traced directly, many through Embree.
 std::shared_ptr<const World> hills_and_spheres(int spheres) {
@@ -168,22 +145,6 @@ TEST_P(TracerTiles, LidarsAgreeWithAnOracle) {
   tally.compare(*world, {make_batch(world, TracerKind::tiles).get()}, kEvery);
   EXPECT_GT(tally.compared, 3 * tally.rays / 4);
   EXPECT_GT(tally.hits, tally.compared / 4);
-}
-
-// Random triangles: some large, some small, some needles.
-TriangleMesh loose_triangles(int count, Random& random) {
-  TriangleMesh mesh;
-  for (int i = 0; i < count; ++i) {
-    const Vec3 center = random.point(9.0F);
-    const float size = std::array{0.2F, 1.0F, 4.0F}[static_cast<std::size_t>(i) % 3];
-    const auto first = static_cast<std::int32_t>(mesh.vertices.size());
-    const Vec3 a = center + size * random.point(1.0F), b = center + size * random.point(1.0F);
-    const Vec3 c = i % 5 == 0 ? Vec3(b + 1e-3F * random.point(1.0F)) : Vec3(center + size * random.point(1.0F));
-    mesh.vertices.insert(mesh.vertices.end(), {a, b, c});
-    mesh.triangles.push_back({first, first + 1, first + 2});
-  }
-  mesh.materials.assign(mesh.triangles.size(), 0);
-  return mesh;
 }
 
 TEST(TracerAgreement, OfTilesPacketsAndClosedForms) {
