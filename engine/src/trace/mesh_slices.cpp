@@ -256,8 +256,9 @@ class SliceTrace {
       if (s.span[i] < 2.0F - 2.0F * kSlack) {  // less than a half turn
         if (begin < end) meet(s, i, leaf.triangle[i], begin, end);
       } else if (s.span[i] > 2.0F + 2.0F * kSlack) {  // across the negative first axis
-        meet(s, i, leaf.triangle[i], 0, fan_.first[s.begin[i] + 1]);
-        meet(s, i, leaf.triangle[i], fan_.first[s.end[i]], fan_.count);
+        // The cells are those of the segment's ends moved away from the rays in question by kSlack: the next ones count, too.
+        meet(s, i, leaf.triangle[i], 0, fan_.first[s.begin[i] + 2]);
+        meet(s, i, leaf.triangle[i], fan_.first[s.end[i] - 1], fan_.count);
       } else {
         meet(s, i, leaf.triangle[i], 0, fan_.count);
       }
