@@ -1,0 +1,400 @@
+// LiDARs whose fans are traced as slices, in batches: compared with closed forms and all triangles in double precision, and with
+// Embree. Which patterns have fans.
+#include <gtest/gtest.h>
+
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <cstddef>
+#include <initializer_list>
+#include <memory>
+#include <numbers>
+#include <numeric>
+#include <optional>
+#include <span>
+#include <utility>
+#include <vector>
+
+#include "batch_helpers.hpp"
+#include "meshes.hpp"
+#include "on_target.hpp"
+#include "prepared/prepared_world.hpp"
+#include "random.hpp"
+#include "ray_oracle.hpp"
+#include "sensors/beams.hpp"
+#include "trace/calibrated.hpp"
+#include "trace/scene.hpp"
+#include "tried.hpp"
+
+namespace flockstep {
+namespace {
+
+using testing::make_world;
+using testing::primitive;
+using testing::Random;
+using testing::same_bits;
+
+constexpr int kFanDrones = 6;
+
+LidarConfig fan_of(const char* name, int beams, float hfov_deg, float range_m) {
+  LidarConfig config;
+  config.name = name;
+  config.beams = beams;
+  config.hfov_deg = hfov_deg;
+  config.max_range_m = range_m;
+  config.offset_m = {0.1F, -0.05F, 0.02F};
+  return config;
+}
+
+// One LiDAR of each kind whose beams all lie in fans.
+std::vector<LidarConfig> fans() {
+  std::vector<LidarConfig> all{fan_of("default", 35, 270.0F, 3.0F), fan_of("around", 72, 360.0F, 10.0F),
+                               fan_of("mounted", 20, 180.0F, 5.0F), fan_of("many", 600, 360.0F, 20.0F),
+                               fan_of("vertical", 1, 1.0F, 12.0F),  fan_of("uneven", 35, 270.0F, 15.0F),
+                               fan_of("leaning", 35, 270.0F, 8.0F)};
+  all[2].quat_wxyz = {0.6F, 0.48F, -0.64F, 0.0F};
+  all[4].channels = 48;
+  all[4].vfov_deg = 150.0F;
+  Random random(2);
+  for (int i = 0; i < 50; ++i) {
+    all[5].azimuth_deg.push_back(random.within(-180, 180));
+    all[5].elevation_deg.push_back(0.0F);
+    all[6].azimuth_deg.push_back(i < 25 ? 30.0F : -150.0F);  // in the plane of the vertical and one azimuth
+    all[6].elevation_deg.push_back(random.within(-90, 90));
+  }
+  return all;
+}
+
+testing::Poses fan_poses(unsigned seed = 7) {
+  Random random(seed);
+  testing::Poses poses = testing::random_poses(random, kFanDrones, {9, 9, 2});
+  for (std::size_t drone = 0; drone < kFanDrones; ++drone) poses.position[3 * drone + 2] += 3.0F;
+  return poses;
+}
+
+std::unique_ptr<Batch> sense_by(const std::shared_ptr<const World>& world, TracerKind tracer, std::vector<LidarConfig> lidars,
+                                int threads = 1, int block_size = 64, unsigned seed = 7) {
+  BatchConfig config;
+  config.num_envs = kFanDrones;
+  config.num_threads = threads;
+  config.block_size = block_size;
+  config.lidars = std::move(lidars);
+  config.tracer = tracer;
+  auto batch = std::make_unique<Batch>(config, Batch::Worlds{world});
+  const testing::Poses poses = fan_poses(seed);
+  batch->set_pose(poses.position, poses.quat_wxyz);
+  batch->sense();
+  return batch;
+}
+
+// Spheres over hills, with markers in the drones' way. Few spheres are traced directly; for many, all primitives go through
+// Embree.
+std::shared_ptr<const World> hills_under(int spheres, bool with_markers = true) {
+  Random random(3);
+  std::vector<Primitive> primitives;
+  for (int i = 0; i < spheres; ++i) {
+    primitives.push_back(primitive(
+        PrimitiveKind::sphere, {random.within(-11, 11), random.within(-11, 11), random.within(0.5F, 5)}, Vec3::Constant(0.2F)));
+  }
+  Markers markers;
+  if (with_markers)
+    markers = {.radius = 3.0F, .start = Vec3(0, 0, 3), .waypoints = {{5, -5, 3}, {-5, 5, 3}}, .goal = Vec3(8, 8, 3)};
+  return make_world(std::move(primitives), std::move(markers), testing::hills(24));
+}
+
+// Compares one in `every` rays of batches with the oracle.
+struct FanTally {
+  std::size_t rays = 0, compared = 0, hits = 0;
+
+  void compare(const World& world, std::initializer_list<const Batch*> batches, std::size_t every) {
+    const Batch& first = **batches.begin();
+    for (std::size_t number = 0; number < first.config().lidars.size(); ++number) {
+      const LidarConfig& lidar = first.config().lidars[number];
+      const std::size_t per_drone = static_cast<std::size_t>(lidar.rows()) * static_cast<std::size_t>(lidar.columns());
+      std::vector<float> directions(3 * per_drone * kFanDrones);
+      first.lidar_directions(directions, number);
+      const double range = static_cast<double>(lidar.max_range_m);
+      for (std::size_t ray = number; ray < per_drone * kFanDrones; ray += every) {
+        ++rays;
+        const Pose pose = pose_of(first.state(), DroneIndex(ray / per_drone));
+        const Eigen::Quaterniond rotation = pose.rotation.cast<double>().normalized();
+        const Eigen::Vector3d offset(lidar.offset_m[0], lidar.offset_m[1], lidar.offset_m[2]);
+        const Eigen::Vector3d origin = pose.position.cast<double>() + rotation * offset;
+        const float* const d = &directions[3 * ray];
+        const Eigen::Vector3d direction = rotation * Eigen::Vector3d(d[0], d[1], d[2]);
+        const oracle::Hit hit = oracle::nearest(world, origin, direction, range);
+        const double steep = oracle::steepness(world, hit, origin, direction, range);
+        if (steep > 5.0) continue;
+        ++compared;
+        hits += hit.element >= 0;
+        for (const Batch* const batch : batches) {
+          const float found = batch->lidar_readings(number).ranges[ray];
+          ASSERT_EQ(std::isinf(found), hit.element < 0) << lidar.name << ", ray " << ray;
+          if (hit.element < 0) continue;
+          ASSERT_NEAR(found, hit.t, 1e-6 * (20.0 + hit.t) * std::max(steep, 1.0)) << lidar.name << ", ray " << ray;
+        }
+      }
+    }
+  }
+};
+
+class TracerSlices : public ::testing::TestWithParam<int> {};  // number of spheres
+
+TEST_P(TracerSlices, AgreeWithAnOracleAndEmbree) {
+  const auto world = hills_under(GetParam());
+  const auto slices = sense_by(world, TracerKind::slices, fans()), embree = sense_by(world, TracerKind::embree, fans());
+  FanTally tally;
+  tally.compare(*world, {slices.get(), embree.get()}, 5);
+  EXPECT_GT(tally.compared, 3 * tally.rays / 4);
+  EXPECT_GT(tally.hits, tally.compared / 4);
+  for (std::size_t lidar = 0; lidar < fans().size(); ++lidar) {
+    const auto &a = slices->lidar_readings(lidar).ranges, &b = embree->lidar_readings(lidar).ranges;
+    std::size_t differ = 0;
+    for (std::size_t i = 0; i < a.size(); ++i) differ += !(a[i] == b[i] || std::abs(a[i] - b[i]) <= 1e-4F * (1.0F + b[i]));
+    EXPECT_LE(differ, a.size() / 500) << fans()[lidar].name;
+  }
+}
+
+TEST_P(TracerSlices, DoNotSeeMarkers) {
+  const auto seen = sense_by(hills_under(GetParam()), TracerKind::slices, fans());
+  const auto expected = sense_by(hills_under(GetParam(), false), TracerKind::slices, fans());
+  for (std::size_t lidar = 0; lidar < fans().size(); ++lidar) {
+    EXPECT_TRUE(same_bits(seen->lidar_readings(lidar).ranges, expected->lidar_readings(lidar).ranges)) << fans()[lidar].name;
+  }
+}
+
+TEST_P(TracerSlices, SameBitsInAnyBatch) {
+  const auto world = hills_under(GetParam());
+  const auto batch = sense_by(world, TracerKind::slices, fans());
+  for (const auto& [threads, block_size] : {std::pair{2, 1}, std::pair{1, 3}}) {
+    const auto other = sense_by(world, TracerKind::slices, fans(), threads, block_size);
+    for (std::size_t lidar = 0; lidar < fans().size(); ++lidar) {
+      EXPECT_TRUE(same_bits(batch->lidar_readings(lidar).ranges, other->lidar_readings(lidar).ranges)) << fans()[lidar].name;
+    }
+  }
+  BatchConfig config = batch->config();
+  config.num_envs = 1;
+  const testing::Poses poses = fan_poses();
+  for (std::size_t lidar = 0; lidar < fans().size(); ++lidar) {
+    config.lidars = {fans()[lidar]};
+    Batch alone(config, {world});
+    const auto& ranges = batch->lidar_readings(lidar).ranges;
+    for (std::size_t drone = 0; drone < kFanDrones; ++drone) {
+      alone.set_pose(testing::row(poses.position, drone, 3), testing::row(poses.quat_wxyz, drone, 4));
+      alone.sense();
+      EXPECT_TRUE(same_bits(alone.lidar_readings().ranges, testing::row(ranges, drone, ranges.size() / kFanDrones)))
+          << fans()[lidar].name << ", drone " << drone;
+    }
+  }
+}
+
+TEST_P(TracerSlices, NoRayGoesThroughEmbreeForTriangles) {
+  const auto world = hills_under(GetParam());
+  EXPECT_EQ(sense_by(world, TracerKind::slices, fans())->embree_rays(), 0);
+  EXPECT_GT(sense_by(world, TracerKind::embree, fans())->embree_rays(), 0);
+}
+
+TEST_P(TracerSlices, AutoUsesThemFromSomeBeamsOn) {
+  const auto world = hills_under(GetParam());
+  const auto most = static_cast<int>(trace::kFewestInSlice) - 1;
+  const std::vector few{fan_of("few", most, 180.0F, 20.0F)}, enough{fan_of("enough", most + 1, 180.0F, 20.0F)};
+  EXPECT_GT(sense_by(world, TracerKind::automatic, few)->embree_rays(), 0);
+  EXPECT_EQ(sense_by(world, TracerKind::slices, few)->embree_rays(), 0);
+  EXPECT_GT(sense_by(world, TracerKind::tiles, enough)->embree_rays(), 0);
+  const auto by_itself = sense_by(world, TracerKind::automatic, enough), slices = sense_by(world, TracerKind::slices, enough);
+  EXPECT_EQ(by_itself->embree_rays(), 0);
+  EXPECT_TRUE(same_bits(by_itself->lidar_readings().ranges, slices->lidar_readings().ranges));
+}
+
+INSTANTIATE_TEST_SUITE_P(FewAndMany, TracerSlices, ::testing::Values(0, 5, 700));
+
+TEST(SlicesAgreement, InWorldsOfPrimitivesAndTriangles) {
+  using enum PrimitiveKind;
+  const long wanted = testing::times_tried(4000);
+  FanTally tally;
+  for (unsigned seed = testing::part_tried() << 24U; static_cast<long>(tally.rays) < wanted; ++seed) {
+    SCOPED_TRACE(seed);
+    Random random(seed);
+    std::vector<Primitive> primitives;
+    if (seed % 3 == 0) primitives.push_back(primitive(room, random.point(0.5F), {12.0F, 11.0F, 8.0F}));
+    const int count = std::array{0, 6, 30}[seed % 3];
+    for (int i = 0; i < count; ++i) {
+      const PrimitiveKind kind = std::array{box, cylinder, capsule, sphere, plane, disc}[static_cast<std::size_t>(i) % 6];
+      const float size = random.within(0.1F, 1.0F);
+      const Vec3 half(size, size, kind == plane || kind == disc ? 0.0F : kind == capsule ? 1.5F * size : size);
+      primitives.push_back(primitive(kind, random.point(8.0F), half, kind == sphere ? Quat::Identity() : random.rotation()));
+    }
+    const auto world =
+        make_world(std::move(primitives), {},
+                   seed % 2 == 0 ? testing::hills(6 + static_cast<int>(seed % 7)) : testing::loose_triangles(70, random));
+    tally.compare(*world,
+                  {sense_by(world, TracerKind::slices, fans(), 1, 64, seed).get(),
+                   sense_by(world, TracerKind::embree, fans(), 1, 64, seed).get()},
+                  3);
+    ASSERT_FALSE(HasFailure());
+  }
+  EXPECT_GT(tally.compared, tally.rays / 2);
+  EXPECT_GT(tally.hits, tally.compared / 4);
+  testing::tried("slices", static_cast<long>(tally.compared));
+}
+
+// Only one of three channels lies in a plane; Embree traces the others.
+TEST(TracerSlicesOf, OneChannelOfThreeAgreeWithAnOracle) {
+  const auto world = hills_under(5);
+  std::vector three{fan_of("three", 60, 270.0F, 20.0F)};
+  three[0].channels = 3;
+  three[0].vfov_deg = 40.0F;
+  const auto slices = sense_by(world, TracerKind::slices, three), tiles = sense_by(world, TracerKind::tiles, three);
+  FanTally tally;
+  tally.compare(*world, {slices.get(), tiles.get()}, 1);
+  EXPECT_GT(tally.hits, tally.rays / 4);
+  EXPECT_GT(slices->embree_rays(), 0);
+  EXPECT_LT(slices->embree_rays(), tiles->embree_rays());
+  const auto &a = slices->lidar_readings().ranges, &b = tiles->lidar_readings().ranges;
+  for (std::size_t i = 0; i < a.size(); ++i) {
+    if (i / 60 % 3 == 1) continue;
+    ASSERT_TRUE(same_bits(std::span(&a[i], 1), std::span(&b[i], 1))) << "ray " << i;
+  }
+}
+
+TEST(TracerSlicesOf, HaveTheSameBitsOnEverySimdTarget) {
+  const auto world = hills_under(5);
+  const auto first = sense_by(world, TracerKind::slices, fans());
+  const std::vector<std::int64_t> targets = hwy::SupportedAndGeneratedTargets();
+  ASSERT_GT(targets.size(), 1U);
+  for (const std::int64_t target : targets) {
+    SCOPED_TRACE(hwy::TargetName(target));
+    const testing::OnTarget on(target);
+    const auto same = sense_by(world, TracerKind::slices, fans());
+    for (std::size_t lidar = 0; lidar < fans().size(); ++lidar) {
+      EXPECT_TRUE(same_bits(first->lidar_readings(lidar).ranges, same->lidar_readings(lidar).ranges)) << fans()[lidar].name;
+    }
+  }
+}
+
+TEST(TracerSlicesOf, WorldsWithoutTrianglesDoNotUseThem) {
+  const auto world = make_world({primitive(PrimitiveKind::room, {0, 0, 3}, {12, 12, 4}),
+                                 primitive(PrimitiveKind::sphere, {3, 1, 2}, Vec3::Constant(0.5F))});
+  const auto slices = sense_by(world, TracerKind::slices, fans()), tiles = sense_by(world, TracerKind::tiles, fans());
+  EXPECT_EQ(prepared(*world).scene().tiles(), nullptr);
+  for (std::size_t lidar = 0; lidar < fans().size(); ++lidar) {
+    EXPECT_TRUE(same_bits(slices->lidar_readings(lidar).ranges, tiles->lidar_readings(lidar).ranges)) << fans()[lidar].name;
+  }
+}
+
+// A LiDAR that was changed sees what one sees that was made so.
+TEST(TracerSlicesOf, ChangedLidarsEqualThoseMadeThatWay) {
+  const auto world = hills_under(5);
+  const std::vector before{fan_of("lidar", 35, 270.0F, 8.0F)};
+  const auto expect = [&](const LidarChange& change, const LidarConfig& after) {
+    const auto changed = sense_by(world, TracerKind::slices, before), made = sense_by(world, TracerKind::slices, {after});
+    changed->set_lidar(change);
+    changed->sense();
+    EXPECT_TRUE(same_bits(changed->lidar_readings().ranges, made->lidar_readings().ranges));
+  };
+  LidarConfig after = before[0];
+  after.hfov_deg = 360.0F;
+  expect({.hfov_deg = 360.0F}, after);
+  after.beams = 300;
+  expect({.hfov_deg = 360.0F, .beams = 300}, after);
+  after = before[0];
+  after.quat_wxyz = {0.6F, 0, 0.8F, 0};
+  expect({.quat_wxyz = after.quat_wxyz}, after);
+  after = before[0];
+  after.channels = 3;
+  after.vfov_deg = 30.0F;
+  expect({.vfov_deg = 30.0F, .channels = 3}, after);
+}
+
+// -- Patterns.
+
+struct FansOfPattern {
+  std::vector<std::size_t> beams;  // of each fan
+  std::size_t others = 0;          // beams in no fan
+};
+
+FansOfPattern fans_in(const LidarConfig& config, TracerKind tracer = TracerKind::slices) {
+  const std::size_t rays = static_cast<std::size_t>(config.rows()) * static_cast<std::size_t>(config.columns());
+  const sensors::BeamPattern pattern = sensors::make_pattern(config, trace::trace_policy_of(tracer, rays));
+  FansOfPattern found;
+  for (const sensors::BeamTile& tile : pattern.tiles) {
+    if (tile.fan < 0) {
+      found.others += tile.rows * tile.width;
+      continue;
+    }
+    const trace::Fan& fan = pattern.fans[static_cast<std::size_t>(tile.fan)];
+    EXPECT_EQ(fan.count, tile.rows * tile.width);
+    found.beams.push_back(fan.count);
+    // Each ray of the fan points where its beam does.
+    for (std::size_t i = 0; i < fan.count; ++i) {
+      const std::size_t beam = tile.first + static_cast<std::size_t>(fan.ray[i]);
+      const Vec3 seen = fan.to_sensor * Vec3(fan.x[i], fan.y[i], 0.0F);
+      EXPECT_LT((seen - Vec3(pattern.x[beam], pattern.y[beam], pattern.z[beam])).norm(), 3e-7F) << "beam " << beam;
+    }
+  }
+  EXPECT_EQ(found.beams.size(), pattern.fans.size());
+  EXPECT_EQ(std::accumulate(found.beams.begin(), found.beams.end(), found.others), rays);
+  EXPECT_EQ(sensors::has_fans(config, tracer), !found.beams.empty());
+  return found;
+}
+
+TEST(TracerSlicesOf, PatternsInAPlaneHaveFans) {
+  using Beams = std::vector<std::size_t>;
+  for (const LidarConfig& config : fans()) {
+    SCOPED_TRACE(config.name);
+    const FansOfPattern found = fans_in(config);
+    EXPECT_EQ(found.others, 0U);
+    EXPECT_EQ(found.beams.size(), config.columns() > 256 ? 3U : 1U);
+  }
+  EXPECT_EQ(fans_in(fan_of("one", 1, 270.0F, 3.0F)).beams, Beams{1});
+  EXPECT_EQ(fans_in(fan_of("full", 256, 360.0F, 3.0F)).beams, Beams{256});
+  EXPECT_EQ(fans_in(fan_of("in parts", 257, 360.0F, 3.0F)).beams, (Beams{128, 129}));
+  EXPECT_EQ(fans_in(fan_of("in parts", 600, 360.0F, 3.0F)).beams, (Beams{200, 200, 200}));
+
+  LidarConfig vertical = fan_of("vertical", 1, 1.0F, 3.0F);
+  vertical.channels = 300;
+  vertical.vfov_deg = 170.0F;
+  EXPECT_EQ(fans_in(vertical).beams, (Beams{150, 150}));
+
+  LidarConfig three = fan_of("three", 60, 270.0F, 3.0F);
+  three.channels = 3;
+  three.vfov_deg = 30.0F;
+  EXPECT_EQ(fans_in(three).beams, Beams{60});
+  EXPECT_EQ(fans_in(three).others, 120U);
+  three.vfov_deg = 0.0F;
+  EXPECT_EQ(fans_in(three).beams, (Beams{60, 60, 60}));
+}
+
+TEST(TracerSlicesOf, ConesAndGridsHaveNoFans) {
+  LidarConfig cones = fan_of("cones", 60, 270.0F, 3.0F);
+  cones.channels = 2;
+  cones.vfov_deg = 20.0F;
+  EXPECT_TRUE(fans_in(cones).beams.empty());
+  cones.channels = 5;  // one of them is level
+  EXPECT_TRUE(fans_in(cones).beams.empty());
+
+  LidarConfig cone = fan_of("cone", 35, 270.0F, 3.0F);
+  for (int i = 0; i < 40; ++i) {
+    cone.azimuth_deg.push_back(5.0F * static_cast<float>(i));
+    cone.elevation_deg.push_back(10.0F);
+  }
+  EXPECT_TRUE(fans_in(cone).beams.empty());
+  cone.elevation_deg.assign(40, 0.0F);
+  EXPECT_EQ(fans_in(cone).beams.size(), 1U);
+  cone.elevation_deg[17] = 0.01F;
+  EXPECT_TRUE(fans_in(cone).beams.empty());
+}
+
+TEST(TracerSlicesOf, TracersDecideWhichFansAreMade) {
+  const auto most = static_cast<int>(trace::kFewestInSlice) - 1;
+  const LidarConfig few = fan_of("few", most, 180.0F, 3.0F), enough = fan_of("enough", most + 1, 180.0F, 3.0F);
+  EXPECT_TRUE(fans_in(few, TracerKind::automatic).beams.empty());
+  EXPECT_EQ(fans_in(enough, TracerKind::automatic).beams.size(), 1U);
+  EXPECT_EQ(fans_in(few, TracerKind::slices).beams.size(), 1U);
+  for (const TracerKind tracer : {TracerKind::tiles, TracerKind::embree}) {
+    EXPECT_TRUE(fans_in(enough, tracer).beams.empty());
+  }
+}
+
+}  // namespace
+}  // namespace flockstep
