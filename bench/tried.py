@@ -12,13 +12,16 @@ rays     rays traced directly, through Embree, and by closed forms in double pre
 agreement     LiDAR rays in worlds of primitives and triangles, in tiles, through Embree, and by closed forms
 watertight    rays at corners and edges of closed meshes, in tiles: none passes through
 independence  rays in tiles, traced beside other rays and singly: the same bits
+slices        rays of fans, in slices, through Embree, and by closed forms and all triangles in double precision
+slices_watertight    rays at corners and edges of closed meshes, in slices: none passes through
+slices_independence  rays in slices, traced beside other rays and singly: the same bits
 worlds   seeds of the generated worlds: each has a flown path, and in every fiftieth a planner finds one
 attacks  random calls of `batch.bodies`, many of them invalid: none crashes or hangs, and a refused one changes nothing
 soak     clients that connect, fly, read, stream, break off and send nonsense: the server's memory and files do not grow
 extensions   the patches of tests/extensions, applied to a copy, built and run; only if named
 scene, obj, ply, gltf, snapshot, calls, messages   the fuzzers, with address and undefined-behaviour sanitizers
 
-Each writes its number of trials to out/tried/NAME.json; bench/table.py --keep copies it from there. The first twelve
+Each writes its number of trials to out/tried/NAME.json; bench/table.py --keep copies it from there. The first fifteen
 run in parts, each with its own seeds, and write after each part. A stopped run continues with the next part, on another
 machine from the stored results.
 """
@@ -56,9 +59,23 @@ TESTS = {
     "agreement": ("TracerAgreement*", 21, 750),
     "watertight": ("MeshTiles.NoRay*", 20, 1700),
     "independence": ("MeshTiles.ARays*", 20, 6000),
+    "slices": ("SlicesAgreement*", 10, 50),
+    "slices_watertight": ("SlicesWatertight*", 10, 20),
+    "slices_independence": ("MeshSlices.ARays*", 10, 100),
 }
 #: Units that differ from the name.
-UNITS = dict.fromkeys(("agreement", "watertight", "independence", "body_rays"), "rays") | {
+UNITS = dict.fromkeys(
+    (
+        "agreement",
+        "watertight",
+        "independence",
+        "slices",
+        "slices_watertight",
+        "slices_independence",
+        "body_rays",
+    ),
+    "rays",
+) | {
     "encounters": "motions",
     "shoves": "pushes",
     "crushes": "ticks",
