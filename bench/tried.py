@@ -61,7 +61,7 @@ TESTS = {
     "independence": ("MeshTiles.ARays*", 20, 6000),
     "slices": ("SlicesAgreement*", 10, 50),
     "slices_watertight": ("SlicesWatertight*", 10, 20),
-    "slices_independence": ("MeshSlices.ARays*", 10, 100),
+    "slices_independence": ("MeshSlices.ARays*", 10, 80),
 }
 #: Units that differ from the name.
 UNITS = dict.fromkeys(
