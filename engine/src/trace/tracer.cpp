@@ -113,7 +113,10 @@ void Tracer::enqueue(const RayTile& tile, float* ranges, std::size_t stride) {
     meet_bodies();
     return wait(tile, ranges, stride, for_triangles_);
   }
-  if (in_slice) trace_mesh_slice(*sliced_, scene_->first_triangle(), *tile.fan, bundle_);
+  if (in_slice) {
+    const SliceWalk walk = is_full_ ? SliceWalk::ordered : SliceWalk::automatic;
+    is_full_ = trace_mesh_slice(*sliced_, scene_->first_triangle(), *tile.fan, bundle_, walk);
+  }
   if (in_view) trace_view(*tile.view, tile.rows, tile.width, is_nothing_near());
   meet_bodies();
   for (std::size_t row = 0; row < tile.rows; ++row) {
