@@ -6,6 +6,7 @@
 // Highway's own headers come after foreach_target.
 #include <hwy/highway.h>
 
+#include <Eigen/Eigenvalues>
 #include <algorithm>
 #include <array>
 #include <bit>
@@ -175,12 +176,22 @@ class SliceTrace {
     return bits(last > first);
   }
 
-  bool is_beyond(const Entry& entry) const {
+  // Returns true if all rays that may meet a box have nearer hits.
+  HWY_INLINE bool is_beyond(const Entry& entry) const {
+    const std::size_t begin = entry.begin, last = entry.end - std::size_t{1};
+    const auto is_nearer = [&entry](float t) { return kBeyond * t * t < entry.distance2; };
+    const float farthest = std::max(t_[begin], t_[last]);
+    if (last - begin <= 3) {  // as vectors they would have to wait for hits that have just been stored
+      return is_nearer(std::max(farthest, std::max(t_[std::min(begin + 1, last)], t_[std::min(begin + 2, last)])));
+    }
+    if (!is_nearer(farthest)) return false;
     using V = WideUpTo<16>;
-    V farthest = V::load_unaligned(t_ + entry.begin);
-    for (std::size_t i = entry.begin + V::kCount; i < entry.end; i += V::kCount)
-      farthest = max(farthest, V::load_unaligned(t_ + i));
-    return none(farthest * farthest * kBeyond >= entry.distance2);
+    auto met = V(0.0F) > 0.0F;
+    for (std::size_t i = begin; i <= last; i += V::kCount) {
+      const V t = V::load_unaligned(t_ + i);
+      met = met | (t * t * kBeyond >= entry.distance2);
+    }
+    return none(met);
   }
 
   // Returns the number of leaves that were cut.
@@ -241,23 +252,23 @@ class SliceTrace {
 
   // Meets the rays with the triangles of a leaf.
   HWY_INLINE void cut(const MeshLeaf& leaf) {
-    F3 corner[3];  // in the fan's frame
-    M above[3];
-    for (std::size_t k = 0; k < 3; ++k) {
-      const F x = F::load(leaf.corner[k][0]) - origin_[0], y = F::load(leaf.corner[k][1]) - origin_[1],
-              z = F::load(leaf.corner[k][2]) - origin_[2];
-      const auto along = [&](std::size_t axis) HWY_ATTR { return axis_[axis][0] * x + axis_[axis][1] * y + axis_[axis][2] * z; };
-      const F height = along(2);
-      above[k] = height > kOnPlane;
-      corner[k] = {along(0), along(1), select(above[k], height, min(height, 0.0F))};
-    }
+    const auto corner = [&](std::size_t k) HWY_ATTR {
+      return F3{F::load(leaf.corner[k][0]) - origin_[0], F::load(leaf.corner[k][1]) - origin_[1],
+                F::load(leaf.corner[k][2]) - origin_[2]};
+    };
+    const F height[3] = {along(axis_[2], corner(0)), along(axis_[2], corner(1)), along(axis_[2], corner(2))};
+    const M above[3] = {height[0] > kOnPlane, height[1] > kOnPlane, height[2] > kOnPlane};
     const M differ_01 = above[0] ^ above[1], differ_02 = above[0] ^ above[2];
     Lanes crossing = bits(differ_01 | differ_02);
     if (crossing == 0) return;
+    F3 at[3];  // in the fan's frame
+    for (std::size_t k = 0; k < 3; ++k) {
+      at[k] = {along(axis_[0], corner(k)), along(axis_[1], corner(k)), select(above[k], height[k], min(height[k], 0.0F))};
+    }
     // One corner is alone on its side.
     const M first = differ_01 & differ_02, third = without(differ_02, differ_01);
-    const F3 lone = select(first, corner[0], select(third, corner[2], corner[1]));
-    const F3 a = select(first, corner[1], corner[0]), b = select(third, corner[1], corner[2]);
+    const F3 lone = select(first, at[0], select(third, at[2], at[1]));
+    const F3 a = select(first, at[1], at[0]), b = select(third, at[1], at[2]);
     const auto cut_of = [&](const F3& other, F& x, F& y) HWY_ATTR {
       const F share = 1.0F / (other.z - lone.z);
       x = (lone.x * other.z - other.x * lone.z) * share;
@@ -359,29 +370,25 @@ HWY_EXPORT(trace_mesh_slice);
 
 namespace {
 
-constexpr double kInPlane = 1e-9;  // largest part of a unit direction along the plane's normal
+constexpr double kInPlane = 1e-6;  // largest part of a unit direction along the plane's normal; that of rounded angles is less
 
-// Returns the normal of a plane that contains the directions, if they lie in one.
+// Returns the normal of the plane that is nearest to the directions.
 Eigen::Vector3d normal_of(std::span<const Eigen::Vector3d> directions) {
   for (const int axis : {2, 1, 0}) {
     const auto lies_across = [axis](const Eigen::Vector3d& direction) { return std::abs(direction[axis]) <= kInPlane; };
     if (std::ranges::all_of(directions, lies_across)) return Eigen::Vector3d::Unit(axis);
   }
-  Eigen::Vector3d widest = Eigen::Vector3d::Zero();
-  for (const Eigen::Vector3d& direction : directions) {
-    const Eigen::Vector3d across = directions.front().cross(direction);
-    if (across.squaredNorm() > widest.squaredNorm()) widest = across;
-  }
-  return widest.normalized();  // zero if all directions are the same or opposite
+  Eigen::Matrix3d squares = Eigen::Matrix3d::Zero();
+  for (const Eigen::Vector3d& direction : directions) squares += direction * direction.transpose();
+  return Eigen::SelfAdjointEigenSolver<Eigen::Matrix3d>(squares).eigenvectors().col(0);  // of the least eigenvalue
 }
 
 }  // namespace
 
 bool are_in_plane(std::span<const Eigen::Vector3d> directions) {
   const Eigen::Vector3d normal = normal_of(directions);
-  return !normal.isZero() && std::ranges::all_of(directions, [&normal](const Eigen::Vector3d& direction) {
-    return std::abs(normal.dot(direction)) <= kInPlane;
-  });
+  return std::ranges::all_of(directions,
+                             [&normal](const Eigen::Vector3d& direction) { return std::abs(normal.dot(direction)) <= kInPlane; });
 }
 
 Fan make_fan(std::span<const Eigen::Vector3d> directions, const Eigen::Matrix3d& mounting) {
