@@ -142,8 +142,9 @@ class TestSlices:
         assert slices.embree_rays <= expected.get(fan, 0)
         assert auto.embree_rays == slices.embree_rays
 
-    def test_small_fans_go_through_embree_unless_slices_are_forced(self, world):
-        few = LidarConfig(beams=5, max_range_m=6)
+    @pytest.mark.parametrize("beams", [1, 2, 5, 11])
+    def test_small_fans_go_through_embree_unless_slices_are_forced(self, world, beams):
+        few = LidarConfig(beams=beams, max_range_m=6)
         slices, auto, tiles, embree = (
             self.scanning(world, tracer, lidar=few) for tracer in ("slices", "auto", "tiles", "embree")
         )
