@@ -350,18 +350,8 @@ Pattern pattern_of(const flockstep::LidarConfig& lidar, int sensors) {
   return pattern;
 }
 
-// Returns a world with only the triangles: primitives tessellated, masks dropped. chord_error_m applies to round shapes.
-std::shared_ptr<const flockstep::World> triangles_of(const flockstep::World& world, float chord_error_m) {
-  flockstep::SceneDescription description;
-  description.mesh = world.mesh(chord_error_m);
-  description.materials.resize(world.materials().size());
-  for (std::size_t i = 0; i < description.materials.size(); ++i) description.materials[i].name = std::to_string(i);
-  description.mesh.uv.clear();
-  return std::make_shared<const flockstep::World>(std::move(description));
-}
-
 std::shared_ptr<const flockstep::World> bundled(const std::shared_ptr<const flockstep::World>& world) {
-  return triangles_of(*world, bench::chord_error(*world));
+  return bench::triangles_of(*world, bench::chord_error(*world));
 }
 
 }  // namespace
@@ -372,7 +362,7 @@ int main(int argc, char** argv) {
   const std::vector<std::pair<std::string, std::function<std::shared_ptr<const flockstep::World>()>>> scenes{
       {"pillars", [] { return bundled(flockstep::World::load(FLOCKSTEP_SCENES "/playground/train-1.json")); }},
       {"hills1k", [] { return bench::mesh_world(20, 20.0F); }},
-      {"office", [] { return triangles_of(*bench::furnished_rooms(), 0.01F); }},
+      {"office", [] { return bench::triangles_of(*bench::furnished_rooms(), 0.01F); }},
       {"generated_office", [] { return bundled(flockstep::office(flockstep::OfficeConfig{})); }},
       {"warehouse", [] { return bundled(flockstep::warehouse(flockstep::WarehouseConfig{})); }},
       {"hills100k", [] { return bench::mesh_world(200, 60.0F); }},
