@@ -96,6 +96,7 @@ class PatternMaker {
 
   PatternMaker(const LidarConfig& config, const trace::TracePolicy& policy)
       : policy_(policy),
+        range_m_(config.max_range_m),
         channels_(static_cast<std::size_t>(config.rows())),
         columns_(static_cast<std::size_t>(config.columns())) {
     const auto& q = config.quat_wxyz;
@@ -170,6 +171,7 @@ class PatternMaker {
   }
 
   const trace::TracePolicy policy_;
+  const float range_m_;
   const std::size_t channels_, columns_;
   Eigen::Matrix3d mounting_;
   std::vector<Eigen::Vector3d> directions_;  // by channel and beam, before the mounting rotation

@@ -443,6 +443,9 @@ Fan make_fan(std::span<const Eigen::Vector3d> directions, const Eigen::Matrix3d&
       last = i;
     }
   }
+  if (rays.size() > 1) {
+    fan.between_rad = static_cast<float>((2.0 * std::numbers::pi - widest) / static_cast<double>(rays.size() - 1));
+  }
   constexpr double kMargin = 1e-4;  // rad
   const double right = rays[(last + 1) % rays.size()].angle - kMargin, left = rays[last].angle + kMargin;
   const double width = 2.0 * std::numbers::pi - widest + 2.0 * kMargin;

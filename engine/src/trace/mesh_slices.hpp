@@ -31,6 +31,7 @@ struct Fan {
   static constexpr std::size_t kMostCells = 512;
 
   Mat3 to_sensor;                                    // rotation, from the fan's frame; the third axis is the plane's normal
+  float between_rad = 0.0F;                          // mean angle between neighbouring rays; 0 for a single one
   std::size_t count = 0;                             // of the rays, at most kMaxRays
   alignas(64) float x[kMaxRays + kRayPadding] = {};  // directions in the fan's frame, by their angle from the negative first axis
   alignas(64) float y[kMaxRays + kRayPadding] = {};
@@ -50,8 +51,8 @@ struct Fan {
 // Returns true if the unit directions lie in a plane, as those of a fan must.
 bool are_in_plane(std::span<const Eigen::Vector3d> directions);
 
-// Returns the fan of 1 to kMaxRays such directions. mounting: rotation from their frame to the sensor's. In a plane of two axes,
-// the fan's frame is made of these, so a ray's bits do not depend on the others.
+// Returns the fan of 1 to kMaxRays directions in a plane. mounting: rotation from their frame to the sensor's. In a plane of two
+// axes, the fan's frame is made of these, so a ray's bits do not depend on the others.
 Fan make_fan(std::span<const Eigen::Vector3d> directions, const Eigen::Matrix3d& mounting);
 
 // The ways to walk the tree. They give the same bits.

@@ -45,7 +45,9 @@ void copy_ranges(const float* from, std::size_t count, float* to) {
 TracePolicy trace_policy_of(TracerKind kind, std::size_t rays) {
   switch (kind) {
     case TracerKind::automatic:
-      return {.tile_triangle_limit = rays < kFewestInTiles ? 0 : kTrianglesPerRay * rays, .fewest_in_slice = kFewestInSlice};
+      return {.tile_triangle_limit = rays < kFewestInTiles ? 0 : kTrianglesPerRay * rays,
+              .fewest_in_slice = kFewestInSlice,
+              .widest_in_slice = kWidestInSlice};
     case TracerKind::slices:
       return {.tile_triangle_limit = rays < kFewestInTiles ? 0 : kTrianglesPerRay * rays, .fewest_in_slice = 1};
     case TracerKind::tiles:
