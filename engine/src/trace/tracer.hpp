@@ -25,10 +25,11 @@ namespace flockstep::trace {
 // The method of tracing a sensor's rays.
 struct TracePolicy {
   static constexpr std::size_t kNever = static_cast<std::size_t>(-1);
-  std::size_t tile_triangle_limit = 0;                             // triangles; tiles are used in worlds of up to this many
-  std::size_t fewest_in_slice = kNever;                            // rays; fans of at least this many are traced as slices,
-  float widest_in_slice = std::numeric_limits<float>::infinity();  // m; if their mean distance at the range is at most this
-  bool embree = false;                                             // use Embree for everything it can trace, primitives included
+  std::size_t tile_triangle_limit = 0;  // triangles; tiles are used in worlds of up to this many
+  // A fan is traced as a slice if it has at least this many rays, and their mean distance (m) at its range is at most this.
+  std::size_t fewest_in_slice = kNever;
+  float widest_in_slice = std::numeric_limits<float>::infinity();
+  bool embree = false;  // use Embree for everything it can trace, primitives included
 
   friend bool operator==(const TracePolicy&, const TracePolicy&) = default;
 };
