@@ -20,10 +20,10 @@ namespace bench {
 inline constexpr int kPillarSides = 16;
 
 struct BareScene {
-  RTCDevice device = rtcNewDevice(nullptr);
+  RTCDevice device;
   RTCScene scene = rtcNewScene(device);
-  std::vector<flockstep::trace::Shape> shapes;  // data of the user geometry
-  BareScene() = default;
+  std::vector<flockstep::trace::Shape> shapes;                                            // data of the user geometry
+  explicit BareScene(const char* settings = nullptr) : device(rtcNewDevice(settings)) {}  // of Embree, such as "isa=avx2"
   BareScene(const BareScene&) = delete;
   BareScene& operator=(const BareScene&) = delete;
   ~BareScene() {
@@ -49,10 +49,10 @@ inline float chord_error(const flockstep::World& world) {
   return 1.0001F * radius * (1.0F - std::cos(std::numbers::pi_v<float> / kPillarSides));
 }
 
-// Builds a scene from a world's triangles, with its primitives tessellated.
-inline std::unique_ptr<BareScene> triangle_scene(const flockstep::World& world) {
+// Builds a scene from a world's triangles, with its primitives tessellated. settings: Embree's.
+inline std::unique_ptr<BareScene> triangle_scene(const flockstep::World& world, const char* settings = nullptr) {
   const flockstep::TriangleMesh mesh = world.mesh(chord_error(world));
-  auto bare = std::make_unique<BareScene>();
+  auto bare = std::make_unique<BareScene>(settings);
   RTCGeometry geometry = rtcNewGeometry(bare->device, RTC_GEOMETRY_TYPE_TRIANGLE);
   auto* vertices = static_cast<float*>(
       rtcSetNewGeometryBuffer(geometry, RTC_BUFFER_TYPE_VERTEX, 0, RTC_FORMAT_FLOAT3, 12, mesh.vertices.size()));

@@ -1,7 +1,7 @@
-// Finds the limits up to which direct tracing and tiles are faster than Embree, and prints engine/src/trace/calibrated.hpp. It
-// times direct tracing in clouds of primitives of growing density, and tiles on meshes of growing size with few rays. `./dev
-// calibrate` writes the file. Run it on a quiet machine. The constants are committed, because the choice of tracer affects the
-// last bits of a distance.
+// Finds the limits up to which direct tracing, tiles and slices are faster than Embree, and prints
+// engine/src/trace/calibrated.hpp. It times direct tracing in clouds of primitives of growing density, tiles on meshes of growing
+// size with few rays, and slices with fewer and fewer beams. `./dev calibrate` writes the file. Run it on a quiet machine. The
+// constants are committed, because the choice of tracer affects the last bits of a distance.
 #include <algorithm>
 #include <array>
 #include <cmath>
@@ -10,6 +10,7 @@
 #include <memory>
 #include <numbers>
 #include <random>
+#include <utility>
 #include <vector>
 
 #include "bare_embree.hpp"
@@ -212,13 +213,84 @@ int triangles_per_ray(int rays) {
   return best;
 }
 
+constexpr float kFov = 1.5F * std::numbers::pi_v<float>;  // rad, of fans
+
+// Returns Embree's time over that of slices, for fans of 270 degrees with the given length between beams at their range.
+double slices_advantage(const std::shared_ptr<const World>& world, int beams, float between_m) {
+  constexpr int kDrones = 1024;
+  std::mt19937 random(1);
+  std::uniform_real_distribution<float> tilt(-0.2F, 0.2F), turn(-3.14F, 3.14F);
+  std::vector<float> position, rotation;
+  for (const Vec3& place : bench::free_positions(*world, kDrones, 1)) {
+    position.insert(position.end(), {place.x(), place.y(), place.z()});
+    const Quat q(Eigen::AngleAxisf(turn(random), Vec3::UnitZ()) * Eigen::AngleAxisf(tilt(random), Vec3::UnitY()) *
+                 Eigen::AngleAxisf(tilt(random), Vec3::UnitX()));
+    rotation.insert(rotation.end(), {q.w(), q.x(), q.y(), q.z()});
+  }
+  const auto make_batch = [&](TracerKind tracer) {
+    BatchConfig config;
+    config.num_envs = kDrones;
+    config.num_threads = 1;
+    config.tracer = tracer;
+    config.lidars.emplace_back();
+    config.lidars[0].beams = beams;
+    config.lidars[0].hfov_deg = 270.0F;
+    config.lidars[0].max_range_m = between_m * static_cast<float>(beams - 1) / kFov;
+    auto batch = std::make_unique<Batch>(config, Batch::Worlds{world});
+    batch->set_pose(position, rotation);
+    return batch;
+  };
+  const auto slices = make_batch(TracerKind::slices), embree = make_batch(TracerKind::tiles);  // a fan forms no tile
+  const bench::Times times =
+      bench::interleave({{"slices", [&] { slices->sense(); }}, {"embree", [&] { embree->sense(); }}}, kRuns, 0.01);
+  return bench::median_ratio(times[1], times[0]);
+}
+
+// Returns the least advantage of slices in several meshes.
+double least_slices_advantage(int beams, float between_m) {
+  static const std::array<std::pair<const char*, std::shared_ptr<const World>>, 4> meshes{
+      {{"hills1k", bench::mesh_world(20, 20.0F)},
+       {"hills100k", bench::mesh_world(200, 60.0F)},
+       {"hills1M", bench::mesh_world(640, 180.0F)},
+       {"rooms", bench::triangles_of(*bench::furnished_rooms(), 0.01F)}}};
+  double least = std::numeric_limits<double>::infinity();
+  for (const auto& [name, world] : meshes) {
+    const double gain = slices_advantage(world, beams, between_m);
+    std::fprintf(stderr, "  slices     %4d beams, %.1f m between them, in %s: Embree takes %6.2f times as long\n", beams,
+                 static_cast<double>(between_m), name, gain);
+    least = std::min(least, gain);
+  }
+  return least;
+}
+
+// Returns the number of beams, half a metre apart, from which slices are at least as fast in every mesh.
+int fewest_in_slice() {
+  int fewest = 64;
+  for (const int beams : {48, 32, 24, 20, 18, 16, 14, 12, 10, 8, 6, 4}) {
+    if (least_slices_advantage(beams, 0.5F) < 1.0) break;
+    fewest = beams;
+  }
+  return fewest;
+}
+
+// Returns the length between 35 beams up to which slices are at least as fast in every mesh.
+float widest_in_slice() {
+  float widest = 0.0F;
+  for (const float between_m : {0.4F, 0.6F, 0.8F, 1.0F, 1.2F, 1.5F, 2.0F, 3.0F}) {
+    if (least_slices_advantage(35, between_m) < 1.0) break;
+    widest = between_m;
+  }
+  return widest;
+}
+
 }  // namespace
 
 int main() {
   const FlushDenormals flush;
   const int bundle = crossover("in reach", bundle_advantage);
   const int any_origin = std::min(crossover("in all", block_advantage), bundle);
-  const int fewest = fewest_in_tiles(), per_ray = triangles_per_ray(fewest);
+  const int fewest = fewest_in_tiles(), per_ray = triangles_per_ray(fewest), in_slice = fewest_in_slice();
+  const float widest = widest_in_slice();
   std::printf(
       R"(// Thresholds that select the method of ray tracing. Written by `./dev calibrate` (here with %s). They are not measured at run
 // time, since the method affects the last bits of a distance.
@@ -236,8 +308,11 @@ inline constexpr std::size_t kMaxDirectAnyOrigin = %d;
 // ray.
 inline constexpr std::size_t kFewestInTiles = %d;
 inline constexpr std::size_t kTrianglesPerRay = %d;
+// A fan with at least kFewestInSlice rays is traced as a slice, if at its range their mean distance is at most kWidestInSlice (m).
+inline constexpr std::size_t kFewestInSlice = %d;
+inline constexpr float kWidestInSlice = %.1fF;
 
 }  // namespace flockstep::trace
 )",
-      trace::simd_target(), bundle, any_origin, fewest, per_ray);
+      trace::simd_target(), bundle, any_origin, fewest, per_ray, in_slice, static_cast<double>(widest));
 }

@@ -3,7 +3,7 @@
 step      whole steps of the vector environments: navigation, Hover, Track, tasks written in Python
 lidar     scans of primitives, of many pillars and of triangles
 camera    images by both backends, and capture modes that rarely render
-tiles     cameras and LiDARs that trace triangles in tiles; ids, normals, textures, shadows, samples, resizing
+tiles     cameras and LiDARs on triangles, in tiles and slices; ids, normals, textures, shadows, samples, resizing
 dynamics  `Batch.fly` by each controller, with gusts, ground effect and an IMU, in contact; `Batch.move`
 worlds    loading, saving, generating and preparing worlds, world pools, and sensors in the bundled worlds
 stages    the C++ benchmark of that name, stage by stage; only if named, because its timing is coarser

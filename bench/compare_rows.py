@@ -324,7 +324,7 @@ TILES: list[tuple[str, Setup]] = [
     ("tiles/office/rgb32x24x256", seeing(OFFICE, 32, 24, 256)),
     ("tiles/office/ids64x64x32", seeing(OFFICE, 64, 64, 32, outputs=IDS)),
     ("tiles/office/grid16x360x16", measuring(OFFICE, 16, GRID)),
-    ("tiles/office/fan35x1024", measuring(OFFICE, 1024, FAN)),
+    ("tiles/office/fan35x1024", measuring(OFFICE, 1024, FAN, "auto")),
     ("tiles/forest/rgb64x64x32", seeing(FOREST, 64, 64, 32)),
     ("tiles/forest/grid16x360x16", measuring(FOREST, 16, GRID)),
     ("tiles/city/depth64x64x16", seeing(CITY, 64, 64, 16, outputs=["depth"])),

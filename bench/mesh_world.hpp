@@ -6,6 +6,7 @@
 #include <memory>
 #include <numbers>
 #include <random>
+#include <string>
 #include <utility>
 
 #include "flockstep/world.hpp"
@@ -137,6 +138,16 @@ inline std::shared_ptr<const flockstep::World> furnished_rooms() {
     }
   }
   return builder.build();
+}
+
+// Returns a world with only the triangles: primitives tessellated, masks dropped. chord_error_m applies to round shapes.
+inline std::shared_ptr<const flockstep::World> triangles_of(const flockstep::World& world, float chord_error_m) {
+  flockstep::SceneDescription description;
+  description.mesh = world.mesh(chord_error_m);
+  description.materials.resize(world.materials().size());
+  for (std::size_t i = 0; i < description.materials.size(); ++i) description.materials[i].name = std::to_string(i);
+  description.mesh.uv.clear();
+  return std::make_shared<const flockstep::World>(std::move(description));
 }
 
 }  // namespace bench

@@ -11,7 +11,8 @@ places_train  the LiDAR task in generated offices and forests
 learner one update of flockstep.PPO beside Stable-Baselines3's, and what a second thread gains; needs an idle machine
 board   the trainings of docs/board.md with five seeds each, also with Stable-Baselines3; only if named, takes hours
 flight_train  Hover and Track with five seeds each, and the controller only; the LiDAR task's policy with rotors
-tiles   tracing rays against triangles, in tiles and with Embree's packets; only tracing
+tiles   tracing rays against triangles, in tiles, as slices and with Embree; only tracing
+tiles_avx2  the same for fans, without AVX-512
 worlds  LiDARs and cameras in every bundled world, and the share of rays traced by Embree
 busy    the trainings of the README and of docs/first-steps.md while every processor runs a busy loop; only if named
 server  round trips of the clients against bare echoes, a remote vector environment, many clients, streams
@@ -97,8 +98,13 @@ def bench_lidar() -> list[Figure]:
 
 
 def bench_tiles() -> list[Figure]:
-    """Trace triangles in tiles, without the stages before and after."""
+    """Trace triangles in tiles and slices, without the stages before and after."""
     return native("tiles")
+
+
+def bench_tiles_avx2() -> list[Figure]:
+    """Trace fans as slices with AVX2, and with Embree with AVX2."""
+    return native("tiles", "all", "fan", "avx2")
 
 
 def seconds_per_call(call: Callable[[int], object], at_least_s: float = 0.25) -> float:
@@ -561,6 +567,7 @@ BENCHES: dict[str, Callable[[], list[Figure]]] = {
     "engines": bench_engines,
     "server": bench_server,
     "tiles": bench_tiles,
+    "tiles_avx2": bench_tiles_avx2,
     "dynamics": bench_dynamics,
     "dynamics_accuracy": bench_dynamics_accuracy,
     "dynamics_peers": bench_dynamics_peers,

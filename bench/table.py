@@ -49,6 +49,7 @@ NAMES = (
     "load",
     "worlds",
     "tiles",
+    "tiles_avx2",
     "dynamics",
 )
 #: Benchmarks that are not in the table of all figures.

@@ -3,6 +3,8 @@
 // Bare Embree: single rays, or packets of 8 or 16 neighbouring rays of one sensor, coherent or incoherent, in rectangles of 4 x 2
 // or 4 x 4 if the pattern has rows. The best of all counts. It stores the same results as the engine: distance, triangle and
 // normal for cameras, distance for LiDARs. Engine: a Tracer. All variants run in turns. Prints a JSON list of figures.
+#include <hwy/targets.h>
+
 #include <algorithm>
 #include <array>
 #include <cmath>
@@ -261,7 +263,7 @@ void bench_case(const std::string& scene, const flockstep::World& world, const b
   for (std::size_t v = 1; v < variants.size(); ++v) {
     if (bench::median(times[v]) < bench::median(times[best])) best = v;
   }
-  const std::string name = "tiles/" + scene + '/' + pattern.name;
+  const std::string name = scene + '/' + pattern.name;
   for (std::size_t v = 0; v < variants.size(); ++v) {
     std::fprintf(stderr, "  %-26s %-28s %8.2f M rays/s\n", name.c_str(), variants[v].label.c_str(),
                  static_cast<double>(rays) / bench::median(times[v]) / 1e6);
@@ -350,29 +352,23 @@ Pattern pattern_of(const flockstep::LidarConfig& lidar, int sensors) {
   return pattern;
 }
 
-// Returns a world with only the triangles: primitives tessellated, masks dropped. chord_error_m applies to round shapes.
-std::shared_ptr<const flockstep::World> triangles_of(const flockstep::World& world, float chord_error_m) {
-  flockstep::SceneDescription description;
-  description.mesh = world.mesh(chord_error_m);
-  description.materials.resize(world.materials().size());
-  for (std::size_t i = 0; i < description.materials.size(); ++i) description.materials[i].name = std::to_string(i);
-  description.mesh.uv.clear();
-  return std::make_shared<const flockstep::World>(std::move(description));
-}
-
 std::shared_ptr<const flockstep::World> bundled(const std::shared_ptr<const flockstep::World>& world) {
-  return triangles_of(*world, bench::chord_error(*world));
+  return bench::triangles_of(*world, bench::chord_error(*world));
 }
 
 }  // namespace
 
-// The arguments select the scene and the pattern, e.g. "office 64x64". Without them all are measured.
+// The arguments select the scene and the beginning of the pattern's name, e.g. "office 64x64" or "all fan", and the instruction
+// set "avx2". Without them all are measured with the processor's best.
 int main(int argc, char** argv) {
-  const std::string only_scene = argc > 1 ? argv[1] : "", only_pattern = argc > 2 ? argv[2] : "";
+  const std::string only_scene = argc > 1 && argv[1] != std::string("all") ? argv[1] : "", only_pattern = argc > 2 ? argv[2] : "";
+  const bool is_avx2 = argc > 3 && argv[3] == std::string("avx2");
+  if (is_avx2) hwy::GetChosenTarget().Update(HWY_AVX2);
+  const std::string group = is_avx2 ? "tiles_avx2/" : "tiles/";
   const std::vector<std::pair<std::string, std::function<std::shared_ptr<const flockstep::World>()>>> scenes{
       {"pillars", [] { return bundled(flockstep::World::load(FLOCKSTEP_SCENES "/playground/train-1.json")); }},
       {"hills1k", [] { return bench::mesh_world(20, 20.0F); }},
-      {"office", [] { return triangles_of(*bench::furnished_rooms(), 0.01F); }},
+      {"office", [] { return bench::triangles_of(*bench::furnished_rooms(), 0.01F); }},
       {"generated_office", [] { return bundled(flockstep::office(flockstep::OfficeConfig{})); }},
       {"warehouse", [] { return bundled(flockstep::warehouse(flockstep::WarehouseConfig{})); }},
       {"hills100k", [] { return bench::mesh_world(200, 60.0F); }},
@@ -383,12 +379,12 @@ int main(int argc, char** argv) {
   for (const auto& [scene, make] : scenes) {
     if (!only_scene.empty() && only_scene != scene) continue;
     const auto world = make();
-    const auto bare = bench::triangle_scene(*world);
-    figures.add("tiles/" + scene + "/triangles", static_cast<double>(world->triangles().triangles.size()), "1", 1);
+    const auto bare = bench::triangle_scene(*world, is_avx2 ? "isa=avx2" : nullptr);
+    figures.add(group + scene + "/triangles", static_cast<double>(world->triangles().triangles.size()), "1", 1);
     const flockstep::CameraConfig small = camera_of(64, 64), large = camera_of(640, 480);
     const flockstep::LidarConfig coarse = lidar_of(16, 360, 30.0F), dense = lidar_of(64, 1024, 45.0F);
     const auto measure = [&](const Pattern& pattern, const flockstep::CameraConfig* camera, const flockstep::LidarConfig* lidar) {
-      if (only_pattern.empty() || only_pattern == pattern.name) bench_case(scene, *world, *bare, pattern, camera, lidar, figures);
+      if (pattern.name.starts_with(only_pattern)) bench_case(group + scene, *world, *bare, pattern, camera, lidar, figures);
     };
     measure(pattern_of(small, 64), &small, nullptr);
     measure(pattern_of(large, 4), &large, nullptr);

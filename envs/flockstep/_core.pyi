@@ -3206,7 +3206,7 @@ class Recipe:
     lidars: Sequence[LidarConfig]
     cameras: Sequence[CameraConfig]
     camera_backend: Literal["raycast", "gl", "auto"]
-    tracer: Literal["auto", "tiles", "embree"]
+    tracer: Literal["auto", "tiles", "slices", "embree"]
     pose_sensor: PoseSensorConfig
     imus: Sequence[ImuConfig]
     bodies: Sequence[BodyConfig]
@@ -3290,9 +3290,11 @@ class Batch:
         16 rays are traced against triangles, through a separate tree that takes about 65 bytes per triangle. Cameras
         and dense LiDARs use tiles. A LiDAR is dense if it has at least four rows, and any sixteen neighbouring beams of
         a row span at most about 50 degrees. All other rays use Embree, in packets. ``"auto"``: tiles only for sensors
-        of at least 256 rays in worlds of at most 1,024 triangles per ray; in larger worlds packets are faster.
-        ``"embree"``: uses no tiles; Embree also traces all primitives except rooms. It is slower and meant for
-        comparison.
+        of at least 256 rays in worlds of at most 1,024 triangles per ray; in larger worlds packets are faster. Fans of
+        at least 12 beams are traced as slices of the world, through the same tree, in any world. A fan is a channel
+        whose beams lie in a plane, of a LiDAR with at most three channels, or a column of channels with one beam each.
+        ``"slices"``: the same for all fans, however few beams they have. ``"embree"``: uses neither tiles nor slices;
+        Embree also traces all primitives except rooms. It is slower and meant for comparison.
     drones_per_env
         M. 0 only with ``num_drones=0``. The drones of an env share its world, seed and episodes; ``meet``
         says what they are to each other.

@@ -219,7 +219,7 @@ class DroneVectorEnv(VectorEnv[Observation, Array, Array]):
     camera_backend
         ``"raycast"``, which is bitwise reproducible, ``"gl"``, or ``"auto"`` for the faster of the two.
     tracer
-        ``"auto"``, ``"tiles"`` or ``"embree"``: method of ray casting against triangles; see `Batch`.
+        ``"auto"``, ``"tiles"``, ``"slices"`` or ``"embree"``: method of ray casting against triangles; see `Batch`.
     pose_sensor
         Default: an exact pose.
     imu

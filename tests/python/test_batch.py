@@ -419,13 +419,17 @@ def test_rays_through_embree_are_counted():
     lidar = flockstep.LidarConfig(beams=35)
     camera = flockstep.CameraConfig(width_px=64, height_px=64, shadows=True)
     for triangles in (False, True):
-        batch = flockstep.Batch([world(triangles)], 10, lidar=lidar, num_threads=1)
+        batch = flockstep.Batch([world(triangles)], 10, lidar=lidar, num_threads=1, tracer="tiles")  # no slices
         batch.set_pose(np.tile(np.float32([0, 0, 1]), (10, 1)))
         batch.sense()
         # Packets of 8 rays; a drone's last packet is filled with rays of the next drone.
         assert (batch.embree_rays, batch.embree_packets) == ((350, 44) if triangles else (0, 0))
         batch.sense()
         assert batch.embree_rays == (700 if triangles else 0)
+        sliced = flockstep.Batch([world(triangles)], 10, lidar=lidar, num_threads=1)
+        sliced.set_pose(np.tile(np.float32([0, 0, 1]), (10, 1)))
+        sliced.sense()
+        assert (sliced.embree_rays, sliced.embree_packets) == (0, 0)
         pictures = flockstep.Batch([world(triangles)], cameras=[camera], num_threads=1)
         pictures.set_pose(np.float32([[0, 0, 1]]))
         pictures.sense()

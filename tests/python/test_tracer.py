@@ -5,22 +5,47 @@ import numpy as np
 import pytest
 
 import flockstep
-from flockstep import CameraConfig, LidarConfig, World, WorldPool
+from flockstep import BodyConfig, CameraConfig, LidarConfig, World, WorldPool
 
 CAMERA = CameraConfig(width_px=32, height_px=24, outputs=["rgb", "depth"])
 GRID = LidarConfig(channels=8, beams=180, hfov_deg=360, vfov_deg=30, max_range_m=20)
+FAN = LidarConfig(max_range_m=8)
+TILTED_RAD = np.deg2rad(np.arange(-150, 150, 5.0))
+FANS = {
+    "default": LidarConfig(),
+    "full turn": LidarConfig(beams=72, hfov_deg=360, max_range_m=10),
+    "narrow": LidarConfig(beams=20, hfov_deg=20, max_range_m=30),
+    "more beams than one bundle has": LidarConfig(beams=700, hfov_deg=330, max_range_m=15),
+    "three channels in one plane": LidarConfig(channels=3, beams=30, max_range_m=5),
+    "one of three channels in a plane": LidarConfig(channels=3, beams=30, vfov_deg=40, max_range_m=5),
+    "column": LidarConfig(channels=50, beams=1, vfov_deg=170, max_range_m=5),
+    "mounted on its side": LidarConfig(max_range_m=6, quat_wxyz=(0.5, 0.5, -0.5, 0.5), offset_m=(0.1, 0, 0.05)),
+    "pattern in an upright plane": LidarConfig(
+        azimuth_deg=[90.0] * 20 + [-90.0] * 20, elevation_deg=[*np.linspace(-89, 89, 20)] * 2, max_range_m=6
+    ),
+    "pattern in a tilted plane": LidarConfig(
+        azimuth_deg=np.rad2deg(TILTED_RAD).tolist(),
+        elevation_deg=np.rad2deg(np.arctan(0.6 * np.sin(TILTED_RAD))).tolist(),
+        max_range_m=6,
+    ),
+    "pattern without order": LidarConfig(
+        azimuth_deg=np.random.default_rng(3).uniform(-180, 180, 40).tolist() + [5.0] * 3,
+        elevation_deg=[0.0] * 43,
+        max_range_m=6,
+    ),
+}
 
 
-def envs_in(worlds, tracer, num_envs=6, **arguments):
+def envs_in(worlds, tracer, num_envs=6, lidar=GRID, **arguments):
     return flockstep.DroneVectorEnv(
-        num_envs, worlds=worlds, camera=CAMERA, lidar=GRID, tracer=tracer, random_start=True, **arguments
+        num_envs, worlds=worlds, camera=CAMERA, lidar=lidar, tracer=tracer, random_start=True, **arguments
     )
 
 
-def fly(envs, steps=6):
+def fly(envs, steps=6, seed=5):
     """Return all observations and images."""
     seen = []
-    envs.reset(seed=5)
+    envs.reset(seed=seed)
     for step in range(steps):
         envs.step([step % 4] * envs.num_envs)
         camera = envs.batch.camera()
@@ -31,6 +56,11 @@ def fly(envs, steps=6):
 @pytest.fixture(scope="module")
 def office():
     return World.office(4)
+
+
+@pytest.fixture(scope="module", params=["indoor/office", "indoor/warehouse"])
+def world(request):
+    return World.load(request.param)
 
 
 def test_it_measures_what_embree_does(office):
@@ -62,17 +92,161 @@ def test_a_pool_builds_its_trees_ahead():
         np.testing.assert_array_equal(a[0], b[0])
 
 
-def test_a_snapshot_of_the_other_is_refused(office):
-    tiles, embree = envs_in(office, "tiles"), envs_in(office, "embree")
-    tiles.reset(seed=0)
+@pytest.mark.parametrize("tracer", ["tiles", "slices"])
+def test_a_snapshot_of_the_other_is_refused(office, tracer):
+    ours, embree = envs_in(office, tracer), envs_in(office, "embree")
+    ours.reset(seed=0)
     with pytest.raises(ValueError, match="another"):
-        embree.restore(tiles.snapshot())
+        embree.restore(ours.snapshot())
 
 
 def test_wrong_names():
-    with pytest.raises(ValueError, match=r"tracer: expected .*auto.*tiles.*embree.*, got .*embree3"):
+    with pytest.raises(ValueError, match=r"tracer: expected .*auto.*tiles.*slices.*embree.*, got .*embree3"):
         flockstep.Batch([World.playground(0)], tracer="embree3")
     with pytest.raises(ValueError, match="tracer"):
         gymnasium.make_vec("flockstep/LidarNavigation-v0", num_envs=2, tracer="gpu")
     with pytest.raises(TypeError, match="tracer"):
         flockstep.Batch([World.playground(0)], tracer=3)
+
+
+class TestSlices:
+    """Fans, which are traced as slices of the world."""
+
+    @staticmethod
+    def scanning(world, tracer, count=300, **arguments):
+        """Return a batch at random places of a world, with any orientation, which has scanned."""
+        batch = flockstep.Batch([world], count, tracer=tracer, **{"lidar": FAN} | arguments)
+        turns = np.random.default_rng(2).normal(size=(count, 4))
+        turns[: count // 2, 1:3] *= 0.05  # half of them are nearly level
+        turns /= np.linalg.norm(turns, axis=1, keepdims=True)
+        batch.set_pose(world.free_places(count, seed=1), np.float32(turns))
+        batch.sense()
+        return batch
+
+    @staticmethod
+    def assert_close(ours, theirs):
+        """Compare all ranges but those of a few rays at edges."""
+        near = np.isclose(ours, theirs, rtol=1e-4, atol=1e-4)
+        assert np.isfinite(ours).mean() > 0.1
+        assert near.mean() > 0.999
+
+    @pytest.mark.parametrize("fan", FANS)
+    def test_they_measure_what_embree_does(self, world, fan):
+        slices, auto, embree = (
+            self.scanning(world, tracer, lidar=FANS[fan]) for tracer in ("slices", "auto", "embree")
+        )
+        self.assert_close(slices.lidar().ranges, embree.lidar().ranges)
+        np.testing.assert_array_equal(slices.lidar().ranges, auto.lidar().ranges)
+        rays = embree.embree_rays
+        expected = {"one of three channels in a plane": 2 / 3 * rays, "pattern in a tilted plane": slices.embree_rays}
+        assert slices.embree_rays <= expected.get(fan, 0)
+        assert auto.embree_rays == slices.embree_rays
+
+    @pytest.mark.parametrize("beams", [1, 2, 5, 11])
+    def test_small_fans_go_through_embree_unless_slices_are_forced(self, world, beams):
+        few = LidarConfig(beams=beams, max_range_m=6)
+        slices, auto, tiles, embree = (
+            self.scanning(world, tracer, lidar=few) for tracer in ("slices", "auto", "tiles", "embree")
+        )
+        self.assert_close(slices.lidar().ranges, embree.lidar().ranges)
+        np.testing.assert_array_equal(auto.lidar().ranges, tiles.lidar().ranges)
+        assert slices.embree_rays == 0 < auto.embree_rays == tiles.embree_rays
+
+    def test_several_lidars_and_a_camera_share_the_tree(self, office):
+        lidars = [LidarConfig(name="fan", max_range_m=6), GRID]
+        both = self.scanning(office, "auto", 20, lidar=lidars, cameras=[CAMERA])
+        fan, grid = (self.scanning(office, "auto", 20, lidar=lidar) for lidar in lidars)
+        np.testing.assert_array_equal(both.lidar("fan").ranges, fan.lidar().ranges)
+        np.testing.assert_array_equal(both.lidar(GRID.name).ranges, grid.lidar().ranges)
+        assert both.embree_rays == grid.embree_rays  # its last tile is too narrow
+        assert fan.embree_rays == 0
+
+    def test_bodies_come_after_them(self, office):
+        places = office.free_places(30, seed=4)
+        batch = flockstep.Batch([office], 30, lidar=FAN, tracer="slices")
+        batch.set_pose(places)
+        batch.sense()
+        ahead = batch.lidar().ranges[:, 0, FAN.beams // 2]
+        free = int(ahead.argmax())  # the way ahead is free for at least a metre
+        empty = batch.lidar().ranges[free, 0].copy()
+        ball = BodyConfig(shape="sphere", size_m=(0.6, 0.6, 0.6), position_m=(places[free] + [1.0, 0, 0]).tolist())
+        batch = flockstep.Batch([office], bodies=[ball], lidar=FAN, tracer="slices")
+        batch.set_pose(places[free][None])
+        batch.sense()
+        seen = batch.lidar().ranges[0, 0]
+        along = batch.lidar().directions[0].reshape(-1, 3)[:, 0].astype(float)
+        under = along**2 - (1 - 0.3**2)  # of a sphere of radius 0.3 m, 1 m ahead
+        to_ball = np.where((under >= 0) & (along > 0), along - np.sqrt(np.maximum(under, 0)), np.inf)
+        np.testing.assert_allclose(seen, np.minimum(empty, to_ball), rtol=1e-5)
+        assert (seen < empty).any()
+        assert (seen[~(under >= 0)] == empty[~(under >= 0)]).all()
+
+    @pytest.mark.parametrize("arguments", [{"num_threads": 2}, {"num_threads": 3, "block_size": 7}])
+    def test_threads_and_blocks_do_not_matter(self, world, arguments):
+        one, other = (self.scanning(world, "slices", **each) for each in ({"num_threads": 1}, arguments))
+        np.testing.assert_array_equal(one.lidar().ranges, other.lidar().ranges)
+
+    def test_a_flight_does_not_depend_on_the_number_of_threads(self, office):
+        flights = (fly(envs_in(office, "slices", lidar=FAN, num_threads=threads)) for threads in (1, 2))
+        for a, b in zip(*flights, strict=True):
+            np.testing.assert_array_equal(a[0], b[0])
+
+    def test_an_env_is_the_same_beside_others(self, office):
+        together = fly(envs_in(office, "slices", lidar=FAN))
+        for i in range(6):
+            for a, b in zip(together, fly(envs_in(office, "slices", 1, lidar=FAN), seed=5 + i), strict=True):
+                np.testing.assert_array_equal(a[0][i], b[0][0])
+
+    def test_a_restored_flight_goes_on_with_the_same_bits(self, office):
+        envs, other = (envs_in(office, "slices", lidar=FAN) for _ in range(2))
+        envs.reset(seed=3)
+        envs.step([0] * 6)
+        kept = envs.snapshot()
+        scans = []
+        for each in (envs, other):
+            each.restore(kept)
+            for step in range(4):
+                each.step([step] * 6)
+            scans.append(each.batch.lidar().ranges.copy())
+        np.testing.assert_array_equal(*scans)
+
+    def test_a_pool_builds_its_trees_ahead(self):
+        pool = WorldPool(lambda number: World.office(number % 2), size=2)
+        for a, b in zip(*(fly(envs_in(pool, "slices", 3, lidar=FAN)) for _ in range(2)), strict=True):
+            np.testing.assert_array_equal(a[0], b[0])
+
+    @pytest.mark.parametrize("hfov_deg", [360.0, 180.0, 40.0, 0.5])
+    def test_another_field_of_view_takes_effect(self, office, hfov_deg):
+        wide = LidarConfig(hfov_deg=hfov_deg, max_range_m=8)
+        made, embree = self.scanning(office, "slices", lidar=wide), self.scanning(office, "embree", lidar=wide)
+        changed, before = self.scanning(office, "slices"), self.scanning(office, "slices").lidar().ranges.copy()
+        odd = np.arange(300) % 2 == 1
+        changed.set_lidar(odd, hfov_deg=hfov_deg)
+        changed.sense()
+        np.testing.assert_array_equal(changed.lidar().ranges[odd], made.lidar().ranges[odd])
+        np.testing.assert_array_equal(changed.lidar().ranges[~odd], before[~odd])
+        self.assert_close(changed.lidar().ranges[odd], embree.lidar().ranges[odd])
+        assert changed.embree_rays == 0
+
+    def test_channels_that_look_up_and_down_later_are_no_fans(self, office):
+        flat = LidarConfig(channels=2, beams=30, max_range_m=8)
+        changed = self.scanning(office, "slices", lidar=flat)
+        assert changed.embree_rays == 0
+        changed.set_lidar(vfov_deg=40.0)
+        changed.sense()
+        steep = LidarConfig(channels=2, beams=30, vfov_deg=40, max_range_m=8)
+        self.assert_close(changed.lidar().ranges, self.scanning(office, "embree", lidar=steep).lidar().ranges)
+        assert changed.embree_rays > 0
+        changed.set_lidar(vfov_deg=0.0)
+        changed.sense()
+        np.testing.assert_array_equal(
+            changed.lidar().ranges, self.scanning(office, "slices", lidar=flat).lidar().ranges
+        )
+
+    @pytest.mark.parametrize(("first", "last"), [(5, 35), (35, 5), (20, 300)])
+    def test_another_number_of_beams_gives_the_bits_of_a_batch_made_with_it(self, office, first, last):
+        changed = self.scanning(office, "auto", 40, lidar=LidarConfig(beams=first, max_range_m=8))
+        changed.set_lidar(beams=last)
+        changed.sense()
+        made = self.scanning(office, "auto", 40, lidar=LidarConfig(beams=last, max_range_m=8))
+        np.testing.assert_array_equal(changed.lidar().ranges, made.lidar().ranges)

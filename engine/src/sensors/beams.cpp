@@ -96,6 +96,7 @@ class PatternMaker {
 
   PatternMaker(const LidarConfig& config, const trace::TracePolicy& policy)
       : policy_(policy),
+        range_m_(config.max_range_m),
         channels_(static_cast<std::size_t>(config.rows())),
         columns_(static_cast<std::size_t>(config.columns())) {
     const auto& q = config.quat_wxyz;
@@ -127,7 +128,10 @@ class PatternMaker {
   }
 
   bool trace_as_fan(std::size_t channel, std::size_t rows) const {
-    return rows * columns_ >= policy_.fewest_in_slice && trace::are_in_plane(directions(channel, rows));
+    const auto all = directions(channel, rows);
+    if (all.size() < policy_.fewest_in_slice || !trace::are_in_plane(all)) return false;
+    const trace::Fan first = trace::make_fan(all.first(std::min(all.size(), trace::kMaxRays)), mounting_);
+    return range_m_ * first.between_rad <= policy_.widest_in_slice;
   }
 
   // Adds tiles for one channel, or for channels of one beam, if their beams are to be traced as a fan.
@@ -170,6 +174,7 @@ class PatternMaker {
   }
 
   const trace::TracePolicy policy_;
+  const float range_m_;
   const std::size_t channels_, columns_;
   Eigen::Matrix3d mounting_;
   std::vector<Eigen::Vector3d> directions_;  // by channel and beam, before the mounting rotation

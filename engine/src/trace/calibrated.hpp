@@ -14,7 +14,9 @@ inline constexpr std::size_t kMaxDirectAnyOrigin = 16;
 // ray.
 inline constexpr std::size_t kFewestInTiles = 256;
 inline constexpr std::size_t kTrianglesPerRay = 1024;
-// A fan with at least this many rays is traced as a slice.
+// A fan with at least kFewestInSlice rays is traced as a slice, if at its range their mean distance is at most kWidestInSlice
+// (m).
 inline constexpr std::size_t kFewestInSlice = 12;
+inline constexpr float kWidestInSlice = 1.0F;
 
 }  // namespace flockstep::trace

@@ -6,6 +6,7 @@
 // Highway's own headers come after foreach_target.
 #include <hwy/highway.h>
 
+#include <Eigen/Eigenvalues>
 #include <algorithm>
 #include <array>
 #include <bit>
@@ -30,21 +31,25 @@ class SliceTrace {
   using Lanes = std::uint32_t;  // one bit for each of sixteen children or triangles
 
   static constexpr std::size_t kMostListed = 48;  // leaves; for more, it pays to skip those behind hits
+  static constexpr std::size_t kFewCut = kMostListed / 2;
   static constexpr std::size_t kMostWaiting = 1024;
   static constexpr std::size_t kFewRays = 6;  // met one by one
   static constexpr float kBeyond = 1.0001F;   // squared; boxes beyond this multiple of the farthest hit are skipped
   static constexpr float kOnPlane = 1e-12F;   // m
-  static constexpr float kSlack = 1e-5F;      // of angles in turns of 4
+  static constexpr float kSlack = 1e-4F;      // rad, error of angles
+  static constexpr float kMostAngle = std::numbers::pi_v<float> - 2.0F * kSlack;
   static constexpr std::int32_t kNobody = std::numeric_limits<std::int32_t>::max();
 
  public:
   SliceTrace(const MeshTree& tree, std::int32_t first_element, const Fan& fan, RayBundle& rays)
       : tree_(tree), first_element_(first_element), fan_(fan), rays_(rays) {}
 
-  void trace(SliceWalk walk) {
+  bool trace(SliceWalk walk) {
     begin();
-    if (walk == SliceWalk::ordered || !walk_listed(walk == SliceWalk::listed)) walk_ordered();
+    const bool is_listed = walk != SliceWalk::ordered && walk_listed(walk == SliceWalk::listed);
+    const std::size_t cuts = is_listed ? 0 : walk_ordered();
     write();
+    return cuts > kFewCut;
   }
 
  private:
@@ -58,6 +63,10 @@ class SliceTrace {
       for (int axis = 0; axis < 3; ++axis) edge_[k][axis] = fan_.edge[k][0] * axis_[0][axis] + fan_.edge[k][1] * axis_[1][axis];
     }
     widen_ = tree_.rounding(rays_.origin);
+    num_cells_ = static_cast<float>(fan_.cells);
+    // A ray at the beginning of a cell lies behind an angle in the cell.
+    to_begin_ = (fan_.is_even ? 1.0F : 0.0F) - kSlack * fan_.per_rad;
+    to_end_ = 1.0F + kSlack * fan_.per_rad;
     farthest_ = 0.0F;
     for (std::size_t i = 0; i < fan_.count; ++i) {
       const auto ray = static_cast<std::size_t>(fan_.ray[i]);
@@ -74,25 +83,31 @@ class SliceTrace {
     F distance2;
   };
 
-  // Returns which of a node's boxes may be met by the fan.
-  HWY_INLINE Lanes look(const MeshNode& node, Boxes& b) const {
+  HWY_INLINE F along(const float* axis, const F3& v) const { return axis[0] * v.x + axis[1] * v.y + axis[2] * v.z; }
+  HWY_INLINE F reach(const float* axis, const F3& half) const {
+    return std::abs(axis[0]) * half.x + std::abs(axis[1]) * half.y + std::abs(axis[2]) * half.z;
+  }
+
+  // Returns which of a node's boxes are in range and meet the plane.
+  HWY_INLINE M look(const MeshNode& node, Boxes& b) const {
     const F half_x = F::load(node.half[0]);
     b.center = F3::load(node.center[0], node.center[1], node.center[2]) - F3{origin_[0], origin_[1], origin_[2]};
     b.half = F3{half_x, F::load(node.half[1]), F::load(node.half[2])} + F3{widen_, widen_, widen_};
     const F x = max(abs(b.center.x) - b.half.x, 0.0F), y = max(abs(b.center.y) - b.half.y, 0.0F),
             z = max(abs(b.center.z) - b.half.z, 0.0F);
     b.distance2 = x * x + y * y + z * z;
-    const auto along = [&](const float* axis)
-                           HWY_ATTR { return axis[0] * b.center.x + axis[1] * b.center.y + axis[2] * b.center.z; };
-    const auto reach = [&](const float* axis) HWY_ATTR {
-      return std::abs(axis[0]) * b.half.x + std::abs(axis[1]) * b.half.y + std::abs(axis[2]) * b.half.z;
-    };
-    M met = (half_x >= 0.0F) & (kBeyond * farthest_ * farthest_ >= b.distance2) & (reach(axis_[2]) >= abs(along(axis_[2])));
-    if (fan_.sector != Fan::Sector::full) {
-      const M first = along(edge_[0]) + reach(edge_[0]) >= 0.0F, second = along(edge_[1]) + reach(edge_[1]) >= 0.0F;
-      met = met & (fan_.sector == Fan::Sector::narrow ? first & second : first | second);
-    }
-    return bits(met);
+    return (half_x >= 0.0F) & (kBeyond * farthest_ * farthest_ >= b.distance2) &
+           (reach(axis_[2], b.half) >= abs(along(axis_[2], b.center)));
+  }
+
+  // Returns which of a node's boxes also meet the sector.
+  HWY_INLINE Lanes look_in_sector(const MeshNode& node) const {
+    Boxes b;
+    const M met = look(node, b);
+    if (fan_.sector == Fan::Sector::full) return bits(met);
+    const auto is_before = [&](const float* edge) HWY_ATTR { return along(edge, b.center) + reach(edge, b.half) >= 0.0F; };
+    const M first = is_before(edge_[0]), second = is_before(edge_[1]);
+    return bits(met & (fan_.sector == Fan::Sector::narrow ? first & second : first | second));
   }
 
   HWY_INLINE void fetch(std::uint32_t child) const {
@@ -115,8 +130,7 @@ class SliceTrace {
     }
     while (count > 0) {
       const MeshNode& node = tree_.node(waiting[--count]);
-      Boxes boxes;
-      for (Lanes met = look(node, boxes); met != 0; met &= met - 1) {
+      for (Lanes met = look_in_sector(node); met != 0; met &= met - 1) {
         const std::uint32_t child = node.child[std::countr_zero(met)];
         fetch(child);
         if (!MeshTree::is_leaf(child)) {
@@ -141,21 +155,48 @@ class SliceTrace {
     float distance2;
   };
 
-  // Returns the angle of a point, as a fraction of a diamond: -2 to 2, from the negative first axis.
-  static HWY_INLINE F angle_of(F x, F y) { return copy_sign(1.0F - x / (abs(x) + abs(y)), y); }
-  // Returns the cell of an angle.
-  static HWY_INLINE I cell_of(F angle) {
-    constexpr float kPerCell = static_cast<float>(Fan::kCells) / 4.0F;
-    return convert<I>(min(max((angle + 2.0F) * kPerCell, 0.0F), static_cast<float>(Fan::kCells - 1)));
+  // Returns the angle of a point (rad) to within kSlack.
+  static HWY_INLINE F angle_of(F x, F y) {
+    // With the slope of 45 degrees as the middle, tan(angle - pi / 4) = (y - x) / (y + x). The polynomial is the arc tangent,
+    // with an error of at most 8.2e-5.
+    const F across = abs(x), up = abs(y), u = (up - across) / (up + across), v = u * u;
+    const F turn = u * (0.999213812F + v * (-0.321174967F + v * (0.146264458F + v * -0.0389865107F)));
+    const F quarter = std::numbers::pi_v<float> / 4.0F;
+    return copy_sign(select(x >= 0.0F, quarter + turn, 3.0F * quarter - turn), y);
   }
 
-  bool is_beyond(const Entry& entry) const {
-    float farthest = 0.0F;
-    for (std::size_t i = entry.begin; i < entry.end; ++i) farthest = std::max(farthest, t_[i]);
-    return entry.distance2 > kBeyond * farthest * farthest;
+  // Writes the first cell of rays from one angle on, and the cell after the last one of rays up to another angle. Returns where
+  // these rays may exist. The angles may be off by kSlack.
+  HWY_INLINE Lanes cells_between(F from, F to, std::int32_t* begin, std::int32_t* end) const {
+    const auto cell = [&](F position) HWY_ATTR { return convert<I>(min(max(position, 0.0F), num_cells_)); };
+    const I first = cell((from - fan_.begin_rad) * fan_.per_rad + to_begin_),
+            last = cell((to - fan_.begin_rad) * fan_.per_rad + to_end_);
+    first.store(begin);
+    last.store(end);
+    return bits(last > first);
   }
 
-  void walk_ordered() {
+  // Returns true if all rays that may meet a box have nearer hits.
+  HWY_INLINE bool is_beyond(const Entry& entry) const {
+    const std::size_t begin = entry.begin, last = entry.end - std::size_t{1};
+    const auto is_nearer = [&entry](float t) { return kBeyond * t * t < entry.distance2; };
+    const float farthest = std::max(t_[begin], t_[last]);
+    if (last - begin <= 3) {  // as vectors they would have to wait for hits that have just been stored
+      return is_nearer(std::max(farthest, std::max(t_[std::min(begin + 1, last)], t_[std::min(begin + 2, last)])));
+    }
+    if (!is_nearer(farthest)) return false;
+    using V = WideUpTo<16>;
+    auto met = V(0.0F) > 0.0F;
+    for (std::size_t i = begin; i <= last; i += V::kCount) {
+      const V t = V::load_unaligned(t_ + i);
+      met = met | (t * t * kBeyond >= entry.distance2);
+    }
+    return none(met);
+  }
+
+  // Returns the number of leaves that were cut.
+  std::size_t walk_ordered() {
+    std::size_t cuts = 0;
     std::array<Entry, kMostWaiting> waiting;
     std::size_t count = 0;
     waiting[count++] = {tree_.root(), 0, static_cast<std::uint16_t>(fan_.count), 0.0F};
@@ -164,73 +205,70 @@ class SliceTrace {
       if (is_beyond(entry)) continue;
       if (MeshTree::is_leaf(entry.child)) {
         cut(tree_.leaf(entry.child));
+        ++cuts;
         continue;
       }
       const MeshNode& node = tree_.node(entry.child);
       Boxes boxes;
-      Lanes met = look(node, boxes);
+      Lanes met = bits(look(node, boxes));
       if (met == 0) continue;
-      alignas(64) float distance2[16];
       alignas(64) std::int32_t begin[16], end[16];
-      boxes.distance2.store(distance2);
-      const Lanes part = rays_meeting(boxes, begin, end);
-      const std::size_t first = count;
-      for (; met != 0; met &= met - 1) {
-        const auto i = static_cast<std::size_t>(std::countr_zero(met));
-        Entry next{node.child[i], 0, static_cast<std::uint16_t>(fan_.count), distance2[i]};
-        if ((part >> i & 1U) != 0) {
-          next.begin = fan_.first[begin[i]];
-          next.end = fan_.first[end[i] + 1];
-        }
-        if (next.begin >= next.end || is_beyond(next)) continue;
-        fetch(next.child);
-        std::size_t at = count++;  // sorted: nearest last
-        for (; at > first && waiting[at - 1].distance2 < next.distance2; --at) waiting[at] = waiting[at - 1];
-        waiting[at] = next;
+      const Lanes known = rays_meeting(boxes, met, begin, end);
+      // The farthest goes first onto the stack: the place of a child is the number of nearer ones, from the end.
+      const F distances2 = numbered_by_lane(max(boxes.distance2, FLT_MIN));
+      alignas(64) float distance2[16];
+      distances2.store(distance2);
+      const std::size_t last = count + static_cast<std::size_t>(std::popcount(met)) - 1;
+      count = last + 1;
+      for (Lanes left = met; left != 0; left &= left - 1) {
+        const auto i = static_cast<std::size_t>(std::countr_zero(left));
+        const bool is_known = (known >> i & 1U) != 0;
+        const auto nearer = static_cast<std::size_t>(std::popcount(met & bits(distance2[i] > distances2)));
+        waiting[last - nearer] = {node.child[i], is_known ? fan_.first[begin[i]] : std::uint16_t{0},
+                                  is_known ? fan_.first[end[i]] : static_cast<std::uint16_t>(fan_.count), distance2[i]};
       }
+      fetch(waiting[last].child);
+      if (std::popcount(met) > 1) fetch(waiting[last - 1].child);
     }
+    return cuts;
   }
 
-  // Writes the first and the last cell of the angles at which boxes are seen. Returns for which boxes this is known; others may
-  // be seen at all angles.
-  HWY_INLINE Lanes rays_meeting(const Boxes& b, std::int32_t* begin, std::int32_t* end) const {
-    const F x = axis_[0][0] * b.center.x + axis_[0][1] * b.center.y + axis_[0][2] * b.center.z;
-    const F y = axis_[1][0] * b.center.x + axis_[1][1] * b.center.y + axis_[1][2] * b.center.z;
-    const F away = sqrt(x * x + y * y), per_away = 1.0F / max(away, FLT_MIN);
-    const F along_x = x * per_away, along_y = y * per_away;
-    F ahead = 0.0F, aside = 0.0F;  // half extents along the way to the box's center and across
-    const F half[3] = {b.half.x, b.half.y, b.half.z};
-    for (std::size_t k = 0; k < 3; ++k) {
-      ahead = ahead + abs(axis_[0][k] * along_x + axis_[1][k] * along_y) * half[k];
-      aside = aside + abs(axis_[1][k] * along_x - axis_[0][k] * along_y) * half[k];
-    }
-    const F near = away - ahead;
-    const F right = angle_of(along_x * near + along_y * aside, along_y * near - along_x * aside) - kSlack;
-    const F left = angle_of(along_x * near - along_y * aside, along_y * near + along_x * aside) + kSlack;
-    cell_of(right).store(begin);
-    cell_of(left).store(end);
-    return bits((near > 0.0F) & (left >= right) & (right >= -2.0F) & (2.0F >= left));
+  // Replaces the last four bits of each number by its lane, so that no two are equal.
+  static HWY_INLINE F numbered_by_lane(F a) { return bit_cast<F>((bit_cast<I>(a) & ~15) | I::iota()); }
+
+  // Removes boxes that no ray meets. Writes the cells of the rays that may meet the others, and returns for which they are known.
+  HWY_INLINE Lanes rays_meeting(const Boxes& b, Lanes& met, std::int32_t* begin, std::int32_t* end) const {
+    // The box in the plane, along the fan's axes; the corners at which it begins and ends.
+    const F x = along(axis_[0], b.center), y = along(axis_[1], b.center);
+    const F wide = reach(axis_[0], b.half), high = reach(axis_[1], b.half);
+    const F x0 = x - wide, x1 = x + wide, y0 = y - high, y1 = y + high;
+    const M is_left = y0 > 0.0F, is_right = 0.0F > y1, is_ahead = x0 > 0.0F, is_behind = 0.0F > x1;
+    const F right = angle_of(select(is_left, x1, x0), select(is_behind | without(is_right, is_ahead), y1, y0));
+    const F left = angle_of(select(is_right, x1, x0), select(is_behind | without(is_left, is_ahead), y0, y1));
+    const Lanes known = bits((is_left | is_right | is_ahead) & (right >= -kMostAngle) & (kMostAngle >= left));
+    met &= cells_between(right, left, begin, end) | ~known;
+    return known;
   }
 
   // Meets the rays with the triangles of a leaf.
   HWY_INLINE void cut(const MeshLeaf& leaf) {
-    F3 corner[3];  // in the fan's frame
-    M above[3];
-    for (std::size_t k = 0; k < 3; ++k) {
-      const F x = F::load(leaf.corner[k][0]) - origin_[0], y = F::load(leaf.corner[k][1]) - origin_[1],
-              z = F::load(leaf.corner[k][2]) - origin_[2];
-      const auto along = [&](std::size_t axis) HWY_ATTR { return axis_[axis][0] * x + axis_[axis][1] * y + axis_[axis][2] * z; };
-      const F height = along(2);
-      above[k] = height > kOnPlane;
-      corner[k] = {along(0), along(1), select(above[k], height, min(height, 0.0F))};
-    }
+    const auto corner = [&](std::size_t k) HWY_ATTR {
+      return F3{F::load(leaf.corner[k][0]) - origin_[0], F::load(leaf.corner[k][1]) - origin_[1],
+                F::load(leaf.corner[k][2]) - origin_[2]};
+    };
+    const F height[3] = {along(axis_[2], corner(0)), along(axis_[2], corner(1)), along(axis_[2], corner(2))};
+    const M above[3] = {height[0] > kOnPlane, height[1] > kOnPlane, height[2] > kOnPlane};
     const M differ_01 = above[0] ^ above[1], differ_02 = above[0] ^ above[2];
     Lanes crossing = bits(differ_01 | differ_02);
     if (crossing == 0) return;
+    F3 at[3];  // in the fan's frame
+    for (std::size_t k = 0; k < 3; ++k) {
+      at[k] = {along(axis_[0], corner(k)), along(axis_[1], corner(k)), select(above[k], height[k], min(height[k], 0.0F))};
+    }
     // One corner is alone on its side.
     const M first = differ_01 & differ_02, third = without(differ_02, differ_01);
-    const F3 lone = select(first, corner[0], select(third, corner[2], corner[1]));
-    const F3 a = select(first, corner[1], corner[0]), b = select(third, corner[1], corner[2]);
+    const F3 lone = select(first, at[0], select(third, at[2], at[1]));
+    const F3 a = select(first, at[1], at[0]), b = select(third, at[1], at[2]);
     const auto cut_of = [&](const F3& other, F& x, F& y) HWY_ATTR {
       const F share = 1.0F / (other.z - lone.z);
       x = (lone.x * other.z - other.x * lone.z) * share;
@@ -245,29 +283,22 @@ class SliceTrace {
     py.store(s.py);
     qx.store(s.qx);
     qy.store(s.qy);
-    cell_of(min(p_angle, q_angle) - kSlack).store(s.begin);
-    cell_of(max(p_angle, q_angle) + kSlack).store(s.end);
-    // Beside the negative first axis, the rays on its other side are met, too.
-    const M beside_axis = max(abs(p_angle), abs(q_angle)) > 2.0F - 2.0F * kSlack;
-    select(beside_axis, 2.0F, abs(p_angle - q_angle)).store(s.span);
-    for (; crossing != 0; crossing &= crossing - 1) {
+    const Lanes seen = cells_between(min(p_angle, q_angle), max(p_angle, q_angle), s.begin, s.end);
+    // Segments that meet the negative first axis, or touch the origin.
+    const Lanes around = crossing & ~bits((kMostAngle > abs(p_angle - q_angle)) & (kMostAngle > max(abs(p_angle), abs(q_angle))));
+    for (crossing &= seen | around; crossing != 0; crossing &= crossing - 1) {
       const auto i = static_cast<std::size_t>(std::countr_zero(crossing));
-      const std::size_t begin = fan_.first[s.begin[i]], end = fan_.first[s.end[i] + 1];
-      if (s.span[i] < 2.0F - 2.0F * kSlack) {  // less than a half turn
-        if (begin < end) meet(s, i, leaf.triangle[i], begin, end);
-      } else if (s.span[i] > 2.0F + 2.0F * kSlack) {  // across the negative first axis
-        // The cells are those of the segment's ends moved away from the rays in question by kSlack: the next ones count, too.
-        meet(s, i, leaf.triangle[i], 0, fan_.first[s.begin[i] + 2]);
-        meet(s, i, leaf.triangle[i], fan_.first[s.end[i] - 1], fan_.count);
-      } else {
+      if ((around >> i & 1U) != 0) {
         meet(s, i, leaf.triangle[i], 0, fan_.count);
+      } else {
+        meet(s, i, leaf.triangle[i], fan_.first[s.begin[i]], fan_.first[s.end[i]]);
       }
     }
   }
 
   // Sixteen segments from p to q, and the cells of their angles.
   struct Segments {
-    alignas(64) float px[16], py[16], qx[16], qy[16], span[16];
+    alignas(64) float px[16], py[16], qx[16], qy[16];
     alignas(64) std::int32_t begin[16], end[16];
   };
 
@@ -318,14 +349,15 @@ class SliceTrace {
   float axis_[3][3];  // of the fan's frame, world frame
   float edge_[2][3];  // of the sector, world frame
   float origin_[3];
+  float num_cells_, to_begin_, to_end_;          // see cells_between()
   float widen_;                                  // m, margin of boxes
   float farthest_;                               // m, of the hits at the beginning
   alignas(64) float t_[kMaxRays + kRayPadding];  // m, by the fan's order
   alignas(64) std::int32_t id_[kMaxRays + kRayPadding];
 };
 
-void trace_mesh_slice(const MeshTree& tree, std::int32_t first_element, const Fan& fan, RayBundle& rays, SliceWalk walk) {
-  SliceTrace(tree, first_element, fan, rays).trace(walk);
+bool trace_mesh_slice(const MeshTree& tree, std::int32_t first_element, const Fan& fan, RayBundle& rays, SliceWalk walk) {
+  return SliceTrace(tree, first_element, fan, rays).trace(walk);
 }
 
 }  // namespace flockstep::trace::HWY_NAMESPACE
@@ -338,32 +370,25 @@ HWY_EXPORT(trace_mesh_slice);
 
 namespace {
 
-constexpr double kInPlane = 1e-9;  // largest part of a unit direction along the plane's normal
+constexpr double kInPlane = 1e-6;  // largest part of a unit direction along the plane's normal; that of rounded angles is less
 
-// Returns the normal of a plane that contains the directions, if they lie in one.
+// Returns the normal of the plane that is nearest to the directions.
 Eigen::Vector3d normal_of(std::span<const Eigen::Vector3d> directions) {
   for (const int axis : {2, 1, 0}) {
     const auto lies_across = [axis](const Eigen::Vector3d& direction) { return std::abs(direction[axis]) <= kInPlane; };
     if (std::ranges::all_of(directions, lies_across)) return Eigen::Vector3d::Unit(axis);
   }
-  Eigen::Vector3d widest = Eigen::Vector3d::Zero();
-  for (const Eigen::Vector3d& direction : directions) {
-    const Eigen::Vector3d across = directions.front().cross(direction);
-    if (across.squaredNorm() > widest.squaredNorm()) widest = across;
-  }
-  return widest.normalized();  // zero if all directions are the same or opposite
+  Eigen::Matrix3d squares = Eigen::Matrix3d::Zero();
+  for (const Eigen::Vector3d& direction : directions) squares += direction * direction.transpose();
+  return Eigen::SelfAdjointEigenSolver<Eigen::Matrix3d>(squares).eigenvectors().col(0);  // of the least eigenvalue
 }
-
-// Returns the angle of a point, as a fraction of a diamond: -2 to 2, from the negative first axis.
-double diamond_angle(double x, double y) { return std::copysign(1.0 - x / (std::abs(x) + std::abs(y)), y); }
 
 }  // namespace
 
 bool are_in_plane(std::span<const Eigen::Vector3d> directions) {
   const Eigen::Vector3d normal = normal_of(directions);
-  return !normal.isZero() && std::ranges::all_of(directions, [&normal](const Eigen::Vector3d& direction) {
-    return std::abs(normal.dot(direction)) <= kInPlane;
-  });
+  return std::ranges::all_of(directions,
+                             [&normal](const Eigen::Vector3d& direction) { return std::abs(normal.dot(direction)) <= kInPlane; });
 }
 
 Fan make_fan(std::span<const Eigen::Vector3d> directions, const Eigen::Matrix3d& mounting) {
@@ -384,7 +409,7 @@ Fan make_fan(std::span<const Eigen::Vector3d> directions, const Eigen::Matrix3d&
   std::vector<Ray> rays;
   for (const Eigen::Vector3d& direction : directions) {
     const double x = frame.col(0).dot(direction), y = frame.col(1).dot(direction);
-    rays.push_back({diamond_angle(x, y), x, y, static_cast<std::int32_t>(rays.size())});
+    rays.push_back({std::atan2(y, x), x, y, static_cast<std::int32_t>(rays.size())});
   }
   std::ranges::stable_sort(rays, {}, &Ray::angle);
   for (std::size_t i = 0; i < rays.size(); ++i) {
@@ -392,37 +417,50 @@ Fan make_fan(std::span<const Eigen::Vector3d> directions, const Eigen::Matrix3d&
     fan.y[i] = static_cast<float>(rays[i].y);
     fan.ray[i] = rays[i].number;
   }
-  for (std::size_t cell = 0; cell < std::size(fan.first); ++cell) {
-    const double begin = cell > Fan::kCells - 1 ? 3.0 : static_cast<double>(cell) * 4.0 / static_cast<double>(Fan::kCells) - 2.0;
-    fan.first[cell] = static_cast<std::uint16_t>(std::ranges::count_if(rays, [&](const Ray& ray) { return ray.angle < begin; }));
+  const double begin = rays.front().angle, step = (rays.back().angle - begin) / static_cast<double>(rays.size() - 1);
+  fan.is_even = step > 1e-3 && std::ranges::all_of(rays, [&](const Ray& ray) {
+                  return std::abs(begin + step * static_cast<double>(&ray - rays.data()) - ray.angle) < 1e-6;
+                });
+  fan.cells = fan.is_even ? rays.size() : Fan::kMostCells;
+  const double first = fan.is_even ? begin : -std::numbers::pi;
+  const double cell = fan.is_even ? step : 2.0 * std::numbers::pi / static_cast<double>(fan.cells);
+  fan.begin_rad = static_cast<float>(first);
+  fan.per_rad = static_cast<float>(1.0 / cell);
+  for (std::size_t i = 0; i <= fan.cells; ++i) {
+    const double at = fan.is_even ? 0.5 : 0.0;  // even fans' rays lie at the beginnings of the cells, up to rounding
+    const auto is_before = [&](const Ray& ray) { return ray.angle < first + cell * (static_cast<double>(i) - at); };
+    fan.first[i] = static_cast<std::uint16_t>(i == fan.cells ? rays.size() : std::ranges::count_if(rays, is_before));
   }
 
   // The sector is what remains beside the widest gap.
   double widest = -1.0;
   std::size_t last = 0;  // before the gap
-  const auto turn = [&](std::size_t i) { return std::atan2(rays[i].y, rays[i].x); };
   for (std::size_t i = 0; i < rays.size(); ++i) {
-    const double gap = i + 1 < rays.size() ? turn(i + 1) - turn(i) : turn(0) + 2.0 * std::numbers::pi - turn(i);
+    const double next = i + 1 < rays.size() ? rays[i + 1].angle : rays.front().angle + 2.0 * std::numbers::pi;
+    const double gap = next - rays[i].angle;
     if (gap > widest) {
       widest = gap;
       last = i;
     }
   }
+  if (rays.size() > 1) {
+    fan.between_rad = static_cast<float>((2.0 * std::numbers::pi - widest) / static_cast<double>(rays.size() - 1));
+  }
   constexpr double kMargin = 1e-4;  // rad
-  const double begin = turn((last + 1) % rays.size()) - kMargin, end = turn(last) + kMargin;
+  const double right = rays[(last + 1) % rays.size()].angle - kMargin, left = rays[last].angle + kMargin;
   const double width = 2.0 * std::numbers::pi - widest + 2.0 * kMargin;
   fan.sector = width < std::numbers::pi - kMargin                  ? Fan::Sector::narrow
                : width > std::numbers::pi + kMargin && width < 6.0 ? Fan::Sector::wide
                                                                    : Fan::Sector::full;
-  fan.edge[0][0] = static_cast<float>(-std::sin(begin));
-  fan.edge[0][1] = static_cast<float>(std::cos(begin));
-  fan.edge[1][0] = static_cast<float>(std::sin(end));
-  fan.edge[1][1] = static_cast<float>(-std::cos(end));
+  fan.edge[0][0] = static_cast<float>(-std::sin(right));
+  fan.edge[0][1] = static_cast<float>(std::cos(right));
+  fan.edge[1][0] = static_cast<float>(std::sin(left));
+  fan.edge[1][1] = static_cast<float>(-std::cos(left));
   return fan;
 }
 
-void trace_mesh_slice(const MeshTree& tree, std::int32_t first_element, const Fan& fan, RayBundle& rays, SliceWalk walk) {
-  HWY_DYNAMIC_DISPATCH(trace_mesh_slice)(tree, first_element, fan, rays, walk);
+bool trace_mesh_slice(const MeshTree& tree, std::int32_t first_element, const Fan& fan, RayBundle& rays, SliceWalk walk) {
+  return HWY_DYNAMIC_DISPATCH(trace_mesh_slice)(tree, first_element, fan, rays, walk);
 }
 
 }  // namespace flockstep::trace

@@ -28,14 +28,20 @@ namespace flockstep::trace {
 
 // Rays in a plane. It belongs to the sensor and is computed once.
 struct Fan {
-  static constexpr std::size_t kCells = 512;  // of the angles
+  static constexpr std::size_t kMostCells = 512;
 
   Mat3 to_sensor;                                    // rotation, from the fan's frame; the third axis is the plane's normal
+  float between_rad = 0.0F;                          // mean angle between neighbouring rays; 0 for a single one
   std::size_t count = 0;                             // of the rays, at most kMaxRays
   alignas(64) float x[kMaxRays + kRayPadding] = {};  // directions in the fan's frame, by their angle from the negative first axis
   alignas(64) float y[kMaxRays + kRayPadding] = {};
   alignas(64) std::int32_t ray[kMaxRays + kRayPadding] = {};  // their numbers in the sensor's order
-  std::uint16_t first[kCells + 2] = {};                       // of the rays whose angle lies in a cell or after it
+  // The angles are divided into cells; from `begin_rad`, there are `per_rad` of them in a radian. The rays from first[cell] to
+  // first[cell + 1] lie in a cell. The rays of an even fan lie at the beginnings of the cells, one in each.
+  bool is_even = false;
+  float begin_rad = 0.0F, per_rad = 0.0F;
+  std::size_t cells = 0;
+  std::uint16_t first[kMostCells + 1] = {};
   // The sector of the rays: in front of one of the edges, or of both if it is narrower than a half turn. The edges are normals
   // in the fan's frame.
   enum class Sector : std::uint8_t { narrow, wide, full } sector = Sector::full;
@@ -45,8 +51,8 @@ struct Fan {
 // Returns true if the unit directions lie in a plane, as those of a fan must.
 bool are_in_plane(std::span<const Eigen::Vector3d> directions);
 
-// Returns the fan of 1 to kMaxRays such directions. mounting: rotation from their frame to the sensor's. In a plane of two axes,
-// the fan's frame is made of these, so a ray's bits do not depend on the others.
+// Returns the fan of 1 to kMaxRays directions in a plane. mounting: rotation from their frame to the sensor's. In a plane of two
+// axes, the fan's frame is made of these, so a ray's bits do not depend on the others.
 Fan make_fan(std::span<const Eigen::Vector3d> directions, const Eigen::Matrix3d& mounting);
 
 // The ways to walk the tree. They give the same bits.
@@ -57,8 +63,9 @@ enum class SliceWalk : std::uint8_t {
 };
 
 // Keeps hits that are nearer than the bundle's t_hit. A hit gets the element first_element + its triangle. rays: all of the
-// fan's; their directions are not read. Call under FlushDenormals.
-void trace_mesh_slice(const MeshTree& tree, std::int32_t first_element, const Fan& fan, RayBundle& rays,
+// fan's; their directions are not read. Returns true if scans near this one are faster with SliceWalk::ordered. Call under
+// FlushDenormals.
+bool trace_mesh_slice(const MeshTree& tree, std::int32_t first_element, const Fan& fan, RayBundle& rays,
                       SliceWalk walk = SliceWalk::automatic);
 
 }  // namespace flockstep::trace

@@ -45,7 +45,9 @@ void copy_ranges(const float* from, std::size_t count, float* to) {
 TracePolicy trace_policy_of(TracerKind kind, std::size_t rays) {
   switch (kind) {
     case TracerKind::automatic:
-      return {.tile_triangle_limit = rays < kFewestInTiles ? 0 : kTrianglesPerRay * rays, .fewest_in_slice = kFewestInSlice};
+      return {.tile_triangle_limit = rays < kFewestInTiles ? 0 : kTrianglesPerRay * rays,
+              .fewest_in_slice = kFewestInSlice,
+              .widest_in_slice = kWidestInSlice};
     case TracerKind::slices:
       return {.tile_triangle_limit = rays < kFewestInTiles ? 0 : kTrianglesPerRay * rays, .fewest_in_slice = 1};
     case TracerKind::tiles:
@@ -113,7 +115,10 @@ void Tracer::enqueue(const RayTile& tile, float* ranges, std::size_t stride) {
     meet_bodies();
     return wait(tile, ranges, stride, for_triangles_);
   }
-  if (in_slice) trace_mesh_slice(*sliced_, scene_->first_triangle(), *tile.fan, bundle_);
+  if (in_slice) {
+    const SliceWalk walk = is_full_ ? SliceWalk::ordered : SliceWalk::automatic;
+    is_full_ = trace_mesh_slice(*sliced_, scene_->first_triangle(), *tile.fan, bundle_, walk);
+  }
   if (in_view) trace_view(*tile.view, tile.rows, tile.width, is_nothing_near());
   meet_bodies();
   for (std::size_t row = 0; row < tile.rows; ++row) {

@@ -7,6 +7,7 @@
 #include <array>
 #include <cstddef>
 #include <cstdint>
+#include <limits>
 #include <span>
 
 #include "flockstep/config.hpp"
@@ -24,9 +25,11 @@ namespace flockstep::trace {
 // The method of tracing a sensor's rays.
 struct TracePolicy {
   static constexpr std::size_t kNever = static_cast<std::size_t>(-1);
-  std::size_t tile_triangle_limit = 0;   // triangles; tiles are used in worlds of up to this many
-  std::size_t fewest_in_slice = kNever;  // rays; fans of at least this many are traced as slices
-  bool embree = false;                   // use Embree for everything it can trace, primitives included
+  std::size_t tile_triangle_limit = 0;  // triangles; tiles are used in worlds of up to this many
+  // A fan is traced as a slice if it has at least this many rays, and their mean distance (m) at its range is at most this.
+  std::size_t fewest_in_slice = kNever;
+  float widest_in_slice = std::numeric_limits<float>::infinity();
+  bool embree = false;  // use Embree for everything it can trace, primitives included
 
   friend bool operator==(const TracePolicy&, const TracePolicy&) = default;
 };
@@ -137,6 +140,7 @@ class Tracer {
   const Scene* scene_ = nullptr;      // scene of the sensor
   const MeshTree* tree_ = nullptr;    // tree of its triangles; null if not traced in tiles
   const MeshTree* sliced_ = nullptr;  // the same for slices
+  bool is_full_ = false;              // the last slice was; a guess of the next one's best walk, which affects no result
   bool sees_markers_ = false;
   AskedDetails asked_;
   TracePolicy policy_;
