@@ -308,7 +308,7 @@ inline constexpr std::size_t kMaxDirectAnyOrigin = %d;
 // ray.
 inline constexpr std::size_t kFewestInTiles = %d;
 inline constexpr std::size_t kTrianglesPerRay = %d;
-// A fan with at least kFewestInSlice rays is traced as a slice, if at its range their mean distance is at most kWidestInSlice (m).
+// A fan of at least kFewestInSlice rays is traced as a slice if their mean distance at its range is at most kWidestInSlice (m).
 inline constexpr std::size_t kFewestInSlice = %d;
 inline constexpr float kWidestInSlice = %.1fF;
 

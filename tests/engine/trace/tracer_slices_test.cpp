@@ -194,11 +194,13 @@ TEST_P(TracerSlices, NoRayGoesThroughEmbreeForTriangles) {
   EXPECT_GT(sense_by(world, TracerKind::embree, fans())->embree_rays(), 0);
 }
 
-TEST_P(TracerSlices, AutoUsesThemFromSomeBeamsOn) {
+TEST_P(TracerSlices, AutoUsesThemForEnoughBeams) {
   const auto world = hills_under(GetParam());
   const auto most = static_cast<int>(trace::kFewestInSlice) - 1;
-  const std::vector few{fan_of("few", most, 180.0F, 20.0F)}, enough{fan_of("enough", most + 1, 180.0F, 20.0F)};
+  const std::vector few{fan_of("few", most, 180.0F, 1.0F)}, enough{fan_of("enough", most + 1, 180.0F, 1.0F)},
+      sparse{fan_of("sparse", most + 1, 180.0F, 20.0F)};
   EXPECT_GT(sense_by(world, TracerKind::automatic, few)->embree_rays(), 0);
+  EXPECT_GT(sense_by(world, TracerKind::automatic, sparse)->embree_rays(), 0);
   EXPECT_EQ(sense_by(world, TracerKind::slices, few)->embree_rays(), 0);
   EXPECT_GT(sense_by(world, TracerKind::tiles, enough)->embree_rays(), 0);
   const auto by_itself = sense_by(world, TracerKind::automatic, enough), slices = sense_by(world, TracerKind::slices, enough);
@@ -387,8 +389,9 @@ TEST(TracerSlicesOf, ConesAndGridsHaveNoFans) {
 
 TEST(TracerSlicesOf, TracersDecideWhichFansAreMade) {
   const auto most = static_cast<int>(trace::kFewestInSlice) - 1;
-  const LidarConfig few = fan_of("few", most, 180.0F, 3.0F), enough = fan_of("enough", most + 1, 180.0F, 3.0F);
+  const LidarConfig few = fan_of("few", most, 180.0F, 1.0F), enough = fan_of("enough", most + 1, 180.0F, 1.0F);
   EXPECT_TRUE(fans_in(few, TracerKind::automatic).beams.empty());
+  EXPECT_TRUE(fans_in(fan_of("sparse", most + 1, 180.0F, 3.0F), TracerKind::automatic).beams.empty());
   EXPECT_EQ(fans_in(enough, TracerKind::automatic).beams.size(), 1U);
   EXPECT_EQ(fans_in(few, TracerKind::slices).beams.size(), 1U);
   for (const TracerKind tracer : {TracerKind::tiles, TracerKind::embree}) {
