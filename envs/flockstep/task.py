@@ -314,7 +314,9 @@ class TaskCalls:
         parts: dict[str, Any] = dict(space.spaces) if isinstance(space, spaces.Dict) else {"observation": space}
         boxes = {name: part for name, part in parts.items() if isinstance(part, spaces.Box)}
         if not boxes or len(boxes) < len(parts):
-            raise TypeError(f"{_name(task)}.observation_space: expected a gymnasium.spaces.Box or a Dict of them")
+            raise TypeError(
+                f"{_name(task)}.observation_space: expected a gymnasium.spaces.Box or a Dict of them, got {space!r}"
+            )
         if not _names(task, "reward_terms"):
             raise ValueError(f"{_name(task)}.reward_terms: expected at least one name, got {task.reward_terms!r}")
         for name in _names(task, "markers"):

@@ -809,7 +809,8 @@ def _recipe_for(
         _set_given(recipe, **{name: defaults[name] for name in names})
     else:
         kinds = ", ".join(config.__name__ for config in _TASK_CONFIGS)
-        raise TypeError(f"task: expected a flockstep.Task, a NativeTask or one of {kinds}, got {task!r}")
+        hint = ". gymnasium.make_vec makes an env of an id" if isinstance(task, str) else ""
+        raise TypeError(f"task: expected a flockstep.Task, a NativeTask or one of {kinds}, got {task!r}{hint}")
     recipe.episode = EpisodeConfig(**episode | chosen.get(EpisodeConfig, {}))
     recipe.clock = _changed(recipe.clock, chosen.get(ClockConfig))
     recipe.dynamics = _changed(recipe.dynamics, chosen.get(DynamicsConfig))
@@ -876,7 +877,9 @@ def _by_config(fields: dict[str, Any], task: Any) -> dict[type, dict[str, Any]]:
             continue
         others = [title for config, title in _CONFIGS_OF_TASKS.items() if name in config.__match_args__]
         if others and owner is None:
-            raise TypeError(f"{name}: a keyword of the {' and the '.join(others)} task, but another task is given")
+            *first, last = others
+            tasks = f"{', '.join(first)} and {last} tasks" if first else f"{last} task"
+            raise TypeError(f"{name}: a keyword of the {tasks}, but another task is given")
         known = [*inspect.signature(DroneVectorEnv).parameters, *(n for c in configs for n in c.__match_args__)]
         raise TypeError(_unexpected_keyword("DroneVectorEnv.__init__", name, known))
     return chosen
@@ -909,7 +912,7 @@ def _listed(given: Any, kind: type[_Sensor], name: str) -> list[_Sensor]:
     """Return copies of the given sensor configurations: none, one or several."""
     if given is None:
         return []
-    configs = list(given) if isinstance(given, Sequence) else [given]
+    configs = list(given) if isinstance(given, Sequence) and not isinstance(given, str) else [given]
     for config in configs:
         if not isinstance(config, kind):
             raise TypeError(f"{name}: expected a flockstep.{kind.__name__} or a sequence of them, got {config!r}")
