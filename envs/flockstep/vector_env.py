@@ -47,7 +47,7 @@ from flockstep._core import (
 from flockstep.drone_mesh import DroneMesh
 from flockstep.nearest_name import did_you_mean
 from flockstep.pictures import views
-from flockstep.pictures.flight_overlay import FlightOverlay, RaceOverlay
+from flockstep.pictures.flight_overlay import FlightOverlay, GoalOverlay, PlaceOverlay, RaceOverlay
 from flockstep.pictures.frames import selected
 from flockstep.stepping import AUTORESET_MODES, Array, BoolArray, Observation
 from flockstep.task import DroneLike, Task, TaskCalls, native_task, settable_names
@@ -270,10 +270,10 @@ class DroneVectorEnv(VectorEnv[Observation, Array, Array]):
         is N = E M, whereas the argument ``num_envs`` is E. Drone m of env i has row i M + m. Default: 1; for the swap
         task 8, for the formation task 4.
     meet
-        What the drones of an env are to each other. ``"never"``: nothing. ``"seen"``: their LiDARs detect the hulls of
-        the others, and their cameras see the others. ``"touched"``: they hit each other with their hulls. ``"both"``:
-        both. Default: ``"never"``; for the swap task ``"touched"``, for the formation
-        task ``"both"``; a `Task` declares its own.
+        How the drones of an env interact. ``"never"``: not at all. ``"seen"``: their LiDARs detect the hulls of the
+        others, and their cameras see the others. ``"touched"``: they hit each other with their hulls. ``"both"``: both.
+        Default: ``"never"``; for the swap task ``"touched"``, for the formation task ``"both"``; a `Task` declares its
+        own.
     drone_mesh
         A `DroneMesh`, or a `World` of triangles, that shows the drones in perspective views, from behind and from a
         fixed point, and to the cameras of other drones, if these see each other. Default: in views a shape made from
@@ -492,6 +492,10 @@ class DroneVectorEnv(VectorEnv[Observation, Array, Array]):
                 overlay = FlightOverlay(height=shown.view != "top")
             elif isinstance(task, RaceConfig):
                 overlay = RaceOverlay()
+            elif isinstance(task, (DodgeConfig, SwapConfig)):
+                overlay = GoalOverlay()
+            elif isinstance(task, FormationConfig):
+                overlay = PlaceOverlay()
             mesh = DroneMesh._of_world(drone_mesh) if isinstance(drone_mesh, World) else drone_mesh
             self._view, self.trail = views.make(shown, self.batch, self.cameras, overlay, mesh)
 
