@@ -79,7 +79,7 @@ class Task:
         Bodies in every env when an episode begins, one `BodyConfig` or a sequence, and the number of slots for bodies;
         see `Bodies`. Default: none.
     meet
-        What the drones of an env are to each other: ``"never"``, ``"seen"``, ``"touched"`` or ``"both"``; see `Batch`.
+        How the drones of an env interact: ``"never"``, ``"seen"``, ``"touched"`` or ``"both"``; see `Batch`.
     lights
         Lights of which each episode of an env draws one, a `Light` or a sequence. Default: the lights of the worlds.
     worlds
