@@ -188,6 +188,7 @@ void write_contact(State& state, DroneIndex drone, const collision::Contact& con
 void write_contact(State& state, DroneIndex drone, const collision::MovingContact& contact, double duration_s) {
   write_contact(state, drone, static_cast<const collision::Contact&>(contact));
   state.contact.body[drone] = contact.body;
+  state.contact.drone[drone] = -1;
   const Vec3 velocity = contact.velocity / static_cast<float>(duration_s);
   std::copy_n(velocity.data(), 3, state.contact.surface_velocity.data() + 3 * drone);
 }

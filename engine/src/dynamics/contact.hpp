@@ -66,7 +66,7 @@ collision::Push push_standing(const collision::Obstacles& obstacles, const Traff
                               const Pose& pose);
 
 void write_contact(State& state, DroneIndex drone, const collision::Contact& contact);
-// Also writes the body and its velocity. duration_s: of the motion.
+// Also writes the body and its velocity, and that it is no contact with a drone. duration_s: of the motion.
 void write_contact(State& state, DroneIndex drone, const collision::MovingContact& contact, double duration_s);
 
 }  // namespace flockstep::dynamics

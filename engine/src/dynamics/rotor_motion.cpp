@@ -365,13 +365,10 @@ class GroupFlight {
   ContactResult resolve(std::size_t lane, const TickMotion& motion) {
     const DroneIndex drone = group_[lane];
     const Body body{context_.hull, fleet_.airframe_of(drone)};
-    if (!has_bodies()) {
-      const ContactResult result = resolve_contacts(obstacles(lane), body, fleet_.config, motion);
-      if (result.contact.hit) write_contact(state_, drone, static_cast<const collision::Contact&>(result.contact));
-      return result;
-    }
     const collision::MovingBodies all = bodies(lane);
-    const ContactResult result = resolve_contacts(obstacles(lane), {all, context_.scratch.near}, body, fleet_.config, motion);
+    const ContactResult result =
+        has_bodies() ? resolve_contacts(obstacles(lane), {all, context_.scratch.near}, body, fleet_.config, motion)
+                     : resolve_contacts(obstacles(lane), body, fleet_.config, motion);
     if (result.contact.hit) write_contact(state_, drone, result.contact, motion.duration_s);
     return result;
   }

@@ -264,8 +264,6 @@ class Crowds {
 
   Crowds(const DynamicsConfig& config, unsigned seed, std::size_t far = 0)
       : config_(config), per_env_(kBodies + far), random_(seed), state(testing::flight_state(kDrones, 1)) {
-    state.contact.body.assign(kDrones, -1);
-    state.contact.surface_velocity.assign(3 * kDrones, 0.0F);
     for (std::size_t env = 0; env < kDrones; ++env) {
       fleet.start(state, DroneIndex(env), {});
       drones_.emplace_back(env);
