@@ -38,6 +38,7 @@ struct ContactResult {
   bool is_deflected = false;         // the tick ends with the pose and velocity below instead of those of TickMotion
   Pose pose;
   Velocity velocity;
+  float farthest = 0.0F;  // m, bound of the distance from the beginning during the tick
 };
 
 // Sweeps the hull along the motion. With OnContact::terminate the drone stops at the hit. Otherwise it rebounds and flies the

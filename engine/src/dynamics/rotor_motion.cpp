@@ -377,7 +377,7 @@ class GroupFlight {
     const TickMotion motion = motion_of(lane);
     const ContactResult result = resolve(lane, motion);
     if (result.is_deflected) {
-      note_detour(lane, (motion.to.position - motion.from.position).norm() + (result.pose.position - motion.to.position).norm());
+      note_detour(lane, result.farthest);
       set(result.pose.position, lane, flock_.position);
       set(result.pose.rotation, lane, flock_.rotation);
       set(result.velocity.linear, lane, flock_.velocity);

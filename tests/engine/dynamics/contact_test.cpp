@@ -244,6 +244,21 @@ TEST(ContactWithABody, ADoorSweepsTheDroneAside) {
   }
 }
 
+// A plate throws the drone against a wall, from which it returns: it has been farther away than it ends.
+TEST(ContactWithABody, TheFarthestPointIsWhereTheDroneTurnsBack) {
+  const Primitive room = primitive(PrimitiveKind::room, Vec3::Zero(), {1, 2, 2});
+  Yard yard({room});
+  const float length = 0.465F, gap = 0.1F, way = 0.4F;  // m: of the drone to the front, before the plate, of the plate
+  Bodies bodies;
+  const Pose from{{-length - gap - 0.05F, 0, 0}, Quat::Identity()}, to{from.position + Vec3(way, 0, 0), Quat::Identity()};
+  bodies.add(PrimitiveKind::box, {0.05F, 1, 1}, from, to);
+  const ContactResult result = yard.meet(bodies, config_of(OnContact::bounce, 1.0F), kOrigin, Vec3::Zero());
+  const float to_wall = 1.0F - length;
+  EXPECT_NEAR(result.farthest, to_wall, 1e-3F);
+  EXPECT_NEAR(result.pose.position.x(), to_wall - (2.0F * (way - gap) - to_wall), 2e-3F);
+  EXPECT_EQ(result.contact.body, -1);
+}
+
 // A drone under the plate is pushed against the floor, which it does not enter.
 TEST(ContactWithABody, NeverPushesTheDroneThroughAWall) {
   const Primitive room = primitive(PrimitiveKind::room, Vec3::Zero(), {3, 3, 1});
