@@ -376,23 +376,30 @@ void fly_meeting(Simulation& sim, const Block& block, std::span<const DroneIndex
     for (const EnvIndex env : work.envs) {
       std::fill_n(sim.bend.data() + sim.drone_of(env, 0), count, 0.0F);
     }
-    context.bend = sim.bend;
-    context.own = own;
-    dynamics::fly(context, together, commands, first_tick, ticks);
-    context.bend = {};
-    context.own = {};
-    std::size_t copy = 0;
-    for_each_env(sim, together, [&](EnvIndex env, std::span<const DroneIndex> listed) {
-      if (sim.bodies) {
-        for (std::size_t member = 0; member < count; ++member) {
-          const DroneIndex drone = sim.drone_of(env, member);
-          if (!sim.state.active[drone] || std::ranges::binary_search(listed, drone)) continue;
-          sim.bend[drone] = 2.0F * give_way(sim, drone, scratch);
+    try {
+      context.bend = sim.bend;
+      context.own = own;
+      dynamics::fly(context, together, commands, first_tick, ticks);
+      context.bend = {};
+      context.own = {};
+      std::size_t copy = 0;
+      for_each_env(sim, together, [&](EnvIndex env, std::span<const DroneIndex> listed) {
+        if (sim.bodies) {
+          for (std::size_t member = 0; member < count; ++member) {
+            const DroneIndex drone = sim.drone_of(env, member);
+            if (!sim.state.active[drone] || std::ranges::binary_search(listed, drone)) continue;
+            sim.bend[drone] = 2.0F * give_way(sim, drone, scratch);
+          }
         }
+        CrowdFlight(sim, env, listed, copy, context, commands, first_tick, ticks, work).fly();
+        copy += count;
+      });
+    } catch (...) {  // an interrupt: some drones may have flown through others
+      for (std::size_t i = 0; i < count * work.envs.size(); ++i) {
+        work.saved.restore(sim.state, sim.drone_of(work.envs[i / count], i % count), i);
       }
-      CrowdFlight(sim, env, listed, copy, context, commands, first_tick, ticks, work).fly();
-      copy += count;
-    });
+      throw;
+    }
   }
 }
 
