@@ -61,6 +61,9 @@ class EnvMeeting {
     work_.radii.resize(count_);
     work_.found.resize(count_ + trace::BallColumns::kPadding);
     work_.neighbors.resize(count_);
+    work_.crowd_of_env.reserve(count_);
+    work_.movers.reserve(count_);
+    work_.joining.reserve(count_);
   }
 
   std::size_t count() const { return count_; }
