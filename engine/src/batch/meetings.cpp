@@ -199,9 +199,10 @@ class CrowdFlight {
   void prepare(std::size_t member) {
     meeting_.prepare(member);
     const DroneIndex drone = meeting_.drone(member);
-    work_.neighbors[member].has_contact =
-        sim_.config.dynamics.on_contact == OnContact::terminate && sim_.state.contact.hit[drone];
-    if (std::ranges::binary_search(drones_, drone)) work_.movers.push_back(drone);
+    const bool is_mover = std::ranges::binary_search(drones_, drone);
+    const bool keeps_contact = !is_mover || sim_.config.dynamics.on_contact == OnContact::terminate;
+    work_.neighbors[member].has_contact = keeps_contact && sim_.state.contact.hit[drone];
+    if (is_mover) work_.movers.push_back(drone);
   }
 
   // Flies the prepared drones through a tick, without contacts with each other.

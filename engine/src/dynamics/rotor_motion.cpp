@@ -462,12 +462,13 @@ void write_result(const FlightContext& context, DroneIndex drone, const Neighbor
   State& state = context.state;
   if (neighbor.is_deflected) {
     set_pose_of(state, drone, neighbor.pose);
+    std::fill_n(state.flight.remainder.data() + 3 * drone, 3, 0.0F);
+  }
+  if (neighbor.is_deflected && !neighbor.holds) {
     std::copy_n(neighbor.velocity.linear.data(), 3, state.flight.velocity.data() + 3 * drone);
     std::copy_n(neighbor.velocity.angular.data(), 3, state.flight.angular_velocity.data() + 3 * drone);
-    for (std::vector<float>* const array :
-         {&state.flight.remainder, &state.flight.acceleration, &state.flight.angular_acceleration}) {
-      std::fill_n(array->data() + 3 * drone, 3, 0.0F);
-    }
+    std::fill_n(state.flight.acceleration.data() + 3 * drone, 3, 0.0F);
+    std::fill_n(state.flight.angular_acceleration.data() + 3 * drone, 3, 0.0F);
   }
   if (neighbor.contact.hit) {
     write_contact(state, drone, neighbor);
