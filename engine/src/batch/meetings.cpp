@@ -369,9 +369,7 @@ void fly_meeting(Simulation& sim, const Block& block, std::span<const DroneIndex
       const EnvIndex env = sim.env_of(drones[taken]);
       if (taken > 0 && env != last && taken + count > kTogether) break;
       last = env;
-      // With a row for each env a bad state stops all of its drones, also those outside of the crowd.
-      work.saved.save(sim.state, sim.drone_of(env, 0), count,
-                      context.drones_per_row == 1 ? context.bad : std::span<std::uint8_t>());
+      work.saved.save(sim.state, sim.drone_of(env, 0), count, context.bad);
       work.envs.push_back(env);
       while (taken < drones.size() && sim.env_of(drones[taken]) == env) ++taken;
     }

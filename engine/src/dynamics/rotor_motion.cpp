@@ -152,9 +152,6 @@ class GroupFlight {
   }
 
   std::size_t env_of(std::size_t lane) const { return fleet_.env_of(group_[lane]); }
-  std::size_t row_of(std::size_t lane) const {
-    return context_.drones_per_row == 1 ? std::size_t{group_[lane]} : group_[lane] / context_.drones_per_row;
-  }
   std::size_t slot_of(std::size_t lane) const { return static_cast<std::size_t>(context_.slot[env_of(lane)]); }
   std::int32_t world_of(std::size_t lane) const { return state_.world_index[env_of(lane)]; }
   const collision::Obstacles& obstacles(std::size_t lane) const { return *context_.obstacles[slot_of(lane)]; }
@@ -188,7 +185,7 @@ class GroupFlight {
 
   // True if the drone stays in place until the end of its step.
   bool is_held(std::size_t lane) const {
-    return (fleet_.config.on_contact == OnContact::terminate && state_.contact.hit[group_[lane]]) || context_.bad[row_of(lane)];
+    return (fleet_.config.on_contact == OnContact::terminate && state_.contact.hit[group_[lane]]) || context_.bad[group_[lane]];
   }
 
   bool has_bend() const { return !context_.bend.empty(); }
@@ -408,7 +405,7 @@ class GroupFlight {
   // Stops a drone whose state left the range that can be integrated: it rests at its last position.
   void give_up(std::size_t lane) {
     fleet_.start(state_, group_[lane], {});
-    context_.bad[row_of(lane)] = 1;
+    context_.bad[group_[lane]] = 1;
     is_done_[lane] = true;
   }
 

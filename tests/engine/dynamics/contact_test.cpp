@@ -318,7 +318,7 @@ class Crowds {
       const Quat turn(Eigen::AngleAxisf(kTick * 4.0F, Vec3(1, 2, static_cast<float>(body % 3)).normalized()));
       bodies.move(body, from, {from.position + kTick * speed, (from.rotation * turn).normalized()});
     }
-    dynamics::FlightContext context{fleet,    state,    hull_, slots_, scenes_, obstacles_, bad_, 1, {}, {DroneIndex(0), kDrones},
+    dynamics::FlightContext context{fleet,    state,    hull_, slots_, scenes_, obstacles_, bad_, {}, {DroneIndex(0), kDrones},
                                     *tracer_, *scratch_};
     context.bodies = bodies.view();
     context.bodies_per_env = per_env_;
