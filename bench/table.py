@@ -106,7 +106,7 @@ HEADLINE = (
     ("a call of `step` with one drone", "step", r"step/n1/microseconds", "1"),
     ("LiDAR scans of 35 beams per second", "lidar", r"lidar/fan35x1024/scans_per_second", "1"),
     (
-        "speed of these scans relative to the best Embree loop, in a world of analytic pillars",
+        "speed of these scans relative to a bare loop of Embree, a ray tracing library, in a world of pillars",
         "lidar",
         r"lidar/fan35x1024/ratio_to_bare_embree",
         "1",

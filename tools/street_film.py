@@ -18,9 +18,8 @@ import tyro
 from PIL import Image
 
 import flockstep
-from tools.film import save_film, write_captions
+from tools.film import INK, save_film, write_captions
 
-INK = (250, 250, 250)
 STEP_MS = 100
 
 

@@ -105,10 +105,11 @@ def print_summary(
 ) -> None:
     """Print a summary of the results and the locations of the files."""
     print(f"""
-A policy learned to fly by LiDAR from scratch: {clock.num_timesteps:,} steps in {clock.training_s:.0f} seconds. Without
-exploring, it flies from the start to the goal of {flown} of the {playgrounds} playgrounds that ship without a crash,
-and of {generated:.0%} of {UNSEEN_WORLDS} generated ones that it has never seen, where flying straight from marker to
-marker succeeds in {untrained["straight_flight"]:.0%}, and random actions in {untrained["random_policy"]:.0%}.
+A policy learned to fly by LiDAR from scratch: {clock.num_timesteps:,} steps in {clock.training_s:.0f} seconds, without
+the flights for the curve. Without exploring, it reaches the goal of {flown} of the {playgrounds} bundled
+playgrounds without a crash, and of {generated:.0%} of {UNSEEN_WORLDS} generated ones that it has never seen. There,
+flying straight from marker to marker succeeds in {untrained["straight_flight"]:.0%}, and random actions in
+{untrained["random_policy"]:.0%}.
 
 In {args.out}/
   paths.png            its paths through all playgrounds, from above

@@ -3296,8 +3296,8 @@ class Batch:
         ``"slices"``: the same for all fans, however few beams they have. ``"embree"``: uses neither tiles nor slices;
         Embree also traces all primitives except rooms. It is slower and meant for comparison.
     drones_per_env
-        M. 0 only with ``num_drones=0``. The drones of an env share its world, seed and episodes; ``meet``
-        says what they are to each other.
+        M. 0 only with ``num_drones=0``. The drones of an env share its world and seed; ``meet`` says how they
+        interact.
     bodies
         Bodies that are in every env when an episode begins.
     max_bodies
@@ -3305,9 +3305,9 @@ class Batch:
     lights
         Lights, at most 4096, of which each episode of an env draws one instead of its world's.
     meet
-        What the drones of an env, at most 4096, are to each other. ``"never"``: nothing. ``"seen"``: their LiDARs
-        detect the hulls of the others, and their cameras see their meshes. ``"touched"``: they hit each other with
-        their hulls. ``"both"``: both.
+        How the drones of an env interact. ``"never"``: not at all. ``"seen"``: their LiDARs detect the hulls of the
+        others, and their cameras see their meshes. ``"touched"``: they hit each other with their hulls. ``"both"``:
+        both. Unless it is ``"never"``, an env has at most 4096 drones.
     drone_mesh
         How cameras see drones: a `DroneMesh`, or a `World` whose triangles, materials and textures show a drone in its
         body frame. Only if ``meet`` is ``"seen"`` or ``"both"``. None: their hull, in grey.

@@ -81,11 +81,13 @@ def _found(source: str | PathLike[str], sets: Iterable[str]) -> Path | World:
         return path
     if isinstance(source, str) and _BUNDLED.fullmatch(source) and (file := directory() / f"{source}.json").is_file():
         return file
+    seeded = _SEEDED.fullmatch(str(source))
+    hint = did_you_mean(seeded[1], GENERATORS) if seeded else did_you_mean(source, [*names(), *sets])
     either = f"one of the sets {', '.join(sets)}, or " if sets else "or "
     raise ValueError(
         f"unknown scene {str(source)!r}: expected the path of a .json, .gltf, .glb, .obj or .ply file, "
         f"a generator and its seed such as 'forest/seed-7' (of {', '.join(GENERATORS)}), {either}"
-        f"one of {', '.join(names())}{did_you_mean(source, [*names(), *sets])}"
+        f"one of {', '.join(names())}{hint}"
     )
 
 

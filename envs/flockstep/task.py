@@ -79,7 +79,7 @@ class Task:
         Bodies in every env when an episode begins, one `BodyConfig` or a sequence, and the number of slots for bodies;
         see `Bodies`. Default: none.
     meet
-        What the drones of an env are to each other: ``"never"``, ``"seen"``, ``"touched"`` or ``"both"``; see `Batch`.
+        How the drones of an env interact: ``"never"``, ``"seen"``, ``"touched"`` or ``"both"``; see `Batch`.
     lights
         Lights of which each episode of an env draws one, a `Light` or a sequence. Default: the lights of the worlds.
     worlds
@@ -314,7 +314,9 @@ class TaskCalls:
         parts: dict[str, Any] = dict(space.spaces) if isinstance(space, spaces.Dict) else {"observation": space}
         boxes = {name: part for name, part in parts.items() if isinstance(part, spaces.Box)}
         if not boxes or len(boxes) < len(parts):
-            raise TypeError(f"{_name(task)}.observation_space: expected a gymnasium.spaces.Box or a Dict of them")
+            raise TypeError(
+                f"{_name(task)}.observation_space: expected a gymnasium.spaces.Box or a Dict of them, got {space!r}"
+            )
         if not _names(task, "reward_terms"):
             raise ValueError(f"{_name(task)}.reward_terms: expected at least one name, got {task.reward_terms!r}")
         for name in _names(task, "markers"):

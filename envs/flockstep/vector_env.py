@@ -47,7 +47,7 @@ from flockstep._core import (
 from flockstep.drone_mesh import DroneMesh
 from flockstep.nearest_name import did_you_mean
 from flockstep.pictures import views
-from flockstep.pictures.flight_overlay import FlightOverlay, RaceOverlay
+from flockstep.pictures.flight_overlay import FlightOverlay, GoalOverlay, PlaceOverlay, RaceOverlay
 from flockstep.pictures.frames import selected
 from flockstep.stepping import AUTORESET_MODES, Array, BoolArray, Observation
 from flockstep.task import DroneLike, Task, TaskCalls, native_task, settable_names
@@ -270,10 +270,10 @@ class DroneVectorEnv(VectorEnv[Observation, Array, Array]):
         is N = E M, whereas the argument ``num_envs`` is E. Drone m of env i has row i M + m. Default: 1; for the swap
         task 8, for the formation task 4.
     meet
-        What the drones of an env are to each other. ``"never"``: nothing. ``"seen"``: their LiDARs detect the hulls of
-        the others, and their cameras see the others. ``"touched"``: they hit each other with their hulls. ``"both"``:
-        both. Default: ``"never"``; for the swap task ``"touched"``, for the formation
-        task ``"both"``; a `Task` declares its own.
+        How the drones of an env interact. ``"never"``: not at all. ``"seen"``: their LiDARs detect the hulls of the
+        others, and their cameras see the others. ``"touched"``: they hit each other with their hulls. ``"both"``: both.
+        Default: ``"never"``; for the swap task ``"touched"``, for the formation task ``"both"``; a `Task` declares its
+        own.
     drone_mesh
         A `DroneMesh`, or a `World` of triangles, that shows the drones in perspective views, from behind and from a
         fixed point, and to the cameras of other drones, if these see each other. Default: in views a shape made from
@@ -492,6 +492,10 @@ class DroneVectorEnv(VectorEnv[Observation, Array, Array]):
                 overlay = FlightOverlay(height=shown.view != "top")
             elif isinstance(task, RaceConfig):
                 overlay = RaceOverlay()
+            elif isinstance(task, (DodgeConfig, SwapConfig)):
+                overlay = GoalOverlay()
+            elif isinstance(task, FormationConfig):
+                overlay = PlaceOverlay()
             mesh = DroneMesh._of_world(drone_mesh) if isinstance(drone_mesh, World) else drone_mesh
             self._view, self.trail = views.make(shown, self.batch, self.cameras, overlay, mesh)
 
@@ -809,7 +813,8 @@ def _recipe_for(
         _set_given(recipe, **{name: defaults[name] for name in names})
     else:
         kinds = ", ".join(config.__name__ for config in _TASK_CONFIGS)
-        raise TypeError(f"task: expected a flockstep.Task, a NativeTask or one of {kinds}, got {task!r}")
+        hint = ". gymnasium.make_vec makes an env of an id" if isinstance(task, str) else ""
+        raise TypeError(f"task: expected a flockstep.Task, a NativeTask or one of {kinds}, got {task!r}{hint}")
     recipe.episode = EpisodeConfig(**episode | chosen.get(EpisodeConfig, {}))
     recipe.clock = _changed(recipe.clock, chosen.get(ClockConfig))
     recipe.dynamics = _changed(recipe.dynamics, chosen.get(DynamicsConfig))
@@ -876,7 +881,9 @@ def _by_config(fields: dict[str, Any], task: Any) -> dict[type, dict[str, Any]]:
             continue
         others = [title for config, title in _CONFIGS_OF_TASKS.items() if name in config.__match_args__]
         if others and owner is None:
-            raise TypeError(f"{name}: a keyword of the {' and the '.join(others)} task, but another task is given")
+            *first, last = others
+            tasks = f"{', '.join(first)} and {last} tasks" if first else f"{last} task"
+            raise TypeError(f"{name}: a keyword of the {tasks}, but another task is given")
         known = [*inspect.signature(DroneVectorEnv).parameters, *(n for c in configs for n in c.__match_args__)]
         raise TypeError(_unexpected_keyword("DroneVectorEnv.__init__", name, known))
     return chosen
@@ -909,7 +916,7 @@ def _listed(given: Any, kind: type[_Sensor], name: str) -> list[_Sensor]:
     """Return copies of the given sensor configurations: none, one or several."""
     if given is None:
         return []
-    configs = list(given) if isinstance(given, Sequence) else [given]
+    configs = list(given) if isinstance(given, Sequence) and not isinstance(given, str) else [given]
     for config in configs:
         if not isinstance(config, kind):
             raise TypeError(f"{name}: expected a flockstep.{kind.__name__} or a sequence of them, got {config!r}")

@@ -68,7 +68,7 @@ class FlightRoom {
     }
   }
   dynamics::FlightContext context(const dynamics::DroneRange& own) {
-    return {fleet, state, hull_, slots_, scenes_, obstacles_, bad_, 1, {}, own, *tracer_, *scratch_};
+    return {fleet, state, hull_, slots_, scenes_, obstacles_, bad_, {}, own, *tracer_, *scratch_};
   }
 
   // Low and narrow, so that drones hit it.

@@ -19,15 +19,17 @@ namespace flockstep::testing {
 inline State flight_state(std::size_t num_envs, std::size_t drones_per_env) {
   const std::size_t n = num_envs * drones_per_env;
   State state;
-  for (auto* const array : {&state.position, &state.contact.point, &state.contact.normal, &state.flight.velocity,
-                            &state.flight.angular_velocity, &state.flight.acceleration, &state.flight.angular_acceleration,
-                            &state.flight.error_integral, &state.flight.remainder, &state.flight.wind}) {
+  for (auto* const array :
+       {&state.position, &state.contact.point, &state.contact.normal, &state.contact.surface_velocity, &state.flight.velocity,
+        &state.flight.angular_velocity, &state.flight.acceleration, &state.flight.angular_acceleration,
+        &state.flight.error_integral, &state.flight.remainder, &state.flight.wind}) {
     array->resize(3 * n);
   }
   for (auto* const array : {&state.quat_wxyz, &state.flight.rotor_speed, &state.flight.rotor_command}) array->resize(4 * n);
   for (std::size_t drone = 0; drone < n; ++drone) state.quat_wxyz[4 * drone] = 1.0F;
   state.flight.gust.resize(dynamics::kGustStates * n);
   state.contact.fraction.resize(n);
+  for (auto* const others : {&state.contact.body, &state.contact.drone}) others->assign(n, -1);
   for (auto* const flags : {&state.contact.hit, &state.contact.inside, &state.active}) flags->resize(n);
   std::fill(state.active.begin(), state.active.end(), 1);
   state.world_index.resize(num_envs);

@@ -101,6 +101,22 @@ class TestLeader:
         assert truncated.all()
         assert (infos["episode_end"] == EpisodeEnd.time).all()
 
+    def test_drones_that_go_on_after_the_end_of_another_one_may_succeed(self):
+        config = flockstep.FormationConfig(spacing_m=1.2, max_distance_m=50.0)
+        envs = make(1, config, episodes="last", autoreset_mode="disabled", max_episode_steps=60)
+        place = envs.batch.position.copy()
+        place[3, 2] = 0.3
+        envs.batch.set_pose(place, envs.batch.quat_wxyz)
+        observation = envs.observation().copy()
+        ends = np.zeros(4, int)
+        for _ in range(60):
+            action = to_places(observation)
+            action[3] = [0, 0, -1]
+            observation, _, terminated, truncated, _ = envs.step(action)
+            ended = terminated | truncated
+            ends[ended] = envs.batch.episode_end[ended]
+        assert ends.tolist() == [EpisodeEnd.success] * 3 + [EpisodeEnd.contact]
+
     def test_a_drone_far_from_its_place_has_lost_the_formation(self):
         envs = make(max_episode_steps=300, autoreset_mode="disabled")
         for _ in range(100):

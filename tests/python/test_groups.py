@@ -162,6 +162,52 @@ def test_a_bad_state_ends_the_episode_of_its_env_only() -> None:
     assert env.batch.bad_states.tolist() == [0] * 4 + [1] + [0] * 7
 
 
+@pytest.mark.parametrize("meet", ["never", "touched"])
+@pytest.mark.parametrize("lost", [0, 4])
+def test_a_lost_drone_of_a_team_row_leaves_the_others_as_in_any_other_number_of_envs(meet: str, lost: int) -> None:
+    """The sixteen drones that fly together belong to different envs if there are more."""
+    members = 5
+
+    class Runaway(flockstep.Task):
+        observation_space = gymnasium.spaces.Box(-np.inf, np.inf, (3 * members,), np.float32)
+        action_space = gymnasium.spaces.Box(-1, 1, (4,), np.float32)
+        row_kind = "env"
+        drone = "crazyflie"
+        dynamics = flockstep.DynamicsConfig(motion="rotors", control="velocity")
+        clock = flockstep.ClockConfig(policy_hz=10, physics_hz=200)
+
+        def reset(self, batch: flockstep.Batch, mask: Any) -> None:
+            place, velocity = np.zeros((2, batch.num_drones, 3), np.float32)
+            place[:, 1], place[:, 2] = 3 * np.arange(batch.num_drones) % 15, 50
+            place[lost::members, 0], velocity[lost::members, 0] = 999_500, 9_900  # the world ends at 1,000 km
+            batch.set_pose(place)
+            batch.set_velocity(velocity)
+
+        def act(self, batch: flockstep.Batch, actions: Any) -> Any:
+            return np.tile(np.float32([0, 1, 0, 0]), (batch.num_drones, 1))
+
+        def step(self, batch: flockstep.Batch) -> tuple[Any, Any]:
+            ends = np.zeros(batch.num_drones // members, bool)
+            return ends.astype(float), ends
+
+        def observe(self, batch: flockstep.Batch) -> Any:
+            return batch.position.reshape(-1, 3 * members)
+
+    world = flockstep.World.from_dict(
+        {"flockstep_scene": 1, "boxes": [{"center": [0, 0, 0], "size": [1, 1, 1]}], "markers": {"start": [5, 5, 5]}}
+    )
+    observations = []
+    for num_envs in (1, 7):
+        env = flockstep.DroneVectorEnv(num_envs, task=Runaway, drones_per_env=members, worlds=world, meet=meet)
+        env.reset(seed=0)
+        observation, _, terminated, _, infos = env.step(np.zeros((num_envs, 4), np.float32))
+        assert terminated.all()
+        assert infos["bad_state"].all()
+        observations.append(observation)
+    np.testing.assert_array_equal(observations[1], np.repeat(observations[0], 7, axis=0))
+    assert observations[0].reshape(members, 3)[:, 2].min() > 40
+
+
 @pytest.mark.parametrize("mode", ["next_step", "same_step", "disabled"])
 @pytest.mark.parametrize("kind", ["navigation", "hover"])
 def test_gymnasiums_rules_hold(kind: str, mode: str) -> None:

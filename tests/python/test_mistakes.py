@@ -43,8 +43,7 @@ ID = "flockstep/LidarNavigation-v0"
         ),
         (
             lambda: DroneVectorEnv(task=flockstep.HoverConfig(), step_m=3),
-            "step_m: a keyword of the navigation and the dodge and the swap and the formation task, but another task "
-            "is given",
+            "step_m: a keyword of the navigation, dodge, swap and formation tasks, but another task is given",
         ),
         (
             lambda: DroneVectorEnv(task=flockstep.HoverConfig(), hold_x=3),
@@ -62,6 +61,11 @@ ID = "flockstep/LidarNavigation-v0"
         (
             lambda: DroneVectorEnv(lidar={1: 2}),
             "lidar: expected a flockstep.LidarConfig or a sequence of them, got {1: 2}",
+        ),
+        (lambda: DroneVectorEnv(lights="noon"), "lights: expected a flockstep.Light or a sequence of them, got 'noon'"),
+        (
+            lambda: DroneVectorEnv(task="flockstep/Swap-v0"),
+            "got 'flockstep/Swap-v0'. gymnasium.make_vec makes an env of an id",
         ),
         (
             lambda: DroneVectorEnv(drone=4),

@@ -79,6 +79,7 @@ def test_generated_scenes_are_named_by_their_seeds():
     [
         ("jungle/seed-3", "unknown scene 'jungle/seed-3'.* such as 'forest/seed-7'"),
         ("forest/seed-", "unknown scene"),
+        ("living_ofice/seed-7", "Did you mean 'living_office'"),
         ("forest/seed-5..4", "expected a range of 1 to 100000 seeds"),
         ("forest/seed-0..100000", "expected a range of 1 to 100000 seeds"),
     ],

@@ -62,9 +62,10 @@ struct BatchConfig {
                         "its envs.",
                .limits = between(0, kMaxDrones)}),
         field("meet", &C::meet,
-              {.about = "What the drones of an env are to each other, if there are at most 4096 in it. ``\"never\"``: nothing. "
-                        "``\"seen\"``: their LiDARs detect the hulls of the others, and their cameras see their meshes. "
-                        "``\"touched\"``: they hit each other with their hulls. ``\"both\"``: both."}),
+              {.about =
+                   "How the drones of an env interact. ``\"never\"``: not at all. ``\"seen\"``: their LiDARs detect the hulls of "
+                   "the others, and their cameras see their meshes. ``\"touched\"``: they hit each other with their "
+                   "hulls. ``\"both\"``: both. Unless it is ``\"never\"``, an env has at most 4096 drones."}),
         field(
             "drone_mesh", &C::drone_mesh,
             {.about =

@@ -1,4 +1,4 @@
-// Meet: what the drones of an env are to each other.
+// Meet: how the drones of an env interact.
 #pragma once
 
 #include <array>

@@ -56,7 +56,7 @@ struct TaskDefaults {
   DynamicsConfig dynamics;            // motion model and control
   ClockConfig clock;                  // rates
   int drones_per_env = 1;             // drones of an env
-  Meet meet = Meet::never;            // what they are to each other
+  Meet meet = Meet::never;            // how they interact
 };
 
 // Access of a task to the batch. Only place(), place_body() and remove_body() write. Indices are not checked.

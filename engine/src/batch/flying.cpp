@@ -2,8 +2,10 @@
 
 #include <algorithm>
 #include <iterator>
+#include <utility>
 
 #include "base/pose_access.hpp"
+#include "batch/bad_states.hpp"
 #include "batch/episodes.hpp"
 #include "batch/selected.hpp"
 #include "collision/moving_sweep.hpp"
@@ -22,6 +24,9 @@ collision::MovingBodies bodies_of(const Simulation& sim, DroneIndex drone) {
   return sim.bodies->moving().of_env(sim.env_of(drone), sim.bodies->per_env());
 }
 
+// True if several drones share a row of the task.
+bool has_team_rows(const Simulation& sim) { return sim.task_state && sim.rows_per_env() < sim.drones_per_env(); }
+
 }  // namespace
 
 dynamics::FlightContext flight_context(Simulation& sim, const Block& block, Scratch& scratch) {
@@ -33,8 +38,7 @@ dynamics::FlightContext flight_context(Simulation& sim, const Block& block, Scra
       .slot = sim.slots(),
       .scenes = sim.scenes,
       .obstacles = sim.obstacles,
-      .bad = sim.task_state ? std::span(sim.episodes.bad) : std::span(sim.lost),
-      .drones_per_row = sim.task_state ? sim.drones_per_env() / sim.rows_per_env() : 1,
+      .bad = sim.task_state && !has_team_rows(sim) ? std::span(sim.episodes.bad) : std::span(sim.lost),
       .path = sim.task_state ? std::span(sim.task_state->path) : std::span<float>(),
       .own = block.is_contiguous ? dynamics::DroneRange{DroneIndex(block.envs.front() * m), block.envs.size() * m}
                                  : dynamics::DroneRange{},
@@ -119,8 +123,19 @@ void update_accelerations(Simulation& sim, const Block& block, std::span<const D
 
 void fly_by_rotors(Simulation& sim, const Block& block, std::span<const DroneIndex> drones, const dynamics::Commands& commands,
                    int first_tick, int ticks, Scratch& scratch) {
-  if (sim.drones_touch()) return fly_meeting(sim, block, drones, commands, first_tick, ticks, scratch);
-  dynamics::fly(flight_context(sim, block, scratch), drones, commands, first_tick, ticks);
+  if (has_team_rows(sim)) {
+    for (const DroneIndex drone : drones) sim.lost[drone] = sim.episodes.bad[sim.row_of(drone)];
+  }
+  if (sim.drones_touch()) {
+    fly_meeting(sim, block, drones, commands, first_tick, ticks, scratch);
+  } else {
+    dynamics::fly(flight_context(sim, block, scratch), drones, commands, first_tick, ticks);
+  }
+  if (!has_team_rows(sim)) return;
+  // Only now does a lost drone stop the others of its row: which of them fly later depends on the envs that fly together.
+  for (const DroneIndex drone : drones) {
+    if (std::exchange(sim.lost[drone], std::uint8_t{0})) mark_bad(sim, sim.row_of(drone));
+  }
 }
 
 void fly_ticks(Simulation& sim, const Block& block, std::span<const EnvIndex> envs, DroneMask mask,

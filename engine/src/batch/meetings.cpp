@@ -61,6 +61,9 @@ class EnvMeeting {
     work_.radii.resize(count_);
     work_.found.resize(count_ + trace::BallColumns::kPadding);
     work_.neighbors.resize(count_);
+    work_.crowd_of_env.reserve(count_);
+    work_.movers.reserve(count_);
+    work_.joining.reserve(count_);
   }
 
   std::size_t count() const { return count_; }
@@ -196,9 +199,10 @@ class CrowdFlight {
   void prepare(std::size_t member) {
     meeting_.prepare(member);
     const DroneIndex drone = meeting_.drone(member);
-    work_.neighbors[member].has_contact =
-        sim_.config.dynamics.on_contact == OnContact::terminate && sim_.state.contact.hit[drone];
-    if (std::ranges::binary_search(drones_, drone)) work_.movers.push_back(drone);
+    const bool is_mover = std::ranges::binary_search(drones_, drone);
+    const bool keeps_contact = !is_mover || sim_.config.dynamics.on_contact == OnContact::terminate;
+    work_.neighbors[member].has_contact = keeps_contact && sim_.state.contact.hit[drone];
+    if (is_mover) work_.movers.push_back(drone);
   }
 
   // Flies the prepared drones through a tick, without contacts with each other.
@@ -365,9 +369,7 @@ void fly_meeting(Simulation& sim, const Block& block, std::span<const DroneIndex
       const EnvIndex env = sim.env_of(drones[taken]);
       if (taken > 0 && env != last && taken + count > kTogether) break;
       last = env;
-      // With a row for each env a bad state stops all of its drones, also those outside of the crowd.
-      work.saved.save(sim.state, sim.drone_of(env, 0), count,
-                      context.drones_per_row == 1 ? context.bad : std::span<std::uint8_t>());
+      work.saved.save(sim.state, sim.drone_of(env, 0), count, context.bad);
       work.envs.push_back(env);
       while (taken < drones.size() && sim.env_of(drones[taken]) == env) ++taken;
     }
@@ -376,23 +378,30 @@ void fly_meeting(Simulation& sim, const Block& block, std::span<const DroneIndex
     for (const EnvIndex env : work.envs) {
       std::fill_n(sim.bend.data() + sim.drone_of(env, 0), count, 0.0F);
     }
-    context.bend = sim.bend;
-    context.own = own;
-    dynamics::fly(context, together, commands, first_tick, ticks);
-    context.bend = {};
-    context.own = {};
-    std::size_t copy = 0;
-    for_each_env(sim, together, [&](EnvIndex env, std::span<const DroneIndex> listed) {
-      if (sim.bodies) {
-        for (std::size_t member = 0; member < count; ++member) {
-          const DroneIndex drone = sim.drone_of(env, member);
-          if (!sim.state.active[drone] || std::ranges::binary_search(listed, drone)) continue;
-          sim.bend[drone] = 2.0F * give_way(sim, drone, scratch);
+    try {
+      context.bend = sim.bend;
+      context.own = own;
+      dynamics::fly(context, together, commands, first_tick, ticks);
+      context.bend = {};
+      context.own = {};
+      std::size_t copy = 0;
+      for_each_env(sim, together, [&](EnvIndex env, std::span<const DroneIndex> listed) {
+        if (sim.bodies) {
+          for (std::size_t member = 0; member < count; ++member) {
+            const DroneIndex drone = sim.drone_of(env, member);
+            if (!sim.state.active[drone] || std::ranges::binary_search(listed, drone)) continue;
+            sim.bend[drone] = 2.0F * give_way(sim, drone, scratch);
+          }
         }
+        CrowdFlight(sim, env, listed, copy, context, commands, first_tick, ticks, work).fly();
+        copy += count;
+      });
+    } catch (...) {  // an interrupt: some drones may have flown through others
+      for (std::size_t i = 0; i < count * work.envs.size(); ++i) {
+        work.saved.restore(sim.state, sim.drone_of(work.envs[i / count], i % count), i);
       }
-      CrowdFlight(sim, env, listed, copy, context, commands, first_tick, ticks, work).fly();
-      copy += count;
-    });
+      throw;
+    }
   }
 }
 

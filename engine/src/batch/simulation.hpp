@@ -181,7 +181,7 @@ struct Simulation {
   const collision::Hull hull;
   const collision::Corners corners;      // of the hull
   std::optional<dynamics::Fleet> fleet;  // only for rotor-driven drones
-  FlagArray lost;                        // (N,) of a fleet: FlightContext::bad of the last Batch::fly() without a task
+  FlagArray lost;  // (N,) of a fleet: FlightContext::bad of the last Batch::fly(), unless each drone has a row of a task
 
   State state;
   std::optional<bodies::BodyTable> bodies;  // nothing if the envs have no slots for bodies

@@ -29,14 +29,11 @@ class StaticWorld {
 // The static world and bodies, whose time goes on with the drone's.
 class MovingWorld {
  public:
-  MovingWorld(const collision::Obstacles& obstacles, std::span<const collision::MovingSolid> solids, const collision::Hull& hull,
-              const Pose& from)
-      : obstacles_(obstacles), solids_(solids), hull_(hull), first_(from.position) {}
+  MovingWorld(const collision::Obstacles& obstacles, std::span<const collision::MovingSolid> solids, const collision::Hull& hull)
+      : obstacles_(obstacles), solids_(solids), hull_(hull) {}
 
   collision::MovingContact meet(const Pose& from, const Pose& to) {
     const collision::MovingContact contact = collision::first_contact(obstacles_, solids_, hull_, from, to, time_);
-    const Pose reached = contact.hit ? collision::interpolate(from, to, contact.fraction) : to;
-    farthest_ = std::max(farthest_, (reached.position - first_).norm());
     time_ += static_cast<double>(contact.hit ? contact.fraction : 1.0F) * (1.0 - time_);
     return contact;
   }
@@ -53,7 +50,7 @@ class MovingWorld {
   // Lets bodies push the drone until the end of the tick.
   void end(ContactResult& result, double left_s) {
     const collision::Push push = collision::push(obstacles_, solids_, hull_, result.pose, time_);
-    farthest_ = std::max(farthest_, (result.pose.position - first_).norm() + push.farthest);
+    result.farthest += push.farthest;
     if (push.pushed) {
       const double most = fastest_of(solids_) * (1.0 - time_);  // a push also restores the standoff
       result.velocity.linear = pushed_along(result.velocity.linear, push.pose.position - result.pose.position, most, left_s);
@@ -64,15 +61,11 @@ class MovingWorld {
     result.velocity = {};
   }
 
-  float farthest() const { return farthest_; }  // m, from the beginning
-
  private:
   const collision::Obstacles& obstacles_;
   std::span<const collision::MovingSolid> solids_;
   const collision::Hull& hull_;
-  Vec3 first_;
   double time_ = 0.0;  // of the bodies' motion
-  float farthest_ = 0.0F;
 };
 
 template <class World>
@@ -83,15 +76,20 @@ ContactResult resolve(World& world, const Body& body, const DynamicsConfig& conf
   Velocity begin = motion.begin, end = motion.end;
   double left_s = motion.duration_s;
   ContactResult result;
+  const auto comes_to = [&](const Pose& pose) {
+    result.farthest = std::max(result.farthest, (pose.position - motion.from.position).norm());
+  };
   for (int contacts = 0; contacts < kMostContacts; ++contacts) {
     const collision::MovingContact contact = world.meet(from, to);
     if (contact.hit) result.contact = contact;
     if (!contact.hit || (contact.inside && contact.fraction == 1.0F && !terminates)) {
       if (contacts > 0) result.pose = to, result.velocity = end;
+      comes_to(to);
       return result;
     }
     result.is_deflected = true;
     from = collision::interpolate(from, to, contact.fraction);
+    comes_to(from);
     const float share = contact.fraction;
     left_s *= 1.0 - static_cast<double>(share);
     if (terminates) {
@@ -145,9 +143,9 @@ ContactResult resolve_contacts(const collision::Obstacles& obstacles, const Traf
   ContactResult result;
   const Vec3& origin = motion.from.position;
   among_near(traffic, body.hull, origin, (motion.to.position - origin).norm(), [&](std::span<const collision::MovingSolid> near) {
-    MovingWorld world(obstacles, near, body.hull, motion.from);
+    MovingWorld world(obstacles, near, body.hull);
     result = resolve(world, body, config, motion);
-    return world.farthest();
+    return result.farthest;
   });
   return result;
 }
@@ -188,6 +186,7 @@ void write_contact(State& state, DroneIndex drone, const collision::Contact& con
 void write_contact(State& state, DroneIndex drone, const collision::MovingContact& contact, double duration_s) {
   write_contact(state, drone, static_cast<const collision::Contact&>(contact));
   state.contact.body[drone] = contact.body;
+  state.contact.drone[drone] = -1;
   const Vec3 velocity = contact.velocity / static_cast<float>(duration_s);
   std::copy_n(velocity.data(), 3, state.contact.surface_velocity.data() + 3 * drone);
 }

@@ -38,6 +38,7 @@ struct ContactResult {
   bool is_deflected = false;         // the tick ends with the pose and velocity below instead of those of TickMotion
   Pose pose;
   Velocity velocity;
+  float farthest = 0.0F;  // m, bound of the distance from the beginning during the tick
 };
 
 // Sweeps the hull along the motion. With OnContact::terminate the drone stops at the hit. Otherwise it rebounds and flies the
@@ -66,7 +67,7 @@ collision::Push push_standing(const collision::Obstacles& obstacles, const Traff
                               const Pose& pose);
 
 void write_contact(State& state, DroneIndex drone, const collision::Contact& contact);
-// Also writes the body and its velocity. duration_s: of the motion.
+// Also writes the body and its velocity, and that it is no contact with a drone. duration_s: of the motion.
 void write_contact(State& state, DroneIndex drone, const collision::MovingContact& contact, double duration_s);
 
 }  // namespace flockstep::dynamics

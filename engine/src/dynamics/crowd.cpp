@@ -5,6 +5,7 @@
 #include <numeric>
 #include <tuple>
 
+#include "base/interrupt.hpp"
 #include "collision/convex.hpp"
 #include "collision/moving_solid.hpp"
 #include "dynamics/impact.hpp"
@@ -69,11 +70,13 @@ void Crowd::resolve(std::span<Neighbor* const> drones, const collision::Obstacle
   }
   // From here on drones are numbered by the order, which is that of their x.
   for (std::size_t a = 0; a < legs_.size(); ++a) {
+    Interrupt::poll();  // a dense crowd takes seconds
     find_with_world(a);
     const float end = began(a).x() + widest_gap(a);
     for (std::size_t b = a + 1; b < legs_.size() && began(b).x() <= end; ++b) find_with_drone(a, b);
   }
   while (!meetings_.empty()) {
+    Interrupt::poll();
     const auto first = std::ranges::min_element(meetings_, [](const Meeting& x, const Meeting& y) {
       return std::tuple(x.time, x.a, x.b) < std::tuple(y.time, y.a, y.b);
     });

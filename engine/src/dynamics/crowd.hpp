@@ -43,13 +43,13 @@ struct Neighbor {
 // that begins there or is squeezed; contact.inside says so.
 //
 // The result does not depend on the order of the drones, unless some have equal motions. Make it once; resolving allocates only
-// if there are more drones than ever before.
+// if there are more drones, or more contacts to come, than ever before.
 class Crowd {
  public:
   // corners: of the hull; both must outlive the crowd.
   Crowd(const collision::Hull& hull, const collision::Corners& corners);
 
-  // bodies: of the env. Without bodies the count is 0.
+  // bodies: of the env. Without bodies the count is 0. Polls for interrupts.
   void resolve(std::span<Neighbor* const> drones, const collision::Obstacles& obstacles, const collision::MovingBodies& bodies,
                const DynamicsConfig& config);
 

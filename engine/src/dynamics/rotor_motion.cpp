@@ -152,9 +152,6 @@ class GroupFlight {
   }
 
   std::size_t env_of(std::size_t lane) const { return fleet_.env_of(group_[lane]); }
-  std::size_t row_of(std::size_t lane) const {
-    return context_.drones_per_row == 1 ? std::size_t{group_[lane]} : group_[lane] / context_.drones_per_row;
-  }
   std::size_t slot_of(std::size_t lane) const { return static_cast<std::size_t>(context_.slot[env_of(lane)]); }
   std::int32_t world_of(std::size_t lane) const { return state_.world_index[env_of(lane)]; }
   const collision::Obstacles& obstacles(std::size_t lane) const { return *context_.obstacles[slot_of(lane)]; }
@@ -188,7 +185,7 @@ class GroupFlight {
 
   // True if the drone stays in place until the end of its step.
   bool is_held(std::size_t lane) const {
-    return (fleet_.config.on_contact == OnContact::terminate && state_.contact.hit[group_[lane]]) || context_.bad[row_of(lane)];
+    return (fleet_.config.on_contact == OnContact::terminate && state_.contact.hit[group_[lane]]) || context_.bad[group_[lane]];
   }
 
   bool has_bend() const { return !context_.bend.empty(); }
@@ -365,13 +362,10 @@ class GroupFlight {
   ContactResult resolve(std::size_t lane, const TickMotion& motion) {
     const DroneIndex drone = group_[lane];
     const Body body{context_.hull, fleet_.airframe_of(drone)};
-    if (!has_bodies()) {
-      const ContactResult result = resolve_contacts(obstacles(lane), body, fleet_.config, motion);
-      if (result.contact.hit) write_contact(state_, drone, static_cast<const collision::Contact&>(result.contact));
-      return result;
-    }
     const collision::MovingBodies all = bodies(lane);
-    const ContactResult result = resolve_contacts(obstacles(lane), {all, context_.scratch.near}, body, fleet_.config, motion);
+    const ContactResult result =
+        has_bodies() ? resolve_contacts(obstacles(lane), {all, context_.scratch.near}, body, fleet_.config, motion)
+                     : resolve_contacts(obstacles(lane), body, fleet_.config, motion);
     if (result.contact.hit) write_contact(state_, drone, result.contact, motion.duration_s);
     return result;
   }
@@ -380,7 +374,7 @@ class GroupFlight {
     const TickMotion motion = motion_of(lane);
     const ContactResult result = resolve(lane, motion);
     if (result.is_deflected) {
-      note_detour(lane, (motion.to.position - motion.from.position).norm() + (result.pose.position - motion.to.position).norm());
+      note_detour(lane, result.farthest);
       set(result.pose.position, lane, flock_.position);
       set(result.pose.rotation, lane, flock_.rotation);
       set(result.velocity.linear, lane, flock_.velocity);
@@ -411,7 +405,7 @@ class GroupFlight {
   // Stops a drone whose state left the range that can be integrated: it rests at its last position.
   void give_up(std::size_t lane) {
     fleet_.start(state_, group_[lane], {});
-    context_.bad[row_of(lane)] = 1;
+    context_.bad[group_[lane]] = 1;
     is_done_[lane] = true;
   }
 
@@ -465,12 +459,13 @@ void write_result(const FlightContext& context, DroneIndex drone, const Neighbor
   State& state = context.state;
   if (neighbor.is_deflected) {
     set_pose_of(state, drone, neighbor.pose);
+    std::fill_n(state.flight.remainder.data() + 3 * drone, 3, 0.0F);
+  }
+  if (neighbor.is_deflected && !neighbor.holds) {
     std::copy_n(neighbor.velocity.linear.data(), 3, state.flight.velocity.data() + 3 * drone);
     std::copy_n(neighbor.velocity.angular.data(), 3, state.flight.angular_velocity.data() + 3 * drone);
-    for (std::vector<float>* const array :
-         {&state.flight.remainder, &state.flight.acceleration, &state.flight.angular_acceleration}) {
-      std::fill_n(array->data() + 3 * drone, 3, 0.0F);
-    }
+    std::fill_n(state.flight.acceleration.data() + 3 * drone, 3, 0.0F);
+    std::fill_n(state.flight.angular_acceleration.data() + 3 * drone, 3, 0.0F);
   }
   if (neighbor.contact.hit) {
     write_contact(state, drone, neighbor);

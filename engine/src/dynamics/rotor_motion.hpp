@@ -43,12 +43,9 @@ struct FlightContext {
   std::span<const std::int32_t> slot;                      // (E,) index of the env's world in the next two arrays
   std::span<const trace::Scene* const> scenes;             // by slot
   std::span<const collision::Obstacles* const> obstacles;  // by slot
-  // (R,) 1 if a drone of the row left the range that can be integrated: the row's drones stay in place. With a task its episode
-  // ends as a bad state; without one each drone has a row, which is lost until the end of the call of Batch::fly().
-  std::span<std::uint8_t> bad;
-  std::size_t drones_per_row;  // drones for each element of bad
-  std::span<float> path;       // (N, ticks + 1, 3) m, positions before the step and after each tick; empty: not recorded
-  DroneRange own;              // drones that no other thread reads or writes meanwhile
+  std::span<std::uint8_t> bad;  // (N,) 1 if the drone stays in place because it left the range that can be integrated
+  std::span<float> path;        // (N, ticks + 1, 3) m, positions before the step and after each tick; empty: not recorded
+  DroneRange own;               // drones that no other thread reads or writes meanwhile
   trace::Tracer& tracer;
   FlightScratch& scratch;
   // The bodies of all envs, env by env, during a call of fly() with one tick. Without bodies the count is 0.

@@ -112,8 +112,8 @@ class Swap final : public Task {
 
   void score(const TaskBlock& block, Score& score) override {
     const State& state = block.context.state();
-    for (const DroneIndex drone : block.drones) motion_.moved(state, drone);
     for (const DroneIndex drone : block.drones) {
+      motion_.moved(state, drone);
       const bool crashed = state.contact.hit[drone] != 0;
       const double distance = distance_m(goal_of(drone), position_of(state, drone));
       const bool success = all_are_at_their_places(state, drone / per_env_);

@@ -1,4 +1,4 @@
-"""Additions to the pictures of the flight tasks."""
+"""Additions to the pictures of the built-in tasks."""
 
 from __future__ import annotations
 
@@ -13,6 +13,7 @@ from flockstep.pictures.picture import FARTHEST_M
 from flockstep.rotations import rotate
 
 _DOWN = np.array([[0.0, 0.0, -1.0]])
+_PLACE_UNIT_M = 2.0  # of the offset that `FormationConfig` observes
 _CORNERS = {"square": 4, "ring": 32}  # of the outline of a gate's opening
 
 
@@ -37,9 +38,7 @@ class FlightOverlay:
         way = np.asarray(batch.observation[env, :3], float)  # in the body frame
         point = position + rotate(np.asarray(batch.quat_wxyz[env], float), way)
         world = batch.world_of(env)
-        drawing.lines(position, point, "green", 1.5)
-        drawing.points(point, "green", 8)
-        drawing.spheres(point, world.marker_radius_m, "green")
+        _draw_target(batch, env, point, drawing)
         if not self._height:
             return
         height_m = float(world.raycast(position[None], _DOWN, FARTHEST_M)["t_hit"][0])
@@ -71,6 +70,38 @@ class RaceOverlay:
         drawing.lines(position, center, "green", 1)
         drawing.points(center, "green", 6)
         _write_below(batch, position, f"{np.linalg.norm(batch.velocity[env]):.0f} m/s", drawing)
+
+
+class GoalOverlay:
+    """Draws the goals of `DodgeConfig` and `SwapConfig`: green that of the shown drone, grey those of the others."""
+
+    markers: tuple[str, ...] = ()  # no drone flies from the start marker to the goal marker
+
+    def draw(self, batch: Batch, env: int, drawing: Drawing) -> None:
+        """Add to the picture of one env, like `Task.draw`."""
+        goals = np.asarray(batch.task_state["goal"], float)
+        first = env - env % batch.drones_per_env
+        drawing.points(np.delete(goals[first : first + batch.drones_per_env], env - first, axis=0), "grey", 6)
+        _draw_target(batch, env, goals[env], drawing)
+
+
+class PlaceOverlay:
+    """Draws the place of a drone of `FormationConfig` if it is within 2 m, the range of the observed offset."""
+
+    markers: tuple[str, ...] = ()  # drones begin at their places
+
+    def draw(self, batch: Batch, env: int, drawing: Drawing) -> None:
+        """Add to the picture of one env, like `Task.draw`."""
+        offset = np.asarray(batch.observation[env, :3], float)  # in the body frame
+        if np.linalg.norm(offset) < 0.999:  # a longer one is shortened to 1
+            way = rotate(np.asarray(batch.quat_wxyz[env], float), _PLACE_UNIT_M * offset)
+            _draw_target(batch, env, np.asarray(batch.position[env], float) + way, drawing)
+
+
+def _draw_target(batch: Batch, env: int, point: npt.NDArray[np.float64], drawing: Drawing) -> None:
+    drawing.lines(np.asarray(batch.position[env], float), point, "green", 1.5)
+    drawing.points(point, "green", 8)
+    drawing.spheres(point, batch.world_of(env).marker_radius_m, "green")
 
 
 def _write_below(batch: Batch, position: npt.NDArray[np.float64], text: str, drawing: Drawing) -> None:

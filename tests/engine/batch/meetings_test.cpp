@@ -14,6 +14,7 @@
 #include <string>
 #include <vector>
 
+#include "base/interrupt.hpp"
 #include "batch_helpers.hpp"
 #include "convex_oracle.hpp"
 #include "flockstep/batch.hpp"
@@ -476,24 +477,157 @@ TEST(Meetings, ADroneThatHoldsStillIsInTheWay) {
   }
 }
 
-// A body pushes a drone that holds still, but does not throw it back.
+// A body pushes a drone that holds still. It does so in the same way near a drone that it does not touch.
 TEST(Meetings, ABodyPushesADroneThatHoldsStill) {
-  Many config(1, 2);
-  config.by_rotors(OnContact::bounce);
-  BodyConfig body;
-  body.position_m = {-2.2F, -1, 0};
-  body.motion.velocity_mps = {1, 0, 0};
-  config.bodies = {body};
-  Batch batch(config, {meeting_hall()});
-  const std::vector<float> start{-0.9F, -1, 0, 0.35F, -1, 0};  // so near that they form a crowd
-  batch.set_pose(start, {});
-  const std::vector<std::uint8_t> second{0, 1};
-  for (int step = 0; step < 6; ++step) {
-    batch.fly(std::vector<float>(8, 0.0F), 0, second);
-    ASSERT_EQ(unreported_overlaps(batch), 0) << "step " << step;
+  for (const Meet meet : {Meet::never, Meet::touched}) {
+    Many config(1, 2, meet);
+    config.by_rotors(OnContact::bounce);
+    BodyConfig body;
+    body.position_m = {-2.2F, -1, 0};
+    body.motion.velocity_mps = {1, 0, 0};
+    config.bodies = {body};
+    Batch batch(config, {meeting_hall()});
+    const std::vector<float> start{-0.9F, -1, 0, 0.35F, -1, 0};  // so near that they form a crowd
+    batch.set_pose(start, {});
+    const std::vector<std::uint8_t> second{0, 1};
+    for (int step = 0; step < 6; ++step) {
+      batch.fly(std::vector<float>(8, 0.0F), 0, second);
+      ASSERT_EQ(unreported_overlaps(batch), 0) << "step " << step;
+    }
+    EXPECT_NEAR(batch.state().position[0], -1.1F + 0.465F, 1e-3F);  // at the body's front
+    EXPECT_EQ(batch.state().flight.velocity[0], 0.0F);
+    EXPECT_EQ(batch.state().contact.body[0], 0);
+    EXPECT_NEAR(batch.state().contact.point[0], start[0] - 0.465F, 1e-3F);  // the first contact
   }
-  EXPECT_NEAR(batch.state().position[0], -1.1F + 0.465F, 1e-3F);  // at the body's front
-  EXPECT_NEAR(batch.state().flight.velocity[0], 1.0F, 0.1F);
+}
+
+// Bodies move drones that are near each other but do not touch, in the same way as if they could not touch.
+TEST(Meetings, BodiesPushDronesThatDoNotTouchAsIfTheyCouldNot) {
+  Random random(10);
+  int contacts = 0, ticks = 0;
+  for (const OnContact on_contact : {OnContact::bounce, OnContact::stop, OnContact::terminate}) {
+    for (int trial = 0; trial < 60; ++trial) {
+      Many config = Many(1, 2).by_rotors(on_contact);
+      BodyConfig body;
+      body.shape = trial % 2 == 0 ? BodyShape::box : BodyShape::sphere;
+      body.size_m = {0.3F, 0.3F, 0.3F};
+      body.motion.kind = BodyMotionKind::random_walk;
+      body.motion.period_s = 0.5F;
+      body.motion.box_min_m = {-2.4F, -2.4F, -0.4F};
+      body.motion.box_max_m = {0.0F, 0.0F, 0.4F};
+      config.bodies = {body, body};
+      Many never = config;
+      never.meet = Meet::never;
+      Batch first(config, {meeting_hall()}), second(never, {meeting_hall()});
+      const std::vector<float> start{-1, -1, 0, -1, -1, 0.5F};  // one above the other, nearer than their length
+      const auto seed = static_cast<std::uint64_t>(trial);
+      for (Batch* const batch : {&first, &second}) {
+        batch->seed({&seed, 1});
+        batch->set_pose(start, {});
+      }
+      const std::vector<std::uint8_t> mask{1, static_cast<std::uint8_t>(trial % 3 == 0 ? 0 : 1)};
+      std::vector<float> command;
+      for (int tick = 0; tick < 200; ++tick) {
+        if (tick % 20 == 0) {
+          const Vec3 velocity = random.point(0.5F);
+          command = {velocity.x(), velocity.y(), 0, 0, velocity.x(), velocity.y(), 0, 0};
+        }
+        for (Batch* const batch : {&first, &second}) batch->fly(command, 1, mask);
+        const ContactState& contact = first.state().contact;
+        if (contact.drone[0] >= 0 || contact.drone[1] >= 0 || contact.inside[0] || contact.inside[1]) break;
+        const std::vector<float>& position = first.state().position;
+        if (position[5] - position[2] < 0.35F) break;  // one may be in the way of the other
+        expect_same(first, {second, in_order(2)});
+        ASSERT_FALSE(::testing::Test::HasFailure()) << "trial " << trial << ", tick " << tick;
+        contacts += contact.body[0] >= 0 || contact.body[1] >= 0;
+        ++ticks;
+      }
+    }
+  }
+  EXPECT_GT(contacts, ticks / 50);
+  EXPECT_GT(ticks, 1000);
+}
+
+// A drone that has been hit by another one flies into a wall later, in another leg of the call.
+TEST(Meetings, AContactWithAWallReplacesThatWithADrone) {
+  for (const bool has_bodies : {false, true}) {
+    Many config = Many(1, 2).by_rotors(OnContact::bounce);
+    if (has_bodies) {
+      BodyConfig body;
+      body.position_m = {2, 2, 0};
+      config.bodies = {body};
+    }
+    Batch batch(config, {meeting_hall()});
+    batch.set_pose(std::vector<float>{-2, -1, 0, -1, -1, 0}, {});
+    const std::vector<float> velocity{0, 0, 0, -6, 0, 0};
+    batch.set_velocity(velocity, {}, {});
+    const std::vector<float> command{-6, 0, 0, 0, 6, 0, 0, 0};
+    bool was_met = false, was_at_wall = false;
+    for (int ticks = 5; ticks <= 100 && !was_at_wall; ticks += 5) {
+      Batch copy(config, {meeting_hall()});
+      copy.restore(batch.snapshot());
+      copy.fly(command, ticks);
+      const ContactState& contact = copy.state().contact;
+      was_at_wall = contact.normal[0] > 0.0F;
+      was_met |= contact.drone[0] == 1;
+      EXPECT_EQ(contact.drone[0], was_at_wall || !contact.hit[0] ? -1 : 1) << ticks;
+      EXPECT_TRUE(!was_at_wall || contact.surface_velocity[0] == 0.0F) << ticks;
+    }
+    EXPECT_TRUE(was_met && was_at_wall);
+  }
+}
+
+// At first, drones fly as if the others were not there. An interrupt leaves none of them inside another one all the same.
+TEST(Meetings, AnInterruptedFlightLeavesNoDroneInsideAnother) {
+  struct Stopped {};
+  static int polls;
+  constexpr int kPairs = 32;
+  Many config = Many(1, 2 * kPairs).by_rotors(OnContact::stop);
+  config.clock = {.policy_hz = 1.0F, .physics_hz = 1000.0F};
+  Batch batch(config, {testing::make_world({primitive(PrimitiveKind::room, Vec3::Zero(), Vec3(20, 20, 1.5F))})});
+  std::vector<float> start, command;  // near the floor, where they fly tick by tick, two and two towards each other
+  for (int i = 0; i < 2 * kPairs; ++i) {
+    const float side = i % 2 == 0 ? -1.0F : 1.0F;
+    start.insert(start.end(), {side * 0.5F, 0.8F * static_cast<float>(i / 2 - kPairs / 2), -1.3F});
+    command.insert(command.end(), {-2.0F * side, 0, -0.5F, 0});
+  }
+  batch.set_pose(start, {});
+  ASSERT_EQ(unreported_overlaps(batch), 0);
+  polls = 0;
+  {
+    const Interrupt interrupt([] {
+      if (++polls > 2) throw Stopped();
+    });
+    EXPECT_THROW(batch.fly(command, 1000), Stopped);
+  }
+  EXPECT_EQ(unreported_overlaps(batch), 0);
+  for (int i = 0; i < 2 * kPairs; ++i) {
+    EXPECT_EQ(batch.state().position[static_cast<std::size_t>(3 * i)] > 0.0F, i % 2 != 0)
+        << "drone " << i << " has flown through";
+  }
+}
+
+// A motion that takes seconds can be interrupted. It has then moved no drone into another one.
+TEST(Meetings, ACrowdCanBeInterrupted) {
+  struct Stopped {};
+  constexpr int kDrones = 150;
+  Batch batch(Many(1, kDrones), {meeting_hall()});
+  std::vector<float> position;
+  for (int i = 0; i < kDrones; ++i) position.insert(position.end(), {-1, -1, 0});
+  batch.set_pose(position, {});
+  Random random(12);
+  const Targets targets = any_targets(batch, random, 0.1F);
+  static int polls;
+  polls = 0;
+  {
+    const Interrupt interrupt([] {
+      if (++polls > 1) throw Stopped();
+    });
+    EXPECT_THROW(batch.move(targets.position, targets.quat), Stopped);
+  }
+  EXPECT_EQ(batch.state().position, position);
+  batch.move(targets.position, targets.quat);
+  EXPECT_EQ(unreported_overlaps(batch), 0);
 }
 
 // Drones at one point may leave each other, but come no nearer; nothing hangs.

@@ -18,6 +18,7 @@
 
 #include "allocation_counter.hpp"
 #include "collide.hpp"
+#include "collision/mover.hpp"
 #include "convex_oracle.hpp"
 #include "random.hpp"
 #include "tried.hpp"
@@ -662,7 +663,10 @@ TEST(Push, ABallThatBeginsInTheHullMayLeaveButGetsNoDeeper) {
     const double after = depth(result.end.pose, ball.to.position);
     deeper += after > before + 2e-6;
     ++cases;
-    ASSERT_EQ(result.end.jammed, after > 1e-6);
+    // Hulls closer than kTouching count as overlapping; the oracle's distance has an error, too.
+    if (std::abs(after) > 2.0 * kTouching) {
+      ASSERT_EQ(result.end.jammed, after > 0.0) << after;
+    }
     flown += result.contact.fraction == 1.0F;
     left += after <= 0.0;
     moved += result.end.pushed;

@@ -244,6 +244,21 @@ TEST(ContactWithABody, ADoorSweepsTheDroneAside) {
   }
 }
 
+// A plate throws the drone against a wall, from which it returns: it has been farther away than it ends.
+TEST(ContactWithABody, TheFarthestPointIsWhereTheDroneTurnsBack) {
+  const Primitive room = primitive(PrimitiveKind::room, Vec3::Zero(), {1, 2, 2});
+  Yard yard({room});
+  const float length = 0.465F, gap = 0.1F, way = 0.4F;  // m: of the drone to the front, before the plate, of the plate
+  Bodies bodies;
+  const Pose from{{-length - gap - 0.05F, 0, 0}, Quat::Identity()}, to{from.position + Vec3(way, 0, 0), Quat::Identity()};
+  bodies.add(PrimitiveKind::box, {0.05F, 1, 1}, from, to);
+  const ContactResult result = yard.meet(bodies, config_of(OnContact::bounce, 1.0F), kOrigin, Vec3::Zero());
+  const float to_wall = 1.0F - length;
+  EXPECT_NEAR(result.farthest, to_wall, 1e-3F);
+  EXPECT_NEAR(result.pose.position.x(), to_wall - (2.0F * (way - gap) - to_wall), 2e-3F);
+  EXPECT_EQ(result.contact.body, -1);
+}
+
 // A drone under the plate is pushed against the floor, which it does not enter.
 TEST(ContactWithABody, NeverPushesTheDroneThroughAWall) {
   const Primitive room = primitive(PrimitiveKind::room, Vec3::Zero(), {3, 3, 1});
@@ -264,8 +279,6 @@ class Crowds {
 
   Crowds(const DynamicsConfig& config, unsigned seed, std::size_t far = 0)
       : config_(config), per_env_(kBodies + far), random_(seed), state(testing::flight_state(kDrones, 1)) {
-    state.contact.body.assign(kDrones, -1);
-    state.contact.surface_velocity.assign(3 * kDrones, 0.0F);
     for (std::size_t env = 0; env < kDrones; ++env) {
       fleet.start(state, DroneIndex(env), {});
       drones_.emplace_back(env);
@@ -305,7 +318,7 @@ class Crowds {
       const Quat turn(Eigen::AngleAxisf(kTick * 4.0F, Vec3(1, 2, static_cast<float>(body % 3)).normalized()));
       bodies.move(body, from, {from.position + kTick * speed, (from.rotation * turn).normalized()});
     }
-    dynamics::FlightContext context{fleet,    state,    hull_, slots_, scenes_, obstacles_, bad_, 1, {}, {DroneIndex(0), kDrones},
+    dynamics::FlightContext context{fleet,    state,    hull_, slots_, scenes_, obstacles_, bad_, {}, {DroneIndex(0), kDrones},
                                     *tracer_, *scratch_};
     context.bodies = bodies.view();
     context.bodies_per_env = per_env_;

@@ -1,11 +1,11 @@
-"""Pictures of Hover, Track and Race, and selected envs."""
+"""Pictures of the built-in tasks, and selected envs."""
 
 import gymnasium
 import numpy as np
 import pytest
 
 import flockstep
-from flockstep.pictures.flight_overlay import FlightOverlay, RaceOverlay
+from flockstep.pictures.flight_overlay import FlightOverlay, GoalOverlay, PlaceOverlay, RaceOverlay
 
 TASKS = pytest.mark.parametrize("config", [flockstep.HoverConfig, flockstep.TrackConfig])
 
@@ -30,9 +30,9 @@ class Notes:
         self.drawn["text"] = string
 
 
-def noted(envs, overlay=FlightOverlay, **arguments):
+def noted(envs, overlay=FlightOverlay, row=0, **arguments):
     notes = Notes()
-    overlay(**arguments).draw(envs.batch, 0, notes)
+    overlay(**arguments).draw(envs.batch, row, notes)
     return notes.drawn
 
 
@@ -133,6 +133,41 @@ def test_race_is_drawn_in_every_view():
         envs.batch.set_velocity(np.float32([[9, 0, 0]]))
         assert (envs.render()[0] != before).any()  # the speed
         assert (np.abs(before.astype(int) - [52, 160, 80]).max(axis=-1) < 12).any()  # the next gate, green
+
+
+def test_dodge_shows_its_goal_and_no_marker():
+    world = flockstep.World.playground(seed=1, movers=3)
+    envs = flown(flockstep.DodgeConfig(), 1, worlds=world)
+    drawn, goal = noted(envs, GoalOverlay), envs.batch.task_state["goal"][0]
+    assert np.linalg.norm(goal - world.goal) > 1
+    np.testing.assert_array_equal(drawn["green", "sphere"], goal)
+    np.testing.assert_allclose(drawn["green", "line"], [envs.batch.position[0], goal])
+    assert drawn["grey", "point"].size == 0
+    bare = world.to_dict()
+    for name in ("waypoints", "goal"):
+        del bare["markers"][name]
+    twin = flown(flockstep.DodgeConfig(), 1, worlds=flockstep.World.from_dict(bare))
+    assert (envs.render()[0] == twin.render()[0]).all()
+
+
+def test_swap_shows_the_goals_of_the_shown_drone_and_of_the_others():
+    envs = flown(flockstep.SwapConfig(jitter_m=0), 0, num_envs=2, drones_per_env=4)
+    starts = envs.batch.position
+    drawn = noted(envs, GoalOverlay, row=6)
+    np.testing.assert_allclose(drawn["green", "point"], starts[4], atol=1e-5)  # the opposite place
+    np.testing.assert_allclose(drawn["grey", "point"], starts[[6, 7, 5]], atol=1e-5)
+
+
+def test_formation_shows_the_place():
+    envs = flown(flockstep.FormationConfig(jitter_m=0), 0)
+    np.testing.assert_allclose(noted(envs, PlaceOverlay, row=2)["green", "point"], envs.batch.position[2], atol=1e-5)
+    envs.batch.set_pose(np.add(envs.batch.position, [0.5, 0, 0]))
+    places = envs.batch.position - [0.5, 0, 0]
+    envs.step(np.zeros((4, 3), np.float32))
+    assert np.linalg.norm(noted(envs, PlaceOverlay)["green", "point"] - places[0]) < 0.2  # it has moved by a step
+    envs.batch.set_pose(np.add(envs.batch.position, [2.4, 0, 0]))
+    envs.step(np.zeros((4, 3), np.float32))
+    assert noted(envs, PlaceOverlay) == {}
 
 
 def test_some_envs_are_drawn(closet):
