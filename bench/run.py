@@ -99,7 +99,21 @@ def bench_lidar() -> list[Figure]:
 
 def bench_tiles() -> list[Figure]:
     """Trace triangles in tiles and slices, without the stages before and after."""
-    return native("tiles")
+    return native("tiles") + steps_with_slices()
+
+
+def steps_with_slices(n: int = 256) -> list[Figure]:
+    """Time whole steps of the LiDAR task in worlds of triangles, with its fan as a slice and through Embree."""
+    figures = []
+    for name in ("office", "warehouse", "city", "forest"):
+        world = getattr(flockstep.World, name)(1)
+        slices, embree = stepping(n, worlds=world), stepping(n, worlds=world, tracer="tiles")
+        times = [(seconds_per_call(slices), seconds_per_call(embree)) for _ in range(RUNS)]
+        ratio = statistics.median(by_embree / as_slice for as_slice, by_embree in times)
+        rate = n / statistics.median(as_slice for as_slice, _ in times)
+        figures.append(figure(f"tiles/{name}/step/ratio_to_embree_fans", ratio, "1", RUNS))
+        figures.append(figure(f"tiles/{name}/step/steps_per_second", rate, "1/s", RUNS))
+    return figures
 
 
 def bench_tiles_avx2() -> list[Figure]:
@@ -161,10 +175,10 @@ def worlds_of_their_own(n: int = 1024) -> list[Figure]:
 
 
 def stepping(
-    n: int, task: flockstep.Task | None = None, worlds: flockstep.scenes.WorldsLike = "train"
+    n: int, task: flockstep.Task | None = None, worlds: flockstep.scenes.WorldsLike = "train", tracer: str = "auto"
 ) -> Callable[[int], object]:
     """Return a function that steps the LiDAR task, or another one with the same actions, in steady state."""
-    envs = flockstep.DroneVectorEnv(n, worlds=worlds, task=task, num_threads=1)
+    envs = flockstep.DroneVectorEnv(n, worlds=worlds, task=task, num_threads=1, tracer=tracer)
     envs.reset(seed=0)
     actions = np.random.default_rng(0).integers(0, 6, (64, n))
     for i in range(1000 if n <= 4096 else 300):  # until drones are spread out and episodes end at a steady rate
