@@ -30,13 +30,13 @@ class SliceTrace {
   using F3 = Wide3<F>;
   using Lanes = std::uint32_t;  // one bit for each of sixteen children or triangles
 
-  static constexpr std::size_t kMostListed = 48;  // leaves; for more, it pays to skip those behind hits
-  static constexpr std::size_t kFewCut = kMostListed / 2;
-  static constexpr std::size_t kMostWaiting = 1024;
-  static constexpr std::size_t kFewRays = 6;  // met one by one
-  static constexpr float kBeyond = 1.0001F;   // squared; boxes beyond this multiple of the farthest hit are skipped
-  static constexpr float kOnPlane = 1e-12F;   // m
-  static constexpr float kSlack = 1e-4F;      // rad, error of angles
+  static constexpr std::size_t kMostListed = 48;           // leaves; for more, it pays to skip those behind hits
+  static constexpr std::size_t kFewCut = kMostListed / 2;  // in order; listing so many is faster
+  static constexpr std::size_t kMostWaiting = 1024;        // more than the tree's depth times its width
+  static constexpr std::size_t kFewRays = 6;               // met one by one
+  static constexpr float kBeyond = 1.0001F;                // squared; boxes beyond this multiple of the farthest hit are skipped
+  static constexpr float kOnPlane = 1e-12F;                // m
+  static constexpr float kSlack = 1e-4F;                   // rad, error of angles
   static constexpr float kMostAngle = std::numbers::pi_v<float> - 2.0F * kSlack;
   static constexpr std::int32_t kNobody = std::numeric_limits<std::int32_t>::max();
 
@@ -74,7 +74,8 @@ class SliceTrace {
       farthest_ = std::max(farthest_, t_[i]);
       id_[i] = kNobody;
     }
-    for (std::size_t i = fan_.count; i < fan_.count + kRayPadding; ++i) t_[i] = -1.0F;  // nothing is nearer
+    std::fill_n(t_ + fan_.count, kRayPadding, -1.0F);  // nothing is nearer
+    std::fill_n(id_ + fan_.count, kRayPadding, kNobody);
   }
 
   // The boxes of a node, seen from the origin.
@@ -176,7 +177,7 @@ class SliceTrace {
     return bits(last > first);
   }
 
-  // Returns true if all rays that may meet a box have nearer hits.
+  // Returns true if all rays that may meet a box, of which there is at least one, have nearer hits.
   HWY_INLINE bool is_beyond(const Entry& entry) const {
     const std::size_t begin = entry.begin, last = entry.end - std::size_t{1};
     const auto is_nearer = [&entry](float t) { return kBeyond * t * t < entry.distance2; };
@@ -202,7 +203,7 @@ class SliceTrace {
     waiting[count++] = {tree_.root(), 0, static_cast<std::uint16_t>(fan_.count), 0.0F};
     while (count > 0) {
       const Entry entry = waiting[--count];
-      if (is_beyond(entry)) continue;
+      if (entry.begin == entry.end || is_beyond(entry)) continue;
       if (MeshTree::is_leaf(entry.child)) {
         cut(tree_.leaf(entry.child));
         ++cuts;
@@ -311,7 +312,7 @@ class SliceTrace {
         if ((p_side >= 0.0F) == (q_side >= 0.0F)) continue;
         const float p_along = x * px + y * py, q_along = x * qx + y * qy;
         const float t = p_along + (q_along - p_along) * (p_side / (p_side - q_side));
-        if (t < rays_.near || t > t_[ray] || (t == t_[ray] && id >= id_[ray])) continue;
+        if (!(t >= rays_.near) || !(t < t_[ray] || (t == t_[ray] && id < id_[ray]))) continue;
         t_[ray] = t;
         id_[ray] = id;
       }
