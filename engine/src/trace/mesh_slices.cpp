@@ -179,6 +179,7 @@ class SliceTrace {
 
   // Returns true if all rays that may meet a box, of which there is at least one, have nearer hits.
   HWY_INLINE bool is_beyond(const Entry& entry) const {
+    if (entry.begin == entry.end) return true;
     const std::size_t begin = entry.begin, last = entry.end - std::size_t{1};
     const auto is_nearer = [&entry](float t) { return kBeyond * t * t < entry.distance2; };
     const float farthest = std::max(t_[begin], t_[last]);
@@ -215,6 +216,7 @@ class SliceTrace {
       if (met == 0) continue;
       alignas(64) std::int32_t begin[16], end[16];
       const Lanes known = rays_meeting(boxes, met, begin, end);
+      if (met == 0) continue;
       // The farthest goes first onto the stack: the place of a child is the number of nearer ones, from the end.
       const F distances2 = numbered_by_lane(max(boxes.distance2, FLT_MIN));
       alignas(64) float distance2[16];
