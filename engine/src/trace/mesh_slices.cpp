@@ -177,7 +177,7 @@ class SliceTrace {
     return bits(last > first);
   }
 
-  // Returns true if all rays that may meet a box, of which there is at least one, have nearer hits.
+  // Returns true if all rays that may meet a box have nearer hits.
   HWY_INLINE bool is_beyond(const Entry& entry) const {
     if (entry.begin == entry.end) return true;
     const std::size_t begin = entry.begin, last = entry.end - std::size_t{1};
@@ -204,7 +204,7 @@ class SliceTrace {
     waiting[count++] = {tree_.root(), 0, static_cast<std::uint16_t>(fan_.count), 0.0F};
     while (count > 0) {
       const Entry entry = waiting[--count];
-      if (entry.begin == entry.end || is_beyond(entry)) continue;
+      if (is_beyond(entry)) continue;
       if (MeshTree::is_leaf(entry.child)) {
         cut(tree_.leaf(entry.child));
         ++cuts;
