@@ -60,7 +60,7 @@ TESTS = {
     "watertight": ("MeshTiles.NoRay*", 20, 1700),
     "independence": ("MeshTiles.ARays*", 20, 6000),
     "slices": ("SlicesAgreement*", 10, 50),
-    "slices_watertight": ("SlicesWatertight*", 10, 20),
+    "slices_watertight": ("SlicesWatertight*", 10, 25),
     "slices_independence": ("MeshSlices.ARays*", 10, 80),
 }
 #: Units that differ from the name.
