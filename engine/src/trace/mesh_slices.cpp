@@ -30,13 +30,13 @@ class SliceTrace {
   using F3 = Wide3<F>;
   using Lanes = std::uint32_t;  // one bit for each of sixteen children or triangles
 
-  static constexpr std::size_t kMostListed = 48;           // leaves; for more, it pays to skip those behind hits
-  static constexpr std::size_t kFewCut = kMostListed / 2;  // in order; listing so many is faster
-  static constexpr std::size_t kMostWaiting = 1024;        // more than the tree's depth times its width
-  static constexpr std::size_t kFewRays = 6;               // met one by one
-  static constexpr float kBeyond = 1.0001F;                // squared; boxes beyond this multiple of the farthest hit are skipped
-  static constexpr float kOnPlane = 1e-12F;                // m
-  static constexpr float kSlack = 1e-4F;                   // rad, error of angles
+  static constexpr std::size_t kMostListed = 48;     // leaves; for more, it pays to skip those behind hits
+  static constexpr std::size_t kFewCut = 16;         // leaves; if so few are cut in order, to list them is faster
+  static constexpr std::size_t kMostWaiting = 1024;  // more than the tree's depth times its width
+  static constexpr std::size_t kFewRays = 6;         // met one by one
+  static constexpr float kBeyond = 1.0001F;          // squared; boxes beyond this multiple of the farthest hit are skipped
+  static constexpr float kOnPlane = 1e-12F;          // m
+  static constexpr float kSlack = 1e-4F;             // rad, error of angles
   static constexpr float kMostAngle = std::numbers::pi_v<float> - 2.0F * kSlack;
   static constexpr std::int32_t kNobody = std::numeric_limits<std::int32_t>::max();
 
