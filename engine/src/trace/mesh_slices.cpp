@@ -30,7 +30,7 @@ class SliceTrace {
   using F3 = Wide3<F>;
   using Lanes = std::uint32_t;  // one bit for each of sixteen children or triangles
 
-  static constexpr std::size_t kMostListed = 48;     // leaves; for more, it pays to skip those behind hits
+  static constexpr std::size_t kMostListed = 128;    // leaves; for more, it pays to skip those behind hits
   static constexpr std::size_t kFewCut = 16;         // leaves; if so few are cut in order, to list them is faster
   static constexpr std::size_t kMostWaiting = 1024;  // more than the tree's depth times its width
   static constexpr std::size_t kFewRays = 6;         // met one by one
