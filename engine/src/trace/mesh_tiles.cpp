@@ -75,8 +75,8 @@ HWY_INLINE F numbered(F a) { return bit_cast<F>((bit_cast<I>(a) & ~15) | I::iota
 HWY_INLINE F largest(const F3& a) { return max(max(abs(a.x), abs(a.y)), abs(a.z)); }
 
 constexpr float kRounding = 0x1p-20F;  // several roundings of a sum of products, relative to the magnitude of its terms
-constexpr float kBeyond = 1.0001F;  // boxes that begin beyond this multiple of the farthest hit are skipped
-constexpr float kTiny = 1e-12F;     // m
+constexpr float kBeyond = 1.0001F;     // boxes that begin beyond this multiple of the farthest hit are skipped
+constexpr float kTiny = 1e-12F;        // m
 constexpr float kWide = 1e30F;
 constexpr std::int32_t kNobody = std::numeric_limits<std::int32_t>::max();
 constexpr std::size_t kRays = 256;
