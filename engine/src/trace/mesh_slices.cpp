@@ -431,8 +431,10 @@ Fan make_fan(std::span<const Eigen::Vector3d> directions, const Eigen::Matrix3d&
   fan.per_rad = static_cast<float>(1.0 / cell);
   for (std::size_t i = 0; i <= fan.cells; ++i) {
     const double at = fan.is_even ? 0.5 : 0.0;  // even fans' rays lie at the beginnings of the cells, up to rounding
-    const auto is_before = [&](const Ray& ray) { return ray.angle < first + cell * (static_cast<double>(i) - at); };
-    fan.first[i] = static_cast<std::uint16_t>(i == fan.cells ? rays.size() : std::ranges::count_if(rays, is_before));
+    const auto is_before = [&](const Ray& ray) {
+      return i == fan.cells || ray.angle < first + cell * (static_cast<double>(i) - at);
+    };
+    fan.first[i] = static_cast<std::uint16_t>(std::ranges::count_if(rays, is_before));
   }
 
   // The sector is what remains beside the widest gap.
