@@ -1,11 +1,13 @@
-// Triangle meshes for tests of tracing.
+// Triangle meshes and primitives for tests of tracing.
 #pragma once
 
 #include <array>
 #include <cmath>
 #include <cstddef>
 #include <cstdint>
+#include <vector>
 
+#include "batch_helpers.hpp"
 #include "flockstep/world.hpp"
 #include "random.hpp"
 
@@ -152,6 +154,21 @@ inline TriangleMesh loose_triangles(int count, Random& random) {
   }
   mesh.materials.assign(mesh.triangles.size(), 0);
   return mesh;
+}
+
+// Returns a room alone, 6 or 30 primitives of all other kinds: by the seed, in turns.
+inline std::vector<Primitive> room_or_shapes(unsigned seed, Random& random) {
+  using enum PrimitiveKind;
+  std::vector<Primitive> primitives;
+  if (seed % 3 == 0) primitives.push_back(primitive(room, random.point(0.5F), {12.0F, 11.0F, 8.0F}));
+  const int count = std::array{0, 6, 30}[seed % 3];
+  for (int i = 0; i < count; ++i) {
+    const PrimitiveKind kind = std::array{box, cylinder, capsule, sphere, plane, disc}[static_cast<std::size_t>(i) % 6];
+    const float size = random.within(0.1F, 1.0F);
+    const Vec3 half(size, size, kind == plane || kind == disc ? 0.0F : kind == capsule ? 1.5F * size : size);
+    primitives.push_back(primitive(kind, random.point(8.0F), half, kind == sphere ? Quat::Identity() : random.rotation()));
+  }
+  return primitives;
 }
 
 }  // namespace flockstep::testing

@@ -178,11 +178,6 @@ struct Wide {
     for (std::size_t p = 1; p < kParts; ++p) least = hn::Min(least, a.part[p]);
     return hn::GetLane(hn::MinOfLanes(D(), least));
   }
-  friend HWY_INLINE T max_of_lanes(Wide a) {
-    hn::Vec<D> most = a.part[0];
-    for (std::size_t p = 1; p < kParts; ++p) most = hn::Max(most, a.part[p]);
-    return hn::GetLane(hn::MaxOfLanes(D(), most));
-  }
 
  private:
   using MaskTag = hn::RebindToSigned<D>;

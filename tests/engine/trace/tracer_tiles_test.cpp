@@ -148,21 +148,12 @@ TEST_P(TracerTiles, LidarsAgreeWithAnOracle) {
 }
 
 TEST(TracerAgreement, OfTilesPacketsAndClosedForms) {
-  using enum PrimitiveKind;
   const long wanted = testing::times_tried(20'000 / static_cast<long>(kEvery));
   Tally tally;
   for (unsigned seed = testing::part_tried() << 24U; static_cast<long>(tally.rays) < wanted; ++seed) {
     SCOPED_TRACE(seed);
     Random random(seed);
-    std::vector<Primitive> primitives;
-    if (seed % 3 == 0) primitives.push_back(primitive(room, random.point(0.5F), {12.0F, 11.0F, 8.0F}));
-    const int count = std::array{0, 6, 30}[seed % 3];
-    for (int i = 0; i < count; ++i) {
-      const PrimitiveKind kind = std::array{box, cylinder, capsule, sphere, plane, disc}[static_cast<std::size_t>(i) % 6];
-      const float size = random.within(0.1F, 1.0F);
-      const Vec3 half(size, size, kind == plane || kind == disc ? 0.0F : kind == capsule ? 1.5F * size : size);
-      primitives.push_back(primitive(kind, random.point(8.0F), half, kind == sphere ? Quat::Identity() : random.rotation()));
-    }
+    std::vector<Primitive> primitives = testing::room_or_shapes(seed, random);
     const auto world = make_world(std::move(primitives), {},
                                   seed % 2 == 0 ? hills(6 + static_cast<int>(seed % 7)) : loose_triangles(70, random));
     const auto tiles = make_batch(world, TracerKind::tiles), embree = make_batch(world, TracerKind::embree);
