@@ -162,16 +162,43 @@ double distance_to_triangle(const Vec3d& point, const TriangleMesh& mesh, std::i
   return std::min({distance_to_segment(point, a, b), distance_to_segment(point, b, c), distance_to_segment(point, c, a)});
 }
 
-// Several roundings of coordinates of up to `extent` m. Neither a grazing angle nor a needle makes the distance of a hit from its
-// triangle larger, but it makes the error along the ray larger.
-double rounding_of(double extent) { return 4e-7 * extent; }
+// Returns the largest distance (m) from the origin to a corner of a triangle, or of any triangle.
+double reach_of(const Vec3d& origin, const TriangleMesh& mesh, std::int32_t triangle) {
+  double reach = 0.0;
+  for (std::size_t k = 0; k < 3; ++k) reach = std::max(reach, (corner_of(mesh, triangle, k) - origin).norm());
+  return reach;
+}
 
-::testing::AssertionResult is_on_its_triangle(const Slice& slice, std::size_t ray, const TriangleMesh& mesh, double extent) {
+double reach_of(const Vec3d& origin, const TriangleMesh& mesh) {
+  double reach = 0.0;
+  for (std::size_t i = 0; i < mesh.triangles.size(); ++i) {
+    reach = std::max(reach, reach_of(origin, mesh, static_cast<std::int32_t>(i)));
+  }
+  return reach;
+}
+
+// Bounds the distance (m) of a hit from its place on its ray and from its triangle, whose corners are up to `reach` m from the
+// origin. Every operation has a relative error of at most u, half the distance of 1 to the next float. In units of u reach:
+// - 20 for a corner in the fan's frame. An axis of the frame has unit length; its rounded components and a rotation of three
+//   products and two sums make 4 for each component, which is less than 7 for the axis. Subtracting the origin makes 1, three
+//   products and two sums make 3, and sqrt(3) times these 11 is less than 20.
+// - 4 for a rotation that is orthonormal only up to rounding, 1 for the ray's rounded components.
+// - 8 for a cut. It lies between two corners: 2 for the products and their difference, 3 for the reciprocal of the difference of
+//   heights and its product; sqrt(2) times these 5 is less than 8.
+// - 4 for the place on the segment: 2 for a side, 2 for the quotient of sides.
+// - 10 for the distance: 2 for the products of one end, 4 for the difference between the ends, 2 for its product, 1 for the sum.
+// Neither a grazing angle nor a needle makes this larger, but they magnify the error along the ray.
+double rounding_of(double reach) {
+  constexpr double kU = 0.5 * static_cast<double>(std::numeric_limits<float>::epsilon());
+  return (20.0 + 4.0 + 1.0 + 8.0 + 4.0 + 10.0) * kU * reach;
+}
+
+::testing::AssertionResult is_on_its_triangle(const Slice& slice, std::size_t ray, const TriangleMesh& mesh) {
   const double t = static_cast<double>(slice.rays->t_hit[ray]);
-  const double distance = distance_to_triangle(slice.origin() + t * slice.direction(ray), mesh, slice.rays->element[ray]);
-  if (distance <= rounding_of(extent + t)) return ::testing::AssertionSuccess();
-  return ::testing::AssertionFailure() << "ray " << ray << " at " << t << " is " << distance << " m from triangle "
-                                       << slice.rays->element[ray];
+  const std::int32_t triangle = slice.rays->element[ray];
+  const double distance = distance_to_triangle(slice.origin() + t * slice.direction(ray), mesh, triangle);
+  if (distance <= rounding_of(reach_of(slice.origin(), mesh, triangle))) return ::testing::AssertionSuccess();
+  return ::testing::AssertionFailure() << "ray " << ray << " at " << t << " is " << distance << " m from triangle " << triangle;
 }
 
 // 1 to kMaxRays directions in a plane, before the mounting: in a plane of two axes or in any, evenly spaced or not, in a sector
@@ -232,6 +259,8 @@ TriangleMesh with_triangles_of_no_area(TriangleMesh mesh, Random& random) {
     mesh.triangles.push_back({any, i, any});
     mesh.triangles.push_back({any, any, any});
   }
+  if (!mesh.materials.empty()) mesh.materials.resize(mesh.triangles.size());
+  if (!mesh.objects.empty()) mesh.objects.resize(mesh.triangles.size());
   return mesh;
 }
 
@@ -245,6 +274,7 @@ struct SliceTally {
                const std::vector<float>& earlier) {
     const RayBundle& bundle = *slice.rays;
     const double near = static_cast<double>(bundle.near), range = static_cast<double>(bundle.range);
+    const double aside = rounding_of(reach_of(slice.origin(), mesh));
     for (std::size_t ray = 0; ray < bundle.count; ++ray) {
       ++rays;
       const Vec3d direction = slice.direction(ray), from = slice.origin() + near * direction;
@@ -253,20 +283,21 @@ struct SliceTally {
       if (element >= 0 && element < kEarlier) {
         ASSERT_GE(t, bundle.near);
         ASSERT_LE(t, std::min(bundle.range, earlier[ray]));
-        ASSERT_TRUE(is_on_its_triangle(slice, ray, mesh, 20.0));
+        ASSERT_TRUE(is_on_its_triangle(slice, ray, mesh));
       } else {
         ASSERT_EQ(t, earlier[ray]);
       }
       oracle::Hit expected = oracle::nearest(world, from, direction, range - near);
-      const double steep = oracle::steepness(world, expected, from, direction, range - near);
+      const double steep = oracle::steepness(world, expected, from, direction, range - near, aside);
       if (steep > 5.0) continue;
       if (near > 0.0) {  // a surface at the near range
-        const Vec3d aside = 1e-4 * direction;
-        if (oracle::nearest(world, from + aside, direction, range - near).element != expected.element) continue;
-        if (oracle::nearest(world, from - aside, direction, range - near).element != expected.element) continue;
+        const Vec3d along = 1e-4 * direction;
+        if (oracle::nearest(world, from + along, direction, range - near).element != expected.element) continue;
+        if (oracle::nearest(world, from - along, direction, range - near).element != expected.element) continue;
       }
       expected.t += near;
-      const double tolerance = rounding_of(20.0 + std::min(range, expected.t)) * std::max(steep, 1.0);
+      const double reach = expected.element < 0 ? 0.0 : reach_of(slice.origin(), mesh, expected.element);
+      const double tolerance = rounding_of(reach) * std::max(steep, 1.0);
       const double before = static_cast<double>(earlier[ray]);
       if (std::abs(expected.t - before) <= tolerance) continue;
       ++compared;
@@ -330,7 +361,6 @@ TEST(SlicesAgreement, WithEmbreeInLargeWorlds) {
     const TriangleMesh& mesh = world->triangles();
     const MeshTree tree = device.tree(mesh);
     const RobustEmbree embree(device, mesh);
-    const double extent = kind == 1 ? 40.0 : 20.0;
     while (rays < (kind + 1) * wanted / 3) {
       Slice slice(random_fan(random), random_mounting(random));
       slice.rays->range = std::array{3.0F, 10.0F, 50.0F}[random.generator()() % 3];
@@ -343,7 +373,7 @@ TEST(SlicesAgreement, WithEmbreeInLargeWorlds) {
         const std::int32_t element = slice.rays->element[ray];
         if (element >= 0) {
           ++hits;
-          ASSERT_TRUE(is_on_its_triangle(slice, ray, mesh, extent));
+          ASSERT_TRUE(is_on_its_triangle(slice, ray, mesh));
         }
         const RobustEmbree::Hit other = embree.nearest(origin, direction.cast<float>(), 0.0F, slice.rays->range);
         if (element < 0 && other.element < 0) continue;
@@ -352,7 +382,8 @@ TEST(SlicesAgreement, WithEmbreeInLargeWorlds) {
                                    .cross(corner_of(mesh, element, 2) - corner_of(mesh, element, 0))
                                    .normalized();
           const double against = std::max(std::abs(normal.dot(direction)), 1e-3);
-          const double tolerance = 2.0 * rounding_of(extent + static_cast<double>(t)) / against;
+          const double reach = std::max(reach_of(slice.origin(), mesh, element), reach_of(slice.origin(), mesh, other.element));
+          const double tolerance = 2.0 * rounding_of(reach) / against;
           if (std::abs(static_cast<double>(t - other.t)) <= tolerance) continue;
         }
         ++differ;
@@ -577,7 +608,7 @@ TEST(SlicesWatertight, NoRaySlipsBetweenTriangles) {
       for (std::size_t ray = 0; ray < at_once; ++ray) {
         ++rays;
         ASSERT_GE(slice.rays->element[ray], 0) << "ray " << ray << " of fan " << i << " at " << slice.direction(ray).transpose();
-        ASSERT_TRUE(is_on_its_triangle(slice, ray, mesh, 10.0)) << "fan " << i;
+        ASSERT_TRUE(is_on_its_triangle(slice, ray, mesh)) << "fan " << i;
       }
     }
   }
@@ -860,7 +891,6 @@ TEST(MeshSlices, ScaleAndPlaceDoNotMatter) {
 TEST(MeshSlices, MeetSmallTrianglesBesideLargeOnes) {
   const EmbreeDevice device;
   Random random(7);
-  constexpr double kExtent = 500.0;  // m
   std::size_t compared = 0, hits = 0, rays = 0;
   for (int round = 0; round < 10; ++round) {
     TriangleMesh mesh;
@@ -875,24 +905,23 @@ TEST(MeshSlices, MeetSmallTrianglesBesideLargeOnes) {
     for (int i = 0; i < 10; ++i) {
       Slice slice(random_fan(random));
       slice.trace(tree, random.point(0.01F), random_pose(random), kWalks[static_cast<std::size_t>(i) % 3]);
+      const double aside = rounding_of(reach_of(slice.origin(), mesh));
       for (std::size_t ray = 0; ray < slice.rays->count; ++ray) {
         ++rays;
         const std::int32_t element = slice.rays->element[ray];
         const Vec3d direction = slice.direction(ray);
         if (element >= 0) {
-          double extent = 0.0;
-          for (std::size_t k = 0; k < 3; ++k) extent = std::max(extent, corner_of(mesh, element, k).norm());
-          ASSERT_TRUE(is_on_its_triangle(slice, ray, mesh, extent));
+          ASSERT_TRUE(is_on_its_triangle(slice, ray, mesh));
         }
         const oracle::Hit hit = oracle::nearest(*world, slice.origin(), direction, 100.0);
-        const double offset = rounding_of(kExtent);
-        const double steep = oracle::steepness(*world, hit, slice.origin(), direction, 100.0, offset);
+        const double steep = oracle::steepness(*world, hit, slice.origin(), direction, 100.0, aside);
         if (steep > 5.0) continue;
         ++compared;
         ASSERT_EQ(element, hit.element) << "ray " << ray;
         if (hit.element < 0) continue;
         ++hits;
-        ASSERT_NEAR(static_cast<double>(slice.rays->t_hit[ray]), hit.t, offset * std::max(steep, 1.0)) << "ray " << ray;
+        const double tolerance = rounding_of(reach_of(slice.origin(), mesh, element)) * std::max(steep, 1.0);
+        ASSERT_NEAR(static_cast<double>(slice.rays->t_hit[ray]), hit.t, tolerance) << "ray " << ray;
       }
     }
   }
