@@ -1,6 +1,7 @@
 // Operating system specifics.
 #pragma once
 
+#include <cstddef>
 #include <optional>
 #include <string>
 
@@ -27,6 +28,10 @@ double address_space_left();
 // Returns freed memory, which the allocator otherwise keeps, to the system. It takes some milliseconds, so call it after
 // freeing much memory.
 void give_back_freed_memory();
+
+// Asks the system to back memory with large pages as it is first used, so that scattered accesses miss the TLB less often.
+// Parts that do not fill a page of 2 MiB stay as they are. It is only a hint: systems may ignore it.
+void prefer_large_pages(void* memory, std::size_t bytes);
 
 // Loads EGL and OpenGL and never unloads them. Returns the error, or an empty string.
 std::string gl_load_error();

@@ -30,13 +30,13 @@ class SliceTrace {
   using F3 = Wide3<F>;
   using Lanes = std::uint32_t;  // one bit for each of sixteen children or triangles
 
-  static constexpr std::size_t kMostListed = 128;    // leaves; for more, it pays to skip those behind hits
+  static constexpr std::size_t kMostListed = 80;     // leaves; for more, it pays to skip those behind hits
   static constexpr std::size_t kFewCut = 16;         // leaves; if so few are cut in order, to list them is faster
   static constexpr std::size_t kMostWaiting = 1024;  // more than the tree's depth times its width
-  static constexpr std::size_t kFewRays = 6;         // met one by one
-  static constexpr float kBeyond = 1.0001F;          // squared; boxes beyond this multiple of the farthest hit are skipped
-  static constexpr float kOnPlane = 1e-12F;          // m
-  static constexpr float kSlack = 1e-4F;             // rad, error of angles
+  static constexpr std::size_t kFewRays = 4;
+  static constexpr float kBeyond = 1.0001F;  // squared; boxes beyond this multiple of the farthest hit are skipped
+  static constexpr float kOnPlane = 1e-12F;  // m
+  static constexpr float kSlack = 1e-4F;     // rad, error of angles
   static constexpr float kMostAngle = std::numbers::pi_v<float> - 2.0F * kSlack;
   static constexpr std::int32_t kNobody = std::numeric_limits<std::int32_t>::max();
 
@@ -183,7 +183,7 @@ class SliceTrace {
     const std::size_t begin = entry.begin, last = entry.end - std::size_t{1};
     const auto is_nearer = [&entry](float t) { return kBeyond * t * t < entry.distance2; };
     const float farthest = std::max(t_[begin], t_[last]);
-    if (last - begin <= 3) {  // as vectors they would have to wait for hits that have just been stored
+    if (last - begin <= 3) {  // one by one, as in meet()
       return is_nearer(std::max(farthest, std::max(t_[std::min(begin + 1, last)], t_[std::min(begin + 2, last)])));
     }
     if (!is_nearer(farthest)) return false;
@@ -227,11 +227,10 @@ class SliceTrace {
         const auto i = static_cast<std::size_t>(std::countr_zero(left));
         const bool is_known = (known >> i & 1U) != 0;
         const auto nearer = static_cast<std::size_t>(std::popcount(met & bits(distance2[i] > distances2)));
+        fetch(node.child[i]);
         waiting[last - nearer] = {node.child[i], is_known ? fan_.first[begin[i]] : std::uint16_t{0},
                                   is_known ? fan_.first[end[i]] : static_cast<std::uint16_t>(fan_.count), distance2[i]};
       }
-      fetch(waiting[last].child);
-      if (std::popcount(met) > 1) fetch(waiting[last - 1].child);
     }
     return cuts;
   }
@@ -305,23 +304,19 @@ class SliceTrace {
     alignas(64) std::int32_t begin[16], end[16];
   };
 
+  // Few rays are met one by one: vectors would have to wait for hits that have just been stored.
   HWY_INLINE void meet(const Segments& s, std::size_t i, std::int32_t id, std::size_t begin, std::size_t end) {
-    const float px = s.px[i], py = s.py[i], qx = s.qx[i], qy = s.qy[i];
     if (end - begin <= kFewRays) {
-      for (std::size_t ray = begin; ray < end; ++ray) {
-        const float x = fan_.x[ray], y = fan_.y[ray];
-        const float p_side = x * py - y * px, q_side = x * qy - y * qx;
-        if ((p_side >= 0.0F) == (q_side >= 0.0F)) continue;
-        const float p_along = x * px + y * py, q_along = x * qx + y * qy;
-        const float t = p_along + (q_along - p_along) * (p_side / (p_side - q_side));
-        if (!(t >= rays_.near) || !(t < t_[ray] || (t == t_[ray] && id < id_[ray]))) continue;
-        t_[ray] = t;
-        id_[ray] = id;
-      }
-      return;
+      meet_by<WideUpTo<1>>(s, i, id, begin, end);
+    } else {
+      meet_by<WideUpTo<16>>(s, i, id, begin, end);
     }
-    using V = WideUpTo<16>;
-    using N = V::Int;
+  }
+
+  template <class V>
+  HWY_INLINE void meet_by(const Segments& s, std::size_t i, std::int32_t id, std::size_t begin, std::size_t end) {
+    using N = typename V::Int;
+    const float px = s.px[i], py = s.py[i], qx = s.qx[i], qy = s.qy[i];
     for (std::size_t ray = begin; ray < end; ray += V::kCount) {
       const V x = V::load_unaligned(fan_.x + ray), y = V::load_unaligned(fan_.y + ray);
       const V p_side = x * py - y * px, q_side = x * qy - y * qx;

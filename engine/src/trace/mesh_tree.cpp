@@ -9,6 +9,7 @@
 #include <new>
 #include <tuple>
 
+#include "base/platform.hpp"
 #include "base/thread_sanitizer.hpp"
 #include "flockstep/aligned.hpp"
 
@@ -179,6 +180,8 @@ MeshTree::MeshTree(RTCDevice device, const TriangleMesh& mesh, std::size_t fewes
   if (root == nullptr) throw std::bad_alloc();
   nodes_.reserve(sizes.nodes);
   leaves_.reserve(sizes.leaves);
+  prefer_large_pages(nodes_.data(), sizes.nodes * sizeof(MeshNode));
+  prefer_large_pages(leaves_.data(), sizes.leaves * sizeof(MeshLeaf));
   root_ = take(*root, mesh);
 }
 
