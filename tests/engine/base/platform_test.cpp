@@ -1,0 +1,68 @@
+#include "base/platform.hpp"
+
+#include <gtest/gtest.h>
+
+#include <cstddef>
+#include <cstdint>
+#include <filesystem>
+#include <fstream>
+#include <memory>
+#include <new>
+#include <sstream>
+#include <string>
+
+namespace flockstep {
+namespace {
+
+constexpr std::size_t kLargePage = std::size_t{2} << 20U;
+
+struct Freed {
+  void operator()(std::byte* memory) const { ::operator delete(memory, std::align_val_t{kLargePage}); }
+};
+
+std::unique_ptr<std::byte, Freed> aligned_to_large_pages(std::size_t bytes) {
+  return std::unique_ptr<std::byte, Freed>(static_cast<std::byte*>(::operator new(bytes, std::align_val_t{kLargePage})));
+}
+
+// Returns true if the system was asked for large pages at this address.
+bool asked_for_large_pages(const void* address) {
+  std::ifstream file("/proc/self/smaps");
+  const auto wanted = reinterpret_cast<std::uintptr_t>(address);
+  bool is_here = false;
+  for (std::string line; std::getline(file, line);) {
+    std::istringstream words(line);
+    std::uintptr_t begin = 0, end = 0;
+    char dash = 0;
+    if (words >> std::hex >> begin >> dash >> end && dash == '-') is_here = begin <= wanted && wanted < end;
+    if (is_here && line.starts_with("VmFlags:")) return (line + ' ').find(" hg ") != std::string::npos;
+  }
+  return false;
+}
+
+// The allocator may return memory for which large pages were asked before.
+TEST(Platform, AsksForLargePagesThatAreWhollyInTheMemory) {
+  // Elsewhere there is nothing to ask for.
+  const bool has_large_pages = std::filesystem::exists("/sys/kernel/mm/transparent_hugepage/enabled");
+  const auto memory = aligned_to_large_pages(3 * kLargePage);
+  std::byte* const first = memory.get();
+  std::byte* const third = first + 2 * kLargePage;
+  const bool first_before = asked_for_large_pages(first), third_before = asked_for_large_pages(third);
+  prefer_large_pages(first + 1, 3 * kLargePage - 2);
+  EXPECT_EQ(asked_for_large_pages(first), first_before);
+  EXPECT_EQ(asked_for_large_pages(first + kLargePage), has_large_pages);
+  EXPECT_EQ(asked_for_large_pages(third), third_before);
+}
+
+TEST(Platform, LeavesMemoryWithoutAWholeLargePageAsItIs) {
+  const auto memory = aligned_to_large_pages(2 * kLargePage);
+  std::byte* const first = memory.get();
+  const bool before = asked_for_large_pages(first);
+  prefer_large_pages(nullptr, 0);
+  prefer_large_pages(first, 0);
+  prefer_large_pages(first, kLargePage - 1);
+  prefer_large_pages(first + 1, 2 * kLargePage - 2);
+  EXPECT_EQ(asked_for_large_pages(first), before);
+}
+
+}  // namespace
+}  // namespace flockstep
