@@ -374,6 +374,10 @@ class TestInterface:
         with pytest.raises((ValueError, TypeError), match="downwash"):
             flockstep.DynamicsConfig(motion="rotors", downwash=value)
 
+    def test_kinematic_motion_is_refused(self):
+        with pytest.raises(ValueError, match="downwash: expected False for kinematic motion .*, got True"):
+            flockstep.Batch(dynamics=flockstep.DynamicsConfig(downwash=True))
+
     def test_recipes(self):
         recipe = flockstep.Recipe()
         recipe.dynamics = flockstep.DynamicsConfig(motion="rotors", downwash=True)

@@ -1061,7 +1061,7 @@ def test_conversions_act_the_same(kind, normalizes, tmp_path):
             assert got.dtype == expected.dtype
             np.testing.assert_allclose(got, expected, rtol=0, atol=SUM_ERROR)
             value = theirs.policy.predict_values(theirs.policy.obs_to_tensor(batch)[0]).item()
-            np.testing.assert_allclose(ours.learner.values(ours._rows(observation)[0]), value, rtol=1e-6, atol=1e-6)
+            np.testing.assert_allclose(ours.learner.values(ours._rows(observation)[0]), value, rtol=0, atol=SUM_ERROR)
     assert_same_but_draws(model, back)
     for name in ("gamma", "n_steps", "batch_size", "n_epochs", "learning_rate", "clip_range", "normalize_observations"):
         assert getattr(back, name) == getattr(model, name), name

@@ -64,6 +64,8 @@ void DynamicsConfig::validate() const {
   check_fields(*this, "");
   require(!is_kinematic() || control == Control::pose, "control", "\"pose\" (motion is \"kinematic\": give motion=\"rotors\")",
           EnumNames<Control>::kNames[static_cast<std::size_t>(control)]);
+  require(!is_kinematic() || !downwash, "downwash", "False for kinematic motion (it has no rotors: give motion=\"rotors\")",
+          "True");
 }
 
 namespace {

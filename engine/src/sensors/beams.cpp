@@ -109,7 +109,10 @@ class PatternMaker {
   BeamPattern make() {
     pattern_.columns = columns_;
     std::size_t begun = 0;  // the first channel that is in no tile
-    if (columns_ == 1 && add_fan(0, channels_)) begun = channels_;
+    if (columns_ == 1 && trace_as_fan(0, channels_)) {
+      add_fan(0, channels_);
+      begun = channels_;
+    }
     for (std::size_t channel = begun; channel < channels_ && channels_ < std::size_t{kFewestChannels}; ++channel) {
       if (!trace_as_fan(channel, 1)) continue;
       add_grid(begun, channel);
@@ -127,6 +130,7 @@ class PatternMaker {
     return std::span(directions_).subspan(channel * columns_, rows * columns_);
   }
 
+  // Returns true if the policy traces the beams of one channel, or of channels of one beam, as a fan.
   bool trace_as_fan(std::size_t channel, std::size_t rows) const {
     const auto all = directions(channel, rows);
     if (all.size() < policy_.fewest_in_slice || !trace::are_in_plane(all)) return false;
@@ -134,9 +138,8 @@ class PatternMaker {
     return range_m_ * first.between_rad <= policy_.widest_in_slice;
   }
 
-  // Adds tiles for one channel, or for channels of one beam, if their beams are to be traced as a fan.
-  bool add_fan(std::size_t channel, std::size_t rows) {
-    if (!trace_as_fan(channel, rows)) return false;
+  // Adds tiles for one channel, or for channels of one beam, that are traced as a fan.
+  void add_fan(std::size_t channel, std::size_t rows) {
     const auto all = directions(channel, rows);
     const std::size_t parts = (all.size() + trace::kMaxRays - 1) / trace::kMaxRays;
     for (std::size_t part = 0; part < parts; ++part) {
@@ -145,7 +148,6 @@ class PatternMaker {
       pattern_.tiles.back().fan = static_cast<std::int32_t>(pattern_.fans.size());
       pattern_.fans.push_back(trace::make_fan(all.subspan(begin, count), mounting_));
     }
-    return true;
   }
 
   // Adds tiles for the channels from begin to end.
