@@ -1,7 +1,7 @@
 // Finds the limits up to which direct tracing, tiles and slices are faster than Embree, and prints
 // engine/src/trace/calibrated.hpp. It times direct tracing in clouds of primitives of growing density, tiles on meshes of growing
-// size with few rays, and slices with fewer and fewer beams. `./dev calibrate` writes the file. Run it on a quiet machine. The
-// constants are committed, because the choice of tracer affects the last bits of a distance.
+// size with few rays, and slices with fewer beams and with larger gaps between them. `./dev calibrate` writes the file. Run it on
+// a quiet machine. The constants are committed, because the choice of tracer affects the last bits of a distance.
 #include <hwy/targets.h>
 
 #include <algorithm>
@@ -255,8 +255,8 @@ std::shared_ptr<const World> office_of_triangles() {
   return bench::triangles_of(*world, bench::chord_error(*world));
 }
 
-// Returns the least advantage of slices in several meshes, with the processor's best instructions and with AVX2: the thresholds
-// are the same for all processors.
+// Returns the least advantage of slices in several meshes, with the processor's best instructions and with AVX2, because the
+// thresholds are the same for all processors. Embree has its best instructions in both cases.
 double least_slices_advantage(int beams, float between_m) {
   static const std::array<std::pair<const char*, std::shared_ptr<const World>>, 5> meshes{
       {{"hills1k", bench::mesh_world(20, 20.0F)},
@@ -289,11 +289,11 @@ int fewest_in_slice() {
   return fewest;
 }
 
-// Returns the length between beams up to which slices are at least as fast in every mesh, with few beams and with many.
-float widest_in_slice() {
+// Returns the length between beams up to which slices are at least as fast in every mesh, for the fewest beams and for 35.
+float widest_in_slice(int fewest) {
   float widest = 0.0F;
   for (const float between_m : {0.4F, 0.6F, 0.8F, 1.0F, 1.2F, 1.5F, 2.0F, 3.0F}) {
-    if (std::min(least_slices_advantage(12, between_m), least_slices_advantage(35, between_m)) < 1.0) break;
+    if (std::min(least_slices_advantage(fewest, between_m), least_slices_advantage(35, between_m)) < 1.0) break;
     widest = between_m;
   }
   return widest;
@@ -306,7 +306,7 @@ int main() {
   const int bundle = crossover("in reach", bundle_advantage);
   const int any_origin = std::min(crossover("in all", block_advantage), bundle);
   const int fewest = fewest_in_tiles(), per_ray = triangles_per_ray(fewest), in_slice = fewest_in_slice();
-  const float widest = widest_in_slice();
+  const float widest = widest_in_slice(in_slice);
   std::printf(
       R"(// Thresholds that select the method of ray tracing. Written by `./dev calibrate` (here with %s). They are not measured at run
 // time, since the method affects the last bits of a distance.

@@ -214,7 +214,8 @@ class FLOCKSTEP_API Batch {
   std::size_t imu_index(std::string_view name) const;    // empty: the first
   std::size_t lidar_index(std::string_view name) const;  // empty: the first
   void require_scan(std::size_t lidar = 0) const;        // std::logic_error before the first scan, while all ranges are inf
-  // From the next scan on. With beams or channels, the mask must select all drones; ranges are inf until that scan.
+  // From the next scan on. With beams or channels, the mask must select all drones; ranges are inf until that scan. A LiDAR that
+  // was made without fans (BatchConfig::tracer) does not get any.
   void set_lidar(const LidarChange& change, DroneMask mask = {}, std::size_t lidar = 0);
   LidarConfig lidar_config(std::int64_t index, std::size_t lidar = 0) const;  // of one drone, run-time changes included
   void lidar_directions(std::span<float> out, std::size_t lidar = 0) const;   // (N, channels, beams, 3) unit, body frame

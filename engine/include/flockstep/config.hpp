@@ -92,9 +92,11 @@ struct BatchConfig {
         field("tracer", &C::tracer,
               {.about =
                    "Method that traces rays against triangles. ``\"auto\"``: the fastest for each sensor. LiDAR channels whose "
-                   "beams lie in a plane (fans) see a slice of the world; neighbouring rays of cameras and of LiDARs with many "
+                   "beams lie in a plane and close together (fans) are traced in a slice of the world; neighbouring rays of "
+                   "cameras and of LiDARs with many "
                    "channels go through a tree of triangles together, in tiles; Embree traces the others, and shadow rays. "
-                   "``\"slices\"``: every fan, however few beams it has. ``\"tiles\"``: tiles in every world, and no slices. "
+                   "``\"slices\"``: every fan, however few beams it has and however far apart they are. ``\"tiles\"``: tiles in "
+                   "every world, and no slices. "
                    "``\"embree\"``: Embree traces all rays, for comparison."}),
         field("pose_sensor", &C::pose_sensor, {.about = "The pose sensor of each drone."}),
         field("imus", &C::imus, {.about = "The IMUs of each drone, with different names; they need motion by rotors."}),

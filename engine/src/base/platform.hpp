@@ -29,8 +29,8 @@ double address_space_left();
 // freeing much memory.
 void give_back_freed_memory();
 
-// Asks the system to back memory with large pages as it is first used, so that scattered accesses miss the TLB less often.
-// Parts that do not fill a page of 2 MiB stay as they are. It is only a hint: systems may ignore it.
+// Requests large pages (2 MiB) for memory that is not used yet, so that scattered accesses miss the TLB less often. The request
+// covers the pages that lie completely in the memory. Systems may ignore it.
 void prefer_large_pages(void* memory, std::size_t bytes);
 
 // Loads EGL and OpenGL and never unloads them. Returns the error, or an empty string.

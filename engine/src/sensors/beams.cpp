@@ -106,15 +106,22 @@ class PatternMaker {
     }
   }
 
+  bool has_fans() const {
+    for (std::size_t channel = 0; channel < channels_; ++channel) {
+      if (is_channel_a_fan(channel)) return true;
+    }
+    return is_column_a_fan();
+  }
+
   BeamPattern make() {
     pattern_.columns = columns_;
     std::size_t begun = 0;  // the first channel that is in no tile
-    if (columns_ == 1 && trace_as_fan(0, channels_)) {
+    if (is_column_a_fan()) {
       add_fan(0, channels_);
       begun = channels_;
     }
-    for (std::size_t channel = begun; channel < channels_ && channels_ < std::size_t{kFewestChannels}; ++channel) {
-      if (!trace_as_fan(channel, 1)) continue;
+    for (std::size_t channel = begun; channel < channels_; ++channel) {
+      if (!is_channel_a_fan(channel)) continue;
       add_grid(begun, channel);
       add_fan(channel, 1);
       begun = channel + 1;
@@ -130,15 +137,19 @@ class PatternMaker {
     return std::span(directions_).subspan(channel * columns_, rows * columns_);
   }
 
-  // Returns true if the policy traces the beams of one channel, or of channels of one beam, as a fan.
-  bool trace_as_fan(std::size_t channel, std::size_t rows) const {
-    const auto all = directions(channel, rows);
-    if (all.size() < policy_.fewest_in_slice || !trace::are_in_plane(all)) return false;
-    const trace::Fan first = trace::make_fan(all.first(std::min(all.size(), trace::kMaxRays)), mounting_);
+  bool is_column_a_fan() const { return columns_ == 1 && is_fan(directions(0, channels_)); }
+  bool is_channel_a_fan(std::size_t channel) const {
+    return channels_ < std::size_t{kFewestChannels} && is_fan(directions(channel, 1));
+  }
+
+  // Returns true if the policy traces these rays as a fan.
+  bool is_fan(std::span<const Eigen::Vector3d> rays) const {
+    if (rays.size() < policy_.fewest_in_slice || !trace::are_in_plane(rays)) return false;
+    const trace::Fan first = trace::make_fan(rays.first(std::min(rays.size(), trace::kMaxRays)), mounting_);
     return range_m_ * first.between_rad <= policy_.widest_in_slice;
   }
 
-  // Adds tiles for one channel, or for channels of one beam, that are traced as a fan.
+  // Adds tiles for the fan of one channel, or of channels of one beam.
   void add_fan(std::size_t channel, std::size_t rows) {
     const auto all = directions(channel, rows);
     const std::size_t parts = (all.size() + trace::kMaxRays - 1) / trace::kMaxRays;
@@ -192,7 +203,7 @@ BeamPattern make_pattern(const LidarConfig& config, const trace::TracePolicy& po
 bool has_fans(const LidarConfig& config, TracerKind tracer) {
   if (config.rows() >= PatternMaker::kFewestChannels && config.columns() > 1) return false;
   const std::size_t rays = static_cast<std::size_t>(config.rows()) * static_cast<std::size_t>(config.columns());
-  return !make_pattern(config, trace::trace_policy_of(tracer, rays)).fans.empty();
+  return PatternMaker(config, trace::trace_policy_of(tracer, rays)).has_fans();
 }
 
 void write_directions(const BeamPattern& pattern, float* out) {

@@ -33,7 +33,7 @@ struct BeamPattern {
   std::size_t columns;  // beams per channel
 };
 
-// Makes the tiles, views and fans that the policy asks for.
+// Makes the tiles, and their views and fans if the policy has them.
 BeamPattern make_pattern(const LidarConfig& config, const trace::TracePolicy& policy);
 
 // Returns true if some of the beams are traced as fans.

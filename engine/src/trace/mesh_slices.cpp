@@ -30,15 +30,17 @@ class SliceTrace {
   using F3 = Wide3<F>;
   using Lanes = std::uint32_t;  // one bit for each of sixteen children or triangles
 
-  static constexpr std::size_t kMostListed = 80;     // leaves; for more, it pays to skip those behind hits
-  static constexpr std::size_t kFewCut = 16;         // leaves; if so few are cut in order, to list them is faster
-  static constexpr std::size_t kMostWaiting = 1024;  // more than the tree's depth times its width
+  static constexpr std::size_t kMostListed = 80;  // leaves; for more, it pays to skip those behind hits
+  static constexpr std::size_t kFewCut = 16;      // leaves; if so few are cut in order, to list them is faster
+  static constexpr std::size_t kMostWaiting = 1024;
+  static_assert(kMostWaiting >= 1 + (kTreeWidth - 1) * MeshTree::kMostDepth);
   static constexpr std::size_t kFewRays = 4;
-  static constexpr float kBeyond = 1.0001F;  // squared; boxes beyond this multiple of the farthest hit are skipped
-  static constexpr float kOnPlane = 1e-12F;  // m
-  static constexpr float kSlack = 1e-4F;     // rad, error of angles
+  static constexpr float kBeyond = 1.0001F;   // squared; boxes beyond this multiple of the farthest hit are skipped
+  static constexpr float kOnPlane = 1e-12F;   // m; corners above the plane are higher, which bounds the reciprocals of heights
+  static constexpr float kNearest = -1e-30F;  // m, no hit and no box is nearer; its square is 0
+  static constexpr float kSlack = 1e-4F;      // rad, error of angles
   static constexpr float kMostAngle = std::numbers::pi_v<float> - 2.0F * kSlack;
-  static constexpr std::int32_t kNobody = std::numeric_limits<std::int32_t>::max();
+  static constexpr std::int32_t kNoTriangle = std::numeric_limits<std::int32_t>::max();
 
  public:
   SliceTrace(const MeshTree& tree, std::int32_t first_element, const Fan& fan, RayBundle& rays)
@@ -64,7 +66,7 @@ class SliceTrace {
     }
     widen_ = tree_.rounding(rays_.origin);
     num_cells_ = static_cast<float>(fan_.cells);
-    // A ray at the beginning of a cell lies behind an angle in the cell.
+    // In an even fan, the ray of a cell precedes all other angles in it, so a search begins one cell later.
     to_begin_ = (fan_.is_even ? 1.0F : 0.0F) - kSlack * fan_.per_rad;
     to_end_ = 1.0F + kSlack * fan_.per_rad;
     farthest_ = 0.0F;
@@ -72,10 +74,10 @@ class SliceTrace {
       const auto ray = static_cast<std::size_t>(fan_.ray[i]);
       t_[i] = std::min(rays_.t_hit[ray], rays_.range);
       farthest_ = std::max(farthest_, t_[i]);
-      id_[i] = kNobody;
+      id_[i] = kNoTriangle;
     }
-    std::fill_n(t_ + fan_.count, kRayPadding, -1.0F);  // nothing is nearer
-    std::fill_n(id_ + fan_.count, kRayPadding, kNobody);
+    std::fill_n(t_ + fan_.count, kRayPadding, kNearest);
+    std::fill_n(id_ + fan_.count, kRayPadding, kNoTriangle);
   }
 
   // The boxes of a node, seen from the origin.
@@ -90,7 +92,7 @@ class SliceTrace {
   }
 
   // Returns which of a node's boxes are in range and meet the plane.
-  HWY_INLINE M look(const MeshNode& node, Boxes& b) const {
+  HWY_INLINE M boxes_in_reach(const MeshNode& node, Boxes& b) const {
     const F half_x = F::load(node.half[0]);
     b.center = F3::load(node.center[0], node.center[1], node.center[2]) - F3{origin_[0], origin_[1], origin_[2]};
     b.half = F3{half_x, F::load(node.half[1]), F::load(node.half[2])} + F3{widen_, widen_, widen_};
@@ -102,9 +104,9 @@ class SliceTrace {
   }
 
   // Returns which of a node's boxes also meet the sector.
-  HWY_INLINE Lanes look_in_sector(const MeshNode& node) const {
+  HWY_INLINE Lanes boxes_in_sector(const MeshNode& node) const {
     Boxes b;
-    const M met = look(node, b);
+    const M met = boxes_in_reach(node, b);
     if (fan_.sector == Fan::Sector::full) return bits(met);
     const auto is_before = [&](const float* edge) HWY_ATTR { return along(edge, b.center) + reach(edge, b.half) >= 0.0F; };
     const M first = is_before(edge_[0]), second = is_before(edge_[1]);
@@ -131,7 +133,7 @@ class SliceTrace {
     }
     while (count > 0) {
       const MeshNode& node = tree_.node(waiting[--count]);
-      for (Lanes met = look_in_sector(node); met != 0; met &= met - 1) {
+      for (Lanes met = boxes_in_sector(node); met != 0; met &= met - 1) {
         const std::uint32_t child = node.child[std::countr_zero(met)];
         fetch(child);
         if (!MeshTree::is_leaf(child)) {
@@ -212,7 +214,7 @@ class SliceTrace {
       }
       const MeshNode& node = tree_.node(entry.child);
       Boxes boxes;
-      Lanes met = bits(look(node, boxes));
+      Lanes met = bits(boxes_in_reach(node, boxes));
       if (met == 0) continue;
       alignas(64) std::int32_t begin[16], end[16];
       const Lanes known = rays_meeting(boxes, met, begin, end);
@@ -276,9 +278,12 @@ class SliceTrace {
       x = (lone.x * other.z - other.x * lone.z) * share;
       y = (lone.y * other.z - other.y * lone.z) * share;
     };
-    F px, py, qx, qy;
-    cut_of(a, px, py);
-    cut_of(b, qx, qy);
+    F ax, ay, bx, by;
+    cut_of(a, ax, ay);
+    cut_of(b, bx, by);
+    const M is_b_nearer = abs(ax) + abs(ay) > abs(bx) + abs(by);
+    const F px = select(is_b_nearer, bx, ax), py = select(is_b_nearer, by, ay);
+    const F qx = select(is_b_nearer, ax, bx), qy = select(is_b_nearer, ay, by);
     const F p_angle = angle_of(px, py), q_angle = angle_of(qx, qy);
     Segments s;
     px.store(s.px);
@@ -298,7 +303,8 @@ class SliceTrace {
     }
   }
 
-  // Sixteen segments from p to q, and the cells of their angles.
+  // Sixteen segments from p to q, and the cells of their angles. p is nearer to the origin: distances are computed from there, so
+  // that their error is small compared with the distance, and a hit ahead never seems to be behind.
   struct Segments {
     alignas(64) float px[16], py[16], qx[16], qy[16];
     alignas(64) std::int32_t begin[16], end[16];
@@ -334,7 +340,7 @@ class SliceTrace {
   void write() {
     for (std::size_t i = 0; i < fan_.count; ++i) {
       const auto ray = static_cast<std::size_t>(fan_.ray[i]);
-      if (id_[i] == kNobody || !(t_[i] < rays_.t_hit[ray])) continue;
+      if (id_[i] == kNoTriangle || !(t_[i] < rays_.t_hit[ray])) continue;
       rays_.t_hit[ray] = t_[i];
       rays_.element[ray] = first_element_ + id_[i];
     }
@@ -378,7 +384,10 @@ Eigen::Vector3d normal_of(std::span<const Eigen::Vector3d> directions) {
   }
   Eigen::Matrix3d squares = Eigen::Matrix3d::Zero();
   for (const Eigen::Vector3d& direction : directions) squares += direction * direction.transpose();
-  return Eigen::SelfAdjointEigenSolver<Eigen::Matrix3d>(squares).eigenvectors().col(0);  // of the least eigenvalue
+  Eigen::Vector3d normal = Eigen::SelfAdjointEigenSolver<Eigen::Matrix3d>(squares).eigenvectors().col(0);  // least eigenvalue
+  Eigen::Index largest = 0;
+  normal.cwiseAbs().maxCoeff(&largest);
+  return normal[largest] < 0.0 ? Eigen::Vector3d(-normal) : normal;
 }
 
 }  // namespace
@@ -426,10 +435,8 @@ Fan make_fan(std::span<const Eigen::Vector3d> directions, const Eigen::Matrix3d&
   fan.per_rad = static_cast<float>(1.0 / cell);
   for (std::size_t i = 0; i <= fan.cells; ++i) {
     const double at = fan.is_even ? 0.5 : 0.0;  // even fans' rays lie at the beginnings of the cells, up to rounding
-    const auto is_before = [&](const Ray& ray) {
-      return i == fan.cells || ray.angle < first + cell * (static_cast<double>(i) - at);
-    };
-    fan.first[i] = static_cast<std::uint16_t>(std::ranges::count_if(rays, is_before));
+    const double end = i == fan.cells ? std::numeric_limits<double>::infinity() : first + cell * (static_cast<double>(i) - at);
+    fan.first[i] = static_cast<std::uint16_t>(std::ranges::lower_bound(rays, end, {}, &Ray::angle) - rays.begin());
   }
 
   // The sector is what remains beside the widest gap.

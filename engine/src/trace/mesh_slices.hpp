@@ -1,18 +1,18 @@
-// Traces fans against triangles. A fan's rays share origin and plane, so what they see is a slice of the world: a picture in
+// Traces fans against triangles. A fan's rays share origin and plane, so they can hit only a slice of the world: a picture in
 // two dimensions.
 //
 // The tree is walked once for the whole fan, past boxes that the plane, the range or the fan's sector do not meet. The plane
 // cuts the triangles of a leaf, sixteen at once, into segments. In the plane, a segment covers an interval of angles; a table
 // leads to the rays in it, and each of these is met with the segment.
 //
-// A ray's result has the same bits on every target and beside any other rays. It depends only on the frame, the origin, the ray
-// and the triangles:
+// A ray's result has the same bits on every target and beside any other rays of a fan in the same frame. It depends only on the
+// frame, the origin, the ray and the triangles:
 // - Each corner is rounded into the fan's frame on its own, so triangles that share a corner still share it afterwards. Corners
 //   are above the plane or not, so an edge is cut for both of its triangles or for neither. Both get the same bits for the
 //   point of the cut, and a ray passes it on the same side. Therefore no ray slips between triangles that share an edge.
-// - The distance lies between those of the segment's ends.
+// - The distance is computed from the segment's nearer end, so a hit ahead does not seem to be behind, however near it is.
 // - A box is skipped only if no ray can hit its triangles, or only beyond its current hit. It is widened by more than the
-//   rounding error of a corner.
+//   rounding error of a hit.
 // - Of hits at the same distance, the triangle with the lowest number wins.
 // - A triangle in the fan's plane is not above it, and its neighbours are hit in its place.
 #pragma once
@@ -32,7 +32,7 @@ struct Fan {
 
   Mat3 to_sensor;                                    // rotation, from the fan's frame; the third axis is the plane's normal
   float between_rad = 0.0F;                          // mean angle between neighbouring rays; 0 for a single one
-  std::size_t count = 0;                             // of the rays, at most kMaxRays
+  std::size_t count = 0;                             // number of rays, at most kMaxRays
   alignas(64) float x[kMaxRays + kRayPadding] = {};  // directions in the fan's frame, by their angle from the negative first axis
   alignas(64) float y[kMaxRays + kRayPadding] = {};
   alignas(64) std::int32_t ray[kMaxRays + kRayPadding] = {};  // their numbers in the sensor's order
@@ -52,7 +52,7 @@ struct Fan {
 bool are_in_plane(std::span<const Eigen::Vector3d> directions);
 
 // Returns the fan of 1 to kMaxRays directions in a plane. mounting: rotation from their frame to the sensor's. In a plane of two
-// axes, the fan's frame is made of these, so a ray's bits do not depend on the others.
+// axes, the fan's frame is made of these. In any other plane it depends on all directions.
 Fan make_fan(std::span<const Eigen::Vector3d> directions, const Eigen::Matrix3d& mounting);
 
 // The ways to walk the tree. They give the same bits.

@@ -35,7 +35,6 @@ struct MeshTree::BuiltNode : Built {
 
 namespace {
 
-constexpr unsigned int kMaxDepth = 48;
 constexpr float kVisitCost = 1.0F;
 
 // Leaves that Embree makes are two thirds full. For many triangles that takes too much memory and cache. In that case Embree
@@ -141,7 +140,7 @@ MeshTree::MeshTree(RTCDevice device, const TriangleMesh& mesh, std::size_t fewes
   arguments.userPtr = &sizes;
   arguments.buildQuality = RTC_BUILD_QUALITY_MEDIUM;
   arguments.maxBranchingFactor = kTreeWidth;
-  arguments.maxDepth = kMaxDepth;
+  arguments.maxDepth = kMostDepth - 1;  // leaves of bunches are one level deeper
   arguments.sahBlockSize = kTreeWidth;  // sixteen triangles cost the same as one
   arguments.minLeafSize = arguments.maxLeafSize = primitives.size() < fewest_in_bunches ? kTreeWidth : kBunch;
   arguments.traversalCost = kVisitCost;

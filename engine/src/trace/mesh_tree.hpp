@@ -1,4 +1,4 @@
-// MeshTree: a wide tree of triangles, for tiles of rays that share an origin. See mesh_tiles.hpp.
+// MeshTree: a wide tree of triangles, for rays that share an origin. See mesh_tiles.hpp and mesh_slices.hpp.
 #pragma once
 
 #include <cstddef>
@@ -31,6 +31,8 @@ struct BoxedTriangle;
 
 class MeshTree {
  public:
+  static constexpr unsigned int kMostDepth = 49;  // nodes from the root to a leaf
+
   // Builds the tree of the visible triangles, of which there must be at least one. Embree's builder decides which triangles are
   // grouped. With at least fewest_in_bunches triangles, leaves are as full as possible. Keeps no reference to the mesh. Throws
   // std::bad_alloc if Embree runs out of memory.
@@ -40,7 +42,7 @@ class MeshTree {
   const MeshNode& node(std::uint32_t child) const { return nodes_[child]; }
   const MeshLeaf& leaf(std::uint32_t child) const { return leaves_[child & ~kLeaf]; }
   std::uint32_t root() const { return root_; }
-  // Returns a length (m) that exceeds the rounding error of a corner or a box in a frame at the origin.
+  // Returns a length (m) that exceeds the rounding error of a box or a hit in a frame at the origin.
   float rounding(const Vec3& origin) const { return kRounding * (extent_ + origin.cwiseAbs().maxCoeff()); }
   // Returns true if the position of a hit in its triangle matters: for textures or vertex colours.
   bool needs_weights() const { return needs_weights_; }
@@ -50,7 +52,7 @@ class MeshTree {
   struct Built;
   struct BuiltNode;
   static constexpr std::uint32_t kLeaf = 0x80000000U;
-  static constexpr float kRounding = 0x1p-18F;  // relative to the largest coordinate
+  static constexpr float kRounding = 0x1p-17F;  // relative to the largest coordinate
 
   // Each adds a node or leaf and returns its number.
   std::uint32_t take(const Built& built, const TriangleMesh& mesh);

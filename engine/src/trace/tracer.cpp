@@ -116,8 +116,8 @@ void Tracer::enqueue(const RayTile& tile, float* ranges, std::size_t stride) {
     return wait(tile, ranges, stride, for_triangles_);
   }
   if (in_slice) {
-    const SliceWalk walk = is_full_ ? SliceWalk::ordered : SliceWalk::automatic;
-    is_full_ = trace_mesh_slice(*sliced_, scene_->first_triangle(), *tile.fan, bundle_, walk);
+    const SliceWalk walk = was_ordered_faster_ ? SliceWalk::ordered : SliceWalk::automatic;
+    was_ordered_faster_ = trace_mesh_slice(*sliced_, scene_->first_triangle(), *tile.fan, bundle_, walk);
   }
   if (in_view) trace_view(*tile.view, tile.rows, tile.width, is_nothing_near());
   meet_bodies();

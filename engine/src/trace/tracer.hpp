@@ -140,7 +140,7 @@ class Tracer {
   const Scene* scene_ = nullptr;      // scene of the sensor
   const MeshTree* tree_ = nullptr;    // tree of its triangles; null if not traced in tiles
   const MeshTree* sliced_ = nullptr;  // the same for slices
-  bool is_full_ = false;              // the last slice was; a guess of the next one's best walk, which affects no result
+  bool was_ordered_faster_ = false;   // for the last slice; selects the next walk, and affects no result
   bool sees_markers_ = false;
   AskedDetails asked_;
   TracePolicy policy_;

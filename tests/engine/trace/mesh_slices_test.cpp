@@ -182,15 +182,15 @@ double reach_of(const Vec3d& origin, const TriangleMesh& mesh) {
 // - 20 for a corner in the fan's frame. An axis of the frame has unit length; its rounded components and a rotation of three
 //   products and two sums make 4 for each component, which is less than 7 for the axis. Subtracting the origin makes 1, three
 //   products and two sums make 3, and sqrt(3) times these 11 is less than 20.
-// - 4 for a rotation that is orthonormal only up to rounding, 1 for the ray's rounded components.
+// - 24 for a rotation from a float quaternion, which is orthonormal only up to rounding, and 1 for the ray's rounded components.
 // - 8 for a cut. It lies between two corners: 2 for the products and their difference, 3 for the reciprocal of the difference of
 //   heights and its product; sqrt(2) times these 5 is less than 8.
-// - 4 for the place on the segment: 2 for a side, 2 for the quotient of sides.
-// - 10 for the distance: 2 for the products of one end, 4 for the difference between the ends, 2 for its product, 1 for the sum.
+// - 6 for the place on the segment: 2 for a side, and 2 for the quotient of sides times a length of up to 2 reach.
+// - 7 for the distance: 2 for those of the ends, 4 for their difference of up to 2 reach and its product, 1 for the sum.
 // Neither a grazing angle nor a needle makes this larger, but they magnify the error along the ray.
 double rounding_of(double reach) {
   constexpr double kU = 0.5 * static_cast<double>(std::numeric_limits<float>::epsilon());
-  return (20.0 + 4.0 + 1.0 + 8.0 + 4.0 + 10.0) * kU * reach;
+  return (20.0 + 24.0 + 1.0 + 8.0 + 6.0 + 7.0) * kU * reach;
 }
 
 ::testing::AssertionResult is_on_its_triangle(const Slice& slice, std::size_t ray, const TriangleMesh& mesh) {
@@ -962,6 +962,60 @@ TEST(MeshSlices, AnOriginOnAnEdgeSeesWhatIsBehind) {
       }
     }
   }
+}
+
+// Beside the origin, 10 micrometres away from one end of a segment of 100 m, a hit has a distance, and only for the ray towards
+// it.
+TEST(MeshSlices, AnEndOfASegmentBesideTheOrigin) {
+  const EmbreeDevice device;
+  const std::vector<std::int64_t> targets = hwy::SupportedAndGeneratedTargets();
+  ASSERT_GT(targets.size(), 1U);
+  Random random(13);
+  int hits = 0;
+  for (int i = 0; i < 200; ++i) {
+    // A level cut from a far end to a near one. Both ends are halfway between a corner above the plane and one below.
+    const double along = static_cast<double>(random.within(-3, 3)), turn = static_cast<double>(random.within(0.02F, 0.1F));
+    const Vec3 far = (100.0 * level(along)).cast<float>();
+    const Vec3 near = (std::pow(10.0, static_cast<double>(random.within(-7, -4))) * level(along + kPi - turn)).cast<float>();
+    TriangleMesh mesh;
+    mesh.vertices = {Vec3(0, 0, 1), Vec3(2.0F * far.x(), 2.0F * far.y(), -1), Vec3(2.0F * near.x(), 2.0F * near.y(), -1)};
+    mesh.triangles = {{0, 1, 2}};
+    testing::complete(mesh);
+    const MeshTree tree = device.tree(mesh);
+    // Rays within the segment's angles close to the near end, the opposite ones, and others.
+    std::vector<Vec3d> directions;
+    for (const double share : {0.001, 0.3, 0.7}) {
+      directions.push_back(level(along + kPi - turn - share * (kPi - turn)));
+      directions.push_back(-directions.back());
+    }
+    while (directions.size() < 24) directions.push_back(level(static_cast<double>(random.within(-3.14F, 3.14F))));
+    const auto from = far.head<2>().cast<double>(), to = near.head<2>().cast<double>();
+    std::vector<float> first;
+    for (const std::int64_t target : targets) {
+      SCOPED_TRACE(hwy::TargetName(target));
+      const testing::OnTarget on(target);
+      Slice slice(directions);
+      slice.trace(tree, Vec3::Zero(), Mat3::Identity(), kWalks[static_cast<std::size_t>(i) % 3]);
+      if (first.empty()) first.assign(slice.rays->t_hit, slice.rays->t_hit + directions.size());
+      ASSERT_TRUE(testing::same_bits(std::span(slice.rays->t_hit, directions.size()), std::span<const float>(first)));
+      for (std::size_t ray = 0; ray < directions.size(); ++ray) {
+        const Eigen::Vector2d d = directions[ray].head<2>();
+        // p + share (q - p) = t d, by Cramer's rule.
+        const Eigen::Vector2d across(-d.y(), d.x());
+        const double share = from.dot(across) / (from - to).dot(across);
+        const double t = from.dot(d) + share * (to - from).dot(d);
+        if (std::min(std::abs(share), std::abs(share - 1.0)) < 1e-6 && std::abs(t) > 1.0) continue;  // the far end
+        if (share < 0.0 || share > 1.0 || t < 0.0) {
+          ASSERT_EQ(slice.rays->element[ray], -1) << "ray " << ray << " of mesh " << i;
+        } else {
+          ++hits;
+          ASSERT_EQ(slice.rays->element[ray], 0) << "ray " << ray << " of mesh " << i << " at " << t;
+          ASSERT_NEAR(static_cast<double>(slice.rays->t_hit[ray]), t, 1e-4 * t) << "ray " << ray << " of mesh " << i;
+        }
+      }
+    }
+  }
+  EXPECT_GT(hits, 1000);
 }
 
 // -- Planes and fans.
