@@ -11,17 +11,18 @@ CAMERA = CameraConfig(width_px=32, height_px=24, outputs=["rgb", "depth"])
 GRID = LidarConfig(channels=8, beams=180, hfov_deg=360, vfov_deg=30, max_range_m=20)
 FAN = LidarConfig(max_range_m=8)
 TILTED_RAD = np.deg2rad(np.arange(-150, 150, 5.0))
+# At their ranges, neighbouring beams are less than 0.6 m apart: they are well within the limit of slices by default.
 FANS = {
     "default": LidarConfig(),
-    "full turn": LidarConfig(beams=72, hfov_deg=360, max_range_m=10),
+    "full turn": LidarConfig(beams=72, hfov_deg=360, max_range_m=6),
     "narrow": LidarConfig(beams=20, hfov_deg=20, max_range_m=30),
     "more beams than one bundle has": LidarConfig(beams=700, hfov_deg=330, max_range_m=15),
-    "three channels in one plane": LidarConfig(channels=3, beams=30, max_range_m=5),
-    "one of three channels in a plane": LidarConfig(channels=3, beams=30, vfov_deg=40, max_range_m=5),
+    "three channels in one plane": LidarConfig(channels=3, beams=30, max_range_m=3),
+    "one of three channels in a plane": LidarConfig(channels=3, beams=30, vfov_deg=40, max_range_m=3),
     "column": LidarConfig(channels=50, beams=1, vfov_deg=170, max_range_m=5),
-    "mounted on its side": LidarConfig(max_range_m=6, quat_wxyz=(0.5, 0.5, -0.5, 0.5), offset_m=(0.1, 0, 0.05)),
+    "mounted on its side": LidarConfig(max_range_m=4, quat_wxyz=(0.5, 0.5, -0.5, 0.5), offset_m=(0.1, 0, 0.05)),
     "pattern in an upright plane": LidarConfig(
-        azimuth_deg=[90.0] * 20 + [-90.0] * 20, elevation_deg=[*np.linspace(-89, 89, 20)] * 2, max_range_m=6
+        azimuth_deg=[90.0] * 20 + [-90.0] * 20, elevation_deg=[*np.linspace(-89, 89, 20)] * 2, max_range_m=3
     ),
     "pattern in a tilted plane": LidarConfig(
         azimuth_deg=np.rad2deg(TILTED_RAD).tolist(),
@@ -31,7 +32,7 @@ FANS = {
     "pattern without order": LidarConfig(
         azimuth_deg=np.random.default_rng(3).uniform(-180, 180, 40).tolist() + [5.0] * 3,
         elevation_deg=[0.0] * 43,
-        max_range_m=6,
+        max_range_m=3,
     ),
 }
 
@@ -86,10 +87,19 @@ def test_threads_and_blocks_do_not_matter(office):
             np.testing.assert_array_equal(one, other)
 
 
+def embree_rays_in_a_pool(tracer, lidar):
+    """Return the count after a flight whose episodes ended and drew new worlds."""
+    pool = WorldPool(lambda number: World.office(number % 2), size=2, fresh=1)
+    envs = envs_in(pool, tracer, 3, lidar=lidar, max_episode_steps=3)
+    first = envs.batch.world_of(0)
+    fly(envs, steps=8)
+    assert envs.batch.world_of(0) is not first
+    return envs.batch.embree_rays
+
+
 def test_a_pool_builds_its_trees_ahead():
-    pool = WorldPool(lambda number: World.office(number % 2), size=2)
-    for a, b in zip(fly(envs_in(pool, "tiles", 3)), fly(envs_in(pool, "tiles", 3)), strict=True):
-        np.testing.assert_array_equal(a[0], b[0])
+    tiles = LidarConfig(channels=8, beams=176, hfov_deg=360, vfov_deg=30, max_range_m=20)  # none is too narrow
+    assert embree_rays_in_a_pool("tiles", tiles) == 0 < embree_rays_in_a_pool("embree", tiles)
 
 
 @pytest.mark.parametrize("tracer", ["tiles", "slices"])
@@ -137,14 +147,15 @@ class TestSlices:
         )
         self.assert_close(slices.lidar().ranges, embree.lidar().ranges)
         np.testing.assert_array_equal(slices.lidar().ranges, auto.lidar().ranges)
-        rays = embree.embree_rays
-        expected = {"one of three channels in a plane": 2 / 3 * rays, "pattern in a tilted plane": slices.embree_rays}
-        assert slices.embree_rays <= expected.get(fan, 0)
+        if fan == "one of three channels in a plane":
+            assert 0 < slices.embree_rays <= 2 / 3 * embree.embree_rays
+        else:
+            assert slices.embree_rays == 0 < embree.embree_rays
         assert auto.embree_rays == slices.embree_rays
 
     @pytest.mark.parametrize("beams", [1, 2, 5])
     def test_small_fans_go_through_embree_unless_slices_are_forced(self, world, beams):
-        few = LidarConfig(beams=beams, max_range_m=6)
+        few = LidarConfig(beams=beams, hfov_deg=4, max_range_m=6)  # close together, so only their number matters
         slices, auto, tiles, embree = (
             self.scanning(world, tracer, lidar=few) for tracer in ("slices", "auto", "tiles", "embree")
         )
@@ -153,7 +164,7 @@ class TestSlices:
         assert slices.embree_rays == 0 < auto.embree_rays == tiles.embree_rays
 
     def test_several_lidars_and_a_camera_share_the_tree(self, office):
-        lidars = [LidarConfig(name="fan", max_range_m=6), GRID]
+        lidars = [LidarConfig(name="fan", max_range_m=3), GRID]
         both = self.scanning(office, "auto", 20, lidar=lidars, cameras=[CAMERA])
         fan, grid = (self.scanning(office, "auto", 20, lidar=lidar) for lidar in lidars)
         np.testing.assert_array_equal(both.lidar("fan").ranges, fan.lidar().ranges)
@@ -211,9 +222,7 @@ class TestSlices:
         np.testing.assert_array_equal(*scans)
 
     def test_a_pool_builds_its_trees_ahead(self):
-        pool = WorldPool(lambda number: World.office(number % 2), size=2)
-        for a, b in zip(*(fly(envs_in(pool, "slices", 3, lidar=FAN)) for _ in range(2)), strict=True):
-            np.testing.assert_array_equal(a[0], b[0])
+        assert embree_rays_in_a_pool("slices", FAN) == 0 < embree_rays_in_a_pool("embree", FAN)
 
     @pytest.mark.parametrize("hfov_deg", [360.0, 180.0, 40.0, 0.5])
     def test_another_field_of_view_takes_effect(self, office, hfov_deg):
@@ -244,9 +253,17 @@ class TestSlices:
         )
 
     @pytest.mark.parametrize(("first", "last"), [(5, 35), (35, 5), (20, 300)])
-    def test_another_number_of_beams_gives_the_bits_of_a_batch_made_with_it(self, office, first, last):
-        changed = self.scanning(office, "auto", 40, lidar=LidarConfig(beams=first, max_range_m=8))
+    def test_another_number_of_beams_gives_the_bits_of_a_batch_made_with_it(self, first, last):
+        # In worlds without a tree yet. At 2 m, 20 beams are 0.5 m apart; 5 are too few for a slice.
+        changed, made = (
+            self.scanning(World.office(4), "auto", 40, lidar=LidarConfig(beams=beams, max_range_m=2))
+            for beams in (first, last)
+        )
+        before = changed.embree_rays
+        assert (before == 0) == (first != 5)
         changed.set_lidar(beams=last)
         changed.sense()
-        made = self.scanning(office, "auto", 40, lidar=LidarConfig(beams=last, max_range_m=8))
+        assert (changed.embree_rays == before) == (last != 5)
+        assert (made.embree_rays == 0) == (last != 5)
+        assert np.isfinite(made.lidar().ranges).any()
         np.testing.assert_array_equal(changed.lidar().ranges, made.lidar().ranges)
