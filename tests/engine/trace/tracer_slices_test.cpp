@@ -7,6 +7,7 @@
 #include <cmath>
 #include <cstddef>
 #include <initializer_list>
+#include <limits>
 #include <memory>
 #include <numbers>
 #include <numeric>
@@ -15,6 +16,7 @@
 #include <utility>
 #include <vector>
 
+#include "base/flush_denormals.hpp"
 #include "batch_helpers.hpp"
 #include "meshes.hpp"
 #include "on_target.hpp"
@@ -23,7 +25,9 @@
 #include "ray_oracle.hpp"
 #include "sensors/beams.hpp"
 #include "trace/calibrated.hpp"
+#include "trace/mesh_slices.hpp"
 #include "trace/scene.hpp"
+#include "trace/tracer.hpp"
 #include "tried.hpp"
 
 namespace flockstep {
@@ -242,6 +246,97 @@ TEST(SlicesAgreement, InWorldsOfPrimitivesAndTriangles) {
   EXPECT_GT(tally.compared, tally.rays / 2);
   EXPECT_GT(tally.hits, tally.compared / 4);
   testing::tried("slices", static_cast<long>(tally.compared));
+}
+
+// -- The walk that a tracer remembers from its last slice.
+
+// A hilly ball of radius 3 m, far too many triangles for the leaves of a slice to be listed, with a small cube in it.
+TriangleMesh dense_ball(Random& random) {
+  TriangleMesh mesh = testing::ball(120, 240, 0.1F, random);
+  testing::add_box(mesh, Vec3(1, 0, 0), Vec3::Constant(0.3F));
+  return mesh;
+}
+
+// Returns the distances of a scan by a tracer.
+std::vector<float> measured_by(trace::Tracer& tracer, const trace::Scene& scene, const sensors::BeamPattern& pattern,
+                               const trace::Viewpoint& viewpoint) {
+  std::vector<float> ranges(pattern.columns, -1.0F);
+  tracer.set_viewpoint(scene, viewpoint);
+  for (const sensors::BeamTile& tile : pattern.tiles) {
+    tracer.enqueue({.x = pattern.x.data() + tile.first,
+                    .y = pattern.y.data() + tile.first,
+                    .z = pattern.z.data() + tile.first,
+                    .rows = tile.rows,
+                    .width = tile.width,
+                    .frustum = &tile.frustum,
+                    .fan = &pattern.fans[static_cast<std::size_t>(tile.fan)]},
+                   ranges.data() + tile.beam, pattern.columns);
+  }
+  tracer.finish();
+  return ranges;
+}
+
+// Writes the distances of a scan, each fan by one walk of the tree. Returns true if the last fan suggests the ordered one.
+bool walk_by(trace::SliceWalk walk, const trace::MeshTree& tree, const sensors::BeamPattern& pattern,
+             const trace::Viewpoint& viewpoint, std::vector<float>& ranges) {
+  bool is_full = false;
+  ranges.clear();
+  for (const trace::Fan& fan : pattern.fans) {
+    trace::RayBundle rays{};
+    rays.origin = viewpoint.origin;
+    rays.rotation = viewpoint.rotation;
+    rays.range = viewpoint.range;
+    rays.count = fan.count;
+    std::fill_n(rays.t_hit, rays.count, std::numeric_limits<float>::infinity());
+    std::fill_n(rays.element, rays.count, -1);
+    is_full = trace::trace_mesh_slice(tree, 0, fan, rays, walk);
+    ranges.insert(ranges.end(), rays.t_hit, rays.t_hit + rays.count);
+  }
+  return is_full;
+}
+
+// Drones take turns: in the ball with the whole of it in range, with little in range, in the cube, and with nothing in range.
+TEST(TracerSlicesOf, TheWalkOfTheLastScanDoesNotMatter) {
+  const FlushDenormals flush;
+  Random random(13);
+  const auto world = make_world({}, {}, dense_ball(random));
+  const trace::Scene& scene = prepared(*world).scene();
+  scene.prepare_tiles(world->triangles());
+  const trace::TracePolicy policy{.fewest_in_slice = 1};
+  std::vector<sensors::BeamPattern> patterns;
+  for (const LidarConfig& lidar : {fan_of("around", 256, 360.0F, 50.0F), fan_of("sector", 35, 200.0F, 50.0F),
+                                   fan_of("in parts", 600, 360.0F, 50.0F), fan_of("narrow", 9, 30.0F, 50.0F)}) {
+    patterns.push_back(sensors::make_pattern(lidar, policy));
+  }
+  const auto tracer = std::make_unique<trace::Tracer>();
+  // Each kind of scan, by whether the one before it suggests the ordered walk: full ones, others that hit, and misses.
+  std::array<std::array<int, 3>, 2> scans{};
+  bool was_full = false;
+  for (int i = 0; i < 300; ++i) {
+    const auto kind = random.generator()() % 4;
+    const Vec3 place = kind == 2 ? Vec3(Vec3(1, 0, 0) + random.point(0.2F)) : kind == 3 ? Vec3(9, 9, 9) : random.point(1.0F);
+    const trace::Viewpoint viewpoint{.origin = place,
+                                     .rotation = random.rotation().toRotationMatrix(),
+                                     .range = kind == 0 || kind == 2 ? 50.0F : 2.5F,
+                                     .policy = policy};
+    const sensors::BeamPattern& pattern = patterns[random.generator()() % patterns.size()];
+    const std::vector<float> ranges = measured_by(*tracer, scene, pattern, viewpoint);
+    ASSERT_TRUE(same_bits(ranges, measured_by(*std::make_unique<trace::Tracer>(), scene, pattern, viewpoint))) << "scan " << i;
+    std::vector<float> by_walk;
+    bool is_full = was_full;
+    for (const trace::SliceWalk walk : {trace::SliceWalk::listed, trace::SliceWalk::ordered, trace::SliceWalk::automatic}) {
+      const bool suggests_ordered = walk_by(walk, *scene.tiles(), pattern, viewpoint, by_walk);
+      if (walk == (was_full ? trace::SliceWalk::ordered : trace::SliceWalk::automatic)) is_full = suggests_ordered;
+      ASSERT_TRUE(same_bits(ranges, by_walk)) << "scan " << i;
+    }
+    const bool hits = std::ranges::any_of(ranges, [](float t) { return std::isfinite(t); });
+    ++scans[was_full ? 1 : 0][is_full ? 0 : hits ? 1 : 2];
+    was_full = is_full;
+  }
+  EXPECT_EQ(tracer->embree_use().rays, 0);
+  for (const auto& after : scans) {
+    for (const int count : after) EXPECT_GT(count, 10);
+  }
 }
 
 // Only one of three channels lies in a plane; Embree traces the others.
