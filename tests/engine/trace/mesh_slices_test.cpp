@@ -36,7 +36,6 @@ using testing::Random;
 
 constexpr double kPi = std::numbers::pi;
 constexpr std::array kWalks{SliceWalk::automatic, SliceWalk::listed, SliceWalk::ordered};
-constexpr std::size_t kCells = 512;         // of angles
 constexpr std::int32_t kEarlier = 1 << 20;  // element of hits before the trace
 
 struct EmbreeDevice {
@@ -201,6 +200,14 @@ double rounding_of(double reach) {
   return ::testing::AssertionFailure() << "ray " << ray << " at " << t << " is " << distance << " m from triangle " << triangle;
 }
 
+// Returns three axes. The first two span the plane of x and y, of x and z, or of y and z; the third is its normal.
+Eigen::Matrix3d plane_of_axes(std::size_t number) {
+  Eigen::Matrix3d plane = Eigen::Matrix3d::Identity();
+  if (number == 1) plane << 1, 0, 0, 0, 0, 1, 0, 1, 0;
+  if (number == 2) plane << 0, 0, 1, 1, 0, 0, 0, 1, 0;
+  return plane;
+}
+
 // 1 to kMaxRays directions in a plane, before the mounting: in a plane of two axes or in any, evenly spaced or not, in a sector
 // or all around.
 std::vector<Vec3d> random_fan(Random& random) {
@@ -210,11 +217,9 @@ std::vector<Vec3d> random_fan(Random& random) {
   const double width = any(3) == 0 ? 2.0 * kPi : std::array{0.05, 1.0, 3.0, 3.3, 4.7, 6.0}[any(6)];
   const double first = any(2) == 0 ? -0.5 * width : static_cast<double>(random.within(-4, 4));
   const bool is_even = any(2) == 0;
-  Eigen::Matrix3d plane = Eigen::Matrix3d::Identity();
   const std::size_t kind = any(count < 3 ? 3 : 4);  // one ray, or two opposite ones, lie in many planes
-  if (kind == 1) plane << 1, 0, 0, 0, 0, 1, 0, 1, 0;
-  if (kind == 2) plane << 0, 0, 1, 1, 0, 0, 0, 1, 0;
-  if (kind == 3) plane = random.rotation().cast<double>().normalized().toRotationMatrix();
+  const Eigen::Matrix3d plane =
+      kind < 3 ? plane_of_axes(kind) : Eigen::Matrix3d(random.rotation().cast<double>().normalized().toRotationMatrix());
   std::vector<Vec3d> directions;
   for (std::size_t i = 0; i < count; ++i) {
     const double part = is_even ? static_cast<double>(i) / static_cast<double>(count) : static_cast<double>(random.within(0, 1));
@@ -505,11 +510,12 @@ TriangleMesh lattice(int half, float step, bool with_boxes) {
   return mesh;
 }
 
-// Returns where a cell of the angles may begin: of a diamond's angles or of all.
-double begin_of_cell(std::size_t cell, bool is_diamond) {
-  const double part = static_cast<double>(cell) / (kCells / 4.0) - 2.0, x = 1.0 - std::abs(part);
-  return is_diamond ? std::atan2(std::copysign(1.0 - std::abs(x), part), x) : 0.5 * kPi * part;
+// Returns the angle at which a cell of a fan that is not even begins.
+double begin_of_cell(std::size_t cell) {
+  return 2.0 * kPi * static_cast<double>(cell) / static_cast<double>(Fan::kMostCells) - kPi;
 }
+
+std::size_t random_cell(Random& random) { return random.generator()() % Fan::kMostCells; }
 
 // Returns the angles of everything that may let a ray slip: where edges pass through the plane, as seen from the origin, and the
 // ends of the cells of angles; each of them some roundings off, too. frame: of the plane, in its columns.
@@ -532,9 +538,7 @@ std::vector<double> critical_angles(const TriangleMesh& mesh, const Vec3d& origi
   }
   std::ranges::shuffle(angles, random.generator());
   if (angles.size() > kMaxRays - 48) angles.resize(kMaxRays - 48);
-  while (angles.size() < kMaxRays) {
-    add(begin_of_cell(random.generator()() % kCells, random.generator()() % 2 == 0));
-  }
+  while (angles.size() < kMaxRays) add(begin_of_cell(random_cell(random)));
   angles.resize(kMaxRays);
   return angles;
 }
@@ -575,14 +579,13 @@ TEST(SlicesWatertight, NoRaySlipsBetweenTriangles) {
     origin += place;
     // The plane: of two axes, or through two corners. Some corner may lie at the end of a cell of the angles.
     const Vec3d a = (any_vertex() - origin).cast<double>(), b = (any_vertex() - origin).cast<double>();
-    Eigen::Matrix3d frame = Eigen::Matrix3d::Identity();
-    if (i % 4 == 1) frame << 0, 0, 1, 1, 0, 0, 0, 1, 0;
+    Eigen::Matrix3d frame = plane_of_axes(i % 4 == 1 ? 2 : 0);
     if (i % 4 > 1 && a.cross(b).norm() > 0.1) {
       frame.col(2) = a.cross(b).normalized();
       frame.col(0) = a.normalized();
       frame.col(1) = frame.col(2).cross(frame.col(0));
       const double off = std::pow(10.0, static_cast<double>(random.within(-9, -4.5F))) * (i % 3 == 0 ? -1.0 : 1.0);
-      const double turn = begin_of_cell(random.generator()() % kCells, i % 8 < 4) + off;
+      const double turn = begin_of_cell(random_cell(random)) + off;
       frame = frame * Eigen::AngleAxisd(turn, Vec3d::UnitZ()).toRotationMatrix();
     }
     // As a level fan of a tilted drone, or as a tilted fan of a level drone.
@@ -644,30 +647,80 @@ TEST(SlicesWatertight, NoRaySlipsThroughTheCutOfTheAngles) {
   }
 }
 
-// A segment across the negative first axis that ends just behind the first angle of a cell: the rays between the two must be met.
+// Walls around the origin, on the sides of a triangle whose corners are 5 m away: one at an angle, the others 2 rad beside it.
+TriangleMesh walls_with_corner_at(double angle) {
+  TriangleMesh mesh;
+  for (const double side : {0.0, 2.0, -2.0}) {
+    const Vec3d corner = 5.0 * level(angle + side);
+    for (const float z : {-1.0F, 1.0F}) mesh.vertices.emplace_back(corner.cast<float>().x(), corner.cast<float>().y(), z);
+  }
+  for (int i = 0; i < 6; i += 2) {
+    mesh.triangles.push_back({i, i + 1, (i + 2) % 6});
+    mesh.triangles.push_back({i + 1, (i + 3) % 6, (i + 2) % 6});
+  }
+  return mesh;
+}
+
+// Returns the distance from the origin to these walls, by the distances from the origin to the walls' lines.
+double distance_to_walls(double corner, double angle) {
+  double distance = oracle::kNever;
+  for (const auto& [middle, half] : {std::pair{corner + 1.0, 1.0}, {corner - 1.0, 1.0}, {corner + kPi, kPi - 2.0}}) {
+    const double along = std::cos(angle - middle);
+    if (along > 0.0) distance = std::min(distance, 5.0 * std::cos(half) / along);
+  }
+  return distance;
+}
+
+// Two walls meet in a corner just beside the beginning of a cell: the rays between the two must hit one of them.
 TEST(SlicesWatertight, NoRaySlipsAtTheEndOfACell) {
   const EmbreeDevice device;
-  for (std::size_t cell = 0; cell <= 2 * kCells; ++cell) {
-    const double turn = begin_of_cell(cell % kCells, cell < kCells);
+  for (std::size_t cell = 0; cell <= Fan::kMostCells; ++cell) {
+    const double turn = begin_of_cell(cell);
     for (const double ahead : {-8e-6, -3e-6, 3e-6, 8e-6}) {
-      // Two walls meet in a corner ahead of the end of the cell. Another two close the triangle behind the origin.
-      TriangleMesh mesh;
-      for (const double side : {0.0, 2.0, -2.0}) {
-        const Vec3d corner = 5.0 * level(turn + ahead + side);
-        for (const float z : {-1.0F, 1.0F}) mesh.vertices.emplace_back(corner.cast<float>().x(), corner.cast<float>().y(), z);
-      }
-      for (int i = 0; i < 6; i += 2) {
-        mesh.triangles.push_back({i, i + 1, (i + 2) % 6});
-        mesh.triangles.push_back({i + 1, (i + 3) % 6, (i + 2) % 6});
-      }
-      const MeshTree tree = device.tree(mesh);
+      const MeshTree tree = device.tree(walls_with_corner_at(turn + ahead));
       std::vector<Vec3d> directions;
       for (int i = -20; i <= 20; ++i) directions.push_back(level(turn + 5e-7 * i));
       Slice beams(directions);
+      ASSERT_FALSE(beams.fan->is_even);
       for (const SliceWalk walk : kWalks) {
         beams.trace(tree, Vec3::Zero(), Mat3::Identity(), walk);
         for (std::size_t ray = 0; ray < directions.size(); ++ray) {
           ASSERT_NEAR(static_cast<double>(beams.rays->t_hit[ray]), 5.0, 1e-3) << "ray " << ray << " of cell " << cell;
+        }
+      }
+    }
+  }
+}
+
+// The rays of an even fan lie at the beginnings of its cells, up to rounding. Two walls meet in a corner just beside one of them.
+TEST(SlicesWatertight, NoRaySlipsAtTheBeginningOfAnEvenFansCell) {
+  const EmbreeDevice device;
+  Random random(11 + (testing::part_tried() << 24U));
+  const long fans = testing::times_tried(500);
+  for (long i = 0; i < fans; ++i) {
+    const std::size_t count = i % 3 == 0 ? kMaxRays : 2 + random.generator()() % (kMaxRays - 1);
+    const double most = i % 2 == 0 ? 2.0 * kPi / static_cast<double>(count) : 2.0 / static_cast<double>(kMaxRays);
+    const double step = i % 4 < 2 ? most : most * static_cast<double>(random.within(0.5F, 1.0F));
+    const double width = step * static_cast<double>(count - 1);
+    const double first = static_cast<double>(random.within(0, 1)) * (2.0 * kPi - width) - kPi;
+    std::vector<double> angles;
+    std::vector<Vec3d> directions;
+    for (std::size_t ray = 0; ray < count; ++ray) {
+      angles.push_back(first + step * static_cast<double>(ray) + static_cast<double>(random.within(-4e-7F, 4e-7F)));
+      directions.push_back(level(angles.back()));
+    }
+    Slice beams(directions);
+    ASSERT_TRUE(beams.fan->is_even) << count << " rays";
+    const std::size_t at = random.generator()() % count;
+    const double tolerance = rounding_of(5.1) / std::cos(kPi - 2.0);  // at most 5.1 m to a corner, and hit at that angle
+    for (const double ahead : {-8e-6, -3e-6, -3e-7, 0.0, 3e-7, 3e-6, 8e-6}) {
+      const double corner = angles[at] + ahead;
+      const MeshTree tree = device.tree(walls_with_corner_at(corner));
+      for (const SliceWalk walk : kWalks) {
+        beams.trace(tree, Vec3::Zero(), Mat3::Identity(), walk);
+        for (std::size_t ray = 0; ray < count; ++ray) {
+          ASSERT_NEAR(static_cast<double>(beams.rays->t_hit[ray]), distance_to_walls(corner, angles[ray]), tolerance)
+              << "ray " << ray << " of " << count << ", corner beside ray " << at;
         }
       }
     }
@@ -715,9 +768,7 @@ TEST(MeshSlices, ARaysResultDoesNotDependOnTheRaysBesideIt) {
     const Mat3 rotation = random_pose(random);
     const Vec3 origin = i % 2 == 0 ? eye : Vec3(random.point(2.5F));
     const Eigen::Matrix3d mounting = random_mounting(random);
-    Eigen::Matrix3d plane = Eigen::Matrix3d::Identity();
-    if (i % 3 == 1) plane << 1, 0, 0, 0, 0, 1, 0, 1, 0;
-    if (i % 3 == 2) plane << 0, 0, 1, 1, 0, 0, 0, 1, 0;
+    const Eigen::Matrix3d plane = plane_of_axes(static_cast<std::size_t>(i) % 3);
     const double width = i % 4 < 2 ? 2.0 * kPi : 0.5;
     std::vector<Vec3d> directions;
     for (std::size_t ray = 0; ray < kMaxRays; ++ray) {
@@ -795,9 +846,7 @@ TEST(MeshSlices, FacesInThePlaneAreBelowIt) {
   Random random(4);
   std::size_t compared = 0, rays = 0;
   for (int i = 0; i < 60; ++i) {
-    Eigen::Matrix3d plane = Eigen::Matrix3d::Identity();
-    if (i % 3 == 1) plane << 1, 0, 0, 0, 0, 1, 0, 1, 0;
-    if (i % 3 == 2) plane << 0, 0, 1, 1, 0, 0, 0, 1, 0;
+    const Eigen::Matrix3d plane = plane_of_axes(static_cast<std::size_t>(i) % 3);
     std::vector<Vec3d> directions;
     for (int k = 0; k < 100; ++k) directions.push_back(plane * level(static_cast<double>(random.within(-3.2F, 3.2F))));
     Slice slice(directions);
@@ -929,7 +978,7 @@ TEST(MeshSlices, MeetSmallTrianglesBesideLargeOnes) {
   EXPECT_GT(hits, compared / 4);
 }
 
-// An edge or a corner at the origin is met at distance 0 at most; what is behind is met where it is.
+// An edge or a corner at the origin is hit at distance 0 or not at all; surfaces behind it are hit at their distance.
 TEST(MeshSlices, AnOriginOnAnEdgeSeesWhatIsBehind) {
   const EmbreeDevice device;
   TriangleMesh mesh = cube(4.0F);
