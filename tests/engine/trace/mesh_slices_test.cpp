@@ -1089,5 +1089,49 @@ TEST(MeshSlices, KnowDirectionsInAPlane) {
   EXPECT_TRUE(are_in_plane(std::vector{Vec3d(1, 1, 1).normalized()}));
 }
 
+// Unit directions all around in a plane, except that one points `out` (rad) out of it.
+std::vector<Vec3d> around_but_one(const Eigen::Matrix3d& plane, double out) {
+  std::vector<Vec3d> directions;
+  for (int i = 0; i < 200; ++i) directions.push_back(plane * level(2.0 * kPi * (i + 0.3) / 200.0));
+  directions[70] = std::cos(out) * directions[70] + std::sin(out) * plane.col(2);
+  return directions;
+}
+
+// In planes of two axes and in tilted ones. A tilted plane is fitted to all 200 beams, so it turns towards the one that points
+// out of it, by 2 / 200 of the angle.
+TEST(MeshSlices, BeamsMayPointAMicroradianOutOfThePlane) {
+  const EmbreeDevice device;
+  const TriangleMesh mesh = cube(4.0F);
+  const MeshTree tree = device.tree(mesh);
+  Random random(12);
+  for (std::size_t i = 0; i < 12; ++i) {
+    const Eigen::Matrix3d plane =
+        i < 3 ? plane_of_axes(i) : Eigen::Matrix3d(random.rotation().cast<double>().normalized().toRotationMatrix());
+    for (const double sign : {-1.0, 1.0}) {
+      EXPECT_TRUE(are_in_plane(around_but_one(plane, sign * 0.9e-6))) << "plane " << i;
+      EXPECT_FALSE(are_in_plane(around_but_one(plane, sign * 1.1e-6))) << "plane " << i;
+      EXPECT_FALSE(are_in_plane(around_but_one(plane, sign * 2e-6))) << "plane " << i;
+
+      // Tracing them in the plane moves a hit by at most 0.9e-6 of its distance across the ray. Faces are 2 m away or more, so a
+      // ray that hits one at t does so at an angle whose cosine is at least 2 / t.
+      Slice slice(around_but_one(plane, sign * 0.9e-6));
+      const Vec3 origin = i % 2 == 0 ? Vec3::Zero() : Vec3(random.point(2.0F));
+      for (const SliceWalk walk : kWalks) {
+        slice.trace(tree, origin, Mat3::Identity(), walk);
+        for (std::size_t ray = 0; ray < slice.directions.size(); ++ray) {
+          const Vec3d& direction = slice.directions[ray];
+          double expected = oracle::kNever;
+          for (Eigen::Index axis = 0; axis < 3; ++axis) {
+            const double face = 4.0 - std::copysign(1.0, direction[axis]) * slice.origin()[axis];
+            expected = std::min(expected, face / std::abs(direction[axis]));
+          }
+          const double tolerance = (rounding_of(reach_of(slice.origin(), mesh)) + 0.9e-6 * expected) * expected / 2.0;
+          ASSERT_NEAR(static_cast<double>(slice.rays->t_hit[ray]), expected, tolerance) << "ray " << ray << " of plane " << i;
+        }
+      }
+    }
+  }
+}
+
 }  // namespace
 }  // namespace flockstep::trace
