@@ -12,7 +12,7 @@ rays     rays traced directly, through Embree, and by closed forms in double pre
 agreement     LiDAR rays in worlds of primitives and triangles, in tiles, through Embree, and by closed forms
 watertight    rays at corners and edges of closed meshes, in tiles: none passes through
 independence  rays in tiles, traced beside other rays and singly: the same bits
-slices        rays of fans, in slices, through Embree, and by closed forms and all triangles in double precision
+slices        rays in slices, each compared with all triangles and closed forms in double precision, or with Embree
 slices_watertight    rays at corners and edges of closed meshes, in slices: none passes through
 slices_independence  rays in slices, traced beside other rays and singly: the same bits
 worlds   seeds of the generated worlds: each has a flown path, and in every fiftieth a planner finds one

@@ -357,7 +357,7 @@ TEST(SlicesAgreement, WithEmbreeInLargeWorlds) {
   const EmbreeDevice device;
   const long wanted = testing::times_tried(10'000);
   Random random(9 + (testing::part_tried() << 24U));
-  long rays = 0, hits = 0, differ = 0;
+  long rays = 0, hits = 0, differ = 0, undecided = 0;
   for (int kind = 0; kind < 3; ++kind) {
     const auto world = testing::make_world({}, {},
                                            kind == 0   ? ball(50, 100, 0.1F, random)
@@ -393,14 +393,17 @@ TEST(SlicesAgreement, WithEmbreeInLargeWorlds) {
         }
         ++differ;
         const oracle::Hit expected = oracle::nearest(*world, slice.origin(), direction, slice.rays->range);
-        if (!oracle::is_clear_cut(*world, expected, slice.origin(), direction, slice.rays->range)) continue;
+        if (!oracle::is_clear_cut(*world, expected, slice.origin(), direction, slice.rays->range)) {
+          ++undecided;
+          continue;
+        }
         ASSERT_EQ(element, expected.element) << "ray " << ray << " of " << slice.rays->count;
       }
     }
   }
   EXPECT_GT(hits, rays / 3);
   EXPECT_LT(differ, rays / 500 + 5);
-  testing::tried("slices", rays);
+  testing::tried("slices", rays - undecided);  // compared with Embree, and with the oracle if they differ
 }
 
 // The cross-section of a cube, as seen from its middle.
