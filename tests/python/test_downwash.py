@@ -375,7 +375,7 @@ class TestInterface:
             flockstep.DynamicsConfig(motion="rotors", downwash=value)
 
     def test_kinematic_motion_is_refused(self):
-        with pytest.raises(ValueError, match="downwash: expected False for kinematic motion .*, got True"):
+        with pytest.raises(ValueError, match=r"downwash: expected False for kinematic motion .*, got True"):
             flockstep.Batch(dynamics=flockstep.DynamicsConfig(downwash=True))
 
     def test_recipes(self):
