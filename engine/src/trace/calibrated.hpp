@@ -15,7 +15,7 @@ inline constexpr std::size_t kMaxDirectAnyOrigin = 16;
 inline constexpr std::size_t kFewestInTiles = 256;
 inline constexpr std::size_t kTrianglesPerRay = 1024;
 // A fan of at least kFewestInSlice rays is traced as a slice if their mean distance at its range is at most kWidestInSlice (m).
-inline constexpr std::size_t kFewestInSlice = 8;
+inline constexpr std::size_t kFewestInSlice = 6;
 inline constexpr float kWidestInSlice = 1.0F;
 
 }  // namespace flockstep::trace

@@ -78,7 +78,7 @@ constexpr float kRounding = 0x1p-20F;  // several roundings of a sum of products
 constexpr float kBeyond = 1.0001F;     // boxes that begin beyond this multiple of the farthest hit are skipped
 constexpr float kTiny = 1e-12F;        // m
 constexpr float kWide = 1e30F;
-constexpr std::int32_t kNobody = std::numeric_limits<std::int32_t>::max();
+constexpr std::int32_t kNoTriangle = std::numeric_limits<std::int32_t>::max();
 constexpr std::size_t kRays = 256;
 constexpr int kFewSubs = 2;          // a node in at most this many sub-tiles is tested against each of their rays
 constexpr int kFewSubsOfLeaf = 6;    // the same for a leaf
@@ -161,7 +161,7 @@ class TileTrace {
 
     const std::size_t rows = (rays_.count / 16 + 3) / 4 * 4;
     used_ = (1U << rows) - 1U;
-    std::fill_n(id_, kRays, kNobody);
+    std::fill_n(id_, kRays, kNoTriangle);
     std::fill_n(w_of_, 16, FLT_MAX);
     if (rays_.no_hits_yet) {
       for (std::size_t sub = 0; sub < rows; ++sub) F(least_w).store(w_ + 16 * sub);
@@ -656,7 +656,7 @@ class TileTrace {
       for (std::size_t column = 0; column < 16; column += F4::kCount) {
         const std::size_t from = TileAxis::place(row, column), to = 16 * row + column;
         const I4 id = I4::load(id_ + from);
-        const F4::Mask found = id != kNobody;
+        const F4::Mask found = id != kNoTriangle;
         const F4 before = rays_.no_hits_yet ? F4(std::numeric_limits<float>::infinity()) : F4::load(rays_.t_hit + to);
         select(found, F4::load(w_ + from), before).store(rays_.t_hit + to);
         const I4 element_before = rays_.no_hits_yet ? I4(-1) : I4::load(rays_.element + to);

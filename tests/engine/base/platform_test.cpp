@@ -26,7 +26,7 @@ std::unique_ptr<std::byte, Freed> aligned_to_large_pages(std::size_t bytes) {
   return std::unique_ptr<std::byte, Freed>(static_cast<std::byte*>(::operator new(bytes, std::align_val_t{kLargePage})));
 }
 
-// Returns true if the system takes requests for large pages.
+// Returns true if the system accepts requests for large pages.
 bool has_large_pages() {
 #if defined(__linux__)
   const auto memory = aligned_to_large_pages(kLargePage);
@@ -36,8 +36,8 @@ bool has_large_pages() {
 #endif
 }
 
-// Returns true if the system was asked for large pages at this address.
-bool asked_for_large_pages(const void* address) {
+// Returns true if large pages were requested for this address.
+bool has_requested_large_pages(const void* address) {
   std::ifstream file("/proc/self/smaps");
   const auto wanted = reinterpret_cast<std::uintptr_t>(address);
   bool is_here = false;
@@ -51,27 +51,27 @@ bool asked_for_large_pages(const void* address) {
   return false;
 }
 
-// The allocator may return memory for which large pages were asked before.
-TEST(Platform, AsksForLargePagesThatAreWhollyInTheMemory) {
+// The allocator may return memory for which large pages were requested before.
+TEST(Platform, RequestsOnlyLargePagesThatLieCompletelyInTheMemory) {
   const auto memory = aligned_to_large_pages(3 * kLargePage);
   std::byte* const first = memory.get();
   std::byte* const third = first + 2 * kLargePage;
-  const bool first_before = asked_for_large_pages(first), third_before = asked_for_large_pages(third);
+  const bool first_before = has_requested_large_pages(first), third_before = has_requested_large_pages(third);
   prefer_large_pages(first + 1, 3 * kLargePage - 2);
-  EXPECT_EQ(asked_for_large_pages(first), first_before);
-  EXPECT_EQ(asked_for_large_pages(first + kLargePage), has_large_pages());
-  EXPECT_EQ(asked_for_large_pages(third), third_before);
+  EXPECT_EQ(has_requested_large_pages(first), first_before);
+  EXPECT_EQ(has_requested_large_pages(first + kLargePage), has_large_pages());
+  EXPECT_EQ(has_requested_large_pages(third), third_before);
 }
 
-TEST(Platform, LeavesMemoryWithoutAWholeLargePageAsItIs) {
+TEST(Platform, RequestsNothingForMemoryWithoutACompleteLargePage) {
   const auto memory = aligned_to_large_pages(2 * kLargePage);
   std::byte* const first = memory.get();
-  const bool before = asked_for_large_pages(first);
+  const bool before = has_requested_large_pages(first);
   prefer_large_pages(nullptr, 0);
   prefer_large_pages(first, 0);
   prefer_large_pages(first, kLargePage - 1);
   prefer_large_pages(first + 1, 2 * kLargePage - 2);
-  EXPECT_EQ(asked_for_large_pages(first), before);
+  EXPECT_EQ(has_requested_large_pages(first), before);
 }
 
 }  // namespace
