@@ -13,6 +13,7 @@
 
 #include <hwy/highway.h>
 
+#include <algorithm>
 #include <cstddef>
 #include <cstdint>
 #include <type_traits>
@@ -113,6 +114,16 @@ struct Wide {
 
   static HWY_INLINE Wide load(const T* from) { FLOCKSTEP_EACH_PART(Wide, hn::Load(D(), from + p * kLanes)); }
   static HWY_INLINE Wide load_unaligned(const T* from) { FLOCKSTEP_EACH_PART(Wide, hn::LoadU(D(), from + p * kLanes)); }
+  // Loads n numbers, reads no others, and leaves 0 in the other lanes.
+  static HWY_INLINE Wide load_first(std::size_t n, const T* from) {
+#if HWY_MEM_OPS_MIGHT_FAULT  // MaskedLoad may read the others
+    T copy[kCount] = {};
+    std::copy_n(from, std::min(n, kCount), copy);
+    return load_unaligned(copy);
+#else
+    FLOCKSTEP_EACH_PART(Wide, hn::MaskedLoad(hn::FirstN(D(), n > p * kLanes ? n - p * kLanes : 0), D(), from + p * kLanes));
+#endif
+  }
   static HWY_INLINE Wide gather(const T* table, Int index) {
     FLOCKSTEP_EACH_PART(Wide, hn::GatherIndex(D(), table, index.part[p]));
   }
@@ -243,6 +254,16 @@ struct Wide3 {
       hn::LoadInterleaved3(typename F::Tag(), rows + 3 * p * F::kLanes, v.x.part[p], v.y.part[p], v.z.part[p]);
     }
     return v;
+  }
+  // Loads n rows, reads no others, and leaves 0 in the other lanes.
+  static HWY_INLINE Wide3 load_first_rows(std::size_t n, const typename F::T* rows) {
+    if (n >= F::kCount) return load_rows(rows);
+    typename F::T copy[3 * F::kCount];
+    for (std::size_t k = 0; k < 3; ++k) {
+      const std::size_t first = k * F::kCount;
+      F::load_first(3 * n > first ? 3 * n - first : 0, rows + first).store_unaligned(copy + first);
+    }
+    return load_rows(copy);
   }
   HWY_INLINE void store_rows(typename F::T* rows) const {
     for (std::size_t p = 0; p < F::kParts; ++p) {

@@ -87,7 +87,7 @@ class EnvMeeting {
                                                     dynamics::margin(center.cwiseAbs().maxCoeff())
                                               : -1.0F;
     }
-    work_.balls.sort({work_.centers.data(), work_.radii.data(), count_, count_});
+    work_.balls.sort({work_.centers.data(), work_.radii.data(), count_});
     work_.balls.for_each_pair([&](std::size_t a, std::size_t b) {
       const Course &first = work_.courses[a], &second = work_.courses[b];
       f(a, b, near_m(first.from, second.from) + (first.bend + second.bend));

@@ -209,8 +209,7 @@ trace::Bodies BodyTable::shapes() const {
           .radius = seen_radius_.data(),
           .solids = solids_.data(),
           .meshes = meshes_.data(),
-          .count = models_.size(),
-          .readable = models_.size()};
+          .count = models_.size()};
 }
 
 collision::MovingBodies BodyTable::moving() const {
@@ -221,8 +220,7 @@ collision::MovingBodies BodyTable::moving() const {
           .reach = reach_.data(),
           .solids = solids_.data(),
           .parts = parts_.data(),
-          .count = models_.size(),
-          .readable = models_.size()};
+          .count = models_.size()};
 }
 
 const BodyModel* BodyTable::find_model(EnvIndex env, std::int32_t number) const {

@@ -57,8 +57,7 @@ trace::Bodies SeenDrones::hulls() const {
           .quat_wxyz = state_.quat_wxyz.data(),
           .radius = seen_radius_.data(),
           .common_hull = &planes_,
-          .count = seen_radius_.size(),
-          .readable = seen_radius_.size()};
+          .count = seen_radius_.size()};
 }
 
 render::VisibleBodies SeenDrones::visible() const {

@@ -47,7 +47,7 @@ std::span<const MovingSolid> NearSolids::gather(const MovingBodies& bodies, cons
     found_.resize(bodies.count);
     solids_.reserve(bodies.count);
   }
-  const trace::Balls balls{bodies.position, bodies.reach, bodies.count, bodies.readable};
+  const trace::Balls balls{bodies.position, bodies.reach, bodies.count};
   const std::size_t count = trace::find_near_balls(balls, origin, range_m, found_.data());
   for (const std::uint32_t number : std::span(found_).first(count)) {
     for_each_part(bodies, number, pose_in(bodies.from_position, bodies.from_quat, number),

@@ -26,7 +26,6 @@ struct MovingBodies {
   // (count,) corners of the convex parts of meshes, instead of solids; null for other bodies. Null if there are no meshes.
   const std::vector<Corners>* const* parts = nullptr;
   std::size_t count = 0;
-  std::size_t readable = 0;  // number of bodies that these arrays hold, at least count
 
   // Returns the bodies of one env, if these are the bodies of all envs.
   MovingBodies of_env(std::size_t env, std::size_t per_env) const {
@@ -39,8 +38,7 @@ struct MovingBodies {
             reach + first,
             solids + first,
             parts == nullptr ? nullptr : parts + first,
-            per_env,
-            readable - first};
+            per_env};
   }
 };
 

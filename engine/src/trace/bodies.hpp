@@ -31,7 +31,6 @@ struct Bodies {
   const HullPlanes* common_hull = nullptr;
   const Scene* common_mesh = nullptr;
   std::size_t count = 0;
-  std::size_t readable = 0;        // bodies of this env and the following ones, which these arrays also hold
   std::int32_t first_element = 0;  // number of the first body in hits
   std::size_t hidden = kNone;      // number of the drone that carries the sensor, which does not see it
 
@@ -51,7 +50,6 @@ struct Bodies {
             common_hull,
             common_mesh,
             per_env,
-            readable - first,
             first_element};
   }
   // Returns the drones of one env as one of them sees them, if these are the drones of all envs.
@@ -68,7 +66,7 @@ struct Bodies {
   }
   const Scene* mesh(std::size_t number) const { return meshes == nullptr ? common_mesh : meshes[number]; }
   bool is_visible(std::size_t number) const { return radius[number] >= 0.0F && number != hidden; }
-  Balls balls() const { return {position, radius, count, readable}; }
+  Balls balls() const { return {position, radius, count}; }
 };
 
 inline constexpr Bodies kNoBodies;

@@ -29,16 +29,10 @@ std::size_t find_balls(const Balls& balls, const Vec3& origin, float range_m, st
   const Wide3<F> from{origin.x(), origin.y(), origin.z()};
   std::size_t count = 0;
   for (std::size_t i = 0; i < balls.count; i += F::kCount) {
+    // Another thread may be writing the balls that follow the last one: they belong to another env.
     const std::size_t here = std::min(F::kCount, balls.count - i);
-    const bool is_last = i + F::kCount > balls.readable;
-    float rows[3 * F::kCount] = {}, radii[F::kCount] = {};
-    if (is_last) {
-      std::copy_n(balls.center + 3 * i, 3 * here, rows);
-      std::copy_n(balls.radius + i, here, radii);
-    }
-    const Wide3<F> away = Wide3<F>::load_rows(is_last ? rows : balls.center + 3 * i) - from;
-    const F radius = F::load_unaligned(is_last ? radii : balls.radius + i);
-    std::uint32_t near = bits(is_near(away, radius, range_m)) & ((1U << here) - 1U);
+    const Wide3<F> away = Wide3<F>::load_first_rows(here, balls.center + 3 * i) - from;
+    std::uint32_t near = bits(is_near(away, F::load_first(here, balls.radius + i), range_m)) & ((1U << here) - 1U);
     for (; near != 0; near &= near - 1) {
       found[count++] = static_cast<std::uint32_t>(i) + static_cast<std::uint32_t>(std::countr_zero(near));
     }

@@ -12,7 +12,6 @@ struct Balls {
   const float* center = nullptr;  // (count, 3) m, world frame
   const float* radius = nullptr;  // (count,) m; negative: this ball is never found
   std::size_t count = 0;
-  std::size_t readable = 0;  // number of balls that these arrays hold, at least count
 };
 
 // Writes the numbers of the balls that reach into a ball of range_m around the origin to found, in ascending order, and returns

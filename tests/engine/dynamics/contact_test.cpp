@@ -70,8 +70,8 @@ class Bodies {
   collision::MovingBodies view() const {
     pointers_.clear();
     for (const Primitive& solid : solids_) pointers_.push_back(&solid);
-    return {from_position_.data(), from_quat_.data(), position_.data(), quat_.data(), reach_.data(),
-            pointers_.data(),      nullptr,           count(),          count()};
+    return {from_position_.data(), from_quat_.data(), position_.data(), quat_.data(),
+            reach_.data(),         pointers_.data(),  nullptr,          count()};
   }
 
  private:

@@ -78,8 +78,7 @@ struct Crowd {
              .radius = radius.data(),
              .solids = pointers.data(),
              .meshes = meshes.data(),
-             .count = radius.size(),
-             .readable = radius.size()},
+             .count = radius.size()},
             surfaces.data()};
   }
 };

@@ -1,4 +1,4 @@
-// Searches among balls in slices, against brute force.
+// Searches among balls, linear and in slices, against brute force.
 #include "trace/ball_slices.hpp"
 
 #include <gtest/gtest.h>
@@ -8,6 +8,7 @@
 #include <cmath>
 #include <cstddef>
 #include <cstdint>
+#include <functional>
 #include <set>
 #include <utility>
 #include <vector>
@@ -23,7 +24,7 @@ struct SomeBalls {
   std::vector<float> centers, radii;
 
   std::size_t count() const { return radii.size(); }
-  Balls view() const { return {centers.data(), radii.data(), count(), count()}; }
+  Balls view() const { return {centers.data(), radii.data(), count()}; }
   Vec3 center(std::size_t i) const { return Vec3::Map(centers.data() + 3 * i); }
 
   // The distance of two balls over the sum of their radii, in double precision.
@@ -46,6 +47,30 @@ SomeBalls any_balls(Random& random, std::size_t count) {
     balls.radii.push_back(random.generator()() % 10 == 0 ? -1.0F : random.within(0, largest));
   }
   return balls;
+}
+
+TEST(NearBalls, ALinearSearchFindsTheBallsOfBruteForce) {
+  Random random(3);
+  std::size_t found_in_all = 0;
+  for (int round = 0; round < 2000; ++round) {
+    const SomeBalls balls = any_balls(random, static_cast<std::size_t>(round % 41));  // the arrays end with the last ball
+    const Vec3 origin = balls.count() == 0 ? Vec3(Vec3::Zero()) : balls.center(random.generator()() % balls.count());
+    const float range = std::exp(random.within(-4, 4));
+    std::vector<std::uint32_t> found(balls.count());
+    found.resize(find_near_balls(balls.view(), origin, range, found.data()));
+    ASSERT_EQ(std::ranges::adjacent_find(found, std::greater_equal{}), found.end());
+    for (std::size_t i = 0; i < balls.count(); ++i) {
+      const double nearness = SomeBalls::nearness(balls.center(i), origin, balls.radii[i] + range);
+      const bool is_found = std::ranges::binary_search(found, i);
+      if (balls.radii[i] < 0.0F || nearness > 1.0 + 3e-5) {
+        EXPECT_FALSE(is_found) << "ball " << i << " of " << balls.count();
+      } else if (nearness <= 1.0) {
+        EXPECT_TRUE(is_found) << "ball " << i << " of " << balls.count();
+      }
+    }
+    found_in_all += found.size();
+  }
+  EXPECT_GT(found_in_all, 10'000U);
 }
 
 TEST(BallSlices, ASearchFindsTheBallsThatALinearSearchFinds) {

@@ -53,7 +53,6 @@ struct Moving {
             .radius = radius.data(),
             .solids = pointers.data(),
             .count = radius.size(),
-            .readable = radius.size(),
             .first_element = first_element};
   }
 };
