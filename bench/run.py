@@ -516,7 +516,9 @@ TRAINERS = {
     "ddp_2": "torchrun --nproc-per-node 2 ddp_ppo.py",
     "torchrl_processes_1": "torchrl_collectors.py --workers 1",
     "torchrl_processes_2": "torchrl_collectors.py --workers 2",
+    "torchrl_distributed_1": "torchrl_collectors.py --workers 1 --collector distributed",
     "torchrl_distributed_2": "torchrl_collectors.py --workers 2 --collector distributed",
+    "rllib_1": "rllib_ppo.py --runners 1",
     "rllib_2": "rllib_ppo.py --runners 2",
 }
 TRAINED = re.compile(r"^(\S+ \S+), (\w+): (\d) of 7 playgrounds after ([\d,]+) steps, ([\d,]+) steps/s$", re.MULTILINE)

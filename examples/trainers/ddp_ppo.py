@@ -16,13 +16,12 @@ from torch.distributions import Categorical
 from torch.nn.parallel import DistributedDataParallel
 
 from cleanrl_ppo import AUTORESET, BATCH_SIZE, CLIP, ENTROPY, EPOCHS, MAX_GRADIENT, STEPS, VALUE, advantages
-from lidar_task import ID, NUM_ENVS, SETTINGS, Options, Run, drones_of_each, network
+from lidar_task import ID, NUM_ENVS, SETTINGS, Options, Run, drones_of_each, network, threads_of_each
 
 if "RANK" not in os.environ:
     raise SystemExit("start this program by torchrun: torchrun --nproc-per-node 2 ddp_ppo.py")
 RANK, PROCESSES = int(os.environ["RANK"]), int(os.environ["WORLD_SIZE"])
-THREADS = max(len(os.sched_getaffinity(0)) // int(os.environ["LOCAL_WORLD_SIZE"]), 1)
-DRONES = drones_of_each(PROCESSES)
+DRONES, THREADS = drones_of_each(PROCESSES), threads_of_each(int(os.environ["LOCAL_WORLD_SIZE"]))
 MINIBATCHES = STEPS * NUM_ENVS // BATCH_SIZE  # of BATCH_SIZE / PROCESSES rows in each process
 
 

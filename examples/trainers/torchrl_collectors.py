@@ -4,7 +4,7 @@
 .venv/bin/python examples/trainers/torchrl_collectors.py --workers 2 --collector distributed
 """
 
-import os
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
 from typing import Literal
@@ -17,7 +17,7 @@ from torchrl.collectors import MultiSyncCollector
 from torchrl.collectors.distributed import DistributedSyncCollector
 from torchrl.envs import EnvBase, GymWrapper
 
-from lidar_task import ID, NUM_ENVS, SETTINGS, Options, Run, drones_of_each
+from lidar_task import ID, NUM_ENVS, SETTINGS, Options, Run, drones_of_each, threads_of_each
 from torchrl_ppo import AUTORESET, FRAMES, learn, make_actor
 
 
@@ -32,7 +32,7 @@ class CollectorOptions(Options):
 
 
 def make_env(drones: int, seed: int, threads: int) -> EnvBase:
-    """Return a worker's drones; the workers share the seeds of a single one."""
+    """Return the drones of a worker."""
     torch.set_num_threads(1)  # of the worker: its network is small
     envs = gymnasium.make_vec(ID, drones, autoreset_mode=AUTORESET, num_threads=threads, **SETTINGS)
     env = GymWrapper(envs, categorical_action_encoding=True)
@@ -40,12 +40,16 @@ def make_env(drones: int, seed: int, threads: int) -> EnvBase:
     return env
 
 
+def workers(options: CollectorOptions) -> list[Callable[[], EnvBase]]:
+    """Return what makes the drones of each worker; together they have the seeds of a single one."""
+    drones, threads = drones_of_each(options.workers), threads_of_each(options.workers)
+    seeds = range(options.seed * NUM_ENVS, (options.seed + 1) * NUM_ENVS, drones)
+    return [partial(make_env, drones, seed, threads) for seed in seeds]
+
+
 def main(options: CollectorOptions) -> nn.Module:
     """Train and return actor and critic."""
-    drones, threads = drones_of_each(options.workers), max(len(os.sched_getaffinity(0)) // options.workers, 1)
-    run, actor = Run("torchrl", AUTORESET, options), make_actor()
-    seeds = range(options.seed * NUM_ENVS, (options.seed + 1) * NUM_ENVS, drones)
-    make = [partial(make_env, drones, seed, threads) for seed in seeds]
+    run, actor, make = Run("torchrl", AUTORESET, options), make_actor(), workers(options)
     frames = {"frames_per_batch": FRAMES, "total_frames": FRAMES * (options.updates + 1)}
     plain = {"auto_register_policy_transforms": False}
     if options.collector == "processes":

@@ -1,6 +1,7 @@
 """The programs in examples/trainers/ learn something and use the env correctly."""
 
 import importlib
+import os
 import subprocess
 import sys
 from pathlib import Path
@@ -12,7 +13,7 @@ import torch
 from gymnasium import spaces
 
 import flockstep
-from lidar_task import ID, SETTINGS, GoalFeatures, Options, drones_of_each
+from lidar_task import ID, SETTINGS, GoalFeatures, Options, drones_of_each, threads_of_each
 from run import TRAINED
 
 FOLDER = Path(__file__).resolve().parents[2] / "examples" / "trainers"
@@ -80,6 +81,25 @@ def test_processes_learn_together(tmp_path):
     assert int(rate.replace(",", "")) > 10
 
 
+@pytest.mark.parametrize("collector", ["processes", "distributed"])
+def test_workers_collect_for_one_learner(collector):
+    command = [sys.executable, "torchrl_collectors.py", "--workers", "2", "--collector", collector, "--updates", "1"]
+    done = subprocess.run(command, cwd=FOLDER, capture_output=True, text=True, timeout=240, check=False)
+    assert done.returncode == 0, done.stderr
+    ((version, mode, _, steps, rate),) = TRAINED.findall(done.stdout)
+    assert (version.split()[0], mode, steps) == ("torchrl", "disabled", "16,384")
+    assert int(rate.replace(",", "")) > 10
+
+
+@pytest.mark.parametrize(("processes", "threads"), [(1, 4), (2, 2), (3, 1), (8, 1)])
+def test_processes_share_the_processors(processes, threads, monkeypatch):
+    monkeypatch.setattr(os, "sched_getaffinity", lambda _: range(4), raising=False)
+    assert threads_of_each(processes) == threads
+    monkeypatch.delattr(os, "sched_getaffinity")
+    monkeypatch.setattr(os, "cpu_count", lambda: 4)
+    assert threads_of_each(processes) == threads
+
+
 @pytest.mark.parametrize("processes", [-1, 0, 3, 512])
 def test_a_number_of_processes_that_does_not_divide_the_drones_is_refused(processes):
     with pytest.raises(SystemExit, match=f"divides 256 drones, got {processes}"):
@@ -110,8 +130,7 @@ def test_workers_fly_the_episodes_of_one(workers):
     program = importlib.import_module("torchrl_collectors")
 
     def flown(count, worker):
-        share = program.drones_of_each(count)
-        env = program.make_env(share, 3 * program.NUM_ENVS + worker * share, 1)
+        env = program.workers(program.CollectorOptions(workers=count, seed=3))[worker]()
         drones = torch.arange(env.batch_size[0]) + worker * env.batch_size[0]
         seen, data = [], env.reset()
         for t in range(60):
