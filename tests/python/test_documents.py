@@ -4,7 +4,7 @@ Each ```python block of README.md and docs/ runs separately in an empty folder. 
 before the block lists the test's replacements: ``<!-- test: 256 -> 8; 1_000_000 -> 512 -->``. A block that trains ends
 by printing `success_rates` or the ends of `evaluate`, and must have learned. With ``continues`` among the replacements
 a block runs after the one before it. A block after ``<!-- test: server -->`` is a client of the server that the first
-command of its page starts.
+command of its page starts. `tests/ray` runs a block after ``<!-- test: ray -->``.
 """
 
 import ast
@@ -135,11 +135,12 @@ def tried(block: Block) -> str:
     return text
 
 
-CLIENTS = [block for block in of_kind("python") if block.replaced == "server"]
+ELSEWHERE = ("server", "ray")
+"""Blocks that another test runs."""
 
 
 @pytest.mark.parametrize(
-    "block", [block for block in of_kind("python") if block not in CLIENTS], ids=lambda block: block.place
+    "block", [block for block in of_kind("python") if block.replaced not in ELSEWHERE], ids=lambda block: block.place
 )
 def test_python_runs_in_an_empty_folder(block, tmp_path):
     text = tried(block)
@@ -162,7 +163,7 @@ def test_python_runs_in_an_empty_folder(block, tmp_path):
 
 def test_a_server_its_recording_and_a_client_run_as_their_page_says(tmp_path):
     """The first three terminals of server.md, at a free port."""
-    (client,) = CLIENTS
+    (client,) = (block for block in of_kind("python") if block.replaced == "server")
     serve, record, *_ = (block.text for block in of_kind("sh", "-m flockstep") if block.place.startswith("server.md:"))
     port = "127.0.0.1:41451"
     with started(f"exec {serve.strip()} --port 0", tmp_path) as server:

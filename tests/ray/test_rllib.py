@@ -4,6 +4,7 @@ import csv
 import json
 import os
 import pickle
+import re
 import signal
 import subprocess
 import sys
@@ -249,6 +250,25 @@ def test_the_example_trains_on_the_cluster(address):
     assert mode == "next_step"
     assert 64 * 256 <= int(steps.replace(",", "")) < 65 * 256
     assert int(rate.replace(",", "")) > 10
+
+
+def test_the_agents_of_the_page_train_on_the_cluster(address, tmp_path):
+    page = (ROOT / "docs" / "several-machines.md").read_text(encoding="utf-8")
+    (block,) = re.findall(r"^<!-- test: ray -->\n```python\n(.*?)^```$", page, re.MULTILINE | re.DOTALL)
+    (tmp_path / "agents.py").write_text(block, encoding="utf-8")
+    done = subprocess.run(
+        [sys.executable, "agents.py"],
+        cwd=tmp_path,
+        env=os.environ | {"RAY_ADDRESS": address},
+        capture_output=True,
+        text=True,
+        timeout=200,
+        check=False,
+    )
+    assert done.returncode == 0, done.stderr
+    returns = [float(line) for line in done.stdout.splitlines()]
+    assert len(returns) == 3
+    assert np.isfinite(returns).all()
 
 
 def test_a_sweep_that_was_killed_continues(address, tmp_path):
