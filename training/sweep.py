@@ -157,16 +157,17 @@ def write_table(rows: list[dict[str, Any]], path: Path) -> None:
 
 
 def plot(rows: list[dict[str, Any]], names: list[str], path: Path) -> None:
-    """Draw success: a column for each combination of settings, a dot for each seed, a bar for their median."""
+    """Draw success: a column for each combination of settings, a dot for each seed, a line at their median."""
     groups: dict[str, list[float]] = {}
     for row in rows:
         label = "\n".join(f"{name}={row[name]}" for name in names) or "recipe"
         groups.setdefault(label, []).append(100 * row["success"])
     drawn, panel = plt.subplots(figsize=(2 + 1.2 * len(groups), 4), layout="constrained")
     for i, (label, success) in enumerate(groups.items()):
-        panel.bar(label, np.median(success), color="tab:blue", alpha=0.4)
-        panel.scatter([i] * len(success), success, color="tab:blue", zorder=2)
-    panel.set(ylabel="success / %", ylim=(0, 101))
+        panel.scatter([label] * len(success), success, color="tab:blue", alpha=0.6)
+        panel.hlines(np.median(success), i - 0.3, i + 0.3, color="tab:blue", alpha=0.5, linewidth=3)
+    least = min(min(success) for success in groups.values())
+    panel.set(ylabel="success / %", xlim=(-0.5, len(groups) - 0.5), ylim=(min(least - 1, 95), 100.5))
     panel.tick_params(axis="x", labelsize=8)
     drawn.savefig(path, dpi=100)
     plt.close(drawn)

@@ -15,6 +15,7 @@ from __future__ import annotations
 
 import importlib.metadata
 from collections.abc import Mapping
+from copy import deepcopy
 from typing import Any, TypeVar
 
 try:
@@ -24,9 +25,10 @@ try:
     from ray.rllib.algorithms.algorithm_config import AlgorithmConfig
     from ray.rllib.env.single_agent_env_runner import SingleAgentEnvRunner
 except ImportError as _error:
-    _needed = f"flockstep.rllib needs Ray RLlib and PyTorch: pip install 'flockstep[rllib]' ({_error})"
-    raise type(_error)(_needed, name=_error.name) from _error
+    _needed = "flockstep.rllib needs Ray RLlib and PyTorch: pip install 'flockstep[rllib]' in a separate environment"
+    raise type(_error)(f"{_needed} ({_error})", name=_error.name) from _error
 
+import numpy as np
 from gymnasium.vector import VectorEnv, VectorWrapper
 
 from flockstep.registration import make_by_id
@@ -38,7 +40,7 @@ __all__ = ["DroneEnvRunner", "DroneEnvs", "configure"]
 _Config = TypeVar("_Config", bound=AlgorithmConfig)
 
 _FIRST_EVALUATION_SEED = 1 << 30  # added to the seed for the runners of an evaluation
-_FIXED = ("num_envs", "autoreset_mode", "copy", "drones_per_env")  # RLlib keeps rows and expects next-step autoreset
+_FIXED = ("num_envs", "autoreset_mode", "copy")  # RLlib keeps rows and expects next-step autoreset
 
 
 def _check_gymnasium() -> None:
@@ -111,6 +113,8 @@ def configure(
 ) -> _Config:
     """Set the environments, the runners and the seed of a configuration of RLlib.
 
+    It makes one env to check the settings, because the errors of runners are hard to find.
+
     Parameters
     ----------
     config
@@ -127,16 +131,20 @@ def configure(
 
     Raises
     ------
-    ValueError, TypeError
-        The number of envs or the seed is not allowed, or a setting is one that RLlib determines.
+    ValueError, TypeError, gymnasium.error.Error
+        The number of envs or the seed is out of range, RLlib determines a setting, or the env cannot be made.
     """
-    if num_envs < 1:
-        raise ValueError(f"num_envs: expected at least 1, got {num_envs}")
-    if seed < 0:
-        raise ValueError(f"seed: expected at least 0, got {seed}")
+    for name, value, least in (("num_envs", num_envs, 1), ("seed", seed, 0)):
+        if not isinstance(value, (int, np.integer)) or isinstance(value, bool) or value < least:
+            raise ValueError(f"{name}: expected an integer >= {least}, got {value!r}")
     fixed = [name for name in _FIXED if name in settings]
     if fixed:
         raise TypeError(f"configure: {' and '.join(fixed)} cannot be chosen: RLlib determines it")
+    if settings.get("drones_per_env", 1) != 1:
+        raise TypeError(
+            "configure: RLlib's runners fly envs of one drone: for several agents use flockstep.parallel_env"
+        )
+    DroneEnvs({"env": deepcopy(env), "num_envs": 1, **settings}).close()
     config.environment(DroneEnvs, env_config={"env": env, **settings})
     config.env_runners(
         env_runner_cls=DroneEnvRunner,

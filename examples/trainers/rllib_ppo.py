@@ -57,6 +57,9 @@ def main(options: RLlibOptions) -> nn.Module:
     """Train and return actor and critic."""
     run, drones = Run("ray", AUTORESET, options), drones_of_each(options.runners)
     ray.init(options.address or "local", include_dashboard=None if options.address else False)
+    cpus = int(ray.cluster_resources().get("CPU", 0))
+    if options.runners > cpus:
+        raise SystemExit(f"--runners: expected at most {cpus}, the CPUs of the cluster, got {options.runners}")
     config = configure(PPOConfig(), ID, num_envs=drones, seed=options.seed * NUM_ENVS, **SETTINGS)
     config.env_runners(num_env_runners=options.runners)
     config.rl_module(rl_module_spec=RLModuleSpec(module_class=ActorCritic))

@@ -2,6 +2,7 @@
 
 import importlib
 import os
+import socket
 import subprocess
 import sys
 from pathlib import Path
@@ -21,6 +22,12 @@ FOLDER = Path(__file__).resolve().parents[2] / "examples" / "trainers"
 pytestmark = [  # TorchRL warns about its own classes when imported
     pytest.mark.filterwarnings("ignore:Creating .*WeightUpdater which inherits:DeprecationWarning")
 ]
+
+
+def free_address():
+    with socket.socket() as probe:
+        probe.bind(("127.0.0.1", 0))
+        return f"127.0.0.1:{probe.getsockname()[1]}"
 
 
 def test_every_program_is_short():
@@ -60,7 +67,8 @@ def test_it_learns(name, package, options, monkeypatch, capsys):
     assert int(rate.replace(",", "")) > 10
 
 
-def test_processes_learn_together(tmp_path):
+@pytest.mark.parametrize("machines", [1, 2])
+def test_processes_learn_together(machines, tmp_path):
     """Both end with the same networks, although each learned from other drones."""
     code = (
         "import ddp_ppo, pathlib\n"
@@ -68,15 +76,22 @@ def test_processes_learn_together(tmp_path):
         "weights = b''.join(each.detach().numpy().tobytes() for each in nets.parameters())\n"
         f"pathlib.Path({str(tmp_path)!r}, str(ddp_ppo.RANK)).write_bytes(weights)\n"
     )
-    command = [sys.executable, "-m", "torch.distributed.run", "--standalone", "--nproc-per-node", "2", "--no-python"]
-    done = subprocess.run(
-        [*command, sys.executable, "-c", code], cwd=FOLDER, capture_output=True, text=True, timeout=120, check=False
-    )
-    assert done.returncode == 0, done.stderr
+    where = ["--standalone", "--nproc-per-node", "2"]
+    if machines == 2:  # two launchers that meet, as on two machines
+        where = ["--nnodes", "2", "--nproc-per-node", "1", "--rdzv-backend", "c10d", "--rdzv-endpoint", free_address()]
+    command = [sys.executable, "-m", "torch.distributed.run", *where, "--no-python", sys.executable, "-c", code]
+    pipes = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE, "text": True}
+    launchers = [subprocess.Popen(command, cwd=FOLDER, **pipes) for _ in range(machines)]
+    try:
+        printed = [launcher.communicate(timeout=120) for launcher in launchers]
+    finally:
+        for launcher in launchers:
+            launcher.terminate()  # if another one failed
+    assert [launcher.returncode for launcher in launchers] == [0] * machines, printed
     networks = {file.name: file.read_bytes() for file in tmp_path.iterdir()}
     assert networks.keys() == {"0", "1"}
     assert networks["0"] == networks["1"] != b""
-    ((version, mode, _, _, rate),) = TRAINED.findall(done.stdout)
+    ((version, mode, _, _, rate),) = TRAINED.findall("".join(out for out, _ in printed))
     assert (version.split()[0], mode) == ("torch", "next_step")
     assert int(rate.replace(",", "")) > 10
 

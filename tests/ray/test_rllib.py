@@ -11,6 +11,7 @@ import sys
 import time
 from pathlib import Path
 
+import gymnasium
 import numpy as np
 import pytest
 import ray
@@ -200,15 +201,20 @@ def test_a_single_env_of_rllib_is_refused():
 @pytest.mark.parametrize(
     ("keywords", "error", "message"),
     [
-        ({"num_envs": 0}, ValueError, "num_envs: expected at least 1, got 0"),
-        ({"seed": -1}, ValueError, "seed: expected at least 0, got -1"),
+        ({"num_envs": 0}, ValueError, "num_envs: expected an integer >= 1, got 0"),
+        ({"num_envs": "8"}, ValueError, "num_envs: expected an integer >= 1, got '8'"),
+        ({"seed": -1}, ValueError, "seed: expected an integer >= 0, got -1"),
+        ({"max_episode_stepz": 3}, TypeError, "Did you mean 'max_episode_steps'"),
+        ({"max_episode_steps": -1}, ValueError, "max_episode_steps: expected .*, got -1"),
+        ({"env": "flockstep/Lidar-v9"}, gymnasium.error.NameNotFound, "Lidar"),
         ({"copy": False}, TypeError, "configure: copy cannot be chosen"),
-        ({"autoreset_mode": "same_step", "drones_per_env": 2}, TypeError, "autoreset_mode and drones_per_env cannot"),
+        ({"autoreset_mode": "same_step", "copy": False}, TypeError, "autoreset_mode and copy cannot"),
+        ({"drones_per_env": 2}, TypeError, "use flockstep.parallel_env"),
     ],
 )
 def test_settings_that_are_refused(keywords, error, message):
     with pytest.raises(error, match=message):
-        rllib.configure(PPOConfig(), ID, **{"num_envs": 4, **keywords})
+        rllib.configure(PPOConfig(), **{"env": ID, "num_envs": 4, **keywords})
 
 
 class Climb(flockstep.Task):
@@ -227,6 +233,10 @@ def test_a_task_instead_of_an_id():
     assert isinstance(envs.unwrapped.task, Climb)
     assert envs.num_envs == 3
     assert pickle.loads(pickle.dumps(Climb)) is Climb
+    task = Climb()
+    config = rllib.configure(PPOConfig(), task, num_envs=3)
+    assert config.env_config["env"] is task
+    assert set(vars(task)) == set(vars(Climb())), "the env that checks the settings has a copy"
 
 
 def test_another_gymnasium_is_refused(monkeypatch):
@@ -252,12 +262,15 @@ def test_the_example_trains_on_the_cluster(address):
     assert int(rate.replace(",", "")) > 10
 
 
-def test_the_agents_of_the_page_train_on_the_cluster(address, tmp_path):
-    page = (ROOT / "docs" / "several-machines.md").read_text(encoding="utf-8")
-    (block,) = re.findall(r"^<!-- test: ray -->\n```python\n(.*?)^```$", page, re.MULTILINE | re.DOTALL)
-    (tmp_path / "agents.py").write_text(block, encoding="utf-8")
+PAGE = (ROOT / "docs" / "several-machines.md").read_text(encoding="utf-8")
+BLOCKS = re.findall(r"^<!-- test: ray -->\n```python\n(.*?)^```$", PAGE, re.MULTILINE | re.DOTALL)
+
+
+@pytest.mark.parametrize("block", BLOCKS, ids=["configure", "several agents"])
+def test_the_blocks_of_the_page_train_on_the_cluster(block, address, tmp_path):
+    (tmp_path / "block.py").write_text(block, encoding="utf-8")
     done = subprocess.run(
-        [sys.executable, "agents.py"],
+        [sys.executable, "block.py"],
         cwd=tmp_path,
         env=os.environ | {"RAY_ADDRESS": address},
         capture_output=True,
