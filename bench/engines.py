@@ -88,6 +88,10 @@ def run_inside(engine: str, processes: int) -> None:
         first, last = readings[WARM], readings[-1]
         taken = {name: last[name] - first[name] for name in first}
         print(json.dumps({**taken, "began": readings[0]["seconds"], "updates": len(readings) - 1 - WARM}), flush=True)
+    if engine != "rllib":
+        import processes as shared  # type: ignore[import-not-found]
+
+        shared.end_process()
 
 
 def run_rllib(runners: int) -> None:

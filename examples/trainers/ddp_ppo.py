@@ -16,7 +16,8 @@ from torch.distributions import Categorical
 from torch.nn.parallel import DistributedDataParallel
 
 from cleanrl_ppo import AUTORESET, BATCH_SIZE, CLIP, ENTROPY, EPOCHS, MAX_GRADIENT, STEPS, VALUE, advantages
-from lidar_task import ID, NUM_ENVS, SETTINGS, Options, Run, drones_of_each, network, threads_of_each
+from lidar_task import ID, NUM_ENVS, SETTINGS, Options, Run, network
+from processes import drones_of_each, end_process, threads_of_each
 
 if "RANK" not in os.environ:
     raise SystemExit("start this program by torchrun: torchrun --nproc-per-node 2 ddp_ppo.py")
@@ -53,8 +54,7 @@ def goes_on(run: Run, flown: int, nets: ActorCritic) -> bool:
 def main(options: Options) -> nn.Module:
     """Train and return actor and critic."""
     dist.init_process_group("gloo")
-    run = Run("torch", AUTORESET, options)  # seeds PyTorch: the processes begin with the same networks
-    nets = ActorCritic()
+    run, nets = Run("torch", AUTORESET, options), ActorCritic()  # Run seeds PyTorch: all begin with the same networks
     model = DistributedDataParallel(nets)
     torch.manual_seed(options.seed * PROCESSES + RANK)  # their actions and minibatches differ
     optimizer = torch.optim.Adam(nets.parameters(), lr=3e-3, eps=1e-5)
@@ -90,10 +90,11 @@ def main(options: Options) -> nn.Module:
                 loss.backward()  # averages the gradients of the processes
                 nn.utils.clip_grad_norm_(nets.parameters(), MAX_GRADIENT)
                 optimizer.step()
-    dist.barrier()  # gloo's threads have then let go of all tensors, or Python could end before they do
+    dist.barrier()
     dist.destroy_process_group()
     return nets
 
 
 if __name__ == "__main__":
     main(tyro.cli(Options))
+    end_process()

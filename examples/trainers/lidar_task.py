@@ -4,7 +4,6 @@ The settings are those of the README's first training. The policy flies the seve
 run ends when it reaches the goal in six of them.
 """
 
-import os
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -47,19 +46,6 @@ def network(outputs: int, gain: float) -> nn.Sequential:
         nn.init.orthogonal_(layer.weight, size)
         nn.init.zeros_(layer.bias)
     return nn.Sequential(GoalFeatures(), layers[0], nn.Tanh(), layers[1], nn.Tanh(), layers[2])
-
-
-def drones_of_each(processes: int) -> int:
-    """Return the number of drones of each of several processes that fly together."""
-    if processes < 1 or NUM_ENVS % processes:
-        raise SystemExit(f"expected a number of processes that divides {NUM_ENVS} drones, got {processes}")
-    return NUM_ENVS // processes
-
-
-def threads_of_each(processes: int) -> int:
-    """Return the share of this machine's processors for each of several processes on it, at least 1."""
-    processors = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
-    return max(processors // processes, 1)
 
 
 def playgrounds_flown(policy: Policy) -> int:

@@ -20,7 +20,8 @@ from ray.rllib.core.rl_module.torch import TorchRLModule
 from torch import nn
 
 from flockstep.rllib import configure
-from lidar_task import ID, NUM_ENVS, SETTINGS, Options, Run, drones_of_each, network
+from lidar_task import ID, NUM_ENVS, SETTINGS, Options, Run, network
+from processes import drones_of_each
 
 AUTORESET = "next_step"  # RLlib begins an episode with the observation after a last step
 LEARNING = {"train_batch_size_per_learner": 64 * NUM_ENVS, "minibatch_size": 4096, "num_epochs": 4, "lr": 3e-3}

@@ -17,7 +17,8 @@ from torchrl.collectors import MultiSyncCollector
 from torchrl.collectors.distributed import DistributedSyncCollector
 from torchrl.envs import EnvBase, GymWrapper
 
-from lidar_task import ID, NUM_ENVS, SETTINGS, Options, Run, drones_of_each, threads_of_each
+from lidar_task import ID, NUM_ENVS, SETTINGS, Options, Run
+from processes import drones_of_each, end_process, threads_of_each
 from torchrl_ppo import AUTORESET, FRAMES, learn, make_actor
 
 
@@ -68,3 +69,4 @@ def main(options: CollectorOptions) -> nn.Module:
 
 if __name__ == "__main__":
     main(tyro.cli(CollectorOptions))
+    end_process()

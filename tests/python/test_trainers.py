@@ -14,7 +14,8 @@ import torch
 from gymnasium import spaces
 
 import flockstep
-from lidar_task import ID, SETTINGS, GoalFeatures, Options, drones_of_each, threads_of_each
+from lidar_task import ID, SETTINGS, GoalFeatures, Options
+from processes import drones_of_each, threads_of_each
 from run import TRAINED
 
 FOLDER = Path(__file__).resolve().parents[2] / "examples" / "trainers"
@@ -32,7 +33,7 @@ def free_address():
 
 def test_every_program_is_short():
     programs = sorted(FOLDER.glob("*.py"))
-    assert len(programs) == 8
+    assert len(programs) == 9
     assert {path.name: lines for path in programs if (lines := len(path.read_text().splitlines())) > 100} == {}
 
 
@@ -75,6 +76,7 @@ def test_processes_learn_together(machines, tmp_path):
         "nets = ddp_ppo.main(ddp_ppo.Options(updates=2))\n"
         "weights = b''.join(each.detach().numpy().tobytes() for each in nets.parameters())\n"
         f"pathlib.Path({str(tmp_path)!r}, str(ddp_ppo.RANK)).write_bytes(weights)\n"
+        "ddp_ppo.end_process()\n"
     )
     where = ["--standalone", "--nproc-per-node", "2"]
     if machines == 2:  # two launchers that meet, as on two machines
