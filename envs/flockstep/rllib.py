@@ -120,7 +120,7 @@ def configure(
     config
         A configuration such as ``PPOConfig()``, on RLlib's new API stack. It is changed and returned.
     env
-        Id of an environment, or a task. If another module registers the id: ``"module:id"``.
+        Id of an environment of single drones, or such a task. If another module registers the id: ``"module:id"``.
     num_envs
         Envs of each runner; ``num_envs_per_env_runner``.
     seed
@@ -140,11 +140,11 @@ def configure(
     fixed = [name for name in _FIXED if name in settings]
     if fixed:
         raise TypeError(f"configure: {' and '.join(fixed)} cannot be chosen: RLlib determines it")
-    if settings.get("drones_per_env", 1) != 1:
-        raise TypeError(
-            "configure: RLlib's runners fly envs of one drone: for several agents use flockstep.parallel_env"
-        )
-    DroneEnvs({"env": deepcopy(env), "num_envs": 1, **settings}).close()
+    envs = DroneEnvs({"env": deepcopy(env), "num_envs": 1, **settings})
+    drones = envs.num_envs
+    envs.close()
+    if drones != 1:
+        raise ValueError(f"env: expected one drone in each env, got {drones}: see flockstep.parallel_env")
     config.environment(DroneEnvs, env_config={"env": env, **settings})
     config.env_runners(
         env_runner_cls=DroneEnvRunner,

@@ -209,7 +209,8 @@ def test_a_single_env_of_rllib_is_refused():
         ({"env": "flockstep/Lidar-v9"}, gymnasium.error.NameNotFound, "Lidar"),
         ({"copy": False}, TypeError, "configure: copy cannot be chosen"),
         ({"autoreset_mode": "same_step", "copy": False}, TypeError, "autoreset_mode and copy cannot"),
-        ({"drones_per_env": 2}, TypeError, "use flockstep.parallel_env"),
+        ({"drones_per_env": 2}, ValueError, "env: expected one drone in each env, got 2: see flockstep.parallel_env"),
+        ({"env": "flockstep/Swap-v0"}, ValueError, "env: expected one drone in each env, got 8"),
     ],
 )
 def test_settings_that_are_refused(keywords, error, message):
