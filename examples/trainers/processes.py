@@ -1,6 +1,7 @@
-"""Several processes that train together: their shares of the drones and of the processors, and their end."""
+"""Several processes that train together: their shares of drones and processors, their port, their end."""
 
 import os
+import socket
 import sys
 
 from lidar_task import NUM_ENVS
@@ -17,6 +18,13 @@ def threads_of_each(processes: int) -> int:
     """Return the share of this machine's processors for each of several processes on it, at least 1."""
     processors = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
     return max(processors // processes, 1)
+
+
+def free_port() -> int:
+    """Return a TCP port that no other program on this machine uses."""
+    with socket.socket() as probe:
+        probe.bind(("", 0))
+        return int(probe.getsockname()[1])
 
 
 def end_process() -> None:

@@ -18,7 +18,7 @@ from torchrl.collectors.distributed import DistributedSyncCollector
 from torchrl.envs import EnvBase, GymWrapper
 
 from lidar_task import ID, NUM_ENVS, SETTINGS, Options, Run
-from processes import drones_of_each, end_process, threads_of_each
+from processes import drones_of_each, end_process, free_port, threads_of_each
 from torchrl_ppo import AUTORESET, FRAMES, learn, make_actor
 
 
@@ -58,7 +58,8 @@ def main(options: CollectorOptions) -> nn.Module:
             make, actor, cat_results=0, use_buffers=True, update_at_each_batch=True, **frames, **plain
         )
     else:
-        collector = DistributedSyncCollector(make, actor, launcher="mp", collector_kwargs=plain, **frames)
+        ways = {"launcher": "mp", "tcp_port": free_port()}  # the default port is the same for all trainings
+        collector = DistributedSyncCollector(make, actor, collector_kwargs=plain, **ways, **frames)
     try:
         return learn(run, actor, collector)
     finally:

@@ -2,7 +2,6 @@
 
 import importlib
 import os
-import socket
 import subprocess
 import sys
 from pathlib import Path
@@ -15,7 +14,7 @@ from gymnasium import spaces
 
 import flockstep
 from lidar_task import ID, SETTINGS, GoalFeatures, Options
-from processes import drones_of_each, threads_of_each
+from processes import drones_of_each, free_port, threads_of_each
 from run import TRAINED
 
 FOLDER = Path(__file__).resolve().parents[2] / "examples" / "trainers"
@@ -23,12 +22,6 @@ FOLDER = Path(__file__).resolve().parents[2] / "examples" / "trainers"
 pytestmark = [  # TorchRL warns about its own classes when imported
     pytest.mark.filterwarnings("ignore:Creating .*WeightUpdater which inherits:DeprecationWarning")
 ]
-
-
-def free_address():
-    with socket.socket() as probe:
-        probe.bind(("127.0.0.1", 0))
-        return f"127.0.0.1:{probe.getsockname()[1]}"
 
 
 def test_every_program_is_short():
@@ -80,7 +73,8 @@ def test_processes_learn_together(machines, tmp_path):
     )
     where = ["--standalone", "--nproc-per-node", "2"]
     if machines == 2:  # two launchers that meet, as on two machines
-        where = ["--nnodes", "2", "--nproc-per-node", "1", "--rdzv-backend", "c10d", "--rdzv-endpoint", free_address()]
+        meeting = ["--rdzv-backend", "c10d", "--rdzv-endpoint", f"127.0.0.1:{free_port()}"]
+        where = ["--nnodes", "2", "--nproc-per-node", "1", *meeting]
     command = [sys.executable, "-m", "torch.distributed.run", *where, "--no-python", sys.executable, "-c", code]
     pipes = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE, "text": True}
     launchers = [subprocess.Popen(command, cwd=FOLDER, **pipes) for _ in range(machines)]
