@@ -21,7 +21,7 @@ def threads_of_each(processes: int) -> int:
 
 
 def free_port() -> int:
-    """Return a TCP port that no other program on this machine uses."""
+    """Return a TCP port of this machine that nobody uses now."""
     with socket.socket() as probe:
         probe.bind(("", 0))
         return int(probe.getsockname()[1])

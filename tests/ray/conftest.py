@@ -7,7 +7,6 @@ marked processes are ended, and after the tests none may be left.
 import os
 import shutil
 import signal
-import socket
 import subprocess
 import sys
 import tempfile
@@ -16,6 +15,8 @@ import uuid
 from pathlib import Path
 
 import pytest
+
+from processes import free_port
 
 CPUS = 2  # of each node
 MARK, VALUE = "FLOCKSTEP_RAY_TEST", uuid.uuid4().hex
@@ -44,12 +45,6 @@ def wait_until(condition, seconds):
             return False
         time.sleep(0.1)
     return True
-
-
-def free_port():
-    with socket.socket() as probe:
-        probe.bind(("127.0.0.1", 0))
-        return probe.getsockname()[1]
 
 
 @pytest.fixture(scope="session")

@@ -263,6 +263,12 @@ def test_the_example_trains_on_the_cluster(address):
     assert int(rate.replace(",", "")) > 10
 
 
+def test_more_runners_than_cpus_are_refused(address):
+    done = run_program("examples/trainers/rllib_ppo.py", "--address", address, "--runners", "8")
+    assert done.returncode == 1
+    assert f"--runners: expected at most {2 * CPUS}, the CPUs of the cluster, got 8" in done.stderr
+
+
 PAGE = (ROOT / "docs" / "several-machines.md").read_text(encoding="utf-8")
 BLOCKS = re.findall(r"^<!-- test: ray -->\n```python\n(.*?)^```$", PAGE, re.MULTILINE | re.DOTALL)
 
