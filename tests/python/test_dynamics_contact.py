@@ -305,7 +305,8 @@ BOX = flockstep.World.from_dict(
 
 @pytest.mark.parametrize(("world", "place"), [(ROOM, [3, 3, 0.045]), (BOX, [3, 3, 0.045]), (BOX, [-7, 0, 1.045])])
 @pytest.mark.parametrize("mode", ["stop", "bounce"])
-def test_what_starts_inside_flies_out_as_in_the_open(world, place, mode):
+def test_what_starts_inside_is_moved_out(world, place, mode):
+    """It leaves at 2.5 m/s or faster; on the way forces accelerate it as in the open."""
     batch, free = (
         batch_of(frame(), 1, 50, worlds=[room], on_contact=mode, control="velocity")
         for room in (
@@ -318,24 +319,23 @@ def test_what_starts_inside_flies_out_as_in_the_open(world, place, mode):
     inside = 0
     while batch.fly([[0, 0, 1, 0]], ticks=1).inside[0]:
         free.fly([[0, 0, 1, 0]], ticks=1)
-        np.testing.assert_array_equal(batch.position, free.position)
-        np.testing.assert_array_equal(batch.velocity, free.velocity)
-        assert batch.contact.hit[0]
         inside += 1
-        assert inside < 150
-    assert inside > 50
+        assert batch.contact.hit[0]
+        np.testing.assert_array_equal(batch.velocity, free.velocity)
+    assert 0 < inside < 10
     for _ in range(50):
         assert not batch.fly([[0, 0, 1, 0]]).hit[0]
 
 
 @pytest.mark.parametrize("mode", ["stop", "bounce"])
-def test_what_starts_inside_goes_no_deeper(mode):
+def test_what_starts_inside_and_wants_to_go_deeper_ends_on_the_surface(mode):
     batch = batch_of(frame(), 1, 50, worlds=[BOX], on_contact=mode, control="velocity")
     batch.set_pose([[3, 3, 0.045]])
+    batch.fly([[0, 0, -1, 0]])
     for _ in range(50):
-        assert batch.fly([[0, 0, -1, 0]]).inside[0]
-        assert batch.position[0, 2] >= 0.045 - 1e-5
-        np.testing.assert_allclose(batch.velocity[0], 0, atol=1e-3)
+        batch.fly([[0, 0, -1, 0]])
+        assert not batch.contact.inside[0]
+        assert abs(batch.position[0, 2] - 0.06) < GAP
 
 
 @pytest.mark.parametrize("mode", ["stop", "bounce"])

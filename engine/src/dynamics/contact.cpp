@@ -1,6 +1,7 @@
 #include "dynamics/contact.hpp"
 
 #include <algorithm>
+#include <cmath>
 #include <cstddef>
 #include <span>
 
@@ -18,8 +19,10 @@ class StaticWorld {
   StaticWorld(const collision::Obstacles& obstacles, const collision::Hull& hull) : obstacles_(obstacles), hull_(hull) {}
 
   collision::MovingContact meet(const Pose& from, const Pose& to) { return {collision::sweep(obstacles_, hull_, from, to)}; }
+  std::span<const collision::MovingSolid> solids() const { return {}; }
   bool touches(const collision::MovingContact&, const Vec3& point, float reach) const { return obstacles_.touches(point, reach); }
   void end(ContactResult&, double) {}
+  const collision::Obstacles& obstacles() const { return obstacles_; }
 
  private:
   const collision::Obstacles& obstacles_;
@@ -37,6 +40,9 @@ class MovingWorld {
     time_ += static_cast<double>(contact.hit ? contact.fraction : 1.0F) * (1.0 - time_);
     return contact;
   }
+
+  const collision::Obstacles& obstacles() const { return obstacles_; }
+  std::span<const collision::MovingSolid> solids() const { return solids_; }
 
   bool touches(const collision::MovingContact& contact, const Vec3& point, float reach) const {
     if (contact.body < 0) return obstacles_.touches(point, reach);
@@ -56,6 +62,7 @@ class MovingWorld {
       result.velocity.linear = pushed_along(result.velocity.linear, push.pose.position - result.pose.position, most, left_s);
     }
     result.pose = push.pose;
+    time_ = 1.0;
     if (!push.jammed) return;
     result.contact.inside = true;
     result.velocity = {};
@@ -68,29 +75,47 @@ class MovingWorld {
   double time_ = 0.0;  // of the bodies' motion
 };
 
+// Moves a drone that is inside something at the end of a tick towards the way out.
+template <class World>
+void move_out(World& world, const collision::Hull& hull, const TickMotion& motion, const Pose& pose, const Velocity& velocity,
+              ContactResult& result) {
+  const double outwards = static_cast<double>(result.contact.normal.dot(pose.position - motion.from.position));
+  const double most = kSpeedOut * motion.duration_s - std::max(outwards, 0.0);
+  const Pose target = collision::cleared(world.obstacles(), world.solids(), hull, pose, 1.0, most);
+  const collision::MovingContact contact = world.meet(pose, target);
+  result.is_deflected = true;
+  result.pose = collision::interpolate(pose, target, contact.hit ? contact.fraction : 1.0F);
+  result.velocity = velocity;
+  result.farthest = std::max(result.farthest, (target.position - motion.from.position).norm());
+}
+
 template <class World>
 ContactResult resolve(World& world, const Body& body, const DynamicsConfig& config, const TickMotion& motion) {
-  constexpr int kMostContacts = 3;  // per tick: two walls and their corner
   const bool terminates = config.on_contact == OnContact::terminate;
   Pose from = motion.from, to = motion.to;
   Velocity begin = motion.begin, end = motion.end;
   double left_s = motion.duration_s;
+  ContactPoints touching;
+  int touched = -1;  // the body that they touch
   ContactResult result;
   const auto comes_to = [&](const Pose& pose) {
     result.farthest = std::max(result.farthest, (pose.position - motion.from.position).norm());
   };
-  for (int contacts = 0; contacts < kMostContacts; ++contacts) {
+  for (int contacts = 0; contacts < kMaxContacts; ++contacts) {
     const collision::MovingContact contact = world.meet(from, to);
     if (contact.hit) result.contact = contact;
-    if (!contact.hit || (contact.inside && contact.fraction == 1.0F && !terminates)) {
+    const bool is_flown = !contact.hit || (contact.inside && contact.fraction == 1.0F && !terminates);
+    if (is_flown) {
       if (contacts > 0) result.pose = to, result.velocity = end;
       comes_to(to);
+      if (contact.inside) move_out(world, body.hull, motion, to, end, result);
       return result;
     }
     result.is_deflected = true;
-    from = collision::interpolate(from, to, contact.fraction);
-    comes_to(from);
     const float share = contact.fraction;
+    const double moved = share > 0.0F ? static_cast<double>(share) * largest_move(body.hull, from, to) : 0.0;
+    from = collision::interpolate(from, to, share);
+    comes_to(from);
     left_s *= 1.0 - static_cast<double>(share);
     if (terminates) {
       result.pose = from;
@@ -100,22 +125,36 @@ ContactResult resolve(World& world, const Body& body, const DynamicsConfig& conf
     }
     Velocity hit = velocity_between(begin, end, share);
     const auto touches = [&](const Vec3& point, float reach) { return world.touches(contact, point, reach); };
-    const ContactPoints touching(touches, body.hull, from, contact);
+    if (contact.body != touched || moved > collision::kStandoff) touching.clear();
+    touched = contact.body;
+    touching.add(touches, body.hull, from, contact);
     const bool is_moving = contact.body >= 0;  // then the drone rebounds in the frame of the surface
     const Vec3 surface = contact.velocity / static_cast<float>(motion.duration_s);
     if (is_moving) hit.linear -= surface, end.linear -= surface;
-    const Rebound rebound =
-        thrown_back(hit, end, left_s, from, touching.points(), contact.normal, body.airframe, surface_of(config));
+    const Rebound rebound = thrown_back(hit, end, left_s, from, touching.points(), body.airframe, surface_of(config));
     begin = rebound.after;
     end = rebound.at_end;
     if (is_moving) begin.linear += surface, end.linear += surface;
     to = pose_after(from, begin, end, left_s);
   }
-  // After kMostContacts the drone stays at the last contact. Inside an obstacle its velocity is 0, since forces must not
-  // accelerate it there.
-  result.pose = from;
-  result.velocity = result.contact.inside ? Velocity{} : begin;
-  world.end(result, left_s);
+  // Impulses cannot finish every tick. Inside an obstacle the drone stays, at rest, since forces must not accelerate it there.
+  if (result.contact.inside) {
+    result.pose = from;
+  } else {
+    const Pose target = moved_aside(world.obstacles(), world.solids(), body.hull, from, to);
+    const collision::MovingContact last = world.meet(from, target);
+    if (last.hit) result.contact = last;
+    const float share = last.hit ? last.fraction : 1.0F;
+    comes_to(target);
+    result.pose = collision::interpolate(from, target, share);
+    if (!is_same(result.pose, motion.from)) {
+      const float climb = result.pose.position.z() - from.position.z();
+      result.velocity = velocity_aside(begin, end, share, climb, motion, left_s, body.airframe);
+    }
+    left_s *= 1.0 - static_cast<double>(share);
+  }
+  if (left_s > 0.0) world.end(result, left_s);
+  if (result.contact.inside) move_out(world, body.hull, motion, result.pose, result.velocity, result);
   return result;
 }
 

@@ -17,8 +17,6 @@ namespace {
 using collision::MovingContact;
 using collision::MovingSolid;
 
-constexpr int kMostContactsOfTick = 3;  // of a drone; then it stays until the next tick
-
 // Sorts by what drones do, not by their numbers, which only decide between equal motions.
 auto order_of(const Neighbor& drone) {
   const auto key = [](const Pose& pose) {
@@ -48,6 +46,7 @@ void Crowd::resolve(std::span<Neighbor* const> drones, const collision::Obstacle
   config_ = &config;
   stops_ = config.is_kinematic() || config.on_contact == OnContact::terminate;
   meetings_.clear();
+  touched_.resize(std::max(touched_.size(), drones.size()));
   order_.resize(drones.size());
   std::iota(order_.begin(), order_.end(), std::size_t{0});
   std::ranges::sort(order_, [&](std::size_t a, std::size_t b) {
@@ -58,6 +57,7 @@ void Crowd::resolve(std::span<Neighbor* const> drones, const collision::Obstacle
   farthest_ = 0.0F;
   for (std::size_t i = 0; i < drones.size(); ++i) {
     Neighbor& each = drone(i);
+    touched_[i].points.clear();
     const TickMotion& motion = each.motion;
     legs_[i] = {.from = motion.from, .to = motion.to, .first = motion.begin, .last = motion.end};
     legs_[i].stands = each.has_contact;
@@ -84,6 +84,9 @@ void Crowd::resolve(std::span<Neighbor* const> drones, const collision::Obstacle
   }
   for (std::size_t a = 0; a < legs_.size(); ++a) {
     if (bodies_.count != 0 && (legs_[a].stands || legs_[a].rests())) push(a);
+  }
+  for (std::size_t a = 0; a < legs_.size(); ++a) {
+    if (!stops_ && !drone(a).holds && !drone(a).has_contact && drone(a).contact.inside) move_out(a);
   }
   for (std::size_t a = 0; a < legs_.size(); ++a) {
     Neighbor& each = drone(a);
@@ -198,9 +201,10 @@ void Crowd::stop(std::size_t a, double time, const Pose& pose, const Velocity& v
 
 void Crowd::fly_on(std::size_t a, double time, const Pose& pose, const Velocity& after, const Velocity& at_end) {
   Leg& leg = legs_[a];
+  Neighbor& each = drone(a);
   const int contacts = leg.contacts + 1;
-  const bool is_inside = drone(a).contact.inside;
-  if (contacts >= kMostContactsOfTick) return stop(a, time, pose, is_inside ? Velocity{} : after);
+  if (each.contact.inside && contacts >= kMaxContacts) return stop(a, time, pose, {});
+  if (contacts > kMaxContacts) return stop(a, time, pose, after);
   leg = {.begin = time,
          .from = pose,
          .to = pose_after(pose, after, at_end, left_s(time)),
@@ -208,12 +212,26 @@ void Crowd::fly_on(std::size_t a, double time, const Pose& pose, const Velocity&
          .last = at_end,
          .contacts = contacts};
   leg.is_first = false;
+  if (contacts == kMaxContacts) {
+    const float range = 2.0F * static_cast<float>(largest_move(hull_, pose, leg.to));
+    leg.to = moved_aside(*obstacles_, solids_near(a, range, true), hull_, pose, leg.to);
+    leg.last = velocity_after(leg, a, 1.0F);
+  }
   set_box(leg);
-  Neighbor& each = drone(a);
   each.is_deflected = true;
   const float came = (pose.position - each.motion.from.position).norm();
   each.reach = std::max(each.reach, came + (leg.to.position - pose.position).norm());
   farthest_ = std::max(farthest_, each.reach);
+}
+
+// The velocity of a drone that has flown a share of its leg, a motion aside.
+Velocity Crowd::velocity_after(const Leg& leg, std::size_t a, float share) const {
+  const Neighbor& each = drone(a);
+  if (each.other >= 0) return share < 1.0F ? leg.first : leg.last;  // the momentum of both drones stays
+  const Pose pose = collision::interpolate(leg.from, leg.to, share);
+  if (is_same(pose, each.motion.from)) return {};
+  const float climb = pose.position.z() - leg.from.position.z();
+  return velocity_aside(leg.first, leg.last, share, climb, each.motion, left_s(leg.begin), *each.airframe);
 }
 
 void Crowd::meet(const Meeting& meeting) {
@@ -230,6 +248,22 @@ void Crowd::meet(const Meeting& meeting) {
   find_all(meeting.a, kNone);
 }
 
+// The points at which a drone touches something, to add to: none, if it touched something else before, or has moved since.
+ContactPoints& Crowd::points_of(std::size_t a, std::size_t b, int body, float share) {
+  Touched& touched = touched_[a];
+  const bool has_moved = moved(a, share) > collision::kStandoff || (b != kNone && moved(b, share) > collision::kStandoff);
+  if (touched.b != b || touched.body != body || has_moved) touched.points.clear();
+  touched.b = b;
+  touched.body = body;
+  return touched.points;
+}
+
+// Returns how far (m) a point of a drone moved in a share of its leg.
+double Crowd::moved(std::size_t a, float share) const {
+  const Leg& leg = legs_[a];
+  return share > 0.0F ? static_cast<double>(share) * largest_move(hull_, leg.from, leg.to) : 0.0;
+}
+
 void Crowd::meet_world(const Meeting& meeting) {
   const Leg leg = legs_[meeting.a];
   const Pose pose = collision::interpolate(leg.from, leg.to, meeting.contact.fraction);
@@ -237,6 +271,9 @@ void Crowd::meet_world(const Meeting& meeting) {
   const Neighbor& each = drone(meeting.a);
   if (stops_ || each.holds) return stop(meeting.a, meeting.time, pose, leg.last);
   const MovingContact& contact = meeting.contact;
+  if (leg.contacts == kMaxContacts && !contact.inside) {
+    return stop(meeting.a, meeting.time, pose, velocity_after(leg, meeting.a, contact.fraction));
+  }
   const auto solids = solids_near(meeting.a, (leg.to.position - leg.from.position).norm(), false);
   const auto touches = [&](const Vec3& point, float reach) {
     if (contact.body < 0) return obstacles_->touches(point, reach);
@@ -246,14 +283,14 @@ void Crowd::meet_world(const Meeting& meeting) {
              (collision::closest_point(solid.at(meeting.time), center) - center).norm() < static_cast<double>(reach);
     });
   };
-  const ContactPoints touching(touches, hull_, pose, contact);
+  ContactPoints& touching = points_of(meeting.a, kNone, contact.body, contact.fraction);
+  touching.add(touches, hull_, pose, contact);
   Velocity hit = velocity_between(leg.first, leg.last, contact.fraction), end = leg.last;
   const Vec3 surface =
       contact.body >= 0 ? Vec3(contact.velocity / static_cast<float>(each.motion.duration_s)) : Vec3(Vec3::Zero());
   hit.linear -= surface;
   end.linear -= surface;
-  Rebound rebound =
-      thrown_back(hit, end, left_s(meeting.time), pose, touching.points(), contact.normal, *each.airframe, surface_of(*config_));
+  Rebound rebound = thrown_back(hit, end, left_s(meeting.time), pose, touching.points(), *each.airframe, surface_of(*config_));
   rebound.after.linear += surface;
   rebound.at_end.linear += surface;
   fly_on(meeting.a, meeting.time, pose, rebound.after, rebound.at_end);
@@ -286,20 +323,30 @@ void Crowd::meet_drone(const Meeting& meeting) {
   const auto touches = [&](std::size_t i) {
     return [this, &pose = poses[i]](const Vec3& point, float reach) { return is_near(pose, point, reach); };
   };
-  ContactPoints touching(touches(1), hull_, poses[0], contact);
+  ContactPoints& touching = points_of(both[0], both[1], -1, contact.fraction);
+  touching.add(touches(1), hull_, poses[0], contact);
   touching.add_vertices(touches(0), hull_, poses[1], contact, -1.0F);
   const Surface surface = surface_of(*config_);
   const double left = left_s(meeting.time);
   for (std::size_t i = 0; i < 2; ++i) {
     if (!drone(both[i]).holds) continue;
     const std::size_t free = 1 - i;
-    const Rebound rebound = thrown_back(hits[free], ends[free], left, poses[free], touching.points(), contacts[free].normal,
-                                        *drone(both[free]).airframe, surface);
+    if (free == 1) touching.turn_round();
+    touched_[both[0]].b = kNone;  // another contact of these drones begins anew
+    const Rebound rebound =
+        thrown_back(hits[free], ends[free], left, poses[free], touching.points(), *drone(both[free]).airframe, surface);
     return fly_on(both[free], meeting.time, poses[free], rebound.after, rebound.at_end);
   }
   const Airframe &first = *drone(both[0]).airframe, &second = *drone(both[1]).airframe;
-  const auto rebounds = thrown_apart({poses[0], first, hits[0], ends[0]}, {poses[1], second, hits[1], ends[1]}, left,
-                                     touching.points(), contact.normal, surface);
+  auto rebounds =
+      thrown_apart({poses[0], first, hits[0], ends[0]}, {poses[1], second, hits[1], ends[1]}, left, touching.points(), surface);
+  const auto is_stuck = [&](std::size_t i) {
+    return legs_[both[i]].contacts >= kMaxContacts && is_same(poses[i], drone(both[i]).motion.from);
+  };
+  if (is_stuck(0) || is_stuck(1)) {
+    const auto joined = moved_together({poses[0], first, rebounds[0].after, {}}, {poses[1], second, rebounds[1].after, {}});
+    for (std::size_t i = 0; i < 2; ++i) rebounds[i] = {joined[i], joined[i]};
+  }
   for (std::size_t i = 0; i < 2; ++i) fly_on(both[i], meeting.time, poses[i], rebounds[i].after, rebounds[i].at_end);
 }
 
@@ -342,6 +389,20 @@ void Crowd::push(std::size_t a) {
   if (!pushed.jammed) return;
   each.contact.inside = true;
   leg.last = {};
+  each.is_deflected = true;
+}
+
+// Moves a drone that is inside something at the end of the tick towards the way out.
+void Crowd::move_out(std::size_t a) {
+  Leg& leg = legs_[a];
+  Neighbor& each = drone(a);
+  const float outwards = each.contact.normal.dot(leg.to.position - each.motion.from.position);
+  const double most = kSpeedOut * each.motion.duration_s - static_cast<double>(std::max(outwards, 0.0F));
+  leg.from = leg.to;
+  const auto solids = solids_near(a, static_cast<float>(kSpeedOut * each.motion.duration_s), true);
+  const Pose target = collision::cleared(*obstacles_, solids, hull_, leg.from, 1.0, most);
+  const MovingContact contact = collision::first_contact(*obstacles_, solids, hull_, leg.from, target, 1.0);
+  leg.to = collision::interpolate(leg.from, target, contact.hit ? contact.fraction : 1.0F);
   each.is_deflected = true;
 }
 

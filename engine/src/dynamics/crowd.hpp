@@ -12,6 +12,7 @@
 #include "collision/moving_sweep.hpp"
 #include "collision/obstacles.hpp"
 #include "dynamics/contact.hpp"
+#include "dynamics/rebound.hpp"
 #include "flockstep/airframe.hpp"
 #include "flockstep/dynamics.hpp"
 #include "flockstep/pose.hpp"
@@ -74,6 +75,12 @@ class Crowd {
     collision::MovingContact contact;
   };
   static constexpr std::size_t kNone = ~std::size_t{0};
+  // Where a drone touches another one, or a body, or the world, since it last moved.
+  struct Touched {
+    std::size_t b = kNone;
+    int body = -1;
+    ContactPoints points;
+  };
 
   Neighbor& drone(std::size_t a) { return *drones_[order_[a]]; }
   const Neighbor& drone(std::size_t a) const { return *drones_[order_[a]]; }
@@ -89,10 +96,14 @@ class Crowd {
   void note(std::size_t a, const collision::MovingContact& contact, std::int32_t other);
   void stop(std::size_t a, double time, const Pose& pose, const Velocity& velocity);
   void fly_on(std::size_t a, double time, const Pose& pose, const Velocity& after, const Velocity& at_end);
+  Velocity velocity_after(const Leg& leg, std::size_t a, float share) const;
   void meet(const Meeting& meeting);
+  ContactPoints& points_of(std::size_t a, std::size_t b, int body, float share);
+  double moved(std::size_t a, float share) const;
   void meet_world(const Meeting& meeting);
   void meet_drone(const Meeting& meeting);
   void push(std::size_t a);
+  void move_out(std::size_t a);
   std::span<const collision::MovingSolid> solids_near(std::size_t a, float range_m, bool with_drones);
   double left_s(double time) const { return (1.0 - time) * drones_.front()->motion.duration_s; }
   Vec3 surface_velocity(std::size_t a, double time, const Vec3& point) const;
@@ -111,6 +122,7 @@ class Crowd {
   std::vector<Meeting> meetings_;
   std::vector<collision::MovingSolid> solids_;
   collision::NearSolids near_;
+  std::vector<Touched> touched_;
 };
 
 // Writes contact and other of a drone; contact.velocity is in m/s.

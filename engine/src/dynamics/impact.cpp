@@ -49,6 +49,7 @@ struct Inertia {
 template <std::size_t kBodies>
 struct Touching {
   std::array<Vec3d, kBodies> arms;  // m, from the centres of mass
+  Vec3d normal;                     // unit, towards the first body
   double leaves;                    // m/s, minimum speed along the normal after the impact
   double across;                    // m/s along the normal per Ns of normal impulse at the point
   double along;                     // m/s in the surface per Ns of tangential impulse, upper bound
@@ -67,23 +68,24 @@ class Impact {
   using Twists = dynamics::Twists<kBodies>;
   using Touching = dynamics::Touching<kBodies>;
 
-  Impact(const std::array<Inertia, kBodies>& bodies, const Vec3d& normal) : bodies_(bodies), normal_(normal) {}
+  explicit Impact(const std::array<Inertia, kBodies>& bodies) : bodies_(bodies) {}
 
-  void add(const std::array<Vec3d, kBodies>& arms) {
+  void add(const std::array<Vec3d, kBodies>& arms, const Vec3d& normal) {
     double across = 0.0, all = 0.0;
     for (std::size_t body = 0; body < kBodies; ++body) {
-      const Vec3d turn = arms[body].cross(normal_);
+      const Vec3d turn = arms[body].cross(normal);
       across += bodies_[body].inverse_mass + turn.dot(bodies_[body].inverse * turn);
       Mat3d cross;
       for (int axis = 0; axis < 3; ++axis) cross.col(axis) = arms[body].cross(Vec3d::Unit(axis));
       all += 3.0 * bodies_[body].inverse_mass + (cross.transpose() * bodies_[body].inverse * cross).trace();
     }
-    points_[count_++] = {arms, 0.0, across, all - across, Vec3d::Zero()};
+    points_[count_++] = {arms, normal, 0.0, across, all - across, Vec3d::Zero()};
   }
 
   bool bounces(const Twists& before, double restitution) {
-    return restitution > 0.0 &&
-           std::ranges::any_of(points(), [&](const Touching& point) { return point.velocity(before).dot(normal_) < -kSlow; });
+    return restitution > 0.0 && std::ranges::any_of(points(), [&](const Touching& point) {
+             return point.velocity(before).dot(point.normal) < -kSlow;
+           });
   }
 
   // The motion after the impact. If several points touch, or one of them slides, applying restitution to each point separately
@@ -137,7 +139,7 @@ class Impact {
     double fastest = kSlow;
     for (Touching& point : points()) {
       const Vec3d velocity = point.velocity(before);
-      const double came = velocity.dot(normal_);
+      const double came = velocity.dot(point.normal);
       point.leaves = came < -kSlow ? -surface.restitution * came : 0.0;
       point.impulse = Vec3d::Zero();
       fastest = std::max(fastest, velocity.norm());
@@ -149,21 +151,21 @@ class Impact {
       if (changed <= kConverged * fastest) break;
     }
     is_settled_ = std::ranges::all_of(
-        points(), [&](const Touching& point) { return point.velocity(motion).dot(normal_) >= -kSettled * fastest; });
+        points(), [&](const Touching& point) { return point.velocity(motion).dot(point.normal) >= -kSettled * fastest; });
     return motion;
   }
 
   // Corrects the impulse of one point. Returns the change of its speed.
   double push(Touching& point, double friction, Twists& motion) const {
     const Vec3d velocity = point.velocity(motion);
-    const double speed = velocity.dot(normal_);
-    const double before = point.impulse.dot(normal_);
+    const double speed = velocity.dot(point.normal);
+    const double before = point.impulse.dot(point.normal);
     const double pressed = std::max(before + kRelaxation * (point.leaves - speed) / point.across, 0.0);
-    Vec3d rubbed = point.impulse - before * normal_ - kRelaxation / point.along * (velocity - speed * normal_);
+    Vec3d rubbed = point.impulse - before * point.normal - kRelaxation / point.along * (velocity - speed * point.normal);
     if (!std::isinf(friction)) {
       if (const double most = friction * pressed, size = rubbed.norm(); size > most) rubbed *= most / size;
     }
-    const Vec3d change = pressed * normal_ + rubbed - point.impulse;
+    const Vec3d change = pressed * point.normal + rubbed - point.impulse;
     point.impulse += change;
     for (std::size_t body = 0; body < kBodies; ++body) {
       const Vec3d on_body = body == 0 ? change : Vec3d(-change);
@@ -188,7 +190,6 @@ class Impact {
   double energy(const Twists& motions) const { return 0.5 * work(motions, motions); }  // J
 
   std::array<Inertia, kBodies> bodies_;
-  Vec3d normal_;
   std::array<Touching, kMostPoints> points_;
   std::size_t count_ = 0;
   bool is_settled_ = true;
@@ -222,23 +223,24 @@ std::array<Twists<kBodies>, 2> rebound(Impact<kBodies>& impact, const Twists<kBo
 
 }  // namespace
 
-Rebound thrown_back(const Velocity& at_hit, const Velocity& at_end, double left_s, const Pose& pose, std::span<const Vec3> points,
-                    const Vec3& normal, const Airframe& frame, const Surface& surface) {
+Rebound thrown_back(const Velocity& at_hit, const Velocity& at_end, double left_s, const Pose& pose,
+                    std::span<const ContactPoint> points, const Airframe& frame, const Surface& surface) {
   assert(points.size() <= kMostPoints);
   const Mat3d rotation = rotation_of(pose);
-  Impact<1> impact({Inertia(rotation, frame)}, normal.cast<double>());
-  for (const Vec3& point : points) impact.add({(point - pose.position).cast<double>()});
+  Impact<1> impact({Inertia(rotation, frame)});
+  for (const auto& [position, normal] : points) impact.add({(position - pose.position).cast<double>()}, normal.cast<double>());
   const auto [after, end] = rebound<1>(impact, {twist_of(at_hit, rotation)}, {twist_of(at_end, rotation)}, left_s, surface);
   return {velocity_of(after[0], rotation), velocity_of(end[0], rotation)};
 }
 
-std::array<Rebound, 2> thrown_apart(const Colliding& first, const Colliding& second, double left_s, std::span<const Vec3> points,
-                                    const Vec3& normal, const Surface& surface) {
+std::array<Rebound, 2> thrown_apart(const Colliding& first, const Colliding& second, double left_s,
+                                    std::span<const ContactPoint> points, const Surface& surface) {
   assert(points.size() <= kMostPoints);
   const std::array rotations{rotation_of(first.pose), rotation_of(second.pose)};
-  Impact<2> impact({Inertia(rotations[0], first.frame), Inertia(rotations[1], second.frame)}, normal.cast<double>());
-  for (const Vec3& point : points) {
-    impact.add({(point - first.pose.position).cast<double>(), (point - second.pose.position).cast<double>()});
+  Impact<2> impact({Inertia(rotations[0], first.frame), Inertia(rotations[1], second.frame)});
+  for (const auto& [position, normal] : points) {
+    impact.add({(position - first.pose.position).cast<double>(), (position - second.pose.position).cast<double>()},
+               normal.cast<double>());
   }
   const Twists<2> before{twist_of(first.at_hit, rotations[0]), twist_of(second.at_hit, rotations[1])};
   const Twists<2> free{twist_of(first.at_end, rotations[0]), twist_of(second.at_end, rotations[1])};
@@ -246,6 +248,33 @@ std::array<Rebound, 2> thrown_apart(const Colliding& first, const Colliding& sec
   std::array<Rebound, 2> result;
   for (std::size_t body = 0; body < 2; ++body) {
     result[body] = {velocity_of(after[body], rotations[body]), velocity_of(end[body], rotations[body])};
+  }
+  return result;
+}
+
+std::array<Velocity, 2> moved_together(const Colliding& first, const Colliding& second) {
+  const std::array bodies{&first, &second};
+  const std::array rotations{rotation_of(first.pose), rotation_of(second.pose)};
+  const std::array inertias{Inertia(rotations[0], first.frame), Inertia(rotations[1], second.frame)};
+  const std::array twists{twist_of(first.at_hit, rotations[0]), twist_of(second.at_hit, rotations[1])};
+  const double mass = inertias[0].mass + inertias[1].mass;
+  Vec3d center = Vec3d::Zero(), velocity = Vec3d::Zero();
+  for (std::size_t i = 0; i < 2; ++i) {
+    center += inertias[i].mass / mass * bodies[i]->pose.position.cast<double>();
+    velocity += inertias[i].mass / mass * twists[i].linear;
+  }
+  Mat3d inertia = Mat3d::Zero();  // of both about the common centre
+  Vec3d spin = Vec3d::Zero();     // angular momentum about it
+  for (std::size_t i = 0; i < 2; ++i) {
+    const Vec3d arm = bodies[i]->pose.position.cast<double>() - center;
+    inertia += inertias[i].tensor + inertias[i].mass * (arm.squaredNorm() * Mat3d::Identity() - arm * arm.transpose());
+    spin += inertias[i].tensor * twists[i].angular + inertias[i].mass * arm.cross(twists[i].linear);
+  }
+  const Vec3d turn = inertia.ldlt().solve(spin);
+  std::array<Velocity, 2> result;
+  for (std::size_t i = 0; i < 2; ++i) {
+    const Vec3d arm = bodies[i]->pose.position.cast<double>() - center;
+    result[i] = velocity_of({velocity + turn.cross(arm), turn}, rotations[i]);
   }
   return result;
 }

@@ -11,6 +11,12 @@
 
 namespace flockstep::dynamics {
 
+// A point at which a body touches a surface.
+struct ContactPoint {
+  Vec3 position;  // m, world frame
+  Vec3 normal;    // unit, world frame, from the surface towards the body
+};
+
 struct Surface {
   double restitution;  // speed away from the surface over speed towards it
   double friction;     // Coulomb coefficient; infinite: contact points never slide, even without normal force
@@ -23,8 +29,7 @@ struct Rebound {
 };
 
 // Resolves an impact in the middle of a tick, and the contact for the rest of it. at_hit: velocity before the impact. at_end:
-// velocity at the end of the tick, left_s later, if there were no contact. points: contact points of the body on the surface,
-// m, world frame, at most kMostPoints. normal: unit, away from the surface.
+// velocity at the end of the tick, left_s later, if there were no contact. points: at most kMostPoints.
 //
 // In the impact each point rebounds with the restitution's share of its approach speed, by impulses within the Coulomb cone. A
 // point that already moves away is not affected. The impact adds no energy: if the restitution would, it is reduced. Then the
@@ -32,9 +37,9 @@ struct Rebound {
 //
 // The impulses are solved point by point until they converge (projected Gauss-Seidel: E. Catto, "Iterative Dynamics with
 // Temporal Coherence", 2005). This takes many rounds if the points are not coplanar or nearly coincide.
-inline constexpr std::size_t kMostPoints = 65;  // all vertices of two hulls, plus one
-Rebound thrown_back(const Velocity& at_hit, const Velocity& at_end, double left_s, const Pose& pose, std::span<const Vec3> points,
-                    const Vec3& normal, const Airframe& frame, const Surface& surface);
+inline constexpr std::size_t kMostPoints = 130;  // twice all vertices of two hulls, plus one
+Rebound thrown_back(const Velocity& at_hit, const Velocity& at_end, double left_s, const Pose& pose,
+                    std::span<const ContactPoint> points, const Airframe& frame, const Surface& surface);
 
 // A body that hits another one.
 struct Colliding {
@@ -44,8 +49,11 @@ struct Colliding {
 };
 
 // The same for two bodies, which exert opposite impulses on each other: their total momentum and angular momentum stay as they
-// are. normal: from the second body to the first.
-std::array<Rebound, 2> thrown_apart(const Colliding& first, const Colliding& second, double left_s, std::span<const Vec3> points,
-                                    const Vec3& normal, const Surface& surface);
+// are. Normals point from the second body to the first.
+std::array<Rebound, 2> thrown_apart(const Colliding& first, const Colliding& second, double left_s,
+                                    std::span<const ContactPoint> points, const Surface& surface);
+
+// Returns the velocities with which two bodies move as one, with the momentum and angular momentum that they have at at_hit.
+std::array<Velocity, 2> moved_together(const Colliding& first, const Colliding& second);
 
 }  // namespace flockstep::dynamics

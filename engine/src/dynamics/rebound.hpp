@@ -3,12 +3,15 @@
 
 #include <algorithm>
 #include <array>
+#include <cmath>
 #include <cstddef>
 #include <limits>
 #include <span>
 
+#include "collision/clearing.hpp"
 #include "collision/hull.hpp"
 #include "collision/moving_solid.hpp"
+#include "collision/path.hpp"
 #include "collision/sweep.hpp"
 #include "dynamics/contact.hpp"
 #include "dynamics/impact.hpp"
@@ -17,20 +20,30 @@
 
 namespace flockstep::dynamics {
 
-static_assert(kMostPoints == 2 * kMaxHullVertices + 1);
+static_assert(kMostPoints == 2 * (2 * kMaxHullVertices + 1));
 
-// Points of hulls that touch at a contact, m, world frame. If a face lies flat, these are all its corners.
+// Points of hulls that touch. If a face lies flat, these are all its corners. If a drone has several contacts at one place, as in
+// a corner, their points are kept, so that the impulses at one do not push the drone into another.
 class ContactPoints {
  public:
-  // Takes the contact point and the touching vertices of a hull. Inside an obstacle the points are the deepest vertices. All
+  std::span<const ContactPoint> points() const { return std::span(points_).first(count_); }
+  void clear() { count_ = 0; }
+  // As the other body sees them.
+  void turn_round() {
+    for (std::size_t i = 0; i < count_; ++i) points_[i].normal = -points_[i].normal;
+  }
+
+  // Adds the contact point and the touching vertices of a hull. Inside an obstacle the points are the deepest vertices. All
   // points are projected onto the hit surface and deduplicated: points off its plane, or a millimetre apart, would act as tiny
   // levers that keep the body from turning. touches(point, reach): whether the point is nearer than reach to the obstacle.
-  ContactPoints(const auto& touches, const collision::Hull& hull, const Pose& pose, const collision::Contact& contact) {
-    if (!contact.inside) add(contact.point);
+  void add(const auto& touches, const collision::Hull& hull, const Pose& pose, const collision::Contact& contact) {
+    if (count_ > kMostPoints / 2) clear();
+    first_ = count_;
+    if (!contact.inside) add(contact.point, contact.normal);
     add_vertices(touches, hull, pose, contact, 1.0F);
   }
 
-  // Takes the touching vertices of another hull, on the other side of the surface (side -1), except near known points.
+  // Adds the touching vertices of another hull, on the other side of the surface (side -1), except near known points.
   void add_vertices(const auto& touches, const collision::Hull& hull, const Pose& pose, const collision::Contact& contact,
                     float side) {
     const auto vertex = [&](int i) { return Vec3(hull.vertex(i).cast<float>()); };
@@ -48,24 +61,41 @@ class ContactPoints {
       const Vec3 point = pose.position + pose.rotation * vertex(i);
       if (!contact.inside && !touches(point, near)) continue;
       const Vec3 on_surface = point - side * above * contact.normal;
-      const auto is_here = [&](const Vec3& known) { return (on_surface - known).norm() < near; };
+      const auto is_here = [&](const ContactPoint& known) { return (on_surface - known.position).norm() < near; };
       if (side < 0.0F) {
-        if (std::ranges::none_of(points(), is_here)) add(on_surface);
-      } else if (count_ > 0 && is_here(points_[0])) {
-        points_[0] = on_surface;
+        if (std::ranges::none_of(points().subspan(first_), is_here)) add(on_surface, contact.normal);
+      } else if (count_ > first_ && is_here(points_[first_])) {
+        points_[first_].position = on_surface;
       } else {
-        add(on_surface);
+        add(on_surface, contact.normal);
       }
     }
+    forget_same(near);
   }
 
-  std::span<const Vec3> points() const { return std::span(points_).first(count_); }
-
  private:
-  void add(const Vec3& point) { points_[count_++] = point; }
+  void add(const Vec3& position, const Vec3& normal) { points_[count_++] = {position, normal}; }
 
-  std::array<Vec3, kMostPoints> points_;
+  // Removes points of earlier contacts that the last one has, too.
+  void forget_same(float near) {
+    const auto last = points().subspan(first_);
+    const auto is_known = [&](const ContactPoint& point) {
+      return std::ranges::any_of(last, [&](const ContactPoint& known) {
+        return (point.position - known.position).norm() < near && point.normal.dot(known.normal) > kSameNormal;
+      });
+    };
+    const auto end = points_.begin() + static_cast<std::ptrdiff_t>(first_);
+    const auto kept = std::remove_if(points_.begin(), end, is_known);
+    if (kept == end) return;
+    count_ =
+        static_cast<std::size_t>(std::move(end, points_.begin() + static_cast<std::ptrdiff_t>(count_), kept) - points_.begin());
+    first_ = static_cast<std::size_t>(kept - points_.begin());
+  }
+
+  static constexpr float kSameNormal = 0.999F;  // cosine
+  std::array<ContactPoint, kMostPoints> points_;
   std::size_t count_ = 0;
+  std::size_t first_ = 0;  // of the last contact
 };
 
 inline Surface surface_of(const DynamicsConfig& config) {
@@ -85,6 +115,51 @@ inline Pose pose_after(const Pose& from, const Velocity& begin, const Velocity& 
   const float angle = turn.norm();
   return {from.position + time * (begin.linear + end.linear),
           angle > 0.0F ? (from.rotation * Quat(Eigen::AngleAxisf(angle, turn / angle))).normalized() : from.rotation};
+}
+
+inline constexpr int kMaxContacts = 3;    // of a drone in a tick: two walls and their corner
+inline constexpr double kSpeedOut = 2.5;  // m/s, of a drone that is moved out of what it is inside of
+
+inline bool is_same(const Pose& a, const Pose& b) {
+  return a.position == b.position && a.rotation.coeffs() == b.rotation.coeffs();
+}
+
+// Returns an upper bound of how far (m) a point of the hull moves.
+inline double largest_move(const collision::Hull& hull, const Pose& from, const Pose& to) {
+  return collision::Path(from, to).fastest(static_cast<double>(hull.radius()));
+}
+
+// Returns the pose at the end of a tick that impulses cannot finish, instead of `to`. A face that turns about an edge while it
+// slides along it comes nearer to the edge by the second order of time, though the point of contact does not: the surface moves
+// the drone aside, by no more than that.
+inline Pose moved_aside(const collision::Obstacles& obstacles, std::span<const collision::MovingSolid> solids,
+                        const collision::Hull& hull, const Pose& from, const Pose& to) {
+  const collision::Path path(from, to);
+  const double most = path.angle * path.fastest(static_cast<double>(hull.radius())) + collision::kStandoff;
+  return collision::cleared(obstacles, solids, hull, to, 1.0, most);
+}
+
+// Kinetic energy, J/kg.
+inline double energy_of(const Velocity& velocity, const Airframe& frame) {
+  const auto square = [](const Vec3& v) { return v.cast<double>().cwiseAbs2(); };
+  const collision::Vec3d inertia(frame.inertia_kgm2[0], frame.inertia_kgm2[1], frame.inertia_kgm2[2]);
+  return 0.5 * (square(velocity.linear).sum() + square(velocity.angular).dot(inertia) / frame.mass_kg);
+}
+
+// Returns the velocity at the end of a motion aside, of which a share was flown. The surface does no work, so the energy changes
+// by the climb (m) and by the work of the other forces, which act for left_s. begin, end: velocities after the last impact and at
+// the end of the tick. motion: of the tick without obstacles.
+inline Velocity velocity_aside(const Velocity& begin, const Velocity& end, float share, float climb, const TickMotion& motion,
+                               double left_s, const Airframe& frame) {
+  const auto potential = [](float height) { return kGravity * static_cast<double>(height); };
+  const double work = energy_of(motion.end, frame) - energy_of(motion.begin, frame) +
+                      potential(motion.to.position.z() - motion.from.position.z());
+  const double most = energy_of(begin, frame) - potential(climb) + std::max(work, 0.0) * left_s / motion.duration_s;
+  const Velocity& velocity = share < 1.0F ? begin : end;
+  const double is = energy_of(velocity, frame);
+  if (!(is > most)) return velocity;
+  const auto kept = static_cast<float>(std::sqrt(std::max(most, 0.0) / is));
+  return {kept * velocity.linear, kept * velocity.angular};
 }
 
 // Returns a bound of the speeds (m per motion) of all points of bodies.

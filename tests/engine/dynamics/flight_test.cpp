@@ -83,6 +83,12 @@ Flock random_flock(std::uint32_t seed, dynamics::Stage stage) {
   return flock;
 }
 
+std::vector<dynamics::ContactPoint> with_normal(std::span<const Vec3> points, const Vec3& normal = Vec3::UnitZ()) {
+  std::vector<dynamics::ContactPoint> result;
+  for (const Vec3& point : points) result.push_back({point, normal});
+  return result;
+}
+
 bool same(const Flock& a, const Flock& b) { return std::memcmp(&a, &b, sizeof a) == 0; }
 
 TEST(Flight, OfADroneIsTheSameBesideOtherAirframes) {
@@ -360,7 +366,7 @@ TEST(Impact, BouncesByRestitutionAndFriction) {
   // The contact is straight below the centre, so there is no rotation.
   const std::array below{Vec3(1, 2, 2.9F)};
   const auto thrown_back = [&](const Velocity& before, std::span<const Vec3> points, const Vec3& normal) {
-    return dynamics::thrown_back(before, before, 0.0, pose, points, normal, frame, surface).at_end;
+    return dynamics::thrown_back(before, before, 0.0, pose, with_normal(points, normal), frame, surface).at_end;
   };
   const Velocity straight = thrown_back({{1, 0, -2}, Vec3::Zero()}, below, Vec3::UnitZ());
   EXPECT_TRUE(straight.linear.isApprox(Vec3(1, 0, 0.8F), 1e-6F));
@@ -432,7 +438,7 @@ TEST(Impact, KeepsTheEnergyThatRestitutionAllows) {
       bool is_less = false;
       for (const double restitution : {0.0, 0.5, 0.9, 1.0}) {
         const Velocity after =
-            dynamics::thrown_back(before, before, 0.0, pose, corners, Vec3::UnitZ(), frame, {restitution, friction}).after;
+            dynamics::thrown_back(before, before, 0.0, pose, with_normal(corners), frame, {restitution, friction}).after;
         const float share = energy(after) / energy(before);
         ASSERT_LE(share, 1.0F + 1e-5F) << "restitution " << restitution << ", friction " << friction;
         ASSERT_GE(slowest(after), -1e-2F);
@@ -476,7 +482,7 @@ TEST(Impact, AFaceThatLandsOnASmoothFloorLosesTheLeastItCan) {
     const auto lost = [&](const Velocity& v) {
       return mass * (v.linear - before.linear).squaredNorm() + (v.angular - before.angular).cwiseAbs2().dot(inertia);
     };
-    const Velocity after = dynamics::thrown_back(before, before, 0.0, pose, corners, Vec3::UnitZ(), frame, {0.0, 0.0}).at_end;
+    const Velocity after = dynamics::thrown_back(before, before, 0.0, pose, with_normal(corners), frame, {0.0, 0.0}).at_end;
     ASSERT_GE(slowest(after), -1e-3F) << "rounds have an end: slivers need many";
     if (slowest(before) >= 0.0F) {
       EXPECT_LT(lost(after), 1e-9F);
