@@ -3291,8 +3291,9 @@ class Batch:
         and dense LiDARs use tiles. A LiDAR is dense if it has at least four rows, and any sixteen neighbouring beams of
         a row span at most about 50 degrees. All other rays use Embree, in packets. ``"auto"``: tiles only for sensors
         of at least 256 rays in worlds of at most 1,024 triangles per ray; in larger worlds packets are faster. Fans of
-        at least 12 beams are traced as slices of the world, through the same tree, in any world. A fan is a channel
-        whose beams lie in a plane, of a LiDAR with at most three channels, or a column of channels with one beam each.
+        at least 6 beams that are at most 1 m apart on average at the end of their range are traced as slices of the
+        world, through the same tree. A fan is a channel whose beams lie in a plane, of a LiDAR with at most three
+        channels, or a column of channels with one beam each.
         ``"slices"``: the same for all fans, however few beams they have. ``"embree"``: uses neither tiles nor slices;
         Embree also traces all primitives except rooms. It is slower and meant for comparison.
     drones_per_env
