@@ -51,16 +51,17 @@ def plot_curve(clock: Clock, path: Path) -> None:
     figure, (above, below) = plt.subplots(2, figsize=(8, 6.5), sharex=True, layout="constrained")
     above.plot(steps / 1e3, reward, color="tab:blue")
     above.axhline(0, color="0.6", linewidth=1)
-    above.set(ylabel="reward of an episode", title="PPO learns to fly by LiDAR")
-    above.annotate("mean of 100 episodes, with exploration", (0.98, 0.06), xycoords="axes fraction", ha="right")
-    below.plot(evaluated / 1e3, 100 * success, color="tab:green", marker="o", markersize=4)
+    above.set(ylabel="reward of an episode")
+    above.annotate("mean of 100 episodes, with exploration", (0.98, 0.15), xycoords="axes fraction", ha="right")
+    below.plot(evaluated / 1e3, 100 * success, color="tab:green", marker="o", markersize=4, clip_on=False)
     below.set(
         xlabel="thousand steps", ylabel="flights that reach the goal / %", xlim=(0, steps[-1] / 1e3), ylim=(0, 101)
     )
     label = f"{CURVE_FLIGHTS} playgrounds that it does not train in, without exploration"
-    below.annotate(label, (0.98, 0.06), xycoords="axes fraction", ha="right")
+    below.annotate(label, (0.98, 0.15), xycoords="axes fraction", ha="right")
     pace = seconds[-1] / steps[-1] * 1e3
     above.secondary_xaxis("top", functions=(lambda k: k * pace, lambda s: s / pace)).set_xlabel("seconds of training")
+    figure.suptitle("flockstep.PPO learns to fly by LiDAR")
     for axes in (above, below):
         axes.grid(alpha=0.3)
     figure.savefig(path, dpi=150)
