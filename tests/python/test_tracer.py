@@ -75,6 +75,19 @@ def test_it_measures_what_embree_does(office):
     assert embree.batch.embree_rays > tiles.batch.embree_rays
 
 
+@pytest.mark.parametrize("name", ["LidarNavigation", "CameraNavigation", "CameraPixels", "Formation", "Dodge"])
+def test_hardly_a_ray_of_the_bundled_tasks_goes_through_embree(name):
+    """The counts that README.md and docs/architecture.md state; only Dodge has moving meshes."""
+    envs = gymnasium.make_vec(f"flockstep/{name}-v0", num_envs=4 if name.startswith("Camera") else 64).unwrapped
+    envs.reset(seed=0)
+    before, steps = envs.batch.embree_rays, 40
+    for _ in range(steps):
+        envs.step(envs.action_space.sample())
+    scans = steps * len(envs.batch.position)
+    share = (envs.batch.embree_rays - before) / scans
+    assert 0 < share < 5 if name == "Dodge" else share == 0
+
+
 def test_tiles_are_taken_by_themselves(office):
     for a, b in zip(fly(envs_in(office, "tiles")), fly(envs_in(office, "auto")), strict=True):
         for one, other in zip(a, b, strict=True):
@@ -152,6 +165,7 @@ class TestSlices:
         else:
             assert slices.embree_rays == 0 < embree.embree_rays
         assert auto.embree_rays == slices.embree_rays
+        assert embree.embree_rays == embree.lidar().ranges.size
 
     @pytest.mark.parametrize("beams", [1, 2, 5])
     def test_small_fans_go_through_embree_unless_slices_are_forced(self, world, beams):
