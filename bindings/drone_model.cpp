@@ -3,6 +3,7 @@
 #include "arrays.hpp"
 #include "convert.hpp"
 #include "named.hpp"
+#include "world/drone_doubts.hpp"
 
 namespace flockstep::bindings {
 namespace {
@@ -33,7 +34,7 @@ py::str path_of(const py::handle& name_or_path) {
 
 // Returns the drone, after warnings about numbers that are probably in another unit.
 DroneModel warned(DroneModel drone) {
-  for (const std::string& doubt : drone.doubts()) {
+  for (const std::string& doubt : doubts_about(drone)) {
     if (PyErr_WarnEx(PyExc_UserWarning, doubt.c_str(), 1) != 0) throw py::error_already_set();
   }
   return drone;

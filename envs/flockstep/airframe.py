@@ -27,8 +27,8 @@ def estimate_airframe(
     - **Inertia** (1.5): a flat disc of the wheelbase, m r² / 4 about x and y and m r² / 2 about z. MRS's simulator
       (ctu-mrs/mrs_multirotor_simulator) uses a cylinder of this radius.
     - **Torque ratio** (2): 0.21 times the propeller's radius, as MRS's simulator has it (0.07 · 3 · r).
-    - **Lag** (2): 30 ms for brushless motors, as MRS's simulator has it; on five-inch racers 33 and 40 ms were identified
-      (rl-tools, TU Delft). 100 ms for brushed ones: 72 to 145 ms were published for the Crazyflie.
+    - **Lag** (2): 30 ms for brushless motors, as MRS's simulator has it; 33 and 40 ms were identified on racers of five
+      inches (rl-tools, TU Delft). 100 ms for brushed ones: 72 to 145 ms were published for the Crazyflie.
     - **Fastest speed** (2): from a thrust of 0.15 times air density, revolutions per second squared and diameter to the
       power of four; this coefficient is 0.10 to 0.24 for all bundled airframes but one.
     - **Size**: the propellers' tips; a third of the wheelbase high.

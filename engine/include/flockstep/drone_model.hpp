@@ -34,8 +34,6 @@ class FLOCKSTEP_API DroneModel {
   float radius() const { return radius_; }          // m, smallest ball about the body origin that contains the hull
   const Aabb& extents() const { return extents_; }  // m, body frame
 
-  // Texts about numbers of the airframe that are possible but probably in another unit, such as an inertia in g cm^2.
-  std::vector<std::string> doubts() const;
   // Returns hull and airframe in another size and mass; see Airframe::scaled.
   DroneModel scaled(double size, double mass) const;
   std::string to_json() const;  // from_json() makes an equal model of it
