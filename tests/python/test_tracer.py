@@ -177,6 +177,19 @@ class TestSlices:
         np.testing.assert_array_equal(auto.lidar().ranges, tiles.lidar().ranges)
         assert slices.embree_rays == 0 < auto.embree_rays == tiles.embree_rays
 
+    @pytest.mark.parametrize(
+        ("beams", "hfov_deg", "max_range_m", "sliced"),
+        [(6, 10, 5, True), (5, 10, 5, False), (35, 270, 7, True), (35, 270, 8, False)],
+    )
+    def test_fans_are_sliced_by_the_rule_that_the_documentation_of_tracer_states(
+        self, office, beams, hfov_deg, max_range_m, sliced
+    ):
+        """At least 6 beams, at most 1 m apart at the end of their range."""
+        fan = LidarConfig(beams=beams, hfov_deg=hfov_deg, max_range_m=max_range_m)
+        assert (self.scanning(office, "auto", lidar=fan).embree_rays == 0) == sliced
+        text = " ".join(flockstep.Batch.__doc__.split())
+        assert "Fans of at least 6 beams that are at most 1 m apart" in text
+
     def test_several_lidars_and_a_camera_share_the_tree(self, office):
         lidars = [LidarConfig(name="fan", max_range_m=3), GRID]
         both = self.scanning(office, "auto", 20, lidar=lidars, cameras=[CAMERA])
