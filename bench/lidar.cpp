@@ -253,7 +253,7 @@ void bench_case(const std::string& name, const flockstep::LidarConfig& lidar, in
     }
   }
   const std::size_t end_of_bare = variants.size();
-  if (!has_primitives) variants.push_back({"engine by Embree", [&by_embree] { by_embree.sense(); }});
+  variants.push_back({"engine by Embree", [&by_embree] { by_embree.sense(); }});
   const flockstep::FlushDenormals flush;
   bench::Times times = bench::interleave(variants, runs);
 
@@ -276,11 +276,10 @@ void bench_case(const std::string& name, const flockstep::LidarConfig& lidar, in
   ratio(name + "/ratio_to_bare_embree", best);
   figures.add("lidar/" + name + "/scans_per_second", per_second(0), "1/s", runs);
   figures.add("lidar/" + name + "/bare_embree_scans_per_second", per_second(best), "1/s", runs);
-  if (!has_primitives) {
-    figures.add("lidar/embree_" + name + "/ratio_to_bare_embree", bench::median_ratio(times[best], times[end_of_bare]), "1",
-                runs);
-    return;
-  }
+  const std::string by_packets = "lidar/embree_" + name;
+  figures.add(by_packets + "/ratio_to_bare_embree", bench::median_ratio(times[best], times[end_of_bare]), "1", runs);
+  figures.add(by_packets + "/scans_per_second", per_second(end_of_bare), "1/s", runs);
+  if (!has_primitives) return;
   const std::size_t best_triangles = fastest(first_triangles, end_of_bare);
   ratio("direct_" + name + "/ratio_to_bare_embree", best_triangles);
   ratio("direct_" + name + "/ratio_to_bare_direct", 1);

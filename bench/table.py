@@ -149,10 +149,20 @@ Result = dict[str, Any]
 
 def read(folder: Path) -> dict[str, Result]:
     """Return the results in a folder by the name of their benchmark, the known ones in running order."""
-    found = {path.stem: json.loads(path.read_text()) for path in sorted(folder.glob("*.json"))}
+    found = {path.stem: in_plain_units(json.loads(path.read_text())) for path in sorted(folder.glob("*.json"))}
     return {
         name: found[name] for name in sorted(found, key=lambda n: (NAMES.index(n) if n in NAMES else len(NAMES), n))
     }
+
+
+def in_plain_units(result: Result) -> Result:
+    """Write microseconds as µs, and Highway's name AVX3 as AVX-512."""
+    if "machine" in result:
+        result["machine"]["simd"] = result["machine"].get("simd", "").replace("AVX3", "AVX-512")
+    for each in result.get("figures", ()):
+        each["name"] = each["name"].replace("AVX3", "AVX-512")
+        each["unit"] = "µs" if each["unit"] == "us" else each["unit"]
+    return result
 
 
 def number(value: float) -> str:

@@ -3,6 +3,7 @@
 #include "arrays.hpp"
 #include "convert.hpp"
 #include "named.hpp"
+#include "world/drone_doubts.hpp"
 
 namespace flockstep::bindings {
 namespace {
@@ -31,11 +32,19 @@ py::str path_of(const py::handle& name_or_path) {
   return py::str(path);
 }
 
+// Returns the drone, after warnings about numbers that are probably in another unit.
+DroneModel warned(DroneModel drone) {
+  for (const std::string& doubt : doubts_about(drone)) {
+    if (PyErr_WarnEx(PyExc_UserWarning, doubt.c_str(), 1) != 0) throw py::error_already_set();
+  }
+  return drone;
+}
+
 }  // namespace
 
 DroneModel drone_argument(const py::object& drone) {
   if (drone.is_none()) return DroneModel::quadrotor650();
-  if (py::isinstance<py::str>(drone) || py::hasattr(drone, "__fspath__")) return DroneModel::load(path_of(drone));
+  if (py::isinstance<py::str>(drone) || py::hasattr(drone, "__fspath__")) return warned(DroneModel::load(path_of(drone)));
   return argument<DroneModel>(drone, "drone", "a flockstep.DroneModel, the name or path of one, or None");
 }
 
@@ -44,10 +53,12 @@ void register_drone_model(py::module_& module) {
   py::class_<DroneModel>(module, "DroneModel", "A drone: its convex hull, and its airframe if it has one.")
       .def(py::init(&make_drone_model), py::arg("hull") = py::none())
       .def_static(
-          "load", [](const py::object& name_or_path) { return DroneModel::load(path_of(name_or_path)); }, py::arg("name_or_path"))
+          "load", [](const py::object& name_or_path) { return warned(DroneModel::load(path_of(name_or_path))); },
+          py::arg("name_or_path"))
       .def_static("names", &DroneModel::names)
       .def_static(
-          "from_dict", [](const py::dict& data) { return DroneModel::from_json(json_text(data, "data")); }, py::arg("data"))
+          "from_dict", [](const py::dict& data) { return warned(DroneModel::from_json(json_text(data, "data"))); },
+          py::arg("data"))
       .def("to_dict", [json](const DroneModel& drone) { return json("loads")(drone.to_json()); })
       .def("scaled", &DroneModel::scaled, py::kw_only(), py::arg("size") = 1.0, py::arg("mass") = 1.0)
       .def_property_readonly("name", [](const DroneModel& drone) { return drone.name(); })

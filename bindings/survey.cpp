@@ -128,11 +128,11 @@ py::array_t<float> places(const World& world, std::size_t count, std::uint64_t s
 
 std::shared_ptr<World> with_drawn_markers(const World& world, std::uint64_t seed, const std::optional<float>& distance_m,
                                           const std::optional<float>& clearance_m, float max_height_m, const py::object& box,
-                                          const py::object& given_drone, float cell_m) {
+                                          const py::object& given_drone, float cell_m, bool waypoints) {
   const DroneModel drone = drone_argument(given_drone);
   const FreePlacesConfig config{seed, clearance_m, max_height_m, box_of(box, "box"), std::nullopt, cell_m};
   return std::const_pointer_cast<World>(
-      released([&] { return world.with_markers(drawn_markers(world, drone, config, distance_m)); }));
+      released([&] { return world.with_markers(drawn_markers(world, drone, config, distance_m, waypoints)); }));
 }
 
 py::dict report(const World& world, const py::object& given_drone) {
@@ -177,7 +177,7 @@ void register_survey(py::module_& module) {
            py::arg("drone") = none, py::arg("cell_m") = usual.cell_m)
       .def("with_drawn_markers", &with_drawn_markers, py::arg("seed") = 0, py::kw_only(), py::arg("distance_m") = none,
            py::arg("clearance_m") = none, py::arg("max_height_m") = usual.max_height_m, py::arg("box") = none,
-           py::arg("drone") = none, py::arg("cell_m") = usual.cell_m)
+           py::arg("drone") = none, py::arg("cell_m") = usual.cell_m, py::arg("waypoints") = false)
       .def("check", &report, py::arg("drone") = none);
 }
 

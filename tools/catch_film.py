@@ -5,6 +5,7 @@
 
 from __future__ import annotations
 
+import sys
 import time
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -24,9 +25,10 @@ from flockstep.pictures.body import Body
 from flockstep.pictures.drawing import Drawing
 from flockstep.pictures.stage import Stage, with_markers
 from flockstep.rotations import rotate
+from flockstep.sb3 import Progress
 from tools.film import ALARM, FINER, FPS, INK, PATH, POINT, Color, Flight, flown, tiled, write_captions, write_film
 from training.flight import CLOSE_M, LASTS_S, POLICY_HZ, Pilot, fly, greedy, make
-from training.recipes import RECIPES, Recipe, train
+from training.recipes import LEARNED, RECIPES, Recipe, TimeLimit, train, verdict_on
 from training.tasks import UNSEEN_SEEDS
 
 Array = npt.NDArray[Any]
@@ -52,8 +54,8 @@ class Args:
     """Seed of the training."""
     total_steps: int | None = None
     """Step budget of the training; default: that of training/recipes.py."""
-    max_minutes: float = 1.0
-    """Time budget of the training; the film shows the results up to then."""
+    max_minutes: float | None = None
+    """Time limit of the training. Default: none; the training ends after its steps."""
     flights: int = 1000
     """Number of other throws to evaluate each policy."""
     width_px: int = 1280
@@ -73,11 +75,10 @@ class Moment:
 
 
 class Keeper(BaseCallback):
-    """Stores the policy before each update, and ends the training when its time is up."""
+    """Stores the policy before each update."""
 
-    def __init__(self, max_seconds: float) -> None:
+    def __init__(self) -> None:
         super().__init__()
-        self.max_seconds = max_seconds
         self.moments: list[Moment] = []
 
     def _on_training_start(self) -> None:
@@ -87,7 +88,7 @@ class Keeper(BaseCallback):
         self._keep()
 
     def _on_step(self) -> bool:
-        return time.perf_counter() - self._begun < self.max_seconds
+        return True
 
     def _on_training_end(self) -> None:
         self._keep()
@@ -97,10 +98,10 @@ class Keeper(BaseCallback):
         self.moments.append(Moment(self.num_timesteps, seconds, self.model.learner.parameters))
 
 
-def learn(recipe: Recipe, seed: int, max_minutes: float) -> tuple[flockstep.PPO, list[Moment]]:
+def learn(recipe: Recipe, seed: int, max_minutes: float | None = None) -> tuple[flockstep.PPO, list[Moment]]:
     """Train; return the model, and the policies to show, of which it is the last."""
-    keeper = Keeper(60 * max_minutes)
-    model = train(recipe, "flockstep", seed, 0, [keeper])
+    keeper = Keeper()
+    model = train(recipe, "flockstep", seed, 0, [keeper, TimeLimit(max_minutes), Progress()])
     steps = np.array([moment.steps for moment in keeper.moments])
     shown = [keeper.moments[int(np.abs(steps - share * steps[-1]).argmin())] for share in SHOWN]
     return model, [*shown, keeper.moments[-1]]
@@ -169,7 +170,8 @@ class Panel:
     def _end(self) -> Image.Image:
         if self._throw.lost:
             return self._captioned(self._last, "lost", ALARM)
-        return self._captioned(self._last, f"{100 * self._distance_m[-1]:.0f} cm from the point")
+        status = f"{100 * self._distance_m[-1]:.0f} cm from the point"
+        return self._captioned(self._last, status, INK if self._distance_m[-1] <= CLOSE_M else ALARM)
 
     def _captioned(self, step: int, status: str, color: Color = INK) -> Image.Image:
         picture = self._scene.picture(self._viewer[step], self._target[step], self._throw, step)
@@ -210,8 +212,8 @@ def draw(args: Args, model: flockstep.PPO, moments: Sequence[Moment]) -> list[fl
     return rates
 
 
-def main(args: Args) -> None:
-    """Train, fly, film and print the results."""
+def main(args: Args) -> bool:
+    """Train, fly, film and print the results; return whether the policy learned to catch the drone."""
     args.out.mkdir(parents=True, exist_ok=True)
     print("Training a quadrotor to catch itself by the thrusts of its rotors ...")
     recipe = RECIPES["hover"]
@@ -221,18 +223,20 @@ def main(args: Args) -> None:
     rates = draw(args, model, moments)
     last = moments[-1]
     lines = [f"  {m.steps:>9,} steps {m.seconds:>5.0f} s {rate:>8.1%}" for m, rate in zip(moments, rates, strict=True)]
+    skill = "catch a quadrotor by the thrusts of its rotors"
     print(f"""
-A policy learned from scratch to catch a quadrotor by the thrusts of its rotors: {last.steps:,} steps in
-{last.seconds:.0f} seconds. Share of {args.flights:,} held-out throws that it brings to the point and
-holds them there, within {100 * CLOSE_M:g} cm:
+{verdict_on(skill, rates[-1], last.steps, recipe.steps)}:
+{last.steps:,} steps in {last.seconds:.0f} seconds. Share of {args.flights:,} held-out throws that it brings to
+the point and holds there, within {100 * CLOSE_M:g} cm:
 {chr(10).join(lines)}
 
 In {args.out}/
-  catch.mp4            a film of one throw, caught by the policy at four moments of its training
+  catch.mp4            a film of one throw, flown by the policies of four moments of the training
   catch.gif            the same, smaller
   catch.png            the same at a glance: a row for each moment
   catch.zip            the policy, for flockstep.PPO.load""")
+    return rates[-1] >= LEARNED
 
 
 if __name__ == "__main__":
-    main(tyro.cli(Args))
+    sys.exit(not main(tyro.cli(Args)))

@@ -181,11 +181,7 @@ def glow(name: str, color: tuple[float, float, float]) -> tuple[float, float, fl
 
 def enlarged(drone: flockstep.DroneModel) -> flockstep.DroneModel:
     """Return a larger drone for the pictures."""
-    model = drone.to_dict()
-    model["hull_m"] = (ENLARGED * np.asarray(model["hull_m"], float)).tolist()
-    for name in ("position_m", "radius_m"):
-        model["rotors"][name] = (ENLARGED * np.asarray(model["rotors"][name], float)).tolist()
-    return flockstep.DroneModel.from_dict(model)
+    return drone.scaled(size=ENLARGED)
 
 
 def speed_color(speed_mps: float) -> Color:

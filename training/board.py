@@ -42,6 +42,8 @@ class Clock(BaseCallback):
         self.recipe, self.judges = recipe, judges
         self.curve: list[tuple[int, float, float]] = []
         """Steps, seconds and success."""
+        self.rewards: list[tuple[int, float, float]] = []
+        """Steps, seconds and the mean return of the last 100 episodes, unscaled, with exploration."""
         self._judging_s = 0.0
 
     def seconds(self) -> float:
@@ -52,6 +54,7 @@ class Clock(BaseCallback):
         self._begun = time.perf_counter()
 
     def _on_rollout_start(self) -> None:
+        self._note_reward()
         if self.num_timesteps >= self.recipe.steps * (len(self.curve) + 1) // CURVE_POINTS:
             self._judge()
 
@@ -60,8 +63,13 @@ class Clock(BaseCallback):
 
     def _on_training_end(self) -> None:
         self.training_s = self.seconds()
+        self._note_reward()
         if len(self.curve) < CURVE_POINTS:
             self._judge()
+
+    def _note_reward(self) -> None:
+        if ended := self.model.ep_info_buffer:
+            self.rewards.append((self.num_timesteps, self.seconds(), float(np.mean([each["r"] for each in ended]))))
 
     def _judge(self) -> None:
         if not self.judges:

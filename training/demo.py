@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-import time
+import sys
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -11,18 +11,17 @@ import imageio.v3 as imageio
 import matplotlib.pyplot as plt
 import numpy as np
 import tyro
-from stable_baselines3.common.callbacks import BaseCallback
-from tqdm import tqdm
 
 import flockstep
 from flockstep.pictures.third_person_view import ThirdPersonView
 from flockstep.pictures.trail import Trail
+from flockstep.sb3 import Progress
 from tools import catch_film
 from tools.camera_pictures import draw_sheet
 from training.board import CURVE_FLIGHTS, Clock
 from training.evaluate import MAX_STEPS, Flight, baselines, fly, greedy, summary
 from training.plot_paths import picture_name, plot_flight, plot_overview
-from training.recipes import RECIPES, train
+from training.recipes import LEARNED, RECIPES, TimeLimit, train, verdict_on
 from training.tasks import UNSEEN_SEEDS, Setup
 
 SHOWN = "playground/train-2"  # in flight.mp4 and flight.png
@@ -39,42 +38,33 @@ class Args:
     """Folder for the pictures and the policy."""
     seed: int = 0
     """Seed of the trainings."""
-    catch_max_minutes: float = catch_film.Args.max_minutes
-    """Time budget of the training to catch itself; the results up to then are shown."""
     total_steps: int = RECIPES["lidar"].steps
-    """Step budget of the LiDAR training."""
-    max_minutes: float = 1.0
-    """Time budget of the LiDAR training; the results up to then are shown."""
+    """Steps of the LiDAR training."""
+    max_minutes: float | None = None
+    """Time limit of each of the two trainings. Default: none; they end after their steps."""
 
 
-class Stop(BaseCallback):
-    """Ends a training when its time is up, and shows its progress."""
-
-    def __init__(self, steps: int, max_minutes: float) -> None:
-        super().__init__()
-        self.max_minutes = max_minutes
-        self._bar = tqdm(total=steps, unit=" steps", unit_scale=True, dynamic_ncols=True, desc="training")
-
-    def _on_training_start(self) -> None:
-        self._begun = time.perf_counter()
-
-    def _on_step(self) -> bool:
-        self._bar.update(self.num_timesteps - self._bar.n)
-        return time.perf_counter() - self._begun < 60 * self.max_minutes
-
-    def _on_training_end(self) -> None:
-        self._bar.close()
-
-
-def plot_curve(curve: Sequence[tuple[int, float, float]], path: Path) -> None:
-    """Draw the success during training."""
-    _, seconds, success = zip((0, 0.0, 0.0), *curve, strict=True)
-    figure, axes = plt.subplots(figsize=(8, 4.5), layout="constrained")
-    axes.plot(seconds, 100 * np.array(success), color="tab:green", marker="o", markersize=4)
-    axes.set(xlabel="seconds of training", ylabel="flights that reach the goal / %", xlim=(0, None), ylim=(0, 101))
-    axes.set_title(f"The policy without exploration, in {CURVE_FLIGHTS} playgrounds that it does not train in")
-    axes.grid(alpha=0.3)
-    figure.savefig(path, dpi=100)
+def plot_curve(clock: Clock, path: Path) -> None:
+    """Draw the reward and the success during training, over steps and seconds."""
+    steps, seconds, reward = np.array(clock.rewards).T
+    evaluated, _, success = np.array([(0, 0.0, 0.0), *clock.curve]).T
+    figure, (above, below) = plt.subplots(2, figsize=(8, 6.5), sharex=True, layout="constrained")
+    above.plot(steps / 1e3, reward, color="tab:blue")
+    above.axhline(0, color="0.6", linewidth=1)
+    above.set(ylabel="reward of an episode")
+    above.annotate("mean of 100 episodes, with exploration", (0.98, 0.15), xycoords="axes fraction", ha="right")
+    below.plot(evaluated / 1e3, 100 * success, color="tab:green", marker="o", markersize=4, clip_on=False)
+    below.set(
+        xlabel="thousand steps", ylabel="flights that reach the goal / %", xlim=(0, steps[-1] / 1e3), ylim=(0, 101)
+    )
+    label = f"{CURVE_FLIGHTS} playgrounds that it does not train in, without exploration"
+    below.annotate(label, (0.98, 0.15), xycoords="axes fraction", ha="right")
+    pace = seconds[-1] / steps[-1] * 1e3
+    above.secondary_xaxis("top", functions=(lambda k: k * pace, lambda s: s / pace)).set_xlabel("seconds of training")
+    figure.suptitle("flockstep.PPO learns to fly by LiDAR")
+    for axes in (above, below):
+        axes.grid(alpha=0.3)
+    figure.savefig(path, dpi=150)
     plt.close(figure)
 
 
@@ -101,22 +91,24 @@ def plot_exposures(world: flockstep.World, flight: Flight, path: Path) -> None:
 
 
 def print_summary(
-    args: Args, clock: Clock, flown: int, playgrounds: int, generated: float, untrained: dict[str, float]
+    args: Args, clock: Clock, flights: Sequence[Flight], generated: float, untrained: dict[str, float]
 ) -> None:
     """Print a summary of the results and the locations of the files."""
+    arrived = sum(flight.outcome == "success" for flight in flights)
+    shown = next(flight for flight in flights if flight.world == SHOWN)
     print(f"""
-A policy learned to fly by LiDAR from scratch: {clock.num_timesteps:,} steps in {clock.training_s:.0f} seconds, without
-the flights for the curve. Without exploring, it reaches the goal of {flown} of the {playgrounds} bundled
-playgrounds without a crash, and of {generated:.0%} of {UNSEEN_WORLDS} generated ones that it has never seen. There,
-flying straight from marker to marker succeeds in {untrained["straight_flight"]:.0%}, and random actions in
-{untrained["random_policy"]:.0%}.
+{verdict_on("fly by LiDAR", generated, clock.num_timesteps, args.total_steps)}:
+{clock.num_timesteps:,} steps in {clock.training_s:.0f} seconds, without the flights for the curve. Without exploring,
+it reaches the goal of {arrived} of the {len(flights)} bundled playgrounds without a crash, and of {generated:.0%} of
+{UNSEEN_WORLDS} generated ones that it has never seen. There, flying straight from marker to marker succeeds in
+{untrained["straight_flight"]:.0%}, and random actions in {untrained["random_policy"]:.0%}.
 
 In {args.out}/
   paths.png            its paths through all playgrounds, from above
   path-*.png           each path, from above and from the side
-  flight.mp4           a film of one flight from behind the drone, with the LiDAR's beams and the trail
+  flight.mp4           a film of one flight ({shown.outcome}) from behind the drone, with the LiDAR's beams
   flight.png           the same flight at a glance: the drone at every {APART_M:g} m
-  curve.png            how the success grew
+  curve.png            how reward and success grew, over steps and seconds
   camera-sheet.png     what cameras see: every output, at three places of a camera playground
   policy.zip           the policy, for training/evaluate.py and training/plot_paths.py
 
@@ -125,11 +117,11 @@ Next: ./dev board hover, or .venv/bin/python -m training.train_ppo --help for St
 
 def main(args: Args) -> None:
     """Train, fly, draw and print the results."""
-    catch_film.main(catch_film.Args(out=args.out, seed=args.seed, max_minutes=args.catch_max_minutes))
+    caught = catch_film.main(catch_film.Args(out=args.out, seed=args.seed, max_minutes=args.max_minutes))
     print("\nTraining a policy that flies by LiDAR through playgrounds full of pillars ...")
     recipe = replace(RECIPES["lidar"], steps=args.total_steps)
     clock = Clock(recipe, judges=True)
-    model = train(recipe, "flockstep", args.seed, 0, [clock, Stop(recipe.steps, args.max_minutes)])
+    model = train(recipe, "flockstep", args.seed, 0, [clock, TimeLimit(args.max_minutes), Progress()])
     model.save(args.out / "policy.zip")
     policy = greedy(model)
     worlds = flockstep.scenes.load("train") + flockstep.scenes.load("validation")
@@ -142,11 +134,13 @@ def main(args: Args) -> None:
     plot_exposures(worlds[shown], flights[shown], args.out / "flight.png")
     film = args.out / "flight.mp4"
     flockstep.record(film, policy, worlds=worlds[shown], steps=MAX_STEPS, fps=FILM_FPS, render_size=FILM_PX)
-    plot_curve(clock.curve, args.out / "curve.png")
+    plot_curve(clock, args.out / "curve.png")
     draw_sheet(args.out / "camera-sheet.png", ("raycast",))
     unseen = Setup().generated(UNSEEN_SEEDS, UNSEEN_WORLDS)
     rate, untrained = summary(fly(policy, unseen, MAX_STEPS))["success_rate"], baselines(unseen, Setup())
-    print_summary(args, clock, sum(flight.outcome == "success" for flight in flights), len(worlds), rate, untrained)
+    print_summary(args, clock, flights, rate, untrained)
+    if not (caught and rate >= LEARNED):
+        sys.exit("\nNot everything was learned: see FAILED above.")
 
 
 if __name__ == "__main__":

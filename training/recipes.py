@@ -6,6 +6,8 @@ The hyperparameters were found with the seeds 100 and above; the board reports t
 from __future__ import annotations
 
 import functools
+import math
+import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from typing import Any, Literal
@@ -29,6 +31,8 @@ from training.tasks import TRAINING_SEEDS, UNSEEN_SEEDS, Setup, first_env_seed
 Array = npt.NDArray[Any]
 Predict = Callable[[Array], Array]
 Learner = Literal["flockstep", "sb3"]
+
+LEARNED = 0.9  # share of successful held-out flights from which a demonstration says that a policy has learned
 
 
 @dataclass(frozen=True)
@@ -335,6 +339,30 @@ class Schedule(BaseCallback):
 
     def _on_step(self) -> bool:
         return True
+
+
+class TimeLimit(BaseCallback):
+    """Ends a training after some minutes; without a limit, never."""
+
+    def __init__(self, max_minutes: float | None) -> None:
+        super().__init__()
+        self._max_s = math.inf if max_minutes is None else 60 * max_minutes
+        self.is_over = False
+
+    def _on_training_start(self) -> None:
+        self._end = time.perf_counter() + self._max_s
+
+    def _on_step(self) -> bool:
+        self.is_over = time.perf_counter() >= self._end
+        return not self.is_over
+
+
+def verdict_on(skill: str, success: float, steps: int, planned: int) -> str:
+    """Return the beginning of a sentence: that a policy learned a skill, or not, and whether it had time."""
+    if success >= LEARNED:
+        return f"A policy learned from scratch to {skill}"
+    cause = f": time ran out at {steps:,} of {planned:,} steps" if steps < planned else ""
+    return f"FAILED{cause}. The policy did not learn to {skill}"
 
 
 def train(recipe: Recipe, learner: Learner, seed: int, threads: int, callbacks: Sequence[BaseCallback] = ()) -> Any:

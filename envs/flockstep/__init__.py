@@ -62,6 +62,7 @@ from flockstep._core import (
     formation_places,
     green_blob,
 )
+from flockstep.airframe import estimate_airframe
 from flockstep.drone_mesh import DroneMesh
 from flockstep.env import DroneEnv
 from flockstep.evaluation import Evaluation, evaluate, success_rates
@@ -127,6 +128,7 @@ __all__ = [
     "color_components",
     "connect",
     "connect_async",
+    "estimate_airframe",
     "evaluate",
     "formation_places",
     "green_blob",

@@ -2478,8 +2478,9 @@ class World:
         box: npt.ArrayLike | None = None,
         drone: _DroneLike | None = None,
         cell_m: float = 0.2,
+        waypoints: bool = False,
     ) -> World:
-        """Return the same world with a start and a goal drawn by `free_places`, and no other markers.
+        """Return the same world with a start and a goal drawn by `free_places`, and no other markers but ``waypoints``.
 
         The drone can fly from one to the other. The other arguments are those of `free_places`.
 
@@ -2487,6 +2488,9 @@ class World:
         ----------
         distance_m
             Minimum distance from start to goal. None: a third of the horizontal diagonal of the sampling region.
+        waypoints
+            Also set waypoints: the corners of the path of `plan` from start to goal. A policy without memory then finds
+            its way around walls.
 
         Raises
         ------
@@ -2769,7 +2773,11 @@ class DroneModel:
 
     @staticmethod
     def from_dict(data: dict[str, Any]) -> DroneModel:
-        """Make a drone from the content of its JSON file; docs/add-a-drone.md describes the format."""
+        """Make a drone from the content of its JSON file; docs/add-a-drone.md describes the format.
+
+        Numbers that are probably in another unit raise a ``UserWarning``: moments of inertia beyond the mass times the
+        hull's squared radius, a thrust-to-weight beyond 20, propeller tips faster than sound.
+        """
 
     def to_dict(self) -> dict[str, Any]:
         """Return a dict from which `from_dict` makes an equal drone."""
@@ -3291,8 +3299,9 @@ class Batch:
         and dense LiDARs use tiles. A LiDAR is dense if it has at least four rows, and any sixteen neighbouring beams of
         a row span at most about 50 degrees. All other rays use Embree, in packets. ``"auto"``: tiles only for sensors
         of at least 256 rays in worlds of at most 1,024 triangles per ray; in larger worlds packets are faster. Fans of
-        at least 12 beams are traced as slices of the world, through the same tree, in any world. A fan is a channel
-        whose beams lie in a plane, of a LiDAR with at most three channels, or a column of channels with one beam each.
+        at least 6 beams that are at most 1 m apart on average at the end of their range are traced as slices of the
+        world, through the same tree. A fan is a channel whose beams lie in a plane, of a LiDAR with at most three
+        channels, or a column of channels with one beam each.
         ``"slices"``: the same for all fans, however few beams they have. ``"embree"``: uses neither tiles nor slices;
         Embree also traces all primitives except rooms. It is slower and meant for comparison.
     drones_per_env

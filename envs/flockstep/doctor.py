@@ -114,7 +114,7 @@ def report() -> list[tuple[str, str]]:
         *python_and_system(),
         *required(),
         ("processors", f"{processors}; a batch of many drones uses {_core.Batch([dot()], 10_000).num_threads} threads"),
-        ("SIMD", f"{_core.simd_target}, chosen at run time"),
+        ("SIMD", f"{_core.simd_target.replace('AVX3', 'AVX-512')}, chosen at run time"),
         ("camera backend raycast", f"available: Embree {_core.embree_version}"),
         ("camera backend gl", opengl()),
     ]

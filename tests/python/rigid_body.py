@@ -4,6 +4,7 @@ World frame z up, body frame x forward, y left, z up; SI units. Every function t
 the equations has its own function, which is zero for a frame without its numbers.
 """
 
+import warnings
 from dataclasses import dataclass
 
 import numpy as np
@@ -53,6 +54,13 @@ def plain(name="kingfisher", **changes):
     return frame(name, **{**nothing, **changes})
 
 
+def drone_of(data):
+    """The drone of a frame, without warnings: frames of tests may be extreme."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", UserWarning)
+        return flockstep.DroneModel.from_dict(data)
+
+
 def batch_of(
     data, num_drones=1, policy_hz=100.0, physics_hz=500.0, num_threads=1, block_size=64, worlds=(OPEN,), **dynamics
 ):
@@ -61,7 +69,7 @@ def batch_of(
     return flockstep.Batch(
         list(worlds),
         num_drones,
-        drone=flockstep.DroneModel.from_dict(data),
+        drone=drone_of(data),
         dynamics=flockstep.DynamicsConfig(**settings),
         clock=flockstep.ClockConfig(policy_hz=policy_hz, physics_hz=physics_hz),
         num_threads=num_threads,
@@ -195,7 +203,7 @@ class Start:
     def random(num_drones, data, seed=0, speed_mps=3.0, rates_radps=3.0):
         """Random attitudes and headings, with rotors around hover speed."""
         rng = np.random.default_rng(seed)
-        hover = flockstep.DroneModel.from_dict(data).hover_speed_radps
+        hover = drone_of(data).hover_speed_radps
         rows = (
             rng.uniform(-1, 1, (num_drones, 3)),
             Rotation.random(num_drones, rng).as_quat(scalar_first=True),

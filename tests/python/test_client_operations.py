@@ -176,7 +176,8 @@ def test_camera_data(client, batch):
     np.testing.assert_array_equal(depth.reshape(12, 16), batch.camera("eye").depth[2].reshape(12, 16))
     png = drone.get_camera_data(format="png")
     np.testing.assert_array_equal(np.asarray(Image.open(io.BytesIO(bytes(png))).convert("RGB")), image)
-    files = [bytes(drone.get_camera_data(quality=quality)) for quality in (10, 95)]
+    assert isinstance(png.image, bytes)
+    files = [drone.get_camera_data(quality=quality).image for quality in (10, 95)]
     assert len(files[0]) < len(files[1])
     for file in files:
         opened = Image.open(io.BytesIO(file))

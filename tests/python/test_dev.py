@@ -31,6 +31,7 @@ def dev(tmp_path):
         environment = os.environ | {"PYTHON": str(python), "NOTES": str(notes)}
         done = subprocess.run([checkout / "dev", *arguments], env=environment, capture_output=True, text=True)
         assert done.returncode == 0, done.stdout + done.stderr
+        run.said, run.checkout = done.stdout, checkout
         return notes.read_text().splitlines()
 
     return run
@@ -52,3 +53,17 @@ def test_wheel_installs_its_tools_once(dev):
 
 def test_venv_has_every_package(dev):
     assert any(call.endswith("-r constraints.txt") for call in dev("venv"))
+
+
+def test_the_first_build_says_what_it_compiles(dev):
+    dev("help")
+    for folder in ("engine", "bindings"):
+        (dev.checkout / folder).mkdir()
+        (dev.checkout / folder / "a.cpp").touch()
+    (dev.checkout / "server" / "src").mkdir(parents=True)
+    (dev.checkout / "server" / "src" / "b.cpp").touch()
+    dev("install")
+    assert "the first build compiles 3 C++ files" in dev.said
+    (dev.checkout / "build" / "release").mkdir()
+    dev("install")
+    assert "first build" not in dev.said

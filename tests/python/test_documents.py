@@ -26,6 +26,9 @@ import numpy as np
 import pytest
 from PIL import Image
 
+import flockstep
+from flockstep.task import _DECLARED
+
 ROOT = Path(__file__).resolve().parents[2]
 DOCUMENTS = [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md"))]
 BLOCK = re.compile(
@@ -135,8 +138,41 @@ def tried(block: Block) -> str:
     return text
 
 
-ELSEWHERE = ("server", "ray")
+ELSEWHERE = ("server", "ray", "README.md")
 """Blocks that another test runs."""
+
+
+def test_the_first_policy_is_that_of_the_readme():
+    (copy,) = (block for block in of_kind("python") if block.replaced == "README.md")
+    assert copy.text == next(block.text for block in of_kind("python") if block.place.startswith("README.md"))
+
+
+def test_pages_read_well_without_the_site():
+    """On a forge, includes and roles of Sphinx are empty or raw text."""
+    for document in DOCUMENTS:
+        assert not re.search(r"\{(include|literalinclude|doc)\}", document.read_text(encoding="utf-8")), document.name
+
+
+def test_the_page_about_tasks_lists_what_a_class_may_declare():
+    (line,) = re.findall(
+        r"^1\. Declare `observation_space`.*?is refused\.", page("add-a-task.md"), re.MULTILINE | re.DOTALL
+    )
+    assert set(_DECLARED) <= set(re.findall(r"`(\w+)`", line))
+
+
+def test_the_policies_that_a_page_names_are_those_of_the_folder_and_load_as_it_says():
+    (text,) = re.findall(r"^A checkout has trained policies.*?\n\n", page("see-it-fly.md"), re.MULTILINE | re.DOTALL)
+    ours, theirs = (re.findall(r"`(\w+\.zip)`", part) for part in text.split("flockstep.PPO.load"))
+    assert sorted(ours + theirs) == sorted(path.name for path in (ROOT / "policies").iterdir())
+    for name in ours:
+        assert flockstep.PPO.load(ROOT / "policies" / name).num_timesteps > 0
+    for name in theirs:
+        with pytest.raises(ValueError, match="model"):
+            flockstep.PPO.load(ROOT / "policies" / name)
+
+
+def page(name: str) -> str:
+    return (ROOT / "docs" / name).read_text(encoding="utf-8")
 
 
 @pytest.mark.parametrize(

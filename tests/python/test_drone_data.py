@@ -7,6 +7,8 @@ from pathlib import Path
 
 import pytest
 
+import flockstep
+
 ROOT = Path(__file__).resolve().parents[2]
 NAMES = ["crazyflie", "f450", "hummingbird", "kingfisher", "racer5", "t650", "x500"]
 GRAVITY = 9.81  # m/s^2
@@ -224,3 +226,71 @@ def test_the_table_says_what_the_files_say(frame, table):
     assert table[frame["name"]][2] == [f"{thrust_to_weight(frame):.2g}"]
     assert speed == pytest.approx([hover_speed(frame)], abs=0.5)
     assert lag == pytest.approx(lags)
+
+
+def estimated(name, frame):
+    (x, y, _), *_ = frame["rotors"]["position_m"]
+    rotors = frame["rotors"]
+    return flockstep.estimate_airframe(
+        mass_kg=frame["mass_kg"],
+        wheelbase_m=2 * math.hypot(x, y),
+        propeller_m=2 * rotors["radius_m"],
+        max_thrust_n=thrust(frame, rotors["max_speed_radps"]),
+        brushed=name == "crazyflie",
+    )
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_estimates_are_within_the_factors_that_the_helper_states(name):
+    frame = FRAMES[name]
+    ours, rotors = estimated(name, frame), FRAMES[name]["rotors"]
+    for guess, true in zip(ours["inertia_kgm2"], frame["inertia_kgm2"], strict=True):
+        assert 1 / 1.5 < guess / true < 1.5
+    assert 0.5 < ours["rotors"]["torque_ratio_m"] / rotors["torque_ratio_m"] < 2
+    assert 0.5 < ours["rotors"]["lag_s"] / math.sqrt(rotors["lag_up_s"] * rotors["lag_down_s"]) < 2
+    assert 0.5 < ours["rotors"]["max_speed_radps"] / rotors["max_speed_radps"] < 2
+    flies = flockstep.DroneModel.from_dict(ours)  # without a warning
+    assert flies.thrust_to_weight == pytest.approx(thrust_to_weight(frame), rel=1e-3)
+
+
+def test_estimates_refuse_what_cannot_be():
+    sheet = {"mass_kg": 0.62, "wheelbase_m": 0.25, "propeller_m": 0.127, "max_thrust_n": 12.4}
+    with pytest.raises(ValueError, match=r"propeller_m: expected at most 0\.177, so that .* got 5"):
+        flockstep.estimate_airframe(**sheet | {"propeller_m": 5})
+    with pytest.raises(ValueError, match=r"max_speed_radps: expected a finite number > 0, got 0"):
+        flockstep.estimate_airframe(**sheet, max_speed_radps=0)
+
+
+@pytest.mark.parametrize(
+    ("field", "value", "said"),
+    [
+        (
+            "inertia_kgm2",
+            [14, 22, 33],
+            r"inertia_kgm2: expected moments in kg m\^2 .* of at most 0\.0\d+, got 33: .*g cm\^2",
+        ),
+        (
+            "max_thrust_n",
+            1260,
+            r"rotors max_thrust_n: expected a thrust-to-weight of at most 20, got 828\.\d+: .*grams",
+        ),
+        (
+            "max_speed_radps",
+            24500,
+            r"rotors max_speed_radps: expected propeller tips in m/s of at most 340, got 1555.*: .*rpm",
+        ),
+    ],
+)
+def test_numbers_in_another_unit_are_doubted(tmp_path, field, value, said):
+    data = flockstep.estimate_airframe(mass_kg=0.62, wheelbase_m=0.25, propeller_m=0.127, max_thrust_n=12.4)
+    (data if field in data else data["rotors"])[field] = value
+    with pytest.warns(UserWarning, match=said) as caught:
+        flockstep.DroneModel.from_dict(data)
+    assert len(caught) == 1
+    assert len(str(caught[0].message)) <= 200
+    (tmp_path / "quad.json").write_text(json.dumps(data))
+    with pytest.warns(UserWarning, match=said):
+        flockstep.plan(flockstep.World.load("arena/hall"), (0, 0, 2), [(1, 0, 2)], drone=str(tmp_path / "quad.json"))
+    del data["rotors"]["radius_m"]  # then the distance between the rotors tells
+    with pytest.warns(UserWarning, match=said.split(":")[0]):
+        flockstep.DroneModel.from_dict(data)

@@ -366,6 +366,11 @@ class TestMarkers:
             through += len({x > 5 for x in ends[:, 0]}) == 2
             assert flockstep.plan(drawn, drawn.start, [drawn.goal]) is not None
             assert drawn.check()["not_navigable"] is None
+            assert len(drawn.waypoints) == 0
+            guided = world.with_drawn_markers(seed, distance_m=4, waypoints=True)
+            assert (guided.start.tolist(), guided.goal.tolist()) == (drawn.start.tolist(), drawn.goal.tolist())
+            path = flockstep.plan(drawn, drawn.start, [drawn.goal])
+            np.testing.assert_array_equal(guided.waypoints, path[1:-1])
         assert through >= 3
         assert drawn.start.tolist() == world.with_drawn_markers(11, distance_m=4).start.tolist()
         with pytest.raises(ValueError, match=r"distance_m: expected .*, got 11 m: none of 1000 pairs"):

@@ -75,6 +75,19 @@ def test_it_measures_what_embree_does(office):
     assert embree.batch.embree_rays > tiles.batch.embree_rays
 
 
+@pytest.mark.parametrize("name", ["LidarNavigation", "CameraNavigation", "CameraPixels", "Formation", "Dodge"])
+def test_hardly_a_ray_of_the_bundled_tasks_goes_through_embree(name):
+    """The counts that README.md and docs/architecture.md state; only Dodge has moving meshes."""
+    envs = gymnasium.make_vec(f"flockstep/{name}-v0", num_envs=4 if name.startswith("Camera") else 64).unwrapped
+    envs.reset(seed=0)
+    before, steps = envs.batch.embree_rays, 40
+    for _ in range(steps):
+        envs.step(envs.action_space.sample())
+    scans = steps * len(envs.batch.position)
+    share = (envs.batch.embree_rays - before) / scans
+    assert 0 < share < 5 if name == "Dodge" else share == 0
+
+
 def test_tiles_are_taken_by_themselves(office):
     for a, b in zip(fly(envs_in(office, "tiles")), fly(envs_in(office, "auto")), strict=True):
         for one, other in zip(a, b, strict=True):
@@ -152,6 +165,7 @@ class TestSlices:
         else:
             assert slices.embree_rays == 0 < embree.embree_rays
         assert auto.embree_rays == slices.embree_rays
+        assert embree.embree_rays == embree.lidar().ranges.size
 
     @pytest.mark.parametrize("beams", [1, 2, 5])
     def test_small_fans_go_through_embree_unless_slices_are_forced(self, world, beams):
@@ -162,6 +176,19 @@ class TestSlices:
         self.assert_close(slices.lidar().ranges, embree.lidar().ranges)
         np.testing.assert_array_equal(auto.lidar().ranges, tiles.lidar().ranges)
         assert slices.embree_rays == 0 < auto.embree_rays == tiles.embree_rays
+
+    @pytest.mark.parametrize(
+        ("beams", "hfov_deg", "max_range_m", "sliced"),
+        [(6, 10, 5, True), (5, 10, 5, False), (35, 270, 7, True), (35, 270, 8, False)],
+    )
+    def test_fans_are_sliced_by_the_rule_that_the_documentation_of_tracer_states(
+        self, office, beams, hfov_deg, max_range_m, sliced
+    ):
+        """At least 6 beams, at most 1 m apart at the end of their range."""
+        fan = LidarConfig(beams=beams, hfov_deg=hfov_deg, max_range_m=max_range_m)
+        assert (self.scanning(office, "auto", lidar=fan).embree_rays == 0) == sliced
+        text = " ".join(flockstep.Batch.__doc__.split())
+        assert "Fans of at least 6 beams that are at most 1 m apart" in text
 
     def test_several_lidars_and_a_camera_share_the_tree(self, office):
         lidars = [LidarConfig(name="fan", max_range_m=3), GRID]

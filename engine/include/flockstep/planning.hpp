@@ -52,9 +52,9 @@ FLOCKSTEP_API std::vector<Vec3> free_places(const World& world, const DroneModel
 
 // Draws two free places as start and goal of a world. They are at least distance_m (m) apart, and the drone can fly from one to
 // the other. None: a third of the horizontal diagonal of the sampling region. If reachable_from is given, it becomes the start.
-// The radius is that of the world's markers.
+// The radius is that of the world's markers. With waypoints, these are the corners of the path of plan() between the two.
 // Throws std::invalid_argument on a bad config, or if no such pair is found.
 FLOCKSTEP_API Markers drawn_markers(const World& world, const DroneModel& drone, const FreePlacesConfig& config = {},
-                                    std::optional<float> distance_m = {});
+                                    std::optional<float> distance_m = {}, bool waypoints = false);
 
 }  // namespace flockstep

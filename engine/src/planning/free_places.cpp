@@ -191,7 +191,7 @@ std::vector<Vec3> free_places(const World& world, const DroneModel& drone, std::
 }
 
 Markers drawn_markers(const World& world, const DroneModel& drone, const FreePlacesConfig& config,
-                      std::optional<float> distance_m) {
+                      std::optional<float> distance_m, bool waypoints) {
   constexpr int kStarts = 20;  // some may lie in small closed spaces
   constexpr int kGoals = 50;   // per start
   check(config);
@@ -209,6 +209,11 @@ Markers drawn_markers(const World& world, const DroneModel& drone, const FreePla
       if ((goal - start).norm() < least || !reach.includes(goal)) continue;
       markers.start = start;
       markers.goal = goal;
+      if (waypoints) {
+        const auto path = plan(world, drone, start, {&goal, 1});
+        if (!path) continue;  // connected only by a gap that is too narrow for the grid of plan()
+        markers.waypoints.assign(path->begin() + 1, path->end() - 1);
+      }
       return markers;
     }
   }

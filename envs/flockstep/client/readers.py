@@ -104,7 +104,8 @@ def impacts(reply: pb.Reply, arrays: Arrays) -> Impacts:
 def camera_data(reply: pb.Reply, arrays: Arrays) -> CameraData:
     """Return the camera data in a reply."""
     data = reply.camera_data
-    return CameraData(arrays["image"], data.width_px, data.height_px, data.step)
+    image = arrays["image"]
+    return CameraData(image.tobytes() if image.ndim == 1 else image, data.width_px, data.height_px, data.step)
 
 
 def lidar_data(reply: pb.Reply, arrays: Arrays) -> LidarData:

@@ -99,21 +99,20 @@ class CameraData:
     Attributes
     ----------
     image
-        For ``"raw"`` the pixels, (height, width, channels); row 0 is the top. Otherwise the bytes of the file, (size,)
-        uint8; ``bytes(data)`` returns them.
+        For ``"raw"`` an array of the pixels, (height, width, channels); row 0 is the top. Otherwise the file, as bytes.
     width_px, height_px
         Size in pixels.
     step
         Number of the reading in the episode.
     """
 
-    image: npt.NDArray[Any]
+    image: Any
     width_px: int
     height_px: int
     step: int
 
     def __bytes__(self) -> bytes:
-        return self.image.tobytes()
+        return bytes(self.image)
 
 
 @dataclass(frozen=True, eq=False)

@@ -101,7 +101,8 @@ class PPO:
         Threads of the learner. 0: those of the batch, or one per physical core.
     normalize_observations, normalize_rewards
         As ``VecNormalize``: shift and scale observations by running means and variances; scale rewards by the running
-        standard deviation of the discounted return. Rows that do not fly in a step do not count.
+        standard deviation of the discounted return. Rows that do not fly in a step do not count. An observation counts
+        when the policy acts on it, one step later than in ``VecNormalize``.
 
     Raises
     ------

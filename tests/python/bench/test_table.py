@@ -33,6 +33,14 @@ def test_a_table_names_its_source_and_says_its_notes_once():
     assert "Not measured" not in written
 
 
+def test_results_are_read_in_plain_units(tmp_path):
+    figures = [{"name": "step/AVX3/microseconds", "value": 2.5, "unit": "us", "runs": 1}]
+    (tmp_path / "step.json").write_text(json.dumps(result(figures=figures)))
+    written = table.table(table.read(tmp_path))
+    assert "| `step/AVX-512/microseconds` | 2.5 µs |" in written
+    assert "2 logical processors, AVX-512, Embree" in written
+
+
 def test_the_tables_of_the_documents_name_their_source():
     results = {"step": result(), "camera": result()}
     for write in (table.stages, table.frames, table.modes):

@@ -16,7 +16,7 @@ def nothing(observation, envs):
     return np.zeros((len(observation), 4), np.float32)
 
 
-def learn(max_minutes=1.0):
+def learn(max_minutes=None):
     """Train for four updates."""
     settings = {**RECIPES["hover"].settings, "n_steps": 8, "batch_size": 64, "n_epochs": 1}
     return catch_film.learn(replace(RECIPES["hover"], steps=256, num_envs=8, settings=settings), 0, max_minutes)
@@ -42,6 +42,17 @@ def test_the_policies_of_a_training_are_filmed(tmp_path):
 def test_training_ends_when_its_time_is_up():
     _, moments = learn(max_minutes=0)
     assert [moment.steps for moment in moments] == [0, 0, 0, 8]
+
+
+def test_a_policy_that_does_not_catch_is_called_a_failure(monkeypatch, tmp_path, capsys):
+    model, moments = learn()
+    monkeypatch.setattr(catch_film, "learn", lambda *_: (model, moments))
+    args = catch_film.Args(out=tmp_path, flights=2, width_px=64, film_s=0.1)
+    assert args.max_minutes is None
+    assert not catch_film.main(args)
+    text = capsys.readouterr().out
+    assert "FAILED: time ran out at 256 of 1,600,000 steps. The policy did not learn to catch a quadrotor" in text
+    assert "caught" not in text
 
 
 def test_the_throw_is_the_most_tilted_one():

@@ -3,6 +3,7 @@
 import dataclasses
 import json
 
+import imageio.v3 as imageio
 import numpy as np
 import pytest
 
@@ -10,7 +11,7 @@ import flockstep
 
 pytest.importorskip("stable_baselines3")
 import table
-from training import board, recipes
+from training import board, demo, evaluate, recipes
 from training.tasks import CHOOSING_SEEDS, UNSEEN_SEEDS
 
 
@@ -49,6 +50,38 @@ def test_every_recipe_trains_is_judged_and_filmed(name, small, tmp_path):
     assert (tmp_path / f"{name}.mp4").stat().st_size > 500
     flown = flockstep.PPO.load(tmp_path / f"{name}-seed0")
     assert flown.num_timesteps == 128
+
+
+def test_the_demo_draws_the_reward_and_names_a_failure(small, tmp_path, capsys):
+    recipe = dataclasses.replace(small("hover"), steps=8192, num_envs=64)
+    clock = board.Clock(recipe, judges=True)
+    recipes.train(recipe, "flockstep", 0, 1, [clock])
+    steps, seconds, rewards = np.array(clock.rewards).T
+    assert steps[-1] == 8192
+    assert (np.diff(seconds) > 0).all()
+    assert np.isfinite(rewards).all()
+    demo.plot_curve(clock, tmp_path / "curve.png")
+    assert imageio.imread(tmp_path / "curve.png").shape == (975, 1200, 4)
+
+    assert demo.Args().max_minutes is None
+    flights = evaluate.fly(lambda seen: np.zeros(len(seen), int), flockstep.scenes.load("train"), 50)
+    demo.print_summary(demo.Args(), clock, flights, 0.5, {"straight_flight": 0.25, "random_policy": 0.0})
+    text = capsys.readouterr().out
+    assert "FAILED: time ran out at 8,192 of 1,500,000 steps. The policy did not learn to fly by LiDAR" in text
+    assert "of 0 of the 5 bundled" in text
+    assert f"a film of one flight ({flights[1].outcome})" in text
+
+
+@pytest.mark.parametrize(
+    ("success", "steps", "said"),
+    [
+        (0.98, 100, "A policy learned from scratch to fly"),
+        (0.5, 100, "FAILED. The policy did not learn to fly"),
+        (0.5, 60, "FAILED: time ran out at 60 of 100 steps. The policy did not learn to fly"),
+    ],
+)
+def test_a_verdict_says_whether_a_policy_learned(success, steps, said):
+    assert recipes.verdict_on("fly", success, steps, 100) == said
 
 
 def test_the_flights_of_the_report_are_those_of_nothing_else(small, monkeypatch, tmp_path):
