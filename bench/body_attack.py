@@ -194,7 +194,9 @@ class Attack:
         return builder.build()
 
     def valid_body(self) -> BodyConfig:
+        """Return a body that contacts can follow at 10 ticks per second."""
         body, motion = self.valid_fields()
+        motion |= {"period_s": 600.0, "speed_mps": 0.5}
         return BodyConfig(**body, motion=BodyMotion(**motion))
 
     def any_body(self) -> Any:

@@ -378,6 +378,61 @@ class Seek(flockstep.Task):
         )
 
 
+FAST = {
+    "turns": BodyMotion(turn_rate_dps=[0, 0, 2000]),
+    "orbits": BodyMotion(kind="orbit", period_s=0.4, center_m=[10, 5, 5]),
+    "slides": BodyMotion(kind="slider", travel_m=[4, 0, 0], period_s=0.1),
+    "swings": BodyMotion(kind="hinge", angle_deg=180, period_s=0.15, center_m=[8, 5, 5]),
+    "walks": BodyMotion(kind="random_walk", period_s=0.2, box_min_m=[8, 5, 5], box_max_m=[12, 5, 5]),
+    "turns round": BodyMotion(kind="waypoints", points_m=[[10, 5, 5], [11, 5, 5]], speed_mps=6, route="back_and_forth"),
+}
+
+
+@pytest.mark.parametrize("motion", FAST.values(), ids=FAST)
+def test_scripts_that_contacts_could_not_follow_are_refused(motion):
+    world = flockstep.World.from_dict({"flockstep_scene": 1, "room": {"min": [0] * 3, "max": [20, 20, 10]}})
+    fast = BodyConfig(shape="sphere", size_m=[0.5] * 3, position_m=[10, 10, 5], motion=motion)
+    slow = flockstep.ClockConfig(policy_hz=10)
+    with pytest.raises(ValueError, match=r"too fast for contacts at 10 ticks per second.*physics_hz to") as refused:
+        flockstep.Batch([world], 1, bodies=[fast], clock=slow)
+    with pytest.raises(ValueError, match="too fast for contacts"):
+        flockstep.Batch([world.with_bodies([fast])], 1, clock=slow)
+    batch = flockstep.Batch([world], 1, max_bodies=1, clock=slow)
+    with pytest.raises(ValueError, match="too fast for contacts"):
+        batch.bodies.spawn(fast)
+    assert not batch.bodies.active.any()
+    enough = float(str(refused.value).split("physics_hz to ")[1].split()[0])
+    flockstep.Batch(
+        [world], 1, bodies=[fast], clock=flockstep.ClockConfig(policy_hz=10, physics_hz=10 * round(enough / 10 + 0.5))
+    )
+
+
+def test_a_fast_body_hits_what_stands_in_its_way():
+    """A ball flies around its circle of 5 m in 0.4 s and meets the drone in every turn."""
+    world = flockstep.World.from_dict({"flockstep_scene": 1, "room": {"min": [0] * 3, "max": [20, 20, 10]}})
+    motion = BodyMotion(kind="orbit", period_s=0.4, center_m=[10, 10, 5])
+    ball = BodyConfig(shape="sphere", size_m=[0.5] * 3, position_m=[15, 10, 5], motion=motion)
+    clock = flockstep.ClockConfig(policy_hz=10, physics_hz=1000)
+    batch = flockstep.Batch([world], 1, bodies=[ball], clock=clock)
+    on_circle = [10 - 5 * np.sqrt(0.5), 10 - 5 * np.sqrt(0.5), 5]
+    hits = 0
+    for _ in range(8):
+        batch.set_pose([on_circle])
+        hits += int(batch.move(batch.position).hit[0])
+    assert hits >= 2
+    batch.set_pose([[10, 10 - 3.54, 5]])  # inside the circle, on the chord of a quarter turn
+    assert not any(batch.move(batch.position).hit[0] for _ in range(8))
+
+
+def test_a_body_turns_by_half_a_turn_in_a_tick_at_most():
+    batch = flockstep.Batch([room()], 1, bodies=[BodyConfig()], clock=flockstep.ClockConfig(policy_hz=10))
+    with pytest.raises(
+        ValueError, match=r"angular_velocity of body 0 in env 0: expected at most 31.4159 rad/s.*got 32"
+    ):
+        batch.bodies.set_velocity(angular_velocity=[[[0, 0, 32]]])
+    batch.bodies.set_velocity(angular_velocity=[[[0, 0, 31]]])
+
+
 def flown(num_envs, steps=60, **keywords):
     env = flockstep.DroneVectorEnv(num_envs, task=Seek(), **keywords)
     env.reset(seed=3)

@@ -88,7 +88,8 @@ struct BodyMotion {
                .unit = "m",
                .limits = between(0, kMaxCoordinate)}),
         field("faces_travel", &C::faces_travel,
-              {.about = "Turns the body about z, so that its x axis points along the route; for ``\"waypoints\"``."}),
+              {.about = "Turns the body about z, so that its x axis points along the route; for ``\"waypoints\"``. At a corner without a "
+                        "radius it turns at once."}),
         field("center_m", &C::center_m,
               {.about = "A point of the axis, world frame; for ``\"orbit\"`` and ``\"hinge\"``.",
                .unit = "m",

@@ -39,7 +39,7 @@ struct BodyRows {
   }
 
   // Checks one row. `where` says in messages to which body it belongs.
-  void check(std::size_t row, const std::string& where) const {
+  void check(std::size_t row, const std::string& where, const ClockConfig& clock) const {
     const auto check_vector = [&](std::span<const float> values, const char* field, double most, const char* unit) {
       for (std::size_t i = 3 * row; i < 3 * row + 3 && !values.empty(); ++i) {
         if (std::abs(static_cast<double>(values[i])) <= most) continue;
@@ -51,6 +51,9 @@ struct BodyRows {
     check_vector(position, "position", kMaxCoordinate, "m");
     check_vector(velocity, "velocity", static_cast<double>(kMaxBodySpeed), "m/s");
     check_vector(angular_velocity, "angular_velocity", static_cast<double>(kMaxBodyTurn), "rad/s");
+    if (!angular_velocity.empty()) {
+      checks::turn_within_ticks(static_cast<double>(Vec3::Map(angular_velocity.data() + 3 * row).norm()), clock, where);
+    }
     if (quat_wxyz.empty()) return;
     const float* const q = quat_wxyz.data() + 4 * row;
     const double norm = std::hypot(std::hypot(static_cast<double>(q[0]), q[1]), std::hypot(static_cast<double>(q[2]), q[3]));
@@ -101,7 +104,8 @@ void change(Simulation& sim, const BodyRows& rows, std::span<const std::uint8_t>
   const std::size_t count = sim.state.bodies.active.size();
   if (!mask.empty()) checks::size(mask.size(), count, "mask");
   rows.check_sizes(count);
-  for_each_body(sim, mask, [&](EnvIndex env, std::size_t body, std::size_t row) { rows.check(row, text_of(env, body)); });
+  for_each_body(sim, mask,
+                [&](EnvIndex env, std::size_t body, std::size_t row) { rows.check(row, text_of(env, body), sim.config.clock); });
   for_each_body(sim, mask, [&](EnvIndex env, std::size_t body, std::size_t row) {
     if (rows.has_pose()) table.set_pose(env, body, rows.pose(row, pose_of_body(sim.state, row)));
     if (rows.has_velocity()) table.set_velocity(env, body, rows.turning(row, velocity_of_body(sim.state, row)));
@@ -119,12 +123,13 @@ std::vector<std::int64_t> Batch::spawn_bodies(const BodyConfig& config, std::spa
   Simulation& sim = *sim_;
   bodies::BodyTable& table = table_of(sim);
   config.validate();
+  checks::body_within_ticks(config, sim.config.clock, sim.hull.radius());
   checks::mask(sim, mask);
   const BodyRows rows{position, quat_wxyz, velocity, angular_velocity};
   rows.check_sizes(sim.num_envs());
   std::vector<std::int64_t> slots(sim.num_envs(), -1);
   for_each_selected(sim, mask, [&](EnvIndex env) {
-    rows.check(env, " of env " + std::to_string(env));
+    rows.check(env, " of env " + std::to_string(env), sim.config.clock);
     const auto active = std::span(sim.state.bodies.active).subspan(table.row_of(env, 0), table.per_env());
     const auto free = std::ranges::find(active, std::uint8_t{0});
     require(free != active.end(), "env " + std::to_string(env),

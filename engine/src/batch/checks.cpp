@@ -4,12 +4,14 @@
 #include <cmath>
 #include <cstring>
 #include <iomanip>
+#include <numbers>
 #include <sstream>
 #include <stdexcept>
 
 #include "base/finite.hpp"
 #include "base/in_world.hpp"
 #include "base/platform.hpp"
+#include "bodies/body_script.hpp"
 
 namespace flockstep::checks {
 
@@ -19,12 +21,45 @@ void size(std::size_t size, std::size_t expected, std::string_view field) {
   require(size == expected, field, std::to_string(expected) + " numbers", size);
 }
 
-void bodies_of_world(const World& world, const BatchConfig& config, std::size_t slots) {
+void bodies_of_world(const World& world, const BatchConfig& config, std::size_t slots, float hull_radius) {
+  for (const BodyConfig& body : world.bodies()) body_within_ticks(body, config.clock, hull_radius);
   const std::size_t of_world = world.bodies().size(), needed = of_world + config.bodies.size();
   if (of_world == 0 || needed <= slots) return;
   std::string bodies = std::to_string(of_world) + (of_world == 1 ? " body" : " bodies") + " of world \"" + world.name() + '"';
   if (!config.bodies.empty()) bodies += " and " + std::to_string(config.bodies.size()) + " of the batch";
   refuse("max_bodies", "at least " + std::to_string(needed) + ", for the " + bodies, slots);
+}
+
+void body_within_ticks(const BodyConfig& body, const ClockConfig& clock, float hull_radius) {
+  if (!is_solid(body.visibility)) return;
+  const bodies::BodyScript script(body);
+  const double most = 0.5 * static_cast<double>(hull_radius);
+  const auto is_fine = [&](double hz) {
+    const auto reach = script.within(1.0 / hz);
+    return reach.turn <= std::numbers::pi && reach.bend <= most;
+  };
+  const double hz = 1.0 / clock.dt_s();
+  if (is_fine(hz)) return;
+  double enough = hz;
+  while (!is_fine(enough) && enough < 1e6) enough *= 1.1;
+  const auto reach = script.within(1.0 / hz);
+  std::ostringstream text;
+  text << std::setprecision(3) << "body \"" << body.name << "\": too fast for contacts at " << hz << " ticks per second (it ";
+  if (reach.turn > std::numbers::pi) {
+    text << "turns by " << reach.turn / std::numbers::pi * 180.0 << " degrees in a tick, at most 180 are seen";
+  } else {
+    text << "leaves the straight line by up to " << reach.bend << " m in a tick, at most " << most << " m are allowed";
+  }
+  text << "): slow it down, or set physics_hz to " << std::ceil(enough) << " or more";
+  throw std::invalid_argument(text.str());
+}
+
+void turn_within_ticks(double turn_radps, const ClockConfig& clock, const std::string& where) {
+  const double most = std::numbers::pi / clock.dt_s();
+  if (turn_radps <= most) return;
+  std::ostringstream expected;
+  expected << "at most " << most << " rad/s, half a turn in a tick of 1 / physics_hz";
+  refuse("angular_velocity" + where, expected.str(), turn_radps);
 }
 
 void memory(double bytes) {

@@ -21,8 +21,11 @@ void size(std::size_t size, std::size_t expected, std::string_view field);
 // using the arrays would kill the process.
 void memory(double bytes);
 
-// Checks that the bodies of a world and of the configuration fit into the slots of an env.
-void bodies_of_world(const World& world, const BatchConfig& config, std::size_t slots);
+// Checks that the bodies of a world and of the configuration fit into the slots of an env, and body_within_ticks().
+void bodies_of_world(const World& world, const BatchConfig& config, std::size_t slots, float hull_radius);
+// Checks that contacts see the whole motion of a body with this script. hull_radius: m, of the drones.
+void body_within_ticks(const BodyConfig& body, const ClockConfig& clock, float hull_radius);
+void turn_within_ticks(double turn_radps, const ClockConfig& clock, const std::string& where);
 
 void not_stepping(const Simulation& sim, std::string_view call);  // against calls of a task on its own batch
 void has_lidar(const Simulation& sim, std::size_t lidar);

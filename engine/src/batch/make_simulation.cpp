@@ -156,8 +156,9 @@ Simulation::Simulation(BatchConfig config_in, Batch::Worlds worlds_in, std::uniq
 
   const std::size_t bodies_per_env = body_slots(config, world_pointers, pool.has_value());
   for (const World* const world : world_pointers) {
-    if (world != nullptr && !pool) checks::bodies_of_world(*world, config, bodies_per_env);
+    if (world != nullptr && !pool) checks::bodies_of_world(*world, config, bodies_per_env, hull.radius());
   }
+  for (const BodyConfig& body : config.bodies) checks::body_within_ticks(body, config.clock, hull.radius());
   const ArraySizes sizes{.num_envs = num_envs(), .num_drones = num_drones(), .num_bodies = num_envs() * bodies_per_env};
   allocate(state, sizes);
   allocate(state.contact, sizes);

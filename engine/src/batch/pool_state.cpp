@@ -96,7 +96,7 @@ PoolState::PoolState(WorldPool pool_in, std::size_t num_envs)
 void require_world_of_pool(const Simulation& sim, std::int32_t number, const World* world) {
   try {
     if (world == nullptr) refuse("worlds", "worlds", "a null pointer");
-    checks::bodies_of_world(*world, sim.config, sim.bodies ? sim.bodies->per_env() : 0);
+    checks::bodies_of_world(*world, sim.config, sim.bodies ? sim.bodies->per_env() : 0, sim.hull.radius());
     sim.cameras.require_world(*world);
     if (sim.task_state) sim.task_state->task->require_world(*world, sim.drone_model);
   } catch (const std::invalid_argument& error) {

@@ -103,6 +103,32 @@ Moment BodyScript::at(double time_s, const ScriptKey& key) const {
   return moment;
 }
 
+BodyScript::Reach BodyScript::within(double time_s) const {
+  const double time = time_s * (1.0 + static_cast<double>(motion_.speed_spread));  // of the script, at its fastest
+  const double turns = std::min(time / static_cast<double>(motion_.period_s), 1e6);
+  const double arc = std::min(std::numbers::pi, std::numbers::pi * turns);  // half the turn of a circle
+  const Eigen::Vector3d axis = vector_of(motion_.axis).normalized();
+  const double radius = axis.cross(first_.position.cast<double>() - vector_of(motion_.center_m)).norm();
+  switch (motion_.kind) {
+    case BodyMotionKind::velocity:
+      return {kDegree * vector_of(motion_.turn_rate_dps).norm() * time, 0.0};
+    case BodyMotionKind::waypoints:
+      return {0.0, route_.bend(time * static_cast<double>(motion_.speed_mps))};
+    case BodyMotionKind::orbit:
+      return {kTurn * turns, radius * (1.0 - std::cos(arc))};
+    case BodyMotionKind::hinge: {
+      const double angle = std::abs(kDegree * static_cast<double>(motion_.angle_deg));
+      const double turn = std::min(angle, angle * std::numbers::pi * turns);
+      // The chord's, and that the turn is not uniform.
+      return {turn, radius * (1.0 - std::cos(turn / 2.0) + angle / 2.0 * std::min(1.0, arc * arc / 2.0))};
+    }
+    case BodyMotionKind::slider:
+      return {0.0, vector_of(motion_.travel_m).norm() / 2.0 * std::min(2.0, arc * arc / 2.0)};
+    default:
+      return {0.0, (vector_of(motion_.box_max_m) - vector_of(motion_.box_min_m)).norm() * std::min(1.0, turns / 2.0)};
+  }
+}
+
 BodyScript::Draws BodyScript::draws_of(const ScriptKey& key) const {
   Draws draws{static_cast<double>(motion_.phase), 1.0};
   if (!motion_.random_phase && motion_.speed_spread == 0.0F) return draws;

@@ -42,6 +42,13 @@ class BodyScript {
   // True if the pose ever changes.
   bool moves() const { return moves_; }
 
+  // Upper bounds of a motion within a time: of the turn (rad), and of how far (m) the position leaves the straight and uniform
+  // motion between the ends, along which contacts sweep a body.
+  struct Reach {
+    double turn, bend;
+  };
+  Reach within(double time_s) const;
+
   // Returns the pose and velocity at a time, in seconds since the episode began. The same arguments always give the same bits.
   // Allocates nothing. Times up to 1e7 s lose no accuracy.
   Moment at(double time_s, const ScriptKey& key) const;

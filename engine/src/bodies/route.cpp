@@ -60,6 +60,14 @@ Route::Route(const BodyMotion& motion) {
     corners[leg] = corner_of(directions[before], directions[leg], std::min(lengths[before], lengths[leg]),
                              static_cast<double>(motion.corner_radius_m));
   }
+  for (const Corner& corner : corners) {
+    if (corner.radius > 0.0) {
+      curvature_ = std::max(curvature_, 1.0 / corner.radius);
+    } else {
+      sharpest_ = std::max(sharpest_, std::sin(corner.angle / 2.0));
+    }
+  }
+  if (!is_loop) sharpest_ = std::max(sharpest_, 0.5);  // it stops at its end within a part
   for (std::size_t leg = 0; leg < num_legs; ++leg) {
     const Corner& first = corners[leg];
     const Corner& last = corners[(leg + 1) % num_points];
@@ -102,6 +110,9 @@ void Route::set_headings(bool is_loop) {
   const Eigen::Vector2d begin = first == pieces_.end() ? heading : first->heading;
   for (auto piece = pieces_.begin(); piece != first; ++piece) piece->heading = begin;
 }
+
+// Half the part lies on each side of a corner in the worst case. An arc leaves its chord by an eighth of its curvature.
+double Route::bend(double part_m) const { return std::max(part_m / 2.0 * sharpest_, part_m * part_m / 8.0 * curvature_); }
 
 Route::Place Route::at(double distance_m) const {
   const auto next = std::upper_bound(pieces_.begin() + 1, pieces_.end(), distance_m,

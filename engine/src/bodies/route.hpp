@@ -25,6 +25,8 @@ class Route {
   explicit Route(const BodyMotion& motion);
 
   double length() const { return length_; }  // m, of the round trip
+  // Returns an upper bound of how far (m) the route leaves the straight and uniform motion between the ends of a part this long.
+  double bend(double part_m) const;
   // Distances are in [0, length()]. Allocates nothing.
   Place at(double distance_m) const;
 
@@ -47,6 +49,8 @@ class Route {
 
   std::vector<Piece> pieces_;
   double length_ = 0.0;
+  double sharpest_ = 0.0;   // sine of half the largest turn at a corner without an arc
+  double curvature_ = 0.0;  // 1/m, largest of an arc
 };
 
 }  // namespace flockstep::bodies

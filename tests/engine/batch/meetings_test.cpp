@@ -193,7 +193,7 @@ TEST(Meetings, BodiesPushNoDroneIntoAnother) {
       made.size_m = {size, size, size};
       made.position_m = {random.within(-2, 2), random.within(-2, 2), 0};
       made.motion.kind = BodyMotionKind::random_walk;
-      made.motion.period_s = 0.5F;
+      made.motion.period_s = 1.5F;
       made.motion.box_min_m = {-2.5F, -2.5F, -0.5F};
       made.motion.box_max_m = {2.5F, 2.5F, 0.5F};
       config.bodies.push_back(made);
