@@ -25,7 +25,9 @@ constexpr std::array<SceneSet, 5> kSets{SceneSet{"train", kTrain}, SceneSet{"val
                                         SceneSet{"camera-train", kCameraTrain}, SceneSet{"camera-validation", kCameraValidation},
                                         SceneSet{"living", kLiving}};
 
-constexpr std::array<GeneratedScene, 4> kGenerated{
+constexpr std::array<GeneratedScene, 6> kGenerated{
+    GeneratedScene{"bench/complex", bench_complex},
+    GeneratedScene{"bench/simple", bench_simple},
     GeneratedScene{"indoor/office", [] { return office({.seed = 1}); }},
     GeneratedScene{"indoor/warehouse", [] { return warehouse({.seed = 1}); }},
     GeneratedScene{"outdoor/city", [] { return city({.seed = 6}); }},
