@@ -155,6 +155,11 @@ Recipe Recipe::from_json(const std::string& text) {
 }
 
 void check_access(const Recipe& recipe, const RecipeAccess& access) {
+  std::size_t count = 0;
+  for (const std::string& world : recipe.worlds) {
+    count += expand_scene_name(world).size();
+    require(count <= access.max_worlds, "worlds", "at most " + std::to_string(access.max_worlds) + " worlds (max_worlds)", count);
+  }
   for (const std::string& world : recipe.worlds) {
     if (is_scene_path(world)) check_path("worlds", world, access);
   }

@@ -179,6 +179,15 @@ TEST(Recipe, OpensNoFilesUnlessTheCallerAllowsIt) {
   expect_has(refusal_of(recipe), "worlds: expected");
 }
 
+TEST(Recipe, BuildsALimitedNumberOfWorlds) {
+  Recipe recipe;
+  recipe.worlds = {"train", "forest/seed-0..999"};
+  expect_has(refusal_of(recipe), "worlds: expected at most 1000 worlds (max_worlds), got 1005");
+  recipe.worlds = std::vector<std::string>(1001, "bench/simple");
+  expect_has(refusal_of(recipe, {.max_worlds = 1000}), "worlds: expected at most 1000 worlds (max_worlds), got 1001");
+  EXPECT_EQ(refusal_of(recipe, {.max_worlds = 1001}), "nothing was refused");
+}
+
 TEST(Recipe, NamesItsFormatAndRefusesAnother) {
   expect_has(Recipe::for_task(HoverConfig{}).to_json(), "\"flockstep_recipe\": 1");
   EXPECT_EQ(refusal_of(R"({"flockstep_recipe": 1, "task": {"name": "hover"}})"), "nothing was refused");
