@@ -583,11 +583,10 @@ class TestCutFiles:
         assert written - 20 <= len(stamps) <= written + 2  # a chunk of 50 kB holds about 11 steps
         assert stamps == {100_000_000 * (step + 1) for step in range(len(stamps))}
 
-
     def test_the_documented_reader_reads_a_file_that_was_cut_anywhere(self, tmp_path, monkeypatch):
         page = (Path(__file__).resolve().parents[2] / "docs" / "mcap.md").read_text()
         block = next(block for block in re.findall(r"```python\n(.*?)```", page, re.S) if "StreamReader" in block)
-        (head, tail) = block.split("with open(\"flight.mcap\", \"rb+\")")
+        (head, tail) = block.split('with open("flight.mcap", "rb+")')
         reader = tail[tail.index("messages = []") : tail.index("print(")]
         names = {}
         monkeypatch.chdir(tmp_path)

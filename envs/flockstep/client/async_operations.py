@@ -99,7 +99,8 @@ class AsyncOperations:
         Parameters
         ----------
         location
-            (3,) m, world frame. Default: the start of the world.
+            (3,) m, world frame, where the drone touches nothing. Default: the start of the world, or a free place
+            near it if that is taken.
         quat_wxyz
             Rotation (4,). Default: none.
         env
