@@ -3246,7 +3246,7 @@ class Recipe:
     def to_json(self) -> str:
         """Return a JSON text from which `from_json` makes an equal recipe."""
 
-    def check_access(self, scenes: str | PathLike[str], allow_files: bool = False, max_worlds: int = 1000) -> None:
+    def check_access(self, scenes: str | PathLike[str], allow_files: bool = False, max_worlds: int = 10000) -> None:
         """Raise `ValueError` if the recipe may not be built: see `Batch.from_recipe`. ``scenes``: the bundled ones."""
 
 class Batch:
@@ -3360,7 +3360,7 @@ class Batch:
         task: NativeTask | PythonTask | None = None,
         *,
         allow_files: bool = False,
-        max_worlds: int = 1000,
+        max_worlds: int = 10000,
     ) -> Batch:
         """Make a batch from a recipe.
 
@@ -3373,7 +3373,8 @@ class Batch:
         allow_files
             Allow worlds and drones from files outside the folder of bundled scenes.
         max_worlds
-            Largest number of worlds that the recipe may name, in ranges such as ``"forest/seed-0..99"`` too.
+            What the worlds of the recipe may cost, in playgrounds: a forest counts as 30, an office, warehouse or city
+            as 100, with moving objects as 200.
 
         Raises
         ------

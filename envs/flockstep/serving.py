@@ -10,7 +10,6 @@ import threading
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from flockstep import scenes
 from flockstep._core import Batch, CameraConfig, Recipe, Server, ServerConfig
 
 if TYPE_CHECKING:
@@ -61,9 +60,8 @@ def add_command(commands: Any) -> None:
     parser.add_argument(
         "--allow-files", action="store_true", help="allow the recipe to open scene and drone files anywhere"
     )
-    parser.add_argument(
-        "--max-worlds", type=int, default=1000, help="most worlds that the recipe may name. Default: 1000", metavar="N"
-    )
+    about_worlds = "what the worlds may cost, in playgrounds; a city counts as 100. Default: 10000"
+    parser.add_argument("--max-worlds", type=int, default=10000, help=about_worlds, metavar="N")
     parser.add_argument(
         "--outputs", nargs="+", help="what the cameras measure, such as rgb and depth, instead of what the recipe says"
     )
@@ -95,9 +93,8 @@ def main(arguments: argparse.Namespace) -> None:
     fields["token"] = fields["token"] or os.environ.get(TOKEN_VARIABLE, "")
     raise_file_limit()
     try:
-        batch = Batch.from_recipe(
-            recipe_of(arguments), allow_files=arguments.allow_files, max_worlds=arguments.max_worlds
-        )
+        access = {"allow_files": arguments.allow_files, "max_worlds": max(arguments.max_worlds, 0)}
+        batch = Batch.from_recipe(recipe_of(arguments), **access)
         server = Server(batch, ServerConfig(**fields))
     except (OSError, RuntimeError, ValueError) as error:
         sys.exit(f"flockstep serve: {error}")

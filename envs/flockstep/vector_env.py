@@ -501,7 +501,7 @@ class DroneVectorEnv(VectorEnv[Observation, Array, Array]):
 
     @classmethod
     def from_recipe(
-        cls, recipe: Recipe | str, *, allow_files: bool = False, max_worlds: int = 1000, **keywords: Any
+        cls, recipe: Recipe | str, *, allow_files: bool = False, max_worlds: int = 10000, **keywords: Any
     ) -> DroneVectorEnv:
         """Make an env from a recipe, such as one that another program wrote as JSON.
 
@@ -513,7 +513,8 @@ class DroneVectorEnv(VectorEnv[Observation, Array, Array]):
         allow_files
             Allow worlds and drone to be files outside the folder of bundled scenes.
         max_worlds
-            Largest number of worlds that the recipe may name, in ranges such as ``"forest/seed-0..99"`` too.
+            What the worlds of the recipe may cost, in playgrounds: a forest counts as 30, an office, warehouse or city
+            as 100, with moving objects as 200.
         **keywords
             Keywords of the env that a recipe lacks, such as ``copy`` and ``render_mode``; other keywords override the
             recipe.

@@ -339,7 +339,7 @@ def test_places_inside_something_are_refused(room, connect):
                 assert refusal.value.code == "INVALID_ARGUMENT"
                 assert served.num_drones == size
             for bad in ((np.nan, 0, 0), (0, 0, 1e9)):
-                with pytest.raises((ServerError, ValueError), match="position|location"):
+                with pytest.raises((ServerError, ValueError), match=r"position|location"):
                     client.spawn_drone(bad)
 
 

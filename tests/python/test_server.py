@@ -1185,7 +1185,7 @@ def test_the_command_has_options_for_what_cameras_measure_and_for_moving_objects
 def test_the_command_refuses_in_one_line(server):
     for arguments, text in (
         (["--outputs", "colour"], "outputs"),
-        (["--world", "city/seed-0..9999"], "worlds: expected at most 1000 worlds"),
+        (["--world", "city/seed-0..100"], "worlds: expected at most 10000 worlds"),
         (["--port", str(server.port)], "another server may run there"),
         (["--address", "0.0.0.0"], "token: expected a secret"),
         (["missing.json"], "missing.json"),

@@ -40,9 +40,9 @@ struct Recipe {
 // What a recipe may open and build. The default is safe for a recipe from a file or the network: only bundled scenes, bundled
 // drones and a limited number of generated scenes.
 struct RecipeAccess {
-  std::filesystem::path scenes;   // folder of the bundled scenes, whose files may be opened
-  bool allows_files = false;      // scene and drone files may be anywhere
-  std::size_t max_worlds = 1000;  // of all names together, as `batch.worlds` lists them
+  std::filesystem::path scenes;     // folder of the bundled scenes, whose files may be opened
+  bool allows_files = false;        // scene and drone files may be anywhere
+  std::size_t max_worlds = 10'000;  // what all worlds may cost, in playgrounds: see cost_of_scenes()
 };
 
 // Throws std::invalid_argument if a path in the recipe, or the number of its worlds, is not allowed.

@@ -181,11 +181,18 @@ TEST(Recipe, OpensNoFilesUnlessTheCallerAllowsIt) {
 
 TEST(Recipe, BuildsALimitedNumberOfWorlds) {
   Recipe recipe;
-  recipe.worlds = {"train", "forest/seed-0..999"};
-  expect_has(refusal_of(recipe), "worlds: expected at most 1000 worlds (max_worlds), got 1005");
-  recipe.worlds = std::vector<std::string>(1001, "bench/simple");
-  expect_has(refusal_of(recipe, {.max_worlds = 1000}), "worlds: expected at most 1000 worlds (max_worlds), got 1001");
-  EXPECT_EQ(refusal_of(recipe, {.max_worlds = 1001}), "nothing was refused");
+  for (const auto& [worlds, most] : {std::pair(std::vector<std::string>{"train", "forest/seed-0..99999"}, 10'000U),
+                                     {{"playground/seed-0..10000"}, 10'000U},
+                                     {{"city/seed-0..100"}, 10'000U},
+                                     {{"train", "forest/seed-7"}, 34U},
+                                     {{"bench/simple", "bench/simple", "bench/simple"}, 2U}}) {
+    recipe.worlds = worlds;
+    expect_has(refusal_of(recipe, {.scenes = FLOCKSTEP_SCENES, .max_worlds = most}),
+               "worlds: expected at most " + std::to_string(most) + " worlds (max_worlds)");
+  }
+  recipe.worlds = {"bench/simple", "bench/simple", "playground/seed-1..2"};
+  EXPECT_EQ(refusal_of(recipe, {.max_worlds = 4}), "nothing was refused");
+  EXPECT_EQ(cost_of_scenes({"forest/seed-1", "forest/seed-1", "forest/seed-0..1"}, 1000), 62U);
 }
 
 TEST(Recipe, NamesItsFormatAndRefusesAnother) {
