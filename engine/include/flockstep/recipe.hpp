@@ -37,7 +37,7 @@ struct Recipe {
   FLOCKSTEP_API static Recipe from_json(const std::string& text);  // see to_json()
 };
 
-// What a recipe may open and build. The default is safe for a recipe from a file or the network: only bundled scenes, bundled
+// Files that a recipe may open, and worlds that it may build. The default is safe for a recipe from a file or the network: only bundled scenes, bundled
 // drones and a limited number of generated scenes.
 struct RecipeAccess {
   std::filesystem::path scenes;     // folder of the bundled scenes, whose files may be opened

@@ -66,7 +66,7 @@ void run_in(tbb::task_arena& arena, std::size_t count, const Run& run) {
   thread_sanitizer::acquire(&joined);
 }
 
-// Throws std::runtime_error unless the system can start so many threads at once. They end at once.
+// Throws std::runtime_error unless the system can start `count` threads at once. They end at once.
 void try_threads(std::size_t count) {
   std::atomic<bool> is_over{false};
   std::vector<std::thread> threads;
@@ -86,7 +86,7 @@ void try_threads(std::size_t count) {
                            " threads (" + refusal + "); lower num_threads, or raise a limit: " + thread_limits());
 }
 
-// Lets oneTBB start so many threads, which it keeps, and waits for them. Threads that are busy elsewhere do not come; then it
+// Lets oneTBB start `count` threads, which it keeps, and waits for them. Threads that are busy elsewhere do not come; then it
 // ends after a second.
 void start_threads(std::size_t count) {
   try_threads(count);

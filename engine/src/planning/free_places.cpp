@@ -163,8 +163,8 @@ class Places {
 
 void require_place(const World& world, const DroneModel& drone, const Vec3& place) {
   require(is_in_world(place), "reachable_from", in_world("finite coordinates"), "a coordinate that is not");
-  require(is_free(world, drone, Pose{.position = place}), "reachable_from",
-          "room for the drone", "a place where it touches an obstacle");
+  require(is_free(world, drone, Pose{.position = place}), "reachable_from", "room for the drone",
+          "a place where it touches an obstacle");
 }
 
 }  // namespace

@@ -54,11 +54,12 @@ struct ServerConfig {
                         "at any time, C++ clients while they wait for a reply or a stream.",
                .unit = "s",
                .limits = between(0.1, 86400)}),
-        field("lockstep_timeout_s", &C::lockstep_timeout_s,
-              {.about = "Time that a step in lockstep waits for the other members. Those that have not called it by then leave the "
-                        "lockstep.",
-               .unit = "s",
-               .limits = between(0.1, 86400)}));
+        field(
+            "lockstep_timeout_s", &C::lockstep_timeout_s,
+            {.about = "Time that a step in lockstep waits for the other members. Those that have not called it by then leave the "
+                      "lockstep.",
+             .unit = "s",
+             .limits = between(0.1, 86400)}));
   }
 
   FLOCKSTEP_API void validate() const;

@@ -122,8 +122,8 @@ void Service::locked(Call& call, const protocol::SpawnDrone& spawn) {
 std::array<float, 3> Service::spawn_place(std::int64_t env, const std::optional<std::array<float, 3>>& location,
                                           const std::array<float, 4>& rotation) const {
   const bool is_new = env >= batch_.config().num_envs;
-  const World& world = is_new ? *batch_.worlds()[static_cast<std::size_t>(env) % batch_.worlds().size()]
-                              : *batch_.world_of(EnvIndex(env));
+  const World& world =
+      is_new ? *batch_.worlds()[static_cast<std::size_t>(env) % batch_.worlds().size()] : *batch_.world_of(EnvIndex(env));
   const Vec3 start = world.markers().start.value_or((world.bounds().min + world.bounds().max) / 2.0F);
   const std::array<float, 3> usual = location.value_or(std::array{start.x(), start.y(), start.z()});
   const Quat given(rotation[0], rotation[1], rotation[2], rotation[3]);
@@ -132,8 +132,8 @@ std::array<float, 3> Service::spawn_place(std::int64_t env, const std::optional<
   const Quat turned = given.normalized();
   const auto is_free = [&](const Vec3& place) {
     const float below = world.bounds().min.z();  // the hull touches nothing under a floor of triangles
-    return place.z() >= below && (is_new ? flockstep::is_free(world, batch_.drone(), {place, turned})
-                                         : batch_.is_free(EnvIndex(env), {place, turned}));
+    return place.z() >= below &&
+           (is_new ? flockstep::is_free(world, batch_.drone(), {place, turned}) : batch_.is_free(EnvIndex(env), {place, turned}));
   };
   const auto& [x, y, z] = usual;
   if (is_free({x, y, z})) return usual;

@@ -49,7 +49,7 @@ class FileMemory {
  public:
   explicit FileMemory(std::size_t max_bytes = std::size_t{1} << 25U) : max_bytes_(max_bytes) {}
 
-  // What a file depends on besides the colours, and whose picture it is.
+  // Names a picture: its camera and drone, and the settings of its file.
   struct View {
     std::string camera;
     std::int64_t drone = 0;
@@ -93,7 +93,7 @@ class FileMemory {
     View view;
     Picture picture{};
     std::string file{};
-    std::size_t bytes() const { return picture.rgb.capacity() + file.capacity(); }
+    std::size_t bytes() const { return picture.rgb.capacity() + file.size(); }
   };
 
   std::size_t max_bytes_;

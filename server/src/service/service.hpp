@@ -185,8 +185,8 @@ class Service {
   // --- motion; needs the lock
   void move(Call& call, std::int64_t drone, const std::optional<protocol::Vector3>& location,
             const std::optional<protocol::Quaternion>& rotation, bool teleport);
-  // Returns a place for a new drone of an env: the given one if it is free, otherwise the start of the world or, if that is taken,
-  // a place near it. env: the number of envs for a new one.
+  // Returns a place for a new drone of an env: the given one if it is free, otherwise the start of the world or, if that is
+  // taken, a place near it. env: the number of envs for a new one.
   std::array<float, 3> spawn_place(std::int64_t env, const std::optional<std::array<float, 3>>& location,
                                    const std::array<float, 4>& rotation) const;
   std::span<const std::uint8_t> only(std::size_t drone);  // a mask
