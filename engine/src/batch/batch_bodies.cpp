@@ -170,7 +170,7 @@ void Batch::set_body_velocity(std::span<const float> velocity, std::span<const f
 bool Batch::is_free(EnvIndex env, const Pose& pose) const {
   const CallGuard guard(*lock_);
   require(env < sim_->num_envs(), "env", "an index below " + std::to_string(sim_->num_envs()), std::size_t{env});
-  return flockstep::is_free(*sim_, env, std::nullopt, pose);
+  return touches_nothing(*sim_, env, std::nullopt, pose);
 }
 
 void Batch::is_free(std::span<const std::int64_t> drones, std::span<const float> position, std::span<const float> quat_wxyz,

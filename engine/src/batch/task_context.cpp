@@ -49,7 +49,7 @@ class Context final : public TaskContext {
   float random(DroneIndex drone, std::uint32_t stream, std::uint32_t index) const override {
     return draw_uniform(sim_.state, sim_.random_key(drone), stream, index);
   }
-  bool is_free(DroneIndex drone, const Pose& pose) const override { return flockstep::is_free(sim_, env_of(drone), drone, pose); }
+  bool is_free(DroneIndex drone, const Pose& pose) const override { return touches_nothing(sim_, env_of(drone), drone, pose); }
 
   const DynamicsConfig& dynamics() const override { return sim_.config.dynamics; }
   const ClockConfig& clock() const override { return sim_.config.clock; }
@@ -80,7 +80,7 @@ class Context final : public TaskContext {
 
 }  // namespace
 
-bool is_free(const Simulation& sim, EnvIndex env, std::optional<DroneIndex> drone, const Pose& pose) {
+bool touches_nothing(const Simulation& sim, EnvIndex env, std::optional<DroneIndex> drone, const Pose& pose) {
   const collision::Obstacles& obstacles = *sim.obstacles[sim.slot_of(env)];
   if (collision::overlaps(obstacles, sim.hull, pose)) return false;
   if (sim.bodies && overlaps_body(sim.bodies->moving().of_env(env, sim.bodies->per_env()), obstacles, sim.hull, pose))
