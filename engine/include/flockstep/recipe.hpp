@@ -37,8 +37,8 @@ struct Recipe {
   FLOCKSTEP_API static Recipe from_json(const std::string& text);  // see to_json()
 };
 
-// Files that a recipe may open, and worlds that it may build. The default is safe for a recipe from a file or the network: only bundled scenes, bundled
-// drones and a limited number of generated scenes.
+// Files that a recipe may open, and worlds that it may build. The default is safe for a recipe from a file or the network: only
+// bundled scenes, bundled drones and a limited number of generated scenes.
 struct RecipeAccess {
   std::filesystem::path scenes;     // folder of the bundled scenes, whose files may be opened
   bool allows_files = false;        // scene and drone files may be anywhere

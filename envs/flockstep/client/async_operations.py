@@ -375,8 +375,8 @@ class AsyncOperations:
     async def join_lockstep(self) -> Time:
         """Join the lockstep: from now on, the server steps when every member has called `step`.
 
-        `step` may then wait for longer than ``timeout_s`` of `connect`. A member for whose `step` the others have waited
-        for ``lockstep_timeout_s`` of the server leaves the lockstep; its next `step` raises `ServerError`.
+        `step` may then wait for longer than ``timeout_s`` of `connect`. A member for whose `step` the others have
+        waited for ``lockstep_timeout_s`` of the server leaves the lockstep; its next `step` raises `ServerError`.
         """
         return await self._call(Call(pb.Request(join_lockstep=pb.JoinLockstep()), "time", readers.time))
 
