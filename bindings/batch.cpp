@@ -7,6 +7,7 @@
 #include <cstdint>
 #include <functional>
 #include <iterator>
+#include <limits>
 #include <memory>
 #include <numeric>
 #include <optional>
@@ -124,9 +125,10 @@ std::unique_ptr<Batch, Released> make_batch(const py::object& given_worlds, cons
 
 // Creates a batch from a recipe. `given_worlds` and `task` replace those of the recipe unless they are None.
 std::unique_ptr<Batch, Released> batch_from_recipe(const Recipe& recipe, const py::object& given_worlds, const py::object& task,
-                                                   bool allow_files) {
+                                                   bool allow_files, std::size_t max_worlds) {
   const RecipeAccess access{.scenes = py::module_::import("flockstep.scenes").attr("directory")().cast<std::filesystem::path>(),
-                            .allows_files = allow_files};
+                            .allows_files = allow_files,
+                            .max_worlds = given_worlds.is_none() ? max_worlds : std::numeric_limits<std::size_t>::max()};
   std::unique_ptr<Batch> made;
   if (given_worlds.is_none() && task.is_none()) {
     released([&] { made = make_batch(recipe, access); });
@@ -492,7 +494,7 @@ void register_batch(py::module_& module) {
           py::arg("drones_per_env") = 1, py::arg("bodies") = py::tuple(), py::arg("max_bodies") = 0,
           py::arg("lights") = py::tuple(), py::arg("meet") = "never", py::arg("drone_mesh") = none)
       .def_static("from_recipe", &batch_from_recipe, py::arg("recipe"), py::arg("worlds") = none, py::arg("task") = none,
-                  py::kw_only(), py::arg("allow_files") = false)
+                  py::kw_only(), py::arg("allow_files") = false, py::arg("max_worlds") = RecipeAccess().max_worlds)
       .def_property_readonly("num_envs", [](const Batch& batch) { return batch.config().num_envs; })
       .def_property_readonly("drones_per_env", [](const Batch& batch) { return batch.config().drones_per_env; })
       .def_property_readonly("num_drones", [](const Batch& batch) { return batch.config().num_drones(); })

@@ -6,6 +6,7 @@
 
 #include <cstdint>
 #include <exception>
+#include <memory>
 #include <span>
 #include <string>
 #include <tuple>
@@ -134,7 +135,15 @@ void register_learner(py::module_& module) {
       .def_readonly("is_finite", &UpdateReport::is_finite);
   using Array = std::span<const float> (Learner::*)() const;
   py::class_<Learner> cls(module, "Learner");
-  cls.def(py::init<NetworkConfig, int, std::uint64_t>(), py::arg("config"), py::arg("num_threads") = 0, py::arg("seed") = 0)
+  cls.def(py::init([](NetworkConfig config, int num_threads, std::uint64_t seed) {
+            auto learner = std::make_unique<Learner>(std::move(config), num_threads, seed);
+            const int made = learner->num_threads();
+            const std::string warning = "num_threads=" + std::to_string(num_threads) + ": " + std::to_string(made) +
+                                        " threads will run, at most four per processor";
+            if (made < num_threads && PyErr_WarnEx(PyExc_RuntimeWarning, warning.c_str(), 1) != 0) throw py::error_already_set();
+            return learner;
+          }),
+          py::arg("config"), py::arg("num_threads") = 0, py::arg("seed") = 0)
       .def_property_readonly("config", [](const Learner& learner) { return learner.config(); })
       .def_property_readonly("num_threads", &Learner::num_threads)
       .def_property_readonly("seed", &Learner::seed)

@@ -66,8 +66,10 @@ void register_recipe(py::module_& module) {
       .def_readwrite("drone", &Recipe::drone, "The name of a bundled airframe, the path of a file, or a `DroneModel`.")
       .def(
           "check_access",
-          [](const Recipe& recipe, const std::filesystem::path& scenes) { check_access(recipe, {.scenes = scenes}); },
-          py::arg("scenes"))
+          [](const Recipe& recipe, const std::filesystem::path& scenes, bool allow_files, std::size_t max_worlds) {
+            check_access(recipe, {.scenes = scenes, .allows_files = allow_files, .max_worlds = max_worlds});
+          },
+          py::arg("scenes"), py::arg("allow_files") = false, py::arg("max_worlds") = RecipeAccess().max_worlds)
       .def(
           "__eq__", [](const Recipe& a, const Recipe& b) { return a.to_json() == b.to_json(); }, py::is_operator())
       .def("__repr__",

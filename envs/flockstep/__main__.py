@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import argparse
+import os
+import sys
 
 from flockstep import doctor, headers, serving
 from flockstep.bridges import ardupilot, mcap
@@ -28,7 +30,12 @@ def main() -> None:
     ardupilot.add_command(commands)
     mcap.add_command(commands)
     arguments = parser.parse_args()
-    arguments.run(arguments)
+    try:
+        arguments.run(arguments)
+        sys.stdout.flush()
+    except OSError as error:
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())  # Python would write the rest when it ends
+        sys.exit(f"flockstep: cannot write the output: {error}" if error.filename is None else f"flockstep: {error}")
 
 
 if __name__ == "__main__":

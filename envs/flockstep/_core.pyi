@@ -696,6 +696,9 @@ class ServerConfig:
     idle_timeout_s
         A connection on which nothing arrives for this long is closed. Python clients answer the server's pings at any
         time, C++ clients while they wait for a reply or a stream. Values: [0.1, 86400] s. Default: 600.0.
+    lockstep_timeout_s
+        Time that a step in lockstep waits for the other members. Those that have not called it by then leave the
+        lockstep. Values: [0.1, 86400] s. Default: 60.0.
     """
 
     # fields of ServerConfig
@@ -710,6 +713,7 @@ class ServerConfig:
     max_clients: int
     max_requests: int
     idle_timeout_s: float
+    lockstep_timeout_s: float
     def __init__(
         self,
         *,
@@ -723,6 +727,7 @@ class ServerConfig:
         max_clients: int = 1024,
         max_requests: int = 64,
         idle_timeout_s: float = 600.0,
+        lockstep_timeout_s: float = 60.0,
     ) -> None: ...
     # end of fields
 
@@ -3249,8 +3254,8 @@ class Recipe:
     def to_json(self) -> str:
         """Return a JSON text from which `from_json` makes an equal recipe."""
 
-    def check_access(self, scenes: str | PathLike[str]) -> None:
-        """Raise `ValueError` if a world or the drone is a file outside the folder of bundled scenes."""
+    def check_access(self, scenes: str | PathLike[str], allow_files: bool = False, max_worlds: int = 10000) -> None:
+        """Raise `ValueError` if the recipe may not be built: see `Batch.from_recipe`. ``scenes``: the bundled ones."""
 
 class Batch:
     """Steps E envs together. Each has M drones and is in one of W worlds. There are N = E M drone slots.
@@ -3364,6 +3369,7 @@ class Batch:
         task: NativeTask | PythonTask | None = None,
         *,
         allow_files: bool = False,
+        max_worlds: int = 10000,
     ) -> Batch:
         """Make a batch from a recipe.
 
@@ -3375,6 +3381,16 @@ class Batch:
             Objects that replace the recipe's worlds and task.
         allow_files
             Allow worlds and drones from files outside the folder of bundled scenes.
+        max_worlds
+            What the worlds of the recipe may cost, in playgrounds: a forest counts as 30, an office, warehouse or city
+            as 100, with moving objects as 200.
+
+        Raises
+        ------
+        ValueError
+            The recipe is invalid, a path is not allowed, or there are too many worlds.
+        RuntimeError
+            The system refuses the threads. The message names its limits.
         """
 
     @property
@@ -3703,6 +3719,9 @@ class Batch:
         env: npt.ArrayLike | None = None,
     ) -> npt.NDArray[np.int64]:
         """Activate slots (K,) at positions (K, 3) m, quaternions (K, 4), in worlds (K,), and `sense` there.
+
+        The drones have the sensor settings of the configuration, whatever `set_lidar` and `set_camera` have changed for
+        earlier drones of these slots. As in `set_pose`, positions are not tested for collisions; `is_free` does that.
 
         Without a task, the batch grows if it has too few slots:
 

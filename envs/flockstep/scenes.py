@@ -9,7 +9,7 @@ from os import PathLike
 from pathlib import Path
 from typing import Any, TypeAlias
 
-from flockstep import _core, bench_scenes
+from flockstep import _core
 from flockstep._core import World
 from flockstep.nearest_name import did_you_mean
 
@@ -23,9 +23,7 @@ SETS: dict[str, tuple[str, ...]] = _core.scene_sets
 
 #: Functions that make the scenes without a file.
 GENERATED: dict[str, Callable[[], World]] = {
-    "bench/complex": bench_scenes.complex_,
-    "bench/simple": bench_scenes.simple,
-    **{name: partial(_core.load_scene, name, "") for name in _core.generated_scenes},
+    name: partial(_core.load_scene, name, "") for name in _core.generated_scenes
 }
 
 #: Generators of seeded scenes such as ``"forest/seed-7"``: the word before the seed.

@@ -10,8 +10,7 @@ import threading
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from flockstep import scenes
-from flockstep._core import Batch, Recipe, Server, ServerConfig
+from flockstep._core import Batch, CameraConfig, Recipe, Server, ServerConfig
 
 if TYPE_CHECKING:
     from flockstep.vector_env import DroneVectorEnv
@@ -61,6 +60,14 @@ def add_command(commands: Any) -> None:
     parser.add_argument(
         "--allow-files", action="store_true", help="allow the recipe to open scene and drone files anywhere"
     )
+    about_worlds = "what the worlds may cost, in playgrounds; a city counts as 100. Default: 10000"
+    parser.add_argument("--max-worlds", type=int, default=10000, help=about_worlds, metavar="N")
+    parser.add_argument(
+        "--outputs", nargs="+", help="what the cameras measure, such as rgb and depth, instead of what the recipe says"
+    )
+    parser.add_argument(
+        "--max-bodies", type=int, help="slots for moving objects in each env, which clients spawn", metavar="N"
+    )
     for field in ServerConfig._fields:  # type: ignore[attr-defined] # the list from which the class is made
         add_field(parser, field)
 
@@ -86,7 +93,8 @@ def main(arguments: argparse.Namespace) -> None:
     fields["token"] = fields["token"] or os.environ.get(TOKEN_VARIABLE, "")
     raise_file_limit()
     try:
-        batch = Batch.from_recipe(recipe_of(arguments), allow_files=arguments.allow_files)
+        access = {"allow_files": arguments.allow_files, "max_worlds": max(arguments.max_worlds, 0)}
+        batch = Batch.from_recipe(recipe_of(arguments), **access)
         server = Server(batch, ServerConfig(**fields))
     except (OSError, RuntimeError, ValueError) as error:
         sys.exit(f"flockstep serve: {error}")
@@ -110,8 +118,15 @@ def recipe_of(arguments: argparse.Namespace) -> Recipe:
         recipe.worlds = arguments.world
     if arguments.drone is not None:
         recipe.drone = arguments.drone
-    if not arguments.allow_files:
-        recipe.check_access(scenes.directory())
+    if arguments.max_bodies is not None:
+        recipe.max_bodies = arguments.max_bodies
+    if arguments.outputs is not None:
+        recipe.cameras = [
+            CameraConfig(
+                **{name: getattr(camera, name) for name in CameraConfig.__match_args__} | {"outputs": arguments.outputs}
+            )
+            for camera in recipe.cameras
+        ]
     return recipe
 
 

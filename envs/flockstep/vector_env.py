@@ -500,7 +500,9 @@ class DroneVectorEnv(VectorEnv[Observation, Array, Array]):
             self._view, self.trail = views.make(shown, self.batch, self.cameras, overlay, mesh)
 
     @classmethod
-    def from_recipe(cls, recipe: Recipe | str, *, allow_files: bool = False, **keywords: Any) -> DroneVectorEnv:
+    def from_recipe(
+        cls, recipe: Recipe | str, *, allow_files: bool = False, max_worlds: int = 10000, **keywords: Any
+    ) -> DroneVectorEnv:
         """Make an env from a recipe, such as one that another program wrote as JSON.
 
         Parameters
@@ -510,6 +512,9 @@ class DroneVectorEnv(VectorEnv[Observation, Array, Array]):
             process.
         allow_files
             Allow worlds and drone to be files outside the folder of bundled scenes.
+        max_worlds
+            What the worlds of the recipe may cost, in playgrounds: a forest counts as 30, an office, warehouse or city
+            as 100, with moving objects as 200.
         **keywords
             Keywords of the env that a recipe lacks, such as ``copy`` and ``render_mode``; other keywords override the
             recipe.
@@ -520,8 +525,7 @@ class DroneVectorEnv(VectorEnv[Observation, Array, Array]):
             The recipe is invalid, a path is not allowed, or an id is not registered.
         """
         recipe = Recipe.from_json(recipe) if isinstance(recipe, str) else recipe
-        if not allow_files:
-            recipe.check_access(scenes.directory())
+        recipe.check_access(scenes.directory(), allow_files, max_worlds)
         task = recipe.task
         given: dict[str, Any] = {"task": task} if isinstance(task, _TASK_CONFIGS) else {}
         if isinstance(task, NavigationConfig):

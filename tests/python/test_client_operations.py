@@ -2,6 +2,7 @@
 
 import dataclasses
 import io
+import itertools
 import re
 import threading
 import time
@@ -19,6 +20,7 @@ LIDAR = flockstep.LidarConfig(name="scan", beams=9, channels=2, hfov_deg=120, vf
 CAMERA = flockstep.CameraConfig(
     name="eye", width_px=16, height_px=12, outputs=["rgb", "depth"], capture_mode="on_demand"
 )
+PILLAR = (4, 4.5, 2)
 START = np.float32([[2, 4, 2], [2, 4.5, 2], [3, 2, 1], [6, 6, 3]])
 
 
@@ -184,8 +186,44 @@ def test_camera_data(client, batch):
         assert (opened.format, opened.size) == ("JPEG", (16, 12))
     with pytest.raises(ServerError, match="output"):
         drone.get_camera_data(output="depth")
+    with pytest.raises(ServerError, match=r'output: expected an output of camera "eye" \(rgb, depth\), got "semantic"'):
+        drone.get_camera_data(format="raw", output="semantic")
     with pytest.raises(ServerError, match="nothing"):
         drone.get_camera_data("nothing")
+
+
+def test_the_file_of_a_still_camera_follows_every_change(room, connect):
+    """The server keeps the files of pictures that stand still."""
+    camera = flockstep.CameraConfig(name="eye", width_px=16, height_px=12, capture_mode="on_demand")
+    body = flockstep.BodyConfig(size_m=(0.5, 0.5, 0.5), position_m=(4, 3.5, 2))
+    batch = flockstep.Batch([room], 4, drones_per_env=4, meet="seen", cameras=[camera], max_bodies=1)
+    batch.set_pose(START)
+    snapshots = []
+    with flockstep.serve(batch, port=0) as server, connect(server.address) as client:
+
+        def files():
+            found = [bytes(client.drone(0).get_camera_data()) for _ in range(2)]
+            batch.capture()
+            assert found[0] == found[1] == batch.camera("eye").jpeg(0)
+            return found[0]
+
+        seen = [files()]
+        for change in (
+            lambda: client.set_light(gamma=2),
+            lambda: (client.set_light(envs=[0], gamma=3), snapshots.append(batch.snapshot())),
+            lambda: client.spawn_bodies(body),
+            lambda: client.set_body_poses(position=np.float32([[[4, 3.7, 2]]])),
+            lambda: client.drone(3).set_location((3, 4.3, 2), teleport=True),
+            lambda: client.drone(3).remove(),
+            lambda: client.drone(0).set_camera_config(hfov_deg=60),
+            lambda: client.drone(0).set_location((2, 4.2, 2), teleport=True),
+            lambda: (client.drone(0).remove(), client.spawn_drone((2, 4.1, 2))),
+            lambda: batch.restore(snapshots[0]),
+        ):
+            change()
+            seen.append(files())
+        assert [one == other for one, other in itertools.pairwise(seen)] == [False] * 10
+        assert bytes(client.drone(0).get_camera_data(quality=10)) == batch.camera("eye").jpeg(0, 10)
 
 
 def test_camera_settings(client, batch):
@@ -267,6 +305,51 @@ def test_spawning_and_removing(client, batch):
     start = client.spawn_drone()
     np.testing.assert_array_equal(start.get_location(), [2, 4, 2])
     assert start.owner == 0
+
+
+def test_drones_that_collide_begin_at_free_places(room, connect):
+    batch = flockstep.Batch([room], 0, drones_per_env=0, meet="touched")
+    with flockstep.serve(batch, port=0) as server, connect(server.address) as client:
+        drones = [client.spawn_drone() for _ in range(6)]
+        places = [drone.get_location() for drone in drones]
+        np.testing.assert_array_equal(places[0], room.start)
+        assert batch.is_free(batch.position)[batch.active].all()
+        for place in places[1:]:
+            assert np.linalg.norm(place - room.start) < 16 * np.sqrt(3)
+        client.drone(0).remove()
+        np.testing.assert_array_equal(client.spawn_drone().get_location(), room.start)
+
+
+def test_places_inside_something_are_refused(room, connect):
+    touched = flockstep.Batch([room], 2, meet="touched", drones_per_env=2)
+    touched.set_pose([[2, 4, 2], [6, 6, 3]])
+    batch = flockstep.Batch([room], 4, lidar=LIDAR)
+    offices = flockstep.Batch("bench/complex", 0, drones_per_env=0)
+    for served, places in (
+        (batch, [PILLAR, (2, 4, -1), (100, 4, 2)]),
+        (touched, [PILLAR, (2.1, 4, 2)]),
+        (offices, [(12, 12, -1)]),
+    ):
+        size = served.num_drones
+        with flockstep.serve(served, port=0) as server, connect(server.address) as client:
+            for place in places:
+                with pytest.raises(
+                    ServerError, match="location: expected a place where the drone touches nothing, got"
+                ) as refusal:
+                    client.spawn_drone(place)
+                assert refusal.value.code == "INVALID_ARGUMENT"
+                assert served.num_drones == size
+            for bad in ((np.nan, 0, 0), (0, 0, 1e9)):
+                with pytest.raises((ServerError, ValueError), match=r"position|location"):
+                    client.spawn_drone(bad)
+
+
+def test_a_start_inside_something_is_not_used(connect):
+    data = dict(ROOM) | {"markers": {"start": PILLAR}}
+    batch = flockstep.Batch([flockstep.World.from_dict(data)], 0, drones_per_env=0)
+    with flockstep.serve(batch, port=0) as server, connect(server.address) as client:
+        client.spawn_drone()
+        assert batch.is_free(batch.position)[batch.active].all()
 
 
 def test_arrays(client, batch):

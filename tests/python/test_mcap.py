@@ -2,11 +2,13 @@
 
 import io
 import json
+import re
 import signal
 import subprocess
 import sys
 import time
 from itertools import pairwise
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -581,6 +583,24 @@ class TestCutFiles:
         assert written - 20 <= len(stamps) <= written + 2  # a chunk of 50 kB holds about 11 steps
         assert stamps == {100_000_000 * (step + 1) for step in range(len(stamps))}
 
+    def test_the_documented_reader_reads_a_file_that_was_cut_anywhere(self, tmp_path, monkeypatch):
+        page = (Path(__file__).resolve().parents[2] / "docs" / "mcap.md").read_text()
+        block = next(block for block in re.findall(r"```python\n(.*?)```", page, re.S) if "StreamReader" in block)
+        (head, tail) = block.split('with open("flight.mcap", "rb+")')
+        reader = tail[tail.index("messages = []") : tail.index("print(")]
+        names = {}
+        monkeypatch.chdir(tmp_path)
+        exec(head, names)  # makes the file
+        whole = (tmp_path / "flight.mcap").read_bytes()
+        counts = []
+        for size in range(len(whole) // 2, len(whole), 997):
+            (tmp_path / "flight.mcap").write_bytes(whole[:size])
+            exec(reader, names)
+            counts.append(len(names["messages"]))
+        assert len(counts) > 20
+        assert counts == sorted(counts)
+        assert counts[0] > 10
+
 
 class TestPackages:
     def test_the_missing_package_is_named(self):
@@ -623,3 +643,6 @@ class TestPackages:
         ):
             done = subprocess.run([*command, *arguments, *wrong], capture_output=True, text=True, check=False)
             assert (done.returncode, done.stderr) == (1, f"flockstep mcap: {message}\n")
+        done = subprocess.run([*command, str(path), "--env", "nope-v0"], capture_output=True, text=True, check=False)
+        assert done.returncode == 1
+        assert re.fullmatch(r"flockstep mcap: .*nope.*\n", done.stderr)

@@ -53,6 +53,14 @@ sys.meta_path.insert(0, Without())
 """
 
 
+def test_output_that_cannot_be_written_is_an_error_in_one_line():
+    with open("/dev/full", "w") as full:
+        command = [sys.executable, "-m", "flockstep", "doctor"]
+        done = subprocess.run(command, stdout=full, stderr=subprocess.PIPE, text=True, check=False)
+    assert (done.returncode, done.stderr.count("\n")) == (1, 1)
+    assert done.stderr.startswith("flockstep: cannot write the output: ")
+
+
 @pytest.mark.parametrize("missing", ["numpy", "gymnasium"])
 def test_the_doctor_runs_without_required_packages(missing, tmp_path):
     (tmp_path / "sitecustomize.py").write_text(WITHOUT.format(names=[missing]))

@@ -11,6 +11,7 @@ import subprocess
 import sys
 import threading
 import time
+import tracemalloc
 import zipfile
 from pathlib import Path
 
@@ -787,6 +788,7 @@ def test_parts_of_other_files_are_refused(content, tmp_path):
         lambda state: state["observation_space"].update(box=[-1]),
         lambda state: state["observation_space"].update(box=[2]),
         lambda state: state["observation_space"].update(dtype="O"),
+        lambda state: state["observation_space"].update(dtype="9" * 5000),
         lambda state: state["observation_space"].update(low=["nan"]),
         lambda state: state.update(observation_space={"dict": 3}),
         lambda state: state.update(action_space={"discrete": 10**30, "start": 0}),
@@ -810,6 +812,20 @@ def test_absurd_values_are_refused(content, change, tmp_path):
     with pytest.raises(ValueError, match=REFUSED):
         load_bytes(edited(content, change), tmp_path / "edited.zip")
     assert time.perf_counter() - began < 5
+
+
+def test_numbers_of_spaces_are_counted_before_they_are_made(content, tmp_path):
+    def change(state):
+        box = {"box": [65536], "dtype": "float64", "low": [0], "high": [1]}
+        state["observation_space"] = {"dict": [[f"p{i}", box] for i in range(100)]}
+
+    bomb = edited(content, change)
+    tracemalloc.start()
+    with pytest.raises(ValueError, match="space: expected at most 65536 numbers, got 6553600"):
+        load_bytes(bomb, tmp_path / "edited.zip")
+    peak = tracemalloc.get_traced_memory()[1]
+    tracemalloc.stop()
+    assert peak < 10 << 20  # of 100 MiB
 
 
 def test_a_file_sets_nothing_but_hyperparameters(content, tmp_path):

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 import flockstep
-from flockstep import scenes
+from flockstep import _core, scenes
 
 ENVS: dict[str, dict[str, Any]] = {
     "navigation": {
@@ -117,6 +117,19 @@ def test_files_are_opened_only_if_the_caller_allows_it(field: str, tmp_path: Pat
     assert flockstep.Batch.from_recipe(recipe, allow_files=True).num_drones == 1
 
 
+def test_a_recipe_from_outside_builds_a_limited_number_of_worlds() -> None:
+    text = '{"task": null, "worlds": ["playground/seed-1", "city/seed-0..99999"], "num_envs": 100000}'
+    recipe = flockstep.Recipe.from_json(text)
+    for build in (flockstep.Batch.from_recipe, flockstep.DroneVectorEnv.from_recipe):
+        with pytest.raises(ValueError, match=r"worlds: expected at most 10000 worlds \(max_worlds\), each forest"):
+            build(recipe)
+    recipe.worlds, recipe.num_envs = ["playground/seed-0..2"], 3
+    with pytest.raises(ValueError, match=r"worlds: expected at most 2 worlds \(max_worlds\)"):
+        flockstep.Batch.from_recipe(recipe, max_worlds=2, allow_files=True)
+    assert len(flockstep.Batch.from_recipe(recipe, max_worlds=3).worlds) == 3
+    assert len(flockstep.DroneVectorEnv(1, worlds="playground/seed-0..1").batch.worlds) == 2
+
+
 @pytest.mark.parametrize(
     ("text", "message"),
     [
@@ -145,7 +158,10 @@ def test_worlds_given_as_objects_are_not_in_the_recipe() -> None:
 def test_every_name_of_a_scene_is_known_to_the_engine() -> None:
     bundled = [name for members in scenes.SETS.values() for name in members if "/seed-" not in name]
     assert set(bundled) <= set(scenes.names())
-    for name in ("playground/seed-3", "playground/train-1"):
+    with pytest.raises(ValueError, match="worlds: expected") as refusal:
+        _core.load_scene("no/such", scenes.directory())
+    assert all(f" {name}" in str(refusal.value) for name in scenes.names())  # the engine has every bundled name
+    for name in ("playground/seed-3", "playground/train-1", "bench/simple"):
         envs = flockstep.DroneVectorEnv(1, worlds=name)
         batch = flockstep.Batch.from_recipe(envs.recipe)
         assert batch.worlds[0].to_dict() == envs.batch.worlds[0].to_dict()

@@ -113,6 +113,8 @@ def test_an_address_of_the_network_needs_a_token(batch):
         ({"rate_hz": float("nan")}, "rate_hz: expected"),
         ({"rate_hz": 1e-300}, r"rate_hz: expected 0 or a number in \[1e-06, 10000\], got 1e-300"),
         ({"max_clients": 0}, "max_clients: expected"),
+        ({"token": " "}, "token: expected a secret, got only spaces"),
+        ({"lockstep_timeout_s": 0}, "lockstep_timeout_s: expected"),
         ({"tokn": "x"}, "tokn.*Did you mean 'token'"),
     ],
 )
@@ -379,6 +381,25 @@ def test_claimed_sizes_are_not_allocated(server):
             assert raw.reply().error.code == code
 
 
+@pytest.mark.parametrize("size", [1 << 62, 1 << 63, (1 << 64) - 1])
+def test_frames_of_absurd_sizes_end_the_session(server, size):
+    with Raw(server) as raw:
+        raw.socket.socket.sendall(b"\x82\xff" + size.to_bytes(8, "big") + bytes(4))
+        assert raw.is_closed()
+
+
+def test_requests_of_many_arrays_are_refused(server):
+    header = Request(id=2, ping=Ping(), arrays=[pb.Array(dtype=1, shape=[0])] * 9).SerializeToString()
+    with Raw(server) as raw:
+        raw.send(struct.pack("<I", len(header)) + header)
+        error = raw.reply().error
+        assert (error.code, error.text) == (
+            pb.Code.INVALID_ARGUMENT,
+            "message: arrays: expected at most 8, got 9",
+        )
+        assert raw.ask(Request(id=3, ping=Ping())).id == 3
+
+
 def test_text_messages_end_the_session(server):
     with Raw(server) as raw:
         raw.socket.send("hello")
@@ -446,6 +467,35 @@ def test_waiting_requests_do_not_fill_the_memory():
         for _ in range(60):
             assert "position: expected shape" in raw.reply().error.text
         thread.join(10)
+
+
+def test_waiting_headers_are_counted_as_what_they_become(batch):
+    """A name of no length takes 2 bytes in a message and 32 in memory."""
+    names = encode(Request(id=3, get_arrays=pb.GetArrays(names=[""] * 32_000)), {})
+    server = flockstep.serve(batch, port=0, max_requests=2000)
+    with server, Raw(server) as raw, flockstep.connect(server.address) as other:
+        other.join_lockstep()
+        raw.ask(Request(id=2, join_lockstep=pb.JoinLockstep()))
+        raw.send(encode(Request(id=2, step=Step()), {}))  # waits for the other client
+        raw.socket.socket.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, 1 << 16)
+        before = resident_bytes()
+        sent = []
+
+        def send():
+            with contextlib.suppress(ConnectionClosed, OSError):  # at the end
+                for _ in range(400):
+                    sent.append(raw.send(names))
+
+        in_thread(send)
+        count = -1
+        while len(sent) > count:
+            count = len(sent)
+            time.sleep(0.3)
+        assert resident_bytes() - before < 60 << 20  # as messages of 16 MiB they would become 256 MiB
+
+
+def resident_bytes():
+    return int(Path("/proc/self/statm").read_text().split()[1]) * resource.getpagesize()
 
 
 def test_many_waiting_requests_are_answered_at_once(batch):
@@ -771,9 +821,9 @@ def test_indices_stay():
     with server, flockstep.connect(server.address) as owner, flockstep.connect(server.address) as other:
         owner.claim([2])
         with pytest.raises(flockstep.client.ServerError, match="no slot is free"):
-            other.spawn_drone([1, 0, 1.5], env=0)
+            other.spawn_drone([1, 1, 1.5], env=0)
         other.drone(1).remove()
-        assert other.spawn_drone([1, 0, 1.5], env=0).index == 1
+        assert other.spawn_drone([1, 1, 1.5], env=0).index == 1
         batch.spawn(position=[[1, 0, 1.5]], env=[0])
         owners = [(drone.index, drone.env, drone.owner) for drone in other.get_drones()]
         assert owners == [(0, 0, 0), (1, 0, 0), (2, 0, 0), (4, 1, owner.info.client), (5, 1, 0)]
@@ -1022,6 +1072,24 @@ def test_lockstep_waits_for_all_members(server):
         assert done == [1, 2]
 
 
+def test_a_member_that_does_not_step_leaves_the_lockstep(batch):
+    server = flockstep.serve(batch, port=0, lockstep_timeout_s=0.3)
+    with server, flockstep.connect(server.address) as a, flockstep.connect(server.address) as b:
+        a.join_lockstep()
+        b.join_lockstep()
+        assert a.step().step == 1
+        with pytest.raises(
+            flockstep.client.ServerError, match=r"the others waited 0\.3 s \(lockstep_timeout_s\).*JoinLockstep again"
+        ):
+            b.step()
+        assert a.step().step == 2  # nobody is waited for any more
+        b.join_lockstep()
+        for step in (3, 4):  # both are members again
+            thread = in_thread(b.step)
+            assert a.step().step == step
+            thread.join(10)
+
+
 def test_the_clock_steps_in_real_time(client):
     client.set_clock(100)
     before = client.get_arrays(["position"]).time.step
@@ -1102,8 +1170,22 @@ def check_command(process):
     assert "stopped after" in process.stdout.read()
 
 
+def test_the_command_has_options_for_what_cameras_measure_and_for_moving_objects():
+    options = ("--port", "0", "--world", "bench/simple", "--outputs", "rgb", "depth", "--max-bodies", "2")
+    with run_command(*options) as process:
+        address = process.stdout.readline().split(" at ")[1].split(";")[0]
+        with flockstep.connect(address) as client:
+            depth = client.spawn_drone().get_camera_data(format="raw", output="depth").image
+            assert np.isfinite(depth).any()
+            assert client.spawn_bodies(flockstep.BodyConfig(position_m=(5, 5, 1))).tolist() == [0]
+        process.send_signal(signal.SIGINT)
+        assert process.wait(20) == 0
+
+
 def test_the_command_refuses_in_one_line(server):
     for arguments, text in (
+        (["--outputs", "colour"], "outputs"),
+        (["--world", "city/seed-0..100"], "worlds: expected at most 10000 worlds"),
         (["--port", str(server.port)], "another server may run there"),
         (["--address", "0.0.0.0"], "token: expected a secret"),
         (["missing.json"], "missing.json"),

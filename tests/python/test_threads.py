@@ -1,6 +1,10 @@
 """A batch has its own threads and serves one caller at a time."""
 
 import os
+import re
+import resource
+import subprocess
+import sys
 import threading
 import time
 
@@ -116,6 +120,64 @@ def test_a_thread_waits_for_a_shared_batch_without_the_interpreter_lock(room):
     assert ended.is_set()
     assert steps > len(calls)
     batch._unshare()
+
+
+def test_more_than_four_threads_per_processor_are_clamped(room):
+    processors = len(os.sched_getaffinity(0))
+    with pytest.warns(
+        RuntimeWarning, match=rf"num_threads=4096: .* {4 * processors} threads will run, at most four per processor"
+    ):
+        batch = flockstep.Batch([room], 8, num_threads=4096)
+    assert batch.num_threads == 4 * processors
+    with pytest.warns(RuntimeWarning, match="num_threads=4096: .* at most four per processor"):
+        learner = flockstep._core.Learner(flockstep._core.NetworkConfig(), num_threads=4096)
+    assert learner.num_threads == 4 * processors
+
+
+# Leaves less address space than a thread needs for its stack.
+IN_A_SMALL_SPACE = """
+import resource
+import flockstep
+
+def made(threads):
+    return flockstep.Batch("arena/hall", 2, num_threads=threads, lidar=flockstep.LidarConfig())
+
+batch = made(1)
+batch.sense()
+used = int(open("/proc/self/statm").read().split()[0]) * resource.getpagesize()
+resource.setrlimit(resource.RLIMIT_AS, (used + (32 << 20), -1))
+try:
+    made(2) if {what!r} == "batch" else flockstep.serve(batch, port=0)
+except RuntimeError as error:
+    print(error)
+resource.setrlimit(resource.RLIMIT_AS, (-1, -1))
+made(2).sense()
+flockstep.serve(batch, port=0).stop()
+"""
+
+
+@pytest.mark.parametrize(
+    ("what", "message"),
+    [
+        ("batch", r"num_threads: the system started 0 of 1 threads \(.+\); lower num_threads, or raise a limit: "),
+        ("server", r"the system refused a thread of the server \(.+\); raise a limit: "),
+    ],
+)
+def test_a_thread_that_the_system_refuses_is_an_error(what, message):
+    def give_threads_large_stacks():
+        resource.setrlimit(resource.RLIMIT_STACK, (64 << 20, resource.getrlimit(resource.RLIMIT_STACK)[1]))
+
+    code = IN_A_SMALL_SPACE.format(what=what)
+    done = subprocess.run(
+        [sys.executable, "-c", code],
+        preexec_fn=give_threads_large_stacks,
+        capture_output=True,
+        text=True,
+        timeout=60,
+        check=False,
+    )
+    assert (done.returncode, done.stderr) == (0, "")
+    assert re.fullmatch(message + r"\d+ MiB of address space \(ulimit -v\), .*", done.stdout.strip())
 
 
 def test_more_threads_than_processors_are_a_warning_and_nothing_else(room, capfd):

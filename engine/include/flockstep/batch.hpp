@@ -156,7 +156,8 @@ class FLOCKSTEP_API Batch {
   void sense(DroneMask mask = {});  // reads the sensors now; cameras as their capture mode requires
 
   // --- slots
-  // Activates slots and senses there; returns their indices. One row per index; an empty span leaves the value unchanged.
+  // Activates slots and senses there, with the sensor settings of the configuration; returns their indices. As with set_pose(),
+  // positions are not tested for collisions: is_free() does. One row per index; an empty span leaves the value unchanged.
   // Indices beyond N enlarge the batch: with M = 1 each is a new env, and slots in between are inactive; if E = 1 and M is not
   // 1, M grows. Instead of indices, `env` names the env of each row, which takes the lowest inactive slot there, or one of M
   // new ones in each env: with E > 1 drones then have other indices, d = e M + m. Without both, rows take the lowest inactive
@@ -199,6 +200,7 @@ class FLOCKSTEP_API Batch {
   // are their indices; empty: all drones, K = N. position (K, 3) m; quat_wxyz (K, 4), or empty: level, facing +x.
   void is_free(std::span<const std::int64_t> drones, std::span<const float> position, std::span<const float> quat_wxyz,
                std::span<std::uint8_t> out) const;
+  bool is_free(EnvIndex env, const Pose& pose) const;  // the same for a new drone of an env
   // Configuration of a body, valid until the body is removed or the batch is restored or destroyed; null for a free slot.
   const BodyConfig* body_config(std::int64_t env, std::int64_t body) const;
 

@@ -73,7 +73,8 @@ struct BatchConfig {
                  "frame, like the mesh of a `BodyConfig`. Only if ``meet`` is ``\"seen\"`` or ``\"both\"``. None: their hull, in "
                  "grey."}),
         field("num_threads", &C::num_threads,
-              {.about = "Number of threads. 0: the physical cores that this process may run on. No result depends on it.",
+              {.about = "Number of threads, at most four per processor; a larger number gives these, with a warning. 0: the "
+                        "physical cores that this process may run on. No result depends on it.",
                .limits = between(0, 4096),
                .affects_hash = AffectsHash::no}),
         field("block_size", &C::block_size,

@@ -197,4 +197,9 @@ struct RaceTrackConfig {
 // a bad config, or if many layouts have no such loop.
 FLOCKSTEP_API std::shared_ptr<const World> race_track(const RaceTrackConfig& config);
 
+// Two worlds for benchmarks: an open floor with a few boxes, and the same floor full of vases and boulders, 109,000 textured
+// triangles.
+FLOCKSTEP_API std::shared_ptr<const World> bench_simple();
+FLOCKSTEP_API std::shared_ptr<const World> bench_complex();  // see bench_simple()
+
 }  // namespace flockstep

@@ -15,6 +15,9 @@
 
 namespace flockstep {
 
+// Returns whether a drone would touch nothing at a pose in a world.
+FLOCKSTEP_API bool is_free(const World& world, const DroneModel& drone, const Pose& pose);
+
 // Called repeatedly during a search with its progress, which increases from 0 to 1.
 using Progress = std::function<void(double)>;
 

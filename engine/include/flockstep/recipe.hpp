@@ -1,6 +1,7 @@
 // Recipe: everything that a batch is built from, as one value that converts to JSON and back.
 #pragma once
 
+#include <cstddef>
 #include <filesystem>
 #include <memory>
 #include <string>
@@ -36,18 +37,19 @@ struct Recipe {
   FLOCKSTEP_API static Recipe from_json(const std::string& text);  // see to_json()
 };
 
-// Files that a recipe may open. The default is safe for a recipe from a file or the network: only bundled and generated scenes
-// and bundled drones.
+// Files that a recipe may open, and worlds that it may build. The default is safe for a recipe from a file or the network: only
+// bundled scenes, bundled drones and a limited number of generated scenes.
 struct RecipeAccess {
-  std::filesystem::path scenes;  // folder of the bundled scenes, whose files may be opened
-  bool allows_files = false;     // scene and drone files may be anywhere
+  std::filesystem::path scenes;     // folder of the bundled scenes, whose files may be opened
+  bool allows_files = false;        // scene and drone files may be anywhere
+  std::size_t max_worlds = 10'000;  // what all worlds may cost, in playgrounds: see cost_of_scenes()
 };
 
-// Throws std::invalid_argument if a path in the recipe is not allowed.
+// Throws std::invalid_argument if a path in the recipe, or the number of its worlds, is not allowed.
 FLOCKSTEP_API void check_access(const Recipe& recipe, const RecipeAccess& access);
 
-// Builds the batch of a recipe. Throws std::invalid_argument if the recipe is invalid, its task is a RegisteredTask, or a path
-// is not allowed.
+// Builds the batch of a recipe. Throws std::invalid_argument if the recipe is invalid, its task is a RegisteredTask, or
+// check_access() refuses it.
 FLOCKSTEP_API std::unique_ptr<Batch> make_batch(const Recipe& recipe, const RecipeAccess& access);
 
 // Loads the drone of a recipe. Throws std::invalid_argument if there is none of this name.

@@ -1,6 +1,7 @@
 // Scenes: names of the worlds that ship with flockstep, and of the worlds that it generates.
 #pragma once
 
+#include <cstddef>
 #include <cstdint>
 #include <filesystem>
 #include <memory>
@@ -34,6 +35,7 @@ FLOCKSTEP_API std::span<const GeneratedScene> generated_scenes();
 struct SceneGenerator {
   std::string_view name;                                     // name of the generator
   std::shared_ptr<const World> (*make)(std::uint64_t seed);  // makes the scene of a seed
+  int cost;                                                  // time and memory that a scene takes, in playgrounds
 };
 // Returns all generators.
 FLOCKSTEP_API std::span<const SceneGenerator> scene_generators();
@@ -44,6 +46,10 @@ FLOCKSTEP_API std::vector<std::string> scene_names(const std::filesystem::path& 
 // Returns the scenes of a name: the members of a set, the seeds of a range ("forest/seed-0..99", at most 100,000), or the name
 // itself. Throws std::invalid_argument if a range is empty or too large.
 FLOCKSTEP_API std::vector<std::string> expand_scene_name(std::string_view name);
+
+// Returns what the worlds of these names cost, in playgrounds: see SceneGenerator. A world that is there already costs 1, and so
+// does one without a generator. Stops beyond `most`.
+FLOCKSTEP_API std::size_t cost_of_scenes(const std::vector<std::string>& names, std::size_t most);
 
 // Returns true for a path that ends in one of World::suffixes(), in lower or upper case.
 FLOCKSTEP_API bool is_scene_path(std::string_view name);

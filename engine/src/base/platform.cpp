@@ -246,6 +246,18 @@ double address_space_left() {
   return static_cast<double>(limit.rlim_cur) - pages * static_cast<double>(sysconf(_SC_PAGESIZE));
 }
 
+std::string thread_limits() {
+  std::string text;
+  rlimit limit{};
+  if (getrlimit(RLIMIT_AS, &limit) == 0 && limit.rlim_cur != RLIM_INFINITY) {
+    text = std::to_string(limit.rlim_cur >> 20U) + " MiB of address space (ulimit -v)";
+  }
+  if (getrlimit(RLIMIT_NPROC, &limit) == 0 && limit.rlim_cur != RLIM_INFINITY) {
+    text += (text.empty() ? "" : ", ") + std::to_string(limit.rlim_cur) + " processes (ulimit -u)";
+  }
+  return text + (text.empty() ? "" : ", ") + "pids.max of the container";
+}
+
 int physical_cores() {
   cpu_set_t allowed;
   CPU_ZERO(&allowed);
@@ -264,6 +276,7 @@ int physical_cores() {
 }
 #else
 double address_space_left() { return std::numeric_limits<double>::infinity(); }
+std::string thread_limits() { return "the limits of the system"; }
 int physical_cores() { return logical_processors(); }
 #endif
 

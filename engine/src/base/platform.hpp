@@ -25,6 +25,9 @@ double physical_memory();
 // Returns the address space that this process may still allocate, in bytes; infinity if it is not limited (ulimit -v).
 double address_space_left();
 
+// Names the limits of the system that can keep this process from starting threads.
+std::string thread_limits();
+
 // Returns freed memory, which the allocator otherwise keeps, to the system. It takes some milliseconds, so call it after
 // freeing much memory.
 void give_back_freed_memory();

@@ -1,5 +1,4 @@
-// Workers: the threads of one batch, in a separate arena. The number of threads is the requested one, even if the machine has
-// fewer processors.
+// Workers: the threads of one batch, in a separate arena.
 #pragma once
 
 #include <cstddef>
@@ -7,8 +6,14 @@
 
 namespace flockstep {
 
+inline constexpr int kMaxThreadsPerProcessor = 4;  // more cost memory and are no faster
+
+// The number of threads for a requested one. 0: the physical cores that this process may run on.
+int thread_count(int requested);
+
 class Workers {
  public:
+  // Starts the threads. Throws std::runtime_error, naming the limits, if the system refuses them.
   explicit Workers(int num_threads);
   ~Workers();
   Workers(const Workers&) = delete;

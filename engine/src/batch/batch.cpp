@@ -416,6 +416,8 @@ std::vector<std::int64_t> Batch::spawn(std::span<const std::int64_t> indices, st
     const EnvIndex env = sim.env_of(drone);
     if (!world_index.empty()) state.world_index[env] = world_index[row];
     state.active[drone] = 1;
+    for (const auto& sensor : sim.suite) sensor->use_default_settings(drone);  // not those of the drone before
+    for (std::size_t camera = 0; camera < sim.cameras.size(); ++camera) sim.cameras[camera].use_default_settings(drone);
     if (!state.own.resting.empty()) state.own.resting[drone] = 0;
     if (begins[env]) {
       forget_readings(sim, env);

@@ -1,6 +1,7 @@
 // The members of Batch that concern bodies.
 #include <cmath>
 #include <cstdint>
+#include <optional>
 #include <span>
 #include <sstream>
 #include <string>
@@ -14,6 +15,7 @@
 #include "batch/checks.hpp"
 #include "batch/selected.hpp"
 #include "batch/simulation.hpp"
+#include "batch/task_context.hpp"
 #include "flockstep/batch.hpp"
 
 namespace flockstep {
@@ -168,6 +170,12 @@ void Batch::set_body_velocity(std::span<const float> velocity, std::span<const f
                               std::span<const std::uint8_t> mask) {
   const CallGuard guard(*lock_);
   change(*sim_, {.position = {}, .quat_wxyz = {}, .velocity = velocity, .angular_velocity = angular_velocity}, mask);
+}
+
+bool Batch::is_free(EnvIndex env, const Pose& pose) const {
+  const CallGuard guard(*lock_);
+  require(env < sim_->num_envs(), "env", "an index below " + std::to_string(sim_->num_envs()), std::size_t{env});
+  return touches_nothing(*sim_, env, std::nullopt, pose);
 }
 
 void Batch::is_free(std::span<const std::int64_t> drones, std::span<const float> position, std::span<const float> quat_wxyz,

@@ -125,12 +125,15 @@ Simulation::Simulation(BatchConfig config_in, Batch::Worlds worlds_in, std::uniq
       cameras(config.cameras, config.clock, world_pointers, pool ? pool->slots : state.world_index, lights, state,
               drones_per_env(), num_drones(), config.tracer),
       move_lines(state, drones_per_env(), num_drones()),
-      workers(config.num_threads > 0 ? config.num_threads : physical_cores()),
+      workers(thread_count(config.num_threads)),
       schedule(num_envs(), worlds.size(), static_cast<std::size_t>(config.block_size),
                static_cast<std::size_t>(workers.num_threads())) {
-  if (workers.num_threads() > logical_processors()) {
-    warning = "num_threads=" + std::to_string(workers.num_threads()) + ": this process may run on " +
-              std::to_string(logical_processors()) + " processors; more threads make it slower";
+  if (std::max(this->config.num_threads, workers.num_threads()) > logical_processors()) {
+    warning = "num_threads=" + std::to_string(std::max(this->config.num_threads, workers.num_threads())) +
+              ": this process may run on " + std::to_string(logical_processors()) + " processors; " +
+              (this->config.num_threads > workers.num_threads()
+                   ? std::to_string(workers.num_threads()) + " threads will run, at most four per processor"
+                   : "more threads make it slower");
   }
   for (int i = 0; i < workers.num_threads(); ++i) {
     scratches.push_back(std::make_unique<Scratch>());

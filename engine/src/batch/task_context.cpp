@@ -49,14 +49,7 @@ class Context final : public TaskContext {
   float random(DroneIndex drone, std::uint32_t stream, std::uint32_t index) const override {
     return draw_uniform(sim_.state, sim_.random_key(drone), stream, index);
   }
-  bool is_free(DroneIndex drone, const Pose& pose) const override {
-    const EnvIndex env = env_of(drone);
-    const collision::Obstacles& obstacles = *sim_.obstacles[sim_.slot_of(env)];
-    if (collision::overlaps(obstacles, sim_.hull, pose)) return false;
-    if (sim_.bodies && overlaps_body(sim_.bodies->moving().of_env(env, bodies_per_env()), obstacles, sim_.hull, pose))
-      return false;
-    return !sim_.drones_touch() || !overlaps_drone(drone, pose);
-  }
+  bool is_free(DroneIndex drone, const Pose& pose) const override { return touches_nothing(sim_, env_of(drone), drone, pose); }
 
   const DynamicsConfig& dynamics() const override { return sim_.config.dynamics; }
   const ClockConfig& clock() const override { return sim_.config.clock; }
@@ -78,19 +71,6 @@ class Context final : public TaskContext {
   }
 
  private:
-  // Returns true if a drone at a pose overlaps another one that has its place.
-  bool overlaps_drone(DroneIndex drone, const Pose& pose) const {
-    for (std::size_t member = 0; member < drones_per_env(); ++member) {
-      const DroneIndex other = sim_.drone_of(env_of(drone), member);
-      if (other == drone || !sim_.state.active[other] || sim_.unplaced[other]) continue;
-      const Pose there = pose_of(sim_.state, other);
-      if ((there.position - pose.position).norm() > 2.0F * sim_.hull.radius() + dynamics::margin(pose.position.norm())) continue;
-      const collision::MovingSolid solid(sim_.corners, there, there, 0);
-      if (collision::first_contact(solid, sim_.hull, pose, pose).hit) return true;
-    }
-    return false;
-  }
-
   bool has_body(EnvIndex env, std::size_t body) const {
     return body < bodies_per_env() && sim_.state.bodies.active[sim_.bodies->row_of(env, body)];
   }
@@ -99,6 +79,22 @@ class Context final : public TaskContext {
 };
 
 }  // namespace
+
+bool touches_nothing(const Simulation& sim, EnvIndex env, std::optional<DroneIndex> drone, const Pose& pose) {
+  const collision::Obstacles& obstacles = *sim.obstacles[sim.slot_of(env)];
+  if (collision::overlaps(obstacles, sim.hull, pose)) return false;
+  if (sim.bodies && overlaps_body(sim.bodies->moving().of_env(env, sim.bodies->per_env()), obstacles, sim.hull, pose))
+    return false;
+  for (std::size_t member = 0; sim.drones_touch() && member < sim.drones_per_env(); ++member) {
+    const DroneIndex other = sim.drone_of(env, member);
+    if (other == drone || !sim.state.active[other] || sim.unplaced[other]) continue;
+    const Pose there = pose_of(sim.state, other);
+    if ((there.position - pose.position).norm() > 2.0F * sim.hull.radius() + dynamics::margin(pose.position.norm())) continue;
+    const collision::MovingSolid solid(sim.corners, there, there, 0);
+    if (collision::first_contact(solid, sim.hull, pose, pose).hit) return false;
+  }
+  return true;
+}
 
 std::unique_ptr<TaskContext> make_task_context(Simulation& sim) { return std::make_unique<Context>(sim); }
 

@@ -92,7 +92,7 @@ Learner::Parts::Parts(NetworkConfig new_config, int num_threads, std::uint64_t n
       transposed(network.num_transposed),
       observation_moments(initial_moments(observation_size)),
       return_moments(initial_moments(1)),
-      workers(num_threads > 0 ? num_threads : physical_cores()) {
+      workers(thread_count(num_threads)) {
   for (int i = 0; i < workers.num_threads(); ++i) passes.emplace_back(network);
   network.initialise(seed, parameters);
   prepare();

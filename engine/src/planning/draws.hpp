@@ -17,7 +17,7 @@ class Draws {
  public:
   // Purposes, which separate the numbers from other uses of the same seed.
   static constexpr std::uint32_t kPlayground = 0x706C6179, kForest = 0x666F7265, kOffice = 0x6F666669, kWarehouse = 0x77617265,
-                                 kCity = 0x63697479, kPlaces = 0x706C6163, kRaceTrack = 0x72616365;
+                                 kCity = 0x63697479, kPlaces = 0x706C6163, kRaceTrack = 0x72616365, kBench = 0x62656E63;
 
   Draws(std::uint32_t purpose, std::uint64_t seed, std::uint32_t attempt) : purpose_(purpose), seed_(seed), attempt_(attempt) {}
 

@@ -163,11 +163,15 @@ class Places {
 
 void require_place(const World& world, const DroneModel& drone, const Vec3& place) {
   require(is_in_world(place), "reachable_from", in_world("finite coordinates"), "a coordinate that is not");
-  require(!collision::overlaps(prepared(world).obstacles(), collision::Hull(drone), Pose{.position = place}), "reachable_from",
-          "room for the drone", "a place where it touches an obstacle");
+  require(is_free(world, drone, Pose{.position = place}), "reachable_from", "room for the drone",
+          "a place where it touches an obstacle");
 }
 
 }  // namespace
+
+bool is_free(const World& world, const DroneModel& drone, const Pose& pose) {
+  return !collision::overlaps(prepared(world).obstacles(), collision::Hull(drone), pose);
+}
 
 std::vector<Vec3> free_places(const World& world, const DroneModel& drone, std::size_t count, const FreePlacesConfig& config) {
   check(config);

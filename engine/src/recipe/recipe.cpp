@@ -155,6 +155,10 @@ Recipe Recipe::from_json(const std::string& text) {
 }
 
 void check_access(const Recipe& recipe, const RecipeAccess& access) {
+  require(cost_of_scenes(recipe.worlds, access.max_worlds) <= access.max_worlds, "worlds",
+          "at most " + std::to_string(access.max_worlds) +
+              " worlds (max_worlds), each forest counted as 30, each office, warehouse and city as 100, or 200 if it lives",
+          "more");
   for (const std::string& world : recipe.worlds) {
     if (is_scene_path(world)) check_path("worlds", world, access);
   }

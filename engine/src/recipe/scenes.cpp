@@ -4,6 +4,7 @@
 #include <array>
 #include <charconv>
 #include <optional>
+#include <set>
 #include <utility>
 
 #include "base/nearest_name.hpp"
@@ -25,7 +26,9 @@ constexpr std::array<SceneSet, 5> kSets{SceneSet{"train", kTrain}, SceneSet{"val
                                         SceneSet{"camera-train", kCameraTrain}, SceneSet{"camera-validation", kCameraValidation},
                                         SceneSet{"living", kLiving}};
 
-constexpr std::array<GeneratedScene, 4> kGenerated{
+constexpr std::array<GeneratedScene, 6> kGenerated{
+    GeneratedScene{"bench/complex", bench_complex},
+    GeneratedScene{"bench/simple", bench_simple},
     GeneratedScene{"indoor/office", [] { return office({.seed = 1}); }},
     GeneratedScene{"indoor/warehouse", [] { return warehouse({.seed = 1}); }},
     GeneratedScene{"outdoor/city", [] { return city({.seed = 6}); }},
@@ -33,19 +36,20 @@ constexpr std::array<GeneratedScene, 4> kGenerated{
 };
 
 constexpr std::array<SceneGenerator, 12> kGenerators{
-    SceneGenerator{"playground", [](std::uint64_t seed) { return playground({.seed = seed}); }},
-    SceneGenerator{"forest", [](std::uint64_t seed) { return forest({.seed = seed}); }},
-    SceneGenerator{"city", [](std::uint64_t seed) { return city({.seed = seed}); }},
-    SceneGenerator{"office", [](std::uint64_t seed) { return office({.seed = seed}); }},
-    SceneGenerator{"warehouse", [](std::uint64_t seed) { return warehouse({.seed = seed}); }},
-    SceneGenerator{"race_track", [](std::uint64_t seed) { return race_track({.seed = seed}); }},
-    SceneGenerator{"guided_office", [](std::uint64_t seed) { return office({.seed = seed, .waypoints = true}); }},
-    SceneGenerator{"guided_warehouse", [](std::uint64_t seed) { return warehouse({.seed = seed, .waypoints = true}); }},
-    SceneGenerator{"living_playground", [](std::uint64_t seed) { return playground({.seed = seed, .movers = 6}); }},
-    SceneGenerator{"living_city", [](std::uint64_t seed) { return city({.seed = seed, .traffic = 16}); }},
-    SceneGenerator{"living_office", [](std::uint64_t seed) { return office({.seed = seed, .waypoints = true, .walkers = 8}); }},
+    SceneGenerator{"playground", [](std::uint64_t seed) { return playground({.seed = seed}); }, 1},
+    SceneGenerator{"forest", [](std::uint64_t seed) { return forest({.seed = seed}); }, 30},
+    SceneGenerator{"city", [](std::uint64_t seed) { return city({.seed = seed}); }, 100},
+    SceneGenerator{"office", [](std::uint64_t seed) { return office({.seed = seed}); }, 100},
+    SceneGenerator{"warehouse", [](std::uint64_t seed) { return warehouse({.seed = seed}); }, 100},
+    SceneGenerator{"race_track", [](std::uint64_t seed) { return race_track({.seed = seed}); }, 1},
+    SceneGenerator{"guided_office", [](std::uint64_t seed) { return office({.seed = seed, .waypoints = true}); }, 100},
+    SceneGenerator{"guided_warehouse", [](std::uint64_t seed) { return warehouse({.seed = seed, .waypoints = true}); }, 100},
+    SceneGenerator{"living_playground", [](std::uint64_t seed) { return playground({.seed = seed, .movers = 6}); }, 1},
+    SceneGenerator{"living_city", [](std::uint64_t seed) { return city({.seed = seed, .traffic = 16}); }, 200},
+    SceneGenerator{"living_office", [](std::uint64_t seed) { return office({.seed = seed, .waypoints = true, .walkers = 8}); },
+                   200},
     SceneGenerator{"living_warehouse",
-                   [](std::uint64_t seed) { return warehouse({.seed = seed, .waypoints = true, .forklifts = 6}); }},
+                   [](std::uint64_t seed) { return warehouse({.seed = seed, .waypoints = true, .forklifts = 6}); }, 200},
 };
 
 constexpr std::uint64_t kMostSeeds = 100'000;  // seeds in a range
@@ -128,6 +132,19 @@ std::vector<std::string> expand_scene_name(std::string_view name) {
     names.push_back(std::string(range->generator->name) + "/seed-" + std::to_string(seed));
   }
   return names;
+}
+
+std::size_t cost_of_scenes(const std::vector<std::string>& names, std::size_t most) {
+  std::set<std::string> known;
+  std::size_t cost = 0;
+  for (const std::string& name : names) {
+    for (const std::string& scene : expand_scene_name(name)) {
+      const auto one = known.insert(scene).second ? seeded(scene) : std::nullopt;
+      cost += one ? static_cast<std::size_t>(one->generator->cost) : 1;
+      if (cost > most) return cost;
+    }
+  }
+  return cost;
 }
 
 bool is_scene_path(std::string_view name) {

@@ -62,6 +62,7 @@ class Camera final : public Sensor {
 
   // Marks the drone's frame as out of date, as after a reset.
   void mark_stale(DroneIndex drone) { images_.frame_step[drone] = -1; }
+  void use_default_settings(DroneIndex drone) override { set_config(drone, config_); }
   // Clears the images of a removed drone: black, depth inf, ids 0.
   void clear(DroneIndex drone) override;
 

@@ -57,10 +57,12 @@ void Lidar::change(const LidarChange& change, std::span<const DroneIndex> drones
     return config;
   };
   changed(config_).validate();  // validates each field, so that a bad one is refused even if no drone is listed
-  for (const DroneIndex drone : drones) {
-    settings_.set(drone, changed(config_of(drone)));
-    readings_.truth().max_range_m[drone] = settings_[drone].max_range_m;
-  }
+  for (const DroneIndex drone : drones) set_config(drone, changed(config_of(drone)));
+}
+
+void Lidar::set_config(DroneIndex drone, const LidarConfig& config) {
+  settings_.set(drone, config);
+  readings_.truth().max_range_m[drone] = settings_[drone].max_range_m;
 }
 
 void Lidar::clear(DroneIndex drone) { std::fill_n(readings_.published().ranges.data() + drone * rays_, rays_, kInfinity); }

@@ -44,6 +44,7 @@ class Lidar final : public BlockSensor {
   void scan(const trace::Scene& scene, const trace::Bodies& bodies, const trace::Bodies& drones, const Pose& pose,
             DroneIndex drone, float* ranges, trace::Tracer& tracer) const;
 
+  void use_default_settings(DroneIndex drone) override { set_config(drone, config_); }
   void clear(DroneIndex drone) override;
   void list_arrays(const std::function<void(const ArrayView&)>& list) const override {
     for_each_view(readings(), items_of(config_), list);
@@ -56,6 +57,7 @@ class Lidar final : public BlockSensor {
  private:
   // Consecutive drones in the same world share the ray packets that go through Embree.
   void measure(std::span<const DroneIndex> drones, const Surroundings& surroundings) override;
+  void set_config(DroneIndex drone, const LidarConfig& config);
   Vec3 offset_of(DroneIndex drone) const { return Vec3::Map(settings_[drone].offset_m.data()); }
 
   LidarConfig config_;

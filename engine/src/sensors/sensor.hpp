@@ -38,6 +38,8 @@ class Sensor {
     static_cast<void>(drone);
     static_cast<void>(state);
   }
+  // Gives a drone the settings of the configuration, without changes at run time.
+  virtual void use_default_settings(DroneIndex drone) { static_cast<void>(drone); }
   // Clears the readings of a removed drone.
   virtual void clear(DroneIndex drone) { static_cast<void>(drone); }
 

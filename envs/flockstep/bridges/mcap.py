@@ -20,6 +20,7 @@ from os import PathLike, fspath
 from pathlib import Path
 from typing import Any
 
+import gymnasium
 import numpy as np
 
 from flockstep._core import Batch
@@ -322,7 +323,7 @@ def _run(arguments: argparse.Namespace) -> None:
             _record_env(arguments, rates)
         else:
             _record_server(arguments, rates)
-    except (ImportError, OSError, RuntimeError, ValueError) as error:
+    except (ImportError, OSError, RuntimeError, ValueError, gymnasium.error.Error) as error:
         raise SystemExit(f"flockstep mcap: {error}") from error
 
 

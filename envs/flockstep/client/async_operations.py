@@ -99,7 +99,8 @@ class AsyncOperations:
         Parameters
         ----------
         location
-            (3,) m, world frame. Default: the start of the world.
+            (3,) m, world frame, where the drone touches nothing. Default: the start of the world, or a free place
+            near it if that is taken.
         quat_wxyz
             Rotation (4,). Default: none.
         env
@@ -374,7 +375,8 @@ class AsyncOperations:
     async def join_lockstep(self) -> Time:
         """Join the lockstep: from now on, the server steps when every member has called `step`.
 
-        `step` may then wait for longer than ``timeout_s`` of `connect`.
+        `step` may then wait for longer than ``timeout_s`` of `connect`. A member for whose `step` the others have
+        waited for ``lockstep_timeout_s`` of the server leaves the lockstep; its next `step` raises `ServerError`.
         """
         return await self._call(Call(pb.Request(join_lockstep=pb.JoinLockstep()), "time", readers.time))
 

@@ -53,6 +53,7 @@ def encode(request: Request, arrays: Mapping[str, npt.NDArray[Any]]) -> bytes:
 Layout: TypeAlias = list[tuple[str, np.dtype[Any], tuple[int, ...], int]]
 
 _MAX_LAYOUTS = 1024
+_MAX_DIMENSIONS, _MAX_VALUES = 8, 1 << 40  # of an array
 
 
 class _Layouts:
@@ -78,6 +79,8 @@ class _Layouts:
 
 def _described(array: Array) -> tuple[str, np.dtype[Any], tuple[int, ...], int]:
     dtype, shape = numpy_type(array.dtype), tuple(array.shape)
+    if len(shape) > _MAX_DIMENSIONS or prod(size or 1 for size in shape) > _MAX_VALUES:  # NumPy refuses empty ones, too
+        raise ConnectionError(f"the server sent an array of the shape {shape}")
     return array.name, dtype, shape, prod(shape) * dtype.itemsize
 
 

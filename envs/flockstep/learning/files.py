@@ -21,6 +21,7 @@ FORMAT = "flockstep model 1"
 _TEXT = "model.json"
 _TYPES = {"parameters": "<f4", "adam_first": "<f4", "adam_second": "<f4"}  # others are <f8
 _MOST_NUMBERS = 1 << 16  # of an observation or an action
+_DTYPES = [np.dtype(code).name for code in "?bBhHiIlLefdg"]
 
 
 def save(path: str | PathLike[str], state: Mapping[str, Any], arrays: Mapping[str, npt.NDArray[Any]]) -> None:
@@ -128,24 +129,40 @@ def _plain_bounds(values: npt.NDArray[Any]) -> list[float | str]:
 
 
 def space_from(plain: Any) -> spaces.Space[Any]:
-    """Return the space that `plain_space` described.
+    """Return the space that `plain_space` described, once its numbers are counted.
 
     Raises
     ------
     ValueError
         It is not a space, or too large for a model.
     """
+    count = _count(plain)
+    if count > _MOST_NUMBERS:
+        raise ValueError(f"space: expected at most {_MOST_NUMBERS} numbers, got {count}")
+    return _space(plain)
+
+
+def _count(plain: Any) -> int:
+    """Return how many numbers a value of the space has; an empty box counts as one."""
     if "dict" in plain:
-        parts = [(_text(name), space_from(part)) for name, part in plain["dict"]]
+        return sum(_count(part) for _, part in plain["dict"])
+    shape = [] if "discrete" in plain else [_integer(size) for size in plain["box"]]
+    if min(shape, default=1) < 0:
+        raise ValueError(f"shape: expected sizes of at least 0, got {shape}")
+    return max(1, math.prod(shape))
+
+
+def _space(plain: Any) -> spaces.Space[Any]:
+    if "dict" in plain:
+        parts = [(_text(name), _space(part)) for name, part in plain["dict"]]
         return spaces.Dict(parts)  # in this order: Gymnasium sorts the names of a dict
     if "discrete" in plain:
         return spaces.Discrete(_integer(plain["discrete"]), start=_integer(plain["start"]))
     shape = tuple(_integer(size) for size in plain["box"])
-    if min(shape, default=1) < 0 or math.prod(shape) > _MOST_NUMBERS:
-        raise ValueError(f"shape: expected at most {_MOST_NUMBERS} numbers, got {shape}")
-    dtype = np.dtype(_text(plain["dtype"]))
-    if dtype.kind not in "fiub":
-        raise ValueError(f"dtype: expected numbers, got {dtype}")
+    name = _text(plain["dtype"])
+    if name not in _DTYPES:  # not NumPy's parser, which also reads programs
+        raise ValueError(f"dtype: expected one of {', '.join(_DTYPES)}, got {name[:40]!r}")
+    dtype = np.dtype(name)
     low, high = (_bounds(plain[side], dtype, shape) for side in ("low", "high"))
     return spaces.Box(low, high, shape, dtype.type)
 

@@ -256,9 +256,10 @@ struct Drone {
   std::uint32_t owner = 0;  // number of the client that has claimed it, or 0
 };
 
-// Place of a drone to spawn.
+// Place of a drone to spawn. location: m, where the drone touches nothing; by default the start of the world, or a free place
+// near it if that is taken.
 struct Spawn {
-  std::optional<Vector3> location;     // m; by default the start of the world
+  std::optional<Vector3> location;
   std::optional<Quaternion> rotation;  // by default level
   std::optional<std::int64_t> env;     // by default any with a free slot
   bool claim = false;                  // as by claim()

@@ -23,6 +23,7 @@ struct ServerConfig {
   int max_clients = 1024;
   int max_requests = 64;
   double idle_timeout_s = 600.0;
+  double lockstep_timeout_s = 60.0;
 
   static constexpr double kMinRateHz = 1e-6;  // of clocks and streams that run: longer periods overflow
 
@@ -52,7 +53,13 @@ struct ServerConfig {
               {.about = "A connection on which nothing arrives for this long is closed. Python clients answer the server's pings "
                         "at any time, C++ clients while they wait for a reply or a stream.",
                .unit = "s",
-               .limits = between(0.1, 86400)}));
+               .limits = between(0.1, 86400)}),
+        field(
+            "lockstep_timeout_s", &C::lockstep_timeout_s,
+            {.about = "Time that a step in lockstep waits for the other members. Those that have not called it by then leave the "
+                      "lockstep.",
+             .unit = "s",
+             .limits = between(0.1, 86400)}));
   }
 
   FLOCKSTEP_API void validate() const;

@@ -20,6 +20,11 @@ inline constexpr std::uint32_t kVersion = 1;
 template <class Message>
 inline constexpr std::size_t kMaxHeaderBytes = std::size_t{1} << (std::is_same_v<Message, Reply> ? 26U : 16U);
 
+// Arrays of a Request. No operation has more than five.
+inline constexpr std::size_t kMaxRequestArrays = 8;
+// Bytes of a message with its arrays.
+inline constexpr std::size_t kMaxMessageBytes = std::size_t{1} << 41U;
+
 // The DType of a C++ type.
 template <class T>
 constexpr DType dtype_of() {

@@ -97,7 +97,13 @@ std::optional<Picture> Service::copy_frame(Call& call, const ArraySource& arrays
   const bool is_file = get.format != protocol::ImageFormat::kRaw;
   const std::string output = !get.output.empty() ? get.output : camera.outputs.rgb ? "rgb" : "grey";
   const std::optional<ArrayView> found = arrays.find(camera.name, output);
-  require(found && output != "frame_step", "output", "an output of camera \"" + camera.name + '"', '"' + output + '"');
+  if (!found || output == "frame_step") {
+    std::string outputs;
+    for_each_field(camera.outputs, [&](const auto& field, bool is_on) {
+      if (is_on) outputs += (outputs.empty() ? "" : ", ") + std::string(field.name);
+    });
+    refuse("output", "an output of camera \"" + camera.name + "\" (" + outputs + ')', '"' + output + '"');
+  }
   require(!is_file || output == "rgb" || output == "grey", "output", "rgb or grey for a JPEG or PNG file; RAW gives the others",
           '"' + output + '"');
   auto& data = call.result<protocol::CameraData>();
@@ -135,7 +141,9 @@ void Service::compress_aside(const std::shared_ptr<Call>& call, std::optional<Pi
   if (!picture) return complete(call);
   run_compression_([this, call, picture = std::move(*picture)]() mutable {
     guard(*call, [&] {
-      call->writer.add_bytes("image", compress(picture, std::get<protocol::GetCameraData>(call->request.operation)));
+      const auto& get = std::get<protocol::GetCameraData>(call->request.operation);
+      const FileMemory::View view{get.camera + '.' + get.output, get.drone, static_cast<std::int32_t>(get.format), get.quality};
+      call->writer.add_bytes("image", files_.file_of(view, picture, [&](const Picture& made) { return compress(made, get); }));
     });
     complete(call);
     pictures_.give_back(std::move(picture.rgb));

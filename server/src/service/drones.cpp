@@ -2,8 +2,10 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
+#include <sstream>
 
 #include "base/require.hpp"
+#include "flockstep/planning.hpp"
 #include "service/convert.hpp"
 #include "service/service.hpp"
 
@@ -86,18 +88,22 @@ void Service::locked(Call& call, const protocol::SpawnDrone& spawn) {
     const auto of = static_cast<std::int64_t>(slot) / batch_.config().drones_per_env;
     return batch_.state().active[slot] == 0 && (env.empty() || of == env.front());
   };
-  bool has_slot = false;
-  for (std::size_t slot = 0; slot < batch_.state().active.size(); ++slot) has_slot |= is_free(slot);
+  std::size_t slot = 0;
+  while (slot < batch_.state().active.size() && !is_free(slot)) ++slot;
+  const bool has_slot = slot < batch_.state().active.size();
   if (would_renumber && !has_slot) {
     throw Refusal(Code::kFailedPrecondition,
                   "no slot is free, and a batch with several envs of several drones cannot grow while it is served: that would "
                   "change the indices of its drones");
   }
-  // The start of its world, unless the client gives another place.
-  const World& world = env.empty() ? *batch_.worlds().front() : *batch_.world_of(EnvIndex(env.front()));
-  const Vec3 start = world.markers().start.value_or((world.bounds().min + world.bounds().max) / 2.0F);
-  const std::array<float, 3> position = spawn.location ? array_of(*spawn.location) : std::array{start.x(), start.y(), start.z()};
+  const std::int64_t m = batch_.config().drones_per_env;
+  const std::int64_t its_env = !env.empty() ? env.front()
+                               : has_slot   ? static_cast<std::int64_t>(slot) / m
+                               : m == 1     ? batch_.config().num_envs
+                                            : 0;
   const std::array<float, 4> rotation = spawn.rotation ? array_of(*spawn.rotation) : std::array{1.0F, 0.0F, 0.0F, 0.0F};
+  const std::optional<std::array<float, 3>> given = spawn.location ? std::optional(array_of(*spawn.location)) : std::nullopt;
+  const std::array<float, 3> position = spawn_place(its_env, given, rotation);
   begin_change();
   const std::int64_t drone = batch_.spawn({}, position, rotation, {}, env).front();
   refresh_shape();
@@ -111,6 +117,45 @@ void Service::locked(Call& call, const protocol::SpawnDrone& spawn) {
   result.drone = drone;
   result.env = drone / batch_.config().drones_per_env;
   result.owner = spawn.claim ? call.client->number : 0;
+}
+
+std::array<float, 3> Service::spawn_place(std::int64_t env, const std::optional<std::array<float, 3>>& location,
+                                          const std::array<float, 4>& rotation) const {
+  const bool is_new = env >= batch_.config().num_envs;
+  const World& world =
+      is_new ? *batch_.worlds()[static_cast<std::size_t>(env) % batch_.worlds().size()] : *batch_.world_of(EnvIndex(env));
+  const Vec3 start = world.markers().start.value_or((world.bounds().min + world.bounds().max) / 2.0F);
+  const std::array<float, 3> usual = location.value_or(std::array{start.x(), start.y(), start.z()});
+  const Quat given(rotation[0], rotation[1], rotation[2], rotation[3]);
+  const bool is_pose = is_in_world(Vec3::Map(usual.data())) && std::abs(given.norm() - 1.0F) < 1e-2F;
+  if (!is_pose) return usual;  // which the batch refuses
+  const Quat turned = given.normalized();
+  const auto is_free = [&](const Vec3& place) {
+    const float below = world.bounds().min.z();  // the hull touches nothing under a floor of triangles
+    return place.z() >= below &&
+           (is_new ? flockstep::is_free(world, batch_.drone(), {place, turned}) : batch_.is_free(EnvIndex(env), {place, turned}));
+  };
+  const auto& [x, y, z] = usual;
+  if (is_free({x, y, z})) return usual;
+  if (location) {
+    std::ostringstream text;
+    text << "location: expected a place where the drone touches nothing, got (" << x << ", " << y << ", " << z << ')';
+    throw Refusal(Code::kInvalidArgument, text.str());
+  }
+  // In larger and larger boxes, places that the drone can reach from the start.
+  FreePlacesConfig config{.seed = static_cast<std::uint64_t>(std::ranges::count(batch_.state().active, 1))};
+  if (flockstep::is_free(world, batch_.drone(), {start, Quat::Identity()})) config.reachable_from = start;
+  for (const float half : {2.0F, 4.0F, 8.0F, 16.0F}) {
+    const Vec3 reach = Vec3::Constant(half);
+    config.box = Aabb{(start - reach).cwiseMax(world.bounds().min), (start + reach).cwiseMin(world.bounds().max)};
+    try {
+      for (const Vec3& place : free_places(world, batch_.drone(), 64, config)) {
+        if (is_free(place)) return {place.x(), place.y(), place.z()};
+      }
+    } catch (const std::invalid_argument&) {  // no place in this box
+    }
+  }
+  throw Refusal(Code::kFailedPrecondition, "no free place within 16 m of the start of the world: give a location");
 }
 
 void Service::locked(Call& call, const protocol::RemoveDrone& remove) {

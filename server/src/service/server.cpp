@@ -7,6 +7,8 @@
 #include <mutex>
 #include <set>
 #include <stdexcept>
+#include <string>
+#include <system_error>
 #include <thread>
 #include <type_traits>
 #include <utility>
@@ -81,6 +83,7 @@ void ServerConfig::validate() const {
   require(certificate_file.empty() == private_key_file.empty(),
           certificate_file.empty() ? "certificate_file" : "private_key_file",
           "both a certificate and its private key, or neither", "only one of them");
+  require(token.empty() || token.find_first_not_of(" \t\r\n") != std::string::npos, "token", "a secret", "only spaces");
   if (is_unix(*this)) {
     require(address.size() > kUnix.size(), "address", "unix:PATH", '"' + address + '"');
     require(certificate_file.empty(), "certificate_file", "none for a Unix socket", '"' + certificate_file + '"');
@@ -102,9 +105,19 @@ class Server::Impl {
         sessions_{.service = service_, .config = config_, .workload = workload_},
         tls_(asio::ssl::context::tls_server),
         tick_timer_(asio::make_strand(io_)),
+        lockstep_timer_(tick_timer_.get_executor()),
         retry_timer_(accepting_) {
     listen();
     service_.on_new_rate([this] { asio::post(tick_timer_.get_executor(), [this] { schedule_tick(); }); });
+    service_.on_lockstep_wait([this](std::uint64_t wait) {
+      asio::post(lockstep_timer_.get_executor(), [this, wait] {
+        lockstep_timer_.expires_after(std::chrono::duration_cast<std::chrono::steady_clock::duration>(
+            std::chrono::duration<double>(config_.lockstep_timeout_s)));
+        lockstep_timer_.async_wait([this, wait](boost::system::error_code error) {
+          if (!error) service_.end_lockstep_wait(wait);
+        });
+      });
+    });
     service_.on_clock_failure([this](const std::string& reason) {
       if (cancels_calls_) return;
       std::fprintf(stderr, "flockstep server at %s: a step failed, and the clock stands still: %s\n", address().c_str(),
@@ -112,20 +125,12 @@ class Server::Impl {
     });
     schedule_tick();
     accept();
-    threads_.emplace_back([this] {
-      const Cancellable cancellable(cancels_calls_);
-      while (!io_.stopped()) run_handlers([this] { io_.run(); });
-    });
-    // Runs handlers while the other thread may be at work for long. If it always did, each message would wake both.
-    threads_.emplace_back([this] {
-      const Cancellable cancellable(cancels_calls_);
-      while (workload_.wait()) {
-        run_handlers([this] {
-          io_.run_one();
-          io_.poll();  // also runs handlers that this one has posted: the context would wake no thread for them
-        });
-      }
-    });
+    try {
+      start_threads();
+    } catch (...) {
+      stop();
+      throw;
+    }
   }
   ~Impl() {
     const Interrupt none(nullptr);  // the batch must be free of this server
@@ -166,6 +171,23 @@ class Server::Impl {
         if (!cancels_calls_) run_handlers(work);
       });
     };
+  }
+
+  void start_threads() {
+    threads_.emplace_back([this] {
+      const Cancellable cancellable(cancels_calls_);
+      while (!io_.stopped()) run_handlers([this] { io_.run(); });
+    });
+    // Runs handlers while the other thread may be at work for long. If it always did, each message would wake both.
+    threads_.emplace_back([this] {
+      const Cancellable cancellable(cancels_calls_);
+      while (workload_.wait()) {
+        run_handlers([this] {
+          io_.run_one();
+          io_.poll();  // also runs handlers that this one has posted: the context would wake no thread for them
+        });
+      }
+    });
   }
 
   // Ends connections and threads.
@@ -325,7 +347,7 @@ class Server::Impl {
   std::optional<tcp::acceptor> tcp_;
   std::optional<asio::local::stream_protocol::acceptor> unix_;
   int port_ = 0;
-  asio::steady_timer tick_timer_, retry_timer_;
+  asio::steady_timer tick_timer_, lockstep_timer_, retry_timer_;
   std::chrono::steady_clock::time_point next_tick_{};
 
   std::mutex list_mutex_;
@@ -335,7 +357,21 @@ class Server::Impl {
   std::vector<std::thread> threads_;
 };
 
-Server::Server(Batch& batch, ServerConfig config) : impl_(std::make_unique<Impl>(batch, std::move(config))) {}
+Server::Server(Batch& batch, ServerConfig config) {
+  const auto refused = [](const std::string& reason) {
+    return std::runtime_error("the system refused a thread of the server (" + reason + "); raise a limit: " + thread_limits());
+  };
+  constexpr auto kRefused = static_cast<int>(std::errc::resource_unavailable_try_again);
+  try {
+    impl_ = std::make_unique<Impl>(batch, std::move(config));
+  } catch (const std::system_error& error) {
+    if (error.code().value() != kRefused) throw;
+    throw refused(error.code().message());
+  } catch (const boost::system::system_error& error) {  // not a std::system_error in old versions
+    if (error.code().value() != kRefused) throw;
+    throw refused(error.code().message());
+  }
+}
 Server::~Server() {
   if (!impl_->is_own_process()) {
     static_cast<void>(impl_.release());  // fork() copies no threads: they cannot be ended

@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cstddef>
+#include <sstream>
 #include <type_traits>
 #include <utility>
 #include <variant>
@@ -290,6 +291,7 @@ void Service::leave(const std::shared_ptr<Client>& client) {
       const std::scoped_lock lock(owners_mutex_);
       std::erase_if(owners_, [&](const auto& entry) { return entry.second == client->number; });
     }
+    late_.erase(client->number);
     if (lockstep_.erase(client.get()) > 0) step_if_all_wait();
   });
 }
@@ -367,6 +369,12 @@ void Service::handle(const std::shared_ptr<Call>& call, const protocol::Step&) {
         throw Refusal(Code::kFailedPrecondition, "the server steps by itself; SetClock with rate_hz=0 ends that");
       if (!lockstep_.empty()) {
         const auto member = lockstep_.find(call->client.get());
+        if (late_.contains(call->client->number)) {
+          std::ostringstream text;
+          text << "this client has left the lockstep, because the others waited " << config_.lockstep_timeout_s
+               << " s (lockstep_timeout_s) for its step: send JoinLockstep again";
+          throw Refusal(Code::kFailedPrecondition, text.str());
+        }
         if (member == lockstep_.end()) {
           throw Refusal(Code::kFailedPrecondition, "other clients step in lockstep: send JoinLockstep first");
         }
@@ -381,7 +389,9 @@ void Service::handle(const std::shared_ptr<Call>& call, const protocol::Step&) {
     });
     if (waits) {
       call->reply = {};
+      const auto waiting = std::ranges::count_if(lockstep_, [](const auto& member) { return member.second != nullptr; });
       step_if_all_wait();
+      if (waiting == 1 && lockstep_.size() > 1 && on_lockstep_wait_) on_lockstep_wait_(++lockstep_wait_);
     } else {
       complete(call);
     }
@@ -410,12 +420,25 @@ void Service::step_if_all_wait() {
   }
 }
 
+void Service::end_lockstep_wait(std::uint64_t wait) {
+  executor_.run([this, wait] {
+    const auto is_missing = [](const auto& member) { return member.second == nullptr; };
+    if (wait != lockstep_wait_ || std::ranges::all_of(lockstep_, is_missing)) return;
+    for (const auto& [client, call] : lockstep_) {
+      if (call == nullptr) late_.insert(client->number);
+    }
+    std::erase_if(lockstep_, is_missing);
+    step_if_all_wait();
+  });
+}
+
 void Service::handle(const std::shared_ptr<Call>& call, const protocol::JoinLockstep&) {
   executor_.run([this, call] {
     guard(*call, [&] {
       if (rate_hz() > 0.0)
         throw Refusal(Code::kFailedPrecondition, "the server steps by itself; SetClock with rate_hz=0 ends that");
       lockstep_.try_emplace(call->client.get(), nullptr);
+      late_.erase(call->client->number);
       write_time(*call);
     });
     complete(call);
@@ -424,7 +447,10 @@ void Service::handle(const std::shared_ptr<Call>& call, const protocol::JoinLock
 
 void Service::handle(const std::shared_ptr<Call>& call, const protocol::LeaveLockstep&) {
   executor_.run([this, call] {
-    guard(*call, [&] { lockstep_.erase(call->client.get()); });
+    guard(*call, [&] {
+      lockstep_.erase(call->client.get());
+      late_.erase(call->client->number);
+    });
     complete(call);
     step_if_all_wait();
   });

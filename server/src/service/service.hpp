@@ -2,6 +2,7 @@
 // client when the reply is complete.
 #pragma once
 
+#include <array>
 #include <atomic>
 #include <cstddef>
 #include <cstdint>
@@ -10,6 +11,7 @@
 #include <memory>
 #include <mutex>
 #include <optional>
+#include <set>
 #include <span>
 #include <string>
 #include <string_view>
@@ -61,6 +63,11 @@ class Service {
   void on_new_rate(std::function<void()> call) { on_new_rate_ = std::move(call); }
   // Calls `call` with the reason when a step of real time has failed, which ends real time.
   void on_clock_failure(std::function<void(const std::string&)> call) { on_clock_failure_ = std::move(call); }
+
+  // Calls `call` with a number when the first member of the lockstep begins to wait for the others.
+  void on_lockstep_wait(std::function<void(std::uint64_t)> call) { on_lockstep_wait_ = std::move(call); }
+  // Members for which the others still wait, since on_lockstep_wait() got this number, leave the lockstep.
+  void end_lockstep_wait(std::uint64_t wait);
 
   // Counts what may have changed the batch.
   std::int64_t changes() const { return changes_.load(std::memory_order_relaxed); }
@@ -178,6 +185,10 @@ class Service {
   // --- motion; needs the lock
   void move(Call& call, std::int64_t drone, const std::optional<protocol::Vector3>& location,
             const std::optional<protocol::Quaternion>& rotation, bool teleport);
+  // Returns a place for a new drone of an env: the given one if it is free, otherwise the start of the world or, if that is
+  // taken, a place near it. env: the number of envs for a new one.
+  std::array<float, 3> spawn_place(std::int64_t env, const std::optional<std::array<float, 3>>& location,
+                                   const std::array<float, 4>& rotation) const;
   std::span<const std::uint8_t> only(std::size_t drone);  // a mask
   void fit_rows();                                        // resizes the arrays of rows after the batch has grown
   void clear_command(std::size_t drone);
@@ -207,9 +218,11 @@ class Service {
   const double step_s_;
   std::function<void()> on_new_rate_;
   std::function<void(const std::string&)> on_clock_failure_;
+  std::function<void(std::uint64_t)> on_lockstep_wait_;
   Executor executor_;
   Publisher publisher_;
   PictureMemory pictures_;
+  FileMemory files_;
   RateMeter rate_;
   std::int64_t last_tick_ = 0;  // of the first env
 
@@ -228,6 +241,8 @@ class Service {
   std::vector<std::uint8_t> has_command_;              // (N,)
   std::optional<Control> command_control_;             // of all commands
   std::map<Client*, std::shared_ptr<Call>> lockstep_;  // members, with the step for which they wait
+  std::set<std::uint32_t> late_;                       // clients that have left the lockstep because they were late
+  std::uint64_t lockstep_wait_ = 0;                    // number of the current or latest wait of members for each other
 
   std::atomic<double> rate_hz_;
   std::atomic<bool> is_tick_waiting_{false};

@@ -21,7 +21,8 @@ constexpr std::size_t kLargeMessage = std::size_t{1} << 20;    // bytes that tak
 constexpr std::size_t kMaxOutbox = 256;                        // messages; then nothing more is read until the client reads
 constexpr std::size_t kMaxOutboxBytes = std::size_t{1} << 24;  // then no request is answered until the client reads
 constexpr std::size_t kMaxUnansweredBytes = kMaxOutboxBytes;   // then nothing more is read until requests are answered
-constexpr std::size_t kMaxSubscriptions = 64;                  // of a client
+constexpr std::size_t kGrowth = 32;  // bytes that a decoded header has for each received one, at most: empty names, for example
+constexpr std::size_t kMaxSubscriptions = 64;  // of a client
 constexpr double kMaxStreamHz = 1000.0;
 
 // Compares in a time that does not depend on where the texts differ.
@@ -31,6 +32,11 @@ bool is_equal(const std::string& a, const std::string& b) {
     difference |= static_cast<unsigned char>(a[i]) ^ static_cast<unsigned char>(b.empty() ? 0 : b[i % b.size()]);
   }
   return difference == 0;
+}
+
+// Bytes that a waiting call keeps.
+std::size_t memory_of(const Call& call) {
+  return call.bytes.size() + kGrowth * protocol::header_size<protocol::Request>(call.bytes);
 }
 
 }  // namespace
@@ -116,7 +122,7 @@ void Session::open(const std::shared_ptr<Call>& call) {
   is_open_ = !is_ending_;
   if (!is_open_) --sessions_.num_open;
   hello_timer_.cancel();
-  socket_.read_message_max(0);  // take_header() limits each operation
+  socket_.read_message_max(protocol::kMaxMessageBytes);  // take_header() limits each operation
   call->finish();
   send(call);
 }
@@ -157,6 +163,11 @@ bool Session::take_header() {
       if (bytes.size() < sizeof(std::uint32_t) || bytes.size() - sizeof(std::uint32_t) < header) return true;  // more will come
       incoming_.emplace();
       protocol::read_header(bytes, *incoming_);
+      const std::size_t count = incoming_->arrays.size();
+      if (count > protocol::kMaxRequestArrays) {
+        throw std::invalid_argument("arrays: expected at most " + std::to_string(protocol::kMaxRequestArrays) + ", got " +
+                                    std::to_string(count));
+      }
       const std::size_t arrays = protocol::bytes_of(std::span<const protocol::Array>(incoming_->arrays));
       const std::size_t allowed = is_open_ ? sessions_.service.max_array_bytes(*incoming_) : 0;
       if (arrays > allowed) {
@@ -216,7 +227,7 @@ void Session::take_message() {
                   "this client has " + std::to_string(unanswered) + " unanswered requests, the maximum", false);
   }
   waiting_.push_back(call);
-  unanswered_bytes_ += size;
+  unanswered_bytes_ += memory_of(*call);
   dispatch_next();
 }
 
@@ -226,7 +237,7 @@ void Session::dispatch_next() {
     is_busy_ = true;
     const std::shared_ptr<Call> call = std::move(waiting_.front());
     waiting_.pop_front();
-    busy_bytes_ = call->bytes.size();
+    busy_bytes_ = memory_of(*call);
     if (const auto* const wanted = std::get_if<protocol::Subscribe>(&call->request.operation)) {
       subscribe(call, *wanted);
     } else if (const auto* const ended = std::get_if<protocol::Unsubscribe>(&call->request.operation)) {

@@ -10,6 +10,7 @@
 #include <vector>
 
 #include "base/interrupt.hpp"
+#include "base/platform.hpp"
 
 namespace flockstep {
 namespace {
@@ -28,6 +29,13 @@ TEST(Workers, HaveTheRequestedNumber) {
     });
     for (const auto& times : seen) EXPECT_EQ(times, 1);
   }
+}
+
+TEST(Workers, AreAtMostFourPerProcessor) {
+  EXPECT_EQ(thread_count(1), 1);
+  EXPECT_EQ(thread_count(3), 3);
+  EXPECT_EQ(thread_count(0), physical_cores());
+  EXPECT_EQ(thread_count(1 << 20), 4 * logical_processors());
 }
 
 TEST(Workers, RethrowExceptionsAndStayUsable) {

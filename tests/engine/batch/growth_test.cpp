@@ -506,6 +506,45 @@ TEST(GrowthOfBatches, WorksInABatchLockAndInTheAnnouncementOfACall) {
   EXPECT_EQ(batch->generation(), 3);
 }
 
+TEST(SpawnedDrones, HaveTheSensorSettingsOfTheConfiguration) {
+  const auto batch = batch_of(instruments(Motion::kinematic, 1), 1, 3);
+  batch->remove(Indices{2});
+  batch->sense();
+  const auto readings = [&] {
+    std::vector<float> ranges(batch->lidar_readings().ranges.size());
+    std::ranges::copy(batch->lidar_readings().ranges, ranges.begin());
+    return ranges;
+  };
+  const std::vector<float> before = readings();
+  const float range = batch->lidar_readings().max_range_m[1];
+  const std::vector<std::uint8_t> second{0, 1, 0};
+  batch->set_lidar({.max_range_m = 0.5F, .hfov_deg = 90.0F, .offset_m = {{0.1F, 0.0F, 0.0F}}, .quat_wxyz = {{0, 0, 0, 1}}},
+                   second);
+  batch->set_camera(0, {.hfov_deg = 60.0F, .offset_m = {{0.1F, 0.0F, 0.0F}}, .quat_wxyz = {{0, 0, 0, 1}}}, second);
+  batch->sense();
+  EXPECT_FALSE(readings() == before);
+  batch->remove(Indices{1});
+  const std::vector<float> place(batch->state().position.begin(), batch->state().position.begin() + 3);
+  EXPECT_EQ(batch->spawn({}, place, {}, {}), Indices{1});
+  for (const std::int64_t drone : {0, 1}) {
+    const LidarConfig lidar = batch->lidar_config(drone);
+    EXPECT_EQ(lidar.max_range_m, batch->config().lidars[0].max_range_m);
+    EXPECT_EQ(lidar.hfov_deg, batch->config().lidars[0].hfov_deg);
+    EXPECT_EQ(lidar.offset_m, batch->config().lidars[0].offset_m);
+    EXPECT_EQ(lidar.quat_wxyz, batch->config().lidars[0].quat_wxyz);
+    const CameraConfig camera = batch->camera_config(0, drone);
+    EXPECT_EQ(camera.hfov_deg, batch->config().cameras[0].hfov_deg);
+    EXPECT_EQ(camera.offset_m, batch->config().cameras[0].offset_m);
+    EXPECT_EQ(camera.quat_wxyz, batch->config().cameras[0].quat_wxyz);
+  }
+  EXPECT_EQ(batch->lidar_readings().max_range_m[1], range);
+  EXPECT_TRUE(readings() == before);  // those of both drones, which are at one place
+  const auto& rgb = batch->images(0).rgb;
+  const std::size_t width = rgb.size() / 3;
+  EXPECT_TRUE(std::equal(rgb.begin(), rgb.begin() + static_cast<std::ptrdiff_t>(width),
+                         rgb.begin() + static_cast<std::ptrdiff_t>(width)));
+}
+
 TEST(GrowthOfBatches, ThreadsSpawnIntoASharedBatch) {
   const auto batch = batch_of(instruments(Motion::kinematic, 2), 1, 0);
   batch->share();

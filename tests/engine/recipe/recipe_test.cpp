@@ -179,6 +179,22 @@ TEST(Recipe, OpensNoFilesUnlessTheCallerAllowsIt) {
   expect_has(refusal_of(recipe), "worlds: expected");
 }
 
+TEST(Recipe, BuildsALimitedNumberOfWorlds) {
+  Recipe recipe;
+  for (const auto& [worlds, most] : {std::pair(std::vector<std::string>{"train", "forest/seed-0..99999"}, 10'000U),
+                                     {{"playground/seed-0..10000"}, 10'000U},
+                                     {{"city/seed-0..100"}, 10'000U},
+                                     {{"train", "forest/seed-7"}, 34U},
+                                     {{"bench/simple", "bench/simple", "bench/simple"}, 2U}}) {
+    recipe.worlds = worlds;
+    expect_has(refusal_of(recipe, {.scenes = FLOCKSTEP_SCENES, .max_worlds = most}),
+               "worlds: expected at most " + std::to_string(most) + " worlds (max_worlds)");
+  }
+  recipe.worlds = {"bench/simple", "bench/simple", "playground/seed-1..2"};
+  EXPECT_EQ(refusal_of(recipe, {.max_worlds = 4}), "nothing was refused");
+  EXPECT_EQ(cost_of_scenes({"forest/seed-1", "forest/seed-1", "forest/seed-0..1"}, 1000), 62U);
+}
+
 TEST(Recipe, NamesItsFormatAndRefusesAnother) {
   expect_has(Recipe::for_task(HoverConfig{}).to_json(), "\"flockstep_recipe\": 1");
   EXPECT_EQ(refusal_of(R"({"flockstep_recipe": 1, "task": {"name": "hover"}})"), "nothing was refused");
