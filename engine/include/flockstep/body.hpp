@@ -94,7 +94,7 @@ struct BodyMotion {
                .unit = "m",
                .limits = within(kMaxCoordinate)}),
         field("axis", &C::axis,
-              {.about = "Direction of the axis, world frame, of any length except 0; turns are counter-clockwise about it. For "
+              {.about = "Direction of the axis, world frame, at least 1e-6 long; turns are counter-clockwise about it. For "
                         "``\"orbit\"`` and ``\"hinge\"``.",
                .limits = within(kMaxCoordinate)}),
         field("period_s", &C::period_s,
