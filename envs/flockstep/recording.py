@@ -13,12 +13,14 @@ import numpy.typing as npt
 from gymnasium import spaces
 
 from flockstep._core import NativeTask
+from flockstep.arrays import refuse_masked
+from flockstep.progress_line import ProgressLine
 from flockstep.registration import make_by_id
 from flockstep.stepping import BoolArray
 from flockstep.task import Task
 from flockstep.vector_env import DroneVectorEnv
 
-#: A policy: observations (N, ...), and a mask (N,) of rows in which they are the first of an episode, to actions (N, ...).
+#: A policy: from observations (N, ...), and a mask (N,) of those that begin an episode, to actions (N, ...).
 Act: TypeAlias = Callable[[Any, BoolArray], Any]
 
 
@@ -32,6 +34,7 @@ def record(
     until_success: int | None = None,
     render_view: str | npt.ArrayLike = "fleet",
     fps: float | None = None,
+    quiet: bool = False,
     **kwargs: Any,
 ) -> int:
     """Fly one env and film one episode: the first one, or the first that succeeds.
@@ -67,6 +70,9 @@ def record(
     fps
         Pictures per second. The film has one picture before the first step and one after each step. None: the speed of
         flight, ``policy_hz / frame_skip``, rounded, at least 1. Browsers show at most 50 pictures per second of a GIF.
+    quiet
+        True: show no progress. Otherwise standard error shows the number of pictures so far: one line, kept up to date
+        on a terminal, printed every ten seconds to a file.
     **kwargs
         Further keywords of `DroneVectorEnv`, such as ``worlds``.
 
@@ -97,8 +103,9 @@ def record(
     kwargs |= {"autoreset_mode": "disabled", "render_mode": "rgb_array", "render_view": render_view}
     envs = DroneVectorEnv(1, task=env, **kwargs) if not isinstance(env, str) else make_by_id(env, 1, **kwargs)
     act = actions_of(policy, envs, "record", seed)
+    progress = None if quiet else ProgressLine()
     if until_success is not None:
-        seed, actions = _succeeding(envs, act, steps, range(seed, seed + until_success))
+        seed, actions = _succeeding(envs, act, steps, range(seed, seed + until_success), progress)
         act = _replaying(actions)
     observation, starts = envs.reset(seed=seed)[0], np.ones(envs.num_envs, bool)
     fps = envs.metadata["render_fps"] if fps is None else fps
@@ -117,6 +124,8 @@ def record(
             assert frames is not None
             film.append_data(frames[0])
             pictures += 1
+            if progress is not None and progress.is_due:
+                progress.show(f"{fspath(path)}: {pictures} of at most {steps + 1} pictures, {progress.seconds:.0f} s")
             if step > 0 and (terminated | truncated).all():
                 break
     if until_success is not None and not envs.batch.success.all():
@@ -125,10 +134,14 @@ def record(
             "random numbers from batch.random"
         )
     envs.close()
+    if progress is not None:
+        progress.show(f"{fspath(path)}: {pictures} pictures, {progress.seconds:.0f} s", is_last=True)
     return pictures
 
 
-def _succeeding(envs: DroneVectorEnv, act: Act, steps: int, seeds: range) -> tuple[int, list[Any]]:
+def _succeeding(
+    envs: DroneVectorEnv, act: Act, steps: int, seeds: range, progress: ProgressLine | None
+) -> tuple[int, list[Any]]:
     """Return the first seed whose episode succeeds within ``steps`` steps, and its actions.
 
     Raises
@@ -136,11 +149,15 @@ def _succeeding(envs: DroneVectorEnv, act: Act, steps: int, seeds: range) -> tup
     RuntimeError
         No episode succeeds.
     """
-    for seed in seeds:
+    for tried, seed in enumerate(seeds):
+        if progress is not None and progress.is_due:
+            progress.show(f"{tried} of at most {len(seeds)} episodes without a success, {progress.seconds:.0f} s")
         observation, starts = envs.reset(seed=seed)[0], np.ones(envs.num_envs, bool)
         actions = []
         for _ in range(steps):
-            actions.append(np.array(act(observation, starts)))
+            chosen = act(observation, starts)
+            refuse_masked("actions", chosen)
+            actions.append(np.array(chosen))
             observation, _, terminated, truncated, _ = envs.step(actions[-1])
             starts = np.zeros_like(starts)
             if (terminated | truncated).all():

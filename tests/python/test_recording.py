@@ -162,6 +162,26 @@ def test_a_model_and_a_task_of_ones_own(room, tmp_path):
     assert flockstep.record(tmp_path / "flight.gif", Model(), Drift(), worlds=room, steps=2) == 3
 
 
+def test_a_film_shows_its_progress(room, tmp_path, capsys, monkeypatch):
+    monkeypatch.setattr(flockstep.progress_line, "_INTERVAL_S", 0.0)
+    film = tmp_path / "a.gif"
+    keywords = {"worlds": room, "steps": 2, "render_view": "top"}
+    flockstep.record(film, **keywords)
+    out, lines = capsys.readouterr()
+    assert not out
+    assert [line.rpartition(",")[0] for line in lines.splitlines()] == [
+        *(f"{film}: {count} of at most 3 pictures" for count in (1, 2, 3)),
+        f"{film}: 3 pictures",
+    ]
+    flockstep.record(film, quiet=True, **keywords)
+    with pytest.raises(RuntimeError, match="none of the episodes"):
+        flockstep.record(film, quiet=True, until_success=2, **keywords)
+    assert capsys.readouterr() == ("", "")
+    with pytest.raises(RuntimeError, match="none of the episodes"):
+        flockstep.record(film, until_success=2, **keywords)
+    assert "1 of at most 2 episodes without a success, 0 s\n" in capsys.readouterr().err
+
+
 class Remembering:
     """A model whose state is the number of observations of the episode; it keeps what it was given."""
 
