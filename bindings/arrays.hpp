@@ -28,7 +28,7 @@ using Shape = std::vector<py::ssize_t>;
 
 inline std::string text_of(const Shape& shape) { return std::string(py::str(py::tuple(py::cast(shape)))); }
 
-// Whether a single row stands for all rows of an array.
+// Selects if a single row stands for all rows of an array.
 enum class OneForAll : bool { no, yes };
 
 // An array argument as contiguous T; empty for None. `kinds` are NumPy's: 'b' bool, 'i' and 'u' integer, 'f' float.

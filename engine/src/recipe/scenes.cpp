@@ -148,7 +148,9 @@ std::string unknown_scene(std::string_view name, std::span<const std::string> kn
   if (is_file && !is_scene_path(name)) return shown + ": " + extension + " files are not supported: export glTF (.glb)";
   std::vector<std::string_view> names(known.begin(), known.end());
   for (const SceneSet& set : kSets) names.push_back(set.name);
-  const std::string_view first = name.substr(0, name.find('/'));
+  const std::size_t slash = name.find('/');
+  const bool has_scene = slash != std::string_view::npos && !name.substr(slash).starts_with("/seed");  // in a group of scenes
+  const std::string_view first = has_scene ? std::string_view() : name.substr(0, slash);
   const std::vector<std::string_view> generators = nearest_names(first, names_of(kGenerators), 1);
   constexpr std::size_t kSuggested = 3;
   std::vector<std::string> suggested;
