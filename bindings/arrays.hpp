@@ -19,6 +19,7 @@
 #include <vector>
 
 #include "flockstep/pose.hpp"
+#include "masked.hpp"
 
 namespace flockstep::bindings {
 
@@ -27,6 +28,9 @@ using Shape = std::vector<py::ssize_t>;
 
 inline std::string text_of(const Shape& shape) { return std::string(py::str(py::tuple(py::cast(shape)))); }
 
+// Selects if a single row stands for all rows of an array.
+enum class OneForAll : bool { no, yes };
+
 // An array argument as contiguous T; empty for None. `kinds` are NumPy's: 'b' bool, 'i' and 'u' integer, 'f' float.
 template <class T>
 class Input {
@@ -34,9 +38,14 @@ class Input {
 
  public:
   // -1 in the shape allows any length in that dimension.
-  Input(const py::object& object, const char* field, const Shape& shape, const char* kinds, const char* kinds_text) {
+  Input(const py::object& object, const char* field, const Shape& shape, const char* kinds, const char* kinds_text,
+        OneForAll one_for_all = OneForAll::no) {
     if (object.is_none()) return;
-    const py::array any = read(object, field, kinds_text);
+    refuse_masked(object, field);
+    py::array any = read(object, field, kinds_text);
+    if (one_for_all == OneForAll::yes && is_one_row(any, shape)) {
+      any = py::module_::import("numpy").attr("broadcast_to")(any, py::tuple(py::cast(shape)));
+    }
     if (std::string_view(kinds).find(any.dtype().kind()) == std::string_view::npos) {
       refuse(field, std::string("an array of ") + kinds_text, std::string("dtype ") + std::string(py::str(any.dtype())));
     }
@@ -67,6 +76,10 @@ class Input {
   std::size_t rows() const { return static_cast<std::size_t>(array_->shape(0)); }
 
  private:
+  // Returns true for a row (columns,) or (1, columns) of the shape (rows, columns).
+  static bool is_one_row(const py::array& any, const Shape& shape) {
+    return any.ndim() > 0 && any.ndim() <= 2 && any.shape(any.ndim() - 1) == shape.back() && any.size() == shape.back();
+  }
   [[noreturn]] static void refuse(const char* field, const std::string& expected, const std::string& got) {
     throw py::value_error(std::string(field) + ": expected " + expected + ", got " + got);
   }
@@ -106,6 +119,10 @@ class Input {
 
 inline Input<float> floats(const py::object& object, const char* field, const Shape& shape) {
   return {object, field, shape, "fiu", "real numbers"};
+}
+// Returns (rows, columns) numbers. One row, (columns,) or (1, columns), stands for all.
+inline Input<float> row_floats(const py::object& object, const char* field, py::ssize_t rows, py::ssize_t columns) {
+  return {object, field, {rows, columns}, "fiu", "real numbers", OneForAll::yes};
 }
 template <class T>
 Input<T> integers(const py::object& object, const char* field, const Shape& shape) {

@@ -68,16 +68,16 @@ std::shared_ptr<const World> mesh_argument(const py::object& mesh, const char* n
 // Takes all arguments as py::object, because pybind11's error for a wrong argument names every other one as well.
 std::unique_ptr<Batch, Released> make_batch(const py::object& given_worlds, const py::object& num_drones, const py::object& lidar,
                                             const py::object& pose_sensor, const py::object& imu, const py::object& task,
-                                            const py::object& drone, const py::object& cameras, const py::object& backend,
+                                            const py::object& drone, const py::object& camera, const py::object& backend,
                                             const py::object& episode, const py::object& clock, const py::object& dynamics,
                                             const py::object& num_threads, const py::object& block_size,
                                             const py::object& world_index, const py::object& tracer,
                                             const py::object& drones_per_env, const py::object& bodies,
                                             const py::object& max_bodies, const py::object& lights, const py::object& meet,
-                                            const py::object& drone_mesh, const py::kwargs& unknown) {
+                                            const py::object& drone_mesh, const py::object& cameras, const py::kwargs& unknown) {
   for (const auto& [keyword, value] : unknown) {
     constexpr std::array kKnown{
-        "worlds",         "num_drones", "lidar",      "pose_sensor", "imu",         "task",       "drone",       "cameras",
+        "worlds",         "num_drones", "lidar",      "pose_sensor", "imu",         "task",       "drone",       "camera",
         "camera_backend", "episode",    "clock",      "dynamics",    "num_threads", "block_size", "world_index", "tracer",
         "drones_per_env", "bodies",     "max_bodies", "lights",      "meet",        "drone_mesh"};
     throw py::type_error(unexpected_keyword("Batch.__init__", py::str(keyword), {kKnown.begin(), kKnown.end()}));
@@ -92,13 +92,14 @@ std::unique_ptr<Batch, Released> make_batch(const py::object& given_worlds, cons
   config.num_envs = per_env > 0 ? drones / per_env : 1;  // an env that drones will share
   config.num_threads = from_python<int>(num_threads, "num_threads");
   config.block_size = from_python<int>(block_size, "block_size");
-  config.lidars = configs_of<LidarConfig>(lidar, "lidar", true);
+  if (!camera.is_none() && !cameras.is_none()) throw py::type_error("camera: expected None with cameras, another name of it");
+  config.lidars = configs_of<LidarConfig>(lidar, "lidar");
   config.pose_sensor = optional_argument<PoseSensorConfig>(pose_sensor, "pose_sensor").value_or(PoseSensorConfig());
-  config.imus = configs_of<ImuConfig>(imu, "imu", true);
-  config.cameras = configs_of<CameraConfig>(cameras, "cameras", false);
-  config.bodies = configs_of<BodyConfig>(bodies, "bodies", false);
+  config.imus = configs_of<ImuConfig>(imu, "imu");
+  config.cameras = configs_of<CameraConfig>(camera.is_none() ? cameras : camera, "camera");
+  config.bodies = configs_of<BodyConfig>(bodies, "bodies");
   config.max_bodies = from_python<int>(max_bodies, "max_bodies");
-  config.lights = configs_of<Light>(lights, "lights", false);
+  config.lights = configs_of<Light>(lights, "lights");
   config.meet = from_python<Meet>(meet, "meet");
   config.drone_mesh = mesh_argument(drone_mesh, "drone_mesh");
   config.camera_backend = from_python<CameraBackend>(backend, "camera_backend");
@@ -488,11 +489,11 @@ void register_batch(py::module_& module) {
   add_arrays<MoveLineState, &move_line_arrays>(cls);
   cls.def(py::init(&make_batch), py::arg("worlds"), py::arg("num_drones") = 1, py::kw_only(), py::arg("lidar") = none,
           py::arg("pose_sensor") = none, py::arg("imu") = none, py::arg("task") = none, py::arg("drone") = none,
-          py::arg("cameras") = py::tuple(), py::arg("camera_backend") = "raycast", py::arg("episode") = none,
-          py::arg("clock") = none, py::arg("dynamics") = none, py::arg("num_threads") = 0,
-          py::arg("block_size") = BatchConfig().block_size, py::arg("world_index") = none, py::arg("tracer") = "auto",
-          py::arg("drones_per_env") = 1, py::arg("bodies") = py::tuple(), py::arg("max_bodies") = 0,
-          py::arg("lights") = py::tuple(), py::arg("meet") = "never", py::arg("drone_mesh") = none)
+          py::arg("camera") = none, py::arg("camera_backend") = "raycast", py::arg("episode") = none, py::arg("clock") = none,
+          py::arg("dynamics") = none, py::arg("num_threads") = 0, py::arg("block_size") = BatchConfig().block_size,
+          py::arg("world_index") = none, py::arg("tracer") = "auto", py::arg("drones_per_env") = 1, py::arg("bodies") = none,
+          py::arg("max_bodies") = 0, py::arg("lights") = none, py::arg("meet") = "never", py::arg("drone_mesh") = none,
+          py::arg("cameras") = none)
       .def_static("from_recipe", &batch_from_recipe, py::arg("recipe"), py::arg("worlds") = none, py::arg("task") = none,
                   py::kw_only(), py::arg("allow_files") = false, py::arg("max_worlds") = RecipeAccess().max_worlds)
       .def_property_readonly("num_envs", [](const Batch& batch) { return batch.config().num_envs; })
@@ -544,8 +545,8 @@ void register_batch(py::module_& module) {
              const py::object& rows) {
             const auto r = rows_argument(rows, mask);
             const py::ssize_t n = r.given() ? static_cast<py::ssize_t>(r.rows()) : num_drones(batch);
-            const auto p = floats(position, "position", {n, 3});
-            const auto q = floats(quat_wxyz, "quat_wxyz", {n, 4});
+            const auto p = row_floats(position, "position", n, 3);
+            const auto q = row_floats(quat_wxyz, "quat_wxyz", n, 4);
             const auto m = flags(mask, "mask", num_drones(batch));
             in_turn(batch, [&] { r.given() ? batch.set_poses(r, p, q) : batch.set_pose(p, q, m); });
           },
@@ -569,8 +570,8 @@ void register_batch(py::module_& module) {
           "move",
           [](const py::object& self, const py::object& position, const py::object& quat_wxyz, const py::object& mask) {
             auto& batch = self.cast<Batch&>();
-            const auto p = floats(position, "position", n_by(batch, 3));
-            const auto q = floats(quat_wxyz, "quat_wxyz", n_by(batch, 4));
+            const auto p = row_floats(position, "position", num_drones(batch), 3);
+            const auto q = row_floats(quat_wxyz, "quat_wxyz", num_drones(batch), 4);
             const auto m = flags(mask, "mask", num_drones(batch));
             released(batch, [&] { batch.move(p, q, m); });
             return ContactView{self};
@@ -582,9 +583,9 @@ void register_batch(py::module_& module) {
              const py::object& mask, const py::object& rows) {
             const auto drones = rows_argument(rows, mask);
             const py::ssize_t n = drones.given() ? static_cast<py::ssize_t>(drones.rows()) : num_drones(batch);
-            const auto v = floats(velocity, "velocity", {n, 3});
-            const auto w = floats(angular_velocity, "angular_velocity", {n, 3});
-            const auto r = floats(rotor_speed, "rotor_speed", {n, py::ssize_t{kRotors}});
+            const auto v = row_floats(velocity, "velocity", n, 3);
+            const auto w = row_floats(angular_velocity, "angular_velocity", n, 3);
+            const auto r = row_floats(rotor_speed, "rotor_speed", n, py::ssize_t{kRotors});
             const auto m = flags(mask, "mask", num_drones(batch));
             in_turn(batch, [&] { drones.given() ? batch.set_velocities(drones, v, w, r) : batch.set_velocity(v, w, r, m); });
           },

@@ -28,6 +28,7 @@ struct Images {
 };
 
 Images images_of(const py::array& images, const std::string& layout, const char* name, bool one) {
+  refuse_masked(images, name);
   if (layout != "hwc" && layout != "chw") throw py::value_error("layout: expected \"hwc\" or \"chw\", got \"" + layout + '"');
   const bool chw = layout == "chw";
   const Shape shape(images.shape(), images.shape() + images.ndim());

@@ -21,6 +21,7 @@
 #include "flockstep/camera.hpp"
 #include "flockstep/fields.hpp"
 #include "flockstep/world.hpp"
+#include "masked.hpp"
 
 namespace flockstep::bindings {
 
@@ -51,7 +52,10 @@ const char* name_of(Enum value) {
 
 inline CameraOutputs outputs_of(const py::handle& names) {
   CameraOutputs outputs{.rgb = false};
-  if (py::isinstance<py::str>(names)) throw py::type_error("outputs: expected a sequence of names, got a string");
+  if (py::isinstance<py::str>(names)) {
+    const std::string name = py::repr(names);
+    throw py::type_error("outputs: expected a sequence of names, got " + name + ": write (" + name + ",)");
+  }
   for (const py::handle name : names) {
     const auto text = py::str(name).cast<std::string>();
     std::string expected;
@@ -214,6 +218,22 @@ struct IntegerRange<std::optional<T>> : IntegerRange<T> {};
   throw py::type_error(field + ": expected " + expected + got);
 }
 
+// Describes a value that is not of the class T. For a dict of the fields of a configuration, shows the call that makes one.
+template <class T>
+std::string got_instead(const py::handle& value) {
+  std::string text = ", got " + std::string(py::repr(value));
+  if constexpr (HasFields<T>) {
+    if (!py::isinstance<py::dict>(value)) return text;
+    text += ": write flockstep." + std::string(py::str(py::type::of<T>().attr("__name__"))) + '(';
+    std::string separator;
+    for (const auto& [name, item] : py::reinterpret_borrow<py::dict>(value)) {
+      text += std::exchange(separator, ", ") + std::string(py::str(name)) + '=' + std::string(py::repr(item));
+    }
+    text += ')';
+  }
+  return text;
+}
+
 // Converts a Python value. Throws TypeError or ValueError that names the field.
 template <class T>
 T from_python(const py::handle& value, const std::string& field) {
@@ -222,6 +242,7 @@ T from_python(const py::handle& value, const std::string& field) {
   } else if constexpr (std::is_enum_v<T>) {
     return enum_of<T>(from_python<std::string>(value, field), field);
   } else {
+    if constexpr (IsSequence<T>::value) refuse_masked(value, field);
     try {
       if constexpr (std::is_same_v<T, bool>) {  // cast() would accept any object's truth value
         py::detail::make_caster<bool> flag;
@@ -237,6 +258,7 @@ T from_python(const py::handle& value, const std::string& field) {
         return converted;
       }
     } catch (const py::cast_error&) {
+      if constexpr (HasFields<T>) throw py::type_error(field + ": expected " + config_name<T>("") + got_instead<T>(value));
       refuse_value(value, field, config_name<T>(PythonName<T>::of()), IntegerRange<T>::of());
     }
   }
@@ -245,9 +267,7 @@ T from_python(const py::handle& value, const std::string& field) {
 // Returns an argument that must be an instance of T. Throws TypeError that names the argument.
 template <class T>
 T& argument(const py::handle& value, const char* name, const std::string& expected) {
-  if (!py::isinstance<T>(value)) {
-    throw py::type_error(name + (": expected " + expected) + ", got " + std::string(py::repr(value)));
-  }
+  if (!py::isinstance<T>(value)) throw py::type_error(name + (": expected " + expected) + got_instead<T>(value));
   return value.cast<T&>();
 }
 template <class T>
@@ -304,16 +324,15 @@ inline std::string unexpected_keyword(const std::string& callee, const std::stri
   return text;
 }
 
-// Converts a sequence of configurations; if one_will_do, also a single one or None.
+// Converts a configuration, a sequence of them or None.
 template <class Config>
-std::vector<Config> configs_of(const py::object& given, const char* name, bool one_will_do) {
-  const std::string type = py::str(py::type::of<Config>().attr("__name__"));
-  if (one_will_do && given.is_none()) return {};
-  if (one_will_do && py::isinstance<Config>(given)) return {given.cast<const Config&>()};
-  const std::string expected =
-      (one_will_do ? "a flockstep." + type + ", None or a" : std::string("a")) + " sequence of flockstep." + type + " objects";
+std::vector<Config> configs_of(const py::object& given, const char* name) {
+  if (given.is_none()) return {};
+  if (py::isinstance<Config>(given)) return {given.cast<const Config&>()};
+  const std::string type = "flockstep." + std::string(py::str(py::type::of<Config>().attr("__name__")));
+  const std::string expected = "a " + type + ", None or a sequence of " + type + " objects";
   if (!py::isinstance<py::sequence>(given) || py::isinstance<py::str>(given)) {
-    throw py::type_error(name + (": expected " + expected) + ", got " + std::string(py::repr(given)));
+    throw py::type_error(name + (": expected " + expected) + got_instead<Config>(given));
   }
   std::vector<Config> configs;
   for (const py::handle config : given) configs.push_back(argument<Config>(config, name, expected));

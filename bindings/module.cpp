@@ -1,7 +1,15 @@
 // The native module flockstep._core. This file lists the parts that it registers.
 #include <pybind11/pybind11.h>
+#include <pybind11/stl.h>
 
+#include <exception>
+#include <string>
+#include <string_view>
+#include <vector>
+
+#include "base/nearest_name.hpp"
 #include "base/platform.hpp"
+#include "base/require.hpp"
 #include "convert.hpp"
 #include "documents.hpp"
 #include "flockstep/version.hpp"
@@ -44,6 +52,14 @@ PYBIND11_MODULE(_core, module) {
   if (!flockstep::has_instructions()) {
     throw pybind11::import_error("flockstep needs a processor with SSE4.2 (x86-64-v2), as nearly all since 2009 have");
   }
+  pybind11::register_exception_translator([](std::exception_ptr thrown) {
+    try {
+      if (thrown) std::rethrow_exception(thrown);
+    } catch (const flockstep::MissingFile& error) {
+      const auto type = pybind11::module_::import("flockstep.errors").attr("MissingFileError");
+      pybind11::set_error(type, error.what());
+    }
+  });
   module.attr("__version__") = FLOCKSTEP_VERSION;
   module.attr("embree_version") =
       std::to_string(RTC_VERSION_MAJOR) + "." + std::to_string(RTC_VERSION_MINOR) + "." + std::to_string(RTC_VERSION_PATCH);
@@ -65,6 +81,12 @@ PYBIND11_MODULE(_core, module) {
   flockstep::bindings::register_learner(module);
   module.def("_unexpected_keyword", &flockstep::bindings::unexpected_keyword, pybind11::arg("callee"), pybind11::arg("keyword"),
              pybind11::arg("known"));
+  module.def(
+      "_nearest_name",
+      [](const std::string& name, const std::vector<std::string>& known) {
+        return std::string(flockstep::nearest_name(name, std::vector<std::string_view>(known.begin(), known.end())));
+      },
+      pybind11::arg("name"), pybind11::arg("known"));
   flockstep::bindings::document(module);
   flockstep::bindings::refuse_uninitialised_objects(module);
 }

@@ -12,10 +12,12 @@
 #include <type_traits>
 #include <typeinfo>
 #include <utility>
+#include <vector>
 
 #include "config.hpp"
 #include "convert.hpp"
 #include "flockstep/scenes.hpp"
+#include "recipe/unknown_scene.hpp"
 #include "released.hpp"
 #include "task.hpp"
 
@@ -91,6 +93,9 @@ void register_recipe(py::module_& module) {
   module.attr("scene_suffixes") = py::tuple(py::cast(World::suffixes()));
   module.attr("generated_scenes") = names_of(generated_scenes());
   module.attr("scene_generators") = names_of(scene_generators());
+  module.def(
+      "_unknown_scene", [](const std::string& name, const std::vector<std::string>& known) { return unknown_scene(name, known); },
+      py::arg("name"), py::arg("known"));
   module.def(
       "load_scene",
       [](const std::string& name, const std::filesystem::path& folder) {

@@ -101,7 +101,11 @@ class PythonTask final : public Task {
       require(targets[1].is_none(), "act", "commands (N, 4) of the control", "a pair of positions and quaternions");
       const auto commands = floats(targets[0], "act: command", {n, 4});
       const std::span<const float> rows = commands;
-      checks::angles(block.context.dynamics().control, rows, "act: command");
+      const std::optional<std::size_t> far = checks::angles(block.context.dynamics().control, rows, "act: command");
+      if (far && !std::exchange(has_far_yaw_, true)) {
+        const std::string warning = checks::far_yaw("act: command", rows, *far);
+        if (PyErr_WarnEx(PyExc_RuntimeWarning, warning.c_str(), 1) != 0) throw py::error_already_set();
+      }
       for (const DroneIndex drone : block.drones) std::copy_n(rows.data() + 4 * drone, 4, setpoints.command.data() + 4 * drone);
       return;
     }
@@ -257,6 +261,7 @@ class PythonTask final : public Task {
   std::string state_;                                   // from the last snapshot
   std::optional<py::array_t<std::int64_t>> beginning_;  // the rows of the current reset
   bool is_per_drone_ = true;
+  bool has_far_yaw_ = false;  // act() has been warned of one
   std::size_t num_rows_ = 0;
 };
 

@@ -105,7 +105,9 @@ py::array_t<float> start(const Terms& terms) {
   for (std::size_t drone = 0; drone < count; ++drone) {
     const World& world = world_of(batch, drone);
     if (!world.markers().start)
-      throw py::value_error("world '" + world.name() + "' has no start marker, where Task.reset puts drones; override it");
+      throw py::value_error("world '" + world.name() +
+                            "' has no start marker, where Task.reset puts drones: draw markers by "
+                            "world.with_drawn_markers(seed), or override reset");
     points.push_back(*world.markers().start);
   }
   return rows(points);

@@ -27,6 +27,7 @@ Quat rotation(const py::object& value) {
 }
 
 Texture texture(const std::string& name, const py::object& pixels, const std::array<std::string, 2>& wrap) {
+  refuse_masked(pixels, "pixels");
   const py::array image = py::array::ensure(pixels);
   const bool is_image = image && image.ndim() == 3 && (image.shape(2) == 3 || image.shape(2) == 4) &&
                         image.dtype().is(py::dtype::of<std::uint8_t>());

@@ -477,8 +477,8 @@ class BodyMotion:
         A point of the axis, world frame; for ``"orbit"`` and ``"hinge"``. Values: within +-1e+06 m. Default: [0.0, 0.0,
         0.0].
     axis
-        Direction of the axis, world frame, of any length except 0; turns are counter-clockwise about it. For
-        ``"orbit"`` and ``"hinge"``. Values: within +-1e+06. Default: [0.0, 0.0, 1.0].
+        Direction of the axis, world frame, at least 1e-6 long; turns are counter-clockwise about it. For ``"orbit"``
+        and ``"hinge"``. Values: within +-1e+06. Default: [0.0, 0.0, 1.0].
     period_s
         Time of one turn, of a swing there and back, or of one way of a random walk. Values: [0.001, 1000000] s.
         Default: 10.0.
@@ -2038,6 +2038,8 @@ class NativeTask:
     ------
     TypeError
         The argument is not a path.
+    flockstep.errors.MissingFileError
+        There is no such file. It is a `FileNotFoundError` and a `ValueError`.
     ValueError
         The file is not a regular file, is cut short, is not a shared library, exports no task, or was built for another
         version.
@@ -2054,8 +2056,10 @@ class PythonTask:
 
     def __init__(self, spec: TaskSpec, identity: str, max_episode_steps: int, calls: object) -> None: ...
 
+def _nearest_name(name: str, known: Sequence[str]) -> str: ...
 def _scene_keys() -> str: ...
 def _unexpected_keyword(callee: str, keyword: str, known: Sequence[str]) -> str: ...
+def _unknown_scene(name: str, known: Sequence[str]) -> str: ...
 def load_scene(name: str, folder: str | PathLike[str]) -> World:
     """Return the world of a name or path; ``folder`` holds the bundled scenes."""
 
@@ -2271,7 +2275,7 @@ class World:
     def bodies(self) -> list[BodyConfig]:
         """The bodies that every env in this world begins an episode with; queries of the world do not find them."""
 
-    def with_bodies(self, bodies: Sequence[BodyConfig]) -> World:
+    def with_bodies(self, bodies: BodyConfig | Sequence[BodyConfig] | None) -> World:
         """Return the same world with these bodies, and no others."""
 
     def to_dict(self) -> dict[str, Any]:
@@ -3276,16 +3280,15 @@ class Batch:
     num_drones
         N, up to 2**20, a multiple of ``drones_per_env``. 0 without a task: the batch begins with no drone, and `spawn`
         adds them. Each then has its own env, or all share one env with ``drones_per_env=0``.
-    lidar, pose_sensor, imu
-        Sensors. Default: no LiDAR, an exact pose, no IMU. Give several LiDARs or IMUs as a sequence with different
-        names. An IMU requires ``motion="rotors"``.
+    lidar, camera, pose_sensor, imu
+        Sensors. Default: no LiDAR, no camera, an exact pose, no IMU. Give several LiDARs, cameras or IMUs as a sequence
+        with different names. An IMU requires ``motion="rotors"``. The images of one camera have at most 2**32 pixels
+        over all drones. A camera that writes ``instance`` requires worlds of at most 65535 primitives, meshes and
+        markers.
     task
         The task that `reset` and `step` run. The navigation task requires a LiDAR, and a camera if it observes one.
     drone
         A `DroneModel`, the name of a bundled airframe, or the path of a JSON file. Default: the 650-class quadrotor.
-    cameras
-        Cameras of each drone, with different names. The images of one camera have at most 2**32 pixels over all drones.
-        A camera that writes ``instance`` requires worlds of at most 65535 primitives, meshes and markers.
     camera_backend
         ``"raycast"``: the engine's own tracing, bitwise reproducible. ``"gl"``: OpenGL through EGL. ``"auto"``: the
         faster of the two, timed on the batch's worlds. Without OpenGL, ``"gl"`` and ``"auto"`` use raycast and give a
@@ -3313,11 +3316,11 @@ class Batch:
         M. 0 only with ``num_drones=0``. The drones of an env share its world and seed; ``meet`` says how they
         interact.
     bodies
-        Bodies that are in every env when an episode begins.
+        Bodies that are in every env when an episode begins: one or a sequence.
     max_bodies
         Number of slots for bodies in each env, B; 0: as many as an episode begins with.
     lights
-        Lights, at most 4096, of which each episode of an env draws one instead of its world's.
+        One or a sequence of at most 4096, of which each episode of an env draws one instead of its world's light.
     meet
         How the drones of an env interact. ``"never"``: not at all. ``"seen"``: their LiDARs detect the hulls of the
         others, and their cameras see their meshes. ``"touched"``: they hit each other with their hulls. ``"both"``:
@@ -3325,6 +3328,8 @@ class Batch:
     drone_mesh
         How cameras see drones: a `DroneMesh`, or a `World` whose triangles, materials and textures show a drone in its
         body frame. Only if ``meet`` is ``"seen"`` or ``"both"``. None: their hull, in grey.
+    cameras
+        Another name of ``camera``.
     """
 
     def __init__(
@@ -3346,7 +3351,7 @@ class Batch:
         | PythonTask
         | None = None,
         drone: _DroneLike | None = None,
-        cameras: Sequence[CameraConfig] = (),
+        camera: CameraConfig | Sequence[CameraConfig] | None = None,
         camera_backend: str = "raycast",
         episode: EpisodeConfig | None = None,
         clock: ClockConfig | None = None,
@@ -3356,11 +3361,12 @@ class Batch:
         world_index: npt.ArrayLike | None = None,
         tracer: str = "auto",
         drones_per_env: int = 1,
-        bodies: Sequence[BodyConfig] = (),
+        bodies: BodyConfig | Sequence[BodyConfig] | None = None,
         max_bodies: int = 0,
-        lights: Sequence[Light] = (),
+        lights: Light | Sequence[Light] | None = None,
         meet: str = "never",
         drone_mesh: World | DroneMesh | None = None,
+        cameras: CameraConfig | Sequence[CameraConfig] | None = None,
     ) -> None: ...
     @staticmethod
     def from_recipe(
@@ -3629,10 +3635,12 @@ class Batch:
         *,
         rows: npt.ArrayLike | None = None,
     ) -> None:
-        """Teleport to positions (N, 3) m and quaternions (N, 4) without a collision check.
+        """Teleport to positions (N, 3) m and quaternions (N, 4), at rest, without a collision check.
 
-        None leaves a value unchanged. With ``rows`` (K,), the indices of drones, the arrays have K rows, for these
-        drones.
+        One row, such as ``[1, 2, 3]``, places all drones. Without positions they stay in place. Without quaternions,
+        drones with simulated rotors are level and face +x (yaw 0), so that no episode begins with the tilt of the last
+        crash; kinematic drones keep their attitude. With ``rows`` (K,), the indices of drones, the arrays have K rows,
+        for these drones.
         """
 
     def is_free(
@@ -3659,7 +3667,7 @@ class Batch:
     ) -> Contact:
         """Fly to positions (N, 3) m and quaternions (N, 4) in a straight line and along the shortest arc.
 
-        None leaves a value unchanged. A drone that touches something stops at its last free pose.
+        None leaves a value unchanged. One row is for all drones. A drone that touches something stops at its last free pose.
         """
 
     def set_velocity(
@@ -3673,8 +3681,8 @@ class Batch:
     ) -> None:
         """Set velocities (N, 3) m/s, angular velocities (N, 3) rad/s and rotor speeds (N, 4) rad/s.
 
-        Velocities are in the world frame, angular velocities in the body frame. None leaves a value unchanged. A drone
-        may turn by at most half a turn per tick: angular velocities above pi times `physics_hz` raise `ValueError`.
+        Velocities are in the world frame, angular velocities in the body frame. None leaves a value unchanged. One row
+        is for all drones. A drone may turn by at most half a turn per tick: angular velocities above pi times `physics_hz` raise `ValueError`.
         After `set_pose` a drone is at rest with its rotors at hover speed. With ``rows`` (K,), the indices of drones,
         the arrays have K rows, for these drones.
         """
@@ -3702,6 +3710,7 @@ class Batch:
         ------
         ValueError
             A number is beyond +-2e6, a roll or pitch beyond +-pi, or a yaw beyond +-10,000 rad; or ``control="pose"``.
+            A yaw of more than two turns, which may be in degrees, gives a `RuntimeWarning` once.
         RuntimeError
             The motion is kinematic; or ``control`` is None and the batch was made with ``control="pose"``.
         """

@@ -11,6 +11,7 @@ import numpy.typing as npt
 
 from flockstep import serialization
 from flockstep._core import Batch
+from flockstep.arrays import refuse_masked
 from flockstep.stepping import Observation
 from flockstep.vector_env import DroneVectorEnv, require_render_mode
 
@@ -53,6 +54,8 @@ class DroneEnv(gymnasium.Env[Observation, Any]):
                 f"drones_per_env: expected 1 for a single env, got {kwargs['drones_per_env']!r}; for several drones "
                 "use gymnasium.make_vec or flockstep.DroneVectorEnv"
             )
+        if "num_envs" in kwargs:
+            raise TypeError("num_envs: gymnasium.make makes one env; for several, use gymnasium.make_vec")
         limit = _limit_of_make()
         if limit is not None:
             kwargs["max_episode_steps"] = max(limit, 0)
@@ -81,6 +84,7 @@ class DroneEnv(gymnasium.Env[Observation, Any]):
 
         In every step, the info holds the current values of what `DroneVectorEnv` reports only at the end of an episode.
         """
+        refuse_masked("action", action)
         observation, reward, terminated, truncated, _ = self.envs.step(np.asarray(action)[None])
         info = _only_info(self.envs.episode_infos())
         return _only(observation), float(reward[0]), bool(terminated[0]), bool(truncated[0]), info

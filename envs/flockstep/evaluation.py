@@ -61,8 +61,9 @@ def evaluate(
     Parameters
     ----------
     model
-        A model of `flockstep.PPO` or Stable-Baselines3, flown deterministically; a function from observations (N, ...)
-        to actions (N, ...); or None for random actions.
+        A model of `flockstep.PPO`, Stable-Baselines3 or sb3-contrib, flown deterministically; a function from
+        observations (N, ...) to actions (N, ...); or None for random actions. Recurrent models keep their state from
+        step to step and forget it where an episode begins.
     env
         A Gymnasium id of this package, your own `Task` (an object, or its class) or `NativeTask`.
     episodes
@@ -138,11 +139,12 @@ def success_rates(
 def _first_episodes(model: Any, envs: DroneVectorEnv, caller: str, seed: int) -> list[dict[str, Any]]:
     """Fly until every row has ended an episode; return the infos of these first ends and close the envs."""
     act = actions_of(model, envs, caller, seed)
-    observation, _ = envs.reset(seed=seed)
+    observation, starts = envs.reset(seed=seed)[0], np.ones(envs.num_envs, bool)
     found: list[dict[str, Any] | None] = [None] * envs.num_envs
     while None in found:
-        observation, _, terminated, truncated, _ = envs.step(act(observation))
-        ended = np.array([i for i in np.flatnonzero(terminated | truncated) if found[i] is None], np.intp)
+        observation, _, terminated, truncated, _ = envs.step(act(observation, starts))
+        starts = terminated | truncated
+        ended = np.array([i for i in np.flatnonzero(starts) if found[i] is None], np.intp)
         for i, end in zip(ended, stepping.ends(envs, ended, 0.0), strict=True):  # later episodes do not count
             found[i] = end
     envs.close()

@@ -18,6 +18,7 @@ except ImportError as _error:
     raise type(_error)(_needed, name=_error.name) from _error
 
 from flockstep._core import Batch
+from flockstep.arrays import refuse_masked
 from flockstep.registration import make_by_id
 from flockstep.stepping import Observation
 from flockstep.vector_env import DroneVectorEnv
@@ -75,6 +76,11 @@ class DroneParallelEnv(ParallelEnv[str, Observation, Any]):  # type: ignore[misc
     def batch(self) -> Batch:
         """The `Batch`, until `close`."""
         return self.envs.batch
+
+    @property
+    def np_random(self) -> np.random.Generator:
+        """Random numbers for wrappers such as SuperSuit's ``frame_skip_v0``, seeded by `reset`; flights draw others."""
+        return self.envs.np_random
 
     def observation_space(self, agent: str) -> gymnasium.spaces.Space[Any]:
         """Return the observation space of an agent."""
@@ -182,6 +188,7 @@ class DroneParallelEnv(ParallelEnv[str, Observation, Any]):  # type: ignore[misc
         if isinstance(space, gymnasium.spaces.Discrete):
             rows += space.start
         for agent, action in actions.items():
+            refuse_masked(f"actions[{agent!r}]", action)
             given = np.asarray(action)
             if given.shape != rows.shape[1:] or not np.can_cast(given.dtype, rows.dtype, "same_kind"):
                 raise ValueError(f"actions[{agent!r}]: expected one in {space}, got {action!r}")

@@ -2,19 +2,26 @@
 
 from __future__ import annotations
 
+import inspect
 from collections.abc import Callable
 from os import PathLike, fspath
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeAlias
 
 import numpy as np
 import numpy.typing as npt
 from gymnasium import spaces
 
 from flockstep._core import NativeTask
+from flockstep.arrays import refuse_masked
+from flockstep.progress_line import ProgressLine
 from flockstep.registration import make_by_id
+from flockstep.stepping import BoolArray
 from flockstep.task import Task
 from flockstep.vector_env import DroneVectorEnv
+
+#: A policy: from observations (N, ...), and a mask (N,) of those that begin an episode, to actions (N, ...).
+Act: TypeAlias = Callable[[Any, BoolArray], Any]
 
 
 def record(
@@ -27,6 +34,7 @@ def record(
     until_success: int | None = None,
     render_view: str | npt.ArrayLike = "fleet",
     fps: float | None = None,
+    quiet: bool = False,
     **kwargs: Any,
 ) -> int:
     """Fly one env and film one episode: the first one, or the first that succeeds.
@@ -42,8 +50,9 @@ def record(
     path
         File of the film, ``.mp4`` or ``.gif``.
     policy
-        A model of `flockstep.PPO` or Stable-Baselines3, flown deterministically, or a function from observations to
-        actions, which have a row for each drone. None: random actions. To load a model from a file, call its class:
+        A model of `flockstep.PPO`, Stable-Baselines3 or sb3-contrib, flown deterministically, or a function from
+        observations to actions, which have a row for each drone. Recurrent models keep their state from step to step.
+        None: random actions. To load a model from a file, call its class:
         ``PPO.load("policy.zip")``. With Stable-Baselines3 that runs code from the file, which holds pickled objects:
         load only policies you trust.
     env
@@ -61,6 +70,9 @@ def record(
     fps
         Pictures per second. The film has one picture before the first step and one after each step. None: the speed of
         flight, ``policy_hz / frame_skip``, rounded, at least 1. Browsers show at most 50 pictures per second of a GIF.
+    quiet
+        True: show no progress. Otherwise standard error shows the number of pictures so far: one line, kept up to date
+        on a terminal, printed every ten seconds to a file.
     **kwargs
         Further keywords of `DroneVectorEnv`, such as ``worlds``.
 
@@ -91,10 +103,11 @@ def record(
     kwargs |= {"autoreset_mode": "disabled", "render_mode": "rgb_array", "render_view": render_view}
     envs = DroneVectorEnv(1, task=env, **kwargs) if not isinstance(env, str) else make_by_id(env, 1, **kwargs)
     act = actions_of(policy, envs, "record", seed)
+    progress = None if quiet else ProgressLine()
     if until_success is not None:
-        seed, actions = _succeeding(envs, act, steps, range(seed, seed + until_success))
+        seed, actions = _succeeding(envs, act, steps, range(seed, seed + until_success), progress)
         act = _replaying(actions)
-    observation, _ = envs.reset(seed=seed)
+    observation, starts = envs.reset(seed=seed)[0], np.ones(envs.num_envs, bool)
     fps = envs.metadata["render_fps"] if fps is None else fps
     is_gif = Path(path).suffix.lower() == ".gif"
     # By default imageio makes both sides multiples of 16; the codec needs only even ones.
@@ -105,11 +118,14 @@ def record(
     with imageio.get_writer(Path(path), **settings) as film:
         for step in range(steps + 1):
             if step > 0:
-                observation, _, terminated, truncated, _ = envs.step(act(observation))
+                observation, _, terminated, truncated, _ = envs.step(act(observation, starts))
+                starts = np.zeros_like(starts)
             frames = envs.render()
             assert frames is not None
             film.append_data(frames[0])
             pictures += 1
+            if progress is not None and progress.is_due:
+                progress.show(f"{fspath(path)}: {pictures} of at most {steps + 1} pictures, {progress.seconds:.0f} s")
             if step > 0 and (terminated | truncated).all():
                 break
     if until_success is not None and not envs.batch.success.all():
@@ -118,10 +134,14 @@ def record(
             "random numbers from batch.random"
         )
     envs.close()
+    if progress is not None:
+        progress.show(f"{fspath(path)}: {pictures} pictures, {progress.seconds:.0f} s", is_last=True)
     return pictures
 
 
-def _succeeding(envs: DroneVectorEnv, act: Callable[[Any], Any], steps: int, seeds: range) -> tuple[int, list[Any]]:
+def _succeeding(
+    envs: DroneVectorEnv, act: Act, steps: int, seeds: range, progress: ProgressLine | None
+) -> tuple[int, list[Any]]:
     """Return the first seed whose episode succeeds within ``steps`` steps, and its actions.
 
     Raises
@@ -129,12 +149,17 @@ def _succeeding(envs: DroneVectorEnv, act: Callable[[Any], Any], steps: int, see
     RuntimeError
         No episode succeeds.
     """
-    for seed in seeds:
-        observation, _ = envs.reset(seed=seed)
+    for tried, seed in enumerate(seeds):
+        if progress is not None and progress.is_due:
+            progress.show(f"{tried} of at most {len(seeds)} episodes without a success, {progress.seconds:.0f} s")
+        observation, starts = envs.reset(seed=seed)[0], np.ones(envs.num_envs, bool)
         actions = []
         for _ in range(steps):
-            actions.append(np.array(act(observation)))
+            chosen = act(observation, starts)
+            refuse_masked("actions", chosen)
+            actions.append(np.array(chosen))
             observation, _, terminated, truncated, _ = envs.step(actions[-1])
+            starts = np.zeros_like(starts)
             if (terminated | truncated).all():
                 break
         if envs.batch.success.all():
@@ -143,33 +168,76 @@ def _succeeding(envs: DroneVectorEnv, act: Callable[[Any], Any], steps: int, see
     raise RuntimeError(f"until_success: none of {which} succeeded within {steps} steps")
 
 
-def _replaying(actions: list[Any]) -> Callable[[Any], Any]:
+def _replaying(actions: list[Any]) -> Act:
     following = iter(actions)
-    return lambda observation: next(following)
+    return lambda observation, starts: next(following)
 
 
-def actions_of(policy: Any, envs: DroneVectorEnv, caller: str, seed: int) -> Callable[[Any], Any]:
-    """Return a policy (a model, a function or None for random actions) as a function from observations to actions.
+def actions_of(policy: Any, envs: DroneVectorEnv, caller: str, seed: int) -> Act:
+    """Return a policy (a model, a function or None for random actions) as a function to actions.
+
+    It takes the observations and a mask (N,) of the rows in which they are the first of an episode: a model with memory
+    forgets there.
 
     Raises
     ------
     ValueError
         The model was trained with observations or actions that differ from those of the envs.
+    TypeError
+        The policy is neither, or its ``predict`` has other arguments than the models of Stable-Baselines3.
     """
     if policy is None:
         action_space = envs.action_space
         action_space.seed(seed)
-        return lambda observation: action_space.sample()
+        return lambda observation, starts: action_space.sample()
     if hasattr(policy, "predict"):
         _require_spaces_of(policy, envs, caller)
-        return lambda observation: policy.predict(observation, deterministic=True)[0]
+        return _predicting(policy, caller)
     if not callable(policy):
         hint = ""
         if isinstance(policy, (str, PathLike)):
             hint = ": load it first, as by PPO.load(path); that runs code from the file: load only policies you trust"
         raise TypeError(f"policy: expected a model with predict, a function or None, got {policy!r}{hint}")
-    function: Callable[[Any], Any] = policy
-    return function
+    return lambda observation, starts: policy(observation)
+
+
+def _predicting(model: Any, caller: str) -> Act:
+    """Return a model's deterministic actions; from step to step it gets back the state that it returned."""
+    name = f"{type(model).__name__}.predict"
+    accepted = _accepted_by(model.predict, f"{caller}: {name}")
+    state: Any = None
+
+    def act(observation: Any, starts: BoolArray) -> Any:
+        nonlocal state
+        keywords = {"state": state, "episode_start": starts, "deterministic": True}
+        predicted = model.predict(observation, **{keyword: keywords[keyword] for keyword in accepted})
+        if not isinstance(predicted, tuple) or len(predicted) != 2:
+            raise TypeError(f"{caller}: {name}: expected a pair (actions, state), got {type(predicted).__name__}")
+        actions, state = predicted
+        if state is not None and "state" not in accepted:
+            raise TypeError(f"{caller}: {name} returns a state but does not take it back: give it an argument state")
+        return actions
+
+    return act
+
+
+def _accepted_by(predict: Any, name: str) -> list[str]:
+    """Return the keywords of Stable-Baselines3's ``predict`` that a model accepts, besides the observation."""
+    known = ["state", "episode_start", "deterministic"]
+    try:
+        parameters = inspect.signature(predict).parameters.values()
+    except (TypeError, ValueError):  # of some functions in C
+        return known
+    if any(parameter.kind is parameter.VAR_KEYWORD for parameter in parameters):
+        return known
+    needed = [p.name for p in parameters if p.default is p.empty and p.kind is not p.VAR_POSITIONAL]
+    others = [argument for argument in needed[1:] if argument not in known]
+    if others:
+        raise TypeError(
+            f"{name} also needs {' and '.join(others)}: expected only {', '.join(['observation', *known])}; "
+            "give a function from observations to actions instead"
+        )
+    return [keyword for keyword in known if keyword in (parameter.name for parameter in parameters)]
 
 
 def _require_spaces_of(model: Any, envs: DroneVectorEnv, caller: str) -> None:

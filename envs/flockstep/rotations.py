@@ -12,6 +12,8 @@ from typing import Any, TypeAlias
 import numpy as np
 import numpy.typing as npt
 
+from flockstep.arrays import refuse_masked
+
 __all__ = ["quat_from_rpy", "rotate", "rpy_from_quat", "yaw_of"]
 
 Array: TypeAlias = npt.NDArray[Any]
@@ -45,6 +47,7 @@ def yaw_of(quat_wxyz: Array) -> Array:
     quat_wxyz
         Unit quaternions, body to world, shape (..., 4).
     """
+    refuse_masked("quat_wxyz", quat_wxyz)
     w, x, y, z = np.moveaxis(np.asarray(quat_wxyz, float), -1, 0)
     yaw: Array = np.arctan2(2 * (x * y + w * z), 1 - 2 * (y * y + z * z))
     return yaw
@@ -98,6 +101,7 @@ def quat_from_rpy(rpy: npt.ArrayLike) -> Array:
 
 
 def _floating(values: npt.ArrayLike, columns: int, name: str) -> Array:
+    refuse_masked(name, values)
     array = np.asarray(values)
     if array.ndim == 0 or array.shape[-1] != columns:
         raise ValueError(f"{name}: expected shape (..., {columns}), got shape {array.shape}")

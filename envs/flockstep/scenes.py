@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Sequence
 from functools import partial
 from os import PathLike
 from pathlib import Path
@@ -11,7 +11,6 @@ from typing import Any, TypeAlias
 
 from flockstep import _core
 from flockstep._core import World
-from flockstep.nearest_name import did_you_mean
 
 #: One world: the object, its name or its path.
 WorldLike: TypeAlias = World | str | PathLike[str]
@@ -61,13 +60,8 @@ def find(source: str | PathLike[str]) -> Path | World:
     FileNotFoundError
         The path's file does not exist.
     ValueError
-        The source is neither a bundled name nor a path; the message lists the valid names.
+        The source is neither a bundled name nor a path; the message suggests similar names.
     """
-    return _found(source, ())
-
-
-def _found(source: str | PathLike[str], sets: Iterable[str]) -> Path | World:
-    """Return what `find` does. ``sets``: the names of sets that the caller accepts, too, for the message."""
     if isinstance(source, str) and source in GENERATED:
         return GENERATED[source]()
     if isinstance(source, str) and (seeded := _SEEDED.fullmatch(source)) and seeded[1] in GENERATORS and not seeded[3]:
@@ -79,14 +73,7 @@ def _found(source: str | PathLike[str], sets: Iterable[str]) -> Path | World:
         return path
     if isinstance(source, str) and _BUNDLED.fullmatch(source) and (file := directory() / f"{source}.json").is_file():
         return file
-    seeded = _SEEDED.fullmatch(str(source))
-    hint = did_you_mean(seeded[1], GENERATORS) if seeded else did_you_mean(source, [*names(), *sets])
-    either = f"one of the sets {', '.join(sets)}, or " if sets else "or "
-    raise ValueError(
-        f"unknown scene {str(source)!r}: expected the path of a .json, .gltf, .glb, .obj or .ply file, "
-        f"a generator and its seed such as 'forest/seed-7' (of {', '.join(GENERATORS)}), {either}"
-        f"one of {', '.join(names())}{hint}"
-    )
+    raise ValueError(_core._unknown_scene(str(source), names()))
 
 
 def load(worlds: WorldsLike) -> list[World]:
@@ -118,7 +105,7 @@ def load(worlds: WorldsLike) -> list[World]:
             raise TypeError(f"worlds: expected a name, a path or a World, got {type(source).__name__}")
         members = (SETS.get(source) or _seeded(source) or (source,)) if isinstance(source, str) else (source,)
         for member in members:
-            key = member if member in GENERATED or _seeded(member) else _found(member, SETS)
+            key = member if member in GENERATED or _seeded(member) else find(member)
             if key not in loaded:
                 loaded[key] = World.load(str(key))
             result.append(loaded[key])

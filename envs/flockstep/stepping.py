@@ -12,6 +12,9 @@ import numpy.typing as npt
 from gymnasium.error import ResetNeeded
 from gymnasium.vector import AutoresetMode, VectorEnv
 
+from flockstep.arrays import refuse_masked
+from flockstep.errors import ClosedError
+
 Array: TypeAlias = npt.NDArray[Any]
 BoolArray: TypeAlias = npt.NDArray[np.bool_]
 #: An array, or a dict of arrays if the task observes several fields.
@@ -223,9 +226,9 @@ def infos_of(env: SteppedEnv, ended: BoolArray) -> dict[str, Any]:
 
 
 def require_open(env: SteppedEnv) -> None:
-    """Raise RuntimeError if the env is closed."""
+    """Raise ClosedError, which is a RuntimeError, if the env is closed."""
     if env.closed:
-        raise RuntimeError("this env is closed")
+        raise ClosedError("this env is closed")
 
 
 def require_reward_scale(scale: Any) -> float:
@@ -239,6 +242,7 @@ def seeds_of(env: SteppedEnv, seed: int | Sequence[int] | None) -> npt.NDArray[n
     """Return the seeds (E,) of an env's reset, or None, and seed its `np_random`."""
     if seed is None:
         return None
+    refuse_masked("seed", seed)
     if isinstance(seed, (bool, np.bool_)) or not isinstance(seed, (int, np.integer, Sequence, np.ndarray)):
         raise TypeError(f"seed: expected an integer, {env.num_groups} integers or None, got {seed!r}")
     if isinstance(seed, (int, np.integer)):
@@ -273,6 +277,7 @@ def reset_mask(env: SteppedEnv, options: Mapping[str, Any] | None, of_drones: bo
     mask = None if options is None else options.get("reset_mask")
     if mask is None:
         return None
+    refuse_masked("options['reset_mask']", mask)
     if not isinstance(mask, np.ndarray) or mask.dtype != np.bool_ or mask.shape != (env.num_envs,):
         got = f"{mask.dtype} {mask.shape}" if isinstance(mask, np.ndarray) else type(mask).__name__
         raise ValueError(f"options['reset_mask']: expected a bool array of shape ({env.num_envs},), got {got}")

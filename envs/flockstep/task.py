@@ -35,6 +35,7 @@ from flockstep._core import (
     TaskSpec,
     World,
 )
+from flockstep.arrays import refuse_masked
 from flockstep.nearest_name import did_you_mean
 from flockstep.rotations import Array, rotate
 
@@ -83,7 +84,8 @@ class Task:
     lights
         Lights of which each episode of an env draws one, a `Light` or a sequence. Default: the lights of the worlds.
     worlds
-        Default worlds of envs with this task, in a form that `DroneVectorEnv` accepts. Default: ``"train"``.
+        Default worlds of envs with this task, in a form that `DroneVectorEnv` accepts. Default: none, so that envs need
+        ``worlds``.
     drone, dynamics, clock
         Defaults of envs with this task: a `DroneModel` or an argument of `DroneModel.load`, a `DynamicsConfig` and a
         `ClockConfig`. Default: the 650-class quadrotor, kinematic, at 10 Hz.
@@ -332,6 +334,7 @@ class TaskCalls:
         self.observation_spaces = boxes
         self._has_curriculum = type(task).curriculum is not Task.curriculum
         self._has_scored = False  # the curriculum has not been called since
+        self._unchecked = 2  # observations to compare with their space: those of the first reset and the first step
         self._is_dict = isinstance(space, spaces.Dict)
         self._task = task
 
@@ -445,7 +448,14 @@ class TaskCalls:
         return observation
 
     def _observed(self) -> tuple[Array, ...]:
-        observation = self._task.observe(self._task._own_batch())
+        observed = self._parts_of(self._task.observe(self._task._own_batch()))
+        if self._unchecked > 0:
+            self._unchecked -= 1
+            for (name, space), part in zip(self.observation_spaces.items(), observed, strict=True):
+                self._warn_beyond(f"observe: {name}" if self._is_dict else "observe", space, part)
+        return observed
+
+    def _parts_of(self, observation: Any) -> tuple[Array, ...]:
         if not self._is_dict:
             return (self._checked("observe", observation, self.observation_spaces["observation"]),)
         if not isinstance(observation, Mapping) or set(observation) != set(self.observation_spaces):
@@ -455,6 +465,21 @@ class TaskCalls:
         return tuple(
             self._checked(f"observe: {name}", observation[name], part) for name, part in self.observation_spaces.items()
         )
+
+    def _warn_beyond(self, what: str, space: spaces.Box, part: Array) -> None:
+        """Warn of the first number outside its space. Numbers that are not finite are reported by `report`."""
+        beyond = np.argwhere((part < space.low) | (part > space.high))
+        beyond = beyond[np.isfinite(part[tuple(beyond.T)])]
+        if len(beyond):
+            env, *at = beyond[0].tolist()
+            low, high = space.low[tuple(at)], space.high[tuple(at)]
+            warnings.warn(
+                f"{_name(self._task)}.{what}: expected numbers in [{low}, {high}], as the space says, got "
+                f"{part[tuple(beyond[0])]} in env {env}" + (f" at index {at}" if at else ""),
+                RuntimeWarning,
+                stacklevel=2,
+            )
+            self._unchecked = 0
 
     def state(self) -> bytes:
         """Return the task's part of a snapshot: names and arrays, one after another in NumPy's own format."""
@@ -503,18 +528,12 @@ class TaskCalls:
 
     def _flags(self, name: str, value: Any) -> BoolArray:
         array = self._row(name, value)
-        flags = array.astype(bool, copy=False)
-        if array.dtype.kind == "f" and np.any(array != flags):
-            env = int(np.flatnonzero(array != flags)[0])
-            got = f"{array[env]} in env {env}"
-            raise ValueError(f"{_name(self._task)}.step: expected {name} to be bool, got {got}")
-        return flags
+        if array.dtype != np.bool_:
+            raise ValueError(f"{_name(self._task)}.step: expected {name} to be bool, got {array.dtype}")
+        return array
 
     def _refuse_masked(self, what: str, value: Any) -> None:
-        if isinstance(value, np.ma.MaskedArray):
-            raise ValueError(
-                f"{_name(self._task)}.{what}: expected an array without a mask, got a masked array: call filled() first"
-            )
+        refuse_masked(f"{_name(self._task)}.{what}", value)
 
     def _checked(self, what: str, value: Any, space: spaces.Box) -> Array:
         self._refuse_masked(what, value)
@@ -597,8 +616,8 @@ def _refuse_misspelt(task: Task) -> None:
         meant = next((other for other in known if other not in own and _is_near(name, value, other)), None)
         if meant is not None:
             raise TypeError(
-                f"{_name(task)}.{name}: expected a name of Task, or a clearly different one, got {name!r}. "
-                f"Did you mean {meant!r}? If not, begin it with an underscore; an attribute may be set in setup instead"
+                f"{_name(task)}.{name} resembles a name of Task. Did you mean {meant!r}? If not, begin it with "
+                "an underscore; an attribute may be set in setup instead"
             )
 
 
@@ -610,11 +629,28 @@ def _is_near(name: str, value: Any, meant: str) -> bool:
             return True
         if needed < 2 or needed != _count_parameters(value):
             return False  # it could not be called in place of the other method
+    elif _has_words_of(name, meant) or _OTHER_NAMES.get(name) == meant:
+        return True
     elif meant == "step_m" or name.strip("_").count("_") > meant.count("_"):
         return _letters(name) == _letters(meant)  # lidar_m or step_ms may be a quantity with its unit
     a, b = (_letters(text).removesuffix("s") for text in (name, meant))
     # A word that begins with another letter is another word: flight is no misspelt light.
     return sorted(a) == sorted(b) or (a[:1] == b[:1] and difflib.SequenceMatcher(None, a, b).ratio() > 0.88)
+
+
+#: Names that other packages give to attributes of tasks.
+_OTHER_NAMES = dict.fromkeys(
+    ("episode_length", "max_episode_length", "max_ep_len", "time_limit", "horizon"), "max_episode_steps"
+)
+
+
+def _has_words_of(name: str, meant: str) -> bool:
+    """Return whether a name leaves out or shortens words of the intended one, as in max_steps and max_ep_steps."""
+    words, known = name.lower().split("_"), meant.split("_")
+    if len(words) < 2 or not (known[0].startswith(words[0]) and known[-1].startswith(words[-1])):
+        return False
+    left = iter(known)
+    return all(len(word) > 1 and any(other.startswith(word) for other in left) for word in words)
 
 
 def _count_parameters(function: Any) -> int | None:

@@ -45,6 +45,7 @@ from flockstep._core import (
     task_defaults,
 )
 from flockstep.drone_mesh import DroneMesh
+from flockstep.errors import ClosedError
 from flockstep.nearest_name import did_you_mean
 from flockstep.pictures import views
 from flockstep.pictures.flight_overlay import FlightOverlay, GoalOverlay, PlaceOverlay, RaceOverlay
@@ -163,14 +164,14 @@ if TYPE_CHECKING:
 
 
 if TYPE_CHECKING:
-    _TaskConfig = HoverConfig | TrackConfig | RaceConfig | DodgeConfig | SwapConfig | FormationConfig
+    _TaskConfig = NavigationConfig | HoverConfig | TrackConfig | RaceConfig | DodgeConfig | SwapConfig | FormationConfig
 _Sensor = TypeVar("_Sensor")
 _Config = TypeVar("_Config")
 
 #: Configurations whose fields are keywords of the env: those for every task, then those for one task each.
 _CONFIGS_OF_ALL: tuple[Any, ...] = (EpisodeConfig, ClockConfig, DynamicsConfig)
 _CONFIGS_OF_TASKS: dict[Any, str] = {config: name for name, config in engine_tasks.items()}
-_TASK_CONFIGS: tuple[Any, ...] = tuple(config for config in engine_tasks.values() if config is not NavigationConfig)
+_TASK_CONFIGS: tuple[Any, ...] = tuple(engine_tasks.values())
 
 
 class DroneVectorEnv(VectorEnv[Observation, Array, Array]):
@@ -198,16 +199,17 @@ class DroneVectorEnv(VectorEnv[Observation, Array, Array]):
     Parameters
     ----------
     num_envs
-        Number of envs, E; also the number of drones if ``drones_per_env`` is 1.
+        Number of envs, E; also the number of drones if ``drones_per_env`` is 1. With several drones per env the
+        attribute of this name is another number, see there.
     worlds
         A set of `flockstep.scenes` (``"train"``, ``"validation"``), a scene name, a path, a `World`, or a sequence of
         these; or a `WorldPool`, from which each episode draws one. Default: ``"train"``, or ``"camera-train"`` for
         camera tasks; a `Task` declares its own.
     task
-        A task other than navigation: a `HoverConfig`, `TrackConfig`, `RaceConfig`, `DodgeConfig`, `SwapConfig` or
-        `FormationConfig`, your own `Task` (an object, or its class), or a `NativeTask` in C++. With
-        `gymnasium.make_vec`, the time limit registered for the env's id applies, unless ``max_episode_steps`` is also
-        given.
+        A `NavigationConfig`, `HoverConfig`, `TrackConfig`, `RaceConfig`, `DodgeConfig`, `SwapConfig` or
+        `FormationConfig`, your own `Task` (an object, or its class), or a `NativeTask` in C++. Default: navigation, by
+        keywords. With `gymnasium.make_vec`, the time limit registered for the env's id applies, unless
+        ``max_episode_steps`` is also given.
     observation
         Observation of the navigation task: ``"goal"``, ``"blob"`` or ``"pixels"``.
     lidar
@@ -321,15 +323,15 @@ class DroneVectorEnv(VectorEnv[Observation, Array, Array]):
     ----------
     num_envs
         Number of rows of actions, observations and rewards: N = E M drones, or E envs for a task whose ``row_kind`` is
-        ``"env"``.
+        ``"env"``. Gymnasium and trainers count these as envs. `num_rows` is the same.
     num_groups
-        Number of envs, E. Drones of a group share a world and a seed.
+        Number of envs, E, the argument ``num_envs``. Drones of a group share a world and a seed.
     drones_per_env
         Number of drones in each group, M.
     batch
         The `Batch` that simulates the drones; `close` releases it.
     task
-        The given task, with fields set by keywords; None is the navigation task.
+        The given task, with fields set by keywords; None is the navigation task by keywords.
     lidar
         The first `LidarConfig` in use, or None.
     lidars
@@ -459,6 +461,9 @@ class DroneVectorEnv(VectorEnv[Observation, Array, Array]):
             recipe.lights = _listed(lights, Light, "lights")
         if worlds is None:
             worlds = self.task.worlds if isinstance(self.task, Task) else recipe.worlds
+            if worlds is None:
+                name = type(self.task).__name__
+                raise ValueError(f"{name} declares no worlds: set {name}.worlds = 'train', or pass worlds=")
         recipe.worlds = _names(worlds)
         self._recipe = recipe
         self.lidars, self.cameras = recipe.lidars, recipe.cameras
@@ -528,9 +533,7 @@ class DroneVectorEnv(VectorEnv[Observation, Array, Array]):
         recipe.check_access(scenes.directory(), allow_files, max_worlds)
         task = recipe.task
         given: dict[str, Any] = {"task": task} if isinstance(task, _TASK_CONFIGS) else {}
-        if isinstance(task, NavigationConfig):
-            given = {name: getattr(task, name) for name in NavigationConfig.__match_args__}
-        elif isinstance(task, str):
+        if isinstance(task, str):
             given = {"task": _registered(task)}
         for config in (recipe.episode, recipe.clock, recipe.dynamics):
             given |= {name: getattr(config, name) for name in config.__match_args__}
@@ -550,6 +553,11 @@ class DroneVectorEnv(VectorEnv[Observation, Array, Array]):
         given |= {"bodies": recipe.bodies, "max_bodies": recipe.max_bodies, "lights": recipe.lights}
         given |= {"meet": recipe.meet, "drone_mesh": recipe.drone_mesh}
         return cls(**{**given, **keywords})
+
+    @property
+    def num_rows(self) -> int:
+        """Number of rows of actions, observations and rewards, the attribute `num_envs`."""
+        return self.num_envs
 
     @property
     def recipe(self) -> Recipe:
@@ -612,7 +620,7 @@ class DroneVectorEnv(VectorEnv[Observation, Array, Array]):
         """
         mask = stepping.reset(self, seed, options)
         if self.closed:
-            raise RuntimeError("the task closed this env during reset(): close it after reset() has returned")
+            raise ClosedError("the task closed this env during reset(): close it after reset() has returned")
         if self.trail is not None:
             self.trail.record(True if mask is None else np.repeat(mask, self.batch.num_drones // len(mask)))
         return stepping.returned(self, self.observation()), {}
@@ -646,7 +654,7 @@ class DroneVectorEnv(VectorEnv[Observation, Array, Array]):
     def render(
         self, indices: int | Sequence[int] | npt.NDArray[np.integer[Any]] | None = None
     ) -> tuple[npt.NDArray[np.uint8], ...] | None:
-        """Return pictures, (height, width, 3) uint8 each, or None without a render mode.
+        """Return pictures, (height, width, 3) uint8 each; without a render mode None, with a warning as Gymnasium's.
 
         Parameters
         ----------
@@ -660,6 +668,7 @@ class DroneVectorEnv(VectorEnv[Observation, Array, Array]):
         """
         self._require_open()
         if self._view is None:
+            gymnasium.logger.warn("render() returns None: for pictures, make the env with render_mode='rgb_array'")
             return None
         chosen = range(self.num_envs) if indices is None else selected(indices, self.num_envs)
         drones_per_row = self.drones_per_env // self._rows_per_env
@@ -787,6 +796,8 @@ def _recipe_for(
     own_task: NativeTask | PythonTask | None = None
     calls: TaskCalls | None = None
     if task is not None and observation != "goal":
+        if isinstance(task, NavigationConfig):
+            raise TypeError("observation: the NavigationConfig has its own: set NavigationConfig.observation")
         raise TypeError("observation: a keyword of the navigation task, but another task is given")
     if task is None:
         recipe = Recipe(_changed(NavigationConfig.observing(observation), chosen.get(NavigationConfig)))
@@ -889,7 +900,8 @@ def _by_config(fields: dict[str, Any], task: Any) -> dict[type, dict[str, Any]]:
             tasks = f"{', '.join(first)} and {last} tasks" if first else f"{last} task"
             raise TypeError(f"{name}: a keyword of the {tasks}, but another task is given")
         known = [*inspect.signature(DroneVectorEnv).parameters, *(n for c in configs for n in c.__match_args__)]
-        raise TypeError(_unexpected_keyword("DroneVectorEnv.__init__", name, known))
+        text = _unexpected_keyword("DroneVectorEnv.__init__", name, known)
+        raise TypeError(f"{text}: pass it to reset(seed=...)" if name == "seed" else text)
     return chosen
 
 
@@ -923,7 +935,11 @@ def _listed(given: Any, kind: type[_Sensor], name: str) -> list[_Sensor]:
     configs = list(given) if isinstance(given, Sequence) and not isinstance(given, str) else [given]
     for config in configs:
         if not isinstance(config, kind):
-            raise TypeError(f"{name}: expected a flockstep.{kind.__name__} or a sequence of them, got {config!r}")
+            hint = ""
+            if isinstance(config, dict):
+                fields = ", ".join(f"{field}={value!r}" for field, value in config.items())
+                hint = f": write flockstep.{kind.__name__}({fields})"
+            raise TypeError(f"{name}: expected a flockstep.{kind.__name__} or a sequence of them, got {config!r}{hint}")
     return [copied(config) for config in configs]
 
 

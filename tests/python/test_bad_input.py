@@ -2,6 +2,7 @@
 
 import re
 
+import gymnasium
 import numpy as np
 import pytest
 
@@ -79,7 +80,7 @@ def test_continuous_actions_must_have_their_shape_and_dtype(room):
         ([[0, 0, 1], [np.inf, 0, 0]], None, None, r"position \(row 1\).*finite.*inf"),
         ([[0, 0, BIG]] * 2, None, None, "position.*finite"),
         ([[0, 0]] * 2, None, None, r"position.*shape \(2, 3\).*\(2, 2\)"),
-        ([[0, 0, 1]], None, None, "position.*shape"),
+        ([[0, 0, 1]] * 3, None, None, "position.*shape"),
         (["abc"] * 2, None, None, "position"),
         (None, [[0, 0, 0, 0]] * 2, None, r"quat_wxyz \(row 0\).*unit.*0"),
         (None, [[1, 0, 0, 0], [2, 0, 0, 0]], None, r"quat_wxyz \(row 1\).*unit.*2"),
@@ -364,3 +365,46 @@ def test_step_before_reset(room):
     batch = flockstep.Batch([room], lidar=flockstep.LidarConfig(), task=flockstep.NavigationConfig())
     with pytest.raises(RuntimeError, match="reset"):
         batch.step([0])
+
+
+def masked(*shape, dtype=np.float32):
+    return np.ma.masked_less(np.ones(shape, dtype), 2)
+
+
+@pytest.mark.parametrize(
+    ("call", "field"),
+    [
+        (lambda b: b.step(masked(2, dtype=int)), "actions"),
+        (lambda b: b.set_pose(masked(2, 3)), "position"),
+        (lambda b: b.set_pose(masked(3)), "position"),
+        (lambda b: b.move(quat_wxyz=masked(2, 4)), "quat_wxyz"),
+        (lambda b: b.sense(masked(2, dtype=bool)), "mask"),
+        (lambda b: b.remove(masked(1, dtype=int)), "indices"),
+        (lambda b: b.set_light(sun_color=(0.5, 0.5, 0.5), envs=masked(2, dtype=bool)), "envs"),
+        (lambda b: flockstep.LidarConfig(offset_m=masked(3)), "offset_m"),
+        (lambda b: flockstep.LidarConfig(azimuth_deg=masked(3)), "azimuth_deg"),
+        (lambda b: flockstep.color_blob(masked(8, 8, 3, dtype=np.uint8), flockstep.ColorRange()), "image"),
+        (lambda b: flockstep.rotations.yaw_of(masked(4)), "quat_wxyz"),
+        (lambda b: flockstep.rotations.quat_from_rpy(masked(3)), "rpy"),
+    ],
+)
+def test_a_masked_array_is_refused(batch, call, field):
+    refused(batch, lambda: call(batch), f"{field}.*: expected an array without a mask, got a masked array")
+
+
+def test_a_masked_array_is_refused_by_environments(room):
+    envs = flockstep.DroneVectorEnv(2, worlds=room, autoreset_mode="disabled")
+    envs.reset(seed=0)
+    parallel = flockstep.parallel_env(num_drones=1, worlds=room, random_start=True)
+    parallel.reset(seed=0)
+    single = gymnasium.make("flockstep/LidarNavigation-v0", worlds=room, action="displacement").unwrapped
+    single.reset(seed=0)
+    for call, field in (
+        (lambda: envs.step(masked(2, dtype=int)), "actions"),
+        (lambda: envs.reset(options={"reset_mask": masked(2, dtype=bool)}), r"options\['reset_mask'\]"),
+        (lambda: envs.reset(seed=masked(2, dtype=int)), "seed"),
+        (lambda: parallel.step({"drone_0": masked(dtype=int)}), r"actions\['drone_0'\]"),
+        (lambda: single.step(masked(3)), "action"),
+    ):
+        with pytest.raises(ValueError, match=f"^{field}: expected an array without a mask"):
+            call()

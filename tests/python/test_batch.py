@@ -435,3 +435,14 @@ def test_rays_through_embree_are_counted():
         pictures.sense()
         # Shadow rays towards the sun; the primary rays use tiles.
         assert pictures.embree_rays == (64 * 64 if triangles else 0)
+
+
+def test_one_or_several_of_each_sensor(room):
+    camera, light = flockstep.CameraConfig(name="a"), flockstep.Light()
+    for keywords in ({"camera": camera}, {"camera": [camera]}, {"cameras": camera}, {"cameras": (camera,)}):
+        assert [config.name for config in flockstep.Batch([room], **keywords).cameras] == ["a"]
+    assert flockstep.Batch([room], camera=None, cameras=None, bodies=None, lights=None).cameras == []
+    one = flockstep.Batch([room], bodies=flockstep.BodyConfig(), lights=light)
+    assert len(one.bodies) == 1
+    with pytest.raises(TypeError, match="camera: expected None with cameras, another name of it"):
+        flockstep.Batch([room], camera=camera, cameras=camera)

@@ -4,6 +4,7 @@ import pickle
 
 import numpy as np
 import pytest
+from gymnasium import spaces
 
 import flockstep
 from flockstep import BodyConfig, BodyMotion
@@ -100,7 +101,7 @@ class TestArrays:
         batch = batch_with([])
         assert len(batch.bodies) == 0
         assert batch.bodies.position.shape == (1, 0, 3)
-        with pytest.raises(ValueError, match="max_bodies: expected at least 1 when the batch is made"):
+        with pytest.raises(ValueError, match="no slots for bodies: make it with max_bodies=1 or more"):
             batch.bodies.spawn(BodyConfig())
 
 
@@ -211,6 +212,8 @@ class TestRefusals:
             ({"kind": "waypoints"}, "body.motion.points_m: expected at least two points"),
             ({"kind": "waypoints", "points_m": [[0, 0, 0], [0, 0, 0]]}, r"body.motion.points_m\[1\]: expected another"),
             ({"kind": "hinge", "axis": [0, 0, 0]}, "body.motion.axis: expected a direction"),
+            ({"kind": "hinge", "axis": [1e-40, 0, 0]}, "a direction of a length of at least 1e-06, got 9.99"),
+            ({"kind": "orbit", "axis": [1e-7, 0, 0]}, "a direction of a length of at least 1e-06"),
             ({"kind": "orbit", "period_s": 0}, "body.motion.period_s: expected"),
             ({"velocity_mps": [1e9, 0, 0]}, r"body.motion.velocity_mps\[0\]: expected"),
             ({"kind": "random_walk", "box_min_m": [1, 0, 0]}, r"body.motion.box_max_m\[0\]: expected at least"),
@@ -357,7 +360,7 @@ class TestContacts:
 class Seek(flockstep.Task):
     """Fly ahead among bodies that the task throws."""
 
-    observation_space = flockstep.DroneVectorEnv(1).single_observation_space
+    observation_space = spaces.Box(-100, 100, (38,), np.float32)
     lidar = flockstep.LidarConfig()
     worlds = "train"
     max_episode_steps = 30

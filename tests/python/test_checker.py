@@ -10,6 +10,7 @@ from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space
 
 import flockstep
+from flockstep.rotations import quat_from_rpy
 from flockstep.testing import CHECKS, check_vector_env
 
 NEXT, SAME, DISABLED = AutoresetMode.NEXT_STEP, AutoresetMode.SAME_STEP, AutoresetMode.DISABLED
@@ -375,7 +376,7 @@ def test_the_checker_reports_errors_of_the_draw_method(room, keywords):
 def test_a_part_of_an_observation_beyond_its_bounds_is_named(room):
     found = type("Beyond", (Named,), {"beyond": 1.5})
     said = r"^reset: observation\['up'\] is not in .* expected numbers in \[0.0, 1.0\], got 1.5 in env 0; 4 of 4 lie"
-    with pytest.raises(AssertionError, match=said):
+    with pytest.raises(AssertionError, match=said), pytest.warns(RuntimeWarning, match="Beyond.observe: up: expected"):
         check_vector_env(lambda n: flockstep.DroneVectorEnv(n, worlds=room, task=found))
 
 
@@ -409,6 +410,28 @@ def test_a_view_of_the_batch_that_a_task_keeps_is_named(room, kept):
         AssertionError, match=r"^Trap\.before is a view of the batch, .* keep a copy, such as self\.before ="
     ):
         check(task)
+
+
+class Turning(Named):
+    """Turns with its actions. `reset` places the drones without an attitude."""
+
+    action_space = spaces.Box(-1, 1, (3,), np.float32)
+    observation_space = spaces.Box(-np.inf, np.inf, (14,), np.float32)
+    max_episode_steps = 5
+
+    def reset(self, batch, mask):
+        batch.set_pose([2, 2, 1], rows=batch.rows)
+
+    def act(self, batch, actions):
+        return batch.position.copy(), quat_from_rpy(actions)
+
+    def observe(self, batch):
+        return np.concatenate([batch.position, batch.rotation.reshape(-1, 9), np.zeros((batch.num_drones, 2))], axis=1)
+
+
+def test_the_attitude_that_a_reset_forgets_is_named(room):
+    with pytest.raises(AssertionError, match=r"the drones have another rotation \(batch\.rotation, rows"):
+        check_vector_env(lambda n: flockstep.DroneVectorEnv(n, worlds=room, task=Turning))
 
 
 def test_several_worlds_differ_by_design_and_the_check_says_so(room, closet):

@@ -4,6 +4,7 @@ import math
 
 import numpy as np
 import pytest
+from gymnasium import spaces
 from rigid_body import FRAMES, OPEN, batch_of, frame, plain
 
 import flockstep
@@ -149,8 +150,12 @@ def test_angles(control, column, most, named):
         match = rf"command \(row 1\): expected {named}, got {command[column]:g}"
         refused(lambda: batch.fly(rows(command)), match)
     assert batch.snapshot() == before
-    command[column] = -most
+    command[column] = -most if most < 4 else -12
     batch.fly(rows(command))
+    if most > 4:
+        command[column] = -most
+        with pytest.warns(RuntimeWarning, match=r"^command \(row 1\): a yaw of -10000 rad is more than two turns"):
+            batch.fly(rows(command))
 
 
 @pytest.mark.parametrize("control", ["rotor_speeds", "body_rates", "velocity", "heading_velocity"])
@@ -430,3 +435,77 @@ def test_scaled(factor, value):
 def test_unknown_frames():
     refused(lambda: flockstep.DroneModel.load("x501"), 'expected one of crazyflie.*path of a file.*got "x501"')
     refused(lambda: flockstep.DroneModel.load("none.json"), "none.json: cannot read a drone file")
+
+
+def test_a_drone_is_placed_level_unless_an_attitude_is_given():
+    batch = made({"control": "rotor_thrusts"}, {"physics_hz": 500})
+    tilted = [0.6, 0, 0.8, 0]
+    for place in ({"position": [1, 2, 5]}, {"position": [[1, 2, 5]], "rows": [0]}, {"mask": [True]}):
+        batch.set_pose([1, 2, 5], tilted)
+        for _ in range(5):
+            batch.fly([[0, 9, 0, 9]])
+        assert batch.rotation[0, 2, 2] < 0.9
+        position = batch.position.copy()
+        batch.set_pose(**place)
+        np.testing.assert_array_equal(batch.quat_wxyz, [[1, 0, 0, 0]])
+        np.testing.assert_array_equal(batch.position, [[1, 2, 5]] if "position" in place else position)
+        assert not batch.velocity.any() and not batch.angular_velocity.any()
+
+
+def test_a_kinematic_drone_keeps_its_attitude():
+    batch = flockstep.Batch([OPEN], 1)
+    batch.set_pose([1, 2, 5], [0.6, 0, 0.8, 0])
+    batch.set_pose([2, 2, 5])
+    np.testing.assert_array_equal(batch.quat_wxyz, np.float32([[0.6, 0, 0.8, 0]]))
+
+
+def test_one_row_places_all_drones():
+    dynamics = flockstep.DynamicsConfig(motion="rotors", control="velocity")
+    for keywords in ({}, {"dynamics": dynamics, "clock": flockstep.ClockConfig(policy_hz=50)}):
+        batch = flockstep.Batch([OPEN], 3, **keywords)
+        for row in (lambda values: values, lambda values: [values], lambda values: [values] * 3):
+            batch.set_pose(row([1, 2, 5]), row([0.6, 0, 0, 0.8]))
+            np.testing.assert_array_equal(batch.position, [[1, 2, 5]] * 3)
+            np.testing.assert_array_equal(batch.quat_wxyz, np.float32([[0.6, 0, 0, 0.8]] * 3))
+            batch.set_pose([0, 0, 0], rows=[1, 2])
+            np.testing.assert_array_equal(batch.position, [[1, 2, 5], [0, 0, 0], [0, 0, 0]])
+    batch.set_velocity([1, 0, 0])
+    np.testing.assert_array_equal(batch.velocity, [[1, 0, 0]] * 3)
+    for wrong in ([1, 2], [[[1, 2, 3]]], [[1, 2, 3]] * 2, []):
+        refused(lambda wrong=wrong: batch.set_pose(wrong), r"position: expected shape \(3, 3\), got shape")
+
+
+def test_a_yaw_that_may_be_in_degrees_warns_once():
+    batch = made({"control": "attitude"})
+    batch.set_pose([0, 0, 5])
+    batch.fly([[9.81, 0, 0, -12]])  # an accumulated yaw
+    said = r"^command \(row 0\): a yaw of 45 rad is more than two turns: is it in degrees\?$"
+    with pytest.warns(RuntimeWarning, match=said):
+        batch.fly([[9.81, 0, 0, 45]])
+    batch.fly([[9.81, 0, 0, 45]])
+
+
+class Attitude(flockstep.Task):
+    observation_space = spaces.Box(-np.inf, np.inf, (3,), np.float32)
+    dynamics = flockstep.DynamicsConfig(motion="rotors", control="attitude")
+    clock = flockstep.ClockConfig(policy_hz=50)
+
+    def reset(self, batch, mask):
+        batch.set_pose([0, 0, 5], mask=mask)
+
+    def act(self, batch, actions):
+        return np.tile(np.float32([9.81, 0, 0, 90]), (batch.num_drones, 1))
+
+    def step(self, batch):
+        return np.zeros(batch.num_drones), batch.contact.hit
+
+    def observe(self, batch):
+        return batch.position
+
+
+def test_a_yaw_that_a_task_returns_in_degrees_warns_once():
+    envs = flockstep.DroneVectorEnv(2, task=Attitude, worlds=OPEN)
+    envs.reset(seed=0)
+    with pytest.warns(RuntimeWarning, match=r"^act: command \(row 0\): a yaw of 90 rad is more than two turns"):
+        envs.step(np.zeros((2, 3), np.float32))
+    envs.step(np.zeros((2, 3), np.float32))

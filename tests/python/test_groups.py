@@ -139,7 +139,7 @@ def test_an_episode_ends_for_all_drones_of_an_env() -> None:
 
 def test_a_bad_state_ends_the_episode_of_its_env_only() -> None:
     class Faulty(flockstep.Task):
-        observation_space = gymnasium.spaces.Box(-10, 10, (3,), np.float32)
+        observation_space = gymnasium.spaces.Box(-20, 20, (3,), np.float32)
         worlds = "train"
 
         def step(self, batch: flockstep.Batch) -> tuple[Any, Any]:

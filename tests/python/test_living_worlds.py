@@ -54,8 +54,9 @@ class TestWorlds:
         assert [body.shape for body in changed.bodies] == ["sphere"]
         assert changed.with_light(gamma=1.5).bodies[0].shape == "sphere"
         assert changed.with_bodies([]).to_dict() == world().to_dict()
-        with pytest.raises(TypeError, match=r"bodies: expected a sequence of flockstep\.BodyConfig objects"):
-            changed.with_bodies(ball)
+        assert world().with_bodies(ball).to_dict() == changed.to_dict()
+        with pytest.raises(TypeError, match=r"bodies: expected a flockstep\.BodyConfig, None or a sequence of"):
+            changed.with_bodies("ball")
         with pytest.raises(ValueError, match="bodies: expected at most 4096 of them, got 4097"):
             changed.with_bodies([BodyConfig()] * 4097)
 

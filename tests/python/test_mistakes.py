@@ -1,6 +1,7 @@
 """Common beginners' mistakes: each error names the mistake and the closest correct choice."""
 
 import copy
+import functools
 import pickle
 import re
 
@@ -8,6 +9,7 @@ import gymnasium
 import numpy as np
 import pytest
 import torch
+from gymnasium import spaces
 
 import flockstep
 from flockstep import DroneVectorEnv
@@ -50,8 +52,8 @@ ID = "flockstep/LidarNavigation-v0"
             "DroneVectorEnv.__init__() got an unexpected keyword argument 'hold_x'. Did you mean 'hold_s'?",
         ),
         (
-            lambda: flockstep.Batch([flockstep.World.playground(0)], cameras=flockstep.CameraConfig()),
-            "cameras: expected a sequence of flockstep.CameraConfig objects, got CameraConfig(",
+            lambda: flockstep.Batch([flockstep.World.playground(0)], camera=3),
+            "camera: expected a flockstep.CameraConfig, None or a sequence of flockstep.CameraConfig objects, got 3",
         ),
         (
             lambda: flockstep.Batch([flockstep.World.playground(0)], "4"),
@@ -118,8 +120,6 @@ def with_a_material(room):
 @pytest.mark.parametrize(
     ("call", "meant"),
     [
-        (lambda room: flockstep.World.load("playgrund/train-1"), "'playground/train-1'"),
-        (lambda room: flockstep.scenes.load("trian"), "'train'"),
         (lambda room: flockstep.DroneModel.load("racer"), "racer5"),
         (lambda room: flockstep.DynamicsConfig(motion="rotor"), "rotors"),
         (lambda room: flockstep.CameraConfig(outputs=["dept"]), "depth"),
@@ -136,6 +136,102 @@ def with_a_material(room):
 def test_misspelt_names(call, meant, room):
     with pytest.raises((ValueError, AttributeError), match=re.escape(f". Did you mean {meant}?") + "$"):
         call(room)
+
+
+@pytest.mark.parametrize(
+    ("name", "meant"),
+    [
+        ("warehouse", "'indoor/warehouse', 'race/warehouse' or 'warehouse/seed-0'"),
+        ("forrest", "'outdoor/forest' or 'forest/seed-0'"),
+        ("city", "'outdoor/city' or 'city/seed-0'"),
+        ("hall", "'arena/hall'"),
+        ("train-1", "'playground/train-1',"),
+        ("trian", "'train'"),
+        ("playgrund/train-1", "'playground/train-1',"),
+        ("living_ofice/seed-7", "'living_office/seed-0'"),
+    ],
+)
+def test_a_misspelt_scene(name, meant):
+    """The message compares with the last part of a name, and with generators."""
+    in_the_engine = functools.partial(flockstep._core.load_scene, folder=flockstep.scenes.directory())
+    for load in (flockstep.scenes.load, flockstep.World.load, flockstep.Batch, in_the_engine):
+        with pytest.raises(ValueError, match=re.escape(f"unknown scene '{name}'. Did you mean {meant}")) as raised:
+            load(name)
+        assert len(str(raised.value)) <= 200
+
+
+ROOM = flockstep.World.from_dict({"flockstep_scene": 1, "room": {"min": [0, 0, 0], "max": [9, 9, 9]}})
+
+
+class Homeless(flockstep.Task):
+    observation_space = spaces.Box(0, 9, (3,), np.float32)
+
+    def step(self, batch):
+        return np.zeros(batch.num_drones), batch.contact.hit
+
+    def observe(self, batch):
+        return batch.position
+
+
+def restored(**keywords):
+    envs = DroneVectorEnv(2, worlds=ROOM.with_drawn_markers(0))
+    envs.reset(seed=0)
+    DroneVectorEnv(2, worlds=ROOM.with_drawn_markers(0), **keywords).restore(envs.snapshot())
+
+
+@pytest.mark.parametrize(
+    ("call", "error", "said"),
+    [
+        (
+            lambda: DroneVectorEnv(task=Homeless),
+            ValueError,
+            "Homeless declares no worlds: set Homeless.worlds = 'train', or pass worlds=",
+        ),
+        (
+            lambda: flockstep.World.load("a.fbx"),
+            ValueError,
+            "'a.fbx': .fbx files are not supported: export glTF (.glb)",
+        ),
+        (
+            lambda: DroneVectorEnv.from_recipe('{"worlds": ["/etc/passwd"]}'),
+            ValueError,
+            'this recipe may only use bundled scenes and drones, not "/etc/passwd"; pass allow_files=True',
+        ),
+        (lambda: restored(policy_hz=20), ValueError, "got one that differs in clock.policy_hz"),
+        (lambda: restored(lidar=flockstep.LidarConfig(beams=7)), ValueError, "got one that differs in lidars"),
+        (lambda: restored(step_m=0.2), ValueError, "got one that differs in task"),
+        (
+            lambda: gymnasium.make(ID, num_envs=4),
+            TypeError,
+            "num_envs: gymnasium.make makes one env; for several, use gymnasium.make_vec",
+        ),
+        (lambda: flockstep.PPO("MlpPolicy", None, lr=1e-3), TypeError, "'lr'. Did you mean 'learning_rate'?"),
+        (lambda: DroneVectorEnv(seed=3), TypeError, "'seed': pass it to reset(seed=...)"),
+        (lambda: DroneVectorEnv(lidar={"beams": 10}), TypeError, ": write flockstep.LidarConfig(beams=10)"),
+        (lambda: flockstep.Batch([ROOM], lidar={"beams": 10}), TypeError, ": write flockstep.LidarConfig(beams=10)"),
+        (
+            lambda: flockstep.DynamicsConfig(wind={"gusts": 3}),
+            TypeError,
+            "write flockstep.WindConfig(gusts=3)",
+        ),
+        (lambda: DroneVectorEnv(worlds=ROOM), ValueError, "(world.with_drawn_markers(seed) draws them)"),
+        (
+            lambda: DroneVectorEnv(task=Homeless, worlds=ROOM).reset(),
+            ValueError,
+            "has no start marker, where Task.reset puts drones: draw markers by world.with_drawn_markers(seed)",
+        ),
+        (lambda: flockstep.CameraConfig(outputs="rgb"), TypeError, "got 'rgb': write ('rgb',)"),
+        (lambda: flockstep.World.from_dict({}), ValueError, 'found none: add "flockstep_scene": 1'),
+        (lambda: flockstep.Batch([ROOM]).restore(b"12345"), ValueError, "5 bytes are too few for a snapshot"),
+        (lambda: flockstep.PPO.load("no/model"), FileNotFoundError, "no such model file: no/model.zip"),
+        (lambda: flockstep.NativeTask("./fly.so"), FileNotFoundError, "no such shared library: './fly.so'"),
+        (lambda: flockstep.DroneModel.load("nix.json"), FileNotFoundError, "nix.json: cannot read a drone file"),
+    ],
+)
+def test_a_message_says_what_to_do(call, error, said):
+    with pytest.raises(error, match=re.escape(said)) as raised:
+        call()
+    assert len(str(raised.value)) <= 200 or "gymnasium.make" in said  # Gymnasium adds all keywords
 
 
 @pytest.mark.parametrize("count", ["4", 4.0, True, 0, None])

@@ -83,10 +83,12 @@ def test_a_snapshot_has_its_state(env_id):
 
 
 def test_other_files_than_libraries_are_refused(tmp_path):
-    for path, why in ((tmp_path / "none.so", "no such file"), (tmp_path, "not a regular file")):
-        for given in (path, str(path)):
-            with pytest.raises(ValueError, match=f"path: expected a shared library, got '{path}' .{why}"):
-                flockstep.NativeTask(given)
+    for given in (tmp_path, str(tmp_path)):
+        with pytest.raises(ValueError, match=f"path: expected a shared library, got '{tmp_path}' .not a regular file"):
+            flockstep.NativeTask(given)
+    for error in (FileNotFoundError, ValueError):
+        with pytest.raises(error, match=r"no such shared library: 'none\.so'"):
+            flockstep.NativeTask("none.so")
     text = tmp_path / "text.so"
     text.write_text("no library, though as long as the header of one is: " + 64 * ".")
     with pytest.raises(ValueError, match="not a 64-bit ELF file"):

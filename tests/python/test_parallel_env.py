@@ -137,7 +137,8 @@ def test_state_and_picture() -> None:
         last |= env.step(sampled(env))[0]
         np.testing.assert_array_equal(env.state(), np.concatenate([last[agent] for agent in env.possible_agents]))
     assert env.render().shape == (60, 80, 3)
-    assert make().render() is None
+    with pytest.warns(UserWarning, match="for pictures, make the env with"):
+        assert make().render() is None
     pixels = make("pixels")
     pixels.reset(seed=0)
     assert pixels.state() in pixels.state_space
@@ -201,3 +202,13 @@ def test_errors(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(builtins, "__import__", without)
     with pytest.raises(ImportError, match=r"needs PettingZoo: pip install 'flockstep\[pettingzoo\]'"):
         _ = flockstep.parallel_env
+
+
+def test_wrappers_have_random_numbers() -> None:
+    """As SuperSuit's frame_skip_v0 needs them."""
+    env = make()
+    drawn = []
+    for seed in (3, 3, 4):
+        env.reset(seed=seed)
+        drawn.append(int(env.unwrapped.np_random.integers(0, 1 << 30)))
+    assert drawn[0] == drawn[1] != drawn[2]

@@ -53,6 +53,9 @@ ROOM = flockstep.World.from_dict(
 REFUSED = r"expected a model that PPO\.save wrote"
 SMALL = {"n_steps": 8, "batch_size": 64, "n_epochs": 2, "seed": 1}
 NET = {"net_arch": [8]}
+
+# Most rollouts of these tests are smaller than a minibatch.
+pytestmark = pytest.mark.filterwarnings("ignore:batch_size. expected at most:UserWarning")
 OPTIONS = {"normalize_observations": True, "normalize_rewards": True}
 
 
@@ -128,11 +131,42 @@ def test_every_keyword_of_sb3_has_the_same_place_and_default():
     theirs = inspect.signature(SB3.__init__).parameters
     ours = inspect.signature(PPO.__init__).parameters
     assert list(ours)[: len(theirs)] == list(theirs)
-    assert all(parameter.kind is parameter.KEYWORD_ONLY for parameter in list(ours.values())[len(theirs) :])
+    kinds = [parameter.kind for parameter in list(ours.values())[len(theirs) :]]
+    assert set(kinds[:-1]) == {inspect.Parameter.KEYWORD_ONLY}
+    assert kinds[-1] is inspect.Parameter.VAR_KEYWORD  # for a message about unknown ones
     assert {name: ours[name].default for name in theirs} == {name: theirs[name].default for name in theirs}
     for method in ("learn", "predict", "load", "set_env"):
         theirs, ours = (dict(inspect.signature(getattr(cls, method)).parameters) for cls in (SB3, PPO))
         assert set(theirs) - {"kwargs"} <= set(ours), method
+
+
+def test_a_minibatch_larger_than_a_rollout_warns():
+    said = r"^batch_size: expected at most the 8 steps of a rollout \(8 n_steps x 1 envs\), got 9: each epoch is"
+    with pytest.warns(UserWarning, match=said):
+        PPO("MlpPolicy", Still(), n_steps=8, batch_size=9)
+    model = PPO("MlpPolicy", Still(), n_steps=8, batch_size=8)
+    model.batch_size = 9
+    with pytest.warns(UserWarning, match=said):
+        model.set_env(Still())
+
+
+def test_complex_and_masked_observations_are_refused():
+    model = PPO("MlpPolicy", Still(), n_steps=8, batch_size=8)
+    observation = np.zeros(model.observation_space.shape, np.float32)
+    with pytest.raises(ValueError, match=r"^observation: expected real numbers, got complex64"):
+        model.predict(observation + np.complex64(1j))
+    with pytest.raises(ValueError, match=r"^observation: expected an array without a mask"):
+        model.predict(np.ma.masked_less(observation, 1))
+
+
+def test_a_file_of_sb3_says_how_to_load_it(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    SB3("MlpPolicy", Still(), n_steps=8, batch_size=8, device="cpu").save("theirs")
+    said = r"^theirs.zip is a model of Stable-Baselines3\. Load it by flockstep\.PPO\.from_sb3\(.*which runs code"
+    for name in ("theirs", "theirs.zip"):
+        with pytest.raises(ValueError, match=said):
+            PPO.load(name)
+    assert flockstep.PPO.from_sb3(SB3.load("theirs.zip", device="cpu")).n_steps == 8
 
 
 def test_keywords_with_the_defaults_of_sb3_are_accepted():
@@ -844,11 +878,6 @@ def test_other_archives_are_refused(content, tmp_path):
         archive.writestr("model.json", b" " * (1 << 24))
     with pytest.raises(ValueError, match="expected no compression"):
         PPO.load(tmp_path / "large")
-    SB3("MlpPolicy", Still(), n_steps=8, batch_size=8).save(tmp_path / "theirs")
-    with pytest.raises(
-        ValueError, match=r"a model of Stable-Baselines3: load it there, then call flockstep.PPO.from_sb3"
-    ):
-        PPO.load(tmp_path / "theirs")
     (tmp_path / "text.zip").write_text("text")
     with pytest.raises(ValueError, match=REFUSED):
         PPO.load(tmp_path / "text")

@@ -109,9 +109,9 @@ def test_files_are_opened_only_if_the_caller_allows_it(field: str, tmp_path: Pat
     value = [str(path)] if field == "worlds" else str(path)
     text = json.dumps({"task": {"name": "hover"}, field: value})
     recipe = flockstep.Recipe.from_json(text)
-    with pytest.raises(ValueError, match=f"{field}: expected the name of a bundled"):
+    with pytest.raises(ValueError, match=f"{field}: this recipe may only use bundled"):
         flockstep.Batch.from_recipe(recipe)
-    with pytest.raises(ValueError, match=f"{field}: expected the name of a bundled"):
+    with pytest.raises(ValueError, match=f"{field}: this recipe may only use bundled"):
         flockstep.DroneVectorEnv.from_recipe(text)
     assert flockstep.DroneVectorEnv.from_recipe(text, allow_files=True).num_envs == 1
     assert flockstep.Batch.from_recipe(recipe, allow_files=True).num_drones == 1

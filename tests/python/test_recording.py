@@ -162,6 +162,74 @@ def test_a_model_and_a_task_of_ones_own(room, tmp_path):
     assert flockstep.record(tmp_path / "flight.gif", Model(), Drift(), worlds=room, steps=2) == 3
 
 
+def test_a_film_shows_its_progress(room, tmp_path, capsys, monkeypatch):
+    monkeypatch.setattr(flockstep.progress_line, "_INTERVAL_S", 0.0)
+    film = tmp_path / "a.gif"
+    keywords = {"worlds": room, "steps": 2, "render_view": "top"}
+    flockstep.record(film, **keywords)
+    out, lines = capsys.readouterr()
+    assert not out
+    assert [line.rpartition(",")[0] for line in lines.splitlines()] == [
+        *(f"{film}: {count} of at most 3 pictures" for count in (1, 2, 3)),
+        f"{film}: 3 pictures",
+    ]
+    flockstep.record(film, quiet=True, **keywords)
+    with pytest.raises(RuntimeError, match="none of the episodes"):
+        flockstep.record(film, quiet=True, until_success=2, **keywords)
+    assert capsys.readouterr() == ("", "")
+    with pytest.raises(RuntimeError, match="none of the episodes"):
+        flockstep.record(film, until_success=2, **keywords)
+    assert "1 of at most 2 episodes without a success, 0 s\n" in capsys.readouterr().err
+
+
+class Remembering:
+    """A model whose state is the number of observations of the episode; it keeps what it was given."""
+
+    def __init__(self):
+        self.given = []
+
+    def predict(self, observation, state=None, episode_start=None, deterministic=False):
+        count = np.zeros(len(observation), int) if state is None else state[0]
+        count = np.where(episode_start, 0, count) + 1
+        self.given.append((count.tolist(), deterministic))
+        return np.zeros((len(observation), 3), np.float32), (count,)
+
+
+def test_a_model_gets_its_state_back_until_an_episode_ends(room, tmp_path):
+    model = Remembering()
+    flockstep.record(tmp_path / "a.gif", model, Ends, worlds=room, steps=9, render_size=(64, 48))
+    assert model.given == [([1], True), ([2], True)]
+    ending = Ends()
+    ending.all_succeed = True
+    flockstep.record(tmp_path / "b.gif", model, ending, worlds=room, until_success=2, render_size=(64, 48))
+    assert model.given[2:] == model.given[:2]
+    model = Remembering()
+    flockstep.evaluate(model, Ends, episodes=2, worlds=room, drones_per_env=2, drone_episodes="each")
+    assert [count for count, _ in model.given] == [[1, 1, 1, 1], [2, 2, 2, 2], [1, 3, 1, 3], [2, 4, 2, 4]]
+
+
+def test_a_predict_with_other_arguments_is_refused(room, tmp_path):
+    class Masked(Remembering):
+        def predict(self, observation, action_masks, deterministic=False):
+            raise AssertionError
+
+    class Forgetful(Remembering):
+        def predict(self, observation):
+            return np.zeros((len(observation), 3), np.float32), (observation,)
+
+    class Single(Remembering):
+        def predict(self, observation, **_):
+            return np.zeros((len(observation), 3), np.float32)
+
+    for model, said in (
+        (Masked(), r"^evaluate: Masked.predict also needs action_masks: expected only observation, state,"),
+        (Forgetful(), r"^evaluate: Forgetful.predict returns a state but does not take it back"),
+        (Single(), r"^evaluate: Single.predict: expected a pair \(actions, state\), got ndarray"),
+    ):
+        with pytest.raises(TypeError, match=said):
+            flockstep.evaluate(model, Ends, episodes=2, worlds=room)
+
+
 @pytest.mark.parametrize(
     ("arguments", "error", "said"),
     [

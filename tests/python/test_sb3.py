@@ -450,6 +450,40 @@ def test_an_evaluation_has_the_means_of_what_first_episodes_report(room):
     )
 
 
+class Summed(flockstep.Task):
+    """The reward is the action. Env i begins a new episode after 2 + i % 3 steps."""
+
+    observation_space = spaces.Box(-1, 1, (1,), np.float32)
+    action_space = spaces.Box(-1, 1, (1,), np.float32)
+
+    def setup(self, batch):
+        self.earned = np.zeros(batch.num_drones)
+
+    def act(self, batch, actions):
+        self.earned[:] = actions[:, 0]
+        return batch.position.copy()
+
+    def step(self, batch):
+        return self.earned.copy(), self.steps >= 2 + np.arange(batch.num_drones) % 3
+
+    def observe(self, batch):
+        return np.full((batch.num_drones, 1), 0.5, np.float32)
+
+
+def test_an_evaluation_flies_a_recurrent_policy_with_its_memory(room):
+    from sb3_contrib import RecurrentPPO
+
+    envs = flockstep.sb3.make_vec(Summed, 6, worlds=room)
+    network = {"lstm_hidden_size": 8, "net_arch": [4]}
+    model = RecurrentPPO("MlpLstmPolicy", envs, n_steps=2, batch_size=4, policy_kwargs=network, seed=0, device="cpu")
+    model.policy.action_net.weight.data *= 50  # an untrained network hardly reacts
+    expected, _ = evaluate_policy(model, envs, n_eval_episodes=6)
+    found = flockstep.evaluate(model, Summed, episodes=6, worlds=room)
+    assert found.episode_return == pytest.approx(expected, abs=1e-6)
+    forgetful = flockstep.evaluate(lambda seen: model.predict(seen, deterministic=True)[0], Summed, 6, worlds=room)
+    assert abs(forgetful.episode_return - expected) > 0.01
+
+
 class CountedTeam(flockstep.Task):
     """Drone m of an env ends after m + 1 steps; it succeeds in the first world, in its first episode."""
 

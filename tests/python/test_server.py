@@ -702,6 +702,18 @@ def test_a_snapshot_under_load_restores(server, batch):
         np.testing.assert_array_equal(batch.position, position)
 
 
+def test_a_placed_drone_keeps_its_attitude(room):
+    dynamics = flockstep.DynamicsConfig(motion="rotors", control="velocity")
+    batch = flockstep.Batch([room], 2, dynamics=dynamics, clock=flockstep.ClockConfig(policy_hz=50))
+    tilted = np.float32([0.6, 0, 0.8, 0])
+    batch.set_pose([2, 4, 2], tilted)
+    with flockstep.serve(batch, port=0) as server, flockstep.connect(server.address) as client:
+        client.drone(0).set_location([3, 4, 2], teleport=True)
+        client.set_poses(position=[[3, 4, 2], [4, 4, 2]], teleport=True)
+    np.testing.assert_allclose(batch.quat_wxyz, [tilted, tilted], atol=1e-6)
+    np.testing.assert_array_equal(batch.position, [[3, 4, 2], [4, 4, 2]])
+
+
 def test_a_large_snapshot_restores():
     batch = flockstep.Batch("playground/train-1", 10_000, lidar=flockstep.LidarConfig())
     with flockstep.serve(batch, port=0) as server, flockstep.connect(server.address) as client:

@@ -223,7 +223,7 @@ def test_a_batch_without_bodies_refuses_all(room, connect):
             lambda: client.set_body_velocities(),
             lambda: client.get_body_configs(),
         ):
-            with pytest.raises(ServerError, match="max_bodies: expected at least 1 when the batch") as refused:
+            with pytest.raises(ServerError, match="no slots for bodies: make it with max_bodies=1 or more") as refused:
                 call()
             assert refused.value.code == "INVALID_ARGUMENT"
         client.ping()

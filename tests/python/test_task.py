@@ -529,14 +529,32 @@ class TestMistakes:
             with pytest.raises(ValueError, match=rf"^Broken\.act: {expected}"):
                 env.step(np.zeros((2, 3), np.float32))
 
-    @pytest.mark.parametrize("bad", [np.nan, 0.5, np.inf])
-    def test_a_flag_that_is_neither_true_nor_false(self, room, bad):
-        with pytest.raises(ValueError, match=rf"^Broken\.step: expected terminated to be bool, got {bad} in env 1"):
-            self.returned_by_step(room, np.zeros(2), np.array([0, bad]))
-
-    @pytest.mark.parametrize("given", [np.array([0, 2]), np.array([0.0, 1.0]), [False, True], np.array([False, True])])
+    @pytest.mark.parametrize("given", [[0.0, 1.0], [0, 0.5], np.array([0, 1], np.float32), [0, 1], [np.nan, 0]])
     def test_flags_as_numbers(self, room, given):
+        dtype = np.asarray(given).dtype
+        with pytest.raises(ValueError, match=rf"^Broken\.step: expected terminated to be bool, got {dtype}"):
+            self.returned_by_step(room, np.zeros(2), given)
+
+    @pytest.mark.parametrize("given", [[False, True], np.array([False, True])])
+    def test_flags(self, room, given):
         assert self.returned_by_step(room, [1, 2], given)[2].tolist() == [False, True]
+
+    def test_an_observation_outside_its_space_warns_once(self, room):
+        beyond = [0.0, 2.5, 3.5]  # of the first reset, the first step and a later one
+
+        def observe(self, batch):
+            place = np.zeros((2, 4))
+            place[1, 3] = beyond.pop(0)
+            return place.astype(np.float32)
+
+        env = self.env(room, observation_space=spaces.Box(0, 1, (4,)), observe=observe)
+        env.reset(seed=0)
+        actions = np.zeros((2, 3), np.float32)
+        said = r"^Broken\.observe: expected numbers in \[0.0, 1.0\], as the space says, got 2.5 in env 1 at index \[3\]"
+        with pytest.warns(RuntimeWarning, match=said):
+            env.step(actions)
+        env.step(actions)  # not compared
+        assert not beyond
 
     @pytest.mark.parametrize("name", ["success", "truncated"])
     @pytest.mark.parametrize("value", [True, np.zeros(3, bool)])
@@ -561,7 +579,8 @@ class TestMistakes:
         ):
             env.reset(seed=0)
         fitting = np.array([[0, 1, 2**31 - 1, -(2**31)]] * 2)
-        env = self.env(room, observation_space=spaces.Box(0, 9, (4,), np.int32), observe=lambda self, batch: fitting)
+        space = spaces.Box(-(2**31), 2**31 - 1, (4,), np.int32)
+        env = self.env(room, observation_space=space, observe=lambda self, batch: fitting)
         np.testing.assert_array_equal(env.reset(seed=0)[0], fitting)
 
     def test_a_reset_that_begins_outside_the_room(self, room):
@@ -635,7 +654,7 @@ class TestMistakes:
 
 # Names that tasks may define for themselves.
 OWN_NAMES = """
-goal_radius target laps last_distance max_steps max_speed max_episode_time_s n_steps reward rewards action actions
+goal_radius target laps last_distance max_speed max_episode_time_s n_steps reward rewards action actions
 action_scale action_dim action_shape observation observation_shape obs_dim state_size states loads draws acts resets
 successes infos info_scale lidar_m lidar_range_m lidar_beams clock_s clock_hz camera_name drone_mass drone_kg
 drone_ids world_size world_name step_ms step_s step_size steps_left flight flock block radar marker_ids frame frames
@@ -661,6 +680,8 @@ class TestMisspeltNames:
                 ("marker", "markers"),
             ),
             *(("action_spaces", "action_space"), ("frameskip", "frame_skip"), ("random_worlds", "random_world")),
+            *(("max_steps", "max_episode_steps"), ("episode_length", "max_episode_steps")),
+            *(("max_ep_steps", "max_episode_steps"), ("act_space", "action_space")),
             *(("reward_term", "reward_terms"), ("dynamic", "dynamics"), ("stepm", "step_m"), ("Step_M", "step_m")),
         ],
     )
@@ -672,7 +693,7 @@ class TestMisspeltNames:
         else:
             members["__init__"] = lambda self: setattr(self, name, 3)
         task = type("Odd", (flockstep.Task,), members)
-        expected = rf"^Odd\.{name}: expected a name of Task, .*, got '{name}'\. Did you mean '{meant}'\?"
+        expected = rf"^Odd\.{name} resembles a name of Task\. Did you mean '{meant}'\?"
         with pytest.raises(TypeError, match=expected):
             flockstep.DroneVectorEnv(2, worlds=room, task=task)
 
@@ -692,7 +713,7 @@ class TestMisspeltNames:
     def test_methods(self, room, name, method, meant):
         members = {"observation_space": Climb.observation_space, "step": Climb.step, "observe": Climb.observe}
         task = type("Odd", (flockstep.Task,), {**members, name: method})
-        with pytest.raises(TypeError, match=rf"^Odd\.{name}: .* Did you mean '{meant}'\?"):
+        with pytest.raises(TypeError, match=rf"^Odd\.{name} resembles a name of Task\. Did you mean '{meant}'\?"):
             flockstep.DroneVectorEnv(2, worlds=room, task=task)
 
     def test_names_of_its_own(self, room):
@@ -736,7 +757,7 @@ class TestMisspeltNames:
 
         assert flockstep.DroneVectorEnv(2, worlds=room, task=Wide(2.0)).task.goal_radius == 2
         wrong = dataclasses.make_dataclass("Wrong", [("reward_term", str, "a")], bases=(Climb,), eq=False)
-        with pytest.raises(TypeError, match=r"^Wrong\.reward_term: .*Did you mean 'reward_terms'"):
+        with pytest.raises(TypeError, match=r"^Wrong\.reward_term .*Did you mean 'reward_terms'"):
             flockstep.DroneVectorEnv(2, worlds=room, task=wrong())
 
 

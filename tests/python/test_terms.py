@@ -178,7 +178,7 @@ class TestPlacingRows:
         point = [[0, 0, 5.0]]
         for call, match in (
             (lambda: batch.set_pose(point, rows=[6]), r"rows \(row 0\): expected an integer in \[0, 6\), got 6"),
-            (lambda: batch.set_pose(point, rows=[0, 1]), r"position: expected shape \(2, 3\), got shape \(1, 3\)"),
+            (lambda: batch.set_pose(point * 3, rows=[0, 1]), r"position: expected shape \(2, 3\), got shape \(3, 3\)"),
             (
                 lambda: batch.set_pose(point, None, np.ones(6, bool), rows=[0]),
                 "mask: expected None with rows, got an array",

@@ -119,7 +119,7 @@ def test_a_pool_builds_its_trees_ahead():
 def test_a_snapshot_of_the_other_is_refused(office, tracer):
     ours, embree = envs_in(office, tracer), envs_in(office, "embree")
     ours.reset(seed=0)
-    with pytest.raises(ValueError, match="another"):
+    with pytest.raises(ValueError, match="that differs in tracer"):
         embree.restore(ours.snapshot())
 
 

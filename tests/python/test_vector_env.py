@@ -1,5 +1,6 @@
 """The vector env under Gymnasium's rules: the checker, Gymnasium's wrappers, and this env's own promises."""
 
+import pickle
 import warnings
 
 import gymnasium
@@ -481,8 +482,35 @@ class TestMaking:
         envs.close()
         envs.close()
         for call in (envs.reset, envs.render, envs.snapshot, lambda: envs.step([0] * 4)):
-            with pytest.raises(RuntimeError, match="closed"):
-                call()
+            for error in (RuntimeError, gymnasium.error.ClosedEnvironmentError):
+                with pytest.raises(error, match="closed"):
+                    call()
+
+    def test_pictures_without_a_render_mode_warn(self, room):
+        for envs in (make(room), gymnasium.make(ID, worlds=room).unwrapped):
+            envs.reset(seed=0)
+            with pytest.warns(UserWarning, match=r"render\(\) returns None: for pictures, make the env with"):
+                assert envs.render() is None
+
+    def test_the_navigation_task_may_be_given(self, room):
+        config = flockstep.NavigationConfig(step_m=0.2, action="displacement")
+        envs = flockstep.DroneVectorEnv(2, worlds=room, task=config, yaw_step_deg=5)
+        assert (envs.task.step_m, envs.task.yaw_step_deg, config.yaw_step_deg) == (np.float32(0.2), 5, 10)
+        same = flockstep.DroneVectorEnv(2, worlds=room, step_m=0.2, action="displacement", yaw_step_deg=5)
+        assert envs.recipe == same.recipe
+        assert envs.single_action_space == same.single_action_space
+        again = pickle.loads(pickle.dumps(envs))
+        assert again.recipe == flockstep.DroneVectorEnv.from_recipe(envs.recipe, worlds=room).recipe == envs.recipe
+        made = gymnasium.make_vec(ID, 2, worlds=room, task=config)
+        assert made.single_action_space == same.single_action_space
+        pixels = flockstep.NavigationConfig.observing("pixels")
+        assert set(flockstep.DroneVectorEnv(2, worlds=room, task=pixels).observation_space) == {"image", "ranges"}
+        with pytest.raises(TypeError, match=r"observation: the NavigationConfig has its own: set Nav"):
+            flockstep.DroneVectorEnv(2, worlds=room, task=config, observation="pixels")
+
+    def test_the_counts_of_envs_and_rows(self, room):
+        envs = flockstep.DroneVectorEnv(2, worlds=room, drones_per_env=4, random_start=True)
+        assert (envs.num_groups, envs.num_rows, envs.num_envs) == (2, 8, 8)
 
 
 class TestLimits:

@@ -451,9 +451,9 @@ def test_a_snapshot_of_other_worlds_is_refused():
         other.restore(one.snapshot())
     assert other.snapshot() == before
     for pool in (WorldPool(hall, 15), WorldPool(hall, 16, 0.5)):
-        with pytest.raises(ValueError, match="another"):
+        with pytest.raises(ValueError, match="that differs in worlds"):
             make(pool=pool).restore(one.snapshot())
-    with pytest.raises(ValueError, match="another"):
+    with pytest.raises(ValueError, match="that differs in worlds"):
         make(pool=[hall(0)]).restore(one.snapshot())
 
 

@@ -137,7 +137,8 @@ class FLOCKSTEP_API Batch {
   bool is_shared() const;  // true between share() and unshare()
 
   // --- motion and sensing; positions (N, 3) m, quaternions (N, 4) wxyz; an empty span leaves the value unchanged
-  void set_pose(std::span<const float> position, std::span<const float> quat_wxyz, DroneMask mask = {});  // no collision check
+  // Places drones without a collision check, at rest. Without quaternions, drones with rotors are level and face +x.
+  void set_pose(std::span<const float> position, std::span<const float> quat_wxyz, DroneMask mask = {});
   // set_pose() for some drones: their indices (K,), positions (K, 3), quaternions (K, 4).
   void set_poses(std::span<const std::int64_t> drones, std::span<const float> position, std::span<const float> quat_wxyz);
   void move(std::span<const float> position, std::span<const float> quat_wxyz,

@@ -88,14 +88,15 @@ struct BodyMotion {
                .unit = "m",
                .limits = between(0, kMaxCoordinate)}),
         field("faces_travel", &C::faces_travel,
-              {.about = "Turns the body about z, so that its x axis points along the route; for ``\"waypoints\"``. At a corner without a "
+              {.about = "Turns the body about z, so that its x axis points along the route; for ``\"waypoints\"``. At a corner "
+                        "without a "
                         "radius it turns at once."}),
         field("center_m", &C::center_m,
               {.about = "A point of the axis, world frame; for ``\"orbit\"`` and ``\"hinge\"``.",
                .unit = "m",
                .limits = within(kMaxCoordinate)}),
         field("axis", &C::axis,
-              {.about = "Direction of the axis, world frame, of any length except 0; turns are counter-clockwise about it. For "
+              {.about = "Direction of the axis, world frame, at least 1e-6 long; turns are counter-clockwise about it. For "
                         "``\"orbit\"`` and ``\"hinge\"``.",
                .limits = within(kMaxCoordinate)}),
         field("period_s", &C::period_s,

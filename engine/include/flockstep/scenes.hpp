@@ -54,8 +54,7 @@ FLOCKSTEP_API std::size_t cost_of_scenes(const std::vector<std::string>& names, 
 // Returns true for a path that ends in one of World::suffixes(), in lower or upper case.
 FLOCKSTEP_API bool is_scene_path(std::string_view name);
 
-// Loads the world of a name or path. Throws std::invalid_argument if the name is unknown; the message lists the names that
-// exist.
+// Loads the world of a name or path. Throws std::invalid_argument if the name is unknown; the message suggests similar ones.
 FLOCKSTEP_API std::shared_ptr<const World> load_scene(const std::string& name, const std::filesystem::path& folder);
 
 }  // namespace flockstep

@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cstddef>
+#include <utility>
 #include <vector>
 
 namespace flockstep {
@@ -32,6 +33,28 @@ std::size_t matched(std::string_view a, std::string_view b) {
          matched(a.substr(match.in_a + match.length), b.substr(match.in_b + match.length));
 }
 
+constexpr std::size_t kLongest = 100;  // bytes of a name that is compared
+constexpr double kSimilar = 0.6;
+
+std::string_view last_part(std::string_view path) { return path.substr(path.rfind('/') + 1); }
+
+// Returns true for lr and learning_rate.
+bool are_initials(std::string_view letters, std::string_view words) {
+  if (letters.size() < 2) return false;
+  for (const char letter : letters) {
+    if (words.empty() || words.front() != letter) return false;
+    words = words.substr(std::min(words.find('_'), words.size() - 1) + 1);
+  }
+  return words.empty();
+}
+
+// The similarity of a name to a known one, or to the last part of a known path.
+double path_similarity(std::string_view known, std::string_view name) {
+  const double whole = are_initials(name, known) ? kSimilar : name_similarity(known, name);
+  if (known.find('/') == std::string_view::npos) return whole;
+  return std::max(whole, name_similarity(last_part(known), last_part(name)));
+}
+
 }  // namespace
 
 double name_similarity(std::string_view a, std::string_view b) {
@@ -40,19 +63,29 @@ double name_similarity(std::string_view a, std::string_view b) {
 }
 
 std::string_view nearest_name(std::string_view name, std::span<const std::string_view> known) {
-  constexpr std::size_t kLongest = 100;
-  constexpr double kSimilar = 0.6;
   std::string_view nearest;
   double most = kSimilar;
   if (name.size() > kLongest) return nearest;
   for (const std::string_view candidate : known) {
-    const double similarity = name_similarity(candidate, name);
+    const double similarity = path_similarity(candidate, name);
     if (similarity > most || (similarity == most && candidate > nearest)) {
       most = similarity;
       nearest = candidate;
     }
   }
   return nearest;
+}
+
+std::vector<std::string_view> nearest_names(std::string_view name, std::span<const std::string_view> known, std::size_t most) {
+  std::vector<std::pair<double, std::string_view>> similar;
+  for (const std::string_view candidate : known) {
+    const double similarity = name.size() > kLongest ? 0.0 : path_similarity(candidate, name);
+    if (similarity >= kSimilar) similar.emplace_back(-similarity, candidate);
+  }
+  std::ranges::sort(similar);
+  std::vector<std::string_view> names;
+  for (std::size_t i = 0; i < std::min(most, similar.size()); ++i) names.push_back(similar[i].second);
+  return names;
 }
 
 std::string did_you_mean(std::string_view name, std::span<const std::string_view> known) {

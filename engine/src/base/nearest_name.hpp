@@ -1,9 +1,11 @@
 // Finds the most likely intended name for a misspelt one.
 #pragma once
 
+#include <cstddef>
 #include <span>
 #include <string>
 #include <string_view>
+#include <vector>
 
 namespace flockstep {
 
@@ -12,9 +14,13 @@ namespace flockstep {
 // length of both names. For names of less than 200 characters the result equals ratio() of Python's difflib.SequenceMatcher.
 double name_similarity(std::string_view a, std::string_view b);
 
-// Returns the most similar known name. Returns an empty string if no similarity reaches 0.6, or if the name is longer than 100
-// characters.
+// Returns the most similar known name; of a known path, the last part also counts: hall is similar to
+// arena/hall. lr is similar to learning_rate. Returns an empty string if no similarity reaches 0.6, or if the name is longer than
+// 100 characters.
 std::string_view nearest_name(std::string_view name, std::span<const std::string_view> known);
+
+// Returns at most this many known names with a similarity of at least 0.6, the most similar first.
+std::vector<std::string_view> nearest_names(std::string_view name, std::span<const std::string_view> known, std::size_t most);
 
 // Returns a suffix for a message, such as ". Did you mean frame_skip?", or an empty string.
 std::string did_you_mean(std::string_view name, std::span<const std::string_view> known);

@@ -108,7 +108,7 @@ std::string absolute(const std::string& library) { return std::filesystem::absol
 void require_regular_file(const std::string& library) {
   std::error_code error;
   const std::filesystem::file_status status = std::filesystem::status(library, error);
-  if (!std::filesystem::exists(status)) refuse_library(library, "no such file");
+  if (!std::filesystem::exists(status)) throw MissingFile("no such shared library: '" + library + '\'');
   if (!std::filesystem::is_regular_file(status)) refuse_library(library, "not a regular file");
 }
 

@@ -29,4 +29,10 @@ inline void require_not_negative(float value, std::string_view field) {
   require(std::isfinite(value) && value >= 0.0F, field, "a finite number >= 0", value);
 }
 
+// A file that does not exist. Python raises it as flockstep.errors.MissingFileError.
+class MissingFile : public std::invalid_argument {
+ public:
+  using std::invalid_argument::invalid_argument;
+};
+
 }  // namespace flockstep

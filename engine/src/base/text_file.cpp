@@ -15,7 +15,10 @@ namespace flockstep {
 namespace {
 
 [[noreturn]] void fail(const std::filesystem::path& path, const std::string& what) {
-  throw std::invalid_argument(path.string() + ": cannot " + what + ": " + std::strerror(errno));
+  const int code = errno;
+  const std::string text = path.string() + ": cannot " + what + ": " + std::strerror(code);
+  if (code == ENOENT) throw MissingFile(text);
+  throw std::invalid_argument(text);
 }
 
 // Rejects pipes and devices: they may be endless, and a file must not replace them.

@@ -41,6 +41,15 @@ Pose requested_pose(const Simulation& sim, DroneIndex drone, std::size_t row, st
   return pose;
 }
 
+// The pose at which a drone is placed. Without a quaternion, a drone with rotors is level and faces +x: a new episode must not
+// begin with the tilt of the last crash.
+Pose placed_pose(const Simulation& sim, DroneIndex drone, std::size_t row, std::span<const float> position,
+                 std::span<const float> quat_wxyz) {
+  Pose pose = requested_pose(sim, drone, row, position, quat_wxyz);
+  if (quat_wxyz.empty() && !sim.config.dynamics.is_kinematic()) pose.rotation = Quat::Identity();
+  return pose;
+}
+
 // Draws the numbers of an env or a drone from a user stream.
 void draw_row(const State& state, RandomKey key, std::uint32_t stream, std::span<float> row) {
   for (std::size_t k = 0; k < row.size(); ++k) row[k] = draw_uniform(state, key, stream, static_cast<std::uint32_t>(k));
@@ -280,7 +289,7 @@ void Batch::set_pose(std::span<const float> position, std::span<const float> qua
   checks::mask(*sim_, mask);
   checks::poses(position, quat_wxyz, sim_->num_drones());
   for_each_selected(*sim_, mask,
-                    [&](DroneIndex drone) { put_drone(*sim_, drone, requested_pose(*sim_, drone, drone, position, quat_wxyz)); });
+                    [&](DroneIndex drone) { put_drone(*sim_, drone, placed_pose(*sim_, drone, drone, position, quat_wxyz)); });
 }
 
 void Batch::set_poses(std::span<const std::int64_t> drones, std::span<const float> position, std::span<const float> quat_wxyz) {
@@ -289,7 +298,7 @@ void Batch::set_poses(std::span<const std::int64_t> drones, std::span<const floa
   checks::poses(position, quat_wxyz, drones.size());
   for (std::size_t row = 0; row < drones.size(); ++row) {
     const DroneIndex drone(drones[row]);
-    if (sim_->state.active[drone]) put_drone(*sim_, drone, requested_pose(*sim_, drone, row, position, quat_wxyz));
+    if (sim_->state.active[drone]) put_drone(*sim_, drone, placed_pose(*sim_, drone, row, position, quat_wxyz));
   }
 }
 
@@ -343,7 +352,8 @@ void Batch::fly(std::span<const float> command, int ticks, DroneMask mask, std::
   checks::not_stepping(*sim_, "fly");
   checks::flies_by_rotors(*sim_, "fly");
   checks::mask(*sim_, mask);
-  checks::command(*sim_, command, control);
+  const std::optional<std::size_t> far = checks::command(*sim_, command, control);
+  if (far && !std::exchange(sim_->has_far_yaw, true)) sim_->warning = checks::far_yaw("command", command, *far);
   require(ticks >= 0 && ticks <= 1000000, "ticks", "an integer in [0, 1000000]", ticks);
   const int flown = ticks == 0 ? sim_->config.clock.substeps() : ticks;
   list_selected(*sim_, mask, &Block::selected);

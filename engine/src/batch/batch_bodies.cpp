@@ -25,7 +25,7 @@ constexpr float kMaxBodySpeed = 1e4F;  // m/s
 constexpr float kMaxBodyTurn = 1e3F;   // rad/s
 
 bodies::BodyTable& table_of(Simulation& sim) {
-  require(sim.bodies.has_value(), "max_bodies", "at least 1 when the batch is made, for bodies", 0);
+  if (!sim.bodies) throw std::invalid_argument("this batch has no slots for bodies: make it with max_bodies=1 or more");
   return *sim.bodies;
 }
 

@@ -37,7 +37,7 @@ void Batch::set_light(std::int64_t world_index, const Lighting& lighting) {
   sim_->world_pointers[index] = relit.get();
   sim_->worlds[index] = std::move(relit);
   sim_->cameras.mark_world_stale(static_cast<std::int32_t>(world_index));
-  sim_->known_hash.reset();
+  sim_->config_parts.clear();
 }
 
 void Batch::set_light(std::span<const Light> lights, EnvMask mask) {

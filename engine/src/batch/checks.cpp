@@ -145,7 +145,7 @@ void rotor_speeds(const Simulation& sim, std::span<const float> values, std::spa
   }
 }
 
-void command(const Simulation& sim, std::span<const float> values, std::optional<Control> control) {
+std::optional<std::size_t> command(const Simulation& sim, std::span<const float> values, std::optional<Control> control) {
   require(control != Control::pose, "control", "a control other than \"pose\", which only tasks use", "\"pose\"");
   if (!control && sim.config.dynamics.control == Control::pose) {
     throw std::logic_error(
@@ -157,14 +157,16 @@ void command(const Simulation& sim, std::span<const float> values, std::optional
   for (std::size_t i = 0; i < values.size(); ++i) {
     if (!(std::abs(values[i]) <= 2e6F)) refuse(row_of(field, i / 4), "finite numbers within +-2e+06", values[i]);
   }
-  angles(control.value_or(sim.config.dynamics.control), values, field);
+  return angles(control.value_or(sim.config.dynamics.control), values, field);
 }
 
-void angles(Control control, std::span<const float> command, std::string_view field) {
+std::optional<std::size_t> angles(Control control, std::span<const float> command, std::string_view field) {
   constexpr float kHalfTurn = 3.1416F;  // pi plus rounding
   constexpr float kMaxYaw = 1e4F;       // 1,600 turns: float32 resolves 0.001 rad there
   const bool is_attitude = control == Control::attitude;
-  if (!is_attitude && control != Control::acceleration && control != Control::position) return;
+  if (!is_attitude && control != Control::acceleration && control != Control::position) return {};
+  constexpr float kTwoTurns = 4.0F * std::numbers::pi_v<float>;
+  std::size_t far = 0;  // 1 + the first row with such a yaw
   const auto check = [&](std::size_t row, std::size_t column, float most, std::string_view expected) {
     const float value = command[4 * row + column];
     if (std::isfinite(value) && std::abs(value) > most) refuse(row_of(field, row), expected, value);
@@ -175,7 +177,15 @@ void angles(Control control, std::span<const float> command, std::string_view fi
       check(row, 2, kHalfTurn, "a pitch within +-pi rad (not degrees)");
     }
     check(row, 3, kMaxYaw, "a yaw within +-10000 rad");
+    if (far == 0 && std::abs(command[4 * row + 3]) > kTwoTurns) far = row + 1;
   }
+  return far == 0 ? std::nullopt : std::optional(far - 1);
+}
+
+std::string far_yaw(std::string_view field, std::span<const float> command, std::size_t row) {
+  std::ostringstream text;
+  text << row_of(field, row) << ": a yaw of " << command[4 * row + 3] << " rad is more than two turns: is it in degrees?";
+  return text.str();
 }
 
 void has_task(const Simulation& sim) {

@@ -38,10 +38,13 @@ void velocity(std::span<const float> values, std::size_t rows);
 void angular_velocity(const Simulation& sim, std::span<const float> values, std::size_t rows);
 // drones: (rows,) the drones of the rows; empty: all drones.
 void rotor_speeds(const Simulation& sim, std::span<const float> values, std::span<const std::int64_t> drones);
-void command(const Simulation& sim, std::span<const float> values, std::optional<Control> control);
+// Returns what angles() returns.
+std::optional<std::size_t> command(const Simulation& sim, std::span<const float> values, std::optional<Control> control);
 // Checks the angles in rows of four numbers, as the control defines them: a finite angle that is too large is usually in
-// degrees.
-void angles(Control control, std::span<const float> command, std::string_view field);
+// degrees. Returns the first row with a yaw of more than two turns, which is allowed but suspicious.
+std::optional<std::size_t> angles(Control control, std::span<const float> command, std::string_view field);
+// Returns a warning of such a row.
+std::string far_yaw(std::string_view field, std::span<const float> command, std::size_t row);
 void has_task(const Simulation& sim);
 void spec(const TaskSpec& spec);                      // fields that a task declares
 void require_not_interrupted(const Simulation& sim);  // no step or reset was cut short

@@ -71,6 +71,12 @@ struct TaskState {
   }
 };
 
+// A part of a batch's configuration: its name and the hash of its value.
+struct ConfigPart {
+  std::string name;
+  std::uint64_t hash;
+};
+
 struct Simulation {
   Simulation(BatchConfig config, Batch::Worlds worlds, std::unique_ptr<Task> task, DroneModel drone,
              std::span<const std::int32_t> world_index, std::optional<WorldPool> pool = std::nullopt);
@@ -211,8 +217,9 @@ struct Simulation {
   bool is_stepping = false;                         // during a step; the blocks must not change
   bool is_cut_short = false;                        // an exception cut a step or reset short
   std::string warning;                              // not reported yet
+  bool has_far_yaw = false;                         // fly() has warned of one
   trace::EmbreeUse embree_use_before;               // by the LiDARs of the simulations that this one has replaced
-  std::optional<std::uint64_t> known_hash;          // see config_hash()
+  std::vector<ConfigPart> config_parts;             // empty until a snapshot needs them
 };
 
 }  // namespace flockstep

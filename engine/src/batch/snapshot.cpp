@@ -1,10 +1,13 @@
 #include "batch/snapshot.hpp"
 
 #include <algorithm>
+#include <array>
 #include <cstring>
 #include <functional>
 #include <optional>
 #include <span>
+#include <stdexcept>
+#include <string>
 #include <utility>
 #include <vector>
 
@@ -16,7 +19,7 @@ namespace flockstep {
 namespace {
 
 constexpr std::uint64_t kMagic = 0x504554534b434f4cULL;  // "LOCKSTEP"
-constexpr std::uint64_t kFormat = 11;                    // format of a snapshot; increment with each change
+constexpr std::uint64_t kFormat = 12;                    // format of a snapshot; increment with each change
 
 struct Header {
   std::uint64_t magic, format, config, length, checksum;
@@ -34,6 +37,72 @@ template <class F>
 void for_each_sensor(Simulation& sim, const F& f) {
   for (const auto& sensor : sim.suite) f(*sensor);
   for (std::size_t camera = 0; camera < sim.cameras.size(); ++camera) f(sim.cameras[camera]);
+}
+
+// Adds the hash of each part of the configuration. A field of a struct is a part of its own.
+template <class Value>
+void add_parts(std::vector<ConfigPart>& parts, const std::string& name, const Value& value) {
+  if constexpr (HasFields<Value>) {
+    for_each_field(value, [&](const auto& field, const auto& part) {
+      if (field.info.affects_hash == AffectsHash::no) return;
+      add_parts(parts, (name.empty() ? name : name + '.') + field.name, part);
+    });
+  } else {
+    Hash hash;
+    hash.add(value);
+    parts.push_back({name, hash.value()});
+  }
+}
+
+std::vector<ConfigPart> parts_of(const Simulation& sim) {
+  std::vector<ConfigPart> parts;
+  add_parts(parts, "", sim.config);
+  const auto add = [&](const char* name, const auto& describe) {
+    Hash hash;
+    describe(hash);
+    parts.push_back({name, hash.value()});
+  };
+  add("task", [&](Hash& hash) {
+    if (!sim.task_state) return;
+    hash.add(sim.task_state->task->identity());
+    hash.add(sim.task_state->spec());
+  });
+  add("max_episode_steps", [&](Hash& hash) {
+    if (sim.task_state) hash.add(sim.task_state->max_episode_steps);
+  });
+  add("worlds or their light", [&](Hash& hash) {
+    if (sim.pool) {  // its worlds are not known yet; a snapshot holds the hashes of the current worlds
+      hash.add("pool");
+      hash.add(sim.pool->pool.size);
+      hash.add(sim.pool->pool.fresh);
+    } else {
+      for (const auto& world : sim.worlds) hash.add(world->content_hash());
+    }
+  });
+  add("drone", [&](Hash& hash) {
+    for (const Vec3& vertex : sim.drone_model.hull()) hash.add(std::array{vertex.x(), vertex.y(), vertex.z()});
+    if (!sim.fleet) return;
+    for (const Airframe& airframe : sim.fleet->airframes) hash.add(airframe);
+  });
+  return parts;
+}
+
+// Returns the parts, which are computed when first needed, since worlds can be large.
+const std::vector<ConfigPart>& config_parts(Simulation& sim) {
+  if (sim.config_parts.empty()) sim.config_parts = parts_of(sim);
+  return sim.config_parts;
+}
+
+std::vector<std::uint64_t> hashes_of(const std::vector<ConfigPart>& parts) {
+  std::vector<std::uint64_t> hashes;
+  for (const ConfigPart& part : parts) hashes.push_back(part.hash);
+  return hashes;
+}
+
+std::uint64_t config_hash(Simulation& sim) {
+  Hash hash;
+  hash.add(hashes_of(config_parts(sim)));
+  return hash.value();
 }
 
 // Visits everything that a snapshot holds except the arrays of the task, in order.
@@ -85,6 +154,7 @@ class Reader final : public ArrayVisitor {
     const std::string_view from = next(name);
     changes_.push_back([&to, from] { to = from; });
   }
+  std::string_view left() const { return left_; }
   void require_end() const { require(left_.empty(), "snapshot", "no bytes after its last array", left_.size()); }
 
   // Calls f(bytes) for each array with this name.
@@ -155,6 +225,24 @@ void require_same_size(Simulation& sim, std::string_view body) {
   require(reader.num_drones == sim.num_drones() && reader.num_envs == sim.num_envs(), "snapshot",
           "one of a batch with the same configuration and worlds (" + size_text(sim.num_drones(), sim.num_envs()) + ")",
           "one of " + size_text(reader.num_drones, reader.num_envs));
+}
+
+// Checks that a snapshot belongs to a batch with this configuration. Returns what follows the hashes of its parts: the arrays.
+std::string_view require_same_config(Simulation& sim, std::uint64_t hash, std::string_view body) {
+  const std::vector<ConfigPart>& parts = config_parts(sim);
+  std::vector<std::uint64_t> theirs(parts.size());
+  Reader reader(body);
+  reader.array("config", theirs);
+  reader.apply();
+  if (hash != config_hash(sim)) {
+    require_same_size(sim, reader.left());
+    std::string differs = "configuration";
+    for (std::size_t i = parts.size(); i-- > 0;) {
+      if (parts[i].hash != theirs[i]) differs = parts[i].name;
+    }
+    refuse("snapshot", "one of a batch with the same configuration and worlds", "one that differs in " + differs);
+  }
+  return reader.left();
 }
 
 // Checks world indices before the restore, since they are used right after it.
@@ -242,36 +330,14 @@ void check_values_of(Simulation& sim) {
 
 }  // namespace
 
-std::uint64_t config_hash(Simulation& sim) {
-  if (sim.known_hash) return *sim.known_hash;
-  Hash hash;
-  hash.add(sim.config);
-  if (sim.task_state) {
-    hash.add(sim.task_state->task->identity());
-    hash.add(sim.task_state->spec());
-    hash.add(sim.task_state->max_episode_steps);
-  }
-  if (sim.pool) {  // its worlds are not known yet; a snapshot holds the hashes of the current worlds
-    hash.add("pool");
-    hash.add(sim.pool->pool.size);
-    hash.add(sim.pool->pool.fresh);
-  } else {
-    for (const auto& world : sim.worlds) hash.add(world->content_hash());
-  }
-  for (const Vec3& vertex : sim.drone_model.hull()) hash.add(std::array{vertex.x(), vertex.y(), vertex.z()});
-  if (sim.fleet) {
-    for (const Airframe& airframe : sim.fleet->airframes) hash.add(airframe);
-  }
-  sim.known_hash = hash.value();
-  return *sim.known_hash;
-}
-
 std::string make_snapshot(Simulation& sim) {
   for (std::size_t env = 0; sim.pool && env < sim.num_envs(); ++env) {
     sim.pool->contents[env] = sim.worlds[sim.slot_of(EnvIndex(env))]->content_hash();
   }
   std::string blob(sizeof(Header), '\0');
   Writer writer(blob);
+  std::vector<std::uint64_t> hashes = hashes_of(config_parts(sim));
+  writer.array("config", hashes);
   visit(sim, writer);
   const std::string_view body = std::string_view(blob).substr(sizeof(Header));
   Header header{kMagic, kFormat, config_hash(sim), body.size(), 0};
@@ -282,7 +348,9 @@ std::string make_snapshot(Simulation& sim) {
 
 void restore_snapshot(Simulation& sim, std::string_view blob) {
   Header header{};
-  require(blob.size() >= sizeof(header), "snapshot", "at least " + std::to_string(sizeof(header)) + " bytes", blob.size());
+  if (blob.size() < sizeof(header)) {
+    throw std::invalid_argument("snapshot: " + std::to_string(blob.size()) + " bytes are too few for a snapshot");
+  }
   std::memcpy(&header, blob.data(), sizeof(header));
   const std::string_view body = blob.substr(sizeof(header));
   require(header.magic == kMagic, "snapshot", "the bytes of Batch.snapshot()", "other bytes");
@@ -290,11 +358,9 @@ void restore_snapshot(Simulation& sim, std::string_view blob) {
           std::to_string(header.format) + " (restore it with the version of flockstep that made it)");
   require(header.length == body.size(), "snapshot", std::to_string(header.length + sizeof(header)) + " bytes", blob.size());
   require(header.checksum == checksum_of(header, body), "snapshot", "bytes that match their checksum", "corrupt ones");
-  if (header.config != config_hash(sim)) require_same_size(sim, body);
-  require(header.config == config_hash(sim), "snapshot",
-          "one of a batch with the same configuration and worlds, in the same light", "one of another batch");
+  const std::string_view arrays = require_same_config(sim, header.config, body);
   // Read and check everything before anything changes.
-  Reader reader(body);
+  Reader reader(arrays);
   visit_own(sim, reader);
   const auto check_worlds = [&](std::span<const std::byte> bytes) { check_world_indices(sim, bytes); };
   if (!sim.pool) {
@@ -324,7 +390,7 @@ void restore_snapshot(Simulation& sim, std::string_view blob) {
   sim.outputs.turn();
   try {
     if (sim.pool) move_envs(sim);
-    put(sim, body);
+    put(sim, arrays);
     check_values_of(sim);
   } catch (...) {
     const bool was_cut_short = std::exchange(sim.is_cut_short, true);  // stays set if undoing fails, for example without memory
@@ -332,7 +398,7 @@ void restore_snapshot(Simulation& sim, std::string_view blob) {
       sim.pool->moves = std::move(back);
       move_envs(sim);
     }
-    put(sim, std::string_view(before).substr(sizeof(Header)));
+    put(sim, std::string_view(before).substr(sizeof(Header) + body.size() - arrays.size()));
     sim.is_cut_short = was_cut_short;
     sim.outputs.turn();
     throw;

@@ -27,6 +27,7 @@ void check_mesh(const BodyConfig& body) {
 }  // namespace
 
 void BodyMotion::validate() const {
+  constexpr double kMinAxis = 1e-6;  // far above subnormal numbers, which count as 0 and turn nothing
   check_fields(*this, "body.motion.");
   const auto is = [this](BodyMotionKind which) { return kind == which; };
   if (is(BodyMotionKind::waypoints)) {
@@ -41,7 +42,8 @@ void BodyMotion::validate() const {
     require(points_m.empty(), "body.motion.points_m", "no points unless kind is \"waypoints\"", points_m.size());
   }
   if (is(BodyMotionKind::orbit) || is(BodyMotionKind::hinge)) {
-    require(axis[0] != 0.0F || axis[1] != 0.0F || axis[2] != 0.0F, "body.motion.axis", "a direction", "(0, 0, 0)");
+    const double length = std::hypot(double{axis[0]}, double{axis[1]}, double{axis[2]});
+    require(length >= kMinAxis, "body.motion.axis", "a direction of a length of at least 1e-06", length);
   }
   if (is(BodyMotionKind::random_walk)) {
     for (std::size_t i = 0; i < 3; ++i) {

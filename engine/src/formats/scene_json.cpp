@@ -59,7 +59,9 @@ class SceneReader {
     refuse_older_name();
     check_version(root_, keys::kVersion.name, kSceneVersion);
     check_keys(root_, keys::kSceneKeys);
-    require(root_, keys::kVersion);
+    if (!find(root_, keys::kVersion)) {
+      fail(root_, "expected a field \"flockstep_scene\", found none: add \"flockstep_scene\": " + std::to_string(kSceneVersion));
+    }
     if (const auto name = find(root_, keys::kName)) {
       if (!name->value.is_string()) refuse(*name, "a string");
       scene_.name = name->value.get<std::string>();

@@ -52,8 +52,11 @@ Aabb open_space(const World& world) {
 
 void require_navigable(const World& world, const DroneModel& drone) {
   const Markers& markers = world.markers();
-  if (!markers.start) throw std::invalid_argument(field(world, "markers.start") + ": expected a point, found none");
-  if (!markers.goal) throw std::invalid_argument(field(world, "markers.goal") + ": expected a point, found none");
+  for (const auto& [marker, name] : {std::pair{&markers.start, "markers.start"}, std::pair{&markers.goal, "markers.goal"}}) {
+    if (*marker) continue;
+    throw std::invalid_argument(field(world, name) +
+                                ": expected a point, found none (world.with_drawn_markers(seed) draws them)");
+  }
   const Aabb space = marked_space(world);
   const auto require_marker = [&](const std::string& place, const Vec3& point) { require_inside(world, space, place, point); };
   require_marker("markers.start", *markers.start);

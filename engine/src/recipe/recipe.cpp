@@ -49,6 +49,9 @@ std::vector<std::string> read_worlds(const Json& json) {
   return worlds;
 }
 
+// Returns true for text that is not the name of a scene or a drone, but may be a path without a known extension.
+bool is_path(const std::string& text) { return std::filesystem::path(text).is_absolute() || text.starts_with('.'); }
+
 // Throws if a path is not allowed. Paths in the folder of the bundled scenes are always allowed.
 void check_path(const char* field, const std::string& path, const RecipeAccess& access) {
   if (access.allows_files) return;
@@ -59,7 +62,9 @@ void check_path(const char* field, const std::string& path, const RecipeAccess& 
     const std::filesystem::path file = std::filesystem::weakly_canonical(path, failed);
     is_inside = !failed && std::ranges::mismatch(folder, file).in1 == folder.end();
   }
-  require(is_inside, field, "the name of a bundled scene or drone (paths of files are not allowed here)", quoted_excerpt(path));
+  if (is_inside) return;
+  throw std::invalid_argument(std::string(field) + ": this recipe may only use bundled scenes and drones, not " +
+                              quoted_excerpt(path) + "; pass allow_files=True (--allow-files) to allow files");
 }
 
 Batch::Worlds load_worlds(const Recipe& recipe, const std::filesystem::path& folder) {
@@ -160,10 +165,10 @@ void check_access(const Recipe& recipe, const RecipeAccess& access) {
               " worlds (max_worlds), each forest counted as 30, each office, warehouse and city as 100, or 200 if it lives",
           "more");
   for (const std::string& world : recipe.worlds) {
-    if (is_scene_path(world)) check_path("worlds", world, access);
+    if (is_scene_path(world) || is_path(world)) check_path("worlds", world, access);
   }
   const auto* const drone = std::get_if<std::string>(&recipe.drone);
-  if (drone != nullptr && drone->ends_with(".json")) check_path("drone", *drone, access);
+  if (drone != nullptr && (drone->ends_with(".json") || is_path(*drone))) check_path("drone", *drone, access);
 }
 
 std::unique_ptr<Batch> make_batch(const Recipe& recipe, const RecipeAccess& access) {

@@ -5,12 +5,15 @@
 #include <charconv>
 #include <optional>
 #include <set>
+#include <stdexcept>
 #include <utility>
 
+#include "base/excerpt.hpp"
 #include "base/nearest_name.hpp"
 #include "base/require.hpp"
 #include "base/text_file.hpp"
 #include "flockstep/generators.hpp"
+#include "recipe/unknown_scene.hpp"
 
 namespace flockstep {
 namespace {
@@ -84,13 +87,6 @@ std::optional<Seeded> seeded(std::string_view name) {
   return Seeded{&*generator, *first, *last};
 }
 
-template <class Names>
-std::string listed(const Names& names) {
-  std::string text;
-  for (const auto& name : names) text += (text.empty() ? "" : ", ") + std::string(name);
-  return text;
-}
-
 template <class Items>
 std::vector<std::string_view> names_of(const Items& items) {
   std::vector<std::string_view> names;
@@ -159,12 +155,32 @@ std::shared_ptr<const World> load_scene(const std::string& name, const std::file
   if (is_scene_path(name)) return World::load(name);
   const std::vector<std::string> names = scene_names(folder);
   if (std::ranges::find(names, name) != names.end()) return World::load(folder / (name + ".json"));
-  std::vector<std::string_view> known(names.begin(), names.end());
-  for (const SceneSet& set : kSets) known.push_back(set.name);
-  refuse("worlds",
-         "the path of a .json, .gltf, .glb, .obj or .ply file, a generator and its seed such as \"forest/seed-7\" (of " +
-             listed(names_of(kGenerators)) + "), one of the sets " + listed(names_of(kSets)) + ", or one of " + listed(names),
-         '"' + name + '"' + did_you_mean(name, known));
+  throw std::invalid_argument("worlds: " + unknown_scene(name, names));
+}
+
+std::string unknown_scene(std::string_view name, std::span<const std::string> known) {
+  const std::string shown = '\'' + excerpt(name) + '\'', extension = extension_of(name);
+  const bool is_file = extension.size() > 1 && extension.size() <= 6 &&
+                       std::ranges::all_of(extension.substr(1), [](char c) { return c >= 'a' && c <= 'z'; });
+  if (is_file && !is_scene_path(name)) return shown + ": " + extension + " files are not supported: export glTF (.glb)";
+  std::vector<std::string_view> names(known.begin(), known.end());
+  for (const SceneSet& set : kSets) names.push_back(set.name);
+  const std::size_t slash = name.find('/');
+  const bool has_scene = slash != std::string_view::npos && !name.substr(slash).starts_with("/seed");  // in a group of scenes
+  const std::string_view first = has_scene ? std::string_view() : name.substr(0, slash);
+  const std::vector<std::string_view> generators = nearest_names(first, names_of(kGenerators), 1);
+  constexpr std::size_t kSuggested = 3;
+  std::vector<std::string> suggested;
+  for (const std::string_view near : nearest_names(name, names, kSuggested - generators.size())) {
+    suggested.push_back('\'' + std::string(near) + '\'');
+  }
+  for (const std::string_view near : generators) suggested.push_back('\'' + std::string(near) + "/seed-0'");
+  std::string text = "unknown scene " + shown;
+  if (suggested.empty()) text += ": expected a path, or a name such as 'arena/hall' or 'forest/seed-7'";
+  for (std::size_t i = 0; i < suggested.size(); ++i) {
+    text += (i == 0 ? ". Did you mean " : i + 1 == suggested.size() ? " or " : ", ") + suggested[i];
+  }
+  return text + (suggested.empty() ? "; " : "? ") + "flockstep.scenes.names() lists all";
 }
 
 }  // namespace flockstep

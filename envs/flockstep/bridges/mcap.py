@@ -345,13 +345,15 @@ def _record_env(arguments: argparse.Namespace, rates: Mapping[str, float]) -> No
         policy = PPO.load(arguments.policy)
     act = actions_of(policy, envs, "mcap", seed)
     observation, _ = envs.reset(seed=seed)
+    starts, ended = np.ones(envs.num_envs, bool), np.zeros(envs.num_envs, bool)
     source = BatchSource(envs.batch)
     with McapRecorder(arguments.path, source, rates_hz=rates) as recorder:
         recorder.write()
         steps = 0
         stopped = _stopped_by_ctrl_c()
         while not stopped.is_set() and source.time_s() < seconds - 1e-9:
-            observation = envs.step(act(observation))[0]
+            observation, _, terminated, truncated, _ = envs.step(act(observation, starts))
+            starts, ended = ended, terminated | truncated  # with next-step autoreset the next step begins the episode
             recorder.write()
             steps += 1
     print(

@@ -12,6 +12,7 @@ import numpy as np
 import numpy.typing as npt
 
 from flockstep._core import BodyConfig, BodyMotion, World
+from flockstep.arrays import refuse_masked
 from flockstep.client import protocol_pb2 as pb
 from flockstep.client import readers
 from flockstep.client.call import Call, floats, given
@@ -183,6 +184,7 @@ def _rows(name: str, values: npt.ArrayLike | None, *shape: int) -> npt.NDArray[n
 def _mask(values: npt.ArrayLike | None) -> npt.NDArray[np.bool_] | None:
     if values is None:
         return None
+    refuse_masked("mask", values)
     array = np.asarray(values)
     if array.dtype != np.bool_ or array.ndim not in (1, 2):
         raise ValueError(f"mask: expected bools of shape (E,) or (E, B), got {array.dtype} {array.shape}")

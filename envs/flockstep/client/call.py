@@ -10,6 +10,7 @@ from typing import Any, Generic, TypeVar
 import numpy as np
 import numpy.typing as npt
 
+from flockstep.arrays import refuse_masked
 from flockstep.client.errors import ServerError
 from flockstep.client.frames import Arrays
 from flockstep.client.protocol_pb2 import Code, Hello, Reply, Request, Subscribe, Unsubscribe
@@ -67,6 +68,7 @@ class Call(Generic[T]):
 
 def floats(name: str, values: npt.ArrayLike, *shape: int) -> npt.NDArray[np.float32]:
     """Return numbers of the given shape, in which -1 is any size, as float32."""
+    refuse_masked(name, values)
     try:
         array = np.asarray(values, np.float32)
     except (TypeError, ValueError):
@@ -80,6 +82,7 @@ def floats(name: str, values: npt.ArrayLike, *shape: int) -> npt.NDArray[np.floa
 
 def finite(name: str, values: npt.ArrayLike, size: int) -> list[float]:
     """Return ``size`` finite numbers. In messages, servers refuse other numbers like malformed bytes."""
+    refuse_masked(name, values)
     try:
         numbers = [] if isinstance(values, str) else [*map(float, values)]  # type: ignore[arg-type] # faster than NumPy
     except (TypeError, ValueError):
@@ -93,6 +96,7 @@ def finite(name: str, values: npt.ArrayLike, size: int) -> list[float]:
 
 def flags(name: str, values: npt.ArrayLike) -> npt.NDArray[np.bool_]:
     """Return flags (N,), which must be bool."""
+    refuse_masked(name, values)
     array = np.asarray(values)
     if array.dtype != np.bool_ or array.ndim != 1:
         raise ValueError(f"{name}: expected bools of shape (N,), got {array.dtype} {array.shape}")

@@ -8,6 +8,7 @@ from typing import Any, Protocol, TypeVar
 import numpy as np
 import numpy.typing as npt
 
+from flockstep.arrays import refuse_masked
 from flockstep.client import protocol_pb2 as pb
 from flockstep.client import readers
 from flockstep.client.bodies import RemoteBodies
@@ -133,6 +134,7 @@ class RemoteBatch:
     def _actions(self, actions: npt.ArrayLike) -> npt.NDArray[Any]:
         field = self.task.action
         shape = (self.task.num_rows, *field.shape)
+        refuse_masked("actions", actions)
         try:
             array = np.asarray(actions)
         except ValueError as error:  # rows of different lengths

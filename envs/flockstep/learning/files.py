@@ -57,8 +57,13 @@ def load(path: str | PathLike[str], names: Iterable[str]) -> tuple[dict[str, Any
     source = Path(fspath(path))
     source = source if source.is_file() else _with_suffix(path)
     if not source.is_file():
-        raise FileNotFoundError(f"expected a model that PPO.save wrote, got {source}, which is not there")
+        raise FileNotFoundError(f"no such model file: {source}")
     content = source.read_bytes()
+    if _is_of_sb3(content):
+        raise ValueError(
+            f"{source} is a model of Stable-Baselines3. Load it by "
+            f"flockstep.PPO.from_sb3(stable_baselines3.PPO.load({fspath(source)!r})), which runs code from the file"
+        )
     try:
         return _read(content, names)
     except Exception as error:  # a damaged archive makes zipfile raise errors of many kinds
@@ -69,8 +74,6 @@ def load(path: str | PathLike[str], names: Iterable[str]) -> tuple[dict[str, Any
 
 def _read(content: bytes, names: Iterable[str]) -> tuple[dict[str, Any], dict[str, npt.NDArray[Any]]]:
     with zipfile.ZipFile(io.BytesIO(content)) as archive:
-        if "data" in archive.namelist():
-            raise ValueError("it is a model of Stable-Baselines3: load it there, then call flockstep.PPO.from_sb3")
         state = json.loads(_member(archive, _TEXT).decode())
         if not isinstance(state, dict) or state.get("format") != FORMAT:
             raise ValueError(f"expected the format {FORMAT!r}")
@@ -82,6 +85,14 @@ def _read(content: bytes, names: Iterable[str]) -> tuple[dict[str, Any], dict[st
             array = np.frombuffer(member, _type_of(name))
             arrays[name] = array.astype(array.dtype.newbyteorder("="))
     return state, arrays
+
+
+def _is_of_sb3(content: bytes) -> bool:
+    try:
+        with zipfile.ZipFile(io.BytesIO(content)) as archive:
+            return "data" in archive.namelist()
+    except Exception:  # a damaged archive makes zipfile raise errors of many kinds
+        return False
 
 
 def _member(archive: zipfile.ZipFile, name: str) -> bytes:

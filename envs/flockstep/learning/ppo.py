@@ -5,17 +5,18 @@ from __future__ import annotations
 import inspect
 import secrets
 import time
+import warnings
 from collections import deque
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from os import PathLike
-from typing import Any, TypeAlias, TypeVar
+from typing import Any, NoReturn, TypeAlias, TypeVar
 
 import numpy as np
 import numpy.typing as npt
 from gymnasium import spaces
 
-from flockstep._core import Learner, NetworkConfig, RolloutConfig, UpdateConfig
+from flockstep._core import Learner, NetworkConfig, RolloutConfig, UpdateConfig, _unexpected_keyword
 from flockstep.learning import files, sb3_models
 from flockstep.learning.callbacks import Callbacks
 from flockstep.learning.logs import Log
@@ -65,7 +66,7 @@ class PPO:
     n_steps
         Steps of each row between two updates.
     batch_size
-        Steps in a minibatch.
+        Steps in a minibatch. More than a rollout has (``n_steps`` of each row) give a warning.
     n_epochs
         Passes over the steps of an update.
     gamma, gae_lambda
@@ -145,7 +146,10 @@ class PPO:
         num_threads: int = 0,
         normalize_observations: bool = False,
         normalize_rewards: bool = False,
+        **unknown: NoReturn,
     ) -> None:
+        for name in unknown:
+            raise TypeError(_unexpected_keyword("PPO.__init__", name, [*inspect.signature(PPO).parameters]))
         del sde_sample_freq  # of use_sde
         if use_sde:
             raise ValueError(
@@ -173,6 +177,7 @@ class PPO:
         self.normalize_observations, self.normalize_rewards = normalize_observations, normalize_rewards
         self.seed = seed
         self._make_learner(policy, policy_kwargs, num_threads)
+        self._warn_of_batch_size()
         self._seed_env()
 
     def _make_learner(self, policy: str, policy_kwargs: Mapping[str, Any] | None, num_threads: int) -> None:
@@ -187,6 +192,16 @@ class PPO:
             self.learner.parameters = parameters
         self._set_normalization(self.n_envs)
         self._begin_counts()
+
+    def _warn_of_batch_size(self) -> None:
+        steps = self.n_steps * self.n_envs
+        if self.batch_size > steps:
+            warnings.warn(
+                f"batch_size: expected at most the {steps} steps of a rollout ({self.n_steps} n_steps x {self.n_envs} "
+                f"envs), got {self.batch_size}: each epoch is a single minibatch of {steps}",
+                UserWarning,
+                stacklevel=3,
+            )
 
     def _seed_env(self) -> None:
         """Seed the environment: a ``VecEnv`` now, others when the next `learn` begins."""
@@ -285,6 +300,7 @@ class PPO:
         self.source, self._vec_env = source, None
         self.env = source.single if isinstance(source, SingleEnvSource) else env
         self._start = "reset" if force_reset else "go on"
+        self._warn_of_batch_size()
 
     # --- learning
 

@@ -15,6 +15,7 @@ from gymnasium.vector import AutoresetMode, SyncVectorEnv, VectorEnv
 
 from flockstep import stepping
 from flockstep._core import Learner
+from flockstep.arrays import real_array
 from flockstep.vector_env import DroneVectorEnv
 
 Array = npt.NDArray[Any]
@@ -370,7 +371,7 @@ def flat_rows(space: spaces.Space[Any], observation: Any, rows: int | None) -> A
 
 
 def _flat(name: str, space: spaces.Space[Any], values: Any, rows: int | None) -> Array:
-    array = np.asarray(values, np.float32)
+    array = real_array(name, values).astype(np.float32, copy=False)
     assert space.shape is not None
     expected = space.shape if rows is None else (rows, *space.shape)
     if array.shape != expected:
@@ -379,7 +380,7 @@ def _flat(name: str, space: spaces.Space[Any], values: Any, rows: int | None) ->
 
 
 def _rewards(rewards: Any, rows: int) -> Array:
-    array = np.asarray(rewards, np.float32)
+    array = real_array("rewards", rewards).astype(np.float32, copy=False)
     if array.shape != (rows,):
         raise ValueError(f"rewards: expected shape {(rows,)}, got {array.shape}")
     return array

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any, Protocol
 import numpy as np
 import numpy.typing as npt
 
+from flockstep.arrays import refuse_masked
 from flockstep.nearest_name import did_you_mean
 from flockstep.pictures.depth_canvas import Color, Floats, Image
 
@@ -174,6 +175,7 @@ def _lettering(string: str, color: Color, height_px: int) -> Image:
 
 
 def _places(field: str, value: npt.ArrayLike) -> Floats:
+    refuse_masked(field, value)
     places = np.asarray(value, float)
     if places.ndim not in (1, 2) or places.shape[-1] != 3:
         raise ValueError(f"{field}: expected shape (3,) or (K, 3), got {places.shape}")

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any, TypeAlias
 import numpy as np
 import numpy.typing as npt
 
+from flockstep.arrays import refuse_masked
 from flockstep.nearest_name import did_you_mean
 
 if TYPE_CHECKING:
@@ -100,6 +101,7 @@ def selected(indices: int | Sequence[int] | npt.NDArray[np.integer[Any]], count:
     ValueError
         One is not an integer from 0 to ``count - 1``.
     """
+    refuse_masked("indices", indices)
     chosen: list[int] = np.atleast_1d(np.asarray(indices)).tolist()
     for index in chosen:
         if not isinstance(index, int) or isinstance(index, bool) or not 0 <= index < count:

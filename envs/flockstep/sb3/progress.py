@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-import sys
-import time
 from typing import TextIO
 
 import numpy as np
 from stable_baselines3.common.callbacks import BaseCallback
+
+from flockstep.progress_line import ProgressLine
 
 
 class Progress(BaseCallback):
@@ -41,36 +41,22 @@ class Progress(BaseCallback):
         self._stream = stream
 
     def _on_training_start(self) -> None:
-        self._out = sys.stderr if self._stream is None else self._stream
-        self._rewrites = self._out.isatty()
-        self._period_s = _TERMINAL_S if self._rewrites else self._interval_s
-        self._began = self._printed = time.monotonic()
+        self._progress = ProgressLine(self._interval_s, self._stream)
         self._first = self.model.num_timesteps
 
     def _on_step(self) -> bool:
-        if time.monotonic() - self._printed >= self._period_s:
-            self._print("")
+        if self._progress.is_due:
+            self._progress.show(self._line())
         return True
 
     def _on_training_end(self) -> None:
-        self._print("\n")
-
-    def _print(self, end: str) -> None:
-        self._printed = time.monotonic()
-        if self._rewrites:
-            self._out.write(f"\r{self._line()}\x1b[K{end}")
-        else:
-            self._out.write(f"{self._line()}\n")
-        self._out.flush()
+        self._progress.show(self._line(), is_last=True)
 
     def _line(self) -> str:
         steps, total = self.model.num_timesteps, self.model._total_timesteps
-        seconds = max(self._printed - self._began, 1e-9)
+        seconds = max(self._progress.seconds, 1e-9)
         share = min(steps / total, 1.0)  # training completes its last rollout
         line = f"{steps:,} of {total:,} steps ({share:.0%}), {seconds:.0f} s"
         line += f", {(steps - self._first) / seconds:,.0f} steps/s"
         successes = self.model.ep_success_buffer
         return f"{line}, success rate {np.mean(successes):.2f}" if successes else line
-
-
-_TERMINAL_S = 0.2

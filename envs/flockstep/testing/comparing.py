@@ -31,9 +31,21 @@ def difference_between(a: Any, b: Any) -> str | None:
             return difference_between(a.tolist(), b.tolist())
         if np.array_equal(a, b, equal_nan=a.dtype.kind in "fc"):
             return None
-        rows = np.flatnonzero((a != b).reshape(len(a), -1).any(axis=1)) if a.ndim else [0]
-        return f"rows {list(rows)[:5]}: {a[rows[0]] if a.ndim else a} against {b[rows[0]] if b.ndim else b}"
+        if not a.ndim:
+            return f"{a} against {b}"
+        differs = ((a != b) & ((a == a) | (b == b))).reshape(len(a), -1)  # NaN equals NaN
+        rows = np.flatnonzero(differs.any(axis=1))
+        x, y = (array.reshape(len(a), -1)[rows[0]] for array in (a, b))
+        where = f"rows {rows[:5].tolist()}"
+        if x.size > _MOST_SHOWN:
+            numbers = np.flatnonzero(differs[rows[0]])
+            where += f", {len(numbers)} of {x.size} numbers, the first at index {numbers[0]}"
+            x, y = x[numbers[0]], y[numbers[0]]
+        return f"{where}: {x} against {y}"
     return None if bool(a == b) or (a != a and b != b) else f"{a!r} against {b!r}"
+
+
+_MOST_SHOWN = 4  # numbers of a row in a message
 
 
 def rows_of(value: Any, rows: slice) -> Any:
@@ -50,13 +62,28 @@ def rows_of(value: Any, rows: slice) -> Any:
 def assert_same_runs(first: tuple[Any, list[Step]], second: tuple[Any, list[Step]], rule: str) -> None:
     """Raise AssertionError with the broken rule if two runs differ."""
     difference = difference_between(first[0], second[0])
-    assert difference is None, f"{rule}, but the observations of the reset differ: {difference}"
+    assert difference is None, (
+        f"{rule}, but the observations of the reset differ: {_moved(first[1][:1], second[1][:1])}{difference}"
+    )
     for number, (a, b) in enumerate(zip(first[1], second[1], strict=True)):
         for name in ("observation", "reward", "terminated", "truncated"):
             difference = difference_between(getattr(a, name), getattr(b, name))
-            assert difference is None, f"{rule}, but {name} of step {number} differs: {difference}"
+            after = slice(number + 1, number + 2)
+            assert difference is None, (
+                f"{rule}, but {name} of step {number} differs: {_moved(first[1][after], second[1][after])}{difference}"
+            )
         difference = difference_between(_masked(a.infos), _masked(b.infos))
         assert difference is None, f"{rule}, but the infos of step {number} differ: {difference}"
+
+
+def _moved(first: list[Step], second: list[Step]) -> str:
+    """Name the first array of the batch that differs before a step, if one does."""
+    for a, b in zip(first, second, strict=True):
+        for name in a.before:
+            difference = difference_between(a.before[name], b.before[name])
+            if difference is not None:
+                return f"the drones have another {name} (batch.{name}, {difference}); "
+    return ""
 
 
 def _masked(infos: dict[str, Any]) -> dict[str, Any]:

@@ -12,6 +12,8 @@ import numpy as np
 import numpy.typing as npt
 from gymnasium.vector import AutoresetMode, VectorEnv
 
+from flockstep._core import Batch
+
 Array: TypeAlias = npt.NDArray[Any]
 AnyVectorEnv: TypeAlias = VectorEnv[Any, Any, Any]
 MakeEnv: TypeAlias = Callable[[int], AnyVectorEnv]
@@ -54,6 +56,8 @@ class Step:
     terminated: Array
     truncated: Array
     infos: dict[str, Any]
+    before: dict[str, Array]
+    """The motion of the drones before the step, by the names of the batch's arrays, if the env has a `Batch`."""
 
     @property
     def ended(self) -> Array:
@@ -102,8 +106,20 @@ def go_on(env: AnyVectorEnv, steps: int, actions: Actions, own: Callable[[Any], 
     mode = env.metadata.get("autoreset_mode")
     history = []
     for _ in range(steps):
-        step = Step(*own(env.step(actions())))
+        before = _motion(env)
+        observation, reward, terminated, truncated, infos = own(env.step(actions()))
+        step = Step(observation, reward, terminated, truncated, infos, before)
         history.append(step)
         if mode == AutoresetMode.DISABLED and step.ended.any():
             env.reset(options={"reset_mask": step.ended.copy()})
     return history
+
+
+def _motion(env: AnyVectorEnv) -> dict[str, Array]:
+    """Return copies of the arrays of a batch that a reset has to set, with a row for each row of the env."""
+    batch = getattr(env.unwrapped, "batch", None)
+    if not isinstance(batch, Batch):
+        return {}
+    names = ("position", "rotation", "velocity", "angular_velocity", "rotor_speed")  # kinematic drones have two of them
+    arrays = {name: getattr(batch, name, None) for name in names}
+    return {name: np.array(array).reshape(env.num_envs, -1) for name, array in arrays.items() if array is not None}

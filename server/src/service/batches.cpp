@@ -152,8 +152,9 @@ void Service::locked(Call& call, const protocol::SetPoses& set) {
   const DroneMask selected = mask ? DroneMask(*mask) : DroneMask();
   require_may_change(call, mask ? std::span<const std::uint8_t>(*mask) : std::span<const std::uint8_t>());
   begin_change();
-  if (set.teleport) {
-    batch_.set_pose(positions, rotations, selected);
+  if (set.teleport) {  // drones keep their attitude; without one, set_pose() would make those with rotors level
+    const bool keeps = rotations.empty() && !batch_.config().dynamics.is_kinematic();
+    batch_.set_pose(positions, keeps ? std::span<const float>(batch_.state().quat_wxyz) : rotations, selected);
   } else {
     batch_.move(positions, rotations, selected);
   }

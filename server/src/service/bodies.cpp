@@ -33,7 +33,9 @@ std::span<const float> values_of(const std::optional<std::vector<float>>& array)
 }  // namespace
 
 void Service::require_bodies() const {
-  require(batch_.bodies_per_env() > 0, "max_bodies", "at least 1 when the batch of the server is made, for bodies", 0);
+  if (batch_.bodies_per_env() == 0) {
+    throw std::invalid_argument("the batch of this server has no slots for bodies: make it with max_bodies=1 or more");
+  }
 }
 
 std::vector<std::uint8_t> Service::body_mask(const Call& call) const {

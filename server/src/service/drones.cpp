@@ -222,8 +222,8 @@ void Service::move(Call& call, std::int64_t index, const std::optional<protocol:
     std::ranges::copy(array_of(*location), positions_.begin() + static_cast<std::ptrdiff_t>(3 * drone));
     positions = positions_;
   }
-  if (rotation) {
-    const std::array<float, 4> q = array_of(*rotation);
+  if (rotation || !batch_.config().dynamics.is_kinematic()) {  // without one, set_pose() would make a drone with rotors level
+    const std::array<float, 4> q = array_of(rotation ? *rotation : quaternion_at(&batch_.state().quat_wxyz[4 * drone]));
     std::ranges::copy(q, rotations_.begin() + static_cast<std::ptrdiff_t>(4 * drone));
     rotations = rotations_;
   }

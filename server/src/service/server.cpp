@@ -90,7 +90,7 @@ void ServerConfig::validate() const {
     return;
   }
   require(ip_address(*this).is_loopback() || !token.empty(), "token",
-          "a secret, because other machines reach the address " + address, "none");
+          "a secret, because other machines reach the address " + address, "none (set FLOCKSTEP_TOKEN)");
 }
 
 class Server::Impl {

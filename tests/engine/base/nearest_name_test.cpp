@@ -5,6 +5,7 @@
 #include <array>
 #include <string>
 #include <string_view>
+#include <vector>
 
 namespace flockstep {
 namespace {
@@ -37,6 +38,21 @@ TEST(NearestName, SimilaritiesAreThoseOfDifflib) {
 TEST(NearestName, OfEquallySimilarOnesIsTheLastByTheAlphabet) {
   constexpr std::array<std::string_view, 3> kPair{"beam_a", "beam_c", "beam_b"};
   EXPECT_EQ(nearest_name("beam_x", kPair), "beam_c");
+}
+
+TEST(NearestName, OfPathsIsSimilarInTheLastPart) {
+  constexpr std::array<std::string_view, 4> kPaths{"arena/hall", "indoor/warehouse", "outdoor/city", "race/warehouse"};
+  EXPECT_EQ(nearest_name("hall", kPaths), "arena/hall");
+  EXPECT_EQ(nearest_names("warehouse", kPaths, 3), (std::vector<std::string_view>{"indoor/warehouse", "race/warehouse"}));
+  EXPECT_EQ(nearest_names("warehouse", kPaths, 1), (std::vector<std::string_view>{"indoor/warehouse"}));
+  EXPECT_TRUE(nearest_names("forest", kPaths, 3).empty());
+}
+
+TEST(NearestName, MayBeGivenByItsInitials) {
+  constexpr std::array<std::string_view, 2> kWords{"learning_rate", "clip_range"};
+  EXPECT_EQ(nearest_name("lr", kWords), "learning_rate");
+  EXPECT_EQ(nearest_name("l", kWords), "");
+  EXPECT_EQ(nearest_name("lrs", kWords), "");
 }
 
 TEST(NearestName, LongNamesAreNotCompared) { EXPECT_EQ(nearest_name(std::string(1'000'000, 'a'), kNames), ""); }

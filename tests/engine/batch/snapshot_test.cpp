@@ -222,7 +222,7 @@ class SnapshotRefusal : public ::testing::Test {
   }
   // Returns the offset of an array in a snapshot, which starts with its length.
   std::size_t offset_of(std::string_view array) const {
-    std::vector<std::string> names;  // arrays of the state, in order
+    std::vector<std::string> names{"config"};  // then the arrays of the state, in order
     testing::for_each_array(batch_.state(), [&](const std::string& name, const auto&) { names.push_back(name); });
     names.insert(names.end(), {"env_lights", "lidar_ranges", "lidar_settings", "sensed_position", "sensed_quat_wxyz"});
     std::size_t at = sizeof(testing::SnapshotHeader);
@@ -390,6 +390,19 @@ TEST_F(SnapshotRefusal, OneOfAnotherConfiguration) {
     expect_refused(config.make(worlds()).snapshot(), "one of a batch with the same configuration and worlds");
   }
   expect_refused(Batch(lively(AutoresetMode::next_step), worlds()).snapshot());  // no task
+}
+
+TEST_F(SnapshotRefusal, NamesTheFieldThatDiffers) {
+  const std::pair<std::function<void(NavigationBatch&)>, std::string> changes[] = {
+      {[](NavigationBatch& c) { c.clock.policy_hz = 20.0F; }, "clock.policy_hz"},
+      {[](NavigationBatch& c) { c.lidars[0].max_range_m = 2.0F; }, "lidars"},
+      {[](NavigationBatch& c) { c.navigation.step_m = 0.2F; }, "task"},
+  };
+  for (const auto& [change, name] : changes) {
+    NavigationBatch config = lively(AutoresetMode::next_step);
+    change(config);
+    expect_refused(config.make(worlds()).snapshot(), ", got one that differs in " + name);
+  }
 }
 
 TEST(Snapshot, IsRefusedByAnotherPattern) {

@@ -229,7 +229,7 @@ struct BadScene {
 TEST(SceneJson, BadScenesAreRefusedWithFieldExpectedAndGot) {
   const std::vector<BadScene> cases{
       {"not an object", "[]", "x.json: expected an object, got []"},
-      {"no version", "{" + kRoom + "}", "x.json: expected a field \"flockstep_scene\", found none"},
+      {"no version", "{" + kRoom + "}", "x.json: expected a field \"flockstep_scene\", found none: add \"flockstep_scene\": 1"},
       {"the key of another name of this format", R"({"other_scene": 1, )" + kRoom + "}",
        "x.json: /other_scene: expected the key \"flockstep_scene\" instead (only the format's name has changed: "
        "rename the key)"},

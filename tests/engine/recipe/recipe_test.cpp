@@ -163,20 +163,24 @@ TEST(Recipe, OpensNoFilesUnlessTheCallerAllowsIt) {
        {std::string("/etc/hosts.json"), std::string("hall.json"), (scenes / ".." / "hall.json").string(),
         (scenes / "playground" / ".." / ".." / "drones" / "t650.json").string(), std::string("/etc/PASSWD.GLB")}) {
     recipe.worlds = {path};
-    expect_has(refusal_of(recipe), "worlds: expected the name of a bundled scene");
+    expect_has(refusal_of(recipe), "worlds: this recipe may only use bundled scenes and drones");
     recipe.worlds = {"train"};
     recipe.drone = path;
-    if (path.ends_with(".json")) expect_has(refusal_of(recipe), "drone: expected the name of a bundled scene");
+    if (path.ends_with(".json")) expect_has(refusal_of(recipe), "drone: this recipe may only use bundled scenes and drones");
     recipe.drone = std::string();
   }
   recipe.worlds = {std::string(100'000, 'x') + ".json"};
-  expect_has(refusal_of(recipe), "worlds: expected the name of a bundled scene");
+  expect_has(refusal_of(recipe), "worlds: this recipe may only use bundled scenes and drones");
   recipe.worlds = {bundled};
   EXPECT_EQ(refusal_of(recipe), "nothing was refused");
   EXPECT_NE(refusal_of(recipe, {}), "nothing was refused") << "no folder is known";
   EXPECT_EQ(refusal_of(recipe, {.allows_files = true}), "nothing was refused");
+  for (const char* const path : {"/etc/passwd", "../passwd"}) {
+    recipe.worlds = {path};
+    expect_has(refusal_of(recipe), "worlds: this recipe may only use bundled scenes and drones");
+  }
   recipe.worlds = {"playground/../../etc"};
-  expect_has(refusal_of(recipe), "worlds: expected");
+  expect_has(refusal_of(recipe), "worlds: unknown scene 'playground/../../etc'");
 }
 
 TEST(Recipe, BuildsALimitedNumberOfWorlds) {
@@ -244,7 +248,7 @@ TEST(Scenes, NamesStandForScenes) {
     load_scene("playground/trian-1", FLOCKSTEP_SCENES);
     FAIL();
   } catch (const std::invalid_argument& error) {
-    expect_has(error.what(), "Did you mean playground/train-1?");
+    expect_has(error.what(), "unknown scene 'playground/trian-1'. Did you mean 'playground/train-1', ");
   }
 }
 

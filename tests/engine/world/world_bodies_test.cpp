@@ -194,7 +194,7 @@ TEST(WorldBodies, BadFilesAreRefused) {
   EXPECT_EQ(unknown.rfind("scene: bodies[0].motoin: expected one of name, shape, ", 0), 0U) << unknown;
   EXPECT_NE(unknown.find("id you mean"), std::string::npos) << unknown;
   EXPECT_EQ(message(R"([{"motion": {"kind": "orbit", "axis": [0, 0, 0]}}])"),
-            "bodies[0].motion.axis: expected a direction, got (0, 0, 0)");
+            "bodies[0].motion.axis: expected a direction of a length of at least 1e-06, got 0");
 }
 
 TEST(WorldBodies, ArePlacedWithTheirWorld) {

@@ -185,7 +185,8 @@ def test_some_envs_are_drawn(closet):
     for wrong in (5, -1, [0, 5], [0.5], [True], ["a"]):
         with pytest.raises(ValueError, match=r"^indices: expected integers from 0 to 4, got "):
             envs.render(wrong)
-    assert flockstep.DroneVectorEnv(5, worlds=closet).render([0]) is None
+    with pytest.warns(UserWarning, match="for pictures, make the env with"):
+        assert flockstep.DroneVectorEnv(5, worlds=closet).render([0]) is None
 
 
 def test_without_pillow_there_is_no_label(monkeypatch):

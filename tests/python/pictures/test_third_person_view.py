@@ -415,7 +415,8 @@ def test_render_view_chooses(room):
         flockstep.DroneVectorEnv(1, worlds=room, render_view="side")
     with pytest.raises(ValueError, match="render_view: 'camera' needs a camera, and this env has none"):
         flockstep.DroneVectorEnv(1, worlds=room, render_mode="rgb_array", render_view="camera")
-    assert flockstep.DroneVectorEnv(1, worlds=room, render_view="third_person").render() is None
+    with pytest.warns(UserWarning, match="for pictures, make the env with"):
+        assert flockstep.DroneVectorEnv(1, worlds=room, render_view="third_person").render() is None
 
 
 def test_from_a_fixed_place_the_world_stays_and_all_drones_of_it_are_seen(room, closet):

@@ -129,4 +129,5 @@ def test_frames_of_worlds_of_different_sizes_have_one_shape(room, closet):
     env.reset(seed=0)
     frames = env.render()
     assert np.array(frames).shape == (3, 256, 256, 3)
-    assert flockstep.DroneVectorEnv(1, worlds=room).render() is None
+    with pytest.warns(UserWarning, match="for pictures, make the env with"):
+        assert flockstep.DroneVectorEnv(1, worlds=room).render() is None
