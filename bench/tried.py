@@ -6,6 +6,7 @@ motions  sweeps against fine stepping with an independent convex distance
 encounters   motions among moving bodies against fine stepping with an independent convex distance: the first contacts
 shoves       pushes by bodies among walls and other bodies: no drone is inside anything unless it is reported
 crushes      ticks of rotor-driven drones among bodies that push them: none is inside anything unless it is reported
+tumbles      ticks of drones that tumble onto solids, meshes, bodies and each other: none freezes, or gains energy
 meetings     motions of drones that touch each other, kinematic and by rotors, among bodies: none is inside another one
 body_rays    LiDAR beams and camera pixels among bodies of 1 mm to 100 m, against closed forms in double precision
 rays     rays traced directly, through Embree, and by closed forms in double precision
@@ -21,7 +22,7 @@ soak     clients that connect, fly, read, stream, break off and send nonsense: t
 extensions   the patches of tests/extensions, applied to a copy, built and run; only if named
 scene, obj, ply, gltf, snapshot, calls, messages   the fuzzers, with address and undefined-behaviour sanitizers
 
-Each writes its number of trials to out/tried/NAME.json; bench/table.py --keep copies it from there. The first fifteen
+Each writes its number of trials to out/tried/NAME.json; bench/table.py --keep copies it from there. The first sixteen
 run in parts, each with its own seeds, and write after each part. A stopped run continues with the next part, on another
 machine from the stored results.
 """
@@ -53,6 +54,7 @@ TESTS = {
     "encounters": ("Encounters*:MovingSweepAgainstFineStepping*", 10, 20),
     "shoves": ("Shoves*:Push*", 10, 150),
     "crushes": ("ContactInACrowd.NoDrone*", 10, 10),
+    "tumbles": ("Tumbles.No*", 10, 5),
     "meetings": ("Meetings*", 10, 50),
     "body_rays": ("BodyRays*", 10, 25),
     "rays": ("Agreement*", 20, 50),
@@ -79,6 +81,7 @@ UNITS = dict.fromkeys(
     "encounters": "motions",
     "shoves": "pushes",
     "crushes": "ticks",
+    "tumbles": "ticks",
     "meetings": "motions",
 }
 #: Generators of worlds, and the cell size (m) with which a planner finds a path in each.
