@@ -472,7 +472,8 @@ class BodyMotion:
         Radius of the arcs that round the route's corners, smaller if the legs of a corner are short. Values: [0,
         1000000] m. Default: 0.0.
     faces_travel
-        Turns the body about z, so that its x axis points along the route; for ``"waypoints"``. Default: False.
+        Turns the body about z, so that its x axis points along the route; for ``"waypoints"``. At a corner without a
+        radius it turns at once. Default: False.
     center_m
         A point of the axis, world frame; for ``"orbit"`` and ``"hinge"``. Values: within +-1e+06 m. Default: [0.0, 0.0,
         0.0].

@@ -332,7 +332,7 @@ void Crowd::meet_drone(const Meeting& meeting) {
     if (!drone(both[i]).holds) continue;
     const std::size_t free = 1 - i;
     if (free == 1) touching.turn_round();
-    touched_[both[0]].b = kNone;  // another contact of these drones begins anew
+    touched_[both[0]].b = kNone;  // another contact of these drones starts with none
     const Rebound rebound =
         thrown_back(hits[free], ends[free], left, poses[free], touching.points(), *drone(both[free]).airframe, surface);
     return fly_on(both[free], meeting.time, poses[free], rebound.after, rebound.at_end);

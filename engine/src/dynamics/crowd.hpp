@@ -75,7 +75,7 @@ class Crowd {
     collision::MovingContact contact;
   };
   static constexpr std::size_t kNone = ~std::size_t{0};
-  // Where a drone touches another one, or a body, or the world, since it last moved.
+  // Points at which a drone touches another one, or a body, or the world, since it last moved.
   struct Touched {
     std::size_t b = kNone;
     int body = -1;

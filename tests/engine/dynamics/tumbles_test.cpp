@@ -27,7 +27,7 @@ using testing::Random;
 
 constexpr int kStill = 20;  // ticks
 
-// What drones tumble onto.
+// Obstacles that drones tumble onto.
 enum class Onto { level_box, tilted_box, edges, sphere, pole, mesh, bodies, each_other };
 constexpr std::array kAll{Onto::level_box, Onto::tilted_box, Onto::edges,  Onto::sphere,
                           Onto::pole,      Onto::mesh,       Onto::bodies, Onto::each_other};
