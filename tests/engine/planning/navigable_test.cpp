@@ -46,8 +46,8 @@ TEST(Markers, WorldsThatCannotBeNavigatedAreNamedWithTheMarker) {
     std::string message;
   };
   const std::vector<Case> cases{
-      {[](Markers& m) { m.start.reset(); }, "start: expected a point, found none"},
-      {[](Markers& m) { m.goal.reset(); }, "goal: expected a point, found none"},
+      {[](Markers& m) { m.start.reset(); }, "start: expected a point, found none (world.with_drawn_markers(seed) draws them)"},
+      {[](Markers& m) { m.goal.reset(); }, "goal: expected a point, found none (world.with_drawn_markers(seed) draws them)"},
       {[](Markers& m) { m.start = Vec3(5, 5, 2); },
        "start: expected room for the drone, got (5, 5, 2), where it touches an obstacle"},
       {[](Markers& m) { m.start = Vec3(5, 5.5F, 2); },

@@ -14,6 +14,7 @@ def small(monkeypatch):
     monkeypatch.setattr(formation, "MOST_STEPS", dict.fromkeys(formation.KINDS, 40))
 
 
+@pytest.mark.filterwarnings("ignore:batch_size")  # that of whole trainings
 def test_a_small_training_is_judged(tmp_path, capsys):
     out = tmp_path / "formation.zip"
     train_formation.main(train_formation.Args(out=out, steps=4096, threads=1, flights=3))
