@@ -2039,8 +2039,8 @@ class NativeTask:
     ------
     TypeError
         The argument is not a path.
-    flockstep.errors.MissingFileError
-        There is no such file. It is a `FileNotFoundError` and a `ValueError`.
+    FileNotFoundError
+        There is no such file. It is also a `ValueError`.
     ValueError
         The file is not a regular file, is cut short, is not a shared library, exports no task, or was built for another
         version.

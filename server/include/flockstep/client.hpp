@@ -256,9 +256,9 @@ struct Drone {
   std::uint32_t owner = 0;  // number of the client that has claimed it, or 0
 };
 
-// Place of a drone to spawn. location: m, where the drone touches nothing; by default the start of the world, or a free place
-// near it if that is taken.
+// Place of a drone to spawn.
 struct Spawn {
+  // m, where the drone touches nothing; by default the start of the world, or a free place near it if that is taken
   std::optional<Vector3> location;
   std::optional<Quaternion> rotation;  // by default level
   std::optional<std::int64_t> env;     // by default any with a free slot
