@@ -54,7 +54,7 @@ TESTS = {
     "encounters": ("Encounters*:MovingSweepAgainstFineStepping*", 10, 20),
     "shoves": ("Shoves*:Push*", 10, 150),
     "crushes": ("ContactInACrowd.NoDrone*", 10, 10),
-    "tumbles": ("Tumbles.No*", 10, 5),
+    "tumbles": ("Tumbles.No*", 10, 8),
     "meetings": ("Meetings*", 10, 50),
     "body_rays": ("BodyRays*", 10, 25),
     "rays": ("Agreement*", 20, 50),

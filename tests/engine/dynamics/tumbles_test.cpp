@@ -71,7 +71,7 @@ std::vector<BodyConfig> moving_bodies() {
 
 // A batch of drones without drag, so that only contacts change their energy.
 struct Tumble {
-  static constexpr int kDrones = 16;
+  static constexpr int kDrones = 14;
 
   Tumble(Random& random, const std::string& frame, Onto place)
       : onto(place), airframe(*DroneModel::load(frame).airframe()), radius(DroneModel::load(frame).radius()) {
@@ -230,7 +230,7 @@ TEST(Tumbles, WhatBeginsInsideGetsOut) {
     for (const OnContact on_contact : {OnContact::stop, OnContact::bounce}) {
       for (const float hz : {100.0F, 500.0F}) {
         BatchConfig config;
-        config.num_envs = 60;
+        config.num_envs = 20;
         config.num_threads = 1;
         config.clock = {.policy_hz = 50.0F, .physics_hz = hz};
         config.dynamics.motion = Motion::rotors;
@@ -251,7 +251,7 @@ TEST(Tumbles, WhatBeginsInsideGetsOut) {
         std::vector<std::int64_t> drones(count);
         std::iota(drones.begin(), drones.end(), 0);
         std::vector<std::uint8_t> is_free(count, 1);
-        for (int step = 0; step < 100; ++step) {
+        for (int step = 0; step < 70; ++step) {
           batch.is_free(drones, position, {}, is_free);
           for (std::size_t drone = 0; drone < count; ++drone) {
             if (is_free[drone] == 0) continue;
