@@ -22,6 +22,18 @@ if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:  # a job in the background
 
 ROOT = Path(__file__).resolve().parents[2]
 
+# A program that begins so imports none of these modules.
+WITHOUT = """
+import sys
+
+class Without:
+    def find_spec(self, name, path=None, target=None):
+        if name.split(".")[0] in {names!r}:
+            raise ModuleNotFoundError(f"No module named {{name!r}}", name=name)
+
+sys.meta_path.insert(0, Without())
+"""
+
 # Small, so that random flight ends soon: one pillar, one waypoint.
 ROOM: dict[str, Any] = {
     "flockstep_scene": 1,

@@ -1,5 +1,5 @@
 // Flight with simulated rotors: identical bits on every SIMD target and with any neighbours, agreement of the paths with and
-// without collision checks, and contacts. tests/python/test_dynamics.py has a reference implementation of the equations.
+// without collision checks, and contacts. tests/python/dynamics/test_dynamics.py has a reference implementation of the equations.
 #include "dynamics/flight.hpp"
 
 #include <gtest/gtest.h>

@@ -1,4 +1,4 @@
-// Surveys, places and reports in small worlds. tests/python/test_survey.py has the oracles.
+// Surveys, places and reports in small worlds. tests/python/worlds/test_survey.py has the oracles.
 #include "flockstep/survey.hpp"
 
 #include <gtest/gtest.h>

@@ -1,9 +1,8 @@
 """The film of a flight through a playground."""
 
-from pathlib import Path
-
 import numpy as np
 import pytest
+from conftest import ROOT
 from PIL import Image
 
 import flockstep
@@ -12,7 +11,6 @@ from tools.film import FINER
 from training.evaluate import MAX_STEPS, fly, greedy
 from training.tasks import load_policy
 
-ROOT = Path(__file__).resolve().parents[3]
 POLICY = ROOT / "policies" / "lidar.zip"
 
 

@@ -1,16 +1,14 @@
 """The film of a race."""
 
-from pathlib import Path
-
 import numpy as np
 import pytest
+from conftest import ROOT
 from PIL import Image
 
 import flockstep
 from tools import race_film
 from tools.film import FINER
 
-ROOT = Path(__file__).resolve().parents[3]
 POLICY = ROOT / "policies" / "race.zip"
 
 

@@ -1,10 +1,9 @@
 """The film of a quadrotor that follows a figure-8."""
 
-from pathlib import Path
-
 import imageio.v3 as imageio
 import numpy as np
 import pytest
+from conftest import ROOT
 
 import flockstep
 from tools import track_film
@@ -13,7 +12,7 @@ from training.flight import fly
 from training.tasks import UNSEEN_SEEDS
 
 SEED = UNSEEN_SEEDS.start + 5
-POLICY = Path(__file__).resolve().parents[3] / "policies" / "track.zip"
+POLICY = ROOT / "policies" / "track.zip"
 
 
 def nothing(observation, envs):

@@ -3,10 +3,10 @@
 import base64
 import json
 import zipfile
-from pathlib import Path
 
 import numpy as np
 import pytest
+from conftest import ROOT
 
 import flockstep
 
@@ -14,7 +14,7 @@ pytest.importorskip("stable_baselines3")
 from training import benchmark_flight, flight, train_flight
 from training.tasks import CHOOSING_SEEDS, UNSEEN_SEEDS, first_env_seed
 
-POLICIES = Path(__file__).resolve().parents[3] / "policies"
+POLICIES = ROOT / "policies"
 ARGS = train_flight.Args  # tests replace it
 
 

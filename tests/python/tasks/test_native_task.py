@@ -6,16 +6,16 @@ import shlex
 import subprocess
 import sys
 import sysconfig
-from pathlib import Path
 
 import gymnasium
 import numpy as np
 import pytest
+from conftest import ROOT
 
 import flockstep
 from flockstep.testing import check_vector_env
 
-SOURCE = Path(__file__).resolve().parents[1] / "tasks" / "reach_height.cpp"
+SOURCE = ROOT / "tests" / "tasks" / "reach_height.cpp"
 
 
 @pytest.fixture(scope="module")

@@ -3,11 +3,10 @@
 import ast
 import re
 import sys
-from pathlib import Path
 
 import pytest
+from conftest import ROOT
 
-ROOT = Path(__file__).resolve().parents[2]
 DOCS = ROOT / "docs"
 PAGES = sorted(path.stem for path in DOCS.glob("*.md"))
 STUB = (ROOT / "envs" / "flockstep" / "_core.pyi").read_text(encoding="utf-8")

@@ -3,13 +3,12 @@
 import json
 import math
 import re
-from pathlib import Path
 
 import pytest
+from conftest import ROOT
 
 import flockstep
 
-ROOT = Path(__file__).resolve().parents[2]
 NAMES = ["crazyflie", "f450", "hummingbird", "kingfisher", "racer5", "t650", "x500"]
 GRAVITY = 9.81  # m/s^2
 RPM = 2 * math.pi / 60  # rad/s

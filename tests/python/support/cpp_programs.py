@@ -5,8 +5,8 @@ import sys
 from pathlib import Path
 
 import pytest
+from conftest import ROOT
 
-ROOT = Path(__file__).resolve().parents[2]
 BUILD = ROOT / "build" / "release"
 COMPILERS = ("g++", "clang++")
 #: GCC before 14 warns about fields with defaults that designated initializers omit.

@@ -3,11 +3,10 @@
 import os
 import shutil
 import subprocess
-from pathlib import Path
 
 import pytest
+from conftest import ROOT
 
-ROOT = Path(__file__).resolve().parents[2]
 #: Records its arguments; `-m venv FOLDER` makes an environment with this script as its Python.
 NOTING_PYTHON = """#!/bin/sh
 echo "$*" >>"$NOTES"

@@ -5,8 +5,8 @@ import subprocess
 from pathlib import Path
 
 import pytest
+from conftest import ROOT
 
-ROOT = Path(__file__).resolve().parents[2]
 PATCHES = ROOT / "tests" / "extensions"
 
 

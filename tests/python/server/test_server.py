@@ -17,6 +17,7 @@ from typing import ClassVar
 import gymnasium
 import numpy as np
 import pytest
+from conftest import ROOT
 from websockets.exceptions import ConnectionClosed
 from websockets.sync.client import connect as connect_websocket
 
@@ -26,7 +27,6 @@ from flockstep.client.frames import decode, encode
 from flockstep.client.protocol_pb2 import Hello, Ping, Reply, Request, Step
 from flockstep.client.session import Session
 
-ROOT = Path(__file__).resolve().parents[2]
 CERTIFICATES = Path(__file__).parent / "certificates"
 SECRET = "a-secret"
 PONG = encode(Reply(id=4, done=pb.Done()), {})

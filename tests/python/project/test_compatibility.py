@@ -8,6 +8,7 @@ import sys
 from pathlib import Path
 
 import pytest
+from conftest import ROOT
 
 import flockstep
 
@@ -16,7 +17,6 @@ if sys.version_info >= (3, 11):
 else:
     import tomli as tomllib
 
-ROOT = Path(__file__).resolve().parents[2]
 HEADERS = ROOT / "engine" / "include" / "flockstep"
 #: Hash of the headers that a C++ task includes, for each task format. A release keeps the entry of its format.
 TASK_HEADERS = {4: "49c6ae2d83714fc8"}

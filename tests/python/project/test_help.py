@@ -7,13 +7,14 @@ import pydoc
 from pathlib import Path
 
 import pytest
+from conftest import ROOT
 
 import flockstep
 from flockstep import _core
 
 STUB = Path(flockstep.__file__).parents[0] / "_core.pyi"
 if not STUB.exists():  # an editable install reads the checkout
-    STUB = Path(__file__).resolve().parents[2] / "envs" / "flockstep" / "_core.pyi"
+    STUB = ROOT / "envs" / "flockstep" / "_core.pyi"
 TREE = ast.parse(STUB.read_text(encoding="utf-8"))
 
 
@@ -110,7 +111,7 @@ def test_fields_say_what_they_mean_and_their_defaults(config):
 
 
 def test_stub_and_documents_are_made_from_the_lists_of_the_engine():
-    path = Path(__file__).resolve().parents[2] / "bindings" / "stubs.py"
+    path = ROOT / "bindings" / "stubs.py"
     spec = importlib.util.spec_from_file_location("stubs", path)
     stubs = importlib.util.module_from_spec(spec)
     spec.loader.exec_module(stubs)

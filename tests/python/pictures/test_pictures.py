@@ -5,8 +5,8 @@ from fnmatch import fnmatch
 from pathlib import Path
 
 import pytest
+from conftest import ROOT
 
-ROOT = Path(__file__).resolve().parents[2]
 DOCS = ROOT / "docs"
 SUFFIXES = (".png", ".jpg", ".gif", ".webp", ".svg")
 PICTURES = sorted(path for path in DOCS.rglob("*") if path.suffix in SUFFIXES)

@@ -5,16 +5,15 @@ import signal
 import subprocess
 import sys
 import time
-from pathlib import Path
 
 import pytest
+from conftest import ROOT
 
 TRAINING = """
 import runpy, signal, sys
 signal.signal(signal.SIGINT, signal.default_int_handler)
 runpy.run_module("training.train_ppo", run_name="__main__", alter_sys=True)
 """
-ROOT = Path(__file__).resolve().parents[2]
 
 # Generous limit; on a quiet machine an interrupt ends each work within a second.
 PATIENCE_S = 10.0

@@ -1,10 +1,10 @@
 """Messages of the client as bytes, and its addresses."""
 
 import struct
-from pathlib import Path
 
 import numpy as np
 import pytest
+from conftest import ROOT
 from websockets.frames import Opcode
 from websockets.protocol import Protocol, Side
 from websockets.utils import accept_key
@@ -16,7 +16,6 @@ from flockstep.client.call import _STREAMED, subscription
 from flockstep.client.frames import decode, encode
 from flockstep.client.session import Session
 
-ROOT = Path(__file__).resolve().parents[2]
 ARRAYS = {
     "flags": np.array([True, False, True]),
     "pixels": np.arange(12, dtype=np.uint8).reshape(2, 2, 3),

@@ -8,10 +8,10 @@ import subprocess
 import sys
 import time
 from itertools import pairwise
-from pathlib import Path
 
 import numpy as np
 import pytest
+from conftest import ROOT, WITHOUT
 from mcap.exceptions import McapError
 from mcap.records import Message
 from mcap.stream_reader import StreamReader
@@ -20,7 +20,6 @@ from rosbags.interfaces import QosDurability
 from rosbags.rosbag2 import Reader
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 from scipy.spatial.transform import Rotation
-from test_package import WITHOUT
 
 import flockstep
 from flockstep.bridges import BatchSource, McapRecorder, Source, mcap, ros_messages
@@ -584,7 +583,7 @@ class TestCutFiles:
         assert stamps == {100_000_000 * (step + 1) for step in range(len(stamps))}
 
     def test_the_documented_reader_reads_a_file_that_was_cut_anywhere(self, tmp_path, monkeypatch):
-        page = (Path(__file__).resolve().parents[2] / "docs" / "mcap.md").read_text()
+        page = (ROOT / "docs" / "mcap.md").read_text()
         block = next(block for block in re.findall(r"```python\n(.*?)```", page, re.S) if "StreamReader" in block)
         (head, tail) = block.split('with open("flight.mcap", "rb+")')
         reader = tail[tail.index("messages = []") : tail.index("print(")]

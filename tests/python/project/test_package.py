@@ -11,6 +11,7 @@ import sys
 import gymnasium
 import numpy as np
 import pytest
+from conftest import WITHOUT
 
 import flockstep
 from flockstep import doctor
@@ -39,18 +40,6 @@ def test_the_doctor_reports_available_and_missing_parts(monkeypatch, capsys):
     printed = capsys.readouterr().out
     assert "missing (neural networks for training): pip install torch" in printed
     assert "EGL is switched off by FLOCKSTEP_EGL=none" in printed
-
-
-WITHOUT = """
-import sys
-
-class Without:
-    def find_spec(self, name, path=None, target=None):
-        if name.split(".")[0] in {names!r}:
-            raise ModuleNotFoundError(f"No module named {{name!r}}", name=name)
-
-sys.meta_path.insert(0, Without())
-"""
 
 
 def test_output_that_cannot_be_written_is_an_error_in_one_line():

@@ -11,11 +11,11 @@ from typing import ClassVar
 import jsonschema
 import numpy as np
 import pytest
+from conftest import ROOT
 
 import flockstep
 from flockstep import scenes
 
-ROOT = Path(__file__).resolve().parents[2]
 SHIPPED = scenes.names()
 SCHEMA = json.loads((scenes.directory() / "schema.json").read_text())
 

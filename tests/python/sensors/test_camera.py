@@ -7,11 +7,11 @@ import io
 import multiprocessing
 import os
 import pickle
-from pathlib import Path
 
 import numpy as np
 import pytest
 import trimesh.ray.ray_triangle
+from conftest import ROOT
 from PIL import Image
 
 import flockstep
@@ -678,7 +678,7 @@ class TestGolden:
     FLOCKSTEP_RENEW_GOLDEN=1 ./dev test python -k golden
     """
 
-    FOLDER = Path(__file__).resolve().parents[1] / "golden"
+    FOLDER = ROOT / "tests" / "golden"
 
     @staticmethod
     def shoot(backend, world, position, quat_wxyz, **fields):

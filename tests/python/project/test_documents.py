@@ -24,12 +24,12 @@ from typing import NamedTuple
 
 import numpy as np
 import pytest
+from conftest import ROOT
 from PIL import Image
 
 import flockstep
 from flockstep.task import _DECLARED
 
-ROOT = Path(__file__).resolve().parents[2]
 DOCUMENTS = [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md"))]
 BLOCK = re.compile(
     r"(?:^<!-- test: (?P<replaced>.+?) -->\n+)?"

@@ -4,12 +4,12 @@ import importlib
 import os
 import subprocess
 import sys
-from pathlib import Path
 
 import gymnasium
 import numpy as np
 import pytest
 import torch
+from conftest import ROOT
 from gymnasium import spaces
 
 import flockstep
@@ -17,7 +17,7 @@ from lidar_task import ID, SETTINGS, GoalFeatures, Options
 from processes import drones_of_each, free_port, threads_of_each
 from run import TRAINED
 
-FOLDER = Path(__file__).resolve().parents[2] / "examples" / "trainers"
+FOLDER = ROOT / "examples" / "trainers"
 
 pytestmark = [  # TorchRL warns about its own classes when imported
     pytest.mark.filterwarnings("ignore:Creating .*WeightUpdater which inherits:DeprecationWarning")

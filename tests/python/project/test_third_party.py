@@ -8,10 +8,10 @@ import zipfile
 from pathlib import Path
 
 import pytest
+from conftest import ROOT
 
 from flockstep import _core
 
-ROOT = Path(__file__).resolve().parents[2]
 SYSTEM = re.compile(r"lib(c|m|dl|z|gcc_s|stdc\+\+)\.so")  # on every Linux: no wheel contains them
 
 
