@@ -29,6 +29,8 @@
 namespace flockstep::bindings {
 namespace {
 
+using namespace py::literals;
+
 std::string class_name(const py::object& self) { return py::str(py::type::of(self).attr("__name__")); }
 
 // Returns the shortest decimal number that reads as this float32. Python's own repr is the shortest for the double:
@@ -231,6 +233,17 @@ std::string class_name_of() {
   return name + "Config";
 }
 
+// Returns the words of a task, for stubs, docstrings and documents.
+py::dict words_of(const TaskWords& words) {
+  const auto pairs = [](const std::vector<TaskPart>& parts) {
+    py::list list;
+    for (const TaskPart& part : parts) list.append(py::make_tuple(part.name, part.about));
+    return list;
+  };
+  return py::dict("about"_a = words.about, "start"_a = words.start, "action"_a = words.action, "observed"_a = words.observed,
+                  "observation"_a = pairs(words.observation), "reward"_a = pairs(words.reward), "end"_a = words.end);
+}
+
 }  // namespace
 
 void add_batch_fields(const py::object& cls, const std::type_info& type, std::ptrdiff_t offset) {
@@ -267,6 +280,8 @@ void register_config(py::module_& module) {
   py::dict tasks;
   for_each_task([&]<class Config>(std::type_identity<Config>) {
     auto cls = register_fields<Config>(module, class_name_of<Config>().c_str(), Config::kAbout);
+    cls.attr("_about") = Config::kAbout;
+    cls.attr("_words") = words_of(Config::words());
     if constexpr (std::is_same_v<Config, NavigationConfig>) {
       cls.def_static(
           "observing",

@@ -4,7 +4,8 @@ The parts are between marks: "# fields of A, B" and "# end of fields" in envs/fl
 __init__) and envs/flockstep/vector_env.py (the keywords of `DroneVectorEnv`; "tasks" stands for the configurations of
 all tasks); "# arrays of A" and "# end of arrays" in
 _core.pyi; in docs/, "<!-- arrays of A, B -->" and "<!-- end of arrays -->", "<!-- fields of A -->" and "<!-- end of
-fields -->". The section "Parameters" at the end of the docstring above "# fields of A" in _core.pyi is also generated.
+fields -->". The section "Parameters" at the end of the docstring above "# fields of A" in _core.pyi is also generated,
+and so is the whole docstring of a task's configuration.
 Run it with the module built after a change of such a list, then build again, because the module's docstrings come from
 the stub.
 """
@@ -20,7 +21,7 @@ from flockstep import _core
 
 ROOT = Path(__file__).resolve().parents[1]
 PACKAGE = ROOT / "envs" / "flockstep"
-DOCUMENTS = sorted((ROOT / "docs").glob("*.md"))
+DOCUMENTS = sorted((ROOT / "docs").rglob("*.md"))
 MARKED = re.compile(r"^( *)# fields of ([\w, ]+)\n.*?^ *# end of fields\n", re.MULTILINE | re.DOTALL)
 MARKED_ARRAYS = re.compile(r"^( *)# arrays of (\w+)\n.*?^ *# end of arrays\n", re.MULTILINE | re.DOTALL)
 MARKED_TABLE = re.compile(r"^<!-- arrays of ([\w, ]+) -->\n.*?^<!-- end of arrays -->\n", re.MULTILINE | re.DOTALL)
@@ -86,6 +87,33 @@ def parameters(indent: str, config: type[Any]) -> list[str]:
         lines.append(f"{indent}{field['name']}")
         lines += textwrap.wrap(text, 120, initial_indent=inner, subsequent_indent=inner, break_on_hyphens=False)
     return [*lines, f'{indent}"""', ""]
+
+
+def words(indent: str, config: type[Any]) -> list[str]:
+    """Return the docstring of a task's configuration as far as the section "Parameters"."""
+    said = config._words  # type: ignore[attr-defined]
+    lines = [f'{indent}"""{config._about}', ""]  # type: ignore[attr-defined]
+
+    def add(text: str, item: str = "") -> None:
+        inner = indent + " " * len(item)
+        lines.extend(
+            textwrap.wrap(text, 120, initial_indent=indent + item, subsequent_indent=inner, break_on_hyphens=False)
+        )
+
+    for text in (said["about"], f"**Start**: {said['start']}", f"**Action**: {said['action']}"):
+        add(text)
+        lines.append("")
+    for title, text, parts in (
+        ("Observation", said["observed"], said["observation"]),
+        ("Reward", "The sum of these terms:", said["reward"]),
+    ):
+        add(f"**{title}**: {text}")
+        lines.append("")
+        for name, about in parts:
+            add(f"{name}: {about}", "- ")
+        lines.append("")
+    add(f"**End**: {said['end']}")
+    return [*lines, ""]
 
 
 def field_table(fields: list[Field]) -> list[str]:
@@ -174,6 +202,8 @@ def with_fields(path: Path) -> str:
         before = text[end : match.start()]
         head, section, rest = before.rpartition(f"{indent}Parameters\n")
         if section and rest.endswith('"""\n\n') and rest.count('"""') == 1:
+            if hasattr(configs[0], "_words"):
+                head = head[: head.rindex('"""') - len(indent)] + "\n".join(words(indent, configs[0])) + "\n"
             before = head + "\n".join(parameters(indent, configs[0])) + "\n"
         lines = class_body(indent, configs[0]) if path.suffix == ".pyi" else keywords(indent, configs)
         new += before + "\n".join([f"{indent}# fields of {names}", *lines, f"{indent}# end of fields"]) + "\n"

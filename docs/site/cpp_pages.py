@@ -25,6 +25,7 @@ logger = logging.getLogger(__name__)
 DOXYGEN = f"""
 INPUT = {" ".join(map(str, FOLDERS))} {SITE / "namespace.dox"}
 FILTER_PATTERNS = "*.hpp={sys.executable} {SITE / "doxygen_filter.py"}"
+RECURSIVE = YES
 STRIP_FROM_PATH = {ROOT}
 GENERATE_XML = YES
 GENERATE_HTML = NO
@@ -99,9 +100,9 @@ def write_pages(app: Sphinx) -> None:
     shutil.rmtree(PAGES, ignore_errors=True)
     PAGES.mkdir(parents=True)
     rows = hidden = ""
-    headers = [header for folder in FOLDERS for header in folder.glob("*.hpp")]
+    headers = [header for folder in FOLDERS for header in folder.rglob("*.hpp")]
     for header in sorted(headers, key=lambda header: header.name):
-        title, text = f"flockstep/{header.name}", about(header)
+        title, text = header.as_posix().partition("/include/")[2], about(header)
         page = f".. _{label(header)}:\n\n{title}\n{'=' * len(title)}\n\n{text}\n\n" + "\n".join(
             entries.get(header.name, [])
         )

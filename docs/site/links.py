@@ -20,7 +20,7 @@ except ImportError:  # Python 3.10
     import tomli as tomllib  # type: ignore[no-redef]
 
 ROOT = Path(__file__).resolve().parents[2]
-LINK = re.compile(r"\[([^\]]+)\]\(\.\./([^)#\s]+)(#[^)\s]*)?\)")
+LINK = re.compile(r"\[([^\]]+)\]\((\.\./[^)#\s]+)(#[^)\s]*)?\)")
 NAMED = re.compile(r"\[([\w-]+\.md)\]\(\1(#[^)\s]*)?\)")  # a link whose text is the name of the file
 logger = logging.getLogger(__name__)
 
@@ -39,10 +39,13 @@ def anchors(path: Path) -> set[str]:
 
 def replaced(match: re.Match[str], page: str, address: str) -> str:
     """Return what stands on the site for a link to a file."""
-    text, name, anchor = match[1], match[2].rstrip("/"), match[3] or ""
-    path = ROOT / name
+    text, anchor = match[1], match[3] or ""
+    path = (ROOT / "docs" / page).parent.joinpath(match[2]).resolve()
     if not path.exists() or (anchor and anchor not in anchors(path)):
-        logger.warning("a link leads nowhere: ../%s%s", name, anchor, location=page)
+        logger.warning("a link leads nowhere: %s%s", match[2], anchor, location=page)
+    if path.is_relative_to(ROOT / "docs"):
+        return match[0]
+    name = path.relative_to(ROOT).as_posix()
     if address:
         return f"[{text}]({address}/{'tree' if path.is_dir() else 'blob'}/main/{name}{anchor})"
     return f"`{name}`" if text.strip("`/") in (name, path.name) else f"{text} (`{name}`)"

@@ -1342,18 +1342,40 @@ class NavigationReward:
 class HoverConfig:
     """Recover a thrown drone and hold it at a point.
 
-    The point is the world's goal marker, or the centre of its bounds if it has none. Episodes begin near it, with
-    random attitude and velocity and with the rotors at hover speed. Actions are float32 (4,), clipped to [-1, 1]. 0
-    hovers or has no effect. 1 is the largest command, which depends on the env's ``control``: the maximum of a rotor or
-    of the total thrust; the limit in `DynamicsConfig` of a rate, tilt, acceleration or speed; a position 1 m from the
-    drone along each axis; a yaw half a turn from the current heading.
+    The point is the world's goal marker, or the centre of its bounds. A world is refused if the drone would touch
+    something there. Any airframe with rotors and any ``control`` except ``"pose"`` can be used.
 
-    Observation, float32 (16,), in the body frame and independent of the heading: offset to the point, m (3); velocity,
-    m/s (3); the world's up vector (3); angular velocity, in units of 10 rad/s (3); rotor speeds, -1 slowest, 0
-    hovering, 1 fastest (4).
+    **Start**: Within ``start_offset_m`` of the point along each axis, with rotors at hover speed, tilted by up to
+    ``start_tilt_deg`` about a random horizontal axis, with a random heading, a speed of up to ``start_speed_mps`` in a
+    random direction and a rate of up to ``start_rate_dps`` about each body axis, all drawn uniformly. A start that
+    would touch something is drawn again; after 64 draws the drone begins at the point, level.
 
-    d is the distance to the point in metres. An episode ends as a crash if the drone touches something or d exceeds
-    ``max_distance_m``. An episode without a crash is a success if d is at most ``hold_m`` during its last ``hold_s``.
+    **Action**: Four numbers, clipped to [-1, 1]. 0 hovers or has no effect, and ±1 is the largest command. Their
+    meaning depends on ``control``: the speed or thrust of each rotor; total thrust and body rates; thrust, roll, pitch
+    and yaw; acceleration and yaw; velocity and yaw rate; a position within 1 m of the drone and a yaw. `DynamicsConfig`
+    holds the limits.
+
+    **Observation**: All vectors are in the body frame, and nothing depends on the heading. Offset and directions come
+    from the pose sensor; velocities and rotor speeds are exact.
+
+    - 3: offset to the point, m
+    - 3: velocity, m/s
+    - 3: the world's up vector
+    - 3: angular velocity, in units of 10 rad/s
+    - 4: speed of each rotor: -1 slowest, 0 hovering, 1 fastest
+
+    **Reward**: The sum of these terms:
+
+    - near: ``near_weight`` exp(-2 d); d is the distance to the point, m
+    - hold: ``hold_weight`` / (1 + (d / (2 ``hold_m``))^2)
+    - speed: -``speed_weight`` times the speed, m/s
+    - spin: -``spin_weight`` times the magnitude of the angular velocity, in units of 10 rad/s
+    - change: -``change_weight`` times the mean squared difference from the previous action; the action before the first
+      is 0
+    - crash: -``crash_weight`` if the episode ends as a crash
+
+    **End**: A contact, or d > ``max_distance_m``, ends an episode as a crash. An episode without a crash is a success
+    if d is at most ``hold_m`` in every step of its last ``hold_s``.
 
     Parameters
     ----------
@@ -1426,16 +1448,41 @@ class HoverConfig:
 class TrackConfig:
     """Follow a point that moves along a smooth path.
 
-    Paths are centred on the world's goal marker, or on the centre of its bounds if it has none. Each episode begins at
-    a random place of its path, with the path's velocity and yaw. Actions are those of `HoverConfig`.
+    The path is a figure-8 or random, around the world's goal marker, or around the centre of its bounds. A world is
+    refused if a figure-8 touches something or leaves the room, or if random paths of ``size_m`` reach beyond the room.
+    Any airframe with rotors and any ``control`` except ``"pose"`` can be used. ``batch.task_state["phase"]`` (N, 9)
+    holds the drawn phases: three waves along x, then y, then z, in turns; a figure-8 uses only the first.
 
-    Observation, float32 (15 + 3 ``points``,), in the body frame: offsets to the current point of the path, the point
-    ``ahead_s`` later, and so on, m (3 ``points``); velocity, m/s (3); the world's up vector (3); angular velocity, in
-    units of 10 rad/s (3); rotor speeds, -1 slowest, 0 hovering, 1 fastest (4); sine and cosine of the yaw error (2).
+    **Start**: At a random point of the path, offset by up to ``start_offset_m`` along each axis, level, with the path's
+    velocity and yaw, and with rotors at hover speed.
 
-    d is the distance in metres to the current point of the path. An episode ends as a crash if the drone touches
-    something or d exceeds ``max_distance_m``. An episode without a crash is a success if the root mean square of d over
-    all its steps is at most ``close_m``.
+    **Action**: Four numbers, clipped to [-1, 1]. 0 hovers or has no effect, and ±1 is the largest command. Their
+    meaning depends on ``control``: the speed or thrust of each rotor; total thrust and body rates; thrust, roll, pitch
+    and yaw; acceleration and yaw; velocity and yaw rate; a position within 1 m of the drone and a yaw. `DynamicsConfig`
+    holds the limits.
+
+    **Observation**: All vectors are in the body frame. Offsets and directions come from the pose sensor; velocities and
+    rotor speeds are exact.
+
+    - 3 for each of ``points``: offset to the current point of the path, the point ``ahead_s`` later, and so on, m
+    - 3: velocity, m/s
+    - 3: the world's up vector
+    - 3: angular velocity, in units of 10 rad/s
+    - 4: speed of each rotor: -1 slowest, 0 hovering, 1 fastest
+    - 2: sine and cosine of the yaw error
+
+    **Reward**: The sum of these terms:
+
+    - near: ``near_weight`` exp(-2 d); d is the distance to the current point, m
+    - close: ``close_weight`` / (1 + (d / ``close_m``)^2)
+    - yaw: -``yaw_weight`` times the yaw error, rad
+    - spin: -``spin_weight`` times the magnitude of the angular velocity, in units of 10 rad/s
+    - change: -``change_weight`` times the mean squared difference from the previous action; the action before the first
+      is 0
+    - crash: -``crash_weight`` if the episode ends as a crash
+
+    **End**: A contact, or d > ``max_distance_m``, ends an episode as a crash. An episode without a crash is a success
+    if the root mean square of d over all its steps is at most ``close_m``.
 
     Parameters
     ----------
@@ -1516,17 +1563,33 @@ class TrackConfig:
 
 @final
 class DodgeConfig:
-    """Fly to a goal by LiDAR, in the plane, among bodies that move.
+    """Fly to a goal by LiDAR, among bodies that move.
 
-    An episode begins at a random free place, and a random free place is its goal, both at the height of the world's start
-    marker. The drone moves in the plane: actions are two numbers, clipped to [-1, 1], the displacement along the
-    body's x and y in units of ``step_m``. It should have a planar LiDAR.
+    The worlds hold bodies that move: pillars that slide, forklifts, people. The drone moves in the plane, straight to
+    the commanded pose, and should have a planar LiDAR.
 
-    The observation is float32 (5 + 2 rays,): the unit direction to the goal, x and y of the body frame (2); the distance
-    to the goal, in units of 10 m, at most 1; the last action (2); the LiDAR ranges over the maximum range, 1 on a miss;
-    and the ranges of the scan before, which show how things move.
+    **Start**: At a random free place at the height of the world's start marker, at least 1.5 m from the centre of every
+    body. The goal is a random free place at the same height, at least ``goal_distance_m`` away.
 
-    The reward is the sum of the weighted terms. The episode ends at the goal, as a success, or at a contact.
+    **Action**: Two numbers, clipped to [-1, 1]: the displacement along the body's x and y, in units of ``step_m``.
+
+    **Observation**: Vectors are x and y of the body frame. Ranges are divided by the maximum range and 1 on a miss.
+
+    - 2: unit direction to the goal
+    - 1: distance to the goal, in units of 10 m, at most 1
+    - 2: last action
+    - one for each beam: LiDAR ranges
+    - one for each beam: LiDAR ranges before the last step, which show how things move; at the start equal to the others
+
+    **Reward**: The sum of these terms:
+
+    - progress: ``progress_weight`` times the metres gained towards the goal
+    - goal: ``goal_weight`` at the goal
+    - crash: -``crash_weight`` at a contact
+    - near: -``near_weight`` times 1 - (nearest range) / ``near_m``, if that is positive
+    - time: -``time_weight`` in each step
+
+    **End**: An episode ends within ``goal_radius_m`` of the goal, as a success, or at a contact.
 
     Parameters
     ----------
@@ -1581,19 +1644,38 @@ class DodgeConfig:
 class SwapConfig:
     """Exchange places with other drones without touching.
 
-    The drones of an env begin on a circle around the middle of the world's bounds, at the height of its start marker,
-    facing their goals. The goal of drone m of M is the place of drone (m + M // 2) % M; one drone flies to the opposite
-    place. The drones move in the plane: actions are two numbers, clipped to [-1, 1], the displacement along the body's
-    x and y in units of ``step_m``.
+    Each drone has a row, so all drones fly by one policy. 2 to 32 drones fit into the default world. The goal of drone
+    m of M is the place of drone (m + M // 2) % M; one drone alone flies to the opposite place. The drones move in the
+    plane.
 
-    The observation is float32 (7 + 5 neighbors,), in the x and y of the body frame: the unit direction to the goal (2);
-    the distance to the goal, in units of 10 m, at most 1; the last action (2); the velocity over sqrt(2) ``step_m`` per
-    step (2); for each of the nearest drones, the nearest first, its position in units of ``sight_m``, shortened to 1 if
-    it is farther (2), its velocity relative to the drone, over twice the unit above (2), and 1, or five times 0 if there
-    are fewer.
+    **Start**: On a circle around the middle of the world's bounds, at the height of its start marker, facing the goals.
+    The radius is ``radius_m``, or larger if neighbouring places would be nearer than ``spacing_m`` along the circle.
+    Each episode turns the circle at random and moves each start by up to ``jitter_m`` along x and y.
 
-    The reward is the sum of the weighted terms. The episode ends as a success for all when all drones are at their
-    goals at once, and at a contact.
+    **Action**: Two numbers, clipped to [-1, 1]: the displacement along the body's x and y, in units of ``step_m``.
+
+    **Observation**: All vectors are x and y of the body frame. The unit of velocities, u, is the longest displacement:
+    sqrt(2) ``step_m`` per step. Poses come from the pose sensor; velocities are exact.
+
+    - 2: unit direction to the goal
+    - 1: distance to the goal, in units of 10 m, at most 1
+    - 2: last action
+    - 2: velocity of the last step, in units of u
+    - 5 for each of ``neighbors``: the nearest drones, the nearest first: relative position in units of ``sight_m``,
+      shortened to 1 if it is farther (2), relative velocity in units of 2 u (2), and 1; zeros if there are fewer drones
+
+    **Reward**: The sum of these terms:
+
+    - progress: ``progress_weight`` times the metres gained towards the goal
+    - goal: ``goal_weight`` for each drone when all are at their goals
+    - crash: -``crash_weight`` at a contact
+    - near: -``near_weight`` times 1 - (distance to the nearest drone, between the centres) / ``near_m``, if that is
+      positive
+    - time: -``time_weight`` in each step after which the drone is not at its goal
+
+    **End**: The episode ends as a success for all drones when all are within ``goal_radius_m`` of their goals at once.
+    It ends when a drone touches another drone or the world: for this drone by a contact, for the others because of a
+    teammate. With ``episodes="last"`` the others fly on, and succeed when all of them are at their goals.
 
     Parameters
     ----------
@@ -1665,19 +1747,37 @@ class SwapConfig:
 class FormationConfig:
     """Hold places relative to a moving leader.
 
-    The leader is a point that flies along a smooth route, at the beginning of which the episode begins. Drone m has place
-    m of `formation_places`, which turns with the leader's heading, and so do the drones. Actions are three numbers,
-    clipped to [-1, 1], the displacement along the body's axes in units of ``step_m``.
+    The leader is a point that flies along a smooth route; it touches nothing. Drone m has place m of
+    `formation_places`, which turns with the leader's heading, and so do the drones. On a planned path the shape narrows
+    to a column where there is no room. Each drone has a row, so all drones fly by one policy.
 
-    The observation is float32 (12 + 7 neighbors + rays,), in the body frame: the offset to the drone's place, in units of
-    2 m, shortened to 1 if it is farther (3); the velocity of the place over sqrt(3) ``step_m`` per step (3); the last
-    action (3); the velocity, in the same unit (3); for each of the nearest drones, the nearest first, its position in
-    units of ``sight_m``, shortened to 1 if it is farther (3), its velocity relative to the drone, over twice the unit
-    (3), and 1, or seven times 0 if there are fewer; and the LiDAR ranges over the maximum range, 1 on a miss.
+    **Start**: At the beginning of the route, each drone up to ``jitter_m`` from its place along x and y, more if that
+    is not free.
 
-    The reward is the sum of the weighted terms. d is the distance to the place, m. The episode ends at a contact, if d
-    exceeds ``max_distance_m``, or when the leader has arrived at the end of a path. It is a success if it ends without a
-    contact, and the mean of d over all steps is at most ``close_m``.
+    **Action**: Three numbers, clipped to [-1, 1]: the displacement along the body's x, y and z, in units of ``step_m``.
+
+    **Observation**: All vectors are in the body frame. The unit of velocities, u, is the longest displacement: sqrt(3)
+    ``step_m`` per step. Ranges are divided by the maximum range and 1 on a miss.
+
+    - 3: offset to the drone's place, in units of 2 m, shortened to 1 if it is farther
+    - 3: velocity of the place over the next step, in units of u
+    - 3: last action
+    - 3: velocity of the last step, in units of u
+    - 7 for each of ``neighbors``: the nearest drones, the nearest first: relative position in units of ``sight_m``,
+      shortened to 1 if it is farther (3), relative velocity in units of 2 u (3), and 1; zeros if there are fewer drones
+    - one for each beam: LiDAR ranges
+
+    **Reward**: The sum of these terms:
+
+    - place: ``place_weight`` exp(-d); d is the distance of the drone from its place, m
+    - crash: -``crash_weight`` at a contact, and when d exceeds ``max_distance_m``
+    - near: -``near_weight`` times 1 - (nearest range) / ``near_m``, if that is positive
+    - change: -``change_weight`` times the mean squared difference from the previous action; the action before the first
+      is 0
+
+    **End**: An episode ends at a contact, if d exceeds ``max_distance_m``, or when the leader has arrived at the end of
+    a path. It is a success if neither of the first two has happened and the mean of d over all steps is at most
+    ``close_m``.
 
     Parameters
     ----------
@@ -1765,23 +1865,44 @@ class FormationConfig:
 class RaceConfig:
     """Fly through the gates of a track, lap after lap.
 
-    The track is `World.gates` in their order. Episodes begin behind a random gate, and the next gate is the first to
-    pass. ``control`` is ``"body_rates"``. Actions are four numbers in [-1, 1]: thrust from the least of the rotors over
-    hovering to ``max_thrust_to_weight``, and body rates up to the ``max_rate_dps`` and ``max_yaw_rate_dps`` of
-    `DynamicsConfig`; 0 hovers.
+    The gates are `World.gates` in their order, and ``control`` is ``"body_rates"``. A gate is passed where the drone's
+    path through the ticks of a step crosses the gate's plane forwards within the opening. It is missed where the path
+    crosses the plane outside the opening but within ``miss_m`` of the centre. The cap v on the rewarded speed is a
+    curriculum of each env: after an episode it rises by ``cap_rise_mps`` if at least ``cap_success`` of the env's last
+    ``cap_episodes`` episodes were clean. An episode is clean if it succeeds, or reaches its time limit after at least
+    half a lap. ``batch.task_state`` holds ``target``, ``passed`` and ``speed_cap``.
 
-    Observation, float32 (13 + 6 ``gates_ahead``,), in the body frame: for each of the next gates the offset to its
-    centre in m, times ``observation_scale`` (3), and the direction in which it is passed (3); velocity in m/s, times
-    ``observation_scale`` (3); the world's up vector (3); angular velocity in rad/s, times ``observation_scale`` (3);
-    the last action (4).
+    **Start**: Behind a random gate, at rest (``start="gate"``), or half of the drones there and the others anywhere in
+    the first nine tenths of the way to the next gate, with a velocity of up to ``start_speed_mps`` along each axis
+    (``"between"``). Offset, yaw, roll and pitch are drawn up to ``start_offset_m``, ``start_yaw_deg`` and
+    ``start_tilt_deg``, at least 0.3 m behind the gate's plane. A start that would touch something is drawn again. The
+    next gate is the first to pass.
 
-    A gate is passed, or missed, where the drone's path through the ticks of a step crosses the gate's plane forwards.
-    An episode ends as a crash if the drone touches something, misses a gate, or leaves the area: the next gate is
-    farther than ``max_distance_m``. It ends as a success after the last gate of the last lap.
+    **Action**: Four numbers, clipped to [-1, 1]: thrust, from the least that the rotors give to
+    ``max_thrust_to_weight`` times the weight, and body rates about x, y and z, up to the ``max_rate_dps`` and
+    ``max_yaw_rate_dps`` of `DynamicsConfig`. 0 hovers.
 
-    The cap on the rewarded speed, v, is a curriculum. It rises in each env by ``cap_rise_mps`` after an episode if at
-    least ``cap_success`` of the env's last ``cap_episodes`` episodes were clean. An episode is clean if it succeeds, or
-    if it reaches its time limit after a whole lap. ``batch.task_state`` has ``target``, ``passed`` and ``speed_cap``.
+    **Observation**: All vectors are in the body frame; k is ``observation_scale``.
+
+    - 6 for each of ``gates_ahead``: offset to the next gate's centre, m, times k (3), and the direction in which it is
+      passed (3)
+    - 3: velocity, m/s, times k
+    - 3: the world's up vector
+    - 3: angular velocity, rad/s, times k
+    - 4: last action
+
+    **Reward**: The sum of these terms:
+
+    - progress: ``progress_weight`` times the distance gained towards the next gate's centre, m, at most v times the
+      duration of a step
+    - gate: ``gate_weight`` for each gate passed
+    - rates: -``rates_weight`` times the magnitude of the angular velocity, rad/s
+    - change: -``change_weight`` times the mean squared difference from the previous action; the action before the first
+      is 0
+    - crash: -``crash_weight`` on a crash
+
+    **End**: A contact, a missed gate, or a distance above ``max_distance_m`` from the next gate ends an episode as a
+    crash. It ends as a success after the last gate of the last of ``laps`` laps.
 
     Parameters
     ----------
@@ -1883,6 +2004,38 @@ class RaceConfig:
 @final
 class NavigationConfig:
     """Fly from the start via the waypoints to the goal.
+
+    The thesis's task: a drone with a LiDAR flies from the start marker over the waypoints to the goal. The camera tasks
+    observe the green of the goal in an image (``observation="blob"``) or the image itself (``"pixels"``) instead of the
+    direction.
+
+    **Start**: At the world's start marker, or anywhere in its spawn box with ``random_start=True``.
+
+    **Action**: One of six or three directions, or a displacement; see ``action``.
+
+    **Observation**: Ranges are divided by the LiDAR's maximum range and 1 on a miss. With ``"pixels"`` the image of the
+    first camera, (3, H, W) uint8, is a field of its own, and the ranges are the other.
+
+    - 3, "goal": unit direction to the current goal in the body frame, by the pose sensor: the next waypoint, or the
+      final goal after the last
+    - 2, "blob": ``offset`` and ``area`` of the `color_blob` of ``color`` in the first camera's image, both 0 without
+      such a pixel
+    - one for each beam: LiDAR ranges
+
+    **Reward**: The sum of these terms:
+
+    - distance: R at the final goal; R * ``waypoint_share`` / number of waypoints at a waypoint; otherwise the
+      centimetres gained towards the current goal
+    - crash: -R on a collision; otherwise min(l) - M if min(l) < M; otherwise 0
+    - free_space: sum(l / M - 1) / (|L| / M - |L|), which is 1 in the open
+    - step: -(step number) / ``step_scale``; the first step has number 0
+    - action_change: -1 if the action differs from the previous one; the first action counts as a change
+    - overshoot: -R / 10 when x exceeds the current goal's x + ``goal_radius_m``
+
+    **End**: An episode ends as a success at the final goal, at a collision, and, if ``overshoot_weight`` is not 0, when
+    the drone has passed the goal. ``reward`` holds the weights, R = ``goal_reward`` and M = ``min_clearance``; l are
+    the ranges, |L| is their number. ``batch.task_state`` holds ``goal_index``, the number of waypoints reached, and
+    ``last_distance``, m.
 
     Parameters
     ----------

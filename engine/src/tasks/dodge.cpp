@@ -1,4 +1,6 @@
 // Dodge: fly to a goal by LiDAR, in the plane, among bodies that move.
+#include "flockstep/tasks/dodge.hpp"
+
 #include <algorithm>
 #include <cmath>
 #include <cstddef>
@@ -10,7 +12,6 @@
 #include "base/check_fields.hpp"
 #include "base/hash.hpp"
 #include "base/require.hpp"
-#include "flockstep/tasks.hpp"
 #include "tasks/ranges.hpp"
 #include "tasks/terms.hpp"
 
@@ -44,7 +45,7 @@ class Dodge final : public Task {
   explicit Dodge(const DodgeConfig& config) : config_(config) {
     config.validate();
     spec_.action = {.name = "action", .shape = {kNumAxes}};
-    spec_.reward_terms = {"progress", "goal", "crash", "near", "time"};
+    spec_.reward_terms = reward_terms_of<DodgeConfig>();
   }
 
   const TaskSpec& spec() const override { return spec_; }

@@ -1,5 +1,5 @@
 // Formation: the drones of an env hold their places relative to a moving leader.
-#include "flockstep/formation.hpp"
+#include "flockstep/tasks/formation.hpp"
 
 #include <algorithm>
 #include <cmath>
@@ -17,7 +17,6 @@
 #include "base/check_fields.hpp"
 #include "base/hash.hpp"
 #include "base/require.hpp"
-#include "flockstep/tasks.hpp"
 #include "tasks/formation_path.hpp"
 #include "tasks/leader.hpp"
 #include "tasks/ranges.hpp"
@@ -56,7 +55,7 @@ class Formation final : public Task {
   explicit Formation(const FormationConfig& config) : config_(config), motion_(config.step_m) {
     config.validate();
     spec_.action = {.name = "action", .shape = {kAxes}};
-    spec_.reward_terms = {"place", "crash", "near", "change"};
+    spec_.reward_terms = reward_terms_of<FormationConfig>();
   }
 
   const TaskSpec& spec() const override { return spec_; }

@@ -2,7 +2,7 @@
 #include <cmath>
 #include <numbers>
 
-#include "flockstep/formation.hpp"
+#include "flockstep/tasks/formation.hpp"
 
 namespace flockstep {
 

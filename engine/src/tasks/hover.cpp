@@ -1,3 +1,5 @@
+#include "flockstep/tasks/hover.hpp"
+
 #include <algorithm>
 #include <array>
 #include <cmath>
@@ -10,7 +12,6 @@
 #include "base/check_fields.hpp"
 #include "base/hash.hpp"
 #include "base/require.hpp"
-#include "flockstep/tasks.hpp"
 #include "tasks/flight_task.hpp"
 #include "tasks/hover_kernels.hpp"
 #include "tasks/terms.hpp"
@@ -21,7 +22,7 @@ namespace {
 
 class Hover final : public FlightTask {
  public:
-  explicit Hover(const HoverConfig& config) : FlightTask({"near", "hold", "speed", "spin", "change", "crash"}), config_(config) {
+  explicit Hover(const HoverConfig& config) : FlightTask(reward_terms_of<HoverConfig>()), config_(config) {
     config.validate();
     static_assert(kHoverNumbers == 3 + kOwnFlight);
     spec_.observation = {flight_field(kHoverNumbers)};

@@ -7,7 +7,7 @@
 #include <numeric>
 #include <vector>
 
-#include "flockstep/formation.hpp"
+#include "flockstep/tasks/formation.hpp"
 #include "flockstep/pose.hpp"
 #include "tasks/route.hpp"
 

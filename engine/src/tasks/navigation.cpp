@@ -1,4 +1,6 @@
 // The navigation tasks. They differ only in what they observe in addition to the ranges; see ObservationKind.
+#include "flockstep/tasks/navigation.hpp"
+
 #include <algorithm>
 #include <array>
 #include <cmath>
@@ -12,7 +14,6 @@
 #include "base/hash.hpp"
 #include "base/random.hpp"
 #include "base/require.hpp"
-#include "flockstep/tasks.hpp"
 #include "planning/navigable.hpp"
 #include "tasks/color_blob.hpp"
 #include "tasks/terms.hpp"
@@ -91,7 +92,7 @@ class Navigation final : public Task {
   explicit Navigation(const NavigationConfig& config) : config_(config) {
     config.validate();
     spec_.action = action_field(config.action);
-    spec_.reward_terms = {"distance", "crash", "free_space", "step", "action_change", "overshoot"};
+    spec_.reward_terms = reward_terms_of<NavigationConfig>();
   }
 
   const TaskSpec& spec() const override { return spec_; }

@@ -1,3 +1,5 @@
+#include "flockstep/tasks/race.hpp"
+
 #include <algorithm>
 #include <array>
 #include <bit>
@@ -13,7 +15,6 @@
 #include "base/check_fields.hpp"
 #include "base/hash.hpp"
 #include "base/require.hpp"
-#include "flockstep/tasks.hpp"
 #include "tasks/flight_task.hpp"
 #include "tasks/gates.hpp"
 #include "tasks/terms.hpp"
@@ -27,9 +28,7 @@ constexpr float kRadians = std::numbers::pi_v<float> / 180.0F;
 class Race final : public FlightTask {
  public:
   explicit Race(const RaceConfig& config)
-      : FlightTask({"progress", "gate", "rates", "change", "crash"}),
-        config_(config),
-        gates_ahead_(static_cast<std::size_t>(config.gates_ahead)) {
+      : FlightTask(reward_terms_of<RaceConfig>()), config_(config), gates_ahead_(static_cast<std::size_t>(config.gates_ahead)) {
     config.validate();
     max_thrust_to_weight_ = static_cast<double>(config.max_thrust_to_weight);
     spec_.observation = {flight_field(kPerGate * gates_ahead_ + kOwn)};

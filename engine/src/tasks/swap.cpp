@@ -1,4 +1,6 @@
 // Swap: the drones of an env exchange places on a circle, in the plane, without touching.
+#include "flockstep/tasks/swap.hpp"
+
 #include <algorithm>
 #include <cmath>
 #include <cstddef>
@@ -11,7 +13,6 @@
 #include "base/check_fields.hpp"
 #include "base/hash.hpp"
 #include "base/require.hpp"
-#include "flockstep/tasks.hpp"
 #include "tasks/team_motion.hpp"
 #include "tasks/terms.hpp"
 
@@ -47,7 +48,7 @@ class Swap final : public Task {
     for (std::size_t i = kHead + Team::kNeighbor - 1; i < observation.low.size(); i += Team::kNeighbor) observation.low[i] = 0.0;
     spec_.action = {.name = "action", .shape = {kAxes}};
     spec_.observation = {observation};
-    spec_.reward_terms = {"progress", "goal", "crash", "near", "time"};
+    spec_.reward_terms = reward_terms_of<SwapConfig>();
   }
 
   const TaskSpec& spec() const override { return spec_; }

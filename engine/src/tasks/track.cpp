@@ -1,3 +1,5 @@
+#include "flockstep/tasks/track.hpp"
+
 #include <algorithm>
 #include <array>
 #include <cmath>
@@ -10,7 +12,6 @@
 #include "base/hash.hpp"
 #include "base/require.hpp"
 #include "dynamics/setpoint.hpp"
-#include "flockstep/tasks.hpp"
 #include "tasks/flight_task.hpp"
 #include "tasks/terms.hpp"
 
@@ -104,8 +105,7 @@ class Path {
 
 class Track final : public FlightTask {
  public:
-  explicit Track(const TrackConfig& config)
-      : FlightTask({"near", "close", "yaw", "spin", "change", "crash"}), config_(config), path_(config) {
+  explicit Track(const TrackConfig& config) : FlightTask(reward_terms_of<TrackConfig>()), config_(config), path_(config) {
     config.validate();
     ahead_ = path_.waves_at(static_cast<double>(config.ahead_s), std::array<float, kPhases>{}.data());
     spec_.observation = {flight_field(3 * static_cast<std::size_t>(config.points) + kOwnFlight + 2)};

@@ -15,7 +15,7 @@ def touched(patch: Path) -> set[str]:
     return set(re.findall(r"^\+\+\+ b/(.*)$", patch.read_text(), re.MULTILINE))
 
 
-@pytest.mark.parametrize(("name", "budget"), [("sensor", 3), ("array", 1), ("format", 2), ("task", 2)])
+@pytest.mark.parametrize(("name", "budget"), [("sensor", 3), ("array", 1), ("format", 2), ("task", 3)])
 def test_an_extension_stays_within_its_budget_of_engine_files(name: str, budget: int) -> None:
     files = touched(PATCHES / f"{name}.patch")
     assert 1 <= len({file for file in files if file.startswith("engine/")}) <= budget

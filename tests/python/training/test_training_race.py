@@ -92,7 +92,7 @@ def test_the_point_mass_there_and_back():
 def test_the_point_mass_on_the_figure_8(monkeypatch):
     monkeypatch.setattr(race_bound, "SPEEDS_MPS", (9.0,))
     world = flockstep.World.load("race/figure-8")
-    assert race_bound.lap_s(world, 4.0, 2) == pytest.approx(3.757, abs=0.01)  # docs/race.md has the lap with 8 parts
+    assert race_bound.lap_s(world, 4.0, 2) == pytest.approx(3.757, abs=0.01)  # the page has the lap with 8 parts
     assert race_bound.lap_s(world, 4.0, 2) > race_bound.lap_s(world, 6.0, 2) + 0.4
 
 

@@ -1,0 +1,152 @@
+// RaceConfig: a drone flies through the gates of its world, in their order.
+#pragma once
+
+#include <array>
+#include <cstdint>
+#include <memory>
+
+#include "flockstep/export.hpp"
+#include "flockstep/fields.hpp"
+#include "flockstep/task.hpp"
+#include "flockstep/task_words.hpp"
+
+namespace flockstep {
+
+// Place of the start: anywhere on the way from one gate to the next, or at a gate, at rest.
+enum class RaceStart : std::uint8_t { between, gate };
+template <>
+struct EnumNames<RaceStart> {
+  static constexpr std::array kNames{"between", "gate"};
+};
+struct RaceConfig {
+  static constexpr const char* kName = "race";
+  static constexpr const char* kAbout = "Fly through the gates of a track, lap after lap.";
+
+  static TaskWords words() {
+    return {
+        .about =
+            "The gates are `World.gates` in their order, and ``control`` is ``\"body_rates\"``. A gate is passed where the "
+            "drone's path through the ticks of a step crosses the gate's plane forwards within the opening. It is missed "
+            "where the path crosses the plane outside the opening but within ``miss_m`` of the centre. The cap v on the "
+            "rewarded speed is a curriculum of each env: after an episode it rises by ``cap_rise_mps`` if at least "
+            "``cap_success`` of the env's last ``cap_episodes`` episodes were clean. An episode is clean if it succeeds, or "
+            "reaches its time limit after at least half a lap. ``batch.task_state`` holds ``target``, ``passed`` and "
+            "``speed_cap``.",
+        .start =
+            "Behind a random gate, at rest (``start=\"gate\"``), or half of the drones there and the others anywhere in the "
+            "first nine tenths of the way to the next gate, with a velocity of up to ``start_speed_mps`` along each axis "
+            "(``\"between\"``). Offset, yaw, roll and pitch are drawn up to ``start_offset_m``, ``start_yaw_deg`` and "
+            "``start_tilt_deg``, at least 0.3 m behind the gate's plane. A start that would touch something is drawn again. "
+            "The next gate is the first to pass.",
+        .action =
+            "Four numbers, clipped to [-1, 1]: thrust, from the least that the rotors give to ``max_thrust_to_weight`` times "
+            "the weight, and body rates about x, y and z, up to the ``max_rate_dps`` and ``max_yaw_rate_dps`` of "
+            "`DynamicsConfig`. 0 hovers.",
+        .observed = "All vectors are in the body frame; k is ``observation_scale``.",
+        .observation =
+            {
+                {"6 for each of ``gates_ahead``",
+                 "offset to the next gate's centre, m, times k (3), and the direction in which it is passed (3)"},
+                {"3", "velocity, m/s, times k"},
+                {"3", "the world's up vector"},
+                {"3", "angular velocity, rad/s, times k"},
+                {"4", "last action"},
+            },
+        .reward =
+            {
+                {"progress",
+                 "``progress_weight`` times the distance gained towards the next gate's centre, m, at most v times the duration "
+                 "of a step"},
+                {"gate", "``gate_weight`` for each gate passed"},
+                {"rates", "-``rates_weight`` times the magnitude of the angular velocity, rad/s"},
+                {"change",
+                 "-``change_weight`` times the mean squared difference from the previous action; the action before the first is "
+                 "0"},
+                {"crash", "-``crash_weight`` on a crash"},
+            },
+        .end =
+            "A contact, a missed gate, or a distance above ``max_distance_m`` from the next gate ends an episode as a crash. "
+            "It ends as a success after the last gate of the last of ``laps`` laps.",
+    };
+  }
+
+  int laps = 3;
+  int gates_ahead = 2;
+  float max_thrust_to_weight = 4.0F;
+  RaceStart start = RaceStart::between;
+  float start_offset_m = 0.5F;
+  float start_yaw_deg = 30.0F;
+  float start_tilt_deg = 17.0F;
+  float start_speed_mps = 0.5F;
+  float miss_m = 3.0F;
+  float max_distance_m = 30.0F;
+  float observation_scale = 0.2F;
+  std::array<float, 2> speed_cap_mps{8.0F, 16.0F};
+  float cap_rise_mps = 1.0F;
+  int cap_episodes = 4;
+  float cap_success = 1.0F;
+  float progress_weight = 0.3F;
+  float gate_weight = 0.6F;
+  float rates_weight = 0.003F;
+  float change_weight = 0.024F;
+  float crash_weight = 1.5F;
+
+  static constexpr auto fields() {
+    using C = RaceConfig;
+    return field_list(
+        field("laps", &C::laps, {.about = "Laps of a successful episode.", .limits = between(1, 1000)}),
+        field("gates_ahead", &C::gates_ahead, {.about = "Number of gates that are observed.", .limits = between(1, 8)}),
+        field("max_thrust_to_weight", &C::max_thrust_to_weight,
+              {.about = "Largest commanded thrust over the weight, if the rotors can deliver it.", .limits = between(1.1, 100)}),
+        field("start", &C::start,
+              {.about = "``\"gate\"``: behind a gate, at rest. ``\"between\"``: half of the drones behind a gate, the others "
+                        "anywhere in the first nine tenths of the way to the next gate."}),
+        field("start_offset_m", &C::start_offset_m,
+              {.about = "Maximum offset of the start along each axis. All spreads are drawn uniformly up to their maxima, and "
+                        "drawn again if the drone would touch something.",
+               .unit = "m",
+               .limits = between(0, 1000)}),
+        field("start_yaw_deg", &C::start_yaw_deg,
+              {.about = "Maximum angle between the heading and the way to fly.", .unit = "deg", .limits = between(0, 180)}),
+        field("start_tilt_deg", &C::start_tilt_deg,
+              {.about = "Maximum roll and pitch at the start.", .unit = "deg", .limits = between(0, 90)}),
+        field("start_speed_mps", &C::start_speed_mps,
+              {.about = "Maximum speed along each axis of a start between gates.", .unit = "m/s", .limits = between(0, 1000)}),
+        field(
+            "miss_m", &C::miss_m,
+            {.about = "A drone misses a gate if it crosses its plane outside the opening but within this distance of its centre.",
+             .unit = "m",
+             .limits = at_least(0)}),
+        field("max_distance_m", &C::max_distance_m,
+              {.about = "Distance from the next gate beyond which an episode ends as a crash.", .unit = "m", .limits = above(0)}),
+        field("observation_scale", &C::observation_scale,
+              {.about = "Factor of observed offsets, velocities and angular velocities.", .limits = above_up_to(0, 1000)}),
+        field("speed_cap_mps", &C::speed_cap_mps,
+              {.about = "First and last cap on the speed that the progress term rewards.",
+               .unit = "m/s",
+               .limits = above_up_to(0, 1000)}),
+        field("cap_rise_mps", &C::cap_rise_mps,
+              {.about = "Rise of the cap after an episode, until it has reached its last value.",
+               .unit = "m/s",
+               .limits = at_least(0)}),
+        field("cap_episodes", &C::cap_episodes,
+              {.about = "Number of last episodes of an env that decide whether its cap rises.", .limits = between(1, 8)}),
+        field("cap_success", &C::cap_success,
+              {.about = "Share of clean episodes among these at which the cap rises.", .limits = between(0, 1)}),
+        field("progress_weight", &C::progress_weight,
+              {.about =
+                   "Weight of the distance gained towards the centre of the next gate, in m, at most v times the step's time."}),
+        field("gate_weight", &C::gate_weight, {.about = "Reward for each gate that is passed."}),
+        field("rates_weight", &C::rates_weight, {.about = "Weight of the penalty on the angular velocity, in rad/s."}),
+        field("change_weight", &C::change_weight,
+              {.about = "Weight of the penalty on the mean squared difference from the previous action. The first action is "
+                        "compared with 0."}),
+        field("crash_weight", &C::crash_weight, {.about = "Penalty for a crash."}));
+  }
+
+  FLOCKSTEP_API void validate() const;
+};
+
+FLOCKSTEP_API std::unique_ptr<Task> make_task(const RaceConfig& config);
+
+}  // namespace flockstep
