@@ -70,6 +70,7 @@ import plan
 import race
 import scaling
 import server
+import table
 import workers
 from flockstep import _core
 
@@ -647,7 +648,7 @@ def main() -> None:
             )
         OUT.mkdir(parents=True, exist_ok=True)
         result = {**measured, "figures": figures}
-        (OUT / f"{name}.json").write_text(json.dumps(result, indent=1) + "\n")
+        (OUT / f"{name}.json").write_text(table.lines_of(result))
         for f in figures:
             print(f"   {f['name']:55} {f['value']:>12,.6g} {f['unit']}")
 

@@ -42,6 +42,7 @@ import pybind11
 
 import body_attack
 import soak
+import table
 from run import ROOT, commit, machine
 
 OUT = ROOT / "out" / "tried"
@@ -111,8 +112,9 @@ def run_tests(name: str) -> None:
     """Run the parts without a result, and write after each."""
     known = [json.loads(place.read_text()) for place in (OUT / f"{name}.json", KEPT / f"{name}.json") if place.exists()]
     parts = max((result.get("parts", []) for result in known), key=len, default=[])
-    for number in range(len(parts), TESTS[name][1]):
-        parts.append({**source(), "count": run_part(name, number)})
+    done = {part.get("part", index) for index, part in enumerate(parts)}
+    for number in sorted(set(range(TESTS[name][1])) - done):
+        parts.append({"part": number, **source(), "count": run_part(name, number)})
         print(f"{name}: part {number + 1} of {TESTS[name][1]}, {parts[-1]['count']:,} {name}", flush=True)
         count = sum(part["count"] for part in parts)
         write(name, {**source(), "count": count, "unit": UNITS.get(name, name), "parts": parts})
@@ -213,7 +215,7 @@ def write(name: str, result: dict[str, object]) -> None:
     if str(result["commit"]).endswith("-dirty"):
         print("   not written: the checkout has changes")
     else:
-        (OUT / f"{name}.json").write_text(json.dumps(result, indent=1) + "\n")
+        (OUT / f"{name}.json").write_text(table.lines_of(result))
 
 
 def main() -> None:

@@ -103,10 +103,9 @@ def test_commits_that_the_history_lacks_are_refused(history):
     table.refuse_lost_commits({"train": result(commit=first)})
     for lost in (second, COMMIT):
         with pytest.raises(SystemExit, match=f"train: expected a commit of this history, got {lost}"):
-            table.refuse_lost_commits({"train": result(commit=lost)})
+            table.refuse_lost_commits({"train": result(commit=lost, remark="By old code.")})
         with pytest.raises(SystemExit, match=f"pushes: .* got {lost}"):
             table.refuse_lost_commits({"pushes": {"commit": first, "parts": [{"commit": first}, {"commit": lost}]}})
-        table.refuse_lost_commits({"train": result(commit=lost, remark="Its commit is lost.")})
 
 
 def test_a_shallow_clone_and_a_folder_without_git_know_no_commits(history, tmp_path, monkeypatch):
@@ -117,6 +116,15 @@ def test_a_shallow_clone_and_a_folder_without_git_know_no_commits(history, tmp_p
     for folder in (shallow, tmp_path / "none"):
         monkeypatch.setattr(table, "ROOT", folder)
         table.refuse_lost_commits({"train": result()})
+
+
+def test_kept_results_have_a_line_for_each_figure():
+    made = result(remark="By old code.", parts=[{"commit": COMMIT, "count": 1}])
+    written = table.lines_of(made)
+    assert json.loads(written) == made
+    assert {json.dumps(figure) for figure in FIGURES} <= {line.strip(" ,") for line in written.splitlines()}
+    for path in sorted(table.KEPT.rglob("*.json")):
+        assert path.read_text() == table.lines_of(json.loads(path.read_text())), path.name
 
 
 def test_counts_of_trials_have_their_remark(tmp_path, monkeypatch):
