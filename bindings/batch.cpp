@@ -19,6 +19,7 @@
 #include "base/array_shape.hpp"
 #include "base/require.hpp"
 #include "camera.hpp"
+#include "config.hpp"
 #include "convert.hpp"
 #include "flockstep/recipe.hpp"
 #include "lidar.hpp"
@@ -54,59 +55,17 @@ void hold_interpreter(Batch& batch) {
   });
 }
 
-// Returns the world of a mesh that is given as a World or a DroneMesh; null for None.
-std::shared_ptr<const World> mesh_argument(const py::object& mesh, const char* name) {
-  if (mesh.is_none()) return nullptr;
-  if (py::isinstance<World>(mesh)) return mesh.cast<std::shared_ptr<World>>();
-  if (py::isinstance(mesh, py::module_::import("flockstep.drone_mesh").attr("DroneMesh"))) {
-    return mesh.attr("world")().cast<std::shared_ptr<World>>();
-  }
-  throw py::type_error(std::string(name) + ": expected a flockstep.DroneMesh, a flockstep.World or None, got " +
-                       std::string(py::repr(mesh)));
-}
-
 // Takes all arguments as py::object, because pybind11's error for a wrong argument names every other one as well.
-std::unique_ptr<Batch, Released> make_batch(const py::object& given_worlds, const py::object& num_drones, const py::object& lidar,
-                                            const py::object& pose_sensor, const py::object& imu, const py::object& task,
-                                            const py::object& drone, const py::object& camera, const py::object& backend,
-                                            const py::object& episode, const py::object& clock, const py::object& dynamics,
-                                            const py::object& num_threads, const py::object& block_size,
-                                            const py::object& world_index, const py::object& tracer,
-                                            const py::object& drones_per_env, const py::object& bodies,
-                                            const py::object& max_bodies, const py::object& lights, const py::object& meet,
-                                            const py::object& drone_mesh, const py::object& cameras, const py::kwargs& unknown) {
-  for (const auto& [keyword, value] : unknown) {
-    constexpr std::array kKnown{
-        "worlds",         "num_drones", "lidar",      "pose_sensor", "imu",         "task",       "drone",       "camera",
-        "camera_backend", "episode",    "clock",      "dynamics",    "num_threads", "block_size", "world_index", "tracer",
-        "drones_per_env", "bodies",     "max_bodies", "lights",      "meet",        "drone_mesh"};
-    throw py::type_error(unexpected_keyword("Batch.__init__", py::str(keyword), {kKnown.begin(), kKnown.end()}));
-  }
+std::unique_ptr<Batch, Released> make_batch(const py::object& given_worlds, const py::object& num_drones, const py::object& task,
+                                            const py::object& drone, const py::object& world_index, const py::kwargs& fields) {
   BatchConfig config;
+  set_batch_fields(config, fields, "Batch.__init__", {"worlds", "num_drones", "task", "drone", "world_index"});
   const int drones = from_python<int>(num_drones, "num_drones");
-  config.drones_per_env = from_python<int>(drones_per_env, "drones_per_env");
   const int per_env = config.drones_per_env;
   require(per_env >= 0, "drones_per_env", "an integer >= 0", per_env);
   require(per_env > 0 ? drones % per_env == 0 && (drones != 0 || per_env == 1) : drones == 0, "num_drones",
           per_env > 0 ? "a multiple of drones_per_env (" + std::to_string(per_env) + ")" : "0 with drones_per_env=0", drones);
   config.num_envs = per_env > 0 ? drones / per_env : 1;  // an env that drones will share
-  config.num_threads = from_python<int>(num_threads, "num_threads");
-  config.block_size = from_python<int>(block_size, "block_size");
-  if (!camera.is_none() && !cameras.is_none()) throw py::type_error("camera: expected None with cameras, another name of it");
-  config.lidars = configs_of<LidarConfig>(lidar, "lidar");
-  config.pose_sensor = optional_argument<PoseSensorConfig>(pose_sensor, "pose_sensor").value_or(PoseSensorConfig());
-  config.imus = configs_of<ImuConfig>(imu, "imu");
-  config.cameras = configs_of<CameraConfig>(camera.is_none() ? cameras : camera, "camera");
-  config.bodies = configs_of<BodyConfig>(bodies, "bodies");
-  config.max_bodies = from_python<int>(max_bodies, "max_bodies");
-  config.lights = configs_of<Light>(lights, "lights");
-  config.meet = from_python<Meet>(meet, "meet");
-  config.drone_mesh = mesh_argument(drone_mesh, "drone_mesh");
-  config.camera_backend = from_python<CameraBackend>(backend, "camera_backend");
-  config.tracer = from_python<TracerKind>(tracer, "tracer");
-  config.episode = optional_argument<EpisodeConfig>(episode, "episode").value_or(EpisodeConfig());
-  config.clock = optional_argument<ClockConfig>(clock, "clock").value_or(ClockConfig());
-  config.dynamics = optional_argument<DynamicsConfig>(dynamics, "dynamics").value_or(DynamicsConfig());
   const DroneModel model = drone_argument(drone);
   const auto index = integers<std::int32_t>(world_index, "world_index", {config.num_envs});
   std::optional<WorldPool> pool = world_pool(given_worlds, config);
@@ -487,13 +446,8 @@ void register_batch(py::module_& module) {
   add_arrays<EpisodeState, &episodes_arrays>(cls);
   add_arrays<Outputs, &outputs_arrays>(cls);
   add_arrays<MoveLineState, &move_line_arrays>(cls);
-  cls.def(py::init(&make_batch), py::arg("worlds"), py::arg("num_drones") = 1, py::kw_only(), py::arg("lidar") = none,
-          py::arg("pose_sensor") = none, py::arg("imu") = none, py::arg("task") = none, py::arg("drone") = none,
-          py::arg("camera") = none, py::arg("camera_backend") = "raycast", py::arg("episode") = none, py::arg("clock") = none,
-          py::arg("dynamics") = none, py::arg("num_threads") = 0, py::arg("block_size") = BatchConfig().block_size,
-          py::arg("world_index") = none, py::arg("tracer") = "auto", py::arg("drones_per_env") = 1, py::arg("bodies") = none,
-          py::arg("max_bodies") = 0, py::arg("lights") = none, py::arg("meet") = "never", py::arg("drone_mesh") = none,
-          py::arg("cameras") = none)
+  cls.def(py::init(&make_batch), py::arg("worlds"), py::arg("num_drones") = 1, py::kw_only(), py::arg("task") = none,
+          py::arg("drone") = none, py::arg("world_index") = none)
       .def_static("from_recipe", &batch_from_recipe, py::arg("recipe"), py::arg("worlds") = none, py::arg("task") = none,
                   py::kw_only(), py::arg("allow_files") = false, py::arg("max_worlds") = RecipeAccess().max_worlds)
       .def_property_readonly("num_envs", [](const Batch& batch) { return batch.config().num_envs; })

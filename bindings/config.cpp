@@ -241,10 +241,44 @@ py::dict words_of(const TaskWords& words) {
     return list;
   };
   return py::dict("about"_a = words.about, "start"_a = words.start, "action"_a = words.action, "observed"_a = words.observed,
-                  "observation"_a = pairs(words.observation), "reward"_a = pairs(words.reward), "end"_a = words.end);
+                  "observation"_a = pairs(words.observation), "reward"_a = pairs(words.reward), "end"_a = words.end,
+                  "view"_a = words.view, "overlay"_a = words.overlay);
+}
+
+// The keyword of a field of BatchConfig: lists of sensors have a short one, because mostly there is one of each. Empty for the
+// number of envs, which every call that makes a batch takes in a form of its own.
+std::string keyword_of(const std::string& field) {
+  if (field == "num_envs") return "";
+  const bool is_sensor = field == "lidars" || field == "cameras" || field == "imus";
+  return is_sensor ? field.substr(0, field.size() - 1) : field;
 }
 
 }  // namespace
+
+void set_batch_fields(BatchConfig& config, const py::kwargs& keywords, const char* callee,
+                      std::initializer_list<const char*> others) {
+  static const std::vector<ConfigField> fields = fields_of<BatchConfig>();
+  for (const auto& [key, value] : keywords) {
+    const auto name = key.cast<std::string>();
+    const auto is_meant = [&](const ConfigField& field) {
+      const std::string keyword = keyword_of(field.name);
+      return !keyword.empty() && (name == keyword || name == field.name);
+    };
+    const auto field = std::ranges::find_if(fields, is_meant);
+    if (field == fields.end()) {
+      std::vector<std::string> known(others.begin(), others.end());
+      for (const ConfigField& one : fields) known.push_back(keyword_of(one.name));
+      throw py::type_error(unexpected_keyword(callee, name, known));
+    }
+    if (value.is_none()) continue;
+    const std::string keyword = keyword_of(field->name);
+    if (name != keyword && keywords.contains(keyword.c_str()) && !keywords[keyword.c_str()].is_none()) {
+      throw py::type_error(keyword + ": expected None with " + name + ", another name of it");
+    }
+    field->type.write(reinterpret_cast<char*>(&config) + field->offset, py::reinterpret_borrow<py::object>(value),
+                      keyword.c_str());
+  }
+}
 
 void add_batch_fields(const py::object& cls, const std::type_info& type, std::ptrdiff_t offset) {
   std::vector<ConfigField> fields = fields_of<BatchConfig>();
@@ -306,6 +340,11 @@ void register_config(py::module_& module) {
   add("RaceTrackConfig", RaceTrackConfig());
   add("WarehouseConfig", WarehouseConfig());
   module.attr("_other_fields") = others;
+  py::dict keywords;
+  for (const ConfigField& field : fields_of<BatchConfig, true>()) {
+    if (const std::string keyword = keyword_of(field.name); !keyword.empty()) keywords[py::str(keyword)] = field.name;
+  }
+  module.attr("batch_keywords") = keywords;
 }
 
 }  // namespace flockstep::bindings

@@ -121,7 +121,7 @@ struct PythonName<std::optional<T>> {
 };
 template <>
 struct PythonName<std::shared_ptr<const World>> {
-  static std::string of() { return "a flockstep.World or None"; }
+  static std::string of() { return "a flockstep.DroneMesh, a flockstep.World or None"; }
 };
 template <class T>
 struct PythonName<std::vector<T>> {
@@ -234,11 +234,30 @@ std::string got_instead(const py::handle& value) {
   return text;
 }
 
+template <class T>
+struct IsConfigs : std::false_type {};
+template <class T>
+struct IsConfigs<std::vector<T>> : std::bool_constant<HasFields<T>> {};
+template <class Configs>
+Configs configs_of(const py::handle& given, const std::string& name);
+
+// Returns the world of a flockstep.DroneMesh, and other values unchanged.
+inline py::object mesh_world(const py::handle& value) {
+  const bool is_mesh = !value.is_none() && !py::isinstance<World>(value) &&
+                       py::isinstance(value, py::module_::import("flockstep.drone_mesh").attr("DroneMesh"));
+  return is_mesh ? value.attr("world")() : py::reinterpret_borrow<py::object>(value);
+}
+
 // Converts a Python value. Throws TypeError or ValueError that names the field.
 template <class T>
-T from_python(const py::handle& value, const std::string& field) {
+T from_python(const py::handle& given, const std::string& field) {
+  py::handle value = given;
+  py::object world;
+  if constexpr (std::is_same_v<T, std::shared_ptr<const World>>) value = world = mesh_world(given);
   if constexpr (std::is_same_v<T, CameraOutputs>) {
     return outputs_of(value);
+  } else if constexpr (IsConfigs<T>::value) {
+    return configs_of<T>(value, field);
   } else if constexpr (std::is_enum_v<T>) {
     return enum_of<T>(from_python<std::string>(value, field), field);
   } else {
@@ -266,15 +285,9 @@ T from_python(const py::handle& value, const std::string& field) {
 
 // Returns an argument that must be an instance of T. Throws TypeError that names the argument.
 template <class T>
-T& argument(const py::handle& value, const char* name, const std::string& expected) {
-  if (!py::isinstance<T>(value)) throw py::type_error(name + (": expected " + expected) + got_instead<T>(value));
+T& argument(const py::handle& value, const std::string& name, const std::string& expected) {
+  if (!py::isinstance<T>(value)) throw py::type_error(name + ": expected " + expected + got_instead<T>(value));
   return value.cast<T&>();
-}
-template <class T>
-std::optional<T> optional_argument(const py::handle& value, const char* name) {
-  if (value.is_none()) return std::nullopt;
-  const std::string type = py::str(py::type::of<T>().attr("__name__"));
-  return argument<T>(value, name, "a flockstep." + type + " or None");
 }
 
 inline std::string type_name(const py::handle& value) { return py::str(py::type::of(value).attr("__name__")); }
@@ -325,16 +338,17 @@ inline std::string unexpected_keyword(const std::string& callee, const std::stri
 }
 
 // Converts a configuration, a sequence of them or None.
-template <class Config>
-std::vector<Config> configs_of(const py::object& given, const char* name) {
+template <class Configs>
+Configs configs_of(const py::handle& given, const std::string& name) {
+  using Config = typename Configs::value_type;
   if (given.is_none()) return {};
   if (py::isinstance<Config>(given)) return {given.cast<const Config&>()};
   const std::string type = "flockstep." + std::string(py::str(py::type::of<Config>().attr("__name__")));
   const std::string expected = "a " + type + ", None or a sequence of " + type + " objects";
   if (!py::isinstance<py::sequence>(given) || py::isinstance<py::str>(given)) {
-    throw py::type_error(name + (": expected " + expected) + got_instead<Config>(given));
+    throw py::type_error(name + ": expected " + expected + got_instead<Config>(given));
   }
-  std::vector<Config> configs;
+  Configs configs;
   for (const py::handle config : given) configs.push_back(argument<Config>(config, name, expected));
   return configs;
 }

@@ -33,6 +33,21 @@ TaskConfig task_of(const py::object& task) {
                        std::string(py::repr(task)));
 }
 
+// Returns a recipe with the defaults of a task, which may also be one from a library.
+Recipe recipe_for(const py::object& task) {
+  const std::optional<std::string> library = library_of(task);
+  if (!library) return Recipe::for_task(task_of(task));
+  Recipe recipe = Recipe::for_task(RegisteredTask{"library/" + *library});
+  recipe.take(make_task(task)->defaults());
+  return recipe;
+}
+
+DroneChoice drone_of(const py::object& drone) {
+  if (py::isinstance<py::str>(drone)) return drone.cast<std::string>();
+  if (py::hasattr(drone, "__fspath__")) return drone.attr("__fspath__")().cast<std::string>();
+  return argument<DroneModel>(drone, "drone", "a flockstep.DroneModel, the name or path of one, or None");
+}
+
 py::object task_to_python(const Recipe& recipe) {
   return std::visit(
       []<class Config>(const Config& config) -> py::object {
@@ -60,12 +75,15 @@ py::tuple names_of(std::span<const Named> all) {
 
 void register_recipe(py::module_& module) {
   py::class_<Recipe> cls(module, "Recipe", "Everything that a batch is built from, as one value that converts to and from JSON.");
-  cls.def(py::init([](const py::object& task) { return Recipe::for_task(task_of(task)); }), py::arg("task") = py::none())
+  cls.def(py::init(&recipe_for), py::arg("task") = py::none())
       .def_static("from_json", &Recipe::from_json, py::arg("text"))
       .def("to_json", &Recipe::to_json)
       .def_property("task", &task_to_python, [](Recipe& recipe, const py::object& task) { recipe.task = task_of(task); })
       .def_readwrite("worlds", &Recipe::worlds, "Names of sets or scenes, or paths of files; see `flockstep.scenes`.")
-      .def_readwrite("drone", &Recipe::drone, "The name of a bundled airframe, the path of a file, or a `DroneModel`.")
+      .def_property(
+          "drone", [](const Recipe& recipe) { return recipe.drone; },
+          [](Recipe& recipe, const py::object& drone) { recipe.drone = drone_of(drone); })
+      .def("_set", [](Recipe& recipe, const py::kwargs& fields) { set_batch_fields(recipe.batch, fields, "Recipe._set", {}); })
       .def(
           "check_access",
           [](const Recipe& recipe, const std::filesystem::path& scenes, bool allow_files, std::size_t max_worlds) {

@@ -1,11 +1,10 @@
 """Generates the parts of the stub and the documents that come from lists in the engine; --check only compares.
 
-The parts are between marks: "# fields of A, B" and "# end of fields" in envs/flockstep/_core.pyi (attributes and
-__init__) and envs/flockstep/vector_env.py (the keywords of `DroneVectorEnv`; "tasks" stands for the configurations of
-all tasks); "# arrays of A" and "# end of arrays" in
-_core.pyi; in docs/, "<!-- arrays of A, B -->" and "<!-- end of arrays -->", "<!-- fields of A -->" and "<!-- end of
-fields -->". The section "Parameters" at the end of the docstring above "# fields of A" in _core.pyi is also generated,
-and so is the whole docstring of a task's configuration.
+The parts are between marks: in envs/flockstep/_core.pyi "# fields of A" and "# end of fields" (attributes and
+__init__), "# keywords of Batch" and "# end of keywords", "# tasks" and "# end of tasks", "# arrays of A" and "# end of
+arrays"; in docs/, "<!-- arrays of A, B -->" and "<!-- end of arrays -->", "<!-- fields of A -->" and "<!-- end of
+fields -->". Generated without marks: the section "Parameters" at the end of the docstring above "# fields of A", the
+whole docstring of a task's configuration, the entries of Batch's that are fields, and envs/flockstep/env_keywords.py.
 Run it with the module built after a change of such a list, then build again, because the module's docstrings come from
 the stub.
 """
@@ -17,13 +16,19 @@ import textwrap
 from pathlib import Path
 from typing import Any
 
-from flockstep import _core
+from flockstep import _core, keywords
 
 ROOT = Path(__file__).resolve().parents[1]
 PACKAGE = ROOT / "envs" / "flockstep"
 DOCUMENTS = sorted((ROOT / "docs").rglob("*.md"))
-MARKED = re.compile(r"^( *)# fields of ([\w, ]+)\n.*?^ *# end of fields\n", re.MULTILINE | re.DOTALL)
+MARKED = re.compile(r"^( *)# fields of (\w+)\n.*?^ *# end of fields\n", re.MULTILINE | re.DOTALL)
 MARKED_ARRAYS = re.compile(r"^( *)# arrays of (\w+)\n.*?^ *# end of arrays\n", re.MULTILINE | re.DOTALL)
+MARKED_KEYWORDS = re.compile(r"^( *)# keywords of Batch\n.*?^ *# end of keywords\n", re.MULTILINE | re.DOTALL)
+MARKED_TASKS = re.compile(r"^# tasks\n.*?^# end of tasks\n", re.MULTILINE | re.DOTALL)
+BATCH_PARAMETERS = re.compile(
+    r"(^class Batch:\n.*?^    Parameters\n    -+\n)(.*?)(?=^    \"\"\"\n)", re.MULTILINE | re.DOTALL
+)
+ENTRY = re.compile(r"^    (\w+).*\n(?:        .*\n)+", re.MULTILINE)
 MARKED_TABLE = re.compile(r"^<!-- arrays of ([\w, ]+) -->\n.*?^<!-- end of arrays -->\n", re.MULTILINE | re.DOTALL)
 MARKED_FIELDS = re.compile(r"^<!-- fields of (\w+) -->\n.*?^<!-- end of fields -->\n", re.MULTILINE | re.DOTALL)
 ARRAY_TYPES = {
@@ -36,7 +41,8 @@ ARRAY_TYPES = {
     "float64": "_F64",
 }
 Field = dict[str, str]
-OWN_KEYWORDS = ("autoreset_mode", "max_episode_steps", "observation")  # of DroneVectorEnv, which defines them itself
+ENV_KEYWORDS = PACKAGE / "env_keywords.py"
+OWN_KEYWORDS = ("autoreset_mode", "drone_mesh")  # of DroneVectorEnv, which defines them itself
 
 
 def default_text(value: Any) -> str:
@@ -146,11 +152,94 @@ def class_body(indent: str, config: type[Any]) -> list[str]:
     return [part for line in [*lines, f"{indent}) -> None: ..."] for part in folded(line)]
 
 
-def keywords(indent: str, configs: list[type[Any]]) -> list[str]:
-    """Return the fields of several configurations, for a TypedDict."""
-    types = {name: text for config in configs for name, text in types_of(config).items()}
-    lines = [f"{indent}{name}: {text}" for name, text in types.items() if name not in OWN_KEYWORDS]
+def batch_fields() -> dict[str, Field]:
+    """Return the fields of a batch by their keywords."""
+    fields = {field["name"]: field for field in _core._other_fields["BatchConfig"]}
+    return {keyword: fields[name] for keyword, name in _core.batch_keywords.items()}
+
+
+def keyword_type(field: Field) -> str:
+    """Return the type of a keyword: one configuration stands for a list of one, and None for the default."""
+    text = field["type"].replace("World | None", "World | DroneMesh")
+    text = re.sub(r"^Sequence\[(.*)\]$", r"\1 | Sequence[\1]", text)
+    return f"{text.removesuffix(' | None')} | None"
+
+
+def entries(fields: dict[str, Field], indent: str = "    ") -> list[str]:
+    """Return the entries of keywords in a section "Parameters"."""
+    inner, lines = f"{indent}    ", []
+    for name, field in fields.items():
+        lines.append(f"{indent}{name}")
+        text = re.sub(r"``(\w+s)``", lambda m: f"``{KEYWORDS.get(m[1], m[1])}``", field["about"])
+        lines += textwrap.wrap(text, 120, initial_indent=inner, subsequent_indent=inner, break_on_hyphens=False)
+    return lines
+
+
+#: Keywords of the fields of a batch that have another name.
+KEYWORDS = {name: keyword for keyword, name in _core.batch_keywords.items() if name != keyword}
+
+
+ENV_TEXT = '''"""The keywords of `DroneVectorEnv` that are fields of configurations; made by bindings/stubs.py."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Literal, TypedDict
+
+if TYPE_CHECKING:
+    from flockstep._core import (
+{imports}
+    )
+
+
+class EnvKeywords(TypedDict, total=False):
+    """Keywords of `DroneVectorEnv`: fields of its `Recipe` and of configurations. The task sets their defaults.
+
+    Parameters
+    ----------
+{entries}
+
+{lists}
+    """
+
+{types}
+'''
+
+
+def env_keywords() -> str:
+    """Return the module env_keywords."""
+    of_batch = {name: field for name, field in batch_fields().items() if name not in OWN_KEYWORDS}
+    types = {name: keyword_type(field) for name, field in of_batch.items()}
+    lists = []
+    titles = {config: f"the {name} task" for name, config in _core.engine_tasks.items()}
+    for config in (*keywords.CONFIGS.values(), *_core.engine_tasks.values()):
+        fields = {name: text for name, text in types_of(config).items() if name in keywords.FLAT - {*OWN_KEYWORDS}}
+        types |= fields
+        names = ", ".join(f"``{name}``" for name in fields)
+        text = f"For {titles.get(config, 'every task')}, from `{config.__name__}`, which documents them: {names}."
+        if fields:
+            lists.append(textwrap.fill(text, 120, initial_indent=" " * 8, subsequent_indent=" " * 8))
+    used = {name for text in types.values() for name in re.findall(r"\w+", re.sub('".*?"', "", text))}
+    imports = "\n".join(f"        {name}," for name in sorted(used) if hasattr(_core, name))
+    lines = [part for name, text in types.items() for part in folded(f"    {name}: {text}")]
+    parts = {"entries": "\n".join(entries(of_batch)), "lists": "\n\n".join(lists), "types": "\n".join(lines)}
+    return ENV_TEXT.format(imports=imports, **parts)
+
+
+def batch_keywords(indent: str) -> list[str]:
+    """Return the keywords of `Batch` that are fields of its configuration."""
+    types = {name: keyword_type(field) for name, field in batch_fields().items()}
+    types |= {other: types[name] for other, name in KEYWORDS.items()}
+    lines = [f"{indent}{name}: {text} = None," for name, text in types.items()]
     return [part for line in lines for part in folded(line)]
+
+
+def batch_parameters(match: re.Match[str]) -> str:
+    """Return the section "Parameters" of `Batch`: its own entries, then the fields."""
+    own = [found[0] for found in ENTRY.finditer(match[2]) if found[1] not in {*batch_fields(), *KEYWORDS}]
+    meant = ", ".join(f"``{name}``" for name in KEYWORDS.values())
+    lines = [*entries(batch_fields()), f"    {', '.join(KEYWORDS)}", f"        Other names of {meant}."]
+    return match[1] + "".join(own) + "\n".join(lines) + "\n"
 
 
 def array_text(array: dict[str, Any]) -> str:
@@ -187,26 +276,20 @@ def array_table(classes: list[type[Any]]) -> list[str]:
     return lines
 
 
-def configs_named(name: str) -> list[type[Any]]:
-    """Return the configuration of a name; for "tasks" those of all tasks."""
-    return list(_core.engine_tasks.values()) if name == "tasks" else [getattr(_core, name)]
-
-
 def with_fields(path: Path) -> str:
     """Return a Python file's text with the fields of configurations and their docstrings regenerated."""
     text = path.read_text(encoding="utf-8")
     new, end = "", 0
     for match in MARKED.finditer(text):
-        indent, names = match.group(1), match.group(2)
-        configs = [config for name in names.split(",") for config in configs_named(name.strip())]
+        indent, config = match.group(1), getattr(_core, match.group(2))
         before = text[end : match.start()]
         head, section, rest = before.rpartition(f"{indent}Parameters\n")
         if section and rest.endswith('"""\n\n') and rest.count('"""') == 1:
-            if hasattr(configs[0], "_words"):
-                head = head[: head.rindex('"""') - len(indent)] + "\n".join(words(indent, configs[0])) + "\n"
-            before = head + "\n".join(parameters(indent, configs[0])) + "\n"
-        lines = class_body(indent, configs[0]) if path.suffix == ".pyi" else keywords(indent, configs)
-        new += before + "\n".join([f"{indent}# fields of {names}", *lines, f"{indent}# end of fields"]) + "\n"
+            if hasattr(config, "_words"):
+                head = head[: head.rindex('"""') - len(indent)] + "\n".join(words(indent, config)) + "\n"
+            before = head + "\n".join(parameters(indent, config)) + "\n"
+        lines = class_body(indent, config)
+        new += before + "\n".join([f"{indent}# fields of {match.group(2)}", *lines, f"{indent}# end of fields"]) + "\n"
         end = match.end()
     return new + text[end:]
 
@@ -228,11 +311,21 @@ def renewed(path: Path) -> str:
         fields = _core._other_fields.get(name) or getattr(_core, name)._fields
         return "\n".join([f"<!-- fields of {name} -->", *field_table(fields), "<!-- end of fields -->"]) + "\n"
 
+    def replace_keywords(match: re.Match[str]) -> str:
+        indent = match.group(1)
+        return "\n".join([f"{indent}# keywords of Batch", *batch_keywords(indent), f"{indent}# end of keywords"]) + "\n"
+
+    if path == ENV_KEYWORDS:
+        return env_keywords()
+    tasks = " | ".join(config.__name__ for config in _core.engine_tasks.values())
     text = MARKED_FIELDS.sub(replace_fields, with_fields(path))
+    if path.suffix == ".pyi":
+        text = BATCH_PARAMETERS.sub(batch_parameters, MARKED_KEYWORDS.sub(replace_keywords, text))
+        text = MARKED_TASKS.sub(f"# tasks\n_EngineTask: TypeAlias = (\n    {tasks}\n)\n# end of tasks\n", text)
     return MARKED_TABLE.sub(replace_table, MARKED_ARRAYS.sub(replace_arrays, text))
 
 
 if __name__ == "__main__":
     from renew import renew  # beside this file
 
-    renew({path: renewed(path) for path in (PACKAGE / "_core.pyi", PACKAGE / "vector_env.py", *DOCUMENTS)})
+    renew({path: renewed(path) for path in (PACKAGE / "_core.pyi", ENV_KEYWORDS, *DOCUMENTS)})

@@ -299,20 +299,9 @@ py::str describe_spec(const TaskSpec& spec) {
       .format(py::cast(spec.action), py::cast(spec.observation), py::cast(spec.reward_terms));
 }
 
-py::dict defaults_of(const py::object& description) {
+int time_limit(const py::object& description) {
   if (description.is_none()) throw py::type_error("task: expected a configuration of a task or a NativeTask, got None");
-  const TaskDefaults defaults = make_task(description)->defaults();
-  py::dict dict;
-  dict["worlds"] = defaults.worlds;
-  dict["lidars"] = py::cast(defaults.lidars);
-  dict["cameras"] = py::cast(defaults.cameras);
-  dict["max_episode_steps"] = defaults.max_episode_steps;
-  dict["drone"] = defaults.drone.empty() ? py::none() : py::cast(defaults.drone);
-  dict["dynamics"] = py::cast(defaults.dynamics);
-  dict["clock"] = py::cast(defaults.clock);
-  dict["drones_per_env"] = defaults.drones_per_env;
-  dict["meet"] = name_of(defaults.meet);
-  return dict;
+  return make_task(description)->defaults().max_episode_steps;
 }
 
 }  // namespace
@@ -323,6 +312,10 @@ std::optional<TaskConfig> engine_task(const py::object& description) {
     if (py::isinstance<Config>(description)) task = description.cast<Config>();
   });
   return task;
+}
+
+std::optional<std::string> library_of(const py::object& description) {
+  return py::isinstance<NativeTask>(description) ? std::optional(description.cast<const NativeTask&>().path) : std::nullopt;
 }
 
 std::string names_of_task_configs() {
@@ -401,7 +394,7 @@ void register_task(py::module_& module) {
     ends.value(EnumNames<EpisodeEnd>::kNames[i], static_cast<EpisodeEnd>(i));
   }
   ends.finalize();
-  module.def("task_defaults", &defaults_of, py::arg("task"));
+  module.def("time_limit", &time_limit, py::arg("task"));
 }
 
 }  // namespace bindings

@@ -17,6 +17,9 @@ namespace flockstep::bindings {
 // Returns the configuration of an engine task; nothing for other objects.
 std::optional<TaskConfig> engine_task(const pybind11::object& description);
 
+// Returns the path of the library of a NativeTask; nothing for other objects.
+std::optional<std::string> library_of(const pybind11::object& description);
+
 // Names the configuration classes of the engine's tasks, for messages: "one of NavigationConfig, ...".
 std::string names_of_task_configs();
 

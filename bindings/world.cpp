@@ -304,7 +304,7 @@ void register_world(py::module_& module) {
       .def(
           "with_bodies",
           [](const World& world, const py::object& given) {
-            std::vector<BodyConfig> bodies = configs_of<BodyConfig>(given, "bodies");
+            std::vector<BodyConfig> bodies = configs_of<std::vector<BodyConfig>>(given, "bodies");
             return std::const_pointer_cast<World>(released([&] { return world.with_bodies(std::move(bodies)); }));
           },
           py::arg("bodies"))

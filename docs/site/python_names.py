@@ -52,6 +52,11 @@ def copy_package(app: Sphinx) -> None:
         for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
             targets = node.targets if isinstance(node, ast.Assign) else [getattr(node, "target", node)]
             defined.update(getattr(target, "id", getattr(target, "name", "")) for target in targets)
+    env = COPY / "vector_env.py"
+    fields = (COPY / "env_keywords.py").read_text(encoding="utf-8").partition("----------\n")[2]
+    fields = fields.partition('\n    """')[0]
+    text = env.read_text(encoding="utf-8").replace("\n\n    Attributes\n", f"\n{fields}\n\n    Attributes\n", 1)
+    env.write_text(text, encoding="utf-8")  # as its docstring is at run time
     package = COPY / "__init__.py"
     text = package.read_text(encoding="utf-8")
     assignment = "register_task = registration.register_task"

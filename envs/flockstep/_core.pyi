@@ -27,6 +27,11 @@ _U8: TypeAlias = npt.NDArray[np.uint8]
 _U16: TypeAlias = npt.NDArray[np.uint16]
 _Bool: TypeAlias = npt.NDArray[np.bool_]
 _DroneLike: TypeAlias = DroneModel | str | PathLike[str]
+# tasks
+_EngineTask: TypeAlias = (
+    NavigationConfig | HoverConfig | TrackConfig | RaceConfig | DodgeConfig | SwapConfig | FormationConfig
+)
+# end of tasks
 _MaybeNone: TypeAlias = Any  # None only if the world lacks the marker; Any spares callers a check
 
 __version__: str
@@ -38,7 +43,9 @@ scene_sets: dict[str, tuple[str, ...]]
 """Names that stand for several scenes, with their scenes."""
 scene_suffixes: tuple[str, ...]
 """Suffixes of the files that `World.load` reads, such as ``".json"``."""
-engine_tasks: dict[str, type]
+batch_keywords: dict[str, str]
+"""Fields of a `Recipe` by the keywords that set them, such as ``"lidar"`` for ``"lidars"``."""
+engine_tasks: dict[str, Any]
 """Configurations of the engine's tasks, by their names in recipes."""
 generated_scenes: tuple[str, ...]
 """Names of the scenes that are generated instead of loaded."""
@@ -2217,22 +2224,8 @@ def _unknown_scene(name: str, known: Sequence[str]) -> str: ...
 def load_scene(name: str, folder: str | PathLike[str]) -> World:
     """Return the world of a name or path; ``folder`` holds the bundled scenes."""
 
-def task_defaults(
-    task: NavigationConfig
-    | HoverConfig
-    | TrackConfig
-    | RaceConfig
-    | DodgeConfig
-    | SwapConfig
-    | FormationConfig
-    | NativeTask
-    | PythonTask,
-) -> dict[str, Any]:
-    """Return the defaults of an environment with this task.
-
-    The keys are ``worlds``, ``lidar``, ``cameras``, ``max_episode_steps``, ``drone`` (a name or None), ``dynamics`` and
-    ``clock``.
-    """
+def time_limit(task: _EngineTask | NativeTask | PythonTask) -> int:
+    """Return the default time limit of a task in steps; 0 means none."""
 
 @final
 class World:
@@ -3350,23 +3343,18 @@ class Recipe:
     Parameters
     ----------
     task
-        A configuration of one of the engine's tasks, whose defaults the recipe takes; the id of your own task; or None
-        for a batch without a task.
+        A configuration of one of the engine's tasks or a `NativeTask`, whose defaults the recipe takes; the id of your
+        own task; or None for a batch without a task.
     """
 
-    task: (
-        NavigationConfig
-        | HoverConfig
-        | TrackConfig
-        | RaceConfig
-        | DodgeConfig
-        | SwapConfig
-        | FormationConfig
-        | str
-        | None
-    )
+    task: _EngineTask | str | None
     worlds: list[str]
-    drone: str | DroneModel
+    @property
+    def drone(self) -> str | DroneModel:
+        """The name of a bundled airframe, the path of a file, or a `DroneModel`."""
+
+    @drone.setter
+    def drone(self, drone: _DroneLike) -> None: ...
     # fields of Recipe
     num_envs: int
     drones_per_env: int
@@ -3389,15 +3377,7 @@ class Recipe:
     # end of fields
     def __init__(
         self,
-        task: NavigationConfig
-        | HoverConfig
-        | TrackConfig
-        | RaceConfig
-        | DodgeConfig
-        | SwapConfig
-        | FormationConfig
-        | str
-        | None = None,
+        task: _EngineTask | NativeTask | str | None = None,
     ) -> None: ...
     @staticmethod
     def from_json(text: str) -> Recipe:
@@ -3412,6 +3392,7 @@ class Recipe:
     def to_json(self) -> str:
         """Return a JSON text from which `from_json` makes an equal recipe."""
 
+    def _set(self, **fields: Any) -> None: ...
     def check_access(self, scenes: str | PathLike[str], allow_files: bool = False, max_worlds: int = 10000) -> None:
         """Raise `ValueError` if the recipe may not be built: see `Batch.from_recipe`. ``scenes``: the bundled ones."""
 
@@ -3430,60 +3411,66 @@ class Batch:
     worlds
         A `World`, the name or path of one, a set of `flockstep.scenes` such as ``"train"``, or a sequence of at least
         one of these; or a `WorldPool`, from which each `reset` and each new episode draws a world. A pool requires a
-        task; until their first reset all drones are in world 0 of the pool.
+        task; until their first reset all drones are in world 0 of the pool. With a pool, ``camera_backend="gl"`` is
+        refused and ``"auto"`` uses raycast.
     num_drones
         N, up to 2**20, a multiple of ``drones_per_env``. 0 without a task: the batch begins with no drone, and `spawn`
         adds them. Each then has its own env, or all share one env with ``drones_per_env=0``.
-    lidar, camera, pose_sensor, imu
-        Sensors. Default: no LiDAR, no camera, an exact pose, no IMU. Give several LiDARs, cameras or IMUs as a sequence
-        with different names. An IMU requires ``motion="rotors"``. The images of one camera have at most 2**32 pixels
-        over all drones. A camera that writes ``instance`` requires worlds of at most 65535 primitives, meshes and
-        markers.
     task
         The task that `reset` and `step` run. The navigation task requires a LiDAR, and a camera if it observes one.
     drone
         A `DroneModel`, the name of a bundled airframe, or the path of a JSON file. Default: the 650-class quadrotor.
-    camera_backend
-        ``"raycast"``: the engine's own tracing, bitwise reproducible. ``"gl"``: OpenGL through EGL. ``"auto"``: the
-        faster of the two, timed on the batch's worlds. Without OpenGL, ``"gl"`` and ``"auto"`` use raycast and give a
-        `RuntimeWarning`. With a `WorldPool`, ``"gl"`` is refused and ``"auto"`` uses raycast.
-    episode, clock, dynamics
-        Configurations of the task's episodes, the rates and the motion.
-    num_threads
-        Number of threads; 0 means the physical cores that this process may run on.
-    block_size
-        Number of envs that a thread takes at once; 0 lets the engine choose, 64 to 256. No result depends on it.
     world_index
         (E,) integers: the world of each env. Default: env i is in world i modulo W.
-    tracer
-        Method that traces the rays of cameras and LiDARs; results differ only by rounding. ``"tiles"``: tiles of 16 x
-        16 rays are traced against triangles, through a separate tree that takes about 65 bytes per triangle. Cameras
-        and dense LiDARs use tiles. A LiDAR is dense if it has at least four rows, and any sixteen neighbouring beams of
-        a row span at most about 50 degrees. All other rays use Embree, in packets. ``"auto"``: tiles only for sensors
-        of at least 256 rays in worlds of at most 1,024 triangles per ray; in larger worlds packets are faster. Fans of
-        at least 6 beams that are at most 1 m apart on average at the end of their range are traced as slices of the
-        world, through the same tree. A fan is a channel whose beams lie in a plane, of a LiDAR with at most three
-        channels, or a column of channels with one beam each.
-        ``"slices"``: the same for all fans, however few beams they have. ``"embree"``: uses neither tiles nor slices;
-        Embree also traces all primitives except rooms. It is slower and meant for comparison.
     drones_per_env
-        M. 0 only with ``num_drones=0``. The drones of an env share its world and seed; ``meet`` says how they
-        interact.
-    bodies
-        Bodies that are in every env when an episode begins: one or a sequence.
-    max_bodies
-        Number of slots for bodies in each env, B; 0: as many as an episode begins with.
-    lights
-        One or a sequence of at most 4096, of which each episode of an env draws one instead of its world's light.
+        Number of drones in each env, M. They share a world. A batch without a task may begin with no drone in its envs.
     meet
         How the drones of an env interact. ``"never"``: not at all. ``"seen"``: their LiDARs detect the hulls of the
         others, and their cameras see their meshes. ``"touched"``: they hit each other with their hulls. ``"both"``:
         both. Unless it is ``"never"``, an env has at most 4096 drones.
     drone_mesh
-        How cameras see drones: a `DroneMesh`, or a `World` whose triangles, materials and textures show a drone in its
-        body frame. Only if ``meet`` is ``"seen"`` or ``"both"``. None: their hull, in grey.
-    cameras
-        Another name of ``camera``.
+        World whose triangles, materials and textures show the drones to the cameras of the others, in the body frame,
+        like the mesh of a `BodyConfig`. Only if ``meet`` is ``"seen"`` or ``"both"``. None: their hull, in grey.
+    num_threads
+        Number of threads, at most four per processor; a larger number gives these, with a warning. 0: the physical
+        cores that this process may run on. No result depends on it.
+    block_size
+        Number of envs that a thread takes at once. 0: chosen by the engine. No result depends on it.
+    lidar
+        The LiDARs of each drone, with different names.
+    camera
+        The cameras of each drone, with different names. The images of one camera have at most 2^32 pixels over all
+        drones.
+    camera_backend
+        Renderer of cameras. ``"raycast"``: the engine's own tracing, which needs no GPU and is bitwise reproducible.
+        ``"gl"``: OpenGL 4.5 through EGL, headless; if it is missing, raycast with a warning. ``"auto"``: the faster of
+        the two on the batch's worlds, timed when the batch is made.
+    tracer
+        Method that traces rays against triangles. ``"auto"``: the fastest for each sensor. LiDAR channels whose beams
+        lie in a plane and close together (fans) are traced in a slice of the world; neighbouring rays of cameras and of
+        LiDARs with many channels go through a tree of triangles together, in tiles; Embree traces the others, and
+        shadow rays. ``"slices"``: every fan, however few beams it has and however far apart they are. ``"tiles"``:
+        tiles in every world, and no slices. ``"embree"``: Embree traces all rays, for comparison.
+    pose_sensor
+        The pose sensor of each drone.
+    imu
+        The IMUs of each drone, with different names; they need motion by rotors.
+    bodies
+        Bodies that are in every env when an episode begins, after those of its world.
+    max_bodies
+        Number of slots for bodies in each env, B. Free slots are for ``batch.bodies.spawn()``. 0: as many as an episode
+        may begin with.
+    lights
+        Lights, at most 4096, of which each episode of an env draws one instead of its world's. Empty: the lights of the
+        worlds.
+    episode
+        Begin and end of episodes.
+    clock
+        Rates of policy, controller and physics.
+    dynamics
+        Motion model of the drones.
+    lidars, cameras, imus
+        Other names of ``lidar``, ``camera``, ``imu``.
     """
 
     def __init__(
@@ -3491,36 +3478,31 @@ class Batch:
         worlds: WorldsLike | WorldPool,
         num_drones: int = 1,
         *,
+        task: _EngineTask | NativeTask | PythonTask | None = None,
+        drone: _DroneLike | None = None,
+        world_index: npt.ArrayLike | None = None,
+        # keywords of Batch
+        drones_per_env: int | None = None,
+        meet: Literal["never", "seen", "touched", "both"] | None = None,
+        drone_mesh: World | DroneMesh | None = None,
+        num_threads: int | None = None,
+        block_size: int | None = None,
         lidar: LidarConfig | Sequence[LidarConfig] | None = None,
+        camera: CameraConfig | Sequence[CameraConfig] | None = None,
+        camera_backend: Literal["raycast", "gl", "auto"] | None = None,
+        tracer: Literal["auto", "tiles", "slices", "embree"] | None = None,
         pose_sensor: PoseSensorConfig | None = None,
         imu: ImuConfig | Sequence[ImuConfig] | None = None,
-        task: NavigationConfig
-        | HoverConfig
-        | TrackConfig
-        | RaceConfig
-        | DodgeConfig
-        | SwapConfig
-        | FormationConfig
-        | NativeTask
-        | PythonTask
-        | None = None,
-        drone: _DroneLike | None = None,
-        camera: CameraConfig | Sequence[CameraConfig] | None = None,
-        camera_backend: str = "raycast",
+        bodies: BodyConfig | Sequence[BodyConfig] | None = None,
+        max_bodies: int | None = None,
+        lights: Light | Sequence[Light] | None = None,
         episode: EpisodeConfig | None = None,
         clock: ClockConfig | None = None,
         dynamics: DynamicsConfig | None = None,
-        num_threads: int = 0,
-        block_size: int = 0,
-        world_index: npt.ArrayLike | None = None,
-        tracer: str = "auto",
-        drones_per_env: int = 1,
-        bodies: BodyConfig | Sequence[BodyConfig] | None = None,
-        max_bodies: int = 0,
-        lights: Light | Sequence[Light] | None = None,
-        meet: str = "never",
-        drone_mesh: World | DroneMesh | None = None,
+        lidars: LidarConfig | Sequence[LidarConfig] | None = None,
         cameras: CameraConfig | Sequence[CameraConfig] | None = None,
+        imus: ImuConfig | Sequence[ImuConfig] | None = None,
+        # end of keywords
     ) -> None: ...
     @staticmethod
     def from_recipe(
@@ -3806,7 +3788,7 @@ class Batch:
     ) -> _Bool:
         """Test poses: True (K,) if the drone would touch nothing there: neither its world nor a body nor another drone.
 
-        Other drones count if ``meet`` says that they touch each other, except those that begin an episode in the same
+        Other drones count if the drones of an env touch each other, except those that begin an episode in the same
         step and have not been placed yet.
 
         Positions are (K, 3) m; quaternions (K, 4) are level, facing +x, by default. ``rows`` (K,) are the indices of

@@ -53,7 +53,7 @@ def evaluate(
     """Fly a policy for some episodes; return how often each kind of end occurred, and the means of all other values.
 
     Each env has one drone, unless the task's default is another or you pass ``drones_per_env``. A policy that learned
-    with other drones needs the same keywords here: ``drones_per_env``, ``meet`` and ``drone_episodes``.
+    with other drones needs the same keywords about drones here as in its training.
 
     >>> flockstep.evaluate(None, "flockstep/Hover-v0").ends  # random actions
     {'success': 0.0, 'contact': 0.21, 'left_area': 0.79, 'bad_state': 0.0, 'time': 0.0, 'task': 0.0}

@@ -41,7 +41,7 @@ def record(
 
     The env has one drone, unless the task's default is another or you pass ``drones_per_env``. With several drones, the
     film follows the first one, and it ends when all of their episodes have ended. A policy that learned with other
-    drones needs the same keywords here: ``drones_per_env``, ``meet`` and ``episodes``.
+    drones needs the same keywords about drones here as in its training.
 
     Needs imageio with ffmpeg, which the extra ``film`` installs.
 

@@ -2,16 +2,16 @@
 
 from __future__ import annotations
 
-import inspect
 from os import PathLike, fspath
 from typing import Any
 
 import gymnasium
 
-from flockstep._core import NativeTask, NavigationConfig, engine_tasks, task_defaults
+from flockstep._core import NativeTask, NavigationConfig, engine_tasks, time_limit
+from flockstep.keywords import by_config
 from flockstep.serialization import to_plain
 from flockstep.task import Task
-from flockstep.vector_env import DroneVectorEnv, _by_config
+from flockstep.vector_env import OWN_KEYWORDS, DroneVectorEnv
 
 _NO_DEFAULTS = ("num_envs", "autoreset_mode", "copy")  # set by the code that makes the environments
 
@@ -34,9 +34,7 @@ def _limit_of(task: Any) -> int:
     if isinstance(task, type):
         limit = getattr(task, "max_episode_steps", 0)
         return limit if isinstance(limit, int) else 0  # other values are rejected when an environment is made
-    limit = task_defaults(task)["max_episode_steps"]
-    assert isinstance(limit, int)
-    return limit
+    return time_limit(task)
 
 
 def _register(env_id: str, keywords: dict[str, Any], limit: int) -> None:
@@ -117,10 +115,9 @@ def register_task(env_id: str, task: type[Task] | str | PathLike[str], **default
     refused = [name for name in defaults if name in _NO_DEFAULTS]
     if refused:
         raise TypeError(f"register_task: expected no defaults for {', '.join(_NO_DEFAULTS)}, got {', '.join(refused)}")
-    keywords = inspect.signature(DroneVectorEnv).parameters
     description = task if isinstance(task, type) else NativeTask(fspath(task))
-    fields = {name: value for name, value in defaults.items() if name not in keywords}
-    _by_config(fields, description)  # rejects unknown keywords
+    fields = {name: value for name, value in defaults.items() if name not in OWN_KEYWORDS}
+    by_config(fields, description, OWN_KEYWORDS)  # rejects unknown keywords
     limit = defaults.get("max_episode_steps")
     if limit is None:
         limit = _limit_of(description)

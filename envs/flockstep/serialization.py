@@ -16,38 +16,12 @@ from typing import Any
 import numpy as np
 from gymnasium.envs.registration import EnvSpec
 
-from flockstep._core import (
-    BodyConfig,
-    BodyMotion,
-    CameraConfig,
-    ColorRange,
-    DroneModel,
-    ImuConfig,
-    LidarConfig,
-    Light,
-    NativeTask,
-    NavigationReward,
-    PoseSensorConfig,
-    WindConfig,
-    World,
-    engine_tasks,
-)
+from flockstep import _core
+from flockstep._core import DroneModel, NativeTask, World
 from flockstep.drone_mesh import DroneMesh
 
 _PREFIX = "flockstep."
-_CONFIGS: tuple[Any, ...] = (
-    BodyConfig,
-    BodyMotion,
-    CameraConfig,
-    ColorRange,
-    ImuConfig,
-    LidarConfig,
-    Light,
-    NavigationReward,
-    PoseSensorConfig,
-    WindConfig,
-    *engine_tasks.values(),
-)
+_CONFIGS: tuple[Any, ...] = tuple(item for item in vars(_core).values() if hasattr(item, "_fields"))
 
 
 def to_plain(value: Any) -> Any:

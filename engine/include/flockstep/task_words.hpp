@@ -1,4 +1,4 @@
-// Words about a task, from which its environment's page, help() and the stub are made.
+// Words about a task, from which its environment's page, help() and the stub are made, and how its pictures look.
 #pragma once
 
 #include <string>
@@ -12,7 +12,7 @@ struct TaskPart {
   const char* about;  // what they are, with their unit; or the term's value
 };
 
-// Full sentences, with names and values in double backquotes.
+// Full sentences, with names and values in double backquotes; view and overlay are names.
 struct TaskWords {
   const char* about;                  // what the drone must do, after the sentence kAbout
   const char* start;                  // how an episode begins
@@ -21,6 +21,8 @@ struct TaskWords {
   std::vector<TaskPart> observation;  // in order
   std::vector<TaskPart> reward;       // in the order of TaskSpec::reward_terms
   const char* end;                    // how an episode ends, and when it is a success
+  const char* view = "top";           // view of its pictures, unless another is chosen
+  const char* overlay = "";           // what they show of it: one of OVERLAYS in envs/flockstep/pictures; empty: nothing
 };
 
 // Returns the names of a task's reward terms.

@@ -109,16 +109,19 @@ Recipe Recipe::for_task(TaskConfig task) {
   const bool has_defaults = !std::holds_alternative<RegisteredTask>(recipe.task);
   const std::unique_ptr<Task> made = has_defaults ? make_task(recipe.task) : nullptr;
   if (!made) return recipe;
-  const TaskDefaults defaults = made->defaults();
-  recipe.worlds = {defaults.worlds};
-  recipe.drone = defaults.drone;
-  recipe.batch.lidars = defaults.lidars;
-  recipe.batch.cameras = defaults.cameras;
-  recipe.batch.dynamics = defaults.dynamics;
-  recipe.batch.clock = defaults.clock;
-  recipe.batch.drones_per_env = defaults.drones_per_env;
-  recipe.batch.meet = defaults.meet;
+  recipe.take(made->defaults());
   return recipe;
+}
+
+void Recipe::take(const TaskDefaults& defaults) {
+  worlds = {defaults.worlds};
+  drone = defaults.drone;
+  batch.lidars = defaults.lidars;
+  batch.cameras = defaults.cameras;
+  batch.dynamics = defaults.dynamics;
+  batch.clock = defaults.clock;
+  batch.drones_per_env = defaults.drones_per_env;
+  batch.meet = defaults.meet;
 }
 
 std::string Recipe::to_json() const {

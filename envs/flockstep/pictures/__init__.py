@@ -1,5 +1,6 @@
 """Everything that draws. None of it is needed to fly.
 
+- `choice`: the keywords of `DroneVectorEnv` that choose its pictures.
 - `views`: the views of `DroneVectorEnv.render`, built from `top_view`, `third_person_view` and the drone's own camera.
 - `picture`: one picture of a world from any viewpoint, `flockstep.render`.
 - `frames`: a camera's frames as PNG files, `Camera.save_frames`.

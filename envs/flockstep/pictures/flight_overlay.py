@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from importlib.util import find_spec
 
 import numpy as np
 import numpy.typing as npt
 
 from flockstep._core import Batch
-from flockstep.pictures.drawing import Drawing
+from flockstep.pictures.drawing import Drawing, Overlay
 from flockstep.pictures.picture import FARTHEST_M
 from flockstep.rotations import rotate
 
@@ -96,6 +97,15 @@ class PlaceOverlay:
         if np.linalg.norm(offset) < 0.999:  # a longer one is shortened to 1
             way = rotate(np.asarray(batch.quat_wxyz[env], float), _PLACE_UNIT_M * offset)
             _draw_target(batch, env, np.asarray(batch.position[env], float) + way, drawing)
+
+
+#: The overlays that the engine's tasks name; the argument tells whether the picture is seen from above.
+OVERLAYS: dict[str, Callable[[bool], Overlay]] = {
+    "target": lambda from_above: FlightOverlay(height=not from_above),
+    "gate": lambda _: RaceOverlay(),
+    "goals": lambda _: GoalOverlay(),
+    "place": lambda _: PlaceOverlay(),
+}
 
 
 def _draw_target(batch: Batch, env: int, point: npt.NDArray[np.float64], drawing: Drawing) -> None:

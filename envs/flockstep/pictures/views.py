@@ -3,25 +3,23 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
-from typing import Any, Protocol, TypeAlias
+from typing import Protocol, TypeAlias
 
 import numpy as np
 import numpy.typing as npt
 
-from flockstep._core import Batch, CameraConfig
+from flockstep._core import Batch, CameraConfig, World
 from flockstep.drone_mesh import DroneMesh
 from flockstep.nearest_name import did_you_mean
+from flockstep.pictures.choice import Choice
 from flockstep.pictures.drawing import Overlay
+from flockstep.pictures.flight_overlay import OVERLAYS
 from flockstep.pictures.third_person_view import ThirdPersonView
 from flockstep.pictures.top_view import TopView
 from flockstep.pictures.trail import Trail
 from flockstep.task import MARKERS
 
 Image: TypeAlias = npt.NDArray[np.uint8]
-
-NAMES = ("top", "camera", "third_person", "fleet")
-_MAX_PX = 8192
 
 
 class View(Protocol):
@@ -64,64 +62,16 @@ def _fitted(image: Image, width: int, height: int) -> Image:
     return whole
 
 
-@dataclass(frozen=True)
-class Choice:
-    """The checked keywords ``render_view``, ``render_size`` and ``render_camera``."""
-
-    view: str | tuple[npt.NDArray[np.float64], npt.NDArray[np.float64]]  # a name, or viewer and target positions
-    size_px: tuple[int, int] | None  # width and height; None: the view's default
-    camera: str | None  # a name; None: the first
-
-
-def choose(view: Any, size: Any, camera: Any) -> Choice:
-    """Check the three keywords.
-
-    Raises
-    ------
-    ValueError
-        A keyword is invalid; the message names it, the expected value and the value given.
-    """
-    if isinstance(view, str):
-        if view not in NAMES:
-            expected = ", ".join(map(repr, NAMES))
-            raise ValueError(
-                f"render_view: expected one of {expected} or two points, got {view!r}{did_you_mean(view, NAMES)}"
-            )
-    else:
-        view = _place(view)
-    if size is not None:
-        pair = tuple(size) if isinstance(size, (Sequence, np.ndarray)) else ()
-        if len(pair) != 2 or not all(_is_count(n) and 1 <= n <= _MAX_PX for n in pair):
-            raise ValueError(f"render_size: expected (width, height) from 1 to {_MAX_PX} pixels, got {size!r}")
-        size = (int(pair[0]), int(pair[1]))
-    if camera is not None and view != "camera":
-        raise ValueError(f"render_camera: expected None unless render_view='camera', got {camera!r}")
-    return Choice(view, size, camera)
-
-
-def _is_count(value: Any) -> bool:
-    return isinstance(value, (int, np.integer)) and not isinstance(value, bool)
-
-
-def _place(view: Any) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.float64]]:
-    try:
-        points = np.asarray(view, float)
-    except (TypeError, ValueError):
-        points = np.zeros(0)
-    if points.shape != (2, 3) or not np.isfinite(points).all() or (points[0] == points[1]).all():
-        expected = f"one of {', '.join(map(repr, NAMES))}, or two points (x, y, z): the eye and the point to look at"
-        raise ValueError(f"render_view: expected {expected}, got {view!r}")
-    return points[0], points[1]
-
-
 def make(
     choice: Choice,
     batch: Batch,
     cameras: Sequence[CameraConfig],
-    overlay: Overlay | None = None,
-    mesh: DroneMesh | None = None,
+    overlay: Overlay | str = "",
+    mesh: DroneMesh | World | None = None,
 ) -> tuple[View, Trail | None]:
     """Return the chosen view, and the trail it shows, which the caller has to record.
+
+    ``overlay`` draws on top; a task of the engine has the name of one of `OVERLAYS`, or "".
 
     Raises
     ------
@@ -130,9 +80,10 @@ def make(
     """
     if choice.view == "camera":
         return _camera_view(choice, batch, cameras), None
-    markers = MARKERS if overlay is None else overlay.markers
+    drawn = (OVERLAYS[overlay](choice.view == "top") if overlay else None) if isinstance(overlay, str) else overlay
+    markers = MARKERS if drawn is None else drawn.markers
     if choice.view == "top":
-        return TopView(batch, size_px=choice.size_px, markers=markers, overlay=overlay), None
+        return TopView(batch, size_px=choice.size_px, markers=markers, overlay=drawn), None
     trail = Trail(batch)
     view = ThirdPersonView(
         batch,
@@ -142,8 +93,8 @@ def make(
         size_px=choice.size_px,
         place=None if isinstance(choice.view, str) else choice.view,
         markers=markers,
-        overlay=overlay,
-        mesh=mesh,
+        overlay=drawn,
+        mesh=DroneMesh._of_world(mesh) if isinstance(mesh, World) else mesh,
     )
     return view, trail
 

@@ -377,7 +377,7 @@ class TestFiles:
         ]:
             with pytest.raises(ValueError, match=message):
                 batch_with([BodyConfig(shape="mesh", mesh=mesh)])
-        with pytest.raises(TypeError, match=r"mesh: expected a flockstep.World or None, got 3"):
+        with pytest.raises(TypeError, match=r"mesh: expected a flockstep.DroneMesh, a flockstep.World or None, got 3"):
             BodyConfig(mesh=3)
 
     def test_recipes_and_specifications_keep_meshes(self):

@@ -59,12 +59,26 @@ ID = "flockstep/LidarNavigation-v0"
             lambda: flockstep.Batch([flockstep.World.playground(0)], "4"),
             "num_drones: expected an integer, got '4'",
         ),
-        (lambda: DroneVectorEnv(lidar={}), "lidar: expected a flockstep.LidarConfig or a sequence of them, got {}"),
         (
             lambda: DroneVectorEnv(lidar={1: 2}),
-            "lidar: expected a flockstep.LidarConfig or a sequence of them, got {1: 2}",
+            "lidar: expected a flockstep.LidarConfig, None or a sequence of flockstep.LidarConfig objects, got {1: 2}",
         ),
-        (lambda: DroneVectorEnv(lights="noon"), "lights: expected a flockstep.Light or a sequence of them, got 'noon'"),
+        (
+            lambda: DroneVectorEnv(lights="noon"),
+            "lights: expected a flockstep.Light, None or a sequence of flockstep.Light objects, got 'noon'",
+        ),
+        (
+            lambda: DroneVectorEnv(policy_hz=30, clock=flockstep.ClockConfig(policy_hz=20)),
+            "policy_hz: expected one value, got policy_hz=30.0 and clock.policy_hz=20.0",
+        ),
+        (
+            lambda: DroneVectorEnv(rate_hz=3),
+            "rate_hz: a field of a configuration: give it as pose_sensor=flockstep.PoseSensorConfig(rate_hz=...)",
+        ),
+        (
+            lambda: flockstep.Batch([], camera=[], cameras=[]),
+            "camera: expected None with cameras, another name of it",
+        ),
         (
             lambda: DroneVectorEnv(task="flockstep/Swap-v0"),
             "got 'flockstep/Swap-v0'. gymnasium.make_vec makes an env of an id",

@@ -541,9 +541,9 @@ class TestLimits:
             assert env.spec.max_episode_steps == limit_or_none
             for batch in (env.unwrapped.batch, envs.batch):
                 assert isinstance(batch, flockstep.Batch)
-            assert env.unwrapped.envs._arguments["max_episode_steps"] == limit_or_none
-            assert envs._arguments["max_episode_steps"] == limit_or_none
-        assert flockstep.DroneVectorEnv(1)._arguments["max_episode_steps"] is None
+            assert env.unwrapped.envs._arguments.get("max_episode_steps") == limit_or_none
+            assert envs._arguments.get("max_episode_steps") == limit_or_none
+        assert flockstep.DroneVectorEnv(1)._arguments.get("max_episode_steps") is None
 
     @pytest.mark.parametrize("limit", [3, 310])  # the task's own limit is 300
     def test_an_end_at_the_limit_is_the_engines(self, limit):
@@ -556,7 +556,7 @@ class TestLimits:
 
     def test_no_limit(self, room):
         env = gymnasium.make(ID, worlds=room, max_episode_steps=-1)
-        assert env.unwrapped.envs._arguments["max_episode_steps"] == 0
+        assert env.unwrapped.envs._arguments.get("max_episode_steps") == 0
         assert env.spec.max_episode_steps is None
 
     def test_frame_skip_counts_flown_steps(self, room):
@@ -580,7 +580,7 @@ class TestLimits:
             assert gymnasium.spec(name).max_episode_steps == limit
             assert self.length(gymnasium.make(name), np.zeros(3))[0] == limit
             assert self.length(gymnasium.make(name, max_episode_steps=6), np.zeros(3))[0] == 6
-            assert gymnasium.make_vec(name, 1)._arguments["max_episode_steps"] == limit
+            assert gymnasium.make_vec(name, 1)._arguments.get("max_episode_steps") == limit
         flockstep.register_task("tests/Wait-v9", Wait, worlds=room, max_episode_steps=0)
         assert gymnasium.spec("tests/Wait-v9").max_episode_steps is None
         assert gymnasium.make("tests/Wait-v9").unwrapped.envs.task.max_episode_steps == 0

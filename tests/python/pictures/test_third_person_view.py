@@ -548,11 +548,11 @@ def test_an_envs_own_camera_is_shown_and_its_view_drawn(room):
 
 @pytest.mark.parametrize("camera", [{}, {"layout": "chw"}, {"outputs": ("grey",)}])
 def test_the_drones_own_camera(room, camera):
-    from flockstep.pictures import views
+    from flockstep.pictures import choice, views
 
     config = flockstep.CameraConfig(name="eye", width_px=32, height_px=24, **camera)
     batch = flockstep.Batch([room], 2, cameras=[config])
-    view, trail = views.make(views.choose("camera", None, None), batch, [config])
+    view, trail = views.make(choice.choose("camera", None, None), batch, [config])
     assert trail is None
     batch.set_pose(np.float32([[2, 4, 2], [2, 6, 1]]))
     batch.sense()
@@ -573,12 +573,12 @@ def test_the_drones_own_camera(room, camera):
 
 
 def test_a_camera_without_colours_is_refused(room):
-    from flockstep.pictures import views
+    from flockstep.pictures import choice, views
 
     config = flockstep.CameraConfig(width_px=8, height_px=8, outputs=("depth",))
     batch = flockstep.Batch([room], cameras=[config])
     with pytest.raises(ValueError, match="'camera' needs 'rgb' or 'grey' among its outputs"):
-        views.make(views.choose("camera", None, None), batch, [config])
+        views.make(choice.choose("camera", None, None), batch, [config])
 
 
 def test_stable_baselines_gets_pictures_and_trails(room):

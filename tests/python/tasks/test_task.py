@@ -402,7 +402,7 @@ class TestMistakes:
                 r"write dynamics = flockstep\.DynamicsConfig\(control=\.\.\.\), or give it to the env",
             ),
             ({"wind": np.ones(3)}, "write dynamics = "),
-            ({"cameras": [flockstep.CameraConfig()]}, r"write camera = \.\.\., one or a sequence"),
+            ({"imu": flockstep.ImuConfig()}, "give it to the env"),
             ({"stagger_first_episode": True}, "give it to the env"),
             ({"pose_sensor": flockstep.PoseSensorConfig()}, "give it to the env"),
             ({"control": "velocity", "dynamics": flockstep.DynamicsConfig(motion="rotors")}, "write dynamics = "),

@@ -42,6 +42,7 @@ struct DodgeConfig {
                 {"time", "-``time_weight`` in each step"},
             },
         .end = "An episode ends within ``goal_radius_m`` of the goal, as a success, or at a contact.",
+        .overlay = "goals",
     };
   }
 

@@ -78,6 +78,7 @@ struct FormationConfig {
             "An episode ends at a contact, if d exceeds ``max_distance_m``, or when the leader has arrived at the end of a "
             "path. It is a success if neither of the first two has happened and the mean of d over all steps is at most "
             "``close_m``.",
+        .overlay = "place",
     };
   }
 

@@ -54,6 +54,8 @@ struct HoverConfig {
         .end =
             "A contact, or d > ``max_distance_m``, ends an episode as a crash. An episode without a crash is a success if d "
             "is at most ``hold_m`` in every step of its last ``hold_s``.",
+        .view = "third_person",
+        .overlay = "target",
     };
   }
 

@@ -67,6 +67,8 @@ struct RaceConfig {
         .end =
             "A contact, a missed gate, or a distance above ``max_distance_m`` from the next gate ends an episode as a crash. "
             "It ends as a success after the last gate of the last of ``laps`` laps.",
+        .view = "third_person",
+        .overlay = "gate",
     };
   }
 

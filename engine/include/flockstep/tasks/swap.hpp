@@ -52,6 +52,7 @@ struct SwapConfig {
             "The episode ends as a success for all drones when all are within ``goal_radius_m`` of their goals at once. It "
             "ends when a drone touches another drone or the world: for this drone by a contact, for the others because of a "
             "teammate. With ``episodes=\"last\"`` the others fly on, and succeed when all of them are at their goals.",
+        .overlay = "goals",
     };
   }
 

@@ -72,6 +72,8 @@ struct TrackConfig {
         .end =
             "A contact, or d > ``max_distance_m``, ends an episode as a crash. An episode without a crash is a success if "
             "the root mean square of d over all its steps is at most ``close_m``.",
+        .view = "third_person",
+        .overlay = "target",
     };
   }
 

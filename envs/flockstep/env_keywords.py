@@ -1,0 +1,223 @@
+"""The keywords of `DroneVectorEnv` that are fields of configurations; made by bindings/stubs.py."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Literal, TypedDict
+
+if TYPE_CHECKING:
+    from flockstep._core import (
+        BodyConfig,
+        CameraConfig,
+        ClockConfig,
+        ColorRange,
+        DynamicsConfig,
+        EpisodeConfig,
+        ImuConfig,
+        LidarConfig,
+        Light,
+        NavigationReward,
+        PoseSensorConfig,
+        WindConfig,
+    )
+
+
+class EnvKeywords(TypedDict, total=False):
+    """Keywords of `DroneVectorEnv`: fields of its `Recipe` and of configurations. The task sets their defaults.
+
+    Parameters
+    ----------
+    drones_per_env
+        Number of drones in each env, M. They share a world. A batch without a task may begin with no drone in its envs.
+    meet
+        How the drones of an env interact. ``"never"``: not at all. ``"seen"``: their LiDARs detect the hulls of the
+        others, and their cameras see their meshes. ``"touched"``: they hit each other with their hulls. ``"both"``:
+        both. Unless it is ``"never"``, an env has at most 4096 drones.
+    num_threads
+        Number of threads, at most four per processor; a larger number gives these, with a warning. 0: the physical
+        cores that this process may run on. No result depends on it.
+    block_size
+        Number of envs that a thread takes at once. 0: chosen by the engine. No result depends on it.
+    lidar
+        The LiDARs of each drone, with different names.
+    camera
+        The cameras of each drone, with different names. The images of one camera have at most 2^32 pixels over all
+        drones.
+    camera_backend
+        Renderer of cameras. ``"raycast"``: the engine's own tracing, which needs no GPU and is bitwise reproducible.
+        ``"gl"``: OpenGL 4.5 through EGL, headless; if it is missing, raycast with a warning. ``"auto"``: the faster of
+        the two on the batch's worlds, timed when the batch is made.
+    tracer
+        Method that traces rays against triangles. ``"auto"``: the fastest for each sensor. LiDAR channels whose beams
+        lie in a plane and close together (fans) are traced in a slice of the world; neighbouring rays of cameras and of
+        LiDARs with many channels go through a tree of triangles together, in tiles; Embree traces the others, and
+        shadow rays. ``"slices"``: every fan, however few beams it has and however far apart they are. ``"tiles"``:
+        tiles in every world, and no slices. ``"embree"``: Embree traces all rays, for comparison.
+    pose_sensor
+        The pose sensor of each drone.
+    imu
+        The IMUs of each drone, with different names; they need motion by rotors.
+    bodies
+        Bodies that are in every env when an episode begins, after those of its world.
+    max_bodies
+        Number of slots for bodies in each env, B. Free slots are for ``batch.bodies.spawn()``. 0: as many as an episode
+        may begin with.
+    lights
+        Lights, at most 4096, of which each episode of an env draws one instead of its world's. Empty: the lights of the
+        worlds.
+    episode
+        Begin and end of episodes.
+    clock
+        Rates of policy, controller and physics.
+    dynamics
+        Motion model of the drones.
+
+        For every task, from `EpisodeConfig`, which documents them: ``episodes``, ``max_episode_steps``, ``frame_skip``,
+        ``stagger_first_episode``, ``random_world``.
+
+        For every task, from `ClockConfig`, which documents them: ``policy_hz``, ``physics_hz``, ``controller_hz``.
+
+        For every task, from `DynamicsConfig`, which documents them: ``motion``, ``control``, ``integrator``,
+        ``on_contact``, ``restitution``, ``friction``, ``rotor_lag``, ``rotor_drag``, ``body_drag``, ``gyroscopic``,
+        ``ground_effect``, ``downwash``, ``wind``, ``max_speed_mps``, ``max_acceleration_mps2``, ``max_tilt_deg``,
+        ``max_rate_dps``, ``max_yaw_rate_dps``.
+
+        For the navigation task, from `NavigationConfig`, which documents them: ``action``, ``step_m``,
+        ``yaw_step_deg``, ``reward``, ``random_start``, ``color``.
+
+        For the hover task, from `HoverConfig`, which documents them: ``start_offset_m``, ``start_tilt_deg``,
+        ``start_speed_mps``, ``start_rate_dps``, ``max_distance_m``, ``hold_m``, ``hold_s``, ``near_weight``,
+        ``hold_weight``, ``speed_weight``, ``spin_weight``, ``change_weight``, ``crash_weight``.
+
+        For the track task, from `TrackConfig`, which documents them: ``path``, ``yaw``, ``size_m``, ``speed_mps``,
+        ``start_offset_m``, ``points``, ``ahead_s``, ``max_distance_m``, ``close_m``, ``near_weight``, ``close_weight``,
+        ``yaw_weight``, ``spin_weight``, ``change_weight``, ``crash_weight``.
+
+        For the race task, from `RaceConfig`, which documents them: ``laps``, ``gates_ahead``, ``max_thrust_to_weight``,
+        ``start``, ``start_offset_m``, ``start_yaw_deg``, ``start_tilt_deg``, ``start_speed_mps``, ``miss_m``,
+        ``max_distance_m``, ``observation_scale``, ``speed_cap_mps``, ``cap_rise_mps``, ``cap_episodes``,
+        ``cap_success``, ``progress_weight``, ``gate_weight``, ``rates_weight``, ``change_weight``, ``crash_weight``.
+
+        For the dodge task, from `DodgeConfig`, which documents them: ``step_m``, ``goal_distance_m``,
+        ``goal_radius_m``, ``near_m``, ``progress_weight``, ``goal_weight``, ``crash_weight``, ``near_weight``,
+        ``time_weight``.
+
+        For the swap task, from `SwapConfig`, which documents them: ``step_m``, ``radius_m``, ``spacing_m``,
+        ``jitter_m``, ``goal_radius_m``, ``neighbors``, ``sight_m``, ``near_m``, ``progress_weight``, ``goal_weight``,
+        ``crash_weight``, ``near_weight``, ``time_weight``.
+
+        For the formation task, from `FormationConfig`, which documents them: ``shape``, ``spacing_m``, ``route``,
+        ``loop_radius_m``, ``leader_speed_mps``, ``step_m``, ``jitter_m``, ``neighbors``, ``sight_m``,
+        ``max_distance_m``, ``close_m``, ``near_m``, ``place_weight``, ``crash_weight``, ``near_weight``,
+        ``change_weight``.
+    """
+
+    drones_per_env: int | None
+    meet: Literal["never", "seen", "touched", "both"] | None
+    num_threads: int | None
+    block_size: int | None
+    lidar: LidarConfig | Sequence[LidarConfig] | None
+    camera: CameraConfig | Sequence[CameraConfig] | None
+    camera_backend: Literal["raycast", "gl", "auto"] | None
+    tracer: Literal["auto", "tiles", "slices", "embree"] | None
+    pose_sensor: PoseSensorConfig | None
+    imu: ImuConfig | Sequence[ImuConfig] | None
+    bodies: BodyConfig | Sequence[BodyConfig] | None
+    max_bodies: int | None
+    lights: Light | Sequence[Light] | None
+    episode: EpisodeConfig | None
+    clock: ClockConfig | None
+    dynamics: DynamicsConfig | None
+    episodes: Literal["team", "each", "last"]
+    max_episode_steps: int | None
+    frame_skip: int
+    stagger_first_episode: bool
+    random_world: bool
+    policy_hz: float
+    physics_hz: float | None
+    controller_hz: float | None
+    motion: Literal["kinematic", "rotors"]
+    control: Literal[
+        "pose",
+        "rotor_speeds",
+        "rotor_thrusts",
+        "body_rates",
+        "attitude",
+        "acceleration",
+        "velocity",
+        "heading_velocity",
+        "position",
+    ]
+    integrator: Literal["automatic", "midpoint", "rk4"]
+    on_contact: Literal["terminate", "stop", "bounce"]
+    restitution: float
+    friction: float
+    rotor_lag: bool
+    rotor_drag: bool
+    body_drag: bool
+    gyroscopic: bool
+    ground_effect: bool
+    downwash: bool
+    wind: WindConfig
+    max_speed_mps: float
+    max_acceleration_mps2: float
+    max_tilt_deg: float
+    max_rate_dps: float
+    max_yaw_rate_dps: float
+    action: Literal["discrete", "displacement", "displacement_yaw", "discrete_forward"]
+    step_m: float
+    yaw_step_deg: float
+    reward: NavigationReward
+    random_start: bool
+    color: ColorRange
+    start_offset_m: float
+    start_tilt_deg: float
+    start_speed_mps: float
+    start_rate_dps: float
+    max_distance_m: float
+    hold_m: float
+    hold_s: float
+    near_weight: float
+    hold_weight: float
+    speed_weight: float
+    spin_weight: float
+    change_weight: float
+    crash_weight: float
+    path: Literal["figure8", "random"]
+    yaw: Literal["fixed", "along"]
+    size_m: float
+    speed_mps: float
+    points: int
+    ahead_s: float
+    close_m: float
+    close_weight: float
+    yaw_weight: float
+    laps: int
+    gates_ahead: int
+    max_thrust_to_weight: float
+    start: Literal["between", "gate"]
+    start_yaw_deg: float
+    miss_m: float
+    observation_scale: float
+    speed_cap_mps: Sequence[float]
+    cap_rise_mps: float
+    cap_episodes: int
+    cap_success: float
+    progress_weight: float
+    gate_weight: float
+    rates_weight: float
+    goal_distance_m: float
+    goal_radius_m: float
+    near_m: float
+    goal_weight: float
+    time_weight: float
+    radius_m: float
+    spacing_m: float
+    jitter_m: float
+    neighbors: int
+    sight_m: float
+    shape: Literal["line", "column", "v", "circle"]
+    route: Literal["loop", "path"]
+    loop_radius_m: float
+    leader_speed_mps: float
+    place_weight: float

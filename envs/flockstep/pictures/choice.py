@@ -1,0 +1,65 @@
+"""The keywords of `DroneVectorEnv` that choose its pictures."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from flockstep.nearest_name import did_you_mean
+
+NAMES = ("top", "camera", "third_person", "fleet")
+_MAX_PX = 8192
+
+
+@dataclass(frozen=True)
+class Choice:
+    """The checked keywords ``render_view``, ``render_size`` and ``render_camera``."""
+
+    view: str | tuple[npt.NDArray[np.float64], npt.NDArray[np.float64]]  # a name, or viewer and target positions
+    size_px: tuple[int, int] | None  # width and height; None: the view's default
+    camera: str | None  # a name; None: the first
+
+
+def choose(view: Any, size: Any, camera: Any) -> Choice:
+    """Check the three keywords.
+
+    Raises
+    ------
+    ValueError
+        A keyword is invalid; the message names it, the expected value and the value given.
+    """
+    if isinstance(view, str):
+        if view not in NAMES:
+            expected = ", ".join(map(repr, NAMES))
+            raise ValueError(
+                f"render_view: expected one of {expected} or two points, got {view!r}{did_you_mean(view, NAMES)}"
+            )
+    else:
+        view = _place(view)
+    if size is not None:
+        pair = tuple(size) if isinstance(size, (Sequence, np.ndarray)) else ()
+        if len(pair) != 2 or not all(_is_count(n) and 1 <= n <= _MAX_PX for n in pair):
+            raise ValueError(f"render_size: expected (width, height) from 1 to {_MAX_PX} pixels, got {size!r}")
+        size = (int(pair[0]), int(pair[1]))
+    if camera is not None and view != "camera":
+        raise ValueError(f"render_camera: expected None unless render_view='camera', got {camera!r}")
+    return Choice(view, size, camera)
+
+
+def _is_count(value: Any) -> bool:
+    return isinstance(value, (int, np.integer)) and not isinstance(value, bool)
+
+
+def _place(view: Any) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.float64]]:
+    try:
+        points = np.asarray(view, float)
+    except (TypeError, ValueError):
+        points = np.zeros(0)
+    if points.shape != (2, 3) or not np.isfinite(points).all() or (points[0] == points[1]).all():
+        expected = f"one of {', '.join(map(repr, NAMES))}, or two points (x, y, z): the eye and the point to look at"
+        raise ValueError(f"render_view: expected {expected}, got {view!r}")
+    return points[0], points[1]
