@@ -4,13 +4,14 @@ import ast
 import importlib.util
 import inspect
 import pydoc
+import re
 from pathlib import Path
 
 import pytest
 from conftest import ROOT
 
 import flockstep
-from flockstep import _core
+from flockstep import _core, keywords
 
 STUB = Path(flockstep.__file__).parents[0] / "_core.pyi"
 if not STUB.exists():  # an editable install reads the checkout
@@ -64,26 +65,24 @@ def test_there_is_something_to_look_at():
     assert len(FUNCTIONS) > 50
 
 
-@pytest.mark.parametrize("path", MEMBERS)
-def test_everything_has_a_docstring(path):
-    text = MEMBERS[path].__doc__
-    assert text, path
-    assert "pybind11" not in text
+def test_everything_has_a_docstring():
+    wrong = [path for path, item in MEMBERS.items() if not item.__doc__ or "pybind11" in item.__doc__]
+    assert not wrong
 
 
-@pytest.mark.parametrize("path", FUNCTIONS)
-def test_signatures_are_those_of_the_stub(path):
-    arguments = FUNCTIONS[path].args
-    for argument in [*arguments.args, *arguments.kwonlyargs, arguments.vararg, arguments.kwarg]:
-        if argument is not None:
-            argument.annotation = None
-    expected = f"({ast.unparse(arguments)})".replace("...", "Ellipsis")
-    assert str(inspect.signature(found(path))) == expected
-
-
-@pytest.mark.parametrize("path", [path for path in FUNCTIONS if not path.endswith("__init__")])
-def test_docstrings_are_those_of_the_stub(path):
-    assert inspect.getdoc(found(path)) == ast.get_docstring(FUNCTIONS[path])
+def test_signatures_and_docstrings_are_those_of_the_stub():
+    wrong = []
+    for path, function in FUNCTIONS.items():
+        arguments = function.args
+        for argument in [*arguments.args, *arguments.kwonlyargs, arguments.vararg, arguments.kwarg]:
+            if argument is not None:
+                argument.annotation = None
+        expected = f"({ast.unparse(arguments)})".replace("...", "Ellipsis")
+        text = inspect.getdoc(found(path))
+        is_same = path.endswith("__init__") or text == ast.get_docstring(function)
+        if str(inspect.signature(found(path))) != expected or not is_same:
+            wrong.append(path)
+    assert not wrong
 
 
 def test_help_shows_what_a_newcomer_looks_for():
@@ -97,10 +96,11 @@ def test_help_shows_what_a_newcomer_looks_for():
 CONFIGURATIONS = [item for item in vars(_core).values() if hasattr(item, "_fields")]
 
 
-@pytest.mark.parametrize("config", CONFIGURATIONS)
-def test_fields_say_what_they_mean_and_their_defaults(config):
-    assert [field["name"] for field in config._fields] == list(config.__match_args__)
-    for field in config._fields:
+def test_fields_say_what_they_mean_and_their_defaults():
+    described = [(config, field) for config in CONFIGURATIONS for field in config._fields]
+    names = [(config, name) for config in CONFIGURATIONS for name in config.__match_args__]
+    assert [(config, field["name"]) for config, field in described] == names
+    for config, field in described:
         text = " ".join(getattr(config, field["name"]).__doc__.split())
         assert field["about"].endswith("."), field
         assert text.startswith(field["about"]), field
@@ -116,7 +116,7 @@ def test_stub_and_documents_are_made_from_the_lists_of_the_engine():
     stubs = importlib.util.module_from_spec(spec)
     spec.loader.exec_module(stubs)
     assert len(stubs.DOCUMENTS) > 10
-    for made in (STUB, *stubs.DOCUMENTS):
+    for made in (STUB, stubs.ENV_KEYWORDS, *stubs.DOCUMENTS):
         assert made.read_text(encoding="utf-8") == stubs.renewed(made), f"{made.name}: run bindings/stubs.py"
     # Each configuration has its table; those of tasks are on the pages of environments.
     text = (stubs.ROOT / "docs" / "configs.md").read_text(encoding="utf-8")
@@ -136,23 +136,30 @@ def test_public_python_has_docstrings():
                 assert value.__doc__ or inspect.getdoc(getattr(item, member)), f"{name}.{member}"
 
 
-CONFIGS = [flockstep.EpisodeConfig, flockstep.ClockConfig, flockstep.DynamicsConfig]
-CONFIGS += [flockstep.NavigationConfig, flockstep.HoverConfig, flockstep.TrackConfig, flockstep.RaceConfig]
-
-
-def test_the_env_documents_every_keyword():
-    """The keywords are those of the signature, and the fields of configurations that the env accepts as keywords."""
-    named = inspect.signature(flockstep.DroneVectorEnv).parameters.keys() - {"fields"}
-    fields = {name for config in CONFIGS for name in config.__match_args__}
-    sections = inspect.getdoc(flockstep.DroneVectorEnv).split("\nAttributes\n")[0]
-    for name in named:
-        assert f"\n{name}\n    " in sections, name
-    for name in fields - named:
-        assert f"``{name}``" in sections, name
-    for name in fields - named:  # the env does accept each of them
-        with pytest.raises((TypeError, ValueError)) as caught:
-            flockstep.DroneVectorEnv(task=flockstep.HoverConfig(), **{name: object()})
+def test_the_env_shows_every_keyword():
+    """In its signature and its text: its own, the fields of its recipe, and the kept fields of configurations."""
+    named = inspect.signature(flockstep.DroneVectorEnv).parameters
+    text = inspect.getdoc(flockstep.DroneVectorEnv).split("\nAttributes\n")[0]
+    assert keywords.FLAT | set(_core.batch_keywords) <= set(named)
+    for name in set(named) - keywords.FLAT | {"autoreset_mode"}:
+        assert f"\n{name}\n    " in text, name
+    for name in keywords.FLAT - {"autoreset_mode"}:
+        assert f"``{name}``" in text, name
+    tasks = {name: config() for config in _core.engine_tasks.values() for name in config.__match_args__}
+    for name in keywords.FLAT | set(_core.batch_keywords):  # the env does accept each of them
+        with pytest.raises((TypeError, ValueError), match=name) as caught:
+            flockstep.DroneVectorEnv(task=tasks.get(name), **{name: object()})
         assert "unexpected keyword" not in str(caught.value)
+
+
+def test_a_new_field_goes_by_its_configuration():
+    """The kept list is that of the first release; the fields of a configuration that it lacks are no keywords."""
+    known = {name for config in CONFIGURATIONS for name in config.__match_args__}
+    assert known >= keywords.FLAT, "a name that no configuration has"
+    assert len(keywords.FLAT) <= 84
+    said = "position_noise_std_m: a field of a configuration: give it as pose_sensor=flockstep.PoseSensorConfig("
+    with pytest.raises(TypeError, match=re.escape(said)):
+        flockstep.DroneVectorEnv(position_noise_std_m=1.0)
 
 
 @pytest.mark.parametrize("kind", [flockstep.DroneVectorEnv, flockstep.DroneEnv])
