@@ -1,0 +1,117 @@
+"""A fact has few places: how many files written by hand may name a task, a sensor, an operation or a field.
+
+The names come from the real registries. `places.json` lists those that stand in more files than a new one may. It may
+only shrink. null: a common word, such as "name", which is not counted.
+"""
+
+import json
+import re
+import subprocess
+from functools import cache
+from pathlib import Path
+
+import pytest
+from conftest import ROOT
+
+from flockstep import _core
+from flockstep.client.protocol_pb2 import Request
+
+KEPT = json.loads(Path(__file__).with_name("places.json").read_text(encoding="utf-8"))
+CODE = ("engine", "bindings", "envs", "server", "training", "tools", "bench", "scenes")
+MADE = re.compile(r"protocol_pb2|sync_operations|protocol/messages|env_keywords|core\.pyi$|server/flockstep\.proto")
+#: How many files may name a new one.
+BUDGET = {"task": 6, "sensor": 5, "operation": 3, "field": 2}
+
+
+@cache
+def sources() -> dict[str, str]:
+    """Return the texts of the files that are written by hand, tests and documents apart."""
+    listed = subprocess.run(["git", "ls-files", *CODE], cwd=ROOT, capture_output=True, text=True, check=True)
+    suffixes = (".hpp", ".cpp", ".py", ".pyi")
+    files = [name for name in listed.stdout.split() if name.endswith(suffixes) and not MADE.search(name)]
+    return {name: (ROOT / name).read_text(encoding="utf-8") for name in files if (ROOT / name).exists()}
+
+
+@cache
+def words() -> dict[str, set[str]]:
+    """Return the files in which each word stands, and where it is a string, "word", or declared with a type, word:."""
+    found: dict[str, set[str]] = {}
+    for name, text in sources().items():
+        declared = re.findall(r"(?<![\w.])\w+:(?= )", text) if name.endswith(".py") else []
+        for word in {*re.findall(r"\w+", text), *re.findall(r'"\w+"', text), *declared}:
+            found.setdefault(word, set()).add(name)
+    return found
+
+
+def fields() -> dict[str, list[str]]:
+    """Return the patterns of each field of a configuration, which count where it is declared, not where it is read."""
+    described = [*(config._fields for config in vars(_core).values() if hasattr(config, "_fields"))]
+    described += list(_core._other_fields.values())
+    names = {field["name"] for listed in described for field in listed if field["name"].isidentifier()}
+    return {name: [f'"{name}"', f"{name}:"] for name in names}
+
+
+def operations() -> dict[str, list[str]]:
+    """Return the patterns of each operation of the server."""
+    listed = Request.DESCRIPTOR.oneofs_by_name["operation"].fields
+    names = {field.name: field.message_type.name for field in listed}
+    return {name: [name, names[name]] if "_" in name else [f'"{name}"', names[name]] for name in names}
+
+
+def sensors() -> dict[str, list[str]]:
+    """Return the patterns of each kind of sensor: the fields of a batch whose configurations have a rate."""
+    kinds = {re.sub(r"^Sequence\[(\w+)\]$", r"\1", field["type"]) for field in _core._other_fields["BatchConfig"]}
+    configs = [getattr(_core, kind) for kind in kinds if hasattr(getattr(_core, kind, None), "_fields")]
+    return {config.__name__: [config.__name__] for config in configs if "rate_hz" in config.__match_args__}
+
+
+def tasks() -> dict[str, list[str]]:
+    """Return the patterns of each task of the engine."""
+    return {name: [config.__name__, f'"{name}"'] for name, config in _core.engine_tasks.items()}
+
+
+REGISTRIES = {"task": tasks, "sensor": sensors, "operation": operations, "field": fields}
+
+
+#: Folders in which a name counts: those of the surfaces. Of a task also the scripts that are its own.
+WHERE = {
+    "task": CODE,
+    "sensor": ("engine/", "bindings/", "envs/", "server/"),
+    "operation": ("server/", "envs/flockstep/client/"),
+    "field": ("bindings/", "envs/"),
+}
+
+
+def places(kind: str) -> dict[str, set[str]]:
+    """Return the files that name each one of a kind."""
+    found = {}
+    for name, patterns in REGISTRIES[kind]().items():
+        files = {file for pattern in patterns for file in words().get(pattern, ())}
+        found[name] = {file for file in files if file.startswith(WHERE[kind])}
+    return found
+
+
+@pytest.mark.parametrize("kind", BUDGET)
+def test_a_new_one_stands_in_few_files(kind: str) -> None:
+    found = places(kind)
+    assert len(found) >= 4, "the registry is empty"
+    for name, files in found.items():
+        allowed = KEPT[kind].get(name, BUDGET[kind])
+        assert allowed is None or len(files) <= allowed, (
+            f"{kind} {name}: at most {allowed} files may name it, not {sorted(files)}"
+        )
+
+
+@pytest.mark.parametrize("kind", BUDGET)
+def test_the_list_holds_only_what_exceeds_the_budget(kind: str) -> None:
+    found = places(kind)
+    assert KEPT[kind].keys() <= found.keys(), "gone: remove it from the list"
+    assert len(KEPT[kind]) <= {"task": 7, "sensor": 4, "operation": 47, "field": 53}[kind], "it may only shrink"
+    few = [name for name, count in KEPT[kind].items() if count is not None and len(found[name]) <= BUDGET[kind]]
+    assert not few, "within the budget now: remove it from the list"
+
+
+def test_a_copy_of_a_name_is_counted(monkeypatch: pytest.MonkeyPatch) -> None:
+    name, files = next((name, files) for name, files in places("sensor").items() if files)
+    monkeypatch.setitem(words(), name, {*files, "envs/flockstep/a.py", "server/b.cpp"})
+    assert len(places("sensor")[name]) == len(files) + 2
