@@ -28,7 +28,7 @@ from conftest import ROOT
 from PIL import Image
 
 import flockstep
-from flockstep.task import _DECLARED
+from flockstep.task_names import _DECLARED
 
 DOCUMENTS = [ROOT / "README.md", *sorted((ROOT / "docs").rglob("*.md"))]
 BLOCK = re.compile(
