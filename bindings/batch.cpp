@@ -606,15 +606,10 @@ void register_batch(py::module_& module) {
           py::arg("world_index"), py::arg("mask") = none)
       .def(
           "set_light",
-          [](Batch& batch, const py::object& light, const py::object& envs, const py::object& world_index,
-             const ColorArgument& sun_direction, const ColorArgument& sun_color, const ColorArgument& sky_ambient,
-             const ColorArgument& ground_ambient, const ColorArgument& zenith_color, const ColorArgument& horizon_color,
-             const std::optional<float>& gamma, const std::optional<float>& sun_radius_deg, const std::optional<float>& sun_glow,
-             const std::optional<float>& fog_visibility_m, const py::object& tint) {
-            const auto changed = [&](const World& world) {
-              return lighting_argument(world, sun_direction, sun_color, sky_ambient, ground_ambient, zenith_color, horizon_color,
-                                       gamma, sun_radius_deg, sun_glow, fog_visibility_m, tint);
-            };
+          [](Batch& batch, const py::object& light, const py::object& envs, const py::object& world_index, const py::object& tint,
+             const py::kwargs& keywords) {
+            const py::kwargs changes = light_changes(keywords, "set_light");
+            const auto changed = [&](const World& world) { return lighting_argument(world, changes, tint); };
             const bool is_number = py::isinstance<py::int_>(light) || py::hasattr(light, "__index__");
             if (is_number || !world_index.is_none()) {
               if (!light.is_none() && !world_index.is_none()) throw py::type_error("light: expected None with world_index");
@@ -628,13 +623,11 @@ void register_batch(py::module_& module) {
             }
             if (!tint.is_none()) throw py::type_error("tint: expected None without the index of a world (envs share materials)");
             const std::vector<std::uint8_t> mask = env_mask(batch, envs);
-            const bool changes = sun_direction || sun_color || sky_ambient || ground_ambient || zenith_color || horizon_color ||
-                                 gamma || sun_radius_deg || sun_glow || fog_visibility_m;
             if (!light.is_none()) {
-              if (changes) throw py::type_error("light: expected None with fields of a light, got a Light");
+              if (!changes.empty()) throw py::type_error("light: expected None with fields of a light, got a Light");
               const auto given = argument<Light>(light, "light", "a flockstep.Light, the index of a world, or None");
               released(batch, [&] { batch.set_light(given, mask); });
-            } else if (changes) {
+            } else if (!changes.empty()) {
               std::vector<Light> lights(static_cast<std::size_t>(num_envs(batch)));
               for (std::size_t env = 0; env < lights.size(); ++env) {
                 if (mask.empty() || mask[env] != 0) lights[env] = changed(*batch.world_of(EnvIndex(env))).light;
@@ -644,11 +637,7 @@ void register_batch(py::module_& module) {
               released(batch, [&] { batch.use_world_light(mask); });
             }
           },
-          py::arg("light") = none, py::arg("envs") = none, py::kw_only(), py::arg("world_index") = none,
-          py::arg("sun_direction") = none, py::arg("sun_color") = none, py::arg("sky_ambient") = none,
-          py::arg("ground_ambient") = none, py::arg("zenith_color") = none, py::arg("horizon_color") = none,
-          py::arg("gamma") = none, py::arg("sun_radius_deg") = none, py::arg("sun_glow") = none,
-          py::arg("fog_visibility_m") = none, py::arg("tint") = none)
+          py::arg("light") = none, py::arg("envs") = none, py::kw_only(), py::arg("world_index") = none, py::arg("tint") = none)
       .def(
           "set_lidar",
           [](Batch& batch, const py::object& mask, const std::optional<std::string>& lidar, std::optional<float> max_range_m,

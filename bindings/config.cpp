@@ -19,6 +19,7 @@
 
 #include "base/field_offsets.hpp"
 #include "convert.hpp"
+#include "documents.hpp"
 #include "flockstep/color.hpp"
 #include "flockstep/config.hpp"
 #include "flockstep/generators.hpp"
@@ -96,31 +97,50 @@ std::vector<ConfigField> fields_of() {
       });
 }
 
-// Describes the allowed values of a field: ">= 0", "in [6, 200], in [1.5, 100]" if elements differ, or the rule of its form.
+// Describes the allowed values of a field: "(0, 360]", "[6, 200], [1.5, 100]" if elements differ, or the rule of its form.
 std::string allowed_values(const FieldInfo& info) {
   if (info.form == Form::plain_name) return "letters, digits, _ and -";
   if (info.form == Form::unit_quaternion) return "a unit quaternion";
-  std::string text = info.limits.text();
-  for (const Limits& limits : info.each) text += (text.empty() ? "" : ", ") + limits.text();
-  return text;
+  std::string text;
+  const auto add = [&](const Limits& limits) {
+    const std::string range = limits.text();
+    if (range.empty()) return;
+    text += (text.empty() ? "" : ", ") + std::string(limits.or_zero ? "0 or " : "");
+    text += range.starts_with("in ") ? range.substr(3) : range;
+  };
+  add(info.limits);
+  for (const Limits& limits : info.each) add(limits);
+  return info.form == Form::direction ? text + ", not all 0" : text;
 }
 
-// Describes the fields for stubs, docstrings and documents.
+// Describes the fields for stubs, docstrings and documents. `default` is an expression, or "..." for an object; `shown` is for
+// readers, with only the class of an object; `doc` is the docstring.
 py::list described(const std::vector<ConfigField>& fields, const void* defaults) {
   py::list all;
   for (const ConfigField& field : fields) {
     const FieldInfo& info = *field.info;
+    const std::string value = py::str(field.type.show(static_cast<const char*>(defaults) + field.offset));
+    const bool is_object = value.ends_with(')') && !value.starts_with('(');
+    const std::string shown = is_object ? value.substr(0, value.find('(')) + "()" : value;
+    const std::string range = allowed_values(info), unit = info.unit;
+    const std::string values = range + (range.empty() || unit.empty() ? "" : " ") + unit;
+    std::string doc = info.about;
+    if (!values.empty()) doc += (range.empty() ? " Unit: " : " Values: ") + values + ".";
     py::dict one;
     one["name"] = info.alias == nullptr ? field.name : info.alias;
     one["type"] = field.type.stub();
-    one["default"] = field.type.show(static_cast<const char*>(defaults) + field.offset);
-    one["unit"] = info.unit;
-    one["values"] = allowed_values(info);
+    // CPython drops a comma before a bracket in a docstring's signature.
+    const bool is_single = value.ends_with(",)");
+    one["default"] = is_object ? "..." : is_single ? '[' + value.substr(1, value.size() - 3) + ']' : value;
+    one["shown"] = shown;
+    one["values"] = values;
     one["about"] = info.about;
+    one["doc"] = doc + " Default: " + shown + ".";
     all.append(one);
   }
   return all;
 }
+
 // Returns the configuration that a Python object holds.
 char* held_by(const py::object& self, const std::type_info& type) {
   py::detail::type_caster_generic caster(type);
@@ -158,10 +178,12 @@ py::dict state_of(const py::object& self) {
 
 // Adds a property for each field. This is not a template, because each function bound in one costs a tenth of a second of
 // compile time, and there are hundreds of fields.
-void add_properties(const py::object& cls, const std::type_info& type, const std::vector<ConfigField>& fields) {
+void add_properties(const py::object& cls, const std::type_info& type, const std::vector<ConfigField>& fields,
+                    const py::list& descriptions) {
   const py::is_method method(cls);
   const auto property = py::reinterpret_borrow<py::object>(reinterpret_cast<PyObject*>(&PyProperty_Type));
-  for (const ConfigField& field : fields) {
+  for (std::size_t i = 0; i < fields.size(); ++i) {
+    const ConfigField& field = fields[i];
     const py::cpp_function get(
         [field, &type](const py::object& self) { return field.type.read(held_by(self, type) + field.offset); }, method);
     const py::cpp_function set(
@@ -169,7 +191,8 @@ void add_properties(const py::object& cls, const std::type_info& type, const std
           field.type.write(held_by(self, type) + field.offset, value, field.name);
         },
         method);
-    cls.attr(field.name) = property(get, set);
+    const std::string doc = py::str(descriptions[i]["doc"]);
+    cls.attr(field.name) = property(get, set, py::none(), wrapped(doc, ""));
   }
 }
 
@@ -185,8 +208,9 @@ py::dict comparable_state_of(const py::object& self) {
 }
 
 // Adds everything except the constructor: fields, repr and equality by value.
-void add_fields(const py::object& cls, const std::type_info& type, const std::vector<ConfigField>& fields) {
-  add_properties(cls, type, fields);
+void add_fields(const py::object& cls, const std::type_info& type, const std::vector<ConfigField>& fields,
+                const py::list& descriptions) {
+  add_properties(cls, type, fields, descriptions);
   py::list names;
   for (const ConfigField& field : fields) names.append(field.name);
   cls.attr("__match_args__") = py::tuple(names);
@@ -207,14 +231,16 @@ void add_fields(const py::object& cls, const std::type_info& type, const std::ve
   });
 }
 
-// Registers a configuration class with a keyword constructor and pickling, because Gymnasium copies the keywords of an env.
+// Registers a configuration class with a keyword constructor and pickling, because Gymnasium copies the keywords of an env. `doc`
+// is left out if the class stands in core.pyi, which then has its docstring.
 template <class Config>
-py::class_<Config> register_fields(py::module_& module, const char* name, const char* doc) {
+py::class_<Config> register_fields(py::module_& module, const char* name, const char* doc = "") {
   py::class_<Config> cls(module, name, doc);
   const std::vector<ConfigField> fields = fields_of<Config>();
   const Config defaults;
-  add_fields(cls, typeid(Config), fields);
-  cls.attr("_fields") = described(fields, &defaults);
+  const py::list descriptions = described(fields, &defaults);
+  add_fields(cls, typeid(Config), fields, descriptions);
+  cls.attr("_fields") = descriptions;
   cls.def(py::init(&from_keywords<Config>));
   cls.def(py::pickle(&state_of, [](const py::dict& state) { return from_keywords<Config>(py::kwargs(state)); }));
   return cls;
@@ -233,7 +259,27 @@ std::string class_name_of() {
   return name + "Config";
 }
 
-// Returns the words of a task, for stubs, docstrings and documents.
+// Returns the words of a task as a docstring.
+std::string docstring_of(const char* about, const TaskWords& words) {
+  std::string text = about;
+  const auto add = [&](const std::string& paragraph) { text += "\n\n" + wrapped(paragraph, ""); };
+  const auto add_list = [&](const std::string& paragraph, const std::vector<TaskPart>& parts) {
+    add(paragraph);
+    text += '\n';
+    for (const TaskPart& part : parts) {
+      text += "\n- " + wrapped(std::string(part.name) + ": " + std::string(part.about), "  ").substr(2);
+    }
+  };
+  add(words.about);
+  add("**Start**: " + std::string(words.start));
+  add("**Action**: " + std::string(words.action));
+  add_list("**Observation**: " + std::string(words.observed), words.observation);
+  add_list("**Reward**: The sum of these terms:", words.reward);
+  add("**End**: " + std::string(words.end));
+  return text;
+}
+
+// Returns the words of a task for its page.
 py::dict words_of(const TaskWords& words) {
   const auto pairs = [](const std::vector<TaskPart>& parts) {
     py::list list;
@@ -282,40 +328,52 @@ void set_batch_fields(BatchConfig& config, const py::kwargs& keywords, const cha
 
 void add_batch_fields(const py::object& cls, const std::type_info& type, std::ptrdiff_t offset) {
   std::vector<ConfigField> fields = fields_of<BatchConfig>();
+  const BatchConfig defaults;
+  const py::list descriptions = described(fields, &defaults);
   for (ConfigField& field : fields) field.offset += offset;
-  add_properties(cls, type, fields);
+  add_properties(cls, type, fields, descriptions);
 }
 
 void register_config(py::module_& module) {
-  register_fields<LidarConfig>(module, "LidarConfig", "A scanning LiDAR: a grid of channels x beams, or a beam pattern.")
-      .def_property_readonly("shape", [](const LidarConfig& c) { return py::make_tuple(c.rows(), c.columns()); });
-  register_fields<CameraConfig>(module, "CameraConfig", "A pinhole camera.")
+  register_fields<LidarConfig>(module, "LidarConfig").def_property_readonly("shape", [](const LidarConfig& c) {
+    return py::make_tuple(c.rows(), c.columns());
+  });
+  register_fields<CameraConfig>(module, "CameraConfig")
       .def_property_readonly("fx", [](const CameraConfig& camera) { return camera.fx(); })
       .def_property_readonly("fy", [](const CameraConfig& camera) { return camera.fy(); })
       .def_property_readonly("cx", [](const CameraConfig& c) { return 0.5 * c.width_px; })
       .def_property_readonly("cy", [](const CameraConfig& c) { return 0.5 * c.height_px; })
       .def_property_readonly("image_size_px",
                              [](const CameraConfig& c) { return py::make_tuple(c.image_width_px(), c.image_height_px()); });
-  register_fields<ColorRange>(module, "ColorRange", "A range of colours.");
-  register_fields<PoseSensorConfig>(module, "PoseSensorConfig", "The exact pose, with optional Gaussian noise.");
-  register_fields<ImuConfig>(module, "ImuConfig", "An inertial measurement unit, for motion by rotors.");
-  register_fields<BodyMotion>(module, "BodyMotion", "The script that moves a body.");
-  register_fields<BodyConfig>(module, "BodyConfig", "A solid in an env that may move.");
-  register_fields<Light>(module, "Light", "Sun, sky and fog of camera images.");
-  register_fields<EpisodeConfig>(module, "EpisodeConfig", "When episodes begin and end; the same for every task.");
-  register_fields<ClockConfig>(module, "ClockConfig", "How time passes: the rates of policy, controller and physics.");
-  register_fields<WindConfig>(module, "WindConfig", "The wind, for motion by rotors.");
-  register_fields<DynamicsConfig>(module, "DynamicsConfig", "How drones move, and the meaning of their commands.");
+  register_fields<ColorRange>(
+      module, "ColorRange",
+      "A range of colours: a pixel matches if each channel is in [low, high]. The default matches the green of "
+      "the goal.");
+  register_fields<PoseSensorConfig>(module, "PoseSensorConfig", "Exact pose, with optional Gaussian noise.");
+  register_fields<ImuConfig>(module, "ImuConfig");
+  register_fields<BodyMotion>(module, "BodyMotion",
+                              "The script that moves a body. Its pose is a function of the time since the episode began.");
+  register_fields<BodyConfig>(module, "BodyConfig",
+                              "A solid in each env that may move: LiDARs and cameras see it, and drones hit it.");
+  register_fields<Light>(module, "Light", "Sun, sky and fog of camera images. ``Light(**world.light)`` is the light of a world.");
+  register_fields<EpisodeConfig>(module, "EpisodeConfig", "Begin and end of episodes, the same for every task.");
+  register_fields<ClockConfig>(module, "ClockConfig", "Rates of policy, controller and physics, per second of simulated time.");
+  register_fields<WindConfig>(
+      module, "WindConfig",
+      "The wind for ``motion=\"rotors\"``: a mean, and separate gusts for each drone, constant during a flown "
+      "step.");
+  register_fields<DynamicsConfig>(module, "DynamicsConfig");
   register_fields<ServerConfig>(module, "ServerConfig", "How a server listens, and what clients may do.");
   register_fields<NetworkConfig>(module, "NetworkConfig", "Actor and critic: two networks on the same inputs.");
   register_fields<RolloutConfig>(module, "RolloutConfig", "The steps that are collected for one update.");
   register_fields<UpdateConfig>(module, "UpdateConfig", "One update from a rollout.");
-  register_fields<NavigationReward>(module, "NavigationReward", "The terms of the navigation reward and their weights.");
+  register_fields<NavigationReward>(module, "NavigationReward");
   py::dict tasks;
   for_each_task([&]<class Config>(std::type_identity<Config>) {
-    auto cls = register_fields<Config>(module, class_name_of<Config>().c_str(), Config::kAbout);
+    const TaskWords words = Config::words();
+    auto cls = register_fields<Config>(module, class_name_of<Config>().c_str(), docstring_of(Config::kAbout, words).c_str());
     cls.attr("_about") = Config::kAbout;
-    cls.attr("_words") = words_of(Config::words());
+    cls.attr("_words") = words_of(words);
     if constexpr (std::is_same_v<Config, NavigationConfig>) {
       cls.def_static(
           "observing",

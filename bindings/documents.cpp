@@ -1,9 +1,12 @@
 #include "documents.hpp"
 
+#include <algorithm>
+#include <cstddef>
 #include <cstdlib>
 #include <cstring>
 #include <string>
 #include <string_view>
+#include <utility>
 
 namespace flockstep::bindings {
 namespace {
@@ -17,7 +20,7 @@ struct Document {
 };
 
 constexpr Document kDocuments[] = {
-#include "documents.inc"  // generated from the stub by documents.py
+#include "documents.inc"  // generated from core.pyi by documents.py
 };
 
 // Returns the C function inside a method object; null if there is none.
@@ -28,9 +31,9 @@ PyObject* function_of(PyObject* object) {
 
 // CPython reads the signature from the beginning of the docstring, up to "--". The text must be allocated with malloc, because
 // pybind11 frees it.
-void document_function(PyObject* function, std::string_view name, const Document& document) {
+void document_function(PyObject* function, std::string_view name, std::string_view signature, std::string_view about) {
   std::string text(name);
-  text.append(document.signature).append("\n--\n\n").append(document.text);
+  text.append(signature).append("\n--\n\n").append(about);
   PyMethodDef* const method = reinterpret_cast<PyCFunctionObject*>(function)->m_ml;
   std::free(const_cast<char*>(method->ml_doc));
   char* const copy = static_cast<char*>(std::malloc(text.size() + 1));
@@ -38,7 +41,75 @@ void document_function(PyObject* function, std::string_view name, const Document
   method->ml_doc = copy;
 }
 
+// Returns the descriptions of the fields of a configuration, which may be none of the module's classes.
+py::object fields_of(const py::module_& module, const std::string& config) {
+  const py::dict others = module.attr("_other_fields");
+  return others.contains(config) ? others[config.c_str()] : py::object(module.attr(config.c_str()).attr("_fields"));
+}
+
+// Returns the section "Parameters" of a docstring for some fields. A required one has no default.
+std::string parameters(const py::object& fields, bool is_first_required) {
+  std::string text = "\n\nParameters\n----------";
+  for (const py::handle field : fields) {
+    const char* const what = std::exchange(is_first_required, false) ? "about" : "doc";
+    text += '\n' + std::string(py::str(field["name"])) + '\n' + wrapped(std::string(py::str(field[what])), "    ");
+  }
+  return text;
+}
+
+// Returns fields as arguments of a signature: "fields" are keywords with their defaults, "changes" are None by default,
+// "arguments" may also be positional, and the first is required.
+std::string arguments(const py::object& fields, std::string_view kind) {
+  std::string text = kind == "Fields" ? "*" : "";
+  for (const py::handle field : fields) {
+    const bool is_required = kind == "Arguments" && text.empty();
+    text += (text.empty() ? "" : ", ") + std::string(py::str(field["name"]));
+    if (!is_required) text += '=' + (kind == "Changes" ? std::string("None") : std::string(py::str(field["default"])));
+  }
+  return text;
+}
+
+// Replaces "**Fields_A", "**Changes_A" or "**Arguments_A", which stand for the fields of the configuration A. The docstring of a
+// function with such arguments lists them.
+void insert_fields(std::string& signature, std::string& text, const py::module_& module) {
+  const std::size_t start = signature.find("**"), name = signature.find('_', start);
+  if (start == std::string::npos || name == std::string::npos) return;
+  const std::size_t end = signature.find_first_of(",)", start);
+  const std::string kind = signature.substr(start + 2, name - start - 2);
+  if (kind != "Fields" && kind != "Changes" && kind != "Arguments") return;
+  const py::object fields = fields_of(module, signature.substr(name + 1, end - name - 1));
+  signature.replace(start, end - start, arguments(fields, kind));
+  if (kind == "Arguments") text += parameters(fields, true);
+}
+
+// Adds the fields of a configuration to its docstring, and its constructor's signature.
+void document_fields(const py::handle& config) {
+  const py::object fields = config.attr("_fields");
+  config.attr("__doc__") = std::string(py::str(config.attr("__doc__"))) + parameters(fields, false);
+  const py::object init = config.attr("__dict__")["__init__"];
+  const std::string signature = "(self, " + arguments(fields, "Fields") + ')';
+  document_function(function_of(init.ptr()), "__init__", signature, "The class documents the arguments.");
+}
+
 }  // namespace
+
+std::string wrapped(std::string_view text, std::string_view indent) {
+  constexpr std::size_t kWidth = 112;  // of a docstring in a class, in lines of 120 columns
+  std::string lines(indent);
+  std::size_t used = 0;
+  for (std::size_t at = 0; at < text.size();) {
+    const std::size_t end = std::min(text.find(' ', at), text.size());
+    if (used > 0 && used + 1 + (end - at) > kWidth) {
+      (lines += '\n') += indent;
+      used = 0;
+    }
+    if (used > 0) lines += ' ';
+    lines += text.substr(at, end - at);
+    used += (used > 0 ? 1 : 0) + end - at;
+    at = end + 1;
+  }
+  return lines;
+}
 
 void document(py::module_& module) {
   for (const Document& document : kDocuments) {
@@ -56,10 +127,15 @@ void document(py::module_& module) {
     py::object object = dict[name.c_str()];
     if (py::hasattr(object, "__func__")) object = object.attr("__func__");  // static method
     if (PyObject* const function = function_of(object.ptr())) {
-      document_function(function, name, document);
+      std::string signature(document.signature), text(document.text);
+      insert_fields(signature, text, module);
+      document_function(function, name, signature, text);
     } else {
       object.attr("__doc__") = py::str(document.text.data(), document.text.size());
     }
+  }
+  for (const auto& [name, item] : py::dict(module.attr("__dict__"))) {
+    if (py::isinstance<py::type>(item) && py::hasattr(item, "_fields")) document_fields(item);
   }
 }
 

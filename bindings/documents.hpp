@@ -3,9 +3,16 @@
 
 #include <pybind11/pybind11.h>
 
+#include <string>
+#include <string_view>
+
 namespace flockstep::bindings {
 
-// Sets the docstrings from _core.pyi on the module's objects, with signatures that inspect can parse.
+// Breaks a text into lines that fit into a docstring, each with the indent.
+std::string wrapped(std::string_view text, std::string_view indent);
+
+// Sets the docstrings from core.pyi on the module's objects, with signatures that inspect can parse. For configurations, adds the
+// fields.
 void document(pybind11::module_& module);
 
 }  // namespace flockstep::bindings

@@ -1,9 +1,9 @@
-"""Converts envs/flockstep/_core.pyi to the docstrings and signatures that the module has at run time.
+"""Converts core.pyi to the docstrings and signatures that the module has at run time.
 
-usage: documents.py _core.pyi documents.inc
+usage: documents.py core.pyi documents.inc
 
 Classes, properties, methods and functions have their own docstrings. The docstring of a field declared in a class comes
-from the section "Parameters" of the class.
+from the section "Parameters" of the class. documents.cpp adds the lists of fields of configurations.
 """
 
 from __future__ import annotations
@@ -36,6 +36,8 @@ def entries(docstring: str) -> dict[str, str]:
 def signature(function: ast.FunctionDef) -> str:
     """Return the arguments without types, in the form that CPython reads from the first line of a docstring."""
     arguments = function.args
+    if arguments.kwarg is not None and isinstance(arguments.kwarg.annotation, ast.Subscript):  # Changes[Light]
+        arguments.kwarg.arg = re.sub(r"\W+", "_", ast.unparse(arguments.kwarg.annotation)).strip("_")
     for argument in [*arguments.posonlyargs, *arguments.args, *arguments.kwonlyargs, arguments.vararg, arguments.kwarg]:
         if argument is not None:
             argument.annotation = None

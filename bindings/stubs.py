@@ -1,28 +1,37 @@
-"""Generates the parts of the stub and the documents that come from lists in the engine; --check only compares.
+"""Generates the stub of the module, and the parts of documents that come from lists in the engine.
 
-The parts are between marks: in envs/flockstep/_core.pyi "# fields of A" and "# end of fields" (attributes and
-__init__), "# keywords of Batch" and "# end of keywords", "# tasks" and "# end of tasks", "# arrays of A" and "# end of
-arrays"; in docs/, "<!-- arrays of A, B -->" and "<!-- end of arrays -->", "<!-- fields of A -->" and "<!-- end of
-fields -->". Generated without marks: the section "Parameters" at the end of the docstring above "# fields of A", the
-whole docstring of a task's configuration, the entries of Batch's that are fields, and envs/flockstep/env_keywords.py.
-Run it with the module built after a change of such a list, then build again, because the module's docstrings come from
-the stub.
+usage: stubs.py --stub FOLDER FILE: writes the stub of the module in a folder; the build does that
+       stubs.py [--check]: renews or compares the rest; run it with the module built after a change of such a list
+
+The stub is bindings/core.pyi with these parts replaced: "# configurations" by the classes that stand nowhere else, "#
+fields of A" by attributes and __init__ (the docstring above becomes the run-time one, which lists the fields), "#
+arrays of A" by properties, "**fields: Fields[A]" by keywords with their defaults, "Changes[A]" by keywords that are
+None by default, and "Arguments[A]" by arguments, of which the first is required.
+
+Without --stub, it writes the parts between marks: in docs/ "<!-- arrays of A, B -->" and "<!-- end of arrays -->",
+"<!-- fields of A -->" and "<!-- end of fields -->"; in core.pyi "# keywords of Batch" and "# end of keywords",
+"# tasks" and "# end of tasks", and the entries of Batch's "Parameters" that are fields; and the whole of
+envs/flockstep/env_keywords.py.
 """
 
 from __future__ import annotations
 
+import importlib
+import inspect
 import re
+import sys
 import textwrap
 from pathlib import Path
 from typing import Any
 
-from flockstep import _core, keywords
+if "--stub" in sys.argv:  # the package itself is not installed yet
+    sys.path.insert(0, sys.argv[2])
+_core: Any = importlib.import_module("_core" if "--stub" in sys.argv else "flockstep._core")
 
 ROOT = Path(__file__).resolve().parents[1]
-PACKAGE = ROOT / "envs" / "flockstep"
+TEMPLATE = ROOT / "bindings" / "core.pyi"
+ENV_KEYWORDS = ROOT / "envs" / "flockstep" / "env_keywords.py"
 DOCUMENTS = sorted((ROOT / "docs").rglob("*.md"))
-MARKED = re.compile(r"^( *)# fields of (\w+)\n.*?^ *# end of fields\n", re.MULTILINE | re.DOTALL)
-MARKED_ARRAYS = re.compile(r"^( *)# arrays of (\w+)\n.*?^ *# end of arrays\n", re.MULTILINE | re.DOTALL)
 MARKED_KEYWORDS = re.compile(r"^( *)# keywords of Batch\n.*?^ *# end of keywords\n", re.MULTILINE | re.DOTALL)
 MARKED_TASKS = re.compile(r"^# tasks\n.*?^# end of tasks\n", re.MULTILINE | re.DOTALL)
 BATCH_PARAMETERS = re.compile(
@@ -31,6 +40,9 @@ BATCH_PARAMETERS = re.compile(
 ENTRY = re.compile(r"^    (\w+).*\n(?:        .*\n)+", re.MULTILINE)
 MARKED_TABLE = re.compile(r"^<!-- arrays of ([\w, ]+) -->\n.*?^<!-- end of arrays -->\n", re.MULTILINE | re.DOTALL)
 MARKED_FIELDS = re.compile(r"^<!-- fields of (\w+) -->\n.*?^<!-- end of fields -->\n", re.MULTILINE | re.DOTALL)
+FIELDS = re.compile(r'(?:"""(?:(?!""").)*"""\n\n)?    # fields of (\w+)\n', re.DOTALL)
+ARRAYS = re.compile(r"    # arrays of (\w+)\n")
+STAND_INS = re.compile(r"\*\*fields: (Fields|Changes|Arguments)\[(\w+)\]")
 ARRAY_TYPES = {
     "bool": "_Bool",
     "uint8": "_U8",
@@ -41,20 +53,7 @@ ARRAY_TYPES = {
     "float64": "_F64",
 }
 Field = dict[str, str]
-ENV_KEYWORDS = PACKAGE / "env_keywords.py"
 OWN_KEYWORDS = ("autoreset_mode", "drone_mesh")  # of DroneVectorEnv, which defines them itself
-
-
-def default_text(value: Any) -> str:
-    """Return a default in the format of a stub."""
-    if isinstance(value, (list, tuple)):
-        # CPython drops a comma before a bracket in a docstring's signature, so a tuple of one becomes a list.
-        return repr(list(value) if len(value) == 1 else tuple(value)).replace("'", '"')
-    if isinstance(value, float):
-        return repr(float(f"{value:.6g}"))
-    return (
-        f'"{value}"' if isinstance(value, str) else repr(value) if value.__class__.__module__ == "builtins" else "..."
-    )
 
 
 def folded(line: str) -> list[str]:
@@ -66,62 +65,6 @@ def folded(line: str) -> list[str]:
     return [indent + head, *(f"{indent}    {item}," for item in items.split(", ")), indent + tail]
 
 
-def types_of(config: type[Any]) -> dict[str, str]:
-    """Return the types of a configuration's fields."""
-    fields = config._fields if hasattr(config, "_fields") else config._attributes
-    return {field["name"]: field["type"] for field in fields}
-
-
-def values_text(field: Field) -> str:
-    """Return the allowed values of a field with their unit: "(0, 360] deg"."""
-    return f"{re.sub('^in |(?<=, )in ', '', field['values'])} {field['unit']}".strip()
-
-
-def short_default(field: Field) -> str:
-    """Return the repr of a default; for a configuration only its class."""
-    return re.sub(r"^(\w+)\(.*\)$", r"\1()", field["default"])
-
-
-def parameters(indent: str, config: type[Any]) -> list[str]:
-    """Return the section "Parameters" of a docstring, and its end."""
-    lines = [f"{indent}Parameters", f"{indent}----------"]
-    for field in config._fields:
-        values = values_text(field)
-        facts = f"{'Values' if field['values'] else 'Unit'}: {values}. " if values else ""
-        text = f"{field['about']} {facts}Default: {short_default(field)}."
-        inner = f"{indent}    "
-        lines.append(f"{indent}{field['name']}")
-        lines += textwrap.wrap(text, 120, initial_indent=inner, subsequent_indent=inner, break_on_hyphens=False)
-    return [*lines, f'{indent}"""', ""]
-
-
-def words(indent: str, config: type[Any]) -> list[str]:
-    """Return the docstring of a task's configuration as far as the section "Parameters"."""
-    said = config._words  # type: ignore[attr-defined]
-    lines = [f'{indent}"""{config._about}', ""]  # type: ignore[attr-defined]
-
-    def add(text: str, item: str = "") -> None:
-        inner = indent + " " * len(item)
-        lines.extend(
-            textwrap.wrap(text, 120, initial_indent=indent + item, subsequent_indent=inner, break_on_hyphens=False)
-        )
-
-    for text in (said["about"], f"**Start**: {said['start']}", f"**Action**: {said['action']}"):
-        add(text)
-        lines.append("")
-    for title, text, parts in (
-        ("Observation", said["observed"], said["observation"]),
-        ("Reward", "The sum of these terms:", said["reward"]),
-    ):
-        add(f"**{title}**: {text}")
-        lines.append("")
-        for name, about in parts:
-            add(f"{name}: {about}", "- ")
-        lines.append("")
-    add(f"**End**: {said['end']}")
-    return [*lines, ""]
-
-
 def field_table(fields: list[Field]) -> list[str]:
     """Return a table of the fields of a configuration."""
     lines = ["| field | type | values | default | description |", "|---|---|---|---|---|"]
@@ -130,26 +73,83 @@ def field_table(fields: list[Field]) -> list[str]:
         cells = [
             f"`{field['name']}`",
             kind.replace("Sequence", "sequence").replace("[", " of ").replace("]", ""),
-            values_text(field),
-            f"`{short_default(field)}`",
+            field["values"],
+            f"`{field['shown']}`",
             field["about"].replace("``", "`"),
         ]
         lines.append("| " + " | ".join(cell.replace("|", "\\|") for cell in cells) + " |")
     return lines
 
 
-def class_body(indent: str, config: type[Any]) -> list[str]:
-    """Return the attributes and the __init__ of a configuration."""
-    types = types_of(config)
-    attributes = [f"{indent}{name}: {text}" for name, text in types.items()]
-    if not hasattr(config, "__match_args__"):  # no keyword constructor
-        return [part for line in attributes for part in folded(line)]
-    defaults = config()
-    lines = [f"{indent}__match_args__: ClassVar[tuple[str, ...]]", *attributes]
-    lines += [f"{indent}def __init__(", f"{indent}    self,", f"{indent}    *,"]
-    for name, text in types.items():
-        lines.append(f"{indent}    {name}: {text} = {default_text(getattr(defaults, name))},")
-    return [part for line in [*lines, f"{indent}) -> None: ..."] for part in folded(line)]
+def fields_of(name: str) -> list[Field]:
+    """Return the descriptions of the fields of a configuration."""
+    fields: list[Field] = _core._other_fields.get(name) or getattr(_core, name)._fields
+    return fields
+
+
+def docstring(item: Any, indent: str) -> str:
+    """Return the run-time docstring of a class or a function."""
+    return f'"""{textwrap.indent(inspect.getdoc(item) or "", indent).lstrip()}\n{indent}"""\n'
+
+
+def class_body(match: re.Match[str]) -> str:
+    """Return the docstring, the attributes and the constructor of a configuration."""
+    config = getattr(_core, match[1])
+    fields = config._fields if hasattr(config, "_fields") else config._attributes
+    attributes = "".join(f"    {field['name']}: {field['type']}\n" for field in fields)
+    if not hasattr(config, "_fields"):  # a docstring and a constructor of its own
+        return match[0].replace(f"    # fields of {match[1]}\n", attributes)
+    start = "" if match[0].startswith('"') else "    "
+    constructor = f"    def __init__(self, **fields: Fields[{match[1]}]) -> None: ...\n"
+    named = "    __match_args__: ClassVar[tuple[str, ...]]\n"
+    return f"{start}{docstring(config, '    ')}\n{named}{attributes}{constructor}"
+
+
+def array_properties(match: re.Match[str]) -> str:
+    """Return the properties of a class that view arrays."""
+    return "\n".join(
+        f"    @property\n    def {array['name']}(self) -> {ARRAY_TYPES[array['dtype']]}:\n"
+        f'        """{array["doc"]}"""\n'
+        for array in getattr(_core, match[1])._arrays
+    )
+
+
+def arguments(match: re.Match[str]) -> str:
+    """Return the arguments that stand for the fields of a configuration."""
+    kind, name = match.groups()
+    listed = ["*"] if kind == "Fields" else []
+    for field in fields_of(name):
+        of_type = f"{field['name']}: {field['type']}"
+        if kind == "Changes":
+            of_type += " | None = None"
+        elif listed:
+            of_type += f" = {field['default']}"
+        listed.append(of_type)
+    return ", ".join(listed)
+
+
+def with_docstrings(text: str) -> str:
+    """Return the stub with docstrings that list the fields among the arguments of functions."""
+    for match in reversed(list(re.finditer(r'    def (\w+)\(\*\*fields: Arguments.*?(""".*?"""\n)', text, re.DOTALL))):
+        owner = re.findall(r"^class (\w+)", text[: match.start()], re.MULTILINE)[-1]
+        made = docstring(getattr(getattr(_core, owner), match[1]), "        ")
+        text = text[: match.start(2)] + made + text[match.end(2) :]
+    return text
+
+
+def stub_text() -> str:
+    """Return the stub."""
+    template = TEMPLATE.read_text(encoding="utf-8")
+    named = set(re.findall(r"^class (\w+)", template, re.MULTILINE))
+    classes = [name for name, item in vars(_core).items() if hasattr(item, "_fields") and name not in named]
+    made = "".join(f"@final\nclass {name}:\n    # fields of {name}\n\n" for name in classes)
+    text = FIELDS.sub(class_body, template.replace("# configurations\n\n", made))
+    return STAND_INS.sub(arguments, with_docstrings(ARRAYS.sub(array_properties, text)))
+
+
+def types_of(config: Any) -> dict[str, str]:
+    """Return the types of a configuration's fields."""
+    return {field["name"]: field["type"] for field in config._fields}
 
 
 def batch_fields() -> dict[str, Field]:
@@ -167,16 +167,17 @@ def keyword_type(field: Field) -> str:
 
 def entries(fields: dict[str, Field], indent: str = "    ") -> list[str]:
     """Return the entries of keywords in a section "Parameters"."""
-    inner, lines = f"{indent}    ", []
+    inner, lines, other = f"{indent}    ", list[str](), other_names()
     for name, field in fields.items():
         lines.append(f"{indent}{name}")
-        text = re.sub(r"``(\w+s)``", lambda m: f"``{KEYWORDS.get(m[1], m[1])}``", field["about"])
+        text = re.sub(r"``(\w+s)``", lambda m: f"``{other.get(m[1], m[1])}``", field["about"])
         lines += textwrap.wrap(text, 120, initial_indent=inner, subsequent_indent=inner, break_on_hyphens=False)
     return lines
 
 
-#: Keywords of the fields of a batch that have another name.
-KEYWORDS = {name: keyword for keyword, name in _core.batch_keywords.items() if name != keyword}
+def other_names() -> dict[str, str]:
+    """Return the keywords of the fields of a batch that have another name, by the field."""
+    return {name: keyword for keyword, name in _core.batch_keywords.items() if name != keyword}
 
 
 ENV_TEXT = '''"""The keywords of `DroneVectorEnv` that are fields of configurations; made by bindings/stubs.py."""
@@ -208,6 +209,8 @@ class EnvKeywords(TypedDict, total=False):
 
 def env_keywords() -> str:
     """Return the module env_keywords."""
+    from flockstep import keywords
+
     of_batch = {name: field for name, field in batch_fields().items() if name not in OWN_KEYWORDS}
     types = {name: keyword_type(field) for name, field in of_batch.items()}
     lists = []
@@ -229,39 +232,17 @@ def env_keywords() -> str:
 def batch_keywords(indent: str) -> list[str]:
     """Return the keywords of `Batch` that are fields of its configuration."""
     types = {name: keyword_type(field) for name, field in batch_fields().items()}
-    types |= {other: types[name] for other, name in KEYWORDS.items()}
+    types |= {other: types[name] for other, name in other_names().items()}
     lines = [f"{indent}{name}: {text} = None," for name, text in types.items()]
     return [part for line in lines for part in folded(line)]
 
 
 def batch_parameters(match: re.Match[str]) -> str:
     """Return the section "Parameters" of `Batch`: its own entries, then the fields."""
-    own = [found[0] for found in ENTRY.finditer(match[2]) if found[1] not in {*batch_fields(), *KEYWORDS}]
-    meant = ", ".join(f"``{name}``" for name in KEYWORDS.values())
-    lines = [*entries(batch_fields()), f"    {', '.join(KEYWORDS)}", f"        Other names of {meant}."]
+    own = [found[0] for found in ENTRY.finditer(match[2]) if found[1] not in {*batch_fields(), *other_names()}]
+    meant = ", ".join(f"``{name}``" for name in other_names().values())
+    lines = [*entries(batch_fields()), f"    {', '.join(other_names())}", f"        Other names of {meant}."]
     return match[1] + "".join(own) + "\n".join(lines) + "\n"
-
-
-def array_text(array: dict[str, Any]) -> str:
-    """Return the docstring of a view of an array."""
-    unit = f" {array['unit']}" if array["unit"] else ""
-    frame = f", {array['frame']} frame" if array["frame"] else ""
-    about = array["about"] + (". You may overwrite it; the batch never reads it" if array["writable"] else "")
-    return f"{array['shape']}{unit}{frame}: {about}."
-
-
-def array_properties(indent: str, cls: type[Any]) -> list[str]:
-    """Return the properties of a class that view arrays."""
-    lines: list[str] = []
-    for array in cls._arrays:
-        text = array_text(array)
-        lines += [
-            "",
-            f"{indent}@property",
-            f"{indent}def {array['name']}(self) -> {ARRAY_TYPES[array['dtype']]}:",
-            f'{indent}    """{text}"""',
-        ]
-    return lines[1:]
 
 
 def array_table(classes: list[type[Any]]) -> list[str]:
@@ -276,56 +257,35 @@ def array_table(classes: list[type[Any]]) -> list[str]:
     return lines
 
 
-def with_fields(path: Path) -> str:
-    """Return a Python file's text with the fields of configurations and their docstrings regenerated."""
-    text = path.read_text(encoding="utf-8")
-    new, end = "", 0
-    for match in MARKED.finditer(text):
-        indent, config = match.group(1), getattr(_core, match.group(2))
-        before = text[end : match.start()]
-        head, section, rest = before.rpartition(f"{indent}Parameters\n")
-        if section and rest.endswith('"""\n\n') and rest.count('"""') == 1:
-            if hasattr(config, "_words"):
-                head = head[: head.rindex('"""') - len(indent)] + "\n".join(words(indent, config)) + "\n"
-            before = head + "\n".join(parameters(indent, config)) + "\n"
-        lines = class_body(indent, config)
-        new += before + "\n".join([f"{indent}# fields of {match.group(2)}", *lines, f"{indent}# end of fields"]) + "\n"
-        end = match.end()
-    return new + text[end:]
-
-
 def renewed(path: Path) -> str:
     """Return a file's text with its marked parts regenerated."""
 
-    def replace_arrays(match: re.Match[str]) -> str:
-        indent, name = match.group(1), match.group(2)
-        lines = array_properties(indent, getattr(_core, name))
-        return "\n".join([f"{indent}# arrays of {name}", *lines, f"{indent}# end of arrays"]) + "\n"
+    def replace_keywords(match: re.Match[str]) -> str:
+        indent = match.group(1)
+        return "\n".join([f"{indent}# keywords of Batch", *batch_keywords(indent), f"{indent}# end of keywords"]) + "\n"
 
     def replace_table(match: re.Match[str]) -> str:
         lines = array_table([getattr(_core, name.strip()) for name in match.group(1).split(",")])
         return "\n".join([f"<!-- arrays of {match.group(1)} -->", *lines, "<!-- end of arrays -->"]) + "\n"
 
     def replace_fields(match: re.Match[str]) -> str:
-        name = match.group(1)
-        fields = _core._other_fields.get(name) or getattr(_core, name)._fields
-        return "\n".join([f"<!-- fields of {name} -->", *field_table(fields), "<!-- end of fields -->"]) + "\n"
-
-    def replace_keywords(match: re.Match[str]) -> str:
-        indent = match.group(1)
-        return "\n".join([f"{indent}# keywords of Batch", *batch_keywords(indent), f"{indent}# end of keywords"]) + "\n"
+        table = field_table(fields_of(match[1]))
+        return "\n".join([f"<!-- fields of {match[1]} -->", *table, "<!-- end of fields -->", ""])
 
     if path == ENV_KEYWORDS:
         return env_keywords()
-    tasks = " | ".join(config.__name__ for config in _core.engine_tasks.values())
-    text = MARKED_FIELDS.sub(replace_fields, with_fields(path))
-    if path.suffix == ".pyi":
-        text = BATCH_PARAMETERS.sub(batch_parameters, MARKED_KEYWORDS.sub(replace_keywords, text))
+    text = path.read_text(encoding="utf-8")
+    if path == TEMPLATE:
+        tasks = " | ".join(config.__name__ for config in _core.engine_tasks.values())
         text = MARKED_TASKS.sub(f"# tasks\n_EngineTask: TypeAlias = (\n    {tasks}\n)\n# end of tasks\n", text)
-    return MARKED_TABLE.sub(replace_table, MARKED_ARRAYS.sub(replace_arrays, text))
+        return BATCH_PARAMETERS.sub(batch_parameters, MARKED_KEYWORDS.sub(replace_keywords, text))
+    return MARKED_TABLE.sub(replace_table, MARKED_FIELDS.sub(replace_fields, text))
 
 
 if __name__ == "__main__":
-    from renew import renew  # beside this file
+    if "--stub" in sys.argv:
+        Path(sys.argv[3]).write_text(stub_text(), encoding="utf-8")
+    else:
+        from renew import renew  # beside this file
 
-    renew({path: renewed(path) for path in (PACKAGE / "_core.pyi", ENV_KEYWORDS, *DOCUMENTS)})
+        renew({path: renewed(path) for path in (TEMPLATE, ENV_KEYWORDS, *DOCUMENTS)})

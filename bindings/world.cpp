@@ -3,7 +3,10 @@
 #include <pybind11/stl.h>
 #include <pybind11/stl/filesystem.h>
 
+#include <algorithm>
+#include <string>
 #include <string_view>
+#include <vector>
 
 #include "arrays.hpp"
 #include "convert.hpp"
@@ -78,7 +81,16 @@ py::list gates(const World& world) {
   return list;
 }
 
+void refuse_unknown(const std::string& callee, const py::kwargs& keywords, const std::vector<std::string>& known) {
+  for (const auto& [name, value] : keywords) {
+    const std::string text = py::str(name);
+    if (std::ranges::find(known, text) == known.end()) throw py::type_error(unexpected_keyword(callee, text, known));
+  }
+}
+
 py::tuple triple(const std::array<float, 3>& v) { return py::make_tuple(v[0], v[1], v[2]); }
+py::object fields_value(float value) { return py::float_(value); }
+py::object fields_value(const std::array<float, 3>& value) { return triple(value); }
 
 // Returns the materials. Semantic ids are those that cameras report.
 py::list materials(const World& world) {
@@ -97,30 +109,48 @@ py::list materials(const World& world) {
 }
 
 py::dict light(const World& world) {
-  const Light& light = world.light();
   py::dict entry;
-  entry["sun_direction"] = triple(light.sun_direction);
-  entry["sun_color"] = triple(light.sun_color);
-  entry["sky_ambient"] = triple(light.sky_ambient);
-  entry["ground_ambient"] = triple(light.ground_ambient);
-  entry["zenith_color"] = triple(light.zenith_color);
-  entry["horizon_color"] = triple(light.horizon_color);
-  entry["gamma"] = light.gamma;
-  entry["sun_radius_deg"] = light.sun_radius_deg;
-  entry["sun_glow"] = light.sun_glow;
-  entry["fog_visibility_m"] = light.fog_visibility_m;
+  for_each_field(world.light(), [&](const auto& field, const auto& value) { entry[field.name] = fields_value(value); });
   return entry;
 }
 
-std::shared_ptr<World> with_light(const std::shared_ptr<World>& world, const ColorArgument& sun_direction,
-                                  const ColorArgument& sun_color, const ColorArgument& sky_ambient,
-                                  const ColorArgument& ground_ambient, const ColorArgument& zenith_color,
-                                  const ColorArgument& horizon_color, const std::optional<float>& gamma,
-                                  const std::optional<float>& sun_radius_deg, const std::optional<float>& sun_glow,
-                                  const std::optional<float>& fog_visibility_m, const py::object& tint) {
-  const Lighting lighting = lighting_argument(*world, sun_direction, sun_color, sky_ambient, ground_ambient, zenith_color,
-                                              horizon_color, gamma, sun_radius_deg, sun_glow, fog_visibility_m, tint);
+std::shared_ptr<World> with_light(const std::shared_ptr<World>& world, const py::object& tint, const py::kwargs& keywords) {
+  const Lighting lighting = lighting_argument(*world, light_changes(keywords, "with_light"), tint);
   return released([&] { return std::make_shared<World>(world, lighting); });
+}
+
+// Returns the configuration whose fields are the arguments of a call, in their order. The first is required.
+template <class Config>
+Config config_argument(const std::string& callee, const py::args& positional, const py::kwargs& keywords) {
+  Config config;
+  std::vector<std::string> known;
+  for_each_field(config, [&]<class Value>(const auto& field, Value& value) {
+    const std::size_t number = known.size();
+    known.emplace_back(field.name);
+    const bool is_named = keywords.contains(field.name);
+    if (number < positional.size()) {
+      if (is_named) throw py::type_error(callee + "() got multiple values for argument '" + field.name + '\'');
+      value = from_python<Value>(positional[number], field.name);
+    } else if (is_named) {
+      value = from_python<Value>(keywords[field.name], field.name);
+    } else if (number == 0) {
+      throw py::type_error(callee + "() missing 1 required positional argument: '" + field.name + '\'');
+    }
+  });
+  if (positional.size() > known.size()) {
+    throw py::type_error(callee + "() takes at most " + std::to_string(known.size()) + " arguments, got " +
+                         std::to_string(positional.size()));
+  }
+  refuse_unknown(callee, keywords, known);
+  return config;
+}
+
+template <class Config, std::shared_ptr<const World> (*kMake)(const Config&)>
+void add_generator(py::class_<World, std::shared_ptr<World>>& cls, const char* name) {
+  cls.def_static(name, [name](const py::args& positional, const py::kwargs& keywords) {
+    const auto config = config_argument<Config>(name, positional, keywords);
+    return std::const_pointer_cast<World>(released([&] { return kMake(config); }));
+  });
 }
 
 py::dict raycast(const World& world, const py::object& origins, const py::object& directions, float max_range_m) {
@@ -161,24 +191,21 @@ py::dict mesh(const World& world, float chord_error_m) {
 
 }  // namespace
 
-Lighting lighting_argument(const World& world, const ColorArgument& sun_direction, const ColorArgument& sun_color,
-                           const ColorArgument& sky_ambient, const ColorArgument& ground_ambient,
-                           const ColorArgument& zenith_color, const ColorArgument& horizon_color,
-                           const std::optional<float>& gamma, const std::optional<float>& sun_radius_deg,
-                           const std::optional<float>& sun_glow, const std::optional<float>& fog_visibility_m,
-                           const py::object& tint) {
-  const Light& usual = world.light();
-  Lighting lighting;
-  lighting.light = {sun_direction.value_or(usual.sun_direction),
-                    sun_color.value_or(usual.sun_color),
-                    sky_ambient.value_or(usual.sky_ambient),
-                    ground_ambient.value_or(usual.ground_ambient),
-                    zenith_color.value_or(usual.zenith_color),
-                    horizon_color.value_or(usual.horizon_color),
-                    gamma.value_or(usual.gamma),
-                    sun_radius_deg.value_or(usual.sun_radius_deg),
-                    sun_glow.value_or(usual.sun_glow),
-                    fog_visibility_m.value_or(usual.fog_visibility_m)};
+py::kwargs light_changes(const py::kwargs& keywords, const char* callee) {
+  const auto known = py::type::of<Light>().attr("__match_args__").cast<std::vector<std::string>>();
+  refuse_unknown(callee, keywords, known);
+  py::kwargs changes;
+  for (const auto& [name, value] : keywords) {
+    if (!value.is_none()) changes[name] = value;
+  }
+  return changes;
+}
+
+Lighting lighting_argument(const World& world, const py::kwargs& changes, const py::object& tint) {
+  Lighting lighting{.light = world.light(), .tint = {}};
+  for_each_field(lighting.light, [&]<class Value>(const auto& field, Value& value) {
+    if (changes.contains(field.name)) value = from_python<Value>(changes[field.name], field.name);
+  });
   if (!tint.is_none()) {
     const Input<float> rows = floats(py::module_::import("numpy").attr("atleast_2d")(tint), "tint", {-1, 3});
     const std::span<const float> values = rows;
@@ -199,27 +226,33 @@ std::shared_ptr<World> world_argument(const py::object& world) {
 
 void register_world(py::module_& module) {
   module.def("_scene_keys", &scene_keys_as_json);
-  py::class_<World, std::shared_ptr<World>>(module, "World", "Immutable geometry, materials and named markers.")
-      .def_static(
-          "load",
-          [](const py::object& source, bool meshes_anywhere, double scale, const std::array<float, 3>& origin,
-             const std::optional<std::string>& up) {
-            LoadOptions options{.scale = scale, .origin = Vec3(origin.data())};
-            if (meshes_anywhere) options.files = MeshFiles::anywhere;
-            if (up) options.up = up_axis(*up);
-            const py::object scene = found(source);
-            if (py::isinstance<World>(scene)) {
-              const bool is_placed = scale != 1.0 || !options.origin.isZero(0.0F) || options.up == UpAxis::y;
-              if (is_placed) throw py::value_error("scale, origin, up: not allowed for a generated scene");
-              return scene.cast<std::shared_ptr<World>>();
-            }
-            const auto path = scene.cast<std::filesystem::path>();
-            const auto world = released([&] { return World::load(path, options); });
-            warn_of_ignored(*world, path);
-            return std::const_pointer_cast<World>(world);
-          },
-          py::arg("source"), py::kw_only(), py::arg("meshes_anywhere") = false, py::arg("scale") = 1.0,
-          py::arg("origin") = std::array<float, 3>{}, py::arg("up") = py::none())
+  py::class_<World, std::shared_ptr<World>> cls(module, "World", "Immutable geometry, materials and named markers.");
+  add_generator<PlaygroundConfig, &playground>(cls, "playground");
+  add_generator<ForestConfig, &forest>(cls, "forest");
+  add_generator<CityConfig, &city>(cls, "city");
+  add_generator<OfficeConfig, &office>(cls, "office");
+  add_generator<WarehouseConfig, &warehouse>(cls, "warehouse");
+  add_generator<RaceTrackConfig, &race_track>(cls, "race_track");
+  cls.def_static(
+         "load",
+         [](const py::object& source, bool meshes_anywhere, double scale, const std::array<float, 3>& origin,
+            const std::optional<std::string>& up) {
+           LoadOptions options{.scale = scale, .origin = Vec3(origin.data())};
+           if (meshes_anywhere) options.files = MeshFiles::anywhere;
+           if (up) options.up = up_axis(*up);
+           const py::object scene = found(source);
+           if (py::isinstance<World>(scene)) {
+             const bool is_placed = scale != 1.0 || !options.origin.isZero(0.0F) || options.up == UpAxis::y;
+             if (is_placed) throw py::value_error("scale, origin, up: not allowed for a generated scene");
+             return scene.cast<std::shared_ptr<World>>();
+           }
+           const auto path = scene.cast<std::filesystem::path>();
+           const auto world = released([&] { return World::load(path, options); });
+           warn_of_ignored(*world, path);
+           return std::const_pointer_cast<World>(world);
+         },
+         py::arg("source"), py::kw_only(), py::arg("meshes_anywhere") = false, py::arg("scale") = 1.0,
+         py::arg("origin") = std::array<float, 3>{}, py::arg("up") = py::none())
       .def_static(
           "from_dict",
           [](const py::object& scene, const std::filesystem::path& base_dir, bool meshes_anywhere) {
@@ -230,52 +263,6 @@ void register_world(py::module_& module) {
             return std::const_pointer_cast<World>(world);
           },
           py::arg("scene"), py::arg("base_dir") = "", py::kw_only(), py::arg("meshes_anywhere") = false)
-      .def_static(
-          "playground",
-          [](std::uint64_t seed, int pillars, const std::array<float, 3>& size_m, float pillar_radius_m, int movers) {
-            return std::const_pointer_cast<World>(
-                released([&] { return playground({seed, pillars, size_m, pillar_radius_m, movers}); }));
-          },
-          py::arg("seed"), py::arg("pillars") = PlaygroundConfig().pillars, py::arg("size_m") = PlaygroundConfig().size_m,
-          py::arg("pillar_radius_m") = PlaygroundConfig().pillar_radius_m, py::arg("movers") = 0)
-      .def_static(
-          "forest",
-          [](std::uint64_t seed, int trees, const std::array<float, 2>& size_m, float relief_m) {
-            return std::const_pointer_cast<World>(released([&] { return forest({seed, trees, size_m, relief_m}); }));
-          },
-          py::arg("seed"), py::arg("trees") = ForestConfig().trees, py::arg("size_m") = ForestConfig().size_m,
-          py::arg("relief_m") = ForestConfig().relief_m)
-      .def_static(
-          "city",
-          [](std::uint64_t seed, const std::array<int, 2>& blocks, float height_m, int traffic) {
-            return std::const_pointer_cast<World>(released([&] { return city({seed, blocks, height_m, traffic}); }));
-          },
-          py::arg("seed"), py::arg("blocks") = CityConfig().blocks, py::arg("height_m") = CityConfig().height_m,
-          py::arg("traffic") = 0)
-      .def_static(
-          "office",
-          [](std::uint64_t seed, const std::array<float, 2>& size_m, float furniture, bool waypoints, int walkers) {
-            return std::const_pointer_cast<World>(
-                released([&] { return office({seed, size_m, furniture, waypoints, walkers}); }));
-          },
-          py::arg("seed"), py::arg("size_m") = OfficeConfig().size_m, py::arg("furniture") = OfficeConfig().furniture,
-          py::arg("waypoints") = false, py::arg("walkers") = 0)
-      .def_static(
-          "warehouse",
-          [](std::uint64_t seed, const std::array<float, 2>& size_m, float height_m, bool waypoints, int forklifts) {
-            return std::const_pointer_cast<World>(
-                released([&] { return warehouse({seed, size_m, height_m, waypoints, forklifts}); }));
-          },
-          py::arg("seed"), py::arg("size_m") = WarehouseConfig().size_m, py::arg("height_m") = WarehouseConfig().height_m,
-          py::arg("waypoints") = false, py::arg("forklifts") = 0)
-      .def_static(
-          "race_track",
-          [](std::uint64_t seed, int gates, const std::array<float, 3>& size_m, float gate_size_m, float rings) {
-            const RaceTrackConfig config{seed, gates, size_m, gate_size_m, rings};
-            return std::const_pointer_cast<World>(released([&] { return race_track(config); }));
-          },
-          py::arg("seed"), py::arg("gates") = RaceTrackConfig().gates, py::arg("size_m") = RaceTrackConfig().size_m,
-          py::arg("gate_size_m") = RaceTrackConfig().gate_size_m, py::arg("rings") = RaceTrackConfig().rings)
       .def_property_readonly("name", [](const World& world) { return world.name(); })
       .def_property_readonly("bounds", [](const World& world) { return box_rows(world.bounds()); })
       .def_property_readonly("start", [](const World& world) { return row(world.markers().start); })
@@ -289,10 +276,7 @@ void register_world(py::module_& module) {
       .def_property_readonly("marker_radius_m", [](const World& world) { return world.markers().radius; })
       .def_property_readonly("materials", &materials)
       .def_property_readonly("light", &light)
-      .def("with_light", &with_light, py::kw_only(), py::arg("sun_direction") = py::none(), py::arg("sun_color") = py::none(),
-           py::arg("sky_ambient") = py::none(), py::arg("ground_ambient") = py::none(), py::arg("zenith_color") = py::none(),
-           py::arg("horizon_color") = py::none(), py::arg("gamma") = py::none(), py::arg("sun_radius_deg") = py::none(),
-           py::arg("sun_glow") = py::none(), py::arg("fog_visibility_m") = py::none(), py::arg("tint") = py::none())
+      .def("with_light", &with_light, py::kw_only(), py::arg("tint") = py::none())
       .def_property_readonly("primitives", &primitives)
       .def_property_readonly("gates", &gates)
       .def_property_readonly("bodies",

@@ -175,20 +175,7 @@ void register_world_builder(py::module_& module) {
              bool solid) { b.heightfield(field_of(heights, corner, cell_m, texture_m), material, visibility(visible, solid)); },
           py::arg("heights"), wall, py::kw_only(), py::arg("corner") = py::make_tuple(0.0, 0.0), py::arg("cell_m") = 1.0F,
           py::arg("texture_m") = Heightfield().texture_m, seen, hit)
-      .def(
-          "light",
-          [](WorldBuilder& b, const std::array<float, 3>& sun_direction, const std::array<float, 3>& sun_color,
-             const std::array<float, 3>& sky_ambient, const std::array<float, 3>& ground_ambient,
-             const std::array<float, 3>& zenith_color, const std::array<float, 3>& horizon_color, float gamma,
-             float sun_radius_deg, float sun_glow, float fog_visibility_m) {
-            b.light({sun_direction, sun_color, sky_ambient, ground_ambient, zenith_color, horizon_color, gamma, sun_radius_deg,
-                     sun_glow, fog_visibility_m});
-          },
-          py::kw_only(), py::arg("sun_direction") = Light().sun_direction, py::arg("sun_color") = Light().sun_color,
-          py::arg("sky_ambient") = Light().sky_ambient, py::arg("ground_ambient") = Light().ground_ambient,
-          py::arg("zenith_color") = Light().zenith_color, py::arg("horizon_color") = Light().horizon_color,
-          py::arg("gamma") = Light().gamma, py::arg("sun_radius_deg") = Light().sun_radius_deg,
-          py::arg("sun_glow") = Light().sun_glow, py::arg("fog_visibility_m") = Light().fog_visibility_m)
+      .def("light", [](WorldBuilder& b, const py::kwargs& fields) { b.light(py::type::of<Light>()(**fields).cast<Light>()); })
       .def(
           "start", [](WorldBuilder& b, const py::object& place) { b.start(point(place, "place")); }, py::arg("place"))
       .def(

@@ -29,7 +29,7 @@ namespace flockstep {
 enum class AffectsHash : bool { no, yes };
 
 // Checks of a value that the limits of its numbers cannot express.
-enum class Form : std::uint8_t { any, plain_name, unit_quaternion };
+enum class Form : std::uint8_t { any, plain_name, unit_quaternion, direction };
 
 // Description of a configuration's field. `about` consists of full sentences, with names and values in double backquotes.
 struct FieldInfo {

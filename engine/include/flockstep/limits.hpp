@@ -16,6 +16,7 @@ struct Limits {
   double greatest = std::numeric_limits<double>::infinity();  // upper limit
   bool excludes_least = false;                                // the lower limit itself is not allowed
   bool excludes_greatest = false;                             // the upper limit itself is not allowed
+  bool or_zero = false;                                       // 0 is allowed in addition
 
   std::array<int, 4> choices{};  // allowed values, instead of a range
   std::size_t num_choices = 0;   // number of choices; 0: a range
@@ -30,6 +31,7 @@ struct Limits {
       if (value == static_cast<Real>(choices[i])) return true;
     }
     if (num_choices > 0) return false;
+    if (or_zero && value == Real{}) return true;
     const auto low = static_cast<Real>(least), high = static_cast<Real>(greatest);
     return (excludes_least ? value > low : value >= low) && (excludes_greatest ? value < high : value <= high) &&
            value > -kInfinity && value < kInfinity;
@@ -41,7 +43,7 @@ struct Limits {
   }
 
   // Returns text for messages: "in (0, 360]", "within +-100", ">= 0", "< 1", "1, 4 or 9"; empty if every finite number is
-  // allowed.
+  // allowed. It leaves out `or_zero`, which stands before the noun: "0 or a number in [0.1, 45]".
   FLOCKSTEP_API std::string text() const;
 };
 
@@ -55,6 +57,10 @@ constexpr Limits above_up_to(double least, double greatest) {
 // (least, greatest)
 constexpr Limits between_excluding(double least, double greatest) {
   return {.least = least, .greatest = greatest, .excludes_least = true, .excludes_greatest = true};
+}
+// 0 or [least, greatest]
+constexpr Limits zero_or_between(double least, double greatest) {
+  return {.least = least, .greatest = greatest, .or_zero = true};
 }
 // One of four numbers.
 constexpr Limits one_of(int a, int b, int c, int d) { return {.choices = {a, b, c, d}, .num_choices = 4}; }

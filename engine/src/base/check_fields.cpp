@@ -18,7 +18,8 @@ void check(Number value, const Limits& limits, const std::string& name) {
 std::string expected_number(const Limits& limits, bool is_integer) {
   const std::string text = limits.text();
   if (limits.num_choices > 0) return text;
-  const std::string kind = is_integer ? "an integer" : limits.are_bounded() ? "a number" : "a finite number";
+  const std::string noun = is_integer ? "an integer" : limits.are_bounded() ? "a number" : "a finite number";
+  const std::string kind = (limits.or_zero ? "0 or " : "") + noun;
   return text.empty() ? kind : kind + ' ' + text;
 }
 
@@ -40,6 +41,10 @@ void check_quaternion(const std::array<float, 4>& quat_wxyz, const std::string& 
   for (const float value : quat_wxyz) norm += value * value;
   norm = std::sqrt(norm);
   require(std::abs(norm - 1.0F) < 1e-2F, name, "a unit quaternion (w, x, y, z)", "one of norm " + std::to_string(norm));
+}
+
+void check_direction(const std::array<float, 3>& direction, const std::string& name) {
+  require(direction != std::array<float, 3>{}, name, "a direction that is not 0", "(0, 0, 0)");
 }
 
 }  // namespace flockstep

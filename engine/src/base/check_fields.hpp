@@ -20,8 +20,9 @@ void check_number(int value, const Limits& limits, const std::string& name);
 void check_number(std::uint64_t value, const Limits& limits, const std::string& name);
 void check_text(const std::string& text, Form form, const std::string& name);
 void check_quaternion(const std::array<float, 4>& quat_wxyz, const std::string& name);
+void check_direction(const std::array<float, 3>& direction, const std::string& name);
 
-// Describes the allowed numbers in a message: "an integer in [1, 8192]", "a finite number > 0", "a number within +-100".
+// Describes the allowed numbers in a message: "an integer in [1, 8192]", "a finite number > 0", "0 or a number in [0.1, 45]".
 std::string expected_number(const Limits& limits, bool is_integer);
 
 // Checks the value of one field. A nested configuration validates itself.
@@ -59,6 +60,9 @@ void check_value(const std::array<Value, kSize>& values, const FieldInfo& info, 
     if (info.form == Form::unit_quaternion) return check_quaternion(values, name);
   }
   check_each(values, info, name);
+  if constexpr (std::is_same_v<Value, float> && kSize == 3) {
+    if (info.form == Form::direction) check_direction(values, name);
+  }
 }
 
 // Throws std::invalid_argument that names the first field with an invalid value, the expected values and the actual one. The

@@ -38,7 +38,7 @@ std::uint32_t integer(const JsonField& field, double most) {
 // limit.
 float size_of(const JsonField& field, const SceneKey& key, double factor) {
   const double size = field.value.is_number() ? field.value.get<double>() : 0.0;
-  const double least = key.limits.least, greatest = key.limits.greatest;
+  const double least = key.info.limits.least, greatest = key.info.limits.greatest;
   if (!(size >= static_cast<double>(static_cast<float>(least)) && size <= greatest)) {
     std::ostringstream expected;
     expected << "a number in [" << least << ", " << greatest << ']';

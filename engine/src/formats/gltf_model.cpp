@@ -166,8 +166,8 @@ class Reader {
     const std::optional<JsonField> extras = find(object, "extras");
     if (!extras || !extras->value.is_object()) return 0;  // extras may be any value
     const std::optional<JsonField> field = find(*extras, keys::kSemantic.name);
-    return field ? static_cast<int>(integer(*field, static_cast<std::uint64_t>(keys::kSemantic.limits.least),
-                                            static_cast<std::uint64_t>(keys::kSemantic.limits.greatest)))
+    return field ? static_cast<int>(integer(*field, static_cast<std::uint64_t>(keys::kSemantic.info.limits.least),
+                                            static_cast<std::uint64_t>(keys::kSemantic.info.limits.greatest)))
                  : 0;
   }
 
@@ -374,7 +374,7 @@ class Reader {
     const double times = strength ? number(*strength, 0.0, kMaxNumber, "a number >= 0") : 1.0;
     bool emits = false;
     for (double& factor : emissive) {
-      factor = std::min(factor * times, keys::kEmissive.limits.greatest);
+      factor = std::min(factor * times, keys::kEmissive.info.limits.greatest);
       emits |= factor > 0.0;
     }
     if (!emits) return;

@@ -137,7 +137,7 @@ void ObjMaterials::Library::read(std::string_view text, std::size_t most) {
         continue;
       }
       const SceneKey& key = keyword == "Ke" ? keys::kEmissive : keys::kBaseColor;
-      const auto color = color_of(rest, key.limits);
+      const auto color = color_of(rest, key.info.limits);
       if (!color) refuse_line("three " + text_of_values(key) + " after " + std::string(keyword));
       (keyword == "Ke" ? material.emission : material.color.emplace()) = *color;
     } else if (keyword == "d" || keyword == "Tr") {

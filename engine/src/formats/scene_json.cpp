@@ -450,14 +450,8 @@ Markers read_markers(const JsonField& field) {
 Light read_light(const JsonField& field) {
   check_keys(field, keys::kLightKeys);
   Light light;
-  if (const auto sun_direction = find(field, keys::kSunDirection)) {
-    const Vec3d given = vec3(*sun_direction, keys::kSunDirection);
-    if (given.isZero(0.0)) refuse(*sun_direction, "a direction that is not 0");
-    const Vec3 direction = unit_direction(given);
-    light.sun_direction = {direction.x(), direction.y(), direction.z()};
-  }
-  for (const auto& [key, member] : kLightColors) read_to(light.*member, field, key);
-  for (const auto& [key, member] : kLightNumbers) read_to(light.*member, field, key);
+  const SceneKey* key = keys::kLightKeys.data();
+  for_each_field(light, [&](const auto&, auto& value) { read_to(value, field, *key++); });
   return light;
 }
 

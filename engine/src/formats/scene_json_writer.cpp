@@ -8,6 +8,7 @@
 #include <utility>
 #include <vector>
 
+#include "base/config_values.hpp"
 #include "base/json_document.hpp"
 #include "formats/base64.hpp"
 #include "formats/body_json.hpp"
@@ -237,13 +238,9 @@ OrderedJson write_markers(const Markers& markers) {
 OrderedJson write_light(const Light& light) {
   const Light usual;
   OrderedJson object = OrderedJson::object();
-  if (light.sun_direction != usual.sun_direction) object["sun_direction"] = numbers(light.sun_direction);
-  for (const auto& [key, member] : kLightColors) {
-    if (light.*member != usual.*member) object[std::string(key.name)] = numbers(light.*member);
-  }
-  for (const auto& [key, member] : kLightNumbers) {
-    if (light.*member != usual.*member) object[std::string(key.name)] = json::shortest(light.*member);
-  }
+  for_each_field(light, [&](const auto& field, const auto& value) {
+    if (value != usual.*(field.member)) object[field.name] = config_values::written(value, "light");
+  });
   return object;
 }
 

@@ -25,11 +25,11 @@ void check_keys(const JsonField& field, std::span<const SceneKey> keys) {
 void refuse_number(const JsonField& field, const SceneKey& key) {
   if (!field.value.is_number()) refuse(field, "a number");
   const auto value = field.value.get<double>();
-  const bool is_size = key.limits.least > 0.0 && key.limits.greatest >= kMaxCoordinate;
-  const bool is_coordinate = key.limits.least <= -kMaxCoordinate;
+  const bool is_size = key.info.limits.least > 0.0 && key.info.limits.greatest >= kMaxCoordinate;
+  const bool is_coordinate = key.info.limits.least <= -kMaxCoordinate;
   if (!is_size && !is_coordinate) refuse(field, text_of_values(key));
-  if (!(std::abs(value) <= key.limits.greatest)) refuse(field, "a number " + key.limits.text());
-  refuse(field, value <= 0.0 ? "a number > 0" : "a number " + at_least(key.limits.least).text());
+  if (!(std::abs(value) <= key.info.limits.greatest)) refuse(field, "a number " + key.info.limits.text());
+  refuse(field, value <= 0.0 ? "a number > 0" : "a number " + at_least(key.info.limits.least).text());
 }
 
 float half_of(const JsonField& field, const SceneKey& key) { return static_cast<float>(number(field, key) / 2.0); }
@@ -53,7 +53,7 @@ std::array<float, 3> color(const JsonField& field, const SceneKey& key) {
     const JsonField channel = child(field, i);
     if (!channel.value.is_number()) refuse(channel, "a number");
     const auto value = channel.value.get<double>();
-    if (!key.limits.contain(value)) refuse(field, "3 " + text_of_values(key));
+    if (!key.info.limits.contain(value)) refuse(field, "3 " + text_of_values(key));
     rgb[i] = static_cast<float>(value);
   }
   return rgb;
@@ -62,8 +62,8 @@ std::array<float, 3> color(const JsonField& field, const SceneKey& key) {
 std::uint16_t integer(const JsonField& field, const SceneKey& key) {
   const bool is_number = field.value.is_number();
   const double value = is_number ? field.value.get<double>() : 0.0;
-  if (!is_number || !key.limits.contain(value) || value != std::floor(value)) {
-    refuse(field, "an integer " + key.limits.text());
+  if (!is_number || !key.info.limits.contain(value) || value != std::floor(value)) {
+    refuse(field, "an integer " + key.info.limits.text());
   }
   return static_cast<std::uint16_t>(value);
 }
@@ -73,7 +73,16 @@ void read_to(float& value, const JsonField& object, const SceneKey& key) {
 }
 
 void read_to(std::array<float, 3>& value, const JsonField& object, const SceneKey& key) {
-  if (const auto field = find(object, key)) value = color(*field, key);
+  const auto field = find(object, key);
+  if (!field) return;
+  if (key.info.form != Form::direction) {
+    value = color(*field, key);
+    return;
+  }
+  const Vec3d given = vec3(*field, key);
+  if (given.isZero(0.0)) refuse(*field, "a direction that is not 0");
+  const Vec3 direction = unit_direction(given);
+  value = {direction.x(), direction.y(), direction.z()};
 }
 
 void read_to(std::optional<Vec3>& value, const JsonField& object, const SceneKey& key) {

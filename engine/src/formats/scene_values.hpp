@@ -28,7 +28,7 @@ inline json::JsonField require(const json::JsonField& object, const SceneKey& ke
 inline double number(const json::JsonField& field, const SceneKey& key) {
   const bool is_number = field.value.is_number();
   const double value = is_number ? field.value.get<double>() : 0.0;
-  if (!is_number || !(key.limits.contain(value) || (key.or_zero && value == 0.0))) refuse_number(field, key);
+  if (!is_number || !key.info.limits.contain(value)) refuse_number(field, key);
   return value;
 }
 

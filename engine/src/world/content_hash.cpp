@@ -1,8 +1,10 @@
 #include "world/content_hash.hpp"
 
 #include <array>
+#include <cstddef>
 #include <optional>
 #include <span>
+#include <type_traits>
 #include <vector>
 
 #include "base/hash.hpp"
@@ -94,18 +96,22 @@ void add(Hash& hash, const Markers& markers) {
   }
 }
 
+// Zeros at the end are left out, so that a world keeps its hash when Light gets a field.
 void add(Hash& hash, const Light& light) {
-  const auto& [sun_direction, sun_color, sky_ambient, ground_ambient, zenith_color, horizon_color, gamma, sun_radius_deg,
-               sun_glow, fog_visibility_m] = light;
-  for (const auto* triple : {&sun_direction, &sun_color, &sky_ambient, &ground_ambient, &zenith_color, &horizon_color}) {
-    hash.add(std::span<const float>(*triple));
-  }
-  hash.add(gamma);
-  // Older worlds keep their hash.
-  if (sun_radius_deg == 0.0F && sun_glow == 0.0F && fog_visibility_m == 0.0F) return;
-  hash.add(sun_radius_deg);
-  hash.add(sun_glow);
-  if (fog_visibility_m != 0.0F) hash.add(fog_visibility_m);
+  std::size_t count = 0, used = 0;
+  for_each_field(light, [&]<class Value>(const auto&, const Value& value) {
+    ++count;
+    if (value != Value{}) used = count;
+  });
+  for_each_field(light, [&]<class Value>(const auto&, const Value& value) {
+    if (used == 0) return;
+    --used;
+    if constexpr (std::is_same_v<Value, float>) {
+      hash.add(value);
+    } else {
+      hash.add(std::span<const float>(value));
+    }
+  });
 }
 
 }  // namespace

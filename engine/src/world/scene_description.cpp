@@ -11,6 +11,7 @@
 #include <string_view>
 #include <utility>
 
+#include "base/check_fields.hpp"
 #include "base/excerpt.hpp"
 #include "base/in_world.hpp"
 #include "base/interrupt.hpp"
@@ -34,7 +35,8 @@ std::string element(const char* list, std::size_t index) { return std::string(li
 template <class Name>
 void check_values(const Name& object, const SceneKey& key, std::span<const float> values) {
   for (const float value : values) {
-    if (!allows(key, value)) refuse(object() + '.' + std::string(key.name), text_of_values(key), std::to_string(value));
+    if (!key.info.limits.contain(value))
+      refuse(object() + '.' + std::string(key.name), text_of_values(key), std::to_string(value));
   }
 }
 
@@ -152,8 +154,8 @@ void check_uv(TriangleMesh& mesh, bool is_textured) {
   }
   for (std::size_t i = 0; i < mesh.uv.size(); ++i) {
     for (const float value : mesh.uv[i]) {
-      if (!allows(keys::kUv, value)) {
-        refuse("mesh." + element("uv", i), "finite numbers " + keys::kUv.limits.text(), std::to_string(value));
+      if (!keys::kUv.info.limits.contain(value)) {
+        refuse("mesh." + element("uv", i), "finite numbers " + keys::kUv.info.limits.text(), std::to_string(value));
       }
     }
   }
@@ -167,7 +169,7 @@ void check_colors(const TriangleMesh& mesh) {
   }
   for (std::size_t i = 0; i < mesh.colors.size(); ++i) {
     for (const float value : mesh.colors[i]) {
-      if (!allows(keys::kColors, value)) {
+      if (!keys::kColors.info.limits.contain(value)) {
         refuse("mesh." + element("colors", i), text_of_values(keys::kColors), std::to_string(value));
       }
     }
@@ -328,22 +330,13 @@ Eigen::Matrix<float, kSize, 1> unit(const Eigen::Matrix<double, kSize, 1>& vecto
 }  // namespace
 
 void check_light(Light& light) {
+  check_fields(light, "light.");
   const auto& sun = light.sun_direction;
-  const Vec3 direction(sun[0], sun[1], sun[2]);
-  if (!is_in_world(direction)) refuse("light.sun_direction", "finite coordinates " + keys::kCoordinates.text(), text(direction));
-  if (direction.isZero(0.0F)) refuse("light.sun_direction", "a direction that is not 0", text(direction));
-  const Vec3 unit = unit_direction(direction.cast<double>());
+  const Vec3 unit = unit_direction(Vec3(sun[0], sun[1], sun[2]).cast<double>());
   light.sun_direction = {unit.x(), unit.y(), unit.z()};
-
-  const auto name = [] { return std::string("light"); };
-  for (const auto& [key, member] : kLightColors) check_values(name, key, light.*member);
-  for (const auto& [key, member] : kLightNumbers) check_values(name, key, {&(light.*member), 1});
 }
 
-void Light::validate() const {
-  Light copy = *this;
-  check_light(copy);
-}
+void Light::validate() const { check_fields(*this, "light."); }
 
 void apply_tint(std::span<const std::array<float, 3>> tint, std::vector<Material>& materials) {
   if (tint.empty()) return;
@@ -382,7 +375,7 @@ Vec3 unit_direction(const Eigen::Vector3d& direction) {
 }
 
 void check_markers(const Markers& markers) {
-  if (!allows(keys::kMarkerRadius, markers.radius)) {
+  if (!keys::kMarkerRadius.info.limits.contain(markers.radius)) {
     refuse("markers.radius", "a number > 0", std::to_string(markers.radius));
   }
   if (markers.start) check_point("markers.start", *markers.start);

@@ -342,11 +342,11 @@ TEST(Light, BadValuesAreRefused) {
   EXPECT_EQ(refusal([](auto& s) { s.materials[0].emissive[1] = -1.0F; }),
             "materials[0].emissive: expected numbers in [0, 100], got -1.000000");
   EXPECT_EQ(refusal([](auto& s) { s.light.sun_radius_deg = 0.05F; }),
-            "light.sun_radius_deg: expected 0 or a number in [0.1, 45], got 0.050000");
+            "light.sun_radius_deg: expected 0 or a number in [0.1, 45], got 0.05");
   EXPECT_EQ(refusal([](auto& s) { s.light.fog_visibility_m = 0.05F; }),
-            "light.fog_visibility_m: expected 0 or a number in [0.1, 1000000], got 0.050000");
+            "light.fog_visibility_m: expected 0 or a number in [0.1, 1000000], got 0.05");
   EXPECT_EQ(refusal([](auto& s) { s.light.fog_visibility_m = -1.0F; }),
-            "light.fog_visibility_m: expected 0 or a number in [0.1, 1000000], got -1.000000");
+            "light.fog_visibility_m: expected 0 or a number in [0.1, 1000000], got -1");
   EXPECT_EQ(refusal([](auto& s) { s.light.sun_glow = std::nanf(""); }), "light.sun_glow: expected a number in [0, 1], got nan");
 }
 

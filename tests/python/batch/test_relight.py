@@ -77,13 +77,23 @@ def test_a_light_of_ones_own() -> None:
         ({"tint": (1, 2)}, "tint"),
         ({"gamma": 0.5}, "light.gamma: expected"),
         ({"sun_direction": (0, 0, 0)}, "light.sun_direction: expected"),
-        ({"sun_color": (np.inf, 0, 0)}, "light.sun_color: expected"),
+        ({"sun_color": (np.inf, 0, 0)}, r"light.sun_color\[0\]: expected"),
         ({"fog_visibility_m": 0.01}, "light.fog_visibility_m: expected 0 or a number in"),
     ],
 )
 def test_an_invalid_light(arguments: dict[str, Any], message: str) -> None:
     with pytest.raises(ValueError, match=message):
         flockstep.World.load("playground/train-1").with_light(**arguments)
+
+
+def test_misspelt_fields_of_a_light() -> None:
+    world = flockstep.World.load("playground/train-1")
+    batch = flockstep.Batch([world])
+    for change in (world.with_light, flockstep.WorldBuilder().light, batch.set_light):
+        with pytest.raises(TypeError, match="unexpected keyword argument 'gama'"):
+            change(gama=None)  # type: ignore[call-arg]
+        with pytest.raises(TypeError, match="gamma: expected a number, got 'bright'"):
+            change(gamma="bright")  # type: ignore[arg-type]
 
 
 @pytest.mark.parametrize(

@@ -104,9 +104,12 @@ def test_fields_say_what_they_mean_and_their_defaults():
         text = " ".join(getattr(config, field["name"]).__doc__.split())
         assert field["about"].endswith("."), field
         assert text.startswith(field["about"]), field
+        assert text.endswith(f"Default: {field['shown']}."), field
         default = getattr(config(), field["name"])
-        shown = f"{type(default).__name__}()" if hasattr(default, "_fields") else field["default"]
-        assert text.endswith(f"Default: {shown}."), field
+        if hasattr(default, "_fields"):
+            assert field["shown"] == f"{type(default).__name__}()"
+        elif isinstance(default, (int, str)):
+            assert field["shown"] == repr(default)
         assert f"\n{field['name']}\n    " in inspect.getdoc(config)
 
 
@@ -116,7 +119,8 @@ def test_stub_and_documents_are_made_from_the_lists_of_the_engine():
     stubs = importlib.util.module_from_spec(spec)
     spec.loader.exec_module(stubs)
     assert len(stubs.DOCUMENTS) > 10
-    for made in (STUB, stubs.ENV_KEYWORDS, *stubs.DOCUMENTS):
+    assert STUB.read_text(encoding="utf-8") == stubs.stub_text()  # which the build writes
+    for made in (stubs.TEMPLATE, stubs.ENV_KEYWORDS, *stubs.DOCUMENTS):
         assert made.read_text(encoding="utf-8") == stubs.renewed(made), f"{made.name}: run bindings/stubs.py"
     # Each configuration has its table; those of tasks are on the pages of environments.
     text = (stubs.ROOT / "docs" / "configs.md").read_text(encoding="utf-8")

@@ -177,6 +177,22 @@ def test_bad_arguments(name, arguments, match):
         getattr(World, name)(1, **arguments)
 
 
+@pytest.mark.parametrize(
+    ("positional", "keywords", "message"),
+    [
+        ((), {}, "missing 1 required positional argument: 'seed'"),
+        ((1, 150), {"trees": 3}, "multiple values for argument 'trees'"),
+        ((1, 150, (60, 40), 4, 5), {}, "takes at most 4 arguments, got 5"),
+        ((1,), {"tree": 3}, "unexpected keyword argument 'tree'. Did you mean 'trees'"),
+        ((1, "many"), {}, "trees: expected an integer, got 'many'"),
+    ],
+)
+def test_arguments_are_the_fields_of_the_configuration(positional, keywords, message):
+    with pytest.raises(TypeError, match=message):
+        World.forest(*positional, **keywords)
+    assert World.forest(1, 9).to_dict() == World.forest(seed=1, trees=9).to_dict()
+
+
 @pytest.mark.parametrize("height", [12, 90])
 def test_roofs_of_cities_are_as_high_as_asked(height):
     """Objects on a roof come on top of that."""
