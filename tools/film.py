@@ -69,7 +69,7 @@ Frame = tuple[Image.Image, int]
 
 @dataclass
 class Shot:
-    """What a film shows."""
+    """A flight to film."""
 
     model: Any
     """The policy."""

@@ -1,7 +1,8 @@
-"""The films of the documents: fly once, draw, and write docs/NAME.webp. A new film is a row of `FILMS`.
+"""The films and pictures of the documents, a row each; the command writes docs/NAME.webp.
 
 .venv/bin/python -m tools.films race
 .venv/bin/python -m tools.films dodge --policy out/dodge.zip --out out/dodge.webp
+.venv/bin/python -m tools.films fan-slice
 
 Neither training nor evaluation uses the filmed worlds and episodes, unless a row's module says so. A film is as fast as
 the flight, unless its module says so. A row without a policy trains one first, unless `--policy` names a file.
@@ -10,7 +11,7 @@ the flight, unless its module says so. A row without a policy trains one first, 
 from __future__ import annotations
 
 import colorsys
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -23,7 +24,7 @@ from tqdm import tqdm
 import flockstep
 from flockstep.registration import make_same_step
 from flockstep.trainings import UNSEEN_SEEDS, train
-from tools import flight_film, formation_film, race_film
+from tools import flight_film, formation_film, race_film, slice_picture, stills
 from tools.film import FINER, INK, Array, Film, Frame, Shot, save_film, write_captions
 from training.board import TRAININGS
 from training.forest_flight import FAR_M
@@ -175,6 +176,12 @@ FILMS = {
     "forest": Film(forest, None, LAST, width_px=480, quality=30, film_s=40, training="forest"),
     "rotors": Film(rotors, None, LAST, width_px=480, quality=30, film_s=40, training="lidar_rotors"),
 }
+#: Still pictures: their name, and a function that writes them into a folder.
+STILLS: dict[str, Callable[[Path], object]] = {
+    "camera-sheet": lambda folder: stills.draw_sheet(folder / "camera-sheet.png"),
+    "fan-slice": lambda folder: slice_picture.draw(folder / "fan-slice.webp", slice_picture.Slice.scan()),
+    "worlds": stills.draw_worlds,
+}
 
 
 @dataclass
@@ -182,11 +189,11 @@ class Args:
     """Options; those that are not given are the row's."""
 
     name: tyro.conf.Positional[str]
-    """Film: a name of the table."""
+    """Film or still picture: a name of the tables."""
     policy: Path | None = None
     """File of the policy. One of Stable-Baselines3 runs code when it is loaded: load only policies you trust."""
     out: Path | None = None
-    """The film; default: docs/NAME.webp."""
+    """The film, or the folder of still pictures; default: docs/NAME.webp, or docs."""
     seed: int | None = None
     """Seed of the world and the flight."""
     width_px: int | None = None
@@ -199,8 +206,14 @@ class Args:
 
 def main(args: Args) -> None:
     """Fly, draw and write the film."""
+    if args.name in STILLS:
+        folder = args.out or Path("docs")
+        folder.mkdir(parents=True, exist_ok=True)
+        STILLS[args.name](folder)
+        print(f"{args.name}: in {folder}/")
+        return
     if args.name not in FILMS:
-        raise SystemExit(f"NAME: expected one of {', '.join(FILMS)}, got {args.name!r}")
+        raise SystemExit(f"NAME: expected one of {', '.join([*FILMS, *STILLS])}, got {args.name!r}")
     film, out = FILMS[args.name], args.out or Path("docs") / f"{args.name}.webp"
     policy = args.policy or (None if film.policy is None else Path(film.policy))
     if policy is not None:

@@ -18,7 +18,7 @@ from flockstep.pictures.trail import Trail
 from flockstep.sb3 import Progress
 from flockstep.trainings import UNSEEN_SEEDS, train
 from tools import catch_film
-from tools.camera_pictures import draw_sheet
+from tools.stills import draw_sheet
 from training.board import CURVE_FLIGHTS, LEARNED, TRAININGS, Clock, TimeLimit, verdict_on
 from training.evaluate import MAX_STEPS, Flight, baselines, fly, greedy, summary
 from training.plot_paths import picture_name, plot_flight, plot_overview

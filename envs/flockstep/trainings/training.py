@@ -1,4 +1,4 @@
-"""What a training is, and the seeds that it may use."""
+"""A training, and the seeds that it may use."""
 
 from __future__ import annotations
 

@@ -56,3 +56,13 @@ def test_other_films_are_written(name, pictures, size, tmp_path, monkeypatch):
 def test_unknown_films_are_refused():
     with pytest.raises(SystemExit, match=r"NAME: expected one of dodge, swap, .*, got 'dodgem'"):
         films.main(films.Args("dodgem"))
+
+
+def test_still_pictures_are_written_to_a_folder(tmp_path, monkeypatch, capsys):
+    monkeypatch.setattr(films.stills, "fly", lambda flight: np.zeros((4, 6, 3), np.uint8))
+    monkeypatch.setattr(films.stills, "picture", lambda *_: np.zeros((4, 6, 3), np.uint8))
+    films.main(films.Args("worlds", out=tmp_path / "made"))
+    assert {path.name for path in (tmp_path / "made").iterdir()} == {
+        *("forest.jpg", "office.jpg", "warehouse.jpg", "city.jpg"),
+    }
+    assert "worlds: in" in capsys.readouterr().out
