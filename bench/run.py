@@ -10,7 +10,7 @@ camera_large  the camera task at 640 x 480; takes half an hour
 places_train  the LiDAR task in generated offices and forests
 learner one update of flockstep.PPO beside Stable-Baselines3's, and what a second thread gains; needs an idle machine
 board   the trainings of docs/board.md with five seeds each, also with Stable-Baselines3; only if named, takes hours
-flight_train  Hover and Track with five seeds each, and the controller only; the LiDAR task's policy with rotors
+flight_train  Hover and Track by Stable-Baselines3, and the controller only; the LiDAR task's policy with rotors
 tiles   tracing rays against triangles, in tiles, as slices and with Embree; only tracing
 tiles_avx2  the same for fans, without AVX-512
 worlds  LiDARs and cameras in every bundled world, and the share of rays traced by Embree
@@ -50,7 +50,8 @@ import subprocess
 import sys
 import tempfile
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -67,10 +68,10 @@ import meetings
 import mesh_peers
 import peers
 import plan
-import race
 import scaling
 import server
 import table
+import tasks
 import workers
 from flockstep import _core
 
@@ -84,6 +85,11 @@ Figure = dict[str, Any]
 
 def figure(name: str, value: float, unit: str, runs: int) -> Figure:
     return {"name": name, "value": float(f"{value:.4g}"), "unit": unit, "runs": runs}
+
+
+def of(measure: Callable[..., Iterable[tuple[str, float, str, int]]], *args: str) -> Callable[[], list[Figure]]:
+    """Return a benchmark whose figures are those that a function measures."""
+    return lambda: [figure(*measured) for measured in measure(*args)]
 
 
 def native(name: str, *args: str) -> list[Figure]:
@@ -307,18 +313,6 @@ def flown_steps_here(n: int) -> list[Figure]:
     return figures
 
 
-def bench_dynamics_accuracy() -> list[Figure]:
-    return [figure(*measured) for measured in dynamics_accuracy.measure()]
-
-
-def bench_dynamics_peers() -> list[Figure]:
-    return dynamics_peers.measure()
-
-
-def bench_mesh_peers() -> list[Figure]:
-    return mesh_peers.measure()
-
-
 def trained(name: str, module: str = "benchmark", *args: str) -> list[Figure]:
     """Run a benchmark of training/ and return its figures."""
     (OUT / "train").mkdir(parents=True, exist_ok=True)
@@ -329,30 +323,6 @@ def trained(name: str, module: str = "benchmark", *args: str) -> list[Figure]:
     return figures
 
 
-def bench_train() -> list[Figure]:
-    return trained("train")
-
-
-def bench_camera_train() -> list[Figure]:
-    return trained("camera_train")
-
-
-def bench_pixels_train() -> list[Figure]:
-    return trained("pixels_train")
-
-
-def bench_camera_large() -> list[Figure]:
-    return trained("camera_large")
-
-
-def bench_places_train() -> list[Figure]:
-    return trained("places_train")
-
-
-def bench_flight_train() -> list[Figure]:
-    return trained("flight_train", "benchmark_flight", "--seeds", "0", "1", "2", "3", "4")
-
-
 def bench_board() -> list[Figure]:
     return trained("board", "board", "--seeds", "5")
 
@@ -360,11 +330,6 @@ def bench_board() -> list[Figure]:
 def bench_learner() -> list[Figure]:
     """Compare an update of `flockstep.PPO` with Stable-Baselines3's, and one thread with two."""
     return trained("learner", "benchmark_learner", "--runs", str(RUNS))
-
-
-def bench_scaling() -> list[Figure]:
-    """Measure what threads gain, up to one per processor."""
-    return scaling.measure()
 
 
 def bench_load() -> list[Figure]:
@@ -396,56 +361,6 @@ def bench_load() -> list[Figure]:
 def bench_worlds() -> list[Figure]:
     measured = (*bundled.measure(), *bundled.measure_steps(), *bundled.measure_looks())
     return [figure(*each) for each in measured]
-
-
-def bench_imaging() -> list[Figure]:
-    return [figure(*measured) for measured in imaging.measure()]
-
-
-def bench_plan() -> list[Figure]:
-    return [figure(*measured) for measured in plan.measure()]
-
-
-def bench_race() -> list[Figure]:
-    return [figure(*measured) for measured in race.measure()]
-
-
-def bench_dodge() -> list[Figure]:
-    import dodge
-
-    return [figure(*measured) for measured in dodge.measure()]
-
-
-def bench_swap() -> list[Figure]:
-    import swap
-
-    return [figure(*measured) for measured in swap.measure()]
-
-
-def bench_formation() -> list[Figure]:
-    import formation
-
-    return [figure(*measured) for measured in formation.measure()]
-
-
-def bench_meetings() -> list[Figure]:
-    return [figure(*measured) for measured in meetings.measure()]
-
-
-def bench_bodies() -> list[Figure]:
-    return [figure(*measured) for measured in bodies.measure()]
-
-
-def bench_workers() -> list[Figure]:
-    return [figure(*measured) for measured in workers.measure()]
-
-
-def bench_engines() -> list[Figure]:
-    return [figure(*measured) for measured in engines.measure()]
-
-
-def bench_server() -> list[Figure]:
-    return [figure(*measured) for measured in server.measure()]
 
 
 FILM = 'flockstep.record("flight.mp4", model, worlds=unseen[0])\n'
@@ -558,37 +473,37 @@ BENCHES: dict[str, Callable[[], list[Figure]]] = {
     "lidar": bench_lidar,
     "step": bench_step,
     "camera": bench_camera,
-    "train": bench_train,
-    "camera_train": bench_camera_train,
-    "pixels_train": bench_pixels_train,
-    "camera_large": bench_camera_large,
-    "places_train": bench_places_train,
-    "flight_train": bench_flight_train,
+    "train": partial(trained, "train"),
+    "camera_train": partial(trained, "camera_train"),
+    "pixels_train": partial(trained, "pixels_train"),
+    "camera_large": partial(trained, "camera_large"),
+    "places_train": partial(trained, "places_train"),
+    "flight_train": of(tasks.measure_flights),
     "board": bench_board,
     "trainers": bench_trainers,
     "snippet": bench_snippet,
     "busy": bench_busy,
     "learner": bench_learner,
-    "scaling": bench_scaling,
+    "scaling": scaling.measure,
     "load": bench_load,
     "worlds": bench_worlds,
-    "imaging": bench_imaging,
-    "plan": bench_plan,
-    "race": bench_race,
-    "bodies": bench_bodies,
-    "meetings": bench_meetings,
-    "dodge": bench_dodge,
-    "swap": bench_swap,
-    "formation": bench_formation,
-    "workers": bench_workers,
-    "engines": bench_engines,
-    "server": bench_server,
+    "imaging": of(imaging.measure),
+    "plan": of(plan.measure),
+    "race": of(tasks.measure_race),
+    "bodies": of(bodies.measure),
+    "meetings": of(meetings.measure),
+    "dodge": of(tasks.measure, "dodge"),
+    "swap": of(tasks.measure, "swap"),
+    "formation": of(tasks.measure, "formation"),
+    "workers": of(workers.measure),
+    "engines": of(engines.measure),
+    "server": of(server.measure),
     "tiles": bench_tiles,
     "tiles_avx2": bench_tiles_avx2,
     "dynamics": bench_dynamics,
-    "dynamics_accuracy": bench_dynamics_accuracy,
-    "dynamics_peers": bench_dynamics_peers,
-    "mesh_peers": bench_mesh_peers,
+    "dynamics_accuracy": of(dynamics_accuracy.measure),
+    "dynamics_peers": dynamics_peers.measure,
+    "mesh_peers": mesh_peers.measure,
 }
 #: Benchmarks that run only if named.
 APART = ("board", "busy", "dodge", "engines", "formation", "scaling", "swap", "dynamics_peers", "mesh_peers")

@@ -23,20 +23,21 @@ TRAINED = {"hover": 4, "lidar": 4, "lidar_rotors": 8, "race": 16}
 
 def measure() -> list[Figure]:
     """Return rates and seconds by number of threads, up to one per processor."""
-    from training.board import Clock
-    from training.recipes import RECIPES, train
+    from flockstep.trainings import train
+    from flockstep.trainings.learning import make
+    from training.board import TRAININGS, Clock
 
     processors = len(os.sched_getaffinity(0))
     threads = sorted({1 << k for k in range(processors.bit_length())} & set(range(1, processors)) | {processors})
     figures: list[Figure] = []
     for name, num_envs in STEPPED.items():
-        made = {n: stepping(RECIPES[name].make(num_envs, n)) for n in threads}
+        made = {n: stepping(make(TRAININGS[name], num_envs, n)) for n in threads}
         figures += rates(f"steps_per_second/{name}{num_envs}", num_envs, made)
     for name, num_drones in {"playground/camera-train-1": 1024, "indoor/office": 1024}.items():
         made = {n: rendering(name, num_drones, n) for n in threads}
         figures += rates(f"frames_per_second/{name.replace('/', '_')}", num_drones, made)
     for name, share in TRAINED.items():
-        recipe = replace(RECIPES[name], steps=RECIPES[name].steps // share)
+        recipe = replace(TRAININGS[name], steps=TRAININGS[name].steps // share)
         for n in threads:
             seconds = []
             for seed in range(100, 103):

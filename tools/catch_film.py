@@ -24,16 +24,17 @@ import flockstep
 from flockstep.pictures.body import Body
 from flockstep.pictures.drawing import Drawing
 from flockstep.pictures.stage import Stage, with_markers
+from flockstep.registration import make_by_id
 from flockstep.rotations import rotate
 from flockstep.sb3 import Progress
+from flockstep.trainings import TRAININGS, UNSEEN_SEEDS, Training, judge, train
+from flockstep.trainings.flyers import CLOSE_M
 from tools.film import ALARM, FINER, FPS, INK, PATH, POINT, Color, Flight, flown, tiled, write_captions, write_film
-from training.flight import CLOSE_M, LASTS_S, POLICY_HZ, Pilot, fly, greedy, make
-from training.recipes import LEARNED, RECIPES, Recipe, TimeLimit, train, verdict_on
-from training.tasks import UNSEEN_SEEDS
+from training.board import LEARNED, TimeLimit, verdict_on
 
 Array = npt.NDArray[Any]
 
-HZ = POLICY_HZ["hover"]
+HZ, LASTS_S = 50.0, 6.0  # of Hover
 SHOWN = (0.0, 1 / 6, 1 / 2)  # fractions of the training's steps; the fourth policy is the last one
 THROWS = 100  # number of throws; the one with the most tilt is filmed, caught or not
 
@@ -53,14 +54,14 @@ class Args:
     seed: int = 0
     """Seed of the training."""
     total_steps: int | None = None
-    """Step budget of the training; default: that of training/recipes.py."""
+    """Step budget of the training; default: the row's."""
     max_minutes: float | None = None
     """Time limit of the training. Default: none; the training ends after its steps."""
     flights: int = 1000
     """Number of other throws to evaluate each policy."""
     width_px: int = 1280
     """Width of the film; its height is 9/16 of that."""
-    film_s: float = LASTS_S["hover"]
+    film_s: float = LASTS_S
     """Filmed time of the flight."""
 
 
@@ -98,7 +99,7 @@ class Keeper(BaseCallback):
         self.moments.append(Moment(self.num_timesteps, seconds, self.model.learner.parameters))
 
 
-def learn(recipe: Recipe, seed: int, max_minutes: float | None = None) -> tuple[flockstep.PPO, list[Moment]]:
+def learn(recipe: Training, seed: int, max_minutes: float | None = None) -> tuple[flockstep.PPO, list[Moment]]:
     """Train; return the model, and the policies to show, of which it is the last."""
     keeper = Keeper()
     model = train(recipe, "flockstep", seed, 0, [keeper, TimeLimit(max_minutes), Progress()])
@@ -109,22 +110,17 @@ def learn(recipe: Recipe, seed: int, max_minutes: float | None = None) -> tuple[
 
 def most_tilted(seeds: range) -> int:
     """Return the seed of the throw with the most initial tilt."""
-    envs = make("hover", len(seeds))
+    envs = make_by_id("flockstep/Hover-v0", len(seeds))
     envs.reset(seed=seeds.start)
     up = rotate(envs.batch.quat_wxyz, np.array([0.0, 0.0, 1.0]))
     return seeds[int(up[:, 2].argmin())]
-
-
-def thrown(pilot: Pilot, seed: int) -> Flight:
-    """Fly one throw."""
-    return flown("hover", pilot, seed)
 
 
 class Scene:
     """The hall, the point and the drone, drawn in pictures of one size."""
 
     def __init__(self, size_px: tuple[int, int]) -> None:
-        batch, (width, height) = make("hover", 1).batch, size_px
+        batch, (width, height) = make_by_id("flockstep/Hover-v0", 1).batch, size_px
         world = batch.worlds[0]
         self.point = np.asarray(world.goal, float)
         self._body = Body(batch.drone)
@@ -200,10 +196,10 @@ def draw(args: Args, model: flockstep.PPO, moments: Sequence[Moment]) -> list[fl
     panels, rates = [], []
     for moment in moments:
         model.learner.parameters = moment.parameters
-        rates.append(fly("hover", greedy(model), args.flights, UNSEEN_SEEDS.start).close_rate)
+        rates.append(judge(TRAININGS["hover"], model, args.flights, UNSEEN_SEEDS.start).success)
         title = f"after {moment.seconds:.0f} s of training" if moment.steps else "untrained"
         below = f"{moment.steps:,} steps: holds {rates[-1]:.1%} of {args.flights:,} throws"
-        panels.append(Panel(scene, thrown(greedy(model), seed), title, below))
+        panels.append(Panel(scene, flown("hover", model, seed), title, below))
     sheet = tiled([[panel.frame(round(s * HZ)) for s in SHEET_S] for panel in panels])
     sheet.resize((SHEET_WIDTH_PX, SHEET_WIDTH_PX * sheet.height // sheet.width)).save(args.out / "catch.png")
     steps = range(0, round(args.film_s * HZ) + 1, round(HZ / FPS))
@@ -216,7 +212,7 @@ def main(args: Args) -> bool:
     """Train, fly, film and print the results; return whether the policy learned to catch the drone."""
     args.out.mkdir(parents=True, exist_ok=True)
     print("Training a quadrotor to catch itself by the thrusts of its rotors ...")
-    recipe = RECIPES["hover"]
+    recipe = TRAININGS["hover"]
     recipe = replace(recipe, steps=args.total_steps or recipe.steps)
     model, moments = learn(recipe, args.seed, args.max_minutes)
     model.save(args.out / "catch.zip")

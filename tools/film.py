@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -12,8 +12,9 @@ import numpy as np
 import numpy.typing as npt
 from PIL import Image, ImageDraw, ImageFont
 
+from flockstep.registration import make_by_id
 from flockstep.rotations import rotate
-from training.flight import LASTS_S, POLICY_HZ, Name, Pilot, make
+from flockstep.trainings import TRAININGS, Flyer
 from training.plot_paths import write_gif
 
 Array = npt.NDArray[Any]
@@ -40,10 +41,13 @@ class Flight:
     """True if it ended as a crash: on contact, or too far from the point."""
 
 
-def flown(name: Name, pilot: Pilot, seed: int, **keywords: Any) -> Flight:
-    """Fly once from a seed; keywords are passed to `flight.make`."""
-    steps = round(LASTS_S[name] * POLICY_HZ[name])
-    envs = make(name, 1, max_episode_steps=steps + 1, autoreset_mode="disabled", **keywords)
+def flown(name: str, policy: Any, seed: int) -> Flight:
+    """Fly Hover or Track once, from a seed, by a model, a function or a `Flyer`."""
+    training = TRAININGS[name]
+    keywords = {**training.judged(1, seed)[""], **(policy.keywords if isinstance(policy, Flyer) else {})}
+    steps = keywords["max_episode_steps"] - 1
+    envs = make_by_id(str(training.env), 1, autoreset_mode="disabled", **keywords)
+    act = policy.in_envs(envs) if isinstance(policy, Flyer) else getattr(policy, "predict", policy)
     observation, _ = envs.reset(seed=seed)
     lost = False
     states: list[tuple[Array, Array, Array]] = []
@@ -52,16 +56,58 @@ def flown(name: Name, pilot: Pilot, seed: int, **keywords: Any) -> Flight:
         states.append((position, quat_wxyz, position + rotate(quat_wxyz, np.asarray(observation)[0, :3])))
         if lost or len(states) > steps:
             break
-        observation, _, terminated, _, _ = envs.step(pilot(np.asarray(observation), envs))
+        chosen = act(observation, deterministic=True)[0] if hasattr(policy, "predict") else act(observation)
+        observation, _, terminated, _, _ = envs.step(chosen)
         lost = bool(terminated[0])
     positions, quats, points = (np.array(each) for each in zip(*states, strict=True))
     return Flight(positions, quats, points, lost)
 
 
-def save_film(path: Path, pictures: Sequence[Image.Image], durations: Sequence[int], quality: int) -> None:
-    """Save a film that repeats forever, and print its size. durations: of each picture, in ms."""
+Frame = tuple[Image.Image, int]
+"""A picture and how long it is shown, in ms."""
+
+
+@dataclass
+class Shot:
+    """A flight to film."""
+
+    model: Any
+    """The policy."""
+    seed: int
+    """Seed of the world and the flight."""
+    width_px: int
+    """Width of the film, or of its main view."""
+    film_s: float | None = None
+    """Longest filmed time from the start of the flight. None: all of it."""
+
+    def steps(self, step_ms: float, most: float = np.inf) -> int:
+        """Return the number of filmed steps, of at most this many."""
+        return int(most if self.film_s is None else min(round(1000 * self.film_s / step_ms), most))
+
+
+@dataclass(frozen=True)
+class Film:
+    """A row of the table of films."""
+
+    frames: Callable[[Shot], Iterable[Frame]]
+    policy: str | None
+    """File of the policy. None: train ``training``, if there is one."""
+    seed: int
+    width_px: int
+    quality: int
+    film_s: float | None = None
+    key_every: int | None = None
+    """Pictures between two that do not depend on others, in which faint traces of older ones disappear."""
+    training: str | None = None
+
+
+def save_film(path: Path, frames: Sequence[Frame], quality: int, key_every: int | None = None) -> None:
+    """Save a film that repeats forever, and print its size."""
     path.parent.mkdir(parents=True, exist_ok=True)
+    pictures, durations = zip(*frames, strict=True)
     settings: dict[str, Any] = {"duration": list(durations), "loop": 0, "quality": quality, "method": 6}
+    if key_every is not None:
+        settings |= {"kmin": key_every - 1, "kmax": key_every, "method": 4}
     pictures[0].save(path, save_all=True, append_images=list(pictures[1:]), **settings)
     print(f"{path}: {len(pictures)} pictures, {path.stat().st_size / 1e6:.2f} MB")
 

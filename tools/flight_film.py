@@ -1,6 +1,4 @@
-"""Film a flight of the LiDAR task: from the start via the waypoints to the goal of a playground.
-
-.venv/bin/python -m tools.flight_film               # docs/flight.webp
+"""The film of a flight of the LiDAR task: from the start via the waypoints to the goal of a playground.
 
 The policy is `policies/lidar.zip`, made by `training/train_ppo.py --task lidar` with its default settings. The
 playground is a generated one in which the policy was not trained, with 24 pillars instead of 12. The policy reaches the
@@ -16,34 +14,29 @@ above the flight. The drone, the beams and the path shine through pillars.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
-import torch
-import tyro
 from PIL import Image
-from tqdm import tqdm
 
 import flockstep
 from flockstep.pictures.beams import beams_of
 from flockstep.pictures.depth_canvas import DepthCanvas
 from flockstep.pictures.picture import facing, render
-from tools.film import FINER
+from tools.film import FINER, Frame, Shot
 from training.evaluate import MAX_STEPS, fly, greedy
-from training.tasks import load_policy
 
 Array = npt.NDArray[Any]
 Linear = tuple[float, float, float]
 Draw = Callable[[DepthCanvas], None]
 
-SEED, PILLARS = 1_000_242, 24
+PILLARS = 24
 FPS = 15
 SPEED = 2.5  # of the film, as a multiple of the flight's
-HOLD_S = 1.5  # the last picture
+HOLD_MS = 1500  # the last picture
 SMOOTH_STEPS = 3.0  # standard deviation of the path's smoothing
 GOAL_RADIUS_M = 0.5  # of the task
 
@@ -75,25 +68,6 @@ DRONE_COLORS, MARKER_COLORS = ("body", "arm", "front", "rear"), ("waypoint", "re
 MISS_LEVELS, HIT_LEVEL = (130, 115, 100, 85, 70, 55, 40, 25), 240  # opacity of beams, of 255
 BEAM, HIT, TRAIL = np.array([255, 120, 50]), np.array([255, 215, 120]), np.array([70, 190, 255])
 DARK: Linear = (0.02, 0.026, 0.04)
-
-
-@dataclass
-class Args:
-    """Options for flying and filming."""
-
-    policy: Path = Path("policies/lidar.zip")
-    """A model saved by training/train_ppo.py --task lidar. Loading it runs code from the file: load only
-    policies you trust."""
-    out: Path = Path("docs/flight.webp")
-    """The film."""
-    seed: int = SEED
-    """Seed of the playground."""
-    width_px: int = 800
-    """Width of the film; its height is 9/16 of that."""
-    quality: int = 50
-    """Quality of the pictures, 0 to 100."""
-    film_s: float | None = None
-    """Filmed time from the start of the flight. None: all of it."""
 
 
 @dataclass
@@ -312,32 +286,16 @@ def blend(rgb: Array, where: Array, color: Array, opacity: Array | float) -> Non
     rgb[where] = np.rint(below + opacity * (color - below))
 
 
-def write(path: Path, frames: Sequence[Image.Image], quality: int) -> None:
-    """Write a film that repeats forever and pauses at its end."""
-    durations = [round(1000 / FPS)] * (len(frames) - 1) + [round(1000 * HOLD_S)]
-    settings: dict[str, Any] = {"duration": durations, "loop": 0, "quality": quality, "method": 4}
-    settings |= {"kmin": len(frames), "kmax": len(frames) + 1}  # no more key frames: most of a picture does not change
-    frames[0].save(path, save_all=True, append_images=frames[1:], **settings)
-
-
-def main(args: Args) -> None:
-    """Fly, film, and print the result."""
-    torch.set_num_threads(1)  # more are slower for a small network
-    world = flockstep.World.playground(args.seed, pillars=PILLARS)
-    (flight,) = fly(greedy(load_policy(args.policy)), [world], MAX_STEPS)
+def frames(shot: Shot) -> Iterator[Frame]:
+    """Fly, and draw the smoothed flight."""
+    world = flockstep.World.playground(shot.seed, pillars=PILLARS)
+    (flight,) = fly(greedy(shot.model), [world], MAX_STEPS)
     content = shown(world, flight.trail.astype(float))
-    scene = Scene(world, content.position, (args.width_px, args.width_px * 9 // 16))
-    count = len(content.position)
-    if args.film_s is not None:
-        count = min(count, round(args.film_s * FPS) + 1)
-    frames = [scene.picture(content, index) for index in tqdm(range(count), "filming", unit=" pictures")]
-    write(args.out, frames, args.quality)
-    size, length_m = args.out.stat().st_size, flight.path_length_m
+    scene = Scene(world, content.position, (shot.width_px, shot.width_px * 9 // 16))
+    last = shot.steps(1000 / FPS, len(content.position) - 1)
+    for index in range(last + 1):
+        yield scene.picture(content, index), HOLD_MS if index == last else round(1000 / FPS)
     print(
-        f"{args.out}: {flight.outcome} after {flight.steps} steps, {length_m:.1f} m; {len(frames)} pictures, {size:,} "
-        f"bytes. The path of the film is at most {content.smoothed_m:.2f} m off the flown one."
+        f"{flight.outcome} after {flight.steps} steps, {flight.path_length_m:.1f} m. The path of the film is at most "
+        f"{content.smoothed_m:.2f} m off the flown one."
     )
-
-
-if __name__ == "__main__":
-    main(tyro.cli(Args))

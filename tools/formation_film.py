@@ -1,9 +1,7 @@
-"""Film a formation that flies through a warehouse, seen from behind it and from above.
+"""The film of a formation that flies through a warehouse, seen from behind it and from above.
 
-.venv/bin/python -m tools.formation_film        # docs/formation.webp, with the policy policies/formation.zip
-
-Neither training nor evaluation uses the filmed warehouse, which is smaller than theirs and has a waypoint at each turn
-of its path. The film is six times as fast as the flight.
+The warehouse is smaller than those of training and evaluation, and has a waypoint at each turn of its path. The film is
+six times as fast as the flight.
 """
 
 from __future__ import annotations
@@ -11,12 +9,10 @@ from __future__ import annotations
 import colorsys
 from collections.abc import Iterator
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
-import tyro
 from PIL import Image, ImageDraw
 
 import flockstep
@@ -24,42 +20,21 @@ from flockstep.pictures.body import Body
 from flockstep.pictures.depth_canvas import DepthCanvas
 from flockstep.pictures.picture import FARTHEST_M, facing
 from flockstep.rotations import rotate
-from tools.film import save_film, write_captions
-from training import formation
-from training.tasks import UNSEEN_SEEDS
+from flockstep.trainings.table import FORMATION_STEPS
+from tools.film import FINER, INK, Color, Frame, Shot, write_captions
 
 Array = npt.NDArray[Any]
-Color = tuple[int, int, int]
 
 STEP_MS = 100
 EVERY = 6  # steps from picture to picture
 HOLD_MS = 1500  # the last picture
-FINER = 2  # supersampling factor, for smooth edges
 BEHIND_M, ABOVE_M = 4.5, 0.6  # of the viewer, from the middle of the formation
 CLEAR_M = 0.4  # of the viewer, below obstacles
 HFOV_DEG = 75.0
 TRAIL_M = 6.0  # seen from behind
 MAP_FROM_M = 100.0  # height of the viewer of the map
 CUT_M = 0.7  # of the map, above the highest drone
-INK = (20, 20, 20)
-
-
-@dataclass
-class Args:
-    """Options."""
-
-    policy: Path = Path("policies/formation.zip")
-    """A model saved by `flockstep.PPO`."""
-    seed: int = UNSEEN_SEEDS.stop - 15
-    """Seed of the warehouse and the episode."""
-    drones: int = 4
-    """Number of drones."""
-    out: Path = Path("docs/formation.webp")
-    """The film."""
-    width_px: int = 352
-    """Width of the view from behind; its height is 5/8 of that. The map is as high."""
-    quality: int = 24
-    """Quality of the pictures, 0 to 100."""
+DRONES = 4
 
 
 @dataclass
@@ -76,18 +51,18 @@ class Flight:
     """(T, M, 3) m."""
 
 
-def fly(model: flockstep.PPO, args: Args) -> Flight:
+def fly(model: Any, seed: int) -> Flight:
     """Fly one episode."""
-    world = flockstep.World.warehouse(args.seed, size_m=(36.0, 24.0), waypoints=True)
+    world = flockstep.World.warehouse(seed, size_m=(36.0, 24.0), waypoints=True)
     envs = flockstep.DroneVectorEnv(
         1,
         task=flockstep.FormationConfig(route="path"),
         worlds=world,
-        drones_per_env=args.drones,
-        max_episode_steps=formation.MOST_STEPS["warehouse"],
+        drones_per_env=DRONES,
+        max_episode_steps=FORMATION_STEPS["warehouse"],
         autoreset_mode="disabled",
     )
-    observation, _ = envs.reset(seed=args.seed)
+    observation, _ = envs.reset(seed=seed)
     states: list[tuple[Array, Array, Array]] = []
     ended = False
     while True:
@@ -161,12 +136,13 @@ class Behind:
         return Image.fromarray(canvas.rgb)
 
 
-def pictures(flight: Flight, width_px: int) -> Iterator[Image.Image]:
-    """Draw both views side by side, one picture for every few steps."""
+def frames(shot: Shot) -> Iterator[Frame]:
+    """Fly, and draw both views side by side, one picture for every few steps."""
+    flight = fly(shot.model, shot.seed)
     count = flight.position.shape[1]
     hues = [colorsys.hsv_to_rgb(m / count, 0.8, 0.9) for m in range(count)]
     inks: list[Color] = [(int(255 * r), int(255 * g), int(255 * b)) for r, g, b in hues]
-    width = FINER * width_px
+    width = FINER * shot.width_px
     height = width * 5 // 8
     low, high = flight.world.bounds[:, :2].astype(float)
     middle, half = (low + high) / 2, (high - low) / 2
@@ -188,7 +164,8 @@ def pictures(flight: Flight, width_px: int) -> Iterator[Image.Image]:
     def pixels(points: Array) -> list[tuple[float, float]]:
         return [tuple(p) for p in (points[..., :2] - middle + half * [1, -1]) * scale * [1, -1]]
 
-    for step in [*range(0, len(flight.position) - 1, EVERY), len(flight.position) - 1]:
+    last = shot.steps(STEP_MS, len(flight.position) - 1)
+    for step in [*range(0, last, EVERY), last]:
         above = ground.copy()
         draw = ImageDraw.Draw(above)
         for m, ink in enumerate(inks):
@@ -201,15 +178,4 @@ def pictures(flight: Flight, width_px: int) -> Iterator[Image.Image]:
         picture.paste(above, (width, 0))
         picture = picture.reduce(FINER)
         write_captions(picture, [(6, 15, f"{step * STEP_MS / 1000:.0f} s", INK)])
-        yield picture
-
-
-def main(args: Args) -> None:
-    """Fly and write the film."""
-    film = list(pictures(fly(flockstep.PPO.load(args.policy), args), args.width_px))
-    durations = [*[STEP_MS] * (len(film) - 1), HOLD_MS]
-    save_film(args.out, film, durations, args.quality)
-
-
-if __name__ == "__main__":
-    main(tyro.cli(Args))
+        yield picture, HOLD_MS if step == last else STEP_MS

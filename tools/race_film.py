@@ -1,45 +1,39 @@
-"""Film a race: three laps of the figure-8 by a trained policy.
+"""The film of a race: three laps of the figure-8 by a trained policy.
 
-.venv/bin/python -m tools.race_film               # docs/race.webp
-
-The policy is `policies/race.zip`, made by `training/train_race.py`. The film shows the flight of the first unseen seed
-that starts behind the blue gate, successful or not, at the speed of flight. The walls are left out, and the drone
-is drawn larger than it is. The colour of the trail is the speed; the dark line on the floor is its shadow.
+It shows the flight of the first unseen seed that starts behind the blue gate, successful or not. The walls are left
+out, and the drone is drawn larger than it is. The colour of the trail is the speed; the dark line on the floor is its
+shadow.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import itertools
+from collections.abc import Iterator
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
-import tyro
 from PIL import Image, ImageDraw, ImageFont
-from tqdm import tqdm
 
 import flockstep
 from flockstep.pictures.body import Body
 from flockstep.pictures.depth_canvas import DepthCanvas
 from flockstep.pictures.picture import facing, render
 from flockstep.rotations import rotate
-from tools.film import FINER, Color
+from flockstep.trainings.table import LAPS
+from tools.film import FINER, Color, Frame, Shot
 from tools.flight_film import LIGHT, beside
-from training.race import LAPS, MOST_STEPS
-from training.tasks import UNSEEN_SEEDS
 
 Array = npt.NDArray[Any]
 
 TRACK = "race/figure-8"
 POLICY_HZ = 50  # of the task
 FILM_EVERY = 3  # steps of 1/50 s between pictures
-HOLD_S = 1.5  # the last picture
+HOLD_MS = 1500  # the last picture
 ENLARGED = 2.2  # size of the drawn drone, over that of the model
 VIEWER_M, TARGET_M, HFOV_DEG = np.array([-1.0, -17.5, 12.5]), np.array([0.0, -0.7, 1.6]), 58.0
 TRAIL_S, SHADOW_S = 2.2, 0.5  # older parts of the trail and of its shadow are not drawn
-KEY_EVERY = 16  # pictures between two that do not depend on others, in which faint traces of older ones disappear
 GRID_M = 2.0
 COLORS: dict[str, tuple[float, float, float]] = {
     "floor": (0.020, 0.028, 0.045),
@@ -52,22 +46,6 @@ COLORS: dict[str, tuple[float, float, float]] = {
 SLOW_MPS, FAST_MPS = 5.0, 12.0
 INK, SHADOW, ALARM = (240, 243, 248), (10, 13, 20), (255, 110, 90)
 RAMP = np.array([[60, 110, 255], [40, 220, 230], [250, 220, 60], [255, 80, 40]], float)  # from slow to fast
-
-
-@dataclass
-class Args:
-    """Options for flying and filming."""
-
-    policy: Path = Path("policies/race.zip")
-    """A policy of flockstep.PPO."""
-    out: Path = Path("docs/race.webp")
-    """The film."""
-    width_px: int = 800
-    """Width of the film; its height is 9/16 of that."""
-    quality: int = 60
-    """Quality of the pictures, 0 to 100."""
-    film_s: float | None = None
-    """Filmed time from the start of the flight. None: all of it."""
 
 
 @dataclass
@@ -88,12 +66,12 @@ class Flight:
     """True if it flew all laps."""
 
 
-def flown(policy: Any) -> Flight:
-    """Fly the first unseen seed that starts behind gate 0."""
+def flown(policy: Any, seed: int) -> Flight:
+    """Fly the first episode from this seed on that starts behind gate 0."""
     task = flockstep.RaceConfig(start="gate", laps=LAPS)
-    envs = flockstep.DroneVectorEnv(1, task=task, worlds=TRACK, max_episode_steps=MOST_STEPS, autoreset_mode="disabled")
-    for seed in UNSEEN_SEEDS:
-        observation, _ = envs.reset(seed=seed)
+    envs = flockstep.DroneVectorEnv(1, task=task, worlds=TRACK, max_episode_steps=3000, autoreset_mode="disabled")
+    for each in itertools.count(seed):
+        observation, _ = envs.reset(seed=each)
         if envs.batch.task_state["target"][0] == 1:
             break
     states, ended = [], False
@@ -216,30 +194,13 @@ def lap_ends(flight: Flight, gates: int) -> list[int]:
     return [int(np.argmax(flight.passed >= gates * lap)) for lap in range(1, int(flight.passed[-1]) // gates + 1)]
 
 
-def write(path: Path, frames: Sequence[Image.Image], quality: int) -> None:
-    """Write a film that repeats forever and pauses at its end."""
-    durations = [round(1000 * FILM_EVERY / POLICY_HZ)] * (len(frames) - 1) + [round(1000 * HOLD_S)]
-    settings: dict[str, Any] = {"duration": durations, "loop": 0, "quality": quality, "method": 4}
-    settings |= {"kmin": KEY_EVERY - 1, "kmax": KEY_EVERY}
-    frames[0].save(path, save_all=True, append_images=frames[1:], **settings)
-
-
-def main(args: Args) -> None:
-    """Fly, film, and print the result."""
-    flight = flown(flockstep.PPO.load(args.policy))
-    scene = Scene((args.width_px, args.width_px * 9 // 16))
-    last = len(flight.position) - 1
-    if args.film_s is not None:
-        last = min(last, round(args.film_s * POLICY_HZ))
-    steps = [*range(0, last, FILM_EVERY), last]
-    frames = [captioned(scene, flight, step) for step in tqdm(steps, "filming", unit=" pictures")]
-    write(args.out, frames, args.quality)
+def frames(shot: Shot) -> Iterator[Frame]:
+    """Fly, and draw every few steps."""
+    flight = flown(shot.model, shot.seed)
+    scene = Scene((shot.width_px, shot.width_px * 9 // 16))
+    last = shot.steps(1000 / POLICY_HZ, len(flight.position) - 1)
+    for step in [*range(0, last, FILM_EVERY), last]:
+        yield captioned(scene, flight, step), HOLD_MS if step == last else round(1000 * FILM_EVERY / POLICY_HZ)
     end = "success" if flight.success else "crash"
-    print(
-        f"{args.out}: {end} after {len(flight.position) - 1} steps, {flight.passed[-1]} gates, at most "
-        f"{flight.speed_mps.max():.1f} m/s; {len(frames)} pictures, {args.out.stat().st_size:,} bytes"
-    )
-
-
-if __name__ == "__main__":
-    main(tyro.cli(Args))
+    steps, gates = len(flight.position) - 1, flight.passed[-1]
+    print(f"{end} after {steps} steps, {gates} gates, at most {flight.speed_mps.max():.1f} m/s")

@@ -1,6 +1,6 @@
 """The picture of a fan as a slice, docs/fan-slice.webp: a LiDAR in an office, and what tracing it looks at.
 
-.venv/bin/python -m tools.slice_picture --out docs
+.venv/bin/python -m tools.films fan-slice
 """
 
 from __future__ import annotations
@@ -11,7 +11,6 @@ from pathlib import Path
 import matplotlib.pyplot as plt
 import numpy as np
 import numpy.typing as npt
-import tyro
 from matplotlib.axes import Axes
 from matplotlib.collections import LineCollection
 from matplotlib.lines import Line2D
@@ -210,22 +209,3 @@ def legend() -> list[Line2D]:
         Line2D([], [], color=CUT, linewidth=2.2, label="triangle cut by the plane"),
         Line2D([], [], color=BESIDE, linewidth=0.8, label="other triangles in the plane: never cut"),
     ]
-
-
-@dataclass
-class Args:
-    """Draw fan-slice.webp."""
-
-    out: Path = Path("out/slice")
-    """Folder for the picture."""
-
-
-def main(args: Args) -> None:
-    """Draw, and print the location."""
-    args.out.mkdir(parents=True, exist_ok=True)
-    draw(args.out / "fan-slice.webp", Slice.scan())
-    print(f"fan-slice.webp is in {args.out}/")
-
-
-if __name__ == "__main__":
-    main(tyro.cli(Args))

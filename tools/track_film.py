@@ -21,18 +21,18 @@ import flockstep
 from flockstep.pictures.body import Body
 from flockstep.pictures.drawing import Drawing
 from flockstep.pictures.stage import Stage, with_markers
+from flockstep.registration import make_by_id
+from flockstep.trainings import TRAININGS, UNSEEN_SEEDS, Flyer, Verdict, judge
+from flockstep.trainings.flyers import CLOSE_M, velocity_control
 from tools.film import ALARM, FINER, FPS, INK, PATH, POINT, Flight, flown, tiled, write_captions, write_film
-from training.flight import LASTS_S, POLICY_HZ, Pilot, fly, greedy, make, velocity_control
-from training.tasks import UNSEEN_SEEDS, load_policy
+from training.tasks import load_policy
 
 Array = npt.NDArray[Any]
 
-HZ = POLICY_HZ["track"]
+HZ, LASTS_S = 100.0, 10.0  # of Track
 GIF_FPS, GIF_WIDTH_PX = 12.5, 800
 FROM_M = np.array([0.0, -1.45, 1.15])  # viewer, relative to the middle of the path
 TOWARDS_M = np.array([0.0, -0.05, 0.0])  # target of the view
-
-CONTROLLER_ENVS: dict[str, Any] = {"task": flockstep.TrackConfig(points=10), "control": "velocity"}
 
 
 @dataclass
@@ -40,7 +40,7 @@ class Args:
     """Options for flying and filming."""
 
     policy: Path = Path("policies/track.zip")
-    """A model saved by training/train_flight.py --task track. Loading it runs code from the file: load only
+    """A model saved by flockstep/trainings. Loading it runs code from the file: load only
     policies you trust."""
     out: Path = Path("out/track")
     """Folder for the films and the picture."""
@@ -50,23 +50,23 @@ class Args:
     """Number of other flights to evaluate both."""
     width_px: int = 1280
     """Width of the film; its height is 3/4 of that."""
-    film_s: float = LASTS_S["track"]
+    film_s: float = LASTS_S
     """Filmed time of the flight."""
 
 
-def controller() -> Pilot:
-    """Return the best controller among those that training/train_flight.py tries.
+def controller() -> Flyer:
+    """Return the best controller among the baselines of the training.
 
     Its command is the path's velocity 0.6 s ahead, plus a correction towards the path's position at that time.
     """
-    return velocity_control(CONTROLLER_ENVS["task"], point=6, gain=1.0, towards=6)
+    return velocity_control(flockstep.TrackConfig(points=10), point=6, gain=1.0, towards=6)
 
 
 class Scene:
     """The hall, the path and the drone, drawn in pictures of one size."""
 
     def __init__(self, path: Array, size_px: tuple[int, int]) -> None:
-        batch, (width, height) = make("track", 1).batch, size_px
+        batch, (width, height) = make_by_id("flockstep/Track-v0", 1).batch, size_px
         world = batch.worlds[0]
         self._body = Body(batch.drone)
         middle = np.asarray(world.goal, float)
@@ -109,18 +109,26 @@ class Panel:
         return picture
 
 
-def draw(args: Args, pilots: Sequence[tuple[str, Pilot, dict[str, Any]]]) -> list[str]:
+def error_m(verdict: Verdict) -> float:
+    """Return the median error of the flights without a crash; infinite if all crashed."""
+    return verdict.more.get("median_error_m", float("inf"))
+
+
+def draw(args: Args, pilots: Sequence[tuple[str, Any]]) -> list[str]:
     """Film one flight by each of two pilots; return summaries of their other flights."""
     width = args.width_px // 16 * 16  # makes heights even
-    flights = [flown("track", pilot, args.seed, **keywords) for _, pilot, keywords in pilots]
+    flights = [flown("track", pilot, args.seed) for _, pilot in pilots]
     path = max((flight.point for flight in flights), key=len)  # all share it; a lost flight is shorter
     scene = Scene(path, (width, width * 3 // 8))
     panels, summaries = [], []
-    for flight, (title, pilot, keywords) in zip(flights, pilots, strict=True):
-        others = fly("track", pilot, args.flights, UNSEEN_SEEDS.start, **keywords)
-        below = f"{args.flights:,} flights: root mean square {100 * others.median_error_m:.1f} cm (median)"
+    for flight, (title, pilot) in zip(flights, pilots, strict=True):
+        others = judge(TRAININGS["track"], pilot, args.flights, UNSEEN_SEEDS.start)
+        below = f"{args.flights:,} flights: root mean square {100 * error_m(others):.1f} cm (median)"
         panels.append(Panel(scene, flight, title, below))
-        summaries.append(f"{title:<18} {others.summary()}")
+        summaries.append(
+            f"{title:<18} {others.success:.1%} within {100 * CLOSE_M:g} cm, {others.crashed:.1%} crashed"
+            f", error of the others {100 * error_m(others):.1f} cm (median)"
+        )
     steps = range(0, round(args.film_s * HZ) + 1, round(HZ / FPS))
     frames = (tiled([[panel.frame(step)] for panel in panels]) for step in tqdm(steps, "filming", unit=" pictures"))
     write_film(args.out / "track", frames, GIF_FPS, GIF_WIDTH_PX)
@@ -132,10 +140,9 @@ def main(args: Args) -> None:
     """Fly, film and print the results."""
     args.out.mkdir(parents=True, exist_ok=True)
     torch.set_num_threads(1)  # more are slower for a small network
-    policy = greedy(load_policy(args.policy))
-    summaries = draw(args, [("learned policy", policy, {}), ("controller alone", controller(), CONTROLLER_ENVS)])
+    summaries = draw(args, [("learned policy", load_policy(args.policy)), ("controller alone", controller())])
     print(f"""
-{args.flights:,} flights of {LASTS_S["track"]} s along a figure-8, by the policy and by the controller alone:
+{args.flights:,} flights of {LASTS_S:g} s along a figure-8, by the policy and by the controller alone:
 {chr(10).join(f"  {line}" for line in summaries)}
 
 In {args.out}/

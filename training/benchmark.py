@@ -20,8 +20,9 @@ import numpy as np
 import tyro
 
 import flockstep
+from flockstep.trainings import UNSEEN_SEEDS
 from training.evaluate import MAX_STEPS, Policy, baselines, fly, fly_routes, greedy, random_policy, summary
-from training.tasks import UNSEEN_SEEDS, Setup
+from training.tasks import Setup
 from training.train_ppo import DEFAULTS, Args, Outcome, train
 
 SEEDS = (0, 1, 2, 3, 4)

@@ -26,14 +26,14 @@ from stable_baselines3.common.logger import configure
 
 import flockstep
 from flockstep import _core
-from training.board import Clock, Figure
-from training.recipes import RECIPES, train
+from flockstep.trainings import train
+from training.board import TRAININGS, Clock, Figure
 
 Array = npt.NDArray[Any]
 
 INPUTS, ACTIONS, STEPS, ROWS, EPOCHS = 38, 3, 32, 512, 3
 MINIBATCHES = (4096, 1024)
-TRAININGS = ("hover", "lidar")
+TRAINED = ("hover", "lidar")
 SHARE = 8  # of a training's steps, for the gain of a second thread
 
 
@@ -56,7 +56,7 @@ def measure(runs: int) -> dict[str, list[float]]:
                 ("ratio", update / beside),
             ):
                 found.setdefault(f"update/minibatch{size}/{name}", []).append(value)
-    for name in TRAININGS:
+    for name in TRAINED:
         for seed in range(100, 100 + runs):
             one, two = (training_seconds(name, seed, threads) for threads in (1, 2))
             found.setdefault(f"threads/{name}/speedup_of_two", []).append(one / two)
@@ -65,7 +65,7 @@ def measure(runs: int) -> dict[str, list[float]]:
 
 def training_seconds(name: str, seed: int, threads: int) -> float:
     """Return the time of a shortened training in s, without making the environments."""
-    recipe = dataclasses.replace(RECIPES[name], steps=RECIPES[name].steps // SHARE)
+    recipe = dataclasses.replace(TRAININGS[name], steps=TRAININGS[name].steps // SHARE)
     clock = Clock(recipe, judges=False)
     train(recipe, "flockstep", seed, threads, [clock])
     return clock.training_s

@@ -11,6 +11,7 @@ making the environments and without the flights that judge. For times that mean 
 from __future__ import annotations
 
 import json
+import math
 import sys
 import time
 from dataclasses import dataclass
@@ -23,11 +24,21 @@ import tyro
 from stable_baselines3.common.callbacks import BaseCallback
 
 import flockstep
-from training.recipes import RECIPES, Learner, Recipe, predict_of, train
-from training.tasks import CHOOSING_SEEDS, UNSEEN_SEEDS
+from flockstep.trainings import CHOOSING_SEEDS, UNSEEN_SEEDS, Training, best_of, judge, train
+from flockstep.trainings import TRAININGS as BUNDLED
+from flockstep.trainings.learning import Learner
+from training import forest_flight, rotor_navigation
 
 Figure = dict[str, Any]
 
+#: The trainings of the board.
+TRAININGS: dict[str, Training] = {
+    **{name: BUNDLED[name] for name in ("hover", "track", "lidar")},
+    "lidar_rotors": rotor_navigation.TRAINING,
+    "forest": forest_flight.TRAINING,
+    **{name: BUNDLED[name] for name in ("race", "race_unseen")},
+}
+LEARNED = 0.9  # share of successful held-out flights from which a demonstration says that a policy has learned
 CURVE_POINTS = 8
 CURVE_FLIGHTS = 200
 COLORS = {"flockstep": "tab:blue", "sb3": "tab:orange"}
@@ -37,7 +48,7 @@ NAMES = {"flockstep": "flockstep.PPO", "sb3": "Stable-Baselines3"}
 class Clock(BaseCallback):
     """Measures the time of a training, and judges its policy at equal distances; the clock stands still meanwhile."""
 
-    def __init__(self, recipe: Recipe, judges: bool) -> None:
+    def __init__(self, recipe: Training, judges: bool) -> None:
         super().__init__()
         self.recipe, self.judges = recipe, judges
         self.curve: list[tuple[int, float, float]] = []
@@ -76,9 +87,33 @@ class Clock(BaseCallback):
             return
         before, seconds = time.perf_counter(), self.seconds()
         flights = min(CURVE_FLIGHTS, self.recipe.flights)
-        verdict = self.recipe.judge(predict_of(self.model), flights, CHOOSING_SEEDS.start)
+        verdict = judge(self.recipe, self.model, flights, CHOOSING_SEEDS.start)
         self.curve.append((self.num_timesteps, round(seconds, 3), verdict.success))
         self._judging_s += time.perf_counter() - before
+
+
+class TimeLimit(BaseCallback):
+    """Ends a training after some minutes; without a limit, never."""
+
+    def __init__(self, max_minutes: float | None) -> None:
+        super().__init__()
+        self._max_s = math.inf if max_minutes is None else 60 * max_minutes
+        self.is_over = False
+
+    def _on_training_start(self) -> None:
+        self._end = time.perf_counter() + self._max_s
+
+    def _on_step(self) -> bool:
+        self.is_over = time.perf_counter() >= self._end
+        return not self.is_over
+
+
+def verdict_on(skill: str, success: float, steps: int, planned: int) -> str:
+    """Return the beginning of a sentence: that a policy learned a skill, or not, and whether it had time."""
+    if success >= LEARNED:
+        return f"A policy learned from scratch to {skill}"
+    cause = f": time ran out at {steps:,} of {planned:,} steps" if steps < planned else ""
+    return f"FAILED{cause}. The policy did not learn to {skill}"
 
 
 def figure(name: str, value: float, unit: str, runs: int, **more: Any) -> Figure:
@@ -88,7 +123,7 @@ def figure(name: str, value: float, unit: str, runs: int, **more: Any) -> Figure
 
 def report(name: str, seeds: int, sb3: bool, out: Path) -> list[Figure]:
     """Train with all seeds and return what the board says about it; film the policy of the first seed."""
-    recipe, figures, film = RECIPES[name], [], out / f"{name}.mp4"
+    recipe, figures, film = TRAININGS[name], [], out / f"{name}.mp4"
     runs: list[tuple[Learner, int]] = [("flockstep", 2), ("flockstep", 1), *([("sb3", 1)] if sb3 else [])]
     for seed in range(seeds):
         parameters: list[Any] = []
@@ -99,7 +134,7 @@ def report(name: str, seeds: int, sb3: bool, out: Path) -> list[Figure]:
             figures.append(figure(f"{run}/seconds", clock.training_s, "s", 1))
             line = f"{run}: {clock.training_s:.1f} s"
             if clock.judges:
-                verdict = recipe.judge(predict_of(model), recipe.flights, UNSEEN_SEEDS.start)
+                verdict = judge(recipe, model, recipe.flights, UNSEEN_SEEDS.start)
                 more = {"crashed": verdict.crashed, **verdict.more}
                 figures.append(figure(f"{run}/success", verdict.success, "1", recipe.flights, curve=clock.curve))
                 figures += [figure(f"{run}/{what}", value, "", recipe.flights) for what, value in more.items()]
@@ -109,10 +144,10 @@ def report(name: str, seeds: int, sb3: bool, out: Path) -> list[Figure]:
                 parameters.append(model.learner.parameters)
                 model.save(out / f"{name}-seed{seed}")
                 if seed == 0 and threads == 1:
-                    flockstep.record(film, model, seed=UNSEEN_SEEDS.start, **recipe.film)
+                    flockstep.record(film, model, recipe.env, seed=UNSEEN_SEEDS.start, **recipe.film)
         if not np.array_equal(*parameters):
             raise AssertionError(f"{name}: one thread and two gave different policies")
-    baseline = recipe.baseline()
+    baseline = judge(recipe, best_of(recipe, next(iter(recipe.baselines.values()))), recipe.flights, UNSEEN_SEEDS.start)
     figures += [
         figure(f"{name}/steps", recipe.steps, "1", 1),
         figure(f"{name}/baseline/success", baseline.success, "1", recipe.flights),
@@ -165,11 +200,11 @@ class Args:
 def main(args: Args) -> None:
     """Train, film, draw and write the figures."""
     for name in args.names:
-        if name not in RECIPES:
-            sys.exit(f"NAME: expected one of {', '.join(RECIPES)}, got {name!r}")
+        if name not in TRAININGS:
+            sys.exit(f"NAME: expected one of {', '.join(TRAININGS)}, got {name!r}")
     args.out.mkdir(parents=True, exist_ok=True)
     figures = []
-    for name in args.names or RECIPES:
+    for name in args.names or TRAININGS:
         figures += report(name, args.seeds, args.sb3, args.out)
         (args.figures or args.out / "figures.json").write_text(json.dumps(figures, indent=1) + "\n")
         plot(figures, args.out / "curves.png")

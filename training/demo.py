@@ -16,13 +16,13 @@ import flockstep
 from flockstep.pictures.third_person_view import ThirdPersonView
 from flockstep.pictures.trail import Trail
 from flockstep.sb3 import Progress
+from flockstep.trainings import UNSEEN_SEEDS, train
 from tools import catch_film
-from tools.camera_pictures import draw_sheet
-from training.board import CURVE_FLIGHTS, Clock
+from tools.stills import draw_sheet
+from training.board import CURVE_FLIGHTS, LEARNED, TRAININGS, Clock, TimeLimit, verdict_on
 from training.evaluate import MAX_STEPS, Flight, baselines, fly, greedy, summary
 from training.plot_paths import picture_name, plot_flight, plot_overview
-from training.recipes import LEARNED, RECIPES, TimeLimit, train, verdict_on
-from training.tasks import UNSEEN_SEEDS, Setup
+from training.tasks import Setup
 
 SHOWN = "playground/train-2"  # in flight.mp4 and flight.png
 FILM_PX, FILM_FPS, PICTURE_PX = (1280, 720), 25, (1920, 1080)
@@ -38,7 +38,7 @@ class Args:
     """Folder for the pictures and the policy."""
     seed: int = 0
     """Seed of the trainings."""
-    total_steps: int = RECIPES["lidar"].steps
+    total_steps: int = TRAININGS["lidar"].steps
     """Steps of the LiDAR training."""
     max_minutes: float | None = None
     """Time limit of each of the two trainings. Default: none; they end after their steps."""
@@ -119,7 +119,7 @@ def main(args: Args) -> None:
     """Train, fly, draw and print the results."""
     caught = catch_film.main(catch_film.Args(out=args.out, seed=args.seed, max_minutes=args.max_minutes))
     print("\nTraining a policy that flies by LiDAR through playgrounds full of pillars ...")
-    recipe = replace(RECIPES["lidar"], steps=args.total_steps)
+    recipe = replace(TRAININGS["lidar"], steps=args.total_steps)
     clock = Clock(recipe, judges=True)
     model = train(recipe, "flockstep", args.seed, 0, [clock, TimeLimit(args.max_minutes), Progress()])
     model.save(args.out / "policy.zip")

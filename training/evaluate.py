@@ -29,7 +29,9 @@ from gymnasium import spaces
 from stable_baselines3 import PPO
 
 import flockstep
-from training.tasks import UNSEEN_SEEDS, Setup, load_policy, setup_of
+from flockstep.evaluation import first_episodes
+from flockstep.trainings import UNSEEN_SEEDS
+from training.tasks import Setup, load_policy, setup_of
 
 #: Maximum number of flown steps in a successful flight of a built-in task.
 MAX_STEPS = 1000
@@ -84,27 +86,34 @@ def fly(
         **({"random_start": True} if random_start else {}),
         **({"motion": motion} if motion != "kinematic" else {}),  # otherwise the task's own motion
     )
-    observation, _ = envs.reset(seed=seed)
-    positions = [envs.batch.position.copy()]
-    ended = np.zeros(len(worlds), bool)
-    flights: list[Flight | None] = [None] * len(worlds)
-    while not ended.all():
-        observation, _, terminated, truncated, infos = envs.step(policy(observation))
+    positions: list[npt.NDArray[np.float32]] = []
+    decisions = np.ones(len(worlds), int)
+
+    def act(observation: Any) -> npt.NDArray[Any]:
+        if not positions:
+            positions.append(envs.batch.position.copy())
+        return policy(observation)
+
+    def watch(observation: Any, going: npt.NDArray[np.bool_]) -> None:
+        del observation
         positions.append(envs.batch.position.copy())
-        for i in np.flatnonzero((terminated | truncated) & ~ended):
-            trail = np.stack([row[i] for row in positions])
-            flights[i] = Flight(
+        decisions[going] += 1
+
+    flights = []
+    for i, end in enumerate(first_episodes(act, envs, "evaluate", seed, watch)):
+        trail = np.stack([row[i] for row in positions[: decisions[i] + 1]])
+        flights.append(
+            Flight(
                 world=worlds[i].name,
-                outcome=flockstep.EpisodeEnd(infos["episode_end"][i]).name,
-                steps=int(infos["episode_length"][i]),
-                reward=float(infos["episode_return"][i]),
+                outcome=flockstep.EpisodeEnd(end["episode_end"]).name,
+                steps=int(end["episode"]["l"]),
+                reward=float(end["episode"]["r"]),
                 path_length_m=length_m(trail),
                 shortest_path_m=shortest_path_m(worlds[i], setup) if shortest else None,
                 trail=trail,
             )
-        ended |= terminated | truncated
-    envs.close()
-    return [flight for flight in flights if flight is not None]
+        )
+    return flights
 
 
 def random_policy(setup: Setup) -> Policy:

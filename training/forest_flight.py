@@ -16,6 +16,8 @@ from gymnasium import spaces
 
 import flockstep
 from flockstep.rotations import rotate
+from flockstep.trainings import TRAINING_SEEDS, UNSEEN_SEEDS, Training
+from flockstep.trainings.table import worlds
 
 Array = npt.NDArray[Any]
 
@@ -142,3 +144,24 @@ def straight(observation: Array) -> Array:
     most = np.maximum(ahead, 0.1)
     actions = [sideways / most, rise / (STEEPEST * most), np.arctan2(sideways, ahead)]
     return np.asarray(np.clip(np.stack(actions, axis=1), -1, 1), np.float32)
+
+
+TRAINING = Training(
+    env=ForestFlight,
+    steps=1_200_000,
+    num_envs=256,
+    settings={
+        "n_steps": 32,
+        "batch_size": 1024,
+        "n_epochs": 4,
+        "learning_rate": 1e-3,
+        "gamma": 0.98,
+        "policy_kwargs": {"net_arch": [128, 128], "activation_fn": "relu", "log_std_init": -1.0},
+    },
+    learns=lambda: {"worlds": worlds("forest", TRAINING_SEEDS[:200])},
+    judged=lambda flights, seed: {"": {"worlds": worlds("forest", range(seed, seed + flights)), "random_world": False}},
+    figures={"speed_mps": ("", "speed_mps")},
+    baselines={"straight": [straight]},
+    film={"worlds": f"forest/seed-{UNSEEN_SEEDS.start}", "steps": 200},
+    flights=300,
+)

@@ -13,6 +13,8 @@ import numpy.typing as npt
 from gymnasium import spaces
 
 import flockstep
+from flockstep.trainings import TRAINING_SEEDS, Training
+from flockstep.trainings.table import worlds
 
 Array = npt.NDArray[Any]
 
@@ -94,3 +96,34 @@ class RotorNavigation(flockstep.Task):
             axis=1,
             dtype=np.float32,
         )
+
+
+def straight(observation: Array) -> Array:
+    """Fly straight to the next waypoint as fast as possible."""
+    velocity = observation[:, :3] * [1.0, 1.0, 2.0]  # an action of 1 is half as fast upwards
+    return np.asarray(velocity / np.abs(velocity).max(axis=1, keepdims=True), np.float32)
+
+
+TRAINING = Training(
+    env=RotorNavigation,
+    steps=2_500_000,
+    num_envs=512,
+    settings={
+        "n_steps": 32,
+        "batch_size": 1024,
+        "n_epochs": 4,
+        "learning_rate": 1e-3,
+        "gamma": 0.98,
+        "policy_kwargs": {"activation_fn": "relu"},
+    },
+    learns=lambda: {"worlds": worlds("playground", TRAINING_SEEDS[:300]), "max_episode_steps": 300},
+    judged=lambda flights, seed: {
+        "": {
+            "worlds": worlds("playground", range(seed, seed + flights)),
+            "random_world": False,
+            "max_episode_steps": 400,
+        }
+    },
+    baselines={"straight": [straight]},
+    film={"steps": 400},
+)

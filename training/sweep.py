@@ -2,7 +2,7 @@
 
 build/ray/bin/python -m training.sweep lidar --seeds 3 --set learning_rate=0.001,0.0015 --set n_epochs=3,5
 
-Every combination of the settings trains once with each seed, from a recipe of the board (`training.recipes`), and is
+Every combination of the settings trains once with each seed, from a recipe of the board, and is
 judged by flights that no training uses. `./dev test ray` makes build/ray. If a sweep is interrupted, the same command
 continues it: finished trainings are kept, and the others begin again.
 """
@@ -28,8 +28,8 @@ import tyro
 from ray import tune
 
 import flockstep
-from training.recipes import RECIPES, Recipe, predict_of, train
-from training.tasks import CHOOSING_SEEDS
+from flockstep.trainings import CHOOSING_SEEDS, Training, judge, train
+from training.board import TRAININGS
 
 FIELDS = ("steps", "num_envs", "entropy")
 """Fields of a recipe that can be swept, besides the hyperparameters of PPO and net_arch."""
@@ -91,7 +91,7 @@ def values_of(sets: tuple[str, ...]) -> dict[str, list[Any]]:
     return found
 
 
-def recipe_with(recipe: Recipe, settings: Settings) -> Recipe:
+def recipe_with(recipe: Training, settings: Settings) -> Training:
     """Return a recipe with other settings."""
     fields = {name: value for name, value in settings.items() if name in FIELDS}
     learning = {name: value for name, value in settings.items() if name not in (*FIELDS, "net_arch")}
@@ -103,11 +103,11 @@ def recipe_with(recipe: Recipe, settings: Settings) -> Recipe:
 
 def train_and_judge(config: dict[str, Any]) -> None:
     """Train once and report the result to Ray Tune; runs in a process of Ray."""
-    recipe = recipe_with(RECIPES[config["name"]], config["settings"])
+    recipe = recipe_with(TRAININGS[config["name"]], config["settings"])
     begun = time.perf_counter()
     model = train(recipe, "flockstep", config["seed"], config["cpus"])
     seconds = time.perf_counter() - begun
-    verdict = recipe.judge(predict_of(model), config["flights"], CHOOSING_SEEDS.start)
+    verdict = judge(recipe, model, config["flights"], CHOOSING_SEEDS.start)
     result = {"success": verdict.success, "crashed": verdict.crashed, **verdict.more, "seconds": round(seconds, 2)}
     tune.report({"result": result})
 
@@ -175,8 +175,8 @@ def plot(rows: list[dict[str, Any]], names: list[str], path: Path) -> None:
 
 def main(args: Args) -> None:
     """Train, and write table and plot."""
-    if args.name not in RECIPES:
-        sys.exit(f"NAME: expected one of {', '.join(RECIPES)}, got {args.name!r}")
+    if args.name not in TRAININGS:
+        sys.exit(f"NAME: expected one of {', '.join(TRAININGS)}, got {args.name!r}")
     for option in ("seeds", "cpus", "flights"):
         if getattr(args, option) < 1:
             sys.exit(f"--{option}: expected at least 1, got {getattr(args, option)}")

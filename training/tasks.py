@@ -34,13 +34,6 @@ IDS = {
 
 EXPECTED = f"{', '.join(OBSERVATIONS)}, an id of flockstep's, module:id or module:Class of a flockstep.Task"
 
-#: Seeds of generated playgrounds, three disjoint ranges. The first is for training. The second chooses the model and
-#: stops the training. The third is for the report and flown once, at the end. When a model is chosen and reported, your
-#: own tasks also draw their random numbers from the latter two; in training, from `first_env_seed`.
-TRAINING_SEEDS = range(0, 500_000)
-CHOOSING_SEEDS = range(500_000, 1_000_000)
-UNSEEN_SEEDS = range(1_000_000, 1_500_000)
-
 # In the camera playgrounds start and goal have the same height and at most this sideways distance: the goal is ahead of
 # the drone, in view unless a pillar hides it.
 CAMERA_HEIGHT_M = 3.12
@@ -114,15 +107,6 @@ def own_defaults(task: str) -> dict[str, Any]:
     worlds = keywords.get("worlds")
     names = (worlds,) if isinstance(worlds, str) else tuple(worlds) if isinstance(worlds, (list, tuple)) else ()
     return {**found, "worlds": names} if names and all(isinstance(name, str) for name in names) else found
-
-
-def first_env_seed(seed: int, num_envs: int) -> int:
-    """Return the seed of env 0 in a training; env i has this seed plus i.
-
-    Trainings with other seeds and the same number of envs use none of these, nor do the flights that choose a model or
-    are reported.
-    """
-    return UNSEEN_SEEDS.stop + seed * num_envs
 
 
 def _imported(task: str, name: str) -> ModuleType:

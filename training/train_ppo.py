@@ -37,8 +37,9 @@ from tqdm import tqdm
 import flockstep
 from flockstep.sb3 import BlobFeatures, GoalFeatures, ImageFeatures, PixelFeatures
 from flockstep.sb3.features import is_image
+from flockstep.trainings import CHOOSING_SEEDS, TRAINING_SEEDS, first_env_seed
 from training.evaluate import fly, greedy
-from training.tasks import CHOOSING_SEEDS, IDS, TRAINING_SEEDS, Setup, first_env_seed, own_defaults, remember
+from training.tasks import IDS, Setup, own_defaults, remember
 
 # Options of glibc's mallopt, from malloc.h.
 M_TRIM_THRESHOLD, M_MMAP_THRESHOLD = -1, -3

@@ -8,6 +8,7 @@ import sys
 
 from flockstep import doctor, headers, serving
 from flockstep.bridges import ardupilot, mcap
+from flockstep.trainings import command as trainings
 
 
 class _PrintCmakeDir(argparse.Action):
@@ -26,6 +27,7 @@ def main() -> None:
     commands = parser.add_subparsers(title="commands", required=True, metavar="COMMAND")
     about = "report which parts of flockstep work on this machine, what is missing, and how to install it"
     commands.add_parser("doctor", help=about, description=about).set_defaults(run=lambda _: doctor.main())
+    trainings.add_commands(commands)
     serving.add_command(commands)
     ardupilot.add_command(commands)
     mcap.add_command(commands)

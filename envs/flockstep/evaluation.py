@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from collections import defaultdict
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+import numpy.typing as npt
 
 from flockstep import scenes, stepping
 from flockstep._core import EpisodeEnd, NativeTask
@@ -80,7 +81,7 @@ def evaluate(
     """
     envs = make_same_step("evaluate", env, _count(episodes), **kwargs, **_mode(drone_episodes))
     names = envs.task.info_names if isinstance(envs.task, Task) else []
-    ends = _first_episodes(model, envs, "evaluate", seed)
+    ends = first_episodes(model, envs, "evaluate", seed)
     return Evaluation(
         episodes=len(ends),
         success_rate=_mean(end["is_success"] for end in ends),
@@ -131,22 +132,35 @@ def success_rates(
     envs = make_same_step("success_rates", env, len(loaded) * _count(episodes), worlds=loaded, **keywords)
     rows_per_env = envs.num_envs // envs.num_groups
     by_world: dict[str, list[bool]] = defaultdict(list)
-    for row, end in enumerate(_first_episodes(model, envs, "success_rates", seed)):
+    for row, end in enumerate(first_episodes(model, envs, "success_rates", seed)):
         by_world[loaded[row // rows_per_env % len(loaded)].name].append(end["is_success"])
     return {name: _mean(successes) for name, successes in by_world.items()}
 
 
-def _first_episodes(model: Any, envs: DroneVectorEnv, caller: str, seed: int) -> list[dict[str, Any]]:
-    """Fly until every row has ended an episode; return the infos of these first ends and close the envs."""
+def first_episodes(
+    model: Any,
+    envs: DroneVectorEnv,
+    caller: str,
+    seed: int,
+    watch: Callable[[Any, npt.NDArray[np.bool_]], None] | None = None,
+) -> list[dict[str, Any]]:
+    """Fly until every row has ended an episode; return the infos of these first ends and close the envs.
+
+    After each step ``watch`` is called with the observation, and a mask (N,) of the rows whose first episode goes on.
+    """
     act = actions_of(model, envs, caller, seed)
     observation, starts = envs.reset(seed=seed)[0], np.ones(envs.num_envs, bool)
     found: list[dict[str, Any] | None] = [None] * envs.num_envs
-    while None in found:
+    going = np.ones(envs.num_envs, bool)
+    while going.any():
         observation, _, terminated, truncated, _ = envs.step(act(observation, starts))
         starts = terminated | truncated
-        ended = np.array([i for i in np.flatnonzero(starts) if found[i] is None], np.intp)
-        for i, end in zip(ended, stepping.ends(envs, ended, 0.0), strict=True):  # later episodes do not count
+        ended = np.flatnonzero(starts & going)  # later episodes do not count
+        for i, end in zip(ended, stepping.ends(envs, ended, 0.0), strict=True):
             found[i] = end
+        going &= ~starts
+        if watch is not None:
+            watch(observation, going)
     envs.close()
     return [end for end in found if end is not None]
 

@@ -5,7 +5,19 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any
 
+import numpy as np
+
 from flockstep.learning.sources import Stepped
+
+
+def progress_of(model: Any, seconds: float, first: int = 0) -> str:
+    """Return the steps, the time and the success rate of a training that began at step ``first``, in a line."""
+    steps, total = model.num_timesteps, model._total_timesteps
+    share = min(steps / total, 1.0)  # training completes its last rollout
+    line = f"{steps:,} of {total:,} steps ({share:.0%}), {seconds:.0f} s"
+    line += f", {(steps - first) / max(seconds, 1e-9):,.0f} steps/s"
+    successes = model.ep_success_buffer
+    return f"{line}, success rate {np.mean(successes):.2f}" if successes else line
 
 
 class Callbacks:

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from typing import TextIO
 
-import numpy as np
 from stable_baselines3.common.callbacks import BaseCallback
 
+from flockstep.learning import progress_of
 from flockstep.progress_line import ProgressLine
 
 
@@ -53,10 +53,4 @@ class Progress(BaseCallback):
         self._progress.show(self._line(), is_last=True)
 
     def _line(self) -> str:
-        steps, total = self.model.num_timesteps, self.model._total_timesteps
-        seconds = max(self._progress.seconds, 1e-9)
-        share = min(steps / total, 1.0)  # training completes its last rollout
-        line = f"{steps:,} of {total:,} steps ({share:.0%}), {seconds:.0f} s"
-        line += f", {(steps - self._first) / seconds:,.0f} steps/s"
-        successes = self.model.ep_success_buffer
-        return f"{line}, success rate {np.mean(successes):.2f}" if successes else line
+        return progress_of(self.model, self._progress.seconds, self._first)

@@ -111,9 +111,8 @@ def test_commits_that_the_history_lacks_are_refused(history):
 def test_a_shallow_clone_and_a_folder_without_git_know_no_commits(history, tmp_path, monkeypatch):
     shallow = tmp_path / "shallow"
     subprocess.run(["git", "clone", "-q", "--depth=1", f"file://{tmp_path}", shallow], check=True)
-    (tmp_path / "none").mkdir()
-    monkeypatch.setenv("GIT_CEILING_DIRECTORIES", str(tmp_path))
-    for folder in (shallow, tmp_path / "none"):
+    (tmp_path / "archive").mkdir()  # unpacked within a repository
+    for folder in (shallow, tmp_path / "archive", "/"):
         monkeypatch.setattr(table, "ROOT", folder)
         table.refuse_lost_commits({"train": result()})
 

@@ -6,20 +6,20 @@ import imageio.v3 as imageio
 import numpy as np
 
 from flockstep.rotations import rotate
+from flockstep.trainings import TRAININGS, UNSEEN_SEEDS
 from tools import catch_film
-from training.recipes import RECIPES
-from training.tasks import UNSEEN_SEEDS
+from tools.film import flown
 
 
-def nothing(observation, envs):
+def nothing(observation):
     """Command a plain hover."""
     return np.zeros((len(observation), 4), np.float32)
 
 
 def learn(max_minutes=None):
     """Train for four updates."""
-    settings = {**RECIPES["hover"].settings, "n_steps": 8, "batch_size": 64, "n_epochs": 1}
-    return catch_film.learn(replace(RECIPES["hover"], steps=256, num_envs=8, settings=settings), 0, max_minutes)
+    settings = {**TRAININGS["hover"].settings, "n_steps": 8, "batch_size": 64, "n_epochs": 1}
+    return catch_film.learn(replace(TRAININGS["hover"], steps=256, num_envs=8, settings=settings), 0, max_minutes)
 
 
 def test_the_policies_of_a_training_are_filmed(tmp_path):
@@ -57,14 +57,14 @@ def test_a_policy_that_does_not_catch_is_called_a_failure(monkeypatch, tmp_path,
 
 def test_the_throw_is_the_most_tilted_one():
     seeds = range(UNSEEN_SEEDS.start, UNSEEN_SEEDS.start + 20)
-    throws = [catch_film.thrown(nothing, seed) for seed in seeds]
+    throws = [flown("hover", nothing, seed) for seed in seeds]
     up = [rotate(throw.quat_wxyz[0], np.array([0.0, 0.0, 1.0]))[2] for throw in throws]
     assert catch_film.most_tilted(seeds) == seeds[int(np.argmin(up))]
 
 
 def test_a_throw_lasts_until_it_is_lost():
     """A plain hover command drifts to the side; the drone is lost 6 m from the point or at the floor below it."""
-    throw = catch_film.thrown(nothing, UNSEEN_SEEDS.start)
+    throw = flown("hover", nothing, UNSEEN_SEEDS.start)
     point = catch_film.Scene((32, 18)).point
     distance = np.linalg.norm(throw.position - point, axis=1)
     assert throw.lost

@@ -6,7 +6,7 @@ from conftest import ROOT
 from PIL import Image
 
 import flockstep
-from tools import flight_film
+from tools import films, flight_film
 from tools.film import FINER
 from training.evaluate import MAX_STEPS, fly, greedy
 from training.tasks import load_policy
@@ -16,7 +16,7 @@ POLICY = ROOT / "policies" / "lidar.zip"
 
 @pytest.fixture(scope="module")
 def world():
-    return flockstep.World.playground(flight_film.SEED, pillars=flight_film.PILLARS)
+    return flockstep.World.playground(films.FILMS["flight"].seed, pillars=flight_film.PILLARS)
 
 
 @pytest.fixture(scope="module")
@@ -41,7 +41,7 @@ def test_the_film_of_the_readme():
 
 def test_it_is_written(tmp_path, capsys):
     out = tmp_path / "flight.webp"
-    flight_film.main(flight_film.Args(policy=POLICY, out=out, width_px=128, film_s=0.2))
+    films.main(films.Args("flight", out=out, width_px=128, film_s=0.2))
     assert "success" in capsys.readouterr().out
     with Image.open(out) as film:
         assert (film.size, film.n_frames) == ((128, 72), 4)

@@ -6,7 +6,8 @@ from conftest import ROOT
 from PIL import Image
 
 import flockstep
-from tools import race_film
+from flockstep.trainings import UNSEEN_SEEDS
+from tools import films, race_film
 from tools.film import FINER
 
 POLICY = ROOT / "policies" / "race.zip"
@@ -14,7 +15,7 @@ POLICY = ROOT / "policies" / "race.zip"
 
 @pytest.fixture(scope="module")
 def flight():
-    return race_film.flown(flockstep.PPO.load(POLICY))
+    return race_film.flown(flockstep.PPO.load(POLICY), UNSEEN_SEEDS.start)
 
 
 def test_the_film_of_the_page():
@@ -45,7 +46,7 @@ def test_a_flight_that_crashes_is_shown():
         def predict(self, observation, deterministic):
             return np.float32([[-1, 0, 0, 0]]), None
 
-    flight = race_film.flown(Falls())
+    flight = race_film.flown(Falls(), UNSEEN_SEEDS.start)
     assert not flight.success
     assert race_film.lap_ends(flight, 7) == []
     scene = race_film.Scene((640, 360))
@@ -80,7 +81,7 @@ def test_the_drone_and_the_next_gate_are_where_they_project_to(flight):
 
 def test_it_is_written(tmp_path, capsys):
     out = tmp_path / "race.webp"
-    race_film.main(race_film.Args(policy=POLICY, out=out, width_px=128, film_s=0.2))
+    films.main(films.Args("race", out=out, width_px=128, film_s=0.2))
     assert "success" in capsys.readouterr().out
     with Image.open(out) as film:
         assert (film.size, film.n_frames) == ((128, 72), 5)

@@ -6,31 +6,30 @@ import pytest
 from conftest import ROOT
 
 import flockstep
+from flockstep.trainings import TRAININGS, UNSEEN_SEEDS, judge
 from tools import track_film
 from tools.film import ALARM, FINER, flown
-from training.flight import fly
-from training.tasks import UNSEEN_SEEDS
 
 SEED = UNSEEN_SEEDS.start + 5
 POLICY = ROOT / "policies" / "track.zip"
 
 
-def nothing(observation, envs):
+def nothing(observation):
     """Command a plain hover."""
     return np.zeros((len(observation), 4), np.float32)
 
 
 @pytest.fixture(scope="module")
 def by_controller():
-    return flown("track", track_film.controller(), SEED, **track_film.CONTROLLER_ENVS)
+    return flown("track", track_film.controller(), SEED)
 
 
 def test_both_fly_from_the_first_unseen_seed_and_are_filmed(tmp_path, monkeypatch, capsys):
     flights, seeds = [], []
 
-    def noted(name, pilot, seed, **keywords):
+    def noted(name, pilot, seed):
         seeds.append(seed)
-        flights.append(flown(name, pilot, seed, **keywords))
+        flights.append(flown(name, pilot, seed))
         return flights[-1]
 
     monkeypatch.setattr(track_film, "flown", noted)
@@ -68,16 +67,15 @@ def test_the_path_is_drawn_where_the_twin_says(by_controller, example):
 
 def test_the_error_is_the_one_that_is_reported(by_controller):
     panel = track_film.Panel(track_film.Scene(by_controller.point, (64, 24)), by_controller, "", "")
-    flights = fly("track", track_film.controller(), 1, SEED, **track_film.CONTROLLER_ENVS)
-    np.testing.assert_allclose(panel._distance_m[1:], flights.distance_m[:, 0], atol=1e-5)
-    assert panel._error_m[-1] == pytest.approx(flights.error_m[0], abs=1e-5)
-    assert panel._error_m[0] == pytest.approx(flights.distance_m[0, 0], abs=1e-5)
+    verdict = judge(TRAININGS["track"], track_film.controller(), 1, SEED)
+    assert panel._error_m[-1] == pytest.approx(verdict.more["median_error_m"], abs=1e-5)
+    assert panel._error_m[0] == pytest.approx(panel._distance_m[1], abs=1e-5)
 
 
 def test_the_controller_is_the_one_that_is_reported():
     """docs/flight-tasks.md reports 24.9 cm for 1,000 flights; the second best controller reaches 28 cm."""
-    flights = fly("track", track_film.controller(), 100, UNSEEN_SEEDS.start, **track_film.CONTROLLER_ENVS)
-    assert flights.median_error_m == pytest.approx(0.249, abs=0.01)
+    verdict = judge(TRAININGS["track"], track_film.controller(), 100, UNSEEN_SEEDS.start)
+    assert verdict.more["median_error_m"] == pytest.approx(0.249, abs=0.01)
 
 
 def test_a_flight_that_is_lost_stays_where_it_ended():

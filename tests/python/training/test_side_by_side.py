@@ -5,7 +5,7 @@ import pytest
 
 import flockstep
 from flockstep.sb3 import DroneVecEnv
-from training.side_by_side import SideBySide
+from flockstep.sb3.side_by_side import SideBySide
 
 
 def swaps(envs: int, drones: int, **config: float) -> DroneVecEnv:

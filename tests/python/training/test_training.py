@@ -14,7 +14,7 @@ import tyro
 from gymnasium import spaces
 
 import flockstep
-from tools import camera_pictures, track_film
+from tools import stills, track_film
 from training import benchmark, evaluate, plot_blob, plot_curve, plot_paths, tasks, train_ppo
 
 # A module with a task with a camera: success by climbing, failure by sinking.
@@ -521,8 +521,8 @@ def test_a_flight_ends_where_its_world_says(room, closet):
 
 
 def test_a_sheet_of_camera_frames(tmp_path):
-    assert camera_pictures.draw_sheet(tmp_path / "sheet.png", ("raycast",)) == ["raycast"]
-    columns, rows = len(camera_pictures.OUTPUTS), len(camera_pictures.POSES)
+    assert stills.draw_sheet(tmp_path / "sheet.png", ("raycast",)) == ["raycast"]
+    columns, rows = len(stills.OUTPUTS), len(stills.POSES)
     height, width, _ = plt.imread(tmp_path / "sheet.png").shape
-    assert width > columns * camera_pictures.TILE_PX[0]
-    assert height > rows * camera_pictures.TILE_PX[1]
+    assert width > columns * stills.TILE_PX[0]
+    assert height > rows * stills.TILE_PX[1]

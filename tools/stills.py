@@ -1,6 +1,7 @@
-"""The sheet of camera frames, docs/camera-sheet.png: every output by every backend.
+"""Still pictures of the documents: what cameras see by every output and backend, and drones on their way in worlds.
 
-.venv/bin/python -m tools.camera_pictures --out docs
+.venv/bin/python -m tools.films camera-sheet
+.venv/bin/python -m tools.films worlds
 """
 
 from __future__ import annotations
@@ -11,14 +12,17 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+import imageio.v3 as imageio
 import matplotlib.pyplot as plt
 import numpy as np
 import numpy.typing as npt
-import tyro
 
 import flockstep
 from flockstep.pictures.frames import normal_rgb
 from flockstep.pictures.picture import facing
+from flockstep.pictures.third_person_view import ThirdPersonView
+from flockstep.pictures.trail import Trail
+from tools.gallery import Image, View, picture, way_through
 
 WORLD = "playground/camera-train-1"
 #: Camera position and target (m).
@@ -30,8 +34,6 @@ POSES = {
 OUTPUTS = ("rgb", "depth", "semantic", "instance", "normal", "grey")
 TILE_PX = (240, 180)
 FAR_M = 18.0  # upper end of the depth colours
-
-Image = npt.NDArray[np.uint8]
 
 
 def shown(output: str, frame: npt.NDArray[Any]) -> Image:
@@ -95,20 +97,51 @@ def draw_sheet(path: Path, backends: Sequence[str] = ("raycast", "gl")) -> list[
     return list(frames)
 
 
-@dataclass
-class Args:
-    """Draw camera-sheet.png."""
-
-    out: Path = Path("out/cameras")
-    """Folder for the picture."""
+SIZE_PX = (1120, 630)
+LIDAR = flockstep.LidarConfig(beams=60, hfov_deg=360.0, max_range_m=5.0)
 
 
-def main(args: Args) -> None:
-    """Draw, and print the location."""
-    args.out.mkdir(parents=True, exist_ok=True)
-    backends = draw_sheet(args.out / "camera-sheet.png")
-    print(f"camera-sheet.png (by {' and '.join(backends)}) is in {args.out}/")
+@dataclass(frozen=True)
+class Flight:
+    """A flight along the path of a scene, and the moment of its picture."""
+
+    scene: str
+    share: float
+    """Fraction of the path that the drone has flown."""
+    view: View | None = None
+    """Viewer and target, m. None: from behind the drone."""
 
 
-if __name__ == "__main__":
-    main(tyro.cli(Args))
+def view(position: tuple[float, float, float], target: tuple[float, float, float]) -> View:
+    """Return a view from a position towards a target, m."""
+    return np.array(position, np.float32), np.array(target, np.float32)
+
+
+#: The flights by the name of their picture.
+FLIGHTS = {
+    "forest": Flight("outdoor/forest", 0.2),
+    "office": Flight("indoor/office", 0.46, view((15, 7, 2.3), (18.7, 11.5, 1.2))),
+    "warehouse": Flight("indoor/warehouse", 0.12, view((4, 14, 3.0), (11, 18.9, 1.6))),
+}
+#: The scene of city.jpg, and a view across its square.
+CITY, ACROSS_THE_SQUARE = "outdoor/city", view((34, 18, 36), (62, 64, 6))
+
+
+def fly(flight: Flight, size_px: tuple[int, int] = SIZE_PX) -> Image:
+    """Return a picture of a drone on its way, with its LiDAR beams and its trail."""
+    world = flockstep.World.load(flight.scene)
+    batch = flockstep.Batch([world], lidar=LIDAR)
+    way, trail = way_through(world), Trail(batch)
+    for position in way[: round(flight.share * len(way))]:
+        batch.move(position[None])
+        trail.record()
+    batch.sense()
+    return ThirdPersonView(batch, trail=trail, size_px=size_px, place=flight.view, markers=()).frame(0)
+
+
+def draw_worlds(folder: Path) -> None:
+    """Draw forest.jpg, city.jpg, office.jpg and warehouse.jpg."""
+    images = {name: fly(flight) for name, flight in FLIGHTS.items()}
+    images["city"] = picture(flockstep.World.load(CITY), *ACROSS_THE_SQUARE, SIZE_PX)
+    for name, image in images.items():
+        imageio.imwrite(folder / f"{name}.jpg", image, quality=85)

@@ -1,0 +1,172 @@
+"""Benches of tasks: their trainings beside flyers without a policy, and the time of a step of Race.
+
+The last policy of each training is judged, in worlds and flights that nothing else uses.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import statistics
+import sys
+import time
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+import flockstep
+from flockstep.trainings import TRAININGS, UNSEEN_SEEDS, Verdict, best_of, judge, train
+
+ROOT = Path(__file__).resolve().parent.parent
+sys.path.append(str(ROOT))
+
+#: Trainings by bench: the name of their figures, the row of the table, and the seeds.
+BENCHES = {
+    "dodge": (("living", "dodge", (0, 1, 2)), ("still", "dodge_still", (0,))),
+    "swap": (("trained", "swap", (0, 1, 2)),),
+    "formation": (("trained", "formation", (0, 1, 2)),),
+}
+UNITS = {"contacts_per_minute": "1/min", "seconds": "s", "training_s": "s"}
+
+Measured = tuple[str, float, str, int]  # name, value, unit, runs
+
+
+def measure(bench: str) -> Iterator[Measured]:
+    """Judge the flyers and the trainings of a bench."""
+    first = TRAININGS[BENCHES[bench][0][1]]
+    for flyer, candidates in first.baselines.items():
+        yield from figures(
+            f"{bench}/{flyer}", judge(first, best_of(first, candidates), first.flights, FIRST), first.flights
+        )
+    for label, row, seeds in BENCHES[bench]:
+        for seed in seeds:
+            training, before = TRAININGS[row], time.perf_counter()
+            model = train(training, "flockstep", seed, 2)
+            seconds = time.perf_counter() - before
+            name = f"{bench}/{label}/{seed}"
+            yield from figures(name, judge(training, model, training.flights, FIRST), training.flights)
+            yield f"{name}/training_s", seconds, "s", 1
+
+
+FIRST = UNSEEN_SEEDS.start
+
+
+def figures(name: str, verdict: Verdict, flights: int) -> Iterator[Measured]:
+    if name.startswith("dodge/"):
+        yield f"{name}/success", verdict.success, "1", flights
+    for what, value in verdict.more.items():
+        yield f"{name}/{what}", value, UNITS.get(what, "m" if what.endswith("_m") else "1"), flights
+
+
+def measure_flights() -> Iterator[Measured]:
+    """Train Hover and Track with Stable-Baselines3, and the LiDAR task; fly that policy with and without rotors."""
+    for row in ("hover", "track"):
+        training = TRAININGS[row]
+        for seed in range(5):
+            before = time.perf_counter()
+            model = train(training, "sb3", seed, 1)
+            seconds = time.perf_counter() - before
+            yield from flight(
+                f"train/{row}/seed{seed}", judge(training, model, training.flights, FIRST), training.flights
+            )
+            yield f"train/{row}/seed{seed}/seconds", seconds, "s", 1
+            yield f"train/{row}/seed{seed}/steps", model.num_timesteps, "1", 1
+        controller = best_of(training, training.baselines["controller"])
+        yield from flight(
+            f"train/{row}/controller", judge(training, controller, training.flights, FIRST), training.flights
+        )
+    yield from by_rotors(ROOT / "out" / "bench" / "train")
+
+
+def flight(name: str, verdict: Verdict, flights: int) -> Iterator[Measured]:
+    yield f"{name}/close_rate", verdict.success, "1", flights
+    yield f"{name}/crash_rate", verdict.crashed, "1", flights
+    yield f"{name}/median_error_cm", 100 * verdict.more.get("median_error_m", float("nan")), "cm", flights
+
+
+def by_rotors(out: Path) -> Iterator[Measured]:
+    """Train the LiDAR task with kinematic motion; fly it with that and with rotors, its steps as velocities."""
+    from training.evaluate import MAX_STEPS, fly, greedy, summary
+    from training.tasks import Setup
+    from training.train_ppo import DEFAULTS
+    from training.train_ppo import train as train_by_sb3
+
+    policy = greedy(train_by_sb3(dataclasses.replace(DEFAULTS["lidar"], out=out / "lidar-seed0", progress=False))[0])
+    groups = {
+        "playgrounds": flockstep.scenes.load("train") + flockstep.scenes.load("validation"),
+        "unseen": Setup().generated(UNSEEN_SEEDS, 100),
+    }
+    for group, worlds in groups.items():
+        for motion in ("kinematic", "rotors"):
+            rate = float(summary(fly(policy, worlds, MAX_STEPS, motion=motion))["success_rate"])
+            yield f"train/lidar_by_{motion}/seed0/{group}_success_rate", rate, "1", len(worlds)
+
+
+DRONES, RUNS = 1024, 15
+WARM_UP, STEPS = 300, 100
+PHYSICS_HZ = 500
+TICKS = (5, 10)  # per step; 10 is the default of the task
+
+
+def measure_race() -> Iterator[Measured]:
+    """Time steps of Race with gates that are solid and with gates that are not, one thread, in processor time.
+
+    The drones fly by `policies/race.zip`. Its actions are recorded once, and the timed steps replay them from a
+    snapshot, so that the policy is not timed. The two worlds alternate. Also finds the lap of a point mass.
+    """
+    from training import race_bound
+
+    for ticks in TICKS:
+        replays = {name: Replay(is_solid, ticks) for name, is_solid in (("solid", True), ("open", False))}
+        times: dict[str, list[float]] = {name: [] for name in replays}
+        for _ in range(RUNS):
+            for name, replay in replays.items():
+                times[name].append(replay.seconds() / (STEPS * DRONES))
+        for name, replay in replays.items():
+            subject = f"race/{name}_gates/{ticks}_ticks"
+            yield f"{subject}/step", 1e6 * statistics.median(times[name]), "us", RUNS
+            yield f"{subject}/episodes_per_step", replay.ended, "1", 1
+    bound = race_bound.Args()
+    lap_s = race_bound.lap_s(flockstep.World.load("race/figure-8"), bound.thrust_to_weight, bound.parts)
+    yield "race/point_mass/lap_s", lap_s, "s", 1
+
+
+class Replay:
+    """Recorded steps of a policy."""
+
+    def __init__(self, is_solid: bool, ticks: int) -> None:
+        scene = flockstep.World.load("race/figure-8").to_dict()
+        for gate in scene["gates"]:
+            gate["solid"] = is_solid
+        self.envs = flockstep.DroneVectorEnv(
+            DRONES,
+            task=flockstep.RaceConfig(),
+            worlds=flockstep.World.from_dict(scene),
+            policy_hz=PHYSICS_HZ / ticks,
+            physics_hz=PHYSICS_HZ,
+            max_episode_steps=10 * PHYSICS_HZ // ticks,
+            stagger_first_episode=True,
+            copy=False,
+            num_threads=1,
+        )
+        model = flockstep.PPO.load(ROOT / "policies" / "race.zip")
+        observation, _ = self.envs.reset(seed=0)
+        for _ in range(WARM_UP):
+            observation = self.envs.step(model.predict(observation, deterministic=True)[0])[0]
+        self.snapshot = self.envs.snapshot()
+        self.actions: list[Any] = []
+        ended = 0
+        for _ in range(STEPS):
+            self.actions.append(np.array(model.predict(observation, deterministic=True)[0]))
+            observation, _, terminated, truncated, _ = self.envs.step(self.actions[-1])
+            ended += int((terminated | truncated).sum())
+        self.ended = ended / (STEPS * DRONES)
+
+    def seconds(self) -> float:
+        """Fly the recorded steps again; return the processor time."""
+        self.envs.restore(self.snapshot)
+        before = time.process_time()
+        for actions in self.actions:
+            self.envs.step(actions)
+        return time.process_time() - before

@@ -1,0 +1,163 @@
+"""The commands ``python -m flockstep train``, ``evaluate`` and ``record``."""
+
+from __future__ import annotations
+
+import argparse
+import functools
+import importlib
+import os
+import sys
+import time
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+from flockstep.learning import progress_of
+from flockstep.nearest_name import did_you_mean
+from flockstep.progress_line import ProgressLine
+from flockstep.recording import record
+from flockstep.trainings.flying import Verdict, best_of, judge
+from flockstep.trainings.learning import Callback, load, train
+from flockstep.trainings.table import TRAININGS
+from flockstep.trainings.training import UNSEEN_SEEDS, Training
+
+
+def add_commands(commands: Any) -> None:
+    """Add the commands."""
+    about = {
+        "train": "train a policy by a row of the table of trainings, save it, and judge it by flights of its own",
+        "evaluate": "judge a policy, or a flyer without one, by flights that no training uses",
+        "record": "film a flight of a policy that no training uses; needs the extra film",
+    }
+    for name, run in (("train", _train), ("evaluate", _evaluate), ("record", _record)):
+        parser = commands.add_parser(name, help=about[name], description=about[name] + ".")
+        parser.set_defaults(run=functools.partial(_stated, name, run))
+        rows = f"one of {', '.join(TRAININGS)}, or module:NAME of a flockstep.trainings.Training of yours"
+        parser.add_argument("name", metavar="TRAINING", help=rows)
+        if name != "train":
+            flyer = "" if name == "record" else ", or the name of a flyer without a policy, such as straight"
+            parser.add_argument("policy", metavar="POLICY", help=f"file of a policy{flyer}")
+        learner = "flockstep.PPO, or Stable-Baselines3's, whose files run code when they are loaded"
+        parser.add_argument("--learner", choices=("flockstep", "sb3"), default="flockstep", help=learner)
+        if name != "record":
+            parser.add_argument("--flights", type=_count, help="flights of each kind that judge; default: the row's")
+    train_options, _, film_options = (commands.choices[name] for name in about)
+    train_options.add_argument("--seed", type=int, default=0, help="seed of the training")
+    threads = "threads of simulator and learner; 0: one per core. The results have the same bits for any number"
+    train_options.add_argument("--threads", type=int, default=0, help=threads)
+    train_options.add_argument("--steps", type=_count, help="steps of all drones together; default: the row's")
+    train_options.add_argument("--out", type=Path, help="file of the policy; default: TRAINING.zip")
+    film_options.add_argument("film", metavar="FILM", nargs="?", type=Path, help=".mp4 or .gif; default: TRAINING.mp4")
+    film_options.add_argument("--seed", type=int, default=UNSEEN_SEEDS.start, help="seed of the flight")
+
+
+def training_of(name: str) -> Training:
+    """Return a training of the table, or ``module:NAME``, for which the working directory is searched, too.
+
+    Raises
+    ------
+    ValueError
+        There is none; the message lists those of the table.
+    """
+    if name in TRAININGS:
+        return TRAININGS[name]
+    module, colon, attribute = name.partition(":")
+    if colon:
+        sys.path.append(os.getcwd())
+        try:
+            found = getattr(importlib.import_module(module), attribute, None)
+        except ModuleNotFoundError as error:
+            raise ValueError(f"TRAINING: {name!r}: {error}") from None
+        if isinstance(found, Training):
+            return found
+        raise ValueError(f"TRAINING: expected a flockstep.trainings.Training, got {name!r}, which is {found!r}")
+    hint = did_you_mean(name, TRAININGS)
+    raise ValueError(f"TRAINING: expected one of {', '.join(TRAININGS)}, or module:NAME, got {name!r}{hint}")
+
+
+class Progress(Callback):
+    """Prints the steps, the time and the success rate of a training to standard error."""
+
+    def on_training_start(self, local: Any, global_: Any) -> None:
+        """Begin."""
+        self._line = ProgressLine()
+
+    def on_step(self) -> bool:
+        """Print when it is time."""
+        if self._line.is_due:
+            self._line.show(progress_of(self.model, self._line.seconds))
+        return True
+
+    def on_training_end(self) -> None:
+        """Print the last line."""
+        self._line.show(progress_of(self.model, self._line.seconds), is_last=True)
+
+
+def _stated(name: str, run: Callable[[argparse.Namespace], None], arguments: argparse.Namespace) -> None:
+    """Run a command; what it refuses is a line, not a traceback."""
+    try:
+        run(arguments)
+    except (ValueError, TypeError, RuntimeError, ModuleNotFoundError) as error:
+        sys.exit(f"flockstep {name}: {error}")
+
+
+def _train(arguments: argparse.Namespace) -> None:
+    training = _asked(arguments)
+    out = arguments.out or Path(f"{arguments.name.rpartition(':')[2]}.zip")
+    out.parent.mkdir(parents=True, exist_ok=True)
+    before = time.perf_counter()
+    model = train(training, arguments.learner, arguments.seed, arguments.threads, [Progress()])
+    seconds = time.perf_counter() - before
+    model.save(out)
+    print(f"{model.num_timesteps:,} steps in {seconds:.1f} s; {out}", flush=True)
+    _say(training, arguments, judge(training, load(out, arguments.learner), _flights(training, arguments), _UNSEEN))
+
+
+def _evaluate(arguments: argparse.Namespace) -> None:
+    training, path = _asked(arguments), Path(arguments.policy)
+    if arguments.policy in training.baselines:
+        flyer = best_of(training, training.baselines[arguments.policy])
+    elif path.exists():
+        flyer = load(path, arguments.learner)
+    else:
+        flyers = ", ".join(training.baselines) or "none"
+        raise ValueError(f"POLICY: expected a file or a flyer without a policy ({flyers}), got {arguments.policy!r}")
+    _say(training, arguments, judge(training, flyer, _flights(training, arguments), _UNSEEN))
+
+
+def _record(arguments: argparse.Namespace) -> None:
+    training, path = _asked(arguments), arguments.film or Path(f"{arguments.name.rpartition(':')[2]}.mp4")
+    model = load(arguments.policy, arguments.learner)
+    path.parent.mkdir(parents=True, exist_ok=True)
+    record(path, model, training.env, seed=arguments.seed, **training.film)
+    print(path)
+
+
+def _asked(arguments: argparse.Namespace) -> Training:
+    training = training_of(arguments.name)
+    steps = getattr(arguments, "steps", None)
+    return training if steps is None else replace(training, steps=steps)
+
+
+def _flights(training: Training, arguments: argparse.Namespace) -> int:
+    return arguments.flights or training.flights
+
+
+def _say(training: Training, arguments: argparse.Namespace, verdict: Verdict) -> None:
+    figures = "".join(f", {name} {value:.3f}" for name, value in verdict.more.items())
+    print(
+        f"{verdict.success:.1%} of {_flights(training, arguments):,} flights succeed, "
+        f"{verdict.crashed:.1%} crash{figures}"
+    )
+
+
+def _count(text: str) -> int:
+    count = int(text)
+    if count < 1:
+        raise ValueError
+    return count
+
+
+_count.__name__ = "number above 0"  # of argparse's message
+_UNSEEN = UNSEEN_SEEDS.start

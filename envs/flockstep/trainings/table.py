@@ -1,0 +1,302 @@
+"""The trainings of the bundled tasks, a row each. A new task's training is one more row.
+
+The hyperparameters were found with training seeds of 100 and above; the board reports the seeds 0 to 4.
+"""
+
+from __future__ import annotations
+
+import functools
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from flockstep import scenes
+from flockstep._core import FormationConfig, HoverConfig, NavigationReward, RaceConfig, TrackConfig, World
+from flockstep.trainings import flyers
+from flockstep.trainings.flying import Flyer
+from flockstep.trainings.training import TRAINING_SEEDS, Keywords, Training
+
+WAREHOUSES = 16
+"""Generated warehouses for training, and for the flights that judge. One takes about 20 MB."""
+LAPS = 3
+NARROWER_M = 0.15
+"""How much narrower the gates are in training: a policy that learns in them keeps away from the frames of others."""
+FORMATION_STEPS = {"hall": 300, "playground": 400, "warehouse": 1500}
+
+
+@functools.cache
+def generated(kind: str, seed: int) -> World:
+    """Generate a world once."""
+    return World.load(f"{kind}/seed-{seed}")
+
+
+def worlds(kind: str, seeds: range) -> list[World]:
+    """Return the worlds of some seeds."""
+    return [generated(kind, seed) for seed in seeds]
+
+
+def _range(seed: int, count: int) -> range:
+    return range(seed, seed + count)
+
+
+def _lidar() -> Keywords:
+    return {
+        "worlds": [*scenes.load("train") * 86, *worlds("playground", TRAINING_SEEDS[:1000])],  # 3 of 10 in the bundled
+        "random_world": True,
+        "max_episode_steps": 400,
+        "reward_scale": 0.1,
+        "reward": NavigationReward(goal_reward=100.0),
+    }
+
+
+def narrowed(world: World) -> World:
+    """Return a race track with narrower gates."""
+    scene = world.to_dict()
+    for gate in scene["gates"]:
+        gate["size"] -= NARROWER_M
+    return World.from_dict(scene)
+
+
+def _race(flights: int, seed: int, **keywords: Any) -> dict[str, Keywords]:
+    del flights, seed
+    return {"": {"task": RaceConfig(start="gate", laps=LAPS), "max_episode_steps": 3000, **keywords}}
+
+
+def _dodge(flights: int, seed: int) -> dict[str, Keywords]:
+    half = max(flights // 2, 1)
+    counts = {"playground": half, "warehouse": min(WAREHOUSES, half)}
+    return {
+        kind: {"worlds": worlds(f"living_{kind}", _range(seed, count)), "flights": half, "max_episode_steps": 400}
+        for kind, count in counts.items()
+    }
+
+
+@functools.cache
+def _still(living: World) -> World:
+    return living.with_bodies([])
+
+
+def _dodge_worlds() -> list[World]:
+    # The warehouses are repeated, so that about half of the episodes are there.
+    return worlds("living_playground", TRAINING_SEEDS[:200]) + 12 * worlds(
+        "living_warehouse", TRAINING_SEEDS[:WAREHOUSES]
+    )
+
+
+@functools.cache
+def _large_playground(seed: int) -> World:
+    """Return a playground for formations: without waypoints, at which a path may turn back."""
+    world = World.playground(seed, size_m=(28.0, 28.0, 5.25))
+    return world.with_markers(start=world.start, goal=world.goal)
+
+
+def _formation(flights: int, seed: int) -> dict[str, Keywords]:
+    drawn: dict[str, Keywords] = {
+        "hall": {"task": FormationConfig(route="loop")},
+        "playground": {"worlds": [_large_playground(each) for each in _range(seed, flights)]},
+        "warehouse": {"worlds": worlds("warehouse", _range(seed, min(flights, WAREHOUSES)))},
+    }
+    path: Keywords = {"task": FormationConfig(route="path"), "drones_per_env": 4}
+    return {kind: {**path, "max_episode_steps": FORMATION_STEPS[kind], **own} for kind, own in drawn.items()}
+
+
+def _formation_worlds() -> list[World]:
+    playgrounds = [_large_playground(seed) for seed in TRAINING_SEEDS[:100]]
+    return playgrounds + 6 * worlds("warehouse", TRAINING_SEEDS[:WAREHOUSES])
+
+
+_TRACK = TrackConfig(points=10)
+_PURSUITS = {"controller": [flyers.Pursuit(float(speed)) for speed in np.arange(2.0, 10.1, 0.5)]}
+_POINT = {"log_std_init": -1.5, "features_extractor_class": "PointFeatures"}
+_TEAM = {"net_arch": [128, 128], "log_std_init": -0.7}
+
+TRAININGS: dict[str, Training] = {
+    "hover": Training(
+        env="flockstep/Hover-v0",
+        steps=1_600_000,
+        num_envs=512,
+        settings={
+            "n_steps": 32,
+            "batch_size": 1024,
+            "n_epochs": 5,
+            "learning_rate": 1.5e-3,
+            "gamma": 0.98,
+            "policy_kwargs": _POINT,
+        },
+        learns=lambda: {
+            "task": HoverConfig(crash_weight=30.0, start_tilt_deg=110.0, start_speed_mps=2.5),
+            "reward_scale": 0.1,
+        },
+        # The last step's observation also counts: only a crash ends a flight before it.
+        judged=lambda flights, seed: {"": {"max_episode_steps": 301}},
+        measure=functools.partial(flyers.PointError, steps=300, last=50, power=1),
+        figures={"median_error_m": ("", "median_error_m")},
+        baselines={"controller": [Flyer(flyers.position_control, {"control": "position"})]},
+        film={"steps": 300},
+    ),
+    "track": Training(
+        env="flockstep/Track-v0",
+        steps=4_500_000,
+        num_envs=256,
+        settings={
+            "n_steps": 64,
+            "batch_size": 1024,
+            "n_epochs": 5,
+            "learning_rate": 1e-3,
+            "gamma": 0.995,
+            "policy_kwargs": _POINT,
+        },
+        learns=lambda: {"task": TrackConfig(crash_weight=30.0), "reward_scale": 0.1},
+        judged=lambda flights, seed: {"": {"max_episode_steps": 1001}},
+        measure=functools.partial(flyers.PointError, steps=1000, last=1000, power=2),
+        figures={"median_error_m": ("", "median_error_m")},
+        baselines={
+            "controller": [  # it lags, so it has to look ahead
+                flyers.velocity_control(_TRACK, point, gain, towards)
+                for point in range(9)
+                for towards in (0, point)
+                for gain in (0.25, 0.5, 1.0, 2.0)
+            ]
+        },
+        film={"steps": 1000, "fps": 50},
+    ),
+    "lidar": Training(
+        env="flockstep/LidarNavigation-v0",
+        steps=1_500_000,
+        num_envs=512,
+        settings={
+            "n_steps": 64,
+            "batch_size": 1024,
+            "n_epochs": 3,
+            "learning_rate": 1.5e-3,
+            "gamma": 0.98,
+            "policy_kwargs": {"activation_fn": "relu", "features_extractor_class": "GoalFeatures"},
+        },
+        entropy=0.03,
+        learns=_lidar,
+        judged=lambda flights, seed: {
+            "": {"worlds": worlds("playground", _range(seed, flights)), "max_episode_steps": 500}
+        },
+        baselines={"straight": [flyers.straight_by_steps]},
+        film={"steps": 400, "fps": 25},
+    ),
+    "race": Training(
+        env="flockstep/Race-v0",
+        steps=11_000_000,
+        num_envs=512,
+        settings={
+            "n_steps": 32,
+            "batch_size": 2048,
+            "n_epochs": 4,
+            "learning_rate": 2e-3,
+            "policy_kwargs": {"log_std_init": -0.7},
+        },
+        learns=lambda: {"worlds": [narrowed(World.load("race/figure-8"))]},
+        judged=functools.partial(_race, worlds="race/figure-8"),
+        measure=functools.partial(flyers.Laps, laps=LAPS),
+        figures={"lap_s": ("", "lap_s"), "speed_mps": ("", "speed_mps")},
+        baselines=_PURSUITS,
+        film={
+            "task": RaceConfig(start="gate", laps=LAPS),
+            "steps": 3000,
+            "max_episode_steps": 3000,
+            "render_view": ((-10.5, -8.5, 7.7), (0.5, 0.5, 1.0)),  # of the figure-8 from a corner of its hall
+        },
+    ),
+    "dodge": Training(
+        env="flockstep/Dodge-v0",
+        steps=24_000_000,
+        num_envs=512,
+        settings={
+            "n_steps": 32,
+            "batch_size": 2048,
+            "n_epochs": 4,
+            "learning_rate": 1e-3,
+            "gamma": 0.99,
+            "policy_kwargs": _TEAM,
+        },
+        entropy=0.003,
+        learns=lambda: {"worlds": _dodge_worlds(), "random_world": True, "max_episode_steps": 400},
+        judged=_dodge,
+        figures={
+            "contacts_per_minute": ("", "contacts_per_minute"),
+            "success_in_playgrounds": ("playground", "success"),
+            "success_in_warehouses": ("warehouse", "success"),
+        },
+        baselines={"straight": [flyers.straight_in_dodge]},
+        film={"steps": 400},
+    ),
+    "swap": Training(
+        env="flockstep/Swap-v0",
+        steps=20_000_000,
+        num_envs=768,
+        settings={
+            "n_steps": 32,
+            "batch_size": 4096,
+            "n_epochs": 3,
+            "learning_rate": 1e-3,
+            "gamma": 0.97,
+            "policy_kwargs": _TEAM,
+        },
+        # Policies that trained with one number of drones failed with others.
+        learns=lambda: {"drones_per_env": {2: 128, 4: 128, 8: 128, 16: 384}, "max_episode_steps": 150},
+        judged=lambda flights, seed: {
+            str(drones): {"drones_per_env": drones, "max_episode_steps": 300} for drones in (2, 4, 8, 16, 32)
+        },
+        over=("8",),
+        figures={f"success_of_{drones}": (str(drones), "success") for drones in (2, 4, 8, 16, 32)}
+        | {"seconds": ("", "seconds")},
+        baselines={"straight": [flyers.straight_in_swap]},
+        film={"steps": 300},
+    ),
+    "formation": Training(
+        env="flockstep/Formation-v0",
+        steps=6_000_000,
+        num_envs=128,
+        settings={
+            "n_steps": 32,
+            "batch_size": 4096,
+            "n_epochs": 3,
+            "learning_rate": 1e-3,
+            "gamma": 0.97,
+            "policy_kwargs": _TEAM,
+        },
+        learns=lambda: {
+            "task": FormationConfig(route="path"),
+            "drones_per_env": 4,
+            "worlds": _formation_worlds(),
+            "random_world": True,
+            "max_episode_steps": FORMATION_STEPS["warehouse"],
+        },
+        judged=_formation,
+        measure=flyers.PlaceError,
+        figures={
+            f"{kind}_{name}": (kind, what)
+            for kind in FORMATION_STEPS
+            for name, what in (("success", "success"), ("touched", "crashed"), ("error_m", "error_m"))
+        },
+        baselines={"ahead": [flyers.ahead_of_place], "straight": [flyers.to_place]},
+        film={"steps": 300},
+        flights=500,
+    ),
+}
+#: The same worlds without bodies, for comparison; the flights that judge have them all the same.
+TRAININGS["dodge_still"] = replace(
+    TRAININGS["dodge"],
+    learns=lambda: {**TRAININGS["dodge"].learns(), "worlds": [_still(world) for world in _dodge_worlds()]},
+)
+TRAININGS["race_unseen"] = replace(
+    TRAININGS["race"],
+    learns=lambda: {
+        "worlds": [narrowed(each) for each in worlds("race_track", TRAINING_SEEDS[:300])],
+        "random_world": True,
+    },
+    judged=lambda flights, seed: _race(flights, seed, worlds=worlds("race_track", _range(seed, flights))),
+    film={
+        "task": RaceConfig(start="gate", laps=LAPS),
+        "steps": 3000,
+        "max_episode_steps": 3000,
+        "worlds": "race_track/seed-1000000",
+    },
+)

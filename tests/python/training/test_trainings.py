@@ -1,0 +1,287 @@
+"""flockstep.trainings: the table, the flights that judge, training by both learners, and the commands."""
+
+import base64
+import itertools
+import json
+import runpy
+import zipfile
+from dataclasses import replace
+from functools import partial
+from pathlib import Path
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+import flockstep
+from flockstep import trainings
+from flockstep.trainings import CHOOSING_SEEDS, TRAININGS, UNSEEN_SEEDS, flyers, flying, judge, learning, table
+
+POLICIES = Path(__file__).resolve().parents[3] / "policies"
+UNSEEN = UNSEEN_SEEDS.start
+FEW = {"hover": 4, "swap": 2, "dodge": 4, "formation": 2, "race": 2}
+
+
+def shortened(name, monkeypatch):
+    """A training of two rollouts of few drones in few worlds."""
+    training = TRAININGS[name]
+    settings = {**training.settings, "n_steps": 4, "batch_size": 32, "n_epochs": 1}
+    learns = dict(training.learns() if name in ("hover", "track", "race") else {})
+    if name == "swap":
+        learns = {"drones_per_env": {2: 16, 8: 16}}
+    elif name == "formation":
+        learns = {"drones_per_env": 4}
+    small = replace(training, steps=256, num_envs=32, settings=settings, learns=lambda: learns)
+    monkeypatch.setitem(TRAININGS, name, small)
+    return small
+
+
+def command(monkeypatch, *arguments):
+    monkeypatch.setattr("sys.argv", ["flockstep", *map(str, arguments)])
+    runpy.run_module("flockstep", run_name="__main__")
+
+
+@pytest.mark.parametrize("name", ["hover", "swap", "dodge", "formation", "race"])
+def test_a_training_is_saved_and_judged(name, monkeypatch, tmp_path, capsys):
+    monkeypatch.chdir(tmp_path)
+    shortened(name, monkeypatch)
+    monkeypatch.setattr(table, "WAREHOUSES", 1)
+    monkeypatch.setattr(table, "FORMATION_STEPS", dict.fromkeys(table.FORMATION_STEPS, 40))
+    command(monkeypatch, "train", name, "--threads", 1, "--flights", FEW[name])
+    told = capsys.readouterr().out
+    steps = 512 if name == "formation" else 256  # whole rollouts of 32 envs with 4 drones, or of 32 drones
+    assert f"{steps} steps in" in told
+    assert f"of {FEW[name]} flights succeed" in told
+    assert flockstep.PPO.load(tmp_path / f"{name}.zip").num_timesteps == steps
+
+
+def test_both_learners_train_and_every_command_takes_their_policies(monkeypatch, tmp_path, capsys):
+    pytest.importorskip("stable_baselines3")
+    monkeypatch.chdir(tmp_path)
+    small = shortened("hover", monkeypatch)
+    monkeypatch.setitem(TRAININGS, "hover", replace(small, film={"steps": 2, "render_size": (32, 24)}))
+    command(monkeypatch, "train", "hover", "--learner", "sb3", "--flights", 2, "--out", "made/sb3.zip")
+    command(monkeypatch, "evaluate", "hover", "made/sb3.zip", "--learner", "sb3", "--flights", 3)
+    assert "of 3 flights succeed" in capsys.readouterr().out
+    command(monkeypatch, "record", "hover", "made/sb3.zip", "made/film.gif", "--learner", "sb3")
+    assert Path("made/film.gif").stat().st_size > 100
+    command(monkeypatch, "evaluate", "hover", "controller", "--flights", 2)
+    assert "median_error_m" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize(
+    ("arguments", "match"),
+    [
+        (("train", "hove"), r"train: TRAINING: expected one of hover, track, .*, got 'hove'. Did you mean 'hover'\?"),
+        (("train", "no_such_module:ROW"), "TRAINING: 'no_such_module:ROW': No module named"),
+        (("evaluate", "math:pi", "x"), r"expected a flockstep.trainings.Training, got 'math:pi', which is 3.14"),
+        (("evaluate", "race", "none.zip"), r"POLICY: expected a file or a flyer without a policy \(controller\), got"),
+    ],
+)
+def test_the_commands_name_what_they_refuse(arguments, match, monkeypatch):
+    with pytest.raises(SystemExit, match=match):
+        command(monkeypatch, *arguments)
+
+
+def test_a_row_of_your_own_is_trained(monkeypatch, tmp_path, capsys):
+    row = shortened("hover", monkeypatch)
+    monkeypatch.setitem(__import__("sys").modules, "my_rows", SimpleNamespace(MINE=row))
+    monkeypatch.chdir(tmp_path)
+    command(monkeypatch, "train", "my_rows:MINE", "--flights", 2, "--threads", 1)
+    assert "MINE.zip" in capsys.readouterr().out
+    assert (tmp_path / "MINE.zip").exists()
+
+
+@pytest.mark.parametrize("name", TRAININGS)
+def test_every_row_names_known_keywords_and_figures(name):
+    training = TRAININGS[name]
+    assert {what for _, what in training.figures.values()} <= {
+        *("success", "crashed", "seconds", "contacts_per_minute", "lap_s", "speed_mps", "error_m", "median_error_m"),
+    }
+    flights = 2
+    kinds = set(training.judged(flights, UNSEEN))
+    assert {kind for kind, _ in training.figures.values()} <= {"", *kinds}
+    assert set(training.over or ()) <= kinds
+    assert training.baselines
+
+
+def test_training_begins_with_seeds_of_its_own(monkeypatch):
+    seeds = []
+    reset = flockstep.DroneVectorEnv.reset
+
+    def noted(self, *, seed=None, options=None):
+        seeds.append(seed)
+        return reset(self, seed=seed, options=options)
+
+    monkeypatch.setattr(flockstep.DroneVectorEnv, "reset", noted)
+    trainings.train(shortened("hover", monkeypatch), "flockstep", 2, 1)
+    assert seeds == [trainings.first_env_seed(2, 32)]
+    assert seeds[0] >= UNSEEN_SEEDS.stop
+
+
+def test_the_same_seed_gives_the_same_policy_with_any_threads(monkeypatch):
+    row = shortened("hover", monkeypatch)
+    first, second = (trainings.train(row, "flockstep", 0, threads).learner.parameters for threads in (1, 2))
+    np.testing.assert_array_equal(first, second)
+
+
+def test_seeds_of_training_choosing_and_report_are_disjoint():
+    ranges = trainings.TRAINING_SEEDS, CHOOSING_SEEDS, UNSEEN_SEEDS
+    assert all(a.stop <= b.start for a, b in itertools.pairwise(ranges))
+    names = {world.name for world in TRAININGS["race_unseen"].learns()["worlds"]}
+    judged = {world.name for world in TRAININGS["race_unseen"].judged(3, UNSEEN)[""]["worlds"]}
+    assert len(names) == 300
+    assert judged == {f"race_track/seed-{seed}" for seed in range(UNSEEN, UNSEEN + 3)}
+    assert not names & judged
+
+
+def test_gates_are_narrower_in_training():
+    for track in (flockstep.World.load("race/split-s"), flockstep.World.race_track(3)):
+        made = table.narrowed(track)
+        widths = [gate["size_m"] for gate in track.gates]
+        np.testing.assert_allclose([gate["size_m"] for gate in made.gates], np.array(widths) - table.NARROWER_M)
+        np.testing.assert_array_equal(made.gates[2]["center"], track.gates[2]["center"])
+
+
+def test_still_worlds_have_no_bodies(monkeypatch):
+    monkeypatch.setattr(table, "TRAINING_SEEDS", range(1))
+    for name, bodies in (("dodge", True), ("dodge_still", False)):
+        assert all((len(world.bodies) > 0) == bodies for world in TRAININGS[name].learns()["worlds"])
+
+
+# --- what is measured
+
+
+def measured(measure, distances, *rest):
+    """Give a measure of one drone some distances to its point."""
+    envs = SimpleNamespace(num_envs=1, batch=SimpleNamespace(clock=SimpleNamespace(policy_hz=50.0)))
+    made = measure(envs, *rest)
+    for distance in distances:
+        made.step(np.array([[distance or 0.0, 0.0, 0.0]]), np.array([distance is not None]))
+    return {name: values[0] for name, values in made.values(np.array([len(distances)]), np.array([False])).items()}
+
+
+def test_errors_of_flights_by_hand():
+    hover = partial(measured, partial(flyers.PointError, steps=300, last=50, power=1))
+    assert hover([9.0] * 250 + [0.04] * 50) == {"error_m": pytest.approx(0.04), "success": True, "crashed": False}
+    assert not hover([9.0] * 250 + [0.06] * 51)["success"]  # steps after the last one do not count
+    lost = hover([0.01] * 200 + [None] * 100)
+    assert np.isnan(lost["error_m"])
+    assert (lost["success"], lost["crashed"]) == (False, True)
+    track = measured(partial(flyers.PointError, steps=2, last=2, power=2), [0.03, 0.04])
+    assert track["error_m"] == pytest.approx(np.sqrt((0.03**2 + 0.04**2) / 2))
+    place = measured(flyers.PlaceError, [0.1, 0.2, None])
+    assert place["error_m"] == pytest.approx(0.3)  # observed in units of 2 m
+
+
+def test_position_control_catches_what_is_thrown():
+    flyer = flying.Flyer(flyers.position_control, {"control": "position", "drone": "x500"})
+    verdict = judge(TRAININGS["hover"], flyer, 32, UNSEEN)
+    assert verdict.crashed == 0
+    assert verdict.more["median_error_m"] < 0.05
+
+
+def test_velocity_control_follows_a_path():
+    flyer = flyers.velocity_control(flockstep.TrackConfig(points=6, speed_mps=0.5), 3, 2.0)
+    flyer.keywords["drone"] = "x500"
+    verdict = judge(TRAININGS["track"], flyer, 32, UNSEEN)
+    assert verdict.crashed == 0
+    assert verdict.more["median_error_m"] < 0.1
+
+
+def test_a_controller_flies_three_laps():
+    verdict = judge(TRAININGS["race"], flyers.Pursuit(5.0), 20, CHOOSING_SEEDS.start)
+    assert (verdict.success, verdict.crashed) == (1.0, 0.0)
+    assert 10 < verdict.more["lap_s"] < 14
+    assert verdict.more["lap_s"] * verdict.more["speed_mps"] == pytest.approx(47.6, abs=0.5)  # the length of a lap
+
+
+def test_the_lap_is_that_of_the_second_and_third():
+    """Check one flight, step by step."""
+    pilot = flyers.Pursuit(5.0)
+    task = flockstep.RaceConfig(start="gate")
+    envs = flockstep.DroneVectorEnv(1, task=task, max_episode_steps=3000, autoreset_mode="disabled")
+    observation, _ = envs.reset(seed=7)
+    passed = [0]
+    while passed[-1] < 21:
+        observation, *_ = envs.step(pilot(observation))
+        passed.append(int(envs.batch.task_state["passed"][0]))
+    lap_s = judge(TRAININGS["race"], pilot, 1, 7).more["lap_s"]
+    assert lap_s == pytest.approx((passed.index(21) - passed.index(7)) * 0.02 / 2)
+
+
+def test_a_policy_that_only_hovers_neither_succeeds_nor_crashes():
+    race = replace(TRAININGS["race"], judged=partial(table._race, worlds="race/figure-8", max_episode_steps=20))
+    verdict = judge(race, lambda observation: np.zeros((len(observation), 4), np.float32), 4, 0)
+    assert (verdict.success, verdict.crashed, verdict.more) == (0.0, 0.0, {})
+
+
+def test_drones_of_an_env_succeed_and_touch_together():
+    drones = {3: (1.0, 0.0), 2: (0.0, 1.0)}  # around: the goals are the places of neighbours; across: they meet
+    judged = {str(count): {"drones_per_env": count, "max_episode_steps": 300} for count in drones}
+    row = replace(TRAININGS["swap"], judged=lambda flights, seed: judged)
+    for count, flown in trainings.fly(row, flyers.straight_in_swap, 20, CHOOSING_SEEDS.start).items():
+        assert flown.success.shape == flown.crashed.shape == flown.seconds.shape == (20,)
+        assert (flown.figure("success"), flown.figure("crashed")) == drones[int(count)]
+        assert (flown.seconds > 1).all()
+        assert (flown.seconds < 10).all()
+
+
+def test_figures_of_flights_by_hand():
+    flown = flying.Flights(
+        np.array([True, False, True]),
+        np.array([False, True, False]),
+        np.array([2.0, 30.0, 4.0]),
+        {"a": np.full(3, np.nan)},
+    )
+    assert flown.figure("seconds") == 3  # of the successful ones
+    assert flown.figure("contacts_per_minute") == pytest.approx(60 / 36)
+    assert np.isnan(flown.figure("a"))
+
+
+def test_the_verdict_is_over_the_flights_of_its_kinds(monkeypatch):
+    kinds = {name: flying.Flights(np.array(flags), ~np.array(flags), np.ones(len(flags)), {}) for name, flags in
+             (("a", [True]), ("b", [False, False, True]))}  # fmt: skip
+    monkeypatch.setattr(flying, "fly", lambda *_: dict(kinds))
+    row = replace(TRAININGS["dodge"], figures={"of_a": ("a", "success"), "all": ("", "crashed")})
+    assert judge(row, None, 1, 0) == flying.Verdict(0.5, 0.5, {"of_a": 1.0, "all": 0.5})
+    assert judge(replace(row, over=("a",)), None, 1, 0).success == 1.0
+
+
+def test_the_chosen_flyer_has_the_least_error_or_else_is_the_last_of_the_best(monkeypatch):
+    rates = {3.0: 0.9, 4.0: 1.0, 5.0: 1.0, 6.0: 0.5}
+
+    def verdict(row, flyer, flights, seed):
+        assert (flights, seed) == (200, CHOOSING_SEEDS.start)
+        return flying.Verdict(rates[flyer], 0.0, {} if row is TRAININGS["race"] else {"median_error_m": flyer})
+
+    monkeypatch.setattr(flying, "judge", verdict)
+    assert trainings.best_of(TRAININGS["race"], list(rates)) == 5.0
+    assert trainings.best_of(TRAININGS["track"], list(rates)) == 3.0
+
+
+def test_unknown_ends_are_not_judged():
+    """A figure whose flights have no value is left out, so that no table shows NaN."""
+    row = replace(TRAININGS["hover"], judged=lambda flights, seed: {"": {"max_episode_steps": 301}})
+    verdict = judge(row, lambda observation: np.zeros((len(observation), 4), np.float32), 2, 3)
+    assert (verdict.success, verdict.crashed, verdict.more) == (0.0, 1.0, {})  # thrown and never caught
+
+
+@pytest.mark.parametrize("name", ["hover", "track", "lidar"])
+def test_kept_policies_hold_no_bytecode(name):
+    """A saved function crashes other Python versions that load it."""
+    with zipfile.ZipFile(POLICIES / f"{name}.zip") as file:
+        saved = json.loads(file.read("data"))
+    pickles = [
+        base64.b64decode(v[":serialized:"]) for v in saved.values() if isinstance(v, dict) and ":serialized:" in v
+    ]
+    assert len(pickles) > 5
+    assert not any(b"CodeType" in pickle or b"_builtin_type" in pickle for pickle in pickles)
+
+
+def test_side_by_side_needs_its_own_rows(monkeypatch):
+    pytest.importorskip("stable_baselines3")
+    envs = learning.make(shortened("swap", monkeypatch), 32, 1)
+    assert envs.num_envs == 32
+    assert envs.reset().shape[0] == 32
+    envs.close()
