@@ -58,7 +58,7 @@ FLAT = frozenset(
 
 @dataclass
 class Routed:
-    """What an env is made of. The last two are None for tasks of the engine, which a recipe describes completely."""
+    """The parts of an env. The last two are None for tasks of the engine, which a recipe describes completely."""
 
     recipe: Recipe
     task: Any  # the given task, with its fields set by keywords

@@ -9,6 +9,8 @@ from pathlib import Path
 import pytest
 from conftest import ROOT
 
+from flockstep._core import engine_tasks
+
 ENGINE = ROOT / "engine"
 GENERATORS = ROOT / "scenes" / "generators"
 
@@ -144,3 +146,11 @@ def test_python_modules_import_each_other_in_no_circle() -> None:
         known = {name if name in modules else name.rpartition(".")[0] for name in names if name != "flockstep._core"}
         graph[module] = known & modules.keys() - {module}
     graphlib.TopologicalSorter(graph).prepare()  # raises CycleError, which contains the cycle
+
+
+def test_the_env_neither_draws_nor_knows_a_task_of_the_engine() -> None:
+    tree = ast.parse((ROOT / "envs" / "flockstep" / "vector_env.py").read_text())
+    drawing = {name for name in imported(tree) if name.startswith(("flockstep.pictures.views", "flockstep.pictures.d"))}
+    names = {node.id for node in ast.walk(tree) if isinstance(node, ast.Name)}
+    assert not drawing
+    assert not names & {config.__name__ for config in engine_tasks.values()}
