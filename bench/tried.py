@@ -19,7 +19,6 @@ slices_independence  rays in slices, traced beside other rays and singly: the sa
 worlds   seeds of the generated worlds: each has a flown path, and in every fiftieth a planner finds one
 attacks  random calls of `batch.bodies`, many of them invalid: none crashes or hangs, and a refused one changes nothing
 soak     clients that connect, fly, read, stream, break off and send nonsense: the server's memory and files do not grow
-extensions   the patches of tests/extensions, applied to a copy, built and run; only if named
 scene, obj, ply, gltf, snapshot, calls, messages   the fuzzers, with address and undefined-behaviour sanitizers
 
 Each writes its number of trials to out/tried/NAME.json; bench/table.py --keep copies it from there. The first sixteen
@@ -33,12 +32,8 @@ import argparse
 import json
 import os
 import re
-import shutil
 import subprocess
-import sys
 import xml.etree.ElementTree
-
-import pybind11
 
 import body_attack
 import soak
@@ -157,55 +152,6 @@ def run_attacks(calls: int) -> int:
     return counts["accepted"] + counts["refused"]
 
 
-def run_extensions() -> None:
-    """Apply the patches of tests/extensions to a copy of the tracked files, build it and run their tests."""
-    copy = ROOT / "build" / "extensions"
-    shutil.rmtree(copy, ignore_errors=True)
-    files = subprocess.run(["git", "ls-files", "-z"], cwd=ROOT, check=True, capture_output=True, text=True).stdout
-    for name in files.rstrip("\0").split("\0"):
-        (copy / name).parent.mkdir(parents=True, exist_ok=True)
-        shutil.copy2(ROOT / name, copy / name)
-    for patch in sorted((ROOT / "tests" / "extensions").glob("*.patch")):
-        subprocess.run(["git", "apply", "--directory", copy.relative_to(ROOT), patch], cwd=ROOT, check=True)
-    for test in (copy / "tests" / "engine").rglob("*_test.cpp"):
-        if (ROOT / test.relative_to(copy)).exists():  # not from a patch
-            test.unlink()
-    options = {
-        "CMAKE_BUILD_TYPE": "Release",
-        "FLOCKSTEP_TESTS": "ON",
-        "FLOCKSTEP_WERROR": "ON",
-        "FLOCKSTEP_PYTHON": "ON",
-    }
-    options |= {"pybind11_DIR": pybind11.get_cmake_dir(), "Python_EXECUTABLE": sys.executable}
-    build = copy / "build"
-    subprocess.run(
-        ["cmake", "-S", copy, "-B", build, "-G", "Ninja", *(f"-D{k}={v}" for k, v in options.items())], check=True
-    )
-    subprocess.run(["cmake", "--build", build, "--target", "flockstep_tests", "_core"], check=True)
-    subprocess.run([build / "flockstep_tests", "--gtest_filter=Altimeter.*:Charge.*:Climb.*:HeightGrid.*"], check=True)
-    for module in build.glob("_core.*"):
-        shutil.copy2(module, copy / "envs" / "flockstep")
-    program = """
-import sys
-sys.meta_path = [finder for finder in sys.meta_path if "Redirecting" not in type(finder).__name__]  # of the checkout
-import gymnasium
-import flockstep
-recipe = flockstep.Recipe.from_json('{"worlds": ["playground/train-1"], "num_envs": 2, "altimeters": [{}]}')
-batch = flockstep.Batch.from_recipe(recipe)
-batch.sense()
-print(flockstep.__file__, batch.sensor("altimeter"), batch.charge)
-assert batch.sensor("altimeter")["height"].shape == batch.charge.shape == (2,)
-recipe.task = flockstep._core.ClimbConfig(height_m=1)
-envs = flockstep.DroneVectorEnv.from_recipe(recipe)
-envs.reset(seed=0)
-_, reward, *_ = envs.step([[1.0], [-1.0]])
-print(envs.recipe.task, reward)
-assert reward[0] > 0 > reward[1]
-assert gymnasium.make("flockstep/Climb-v0", step_m=0.2).unwrapped.action_space.shape == (1,)
-"""
-    subprocess.run([sys.executable, "-c", program], env=os.environ | {"PYTHONPATH": str(copy / "envs")}, check=True)
-
-
 def source() -> dict[str, str]:
     return {"commit": commit(), "cpu": machine()["cpu"]}
 
@@ -219,7 +165,7 @@ def write(name: str, result: dict[str, object]) -> None:
 
 
 def main() -> None:
-    names = [*TESTS, "worlds", "extensions", "attacks", "soak", *FUZZERS]
+    names = [*TESTS, "worlds", "attacks", "soak", *FUZZERS]
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("names", nargs="*", metavar="NAME", help=f"one of {', '.join(names)}; all without one")
     parser.add_argument("--seeds", type=int, default=SEEDS, help="of each generator of worlds")
@@ -231,10 +177,8 @@ def main() -> None:
         if name not in names:
             parser.error(f"NAME: expected one of {', '.join(names)}, got {name!r}")
     OUT.mkdir(parents=True, exist_ok=True)
-    for name in args.names or [name for name in names if name != "extensions"]:
-        if name == "extensions":
-            run_extensions()
-        elif name in TESTS:
+    for name in args.names or names:
+        if name in TESTS:
             run_tests(name)
         elif name == "worlds":
             write(name, {**source(), "count": run_worlds(args.seeds), "unit": name})
