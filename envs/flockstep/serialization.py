@@ -22,18 +22,17 @@ from flockstep.drone_mesh import DroneMesh
 
 _PREFIX = "flockstep."
 _CONFIGS: tuple[Any, ...] = tuple(item for item in vars(_core).values() if hasattr(item, "_fields"))
+#: Other objects, which convert themselves.
+_OBJECTS: dict[str, Any] = {kind.__name__: kind for kind in (World, DroneModel, DroneMesh)}
 
 
 def to_plain(value: Any) -> Any:
     """Return a value with all objects of this package converted to plain form; other values are unchanged."""
     if isinstance(value, _CONFIGS):
         return _tagged(type(value).__name__, {name: getattr(value, name) for name in type(value).__match_args__})
-    if isinstance(value, World):
-        return _tagged("World", value.to_dict())
-    if isinstance(value, DroneModel):
-        return _tagged("DroneModel", value.to_dict())
-    if isinstance(value, DroneMesh):
-        return _tagged("DroneMesh", value.to_dict())
+    for kind, item in _OBJECTS.items():
+        if isinstance(value, item):
+            return _tagged(kind, value.to_dict())
     if isinstance(value, NativeTask):
         return _tagged("NativeTask", value.path)
     if isinstance(value, type) and _found(value.__module__, value.__qualname__) is value:
@@ -78,12 +77,8 @@ def from_plain(value: Any) -> Any:
     by_name = {config.__name__: config for config in _CONFIGS}
     if kind in by_name:
         return by_name[kind](**{name: from_plain(part) for name, part in content.items()})
-    if kind == "World":
-        return World.from_dict(content)
-    if kind == "DroneModel":
-        return DroneModel.from_dict(content)
-    if kind == "DroneMesh":
-        return DroneMesh.from_dict(content)
+    if kind in _OBJECTS:
+        return _OBJECTS[kind].from_dict(content)
     if kind == "NativeTask":
         return NativeTask(content)
     if kind == "Task":
@@ -93,7 +88,7 @@ def from_plain(value: Any) -> Any:
         if found is None:
             raise ValueError(f"task: expected a class of the module {module!r}, got {name!r}")
         return found
-    kinds = [*by_name, "World", "DroneModel", "DroneMesh", "NativeTask", "Task"]
+    kinds = [*by_name, *_OBJECTS, "NativeTask", "Task"]
     raise ValueError(f"expected one of {', '.join(kinds)}, got {key!r}")
 
 

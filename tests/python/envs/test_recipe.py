@@ -9,6 +9,7 @@ from typing import Any
 import gymnasium
 import numpy as np
 import pytest
+from gymnasium.vector import AutoresetMode
 
 import flockstep
 from flockstep import _core, scenes
@@ -166,3 +167,24 @@ def test_every_name_of_a_scene_is_known_to_the_engine() -> None:
         envs = flockstep.DroneVectorEnv(1, worlds=name)
         batch = flockstep.Batch.from_recipe(envs.recipe)
         assert batch.worlds[0].to_dict() == envs.batch.worlds[0].to_dict()
+
+
+def test_keywords_change_a_recipe() -> None:
+    envs = flockstep.DroneVectorEnv(2, policy_hz=20, max_episode_steps=50, autoreset_mode="same_step", drones_per_env=3)
+    changes = {"policy_hz": 25, "max_episode_steps": 9, "autoreset_mode": AutoresetMode.DISABLED}
+    changed = flockstep.DroneVectorEnv.from_recipe(envs.recipe, **changes)
+    episode = changed.recipe.episode
+    assert (changed.recipe.clock.policy_hz, episode.max_episode_steps, episode.autoreset_mode) == (25, 9, "disabled")
+    assert (changed.autoreset_mode, changed.drones_per_env) == (AutoresetMode.DISABLED, 3)
+
+
+def test_whole_configurations_and_single_fields_make_the_same_recipe() -> None:
+    dynamics = flockstep.DynamicsConfig(motion="rotors", control="velocity", max_speed_mps=3)
+    whole = {"clock": flockstep.ClockConfig(policy_hz=20), "dynamics": dynamics, "lidar": flockstep.LidarConfig()}
+    single = {"policy_hz": 20, "motion": "rotors", "control": "velocity", "max_speed_mps": 3, "lidar": [whole["lidar"]]}
+    envs, others = (gymnasium.make_vec("flockstep/Hover-v0", 2, **keywords) for keywords in (whole, single))
+    assert envs.unwrapped.recipe == others.unwrapped.recipe
+    plain = json.loads(envs.spec.to_json())["kwargs"]
+    again = flockstep.DroneVectorEnv(2, **{name: plain[name] for name in ("task", *whole)})
+    assert again.recipe.dynamics == dynamics
+    assert pickle.loads(pickle.dumps(again)).recipe == again.recipe
