@@ -195,7 +195,7 @@ double tiles_advantage(int side, int triangles) {
 }
 
 // Returns the smallest ray count that is faster in tiles at 1000 triangles. Only counts that fill whole tiles are tried.
-int fewest_in_tiles() {
+int min_rays_in_tiles() {
   for (const int side : {16, 24, 32}) {
     const double gain = tiles_advantage(side, 1000);
     std::fprintf(stderr, "  tiles      %4d rays: Embree takes %6.2f times as long\n", side * side, gain);
@@ -283,7 +283,7 @@ double least_slices_advantage(int beams, float between_m) {
 constexpr double kAsFast = 0.95;
 
 // Returns the number of beams, half a metre apart, from which slices are as fast in every mesh.
-int fewest_in_slice() {
+int min_rays_in_slice() {
   int fewest = 64;
   for (const int beams : {48, 32, 24, 20, 18, 16, 14, 12, 10, 8, 6, 4}) {
     if (least_slices_advantage(beams, 0.5F) < kAsFast) break;
@@ -308,7 +308,7 @@ int main() {
   const FlushDenormals flush;
   const int bundle = crossover("in reach", bundle_advantage);
   const int any_origin = std::min(crossover("in all", block_advantage), bundle);
-  const int fewest = fewest_in_tiles(), per_ray = triangles_per_ray(fewest), in_slice = fewest_in_slice();
+  const int fewest = min_rays_in_tiles(), per_ray = triangles_per_ray(fewest), in_slice = min_rays_in_slice();
   const float widest = widest_in_slice();
   std::printf(
       R"(// Thresholds that select the method of ray tracing. Written by `./dev calibrate` (here with %s). They are not measured at run
@@ -323,12 +323,12 @@ namespace flockstep::trace {
 inline constexpr std::size_t kMaxDirect = %d;
 // Up to this many shapes in the world, rays of arbitrary origins are tested against each of them.
 inline constexpr std::size_t kMaxDirectAnyOrigin = %d;
-// A sensor with at least kFewestInTiles rays traces triangles in tiles, if the world has at most kTrianglesPerRay triangles per
+// A sensor with at least kMinRaysInTiles rays traces triangles in tiles, if the world has at most kTrianglesPerRay triangles per
 // ray.
-inline constexpr std::size_t kFewestInTiles = %d;
+inline constexpr std::size_t kMinRaysInTiles = %d;
 inline constexpr std::size_t kTrianglesPerRay = %d;
-// A fan of at least kFewestInSlice rays is traced as a slice if their mean distance at its range is at most kWidestInSlice (m).
-inline constexpr std::size_t kFewestInSlice = %d;
+// A fan of at least kMinRaysInSlice rays is traced as a slice if their mean distance at its range is at most kWidestInSlice (m).
+inline constexpr std::size_t kMinRaysInSlice = %d;
 inline constexpr float kWidestInSlice = %.1fF;
 
 }  // namespace flockstep::trace

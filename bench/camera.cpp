@@ -343,10 +343,10 @@ constexpr std::array<std::array<int, 3>, 2> kCases{{{64, 64, 256}, {640, 480, 16
 // Measures frames per second by resolution, number of drones, world and backend. Skips the cases that bench_case covers.
 void bench_table(const std::string& name, const std::shared_ptr<const flockstep::World>& world, bench::Figures& figures) {
   constexpr int kTableRuns = 5;
-  constexpr long long kMostPixels = 5'000'000;
+  constexpr long long kMaxPixels = 5'000'000;
   for (const auto& [width, height] : {std::pair{64, 64}, {128, 128}, {320, 240}, {640, 480}}) {
     for (const int num_drones : {1, 16, 256}) {
-      if (static_cast<long long>(width) * height * num_drones > kMostPixels) continue;
+      if (static_cast<long long>(width) * height * num_drones > kMaxPixels) continue;
       if (std::find(kCases.begin(), kCases.end(), std::array{width, height, num_drones}) != kCases.end()) continue;
       const Poses poses(*world, num_drones);
       const flockstep::CameraConfig camera = rgb_and_depth(width, height);

@@ -229,7 +229,8 @@ class Engine {
   }
 
   // Tiles wherever possible, and every fan as a slice.
-  const flockstep::trace::TracePolicy policy_{.tile_triangle_limit = flockstep::trace::TracePolicy::kNever, .fewest_in_slice = 1};
+  const flockstep::trace::TracePolicy policy_{.tile_triangle_limit = flockstep::trace::TracePolicy::kNever,
+                                              .min_rays_in_slice = 1};
   const flockstep::trace::Scene& scene_;
   std::vector<float> ones_;
   flockstep::render::PinholeCamera pinhole_{};

@@ -45,7 +45,7 @@ struct Built {
 class City {
   static constexpr double kRoadway = 10.0, kPavement = 4.0, kKerb = 0.25;  // m, widths
   static constexpr double kRim = 13.0, kBeyond = 4.0;                      // m, depth of the outer houses, margin behind them
-  static constexpr double kLeastBlock = 34.0, kMostBlock = 46.0;           // m, kerb to kerb
+  static constexpr double kMinBlock = 34.0, kMaxBlock = 46.0;              // m, kerb to kerb
   static constexpr double kSlit = 0.01;                                    // m, gap on each side of a party wall
   static constexpr double kHouse = 11.0;                                   // m, minimum width of a lot after a split
   static constexpr double kZebra = 5.0;                                    // m along the road, stop line included
@@ -152,7 +152,7 @@ class City {
       roads_[axis].push_back({at, at + kRoadway});
       at += kRoadway;
       if (i == config_.blocks[axis]) break;
-      const double block = draws_.uniform(kLeastBlock, kMostBlock);
+      const double block = draws_.uniform(kMinBlock, kMaxBlock);
       blocks_[axis].push_back({at, at + block});
       at += block;
     }

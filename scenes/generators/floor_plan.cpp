@@ -13,7 +13,7 @@ namespace {
 class FloorPlanner {
   static constexpr double kGrid = 0.5;
   static constexpr double kCorridor = 2.5, kLounge = 7.0;      // m, widths including walls
-  static constexpr double kLeastRoom = 3.5;                    // m, minimum side of a room
+  static constexpr double kMinRoom = 3.5;                      // m, minimum side of a room
   static constexpr double kDoor = 1.5, kDoorHigh = 2.2;        // m, including the frame
   static constexpr double kPassage = 2.1, kPassageHigh = 2.5;  // m, opening between corridor and lounge
   static constexpr double kFromCorner = 0.5;                   // m, distance of openings from corners
@@ -61,8 +61,8 @@ class FloorPlanner {
   void split(const Rect& cell, Side corridor) {
     const Vec2d size = cell.size();
     const double most = draws_.uniform(4.5, 9.5);
-    if (size.x() > most && size.x() >= 2.0 * kLeastRoom) {
-      const double at = on_grid(draws_.uniform(cell.low.x() + kLeastRoom, cell.high.x() - kLeastRoom));
+    if (size.x() > most && size.x() >= 2.0 * kMinRoom) {
+      const double at = on_grid(draws_.uniform(cell.low.x() + kMinRoom, cell.high.x() - kMinRoom));
       split({cell.low, {at, cell.high.y()}}, corridor);
       split({{at, cell.low.y()}, cell.high}, corridor);
       return;

@@ -110,8 +110,8 @@ class PillarField {
   bool place(const Dart& dart) {
     constexpr int kDarts = 100;
     constexpr double kShrink = 0.9;
-    constexpr double kLeastGap = 0.02;
-    for (; gap_ > kLeastGap; gap_ *= kShrink) {
+    constexpr double kMinGap = 0.02;
+    for (; gap_ > kMinGap; gap_ *= kShrink) {
       for (int i = 0; i < kDarts; ++i) {
         const Vec2d center = dart();
         if (!fits(center)) continue;

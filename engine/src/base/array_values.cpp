@@ -11,7 +11,7 @@
 namespace flockstep {
 namespace {
 
-constexpr std::int64_t kMostCounted = std::int64_t{1} << 62;  // leaves headroom for increments
+constexpr std::int64_t kMaxCounted = std::int64_t{1} << 62;  // leaves headroom for increments
 
 const char* text_of(Values allowed) {
   switch (allowed) {
@@ -37,9 +37,9 @@ template <class T>
 bool is_allowed(T value, Values allowed) {
   const auto is_counted_from = [value](std::int64_t least) {
     if constexpr (std::is_floating_point_v<T>) {
-      return value >= static_cast<T>(least) && value <= static_cast<T>(kMostCounted);
+      return value >= static_cast<T>(least) && value <= static_cast<T>(kMaxCounted);
     } else {
-      return std::cmp_greater_equal(value, least) && std::cmp_less_equal(value, kMostCounted);
+      return std::cmp_greater_equal(value, least) && std::cmp_less_equal(value, kMaxCounted);
     }
   };
   switch (allowed) {

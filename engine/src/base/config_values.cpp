@@ -32,11 +32,11 @@ std::vector<std::string_view> names_of(const Members& members) {
 
 template <class Integer>
 void read_integer(const Json& json, const FieldInfo& info, const std::string& path, Integer& value) {
-  constexpr Integer kLeast = std::numeric_limits<Integer>::min(), kGreatest = std::numeric_limits<Integer>::max();
+  constexpr Integer kMin = std::numeric_limits<Integer>::min(), kMax = std::numeric_limits<Integer>::max();
   if (!json.is_number_integer()) refuse_json(path, expected_number(info.limits, true), json);
   const bool fits = json.is_number_unsigned() ? std::in_range<Integer>(json.get<std::uint64_t>())
                                               : std::in_range<Integer>(json.get<std::int64_t>());
-  if (!fits) refuse_json(path, "an integer from " + std::to_string(kLeast) + " to " + std::to_string(kGreatest), json);
+  if (!fits) refuse_json(path, "an integer from " + std::to_string(kMin) + " to " + std::to_string(kMax), json);
   value = json.get<Integer>();
   check_number(value, info.limits, path);
 }
@@ -132,9 +132,9 @@ void read_object(const Json& json, const std::string& path, const Members& membe
 }
 
 void require_array(const Json& json, const std::string& path) {
-  constexpr std::size_t kMost = LidarConfig::kMaxRays;
+  constexpr std::size_t kMax = LidarConfig::kMaxRays;
   if (!json.is_array()) refuse_json(path, "an array", json);
-  require(json.size() <= kMost, path, "at most " + std::to_string(kMost) + " values", json.size());
+  require(json.size() <= kMax, path, "at most " + std::to_string(kMax) + " values", json.size());
 }
 
 void require_array_of(std::size_t size, const Json& json, const std::string& path) {

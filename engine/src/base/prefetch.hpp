@@ -9,9 +9,9 @@ namespace flockstep {
 
 // Prefetches the cache lines of a range of bytes, at most the first ten.
 inline void prefetch(const void* first, std::size_t bytes) {
-  constexpr std::size_t kLine = 64, kMost = 10 * kLine;
+  constexpr std::size_t kLine = 64, kMax = 10 * kLine;
   const char* const from = static_cast<const char*>(first);
-  for (std::size_t at = 0; at < bytes && at < kMost; at += kLine) hwy::Prefetch(from + at);
+  for (std::size_t at = 0; at < bytes && at < kMax; at += kLine) hwy::Prefetch(from + at);
 }
 
 }  // namespace flockstep

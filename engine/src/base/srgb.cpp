@@ -27,18 +27,18 @@ namespace {
 
 // Upper ends of the linear intervals of the bytes: a value at an end belongs to the next byte.
 struct Ends {
-  // Floats in [kLeast, 1) in groups of 128 to each power of two. Every end is in this range, and few are in one group.
-  static constexpr float kLeast = 0x1p-13F;
+  // Floats in [kMin, 1) in groups of 128 to each power of two. Every end is in this range, and few are in one group.
+  static constexpr float kMin = 0x1p-13F;
   static constexpr unsigned int kShift = 16;
   static std::uint32_t group(float linear) { return std::bit_cast<std::uint32_t>(linear) >> kShift; }
 
   std::array<float, 256> table;        // the last end is infinite
-  std::vector<std::uint8_t> first_in;  // per group from that of kLeast: the byte of its least value
+  std::vector<std::uint8_t> first_in;  // per group from that of kMin: the byte of its least value
 
   Ends() {
     for (std::size_t i = 0; i < 255; ++i) table[i] = linear_of_srgb((static_cast<double>(i) + 0.5) / 255.0);
     table[255] = std::numeric_limits<float>::infinity();
-    for (std::uint32_t i = group(kLeast); i < group(1.0F); ++i) {
+    for (std::uint32_t i = group(kMin); i < group(1.0F); ++i) {
       const auto least = std::bit_cast<float>(i << kShift);
       first_in.push_back(static_cast<std::uint8_t>(std::upper_bound(table.begin(), table.end(), least) - table.begin()));
     }
@@ -49,9 +49,9 @@ struct Ends {
 
 std::uint8_t linear_to_srgb(float linear) {
   static const Ends ends;
-  if (linear < Ends::kLeast) return 0;
+  if (linear < Ends::kMin) return 0;
   if (!(linear < 1.0F)) return 255;  // also NaN
-  std::size_t byte = ends.first_in[Ends::group(linear) - Ends::group(Ends::kLeast)];
+  std::size_t byte = ends.first_in[Ends::group(linear) - Ends::group(Ends::kMin)];
   while (linear >= ends.table[byte]) ++byte;
   return static_cast<std::uint8_t>(byte);
 }

@@ -1,7 +1,8 @@
 // SIMD types: Wide (floats or integers), WideMask (a mask of lanes) and Wide3 (vectors of three). Formulas look the same as for
 // single numbers, and a scalar operand applies to every lane. Included once per SIMD target (by Highway's foreach_target).
 //
-// Every operation is correctly rounded and none are contracted, so each lane has the same bits on every target.
+// Every operation is correctly rounded and none are contracted, so each lane has the same bits on every target. mul_add() and
+// neg_mul_add() are the exceptions: they round once on targets with fused operations, and twice on others.
 //
 // GCC compiles implicit constructors for the baseline target, so members of these types have no default initialisers.
 #if defined(FLOCKSTEP_BASE_WIDE_INL_HPP) == defined(HWY_TARGET_TOGGLE)
@@ -141,6 +142,13 @@ struct Wide {
   friend HWY_INLINE Wide operator*(Wide a, Wide b) { FLOCKSTEP_EACH_PART(Wide, hn::Mul(a.part[p], b.part[p])); }
   friend HWY_INLINE Wide operator/(Wide a, Wide b) { FLOCKSTEP_EACH_PART(Wide, hn::Div(a.part[p], b.part[p])); }
   friend HWY_INLINE Wide operator-(Wide a) { FLOCKSTEP_EACH_PART(Wide, hn::Neg(a.part[p])); }
+  // a b + c, and c - a b.
+  friend HWY_INLINE Wide mul_add(Wide a, Wide b, Wide c) {
+    FLOCKSTEP_EACH_PART(Wide, hn::MulAdd(a.part[p], b.part[p], c.part[p]));
+  }
+  friend HWY_INLINE Wide neg_mul_add(Wide a, Wide b, Wide c) {
+    FLOCKSTEP_EACH_PART(Wide, hn::NegMulAdd(a.part[p], b.part[p], c.part[p]));
+  }
   // If the first operand is NaN, the result is the second.
   friend HWY_INLINE Wide min(Wide a, Wide b) { FLOCKSTEP_EACH_PART(Wide, hn::Min(a.part[p], b.part[p])); }
   friend HWY_INLINE Wide max(Wide a, Wide b) { FLOCKSTEP_EACH_PART(Wide, hn::Max(a.part[p], b.part[p])); }
@@ -194,9 +202,9 @@ struct Wide {
   using MaskTag = hn::RebindToSigned<D>;
 };
 
-// One vector of floats, with the target's width but at most kMost lanes. A loop over an array advances by kCount.
-template <std::size_t kMost>
-using WideUpTo = Wide<hn::CappedTag<float, kMost>>;
+// One vector of floats, with the target's width but at most kMax lanes. A loop over an array advances by kCount.
+template <std::size_t kMax>
+using WideUpTo = Wide<hn::CappedTag<float, kMax>>;
 // Exactly kCount floats (a power of two), in as many vectors as needed.
 template <std::size_t kCount>
 using WideOf = Wide<hn::CappedTag<float, kCount>, kCount / hn::MaxLanes(hn::CappedTag<float, kCount>())>;

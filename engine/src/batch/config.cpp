@@ -13,7 +13,7 @@
 namespace flockstep {
 namespace {
 
-constexpr double kLeastPhysicsHz = 50.0;
+constexpr double kMinPhysicsHz = 50.0;
 constexpr double kRateTolerance = 1e-4;  // relative tolerance of the ratio of two float32 rates
 
 }  // namespace
@@ -99,7 +99,7 @@ void BatchConfig::validate() const {
           "an integer >= 1, or drones_per_env=1 (then each new drone has a separate env)", num_envs);
   require(!dynamics.is_kinematic() || !clock.controller_hz, "controller_hz",
           "None for kinematic motion (it has no controller: give motion=\"rotors\")", clock.controller_hz.value_or(0.0F));
-  require(dynamics.is_kinematic() || clock.ticks_hz() >= kLeastPhysicsHz, "physics_hz",
+  require(dynamics.is_kinematic() || clock.ticks_hz() >= kMinPhysicsHz, "physics_hz",
           "at least 50 Hz for motion by rotors (500 is usual)", clock.ticks_hz());
   require(imus.empty() || !dynamics.is_kinematic(), "imu",
           "None for kinematic motion (it has no accelerations: give motion=\"rotors\")", "an ImuConfig");

@@ -95,14 +95,14 @@ void add_up(Simulation& sim, std::size_t first, std::size_t count) {
   for (std::size_t i = 0; i < count; ++i) shown[i] = static_cast<float>(step[i]);
 }
 
-// Adds the rewards that at most kSettled consecutive rows earned in a flown step.
-constexpr std::size_t kSettled = 64;
-void settle_rewards(Simulation& sim, std::size_t first, std::size_t count) {
+// Adds the rewards that at most kMaxRows consecutive rows earned in a flown step.
+constexpr std::size_t kMaxRows = 64;
+void accumulate_rewards(Simulation& sim, std::size_t first, std::size_t count) {
   TaskState& task_state = *sim.task_state;
   Outputs& out = sim.outputs.now();
   const std::size_t num_terms = task_state.score.num_terms;
   add_up(sim, first * num_terms, count * num_terms);
-  std::array<double, kSettled> totals, step_totals;  // of this flown step; of all steps flown with this action
+  std::array<double, kMaxRows> totals, step_totals;  // of this flown step; of all steps flown with this action
   sum_rows(task_state.score.terms.data() + first * num_terms, num_terms, count, totals.data());
   const bool repeats = !task_state.earned.empty();
   if (repeats) sum_rows(task_state.earned.data() + first * num_terms, num_terms, count, step_totals.data());
@@ -135,7 +135,7 @@ void decide_ends(Simulation& sim, std::size_t first, std::size_t count, std::uin
   const std::int64_t *const lengths = episodes.steps.data() + first, *const limits = episodes.time_limit.data() + first;
   const Score& score = sim.task_state->score;
   Outputs& out = sim.outputs.now();
-  using Flags = std::array<std::uint8_t, kSettled>;
+  using Flags = std::array<std::uint8_t, kMaxRows>;
   Flags is_late, hits;
   std::copy_n(lengths, count, out.episode_length.data() + first);
   for (std::size_t i = 0; i < count; ++i) is_late[i] = (limits[i] > 0) & (lengths[i] >= limits[i]);
@@ -177,9 +177,9 @@ void decide_ends(Simulation& sim, std::size_t first, std::size_t count, std::uin
   std::fill_n(episodes.action_changed.data() + first, count, std::uint8_t{0});  // frame_skip repeats the action
 }
 
-// Finishes a flown step of at most kSettled consecutive envs with one row each.
-void settle_single_rows(Simulation& sim, std::size_t first, std::size_t count) {
-  settle_rewards(sim, first, count);
+// Finishes a flown step of at most kMaxRows consecutive envs with one row each.
+void finish_single_rows(Simulation& sim, std::size_t first, std::size_t count) {
+  accumulate_rewards(sim, first, count);
   decide_ends(sim, first, count, sim.episodes.done.data() + first);
 }
 
@@ -198,17 +198,17 @@ void truncate_others(Simulation& sim, EnvIndex env) {
 }
 
 // Finishes a flown step of an env with several rows.
-void settle_rows(Simulation& sim, EnvIndex env) {
+void finish_rows(Simulation& sim, EnvIndex env) {
   const std::size_t begin = env * sim.rows_per_env(), end = begin + sim.rows_per_env();
   // Removed drones of a team have a score of 0. Other rows that do not fly keep an old score.
   const bool is_team = sim.episodes_mode() == Episodes::team;
   const auto flies = [&](std::size_t row) { return is_team || sim.takes_part(DroneIndex(row), Part::flying); };
-  std::array<std::uint8_t, kSettled> ended;
+  std::array<std::uint8_t, kMaxRows> ended;
   for (std::size_t first = begin; first < end;) {
     std::size_t count = 0;
-    while (count < kSettled && first + count < end && flies(first + count)) ++count;
+    while (count < kMaxRows && first + count < end && flies(first + count)) ++count;
     if (count > 0) {
-      settle_rewards(sim, first, count);
+      accumulate_rewards(sim, first, count);
       decide_ends(sim, first, count, ended.data());
     }
     first += std::max<std::size_t>(count, 1);
@@ -357,10 +357,10 @@ void begin_task(Simulation& sim, std::unique_ptr<Task> task) {
   if (sim.episodes_mode() != Episodes::team) allocate(sim.state.own, sizes);
   if (sim.episodes_mode() == Episodes::each) sim.begins.resize(n);
   task_state.actions = task_state.actions_before = Buffer(spec.action, n);
-  const bool tells_poses = sim.config.dynamics.control == Control::pose;
-  if (tells_poses) task_state.setpoints.target.resize(sim.num_drones());
-  if (!tells_poses) task_state.setpoints.command.resize(4 * sim.num_drones());
-  if (tells_poses && sim.config.clock.substeps() > 1) task_state.step_start.resize(sim.num_drones());
+  const bool uses_pose_targets = sim.config.dynamics.control == Control::pose;
+  if (uses_pose_targets) task_state.setpoints.target.resize(sim.num_drones());
+  if (!uses_pose_targets) task_state.setpoints.command.resize(4 * sim.num_drones());
+  if (uses_pose_targets && sim.config.clock.substeps() > 1) task_state.step_start.resize(sim.num_drones());
   if (spec.records_path) {
     const auto ticks = static_cast<std::size_t>(sim.config.clock.substeps());
     checks::memory(12.0 * static_cast<double>(ticks + 1) * static_cast<double>(sim.num_drones()));
@@ -513,12 +513,12 @@ void select_envs(Simulation& sim, Block& block) {
 void finish_step(Simulation& sim, Block& block) {
   if (sim.rows_per_env() == 1) {
     for_each_contiguous(block.flying, [&](std::size_t first, std::size_t count) {
-      for (std::size_t done = 0; done < count; done += kSettled) {
-        settle_single_rows(sim, first + done, std::min(kSettled, count - done));
+      for (std::size_t done = 0; done < count; done += kMaxRows) {
+        finish_single_rows(sim, first + done, std::min(kMaxRows, count - done));
       }
     });
   } else {
-    for (const EnvIndex env : block.flying) settle_rows(sim, env);
+    for (const EnvIndex env : block.flying) finish_rows(sim, env);
   }
   if (sim.episodes_mode() == Episodes::each) return;  // the env goes on
   block.flying.filter([&](EnvIndex env) { return !sim.episodes.done[env * sim.rows_per_env()]; });

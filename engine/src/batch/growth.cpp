@@ -16,13 +16,13 @@
 namespace flockstep {
 namespace {
 
-constexpr std::size_t kMost = BatchConfig::kMaxDrones;
+constexpr std::size_t kMax = BatchConfig::kMaxDrones;
 
 std::string below(std::size_t end) { return "an integer in [0, " + std::to_string(end) + ")"; }
 
 // Drones per env of a batch that needs at least this many. Doubled, so that drones that come one by one rarely move the arrays.
 std::size_t grown_drones_per_env(const Simulation& sim, std::size_t needed) {
-  std::size_t most = kMost / std::max<std::size_t>(sim.num_envs(), 1);
+  std::size_t most = kMax / std::max<std::size_t>(sim.num_envs(), 1);
   if (sim.config.meet != Meet::never) most = std::min<std::size_t>(most, kMaxBodies);
   return std::max(needed, std::min(std::max<std::size_t>(2 * sim.drones_per_env(), 2), most));
 }
@@ -36,11 +36,11 @@ SpawnPlan plan_of_indices(const Simulation& sim, std::span<const std::int64_t> i
   std::int64_t largest = -1;
   for (std::size_t row = 0; row < indices.size(); ++row) {
     const std::int64_t index = indices[row];
-    if (index >= 0 && index < (grows ? static_cast<std::int64_t>(kMost) : end)) {
+    if (index >= 0 && index < (grows ? static_cast<std::int64_t>(kMax) : end)) {
       largest = std::max(largest, index);
       continue;
     }
-    std::string expected = below(grows ? kMost : sim.num_drones());
+    std::string expected = below(grows ? kMax : sim.num_drones());
     if (index >= end && sim.task_state) expected += " (a batch with a task cannot grow)";
     if (index >= end && !sim.task_state && !grows) expected += ", or env=... instead of indices for new drones of an env";
     refuse(checks::row_of("indices", row), expected, index);
@@ -86,7 +86,7 @@ SpawnPlan plan_of_count(const Simulation& sim, std::size_t count) {
   const std::size_t e = sim.num_envs(), m = sim.drones_per_env();
   SpawnPlan plan{e, m, {}};
   const std::size_t needed = static_cast<std::size_t>(std::ranges::count(active, 1)) + count;
-  require(needed <= kMost, "num_drones", "at most " + std::to_string(kMost) + " drones", needed);
+  require(needed <= kMax, "num_drones", "at most " + std::to_string(kMax) + " drones", needed);
   if (needed > sim.num_drones()) {
     require(!sim.task_state, "position", "no more rows than inactive slots (a batch with a task cannot grow)", count);
     if (m == 1) plan.num_envs = needed;

@@ -35,7 +35,7 @@ double sensor_bytes(const BatchConfig& config) {
 }
 
 // Sets the default physics_hz of motion by rotors.
-void settle_rates(BatchConfig& config) {
+void set_default_physics_rate(BatchConfig& config) {
   constexpr float kUsualPhysicsHz = 500.0F;
   ClockConfig& clock = config.clock;
   const float called_hz = clock.controller_hz.value_or(clock.policy_hz);
@@ -50,7 +50,7 @@ BatchConfig validated(BatchConfig config, const Task* task) {
   // Check this before config.validate(), whose message would recommend a control that the task then rejects.
   require(!config.dynamics.is_kinematic() || task == nullptr || task->takes(Control::pose), "motion",
           "\"rotors\", which this task needs", "\"kinematic\"");
-  settle_rates(config);
+  set_default_physics_rate(config);
   config.validate();
   require(task == nullptr || config.num_drones() > 0, "num_drones = num_envs x drones_per_env",
           "at least one drone with a task (its arrays cannot grow)", config.num_drones());

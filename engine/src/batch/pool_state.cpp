@@ -21,7 +21,7 @@
 namespace flockstep {
 namespace {
 
-constexpr std::int32_t kMostWorlds = 1 << 24;  // resolution of uniform01()
+constexpr std::int32_t kMaxWorlds = 1 << 24;  // resolution of uniform01()
 
 // Writes a world, or null, to a slot of the simulation's tables.
 void set_slot(Simulation& sim, std::int32_t slot, std::shared_ptr<const World> world) {
@@ -61,8 +61,8 @@ bool needs_tiles(const BatchConfig& config, std::size_t triangles) {
 
 void WorldPool::validate() const {
   require(source != nullptr, "worlds", "a pool with a source", "none");
-  require(size >= 1 && size <= kMostWorlds, "size", "an integer in [1, 16777216]", size);
-  require(fresh >= 0.0 && fresh <= kMostWorlds, "fresh", "a number in [0, 16777216]", fresh);
+  require(size >= 1 && size <= kMaxWorlds, "size", "an integer in [1, 16777216]", size);
+  require(fresh >= 0.0 && fresh <= kMaxWorlds, "fresh", "a number in [0, 16777216]", fresh);
 }
 
 std::int32_t WorldPool::number_of(std::uint64_t seed, std::int64_t episode) const {

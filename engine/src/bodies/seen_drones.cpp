@@ -17,7 +17,7 @@ constexpr float kHullRounding = 1.00001F;
 std::shared_ptr<const World> mesh_of_hull(const DroneModel& model) {
   MeshPart part;
   part.vertices.assign(model.hull().begin(), model.hull().end());
-  for (const HullFace& face : hull_faces(model.hull(), trace::HullPlanes::kMost)) {
+  for (const HullFace& face : hull_faces(model.hull(), trace::HullPlanes::kMax)) {
     const auto corner = [&](std::size_t i) { return static_cast<std::int32_t>(face.corners[i]); };
     for (std::size_t i = 2; i < face.corners.size(); ++i) part.triangles.push_back({corner(0), corner(i - 1), corner(i)});
   }

@@ -39,9 +39,9 @@ void Corners::take(std::vector<std::array<float, 3>> corners) {
 }
 
 Vec3d Corners::support(const Vec3d& direction) const {
-  constexpr std::size_t kFew = 32, kBlock = 256;
-  if (x_.size() <= kFew) {
-    std::array<double, kFew> distances;
+  constexpr std::size_t kListThreshold = 32, kBlock = 256;
+  if (x_.size() <= kListThreshold) {
+    std::array<double, kListThreshold> distances;
     for (std::size_t i = 0; i < x_.size(); ++i) distances[i] = corner(i).dot(direction);
     std::size_t best = 0;
     for (std::size_t i = 1; i < x_.size(); ++i) best = distances[i] > distances[best] ? i : best;

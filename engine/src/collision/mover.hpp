@@ -22,9 +22,9 @@ inline constexpr double kBallStep = 0.1;  // m; the path's nearest point is good
 inline constexpr int kPlaneSteps = 4;
 inline constexpr int kDifferenceSteps = 12;  // each is cheaper than one of the others
 inline constexpr int kMaxAdvances = 1000;
-inline constexpr double kNearest = 0.25;      // of the standoff; see Mover::first_touch()
-inline constexpr int kRewinds = 24;           // halvings of the time; they resolve a motion of 10 m to a micrometre
-inline constexpr double kLeastRewind = 5e-6;  // m; between hulls that turn, the way to which a contact is resolved
+inline constexpr double kNearest = 0.25;    // of the standoff; see Mover::first_touch()
+inline constexpr int kRewinds = 24;         // halvings of the time; they resolve a motion of 10 m to a micrometre
+inline constexpr double kMinRewind = 5e-6;  // m; between hulls that turn, the way to which a contact is resolved
 
 // The distances that the hull keeps in one motion. They grow with its coordinates, because rounding errors do.
 struct Margins {
@@ -235,8 +235,8 @@ class Mover {
 
   static bool is_as_far(const Clearance& there, const Clearance& first) { return !there.overlapping && there.gap >= first.gap; }
 
-  // A time in which no point of the hull moves farther than kLeastRewind.
-  double first_step() const { return kLeastRewind / path_.fastest(static_cast<double>(hull_.radius())); }
+  // A time in which no point of the hull moves farther than kMinRewind.
+  double first_step() const { return kMinRewind / path_.fastest(static_cast<double>(hull_.radius())); }
 
   const Hull& hull_;
   Track path_;

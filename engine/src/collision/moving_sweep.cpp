@@ -16,16 +16,16 @@ namespace flockstep::collision {
 
 namespace {
 
-constexpr int kMostPushes = 64;
-constexpr std::size_t kMostSupports = 6;
-constexpr double kLeastPart = 1.0 / 40.0;  // of the time to push in; with kMostPushes this leaves some for other contacts
-constexpr double kMostTurn = 0.2;          // rad, of a body while it pushes along one normal
-constexpr double kMostAdvance = 0.1;       // m, of a turning body while it pushes along one normal
-constexpr double kMostSlip = 4.0;          // length of a way relative to the farthest advance
-constexpr double kLeastSlip = 1e-3;        // m
-constexpr double kDiscrepancy = 1e-7;      // m; how much a way may fall short of an advance
-constexpr double kParallel = 1e-6;         // determinant of unit normals that count as linearly dependent
-constexpr double kBeyond = 0.01;           // m; far enough from a body to find its surface from outside
+constexpr int kMaxPushes = 64;
+constexpr std::size_t kMaxSupports = 6;
+constexpr double kMinPart = 1.0 / 40.0;  // of the time to push in; with kMaxPushes this leaves some for other contacts
+constexpr double kMaxTurn = 0.2;         // rad, of a body while it pushes along one normal
+constexpr double kMaxAdvance = 0.1;      // m, of a turning body while it pushes along one normal
+constexpr double kMaxSlip = 4.0;         // length of a way relative to the farthest advance
+constexpr double kMinSlip = 1e-3;        // m
+constexpr double kDiscrepancy = 1e-7;    // m; how much a way may fall short of an advance
+constexpr double kParallel = 1e-6;       // determinant of unit normals that count as linearly dependent
+constexpr double kBeyond = 0.01;         // m; far enough from a body to find its surface from outside
 
 // Meets everything near the hull's way, except some bodies.
 template <class IsSkipped>
@@ -61,7 +61,7 @@ struct Support {
 
 // The supports of a hull that is pushed.
 struct Supports {
-  std::array<Support, kMostSupports> all;
+  std::array<Support, kMaxSupports> all;
   std::size_t count = 0;
 
   std::span<Support> items() { return std::span(all).first(count); }
@@ -76,7 +76,7 @@ struct Supports {
 std::optional<Vec3d> shortest_way(std::span<const Support> supports) {
   double farthest = 0.0;
   for (const Support& support : supports) farthest = std::max(farthest, support.advance);
-  const double most = kMostSlip * farthest + kLeastSlip;
+  const double most = kMaxSlip * farthest + kMinSlip;
   std::optional<Vec3d> best;
   const auto consider = [&](const Vec3d& way) {
     const bool is_enough = std::all_of(supports.begin(), supports.end(), [&way](const Support& support) {
@@ -137,7 +137,7 @@ class Pushed {
  private:
   // Returns false if the hull is jammed.
   bool move() {
-    for (int push = 0; push < kMostPushes; ++push) {
+    for (int push = 0; push < kMaxPushes; ++push) {
       BodySearch search(hull_, pose_, pose_, time_, 1.0);
       for (const MovingSolid& body : bodies_) search.meet(body);
       const Touch& touch = search.end_of_motion();
@@ -169,7 +169,7 @@ class Pushed {
       const float flown = search.fraction();
       move_to(interpolate(pose_, target, flown));
       time_ += static_cast<double>(flown) * (end - time_);
-      if (supports.count == kMostSupports) return false;
+      if (supports.count == kMaxSupports) return false;
       supports.all[supports.count++] =
           search.body_at_end() != nullptr ? support_of(touch, *search.body_at_end()) : Support{.normal = touch.normal};
     }
@@ -185,9 +185,9 @@ class Pushed {
     for (const Support& support : supports) {
       if (support.body == nullptr || !support.body->path().turns()) continue;
       const Path& path = support.body->path();
-      part = std::min({part, kMostTurn / path.angle, kMostAdvance / std::max(path.velocity.norm(), kMostAdvance)});
+      part = std::min({part, kMaxTurn / path.angle, kMaxAdvance / std::max(path.velocity.norm(), kMaxAdvance)});
     }
-    const double end = time_ + std::max(part, kLeastPart * (1.0 - begin_));
+    const double end = time_ + std::max(part, kMinPart * (1.0 - begin_));
     return end < 1.0 ? end : 1.0;
   }
 
@@ -217,7 +217,7 @@ class Pushed {
         break;
       }
       if (!more) return way;
-      if (supports.count == kMostSupports) return std::nullopt;
+      if (supports.count == kMaxSupports) return std::nullopt;
       more->advance = advance_of(*more, end);
       supports.all[supports.count++] = *more;
     }

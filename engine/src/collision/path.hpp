@@ -21,7 +21,7 @@ struct Path {
       turn.coeffs() = -turn.coeffs();
     }
     const double sine = turn.vec().norm();
-    if (sine > kLeastSine) {
+    if (sine > kMinSine) {
       axis = turn.vec() / sine;
       angle = 2.0 * std::atan2(sine, turn.w());
     }
@@ -55,7 +55,7 @@ struct Path {
   }
 
   static constexpr bool kTurnsRelative = false;  // other than RelativePath
-  static constexpr double kLeastSine = 1e-9;     // smaller turns are below the resolution of a float
+  static constexpr double kMinSine = 1e-9;       // smaller turns are below the resolution of a float
 
   Eigen::Vector3d start;                            // m, world frame
   Eigen::Vector3d velocity;                         // m per unit of time

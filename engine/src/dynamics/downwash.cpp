@@ -20,7 +20,7 @@ constexpr float kEdge = 1.0F / 49.0F;                          // of the velocit
 constexpr float kEdgeSpread = 0.29184F;                        // radius of the edge per (s - s0): x = sqrt(6 / kShape)
 
 constexpr float kLoss = 0.4F;                                              // k
-constexpr float kMostLoss = 0.5F;                                          // the first order holds for slow washes only
+constexpr float kMaxLoss = 0.5F;                                           // the first order holds for slow washes only
 constexpr float kUnit = 1.0F / static_cast<float>(std::int64_t{1} << 40);  // of Member::lost2: a millionth of the thrust, squared
 
 }  // namespace
@@ -39,8 +39,8 @@ WashNumbers::WashNumbers(const Airframe& frame) {
     farthest = std::max(farthest, distance(hub, mean));
     for (const Airframe::Triple& other : frame.position_m) longest = std::max(longest, distance(hub, other));
   }
-  constexpr double kLeastArea = 1e-12;  // m^2, for float32
-  const double area = std::max(static_cast<double>(kRotors) * std::numbers::pi * frame.radius_m * frame.radius_m, kLeastArea);
+  constexpr double kMinArea = 1e-12;  // m^2, for float32
+  const double area = std::max(static_cast<double>(kRotors) * std::numbers::pi * frame.radius_m * frame.radius_m, kMinArea);
   center = Eigen::Vector3d::Map(mean.data()).cast<float>();
   length = static_cast<float>(longest);
   reach = static_cast<float>(farthest);
@@ -95,7 +95,7 @@ void Downwash::update_env(Fleet& fleet, const State& state, std::size_t env) {
   for (const Member& member : members_) {
     for (std::size_t rotor = 0; rotor < kRotors; ++rotor) {
       const float lost = std::sqrt(static_cast<float>(member.lost2[rotor]) * kUnit);
-      fleet.thrust_share[kRotors * member.drone + rotor] = 1.0F - std::min(lost, kMostLoss);
+      fleet.thrust_share[kRotors * member.drone + rotor] = 1.0F - std::min(lost, kMaxLoss);
     }
   }
 }

@@ -30,12 +30,12 @@ void set_gust(const Wind& wind, State& state, DroneIndex drone, const GustState&
 void require_integrable(const Airframe& frame, const std::string& name, const DynamicsConfig& config, const ClockConfig& clock) {
   require(config.integrator != Integrator::rk4 || can_rk4(frame, config, clock.dt_s()), "integrator",
           "midpoint or automatic if a tick is longer than twice the rotors' lag", "rk4");
-  constexpr double kMostStiffness = 2.0;  // per tick; above this a midpoint step amplifies instead of damping
+  constexpr double kMaxStiffness = 2.0;  // per tick; above this a midpoint step amplifies instead of damping
   const double ticks = clock.ticks_hz();
-  if (const double rate = stiffness(frame, config); rate > kMostStiffness * ticks) {
+  if (const double rate = stiffness(frame, config); rate > kMaxStiffness * ticks) {
     std::ostringstream expected;
-    expected << "drag and rotor inertia with rates of at most " << kMostStiffness * ticks
-             << " 1/s, two per tick (or a physics_hz of at least " << std::ceil(rate / kMostStiffness) << ")";
+    expected << "drag and rotor inertia with rates of at most " << kMaxStiffness * ticks
+             << " 1/s, two per tick (or a physics_hz of at least " << std::ceil(rate / kMaxStiffness) << ")";
     refuse(name, expected.str(), rate);
   }
 }

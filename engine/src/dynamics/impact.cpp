@@ -13,10 +13,10 @@ using Vec3d = Eigen::Vector3d;
 using Mat3d = Eigen::Matrix3d;
 
 constexpr double kSlow = 0.05;  // m/s; slower impacts do not bounce, otherwise a body at rest would hop forever
-constexpr int kMostRounds = 1000;
-constexpr double kConverged = 1e-7;  // largest change of a point's speed in the last round, over the impact speed
-constexpr double kSettled = 1e-3;    // largest accepted speed into the surface, over the impact speed
-constexpr double kRelaxation = 1.3;  // needed the fewest rounds in measurements with boxes and random faces
+constexpr int kMaxRounds = 1000;
+constexpr double kConverged = 1e-7;    // largest change of a point's speed in the last round, over the impact speed
+constexpr double kMaxApproach = 1e-3;  // largest accepted speed into the surface, over the impact speed
+constexpr double kRelaxation = 1.3;    // needed the fewest rounds in measurements with boxes and random faces
 
 // A body's motion about its centre of mass, world frame.
 struct Twist {
@@ -94,8 +94,8 @@ class Impact {
   // impulses of both solutions lie within the friction cone, so those of the blend do, too.
   Twists bounce(const Twists& before, const Surface& surface) {
     Twists hard = solve(before, surface);
-    if (!is_settled_) hard = solve(before, {surface.restitution, 0.0});  // strong friction can prevent convergence
-    if (!is_settled_) return press(before, surface.friction);
+    if (!has_converged_) hard = solve(before, {surface.restitution, 0.0});  // strong friction can prevent convergence
+    if (!has_converged_) return press(before, surface.friction);
     if (energy(hard) <= energy(before)) return hard;
     const Twists soft = press(before, surface.friction);
     Twists way;
@@ -115,7 +115,7 @@ class Impact {
   // The motion after contact without restitution: no point moves further into the surface.
   Twists press(const Twists& before, double friction) {
     const Twists rough = solve(before, {0.0, friction});
-    if (is_settled_ && energy(rough) <= energy(before)) return rough;
+    if (has_converged_ && energy(rough) <= energy(before)) return rough;
     return solve(before, {0.0, 0.0});
   }
 
@@ -145,13 +145,13 @@ class Impact {
       fastest = std::max(fastest, velocity.norm());
     }
     Twists motion = before;
-    for (int round = 0; round < kMostRounds; ++round) {
+    for (int round = 0; round < kMaxRounds; ++round) {
       double changed = 0.0;
       for (Touching& point : points()) changed = std::max(changed, push(point, surface.friction, motion));
       if (changed <= kConverged * fastest) break;
     }
-    is_settled_ = std::ranges::all_of(
-        points(), [&](const Touching& point) { return point.velocity(motion).dot(point.normal) >= -kSettled * fastest; });
+    has_converged_ = std::ranges::all_of(
+        points(), [&](const Touching& point) { return point.velocity(motion).dot(point.normal) >= -kMaxApproach * fastest; });
     return motion;
   }
 
@@ -190,9 +190,9 @@ class Impact {
   double energy(const Twists& motions) const { return 0.5 * work(motions, motions); }  // J
 
   std::array<Inertia, kBodies> bodies_;
-  std::array<Touching, kMostPoints> points_;
+  std::array<Touching, kMaxPoints> points_;
   std::size_t count_ = 0;
-  bool is_settled_ = true;
+  bool has_converged_ = true;
 };
 
 Mat3d rotation_of(const Pose& pose) { return pose.rotation.cast<double>().normalized().toRotationMatrix(); }
@@ -225,7 +225,7 @@ std::array<Twists<kBodies>, 2> rebound(Impact<kBodies>& impact, const Twists<kBo
 
 Rebound thrown_back(const Velocity& at_hit, const Velocity& at_end, double left_s, const Pose& pose,
                     std::span<const ContactPoint> points, const Airframe& frame, const Surface& surface) {
-  assert(points.size() <= kMostPoints);
+  assert(points.size() <= kMaxPoints);
   const Mat3d rotation = rotation_of(pose);
   Impact<1> impact({Inertia(rotation, frame)});
   for (const auto& [position, normal] : points) impact.add({(position - pose.position).cast<double>()}, normal.cast<double>());
@@ -235,7 +235,7 @@ Rebound thrown_back(const Velocity& at_hit, const Velocity& at_end, double left_
 
 std::array<Rebound, 2> thrown_apart(const Colliding& first, const Colliding& second, double left_s,
                                     std::span<const ContactPoint> points, const Surface& surface) {
-  assert(points.size() <= kMostPoints);
+  assert(points.size() <= kMaxPoints);
   const std::array rotations{rotation_of(first.pose), rotation_of(second.pose)};
   Impact<2> impact({Inertia(rotations[0], first.frame), Inertia(rotations[1], second.frame)});
   for (const auto& [position, normal] : points) {

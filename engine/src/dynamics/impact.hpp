@@ -29,7 +29,7 @@ struct Rebound {
 };
 
 // Resolves an impact in the middle of a tick, and the contact for the rest of it. at_hit: velocity before the impact. at_end:
-// velocity at the end of the tick, left_s later, if there were no contact. points: at most kMostPoints.
+// velocity at the end of the tick, left_s later, if there were no contact. points: at most kMaxPoints.
 //
 // In the impact each point rebounds with the restitution's share of its approach speed, by impulses within the Coulomb cone. A
 // point that already moves away is not affected. The impact adds no energy: if the restitution would, it is reduced. Then the
@@ -37,7 +37,7 @@ struct Rebound {
 //
 // The impulses are solved point by point until they converge (projected Gauss-Seidel: E. Catto, "Iterative Dynamics with
 // Temporal Coherence", 2005). This takes many rounds if the points are not coplanar or nearly coincide.
-inline constexpr std::size_t kMostPoints = 130;  // twice all vertices of two hulls, plus one
+inline constexpr std::size_t kMaxPoints = 130;  // twice all vertices of two hulls, plus one
 Rebound thrown_back(const Velocity& at_hit, const Velocity& at_end, double left_s, const Pose& pose,
                     std::span<const ContactPoint> points, const Airframe& frame, const Surface& surface);
 

@@ -16,7 +16,7 @@ constexpr double kFastest = 0.25;      // fastest loop, as a share of the contro
 constexpr double kYawShare = 1.0 / 3;  // yaw torque is small and takes thrust from the other axes
 constexpr double kIntegralShare = 0.1;
 constexpr double kUsualLag = 0.035;  // s
-constexpr double kMostLead = 4.0;
+constexpr double kMaxLead = 4.0;
 
 float narrow(double value) { return static_cast<float>(value); }
 
@@ -53,7 +53,7 @@ Stage stage_of(Control control) {
 Gains Gains::of(const Airframe& frame, const DynamicsConfig& config, double control_dt_s) {
   const double lag = config.rotor_lag ? 0.5 * (frame.lag_up_s + frame.lag_down_s) : 0.0;
   Gains gains;
-  gains.lead = std::clamp(lag / kUsualLag, 1.0, kMostLead);
+  gains.lead = std::clamp(lag / kUsualLag, 1.0, kMaxLead);
   gains.rate = std::min(lag > 0.0 ? 0.5 * gains.lead / lag : kFastest / control_dt_s, kFastest / control_dt_s);
   gains.yaw_rate = kYawShare * gains.rate;
   gains.attitude = gains.rate / 3.0;

@@ -20,7 +20,7 @@
 
 namespace flockstep::dynamics {
 
-static_assert(kMostPoints == 2 * (2 * kMaxHullVertices + 1));
+static_assert(kMaxPoints == 2 * (2 * kMaxHullVertices + 1));
 
 // Points of hulls that touch. If a face lies flat, these are all its corners. If a drone has several contacts at one place, as in
 // a corner, their points are kept, so that the impulses at one do not push the drone into another.
@@ -37,7 +37,7 @@ class ContactPoints {
   // points are projected onto the hit surface and deduplicated: points off its plane, or a millimetre apart, would act as tiny
   // levers that keep the body from turning. touches(point, reach): whether the point is nearer than reach to the obstacle.
   void add(const auto& touches, const collision::Hull& hull, const Pose& pose, const collision::Contact& contact) {
-    if (count_ > kMostPoints / 2) clear();
+    if (count_ > kMaxPoints / 2) clear();
     first_ = count_;
     if (!contact.inside) add(contact.point, contact.normal);
     add_vertices(touches, hull, pose, contact, 1.0F);
@@ -93,7 +93,7 @@ class ContactPoints {
   }
 
   static constexpr float kSameNormal = 0.999F;  // cosine
-  std::array<ContactPoint, kMostPoints> points_;
+  std::array<ContactPoint, kMaxPoints> points_;
   std::size_t count_ = 0;
   std::size_t first_ = 0;  // of the last contact
 };

@@ -8,7 +8,7 @@ namespace flockstep::dynamics {
 namespace {
 
 constexpr double kFootPerMetre = 1.0 / 0.3048;
-constexpr double kLeastSpeed = 1.0;  // m/s, minimum speed at which the wind carries turbulence
+constexpr double kMinSpeed = 1.0;  // m/s, minimum speed at which the wind carries turbulence
 
 }  // namespace
 
@@ -59,7 +59,7 @@ Wind::Wind(const WindConfig& config, double step)
     const double std_w = 0.1 * static_cast<double>(config.wind_at_6m_mps);
     const double std_u = std_w / std::pow(shape, 0.4);
     const Eigen::Vector2d level = mean_.head<2>().cast<double>();
-    const double speed = std::max(level.norm(), kLeastSpeed);
+    const double speed = std::max(level.norm(), kMinSpeed);
     if (level.norm() > 0.0) {
       along_ = Vec3(static_cast<float>(level.x() / level.norm()), static_cast<float>(level.y() / level.norm()), 0.0F);
       across_ = Vec3(-along_.y(), along_.x(), 0.0F);

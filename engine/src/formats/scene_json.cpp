@@ -37,10 +37,10 @@ constexpr const char* kDefault = "default";  // material that exists without bei
 // Throws for a name that is not a key of the index, and suggests the nearest key. Comparing very many keys would take too long.
 [[noreturn]] void refuse_name(const JsonField& field, const std::string& expected,
                               const std::unordered_map<std::string, std::uint16_t>& index) {
-  constexpr std::size_t kMostCompared = 1000;
+  constexpr std::size_t kMaxCompared = 1000;
   std::vector<std::string_view> known;
   for (const auto& [name, number] : index) known.push_back(name);
-  if (known.size() > kMostCompared) known.clear();
+  if (known.size() > kMaxCompared) known.clear();
   refuse(field, expected, json::excerpt_of(field.value) + did_you_mean(field.value.get_ref<const std::string&>(), known));
 }
 

@@ -15,7 +15,7 @@ using namespace learning;
 
 namespace {
 
-constexpr std::int64_t kMostSteps = 1 << 28;  // of a rollout, all rows together
+constexpr std::int64_t kMaxSteps = 1 << 28;  // in a rollout, all rows together
 
 }  // namespace
 
@@ -24,8 +24,8 @@ void Learner::begin(const RolloutConfig& config, int rows) {
   Parts& parts = *parts_;
   config.validate();
   require(rows >= 1 && rows <= 1 << 24, "rows", "an integer in [1, 16777216]", rows);
-  require(std::int64_t{config.n_steps} * rows <= kMostSteps, "n_steps",
-          "at most " + std::to_string(kMostSteps) + " steps of all rows", std::int64_t{config.n_steps} * rows);
+  require(std::int64_t{config.n_steps} * rows <= kMaxSteps, "n_steps",
+          "at most " + std::to_string(kMaxSteps) + " steps of all rows", std::int64_t{config.n_steps} * rows);
   const auto count = static_cast<std::size_t>(rows);
   parts.next = 0;
   parts.is_finished = false;
@@ -37,14 +37,14 @@ void Learner::begin(const RolloutConfig& config, int rows) {
 void Learner::Parts::draw_actions(Pass& pass, std::size_t t, std::size_t from, std::size_t count) {
   const std::size_t first = t * rollout.rows + from, size = action_size(), stride = padded(distribution.outputs());
   std::copy_n(pass.inputs(), count * input_stride, rollout.inputs.data() + first * input_stride);
-  const float* const outputs = pass.act(parameters.data(), transposed.data(), count);
+  const float* const outputs = pass.forward_actor(parameters.data(), transposed.data(), count);
   std::vector<float> work(distribution.outputs());
   for (std::size_t i = 0; i < count; ++i) {
     float* const action = rollout.actions.data() + (first + i) * size;
     distribution.draw(outputs + i * stride, {seed, draws, static_cast<std::uint32_t>(from + i)}, action);
     rollout.log_probs[first + i] = distribution.evaluate(outputs + i * stride, action, work.data()).log_prob;
   }
-  const float* const values = pass.judge(parameters.data(), transposed.data(), count);
+  const float* const values = pass.forward_critic(parameters.data(), transposed.data(), count);
   for (std::size_t i = 0; i < count; ++i) rollout.values[first + i] = values[i * kPad];
 }
 
@@ -103,14 +103,14 @@ void Learner::record(int t, const StepResults& results) {
   const std::size_t first = static_cast<std::size_t>(t) * rows;
   std::copy(results.reward.begin(), results.reward.end(), rollout.rewards.begin() + static_cast<std::ptrdiff_t>(first));
   if (rollout.config.normalize_rewards) {
-    std::vector<double> discounted;  // of the rows that count
+    std::vector<double> discounted;  // returns so far, of the rows that count
     for (std::size_t r = 0; r < rows; ++r) {
       if (is_skipped(r)) continue;
       parts.discounted[r] = parts.discounted[r] * rollout.config.gamma + static_cast<double>(results.reward[r]);
       discounted.push_back(parts.discounted[r]);
     }
     take(parts.return_moments, discounted.data(), discounted.size());
-    const double scale = 1.0 / std::sqrt(parts.return_moments.variance[0] + kLeastVariance);
+    const double scale = 1.0 / std::sqrt(parts.return_moments.variance[0] + kMinVariance);
     for (std::size_t r = 0; r < rows; ++r) {
       rollout.rewards[first + r] = std::clamp(static_cast<float>(results.reward[r] * scale), -kClip, kClip);
     }

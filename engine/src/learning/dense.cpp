@@ -8,14 +8,14 @@
 // Highway's own headers come after foreach_target.
 #include <hwy/highway.h>
 
+#include "base/wide-inl.hpp"
+
 HWY_BEFORE_NAMESPACE();
 namespace flockstep::learning::HWY_NAMESPACE {
-namespace hn = hwy::HWY_NAMESPACE;
+using namespace flockstep::HWY_NAMESPACE;  // the wide type
 
-using Tag = hn::CappedTag<float, kPad>;
-using Floats = hn::Vec<Tag>;
-constexpr Tag kTag;
-constexpr std::size_t kLanes = hn::MaxLanes(Tag());
+using Floats = WideUpTo<kPad>;
+constexpr std::size_t kLanes = Floats::kCount;
 
 // A block of the result is as large as the registers allow: SSE4 and AVX2 have 16, AVX-512 and NEON 32.
 constexpr std::size_t kRows = 6, kVectors = HWY_TARGET == HWY_SSE4 || HWY_TARGET == HWY_AVX2 ? 2 : 4;
@@ -23,33 +23,32 @@ constexpr std::size_t kRows = 6, kVectors = HWY_TARGET == HWY_SSE4 || HWY_TARGET
 // tanh: a ratio of two polynomials in x^2, fitted to the least greatest relative error (6e-9) for |x| < 7.9, beyond which float32
 // rounds to 1. The greatest error in float32 is 3e-7.
 HWY_INLINE Floats tanh(Floats x) {
-  const Floats limit = hn::Set(kTag, 7.9F);
-  const Floats c = hn::Min(hn::Max(x, hn::Neg(limit)), limit), u = hn::Mul(c, c);
-  Floats p = hn::Set(kTag, 1.5427972e-08F);
-  p = hn::MulAdd(p, u, hn::Set(kTag, 2.2023247e-05F));
-  p = hn::MulAdd(p, u, hn::Set(kTag, 0.003578992F));
-  p = hn::MulAdd(p, u, hn::Set(kTag, 0.13450621F));
-  p = hn::MulAdd(p, u, hn::Set(kTag, 1.0F));
-  Floats q = hn::Set(kTag, 8.5987807e-07F);
-  q = hn::MulAdd(q, u, hn::Set(kTag, 0.00034236506F));
-  q = hn::MulAdd(q, u, hn::Set(kTag, 0.026192239F));
-  q = hn::MulAdd(q, u, hn::Set(kTag, 0.46783948F));
-  q = hn::MulAdd(q, u, hn::Set(kTag, 1.0F));
-  return hn::Div(hn::Mul(c, p), q);
+  const Floats c = min(max(x, -7.9F), 7.9F), u = c * c;
+  Floats p = 1.5427972e-08F;
+  p = mul_add(p, u, 2.2023247e-05F);
+  p = mul_add(p, u, 0.003578992F);
+  p = mul_add(p, u, 0.13450621F);
+  p = mul_add(p, u, 1.0F);
+  Floats q = 8.5987807e-07F;
+  q = mul_add(q, u, 0.00034236506F);
+  q = mul_add(q, u, 0.026192239F);
+  q = mul_add(q, u, 0.46783948F);
+  q = mul_add(q, u, 1.0F);
+  return c * p / q;
 }
 
 template <After kAfter>
 HWY_INLINE Floats applied(Floats x) {
   if constexpr (kAfter == After::tanh) return tanh(x);
-  if constexpr (kAfter == After::relu) return hn::Max(x, hn::Zero(kTag));
+  if constexpr (kAfter == After::relu) return max(x, 0.0F);
   return x;
 }
 
-// The derivative of kAfter, from its value y.
+// The gradient before kAfter, from the gradient dy after it and its value y.
 template <After kAfter>
 HWY_INLINE Floats with_derivative(Floats dy, Floats y) {
-  if constexpr (kAfter == After::tanh) return hn::Mul(dy, hn::NegMulAdd(y, y, hn::Set(kTag, 1.0F)));
-  if constexpr (kAfter == After::relu) return hn::IfThenElseZero(hn::Gt(y, hn::Zero(kTag)), dy);
+  if constexpr (kAfter == After::tanh) return dy * neg_mul_add(y, y, 1.0F);
+  if constexpr (kAfter == After::relu) return value_if(y > 0.0F, dy);
   return dy;
 }
 
@@ -78,12 +77,12 @@ HWY_INLINE void block(const Product& p, std::size_t row, std::size_t column, con
   for (std::size_t k = p.depth; k > 0; --k) {
     Floats bs[kN];
 #pragma GCC unroll 4
-    for (std::size_t n = 0; n < kN; ++n) bs[n] = hn::Load(kTag, b + n * kLanes);
+    for (std::size_t n = 0; n < kN; ++n) bs[n] = Floats::load(b + n * kLanes);
 #pragma GCC unroll 6
     for (std::size_t m = 0; m < kM; ++m) {
-      const Floats as = hn::Set(kTag, a[m * a_row]);
+      const Floats as = a[m * a_row];
 #pragma GCC unroll 4
-      for (std::size_t n = 0; n < kN; ++n) sum[m][n] = hn::MulAdd(as, bs[n], sum[m][n]);
+      for (std::size_t n = 0; n < kN; ++n) sum[m][n] = mul_add(as, bs[n], sum[m][n]);
     }
     a += a_k;
     b += b_row;
@@ -125,9 +124,8 @@ void forward_then(const Layer& layer, const float* parameters, const float* tran
   const float* bias = parameters + layer.bias;
   multiply(
       {.a = x, .a_row = in, .a_k = 1, .b = transposed + layer.transposed, .b_row = out, .depth = layer.in}, rows, layer.out,
-      [=](std::size_t, std::size_t column) HWY_ATTR { return hn::Load(kTag, bias + column); },
-      [=](std::size_t row, std::size_t column, Floats sum)
-          HWY_ATTR { hn::Store(applied<kAfter>(sum), kTag, y + row * out + column); });
+      [=](std::size_t, std::size_t column) HWY_ATTR { return Floats::load(bias + column); },
+      [=](std::size_t row, std::size_t column, Floats sum) HWY_ATTR { applied<kAfter>(sum).store(y + row * out + column); });
 }
 
 void forward(const Layer& layer, const float* parameters, const float* transposed, const float* x, std::size_t rows, float* y) {
@@ -146,13 +144,13 @@ void add_gradient(const Layer& layer, const float* x, const float* dy, std::size
   float* weight = gradient + layer.weight;
   multiply(
       {.a = dy, .a_row = 1, .a_k = out, .b = x, .b_row = in, .depth = rows}, layer.out, layer.in,
-      [=](std::size_t row, std::size_t column) HWY_ATTR { return hn::Load(kTag, weight + row * in + column); },
-      [=](std::size_t row, std::size_t column, Floats sum) HWY_ATTR { hn::Store(sum, kTag, weight + row * in + column); });
+      [=](std::size_t row, std::size_t column) HWY_ATTR { return Floats::load(weight + row * in + column); },
+      [=](std::size_t row, std::size_t column, Floats sum) HWY_ATTR { sum.store(weight + row * in + column); });
   float* bias = gradient + layer.bias;
   for (std::size_t column = 0; column < layer.out; column += kLanes) {
-    Floats sum = hn::Load(kTag, bias + column);
-    for (std::size_t row = 0; row < rows; ++row) sum = hn::Add(sum, hn::Load(kTag, dy + row * out + column));
-    hn::Store(sum, kTag, bias + column);
+    Floats sum = Floats::load(bias + column);
+    for (std::size_t row = 0; row < rows; ++row) sum = sum + Floats::load(dy + row * out + column);
+    sum.store(bias + column);
   }
 }
 
@@ -161,10 +159,10 @@ void backward_to(const Layer& layer, const float* parameters, const float* dy, c
   const std::size_t in = padded(layer.in), out = padded(layer.out);
   multiply(
       {.a = dy, .a_row = out, .a_k = 1, .b = parameters + layer.weight, .b_row = in, .depth = layer.out}, rows, layer.in,
-      [](std::size_t, std::size_t) HWY_ATTR { return hn::Zero(kTag); },
+      [](std::size_t, std::size_t) HWY_ATTR { return Floats(0.0F); },
       [=](std::size_t row, std::size_t column, Floats sum) HWY_ATTR {
         const std::size_t at = row * in + column;
-        hn::Store(with_derivative<kBefore>(sum, hn::Load(kTag, x + at)), kTag, dx + at);
+        with_derivative<kBefore>(sum, Floats::load(x + at)).store(dx + at);
       });
 }
 
@@ -180,26 +178,21 @@ void backward(const Layer& layer, const float* parameters, const float* dy, Afte
   }
 }
 
-void adam(const AdamStep& step, const float* gradient, std::size_t count, float* parameter, float* first, float* second) {
-  const Floats scale = hn::Set(kTag, step.scale), eps = hn::Set(kTag, 1e-5F);
-  const Floats beta2 = hn::Set(kTag, 0.999F), rest1 = hn::Set(kTag, 0.1F), rest2 = hn::Set(kTag, 0.001F);
-  const Floats size = hn::Set(kTag, step.step_size), root = hn::Set(kTag, step.root_of_bias_2);
+void adam(const AdamStep& step, const float* gradient, std::size_t count, float* parameter, float* adam_m, float* adam_v) {
+  const Floats scale = step.scale, step_size = step.step_size, root_of_bias_2 = step.root_of_bias_2;
+  const Floats one_minus_beta1 = 0.1F, beta2 = 0.999F, one_minus_beta2 = 0.001F, epsilon = 1e-5F;
   for (std::size_t i = 0; i < count; i += kLanes) {
-    const Floats g = hn::Mul(hn::Load(kTag, gradient + i), scale);
-    const Floats old = hn::Load(kTag, first + i);
-    const Floats m = hn::MulAdd(rest1, hn::Sub(g, old), old);
-    const Floats v = hn::MulAdd(beta2, hn::Load(kTag, second + i), hn::Mul(rest2, hn::Mul(g, g)));
-    const Floats denominator = hn::Add(hn::Div(hn::Sqrt(v), root), eps);
-    hn::Store(m, kTag, first + i);
-    hn::Store(v, kTag, second + i);
-    hn::Store(hn::NegMulAdd(size, hn::Div(m, denominator), hn::Load(kTag, parameter + i)), kTag, parameter + i);
+    const Floats g = Floats::load(gradient + i) * scale, old_m = Floats::load(adam_m + i);
+    const Floats m = mul_add(one_minus_beta1, g - old_m, old_m);
+    const Floats v = mul_add(beta2, Floats::load(adam_v + i), one_minus_beta2 * (g * g));
+    m.store(adam_m + i);
+    v.store(adam_v + i);
+    neg_mul_add(step_size, m / (sqrt(v) / root_of_bias_2 + epsilon), Floats::load(parameter + i)).store(parameter + i);
   }
 }
 
 void add(const float* from, std::size_t count, float* to) {
-  for (std::size_t i = 0; i < count; i += kLanes) {
-    hn::Store(hn::Add(hn::Load(kTag, to + i), hn::Load(kTag, from + i)), kTag, to + i);
-  }
+  for (std::size_t i = 0; i < count; i += kLanes) (Floats::load(to + i) + Floats::load(from + i)).store(to + i);
 }
 
 }  // namespace flockstep::learning::HWY_NAMESPACE
@@ -227,8 +220,8 @@ void backward(const Layer& layer, const float* parameters, const float* dy, Afte
   HWY_DYNAMIC_DISPATCH(backward)(layer, parameters, dy, before, x, rows, dx);
 }
 
-void adam(const AdamStep& step, const float* gradient, std::size_t count, float* parameter, float* first, float* second) {
-  HWY_DYNAMIC_DISPATCH(adam)(step, gradient, count, parameter, first, second);
+void adam(const AdamStep& step, const float* gradient, std::size_t count, float* parameter, float* adam_m, float* adam_v) {
+  HWY_DYNAMIC_DISPATCH(adam)(step, gradient, count, parameter, adam_m, adam_v);
 }
 
 void add(const float* from, std::size_t count, float* to) { HWY_DYNAMIC_DISPATCH(add)(from, count, to); }

@@ -41,10 +41,10 @@ void transpose(const Layer& layer, const float* parameters, float* transposed);
 struct AdamStep {
   float step_size;       // learning rate / (1 - beta1^t)
   float root_of_bias_2;  // sqrt(1 - beta2^t)
-  float scale;           // of the gradient, which limits its norm
+  float scale;           // factor that limits the norm of the gradient
 };
-// count: a multiple of kPad.
-void adam(const AdamStep& step, const float* gradient, std::size_t count, float* parameter, float* first, float* second);
+// adam_m, adam_v: running means of the gradient and of its square. count: a multiple of kPad.
+void adam(const AdamStep& step, const float* gradient, std::size_t count, float* parameter, float* adam_m, float* adam_v);
 
 // to += from.
 void add(const float* from, std::size_t count, float* to);

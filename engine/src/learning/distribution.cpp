@@ -87,25 +87,25 @@ Distribution::Terms Distribution::evaluate(const float* output, const float* act
   return {work[static_cast<std::size_t>(*action)], entropy};
 }
 
-void Distribution::gradient(const float* action, Terms terms, Terms slopes, const float* work, float* by_output,
+void Distribution::gradient(const float* action, Terms terms, Terms gradients, const float* work, float* by_output,
                             float* by_log_std) const {
   if (!is_discrete_) {
     for (std::size_t j = 0; j < size_; ++j) {
-      by_output[j] = slopes.log_prob * work[j] * inverse_std_[j];
-      by_log_std[j] += slopes.log_prob * (work[j] * work[j] - 1.0F);
+      by_output[j] = gradients.log_prob * work[j] * inverse_std_[j];
+      by_log_std[j] += gradients.log_prob * (work[j] * work[j] - 1.0F);
     }
     return;
   }
   for (std::size_t j = 0; j < size_; ++j) {
     const float probability = std::exp(work[j]);
     const float chosen = j == static_cast<std::size_t>(*action) ? 1.0F : 0.0F;
-    by_output[j] = slopes.log_prob * (chosen - probability) - slopes.entropy * probability * (work[j] + terms.entropy);
+    by_output[j] = gradients.log_prob * (chosen - probability) - gradients.entropy * probability * (work[j] + terms.entropy);
   }
 }
 
-void Distribution::entropy_gradient(float slope, float* by_log_std) const {
+void Distribution::entropy_gradient(float gradient, float* by_log_std) const {
   if (is_discrete_) return;
-  for (std::size_t j = 0; j < size_; ++j) by_log_std[j] += slope;
+  for (std::size_t j = 0; j < size_; ++j) by_log_std[j] += gradient;
 }
 
 double Distribution::mean_std() const {

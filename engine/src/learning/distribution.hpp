@@ -1,4 +1,4 @@
-// Distribution: of the actions, given the outputs of the actor. Independent Gaussians whose standard deviations do not depend on
+// Distribution of the actions, given the outputs of the actor. Independent Gaussians whose standard deviations do not depend on
 // the observation, or one of several actions, whose log probabilities are the outputs plus a constant.
 #pragma once
 
@@ -12,7 +12,7 @@ namespace flockstep::learning {
 
 class Distribution {
  public:
-  // Log probability of an action, and entropy; also how a loss depends on the two.
+  // Log probability of an action, and entropy; also the gradient of the loss by the two.
   struct Terms {
     float log_prob, entropy;
   };
@@ -25,7 +25,7 @@ class Distribution {
   explicit Distribution(const NetworkConfig& config)
       : is_discrete_(config.is_discrete), size_(static_cast<std::size_t>(config.action_size)) {}
 
-  std::size_t outputs() const { return size_; }                         // of the actor
+  std::size_t outputs() const { return size_; }                         // numbers that the actor returns
   std::size_t action_size() const { return is_discrete_ ? 1 : size_; }  // numbers that an action is stored as
   // Call this after the parameters have changed; for discrete actions log_std is not read.
   void set(const float* log_std);
@@ -35,9 +35,9 @@ class Distribution {
   // work: (outputs,) for gradient(), which takes the same output and action.
   Terms evaluate(const float* output, const float* action, float* work) const;
   // Writes the gradient by the outputs; adds the one by log_std. work is overwritten by neither.
-  void gradient(const float* action, Terms terms, Terms slopes, const float* work, float* by_output, float* by_log_std) const;
+  void gradient(const float* action, Terms terms, Terms gradients, const float* work, float* by_output, float* by_log_std) const;
   // Adds the gradient by log_std of an entropy that is the same for all steps.
-  void entropy_gradient(float slope, float* by_log_std) const;
+  void entropy_gradient(float gradient, float* by_log_std) const;
   double mean_std() const;  // mean of the standard deviations; 0 for discrete actions
 
  private:

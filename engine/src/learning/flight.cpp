@@ -127,7 +127,7 @@ class Learner::Parts::StepPilot : public Pilot {
   Parts& parts_;
   std::size_t t_;
   std::atomic<std::size_t> bad_row_{kNoRow};
-  const std::vector<std::size_t>& fields_;  // of the observation, in the order of their names
+  const std::vector<std::size_t>& fields_;  // indices of the observation's fields, in the order of their names
   const std::vector<double>&low_, &high_;   // bounds: one for an action, or one for each of its values
 };
 

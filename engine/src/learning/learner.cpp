@@ -22,7 +22,7 @@ using namespace learning;
 
 namespace {
 
-constexpr std::int64_t kMostParameters = 1 << 24;  // of actor and critic together
+constexpr std::int64_t kMaxParameters = 1 << 24;  // of actor and critic together
 
 std::int64_t count_parameters(std::int64_t in, const std::vector<int>& hidden, std::int64_t out) {
   std::int64_t count = 0;
@@ -65,7 +65,7 @@ void NetworkConfig::validate() const {
           observation_size);
   const std::int64_t in = input_size();
   const std::int64_t count = count_parameters(in, actor_layers, action_size) + count_parameters(in, critic_layers, 1);
-  require(count <= kMostParameters, "actor_layers, critic_layers", "at most " + std::to_string(kMostParameters) + " parameters",
+  require(count <= kMaxParameters, "actor_layers, critic_layers", "at most " + std::to_string(kMaxParameters) + " parameters",
           count);
 }
 
@@ -87,8 +87,8 @@ Learner::Parts::Parts(NetworkConfig new_config, int num_threads, std::uint64_t n
       distribution(config),
       seed(new_seed),
       parameters(network.num_padded),
-      first(network.num_padded),
-      second(network.num_padded),
+      adam_m(network.num_padded),
+      adam_v(network.num_padded),
       transposed(network.num_transposed),
       observation_moments(initial_moments(observation_size)),
       return_moments(initial_moments(1)),
@@ -108,7 +108,7 @@ void Learner::Parts::write_inputs(const float* observation, std::vector<float>& 
     normalised.resize(observation_size);
     for (std::size_t i = 0; i < observation_size; ++i) {
       const double value = (static_cast<double>(observation[i]) - observation_moments.mean[i]) /
-                           std::sqrt(observation_moments.variance[i] + kLeastVariance);
+                           std::sqrt(observation_moments.variance[i] + kMinVariance);
       normalised[i] = std::clamp(static_cast<float>(value), -kClip, kClip);
     }
     observation = normalised.data();
@@ -118,7 +118,7 @@ void Learner::Parts::write_inputs(const float* observation, std::vector<float>& 
 
 void Learner::Parts::write_values(const float* observations, std::size_t rows, float* values) {
   for_observations(observations, rows, [&](Pass& pass, std::size_t from, std::size_t count) {
-    const float* const outputs = pass.judge(parameters.data(), transposed.data(), count);
+    const float* const outputs = pass.forward_critic(parameters.data(), transposed.data(), count);
     for (std::size_t i = 0; i < count; ++i) values[from + i] = outputs[i * kPad];
   });
 }
@@ -135,8 +135,8 @@ int Learner::num_threads() const { return parts_->workers.num_threads(); }
 std::uint64_t Learner::seed() const { return parts_->seed; }
 const std::vector<ParameterInfo>& Learner::parameter_infos() const { return parts_->network.infos; }
 std::vector<float> Learner::parameters() const { return parts_->network.packed(parts_->idle().parameters); }
-std::vector<float> Learner::first_moments() const { return parts_->network.packed(parts_->idle().first); }
-std::vector<float> Learner::second_moments() const { return parts_->network.packed(parts_->idle().second); }
+std::vector<float> Learner::first_moments() const { return parts_->network.packed(parts_->idle().adam_m); }
+std::vector<float> Learner::second_moments() const { return parts_->network.packed(parts_->idle().adam_v); }
 std::int64_t Learner::adam_steps() const { return parts_->idle().adam_steps; }
 std::uint64_t Learner::draws() const { return parts_->idle().draws; }
 void Learner::set_draws(std::uint64_t draws) {
@@ -170,8 +170,8 @@ void Learner::set_adam(std::span<const float> first, std::span<const float> seco
   for (const float value : first) require(std::isfinite(value), "first", "finite numbers", value);
   for (const float value : second) require(std::isfinite(value) && value >= 0.0F, "second", "finite numbers >= 0", value);
   require(steps >= 0, "steps", "an integer >= 0", steps);
-  parts_->network.unpack(first, parts_->first);
-  parts_->network.unpack(second, parts_->second);
+  parts_->network.unpack(first, parts_->adam_m);
+  parts_->network.unpack(second, parts_->adam_v);
   parts_->adam_steps = steps;
 }
 
@@ -207,7 +207,7 @@ void Learner::predict(std::span<const float> observation, std::span<float> actio
   require_size(action.size(), rows * size, "action");
   require_finite(observation, parts.observation_size, "observation");
   parts.for_observations(observation.data(), rows, [&](Pass& pass, std::size_t from, std::size_t count) {
-    const float* const outputs = pass.act(parts.parameters.data(), parts.transposed.data(), count);
+    const float* const outputs = pass.forward_actor(parts.parameters.data(), parts.transposed.data(), count);
     for (std::size_t i = 0; i < count; ++i) {
       parts.distribution.mode(outputs + i * padded(parts.distribution.outputs()), action.data() + (from + i) * size);
     }
@@ -223,7 +223,7 @@ void Learner::sample(std::span<const float> observation, std::span<float> action
   require_finite(observation, parts.observation_size, "observation");
   ++parts.draws;
   parts.for_observations(observation.data(), rows, [&](Pass& pass, std::size_t from, std::size_t count) {
-    const float* const outputs = pass.act(parts.parameters.data(), parts.transposed.data(), count);
+    const float* const outputs = pass.forward_actor(parts.parameters.data(), parts.transposed.data(), count);
     for (std::size_t i = 0; i < count; ++i) {
       parts.distribution.draw(outputs + i * padded(parts.distribution.outputs()),
                               {parts.seed, parts.draws, static_cast<std::uint32_t>(from + i)}, action.data() + (from + i) * size);

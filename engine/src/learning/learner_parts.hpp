@@ -21,8 +21,8 @@
 namespace flockstep {
 namespace learning {
 
-constexpr float kClip = 10.0F;           // of normalised observations and rewards
-constexpr double kLeastVariance = 1e-8;  // added to their variances
+constexpr float kClip = 10.0F;         // largest magnitude that normalised observations and rewards keep
+constexpr double kMinVariance = 1e-8;  // added to their variances
 
 // Means over the steps of a minibatch, as sums of its chunks.
 struct Sums {
@@ -93,15 +93,15 @@ struct Learner::Parts {
   void draw_order();
   // Fills gradients[0] with the gradient of a minibatch.
   learning::Sums add_gradients(const UpdateConfig& update, std::span<const std::int64_t> minibatch);
-  learning::Sums add_chunk(const UpdateConfig& update, std::span<const std::int64_t> chunk, std::size_t of, Pass& pass,
-                           AlignedVector<float>& gradient);
+  learning::Sums add_chunk(const UpdateConfig& update, std::span<const std::int64_t> chunk, std::size_t minibatch_size,
+                           Pass& pass, AlignedVector<float>& gradient);
 
   const NetworkConfig config;
   const std::size_t observation_size, input_stride;
   const learning::Network network;
   learning::Distribution distribution;
   const std::uint64_t seed;
-  AlignedVector<float> parameters, first, second, transposed;
+  AlignedVector<float> parameters, adam_m, adam_v, transposed;
   std::int64_t adam_steps = 0;
   std::uint64_t draws = 0;
   RunningMoments observation_moments, return_moments;
@@ -111,11 +111,11 @@ struct Learner::Parts {
   int next = 0;              // step that act() or record() takes next
   bool is_finished = false;  // finish() has estimated the advantages of the rollout
   std::vector<std::int64_t> order;
-  std::vector<AlignedVector<float>> gradients;         // of the chunks
-  double advantage_mean = 0.0, advantage_scale = 1.0;  // of the minibatch
+  std::vector<AlignedVector<float>> gradients;         // one per chunk of the minibatch
+  double advantage_mean = 0.0, advantage_scale = 1.0;  // normalise the minibatch's advantages
   Workers workers;
   std::vector<Pass> passes;                // one per thread
-  mutable learning::SingleCaller callers;  // of the learner
+  mutable learning::SingleCaller callers;  // held during each call
 };
 
 }  // namespace flockstep

@@ -27,10 +27,10 @@ void Pass::backward(const std::vector<Layer>& layers, std::vector<Values>& value
                     float* gradient) {
   for (std::size_t i = layers.size(); i-- > 0;) {
     const float* const from = i == 0 ? inputs_.data() : values[i - 1].outputs.data();
-    add_gradient(layers[i], from, values[i].slopes.data(), rows, gradient);
+    add_gradient(layers[i], from, values[i].gradients.data(), rows, gradient);
     if (i > 0) {
-      learning::backward(layers[i], parameters, values[i].slopes.data(), layers[i - 1].after, from, rows,
-                         values[i - 1].slopes.data());
+      learning::backward(layers[i], parameters, values[i].gradients.data(), layers[i - 1].after, from, rows,
+                         values[i - 1].gradients.data());
     }
   }
 }

@@ -17,26 +17,26 @@ class Pass {
 
   float* inputs() { return inputs_.data(); }  // (kRows, padded inputs), to be filled
   // Send `rows` rows of the inputs through a network. Return the outputs, (rows, padded outputs).
-  const float* act(const float* parameters, const float* transposed, std::size_t rows) {
+  const float* forward_actor(const float* parameters, const float* transposed, std::size_t rows) {
     return forward(network_.actor, actor_, parameters, transposed, rows);
   }
-  const float* judge(const float* parameters, const float* transposed, std::size_t rows) {
+  const float* forward_critic(const float* parameters, const float* transposed, std::size_t rows) {
     return forward(network_.critic, critic_, parameters, transposed, rows);
   }
   // Gradients by the outputs, to be filled; numbers beyond the outputs stay 0.
-  float* act_slopes() { return actor_.back().slopes.data(); }
-  float* judge_slopes() { return critic_.back().slopes.data(); }
-  // Add the gradient by the parameters, after act() or judge() of the same rows.
-  void act_back(const float* parameters, std::size_t rows, float* gradient) {
+  float* actor_gradients() { return actor_.back().gradients.data(); }
+  float* critic_gradients() { return critic_.back().gradients.data(); }
+  // Add the gradient by the parameters, after the forward pass of the same rows.
+  void backward_actor(const float* parameters, std::size_t rows, float* gradient) {
     backward(network_.actor, actor_, parameters, rows, gradient);
   }
-  void judge_back(const float* parameters, std::size_t rows, float* gradient) {
+  void backward_critic(const float* parameters, std::size_t rows, float* gradient) {
     backward(network_.critic, critic_, parameters, rows, gradient);
   }
 
  private:
   struct Values {  // of one layer
-    AlignedVector<float> outputs, slopes;
+    AlignedVector<float> outputs, gradients;
   };
 
   const float* forward(const std::vector<Layer>& layers, std::vector<Values>& values, const float* parameters,

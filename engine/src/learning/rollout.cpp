@@ -21,7 +21,7 @@ void Rollout::resize(const RolloutConfig& new_config, std::size_t new_rows, std:
 
 void Rollout::estimate_advantages(const float* last_values) {
   const auto gamma = static_cast<float>(config.gamma), decay = static_cast<float>(config.gamma * config.gae_lambda);
-  std::vector<float> advantage(rows, 0.0F);  // of the step after
+  std::vector<float> advantage(rows, 0.0F);  // one per row, at the step after t
   const float* next_values = last_values;
   for (std::size_t t = steps; t-- > 0;) {
     const std::size_t first = t * rows;

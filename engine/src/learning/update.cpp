@@ -21,7 +21,7 @@ using namespace learning;
 namespace {
 
 constexpr std::size_t kChunk = 256;  // steps whose gradient is summed before that of other chunks is added
-constexpr std::size_t kMostChunks = 64;
+constexpr std::size_t kMaxChunks = 64;
 constexpr std::uint32_t kOrderStream = 0x6F726465U;
 
 }  // namespace
@@ -44,14 +44,14 @@ void Learner::Parts::draw_order() {
   }
 }
 
-Sums Learner::Parts::add_chunk(const UpdateConfig& update, std::span<const std::int64_t> chunk, std::size_t of, Pass& pass,
-                               AlignedVector<float>& gradient) {
+Sums Learner::Parts::add_chunk(const UpdateConfig& update, std::span<const std::int64_t> chunk, std::size_t minibatch_size,
+                               Pass& pass, AlignedVector<float>& gradient) {
   Sums sums;
   std::vector<float> work(distribution.outputs());
   const auto mean = static_cast<float>(advantage_mean), scale = static_cast<float>(advantage_scale);
-  const auto clip = static_cast<float>(update.clip_range), share = 1.0F / static_cast<float>(of);
-  const auto value_slope = static_cast<float>(2.0 * update.vf_coef) * share;
-  const auto entropy_slope = -static_cast<float>(update.ent_coef) * share;
+  const auto clip = static_cast<float>(update.clip_range), inverse_size = 1.0F / static_cast<float>(minibatch_size);
+  const auto value_scale = static_cast<float>(2.0 * update.vf_coef) * inverse_size;
+  const auto entropy_gradient = -static_cast<float>(update.ent_coef) * inverse_size;
   const std::size_t output_stride = padded(distribution.outputs());
   float* const by_log_std = gradient.data() + network.log_std;
   for (std::size_t from = 0; from < chunk.size(); from += Pass::kRows) {
@@ -60,7 +60,7 @@ Sums Learner::Parts::add_chunk(const UpdateConfig& update, std::span<const std::
       std::copy_n(rollout.inputs.data() + static_cast<std::size_t>(steps[i]) * input_stride, input_stride,
                   pass.inputs() + i * input_stride);
     }
-    const float* const outputs = pass.act(parameters.data(), transposed.data(), steps.size());
+    const float* const outputs = pass.forward_actor(parameters.data(), transposed.data(), steps.size());
     for (std::size_t i = 0; i < steps.size(); ++i) {
       const auto step = static_cast<std::size_t>(steps[i]);
       const float* const action = rollout.actions.data() + step * action_size();
@@ -73,27 +73,29 @@ Sums Learner::Parts::add_chunk(const UpdateConfig& update, std::span<const std::
       sums.entropy -= terms.entropy;
       sums.clipped += std::abs(ratio - 1.0F) > clip ? 1.0 : 0.0;
       sums.kl += static_cast<double>(ratio - 1.0F - log_ratio);
-      const Distribution::Terms slopes{.log_prob = is_clipped ? 0.0F : -ratio * advantage * share, .entropy = entropy_slope};
-      distribution.gradient(action, terms, slopes, work.data(), pass.act_slopes() + i * output_stride, by_log_std);
+      const Distribution::Terms gradients_of_terms{.log_prob = is_clipped ? 0.0F : -ratio * advantage * inverse_size,
+                                                   .entropy = entropy_gradient};
+      distribution.gradient(action, terms, gradients_of_terms, work.data(), pass.actor_gradients() + i * output_stride,
+                            by_log_std);
     }
-    pass.act_back(parameters.data(), steps.size(), gradient.data());
+    pass.backward_actor(parameters.data(), steps.size(), gradient.data());
 
-    const float* const values = pass.judge(parameters.data(), transposed.data(), steps.size());
+    const float* const values = pass.forward_critic(parameters.data(), transposed.data(), steps.size());
     for (std::size_t i = 0; i < steps.size(); ++i) {
       const auto step = static_cast<std::size_t>(steps[i]);
       float value = values[i * kPad];
-      bool moves = true;
+      bool is_clipped = false;
       if (update.clip_range_vf) {
-        const auto most = static_cast<float>(*update.clip_range_vf);
+        const auto limit = static_cast<float>(*update.clip_range_vf);
         const float change = value - rollout.values[step];
-        moves = std::abs(change) <= most;
-        value = rollout.values[step] + std::clamp(change, -most, most);
+        is_clipped = !(std::abs(change) <= limit);  // also if it is NaN
+        value = rollout.values[step] + std::clamp(change, -limit, limit);
       }
       const float error = value - rollout.returns[step];
       sums.value += static_cast<double>(error) * static_cast<double>(error);
-      pass.judge_slopes()[i * kPad] = moves ? value_slope * error : 0.0F;
+      pass.critic_gradients()[i * kPad] = is_clipped ? 0.0F : value_scale * error;
     }
-    pass.judge_back(parameters.data(), steps.size(), gradient.data());
+    pass.backward_critic(parameters.data(), steps.size(), gradient.data());
   }
   return sums;
 }
@@ -113,7 +115,7 @@ Sums Learner::Parts::add_gradients(const UpdateConfig& update, std::span<const s
     advantage_scale = 1.0 / (std::sqrt(squares / (count - 1.0)) + 1e-8);
   }
   // The chunks depend on the size of the minibatch, never on the number of threads.
-  const std::size_t least = (minibatch.size() + kMostChunks - 1) / kMostChunks;
+  const std::size_t least = (minibatch.size() + kMaxChunks - 1) / kMaxChunks;
   const std::size_t chunk = std::max(kChunk, (least + Pass::kRows - 1) / Pass::kRows * Pass::kRows);
   const std::size_t count = (minibatch.size() + chunk - 1) / chunk;
   while (gradients.size() < count) gradients.emplace_back(network.num_padded);
@@ -180,7 +182,7 @@ UpdateReport Learner::update(const UpdateConfig& config, std::span<const std::in
       const AdamStep step{.step_size = static_cast<float>(config.learning_rate / (1.0 - std::pow(0.9, time))),
                           .root_of_bias_2 = static_cast<float>(std::sqrt(1.0 - std::pow(0.999, time))),
                           .scale = static_cast<float>(std::min(1.0, config.max_grad_norm / (norm + 1e-6)))};
-      adam(step, gradient.data(), gradient.size(), parts.parameters.data(), parts.first.data(), parts.second.data());
+      adam(step, gradient.data(), gradient.size(), parts.parameters.data(), parts.adam_m.data(), parts.adam_v.data());
       parts.prepare();
     }
     report.approx_kl = kl / std::max(kl_minibatches, 1.0);

@@ -12,7 +12,7 @@ namespace flockstep {
 namespace {
 
 constexpr double kMaxBlocks = 1 << 25;
-constexpr std::size_t kFew = 1000;  // obstacles per cell; above this, each sweep queries those near its motion
+constexpr std::size_t kListThreshold = 1000;  // obstacles per cell; above this, each sweep queries those near its motion
 
 struct Extent {
   Eigen::Array3d below = Eigen::Array3d::Zero();  // cells from the start to the region's lower end
@@ -132,7 +132,7 @@ void Lattice::open_cells(Block& block, const Cell& first, int aside, std::size_t
     for (int corner = 0; corner < 8; ++corner) {
       open_cells(block, first + half * Cell(corner & 1, corner >> 1 & 1, corner >> 2), half, end, filling);
     }
-  } else if (count <= kFew) {
+  } else if (count <= kListThreshold) {
     block.near[index_in_block(low)] = {Near::Kind::few, static_cast<std::uint32_t>(block.lists.size()),
                                        static_cast<std::uint32_t>(count)};
     block.lists.insert(block.lists.end(), filling.lists.begin() + static_cast<std::ptrdiff_t>(end), filling.lists.end());

@@ -76,8 +76,8 @@ bool is_free_way(const World& world, const collision::Hull& hull, std::span<cons
 }
 
 bool is_free_body(const World& world, const BodyConfig& given, float margin_m) {
-  constexpr double kStep = 0.25;   // m
-  constexpr int kLeastSteps = 48;  // for turns
+  constexpr double kStep = 0.25;  // m
+  constexpr int kMinSteps = 48;   // for turns
   BodyConfig body = given;
   body.motion.phase = 0.0F;
   body.motion.random_phase = false;
@@ -85,7 +85,7 @@ bool is_free_body(const World& world, const BodyConfig& given, float margin_m) {
   const bodies::BodyScript script(body);
   const collision::Hull hull(DroneModel(hull_around(body, margin_m)));
   const RoundTrip trip = round_trip(body);
-  const int steps = std::max(kLeastSteps, static_cast<int>(std::ceil(trip.length_m / kStep)));
+  const int steps = std::max(kMinSteps, static_cast<int>(std::ceil(trip.length_m / kStep)));
   const collision::Obstacles& obstacles = prepared(world).obstacles();
   Pose from = script.at(0.0, {}).pose;
   if (collision::overlaps(obstacles, hull, from)) return false;

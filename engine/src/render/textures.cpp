@@ -137,11 +137,11 @@ Textures::Textures(const World& world, Border border) : Textures(world.textures(
 
 Textures::Textures(std::span<const Texture> textures, const std::vector<bool>& masked, Border border) {
   const int wide = border == Border::yes ? 1 : 0;
-  constexpr auto kMost = static_cast<std::size_t>(std::numeric_limits<std::int32_t>::max());
+  constexpr auto kMax = static_cast<std::size_t>(std::numeric_limits<std::int32_t>::max());
   std::size_t count = 0;
   for (const Texture& texture : textures) {
     count += num_texels(texture, wide);
-    require(count < kMost, "textures", "less than 2^31 texels, mip levels included", texture.name);
+    require(count < kMax, "textures", "less than 2^31 texels, mip levels included", texture.name);
   }
   texels.reserve(count);  // levels are computed from levels in this memory
   for (const Texture& texture : textures) {

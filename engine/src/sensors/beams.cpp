@@ -50,10 +50,10 @@ void for_each_beam(const BeamPattern& pattern, const BeamTile& tile, const F& f)
 
 // Adds a view for the pattern's last tile if the tile has enough beams and they lie within a narrow cone.
 void add_view(BeamPattern& pattern, BeamTile& tile) {
-  constexpr std::size_t kFewest = 64;  // beams, in rows that fill the kernel's sub-tiles of 4 x 4
-  constexpr double kLeastAhead = 0.9;  // cosine of the largest angle to the tile's axis, 26 degrees
+  constexpr std::size_t kMinBeams = 64;  // beams, in rows that fill the kernel's sub-tiles of 4 x 4
+  constexpr double kMinAhead = 0.9;      // cosine of the largest angle to the tile's axis, 26 degrees
   const std::size_t beams = tile.rows * tile.width;
-  if (tile.rows < 4 || tile.width > trace::kTileWidth || beams < kFewest) return;
+  if (tile.rows < 4 || tile.width > trace::kTileWidth || beams < kMinBeams) return;
   const auto direction = [&](std::size_t i) {
     return Eigen::Vector3d(pattern.x[tile.first + i], pattern.y[tile.first + i], pattern.z[tile.first + i]);
   };
@@ -68,7 +68,7 @@ void add_view(BeamPattern& pattern, BeamTile& tile) {
   std::array<float, trace::kMaxRays> u{}, v{};
   for (std::size_t i = 0; i < beams; ++i) {
     const Eigen::Vector3d seen = to_sensor.transpose() * direction(i);
-    if (!(seen.x() >= kLeastAhead)) return;
+    if (!(seen.x() >= kMinAhead)) return;
     const std::size_t at = i / tile.width * trace::kTileWidth + i % tile.width;
     u[at] = static_cast<float>(seen.y() / seen.x());
     v[at] = static_cast<float>(seen.z() / seen.x());
@@ -92,7 +92,7 @@ void add_view(BeamPattern& pattern, BeamTile& tile) {
 // Cuts the grid of a LiDAR into tiles.
 class PatternMaker {
  public:
-  static constexpr int kFewestChannels = 4;  // of tiles with views; these keep their fans
+  static constexpr int kMinChannels = 4;  // of tiles with views; these keep their fans
 
   PatternMaker(const LidarConfig& config, const trace::TracePolicy& policy)
       : policy_(policy),
@@ -139,12 +139,12 @@ class PatternMaker {
 
   bool is_column_a_fan() const { return columns_ == 1 && is_fan(directions(0, channels_)); }
   bool is_channel_a_fan(std::size_t channel) const {
-    return channels_ < std::size_t{kFewestChannels} && is_fan(directions(channel, 1));
+    return channels_ < std::size_t{kMinChannels} && is_fan(directions(channel, 1));
   }
 
   // Returns true if the policy traces these rays as a fan.
   bool is_fan(std::span<const Eigen::Vector3d> rays) const {
-    if (rays.size() < policy_.fewest_in_slice || !trace::are_in_plane(rays)) return false;
+    if (rays.size() < policy_.min_rays_in_slice || !trace::are_in_plane(rays)) return false;
     const trace::Fan first = trace::make_fan(rays.first(std::min(rays.size(), trace::kMaxRays)), mounting_);
     return range_m_ * first.between_rad <= policy_.widest_in_slice;
   }
@@ -201,7 +201,7 @@ BeamPattern make_pattern(const LidarConfig& config, const trace::TracePolicy& po
 }
 
 bool has_fans(const LidarConfig& config, TracerKind tracer) {
-  if (config.rows() >= PatternMaker::kFewestChannels && config.columns() > 1) return false;
+  if (config.rows() >= PatternMaker::kMinChannels && config.columns() > 1) return false;
   const std::size_t rays = static_cast<std::size_t>(config.rows()) * static_cast<std::size_t>(config.columns());
   return PatternMaker(config, trace::trace_policy_of(tracer, rays)).has_fans();
 }

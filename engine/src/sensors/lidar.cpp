@@ -24,7 +24,7 @@ std::size_t count_of_env(std::span<const DroneIndex> drones, const Surroundings&
 trace::TracePolicy policy_of(const LidarConfig& config, TracerKind tracer) {
   trace::TracePolicy policy =
       trace::trace_policy_of(tracer, static_cast<std::size_t>(config.rows()) * static_cast<std::size_t>(config.columns()));
-  if (!has_fans(config, tracer)) policy.fewest_in_slice = trace::TracePolicy::kNever;
+  if (!has_fans(config, tracer)) policy.min_rays_in_slice = trace::TracePolicy::kNever;
   return policy;
 }
 

@@ -33,7 +33,7 @@ using Bytes = Wide<hn::ScalableTag<std::uint8_t>>;
 // In near darkness rounding would decide the ratio, so the threshold also adds 16. In integers, G > 1.25 m + 16 is equivalent
 // to G > m + floor(m / 4) + 16: with m = 4 q + r, 1.25 m is 5 q + r plus a fraction.
 constexpr int kRatioShift = 2;
-constexpr std::uint8_t kLeast = 16;
+constexpr std::uint8_t kMin = 16;
 
 // Calls mark(channels, first) for each vector of pixels; the last vector may overlap the one before. If the image is smaller
 // than a vector, calls mark_one(r, g, b, index) for each pixel instead.
@@ -68,10 +68,10 @@ void mark_green(std::span<const std::uint8_t> rgb, ImageLayout layout, std::span
   mark_image(
       rgb, layout, mask.size(),
       [&](const Wide3<Bytes>& pixel, std::size_t first)
-          HWY_ATTR { store_marks(pixel.y > saturated_add(ratio_of_larger(pixel.x, pixel.z), kLeast), mask.data() + first); },
+          HWY_ATTR { store_marks(pixel.y > saturated_add(ratio_of_larger(pixel.x, pixel.z), kMin), mask.data() + first); },
       [&](int red, int green, int blue, std::size_t at) {
         const int larger = std::max(red, blue);
-        mask[at] = green > larger + (larger >> kRatioShift) + kLeast ? 255 : 0;
+        mask[at] = green > larger + (larger >> kRatioShift) + kMin ? 255 : 0;
       });
 }
 

@@ -42,7 +42,7 @@ class Formation final : public Task {
   static constexpr std::uint32_t kLoopStream = 0, kStartStream = 1;
   static constexpr std::uint32_t kTries = 64;     // random positions to try
   static constexpr std::size_t kLoopCorners = 6;  // of a loop
-  static constexpr float kLeastRadius = 0.6F;     // of the corners of a loop, in units of its radius
+  static constexpr float kMinRadius = 0.6F;       // of the corners of a loop, in units of its radius
   static constexpr double kLoopWindow = 1.0;      // m, within which the corners of a loop are rounded
   static constexpr float kWiderStart = 0.05F;     // m, by which each try widens the spread of starts
   static constexpr float kFarPlace = 2.0F;        // m; of farther places only the direction is observed
@@ -104,7 +104,7 @@ class Formation final : public Task {
         paths_.push_back(path);
       }
     } else if (places_.is_column) {
-      const float shortest = static_cast<float>(kLoopCorners) * kLeastRadius * config_.loop_radius_m;
+      const float shortest = static_cast<float>(kLoopCorners) * kMinRadius * config_.loop_radius_m;
       const float length = config_.spacing_m * static_cast<float>(context.drones_per_env());
       require(length <= shortest, "spacing_m", "a column that fits on the shortest loop, " + std::to_string(shortest) + " m",
               std::to_string(length) + " m for all drones");
@@ -260,7 +260,7 @@ class Formation final : public Task {
       const float turns = first + sense * static_cast<float>(i) / static_cast<float>(kLoopCorners);
       const float angle = 2.0F * std::numbers::pi_v<float> * turns;
       const float share = context.random(env, kLoopStream, static_cast<std::uint32_t>(2 + i));
-      const float radius = config_.loop_radius_m * (kLeastRadius + (1.0F - kLeastRadius) * share);
+      const float radius = config_.loop_radius_m * (kMinRadius + (1.0F - kMinRadius) * share);
       const Vec3 corner = centre + radius * Vec3(std::cos(angle), std::sin(angle), 0.0F);
       std::copy_n(corner.data(), 3, state_.corners.data() + 3 * (kLoopCorners * env + i));
     }

@@ -14,7 +14,7 @@
 
 namespace flockstep::task {
 
-inline constexpr std::size_t kMostNeighbors = 32;  // that are observed
+inline constexpr std::size_t kMaxNeighbors = 32;  // that are observed
 
 // 0 if no other drone of the env is within near_m (m) of a drone, rising to 1 at distance 0.
 inline double nearness(const State& state, std::size_t drones_per_env, DroneIndex drone, float near_m) {
@@ -87,7 +87,7 @@ class TeamMotion {
     write_limited(velocity / fastest_, row.data() + kAxes);
     row = row.subspan(kOwn);
     const std::size_t count = row.size() / kNeighbor;
-    std::array<float, kNeighborSize * kMostNeighbors> block;
+    std::array<float, kNeighborSize * kMaxNeighbors> block;
     write_neighbors(context, drone, rows_.velocity, std::span(block).first(kNeighborSize * count));
     for (std::size_t i = 0; i < count; ++i) {
       const float* const neighbor = block.data() + kNeighborSize * i;

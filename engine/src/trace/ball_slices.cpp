@@ -8,7 +8,7 @@
 namespace flockstep::trace {
 namespace {
 
-constexpr std::size_t kMostUnsliced = 32;     // so few balls are searched as fast without slices
+constexpr std::size_t kMaxUnsliced = 32;      // so few balls are searched as fast without slices
 constexpr float kSliceRounding = 2e-5F;       // fraction of distances; more than find_near_balls() adds
 constexpr float kCoordinateRounding = 1e-6F;  // fraction of coordinates
 
@@ -26,7 +26,7 @@ void BallSlices::sort(const Balls& balls) {
     largest_ = std::max(largest_, balls.radius[i]);
     ++count;
   }
-  const std::size_t slices = count <= kMostUnsliced ? 1 : count;
+  const std::size_t slices = count <= kMaxUnsliced ? 1 : count;
   float extent = 0.0F;
   if (count > 0) extent = (high - low).maxCoeff(&axis_);
   lowest_ = count > 0 ? low[axis_] : 0.0F;

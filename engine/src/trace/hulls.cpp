@@ -42,8 +42,8 @@ class SeenPlanes {
       const Faces3 normal = Faces3::load(turned.x.data() + i, turned.y.data() + i, turned.z.data() + i);
       const Faces inside =
           Faces::load(turned.planes->offset.data() + i) - dot(normal, o);  // m, distance of the origin from a plane
-      constexpr float kLeast = 1e-30F;                                     // its inverse is finite
-      const Faces distance = select(abs(inside) < kLeast, Faces(kLeast), inside);
+      constexpr float kMin = 1e-30F;                                       // its inverse is finite
+      const Faces distance = select(abs(inside) < kMin, Faces(kMin), inside);
       (normal * (Faces(1.0F) / distance)).store(x_ + i, y_ + i, z_ + i);
       front_ |= std::uint64_t{bits(distance < 0.0F)} << i;
     }
@@ -72,7 +72,7 @@ class SeenPlanes {
   }
 
   std::uint64_t front_, back_;  // one bit for each plane
-  alignas(64) float x_[HullPlanes::kMost], y_[HullPlanes::kMost], z_[HullPlanes::kMost];
+  alignas(64) float x_[HullPlanes::kMax], y_[HullPlanes::kMax], z_[HullPlanes::kMax];
 };
 
 // The directions of a bundle in the world frame, and their squared lengths.
@@ -173,8 +173,8 @@ void meet_hulls(std::span<const PosedHull> hulls, RayBundle& rays) {
                   rays.t_hit + first, rays.element + first);
     }
   };
-  constexpr std::size_t kFew = 4;
-  if (hulls.size() <= kFew) {
+  constexpr std::size_t kCullThreshold = 4;
+  if (hulls.size() <= kCullThreshold) {
     for (const PosedHull& hull : hulls) meet(hull);
     return;
   }
@@ -197,7 +197,7 @@ HWY_EXPORT(turn_planes);
 HWY_EXPORT(meet_hulls);
 
 HullPlanes::HullPlanes(std::span<const Vec3> points) {
-  const std::vector<HullFace> faces = hull_faces(points, kMost);
+  const std::vector<HullFace> faces = hull_faces(points, kMax);
   count = faces.size();
   offset.fill(1.0F);
   for (std::size_t i = 0; i < count; ++i) {

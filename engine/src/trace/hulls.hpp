@@ -15,22 +15,22 @@ namespace flockstep::trace {
 
 // The half spaces of the faces: points p inside the hull have n . p <= offset for each unit normal n.
 struct HullPlanes {
-  static constexpr std::size_t kMost = 64;
+  static constexpr std::size_t kMax = 64;
 
   explicit HullPlanes(std::span<const Vec3> points);  // of a valid DroneModel; their convex hull
 
   std::size_t count = 0;
   // m, body frame; the entries from `count` on are half spaces that contain everything
-  alignas(64) std::array<float, kMost> x{}, y{}, z{}, offset{};
+  alignas(64) std::array<float, kMax> x{}, y{}, z{}, offset{};
   Vec3 half_extents = Vec3::Zero();  // m, of a box around the origin that contains the hull
 };
 
 // The normals of a hull's planes in the world frame. All drones near a hull share them, so they are kept until it turns.
 struct TurnedPlanes {
   const HullPlanes* planes = nullptr;
-  std::array<float, 4> quat_wxyz{};                          // body to world
-  Mat3 half_box = Mat3::Zero();                              // m, columns: from the position to three faces of the box
-  alignas(64) std::array<float, HullPlanes::kMost> x, y, z;  // as in HullPlanes
+  std::array<float, 4> quat_wxyz{};                         // body to world
+  Mat3 half_box = Mat3::Zero();                             // m, columns: from the position to three faces of the box
+  alignas(64) std::array<float, HullPlanes::kMax> x, y, z;  // as in HullPlanes
 
   void turn(const HullPlanes& to_turn, const float* quat) {
     if (planes != &to_turn || !std::equal(quat_wxyz.begin(), quat_wxyz.end(), quat)) compute(to_turn, quat);

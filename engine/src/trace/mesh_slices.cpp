@@ -30,16 +30,16 @@ class SliceTrace {
   using F3 = Wide3<F>;
   using Lanes = std::uint32_t;  // one bit for each of sixteen children or triangles
 
-  static constexpr std::size_t kMostListed = 80;  // leaves; for more, it pays to skip those behind hits
-  static constexpr std::size_t kFewCut = 16;      // leaves; if so few are cut in order, to list them is faster
-  static constexpr std::size_t kMostWaiting = 1024;
-  static_assert(kMostWaiting >= 1 + (kTreeWidth - 1) * MeshTree::kMostDepth);
-  static constexpr std::size_t kFewRays = 4;
+  static constexpr std::size_t kMaxListed = 80;     // leaves; for more, it pays to skip those behind hits
+  static constexpr std::size_t kCutThreshold = 16;  // leaves; if so few are cut in order, to list them is faster
+  static constexpr std::size_t kMaxWaiting = 1024;
+  static_assert(kMaxWaiting >= 1 + (kTreeWidth - 1) * MeshTree::kMaxDepth);
+  static constexpr std::size_t kRayThreshold = 4;
   static constexpr float kBeyond = 1.0001F;   // squared; boxes beyond this multiple of the farthest hit are skipped
   static constexpr float kOnPlane = 1e-12F;   // m; corners above the plane are higher, which bounds the reciprocals of heights
   static constexpr float kNearest = -1e-30F;  // m, no hit and no box is nearer; its square is 0
   static constexpr float kSlack = 1e-4F;      // rad, error of angles
-  static constexpr float kMostAngle = std::numbers::pi_v<float> - 2.0F * kSlack;
+  static constexpr float kMaxAngle = std::numbers::pi_v<float> - 2.0F * kSlack;
   static constexpr std::int32_t kNoTriangle = std::numeric_limits<std::int32_t>::max();
 
  public:
@@ -51,7 +51,7 @@ class SliceTrace {
     const bool is_listed = walk != SliceWalk::ordered && walk_listed(walk == SliceWalk::listed);
     const std::size_t cuts = is_listed ? 0 : walk_ordered();
     write();
-    return cuts > kFewCut;
+    return cuts > kCutThreshold;
   }
 
  private:
@@ -123,8 +123,8 @@ class SliceTrace {
 
   // Returns false, and has done nothing, if there are too many leaves.
   bool walk_listed(bool any_number) {
-    std::array<std::uint32_t, kMostWaiting> waiting;
-    std::array<std::uint32_t, kMostListed> leaves;
+    std::array<std::uint32_t, kMaxWaiting> waiting;
+    std::array<std::uint32_t, kMaxListed> leaves;
     std::size_t count = 0, num_leaves = 0;
     waiting[count++] = tree_.root();
     if (MeshTree::is_leaf(tree_.root())) {
@@ -140,7 +140,7 @@ class SliceTrace {
           waiting[count++] = child;
           continue;
         }
-        if (num_leaves == kMostListed) {
+        if (num_leaves == kMaxListed) {
           if (!any_number) return false;
           for (const std::uint32_t leaf : leaves) cut(tree_.leaf(leaf));
           num_leaves = 0;
@@ -201,7 +201,7 @@ class SliceTrace {
   // Returns the number of leaves that were cut.
   std::size_t walk_ordered() {
     std::size_t cuts = 0;
-    std::array<Entry, kMostWaiting> waiting;
+    std::array<Entry, kMaxWaiting> waiting;
     std::size_t count = 0;
     waiting[count++] = {tree_.root(), 0, static_cast<std::uint16_t>(fan_.count), 0.0F};
     while (count > 0) {
@@ -249,7 +249,7 @@ class SliceTrace {
     const M is_left = y0 > 0.0F, is_right = 0.0F > y1, is_ahead = x0 > 0.0F, is_behind = 0.0F > x1;
     const F right = angle_of(select(is_left, x1, x0), select(is_behind | without(is_right, is_ahead), y1, y0));
     const F left = angle_of(select(is_right, x1, x0), select(is_behind | without(is_left, is_ahead), y0, y1));
-    const Lanes known = bits((is_left | is_right | is_ahead) & (right >= -kMostAngle) & (kMostAngle >= left));
+    const Lanes known = bits((is_left | is_right | is_ahead) & (right >= -kMaxAngle) & (kMaxAngle >= left));
     met &= cells_between(right, left, begin, end) | ~known;
     return known;
   }
@@ -292,7 +292,7 @@ class SliceTrace {
     qy.store(s.qy);
     const Lanes seen = cells_between(min(p_angle, q_angle), max(p_angle, q_angle), s.begin, s.end);
     // Segments that meet the negative first axis, or touch the origin.
-    const Lanes around = crossing & ~bits((kMostAngle > abs(p_angle - q_angle)) & (kMostAngle > max(abs(p_angle), abs(q_angle))));
+    const Lanes around = crossing & ~bits((kMaxAngle > abs(p_angle - q_angle)) & (kMaxAngle > max(abs(p_angle), abs(q_angle))));
     for (crossing &= seen | around; crossing != 0; crossing &= crossing - 1) {
       const auto i = static_cast<std::size_t>(std::countr_zero(crossing));
       if ((around >> i & 1U) != 0) {
@@ -312,7 +312,7 @@ class SliceTrace {
 
   // Few rays are met one by one: vectors would have to wait for hits that have just been stored.
   HWY_INLINE void meet(const Segments& s, std::size_t i, std::int32_t id, std::size_t begin, std::size_t end) {
-    if (end - begin <= kFewRays) {
+    if (end - begin <= kRayThreshold) {
       meet_by<WideUpTo<1>>(s, i, id, begin, end);
     } else {
       meet_by<WideUpTo<16>>(s, i, id, begin, end);
@@ -428,7 +428,7 @@ Fan make_fan(std::span<const Eigen::Vector3d> directions, const Eigen::Matrix3d&
   fan.is_even = step > 1e-3 && std::ranges::all_of(rays, [&](const Ray& ray) {
                   return std::abs(begin + step * static_cast<double>(&ray - rays.data()) - ray.angle) < 1e-6;
                 });
-  fan.cells = fan.is_even ? rays.size() : Fan::kMostCells;
+  fan.cells = fan.is_even ? rays.size() : Fan::kMaxCells;
   const double first = fan.is_even ? begin : -std::numbers::pi;
   const double cell = fan.is_even ? step : 2.0 * std::numbers::pi / static_cast<double>(fan.cells);
   fan.begin_rad = static_cast<float>(first);

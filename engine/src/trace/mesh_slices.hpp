@@ -28,7 +28,7 @@ namespace flockstep::trace {
 
 // Rays in a plane. It belongs to the sensor and is computed once.
 struct Fan {
-  static constexpr std::size_t kMostCells = 512;
+  static constexpr std::size_t kMaxCells = 512;
 
   Mat3 to_sensor;                                    // rotation, from the fan's frame; the third axis is the plane's normal
   float between_rad = 0.0F;                          // mean angle between neighbouring rays; 0 for a single one
@@ -41,7 +41,7 @@ struct Fan {
   bool is_even = false;
   float begin_rad = 0.0F, per_rad = 0.0F;
   std::size_t cells = 0;
-  std::uint16_t first[kMostCells + 1] = {};
+  std::uint16_t first[kMaxCells + 1] = {};
   // The sector of the rays: in front of one of the edges, or of both if it is narrower than a half turn. The edges are normals
   // in the fan's frame.
   enum class Sector : std::uint8_t { narrow, wide, full } sector = Sector::full;

@@ -80,9 +80,9 @@ constexpr float kTiny = 1e-12F;        // m
 constexpr float kWide = 1e30F;
 constexpr std::int32_t kNoTriangle = std::numeric_limits<std::int32_t>::max();
 constexpr std::size_t kRays = 256;
-constexpr int kFewSubs = 2;          // a node in at most this many sub-tiles is tested against each of their rays
-constexpr int kFewSubsOfLeaf = 6;    // the same for a leaf
-constexpr std::size_t kFewRays = 2;  // at most this many rays traverse a subtree one by one
+constexpr int kSubTileThreshold = 2;      // a node in at most this many sub-tiles is tested against each of their rays
+constexpr int kLeafSubTileThreshold = 6;  // the same for a leaf
+constexpr std::size_t kRayThreshold = 2;  // at most this many rays traverse a subtree one by one
 
 // Conservative bounds of sixteen boxes or triangles in the tile's picture: u, v and the least depth.
 struct Rectangles {
@@ -257,7 +257,7 @@ class TileTrace {
         continue;
       }
       std::size_t count_in = kRays;
-      if (std::popcount(subs) <= kFewSubs) {
+      if (std::popcount(subs) <= kSubTileThreshold) {
         count_in = 0;
         for (Bits left = subs; left != 0; left &= left - 1) {
           const auto sub = static_cast<std::size_t>(std::countr_zero(left));
@@ -265,7 +265,7 @@ class TileTrace {
         }
         if (count_in == 0) continue;
       }
-      if (count_in <= kFewRays) {
+      if (count_in <= kRayThreshold) {
         for (Bits left = subs; left != 0; left &= left - 1) {
           const auto sub = static_cast<std::size_t>(std::countr_zero(left));
           for (Bits rays = rays_in(stored, lane, sub); rays != 0; rays &= rays - 1) {
@@ -394,7 +394,7 @@ class TileTrace {
 
   // Entry `box` of `boxes` holds the bounds of the leaf. `boxes` is null if the leaf is the root.
   void visit(const MeshLeaf& leaf, Bits subs, const StoredRectangles* boxes, std::size_t box) {
-    const bool few = boxes != nullptr && std::popcount(subs) <= kFewSubsOfLeaf;
+    const bool few = boxes != nullptr && std::popcount(subs) <= kLeafSubTileThreshold;
     std::array<Bits, 16> rays;  // by sub-tile: rays that may hit the leaf
     if (few) {
       for (Bits left = subs; left != 0; left &= left - 1) {

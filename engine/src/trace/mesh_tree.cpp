@@ -140,7 +140,7 @@ MeshTree::MeshTree(RTCDevice device, const TriangleMesh& mesh, std::size_t fewes
   arguments.userPtr = &sizes;
   arguments.buildQuality = RTC_BUILD_QUALITY_MEDIUM;
   arguments.maxBranchingFactor = kTreeWidth;
-  arguments.maxDepth = kMostDepth - 1;  // leaves of bunches are one level deeper
+  arguments.maxDepth = kMaxDepth - 1;   // leaves of bunches are one level deeper
   arguments.sahBlockSize = kTreeWidth;  // sixteen triangles cost the same as one
   arguments.minLeafSize = arguments.maxLeafSize = primitives.size() < fewest_in_bunches ? kTreeWidth : kBunch;
   arguments.traversalCost = kVisitCost;

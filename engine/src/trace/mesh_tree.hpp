@@ -31,7 +31,7 @@ struct BoxedTriangle;
 
 class MeshTree {
  public:
-  static constexpr unsigned int kMostDepth = 49;  // nodes from the root to a leaf
+  static constexpr unsigned int kMaxDepth = 49;  // nodes from the root to a leaf
 
   // Builds the tree of the visible triangles, of which there must be at least one. Embree's builder decides which triangles are
   // grouped. With at least fewest_in_bunches triangles, leaves are as full as possible. Keeps no reference to the mesh. Throws

@@ -62,7 +62,7 @@ void trace_packets(RTCScene scene, std::int32_t first_element, Through through, 
   using F = WideUpTo<kSize>;
   using I = typename F::Int;
   using F3 = Wide3<F>;
-  constexpr float kInfinity = std::numeric_limits<float>::infinity(), kLeast = std::numeric_limits<float>::min();
+  constexpr float kInfinity = std::numeric_limits<float>::infinity(), kMin = std::numeric_limits<float>::min();
 
   alignas(64) Packet<kSize> buffer;
   auto& packet = buffer.rays;
@@ -81,7 +81,7 @@ void trace_packets(RTCScene scene, std::int32_t first_element, Through through, 
       // the smallest normal number does, since denormals are zero.
       const F range = F::load(rays.range + ray);
       const F next = bit_cast<F>(bit_cast<I>(range) + 1);
-      const F beyond = max(select(range < kInfinity, next, kInfinity), kLeast);
+      const F beyond = max(select(range < kInfinity, next, kInfinity), kMin);
       min(F::load(rays.t_hit + ray), beyond).store(packet.ray.tfar + i);
       I(kInvalid).store(as_signed(packet.hit.geomID + i));
     }

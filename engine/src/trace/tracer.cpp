@@ -45,11 +45,11 @@ void copy_ranges(const float* from, std::size_t count, float* to) {
 TracePolicy trace_policy_of(TracerKind kind, std::size_t rays) {
   switch (kind) {
     case TracerKind::automatic:
-      return {.tile_triangle_limit = rays < kFewestInTiles ? 0 : kTrianglesPerRay * rays,
-              .fewest_in_slice = kFewestInSlice,
+      return {.tile_triangle_limit = rays < kMinRaysInTiles ? 0 : kTrianglesPerRay * rays,
+              .min_rays_in_slice = kMinRaysInSlice,
               .widest_in_slice = kWidestInSlice};
     case TracerKind::slices:
-      return {.tile_triangle_limit = rays < kFewestInTiles ? 0 : kTrianglesPerRay * rays, .fewest_in_slice = 1};
+      return {.tile_triangle_limit = rays < kMinRaysInTiles ? 0 : kTrianglesPerRay * rays, .min_rays_in_slice = 1};
     case TracerKind::tiles:
       return {.tile_triangle_limit = std::numeric_limits<std::size_t>::max()};
     default:
@@ -69,7 +69,7 @@ void Tracer::set_viewpoint(const Scene& scene, const Viewpoint& viewpoint) {
   bundle_.origin = viewpoint.origin;
   bundle_.rotation = viewpoint.rotation;
   tree_ = scene.num_triangles() <= viewpoint.policy.tile_triangle_limit ? scene.tiles() : nullptr;
-  sliced_ = viewpoint.policy.fewest_in_slice == TracePolicy::kNever ? nullptr : scene.tiles();
+  sliced_ = viewpoint.policy.min_rays_in_slice == TracePolicy::kNever ? nullptr : scene.tiles();
   asked_ = viewpoint.asked;
   bundle_.near = viewpoint.near;
   bundle_.range = viewpoint.range;

@@ -27,7 +27,7 @@ struct TracePolicy {
   static constexpr std::size_t kNever = static_cast<std::size_t>(-1);
   std::size_t tile_triangle_limit = 0;  // triangles; tiles are used in worlds of up to this many
   // A fan is traced as a slice if it has at least this many rays, and their mean distance (m) at its range is at most this.
-  std::size_t fewest_in_slice = kNever;
+  std::size_t min_rays_in_slice = kNever;
   float widest_in_slice = std::numeric_limits<float>::infinity();
   bool embree = false;  // use Embree for everything it can trace, primitives included
 

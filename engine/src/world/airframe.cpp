@@ -12,7 +12,7 @@
 namespace flockstep {
 namespace {
 
-constexpr double kLeastLever = 0.01;  // least scaled determinant of the allocation
+constexpr double kMinLever = 0.01;  // least scaled determinant of the allocation
 
 using Triple = Airframe::Triple;
 
@@ -83,7 +83,7 @@ void Airframe::validate() const {
   double arm = 0.0;
   for (const Triple& p : position_m) arm = std::max({arm, std::abs(p[0]), std::abs(p[1])});
   const double scale = arm * arm * torque_ratio_m;
-  require(scale > 0.0 && std::abs(allocation(*this).determinant()) >= kLeastLever * scale, "rotors",
+  require(scale > 0.0 && std::abs(allocation(*this).determinant()) >= kMinLever * scale, "rotors",
           "positions and spins that can turn the body about each axis", "ones that leave an axis without torque");
 }
 

@@ -67,13 +67,13 @@ void expect_limits(Values allowed, const std::vector<T>& good, const std::vector
 TEST(Arrays, RefuseValuesThatTheirListDoesNotAllow) {
   constexpr float kInfinity = std::numeric_limits<float>::infinity();
   const float nan = std::nanf("");
-  constexpr std::int64_t kMost = std::int64_t{1} << 62;
+  constexpr std::int64_t kMax = std::int64_t{1} << 62;
   expect_limits<float>(Values::any, {nan, kInfinity, -kInfinity}, {});
   expect_limits<float>(Values::finite, {0.0F, -3e38F, 1e-45F}, {nan, kInfinity, -kInfinity});
   expect_limits<double>(Values::finite, {1e300, -1e300}, {std::nan(""), -std::numeric_limits<double>::infinity()});
   expect_limits<std::uint8_t>(Values::flag, {0, 1}, {2, 255});
-  expect_limits<std::int64_t>(Values::count, {0, kMost}, {-1, kMost + 1});
-  expect_limits<std::int64_t>(Values::last_count, {-1, kMost}, {-2, kMost + 1});
+  expect_limits<std::int64_t>(Values::count, {0, kMax}, {-1, kMax + 1});
+  expect_limits<std::int64_t>(Values::last_count, {-1, kMax}, {-2, kMax + 1});
   expect_limits<float>(Values::fraction, {0.0F, 1.0F}, {std::nextafter(0.0F, -1.0F), std::nextafter(1.0F, 2.0F), nan});
   expect_limits<float>(Values::range, {0.0F, kInfinity}, {-1e-45F, nan});
   try {

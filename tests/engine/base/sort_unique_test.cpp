@@ -26,12 +26,12 @@ TEST(SortUnique, IsThatOfASet) {
 }
 
 TEST(SortUnique, TakesTheLargestIndices) {
-  constexpr std::uint32_t kMost = std::numeric_limits<std::uint32_t>::max();
-  std::vector<std::uint32_t> dense{kMost, kMost - 2, kMost, kMost - 1}, sparse{kMost, 0, kMost};
+  constexpr std::uint32_t kMax = std::numeric_limits<std::uint32_t>::max();
+  std::vector<std::uint32_t> dense{kMax, kMax - 2, kMax, kMax - 1}, sparse{kMax, 0, kMax};
   sort_unique(dense);
-  EXPECT_EQ(dense, (std::vector{kMost - 2, kMost - 1, kMost}));
+  EXPECT_EQ(dense, (std::vector{kMax - 2, kMax - 1, kMax}));
   sort_unique(sparse);
-  EXPECT_EQ(sparse, (std::vector{0U, kMost}));
+  EXPECT_EQ(sparse, (std::vector{0U, kMax}));
 }
 
 }  // namespace

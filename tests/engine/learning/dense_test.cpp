@@ -198,7 +198,7 @@ TEST_F(Dense, AdamStepsAsItsFormulaInDouble) {
     SCOPED_TRACE(hwy::TargetName(target));
     const testing::OnTarget on(target);
     constexpr std::size_t kCount = 5 * kPad;
-    AlignedVector<float> parameter = random_rows(5, kPad), first(kCount), second(kCount);
+    AlignedVector<float> parameter = random_rows(5, kPad), adam_m(kCount), adam_v(kCount);
     std::vector<double> expected(parameter.begin(), parameter.end()), m(kCount), v(kCount);
     for (int time = 1; time <= 20; ++time) {
       const AlignedVector<float> gradient = random_rows(5, kPad);
@@ -206,7 +206,7 @@ TEST_F(Dense, AdamStepsAsItsFormulaInDouble) {
       adam({.step_size = static_cast<float>(rate / decay1),
             .root_of_bias_2 = static_cast<float>(std::sqrt(decay2)),
             .scale = 0.3F},
-           gradient.data(), kCount, parameter.data(), first.data(), second.data());
+           gradient.data(), kCount, parameter.data(), adam_m.data(), adam_v.data());
       for (std::size_t i = 0; i < kCount; ++i) {
         const double g = scale * static_cast<double>(gradient[i]);
         m[i] += 0.1 * (g - m[i]);

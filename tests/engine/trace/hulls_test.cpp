@@ -202,8 +202,8 @@ TEST(HullFaces, BoundAllPointsAndCloseTheHull) {
   Random random(11);
   for (int i = 0; i < 100; ++i) {
     const std::vector<Vec3> points = random_points(random);
-    const std::vector<HullFace> faces = hull_faces(points, HullPlanes::kMost);
-    ASSERT_LE(faces.size(), HullPlanes::kMost);
+    const std::vector<HullFace> faces = hull_faces(points, HullPlanes::kMax);
+    ASSERT_LE(faces.size(), HullPlanes::kMax);
     double size = 0.0;
     for (const Vec3& point : points) size = std::max(size, static_cast<double>(point.norm()));
     Vec3d total = Vec3d::Zero();  // of the areas along the normals; zero for a closed surface
@@ -222,7 +222,7 @@ TEST(HullFaces, BoundAllPointsAndCloseTheHull) {
     }
     EXPECT_LE(total.norm(), 1e-5 * area) << i << ' ' << points.size() << ' ' << faces.size();
   }
-  EXPECT_EQ(hull_faces(DroneModel::quadrotor650().hull(), HullPlanes::kMost).size(), 26U);
+  EXPECT_EQ(hull_faces(DroneModel::quadrotor650().hull(), HullPlanes::kMax).size(), 26U);
 }
 
 }  // namespace

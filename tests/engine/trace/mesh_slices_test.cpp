@@ -515,10 +515,10 @@ TriangleMesh lattice(int half, float step, bool with_boxes) {
 
 // Returns the angle at which a cell of a fan that is not even begins.
 double begin_of_cell(std::size_t cell) {
-  return 2.0 * kPi * static_cast<double>(cell) / static_cast<double>(Fan::kMostCells) - kPi;
+  return 2.0 * kPi * static_cast<double>(cell) / static_cast<double>(Fan::kMaxCells) - kPi;
 }
 
-std::size_t random_cell(Random& random) { return random.generator()() % Fan::kMostCells; }
+std::size_t random_cell(Random& random) { return random.generator()() % Fan::kMaxCells; }
 
 // Returns the angles of everything that may let a ray slip: where edges pass through the plane, as seen from the origin, and the
 // ends of the cells of angles; each of them some roundings off, too. frame: of the plane, in its columns.
@@ -677,7 +677,7 @@ double distance_to_walls(double corner, double angle) {
 // Two walls meet in a corner just beside the beginning of a cell: the rays between the two must hit one of them.
 TEST(SlicesWatertight, NoRaySlipsAtTheEndOfACell) {
   const EmbreeDevice device;
-  for (std::size_t cell = 0; cell <= Fan::kMostCells; ++cell) {
+  for (std::size_t cell = 0; cell <= Fan::kMaxCells; ++cell) {
     const double turn = begin_of_cell(cell);
     for (const double ahead : {-8e-6, -3e-6, 3e-6, 8e-6}) {
       const MeshTree tree = device.tree(walls_with_corner_at(turn + ahead));

@@ -208,8 +208,8 @@ TEST_P(TracerSlices, NoRayGoesThroughEmbreeForTriangles) {
 }
 
 // The largest fan that has too few beams for a slice, the smallest that has enough, and one whose beams are too far apart.
-constexpr int kFew = static_cast<int>(trace::kFewestInSlice) - 1, kEnough = kFew + 1;
-LidarConfig few_beams() { return spaced_fan("few", kFew, 0.9F * trace::kWidestInSlice); }
+constexpr int kTooFew = static_cast<int>(trace::kMinRaysInSlice) - 1, kEnough = kTooFew + 1;
+LidarConfig few_beams() { return spaced_fan("few", kTooFew, 0.9F * trace::kWidestInSlice); }
 LidarConfig enough_beams() { return spaced_fan("enough", kEnough, 0.9F * trace::kWidestInSlice); }
 LidarConfig sparse_beams() { return spaced_fan("sparse", kEnough, 1.1F * trace::kWidestInSlice); }
 
@@ -302,7 +302,7 @@ TEST(TracerSlicesOf, TheWalkOfTheLastScanDoesNotMatter) {
   const auto world = make_world({}, {}, dense_ball(random));
   const trace::Scene& scene = prepared(*world).scene();
   scene.prepare_tiles(world->triangles());
-  const trace::TracePolicy policy{.fewest_in_slice = 1};
+  const trace::TracePolicy policy{.min_rays_in_slice = 1};
   std::vector<sensors::BeamPattern> patterns;
   for (const LidarConfig& lidar : {fan_of("around", 256, 360.0F, 50.0F), fan_of("sector", 35, 200.0F, 50.0F),
                                    fan_of("in parts", 600, 360.0F, 50.0F), fan_of("narrow", 9, 30.0F, 50.0F)}) {

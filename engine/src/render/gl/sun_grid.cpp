@@ -16,8 +16,8 @@ using Vec2d = Eigen::Vector2d;
 using Vec3d = Eigen::Vector3d;
 using Mat3d = Eigen::Matrix3d;
 
-constexpr double kLeastCells = 64.0 * 64.0;
-constexpr double kMostCells = 1024.0 * 1024.0;
+constexpr double kMinCells = 64.0 * 64.0;
+constexpr double kMaxCells = 1024.0 * 1024.0;
 constexpr double kCellsPerCaster = 4.0;
 
 // The shadow of a caster in the plane across the sun's direction: all points within `round` of the convex hull of `points`.
@@ -163,7 +163,7 @@ class Casters {
       high = high.cwiseMax(Vec2d(x[1], y[1]));
     }
     const Vec2d size = high - low;
-    const double cells = std::clamp(kCellsPerCaster * static_cast<double>(shadows_.size()), kLeastCells, kMostCells);
+    const double cells = std::clamp(kCellsPerCaster * static_cast<double>(shadows_.size()), kMinCells, kMaxCells);
     // Limits the cells along each side to the total number of cells, even if the grid is very thin.
     const double cell = std::max(std::sqrt(size.x() * size.y() / cells), size.maxCoeff() / cells);
     // The margin ensures that rounding of a point, a cell border or a caster loses no caster.

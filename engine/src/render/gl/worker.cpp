@@ -43,14 +43,14 @@ class Atlases {
     if (found != atlases_.end()) {
       std::rotate(found, found + 1, atlases_.end());
     } else {
-      if (atlases_.size() == kMost) atlases_.erase(atlases_.begin());
+      if (atlases_.size() == kMax) atlases_.erase(atlases_.begin());
       atlases_.push_back(std::make_unique<GlAtlas>(size, attachments));
     }
     return *atlases_.back();
   }
 
  private:
-  static constexpr std::size_t kMost = 16;
+  static constexpr std::size_t kMax = 16;
   std::vector<std::unique_ptr<GlAtlas>> atlases_;  // the most recently used one is last
 };
 
