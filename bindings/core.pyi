@@ -620,15 +620,7 @@ class World:
 
     @property
     def light(self) -> dict[str, Any]:
-        """Sun and sky of camera images, with the keys and limits of a scene file.
-
-        - ``sun_direction``: (3,) unit, towards the sun.
-        - ``sun_color``, ``sky_ambient``, ``ground_ambient``, ``zenith_color``, ``horizon_color``: (3,) linear RGB each.
-        - ``gamma``
-        - ``sun_radius_deg``: radius of the sun's disc in the sky; 0 means no disc.
-        - ``sun_glow``: share of the sun's colour in the sky next to it.
-        - ``fog_visibility_m``: distance at which fog leaves 2 % of a surface's contrast; 0 means no fog.
-        """
+        """Sun and sky of camera images: the fields of `Light` by name, colours and directions as tuples."""
 
     @property
     def primitives(self) -> list[dict[str, Any]]:

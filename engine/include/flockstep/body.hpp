@@ -9,7 +9,7 @@
 
 #include "flockstep/export.hpp"
 #include "flockstep/fields.hpp"
-#include "flockstep/pose.hpp"
+#include "flockstep/limits.hpp"
 #include "flockstep/visibility.hpp"
 
 namespace flockstep {

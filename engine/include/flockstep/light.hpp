@@ -5,7 +5,7 @@
 
 #include "flockstep/export.hpp"
 #include "flockstep/fields.hpp"
-#include "flockstep/pose.hpp"
+#include "flockstep/limits.hpp"
 
 namespace flockstep {
 

@@ -11,6 +11,10 @@
 
 namespace flockstep {
 
+// Limit of the world: positions, ray origins and geometry lie within +-kMaxCoordinate along each axis. float32 resolves 6 cm
+// there, and its squares are far from overflow.
+inline constexpr double kMaxCoordinate = 1e6;  // m
+
 struct Limits {
   double least = -std::numeric_limits<double>::infinity();    // lower limit
   double greatest = std::numeric_limits<double>::infinity();  // upper limit

@@ -5,6 +5,8 @@
 #include <Eigen/Geometry>
 #include <cmath>
 
+#include "flockstep/limits.hpp"
+
 namespace flockstep {
 
 // World frame: right-handed, x east, y north, z up (metres). Body frame: x forward, y left, z up.
@@ -27,10 +29,6 @@ struct Velocity {
   Vec3 linear = Vec3::Zero();   // m/s, world frame
   Vec3 angular = Vec3::Zero();  // rad/s, body frame
 };
-
-// Limit of the world: positions, ray origins and geometry lie within +-kMaxCoordinate along each axis. float32 resolves 6 cm
-// there, and its squares are far from overflow.
-inline constexpr double kMaxCoordinate = 1e6;  // m
 
 // Also returns false for NaN.
 inline bool is_in_world(float coordinate) { return std::abs(static_cast<double>(coordinate)) <= kMaxCoordinate; }

@@ -319,9 +319,9 @@ GlModel::GlModel(const World& world, Of of) : textures(world) {
   }
   light = appearance.light;
   Soup soup;
-  // Fog changes the linear colour of each pixel, so all flat geometry is painted. Primitives show no textures: the paints
-  // without textures follow those of the materials.
-  const bool has_fog = fog_density(light) > 0.0F;
+  // Air that is not clear changes the linear colour of each pixel, so all flat geometry is painted. Primitives show no textures:
+  // the paints without textures follow those of the materials.
+  const bool has_air = !Air(light).is_clear();
   const std::size_t num_materials = appearance.materials.size();
   for (std::size_t i = 0; i < world.primitives().size(); ++i) {
     const Primitive& primitive = world.primitives()[i];
@@ -334,7 +334,7 @@ GlModel::GlModel(const World& world, Of of) : textures(world) {
         [[fallthrough]];
       case PrimitiveKind::box:
       case PrimitiveKind::plane:
-        add_flat(primitive, surface, has_fog ? static_cast<std::uint32_t>(num_materials + primitive.material + 1) : 0U, soup);
+        add_flat(primitive, surface, has_air ? static_cast<std::uint32_t>(num_materials + primitive.material + 1) : 0U, soup);
         break;
       case PrimitiveKind::cylinder:
         round(RoundKind::cylinder);
@@ -350,7 +350,7 @@ GlModel::GlModel(const World& world, Of of) : textures(world) {
         break;
     }
   }
-  add_mesh(world, appearance, has_fog || of == Of::mesh_body, soup);
+  add_mesh(world, appearance, has_air || of == Of::mesh_body, soup);
   for (const MarkerSphere& marker : appearance.markers) {
     Primitive sphere;
     sphere.kind = PrimitiveKind::sphere;
@@ -366,7 +366,7 @@ GlModel::GlModel(const World& world, Of of) : textures(world) {
     if (masking[i]) paint.cutoff = 255.0F * world.materials()[i].alpha_cutoff;
     masked |= masking[i];
   }
-  for (std::size_t i = 0; has_fog && i < num_materials; ++i) set_light(paints.emplace_back(), appearance.materials[i], light);
+  for (std::size_t i = 0; has_air && i < num_materials; ++i) set_light(paints.emplace_back(), appearance.materials[i], light);
   sort_for_chunks(soup.triangles);
   make_chunks(soup, light, *this);
 }

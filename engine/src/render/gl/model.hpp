@@ -27,12 +27,12 @@ struct FlatVertex {
   std::uint32_t ids;                     // see pack_ids()
 };
 
-// Further vertex data, present if a world has textures, vertex colours or fog. `density` and `paint` describe a triangle, as in
-// FlatVertex.
+// Further vertex data, present if a world has textures, vertex colours or air that is not clear. `density` and `paint` describe a
+// triangle, as in FlatVertex.
 struct PaintedVertex {
   std::array<float, 2> uv;
   float density;               // texels per square metre
-  std::uint32_t paint;         // index of the Paint plus 1; 0 means that FlatVertex has the colour, which fog does not change
+  std::uint32_t paint;         // index of the Paint plus 1; 0 means that FlatVertex has the colour, which the air does not change
   std::array<float, 3> color;  // linear RGB, multiplies the colour of the paint
   float unused;
 };
@@ -102,8 +102,8 @@ struct GlModel {
 
   std::vector<FlatVertex> vertices;
   std::vector<PaintedVertex> painted;  // one per vertex, or none if all triangles have plain colours
-  std::vector<Paint> paints;           // one per material, with fog followed by as many without textures; none in that case
-  bool masked = false;                 // true if a material is transparent in places
+  std::vector<Paint> paints;  // one per material, if the air is not clear followed by as many without textures; none in that case
+  bool masked = false;        // true if a material is transparent in places
   Textures textures;
   std::vector<std::uint32_t> indices;  // three per triangle
   std::vector<FlatChunk> chunks;       // contiguous and in the order of their indices

@@ -278,8 +278,8 @@ void GlPainter::paint(const GlAtlas& atlas, std::span<const TileCamera> cameras,
     glUniform4f(kTilesUniform, tile_height, 1.0F / tile_height, 1.0F / static_cast<float>(size.tiles), 0.0F);
     glUniform4f(kRangeUniform, pass.near_m, pass.far_m, 1.0F / pass.far_m, 1.0F / (1.0F / pass.near_m - 1.0F / pass.far_m));
   };
-  traits.fog = std::any_of(cameras.begin(), cameras.end(),
-                           [&](const TileCamera& c) { return fog_density(models_[c.model].light) > 0.0F; });
+  traits.air =
+      std::any_of(cameras.begin(), cameras.end(), [&](const TileCamera& c) { return !Air(models_[c.model].light).is_clear(); });
   const auto shows_masks = [&](const TileCamera& c) { return models_[c.model].is_masked; };
   const bool masked_worlds = std::any_of(cameras.begin(), cameras.end(), shows_masks);
   const bool masked_meshes = std::any_of(cameras.begin(), cameras.end(), [&](const TileCamera& c) {
@@ -405,7 +405,7 @@ void GlPainter::cull(const TileCamera& camera, std::size_t num_cameras, std::uin
             row(model.light.zenith_color, model.sun_disc.glow),
             row(model.light.sun_direction, model.sun_disc.edge),
             row(model.sun_disc.color, model.sun_disc.steepness),
-            {fog_density(model.light), 0.0F, 0.0F, 0.0F}};
+            Air(model.light).row()};
   };
   const std::uint32_t casters = pass.traits.shadows ? list_casters(camera, bodies) : 0;
   records_.push_back(record_of(view, casters, model.grid));

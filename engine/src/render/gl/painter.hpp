@@ -75,7 +75,7 @@ class GlPainter {
   // A TileCamera in the layout of the shaders; each row is a vec4.
   struct CameraRecord {
     std::array<float, 4> eye_offset, w_cx, x_cy, y_fx, ray_0_fy, ray_u, ray_v_grid, horizon, zenith_glow, sun_edge,
-        disc_steepness, fog;
+        disc_steepness, air;
   };
   // A mesh body seen by a camera, in the layout of the shaders; each row is a vec4.
   struct PosedRecord {

@@ -38,7 +38,7 @@ struct Camera {
   vec4 zenith_glow;
   vec4 sun_edge;  // xyz: direction to the sun; see SunDisc
   vec4 disc_steepness;  // xyz: colour of the sun
-  vec4 fog;  // x: fog_density()
+  vec4 air;  // x: Air::fog_per_m
 };
 )";
 
@@ -111,7 +111,7 @@ vec4 encode(vec3 light, float gamma_exponent) {
   return vec4(floor(255.0 * pow(min(light, 1.0), vec3(gamma_exponent)) + 0.5) / 255.0, 1.0);
 }
 
-#ifdef FOG
+#ifdef AIR
 layout(std430, binding = 0) readonly buffer Cameras { Camera cameras[]; };
 
 // Returns the colour of a surface at this depth behind fog; see Light. Camera i draws tile i.
@@ -120,7 +120,7 @@ vec3 through_fog(vec3 light, float depth, vec3 at) {
   vec3 ray = camera.ray_0_fy.xyz + camera.ray_u_casters.xyz * at.y + camera.ray_v_grid.xyz * at.z;
   float metres = length(ray);
   vec3 sky = mix(camera.horizon.xyz, camera.zenith_glow.xyz, max(0.0, ray.z) / metres);
-  return mix(sky, light, exp(-camera.fog.x * depth * metres));
+  return mix(sky, light, exp(-camera.air.x * depth * metres));
 }
 #else
 #define through_fog(light, depth, at) (light)
@@ -925,7 +925,7 @@ GLuint GlShaders::get(Role role, const ShaderTraits& traits) {
                          traits.writes.ids,   traits.writes.normal,
                          traits.shadows,      traits.painted && (traits.writes.color || traits.masked),
                          traits.sun,          traits.masked,
-                         traits.bodies,       traits.fog && traits.writes.color,
+                         traits.bodies,       traits.air && traits.writes.color,
                          traits.meshes};
   static const std::array<std::string, flags.size()> kFlagDefines{
       "#define COLOR\n",
@@ -937,7 +937,7 @@ GLuint GlShaders::get(Role role, const ShaderTraits& traits) {
       "#define SUN\n#define sun_focus " + std::to_string(SunDisc::kFocus) + '\n',
       "#define MASK\n",
       "#define BODIES\n",
-      "#define FOG\n",
+      "#define AIR\n",
       "#define MESHES\n"};
   auto key = static_cast<std::uint32_t>(role);
   std::string defines;

@@ -28,7 +28,7 @@ struct ShaderTraits {
   bool painted = false;  // some triangles have textures or vertex colours
   bool masked = false;   // some triangles are transparent in places
   bool sun = false;      // the sun is visible in the sky
-  bool fog = false;      // some worlds have fog
+  bool air = false;      // the air of some worlds is not clear
 };
 
 // Numbers in the shaders' layout qualifiers.

@@ -127,21 +127,20 @@ class Shading {
     std::span<const std::array<float, 3>> colors;  // one per vertex; empty if all are white
     // Colours of the front and the back of each triangle: first all of them in the sun, then all in shade. The memory of the
     // second half stays untouched until prepare_shadows(). A colour that must still be multiplied by a texture or vertex
-    // colours, or that fog changes, is negative and linear: the square roots of its channels, ten bits each. A root of 1023 is
-    // the maximum of the material, 1023^2 times the `unit` of its paint.
+    // colours, or that the air changes, is negative and linear: the square roots of its channels, ten bits each. A root of 1023
+    // is the maximum of the material, 1023^2 times the `unit` of its paint.
     std::unique_ptr<std::int32_t[]> lit;
     std::vector<std::int32_t> sky;  // (kSky + 1,) from the horizon to the zenith; empty if too coarse or with a sun disc
     std::int32_t first_object = 0;
     Light light;
     std::array<float, 3> up{0.0F, 0.0F, 1.0F};  // direction of the zenith
-    float fog_per_m = 0.0F;                     // 1/m, fog_density() of the light
+    Air air;
     SunDisc sun_disc;
     std::array<std::int32_t, kLevels + 1> levels{};
     std::vector<Ramp> ramps;  // one per material
-    bool has_fog() const { return fog_per_m > 0.0F; }
-    // True without a sun disc, emission, vertex colours and fog. The kernels then omit the code for them.
-    bool is_plain() const { return !sun_disc.shows && !emits && colors.empty() && !has_fog(); }
-    explicit Tables(const Light& of) : light(of), fog_per_m(fog_density(light)), sun_disc(light) {}
+    // True without a sun disc, emission, vertex colours and air that is not clear. The kernels then omit the code for them.
+    bool is_plain() const { return !sun_disc.shows && !emits && colors.empty() && air.is_clear(); }
+    explicit Tables(const Light& of) : light(of), air(light), sun_disc(light) {}
   };
 
  private:
