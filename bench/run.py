@@ -87,7 +87,7 @@ def figure(name: str, value: float, unit: str, runs: int) -> Figure:
     return {"name": name, "value": float(f"{value:.4g}"), "unit": unit, "runs": runs}
 
 
-def of(measure: Callable[..., Iterable[tuple[str, float, str, int]]], *args: str) -> Callable[[], list[Figure]]:
+def of(measure: Callable[..., Iterable[tuple[str, float, str, int]]], *args: Any) -> Callable[[], list[Figure]]:
     """Return a benchmark whose figures are those that a function measures."""
     return lambda: [figure(*measured) for measured in measure(*args)]
 
@@ -98,10 +98,6 @@ def native(name: str, *args: str) -> list[Figure]:
     result = subprocess.run([folder / name, *args], check=True, stdout=subprocess.PIPE, text=True)
     figures: list[Figure] = json.loads(result.stdout)
     return figures
-
-
-def bench_lidar() -> list[Figure]:
-    return native("lidar")
 
 
 def bench_tiles() -> list[Figure]:
@@ -121,11 +117,6 @@ def steps_with_slices(n: int = 256) -> list[Figure]:
         figures.append(figure(f"tiles/{name}/step/ratio_to_embree_fans", ratio, "1", RUNS))
         figures.append(figure(f"tiles/{name}/step/steps_per_second", rate, "1/s", RUNS))
     return figures
-
-
-def bench_tiles_avx2() -> list[Figure]:
-    """Trace fans as slices with AVX2, and with Embree with AVX2."""
-    return native("tiles", "all", "fan", "avx2")
 
 
 def seconds_per_call(call: Callable[[int], object], at_least_s: float = 0.25) -> float:
@@ -313,23 +304,25 @@ def flown_steps_here(n: int) -> list[Figure]:
     return figures
 
 
-def trained(name: str, module: str = "benchmark", *args: str) -> list[Figure]:
-    """Run a benchmark of training/ and return its figures."""
-    (OUT / "train").mkdir(parents=True, exist_ok=True)
-    path = OUT / "train" / f"{name}.figures"
-    program = [sys.executable, "-m", f"training.{module}", *(args or [name])]
-    subprocess.run([*program, "--out", OUT / "train", "--figures", path], cwd=ROOT, check=True)
-    figures: list[Figure] = json.loads(path.read_text())
-    return figures
+def bench_trained(name: str) -> list[Figure]:
+    import trained  # imports PyTorch, as do the next two
+
+    return trained.measure(name, OUT / "train")
 
 
 def bench_board() -> list[Figure]:
-    return trained("board", "board", "--seeds", "5")
+    sys.path.append(str(ROOT))
+    from training import board
+
+    (OUT / "train").mkdir(parents=True, exist_ok=True)
+    return board.main(board.Args(out=OUT / "train"))
 
 
 def bench_learner() -> list[Figure]:
     """Compare an update of `flockstep.PPO` with Stable-Baselines3's, and one thread with two."""
-    return trained("learner", "benchmark_learner", "--runs", str(RUNS))
+    import learner
+
+    return of(learner.figures, RUNS)()
 
 
 def bench_load() -> list[Figure]:
@@ -470,14 +463,14 @@ def bench_trainers() -> list[Figure]:
 
 #: All benchmarks.
 BENCHES: dict[str, Callable[[], list[Figure]]] = {
-    "lidar": bench_lidar,
+    "lidar": partial(native, "lidar"),
     "step": bench_step,
     "camera": bench_camera,
-    "train": partial(trained, "train"),
-    "camera_train": partial(trained, "camera_train"),
-    "pixels_train": partial(trained, "pixels_train"),
-    "camera_large": partial(trained, "camera_large"),
-    "places_train": partial(trained, "places_train"),
+    "train": partial(bench_trained, "train"),
+    "camera_train": partial(bench_trained, "camera_train"),
+    "pixels_train": partial(bench_trained, "pixels_train"),
+    "camera_large": partial(bench_trained, "camera_large"),
+    "places_train": partial(bench_trained, "places_train"),
     "flight_train": of(tasks.measure_flights),
     "board": bench_board,
     "trainers": bench_trainers,
@@ -499,7 +492,7 @@ BENCHES: dict[str, Callable[[], list[Figure]]] = {
     "engines": of(engines.measure),
     "server": of(server.measure),
     "tiles": bench_tiles,
-    "tiles_avx2": bench_tiles_avx2,
+    "tiles_avx2": partial(native, "tiles", "all", "fan", "avx2"),
     "dynamics": bench_dynamics,
     "dynamics_accuracy": of(dynamics_accuracy.measure),
     "dynamics_peers": dynamics_peers.measure,

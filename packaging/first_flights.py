@@ -1,12 +1,15 @@
-"""Test flights with an installed wheel for `./dev wheel --prove`: LiDAR, both camera backends, C++ headers.
+"""Test flights with an installed wheel for `./dev wheel --prove`: LiDAR, both camera backends, a training, headers.
 
 usage: first_flights.py with-opengl | without-opengl | without-gl
 
 without-opengl: the machine has no OpenGL. without-gl: the wheel was built without the camera backend gl.
 """
 
+import subprocess
 import sys
+import tempfile
 import warnings
+from pathlib import Path
 
 import numpy as np
 
@@ -31,12 +34,21 @@ def see(backend: str) -> None:
     assert batch.camera("front").rgb.std() > 0, f"{backend} sees nothing"
 
 
+def learn() -> None:
+    """Train a moment by the command, in an empty folder."""
+    with tempfile.TemporaryDirectory() as folder:
+        command = [sys.executable, "-m", "flockstep", "train", "hover", "--steps", "16384", "--flights", "4"]
+        subprocess.run(command, cwd=folder, check=True)
+        assert (Path(folder) / "hover.zip").is_file()
+
+
 def main() -> None:
     """Fly, and compare the OpenGL warnings with the machine's abilities."""
     reasons = {"with-opengl": (), "without-opengl": ("libegl1", "libgl1"), "without-gl": ("has no backend gl",)}
     expected = reasons[sys.argv[1]]
     fly_lidar()
     see("raycast")
+    learn()
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always")
         see("gl")

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -12,6 +12,7 @@ import numpy as np
 import numpy.typing as npt
 from PIL import Image, ImageDraw, ImageFont
 
+import flockstep
 from flockstep.registration import make_by_id
 from flockstep.rotations import rotate
 from flockstep.trainings import TRAININGS, Flyer
@@ -110,6 +111,17 @@ def save_film(path: Path, frames: Sequence[Frame], quality: int, key_every: int 
         settings |= {"kmin": key_every - 1, "kmax": key_every, "method": 4}
     pictures[0].save(path, save_all=True, append_images=list(pictures[1:]), **settings)
     print(f"{path}: {len(pictures)} pictures, {path.stat().st_size / 1e6:.2f} MB")
+
+
+def steps_of(envs: flockstep.DroneVectorEnv, model: Any, seed: int) -> Iterator[tuple[Any, bool]]:
+    """Fly one env, which does not reset itself; yield the observation, and whether the flight has ended."""
+    observation, _ = envs.reset(seed=seed)
+    ended = False
+    while not ended:
+        yield observation, ended
+        observation, _, terminated, truncated, _ = envs.step(model.predict(observation, deterministic=True)[0])
+        ended = bool((terminated | truncated).any())
+    yield observation, ended
 
 
 def write_captions(picture: Image.Image, lines: Sequence[tuple[float, float, str, Color]]) -> None:

@@ -11,6 +11,7 @@ the flight, unless its module says so. A row without a policy trains one first, 
 from __future__ import annotations
 
 import colorsys
+import itertools
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
@@ -22,10 +23,9 @@ from PIL import Image, ImageDraw
 from tqdm import tqdm
 
 import flockstep
-from flockstep.registration import make_same_step
 from flockstep.trainings import UNSEEN_SEEDS, train
 from tools import flight_film, formation_film, race_film, slice_picture, stills
-from tools.film import FINER, INK, Array, Film, Frame, Shot, save_film, write_captions
+from tools.film import FINER, INK, Array, Film, Frame, Shot, save_film, steps_of, write_captions
 from training.board import TRAININGS
 from training.forest_flight import FAR_M
 from training.tasks import load_policy
@@ -40,10 +40,8 @@ def chase(shot: Shot, name: str, world: str, hold_ms: int, **keywords: Any) -> I
     size = {"render_mode": "rgb_array", "render_view": "third_person", "render_size": (2 * width, 2 * width * 9 // 16)}
     worlds = flockstep.World.load(f"{world}/seed-{shot.seed}")
     envs = flockstep.DroneVectorEnv(1, worlds=worlds, autoreset_mode="disabled", **size, **keywords)
-    model = shot.model
-    observation, _ = envs.reset(seed=shot.seed)
-    ended, last = False, shot.steps(STEP_MS)
-    for step in range(last + 1):
+    last = shot.steps(STEP_MS)
+    for step, (_, ended) in enumerate(itertools.islice(steps_of(envs, shot.model, shot.seed), last + 1)):
         ((frame),) = envs.render() or ()
         picture, seconds = Image.fromarray(frame).reduce(2), step * STEP_MS / 1000
         caption = f"{seconds:.1f} s"
@@ -55,10 +53,6 @@ def chase(shot: Shot, name: str, world: str, hold_ms: int, **keywords: Any) -> I
             picture.paste(inset, (width - inset.width - 8, 8))
         write_captions(picture, [(8, 20, caption, INK)])
         yield picture, hold_ms if ended or step == last else STEP_MS
-        if ended:
-            break
-        observation, _, terminated, truncated, _ = envs.step(model.predict(observation, deterministic=True)[0])
-        ended = bool(terminated[0] | truncated[0])
     print(f"{world}: {'at the goal' if envs.batch.success[0] else 'not at the goal'}")
     envs.close()
 
@@ -89,17 +83,15 @@ def forest(shot: Shot) -> Iterator[Frame]:
 
 def swap(shot: Shot, drones: int = 16) -> Iterator[Frame]:
     """Fly Swap, seen from above: drones as discs with trails, their goals as rings."""
-    envs = make_same_step("films", "flockstep/Swap-v0", 1, drones_per_env=drones, max_episode_steps=300)
-    observation, _ = envs.reset(seed=shot.seed)
+    envs = flockstep.DroneVectorEnv(
+        1, task=flockstep.SwapConfig(), drones_per_env=drones, max_episode_steps=300, autoreset_mode="disabled"
+    )
+    positions = [envs.batch.position[:, :2].copy() for _ in steps_of(envs, shot.model, shot.seed)]
+    print(f"{drones} drones: {'all at their goals' if envs.batch.success.all() else 'not all at their goals'}")
     goals, radius = (
         envs.batch.task_state["goal"][:, :2].copy(),
         np.linalg.norm(envs.batch.drone.hull[:, :2], axis=1).max(),
     )
-    positions, ended = [envs.batch.position[:, :2].copy()], False
-    while not ended:
-        observation, _, terminated, truncated, _ = envs.step(shot.model.predict(observation, deterministic=True)[0])
-        positions.append(envs.batch.position[:, :2].copy())
-        ended = bool((terminated | truncated).any())
     envs.close()
     size = FINER * shot.width_px
     scale = size / (2 * (np.abs(goals).max() + radius + 1.0))

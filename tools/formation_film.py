@@ -21,7 +21,7 @@ from flockstep.pictures.depth_canvas import DepthCanvas
 from flockstep.pictures.picture import FARTHEST_M, facing
 from flockstep.rotations import rotate
 from flockstep.trainings.table import FORMATION_STEPS
-from tools.film import FINER, INK, Color, Frame, Shot, write_captions
+from tools.film import FINER, INK, Color, Frame, Shot, steps_of, write_captions
 
 Array = npt.NDArray[Any]
 
@@ -62,16 +62,10 @@ def fly(model: Any, seed: int) -> Flight:
         max_episode_steps=FORMATION_STEPS["warehouse"],
         autoreset_mode="disabled",
     )
-    observation, _ = envs.reset(seed=seed)
     states: list[tuple[Array, Array, Array]] = []
-    ended = False
-    while True:
+    for observation, _ in steps_of(envs, model, seed):
         position, quat = envs.batch.position.astype(float), envs.batch.quat_wxyz.astype(float)
         states.append((position, quat, position + rotate(quat, 2 * observation[:, :3].astype(float))))
-        if ended:
-            break
-        observation, _, terminated, truncated, _ = envs.step(model.predict(observation, deterministic=True)[0])
-        ended = bool((terminated | truncated).any())
     positions, quats, places = (np.array(each) for each in zip(*states, strict=True))
     error = float(np.linalg.norm(places - positions, axis=2).mean())
     print(f"{'flown to the end' if envs.batch.success.all() else 'not flown to the end'}, error {error:.3f} m")

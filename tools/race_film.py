@@ -22,7 +22,7 @@ from flockstep.pictures.depth_canvas import DepthCanvas
 from flockstep.pictures.picture import facing, render
 from flockstep.rotations import rotate
 from flockstep.trainings.table import LAPS
-from tools.film import FINER, Color, Frame, Shot
+from tools.film import FINER, Color, Frame, Shot, steps_of
 from tools.flight_film import LIGHT, beside
 
 Array = npt.NDArray[Any]
@@ -70,21 +70,15 @@ def flown(policy: Any, seed: int) -> Flight:
     """Fly the first episode from this seed on that starts behind gate 0."""
     task = flockstep.RaceConfig(start="gate", laps=LAPS)
     envs = flockstep.DroneVectorEnv(1, task=task, worlds=TRACK, max_episode_steps=3000, autoreset_mode="disabled")
-    for each in itertools.count(seed):
-        observation, _ = envs.reset(seed=each)
+    for start in itertools.count(seed):
+        envs.reset(seed=start)
         if envs.batch.task_state["target"][0] == 1:
             break
-    states, ended = [], False
-    while True:
-        batch = envs.batch
+    states, batch = [], envs.batch
+    for _ in steps_of(envs, policy, start):
         passed = int(batch.task_state["passed"][0])
         speed = float(np.linalg.norm(batch.velocity[0]))
         states.append((np.array(batch.position[0], float), np.array(batch.quat_wxyz[0], float), speed, passed))
-        if ended:
-            break
-        actions, _ = policy.predict(observation, deterministic=True)
-        observation, _, terminated, truncated, _ = envs.step(actions)
-        ended = bool(terminated[0] or truncated[0])
     position, quat, speeds, passed_gates = (np.array(each) for each in zip(*states, strict=True))
     return Flight(position, quat, speeds, passed_gates, 1, bool(envs.batch.success[0]))
 

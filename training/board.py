@@ -189,16 +189,14 @@ class Args:
     """Trainings; default: all."""
     out: Path = Path("out/board")
     """Folder for policies, films and curves.png."""
-    figures: Path | None = None
-    """File for the figures; default: figures.json in that folder."""
     seeds: int = 5
     """Number of seeds."""
     sb3: bool = True
     """Also train with Stable-Baselines3."""
 
 
-def main(args: Args) -> None:
-    """Train, film, draw and write the figures."""
+def main(args: Args) -> list[Figure]:
+    """Train, film, draw, write and return the figures."""
     for name in args.names:
         if name not in TRAININGS:
             sys.exit(f"NAME: expected one of {', '.join(TRAININGS)}, got {name!r}")
@@ -206,9 +204,10 @@ def main(args: Args) -> None:
     figures = []
     for name in args.names or TRAININGS:
         figures += report(name, args.seeds, args.sb3, args.out)
-        (args.figures or args.out / "figures.json").write_text(json.dumps(figures, indent=1) + "\n")
+        (args.out / "figures.json").write_text(json.dumps(figures, indent=1) + "\n")
         plot(figures, args.out / "curves.png")
     print(f"\nFilms, policies, curves.png and figures.json are in {args.out}/")
+    return figures
 
 
 if __name__ == "__main__":

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import importlib
 from collections.abc import Sequence
 from typing import Any, Literal
 
@@ -84,6 +85,8 @@ def train(
     callbacks
         Further callbacks: a `Callback`, or those of Stable-Baselines3.
     """
+    if learner == "sb3":
+        _require_sb3()
     envs = make(training, training.num_envs, threads)
     first = first_env_seed(seed, training.num_envs)  # the seeds of the model are also those of other trainings
     rate = training.settings["learning_rate"]
@@ -101,6 +104,11 @@ def train(
         model = _sb3(training, envs, seed, first, both)
     envs.close()
     return model
+
+
+def _require_sb3() -> None:
+    """Raise an error that says what is missing and how to install it."""
+    importlib.import_module("flockstep.sb3")
 
 
 def _sb3(training: Training, envs: Any, seed: int, first: int, callbacks: list[Any]) -> Any:
@@ -129,6 +137,7 @@ def load(path: Any, learner: Learner) -> Any:
     """Load a policy; one of Stable-Baselines3 runs code from its file."""
     if learner == "flockstep":
         return PPO.load(path)
+    _require_sb3()
     from stable_baselines3 import PPO as SB3
 
     return SB3.load(path, device="cpu")

@@ -14,8 +14,10 @@ import tyro
 from gymnasium import spaces
 
 import flockstep
+import trained
+from flockstep import trainings
 from tools import stills, track_film
-from training import benchmark, evaluate, plot_blob, plot_curve, plot_paths, tasks, train_ppo
+from training import evaluate, plot_blob, plot_curve, plot_paths, tasks, train_ppo
 
 # A module with a task with a camera: success by climbing, failure by sinking.
 OWN = """
@@ -23,6 +25,7 @@ import numpy as np
 from gymnasium import spaces
 
 import flockstep
+from flockstep import trainings
 
 
 class Climb(flockstep.Task):
@@ -97,7 +100,7 @@ def flown(monkeypatch):
 
     def flown(*evaluations):
         given, policies = iter(evaluations), []
-        kept = [world.name for world in tasks.Setup().generated(tasks.CHOOSING_SEEDS, 2)]
+        kept = [world.name for world in tasks.Setup().generated(trainings.CHOOSING_SEEDS, 2)]
 
         def fly(policy, worlds, *_, **__):
             assert [world.name for world in worlds] == kept  # and none of the bundled playgrounds
@@ -153,7 +156,7 @@ def test_a_resumed_policy_stays_until_a_better_one_is_found(train, flown, tmp_pa
 
 
 def test_seeds_of_training_choosing_and_reporting_are_disjoint():
-    ranges = [tasks.TRAINING_SEEDS, tasks.CHOOSING_SEEDS, tasks.UNSEEN_SEEDS]
+    ranges = [trainings.TRAINING_SEEDS, trainings.CHOOSING_SEEDS, trainings.UNSEEN_SEEDS]
     for i, one in enumerate(ranges):
         assert len(one) > 0
         assert all(max(one.start, other.start) >= min(one.stop, other.stop) for other in ranges[i + 1 :])
@@ -175,7 +178,7 @@ def test_envs_of_trainings_by_different_seeds_share_none(train, flown, monkeypat
     assert [len(seeds) for seeds in given] == [64] * 3
     assert len(set().union(*given)) == 3 * 64
     for seed in (0, 1_000, 10_000):
-        assert tasks.first_env_seed(seed, 512) >= tasks.UNSEEN_SEEDS.stop > tasks.CHOOSING_SEEDS.stop
+        assert trainings.first_env_seed(seed, 512) >= trainings.UNSEEN_SEEDS.stop > trainings.CHOOSING_SEEDS.stop
 
 
 def test_generated_playgrounds_keep_to_their_seeds():
@@ -197,7 +200,7 @@ def test_training_flies_no_world_that_is_reported(train, monkeypatch):
     train(total_steps=1024)
     training, *evaluations = given
     reported = {world.name for world in flockstep.scenes.load("validation")}
-    reported |= {world.name for world in tasks.Setup().generated(tasks.UNSEEN_SEEDS, 5)}
+    reported |= {world.name for world in tasks.Setup().generated(trainings.UNSEEN_SEEDS, 5)}
     assert training & {world.name for world in flockstep.scenes.load("train")}
     assert not training & reported
     for evaluation in evaluations:
@@ -494,9 +497,9 @@ def test_figures_of_a_training(monkeypatch, tmp_path):
     args = train_ppo.DEFAULTS["camera"]
     small = dataclasses.replace(args, total_steps=1024, num_envs=64, steps_per_update=16, batch_size=256, generated=1)
     small = dataclasses.replace(small, evaluation_flights=1, max_episode_steps=30, width_px=16)
-    monkeypatch.setattr(benchmark, "START_FLIGHTS", 2)
-    monkeypatch.setattr(benchmark, "UNSEEN_WORLDS", 2)
-    figures = {figure["name"]: figure for figure in benchmark.task_figures(small, [3], tmp_path)}
+    monkeypatch.setattr(trained, "START_FLIGHTS", 2)
+    monkeypatch.setattr(trained, "UNSEEN_WORLDS", 2)
+    figures = {figure["name"]: figure for figure in trained.task_figures(small, [3], tmp_path)}
     values = {name: figure["value"] for name, figure in figures.items()}
     of_seed = "train/camera/seed3"
     rate = values[f"{of_seed}/steps"] / values[f"{of_seed}/seconds"]

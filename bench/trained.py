@@ -1,6 +1,4 @@
-"""Training figures for `./dev bench`: train, camera_train, pixels_train, camera_large, places_train.
-
-.venv/bin/python -m training.benchmark train --figures out/bench/train.figures
+"""Trainings by Stable-Baselines3: the LiDAR, camera and pixel tasks, by `training/train_ppo.py`.
 
 Each seed is trained from scratch. Generated playgrounds choose the model and stop the training. The chosen model then
 flies once for the report: the bundled playgrounds, and 100 generated ones that are used for nothing else.
@@ -9,18 +7,19 @@ flies once for the report: the bundled playgrounds, and 100 generated ones that 
 from __future__ import annotations
 
 import dataclasses
-import json
 import statistics
+import sys
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any
 
 import numpy as np
-import tyro
 
 import flockstep
 from flockstep.trainings import UNSEEN_SEEDS
+
+sys.path.append(str(Path(__file__).resolve().parent.parent))
 from training.evaluate import MAX_STEPS, Policy, baselines, fly, fly_routes, greedy, random_policy, summary
 from training.tasks import Setup
 from training.train_ppo import DEFAULTS, Args, Outcome, train
@@ -180,34 +179,23 @@ def places_figures(out: Path) -> list[Figure]:
     return figures
 
 
-@dataclass
-class Options:
-    """Options for measuring training."""
+def measure(name: str, out: Path, seeds: Sequence[int] = SEEDS) -> list[Figure]:
+    """Return the figures of a benchmark.
 
-    name: tyro.conf.Positional[Literal["train", "camera_train", "pixels_train", "camera_large", "places_train"]]
-    """The LiDAR task; the camera task; the task that observes pixels; the camera task at 640 x 480; the LiDAR task in
-    offices and forests."""
-    seeds: tuple[int, ...] = SEEDS
-    """Seeds; camera_large uses only the first, places_train its own."""
-    out: Path = Path("out/bench/train")
-    """Folder for models and logs, with a subfolder for each training."""
-    figures: Path = Path("out/bench/train/figures.json")
-    """File for the figures."""
-
-
-def main(options: Options) -> None:
-    """Train, fly, and write the figures."""
-    task = {"train": "lidar", "camera_train": "camera", "pixels_train": "pixels"}.get(options.name)
-    if options.name == "places_train":
-        figures = places_figures(options.out)
-    elif task is not None:
-        figures = task_figures(DEFAULTS[task], options.seeds, options.out)
-    else:
-        args = dataclasses.replace(DEFAULTS["camera"], width_px=640, evaluation_flights=20, seed=options.seeds[0])
-        _, figures = trained("camera/640x480", args, options.out, groups(args.setup))
-    options.figures.parent.mkdir(parents=True, exist_ok=True)
-    options.figures.write_text(json.dumps(figures, indent=1) + "\n")
-
-
-if __name__ == "__main__":
-    main(tyro.cli(Options))
+    Parameters
+    ----------
+    name
+        train: the LiDAR task; camera_train: the camera task; pixels_train: the task that observes pixels; camera_large:
+        the camera task at 640 x 480; places_train: the LiDAR task in offices and forests.
+    out
+        Folder for models and logs, with a subfolder for each training.
+    seeds
+        Seeds; camera_large uses only the first, places_train its own.
+    """
+    task = {"train": "lidar", "camera_train": "camera", "pixels_train": "pixels"}.get(name)
+    if name == "places_train":
+        return places_figures(out)
+    if task is not None:
+        return task_figures(DEFAULTS[task], seeds, out)
+    args = dataclasses.replace(DEFAULTS["camera"], width_px=640, evaluation_flights=20, seed=seeds[0])
+    return trained("camera/640x480", args, out, groups(args.setup))[1]

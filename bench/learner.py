@@ -1,16 +1,12 @@
-"""Measure the learner: one update beside Stable-Baselines3's, drawing actions, and what a second thread gains.
-
-`./dev bench learner` runs this and writes its figures.
-"""
+"""Measure the learner: one update beside Stable-Baselines3's, drawing actions, and what a second thread gains."""
 
 from __future__ import annotations
 
 import dataclasses
-import json
 import statistics
+import sys
 import time
-from collections.abc import Callable
-from dataclasses import dataclass
+from collections.abc import Callable, Iterator
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -18,7 +14,6 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 import torch
-import tyro
 from gymnasium import spaces
 from stable_baselines3 import PPO
 from stable_baselines3.common.buffers import RolloutBuffer
@@ -27,7 +22,9 @@ from stable_baselines3.common.logger import configure
 import flockstep
 from flockstep import _core
 from flockstep.trainings import train
-from training.board import TRAININGS, Clock, Figure
+
+sys.path.append(str(Path(__file__).resolve().parent.parent))
+from training.board import TRAININGS, Clock
 
 Array = npt.NDArray[Any]
 
@@ -131,32 +128,7 @@ def fill(model: PPO, rollout: dict[str, Array]) -> None:
     buffer.compute_returns_and_advantage(last, starts)
 
 
-@dataclass
-class Options:
-    """Options for measuring the learner."""
-
-    runs: int = 7
-    """Number of runs, whose medians are the figures."""
-    out: Path = Path("out/bench")
-    """Not used: nothing is kept but the figures."""
-    figures: Path = Path("out/bench/learner.figures")
-    """File for the figures."""
-
-
-def main(options: Options) -> None:
-    """Measure, and write the medians."""
-    figures: list[Figure] = [
-        {
-            "name": f"learner/{name}",
-            "value": float(f"{statistics.median(values):.4g}"),
-            "unit": "us" if name.endswith("microseconds") else "1",
-            "runs": len(values),
-        }
-        for name, values in measure(options.runs).items()
-    ]
-    options.figures.parent.mkdir(parents=True, exist_ok=True)
-    options.figures.write_text(json.dumps(figures, indent=1) + "\n")
-
-
-if __name__ == "__main__":
-    main(tyro.cli(Options))
+def figures(runs: int) -> Iterator[tuple[str, float, str, int]]:
+    """Measure, and return the medians."""
+    for name, values in measure(runs).items():
+        yield f"learner/{name}", statistics.median(values), "us" if name.endswith("microseconds") else "1", len(values)
