@@ -38,13 +38,11 @@ if TYPE_CHECKING:
 class DroneVectorEnv(VectorEnv[Observation, Array, Array], SharedAttributes):
     """Many drone envs stepped by one call, with a task of the engine or your own `Task`.
 
-    The built-in tasks are navigation, which is the default, hovering (`HoverConfig`, ``flockstep/Hover-v0``), path
-    tracking (`TrackConfig`, ``flockstep/Track-v0``), racing (`RaceConfig`, ``flockstep/Race-v0``), dodging bodies
-    (`DodgeConfig`, ``flockstep/Dodge-v0``), and two for several drones: exchanging places (`SwapConfig`,
-    ``flockstep/Swap-v0``) and flying in formation (`FormationConfig`, ``flockstep/Formation-v0``). Hover, Track and
-    Race simulate the rotors. The navigation tasks differ in their observations and therefore in their defaults: 35
-    beams over 270 degrees with a range of 3 m, or, for the two camera tasks, 20 beams over 180 degrees and a camera of
-    64 x 48 pixels over 90 degrees, facing forward.
+    The built-in tasks are navigation, which is the default, and those of the other ids of Gymnasium that begin with
+    ``flockstep/``. Each has a configuration that describes it: `HoverConfig` is the task of ``flockstep/Hover-v0``. The
+    navigation tasks differ in their observations and therefore in their defaults: 35 beams over 270 degrees with a
+    range of 3 m, or, for the two camera tasks, 20 beams over 180 degrees and a camera of 64 x 48 pixels over 90
+    degrees, facing forward.
 
     - ``"goal"`` (``flockstep/LidarNavigation-v0``): float32 (3 + rays,), the unit direction to the current goal in the
       body frame, then the LiDAR ranges divided by the maximum range (1 on a miss).
@@ -68,10 +66,9 @@ class DroneVectorEnv(VectorEnv[Observation, Array, Array], SharedAttributes):
         these; or a `WorldPool`, from which each episode draws one. Default: ``"train"``, or ``"camera-train"`` for
         camera tasks; a `Task` declares its own.
     task
-        A `NavigationConfig`, `HoverConfig`, `TrackConfig`, `RaceConfig`, `DodgeConfig`, `SwapConfig` or
-        `FormationConfig`, your own `Task` (an object, or its class), or a `NativeTask` in C++. Default: navigation, by
-        keywords. With `gymnasium.make_vec`, the time limit registered for the env's id applies, unless
-        ``max_episode_steps`` is also given.
+        The configuration of a built-in task, such as a `HoverConfig`, your own `Task` (an object, or its class), or a
+        `NativeTask` in C++. Default: navigation, by keywords. With `gymnasium.make_vec`, the time limit registered for
+        the env's id applies, unless ``max_episode_steps`` is also given.
     observation
         Observation of the navigation task: ``"goal"``, ``"blob"`` or ``"pixels"``.
     drone
@@ -95,7 +92,7 @@ class DroneVectorEnv(VectorEnv[Observation, Array, Array], SharedAttributes):
         beams, camera frustums and the trail. ``"fleet"``: the same, with the other drones of its world. Two points (m,
         world frame), such as ``((0, -8, 5), (4, 4, 1))``: the same as ``"fleet"``, seen from the first point towards
         the second. Every view shows the lines of `Batch.set_move_line_visible`. Default: ``"third_person"`` for
-        `HoverConfig`, `TrackConfig` and `RaceConfig`, because it shows attitude and height, otherwise ``"top"``.
+        tasks in which attitude and height matter, otherwise ``"top"``.
     render_size
         Width and height of the pictures in pixels. Default: 256 x 256 for ``"top"``, the camera's own size for
         ``"camera"``, otherwise 640 x 480. With ``"camera"``, frames are scaled if the size is not the camera's own.

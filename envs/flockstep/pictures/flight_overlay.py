@@ -14,12 +14,12 @@ from flockstep.pictures.picture import FARTHEST_M
 from flockstep.rotations import rotate
 
 _DOWN = np.array([[0.0, 0.0, -1.0]])
-_PLACE_UNIT_M = 2.0  # of the offset that `FormationConfig` observes
+_PLACE_UNIT_M = 2.0  # of the offset that the task observes
 _CORNERS = {"square": 4, "ring": 32}  # of the outline of a gate's opening
 
 
 class FlightOverlay:
-    """Draws the target point of a drone of `HoverConfig` or `TrackConfig`, the line to it, and the drone's height.
+    """Draws the target point that a drone observes, the line to it, and the drone's height.
 
     Parameters
     ----------
@@ -52,7 +52,7 @@ class FlightOverlay:
 
 
 class RaceOverlay:
-    """Draws the next gate of a drone of `RaceConfig`, the line to it, and the drone's speed if Pillow is installed."""
+    """Draws the next gate of a drone, the line to it, and the drone's speed if Pillow is installed."""
 
     markers: tuple[str, ...] = ()  # drones begin behind gates
 
@@ -74,7 +74,7 @@ class RaceOverlay:
 
 
 class GoalOverlay:
-    """Draws the goals of `DodgeConfig` and `SwapConfig`: green that of the shown drone, grey those of the others."""
+    """Draws the goals of drones: green that of the shown drone, grey those of the others."""
 
     markers: tuple[str, ...] = ()  # no drone flies from the start marker to the goal marker
 
@@ -87,7 +87,7 @@ class GoalOverlay:
 
 
 class PlaceOverlay:
-    """Draws the place of a drone of `FormationConfig` if it is within 2 m, the range of the observed offset."""
+    """Draws the place of a drone in a formation if it is within 2 m, the range of the observed offset."""
 
     markers: tuple[str, ...] = ()  # drones begin at their places
 

@@ -1,7 +1,8 @@
 """A fact has few places: how many files written by hand may name a task, a sensor, an operation or a field.
 
 The names come from the real registries. `places.json` lists those that stand in more files than a new one may. It may
-only shrink. null: a common word, such as "name", which is not counted.
+only shrink; `PYTHONPATH=tests/python:tests/python/support python tests/python/project/test_places.py` lowers it. null:
+a common word, such as "name", which is not counted.
 """
 
 import json
@@ -87,7 +88,10 @@ def places(kind: str) -> dict[str, set[str]]:
     found = {}
     for name, patterns in REGISTRIES[kind]().items():
         files = {file for pattern in patterns for file in words().get(pattern, ())}
-        found[name] = {file for file in files if file.startswith(WHERE[kind])}
+        # The rows of trainings give values to fields, as users do.
+        found[name] = {
+            file for file in files if file.startswith(WHERE[kind]) and (kind != "field" or "/trainings/" not in file)
+        }
     return found
 
 
@@ -103,15 +107,24 @@ def test_a_new_one_stands_in_few_files(kind: str) -> None:
 
 
 @pytest.mark.parametrize("kind", BUDGET)
-def test_the_list_holds_only_what_exceeds_the_budget(kind: str) -> None:
-    found = places(kind)
-    assert KEPT[kind].keys() <= found.keys(), "gone: remove it from the list"
-    assert len(KEPT[kind]) <= {"task": 7, "sensor": 4, "operation": 47, "field": 53}[kind], "it may only shrink"
-    few = [name for name, count in KEPT[kind].items() if count is not None and len(found[name]) <= BUDGET[kind]]
-    assert not few, "within the budget now: remove it from the list"
+def test_the_list_only_shrinks(kind: str) -> None:
+    assert KEPT[kind].keys() <= places(kind).keys(), "gone: run this file, which lowers the list"
+    assert len(KEPT[kind]) <= {"task": 7, "sensor": 4, "operation": 47, "field": 47}[kind]
 
 
 def test_a_copy_of_a_name_is_counted(monkeypatch: pytest.MonkeyPatch) -> None:
     name, files = next((name, files) for name, files in places("sensor").items() if files)
     monkeypatch.setitem(words(), name, {*files, "envs/flockstep/a.py", "server/b.cpp"})
     assert len(places("sensor")[name]) == len(files) + 2
+
+
+def lowered(kind: str) -> dict[str, int | None]:
+    """Return the list without what has gone, and with the numbers that have fallen."""
+    found = {name: len(files) for name, files in places(kind).items() if len(files) > BUDGET[kind]}
+    kept = {name: count for name, count in KEPT[kind].items() if name in found}
+    return {name: None if count is None else min(count, found[name]) for name, count in kept.items()}
+
+
+if __name__ == "__main__":
+    text = json.dumps({kind: lowered(kind) for kind in BUDGET}, indent=2)
+    Path(__file__).with_name("places.json").write_text(f"{text}\n", encoding="utf-8")
