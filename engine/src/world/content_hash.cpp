@@ -1,11 +1,10 @@
-#include "world/content_hash.hpp"
-
 #include <array>
 #include <optional>
 #include <span>
 #include <vector>
 
 #include "base/hash.hpp"
+#include "world/scene_description.hpp"
 
 namespace flockstep {
 namespace {
