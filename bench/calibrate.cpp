@@ -17,7 +17,7 @@
 #include <vector>
 
 #include "bare_embree.hpp"
-#include "base/flush_denormals.hpp"
+#include "base/platform.hpp"
 #include "bench.hpp"
 #include "flockstep/batch.hpp"
 #include "flockstep/generators.hpp"

@@ -98,7 +98,7 @@ HWY_AFTER_NAMESPACE();
 #include <vector>
 
 #include "bare_gl.hpp"
-#include "base/flush_denormals.hpp"
+#include "base/platform.hpp"
 #include "bench.hpp"
 #include "flockstep/batch.hpp"
 #include "mesh_world.hpp"

@@ -26,7 +26,7 @@
 #include <utility>
 #include <vector>
 
-#include "base/flush_denormals.hpp"
+#include "base/platform.hpp"
 #include "bench.hpp"
 #include "dynamics/flight.hpp"
 #include "flockstep/batch.hpp"

@@ -31,7 +31,7 @@
 #include <vector>
 
 #include "bare_embree.hpp"
-#include "base/flush_denormals.hpp"
+#include "base/platform.hpp"
 #include "bench.hpp"
 #include "collision/sweep.hpp"
 #include "flockstep/batch.hpp"

@@ -8,7 +8,7 @@
 #include <string>
 #include <vector>
 
-#include "base/flush_denormals.hpp"
+#include "base/platform.hpp"
 #include "batch/episodes.hpp"
 #include "batch/simulation.hpp"
 #include "batch/snapshot.hpp"

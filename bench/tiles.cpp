@@ -21,7 +21,7 @@
 #include <vector>
 
 #include "bare_embree.hpp"
-#include "base/flush_denormals.hpp"
+#include "base/platform.hpp"
 #include "bench.hpp"
 #include "flockstep/generators.hpp"
 #include "mesh_world.hpp"

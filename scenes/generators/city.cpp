@@ -22,7 +22,7 @@
 #include "generators/movers.hpp"
 #include "generators/noise.hpp"
 #include "planning/draws.hpp"
-#include "planning/way.hpp"
+#include "planning/navigable.hpp"
 
 namespace flockstep::streets {
 namespace {

@@ -19,7 +19,7 @@
 #include "generators/noise.hpp"
 #include "generators/parts.hpp"
 #include "planning/draws.hpp"
-#include "planning/way.hpp"
+#include "planning/navigable.hpp"
 
 namespace flockstep {
 namespace {

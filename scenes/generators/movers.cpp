@@ -9,7 +9,7 @@
 
 #include "base/interrupt.hpp"
 #include "generators/layouts.hpp"
-#include "planning/way.hpp"
+#include "planning/navigable.hpp"
 
 namespace flockstep {
 namespace {

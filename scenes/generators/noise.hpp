@@ -6,7 +6,7 @@
 #include <cmath>
 #include <cstdint>
 
-#include "base/philox.hpp"
+#include "base/random.hpp"
 
 namespace flockstep {
 

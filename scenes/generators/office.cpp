@@ -20,7 +20,7 @@
 #include "generators/parts.hpp"
 #include "generators/places.hpp"
 #include "planning/draws.hpp"
-#include "planning/way.hpp"
+#include "planning/navigable.hpp"
 
 namespace flockstep::indoors {
 namespace {

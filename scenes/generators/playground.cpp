@@ -15,7 +15,7 @@
 #include "generators/layouts.hpp"
 #include "generators/movers.hpp"
 #include "planning/draws.hpp"
-#include "planning/way.hpp"
+#include "planning/navigable.hpp"
 
 namespace flockstep {
 namespace {

@@ -16,7 +16,7 @@
 #include "flockstep/world_builder.hpp"
 #include "generators/layouts.hpp"
 #include "planning/draws.hpp"
-#include "planning/way.hpp"
+#include "planning/navigable.hpp"
 
 namespace flockstep {
 namespace {

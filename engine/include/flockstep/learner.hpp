@@ -107,8 +107,8 @@ struct UpdateReport {
   double entropy_loss = 0.0;          // negative entropy
   double clip_fraction = 0.0;         // share of the steps whose ratio was clipped
   double approx_kl = 0.0;             // over the last epoch
-  double loss = 0.0;                  // of the last minibatch
-  double explained_variance = 0.0;    // of the returns by the values of the rollout
+  double loss = 0.0;                  // loss of the last minibatch
+  double explained_variance = 0.0;    // fraction of the returns' variance that the rollout's values explain
   double std = 0.0;                   // mean standard deviation of the actions, after the update
   int epochs = 0;                     // begun
   bool stopped_early = false;         // by target_kl
@@ -151,8 +151,8 @@ struct RolloutConfig {
 
 // Mean and variance of everything that was seen so far, per number.
 struct RunningMoments {
-  std::vector<double> mean;      // of each number
-  std::vector<double> variance;  // of each number
+  std::vector<double> mean;      // one per number
+  std::vector<double> variance;  // one per number
   double count = 1e-4;           // as in Stable-Baselines3, whose variance begins at 1 with this weight
 };
 
@@ -200,8 +200,8 @@ class FLOCKSTEP_API Learner {
   void set_adam(std::span<const float> first, std::span<const float> second, std::int64_t steps);
   std::uint64_t draws() const;                        // number of draws so far, which is the state of the random numbers
   void set_draws(std::uint64_t draws);                // sets the state of the random numbers
-  const RunningMoments& observation_moments() const;  // of the observations so far that actions were drawn from
-  const RunningMoments& return_moments() const;       // of the discounted returns so far
+  const RunningMoments& observation_moments() const;  // moments of all observations that actions were drawn from
+  const RunningMoments& return_moments() const;       // moments of all discounted returns
   // Sets both moments.
   void set_moments(RunningMoments observation, RunningMoments returns);
   // Discounted sum of the rewards of each row's episode so far, (R,); kept if the next rollout has as many rows.
@@ -218,7 +218,7 @@ class FLOCKSTEP_API Learner {
 
   // --- collecting
   void begin(const RolloutConfig& config, int rows);  // begins a rollout of R rows
-  const RolloutConfig& rollout_config() const;        // of the current rollout
+  const RolloutConfig& rollout_config() const;        // configuration of the current rollout
   int rows() const;                                   // R
   // Draws the actions of step t, not limited to the bounds of the action. Returns (R, action_size) numbers or (R,) indices.
   // skipped: (R,) rows that will not fly in this step, whose observations the moments leave out; empty: all fly.
@@ -237,7 +237,7 @@ class FLOCKSTEP_API Learner {
   std::span<const float> returns() const;         // which the values learn
   std::span<const float> rewards() const;         // normalised, with the value of the final observation where truncated
   std::span<const float> rollout_values() const;  // when the actions were drawn
-  std::span<const float> log_probs() const;       // of the actions when they were drawn
+  std::span<const float> log_probs() const;       // log probabilities of the actions when they were drawn
   std::span<const float> actions() const;         // (n_steps, R, action_size) or (n_steps, R)
 
   // --- learning

@@ -2,6 +2,8 @@
 // a few thousand pages; without this, a step in a thousand worlds touched more.
 #pragma once
 
+#include <hwy/cache_control.h>
+
 #include <array>
 #include <cstddef>
 #include <functional>
@@ -57,6 +59,13 @@ NearMemory::Pointer<T> make_near(NearMemory& memory, Args&&... args) {
     memory.deallocate(place, sizeof(T), alignof(T));
     throw;
   }
+}
+
+// Prefetches the cache lines of a range of bytes, at most the first ten, before they are needed.
+inline void prefetch(const void* first, std::size_t bytes) {
+  constexpr std::size_t kLine = 64, kMax = 10 * kLine;
+  const char* const from = static_cast<const char*>(first);
+  for (std::size_t at = 0; at < bytes && at < kMax; at += kLine) hwy::Prefetch(from + at);
 }
 
 }  // namespace flockstep

@@ -31,6 +31,9 @@
 
 #include <set>
 #endif
+#if defined(__SSE__) || defined(_M_X64)
+#include <xmmintrin.h>
+#endif
 
 namespace flockstep {
 
@@ -278,6 +281,27 @@ int physical_cores() {
 double address_space_left() { return std::numeric_limits<double>::infinity(); }
 std::string thread_limits() { return "the limits of the system"; }
 int physical_cores() { return logical_processors(); }
+#endif
+
+#if defined(__SSE__) || defined(_M_X64)
+FlushDenormals::FlushDenormals() : saved_(_mm_getcsr()) {
+  constexpr unsigned int kFlushToZero = 0x8000;
+  constexpr unsigned int kDenormalsAreZero = 0x0040;
+  _mm_setcsr(saved_ | kFlushToZero | kDenormalsAreZero);
+}
+FlushDenormals::~FlushDenormals() { _mm_setcsr(saved_); }
+#elif defined(__aarch64__)
+FlushDenormals::FlushDenormals() {
+  constexpr std::uint64_t kFlushToZero = 1U << 24U;  // applies to operands and results
+  std::uint64_t control = 0;
+  asm volatile("mrs %0, fpcr" : "=r"(control));
+  saved_ = static_cast<unsigned int>(control);
+  asm volatile("msr fpcr, %0" : : "r"(control | kFlushToZero));
+}
+FlushDenormals::~FlushDenormals() { asm volatile("msr fpcr, %0" : : "r"(std::uint64_t{saved_})); }
+#else
+FlushDenormals::FlushDenormals() : saved_(0) {}
+FlushDenormals::~FlushDenormals() = default;
 #endif
 
 }  // namespace flockstep

@@ -48,4 +48,17 @@ std::optional<std::string> exported_text(const std::string& library, const char*
 // does not exist.
 void* load_function(const std::string& library, const char* name);
 
+// FlushDenormals: a scope in which a thread treats denormal numbers as zero.
+// Treats denormals as zero on this thread for the lifetime of the object. Embree requires this.
+class FlushDenormals {
+ public:
+  FlushDenormals();
+  ~FlushDenormals();
+  FlushDenormals(const FlushDenormals&) = delete;
+  FlushDenormals& operator=(const FlushDenormals&) = delete;
+
+ private:
+  unsigned int saved_;
+};
+
 }  // namespace flockstep

@@ -18,7 +18,6 @@
 #include <utility>
 #include <vector>
 
-#include "base/flush_denormals.hpp"
 #include "base/interrupt.hpp"
 #include "base/platform.hpp"
 #include "base/thread_sanitizer.hpp"

@@ -1,4 +1,4 @@
-// A world as a field of a configuration. The functions are defined in formats/world_field.cpp.
+// A world as a field of a configuration. The functions are defined in formats/packed_world.cpp.
 #pragma once
 
 #include <cstdint>
@@ -12,7 +12,7 @@ namespace flockstep {
 class World;
 using WorldField = std::shared_ptr<const World>;  // may be null
 
-std::uint64_t hash_of_field(const WorldField& world);  // of the content; 0 for null
+std::uint64_t hash_of_field(const WorldField& world);  // hash of the content; 0 for null
 // Binary form; empty for null. world_of_field() throws std::invalid_argument if the bytes are damaged.
 std::string bytes_of_field(const WorldField& world);
 WorldField world_of_field(std::string_view bytes);

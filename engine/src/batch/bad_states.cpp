@@ -5,8 +5,8 @@
 #include <span>
 #include <vector>
 
-#include "base/contiguous.hpp"
 #include "base/finite.hpp"
+#include "base/indices.hpp"
 #include "batch/episodes.hpp"
 
 namespace flockstep {

@@ -12,7 +12,7 @@ namespace flockstep {
 
 // True if the position is within the limits of a world and the quaternion is unit.
 inline bool is_valid(const Pose& pose) {
-  constexpr float kTolerance = 0.02F;                                                              // of the squared norm
+  constexpr float kTolerance = 0.02F;  // largest error of the squared norm
   return is_in_world(pose.position) && std::abs(pose.rotation.squaredNorm() - 1.0F) < kTolerance;  // also false for NaN
 }
 

@@ -9,7 +9,7 @@
 #include "base/pose_access.hpp"
 #include "base/random.hpp"
 #include "base/require.hpp"
-#include "batch/call_guard.hpp"
+#include "batch/call_lock.hpp"
 #include "batch/checks.hpp"
 #include "batch/episodes.hpp"
 #include "batch/flying.hpp"
@@ -18,7 +18,7 @@
 #include "batch/simulation.hpp"
 #include "batch/snapshot.hpp"
 #include "batch/step.hpp"
-#include "dynamics/kinematic.hpp"
+#include "dynamics/setpoint.hpp"
 
 namespace flockstep {
 namespace {

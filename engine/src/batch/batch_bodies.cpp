@@ -11,7 +11,7 @@
 #include "base/in_world.hpp"
 #include "base/pose_access.hpp"
 #include "base/require.hpp"
-#include "batch/call_guard.hpp"
+#include "batch/call_lock.hpp"
 #include "batch/checks.hpp"
 #include "batch/selected.hpp"
 #include "batch/simulation.hpp"

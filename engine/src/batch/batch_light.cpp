@@ -5,7 +5,7 @@
 #include <utility>
 
 #include "base/require.hpp"
-#include "batch/call_guard.hpp"
+#include "batch/call_lock.hpp"
 #include "batch/checks.hpp"
 #include "batch/selected.hpp"
 #include "batch/simulation.hpp"

@@ -8,6 +8,7 @@
 
 #include "base/interrupt.hpp"
 #include "base/platform.hpp"
+#include "flockstep/batch_lock.hpp"
 
 namespace flockstep {
 
@@ -69,6 +70,23 @@ void CallLock::wake() {
     const std::scoped_lock lock(mutex_);
   }  // a thread that is about to wait has begun to
   turn_.notify_all();
+}
+
+BatchLock::BatchLock(const Batch& batch) : lock_(batch.lock_->acquire() ? batch.lock_.get() : nullptr) {}
+
+std::optional<BatchLock> BatchLock::try_lock(const Batch& batch) {
+  batch.lock_->require_own_process();
+  const std::optional<bool> taken = batch.lock_->try_acquire();
+  if (!taken) return std::nullopt;
+  return BatchLock(*taken ? batch.lock_.get() : nullptr);
+}
+
+std::uint64_t BatchLock::turn(const Batch& batch) { return batch.lock_->turns(); }
+
+BatchLock::BatchLock(BatchLock&& other) noexcept : lock_(std::exchange(other.lock_, nullptr)) {}
+
+BatchLock::~BatchLock() {
+  if (lock_ != nullptr) lock_->release();
 }
 
 }  // namespace flockstep

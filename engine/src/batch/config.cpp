@@ -7,8 +7,8 @@
 
 #include "base/check_fields.hpp"
 #include "base/require.hpp"
-#include "bodies/mesh_world.hpp"
-#include "sensors/rate.hpp"
+#include "bodies/body_model.hpp"
+#include "sensors/sensor.hpp"
 
 namespace flockstep {
 namespace {

@@ -7,7 +7,7 @@
 #include <type_traits>
 #include <utility>
 
-#include "base/contiguous.hpp"
+#include "base/indices.hpp"
 #include "base/random.hpp"
 #include "base/require.hpp"
 #include "batch/bad_states.hpp"
@@ -102,7 +102,7 @@ void accumulate_rewards(Simulation& sim, std::size_t first, std::size_t count) {
   Outputs& out = sim.outputs.now();
   const std::size_t num_terms = task_state.score.num_terms;
   add_up(sim, first * num_terms, count * num_terms);
-  std::array<double, kMaxRows> totals, step_totals;  // of this flown step; of all steps flown with this action
+  std::array<double, kMaxRows> totals, step_totals;  // sums over this flown step, and over all with this action
   sum_rows(task_state.score.terms.data() + first * num_terms, num_terms, count, totals.data());
   const bool repeats = !task_state.earned.empty();
   if (repeats) sum_rows(task_state.earned.data() + first * num_terms, num_terms, count, step_totals.data());

@@ -26,7 +26,7 @@ std::int64_t next_episode(const Simulation& sim, EnvIndex env);  // number of th
 // Opens the next episode of an env, or the first if none has begun. Draws its world if worlds are random.
 void start_next_episode(Simulation& sim, EnvIndex env, Scratch& scratch);
 void open_episode(Simulation& sim, EnvIndex env, Scratch& scratch);        // opens the episode of state.seed and state.episode
-void draw_light(Simulation& sim, EnvIndex env);                            // of this episode, if BatchConfig has lights
+void draw_light(Simulation& sim, EnvIndex env);                            // light of this episode, if BatchConfig has lights
 void start_counts(Simulation& sim, EnvIndex env);                          // resets steps, return and flags for a new episode
 void start_counts(Simulation& sim, std::size_t first, std::size_t count);  // the same for some rows
 void forget_readings(Simulation& sim, EnvIndex env);                       // resets the env's clock and readings

@@ -7,7 +7,7 @@
 #include <string>
 #include <utility>
 
-#include "base/contiguous.hpp"
+#include "base/indices.hpp"
 #include "base/pose_access.hpp"
 #include "batch/checks.hpp"
 #include "batch/flying.hpp"
@@ -104,8 +104,8 @@ SpawnPlan plan_of_count(const Simulation& sim, std::size_t count) {
 
 // Copies rows to a larger batch. Drone m of env e keeps both numbers.
 struct RowCopy {
-  std::size_t num_envs, drones_per_env;          // of the smaller batch
-  std::size_t new_num_envs, new_drones_per_env;  // of the larger one
+  std::size_t num_envs, drones_per_env;          // size of the smaller batch
+  std::size_t new_num_envs, new_drones_per_env;  // size of the larger batch
 
   std::size_t rows(Rows kind) const { return kind == Rows::env ? num_envs : num_envs * drones_per_env; }
   std::size_t new_rows(Rows kind) const { return kind == Rows::env ? new_num_envs : new_num_envs * new_drones_per_env; }
@@ -152,7 +152,7 @@ class ArrayCopy final : public ArrayVisitor {
     const bool has_rows = n > 0 && from.size() % n == 0 && to.size() % new_n == 0 && from.size() / n == to.size() / new_n;
     if (has_rows) {
       copy_(from, to, Rows::drone);
-    } else if (from.size() == to.size()) {  // of the sensor as a whole
+    } else if (from.size() == to.size()) {  // an array of the whole sensor
       std::ranges::copy(from, to.begin());
     }
     if (name == to_.label()) to_.check_bytes(to);  // settings may not suit another resolution

@@ -18,7 +18,7 @@ namespace flockstep {
 struct SpawnPlan {
   std::size_t num_envs;
   std::size_t drones_per_env;
-  std::vector<std::int64_t> indices;  // of the drones to spawn, in a batch of that size
+  std::vector<std::int64_t> indices;  // drones to spawn, in a batch of that size
 };
 
 // Chooses the slots of `count` drones: the given indices, or the lowest inactive slot of each env in `envs`, or the lowest

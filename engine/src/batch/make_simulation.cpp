@@ -95,7 +95,7 @@ std::size_t body_slots(const BatchConfig& config, std::span<const World* const> 
   }
   const std::size_t slots =
       config.max_bodies > 0 ? static_cast<std::size_t>(config.max_bodies) : std::min<std::size_t>(most, kMaxBodies);
-  constexpr double kBytes = 300.0;  // of a slot
+  constexpr double kBytes = 300.0;  // bytes per slot
   checks::memory(kBytes * static_cast<double>(slots) * config.num_envs);
   return slots;
 }

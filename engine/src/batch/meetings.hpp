@@ -14,7 +14,7 @@
 #include "dynamics/setpoint.hpp"
 #include "flockstep/index.hpp"
 #include "flockstep/state.hpp"
-#include "trace/ball_slices.hpp"
+#include "trace/near_balls.hpp"
 
 namespace flockstep {
 
@@ -53,7 +53,7 @@ struct Meetings {
   std::vector<dynamics::Neighbor> neighbors;      // (M,)
   std::vector<dynamics::Neighbor*> crowd_of_env;  // those of the crowd
   std::vector<EnvIndex> envs;                     // whose drones fly together
-  std::vector<DroneIndex> movers;                 // of the crowd
+  std::vector<DroneIndex> movers;                 // drones of the crowd
   std::vector<std::uint8_t> is_in_crowd;          // (M,)
   std::vector<std::uint32_t> joining;             // the drones that join the crowd in a tick
   std::vector<Course> courses;                    // (M,)
@@ -68,7 +68,7 @@ struct Meetings {
 struct MoveRequest {
   DroneIndex drone;
   Pose target;
-  bool has_contact;  // of an earlier tick: the drone stays in place
+  bool has_contact;  // had a contact in an earlier tick: the drone stays in place
 };
 
 // Moves drones of one env, sorted, by a tick; the other ones stand. Bodies of the env have moved already, and may push them.

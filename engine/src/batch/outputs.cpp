@@ -3,7 +3,7 @@
 #include <algorithm>
 #include <type_traits>
 
-#include "base/contiguous.hpp"
+#include "base/indices.hpp"
 
 namespace flockstep {
 namespace {

@@ -3,7 +3,7 @@
 #include <algorithm>
 #include <utility>
 
-#include "base/contiguous.hpp"
+#include "base/indices.hpp"
 
 namespace flockstep {
 namespace {

@@ -1,6 +1,6 @@
 #include "batch/selected.hpp"
 
-#include "base/contiguous.hpp"
+#include "base/indices.hpp"
 
 namespace flockstep {
 

@@ -13,7 +13,7 @@
 #include <utility>
 #include <vector>
 
-#include "base/prefetch.hpp"
+#include "base/near_memory.hpp"
 #include "base/random.hpp"
 #include "base/workers.hpp"
 #include "batch/meetings.hpp"
@@ -37,7 +37,7 @@ namespace flockstep {
 // Working memory of a thread that steps a block; made once.
 struct Scratch {
   trace::Tracer tracer;
-  trace::BallSlices slices;  // of the drones of one env
+  trace::BallSlices slices;  // drones of one env
   std::size_t thread = 0;    // its number
   dynamics::FlightScratch flight;
   std::vector<DroneIndex> flying;      // drones of Block::flying during a step
@@ -185,7 +185,7 @@ struct Simulation {
   std::vector<bodies::Models> body_models;  // of World::bodies()
   const DroneModel drone_model;
   const collision::Hull hull;
-  const collision::Corners corners;      // of the hull
+  const collision::Corners corners;      // corners of the hull
   std::optional<dynamics::Fleet> fleet;  // only for rotor-driven drones
   FlagArray lost;  // (N,) of a fleet: FlightContext::bad of the last Batch::fly(), unless each drone has a row of a task
 

@@ -5,14 +5,14 @@
 #include <initializer_list>
 #include <utility>
 
-#include "base/contiguous.hpp"
+#include "base/indices.hpp"
 #include "base/pose_access.hpp"
 #include "batch/bad_states.hpp"
 #include "batch/episodes.hpp"
 #include "batch/flying.hpp"
 #include "batch/selected.hpp"
-#include "dynamics/kinematic.hpp"
-#include "sensors/rate.hpp"
+#include "dynamics/setpoint.hpp"
+#include "sensors/sensor.hpp"
 
 namespace flockstep {
 namespace {

@@ -2,13 +2,14 @@
 #pragma once
 
 #include <span>
+#include <string>
 #include <vector>
 
 #include "bodies/body_script.hpp"
-#include "collision/corners.hpp"
+#include "collision/convex.hpp"
 #include "flockstep/body.hpp"
 #include "flockstep/world.hpp"
-#include "render/body_surface.hpp"
+#include "render/appearance.hpp"
 #include "trace/scene.hpp"
 
 namespace flockstep::bodies {
@@ -22,8 +23,8 @@ struct BodyModel {
   BodyConfig config;
   BodyScript script;
   Primitive solid;                                         // kind and half_extents; not for a mesh
-  const trace::Scene* mesh = nullptr;                      // of a mesh
-  const std::vector<collision::Corners>* parts = nullptr;  // of a mesh
+  const trace::Scene* mesh = nullptr;                      // only for a mesh
+  const std::vector<collision::Corners>* parts = nullptr;  // only for a mesh
   float radius;                                            // m, of a ball around the position that contains the body
   render::BodySurface surface;
 };
@@ -35,3 +36,11 @@ using Models = std::span<const BodyModel>;
 Models models_of(const World& world);
 
 }  // namespace flockstep::bodies
+
+namespace flockstep {
+
+// Checks a world whose triangles are the mesh of a body or a drone. Throws std::invalid_argument that names the field unless the
+// world has triangles, and neither primitives nor bodies.
+void require_mesh(const World& world, const std::string& field);
+
+}  // namespace flockstep

@@ -40,8 +40,8 @@ bool moves_ever(const BodyMotion& motion) {
 
 // Random settings of an episode.
 struct BodyScript::Draws {
-  double phase;   // of the script
-  double factor;  // of the speed
+  double phase;   // phase of the script
+  double factor;  // factor of the speed
 };
 
 // A swing from 0 to 1 and back.
@@ -60,7 +60,7 @@ BodyScript::BodyScript(const BodyConfig& config)
 
 Moment BodyScript::at(double time_s, const ScriptKey& key) const {
   const Draws draws = draws_of(key);
-  const double time = draws.factor * time_s;  // of the script
+  const double time = draws.factor * time_s;  // s, script time
   Moment moment{first_, {}};
   switch (motion_.kind) {
     case BodyMotionKind::velocity: {
@@ -104,7 +104,7 @@ Moment BodyScript::at(double time_s, const ScriptKey& key) const {
 }
 
 BodyScript::Reach BodyScript::within(double time_s) const {
-  const double time = time_s * (1.0 + static_cast<double>(motion_.speed_spread));  // of the script, at its fastest
+  const double time = time_s * (1.0 + static_cast<double>(motion_.speed_spread));  // s, script time at its fastest
   const double turns = std::min(time / static_cast<double>(motion_.period_s), 1e6);
   const double arc = std::min(std::numbers::pi, std::numbers::pi * turns);  // half the turn of a circle
   const Eigen::Vector3d axis = vector_of(motion_.axis).normalized();

@@ -24,7 +24,7 @@ namespace flockstep::bodies {
 
 // Key of a body's random numbers in an episode.
 struct ScriptKey {
-  std::uint64_t seed = 0;    // of the env
+  std::uint64_t seed = 0;    // seed of the env
   std::int64_t episode = 0;  // number of the episode
   std::uint32_t body = 0;    // number of the body in the env
 };
@@ -63,10 +63,10 @@ class BodyScript {
   Moment on_route(double time_s, const Draws& draws) const;
   Moment turned(double angle, double rate) const;  // about the axis; rad, rad/s
   Moment walking(double time_s, double phase, const ScriptKey& key) const;
-  Eigen::Vector3d point(std::int64_t number, const ScriptKey& key) const;  // of the random walk
+  Eigen::Vector3d point(std::int64_t number, const ScriptKey& key) const;  // point of the random walk
 
   BodyMotion motion_;
-  Pose first_;  // of the body when an episode begins
+  Pose first_;  // pose of the body when an episode begins
   Route route_;
   bool moves_ = false;
 };

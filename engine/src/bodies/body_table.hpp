@@ -14,7 +14,7 @@
 #include "flockstep/array_visitor.hpp"
 #include "flockstep/index.hpp"
 #include "flockstep/state.hpp"
-#include "render/body_surface.hpp"
+#include "render/appearance.hpp"
 #include "trace/bodies.hpp"
 
 namespace flockstep::bodies {
@@ -75,7 +75,7 @@ class BodyTable {
   std::size_t num_configs_;
   double tick_s_;
   std::function<Models(EnvIndex)> models_of_;
-  std::vector<std::unique_ptr<const BodyModel>> numbered_;  // of the configuration, then the added ones
+  std::vector<std::unique_ptr<const BodyModel>> numbered_;  // models of the configuration, then the added ones
   std::string added_;                                       // the added ones, packed
   // (E B,)
   std::vector<const BodyModel*> models_;

@@ -9,7 +9,7 @@
 #include "flockstep/drone_model.hpp"
 #include "flockstep/state.hpp"
 #include "flockstep/world.hpp"
-#include "render/body_surface.hpp"
+#include "render/appearance.hpp"
 #include "trace/bodies.hpp"
 #include "trace/hulls.hpp"
 

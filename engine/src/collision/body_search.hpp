@@ -8,9 +8,8 @@
 #include <tuple>
 
 #include "collision/mover.hpp"
-#include "collision/moving_solid.hpp"
+#include "collision/moving_bodies.hpp"
 #include "collision/path.hpp"
-#include "collision/relative_path.hpp"
 #include "collision/search.hpp"
 
 namespace flockstep::collision {

@@ -4,7 +4,7 @@
 #include <span>
 
 #include "collision/hull.hpp"
-#include "collision/moving_solid.hpp"
+#include "collision/moving_bodies.hpp"
 #include "collision/obstacles.hpp"
 #include "flockstep/pose.hpp"
 

@@ -7,7 +7,6 @@
 #include "collision/convex_distance.hpp"
 #include "collision/hull.hpp"
 #include "collision/path.hpp"
-#include "collision/relative_path.hpp"
 #include "collision/sweep.hpp"
 
 namespace flockstep::collision {
@@ -22,7 +21,7 @@ inline constexpr double kBallStep = 0.1;  // m; the path's nearest point is good
 inline constexpr int kPlaneSteps = 4;
 inline constexpr int kDifferenceSteps = 12;  // each is cheaper than one of the others
 inline constexpr int kMaxAdvances = 1000;
-inline constexpr double kNearest = 0.25;    // of the standoff; see Mover::first_touch()
+inline constexpr double kNearest = 0.25;    // fraction of the standoff; see Mover::first_touch()
 inline constexpr int kRewinds = 24;         // halvings of the time; they resolve a motion of 10 m to a micrometre
 inline constexpr double kMinRewind = 5e-6;  // m; between hulls that turn, the way to which a contact is resolved
 
@@ -65,7 +64,7 @@ struct Touch {
 // The gap between a plane and the points x of the hull, from one time on: after a time t it is at least
 // base + normal . x + t (speed + turning . x) - bend t^2 / 2.
 struct GapOverTime {
-  Vec3d normal = Vec3d::Zero();   // of the plane, hull frame
+  Vec3d normal = Vec3d::Zero();   // normal of the plane, hull frame
   Vec3d turning = Vec3d::Zero();  // change of the normal per unit of time, hull frame
   double base = 0.0;              // m, gap of the hull's origin
   double speed = 0.0;             // m per unit of time, change of that gap

@@ -18,7 +18,7 @@ namespace {
 
 constexpr int kMaxPushes = 64;
 constexpr std::size_t kMaxSupports = 6;
-constexpr double kMinPart = 1.0 / 40.0;  // of the time to push in; with kMaxPushes this leaves some for other contacts
+constexpr double kMinPart = 1.0 / 40.0;  // fraction of the time to push in; kMaxPushes of them leave some for other contacts
 constexpr double kMaxTurn = 0.2;         // rad, of a body while it pushes along one normal
 constexpr double kMaxAdvance = 0.1;      // m, of a turning body while it pushes along one normal
 constexpr double kMaxSlip = 4.0;         // length of a way relative to the farthest advance
@@ -54,7 +54,7 @@ struct Support {
   // The gap is that of the body's supporting plane. Else it is that of its surface, found by a sweep against the normal, and the
   // hull stays ahead of the body's point at the contact.
   bool is_flat = true;
-  double time = 0.0;               // of the contact
+  double time = 0.0;               // time of the contact
   Vec3d point = Vec3d::Zero();     // the body's at the contact
   Vec3d position = Vec3d::Zero();  // the hull's at the contact
 };
@@ -283,7 +283,7 @@ class Pushed {
   const Pose first_;
   Pose pose_;
   const double begin_;
-  double time_;  // of the bodies' motion
+  double time_;  // time in the bodies' motion
   float farthest_ = 0.0F;
 };
 

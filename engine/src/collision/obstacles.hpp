@@ -7,7 +7,7 @@
 #include <type_traits>
 #include <vector>
 
-#include "base/prefetch.hpp"
+#include "base/near_memory.hpp"
 #include "collision/convex.hpp"
 #include "trace/scene.hpp"
 

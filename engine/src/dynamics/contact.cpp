@@ -6,7 +6,7 @@
 #include <span>
 
 #include "collision/convex.hpp"
-#include "collision/moving_solid.hpp"
+#include "collision/moving_bodies.hpp"
 #include "dynamics/impact.hpp"
 #include "dynamics/rebound.hpp"
 
@@ -72,7 +72,7 @@ class MovingWorld {
   const collision::Obstacles& obstacles_;
   std::span<const collision::MovingSolid> solids_;
   const collision::Hull& hull_;
-  double time_ = 0.0;  // of the bodies' motion
+  double time_ = 0.0;  // time in the bodies' motion
 };
 
 // Moves a drone that is inside something at the end of a tick towards the way out.

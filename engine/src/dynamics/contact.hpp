@@ -48,7 +48,7 @@ ContactResult resolve_contacts(const collision::Obstacles& obstacles, const Body
 
 // The bodies that one drone may meet in a tick, which is their motion. Both are references to what others own.
 struct Traffic {
-  const collision::MovingBodies& bodies;  // of the drone's env
+  const collision::MovingBodies& bodies;  // bodies of the drone's env
   collision::NearSolids& near;
 };
 

@@ -7,7 +7,7 @@
 
 #include "base/interrupt.hpp"
 #include "collision/convex.hpp"
-#include "collision/moving_solid.hpp"
+#include "collision/moving_bodies.hpp"
 #include "dynamics/impact.hpp"
 #include "dynamics/rebound.hpp"
 

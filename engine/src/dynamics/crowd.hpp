@@ -6,7 +6,7 @@
 #include <span>
 #include <vector>
 
-#include "collision/corners.hpp"
+#include "collision/convex.hpp"
 #include "collision/hull.hpp"
 #include "collision/moving_bodies.hpp"
 #include "collision/moving_sweep.hpp"
@@ -57,7 +57,7 @@ class Crowd {
  private:
   // The rest of a drone's motion, from a time on.
   struct Leg {
-    double begin = 0.0;  // of the tick
+    double begin = 0.0;  // fraction of the tick
     Pose from, to;
     Velocity first, last;
     int contacts = 0;
@@ -69,8 +69,8 @@ class Crowd {
   };
   // A contact to come. The hull of drone `a` meets drone `b`, or the world or a body if b is kNone.
   struct Meeting {
-    double time;   // of the tick
-    double begin;  // of both legs together
+    double time;   // fraction of the tick
+    double begin;  // begin of both legs together
     std::size_t a, b;
     collision::MovingContact contact;
   };

@@ -16,7 +16,7 @@ constexpr float kSpread = 0.07668F;                            // S
 constexpr float kOrigin = -5.817F;                             // s0
 constexpr float kShape = std::numbers::sqrt2_v<float> - 1.0F;  // gives half the velocity at x = 1
 constexpr float kGrown = 1.0F, kFades = 20.0F, kEnd = 30.0F;   // s
-constexpr float kEdge = 1.0F / 49.0F;                          // of the velocity on the axis
+constexpr float kEdge = 1.0F / 49.0F;                          // fraction of the velocity on the axis
 constexpr float kEdgeSpread = 0.29184F;                        // radius of the edge per (s - s0): x = sqrt(6 / kShape)
 
 constexpr float kLoss = 0.4F;                                              // k

@@ -263,7 +263,7 @@ std::array<Velocity, 2> moved_together(const Colliding& first, const Colliding& 
     center += inertias[i].mass / mass * bodies[i]->pose.position.cast<double>();
     velocity += inertias[i].mass / mass * twists[i].linear;
   }
-  Mat3d inertia = Mat3d::Zero();  // of both about the common centre
+  Mat3d inertia = Mat3d::Zero();  // kg m^2, both bodies about the common centre
   Vec3d spin = Vec3d::Zero();     // angular momentum about it
   for (std::size_t i = 0; i < 2; ++i) {
     const Vec3d arm = bodies[i]->pose.position.cast<double>() - center;

@@ -8,11 +8,19 @@
 #include <vector>
 
 #include "dynamics/flight.hpp"
-#include "dynamics/rows.hpp"
 #include "flockstep/index.hpp"
 #include "flockstep/state.hpp"
 
 namespace flockstep::dynamics {
+
+// Copy the numbers of kLanes consecutive drones between arrays and lanes. rows: (kLanes, 3) or (kLanes, 4).
+void load_rows(const float* rows, Lanes<3>& lanes);
+void load_rows(const float* rows, Lanes<4>& lanes);
+void store_rows(const Lanes<3>& lanes, float* rows);
+void store_rows(const Lanes<4>& lanes, float* rows);
+
+// Sets position to origin + travelled, and remainder to the rounding error of that sum.
+void update_position(Flock& flock);
 
 // A range of consecutive drones; empty if count is 0.
 struct DroneRange {

@@ -7,7 +7,7 @@
 #include <numbers>
 
 #include "dynamics/flight.hpp"
-#include "dynamics/rows.hpp"
+#include "dynamics/lane_group.hpp"
 
 namespace flockstep::dynamics {
 namespace {

@@ -10,7 +10,7 @@
 
 #include "collision/clearing.hpp"
 #include "collision/hull.hpp"
-#include "collision/moving_solid.hpp"
+#include "collision/moving_bodies.hpp"
 #include "collision/path.hpp"
 #include "collision/sweep.hpp"
 #include "dynamics/contact.hpp"
@@ -95,7 +95,7 @@ class ContactPoints {
   static constexpr float kSameNormal = 0.999F;  // cosine
   std::array<ContactPoint, kMaxPoints> points_;
   std::size_t count_ = 0;
-  std::size_t first_ = 0;  // of the last contact
+  std::size_t first_ = 0;  // index of the last contact's first point
 };
 
 inline Surface surface_of(const DynamicsConfig& config) {
@@ -117,7 +117,7 @@ inline Pose pose_after(const Pose& from, const Velocity& begin, const Velocity& 
           angle > 0.0F ? (from.rotation * Quat(Eigen::AngleAxisf(angle, turn / angle))).normalized() : from.rotation};
 }
 
-inline constexpr int kMaxContacts = 3;    // of a drone in a tick: two walls and their corner
+inline constexpr int kMaxContacts = 3;    // per drone and tick: two walls and their corner
 inline constexpr double kSpeedOut = 2.5;  // m/s, of a drone that is moved out of what it is inside of
 
 inline bool is_same(const Pose& a, const Pose& b) {

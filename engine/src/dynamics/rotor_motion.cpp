@@ -9,7 +9,7 @@
 #include "base/interrupt.hpp"
 #include "base/pose_access.hpp"
 #include "dynamics/contact.hpp"
-#include "dynamics/rows.hpp"
+#include "dynamics/lane_group.hpp"
 
 namespace flockstep::dynamics {
 namespace {

@@ -29,7 +29,7 @@ struct FlightScratch {
   Flock flock;
   // For a fleet with several airframes: the coefficients of the last group's lanes and their airframe rows; -1: no group yet.
   LaneNumbers numbers;
-  AlignedVector<Lanes<3>> path;  // of the current leg, one entry per tick; empty if neither paths nor bends are recorded
+  AlignedVector<Lanes<3>> path;  // the current leg, one entry per tick; empty if neither paths nor bends are recorded
   std::array<std::int32_t, kLanes> airframes{-1};
   collision::NearSolids near;
   Downwash downwash;

@@ -1,4 +1,4 @@
-#include "dynamics/rows.hpp"
+#include "dynamics/lane_group.hpp"
 
 #undef HWY_TARGET_INCLUDE
 #define HWY_TARGET_INCLUDE "dynamics/rows.cpp"

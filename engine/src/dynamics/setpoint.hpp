@@ -5,6 +5,7 @@
 #include <optional>
 #include <span>
 
+#include "collision/sweep.hpp"
 #include "flockstep/airframe.hpp"
 #include "flockstep/dynamics.hpp"
 #include "flockstep/pose.hpp"
@@ -33,5 +34,12 @@ std::array<float, 7> setpoint_of(Control control, const Airframe& frame, const S
 
 // The heading of the body's x axis, rad: 0 along the world's x axis.
 float yaw_of(const Quat& rotation);
+
+// Kinematic motion, as in the thesis: within one flown step a drone moves straight to its setpoint and turns at a constant
+// rate. // Pose after `substep` of `substeps` equal parts of the motion from `from` to `target`.
+inline Pose integrate_kinematic(const Pose& from, const Pose& target, int substep, int substeps) {
+  if (substep == substeps) return target;
+  return collision::interpolate(from, target, static_cast<float>(substep) / static_cast<float>(substeps));
+}
 
 }  // namespace flockstep::dynamics

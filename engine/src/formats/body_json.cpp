@@ -1,5 +1,3 @@
-#include "formats/body_json.hpp"
-
 #include <algorithm>
 #include <cstddef>
 #include <cstdint>
@@ -12,6 +10,7 @@
 #include "base/interrupt.hpp"
 #include "base/require.hpp"
 #include "base/text_file.hpp"
+#include "formats/scene_json.hpp"
 #include "formats/scene_values.hpp"
 
 namespace flockstep {

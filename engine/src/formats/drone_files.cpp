@@ -1,16 +1,222 @@
+// Reads and writes drone files: DroneModels as the JSON that docs/add-a-drone.md describes.
+#include <array>
+#include <cmath>
+#include <cstddef>
+#include <stdexcept>
 #include <string>
 #include <string_view>
+#include <utility>
 #include <vector>
 
 #include "base/excerpt.hpp"
+#include "base/json_document.hpp"
 #include "base/nearest_name.hpp"
 #include "base/require.hpp"
 #include "base/text_file.hpp"
 #include "flockstep/drone_model.hpp"
-#include "formats/drone_json.hpp"
 
 namespace flockstep {
 namespace {
+
+using json::JsonField;
+using OrderedJson = nlohmann::ordered_json;
+using Triple = Airframe::Triple;
+
+constexpr int kDroneVersion = 1;
+constexpr const char* kDroneKey = "flockstep_drone";
+
+// Airframe::validate() checks the ranges of the numbers.
+double finite(const JsonField& field) {
+  if (!field.value.is_number()) refuse(field, "a number");
+  const double value = field.value.get<double>();
+  if (!std::isfinite(value)) refuse(field, "a finite number");
+  return value;
+}
+
+Triple triple(const JsonField& field) {
+  if (!field.value.is_array() || field.value.size() != 3) refuse(field, "an array of 3 numbers");
+  return {finite(child(field, 0)), finite(child(field, 1)), finite(child(field, 2))};
+}
+
+void read_to(double& value, const JsonField& object, const char* key) {
+  if (const auto field = find(object, key)) value = finite(*field);
+}
+void read_to(Triple& value, const JsonField& object, const char* key) {
+  if (const auto field = find(object, key)) value = triple(*field);
+}
+
+const JsonField& four(const JsonField& field, const char* expected) {
+  if (!field.value.is_array() || field.value.size() != kRotors) refuse(field, expected);
+  return field;
+}
+
+Spin spin(const JsonField& field) {
+  const std::string_view text = field.value.is_string() ? std::string_view(field.value.get_ref<const std::string&>()) : "";
+  if (text == "ccw") return Spin::ccw;
+  if (text == "cw") return Spin::cw;
+  refuse(field, "\"ccw\" or \"cw\", seen from above");
+}
+
+// Requires the keys of a frame that is not based on another one.
+void require_all(const JsonField& object, std::initializer_list<const char*> keys) {
+  for (const char* const key : keys) require(object, key);
+}
+
+void read_rotors(const JsonField& field, Airframe& frame, bool is_new) {
+  check_object(field, {"position_m", "spin", "thrust_n", "max_thrust_n", "max_speed_radps", "min_speed_radps", "torque_ratio_m",
+                       "lag_s", "lag_up_s", "lag_down_s", "radius_m", "inertia_kgm2", "drag_n_per_radps_mps", "lift_n_per_mps2"});
+  if (is_new) require_all(field, {"position_m", "spin", "max_speed_radps", "torque_ratio_m"});
+  if (const auto positions = find(field, "position_m")) {
+    four(*positions, "four positions (x, y, z)");
+    for (std::size_t i = 0; i < kRotors; ++i) frame.position_m[i] = triple(child(*positions, i));
+  }
+  if (const auto spins = find(field, "spin")) {
+    four(*spins, "four of \"ccw\" and \"cw\"");
+    for (std::size_t i = 0; i < kRotors; ++i) frame.spin[i] = spin(child(*spins, i));
+  }
+  read_to(frame.max_speed_radps, field, "max_speed_radps");
+  read_to(frame.min_speed_radps, field, "min_speed_radps");
+  const auto thrust = find(field, "thrust_n");
+  const auto max_thrust = find(field, "max_thrust_n");
+  if (thrust && max_thrust) fail(field, "expected either \"thrust_n\" or \"max_thrust_n\", found both");
+  if (is_new && !thrust && !max_thrust) fail(field, "expected a field \"thrust_n\" or \"max_thrust_n\", found none");
+  if (thrust) frame.thrust_n = triple(*thrust);
+  if (max_thrust) frame.thrust_n = {0.0, 0.0, finite(*max_thrust) / (frame.max_speed_radps * frame.max_speed_radps)};
+  read_to(frame.torque_ratio_m, field, "torque_ratio_m");
+  if (const auto lag = find(field, "lag_s")) frame.lag_up_s = frame.lag_down_s = finite(*lag);
+  read_to(frame.lag_up_s, field, "lag_up_s");
+  read_to(frame.lag_down_s, field, "lag_down_s");
+  read_to(frame.radius_m, field, "radius_m");
+  read_to(frame.rotor_inertia_kgm2, field, "inertia_kgm2");
+  read_to(frame.rotor_drag, field, "drag_n_per_radps_mps");
+  read_to(frame.rotor_lift, field, "lift_n_per_mps2");
+}
+
+// Returns a box around the origin as an eight-sided prism: its upright edges are cut off by a quarter of each side.
+std::vector<Vec3> prism(const Triple& size) {
+  std::vector<Vec3> hull;
+  for (const double z : {-0.5, 0.5}) {
+    for (const double y : {-1.0, 1.0}) {
+      for (const double x : {-1.0, 1.0}) {
+        hull.push_back(Eigen::Vector3d(0.5 * x * size[0], 0.25 * y * size[1], z * size[2]).cast<float>());
+        hull.push_back(Eigen::Vector3d(0.25 * x * size[0], 0.5 * y * size[1], z * size[2]).cast<float>());
+      }
+    }
+  }
+  return hull;
+}
+
+// Returns the hull of the file, or else that of `like`.
+std::vector<Vec3> read_hull(const JsonField& root, const std::optional<DroneModel>& like) {
+  const auto size = find(root, "size_m");
+  const auto points = find(root, "hull_m");
+  if (size && points) fail(root, "expected either \"size_m\" or \"hull_m\", found both");
+  if (!size && !points && like) return {like->hull().begin(), like->hull().end()};
+  if (!points) {
+    const JsonField given = require(root, "size_m");
+    const Triple extents = triple(given);
+    for (const double side : extents) {
+      if (!(side > 0.0)) refuse(given, "sizes > 0");
+    }
+    return prism(extents);
+  }
+  std::vector<Vec3> hull;
+  const std::size_t count = require_array(*points, "an array of points (x, y, z)").size();
+  if (count > static_cast<std::size_t>(kMaxHullVertices)) refuse(*points, "at most 32 points", count);
+  for (std::size_t i = 0; i < count; ++i) {
+    const Triple p = triple(child(*points, i));
+    hull.push_back(Eigen::Vector3d(p[0], p[1], p[2]).cast<float>());
+  }
+  return hull;
+}
+
+std::string text_of(const JsonField& field) {
+  if (!field.value.is_string()) refuse(field, "a string");
+  return field.value.get<std::string>();
+}
+
+std::optional<DroneModel> read_like(const JsonField& root) {
+  const auto like = find(root, "like");
+  const auto scaled = find(root, "scaled");
+  if (!like) {
+    if (scaled) fail(*scaled, "allowed only beside \"like\", which it scales");
+    return std::nullopt;
+  }
+  const std::string name = text_of(*like);
+  if (name.ends_with(".json")) refuse(*like, "the name of a bundled airframe");
+  DroneModel model = DroneModel::load(name);
+  if (!scaled) return model;
+  check_object(*scaled, {"size", "mass"});
+  double size = 1.0;
+  double mass = 1.0;
+  read_to(size, *scaled, "size");
+  read_to(mass, *scaled, "mass");
+  return model.scaled(size, mass);
+}
+
+std::optional<Airframe> read_airframe(const JsonField& root, const std::optional<DroneModel>& like) {
+  const bool is_new = !like || !like->airframe();
+  const auto has = [&](const char* key) { return find(root, key).has_value(); };
+  if (is_new && !has("mass_kg") && !has("inertia_kgm2") && !has("rotors") && !has("drag")) return std::nullopt;  // only a hull
+  Airframe frame = is_new ? Airframe() : *like->airframe();
+  if (is_new) require_all(root, {"mass_kg", "inertia_kgm2", "rotors"});
+  read_to(frame.mass_kg, root, "mass_kg");
+  read_to(frame.inertia_kgm2, root, "inertia_kgm2");
+  if (const auto rotors = find(root, "rotors")) read_rotors(*rotors, frame, is_new);
+  if (const auto drag = find(root, "drag")) {
+    check_object(*drag, {"linear_n_per_mps", "quadratic_n_per_mps2"});
+    read_to(frame.linear_drag, *drag, "linear_n_per_mps");
+    read_to(frame.quadratic_drag, *drag, "quadratic_n_per_mps2");
+  }
+  return frame;
+}
+
+// Throws std::invalid_argument with the source, the path of the offending field, the expected value and the actual one.
+DroneModel read_drone(const std::string& text, const std::string& source) {
+  const auto document = json::Document::parse(text, source);
+  const JsonField root = document->root();
+  check_version(root, kDroneKey, kDroneVersion);
+  check_object(root, {kDroneKey, "name", "description", "sources", "disputed", "like", "scaled", "mass_kg", "inertia_kgm2",
+                      "size_m", "hull_m", "rotors", "drag"});
+  require(root, kDroneKey);
+  const auto name = find(root, "name");
+  const std::optional<DroneModel> like = read_like(root);
+  try {
+    return DroneModel(read_hull(root, like), read_airframe(root, like), name ? text_of(*name) : std::string());
+  } catch (const std::invalid_argument& error) {
+    const std::string what = error.what();
+    if (what.starts_with(source)) throw;
+    throw std::invalid_argument(source + ": " + what);
+  }
+}
+
+// Writes every number such that it reads back equal.
+std::string write_drone(const DroneModel& drone) {
+  OrderedJson root = {{kDroneKey, kDroneVersion}};
+  if (!drone.name().empty()) root["name"] = drone.name();
+  OrderedJson& hull = root["hull_m"] = OrderedJson::array();
+  for (const Vec3& p : drone.hull()) hull.push_back({json::shortest(p.x()), json::shortest(p.y()), json::shortest(p.z())});
+  if (const auto& frame = drone.airframe()) {
+    root["mass_kg"] = frame->mass_kg;
+    root["inertia_kgm2"] = frame->inertia_kgm2;
+    OrderedJson spins = OrderedJson::array();
+    for (const Spin turning : frame->spin) spins.push_back(EnumNames<Spin>::kNames[static_cast<std::size_t>(turning)]);
+    root["rotors"] = {{"position_m", frame->position_m},
+                      {"spin", spins},
+                      {"thrust_n", frame->thrust_n},
+                      {"max_speed_radps", frame->max_speed_radps},
+                      {"min_speed_radps", frame->min_speed_radps},
+                      {"torque_ratio_m", frame->torque_ratio_m},
+                      {"lag_up_s", frame->lag_up_s},
+                      {"lag_down_s", frame->lag_down_s},
+                      {"radius_m", frame->radius_m},
+                      {"inertia_kgm2", frame->rotor_inertia_kgm2},
+                      {"drag_n_per_radps_mps", frame->rotor_drag},
+                      {"lift_n_per_mps2", frame->rotor_lift}};
+    root["drag"] = {{"linear_n_per_mps", frame->linear_drag}, {"quadratic_n_per_mps2", frame->quadratic_drag}};
+  }
+  return root.dump(1) + '\n';
+}
 
 // The bundled airframes: name and text of each file in drones/, sorted by name.
 struct Bundled {

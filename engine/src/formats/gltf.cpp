@@ -15,15 +15,15 @@
 #include <utility>
 
 #include "base/in_world.hpp"
+#include "base/indices.hpp"
 #include "base/interrupt.hpp"
 #include "base/require.hpp"
-#include "base/sort_unique.hpp"
 #include "base/text_file.hpp"
 #include "formats/gltf_extras.hpp"
 #include "formats/gltf_model.hpp"
 #include "formats/image.hpp"
+#include "formats/names.hpp"
 #include "formats/placement.hpp"
-#include "formats/unused_names.hpp"
 #include "world/scene_description.hpp"
 #include "world/scene_keys.hpp"
 
@@ -495,8 +495,8 @@ class GltfReader {
   // A node that is a body, with its descendants.
   struct BodyNode {
     std::size_t node;
-    Eigen::Affine3d frame;               // of the body, without scale
-    std::unique_ptr<GltfReader> reader;  // of the mesh, in the body frame
+    Eigen::Affine3d frame;               // frame of the body, without scale
+    std::unique_ptr<GltfReader> reader;  // reads the mesh, in the body frame
   };
 
   std::size_t begin_body(const GltfNode& node, const Placed& at, const Eigen::Affine3d& place) {

@@ -10,10 +10,8 @@
 
 #include "base/config_values.hpp"
 #include "base/interrupt.hpp"
-#include "formats/body_json.hpp"
 #include "formats/scene_json.hpp"
 #include "formats/scene_values.hpp"
-#include "world/gate_frame.hpp"
 #include "world/scene_description.hpp"
 #include "world/scene_keys.hpp"
 #include "world/tessellate.hpp"

@@ -14,8 +14,7 @@
 #include "base/require.hpp"
 #include "base/text_file.hpp"
 #include "flockstep/limits.hpp"
-#include "formats/base64.hpp"
-#include "formats/solid_names.hpp"
+#include "formats/names.hpp"
 #include "world/scene_description.hpp"
 #include "world/scene_keys.hpp"
 

@@ -1,5 +1,3 @@
-#include "formats/gltf_writer.hpp"
-
 #include <Eigen/Geometry>
 #include <algorithm>
 #include <array>
@@ -17,7 +15,6 @@
 #include "base/interrupt.hpp"
 #include "base/json_document.hpp"
 #include "base/require.hpp"
-#include "formats/base64.hpp"
 #include "formats/gltf.hpp"
 #include "formats/gltf_extras.hpp"
 #include "formats/image.hpp"

@@ -1,5 +1,3 @@
-#include "formats/mtl.hpp"
-
 #include <algorithm>
 #include <array>
 #include <cmath>
@@ -13,6 +11,7 @@
 #include "base/require.hpp"
 #include "base/text_file.hpp"
 #include "formats/image.hpp"
+#include "formats/mesh_files.hpp"
 #include "formats/text_lines.hpp"
 #include "world/scene_description.hpp"
 #include "world/scene_keys.hpp"

@@ -1,5 +1,3 @@
-#include "formats/obj.hpp"
-
 #include <algorithm>
 #include <array>
 #include <cmath>
@@ -18,8 +16,8 @@
 #include "base/require.hpp"
 #include "base/srgb.hpp"
 #include "base/text_file.hpp"
-#include "formats/polygon.hpp"
-#include "formats/solid_names.hpp"
+#include "formats/mesh_files.hpp"
+#include "formats/names.hpp"
 #include "formats/text_lines.hpp"
 #include "world/scene_description.hpp"
 
@@ -229,9 +227,9 @@ class ObjReader {
   std::vector<std::array<float, 2>> uv_;                                 // of vt lines
   std::vector<std::array<std::int32_t, 3>> uv_of_corners_;               // indices into uv_ by triangle; empty without vt
   std::map<std::string, std::size_t, std::less<>> objects_, materials_;  // by name
-  std::uint16_t object_ = 0, material_ = 0;                              // of the next face
+  std::uint16_t object_ = 0, material_ = 0;                              // for the next face
   bool has_new_name_ = true;
-  std::vector<Corner> corners_;  // of a face
+  std::vector<Corner> corners_;  // corners of one face
   std::vector<Vec3> points_;
 };
 

@@ -1,5 +1,3 @@
-#include "formats/ply.hpp"
-
 #include <algorithm>
 #include <array>
 #include <bit>
@@ -19,7 +17,7 @@
 #include "base/require.hpp"
 #include "base/srgb.hpp"
 #include "base/text_file.hpp"
-#include "formats/polygon.hpp"
+#include "formats/mesh_files.hpp"
 #include "formats/text_lines.hpp"
 #include "world/scene_description.hpp"
 

@@ -1,10 +1,9 @@
-#include "formats/polygon.hpp"
-
 #include <algorithm>
 #include <limits>
 #include <numeric>
 
 #include "base/interrupt.hpp"
+#include "formats/mesh_files.hpp"
 
 namespace flockstep {
 namespace {

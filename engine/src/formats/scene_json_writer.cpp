@@ -10,8 +10,6 @@
 
 #include "base/config_values.hpp"
 #include "base/json_document.hpp"
-#include "formats/base64.hpp"
-#include "formats/body_json.hpp"
 #include "formats/image.hpp"
 #include "formats/scene_json.hpp"
 #include "formats/scene_values.hpp"

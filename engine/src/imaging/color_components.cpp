@@ -3,7 +3,11 @@
 #include <algorithm>
 #include <array>
 #include <cstddef>
+#include <string>
 
+#include "base/check_fields.hpp"
+#include "base/require.hpp"
+#include "flockstep/color.hpp"
 #include "imaging/opencv.hpp"
 
 namespace flockstep::imaging {
@@ -76,3 +80,18 @@ ColorComponents find_components(std::span<const std::uint8_t> rgb, int width, in
 }
 
 }  // namespace flockstep::imaging
+
+namespace flockstep {
+
+void ColorRange::validate() const {
+  const auto text = [](const std::array<int, 3>& values) {
+    return "(" + std::to_string(values[0]) + ", " + std::to_string(values[1]) + ", " + std::to_string(values[2]) + ")";
+  };
+  check_fields(*this, "color.");
+  for (std::size_t k = space == ColorSpace::hsv ? 1 : 0; k < 3; ++k) {
+    require(low[k] <= high[k], "color.low", "no channel above high, which is " + text(high) + " (only a hue wraps around)",
+            text(low));
+  }
+}
+
+}  // namespace flockstep

@@ -1,12 +1,17 @@
-// A Learner collects a rollout step by step.
+// A Learner collects a rollout, step by step or within the steps of a batch.
 #include <algorithm>
+#include <atomic>
 #include <cmath>
 #include <cstdint>
+#include <numeric>
 #include <span>
 #include <string>
 #include <vector>
 
+#include "base/finite.hpp"
 #include "base/require.hpp"
+#include "flockstep/batch.hpp"
+#include "flockstep/pilot.hpp"
 #include "learning/learner_parts.hpp"
 
 namespace flockstep {
@@ -146,5 +151,191 @@ void Learner::finish(std::span<const float> observation) {
   parts.write_values(observation.data(), parts.rollout.rows, values.data());
   parts.rollout.estimate_advantages(values.data());
   parts.is_finished = true;
+}
+
+namespace {
+
+template <class T>
+void append_as_floats(std::span<const T> values, float*& to) {
+  for (const T value : values) *to++ = static_cast<float>(value);
+}
+
+// Appends a row of a field, as numbers.
+void append_row(const Buffer& field, std::size_t row, float*& to) {
+  switch (field.type()) {
+    case DType::float32:
+      to = std::copy_n(field.row<float>(row).data(), field.columns(), to);
+      return;
+    case DType::float64:
+      return append_as_floats(field.row<double>(row), to);
+    case DType::int32:
+      return append_as_floats(field.row<std::int32_t>(row), to);
+    case DType::int64:
+      return append_as_floats(field.row<std::int64_t>(row), to);
+    case DType::boolean:
+    case DType::uint8:
+      return append_as_floats(field.row<std::uint8_t>(row), to);
+  }
+}
+
+// Writes the fields of a row in the given order.
+void write_row(const std::vector<Buffer>& observation, const std::vector<std::size_t>& fields, std::size_t row, float* to) {
+  for (const std::size_t field : fields) append_row(observation[field], row, to);
+}
+
+// Returns the fields in the order of their names, which is that of Gymnasium's dict spaces.
+std::vector<std::size_t> by_name(const std::vector<Field>& fields) {
+  std::vector<std::size_t> order(fields.size());
+  std::iota(order.begin(), order.end(), std::size_t{0});
+  std::sort(order.begin(), order.end(), [&](std::size_t a, std::size_t b) { return fields[a].name < fields[b].name; });
+  return order;
+}
+
+}  // namespace
+
+// Draws the actions of a step within a step of a batch.
+class Learner::Parts::StepPilot : public Pilot {
+ public:
+  StepPilot(Parts& parts, std::size_t t, const TaskSpec& spec, const std::vector<std::size_t>& fields)
+      : parts_(parts), t_(t), fields_(fields), low_(spec.action.low), high_(spec.action.high) {}
+
+  void act(const PilotedRows& rows, Buffer& actions) override {
+    Pass& pass = parts_.passes[rows.thread];
+    std::vector<float> observation(parts_.observation_size), normalised;
+    for (std::size_t from = rows.first; from < rows.first + rows.count; from += Pass::kRows) {
+      const std::size_t count = std::min(Pass::kRows, rows.first + rows.count - from);
+      for (std::size_t i = 0; i < count; ++i) {
+        write_row(rows.observation, fields_, from + i, observation.data());
+        if (!are_finite(observation)) {
+          note_bad(from + i);
+          std::fill(observation.begin(), observation.end(), 0.0F);
+        }
+        parts_.write_inputs(observation.data(), normalised, pass.inputs() + i * parts_.input_stride);
+      }
+      parts_.draw_actions(pass, t_, from, count);
+      for (std::size_t i = 0; i < count; ++i) write_action(from + i, actions);
+    }
+  }
+
+  // Throws NotFiniteError if an observation was not finite; its row then flew the action for zeros.
+  void require_finite_observations() const {
+    if (bad_row_ == kNoRow) return;
+    throw NotFiniteError("observation: expected finite numbers, got others in row " + std::to_string(bad_row_));
+  }
+
+ private:
+  static constexpr std::size_t kNoRow = SIZE_MAX;
+
+  // Keeps the lowest row whose observation is not finite.
+  void note_bad(std::size_t row) {
+    std::size_t known = bad_row_.load();
+    while (row < known && !bad_row_.compare_exchange_weak(known, row)) {
+    }
+  }
+
+  void write_action(std::size_t row, Buffer& actions) const {
+    const std::size_t size = parts_.action_size();
+    const float* const drawn = parts_.rollout.actions.data() + (t_ * parts_.rollout.rows + row) * size;
+    switch (actions.type()) {
+      case DType::float32:
+        return limit(drawn, actions.row<float>(row));
+      case DType::float64:
+        return limit(drawn, actions.row<double>(row));
+      case DType::int32:
+        actions.row<std::int32_t>(row)[0] = static_cast<std::int32_t>(low_[0] + static_cast<double>(*drawn));
+        return;
+      default:
+        actions.row<std::int64_t>(row)[0] = static_cast<std::int64_t>(low_[0] + static_cast<double>(*drawn));
+    }
+  }
+
+  // Writes an action, limited to the bounds. NaN becomes the lower bound; fly() refuses it after the step.
+  template <class T>
+  void limit(const float* drawn, std::span<T> action) const {
+    for (std::size_t i = 0; i < action.size(); ++i) {
+      const T low = static_cast<T>(low_[low_.size() == 1 ? 0 : i]), high = static_cast<T>(high_[high_.size() == 1 ? 0 : i]);
+      const T value = static_cast<T>(drawn[i]);
+      action[i] = value > low ? std::min(value, high) : low;
+    }
+  }
+
+  Parts& parts_;
+  std::size_t t_;
+  std::atomic<std::size_t> bad_row_{kNoRow};
+  const std::vector<std::size_t>& fields_;  // indices of the observation's fields, in the order of their names
+  const std::vector<double>&low_, &high_;   // bounds: one for an action, or one for each of its values
+};
+
+void Learner::read_observation(const Batch& batch, std::span<float> observation) const {
+  const SingleCaller::Call call(parts_->callers);
+  parts_->require_fits(batch);
+  require_size(observation.size(), parts_->rollout.rows * parts_->observation_size, "observation");
+  const std::vector<std::size_t> fields = by_name(batch.task()->spec().observation);
+  for (std::size_t row = 0; row < parts_->rollout.rows; ++row) {
+    write_row(batch.outputs().observation, fields, row, observation.data() + row * parts_->observation_size);
+  }
+}
+
+void Learner::fly(int t, Batch& batch, float reward_scale) {
+  const SingleCaller::Call call(parts_->callers);
+  Parts& parts = *parts_;
+  Rollout& rollout = parts.rollout;
+  require(t == parts.next && t < rollout.config.n_steps, "t", "step " + std::to_string(parts.next), t);
+  parts.require_fits(batch);
+  require(std::isfinite(reward_scale), "reward_scale", "a finite number", reward_scale);
+  const TaskSpec& spec = batch.task()->spec();
+  const std::vector<std::size_t> fields = by_name(spec.observation);
+  while (parts.passes.size() < static_cast<std::size_t>(batch.num_threads())) parts.passes.emplace_back(parts.network);
+  if (rollout.config.normalize_observations) {
+    std::vector<float> observation(rollout.rows * parts.observation_size);
+    read_observation(batch, observation);
+    require_finite(observation, parts.observation_size, "observation");
+    parts.take_observations(observation, batch.waiting());
+  }
+  ++parts.draws;
+  Parts::StepPilot pilot(parts, static_cast<std::size_t>(t), spec, fields);
+  batch.step(pilot);
+  pilot.require_finite_observations();
+  const std::size_t size = rollout.rows * parts.action_size();
+  require_finite(std::span(rollout.actions).subspan(static_cast<std::size_t>(t) * size, size), parts.action_size(), "action");
+  const Outputs& after = batch.outputs();
+  // Rows that did not fly only begin an episode, or their drones rest.
+  std::vector<std::uint8_t> skipped;
+  const FlagArray& flying = batch.episodes().flying;
+  if (std::ranges::find(flying, 0) != flying.end()) {
+    for (const std::uint8_t flew : flying) skipped.push_back(flew == 0 ? 1 : 0);
+  }
+  std::vector<float> reward(after.reward.begin(), after.reward.end());
+  for (float& value : reward) value *= reward_scale;
+  const auto is_cut = [&](std::size_t row) {
+    return after.truncated[row] != 0 && after.terminated[row] == 0 && flying[row] != 0;
+  };
+  std::vector<float> final_observation;
+  for (std::size_t row = 0; row < rollout.rows; ++row) {
+    if (!is_cut(row)) continue;
+    final_observation.resize(rollout.rows * parts.observation_size);
+    write_row(after.final_observation, fields, row, final_observation.data() + row * parts.observation_size);
+  }
+  record(t, {.reward = reward,
+             .terminated = after.terminated,
+             .truncated = after.truncated,
+             .final_observation = final_observation,
+             .skipped = skipped});
+}
+
+void Learner::Parts::require_fits(const Batch& batch) const {
+  require(batch.task() != nullptr, "batch", "a batch with a task", "one without");
+  const TaskSpec& spec = batch.task()->spec();
+  const Outputs& outputs = batch.outputs();
+  require(outputs.reward.size() == rollout.rows, "batch", std::to_string(rollout.rows) + " rows", outputs.reward.size());
+  std::size_t size = 0;
+  for (const Field& field : spec.observation) size += field.size();
+  require(size == observation_size, "batch", "observations of " + std::to_string(observation_size) + " numbers", size);
+  const bool is_discrete = !is_floating(spec.action.type);
+  require(is_discrete == config.is_discrete, "batch", config.is_discrete ? "discrete actions" : "actions of numbers",
+          is_discrete ? "discrete actions" : "actions of numbers");
+  const auto actions =
+      is_discrete ? static_cast<std::size_t>(spec.action.high.at(0) - spec.action.low.at(0)) + 1 : spec.action.size();
+  require(actions == distribution.outputs(), "batch", "actions of size " + std::to_string(distribution.outputs()), actions);
 }
 }  // namespace flockstep

@@ -5,7 +5,7 @@
 #include <cmath>
 #include <numbers>
 
-#include "base/philox.hpp"
+#include "base/random.hpp"
 
 namespace flockstep::learning {
 namespace {

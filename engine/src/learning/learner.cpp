@@ -13,8 +13,8 @@
 #include "base/finite.hpp"
 #include "base/platform.hpp"
 #include "base/require.hpp"
-#include "learning/features.hpp"
 #include "learning/learner_parts.hpp"
+#include "learning/network.hpp"
 
 namespace flockstep {
 

@@ -6,9 +6,56 @@
 #include <string>
 #include <utility>
 
-#include "base/philox.hpp"
+#include "base/random.hpp"
 
 namespace flockstep::learning {
+namespace {
+
+constexpr std::size_t kDirection = 3;  // numbers of a direction or an offset
+constexpr float kDirectionGain = 2.0F;
+constexpr float kNearest = 0.05F;  // fraction of the maximum range: keeps the logarithm finite
+constexpr std::size_t kBlob = 2;   // offset and area of the blob
+constexpr float kOffsetGain = 3.0F, kWidthGain = 5.0F;
+constexpr float kNearPoint = 0.1F;  // m
+
+// Emphasises near obstacles.
+void write_nearness(const float* ranges, std::size_t count, float* to) {
+  for (std::size_t i = 0; i < count; ++i) to[i] = -std::log(ranges[i] + kNearest);
+}
+
+}  // namespace
+
+std::size_t input_size(Features features, std::size_t observation_size) {
+  if (features == Features::blob) return observation_size + 1;
+  if (features == Features::point) return observation_size + kDirection;
+  return observation_size;
+}
+
+void write_inputs(Features features, const float* observation, std::size_t observation_size, float* inputs) {
+  switch (features) {
+    case Features::flat:
+      std::copy_n(observation, observation_size, inputs);
+      return;
+    case Features::goal:
+      for (std::size_t i = 0; i < kDirection; ++i) inputs[i] = kDirectionGain * observation[i];
+      write_nearness(observation + kDirection, observation_size - kDirection, inputs + kDirection);
+      return;
+    case Features::blob:
+      inputs[0] = kOffsetGain * observation[0];
+      inputs[1] = kWidthGain * std::sqrt(observation[1]);
+      inputs[2] = observation[1] > 0.0F ? 1.0F : 0.0F;
+      write_nearness(observation + kBlob, observation_size - kBlob, inputs + kBlob + 1);
+      return;
+    case Features::point: {
+      const float x = observation[0], y = observation[1], z = observation[2];
+      const float scale = 1.0F / (std::sqrt(x * x + y * y + z * z) + kNearPoint);
+      for (std::size_t i = 0; i < kDirection; ++i) inputs[i] = observation[i] * scale;
+      std::copy_n(observation, observation_size, inputs + kDirection);
+      return;
+    }
+  }
+}
+
 namespace {
 
 std::vector<Layer> layers_of(std::size_t in, const std::vector<int>& hidden, std::size_t out, Activation activation,
@@ -120,6 +167,37 @@ void Network::initialise(std::uint64_t seed, std::span<float> padded_values) con
 void Network::transpose_all(const AlignedVector<float>& parameters, AlignedVector<float>& transposed) const {
   for (const Layer& layer : actor) transpose(layer, parameters.data(), transposed.data());
   for (const Layer& layer : critic) transpose(layer, parameters.data(), transposed.data());
+}
+
+Pass::Pass(const Network& network) : network_(network), inputs_(kRows * padded(network.actor.front().in)) {
+  for (const auto& [layers, values] : {std::pair{&network.actor, &actor_}, std::pair{&network.critic, &critic_}}) {
+    for (const Layer& layer : *layers) {
+      const std::size_t count = kRows * padded(layer.out);
+      values->push_back({AlignedVector<float>(count), AlignedVector<float>(count)});
+    }
+  }
+}
+
+const float* Pass::forward(const std::vector<Layer>& layers, std::vector<Values>& values, const float* parameters,
+                           const float* transposed, std::size_t rows) {
+  const float* from = inputs_.data();
+  for (std::size_t i = 0; i < layers.size(); ++i) {
+    learning::forward(layers[i], parameters, transposed, from, rows, values[i].outputs.data());
+    from = values[i].outputs.data();
+  }
+  return from;
+}
+
+void Pass::backward(const std::vector<Layer>& layers, std::vector<Values>& values, const float* parameters, std::size_t rows,
+                    float* gradient) {
+  for (std::size_t i = layers.size(); i-- > 0;) {
+    const float* const from = i == 0 ? inputs_.data() : values[i - 1].outputs.data();
+    add_gradient(layers[i], from, values[i].gradients.data(), rows, gradient);
+    if (i > 0) {
+      learning::backward(layers[i], parameters, values[i].gradients.data(), layers[i - 1].after, from, rows,
+                         values[i - 1].gradients.data());
+    }
+  }
 }
 
 }  // namespace flockstep::learning

@@ -8,9 +8,9 @@
 #include <utility>
 #include <vector>
 
-#include "base/flush_denormals.hpp"
 #include "base/interrupt.hpp"
-#include "base/philox.hpp"
+#include "base/platform.hpp"
+#include "base/random.hpp"
 #include "base/require.hpp"
 #include "learning/learner_parts.hpp"
 

@@ -4,7 +4,7 @@
 #include <array>
 #include <cstdint>
 
-#include "base/philox.hpp"
+#include "base/random.hpp"
 #include "flockstep/pose.hpp"
 
 namespace flockstep {

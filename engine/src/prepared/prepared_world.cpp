@@ -3,7 +3,7 @@
 #include <algorithm>
 
 #include "base/platform.hpp"
-#include "collision/corners.hpp"
+#include "collision/convex.hpp"
 #include "collision/obstacles.hpp"
 #include "render/raycast/shading.hpp"
 #include "trace/scene.hpp"

@@ -4,7 +4,7 @@
 #include <cmath>
 #include <utility>
 
-#include "base/flush_denormals.hpp"
+#include "base/platform.hpp"
 #include "trace/frustum.hpp"
 
 namespace flockstep::render {

@@ -6,7 +6,7 @@
 #include "flockstep/config.hpp"
 #include "flockstep/pose.hpp"
 #include "flockstep/world.hpp"
-#include "render/body_surface.hpp"
+#include "render/appearance.hpp"
 #include "render/pinhole_camera.hpp"
 #include "trace/tracer.hpp"
 
@@ -43,7 +43,7 @@ struct RenderRequest {
   Mat3 rotation;                 // camera to world
   Frame frame;
   trace::TracePolicy policy{};
-  VisibleBodies bodies{};  // of the env; their arrays must outlive the rendering
+  VisibleBodies bodies{};  // bodies of the env; their arrays must outlive the rendering
   VisibleBodies drones{};  // the same for the drones that the camera sees
 };
 

@@ -17,7 +17,6 @@
 #include "flockstep/readings.hpp"
 #include "flockstep/state.hpp"
 #include "flockstep/world.hpp"
-#include "imaging/hsv.hpp"
 #include "imaging/resample.hpp"
 #include "render/render_request.hpp"
 #include "sensors/drone_settings.hpp"

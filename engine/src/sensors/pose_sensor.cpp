@@ -4,7 +4,7 @@
 #include <numbers>
 
 #include "base/check_fields.hpp"
-#include "base/contiguous.hpp"
+#include "base/indices.hpp"
 #include "base/pose_access.hpp"
 #include "base/random.hpp"
 

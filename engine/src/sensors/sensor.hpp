@@ -1,6 +1,7 @@
 // Sensor: an instrument on every drone of a batch. A reading passes through these stages: measure, errors, delay, publish.
 #pragma once
 
+#include <cmath>
 #include <cstddef>
 #include <cstdint>
 #include <functional>
@@ -10,16 +11,36 @@
 #include <string>
 #include <utility>
 
+#include "base/require.hpp"
 #include "flockstep/array_visitor.hpp"
 #include "flockstep/arrays.hpp"
 #include "flockstep/config.hpp"
+#include "flockstep/episode.hpp"
 #include "flockstep/index.hpp"
 #include "flockstep/state.hpp"
-#include "sensors/rate.hpp"
 #include "trace/scene.hpp"
 #include "trace/tracer.hpp"
 
 namespace flockstep::sensors {
+
+// --- rates: a sensor reads at its own rate, or after every flown step
+
+// Returns the ticks between two readings; 0 if no rate is given. Throws std::invalid_argument if the clock cannot keep the
+// rate.
+inline std::int64_t period_in_ticks(const std::optional<float>& rate_hz, const ClockConfig& clock, const std::string& field) {
+  if (!rate_hz) return 0;
+  require_positive(*rate_hz, field);
+  const double ticks = clock.ticks_hz() / static_cast<double>(*rate_hz);
+  const double whole = std::round(ticks);
+  require(whole >= 1.0 && whole < 1e9 && std::abs(ticks - whole) <= 1e-4 * whole, field,
+          "a rate that divides the clock's " + std::to_string(clock.ticks_hz()) + " ticks per second", *rate_hz);
+  return static_cast<std::int64_t>(whole);
+}
+
+// Returns whether a sensor with this period reads at this tick of an episode.
+inline bool is_due(std::int64_t period, std::int64_t tick, bool step_is_over) {
+  return period == 0 ? step_is_over : tick % period == 0;
+}
 
 class Sensor {
  public:
@@ -79,9 +100,9 @@ struct Surroundings {
   std::size_t drones_per_env;
   trace::Tracer& tracer;
   trace::BallSlices& slices;  // working memory for the drones of one env
-  trace::Bodies bodies{};     // of all envs
+  trace::Bodies bodies{};     // bodies of all envs
   std::size_t bodies_per_env = 0;
-  trace::Bodies drones{};  // of all envs, if they see each other
+  trace::Bodies drones{};  // drones of all envs, if they see each other
 
   std::size_t env_of(DroneIndex drone) const { return drones_per_env == 1 ? std::size_t{drone} : drone / drones_per_env; }
   const trace::Scene& scene_of(DroneIndex drone) const { return *scenes[static_cast<std::size_t>(slots[env_of(drone)])]; }

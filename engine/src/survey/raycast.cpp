@@ -6,9 +6,9 @@
 #include <memory>
 #include <string>
 
-#include "base/flush_denormals.hpp"
 #include "base/in_world.hpp"
 #include "base/interrupt.hpp"
+#include "base/platform.hpp"
 #include "base/require.hpp"
 #include "prepared/prepared_world.hpp"
 #include "trace/tracer.hpp"

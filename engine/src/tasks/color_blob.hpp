@@ -8,7 +8,7 @@
 
 #include "flockstep/camera.hpp"
 #include "flockstep/color.hpp"
-#include "imaging/hsv.hpp"
+#include "imaging/resample.hpp"
 
 namespace flockstep::task {
 

@@ -12,7 +12,6 @@
 #include "base/check_fields.hpp"
 #include "base/hash.hpp"
 #include "base/require.hpp"
-#include "tasks/ranges.hpp"
 #include "tasks/terms.hpp"
 
 namespace flockstep {
@@ -37,7 +36,7 @@ class Dodge final : public Task {
   static constexpr std::uint32_t kStartStream = 0, kGoalStream = 1;
   static constexpr std::uint32_t kTries = 64;    // random positions to try
   static constexpr std::size_t kHead = 5;        // numbers before the ranges
-  static constexpr std::size_t kNumAxes = 2;     // of an action
+  static constexpr std::size_t kNumAxes = 2;     // numbers per action
   static constexpr float kClearOfBodies = 1.5F;  // m, distance of starts from the centres of bodies
   enum Term : std::size_t { kProgress, kGoal, kCrash, kNear, kTime };
 

@@ -19,8 +19,6 @@
 #include "base/require.hpp"
 #include "tasks/formation_path.hpp"
 #include "tasks/leader.hpp"
-#include "tasks/ranges.hpp"
-#include "tasks/route.hpp"
 #include "tasks/team_motion.hpp"
 #include "tasks/terms.hpp"
 
@@ -41,12 +39,12 @@ struct FormationState {
 class Formation final : public Task {
   static constexpr std::uint32_t kLoopStream = 0, kStartStream = 1;
   static constexpr std::uint32_t kTries = 64;     // random positions to try
-  static constexpr std::size_t kLoopCorners = 6;  // of a loop
-  static constexpr float kMinRadius = 0.6F;       // of the corners of a loop, in units of its radius
+  static constexpr std::size_t kLoopCorners = 6;  // corners per loop
+  static constexpr float kMinRadius = 0.6F;       // least distance of a loop's corners from its centre, in units of its radius
   static constexpr double kLoopWindow = 1.0;      // m, within which the corners of a loop are rounded
   static constexpr float kWiderStart = 0.05F;     // m, by which each try widens the spread of starts
   static constexpr float kFarPlace = 2.0F;        // m; of farther places only the direction is observed
-  static constexpr std::size_t kAxes = 3;         // of an action
+  static constexpr std::size_t kAxes = 3;         // numbers per action
   using Team = TeamMotion<kAxes>;
   static constexpr std::size_t kHead = 6 + Team::kOwn;  // numbers before the neighbours
   enum Term : std::size_t { kPlace, kCrash, kNear, kChange };

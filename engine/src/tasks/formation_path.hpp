@@ -6,7 +6,6 @@
 #include "flockstep/drone_model.hpp"
 #include "flockstep/world.hpp"
 #include "tasks/leader.hpp"
-#include "tasks/route.hpp"
 
 namespace flockstep::task {
 

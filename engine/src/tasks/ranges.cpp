@@ -1,4 +1,4 @@
-#include "tasks/ranges.hpp"
+#include "tasks/terms.hpp"
 
 #undef HWY_TARGET_INCLUDE
 #define HWY_TARGET_INCLUDE "tasks/ranges.cpp"

@@ -33,7 +33,7 @@ struct SwapState {
 
 class Swap final : public Task {
   static constexpr std::uint32_t kTurnStream = 0, kJitterStream = 1;
-  static constexpr std::size_t kAxes = 2;  // of an action
+  static constexpr std::size_t kAxes = 2;  // numbers per action
   using Team = TeamMotion<kAxes>;
   static constexpr std::size_t kHead = 3 + Team::kOwn;  // numbers before the neighbours
   enum Term : std::size_t { kProgress, kGoal, kCrash, kNear, kTime };

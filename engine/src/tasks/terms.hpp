@@ -11,9 +11,20 @@
 #include "base/require.hpp"
 #include "flockstep/pose.hpp"
 #include "flockstep/world.hpp"
-#include "tasks/ranges.hpp"
 
 namespace flockstep::task {
+
+// Normalises the ranges of a scan, and measures the free space that they show.
+struct Clearance {
+  double nearest = 1.0;  // smallest normalised range
+  double sum = 0.0;      // sum of the normalised ranges
+};
+
+// Computes the clearance of ranges (m). Each is divided by max_range_m; a miss, inf, counts as 1.
+Clearance clearance_of(std::span<const float> ranges, float max_range_m);
+
+// Writes ranges (m) over max_range_m to `normalised`, which has the same length; a miss is written as 1.
+void normalise(std::span<const float> ranges, float max_range_m, float* normalised);
 
 // Returns the waypoint with this index, counted from 0, or the goal after the last one. The world must have a goal marker.
 inline const Vec3& goal_of(const World& world, std::int32_t goal_index) {

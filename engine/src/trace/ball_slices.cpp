@@ -1,9 +1,9 @@
-#include "trace/ball_slices.hpp"
-
 #include <algorithm>
 #include <cmath>
 #include <limits>
 #include <span>
+
+#include "trace/near_balls.hpp"
 
 namespace flockstep::trace {
 namespace {

@@ -17,7 +17,7 @@ namespace flockstep::trace {
 struct HullPlanes {
   static constexpr std::size_t kMax = 64;
 
-  explicit HullPlanes(std::span<const Vec3> points);  // of a valid DroneModel; their convex hull
+  explicit HullPlanes(std::span<const Vec3> points);  // vertices of a valid DroneModel; their convex hull
 
   std::size_t count = 0;
   // m, body frame; the entries from `count` on are half spaces that contain everything

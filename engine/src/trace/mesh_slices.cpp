@@ -16,7 +16,7 @@
 #include <numbers>
 #include <vector>
 
-#include "base/prefetch.hpp"
+#include "base/near_memory.hpp"
 #include "base/wide-inl.hpp"
 
 HWY_BEFORE_NAMESPACE();
@@ -350,8 +350,8 @@ class SliceTrace {
   const std::int32_t first_element_;
   const Fan& fan_;
   RayBundle& rays_;
-  float axis_[3][3];  // of the fan's frame, world frame
-  float edge_[2][3];  // of the sector, world frame
+  float axis_[3][3];  // axes of the fan's frame, world frame
+  float edge_[2][3];  // edges of the sector, world frame
   float origin_[3];
   float num_cells_, to_begin_, to_end_;          // see cells_between()
   float widen_;                                  // m, margin of boxes

@@ -14,7 +14,7 @@
 #include <cstring>
 #include <limits>
 
-#include "base/prefetch.hpp"
+#include "base/near_memory.hpp"
 #include "base/wide-inl.hpp"
 
 #ifndef FLOCKSTEP_TRACE_MESH_TILES_COMMON

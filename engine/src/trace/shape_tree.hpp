@@ -9,7 +9,7 @@
 #include <span>
 #include <vector>
 
-#include "base/prefetch.hpp"
+#include "base/near_memory.hpp"
 #include "flockstep/pose.hpp"
 
 namespace flockstep::trace {

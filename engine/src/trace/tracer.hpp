@@ -16,7 +16,6 @@
 #include "trace/frustum.hpp"
 #include "trace/mesh_slices.hpp"
 #include "trace/mesh_tiles.hpp"
-#include "trace/posed_mesh.hpp"
 #include "trace/ray_block.hpp"
 #include "trace/scene.hpp"
 
@@ -152,7 +151,7 @@ class Tracer {
   EmbreeUse embree_use_;
   RayBlock block_;
   MeshRays mesh_rays_;       // for one mesh of a body
-  HitDetails mesh_details_;  // of these rays
+  HitDetails mesh_details_;  // hits of these rays
   Waiting for_everything_, for_triangles_;
 };
 

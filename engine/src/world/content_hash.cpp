@@ -1,5 +1,3 @@
-#include "world/content_hash.hpp"
-
 #include <array>
 #include <cstddef>
 #include <optional>
@@ -8,6 +6,7 @@
 #include <vector>
 
 #include "base/hash.hpp"
+#include "world/scene_description.hpp"
 
 namespace flockstep {
 namespace {

@@ -14,11 +14,11 @@
 #include "base/check_fields.hpp"
 #include "base/excerpt.hpp"
 #include "base/in_world.hpp"
+#include "base/indices.hpp"
 #include "base/interrupt.hpp"
 #include "base/require.hpp"
-#include "base/sort_unique.hpp"
-#include "world/gate_frame.hpp"
 #include "world/scene_keys.hpp"
+#include "world/tessellate.hpp"
 
 namespace flockstep {
 namespace {
@@ -388,7 +388,7 @@ void check_markers(const Markers& markers) {
 
 void check_bodies(std::vector<BodyConfig>& bodies) {
   require(bodies.size() <= kMaxBodies, "bodies", "at most " + std::to_string(kMaxBodies) + " of them", bodies.size());
-  constexpr std::string_view kPrefix = "body";  // of the messages of BodyConfig::validate()
+  constexpr std::string_view kPrefix = "body";  // with which messages of BodyConfig::validate() begin
   for (std::size_t i = 0; i < bodies.size(); ++i) {
     Interrupt::poll();
     try {

@@ -3,6 +3,7 @@
 
 #include <array>
 #include <cstddef>
+#include <cstdint>
 #include <span>
 #include <string>
 #include <vector>
@@ -83,5 +84,10 @@ void append_colors(std::span<const std::array<float, 3>> colors, std::size_t cou
 
 // Returns the smallest axis-aligned box around a primitive.
 Aabb bounds(const Primitive& primitive);
+
+// Hash that identifies worlds with the same content. Hashes every byte of every field except the scene's name, which affects
+// neither simulation nor rendering. Material names count, because programs look materials up by name. Expects the canonical form,
+// in which equivalent descriptions are equal.
+std::uint64_t content_hash(const SceneDescription& description);
 
 }  // namespace flockstep

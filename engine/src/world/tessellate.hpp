@@ -1,6 +1,8 @@
 // Converts all primitives to triangles, for pictures, exports and triangle-only tools.
 #pragma once
 
+#include <vector>
+
 #include "flockstep/world.hpp"
 
 namespace flockstep {
@@ -12,5 +14,12 @@ namespace flockstep {
 // Throws std::invalid_argument unless chord_error_m is at least 1e-6.
 TriangleMesh tessellate(const SceneDescription& description, float chord_error_m,
                         std::vector<std::int32_t>* all_objects = nullptr);
+
+// Appends the bars of a gate's frame. The whole opening stays free: a square of side Gate::size, or a circle of that diameter.
+void append_frame(const Gate& gate, std::vector<Primitive>& bars);
+
+// Returns the primitives of a canonical description and the frames of its gates, sorted by kind. Returns nothing if there are no
+// gates.
+std::vector<Primitive> with_frames(const SceneDescription& description);
 
 }  // namespace flockstep

@@ -6,8 +6,6 @@
 #include <utility>
 
 #include "base/platform.hpp"
-#include "world/content_hash.hpp"
-#include "world/gate_frame.hpp"
 #include "world/scene_description.hpp"
 #include "world/tessellate.hpp"
 

@@ -12,7 +12,7 @@
 #include "flockstep/generators.hpp"
 #include "flockstep/planning.hpp"
 #include "flockstep/raycast.hpp"
-#include "formats/obj.hpp"
+#include "formats/mesh_files.hpp"
 #include "formats/scene_json.hpp"
 
 namespace flockstep {

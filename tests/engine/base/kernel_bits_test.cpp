@@ -13,12 +13,12 @@
 #include <utility>
 #include <vector>
 
-#include "base/flush_denormals.hpp"
-#include "base/philox.hpp"
+#include "base/platform.hpp"
+#include "base/random.hpp"
 #include "batch_helpers.hpp"
 #include "prepared/prepared_world.hpp"
 #include "render/raycast/raycast_renderer.hpp"
-#include "tasks/ranges.hpp"
+#include "tasks/terms.hpp"
 #include "trace/ray_block.hpp"
 #include "trace/scene.hpp"
 #include "trace/tracer.hpp"

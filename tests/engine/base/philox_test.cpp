@@ -1,8 +1,8 @@
-#include "base/philox.hpp"
-
 #include <gtest/gtest.h>
 
 #include <cmath>
+
+#include "base/random.hpp"
 
 namespace flockstep {
 namespace {

@@ -1,5 +1,3 @@
-#include "base/sort_unique.hpp"
-
 #include <gtest/gtest.h>
 
 #include <cstdint>
@@ -7,6 +5,7 @@
 #include <set>
 #include <vector>
 
+#include "base/indices.hpp"
 #include "random.hpp"
 
 namespace flockstep {

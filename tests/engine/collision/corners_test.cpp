@@ -1,5 +1,3 @@
-#include "collision/corners.hpp"
-
 #include <gtest/gtest.h>
 
 #include <algorithm>

@@ -13,7 +13,7 @@
 #include <string>
 #include <vector>
 
-#include "formats/base64.hpp"
+#include "base/json_document.hpp"
 #include "formats/image.hpp"
 #include "refusal.hpp"
 

@@ -1,5 +1,3 @@
-#include "formats/gltf_writer.hpp"
-
 #include <gtest/gtest.h>
 
 #include <cmath>

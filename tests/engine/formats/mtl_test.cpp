@@ -1,5 +1,3 @@
-#include "formats/mtl.hpp"
-
 #include <gtest/gtest.h>
 
 #include <algorithm>
@@ -13,6 +11,7 @@
 
 #include "flockstep/world.hpp"
 #include "formats/image.hpp"
+#include "formats/mesh_files.hpp"
 #include "world/scene_description.hpp"
 
 namespace flockstep {

@@ -1,10 +1,10 @@
-#include "formats/obj.hpp"
-
 #include <gtest/gtest.h>
 
 #include <filesystem>
 #include <fstream>
 #include <string>
+
+#include "formats/mesh_files.hpp"
 
 namespace flockstep {
 namespace {

@@ -1,5 +1,3 @@
-#include "formats/ply.hpp"
-
 #include <gtest/gtest.h>
 
 #include <algorithm>
@@ -14,6 +12,7 @@
 #include <vector>
 
 #include "flockstep/world.hpp"
+#include "formats/mesh_files.hpp"
 #include "refusal.hpp"
 
 namespace flockstep {

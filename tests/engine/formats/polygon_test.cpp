@@ -1,5 +1,3 @@
-#include "formats/polygon.hpp"
-
 #include <gtest/gtest.h>
 
 #include <algorithm>
@@ -8,6 +6,8 @@
 #include <numbers>
 #include <random>
 #include <vector>
+
+#include "formats/mesh_files.hpp"
 
 namespace flockstep {
 namespace {

@@ -7,7 +7,7 @@
 #include <string>
 #include <vector>
 
-#include "formats/base64.hpp"
+#include "base/json_document.hpp"
 #include "formats/image.hpp"
 #include "formats/scene_json.hpp"
 #include "refusal.hpp"

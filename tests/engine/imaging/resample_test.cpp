@@ -11,7 +11,6 @@
 #include <vector>
 
 #include "allocation_counter.hpp"
-#include "imaging/hsv.hpp"
 #include "imaging/opencv.hpp"
 #include "random.hpp"
 

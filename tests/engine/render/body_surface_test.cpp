@@ -1,6 +1,4 @@
 // Bodies in camera images. A body must look like a solid of the world that stands at its place.
-#include "render/body_surface.hpp"
-
 #include <gtest/gtest.h>
 
 #include <algorithm>
@@ -26,6 +24,7 @@
 #include "flockstep/body.hpp"
 #include "prepared/prepared_world.hpp"
 #include "random.hpp"
+#include "render/appearance.hpp"
 #include "render/move_line.hpp"
 #include "render/pinhole_camera.hpp"
 #include "render/renderer.hpp"

@@ -12,7 +12,7 @@
 #include <utility>
 #include <vector>
 
-#include "base/flush_denormals.hpp"
+#include "base/platform.hpp"
 #include "batch_helpers.hpp"
 #include "flockstep/batch.hpp"
 #include "numbers.hpp"

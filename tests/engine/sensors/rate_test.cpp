@@ -1,5 +1,3 @@
-#include "sensors/rate.hpp"
-
 #include <gtest/gtest.h>
 
 #include <cmath>
@@ -13,6 +11,7 @@
 
 #include "batch_helpers.hpp"
 #include "flockstep/batch.hpp"
+#include "sensors/sensor.hpp"
 
 namespace flockstep {
 namespace {

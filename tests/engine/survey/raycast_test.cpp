@@ -11,7 +11,7 @@
 #include <random>
 #include <vector>
 
-#include "base/flush_denormals.hpp"
+#include "base/platform.hpp"
 #include "batch_helpers.hpp"
 #include "numbers.hpp"
 #include "prepared/prepared_world.hpp"

@@ -1,6 +1,4 @@
 // Searches among balls, linear and in slices, against brute force.
-#include "trace/ball_slices.hpp"
-
 #include <gtest/gtest.h>
 
 #include <algorithm>
@@ -14,6 +12,7 @@
 #include <vector>
 
 #include "random.hpp"
+#include "trace/near_balls.hpp"
 
 namespace flockstep::trace {
 namespace {

@@ -12,7 +12,7 @@
 #include <vector>
 
 #include "allocation_counter.hpp"
-#include "base/flush_denormals.hpp"
+#include "base/platform.hpp"
 #include "batch_helpers.hpp"
 #include "bundles.hpp"
 #include "numbers.hpp"

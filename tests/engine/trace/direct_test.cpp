@@ -14,7 +14,7 @@
 #include <utility>
 #include <vector>
 
-#include "base/flush_denormals.hpp"
+#include "base/platform.hpp"
 #include "batch_helpers.hpp"
 #include "bundles.hpp"
 #include "numbers.hpp"
@@ -22,7 +22,7 @@
 #include "prepared/prepared_world.hpp"
 #include "random.hpp"
 #include "ray_oracle.hpp"
-#include "tasks/ranges.hpp"
+#include "tasks/terms.hpp"
 #include "trace/calibrated.hpp"
 #include "trace/scene.hpp"
 #include "trace/tracer.hpp"

@@ -10,7 +10,7 @@
 #include <sstream>
 #include <vector>
 
-#include "base/flush_denormals.hpp"
+#include "base/platform.hpp"
 #include "bundles.hpp"
 #include "flockstep/drone_model.hpp"
 #include "hull_oracle.hpp"

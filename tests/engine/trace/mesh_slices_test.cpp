@@ -14,7 +14,7 @@
 #include <utility>
 #include <vector>
 
-#include "base/flush_denormals.hpp"
+#include "base/platform.hpp"
 #include "batch_helpers.hpp"
 #include "meshes.hpp"
 #include "numbers.hpp"

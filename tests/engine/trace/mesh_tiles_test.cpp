@@ -10,7 +10,7 @@
 #include <memory>
 #include <vector>
 
-#include "base/flush_denormals.hpp"
+#include "base/platform.hpp"
 #include "batch_helpers.hpp"
 #include "meshes.hpp"
 #include "numbers.hpp"

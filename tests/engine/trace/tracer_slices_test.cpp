@@ -16,7 +16,7 @@
 #include <utility>
 #include <vector>
 
-#include "base/flush_denormals.hpp"
+#include "base/platform.hpp"
 #include "batch_helpers.hpp"
 #include "meshes.hpp"
 #include "on_target.hpp"

@@ -15,7 +15,6 @@
 #include "flockstep/world.hpp"
 #include "flockstep/world_builder.hpp"
 #include "formats/gltf.hpp"
-#include "formats/gltf_writer.hpp"
 #include "prepared/prepared_world.hpp"
 #include "world/scene_description.hpp"
 

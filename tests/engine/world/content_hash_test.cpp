@@ -1,5 +1,3 @@
-#include "world/content_hash.hpp"
-
 #include <gtest/gtest.h>
 
 #include <cstddef>
@@ -8,6 +6,7 @@
 #include <vector>
 
 #include "batch_helpers.hpp"
+#include "world/scene_description.hpp"
 
 namespace flockstep {
 namespace {

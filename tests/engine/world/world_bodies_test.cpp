@@ -18,7 +18,7 @@
 #include "flockstep/world.hpp"
 #include "flockstep/world_builder.hpp"
 #include "refusal.hpp"
-#include "world/content_hash.hpp"
+#include "world/scene_description.hpp"
 
 namespace flockstep {
 namespace {

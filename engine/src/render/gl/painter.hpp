@@ -1,7 +1,9 @@
 // GlPainter: draws the views of many cameras into an atlas, with a few draw calls for all of them.
 #pragma once
 
+#include <algorithm>
 #include <array>
+#include <cstddef>
 #include <cstdint>
 #include <optional>
 #include <span>
@@ -9,15 +11,47 @@
 
 #include "render/appearance.hpp"
 #include "render/gl/atlas.hpp"
-#include "render/gl/bodies.hpp"
-#include "render/gl/caster_tree.hpp"
 #include "render/gl/model.hpp"
 #include "render/gl/objects.hpp"
 #include "render/gl/shaders.hpp"
-#include "render/gl/store.hpp"
 #include "render/gl/sun_grid.hpp"
 
 namespace flockstep::render {
+
+// GlStore: a buffer of equal elements that grows only at its end, and is cleared as a whole.
+template <class T>
+class GlStore {
+ public:
+  // Returns the index of the first appended element.
+  std::size_t append(std::span<const T> elements) {
+    const std::size_t first = size_;
+    if (size_ + elements.size() > capacity_) grow(size_ + elements.size());
+    if (!elements.empty()) {
+      glNamedBufferSubData(buffer_.name(), static_cast<GLintptr>(first * sizeof(T)),
+                           static_cast<GLsizeiptr>(elements.size_bytes()), elements.data());
+    }
+    size_ += elements.size();
+    return first;
+  }
+
+  void clear() { size_ = 0; }
+
+  std::size_t size() const { return size_; }
+  GLuint name() const { return buffer_.name(); }  // changes when the buffer grows; 0 while it is empty
+
+ private:
+  void grow(std::size_t needed) {
+    capacity_ = std::max(needed, size_ + size_ / 2);
+    GlBuffer larger = GlBuffer::make();
+    glNamedBufferStorage(larger.name(), static_cast<GLsizeiptr>(capacity_ * sizeof(T)), nullptr, GL_DYNAMIC_STORAGE_BIT);
+    if (size_ != 0) glCopyNamedBufferSubData(buffer_.name(), larger.name(), 0, 0, static_cast<GLsizeiptr>(size_ * sizeof(T)));
+    buffer_ = std::move(larger);
+  }
+
+  GlBuffer buffer_;
+  std::size_t size_ = 0;
+  std::size_t capacity_ = 0;
+};
 
 // The content of one tile of an atlas: the image of a camera, or a part of it.
 struct TileCamera {

@@ -8,8 +8,8 @@
 #include <vector>
 
 #include "base/platform.hpp"
-#include "render/gl/bodies.hpp"
-#include "render/gl/frame_writer.hpp"
+#include "render/gl/atlas.hpp"
+#include "render/gl/model.hpp"
 #include "render/gl/worker.hpp"
 
 namespace flockstep::render {

@@ -10,8 +10,6 @@
 #include <vector>
 
 #include "render/gl/atlas.hpp"
-#include "render/gl/bodies.hpp"
-#include "render/gl/caster_tree.hpp"
 #include "render/gl/model.hpp"
 #include "render/gl/painter.hpp"
 #include "render/gl/sun_grid.hpp"
@@ -43,7 +41,7 @@ struct GlTask {
   std::vector<GlModel> models;     // added first
   std::vector<GlModelGrid> grids;  // added after the models
   std::vector<GlModelTree> trees;  // added after the models
-  GlBodies bodies;                 // of the cameras' envs
+  GlBodies bodies;                 // bodies in the cameras' envs
   std::vector<TileCamera> cameras;
   std::vector<GlRound> rounds;
 };

@@ -5,7 +5,6 @@
 #include <limits>
 #include <span>
 
-#include "render/raycast/tile_writer.hpp"
 #include "trace/packets.hpp"
 
 namespace flockstep::render {

@@ -3,7 +3,6 @@
 
 #include <cstddef>
 
-#include "render/raycast/body_casters.hpp"
 #include "render/raycast/shaded_bodies.hpp"
 #include "render/raycast/shading.hpp"
 #include "render/render_request.hpp"
@@ -27,5 +26,8 @@ struct RaycastScratch {
 // Renders tiles [first, last) of the request's pinhole camera into its frame. The value of a pixel depends only on the
 // request.
 void render_tiles(const RenderRequest& request, std::size_t first, std::size_t last, RaycastScratch& scratch);
+
+// Writes the pixels of a tile into a frame, in the layout of the camera.
+void write_tile(const TilePixels& pixels, const PixelTile& tile, const CameraConfig& camera, const Frame& frame);
 
 }  // namespace flockstep::render

@@ -1,12 +1,51 @@
 #include "render/raycast/shaded_bodies.hpp"
 
 #include <algorithm>
+#include <cmath>
+#include <limits>
 
 #include "flockstep/body.hpp"
 #include "render/appearance.hpp"
 #include "trace/bodies.hpp"
 
 namespace flockstep::render {
+
+ShadedMesh::ShadedMesh(const BodySurface& surface, const Shading& world)
+    : world_(*surface.mesh), shading_(surface.shading), light_(world.light()), tables_(shading_->tables_of_body(world)) {
+  for (auto& lit_in : lit_in_) lit_in.resize(tables_.triangles.size());
+}
+
+bool ShadedMesh::fits(const BodySurface& surface, const Light& light) const {
+  return surface.shading == shading_ && light == light_;
+}
+
+void ShadedMesh::turn(const Mat3& to_local) {
+  if (!is_turned(to_local)) return;
+  to_local_ = to_local;
+  const auto turned = [&](const std::array<float, 3>& direction) -> std::array<float, 3> {
+    const Vec3 local = trace::rotated(to_local, {direction[0], direction[1], direction[2]});
+    return {local.x(), local.y(), local.z()};
+  };
+  tables_.light.sun_direction = turned(light_.sun_direction);
+  tables_.up = turned({0.0F, 0.0F, 1.0F});
+  ++generation_;
+}
+
+void ShadedMesh::light(std::span<const std::int32_t> triangles, bool shadows) {
+  for (const bool shaded : {false, true}) {
+    if (shaded && !shadows) break;
+    auto& lit_in = lit_in_[shaded ? 1 : 0];
+    missing_.clear();
+    for (const std::int32_t triangle : triangles) {
+      std::uint32_t& generation = lit_in[static_cast<std::size_t>(triangle)];
+      if (generation == generation_) continue;
+      generation = generation_;
+      missing_.push_back(triangle);
+    }
+    if (!missing_.empty()) shading_->light_triangles(tables_, missing_, shaded);
+  }
+}
+
 namespace {
 
 constexpr std::size_t kRamps = 16;   // ramps that are kept, unless a frame needs more
@@ -88,6 +127,53 @@ const std::int32_t* ShadedBodies::find_ramp(const Surface& surface) {
   }
   (*found)->frame = frame_;
   return (*found)->is_fine ? (*found)->entries.data() : nullptr;
+}
+
+void BodyCasters::begin(const trace::Bodies& bodies, const trace::Bodies& drones, const Vec3& to_sun) {
+  to_sun_ = to_sun;
+  casters_.clear();
+  meshes_.clear();
+  trace::append_shapes(bodies, casters_);
+  trace::append_meshes(bodies, meshes_);
+  trace::append_meshes(drones, meshes_);
+  above_.reserve(casters_.size());
+  meshes_above_.reserve(meshes_.size());
+}
+
+// The shadow reaches the box if a ray from the box's centre to the sun hits the caster's bounding box, widened by the box.
+bool BodyCasters::reaches(const Vec3& offset, const Vec3& half) const {
+  float enter = 0.0F;
+  float leave = std::numeric_limits<float>::max();
+  for (Eigen::Index axis = 0; axis < 3; ++axis) {
+    if (to_sun_[axis] == 0.0F) {
+      if (std::abs(offset[axis]) > half[axis]) leave = -1.0F;
+      continue;
+    }
+    const float low = (offset[axis] - half[axis]) / to_sun_[axis];
+    const float high = (offset[axis] + half[axis]) / to_sun_[axis];
+    enter = std::max(enter, std::min(low, high));
+    leave = std::min(leave, std::max(low, high));
+  }
+  return enter <= leave;
+}
+
+std::span<const trace::NumberedShape> BodyCasters::above(const Aabb& box) {
+  above_.clear();
+  const Vec3 center = 0.5F * (box.min + box.max), half = 0.5F * (box.max - box.min);
+  for (const trace::NumberedShape& caster : casters_) {
+    if (reaches(caster.shape.box_center - center, caster.shape.box_half + half)) above_.push_back(caster);
+  }
+  return above_;
+}
+
+std::span<const trace::PosedMesh> BodyCasters::meshes_above(const Aabb& box) {
+  meshes_above_.clear();
+  const Vec3 center = 0.5F * (box.min + box.max), half = 0.5F * (box.max - box.min);
+  for (const trace::PosedMesh& mesh : meshes_) {
+    const Vec3 reach = Vec3::Constant(mesh.radius * 1.0001F + 1e-5F * (1.0F + mesh.position.cwiseAbs().maxCoeff()));
+    if (reaches(mesh.position - center, reach + half)) meshes_above_.push_back(mesh);
+  }
+  return meshes_above_;
 }
 
 }  // namespace flockstep::render

@@ -9,15 +9,43 @@
 #include <span>
 #include <vector>
 
+#include "flockstep/pose.hpp"
 #include "flockstep/world.hpp"
-#include "render/body_surface.hpp"
-#include "render/raycast/shaded_mesh.hpp"
+#include "render/appearance.hpp"
 #include "render/raycast/shading.hpp"
-#include "trace/posed_mesh.hpp"
+#include "trace/bodies.hpp"
 #include "trace/ray_block.hpp"
 #include "trace/shape.hpp"
 
 namespace flockstep::render {
+
+// ShadedMesh: the colours of a mesh of a body, in the mesh's frame, in which the sun moves when the body turns.
+// Computes a triangle's colours when they are needed, and keeps them until the light or the body's rotation changes.
+class ShadedMesh {
+ public:
+  // surface: of a mesh. world: shading of the world that the body is in.
+  ShadedMesh(const BodySurface& surface, const Shading& world);
+
+  // Returns true if it has this mesh in this light; it may have another rotation.
+  bool fits(const BodySurface& surface, const Light& light) const;
+  bool is_turned(const Mat3& to_local) const { return to_local_ != to_local; }
+  // Forgets the colours if the rotation (world to body) is another one.
+  void turn(const Mat3& to_local);
+  // Makes sure that the colours of these triangles are known, in shade as well if `shadows`.
+  void light(std::span<const std::int32_t> triangles, bool shadows);
+
+  const Shading::Tables& tables() const { return tables_; }  // for rays in the mesh's frame
+
+ private:
+  std::shared_ptr<const World> world_;
+  const Shading* shading_;  // of world_
+  Light light_;             // world frame
+  Mat3 to_local_ = Mat3::Zero();
+  Shading::Tables tables_;
+  std::uint32_t generation_ = 0;
+  std::vector<std::uint32_t> lit_in_[2];  // by triangle, in the sun and in shade: generation of its colours
+  std::vector<std::int32_t> missing_;
+};
 
 // Each thread needs its own. A body is computed when the first ray of the frame hits it. Drones are numbered after the bodies.
 class ShadedBodies {
@@ -85,6 +113,26 @@ class ShadedBodies {
   std::vector<std::unique_ptr<Ramp>> ramps_;
   std::vector<KeptMesh> meshes_;
   std::vector<std::int32_t> seen_meshes_, taken_meshes_, triangles_;
+};
+
+// BodyCasters: the bodies and drones of one frame as casters of shadows.
+// Each thread needs its own.
+class BodyCasters {
+ public:
+  // Begins a frame. Allocates only if there are more bodies than ever before.
+  void begin(const trace::Bodies& bodies, const trace::Bodies& drones, const Vec3& to_sun);
+  bool empty() const { return casters_.empty() && meshes_.empty(); }
+  // Return at least those casters whose shadow reaches into the box, valid until the next call.
+  std::span<const trace::NumberedShape> above(const Aabb& box);
+  std::span<const trace::PosedMesh> meshes_above(const Aabb& box);
+
+ private:
+  // Returns whether the shadow of something in a box reaches into another box. half: of both together.
+  bool reaches(const Vec3& offset, const Vec3& half) const;
+
+  Vec3 to_sun_ = Vec3::UnitZ();
+  std::vector<trace::NumberedShape> casters_, above_;
+  std::vector<trace::PosedMesh> meshes_, meshes_above_;
 };
 
 }  // namespace flockstep::render

@@ -15,7 +15,7 @@
 #include <limits>
 #include <type_traits>
 
-#include "base/prefetch.hpp"
+#include "base/near_memory.hpp"
 #include "base/srgb.hpp"
 #include "base/wide-inl.hpp"
 #include "render/raycast/shaded_bodies.hpp"

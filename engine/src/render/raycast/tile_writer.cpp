@@ -1,4 +1,4 @@
-#include "render/raycast/tile_writer.hpp"
+#include "render/raycast/raycast_renderer.hpp"
 
 #undef HWY_TARGET_INCLUDE
 #define HWY_TARGET_INCLUDE "render/raycast/tile_writer.cpp"

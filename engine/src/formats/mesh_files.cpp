@@ -1,4 +1,4 @@
-#include "formats/mesh_scene.hpp"
+#include "formats/mesh_files.hpp"
 
 #include <algorithm>
 #include <array>
@@ -10,10 +10,7 @@
 #include "base/interrupt.hpp"
 #include "base/require.hpp"
 #include "formats/image.hpp"
-#include "formats/mtl.hpp"
-#include "formats/obj.hpp"
 #include "formats/placement.hpp"
-#include "formats/ply.hpp"
 #include "world/scene_description.hpp"
 
 namespace flockstep {
