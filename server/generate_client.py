@@ -3,14 +3,12 @@
 - ``protocol_pb2.py`` and its stub: the messages in flockstep.proto. The classes are made at run time from a description
   of the file, in a descriptor pool of their own: this needs only public functions of protobuf, works with every runtime
   since 4.22, and does not conflict with other packages. Code written by protoc is bound to the versions of its runtime.
-- ``sync_operations.py``: the operations for programs without asyncio, made from ``async_operations.py``.
 """
 
 from __future__ import annotations
 
 import argparse
 import base64
-import re
 import subprocess
 import sys
 import textwrap
@@ -33,7 +31,6 @@ def main() -> None:
     texts = {
         "protocol_pb2.py": messages(file),
         "protocol_pb2.pyi": stub(file),
-        "sync_operations.py": without_asyncio((CLIENT / "async_operations.py").read_text()),
     }
     stale = []
     for name, text in texts.items():
@@ -150,20 +147,6 @@ def python_type(field: FieldDescriptorProto) -> str:
     if field.type == F.TYPE_MESSAGE:
         return name
     return PYTHON_TYPES.get(name, "int")
-
-
-def without_asyncio(text: str) -> str:
-    """Return the operations as blocking calls."""
-    text = text.replace('"""\n', f' {NOTE}"""\n', 1)
-    for pattern, replacement in (
-        (r"\basync def\b", "def"),
-        (r"\bawait ", ""),
-        (r"\basync for\b", "for"),
-        (r"\bAsync(?=[A-Z])", ""),
-        (r", with asyncio\b", ""),
-    ):
-        text = re.sub(pattern, replacement, text)
-    return text
 
 
 if __name__ == "__main__":

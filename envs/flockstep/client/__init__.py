@@ -14,8 +14,8 @@ except ImportError as _error:
     raise type(_error)(_needed, name=_error.name) from _error
 
 from flockstep.client.async_client import AsyncClient, connect_async
-from flockstep.client.async_operations import AsyncDrone
 from flockstep.client.errors import ServerError
+from flockstep.client.operations import AsyncDrone, Drone
 from flockstep.client.results import (
     Angles,
     Boxes,
@@ -38,7 +38,6 @@ from flockstep.client.results import (
 )
 from flockstep.client.streams import AsyncStream, Stream
 from flockstep.client.sync_client import Client, connect
-from flockstep.client.sync_operations import Drone
 from flockstep.client.vector_env import RemoteVectorEnv
 
 __all__ = [

@@ -2,27 +2,35 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
-from typing import Any, Protocol, TypeVar
+from operator import index
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
+from flockstep._core import BodyConfig
 from flockstep.arrays import refuse_masked
 from flockstep.client import protocol_pb2 as pb
-from flockstep.client import readers
-from flockstep.client.bodies import RemoteBodies
-from flockstep.client.call import Call, given
+from flockstep.client.call import call, given
 from flockstep.client.errors import ServerError
 from flockstep.client.frames import Arrays, numpy_type
-
-T = TypeVar("T")
+from flockstep.client.operations import BlockingOperations
 
 _OBSERVATION, _FINAL_OBSERVATION = "observation", "final_observation"
 
 
-class _Caller(Protocol):
-    def __call__(self, call: Call[T]) -> T: ...
+@contextmanager
+def refusals() -> Iterator[None]:
+    """Raise ValueError for what the server refuses as a wrong value."""
+    try:
+        yield
+    except ServerError as error:
+        if error.code == "INVALID_ARGUMENT":
+            raise ValueError(str(error)) from error
+        raise
 
 
 @dataclass(frozen=True, eq=False)
@@ -65,20 +73,20 @@ class RemoteBatch:
         Its `RemoteBodies`.
     """
 
-    def __init__(self, call: _Caller) -> None:
-        self._call = call
-        self.task = call(Call(pb.Request(get_task=pb.GetTask()), "task", _task))
-        self.bodies = RemoteBodies(self._send)
+    def __init__(self, client: BlockingOperations) -> None:
+        self._client = client
+        self.task = client._call(call("get_task", "task", _task))
+        self.bodies = RemoteBodies(client)
         self._arrays: Arrays = {}
-        self._step = Call(pb.Request(step_envs=pb.StepEnvs()), "time", _arrays)  # sent by each step
+        self._step = call("step_envs", "time", _arrays)  # sent by each step
 
     def reset(self, seeds: npt.NDArray[np.uint64] | None = None, mask: npt.NDArray[np.bool_] | None = None) -> None:
         """Begin new episodes, with seeds (E,) or none, in the envs of the mask (E,) or in all.
 
         If the episodes of an env's drones end separately, the mask may be (N,) if there are no seeds.
         """
-        request = pb.Request(reset_envs=pb.ResetEnvs())
-        self._arrays = self._send(Call(request, "time", _arrays, given(seeds=seeds, mask=mask)))
+        with refusals():
+            self._arrays = self._client._call(call("reset_envs", "time", _arrays, given(seeds=seeds, mask=mask)))
 
     def step(self, actions: npt.ArrayLike) -> None:
         """Fly one step.
@@ -89,11 +97,12 @@ class RemoteBatch:
             Actions have a wrong shape or dtype, or are not finite; nothing has changed.
         """
         self._step.arrays = {"actions": self._actions(actions)}
-        self._arrays = self._send(self._step)
+        with refusals():
+            self._arrays = self._client._call(self._step)
 
     def snapshot(self) -> bytes:
         """Return everything that affects later steps."""
-        return self._call(Call(pb.Request(snapshot=pb.Snapshot()), "done", readers.snapshot))
+        return self._client.snapshot()
 
     def restore(self, blob: bytes) -> None:
         """Go back to a snapshot.
@@ -104,7 +113,8 @@ class RemoteBatch:
             The snapshot belongs to another configuration; nothing has changed.
         """
         arrays = {"snapshot": np.frombuffer(blob, np.uint8)}
-        self._arrays = self._send(Call(pb.Request(restore=pb.Restore()), "done", _arrays, arrays))
+        with refusals():
+            self._arrays = self._client._call(call("restore", "done", _arrays, arrays))
 
     def rows_of(self, indices: npt.NDArray[np.intp] | None) -> npt.NDArray[np.intp] | slice:
         """Return where the arrays of episodes have the rows ``indices``, whose episodes must have ended; None: all.
@@ -122,14 +132,6 @@ class RemoteBatch:
         if not np.isin(indices, ended).all():
             raise ValueError(f"indices: expected rows whose episodes have ended in the last step, got {indices}")
         return np.searchsorted(ended, indices)
-
-    def _send(self, call: Call[T]) -> T:
-        try:
-            return self._call(call)
-        except ServerError as error:
-            if error.code == "INVALID_ARGUMENT":
-                raise ValueError(str(error)) from error
-            raise
 
     def _actions(self, actions: npt.ArrayLike) -> npt.NDArray[Any]:
         field = self.task.action
@@ -215,6 +217,100 @@ class RemoteBatch:
     def episode_end(self) -> npt.NDArray[Any]:
         """Reasons (K,), values of `EpisodeEnd`."""
         return self._arrays["episode_end"]
+
+
+class RemoteBodies:
+    """The bodies of a server's batch: E envs of B slots, with the attributes and calls of `Bodies`.
+
+    Each access reads the attribute from the server. A call that the server refuses for a wrong value raises
+    `ValueError`.
+    """
+
+    def __init__(self, client: BlockingOperations) -> None:
+        self._client = client
+
+    def __len__(self) -> int:
+        return int(self.active.shape[1])
+
+    def spawn(
+        self,
+        body: BodyConfig,
+        position: npt.ArrayLike | None = None,
+        quat_wxyz: npt.ArrayLike | None = None,
+        velocity: npt.ArrayLike | None = None,
+        angular_velocity: npt.ArrayLike | None = None,
+        mask: npt.ArrayLike | None = None,
+    ) -> npt.NDArray[np.int64]:
+        """Put a body into the first free slot of each env. See `Bodies.spawn`."""
+        with refusals():
+            return self._client.spawn_bodies(body, position, quat_wxyz, velocity, angular_velocity, mask=mask)
+
+    def remove(self, mask: npt.ArrayLike | None = None) -> None:
+        """Remove bodies. See `Bodies.remove`."""
+        with refusals():
+            self._client.remove_bodies(mask)
+
+    def set_pose(
+        self,
+        position: npt.ArrayLike | None = None,
+        quat_wxyz: npt.ArrayLike | None = None,
+        mask: npt.ArrayLike | None = None,
+    ) -> None:
+        """Place bodies. See `Bodies.set_pose`."""
+        with refusals():
+            self._client.set_body_poses(position, quat_wxyz, mask=mask)
+
+    def set_velocity(
+        self,
+        velocity: npt.ArrayLike | None = None,
+        angular_velocity: npt.ArrayLike | None = None,
+        mask: npt.ArrayLike | None = None,
+    ) -> None:
+        """Set the velocities of bodies. See `Bodies.set_velocity`."""
+        with refusals():
+            self._client.set_body_velocities(velocity, angular_velocity, mask=mask)
+
+    def config(self, env: int, body: int) -> BodyConfig | None:
+        """Return the configuration of a body, or None if the slot is free."""
+        with refusals():
+            (configs,) = self._client.get_body_configs([env])
+        if not 0 <= index(body) < len(configs):
+            raise ValueError(f"body: expected an integer in [0, {len(configs)}), got {body}")
+        return configs[index(body)]
+
+    def _array(self, name: str) -> npt.NDArray[Any]:
+        with refusals():
+            return self._client.get_arrays([f"body_{name}"])[f"body_{name}"]
+
+    @property
+    def active(self) -> npt.NDArray[np.bool_]:
+        """Flags (E, B): the slot holds a body."""
+        return self._array("active")
+
+    @property
+    def position(self) -> npt.NDArray[np.float32]:
+        """Positions (E, B, 3) m, world frame."""
+        return self._array("position")
+
+    @property
+    def quat_wxyz(self) -> npt.NDArray[np.float32]:
+        """Rotations (E, B, 4) from body to world."""
+        return self._array("quat_wxyz")
+
+    @property
+    def velocity(self) -> npt.NDArray[np.float32]:
+        """Velocities (E, B, 3) m/s, world frame."""
+        return self._array("velocity")
+
+    @property
+    def angular_velocity(self) -> npt.NDArray[np.float32]:
+        """Angular velocities (E, B, 3) rad/s, body frame."""
+        return self._array("angular_velocity")
+
+    @property
+    def scripted(self) -> npt.NDArray[np.bool_]:
+        """Flags (E, B): the body's script moves it."""
+        return self._array("scripted")
 
 
 def _arrays(reply: pb.Reply, arrays: Arrays) -> Arrays:
