@@ -29,6 +29,7 @@ export_only(flockstep cmake/library.map)
 # The client depends on nothing of the engine, and its header on no other library's.
 file(GLOB client_sources CONFIGURE_DEPENDS server/src/client/*.cpp)
 add_library(flockstep_client SHARED ${client_sources} $<TARGET_OBJECTS:flockstep_protocol>)
+add_dependencies(flockstep_client flockstep_messages)
 add_library(flockstep::client ALIAS flockstep_client)
 set_target_properties(flockstep_client PROPERTIES VERSION ${PROJECT_VERSION} SOVERSION ${PROJECT_VERSION} EXPORT_NAME client
                                                   INSTALL_RPATH_USE_LINK_PATH ON)
@@ -36,7 +37,7 @@ target_compile_features(flockstep_client PUBLIC cxx_std_20)
 target_include_directories(flockstep_client PUBLIC $<BUILD_INTERFACE:${CMAKE_CURRENT_SOURCE_DIR}/server/include>
                                                    $<BUILD_INTERFACE:${CMAKE_CURRENT_SOURCE_DIR}/engine/include>
                                                    $<INSTALL_INTERFACE:${CMAKE_INSTALL_INCLUDEDIR}>
-                                            PRIVATE server/src)
+                                            PRIVATE server/src ${generated})
 target_link_libraries(flockstep_client PRIVATE flockstep_options flockstep_network)
 export_only(flockstep_client cmake/client.map)
 

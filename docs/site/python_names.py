@@ -66,7 +66,7 @@ def copy_package(app: Sphinx) -> None:
 
 
 def in_both_forms(text: str) -> str:
-    """Return the module of the client's operations with a class for each form, as `flockstep.client.forms` makes them."""
+    """Return the module of operations with a class for each form, as `flockstep.client.forms` makes them."""
     text = re.sub(r"(?<=-> )(?:Call|Subscription)\[(.+)\](?=:\n)", r"\1", text)
     for name in ("Operations", "DroneOperations"):
         listed = re.search(rf"^class {name}\b.*?(?=^\S)", text[text.index(f"class {name}") :], re.M | re.S)

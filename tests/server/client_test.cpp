@@ -15,6 +15,7 @@
 #include <cstdio>
 #include <filesystem>
 #include <memory>
+#include <nlohmann/json.hpp>
 #include <optional>
 #include <span>
 #include <stdexcept>
@@ -28,6 +29,7 @@
 #include "flockstep/survey.hpp"
 #include "flockstep/tasks.hpp"
 #include "flockstep/version.hpp"
+#include "recipe/config_json.hpp"
 
 namespace flockstep {
 namespace {
@@ -41,6 +43,13 @@ using client::later;
 using client::Vector3;
 
 constexpr std::array<const char*, 1> kPosition{"position"};
+
+template <class Config>
+Config config_of(const std::string& fields) {
+  Config config;
+  read_config(nlohmann::json::parse(fields), "", config);
+  return config;
+}
 
 std::shared_ptr<const World> room() {
   return testing::make_world({testing::primitive(PrimitiveKind::room, {0, 0, 2}, {5, 4, 2}),
@@ -207,15 +216,15 @@ TEST(Client, ScansWithTheLidar) {
   EXPECT_EQ(error_of([&] { static_cast<void>(bare.points()); }).code(), ErrorCode::invalid_argument);
 
   drone.set_lidar_config(
-      {.channels = 3, .beams = 5, .hfov_deg = 90, .vfov_deg = 30, .max_range_m = 1, .offset_m = Vector3{0, 0, 0.5F}});
-  const client::LidarConfig config = drone.get_lidar_config();
+      R"({"channels": 3, "beams": 5, "hfov_deg": 90, "vfov_deg": 30, "max_range_m": 1, "offset_m": [0, 0, 0.5]})");
+  const auto config = config_of<LidarConfig>(drone.get_lidar_config());
   EXPECT_EQ(config.channels, 3);
   EXPECT_EQ(config.beams, 5);
   EXPECT_EQ(config.hfov_deg, 90.0F);
   EXPECT_EQ(config.vfov_deg, 30.0F);
   EXPECT_EQ(config.max_range_m, 1.0F);
   EXPECT_EQ(config.offset_m, (Vector3{0, 0, 0.5F}));
-  EXPECT_EQ(config.rotation, (client::Quaternion{1, 0, 0, 0}));
+  EXPECT_EQ(config.quat_wxyz, (client::Quaternion{1, 0, 0, 0}));
   const client::LidarData other = drone.get_lidar_data();
   EXPECT_EQ(other.channels, 3);
   EXPECT_EQ(other.ranges.size(), 15U);
@@ -250,12 +259,12 @@ TEST(Client, TakesPictures) {
   drone.set_move_line_visible(true);
   EXPECT_TRUE(drone.get_move_line_visible());
 
-  drone.set_camera_config({.width_px = 16, .height_px = 12, .hfov_deg = 60});
-  const client::CameraConfig config = drone.get_camera_config();
+  drone.set_camera_config(R"({"width_px": 16, "height_px": 12, "hfov_deg": 60})");
+  const auto config = config_of<CameraConfig>(drone.get_camera_config());
   EXPECT_EQ(config.width_px, 16);
   EXPECT_EQ(config.height_px, 12);
   EXPECT_NEAR(config.hfov_deg.value(), 60, 1e-4);
-  EXPECT_EQ(config.outputs, (std::vector<std::string>{"rgb", "depth"}));
+  EXPECT_TRUE(config.outputs.rgb && config.outputs.depth && !config.outputs.normal);
   EXPECT_EQ(drone.get_camera_data().width_px, 16);
 }
 
@@ -445,22 +454,24 @@ TEST(Client, ReadsWorlds) {
   const client::Boxes boxes = simulation.get_boxes();
   EXPECT_EQ(boxes.materials, objects(world).materials);
 
-  simulation.set_light({.sun_direction = Vector3{0, 0, 1}, .sun_color = Vector3{0.5F, 0.25F, 0}});
-  const client::Light light = simulation.get_light();
+  simulation.set_light(R"({"sun_direction": [0, 0, 1], "sun_color": [0.5, 0.25, 0]})");
+  const auto light = config_of<Light>(simulation.get_light());
   EXPECT_EQ(light.sun_direction, (Vector3{0, 0, 1}));
   EXPECT_EQ(light.sun_color, (Vector3{0.5F, 0.25F, 0}));
   EXPECT_EQ(light.sky_ambient, world.light().sky_ambient);
   EXPECT_EQ(light.gamma, world.light().gamma);
-  simulation.set_env_lights(std::array<std::int64_t, 1>{1}, client::Light{.sun_glow = 0.25F, .fog_visibility_m = 16.0F});
-  EXPECT_EQ(simulation.get_env_light(1).fog_visibility_m, 16.0F);
-  EXPECT_EQ(simulation.get_env_light(1).sun_glow, 0.25F);
-  EXPECT_EQ(simulation.get_env_light(1).sun_color, light.sun_color);
-  EXPECT_EQ(simulation.get_env_light(0).fog_visibility_m, 0.0F);
-  EXPECT_EQ(error_of([&] { simulation.set_env_lights(std::array<std::int64_t, 1>{9}, light); }).code(), ErrorCode::not_found);
+  simulation.set_env_lights(std::array<std::int64_t, 1>{1}, R"({"sun_glow": 0.25, "fog_visibility_m": 16})");
+  EXPECT_EQ(config_of<Light>(simulation.get_env_light(1)).fog_visibility_m, 16.0F);
+  EXPECT_EQ(config_of<Light>(simulation.get_env_light(1)).sun_glow, 0.25F);
+  EXPECT_EQ(config_of<Light>(simulation.get_env_light(1)).sun_color, light.sun_color);
+  EXPECT_EQ(config_of<Light>(simulation.get_env_light(0)).fog_visibility_m, 0.0F);
+  EXPECT_EQ(error_of([&] { simulation.set_env_lights(std::array<std::int64_t, 1>{9}, R"({"gamma": 2})"); }).code(),
+            ErrorCode::not_found);
   EXPECT_EQ(error_of([&] { static_cast<void>(simulation.get_env_light(-1)); }).code(), ErrorCode::not_found);
-  EXPECT_THROW(simulation.set_env_lights({}, light), std::invalid_argument);
-  simulation.set_env_lights(std::array<std::int64_t, 1>{1}, std::nullopt);
-  EXPECT_EQ(simulation.get_env_light(1).fog_visibility_m, 0.0F);
+  EXPECT_EQ(error_of([&] { simulation.set_env_lights({}, R"({"gamma": 2})"); }).code(), ErrorCode::invalid_argument);
+  EXPECT_EQ(error_of([&] { simulation.set_light(R"({"sun": 2})"); }).code(), ErrorCode::invalid_argument);
+  simulation.set_env_lights(std::array<std::int64_t, 1>{1}, "");
+  EXPECT_EQ(config_of<Light>(simulation.get_env_light(1)).fog_visibility_m, 0.0F);
 
   simulation.set_world(1, 1);
   EXPECT_EQ(simulation.get_array("world_index").values<std::int32_t>("world_index")[1], 1);

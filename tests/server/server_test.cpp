@@ -113,7 +113,8 @@ std::vector<std::pair<std::string, Operation>> operations() {
       {"Sense", operation([](const Connection& to) { return GameModeController(to).sense(later); })},
       {"Step", operation([](const Connection& to) { return GameModeController(to).step(later); })},
       {"Snapshot", operation([](const Connection& to) { return GameModeController(to).snapshot(later); })},
-      {"SetLidarConfig", operation([=](const Connection& to) { return drone(to).set_lidar_config(later, {.hfov_deg = 90.0F}); })},
+      {"SetLidarConfig",
+       operation([=](const Connection& to) { return drone(to).set_lidar_config(later, R"({"hfov_deg": 90})"); })},
   };
 }
 

@@ -13,7 +13,7 @@ from flockstep.client.call import Call, Subscription, hello, unsubscription
 from flockstep.client.forms import Awaits
 from flockstep.client.frames import Arrays, decode, encode
 from flockstep.client.operations import AsyncDrone, Operations
-from flockstep.client.protocol_pb2 import Reply
+from flockstep.client.protocol import Reply
 from flockstep.client.session import Session
 from flockstep.client.streams import AsyncStream
 from flockstep.client.sync_client import RETRY_S, connection_error

@@ -14,13 +14,13 @@ import numpy.typing as npt
 from flockstep.arrays import refuse_masked
 from flockstep.client.errors import ServerError
 from flockstep.client.frames import Arrays
-from flockstep.client.protocol_pb2 import Code, Hello, Reply, Request, Subscribe, Unsubscribe
+from flockstep.client.protocol import RESULTS, Code, Reply, Request, Subscribe
 from flockstep.client.readers import server_info
 from flockstep.client.results import ServerInfo
 
 T = TypeVar("T")
 
-PROTOCOL = 1  # version
+PROTOCOL = 2  # version
 
 
 def nothing(reply: Reply, arrays: Arrays) -> None:
@@ -69,7 +69,6 @@ class Call(Generic[T]):
 
 def call(
     operation: str,
-    result: str,
     read: Callable[[Reply, Arrays], T],
     arrays: Mapping[str, npt.NDArray[Any]] | None = None,
     /,
@@ -77,7 +76,7 @@ def call(
 ) -> Call[T]:
     """Return the call of an operation by its name, with the fields of its message that are not None."""
     request: dict[str, Any] = {operation: given(**fields)}
-    return Call(Request(**request), result, read, arrays or {})
+    return Call(Request(**request), RESULTS[operation], read, arrays or {})
 
 
 @dataclass(slots=True)
@@ -164,12 +163,11 @@ def given(**values: Any) -> dict[str, Any]:
 
 def unsubscription(stream: int) -> Call[None]:
     """Return the call that ends a subscription."""
-    return Call(Request(unsubscribe=Unsubscribe(stream=stream)), "done", nothing)
+    return call("unsubscribe", nothing, stream=stream)
 
 
 def hello(token: str) -> Call[ServerInfo]:
     """Return the first call of a session."""
-    request = Request(hello=Hello(protocol=PROTOCOL, token=token, client="flockstep for Python"))
 
     def welcome(reply: Reply, arrays: Arrays) -> ServerInfo:
         if reply.welcome.protocol != PROTOCOL:
@@ -181,4 +179,4 @@ def hello(token: str) -> Call[ServerInfo]:
             )
         return server_info(reply, arrays)
 
-    return Call(request, "welcome", welcome)
+    return call("hello", welcome, protocol=PROTOCOL, token=token, client="flockstep for Python")

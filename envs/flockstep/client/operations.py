@@ -9,24 +9,21 @@ from typing import Any, Generic, Literal, TypeAlias, TypeVar
 import numpy as np
 import numpy.typing as npt
 
-from flockstep._core import BodyConfig
-from flockstep.client import protocol_pb2 as pb
+from flockstep._core import BodyConfig, CameraConfig, LidarConfig, Light
+from flockstep.client import protocol as pb
 from flockstep.client import readers
 from flockstep.client.call import Call, Subscription, call, choice, finite, flags, floats, given, nothing
-from flockstep.client.configs import body_configs, body_json
+from flockstep.client.configs import body_configs, body_json, change_json, config_of
 from flockstep.client.forms import Awaits, Waits, operation, stream
 from flockstep.client.results import (
     Angles,
     Boxes,
     CameraData,
-    CameraSettings,
     CaptureMode,
     Fps,
     Impact,
     Impacts,
     LidarData,
-    LidarSettings,
-    LightSettings,
     Mesh,
     PointCloud,
     Rotation,
@@ -63,7 +60,7 @@ class Operations(Generic[_Drone]):
     @operation
     def ping(self) -> Call[None]:
         """Wait for an empty answer, to test the connection."""
-        return call("ping", "done", nothing)
+        return call("ping", nothing)
 
     @operation
     def claim(self, drones: Iterable[int]) -> Call[None]:
@@ -76,12 +73,12 @@ class Operations(Generic[_Drone]):
         ServerError
             ``"PERMISSION_DENIED"``: another client has claimed one of them; none is claimed.
         """
-        return call("claim", "done", nothing, drones=map(index, drones))
+        return call("claim", nothing, drones=map(index, drones))
 
     @operation
     def release(self, drones: Iterable[int]) -> Call[None]:
         """End this client's claims of drones; others are ignored."""
-        return call("release", "done", nothing, drones=map(index, drones))
+        return call("release", nothing, drones=map(index, drones))
 
     # --- the simulation
 
@@ -92,7 +89,7 @@ class Operations(Generic[_Drone]):
     @operation
     def get_drones(self) -> Call[list[_Drone]]:
         """Return the active drones, with their env and owner."""
-        return call("get_drones", "drones", lambda reply, arrays: [*map(self._handle_of, reply.drones.drones)])
+        return call("get_drones", lambda reply, arrays: [*map(self._handle_of, reply.drones.drones)])
 
     @operation
     def spawn_drone(
@@ -119,7 +116,6 @@ class Operations(Generic[_Drone]):
         """
         return call(
             "spawn_drone",
-            "drone",
             lambda reply, arrays: self._handle_of(reply.drone),
             location=None if location is None else _vector("location", location),
             rotation=None if quat_wxyz is None else _quaternion("quat_wxyz", quat_wxyz),
@@ -130,12 +126,12 @@ class Operations(Generic[_Drone]):
     @operation
     def remove_drone(self, drone: int) -> Call[None]:
         """Remove a drone: the simulation skips it, and its index may be given to a new one."""
-        return call("remove_drone", "done", nothing, drone=index(drone))
+        return call("remove_drone", nothing, drone=index(drone))
 
     @operation
     def get_camera_capture_mode(self, camera: str = "") -> Call[CaptureMode]:
         """Return when a camera renders. Default: the only camera."""
-        return call("get_camera_capture_mode", "capture_mode", readers.capture_mode, camera=camera)
+        return call("get_camera_capture_mode", readers.capture_mode, camera=camera)
 
     @operation
     def set_camera_capture_mode(self, mode: CaptureMode, camera: str = "") -> Call[None]:
@@ -148,9 +144,7 @@ class Operations(Generic[_Drone]):
         camera
             Name of the camera. Default: the only camera.
         """
-        return call(
-            "set_camera_capture_mode", "done", nothing, camera=camera, mode=choice("mode", mode, pb.CaptureModeName)
-        )
+        return call("set_camera_capture_mode", nothing, camera=camera, mode=choice("mode", mode, pb.CaptureModeName))
 
     @operation
     def get_fps(self) -> Call[Fps]:
@@ -158,63 +152,33 @@ class Operations(Generic[_Drone]):
         return _get_fps()
 
     @operation
-    def set_lidar_config(
-        self,
-        lidar: str = "",
-        *,
-        channels: int | None = None,
-        beams: int | None = None,
-        hfov_deg: float | None = None,
-        vfov_deg: float | None = None,
-        max_range_m: float | None = None,
-        offset_m: npt.ArrayLike | None = None,
-        quat_wxyz: npt.ArrayLike | None = None,
-    ) -> Call[None]:
-        """Change a LiDAR of all drones. See `LidarSettings`; what is not given stays unchanged.
+    def set_lidar_config(self, /, lidar: str = "", **fields: Any) -> Call[None]:
+        """Change a LiDAR of all drones.
 
         Parameters
         ----------
         lidar
             Name of the LiDAR. Default: the first.
-        channels, beams
-            Rows and columns of the scan. They change the shapes of arrays.
-        hfov_deg, vfov_deg
-            Horizontal and vertical field of view in degrees.
-        max_range_m
-            Range in m.
-        offset_m, quat_wxyz
-            Pose of the sensor in the body frame: (3,) m and (4,).
+        **fields
+            Fields of `LidarConfig` that change: ``channels``, ``beams``, ``hfov_deg``, ``vfov_deg``, ``max_range_m``,
+            ``offset_m``, ``quat_wxyz``. ``channels`` and ``beams`` change the shapes of arrays.
         """
-        config = _lidar_config(channels, beams, hfov_deg, vfov_deg, max_range_m, offset_m, quat_wxyz)
-        return _set_lidar_config(_ALL, lidar, config)
+        return _set_lidar_config(_ALL, lidar, fields)
 
     @operation
-    def set_camera_config(
-        self,
-        camera: str = "",
-        *,
-        width_px: int | None = None,
-        height_px: int | None = None,
-        hfov_deg: float | None = None,
-        vfov_deg: float | None = None,
-        offset_m: npt.ArrayLike | None = None,
-        quat_wxyz: npt.ArrayLike | None = None,
-    ) -> Call[None]:
-        """Change a camera of all drones. See `CameraSettings`; what is not given stays unchanged.
+    def set_camera_config(self, /, camera: str = "", **fields: Any) -> Call[None]:
+        """Change a camera of all drones.
 
         Parameters
         ----------
         camera
             Name of the camera. Default: the only camera.
-        width_px, height_px
-            Size in pixels. They change the shapes of arrays.
-        hfov_deg, vfov_deg
-            Field of view in degrees. If one is given, the other is set for square pixels.
-        offset_m, quat_wxyz
-            Pose of the sensor in the body frame: (3,) m and (4,).
+        **fields
+            Fields of `CameraConfig` that change: ``width_px``, ``height_px``, ``hfov_deg``, ``vfov_deg``, ``offset_m``,
+            ``quat_wxyz``. ``width_px`` and ``height_px`` change the shapes of arrays. If one field of view is given,
+            the other is set for square pixels.
         """
-        config = _camera_config(width_px, height_px, hfov_deg, vfov_deg, offset_m, quat_wxyz)
-        return _set_camera_config(_ALL, camera, config)
+        return _set_camera_config(_ALL, camera, fields)
 
     # --- many drones at once
 
@@ -258,7 +222,7 @@ class Operations(Generic[_Drone]):
             quat_wxyz=floats("quat_wxyz", quat_wxyz, -1, 4),
             mask=flags("mask", mask),
         )
-        return call("set_poses", "time", readers.impacts, arrays, teleport=teleport)
+        return call("set_poses", readers.impacts, arrays, teleport=teleport)
 
     @operation
     def fly(
@@ -278,7 +242,7 @@ class Operations(Generic[_Drone]):
             (N,) bool: the drones to fly. Default: all.
         """
         arrays = given(command=floats("command", command, -1, 4), mask=flags("mask", mask))
-        return call("fly", "time", readers.time, arrays, ticks=index(ticks), control=control)
+        return call("fly", readers.time, arrays, ticks=index(ticks), control=control)
 
     @operation
     def set_command(
@@ -286,7 +250,7 @@ class Operations(Generic[_Drone]):
     ) -> Call[None]:
         """Set the commands (N, 4) that later steps fly. See `fly` for the parameters."""
         arrays = given(command=floats("command", command, -1, 4), mask=flags("mask", mask))
-        return call("set_command", "done", nothing, arrays, control=control)
+        return call("set_command", nothing, arrays, control=control)
 
     # --- bodies of many envs at once
 
@@ -327,12 +291,12 @@ class Operations(Generic[_Drone]):
             angular_velocity=floats("angular_velocity", angular_velocity, -1, 3),
             mask=flags("mask", mask, "E", "B"),
         )
-        return call("spawn_bodies", "time", lambda reply, arrays: arrays["slot"], arrays, config_json=body_json(body))
+        return call("spawn_bodies", lambda reply, arrays: arrays["slot"], arrays, config_json=body_json(body))
 
     @operation
     def remove_bodies(self, mask: npt.ArrayLike | None = None) -> Call[Time]:
         """Remove bodies until the next episode: those of the mask (E, B), or all of the envs of a mask (E,), or all."""
-        return call("remove_bodies", "time", readers.time, given(mask=flags("mask", mask, "E", "B")))
+        return call("remove_bodies", readers.time, given(mask=flags("mask", mask, "E", "B")))
 
     @operation
     def set_body_poses(
@@ -356,7 +320,7 @@ class Operations(Generic[_Drone]):
             quat_wxyz=floats("quat_wxyz", quat_wxyz, -1, -1, 4),
             mask=flags("mask", mask, "E", "B"),
         )
-        return call("set_body_poses", "time", readers.time, arrays)
+        return call("set_body_poses", readers.time, arrays)
 
     @operation
     def set_body_velocities(
@@ -380,7 +344,7 @@ class Operations(Generic[_Drone]):
             angular_velocity=floats("angular_velocity", angular_velocity, -1, -1, 3),
             mask=flags("mask", mask, "E", "B"),
         )
-        return call("set_body_velocities", "time", readers.time, arrays)
+        return call("set_body_velocities", readers.time, arrays)
 
     @operation
     def get_body_configs(self, envs: Iterable[int] | None = None) -> Call[list[list[BodyConfig | None]]]:
@@ -394,7 +358,7 @@ class Operations(Generic[_Drone]):
         indices = None if envs is None else [*map(index, envs)]
         if indices == []:
             raise ValueError("envs: expected at least one index, got none")
-        return call("get_body_configs", "body_configs", body_configs, envs=indices)
+        return call("get_body_configs", body_configs, envs=indices)
 
     # --- time
 
@@ -404,12 +368,12 @@ class Operations(Generic[_Drone]):
 
         In lockstep, the step waits until every member has asked for it.
         """
-        return call("step", "time", readers.time)
+        return call("step", readers.time)
 
     @operation
     def set_clock(self, rate_hz: float) -> Call[Time]:
         """Let the server step at this rate of wall time, in Hz; 0: time stands still between the steps of clients."""
-        return call("set_clock", "time", readers.time, rate_hz=rate_hz)
+        return call("set_clock", readers.time, rate_hz=rate_hz)
 
     @operation
     def join_lockstep(self) -> Call[Time]:
@@ -418,64 +382,49 @@ class Operations(Generic[_Drone]):
         `step` may then wait for longer than ``timeout_s`` of `connect`. A member for whose `step` the others have
         waited for ``lockstep_timeout_s`` of the server leaves the lockstep; its next `step` raises `ServerError`.
         """
-        return call("join_lockstep", "time", readers.time)
+        return call("join_lockstep", readers.time)
 
     @operation
     def leave_lockstep(self) -> Call[None]:
         """Leave the lockstep. The end of the connection does the same."""
-        return call("leave_lockstep", "done", nothing)
+        return call("leave_lockstep", nothing)
 
     @operation
     def sense(self) -> Call[Time]:
         """Read all sensors now."""
-        return call("sense", "time", readers.time)
+        return call("sense", readers.time)
 
     @operation
     def snapshot(self) -> Call[bytes]:
         """Return everything that affects later steps."""
-        return call("snapshot", "done", readers.snapshot)
+        return call("snapshot", readers.snapshot)
 
     @operation
     def restore(self, snapshot: bytes) -> Call[None]:
         """Go back to a snapshot."""
         arrays = {"snapshot": np.frombuffer(snapshot, np.uint8)}
-        return call("restore", "done", nothing, arrays)
+        return call("restore", nothing, arrays)
 
     # --- worlds
 
     @operation
     def get_worlds(self) -> Call[list[WorldInfo]]:
         """Return the worlds that the server was started with."""
-        return call("get_worlds", "worlds", readers.worlds)
+        return call("get_worlds", readers.worlds)
 
     @operation
     def set_world(self, env: int, world: int) -> Call[None]:
         """Put an env into another world. Its drones keep their poses."""
-        return call("set_world", "done", nothing, env=index(env), world=index(world))
+        return call("set_world", nothing, env=index(env), world=index(world))
 
     @operation
-    def get_light(self, world: int = 0, *, env: int | None = None) -> Call[LightSettings]:
+    def get_light(self, world: int = 0, *, env: int | None = None) -> Call[Light]:
         """Return the light of an env, or without one that of a world."""
         of = {"world": index(world)} if env is None else {"env": index(env)}
-        return call("get_light", "light", readers.light, **of)
+        return call("get_light", config_of(Light), **of)
 
     @operation
-    def set_light(
-        self,
-        world: int = 0,
-        *,
-        envs: Iterable[int] | None = None,
-        sun_direction: npt.ArrayLike | None = None,
-        sun_color: npt.ArrayLike | None = None,
-        sky_ambient: npt.ArrayLike | None = None,
-        ground_ambient: npt.ArrayLike | None = None,
-        zenith_color: npt.ArrayLike | None = None,
-        horizon_color: npt.ArrayLike | None = None,
-        gamma: float | None = None,
-        sun_radius_deg: float | None = None,
-        sun_glow: float | None = None,
-        fog_visibility_m: float | None = None,
-    ) -> Call[None]:
+    def set_light(self, /, world: int = 0, *, envs: Iterable[int] | None = None, **fields: Any) -> Call[None]:
         """Change the light of some envs, or that of a world, for all envs in it that have no light of their own.
 
         Parameters
@@ -485,57 +434,29 @@ class Operations(Generic[_Drone]):
         envs
             Indices of the envs, whose lights change. If nothing else is given, they show the lights of their worlds
             again. Default: the light of the world changes.
-        sun_direction
-            Direction towards the sun, (3,), world frame. Default here and below: unchanged.
-        sun_color
-            Colour of the sun, linear RGB (3,), like the other colours.
-        sky_ambient, ground_ambient
-            Ambient light from above and from below.
-        zenith_color, horizon_color
-            Colours of the sky.
-        gamma
-            Exponent of written colours.
-        sun_radius_deg
-            Radius of the sun's disc in the sky; 0: no disc.
-        sun_glow
-            Share of the sun's colour in the sky next to it.
-        fog_visibility_m
-            Distance at which fog leaves 2 % of a surface's contrast; 0: no fog.
+        **fields
+            Fields of `Light` that change.
         """
-        colors = given(
-            sun_direction=sun_direction,
-            sun_color=sun_color,
-            sky_ambient=sky_ambient,
-            ground_ambient=ground_ambient,
-            zenith_color=zenith_color,
-            horizon_color=horizon_color,
-        )
-        numbers = given(
-            gamma=gamma, sun_radius_deg=sun_radius_deg, sun_glow=sun_glow, fog_visibility_m=fog_visibility_m
-        )
-        fields: dict[str, Any] = {name: _vector(name, value) for name, value in colors.items()}
-        fields |= {name: finite(name, [value], 1)[0] for name, value in numbers.items()}
-        light = pb.Light(**fields)
-        chosen = [] if envs is None else [index(env) for env in envs]
-        if envs is not None and not chosen:
+        chosen = None if envs is None else [*map(index, envs)]
+        if chosen == []:
             raise ValueError("envs: expected at least one index, got none")
-        to: dict[str, Any] = {"envs": chosen} if chosen else {"world": index(world)}
-        return call("set_light", "done", nothing, light=light if fields or not chosen else None, **to)
+        of: dict[str, Any] = {"envs": chosen} if chosen else {"world": index(world)}
+        return call("set_light", nothing, config_json=change_json(Light, fields), **of)
 
     @operation
     def get_mesh(self, world: int = 0) -> Call[Mesh]:
         """Return the geometry of a world as triangles."""
-        return call("get_mesh", "done", readers.mesh, world=index(world))
+        return call("get_mesh", readers.mesh, world=index(world))
 
     @operation
     def get_point_cloud(self, world: int = 0, *, spacing_m: float = 0.1) -> Call[PointCloud]:
         """Return points on the surfaces of a world, about ``spacing_m`` apart."""
-        return call("get_point_cloud", "done", readers.point_cloud, world=index(world), spacing_m=spacing_m)
+        return call("get_point_cloud", readers.point_cloud, world=index(world), spacing_m=spacing_m)
 
     @operation
     def get_boxes(self, world: int = 0) -> Call[Boxes]:
         """Return the smallest box around each object of a world."""
-        return call("get_boxes", "done", readers.boxes, world=index(world))
+        return call("get_boxes", readers.boxes, world=index(world))
 
     # --- streams
 
@@ -582,7 +503,7 @@ class DroneOperations:
     @operation
     def get_location(self) -> Call[npt.NDArray[np.float32]]:
         """Return the location (3,) in m, world frame."""
-        return call("get_location", "location", readers.location, drone=self.index)
+        return call("get_location", readers.location, drone=self.index)
 
     @operation
     def set_location(self, location: npt.ArrayLike, *, teleport: bool = False) -> Call[Impact]:
@@ -597,7 +518,6 @@ class DroneOperations:
         """
         return call(
             "set_location",
-            "impact",
             readers.impact,
             drone=self.index,
             location=_vector("location", location),
@@ -607,7 +527,7 @@ class DroneOperations:
     @operation
     def get_rotation(self) -> Call[Rotation]:
         """Return the rotation from body to world."""
-        return call("get_rotation", "rotation", readers.rotation, drone=self.index)
+        return call("get_rotation", readers.rotation, drone=self.index)
 
     @operation
     def set_rotation(self, rotation: npt.ArrayLike | Angles, *, teleport: bool = False) -> Call[Impact]:
@@ -620,9 +540,7 @@ class DroneOperations:
         teleport
             Turn without a collision check.
         """
-        return call(
-            "set_rotation", "impact", readers.impact, drone=self.index, teleport=teleport, **_rotation(rotation)
-        )
+        return call("set_rotation", readers.impact, drone=self.index, teleport=teleport, **_rotation(rotation))
 
     @operation
     def set_location_and_rotation(
@@ -631,7 +549,6 @@ class DroneOperations:
         """Move and turn the drone, until it touches something. See `set_location` and `set_rotation`."""
         return call(
             "set_location_and_rotation",
-            "impact",
             readers.impact,
             drone=self.index,
             location=_vector("location", location),
@@ -675,65 +592,40 @@ class DroneOperations:
         return _get_lidar_data(self.index, lidar, directions)
 
     @operation
-    def get_lidar_config(self, lidar: str = "") -> Call[LidarSettings]:
+    def get_lidar_config(self, lidar: str = "") -> Call[LidarConfig]:
         """Return the settings of a LiDAR. Default: the first."""
-        return call("get_lidar_config", "lidar_config", readers.lidar_settings, drone=self.index, lidar=lidar)
+        return call("get_lidar_config", config_of(LidarConfig), drone=self.index, lidar=lidar)
 
     @operation
-    def set_lidar_config(
-        self,
-        lidar: str = "",
-        *,
-        channels: int | None = None,
-        beams: int | None = None,
-        hfov_deg: float | None = None,
-        vfov_deg: float | None = None,
-        max_range_m: float | None = None,
-        offset_m: npt.ArrayLike | None = None,
-        quat_wxyz: npt.ArrayLike | None = None,
-    ) -> Call[None]:
-        """Change a LiDAR of this drone; what is not given stays unchanged.
+    def set_lidar_config(self, /, lidar: str = "", **fields: Any) -> Call[None]:
+        """Change a LiDAR of this drone. The parameters are those of the client's ``set_lidar_config``.
 
-        The parameters are those of the client's ``set_lidar_config``. If ``channels`` or ``beams`` is given, everything
-        that is given changes for all drones.
+        If ``channels`` or ``beams`` is given, everything that is given changes for all drones.
         """
-        config = _lidar_config(channels, beams, hfov_deg, vfov_deg, max_range_m, offset_m, quat_wxyz)
-        return _set_lidar_config(self.index, lidar, config)
+        return _set_lidar_config(self.index, lidar, fields)
 
     @operation
-    def get_camera_config(self, camera: str = "") -> Call[CameraSettings]:
+    def get_camera_config(self, camera: str = "") -> Call[CameraConfig]:
         """Return the settings of a camera. Default: the only camera."""
-        return call("get_camera_config", "camera_config", readers.camera_settings, drone=self.index, camera=camera)
+        return call("get_camera_config", config_of(CameraConfig), drone=self.index, camera=camera)
 
     @operation
-    def set_camera_config(
-        self,
-        camera: str = "",
-        *,
-        width_px: int | None = None,
-        height_px: int | None = None,
-        hfov_deg: float | None = None,
-        vfov_deg: float | None = None,
-        offset_m: npt.ArrayLike | None = None,
-        quat_wxyz: npt.ArrayLike | None = None,
-    ) -> Call[None]:
-        """Change a camera of this drone; what is not given stays unchanged.
+    def set_camera_config(self, /, camera: str = "", **fields: Any) -> Call[None]:
+        """Change a camera of this drone. The parameters are those of the client's ``set_camera_config``.
 
-        The parameters are those of the client's ``set_camera_config``. If ``width_px`` or ``height_px`` is given,
-        everything that is given changes for all drones.
+        If ``width_px`` or ``height_px`` is given, everything that is given changes for all drones.
         """
-        config = _camera_config(width_px, height_px, hfov_deg, vfov_deg, offset_m, quat_wxyz)
-        return _set_camera_config(self.index, camera, config)
+        return _set_camera_config(self.index, camera, fields)
 
     @operation
     def get_move_line_visible(self) -> Call[bool]:
         """Return whether the line of the drone's past positions is drawn."""
-        return call("get_move_line_visible", "move_line_visible", readers.move_line_visible, drone=self.index)
+        return call("get_move_line_visible", readers.move_line_visible, drone=self.index)
 
     @operation
     def set_move_line_visible(self, visible: bool) -> Call[None]:
         """Draw the line of the drone's past positions into the RGB images that the server returns, or stop that."""
-        return call("set_move_line_visible", "done", nothing, drone=self.index, visible=visible)
+        return call("set_move_line_visible", nothing, drone=self.index, visible=visible)
 
     @operation
     def set_command(self, command: npt.ArrayLike, *, control: str = "") -> Call[None]:
@@ -748,7 +640,6 @@ class DroneOperations:
         """
         return call(
             "set_command",
-            "done",
             nothing,
             {"command": floats("command", command, 4)},
             drone=self.index,
@@ -758,17 +649,17 @@ class DroneOperations:
     @operation
     def claim(self) -> Call[None]:
         """Claim the drone for this client; see the client's ``claim``."""
-        return call("claim", "done", nothing, drones=[self.index])
+        return call("claim", nothing, drones=[self.index])
 
     @operation
     def release(self) -> Call[None]:
         """End this client's claim of the drone."""
-        return call("release", "done", nothing, drones=[self.index])
+        return call("release", nothing, drones=[self.index])
 
     @operation
     def remove(self) -> Call[None]:
         """Remove the drone from the simulation."""
-        return call("remove_drone", "done", nothing, drone=self.index)
+        return call("remove_drone", nothing, drone=self.index)
 
     @stream
     def subscribe_camera(
@@ -834,13 +725,13 @@ class AsyncDrone(DroneOperations, Awaits):
 
 
 def _get_fps() -> Call[Fps]:
-    return call("get_fps", "fps", readers.fps)
+    return call("get_fps", readers.fps)
 
 
 def _get_arrays(names: Sequence[str], sensor: str) -> Call[TimedArrays]:
     if isinstance(names, str):
         raise TypeError(f"names: expected a list of names, got {names!r}")
-    return call("get_arrays", "time", readers.timed_arrays, names=names, sensor=sensor)
+    return call("get_arrays", readers.timed_arrays, names=names, sensor=sensor)
 
 
 def _get_camera_data(drone: int, camera: str, format: _Format, quality: int, output: str) -> Call[CameraData]:
@@ -848,7 +739,6 @@ def _get_camera_data(drone: int, camera: str, format: _Format, quality: int, out
         raise ValueError(f"quality: expected an integer from 1 to 100, got {quality!r}")
     return call(
         "get_camera_data",
-        "camera_data",
         readers.camera_data,
         drone=drone,
         camera=camera,
@@ -859,17 +749,17 @@ def _get_camera_data(drone: int, camera: str, format: _Format, quality: int, out
 
 
 def _get_lidar_data(drone: int, lidar: str, directions: bool) -> Call[LidarData]:
-    return call(
-        "get_lidar_data", "lidar_data", readers.lidar_data, drone=drone, lidar=lidar, without_directions=not directions
-    )
+    return call("get_lidar_data", readers.lidar_data, drone=drone, lidar=lidar, without_directions=not directions)
 
 
-def _set_lidar_config(drone: int, lidar: str, config: pb.LidarConfig) -> Call[None]:
-    return call("set_lidar_config", "done", nothing, drone=drone, lidar=lidar, config=config)
+def _set_lidar_config(drone: int, lidar: str, fields: dict[str, Any]) -> Call[None]:
+    text = change_json(LidarConfig, fields)
+    return call("set_lidar_config", nothing, drone=drone, lidar=lidar, config_json=text)
 
 
-def _set_camera_config(drone: int, camera: str, config: pb.CameraConfig) -> Call[None]:
-    return call("set_camera_config", "done", nothing, drone=drone, camera=camera, config=config)
+def _set_camera_config(drone: int, camera: str, fields: dict[str, Any]) -> Call[None]:
+    text = change_json(CameraConfig, fields)
+    return call("set_camera_config", nothing, drone=drone, camera=camera, config_json=text)
 
 
 # --- arguments to messages
@@ -889,41 +779,3 @@ def _rotation(rotation: npt.ArrayLike | Angles) -> dict[str, Any]:
     if isinstance(rotation, Angles):
         return {"angles": pb.Angles(**rotation._asdict())}
     return {"quaternion": _quaternion("rotation", rotation)}
-
-
-def _lidar_config(
-    channels: int | None,
-    beams: int | None,
-    hfov_deg: float | None,
-    vfov_deg: float | None,
-    max_range_m: float | None,
-    offset_m: npt.ArrayLike | None,
-    quat_wxyz: npt.ArrayLike | None,
-) -> pb.LidarConfig:
-    return pb.LidarConfig(
-        channels=channels,
-        beams=beams,
-        hfov_deg=hfov_deg,
-        vfov_deg=vfov_deg,
-        max_range_m=max_range_m,
-        offset_m=None if offset_m is None else _vector("offset_m", offset_m),
-        rotation=None if quat_wxyz is None else _quaternion("quat_wxyz", quat_wxyz),
-    )
-
-
-def _camera_config(
-    width_px: int | None,
-    height_px: int | None,
-    hfov_deg: float | None,
-    vfov_deg: float | None,
-    offset_m: npt.ArrayLike | None,
-    quat_wxyz: npt.ArrayLike | None,
-) -> pb.CameraConfig:
-    return pb.CameraConfig(
-        width_px=width_px,
-        height_px=height_px,
-        hfov_deg=hfov_deg,
-        vfov_deg=vfov_deg,
-        offset_m=None if offset_m is None else _vector("offset_m", offset_m),
-        rotation=None if quat_wxyz is None else _quaternion("quat_wxyz", quat_wxyz),
-    )

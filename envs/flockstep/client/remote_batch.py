@@ -13,7 +13,7 @@ import numpy.typing as npt
 
 from flockstep._core import BodyConfig
 from flockstep.arrays import refuse_masked
-from flockstep.client import protocol_pb2 as pb
+from flockstep.client import protocol as pb
 from flockstep.client.call import call, given
 from flockstep.client.errors import ServerError
 from flockstep.client.frames import Arrays, numpy_type
@@ -75,10 +75,10 @@ class RemoteBatch:
 
     def __init__(self, client: BlockingOperations) -> None:
         self._client = client
-        self.task = client._call(call("get_task", "task", _task))
+        self.task = client._call(call("get_task", _task))
         self.bodies = RemoteBodies(client)
         self._arrays: Arrays = {}
-        self._step = call("step_envs", "time", _arrays)  # sent by each step
+        self._step = call("step_envs", _arrays)  # sent by each step
 
     def reset(self, seeds: npt.NDArray[np.uint64] | None = None, mask: npt.NDArray[np.bool_] | None = None) -> None:
         """Begin new episodes, with seeds (E,) or none, in the envs of the mask (E,) or in all.
@@ -86,7 +86,7 @@ class RemoteBatch:
         If the episodes of an env's drones end separately, the mask may be (N,) if there are no seeds.
         """
         with refusals():
-            self._arrays = self._client._call(call("reset_envs", "time", _arrays, given(seeds=seeds, mask=mask)))
+            self._arrays = self._client._call(call("reset_envs", _arrays, given(seeds=seeds, mask=mask)))
 
     def step(self, actions: npt.ArrayLike) -> None:
         """Fly one step.
@@ -114,7 +114,7 @@ class RemoteBatch:
         """
         arrays = {"snapshot": np.frombuffer(blob, np.uint8)}
         with refusals():
-            self._arrays = self._client._call(call("restore", "done", _arrays, arrays))
+            self._arrays = self._client._call(call("restore", _arrays, arrays))
 
     def rows_of(self, indices: npt.NDArray[np.intp] | None) -> npt.NDArray[np.intp] | slice:
         """Return where the arrays of episodes have the rows ``indices``, whose episodes must have ended; None: all.

@@ -17,7 +17,7 @@ from flockstep.client.address import Address, ended, parse_address
 from flockstep.client.call import Call, Subscription, hello, unsubscription
 from flockstep.client.frames import Arrays, decode, encode
 from flockstep.client.operations import BlockingOperations
-from flockstep.client.protocol_pb2 import Reply
+from flockstep.client.protocol import Reply
 from flockstep.client.session import Session
 from flockstep.client.streams import Stream
 from flockstep.client.vector_env import RemoteVectorEnv

@@ -140,12 +140,6 @@ struct Options {
   std::size_t max_message_bytes = std::size_t{1} << 30;  // a longer reply ends the connection
 };
 
-// The mounting of a sensor.
-struct Mounting {
-  Vector3 offset_m{};     // body frame
-  Quaternion rotation{};  // sensor to body
-};
-
 // The server that a connection leads to.
 struct ServerInfo {
   std::string version;                   // of flockstep
@@ -156,7 +150,7 @@ struct ServerInfo {
   std::vector<std::string> lidars;       // names
   std::vector<std::string> cameras;      // names
   std::vector<std::string> imus;         // names
-  std::vector<Mounting> imu_mountings;   // of each IMU
+  std::vector<std::string> imu_configs;  // ImuConfig of each IMU, as JSON
   bool flies_by_rotors = false;          // otherwise drones move kinematically
   bool has_task = false;                 // otherwise get_task(), reset_envs() and step_envs() are refused
   double step_s = 0.0;                   // simulated time of a step
@@ -328,30 +322,6 @@ struct LidarData {
   FLOCKSTEP_API std::vector<Vector3> points() const;
 };
 
-// Configuration of a LiDAR. Fields that are not set stay unchanged when it is sent.
-struct LidarConfig {
-  std::optional<int> channels;         // rows of beams; changes those of all drones
-  std::optional<int> beams;            // beams of each row; changes those of all drones
-  std::optional<float> hfov_deg;       // horizontal field of view
-  std::optional<float> vfov_deg;       // vertical field of view
-  std::optional<float> max_range_m;    // beyond it a beam hits nothing
-  std::optional<Vector3> offset_m;     // body frame
-  std::optional<Quaternion> rotation;  // sensor to body
-};
-
-// Configuration of a camera. Fields that are not set stay unchanged when it is sent.
-struct CameraConfig {
-  std::optional<int> width_px;         // changes that of all drones
-  std::optional<int> height_px;        // changes that of all drones
-  std::optional<float> hfov_deg;       // if only one field of view is set, the other one follows for square pixels
-  std::optional<float> vfov_deg;       // vertical field of view
-  std::optional<Vector3> offset_m;     // body frame
-  std::optional<Quaternion> rotation;  // camera to body
-  std::optional<float> near_m;         // nearest depth; cannot be changed
-  std::optional<float> far_m;          // farthest depth; cannot be changed
-  std::vector<std::string> outputs;    // names; cannot be changed
-};
-
 // A moment of the simulation.
 struct Time {
   std::int64_t step = 0;        // steps of clients and of the server's clock since the server started
@@ -425,20 +395,6 @@ struct World {
   Vector3 max{};                   // m, of all geometry
   std::optional<Vector3> start;    // m
   std::optional<Vector3> goal;     // m
-};
-
-// Light of a world; colours are linear RGB. Fields that are not set stay unchanged when it is sent.
-struct Light {
-  std::optional<Vector3> sun_direction;   // towards the sun
-  std::optional<Vector3> sun_color;       // of its light
-  std::optional<Vector3> sky_ambient;     // from above
-  std::optional<Vector3> ground_ambient;  // from below
-  std::optional<Vector3> zenith_color;    // of the sky that cameras see
-  std::optional<Vector3> horizon_color;   // of the sky that cameras see
-  std::optional<float> gamma;             // exponent of written colours
-  std::optional<float> sun_radius_deg;    // radius of the sun's disc; 0: no disc
-  std::optional<float> sun_glow;          // share of the sun's colour in the sky next to it
-  std::optional<float> fog_visibility_m;  // distance at which fog leaves 2 % of the contrast; 0: no fog
 };
 
 // All surfaces of a world as triangles.
@@ -603,21 +559,20 @@ class FLOCKSTEP_API GameModeController {
   // Puts an env into another world. Its drones stay where they are.
   void set_world(std::int64_t env, std::uint32_t world) { set_world(later, env, world).get(); }
   Future<void> set_world(Later, std::int64_t env, std::uint32_t world);
-  // Returns the light of a world.
-  Light get_light(std::uint32_t world = 0) { return get_light(later, world).get(); }
-  Future<Light> get_light(Later, std::uint32_t world = 0);
-  // Sets the light of a world, for all envs in it that have no light of their own.
-  void set_light(const Light& light, std::uint32_t world = 0) { set_light(later, light, world).get(); }
-  Future<void> set_light(Later, const Light& light, std::uint32_t world = 0);
-  // Returns the light that the cameras of an env show.
-  Light get_env_light(std::int64_t env) { return get_env_light(later, env).get(); }
-  Future<Light> get_env_light(Later, std::int64_t env);
-  // Gives envs their own lights, which differ from their current ones in the given fields. Without a light, the envs show the
+  // Returns the Light of a world, as JSON of its fields.
+  std::string get_light(std::uint32_t world = 0) { return get_light(later, world).get(); }
+  Future<std::string> get_light(Later, std::uint32_t world = 0);
+  // Sets fields of the Light of a world, for all envs in it that have no light of their own: {"sun_glow": 0.3}.
+  void set_light(std::string_view fields, std::uint32_t world = 0) { set_light(later, fields, world).get(); }
+  Future<void> set_light(Later, std::string_view fields, std::uint32_t world = 0);
+  // Returns the Light that the cameras of an env show.
+  std::string get_env_light(std::int64_t env) { return get_env_light(later, env).get(); }
+  Future<std::string> get_env_light(Later, std::int64_t env);
+  // Gives envs their own lights, which differ from their current ones in the given fields. Without fields, the envs show the
   // lights of their worlds again.
-  void set_env_lights(std::span<const std::int64_t> envs, const std::optional<Light>& light) {
-    set_env_lights(later, envs, light).get();
-  }
-  Future<void> set_env_lights(Later, std::span<const std::int64_t> envs, const std::optional<Light>& light);
+  void set_env_lights(std::span<const std::int64_t> envs, std::string_view fields) { set_env_lights(later, envs, fields).get(); }
+  Future<void> set_env_lights(Later, std::span<const std::int64_t> envs, std::string_view fields);
+
   // Returns the surfaces of a world.
   Mesh get_mesh(std::uint32_t world = 0) { return get_mesh(later, world).get(); }
   Future<Mesh> get_mesh(Later, std::uint32_t world = 0);
@@ -693,14 +648,14 @@ class FLOCKSTEP_API DroneController {
   Future<CameraData> get_camera_data(Later, const ImageRequest& request = {});
   // Streams images, at most `rate_hz` times per second of wall time; with `only_new` only after a change.
   Stream<CameraData> stream_camera(double rate_hz, const ImageRequest& request = {}, bool only_new = false);
-  // Returns the configuration of a camera.
-  CameraConfig get_camera_config(std::string_view camera = {}) { return get_camera_config(later, camera).get(); }
-  Future<CameraConfig> get_camera_config(Later, std::string_view camera = {});
-  // Changes the configuration of a camera.
-  void set_camera_config(const CameraConfig& config, std::string_view camera = {}) {
-    set_camera_config(later, config, camera).get();
+  // Returns the CameraConfig of the drone, with both fields of view, as JSON of its fields.
+  std::string get_camera_config(std::string_view camera = {}) { return get_camera_config(later, camera).get(); }
+  Future<std::string> get_camera_config(Later, std::string_view camera = {});
+  // Changes fields of a CameraConfig: {"hfov_deg": 60}. width_px and height_px change the cameras of all drones.
+  void set_camera_config(std::string_view fields, std::string_view camera = {}) {
+    set_camera_config(later, fields, camera).get();
   }
-  Future<void> set_camera_config(Later, const CameraConfig& config, std::string_view camera = {});
+  Future<void> set_camera_config(Later, std::string_view fields, std::string_view camera = {});
   // Returns whether images show the line of the drone's past positions.
   bool get_move_line_visible() { return get_move_line_visible(later).get(); }
   Future<bool> get_move_line_visible(Later);
@@ -714,12 +669,12 @@ class FLOCKSTEP_API DroneController {
   Future<LidarData> get_lidar_data(Later, const ScanRequest& request = {});
   // Streams scans, at most `rate_hz` times per second of wall time; with `only_new` only after a change.
   Stream<LidarData> stream_lidar(double rate_hz, const ScanRequest& request = {}, bool only_new = false);
-  // Returns the configuration of a LiDAR.
-  LidarConfig get_lidar_config(std::string_view lidar = {}) { return get_lidar_config(later, lidar).get(); }
-  Future<LidarConfig> get_lidar_config(Later, std::string_view lidar = {});
-  // Changes the configuration of a LiDAR.
-  void set_lidar_config(const LidarConfig& config, std::string_view lidar = {}) { set_lidar_config(later, config, lidar).get(); }
-  Future<void> set_lidar_config(Later, const LidarConfig& config, std::string_view lidar = {});
+  // Returns the LidarConfig of the drone, as JSON of its fields.
+  std::string get_lidar_config(std::string_view lidar = {}) { return get_lidar_config(later, lidar).get(); }
+  Future<std::string> get_lidar_config(Later, std::string_view lidar = {});
+  // Changes fields of a LidarConfig: {"max_range_m": 5}. channels and beams change the LiDARs of all drones.
+  void set_lidar_config(std::string_view fields, std::string_view lidar = {}) { set_lidar_config(later, fields, lidar).get(); }
+  Future<void> set_lidar_config(Later, std::string_view fields, std::string_view lidar = {});
 
  private:
   std::shared_ptr<detail::Link> link_;

@@ -168,6 +168,8 @@ Array value_of(const protocol::ReceivedArray& array) {
 
 void read_done(Call& call) { ReplyOf<protocol::Done> reply(call); }
 
+std::string read_config(Call& call) { return std::move(ReplyOf<protocol::Config>(call).message().config_json); }
+
 namespace {
 
 Time value_of(const protocol::Time& time) {

@@ -126,6 +126,7 @@ auto required(const std::optional<T>& message, const char* field) {
 
 // Results of calls.
 void read_done(Call& call);
+std::string read_config(Call& call);
 Time read_time(Call& call);
 Readings read_readings(Call& call);
 Impact read_impact(Call& call);

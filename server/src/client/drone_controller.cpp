@@ -18,32 +18,6 @@ Rotation read_rotation(Call& call) {
   return {.quaternion = required(reply.message().quaternion, "quaternion"), .angles = value_of(*reply.message().angles)};
 }
 
-CameraConfig read_camera_config(Call& call) {
-  ReplyOf<protocol::CameraConfig> reply(call);
-  protocol::CameraConfig& config = reply.message();
-  return {.width_px = config.width_px,
-          .height_px = config.height_px,
-          .hfov_deg = config.hfov_deg,
-          .vfov_deg = config.vfov_deg,
-          .offset_m = detail::value_of(config.offset_m),
-          .rotation = detail::value_of(config.rotation),
-          .near_m = config.near_m,
-          .far_m = config.far_m,
-          .outputs = std::move(config.outputs)};
-}
-
-LidarConfig read_lidar_config(Call& call) {
-  ReplyOf<protocol::LidarConfig> reply(call);
-  const protocol::LidarConfig& config = reply.message();
-  return {.channels = config.channels,
-          .beams = config.beams,
-          .hfov_deg = config.hfov_deg,
-          .vfov_deg = config.vfov_deg,
-          .max_range_m = config.max_range_m,
-          .offset_m = detail::value_of(config.offset_m),
-          .rotation = detail::value_of(config.rotation)};
-}
-
 bool read_move_line_visible(Call& call) { return ReplyOf<protocol::MoveLineVisible>(call).message().visible; }
 
 }  // namespace
@@ -100,21 +74,13 @@ Stream<CameraData> DroneController::stream_camera(double rate_hz, const ImageReq
           read_image};
 }
 
-Future<CameraConfig> DroneController::get_camera_config(Later, std::string_view camera) {
-  return {link_->send(request_of(protocol::GetCameraConfig{.drone = drone_, .camera = std::string(camera)})), read_camera_config};
+Future<std::string> DroneController::get_camera_config(Later, std::string_view camera) {
+  return {link_->send(request_of(protocol::GetCameraConfig{.drone = drone_, .camera = std::string(camera)})), read_config};
 }
 
-Future<void> DroneController::set_camera_config(Later, const CameraConfig& config, std::string_view camera) {
-  const protocol::CameraConfig message{.width_px = config.width_px,
-                                       .height_px = config.height_px,
-                                       .hfov_deg = finite(config.hfov_deg, "hfov_deg"),
-                                       .vfov_deg = finite(config.vfov_deg, "vfov_deg"),
-                                       .offset_m = message_of(config.offset_m, "offset_m"),
-                                       .rotation = message_of(config.rotation, "rotation"),
-                                       .near_m = finite(config.near_m, "near_m"),
-                                       .far_m = finite(config.far_m, "far_m"),
-                                       .outputs = config.outputs};
-  return {link_->send(request_of(protocol::SetCameraConfig{.drone = drone_, .camera = std::string(camera), .config = message})),
+Future<void> DroneController::set_camera_config(Later, std::string_view fields, std::string_view camera) {
+  return {link_->send(request_of(
+              protocol::SetCameraConfig{.drone = drone_, .camera = std::string(camera), .config_json = std::string(fields)})),
           read_done};
 }
 
@@ -137,19 +103,13 @@ Stream<LidarData> DroneController::stream_lidar(double rate_hz, const ScanReques
           read_scan};
 }
 
-Future<LidarConfig> DroneController::get_lidar_config(Later, std::string_view lidar) {
-  return {link_->send(request_of(protocol::GetLidarConfig{.drone = drone_, .lidar = std::string(lidar)})), read_lidar_config};
+Future<std::string> DroneController::get_lidar_config(Later, std::string_view lidar) {
+  return {link_->send(request_of(protocol::GetLidarConfig{.drone = drone_, .lidar = std::string(lidar)})), read_config};
 }
 
-Future<void> DroneController::set_lidar_config(Later, const LidarConfig& config, std::string_view lidar) {
-  const protocol::LidarConfig message{.channels = config.channels,
-                                      .beams = config.beams,
-                                      .hfov_deg = finite(config.hfov_deg, "hfov_deg"),
-                                      .vfov_deg = finite(config.vfov_deg, "vfov_deg"),
-                                      .max_range_m = finite(config.max_range_m, "max_range_m"),
-                                      .offset_m = message_of(config.offset_m, "offset_m"),
-                                      .rotation = message_of(config.rotation, "rotation")};
-  return {link_->send(request_of(protocol::SetLidarConfig{.drone = drone_, .lidar = std::string(lidar), .config = message})),
+Future<void> DroneController::set_lidar_config(Later, std::string_view fields, std::string_view lidar) {
+  return {link_->send(request_of(
+              protocol::SetLidarConfig{.drone = drone_, .lidar = std::string(lidar), .config_json = std::string(fields)})),
           read_done};
 }
 

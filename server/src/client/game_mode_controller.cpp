@@ -50,34 +50,6 @@ std::vector<World> read_worlds(Call& call) {
   return worlds;
 }
 
-Light read_light(Call& call) {
-  ReplyOf<protocol::Light> reply(call);
-  const protocol::Light& light = reply.message();
-  return {.sun_direction = detail::value_of(light.sun_direction),
-          .sun_color = detail::value_of(light.sun_color),
-          .sky_ambient = detail::value_of(light.sky_ambient),
-          .ground_ambient = detail::value_of(light.ground_ambient),
-          .zenith_color = detail::value_of(light.zenith_color),
-          .horizon_color = detail::value_of(light.horizon_color),
-          .gamma = light.gamma,
-          .sun_radius_deg = light.sun_radius_deg,
-          .sun_glow = light.sun_glow,
-          .fog_visibility_m = light.fog_visibility_m};
-}
-
-protocol::Light message_of_light(const Light& light) {
-  return {.sun_direction = message_of(light.sun_direction, "sun_direction"),
-          .sun_color = message_of(light.sun_color, "sun_color"),
-          .sky_ambient = message_of(light.sky_ambient, "sky_ambient"),
-          .ground_ambient = message_of(light.ground_ambient, "ground_ambient"),
-          .zenith_color = message_of(light.zenith_color, "zenith_color"),
-          .horizon_color = message_of(light.horizon_color, "horizon_color"),
-          .gamma = finite(light.gamma, "gamma"),
-          .sun_radius_deg = finite(light.sun_radius_deg, "sun_radius_deg"),
-          .sun_glow = finite(light.sun_glow, "sun_glow"),
-          .fog_visibility_m = finite(light.fog_visibility_m, "fog_visibility_m")};
-}
-
 Mesh read_mesh(Call& call) {
   const ReplyOf<protocol::Done> reply(call);
   Mesh mesh{.vertices = reply.rows<float, 3>("vertices"),
@@ -136,7 +108,7 @@ Task read_task(Call& call) {
 std::vector<std::int64_t> read_slots(Call& call) { return ReplyOf<protocol::Time>(call).values<std::int64_t>("slot"); }
 
 BodyConfigs read_body_configs(Call& call) {
-  ReplyOf<protocol::BodyConfigs> reply(call);
+  ReplyOf<protocol::Configs> reply(call);
   BodyConfigs bodies{.configs = std::move(reply.message().config_json),
                      .numbers = reply.array<std::int32_t>("config", 2).values<std::int32_t>()};
   for (const std::int32_t number : bodies.numbers) {
@@ -321,23 +293,23 @@ Future<void> GameModeController::set_world(Later, std::int64_t env, std::uint32_
   return {link_->send(request_of(protocol::SetWorld{.env = env, .world = world})), read_done};
 }
 
-Future<Light> GameModeController::get_light(Later, std::uint32_t world) {
-  return {link_->send(request_of(protocol::GetLight{.world = world, .env = {}})), read_light};
+Future<std::string> GameModeController::get_light(Later, std::uint32_t world) {
+  return {link_->send(request_of(protocol::GetLight{.world = world, .env = {}})), read_config};
 }
 
-Future<void> GameModeController::set_light(Later, const Light& light, std::uint32_t world) {
-  return {link_->send(request_of(protocol::SetLight{.world = world, .light = message_of_light(light), .envs = {}})), read_done};
+Future<void> GameModeController::set_light(Later, std::string_view fields, std::uint32_t world) {
+  return {link_->send(request_of(protocol::SetLight{.world = world, .config_json = std::string(fields), .envs = {}})), read_done};
 }
 
-Future<Light> GameModeController::get_env_light(Later, std::int64_t env) {
-  return {link_->send(request_of(protocol::GetLight{.world = 0, .env = env})), read_light};
+Future<std::string> GameModeController::get_env_light(Later, std::int64_t env) {
+  return {link_->send(request_of(protocol::GetLight{.world = 0, .env = env})), read_config};
 }
 
-Future<void> GameModeController::set_env_lights(Later, std::span<const std::int64_t> envs, const std::optional<Light>& light) {
-  if (envs.empty()) throw std::invalid_argument("envs: expected at least one index, got none");
-  protocol::SetLight set{.world = 0, .light = {}, .envs = {envs.begin(), envs.end()}};
-  if (light) set.light = message_of_light(*light);
-  return {link_->send(request_of(set)), read_done};
+Future<void> GameModeController::set_env_lights(Later, std::span<const std::int64_t> envs, std::string_view fields) {
+  if (envs.empty()) throw Error(ErrorCode::invalid_argument, "envs: expected at least one index, got none");
+  return {link_->send(
+              request_of(protocol::SetLight{.world = 0, .config_json = std::string(fields), .envs = {envs.begin(), envs.end()}})),
+          read_done};
 }
 
 Future<Mesh> GameModeController::get_mesh(Later, std::uint32_t world) {

@@ -11,7 +11,7 @@ from websockets.protocol import Protocol, Side
 from websockets.utils import accept_key
 
 import flockstep
-from flockstep.client import protocol_pb2 as pb
+from flockstep.client import protocol as pb
 from flockstep.client.address import parse_address
 from flockstep.client.call import STREAMED, Subscription, call, nothing
 from flockstep.client.frames import decode, encode
