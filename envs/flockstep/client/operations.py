@@ -9,11 +9,12 @@ from typing import Any, Generic, Literal, TypeAlias, TypeVar
 import numpy as np
 import numpy.typing as npt
 
-from flockstep._core import BodyConfig, CameraConfig, LidarConfig, Light
+from flockstep._core import CameraConfig, LidarConfig, Light
 from flockstep.client import protocol as pb
 from flockstep.client import readers
+from flockstep.client.bodies import BlockingBodies, BodyOperations
 from flockstep.client.call import Call, Subscription, call, choice, finite, flags, floats, given, nothing
-from flockstep.client.configs import body_configs, body_json, change_json, config_of
+from flockstep.client.configs import change_json, config_of
 from flockstep.client.forms import Awaits, Waits, operation, stream
 from flockstep.client.results import (
     Angles,
@@ -40,7 +41,7 @@ _Format: TypeAlias = Literal["jpeg", "png", "raw"]
 _ALL = -1  # in place of a drone's index
 
 
-class Operations(Generic[_Drone]):
+class Operations(BodyOperations, Generic[_Drone]):
     """The operations of a server. Each raises `ServerError` if the server refuses it.
 
     Units are SI. The world frame is right-handed: x east, y north, z up. The body frame is x forward, y left, z up.
@@ -251,114 +252,6 @@ class Operations(Generic[_Drone]):
         """Set the commands (N, 4) that later steps fly. See `fly` for the parameters."""
         arrays = given(command=floats("command", command, -1, 4), mask=flags("mask", mask))
         return call("set_command", nothing, arrays, control=control)
-
-    # --- bodies of many envs at once
-
-    @operation
-    def spawn_bodies(
-        self,
-        body: BodyConfig,
-        position: npt.ArrayLike | None = None,
-        quat_wxyz: npt.ArrayLike | None = None,
-        velocity: npt.ArrayLike | None = None,
-        angular_velocity: npt.ArrayLike | None = None,
-        *,
-        mask: npt.ArrayLike | None = None,
-    ) -> Call[npt.NDArray[np.int64]]:
-        """Put a body into the first free slot of each env, or of no env if one has no free slot.
-
-        Parameters
-        ----------
-        body
-            Its configuration.
-        position, quat_wxyz
-            Poses (E, 3) m and (E, 4), world frame. Default here and below: those of the configuration.
-        velocity, angular_velocity
-            (E, 3) m/s, world frame, and (E, 3) rad/s, body frame. Without any of the four arrays, the script of the
-            configuration moves the body.
-        mask
-            (E,) bool: the envs. Default: all.
-
-        Returns
-        -------
-        slots
-            (E,) The slots; -1 for other envs.
-        """
-        arrays = given(
-            position=floats("position", position, -1, 3),
-            quat_wxyz=floats("quat_wxyz", quat_wxyz, -1, 4),
-            velocity=floats("velocity", velocity, -1, 3),
-            angular_velocity=floats("angular_velocity", angular_velocity, -1, 3),
-            mask=flags("mask", mask, "E", "B"),
-        )
-        return call("spawn_bodies", lambda reply, arrays: arrays["slot"], arrays, config_json=body_json(body))
-
-    @operation
-    def remove_bodies(self, mask: npt.ArrayLike | None = None) -> Call[Time]:
-        """Remove bodies until the next episode: those of the mask (E, B), or all of the envs of a mask (E,), or all."""
-        return call("remove_bodies", readers.time, given(mask=flags("mask", mask, "E", "B")))
-
-    @operation
-    def set_body_poses(
-        self,
-        position: npt.ArrayLike | None = None,
-        quat_wxyz: npt.ArrayLike | None = None,
-        *,
-        mask: npt.ArrayLike | None = None,
-    ) -> Call[Time]:
-        """Place bodies. They leave their scripts until the next episode.
-
-        Parameters
-        ----------
-        position, quat_wxyz
-            (E, B, 3) m and (E, B, 4), world frame. Default: unchanged.
-        mask
-            (E, B) bool: the bodies, or (E,) for all bodies of envs. Default: all. Free slots are skipped.
-        """
-        arrays = given(
-            position=floats("position", position, -1, -1, 3),
-            quat_wxyz=floats("quat_wxyz", quat_wxyz, -1, -1, 4),
-            mask=flags("mask", mask, "E", "B"),
-        )
-        return call("set_body_poses", readers.time, arrays)
-
-    @operation
-    def set_body_velocities(
-        self,
-        velocity: npt.ArrayLike | None = None,
-        angular_velocity: npt.ArrayLike | None = None,
-        *,
-        mask: npt.ArrayLike | None = None,
-    ) -> Call[Time]:
-        """Set the velocities of bodies, which keep them until the next episode.
-
-        Parameters
-        ----------
-        velocity, angular_velocity
-            (E, B, 3) m/s, world frame, and (E, B, 3) rad/s, body frame. Default: unchanged.
-        mask
-            As for `set_body_poses`.
-        """
-        arrays = given(
-            velocity=floats("velocity", velocity, -1, -1, 3),
-            angular_velocity=floats("angular_velocity", angular_velocity, -1, -1, 3),
-            mask=flags("mask", mask, "E", "B"),
-        )
-        return call("set_body_velocities", readers.time, arrays)
-
-    @operation
-    def get_body_configs(self, envs: Iterable[int] | None = None) -> Call[list[list[BodyConfig | None]]]:
-        """Return the configurations of the bodies in some envs: for each env a list of B, with None for free slots.
-
-        Parameters
-        ----------
-        envs
-            Indices of envs. Default: all.
-        """
-        indices = None if envs is None else [*map(index, envs)]
-        if indices == []:
-            raise ValueError("envs: expected at least one index, got none")
-        return call("get_body_configs", body_configs, envs=indices)
 
     # --- time
 
@@ -641,7 +534,7 @@ class DroneOperations:
         return call(
             "set_command",
             nothing,
-            {"command": floats("command", command, 4)},
+            {"command": floats("command", command, 4)[None]},
             drone=self.index,
             control=control,
         )
@@ -704,7 +597,7 @@ class Drone(DroneOperations, Waits):
         return self._client._subscribe(subscription)  # type: ignore[no-any-return]
 
 
-class BlockingOperations(Operations[Drone], Waits):
+class BlockingOperations(Operations[Drone], BlockingBodies):
     """The operations of a server, which wait for their replies."""
 
     def _handle(self, index: int, env: int | None = None, owner: int | None = None) -> Drone:

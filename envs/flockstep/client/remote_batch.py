@@ -2,35 +2,21 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from contextlib import contextmanager
 from dataclasses import dataclass
-from operator import index
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
-from flockstep._core import BodyConfig
 from flockstep.arrays import refuse_masked
 from flockstep.client import protocol as pb
+from flockstep.client.bodies import RemoteBodies
 from flockstep.client.call import call, given
-from flockstep.client.errors import ServerError
+from flockstep.client.errors import refusals
 from flockstep.client.frames import Arrays, numpy_type
 from flockstep.client.operations import BlockingOperations
 
 _OBSERVATION, _FINAL_OBSERVATION = "observation", "final_observation"
-
-
-@contextmanager
-def refusals() -> Iterator[None]:
-    """Raise ValueError for what the server refuses as a wrong value."""
-    try:
-        yield
-    except ServerError as error:
-        if error.code == "INVALID_ARGUMENT":
-            raise ValueError(str(error)) from error
-        raise
 
 
 @dataclass(frozen=True, eq=False)
@@ -217,100 +203,6 @@ class RemoteBatch:
     def episode_end(self) -> npt.NDArray[Any]:
         """Reasons (K,), values of `EpisodeEnd`."""
         return self._arrays["episode_end"]
-
-
-class RemoteBodies:
-    """The bodies of a server's batch: E envs of B slots, with the attributes and calls of `Bodies`.
-
-    Each access reads the attribute from the server. A call that the server refuses for a wrong value raises
-    `ValueError`.
-    """
-
-    def __init__(self, client: BlockingOperations) -> None:
-        self._client = client
-
-    def __len__(self) -> int:
-        return int(self.active.shape[1])
-
-    def spawn(
-        self,
-        body: BodyConfig,
-        position: npt.ArrayLike | None = None,
-        quat_wxyz: npt.ArrayLike | None = None,
-        velocity: npt.ArrayLike | None = None,
-        angular_velocity: npt.ArrayLike | None = None,
-        mask: npt.ArrayLike | None = None,
-    ) -> npt.NDArray[np.int64]:
-        """Put a body into the first free slot of each env. See `Bodies.spawn`."""
-        with refusals():
-            return self._client.spawn_bodies(body, position, quat_wxyz, velocity, angular_velocity, mask=mask)
-
-    def remove(self, mask: npt.ArrayLike | None = None) -> None:
-        """Remove bodies. See `Bodies.remove`."""
-        with refusals():
-            self._client.remove_bodies(mask)
-
-    def set_pose(
-        self,
-        position: npt.ArrayLike | None = None,
-        quat_wxyz: npt.ArrayLike | None = None,
-        mask: npt.ArrayLike | None = None,
-    ) -> None:
-        """Place bodies. See `Bodies.set_pose`."""
-        with refusals():
-            self._client.set_body_poses(position, quat_wxyz, mask=mask)
-
-    def set_velocity(
-        self,
-        velocity: npt.ArrayLike | None = None,
-        angular_velocity: npt.ArrayLike | None = None,
-        mask: npt.ArrayLike | None = None,
-    ) -> None:
-        """Set the velocities of bodies. See `Bodies.set_velocity`."""
-        with refusals():
-            self._client.set_body_velocities(velocity, angular_velocity, mask=mask)
-
-    def config(self, env: int, body: int) -> BodyConfig | None:
-        """Return the configuration of a body, or None if the slot is free."""
-        with refusals():
-            (configs,) = self._client.get_body_configs([env])
-        if not 0 <= index(body) < len(configs):
-            raise ValueError(f"body: expected an integer in [0, {len(configs)}), got {body}")
-        return configs[index(body)]
-
-    def _array(self, name: str) -> npt.NDArray[Any]:
-        with refusals():
-            return self._client.get_arrays([f"body_{name}"])[f"body_{name}"]
-
-    @property
-    def active(self) -> npt.NDArray[np.bool_]:
-        """Flags (E, B): the slot holds a body."""
-        return self._array("active")
-
-    @property
-    def position(self) -> npt.NDArray[np.float32]:
-        """Positions (E, B, 3) m, world frame."""
-        return self._array("position")
-
-    @property
-    def quat_wxyz(self) -> npt.NDArray[np.float32]:
-        """Rotations (E, B, 4) from body to world."""
-        return self._array("quat_wxyz")
-
-    @property
-    def velocity(self) -> npt.NDArray[np.float32]:
-        """Velocities (E, B, 3) m/s, world frame."""
-        return self._array("velocity")
-
-    @property
-    def angular_velocity(self) -> npt.NDArray[np.float32]:
-        """Angular velocities (E, B, 3) rad/s, body frame."""
-        return self._array("angular_velocity")
-
-    @property
-    def scripted(self) -> npt.NDArray[np.bool_]:
-        """Flags (E, B): the body's script moves it."""
-        return self._array("scripted")
 
 
 def _arrays(reply: pb.Reply, arrays: Arrays) -> Arrays:

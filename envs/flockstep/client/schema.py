@@ -48,12 +48,17 @@ class Message:
 
 @dataclass(frozen=True)
 class Operation:
-    """An operation: its name, its request, the message that answers it, and who does."""
+    """An operation: its name, its request, the message that answers it, and how it is answered.
+
+    ``value`` is the type that the C++ client makes of the answer, ``section`` the comment above a group of operations.
+    """
 
     name: str
     request: Message
     result: str
+    value: str
     way: str
+    section: str
 
 
 @dataclass
@@ -76,11 +81,13 @@ def read(text: str | None = None) -> Schema:
     schema = Schema()
     fields: list[Field] | None = None
     values: dict[str, int] = {}
-    oneof, comment = "", list[str]()
+    oneof, section, comment = "", "", list[str]()
+    sections: dict[str, str] = {}
     for line in (SOURCE.read_text(encoding="utf-8") if text is None else text).splitlines():
         code, _, note = (part.strip() for part in line.partition("//"))
         if not code:
             comment = [*comment, note] if note else []
+            section = " ".join(comment) if oneof and note else section
         elif start := _START.fullmatch(code):
             values, fields = {}, None
             if start[1] == "enum":
@@ -99,6 +106,7 @@ def read(text: str | None = None) -> Schema:
         elif code == "}":
             oneof = ""
         elif fields is not None and (found := _FIELD.fullmatch(code)):
+            sections[found[3]] = section
             fields.append(Field(found[3], found[2], int(found[4]), found[1] or "", oneof, note))
         elif fields is None and (value := _VALUE.fullmatch(code)):
             values[value[1]] = int(value[2])
@@ -108,7 +116,10 @@ def read(text: str | None = None) -> Schema:
             comment = []
     for entry in schema.messages["Request"].fields:
         if entry.oneof:
-            result, _, way = entry.note.partition("; ")
+            answer, _, way = entry.note.partition("; ")
+            result, _, client_type = answer.partition(" as ")
             request = schema.messages[entry.kind]
-            schema.operations[entry.name] = Operation(entry.name, request, result, way or "locked")
+            schema.operations[entry.name] = Operation(
+                entry.name, request, result, client_type or result, way or "locked", sections[entry.name]
+            )
     return schema

@@ -188,7 +188,7 @@ void Service::locked(Call& call, const protocol::SetCommand& set) {
   std::vector<float> commands = commands_;
   if (set.drone) {
     const std::size_t drone = require_drone(*set.drone);
-    const auto command = call.array<float>("command", {4});
+    const auto command = call.array<float>("command", {1, 4});
     require(command.has_value(), "command", "an array of this name", "none");
     std::ranges::copy(*command, commands.begin() + static_cast<std::ptrdiff_t>(4 * drone));
     mask[drone] = 1;

@@ -12,6 +12,7 @@ from websockets.utils import accept_key
 
 import flockstep
 from flockstep.client import protocol as pb
+from flockstep.client import schema
 from flockstep.client.address import parse_address
 from flockstep.client.call import STREAMED, Subscription, call, nothing
 from flockstep.client.frames import decode, encode
@@ -312,3 +313,23 @@ def test_both_clients_have_the_same_operations():
         assert names - {"vector_env"} == {name for name in dir(other) if not name.startswith("_")}
         for name in names - {"vector_env"}:
             assert getattr(blocking, name).__doc__, name
+
+
+def test_a_list_with_another_statement_is_refused():
+    text = schema.SOURCE.read_text()
+    assert len(schema.read(text).operations) > 40
+    with pytest.raises(
+        ValueError, match=r"flockstep.proto: expected a statement of one line, got '  map<string, bool> a = 1;'"
+    ):
+        schema.read(text.replace("message Done {}", "message Done {\n  map<string, bool> a = 1;\n}"))
+
+
+def test_arrays_and_ways_of_the_list():
+    fly = schema.read().operations["fly"]
+    assert [(a.name, a.is_optional, a.shape, a.dtype) for a in fly.request.arrays] == [
+        ("command", False, ("N", "4"), "float32"),
+        ("mask", True, ("N",), "bool"),
+    ]
+    assert (fly.result, fly.value, fly.way) == ("Time", "Time", "locked")
+    mesh = schema.read().operations["get_mesh"]
+    assert (mesh.result, mesh.value, mesh.way, mesh.section) == ("Done", "Mesh", "aside", "Worlds")
