@@ -58,34 +58,31 @@ Service::Service(Batch& batch, const ServerConfig& config, Post post, Post run_a
       executor_(std::move(post)),
       rate_hz_(config.rate_hz) {
   const BatchLock lock(batch_);
-  require(!batch_.is_shared(), "batch", "one that no server serves", "one that another server serves: stop that one first");
+  require(!ServedBatch::is_served(batch_), "batch", "one that no server serves",
+          "one that another server serves: stop that one first");
   require(config.rate_hz == 0.0 || task_ == nullptr, "rate_hz", "0 for a batch with a task, which actions step", config.rate_hz);
   refresh_shape();
-  batch_.share([this] {
+  served_.emplace(batch_, [this] {
     count_program_steps();
     begin_change();
   });
-  is_sharing_ = true;
 }
 
 Service::~Service() { unshare(); }
 
 void Service::unshare() {
-  if (!is_sharing_) return;
-  const BatchLock lock(batch_);
-  batch_.unshare();
-  is_sharing_ = false;
+  if (served_) served_->end();
 }
 
 void Service::refresh_shape() {
   const BatchConfig& config = batch_.config();
-  const bool has_grown = !shape_ || shape_->generation != batch_.generation();
+  const bool has_grown = !shape_ || shape_->generation != ServedBatch::generation(batch_);
   if (shape_ && shape_->drones_per_env != config.drones_per_env) renumber(config.drones_per_env);
   auto next = std::make_shared<Shape>();
   next->num_envs = config.num_envs;
   next->drones_per_env = config.drones_per_env;
   next->bodies_per_env = static_cast<std::int64_t>(batch_.bodies_per_env());
-  next->generation = batch_.generation();
+  next->generation = ServedBatch::generation(batch_);
   for (const LidarConfig& lidar : config.lidars) next->lidars.push_back(lidar.name);
   for (const ImuConfig& imu : config.imus) {
     next->imus.push_back(imu.name);
@@ -295,7 +292,7 @@ void Service::leave(const std::shared_ptr<Client>& client) {
 // ------------------------------------------------------------------------------------------------------------------------ time
 
 void Service::follow_program() {
-  bool has_changed = batch_.generation() != shape_->generation || batch_.worlds() != shape_->worlds;
+  bool has_changed = ServedBatch::generation(batch_) != shape_->generation || batch_.worlds() != shape_->worlds;
   for (std::size_t camera = 0; camera < shape_->cameras.size(); ++camera) {
     has_changed |= batch_.camera_config(camera).capture_mode != shape_->cameras[camera].capture_mode;
   }

@@ -19,6 +19,7 @@
 
 #include "flockstep/batch.hpp"
 #include "flockstep/batch_lock.hpp"
+#include "flockstep/served_batch.hpp"
 #include "flockstep/server.hpp"
 #include "service/batch_arrays.hpp"
 #include "service/call.hpp"
@@ -155,8 +156,8 @@ class Service {
   std::shared_ptr<const Shape> shape() const;
 
   Batch& batch_;
-  bool is_sharing_ = false;
-  const Task* const task_;  // null without one
+  std::optional<ServedBatch> served_;  // until unshare()
+  const Task* const task_;             // null without one
   const ServerConfig config_;
   const Post run_aside_, run_compression_;
   Workload& workload_;
