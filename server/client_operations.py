@@ -85,8 +85,8 @@ def method_of(schema: Schema, entry: Operation) -> Method:
         lines = []
         statements = []
         for name, (field, *_) in members.items():
-            kind, usual = member_type(schema, field), "{}" if field.label != "optional" else ""
-            lines.append(f"  {kind} {name}{usual};" + (f"  // {field.note}" if field.note else ""))
+            kind = member_type(schema, field)
+            lines.append(f"  {kind} {name}{{}};" + (f"  // {field.note}" if field.note else ""))
             statements.append(f'put(message.{name}, request.{name}, "{name}");')
         structs.append("\n".join([f"// Arguments of {entry.name}().", f"struct {request.name} {{", *lines, "};"]))
         return Method(
@@ -192,7 +192,8 @@ def header_of(schema: Schema) -> str:
         init = ", drone_(drone)" if is_of_drone else ""
         lines += [
             "",
-            " protected:",
+            " private:",
+            f"  friend class {name.replace('Operations', 'Controller')};",
             f"  explicit {name}(std::shared_ptr<detail::Link> link{drone}) : link_(std::move(link)){init} {{}}",
             "  std::shared_ptr<detail::Link> link_;",
             *extra,

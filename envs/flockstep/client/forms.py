@@ -78,7 +78,7 @@ class _Form:
 
 
 class Waits(_Form):
-    """What carries calls out and waits for their replies."""
+    """A base of classes whose operations wait for the reply."""
 
     def _call(self, call: Call[T]) -> T:
         raise NotImplementedError
@@ -88,7 +88,7 @@ class Waits(_Form):
 
 
 class Awaits(_Form):
-    """What carries calls out with asyncio."""
+    """A base of classes whose operations are for asyncio."""
 
     async def _call(self, call: Call[T]) -> T:
         raise NotImplementedError
