@@ -75,8 +75,7 @@ def call(
     **fields: Any,
 ) -> Call[T]:
     """Return the call of an operation by its name, with the fields of its message that are not None."""
-    request: dict[str, Any] = {operation: given(**fields)}
-    return Call(Request(**request), RESULTS[operation], read, arrays or {})
+    return Call(Request(**{operation: fields}), RESULTS[operation], read, arrays or {})
 
 
 @dataclass(slots=True)
