@@ -275,7 +275,7 @@ void round_trips(const std::vector<std::string>& arguments) {
          drone.set_location(location);
        }},
       {"get_location", [&] { drone.get_location(); }},
-      {"get_lidar_data", [&] { drone.get_lidar_data({.without_directions = true}); }},
+      {"get_lidar_data", [&] { drone.get_lidar_data("", true); }},
       {"get_arrays", [&] { arrays.get_array("ranges", "lidar"); }},
   };
   bench::Figures figures;

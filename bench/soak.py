@@ -22,7 +22,7 @@ import numpy as np
 
 import flockstep
 from flockstep.client import ServerError
-from flockstep.client import protocol_pb2 as pb
+from flockstep.client import protocol as pb
 from flockstep.client.frames import encode
 from server import Served, serving
 

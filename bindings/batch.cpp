@@ -49,7 +49,7 @@ struct Released {
 
 // Lets the arrays move only while the interpreter lock is held. Every reader holds it.
 void hold_interpreter(Batch& batch) {
-  batch.run_moves_with([](const std::function<void()>& move) {
+  ServedBatch::run_moves_with(batch, [](const std::function<void()>& move) {
     const py::gil_scoped_acquire acquire;
     move();
   });
@@ -437,6 +437,7 @@ void register_batch(py::module_& module) {
           },
           py::arg("env"), py::arg("body"));
 
+  py::class_<ServedBatch>(module, "_ServedBatch").def("end", [](ServedBatch& served) { released([&] { served.end(); }); });
   py::class_<Batch, std::unique_ptr<Batch, Released>> cls(module, "Batch", "N drone slots over W worlds, stepped together.");
   add_arrays<State, &state_arrays>(cls);
   add_arrays<OwnEpisodes, &own_arrays>(cls);
@@ -453,7 +454,7 @@ void register_batch(py::module_& module) {
       .def_property_readonly("num_envs", [](const Batch& batch) { return batch.config().num_envs; })
       .def_property_readonly("drones_per_env", [](const Batch& batch) { return batch.config().drones_per_env; })
       .def_property_readonly("num_drones", [](const Batch& batch) { return batch.config().num_drones(); })
-      .def_property_readonly("generation", [](const Batch& batch) { return batch.generation(); })
+      .def_property_readonly("generation", [](const Batch& batch) { return ServedBatch::generation(batch); })
       .def_property_readonly("num_threads", [](const Batch& batch) { return batch.num_threads(); })
       .def_property_readonly("embree_rays", [](const Batch& batch) { return batch.embree_rays(); })
       .def_property_readonly("embree_packets", [](const Batch& batch) { return batch.embree_packets(); })
@@ -776,9 +777,10 @@ void register_batch(py::module_& module) {
             released(batch, [&] { batch.restore(blob); });
           },
           py::arg("blob"))
-      // Without before_long_call; the service calls Batch::share() itself.
-      .def("_share", [](Batch& batch) { released([&] { batch.share(); }); })
-      .def("_unshare", [](Batch& batch) { released([&] { batch.unshare(); }); })
+      // For tests, without before_long_call.
+      .def(
+          "_served", [](Batch& batch) { return released([&] { return std::make_unique<ServedBatch>(batch); }); },
+          py::keep_alive<0, 1>())
       .def("__repr__", &describe_batch);
 }
 

@@ -6,6 +6,7 @@
 #include <memory>
 
 #include "flockstep/batch.hpp"
+#include "flockstep/served_batch.hpp"
 
 namespace flockstep::bindings {
 
@@ -14,7 +15,7 @@ inline pybind11::object memory_of(const pybind11::object& owner) {
   using Memory = std::shared_ptr<const void>;
   const auto& batch = owner.cast<const Batch&>();
   if (batch.task() != nullptr) return owner;
-  auto memory = std::make_unique<Memory>(batch.memory());
+  auto memory = std::make_unique<Memory>(ServedBatch::memory(batch));
   pybind11::capsule capsule(memory.get(), [](void* held) { delete static_cast<Memory*>(held); });
   static_cast<void>(memory.release());
   return capsule;

@@ -9,6 +9,7 @@
 #include "base/interrupt.hpp"
 #include "flockstep/batch.hpp"
 #include "flockstep/batch_lock.hpp"
+#include "flockstep/served_batch.hpp"
 
 namespace flockstep::bindings {
 
@@ -40,12 +41,12 @@ void released(Batch& batch, const F& f) {
   warn(batch);
 }
 
-// Returns the result of f, a short call on the batch that keeps the interpreter lock. If another thread is in a call on a shared
+// Returns the result of f, a short call on the batch that keeps the interpreter lock. If another thread is in a call on a served
 // batch, waits for it first, without the interpreter lock, which that thread may need.
 template <class F>
 auto in_turn(const Batch& batch, const F& f) {
   std::optional<BatchLock> lock = BatchLock::try_lock(batch);
-  if (!lock && batch.is_shared()) released([&] { lock.emplace(batch); });
+  if (!lock && ServedBatch::is_served(batch)) released([&] { lock.emplace(batch); });
   return f();
 }
 

@@ -28,12 +28,14 @@ export_only(flockstep cmake/library.map)
 
 # The client depends on nothing of the engine, and its header on no other library's.
 file(GLOB client_sources CONFIGURE_DEPENDS server/src/client/*.cpp)
-add_library(flockstep_client SHARED ${client_sources} $<TARGET_OBJECTS:flockstep_protocol>)
+add_library(flockstep_client SHARED ${client_sources} ${generated}/client/operations.cpp $<TARGET_OBJECTS:flockstep_protocol>)
+add_dependencies(flockstep_client flockstep_messages)
 add_library(flockstep::client ALIAS flockstep_client)
 set_target_properties(flockstep_client PROPERTIES VERSION ${PROJECT_VERSION} SOVERSION ${PROJECT_VERSION} EXPORT_NAME client
                                                   INSTALL_RPATH_USE_LINK_PATH ON)
 target_compile_features(flockstep_client PUBLIC cxx_std_20)
 target_include_directories(flockstep_client PUBLIC $<BUILD_INTERFACE:${CMAKE_CURRENT_SOURCE_DIR}/server/include>
+                                                   $<BUILD_INTERFACE:${generated}>
                                                    $<BUILD_INTERFACE:${CMAKE_CURRENT_SOURCE_DIR}/engine/include>
                                                    $<INSTALL_INTERFACE:${CMAKE_INSTALL_INCLUDEDIR}>
                                             PRIVATE server/src)
@@ -63,7 +65,7 @@ install_package(library ${package} ${CMAKE_INSTALL_INCLUDEDIR} ${data}/scenes)
 
 install(TARGETS flockstep_client EXPORT flockstepClientTargets COMPONENT client)
 install(EXPORT flockstepClientTargets NAMESPACE flockstep:: DESTINATION ${package} COMPONENT client)
-install(FILES server/include/flockstep/client.hpp engine/include/flockstep/export.hpp
+install(FILES server/include/flockstep/client.hpp ${generated}/flockstep/client_operations.hpp engine/include/flockstep/export.hpp
         DESTINATION ${CMAKE_INSTALL_INCLUDEDIR}/flockstep COMPONENT client)
 install(FILES LICENSE THIRD_PARTY.md DESTINATION ${data} COMPONENT client)
 install_package(client ${package} ${CMAKE_INSTALL_INCLUDEDIR} ${data}/scenes)

@@ -38,7 +38,7 @@ int main(int argc, char** argv) try {
   client::DroneController drone(connection, simulation.spawn_drone({.claim = true}).drone);
 
   // A LiDAR that sees all around. The number of beams changes for the drones of other clients, too.
-  drone.set_lidar_config({.channels = 16, .beams = 90, .hfov_deg = 360, .vfov_deg = 60, .max_range_m = 20});
+  drone.set_lidar_config(R"({"channels": 16, "beams": 90, "hfov_deg": 360, "vfov_deg": 60, "max_range_m": 20})");
 
   std::mt19937 random(1);
   std::uniform_real_distribution<float> direction(-1, 1);

@@ -18,7 +18,8 @@ from sphinx.util import logging
 
 ROOT = Path(__file__).resolve().parents[2]
 SITE = ROOT / "docs" / "site"
-FOLDERS = [ROOT / part / "include" / "flockstep" for part in ("engine", "server")]
+GENERATED = ROOT / "build" / "docs" / "server"  # of the C++ client
+FOLDERS = [ROOT / part / "include" / "flockstep" for part in ("engine", "server")] + [GENERATED / "flockstep"]
 PAGES = ROOT / "docs" / "reference" / "cpp"
 logger = logging.getLogger(__name__)
 
@@ -46,6 +47,7 @@ EXCLUDE_SYMBOLS = flockstep::detail* flockstep::client::detail* flockstep::EnumN
 
 def run_doxygen(out: Path) -> None:
     """Read all headers into XML files, and report what has no comment."""
+    subprocess.run([sys.executable, ROOT / "server" / "generate.py", GENERATED], check=True)
     shutil.rmtree(out, ignore_errors=True)
     out.mkdir(parents=True)
     settings = f"{DOXYGEN}\nOUTPUT_DIRECTORY = {out}\n"

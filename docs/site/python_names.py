@@ -48,6 +48,13 @@ def copy_package(app: Sphinx) -> None:
     shutil.copytree(ROOT / "envs" / "flockstep", COPY, ignore=shutil.ignore_patterns("__pycache__", "*.so", "*.json"))
     stub = COPY / "_core.pyi"
     stub.write_text(copied(stub.read_text(encoding="utf-8")), encoding="utf-8")
+    for operations in (COPY / "client" / "operations.py", COPY / "client" / "bodies.py"):
+        operations.write_text(in_both_forms(operations.read_text(encoding="utf-8")), encoding="utf-8")
+    client = COPY / "client" / "async_client.py"
+    text = client.read_text(encoding="utf-8").replace(
+        "import AsyncDrone, Operations", "import AsyncDrone, AsyncOperations"
+    )
+    client.write_text(text.replace("(Operations[AsyncDrone]", "(AsyncOperations[AsyncDrone]"), encoding="utf-8")
     for path in COPY.rglob("*.py*"):
         for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
             targets = node.targets if isinstance(node, ast.Assign) else [getattr(node, "target", node)]
@@ -61,6 +68,25 @@ def copy_package(app: Sphinx) -> None:
     text = package.read_text(encoding="utf-8")
     assignment = "register_task = registration.register_task"
     package.write_text(text.replace(assignment, "from flockstep.registration import register_task"), encoding="utf-8")
+
+
+def in_both_forms(text: str) -> str:
+    """Return the module of operations with a class for each form, as `flockstep.client.forms` makes them."""
+    text = re.sub(r"(?<=-> )(?:Call|Subscription)\[(.+)\](?=:\n)", r"\1", text)
+    for name in re.findall(r"^class (\w*Operations)\b", text, re.M):
+        listed = re.search(rf"^class {name}\b.*?(?=^\S)", text[text.index(f"class {name}") :], re.M | re.S)
+        if not listed or "@operation" not in listed[0]:
+            continue
+        plain = listed[0].replace("    @operation\n", "").replace("_Drone", "Drone")
+        streams = re.compile(r"    @stream\n((?:.*\n)*?.*-> )(.+)(?=:\n)")
+        awaiting = re.sub(r"@operation\n    def", "async def", listed[0]).replace("_Drone", "AsyncDrone")
+        both = streams.sub(r"\1Stream[\2]", plain)
+        awaiting = awaiting.replace("(BodyOperations", "(AsyncBodyOperations")
+        both += streams.sub(r"\1AsyncStream[\2]", awaiting).replace(f"class {name}", f"class Async{name}")
+        text = text.replace(listed[0], both)
+    text = text.replace("import BlockingBodies", "import AsyncBodyOperations, BlockingBodies")
+    text = text.replace("class AsyncDrone(DroneOperations", "class AsyncDrone(AsyncDroneOperations")
+    return text
 
 
 def is_skipped(app: Sphinx, what: str, name: str, obj: Any, skip: bool, options: list[str]) -> bool | None:

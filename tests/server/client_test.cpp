@@ -15,6 +15,7 @@
 #include <cstdio>
 #include <filesystem>
 #include <memory>
+#include <nlohmann/json.hpp>
 #include <optional>
 #include <span>
 #include <stdexcept>
@@ -28,6 +29,7 @@
 #include "flockstep/survey.hpp"
 #include "flockstep/tasks.hpp"
 #include "flockstep/version.hpp"
+#include "recipe/config_json.hpp"
 
 namespace flockstep {
 namespace {
@@ -41,6 +43,13 @@ using client::later;
 using client::Vector3;
 
 constexpr std::array<const char*, 1> kPosition{"position"};
+
+template <class Config>
+Config config_of(const std::string& fields) {
+  Config config;
+  read_config(nlohmann::json::parse(fields), "", config);
+  return config;
+}
 
 std::shared_ptr<const World> room() {
   return testing::make_world({testing::primitive(PrimitiveKind::room, {0, 0, 2}, {5, 4, 2}),
@@ -201,21 +210,21 @@ TEST(Client, ScansWithTheLidar) {
   ASSERT_EQ(got.size(), 3U * 35U);  // all beams hit the room
   for (std::size_t i = 0; i < got.size(); ++i) EXPECT_NEAR(got[i], points[3 * 35 + i], 1e-4) << i;
 
-  const client::LidarData bare = drone.get_lidar_data({.without_directions = true});
+  const client::LidarData bare = drone.get_lidar_data("", true);
   EXPECT_EQ(bare.ranges, ranges);
   EXPECT_TRUE(bare.directions.empty());
   EXPECT_EQ(error_of([&] { static_cast<void>(bare.points()); }).code(), ErrorCode::invalid_argument);
 
   drone.set_lidar_config(
-      {.channels = 3, .beams = 5, .hfov_deg = 90, .vfov_deg = 30, .max_range_m = 1, .offset_m = Vector3{0, 0, 0.5F}});
-  const client::LidarConfig config = drone.get_lidar_config();
+      R"({"channels": 3, "beams": 5, "hfov_deg": 90, "vfov_deg": 30, "max_range_m": 1, "offset_m": [0, 0, 0.5]})");
+  const auto config = config_of<LidarConfig>(drone.get_lidar_config());
   EXPECT_EQ(config.channels, 3);
   EXPECT_EQ(config.beams, 5);
   EXPECT_EQ(config.hfov_deg, 90.0F);
   EXPECT_EQ(config.vfov_deg, 30.0F);
   EXPECT_EQ(config.max_range_m, 1.0F);
   EXPECT_EQ(config.offset_m, (Vector3{0, 0, 0.5F}));
-  EXPECT_EQ(config.rotation, (client::Quaternion{1, 0, 0, 0}));
+  EXPECT_EQ(config.quat_wxyz, (client::Quaternion{1, 0, 0, 0}));
   const client::LidarData other = drone.get_lidar_data();
   EXPECT_EQ(other.channels, 3);
   EXPECT_EQ(other.ranges.size(), 15U);
@@ -236,6 +245,7 @@ TEST(Client, TakesPictures) {
   EXPECT_TRUE(testing::same_bits(jpeg.image.values<std::uint8_t>(), expected));
   const client::CameraData png = drone.get_camera_data({.camera = "front", .format = client::ImageFormat::png});
   EXPECT_EQ(png.image.values<std::uint8_t>()[1], 'P');
+  EXPECT_EQ(error_of([&] { drone.get_camera_data({.quality = 101}); }).code(), ErrorCode::invalid_argument);
   const client::CameraData depth = drone.get_camera_data({.format = client::ImageFormat::raw, .output = "depth"});
   EXPECT_EQ(depth.image.shape[0], 24U);
   EXPECT_EQ(depth.image.shape[1], 32U);
@@ -250,12 +260,12 @@ TEST(Client, TakesPictures) {
   drone.set_move_line_visible(true);
   EXPECT_TRUE(drone.get_move_line_visible());
 
-  drone.set_camera_config({.width_px = 16, .height_px = 12, .hfov_deg = 60});
-  const client::CameraConfig config = drone.get_camera_config();
+  drone.set_camera_config(R"({"width_px": 16, "height_px": 12, "hfov_deg": 60})");
+  const auto config = config_of<CameraConfig>(drone.get_camera_config());
   EXPECT_EQ(config.width_px, 16);
   EXPECT_EQ(config.height_px, 12);
   EXPECT_NEAR(config.hfov_deg.value(), 60, 1e-4);
-  EXPECT_EQ(config.outputs, (std::vector<std::string>{"rgb", "depth"}));
+  EXPECT_TRUE(config.outputs.rgb && config.outputs.depth && !config.outputs.normal);
   EXPECT_EQ(drone.get_camera_data().width_px, 16);
 }
 
@@ -386,7 +396,7 @@ TEST(Client, StepsAndRestores) {
   served.twin->fly(command);
   EXPECT_TRUE(testing::same_bits(simulation.get_array("position").values<float>("position"), served.twin->state().position));
   const std::vector<std::uint8_t> snapshot = simulation.snapshot();
-  simulation.fly({.command = command, .control = "velocity"}, 7);
+  simulation.fly({.command = command}, 7, "velocity");
   served.twin->fly(command, 7);
   EXPECT_TRUE(testing::same_bits(simulation.get_array("position").values<float>("position"), served.twin->state().position));
   simulation.restore(snapshot);
@@ -445,22 +455,23 @@ TEST(Client, ReadsWorlds) {
   const client::Boxes boxes = simulation.get_boxes();
   EXPECT_EQ(boxes.materials, objects(world).materials);
 
-  simulation.set_light({.sun_direction = Vector3{0, 0, 1}, .sun_color = Vector3{0.5F, 0.25F, 0}});
-  const client::Light light = simulation.get_light();
+  simulation.set_light(R"({"sun_direction": [0, 0, 1], "sun_color": [0.5, 0.25, 0]})");
+  const auto light = config_of<Light>(simulation.get_light());
   EXPECT_EQ(light.sun_direction, (Vector3{0, 0, 1}));
   EXPECT_EQ(light.sun_color, (Vector3{0.5F, 0.25F, 0}));
   EXPECT_EQ(light.sky_ambient, world.light().sky_ambient);
   EXPECT_EQ(light.gamma, world.light().gamma);
-  simulation.set_env_lights(std::array<std::int64_t, 1>{1}, client::Light{.sun_glow = 0.25F, .fog_visibility_m = 16.0F});
-  EXPECT_EQ(simulation.get_env_light(1).fog_visibility_m, 16.0F);
-  EXPECT_EQ(simulation.get_env_light(1).sun_glow, 0.25F);
-  EXPECT_EQ(simulation.get_env_light(1).sun_color, light.sun_color);
-  EXPECT_EQ(simulation.get_env_light(0).fog_visibility_m, 0.0F);
-  EXPECT_EQ(error_of([&] { simulation.set_env_lights(std::array<std::int64_t, 1>{9}, light); }).code(), ErrorCode::not_found);
-  EXPECT_EQ(error_of([&] { static_cast<void>(simulation.get_env_light(-1)); }).code(), ErrorCode::not_found);
-  EXPECT_THROW(simulation.set_env_lights({}, light), std::invalid_argument);
-  simulation.set_env_lights(std::array<std::int64_t, 1>{1}, std::nullopt);
-  EXPECT_EQ(simulation.get_env_light(1).fog_visibility_m, 0.0F);
+  simulation.set_light(R"({"sun_glow": 0.25, "fog_visibility_m": 16})", 0, std::array<std::int64_t, 1>{1});
+  EXPECT_EQ(config_of<Light>(simulation.get_light(0, 1)).fog_visibility_m, 16.0F);
+  EXPECT_EQ(config_of<Light>(simulation.get_light(0, 1)).sun_glow, 0.25F);
+  EXPECT_EQ(config_of<Light>(simulation.get_light(0, 1)).sun_color, light.sun_color);
+  EXPECT_EQ(config_of<Light>(simulation.get_light(0, 0)).fog_visibility_m, 0.0F);
+  EXPECT_EQ(error_of([&] { simulation.set_light(R"({"gamma": 2})", 0, std::array<std::int64_t, 1>{9}); }).code(),
+            ErrorCode::not_found);
+  EXPECT_EQ(error_of([&] { static_cast<void>(simulation.get_light(0, -1)); }).code(), ErrorCode::not_found);
+  EXPECT_EQ(error_of([&] { simulation.set_light(R"({"sun": 2})"); }).code(), ErrorCode::invalid_argument);
+  simulation.set_light("", 0, std::array<std::int64_t, 1>{1});
+  EXPECT_EQ(config_of<Light>(simulation.get_light(0, 1)).fog_visibility_m, 0.0F);
 
   simulation.set_world(1, 1);
   EXPECT_EQ(simulation.get_array("world_index").values<std::int32_t>("world_index")[1], 1);
@@ -473,7 +484,7 @@ TEST(Client, Streams) {
   GameModeController simulation(connection);
   DroneController drone(connection, 0);
   const std::vector<std::string> names(kPosition.begin(), kPosition.end());
-  auto arrays = simulation.stream_arrays(names, 200, {}, true);
+  auto arrays = simulation.stream_arrays(200, names, {}, true);
   ASSERT_TRUE(arrays.next(5s));
   EXPECT_FALSE(arrays.next(30ms));  // nothing has changed
   drone.set_location({0, 1, 1}, true);
@@ -515,7 +526,7 @@ TEST(Client, StepsTheTask) {
             ErrorCode::failed_precondition);
 
   const std::vector<std::uint64_t> seeds{5, 6, 7};
-  const client::Readings begin = simulation.reset_envs(seeds);
+  const client::Readings begin = simulation.reset_envs({.seeds = seeds});
   twin.reset(seeds);
   const auto check = [&](const client::Readings& readings) {
     for (std::size_t i = 0; i < spec.observation.size(); ++i) {
@@ -532,7 +543,7 @@ TEST(Client, StepsTheTask) {
     EXPECT_TRUE(testing::same_bits(step.values<float>("reward"), twin.outputs().reward));
     EXPECT_TRUE(testing::same_bits(step.values<bool>("terminated"), twin.outputs().terminated));
   }
-  const client::Readings again = simulation.reset_envs({}, std::vector<std::uint8_t>{0, 1, 0});
+  const client::Readings again = simulation.reset_envs({.mask = std::vector<std::uint8_t>{0, 1, 0}});
   twin.reset({}, EnvMask(std::vector<std::uint8_t>{0, 1, 0}));
   check(again);
 }
@@ -551,7 +562,7 @@ TEST(Client, StepsDronesWhoseEpisodesEndSeparately) {
     EXPECT_EQ(simulation.get_task().episodes, episodes == Episodes::each ? "each" : "last");
     const std::string observation = "observation/" + twin.task()->spec().observation[0].name;
     const std::vector<std::uint64_t> seeds{5, 6};
-    simulation.reset_envs(seeds);
+    simulation.reset_envs({.seeds = seeds});
     twin.reset(seeds);
     int waited = 0;
     for (std::int64_t i = 0; i < 100; ++i) {
@@ -566,7 +577,7 @@ TEST(Client, StepsDronesWhoseEpisodesEndSeparately) {
         ended[drone] = twin.outputs().terminated[drone] | twin.outputs().truncated[drone];
       }
       if (std::ranges::count(ended, 1) == 0) continue;
-      const client::Readings reset = simulation.reset_envs({}, ended);
+      const client::Readings reset = simulation.reset_envs({.mask = ended});
       twin.reset_drones(DroneMask(ended));
       EXPECT_TRUE(testing::same_bits(reset.values<bool>("waiting"), twin.waiting()));
       EXPECT_TRUE(testing::same_bits(reset.array(observation).bytes, twin.outputs().observation[0].bytes()));
@@ -574,8 +585,9 @@ TEST(Client, StepsDronesWhoseEpisodesEndSeparately) {
     }
     EXPECT_EQ(waited > 0, episodes == Episodes::last);
     const std::vector<std::uint8_t> five(5, 1);
-    EXPECT_EQ(error_of([&] { simulation.reset_envs({}, five); }).code(), ErrorCode::invalid_argument);
-    const client::Error refused = error_of([&] { simulation.reset_envs(seeds, std::vector<std::uint8_t>(6, 1)); });
+    EXPECT_EQ(error_of([&] { simulation.reset_envs({.mask = five}); }).code(), ErrorCode::invalid_argument);
+    const client::Error refused =
+        error_of([&] { simulation.reset_envs({.seeds = seeds, .mask = std::vector<std::uint8_t>(6, 1)}); });
     EXPECT_EQ(refused.code(), ErrorCode::invalid_argument) << refused.what();
   }
 }

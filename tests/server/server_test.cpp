@@ -26,6 +26,7 @@
 #include "flockstep/batch.hpp"
 #include "flockstep/batch_lock.hpp"
 #include "flockstep/client.hpp"
+#include "flockstep/served_batch.hpp"
 #include "protocol/frame.hpp"
 #include "protocol/messages.hpp"
 #include "service/call.hpp"
@@ -113,7 +114,8 @@ std::vector<std::pair<std::string, Operation>> operations() {
       {"Sense", operation([](const Connection& to) { return GameModeController(to).sense(later); })},
       {"Step", operation([](const Connection& to) { return GameModeController(to).step(later); })},
       {"Snapshot", operation([](const Connection& to) { return GameModeController(to).snapshot(later); })},
-      {"SetLidarConfig", operation([=](const Connection& to) { return drone(to).set_lidar_config(later, {.hfov_deg = 90.0F}); })},
+      {"SetLidarConfig",
+       operation([=](const Connection& to) { return drone(to).set_lidar_config(later, R"({"hfov_deg": 90})"); })},
   };
 }
 
@@ -372,13 +374,13 @@ void ask_for_published_frames(Served& served, const Connection& connection, Game
 // Calls a function during a long call of the program, after the server has published what clients read.
 void during_a_call(Batch& batch, const std::function<void()>& function) {
   bool was_called = false;
-  batch.run_moves_with([&](const std::function<void()>& move) {
+  ServedBatch::run_moves_with(batch, [&](const std::function<void()>& move) {
     function();
     was_called = true;
     move();
   });
   batch.set_camera(0, {.width_px = 64});
-  batch.run_moves_with({});
+  ServedBatch::run_moves_with(batch, {});
   ASSERT_TRUE(was_called);
 }
 
@@ -481,7 +483,7 @@ TEST(Server, ASecondStopWaitsForTheFirst) {
   } catch (const client::Error&) {  // now the server stops
   }
   served.server.stop();
-  EXPECT_FALSE(served.batch.is_shared());
+  EXPECT_FALSE(ServedBatch::is_served(served.batch));
   first.join();
 }
 
@@ -498,10 +500,10 @@ TEST(Server, StopsAgainAfterAnInterrupt) {
     const Interrupt interrupt([] { throw std::runtime_error("interrupted"); });
     EXPECT_THROW(served.server.stop(), std::runtime_error);
   }
-  EXPECT_TRUE(served.batch.is_shared());
+  EXPECT_TRUE(ServedBatch::is_served(served.batch));
   phase = 2;
   served.server.stop();
-  EXPECT_FALSE(served.batch.is_shared());
+  EXPECT_FALSE(ServedBatch::is_served(served.batch));
   program.join();
 }
 

@@ -82,13 +82,14 @@ struct Outputs {
 };
 
 class BatchLock;
+class ServedBatch;
 class CallLock;
 struct Simulation;
 
 // All methods check their input before they change anything. They throw std::invalid_argument naming the field, the expected
 // value and the actual one. An empty mask selects every active drone or env; an env is active if one of its drones is.
-// One thread at a time: a call while another thread is in one throws std::runtime_error, or waits if the batch is shared. A
-// batch does not survive fork(): using a parent's batch in the child throws std::runtime_error.
+// One thread at a time: a call while another thread is in one throws std::runtime_error, or waits if the batch is served: see
+// ServedBatch. A batch does not survive fork(): using a parent's batch in the child throws std::runtime_error.
 class FLOCKSTEP_API Batch {
  public:
   using Worlds = std::vector<std::shared_ptr<const World>>;  // the worlds of a batch, by index
@@ -117,24 +118,7 @@ class FLOCKSTEP_API Batch {
   // the number of packets they were traced in.
   std::int64_t embree_rays() const;
   std::int64_t embree_packets() const;  // see embree_rays()
-  const State& state() const;           // poses, contacts and clocks; valid until the batch is destroyed or grows
-
-  // --- growth: spawn() may enlarge a batch without a task, and set_lidar() and set_camera() may change the shapes of its
-  // arrays. References to its arrays and configurations then end, unless their memory() is kept.
-  std::int64_t generation() const;             // number of times that the arrays have moved
-  std::shared_ptr<const void> memory() const;  // keeps the current arrays alive; after a growth they change no more
-  // From now on, when the arrays move, `run` is called with a function that it must call once. It may hold a lock that all
-  // readers of the arrays hold.
-  void run_moves_with(std::function<void(const std::function<void()>&)> run);
-
-  // --- sharing with other threads; BatchLock makes several calls as one
-  // From now on, a call while another thread is in one waits for it. Threads wait in the order of their calls, so a thread that
-  // steps in a loop lets the others in between. before_long_call, if given, is called with the batch locked, at the start of
-  // each call that may take long and changes the state: step, reset, fly, move, sense, capture, restore, spawn, and set_lidar or
-  // set_camera if they move the arrays. It may call the batch; neither such calls nor those within a BatchLock call it again.
-  void share(std::function<void()> before_long_call = {});
-  void unshare();          // ends the sharing; threads that wait still get their turns
-  bool is_shared() const;  // true between share() and unshare()
+  const State& state() const;  // poses, contacts and clocks; valid until the batch is destroyed or grows, see ServedBatch
 
   // --- motion and sensing; positions (N, 3) m, quaternions (N, 4) wxyz; an empty span leaves the value unchanged
   // Places drones without a collision check, at rest. Without quaternions, drones with rotors are level and face +x.
@@ -291,6 +275,8 @@ class FLOCKSTEP_API Batch {
 
  private:
   friend class BatchLock;
+  friend class ServedBatch;
+  class ServedBatch;
 
   void replace(std::shared_ptr<Simulation> next);
 

@@ -163,6 +163,12 @@ struct CameraChange {
   std::optional<int> width_px;                    // of all drones; moves the arrays of the batch
   std::optional<int> height_px;                   // of all drones; moves the arrays of the batch
 
+  static constexpr auto fields() {
+    using C = CameraChange;
+    return field_list(field("hfov_deg", &C::hfov_deg), field("vfov_deg", &C::vfov_deg), field("offset_m", &C::offset_m),
+                      field("quat_wxyz", &C::quat_wxyz), field("width_px", &C::width_px), field("height_px", &C::height_px));
+  }
+
   bool any() const { return hfov_deg || vfov_deg || offset_m || quat_wxyz; }  // true if a field of single drones is set
 };
 

@@ -73,6 +73,13 @@ struct LidarChange {
   std::optional<std::array<float, 4>> quat_wxyz;  // sensor to body
   std::optional<int> beams;                       // of all drones; moves the arrays of the batch
   std::optional<int> channels;                    // of all drones; moves the arrays of the batch
+
+  static constexpr auto fields() {
+    using C = LidarChange;
+    return field_list(field("max_range_m", &C::max_range_m), field("hfov_deg", &C::hfov_deg), field("vfov_deg", &C::vfov_deg),
+                      field("offset_m", &C::offset_m), field("quat_wxyz", &C::quat_wxyz), field("beams", &C::beams),
+                      field("channels", &C::channels));
+  }
 };
 
 }  // namespace flockstep

@@ -234,18 +234,6 @@ Batch::Batch(BatchConfig config, WorldPool pool, std::unique_ptr<Task> task, Dro
 
 Batch::~Batch() = default;
 
-void Batch::share(std::function<void()> before_long_call) {
-  const CallGuard guard(*lock_);
-  lock_->share(std::move(before_long_call));
-}
-
-void Batch::unshare() {
-  const CallGuard guard(*lock_);
-  lock_->unshare();
-}
-
-bool Batch::is_shared() const { return lock_->is_shared(); }
-
 const BatchConfig& Batch::config() const { return sim_->config; }
 const Batch::Worlds& Batch::worlds() const {
   static const Worlds kNone;
@@ -260,14 +248,6 @@ std::int64_t Batch::embree_packets() const { return sim_->embree_use().packets; 
 const State& Batch::state() const { return sim_->state; }
 
 // ------------------------------------------------------------------------------------------------------------------ growth
-
-std::int64_t Batch::generation() const { return generation_; }
-std::shared_ptr<const void> Batch::memory() const { return sim_; }
-
-void Batch::run_moves_with(std::function<void(const std::function<void()>&)> run) {
-  const CallGuard guard(*lock_);
-  run_moves_ = std::move(run);
-}
 
 void Batch::replace(std::shared_ptr<Simulation> next) {
   const auto move = [&] {
@@ -419,7 +399,7 @@ std::vector<std::int64_t> Batch::spawn(std::span<const std::int64_t> indices, st
   }
   checks::spawns(sim, plan.indices, begins, world_index);
   const bool is_each = sim.episodes_mode() == Episodes::each;
-  const std::shared_ptr<const void> before = memory();  // the arguments may be views of its arrays
+  const std::shared_ptr<const void> before = sim_;  // the arguments may be views of its arrays
   if (grown) replace(std::move(grown));
   for (std::size_t row = 0; row < rows; ++row) {
     const DroneIndex drone(plan.indices[row]);

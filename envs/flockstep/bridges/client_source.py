@@ -66,7 +66,7 @@ class ClientSource:
         self._quality = jpeg_quality
         named: list[tuple[str, Kind]] = [(lidar, "lidar") for lidar in client.info.lidars]
         named += [(camera, "camera") for camera in client.info.cameras]
-        named += [(imu, "imu") for imu in client.info.imu_mountings]
+        named += [(imu, "imu") for imu in client.info.imu_configs]
         self.sensors = dict(named)
         if len(self.sensors) != len(named):
             raise ValueError(f"sensors: expected different names, got {[name for name, _ in named]}")
@@ -111,8 +111,9 @@ class ClientSource:
 
     def mounting(self, sensor: str, drone: int) -> tuple[npt.ArrayLike, npt.ArrayLike]:
         """Return position and rotation of a sensor in the body frame."""
-        if sensor in self.client.info.imu_mountings:
-            return self.client.info.imu_mountings[sensor]
+        if sensor in self.client.info.imu_configs:
+            imu = self.client.info.imu_configs[sensor]
+            return imu.offset_m, imu.quat_wxyz
         settings = self._settings[self._indices[drone]][sensor]
         return settings.offset_m, settings.quat_wxyz
 

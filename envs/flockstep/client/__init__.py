@@ -14,21 +14,17 @@ except ImportError as _error:
     raise type(_error)(_needed, name=_error.name) from _error
 
 from flockstep.client.async_client import AsyncClient, connect_async
-from flockstep.client.async_operations import AsyncDrone
 from flockstep.client.errors import ServerError
+from flockstep.client.operations import AsyncDrone, Drone
 from flockstep.client.results import (
     Angles,
     Boxes,
     CameraData,
-    CameraSettings,
     Fps,
     Impact,
     Impacts,
     LidarData,
-    LidarSettings,
-    LightSettings,
     Mesh,
-    Mounting,
     PointCloud,
     Rotation,
     ServerInfo,
@@ -38,7 +34,6 @@ from flockstep.client.results import (
 )
 from flockstep.client.streams import AsyncStream, Stream
 from flockstep.client.sync_client import Client, connect
-from flockstep.client.sync_operations import Drone
 from flockstep.client.vector_env import RemoteVectorEnv
 
 __all__ = [
@@ -48,17 +43,13 @@ __all__ = [
     "AsyncStream",
     "Boxes",
     "CameraData",
-    "CameraSettings",
     "Client",
     "Drone",
     "Fps",
     "Impact",
     "Impacts",
     "LidarData",
-    "LidarSettings",
-    "LightSettings",
     "Mesh",
-    "Mounting",
     "PointCloud",
     "RemoteVectorEnv",
     "Rotation",

@@ -9,11 +9,11 @@ from os import PathLike
 from typing import TYPE_CHECKING, TypeVar
 
 from flockstep.client.address import Address, ended, parse_address
-from flockstep.client.async_operations import AsyncOperations
-from flockstep.client.call import Call, hello, subscription, unsubscription
+from flockstep.client.call import Call, Subscription, hello, unsubscription
+from flockstep.client.forms import Awaits
 from flockstep.client.frames import Arrays, decode, encode
-from flockstep.client.protocol_pb2 import Reply
-from flockstep.client.results import ServerInfo
+from flockstep.client.operations import AsyncDrone, Operations
+from flockstep.client.protocol import Reply
 from flockstep.client.session import Session
 from flockstep.client.streams import AsyncStream
 from flockstep.client.sync_client import RETRY_S, connection_error
@@ -49,7 +49,7 @@ async def connect_async(
     return client
 
 
-class AsyncClient(AsyncOperations):
+class AsyncClient(Operations[AsyncDrone], Awaits):
     """A connection to a server, for asyncio; `connect_async` makes it. Several operations may wait at the same time.
 
     The server executes the operations in the order in which they were called.
@@ -59,8 +59,6 @@ class AsyncClient(AsyncOperations):
     info
         `ServerInfo`: the server and its batch, as they were when the client connected.
     """
-
-    info: ServerInfo
 
     def __init__(self, address: Address, token: str, timeout_s: float) -> None:
         if not timeout_s > 0:
@@ -160,8 +158,11 @@ class AsyncClient(AsyncOperations):
             connection.inboxes.pop(inbox.request_id, None)
         return call.answer(reply, arrays)
 
-    def _subscribe(self, call: Call[T], rate_hz: float, only_new: bool) -> AsyncStream[T]:
-        subscribed = subscription(call, rate_hz, only_new)
+    def _handle(self, index: int, env: int | None = None, owner: int | None = None) -> AsyncDrone:
+        return AsyncDrone(self, index, env, owner)
+
+    def _subscribe(self, subscription: Subscription[T]) -> AsyncStream[T]:
+        call, subscribed = subscription.call, subscription.request()
         connection = self._connection
         inbox = connection.send(subscribed, call.operation)
 

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
+from enum import IntEnum
 from math import isfinite
-from typing import Any, Generic, TypeVar
+from typing import Any, Generic, TypeVar, overload
 
 import numpy as np
 import numpy.typing as npt
@@ -13,13 +14,13 @@ import numpy.typing as npt
 from flockstep.arrays import refuse_masked
 from flockstep.client.errors import ServerError
 from flockstep.client.frames import Arrays
-from flockstep.client.protocol_pb2 import Code, Hello, Reply, Request, Subscribe, Unsubscribe
+from flockstep.client.protocol import RESULTS, Code, Reply, Request, Subscribe
 from flockstep.client.readers import server_info
 from flockstep.client.results import ServerInfo
 
 T = TypeVar("T")
 
-PROTOCOL = 1  # version
+PROTOCOL = 2  # version
 
 
 def nothing(reply: Reply, arrays: Arrays) -> None:
@@ -66,8 +67,47 @@ class Call(Generic[T]):
         raise ConnectionError(f"{self.operation}: the server answered {kind!r}, expected {self.result!r}")
 
 
-def floats(name: str, values: npt.ArrayLike, *shape: int) -> npt.NDArray[np.float32]:
-    """Return numbers of the given shape, in which -1 is any size, as float32."""
+def call(
+    operation: str,
+    read: Callable[[Reply, Arrays], T],
+    arrays: Mapping[str, npt.NDArray[Any]] | None = None,
+    /,
+    **fields: Any,
+) -> Call[T]:
+    """Return the call of an operation by its name, with the fields of its message that are not None."""
+    return Call(Request(**{operation: fields}), RESULTS[operation], read, arrays or {})
+
+
+@dataclass(slots=True)
+class Subscription(Generic[T]):
+    """A call whose results come again and again."""
+
+    call: Call[T]
+    rate_hz: float
+    only_new: bool
+
+    def request(self) -> Call[T]:
+        """Return the call that subscribes."""
+        if not self.rate_hz > 0:
+            raise ValueError(f"rate_hz: expected a number above 0, got {self.rate_hz!r}")
+        call = self.call
+        what: dict[str, Any] = {STREAMED[call.operation]: getattr(call.request, call.operation)}
+        request = Request(subscribe=Subscribe(rate_hz=self.rate_hz, only_new=self.only_new, **what))
+        return Call(request, call.result, call.read)
+
+
+#: Field of `Subscribe` for each operation that streams.
+STREAMED = {"get_arrays": "arrays", "get_lidar_data": "lidar", "get_camera_data": "camera", "get_fps": "fps"}
+
+
+@overload
+def floats(name: str, values: npt.ArrayLike, *shape: int) -> npt.NDArray[np.float32]: ...
+@overload
+def floats(name: str, values: npt.ArrayLike | None, *shape: int) -> npt.NDArray[np.float32] | None: ...
+def floats(name: str, values: npt.ArrayLike | None, *shape: int) -> npt.NDArray[np.float32] | None:
+    """Return numbers of the given shape, in which -1 is any size, as float32; None for None."""
+    if values is None:
+        return None
     refuse_masked(name, values)
     try:
         array = np.asarray(values, np.float32)
@@ -94,13 +134,25 @@ def finite(name: str, values: npt.ArrayLike, size: int) -> list[float]:
     return numbers
 
 
-def flags(name: str, values: npt.ArrayLike) -> npt.NDArray[np.bool_]:
-    """Return flags (N,), which must be bool."""
+def flags(name: str, values: npt.ArrayLike | None, *sizes: str) -> npt.NDArray[np.bool_] | None:
+    """Return flags, which must be bool, of one dimension, or of as many as ``sizes`` names at most; None for None."""
+    if values is None:
+        return None
     refuse_masked(name, values)
     array = np.asarray(values)
-    if array.dtype != np.bool_ or array.ndim != 1:
-        raise ValueError(f"{name}: expected bools of shape (N,), got {array.dtype} {array.shape}")
+    sizes = sizes or ("N",)
+    if array.dtype != np.bool_ or not 1 <= array.ndim <= len(sizes):
+        shapes = [f"({', '.join(sizes[: n + 1])}{',' * (n == 0)})" for n in range(len(sizes))]
+        raise ValueError(f"{name}: expected bools of shape {' or '.join(shapes)}, got {array.dtype} {array.shape}")
     return array
+
+
+def choice(name: str, value: str, choices: type[IntEnum]) -> int:
+    """Return the number of a choice."""
+    numbers = {choice.name.lower(): choice.value for choice in choices}
+    if value not in numbers:
+        raise ValueError(f"{name}: expected {', '.join(map(repr, numbers))}, got {value!r}")
+    return numbers[value]
 
 
 def given(**values: Any) -> dict[str, Any]:
@@ -108,26 +160,13 @@ def given(**values: Any) -> dict[str, Any]:
     return {name: value for name, value in values.items() if value is not None}
 
 
-#: Field of `Subscribe` for each operation that streams.
-_STREAMED = {"get_arrays": "arrays", "get_lidar_data": "lidar", "get_camera_data": "camera", "get_fps": "fps"}
-
-
-def subscription(call: Call[T], rate_hz: float, only_new: bool) -> Call[T]:
-    """Return the call that subscribes to the results of another one."""
-    if not rate_hz > 0:
-        raise ValueError(f"rate_hz: expected a number above 0, got {rate_hz!r}")
-    what: dict[str, Any] = {_STREAMED[call.operation]: getattr(call.request, call.operation)}
-    return Call(Request(subscribe=Subscribe(rate_hz=rate_hz, only_new=only_new, **what)), call.result, call.read)
-
-
 def unsubscription(stream: int) -> Call[None]:
     """Return the call that ends a subscription."""
-    return Call(Request(unsubscribe=Unsubscribe(stream=stream)), "done", nothing)
+    return call("unsubscribe", nothing, stream=stream)
 
 
 def hello(token: str) -> Call[ServerInfo]:
     """Return the first call of a session."""
-    request = Request(hello=Hello(protocol=PROTOCOL, token=token, client="flockstep for Python"))
 
     def welcome(reply: Reply, arrays: Arrays) -> ServerInfo:
         if reply.welcome.protocol != PROTOCOL:
@@ -139,4 +178,4 @@ def hello(token: str) -> Call[ServerInfo]:
             )
         return server_info(reply, arrays)
 
-    return Call(request, "welcome", welcome)
+    return call("hello", welcome, protocol=PROTOCOL, token=token, client="flockstep for Python")

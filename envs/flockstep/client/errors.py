@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from contextlib import contextmanager
+
 
 class ServerError(Exception):
     """The server refused an operation. The message is the server's.
@@ -25,3 +28,14 @@ class ServerError(Exception):
 
     def __str__(self) -> str:
         return str(self.args[1])
+
+
+@contextmanager
+def refusals() -> Iterator[None]:
+    """Raise ValueError for what the server refuses as a wrong value."""
+    try:
+        yield
+    except ServerError as error:
+        if error.code == "INVALID_ARGUMENT":
+            raise ValueError(str(error)) from error
+        raise

@@ -9,7 +9,7 @@ from typing import Any, TypeAlias
 import numpy as np
 import numpy.typing as npt
 
-from flockstep.client.protocol_pb2 import Array, DecodeError, DType, Reply, Request
+from flockstep.client.protocol import Array, DecodeError, DType, Reply, Request
 
 Arrays: TypeAlias = dict[str, npt.NDArray[Any]]
 

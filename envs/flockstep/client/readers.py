@@ -2,27 +2,25 @@
 
 from __future__ import annotations
 
+import json
 from typing import Any, TypeAlias
 
 import numpy as np
 import numpy.typing as npt
 
-from flockstep.client import protocol_pb2 as pb
+from flockstep._core import ImuConfig
+from flockstep.client import protocol as pb
 from flockstep.client.frames import Arrays
 from flockstep.client.results import (
     Angles,
     Boxes,
     CameraData,
-    CameraSettings,
     CaptureMode,
     Fps,
     Impact,
     Impacts,
     LidarData,
-    LidarSettings,
-    LightSettings,
     Mesh,
-    Mounting,
     PointCloud,
     Rotation,
     ServerInfo,
@@ -60,16 +58,13 @@ def server_info(reply: pb.Reply, arrays: Arrays) -> ServerInfo:
         welcome.has_task,
         welcome.step_s,
         tuple(welcome.array_names),
-        dict(zip(welcome.imus, map(mounting, welcome.imu_mountings), strict=False)),  # some servers send no mountings
-        dict(zip(welcome.array_names, welcome.array_rows, strict=False)),  # nor rows
+        {
+            name: ImuConfig(**json.loads(text))
+            for name, text in zip(welcome.imus, welcome.imu_config_json, strict=False)
+        },
+        dict(zip(welcome.array_names, welcome.array_rows, strict=False)),
         welcome.bodies_per_env,
     )
-
-
-def mounting(message: pb.Mounting) -> Mounting:
-    """Return a sensor's mounting."""
-    at, turned = message.offset_m, message.rotation
-    return Mounting((at.x, at.y, at.z), (turned.w, turned.x, turned.y, turned.z))
 
 
 def location(reply: pb.Reply, arrays: Arrays) -> _F32:
@@ -114,36 +109,6 @@ def lidar_data(reply: pb.Reply, arrays: Arrays) -> LidarData:
     return LidarData(arrays["ranges"], arrays.get("directions"), vector(data.origin), quaternion(data.rotation))
 
 
-def lidar_settings(reply: pb.Reply, arrays: Arrays) -> LidarSettings:
-    """Return the lidar settings in a reply."""
-    config = reply.lidar_config
-    return LidarSettings(
-        config.channels,
-        config.beams,
-        config.hfov_deg,
-        config.vfov_deg,
-        config.max_range_m,
-        vector(config.offset_m),
-        quaternion(config.rotation),
-    )
-
-
-def camera_settings(reply: pb.Reply, arrays: Arrays) -> CameraSettings:
-    """Return the camera settings in a reply."""
-    config = reply.camera_config
-    return CameraSettings(
-        config.width_px,
-        config.height_px,
-        config.hfov_deg,
-        config.vfov_deg,
-        vector(config.offset_m),
-        quaternion(config.rotation),
-        config.near_m,
-        config.far_m,
-        tuple(config.outputs),
-    )
-
-
 def capture_mode(reply: pb.Reply, arrays: Arrays) -> CaptureMode:
     """Return the capture mode in a reply."""
     name: Any = pb.CaptureModeName(reply.capture_mode.mode).name.lower()
@@ -153,7 +118,7 @@ def capture_mode(reply: pb.Reply, arrays: Arrays) -> CaptureMode:
 
 def move_line_visible(reply: pb.Reply, arrays: Arrays) -> bool:
     """Return the move line visible in a reply."""
-    return reply.move_line_visible.visible
+    return bool(reply.move_line_visible.visible)
 
 
 def time(reply: pb.Reply, arrays: Arrays) -> Time:
@@ -189,23 +154,6 @@ def worlds(reply: pb.Reply, arrays: Arrays) -> list[WorldInfo]:
         )
         for world in reply.worlds.worlds
     ]
-
-
-def light(reply: pb.Reply, arrays: Arrays) -> LightSettings:
-    """Return the light in a reply."""
-    message = reply.light
-    return LightSettings(
-        vector(message.sun_direction),
-        vector(message.sun_color),
-        vector(message.sky_ambient),
-        vector(message.ground_ambient),
-        vector(message.zenith_color),
-        vector(message.horizon_color),
-        message.gamma,
-        message.sun_radius_deg,
-        message.sun_glow,
-        message.fog_visibility_m,
-    )
 
 
 def mesh(reply: pb.Reply, arrays: Arrays) -> Mesh:

@@ -3,26 +3,20 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any, Protocol, TypeVar
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
 from flockstep.arrays import refuse_masked
-from flockstep.client import protocol_pb2 as pb
-from flockstep.client import readers
+from flockstep.client import protocol as pb
 from flockstep.client.bodies import RemoteBodies
-from flockstep.client.call import Call, given
-from flockstep.client.errors import ServerError
+from flockstep.client.call import call, given
+from flockstep.client.errors import refusals
 from flockstep.client.frames import Arrays, numpy_type
-
-T = TypeVar("T")
+from flockstep.client.operations import BlockingOperations
 
 _OBSERVATION, _FINAL_OBSERVATION = "observation", "final_observation"
-
-
-class _Caller(Protocol):
-    def __call__(self, call: Call[T]) -> T: ...
 
 
 @dataclass(frozen=True, eq=False)
@@ -65,20 +59,20 @@ class RemoteBatch:
         Its `RemoteBodies`.
     """
 
-    def __init__(self, call: _Caller) -> None:
-        self._call = call
-        self.task = call(Call(pb.Request(get_task=pb.GetTask()), "task", _task))
-        self.bodies = RemoteBodies(self._send)
+    def __init__(self, client: BlockingOperations) -> None:
+        self._client = client
+        self.task = client._call(call("get_task", _task))
+        self.bodies = RemoteBodies(client)
         self._arrays: Arrays = {}
-        self._step = Call(pb.Request(step_envs=pb.StepEnvs()), "time", _arrays)  # sent by each step
+        self._step = call("step_envs", _arrays)  # sent by each step
 
     def reset(self, seeds: npt.NDArray[np.uint64] | None = None, mask: npt.NDArray[np.bool_] | None = None) -> None:
         """Begin new episodes, with seeds (E,) or none, in the envs of the mask (E,) or in all.
 
         If the episodes of an env's drones end separately, the mask may be (N,) if there are no seeds.
         """
-        request = pb.Request(reset_envs=pb.ResetEnvs())
-        self._arrays = self._send(Call(request, "time", _arrays, given(seeds=seeds, mask=mask)))
+        with refusals():
+            self._arrays = self._client._call(call("reset_envs", _arrays, given(seeds=seeds, mask=mask)))
 
     def step(self, actions: npt.ArrayLike) -> None:
         """Fly one step.
@@ -89,11 +83,12 @@ class RemoteBatch:
             Actions have a wrong shape or dtype, or are not finite; nothing has changed.
         """
         self._step.arrays = {"actions": self._actions(actions)}
-        self._arrays = self._send(self._step)
+        with refusals():
+            self._arrays = self._client._call(self._step)
 
     def snapshot(self) -> bytes:
         """Return everything that affects later steps."""
-        return self._call(Call(pb.Request(snapshot=pb.Snapshot()), "done", readers.snapshot))
+        return self._client.snapshot()
 
     def restore(self, blob: bytes) -> None:
         """Go back to a snapshot.
@@ -104,7 +99,8 @@ class RemoteBatch:
             The snapshot belongs to another configuration; nothing has changed.
         """
         arrays = {"snapshot": np.frombuffer(blob, np.uint8)}
-        self._arrays = self._send(Call(pb.Request(restore=pb.Restore()), "done", _arrays, arrays))
+        with refusals():
+            self._arrays = self._client._call(call("restore", _arrays, arrays))
 
     def rows_of(self, indices: npt.NDArray[np.intp] | None) -> npt.NDArray[np.intp] | slice:
         """Return where the arrays of episodes have the rows ``indices``, whose episodes must have ended; None: all.
@@ -122,14 +118,6 @@ class RemoteBatch:
         if not np.isin(indices, ended).all():
             raise ValueError(f"indices: expected rows whose episodes have ended in the last step, got {indices}")
         return np.searchsorted(ended, indices)
-
-    def _send(self, call: Call[T]) -> T:
-        try:
-            return self._call(call)
-        except ServerError as error:
-            if error.code == "INVALID_ARGUMENT":
-                raise ValueError(str(error)) from error
-            raise
 
     def _actions(self, actions: npt.ArrayLike) -> npt.NDArray[Any]:
         field = self.task.action

@@ -9,6 +9,7 @@ from typing import Any, Literal, NamedTuple, TypeAlias
 import numpy as np
 import numpy.typing as npt
 
+from flockstep._core import ImuConfig
 from flockstep.client.frames import Arrays
 
 _F32: TypeAlias = npt.NDArray[np.float32]
@@ -137,60 +138,6 @@ class LidarData:
     quat_wxyz: _F32
 
 
-@dataclass(frozen=True, eq=False)
-class LidarSettings:
-    """Settings of a drone's LiDAR that clients can change.
-
-    Attributes
-    ----------
-    channels, beams
-        Rows and columns of the scan.
-    hfov_deg, vfov_deg
-        Horizontal and vertical field of view in degrees.
-    max_range_m
-        Range in m.
-    offset_m, quat_wxyz
-        Pose of the sensor in the body frame: (3,) m and (4,), from sensor to body.
-    """
-
-    channels: int
-    beams: int
-    hfov_deg: float
-    vfov_deg: float
-    max_range_m: float
-    offset_m: _F32
-    quat_wxyz: _F32
-
-
-@dataclass(frozen=True, eq=False)
-class CameraSettings:
-    """Settings of a drone's camera.
-
-    Attributes
-    ----------
-    width_px, height_px
-        Size in pixels.
-    hfov_deg, vfov_deg
-        Horizontal and vertical field of view in degrees.
-    offset_m, quat_wxyz
-        Pose of the sensor in the body frame: (3,) m and (4,), from camera to body.
-    near_m, far_m
-        Range of depth in m. Clients cannot change it.
-    outputs
-        Names of the images that the camera makes, such as ``"rgb"``. Clients cannot change them.
-    """
-
-    width_px: int
-    height_px: int
-    hfov_deg: float
-    vfov_deg: float
-    offset_m: _F32
-    quat_wxyz: _F32
-    near_m: float
-    far_m: float
-    outputs: tuple[str, ...]
-
-
 class Time(NamedTuple):
     """The time of a server.
 
@@ -250,21 +197,6 @@ class TimedArrays(Mapping[str, npt.NDArray[Any]]):
         return len(self._arrays)
 
 
-class Mounting(NamedTuple):
-    """The mounting of a sensor.
-
-    Attributes
-    ----------
-    offset_m
-        Position in the body frame in m.
-    quat_wxyz
-        Rotation from the sensor's frame to the body frame.
-    """
-
-    offset_m: tuple[float, float, float]
-    quat_wxyz: tuple[float, float, float, float]
-
-
 @dataclass(frozen=True, eq=False)
 class WorldInfo:
     """A world of the server.
@@ -287,42 +219,6 @@ class WorldInfo:
     max: _F32
     start: _F32 | None
     goal: _F32 | None
-
-
-@dataclass(frozen=True, eq=False)
-class LightSettings:
-    """The light of a world or an env. Colours are linear RGB, (3,).
-
-    Attributes
-    ----------
-    sun_direction
-        Direction towards the sun, (3,), world frame.
-    sun_color
-        Colour of the sun.
-    sky_ambient, ground_ambient
-        Ambient light from above and from below.
-    zenith_color, horizon_color
-        Colours of the sky.
-    gamma
-        Exponent of written colours.
-    sun_radius_deg
-        Radius of the sun's disc in the sky; 0: no disc.
-    sun_glow
-        Share of the sun's colour in the sky next to it.
-    fog_visibility_m
-        Distance at which fog leaves 2 % of a surface's contrast; 0: no fog.
-    """
-
-    sun_direction: _F32
-    sun_color: _F32
-    sky_ambient: _F32
-    ground_ambient: _F32
-    zenith_color: _F32
-    horizon_color: _F32
-    gamma: float
-    sun_radius_deg: float
-    sun_glow: float
-    fog_visibility_m: float
 
 
 @dataclass(frozen=True, eq=False)
@@ -397,8 +293,8 @@ class ServerInfo:
         Number of times that the arrays of the batch changed their shapes.
     lidars, cameras, imus
         Names of the sensors.
-    imu_mountings
-        Mounting of each IMU by its name.
+    imu_configs
+        `ImuConfig` of each IMU by its name.
     flies_by_rotors
         True if drones are simulated with rotors: `fly` and `set_command` move them.
     has_task
@@ -426,7 +322,7 @@ class ServerInfo:
     has_task: bool
     step_s: float
     array_names: tuple[str, ...]
-    imu_mountings: Mapping[str, Mounting]
+    imu_configs: Mapping[str, ImuConfig]
     array_rows: Mapping[str, str]
     bodies_per_env: int
 

@@ -14,20 +14,18 @@ from os import PathLike
 from typing import TYPE_CHECKING, TypeVar
 
 from flockstep.client.address import Address, ended, parse_address
-from flockstep.client.call import Call, hello, subscription, unsubscription
+from flockstep.client.call import Call, Subscription, hello, unsubscription
 from flockstep.client.frames import Arrays, decode, encode
-from flockstep.client.protocol_pb2 import Reply
-from flockstep.client.results import ServerInfo
+from flockstep.client.operations import BlockingOperations
+from flockstep.client.protocol import Reply
 from flockstep.client.session import Session
 from flockstep.client.streams import Stream
-from flockstep.client.sync_operations import Operations
+from flockstep.client.vector_env import RemoteVectorEnv
 
 if TYPE_CHECKING:
     from types import TracebackType
 
     from typing_extensions import Self
-
-    from flockstep.client.vector_env import RemoteVectorEnv
 
 T = TypeVar("T")
 
@@ -93,7 +91,7 @@ class _Slot:
         self.content: tuple[Reply, Arrays] | None = None
 
 
-class Client(Operations):
+class Client(BlockingOperations):
     """A connection to a server; `connect` makes it. Threads may share it.
 
     Attributes
@@ -101,8 +99,6 @@ class Client(Operations):
     info
         `ServerInfo`: the server and its batch, as they were when the client connected.
     """
-
-    info: ServerInfo
 
     def __init__(self, address: Address, token: str, timeout_s: float) -> None:
         if not timeout_s > 0:
@@ -183,8 +179,6 @@ class Client(Operations):
         reward_scale
             The env returns the rewards multiplied by this.
         """
-        from flockstep.client.vector_env import RemoteVectorEnv
-
         return RemoteVectorEnv(self, reward_scale=reward_scale)
 
     # --- calls
@@ -199,8 +193,8 @@ class Client(Operations):
                 self._slots.pop(request_id, None)
         return call.answer(reply, arrays)
 
-    def _subscribe(self, call: Call[T], rate_hz: float, only_new: bool) -> Stream[T]:
-        subscribed = subscription(call, rate_hz, only_new)
+    def _subscribe(self, subscription: Subscription[T]) -> Stream[T]:
+        call, subscribed = subscription.call, subscription.request()
         slot = _Slot()
         with self._lock:
             stream_id = self._send(subscribed, slot)

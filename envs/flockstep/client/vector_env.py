@@ -12,8 +12,8 @@ from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space
 
 from flockstep import stepping
+from flockstep.client.operations import BlockingOperations
 from flockstep.client.remote_batch import RemoteBatch
-from flockstep.client.sync_client import Client
 from flockstep.stepping import AUTORESET_MODES, Array, BoolArray, Observation
 from flockstep.task_spaces import action_space, observation_space
 
@@ -62,10 +62,10 @@ class RemoteVectorEnv(VectorEnv[Observation, Array, Array]):
     metadata: dict[str, Any] = {"render_modes": [], "autoreset_mode": AutoresetMode.NEXT_STEP}  # noqa: RUF012
     copy = False  # the arrays of an answer belong to its receiver
 
-    def __init__(self, client: Client, *, reward_scale: float = 1.0) -> None:
+    def __init__(self, client: BlockingOperations, *, reward_scale: float = 1.0) -> None:
         self.reward_scale = stepping.require_reward_scale(reward_scale)
         self.client = client
-        self.batch = RemoteBatch(client._call)
+        self.batch = RemoteBatch(client)
         task = self.batch.task
         self.autoreset_mode = AUTORESET_MODES[task.autoreset_mode]
         render_fps = max(1, round(task.policy_hz / task.frame_skip))

@@ -140,12 +140,6 @@ struct Options {
   std::size_t max_message_bytes = std::size_t{1} << 30;  // a longer reply ends the connection
 };
 
-// The mounting of a sensor.
-struct Mounting {
-  Vector3 offset_m{};     // body frame
-  Quaternion rotation{};  // sensor to body
-};
-
 // The server that a connection leads to.
 struct ServerInfo {
   std::string version;                   // of flockstep
@@ -156,7 +150,7 @@ struct ServerInfo {
   std::vector<std::string> lidars;       // names
   std::vector<std::string> cameras;      // names
   std::vector<std::string> imus;         // names
-  std::vector<Mounting> imu_mountings;   // of each IMU
+  std::vector<std::string> imu_configs;  // ImuConfig of each IMU, as JSON
   bool flies_by_rotors = false;          // otherwise drones move kinematically
   bool has_task = false;                 // otherwise get_task(), reset_envs() and step_envs() are refused
   double step_s = 0.0;                   // simulated time of a step
@@ -256,15 +250,6 @@ struct Drone {
   std::uint32_t owner = 0;  // number of the client that has claimed it, or 0
 };
 
-// Place of a drone to spawn.
-struct Spawn {
-  // m, where the drone touches nothing; by default the start of the world, or a free place near it if that is taken
-  std::optional<Vector3> location;
-  std::optional<Quaternion> rotation;  // by default level
-  std::optional<std::int64_t> env;     // by default any with a free slot
-  bool claim = false;                  // as by claim()
-};
-
 // When cameras render.
 enum class CaptureMode { every_step, on_movement, on_demand };
 
@@ -293,26 +278,12 @@ struct Impact {
 // Form of an image.
 enum class ImageFormat { jpeg, png, raw };
 
-// A camera's image to get.
-struct ImageRequest {
-  std::string camera;                      // name; empty: the only one
-  ImageFormat format = ImageFormat::jpeg;  // raw gives the values of the pixels
-  int quality = 90;                        // of a JPEG, 1 to 100
-  std::string output;                      // such as "depth", which needs raw; empty: "rgb", or "grey" without it
-};
-
 // An image.
 struct CameraData {
   std::int64_t step = 0;  // number of the reading in the episode
   int width_px = 0;       // of the image
   int height_px = 0;      // of the image
   Array image;            // the bytes of a JPEG or PNG file, (size,) uint8; or pixels, (height, width, channels)
-};
-
-// A scan to make.
-struct ScanRequest {
-  std::string lidar;                // name; empty: the first
-  bool without_directions = false;  // leave them out: they change only with the configuration
 };
 
 // A scan.
@@ -326,30 +297,6 @@ struct LidarData {
 
   // Returns the points that were hit, m, world frame. Needs the directions.
   FLOCKSTEP_API std::vector<Vector3> points() const;
-};
-
-// Configuration of a LiDAR. Fields that are not set stay unchanged when it is sent.
-struct LidarConfig {
-  std::optional<int> channels;         // rows of beams; changes those of all drones
-  std::optional<int> beams;            // beams of each row; changes those of all drones
-  std::optional<float> hfov_deg;       // horizontal field of view
-  std::optional<float> vfov_deg;       // vertical field of view
-  std::optional<float> max_range_m;    // beyond it a beam hits nothing
-  std::optional<Vector3> offset_m;     // body frame
-  std::optional<Quaternion> rotation;  // sensor to body
-};
-
-// Configuration of a camera. Fields that are not set stay unchanged when it is sent.
-struct CameraConfig {
-  std::optional<int> width_px;         // changes that of all drones
-  std::optional<int> height_px;        // changes that of all drones
-  std::optional<float> hfov_deg;       // if only one field of view is set, the other one follows for square pixels
-  std::optional<float> vfov_deg;       // vertical field of view
-  std::optional<Vector3> offset_m;     // body frame
-  std::optional<Quaternion> rotation;  // camera to body
-  std::optional<float> near_m;         // nearest depth; cannot be changed
-  std::optional<float> far_m;          // farthest depth; cannot be changed
-  std::vector<std::string> outputs;    // names; cannot be changed
 };
 
 // A moment of the simulation.
@@ -374,43 +321,6 @@ struct Readings {
   FLOCKSTEP_API const Array& array(std::string_view name) const;
 };
 
-// Poses of all N drones. Arrays may be empty: then they stay unchanged. An empty mask selects all drones.
-struct Poses {
-  std::span<const float> position;       // (N, 3) m
-  std::span<const float> quat_wxyz;      // (N, 4)
-  std::span<const std::uint8_t> mask{};  // (N,) 0 or 1
-};
-
-// Commands to the rotors of all N drones.
-struct Commands {
-  std::span<const float> command;        // (N, 4)
-  std::string control;                   // meaning of the commands, such as "velocity"; empty: that of the batch
-  std::span<const std::uint8_t> mask{};  // (N,) 0 or 1; empty: all drones
-};
-
-// Initial poses and velocities of bodies, one row per env. Empty arrays: as in the configuration.
-struct BodySpawn {
-  std::span<const float> position{};          // (E, 3) m
-  std::span<const float> quat_wxyz{};         // (E, 4)
-  std::span<const float> velocity{};          // (E, 3) m/s, world frame
-  std::span<const float> angular_velocity{};  // (E, 3) rad/s, body frame
-  std::span<const std::uint8_t> mask{};       // (E,) 0 or 1; empty: all envs
-};
-
-// Poses of bodies, B slots of each env. Empty arrays: unchanged.
-struct BodyPoses {
-  std::span<const float> position{};     // (E, B, 3) m
-  std::span<const float> quat_wxyz{};    // (E, B, 4)
-  std::span<const std::uint8_t> mask{};  // (E, B) 0 or 1; empty: all bodies
-};
-
-// Velocities of bodies, B slots of each env. Empty arrays: unchanged.
-struct BodyVelocities {
-  std::span<const float> velocity{};          // (E, B, 3) m/s, world frame
-  std::span<const float> angular_velocity{};  // (E, B, 3) rad/s, body frame
-  std::span<const std::uint8_t> mask{};       // as of BodyPoses
-};
-
 // Configurations of the bodies in K envs.
 struct BodyConfigs {
   std::vector<std::string> configs;   // the different ones: JSON objects with the fields of BodyConfig
@@ -425,20 +335,6 @@ struct World {
   Vector3 max{};                   // m, of all geometry
   std::optional<Vector3> start;    // m
   std::optional<Vector3> goal;     // m
-};
-
-// Light of a world; colours are linear RGB. Fields that are not set stay unchanged when it is sent.
-struct Light {
-  std::optional<Vector3> sun_direction;   // towards the sun
-  std::optional<Vector3> sun_color;       // of its light
-  std::optional<Vector3> sky_ambient;     // from above
-  std::optional<Vector3> ground_ambient;  // from below
-  std::optional<Vector3> zenith_color;    // of the sky that cameras see
-  std::optional<Vector3> horizon_color;   // of the sky that cameras see
-  std::optional<float> gamma;             // exponent of written colours
-  std::optional<float> sun_radius_deg;    // radius of the sun's disc; 0: no disc
-  std::optional<float> sun_glow;          // share of the sun's colour in the sky next to it
-  std::optional<float> fog_visibility_m;  // distance at which fog leaves 2 % of the contrast; 0: no fog
 };
 
 // All surfaces of a world as triangles.
@@ -487,243 +383,51 @@ struct Task {
 
 // --------------------------------------------------------------------------------------------------------------- controllers
 
+using Slots = std::vector<std::int64_t>;     // (E,) of spawned bodies; -1 for envs that are not selected
+using Snapshot = std::vector<std::uint8_t>;  // the whole state of a batch
+
+}  // namespace flockstep::client
+
+#include "flockstep/client_operations.hpp"
+
+namespace flockstep::client {
+
+// ------------------------------------------------------------------------------------------------------------- operations
+
 // Controls the simulation: its drones, time, worlds and task. Copies are cheap.
-class FLOCKSTEP_API GameModeController {
+class GameModeController : public GameModeOperations {
  public:
   // Makes a controller; nothing is sent.
-  explicit GameModeController(Connection connection);
+  explicit GameModeController(const Connection& connection) : GameModeOperations(connection.link_) {}
 
-  // --- session
-  // Returns when the server has answered.
-  void ping() { ping(later).get(); }
-  Future<void> ping(Later);
-  // Claims drones: a server that was started with ownership then refuses other clients' operations that change them. Claims end
-  // with the connection.
-  void claim(std::span<const std::int64_t> drones) { claim(later, drones).get(); }
-  Future<void> claim(Later, std::span<const std::int64_t> drones);
-  // Ends claims.
-  void release(std::span<const std::int64_t> drones) { release(later, drones).get(); }
-  Future<void> release(Later, std::span<const std::int64_t> drones);
-
-  // --- drones
-  // Returns the active drones.
-  std::vector<Drone> get_drones() { return get_drones(later).get(); }
-  Future<std::vector<Drone>> get_drones(Later);
-  // Spawns a drone in a free slot. Enlarges the batch if it has none.
-  Drone spawn_drone(const Spawn& spawn = {}) { return spawn_drone(later, spawn).get(); }
-  Future<Drone> spawn_drone(Later, const Spawn& spawn = {});
-  // Removes a drone.
-  void remove_drone(std::int64_t drone) { remove_drone(later, drone).get(); }
-  Future<void> remove_drone(Later, std::int64_t drone);
-  // Returns when a camera of all drones renders. An empty name means the only camera.
-  CaptureMode get_camera_capture_mode(std::string_view camera = {}) { return get_camera_capture_mode(later, camera).get(); }
-  Future<CaptureMode> get_camera_capture_mode(Later, std::string_view camera = {});
-  // Sets when a camera of all drones renders.
-  void set_camera_capture_mode(CaptureMode mode, std::string_view camera = {}) {
-    set_camera_capture_mode(later, mode, camera).get();
-  }
-  Future<void> set_camera_capture_mode(Later, CaptureMode mode, std::string_view camera = {});
-
-  // --- all drones at once
-  // Returns arrays of all drones or envs as they were after the last completed operation, even while a step runs. sensor: the
-  // LiDAR, camera or IMU whose arrays are named; empty: those of the batch, see ServerInfo::array_names.
-  Readings get_arrays(std::span<const std::string> names, std::string_view sensor = {}) {
-    return get_arrays(later, names, sensor).get();
-  }
-  Future<Readings> get_arrays(Later, std::span<const std::string> names, std::string_view sensor = {});
-  // Returns one array.
+  // Returns one array, as get_arrays() does.
   Readings get_array(std::string_view name, std::string_view sensor = {}) { return get_array(later, name, sensor).get(); }
-  Future<Readings> get_array(Later, std::string_view name, std::string_view sensor = {});
-  // Moves drones in straight lines until they touch something, or with `teleport` places them. Returns the arrays "position",
-  // "quat_wxyz", "hit", "point" and "normal".
-  Readings set_poses(const Poses& poses, bool teleport = false) { return set_poses(later, poses, teleport).get(); }
-  Future<Readings> set_poses(Later, const Poses& poses, bool teleport = false);
-  // Flies drones by rotors for some ticks of the physics; 0: one step.
-  Time fly(const Commands& commands, int ticks = 0) { return fly(later, commands, ticks).get(); }
-  Future<Time> fly(Later, const Commands& commands, int ticks = 0);
-  // Sets the commands that later steps fly.
-  void set_command(const Commands& commands) { set_command(later, commands).get(); }
-  Future<void> set_command(Later, const Commands& commands);
-  // Streams arrays as of get_arrays(), at most `rate_hz` times per second of wall time; with `only_new` only after a change.
-  Stream<Readings> stream_arrays(std::span<const std::string> names, double rate_hz, std::string_view sensor = {},
-                                 bool only_new = false);
-
-  // --- bodies: solids that move, in B slots of each env
-  // Puts a body into the first free slot of each env. config: a JSON object with the fields of BodyConfig that differ from their
-  // defaults. Without arrays its script moves the body. Returns the slots (E,); -1 for envs that are not selected.
-  std::vector<std::int64_t> spawn_bodies(std::string_view config, const BodySpawn& spawn = {}) {
-    return spawn_bodies(later, config, spawn).get();
+  Future<Readings> get_array(Later, std::string_view name, std::string_view sensor = {}) {
+    const std::string names[]{std::string(name)};
+    return get_arrays(later, names, sensor);
   }
-  Future<std::vector<std::int64_t>> spawn_bodies(Later, std::string_view config, const BodySpawn& spawn = {});
-  // Removes bodies until the next episode. mask: as of BodyPoses.
-  Time remove_bodies(std::span<const std::uint8_t> mask = {}) { return remove_bodies(later, mask).get(); }
-  Future<Time> remove_bodies(Later, std::span<const std::uint8_t> mask = {});
-  // Places bodies. They leave their scripts until the next episode.
-  Time set_body_poses(const BodyPoses& poses) { return set_body_poses(later, poses).get(); }
-  Future<Time> set_body_poses(Later, const BodyPoses& poses);
-  // Sets the velocities of bodies. They leave their scripts until the next episode.
-  Time set_body_velocities(const BodyVelocities& velocities) { return set_body_velocities(later, velocities).get(); }
-  Future<Time> set_body_velocities(Later, const BodyVelocities& velocities);
-  // Returns the configurations of the bodies in some envs; empty: in all.
-  BodyConfigs get_body_configs(std::span<const std::int64_t> envs = {}) { return get_body_configs(later, envs).get(); }
-  Future<BodyConfigs> get_body_configs(Later, std::span<const std::int64_t> envs = {});
-
-  // --- time
-  // Returns the speed of the simulation.
-  Fps get_fps() { return get_fps(later).get(); }
-  Future<Fps> get_fps(Later);
-  // Streams the speed of the simulation.
-  Stream<Fps> stream_fps(double rate_hz);
-  // Steps a batch without a task. In lockstep the reply comes when every member has asked for the step.
-  Time step() { return step(later).get(); }
-  Future<Time> step(Later);
-  // Lets the server step at a rate of wall time; 0 stops that.
-  Time set_clock(double rate_hz) { return set_clock(later, rate_hz).get(); }
-  Future<Time> set_clock(Later, double rate_hz);
-  // Becomes a member of the lockstep: steps then wait until every member has asked for one.
-  Time join_lockstep() { return join_lockstep(later).get(); }
-  Future<Time> join_lockstep(Later);
-  // Leaves the lockstep.
-  void leave_lockstep() { leave_lockstep(later).get(); }
-  Future<void> leave_lockstep(Later);
-  // Reads the sensors now.
-  Time sense() { return sense(later).get(); }
-  Future<Time> sense(Later);
-  // Returns the whole state of the batch.
-  std::vector<std::uint8_t> snapshot() { return snapshot(later).get(); }
-  Future<std::vector<std::uint8_t>> snapshot(Later);
-  // Returns to the state of a snapshot.
-  void restore(std::span<const std::uint8_t> snapshot) { restore(later, snapshot).get(); }
-  Future<void> restore(Later, std::span<const std::uint8_t> snapshot);
-
-  // --- worlds; `world` is an index in the result of get_worlds()
-  // Returns the worlds that the server was started with.
-  std::vector<World> get_worlds() { return get_worlds(later).get(); }
-  Future<std::vector<World>> get_worlds(Later);
-  // Puts an env into another world. Its drones stay where they are.
-  void set_world(std::int64_t env, std::uint32_t world) { set_world(later, env, world).get(); }
-  Future<void> set_world(Later, std::int64_t env, std::uint32_t world);
-  // Returns the light of a world.
-  Light get_light(std::uint32_t world = 0) { return get_light(later, world).get(); }
-  Future<Light> get_light(Later, std::uint32_t world = 0);
-  // Sets the light of a world, for all envs in it that have no light of their own.
-  void set_light(const Light& light, std::uint32_t world = 0) { set_light(later, light, world).get(); }
-  Future<void> set_light(Later, const Light& light, std::uint32_t world = 0);
-  // Returns the light that the cameras of an env show.
-  Light get_env_light(std::int64_t env) { return get_env_light(later, env).get(); }
-  Future<Light> get_env_light(Later, std::int64_t env);
-  // Gives envs their own lights, which differ from their current ones in the given fields. Without a light, the envs show the
-  // lights of their worlds again.
-  void set_env_lights(std::span<const std::int64_t> envs, const std::optional<Light>& light) {
-    set_env_lights(later, envs, light).get();
-  }
-  Future<void> set_env_lights(Later, std::span<const std::int64_t> envs, const std::optional<Light>& light);
-  // Returns the surfaces of a world.
-  Mesh get_mesh(std::uint32_t world = 0) { return get_mesh(later, world).get(); }
-  Future<Mesh> get_mesh(Later, std::uint32_t world = 0);
-  // Returns points on the surfaces of a world, about `spacing_m` apart.
-  PointCloud get_point_cloud(float spacing_m, std::uint32_t world = 0) { return get_point_cloud(later, spacing_m, world).get(); }
-  Future<PointCloud> get_point_cloud(Later, float spacing_m, std::uint32_t world = 0);
-  // Returns the boxes around the objects of a world.
-  Boxes get_boxes(std::uint32_t world = 0) { return get_boxes(later, world).get(); }
-  Future<Boxes> get_boxes(Later, std::uint32_t world = 0);
-
-  // --- task
-  // Returns the task of the batch.
-  Task get_task() { return get_task(later).get(); }
-  Future<Task> get_task(Later);
-  // Begins new episodes. seeds: (E,) or empty; mask: (E,) 0 or 1, or empty for all envs. Without seeds, and unless
-  // Task::episodes is "team", the mask may also be (N,). Returns the arrays "observation/NAME" and "waiting": 1 for rows that
-  // take no part in the next step.
-  Readings reset_envs(std::span<const std::uint64_t> seeds = {}, std::span<const std::uint8_t> mask = {}) {
-    return reset_envs(later, seeds, mask).get();
-  }
-  Future<Readings> reset_envs(Later, std::span<const std::uint64_t> seeds = {}, std::span<const std::uint8_t> mask = {});
-  // Steps the task. actions: of the shape (Task::num_rows, ...) and type of Task::action; actions of floats are float32, others
-  // int64. Returns the arrays of reset_envs(), "reward", "terminated" and "truncated". If episodes have ended, there are more
-  // arrays, such as "episode_return", with one row for each row whose "terminated" or "truncated" is set.
-  Readings step_envs(const Array& actions) { return step_envs(later, actions).get(); }
-  Future<Readings> step_envs(Later, const Array& actions);
-
- private:
-  std::shared_ptr<detail::Link> link_;
 };
 
 // Controls one drone. Copies are cheap.
-class FLOCKSTEP_API DroneController {
+class DroneController : public DroneOperations {
  public:
   // Makes a controller of the drone with this index in the batch; nothing is sent.
-  DroneController(Connection connection, std::int64_t drone);
+  DroneController(const Connection& connection, std::int64_t drone)
+      : DroneOperations(connection.link_, drone), simulation_(connection) {}
+
   // Index of the drone in the batch.
   std::int64_t drone() const { return drone_; }
 
-  // Returns when the server has answered.
-  void ping() { ping(later).get(); }
-  Future<void> ping(Later);
-
-  // --- motion
-  // Returns the location, m.
-  Vector3 get_location() { return get_location(later).get(); }
-  Future<Vector3> get_location(Later);
-  // Moves the drone in a straight line until it touches something, or with `teleport` places it there without a check.
-  Impact set_location(const Vector3& location, bool teleport = false) { return set_location(later, location, teleport).get(); }
-  Future<Impact> set_location(Later, const Vector3& location, bool teleport = false);
-  // Returns the rotation.
-  Rotation get_rotation() { return get_rotation(later).get(); }
-  Future<Rotation> get_rotation(Later);
-  // Turns the drone until it touches something, or with `teleport` without a check.
-  Impact set_rotation(const Orientation& rotation, bool teleport = false) {
-    return set_rotation(later, rotation, teleport).get();
-  }
-  Future<Impact> set_rotation(Later, const Orientation& rotation, bool teleport = false);
-  // Moves and turns the drone until it touches something, or with `teleport` without a check.
-  Impact set_location_and_rotation(const Vector3& location, const Orientation& rotation, bool teleport = false) {
-    return set_location_and_rotation(later, location, rotation, teleport).get();
-  }
-  Future<Impact> set_location_and_rotation(Later, const Vector3& location, const Orientation& rotation, bool teleport = false);
   // Sets the command that later steps fly by rotors. control: its meaning, such as "velocity"; empty: that of the batch.
   void set_command(const std::array<float, 4>& command, std::string_view control = {}) {
     set_command(later, command, control).get();
   }
-  Future<void> set_command(Later, const std::array<float, 4>& command, std::string_view control = {});
-
-  // --- camera; an empty name means the only one
-  // Returns an image: a JPEG file by default. A camera in the mode on_demand renders now; otherwise only if its image is stale.
-  CameraData get_camera_data(const ImageRequest& request = {}) { return get_camera_data(later, request).get(); }
-  Future<CameraData> get_camera_data(Later, const ImageRequest& request = {});
-  // Streams images, at most `rate_hz` times per second of wall time; with `only_new` only after a change.
-  Stream<CameraData> stream_camera(double rate_hz, const ImageRequest& request = {}, bool only_new = false);
-  // Returns the configuration of a camera.
-  CameraConfig get_camera_config(std::string_view camera = {}) { return get_camera_config(later, camera).get(); }
-  Future<CameraConfig> get_camera_config(Later, std::string_view camera = {});
-  // Changes the configuration of a camera.
-  void set_camera_config(const CameraConfig& config, std::string_view camera = {}) {
-    set_camera_config(later, config, camera).get();
+  Future<void> set_command(Later, const std::array<float, 4>& command, std::string_view control = {}) {
+    return simulation_.set_command(later, {.command = command}, drone_, control);
   }
-  Future<void> set_camera_config(Later, const CameraConfig& config, std::string_view camera = {});
-  // Returns whether images show the line of the drone's past positions.
-  bool get_move_line_visible() { return get_move_line_visible(later).get(); }
-  Future<bool> get_move_line_visible(Later);
-  // Shows the line of the drone's past positions in images.
-  void set_move_line_visible(bool visible) { set_move_line_visible(later, visible).get(); }
-  Future<void> set_move_line_visible(Later, bool visible);
-
-  // --- LiDAR; an empty name means the first one
-  // Scans now.
-  LidarData get_lidar_data(const ScanRequest& request = {}) { return get_lidar_data(later, request).get(); }
-  Future<LidarData> get_lidar_data(Later, const ScanRequest& request = {});
-  // Streams scans, at most `rate_hz` times per second of wall time; with `only_new` only after a change.
-  Stream<LidarData> stream_lidar(double rate_hz, const ScanRequest& request = {}, bool only_new = false);
-  // Returns the configuration of a LiDAR.
-  LidarConfig get_lidar_config(std::string_view lidar = {}) { return get_lidar_config(later, lidar).get(); }
-  Future<LidarConfig> get_lidar_config(Later, std::string_view lidar = {});
-  // Changes the configuration of a LiDAR.
-  void set_lidar_config(const LidarConfig& config, std::string_view lidar = {}) { set_lidar_config(later, config, lidar).get(); }
-  Future<void> set_lidar_config(Later, const LidarConfig& config, std::string_view lidar = {});
 
  private:
-  std::shared_ptr<detail::Link> link_;
-  std::int64_t drone_;
+  GameModeController simulation_;
 };
 
 }  // namespace flockstep::client

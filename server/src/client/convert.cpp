@@ -51,34 +51,10 @@ static_assert(static_cast<int>(DType::boolean) == static_cast<int>(protocol::DTy
               static_cast<int>(DType::float64) == static_cast<int>(protocol::DType::kDtypeFloat64));
 static_assert(static_cast<int>(ImageFormat::raw) == static_cast<int>(protocol::ImageFormat::kRaw));
 
-[[noreturn]] void refuse(const char* field, const std::string& expected, const std::string& got) {
-  throw Error(ErrorCode::invalid_argument, std::string(field) + ": expected " + expected + ", got " + got);
-}
-
-void require_flags(std::span<const std::uint8_t> mask) {
-  for (const std::uint8_t flag : mask) {
-    if (flag > 1) refuse("mask", "0 or 1", std::to_string(flag));
-  }
-}
-
-void require_bodies(const char* field, std::size_t size, std::size_t row, std::int64_t per_env) {
-  if (row > 0 && size % row == 0) return;
-  refuse(field, "values of " + std::to_string(per_env) + " bodies in each env", std::to_string(size) + " values");
-}
-
-template <class Real>
-Real finite_number(Real value, const char* field) {
-  if (!std::isfinite(value)) refuse(field, "finite numbers", std::to_string(value));
-  return value;
-}
-
 }  // namespace
 
-float finite(float value, const char* field) { return finite_number(value, field); }
-double finite(double value, const char* field) { return finite_number(value, field); }
-std::optional<float> finite(std::optional<float> value, const char* field) {
-  if (value) finite_number(*value, field);
-  return value;
+void refuse(const char* field, const std::string& expected, const std::string& got) {
+  throw Error(ErrorCode::invalid_argument, std::string(field) + ": expected " + expected + ", got " + got);
 }
 
 protocol::Vector3 message_of(const Vector3& v, const char* field) {
@@ -93,45 +69,22 @@ protocol::Angles message_of(const Angles& angles, const char* field) {
           .yaw_deg = finite(angles.yaw_deg, field)};
 }
 
-protocol::GetCameraData message_of(const ImageRequest& request, std::int64_t drone) {
-  constexpr int kBest = 100;
-  if (request.quality < 1 || request.quality > kBest)
-    refuse("quality", "an integer in [1, 100]", std::to_string(request.quality));
-  return {.drone = drone,
-          .camera = request.camera,
-          .format = static_cast<protocol::ImageFormat>(request.format),
-          .quality = static_cast<std::uint32_t>(request.quality),
-          .output = request.output};
-}
-protocol::GetLidarData message_of(const ScanRequest& request, std::int64_t drone) {
-  return {.drone = drone, .lidar = request.lidar, .without_directions = request.without_directions};
-}
-
-void add_rows(protocol::FrameWriter& writer, const char* name, std::span<const float> values, std::size_t columns) {
-  if (values.size() % columns != 0) {
-    refuse(name, "rows of " + std::to_string(columns) + " numbers", std::to_string(values.size()) + " numbers");
+std::vector<std::size_t> shape_of(const char* name, std::size_t size, std::initializer_list<std::int64_t> row) {
+  std::size_t in_row = 1;
+  for (const std::int64_t length : row) in_row *= static_cast<std::size_t>(length);
+  if (in_row == 0 || size % in_row != 0) {
+    refuse(name, "rows of " + std::to_string(in_row) + " values", std::to_string(size) + " values");
   }
-  writer.add(name, values, {values.size() / columns, columns});
+  std::vector<std::size_t> shape{size / in_row};
+  for (const std::int64_t length : row) shape.push_back(static_cast<std::size_t>(length));
+  return shape;
 }
-void add_mask(protocol::FrameWriter& writer, std::span<const std::uint8_t> mask) {
-  if (mask.empty()) return;
-  require_flags(mask);
-  const std::size_t size = mask.size();
-  writer.add("mask", protocol::DType::kDtypeBool, std::as_bytes(mask), std::span(&size, 1));
-}
-void add_bodies(protocol::FrameWriter& writer, const char* name, std::span<const float> values, std::size_t columns,
-                std::int64_t per_env) {
-  if (values.empty()) return;
-  const auto bodies = static_cast<std::size_t>(per_env);
-  require_bodies(name, values.size(), bodies * columns, per_env);
-  writer.add(name, values, {values.size() / (bodies * columns), bodies, columns});
-}
-void add_body_mask(protocol::FrameWriter& writer, std::span<const std::uint8_t> mask, std::int64_t per_env) {
-  if (mask.empty()) return;
-  require_flags(mask);
-  const auto bodies = static_cast<std::size_t>(per_env);
-  require_bodies("mask", mask.size(), bodies, per_env);
-  writer.add("mask", protocol::DType::kDtypeBool, std::as_bytes(mask), std::array{mask.size() / bodies, bodies});
+void add_flags(protocol::FrameWriter& writer, const char* name, std::span<const std::uint8_t> flags,
+               std::initializer_list<std::int64_t> row) {
+  for (const std::uint8_t flag : flags) {
+    if (flag > 1) refuse(name, "0 or 1", std::to_string(flag));
+  }
+  writer.add(name, protocol::DType::kDtypeBool, std::as_bytes(flags), shape_of(name, flags.size(), row));
 }
 void add_array(protocol::FrameWriter& writer, const char* name, const Array& array) {
   const auto type = static_cast<protocol::DType>(array.dtype);
@@ -164,77 +117,6 @@ Array value_of(const protocol::ReceivedArray& array) {
     refuse_reply("the array \"" + array.array->name + "\" has flags other than 0 and 1");
   }
   return value;
-}
-
-void read_done(Call& call) { ReplyOf<protocol::Done> reply(call); }
-
-namespace {
-
-Time value_of(const protocol::Time& time) {
-  return {.step = time.step, .time_s = time.time_s, .num_envs = time.num_envs, .generation = time.generation};
-}
-
-}  // namespace
-
-Time read_time(Call& call) {
-  ReplyOf<protocol::Time> reply(call);
-  return value_of(reply.message());
-}
-
-Readings read_readings(Call& call) {
-  ReplyOf<protocol::Time> reply(call);
-  Readings readings{.time = value_of(reply.message()), .arrays = {}};
-  for (const protocol::ReceivedArray& array : reply.arrays())
-    readings.arrays.insert_or_assign(array.array->name, value_of(array));
-  return readings;
-}
-
-Impact read_impact(Call& call) {
-  ReplyOf<protocol::Impact> reply(call);
-  const protocol::Impact& impact = reply.message();
-  return {.hit = impact.hit,
-          .fraction = impact.fraction,
-          .location = required(impact.location, "location"),
-          .rotation = required(impact.rotation, "rotation"),
-          .point = value_of(impact.point).value_or(Vector3{}),
-          .normal = value_of(impact.normal).value_or(Vector3{})};
-}
-
-CameraData read_image(Call& call) {
-  ReplyOf<protocol::CameraData> reply(call);
-  const protocol::CameraData& data = reply.message();
-  constexpr auto kMost = static_cast<std::uint32_t>(std::numeric_limits<int>::max());
-  if (data.width_px > kMost || data.height_px > kMost) refuse_reply("the size of an image is too large");
-  return {.step = data.step,
-          .width_px = static_cast<int>(data.width_px),
-          .height_px = static_cast<int>(data.height_px),
-          .image = value_of(reply.array("image"))};
-}
-
-LidarData read_scan(Call& call) {
-  ReplyOf<protocol::LidarData> reply(call);
-  const protocol::ReceivedArray& ranges = reply.array<float>("ranges", 2);
-  LidarData data;
-  data.channels = static_cast<int>(ranges.array->shape[0]);
-  data.beams = static_cast<int>(ranges.array->shape[1]);
-  data.ranges = ranges.values<float>();
-  for (const protocol::ReceivedArray& array : reply.arrays()) {
-    if (array.array->name != "directions") continue;
-    const protocol::ReceivedArray& directions = reply.array<float>("directions", 3);
-    const std::vector<std::uint64_t>& shape = directions.array->shape;
-    if (shape[0] != ranges.array->shape[0] || shape[1] != ranges.array->shape[1] || shape[2] != 3) {
-      refuse_reply("the array \"directions\" has another shape");
-    }
-    data.directions = directions.values<Vector3>();
-  }
-  data.origin = required(reply.message().origin, "origin");
-  data.rotation = required(reply.message().rotation, "rotation");
-  return data;
-}
-
-Fps read_fps(Call& call) {
-  ReplyOf<protocol::Fps> reply(call);
-  return {.fps = reply.message().fps, .real_time_factor = reply.message().real_time_factor};
 }
 
 }  // namespace detail

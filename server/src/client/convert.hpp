@@ -1,12 +1,18 @@
 // Converts the structs of client.hpp to messages of the protocol, and replies to results.
 #pragma once
 
+#include <cmath>
 #include <concepts>
 #include <cstddef>
+#include <cstdint>
+#include <initializer_list>
 #include <optional>
+#include <span>
 #include <string>
 #include <string_view>
+#include <type_traits>
 #include <utility>
+#include <variant>
 #include <vector>
 
 #include "client/link.hpp"
@@ -18,39 +24,49 @@ namespace flockstep::client::detail {
 
 // ----------------------------------------------------------------------------------------------------------------- requests
 
+[[noreturn]] void refuse(const char* field, const std::string& expected, const std::string& got);
 // Throws Error if a number is not finite; a server would end the connection.
-float finite(float value, const char* field);
-double finite(double value, const char* field);
-std::optional<float> finite(std::optional<float> value, const char* field);
+template <std::floating_point Real>
+Real finite(Real value, const char* field) {
+  if (!std::isfinite(value)) refuse(field, "finite numbers", std::to_string(value));
+  return value;
+}
 
 protocol::Vector3 message_of(const Vector3& v, const char* field);
 protocol::Quaternion message_of(const Quaternion& q, const char* field);
 protocol::Angles message_of(const Angles& angles, const char* field);
 
+// Sets a field of a message.
+template <class To, class From>
+void put(To& to, const From& value, const char* field) {
+  if constexpr (std::is_same_v<From, Orientation>) {
+    std::visit([&](const auto& form) { to = message_of(form, field); }, value);
+  } else if constexpr (std::floating_point<From>) {
+    to = finite(value, field);
+  } else if constexpr (requires { message_of(value, field); }) {
+    to = message_of(value, field);
+  } else if constexpr (requires { message_of(*value, field); }) {
+    if (value) to = message_of(*value, field);
+  } else if constexpr (std::is_enum_v<To>) {
+    to = static_cast<To>(value);
+  } else if constexpr (requires { To(value.begin(), value.end()); }) {
+    to = To(value.begin(), value.end());
+  } else {
+    to = value;
+  }
+}
+
+// The shape of an array whose rows have these sizes. Throws Error if the values do not divide into rows.
+std::vector<std::size_t> shape_of(const char* name, std::size_t size, std::initializer_list<std::int64_t> row);
 template <class T>
-auto message_of(const std::optional<T>& value, const char* field) {
-  return value ? std::optional(message_of(*value, field)) : std::nullopt;
+void add_rows(protocol::FrameWriter& writer, const char* name, std::span<const T> values,
+              std::initializer_list<std::int64_t> row) {
+  writer.add(name, protocol::dtype_of<T>(), std::as_bytes(values), shape_of(name, values.size(), row));
 }
-
-// Sets a message's field that is a quaternion or angles.
-template <class Rotation>
-void set(Rotation& rotation, const Orientation& to) {
-  std::visit([&](const auto& form) { rotation = message_of(form, "rotation"); }, to);
-}
-
-protocol::GetCameraData message_of(const ImageRequest& request, std::int64_t drone);
-protocol::GetLidarData message_of(const ScanRequest& request, std::int64_t drone);
-
-// Adds the array of N rows; throws Error if the values do not divide into rows.
-void add_rows(protocol::FrameWriter& writer, const char* name, std::span<const float> values, std::size_t columns);
-// Adds flags, if there are any.
-void add_mask(protocol::FrameWriter& writer, std::span<const std::uint8_t> mask);
-// Add an array (E, B, columns) or flags (E, B) of bodies, if there are any; throw Error if they do not divide into envs. per_env:
-// B.
-void add_bodies(protocol::FrameWriter& writer, const char* name, std::span<const float> values, std::size_t columns,
-                std::int64_t per_env);
-void add_body_mask(protocol::FrameWriter& writer, std::span<const std::uint8_t> mask, std::int64_t per_env);
-// Adds an array; throws Error if its shape is not that of its values.
+// Throws Error for flags other than 0 and 1.
+void add_flags(protocol::FrameWriter& writer, const char* name, std::span<const std::uint8_t> flags,
+               std::initializer_list<std::int64_t> row);
+// Throws Error if the shape of the array is not that of its values.
 void add_array(protocol::FrameWriter& writer, const char* name, const Array& array);
 
 template <class Operation>
@@ -124,13 +140,8 @@ auto required(const std::optional<T>& message, const char* field) {
   return value_of(*message);
 }
 
-// Results of calls.
-void read_done(Call& call);
-Time read_time(Call& call);
-Readings read_readings(Call& call);
-Impact read_impact(Call& call);
-CameraData read_image(Call& call);
-LidarData read_scan(Call& call);
-Fps read_fps(Call& call);
+// Returns the result of a call. results.cpp defines one for each type.
+template <class T>
+T read(Call& call);
 
 }  // namespace flockstep::client::detail

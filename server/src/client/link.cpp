@@ -65,11 +65,6 @@ void Link::introduce() {
                                                     " of the server (flockstep " + welcome.version +
                                                     "); install the same version on both sides");
   }
-  std::vector<Mounting> mountings;
-  for (const protocol::Mounting& mounting : welcome.imu_mountings) {
-    mountings.push_back(
-        {.offset_m = required(mounting.offset_m, "offset_m"), .rotation = required(mounting.rotation, "rotation")});
-  }
   server_ = {.version = std::move(welcome.version),
              .client = welcome.client,
              .num_envs = welcome.num_envs,
@@ -78,7 +73,7 @@ void Link::introduce() {
              .lidars = std::move(welcome.lidars),
              .cameras = std::move(welcome.cameras),
              .imus = std::move(welcome.imus),
-             .imu_mountings = std::move(mountings),
+             .imu_configs = std::move(welcome.imu_config_json),
              .flies_by_rotors = welcome.flies_by_rotors,
              .has_task = welcome.has_task,
              .step_s = welcome.step_s,

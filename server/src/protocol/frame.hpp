@@ -15,7 +15,7 @@
 
 namespace flockstep::protocol {
 
-inline constexpr std::uint32_t kVersion = 1;
+inline constexpr std::uint32_t kVersion = 2;
 // Bytes that a Request or Reply may have without the values of its arrays. A Reply may list all drones.
 template <class Message>
 inline constexpr std::size_t kMaxHeaderBytes = std::size_t{1} << (std::is_same_v<Message, Reply> ? 26U : 16U);

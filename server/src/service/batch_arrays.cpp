@@ -7,6 +7,7 @@
 
 #include "base/array_shape.hpp"
 #include "flockstep/batch_lock.hpp"
+#include "flockstep/served_batch.hpp"
 
 namespace flockstep::server {
 namespace {
@@ -94,7 +95,7 @@ void ArraySource::describe(const Batch& batch) {
   num_envs = batch.config().num_envs;
   num_drones = batch.config().num_drones();
   drones_per_env = batch.config().drones_per_env;
-  generation = batch.generation();
+  generation = ServedBatch::generation(batch);
 }
 
 LiveArrays::LiveArrays(const Batch& batch) : batch_(batch) { describe(batch); }

@@ -138,7 +138,6 @@ void Service::read(Call& call, const protocol::GetArrays& get, const ArraySource
 }
 
 void Service::locked(Call& call, const protocol::SetPoses& set) {
-  call.require_only({"position", "quat_wxyz", "mask"});
   const std::int64_t drones = batch_.config().num_drones();
   const auto position = call.array<float>("position", {drones, 3});
   const auto quat = call.array<float>("quat_wxyz", {drones, 4});
@@ -165,7 +164,6 @@ void Service::locked(Call& call, const protocol::SetPoses& set) {
 }
 
 void Service::locked(Call& call, const protocol::Fly& fly) {
-  call.require_only({"command", "mask"});
   const std::int64_t drones = batch_.config().num_drones();
   const auto command = call.array<float>("command", {drones, 4});
   const auto mask = call.flags("mask", {drones});
@@ -179,7 +177,6 @@ void Service::locked(Call& call, const protocol::Fly& fly) {
 }
 
 void Service::locked(Call& call, const protocol::SetCommand& set) {
-  call.require_only({"command", "mask"});
   if (batch_.config().dynamics.is_kinematic()) {
     throw Refusal(Code::kFailedPrecondition, "these drones do not fly by rotors: SetLocation and SetPoses move them");
   }
@@ -191,7 +188,7 @@ void Service::locked(Call& call, const protocol::SetCommand& set) {
   std::vector<float> commands = commands_;
   if (set.drone) {
     const std::size_t drone = require_drone(*set.drone);
-    const auto command = call.array<float>("command", {4});
+    const auto command = call.array<float>("command", {1, 4});
     require(command.has_value(), "command", "an array of this name", "none");
     std::ranges::copy(*command, commands.begin() + static_cast<std::ptrdiff_t>(4 * drone));
     mask[drone] = 1;
@@ -243,7 +240,6 @@ void Service::locked(Call& call, const protocol::Snapshot&) {
 }
 
 void Service::locked(Call& call, const protocol::Restore&) {
-  call.require_only({"snapshot"});
   require_may_change(call, std::span<const std::uint8_t>());
   const std::optional<std::string> bytes = call.take_bytes("snapshot");
   require(bytes.has_value(), "snapshot", "an array of this name", "none");
@@ -270,7 +266,6 @@ void Service::now(Call& call, const protocol::GetTask&) {
 }
 
 void Service::locked(Call& call, const protocol::ResetEnvs&) {
-  call.require_only({"seeds", "mask"});
   require_task(task_);
   require_may_change(call, std::span<const std::uint8_t>());
   const std::int64_t envs = batch_.config().num_envs, drones = batch_.config().num_drones();
@@ -290,7 +285,6 @@ void Service::locked(Call& call, const protocol::ResetEnvs&) {
 }
 
 void Service::locked(Call& call, const protocol::StepEnvs&) {
-  call.require_only({"actions"});
   require_task(task_);
   require_may_change(call, std::span<const std::uint8_t>());
   const TaskSpec& spec = task_->spec();

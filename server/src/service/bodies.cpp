@@ -8,23 +8,13 @@
 #include <string>
 #include <vector>
 
-#include "base/json_document.hpp"
 #include "base/require.hpp"
 #include "flockstep/body.hpp"
-#include "recipe/config_json.hpp"
+#include "service/convert.hpp"
 #include "service/service.hpp"
 
 namespace flockstep::server {
 namespace {
-
-BodyConfig body_of(const std::string& text) {
-  constexpr const char* kField = "config_json";
-  require(!text.empty(), kField, "a JSON object with the fields of a BodyConfig", "nothing");
-  const auto document = json::Document::parse(text, kField);
-  BodyConfig config;
-  read_config(document->root().value, kField, config);
-  return config;
-}
 
 std::span<const float> values_of(const std::optional<std::vector<float>>& array) {
   return array ? std::span<const float>(*array) : std::span<const float>();
@@ -64,7 +54,6 @@ void Service::require_may_change_envs(const Call& call, std::span<const std::uin
 }
 
 void Service::locked(Call& call, const protocol::SpawnBodies& spawn) {
-  call.require_only({"position", "quat_wxyz", "velocity", "angular_velocity", "mask"});
   require_bodies();
   const std::int64_t envs = batch_.config().num_envs;
   const auto position = call.array<float>("position", {envs, 3});
@@ -72,7 +61,9 @@ void Service::locked(Call& call, const protocol::SpawnBodies& spawn) {
   const auto velocity = call.array<float>("velocity", {envs, 3});
   const auto angular_velocity = call.array<float>("angular_velocity", {envs, 3});
   const std::vector<std::uint8_t> mask = call.flags("mask", {envs}).value_or(std::vector<std::uint8_t>());
-  const BodyConfig config = body_of(spawn.config_json);
+  require(!spawn.config_json.empty(), "config_json", "a JSON object with the fields of a BodyConfig", "nothing");
+  BodyConfig config;
+  read_json(spawn.config_json, "config_json", config);
   require_may_change_envs(call, mask);
   begin_change();
   const std::vector<std::int64_t> slots =
@@ -82,7 +73,6 @@ void Service::locked(Call& call, const protocol::SpawnBodies& spawn) {
 }
 
 void Service::locked(Call& call, const protocol::RemoveBodies&) {
-  call.require_only({"mask"});
   require_bodies();
   const std::vector<std::uint8_t> mask = body_mask(call);
   require_may_change_envs(call, mask);
@@ -92,7 +82,6 @@ void Service::locked(Call& call, const protocol::RemoveBodies&) {
 }
 
 void Service::locked(Call& call, const protocol::SetBodyPoses&) {
-  call.require_only({"position", "quat_wxyz", "mask"});
   require_bodies();
   const auto envs = std::int64_t{batch_.config().num_envs}, bodies = static_cast<std::int64_t>(batch_.bodies_per_env());
   const auto position = call.array<float>("position", {envs, bodies, 3});
@@ -105,7 +94,6 @@ void Service::locked(Call& call, const protocol::SetBodyPoses&) {
 }
 
 void Service::locked(Call& call, const protocol::SetBodyVelocities&) {
-  call.require_only({"velocity", "angular_velocity", "mask"});
   require_bodies();
   const auto envs = std::int64_t{batch_.config().num_envs}, bodies = static_cast<std::int64_t>(batch_.bodies_per_env());
   const auto velocity = call.array<float>("velocity", {envs, bodies, 3});
@@ -123,7 +111,7 @@ void Service::locked(Call& call, const protocol::GetBodyConfigs& get) {
   require(std::ssize(get.envs) <= num_envs, "envs", "at most " + std::to_string(num_envs) + " indices", get.envs.size());
   std::vector<std::int64_t> envs = get.envs;
   for (std::int64_t env = 0; get.envs.empty() && env < num_envs; ++env) envs.push_back(env);
-  auto& result = call.result<protocol::BodyConfigs>();
+  auto& result = call.result<protocol::Configs>();
   std::map<const BodyConfig*, std::int32_t> known;
   std::map<std::string, std::int32_t> numbered;
   const auto number_of = [&](const BodyConfig* config) {

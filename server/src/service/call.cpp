@@ -54,12 +54,14 @@ std::optional<std::vector<std::uint8_t>> Call::flags(std::string_view name, cons
   return flags;
 }
 
-void Call::require_only(std::initializer_list<std::string_view> names) const {
+void Call::require_listed() const {
+  if (request.arrays.empty()) return;
+  const std::vector<protocol::RequestArray> listed = protocol::arrays_of(request);
+  std::string known;
+  for (const protocol::RequestArray& array : listed) known += (known.empty() ? "" : ", ") + std::string(array.name);
   for (const protocol::Array& array : request.arrays) {
-    std::string known;
-    for (const std::string_view name : names) known += (known.empty() ? "" : ", ") + std::string(name);
-    require(std::ranges::find(names, array.name) != names.end(), "arrays",
-            names.size() == 0 ? "no array for this operation" : known, '"' + array.name + '"');
+    require(std::ranges::find(listed, array.name, &protocol::RequestArray::name) != listed.end(), "arrays",
+            known.empty() ? "no array for this operation" : known, '"' + array.name + '"');
   }
 }
 

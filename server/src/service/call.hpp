@@ -3,7 +3,6 @@
 
 #include <atomic>
 #include <cstdint>
-#include <initializer_list>
 #include <memory>
 #include <optional>
 #include <stdexcept>
@@ -63,8 +62,8 @@ struct Call {
   std::optional<std::string> take_bytes(std::string_view name);
   // Like array(), for flags: as bytes, 0 or 1.
   std::optional<std::vector<std::uint8_t>> flags(std::string_view name, const std::vector<std::int64_t>& shape) const;
-  // Throws std::invalid_argument if the request has other arrays.
-  void require_only(std::initializer_list<std::string_view> names) const;
+  // Throws std::invalid_argument if the request has arrays that flockstep.proto does not list for its operation.
+  void require_listed() const;
 
   template <class Result>
   Result& result() {

@@ -1,12 +1,16 @@
-// Converts vectors and quaternions between the engine and messages.
+// Converts vectors, quaternions and configurations between the engine and messages.
 #pragma once
 
 #include <array>
 #include <cmath>
+#include <nlohmann/json.hpp>
+#include <string>
 
+#include "base/json_document.hpp"
 #include "base/require.hpp"
 #include "flockstep/pose.hpp"
 #include "protocol/messages.hpp"
+#include "recipe/config_json.hpp"
 
 namespace flockstep::server {
 
@@ -22,6 +26,14 @@ inline std::array<float, 4> array_of(const protocol::Quaternion& q) {
   require(length > 0.0, "rotation", "a quaternion of a length above 0", length);
   const auto part = [&](float value) { return static_cast<float>(value / length); };
   return {part(q.w), part(q.x), part(q.y), part(q.z)};
+}
+
+// Reads the fields of a configuration that a text of JSON has; others keep their values. The name stands in messages.
+template <class Config>
+void read_json(const std::string& text, const char* name, Config& config) {
+  if (text.empty()) return;
+  const auto document = json::Document::parse(text, name);
+  read_config(document->root().value, name, config);
 }
 
 }  // namespace flockstep::server

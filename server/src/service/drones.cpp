@@ -55,11 +55,6 @@ static_assert(static_cast<int>(CaptureMode::every_step) == static_cast<int>(prot
               static_cast<int>(CaptureMode::on_movement) == static_cast<int>(protocol::CaptureModeName::kOnMovement) &&
               static_cast<int>(CaptureMode::on_demand) == static_cast<int>(protocol::CaptureModeName::kOnDemand));
 
-template <class T>
-void require_unset(const std::optional<T>& value, const char* field) {
-  require(!value, field, "unset: it cannot change", "a value");
-}
-
 }  // namespace
 
 // --------------------------------------------------------------------------------------------------------------- simulation
@@ -266,15 +261,7 @@ void Service::locked(Call& call, const protocol::GetLidarData& get) {
 
 void Service::locked(Call& call, const protocol::GetLidarConfig& get) {
   require_drone(get.drone);
-  const LidarConfig config = batch_.lidar_config(get.drone, batch_.lidar_index(get.lidar));
-  auto& result = call.result<protocol::LidarConfig>();
-  result.channels = config.rows();
-  result.beams = config.columns();
-  result.hfov_deg = config.hfov_deg;
-  result.vfov_deg = config.vfov_deg;
-  result.max_range_m = config.max_range_m;
-  result.offset_m = vector_at(config.offset_m.data());
-  result.rotation = quaternion_at(config.quat_wxyz.data());
+  call.result<protocol::Config>().config_json = json_of(batch_.lidar_config(get.drone, batch_.lidar_index(get.lidar))).dump();
 }
 
 DroneMask Service::require_drones(const Call& call, std::int64_t index, bool concerns_all) {
@@ -288,16 +275,9 @@ DroneMask Service::require_drones(const Call& call, std::int64_t index, bool con
 }
 
 void Service::locked(Call& call, const protocol::SetLidarConfig& set) {
-  const protocol::LidarConfig config = set.config.value_or(protocol::LidarConfig());
-  const DroneMask mask = require_drones(call, set.drone, config.beams || config.channels);
   LidarChange change;
-  change.channels = config.channels;
-  change.beams = config.beams;
-  change.hfov_deg = config.hfov_deg;
-  change.vfov_deg = config.vfov_deg;
-  change.max_range_m = config.max_range_m;
-  if (config.offset_m) change.offset_m = array_of(*config.offset_m);
-  if (config.rotation) change.quat_wxyz = array_of(*config.rotation);
+  read_json(set.config_json, "lidar", change);
+  const DroneMask mask = require_drones(call, set.drone, change.beams || change.channels);
   begin_change();
   batch_.set_lidar(change, mask, batch_.lidar_index(set.lidar));
   refresh_shape();
@@ -305,35 +285,18 @@ void Service::locked(Call& call, const protocol::SetLidarConfig& set) {
 
 void Service::locked(Call& call, const protocol::GetCameraConfig& get) {
   require_drone(get.drone);
-  const CameraConfig config = batch_.camera_config(batch_.camera_index(get.camera), get.drone);
-  auto& result = call.result<protocol::CameraConfig>();
-  result.width_px = config.width_px;
-  result.height_px = config.height_px;
+  CameraConfig config = batch_.camera_config(batch_.camera_index(get.camera), get.drone);
   const float half_width = static_cast<float>(config.width_px) / 2.0F, half_height = static_cast<float>(config.height_px) / 2.0F;
-  result.hfov_deg = 2.0F * std::atan(half_width / config.fx()) / kDegree;
-  result.vfov_deg = 2.0F * std::atan(half_height / config.fy()) / kDegree;
-  result.offset_m = vector_at(config.offset_m.data());
-  result.rotation = quaternion_at(config.quat_wxyz.data());
-  result.near_m = config.near_m;
-  result.far_m = config.far_m;
-  for_each_field(config.outputs, [&](const auto& field, bool is_on) {
-    if (is_on) result.outputs.emplace_back(field.name);
-  });
+  const float hfov_deg = 2.0F * std::atan(half_width / config.fx()) / kDegree;
+  config.vfov_deg = 2.0F * std::atan(half_height / config.fy()) / kDegree;
+  config.hfov_deg = hfov_deg;
+  call.result<protocol::Config>().config_json = json_of(config).dump();
 }
 
 void Service::locked(Call& call, const protocol::SetCameraConfig& set) {
-  const protocol::CameraConfig config = set.config.value_or(protocol::CameraConfig());
-  require_unset(config.near_m, "near_m");
-  require_unset(config.far_m, "far_m");
-  require(config.outputs.empty(), "outputs", "none: they cannot change", config.outputs.size());
-  const DroneMask mask = require_drones(call, set.drone, config.width_px || config.height_px);
   CameraChange change;
-  change.width_px = config.width_px;
-  change.height_px = config.height_px;
-  change.hfov_deg = config.hfov_deg;
-  change.vfov_deg = config.vfov_deg;
-  if (config.offset_m) change.offset_m = array_of(*config.offset_m);
-  if (config.rotation) change.quat_wxyz = array_of(*config.rotation);
+  read_json(set.config_json, "camera", change);
+  const DroneMask mask = require_drones(call, set.drone, change.width_px || change.height_px);
   begin_change();
   batch_.set_camera(batch_.camera_index(set.camera), change, mask);
   refresh_shape();

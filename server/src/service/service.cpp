@@ -2,13 +2,16 @@
 
 #include <algorithm>
 #include <cstddef>
+#include <nlohmann/json.hpp>
 #include <sstream>
+#include <string_view>
 #include <type_traits>
 #include <utility>
 #include <variant>
 
 #include "base/require.hpp"
 #include "flockstep/version.hpp"
+#include "recipe/config_json.hpp"
 #include "service/convert.hpp"
 #include "service/guard.hpp"
 
@@ -27,9 +30,6 @@ const std::string& sensor_of(const Operation& operation) {
   }
 }
 
-template <class T, class... Types>
-constexpr bool kIsOneOf = (std::is_same_v<T, Types> || ...);
-
 const char* name_of(Rows rows) {
   switch (rows) {
     case Rows::drone:
@@ -43,13 +43,6 @@ const char* name_of(Rows rows) {
   }
   return "";
 }
-
-// Operations on one drone, without images. In a small batch they take microseconds.
-template <class Operation>
-constexpr bool kIsShort =
-    kIsOneOf<Operation, protocol::SetLocation, protocol::SetRotation, protocol::SetLocationAndRotation, protocol::SetCommand,
-             protocol::GetLidarData, protocol::GetLidarConfig, protocol::GetCameraConfig, protocol::GetCameraCaptureMode,
-             protocol::GetMoveLineVisible, protocol::GetLight>;
 
 }  // namespace
 
@@ -65,38 +58,35 @@ Service::Service(Batch& batch, const ServerConfig& config, Post post, Post run_a
       executor_(std::move(post)),
       rate_hz_(config.rate_hz) {
   const BatchLock lock(batch_);
-  require(!batch_.is_shared(), "batch", "one that no server serves", "one that another server serves: stop that one first");
+  require(!ServedBatch::is_served(batch_), "batch", "one that no server serves",
+          "one that another server serves: stop that one first");
   require(config.rate_hz == 0.0 || task_ == nullptr, "rate_hz", "0 for a batch with a task, which actions step", config.rate_hz);
   refresh_shape();
-  batch_.share([this] {
+  served_.emplace(batch_, [this] {
     count_program_steps();
     begin_change();
   });
-  is_sharing_ = true;
 }
 
 Service::~Service() { unshare(); }
 
 void Service::unshare() {
-  if (!is_sharing_) return;
-  const BatchLock lock(batch_);
-  batch_.unshare();
-  is_sharing_ = false;
+  if (served_) served_->end();
 }
 
 void Service::refresh_shape() {
   const BatchConfig& config = batch_.config();
-  const bool has_grown = !shape_ || shape_->generation != batch_.generation();
+  const bool has_grown = !shape_ || shape_->generation != ServedBatch::generation(batch_);
   if (shape_ && shape_->drones_per_env != config.drones_per_env) renumber(config.drones_per_env);
   auto next = std::make_shared<Shape>();
   next->num_envs = config.num_envs;
   next->drones_per_env = config.drones_per_env;
   next->bodies_per_env = static_cast<std::int64_t>(batch_.bodies_per_env());
-  next->generation = batch_.generation();
+  next->generation = ServedBatch::generation(batch_);
   for (const LidarConfig& lidar : config.lidars) next->lidars.push_back(lidar.name);
   for (const ImuConfig& imu : config.imus) {
     next->imus.push_back(imu.name);
-    next->imu_mountings.push_back({.offset_m = message_of(imu.offset_m), .rotation = quaternion_at(imu.quat_wxyz.data())});
+    next->imu_configs.push_back(json_of(imu).dump());
   }
   for (std::size_t camera = 0; camera < config.cameras.size(); ++camera) next->cameras.push_back(batch_.camera_config(camera));
   next->worlds = batch_.worlds();
@@ -161,7 +151,7 @@ void Service::welcome(Call& call) {
     welcome.lidars = now->lidars;
     for (const CameraConfig& camera : now->cameras) welcome.cameras.push_back(camera.name);
     welcome.imus = now->imus;
-    welcome.imu_mountings = now->imu_mountings;
+    welcome.imu_config_json = now->imu_configs;
     welcome.flies_by_rotors = flies_by_rotors_;
     welcome.has_task = task_ != nullptr;
     welcome.step_s = step_s_;
@@ -181,14 +171,14 @@ template <class Operation>
 void Service::handle(const std::shared_ptr<Call>& call, const Operation& operation) {
   if constexpr (requires { now(*call, operation); }) {
     guard(*call, [&] {
-      call->require_only({});
+      call->require_listed();
       now(*call, operation);
     });
     complete(call);
   } else if constexpr (requires { aside(*call, operation); }) {
     run_aside_([this, call] {
       guard(*call, [&] {
-        call->require_only({});
+        call->require_listed();
         aside(*call, std::get<Operation>(call->request.operation));
       });
       complete(call);
@@ -222,8 +212,11 @@ void Service::handle(const std::shared_ptr<Call>& call, const Operation& operati
                [this](Call& waited) { read(waited, std::get<Operation>(waited.request.operation), LiveArrays(batch_)); });
   } else if constexpr (requires { locked(*call, operation); }) {
     const bool is_short =
-        std::is_same_v<Operation, protocol::StepEnvs> ? steps_are_short_.load() : kIsShort<Operation> && is_small_;
-    run_locked(call, is_short, [this](Call& waited) { locked(waited, std::get<Operation>(waited.request.operation)); });
+        std::is_same_v<Operation, protocol::StepEnvs> ? steps_are_short_.load() : protocol::kIsShort<Operation> && is_small_;
+    run_locked(call, is_short, [this](Call& waited) {
+      waited.require_listed();
+      locked(waited, std::get<Operation>(waited.request.operation));
+    });
   } else {
     call->fail(Code::kUnimplemented, std::is_same_v<Operation, std::monostate>
                                          ? "operation: this server does not have the operation of this request"
@@ -264,24 +257,24 @@ std::size_t Service::max_array_bytes(const protocol::Request& request) {
   if (request.arrays.empty()) return 0;
   follow_program_if_free();
   const auto now = shape();
-  const auto drones = static_cast<std::size_t>(now->num_drones()), envs = static_cast<std::size_t>(now->num_envs);
-  const std::size_t bodies = std::max(static_cast<std::size_t>(now->num_bodies()), envs);  // a mask may be that of envs
-  constexpr std::size_t kFloat = sizeof(float);
-  const auto is = [&]<class Operation>(std::type_identity<Operation>) {
-    return std::holds_alternative<Operation>(request.operation);
+  const auto sizes = [&](std::string_view name) -> std::size_t {
+    const auto drones = static_cast<std::size_t>(now->num_drones()), envs = static_cast<std::size_t>(now->num_envs);
+    if (name == "E") return envs;
+    if (name == "B")
+      return std::max<std::size_t>(static_cast<std::size_t>(now->bodies_per_env), 1);  // a mask may be that of envs
+    if (name == "N") return std::max<std::size_t>(drones, 1);
+    if (name == "E or N") return std::max(envs, drones);
+    if (name == "action") return task_ == nullptr ? 0 : task_->spec().action.size();
+    if (name == "size") return std::max(now->max_snapshot_bytes, 2 * largest_snapshot_);
+    return static_cast<std::size_t>(std::stoul(std::string(name)));
   };
-  if (is(std::type_identity<protocol::SetPoses>())) return drones * (7 * kFloat + 1);
-  if (is(std::type_identity<protocol::Fly>())) return drones * (4 * kFloat + 1);
-  if (is(std::type_identity<protocol::SetCommand>())) return std::max<std::size_t>(drones, 1) * (4 * kFloat + 1);
-  if (is(std::type_identity<protocol::SpawnBodies>())) return envs * (13 * kFloat + 1);
-  if (is(std::type_identity<protocol::RemoveBodies>())) return bodies;
-  if (is(std::type_identity<protocol::SetBodyPoses>())) return bodies * (7 * kFloat + 1);
-  if (is(std::type_identity<protocol::SetBodyVelocities>())) return bodies * (6 * kFloat + 1);
-  if (is(std::type_identity<protocol::ResetEnvs>())) return envs * sizeof(std::uint64_t) + std::max(envs, drones);
-  if (is(std::type_identity<protocol::StepEnvs>())) {
-    return task_ == nullptr ? 0 : drones * task_->spec().action.size() * sizeof(std::int64_t);
+  std::size_t bytes = 0;
+  for (const protocol::RequestArray& array : protocol::arrays_of(request)) {
+    std::size_t of_array = protocol::size_of(array.dtype);
+    for (const std::string_view name : array.shape) of_array *= sizes(name);
+    bytes += of_array;
   }
-  return is(std::type_identity<protocol::Restore>()) ? std::max(now->max_snapshot_bytes, 2 * largest_snapshot_) : 0;
+  return bytes;
 }
 
 void Service::leave(const std::shared_ptr<Client>& client) {
@@ -299,7 +292,7 @@ void Service::leave(const std::shared_ptr<Client>& client) {
 // ------------------------------------------------------------------------------------------------------------------------ time
 
 void Service::follow_program() {
-  bool has_changed = batch_.generation() != shape_->generation || batch_.worlds() != shape_->worlds;
+  bool has_changed = ServedBatch::generation(batch_) != shape_->generation || batch_.worlds() != shape_->worlds;
   for (std::size_t camera = 0; camera < shape_->cameras.size(); ++camera) {
     has_changed |= batch_.camera_config(camera).capture_mode != shape_->cameras[camera].capture_mode;
   }

@@ -19,6 +19,7 @@
 
 #include "flockstep/batch.hpp"
 #include "flockstep/batch_lock.hpp"
+#include "flockstep/served_batch.hpp"
 #include "flockstep/server.hpp"
 #include "service/batch_arrays.hpp"
 #include "service/call.hpp"
@@ -88,8 +89,7 @@ class Service {
   // A copy of some properties of the batch, which needs no lock.
   struct Shape {
     std::int64_t num_envs = 0, drones_per_env = 0, bodies_per_env = 0, generation = -1;
-    std::vector<std::string> array_names, array_rows, lidars, imus;
-    std::vector<protocol::Mounting> imu_mountings;
+    std::vector<std::string> array_names, array_rows, lidars, imus, imu_configs;
     std::vector<CameraConfig> cameras;  // with their current capture modes
     Batch::Worlds worlds;
     std::size_t max_snapshot_bytes = 0;  // of a snapshot to restore; see also largest_snapshot_
@@ -97,67 +97,14 @@ class Service {
     std::int64_t num_bodies() const { return num_envs * bodies_per_env; }  // slots
   };
 
-  // --- operations that need no batch: worlds.cpp, batches.cpp
-  void now(Call& call, const protocol::Ping&);
-  void now(Call& call, const protocol::Claim& claim);
-  void now(Call& call, const protocol::Release& release);
-  void now(Call& call, const protocol::GetFps&);
-  void now(Call& call, const protocol::GetWorlds&);
-  void now(Call& call, const protocol::GetTask&);
+  // --- one function for each operation, by the way in which it is answered: see flockstep.proto. now() needs no batch; aside()
+  // needs only worlds and may take long; read() reads arrays, of the batch or of a published copy; locked() holds the lock of the
+  // batch; handle() has several parts.
+#include "service/operations.inc"
 
-  // --- operations that need only worlds and may take long: worlds.cpp
-  void aside(Call& call, const protocol::GetMesh& get);
-  void aside(Call& call, const protocol::GetPointCloud& get);
-  void aside(Call& call, const protocol::GetBoxes& get);
-
-  // --- operations that read arrays, of the batch or of a published copy: drones.cpp, batches.cpp
-  void read(Call& call, const protocol::GetDrones&, const ArraySource& arrays);
-  void read(Call& call, const protocol::GetLocation& get, const ArraySource& arrays);
-  void read(Call& call, const protocol::GetRotation& get, const ArraySource& arrays);
-  void read(Call& call, const protocol::GetArrays& get, const ArraySource& arrays);
-
-  // --- operations that hold the lock of the batch: drones.cpp
-  void locked(Call& call, const protocol::SpawnDrone& spawn);
-  void locked(Call& call, const protocol::RemoveDrone& remove);
-  void locked(Call& call, const protocol::GetCameraCaptureMode& get);
-  void locked(Call& call, const protocol::SetCameraCaptureMode& set);
-  void locked(Call& call, const protocol::SetLocation& set);
-  void locked(Call& call, const protocol::SetRotation& set);
-  void locked(Call& call, const protocol::SetLocationAndRotation& set);
-  void locked(Call& call, const protocol::GetLidarData& get);
-  void locked(Call& call, const protocol::GetLidarConfig& get);
-  void locked(Call& call, const protocol::SetLidarConfig& set);
-  void locked(Call& call, const protocol::GetCameraConfig& get);
-  void locked(Call& call, const protocol::SetCameraConfig& set);
-  void locked(Call& call, const protocol::GetMoveLineVisible& get);
-  void locked(Call& call, const protocol::SetMoveLineVisible& set);
-  // batches.cpp
-  void locked(Call& call, const protocol::SetPoses& set);
-  void locked(Call& call, const protocol::Fly& fly);
-  void locked(Call& call, const protocol::SetCommand& set);
-  void locked(Call& call, const protocol::SetClock& set);
-  void locked(Call& call, const protocol::Sense&);
-  void locked(Call& call, const protocol::Snapshot&);
-  void locked(Call& call, const protocol::Restore&);
-  void locked(Call& call, const protocol::SetWorld& set);
-  void locked(Call& call, const protocol::GetLight& get);
-  void locked(Call& call, const protocol::SetLight& set);
-  void locked(Call& call, const protocol::ResetEnvs&);
-  void locked(Call& call, const protocol::StepEnvs&);
-  // bodies.cpp
-  void locked(Call& call, const protocol::SpawnBodies& spawn);
-  void locked(Call& call, const protocol::RemoveBodies&);
-  void locked(Call& call, const protocol::SetBodyPoses&);
-  void locked(Call& call, const protocol::SetBodyVelocities&);
-  void locked(Call& call, const protocol::GetBodyConfigs& get);
-
-  // --- operations of several parts: service.cpp
+  // --- ways to run a call: service.cpp
   template <class Operation>
   void handle(const std::shared_ptr<Call>& call, const Operation& operation);
-  void handle(const std::shared_ptr<Call>& call, const protocol::GetCameraData&);  // cameras.cpp
-  void handle(const std::shared_ptr<Call>& call, const protocol::Step&);
-  void handle(const std::shared_ptr<Call>& call, const protocol::JoinLockstep&);
-  void handle(const std::shared_ptr<Call>& call, const protocol::LeaveLockstep&);
   void run_locked(const std::shared_ptr<Call>& call, bool is_short, std::function<void(Call&)> operation);
   void complete(const std::shared_ptr<Call>& call);
 
@@ -209,8 +156,8 @@ class Service {
   std::shared_ptr<const Shape> shape() const;
 
   Batch& batch_;
-  bool is_sharing_ = false;
-  const Task* const task_;  // null without one
+  std::optional<ServedBatch> served_;  // until unshare()
+  const Task* const task_;             // null without one
   const ServerConfig config_;
   const Post run_aside_, run_compression_;
   Workload& workload_;

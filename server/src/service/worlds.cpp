@@ -14,33 +14,6 @@ namespace {
 
 using protocol::Code;
 
-void set_if_given(std::array<float, 3>& value, const std::optional<protocol::Vector3>& given) {
-  if (given) value = array_of(*given);
-}
-void set_if_given(float& value, const std::optional<float>& given) { value = given.value_or(value); }
-
-// Calls f(value, other) for each field of a light and the same field of a message.
-template <class F, class Ours, class Message>
-void for_each_light_field(Ours& light, Message& message, const F& f) {
-  f(light.sun_direction, message.sun_direction);
-  f(light.sun_color, message.sun_color);
-  f(light.sky_ambient, message.sky_ambient);
-  f(light.ground_ambient, message.ground_ambient);
-  f(light.zenith_color, message.zenith_color);
-  f(light.horizon_color, message.horizon_color);
-  f(light.gamma, message.gamma);
-  f(light.sun_radius_deg, message.sun_radius_deg);
-  f(light.sun_glow, message.sun_glow);
-  f(light.fog_visibility_m, message.fog_visibility_m);
-}
-
-struct Put {
-  void operator()(const std::array<float, 3>& value, std::optional<protocol::Vector3>& to) const {
-    to = server::message_of(value);
-  }
-  void operator()(float value, std::optional<float>& to) const { to = value; }
-};
-
 void add_points(protocol::FrameWriter& writer, const char* name, const std::vector<Vec3>& points) {
   static_assert(sizeof(Vec3) == 3 * sizeof(float));
   writer.add(name, std::span(reinterpret_cast<const float*>(points.data()), 3 * points.size()), {points.size(), std::size_t{3}});
@@ -98,13 +71,12 @@ void Service::now(Call& call, const protocol::GetWorlds&) {
 void Service::locked(Call& call, const protocol::GetLight& get) {
   if (get.env) require_env(*get.env, "env");
   const Light light = get.env ? batch_.world_of(EnvIndex(*get.env))->light() : world(get.world)->light();
-  for_each_light_field(light, call.result<protocol::Light>(), Put());
+  call.result<protocol::Config>().config_json = json_of(light).dump();
 }
 
 void Service::locked(Call& call, const protocol::SetLight& set) {
-  const protocol::Light given = set.light.value_or(protocol::Light());
   const auto changed = [&](Light light) {
-    for_each_light_field(light, given, [](auto& value, const auto& to) { set_if_given(value, to); });
+    read_json(set.config_json, "light", light);
     return light;
   };
   if (set.envs.empty()) {
@@ -127,7 +99,7 @@ void Service::locked(Call& call, const protocol::SetLight& set) {
   for (const std::int64_t env : set.envs)
     lights[static_cast<std::size_t>(env)] = changed(batch_.world_of(EnvIndex(env))->light());
   begin_change();
-  if (set.light) {
+  if (!set.config_json.empty()) {
     batch_.set_light(lights, envs);
   } else {
     batch_.use_world_light(envs);

@@ -18,6 +18,7 @@
 #include "base/interrupt.hpp"
 #include "batch_helpers.hpp"
 #include "flockstep/batch_lock.hpp"
+#include "flockstep/served_batch.hpp"
 
 namespace flockstep {
 namespace {
@@ -75,12 +76,12 @@ class Holder {
 
 TEST(CallLock, RefusesASecondThreadUnlessTheBatchIsShared) {
   const auto batch = flock();
-  EXPECT_FALSE(batch->is_shared());
+  EXPECT_FALSE(ServedBatch::is_served(*batch));
   Holder holder(*batch);
   const std::string in_use = "this Batch is in use by another thread: one call at a time";
   for (const std::string& message :
        {error_of([&] { batch->sense(); }), error_of([&] { batch->seed(std::vector<std::uint64_t>{1}); }),
-        error_of([&] { const BatchLock lock(*batch); }), error_of([&] { batch->share(); })}) {
+        error_of([&] { const BatchLock lock(*batch); }), error_of([&] { const ServedBatch served(*batch); })}) {
     EXPECT_EQ(message, in_use);
   }
   EXPECT_FALSE(BatchLock::try_lock(*batch).has_value());
@@ -91,8 +92,8 @@ TEST(CallLock, RefusesASecondThreadUnlessTheBatchIsShared) {
 
 TEST(CallLock, EveryCallOfEveryThreadIsMadeAndNoneIsTorn) {
   const auto batch = flock();
-  batch->share();
-  EXPECT_TRUE(batch->is_shared());
+  ServedBatch served(*batch);
+  EXPECT_TRUE(ServedBatch::is_served(*batch));
   constexpr int kCalls = 300;
   std::atomic<int> torn{0};
   const auto use = [&](std::size_t drone) {
@@ -119,7 +120,7 @@ TEST(CallLock, EveryCallOfEveryThreadIsMadeAndNoneIsTorn) {
 
 TEST(CallLock, AThreadThatCallsInALoopLetsAnotherOneIn) {
   const auto batch = flock();
-  batch->share();
+  ServedBatch served(*batch);
   std::atomic<bool> stop{false};
   std::atomic<int> looped{0};
   std::thread loop([&] {
@@ -141,7 +142,7 @@ TEST(CallLock, AThreadThatCallsInALoopLetsAnotherOneIn) {
 
 TEST(CallLock, WaitingThreadsGetItInTheOrderOfTheirCalls) {
   const auto batch = flock();
-  batch->share();
+  ServedBatch served(*batch);
   Holder holder(*batch);
   std::vector<int> order;
   std::vector<std::thread> threads;
@@ -161,7 +162,7 @@ TEST(CallLock, WaitingThreadsGetItInTheOrderOfTheirCalls) {
 TEST(CallLock, AnnouncesOutermostCallsThatMayTakeLong) {
   const auto batch = flock();
   int count = 0;
-  batch->share([&] {
+  ServedBatch served(*batch, [&] {
     ++count;
     batch->sense();  // a call within the call does not announce itself
     EXPECT_TRUE(BatchLock::try_lock(*batch).has_value());
@@ -183,14 +184,14 @@ TEST(CallLock, AnnouncesOutermostCallsThatMayTakeLong) {
     batch->sense();
   }
   EXPECT_EQ(count, 4);
-  batch->unshare();
+  served.end();
   batch->sense();
   EXPECT_EQ(count, 4);
 }
 
 TEST(CallLock, AnExceptionOfTheAnnouncementEndsTheCallAndReleasesTheBatch) {
   const auto batch = flock();
-  batch->share([] { throw std::runtime_error("not now"); });
+  ServedBatch served(*batch, [] { throw std::runtime_error("not now"); });
   const std::int64_t tick = batch->state().tick[0];
   EXPECT_EQ(error_of([&] { batch->move(kFlockPositions, {}); }), "not now");
   EXPECT_EQ(batch->state().tick[0], tick);
@@ -199,7 +200,7 @@ TEST(CallLock, AnExceptionOfTheAnnouncementEndsTheCallAndReleasesTheBatch) {
 
 TEST(CallLock, ANestedOrMovedLockIsReleasedOnce) {
   const auto batch = flock();
-  batch->share();
+  ServedBatch served(*batch);
   const auto is_free = [&] {
     bool free = false;
     std::thread([&] { free = BatchLock::try_lock(*batch).has_value(); }).join();
@@ -220,7 +221,7 @@ TEST(CallLock, ANestedOrMovedLockIsReleasedOnce) {
 
 TEST(CallLock, AnInterruptEndsAWaitAndTheOthersGoOn) {
   const auto batch = flock();
-  batch->share();
+  ServedBatch served(*batch);
   Holder holder(*batch);
   std::string message;
   std::thread first([&] {
@@ -242,7 +243,7 @@ TEST(CallLock, AnInterruptEndsAWaitAndTheOthersGoOn) {
 
 TEST(CallLock, ThreadsThatWaitAtTheEndOfTheSharingStillGetTheirTurns) {
   const auto batch = flock();
-  batch->share();
+  ServedBatch served(*batch);
   std::atomic<int> done{0};
   std::vector<std::thread> threads;
   {
@@ -254,7 +255,7 @@ TEST(CallLock, ThreadsThatWaitAtTheEndOfTheSharingStillGetTheirTurns) {
       });
     }
     std::this_thread::sleep_for(50ms);
-    batch->unshare();
+    served.end();
     EXPECT_EQ(done, 0);
   }
   for (std::thread& thread : threads) thread.join();

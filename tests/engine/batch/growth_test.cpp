@@ -20,6 +20,7 @@
 
 #include "batch_helpers.hpp"
 #include "flockstep/batch_lock.hpp"
+#include "flockstep/served_batch.hpp"
 #include "flockstep/tasks.hpp"
 #include "random.hpp"
 #include "refusal.hpp"
@@ -154,7 +155,7 @@ void compare(const BatchConfig& config, int num_envs, int drones_per_env, const 
   const auto grown = batch_of(config, num_envs, drones_per_env);
   Calls calls(*grown);
   script(calls);
-  EXPECT_GT(grown->generation(), 0);
+  EXPECT_GT(ServedBatch::generation(*grown), 0);
   EXPECT_EQ(grown->embree_rays() > 0, grown->config().num_envs > 1);
   const auto whole = batch_of(config, grown->config().num_envs, grown->config().drones_per_env);
   Indices all(static_cast<std::size_t>(whole->config().num_drones()));
@@ -162,7 +163,7 @@ void compare(const BatchConfig& config, int num_envs, int drones_per_env, const 
   whole->remove(all);
   Calls same(*whole);
   script(same);
-  EXPECT_EQ(whole->generation(), 0);
+  EXPECT_EQ(ServedBatch::generation(*whole), 0);
   expect_same(*grown, *whole);
   EXPECT_EQ(grown->embree_rays(), whole->embree_rays());
   EXPECT_EQ(grown->embree_packets(), whole->embree_packets());
@@ -244,7 +245,7 @@ TEST_P(Growth, WithOtherResolutionsHasTheBitsOfABatchThatWasMadeWithThem) {
   calls.fly();
   changed->set_lidar({.beams = 17, .channels = 3});
   changed->set_camera(0, {.width_px = 10, .height_px = 5});
-  EXPECT_EQ(changed->generation(), 2);
+  EXPECT_EQ(ServedBatch::generation(*changed), 2);
   EXPECT_THROW(changed->require_scan(0), std::logic_error);
   changed->require_scan(1);
   EXPECT_EQ(changed->lidar_readings(0).ranges.size(), 3U * 3U * 17U);
@@ -292,7 +293,7 @@ TEST(GrowthOfBatches, WithoutDronesEverythingWorks) {
       EXPECT_EQ(refusal([&] { batch->remove(Indices{0}); }), "indices (row 0): expected an integer in [0, 0), got 0");
       batch->set_lidar({.beams = 5});
       batch->set_camera(1, {.width_px = 9});
-      EXPECT_EQ(batch->generation(), 2);
+      EXPECT_EQ(ServedBatch::generation(*batch), 2);
       EXPECT_EQ(batch->spawn({}, std::vector<float>{1, 1, 0.75F}, {}, {}), Indices{0});
       EXPECT_EQ(batch->lidar_readings().ranges.size(), 10U * static_cast<std::size_t>(batch->config().num_drones()));
     }
@@ -308,7 +309,7 @@ TEST(GrowthOfBatches, ChoosesSlots) {
   EXPECT_EQ(own->spawn(Indices{3}, one, {}, {}), Indices{3});
   EXPECT_EQ(size(*own), std::pair(4, 1));
   EXPECT_EQ(own->spawn({}, two, {}, {}), (Indices{1, 2}));
-  EXPECT_EQ(own->generation(), 1);
+  EXPECT_EQ(ServedBatch::generation(*own), 1);
   EXPECT_EQ(own->spawn({}, two, {}, {}), (Indices{4, 5}));
   EXPECT_EQ(size(*own), std::pair(6, 1));
   EXPECT_EQ(own->spawn({}, one, {}, {}, Indices{2}), Indices{5});  // a second drone in env 2
@@ -319,7 +320,7 @@ TEST(GrowthOfBatches, ChoosesSlots) {
   EXPECT_EQ(shared->spawn(Indices{0}, one, {}, {}), Indices{0});
   EXPECT_EQ(size(*shared), std::pair(1, 2));
   EXPECT_EQ(shared->spawn({}, one, {}, {}, Indices{0}), Indices{1});
-  EXPECT_EQ(shared->generation(), 1);
+  EXPECT_EQ(ServedBatch::generation(*shared), 1);
   EXPECT_EQ(shared->spawn(Indices{2}, one, {}, {}), Indices{2});
   EXPECT_EQ(size(*shared), std::pair(1, 4));
   EXPECT_EQ(shared->spawn(Indices{10, 9}, two, {}, {}), (Indices{10, 9}));
@@ -340,7 +341,7 @@ TEST(GrowthOfBatches, ChoosesSlots) {
 TEST(GrowthOfBatches, KeepsTheOldArraysForThoseWhoHoldTheirMemory) {
   const auto batch = batch_of(instruments(Motion::kinematic, 1), 1, 1);
   batch->sense();
-  std::shared_ptr<const void> memory = batch->memory();
+  std::shared_ptr<const void> memory = ServedBatch::memory(*batch);
   const std::weak_ptr<const void> watched = memory;
   const std::vector<float>& position = batch->state().position;
   const std::vector<float>& ranges = batch->lidar_readings().ranges;
@@ -351,7 +352,7 @@ TEST(GrowthOfBatches, KeepsTheOldArraysForThoseWhoHoldTheirMemory) {
   batch->sense();
   EXPECT_EQ(position, before);
   EXPECT_EQ(ranges, ranges_before);
-  EXPECT_NE(batch->memory(), memory);
+  EXPECT_NE(ServedBatch::memory(*batch), memory);
   memory.reset();
   EXPECT_TRUE(watched.expired());
 }
@@ -379,11 +380,11 @@ TEST(GrowthOfBatches, KeepsMoveLines) {
 TEST(GrowthOfBatches, MovesItsArraysOnlyInsideTheGivenFunction) {
   const auto batch = batch_of({}, 1, 1);
   int moves = 0;
-  batch->run_moves_with([&](const std::function<void()>& move) {
-    const void* const before = batch->memory().get();
+  ServedBatch::run_moves_with(*batch, [&](const std::function<void()>& move) {
+    const void* const before = ServedBatch::memory(*batch).get();
     EXPECT_EQ(batch->config().num_envs, 1);
     move();
-    EXPECT_NE(batch->memory().get(), before);
+    EXPECT_NE(ServedBatch::memory(*batch).get(), before);
     EXPECT_EQ(batch->config().num_envs, 2);
     ++moves;
   });
@@ -395,7 +396,7 @@ TEST(GrowthOfBatches, RefusesBadCallsBeforeAnythingChanges) {
   const auto batch = batch_of(instruments(Motion::rotors, 2), 2, 1);
   batch->sense();
   const std::string before = batch->snapshot();
-  const void* const memory = batch->memory().get();
+  const void* const memory = ServedBatch::memory(*batch).get();
   const float nan = std::numeric_limits<float>::quiet_NaN();
   const std::vector<float> at{1, 1, 0.75F};
   const std::pair<std::string, std::string> cases[] = {
@@ -426,8 +427,8 @@ TEST(GrowthOfBatches, RefusesBadCallsBeforeAnythingChanges) {
        "mask: expected all drones with height_px, which they have in common, got none for drone 0"},
   };
   for (const auto& [got, expected] : cases) EXPECT_EQ(got.substr(0, expected.size()), expected);
-  EXPECT_EQ(batch->memory().get(), memory);
-  EXPECT_EQ(batch->generation(), 0);
+  EXPECT_EQ(ServedBatch::memory(*batch).get(), memory);
+  EXPECT_EQ(ServedBatch::generation(*batch), 0);
   EXPECT_TRUE(batch->snapshot() == before);
 }
 
@@ -437,10 +438,10 @@ TEST(GrowthOfBatches, RefusesAResolutionThatTheFieldOfViewOfADroneDoesNotAllow) 
   const auto batch = batch_of(config, 2, 1);
   batch->set_camera(0, {.hfov_deg = 178.0F}, std::vector<std::uint8_t>{0, 1});
   EXPECT_NE(refusal([&] { batch->set_camera(0, {.height_px = 64}); }), "accepted");
-  EXPECT_EQ(batch->generation(), 0);
+  EXPECT_EQ(ServedBatch::generation(*batch), 0);
   batch->set_camera(0, {.hfov_deg = 90.0F});
   batch->set_camera(0, {.height_px = 64});
-  EXPECT_EQ(batch->generation(), 1);
+  EXPECT_EQ(ServedBatch::generation(*batch), 1);
   EXPECT_EQ(batch->camera_config(0).height_px, 64);
 }
 
@@ -494,7 +495,7 @@ TEST(GrowthOfBatches, OfABeamPatternIsRefused) {
 TEST(GrowthOfBatches, WorksInABatchLockAndInTheAnnouncementOfACall) {
   const auto batch = batch_of(testing::lidar_batch(1), 0, 1);
   bool spawns = true;
-  batch->share([&] {
+  ServedBatch served(*batch, [&] {
     if (std::exchange(spawns, false)) batch->spawn(Indices{0, 1}, {}, {}, {});
   });
   batch->sense();  // reads the two drones that the announcement spawned
@@ -503,7 +504,7 @@ TEST(GrowthOfBatches, WorksInABatchLockAndInTheAnnouncementOfACall) {
   const BatchLock lock(*batch);
   batch->spawn(Indices{2}, {}, {}, {});
   batch->set_lidar({.beams = 5});
-  EXPECT_EQ(batch->generation(), 3);
+  EXPECT_EQ(ServedBatch::generation(*batch), 3);
 }
 
 TEST(SpawnedDrones, HaveTheSensorSettingsOfTheConfiguration) {
@@ -547,7 +548,7 @@ TEST(SpawnedDrones, HaveTheSensorSettingsOfTheConfiguration) {
 
 TEST(GrowthOfBatches, ThreadsSpawnIntoASharedBatch) {
   const auto batch = batch_of(instruments(Motion::kinematic, 2), 1, 0);
-  batch->share();
+  ServedBatch served(*batch);
   constexpr int kThreads = 3, kSpawns = 8;
   std::vector<Indices> spawned(kThreads);
   std::vector<std::thread> threads;

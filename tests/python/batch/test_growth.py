@@ -191,7 +191,7 @@ def test_recipes_may_have_no_drones(sizes):
 def test_threads_read_arrays_while_they_move(room):
     batch = empty(room, 0)
     batch.spawn([0], AT)
-    batch._share()
+    served = batch._served()
     ended = threading.Event()
     torn = []
 
@@ -210,5 +210,6 @@ def test_threads_read_arrays_while_they_move(room):
     ended.set()
     for thread in threads:
         thread.join()
+    served.end()
     assert not torn
     assert batch.active.sum() == 201

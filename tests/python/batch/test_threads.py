@@ -76,7 +76,7 @@ def test_a_thread_waits_for_a_shared_batch_without_the_interpreter_lock(room):
     env = flockstep.DroneVectorEnv(4, worlds=room, task=task, num_threads=1)
     env.reset(seed=0)
     batch = env.batch
-    batch._share()
+    served = batch._served()
     calls = [
         lambda: batch.set_pose(np.ones((4, 3))),
         lambda: batch.set_lidar(hfov_deg=90.0),
@@ -119,7 +119,7 @@ def test_a_thread_waits_for_a_shared_batch_without_the_interpreter_lock(room):
         thread.join(60)
     assert ended.is_set()
     assert steps > len(calls)
-    batch._unshare()
+    served.end()
 
 
 def test_more_than_four_threads_per_processor_are_clamped(room):

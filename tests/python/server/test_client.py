@@ -13,7 +13,7 @@ from scripted_server import WELCOME, certificate, message, serving, serving_hell
 
 import flockstep
 from flockstep.client import ServerError
-from flockstep.client import protocol_pb2 as pb
+from flockstep.client import protocol as pb
 
 DONE = pb.Reply(done=pb.Done())
 LOCATION = pb.Reply(location=pb.Vector3(x=1, y=2, z=3))
@@ -27,7 +27,7 @@ def wait_for_close(script):
 def test_hello_and_a_call(connect):
     def script(s):
         hello = s.answer(WELCOME).hello
-        assert (hello.protocol, hello.token) == (1, "secret")
+        assert (hello.protocol, hello.token) == (2, "secret")
         assert s.answer(LOCATION).get_location.drone == 4
         wait_for_close(s)
 
@@ -143,12 +143,12 @@ def test_a_wrong_token(connect):
 
 def test_another_version_of_the_protocol(connect):
     def script(s):
-        s.answer(pb.Reply(welcome=pb.Welcome(protocol=2, version="9.0.0")))
+        s.answer(pb.Reply(welcome=pb.Welcome(protocol=3, version="9.0.0")))
         wait_for_close(s)
 
     with (
         serving(script) as address,
-        pytest.raises(ServerError, match=r"flockstep 9.0.0, has version 2 .* version 1: inst"),
+        pytest.raises(ServerError, match=r"flockstep 9.0.0, has version 3 .* version 2: inst"),
     ):
         connect(address)
 
@@ -159,7 +159,7 @@ def test_refusals_leave_the_connection_open(connect):
         s.answer(pb.Reply(error=pb.Error(code=pb.Code.NOT_FOUND, text="drone: expected 0, got 9")))
         s.answer(LOCATION)
         request = s.receive()
-        header = pb.Reply(id=request.id).SerializeToString() + b"\xa2\x01\x00"  # field 20: light
+        header = pb.Reply(id=request.id).SerializeToString() + b"\x7a\x00"  # field 15: config
         s.connection.send(len(header).to_bytes(4, "little") + header)
         request = s.receive()
         header = pb.Reply(id=request.id).SerializeToString() + b"\x22\x02\x08\x63"  # the code 99
@@ -171,7 +171,7 @@ def test_refusals_leave_the_connection_open(connect):
             client.drone(9).get_location()
         assert (caught.value.code, caught.value.operation) == ("NOT_FOUND", "get_location")
         assert client.drone(0).get_location()[0] == 1
-        with pytest.raises(ConnectionError, match="get_location: the server answered 'light', expected 'location'"):
+        with pytest.raises(ConnectionError, match="get_location: the server answered 'config', expected 'location'"):
             client.drone(0).get_location()
         with pytest.raises(ServerError) as caught:
             client.drone(0).get_location()
@@ -267,7 +267,7 @@ def test_reconnecting(connect):
 
     def script(s):
         number = next(count)
-        s.answer(pb.Reply(welcome=pb.Welcome(protocol=1, client=number)))
+        s.answer(pb.Reply(welcome=pb.Welcome(protocol=2, client=number)))
         if number == 1:
             s.receive()
             s.connection.close(1001, "restart")

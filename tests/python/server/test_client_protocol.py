@@ -1,5 +1,6 @@
 """Messages of the client as bytes, and its addresses."""
 
+import re
 import struct
 
 import numpy as np
@@ -10,9 +11,10 @@ from websockets.protocol import Protocol, Side
 from websockets.utils import accept_key
 
 import flockstep
-from flockstep.client import protocol_pb2 as pb
+from flockstep.client import protocol as pb
+from flockstep.client import schema
 from flockstep.client.address import parse_address
-from flockstep.client.call import _STREAMED, subscription
+from flockstep.client.call import STREAMED, Subscription, call, nothing
 from flockstep.client.frames import decode, encode
 from flockstep.client.session import Session
 
@@ -287,21 +289,20 @@ def test_bad_options_are_refused(tmp_path):
 
 
 def test_every_operation_of_the_protocol_is_in_the_client():
-    text = (ROOT / "envs/flockstep/client/async_operations.py").read_text()
-    text += (ROOT / "envs/flockstep/client/bodies.py").read_text()
-    text += (ROOT / "envs/flockstep/client/call.py").read_text()
-    text += (ROOT / "envs/flockstep/client/remote_batch.py").read_text()
+    texts = [path.read_text() for path in (ROOT / "envs/flockstep/client").glob("*.py")]
+    named = {*re.findall(r'\bcall\(\s*"(\w+)"|Request\((\w+)=', "".join(texts))}
+    known = {name for pair in named for name in pair}
     operations = [field.name for field in pb.Request.DESCRIPTOR.oneofs_by_name["operation"].fields]
     assert len(operations) > 40
-    assert [name for name in operations if f"Request({name}=" not in text] == []
+    assert [name for name in operations if name not in known] == []
 
 
 def test_each_kind_of_stream_is_the_field_of_its_operation():
     fields = {f.name: f.message_type.name for f in pb.Subscribe.DESCRIPTOR.oneofs_by_name["what"].fields}
     operations = {f.name: f.message_type.name for f in pb.Request.DESCRIPTOR.oneofs_by_name["operation"].fields}
-    assert {stream: operations[operation] for operation, stream in _STREAMED.items()} == fields
+    assert {stream: operations[operation] for operation, stream in STREAMED.items()} == fields
     with pytest.raises(ValueError, match="rate_hz: expected a number above 0, got nan"):
-        subscription(None, float("nan"), False)
+        Subscription(call("get_fps", "fps", nothing), float("nan"), False).request()
 
 
 def test_both_clients_have_the_same_operations():
@@ -312,3 +313,23 @@ def test_both_clients_have_the_same_operations():
         assert names - {"vector_env"} == {name for name in dir(other) if not name.startswith("_")}
         for name in names - {"vector_env"}:
             assert getattr(blocking, name).__doc__, name
+
+
+def test_a_list_with_another_statement_is_refused():
+    text = schema.SOURCE.read_text()
+    assert len(schema.read(text).operations) > 40
+    with pytest.raises(
+        ValueError, match=r"flockstep.proto: expected a statement of one line, got '  map<string, bool> a = 1;'"
+    ):
+        schema.read(text.replace("message Done {}", "message Done {\n  map<string, bool> a = 1;\n}"))
+
+
+def test_arrays_and_ways_of_the_list():
+    fly = schema.read().operations["fly"]
+    assert [(a.name, a.is_optional, a.shape, a.dtype) for a in fly.request.arrays] == [
+        ("command", False, ("N", "4"), "float32"),
+        ("mask", True, ("N",), "bool"),
+    ]
+    assert (fly.result, fly.value, fly.way) == ("Time", "Time", "locked")
+    mesh = schema.read().operations["get_mesh"]
+    assert (mesh.result, mesh.value, mesh.way, mesh.section) == ("Done", "Mesh", "aside", "Worlds")

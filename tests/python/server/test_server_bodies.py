@@ -11,8 +11,8 @@ from test_server import Raw
 import flockstep
 from flockstep import BodyConfig, BodyMotion
 from flockstep.client import ServerError
-from flockstep.client import protocol_pb2 as pb
-from flockstep.client.protocol_pb2 import Request
+from flockstep.client import protocol as pb
+from flockstep.client.protocol import Request
 
 NAMES = ("active", "position", "quat_wxyz", "velocity", "angular_velocity", "scripted")
 DOOR = BodyConfig(

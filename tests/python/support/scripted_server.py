@@ -17,11 +17,11 @@ from websockets.frames import Frame
 from websockets.server import ServerProtocol
 from websockets.sync.server import ServerConnection, serve, unix_serve
 
-from flockstep.client import protocol_pb2 as pb
+from flockstep.client import protocol as pb
 from flockstep.client.frames import encode
 
 WELCOME = pb.Reply(
-    welcome=pb.Welcome(protocol=1, version="0.0.0", client=7, num_envs=2, drones_per_env=3, lidars=["a"])
+    welcome=pb.Welcome(protocol=2, version="0.0.0", client=7, num_envs=2, drones_per_env=3, lidars=["a"])
 )
 
 

@@ -1,0 +1,74 @@
+"""Configurations in messages: JSON objects of their fields."""
+
+from __future__ import annotations
+
+import base64
+import json
+from collections.abc import Callable, Mapping
+from math import isfinite
+from typing import Any, TypeVar
+
+import numpy as np
+
+from flockstep._core import BodyConfig, BodyMotion, World
+from flockstep.client import protocol as pb
+from flockstep.client.frames import Arrays
+from flockstep.nearest_name import did_you_mean
+
+_T = TypeVar("_T")
+_GLB_URI = "data:model/gltf-binary;base64,"  # begins a mesh in JSON
+
+
+def change_json(kind: type[Any], fields: Mapping[str, Any]) -> str:
+    """Return fields of a configuration as JSON; empty if there are none. What is None does not change.
+
+    Raises
+    ------
+    TypeError
+        The configuration has no such field.
+    """
+    known = kind.__match_args__
+    for name in fields:
+        if name not in known:
+            raise TypeError(f"{name}: expected a field of {kind.__name__}{did_you_mean(name, known)}")
+    changes = {name: _plain(value) for name, value in fields.items() if value is not None}
+    for name, value in changes.items():
+        if not all(map(isfinite, (part for part in np.ravel(value) if isinstance(part, (int, float))))):
+            raise ValueError(f"{name}: expected finite numbers, got {value}")
+    return json.dumps(changes) if changes else ""
+
+
+def config_of(kind: type[_T]) -> Callable[[pb.Reply, Arrays], _T]:
+    """Return a reader of a configuration in a reply."""
+    return lambda reply, arrays: kind(**json.loads(reply.config.config_json))
+
+
+def body_json(body: BodyConfig) -> str:
+    """Return the configuration of a body as JSON."""
+    if not isinstance(body, BodyConfig):
+        raise TypeError(f"body: expected a flockstep.BodyConfig, got {body!r}")
+    return json.dumps(_plain(body))
+
+
+def body_configs(reply: pb.Reply, arrays: Arrays) -> list[list[BodyConfig | None]]:
+    """Return the configurations of bodies in a reply."""
+    known = [*map(_body, reply.configs.config_json)]
+    return [[None if number < 0 else known[number] for number in row] for row in arrays["config"]]
+
+
+def _plain(value: Any) -> Any:
+    """Return a configuration as JSON values."""
+    if isinstance(value, (BodyConfig, BodyMotion)):
+        return {name: _plain(getattr(value, name)) for name in type(value).__match_args__}
+    if isinstance(value, World):
+        return _GLB_URI + base64.b64encode(value.to_glb()).decode()
+    if isinstance(value, (list, tuple)):
+        return [_plain(part) for part in value]
+    return value.tolist() if isinstance(value, (np.ndarray, np.generic)) else value
+
+
+def _body(text: str) -> BodyConfig:
+    fields = json.loads(text)
+    if (mesh := fields.get("mesh")) is not None:
+        fields["mesh"] = World.from_glb(base64.b64decode(mesh.removeprefix(_GLB_URI)))
+    return BodyConfig(**{**fields, "motion": BodyMotion(**fields["motion"])})

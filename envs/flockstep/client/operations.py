@@ -1,0 +1,674 @@
+"""The operations of a server. `Client` and `AsyncClient` have them, each in its form: see `forms`."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from operator import index
+from typing import Any, Generic, Literal, TypeAlias, TypeVar
+
+import numpy as np
+import numpy.typing as npt
+
+from flockstep._core import CameraConfig, LidarConfig, Light
+from flockstep.client import protocol as pb
+from flockstep.client import readers
+from flockstep.client.bodies import BlockingBodies, BodyOperations
+from flockstep.client.call import Call, Subscription, call, choice, finite, flags, floats, given, nothing
+from flockstep.client.configs import change_json, config_of
+from flockstep.client.forms import Awaits, Waits, operation, stream
+from flockstep.client.results import (
+    Angles,
+    Boxes,
+    CameraData,
+    CaptureMode,
+    Fps,
+    Impact,
+    Impacts,
+    LidarData,
+    Mesh,
+    PointCloud,
+    Rotation,
+    ServerInfo,
+    Time,
+    TimedArrays,
+    WorldInfo,
+)
+from flockstep.client.streams import AsyncStream, Stream
+
+_T = TypeVar("_T")
+_Drone = TypeVar("_Drone")  # kind of the handles of drones
+_Format: TypeAlias = Literal["jpeg", "png", "raw"]
+_ALL = -1  # in place of a drone's index
+
+
+class Operations(BodyOperations, Generic[_Drone]):
+    """The operations of a server. Each raises `ServerError` if the server refuses it.
+
+    Units are SI. The world frame is right-handed: x east, y north, z up. The body frame is x forward, y left, z up.
+    Quaternions are (w, x, y, z) and rotate from body to world. Worlds are indices in the list of `get_worlds`.
+    """
+
+    info: ServerInfo
+
+    def _handle(self, index: int, env: int | None = None, owner: int | None = None) -> _Drone:
+        raise NotImplementedError
+
+    def _handle_of(self, drone: pb.Drone) -> _Drone:
+        return self._handle(drone.drone, drone.env, drone.owner)
+
+    # --- the session
+
+    @operation
+    def ping(self) -> Call[None]:
+        """Wait for an empty answer, to test the connection."""
+        return call("ping", nothing)
+
+    @operation
+    def claim(self, drones: Iterable[int]) -> Call[None]:
+        """Claim drones: a server with ownership then refuses operations of other clients that change them.
+
+        On other servers a claim only shows in `get_drones`. Claims end with the connection.
+
+        Raises
+        ------
+        ServerError
+            ``"PERMISSION_DENIED"``: another client has claimed one of them; none is claimed.
+        """
+        return call("claim", nothing, drones=map(index, drones))
+
+    @operation
+    def release(self, drones: Iterable[int]) -> Call[None]:
+        """End this client's claims of drones; others are ignored."""
+        return call("release", nothing, drones=map(index, drones))
+
+    # --- the simulation
+
+    def drone(self, drone: int) -> _Drone:
+        """Return a handle of the drone with this index. The server is not asked."""
+        return self._handle(index(drone))
+
+    @operation
+    def get_drones(self) -> Call[list[_Drone]]:
+        """Return the active drones, with their env and owner."""
+        return call("get_drones", lambda reply, arrays: [*map(self._handle_of, reply.drones.drones)])
+
+    @operation
+    def spawn_drone(
+        self,
+        location: npt.ArrayLike | None = None,
+        quat_wxyz: npt.ArrayLike | None = None,
+        *,
+        env: int | None = None,
+        claim: bool = False,
+    ) -> Call[_Drone]:
+        """Add a drone: in the place of a removed one, or in a new row of all arrays.
+
+        Parameters
+        ----------
+        location
+            (3,) m, world frame, where the drone touches nothing. Default: the start of the world, or a free place
+            near it if that is taken.
+        quat_wxyz
+            Rotation (4,). Default: none.
+        env
+            Env of the drone. Default: any.
+        claim
+            Claim the drone as well.
+        """
+        return call(
+            "spawn_drone",
+            lambda reply, arrays: self._handle_of(reply.drone),
+            location=None if location is None else _vector("location", location),
+            rotation=None if quat_wxyz is None else _quaternion("quat_wxyz", quat_wxyz),
+            env=None if env is None else index(env),
+            claim=claim,
+        )
+
+    @operation
+    def remove_drone(self, drone: int) -> Call[None]:
+        """Remove a drone: the simulation skips it, and its index may be given to a new one."""
+        return call("remove_drone", nothing, drone=index(drone))
+
+    @operation
+    def get_camera_capture_mode(self, camera: str = "") -> Call[CaptureMode]:
+        """Return when a camera renders. Default: the only camera."""
+        return call("get_camera_capture_mode", readers.capture_mode, camera=camera)
+
+    @operation
+    def set_camera_capture_mode(self, mode: CaptureMode, camera: str = "") -> Call[None]:
+        """Set when a camera renders.
+
+        Parameters
+        ----------
+        mode
+            ``"every_step"``, ``"on_movement"`` (of its drone) or ``"on_demand"`` (of `get_camera_data`).
+        camera
+            Name of the camera. Default: the only camera.
+        """
+        return call("set_camera_capture_mode", nothing, camera=camera, mode=choice("mode", mode, pb.CaptureModeName))
+
+    @operation
+    def get_fps(self) -> Call[Fps]:
+        """Return the speed of the simulation."""
+        return _get_fps()
+
+    @operation
+    def set_lidar_config(self, /, lidar: str = "", **fields: Any) -> Call[None]:
+        """Change a LiDAR of all drones.
+
+        Parameters
+        ----------
+        lidar
+            Name of the LiDAR. Default: the first.
+        **fields
+            Fields of `LidarConfig` that change: ``channels``, ``beams``, ``hfov_deg``, ``vfov_deg``, ``max_range_m``,
+            ``offset_m``, ``quat_wxyz``. ``channels`` and ``beams`` change the shapes of arrays.
+        """
+        return _set_lidar_config(_ALL, lidar, fields)
+
+    @operation
+    def set_camera_config(self, /, camera: str = "", **fields: Any) -> Call[None]:
+        """Change a camera of all drones.
+
+        Parameters
+        ----------
+        camera
+            Name of the camera. Default: the only camera.
+        **fields
+            Fields of `CameraConfig` that change: ``width_px``, ``height_px``, ``hfov_deg``, ``vfov_deg``, ``offset_m``,
+            ``quat_wxyz``. ``width_px`` and ``height_px`` change the shapes of arrays. If one field of view is given,
+            the other is set for square pixels.
+        """
+        return _set_camera_config(_ALL, camera, fields)
+
+    # --- many drones at once
+
+    @operation
+    def get_arrays(self, names: Sequence[str], *, sensor: str = "") -> Call[TimedArrays]:
+        """Return arrays of all drones or envs as they were after the last completed operation, all of one moment.
+
+        Parameters
+        ----------
+        names
+            Names of arrays, such as ``["position", "quat_wxyz"]``; ``info.array_names`` lists those of the batch.
+        sensor
+            Name of a LiDAR, camera or IMU, whose arrays are then named. Default: those of the batch.
+        """
+        return _get_arrays(names, sensor)
+
+    @operation
+    def set_poses(
+        self,
+        position: npt.ArrayLike | None = None,
+        quat_wxyz: npt.ArrayLike | None = None,
+        *,
+        mask: npt.ArrayLike | None = None,
+        teleport: bool = False,
+    ) -> Call[Impacts]:
+        """Move all drones in straight lines, until they touch something.
+
+        Parameters
+        ----------
+        position
+            (N, 3) m, world frame. Default: unchanged.
+        quat_wxyz
+            (N, 4). Default: unchanged.
+        mask
+            (N,) bool: the drones to move. Default: all.
+        teleport
+            Place the drones there without a collision check.
+        """
+        arrays = given(
+            position=floats("position", position, -1, 3),
+            quat_wxyz=floats("quat_wxyz", quat_wxyz, -1, 4),
+            mask=flags("mask", mask),
+        )
+        return call("set_poses", readers.impacts, arrays, teleport=teleport)
+
+    @operation
+    def fly(
+        self, command: npt.ArrayLike, *, control: str = "", ticks: int = 0, mask: npt.ArrayLike | None = None
+    ) -> Call[Time]:
+        """Fly all drones by their rotors.
+
+        Parameters
+        ----------
+        command
+            (N, 4) commands, whose meaning depends on ``control``; see `DynamicsConfig`.
+        control
+            Name of the control, such as ``"velocity"``. Default: that of the batch.
+        ticks
+            Number of ticks of the physics. Default: one step.
+        mask
+            (N,) bool: the drones to fly. Default: all.
+        """
+        arrays = given(command=floats("command", command, -1, 4), mask=flags("mask", mask))
+        return call("fly", readers.time, arrays, ticks=index(ticks), control=control)
+
+    @operation
+    def set_command(
+        self, command: npt.ArrayLike, *, control: str = "", mask: npt.ArrayLike | None = None
+    ) -> Call[None]:
+        """Set the commands (N, 4) that later steps fly. See `fly` for the parameters."""
+        arrays = given(command=floats("command", command, -1, 4), mask=flags("mask", mask))
+        return call("set_command", nothing, arrays, control=control)
+
+    # --- time
+
+    @operation
+    def step(self) -> Call[Time]:
+        """Step once, if the batch has no task: drones with rotors fly their commands, then the sensors are read.
+
+        In lockstep, the step waits until every member has asked for it.
+        """
+        return call("step", readers.time)
+
+    @operation
+    def set_clock(self, rate_hz: float) -> Call[Time]:
+        """Let the server step at this rate of wall time, in Hz; 0: time stands still between the steps of clients."""
+        return call("set_clock", readers.time, rate_hz=rate_hz)
+
+    @operation
+    def join_lockstep(self) -> Call[Time]:
+        """Join the lockstep: from now on, the server steps when every member has called `step`.
+
+        `step` may then wait for longer than ``timeout_s`` of `connect`. A member for whose `step` the others have
+        waited for ``lockstep_timeout_s`` of the server leaves the lockstep; its next `step` raises `ServerError`.
+        """
+        return call("join_lockstep", readers.time)
+
+    @operation
+    def leave_lockstep(self) -> Call[None]:
+        """Leave the lockstep. The end of the connection does the same."""
+        return call("leave_lockstep", nothing)
+
+    @operation
+    def sense(self) -> Call[Time]:
+        """Read all sensors now."""
+        return call("sense", readers.time)
+
+    @operation
+    def snapshot(self) -> Call[bytes]:
+        """Return everything that affects later steps."""
+        return call("snapshot", readers.snapshot)
+
+    @operation
+    def restore(self, snapshot: bytes) -> Call[None]:
+        """Go back to a snapshot."""
+        arrays = {"snapshot": np.frombuffer(snapshot, np.uint8)}
+        return call("restore", nothing, arrays)
+
+    # --- worlds
+
+    @operation
+    def get_worlds(self) -> Call[list[WorldInfo]]:
+        """Return the worlds that the server was started with."""
+        return call("get_worlds", readers.worlds)
+
+    @operation
+    def set_world(self, env: int, world: int) -> Call[None]:
+        """Put an env into another world. Its drones keep their poses."""
+        return call("set_world", nothing, env=index(env), world=index(world))
+
+    @operation
+    def get_light(self, world: int = 0, *, env: int | None = None) -> Call[Light]:
+        """Return the light of an env, or without one that of a world."""
+        of = {"world": index(world)} if env is None else {"env": index(env)}
+        return call("get_light", config_of(Light), **of)
+
+    @operation
+    def set_light(self, /, world: int = 0, *, envs: Iterable[int] | None = None, **fields: Any) -> Call[None]:
+        """Change the light of some envs, or that of a world, for all envs in it that have no light of their own.
+
+        Parameters
+        ----------
+        world
+            Index of the world, without ``envs``.
+        envs
+            Indices of the envs, whose lights change. If nothing else is given, they show the lights of their worlds
+            again. Default: the light of the world changes.
+        **fields
+            Fields of `Light` that change.
+        """
+        chosen = None if envs is None else [*map(index, envs)]
+        if chosen == []:
+            raise ValueError("envs: expected at least one index, got none")
+        of: dict[str, Any] = {"envs": chosen} if chosen else {"world": index(world)}
+        return call("set_light", nothing, config_json=change_json(Light, fields), **of)
+
+    @operation
+    def get_mesh(self, world: int = 0) -> Call[Mesh]:
+        """Return the geometry of a world as triangles."""
+        return call("get_mesh", readers.mesh, world=index(world))
+
+    @operation
+    def get_point_cloud(self, world: int = 0, *, spacing_m: float = 0.1) -> Call[PointCloud]:
+        """Return points on the surfaces of a world, about ``spacing_m`` apart."""
+        return call("get_point_cloud", readers.point_cloud, world=index(world), spacing_m=spacing_m)
+
+    @operation
+    def get_boxes(self, world: int = 0) -> Call[Boxes]:
+        """Return the smallest box around each object of a world."""
+        return call("get_boxes", readers.boxes, world=index(world))
+
+    # --- streams
+
+    @stream
+    def subscribe_arrays(
+        self, names: Sequence[str], *, sensor: str = "", rate_hz: float = 30.0, only_new: bool = False
+    ) -> Subscription[TimedArrays]:
+        """Receive arrays again and again; see `get_arrays`.
+
+        Parameters
+        ----------
+        names, sensor
+            As for `get_arrays`.
+        rate_hz
+            Maximum rate in Hz of wall time.
+        only_new
+            Receive only what a step or an operation may have changed.
+
+        Returns
+        -------
+        stream
+            An iterator with the newest values; those that are not fetched in time are dropped. ``close()`` ends it.
+        """
+        return Subscription(_get_arrays(names, sensor), rate_hz, only_new)
+
+    @stream
+    def subscribe_fps(self, *, rate_hz: float = 1.0) -> Subscription[Fps]:
+        """Receive the speed of the simulation again and again, ``rate_hz`` times a second at most."""
+        return Subscription(_get_fps(), rate_hz, False)
+
+
+class DroneOperations:
+    """The operations of a drone."""
+
+    def __init__(self, client: Any, index: int, env: int | None = None, owner: int | None = None) -> None:
+        self._client = client
+        self.index = index
+        self.env = env
+        self.owner = owner
+
+    def __repr__(self) -> str:
+        return f"<{type(self).__name__} {self.index}>"
+
+    @operation
+    def get_location(self) -> Call[npt.NDArray[np.float32]]:
+        """Return the location (3,) in m, world frame."""
+        return call("get_location", readers.location, drone=self.index)
+
+    @operation
+    def set_location(self, location: npt.ArrayLike, *, teleport: bool = False) -> Call[Impact]:
+        """Move the drone in a straight line, until it touches something.
+
+        Parameters
+        ----------
+        location
+            (3,) m, world frame.
+        teleport
+            Place the drone there without a collision check.
+        """
+        return call(
+            "set_location",
+            readers.impact,
+            drone=self.index,
+            location=_vector("location", location),
+            teleport=teleport,
+        )
+
+    @operation
+    def get_rotation(self) -> Call[Rotation]:
+        """Return the rotation from body to world."""
+        return call("get_rotation", readers.rotation, drone=self.index)
+
+    @operation
+    def set_rotation(self, rotation: npt.ArrayLike | Angles, *, teleport: bool = False) -> Call[Impact]:
+        """Turn the drone, until it touches something.
+
+        Parameters
+        ----------
+        rotation
+            A quaternion (w, x, y, z) of any length above 0, or `Angles`.
+        teleport
+            Turn without a collision check.
+        """
+        return call("set_rotation", readers.impact, drone=self.index, teleport=teleport, **_rotation(rotation))
+
+    @operation
+    def set_location_and_rotation(
+        self, location: npt.ArrayLike, rotation: npt.ArrayLike | Angles, *, teleport: bool = False
+    ) -> Call[Impact]:
+        """Move and turn the drone, until it touches something. See `set_location` and `set_rotation`."""
+        return call(
+            "set_location_and_rotation",
+            readers.impact,
+            drone=self.index,
+            location=_vector("location", location),
+            teleport=teleport,
+            **_rotation(rotation),
+        )
+
+    @operation
+    def get_camera_data(
+        self, camera: str = "", *, format: _Format = "jpeg", quality: int = 90, output: str = ""
+    ) -> Call[CameraData]:
+        """Return the image of a camera.
+
+        A camera in the capture mode ``"on_demand"`` renders now; in the other modes, only if its frame is stale.
+
+        Parameters
+        ----------
+        camera
+            Name of the camera. Default: the only camera.
+        format
+            ``"jpeg"`` or ``"png"``: a file; ``"raw"``: the pixels.
+        quality
+            Quality of a JPEG file, 1 to 100.
+        output
+            Name of an output of the camera, such as ``"depth"``; a file can hold only ``"rgb"`` or ``"grey"``. Default:
+            ``"rgb"``, or ``"grey"`` if there is no colour.
+        """
+        return _get_camera_data(self.index, camera, format, quality, output)
+
+    @operation
+    def get_lidar_data(self, lidar: str = "", *, directions: bool = True) -> Call[LidarData]:
+        """Scan now and return the result.
+
+        Parameters
+        ----------
+        lidar
+            Name of the LiDAR. Default: the first.
+        directions
+            Return the directions of the beams, too. They change only with the settings.
+        """
+        return _get_lidar_data(self.index, lidar, directions)
+
+    @operation
+    def get_lidar_config(self, lidar: str = "") -> Call[LidarConfig]:
+        """Return the settings of a LiDAR. Default: the first."""
+        return call("get_lidar_config", config_of(LidarConfig), drone=self.index, lidar=lidar)
+
+    @operation
+    def set_lidar_config(self, /, lidar: str = "", **fields: Any) -> Call[None]:
+        """Change a LiDAR of this drone. The parameters are those of the client's ``set_lidar_config``.
+
+        If ``channels`` or ``beams`` is given, everything that is given changes for all drones.
+        """
+        return _set_lidar_config(self.index, lidar, fields)
+
+    @operation
+    def get_camera_config(self, camera: str = "") -> Call[CameraConfig]:
+        """Return the settings of a camera. Default: the only camera."""
+        return call("get_camera_config", config_of(CameraConfig), drone=self.index, camera=camera)
+
+    @operation
+    def set_camera_config(self, /, camera: str = "", **fields: Any) -> Call[None]:
+        """Change a camera of this drone. The parameters are those of the client's ``set_camera_config``.
+
+        If ``width_px`` or ``height_px`` is given, everything that is given changes for all drones.
+        """
+        return _set_camera_config(self.index, camera, fields)
+
+    @operation
+    def get_move_line_visible(self) -> Call[bool]:
+        """Return whether the line of the drone's past positions is drawn."""
+        return call("get_move_line_visible", readers.move_line_visible, drone=self.index)
+
+    @operation
+    def set_move_line_visible(self, visible: bool) -> Call[None]:
+        """Draw the line of the drone's past positions into the RGB images that the server returns, or stop that."""
+        return call("set_move_line_visible", nothing, drone=self.index, visible=visible)
+
+    @operation
+    def set_command(self, command: npt.ArrayLike, *, control: str = "") -> Call[None]:
+        """Set the command (4,) that later steps fly.
+
+        Parameters
+        ----------
+        command
+            Four numbers, whose meaning depends on ``control``; see `DynamicsConfig`.
+        control
+            Name of the control, such as ``"velocity"``. Default: that of the batch.
+        """
+        return call(
+            "set_command",
+            nothing,
+            {"command": floats("command", command, 4)[None]},
+            drone=self.index,
+            control=control,
+        )
+
+    @operation
+    def claim(self) -> Call[None]:
+        """Claim the drone for this client; see the client's ``claim``."""
+        return call("claim", nothing, drones=[self.index])
+
+    @operation
+    def release(self) -> Call[None]:
+        """End this client's claim of the drone."""
+        return call("release", nothing, drones=[self.index])
+
+    @operation
+    def remove(self) -> Call[None]:
+        """Remove the drone from the simulation."""
+        return call("remove_drone", nothing, drone=self.index)
+
+    @stream
+    def subscribe_camera(
+        self,
+        camera: str = "",
+        *,
+        format: _Format = "jpeg",
+        quality: int = 90,
+        output: str = "",
+        rate_hz: float = 30.0,
+        only_new: bool = False,
+    ) -> Subscription[CameraData]:
+        """Receive images again and again. See `get_camera_data` and the client's ``subscribe_arrays``."""
+        call = _get_camera_data(self.index, camera, format, quality, output)
+        return Subscription(call, rate_hz, only_new)
+
+    @stream
+    def subscribe_lidar(
+        self, lidar: str = "", *, directions: bool = True, rate_hz: float = 30.0, only_new: bool = False
+    ) -> Subscription[LidarData]:
+        """Receive scans again and again. See `get_lidar_data` and the client's ``subscribe_arrays``."""
+        return Subscription(_get_lidar_data(self.index, lidar, directions), rate_hz, only_new)
+
+
+class Drone(DroneOperations, Waits):
+    """A drone of a server. `drone`, `get_drones` and `spawn_drone` make it.
+
+    Attributes
+    ----------
+    index
+        Index in the batch.
+    env
+        Its env, or None if the object comes from `drone`.
+    owner
+        Number of the client that had claimed it when the object was made, or 0; None if the object comes from `drone`.
+    """
+
+    def _call(self, call: Call[_T]) -> _T:
+        return self._client._call(call)  # type: ignore[no-any-return]
+
+    def _subscribe(self, subscription: Subscription[_T]) -> Stream[_T]:
+        return self._client._subscribe(subscription)  # type: ignore[no-any-return]
+
+
+class BlockingOperations(Operations[Drone], BlockingBodies):
+    """The operations of a server, which wait for their replies."""
+
+    def _handle(self, index: int, env: int | None = None, owner: int | None = None) -> Drone:
+        return Drone(self, index, env, owner)
+
+
+class AsyncDrone(DroneOperations, Awaits):
+    """A drone of a server, for asyncio. See `Drone`."""
+
+    async def _call(self, call: Call[_T]) -> _T:
+        return await self._client._call(call)  # type: ignore[no-any-return]
+
+    def _subscribe(self, subscription: Subscription[_T]) -> AsyncStream[_T]:
+        return self._client._subscribe(subscription)  # type: ignore[no-any-return]
+
+
+# --- calls of several operations
+
+
+def _get_fps() -> Call[Fps]:
+    return call("get_fps", readers.fps)
+
+
+def _get_arrays(names: Sequence[str], sensor: str) -> Call[TimedArrays]:
+    if isinstance(names, str):
+        raise TypeError(f"names: expected a list of names, got {names!r}")
+    return call("get_arrays", readers.timed_arrays, names=names, sensor=sensor)
+
+
+def _get_camera_data(drone: int, camera: str, format: _Format, quality: int, output: str) -> Call[CameraData]:
+    if format == "jpeg" and not 1 <= quality <= 100:
+        raise ValueError(f"quality: expected an integer from 1 to 100, got {quality!r}")
+    return call(
+        "get_camera_data",
+        readers.camera_data,
+        drone=drone,
+        camera=camera,
+        format=choice("format", format, pb.ImageFormat),
+        quality=index(quality),
+        output=output,
+    )
+
+
+def _get_lidar_data(drone: int, lidar: str, directions: bool) -> Call[LidarData]:
+    return call("get_lidar_data", readers.lidar_data, drone=drone, lidar=lidar, without_directions=not directions)
+
+
+def _set_lidar_config(drone: int, lidar: str, fields: dict[str, Any]) -> Call[None]:
+    text = change_json(LidarConfig, fields)
+    return call("set_lidar_config", nothing, drone=drone, lidar=lidar, config_json=text)
+
+
+def _set_camera_config(drone: int, camera: str, fields: dict[str, Any]) -> Call[None]:
+    text = change_json(CameraConfig, fields)
+    return call("set_camera_config", nothing, drone=drone, camera=camera, config_json=text)
+
+
+# --- arguments to messages
+
+
+def _vector(name: str, values: npt.ArrayLike) -> pb.Vector3:
+    x, y, z = finite(name, values, 3)
+    return pb.Vector3(x=x, y=y, z=z)
+
+
+def _quaternion(name: str, values: npt.ArrayLike) -> pb.Quaternion:
+    w, x, y, z = finite(name, values, 4)
+    return pb.Quaternion(w=w, x=x, y=y, z=z)
+
+
+def _rotation(rotation: npt.ArrayLike | Angles) -> dict[str, Any]:
+    if isinstance(rotation, Angles):
+        return {"angles": pb.Angles(**rotation._asdict())}
+    return {"quaternion": _quaternion("rotation", rotation)}
