@@ -299,6 +299,36 @@ std::string keyword_of(const std::string& field) {
   return is_sensor ? field.substr(0, field.size() - 1) : field;
 }
 
+// Describes the keywords of calls that make a batch, from the descriptions of its fields: one configuration stands for a list of
+// one, and sensors may also be given by the names of the fields.
+py::list described_keywords(const py::list& fields) {
+  py::list keywords, others;
+  py::dict keyword_by_field;
+  for (const py::handle field : fields) keyword_by_field[field["name"]] = keyword_of(py::str(field["name"]));
+  for (const py::handle field : fields) {
+    const std::string name = py::str(field["name"]), keyword = keyword_of(name);
+    if (keyword.empty()) continue;
+    std::string type = py::str(field["type"]);
+    if (type.starts_with("Sequence[")) type = type.substr(9, type.size() - 10) + " | " + type;
+    if (type == "World | None") type = "World | DroneMesh";
+    py::str about = field["about"];
+    for (const auto& [from, to] : keyword_by_field) {
+      about = about.attr("replace")(py::str("``{}``").format(from), py::str("``{}``").format(to));
+    }
+    py::dict one;
+    one["name"] = keyword;
+    one["type"] = type;
+    one["doc"] = about;
+    keywords.append(one);
+    if (keyword == name) continue;
+    py::dict other = one.attr("copy")();
+    other["name"] = name;
+    other["doc"] = "Another name of ``" + keyword + "``.";
+    others.append(other);
+  }
+  return keywords + others;
+}
+
 }  // namespace
 
 void set_batch_fields(BatchConfig& config, const py::kwargs& keywords, const char* callee,
@@ -403,6 +433,9 @@ void register_config(py::module_& module) {
     if (const std::string keyword = keyword_of(field.name); !keyword.empty()) keywords[py::str(keyword)] = field.name;
   }
   module.attr("batch_keywords") = keywords;
+  py::dict arguments;
+  arguments["Batch"] = described_keywords(others["BatchConfig"]);
+  module.attr("_arguments") = arguments;
 }
 
 }  // namespace flockstep::bindings

@@ -28,10 +28,6 @@ _U16: TypeAlias = npt.NDArray[np.uint16]
 _Bool: TypeAlias = npt.NDArray[np.bool_]
 _DroneLike: TypeAlias = DroneModel | str | PathLike[str]
 # tasks
-_EngineTask: TypeAlias = (
-    NavigationConfig | HoverConfig | TrackConfig | RaceConfig | DodgeConfig | SwapConfig | FormationConfig
-)
-# end of tasks
 _MaybeNone: TypeAlias = Any  # None only if the world lacks the marker; Any spares callers a check
 
 __version__: str
@@ -1517,55 +1513,6 @@ class Batch:
         A `DroneModel`, the name of a bundled airframe, or the path of a JSON file. Default: the 650-class quadrotor.
     world_index
         (E,) integers: the world of each env. Default: env i is in world i modulo W.
-    drones_per_env
-        Number of drones in each env, M. They share a world. A batch without a task may begin with no drone in its envs.
-    meet
-        How the drones of an env interact. ``"never"``: not at all. ``"seen"``: their LiDARs detect the hulls of the
-        others, and their cameras see their meshes. ``"touched"``: they hit each other with their hulls. ``"both"``:
-        both. Unless it is ``"never"``, an env has at most 4096 drones.
-    drone_mesh
-        World whose triangles, materials and textures show the drones to the cameras of the others, in the body frame,
-        like the mesh of a `BodyConfig`. Only if ``meet`` is ``"seen"`` or ``"both"``. None: their hull, in grey.
-    num_threads
-        Number of threads, at most four per processor; a larger number gives these, with a warning. 0: the physical
-        cores that this process may run on. No result depends on it.
-    block_size
-        Number of envs that a thread takes at once. 0: chosen by the engine. No result depends on it.
-    lidar
-        The LiDARs of each drone, with different names.
-    camera
-        The cameras of each drone, with different names. The images of one camera have at most 2^32 pixels over all
-        drones.
-    camera_backend
-        Renderer of cameras. ``"raycast"``: the engine's own tracing, which needs no GPU and is bitwise reproducible.
-        ``"gl"``: OpenGL 4.5 through EGL, headless; if it is missing, raycast with a warning. ``"auto"``: the faster of
-        the two on the batch's worlds, timed when the batch is made.
-    tracer
-        Method that traces rays against triangles. ``"auto"``: the fastest for each sensor. LiDAR channels whose beams
-        lie in a plane and close together (fans) are traced in a slice of the world; neighbouring rays of cameras and of
-        LiDARs with many channels go through a tree of triangles together, in tiles; Embree traces the others, and
-        shadow rays. ``"slices"``: every fan, however few beams it has and however far apart they are. ``"tiles"``:
-        tiles in every world, and no slices. ``"embree"``: Embree traces all rays, for comparison.
-    pose_sensor
-        The pose sensor of each drone.
-    imu
-        The IMUs of each drone, with different names; they need motion by rotors.
-    bodies
-        Bodies that are in every env when an episode begins, after those of its world.
-    max_bodies
-        Number of slots for bodies in each env, B. Free slots are for ``batch.bodies.spawn()``. 0: as many as an episode
-        may begin with.
-    lights
-        Lights, at most 4096, of which each episode of an env draws one instead of its world's. Empty: the lights of the
-        worlds.
-    episode
-        Begin and end of episodes.
-    clock
-        Rates of policy, controller and physics.
-    dynamics
-        Motion model of the drones.
-    lidars, cameras, imus
-        Other names of ``lidar``, ``camera``, ``imu``.
     """
 
     def __init__(
@@ -1576,28 +1523,7 @@ class Batch:
         task: _EngineTask | NativeTask | PythonTask | None = None,
         drone: _DroneLike | None = None,
         world_index: npt.ArrayLike | None = None,
-        # keywords of Batch
-        drones_per_env: int | None = None,
-        meet: Literal["never", "seen", "touched", "both"] | None = None,
-        drone_mesh: World | DroneMesh | None = None,
-        num_threads: int | None = None,
-        block_size: int | None = None,
-        lidar: LidarConfig | Sequence[LidarConfig] | None = None,
-        camera: CameraConfig | Sequence[CameraConfig] | None = None,
-        camera_backend: Literal["raycast", "gl", "auto"] | None = None,
-        tracer: Literal["auto", "tiles", "slices", "embree"] | None = None,
-        pose_sensor: PoseSensorConfig | None = None,
-        imu: ImuConfig | Sequence[ImuConfig] | None = None,
-        bodies: BodyConfig | Sequence[BodyConfig] | None = None,
-        max_bodies: int | None = None,
-        lights: Light | Sequence[Light] | None = None,
-        episode: EpisodeConfig | None = None,
-        clock: ClockConfig | None = None,
-        dynamics: DynamicsConfig | None = None,
-        lidars: LidarConfig | Sequence[LidarConfig] | None = None,
-        cameras: CameraConfig | Sequence[CameraConfig] | None = None,
-        imus: ImuConfig | Sequence[ImuConfig] | None = None,
-        # end of keywords
+        **fields: Changes[Batch],
     ) -> None: ...
     @staticmethod
     def from_recipe(

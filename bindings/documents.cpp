@@ -41,15 +41,18 @@ void document_function(PyObject* function, std::string_view name, std::string_vi
   method->ml_doc = copy;
 }
 
-// Returns the descriptions of the fields of a configuration, which may be none of the module's classes.
+// Returns the descriptions of the fields of a configuration, which may be none of the module's classes, or of the arguments of a
+// class.
 py::object fields_of(const py::module_& module, const std::string& config) {
+  const py::dict arguments = module.attr("_arguments");
+  if (arguments.contains(config)) return arguments[config.c_str()];
   const py::dict others = module.attr("_other_fields");
   return others.contains(config) ? others[config.c_str()] : py::object(module.attr(config.c_str()).attr("_fields"));
 }
 
-// Returns the section "Parameters" of a docstring for some fields. A required one has no default.
-std::string parameters(const py::object& fields, bool is_first_required) {
-  std::string text = "\n\nParameters\n----------";
+// Returns the section "Parameters" of a docstring for some fields, or further entries of it. A required one has no default.
+std::string parameters(const py::object& fields, bool is_first_required, bool is_begun = false) {
+  std::string text = is_begun ? "" : "\n\nParameters\n----------";
   for (const py::handle field : fields) {
     const char* const what = std::exchange(is_first_required, false) ? "about" : "doc";
     text += '\n' + std::string(py::str(field["name"])) + '\n' + wrapped(std::string(py::str(field[what])), "    ");
@@ -133,6 +136,11 @@ void document(py::module_& module) {
     } else {
       object.attr("__doc__") = py::str(document.text.data(), document.text.size());
     }
+  }
+  for (const auto& [name, fields] : py::dict(module.attr("_arguments"))) {
+    const py::object cls = module.attr(name);
+    cls.attr("__doc__") =
+        std::string(py::str(cls.attr("__doc__"))) + parameters(py::reinterpret_borrow<py::object>(fields), false, true);
   }
   for (const auto& [name, item] : py::dict(module.attr("__dict__"))) {
     if (py::isinstance<py::type>(item) && py::hasattr(item, "_fields")) document_fields(item);

@@ -8,10 +8,10 @@ fields of A" by attributes and __init__ (the docstring above becomes the run-tim
 arrays of A" by properties, "**fields: Fields[A]" by keywords with their defaults, "Changes[A]" by keywords that are
 None by default, and "Arguments[A]" by arguments, of which the first is required.
 
-Without --stub, it writes the parts between marks: in docs/ "<!-- arrays of A, B -->" and "<!-- end of arrays -->",
-"<!-- fields of A -->" and "<!-- end of fields -->"; in core.pyi "# keywords of Batch" and "# end of keywords",
-"# tasks" and "# end of tasks", and the entries of Batch's "Parameters" that are fields; and the whole of
-envs/flockstep/env_keywords.py.
+"# tasks" stands for the type _EngineTask. The parameters of a class in _core._arguments end with these arguments.
+
+Without --stub, it writes the parts of docs/ between "<!-- arrays of A, B -->" and "<!-- end of arrays -->", "<!--
+fields of A -->" and "<!-- end of fields -->", and the whole of envs/flockstep/env_keywords.py.
 """
 
 from __future__ import annotations
@@ -32,12 +32,6 @@ ROOT = Path(__file__).resolve().parents[1]
 TEMPLATE = ROOT / "bindings" / "core.pyi"
 ENV_KEYWORDS = ROOT / "envs" / "flockstep" / "env_keywords.py"
 DOCUMENTS = sorted((ROOT / "docs").rglob("*.md"))
-MARKED_KEYWORDS = re.compile(r"^( *)# keywords of Batch\n.*?^ *# end of keywords\n", re.MULTILINE | re.DOTALL)
-MARKED_TASKS = re.compile(r"^# tasks\n.*?^# end of tasks\n", re.MULTILINE | re.DOTALL)
-BATCH_PARAMETERS = re.compile(
-    r"(^class Batch:\n.*?^    Parameters\n    -+\n)(.*?)(?=^    \"\"\"\n)", re.MULTILINE | re.DOTALL
-)
-ENTRY = re.compile(r"^    (\w+).*\n(?:        .*\n)+", re.MULTILINE)
 MARKED_TABLE = re.compile(r"^<!-- arrays of ([\w, ]+) -->\n.*?^<!-- end of arrays -->\n", re.MULTILINE | re.DOTALL)
 MARKED_FIELDS = re.compile(r"^<!-- fields of (\w+) -->\n.*?^<!-- end of fields -->\n", re.MULTILINE | re.DOTALL)
 FIELDS = re.compile(r'(?:"""(?:(?!""").)*"""\n\n)?    # fields of (\w+)\n', re.DOTALL)
@@ -82,8 +76,8 @@ def field_table(fields: list[Field]) -> list[str]:
 
 
 def fields_of(name: str) -> list[Field]:
-    """Return the descriptions of the fields of a configuration."""
-    fields: list[Field] = _core._other_fields.get(name) or getattr(_core, name)._fields
+    """Return the descriptions of the fields of a configuration, or of the arguments of a class."""
+    fields: list[Field] = (_core._arguments | _core._other_fields).get(name) or getattr(_core, name)._fields
     return fields
 
 
@@ -134,6 +128,9 @@ def with_docstrings(text: str) -> str:
         owner = re.findall(r"^class (\w+)", text[: match.start()], re.MULTILINE)[-1]
         made = docstring(getattr(getattr(_core, owner), match[1]), "        ")
         text = text[: match.start(2)] + made + text[match.end(2) :]
+    for name in _core._arguments:
+        head, found, rest = text.partition(f"\nclass {name}:\n    ")
+        text = head + found + docstring(getattr(_core, name), "    ") + rest.split('"""\n', 1)[1]
     return text
 
 
@@ -143,6 +140,8 @@ def stub_text() -> str:
     named = set(re.findall(r"^class (\w+)", template, re.MULTILINE))
     classes = [name for name, item in vars(_core).items() if hasattr(item, "_fields") and name not in named]
     made = "".join(f"@final\nclass {name}:\n    # fields of {name}\n\n" for name in classes)
+    tasks = " | ".join(config.__name__ for config in _core.engine_tasks.values())
+    template = template.replace("# tasks\n", f"_EngineTask: TypeAlias = {tasks}\n")
     text = FIELDS.sub(class_body, template.replace("# configurations\n\n", made))
     return STAND_INS.sub(arguments, with_docstrings(ARRAYS.sub(array_properties, text)))
 
@@ -150,34 +149,6 @@ def stub_text() -> str:
 def types_of(config: Any) -> dict[str, str]:
     """Return the types of a configuration's fields."""
     return {field["name"]: field["type"] for field in config._fields}
-
-
-def batch_fields() -> dict[str, Field]:
-    """Return the fields of a batch by their keywords."""
-    fields = {field["name"]: field for field in _core._other_fields["BatchConfig"]}
-    return {keyword: fields[name] for keyword, name in _core.batch_keywords.items()}
-
-
-def keyword_type(field: Field) -> str:
-    """Return the type of a keyword: one configuration stands for a list of one, and None for the default."""
-    text = field["type"].replace("World | None", "World | DroneMesh")
-    text = re.sub(r"^Sequence\[(.*)\]$", r"\1 | Sequence[\1]", text)
-    return f"{text.removesuffix(' | None')} | None"
-
-
-def entries(fields: dict[str, Field], indent: str = "    ") -> list[str]:
-    """Return the entries of keywords in a section "Parameters"."""
-    inner, lines, other = f"{indent}    ", list[str](), other_names()
-    for name, field in fields.items():
-        lines.append(f"{indent}{name}")
-        text = re.sub(r"``(\w+s)``", lambda m: f"``{other.get(m[1], m[1])}``", field["about"])
-        lines += textwrap.wrap(text, 120, initial_indent=inner, subsequent_indent=inner, break_on_hyphens=False)
-    return lines
-
-
-def other_names() -> dict[str, str]:
-    """Return the keywords of the fields of a batch that have another name, by the field."""
-    return {name: keyword for keyword, name in _core.batch_keywords.items() if name != keyword}
 
 
 ENV_TEXT = '''"""The keywords of `DroneVectorEnv` that are fields of configurations; made by bindings/stubs.py."""
@@ -211,8 +182,13 @@ def env_keywords() -> str:
     """Return the module env_keywords."""
     from flockstep import keywords
 
-    of_batch = {name: field for name, field in batch_fields().items() if name not in OWN_KEYWORDS}
-    types = {name: keyword_type(field) for name, field in of_batch.items()}
+    shared = {*_core.batch_keywords} - {*OWN_KEYWORDS}
+    of_batch = [argument for argument in _core._arguments["Batch"] if argument["name"] in shared]
+    types = {argument["name"]: f"{argument['type']} | None" for argument in of_batch}
+    entries = []
+    for argument in of_batch:
+        text = textwrap.fill(argument["doc"], 112, break_on_hyphens=False)
+        entries.append(f"    {argument['name']}\n" + textwrap.indent(text, " " * 8))
     lists = []
     titles = {config: f"the {name} task" for name, config in _core.engine_tasks.items()}
     for config in (*keywords.CONFIGS.values(), *_core.engine_tasks.values()):
@@ -225,24 +201,8 @@ def env_keywords() -> str:
     used = {name for text in types.values() for name in re.findall(r"\w+", re.sub('".*?"', "", text))}
     imports = "\n".join(f"        {name}," for name in sorted(used) if hasattr(_core, name))
     lines = [part for name, text in types.items() for part in folded(f"    {name}: {text}")]
-    parts = {"entries": "\n".join(entries(of_batch)), "lists": "\n\n".join(lists), "types": "\n".join(lines)}
+    parts = {"entries": "\n".join(entries), "lists": "\n\n".join(lists), "types": "\n".join(lines)}
     return ENV_TEXT.format(imports=imports, **parts)
-
-
-def batch_keywords(indent: str) -> list[str]:
-    """Return the keywords of `Batch` that are fields of its configuration."""
-    types = {name: keyword_type(field) for name, field in batch_fields().items()}
-    types |= {other: types[name] for other, name in other_names().items()}
-    lines = [f"{indent}{name}: {text} = None," for name, text in types.items()]
-    return [part for line in lines for part in folded(line)]
-
-
-def batch_parameters(match: re.Match[str]) -> str:
-    """Return the section "Parameters" of `Batch`: its own entries, then the fields."""
-    own = [found[0] for found in ENTRY.finditer(match[2]) if found[1] not in {*batch_fields(), *other_names()}]
-    meant = ", ".join(f"``{name}``" for name in other_names().values())
-    lines = [*entries(batch_fields()), f"    {', '.join(other_names())}", f"        Other names of {meant}."]
-    return match[1] + "".join(own) + "\n".join(lines) + "\n"
 
 
 def array_table(classes: list[type[Any]]) -> list[str]:
@@ -260,10 +220,6 @@ def array_table(classes: list[type[Any]]) -> list[str]:
 def renewed(path: Path) -> str:
     """Return a file's text with its marked parts regenerated."""
 
-    def replace_keywords(match: re.Match[str]) -> str:
-        indent = match.group(1)
-        return "\n".join([f"{indent}# keywords of Batch", *batch_keywords(indent), f"{indent}# end of keywords"]) + "\n"
-
     def replace_table(match: re.Match[str]) -> str:
         lines = array_table([getattr(_core, name.strip()) for name in match.group(1).split(",")])
         return "\n".join([f"<!-- arrays of {match.group(1)} -->", *lines, "<!-- end of arrays -->"]) + "\n"
@@ -275,10 +231,6 @@ def renewed(path: Path) -> str:
     if path == ENV_KEYWORDS:
         return env_keywords()
     text = path.read_text(encoding="utf-8")
-    if path == TEMPLATE:
-        tasks = " | ".join(config.__name__ for config in _core.engine_tasks.values())
-        text = MARKED_TASKS.sub(f"# tasks\n_EngineTask: TypeAlias = (\n    {tasks}\n)\n# end of tasks\n", text)
-        return BATCH_PARAMETERS.sub(batch_parameters, MARKED_KEYWORDS.sub(replace_keywords, text))
     return MARKED_TABLE.sub(replace_table, MARKED_FIELDS.sub(replace_fields, text))
 
 
@@ -288,4 +240,4 @@ if __name__ == "__main__":
     else:
         from renew import renew  # beside this file
 
-        renew({path: renewed(path) for path in (TEMPLATE, ENV_KEYWORDS, *DOCUMENTS)})
+        renew({path: renewed(path) for path in (ENV_KEYWORDS, *DOCUMENTS)})
