@@ -15,11 +15,11 @@ import pytest
 from conftest import ROOT
 
 from flockstep import _core
-from flockstep.client.protocol_pb2 import Request
+from flockstep.client import protocol
 
 KEPT = json.loads(Path(__file__).with_name("places.json").read_text(encoding="utf-8"))
 CODE = ("engine", "bindings", "envs", "server", "training", "tools", "bench", "scenes")
-MADE = re.compile(r"protocol_pb2|sync_operations|protocol/messages|env_keywords|core\.pyi$|server/flockstep\.proto")
+MADE = re.compile(r"env_keywords|core\.pyi$")
 #: How many files may name a new one.
 BUDGET = {"task": 6, "sensor": 5, "operation": 3, "field": 2}
 
@@ -28,7 +28,7 @@ BUDGET = {"task": 6, "sensor": 5, "operation": 3, "field": 2}
 def sources() -> dict[str, str]:
     """Return the texts of the files that are written by hand, tests and documents apart."""
     listed = subprocess.run(["git", "ls-files", *CODE], cwd=ROOT, capture_output=True, text=True, check=True)
-    suffixes = (".hpp", ".cpp", ".py", ".pyi")
+    suffixes = (".hpp", ".cpp", ".py", ".pyi", ".proto")
     files = [name for name in listed.stdout.split() if name.endswith(suffixes) and not MADE.search(name)]
     return {name: (ROOT / name).read_text(encoding="utf-8") for name in files if (ROOT / name).exists()}
 
@@ -54,7 +54,7 @@ def fields() -> dict[str, list[str]]:
 
 def operations() -> dict[str, list[str]]:
     """Return the patterns of each operation of the server."""
-    listed = Request.DESCRIPTOR.oneofs_by_name["operation"].fields
+    listed = protocol.Request.DESCRIPTOR.oneofs_by_name["operation"].fields
     names = {field.name: field.message_type.name for field in listed}
     return {name: [name, names[name]] if "_" in name else [f'"{name}"', names[name]] for name in names}
 
