@@ -211,8 +211,9 @@ def test_the_library_needs_only_openssl_and_the_system(prefix: Path) -> None:
     text = (prefix / "include" / "flockstep" / "client_operations.hpp").read_text()
     operations = set(re.findall(r"Future<.+> (\w+)\(Later", text))
     assert len(operations) > 40
+    plain = [name.replace("[abi:cxx11]", "") for name in names]  # which marks those that return a string
     for operation in operations:
-        assert any(f"Operations::{operation}(flockstep::client::Later" in name for name in names), operation
+        assert any(f"Operations::{operation}(flockstep::client::Later" in name for name in plain), operation
 
 
 #: The operations of the thesis, tables 4.1 and 4.2.
