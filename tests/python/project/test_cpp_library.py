@@ -14,7 +14,7 @@ from cpp_programs import BUILD, COMPILERS, ROOT, WARNINGS, configure, exported, 
 
 import flockstep
 
-HEADERS = sorted((ROOT / "engine" / "include" / "flockstep").glob("*.hpp"))
+HEADERS = sorted((ROOT / "engine" / "include" / "flockstep").rglob("*.hpp"))
 
 
 @pytest.fixture(scope="module")
@@ -106,14 +106,15 @@ def test_the_python_package_says_that_it_has_no_library(tmp_path: Path) -> None:
 def test_every_public_header_compiles_alone(tmp_path: Path) -> None:
     eigen = run("pkg-config", "--cflags", "eigen3").split()
 
-    def compile_alone(header: Path) -> str:
-        source = tmp_path / f"{header.stem}.cpp"
-        source.write_text(f'#include "flockstep/{header.name}"\n#include "flockstep/{header.name}"\n')
+    def compile_alone(header: Path) -> Path:
+        name = header.relative_to(ROOT / "engine" / "include").as_posix()
+        source = tmp_path / f"{name.replace('/', '-')}.cpp"
+        source.write_text(f'#include "{name}"\n#include "{name}"\n')
         run("g++", "-std=c++20", "-fsyntax-only", *WARNINGS, f"-I{flockstep.include_dir()}", *eigen, source)
-        return header.name
+        return header
 
     with ThreadPoolExecutor(os.cpu_count()) as pool:
-        assert sorted(pool.map(compile_alone, HEADERS)) == [header.name for header in HEADERS]
+        assert list(pool.map(compile_alone, HEADERS)) == HEADERS
 
 
 def defined(library: Path) -> set[str]:
