@@ -77,8 +77,11 @@ class Collector final : public server::Client {
 bool is_small(const protocol::Request& request) {
   // Sensors of any size: a configuration without numbers of more than two digits, or with an exponent.
   const auto has_large = [](const std::string& text) {
-    const auto is_digit = [](char c) { return c >= '0' && c <= '9'; };
-    return std::ranges::search_n(text, 3, true, {}, is_digit).begin() != text.end() || text.find_first_of("eE") != text.npos;
+    int digits = 0;  // in a row
+    return std::ranges::any_of(text, [&](char c) {
+      digits = c >= '0' && c <= '9' ? digits + 1 : 0;
+      return digits == 3 || c == 'e' || c == 'E';
+    });
   };
   if (const auto* const set = std::get_if<protocol::SetLidarConfig>(&request.operation)) return !has_large(set->config_json);
   if (const auto* const set = std::get_if<protocol::SetCameraConfig>(&request.operation)) return !has_large(set->config_json);
