@@ -116,7 +116,7 @@ class Environment:
             ),
             (
                 "Reward",
-                "The sum of these terms; `batch.reward_terms` has a column for each.",
+                "The sum of these terms. `batch.reward_terms` has a column for each.",
                 table(("term", "value"), [(f"``{term}``", value) for term, value in words["reward"]]),
             ),
             ("Start", words["start"], []),
