@@ -7,6 +7,7 @@ import sys
 from pathlib import Path
 
 import pytest
+from messages import refused
 
 import compare
 import compare_rows
@@ -157,7 +158,7 @@ class Answering(compare.Checkout):
 def test_a_row_that_one_checkout_refuses_leaves_no_answer_of_the_other():
     seconds = [{"seconds": 0.02}] * 3
     this, other = Answering("here", [{"error": "no such call"}, *seconds]), Answering("there", [*seconds, *seconds])
-    with pytest.raises(compare.CannotRunError, match="here: no such call"):
+    with refused(compare.CannotRunError, "here", "no such call"):
         compare.row_ratio(this, other, "step/n1")
     assert len(this.answers) == 3 and len(other.answers) == 5
 

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 import torch
 from gymnasium import spaces
+from messages import refused
 from stable_baselines3 import PPO
 from stable_baselines3.common.env_checker import check_env
 from stable_baselines3.common.evaluation import evaluate_policy
@@ -69,9 +70,7 @@ def test_the_log_has_the_terms_of_the_reward(room):
     said = r"info_names: expected some of .*, is_success, .*steps_flown, got 'steps'\. Did you mean 'steps_flown'\?$"
     with pytest.raises(ValueError, match=said):
         model.learn(48, callback=flockstep.sb3.LogTerms(["steps"]))
-    with pytest.raises(
-        TypeError, match=r"info_names: expected a sequence of names, such as \('steps_flown',\), got 'st"
-    ):
+    with refused(TypeError, "info_names", "'st"):
         flockstep.sb3.LogTerms("steps_flown")
 
 
@@ -92,7 +91,7 @@ def test_any_policy_is_judged(room):
 
     assert flockstep.sb3.success_rates(up, Rise, worlds=room, episodes=3) == {"room": 1.0}
     assert flockstep.sb3.success_rates(None, Rise, worlds=room, episodes=3) == {"room": 0.0}
-    with pytest.raises(TypeError, match="policy: expected a model"):
+    with refused(TypeError, "policy"):
         flockstep.sb3.success_rates("PPO", Rise, worlds=room)
 
 
@@ -159,12 +158,12 @@ def test_options_reach_the_next_reset(make):
     envs.reset()  # options are used once
     assert envs.get_attr("batch")[0].episode.tolist() == [2, 2, 1, 1, 1, 1]
     envs.set_options({"nonsense": 1})
-    with pytest.raises(ValueError, match="options: expected only 'reset_mask', got 'nonsense'"):
+    with refused(ValueError, "options", "nonsense"):
         envs.reset()
     envs.reset()  # rejected options are discarded
     envs.set_options([{}] * 6)
     envs.reset()
-    with pytest.raises(ValueError, match="options: expected one dict, since the envs share a reset"):
+    with refused(ValueError, "options"):
         envs.set_options([{"reset_mask": mask}] * 6)
 
 
@@ -304,9 +303,9 @@ class TestAttributes:
         envs = make()
         envs.set_attr("reward_scale", 4)
         assert envs.get_attr("reward_scale") == [4] * 6
-        with pytest.raises(ValueError, match="reward_scale"):
+        with refused(ValueError, "reward_scale"):
             envs.set_attr("reward_scale", 5, indices=[0])
-        with pytest.raises(AttributeError, match=r"set_attr: expected the name .* set \(reward_scale\), got 'note'"):
+        with refused(AttributeError, "set_attr", "note"):
             envs.set_attr("note", 4)
 
     def test_of_the_task(self, room):
@@ -371,13 +370,13 @@ class TestMaking:
     def test_of_a_ready_env(self, closet):
         ready = flockstep.DroneVectorEnv(3, worlds=closet, autoreset_mode="same_step")
         assert flockstep.sb3.make_vec(ready).num_envs == 3
-        with pytest.raises(TypeError, match="ready"):
+        with refused(TypeError, "ready"):
             flockstep.sb3.make_vec(ready, 5)
         with pytest.raises(ValueError, match="same-step"):
             flockstep.sb3.make_vec(flockstep.DroneVectorEnv(3, worlds=closet))
 
     def test_of_another_packages_id(self):
-        with pytest.raises(TypeError, match="CartPole"):
+        with refused(TypeError, "CartPoleVectorEnv.__init__()", "autoreset_mode"):
             flockstep.sb3.make_vec("CartPole-v1", 2)
 
 
@@ -413,7 +412,7 @@ def test_success_rates_are_those_of_the_first_episodes_in_each_world(room, close
     task = FirstEpisodeInTheFirstWorld
     rates = flockstep.sb3.success_rates(Still(), task(), worlds=[closet, room], episodes=3)
     assert rates == {"closet": 1.0, "room": 0.0}
-    with pytest.raises(ValueError, match="episodes: expected an integer >= 1, got 0"):
+    with refused(ValueError, "episodes", 0):
         flockstep.sb3.success_rates(Still(), task(), worlds=[closet], episodes=0)
 
 
@@ -526,7 +525,7 @@ def test_an_evaluation_of_a_task_of_several_drones():
     assert found.ends["contact"] + found.ends["teammate"] == 1
     with pytest.raises(ValueError, match=r"got 'each' \(drone_episodes='each' is the env's keyword\)"):
         flockstep.evaluate(straight, "flockstep/Swap-v0", episodes="each")
-    with pytest.raises(ValueError, match='episodes: expected "team", "each" or "last", got "all"'):
+    with refused(ValueError, "episodes", "all"):
         flockstep.evaluate(straight, "flockstep/Swap-v0", drone_episodes="all")
 
 
@@ -611,7 +610,7 @@ class TestImageFeatures:
 
     def test_bounds_have_to_be_finite(self):
         space = spaces.Dict(depth=spaces.Box(0, np.inf, (16, 16), np.float32))
-        with pytest.raises(ValueError, match=r"depth: expected an image of finite bounds, got \[0, inf\]"):
+        with refused(ValueError, "ImageFeatures: depth", "[0, inf]"):
             flockstep.sb3.ImageFeatures(space)
 
     @pytest.mark.parametrize("kind", ["MultiInputPolicy", "CnnPolicy"])
@@ -678,5 +677,5 @@ def test_progress_keeps_one_line_on_a_terminal(make):
 
 
 def test_progress_refuses_an_invalid_interval():
-    with pytest.raises(ValueError, match=r"^interval_s: expected seconds >= 0, got nan"):
+    with refused(ValueError, "interval_s", "nan"):
         flockstep.sb3.Progress(interval_s=float("nan"))

@@ -252,7 +252,7 @@ class TestReset:
 
     @pytest.mark.parametrize("seed", [-1, 1 << 64, [1, 2], [0, 1, 2, -3]])
     def test_bad_seeds(self, room, seed):
-        with pytest.raises(ValueError, match="seed"):
+        with refused(ValueError, "seed"):
             make(room).reset(seed=seed)
 
     def test_the_greatest_seed(self, room):
@@ -432,7 +432,7 @@ class TestActions:
         for step in range(5):
             actions = np.full((4, 3), 0.1 * step, np.float32)
             for bad in (np.full((4, 3), np.nan), np.zeros((3, 3)), np.zeros((4, 4)), None, "up"):
-                with pytest.raises(ValueError, match="actions"):
+                with refused(ValueError, "actions"):
                     b.step(bad)
             for x, y in zip(a.step(actions)[:4], b.step(actions)[:4], strict=True):
                 np.testing.assert_array_equal(x, y)
@@ -474,7 +474,7 @@ class TestMaking:
         assert [frame.shape for frame in envs.call("render")] == [(256, 256, 3)] * 3
         envs.set_attr("reward_scale", [2, 2, 2])
         assert envs.get_attr("reward_scale") == (2, 2, 2)
-        with pytest.raises(ValueError, match="reward_scale"):
+        with refused(ValueError, "reward_scale"):
             envs.set_attr("reward_scale", [1, 2, 3])
 
     def test_a_closed_env_says_so(self, room):
@@ -484,7 +484,7 @@ class TestMaking:
         envs.close()
         for call in (envs.reset, envs.render, envs.snapshot, lambda: envs.step([0] * 4)):
             for error in (RuntimeError, gymnasium.error.ClosedEnvironmentError):
-                with pytest.raises(error, match="closed"):
+                with refused(error, "closed"):
                     call()
 
     def test_pictures_without_a_render_mode_warn(self, room):

@@ -11,6 +11,7 @@ import pytest
 import torch
 from gymnasium import spaces
 from gymnasium.vector import AutoresetMode
+from messages import refused
 from scripted_episodes import ScriptedEpisodes
 from stable_baselines3 import PPO
 from stable_baselines3.common.logger import configure
@@ -576,11 +577,11 @@ def test_bad_numbers_are_refused_and_change_nothing():
         wrong = good.copy()
         wrong[2, 1] = bad
         for call in (learner.predict, learner.sample, learner.values, lambda observation: learner.act(0, observation)):
-            with pytest.raises(FloatingPointError, match=r"observation: expected finite numbers, got .* in row 2"):
+            with refused(FloatingPointError, "observation", "in row 2"):
                 call(wrong)
-        with pytest.raises(FloatingPointError, match=r"reward: expected finite numbers, got .* in row 1"):
+        with refused(FloatingPointError, "reward", "in row 1"):
             learner.record(0, np.float32([0, bad, 0]), no, no)
-        with pytest.raises(FloatingPointError, match="final_observation"):
+        with refused(FloatingPointError, "final_observation"):
             learner.record(0, np.zeros(3), no, ~no, wrong)
     after = learner.parameters, *learner.observation_moments, *learner.return_moments, learner.discounted_returns
     for expected, got in zip(state, after, strict=True):
@@ -593,9 +594,9 @@ def test_actions_that_are_not_finite_are_refused():
     parameters[:3] = 200  # standard deviations beyond float32
     learner.parameters = parameters
     learner.begin(_core.RolloutConfig(n_steps=2), 2)
-    with pytest.raises(FloatingPointError, match="action: expected finite numbers"):
+    with refused(FloatingPointError, "action"):
         learner.act(0, np.ones((2, 5)))
-    with pytest.raises(FloatingPointError, match="action: expected finite numbers"):
+    with refused(FloatingPointError, "action"):
         learner.sample(np.ones((2, 5)))
     env = flockstep.DroneVectorEnv(2, task=flockstep.HoverConfig())
     env.reset(seed=0)
@@ -604,7 +605,7 @@ def test_actions_that_are_not_finite_are_refused():
     parameters[:4] = 200
     flying.parameters = parameters
     flying.begin(_core.RolloutConfig(n_steps=2), 2)
-    with pytest.raises(FloatingPointError, match="action: expected finite numbers"):
+    with refused(FloatingPointError, "action"):
         flying.fly(0, env.batch)
     env.step(np.zeros((2, 4)))  # which still flies
 
@@ -674,10 +675,10 @@ def test_absurd_sizes_are_refused():
     with pytest.raises(ValueError, match="at most 16777216 parameters"):
         make_learner(actor_layers=[4096] * 1000)
     learner = make_learner()
-    with pytest.raises(ValueError, match="n_steps: expected at most"):
+    with refused(ValueError, "n_steps"):
         learner.begin(_core.RolloutConfig(n_steps=1 << 24), 1 << 24)
     assert learner.rows == 0
-    with pytest.raises(ValueError, match="batch_size: expected at least 2 with normalize_advantage"):
+    with refused(ValueError, "batch_size"):
         make_learner().update(_core.UpdateConfig(batch_size=1))
 
 
@@ -687,7 +688,7 @@ def test_too_little_memory_leaves_no_rollout():
     with pytest.raises(MemoryError):
         learner.begin(_core.RolloutConfig(n_steps=1 << 24), 16)
     assert learner.rows == learner.advantages.size == 0
-    with pytest.raises(ValueError, match=r"observation: expected shape \(0, 65536\)"):
+    with refused(ValueError, "observation"):
         learner.act(0, np.zeros((16, 65536), np.float32))
 
 
@@ -702,9 +703,9 @@ def test_an_update_needs_a_finished_rollout():
     for t in range(steps):
         learner.act(t, np.zeros((rows, size), np.float32))
         learner.record(t, np.zeros(rows, np.float32), no, no)
-    with pytest.raises(FloatingPointError, match="observation"):
+    with refused(FloatingPointError, "observation"):
         learner.finish(np.full((rows, size), np.nan, np.float32))
-    with pytest.raises(ValueError, match="update: expected a finished rollout"):
+    with refused(ValueError, "update"):
         learner.update(_core.UpdateConfig())
 
 

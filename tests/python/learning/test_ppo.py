@@ -23,6 +23,7 @@ import torch
 import torch._dynamo  # which optimizers import; it derives a class from pickle.Unpickler, which a fixture replaces
 from gymnasium import spaces
 from gymnasium.vector import AutoresetMode, SyncVectorEnv
+from messages import refused
 from scripted_episodes import ScriptedEpisodes
 from stable_baselines3.common.callbacks import (
     BaseCallback,
@@ -153,9 +154,9 @@ def test_a_minibatch_larger_than_a_rollout_warns():
 def test_complex_and_masked_observations_are_refused():
     model = PPO("MlpPolicy", Still(), n_steps=8, batch_size=8)
     observation = np.zeros(model.observation_space.shape, np.float32)
-    with pytest.raises(ValueError, match=r"^observation: expected real numbers, got complex64"):
+    with refused(ValueError, "observation", "complex64"):
         model.predict(observation + np.complex64(1j))
-    with pytest.raises(ValueError, match=r"^observation: expected an array without a mask"):
+    with refused(ValueError, "observation"):
         model.predict(np.ma.masked_less(observation, 1))
 
 
@@ -590,7 +591,7 @@ def test_a_function_stops_a_training():
 
     assert PPO("MlpPolicy", hover(), **SMALL).learn(10_000, callback=count).num_timesteps == 48
     assert steps == [16, 32, 48]
-    with pytest.raises(TypeError, match="callback: expected a BaseCallback"):
+    with refused(TypeError, "callback"):
         PPO("MlpPolicy", hover(), **SMALL).learn(16, callback=3)
 
 
@@ -676,7 +677,7 @@ def test_a_model_survives_a_file(tmp_path):
     for deterministic in (True, False):  # random actions go on as well
         one, other = (each.predict(observation, deterministic=deterministic)[0] for each in (model, loaded))
         np.testing.assert_array_equal(one, other)
-    with pytest.raises(ValueError, match="learn: expected an environment"):
+    with refused(ValueError, "learn"):
         loaded.learn(10)
     changed = PPO.load(tmp_path / "folder" / "model", Aim(4), learning_rate=0.5, verbose=0, num_threads=2)
     assert (changed.learning_rate, changed.learner.num_threads) == (0.5, 2)
@@ -684,11 +685,11 @@ def test_a_model_survives_a_file(tmp_path):
     assert changed.num_timesteps == 96
     with pytest.raises(TypeError, match=r"expected hyperparameters such as learning_rate, got 'learning_rat'.*Did you"):
         PPO.load(tmp_path / "folder" / "model", learning_rat=1)
-    with pytest.raises(ValueError, match="custom_objects"):
+    with refused(ValueError, "load", "custom_objects"):
         PPO.load(tmp_path / "folder" / "model", custom_objects={"learning_rate": 0.0})
-    with pytest.raises(ValueError, match="env: expected the action_space"):
+    with refused(ValueError, "env"):
         PPO.load(tmp_path / "folder" / "model", Aim(4, is_discrete=True))
-    with pytest.raises(FileNotFoundError, match="nothing"):
+    with refused(FileNotFoundError, "nothing"):
         PPO.load(tmp_path / "nothing")
 
 
@@ -769,7 +770,7 @@ def _no_pickle(monkeypatch, request):
 
 def test_mutated_files_are_refused_or_equal(content, tmp_path):
     expected = load_bytes(content, tmp_path / "whole.zip")
-    random, refused, equal, path = np.random.default_rng(0), 0, 0, tmp_path / "mutated.zip"
+    random, failures, equal, path = np.random.default_rng(0), 0, 0, tmp_path / "mutated.zip"
     positions = np.concatenate([np.arange(len(content)), random.integers(0, len(content), 500)])
     assert len(positions) > 3000
     for at in positions:
@@ -778,12 +779,12 @@ def test_mutated_files_are_refused_or_equal(content, tmp_path):
         try:
             model = load_bytes(bytes(mutated), path)
         except ValueError as error:
-            refused += REFUSED.replace("\\", "") in str(error)
+            failures += REFUSED.replace("\\", "") in str(error)
         else:
             assert_same(expected, model)
             equal += 1
-    assert refused + equal == len(positions)
-    assert refused > 0.5 * len(positions)
+    assert failures + equal == len(positions)
+    assert failures > 0.5 * len(positions)
 
 
 def test_truncated_files_are_refused(content, tmp_path):
@@ -855,7 +856,7 @@ def test_numbers_of_spaces_are_counted_before_they_are_made(content, tmp_path):
 
     bomb = edited(content, change)
     tracemalloc.start()
-    with pytest.raises(ValueError, match="space: expected at most 65536 numbers, got 6553600"):
+    with refused(ValueError, "space", 6553600):
         load_bytes(bomb, tmp_path / "edited.zip")
     peak = tracemalloc.get_traced_memory()[1]
     tracemalloc.stop()
@@ -958,7 +959,7 @@ def test_a_seed_given_to_load_is_also_that_of_actions(tmp_path):
     first, same, other = (PPO.load(tmp_path / "model", seed=seed).predict(observation)[0] for seed in (7, 7, 8))
     assert (first == same).all()
     assert (first != other).any()
-    with pytest.raises(ValueError, match="seed: expected an integer"):
+    with refused(ValueError, "seed"):
         PPO.load(tmp_path / "model", seed=-1)
 
 
@@ -1021,15 +1022,13 @@ def test_an_env_without_episodes_cannot_go_on(tmp_path):
     PPO("MlpPolicy", hover(), **SMALL).save(tmp_path / "model")
     for task in (flockstep.HoverConfig(), None):
         env = hover() if task else flockstep.DroneVectorEnv(4, task=ToTarget)
-        with pytest.raises(
-            ValueError, match=r"force_reset=False: expected a DroneVectorEnv after reset\(\) or restore"
-        ):
+        with refused(ValueError, "force_reset=False"):
             (PPO.load(tmp_path / "model") if task else PPO("MlpPolicy", env, **SMALL)).set_env(env, force_reset=False)
 
 
 def test_other_environments_cannot_go_on(tmp_path):
     small_model().save(tmp_path / "model")
-    with pytest.raises(ValueError, match="force_reset=False: expected a DroneVectorEnv"):
+    with refused(ValueError, "force_reset=False"):
         PPO.load(tmp_path / "model", Aim(4), force_reset=False)
 
 
@@ -1143,7 +1142,7 @@ def test_training_goes_on_after_a_conversion():
 def test_other_optimizers_are_not_converted(changes):
     policy_kwargs = {"optimizer_kwargs": {"eps": 1e-5}} | changes
     theirs = SB3("MlpPolicy", DummyVecEnv([Still]), n_steps=8, batch_size=8, policy_kwargs=policy_kwargs)
-    with pytest.raises(ValueError, match="model: expected Adam with its betas, eps=1e-5 and no weight_decay, got Adam"):
+    with refused(ValueError, "model", "Adam"):
         PPO.from_sb3(theirs)
 
 
@@ -1205,14 +1204,14 @@ def test_shapes_of_observations():
     for wrong in (np.zeros(2), np.zeros((4, 2)), np.zeros((1, 4, 3)), 0.0, "text", None, {"a": np.zeros(3)}):
         with pytest.raises((ValueError, TypeError)):
             model.predict(wrong)
-    with pytest.raises(FloatingPointError, match="observation: expected finite numbers, got nan in row 0"):
+    with refused(FloatingPointError, "observation", "nan in row 0"):
         model.predict(np.float32([0, np.nan, 0]))
     space = spaces.Dict({"a": spaces.Box(-1, 1, (2,), np.float32), "b": spaces.Box(-1, 1, (), np.float32)})
     model = PPO("MultiInputPolicy", Still(space), **SMALL)
     assert model.predict({"a": np.zeros(2), "b": np.float32(0)})[0].shape == (2,)
     assert model.predict({"b": np.zeros(4), "a": np.zeros((4, 2))})[0].shape == (4, 2)
     for wrong in ({"a": np.zeros(2)}, {"a": np.zeros((4, 2)), "b": np.zeros(3)}, np.zeros(3), {}):
-        with pytest.raises(ValueError, match="observation"):
+        with refused(ValueError, "observation"):
             model.predict(wrong)
 
 
@@ -1307,7 +1306,7 @@ def test_a_closed_env_is_refused():
         model = PPO("MlpPolicy", env, **SMALL).learn(16)
         env.close()
         for reset in (True, False):
-            with pytest.raises(Exception, match="closed"):
+            with refused(Exception, "closed"):
                 model.learn(16, reset_num_timesteps=reset)
         model.predict(env.single_observation_space.sample())
 

@@ -32,7 +32,7 @@ def message(field: str, *values: Any) -> str:
     return f"(?s)^{holds}(?:{begins}|{sentence})"
 
 
-def refused(kind: type[Exception] | tuple[type[Exception], ...], field: str, *values: Any) -> Any:
+def refused(kind: type[BaseException] | tuple[type[BaseException], ...], field: str, *values: Any) -> Any:
     """Expect an error, or a warning, of this kind that is about a field and holds these values, as repr or text."""
     pattern = message(field, *values)
     if isinstance(kind, type) and issubclass(kind, Warning):
