@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 import torch
 from messages import refused
+from simple_tasks import Still
 
 import flockstep
 from flockstep import DroneVectorEnv
@@ -135,16 +136,6 @@ def test_autoreset_as_gymnasium_writes_it(mode, closet):
         assert DroneVectorEnv(1, worlds=closet, autoreset_mode=written).autoreset_mode is mode
     with refused(ValueError, "autoreset_mode", "samestep"):
         DroneVectorEnv(1, worlds=closet, autoreset_mode="samestep")
-
-
-class Still(flockstep.Task):
-    observation_space = gymnasium.spaces.Box(-1, 1, (1,), np.float32)
-
-    def step(self, batch):
-        return np.zeros(batch.num_drones), np.zeros(batch.num_drones, bool)
-
-    def observe(self, batch):
-        return np.zeros((batch.num_drones, 1), np.float32)
 
 
 def test_targets_of_a_wrong_width(closet):

@@ -5,8 +5,8 @@ from pathlib import Path
 import gymnasium
 import numpy as np
 import pytest
-from gymnasium import spaces
 from messages import refused
+from simple_tasks import Still
 
 import flockstep
 
@@ -21,16 +21,6 @@ WORLDS = [
     ([ONE, flockstep.World.load("playground/train-2")], TRAIN[:2]),
     (("train", ONE), [*TRAIN, ONE]),
 ]
-
-
-class Still(flockstep.Task):
-    observation_space = spaces.Box(-np.inf, np.inf, (3,), np.float32)
-
-    def step(self, batch):
-        return np.zeros(batch.num_drones), batch.contact.hit
-
-    def observe(self, batch):
-        return batch.position
 
 
 @pytest.mark.parametrize(("worlds", "names"), WORLDS)

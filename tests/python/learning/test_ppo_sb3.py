@@ -433,5 +433,5 @@ def test_what_cannot_be_converted_is_refused():
     ):
         with refused(ValueError, *said):
             PPO.from_sb3(model)
-    with refused(ValueError, "to_sb3", "Discrete"):
+    with refused(ValueError, "action_space", "Discrete(2, start=3)"):
         PPO("MlpPolicy", Aim(4, is_discrete=True)).to_sb3()

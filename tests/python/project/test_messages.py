@@ -11,23 +11,12 @@ import gymnasium
 import numpy as np
 import pytest
 from gymnasium import spaces
+from simple_tasks import Still
 
 import flockstep
 
 ROOM = flockstep.World.from_dict({"flockstep_scene": 1, "room": {"min": [0, 0, 0], "max": [9, 9, 9]}})
 HOME = ROOM.with_drawn_markers(0)
-
-
-class Homeless(flockstep.Task):
-    """A good task without worlds."""
-
-    observation_space = spaces.Box(0, 9, (3,), np.float32)
-
-    def step(self, batch: flockstep.Batch) -> Any:
-        return np.zeros(batch.num_drones), batch.contact.hit
-
-    def observe(self, batch: flockstep.Batch) -> Any:
-        return batch.position
 
 
 def made(num_envs: int = 2, **keywords: Any) -> flockstep.DroneVectorEnv:
@@ -40,7 +29,7 @@ def stepped(actions: Any = None, **members: Any) -> None:
         name: (lambda *_, value=value: value) if name in ("step", "observe", "act") else value
         for name, value in members.items()
     }
-    envs = made(task=type("Mine", (Homeless,), given)) if members else made()
+    envs = made(task=type("Mine", (Still,), given)) if members else made()
     envs.reset(seed=0)
     envs.step(envs.action_space.sample() if actions is None else actions)
 
@@ -51,7 +40,10 @@ def restored(**keywords: Any) -> None:
     made(**keywords).restore(envs.snapshot())
 
 
-NAMES = {**vars(flockstep), **globals(), "connect": flockstep.connect, "sb3": flockstep.sb3, "gymnasium": gymnasium}
+#: Of the calls.
+NAMES = {**vars(flockstep), "gymnasium": gymnasium, "np": np, "spaces": spaces, "connect": flockstep.connect}
+NAMES |= {"sb3": flockstep.sb3, "HOME": HOME, "ROOM": ROOM, "Still": Still}
+NAMES |= {"made": made, "stepped": stepped, "restored": restored}
 
 MESSAGES = """
 made(max_episode_step=3)
@@ -116,11 +108,11 @@ made(autoreset_mode="next_stop")
 made(render_mode="human")
   ValueError: render_mode: expected None or 'rgb_array', got 'human'; for a window, wrap an env with
   render_mode='rgb_array' in gymnasium.wrappers.vector.HumanRendering
-made(worlds=None, task=Homeless)
-  ValueError: Homeless declares no worlds: set Homeless.worlds = 'train', or pass worlds=
+made(worlds=None, task=Still)
+  ValueError: Still declares no worlds: set Still.worlds = 'train', or pass worlds=
 made(worlds=ROOM)
   ValueError: world "unnamed": markers.start: expected a point, found none (world.with_drawn_markers(seed) draws them)
-made(worlds=ROOM, task=Homeless).reset()
+made(worlds=ROOM, task=Still).reset()
   ValueError: world 'unnamed' has no start marker, where Task.reset puts drones: draw markers by
   world.with_drawn_markers(seed), or override reset
 World.load("a.fbx")
@@ -194,7 +186,7 @@ stepped(act=None)
   ValueError: Mine.act: expected positions (N, 3), or a pair of positions and quaternions (N, 4), got None
 stepped(observe=np.zeros((2, 4), np.float32))
   ValueError: Mine.observe: expected shape (2, 3), got (2, 4)
-stepped(observe=np.full((2, 3), 10, np.float32))
+stepped(observation_space=spaces.Box(0, 9, (3,)), observe=np.full((2, 3), 10, np.float32))
   RuntimeWarning: Mine.observe: expected numbers in [0.0, 9.0], as the space says, got 10.0 in env 0 at index [0]
 stepped(step=(np.array([0, np.nan]), np.zeros(2, bool)))
   RuntimeWarning: Mine.step: reward term 'reward' is nan in env 1; its episode ends here as a bad state
@@ -208,7 +200,7 @@ stepped(max_episode_steps=2.0)
 stepped(info_names=("success",))
   ValueError: Mine.info_names: expected names that are not taken (episode_return, episode_length, success, crashed,
   bad_state, episode_end, episode_terms, episode, is_success, terminal_observation), got 'success'
-evaluate(None, Homeless, episodes=0, worlds=HOME)
+evaluate(None, Still, episodes=0, worlds=HOME)
   ValueError: episodes: expected an integer >= 1, got 0
 record("flight.avi")
   ValueError: path: expected a name that ends with .mp4 or .gif, got 'flight.avi'
