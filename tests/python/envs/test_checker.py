@@ -8,6 +8,7 @@ import pytest
 from gymnasium import spaces
 from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space
+from messages import refused
 
 import flockstep
 from flockstep.rotations import quat_from_rpy
@@ -376,7 +377,7 @@ def test_the_checker_reports_errors_of_the_draw_method(room, keywords):
 def test_a_part_of_an_observation_beyond_its_bounds_is_named(room):
     found = type("Beyond", (Named,), {"beyond": 1.5})
     said = r"^reset: observation\['up'\] is not in .* expected numbers in \[0.0, 1.0\], got 1.5 in env 0; 4 of 4 lie"
-    with pytest.raises(AssertionError, match=said), pytest.warns(RuntimeWarning, match="Beyond.observe: up: expected"):
+    with pytest.raises(AssertionError, match=said), refused(RuntimeWarning, "Beyond.observe", "up: expected"):
         check_vector_env(lambda n: flockstep.DroneVectorEnv(n, worlds=room, task=found))
 
 
@@ -468,9 +469,9 @@ def test_a_fault_is_found_and_named(check, env, message):
 
 
 def test_bad_arguments():
-    with pytest.raises(ValueError, match="weather"):
+    with refused(ValueError, "skip", "weather"):
         check_vector_env(Counter, skip={"weather"})
-    with pytest.raises(ValueError, match="num_envs"):
+    with refused(ValueError, "num_envs"):
         check_vector_env(Counter, num_envs=1)
 
 

@@ -10,6 +10,7 @@ import gymnasium
 import numpy as np
 import pytest
 from gymnasium.error import ResetNeeded
+from messages import refused
 from pettingzoo.test import parallel_api_test, parallel_seed_test, render_test
 from pettingzoo.utils import parallel_to_aec
 
@@ -112,7 +113,7 @@ def test_wrong_actions_change_nothing() -> None:
     ):
         with pytest.raises(ValueError, match=message):
             env.step(wrong)
-    with pytest.raises(TypeError, match="actions: expected a dict by agent, got list"):
+    with refused(TypeError, "actions", "list"):
         env.step([0, 1])
     assert env.envs.snapshot() == before and env.agents == ["drone_1", "drone_2"]
     env.step(good)
@@ -185,9 +186,9 @@ def test_errors(monkeypatch: pytest.MonkeyPatch) -> None:
     for name, value in (("num_envs", 2), ("episodes", "each"), ("copy", False)):
         with pytest.raises(TypeError, match=f"parallel_env: {name} cannot be chosen"):
             make(**{name: value})
-    with pytest.raises(ValueError, match="num_drones: expected an integer >= 1, got 0"):
+    with refused(ValueError, "num_drones", 0):
         flockstep.parallel_env(num_drones=0)
-    with pytest.raises(ValueError, match=r"render_mode: expected None or 'rgb_array', got 'human'$"):
+    with refused(ValueError, "render_mode", "human"):
         make(render_mode="human")
     with pytest.raises(TypeError, match=r"unexpected keyword argument 'drones'"):
         make(drones=2)

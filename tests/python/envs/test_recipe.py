@@ -10,6 +10,7 @@ import gymnasium
 import numpy as np
 import pytest
 from gymnasium.vector import AutoresetMode
+from messages import refused
 
 import flockstep
 from flockstep import _core, scenes
@@ -95,7 +96,7 @@ def test_a_task_of_your_own_stands_in_it_as_its_registered_id() -> None:
         ValueError, match=r"task\.name: expected .*\"recipes/Rise-v0\": only the program that registered"
     ):
         flockstep.Batch.from_recipe(flockstep.Recipe.from_json(text))
-    with pytest.raises(ValueError, match=r"task\.name: expected an id registered by flockstep.register_task"):
+    with refused(ValueError, "task.name"):
         flockstep.DroneVectorEnv.from_recipe('{"task": {"name": "recipes/Other-v0"}, "worlds": ["train"]}')
 
 
@@ -122,10 +123,10 @@ def test_a_recipe_from_outside_builds_a_limited_number_of_worlds() -> None:
     text = '{"task": null, "worlds": ["playground/seed-1", "city/seed-0..99999"], "num_envs": 100000}'
     recipe = flockstep.Recipe.from_json(text)
     for build in (flockstep.Batch.from_recipe, flockstep.DroneVectorEnv.from_recipe):
-        with pytest.raises(ValueError, match=r"worlds: expected at most 10000 worlds \(max_worlds\), each forest"):
+        with refused(ValueError, "worlds"):
             build(recipe)
     recipe.worlds, recipe.num_envs = ["playground/seed-0..2"], 3
-    with pytest.raises(ValueError, match=r"worlds: expected at most 2 worlds \(max_worlds\)"):
+    with refused(ValueError, "worlds"):
         flockstep.Batch.from_recipe(recipe, max_worlds=2, allow_files=True)
     assert len(flockstep.Batch.from_recipe(recipe, max_worlds=3).worlds) == 3
     assert len(flockstep.DroneVectorEnv(1, worlds="playground/seed-0..1").batch.worlds) == 2
@@ -152,14 +153,14 @@ def test_worlds_given_as_objects_are_not_in_the_recipe() -> None:
     world = scenes.load_one("playground/train-1")
     envs = flockstep.DroneVectorEnv(2, worlds=world)
     assert envs.recipe.worlds == []
-    with pytest.raises(ValueError, match="worlds: expected at least one"):
+    with refused(ValueError, "worlds"):
         flockstep.Batch.from_recipe(envs.recipe)
 
 
 def test_every_name_of_a_scene_is_known_to_the_engine() -> None:
     bundled = [name for members in scenes.SETS.values() for name in members if "/seed-" not in name]
     assert set(bundled) <= set(scenes.names())
-    with pytest.raises(ValueError, match="worlds: unknown scene"):
+    with refused(ValueError, "worlds", "unknown scene"):
         _core.load_scene("no/such", scenes.directory())
     for name in bundled:
         _core.load_scene(name, scenes.directory())

@@ -14,6 +14,7 @@ from contextlib import contextmanager, suppress
 
 import numpy as np
 import pytest
+from messages import refused
 from scipy.spatial.transform import Rotation
 
 import flockstep
@@ -433,7 +434,7 @@ class TestPackets:
         changed = batch_of()
         with served(changed) as bridge, Controller(bridge.ports[0]) as controller:
             controller.step()
-            with pytest.warns(RuntimeWarning, match="frame_rate"):
+            with refused(RuntimeWarning, "frame_rate"):
                 self.send_changed(controller, good, generator, bridge.counts[0])
             controller.send(frame_count=2**32 - 1)
             controller.receive()
@@ -494,7 +495,7 @@ class TestRefusals:
 
     @pytest.mark.parametrize("port", [-1, 65536, 65530, 1.5, True])
     def test_ports(self, port):
-        with pytest.raises(ValueError, match=r"port: expected an integer in \[0, 65525\]"):
+        with refused(ValueError, "port"):
             ArduPilotBridge(batch_of(2), port=port)
 
     def test_addresses_and_taken_ports(self):

@@ -9,6 +9,7 @@ import time
 
 import numpy as np
 import pytest
+from messages import refused
 from scripted_server import WELCOME, certificate, message, serving, serving_hello_only
 
 import flockstep
@@ -123,7 +124,7 @@ def test_a_server_that_says_nothing(connect):
         s.receive()
         wait_for_close(s)
 
-    with serving(script) as address, pytest.raises(TimeoutError, match=r"hello: no reply .* within 0.2 s"):
+    with serving(script) as address, refused(TimeoutError, "hello", "no reply", "within 0.2 s"):
         connect(address, timeout_s=0.2)
 
 
@@ -134,7 +135,7 @@ def test_a_wrong_token(connect):
 
     with (
         serving(script) as address,
-        pytest.raises(ServerError, match="token: wrong: pass the server's token") as caught,
+        refused(ServerError, "token", "wrong: pass the server's token") as caught,
     ):
         connect(address)
     assert caught.value.code == "UNAUTHENTICATED"
@@ -167,7 +168,7 @@ def test_refusals_leave_the_connection_open(connect):
         wait_for_close(s)
 
     with serving(script) as address, connect(address) as client:
-        with pytest.raises(ServerError, match=r"^drone: expected 0, got 9$") as caught:
+        with refused(ServerError, "drone", 9) as caught:
             client.drone(9).get_location()
         assert (caught.value.code, caught.value.operation) == ("NOT_FOUND", "get_location")
         assert client.drone(0).get_location()[0] == 1
@@ -223,7 +224,7 @@ def test_a_malformed_message_ends_the_connection(connect):
         s.answer(WELCOME)
         s.receive()
         s.connection.send(b"\xff\xff\xff\xff")
-        with pytest.raises(Exception, match="close"):
+        with refused(Exception, "close"):
             s.receive()
 
     with (
@@ -277,7 +278,7 @@ def test_reconnecting(connect):
 
     with serving(script) as address, connect(address) as client:
         drone = client.drone(3)
-        with pytest.raises(ConnectionError, match="restart"):
+        with refused(ConnectionError, "restart"):
             drone.get_location()
         client.reconnect()
         assert client.info.client == 2
@@ -349,7 +350,7 @@ def test_streams(connect):
         first = next(iter(stream))
         assert (first.time.step, first["position"].shape, list(first)) == (4, (6, 3), ["position"])
         assert first["position"][0, 0] == 4
-        with pytest.raises(TimeoutError, match="get_arrays: no reply"):
+        with refused(TimeoutError, "get_arrays", "no reply"):
             stream.receive(timeout_s=0.1)
         go.set()
         assert stream.receive(timeout_s=10).time == (9, 0.5, 0, 0)
@@ -370,14 +371,14 @@ def test_streams_that_the_server_ends(connect):
 
     with serving(script) as address, connect(address) as client:
         stream = client.subscribe_arrays(["a"])
-        with pytest.raises(ServerError, match="names: no"):
+        with refused(ServerError, "names", "no"):
             next(stream)
         with pytest.raises(ConnectionError, match="stream has ended"):
             next(stream)
         stream.close()
         stream = client.subscribe_fps(rate_hz=2)
         assert next(stream).fps == 5
-        with pytest.raises(ConnectionError, match="bye"):
+        with refused(ConnectionError, "bye"):
             next(stream)
         stream.close()
 

@@ -6,6 +6,7 @@ import struct
 import numpy as np
 import pytest
 from conftest import ROOT
+from messages import refused
 from websockets.frames import Opcode
 from websockets.protocol import Protocol, Side
 from websockets.utils import accept_key
@@ -273,18 +274,18 @@ def test_addresses(address, uri, host, port):
     "address", ["", "a b:c", "http://a", "unix:", "ws://", "a:70000", "ws://u@h:1", "ws://h:1/?a", ":5"]
 )
 def test_bad_addresses_are_refused(address):
-    with pytest.raises(ValueError, match="address: expected 'HOST:PORT'"):
+    with refused(ValueError, "address"):
         flockstep.connect(address)
 
 
 def test_bad_options_are_refused(tmp_path):
-    with pytest.raises(ValueError, match="ca_file: expected an address that begins with wss://"):
+    with refused(ValueError, "ca_file"):
         flockstep.connect("localhost", ca_file=tmp_path)
-    with pytest.raises(ValueError, match="check_hostname: expected an address that begins with wss://"):
+    with refused(ValueError, "check_hostname"):
         flockstep.connect("unix:/a", check_hostname=False)
-    with pytest.raises(ValueError, match="timeout_s: expected a number above 0, got 0"):
+    with refused(ValueError, "timeout_s", 0):
         flockstep.connect("localhost", timeout_s=0)
-    with pytest.raises(TypeError, match="address: expected"):
+    with refused(TypeError, "address"):
         flockstep.connect(5)
 
 
@@ -301,7 +302,7 @@ def test_each_kind_of_stream_is_the_field_of_its_operation():
     fields = {f.name: f.message_type.name for f in pb.Subscribe.DESCRIPTOR.oneofs_by_name["what"].fields}
     operations = {f.name: f.message_type.name for f in pb.Request.DESCRIPTOR.oneofs_by_name["operation"].fields}
     assert {stream: operations[operation] for operation, stream in STREAMED.items()} == fields
-    with pytest.raises(ValueError, match="rate_hz: expected a number above 0, got nan"):
+    with refused(ValueError, "rate_hz", "nan"):
         Subscription(call("get_fps", "fps", nothing), float("nan"), False).request()
 
 
@@ -318,9 +319,7 @@ def test_both_clients_have_the_same_operations():
 def test_a_list_with_another_statement_is_refused():
     text = schema.SOURCE.read_text()
     assert len(schema.read(text).operations) > 40
-    with pytest.raises(
-        ValueError, match=r"flockstep.proto: expected a statement of one line, got '  map<string, bool> a = 1;'"
-    ):
+    with refused(ValueError, "flockstep.proto", "  map<string, bool> a = 1;"):
         schema.read(text.replace("message Done {}", "message Done {\n  map<string, bool> a = 1;\n}"))
 
 

@@ -6,6 +6,7 @@ import gymnasium
 import numpy as np
 import pytest
 from gymnasium.vector import AutoresetMode
+from messages import refused
 
 import flockstep
 from flockstep.client import RemoteVectorEnv, ServerError
@@ -213,9 +214,9 @@ def test_a_snapshot_continues(kind, closet):
         assert_equal(remote.restore(blob), local.restore(blob))
         for action, step in zip(actions[10:], expected, strict=True):
             assert_equal(remote.step(action), step)
-        with pytest.raises(ValueError, match="snapshot"):
+        with refused(ValueError, "snapshot"):
             remote.restore(b"nothing")
-    with pytest.raises(RuntimeError, match="closed"):
+    with refused(RuntimeError, "closed"):
         remote.restore(blob)
     local.close()
 
@@ -238,7 +239,7 @@ def test_statistics_of_some_of_the_ended_episodes(closet):
         assert_equal(remote.episode_infos(), remote.episode_infos(indices))
         local.step(np.zeros(6, np.int64))
         remote.step(np.zeros(6, np.int64))
-        with pytest.raises(ValueError, match="indices: expected rows whose episodes have ended"):
+        with refused(ValueError, "indices"):
             remote.episode_infos(np.array([0]))
     local.close()
 
@@ -263,17 +264,17 @@ def test_bad_actions_change_nothing(closet):
             remote.step(np.zeros(3, np.int64))
         remote.reset(seed=0)
         for bad in (np.zeros(2, np.int64), np.zeros(3), [[0], [1, 2]], None, "up", [0, 1, 99], [0, -1, 0]):
-            with pytest.raises(ValueError, match="action"):
+            with refused(ValueError, "actions"):
                 remote.step(bad)
         assert remote.served.batch.steps.tolist() == [0, 0, 0]
         remote.step([0, 1, 2])
         remote.step(np.array([0, 1, 2], np.uint8))
         for seed, error in ((-1, ValueError), ("a", ValueError), (1.5, TypeError), ([1, 2], ValueError)):
-            with pytest.raises(error, match="seed"):
+            with refused(error, "seed"):
                 remote.reset(seed=seed)
-        with pytest.raises(ValueError, match="reset_mask"):
+        with refused(ValueError, "reset_mask"):
             remote.reset(options={"reset_mask": np.zeros(3, bool)})
-    with pytest.raises(RuntimeError, match="this env is closed"):
+    with refused(RuntimeError, "this env is closed"):
         remote.reset()
 
 
@@ -295,7 +296,7 @@ def test_a_client_may_outlive_its_env(closet):
         remote.close()
         client.ping()
         assert client.vector_env().reset(seed=0)[0].shape == (3, 38)
-        with pytest.raises(ValueError, match="reward_scale: expected a finite number above 0, got 0"):
+        with refused(ValueError, "reward_scale", 0):
             client.vector_env(reward_scale=0)
         assert client.vector_env().autoreset_mode is AutoresetMode.NEXT_STEP
 
@@ -304,7 +305,7 @@ def test_a_batch_without_a_task(room):
     with (
         flockstep.serve(flockstep.Batch([room], 2), port=0) as server,
         flockstep.connect(server.address) as client,
-        pytest.raises(ServerError, match="task") as caught,
+        refused(ServerError, "task") as caught,
     ):
         client.vector_env()
     assert caught.value.code == "FAILED_PRECONDITION"

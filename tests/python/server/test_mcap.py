@@ -15,6 +15,7 @@ from conftest import ROOT, WITHOUT
 from mcap.exceptions import McapError
 from mcap.records import Message
 from mcap.stream_reader import StreamReader
+from messages import refused
 from PIL import Image
 from rosbags.interfaces import QosDurability
 from rosbags.rosbag2 import Reader
@@ -431,7 +432,7 @@ class TestSources:
         with McapRecorder(tmp_path / "a.mcap", remote) as recorder:
             recorder.write()
             remote.now = now
-            with pytest.raises(ValueError, match=r"time_s: expected a time >= 1\.5, got"):
+            with refused(ValueError, "time_s"):
                 recorder.write()
         assert len(read(tmp_path / "a.mcap")["/clock"]) == 1
 
@@ -448,7 +449,7 @@ class TestSources:
 class TestRefusals:
     @pytest.mark.parametrize("rate", [0, -1.0, float("nan"), float("inf"), "10", None, True])
     def test_rates(self, rate, tmp_path):
-        with pytest.raises(ValueError, match=r"rates_hz\['lidar'\]: expected a number > 0, got"):
+        with refused(ValueError, "rates_hz['lidar']"):
             McapRecorder(tmp_path / "a.mcap", batch_of(), rates_hz={"lidar": rate})
         assert not (tmp_path / "a.mcap").exists()
 
@@ -466,7 +467,7 @@ class TestRefusals:
             with pytest.raises(ValueError, match=message):
                 McapRecorder(tmp_path / "a.mcap", batch)
         same = flockstep.Batch("playground/train-1", lidar=flockstep.LidarConfig(name="a"), cameras=cameras_of(["a"]))
-        with pytest.raises(ValueError, match="sensors: expected different names"):
+        with refused(ValueError, "sensors"):
             BatchSource(same)
         assert not (tmp_path / "a.mcap").exists()
 
@@ -474,15 +475,15 @@ class TestRefusals:
         batch = batch_of()
         with pytest.raises(ValueError, match="expected a name that ends with"):
             McapRecorder(tmp_path / "a.bag", batch)
-        with pytest.raises(ValueError, match="chunk_bytes: expected an integer >= 1, got 0"):
+        with refused(ValueError, "chunk_bytes", 0):
             McapRecorder(tmp_path / "a.mcap", batch, chunk_bytes=0)
-        with pytest.raises(TypeError, match="source: expected a Batch"):
+        with refused(TypeError, "source"):
             McapRecorder(tmp_path / "a.mcap", 3)
         for drones in ([], [0, 0], [2], [-1]):
-            with pytest.raises(ValueError, match="drones: expected"):
+            with refused(ValueError, "drones"):
                 BatchSource(batch, drones)
         for quality in (0, 101):
-            with pytest.raises(ValueError, match="jpeg_quality"):
+            with refused(ValueError, "jpeg_quality"):
                 BatchSource(batch, jpeg_quality=quality)
         recorder = McapRecorder(tmp_path / "a.mcap", batch)
         recorder.close()

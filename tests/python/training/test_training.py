@@ -12,6 +12,7 @@ import pytest
 import torch
 import tyro
 from gymnasium import spaces
+from messages import refused
 
 import flockstep
 import trained
@@ -183,7 +184,7 @@ def test_envs_of_trainings_by_different_seeds_share_none(train, flown, monkeypat
 
 def test_generated_playgrounds_keep_to_their_seeds():
     assert len(tasks.Setup().generated(range(5, 8), 3)) == 3
-    with pytest.raises(ValueError, match=r"count: expected at most 3, .*range\(5, 8\).* got 4"):
+    with refused(ValueError, "count", "range(5, 8)", 4):
         tasks.Setup().generated(range(5, 8), 4)
 
 
@@ -322,9 +323,9 @@ def test_the_command_line_knows_each_tasks_defaults(monkeypatch):
 )
 def test_the_command_line_refuses_in_one_line(monkeypatch, capsys, given, said):
     monkeypatch.setattr("sys.argv", ["train_ppo.py", *given.split()])
-    with pytest.raises(SystemExit) as refused:
+    with pytest.raises(SystemExit) as caught:
         train_ppo.command_line()
-    assert refused.value.code == 2
+    assert caught.value.code == 2
     printed = capsys.readouterr().err
     assert printed.startswith(said)
     assert printed.count("\n") == 1
@@ -369,10 +370,10 @@ def test_how_the_flights_of_a_task_of_ones_own_end(own, room):
 
 def test_episodes_that_never_end_are_refused(own, train, room):
     setup = tasks.Setup("own_tasks:Endless")
-    with pytest.raises(ValueError, match="max_episode_steps: expected a number, since own_tasks:Endless has none"):
+    with refused(ValueError, "max_episode_steps"):
         evaluate.fly(lambda observation: np.zeros((1, 3), np.float32), [room], setup=setup)
     assert evaluate.fly(lambda observation: np.zeros((1, 3), np.float32), [room], 5, setup=setup)[0].steps == 5
-    with pytest.raises(ValueError, match="max_episode_steps"):
+    with refused(ValueError, "max_episode_steps"):
         train(task="own_tasks:Endless", max_episode_steps=None)
 
 
@@ -394,9 +395,9 @@ def test_episodes_that_never_end_are_refused(own, train, room):
 )
 def test_other_values_than_tasks_are_refused(own, monkeypatch, capsys, name, message):
     monkeypatch.setattr("sys.argv", ["train_ppo.py", "--task", name])
-    with pytest.raises(SystemExit) as refused:
+    with pytest.raises(SystemExit) as caught:
         train_ppo.command_line()
-    assert refused.value.code == 2
+    assert caught.value.code == 2
     said = capsys.readouterr().err
     assert said.startswith("--task: expected lidar, camera, pixels, an id of flockstep's, ")
     assert message in said
