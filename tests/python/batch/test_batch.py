@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from messages import refused
 
 import flockstep
 
@@ -160,7 +161,7 @@ class TestLidar:
         np.testing.assert_array_equal(view, [3, 3, 3])
 
     def test_without_a_lidar_there_are_no_ranges(self, room):
-        with pytest.raises(ValueError, match="lidar="):
+        with refused(ValueError, "lidar="):
             flockstep.Batch([room]).lidar().max_range_m  # noqa: B018
 
 
@@ -390,11 +391,11 @@ class TestSnapshot:
     @pytest.mark.parametrize("other", [{"num_drones": 4}, {"lidar": flockstep.LidarConfig(beams=34)}, {"lidar": None}])
     def test_is_refused_by_another_configuration(self, batch, room, other):
         arguments = {"num_drones": 3, "lidar": flockstep.LidarConfig(), **other}
-        with pytest.raises(ValueError, match="snapshot"):
+        with refused(ValueError, "snapshot"):
             flockstep.Batch([room], **arguments).restore(batch.snapshot())
 
     def test_is_refused_by_other_worlds(self, batch, closet):
-        with pytest.raises(ValueError, match="snapshot"):
+        with refused(ValueError, "snapshot"):
             flockstep.Batch([closet], 3, lidar=flockstep.LidarConfig()).restore(batch.snapshot())
 
     @pytest.mark.parametrize("damage", [lambda b: b[:-1], lambda b: b + b"x", lambda b: b"", lambda b: b"x" * len(b)])
@@ -402,7 +403,7 @@ class TestSnapshot:
         blob = batch.snapshot()
         batch.move(batch.position + np.float32([0.5, 0, 0]))
         position = batch.position.copy()
-        with pytest.raises(ValueError, match="snapshot"):
+        with refused(ValueError, "snapshot"):
             batch.restore(damage(blob))
         np.testing.assert_array_equal(batch.position, position)
 
@@ -444,5 +445,5 @@ def test_one_or_several_of_each_sensor(room):
     assert flockstep.Batch([room], camera=None, cameras=None, bodies=None, lights=None).cameras == []
     one = flockstep.Batch([room], bodies=flockstep.BodyConfig(), lights=light)
     assert len(one.bodies) == 1
-    with pytest.raises(TypeError, match="camera: expected None with cameras, another name of it"):
+    with refused(TypeError, "camera"):
         flockstep.Batch([room], camera=camera, cameras=camera)

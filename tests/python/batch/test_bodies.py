@@ -5,6 +5,7 @@ import pickle
 import numpy as np
 import pytest
 from gymnasium import spaces
+from messages import refused
 
 import flockstep
 from flockstep import BodyConfig, BodyMotion
@@ -101,7 +102,7 @@ class TestArrays:
         batch = batch_with([])
         assert len(batch.bodies) == 0
         assert batch.bodies.position.shape == (1, 0, 3)
-        with pytest.raises(ValueError, match="no slots for bodies: make it with max_bodies=1 or more"):
+        with refused(ValueError, "no slots for bodies", "max_bodies=1"):
             batch.bodies.spawn(BodyConfig())
 
 
@@ -225,9 +226,9 @@ class TestRefusals:
             BodyMotion(**fields)
 
     def test_too_few_slots(self):
-        with pytest.raises(ValueError, match="max_bodies: expected at least the number of bodies"):
+        with refused(ValueError, "max_bodies"):
             batch_with([BodyConfig()] * 3, max_bodies=2)
-        with pytest.raises(ValueError, match="max_bodies: expected an integer in"):
+        with refused(ValueError, "max_bodies"):
             batch_with([], max_bodies=5000)
 
 
@@ -398,10 +399,10 @@ def test_scripts_that_contacts_could_not_follow_are_refused(motion):
     slow = flockstep.ClockConfig(policy_hz=10)
     with pytest.raises(ValueError, match=r"too fast for contacts at 10 ticks per second.*physics_hz to") as refused:
         flockstep.Batch([world], 1, bodies=[fast], clock=slow)
-    with pytest.raises(ValueError, match="too fast for contacts"):
+    with refused(ValueError, "too fast for contacts"):
         flockstep.Batch([world.with_bodies([fast])], 1, clock=slow)
     batch = flockstep.Batch([world], 1, max_bodies=1, clock=slow)
-    with pytest.raises(ValueError, match="too fast for contacts"):
+    with refused(ValueError, "too fast for contacts"):
         batch.bodies.spawn(fast)
     assert not batch.bodies.active.any()
     enough = float(str(refused.value).split("physics_hz to ")[1].split()[0])
@@ -429,9 +430,7 @@ def test_a_fast_body_hits_what_stands_in_its_way():
 
 def test_a_body_turns_by_half_a_turn_in_a_tick_at_most():
     batch = flockstep.Batch([room()], 1, bodies=[BodyConfig()], clock=flockstep.ClockConfig(policy_hz=10))
-    with pytest.raises(
-        ValueError, match=r"angular_velocity of body 0 in env 0: expected at most 31.4159 rad/s.*got 32"
-    ):
+    with refused(ValueError, "angular_velocity of body 0 in env 0", 31.4159, 32):
         batch.bodies.set_velocity(angular_velocity=[[[0, 0, 32]]])
     batch.bodies.set_velocity(angular_velocity=[[[0, 0, 31]]])
 
@@ -473,7 +472,7 @@ class TestBits:
         env = flown(2, 5)[1]
         blob = bytearray(env.batch.snapshot())
         other = batch_with([BodyConfig()])
-        with pytest.raises(ValueError, match="snapshot: expected"):
+        with refused(ValueError, "snapshot"):
             other.restore(bytes(blob))
 
 
@@ -483,7 +482,7 @@ def test_an_env_takes_bodies():
     again = flockstep.DroneVectorEnv.from_recipe(env.recipe.to_json())
     assert again.batch.bodies.position.tolist() == env.batch.bodies.position.tolist()
     assert len(again.batch.bodies) == 2
-    with pytest.raises(TypeError, match=r"bodies: expected a flockstep\.BodyConfig"):
+    with refused(TypeError, "bodies"):
         flockstep.DroneVectorEnv(2, bodies="cars")
 
 

@@ -6,6 +6,7 @@ from typing import Any
 import gymnasium
 import numpy as np
 import pytest
+from messages import refused
 
 import flockstep
 from flockstep.testing import check_vector_env
@@ -153,7 +154,7 @@ def test_a_mask_begins_the_episodes_of_single_drones() -> None:
     assert env.batch.own_episodes.tolist() == mask.astype(int).tolist()
     np.testing.assert_array_equal(after[~mask], before[~mask])
     assert not np.array_equal(after[4], before[4]) and not np.array_equal(after[4], first[4])
-    with pytest.raises(ValueError, match=r"expected all 3 drones of an env or none, since they begin with one seed"):
+    with refused(ValueError, "all 3 drones of an env"):
         env.reset(seed=2, options={"reset_mask": mask})
     again, _ = env.reset(seed=1)
     np.testing.assert_array_equal(again, first)
@@ -210,9 +211,7 @@ def test_drones_that_begin_together_are_spawned_together() -> None:
         env.step(np.zeros(2 * M, int))
         env.batch.remove([1])
         before = env.snapshot()
-        with pytest.raises(
-            ValueError, match=r"indices \(row 0\): expected all drones of an env, since they begin their"
-        ):
+        with refused(ValueError, "indices (row 0)", "all drones of an env"):
             env.batch.spawn([1], [[1, 1, 1]])
         assert env.snapshot() == before
         assert env.batch.spawn([0, 1, 2], env.batch.position[:3]).tolist() == [0, 1, 2]
@@ -225,7 +224,7 @@ def test_drones_that_begin_together_are_spawned_together() -> None:
             break
     flying, resting = np.flatnonzero(env.batch.active), np.flatnonzero(env.batch.finished)
     for some in (flying, resting):
-        with pytest.raises(ValueError, match="expected all drones of an env"):
+        with refused(ValueError, "indices", "all drones of an env"):
             env.batch.spawn(some, env.batch.position[some])
     env.batch.spawn(np.arange(M), env.batch.position)
     assert env.batch.active.all() and not env.batch.finished.any()
@@ -332,7 +331,7 @@ def test_with_autoreset_disabled_flags_repeat_until_the_reset() -> None:
         ended = terminated | truncated
         assert (ended >= before).all() and not reward[before].any()
         if ended.any() and not ended.all():
-            with pytest.raises(ValueError, match="expected all drones of env 0, or some whose episodes have ended"):
+            with refused(ValueError, "all drones of env 0"):
                 env.reset(options={"reset_mask": ~ended})
     assert ended.all() and env.batch.active.all()
     observation, _ = env.reset(options={"reset_mask": np.ones(M, bool)})
@@ -766,19 +765,19 @@ def test_draws_of_an_env_are_refused_where_they_would_repeat() -> None:
         def reset(self, batch: flockstep.Batch, mask: Any) -> None:
             batch.random(0, 3)
 
-    with pytest.raises(ValueError, match='row_kind: expected "drone" in a reset with episodes="each"'):
+    with refused(ValueError, "row_kind"):
         envs(task=Repeats, episodes="each").reset(seed=0)
     envs(task=Repeats, episodes="last").reset(seed=0)
 
 
 def test_errors() -> None:
-    with pytest.raises(ValueError, match='episodes: expected "team", "each" or "last", got "all"'):
+    with refused(ValueError, "episodes", "all"):
         envs(episodes="all")
     env = envs()
     env.reset(seed=0)
-    with pytest.raises(ValueError, match="since they begin their episodes together"):
+    with refused(ValueError, "begin their episodes together"):
         env.reset(options={"reset_mask": np.arange(N) == 1})
-    with pytest.raises(ValueError, match=r"mask: expected shape \(4,\)"):
+    with refused(ValueError, "mask"):
         env.batch.reset(mask=np.ones(N, bool))
-    with pytest.raises(ValueError, match="row_kind"):
+    with refused(ValueError, "row_kind"):
         env.batch.random(0, 1, row_kind="row")

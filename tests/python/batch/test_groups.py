@@ -8,6 +8,7 @@ import gymnasium
 import numpy as np
 import pytest
 from gymnasium.wrappers.vector import RecordEpisodeStatistics, RecordVideo
+from messages import refused
 
 import flockstep
 from flockstep.testing import check_vector_env
@@ -154,7 +155,7 @@ def test_a_bad_state_ends_the_episode_of_its_env_only() -> None:
     env.reset(seed=0)
     for _ in range(2):
         env.step(np.zeros((12, 3), np.float32))
-    with pytest.warns(RuntimeWarning, match="nan"):
+    with refused(RuntimeWarning, "nan"):
         _, _, terminated, truncated, infos = env.step(np.zeros((12, 3), np.float32))
     assert np.flatnonzero(terminated).tolist() == [4]
     assert np.flatnonzero(truncated).tolist() == [3, 5]
@@ -164,7 +165,9 @@ def test_a_bad_state_ends_the_episode_of_its_env_only() -> None:
 
 @pytest.mark.parametrize("interaction", ["none", "collide"])
 @pytest.mark.parametrize("lost", [0, 4])
-def test_a_lost_drone_of_a_team_row_leaves_the_others_as_in_any_other_number_of_envs(interaction: str, lost: int) -> None:
+def test_a_lost_drone_of_a_team_row_leaves_the_others_as_in_any_other_number_of_envs(
+    interaction: str, lost: int
+) -> None:
     """The sixteen drones that fly together belong to different envs if there are more."""
     members = 5
 
@@ -198,7 +201,9 @@ def test_a_lost_drone_of_a_team_row_leaves_the_others_as_in_any_other_number_of_
     )
     observations = []
     for num_envs in (1, 7):
-        env = flockstep.DroneVectorEnv(num_envs, task=Runaway, drones_per_env=members, worlds=world, interaction=interaction)
+        env = flockstep.DroneVectorEnv(
+            num_envs, task=Runaway, drones_per_env=members, worlds=world, interaction=interaction
+        )
         env.reset(seed=0)
         observation, _, terminated, _, infos = env.step(np.zeros((num_envs, 4), np.float32))
         assert terminated.all()
@@ -280,10 +285,10 @@ def test_env_calls_take_a_flag_per_env_and_drone_calls_one_per_drone() -> None:
     assert batch.world_index.tolist() == [0, 1, 2, 0]
     assert batch.random(0, 2).shape == (4, 2)
     for call in (batch.begin_episode, lambda mask: batch.seed(np.zeros(4, int), mask)):
-        with pytest.raises(ValueError, match=r"mask: expected shape \(4,\)"):
+        with refused(ValueError, "mask"):
             call(np.ones(12, bool))
     for call in (batch.sense, lambda mask: batch.move(batch.position, mask=mask)):
-        with pytest.raises(ValueError, match=r"mask: expected shape \(12,\)"):
+        with refused(ValueError, "mask"):
             call(np.ones(4, bool))
 
 
@@ -306,7 +311,7 @@ def test_removed_drones_leave_their_teammates_flying() -> None:
     moved = (batch.position != before).any(axis=1)
     assert moved[[3, 5]].all()
     assert not moved[[4, 9, 10, 11]].any()
-    with pytest.raises(ValueError, match=r"indices \(row 0\): expected all drones of an env"):
+    with refused(ValueError, "indices (row 0)"):
         batch.spawn([4], before[[4]])
     assert not batch.active[4]
     batch.spawn([3, 4, 5], before[3:6])
@@ -323,7 +328,7 @@ def test_without_a_task_one_drone_of_an_env_may_come_back() -> None:
     batch.spawn([1], position[[1]])
     assert batch.tick.tolist() == [1, 1], "the env's time goes on"
     assert np.isfinite(batch.lidar().ranges[1]).any()
-    with pytest.raises(ValueError, match=r"world_index \(row 0\): expected 0"):
+    with refused(ValueError, "world_index (row 0)"):
         batch.spawn([1], position[[1]], world_index=[2])
 
 
@@ -386,7 +391,7 @@ def test_bad_numbers_of_drones_are_refused(keywords: dict[str, Any], message: st
 
 
 def test_a_batch_refuses_a_part_of_an_env() -> None:
-    with pytest.raises(ValueError, match=r"num_drones: expected a multiple of drones_per_env \(3\), got 4"):
+    with refused(ValueError, "num_drones", 3, 4):
         flockstep.Batch(flockstep.scenes.load("train"), 4, drones_per_env=3)
 
 
@@ -394,11 +399,11 @@ def test_a_mask_that_splits_an_env_is_refused() -> None:
     env = envs(autoreset_mode="disabled")
     env.reset(seed=0)
     before = env.snapshot()
-    with pytest.raises(ValueError, match=r"reset_mask.*expected all 3 drones of an env or none.*env 1"):
+    with refused(ValueError, "reset_mask", 3, "env 1"):
         env.reset(options={"reset_mask": np.arange(12) < 4})
-    with pytest.raises(ValueError, match=r"reset_mask.*shape \(12,\)"):
+    with refused(ValueError, "reset_mask", (12,)):
         env.reset(options={"reset_mask": np.ones(4, bool)})
-    with pytest.raises(ValueError, match="seed: expected one integer or 4 of them, one per env, got 12"):
+    with refused(ValueError, "seed", 12):
         env.reset(seed=list(range(12)))
     assert env.snapshot() == before
 
@@ -417,7 +422,7 @@ def test_an_action_too_few_or_too_many_changes_nothing(action: str, episodes: st
             env.step(np.zeros(got, int if action == "discrete" else np.float32))
     bad = env.action_space.sample().astype(float)
     bad[7] = np.nan
-    with pytest.raises(ValueError, match="action"):
+    with refused(ValueError, "actions"):
         env.step(bad)
     assert env.snapshot() == before
 
@@ -458,7 +463,9 @@ def test_many_drones_at_one_point_and_in_a_cubic_metre(motion: str) -> None:
 
     def batch_of(count: int, interaction: str) -> flockstep.Batch:
         lidar = flockstep.LidarConfig()
-        return flockstep.Batch([world], count, drones_per_env=count, interaction=interaction, dynamics=dynamics, lidar=lidar)
+        return flockstep.Batch(
+            [world], count, drones_per_env=count, interaction=interaction, dynamics=dynamics, lidar=lidar
+        )
 
     free, met, alone = batch_of(10_000, "none"), batch_of(60, "both"), batch_of(1, "none")
     for cube in (np.zeros((10_000, 3)), np.random.default_rng(0).uniform(-0.5, 0.5, (10_000, 3))):
@@ -480,5 +487,5 @@ def test_many_drones_at_one_point_and_in_a_cubic_metre(motion: str) -> None:
 
 
 def test_a_single_env_is_of_one_drone() -> None:
-    with pytest.raises(TypeError, match="drones_per_env: expected 1 for a single env, got 2"):
+    with refused(TypeError, "drones_per_env", 2):
         flockstep.DroneEnv(drones_per_env=2)

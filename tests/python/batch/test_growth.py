@@ -6,6 +6,7 @@ import threading
 
 import numpy as np
 import pytest
+from messages import refused
 
 import flockstep
 
@@ -32,7 +33,7 @@ def test_a_batch_may_begin_without_drones(room, drones_per_env):
     assert batch.lidar().config.beams == 5
     assert repr(batch).startswith("<Batch: 0 drones in 1 world")
     batch.restore(batch.snapshot())
-    with pytest.raises(ValueError, match=r"indices \(row 0\): expected an integer in \[0, 0\), got 0"):
+    with refused(ValueError, "indices (row 0)", 0):
         batch.remove([0])
     assert batch.spawn([0], AT).tolist() == [0]
     assert batch.generation == 1
@@ -77,7 +78,7 @@ def test_numbers_of_drones_that_do_not_fit_are_refused(room):
     ]:
         with pytest.raises(ValueError, match=message):
             flockstep.Batch([room], num_drones, drones_per_env=drones_per_env)
-    with pytest.raises(ValueError, match="at least one drone with a task"):
+    with refused(ValueError, "num_drones"):
         empty(room, task=flockstep.NavigationConfig())
 
 
@@ -124,7 +125,7 @@ def test_lidars_and_cameras_change_their_resolution(room):
     lidar, front = batch.lidar(), batch.camera()
     batch.set_lidar(beams=7, channels=2, vfov_deg=20)
     assert batch.generation == 1
-    with pytest.raises(RuntimeError, match="has not scanned yet"):
+    with refused(RuntimeError, "not scanned yet"):
         _ = lidar.ranges
     assert lidar.config_of(0).hfov_deg == 270
     assert lidar.config_of(1).hfov_deg == 90

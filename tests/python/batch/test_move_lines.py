@@ -6,6 +6,7 @@ from itertools import pairwise
 import numpy as np
 import pytest
 from gymnasium import spaces
+from messages import refused
 from scipy.spatial.transform import Rotation
 
 import flockstep
@@ -396,7 +397,7 @@ class TestPicture:
         np.testing.assert_array_equal(batch.picture(0), before)
         batch.set_world([0])
         batch.set_camera(hfov_deg=50)
-        with pytest.raises(ValueError, match="not stale"):
+        with refused(ValueError, "not stale"):
             batch.picture(0)
 
     def test_by_name_and_output(self):
@@ -407,7 +408,7 @@ class TestPicture:
         batch = flockstep.Batch([OPEN], 1, cameras=cameras)
         batch.sense()
         assert batch.picture(0, "one").shape == (10, 20, 3)
-        with pytest.raises(ValueError, match='camera: expected one that writes rgb or grey, got "two"'):
+        with refused(ValueError, "camera", "two"):
             batch.picture(0, "two")
 
     def test_not_from_inside_a_step(self):
@@ -424,7 +425,7 @@ class TestPicture:
         camera = flockstep.CameraConfig(width_px=20, height_px=10)
         envs = flockstep.DroneVectorEnv(2, worlds="playground/train-1", task=Watched, camera=camera)
         envs.reset(seed=0)
-        with pytest.raises(RuntimeError, match=r"picture\(\) was called by a task"):
+        with refused(RuntimeError, "picture()", "task"):
             envs.step(np.zeros((2, 3), np.float32))
 
     def test_ten_thousand_points_take_less_than_a_second(self):

@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from messages import refused
 
 import flockstep
 
@@ -90,9 +91,9 @@ def test_misspelt_fields_of_a_light() -> None:
     world = flockstep.World.load("playground/train-1")
     batch = flockstep.Batch([world])
     for change in (world.with_light, flockstep.WorldBuilder().light, batch.set_light):
-        with pytest.raises(TypeError, match="unexpected keyword argument 'gama'"):
+        with refused(TypeError, "gama"):
             change(gama=None)  # type: ignore[call-arg]
-        with pytest.raises(TypeError, match="gamma: expected a number, got 'bright'"):
+        with refused(TypeError, "gamma", "bright"):
             change(gamma="bright")  # type: ignore[arg-type]
 
 

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from messages import refused
 from scipy.spatial.transform import Rotation
 
 from flockstep import rotations
@@ -56,7 +57,7 @@ def test_shapes_and_types_are_kept():
 
 
 def test_wrong_shapes_are_refused():
-    with pytest.raises(ValueError, match=r"quat_wxyz: expected shape \(\.\.\., 4\), got shape \(3,\)"):
+    with refused(ValueError, "quat_wxyz"):
         rotations.rpy_from_quat([1, 2, 3])
-    with pytest.raises(ValueError, match=r"rpy: expected shape \(\.\.\., 3\), got shape \(\)"):
+    with refused(ValueError, "rpy"):
         rotations.quat_from_rpy(1.0)

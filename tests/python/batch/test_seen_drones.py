@@ -7,6 +7,7 @@ import pickle
 import gymnasium
 import numpy as np
 import pytest
+from messages import refused
 
 import flockstep
 from flockstep import Batch, CameraConfig, DroneMesh, LidarConfig
@@ -65,15 +66,13 @@ def test_a_world_is_the_same_mesh(room):
 def test_bad_keywords_are_refused(room):
     with pytest.raises(ValueError, match="interaction"):
         flock(room, interaction="sometimes")
-    with pytest.raises(
-        TypeError, match=r"drone_mesh: expected a flockstep\.DroneMesh, a flockstep\.World or None, got 3"
-    ):
+    with refused(TypeError, "drone_mesh", 3):
         flock(room, drone_mesh=3)
-    with pytest.raises(ValueError, match='drone_mesh: expected None unless interaction is "sense" or "both"'):
+    with refused(ValueError, "drone_mesh"):
         flock(room, drone_mesh=RED, interaction="collide")
-    with pytest.raises(ValueError, match="drone_mesh: expected a world with triangles"):
+    with refused(ValueError, "drone_mesh"):
         flock(room, drone_mesh=room)
-    with pytest.raises(ValueError, match="drones_per_env: expected at most 4096"):
+    with refused(ValueError, "drones_per_env"):
         Batch(room, 4097, drones_per_env=4097, interaction="sense")
 
 

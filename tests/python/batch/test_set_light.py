@@ -7,6 +7,7 @@ import pickle
 import numpy as np
 import pytest
 from gymnasium import spaces
+from messages import refused
 
 import flockstep
 
@@ -112,7 +113,7 @@ def test_snapshots():
     batch.sense()
     bright = batch.snapshot()
     batch.set_light(0, **DARK)
-    with pytest.raises(ValueError, match=r"snapshot: expected .*, got one that differs in worlds or their light$"):
+    with refused(ValueError, "snapshot", "worlds or their light"):
         batch.restore(bright)
     batch.capture()
     made.sense()
@@ -121,7 +122,7 @@ def test_snapshots():
     made.restore(dark)
     np.testing.assert_array_equal(made.camera().rgb, pixels)
     batch.set_light(0, **worlds[0].light)
-    with pytest.raises(ValueError, match="differs in worlds or their light"):
+    with refused(ValueError, "snapshot", "worlds or their light"):
         batch.restore(dark)
     batch.restore(bright)
     batch.capture()
@@ -165,7 +166,7 @@ def test_not_with_a_pool():
     pool = flockstep.WorldPool(lambda number: flockstep.World.playground(seed=number), size=2)
     envs = flockstep.DroneVectorEnv(2, worlds=pool)
     envs.reset(seed=0)
-    with pytest.raises(ValueError, match="set_light: not allowed with a WorldPool: each episode draws its world"):
+    with refused(ValueError, "set_light"):
         envs.batch.set_light(0, gamma=2)
 
 
@@ -182,6 +183,6 @@ def test_not_from_inside_a_step():
 
     envs = flockstep.DroneVectorEnv(2, worlds="playground/train-1", task=Relit)
     envs.reset(seed=0)
-    with pytest.raises(RuntimeError, match=r"set_light\(\) was called by a task"):
+    with refused(RuntimeError, "set_light()", "task"):
         envs.step(np.zeros((2, 3), np.float32))
     assert envs.batch.worlds[0].light["gamma"] != 1.0

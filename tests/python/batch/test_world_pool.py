@@ -18,6 +18,7 @@ import weakref
 import gymnasium
 import numpy as np
 import pytest
+from messages import refused
 from test_bitwise import actions_of, assert_same, episodes, history, outputs
 
 import flockstep
@@ -447,13 +448,13 @@ def test_a_snapshot_of_other_worlds_is_refused():
     for batch in (one, other):
         batch.reset(np.arange(8))
     before = other.snapshot()
-    with pytest.raises(ValueError, match=r"whose pool makes the same worlds, got one with another world \d+"):
+    with refused(ValueError, "snapshot"):
         other.restore(one.snapshot())
     assert other.snapshot() == before
     for pool in (WorldPool(hall, 15), WorldPool(hall, 16, 0.5)):
-        with pytest.raises(ValueError, match="that differs in worlds"):
+        with refused(ValueError, "snapshot"):
             make(pool=pool).restore(one.snapshot())
-    with pytest.raises(ValueError, match="that differs in worlds"):
+    with refused(ValueError, "snapshot"):
         make(pool=[hall(0)]).restore(one.snapshot())
 
 
@@ -495,7 +496,7 @@ class TestFailures:
             fly(batch, 9)
         assert isinstance(error.value.__cause__, KeyError)
         assert batch.episode.tolist() == [last] * 8
-        with pytest.raises(RuntimeError, match="interrupted the last step"):
+        with refused(RuntimeError, "interrupted the last step"):
             batch.step([4] * 8)
         batch.reset([1] * 8)
         bad.clear()  # failed builds are tried again
@@ -513,7 +514,7 @@ class TestFailures:
         batch.reset([seed] * 8)
         batch.step([0] * 8)
         before = batch.snapshot()
-        with pytest.raises(TypeError, match=r"world 1: expected a flockstep\.World from make, got None"):
+        with refused(TypeError, "world 1", None):
             batch.reset([seed] * 7 + [other])
         assert batch.snapshot() == before
         batch.step([0] * 8)
@@ -525,11 +526,11 @@ class TestFailures:
         batch = self.batch(range(1, 99), how)
         with pytest.raises(ValueError, match=r"world [12] of the pool: .*markers.start: expected a point, found none"):
             batch.reset(np.arange(8))
-        with pytest.raises(ValueError, match=r"world 0 of the pool: .*markers.start"):
+        with refused(ValueError, "world 0 of the pool", "markers.start"):
             self.batch([0], how)
 
     def test_world_0_fails_at_once(self):
-        with pytest.raises(TypeError, match=r"world 0: expected a flockstep\.World from make"):
+        with refused(TypeError, "world 0"):
             make(pool=WorldPool(lambda number: number))
 
     @pytest.mark.parametrize(
@@ -559,27 +560,27 @@ class TestFailures:
     @pytest.mark.parametrize("value", [math.nan, math.inf, None, "hard"])
     def test_an_invalid_difficulty(self, value):
         pool = WorldPool(lambda number, difficulty: hall(number), difficulty=lambda number: value)
-        with pytest.raises(ValueError, match="difficulty: expected a function that returns finite numbers, got"):
+        with refused(ValueError, "difficulty"):
             pool.difficulty_of(3)
 
     def test_unsupported_uses_of_a_pool(self):
-        with pytest.raises(ValueError, match="worlds: a WorldPool needs a task"):
+        with refused(ValueError, "worlds"):
             flockstep.Batch(WorldPool(hall), 1)
-        with pytest.raises(ValueError, match="camera_backend: expected raycast"):
+        with refused(ValueError, "camera_backend"):
             make(cameras=[flockstep.CameraConfig()], camera_backend="gl")
-        with pytest.raises(ValueError, match="world_index: not allowed with a WorldPool"):
+        with refused(ValueError, "world_index"):
             make(world_index=[0] * 8)
         batch = make()
         batch.reset(np.arange(8))
-        with pytest.raises(ValueError, match="world_index: not allowed with a WorldPool"):
+        with refused(ValueError, "world_index"):
             batch.set_world([0] * 8)
-        with pytest.raises(ValueError, match="world_index: not allowed with a WorldPool"):
+        with refused(ValueError, "world_index"):
             batch.spawn([0], [[1, 2.5, 1.5]], world_index=[0])
-        with pytest.raises(AttributeError, match="world_of"):
+        with refused(AttributeError, "world_of"):
             _ = batch.worlds
-        with pytest.raises(IndexError, match=r"index: expected an integer in \[0, 8\), got 8"):
+        with refused(IndexError, "index", 8):
             batch.world_of(8)
-        with pytest.raises(TypeError, match="worlds: expected a name, a path, a World or a sequence of these, got <"):
+        with refused(TypeError, "worlds"):
             flockstep.Batch(hall)
 
 

@@ -3,6 +3,7 @@
 import gymnasium
 import numpy as np
 import pytest
+from messages import refused
 
 import flockstep
 from flockstep.pictures.flight_overlay import FlightOverlay, GoalOverlay, PlaceOverlay, RaceOverlay
@@ -183,9 +184,9 @@ def test_some_envs_are_drawn(closet):
         assert all((picture == every[i]).all() for picture, i in zip(some, indices, strict=True))
     assert len(envs.render(2)) == 1
     for wrong in (5, -1, [0, 5], [0.5], [True], ["a"]):
-        with pytest.raises(ValueError, match=r"^indices: expected integers from 0 to 4, got "):
+        with refused(ValueError, "indices"):
             envs.render(wrong)
-    with pytest.warns(UserWarning, match="for pictures, make the env with"):
+    with refused(UserWarning, "for pictures"):
         assert flockstep.DroneVectorEnv(5, worlds=closet).render([0]) is None
 
 

@@ -4,6 +4,7 @@ import sys
 
 import numpy as np
 import pytest
+from messages import refused
 from PIL import Image
 
 import flockstep
@@ -103,11 +104,11 @@ def test_numbers_are_as_long_as_the_longest(room, tmp_path):
 
 def test_only_drones_with_a_frame_are_saved(room, tmp_path):
     batch = batch_of(room, 3, outputs=("rgb",))
-    with pytest.raises(ValueError, match=r"no drone has a frame; call sense or capture"):
+    with refused(ValueError, "no drone has a frame"):
         batch.camera().save_frames(tmp_path)
     batch.capture(np.array([True, False, True]))
     assert [path.name for path in batch.camera().save_frames(tmp_path)] == ["front-0-rgb.png", "front-2-rgb.png"]
-    with pytest.raises(ValueError, match=r"the frame of drone 1 is stale"):
+    with refused(ValueError, "the frame of drone 1"):
         batch.camera().save_frames(tmp_path, [0, 1])
 
 
@@ -115,10 +116,10 @@ def test_bad_input_writes_nothing(room, tmp_path):
     batch = batch_of(room, outputs=("rgb",))
     batch.sense()
     camera = batch.camera()
-    with pytest.raises(ValueError, match=r"outputs: expected outputs of camera \"front\" \(rgb\), got 'depth'"):
+    with refused(ValueError, "outputs", "depth"):
         camera.save_frames(tmp_path, outputs=["rgb", "depth"])
     for wrong in (2, -1, [0, 2], [0.5], ["a"]):
-        with pytest.raises(ValueError, match="indices: expected integers from 0 to 1"):
+        with refused(ValueError, "indices"):
             camera.save_frames(tmp_path, wrong)
     assert not list(tmp_path.iterdir())
 

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from messages import refused
 
 import flockstep
 from flockstep.pictures.picture import facing
@@ -43,13 +44,13 @@ def test_what_is_looked_at_is_in_the_middle(room):
 
 
 def test_bad_input_is_refused(room):
-    with pytest.raises(ValueError, match="look_at: expected look_at or quat_wxyz, got both"):
+    with refused(ValueError, "look_at"):
         flockstep.render(room, (1, 1, 1), (1, 0, 0, 0), look_at=(2, 2, 2))
-    with pytest.raises(ValueError, match="look_at: expected a point other than position"):
+    with refused(ValueError, "look_at"):
         flockstep.render(room, (1, 1, 1), look_at=(1, 1, 1))
-    with pytest.raises(ValueError, match=r"position: expected shape \(3,\), got \(2,\)"):
+    with refused(ValueError, "position", (2,)):
         flockstep.render(room, (1, 1))
-    with pytest.raises(ValueError, match=r"quat_wxyz: expected shape \(4,\), got \(3,\)"):
+    with refused(ValueError, "quat_wxyz", (3,)):
         flockstep.render(room, (1, 1, 1), (1, 0, 0))
-    with pytest.raises(ValueError, match="position"):
+    with refused(ValueError, "position"):
         flockstep.render(room, (1, 1, np.nan))

@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 import trimesh.ray.ray_triangle
 from conftest import ROOT
+from messages import refused
 from PIL import Image
 
 import flockstep
@@ -370,7 +371,7 @@ class TestConfig:
             flockstep.CameraConfig(outputs="rgb")
 
     def test_unknown_fields(self):
-        with pytest.raises(TypeError, match="zoom"):
+        with refused(TypeError, "zoom"):
             flockstep.CameraConfig(zoom=2)
 
     def test_two_of_one_name(self, flat):
@@ -441,7 +442,7 @@ class TestModes:
         np.testing.assert_array_equal(self.shown(batch), [1, 2, 3])
         with pytest.raises(ValueError, match=r'capture_mode.*"sometimes"'):
             batch.set_capture_mode("sometimes")
-        with pytest.raises(ValueError, match='camera: expected "front", got "back"'):
+        with refused(ValueError, "camera", "back"):
             batch.set_capture_mode("on_demand", camera="back")
         assert batch.camera().config.capture_mode == "every_step"
 
@@ -457,7 +458,7 @@ class TestModes:
         batch.capture(np.array([True, False]), "left")
         assert ages() == [[0, -1], [0, 0]]
         for call in (batch.camera, batch.capture, batch.set_camera, lambda: batch.set_capture_mode("every_step")):
-            with pytest.raises(ValueError, match=r"camera: expected one of \"left\", \"right\", got no name"):
+            with refused(ValueError, "camera"):
                 call()
         batch.set_capture_mode("every_step", camera="left")
         batch.sense()
@@ -547,15 +548,15 @@ class TestChange:
 class TestErrors:
     def test_an_unknown_camera(self, flat):
         batch = batch_of([flat])
-        with pytest.raises(ValueError, match='camera: expected "front", got "rear"'):
+        with refused(ValueError, "camera", "rear"):
             batch.camera("rear")
-        with pytest.raises(ValueError, match="rear"):
+        with refused(ValueError, "camera"):
             batch.capture(camera="rear")
-        with pytest.raises(ValueError, match="this Batch has no camera"):
+        with refused(ValueError, "no camera"):
             flockstep.Batch([flat]).camera()
-        with pytest.raises(ValueError, match="this Batch has no camera"):
+        with refused(ValueError, "no camera"):
             flockstep.Batch([flat]).capture()
-        with pytest.raises(ValueError, match="this Batch has no camera"):
+        with refused(ValueError, "no camera"):
             flockstep.Batch([flat]).set_capture_mode("on_demand")
         assert "no cameras" in flockstep.Batch([flat]).camera_backend_report()
 
@@ -569,7 +570,7 @@ class TestErrors:
 
     def test_backends(self, flat):
         assert "raycast" in batch_of([flat], camera_backend="raycast").camera_backend_report()
-        with pytest.raises(ValueError, match='camera_backend: expected "raycast", "gl" or "auto", got "vulkan"'):
+        with refused(ValueError, "camera_backend", "vulkan"):
             batch_of([flat], camera_backend="vulkan")
 
 
@@ -602,7 +603,7 @@ class TestJpeg:
             batch_of([flat]).camera().jpeg(0, quality)
 
     def test_without_a_picture(self, flat):
-        with pytest.raises(ValueError, match="rgb or grey"):
+        with refused(ValueError, "rgb or grey"):
             batch_of([flat], cameras=[camera_of(outputs=("depth",))]).camera().jpeg(0)
 
 

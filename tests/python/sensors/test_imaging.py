@@ -8,6 +8,7 @@ import imageio.v3 as imageio
 import numpy as np
 import pytest
 from gymnasium import spaces
+from messages import refused
 
 import flockstep
 from flockstep.testing import check_vector_env
@@ -177,7 +178,7 @@ class TestResize:
 
     def test_an_invalid_resize(self):
         for resize in (4, (4,), (4, 3, 2), ("a", "b")):
-            with pytest.raises(TypeError, match="resize: expected 2 numbers or None"):
+            with refused(TypeError, "resize"):
                 flockstep.CameraConfig(resize=resize)
 
     def test_a_config_is_read_copied_and_pickled(self):
@@ -199,7 +200,7 @@ class TestResize:
         for output in fields["outputs"]:
             np.testing.assert_array_equal(getattr(other.camera(), output), getattr(batch.camera(), output))
         without = flockstep.Batch([world], 6, cameras=[flockstep.CameraConfig(width_px=40, height_px=30)])
-        with pytest.raises(ValueError, match="snapshot"):
+        with refused(ValueError, "snapshot"):
             without.restore(batch.snapshot())
 
     def test_a_removed_drone_sees_nothing(self, world):
@@ -323,7 +324,7 @@ class TestTasks:
         assert envs.render()[0].shape == (15, 20, 3)
 
     def test_a_colour_where_no_image_is_observed(self, world):
-        with pytest.raises(ValueError, match=r"task\.color: expected its default"):
+        with refused(ValueError, "task.color"):
             flockstep.DroneVectorEnv(1, worlds=world, color=RED)
 
 
@@ -405,7 +406,7 @@ class TestColors:
         for function in (flockstep.color_blob, flockstep.color_components):
             with pytest.raises(error, match=match):
                 call(function)
-        with pytest.raises(ValueError, match=r"image: expected uint8 of shape \(height, width, 3\)"):
+        with refused(ValueError, "image"):
             flockstep.color_components(np.zeros((2, 4, 4, 3), np.uint8), RED)
 
     @pytest.mark.parametrize(
@@ -425,7 +426,7 @@ class TestColors:
     def test_a_range_that_was_changed_is_checked_again(self):
         color = flockstep.ColorRange()
         color.low = (300, 0, 0)
-        with pytest.raises(ValueError, match=r"color\.low"):
+        with refused(ValueError, "color.low"):
             flockstep.color_blob(np.zeros((4, 4, 3), np.uint8), color)
 
     def test_copies(self):

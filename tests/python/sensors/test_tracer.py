@@ -3,6 +3,7 @@
 import gymnasium
 import numpy as np
 import pytest
+from messages import refused
 
 import flockstep
 from flockstep import BodyConfig, CameraConfig, LidarConfig, World, WorldPool
@@ -119,16 +120,16 @@ def test_a_pool_builds_its_trees_ahead():
 def test_a_snapshot_of_the_other_is_refused(office, tracer):
     ours, embree = envs_in(office, tracer), envs_in(office, "embree")
     ours.reset(seed=0)
-    with pytest.raises(ValueError, match="that differs in tracer"):
+    with refused(ValueError, "snapshot", "tracer"):
         embree.restore(ours.snapshot())
 
 
 def test_wrong_names():
-    with pytest.raises(ValueError, match=r"tracer: expected .*auto.*tiles.*slices.*embree.*, got .*embree3"):
+    with refused(ValueError, "tracer"):
         flockstep.Batch([World.playground(0)], tracer="embree3")
-    with pytest.raises(ValueError, match="tracer"):
+    with refused(ValueError, "tracer"):
         gymnasium.make_vec("flockstep/LidarNavigation-v0", num_envs=2, tracer="gpu")
-    with pytest.raises(TypeError, match="tracer"):
+    with refused(TypeError, "tracer"):
         flockstep.Batch([World.playground(0)], tracer=3)
 
 
