@@ -31,7 +31,7 @@ def test_two_threads_in_one_batch_get_an_error_and_no_harm():
         lambda: batch.spawn([3], [[1, 1, 1]]),
         batch.sense,
     ]
-    refused = []
+    errors = []
     start = threading.Barrier(4)
 
     def use(seed):
@@ -41,7 +41,7 @@ def test_two_threads_in_one_batch_get_an_error_and_no_harm():
             try:
                 calls[rng.integers(len(calls))]()
             except RuntimeError as error:
-                refused.append(str(error))
+                errors.append(str(error))
             except ValueError:
                 pass  # with or without a drone of this index
 
@@ -50,8 +50,8 @@ def test_two_threads_in_one_batch_get_an_error_and_no_harm():
         thread.start()
     for thread in threads:
         thread.join()
-    assert refused
-    assert set(refused) == {"this Batch is in use by another thread: one call at a time"}
+    assert errors
+    assert set(errors) == {"this Batch is in use by another thread: one call at a time"}
     batch.reset(np.arange(512))
     batch.step(np.zeros(512, int))
     assert np.isfinite(batch.observation).all()
