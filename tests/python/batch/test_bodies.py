@@ -16,33 +16,10 @@ ROOM = {
     "room": {"min": [0, 0, 0], "max": [20, 20, 10]},
     "markers": {"start": [5, 10, 2]},
 }
-SOLIDS = (
-    {"shape": "box", "size_m": [0.6, 0.4, 1.0]},
-    {"shape": "cylinder", "size_m": [0.8, 0.8, 1.5]},
-    {"shape": "sphere", "size_m": [0.9, 0.9, 0.9]},
-    {"shape": "capsule", "size_m": [0.5, 0.5, 1.7]},
-)
 
 
 def room(**more):
     return flockstep.World.from_dict({**ROOM, **more})
-
-
-def solid_in_scene(shape, size_m, center, quat_wxyz):
-    """Return the name of a list in a scene, and a body's shape as an object of it, standing."""
-    item = {"center": [float(x) for x in center]}
-    if shape != "sphere":
-        item["quat_wxyz"] = [float(x) for x in quat_wxyz]
-    if shape == "box":
-        return "boxes", item | {"size": size_m}
-    item["radius"] = size_m[0] / 2
-    if shape == "sphere":
-        return "spheres", item
-    return ("cylinders" if shape == "cylinder" else "capsules"), item | {"height": size_m[2]}
-
-
-# Worlds normalise quaternions; these keep their bits.
-EXACT = np.float32([[1, 0, 0, 0], [0.5, 0.5, 0.5, 0.5], [0.5, -0.5, 0.5, -0.5], [0, 0, 1, 0]])
 
 
 def batch_with(bodies, num_drones=1, world=None, **more):
@@ -73,12 +50,6 @@ class TestArrays:
         batch.begin_episode()
         assert (batch.bodies.position[:, 0] == [8, 10, 2]).all()
         assert batch.bodies.active.tolist() == [[True, True, False]] * 4
-
-    def test_a_script_does_not_drift(self):
-        batch = batch_with([BodyConfig(position_m=[1, 1, 1], motion=BodyMotion(velocity_mps=[0.1, 0, 0]))])
-        for _ in range(1000):
-            batch.move(batch.position)
-        assert batch.bodies.position[0, 0, 0] == np.float32(1 + 1000 * 0.1 * np.float64(np.float32(0.1)))
 
     def test_only_envs_that_fly_move_their_bodies(self):
         batch = batch_with([BodyConfig(position_m=[8, 10, 2], motion=BodyMotion(velocity_mps=[1, 0, 0]))], 3)
@@ -143,11 +114,6 @@ class TestCalls:
         batch.bodies.remove(np.array([True, False]))
         assert batch.bodies.active.tolist() == [[False, False, False], [True, True, False]]
 
-    def test_a_quaternion_is_normalised(self):
-        batch = batch_with([BodyConfig()])
-        batch.bodies.set_pose(quat_wxyz=[[[0.995, 0, 0, 0]]])
-        assert batch.bodies.quat_wxyz[0, 0].tolist() == [1, 0, 0, 0]
-
 
 class TestRefusals:
     @pytest.fixture
@@ -155,30 +121,28 @@ class TestRefusals:
         return batch_with([BodyConfig(), BodyConfig()], 2, max_bodies=3)
 
     @pytest.mark.parametrize(
-        ("call", "message"),
+        ("call", "said"),
         [
-            (lambda b: b.set_pose(np.full((2, 3, 3), np.nan)), "position of body 0 in env 0: expected finite numbers"),
-            (lambda b: b.set_pose(np.full((2, 3, 3), 1e9)), r"within \+-1e\+06 m, got 1e\+09"),
-            (lambda b: b.set_pose(np.zeros((2, 2, 3))), r"position: expected"),
-            (lambda b: b.set_pose(quat_wxyz=np.zeros((2, 3, 4))), "quat_wxyz of body 0 in env 0: expected a unit quat"),
-            (lambda b: b.set_velocity(np.full((2, 3, 3), 1e9)), r"velocity of body 0 in env 0: expected .*-10000 m/s"),
-            (
-                lambda b: b.set_velocity(angular_velocity=np.full((2, 3, 3), np.inf)),
-                "angular_velocity of body 0 in env 0",
-            ),
-            (lambda b: b.remove(np.zeros((3, 2), bool)), "mask: expected"),
-            (lambda b: b.remove(np.zeros(2)), "mask: expected"),
-            (lambda b: b.spawn(BodyConfig(), position=np.full((2, 3), np.nan)), "position of env 0: expected finite"),
-            (lambda b: [b.spawn(BodyConfig(name="box")) for _ in range(2)], 'env 0: expected a free slot .* "box"'),
-            (lambda b: b.config(2, 0), r"env: expected an integer in \[0, 2\)"),
-            (lambda b: b.config(0, 3), r"body: expected an integer in \[0, 3\)"),
+            (lambda b: b.set_pose(np.full((2, 3, 3), np.nan)), ["position of body 0 in env 0", "finite", np.nan]),
+            (lambda b: b.set_pose(np.full((2, 3, 3), 1e9)), ["position of body 0 in env 0", "1e+09"]),
+            (lambda b: b.set_pose(np.zeros((2, 2, 3))), ["position", (2, 3, 3), (2, 2, 3)]),
+            (lambda b: b.set_pose(quat_wxyz=np.zeros((2, 3, 4))), ["quat_wxyz of body 0 in env 0", "unit"]),
+            (lambda b: b.set_velocity(np.full((2, 3, 3), 1e9)), ["velocity of body 0 in env 0"]),
+            (lambda b: b.set_velocity(None, np.full((2, 3, 3), np.inf)), ["angular_velocity of body 0 in env 0"]),
+            (lambda b: b.set_velocity(None, np.full((2, 3, 3), 32)), ["angular_velocity of body 0 in env 0", 31.4159]),
+            (lambda b: b.remove(np.zeros((3, 2), bool)), ["mask"]),
+            (lambda b: b.remove(np.zeros(2)), ["mask"]),
+            (lambda b: b.spawn(BodyConfig(), position=np.full((2, 3), np.nan)), ["position of env 0", "finite"]),
+            (lambda b: b.spawn(BodyConfig(name="third")), ["env 0", "free slot", "third"]),
+            (lambda b: b.config(2, 0), ["env", 2]),
+            (lambda b: b.config(0, 3), ["body", 3]),
         ],
     )
-    def test_a_bad_call_changes_nothing(self, batch, call, message):
-        if "free slot" in message:
-            batch.bodies.spawn(BodyConfig(), mask=np.array([True, True]))
+    def test_a_bad_call_changes_nothing(self, batch, call, said):
+        if "free slot" in said:
+            batch.bodies.spawn(BodyConfig())
         before = batch.snapshot()
-        with pytest.raises(ValueError, match=message):
+        with refused(ValueError, *said):
             call(batch.bodies)
         assert batch.snapshot() == before
 
@@ -189,70 +153,38 @@ class TestRefusals:
         assert batch.bodies.position[1, 0].tolist() == [3, 3, 3]
 
     @pytest.mark.parametrize(
-        ("fields", "message"),
+        ("make", "fields", "said"),
         [
-            ({"size_m": [0, 1, 1]}, r"body.size_m\[0\]: expected"),
-            ({"size_m": [np.nan, 1, 1]}, r"body.size_m\[0\]: expected"),
-            ({"shape": "sphere", "size_m": [1, 2, 1]}, "body.size_m: expected three equal sizes"),
-            ({"shape": "cylinder", "size_m": [1, 2, 1]}, "body.size_m: expected equal x and y"),
-            ({"shape": "capsule", "size_m": [1, 1, 0.5]}, "body.size_m: expected a z of at least"),
-            ({"shape": "cone"}, 'shape: expected "box", "cylinder"'),
-            ({"quat_wxyz": [0, 0, 0, 0]}, "body.quat_wxyz: expected a unit quaternion"),
-            ({"position_m": [1e9, 0, 0]}, r"body.position_m\[0\]: expected"),
-            ({"semantic": 65533}, "body.semantic: expected"),
-            ({"name": "a b"}, "body.name: expected letters"),
+            (BodyConfig, {"size_m": [0, 1, 1]}, ["body.size_m[0]", 0]),
+            (BodyConfig, {"size_m": [np.nan, 1, 1]}, ["body.size_m[0]", np.nan]),
+            (BodyConfig, {"shape": "sphere", "size_m": [1, 2, 1]}, ["body.size_m", "equal"]),
+            (BodyConfig, {"shape": "cylinder", "size_m": [1, 2, 1]}, ["body.size_m", "equal"]),
+            (BodyConfig, {"shape": "capsule", "size_m": [1, 1, 0.5]}, ["body.size_m", "at least"]),
+            (BodyConfig, {"shape": "cone"}, ["shape", "cone"]),
+            (BodyConfig, {"quat_wxyz": [0, 0, 0, 0]}, ["body.quat_wxyz", "unit"]),
+            (BodyConfig, {"position_m": [1e9, 0, 0]}, ["body.position_m[0]"]),
+            (BodyConfig, {"semantic": 65533}, ["body.semantic", 65533]),
+            (BodyConfig, {"name": "a b"}, ["body.name", "a b"]),
+            (BodyMotion, {"kind": "waypoints"}, ["body.motion.points_m", "two points"]),
+            (BodyMotion, {"kind": "waypoints", "points_m": [[0, 0, 0], [0, 0, 0]]}, ["body.motion.points_m[1]"]),
+            (BodyMotion, {"kind": "hinge", "axis": [0, 0, 0]}, ["body.motion.axis"]),
+            (BodyMotion, {"kind": "hinge", "axis": [1e-40, 0, 0]}, ["body.motion.axis", 1e-06]),
+            (BodyMotion, {"kind": "orbit", "axis": [1e-7, 0, 0]}, ["body.motion.axis", 1e-06]),
+            (BodyMotion, {"kind": "orbit", "period_s": 0}, ["body.motion.period_s", 0]),
+            (BodyMotion, {"velocity_mps": [1e9, 0, 0]}, ["body.motion.velocity_mps[0]"]),
+            (BodyMotion, {"kind": "random_walk", "box_min_m": [1, 0, 0]}, ["body.motion.box_max_m[0]"]),
+            (BodyMotion, {"speed_spread": 1}, ["body.motion.speed_spread", 1]),
+            (batch_with, {"bodies": [BodyConfig()] * 3, "max_bodies": 2}, ["max_bodies", 2]),
+            (batch_with, {"bodies": [], "max_bodies": 5000}, ["max_bodies", 5000]),
         ],
     )
-    def test_a_bad_configuration_names_its_field(self, fields, message):
-        with pytest.raises(ValueError, match=message):
-            BodyConfig(**fields)
-
-    @pytest.mark.parametrize(
-        ("fields", "message"),
-        [
-            ({"kind": "waypoints"}, "body.motion.points_m: expected at least two points"),
-            ({"kind": "waypoints", "points_m": [[0, 0, 0], [0, 0, 0]]}, r"body.motion.points_m\[1\]: expected another"),
-            ({"kind": "hinge", "axis": [0, 0, 0]}, "body.motion.axis: expected a direction"),
-            ({"kind": "hinge", "axis": [1e-40, 0, 0]}, "a direction of a length of at least 1e-06, got 9.99"),
-            ({"kind": "orbit", "axis": [1e-7, 0, 0]}, "a direction of a length of at least 1e-06"),
-            ({"kind": "orbit", "period_s": 0}, "body.motion.period_s: expected"),
-            ({"velocity_mps": [1e9, 0, 0]}, r"body.motion.velocity_mps\[0\]: expected"),
-            ({"kind": "random_walk", "box_min_m": [1, 0, 0]}, r"body.motion.box_max_m\[0\]: expected at least"),
-            ({"speed_spread": 1}, "body.motion.speed_spread: expected"),
-        ],
-    )
-    def test_a_bad_script_names_its_field(self, fields, message):
-        with pytest.raises(ValueError, match=message):
-            BodyMotion(**fields)
-
-    def test_too_few_slots(self):
-        with refused(ValueError, "max_bodies"):
-            batch_with([BodyConfig()] * 3, max_bodies=2)
-        with refused(ValueError, "max_bodies"):
-            batch_with([], max_bodies=5000)
+    def test_bad_configurations_name_their_field(self, make, fields, said):
+        with refused(ValueError, *said):
+            make(**fields)
 
 
 class TestLidar:
     LIDAR = flockstep.LidarConfig(channels=5, beams=72, hfov_deg=360, vfov_deg=40, max_range_m=8)
-
-    def test_bodies_are_detected_as_standing_solids_are(self):
-        """The ranges have the bits of a world in which the same solids stand at the bodies' poses."""
-        rng = np.random.default_rng(0)
-        batch = batch_with([BodyConfig(**solid) for solid in SOLIDS], lidar=self.LIDAR)
-        for trial in range(20):
-            position = rng.uniform([3, 8, 1], [7, 12, 3], (1, 4, 3)).astype(np.float32)
-            batch.bodies.set_pose(position, np.broadcast_to(EXACT[trial % 4], (1, 4, 4)))
-            batch.sense()
-            scene = {}
-            for body, solid in enumerate(SOLIDS):
-                name, item = solid_in_scene(
-                    center=position[0, body], quat_wxyz=batch.bodies.quat_wxyz[0, body], **solid
-                )
-                scene.setdefault(name, []).append(item)
-            standing = flockstep.Batch([room(**scene)], lidar=self.LIDAR)
-            standing.sense()
-            assert (batch.lidar().ranges == standing.lidar().ranges).all()
-            assert (batch.lidar().ranges < 4).any()
 
     def test_an_invisible_body_is_hit_only_by_drones(self):
         ahead = {"size_m": [0.2, 2, 2], "position_m": [7, 10, 2]}
@@ -302,60 +234,12 @@ class TestContacts:
         np.testing.assert_allclose(batch.position - before, [[-0.2, 0, 0]], atol=1e-4)  # the plate pushes it
         assert not batch.contact.inside[0]
 
-    @pytest.mark.parametrize("speed", [50.0, 500.0])
-    @pytest.mark.parametrize("share", [0.0, 0.5, 1.0])  # of the plate in the relative speed
-    def test_a_thin_plate_does_not_tunnel(self, speed, share):
-        """The hall is so long that the plate never squeezes the drone against a wall."""
-        hall = room(room={"min": [-5000, 0, 0], "max": [5000, 20, 10]})
-        motion = BodyMotion(velocity_mps=[-share * speed, 0, 0])
-        plate = BodyConfig(size_m=[0.005, 20, 10], position_m=[8, 10, 5], motion=motion)
-        batch = batch_with([plate], world=hall)
-        for _ in range(20):
-            batch.move(batch.position + np.float32([(1 - share) * speed / 10, 0, 0]))
-            assert not batch.contact.inside[0]
-            face, nose = batch.bodies.position[0, 0, 0] - 0.0025, batch.position[0, 0] + 0.465
-            assert 0 < face - nose < 0.002
-            assert batch.contact.hit[0]
-            assert batch.contact.body[0] == 0
-            np.testing.assert_allclose(batch.contact.surface_velocity[0, 0], -share * speed, rtol=1e-4)
-
-    def test_a_drone_squeezed_against_a_wall_is_reported(self):
-        plate = BodyConfig(size_m=[0.2, 2, 2], position_m=[3, 10, 2], motion=BodyMotion(velocity_mps=[-1, 0, 0]))
-        batch = batch_with([plate])
-        batch.set_pose([[1, 10, 2]])
-        for _ in range(40):
-            batch.move(batch.position)
-            assert batch.position[0, 0] > 0.3  # never into the wall
-            if batch.contact.inside[0]:
-                break
-        assert batch.contact.inside[0]
-
     def test_a_static_contact_names_no_body(self):
         batch = batch_with([BodyConfig(position_m=[15, 15, 5])])
         batch.move([[-3, 10, 2]])
         assert batch.contact.hit[0]
         assert batch.contact.body[0] == -1
         assert (batch.contact.surface_velocity == 0).all()
-
-    def test_a_body_spawned_on_a_drone_lets_it_leave(self):
-        batch = batch_with([], max_bodies=1)
-        batch.bodies.spawn(BodyConfig(shape="sphere", size_m=[2] * 3), position=batch.position)
-        batch.move([[5.1, 10, 2]])
-        assert batch.contact.inside[0]
-        for _ in range(30):
-            batch.move(batch.position + 0.1 * batch.contact.normal)  # the shortest way out
-        assert not batch.contact.hit[0]
-        assert np.linalg.norm(batch.position - [5, 10, 2]) > 1.1
-
-    def test_substeps_meet_bodies_between_setpoints(self):
-        clock = flockstep.ClockConfig(policy_hz=10, physics_hz=200)
-        orbiting = BodyConfig(shape="sphere", size_m=[0.3] * 3, position_m=[6, 10, 2])
-        batch = batch_with([orbiting], clock=clock)
-        batch.bodies.set_velocity([[[-30, 0, 0]]])
-        batch.move(batch.position)
-        assert batch.contact.hit[0]
-        assert batch.contact.body[0] == 0
-        assert batch.position[0, 0] < batch.bodies.position[0, 0, 0]
 
 
 class Seek(flockstep.Task):
@@ -397,7 +281,7 @@ def test_scripts_that_contacts_could_not_follow_are_refused(motion):
     world = flockstep.World.from_dict({"flockstep_scene": 1, "room": {"min": [0] * 3, "max": [20, 20, 10]}})
     fast = BodyConfig(shape="sphere", size_m=[0.5] * 3, position_m=[10, 10, 5], motion=motion)
     slow = flockstep.ClockConfig(policy_hz=10)
-    with pytest.raises(ValueError, match=r"too fast for contacts at 10 ticks per second.*physics_hz to") as refused:
+    with refused(ValueError, "too fast for contacts", 10, "physics_hz to") as caught:
         flockstep.Batch([world], 1, bodies=[fast], clock=slow)
     with refused(ValueError, "too fast for contacts"):
         flockstep.Batch([world.with_bodies([fast])], 1, clock=slow)
@@ -405,7 +289,7 @@ def test_scripts_that_contacts_could_not_follow_are_refused(motion):
     with refused(ValueError, "too fast for contacts"):
         batch.bodies.spawn(fast)
     assert not batch.bodies.active.any()
-    enough = float(str(refused.value).split("physics_hz to ")[1].split()[0])
+    enough = float(str(caught.value).split("physics_hz to ")[1].split()[0])
     flockstep.Batch(
         [world], 1, bodies=[fast], clock=flockstep.ClockConfig(policy_hz=10, physics_hz=10 * round(enough / 10 + 0.5))
     )
@@ -428,13 +312,6 @@ def test_a_fast_body_hits_what_stands_in_its_way():
     assert not any(batch.move(batch.position).hit[0] for _ in range(8))
 
 
-def test_a_body_turns_by_half_a_turn_in_a_tick_at_most():
-    batch = flockstep.Batch([room()], 1, bodies=[BodyConfig()], clock=flockstep.ClockConfig(policy_hz=10))
-    with refused(ValueError, "angular_velocity of body 0 in env 0", 31.4159, 32):
-        batch.bodies.set_velocity(angular_velocity=[[[0, 0, 32]]])
-    batch.bodies.set_velocity(angular_velocity=[[[0, 0, 31]]])
-
-
 def flown(num_envs, steps=60, **keywords):
     env = flockstep.DroneVectorEnv(num_envs, task=Seek(), **keywords)
     env.reset(seed=3)
@@ -448,12 +325,10 @@ def flown(num_envs, steps=60, **keywords):
 
 
 class TestBits:
-    def test_no_result_depends_on_threads_or_blocks(self):
+    def test_results_depend_on_neither_threads_nor_other_envs(self):
         first, _ = flown(6, num_threads=1)
         assert first == flown(6, num_threads=3)[0]
-
-    def test_env_i_is_the_single_env(self):
-        assert flown(5)[0][1::2] == flown(1)[0][1::2]
+        assert first[1::2] == flown(1)[0][1::2]
 
     def test_a_restored_batch_goes_on_with_the_same_bits(self):
         env = flown(4, 20)[1]
@@ -467,13 +342,6 @@ class TestBits:
             assert a[0].tobytes() == b[0].tobytes()
             assert env.batch.bodies.position.tobytes() == twin.batch.bodies.position.tobytes()
             assert env.batch.contact.body.tobytes() == twin.batch.contact.body.tobytes()
-
-    def test_a_snapshot_with_other_models_is_refused(self):
-        env = flown(2, 5)[1]
-        blob = bytearray(env.batch.snapshot())
-        other = batch_with([BodyConfig()])
-        with refused(ValueError, "snapshot"):
-            other.restore(bytes(blob))
 
 
 def test_an_env_takes_bodies():
@@ -490,17 +358,6 @@ class TestCameras:
     CAMERA = flockstep.CameraConfig(
         width_px=64, height_px=48, outputs=["rgb", "depth", "semantic", "instance"], capture_mode="on_movement"
     )
-
-    def test_a_body_hides_what_is_behind_it(self):
-        ball = BodyConfig(shape="sphere", size_m=[2, 2, 2], position_m=[8, 10, 2], color=[0, 0, 1], semantic=7)
-        batch = batch_with([BodyConfig(position_m=[5, 18, 2]), ball], cameras=[self.CAMERA])
-        batch.sense()
-        camera = batch.camera()
-        np.testing.assert_allclose(camera.depth[0, 24, 32], 2.0, rtol=1e-3)
-        assert camera.semantic[0, 24, 32] == 7
-        assert camera.instance[0, 24, 32] == 61440 + 1
-        assert camera.rgb[0, 24, 32].argmax() == 2
-        assert camera.semantic[0, 0, 0] != 7
 
     @pytest.mark.parametrize("change", ["script", "pose", "spawn", "remove"])
     def test_a_change_of_bodies_makes_frames_stale(self, change):
@@ -539,36 +396,6 @@ class TestCameras:
         assert (batch.camera().rgb != frame).any()
         batch.restore(blob)
         assert (batch.camera().rgb == frame).all()
-
-
-class TestRotors:
-    @staticmethod
-    def hovering(bodies, on_contact, **more):
-        dynamics = flockstep.DynamicsConfig(motion="rotors", control="velocity", on_contact=on_contact)
-        return batch_with(bodies, dynamics=dynamics, drone="crazyflie", **more)
-
-    @pytest.mark.parametrize("on_contact", ["terminate", "stop", "bounce"])
-    def test_a_body_hits_a_hovering_drone(self, on_contact):
-        plate = BodyConfig(size_m=[0.1, 1, 1], position_m=[5.6, 10, 2], motion=BodyMotion(velocity_mps=[-2, 0, 0]))
-        batch = self.hovering([plate], on_contact)
-        bodies, hits = [], 0
-        for _ in range(8):
-            batch.fly(np.zeros((1, 4), np.float32))
-            hits += int(batch.contact.hit[0])
-            bodies.append(int(batch.contact.body[0]))
-            assert batch.position[0, 0] < batch.bodies.position[0, 0, 0] - 0.05  # ahead of the plate
-        assert hits > 0
-        assert 0 in bodies
-
-    def test_a_drone_flies_past_bodies_as_without_them(self):
-        far = BodyConfig(position_m=[15, 15, 8], motion=BodyMotion(velocity_mps=[0.1, 0, 0]))
-        among, free = self.hovering([far], "bounce"), self.hovering([], "bounce")
-        for step in range(20):
-            command = np.float32([[np.sin(step), np.cos(step), 0.3, 0.1]])
-            among.fly(command)
-            free.fly(command)
-            assert among.position.tobytes() == free.position.tobytes()
-            assert among.velocity.tobytes() == free.velocity.tobytes()
 
 
 class TestPictures:

@@ -479,7 +479,7 @@ def test_snapshots_continue(kind: str, mode: str, episodes: str) -> None:
     assert (rests > 5) == (episodes == "last")
 
 
-@pytest.mark.parametrize("episodes", ["each", "last"])
+@pytest.mark.parametrize("episodes", ["team", "each", "last"])
 @pytest.mark.parametrize("mode", MODES)
 @pytest.mark.parametrize("kind", ["navigation", "hover"])
 def test_gymnasiums_rules_hold(kind: str, mode: str, episodes: str) -> None:

@@ -5,11 +5,11 @@ The oracle is a batch whose worlds have these lights from the start.
 
 import copy
 import pickle
-import re
 
 import numpy as np
 import pytest
 from messages import refused
+from simple_tasks import Still
 
 import flockstep
 from flockstep import Light
@@ -213,12 +213,6 @@ class TestSetLight:
         np.testing.assert_array_equal(batch.camera().rgb[:2], before[0])
         np.testing.assert_array_equal(batch.camera().rgb[4], lit([worlds[0]] * 5, [None] * 5)[0][4])
 
-    def test_all_drones_of_an_env(self):
-        batch = batch_in(loaded(), num_envs=2, drones_per_env=2)
-        batch.sense()
-        batch.set_light(NIGHT, envs=1)
-        np.testing.assert_array_equal(batch.camera().frame_step, [0, 0, -1, -1])
-
     def test_nothing_but_the_colours_changes(self):
         def flown(changes):
             envs = flockstep.DroneVectorEnv(3, worlds=WORLDS[0], max_episode_steps=20, camera=camera())
@@ -307,15 +301,6 @@ class TestSnapshots:
             assert [other.batch.world_of(i).light for i in range(2)] == [envs.batch.world_of(i).light for i in range(2)]
             np.testing.assert_array_equal(other.batch.camera().rgb, envs.batch.camera().rgb)
 
-    def test_damaged_lights_are_refused(self):
-        """Bytes with a correct checksum: the C++ tests write them. Here only the lengths."""
-        batch = batch_in(loaded())
-        batch.set_light(NIGHT, envs=1)
-        blob = batch.snapshot()
-        with refused(ValueError, "snapshot"):
-            batch.restore(blob[:-4])
-        assert batch.snapshot() == blob
-
 
 class TestDrawnLights:
     def envs(self, num_envs, **keywords):
@@ -350,31 +335,6 @@ class TestDrawnLights:
     def world(self, i):
         worlds = flockstep.scenes.load("train")
         return worlds[i % len(worlds)]
-
-    def test_any_number_of_threads_and_blocks(self):
-        def found(threads, block):
-            task = flockstep.NavigationConfig()
-            batch = flockstep.Batch(
-                flockstep.scenes.load("train"),
-                9,
-                lidar=flockstep.LidarConfig(),
-                task=task,
-                cameras=[camera()],
-                num_threads=threads,
-                block_size=block,
-                lights=LIGHTS,
-                episode=flockstep.EpisodeConfig(max_episode_steps=3),
-            )
-            batch.reset(np.arange(9))
-            pixels = []
-            for _ in range(8):
-                batch.step(np.zeros(9, int))
-                pixels.append(batch.camera().rgb.copy())
-            return np.stack(pixels)
-
-        expected = found(1, 0)
-        for threads, block in ((2, 2), (3, 1), (1, 4)):
-            np.testing.assert_array_equal(found(threads, block), expected)
 
     def test_the_draws(self):
         """Every light is drawn about equally often, and episodes differ."""
@@ -436,15 +396,8 @@ class TestDrawnLights:
         env.reset(seed=0)
         assert env.batch.world_of(0).light["fog_visibility_m"] == 6
 
-        class Hold(flockstep.Task):
-            observation_space = action_space = flockstep_box()
+        class Hold(Still):
             lights = (NIGHT,)
-
-            def step(self, batch):
-                return np.zeros(batch.num_drones), np.zeros(batch.num_drones, bool)
-
-            def observe(self, batch):
-                return batch.position
 
         envs = flockstep.DroneVectorEnv(2, worlds=WORLDS[0], task=Hold)
         envs.reset(seed=0)
@@ -458,69 +411,60 @@ class TestDrawnLights:
         assert list(env) == LIGHTS
 
 
-def flockstep_box():
-    from gymnasium import spaces
-
-    return spaces.Box(-np.inf, np.inf, (3,), np.float32)
-
-
 class TestRefusals:
     @pytest.mark.parametrize(
-        ("light", "envs", "keywords", "match"),
+        ("light", "envs", "keywords", "said"),
         [
-            (NIGHT, 4, {}, "envs: expected integers in [0, 4), got 4"),
-            (NIGHT, [0, -1], {}, "envs: expected integers in [0, 4), got -1"),
-            (NIGHT, [True], {}, "envs: expected"),
-            (NIGHT, [0.5], {}, "envs: expected"),
-            (NIGHT, "all", {}, "envs: expected"),
-            (spoilt(sun_direction=(0, 0, 0)), 0, {}, "light.sun_direction: expected a direction that is not 0"),
-            (spoilt(sun_direction=(np.nan, 0, 1)), 0, {}, "light.sun_direction[0]: expected a number within"),
-            (spoilt(gamma=0.5), 0, {}, "light.gamma: expected"),
-            (spoilt(fog_visibility_m=0.01), 0, {}, "light.fog_visibility_m: expected 0 or"),
-            (spoilt(sun_color=(np.inf, 0, 0)), 0, {}, "light.sun_color[0]: expected"),
-            (None, 0, {"sky_ambient": (-1, 0, 0)}, "light.sky_ambient[0]: expected"),
-            (0, 0, {}, "envs: expected None with the index of a world"),
-            (NIGHT, 0, {"gamma": 2.0}, "light: expected None with fields of a light, got a Light"),
-            (NIGHT, 0, {"world_index": 0}, "light: expected None with world_index"),
-            (None, 0, {"tint": (1, 1, 1)}, "tint: expected None without the index of a world"),
-            ({"gamma": 2.0}, 0, {}, "light: expected a flockstep.Light, the index of a world, or None"),
+            (NIGHT, 4, {}, ["envs", 4]),
+            (NIGHT, [0, -1], {}, ["envs", -1]),
+            (NIGHT, [True], {}, ["envs"]),
+            (NIGHT, [0.5], {}, ["envs"]),
+            (NIGHT, "all", {}, ["envs"]),
+            (spoilt(sun_direction=(0, 0, 0)), 0, {}, ["light.sun_direction", "not 0"]),
+            (spoilt(sun_direction=(np.nan, 0, 1)), 0, {}, ["light.sun_direction[0]", np.nan]),
+            (spoilt(gamma=0.5), 0, {}, ["light.gamma", 0.5]),
+            (spoilt(fog_visibility_m=0.01), 0, {}, ["light.fog_visibility_m", 0.01]),
+            (spoilt(sun_color=(np.inf, 0, 0)), 0, {}, ["light.sun_color[0]", np.inf]),
+            (None, 0, {"sky_ambient": (-1, 0, 0)}, ["light.sky_ambient[0]", -1]),
+            (0, 0, {}, ["envs", None]),
+            (NIGHT, 0, {"gamma": 2.0}, ["light", None, "fields"]),
+            (NIGHT, 0, {"world_index": 0}, ["light", None, "world_index"]),
+            (None, 0, {"tint": (1, 1, 1)}, ["tint", None]),
+            ({"gamma": 2.0}, 0, {}, ["light", "flockstep.Light"]),
         ],
     )
-    def test_they_change_nothing(self, light, envs, keywords, match):
+    def test_they_change_nothing(self, light, envs, keywords, said):
         batch = batch_in(loaded())
         batch.set_light(FOG, envs=2)
         batch.sense()
         before = batch.snapshot()
-        with pytest.raises((ValueError, TypeError), match=re.escape(match)):
+        with refused((ValueError, TypeError), *said):
             batch.set_light(light, envs, **keywords)
         assert batch.snapshot() == before
         assert (batch.camera().frame_step >= 0).all()
 
     @pytest.mark.parametrize(
-        ("lights", "match"),
+        ("lights", "said"),
         [
-            ([spoilt(sun_direction=(0, 0, 0))], "light.sun_direction"),
-            ([FOG, spoilt(gamma=np.nan)], "light.gamma"),
-            ([FOG] * 4097, "lights: expected at most 4096, got 4097"),
-            ([{"gamma": 2.0}], "lights: expected"),
+            ([spoilt(sun_direction=(0, 0, 0))], ["light.sun_direction"]),
+            ([FOG, spoilt(gamma=np.nan)], ["light.gamma", np.nan]),
+            ([FOG] * 4097, ["lights", 4096, 4097]),
+            ([{"gamma": 2.0}], ["lights"]),
         ],
     )
-    def test_lights_of_a_batch(self, lights, match):
-        with pytest.raises((ValueError, TypeError), match=match):
-            batch_in(loaded(), lights=lights)
-        with pytest.raises((ValueError, TypeError), match=match):
-            flockstep.DroneVectorEnv(2, worlds=WORLDS[0], lights=lights)
+    def test_lights_of_a_batch(self, lights, said):
+        for make in (
+            lambda: batch_in(loaded(), lights=lights),
+            lambda: flockstep.DroneVectorEnv(2, worlds=WORLDS[0], lights=lights),
+        ):
+            with refused((ValueError, TypeError), *said):
+                make()
 
     def test_not_from_inside_a_step(self):
-        class Relit(flockstep.Task):
-            observation_space = action_space = flockstep_box()
-
+        class Relit(Still):
             def step(self, batch):
                 batch.set_light(NIGHT, envs=0)
-                return np.zeros(batch.num_drones), np.zeros(batch.num_drones, bool)
-
-            def observe(self, batch):
-                return batch.position
+                return super().step(batch)
 
         envs = flockstep.DroneVectorEnv(2, worlds=WORLDS[0], task=Relit)
         envs.reset(seed=0)

@@ -52,16 +52,16 @@ def test_spawn_takes_indices_envs_or_positions(room):
     assert spawned.dtype == np.int64
     assert spawned.tolist() == [1, 3, 4]
     assert batch.spawn(env=np.zeros(0, int)).tolist() == []
-    for arguments, message in [
-        ({}, r"position: expected an array \(K, 3\) without indices and env, got None"),
-        ({"indices": [0], "position": AT, "env": [0]}, "env: expected None with indices, got an array"),
-        ({"env": [1], "position": AT}, r"env \(row 0\): expected an integer in \[0, 1\), got 1"),
-        ({"env": [0], "position": AT * 2}, r"position: expected shape \(1, 3\)"),
-        ({"position": AT, "quat_wxyz": [[1, 0, 0, 0]] * 2}, r"quat_wxyz: expected shape \(1, 4\)"),
-        ({"indices": [1 << 40], "position": AT}, r"indices \(row 0\): expected an integer in \[0, 1048576\)"),
-        ({"indices": [99], "position": [[np.nan, 0, 0]]}, r"position \(row 0\): expected finite"),
+    for arguments, said in [
+        ({}, ["position", None]),
+        ({"indices": [0], "position": AT, "env": [0]}, ["env", "an array"]),
+        ({"env": [1], "position": AT}, ["env (row 0)", 1]),
+        ({"env": [0], "position": AT * 2}, ["position", (1, 3)]),
+        ({"position": AT, "quat_wxyz": [[1, 0, 0, 0]] * 2}, ["quat_wxyz", (1, 4)]),
+        ({"indices": [1 << 40], "position": AT}, ["indices (row 0)", 1 << 20]),
+        ({"indices": [99], "position": [[np.nan, 0, 0]]}, ["position (row 0)", "finite"]),
     ]:
-        with pytest.raises(ValueError, match=message):
+        with refused(ValueError, *said):
             batch.spawn(**arguments)
     generation = batch.generation
     assert batch.spawn([6, 6], [[2, 4, 2], [1, 4, 2]]).tolist() == [6, 6]  # the last row counts
@@ -70,13 +70,13 @@ def test_spawn_takes_indices_envs_or_positions(room):
 
 
 def test_numbers_of_drones_that_do_not_fit_are_refused(room):
-    for num_drones, drones_per_env, message in [
-        (3, 0, "num_drones: expected 0 with drones_per_env=0, got 3"),
-        (0, 2, r"num_drones: expected a multiple of drones_per_env \(2\), got 0"),
-        (0, -1, "drones_per_env: expected an integer >= 0, got -1"),
-        (-1, 1, r"num_drones = num_envs x drones_per_env: expected an integer in \[0, 1048576\], got -1"),
+    for num_drones, drones_per_env, said in [
+        (3, 0, ["num_drones", 3]),
+        (0, 2, ["num_drones", 2, 0]),
+        (0, -1, ["drones_per_env", -1]),
+        (-1, 1, ["num_drones = num_envs x drones_per_env", -1]),
     ]:
-        with pytest.raises(ValueError, match=message):
+        with refused(ValueError, *said):
             flockstep.Batch([room], num_drones, drones_per_env=drones_per_env)
     with refused(ValueError, "num_drones"):
         empty(room, task=flockstep.NavigationConfig())
@@ -136,13 +136,13 @@ def test_lidars_and_cameras_change_their_resolution(room):
     batch.sense()
     assert lidar.ranges.shape == (2, 2, 7)
     assert front.rgb.any()
-    for call, message in [
-        (lambda: batch.set_lidar([True, False], beams=3), "mask: expected all drones with beams"),
-        (lambda: batch.set_camera([True, False], height_px=3), "mask: expected all drones with height_px"),
-        (lambda: batch.set_lidar(channels=0), "lidar.channels: expected an integer"),
-        (lambda: batch.set_camera(height_px=9000), "camera.height_px: expected an integer"),
+    for call, said in [
+        (lambda: batch.set_lidar([True, False], beams=3), ["mask", "all drones", "beams"]),
+        (lambda: batch.set_camera([True, False], height_px=3), ["mask", "all drones", "height_px"]),
+        (lambda: batch.set_lidar(channels=0), ["lidar.channels", 0]),
+        (lambda: batch.set_camera(height_px=9000), ["camera.height_px", 9000]),
     ]:
-        with pytest.raises(ValueError, match=message):
+        with refused(ValueError, *said):
             call()
     assert batch.generation == 2
 
@@ -168,13 +168,13 @@ def test_gl_goes_on_rendering_and_auto_chooses_once(room):
 
 def test_a_batch_with_a_task_does_not_grow():
     batch = flockstep.Batch(["playground/train-1"], 2, lidar=flockstep.LidarConfig(), task=flockstep.NavigationConfig())
-    for call, message in [
-        (lambda: batch.spawn([2], [[1, 1, 1]]), r"indices \(row 0\): .*\[0, 2\) \(a batch with a task cannot grow\)"),
-        (lambda: batch.spawn(position=[[1, 1, 1]]), "position: expected no more rows than inactive slots"),
-        (lambda: batch.spawn(env=[1], position=[[1, 1, 1]]), r"env \(row 0\): expected an env with an inactive slot"),
-        (lambda: batch.set_lidar(beams=3), "beams: expected None for a batch with a task"),
+    for call, said in [
+        (lambda: batch.spawn([2], [[1, 1, 1]]), ["indices (row 0)", "a batch with a task cannot grow"]),
+        (lambda: batch.spawn(position=[[1, 1, 1]]), ["position", "inactive slots"]),
+        (lambda: batch.spawn(env=[1], position=[[1, 1, 1]]), ["env (row 0)", "inactive slot"]),
+        (lambda: batch.set_lidar(beams=3), ["beams", "a batch with a task"]),
     ]:
-        with pytest.raises(ValueError, match=message):
+        with refused(ValueError, *said):
             call()
     assert batch.generation == 0
     assert batch.position.base is batch

@@ -1,8 +1,5 @@
 """Worlds with bodies: every env in such a world has them."""
 
-import json
-import pickle
-
 import numpy as np
 import pytest
 from messages import refused
@@ -61,15 +58,6 @@ class TestWorlds:
         with refused(ValueError, "bodies", 4097):
             changed.with_bodies([BodyConfig()] * 4097)
 
-    @pytest.mark.parametrize("suffix", ["json", "glb", "gltf"])
-    def test_files(self, tmp_path, suffix):
-        first = world(SLIDER, CAR, BALL)
-        first.save(tmp_path / f"room.{suffix}")
-        again = flockstep.World.load(tmp_path / f"room.{suffix}")
-        assert again.to_dict() == first.to_dict()
-        assert again.to_dict()["bodies"] == json.loads(json.dumps([SLIDER, CAR, BALL]))
-        assert pickle.loads(pickle.dumps(first)).to_dict() == first.to_dict()
-
     def test_a_builder_adds_bodies(self):
         builder = flockstep.WorldBuilder("built")
         builder.box([0, 0, 0], [1, 1, 1], builder.material("white"))
@@ -78,16 +66,16 @@ class TestWorlds:
         assert [body.name for body in builder.build().bodies] == ["first", "second"]
 
     @pytest.mark.parametrize(
-        ("bodies", "message"),
+        ("bodies", "said"),
         [
-            ([{"motion": {"period_s": -1}}], r"bodies\[0\]\.motion\.period_s: expected a"),
-            ([{}, {"shape": "cube"}], r"bodies\[1\]\.shape: expected one of .* capsule, mesh, got cube"),
-            ([{"motoin": {}}], r"bodies\[0\]\.motoin: expected one of .*[Dd]id you mean"),
-            ({"size_m": [1, 1, 1]}, r"/bodies: expected an array"),
+            ([{"motion": {"period_s": -1}}], ["scene", "bodies[0].motion.period_s", -1]),
+            ([{}, {"shape": "cube"}], ["scene", "bodies[1].shape", "cube"]),
+            ([{"motoin": {}}], ["scene", "bodies[0].motoin", "Did you mean"]),
+            ({"size_m": [1, 1, 1]}, ["scene", "/bodies", "an array"]),
         ],
     )
-    def test_a_bad_body_is_named(self, bodies, message):
-        with pytest.raises(ValueError, match=message):
+    def test_a_bad_body_is_named(self, bodies, said):
+        with refused(ValueError, *said):
             flockstep.World.from_dict({**ROOM, "bodies": bodies})
 
     def test_generated_bodies(self):
@@ -112,29 +100,12 @@ class TestBatches:
         np.testing.assert_allclose(batch.bodies.position[:, 1, 0], 3 + 0.5 * time_s, rtol=1e-5)
         assert batch.bodies.config(1, 1).name == "ball"
 
-    def test_those_of_the_configuration_follow(self):
-        batch = flockstep.Batch([world(SLIDER), world(BALL, CAR)], 4, bodies=[BodyConfig(name="own")])
-        assert len(batch.bodies) == 3
-        assert batch.bodies.active.tolist() == [[True, True, False], [True, True, True]] * 2
-        names = [[config and config.name for config in (batch.bodies.config(e, b) for b in range(3))] for e in (0, 1)]
-        assert names == [["slider", "own", None], ["ball", "car", "own"]]
-        flown(batch, 10)
-        np.testing.assert_allclose(batch.bodies.position[0, 0, 1], slider_y(1), rtol=1e-5)
-        np.testing.assert_allclose(batch.bodies.position[1, 1, 0], 14, rtol=1e-5)
-
     def test_too_few_slots_name_the_world(self):
         with refused(ValueError, "max_bodies", 3, '"full"', 2):
             flockstep.Batch([world(SLIDER), world(SLIDER, BALL, CAR, name="full")], 2, max_bodies=2)
         own = [BodyConfig()]
         with refused(ValueError, "max_bodies", 3, '"room"', 2):
             flockstep.Batch([world(SLIDER, BALL)], 2, bodies=own, max_bodies=2)
-
-    def test_a_lidar_detects_them(self):
-        wall = {"size_m": [0.2, 4, 4], "position_m": [8, 10, 2]}
-        lidar = flockstep.LidarConfig(beams=1, hfov_deg=1, max_range_m=30)
-        batch = flockstep.Batch([world(wall), world()], 2, lidar=lidar)
-        batch.sense()
-        np.testing.assert_allclose(batch.lidar().ranges.ravel(), [2.9, 15], rtol=1e-5)
 
     def test_light_keeps_them(self):
         batch = flown(flockstep.Batch([world(SLIDER)], 1), 4)

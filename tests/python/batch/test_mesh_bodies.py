@@ -42,39 +42,27 @@ def star(rings=12, radius=0.8):
     return vertices.astype(np.float32), triangles[areas > 1e-9], uv.astype(np.float32)  # without those at the poles
 
 
-def add_star(builder, place=lambda vertices: vertices, *, style="textured", name=""):
-    """Add a mesh of two materials in a style, with its vertices placed."""
-    random = np.random.default_rng(5)
+def add_star(builder, place=lambda vertices: vertices, name=""):
+    """Add a textured mesh of two materials, with its vertices placed."""
     vertices, triangles, uv = star()
     placed = place(vertices).astype(np.float32)
-    pixels = random.integers(0, 256, (16, 16, 4)).astype(np.uint8)
+    pixels = np.random.default_rng(5).integers(0, 256, (16, 16, 4)).astype(np.uint8)
     pixels[..., 3] = 255
-    colors = random.uniform(0, 1, vertices.shape).astype(np.float32)
-    if style == "masked":
-        pixels[4:9, 3:7, 3] = 0
     plain = builder.material(name + "plain", (0.7, 0.5, 0.3))
-    more = {}
-    if style in ("textured", "masked"):
-        more["texture"] = builder.texture(name + "noise", pixels)
-    if style == "masked":
-        more["alpha_cutoff"] = 0.5
-    if style == "glowing":
-        more["emissive"] = (0.1, 0.3, 0.0)
-    fancy = builder.material(name + "fancy", (0.9, 0.8, 0.9), **more)
+    fancy = builder.material(name + "fancy", (0.9, 0.8, 0.9), texture=builder.texture(name + "noise", pixels))
     half = len(triangles) // 2
-    tints = colors if style == "tinted" else None
-    builder.mesh(placed, triangles[:half], fancy, uv, tints)
-    builder.mesh(placed, triangles[half:], plain, uv, tints)
+    builder.mesh(placed, triangles[:half], fancy, uv)
+    builder.mesh(placed, triangles[half:], plain, uv)
 
 
-def star_world(style="textured"):
+def star_world():
     builder = flockstep.WorldBuilder("star")
-    add_star(builder, style=style)
+    add_star(builder)
     return builder.build()
 
 
-def room_with(light=(), star=None):
-    """Return a room with a textured mesh, and a further one if ``star`` has its place, rotation and style."""
+def room_with(star=None):
+    """Return a room with a textured mesh, and a further one if ``star`` has its place and rotation."""
     builder = flockstep.WorldBuilder("room")
     grey = builder.material("grey", (0.8, 0.8, 0.8))
     builder.room((-6, -6, 0), (6, 6, 6), grey)
@@ -82,9 +70,8 @@ def room_with(light=(), star=None):
     builder.start((-3, 0, 2))
     add_star(builder, lambda vertices: 1.5 * vertices + [0, 0, 2], name="standing ")
     if star is not None:
-        position, turn, style = star
-        add_star(builder, lambda vertices: turn.apply(vertices.astype(float)) + position, style=style)
-    builder.light(**dict(light))
+        position, turn = star
+        add_star(builder, lambda vertices: turn.apply(vertices.astype(float)) + position)
     return builder.build()
 
 
@@ -107,44 +94,6 @@ def quat_of(turn):
 
 
 class TestSensors:
-    @pytest.mark.parametrize("tracer", ["auto", "embree"])
-    @pytest.mark.parametrize("light", [{}, {"fog_visibility_m": 12.0}], ids=["clear", "fog"])
-    @pytest.mark.parametrize("style", ["plain", "textured", "masked", "tinted", "glowing"])
-    def test_images_show_it_as_the_same_mesh_in_the_static_world(self, style, light, tracer):
-        """Pixels at edges may differ, because the rays are computed in another frame."""
-        random = np.random.default_rng(hash_of(style, light))
-        camera = CameraConfig(
-            width_px=96,
-            height_px=64,
-            outputs=OUTPUTS,
-            shadows=True,
-            samples_per_pixel=4 if style == "textured" else 1,
-        )
-        mesh, seen = star_world(style), 0
-        for _ in range(6):
-            turn, position = Rotation.random(random_state=random), random.uniform([-2, -2, 1], [2, 2, 3])
-            body = BodyConfig(
-                shape="mesh", mesh=mesh, position_m=position.tolist(), quat_wxyz=quat_of(turn), semantic=900
-            )
-            moving = batch_with([body], room_with(light), cameras=[camera], tracer=tracer)
-            standing = batch_with(world=room_with(light, (position, turn, style)), cameras=[camera], tracer=tracer)
-            eye = random.uniform([-5, -5, 0.5], [5, 5, 5])
-            away = position - eye
-            pose = [[*eye]], [quat_of(Rotation.from_euler("z", np.arctan2(away[1], away[0])))]
-            for batch in (moving, standing):
-                batch.set_pose(*map(np.float32, pose))
-            ours, theirs = images_of(moving), images_of(standing)
-            shows = (theirs["instance"] == 5) | (theirs["instance"] == 6)
-            seen += shows.sum()
-            edge = np.abs(ours["depth"] - theirs["depth"]) > 1e-3
-            assert edge.mean() < 0.005
-            np.testing.assert_array_equal((ours["instance"] == 61440)[~edge], shows[~edge])
-            np.testing.assert_array_equal((ours["semantic"] == 900)[~edge], shows[~edge])
-            np.testing.assert_allclose(ours["normal"][~edge], theirs["normal"][~edge], atol=1e-4)
-            apart = np.abs(ours["rgb"].astype(int) - theirs["rgb"]).max(-1)
-            assert (apart > 2).mean() < 0.01
-        assert seen > 500
-
     @pytest.mark.parametrize("tracer", ["auto", "tiles", "slices", "embree"])
     def test_ranges_are_those_of_the_same_mesh_in_the_static_world(self, tracer):
         random = np.random.default_rng(8)
@@ -156,9 +105,7 @@ class TestSensors:
         for _ in range(10):
             turn, position = Rotation.random(random_state=random), random.uniform([-2, -2, 1], [2, 2, 3])
             body = BodyConfig(shape="mesh", mesh=star_world(), position_m=position.tolist(), quat_wxyz=quat_of(turn))
-            standing = batch_with(
-                world=room_with(star=(position, turn, "textured")), num_drones=20, lidar=lidars, tracer=tracer
-            )
+            standing = batch_with(world=room_with(star=(position, turn)), num_drones=20, lidar=lidars, tracer=tracer)
             moving = batch_with([body], room_with(), num_drones=20, lidar=lidars, tracer=tracer)
             eyes = np.float32(random.uniform([-5, -5, 0.5], [5, 5, 5], (20, 3)))
             turns = np.float32([quat_of(Rotation.random(random_state=random)) for _ in eyes])
@@ -213,10 +160,6 @@ class TestSensors:
         assert set(range(100, 109)) <= set(ours["semantic"].flat)
 
 
-def hash_of(style, light):
-    return sum(map(ord, style)) + len(light)
-
-
 def box_world(half, random):
     """Return a box as a mesh, with further triangles inside."""
     corners = np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)]) * half
@@ -262,27 +205,6 @@ class TestContacts:
             np.testing.assert_allclose(hull.surface_velocity[met], box.surface_velocity[met], atol=0.05)
         assert hits > 200
 
-    def test_it_pushes_drones_as_a_box_of_that_size(self):
-        random = np.random.default_rng(22)
-        half = np.array([0.4, 0.7, 0.5])
-        motion = BodyMotion(velocity_mps=[-2, 0.3, 0], turn_rate_dps=[0, 0, 60])
-        bodies = [
-            BodyConfig(size_m=(2 * half).tolist(), position_m=[3, 0, 2], motion=motion),
-            BodyConfig(shape="mesh", mesh=box_world(half, random), position_m=[3, 0, 2], motion=motion),
-        ]
-        places = np.float32(random.uniform([-1, -1, 1.5], [1, 1, 2.5], (50, 3)))
-        batches = [batch_with([body], num_drones=50) for body in bodies]
-        for batch in batches:
-            batch.set_pose(places)
-        for _ in range(15):
-            for batch in batches:
-                batch.move(batch.position)
-        box, hull = batches
-        assert not hull.contact.inside.any()
-        pushed = np.linalg.norm(box.position - places, axis=1) > 0.1
-        assert pushed.sum() > 20
-        np.testing.assert_allclose(hull.position, box.position, atol=1e-3)
-
     def test_visibility_of_bodies_and_of_their_objects(self):
         builder = flockstep.WorldBuilder("ghost")
         grey = builder.material("grey")
@@ -325,13 +247,13 @@ class TestFiles:
         data = world.to_glb()
         assert data.startswith(b"glTF")
         assert World.from_glb(data).to_dict() == world.to_dict()
-        for bad, message in [(b"", "data: "), (data[:100], "data: "), (b'{"asset": {"version": "2.0"}}', "data: ")]:
-            with pytest.raises(ValueError, match=message):
+        for bad in (b"", data[:100], b'{"asset": {"version": "2.0"}}'):
+            with refused(ValueError, "data"):
                 World.from_glb(bad)
         outside = json.dumps(
             {"asset": {"version": "2.0"}, "buffers": [{"uri": "/etc/passwd", "byteLength": 4}]}
         ).encode()
-        with pytest.raises(ValueError, match=r"expected a data: URI, because data is no file, got \"/etc/passwd\""):
+        with refused(ValueError, "data", "/etc/passwd"):
             World.from_glb(outside)
 
     def test_a_mesh_in_a_file_of_its_own(self, tmp_path):
@@ -344,39 +266,36 @@ class TestFiles:
         assert second.mesh is first.mesh
 
     @pytest.mark.parametrize(
-        ("body", "message"),
+        ("body", "said"),
         [
-            ({"shape": "mesh"}, r"bodies\[0\].mesh: expected a world of triangles for the shape \"mesh\", got none"),
-            ({"mesh": "star.glb"}, 'expected no mesh unless shape is "mesh"'),
-            ({"shape": "mesh", "mesh": "/etc/passwd"}, "expected a file in the scene's folder or below it"),
-            ({"shape": "mesh", "mesh": "../star.glb"}, "expected a file in the scene's folder or below it"),
-            ({"shape": "mesh", "mesh": "scene.json"}, "expected a .glb, .gltf, .obj or .ply file"),
-            ({"shape": "mesh", "mesh": "none.glb"}, "none.glb"),
-            ({"shape": "mesh", "mesh": ""}, "expected a file in the scene's folder or below it"),
-            ({"shape": "mesh", "mesh": 0}, "expected the number of an earlier body with a mesh, got 0"),
-            ({"shape": "mesh", "mesh": -1}, "expected the number of an earlier body with a mesh, got -1"),
-            ({"shape": "mesh", "mesh": True}, "expected null or a .glb file"),
-            ({"shape": "mesh", "mesh": "data:,x"}, "expected null or a .glb file"),
-            ({"shape": "mesh", "mesh": "data:model/gltf-binary;base64,AAAA"}, r"bodies\[0\].mesh"),
-            ({"shape": "mesh", "mesh": "star.glb", "size_m": [2, 1, 1]}, "size_m: expected 1 x 1 x 1 for a mesh"),
+            ({"shape": "mesh"}, ["bodies[0].mesh", "a world of triangles"]),
+            ({"mesh": "star.glb"}, ["bodies[0].mesh", "no mesh"]),
+            ({"shape": "mesh", "mesh": "/etc/passwd"}, ["bodies[0].mesh", "folder", "/etc/passwd"]),
+            ({"shape": "mesh", "mesh": "../star.glb"}, ["bodies[0].mesh", "folder", "../star.glb"]),
+            ({"shape": "mesh", "mesh": "scene.json"}, ["bodies[0].mesh", "scene.json"]),
+            ({"shape": "mesh", "mesh": "none.glb"}, ["none.glb"]),
+            ({"shape": "mesh", "mesh": ""}, ["bodies[0].mesh", "folder"]),
+            ({"shape": "mesh", "mesh": 0}, ["bodies[0].mesh", "an earlier body", 0]),
+            ({"shape": "mesh", "mesh": -1}, ["bodies[0].mesh", "an earlier body", -1]),
+            ({"shape": "mesh", "mesh": True}, ["bodies[0].mesh", "true"]),
+            ({"shape": "mesh", "mesh": "data:,x"}, ["bodies[0].mesh", "data:,x"]),
+            ({"shape": "mesh", "mesh": "data:model/gltf-binary;base64,AAAA"}, ["bodies[0].mesh"]),
+            ({"shape": "mesh", "mesh": "star.glb", "size_m": [2, 1, 1]}, ["bodies[0].size_m"]),
         ],
     )
-    def test_a_bad_mesh_is_refused(self, body, message, tmp_path):
+    def test_a_bad_mesh_is_refused(self, body, said, tmp_path):
         star_world().save(tmp_path / "star.glb")
         (tmp_path / "scene.json").write_text(json.dumps({**ROOM, "bodies": [body]}))
-        with pytest.raises(ValueError, match=message):
+        with refused(ValueError, *said):
             World.load(tmp_path / "scene.json")
 
     def test_a_mesh_with_other_things_is_refused(self):
-        for mesh, message in [
-            (room(), "expected a world with triangles"),
-            (
-                room_with(),
-                "expected a world of triangles only, got 2 prim",
-            ),
-            (star_world().with_bodies([BodyConfig()]), "expected a world without bodies, got 1 bodies"),
+        for mesh, said in [
+            (room(), "with triangles"),
+            (room_with(), "triangles only"),
+            (star_world().with_bodies([BodyConfig()]), "without bodies"),
         ]:
-            with pytest.raises(ValueError, match=message):
+            with refused(ValueError, "body.mesh", said):
                 batch_with([BodyConfig(shape="mesh", mesh=mesh)])
         with refused(TypeError, "mesh", 3):
             BodyConfig(mesh=3)
@@ -542,24 +461,18 @@ def test_bodies_of_equal_nodes_share_their_mesh(tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("nodes", "message"),
+    ("nodes", "said"),
     [
-        ([turned_node({"color": [1, 0, 0]})], "/nodes/0/extras/body/color: expected no such field"),
-        ([turned_node({"motion": {"kind": "fly"}})], r"extras/body\.motion\.kind: expected one of"),
-        ([{**turned_node(), "extras": {"body": 3}}], "extras/body: expected an object of fields of BodyConfig, got 3"),
-        ([turned_node({}, children=[1]), turned_node({})], "/nodes/1/extras/body: expected no body inside another one"),
-        (
-            [{"extras": {"body": {}}}],
-            "/nodes/0/extras/body: expected a body with a triangle that has an area, got none",
-        ),
-        (
-            [{**turned_node({}), "scale": [1, 0, 1]}],
-            "/nodes/0: expected a body that is moved, turned and scaled along its axes",
-        ),
+        ([turned_node({"color": [1, 0, 0]})], ["/nodes/0/extras/body/color"]),
+        ([turned_node({"motion": {"kind": "fly"}})], ["extras/body.motion.kind", "fly"]),
+        ([{**turned_node(), "extras": {"body": 3}}], ["extras/body", "an object", 3]),
+        ([turned_node({}, children=[1]), turned_node({})], ["/nodes/1/extras/body", "inside another"]),
+        ([{"extras": {"body": {}}}], ["/nodes/0/extras/body", "triangle"]),
+        ([{**turned_node({}), "scale": [1, 0, 1]}], ["/nodes/0", "scaled"]),
     ],
 )
-def test_a_bad_body_of_a_gltf_file_is_refused(tmp_path, nodes, message):
+def test_a_bad_body_of_a_gltf_file_is_refused(tmp_path, nodes, said):
     roots = [0, len(nodes)]
     (tmp_path / "bad.gltf").write_text(gltf_of([*nodes, {"mesh": 0}], roots))
-    with pytest.raises(ValueError, match=message):
+    with refused(ValueError, *said):
         World.load(tmp_path / "bad.gltf")
