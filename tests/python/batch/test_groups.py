@@ -349,12 +349,12 @@ def test_a_task_may_have_a_row_per_env() -> None:
         (flockstep.DroneEnv, {"drones_per_env": 2}, ["drones_per_env", 1, 2]),
         (flockstep.Batch, {"num_drones": 4, "drones_per_env": 3}, ["num_drones", 3, 4]),
         *(
-            (kind, {size: number, "drones_per_env": 10_000, "interaction": interaction}, ["drones_per_env", 4096, 10_000])
+            (kind, {size: number, "drones_per_env": 10_000, "interaction": to}, ["drones_per_env", 4096, 10_000])
             for kind, size, number in (
                 (flockstep.DroneVectorEnv, "num_envs", 1),
                 (flockstep.Batch, "num_drones", 10_000),
             )
-            for interaction in ("sense", "collide", "both")
+            for to in ("sense", "collide", "both")
         ),
     ],
 )
