@@ -1,10 +1,12 @@
-"""Pictures from any viewpoint."""
+"""Pictures from any viewpoint, and the choices of `render_view`, `render_size` and `render_camera`."""
 
+import gymnasium
 import numpy as np
 import pytest
 from messages import refused
 
 import flockstep
+from flockstep.pictures import choice, views
 from flockstep.pictures.picture import facing
 from flockstep.rotations import rotate
 
@@ -43,14 +45,133 @@ def test_what_is_looked_at_is_in_the_middle(room):
     assert seen[37, 50] == 65535
 
 
-def test_bad_input_is_refused(room):
-    with refused(ValueError, "look_at"):
-        flockstep.render(room, (1, 1, 1), (1, 0, 0, 0), look_at=(2, 2, 2))
-    with refused(ValueError, "look_at"):
-        flockstep.render(room, (1, 1, 1), look_at=(1, 1, 1))
-    with refused(ValueError, "position", (2,)):
-        flockstep.render(room, (1, 1))
-    with refused(ValueError, "quat_wxyz", (3,)):
-        flockstep.render(room, (1, 1, 1), (1, 0, 0))
-    with refused(ValueError, "position"):
-        flockstep.render(room, (1, 1, np.nan))
+@pytest.mark.parametrize(
+    ("pose", "look_at", "said"),
+    [
+        ([(1, 1, 1), (1, 0, 0, 0)], (2, 2, 2), ["look_at", "quat_wxyz"]),
+        ([(1, 1, 1)], (1, 1, 1), ["look_at", "position"]),
+        ([(1, 1)], None, ["position", (3,), (2,)]),
+        ([(1, 1, 1), (1, 0, 0)], None, ["quat_wxyz", (4,), (3,)]),
+        ([(1, 1, np.nan)], None, ["position"]),
+    ],
+)
+def test_bad_input_is_refused(room, pose, look_at, said):
+    with refused(ValueError, *said):
+        flockstep.render(room, *pose, look_at=look_at)
+
+
+def test_render_view_chooses(room):
+    shapes = {}
+    for name in ("top", "third_person"):
+        envs = flockstep.DroneVectorEnv(2, worlds=room, render_mode="rgb_array", render_view=name)
+        envs.reset(seed=0)
+        shapes[name] = [frame.shape for frame in envs.render()]
+        envs.close()
+    assert shapes == {"top": [(256, 256, 3)] * 2, "third_person": [(480, 640, 3)] * 2}
+    with refused(UserWarning, "for pictures"):
+        assert flockstep.DroneVectorEnv(1, worlds=room, render_view="third_person").render() is None
+
+
+@pytest.mark.parametrize("view", ["top", "third_person", "camera", ((1, 1, 2), (4, 4, 2))])
+def test_the_size_is_chosen(room, view):
+    camera = flockstep.CameraConfig(width_px=32, height_px=24)
+    keywords = {"worlds": room, "camera": camera, "render_mode": "rgb_array", "render_view": view}
+    envs = gymnasium.make_vec("flockstep/LidarNavigation-v0", 1, **keywords, render_size=(120, 60))
+    single = gymnasium.make("flockstep/LidarNavigation-v0", **keywords, render_size=(120, 60))
+    envs.reset(seed=0)
+    single.reset(seed=0)
+    image = single.render()
+    assert [frame.shape for frame in envs.render()] == [(60, 120, 3)]
+    np.testing.assert_array_equal(envs.render()[0], image)
+    if view == "camera":  # every pixel enlarged two and a half times, between black borders
+        down, right = np.arange(1, 120, 2) // 5, np.arange(1, 160, 2) // 5
+        np.testing.assert_array_equal(image[:, 20:100], envs.batch.camera().rgb[0][np.ix_(down, right)])
+        assert not image[:, :20].any()
+        assert not image[:, 100:].any()
+    envs.close()
+    single.close()
+
+
+def test_the_camera_is_chosen(room):
+    cameras = [flockstep.CameraConfig(name=name, width_px=16, height_px=12) for name in ("ahead", "below")]
+    cameras[1].quat_wxyz = (0.70710678, 0, 0.70710678, 0)
+    keywords = {"worlds": room, "camera": cameras, "render_mode": "rgb_array"}
+    for name, index in ((None, 0), ("below", 1), ("ahead", 0)):
+        envs = flockstep.DroneVectorEnv(1, **keywords, render_view="camera", render_camera=name)
+        envs.reset(seed=0)
+        np.testing.assert_array_equal(envs.render()[0], envs.batch.camera(cameras[index].name).rgb[0])
+    with refused(ValueError, "render_camera", "behind"):
+        flockstep.DroneVectorEnv(1, **keywords, render_view="camera", render_camera="behind")
+
+
+@pytest.mark.parametrize(
+    ("keywords", "said"),
+    [
+        ({"render_size": 100}, ["render_size", 100]),
+        ({"render_size": (100, 0)}, ["render_size", (100, 0)]),
+        ({"render_size": (100.5, 10)}, ["render_size", (100.5, 10)]),
+        ({"render_size": (True, 10)}, ["render_size", (True, 10)]),
+        ({"render_camera": "eye"}, ["render_camera", "eye"]),
+        ({"render_view": "side"}, ["render_view", "side"]),
+        ({"render_view": ((0, 0, 0),)}, ["render_view", "two points"]),
+        ({"render_view": ((0, 0, 0), (0, 0, 0))}, ["render_view", "two points"]),
+        ({"render_view": ((0, 0, 0), (0, np.nan, 1))}, ["render_view", "two points"]),
+        ({"render_view": 7}, ["render_view", 7]),
+        ({"render_view": True}, ["render_view", True]),
+        ({"render_view": "camera", "render_mode": "rgb_array"}, ["render_view", "camera"]),
+    ],
+)
+def test_keywords_are_checked_with_and_without_pictures(room, keywords, said):
+    with refused(ValueError, *said):
+        flockstep.DroneVectorEnv(1, worlds=room, **keywords)
+
+
+@pytest.mark.parametrize("camera", [{}, {"layout": "chw"}, {"outputs": ("grey",)}])
+def test_the_drones_own_camera(room, camera):
+    config = flockstep.CameraConfig(name="eye", width_px=32, height_px=24, **camera)
+    batch = flockstep.Batch([room], 2, cameras=[config])
+    view, trail = views.make(choice.choose("camera", None, None), batch, [config])
+    assert trail is None
+    batch.set_pose(np.float32([[2, 4, 2], [2, 6, 1]]))
+    batch.sense()
+    frames = [view.frame(0), view.frame(1)]
+    batch.begin_episode(np.array([True, False]))
+    assert view.frame(0).shape == (24, 32, 3)
+    assert not view.frame(0).any()  # its last frame belongs to the previous episode
+    expected = flockstep.render(room, (2, 6, 1), camera=flockstep.CameraConfig(width_px=32, height_px=24))["rgb"]
+    assert frames[1].shape == (24, 32, 3)
+    if "outputs" not in camera:
+        np.testing.assert_array_equal(frames[1], expected)
+    else:
+        np.testing.assert_array_equal(frames[1][..., 0], batch.camera("eye").grey[1])
+    kept = frames[0].copy()
+    batch.set_pose(np.float32([[5, 2, 2], [2, 6, 1]]))
+    batch.sense()
+    np.testing.assert_array_equal(frames[0], kept)  # a copy
+
+
+def test_a_camera_without_colours_is_refused(room):
+    config = flockstep.CameraConfig(width_px=8, height_px=8, outputs=("depth",))
+    batch = flockstep.Batch([room], cameras=[config])
+    with refused(ValueError, "render_view", "camera", "rgb", "grey"):
+        views.make(choice.choose("camera", None, None), batch, [config])
+
+
+def test_stable_baselines_gets_pictures_and_trails(room):
+    pytest.importorskip("stable_baselines3")
+    vec = flockstep.sb3.make_vec(
+        "flockstep/LidarNavigation-v0",
+        2,
+        worlds=room,
+        render_mode="rgb_array",
+        render_view="third_person",
+        render_size=(320, 200),
+    )
+    vec.seed(0)
+    vec.reset()
+    for _ in range(3):
+        vec.step(np.array([0, 0]))
+    assert vec.env.trail is not None
+    assert len(vec.env.trail.of(1)) == 4
+    assert [image.shape for image in vec.get_images()] == [(200, 320, 3)] * 2
+    vec.close()

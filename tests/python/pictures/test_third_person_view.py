@@ -2,7 +2,6 @@
 
 from types import SimpleNamespace
 
-import gymnasium
 import numpy as np
 import pytest
 from messages import refused
@@ -295,7 +294,7 @@ def test_each_drones_own_camera_is_drawn(room):
         ((x, y, _),) = canvas.project(np.array([2, 6, 2]) + 0.8 * np.array([direction], float))
         assert len(rows) > 100
         assert np.hypot(columns.mean() - x, rows.mean() - y) < 40
-    with refused(ValueError, "front"):
+    with refused(ValueError, "camera", "belly", "front"):
         ThirdPersonView(batch, cameras=["front"])
 
 
@@ -402,22 +401,6 @@ def test_any_hull_is_drawn_at_a_size_to_be_seen(room, hull):
     assert mask_of(ThirdPersonView(batch).frame(0), "hull").sum() > 500
 
 
-def test_render_view_chooses(room):
-    shapes = {}
-    for name in ("top", "third_person"):
-        envs = flockstep.DroneVectorEnv(2, worlds=room, render_mode="rgb_array", render_view=name)
-        envs.reset(seed=0)
-        shapes[name] = [frame.shape for frame in envs.render()]
-        envs.close()
-    assert shapes == {"top": [(256, 256, 3)] * 2, "third_person": [(480, 640, 3)] * 2}
-    with refused(ValueError, "render_view"):
-        flockstep.DroneVectorEnv(1, worlds=room, render_view="side")
-    with refused(ValueError, "render_view", "camera"):
-        flockstep.DroneVectorEnv(1, worlds=room, render_mode="rgb_array", render_view="camera")
-    with refused(UserWarning, "for pictures"):
-        assert flockstep.DroneVectorEnv(1, worlds=room, render_view="third_person").render() is None
-
-
 def test_from_a_fixed_place_the_world_stays_and_all_drones_of_it_are_seen(room, closet):
     place = ((0.5, 7.5, 3.5), (5, 3, 1.5))
     batch = flockstep.Batch([room, closet], 3, world_index=[0, 0, 1])
@@ -441,8 +424,6 @@ def test_from_a_fixed_place_the_world_stays_and_all_drones_of_it_are_seen(room, 
     np.testing.assert_array_equal(view.frame(0), moved)  # earlier drawings are not in the next picture
     batch.remove([0, 1])
     np.testing.assert_allclose(view.frame(0).astype(int)[::7, ::7], bare[::7, ::7], atol=80)
-    with refused(ValueError, "render_view"):
-        flockstep.DroneVectorEnv(1, worlds=room, render_view=((0, 0, 0), (0, 0, 0)))
 
 
 def test_a_viewer_follows_smoothly_and_keeps_the_drone_in_view(room):
@@ -463,57 +444,6 @@ def test_a_viewer_follows_smoothly_and_keeps_the_drone_in_view(room):
     np.testing.assert_allclose(
         np.linalg.norm(view._anchor(0, np.array([7.0, 2, 2])) - [7, 2, 2]), 0.5 * LENGTH, atol=1e-4
     )
-
-
-@pytest.mark.parametrize("view", ["top", "third_person", "camera", ((1, 1, 2), (4, 4, 2))])
-def test_the_size_is_chosen(room, view):
-    camera = flockstep.CameraConfig(width_px=32, height_px=24)
-    keywords = {"worlds": room, "camera": camera, "render_mode": "rgb_array", "render_view": view}
-    envs = gymnasium.make_vec("flockstep/LidarNavigation-v0", 1, **keywords, render_size=(120, 60))
-    single = gymnasium.make("flockstep/LidarNavigation-v0", **keywords, render_size=(120, 60))
-    envs.reset(seed=0)
-    single.reset(seed=0)
-    image = single.render()
-    assert [frame.shape for frame in envs.render()] == [(60, 120, 3)]
-    np.testing.assert_array_equal(envs.render()[0], image)
-    if view == "camera":  # every pixel enlarged two and a half times, between black borders
-        down, right = np.arange(1, 120, 2) // 5, np.arange(1, 160, 2) // 5
-        np.testing.assert_array_equal(image[:, 20:100], envs.batch.camera().rgb[0][np.ix_(down, right)])
-        assert not image[:, :20].any()
-        assert not image[:, 100:].any()
-    envs.close()
-    single.close()
-
-
-def test_the_camera_is_chosen(room):
-    cameras = [flockstep.CameraConfig(name=name, width_px=16, height_px=12) for name in ("ahead", "below")]
-    cameras[1].quat_wxyz = (0.70710678, 0, 0.70710678, 0)
-    keywords = {"worlds": room, "camera": cameras, "render_mode": "rgb_array"}
-    for name, index in ((None, 0), ("below", 1), ("ahead", 0)):
-        envs = flockstep.DroneVectorEnv(1, **keywords, render_view="camera", render_camera=name)
-        envs.reset(seed=0)
-        np.testing.assert_array_equal(envs.render()[0], envs.batch.camera(cameras[index].name).rgb[0])
-    with refused(ValueError, "render_camera", "behind"):
-        flockstep.DroneVectorEnv(1, **keywords, render_view="camera", render_camera="behind")
-
-
-@pytest.mark.parametrize(
-    ("keywords", "said"),
-    [
-        ({"render_size": 100}, r"render_size: expected \(width, height\) from 1 to 8192 pixels, got 100"),
-        ({"render_size": (100, 0)}, r"render_size: .* got \(100, 0\)"),
-        ({"render_size": (100.5, 10)}, r"render_size: .* got \(100.5, 10\)"),
-        ({"render_size": (True, 10)}, r"render_size: .* got \(True, 10\)"),
-        ({"render_camera": "eye"}, "render_camera: expected None unless render_view='camera', got 'eye'"),
-        ({"render_view": ((0, 0, 0),)}, r"render_view: expected one of .* or two points \(x, y, z\)"),
-        ({"render_view": ((0, 0, 0), (0, np.nan, 1))}, r"render_view: expected one of .* or two points"),
-        ({"render_view": 7}, "render_view: .*, got 7"),
-        ({"render_view": True}, "render_view: .*, got True"),
-    ],
-)
-def test_keywords_are_checked_with_and_without_pictures(room, keywords, said):
-    with pytest.raises(ValueError, match=said):
-        flockstep.DroneVectorEnv(1, worlds=room, **keywords)
 
 
 def test_nothing_is_too_far_away_to_be_seen():
@@ -543,58 +473,3 @@ def test_an_envs_own_camera_is_shown_and_its_view_drawn(room):
     single.reset(seed=0)
     single.step(0)
     np.testing.assert_array_equal(single.render(), shown["camera"][0])
-
-
-@pytest.mark.parametrize("camera", [{}, {"layout": "chw"}, {"outputs": ("grey",)}])
-def test_the_drones_own_camera(room, camera):
-    from flockstep.pictures import choice, views
-
-    config = flockstep.CameraConfig(name="eye", width_px=32, height_px=24, **camera)
-    batch = flockstep.Batch([room], 2, cameras=[config])
-    view, trail = views.make(choice.choose("camera", None, None), batch, [config])
-    assert trail is None
-    batch.set_pose(np.float32([[2, 4, 2], [2, 6, 1]]))
-    batch.sense()
-    frames = [view.frame(0), view.frame(1)]
-    batch.begin_episode(np.array([True, False]))
-    assert view.frame(0).shape == (24, 32, 3)
-    assert not view.frame(0).any()  # its last frame belongs to the previous episode
-    expected = flockstep.render(room, (2, 6, 1), camera=flockstep.CameraConfig(width_px=32, height_px=24))["rgb"]
-    assert frames[1].shape == (24, 32, 3)
-    if "outputs" not in camera:
-        np.testing.assert_array_equal(frames[1], expected)
-    else:
-        np.testing.assert_array_equal(frames[1][..., 0], batch.camera("eye").grey[1])
-    kept = frames[0].copy()
-    batch.set_pose(np.float32([[5, 2, 2], [2, 6, 1]]))
-    batch.sense()
-    np.testing.assert_array_equal(frames[0], kept)  # a copy
-
-
-def test_a_camera_without_colours_is_refused(room):
-    from flockstep.pictures import choice, views
-
-    config = flockstep.CameraConfig(width_px=8, height_px=8, outputs=("depth",))
-    batch = flockstep.Batch([room], cameras=[config])
-    with pytest.raises(ValueError, match="'camera' needs 'rgb' or 'grey' among its outputs"):
-        views.make(choice.choose("camera", None, None), batch, [config])
-
-
-def test_stable_baselines_gets_pictures_and_trails(room):
-    pytest.importorskip("stable_baselines3")
-    vec = flockstep.sb3.make_vec(
-        "flockstep/LidarNavigation-v0",
-        2,
-        worlds=room,
-        render_mode="rgb_array",
-        render_view="third_person",
-        render_size=(320, 200),
-    )
-    vec.seed(0)
-    vec.reset()
-    for _ in range(3):
-        vec.step(np.array([0, 0]))
-    assert vec.env.trail is not None
-    assert len(vec.env.trail.of(1)) == 4
-    assert [image.shape for image in vec.get_images()] == [(200, 320, 3)] * 2
-    vec.close()

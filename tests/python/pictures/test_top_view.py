@@ -1,7 +1,6 @@
 """Pictures from above."""
 
 import numpy as np
-from messages import refused
 
 import flockstep
 from flockstep.pictures.beams import beams_of
@@ -73,10 +72,6 @@ def test_beams_are_those_of_the_lidar_as_it_is_now(room):
         assert hit.any()
     for view, fresh in zip(views, (TopView(batch), ThirdPersonView(batch)), strict=True):
         np.testing.assert_array_equal(view.frame(1), fresh.frame(1))
-    with refused(ValueError, "index", 2):
-        batch.lidar().config_of(2)
-    with refused(ValueError, "no LiDAR"):
-        flockstep.Batch([room]).lidar().config_of(0)
 
 
 def test_what_is_higher_than_the_drone_is_cut_away():
@@ -129,5 +124,3 @@ def test_frames_of_worlds_of_different_sizes_have_one_shape(room, closet):
     env.reset(seed=0)
     frames = env.render()
     assert np.array(frames).shape == (3, 256, 256, 3)
-    with refused(UserWarning, "for pictures"):
-        assert flockstep.DroneVectorEnv(1, worlds=room).render() is None

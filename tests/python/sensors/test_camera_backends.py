@@ -5,12 +5,10 @@ from __future__ import annotations
 import os
 import subprocess
 import sys
-from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 import pytest
-from messages import refused
 
 import flockstep
 
@@ -104,118 +102,6 @@ def test_backends_agree(name: str) -> None:
     assert (turned[seen] > 0.999).mean() > 0.99  # except at edges between the walls of a room, which are one instance
 
 
-@pytest.mark.parametrize(
-    "fields", [{"samples_per_pixel": 9}, {"shadows": True}, {"layout": "chw", "depth_kind": "range"}]
-)
-def test_options_agree(fields: dict[str, object]) -> None:
-    world = flockstep.World.from_dict(
-        {
-            "flockstep_scene": 1,
-            "materials": {"clay": {"base_color": [0.6, 0.3, 0.2]}, "sand": {"base_color": [0.7, 0.6, 0.4]}},
-            "planes": [{"center": [0, 0, 0], "size": [20, 20], "material": "sand"}],
-            "boxes": [
-                {"center": [2, 0, 0.5], "size": [1, 1, 1], "quat_wxyz": [0.9239, 0, 0, 0.3827], "material": "clay"}
-            ],
-            "spheres": [{"center": [3, 2, 1], "radius": 0.7, "material": "clay"}],
-            "capsules": [{"center": [3, -2, 1.2], "radius": 0.3, "height": 2, "material": "clay"}],
-            "meshes": [{"vertices": [[4, -1, 0], [4, 1, 0], [4, 0, 2]], "triangles": [[0, 1, 2]], "material": "clay"}],
-        }
-    )
-    rng = np.random.default_rng(1)
-    angle = rng.uniform(-0.4, 0.4, 50)
-    poses = (
-        rng.uniform([-3, -2, 0.5], [-1, 2, 2.5], (50, 3)).astype(np.float32),
-        np.stack([np.cos(angle / 2), 0 * angle, 0 * angle, np.sin(angle / 2)], 1).astype(np.float32),
-    )
-    raycast, gl = (
-        pictures(backend, world, poses, width_px=64, height_px=48, **fields) for backend in ("raycast", "gl")
-    )
-    assert (raycast.instance == gl.instance).mean() >= 0.995
-    inner = off_silhouettes(raycast.instance, gl.instance)
-    axis = 1 if "layout" in fields else 3
-    difference = np.abs(raycast.rgb.astype(int) - gl.rgb).max(axis=axis)[:, 1:-1, 1:-1][inner]
-    assert difference.mean() < 2
-    ours, theirs = raycast.depth[:, 1:-1, 1:-1][inner], gl.depth[:, 1:-1, 1:-1][inner]
-    seen = np.isfinite(ours) & np.isfinite(theirs)
-    assert seen.mean() > 0.3
-    assert np.abs(ours[seen] / theirs[seen] - 1).max() < 1e-3
-
-
-@pytest.mark.parametrize(
-    "fields",
-    [
-        {},
-        {"samples_per_pixel": 9},
-        {"shadows": True},
-        {"shadows": True, "layout": "chw", "depth_kind": "range"},
-        {"fog_visibility_m": 5.0},
-        {"fog_visibility_m": 5.0, "shadows": True},
-    ],
-)
-def test_moving_bodies_agree(fields: dict[str, Any]) -> None:
-    """The bodies of an env, of all shapes, which both backends show at the poses after each step."""
-    fields = dict(fields)
-    world = flockstep.scenes.load("playground/camera-train-1")[0].with_light(
-        fog_visibility_m=fields.pop("fog_visibility_m", None)
-    )
-    rng = np.random.default_rng(5)
-    bodies = []
-    for i in range(24):
-        quat = rng.normal(size=4)
-        bodies.append(
-            flockstep.BodyConfig(
-                shape=["box", "cylinder", "sphere", "capsule"][i % 4],
-                size_m=[[0.6, 0.9, 0.5], [0.6, 0.6, 0.8], [0.8, 0.8, 0.8], [0.5, 0.5, 1.2]][i % 4],
-                position_m=rng.uniform([3, 3, 0.5], [11, 11, 3]).tolist(),
-                quat_wxyz=(quat / np.linalg.norm(quat)).tolist() if i % 8 < 4 else [1, 0, 0, 0],
-                color=rng.uniform(0, 1, 3).tolist(),
-                motion=flockstep.BodyMotion(velocity_mps=[0.2, 0.1, 0], turn_rate_dps=[0, 0, 20]),
-            )
-        )
-    camera = flockstep.CameraConfig(width_px=64, height_px=48, outputs=OUTPUTS, **fields)
-    batches = [
-        flockstep.Batch([world], 16, cameras=[camera], camera_backend=name, bodies=bodies) for name in ("raycast", "gl")
-    ]
-    axis = 1 if "layout" in fields else 3
-    seen = []
-    for _ in range(3):
-        poses = random_poses(world, 16, rng)
-        for batch in batches:
-            batch.set_pose(*poses)
-            batch.sense()
-        raycast, gl = (batch.camera() for batch in batches)
-        assert (raycast.instance == gl.instance).mean() >= 0.995
-        assert (raycast.semantic == gl.semantic).mean() >= 0.995
-        inner = off_silhouettes(raycast.instance, gl.instance)
-        difference = np.abs(raycast.rgb.astype(int) - gl.rgb).max(axis=axis)[:, 1:-1, 1:-1][inner]
-        assert difference.mean() < 2
-        inner &= raycast.instance[:, 1:-1, 1:-1] >= 61440
-        seen.append(inner.sum())
-        ours, theirs = (shown.depth[:, 1:-1, 1:-1][inner] for shown in (raycast, gl))
-        assert np.abs(ours / theirs - 1).max() < 1e-3
-        for batch in batches:
-            batch.move(batch.position)
-    assert min(seen) > 1000
-
-
-@pytest.mark.parametrize("name", ["outdoor/city", "playground/camera-train-1"])
-def test_fog_agrees(name: str) -> None:
-    world = flockstep.scenes.load(name)[0].with_light(fog_visibility_m=15)
-    poses = random_poses(world, 200, np.random.default_rng(6))
-    clear, raycast, gl = (
-        pictures(backend, shown, poses, width_px=40, height_px=30)
-        for backend, shown in (("raycast", world.with_light(fog_visibility_m=0)), ("raycast", world), ("gl", world))
-    )
-    inner = off_silhouettes(raycast.instance, gl.instance)
-    ours, theirs, before = (camera.rgb[:, 1:-1, 1:-1][inner].astype(int) for camera in (raycast, gl, clear))
-    assert np.abs(ours - theirs).mean() < 2
-    far = raycast.depth[:, 1:-1, 1:-1][inner] > 4
-    assert far.any()
-    assert np.abs(ours - before)[far].mean() > 10
-    for output in ("depth", "semantic", "instance", "normal"):
-        np.testing.assert_array_equal(getattr(raycast, output), getattr(clear, output))
-
-
 def test_gl_repeats_what_raycast_shows_after_moves() -> None:
     """A batch reuses one renderer, also for only some of its frames."""
     world = flockstep.scenes.load("playground/camera-train-1")[0]
@@ -262,27 +148,6 @@ def test_envs_fly_by_gl_as_by_raycast(autoreset_mode: str, capture_mode: str) ->
             np.testing.assert_array_equal(one, other)
         ended += int((rest[1] | rest[2]).sum())
     assert ended > 16
-
-
-def test_capture_on_demand_by_gl() -> None:
-    world = flockstep.scenes.load("playground/camera-train-1")[0]
-    camera = flockstep.CameraConfig(width_px=32, height_px=24, capture_mode="on_demand", outputs=("rgb", "instance"))
-    batch = flockstep.Batch([world], 3, cameras=[camera], camera_backend="gl")
-    batch.sense()
-    assert batch.camera().frame_step.tolist() == [-1, -1, -1]
-    assert not batch.camera().rgb.any()
-    batch.capture(np.array([False, True, False]))
-    assert batch.camera().frame_step.tolist() == [-1, 0, -1]
-    assert batch.camera().instance.any(axis=(1, 2)).tolist() == [False, True, False]
-    batch.set_camera(np.array([False, True, False]), hfov_deg=40)
-    assert batch.camera().frame_step.tolist() == [-1, -1, -1]
-    batch.set_capture_mode("on_movement")
-    batch.sense()
-    assert batch.camera().frame_step.tolist() == [1, 1, 1]
-    reference = flockstep.Batch([world], 3, cameras=[camera])
-    reference.set_camera(np.array([False, True, False]), hfov_deg=40)
-    reference.capture()
-    assert (batch.camera().instance == reference.camera().instance).mean() > 0.99
 
 
 def test_auto_reports_both_speeds() -> None:
@@ -392,9 +257,3 @@ def test_gl_ends_cleanly(end: str) -> None:
         pytest.skip("no fork on this system")
     result = run("batch = make('gl'); batch.sense()\nassert batch.camera().rgb.any()\n" + end)
     assert (result.returncode, result.stderr) == (0, "")
-
-
-def test_unknown_backend() -> None:
-    world = flockstep.scenes.load("playground/camera-train-1")[0]
-    with refused(ValueError, "camera_backend", "vulkan"):
-        flockstep.Batch([world], 1, cameras=[flockstep.CameraConfig()], camera_backend="vulkan")

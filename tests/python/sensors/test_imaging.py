@@ -65,29 +65,6 @@ def hsv_of(rgb):
     return np.stack([np.where(spread > 0, hue, 0), np.where(value > 0, saturation, 0), value], axis=-1)
 
 
-def by_blocks(images, size_px, how):
-    """Resize (N, H, W, C) images pixel by pixel: each new pixel is the mean, min or max of the pixels it covers."""
-    height, width = images.shape[1:3]
-    made = np.empty((len(images), size_px[1], size_px[0], images.shape[3]))
-    for y in range(size_px[1]):
-        for x in range(size_px[0]):
-            cuts = ((y, height / size_px[1], height), (x, width / size_px[0], width))
-            part, weights = images.astype(float), np.ones(1)
-            for axis, (i, length, end) in enumerate(cuts, start=1):
-                first, last = int(np.floor(i * length + 1e-9)), int(np.ceil((i + 1) * length - 1e-9))
-                pixels = np.arange(first, min(last, end))
-                part = part.take(pixels, axis=axis)
-                covered = np.minimum(pixels + 1, (i + 1) * length) - np.maximum(pixels, i * length)
-                weights = np.multiply.outer(weights, covered)
-            weights = weights[0][None, ..., None] / weights.sum()
-            made[:, y, x] = {
-                "mean": lambda part=part, weights=weights: (part * weights).sum(axis=(1, 2)),
-                "min": lambda part=part: part.min(axis=(1, 2)),
-                "max": lambda part=part: part.max(axis=(1, 2)),
-            }[how]()
-    return made
-
-
 class TestHsv:
     def test_every_colour_in_steps_of_five_and_random_ones(self, world):
         steps = np.arange(0, 256, 5, dtype=np.uint8)
@@ -119,89 +96,56 @@ class TestHsv:
         assert away.max() < 0.65
         assert len(np.unique(hsv[..., 0])) > 5
         if "rgb" not in outputs:
-            with pytest.raises(ValueError, match='expected "rgb" among its outputs'):
+            with refused(ValueError, 'camera "front"', "rgb"):
                 _ = camera.rgb
 
 
 class TestResize:
     @pytest.mark.parametrize("pool", ["mean", "min", "max"])
-    @pytest.mark.parametrize("size_px", [(10, 10), (17, 13), (40, 30), (1, 1)])
-    @pytest.mark.parametrize("layout", ["hwc", "chw"])
-    def test_against_blocks(self, open_world, pool, size_px, layout):
+    def test_images_are_of_blocks_of_pixels(self, open_world, pool):
+        """Blocks of 4 x 3 pixels; the colours in hsv are those of the small image."""
         outputs = ("rgb", "depth", "grey", "hsv")
         whole = rendered(open_world, outputs=outputs).camera()
-        batch = rendered(open_world, outputs=outputs, layout=layout, resize=size_px, pool=pool)
-        small = batch.camera()
-        assert small.config.image_size_px == size_px
-        width, height = size_px
-        assert small.depth.shape == small.grey.shape == (6, height, width)
-        assert (
-            small.rgb.shape == small.hsv.shape == ((6, height, width, 3) if layout == "hwc" else (6, 3, height, width))
-        )
-        rgb, hsv = (image if layout == "hwc" else image.transpose(0, 2, 3, 1) for image in (small.rgb, small.hsv))
-        tolerance = 0.5 + 1e-6 if pool == "mean" else 0
-        np.testing.assert_allclose(rgb, by_blocks(whole.rgb, size_px, pool), rtol=0, atol=tolerance)
-        np.testing.assert_allclose(
-            small.grey, by_blocks(whole.grey[..., None], size_px, pool)[..., 0], rtol=0, atol=tolerance
-        )
-        np.testing.assert_allclose(small.depth, by_blocks(whole.depth[..., None], size_px, pool)[..., 0], rtol=1e-6)
-        away = np.abs(hsv - hsv_of(rgb))  # of the small image
+        small = rendered(open_world, outputs=outputs, resize=(10, 10), pool=pool).camera()
+        assert small.config.image_size_px == (10, 10)
+        for output in outputs[:3]:
+            ours, blocks = getattr(small, output), getattr(whole, output).reshape(6, 10, 3, 10, 4, -1)
+            expected = getattr(blocks, pool)(axis=(2, 4)).reshape(ours.shape)
+            tolerance = 0.5 + 1e-6 if pool == "mean" and ours.dtype == np.uint8 else 0
+            np.testing.assert_allclose(ours, expected, rtol=1e-6, atol=tolerance, err_msg=output)
+        away = np.abs(small.hsv - hsv_of(small.rgb))
         away[..., 0] = np.minimum(away[..., 0], 180 - away[..., 0])
         assert away.max() < 0.65
         assert 0.01 < np.isinf(whole.depth).mean() < 0.99
 
-    def test_that_of_the_issue(self, world):
-        small = (
-            rendered(world, width_px=64, height_px=48, outputs=("depth",), resize=(16, 12), pool="min").camera().depth
-        )
-        whole = rendered(world, width_px=64, height_px=48, outputs=("depth",)).camera().depth
-        np.testing.assert_array_equal(small, whole.reshape(6, 12, 4, 16, 4).min(axis=(2, 4)))
-
     @pytest.mark.parametrize(
-        ("fields", "match"),
+        ("error", "said", "fields"),
         [
-            (
-                {"resize": (41, 30)},
-                r"camera.resize: expected width and height in \[1, 40\] and \[1, 30\], got \(41, 30\)",
-            ),
-            ({"resize": (0, 30)}, r"camera.resize.*\(0, 30\)"),
-            ({"resize": (4, 3), "outputs": ("semantic",)}, "camera.resize.*semantic.*cannot be averaged"),
-            ({"resize": (4, 3), "outputs": ("rgb", "instance")}, "camera.resize.*instance"),
-            ({"resize": (4, 3), "outputs": ("normal",)}, "camera.resize.*normal"),
-            ({"pool": "min"}, r'camera.pool: expected "mean" without resize'),
-            ({"resize": (4, 3), "pool": "median"}, 'pool: expected "mean", "min" or "max", got "median"'),
+            (ValueError, ["camera.resize", 40, (41, 30)], {"resize": (41, 30)}),
+            (ValueError, ["camera.resize", (0, 30)], {"resize": (0, 30)}),
+            (ValueError, ["camera.resize", "semantic"], {"resize": (4, 3), "outputs": ("semantic",)}),
+            (ValueError, ["camera.resize", "instance"], {"resize": (4, 3), "outputs": ("rgb", "instance")}),
+            (ValueError, ["camera.resize", "normal"], {"resize": (4, 3), "outputs": ("normal",)}),
+            (ValueError, ["camera.pool", "without resize"], {"pool": "min"}),
+            (ValueError, ["pool", "median"], {"resize": (4, 3), "pool": "median"}),
+            *((TypeError, ["resize", wrong], {"resize": wrong}) for wrong in (4, (4,), (4, 3, 2), ("a", "b"))),
         ],
     )
-    def test_invalid_arguments(self, fields, match):
-        with pytest.raises(ValueError, match=match):
+    def test_invalid_arguments(self, error, said, fields):
+        with refused(error, *said):
             flockstep.CameraConfig(**{"width_px": 40, "height_px": 30, **fields})
-
-    def test_an_invalid_resize(self):
-        for resize in (4, (4,), (4, 3, 2), ("a", "b")):
-            with refused(TypeError, "resize"):
-                flockstep.CameraConfig(resize=resize)
 
     def test_a_config_is_read_copied_and_pickled(self):
         config = flockstep.CameraConfig(
             width_px=64, height_px=48, outputs=("depth", "hsv"), resize=(16, 12), pool="max"
         )
         assert "resize=[16, 12], pool='max'" in repr(config)
-        for other in (copy.deepcopy(config), pickle.loads(pickle.dumps(config))):
-            assert other == config
-            assert repr(other) == repr(config)
+        for each in (config, RED):
+            for other in (copy.deepcopy(each), pickle.loads(pickle.dumps(each))):
+                assert other == each
+                assert repr(other) == repr(each)
         assert config != flockstep.CameraConfig(width_px=64, height_px=48, outputs=("depth", "hsv"), resize=(16, 12))
         assert flockstep.CameraConfig().image_size_px == (640, 480)
-
-    def test_a_snapshot_brings_the_images_back(self, world):
-        fields = {"outputs": ("rgb", "depth", "grey", "hsv"), "resize": (9, 7), "pool": "min"}
-        batch = rendered(world, **fields)
-        other = flockstep.Batch([world], 6, cameras=[batch.camera().config])
-        other.restore(batch.snapshot())
-        for output in fields["outputs"]:
-            np.testing.assert_array_equal(getattr(other.camera(), output), getattr(batch.camera(), output))
-        without = flockstep.Batch([world], 6, cameras=[flockstep.CameraConfig(width_px=40, height_px=30)])
-        with refused(ValueError, "snapshot"):
-            without.restore(batch.snapshot())
 
     def test_a_removed_drone_sees_nothing(self, world):
         batch = rendered(world, outputs=("rgb", "depth", "hsv"), resize=(10, 6))
@@ -223,18 +167,6 @@ class TestResize:
             np.testing.assert_array_equal(read[output], frame if layout == "hwc" else frame.transpose(1, 2, 0))
         assert read["depth"].shape == (10, 20)
         assert imageio.imread(camera.jpeg(1), extension=".jpg").shape == (10, 20, 3)
-
-    def test_by_gl_or_what_replaces_it(self, world):
-        fields = {"outputs": ("depth", "hsv"), "resize": (10, 6)}
-        config = flockstep.CameraConfig(width_px=40, height_px=30, **fields)
-        gl = flockstep.Batch([world], 2, cameras=[config], camera_backend="gl")
-        by_rays = flockstep.Batch([world], 2, cameras=[config])
-        for batch in (gl, by_rays):
-            batch.set_pose([[2, 4, 2], [3, 2, 1]])
-            batch.sense()
-        np.testing.assert_allclose(gl.camera().depth, by_rays.camera().depth, rtol=2e-2)
-        same = np.abs(gl.camera().hsv.astype(int) - by_rays.camera().hsv) <= 3
-        assert same.mean() > 0.8
 
 
 class Look(flockstep.Task):
@@ -329,33 +261,6 @@ class TestTasks:
 
 
 class TestColors:
-    def test_green_is_that_of_the_task_on_ten_thousand_frames(self):
-        worlds = flockstep.scenes.load("camera-train")
-        camera = flockstep.CameraConfig(width_px=32, height_px=24)
-        batch = flockstep.Batch(worlds, 1000, cameras=[camera], num_threads=2)
-        rng, seen = np.random.default_rng(5), 0
-        goal = np.array([batch.world_of(i).goal for i in range(1000)])
-        for _ in range(10):
-            half = rng.uniform(-0.6, 0.6, 1000) / 2  # roughly towards the goal
-            turn = np.stack([np.cos(half), 0 * half, 0 * half, np.sin(half)], axis=1)
-            batch.set_pose(goal - [1, 0, 0] * rng.uniform(0.7, 9, (1000, 1)) + rng.normal(0, 0.3, (1000, 3)), turn)
-            batch.sense()
-            images = batch.camera().rgb
-            blob = flockstep.color_blob(images, flockstep.ColorRange())
-            for i, image in enumerate(images):
-                green = flockstep.green_blob(image)
-                numbers = (green.found, green.x, green.y, green.width, green.height, green.offset, green.area)
-                ours = (blob.found, blob.x, blob.y, blob.width, blob.height, blob.offset, blob.area)
-                assert numbers == tuple(values[i].item() for values in ours)
-                parts = flockstep.color_components(image, flockstep.ColorRange())
-                np.testing.assert_array_equal(parts.labels > 0, green.mask)
-                if green.found:
-                    low, high = parts.box[:, :2].min(axis=0), (parts.box[:, :2] + parts.box[:, 2:]).max(axis=0)
-                    assert (*low, *(high - low)) == numbers[1:5]
-                seen += green.found
-            np.testing.assert_array_equal(blob.mask.any(axis=(1, 2)), blob.found)
-        assert 2000 < seen < 9900
-
     def test_components_by_hand(self):
         image = np.zeros((20, 30, 3), np.uint8)
         image[2:5, 3:7] = (200, 20, 20)
@@ -388,39 +293,36 @@ class TestColors:
         assert flockstep.color_blob(np.zeros((0, 4, 4, 3), np.uint8), RED).found.shape == (0,)
 
     @pytest.mark.parametrize(
-        ("call", "error", "match"),
+        ("call", "error", "said"),
         [
-            (lambda f: f(np.zeros((4, 4, 3)), RED), ValueError, "image.*uint8.*float64"),
-            (
-                lambda f: f(np.zeros((4, 4), np.uint8), RED),
-                ValueError,
-                r"image.*height, width, 3\), got uint8.*\(4, 4\)",
-            ),
-            (lambda f: f(np.zeros((4, 4, 3), np.uint8), RED, "chw"), ValueError, "image.*3, height, width"),
-            (lambda f: f(np.zeros((4, 0, 3), np.uint8), RED), ValueError, "image"),
-            (lambda f: f(np.zeros((4, 4, 3), np.uint8), RED, "bgr"), ValueError, "layout.*bgr"),
-            (lambda f: f(np.zeros((4, 4, 3), np.uint8), "red"), TypeError, "color: expected a flockstep.ColorRange"),
+            (lambda f: f(np.zeros((4, 4, 3)), RED), ValueError, ["image", "uint8", "float64"]),
+            (lambda f: f(np.zeros((4, 4), np.uint8), RED), ValueError, ["image", "uint8", (4, 4)]),
+            (lambda f: f(np.zeros((4, 4, 3), np.uint8), RED, "chw"), ValueError, ["image", "3, height, width"]),
+            (lambda f: f(np.zeros((4, 0, 3), np.uint8), RED), ValueError, ["image"]),
+            (lambda f: f(np.zeros((4, 4, 3), np.uint8), RED, "bgr"), ValueError, ["layout", "bgr"]),
+            (lambda f: f(np.zeros((4, 4, 3), np.uint8), "red"), TypeError, ["color", "red"]),
         ],
     )
-    def test_bad_images(self, call, error, match):
-        for function in (flockstep.color_blob, flockstep.color_components):
-            with pytest.raises(error, match=match):
+    def test_bad_images(self, call, error, said):
+        field, *values = said
+        for function, images in ((flockstep.color_blob, "images"), (flockstep.color_components, "image")):
+            with refused(error, images if field == "image" else field, *values):
                 call(function)
         with refused(ValueError, "image"):
             flockstep.color_components(np.zeros((2, 4, 4, 3), np.uint8), RED)
 
     @pytest.mark.parametrize(
-        ("fields", "error", "match"),
+        ("fields", "error", "said"),
         [
-            ({"space": "lab"}, ValueError, 'space: expected "rgb", "hsv" or "excess", got "lab"'),
-            ({"low": (0, -1, 0)}, ValueError, r"color.low\[1\]: expected an integer in \[0, 255\], got -1"),
-            ({"high": (0, 20, 256)}, ValueError, r"color.high.*256"),
-            ({"space": "rgb", "low": (9, 0, 0), "high": (8, 9, 9)}, ValueError, "color.low.*only a hue wraps"),
-            ({"low": (1, 2)}, TypeError, "low: expected 3 numbers"),
+            ({"space": "lab"}, ValueError, ["space", "lab"]),
+            ({"low": (0, -1, 0)}, ValueError, ["color.low[1]", -1]),
+            ({"high": (0, 20, 256)}, ValueError, ["color.high[2]", 256]),
+            ({"space": "rgb", "low": (9, 0, 0), "high": (8, 9, 9)}, ValueError, ["color.low", (8, 9, 9), (9, 0, 0)]),
+            ({"low": (1, 2)}, TypeError, ["low", "3 numbers"]),
         ],
     )
-    def test_invalid_ranges(self, fields, error, match):
-        with pytest.raises(error, match=match):
+    def test_invalid_ranges(self, fields, error, said):
+        with refused(error, *said):
             flockstep.ColorRange(**fields)
 
     def test_a_range_that_was_changed_is_checked_again(self):
@@ -428,8 +330,3 @@ class TestColors:
         color.low = (300, 0, 0)
         with refused(ValueError, "color.low"):
             flockstep.color_blob(np.zeros((4, 4, 3), np.uint8), color)
-
-    def test_copies(self):
-        assert pickle.loads(pickle.dumps(RED)) == RED
-        assert copy.copy(RED) == RED
-        assert repr(RED) == "ColorRange(space='hsv', low=[170, 120, 30], high=[10, 255, 255])"
