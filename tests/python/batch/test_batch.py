@@ -43,15 +43,6 @@ class TestMotion:
         assert contact.point[0, 0] == pytest.approx(2, abs=2e-3)
         np.testing.assert_allclose(contact.normal[0], [-1, 0, 0], atol=1e-3)
 
-    def test_teleport_does_not_collide(self, batch):
-        batch.set_pose(np.float32([[4, 4.5, 2]] * 3))
-        np.testing.assert_array_equal(batch.position, np.float32([[4, 4.5, 2]] * 3))
-        assert not batch.contact.hit.any()
-
-    def test_quaternions_close_to_unit_are_normalised(self, batch):
-        batch.set_pose(None, np.tile(1.001 * yaw(30), (3, 1)))
-        np.testing.assert_allclose(np.linalg.norm(batch.quat_wxyz, axis=1), 1, atol=1e-6)
-
 
 class TestLidar:
     def test_ranges_are_those_of_the_world(self, batch, room):
@@ -104,39 +95,7 @@ def test_sensor_configurations(room):
     assert plain.lidars == plain.cameras == plain.imus == []
 
 
-class TestPoseSensor:
-    def test_noise_has_the_standard_deviation_it_says(self, room):
-        n = 4000
-        noise = flockstep.PoseSensorConfig(position_noise_std_m=0.02, orientation_noise_std_deg=3)
-        batch = flockstep.Batch([room], n, pose_sensor=noise)
-        batch.seed(np.arange(n))
-        batch.sense()
-        error = batch.sensed_position - batch.position
-        np.testing.assert_allclose(error.std(axis=0), 0.02, rtol=0.1)
-        np.testing.assert_allclose(error.mean(axis=0), 0, atol=0.002)
-        tilt = 2 * np.degrees(batch.sensed_quat_wxyz[:, 1:])  # small angles: twice the vector part
-        np.testing.assert_allclose(tilt.std(axis=0), 3, rtol=0.1)
-
-
 class TestSlots:
-    def test_a_removed_slot_reads_as_absent(self, batch):
-        batch.sense()
-        batch.remove([1])
-        assert batch.active.tolist() == [True, False, True]
-        pose = batch.position[1].copy()
-        batch.move(batch.position + np.float32([0.1, 0, 0]))
-        batch.sense()
-        assert np.isinf(batch.lidar().ranges[1]).all()
-        np.testing.assert_array_equal(batch.position[1], pose)
-        assert np.isfinite(batch.lidar().ranges[0]).any()
-
-    def test_spawn_brings_it_back_and_senses(self, batch):
-        batch.remove([0, 1])
-        batch.spawn([1], [[1, 1, 1]])
-        assert batch.active.tolist() == [False, True, True]
-        np.testing.assert_array_equal(batch.position[1], [1, 1, 1])
-        assert np.isfinite(batch.lidar().ranges[1]).any()
-
     def test_a_drone_can_change_worlds(self, room, closet):
         batch = flockstep.Batch([room, closet], 2, lidar=flockstep.LidarConfig(azimuth_deg=[0], elevation_deg=[0]))
         batch.set_pose(np.float32([[1, 1, 0.6]] * 2))
@@ -167,10 +126,6 @@ class TestRandom:
         assert not np.isin(few.random(3, 5), numbers).any()
         few.seed(np.arange(4) + 7)
         np.testing.assert_array_equal(numbers, few.random(3, 5))
-
-    def test_episodes_are_counted_where_the_mask_says(self, batch):
-        batch.begin_episode(np.array([True, False, True]))
-        assert batch.episode.tolist() == [1, 0, 1]
 
 
 class TestLifetime:
@@ -290,36 +245,6 @@ class TestSnapshot:
         with refused(ValueError, "snapshot"):
             batch.restore(damage(blob))
         np.testing.assert_array_equal(batch.position, position)
-
-
-def test_rays_through_embree_are_counted():
-    def world(triangles):
-        builder = flockstep.WorldBuilder()
-        stone = builder.material("stone", base_color=(0.5, 0.5, 0.5))
-        builder.box((5, 0, 1), (1, 1, 1), stone)
-        if triangles:
-            builder.heightfield(np.zeros((30, 30), np.float32), stone, corner=(-15, -15))
-        return builder.build()
-
-    lidar = flockstep.LidarConfig(beams=35)
-    camera = flockstep.CameraConfig(width_px=64, height_px=64, shadows=True)
-    for triangles in (False, True):
-        batch = flockstep.Batch([world(triangles)], 10, lidar=lidar, num_threads=1, tracer="tiles")  # no slices
-        batch.set_pose(np.tile(np.float32([0, 0, 1]), (10, 1)))
-        batch.sense()
-        # Packets of 8 rays; a drone's last packet is filled with rays of the next drone.
-        assert (batch.embree_rays, batch.embree_packets) == ((350, 44) if triangles else (0, 0))
-        batch.sense()
-        assert batch.embree_rays == (700 if triangles else 0)
-        sliced = flockstep.Batch([world(triangles)], 10, lidar=lidar, num_threads=1)
-        sliced.set_pose(np.tile(np.float32([0, 0, 1]), (10, 1)))
-        sliced.sense()
-        assert (sliced.embree_rays, sliced.embree_packets) == (0, 0)
-        pictures = flockstep.Batch([world(triangles)], cameras=[camera], num_threads=1)
-        pictures.set_pose(np.float32([[0, 0, 1]]))
-        pictures.sense()
-        # Shadow rays towards the sun; the primary rays use tiles.
-        assert pictures.embree_rays == (64 * 64 if triangles else 0)
 
 
 def test_one_or_several_of_each_sensor(room):

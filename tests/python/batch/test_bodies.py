@@ -7,6 +7,7 @@ import pytest
 from gymnasium import spaces
 from messages import refused
 
+import body_attack
 import flockstep
 from flockstep import BodyConfig, BodyMotion
 
@@ -183,39 +184,15 @@ class TestRefusals:
             make(**fields)
 
 
-class TestLidar:
-    LIDAR = flockstep.LidarConfig(channels=5, beams=72, hfov_deg=360, vfov_deg=40, max_range_m=8)
-
-    def test_an_invisible_body_is_hit_only_by_drones(self):
-        ahead = {"size_m": [0.2, 2, 2], "position_m": [7, 10, 2]}
-        lidar = flockstep.LidarConfig(beams=1, hfov_deg=1, max_range_m=5)
-        for visibility, sees, hits in (("full", True, True), ("visual", True, False), ("solid", False, True)):
-            batch = batch_with([BodyConfig(visibility=visibility, **ahead)], lidar=lidar)
-            batch.sense()
-            assert np.isfinite(batch.lidar().ranges).all() == sees
-            batch.move([[9, 10, 2]])
-            assert batch.contact.hit.all() == hits
-
-    def test_each_env_sees_its_own_bodies(self):
-        lidar = flockstep.LidarConfig(beams=1, hfov_deg=1, max_range_m=6)
-        batch = batch_with([BodyConfig(shape="sphere")], 70, lidar=lidar)
-        distance = 1 + np.arange(70) / 20
-        batch.bodies.set_pose(np.stack([5 + distance, np.full(70, 10), np.full(70, 2)], 1)[:, None])
+def test_an_invisible_body_is_hit_only_by_drones():
+    ahead = {"size_m": [0.2, 2, 2], "position_m": [7, 10, 2]}
+    lidar = flockstep.LidarConfig(beams=1, hfov_deg=1, max_range_m=5)
+    for visibility, sees, hits in (("full", True, True), ("visual", True, False), ("solid", False, True)):
+        batch = batch_with([BodyConfig(visibility=visibility, **ahead)], lidar=lidar)
         batch.sense()
-        np.testing.assert_allclose(batch.lidar().ranges[:, 0, 0], distance - 0.5, rtol=1e-5)
-
-    def test_a_thousand_bodies_removed_between_two_scans(self):
-        batch = batch_with([BodyConfig(shape="sphere", size_m=[0.1] * 3)] * 1000, lidar=self.LIDAR)
-        rng = np.random.default_rng(0)
-        batch.bodies.set_pose(rng.uniform([3, 8, 1], [8, 12, 3], (1, 1000, 3)))
-        batch.sense()
-        among = batch.lidar().ranges.copy()
-        batch.bodies.remove()
-        batch.sense()
-        alone = flockstep.Batch([room()], lidar=self.LIDAR)
-        alone.sense()
-        assert (batch.lidar().ranges == alone.lidar().ranges).all()
-        assert (among < alone.lidar().ranges).sum() > 100
+        assert np.isfinite(batch.lidar().ranges).all() == sees
+        batch.move([[9, 10, 2]])
+        assert batch.contact.hit.all() == hits
 
 
 class TestContacts:
@@ -424,3 +401,25 @@ class TestPictures:
         envs.batch.bodies.set_pose(np.full((2, 1, 3), [9, 12, 2]))
         moved = envs.render()
         assert (moved[0] != shown[0]).any()
+
+
+@pytest.mark.parametrize("seed", [0, 100, 200])
+def test_random_calls_break_nothing(seed):
+    """A share of `./dev try attacks`: random calls of `batch.bodies`, many of them invalid."""
+    counts = body_attack.run(600, seed)
+    assert counts["refused"] > 100
+    for call in ("spawn", "set_pose", "set_velocity", "remove", "fly", "restore", "remove_all", "check_twin"):
+        assert counts[f"accepted {call}"] > 0, call
+
+
+def test_a_refused_call_that_changes_something_is_found():
+    attack = body_attack.Attack(0)
+
+    def bad_call():
+        attack.batch.bodies.spawn(attack.valid_body())
+        raise ValueError
+
+    attack.batch.bodies.remove()
+    attack.spawn = bad_call
+    with pytest.raises(AssertionError, match=r"a refused bad_call changed .*active"):
+        [attack.call() for _ in range(100)]

@@ -224,9 +224,7 @@ def test_make_vec_and_wrappers_take_it(tmp_path: Any) -> None:
     assert list(tmp_path.rglob("*.mp4"))
 
 
-def test_stable_baselines3_learns_from_every_row() -> None:
-    from stable_baselines3 import PPO
-
+def test_a_vec_env_has_every_row() -> None:
     from flockstep.sb3 import make_vec
 
     vec = make_vec("flockstep/Hover-v0", num_envs=8, drones_per_env=M, max_episode_steps=30)
@@ -235,9 +233,6 @@ def test_stable_baselines3_learns_from_every_row() -> None:
     first = np.array(vec.reset())
     alone = flockstep.DroneVectorEnv(8, task=flockstep.HoverConfig(), max_episode_steps=30)
     np.testing.assert_array_equal(rows(first, 0), alone.reset(seed=5)[0])
-    model = PPO("MlpPolicy", vec, n_steps=8, batch_size=96, n_epochs=1, device="cpu")
-    model.learn(3 * 8 * vec.num_envs)
-    assert model.num_timesteps == 3 * 8 * 24
 
 
 def test_env_calls_take_a_flag_per_env_and_drone_calls_one_per_drone() -> None:

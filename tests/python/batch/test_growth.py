@@ -69,19 +69,6 @@ def test_spawn_takes_indices_envs_or_positions(room):
     assert batch.generation == generation
 
 
-def test_numbers_of_drones_that_do_not_fit_are_refused(room):
-    for num_drones, drones_per_env, said in [
-        (3, 0, ["num_drones", 3]),
-        (0, 2, ["num_drones", 2, 0]),
-        (0, -1, ["drones_per_env", -1]),
-        (-1, 1, ["num_drones = num_envs x drones_per_env", -1]),
-    ]:
-        with refused(ValueError, *said):
-            flockstep.Batch([room], num_drones, drones_per_env=drones_per_env)
-    with refused(ValueError, "num_drones"):
-        empty(room, task=flockstep.NavigationConfig())
-
-
 def test_views_of_old_arrays_keep_their_values(room):
     camera = flockstep.CameraConfig(width_px=8, height_px=6)
     batch = flockstep.Batch([room], 1, lidar=flockstep.LidarConfig(), cameras=[camera], num_threads=1)

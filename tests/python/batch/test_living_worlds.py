@@ -38,14 +38,6 @@ def slider_y(time_s):
 
 
 class TestWorlds:
-    def test_bodies_of_a_world(self):
-        bodies = world(SLIDER, BALL).bodies
-        assert [body.name for body in bodies] == ["slider", "ball"]
-        assert isinstance(bodies[0], BodyConfig)
-        assert bodies[0].motion.kind == "slider"
-        assert tuple(bodies[0].motion.travel_m) == (0, 4, 0)
-        assert world().bodies == []
-
     def test_with_bodies(self):
         ball = BodyConfig(shape="sphere", position_m=[3, 3, 3])
         changed = world(SLIDER).with_bodies([ball])
@@ -103,9 +95,8 @@ class TestBatches:
     def test_too_few_slots_name_the_world(self):
         with refused(ValueError, "max_bodies", 3, '"full"', 2):
             flockstep.Batch([world(SLIDER), world(SLIDER, BALL, CAR, name="full")], 2, max_bodies=2)
-        own = [BodyConfig()]
         with refused(ValueError, "max_bodies", 3, '"room"', 2):
-            flockstep.Batch([world(SLIDER, BALL)], 2, bodies=own, max_bodies=2)
+            flockstep.Batch([world(SLIDER, BALL)], 2, bodies=[BodyConfig()], max_bodies=2)
 
     def test_light_keeps_them(self):
         batch = flown(flockstep.Batch([world(SLIDER)], 1), 4)

@@ -138,27 +138,6 @@ class TestSensors:
         assert (moving.lidar().ranges == standing.lidar().ranges).all()
         assert np.isfinite(moving.lidar().ranges).sum() > 100
 
-    def test_many_that_share_a_mesh_have_their_own_places(self):
-        mesh = star_world()
-        bodies = [
-            BodyConfig(shape="mesh", mesh=mesh, position_m=[x, y, 1.5], quat_wxyz=quat_of(Rotation.from_euler("z", x)))
-            for x in (-4.0, 0.0, 4.0)
-            for y in (-4.0, 0.0, 4.0)
-        ]
-        for k, body in enumerate(bodies):
-            body.semantic = 100 + k
-        camera = CameraConfig(width_px=64, height_px=64, outputs=OUTPUTS, shadows=True)
-        alone, together = [], batch_with(bodies, cameras=[camera])
-        pose = np.float32([[-5.5, -5.5, 5]]), np.float32([quat_of(Rotation.from_euler("zy", [45, 30], degrees=True))])
-        together.set_pose(*pose)
-        ours = images_of(together)
-        for body in bodies:
-            batch = batch_with([body], cameras=[camera])
-            batch.set_pose(*pose)
-            alone.append(images_of(batch)["depth"])
-        np.testing.assert_array_equal(ours["depth"], np.min(alone, axis=0))
-        assert set(range(100, 109)) <= set(ours["semantic"].flat)
-
 
 def box_world(half, random):
     """Return a box as a mesh, with further triangles inside."""

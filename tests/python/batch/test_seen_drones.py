@@ -8,6 +8,7 @@ import gymnasium
 import numpy as np
 import pytest
 from messages import refused
+from simple_tasks import Still
 
 import flockstep
 from flockstep import Batch, CameraConfig, DroneMesh, LidarConfig
@@ -63,17 +64,18 @@ def test_a_world_is_the_same_mesh(room):
         np.testing.assert_array_equal(getattr(by_mesh.camera(), output), getattr(by_world.camera(), output))
 
 
-def test_bad_keywords_are_refused(room):
-    with pytest.raises(ValueError, match="interaction"):
-        flock(room, interaction="sometimes")
-    with refused(TypeError, "drone_mesh", 3):
-        flock(room, drone_mesh=3)
-    with refused(ValueError, "drone_mesh"):
-        flock(room, drone_mesh=RED, interaction="collide")
-    with refused(ValueError, "drone_mesh"):
-        flock(room, drone_mesh=room)
-    with refused(ValueError, "drones_per_env"):
-        Batch(room, 4097, drones_per_env=4097, interaction="sense")
+@pytest.mark.parametrize(
+    ("keywords", "error", "said"),
+    [
+        ({"interaction": "sometimes"}, ValueError, ["interaction", "sometimes"]),
+        ({"drone_mesh": 3}, TypeError, ["drone_mesh", 3]),
+        ({"drone_mesh": RED, "interaction": "collide"}, ValueError, ["drone_mesh", None]),
+        ({"drone_mesh": flockstep.World.playground(0)}, ValueError, ["drone_mesh", "triangles"]),
+    ],
+)
+def test_bad_keywords_are_refused(room, keywords, error, said):
+    with refused(error, *said):
+        flock(room, **keywords)
 
 
 def test_environments_accept_copy_pickle_and_describe_them(room):
@@ -100,16 +102,13 @@ def test_environments_accept_copy_pickle_and_describe_them(room):
 
 
 def test_a_task_declares_it(room):
-    class Idle(flockstep.Task):
+    class Idle(Still):
         observation_space = gymnasium.spaces.Box(0, 100, (4,), np.float32)
         lidar = LidarConfig(beams=4, hfov_deg=360, max_range_m=20)
         interaction = "sense"
 
         def reset(self, batch, mask):
             batch.set_pose(np.tile(np.float32([[0, 0, 2], [2, 0, 2]]), (batch.num_envs, 1)), mask=mask)
-
-        def step(self, batch):
-            return np.zeros(batch.num_drones, np.float32), np.zeros(batch.num_drones, bool)
 
         def observe(self, batch):
             return batch.lidar().ranges.reshape(batch.num_drones, 4)

@@ -3,21 +3,13 @@
 import gymnasium
 import numpy as np
 import pytest
+from messages import refused
+from simple_tasks import Still
 
 import flockstep
 from flockstep.serialization import from_plain, to_plain
 
 ID = "flockstep/LidarNavigation-v0"
-
-
-class Still(flockstep.Task):
-    observation_space = gymnasium.spaces.Box(-np.inf, np.inf, (3,), np.float32)
-
-    def step(self, batch):
-        return np.zeros(batch.num_drones), batch.contact.hit
-
-    def observe(self, batch):
-        return batch.position
 
 
 def flown(env):
@@ -93,13 +85,13 @@ def test_defaults_of_a_registered_task(room, closet):
 @pytest.mark.parametrize(
     ("name", "said"),
     [
-        ("num_envs", "expected no defaults for num_envs, autoreset_mode, copy, got num_envs$"),
-        ("copy", "expected no defaults for num_envs, autoreset_mode, copy, got copy$"),
-        ("wrlds", "unexpected keyword argument 'wrlds'.*worlds"),
+        ("num_envs", ["register_task", "got num_envs"]),
+        ("copy", ["register_task", "got copy"]),
+        ("wrlds", ["wrlds", "worlds"]),
     ],
 )
 def test_invalid_defaults_are_refused(name, said):
-    with pytest.raises(TypeError, match=said):
+    with refused(TypeError, *said):
         flockstep.register_task("test/Still-v2", Still, **{name: 3})
     assert "test/Still-v2" not in gymnasium.registry
 
@@ -110,14 +102,14 @@ def test_a_class_that_cannot_be_found_stays_itself():
 
 
 @pytest.mark.parametrize(
-    ("value", "match"),
+    ("value", "said"),
     [
-        ({"flockstep.Lidar": {}}, "expected one of .*LidarConfig.*got 'flockstep.Lidar'"),
-        ({"flockstep.Task": "flockstep:Nothing"}, "expected a class of the module 'flockstep', got 'Nothing'"),
+        ({"flockstep.Lidar": {}}, ["LidarConfig", "flockstep.Lidar"]),
+        ({"flockstep.Task": "flockstep:Nothing"}, ["task", "flockstep", "Nothing"]),
     ],
 )
-def test_an_unknown_kind_is_named(value, match):
-    with pytest.raises(ValueError, match=match):
+def test_an_unknown_kind_is_named(value, said):
+    with refused(ValueError, *said):
         from_plain(value)
 
 

@@ -128,5 +128,5 @@ def test_without_pillow_the_error_says_what_to_install(room, tmp_path, monkeypat
     batch = batch_of(room)
     batch.sense()
     monkeypatch.setitem(sys.modules, "PIL", None)
-    with pytest.raises(ModuleNotFoundError, match="pip install pillow"):
+    with refused(ModuleNotFoundError, "pip install pillow"):
         batch.camera().save_frames(tmp_path)

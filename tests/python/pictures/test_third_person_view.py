@@ -4,6 +4,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+import trimesh
 from messages import refused
 
 import flockstep
@@ -93,20 +94,9 @@ def test_it_is_as_large_as_its_rotors_or_its_hull(room, drone):
 
 def test_a_mesh_is_what_is_seen_and_how_far_off_the_viewer_is(room):
     """A slab twice as long as the drone fills the same rectangle as its projected corners, also in the fleet view."""
-    slab = np.array([[x, y, z] for x in (-0.9, 0.9) for y in (-0.3, 0.3) for z in (-0.1, 0.1)])
-    faces = [
-        [0, 1, 3],
-        [0, 3, 2],
-        [4, 6, 7],
-        [4, 7, 5],
-        [0, 4, 5],
-        [0, 5, 1],
-        [2, 3, 7],
-        [2, 7, 6],
-        [0, 2, 6],
-        [0, 6, 4],
-    ]
-    mesh = flockstep.DroneMesh(slab, [*faces, [1, 5, 7], [1, 7, 3]], (0.02, 0.08, 0.5))
+    box = trimesh.creation.box((1.8, 0.6, 0.2))
+    slab = np.array(box.vertices)
+    mesh = flockstep.DroneMesh(slab, box.faces, (0.02, 0.08, 0.5))
     batch = flockstep.Batch([room], 2, drone=flockstep.DroneModel())
     batch.set_pose(np.float32([[5, 6, 2], [6.5, 2, 2]]))
     view = ThirdPersonView(batch, mesh=mesh, beams=False)
@@ -389,13 +379,10 @@ def test_a_picture_depends_only_on_its_env(room, closet):
     np.testing.assert_array_equal(frames[0], frames[3])
     np.testing.assert_array_equal(frames[0], frames[2])
     assert changed(frames[0], frames[1]).any()
-    before = batch.position.copy()
-    np.testing.assert_array_equal(batch.position, before)
 
 
-@pytest.mark.parametrize("hull", [[[0, 0, 0], [0.1, 0, 0], [0, 0.1, 0], [0, 0, 0.1]]])
-def test_any_hull_is_drawn_at_a_size_to_be_seen(room, hull):
-    drone = flockstep.DroneModel(np.float32(hull))
+def test_a_small_hull_is_drawn_at_a_size_to_be_seen(room):
+    drone = flockstep.DroneModel(np.float32([[0, 0, 0], [0.1, 0, 0], [0, 0.1, 0], [0, 0, 0.1]]))
     batch = flockstep.Batch([room], drone=drone)
     batch.set_pose(np.float32([[5, 6, 2]]))
     assert mask_of(ThirdPersonView(batch).frame(0), "hull").sum() > 500

@@ -13,7 +13,7 @@ import pytest
 import flockstep
 
 OUTPUTS = ("rgb", "depth", "semantic", "instance", "normal", "grey")
-POSES = 1000
+POSES = 400
 
 
 def random_poses(
@@ -100,22 +100,6 @@ def test_backends_agree(name: str) -> None:
         assert np.abs(ours - theirs).mean() < 2
     turned = (raycast.normal * gl.normal).sum(-1)[:, 1:-1, 1:-1][inner]
     assert (turned[seen] > 0.999).mean() > 0.99  # except at edges between the walls of a room, which are one instance
-
-
-def test_gl_repeats_what_raycast_shows_after_moves() -> None:
-    """A batch reuses one renderer, also for only some of its frames."""
-    world = flockstep.scenes.load("playground/camera-train-1")[0]
-    rng = np.random.default_rng(2)
-    camera = flockstep.CameraConfig(width_px=32, height_px=24, outputs=("instance",))
-    batches = [flockstep.Batch([world], 8, cameras=[camera], camera_backend=name) for name in ("raycast", "gl")]
-    for _ in range(20):
-        poses, mask = random_poses(world, 8, rng), rng.random(8) < 0.6
-        for batch in batches:
-            batch.set_pose(*poses, mask)
-            batch.sense(mask)
-        raycast, gl = (batch.camera() for batch in batches)
-        assert (raycast.instance == gl.instance).mean() > 0.99
-        np.testing.assert_array_equal(raycast.frame_step, gl.frame_step)
 
 
 @pytest.mark.parametrize("autoreset_mode", ["next_step", "same_step"])

@@ -4,7 +4,6 @@ import copy
 import pickle
 
 import gymnasium
-import imageio.v3 as imageio
 import numpy as np
 import pytest
 from gymnasium import spaces
@@ -155,18 +154,6 @@ class TestResize:
         assert not camera.rgb[2].any()
         assert np.isinf(camera.depth[2]).all()
         assert camera.hsv[1].any()
-
-    @pytest.mark.parametrize("layout", ["hwc", "chw"])
-    def test_files(self, world, tmp_path, layout):
-        batch = rendered(world, outputs=("rgb", "hsv", "depth"), resize=(20, 10), layout=layout)
-        camera = batch.camera()
-        paths = camera.save_frames(tmp_path, indices=1)
-        read = {path.stem.removeprefix("front-1-"): imageio.imread(path) for path in paths}
-        for output in ("rgb", "hsv"):
-            frame = getattr(camera, output)[1]
-            np.testing.assert_array_equal(read[output], frame if layout == "hwc" else frame.transpose(1, 2, 0))
-        assert read["depth"].shape == (10, 20)
-        assert imageio.imread(camera.jpeg(1), extension=".jpg").shape == (10, 20, 3)
 
 
 class Look(flockstep.Task):

@@ -15,25 +15,14 @@ TILTED_RAD = np.deg2rad(np.arange(-150, 150, 5.0))
 # At their ranges, neighbouring beams are less than 0.6 m apart: they are well within the limit of slices by default.
 FANS = {
     "default": LidarConfig(),
-    "full turn": LidarConfig(beams=72, hfov_deg=360, max_range_m=6),
-    "narrow": LidarConfig(beams=20, hfov_deg=20, max_range_m=30),
     "more beams than one bundle has": LidarConfig(beams=700, hfov_deg=330, max_range_m=15),
-    "three channels in one plane": LidarConfig(channels=3, beams=30, max_range_m=3),
     "one of three channels in a plane": LidarConfig(channels=3, beams=30, vfov_deg=40, max_range_m=3),
     "column": LidarConfig(channels=50, beams=1, vfov_deg=170, max_range_m=5),
     "mounted on its side": LidarConfig(max_range_m=4, quat_wxyz=(0.5, 0.5, -0.5, 0.5), offset_m=(0.1, 0, 0.05)),
-    "pattern in an upright plane": LidarConfig(
-        azimuth_deg=[90.0] * 20 + [-90.0] * 20, elevation_deg=[*np.linspace(-89, 89, 20)] * 2, max_range_m=3
-    ),
     "pattern in a tilted plane": LidarConfig(
         azimuth_deg=np.rad2deg(TILTED_RAD).tolist(),
         elevation_deg=np.rad2deg(np.arctan(0.6 * np.sin(TILTED_RAD))).tolist(),
         max_range_m=6,
-    ),
-    "pattern without order": LidarConfig(
-        azimuth_deg=np.random.default_rng(3).uniform(-180, 180, 40).tolist() + [5.0] * 3,
-        elevation_deg=[0.0] * 43,
-        max_range_m=3,
     ),
 }
 
@@ -63,17 +52,6 @@ def office():
 @pytest.fixture(scope="module", params=["indoor/office", "indoor/warehouse"])
 def world(request):
     return World.load(request.param)
-
-
-def test_it_measures_what_embree_does(office):
-    tiles, embree = envs_in(office, "tiles"), envs_in(office, "embree")
-    for a, b in zip(fly(tiles), fly(embree), strict=True):
-        for near, far in ((a[0], b[0]), (a[2], b[2])):
-            same = np.isclose(near, far, rtol=1e-4, atol=1e-4)
-            assert np.mean(same) > 0.999
-        # Some faces of doors and their frames are coplanar: either may be visible.
-        assert np.mean(np.abs(a[1].astype(int) - b[1]) <= 1) > 0.99
-    assert embree.batch.embree_rays > tiles.batch.embree_rays
 
 
 @pytest.mark.parametrize("name", ["LidarNavigation", "CameraNavigation", "CameraPixels", "Formation", "Dodge"])
