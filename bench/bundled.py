@@ -142,21 +142,19 @@ def plainer(world: flockstep.World, without: tuple[str, ...]) -> flockstep.World
 
 
 def measure_looks() -> list[Measured]:
-    """Time frames of 320 x 240 on one thread, by both backends, with and without features that make them realistic."""
+    """Time frames of 320 x 240 on one thread, with and without features that make them realistic."""
     (world,) = flockstep.scenes.load(LOOKS_IN)
     places = world.free_places(8, seed=0)
     batches = {}
-    for backend in ("raycast", "gl"):
-        for look, (without, settings) in LOOKS.items():
-            camera = flockstep.CameraConfig(width_px=320, height_px=240, hfov_deg=90.0, far_m=1000.0, **settings)
-            batches[backend, look] = sensing(plainer(world, without), places, cameras=[camera], camera_backend=backend)
-    times: dict[tuple[str, str], list[float]] = {key: [] for key in batches}
+    for look, (without, settings) in LOOKS.items():
+        camera = flockstep.CameraConfig(width_px=320, height_px=240, hfov_deg=90.0, far_m=1000.0, **settings)
+        batches[look] = sensing(plainer(world, without), places, cameras=[camera])
+    times: dict[str, list[float]] = {look: [] for look in batches}
     for _ in range(RUNS):
-        for key, batch in batches.items():
-            times[key].append(seconds_per_sense(batch, 0.3) / batch.num_drones)
+        for look, batch in batches.items():
+            times[look].append(seconds_per_sense(batch, 0.3) / batch.num_drones)
     return [
-        (f"looks/{backend}/{look}/ms_per_frame", 1e3 * statistics.median(times[backend, look]), "ms", RUNS)
-        for backend, look in batches
+        (f"looks/raycast/{look}/ms_per_frame", 1e3 * statistics.median(times[look]), "ms", RUNS) for look in batches
     ]
 
 

@@ -45,8 +45,8 @@ class EnvKeywords(TypedDict, total=False):
         drones.
     camera_backend
         Renderer of cameras. ``"raycast"``: the engine's own tracing, which needs no GPU and is bitwise reproducible.
-        ``"gl"``: OpenGL 4.5 through EGL, headless; if it is missing, raycast with a warning. ``"auto"``: the faster of
-        the two on the batch's worlds, timed when the batch is made.
+        ``"gl"``: OpenGL 4.5 through EGL, headless: the same geometry, without shadows and fog; if it is missing,
+        raycast with a warning. ``"auto"``: raycast.
     tracer
         Method that traces rays against triangles. ``"auto"``: the fastest for each sensor. LiDAR channels whose beams
         lie in a plane and close together (fans) are traced in a slice of the world; neighbouring rays of cameras and of

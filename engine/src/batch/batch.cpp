@@ -222,14 +222,14 @@ Batch::Batch(BatchConfig config, Worlds worlds, std::unique_ptr<Task> task, Dron
              std::span<const std::int32_t> world_index)
     : lock_(std::make_unique<CallLock>()),
       sim_(std::make_shared<Simulation>(std::move(config), std::move(worlds), std::move(task), std::move(drone), world_index)) {
-  sim_->choose_backend();
+  sim_->cameras.start_backend(sim_->config.camera_backend, sim_->workers);
 }
 
 Batch::Batch(BatchConfig config, WorldPool pool, std::unique_ptr<Task> task, DroneModel drone)
     : lock_(std::make_unique<CallLock>()),
       sim_(std::make_shared<Simulation>(std::move(config), Worlds(), std::move(task), std::move(drone),
                                         std::span<const std::int32_t>(), std::move(pool))) {
-  sim_->choose_backend();
+  sim_->cameras.start_backend(sim_->config.camera_backend, sim_->workers);
 }
 
 Batch::~Batch() = default;

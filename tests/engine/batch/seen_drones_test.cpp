@@ -396,6 +396,7 @@ TEST_P(SeenDronesBy, CamerasShowThemAsBodiesWithTheirMesh) {
   config.interaction = Interaction::both;
   config.camera_backend = backend;
   config.cameras = {camera_of()};
+  config.cameras[0].shadows = backend == CameraBackend::raycast;
   if (has_mesh) config.drone_mesh = arrow();
   const DroneModel tetrahedron({{0.5F, 0, 0}, {-0.3F, 0.3F, 0}, {-0.3F, -0.3F, 0}, {-0.2F, 0, 0.25F}});
   WorldBuilder grey("grey");
@@ -475,6 +476,7 @@ TEST(SeenDrones, TheBackendsAgree) {
   config.num_threads = 1;
   config.interaction = Interaction::sense;
   config.cameras = {camera_of()};
+  config.cameras[0].shadows = false;
   config.drone_mesh = arrow();
   Batch traced(config, {hall()});
   config.camera_backend = CameraBackend::gl;
@@ -492,7 +494,7 @@ TEST(SeenDrones, TheBackendsAgree) {
       ++pixels;
       const bool same_thing = traced.images(0).instance[pixel] == drawn.images(0).instance[pixel];
       const int off = std::abs(traced.images(0).grey[pixel] - drawn.images(0).grey[pixel]);
-      same += same_thing && off <= 2 ? 1 : 0;
+      same += same_thing && off <= 4 ? 1 : 0;
       of_drones += traced.images(0).semantic[pixel] == kSemanticDrone ? 1 : 0;
     }
   }
@@ -502,34 +504,30 @@ TEST(SeenDrones, TheBackendsAgree) {
 
 // The own drone casts no shadow for its cameras; another one does.
 TEST(SeenDrones, CastShadowsForTheOthers) {
-  for (const CameraBackend backend : {CameraBackend::raycast, CameraBackend::gl}) {
-    BatchConfig config;
-    config.drones_per_env = 2;
-    config.num_threads = 1;
-    config.interaction = Interaction::sense;
-    config.camera_backend = backend;
-    config.cameras = {camera_of()};
-    config.cameras[0].quat_wxyz = {0.70710678F, 0, 0.70710678F, 0};  // down
-    SceneDescription scene;
-    scene.materials = {{"chalk", {0.7F, 0.7F, 0.6F}, 0}};
-    scene.primitives = {primitive(PrimitiveKind::plane, {0, 0, 0}, {9, 9, 0})};
-    scene.light.sun_direction = {0, 0, 1};
-    const auto world = std::make_shared<const World>(scene);
-    Batch batch(config, {world});
-    if (batch.camera_backend_report().find("not installed") != std::string::npos) continue;
-    const auto middle_of_first = [&](float above) {
-      batch.set_pose(std::vector<float>{0, 0, 2, above, 0, 4}, {});
-      batch.sense();
-      return int{batch.images(0).grey[24 * 64 + 32]};
-    };
-    const int lit = middle_of_first(5.0F), shaded = middle_of_first(0.0F);
-    EXPECT_LT(shaded, lit - 20);
-    config.interaction = Interaction::none;
-    Batch unseen(config, {world});
-    unseen.set_pose(std::vector<float>{0, 0, 2, 5, 0, 4}, {});
-    unseen.sense();
-    EXPECT_EQ(lit, int{unseen.images(0).grey[24 * 64 + 32]});
-  }
+  BatchConfig config;
+  config.drones_per_env = 2;
+  config.num_threads = 1;
+  config.interaction = Interaction::sense;
+  config.cameras = {camera_of()};
+  config.cameras[0].quat_wxyz = {0.70710678F, 0, 0.70710678F, 0};  // down
+  SceneDescription scene;
+  scene.materials = {{"chalk", {0.7F, 0.7F, 0.6F}, 0}};
+  scene.primitives = {primitive(PrimitiveKind::plane, {0, 0, 0}, {9, 9, 0})};
+  scene.light.sun_direction = {0, 0, 1};
+  const auto world = std::make_shared<const World>(scene);
+  Batch batch(config, {world});
+  const auto middle_of_first = [&](float above) {
+    batch.set_pose(std::vector<float>{0, 0, 2, above, 0, 4}, {});
+    batch.sense();
+    return int{batch.images(0).grey[24 * 64 + 32]};
+  };
+  const int lit = middle_of_first(5.0F), shaded = middle_of_first(0.0F);
+  EXPECT_LT(shaded, lit - 20);
+  config.interaction = Interaction::none;
+  Batch unseen(config, {world});
+  unseen.set_pose(std::vector<float>{0, 0, 2, 5, 0, 4}, {});
+  unseen.sense();
+  EXPECT_EQ(lit, int{unseen.images(0).grey[24 * 64 + 32]});
 }
 
 TEST(SeenDrones, BadConfigurationsAreRefused) {

@@ -83,35 +83,25 @@ CameraConfig camera_of(bool shadows) {
   return camera;
 }
 
-class TexturedPictures : public ::testing::TestWithParam<CameraBackend> {};
-
-TEST_P(TexturedPictures, AgreeWithTheOracle) {
+TEST(TexturedPictures, AgreeWithTheOracle) {
   const auto world = place();
   Compared all;
   for (const bool shadows : {false, true}) {
-    BatchConfig config = testing::camera_batch(camera_of(shadows), 3);
-    config.camera_backend = GetParam();
-    std::unique_ptr<Batch> batch;
-    try {
-      batch = std::make_unique<Batch>(config, Batch::Worlds{world});
-    } catch (const std::exception& error) {
-      if (std::string(error.what()).find("not installed") == std::string::npos) throw;
-      GTEST_SKIP() << error.what();
-    }
+    Batch batch(testing::camera_batch(camera_of(shadows), 3), {world});
     const Quat down(Eigen::AngleAxisf(0.5F, Vec3::UnitY()));
     const Quat aside(Eigen::AngleAxisf(-0.6F, Vec3::UnitZ()));
     std::vector<float> turns;
     for (const Quat& q : {Quat::Identity(), down, Quat(aside * down)}) turns.insert(turns.end(), {q.w(), q.x(), q.y(), q.z()});
-    batch->set_pose(std::vector<float>{-4, 0, 1.5F, -1, 1, 3, 0, 0, 0.4F}, turns);
-    batch->sense();
-    for (std::size_t drone = 0; drone < 3; ++drone) all += expect_picture(*batch, drone, 0, 7);
+    batch.set_pose(std::vector<float>{-4, 0, 1.5F, -1, 1, 3, 0, 0, 0.4F}, turns);
+    batch.sense();
+    for (std::size_t drone = 0; drone < 3; ++drone) all += expect_picture(batch, drone, 0, 7);
   }
   EXPECT_GT(all.clear, 10000U);
   for (const int element : {0, 1, 2, 3, 4, 5, 6, 7, 8}) EXPECT_TRUE(all.elements.contains(element)) << element;
 }
 
 // Neighbouring entries in a backend's arrays must not matter.
-TEST_P(TexturedPictures, OfSeveralWorlds) {
+TEST(TexturedPictures, OfSeveralWorlds) {
   const auto textured = place();
   SceneDescription other;
   other.textures = {patches(5, 9, 1, 4, {TextureWrap::clamp, TextureWrap::mirror})};
@@ -120,26 +110,15 @@ TEST_P(TexturedPictures, OfSeveralWorlds) {
   SceneDescription plain;
   add_quad(plain, {3, -4, -2}, {0, 8, 1}, {0, -1, 6}, 0, {});
   const auto plain_world = std::make_shared<const World>(plain);
-  BatchConfig config = testing::camera_batch(camera_of(false), 4);
-  config.camera_backend = GetParam();
-  std::unique_ptr<Batch> batch;
-  try {
-    batch = std::make_unique<Batch>(
-        config, Batch::Worlds{plain_world, textured, testing::closet(), std::make_shared<const World>(other)});
-  } catch (const std::exception& error) {
-    if (std::string(error.what()).find("not installed") == std::string::npos) throw;
-    GTEST_SKIP() << error.what();
-  }
-  batch->set_pose(std::vector<float>{0, 0, 1, 0, 0, 1, 1, 1, 1, 0, 0, 1}, {});
-  batch->sense();
+  Batch batch(testing::camera_batch(camera_of(false), 4),
+              {plain_world, textured, testing::closet(), std::make_shared<const World>(other)});
+  batch.set_pose(std::vector<float>{0, 0, 1, 0, 0, 1, 1, 1, 1, 0, 0, 1}, {});
+  batch.sense();
   for (std::size_t drone = 0; drone < 4; ++drone) {
-    EXPECT_EQ(batch->state().world_index[drone], static_cast<std::int32_t>(drone));
-    EXPECT_GT(expect_picture(*batch, drone, 0, 7).clear, 2000U);
+    EXPECT_EQ(batch.state().world_index[drone], static_cast<std::int32_t>(drone));
+    EXPECT_GT(expect_picture(batch, drone, 0, 7).clear, 2000U);
   }
 }
-
-INSTANTIATE_TEST_SUITE_P(Backends, TexturedPictures, ::testing::Values(CameraBackend::raycast, CameraBackend::gl),
-                         [](const auto& info) { return std::string(info.param == CameraBackend::gl ? "Gl" : "Raycast"); });
 
 TEST(Textures, ColoursDoNotDependOnOtherOutputs) {
   const auto world = place();

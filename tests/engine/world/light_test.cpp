@@ -1,4 +1,4 @@
-// Sunlight in images of both backends, compared with the oracle.
+// Sunlight in images, compared with the oracle.
 
 #include <gtest/gtest.h>
 
@@ -39,20 +39,12 @@ struct View {
   Vec3 from, towards;
 };
 
-class LitPictures : public ::testing::TestWithParam<CameraBackend> {
+class LitPictures : public ::testing::Test {
  protected:
-  // Returns a batch with images from all views, or null if OpenGL is not installed.
+  // Returns a batch with images from all views.
   static std::unique_ptr<Batch> pictures(const Batch::Worlds& worlds, const CameraConfig& camera,
                                          const std::vector<View>& views) {
-    BatchConfig config = camera_batch(camera, static_cast<int>(views.size()));
-    config.camera_backend = GetParam();
-    std::unique_ptr<Batch> batch;
-    try {
-      batch = std::make_unique<Batch>(config, worlds);
-    } catch (const std::exception& error) {
-      if (std::string(error.what()).find("not installed") == std::string::npos) throw;
-      return nullptr;
-    }
+    auto batch = std::make_unique<Batch>(camera_batch(camera, static_cast<int>(views.size())), worlds);
     std::vector<float> places, turns;
     for (const auto& [from, towards] : views) {
       const Vec3 along = towards - from;
@@ -70,18 +62,14 @@ class LitPictures : public ::testing::TestWithParam<CameraBackend> {
                            std::size_t stride) {
     const auto batch = pictures({world}, camera, views);
     Compared all;
-    for (std::size_t drone = 0; batch && drone < views.size(); ++drone) all += expect_picture(*batch, drone, 0, stride);
+    for (std::size_t drone = 0; drone < views.size(); ++drone) all += expect_picture(*batch, drone, 0, stride);
     return all;
   }
 };
 
-#define PICTURES_OR_SKIP(name, ...) \
-  const auto name = __VA_ARGS__;    \
-  if (name.pixels == 0) GTEST_SKIP() << "OpenGL is not installed"
-
 // A room on open ground. The sun shines into it and lights its floor, except in a pillar's shadow. The room's shadow lies
 // behind it.
-TEST_P(LitPictures, ARoomLetsTheSunInAndShadesTheSpaceBehindIt) {
+TEST_F(LitPictures, ARoomLetsTheSunInAndShadesTheSpaceBehindIt) {
   SceneDescription scene;
   scene.light.sun_direction = {-0.6F, 0.3F, 0.7F};
   scene.primitives = {primitive(room, {0, 0, 1.5F}, {2, 1.5F, 1.4F}), primitive(cylinder, {0.5F, 0, 1.5F}, {0.3F, 0.3F, 1.4F}),
@@ -90,7 +78,7 @@ TEST_P(LitPictures, ARoomLetsTheSunInAndShadesTheSpaceBehindIt) {
   const auto world = std::make_shared<const World>(scene);
   const std::vector<View> outside{{{9, -5, 5}, {3, -1, 0}}, {{7, 6, 2}, {3, 0, 0}}};
   ASSERT_TRUE(oracle::is_shaded(*world, {3.5, -0.9, 0.01})) << "by the room alone";
-  PICTURES_OR_SKIP(out, compared(world, camera_of(true), outside, 1));
+  const Compared out = compared(world, camera_of(true), outside, 1);
   EXPECT_GT(out.shaded, 250U);
   EXPECT_GT(out.lit, 500U);
   const std::vector<View> inside{{{-1.8F, -1.3F, 2.7F}, {0.5F, 0.3F, 0}}};
@@ -100,7 +88,7 @@ TEST_P(LitPictures, ARoomLetsTheSunInAndShadesTheSpaceBehindIt) {
 }
 
 // A mast in front of the sun.
-TEST_P(LitPictures, TheSunStandsInTheSky) {
+TEST_F(LitPictures, TheSunStandsInTheSky) {
   for (const float radius : {0.0F, 0.27F, 3.0F, 20.0F}) {
     SceneDescription scene;
     scene.light.sun_direction = {0.8F, 0.1F, 0.6F};
@@ -112,13 +100,13 @@ TEST_P(LitPictures, TheSunStandsInTheSky) {
     const std::vector<View> views{
         {eye, eye + Vec3(8, 1, 6)}, {eye, {2, -1, 1.5F}}, {eye, {-2, 1, 0.5F}}, {{0.3F, -2, 4}, {1, 1, 9}}};
     const auto world = std::make_shared<const World>(scene);
-    PICTURES_OR_SKIP(wide, compared(world, camera_of(false), views, 3));
+    const Compared wide = compared(world, camera_of(false), views, 3);
     EXPECT_GT(wide.sky, 3000U);
     EXPECT_GT(compared(world, camera_of(false, 4.0F), {views[0]}, 1).sky, 3000U);  // the disc's edge, magnified
   }
 }
 
-TEST_P(LitPictures, OfWorldsWithAndWithoutASunInTheSky) {
+TEST_F(LitPictures, OfWorldsWithAndWithoutASunInTheSky) {
   SceneDescription plain;
   plain.light.sun_direction = {1, 0, 0.2F};
   plain.primitives = {primitive(box, {3, 3, 0}, {1, 1, 1})};
@@ -130,7 +118,6 @@ TEST_P(LitPictures, OfWorldsWithAndWithoutASunInTheSky) {
   for (const SceneDescription& scene : {plain, sunny, dark}) worlds.push_back(std::make_shared<const World>(scene));
   const std::vector<View> views(3, {{0, 0, 0}, {3, 0.5F, 0.5F}});
   const auto batch = pictures(worlds, camera_of(false), views);
-  if (!batch) GTEST_SKIP() << "OpenGL is not installed";
   for (std::size_t drone = 0; drone < 3; ++drone) EXPECT_GT(expect_picture(*batch, drone, 0, 3).sky, 1000U);
   const auto& rgb = batch->images(0).rgb;
   const auto size = static_cast<std::ptrdiff_t>(rgb.size() / 3);
@@ -187,16 +174,16 @@ std::shared_ptr<const World> lamps() {
 
 const std::vector<View> kLampViews{{{0, 0, 2}, {5, 0, 2}}, {{1, -3, 3}, {5, 0, 1}}, {{8, 2, 3.5F}, {4.5F, 0, 2}}};
 
-TEST_P(LitPictures, EmissionAndColoursOfVertices) {
+TEST_F(LitPictures, EmissionAndColoursOfVertices) {
   for (const bool shadows : {false, true}) {
-    PICTURES_OR_SKIP(all, compared(lamps(), camera_of(shadows), kLampViews, 2));
+    const Compared all = compared(lamps(), camera_of(shadows), kLampViews, 2);
     EXPECT_GT(all.clear, 6000U);
     for (int element = 0; element < 12 + 21; ++element) EXPECT_TRUE(all.elements.contains(element)) << element;
   }
 }
 
 // Neighbouring entries in a backend's arrays must not matter. Covers colours without textures, and emission without either.
-TEST_P(LitPictures, OfSeveralWorldsThatGlow) {
+TEST_F(LitPictures, OfSeveralWorldsThatGlow) {
   SceneDescription colored;
   colored.mesh.vertices = {Vec3(3, -2, -1), Vec3(3, 2, -1), Vec3(3, 0, 2)};
   colored.mesh.triangles = {{0, 1, 2}};
@@ -206,7 +193,6 @@ TEST_P(LitPictures, OfSeveralWorldsThatGlow) {
   const Batch::Worlds worlds{std::make_shared<const World>(glowing), lamps(), testing::closet(),
                              std::make_shared<const World>(colored), std::make_shared<const World>(glowing)};
   const auto batch = pictures(worlds, camera_of(true), std::vector<View>(5, {{0, 0, 1}, {3, 0, 1}}));
-  if (!batch) GTEST_SKIP() << "OpenGL is not installed";
   for (std::size_t drone = 0; drone < 5; ++drone) EXPECT_GT(expect_picture(*batch, drone, 0, 5).clear, 1000U);
 }
 
@@ -246,11 +232,11 @@ std::shared_ptr<const World> exhibition() {
   return std::make_shared<const World>(scene);
 }
 
-TEST_P(LitPictures, Fog) {
+TEST_F(LitPictures, Fog) {
   const std::vector<View> views{{{0, 0, 0}, {8, 0, 0}}, {{0, -3, 3}, {9, 0, -1}}, {{3, 0, 1.5F}, {13, -2, 2}}};
   for (const float visibility : {0.5F, 12.0F, 1000.0F}) {
     for (const bool shadows : {false, true}) {
-      PICTURES_OR_SKIP(all, compared(foggy(exhibition(), visibility), camera_of(shadows), views, 3));
+      const Compared all = compared(foggy(exhibition(), visibility), camera_of(shadows), views, 3);
       EXPECT_GT(all.clear, 5000U);
       EXPECT_GT(all.sky, 500U);
       EXPECT_GT(all.elements.size(), 12U);
@@ -258,17 +244,16 @@ TEST_P(LitPictures, Fog) {
   }
 }
 
-TEST_P(LitPictures, FogBeforeLampsAndColoursOfVertices) {
-  PICTURES_OR_SKIP(all, compared(foggy(lamps(), 4.0F), camera_of(true), kLampViews, 2));
+TEST_F(LitPictures, FogBeforeLampsAndColoursOfVertices) {
+  const Compared all = compared(foggy(lamps(), 4.0F), camera_of(true), kLampViews, 2);
   EXPECT_GT(all.clear, 6000U);
 }
 
 // Worlds without fog show the same bits beside others with fog.
-TEST_P(LitPictures, OfWorldsWithAndWithoutFog) {
+TEST_F(LitPictures, OfWorldsWithAndWithoutFog) {
   const Batch::Worlds worlds{exhibition(), foggy(exhibition(), 6.0F), lamps(), foggy(testing::closet(), 2.0F), exhibition()};
   const View view{{0, 0, 1}, {3, 0, 1}};
   const auto batch = pictures(worlds, camera_of(true), std::vector<View>(5, view));
-  if (!batch) GTEST_SKIP() << "OpenGL is not installed";
   for (std::size_t drone = 0; drone < 5; ++drone) EXPECT_GT(expect_picture(*batch, drone, 0, 5).clear, 1000U);
   const auto only = pictures({exhibition()}, camera_of(true), {view});
   const auto& rgb = batch->images(0).rgb;
@@ -276,9 +261,6 @@ TEST_P(LitPictures, OfWorldsWithAndWithoutFog) {
   EXPECT_TRUE(std::equal(only->images(0).rgb.begin(), only->images(0).rgb.end(),
                          rgb.begin() + 4 * static_cast<std::ptrdiff_t>(rgb.size() / 5)));
 }
-
-INSTANTIATE_TEST_SUITE_P(Backends, LitPictures, ::testing::Values(CameraBackend::raycast, CameraBackend::gl),
-                         [](const auto& info) { return std::string(info.param == CameraBackend::gl ? "Gl" : "Raycast"); });
 
 TEST(Light, EverySimdTargetShowsTheSameBits) {
   SceneDescription sky;

@@ -13,12 +13,11 @@ import flockstep
 CAMERA = {"width_px": 96, "height_px": 72, "outputs": ["rgb", "depth"], "shadows": True}
 
 
-def picture(worlds: list[flockstep.World], backend: str) -> flockstep.Camera:
+def picture(worlds: list[flockstep.World]) -> flockstep.Camera:
     batch = flockstep.Batch(
         worlds,
         num_drones=len(worlds),
         cameras=[flockstep.CameraConfig(**CAMERA)],
-        camera_backend=backend,
     )
     place = np.add(worlds[0].start, (0, 0, 1))
     batch.set_pose(np.tile(place, (len(worlds), 1)))
@@ -26,12 +25,9 @@ def picture(worlds: list[flockstep.World], backend: str) -> flockstep.Camera:
     return batch.camera()
 
 
-def test_backends_agree_in_every_light() -> None:
+def test_only_colours_change() -> None:
     worlds = flockstep.relight("outdoor/forest", 3, seed=4)
-    drawn, traced = picture(worlds, "gl"), picture(worlds, "raycast")
-    for env in range(len(worlds)):
-        apart = np.abs(traced.rgb[env].astype(int) - drawn.rgb[env].astype(int)).max(axis=-1)
-        assert np.mean(apart > 2) < 0.02  # silhouettes of leaves
+    traced = picture(worlds)
     assert not np.array_equal(traced.rgb[0], traced.rgb[1])
     assert np.array_equal(traced.depth[0], traced.depth[1])
 
