@@ -470,38 +470,6 @@ TEST_P(SeenDronesBy, CamerasShowThemAsBodiesWithTheirMesh) {
 INSTANTIATE_TEST_SUITE_P(Backends, SeenDronesBy,
                          ::testing::Combine(::testing::Values(CameraBackend::raycast, CameraBackend::gl), ::testing::Bool()));
 
-TEST(SeenDrones, TheBackendsAgree) {
-  BatchConfig config;
-  config.drones_per_env = 5;
-  config.num_threads = 1;
-  config.interaction = Interaction::sense;
-  config.cameras = {camera_of()};
-  config.cameras[0].shadows = false;
-  config.drone_mesh = arrow();
-  Batch traced(config, {hall()});
-  config.camera_backend = CameraBackend::gl;
-  Batch drawn(config, {hall()});
-  if (lacks_opengl(drawn)) GTEST_SKIP() << drawn.camera_backend_report();
-  Random random(7);
-  std::size_t pixels = 0, same = 0, of_drones = 0;
-  for (int i = 0; i < 10; ++i) {
-    const Poses poses = testing::random_poses(random, 5, {1, 1, 1});
-    for (Batch* const batch : {&traced, &drawn}) {
-      batch->set_pose(poses.position, poses.quat_wxyz);
-      batch->sense();
-    }
-    for (std::size_t pixel = 0; pixel < traced.images(0).depth.size(); ++pixel) {
-      ++pixels;
-      const bool same_thing = traced.images(0).instance[pixel] == drawn.images(0).instance[pixel];
-      const int off = std::abs(traced.images(0).grey[pixel] - drawn.images(0).grey[pixel]);
-      same += same_thing && off <= 4 ? 1 : 0;
-      of_drones += traced.images(0).semantic[pixel] == kSemanticDrone ? 1 : 0;
-    }
-  }
-  EXPECT_GT(of_drones, pixels / 50);
-  EXPECT_GE(static_cast<double>(same), 0.995 * static_cast<double>(pixels));
-}
-
 // The own drone casts no shadow for its cameras; another one does.
 TEST(SeenDrones, CastShadowsForTheOthers) {
   BatchConfig config;

@@ -295,31 +295,6 @@ TEST(GlRenderer, AnOpenWorldShowsTheSunInTheSky) {
   expect_true(album, renderer, 0.8);
 }
 
-TEST(GlRenderer, BothLayoutsAndGrey) {
-  NEEDS_RENDERER(renderer);
-  Random random(8);
-  const auto world = jumble(random, true, true);
-  CameraConfig camera = camera_of(37, 23);
-  Album rows(camera);
-  camera.layout = ImageLayout::chw;
-  Album planes(camera);
-  for (Album* album : {&rows, &planes}) {
-    album->add(*world);
-    album->add(*world, looking({0, 0, 0}, {-1, 1, 0.2F}));
-    album->take(renderer);
-  }
-  const std::size_t pixels = rows.pixels();
-  for (std::size_t i = 0; i < 2 * pixels; ++i) {
-    for (std::size_t k = 0; k < 3; ++k) {
-      const std::size_t plane_at = (i / pixels * 3 + k) * pixels + i % pixels;
-      ASSERT_EQ(rows.images.rgb[3 * i + k], planes.images.rgb[plane_at]);
-      ASSERT_EQ(rows.images.normal[3 * i + k], planes.images.normal[plane_at]);
-    }
-    const std::uint8_t* rgb = rows.images.rgb.data() + 3 * i;
-    ASSERT_EQ(rows.images.grey[i], static_cast<int>(std::floor(0.299 * rgb[0] + 0.587 * rgb[1] + 0.114 * rgb[2] + 0.5)));
-  }
-}
-
 // Outputs that a camera does not write must not affect the others.
 TEST(GlRenderer, EachOutputAlone) {
   NEEDS_RENDERER(renderer);

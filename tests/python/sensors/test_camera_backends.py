@@ -234,48 +234,10 @@ def test_envs_fly_by_gl_as_by_raycast(capture_mode: str) -> None:
     assert ended > 16
 
 
-def test_capture_on_demand_by_gl() -> None:
-    world = flockstep.scenes.load("playground/camera-train-1")[0]
-    camera = flockstep.CameraConfig(width_px=32, height_px=24, capture_mode="on_demand", outputs=("rgb", "instance"))
-    batch = flockstep.Batch([world], 3, cameras=[camera], camera_backend="gl")
-    batch.sense()
-    assert batch.camera().frame_step.tolist() == [-1, -1, -1]
-    assert not batch.camera().rgb.any()
-    batch.capture(np.array([False, True, False]))
-    assert batch.camera().frame_step.tolist() == [-1, 0, -1]
-    assert batch.camera().instance.any(axis=(1, 2)).tolist() == [False, True, False]
-    batch.set_camera(np.array([False, True, False]), hfov_deg=40)
-    assert batch.camera().frame_step.tolist() == [-1, -1, -1]
-    batch.set_capture_mode("on_movement")
-    batch.sense()
-    assert batch.camera().frame_step.tolist() == [1, 1, 1]
-    reference = flockstep.Batch([world], 3, cameras=[camera])
-    reference.set_camera(np.array([False, True, False]), hfov_deg=40)
-    reference.capture()
-    assert (batch.camera().instance == reference.camera().instance).mean() > 0.99
-
-
 def test_auto_is_raycast() -> None:
     world = flockstep.scenes.load("playground/camera-train-1")[0]
     batch = flockstep.Batch([world], 4, cameras=[flockstep.CameraConfig()], camera_backend="auto")
     assert batch.camera_backend_report() == "raycast: the choice of auto"
-
-
-def test_what_gl_does_not_draw_is_refused() -> None:
-    world = flockstep.scenes.load("playground/camera-train-1")[0]
-    shaded = flockstep.CameraConfig(shadows=True)
-    with pytest.raises(ValueError, match=r'^shadows: expected False with camera_backend="gl", got True$'):
-        flockstep.Batch([world], cameras=[shaded], camera_backend="gl")
-    fog = r'^fog_visibility_m: expected 0 with camera_backend="gl", which draws no fog, got 5$'
-    camera = flockstep.CameraConfig(width_px=32, height_px=24)
-    with pytest.raises(ValueError, match=fog):
-        flockstep.Batch([world.with_light(fog_visibility_m=5)], cameras=[camera], camera_backend="gl")
-    batch = flockstep.Batch([world], cameras=[camera], camera_backend="gl")
-    with pytest.raises(ValueError, match=fog):
-        batch.set_light(0, fog_visibility_m=5)
-    with pytest.raises(ValueError, match=fog):
-        batch.set_light(flockstep.Light(fog_visibility_m=5))
-    assert batch.worlds[0] is world
 
 
 def run(code: str, **environment: str) -> subprocess.CompletedProcess[str]:

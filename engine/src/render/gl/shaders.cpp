@@ -149,7 +149,7 @@ vec4 level_color(uint level, uvec4 image) {
 
 // See textures.hpp. covered: number of texels that the pixel covers.
 vec3 texture_color(uvec4 image, float covered) {
-  float detail = clamp(0.5 * log2(max(covered, 1.0)), 0.0, float(image.y - 1u));
+  float detail = clamp(0.5 * (float(floatBitsToInt(covered)) * exp2(-23.0) - 127.0), 0.0, float(image.y - 1u));
   uint fine = uint(detail);
   return mix(level_color(fine, image), level_color(min(fine + 1u, image.y - 1u), image), detail - float(fine)).rgb;
 }
