@@ -98,29 +98,27 @@ def test_an_aligned_array_is_a_view_of_the_message():
         assert is_view == (len(buffer) % 8 == 0)
 
 
+def reply_of(shape, values=b"", dtype=pb.DType.DTYPE_UINT8):
+    return reply_bytes(pb.Reply(arrays=[pb.Array(name="a", dtype=dtype, shape=shape)]), values)
+
+
 @pytest.mark.parametrize(
-    ("data", "message"),
+    ("data", "said"),
     [
-        (b"", "cut off|malformed|expected"),
-        (reply_bytes(pb.Reply(arrays=[pb.Array(name="a", dtype=2, shape=[1 << 63, 0])])), "an array of the shape"),
-        (reply_bytes(pb.Reply(arrays=[pb.Array(name="a", dtype=2, shape=[1 << 31, 1 << 31, 0])])), "of the shape"),
-        (reply_bytes(pb.Reply(arrays=[pb.Array(name="a", dtype=2, shape=[1] * 9)]), b"x"), "of the shape"),
+        (b"", "malformed"),
         (struct.pack("<I", 100) + b"abc", "malformed"),
         (struct.pack("<I", 3) + b"\xff\xff\xff", "malformed"),
-        (reply_bytes(pb.Reply(done=pb.Done()), b"x"), "malformed message: . bytes expected"),
-        (
-            reply_bytes(pb.Reply(arrays=[pb.Array(name="a", dtype=pb.DType.DTYPE_INT64, shape=[2])]), b"x" * 15),
-            "cut off",
-        ),
-        (
-            reply_bytes(pb.Reply(arrays=[pb.Array(name="a", dtype=pb.DType.DTYPE_UINT8, shape=[2**40, 2**40])])),
-            "an array of the shape",
-        ),
-        (reply_bytes(pb.Reply(arrays=[pb.Array(name="a", shape=[2])]), b"xx"), "unknown type 0"),
+        (reply_bytes(pb.Reply(done=pb.Done()), b"x"), "bytes expected"),
+        (reply_of([1 << 63, 0]), "shape"),
+        (reply_of([1 << 31, 1 << 31, 0]), "shape"),
+        (reply_of([1] * 9, b"x"), "shape"),
+        (reply_of([2**40, 2**40]), "shape"),
+        (reply_of([2], b"x" * 15, pb.DType.DTYPE_INT64), "cut off"),
+        (reply_of([2], b"xx", 0), "unknown type 0"),
     ],
 )
-def test_malformed_messages_are_refused(data, message):
-    with pytest.raises(ConnectionError, match=message):
+def test_malformed_messages_are_refused(data, said):
+    with refused(ConnectionError, "the server sent", said):
         decode(data)
 
 
@@ -304,16 +302,6 @@ def test_each_kind_of_stream_is_the_field_of_its_operation():
     assert {stream: operations[operation] for operation, stream in STREAMED.items()} == fields
     with refused(ValueError, "rate_hz", "nan"):
         Subscription(call("get_fps", "fps", nothing), float("nan"), False).request()
-
-
-def test_both_clients_have_the_same_operations():
-    from flockstep.client import AsyncClient, AsyncDrone, Client, Drone
-
-    for blocking, other in ((Client, AsyncClient), (Drone, AsyncDrone)):
-        names = {name for name in dir(blocking) if not name.startswith("_")}
-        assert names - {"vector_env"} == {name for name in dir(other) if not name.startswith("_")}
-        for name in names - {"vector_env"}:
-            assert getattr(blocking, name).__doc__, name
 
 
 def test_a_list_with_another_statement_is_refused():
