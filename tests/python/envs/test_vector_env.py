@@ -211,12 +211,10 @@ class TestReset:
         envs = make(room)
         with pytest.raises(ResetNeeded):
             envs.reset(options={"reset_mask": mask})
+        with pytest.raises(ResetNeeded):
+            envs.step([0] * 4)
         envs.reset(seed=0, options={"reset_mask": mask})
         envs.step([0, 0, 0, 0])
-
-    def test_step_before_reset(self, room):
-        with pytest.raises(ResetNeeded):
-            make(room).step([0] * 4)
 
 
 class TestCopies:

@@ -293,8 +293,7 @@ def test_drones_that_collide_begin_at_free_places(room, connect):
         assert all(np.linalg.norm(place - room.start) < 16 * np.sqrt(3) for place in places)
         client.drone(0).remove()
         np.testing.assert_array_equal(client.spawn_drone().get_location(), room.start)
-    inside = flockstep.World.from_dict(ROOM | {"markers": {"start": PILLAR}})
-    batch = flockstep.Batch([inside], 0, drones_per_env=0)
+    batch = flockstep.Batch([flockstep.World.from_dict(ROOM | {"markers": {"start": PILLAR}})], 0, drones_per_env=0)
     with served(batch, connect) as client:
         client.spawn_drone()
         assert batch.is_free(batch.position)[batch.active].all()
@@ -354,9 +353,8 @@ def test_steps_and_time(client, batch):
     np.testing.assert_array_equal(fresh.reshape(4, -1), batch.lidar("scan").ranges.reshape(4, -1))
     assert client.set_clock(200).step >= 2
     eventually(lambda: client.get_arrays(["position"]).time.step >= 12)
-    with refused(ServerError, "steps by itself") as caught:
+    with refused(ServerError, "steps by itself"):
         client.step()
-    assert caught.value.code == "FAILED_PRECONDITION"
     assert client.get_fps().fps > 0
     client.set_clock(0)
     stopped = client.get_arrays(["position"]).time.step
@@ -365,7 +363,6 @@ def test_steps_and_time(client, batch):
 
 
 def test_lockstep(client):
-    """With two members in test_server_program."""
     client.join_lockstep()
     assert client.step().step == 1
     client.leave_lockstep()
@@ -396,7 +393,6 @@ def test_flying_by_rotors(room, connect):
         command[2] = (0, 0, -0.5, 0)
         batches[1].fly(command, control="velocity")
         check()
-        client.set_command(command, control="velocity", mask=[True] * 4)
         with refused(ServerError, "control"):
             client.fly(command, control="telepathy")
         with refused(ServerError, "rotors"):

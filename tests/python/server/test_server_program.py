@@ -437,8 +437,9 @@ def test_the_clock_steps_in_real_time(client):
     fps = client.get_fps()
     assert 30 <= fps.fps <= 110
     assert fps.real_time_factor == pytest.approx(fps.fps * client.info.step_s, rel=0.01)
-    with refused(ServerError, "steps by itself"):
+    with refused(ServerError, "steps by itself") as refusal:
         client.step()
+    assert refusal.value.code == "FAILED_PRECONDITION"
     client.set_clock(0)
     client.step()
 

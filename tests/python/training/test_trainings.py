@@ -3,6 +3,7 @@
 import base64
 import itertools
 import json
+import math
 import runpy
 import zipfile
 from dataclasses import replace
@@ -12,6 +13,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from messages import refused
 
 import flockstep
 from flockstep import trainings
@@ -70,16 +72,16 @@ def test_both_learners_train_and_every_command_takes_their_policies(monkeypatch,
 
 
 @pytest.mark.parametrize(
-    ("arguments", "match"),
+    ("arguments", "said"),
     [
-        (("train", "hove"), r"train: TRAINING: expected one of hover, track, .*, got 'hove'. Did you mean 'hover'\?"),
-        (("train", "no_such_module:ROW"), "TRAINING: 'no_such_module:ROW': No module named"),
-        (("evaluate", "math:pi", "x"), r"expected a flockstep.trainings.Training, got 'math:pi', which is 3.14"),
-        (("evaluate", "race", "none.zip"), r"POLICY: expected a file or a flyer without a policy \(controller\), got"),
+        (("train", "hove"), ("flockstep train: TRAINING", "hove", "hover")),
+        (("train", "no_such_module:ROW"), ("flockstep train: TRAINING", "no_such_module:ROW")),
+        (("evaluate", "math:pi", "x"), ("flockstep evaluate: TRAINING", "math:pi", math.pi)),
+        (("evaluate", "race", "none.zip"), ("flockstep evaluate: POLICY", "controller", "none.zip")),
     ],
 )
-def test_the_commands_name_what_they_refuse(arguments, match, monkeypatch):
-    with pytest.raises(SystemExit, match=match):
+def test_the_commands_name_what_they_refuse(arguments, said, monkeypatch):
+    with refused(SystemExit, *said):
         command(monkeypatch, *arguments)
 
 
