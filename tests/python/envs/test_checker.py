@@ -149,6 +149,16 @@ def with_infos(key, value):
     return on_step(lambda self, o, r, t, u, i: (o, r, t, u, {**i, key: value(self)}))
 
 
+def returning(part, change, base=Counter):
+    """An env whose step returns another observation, reward, terminated, truncated or infos."""
+
+    def changed(self, *step):
+        step = dict(zip(("observation", "reward", "terminated", "truncated", "infos"), step, strict=True))
+        return tuple((step | {part: change(step[part])}).values())
+
+    return on_step(changed, base)
+
+
 def with_final(change):
     """A change of a step's result that affects only the final observations."""
 
@@ -255,33 +265,25 @@ FAULTS = {
         (broken(autoreset_mode=SAME), "attribute autoreset_mode"),
     ],
     "values": [
-        (on_step(lambda s, o, r, t, u, i: (o.astype(float), r, t, u, i)), "observation.*float32.*float64"),
+        (returning("observation", lambda o: o.astype(float)), "observation.*float32.*float64"),
         (
-            on_step(lambda s, o, r, t, u, i: (o + np.float32([0, 200]) * (np.arange(4) > 1)[:, None], r, t, u, i)),
+            returning("observation", lambda o: o + np.float32([0, 200]) * (np.arange(4) > 1)[:, None]),
             r"^step 0: observation is not in the observation space: expected numbers in \[0.0, 100.0\], "
             r"got 20\d.0 in env 2 at index \[1\]; 2 of 8 lie outside$",
         ),
         (
-            on_step(
-                lambda s, o, r, t, u, i: (
-                    o * np.where(np.arange(4) == 3, np.nan, 1)[:, None].astype(o.dtype),
-                    r,
-                    t,
-                    u,
-                    i,
-                )
-            ),
+            returning("observation", lambda o: o * np.where(np.arange(4) == 3, np.nan, 1)[:, None].astype(o.dtype)),
             r"got nan in env 3 at index \[0\]; 2 of 8 lie outside$",
         ),
-        (on_step(lambda s, o, r, t, u, i: (o, r.astype(int), t, u, i)), "reward.*int64"),
+        (returning("reward", lambda r: r.astype(int)), "reward.*int64"),
         (
-            on_step(lambda s, o, r, t, u, i: (o, np.where(np.arange(4) % 2, np.inf, r).astype(r.dtype), t, u, i)),
+            returning("reward", lambda r: np.where(np.arange(4) % 2, np.inf, r).astype(r.dtype)),
             "reward: expected finite numbers, got inf in env 1; 2 of 4 are not$",
         ),
-        (on_step(lambda s, o, r, t, u, i: (o, r[:1], t, u, i)), r"reward.*shape"),
-        (on_step(lambda s, o, r, t, u, i: (o, r, t.astype(int), u, i)), "terminated.*bool"),
-        (on_step(lambda s, o, r, t, u, i: (o, r, t, list(u), i)), "truncated.*list"),
-        (on_step(lambda s, o, r, t, u, i: (o, r, t, u, [])), "infos.*dict"),
+        (returning("reward", lambda r: r[:1]), r"reward.*shape"),
+        (returning("terminated", lambda t: t.astype(int)), "terminated.*bool"),
+        (returning("truncated", list), "truncated.*list"),
+        (returning("infos", lambda i: []), "infos.*dict"),
         (with_infos("total", lambda s: 3), "infos.*total.*length 4"),
         (with_infos("total", lambda s: np.zeros(3)), "infos.*total.*length 4"),
         (with_infos("_total", lambda s: np.zeros(4, bool)), "mask belongs to no key"),
@@ -293,14 +295,11 @@ FAULTS = {
     "seed_offset": [(SameSeedForAll, r"seeded s \+ 3")],
     "autoreset": [
         (on_step(lambda s, o, r, t, u, i: (o, r, t & False, u, {})), "no episode ended"),
-        (on_step(lambda s, o, r, t, u, i: (o, r + 1, t, u, i)), "reward of the step after"),
+        (returning("reward", lambda r: r + 1), "reward of the step after"),
         (ActsOnResetRows, "should be ignored"),
-        (on_step(lambda s, o, r, t, u, i: (o, r, t, u, {}), SameStepCounter), "no 'final_obs'"),
+        (returning("infos", lambda i: {}, SameStepCounter), "no 'final_obs'"),
         (
-            on_step(
-                lambda s, o, r, t, u, i: (o, r, t, u, i and {**i, "_final_obs": ~t}),
-                SameStepCounter,
-            ),
+            returning("infos", lambda i: i and {**i, "_final_obs": ~i["_final_obs"]}, SameStepCounter),
             "_final_obs.*terminated",
         ),
         (

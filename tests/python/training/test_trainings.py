@@ -121,12 +121,6 @@ def test_training_begins_with_seeds_of_its_own(monkeypatch):
     assert seeds[0] >= UNSEEN_SEEDS.stop
 
 
-def test_the_same_seed_gives_the_same_policy_with_any_threads(monkeypatch):
-    row = shortened("hover", monkeypatch)
-    first, second = (trainings.train(row, "flockstep", 0, threads).learner.parameters for threads in (1, 2))
-    np.testing.assert_array_equal(first, second)
-
-
 def test_seeds_of_training_choosing_and_report_are_disjoint():
     ranges = trainings.TRAINING_SEEDS, CHOOSING_SEEDS, UNSEEN_SEEDS
     assert all(a.stop <= b.start for a, b in itertools.pairwise(ranges))
