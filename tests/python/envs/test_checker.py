@@ -121,7 +121,7 @@ def test_gymnasiums_own_envs_pass_except_for_two_known_faults(mode):
 
     check_vector_env(make, skip={"reset_mask"})
     if mode is DISABLED:
-        with pytest.raises(AssertionError, match="changed the options"):
+        with refused(AssertionError, "changed the options"):
             check_vector_env(make)
 
 
@@ -369,14 +369,16 @@ def test_the_checker_reports_errors_of_the_draw_method(room, keywords):
 
     check(Named)
     line = DrawsInPink.draw.__code__.co_firstlineno + 1
-    with pytest.raises(AssertionError, match=rf"^DrawsInPink\.draw, line {line}, raised ValueError.*'pink'.* a reset$"):
+    with refused(AssertionError, f"DrawsInPink.draw, line {line}", "ValueError", "pink", "after a reset"):
         check(DrawsInPink)
 
 
 def test_a_part_of_an_observation_beyond_its_bounds_is_named(room):
     found = type("Beyond", (Named,), {"beyond": 1.5})
-    said = r"^reset: observation\['up'\] is not in .* expected numbers in \[0.0, 1.0\], got 1.5 in env 0; 4 of 4 lie"
-    with pytest.raises(AssertionError, match=said), refused(RuntimeWarning, "Beyond.observe", "up: expected"):
+    with (
+        refused(AssertionError, "reset: observation['up']", 1.5, "env 0"),
+        refused(RuntimeWarning, "Beyond.observe", "up", 1.5),
+    ):
         check_vector_env(lambda n: flockstep.DroneVectorEnv(n, worlds=room, task=found))
 
 
@@ -390,26 +392,20 @@ class Keeps(Named):
         return super().step(batch)
 
 
-@pytest.mark.parametrize(
-    "kept",
-    [
+def test_a_view_of_the_batch_that_a_task_keeps_is_named(room):
+    def check(task):
+        check_vector_env(lambda n: flockstep.DroneVectorEnv(n, worlds=room, task=task, lidar=flockstep.LidarConfig()))
+
+    check(Keeps)
+    for kept in (
         lambda batch: batch.position,
         lambda batch: batch.position[:, 2:],
         lambda batch: batch.contact.hit,
         lambda batch: {"last": [batch.quat_wxyz, 3]},
         lambda batch: batch.lidar().ranges.reshape(-1),
-    ],
-)
-def test_a_view_of_the_batch_that_a_task_keeps_is_named(room, kept):
-    def check(task):
-        check_vector_env(lambda n: flockstep.DroneVectorEnv(n, worlds=room, task=task, lidar=flockstep.LidarConfig()))
-
-    check(Keeps)
-    task = type("Trap", (Keeps,), {"kept": staticmethod(kept)})
-    with pytest.raises(
-        AssertionError, match=r"^Trap\.before is a view of the batch, .* keep a copy, such as self\.before ="
     ):
-        check(task)
+        with refused(AssertionError, "Trap.before is a view of the batch", "self.before ="):
+            check(type("Trap", (Keeps,), {"kept": staticmethod(kept)}))
 
 
 class Turning(Named):
@@ -430,7 +426,7 @@ class Turning(Named):
 
 
 def test_the_attitude_that_a_reset_forgets_is_named(room):
-    with pytest.raises(AssertionError, match=r"the drones have another rotation \(batch\.rotation, rows"):
+    with refused(AssertionError, "the drones have another rotation", "batch.rotation"):
         check_vector_env(lambda n: flockstep.DroneVectorEnv(n, worlds=room, task=Turning))
 
 
@@ -439,8 +435,7 @@ def test_several_worlds_differ_by_design_and_the_check_says_so(room, closet):
         make = lambda n: flockstep.DroneVectorEnv(n, task=Named, **keywords)  # noqa: E731
         check_vector_env(make, skip=set(CHECKS) - {"seed_offset"})
 
-    advice = r"give one world, random_world=True or skip=\('seed_offset',\)"
-    with pytest.raises(AssertionError, match=rf"s \+ 3 \(unless envs take several worlds in turn: {advice}\)"):
+    with refused(AssertionError, "s + 3", "random_world=True", "skip=('seed_offset',)"):
         check(worlds=[room, closet])
     check(worlds=[room, closet], random_world=True)
     check(worlds=room)
@@ -449,7 +444,7 @@ def test_several_worlds_differ_by_design_and_the_check_says_so(room, closet):
         (Named,),
         {"observe": lambda self, b: {**Named.observe(self, b), "up": np.arange(b.num_drones, dtype="f") / 9}},
     )
-    with pytest.raises(AssertionError, match=r"seeded s \+ 3, but"):
+    with refused(AssertionError, "seeded s + 3, but"):
         check_vector_env(
             lambda n: flockstep.DroneVectorEnv(n, worlds=room, task=uneven), skip=set(CHECKS) - {"seed_offset"}
         )
