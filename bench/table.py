@@ -779,7 +779,9 @@ def meetings(results: dict[str, Result]) -> str:
     """Return the table of what drones cost that see and touch each other."""
     heads = {name: name for name in ("none", "sense", "collide", "both")}
     cells: dict[tuple[str, str], str] = {}
-    for (group, motion, interaction), f in named(results, "meetings", r"meetings/([^/]+)/(\w+)/(\w+)/ratio_to_separate"):
+    for (group, motion, interaction), f in named(
+        results, "meetings", r"meetings/([^/]+)/(\w+)/(\w+)/ratio_to_separate"
+    ):
         if interaction in heads:
             cells[f"{group}, {motion}", heads[interaction]] = rough(f)
     for (group, motion), f in named(results, "meetings", r"meetings/([^/]+)/(\w+)/separate/us_per_step"):

@@ -82,7 +82,9 @@ def _is_near(name: str, value: Any, meant: str) -> bool:
 
 #: Names that other packages, or earlier versions, give to attributes of tasks.
 _OTHER_NAMES = {
-    **dict.fromkeys(("episode_length", "max_episode_length", "max_ep_len", "time_limit", "horizon"), "max_episode_steps"),
+    **dict.fromkeys(
+        ("episode_length", "max_episode_length", "max_ep_len", "time_limit", "horizon"), "max_episode_steps"
+    ),
     "meet": "interaction",
 }
 

@@ -12,8 +12,8 @@ from websockets.protocol import Protocol, Side
 from websockets.utils import accept_key
 
 import flockstep
+from flockstep.client import AsyncClient, AsyncDrone, Client, Drone, schema
 from flockstep.client import protocol as pb
-from flockstep.client import schema
 from flockstep.client.address import parse_address
 from flockstep.client.call import STREAMED, Subscription, call, nothing
 from flockstep.client.frames import decode, encode
@@ -296,6 +296,13 @@ def test_every_operation_of_the_protocol_is_in_the_client():
     assert [name for name in operations if name not in known] == []
 
 
+def test_both_clients_have_the_same_operations():
+    for blocking, other in ((Client, AsyncClient), (Drone, AsyncDrone)):
+        names = {name for name in dir(blocking) if not name.startswith("_")} - {"vector_env"}
+        assert names == {name for name in dir(other) if not name.startswith("_")}
+        assert all(getattr(blocking, name).__doc__ for name in names)
+
+
 def test_each_kind_of_stream_is_the_field_of_its_operation():
     fields = {f.name: f.message_type.name for f in pb.Subscribe.DESCRIPTOR.oneofs_by_name["what"].fields}
     operations = {f.name: f.message_type.name for f in pb.Request.DESCRIPTOR.oneofs_by_name["operation"].fields}
@@ -309,14 +316,3 @@ def test_a_list_with_another_statement_is_refused():
     assert len(schema.read(text).operations) > 40
     with refused(ValueError, "flockstep.proto", "  map<string, bool> a = 1;"):
         schema.read(text.replace("message Done {}", "message Done {\n  map<string, bool> a = 1;\n}"))
-
-
-def test_arrays_and_ways_of_the_list():
-    fly = schema.read().operations["fly"]
-    assert [(a.name, a.is_optional, a.shape, a.dtype) for a in fly.request.arrays] == [
-        ("command", False, ("N", "4"), "float32"),
-        ("mask", True, ("N",), "bool"),
-    ]
-    assert (fly.result, fly.value, fly.way) == ("Time", "Time", "locked")
-    mesh = schema.read().operations["get_mesh"]
-    assert (mesh.result, mesh.value, mesh.way, mesh.section) == ("Done", "Mesh", "aside", "Worlds")

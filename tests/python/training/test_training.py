@@ -214,8 +214,7 @@ def test_camera_tasks_train_fly_and_are_drawn(train, tmp_path, task):
     counts = {"camera-train": 4, "camera-validation": 4, "generated": 2}
     assert {key: judged[key]["summary"]["flights"] for key in counts} == counts
     for group in judged.values():
-        rates = [group["summary"][f"{end}_rate"] for end in evaluate.OUTCOMES]
-        assert sum(rates) == pytest.approx(1)
+        assert sum(group["summary"][f"{end}_rate"] for end in evaluate.OUTCOMES) == pytest.approx(1)
         assert group["baselines"]["planner"] == 1
     assert "2.5 m to the side" in judged["generated"]["note"]
 
@@ -245,11 +244,8 @@ def test_a_program_says_that_loading_a_policy_runs_code(tmp_path, capsys):
 
 
 def test_a_picture_of_the_blob(tmp_path):
-    world = {
-        "flockstep_scene": 1,
-        "room": {"min": [0, 0, 0], "max": [6, 4, 3]},
-        "markers": {"start": [1, 2, 1.5], "goal": [5, 2.5, 1.5]},
-    }
+    world = {"flockstep_scene": 1, "room": {"min": [0, 0, 0], "max": [6, 4, 3]}}
+    world["markers"] = {"start": [1, 2, 1.5], "goal": [5, 2.5, 1.5]}
     scene = tmp_path / "hall.json"
     scene.write_text(json.dumps(world))
     images = plot_blob.captures(None, tasks.Setup("camera"), flockstep.World.from_dict(world), 160, 100)
