@@ -455,6 +455,7 @@ def bench_trainers() -> list[Figure]:
             found = [
                 figure(f"{subject}/steps_per_second", rate, "1/s", 1),
                 figure(f"{subject}/steps", steps, "1", 1),
+                figure(f"{subject}/seconds", steps / rate, "s", 1),
                 figure(f"{subject}/playgrounds", float(ended[3]), "1", 1),
             ]
             figures += [{**f, "program": program, "version": ended[1], "autoreset_mode": ended[2]} for f in found]

@@ -24,6 +24,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 import flockstep
+import thesis
 from thesis import BEAMS, COLUMNS
 
 Measured = tuple[str, float, str, int]  # name, value, unit, runs
@@ -286,6 +287,19 @@ def measure_clients(prefix: str) -> Iterator[Measured]:
                 for what in COLUMNS:
                     value = np.percentile(values, int(what[1:])) if what[0] == "p" else getattr(values, what)()
                     yield f"{name}/rate_{what}", float(value), "1/s", len(rates)
+    yield from of_the_thesis(prefix)
+
+
+def of_the_thesis(prefix: str) -> Iterator[Measured]:
+    """Return the figures of the thesis for the same loads, beside which ours stand."""
+    for count in COUNTS:
+        for what, ms, fps in zip(COLUMNS, thesis.MOVE_MS[count], thesis.MOVE_FPS[count], strict=True):
+            yield f"{prefix}/move/{count}/thesis_{what}", ms, "ms", 1
+            yield f"{prefix}/move/{count}/thesis_rate_{what}", fps, "1/s", 1
+        for beams, (mean, std), fps in zip(BEAMS, thesis.SCAN_MS[count], thesis.SCAN_FPS[count], strict=True):
+            yield f"{prefix}/scan{beams}/{count}/thesis_mean", mean, "ms", 1
+            yield f"{prefix}/scan{beams}/{count}/thesis_std", std, "ms", 1
+            yield f"{prefix}/scan{beams}/{count}/thesis_rate_mean", fps, "1/s", 1
 
 
 @contextlib.contextmanager
