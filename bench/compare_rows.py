@@ -139,13 +139,14 @@ def example_task(n: int, worlds: str, module: str, task: str, *configs: str) -> 
     return setup
 
 
-def stepped(envs: Any, warm_up: int) -> Call:
+def stepped(envs: Any, warm_up: int, reach: float = 1.0) -> Call:
+    """Return a function that steps with random actions, those of a box up to `reach`."""
     envs.reset(seed=0)
     rng, space = np.random.default_rng(0), envs.single_action_space
     if hasattr(space, "n"):
         actions = rng.integers(0, space.n, (64, envs.num_envs))
     else:
-        actions = rng.uniform(-1, 1, (64, envs.num_envs, *space.shape)).astype(np.float32)
+        actions = rng.uniform(-reach, reach, (64, envs.num_envs, *space.shape)).astype(np.float32)
     turns = itertools.cycle(actions)
 
     def step() -> None:
@@ -208,7 +209,7 @@ def free_positions(world: Any, count: int) -> Any:
         points = rng.uniform(world.bounds[0], world.bounds[1], (256, 3)).astype(np.float32)
         hits = world.raycast(np.repeat(points, len(directions), axis=0), np.tile(directions, (len(points), 1)), 100.0)
         found.extend(points[hits["t_hit"].reshape(len(points), -1).min(axis=1) > 0.5])
-    return np.array(found[:count])
+    return np.array(found[:count]).reshape(-1, 3)
 
 
 def turned(n: int) -> Any:
@@ -283,11 +284,15 @@ def measuring(make_worlds: MakeWorlds, n: int, lidar: dict[str, Any], tracer: st
 
 def sensing(package: Any, make_worlds: MakeWorlds, n: int, **settings: Any) -> Call:
     """Return a call that reads the sensors of n drones at free positions of one world."""
-    (world,) = make_worlds(package)
-    batch = package.Batch([world], n, num_threads=1, **settings)
-    batch.set_pose(world.free_places(n, seed=0), turned(n))
-    sense: Call = batch.sense
+    sense: Call = somewhere(package, *make_worlds(package), n, **settings).sense
     return sense
+
+
+def somewhere(package: Any, world: Any, n: int, **settings: Any) -> Any:
+    """Return a batch of n drones at free positions of a world, with random yaws."""
+    batch = package.Batch([world], n, **{"num_threads": 1} | settings)
+    batch.set_pose(world.free_places(n, seed=0), turned(n))
+    return batch
 
 
 LIDAR: list[tuple[str, Setup]] = [

@@ -70,26 +70,19 @@ def of_flockstep(case: Case) -> Found:
     found.simulator["midpoint, 2 ms, rotor speeds"] = rate(lambda: batch.fly(hover), TICKS * DRONES)
     batch = flown_here(case, DRONES, quadratic=True, integrator="rk4", physics_hz=POLICY_HZ)
     found.simulator["rk4, 10 ms, rotor speeds"] = rate(lambda: batch.fly(hover), DRONES)
-    if envs := hovering(DRONES):
-        action = envs.action_space.sample()
-        found.environment["hover, body rates, 5 ticks"] = rate(lambda: envs.step(action), DRONES)
+    envs = hovering(DRONES)
+    action = envs.action_space.sample()
+    found.environment["hover, body rates, 5 ticks"] = rate(lambda: envs.step(action), DRONES)
     return found
 
 
 def hovering(num_envs: int) -> Any:
-    """Return the hover environment by body rates, on one thread, without copies, or None if the package has none."""
+    """Return the hover environment by body rates, on one thread, without copies."""
     import flockstep
 
-    if not hasattr(flockstep, "HoverConfig"):
-        return None
-    settings = {
-        "control": "body_rates",
-        "policy_hz": POLICY_HZ,
-        "physics_hz": PHYSICS_HZ,
-        "num_threads": 1,
-        "copy": False,
-    }
-    envs = flockstep.DroneVectorEnv(num_envs, task=flockstep.HoverConfig(), drone="kingfisher", **settings)
+    rates: dict[str, Any] = {"control": "body_rates", "policy_hz": POLICY_HZ, "physics_hz": PHYSICS_HZ}
+    task = flockstep.HoverConfig()
+    envs = flockstep.DroneVectorEnv(num_envs, task=task, drone="kingfisher", num_threads=1, copy=False, **rates)
     envs.reset(seed=0)
     return envs
 

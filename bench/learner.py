@@ -21,10 +21,10 @@ from stable_baselines3.common.logger import configure
 
 import flockstep
 from flockstep import _core
-from flockstep.trainings import train
+from timing import Measured
 
 sys.path.append(str(Path(__file__).resolve().parent.parent))
-from training.board import TRAININGS, Clock
+from training.board import TRAININGS, training_seconds
 
 Array = npt.NDArray[Any]
 
@@ -54,18 +54,11 @@ def measure(runs: int) -> dict[str, list[float]]:
             ):
                 found.setdefault(f"update/minibatch{size}/{name}", []).append(value)
     for name in TRAINED:
+        recipe = dataclasses.replace(TRAININGS[name], steps=TRAININGS[name].steps // SHARE)
         for seed in range(100, 100 + runs):
-            one, two = (training_seconds(name, seed, threads) for threads in (1, 2))
+            one, two = (training_seconds(recipe, seed, threads) for threads in (1, 2))
             found.setdefault(f"threads/{name}/speedup_of_two", []).append(one / two)
     return found
-
-
-def training_seconds(name: str, seed: int, threads: int) -> float:
-    """Return the time of a shortened training in s, without making the environments."""
-    recipe = dataclasses.replace(TRAININGS[name], steps=TRAININGS[name].steps // SHARE)
-    clock = Clock(recipe, judges=False)
-    train(recipe, "flockstep", seed, threads, [clock])
-    return clock.training_s
 
 
 def per_step(call: Callable[[], object]) -> float:
@@ -128,7 +121,7 @@ def fill(model: PPO, rollout: dict[str, Array]) -> None:
     buffer.compute_returns_and_advantage(last, starts)
 
 
-def figures(runs: int) -> Iterator[tuple[str, float, str, int]]:
+def figures(runs: int) -> Iterator[Measured]:
     """Measure, and return the medians."""
     for name, values in measure(runs).items():
         yield f"learner/{name}", statistics.median(values), "us" if name.endswith("microseconds") else "1", len(values)
