@@ -32,12 +32,12 @@ def measure() -> Iterator[Measured]:
     """Time LiDAR scans and frames with depth on one thread, at random positions in free space."""
     for name in flockstep.scenes.names():
         (world,) = flockstep.scenes.load(name)
-        batches = {sensor: somewhere(flockstep, world, DRONES, lidar=lidar) for sensor, lidar in LIDARS.items()}
+        batches = {sensor: somewhere(flockstep, [world], DRONES, lidar=lidar) for sensor, lidar in LIDARS.items()}
         for sensor, ((width, height), count) in SIZES_PX.items():
             camera = flockstep.CameraConfig(
                 width_px=width, height_px=height, hfov_deg=90.0, far_m=1000.0, outputs=("rgb", "depth")
             )
-            batches[sensor] = somewhere(flockstep, world, count, cameras=[camera])
+            batches[sensor] = somewhere(flockstep, [world], count, cameras=[camera])
         timers = {
             sensor: timed(batch.sense, at_least_s=0.1, clock=time.perf_counter) for sensor, batch in batches.items()
         }

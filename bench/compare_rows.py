@@ -199,19 +199,6 @@ STEP: list[tuple[str, Setup]] = [
 # -------------------------------------------------------------------------------- lidar, camera and tiles: sensors only
 
 
-def free_positions(world: Any, count: int) -> Any:
-    """Return positions with half a metre of free space in each of 14 directions, (count, 3) m."""
-    rng = np.random.default_rng(1)
-    corners = np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)], np.float32)
-    directions = np.concatenate([np.eye(3, dtype=np.float32), -np.eye(3, dtype=np.float32), corners])
-    found: list[Any] = []
-    while len(found) < count:
-        points = rng.uniform(world.bounds[0], world.bounds[1], (256, 3)).astype(np.float32)
-        hits = world.raycast(np.repeat(points, len(directions), axis=0), np.tile(directions, (len(points), 1)), 100.0)
-        found.extend(points[hits["t_hit"].reshape(len(points), -1).min(axis=1) > 0.5])
-    return np.array(found[:count]).reshape(-1, 3)
-
-
 def turned(n: int) -> Any:
     """Return quaternions (n, 4) of random yaws."""
     half_yaw = np.random.default_rng(2).uniform(0, math.pi, n)
@@ -219,44 +206,50 @@ def turned(n: int) -> Any:
     return np.stack([np.cos(half_yaw), zero, zero, np.sin(half_yaw)], axis=1).astype(np.float32)
 
 
-def pose_drones(batch: Any, worlds: list[Any], with_yaw: bool) -> Any:
-    n = batch.num_drones
+def somewhere(package: Any, worlds: list[Any], n: int, **settings: Any) -> Any:
+    """Return a batch of n drones at free positions of their worlds, with random yaws."""
+    batch = package.Batch(worlds, n, **{"num_threads": 1} | settings)
     position = np.zeros((n, 3), np.float32)
-    for i, world in enumerate(worlds):
-        position[i :: len(worlds)] = free_positions(world, len(range(i, n, len(worlds))))
-    batch.set_pose(position, turned(n) if with_yaw else None)
-    return position
+    for i, world in enumerate(worlds[:n]):
+        position[i :: len(worlds)] = world.free_places(len(range(i, n, len(worlds))), seed=0)
+    batch.set_pose(position, turned(n))
+    return batch
 
 
-def scanning(make_worlds: MakeWorlds, n: int, **lidar: Any) -> Setup:
+def sensing(package: Any, make_worlds: MakeWorlds, n: int, **settings: Any) -> Call:
+    sense: Call = somewhere(package, make_worlds(package), n, **settings).sense
+    return sense
+
+
+def measuring(make_worlds: MakeWorlds, n: int, lidar: dict[str, Any], tracer: str = "tiles") -> Setup:
+    return lambda package: sensing(package, make_worlds, n, lidar=package.LidarConfig(**lidar), tracer=tracer)
+
+
+def seeing(
+    make_worlds: MakeWorlds,
+    width: int,
+    height: int,
+    n: int,
+    tracer: str = "tiles",
+    backend: str = "raycast",
+    **camera: Any,
+) -> Setup:
     def setup(package: Any) -> Call:
-        worlds = make_worlds(package)
-        batch = package.Batch(worlds, n, lidar=package.LidarConfig(**lidar), num_threads=1)
-        pose_drones(batch, worlds, with_yaw=False)
-        sense: Call = batch.sense
-        return sense
+        config = package.CameraConfig(width_px=width, height_px=height, hfov_deg=90.0, **camera)
+        return sensing(package, make_worlds, n, cameras=[config], tracer=tracer, camera_backend=backend)
 
     return setup
 
 
 def drawing(backend: str, make_worlds: MakeWorlds, width: int, height: int, n: int) -> Setup:
-    def setup(package: Any) -> Call:
-        worlds = make_worlds(package)
-        camera = package.CameraConfig(width_px=width, height_px=height, outputs=["rgb", "depth"])
-        batch = package.Batch(worlds, n, cameras=[camera], camera_backend=backend, num_threads=1)
-        pose_drones(batch, worlds, with_yaw=True)
-        capture: Call = batch.capture
-        return capture
-
-    return setup
+    return seeing(make_worlds, width, height, n, "auto", backend, outputs=["rgb", "depth"])
 
 
 def capturing(mode: str, moving: bool) -> Setup:
     def setup(package: Any) -> Call:
-        worlds = playground(package)
         camera = package.CameraConfig(width_px=64, height_px=64, outputs=["rgb", "depth"], capture_mode=mode)
-        batch = package.Batch(worlds, 64, cameras=[camera], num_threads=1)
-        position = pose_drones(batch, worlds, with_yaw=True)
+        batch = somewhere(package, playground(package), 64, cameras=[camera])
+        position = batch.position.copy()
         positions = [position, position + np.array([0, 0, 0.01], np.float32)]
 
         def sense() -> None:
@@ -270,37 +263,12 @@ def capturing(mode: str, moving: bool) -> Setup:
     return setup
 
 
-def seeing(make_worlds: MakeWorlds, width: int, height: int, n: int, tracer: str = "tiles", **camera: Any) -> Setup:
-    def setup(package: Any) -> Call:
-        config = package.CameraConfig(width_px=width, height_px=height, hfov_deg=90.0, **camera)
-        return sensing(package, make_worlds, n, cameras=[config], tracer=tracer)
-
-    return setup
-
-
-def measuring(make_worlds: MakeWorlds, n: int, lidar: dict[str, Any], tracer: str = "tiles") -> Setup:
-    return lambda package: sensing(package, make_worlds, n, lidar=package.LidarConfig(**lidar), tracer=tracer)
-
-
-def sensing(package: Any, make_worlds: MakeWorlds, n: int, **settings: Any) -> Call:
-    """Return a call that reads the sensors of n drones at free positions of one world."""
-    sense: Call = somewhere(package, *make_worlds(package), n, **settings).sense
-    return sense
-
-
-def somewhere(package: Any, world: Any, n: int, **settings: Any) -> Any:
-    """Return a batch of n drones at free positions of a world, with random yaws."""
-    batch = package.Batch([world], n, **{"num_threads": 1} | settings)
-    batch.set_pose(world.free_places(n, seed=0), turned(n))
-    return batch
-
-
 LIDAR: list[tuple[str, Setup]] = [
-    ("lidar/fan35x1024", scanning(train, 1024)),
-    ("lidar/grid16x360x64", scanning(train, 64, **GRID)),
-    ("lidar/forest_fan35x1024", scanning(pillars, 1024)),
-    ("lidar/mesh_fan35x1024", scanning(hills(40), 1024)),
-    ("lidar/mesh_grid16x360x16", scanning(hills(40), 16, **GRID)),
+    ("lidar/fan35x1024", measuring(train, 1024, {}, "auto")),
+    ("lidar/grid16x360x64", measuring(train, 64, GRID, "auto")),
+    ("lidar/forest_fan35x1024", measuring(pillars, 1024, {}, "auto")),
+    ("lidar/mesh_fan35x1024", measuring(hills(40), 1024, {}, "auto")),
+    ("lidar/mesh_grid16x360x16", measuring(hills(40), 16, GRID, "auto")),
 ]
 CAMERA: list[tuple[str, Setup]] = [
     ("camera/raycast/playground/64x64x64", drawing("raycast", playground, 64, 64, 64)),
@@ -404,9 +372,8 @@ def moving(amplitude_m: float) -> Setup:
     """Return a setup of kinematic moves back and forth in playgrounds; long ones end at pillars and walls."""
 
     def setup(package: Any) -> Call:
-        worlds = train(package)
-        batch = package.Batch(worlds, 1024, num_threads=1)
-        position = pose_drones(batch, worlds, with_yaw=True)
+        batch = somewhere(package, train(package), 1024)
+        position = batch.position.copy()
         away = np.random.default_rng(3).uniform(-amplitude_m, amplitude_m, position.shape).astype(np.float32)
         places, quats = (
             itertools.cycle([position + away, position]),

@@ -106,7 +106,7 @@ def bench_step() -> list[Figure]:
         figure("step/n1/microseconds", 1e6 * statistics.median(times[1]), "us", RUNS),
         figure("step/bytes_per_drone", bytes_per_drone(), "B", 1),
     ]
-    scans = in_turns({n: walled(compare_rows.scanning(compare_rows.train, n)(flockstep)) for n in SIZES})
+    scans = in_turns({n: walled(compare_rows.measuring(compare_rows.train, n, {}, "auto")(flockstep)) for n in SIZES})
     for n, seconds in scans.items():
         figures.append(figure(f"step/lidar/n{n}/scans_per_second", n / statistics.median(seconds), "1/s", RUNS))
     return figures + worlds_of_their_own() + tasks_in_python() + native("stages")
