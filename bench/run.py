@@ -10,7 +10,7 @@ board   the trainings of docs/board.md with five seeds each, also with Stable-Ba
 flight_train  Hover and Track by Stable-Baselines3, and the controller only; the LiDAR task's policy with rotors
 worlds  LiDARs and cameras in every bundled world, and the share of rays traced by Embree
 load    time and memory to load files of a million triangles and more
-server  round trips of the clients against bare echoes, a remote vector environment, many clients, streams
+server  round trips of the clients against a bare echo, a remote vector environment, many clients, streams
 scaling steps, frames and trainings with 1, 2, 4, ... threads, up to one per processor; only if named
 imaging cost of colour detection, HSV and smaller images, in our kernels and in OpenCV
 race    steps of Race, with gates that are solid and with gates that are not

@@ -1,6 +1,6 @@
 """Times the server: round trips, steps of a remote vector environment, many clients at once, and camera streams.
 
-Servers are programs of their own, ``python -m flockstep serve``; bench/server.cpp has the echoes and the C++ clients.
+Servers are programs of their own, ``python -m flockstep serve``; bench/server.cpp has the echo and the C++ clients.
 """
 
 from __future__ import annotations
@@ -26,12 +26,10 @@ import numpy as np
 import flockstep
 import thesis
 from thesis import BEAMS, COLUMNS
-
-Measured = tuple[str, float, str, int]  # name, value, unit, runs
+from timing import Measured, in_turns, median_ratio, timed
 
 ROUNDS, CALLS = 9, 1000  # of round trips: medians of the rounds; calls in a round
 PERCENTILES = (10, 50, 90)
-ECHOES = ("tcp", "websocket", "async")
 COUNTS = (1, 2, 4, 8, 16, 24, 32, 64, 128)  # clients at once
 LOAD_S, STREAM_S, STEPS_S = 3.0, 5.0, 0.5
 LOADED_HZ = 1000.0  # rate at which a server steps while many clients load it
@@ -128,11 +126,11 @@ def processor_s(pid: int) -> float:
 
 
 def measure_round_trips(prefix: str) -> Iterator[Measured]:
-    """Time one call after the other, by every client in turns with the echoes of messages of the same size."""
+    """Time one call after the other, by every client in turns with the echo of messages of the same size."""
     with contextlib.ExitStack() as stack:
         drone_at = stack.enter_context(serving({**WORLD, "drones_per_env": 1, "lidars": [{}]})).address
         arrays_at = stack.enter_context(serving({**WORLD, "num_envs": DRONES, "lidars": [{"beams": 38}]})).address
-        echoes = [stack.enter_context(running([program(), "echo", kind]))[0] for kind in ECHOES]
+        port = stack.enter_context(running([program(), "echo"]))[0].strip()
         loop = asyncio.new_event_loop()
         stack.callback(loop.close)
         sync = [stack.enter_context(flockstep.connect(address)) for address in (drone_at, arrays_at)]
@@ -146,7 +144,7 @@ def measure_round_trips(prefix: str) -> Iterator[Measured]:
         cases = [f"{name}:{request}:{reply}" for name, (request, reply) in sizes.items()]
         found: dict[tuple[str, str, int], list[float]] = {}
         for _ in range(ROUNDS):
-            for f in native("round-trips", drone_at, arrays_at, *map(str.strip, echoes), CALLS, *cases):
+            for f in native("round-trips", drone_at, arrays_at, port, CALLS, *cases):
                 name, by, percent = f["name"].split("/")
                 found.setdefault((name, by, int(percent[1:])), []).append(f["value"])
             for name in calls:
@@ -162,12 +160,8 @@ def measure_round_trips(prefix: str) -> Iterator[Measured]:
         yield f"{prefix}/{name}/reply", reply, "B", 1
     for (name, by, percent), values in found.items():
         yield f"{prefix}/{name}/{by}/p{percent}", statistics.median(values), "us", ROUNDS
-        if percent != 50:
-            continue
-        for bare in ECHOES:
-            if by not in ECHOES:
-                ratios = [a / b for a, b in zip(values, found[name, bare, 50], strict=True)]
-                yield f"{prefix}/{name}/{by}/ratio_to_{bare}", statistics.median(ratios), "1", ROUNDS
+        if percent == 50 and by != "tcp":
+            yield f"{prefix}/{name}/{by}/ratio_to_tcp", median_ratio(values, found[name, "tcp", 50]), "1", ROUNDS
 
 
 def operations(of_drone: Any, of_arrays: Any) -> dict[str, Callable[[], Any]]:
@@ -248,19 +242,16 @@ def measure_vector_env(prefix: str) -> Iterator[Measured]:
             env.reset(seed=0)
             for i in range(300):  # until drones are spread out and episodes end at a steady rate
                 env.step(actions[i % 64])
-        rates: dict[str, list[float]] = {name: [] for name in envs}
-        for _ in range(ROUNDS):
-            for name, env in envs.items():
-                steps, before = 0, time.perf_counter()
-                while (elapsed := time.perf_counter() - before) < STEPS_S:
-                    env.step(actions[steps % 64])
-                    steps += 1
-                rates[name].append(steps * DRONES / elapsed)
+        turns = itertools.cycle(actions)
+        timers = {
+            name: timed(lambda env=env: env.step(next(turns)), at_least_s=STEPS_S, clock=time.perf_counter)
+            for name, env in envs.items()
+        }
+        rates = {name: [DRONES / s for s in seconds] for name, seconds in in_turns(timers, ROUNDS).items()}
     for name, values in rates.items():
         yield f"{prefix}/{name}", statistics.median(values), "1/s", ROUNDS
     for name, ratio in (("remote", "ratio"), ("unix", "unix_ratio")):
-        ratios = [remote / here for remote, here in zip(rates[name], rates["in_process"], strict=True)]
-        yield f"{prefix}/{ratio}", statistics.median(ratios), "1", ROUNDS
+        yield f"{prefix}/{ratio}", median_ratio(rates[name], rates["in_process"]), "1", ROUNDS
 
 
 # --- many clients
