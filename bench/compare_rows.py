@@ -124,8 +124,12 @@ def flying(n: int, task: str, imu: bool = False, in_small_room: bool = False, **
     return setup
 
 
+NOISES = ("noise_density", "random_walk")
+
+
 def noisy_imu(package: Any, **settings: Any) -> Any:
-    return package.ImuConfig(accelerometer_noise_density=0.02, gyroscope_random_walk=0.01, **settings)
+    noise = {f"{sensor}_{kind}": 0.01 for sensor in ("accelerometer", "gyroscope") for kind in NOISES}
+    return package.ImuConfig(**noise | settings)
 
 
 def example_task(n: int, worlds: str, module: str, task: str, *configs: str) -> Setup:
@@ -319,6 +323,7 @@ def fleet(
     spread_m: float = 5.0,
     n: int = 1024,
     imu: bool = False,
+    senses: bool = False,
     settle: int = 100,
     **dynamics: Any,
 ) -> Setup:
@@ -358,7 +363,7 @@ def fleet(
 
         def fly() -> None:
             batch.fly(command)
-            if imu:
+            if imu or senses:
                 batch.sense()
 
         for _ in range(settle):  # until the drones have arrived at their targets or at an obstacle
@@ -400,6 +405,10 @@ def cornered(on_contact: str) -> Setup:
     return fleet("position", 0.25, -1.0, CORNER, BEYOND_CORNER, 0.05, on_contact=on_contact, n=64, settle=200)
 
 
+def inside_pillar(on_contact: str) -> Setup:
+    return fleet("position", HALF_ROOM_M, place=PILLAR[:2], spread_m=0.1, n=64, on_contact=on_contact)
+
+
 DYNAMICS: list[tuple[str, Setup]] = [
     ("dynamics/rotor_speeds_n4096", fleet("rotor_speeds", n=4096)),
     ("dynamics/rotor_speeds_midpoint_n1024", fleet("rotor_speeds", integrator="midpoint")),
@@ -417,10 +426,7 @@ DYNAMICS: list[tuple[str, Setup]] = [
     ("dynamics/ground_effect_far_above_n1024", fleet("position", ground_effect=True)),
     *((f"dynamics/on_floor_{way}_n256", pressed(way)) for way in ("terminate", "stop", "bounce")),
     *((f"dynamics/in_corner_{way}_n64", cornered(way)) for way in ("stop", "bounce")),
-    (
-        "dynamics/inside_pillar_stop_n64",
-        fleet("position", HALF_ROOM_M, place=PILLAR[:2], spread_m=0.1, n=64, on_contact="stop"),
-    ),
+    ("dynamics/inside_pillar_stop_n64", inside_pillar("stop")),
     ("dynamics/move_short_n1024", moving(0.1)),
     ("dynamics/move_long_n1024", moving(3.0)),
 ]

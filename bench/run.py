@@ -71,6 +71,7 @@ from timing import RUNS, Call, Figure, figure, in_turns, median_ratio, of, timed
 ROOT = Path(__file__).resolve().parent.parent
 OUT = ROOT / "out" / "bench"
 SIZES = (1, 16, 256, 1024, 4096, 16384)
+DRONES = 1024  # of flights whose costs are compared
 
 
 def native(name: str, *args: str) -> list[Figure]:
@@ -203,8 +204,40 @@ def bench_dynamics() -> list[Figure]:
     return [
         *native("dynamics"),
         *flown_on_one_processor(),
+        *costs(),
         figure("dynamics/bytes_per_drone", bytes_per_drone(FLIGHT, 1 << 16), "B", 1),
     ]
+
+
+def costs() -> list[Figure]:
+    """Measure what gusts, ground effect and an IMU add to `Batch.fly` or `sense`, and ticks near and in contact."""
+    fleet = partial(compare_rows.fleet, "position", n=DRONES)
+    added = {
+        "ground_effect_far_above_ground/ns_per_substep": (fleet(ground_effect=True), fleet()),
+        "ground_effect_near_ground/ns_per_substep": (fleet(0.5, ground_effect=True), fleet(0.5)),
+        "gusts_Ornstein-Uhlenbeck/ns_per_step": (fleet(wind={"gusts": "ornstein_uhlenbeck"}), fleet()),
+        "gusts_Dryden/ns_per_step": (fleet(wind={"gusts": "dryden"}), fleet()),
+        "IMU/ns_per_reading": (fleet(imu=True), fleet(senses=True)),
+    }
+    contacts = {
+        "in_the_open": (DRONES, fleet()),
+        "5_cm_above_a_floor": (DRONES, fleet(0.11)),  # of the centre
+        **{f"pressed_to_a_floor,_{way}": (256, compare_rows.pressed(way)) for way in ("terminate", "stop", "bounce")},
+        **{f"pressed_into_a_corner,_{way}": (64, compare_rows.cornered(way)) for way in ("stop", "bounce")},
+        **{f"deep_inside_a_pillar,_{way}": (64, compare_rows.inside_pillar(way)) for way in ("stop", "bounce")},
+    }
+    figures = []
+    for name, setups in added.items():
+        timers = {i: timed(setup(flockstep), 8, 0.05) for i, setup in enumerate(setups)}
+        more, plain = in_turns(timers, warm_up=True).values()
+        ns = 1e9 * statistics.median(a - b for a, b in zip(more, plain, strict=True)) / DRONES
+        ticks = dynamics_peers.TICKS if name.endswith("substep") else 1
+        figures.append(figure(f"dynamics/cost/{name}", ns / ticks, "ns", RUNS))
+    for name, (n, setup) in contacts.items():
+        (seconds,) = in_turns({name: timed(setup(flockstep), 1, 0.05)}, warm_up=True).values()
+        ns = 1e9 * statistics.median(seconds) / (n * dynamics_peers.TICKS)
+        figures.append(figure(f"dynamics/contact/{name}/ns_per_substep", ns, "ns", RUNS))
+    return figures
 
 
 def flown_on_one_processor() -> list[Figure]:
