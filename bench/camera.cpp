@@ -351,52 +351,9 @@ void bench_table(const std::string& name, const std::shared_ptr<const flockstep:
   }
 }
 
-// Measures the cost of the capture modes: sense() with a camera in each mode, for drones at rest and for drones that move
-// before each call, next to sense() without cameras.
-void bench_modes(const std::string& name, const std::shared_ptr<const flockstep::World>& world, bench::Figures& figures) {
-  constexpr int kDrones = 64;
-  const Poses poses(*world, kDrones);
-  std::vector<float> shifted = poses.position;
-  for (std::size_t i = 2; i < shifted.size(); i += 3) shifted[i] += 0.01F;
-  const auto bare = [&] {
-    flockstep::BatchConfig config;
-    config.num_envs = kDrones;
-    config.num_threads = 1;
-    return std::make_unique<flockstep::Batch>(config, flockstep::Batch::Worlds{world});
-  };
-  std::vector<std::pair<std::string, std::unique_ptr<flockstep::Batch>>> batches;
-  for (const auto& [mode, text] : {std::pair{flockstep::CaptureMode::every_step, "every_step"},
-                                   {flockstep::CaptureMode::on_movement, "on_movement"},
-                                   {flockstep::CaptureMode::on_demand, "on_demand"}}) {
-    flockstep::CameraConfig camera = rgb_and_depth(64, 64);
-    camera.capture_mode = mode;
-    batches.emplace_back(text, make_batch(world, poses, camera, flockstep::CameraBackend::raycast));
-  }
-  batches.emplace_back("no_camera", bare());
-  std::vector<bench::Variant> variants;
-  for (const bool moving : {false, true}) {
-    for (const auto& [text, batch] : batches) {
-      flockstep::Batch* const drones = batch.get();
-      variants.push_back({text + (moving ? "/moving" : "/still"), [&, drones, moving, up = false]() mutable {
-                            if (moving) {
-                              drones->set_pose(up ? shifted : poses.position, {});
-                              up = !up;
-                            }
-                            drones->sense();
-                          }});
-    }
-  }
-  const bench::Times times = bench::interleave(variants, kRuns);
-  for (std::size_t v = 0; v < variants.size(); ++v) {
-    const double us = 1e6 * bench::median(times[v]) / kDrones;
-    std::fprintf(stderr, "  %-12s %-24s %10.3f us per drone and step\n", name.c_str(), variants[v].label.c_str(), us);
-    figures.add("camera_modes/" + name + '/' + variants[v].label + "/microseconds_per_drone", us, "us", kRuns);
-  }
-}
-
 }  // namespace
 
-// The argument selects the part to run: "bare", "table" or "modes". Without it all parts run.
+// The argument selects the part to run: "bare" or "table". Without it both run.
 int main(int argc, char** argv) {
   const std::string part = argc > 1 ? argv[1] : "";
   const auto asked = [&](const char* name) { return part.empty() || part == name; };
@@ -413,9 +370,6 @@ int main(int argc, char** argv) {
   }
   for (const auto& [name, world] : worlds) {
     if (asked("table")) bench_table(name, world, figures);
-  }
-  for (const auto& [name, world] : worlds) {
-    if (asked("modes") && (name == "playground" || name == "mesh100k")) bench_modes(name, world, figures);
   }
   figures.print();
 }

@@ -249,10 +249,13 @@ def drawing(backend: str, make_worlds: MakeWorlds, width: int, height: int, n: i
     return seeing(make_worlds, width, height, n, "auto", backend, outputs=["rgb", "depth"])
 
 
-def capturing(mode: str, moving: bool) -> Setup:
+def capturing(mode: str | None, moving: bool, make_worlds: MakeWorlds = playground) -> Setup:
+    """Return a setup of `Batch.sense` with a camera in a mode, or without one."""
+
     def setup(package: Any) -> Call:
-        camera = package.CameraConfig(width_px=64, height_px=64, outputs=["rgb", "depth"], capture_mode=mode)
-        batch = somewhere(package, playground(package), 64, cameras=[camera])
+        settings = {"width_px": 64, "height_px": 64, "outputs": ["rgb", "depth"], "capture_mode": mode}
+        cameras = [package.CameraConfig(**settings)] if mode else []
+        batch = somewhere(package, make_worlds(package), 64, cameras=cameras)
         position = batch.position.copy()
         positions = [position, position + np.array([0, 0, 0.01], np.float32)]
 

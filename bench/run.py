@@ -179,8 +179,25 @@ def bench_camera() -> list[Figure]:
     """Measure cameras in C++, and the memory of a camera that writes rgb, of which its frame takes 12,288 bytes."""
     return [
         *native("camera"),
+        *capture_modes(),
         figure("camera/bytes_per_64x64_rgb_camera", bytes_per_drone(SMALL_CAMERA, 1 << 14), "B", 1),
     ]
+
+
+def capture_modes() -> list[Figure]:
+    """Measure `Batch.sense` with a camera in each capture mode, for drones at rest and for drones that move."""
+    figures = []
+    modes = {"every_step": "every_step", "on_movement": "on_movement", "on_demand": "on_demand", "no_camera": None}
+    for name, worlds in (("playground", compare_rows.playground), ("hills100k", compare_rows.hills(220))):
+        timers = {
+            f"{label}/{motion}": timed(compare_rows.capturing(mode, motion == "moving", worlds)(flockstep), 8, 0.03)
+            for motion in ("still", "moving")
+            for label, mode in modes.items()
+        }
+        for label, seconds in in_turns(timers, warm_up=True).items():
+            us = 1e6 * statistics.median(seconds) / 64
+            figures.append(figure(f"camera_modes/{name}/{label}/microseconds_per_drone", us, "us", RUNS))
+    return figures
 
 
 def bytes_per_drone(make: str = LIDAR_TASK, count: int = 1 << 17) -> float:
