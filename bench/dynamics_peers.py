@@ -11,7 +11,7 @@ from __future__ import annotations
 import argparse
 import json
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import asdict, dataclass, field
 from importlib.metadata import version
 from pathlib import Path
@@ -19,7 +19,8 @@ from typing import Any
 
 import numpy as np
 
-from peers import RUNS, ask, python_of, rate
+from peers import RUNS, Told, ask, of_each, rate
+from timing import Figure
 
 FILE = Path(__file__).resolve()
 #: Packages that pip installs for each peer. The torch version is that of .venv, which has a build without GPUs.
@@ -383,43 +384,32 @@ def beside(rates: dict[str, float], mode: str) -> float | None:
     return next(iter([*alike, *rates.values()]), None)
 
 
-def measure() -> list[dict[str, Any]]:
+def measure() -> list[Figure]:
     """Return the figures of all peers, each with our own figures from the same minutes."""
     case = case_of_kingfisher()
-    figures: list[dict[str, Any]] = []
+    told = json.dumps(asdict(case))
 
-    def add(name: str, value: float, unit: str, runs: int, **more: str) -> None:
-        figures.append(
-            {"name": f"dynamics_peers/{name}", "value": float(f"{value:.4g}"), "unit": unit, "runs": runs, **more}
-        )
-
-    for peer in PEERS:
-        try:
-            told = json.dumps(asdict(case))
-            ours = Found(**ask(Path(sys.executable), FILE, "flockstep", told))
-            theirs = Found(**ask(python_of(peer, PEERS[peer]), FILE, peer, told))
-        except RuntimeError as error:
-            print(f"   {peer}: {error}")
-            add(f"{peer}/measured", 0, "1", 1, error=str(error)[:200])
-            continue
-        for kind, rates in (("simulator", theirs.simulator), ("environment", theirs.environment)):
-            for mode, value in rates.items():
+    def compared(peer: str, python: Path) -> Iterator[Told]:
+        ours = Found(**ask(Path(sys.executable), FILE, "flockstep", told))
+        theirs = Found(**ask(python, FILE, peer, told))
+        for kind in ("simulator", "environment"):
+            for mode, value in getattr(theirs, kind).items():
                 about = {"version": theirs.version, "mode": mode}
-                add(f"{peer}/{kind}/{mode}/per_second", value, "1/s", RUNS, **about)
+                yield f"{peer}/{kind}/{mode}/per_second", value, "1/s", RUNS, about
                 if own := beside(getattr(ours, kind), mode):
-                    add(f"{peer}/{kind}/{mode}/ours_over_it", own / value, "1", RUNS, **about)
+                    yield f"{peer}/{kind}/{mode}/ours_over_it", own / value, "1", RUNS, about
+            for mode, value in getattr(ours, kind).items():
+                about = {"version": ours.version, "mode": mode}
+                yield f"flockstep_beside_{peer}/{kind}/{mode}/per_second", value, "1/s", RUNS, about
         for kind, end in theirs.flights.items():
             away, turned = apart(case, kind, end)
             mode = kind.split(": ")[1]
             reason = next(text for (name, word), text in REASONS.items() if name == peer and word in mode)
             about = {"version": theirs.version, "mode": kind, "reason": reason}
-            add(f"{peer}/flight/{kind}/mm", 1e3 * away, "mm", 1, **about)
-            add(f"{peer}/flight/{kind}/degrees", turned, "°", 1, **about)
-        for kind in ("simulator", "environment"):
-            for mode, value in getattr(ours, kind).items():
-                about = {"version": ours.version, "mode": mode}
-                add(f"flockstep_beside_{peer}/{kind}/{mode}/per_second", value, "1/s", RUNS, **about)
-    return figures
+            yield f"{peer}/flight/{kind}/mm", 1e3 * away, "mm", 1, about
+            yield f"{peer}/flight/{kind}/degrees", turned, "°", 1, about
+
+    return [*of_each("dynamics_peers", PEERS, compared)]
 
 
 def main() -> None:

@@ -12,7 +12,7 @@ import json
 import statistics
 import sys
 import tempfile
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import asdict, dataclass, field
 from functools import partial
 from importlib.metadata import version
@@ -22,7 +22,8 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from peers import HOMES, RUNS, ask, python_of, rate
+from peers import HOMES, RUNS, Told, ask, of_each, rate
+from timing import Figure, median_ratio
 
 FILE = Path(__file__).resolve()
 #: Packages that pip installs for each peer. Open3D links to libusb, which some systems lack.
@@ -322,54 +323,46 @@ def turned(quat_wxyz: Array, vectors: Array) -> Array:
     return np.asarray(vectors + w * twice + np.cross(axis, twice))
 
 
-def measure() -> list[dict[str, Any]]:
+def rates(who: str, found: list[Found], ours: list[Found]) -> Iterator[Told]:
+    """Return the figures of a program by world and sensor, with its ratios to ours of the same runs, if given."""
+    for name, by_mode in found[0].per_second.items():
+        for mode in by_mode:
+            about = {"version": found[0].version, "mode": mode}
+            values = [one.per_second[name][mode] for one in found]
+            yield f"{who}/{name}/{mode}/per_second", statistics.median(values), "1/s", RUNS, about
+            yield f"{who}/{name}/{mode}/differing_in_a_million", found[0].differing[name][mode], "1", 1, about
+            for what, own in (("ours_over_it", BATCH), ("raycast_over_it", RAYCAST)):
+                if ours:
+                    ratio = median_ratio((one.per_second[name][own] for one in ours), values)
+                    yield f"{who}/{name}/{mode}/{what}", ratio, "1", RUNS, about
+
+
+def measure() -> list[Figure]:
     """Return the figures of all peers, each with our own figures from the same minutes."""
-    figures: list[dict[str, Any]] = []
-
-    def add(name: str, value: float, runs: int, unit: str = "1", **more: str) -> None:
-        rounded = value if isinstance(value, int) else float(f"{value:.4g}")  # counts stay exact
-        figures.append({"name": f"mesh_peers/{name}", "value": rounded, "unit": unit, "runs": runs, **more})
-
-    def add_rates(who: str, found: list[Found], ours: list[Found]) -> None:
-        for name, rates in found[0].per_second.items():
-            for mode in rates:
-                about = {"version": found[0].version, "mode": mode}
-                values = [one.per_second[name][mode] for one in found]
-                add(f"{who}/{name}/{mode}/per_second", statistics.median(values), RUNS, "1/s", **about)
-                add(f"{who}/{name}/{mode}/differing_in_a_million", found[0].differing[name][mode], 1, **about)
-                for what, own in (("ours_over_it", BATCH), ("raycast_over_it", RAYCAST)):
-                    ratios = [one.per_second[name][own] / value for one, value in zip(ours, values, strict=False)]
-                    if ratios:
-                        add(f"{who}/{name}/{mode}/{what}", statistics.median(ratios), RUNS, **about)
-
     HOMES.mkdir(parents=True, exist_ok=True)
     with tempfile.TemporaryDirectory(dir=HOMES) as folder:
-        files = []
-        for name in WORLDS:
-            files.append(Path(folder) / f"{name}.npz")
+        files, figures = [Path(folder) / f"{name}.npz" for name in WORLDS], []
+        for name, file in zip(WORLDS, files, strict=True):
             case = case_of(name)
-            case.save(files[-1])
-            add(f"{name}/triangles", len(case.triangles), 1)
+            case.save(file)
+            counts: dict[str, float] = {"triangles": len(case.triangles)}
             for sensor, distances in case.distances.items():
-                add(f"{name}/{sensor}/rays", distances.size, 1)
-                add(f"{name}/{sensor}/misses", float(np.mean(np.isinf(distances))), 1)
+                counts |= {f"{sensor}/rays": distances.size, f"{sensor}/misses": float(np.mean(np.isinf(distances)))}
+            about = {"unit": "1", "runs": 1}  # counts stay exact
+            figures += [{"name": f"mesh_peers/{name}/{what}", "value": n, **about} for what, n in counts.items()]
             del case
-        for peer in PEERS:
+
+        def compared(peer: str, python: Path) -> Iterator[Told]:
             ours: list[Found] = []
             theirs: list[Found] = []
-            try:
-                python = python_of(peer, PEERS[peer])
-                for run in range(RUNS):
-                    told = [*files, *(["--compare"] if run == 0 else [])]
-                    ours.append(Found(**ask(Path(sys.executable), FILE, "flockstep", *told)))
-                    theirs.append(Found(**ask(python, FILE, peer, *told)))
-            except RuntimeError as error:
-                print(f"   {peer}: {error}")
-                add(f"{peer}/measured", 0, 1, error=str(error)[:200])
-                continue
-            add_rates(peer, theirs, ours)
-            add_rates(f"flockstep_beside_{peer}", ours, [])
-    return figures
+            for run in range(RUNS):
+                told = [*files, *(["--compare"] if run == 0 else [])]
+                ours.append(Found(**ask(Path(sys.executable), FILE, "flockstep", *told)))
+                theirs.append(Found(**ask(python, FILE, peer, *told)))
+            yield from rates(peer, theirs, ours)
+            yield from rates(f"flockstep_beside_{peer}", ours, [])
+
+        return [*figures, *of_each("mesh_peers", PEERS, compared)]
 
 
 def main() -> None:

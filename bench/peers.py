@@ -9,9 +9,11 @@ import statistics
 import subprocess
 import sys
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
+
+from timing import Figure, figure
 
 HOMES = Path(__file__).resolve().parent.parent / "out" / "peers"
 LIMIT_S = 1800  # for installing, and for running
@@ -35,6 +37,23 @@ def rate(
             calls += 1
         rates.append(calls * count / elapsed)
     return statistics.median(rates)
+
+
+Told = tuple[str, float, str, int, dict[str, str]]  # name, value, unit, runs, other keys
+
+
+def of_each(
+    bench: str, packages: Mapping[str, Sequence[str]], measure: Callable[[str, Path], Iterator[Told]]
+) -> Iterator[Figure]:
+    """Return the figures of all peers; one that cannot be measured has a figure with the reason."""
+    for peer, names in packages.items():
+        try:
+            found = [*measure(peer, python_of(peer, names))]
+        except RuntimeError as error:
+            print(f"   {peer}: {error}")
+            found = [(f"{peer}/measured", 0, "1", 1, {"error": str(error)[:200]})]
+        for name, value, unit, runs, more in found:
+            yield figure(f"{bench}/{name}", value, unit, runs, **more)
 
 
 def python_of(peer: str, packages: Sequence[str]) -> Path:
