@@ -1,18 +1,19 @@
 """Comparison with other ray casters on the same triangles: `./dev bench mesh_peers`.
 
-Each one is installed by pip into its own virtual environment under out/peers/, and its Python runs this file on one
-pinned processor. It measures the rays per second of each mode, and the number of distances that differ from ours. The
-environments contain nothing of flockstep except a file of triangles and rays; each function imports its own packages.
+Each one is installed by pip into its own virtual environment under out/peers/, and its Python runs its file in
+bench/peers/ on one pinned processor. It measures the rays per second of each mode, and the number of distances that
+differ from ours. The environments contain nothing of flockstep except a file of triangles and rays.
 """
 
 from __future__ import annotations
 
 import argparse
+import importlib
 import json
 import statistics
 import sys
 import tempfile
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import asdict, dataclass, field
 from functools import partial
 from importlib.metadata import version
@@ -23,6 +24,7 @@ import numpy as np
 import numpy.typing as npt
 
 from peers import HOMES, RUNS, Told, ask, of_each, rate
+from peers.cases import FAR_M, SENSORS, Array, Cast, Mode, Rays
 from timing import Figure, median_ratio
 
 FILE = Path(__file__).resolve()
@@ -34,56 +36,12 @@ PEERS = {
     "warp": ["warp-lang"],
 }
 WORLDS = ("office", "forest", "city")
-SENSORS = ("camera", "LiDAR")
 PLACES = 24
 MAX_HEIGHT_M = 2.0  # maximum height of the positions above the surface below
 CHORD_ERROR_M = 0.01  # for round shapes, which are converted to triangles
-FAR_M = 1000.0  # maximum distance of a hit
 ALIKE = 1e-3  # relative difference below which distances count as equal
-#: Arrays of a case: one for all, and one for each sensor.
-ALONE, BY_SENSOR = ("vertices", "triangles", "position", "quat_wxyz"), ("directions", "distances")
 #: Our modes that peers are compared with.
 BATCH, RAYCAST = "Batch", "World.raycast"
-
-Array = npt.NDArray[Any]
-Cast = Callable[[], Any]  # traces rays and returns their distances
-Mode = Callable[[str], list[Cast]]  # by sensor; together the casts trace all of its rays
-
-
-@dataclass
-class Case:
-    """A world of triangles, sensor poses, and the rays of each sensor from all poses."""
-
-    vertices: Array  # (V, 3) float32
-    triangles: Array  # (T, 3) int32
-    position: Array  # (N, 3) float32
-    quat_wxyz: Array  # (N, 4) float32
-    directions: dict[str, Array] = field(default_factory=dict)  # (N, R, 3) float32, unit
-    distances: dict[str, Array] = field(default_factory=dict)  # (N, R) float32, ours
-
-    def save(self, path: Path) -> None:
-        arrays: dict[str, Any] = {name: getattr(self, name) for name in ALONE}
-        for sensor in SENSORS:
-            arrays |= {f"{name}_{sensor}": getattr(self, name)[sensor] for name in BY_SENSOR}
-        np.savez(path, **arrays)
-
-    @staticmethod
-    def load(path: Path) -> Case:
-        with np.load(path) as file:
-            by_sensor = [{sensor: file[f"{name}_{sensor}"] for sensor in SENSORS} for name in BY_SENSOR]
-            return Case(*(file[name] for name in ALONE), *by_sensor)
-
-    def by_place(self, prepare: Callable[[Array, Array], Cast]) -> Mode:
-        """Return a mode that traces one position's rays per call; `prepare` gets origins and directions (R, 3)."""
-
-        def casts(sensor: str) -> list[Cast]:
-            along = self.directions[sensor]
-            return [
-                prepare(np.tile(place, (along.shape[1], 1)), directions)
-                for place, directions in zip(self.position, along, strict=True)
-            ]
-
-        return casts
 
 
 @dataclass
@@ -95,7 +53,7 @@ class Found:
     differing: dict[str, dict[str, float]] = field(default_factory=dict)  # differing rays per million
 
 
-def of_flockstep(case: Case) -> dict[str, Mode]:
+def of_flockstep(case: Rays) -> dict[str, Mode]:
     world = world_of(case)
 
     def by_ray(origins: Array, directions: Array) -> Cast:
@@ -108,7 +66,7 @@ def of_flockstep(case: Case) -> dict[str, Mode]:
     }
 
 
-def world_of(case: Case) -> Any:
+def world_of(case: Rays) -> Any:
     """Return a world of only the case's triangles."""
     import flockstep
 
@@ -129,7 +87,7 @@ def sensor_of(name: str) -> dict[str, Any]:
     return {"lidar": flockstep.LidarConfig(channels=16, beams=360, hfov_deg=360.0, vfov_deg=30.0, max_range_m=FAR_M)}
 
 
-def sensing(world: Any, case: Case, sensor: str, tracer: str) -> Cast:
+def sensing(world: Any, case: Rays, sensor: str, tracer: str) -> Cast:
     """Return a function that reads a sensor at all positions."""
     import flockstep
 
@@ -143,116 +101,13 @@ def sensing(world: Any, case: Case, sensor: str, tracer: str) -> Cast:
     return sense
 
 
-def of_open3d(case: Case) -> dict[str, Mode]:
-    import ctypes
-
-    import libusb_package
-
-    ctypes.CDLL(str(libusb_package.get_library_path()))  # must be loaded before Open3D
-    import open3d
-
-    scene = open3d.t.geometry.RaycastingScene(nthreads=1)
-    scene.add_triangles(open3d.core.Tensor(case.vertices), open3d.core.Tensor(case.triangles.astype(np.uint32)))
-
-    def by_ray(origins: Array, directions: Array) -> Cast:
-        rays = open3d.core.Tensor(np.concatenate([origins, directions], axis=1))
-        return lambda: scene.cast_rays(rays, nthreads=1)["t_hit"].numpy()
-
-    return {"cast_rays": case.by_place(by_ray)}
-
-
-def of_embreex(case: Case) -> dict[str, Mode]:
-    from embreex.mesh_construction import TriangleMesh
-    from embreex.rtcore_scene import EmbreeScene
-
-    def mode(robust: bool) -> Mode:
-        scene = EmbreeScene(robust=robust)
-        mesh = TriangleMesh(scene, case.vertices, case.triangles)
-
-        def by_ray(origins: Array, directions: Array, mesh: Any = mesh) -> Cast:
-            return lambda: scene.run(origins, directions, dists=FAR_M, query="DISTANCE")
-
-        return case.by_place(by_ray)
-
-    return {"run, distances": mode(False), "run, distances, robust": mode(True)}
-
-
-def of_mujoco(case: Case) -> dict[str, Mode]:
-    import mujoco
-
-    spec = mujoco.MjSpec()
-    mesh = spec.add_mesh(name="mesh", uservert=case.vertices.ravel().astype(float), userface=case.triangles.ravel())
-    mesh.inertia = mujoco.mjtMeshInertia.mjMESH_INERTIA_SHELL  # the mesh is not closed
-    spec.worldbody.add_geom(type=mujoco.mjtGeom.mjGEOM_MESH, meshname="mesh", contype=0, conaffinity=0)
-    model = spec.compile()
-    data = mujoco.MjData(model)
-    mujoco.mj_forward(model, data)
-
-    def by_ray(origins: Array, directions: Array) -> Cast:
-        count = len(directions)
-        origin, along = origins[0].astype(float), directions.ravel().astype(float)
-        geometry, distances = np.empty(count, np.int32), np.empty(count)
-
-        def cast() -> Array:
-            mujoco.mj_multiRay(model, data, origin, along, None, True, -1, geometry, distances, None, count, FAR_M)
-            return distances
-
-        return cast
-
-    return {"mj_multiRay": case.by_place(by_ray)}
-
-
-def of_warp(case: Case) -> dict[str, Mode]:
-    import warp as wp
-
-    wp.config.kernel_cache_dir = str(Path(sys.prefix) / "kernels")
-    wp.init()
-
-    def nearest(
-        mesh: wp.uint64,
-        origins: wp.array[wp.vec3],
-        directions: wp.array[wp.vec3],
-        far: float,
-        distances: wp.array[float],
-    ) -> None:
-        ray = wp.tid()
-        hit = wp.mesh_query_ray(mesh, origins[ray], directions[ray], far)
-        distances[ray] = wp.where(hit.result, hit.t, wp.inf)
-
-    kernel = wp.kernel(nearest)
-    vertices = wp.array(case.vertices, dtype=wp.vec3, device="cpu")
-    mesh = wp.Mesh(vertices, wp.array(case.triangles.ravel(), dtype=wp.int32, device="cpu"), bvh_constructor="sah")
-
-    def by_ray(origins: Array, directions: Array) -> Cast:
-        arrays = [wp.array(values, dtype=wp.vec3, device="cpu") for values in (origins, directions)]
-        distances = wp.empty(len(directions), dtype=float, device="cpu")
-
-        def cast() -> Any:
-            wp.launch(kernel, dim=len(directions), inputs=[mesh.id, *arrays, FAR_M, distances], device="cpu")
-            return distances.numpy()
-
-        return cast
-
-    return {"mesh_query_ray, CPU device": case.by_place(by_ray)}
-
-
-#: For each name: the distribution with its version, and the function that makes its modes.
-OF: dict[str, tuple[str, Callable[[Case], dict[str, Mode]]]] = {
-    "flockstep": ("flockstep", of_flockstep),
-    "open3d": ("open3d-cpu", of_open3d),
-    "embreex": ("embreex", of_embreex),
-    "mujoco": ("mujoco", of_mujoco),
-    "warp": ("warp-lang", of_warp),
-}
-
-
 def find(peer: str, files: list[Path], compare: bool) -> Found:
     """Measure all modes of a peer once and, if requested, count the differing distances."""
-    distribution, modes_of = OF[peer]
-    found = Found(version(distribution))
+    module = importlib.import_module(f"peers.{peer}") if peer != "flockstep" else None
+    found = Found(version(module.DISTRIBUTION if module else peer))
     for file in files:
-        case = Case.load(file)
-        modes = modes_of(case)
+        case = Rays.load(file)
+        modes = module.trace(case) if module else of_flockstep(case)
         for sensor, ours in case.distances.items():
             name = f"{file.stem}, {sensor}"
             found.per_second[name], found.differing[name] = {}, {}
@@ -281,7 +136,7 @@ def differ(told: Array, ours: Array) -> npt.NDArray[np.bool_]:
 # --------------------------------------------------------------------------------------------- in our own environment
 
 
-def case_of(name: str) -> Case:
+def case_of(name: str) -> Rays:
     """Return the triangles of a generated world, and rays of both sensors from positions in its free space."""
     import flockstep
 
@@ -292,7 +147,7 @@ def case_of(name: str) -> Case:
     (sin_z, sin_y), (cos_z, cos_y) = np.sin([half_yaw, half_pitch]), np.cos([half_yaw, half_pitch])
     quat_wxyz = np.stack([cos_z * cos_y, -sin_z * sin_y, cos_z * sin_y, sin_z * cos_y], axis=1)
     position = world.free_places(PLACES, seed=0, max_height_m=MAX_HEIGHT_M)
-    case = Case(mesh["vertices"], mesh["triangles"], position, quat_wxyz.astype(np.float32))
+    case = Rays(mesh["vertices"], mesh["triangles"], position, quat_wxyz.astype(np.float32))
     triangles = world_of(case)
     for sensor in SENSORS:
         along = turned(case.quat_wxyz, pattern(sensor))
@@ -367,7 +222,7 @@ def measure() -> list[Figure]:
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("peer", choices=list(OF))
+    parser.add_argument("peer", choices=["flockstep", *PEERS])
     parser.add_argument("files", nargs="+", type=Path, help="cases; the name of a file is that of its world")
     parser.add_argument("--compare", action="store_true", help="also report how many distances differ")
     args = parser.parse_args()

@@ -29,15 +29,6 @@ PLAYGROUNDS = 1000  # of the LiDAR training of flockstep.trainings
 SCANS = {"scan2M": 0, "scan2M_8k": 8192}  # side of the texture in pixels; 0: no texture
 ROWS = 1001  # vertices along a side of a scan
 CASES = ("playground", "playgrounds1000", "city", *SCANS)
-#: Stages of a start in order, with what belongs to each.
-STAGES = {
-    "import": "importing flockstep",
-    "world": "loading or generating the worlds",
-    "make": "making the environments, with all that they build from the worlds",
-    "first_scan": "the first reset, whose observation is a scan",
-    "first_step": "the first step",
-    "first_frame": "making a batch with a camera of 64 x 64 pixels in the first world, and its first frame",
-}
 
 
 class Worker:

@@ -15,7 +15,7 @@ from typing import Any
 
 from timing import Figure, figure
 
-HOMES = Path(__file__).resolve().parent.parent / "out" / "peers"
+HOMES = Path(__file__).resolve().parents[2] / "out" / "peers"
 LIMIT_S = 1800  # for installing, and for running
 RUNS = 5
 
