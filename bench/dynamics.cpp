@@ -213,62 +213,30 @@ void controllers(bench::Figures& figures) {
   }
 }
 
-// Named jobs that run in turns. Reports the time of a job, or its difference to another job, in ns per each of `count` parts.
-class Beside {
- public:
-  explicit Beside(double count) : count_(count) {}
-
-  void add(const std::string& name, const std::function<void()>& run) { variants_.push_back({name, run}); }
-  void measure() { times_ = bench::interleave(variants_, kRuns, kSlice); }
-
-  double ns(const std::string& name) const { return 1e9 * bench::median(times_[index(name)]) / count_; }
-  double more(const std::string& name, const std::string& than) const {
-    const auto &a = times_[index(name)], &b = times_[index(than)];
-    std::vector<double> more;
-    for (std::size_t run = 0; run < a.size(); ++run) more.push_back(1e9 * (a[run] - b[run]) / count_);
-    return bench::median(more);
-  }
-
- private:
-  std::size_t index(const std::string& name) const {
-    const auto at = std::find_if(variants_.begin(), variants_.end(), [&](const bench::Variant& v) { return v.label == name; });
-    return static_cast<std::size_t>(at - variants_.begin());
-  }
-
-  double count_;
-  std::vector<bench::Variant> variants_;
-  bench::Times times_;
-};
-
 // Measures the time that each term adds to a flight without terms.
 void terms(bench::Figures& figures) {
-  struct Term {
-    std::string name;
-    Airframe frame = kingfisher();
+  std::vector<bench::Variant> variants{variant("gravity,_thrust_and_lag_alone", kingfisher(), without_terms())};
+  const auto add = [&](const std::string& name, const Airframe& frame, const std::function<void(DynamicsConfig&)>& change) {
     DynamicsConfig config = without_terms();
+    change(config);
+    variants.push_back(variant(name, frame, config));
   };
-  std::vector<Term> terms;
-  const auto add = [&](const std::string& name) -> Term& { return terms.emplace_back(Term{.name = name}); };
-  add("body_drag").config.body_drag = true;
-  Term& drag = add("rotor_drag");
-  drag.config.rotor_drag = true;
-  drag.frame = with_every_term();
-  drag.frame.rotor_lift = 0.0;
-  add("rotor_lift").config.rotor_drag = true;  // the only effect of this switch for a kingfisher
-  Term& gyroscopic = add("gyroscopic");
-  gyroscopic.config.gyroscopic = true;
-  gyroscopic.frame = with_every_term();
-  add("controller_of_rates").config.control = Control::body_rates;
-  add("controller_of_positions").config.control = Control::position;
-
-  const std::string none = "gravity,_thrust_and_lag_alone";
-  Beside flights(kSubsteps);
-  flights.add(none, variant(none, kingfisher(), without_terms()).run);
-  for (const Term& term : terms) flights.add(term.name, variant(term.name, term.frame, term.config).run);
-  flights.measure();
-  figures.add("dynamics/cost/" + none + "/ns_per_substep", flights.ns(none), "ns", kRuns);
-  for (const Term& term : terms) {
-    figures.add("dynamics/cost/" + term.name + "/ns_per_substep", flights.more(term.name, none), "ns", kRuns);
+  Airframe without_lift = with_every_term();
+  without_lift.rotor_lift = 0.0;
+  add("body_drag", kingfisher(), [](DynamicsConfig& config) { config.body_drag = true; });
+  add("rotor_drag", without_lift, [](DynamicsConfig& config) { config.rotor_drag = true; });
+  // Lift is the only effect of this switch for a kingfisher.
+  add("rotor_lift", kingfisher(), [](DynamicsConfig& config) { config.rotor_drag = true; });
+  add("gyroscopic", with_every_term(), [](DynamicsConfig& config) { config.gyroscopic = true; });
+  add("controller_of_rates", kingfisher(), [](DynamicsConfig& config) { config.control = Control::body_rates; });
+  add("controller_of_positions", kingfisher(), [](DynamicsConfig& config) { config.control = Control::position; });
+  const bench::Times times = bench::interleave(variants, kRuns, kSlice);
+  for (std::size_t v = 0; v < variants.size(); ++v) {
+    std::vector<double> ns;
+    for (std::size_t run = 0; run < times[v].size(); ++run) {
+      ns.push_back(1e9 * (times[v][run] - (v > 0 ? times[0][run] : 0.0)) / kSubsteps);
+    }
+    figures.add("dynamics/cost/" + variants[v].label + "/ns_per_substep", bench::median(ns), "ns", kRuns);
   }
 }
 

@@ -5,7 +5,6 @@
 //   server round-trips DRONE ARRAYS PORT CALLS NAME:REQUEST:REPLY...
 //                      addresses of two servers of flockstep, port of the echo, calls to time, sizes of messages in bytes
 //   server clients ADDRESS COUNT move|scan SECONDS             COUNT clients at once, each with a drone and a thread
-//   server in-process                                          what a scan and a JPEG file cost without a server
 //   server encode IMAGES HZ                                    encodes images of 640 x 480 pixels at a rate, until it is killed
 #include <netinet/in.h>
 #include <netinet/tcp.h>
@@ -179,9 +178,7 @@ void round_trips(const std::vector<std::string>& arguments) {
   bench::Figures figures;
   const auto add = [&](const std::string& name, Times times) {
     std::ranges::sort(times);
-    for (const int percent : {10, 50, 90}) {
-      figures.add(name + "/p" + std::to_string(percent), percentile(times, percent), "us", calls);
-    }
+    figures.add(name + "/p50", percentile(times, 50), "us", calls);
   };
   for (std::size_t i = kFixed; i < arguments.size(); ++i) {
     const auto [name, sizes] = read_case(arguments[i]);
@@ -255,39 +252,15 @@ void clients(const std::vector<std::string>& arguments) {
 
 constexpr int kQuality = 90;
 
-// A drone with the default LiDAR and a camera of 640 x 480 pixels.
-BatchConfig watched_drone() {
+// Encodes as streams do, to measure their cost for other processes.
+[[noreturn]] void encode(int images, double rate_hz) {
   BatchConfig config;
   config.num_envs = 1;
   config.num_threads = 1;
-  config.lidars = {LidarConfig()};
   CameraConfig camera;
   camera.width_px = 640;
   camera.height_px = 480;
   config.cameras = {camera};
-  return config;
-}
-
-void in_process() {
-  const BatchConfig config = watched_drone();
-  Batch batch(config, {World::load(FLOCKSTEP_SCENES "/playground/train-1.json")});
-  batch.sense();
-  std::vector<float> ranges(static_cast<std::size_t>(config.lidars[0].rows() * config.lidars[0].columns()));
-  const std::vector<std::uint8_t> image = batch.picture(0, 0);
-  constexpr int kRuns = 25;
-  const bench::Times times =
-      bench::interleave({{"scan", [&] { batch.scan(0, ranges); }},
-                         {"jpeg", [&] { render::compress_rgb(image.data(), config.cameras[0], kQuality); }}},
-                        kRuns);
-  bench::Figures figures;
-  figures.add("scan", 1e6 * bench::median(times[0]), "us", kRuns);
-  figures.add("jpeg", 1e6 * bench::median(times[1]), "us", kRuns);
-  figures.print();
-}
-
-// Encodes as streams do, to measure their cost for other processes.
-[[noreturn]] void encode(int images, double rate_hz) {
-  const BatchConfig config = watched_drone();
   Batch batch(config, {World::load(FLOCKSTEP_SCENES "/playground/train-1.json")});
   batch.sense();
   const std::vector<std::uint8_t> image = batch.picture(0, 0);
@@ -311,12 +284,10 @@ int main(int argc, char** argv) try {
     round_trips(arguments);
   } else if (command == "clients") {
     clients(arguments);
-  } else if (command == "in-process") {
-    in_process();
   } else if (command == "encode" && arguments.size() == 2) {
     encode(std::stoi(arguments[0]), std::stod(arguments[1]));
   } else {
-    throw std::invalid_argument("expected echo, round-trips, clients, in-process or encode, got \"" + command + '"');
+    throw std::invalid_argument("expected echo, round-trips, clients or encode, got \"" + command + '"');
   }
 } catch (const std::exception& error) {
   std::fprintf(stderr, "server: %s\n", error.what());
