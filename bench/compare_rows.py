@@ -13,6 +13,7 @@ import math
 import sys
 import tempfile
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -102,10 +103,8 @@ def large_room(package: Any) -> list[Any]:
 
 
 def stepping(n: int, warm_up: int = 300, **settings: Any) -> Setup:
-    def setup(package: Any) -> Call:
-        return stepped(package.DroneVectorEnv(n, **{"worlds": "train", "num_threads": 1} | settings), warm_up)
-
-    return setup
+    told = {"worlds": "train", "num_threads": 1} | settings
+    return lambda package: stepped(package.DroneVectorEnv(n, **told), warm_up)
 
 
 def flying(n: int, task: str, imu: bool = False, in_small_room: bool = False, **settings: Any) -> Setup:
@@ -161,15 +160,6 @@ def stepped(envs: Any, warm_up: int, reach: float = 1.0) -> Call:
     return step
 
 
-def resetting(package: Any) -> Call:
-    envs = package.DroneVectorEnv(1024, worlds="train", num_threads=1)
-
-    def reset() -> None:
-        envs.reset(seed=0)
-
-    return reset
-
-
 STEP: list[tuple[str, Setup]] = [
     *((f"step/n{n}", stepping(n, 500 if n < 4096 else 200)) for n in (1, 16, 256, 1024, 4096)),
     ("step/views_n1024", stepping(1024, copy=False)),
@@ -183,7 +173,10 @@ STEP: list[tuple[str, Setup]] = [
         example_task(1024, "train", "navigation_numpy", "Navigation", "NavigationConfig", "LidarConfig"),
     ),
     ("step/terms_task_n1024", example_task(1024, "train", "navigation_terms", "Navigation")),
-    ("step/reset_n1024", resetting),
+    (
+        "step/reset_n1024",
+        lambda package: partial(package.DroneVectorEnv(1024, worlds="train", num_threads=1).reset, seed=0),
+    ),
     ("step/hover_n1", flying(1, "HoverConfig")),
     ("step/hover_n1024", flying(1024, "HoverConfig")),
     ("step/hover_views_n1024", flying(1024, "HoverConfig", copy=False)),
@@ -448,11 +441,7 @@ def file(name: str) -> Path:
 
 
 def loading(write: Callable[[Any], Path]) -> Setup:
-    def setup(package: Any) -> Call:
-        path = write(package)
-        return lambda: package.World.load(path)
-
-    return setup
+    return lambda package: partial(package.World.load, write(package))
 
 
 def json_file(package: Any) -> Path:
@@ -508,22 +497,12 @@ end_header
     return path
 
 
-def reading_dict(package: Any) -> Call:
-    data = FOREST(package)[0].to_dict()
-    return lambda: package.World.from_dict(data)
-
-
 def saving(suffix: str) -> Setup:
-    def setup(package: Any) -> Call:
-        (world,) = FOREST(package)
-        path = file(f"saved{suffix}")
-        return lambda: world.save(path)
-
-    return setup
+    return lambda package: partial(FOREST(package)[0].save, file(f"saved{suffix}"))
 
 
 def generating(name: str, **settings: Any) -> Setup:
-    return lambda package: lambda: getattr(package.World, name)(1, **settings)
+    return lambda package: partial(getattr(package.World, name), 1, **settings)
 
 
 def preparing(write: Callable[[Any], Path], outputs: list[str], tracer: str = "auto") -> Setup:
@@ -563,23 +542,13 @@ def pool_filling(package: Any) -> Call:
     return fill
 
 
-def finding_places(package: Any) -> Call:
-    (world,) = OFFICE(package)
-    return lambda: world.free_places(256, seed=0)
-
-
-def filling_cells(package: Any) -> Call:
-    (world,) = OFFICE(package)
-    return lambda: world.occupancy(0.5)
-
-
 WORLDS: list[tuple[str, Setup]] = [
-    ("worlds/load/playground", lambda package: lambda: package.World.load("playground/train-1")),
+    ("worlds/load/playground", lambda package: partial(package.World.load, "playground/train-1")),
     ("worlds/load/json", loading(json_file)),
     ("worlds/load/glb", loading(glb_file)),
     ("worlds/load/obj", loading(obj_file)),
     ("worlds/load/ply", loading(ply_file)),
-    ("worlds/load/dict", reading_dict),
+    ("worlds/load/dict", lambda package: partial(package.World.from_dict, FOREST(package)[0].to_dict())),
     ("worlds/save/json", saving(".json")),
     ("worlds/save/glb", saving(".glb")),
     ("worlds/generate/playground", generating("playground")),
@@ -593,8 +562,8 @@ WORLDS: list[tuple[str, Setup]] = [
     ("worlds/prepare/obj", preparing(obj_file, ["depth"])),
     ("worlds/pool/episodes_n256", pooled(256, 32)),
     ("worlds/pool/fill_n64", pool_filling),
-    ("worlds/free_places", finding_places),
-    ("worlds/occupancy", filling_cells),
+    ("worlds/free_places", lambda package: partial(OFFICE(package)[0].free_places, 256, seed=0)),
+    ("worlds/occupancy", lambda package: partial(OFFICE(package)[0].occupancy, 0.5)),
     *(
         (f"worlds/{name}/{sensor}", setup)
         for name in ("bench/complex", "bench/simple", "indoor/warehouse", "outdoor/city", "outdoor/forest")

@@ -220,7 +220,7 @@ def bench_dynamics() -> list[Figure]:
     """Measure flight in C++, whole steps of it from Python, and the memory of a drone with all features."""
     return [
         *native("dynamics"),
-        *flown_on_one_processor(),
+        *flown_steps(),
         *costs(),
         figure("dynamics/bytes_per_drone", bytes_per_drone(FLIGHT, 1 << 16), "B", 1),
     ]
@@ -257,11 +257,7 @@ def costs() -> list[Figure]:
     return figures
 
 
-def flown_on_one_processor() -> list[Figure]:
-    with server.pinned():  # two processors may differ in speed
-        return flown_steps()
-
-
+@server.pinned()  # two processors may differ in speed
 def flown_steps(n: int = dynamics_peers.DRONES) -> list[Figure]:
     """Time steps under body rate commands against the kernel's time for their substeps, in processor time."""
     dynamics = flockstep.DynamicsConfig(motion="rotors", control="body_rates")
