@@ -28,7 +28,7 @@ from peers.cases import FAR_M, SENSORS, Array, Cast, Mode, Rays
 from timing import Figure, median_ratio
 
 FILE = Path(__file__).resolve()
-#: Packages that pip installs for each peer. Open3D links to libusb, which some systems lack.
+#: Packages that pip installs for each peer, itself first. Open3D links to libusb, which some systems lack.
 PEERS = {
     "open3d": ["open3d-cpu", "libusb-package"],
     "embreex": ["embreex"],
@@ -104,7 +104,7 @@ def sensing(world: Any, case: Rays, sensor: str, tracer: str) -> Cast:
 def find(peer: str, files: list[Path], compare: bool) -> Found:
     """Measure all modes of a peer once and, if requested, count the differing distances."""
     module = importlib.import_module(f"peers.{peer}") if peer != "flockstep" else None
-    found = Found(version(module.DISTRIBUTION if module else peer))
+    found = Found(version(PEERS[peer][0] if module else peer))
     for file in files:
         case = Rays.load(file)
         modes = module.trace(case) if module else of_flockstep(case)

@@ -9,8 +9,6 @@ from embreex.rtcore_scene import EmbreeScene
 
 from peers.cases import FAR_M, Array, Cast, Mode, Rays
 
-DISTRIBUTION = "embreex"
-
 
 def trace(case: Rays) -> dict[str, Mode]:
     def mode(robust: bool) -> Mode:

@@ -10,8 +10,6 @@ import numpy as np
 from peers import rate
 from peers.cases import FAR_M, PHYSICS_HZ, TICKS, Array, Cast, Flown, Mode, Quadrotor, Rays
 
-DISTRIBUTION = "mujoco"
-
 
 def fly(case: Quadrotor) -> Flown:
     sites = "".join(f'<site name="r{i}" pos="{" ".join(map(str, place))}"/>' for i, place in enumerate(case.position_m))

@@ -12,8 +12,6 @@ from peers.cases import Array, Cast, Mode, Rays
 ctypes.CDLL(str(libusb_package.get_library_path()))  # must be loaded before Open3D
 import open3d  # noqa: E402
 
-DISTRIBUTION = "open3d-cpu"
-
 
 def trace(case: Rays) -> dict[str, Mode]:
     scene = open3d.t.geometry.RaycastingScene(nthreads=1)

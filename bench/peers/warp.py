@@ -10,8 +10,6 @@ import warp as wp
 
 from peers.cases import FAR_M, Array, Cast, Mode, Rays
 
-DISTRIBUTION = "warp-lang"
-
 
 def trace(case: Rays) -> dict[str, Mode]:
     wp.config.kernel_cache_dir = str(Path(sys.prefix) / "kernels")
