@@ -302,7 +302,7 @@ def bench_learner() -> list[Figure]:
     """Compare an update of `flockstep.PPO` with Stable-Baselines3's, and one thread with two."""
     import learner
 
-    return of(learner.figures, RUNS)()
+    return of(learner.measure, RUNS)()
 
 
 #: Programs of examples/trainers/ by the name of their figures, and the format of their last line.
