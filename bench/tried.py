@@ -47,7 +47,7 @@ TESTS = {
     "moves": ("*Creep*", 51, 20),
     "pushes": ("Contact.Pushed*", 30, 10),
     "motions": ("SweepAgainstFineStepping*", 10, 10),
-    "encounters": ("Encounters*:MovingSweepAgainstFineStepping*", 10, 20),
+    "encounters": ("Encounters*", 10, 20),
     "shoves": ("Shoves*:Push*", 10, 150),
     "crushes": ("ContactInACrowd.NoDrone*", 10, 10),
     "tumbles": ("Tumbles.No*", 10, 8),

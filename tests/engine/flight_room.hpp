@@ -1,22 +1,11 @@
 // FlightRoom: drones with simulated rotors in a room, without a batch.
 #pragma once
 
-#include <gtest/gtest.h>
-
-#include <algorithm>
-#include <cstddef>
-#include <cstdint>
-#include <memory>
-#include <span>
-#include <string>
-#include <vector>
-
 #include "batch_helpers.hpp"
 #include "collision/hull.hpp"
 #include "dynamics/rotor_motion.hpp"
 #include "flight_state.hpp"
 #include "prepared/prepared_world.hpp"
-#include "random.hpp"
 
 namespace flockstep::testing {
 

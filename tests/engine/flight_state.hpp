@@ -1,17 +1,13 @@
 // A State for drones with simulated rotors without a batch, and access to its arrays by name.
 #pragma once
 
-#include <algorithm>
-#include <cstddef>
-#include <string>
-#include <string_view>
 #include <type_traits>
-#include <vector>
 
 #include "dynamics/wind.hpp"
 #include "flockstep/airframe.hpp"
 #include "flockstep/fields.hpp"
 #include "flockstep/state.hpp"
+#include "standard.hpp"
 
 namespace flockstep::testing {
 

@@ -1,26 +1,11 @@
 #include "batch/bad_states.hpp"
 
-#include <gtest/gtest.h>
-
-#include <cmath>
-#include <cstdint>
-#include <functional>
-#include <limits>
-#include <memory>
-#include <string>
-#include <utility>
-#include <vector>
-
 #include "batch_helpers.hpp"
-#include "numbers.hpp"
-#include "random.hpp"
 
 namespace flockstep {
 namespace {
 
-using testing::closet;
-using testing::kInfinity;
-using testing::same_drone;
+using namespace testing;
 
 constexpr float kNaN = std::numeric_limits<float>::quiet_NaN();
 

@@ -1,24 +1,11 @@
 // Drones of an env that see each other by LiDAR and camera.
-#include <gtest/gtest.h>
 
-#include <algorithm>
-#include <array>
-#include <cmath>
-#include <cstddef>
-#include <cstdint>
-#include <functional>
-#include <memory>
 #include <random>
-#include <span>
-#include <string>
 #include <tuple>
-#include <utility>
-#include <vector>
 
 #include "allocation_counter.hpp"
 #include "base/pose_access.hpp"
 #include "batch_helpers.hpp"
-#include "flockstep/batch.hpp"
 #include "flockstep/world_builder.hpp"
 #include "hull_oracle.hpp"
 #include "ray_oracle.hpp"
@@ -31,13 +18,10 @@ namespace {
 bool lacks_opengl(const Batch& batch) { return batch.camera_backend_report().find("not installed") != std::string::npos; }
 
 using oracle::Vec3d;
-using testing::Poses;
-using testing::primitive;
-using testing::Random;
-using testing::same_bits;
+using namespace testing;
 
 std::shared_ptr<const World> hall() {
-  return testing::make_world(
+  return make_world(
       {primitive(PrimitiveKind::room, {0, 0, 0}, {5, 5, 4}), primitive(PrimitiveKind::cylinder, {1, 1, 0}, {0.3F, 0.3F, 2}),
        primitive(PrimitiveKind::box, {-2, 0, 0}, {0.5F, 0.4F, 0.6F})},
       {.start = Vec3(0, 0, 1), .goal = Vec3(3, 3, 1)});
@@ -163,7 +147,7 @@ TEST(SeenDrones, LidarsDetectTheHullsOfTheOthers) {
     Batch batch(flock_of(3, 5), {world}, nullptr, model);
     batch.remove(std::array<std::int64_t, 1>{7});
     for (int i = 0; i < 16; ++i) {
-      const Poses poses = testing::random_poses(random, 15, Vec3::Constant(std::min(1.0F, 4.0F * model.radius())));
+      const Poses poses = random_poses(random, 15, Vec3::Constant(std::min(1.0F, 4.0F * model.radius())));
       batch.set_pose(poses.position, poses.quat_wxyz);
       batch.sense();
       check_ranges(*world, model, batch, poses, counts);
@@ -189,7 +173,7 @@ TEST(SeenDrones, LidarsDetectTheSameAmongMany) {
       config.lidars[0].max_range_m = 1.5F;
       Batch batch(config, {world}, nullptr, model);
       batch.remove(std::array<std::int64_t, 2>{7, static_cast<std::int64_t>(2 * drones - 1)});
-      Poses poses = testing::random_poses(random, 2 * per_env, spread);
+      Poses poses = random_poses(random, 2 * per_env, spread);
       poses.position[3 * 20] = 400.0F;  // one is far from the others
       batch.set_pose(poses.position, poses.quat_wxyz);
       batch.sense();
@@ -219,15 +203,15 @@ TEST(SeenDrones, ADroneDoesNotSeeItselfNorDronesOfOtherEnvs) {
     Batch seen(config, {hall()}), unseen(never, {hall()});
     const std::vector<std::int64_t> second{1, 3};
     Random random(2);
-    const Poses poses = testing::random_poses(random, 4, {0.3F, 0.3F, 0.3F});
+    const Poses poses = random_poses(random, 4, {0.3F, 0.3F, 0.3F});
     for (Batch* const batch : {&seen, &unseen}) {
       if (per_env == 2) batch->remove(second);
       batch->set_pose(poses.position, poses.quat_wxyz);
       batch->sense();
     }
     EXPECT_TRUE(same_bits(seen.lidar_readings().ranges, unseen.lidar_readings().ranges)) << per_env;
-    testing::for_each_array(seen.images(0), [&](const std::string& name, const auto& image) {
-      testing::for_each_array(unseen.images(0), [&](const std::string& other, const auto& expected) {
+    for_each_array(seen.images(0), [&](const std::string& name, const auto& image) {
+      for_each_array(unseen.images(0), [&](const std::string& other, const auto& expected) {
         if (name != other) return;
         EXPECT_TRUE(same_bits(std::as_bytes(std::span(image)), std::as_bytes(std::span(expected)))) << name;
       });
@@ -243,8 +227,8 @@ std::vector<std::int64_t> seen_actions(std::size_t step, std::size_t num_drones)
   return actions;
 }
 
-testing::NavigationBatch flying_flock(int num_envs, Meet meet = Meet::seen) {
-  testing::NavigationBatch config = testing::navigation_batch(num_envs);
+NavigationBatch flying_flock(int num_envs, Meet meet = Meet::seen) {
+  NavigationBatch config = navigation_batch(num_envs);
   config.drones_per_env = 6;
   config.meet = meet;
   config.navigation.random_start = true;
@@ -254,8 +238,8 @@ testing::NavigationBatch flying_flock(int num_envs, Meet meet = Meet::seen) {
 }
 
 TEST(SeenDrones, ResultsDoNotDependOnThreadsBlocksOrOtherEnvs) {
-  const auto world = testing::closet();
-  testing::NavigationBatch few_config = flying_flock(4), small_blocks = flying_flock(40);
+  const auto world = closet();
+  NavigationBatch few_config = flying_flock(4), small_blocks = flying_flock(40);
   small_blocks.num_threads = 3;
   small_blocks.block_size = 3;
   Batch few = few_config.make({world}), many = flying_flock(40).make({world}), others = small_blocks.make({world});
@@ -278,19 +262,19 @@ TEST(SeenDrones, ResultsDoNotDependOnThreadsBlocksOrOtherEnvs) {
 }
 
 TEST(SeenDrones, AStepAllocatesNothing) {
-  Batch batch = flying_flock(64).make({testing::closet()});
+  Batch batch = flying_flock(64).make({closet()});
   batch.reset({});
   std::vector<std::vector<std::int64_t>> actions;
   for (std::size_t step = 0; step < 60; ++step) actions.push_back(seen_actions(step, 384));
   for (std::size_t step = 0; step < 30; ++step) batch.step(std::span<const std::int64_t>(actions[step]));
-  const std::uint64_t before = testing::allocations();
+  const std::uint64_t before = allocations();
   for (std::size_t step = 30; step < 60; ++step) batch.step(std::span<const std::int64_t>(actions[step]));
-  EXPECT_EQ(testing::allocations() - before, 0U);
+  EXPECT_EQ(allocations() - before, 0U);
 }
 
 TEST(SeenDrones, TheirOrderDoesNotMatter) {
   Random random(3);
-  const Poses poses = testing::random_poses(random, 6, {1, 1, 1});
+  const Poses poses = random_poses(random, 6, {1, 1, 1});
   const std::array<std::size_t, 6> order{4, 2, 0, 5, 1, 3};
   const Poses permuted = rows_of(poses, order);
   Batch a(flock_of(1, 6), {hall()}), b(flock_of(1, 6), {hall()});
@@ -308,7 +292,7 @@ TEST(SeenDrones, ASnapshotBringsTheSameBitsBack) {
   BatchConfig config = flock_of(2, 4);
   config.cameras = {camera_of(CaptureMode::on_movement)};
   Random random(4);
-  const Poses first = testing::random_poses(random, 8, {1, 1, 1}), second = testing::random_poses(random, 8, {1, 1, 1});
+  const Poses first = random_poses(random, 8, {1, 1, 1}), second = random_poses(random, 8, {1, 1, 1});
   Batch batch(config, {hall()});
   batch.set_pose(first.position, first.quat_wxyz);
   batch.sense();
@@ -420,7 +404,7 @@ TEST_P(SeenDronesBy, CamerasShowThemAsBodiesWithTheirMesh) {
   body.semantic = kSemanticDrone;
   Batch bodies(one, {world}, nullptr, tetrahedron);
   Random random(6);
-  const Poses poses = testing::random_poses(random, 5, {1, 1, 1});
+  const Poses poses = random_poses(random, 5, {1, 1, 1});
   batch.set_pose(poses.position, poses.quat_wxyz);
   bodies.set_pose(poses.position, poses.quat_wxyz);
   for (std::size_t env = 0; env < 5; ++env) {
@@ -483,7 +467,7 @@ TEST(SeenDrones, TheBackendsAgree) {
   Random random(7);
   std::size_t pixels = 0, same = 0, of_drones = 0;
   for (int i = 0; i < 10; ++i) {
-    const Poses poses = testing::random_poses(random, 5, {1, 1, 1});
+    const Poses poses = random_poses(random, 5, {1, 1, 1});
     for (Batch* const batch : {&traced, &drawn}) {
       batch->set_pose(poses.position, poses.quat_wxyz);
       batch->sense();
@@ -535,13 +519,13 @@ TEST(SeenDrones, CastShadowsForTheOthers) {
 TEST(SeenDrones, BadConfigurationsAreRefused) {
   BatchConfig config = flock_of(1, 2, Meet::touched);
   config.drone_mesh = arrow();
-  EXPECT_REFUSED(config.validate(), "drone_mesh: expected None unless meet is \"seen\" or \"both\", got a world");
+  EXPECT_REFUSED(config.validate(), R"(drone_mesh: ... "seen" ... "both")");
   config.meet = Meet::both;
   config.validate();
   config.drone_mesh = hall();
-  EXPECT_REFUSED(config.validate(), "drone_mesh: expected a world with triangles, got a world without any");
+  EXPECT_REFUSED(config.validate(), "drone_mesh: ... triangles");
   config = flock_of(1, 4097);
-  EXPECT_REFUSED(config.validate(), "drones_per_env: expected at most 4096");
+  EXPECT_REFUSED(config.validate(), "drones_per_env: ... 4096");
   config.meet = Meet::never;
   config.validate();
 }

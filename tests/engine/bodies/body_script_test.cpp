@@ -1,21 +1,14 @@
 // Scripts of bodies, against closed forms written down here, finite differences and statistics.
 #include "bodies/body_script.hpp"
 
-#include <gtest/gtest.h>
-
-#include <algorithm>
-#include <array>
-#include <cmath>
-#include <cstdint>
-#include <numbers>
-#include <vector>
-
 #include "allocation_counter.hpp"
 #include "flockstep/body.hpp"
+#include "standard.hpp"
 
 namespace flockstep::bodies {
 namespace {
 
+using namespace testing;
 using Eigen::Quaterniond;
 using Eigen::Vector3d;
 using Points = std::vector<std::array<float, 3>>;
@@ -389,9 +382,9 @@ TEST(BodyScript, TheSameArgumentsGiveTheSameBitsWithoutAllocation) {
     const BodyScript script(body), other(body);
     for (const double time : {0.0, 1.7, 1e6}) {
       const ScriptKey key{.seed = 9, .episode = 4, .body = 7};
-      const std::uint64_t before = testing::allocations_of_this_thread();
+      const std::uint64_t before = allocations_of_this_thread();
       const Moment a = script.at(time, key);
-      EXPECT_EQ(testing::allocations_of_this_thread(), before);
+      EXPECT_EQ(allocations_of_this_thread(), before);
       const Moment b = other.at(time, key);
       EXPECT_EQ(a.pose.position, b.pose.position);
       EXPECT_EQ(a.pose.rotation.coeffs(), b.pose.rotation.coeffs());

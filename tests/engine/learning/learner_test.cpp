@@ -1,27 +1,11 @@
 #include "flockstep/learner.hpp"
 
-#include <gtest/gtest.h>
-
-#include <atomic>
-#include <cmath>
-#include <cstddef>
-#include <cstdint>
-#include <limits>
-#include <memory>
-#include <span>
-#include <stdexcept>
-#include <string>
-#include <thread>
-#include <vector>
-
 #include "batch_helpers.hpp"
-#include "refusal.hpp"
 
 namespace flockstep {
 namespace {
 
-using testing::closet;
-using testing::refusal;
+using namespace testing;
 
 constexpr int kEnvs = 37;
 constexpr double kInfinity = std::numeric_limits<double>::infinity();
@@ -145,12 +129,7 @@ TEST(Learner, ReadsFieldsInTheOrderOfTheirNames) {
 
 template <class Call>
 std::string bad_number(const Call& call) {
-  try {
-    call();
-  } catch (const NotFiniteError& error) {
-    return error.what();
-  }
-  return "accepted";
+  return testing::refusal<NotFiniteError>(call);
 }
 
 TEST(Learner, RefusesInfiniteObservationsOfABatch) {
@@ -162,8 +141,7 @@ TEST(Learner, RefusesInfiniteObservationsOfABatch) {
     learner.begin(config, kEnvs);
     learner.fly(0, *batch);
     const std::string message = bad_number([&] { learner.fly(1, *batch); });
-    EXPECT_EQ(message,
-              std::string("observation: expected finite numbers, got ") + (normalizes ? "inf" : "others") + " in row 20");
+    EXPECT_EQ(message, std::string("observation: ... numbers") + (normalizes ? "inf" : "others") + " in row 20");
     for (const double mean : learner.observation_moments().mean) EXPECT_TRUE(std::isfinite(mean));
     batch->step(std::vector<float>(2 * kEnvs));  // which still flies
   }
@@ -174,17 +152,17 @@ TEST(Learner, RefusesOtherBatches) {
   Learner learner(network(), 1, 0);
   EXPECT_NE(refusal([&] { learner.fly(0, *batch); }), "accepted");  // no rollout
   learner.begin({}, kEnvs - 1);
-  EXPECT_EQ(refusal([&] { learner.fly(0, *batch); }), "batch: expected 36 rows, got 37");
+  EXPECT_REFUSED(learner.fly(0, *batch), "batch: ... 36 ... 37");
   NetworkConfig other = network();
   other.is_discrete = true;
   Learner discrete(other, 1, 0);
   discrete.begin({}, kEnvs);
-  EXPECT_EQ(refusal([&] { discrete.fly(0, *batch); }), "batch: expected discrete actions, got actions of numbers");
+  EXPECT_REFUSED(discrete.fly(0, *batch), "batch: ... discrete");
   other = network();
   other.observation_size = 5;
   Learner larger(other, 1, 0);
   larger.begin({}, kEnvs);
-  EXPECT_EQ(refusal([&] { larger.fly(0, *batch); }), "batch: expected observations of 5 numbers, got 4");
+  EXPECT_REFUSED(larger.fly(0, *batch), "batch: ... 5 ... 4");
 }
 
 TEST(Learner, AdmitsOneThreadAtATime) {

@@ -1,34 +1,13 @@
 #include "sensors/lidar.hpp"
 
-#include <gtest/gtest.h>
-
-#include <algorithm>
-#include <array>
-#include <cmath>
-#include <limits>
-#include <memory>
-#include <numbers>
-#include <vector>
-
 #include "batch_helpers.hpp"
-#include "flockstep/batch.hpp"
-#include "numbers.hpp"
-#include "random.hpp"
 #include "ray_oracle.hpp"
 
 namespace flockstep {
 namespace {
 
 using oracle::Vec3d;
-using testing::kInfinity;
-using testing::lidar_batch;
-using testing::make_world;
-using testing::Poses;
-using testing::primitive;
-using testing::Random;
-using testing::random_poses;
-using testing::row;
-using testing::same_bits;
+using namespace testing;
 
 // -- Beams as defined by the conventions, in double precision.
 
@@ -390,7 +369,7 @@ TEST(LidarChange, NeedsALidar) {
 // -- The same bits with any neighbours.
 
 TEST(LidarBits, AreTheSameForAnyBlocksThreadsAndNeighbours) {
-  const Batch::Worlds worlds{crowded_world(), make_world(a_few()), testing::playground("train-1")};
+  const Batch::Worlds worlds{crowded_world(), make_world(a_few()), playground("train-1")};
   // A fan fills a part of a block of rays, a grid more than one block.
   for (const LidarConfig& lidar :
        {LidarConfig(), LidarConfig{.channels = 8, .beams = 50, .hfov_deg = 360.0F, .vfov_deg = 40.0F, .max_range_m = 8.0F}}) {

@@ -1,21 +1,10 @@
 #include "flockstep/raycast.hpp"
 
-#include <gtest/gtest.h>
-
-#include <algorithm>
-#include <array>
-#include <cmath>
-#include <limits>
-#include <memory>
-#include <numeric>
 #include <random>
-#include <vector>
 
 #include "base/platform.hpp"
 #include "batch_helpers.hpp"
-#include "numbers.hpp"
 #include "prepared/prepared_world.hpp"
-#include "random.hpp"
 #include "ray_oracle.hpp"
 #include "trace/scene.hpp"
 #include "trace/tracer.hpp"
@@ -24,11 +13,7 @@ namespace flockstep {
 namespace {
 
 using oracle::Vec3d;
-using testing::kInfinity;
-using testing::make_world;
-using testing::primitive;
-using testing::Random;
-using testing::same_bits;
+using namespace testing;
 
 // -- Random worlds and rays.
 
@@ -181,7 +166,7 @@ TEST(Raycast, FindsTheNearestOfPrimitivesAndTriangles) {
 }
 
 TEST(Raycast, RangeReachesThePlaygroundsWallsAndPillars) {
-  const auto world = testing::playground("train-1");
+  const auto world = playground("train-1");
   Random random(30);
   Rays rays;
   for (int i = 0; i < 3000; ++i) {
