@@ -439,6 +439,7 @@ void register_batch(py::module_& module) {
 
   py::class_<ServedBatch>(module, "_ServedBatch").def("end", [](ServedBatch& served) { released([&] { served.end(); }); });
   py::class_<Batch, std::unique_ptr<Batch, Released>> cls(module, "Batch", "N drone slots over W worlds, stepped together.");
+  suggest_attributes(cls);
   add_arrays<State, &state_arrays>(cls);
   add_arrays<OwnEpisodes, &own_arrays>(cls);
   add_arrays<FlightState, &flight_arrays>(cls);

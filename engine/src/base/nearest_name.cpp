@@ -1,6 +1,7 @@
 #include "base/nearest_name.hpp"
 
 #include <algorithm>
+#include <array>
 #include <cstddef>
 #include <utility>
 #include <vector>
@@ -55,6 +56,10 @@ double path_similarity(std::string_view known, std::string_view name) {
   return std::max(whole, name_similarity(last_part(known), last_part(name)));
 }
 
+// Public names that were renamed, with the present ones: a message suggests these, however little they resemble the former.
+constexpr std::array<std::pair<std::string_view, std::string_view>, 5> kRenamed{
+    {{"meet", "interaction"}, {"never", "none"}, {"seen", "sense"}, {"touched", "collide"}, {"resting", "finished"}}};
+
 }  // namespace
 
 double name_similarity(std::string_view a, std::string_view b) {
@@ -63,6 +68,10 @@ double name_similarity(std::string_view a, std::string_view b) {
 }
 
 std::string_view nearest_name(std::string_view name, std::span<const std::string_view> known) {
+  for (const auto& [former, present] : kRenamed) {
+    if (former != name) continue;
+    if (const auto found = std::ranges::find(known, present); found != known.end()) return *found;
+  }
   std::string_view nearest;
   double most = kSimilar;
   if (name.size() > kLongest) return nearest;

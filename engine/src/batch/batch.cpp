@@ -108,7 +108,7 @@ void put_velocity(Simulation& sim, DroneIndex drone, std::size_t row, std::span<
 void mark_absent(Simulation& sim, DroneIndex drone) {
   sim.state.active[drone] = 0;
   if (sim.episodes_mode() == Episodes::last) {
-    sim.state.own.resting[drone] = 0;
+    sim.state.own.finished[drone] = 0;
     end_rest(sim, sim.env_of(drone));
   }
   clear_contact(sim.state, drone);
@@ -123,10 +123,10 @@ void mark_absent(Simulation& sim, DroneIndex drone) {
   score.terminated[row] = score.truncated[row] = score.success[row] = score.left_area[row] = 0;
 }
 
-// Returns true if a slot is not in use. A resting drone is inactive, but keeps its slot.
+// Returns true if a slot is not in use. A finished drone is inactive, but keeps its slot.
 bool is_removed(const Simulation& sim, DroneIndex drone) {
-  const FlagArray& resting = sim.state.own.resting;
-  return !sim.state.active[drone] && (resting.empty() || !resting[drone]);
+  const FlagArray& finished = sim.state.own.finished;
+  return !sim.state.active[drone] && (finished.empty() || !finished[drone]);
 }
 
 // Makes the move lines of removed drones invisible.
@@ -408,7 +408,7 @@ std::vector<std::int64_t> Batch::spawn(std::span<const std::int64_t> indices, st
     state.active[drone] = 1;
     for (const auto& sensor : sim.suite) sensor->use_default_settings(drone);  // not those of the drone before
     for (std::size_t camera = 0; camera < sim.cameras.size(); ++camera) sim.cameras[camera].use_default_settings(drone);
-    if (!state.own.resting.empty()) state.own.resting[drone] = 0;
+    if (!state.own.finished.empty()) state.own.finished[drone] = 0;
     if (begins[env]) {
       forget_readings(sim, env);
       if (sim.bodies) sim.bodies->begin(env);
@@ -548,7 +548,7 @@ void Batch::reset_drones(DroneMask mask) {
     return;
   }
   std::vector<std::uint8_t> begins(sim.num_envs());
-  std::vector<DroneIndex> rests;
+  std::vector<DroneIndex> finished;
   for (std::size_t i = 0; i < sim.num_envs(); ++i) {
     const EnvIndex env(i);
     bool all = true, any = false, goes_on = false;
@@ -558,18 +558,18 @@ void Batch::reset_drones(DroneMask mask) {
       const bool chosen = mask.selects(drone);
       any |= chosen;
       all &= chosen;
-      goes_on |= chosen && !sim.state.own.resting[drone];
-      if (chosen && sim.state.own.resting[drone]) rests.push_back(drone);
+      goes_on |= chosen && !sim.state.own.finished[drone];
+      if (chosen && sim.state.own.finished[drone]) finished.push_back(drone);
     }
     begins[env] = any && (all || sim.episodes.done[env * sim.rows_per_env()]);
     require(begins[env] || !goes_on, "mask", "all drones of env " + std::to_string(i) + ", or some whose episodes have ended",
             "one whose episode goes on");
   }
-  std::erase_if(rests, [&](DroneIndex drone) { return begins[sim.env_of(drone)]; });
+  std::erase_if(finished, [&](DroneIndex drone) { return begins[sim.env_of(drone)]; });
   const EnvMask envs(begins);
   list_selected(sim, envs, &Block::resetting);
   reset_listed(sim, {});
-  for (const DroneIndex drone : rests) {
+  for (const DroneIndex drone : finished) {
     sim.outputs.forget_final(drone, 1);
     sim.outputs.rest(sim.task_state->spec(), drone);
   }

@@ -23,10 +23,10 @@ inline std::shared_ptr<const World> meeting_hall() {
 }
 
 struct Many : BatchConfig {
-  Many(int envs, int drones, Meet touched = Meet::touched) {
+  Many(int envs, int drones, Interaction touched = Interaction::collide) {
     num_envs = envs;
     drones_per_env = drones;
-    meet = touched;
+    interaction = touched;
     num_threads = 1;
   }
   Many& by_rotors(OnContact on_contact) {

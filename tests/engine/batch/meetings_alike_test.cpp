@@ -90,7 +90,7 @@ TEST(Meetings, DronesThatStayApartFlyAsIfTheyWereAlone) {
   Random random(7);
   for (const Many& config : kinds_of_meetings(3, 4)) {
     Many never = config;
-    never.meet = Meet::never;
+    never.interaction = Interaction::none;
     Batch first(config, {meeting_hall()}), second(never, {meeting_hall()});
     std::vector<float> position, quat;
     for (int i = 0; i < 12; ++i) {
