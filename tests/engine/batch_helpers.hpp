@@ -55,11 +55,7 @@ inline std::shared_ptr<const World> closet() {
 }
 
 inline BatchConfig lidar_batch(int num_envs, const LidarConfig& lidar = {}) {
-  BatchConfig config;
-  config.num_envs = num_envs;
-  config.num_threads = 1;
-  config.lidars = {lidar};
-  return config;
+  return {.num_envs = num_envs, .num_threads = 1, .lidars = {lidar}};
 }
 
 // The configuration of a navigation batch.

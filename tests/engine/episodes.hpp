@@ -77,21 +77,22 @@ std::vector<std::vector<EpisodeRow>> episode_rows(const NavigationBatch& config,
   const auto count = static_cast<std::size_t>(config.num_envs);
   const AutoresetMode mode = config.episode.autoreset_mode;
   Batch batch = config.make(worlds);
-  const Outputs& out = batch.outputs();
   batch.reset(seeds_from(5, count));
   std::vector<std::vector<EpisodeRow>> rows(count);
   std::vector<std::uint64_t> episode(count, 0), step(count, 0);
   std::vector<std::uint8_t> ended(count, 0);
   std::vector<std::int64_t> actions(count);
-  for (std::size_t i = 0; i < count; ++i) rows[i].push_back({row_of(out.observation, i)});
+  const auto observe = [&](std::size_t env) { rows[env].push_back({row_of(batch.outputs().observation, env)}); };
+  for (std::size_t i = 0; i < count; ++i) observe(i);
   for (int time = 0; time < steps; ++time) {
     for (std::size_t i = 0; i < count; ++i) {
       actions[i] = action_of(i * 31 + episode[i] * 17 + step[i] * step[i] * 7 + step[i] / 3);
     }
     batch.step(std::span<const std::int64_t>(actions));
+    const Outputs& out = batch.outputs();
     for (std::size_t i = 0; i < count; ++i) {
       if (mode == AutoresetMode::next_step && ended[i]) {  // reset row
-        rows[i].push_back({row_of(out.observation, i)});
+        observe(i);
         ended[i] = 0;
         continue;
       }
@@ -103,12 +104,12 @@ std::vector<std::vector<EpisodeRow>> episode_rows(const NavigationBatch& config,
       if (!ended[i]) continue;
       ++episode[i];
       step[i] = 0;
-      if (was_reset) rows[i].push_back({row_of(out.observation, i)});
+      if (was_reset) observe(i);
     }
     if (mode != AutoresetMode::disabled || std::ranges::count(ended, 1) == 0) continue;
     batch.reset({}, ended);
     for (std::size_t i = 0; i < count; ++i) {
-      if (ended[i]) rows[i].push_back({row_of(out.observation, i)});
+      if (ended[i]) observe(i);
     }
   }
   return rows;

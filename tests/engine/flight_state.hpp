@@ -47,6 +47,16 @@ void for_each_float_array(T& arrays, const F& f) {
   });
 }
 
+// Calls f(name, values, others) for every float array of two states.
+template <class F>
+void for_each_float_array(const State& a, const State& b, const F& f) {
+  for_each_float_array(a, [&](const std::string& name, const std::vector<float>& values) {
+    for_each_float_array(b, [&](const std::string& other, const std::vector<float>& others) {
+      if (name == other) f(name, values, others);
+    });
+  });
+}
+
 inline bool is_written_by_flight(std::string_view name) {
   constexpr std::string_view kNames[]{"position",       "quat_wxyz",     "velocity",    "angular_velocity",
                                       "acceleration",   "rotor_command", "rotor_speed", "angular_acceleration",

@@ -35,18 +35,25 @@
 
 namespace flockstep::testing {
 
-// An empty folder for files of a test.
+// An empty folder for files of the current test.
 class TempFolder : public std::filesystem::path {
  public:
-  explicit TempFolder(const char* name) : path(path(::testing::TempDir()) / name) {
+  TempFolder() : path(path(::testing::TempDir()) / ("flockstep_" + name())) {
     std::filesystem::remove_all(*this);
     std::filesystem::create_directories(*this);
   }
   ~TempFolder() { std::filesystem::remove_all(*this); }
   TempFolder(const TempFolder&) = delete;
   TempFolder& operator=(const TempFolder&) = delete;
+
+ private:
+  static std::string name() {
+    const auto* const test = ::testing::UnitTest::GetInstance()->current_test_info();
+    return std::string(test->test_suite_name()) + '_' + test->name();
+  }
 };
 
 inline constexpr float kInfinity = std::numeric_limits<float>::infinity();  // range of a ray that hits nothing
+inline constexpr float kNan = std::numeric_limits<float>::quiet_NaN();
 
 }  // namespace flockstep::testing

@@ -1,17 +1,16 @@
 // The ways to the server, its streams, and the task over it.
+#include <openssl/evp.h>
+#include <openssl/pem.h>
+#include <openssl/x509v3.h>
+#include <unistd.h>
+
+#include <cstdio>
+
 #include "server/served.hpp"
 
 namespace flockstep {
 namespace {
 
-using namespace testing;
-using namespace std::chrono_literals;
-using client::Connection;
-using client::DroneController;
-using client::ErrorCode;
-using client::GameModeController;
-using client::later;
-using client::Vector3;
 using namespace serving;
 
 constexpr std::array<const char*, 1> kPosition{"position"};

@@ -4,13 +4,6 @@
 namespace flockstep {
 namespace {
 
-using namespace std::chrono_literals;
-using client::Connection;
-using client::DroneController;
-using client::ErrorCode;
-using client::GameModeController;
-using client::later;
-using namespace testing;
 using namespace failures;
 
 Failure connecting(const client::Options& options) {

@@ -4,13 +4,6 @@
 namespace flockstep {
 namespace {
 
-using namespace std::chrono_literals;
-using client::Connection;
-using client::DroneController;
-using client::ErrorCode;
-using client::GameModeController;
-using client::later;
-using namespace testing;
 using namespace failures;
 
 TEST(ClientFaults, LateRepliesAndTimeouts) {
@@ -155,16 +148,16 @@ TEST(ClientFaults, BadArgumentsAreNotSent) {
   Connection connection({.address = server.address()});
   GameModeController simulation(connection);
   DroneController drone(connection, 0);
-  const float nan = std::numeric_limits<float>::quiet_NaN(), inf = std::numeric_limits<float>::infinity();
+  constexpr float inf = kInfinity;
   const std::vector<std::function<void()>> calls{
-      [&] { drone.set_location({nan, 0, 0}); },
+      [&] { drone.set_location({kNan, 0, 0}); },
       [&] { drone.set_rotation(client::Quaternion{1, 0, inf, 0}); },
-      [&] { drone.set_rotation(client::Angles{.pitch_deg = nan}); },
+      [&] { drone.set_rotation(client::Angles{.pitch_deg = kNan}); },
       [&] { drone.set_location_and_rotation({0, 0, inf}, client::Angles{}); },
       [&] { drone.stream_lidar(std::numeric_limits<double>::infinity()); },
-      [&] { simulation.spawn_drone({.location = client::Vector3{nan, 0, 0}}); },
+      [&] { simulation.spawn_drone({.location = client::Vector3{kNan, 0, 0}}); },
       [&] { simulation.set_clock(std::numeric_limits<double>::quiet_NaN()); },
-      [&] { simulation.get_point_cloud(nan); },
+      [&] { simulation.get_point_cloud(kNan); },
       [&] { simulation.fly({.command = std::vector<float>(5)}); },
       [&] { simulation.set_poses({.position = std::vector<float>(4)}); },
       [&] { simulation.set_poses({.mask = std::vector<std::uint8_t>{2}}); },

@@ -6,13 +6,6 @@
 namespace flockstep {
 namespace {
 
-using namespace testing;
-using namespace std::chrono_literals;
-using client::Connection;
-using client::DroneController;
-using client::ErrorCode;
-using client::GameModeController;
-using client::Vector3;
 using namespace serving;
 
 template <class Config>

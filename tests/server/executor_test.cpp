@@ -1,15 +1,21 @@
 // What runs the operations of the server: workload, executor, its end, and a load of clients.
+#include "service/executor.hpp"
+
+#include <sys/resource.h>
+
+#include <deque>
+#include <new>
+
+#include "base/interrupt.hpp"
+#include "protocol/frame.hpp"
+#include "protocol/messages.hpp"
 #include "server/operations.hpp"
+#include "service/call.hpp"
+#include "service/workload.hpp"
 
 namespace flockstep::server {
 namespace {
 
-using namespace testing;
-using namespace std::chrono_literals;
-using client::Connection;
-using client::DroneController;
-using client::GameModeController;
-using client::later;
 using namespace operating;
 
 TEST(Workload, IsWaitedForUntilItsLastMark) {

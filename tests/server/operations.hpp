@@ -1,24 +1,13 @@
 // A served batch, and operations that are sent and fetched later.
 #pragma once
 
-#include <sys/resource.h>
-
 #include <chrono>
-#include <deque>
-#include <new>
-#include <variant>
 
-#include "base/interrupt.hpp"
 #include "batch_helpers.hpp"
 #include "flockstep/batch_lock.hpp"
 #include "flockstep/client.hpp"
 #include "flockstep/served_batch.hpp"
 #include "flockstep/server.hpp"
-#include "protocol/frame.hpp"
-#include "protocol/messages.hpp"
-#include "service/call.hpp"
-#include "service/executor.hpp"
-#include "service/workload.hpp"
 
 namespace flockstep::server::operating {
 
@@ -32,10 +21,7 @@ using client::later;
 inline BatchConfig kinematic() {
   BatchConfig config = lidar_batch(1, {.beams = 35, .max_range_m = 20});
   config.drones_per_env = 8;
-  CameraConfig camera;
-  camera.width_px = 32;
-  camera.height_px = 24;
-  camera.capture_mode = CaptureMode::on_demand;
+  CameraConfig camera{.width_px = 32, .height_px = 24, .capture_mode = CaptureMode::on_demand};
   config.cameras = {camera};
   return config;
 }

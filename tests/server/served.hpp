@@ -1,13 +1,7 @@
 // A served batch beside its twin, which tests call directly.
 #pragma once
 
-#include <openssl/evp.h>
-#include <openssl/pem.h>
-#include <openssl/x509v3.h>
-#include <unistd.h>
-
 #include <chrono>
-#include <cstdio>
 #include <nlohmann/json.hpp>
 
 #include "batch_helpers.hpp"
@@ -38,9 +32,7 @@ inline std::shared_ptr<const World> room() {
 inline BatchConfig kinematic() {
   BatchConfig config = lidar_batch(2, {.beams = 35, .max_range_m = 20});
   config.drones_per_env = 2;
-  CameraConfig camera;
-  camera.width_px = 32;
-  camera.height_px = 24;
+  CameraConfig camera{.width_px = 32, .height_px = 24};
   camera.outputs.depth = true;
   config.cameras = {camera};
   return config;

@@ -6,12 +6,6 @@
 namespace flockstep::server {
 namespace {
 
-using namespace testing;
-using namespace std::chrono_literals;
-using client::Connection;
-using client::DroneController;
-using client::GameModeController;
-using client::later;
 using namespace operating;
 
 TEST(Server, ListsTenThousandDrones) {

@@ -54,7 +54,6 @@ struct Robot {
 };
 
 TEST(CheckFields, NamesFieldExpectedAndGot) {
-  constexpr float kNan = std::numeric_limits<float>::quiet_NaN();
   const std::vector<std::pair<std::function<void(Robot&)>, std::string>> cases{
       {[](Robot&) {}, "accepted"},
       {[](Robot& r) { r.name = "r 2"; }, "robot.name: expected letters, digits, _ and -, got \"r 2\""},

@@ -134,10 +134,7 @@ TEST(Fields, TheHashIgnoresIrrelevantFields) {
   Weather weather;
   weather.threads = 8;
   EXPECT_EQ(hash_of(weather), hash_of(Weather()));
-  BatchConfig config;
-  config.num_threads = 3;
-  config.block_size = 7;
-  config.camera_backend = CameraBackend::gl;
+  BatchConfig config{.num_threads = 3, .block_size = 7, .camera_backend = CameraBackend::gl};
   EXPECT_EQ(hash_of(config), hash_of(BatchConfig()));
   CameraConfig camera;
   camera.capture_mode = CaptureMode::on_demand;

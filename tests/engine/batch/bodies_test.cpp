@@ -18,10 +18,7 @@ Batch::Worlds five_playgrounds() {
 }
 
 BodyConfig body_at(const std::array<float, 3>& position, const std::array<float, 3>& velocity, BodyShape shape) {
-  BodyConfig body;
-  body.shape = shape;
-  body.size_m = {0.5F, 0.5F, shape == BodyShape::sphere ? 0.5F : 1.5F};
-  body.position_m = position;
+  BodyConfig body{.shape = shape, .size_m = {0.5F, 0.5F, shape == BodyShape::sphere ? 0.5F : 1.5F}, .position_m = position};
   body.motion.velocity_mps = velocity;
   body.motion.turn_rate_dps = {0.0F, 20.0F, 45.0F};
   return body;
@@ -105,9 +102,7 @@ TEST(Bodies, ManyMovesOfOneTickAreOneMoveOfManyTicks) {
 
 // The drones of an env are pushed whether the call moves them or not.
 TEST(Bodies, PushDronesThatACallDoesNotMove) {
-  BatchConfig config;
-  config.drones_per_env = 2;
-  config.bodies = {body_at({1, 1, 0.75F}, {2, 0, 0}, BodyShape::sphere)};
+  BatchConfig config{.drones_per_env = 2, .bodies = {body_at({1, 1, 0.75F}, {2, 0, 0}, BodyShape::sphere)}};
   Batch batch(config, {closet()});
   batch.set_pose(std::vector<float>{0.2F, 0.2F, 0.75F, 1.7F, 1.0F, 0.75F}, {});
   const float before = batch.state().position[3];
@@ -119,18 +114,10 @@ TEST(Bodies, PushDronesThatACallDoesNotMove) {
 
 // -- Models of the bodies that calls spawn: a batch keeps those that its slots hold.
 
-BodyConfig ball_of(float diameter) {
-  BodyConfig ball;
-  ball.shape = BodyShape::sphere;
-  ball.size_m = {diameter, diameter, diameter};
-  return ball;
-}
+BodyConfig ball_of(float diameter) { return {.shape = BodyShape::sphere, .size_m = {diameter, diameter, diameter}}; }
 
 TEST(BodyModels, SpawningForeverDoesNotGrowTheSnapshot) {
-  BatchConfig config;
-  config.num_envs = 2;
-  config.bodies = {ball_of(5.0F)};
-  config.max_bodies = 4;
+  BatchConfig config{.num_envs = 2, .bodies = {ball_of(5.0F)}, .max_bodies = 4};
   Batch batch(config, {closet()});
   batch.spawn_bodies(ball_of(0.125F));  // stays in slot 1 of both envs
   std::size_t after_a_hundred = 0;

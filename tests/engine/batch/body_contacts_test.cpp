@@ -5,8 +5,6 @@
 namespace flockstep {
 namespace {
 
-using oracle::Vec3d;
-using namespace testing;
 using namespace contacts;
 
 double least_distance(const std::vector<Mover>& movers, const Way& drone, double time, double enough) {

@@ -131,10 +131,7 @@ class BodyEnvs {
         turning(3 * envs * slots) {}
 
   static BatchConfig config(int envs, int slots) {
-    BatchConfig config;
-    config.num_envs = envs;
-    config.num_threads = 1;
-    config.max_bodies = slots;
+    BatchConfig config{.num_envs = envs, .num_threads = 1, .max_bodies = slots};
     config.clock.policy_hz = 1.0F / kStepS;
     return config;
   }

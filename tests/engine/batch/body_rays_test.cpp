@@ -226,10 +226,7 @@ class RayScene {
 
  private:
   BatchConfig config() {
-    BatchConfig config;
-    config.num_envs = kRayEnvs;
-    config.num_threads = 1;
-    config.max_bodies = kRayBodies;
+    BatchConfig config{.num_envs = kRayEnvs, .num_threads = 1, .max_bodies = kRayBodies};
     LidarConfig lidar;
     lidar.channels = random_.generator()() % 2 == 0 ? 1 : 9;
     lidar.beams = lidar.channels == 1 ? 140 : 16;

@@ -326,12 +326,11 @@ TEST(GrowthOfBatches, RefusesBadCallsBeforeAnythingChanges) {
   batch->sense();
   const std::string before = batch->snapshot();
   const void* const memory = ServedBatch::memory(*batch).get();
-  const float nan = std::numeric_limits<float>::quiet_NaN();
   const std::vector<float> at{1, 1, 0.75F};
   EXPECT_REFUSED(batch->spawn(Indices{std::int64_t{1} << 40}, at, {}, {}), "indices (row 0): ... [0, 1048576) ... 1099511627776");
   EXPECT_REFUSED(batch->spawn(Indices{1048576}, at, {}, {}), "indices (row 0): ... [0, 1048576) ... 1048576");
   EXPECT_REFUSED(batch->spawn(Indices{-1}, at, {}, {}), "indices (row 0): ... [0, 1048576) ... -1");
-  EXPECT_REFUSED(batch->spawn(Indices{5}, std::vector<float>{1, nan, 1}, {}, {}), "position (row 0)");
+  EXPECT_REFUSED(batch->spawn(Indices{5}, std::vector<float>{1, kNan, 1}, {}, {}), "position (row 0)");
   EXPECT_REFUSED(batch->spawn(Indices{5}, std::vector<float>{1, 1}, {}, {}), "position: ... 3 ... 2");
   EXPECT_REFUSED(batch->spawn(Indices{5}, at, std::vector<float>{0, 0, 0, 0}, {}), "quat_wxyz (row 0)");
   EXPECT_REFUSED(batch->spawn(Indices{5}, at, {}, std::vector<std::int32_t>{2}), "world_index (row 0)");

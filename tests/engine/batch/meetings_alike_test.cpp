@@ -4,7 +4,6 @@
 namespace flockstep {
 namespace {
 
-using namespace testing;
 using namespace meetings;
 
 // Flies or moves a batch and its copies.

@@ -7,7 +7,6 @@
 namespace flockstep {
 namespace {
 
-using namespace testing;
 using namespace meetings;
 
 TEST(Meetings, KinematicDronesNeverEndInsideEachOther) {
@@ -191,9 +190,7 @@ TEST(Meetings, BodiesPushDronesThatDoNotTouchAsIfTheyCouldNot) {
   for (const OnContact on_contact : {OnContact::bounce, OnContact::stop, OnContact::terminate}) {
     for (int trial = 0; trial < 60; ++trial) {
       Many config = Many(1, 2).by_rotors(on_contact);
-      BodyConfig body;
-      body.shape = trial % 2 == 0 ? BodyShape::box : BodyShape::sphere;
-      body.size_m = {0.3F, 0.3F, 0.3F};
+      BodyConfig body{.shape = trial % 2 == 0 ? BodyShape::box : BodyShape::sphere, .size_m = {0.3F, 0.3F, 0.3F}};
       body.motion.kind = BodyMotionKind::random_walk;
       body.motion.period_s = 0.5F;
       body.motion.box_min_m = {-2.4F, -2.4F, -0.4F};
@@ -220,7 +217,7 @@ TEST(Meetings, BodiesPushDronesThatDoNotTouchAsIfTheyCouldNot) {
         if (contact.drone[0] >= 0 || contact.drone[1] >= 0 || contact.inside[0] || contact.inside[1]) break;
         const std::vector<float>& position = first.state().position;
         if (position[5] - position[2] < 0.35F) break;  // one may be in the way of the other
-        expect_same(first, {second, in_order(2)});
+        expect_same(first, Copy{second, in_order(2)});
         ASSERT_FALSE(::testing::Test::HasFailure()) << "trial " << trial << ", tick " << tick;
         contacts += contact.body[0] >= 0 || contact.body[1] >= 0;
         ++ticks;

@@ -4,8 +4,6 @@
 namespace flockstep {
 namespace {
 
-using oracle::Vec3d;
-using namespace testing;
 using namespace contacts;
 
 // -- Pushes among walls and other bodies.

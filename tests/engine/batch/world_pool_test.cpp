@@ -112,9 +112,9 @@ void expect_no_allocation(AutoresetMode mode) {
   for (int i = 0; i < 20; ++i) step(batch);
   const std::int64_t before = batch.state().episode[0];
   const std::vector<std::int64_t> actions(64, 4);
-  const std::uint64_t allocations = allocations();
+  const std::uint64_t allocated = allocations();
   for (int i = 0; i < 100; ++i) batch.step(std::span<const std::int64_t>(actions));
-  EXPECT_EQ(allocations() - allocations, 0U);
+  EXPECT_EQ(allocations() - allocated, 0U);
   EXPECT_GT(batch.state().episode[0], before + 10);
   EXPECT_EQ(pool.source->asked, 1);
 }

@@ -1,7 +1,6 @@
 // Bodies that move, and their oracle.
 #pragma once
 
-#include "allocation_counter.hpp"
 #include "collide.hpp"
 #include "collision/mover.hpp"
 #include "collision/moving_sweep.hpp"
@@ -100,8 +99,7 @@ inline Pose random_target(Random& random, const Pose& from, float length, float 
   return to;
 }
 
-// -- Results known in closed form. The hull is 0.93 x 0.59 x 0.2 m.
-
+// The hull is 0.93 x 0.59 x 0.2 m.
 inline constexpr float kFront = 0.465F;  // m, extent of the hull along x
 
 // A plate of 5 mm that moves along x, at most 0.5 m in a motion of 10 ms: 50 m/s.

@@ -7,7 +7,6 @@
 namespace flockstep::collision {
 namespace {
 
-using namespace testing;
 using namespace moving;
 
 TEST(MovingSweep, ASphereRunsIntoATinyHull) {

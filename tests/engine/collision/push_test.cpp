@@ -1,10 +1,10 @@
 // Pushes of moving bodies, which lead out of them and never into a wall.
+#include "allocation_counter.hpp"
 #include "collision/moving_scenes.hpp"
 
 namespace flockstep::collision {
 namespace {
 
-using namespace testing;
 using namespace moving;
 
 std::vector<MovingSolid> solids_of(const std::vector<MovingBody>& bodies) {

@@ -4,7 +4,6 @@
 namespace flockstep::collision {
 namespace {
 
-using namespace testing;
 using namespace places;
 
 // -- SceneRandom scenes, compared with fine stepping and an independent distance.

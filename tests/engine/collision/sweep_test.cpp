@@ -5,7 +5,6 @@
 namespace flockstep::collision {
 namespace {
 
-using namespace testing;
 using namespace places;
 
 // -- Results known in closed form. The hull is 0.93 x 0.59 x 0.2 m.

@@ -84,11 +84,7 @@ float bottom() {
 }
 
 DynamicsConfig config_of(OnContact on_contact, float restitution = 0.3F) {
-  DynamicsConfig config;
-  config.motion = Motion::rotors;
-  config.on_contact = on_contact;
-  config.restitution = restitution;
-  return config;
+  return {.motion = Motion::rotors, .on_contact = on_contact, .restitution = restitution};
 }
 
 class Yard {

@@ -40,19 +40,12 @@ const DroneModel& pointed_drone() {
 }
 
 Airframe frame_of(double mass) {
-  Airframe frame;
-  frame.mass_kg = mass;
-  frame.inertia_kgm2 = {0.01 * mass, 0.014 * mass, 0.02 * mass};
+  Airframe frame{.mass_kg = mass, .inertia_kgm2 = {0.01 * mass, 0.014 * mass, 0.02 * mass}};
   return frame;
 }
 
 DynamicsConfig contact_config(OnContact on_contact, float restitution = 0.5F, float friction = 0.0F) {
-  DynamicsConfig config;
-  config.motion = Motion::rotors;
-  config.on_contact = on_contact;
-  config.restitution = restitution;
-  config.friction = friction;
-  return config;
+  return {.motion = Motion::rotors, .on_contact = on_contact, .restitution = restitution, .friction = friction};
 }
 
 const collision::Obstacles& nothing() {
@@ -378,17 +371,14 @@ TEST(LaneGroup, StoresTheGivenLanesOnly) {
     }
     group.store(lanes, flock, state);
     int arrays = 0;
-    for_each_float_array(state, [&](const std::string& name, const std::vector<float>& values) {
-      for_each_float_array(before, [&](const std::string& other, const std::vector<float>& old) {
-        if (name != other) return;
-        const bool is_stored = is_written_by_flight(name);
-        arrays += is_stored;
-        const std::size_t columns = values.size() / kNumDrones;
-        for (std::size_t i = 0; i < values.size(); ++i) {
-          const bool is_changed = is_stored && (i / columns == 6 || i / columns == 17);
-          EXPECT_EQ(values[i], is_changed ? -1.0F : old[i]) << name << ' ' << i / columns;
-        }
-      });
+    for_each_float_array(std::as_const(state), before, [&](const std::string& name, const auto& values, const auto& old) {
+      const bool is_stored = is_written_by_flight(name);
+      arrays += is_stored;
+      const std::size_t columns = values.size() / kNumDrones;
+      for (std::size_t i = 0; i < values.size(); ++i) {
+        const bool is_changed = is_stored && (i / columns == 6 || i / columns == 17);
+        EXPECT_EQ(values[i], is_changed ? -1.0F : old[i]) << name << ' ' << i / columns;
+      }
     });
     EXPECT_EQ(arrays, 10);
   }

@@ -60,9 +60,7 @@ struct Tumble {
   Tumble(Random& random, const std::string& frame, Onto place)
       : onto(place), airframe(*DroneModel::load(frame).airframe()), radius(DroneModel::load(frame).radius()) {
     constexpr std::array kRates{100.0F, 250.0F, 500.0F, 1000.0F};
-    BatchConfig config;
-    config.num_envs = kDrones;
-    config.num_threads = 1;
+    BatchConfig config{.num_envs = kDrones, .num_threads = 1};
     const float hz = kRates[static_cast<std::size_t>(random.within(0.0F, 3.999F))];
     config.clock.policy_hz = hz;
     config.clock.physics_hz = hz;
@@ -213,10 +211,7 @@ TEST(Tumbles, WhatBeginsInsideGetsOut) {
   for (std::size_t place = 0; place < worlds.size(); ++place) {
     for (const OnContact on_contact : {OnContact::stop, OnContact::bounce}) {
       for (const float hz : {100.0F, 500.0F}) {
-        BatchConfig config;
-        config.num_envs = 20;
-        config.num_threads = 1;
-        config.clock = {.policy_hz = 50.0F, .physics_hz = hz};
+        BatchConfig config{.num_envs = 20, .num_threads = 1, .clock = {.policy_hz = 50.0F, .physics_hz = hz}};
         config.dynamics.motion = Motion::rotors;
         config.dynamics.control = Control::velocity;
         config.dynamics.on_contact = on_contact;

@@ -113,13 +113,7 @@ using WideVec = Eigen::Vector3d;
 constexpr std::size_t kWashEnvs = 6, kWashMembers = 10, kWashDrones = kWashEnvs * kWashMembers;
 const ClockConfig kWashClock{.policy_hz = 50.0F, .physics_hz = 500.0F, .controller_hz = {}};
 
-DynamicsConfig with_downwash() {
-  DynamicsConfig config;
-  config.motion = Motion::rotors;
-  config.control = Control::rotor_speeds;
-  config.downwash = true;
-  return config;
-}
+DynamicsConfig with_downwash() { return {.motion = Motion::rotors, .control = Control::rotor_speeds, .downwash = true}; }
 
 struct WashSwarm {
   explicit WashSwarm(std::uint32_t seed) : state(flight_state(kWashEnvs, kWashMembers)) {

@@ -4,7 +4,6 @@
 namespace flockstep {
 namespace {
 
-using namespace testing;
 using namespace gltf;
 
 TEST(Gltf, BadImagesAreRefused) {
@@ -110,7 +109,7 @@ TEST(Gltf, FilesBesideItAreReadAndOthersAreNot) {
   EXPECT_TRUE(names(spoilt("/buffers/0/uri", "https://x.y/z"), R"(x.gltf: /buffers/0/uri: ... "https://x.y/z")"));
   EXPECT_TRUE(names(spoilt("/buffers/0/uri", ""), R"(x.gltf: /buffers/0/uri: ... "")"));
 
-  const TempFolder folder("flockstep_gltf_test");
+  const TempFolder folder;
   std::filesystem::create_directories(folder / "parts");
   File file = one_triangle();
   file.text();

@@ -5,7 +5,6 @@
 namespace flockstep {
 namespace {
 
-using namespace testing;
 using namespace gltf;
 
 TEST(Gltf, YIsUpInTheFileAndZInTheWorld) {

@@ -263,7 +263,7 @@ TEST(GltfWriter, BadExtrasAreRefused) {
 // ---------------------------------------------------------------------------------------------------------------- files
 
 TEST(GltfWriter, FilesAreSavedBySuffixWholeOrNotAtAll) {
-  const TempFolder folder("flockstep_gltf_writer");
+  const TempFolder folder;
   const World world = small_world();
   for (const char* const name : {"a.glb", "a.gltf", "a.json", "B.GLB"}) {
     world.save(folder / name);

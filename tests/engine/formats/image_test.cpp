@@ -99,10 +99,7 @@ TEST(Image, EveryKindOfPngBecomesRgba) {
 }
 
 TEST(Image, AJpegIsRead) {
-  CameraConfig camera;
-  camera.width_px = 16;
-  camera.height_px = 8;
-  camera.layout = ImageLayout::hwc;
+  CameraConfig camera{.width_px = 16, .height_px = 8, .layout = ImageLayout::hwc};
   const Bytes rgb(3 * 16 * 8, 180);
   const Image read = decode(bytes_of(render::compress_rgb(rgb.data(), camera, 100)));
   EXPECT_EQ(read.width_px, 16);
@@ -121,10 +118,7 @@ TEST(Image, ATruncatedFileIsRefused) {
   };
   cut(bytes_of(encode_png(9, 5, gradient(9, 5))));
   cut(png_of(2, 1, 8, 2, {0, 1, 2, 3, 0, 4, 5, 6}, {}, 1));
-  CameraConfig camera;
-  camera.width_px = 20;
-  camera.height_px = 12;
-  camera.layout = ImageLayout::hwc;
+  CameraConfig camera{.width_px = 20, .height_px = 12, .layout = ImageLayout::hwc};
   const Bytes rgba = gradient(15, 16);
   cut(bytes_of(render::compress_rgb(rgba.data(), camera, 80)));
 }
@@ -226,7 +220,7 @@ TEST(SceneTextures, ComeBackEqualAndInTheirOrder) {
 }
 
 TEST(SceneTextures, FilesLieBesideTheScene) {
-  const TempFolder folder("flockstep_textures");
+  const TempFolder folder;
   std::filesystem::create_directories(folder / "below");
   std::ofstream(folder / "planks.png", std::ios::binary) << png();
   std::ofstream(folder / "hall.obj") << "v 0 0 0\nv 1 0 0\nv 0 1 0\nvt 0 0\nvt 1 0\nvt 0 1\nf 1/1 2/2 3/3\n";

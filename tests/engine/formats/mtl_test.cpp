@@ -39,7 +39,7 @@ class Mtl : public ::testing::Test {
     return what.starts_with(path) ? what.substr(path.size()) : what;
   }
 
-  const TempFolder folder_{"flockstep_mtl_test"};
+  const TempFolder folder_;
 };
 
 std::vector<std::string> ignored_of(const World& world) { return {world.ignored().begin(), world.ignored().end()}; }

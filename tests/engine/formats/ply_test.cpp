@@ -183,7 +183,7 @@ TEST(Ply, NothingIsSkippedAtOnce) {
 }
 
 TEST(Ply, IsAWorldOrPartOfOne) {
-  const TempFolder folder("flockstep_ply_test");
+  const TempFolder folder;
   std::ofstream(folder / "a.PLY") << text_file(kVertices + kFaces, kPoints + "4 0 1 2 3\n");
   const std::string colors = "property uchar red\nproperty uchar green\nproperty uchar blue\n";
   std::ofstream(folder / "b.ply") << text_file("element vertex 4\nproperty float x\nproperty float y\nproperty float z\n" +

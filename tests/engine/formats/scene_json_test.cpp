@@ -295,7 +295,7 @@ TEST(SceneJson, BadScenesAreRefusedWithFieldExpectedAndGot) {
   };
   for (const auto& [text, message] : cases) EXPECT_TRUE(names(scene_refusal(text), message)) << text;
   const std::string message = scene_refusal(scene(R"("name": [)" + std::string(200, '1') + "]"));
-  EXPECT_TRUE(names(message, "x.json: /name: ... ..."));
+  EXPECT_TRUE(names(message, "x.json: /name: ... ["));
   EXPECT_LT(message.size(), 150U) << message;
 }
 
@@ -331,10 +331,10 @@ TEST(SceneJson, NestingIsBounded) {
   for (const std::size_t depth : {33U, 100000U}) {
     const std::string open(depth, '[');
     EXPECT_TRUE(names(scene_refusal(open), "x.json: ... 32"));
-    EXPECT_EQ(scene_refusal(scene(R"("name": )" + open + std::string(depth, ']'))), "x.json: ... 32");
+    EXPECT_TRUE(names(scene_refusal(scene(R"("name": )" + open + std::string(depth, ']'))), "x.json: ... 32"));
   }
-  EXPECT_EQ(scene_refusal(scene(R"("name": )" + std::string(31, '[') + std::string(31, ']'))),
-            "x.json: /name: ... string" + std::string(31, '[') + std::string(29, ']') + "...");
+  EXPECT_TRUE(names(scene_refusal(scene(R"("name": )" + std::string(31, '[') + std::string(31, ']'))),
+                    "x.json: /name: ... " + std::string(31, '[') + std::string(29, ']') + "..."));
 }
 
 TEST(SceneJson, MessagesAreShortForLongInput) {
@@ -480,7 +480,7 @@ TEST(SceneJson, SolidsAreVisibleOrSolidOrBoth) {
 }
 
 TEST(SceneJson, MeshFilesAreFoundBesideTheScene) {
-  const TempFolder folder("flockstep_scene_json_test");
+  const TempFolder folder;
   std::ofstream(folder / "a.obj") << "v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n";
   std::ofstream(folder / "flat.obj") << "v 0 0 0\nv 1 0 0\nv 2 0 0\nf 1 2 3\n";
   std::ofstream(folder / "a.json") << scene(R"("meshes": [{"file": "a.obj", "position": [0, 0, 5]}])");

@@ -271,17 +271,16 @@ TEST(GeneratedPlayground, EachSeedIsOneWorld) {
 }
 
 TEST(GeneratedPlayground, BadConfigsAreRefused) {
-  const float nan = std::numeric_limits<float>::quiet_NaN();
   const std::vector<std::pair<PlaygroundConfig, std::string>> cases{
       {{.pillars = -1}, "pillars: ... [0, 200] ... -1"},
       {{.pillars = 201}, "pillars: ... [0, 200] ... 201"},
       {{.size_m = {5, 14, 5}}, "size_m[0]: ... [6, 200] ... 5"},
-      {{.size_m = {14, nan, 5}}, "size_m[1]: ... [6, 200] ... nan"},
+      {{.size_m = {14, kNan, 5}}, "size_m[1]: ... [6, 200] ... nan"},
       {{.size_m = {14, 14, 1}}, "size_m[2]: ... [1.5, 100] ... 1"},
       {{.size_m = {14, 14, std::numeric_limits<float>::infinity()}}, "size_m[2]: ... [1.5, 100] ... inf"},
       {{.pillar_radius_m = 0}, "pillar_radius_m: ... >= 0.01 ... 0"},
       {{.pillar_radius_m = 1.5F}, "pillar_radius_m: ... 1 ... 1.5"},
-      {{.pillar_radius_m = nan}, "pillar_radius_m: ... >= 0.01 ... nan"},
+      {{.pillar_radius_m = kNan}, "pillar_radius_m: ... >= 0.01 ... nan"},
   };
   for (const auto& [config, message] : cases) EXPECT_REFUSED(playground(config), "playground: " + message);
 }

@@ -171,7 +171,7 @@ TEST_F(Dense, BackwardEqualsSumsInDouble) {
 }
 
 TEST_F(Dense, TanhIsExactToFewUnitsInTheLastPlace) {
-  on_every_target([&] {
+  testing::on_every_target([&] {
     const Layer layer = layer_of(1, 1, After::tanh);
     AlignedVector<float> parameters(layer.bias + kPad);
     parameters[layer.weight] = 1.0F;
@@ -188,7 +188,7 @@ TEST_F(Dense, TanhIsExactToFewUnitsInTheLastPlace) {
 }
 
 TEST_F(Dense, AdamStepsAsItsFormulaInDouble) {
-  on_every_target([&] {
+  testing::on_every_target([&] {
     constexpr std::size_t kCount = 5 * kPad;
     AlignedVector<float> parameter = random_rows(5, kPad), adam_m(kCount), adam_v(kCount);
     std::vector<double> expected(parameter.begin(), parameter.end()), m(kCount), v(kCount);

@@ -61,9 +61,7 @@ class Echo final : public Task {
 };
 
 std::unique_ptr<Batch> make_batch(int threads, AutoresetMode mode, bool is_infinite = false) {
-  BatchConfig config;
-  config.num_envs = kEnvs;
-  config.num_threads = threads;
+  BatchConfig config{.num_envs = kEnvs, .num_threads = threads};
   config.episode.autoreset_mode = mode;
   auto batch = std::make_unique<Batch>(config, Batch::Worlds{closet()}, std::make_unique<Echo>(is_infinite));
   std::vector<std::uint64_t> seeds(kEnvs);
@@ -72,14 +70,7 @@ std::unique_ptr<Batch> make_batch(int threads, AutoresetMode mode, bool is_infin
   return batch;
 }
 
-NetworkConfig network() {
-  NetworkConfig config;
-  config.observation_size = 4;
-  config.action_size = 2;
-  config.actor_layers = {9};
-  config.critic_layers = {17, 5};
-  return config;
-}
+NetworkConfig network() { return {.observation_size = 4, .action_size = 2, .actor_layers = {9}, .critic_layers = {17, 5}}; }
 
 // Flies two rollouts and learns from them. Returns the parameters.
 std::vector<float> train(int threads, AutoresetMode mode) {
@@ -141,7 +132,7 @@ TEST(Learner, RefusesInfiniteObservationsOfABatch) {
     learner.begin(config, kEnvs);
     learner.fly(0, *batch);
     const std::string message = bad_number([&] { learner.fly(1, *batch); });
-    EXPECT_EQ(message, std::string("observation: ... numbers") + (normalizes ? "inf" : "others") + " in row 20");
+    EXPECT_TRUE(testing::names(message, std::string("observation: ... ") + (normalizes ? "inf" : "others") + " in row 20"));
     for (const double mean : learner.observation_moments().mean) EXPECT_TRUE(std::isfinite(mean));
     batch->step(std::vector<float>(2 * kEnvs));  // which still flies
   }

@@ -239,15 +239,14 @@ TEST(Plan, BadArgumentsAreRefused) {
   const DroneModel drone = box_drone();
   const Vec3 start(2, 3, 1);
   const std::vector<Vec3> goals{{8, 3, 1}};
-  const float nan = std::numeric_limits<float>::quiet_NaN();
   const auto message = [&](const Vec3& from, const std::vector<Vec3>& to, float cell, const World& where) {
     return refusal([&] { plan(where, drone, from, to, cell); });
   };
-  EXPECT_TRUE(names(message(Vec3(nan, 0, 0), goals, 0.1F, world), "start: ... coordinates"));
+  EXPECT_TRUE(names(message(Vec3(kNan, 0, 0), goals, 0.1F, world), "start: ... coordinates"));
   EXPECT_TRUE(names(message(start, {}, 0.1F, world), "goals: ... point"));
-  EXPECT_TRUE(names(message(start, {goals[0], Vec3(0, 0, nan)}, 0.1F, world), "goals[1]: ... coordinates"));
+  EXPECT_TRUE(names(message(start, {goals[0], Vec3(0, 0, kNan)}, 0.1F, world), "goals[1]: ... coordinates"));
   EXPECT_TRUE(names(message(start, goals, 0.0F, world), "cell_m: ... 0 ... 0.000000"));
-  EXPECT_TRUE(names(message(start, goals, nan, world), "cell_m: ... 0 ... nan"));
+  EXPECT_TRUE(names(message(start, goals, kNan, world), "cell_m: ... 0 ... nan"));
   // The start is enclosed in so little space that a search of even the finest possible grid ends soon.
   const World shut(scene({room({10, 6, 3}), box({1.3F, 3, 1.5F}, {0.55F, 2, 3}), box({2.7F, 3, 1.5F}, {0.55F, 2, 3}),
                           box({2, 2.375F, 1.5F}, {2, 0.6F, 3}), box({2, 3.625F, 1.5F}, {2, 0.6F, 3})}));

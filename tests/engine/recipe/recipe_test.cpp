@@ -179,7 +179,7 @@ TEST(Recipe, BuildsALimitedNumberOfWorlds) {
                                      {{"bench/simple", "bench/simple", "bench/simple"}, 2U}}) {
     recipe.worlds = worlds;
     expect_has(refusal_of(recipe, {.scenes = FLOCKSTEP_SCENES, .max_worlds = most}),
-               "worlds: ... at" + std::to_string(most) + " worlds (max_worlds)");
+               "worlds: ... " + std::to_string(most) + " ... (max_worlds)");
   }
   recipe.worlds = {"bench/simple", "bench/simple", "playground/seed-1..2"};
   EXPECT_EQ(refusal_of(recipe, {.max_worlds = 4}), "accepted");
@@ -249,11 +249,7 @@ std::string message_of(const std::string& text) {
 
 // A configuration in which every field differs from its default. The values are written by hand.
 BatchConfig unusual() {
-  BatchConfig config;
-  config.num_envs = 3;
-  config.drones_per_env = 2;
-  config.num_threads = 5;
-  config.block_size = 7;
+  BatchConfig config{.num_envs = 3, .drones_per_env = 2, .num_threads = 5, .block_size = 7};
   config.lidars.push_back({.name = "l", .max_range_m = 0.1F, .azimuth_deg = {0.1F, -359.9F}, .elevation_deg = {-0.0F, 90.0F}});
   config.lidars[0].rate_hz = 125.0F;
   config.cameras.resize(2);
@@ -355,7 +351,7 @@ TEST(ConfigJson, EachFloatKeepsItsBits) {
 
 TEST(ConfigJson, RefusesToWriteNonFiniteNumbers) {
   LidarConfig lidar;
-  lidar.offset_m[1] = std::numeric_limits<float>::quiet_NaN();
+  lidar.offset_m[1] = kNan;
   EXPECT_THROW((void)json_of(lidar), std::invalid_argument);
   lidar.offset_m[1] = std::numeric_limits<float>::infinity();
   EXPECT_THROW((void)json_of(lidar), std::invalid_argument);
@@ -401,7 +397,7 @@ TEST(ConfigJson, RefusesInvalidConfigs) {
       {R"({"num_envs": 1e999})", "recipe.json: not valid JSON"},
       {R"({"num_envs": 1)", "recipe.json: not valid JSON"},
       {"", "recipe.json: not valid JSON"},
-      {std::string(100'000, '['), "recipe.json: ... at"},
+      {std::string(100'000, '['), "recipe.json: ... 32"},
       {R"({"lidars": [{"azimuth_deg": )" + std::string(1, '[') + "0" +
            [] {
              std::string zeros;

@@ -17,12 +17,7 @@ struct PlaygroundAlbum {
   static constexpr std::size_t kBytes = 32 * 24 * 3;
 
   std::shared_ptr<const World> world = playground("camera-train-1");
-  CameraConfig camera = [] {
-    CameraConfig config;
-    config.width_px = 32;
-    config.height_px = 24;
-    return config;
-  }();
+  CameraConfig camera{.width_px = 32, .height_px = 24};
   PinholeCamera pinhole = make_pinhole_camera(camera);
   std::vector<std::uint8_t> rgb = std::vector<std::uint8_t>(4 * kBytes);
   std::vector<RenderRequest> requests;

@@ -60,14 +60,7 @@ std::shared_ptr<const World> place() {
   return std::make_shared<const World>(std::move(scene));
 }
 
-CameraConfig camera_of(bool shadows) {
-  CameraConfig camera;
-  camera.width_px = 160;
-  camera.height_px = 120;
-  camera.outputs = kAllOutputs;
-  camera.shadows = shadows;
-  return camera;
-}
+CameraConfig camera_of(bool shadows) { return {.width_px = 160, .height_px = 120, .outputs = kAllOutputs, .shadows = shadows}; }
 
 class TexturedPictures : public ::testing::TestWithParam<CameraBackend> {};
 

@@ -4,7 +4,6 @@
 namespace flockstep {
 namespace {
 
-using namespace testing;
 using namespace captures;
 
 TEST(CaptureEveryStep, AtEverySenseOfTheSelectedDrones) {

@@ -1,11 +1,15 @@
 // Many objects and meshes, through every tracing path, and the same bits everywhere.
+#include "base/platform.hpp"
+#include "embree_mesh.hpp"
+#include "on_target.hpp"
+#include "render/pinhole_camera.hpp"
 #include "sensors/camera_scenes.hpp"
+#include "trace/packets.hpp"
+#include "trace/scene.hpp"
 
 namespace flockstep {
 namespace {
 
-using enum PrimitiveKind;
-using namespace testing;
 using namespace scenes;
 
 // Primitives of every kind in a ball around the origin, except close to the origin.

@@ -4,8 +4,6 @@
 namespace flockstep {
 namespace {
 
-using enum PrimitiveKind;
-using namespace testing;
 using namespace scenes;
 
 TEST(CameraIds, OfEveryKindOfThing) {

@@ -1,15 +1,9 @@
 // Worlds and cameras for tests of images.
 #pragma once
 
-#include "base/platform.hpp"
 #include "batch_helpers.hpp"
-#include "embree_mesh.hpp"
-#include "on_target.hpp"
 #include "picture_oracle.hpp"
-#include "render/pinhole_camera.hpp"
 #include "sensors/camera.hpp"
-#include "trace/packets.hpp"
-#include "trace/scene.hpp"
 
 namespace flockstep::scenes {
 

@@ -4,7 +4,6 @@
 namespace flockstep {
 namespace {
 
-using namespace testing;
 using namespace captures;
 
 // -- Changes at run time.
@@ -106,7 +105,6 @@ TEST(CameraChange, ARemovedDroneKeepsItsCamera) {
 // -- Bad input.
 
 TEST(CameraRefusal, OfEveryFieldOfTheConfiguration) {
-  const float nan = std::numeric_limits<float>::quiet_NaN();
   const std::vector<std::pair<std::function<void(CameraConfig&)>, std::string>> cases{
       {[](CameraConfig& c) { c.name = ""; }, R"(camera.name: ... "")"},
       {[](CameraConfig& c) { c.name = "../front"; }, R"(camera.name: ... "../front")"},
@@ -116,22 +114,22 @@ TEST(CameraRefusal, OfEveryFieldOfTheConfiguration) {
       {[](CameraConfig& c) { c.height_px = 1 << 30; }, "camera.height_px: ... [1, 8192] ... 1073741824"},
       {[](CameraConfig& c) { c.hfov_deg = 0.0F; }, "camera.hfov_deg: ... [0.1, 179] ... 0"},
       {[](CameraConfig& c) { c.hfov_deg = 180.0F; }, "camera.hfov_deg: ... [0.1, 179] ... 180"},
-      {[&](CameraConfig& c) { c.hfov_deg = nan; }, "camera.hfov_deg: ... [0.1, 179] ... nan"},
+      {[&](CameraConfig& c) { c.hfov_deg = kNan; }, "camera.hfov_deg: ... [0.1, 179] ... nan"},
       {[](CameraConfig& c) { c.vfov_deg = 0.0F; }, "camera.vfov_deg: ... [0.1, 179] ... 0"},
       {[](CameraConfig& c) { c.vfov_deg = -90.0F; }, "camera.vfov_deg: ... [0.1, 179] ... -90"},
       {[](CameraConfig& c) { c.hfov_deg = 90.0F, c.vfov_deg = 180.0F; }, "camera.vfov_deg: ... [0.1, 179] ... 180"},
       {[](CameraConfig& c) { c.width_px = 8000, c.height_px = 10, c.vfov_deg = 150.0F; }, "camera.vfov_deg: ... 179"},
       {[](CameraConfig& c) { c.width_px = 10, c.height_px = 8000, c.hfov_deg = 150.0F; }, "camera.hfov_deg: ... 179"},
-      {[&](CameraConfig& c) { c.offset_m[1] = nan; }, "camera.offset_m[1]: ... +-100 ... nan"},
+      {[&](CameraConfig& c) { c.offset_m[1] = kNan; }, "camera.offset_m[1]: ... +-100 ... nan"},
       {[](CameraConfig& c) { c.offset_m[2] = -1e30F; }, "camera.offset_m[2]: ... +-100 ... -1e+30"},
       {[](CameraConfig& c) { c.quat_wxyz = {0, 0, 0, 0}; }, "camera.quat_wxyz: ... quaternion"},
-      {[&](CameraConfig& c) { c.quat_wxyz[3] = nan; }, "camera.quat_wxyz: ... quaternion"},
+      {[&](CameraConfig& c) { c.quat_wxyz[3] = kNan; }, "camera.quat_wxyz: ... quaternion"},
       {[](CameraConfig& c) { c.near_m = 0.0F; }, "camera.near_m: ... 0 ... 0"},
-      {[&](CameraConfig& c) { c.near_m = nan; }, "camera.near_m: ... 0 ... nan"},
+      {[&](CameraConfig& c) { c.near_m = kNan; }, "camera.near_m: ... 0 ... nan"},
       {[](CameraConfig& c) { c.near_m = 5.0F, c.far_m = 5.0F; }, "camera.far_m: ... number"},
       {[](CameraConfig& c) { c.far_m = 0.01F; }, "camera.far_m: ... number"},
       {[](CameraConfig& c) { c.far_m = kInfinity; }, "camera.far_m: ... 0 ... 1000000 ... inf"},
-      {[&](CameraConfig& c) { c.far_m = nan; }, "camera.far_m: ... 0 ... 1000000 ... nan"},
+      {[&](CameraConfig& c) { c.far_m = kNan; }, "camera.far_m: ... 0 ... 1000000 ... nan"},
       {[](CameraConfig& c) { c.far_m = 2e6F; }, "camera.far_m: ... 0 ... 1000000 ... 2e+06"},
       {[](CameraConfig& c) { c.outputs = {.rgb = false}; }, "camera.outputs: ... one"},
       {[](CameraConfig& c) { c.samples_per_pixel = 0; }, "camera.samples_per_pixel: expected 1, 4, 9 or 16, got 0"},
@@ -185,12 +183,11 @@ TEST(CameraRefusal, ChangesNothing) {
   batch.sense();
   const std::string before = batch.snapshot();
   const CameraImages frames = batch.images(0);
-  const float nan = std::numeric_limits<float>::quiet_NaN();
   for (const Flags& mask : {Flags{}, Flags{1, 0}, Flags{0, 0}}) {
     EXPECT_REFUSED(batch.set_camera(0, {.hfov_deg = 0.0F}, mask), "camera.hfov_deg");
     EXPECT_REFUSED(batch.set_camera(0, {.hfov_deg = 60.0F, .vfov_deg = 180.0F}, mask), "camera.vfov_deg");
     EXPECT_REFUSED(batch.set_camera(0, {.vfov_deg = 178.9F}, mask), "camera.vfov_deg");  // hfov_deg would exceed its limit
-    EXPECT_REFUSED(batch.set_camera(0, {.hfov_deg = 60.0F, .offset_m = {{0, nan, 0}}}, mask), "camera.offset_m");
+    EXPECT_REFUSED(batch.set_camera(0, {.hfov_deg = 60.0F, .offset_m = {{0, kNan, 0}}}, mask), "camera.offset_m");
     EXPECT_REFUSED(batch.set_camera(0, {.quat_wxyz = {{0, 0, 0, 0}}}, mask), "camera.quat_wxyz");
     EXPECT_REFUSED(batch.set_camera(2, {.hfov_deg = 60.0F}, mask), "camera: ... 2 ... 2");
     EXPECT_REFUSED(batch.capture(2, mask), "camera: ... 2 ... 2");

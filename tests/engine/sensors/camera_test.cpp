@@ -5,8 +5,6 @@
 namespace flockstep {
 namespace {
 
-using enum PrimitiveKind;
-using namespace testing;
 using namespace scenes;
 
 // -- Projection, with results computed by hand.

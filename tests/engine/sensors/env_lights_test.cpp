@@ -13,10 +13,7 @@ Light sunlight(float red) { return {.sun_direction = {0, 0, 1}, .sun_color = {re
 Batch::Worlds two_worlds() { return {playground("train-1"), playground("validation-1")}; }
 
 Batch camera_batch(const Batch::Worlds& worlds, int num_envs, CameraBackend backend = CameraBackend::raycast) {
-  BatchConfig config;
-  config.num_envs = num_envs;
-  config.camera_backend = backend;
-  config.cameras = {{.width_px = 16, .height_px = 12}};
+  BatchConfig config{.num_envs = num_envs, .cameras = {{.width_px = 16, .height_px = 12}}, .camera_backend = backend};
   return Batch(config, worlds);
 }
 
@@ -109,7 +106,7 @@ TEST(EnvLights, OneLightForEachEnv) {
   EXPECT_REFUSED(batch.set_light(std::vector<Light>(2)), "lights: ... 3 ... 2");
   EXPECT_REFUSED(batch.set_light(Light(), std::vector<std::uint8_t>(2)), "mask: ... 3 ... 2");
   std::vector<Light> bad = lights;
-  bad[1].sun_color[0] = std::numeric_limits<float>::quiet_NaN();
+  bad[1].sun_color[0] = kNan;
   EXPECT_REFUSED(batch.set_light(bad), "light.sun_color");
   EXPECT_EQ(batch.world_of(EnvIndex(1)), batch.worlds()[1]);
 }
@@ -133,9 +130,8 @@ TEST(EnvLights, DamagedSnapshotsAreRefused) {
   };
   const std::size_t env = first - sizeof(std::int32_t), sun = first + sizeof(Light::sun_direction);
   const std::size_t length = env - sizeof(std::uint64_t);
-  const float nan = std::numeric_limits<float>::quiet_NaN();
   for (const std::string& bad :
-       {edited(env, std::int32_t{3}), edited(env, std::int32_t{-1}), edited(env, std::int32_t{2}), edited(sun, nan),
+       {edited(env, std::int32_t{3}), edited(env, std::int32_t{-1}), edited(env, std::int32_t{2}), edited(sun, kNan),
         edited(sun, -1.0F), edited(first, std::array<float, 3>{}), edited(length, std::uint64_t{100})}) {
     EXPECT_REFUSED(batch.restore(bad), "snapshot");
     EXPECT_TRUE(batch.snapshot() == blob);

@@ -10,10 +10,7 @@ using namespace testing;
 constexpr float kG = 9.81F;
 
 BatchConfig with_imu(int num_drones, const ImuConfig& imu, Control control = Control::rotor_speeds) {
-  BatchConfig config;
-  config.num_envs = num_drones;
-  config.num_threads = 1;
-  config.clock = {.policy_hz = 100.0F, .physics_hz = 500.0F};
+  BatchConfig config{.num_envs = num_drones, .num_threads = 1, .clock = {.policy_hz = 100.0F, .physics_hz = 500.0F}};
   config.dynamics.motion = Motion::rotors;
   config.dynamics.control = control;
   config.dynamics.body_drag = config.dynamics.rotor_drag = false;

@@ -341,12 +341,11 @@ TEST(LidarChange, IsRefusedEvenIfNoDroneIsSelected) {
   Batch batch(lidar_batch(2), {make_world(a_few())});
   batch.remove(std::vector<std::int64_t>{1});
   const std::string before = batch.snapshot();
-  const float nan = std::numeric_limits<float>::quiet_NaN();
   for (const std::vector<std::uint8_t>& mask : {std::vector<std::uint8_t>{}, {1, 0}, {0, 1}, {0, 0}}) {
     EXPECT_REFUSED(batch.set_lidar({.max_range_m = -1.0F}, mask), "lidar.max_range_m");
     EXPECT_REFUSED(batch.set_lidar({.max_range_m = 1.0F, .hfov_deg = 361.0F}, mask), "lidar.hfov_deg");
     EXPECT_REFUSED(batch.set_lidar({.vfov_deg = -1.0F}, mask), "lidar.vfov_deg");
-    EXPECT_REFUSED(batch.set_lidar({.offset_m = {{0, nan, 0}}}, mask), "lidar.offset_m");
+    EXPECT_REFUSED(batch.set_lidar({.offset_m = {{0, kNan, 0}}}, mask), "lidar.offset_m");
     EXPECT_REFUSED(batch.set_lidar({.quat_wxyz = {{0, 0, 0, 0}}}, mask), "lidar.quat_wxyz");
   }
   EXPECT_REFUSED(batch.set_lidar({.max_range_m = 1.0F}, std::vector<std::uint8_t>{1}), "mask");

@@ -41,7 +41,7 @@ TEST(Rate, RefusesOneThatTheClockCannotKeep) {
   EXPECT_REFUSED(period(9.99F, 0.1F), "lidar.rate_hz: ... divides");
   EXPECT_REFUSED(period(15.0F, 0.1F, 4), "lidar.rate_hz: ... divides");
   EXPECT_REFUSED(period(1e-12F, 0.1F), "lidar.rate_hz: ... divides");
-  for (const float nonsense : {0.0F, -5.0F, std::numeric_limits<float>::infinity(), std::numeric_limits<float>::quiet_NaN()}) {
+  for (const float nonsense : {0.0F, -5.0F, std::numeric_limits<float>::infinity(), kNan}) {
     EXPECT_REFUSED(period(nonsense, 0.1F), "lidar.rate_hz: ... 0");
   }
 }
@@ -58,7 +58,7 @@ TEST(Clock, RefusesRatesThatDoNotDivide) {
   EXPECT_REFUSED(clock(50.0F, 500.0F, 200.0F).validate(), "controller_hz: ... (500 Hz) ... 200 Hz");
   EXPECT_REFUSED(clock(100.0F, 500.0F, 250.0F).validate(), "controller_hz: ... (100 Hz) ... 250 Hz");
   EXPECT_REFUSED(clock(50.0F, 500.0F, 25.0F).validate(), "controller_hz");
-  for (const float nonsense : {0.0F, -5.0F, std::numeric_limits<float>::infinity(), std::numeric_limits<float>::quiet_NaN()}) {
+  for (const float nonsense : {0.0F, -5.0F, std::numeric_limits<float>::infinity(), kNan}) {
     EXPECT_REFUSED(clock(nonsense, std::nullopt, std::nullopt).validate(), "policy_hz");
     EXPECT_REFUSED(clock(50.0F, nonsense, std::nullopt).validate(), "physics_hz");
     EXPECT_REFUSED(clock(50.0F, 500.0F, nonsense).validate(), "controller_hz");

@@ -9,9 +9,7 @@ namespace {
 using namespace testing;
 
 BatchConfig flying(std::vector<ImuConfig> imus, std::vector<LidarConfig> lidars = {}) {
-  BatchConfig config;
-  config.num_envs = 3;
-  config.num_threads = 1;
+  BatchConfig config{.num_envs = 3, .num_threads = 1};
   config.dynamics.motion = Motion::rotors;
   config.dynamics.control = Control::velocity;
   config.imus = std::move(imus);

@@ -31,10 +31,7 @@ Batch::Worlds parlours() {
 
 NavigationBatch camera_batch(int num_envs, ObservationKind observation, AutoresetMode mode = AutoresetMode::same_step) {
   NavigationBatch config = navigation_batch(num_envs, {.beams = kRays, .hfov_deg = 180.0F});
-  CameraConfig camera;
-  camera.width_px = 32;
-  camera.height_px = 24;
-  camera.layout = ImageLayout::chw;
+  CameraConfig camera{.width_px = 32, .height_px = 24, .layout = ImageLayout::chw};
   config.cameras = {camera};
   config.navigation.action = ActionKind::discrete_forward;
   config.navigation.observation = observation;

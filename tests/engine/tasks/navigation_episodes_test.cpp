@@ -1,10 +1,13 @@
 // Episodes, resets, random worlds and starts of the navigation task.
+#include <set>
+
+#include "collide.hpp"
+#include "flockstep/generators.hpp"
 #include "tasks/navigation_flight.hpp"
 
 namespace flockstep {
 namespace {
 
-using namespace testing;
 using namespace navigating;
 
 // -- Episodes.

@@ -1,11 +1,7 @@
 // A drone that flies by hand in a navigation task.
 #pragma once
 
-#include <set>
-
-#include "collide.hpp"
 #include "episodes.hpp"
-#include "flockstep/generators.hpp"
 
 namespace flockstep::navigating {
 

@@ -3,7 +3,6 @@
 namespace flockstep {
 namespace {
 
-using namespace testing;
 using namespace navigating;
 
 void expect_goal_direction(const Flight& flight, const Vec3& in_body) {

@@ -19,12 +19,7 @@ std::shared_ptr<const World> lane(Visibility visibility = Visibility::full, Gate
 
 BatchConfig race_batch(int num_envs, int num_threads = 1) {
   const TaskDefaults defaults = make_task(RaceConfig())->defaults();
-  BatchConfig config;
-  config.num_envs = num_envs;
-  config.num_threads = num_threads;
-  config.dynamics = defaults.dynamics;
-  config.clock = defaults.clock;
-  return config;
+  return {.num_envs = num_envs, .num_threads = num_threads, .clock = defaults.clock, .dynamics = defaults.dynamics};
 }
 
 const DroneModel& racer() {

@@ -19,9 +19,7 @@ Batch::Worlds shafts() {
 }
 
 BatchConfig config_of(std::size_t num_envs, AutoresetMode mode = AutoresetMode::disabled) {
-  BatchConfig config;
-  config.num_envs = static_cast<int>(num_envs);
-  config.num_threads = 1;
+  BatchConfig config{.num_envs = static_cast<int>(num_envs), .num_threads = 1};
   config.episode.autoreset_mode = mode;
   return config;
 }

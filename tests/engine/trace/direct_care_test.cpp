@@ -4,8 +4,6 @@
 namespace flockstep::trace {
 namespace {
 
-using oracle::Vec3d;
-using namespace testing;
 using namespace direct;
 
 // -- Single rays in special positions, through every tracing path.

@@ -5,8 +5,6 @@
 namespace flockstep::trace {
 namespace {
 
-using oracle::Vec3d;
-using namespace testing;
 using namespace direct;
 
 // -- Three results agree: bundles traced directly, blocks, and closed forms in double precision. Blocks go through Embree if

@@ -181,11 +181,7 @@ TEST_P(MaskedPictures, AgreeWithTheOracle) {
   const auto world = thicket();
   Compared all;
   for (const bool shadows : {false, true}) {
-    CameraConfig camera;
-    camera.width_px = 160;
-    camera.height_px = 120;
-    camera.outputs = kAllOutputs;
-    camera.shadows = shadows;
+    CameraConfig camera{.width_px = 160, .height_px = 120, .outputs = kAllOutputs, .shadows = shadows};
     const auto batch = batch_of(camera_batch(camera, 3), GetParam(), {world});
     if (!batch) GTEST_SKIP() << "no OpenGL";
     const Quat down(Eigen::AngleAxisf(0.5F, Vec3::UnitY()));
@@ -212,11 +208,7 @@ TEST_P(MaskedPictures, OfSeveralWorlds) {
   other.materials[1].texture = 1;
   SceneDescription plain;
   add_quad(plain, {3, -4, -2}, {0, 8, 1}, {0, -1, 6}, 0, {});
-  CameraConfig camera;
-  camera.width_px = 80;
-  camera.height_px = 60;
-  camera.outputs = kAllOutputs;
-  camera.shadows = true;
+  CameraConfig camera{.width_px = 80, .height_px = 60, .outputs = kAllOutputs, .shadows = true};
   const auto batch =
       batch_of(camera_batch(camera, 4), GetParam(),
                {std::make_shared<const World>(plain), thicket(), closet(), std::make_shared<const World>(std::move(other))});
@@ -236,10 +228,7 @@ TEST(Masks, LidarsAndRaysIgnoreThem) {
   const RayHits hits = raycast(world, origins, directions, 100.0F);
   for (std::size_t i = 0; i < 100; ++i) EXPECT_GE(hits.primitive[i], 1) << i;
   for (const TracerKind tracer : {TracerKind::embree, TracerKind::tiles}) {
-    LidarConfig lidar;
-    lidar.channels = 16;
-    lidar.vfov_deg = 60.0F;
-    lidar.max_range_m = 10.0F;
+    LidarConfig lidar{.channels = 16, .vfov_deg = 60.0F, .max_range_m = 10.0F};
     BatchConfig config = lidar_batch(1, lidar);
     config.tracer = tracer;
     Batch batch(config, {std::make_shared<const World>(grid_before_a_wall())});
@@ -260,12 +249,7 @@ TEST(Masks, LidarsAndRaysIgnoreThem) {
 
 TEST(Masks, EverySimdTargetThreadAndNeighbourGivesTheSameBits) {
   const auto world = thicket();
-  CameraConfig camera;
-  camera.width_px = 70;
-  camera.height_px = 50;
-  camera.outputs = kAllOutputs;
-  camera.shadows = true;
-  camera.samples_per_pixel = 4;
+  CameraConfig camera{.width_px = 70, .height_px = 50, .outputs = kAllOutputs, .samples_per_pixel = 4, .shadows = true};
   const auto pictures = [&](int drones, int threads) {
     BatchConfig config = camera_batch(camera, drones);
     config.num_threads = threads;

@@ -6,8 +6,6 @@
 namespace flockstep::trace {
 namespace {
 
-using oracle::Vec3d;
-using namespace testing;
 using namespace slices;
 
 // Embree by itself: robust, one ray at a time.

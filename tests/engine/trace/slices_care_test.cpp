@@ -4,8 +4,6 @@
 namespace flockstep::trace {
 namespace {
 
-using oracle::Vec3d;
-using namespace testing;
 using namespace slices;
 
 // Returns the angle at which a cell of a fan that is not even begins.

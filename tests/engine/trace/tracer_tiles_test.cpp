@@ -155,9 +155,7 @@ INSTANTIATE_TEST_SUITE_P(FewAndMany, TracerTiles, ::testing::Values(0, 5, 700));
 // A few rays go through Embree, even if other batches of the world have prepared tiles.
 TEST(TracerTilesOf, SmallCamerasDoNotUseThem) {
   const auto world = hills_under(5);
-  BatchConfig config;
-  config.num_threads = 1;
-  config.cameras = {camera()};
+  BatchConfig config{.num_threads = 1, .cameras = {camera()}};
   config.cameras[0].width_px = config.cameras[0].height_px = 15;
   const auto rays_through_embree = [&](TracerKind tracer) {
     config.tracer = tracer;

@@ -70,9 +70,8 @@ TEST(DroneModel, RefusesHullsWithoutAVolume) {
 }
 
 TEST(DroneModel, RefusesPointsThatAreNotFinite) {
-  const float nan = std::numeric_limits<float>::quiet_NaN();
   const float inf = std::numeric_limits<float>::infinity();
-  for (const float bad : {nan, inf, 1e30F}) {
+  for (const float bad : {kNan, inf, 1e30F}) {
     EXPECT_TRUE(names(hull_refusal({{0, 0, 0}, {1, 0, 0}, {0, bad, 0}, {0, 0, 1}}), "hull[2]"));
   }
 }

@@ -13,13 +13,7 @@ using namespace testing;
 using enum PrimitiveKind;
 
 CameraConfig camera_of(bool shadows, float hfov_deg = 90.0F) {
-  CameraConfig camera;
-  camera.width_px = 96;
-  camera.height_px = 72;
-  camera.hfov_deg = hfov_deg;
-  camera.outputs = kAllOutputs;
-  camera.shadows = shadows;
-  return camera;
+  return {.width_px = 96, .height_px = 72, .hfov_deg = hfov_deg, .outputs = kAllOutputs, .shadows = shadows};
 }
 
 struct View {
@@ -371,14 +365,7 @@ Lighting evening() {
   return lighting;
 }
 
-CameraConfig camera() {
-  CameraConfig camera;
-  camera.width_px = 64;
-  camera.height_px = 48;
-  camera.outputs = kAllOutputs;
-  camera.shadows = true;
-  return camera;
-}
+CameraConfig camera() { return {.width_px = 64, .height_px = 48, .outputs = kAllOutputs, .shadows = true}; }
 
 void expect_same_pictures(const Batch& a, const Batch& b) {
   const CameraImages &x = a.images(0), &y = b.images(0);
@@ -429,7 +416,7 @@ TEST(Lighting, AreRefusedWithTheNameOfTheField) {
   Lighting lighting;
   lighting.tint = {{1, 1, 1}};
   EXPECT_REFUSED((void)World(world, lighting), "tint: ... 3");
-  lighting.tint = {{1, 1, 1}, {1, std::numeric_limits<float>::quiet_NaN(), 1}, {1, 1, 1}};
+  lighting.tint = {{1, 1, 1}, {1, kNan, 1}, {1, 1, 1}};
   EXPECT_REFUSED((void)World(world, lighting), "tint[1]");
   lighting.tint = {};
   lighting.light.sun_direction = {0, 0, 0};

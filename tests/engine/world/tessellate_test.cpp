@@ -198,7 +198,7 @@ TEST(Tessellate, MeshesKeepTheirObjectsAfterThoseOfThePrimitives) {
 TEST(Tessellate, BadChordErrorsAreRefused) {
   SceneDescription description;
   description.primitives = {Primitive{}};
-  for (const float bad : {0.0F, -1.0F, 1e-9F, std::numeric_limits<float>::quiet_NaN()}) {
+  for (const float bad : {0.0F, -1.0F, 1e-9F, kNan}) {
     EXPECT_THROW(tessellate(description, bad), std::invalid_argument) << bad;
   }
   EXPECT_EQ(tessellate(description, std::numeric_limits<float>::infinity()).triangles.size(), 12U);

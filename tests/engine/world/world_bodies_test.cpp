@@ -316,7 +316,7 @@ TEST(Gate, ScenesRoundTripThroughBothFormats) {
   const auto again = World::from_json(world.to_json());
   EXPECT_EQ(again->content_hash(), world.content_hash());
   EXPECT_EQ(again->to_json(), world.to_json());
-  const TempFolder folder("flockstep_gate_test");
+  const TempFolder folder;
   for (const char* const name : {"a.glb", "a.gltf"}) {
     world.save(folder / name);
     const auto read = World::load(folder / name);
@@ -326,7 +326,7 @@ TEST(Gate, ScenesRoundTripThroughBothFormats) {
 }
 
 TEST(Gate, PlacementMovesScalesAndTurnsThem) {
-  const TempFolder folder("flockstep_gate_test");
+  const TempFolder folder;
   const World world(hall());
   for (const char* const name : {"b.json", "b.glb"}) {
     world.save(folder / name);
@@ -349,7 +349,7 @@ TEST(Gate, PlacementMovesScalesAndTurnsThem) {
 }
 
 TEST(Gate, NodesOfGltfFilesMayBeMovedAndScaledEvenly) {
-  const TempFolder folder("flockstep_gate_test");
+  const TempFolder folder;
   const World world(hall());
   world.save(folder / "c.gltf");
   const auto edited = [&](const auto& edit) {
@@ -399,7 +399,6 @@ TEST(Gate, TheBuilderAddsThem) {
 }
 
 TEST(Gate, BadOnesAreRefused) {
-  constexpr float kNan = std::numeric_limits<float>::quiet_NaN();
   struct Case {
     std::function<void(Gate&)> spoil;
     std::string message;
