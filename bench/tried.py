@@ -48,7 +48,7 @@ TESTS = {
     "moves": ("*Creep*", 51, 20, "moves"),
     "pushes": ("Contact.Pushed*", 30, 10, "pushes"),
     "motions": ("SweepAgainstFineStepping*", 10, 10, "motions"),
-    "encounters": ("Encounters*:MovingSweepAgainstFineStepping*", 10, 20, "motions"),
+    "encounters": ("Encounters*", 10, 20, "motions"),
     "shoves": ("Shoves*:Push*", 10, 150, "pushes"),
     "crushes": ("ContactInACrowd.NoDrone*", 10, 10, "ticks"),
     "tumbles": ("Tumbles.No*", 10, 8, "ticks"),
