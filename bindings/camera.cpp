@@ -1,12 +1,17 @@
-#include "camera.hpp"
+// Batch.camera: the cameras of all drones.
 
 #include <pybind11/stl.h>
 
+#include <algorithm>
+#include <optional>
+#include <string>
 #include <string_view>
+#include <vector>
 
 #include "array_views.hpp"
 #include "arrays.hpp"
-#include "flockstep/batch.hpp"
+#include "batch.hpp"
+#include "convert.hpp"
 #include "memory.hpp"
 #include "released.hpp"
 
@@ -33,13 +38,13 @@ Viewed<CameraImages> images_of(const py::object& self, const char* name) {
   return {camera.batch().images(camera.index), memory_of(camera.owner), items_of(config)};
 }
 
-}  // namespace
-
-py::object camera_view(const py::object& batch, const std::optional<std::string>& name) {
-  return py::cast(CameraView{batch, batch.cast<const Batch&>().camera_index(name.value_or(""))});
+std::size_t camera_of(const Batch& batch, const std::optional<std::string>& name) {
+  return batch.camera_index(name.value_or(""));
 }
 
-void register_camera(py::module_& module) {
+}  // namespace
+
+void add_cameras(py::module_& module, BatchClass& batch_cls) {
   py::class_<CameraView> cls(module, "Camera", "One camera of every drone of a batch.");
   add_arrays<CameraImages, &images_of>(cls);
   cls.def_property_readonly("config", [](const CameraView& camera) { return camera.config(); })
@@ -64,6 +69,51 @@ void register_camera(py::module_& module) {
             return py::module_::import("flockstep.pictures.frames").attr("save_frames")(camera, folder, indices, outputs);
           },
           py::arg("folder"), py::arg("indices") = py::none(), py::arg("outputs") = py::none());
+  batch_cls.def_property_readonly("cameras", [](const Batch& batch) { return batch.config().cameras; })
+      .def(
+          "camera",
+          [](const py::object& batch, const std::optional<std::string>& name) {
+            return CameraView{batch, camera_of(batch.cast<const Batch&>(), name)};
+          },
+          py::arg("name") = py::none())
+      .def(
+          "capture",
+          [](Batch& batch, const py::object& mask, const std::optional<std::string>& camera) {
+            const auto m = flags(mask, "mask", num_drones(batch));
+            const std::size_t index = camera_of(batch, camera);
+            released(batch, [&] { batch.capture(index, m); });
+          },
+          py::arg("mask") = py::none(), py::arg("camera") = py::none())
+      .def(
+          "set_capture_mode",
+          [](Batch& batch, const std::string& mode, const std::optional<std::string>& camera) {
+            const std::size_t index = camera_of(batch, camera);
+            const auto chosen = enum_of<CaptureMode>(mode, "capture_mode");
+            in_turn(batch, [&] { batch.set_capture_mode(index, chosen); });
+          },
+          py::arg("mode"), py::arg("camera") = py::none())
+      .def(
+          "set_camera",
+          [](Batch& batch, const py::object& mask, const std::optional<std::string>& camera, const py::kwargs& fields) {
+            const std::size_t index = camera_of(batch, camera);
+            const auto m = flags(mask, "mask", num_drones(batch));
+            const auto change = change_of<CameraChange>(fields, "set_camera");
+            released(batch, [&] { batch.set_camera(index, change, m); });
+          },
+          py::arg("mask") = py::none(), py::arg("camera") = py::none())
+      .def(
+          "picture",
+          [](Batch& batch, std::int64_t index, const std::optional<std::string>& camera) {
+            const std::size_t number = camera_of(batch, camera);
+            std::vector<std::uint8_t> rgb;
+            released(batch, [&] { rgb = batch.picture(number, index); });
+            const CameraConfig& config = batch.camera_config(number);
+            py::array_t<std::uint8_t> picture({config.image_height_px(), config.image_width_px(), 3});
+            std::copy(rgb.begin(), rgb.end(), picture.mutable_data());
+            return picture;
+          },
+          py::arg("index"), py::arg("camera") = py::none())
+      .def("camera_backend_report", [](const Batch& batch) { return batch.camera_backend_report(); });
 }
 
 }  // namespace flockstep::bindings

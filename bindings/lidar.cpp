@@ -1,12 +1,15 @@
-#include "lidar.hpp"
+// Batch.lidar: the LiDARs of all drones.
 
 #include <pybind11/stl.h>
 
+#include <optional>
+#include <string>
 #include <string_view>
 
 #include "array_views.hpp"
 #include "arrays.hpp"
-#include "flockstep/batch.hpp"
+#include "batch.hpp"
+#include "convert.hpp"
 #include "memory.hpp"
 #include "released.hpp"
 
@@ -46,11 +49,7 @@ py::array_t<float> per_ray(const LidarView& lidar, void (Batch::*fill)(std::span
 
 }  // namespace
 
-py::object lidar_view(const py::object& batch, const std::optional<std::string>& name) {
-  return py::cast(LidarView{batch, batch.cast<const Batch&>().lidar_index(name.value_or(""))});
-}
-
-void register_lidar(py::module_& module) {
+void add_lidars(py::module_& module, BatchClass& batch_cls) {
   py::class_<LidarView> cls(module, "Lidar", "One LiDAR of every drone of a batch.");
   add_arrays<LidarReadings, &readings_of>(cls);
   cls.def_property_readonly("config", [](const LidarView& lidar) { return lidar.config(); })
@@ -66,6 +65,27 @@ void register_lidar(py::module_& module) {
         lidar.scanned();
         return per_ray(lidar, &Batch::lidar_points);
       });
+  batch_cls.def_property_readonly("lidars", [](const Batch& batch) { return batch.config().lidars; })
+      .def_property_readonly("lidar_name",
+                             [](const Batch& batch) -> std::optional<std::string> {
+                               const auto& lidars = batch.config().lidars;
+                               return lidars.empty() ? std::nullopt : std::optional(lidars[0].name);
+                             })
+      .def(
+          "lidar",
+          [](const py::object& batch, const std::optional<std::string>& name) {
+            return LidarView{batch, batch.cast<const Batch&>().lidar_index(name.value_or(""))};
+          },
+          py::arg("name") = py::none())
+      .def(
+          "set_lidar",
+          [](Batch& batch, const py::object& mask, const std::optional<std::string>& lidar, const py::kwargs& fields) {
+            const std::size_t index = batch.lidar_index(lidar.value_or(""));
+            const auto m = flags(mask, "mask", num_drones(batch));
+            const auto change = change_of<LidarChange>(fields, "set_lidar");
+            released(batch, [&] { batch.set_lidar(change, m, index); });
+          },
+          py::arg("mask") = py::none(), py::arg("lidar") = py::none());
 }
 
 }  // namespace flockstep::bindings

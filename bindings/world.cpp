@@ -81,13 +81,6 @@ py::list gates(const World& world) {
   return list;
 }
 
-void refuse_unknown(const std::string& callee, const py::kwargs& keywords, const std::vector<std::string>& known) {
-  for (const auto& [name, value] : keywords) {
-    const std::string text = py::str(name);
-    if (std::ranges::find(known, text) == known.end()) throw py::type_error(unexpected_keyword(callee, text, known));
-  }
-}
-
 py::tuple triple(const std::array<float, 3>& v) { return py::make_tuple(v[0], v[1], v[2]); }
 py::object fields_value(float value) { return py::float_(value); }
 py::object fields_value(const std::array<float, 3>& value) { return triple(value); }

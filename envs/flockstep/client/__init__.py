@@ -13,6 +13,8 @@ except ImportError as _error:
     _needed = f"flockstep.client needs protobuf and websockets: pip install 'flockstep[client]' ({_error})"
     raise type(_error)(_needed, name=_error.name) from _error
 
+from typing import TYPE_CHECKING as _TYPE_CHECKING
+
 from flockstep.client.async_client import AsyncClient, connect_async
 from flockstep.client.errors import ServerError
 from flockstep.client.operations import AsyncDrone, Drone
@@ -32,6 +34,7 @@ from flockstep.client.results import (
     TimedArrays,
     WorldInfo,
 )
+from flockstep.client.results import no_attribute as _no_attribute
 from flockstep.client.streams import AsyncStream, Stream
 from flockstep.client.sync_client import Client, connect
 from flockstep.client.vector_env import RemoteVectorEnv
@@ -62,3 +65,8 @@ __all__ = [
     "connect",
     "connect_async",
 ]
+
+if not _TYPE_CHECKING:
+
+    def __getattr__(name: str) -> None:
+        raise _no_attribute(f"module {__name__!r}", name, __all__)

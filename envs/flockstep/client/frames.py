@@ -13,6 +13,20 @@ from flockstep.client.protocol import Array, DecodeError, DType, Reply, Request
 
 Arrays: TypeAlias = dict[str, npt.NDArray[Any]]
 
+
+class ArrayProperty:
+    """A property with the array of its name, which its object's ``_array`` returns."""
+
+    def __init__(self, about: str) -> None:
+        self.__doc__ = about
+
+    def __set_name__(self, owner: type[Any], name: str) -> None:
+        self._name = name
+
+    def __get__(self, of: Any, owner: type[Any] | None = None) -> npt.NDArray[Any]:
+        return self if of is None else of._array(self._name)  # type: ignore[no-any-return]
+
+
 #: NumPy's type of each `DType`.
 _TYPES: dict[int, np.dtype[Any]] = {
     DType.DTYPE_BOOL: np.dtype(np.bool_),

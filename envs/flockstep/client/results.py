@@ -2,18 +2,32 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
-from typing import Any, Literal, NamedTuple, TypeAlias
+from typing import TYPE_CHECKING, Any, Literal, NamedTuple, TypeAlias
 
 import numpy as np
 import numpy.typing as npt
 
 from flockstep._core import ImuConfig
 from flockstep.client.frames import Arrays
+from flockstep.nearest_name import did_you_mean
 
 _F32: TypeAlias = npt.NDArray[np.float32]
+#: What to use instead of names of version 1 of the protocol.
+_REPLACED = {
+    **{f"{kind}Settings": f"flockstep.{kind}Config" for kind in ("Lidar", "Camera")},
+    "LightSettings": "flockstep.Light",
+    "Mounting": "flockstep.ImuConfig",
+    "imu_mountings": "imu_configs",
+}
 CaptureMode: TypeAlias = Literal["every_step", "on_movement", "on_demand"]
+
+
+def no_attribute(owner: str, name: str, known: Iterable[str]) -> AttributeError:
+    """Return the error for a name that a module or an object does not have, with what to use instead."""
+    hint = f": use {_REPLACED[name]}" if name in _REPLACED else did_you_mean(name, known)
+    return AttributeError(f"{owner} has no attribute {name!r}{hint}")
 
 
 class Angles(NamedTuple):
@@ -325,6 +339,11 @@ class ServerInfo:
     imu_configs: Mapping[str, ImuConfig]
     array_rows: Mapping[str, str]
     bodies_per_env: int
+
+    if not TYPE_CHECKING:
+
+        def __getattr__(self, name: str) -> None:
+            raise no_attribute("ServerInfo", name, type(self).__dataclass_fields__)
 
     @property
     def num_drones(self) -> int:
