@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from math import prod
-from typing import Any, TypeAlias
+from typing import Any, TypeAlias, cast
 
 import numpy as np
 import numpy.typing as npt
@@ -24,7 +24,7 @@ class ArrayProperty:
         self._name = name
 
     def __get__(self, of: Any, owner: type[Any] | None = None) -> npt.NDArray[Any]:
-        return self if of is None else of._array(self._name)  # type: ignore[no-any-return]
+        return cast("npt.NDArray[Any]", self if of is None else of._array(self._name))
 
 
 #: NumPy's type of each `DType`.
