@@ -20,7 +20,7 @@ GROUPS = {
     "8 drones in each of 512 envs": (512, 8, 10.0),
     "1,000 drones in one env": (1, 1000, 60.0),
 }  # E, M, side of a hall in m
-MEETS = ("never", "seen", "touched", "both")
+INTERACTIONS = ("none", "sense", "collide", "both")
 
 Measured = tuple[str, float, str, int]  # name, value, unit, runs
 
@@ -54,8 +54,8 @@ def steps(name: str, envs: int, drones: int, world: flockstep.World, motion: str
     places[:, :2] += random.uniform(-1, 1, (len(number), 2)) * max(cell - 1.2, 0) / 2
     places[:, 2] = random.uniform(0.5, 3.5, len(number))
     batches: dict[str, flockstep.Batch] = {}
-    for meet in MEETS:
-        batches[meet] = make(world, envs * drones, drones, motion, meet)
+    for interaction in INTERACTIONS:
+        batches[interaction] = make(world, envs * drones, drones, motion, interaction)
     batches["separate"] = make(world, envs * drones, 1, motion, "never")
     calls = {each: [call_of(batch, motion, places, i) for i in range(STEPS)] for each, batch in batches.items()}
     times: dict[str, list[float]] = {each: [] for each in batches}
@@ -76,7 +76,7 @@ def steps(name: str, envs: int, drones: int, world: flockstep.World, motion: str
     yield f"{name}/both/share_in_contact", touched["both"], "1", 1
 
 
-def make(world: flockstep.World, drones: int, per_env: int, motion: str, meet: str) -> flockstep.Batch:
+def make(world: flockstep.World, drones: int, per_env: int, motion: str, interaction: str) -> flockstep.Batch:
     """Make a batch whose drones have the default LiDAR."""
     more: dict[str, Any] = {}
     if motion == "rotors":
@@ -85,7 +85,7 @@ def make(world: flockstep.World, drones: int, per_env: int, motion: str, meet: s
         [world],
         drones,
         drones_per_env=per_env,
-        meet=meet,
+        interaction=interaction,
         lidar=flockstep.LidarConfig(),
         num_threads=1,
         **more,

@@ -777,16 +777,16 @@ def bodies(results: dict[str, Result]) -> str:
 
 def meetings(results: dict[str, Result]) -> str:
     """Return the table of what drones cost that see and touch each other."""
-    heads = {"never": "never", "seen": "seen", "touched": "touched", "both": "both"}
+    heads = {name: name for name in ("none", "sense", "collide", "both")}
     cells: dict[tuple[str, str], str] = {}
-    for (group, motion, meet), f in named(results, "meetings", r"meetings/([^/]+)/(\w+)/(\w+)/ratio_to_separate"):
-        if meet in heads:
-            cells[f"{group}, {motion}", heads[meet]] = rough(f)
+    for (group, motion, interaction), f in named(results, "meetings", r"meetings/([^/]+)/(\w+)/(\w+)/ratio_to_separate"):
+        if interaction in heads:
+            cells[f"{group}, {motion}", heads[interaction]] = rough(f)
     for (group, motion), f in named(results, "meetings", r"meetings/([^/]+)/(\w+)/separate/us_per_step"):
         cells[f"{group}, {motion}", "a step in a separate env"] = rough(f)
     for (group, motion), f in named(results, "meetings", r"meetings/([^/]+)/(\w+)/both/share_in_contact"):
         cells[f"{group}, {motion}", "in contact"] = f"{f['value']:.1%}".replace("%", " %")
-    return with_source(results, "meetings", pivot(cells, "`meet`"))
+    return with_source(results, "meetings", pivot(cells, "`interaction`"))
 
 
 def dodge(results: dict[str, Result]) -> str:

@@ -188,6 +188,7 @@ void register_batch(py::module_& module) {
   const auto none = py::none();
   py::class_<ServedBatch>(module, "_ServedBatch").def("end", [](ServedBatch& served) { released([&] { served.end(); }); });
   BatchClass cls(module, "Batch", "N drone slots over W worlds, stepped together.");
+  suggest_attributes(cls);
   add_arrays<State, &state_arrays>(cls);
   add_arrays<OwnEpisodes, &own_arrays>(cls);
   add_arrays<FlightState, &flight_arrays>(cls);

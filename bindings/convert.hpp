@@ -357,6 +357,16 @@ Change change_of(const pybind11::kwargs& keywords, const std::string& callee) {
   return change;
 }
 
+// Lets the error for a missing attribute of a class suggest the most similar one, or the present name of a renamed one.
+inline void suggest_attributes(const py::object& cls) {
+  const auto missing = [](const py::handle& self, const std::string& name) -> py::object {
+    const auto known = py::module_::import("builtins").attr("dir")(py::type::of(self)).cast<std::vector<std::string>>();
+    throw py::attribute_error(py::str(py::type::of(self).attr("__name__")).cast<std::string>() + " has no attribute '" + name +
+                              "'" + did_you_mean(name, std::vector<std::string_view>(known.begin(), known.end())));
+  };
+  cls.attr("__getattr__") = py::cpp_function(missing, py::is_method(cls), py::name("__getattr__"));
+}
+
 // Converts a configuration, a sequence of them or None.
 template <class Configs>
 Configs configs_of(const py::handle& given, const std::string& name) {

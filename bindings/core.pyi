@@ -224,7 +224,7 @@ class Learner:
     @property
     def adam(self) -> tuple[_F32, _F32, int]:
         """Copies of Adam's first and second moments, in the order of the parameters, and its number of steps."""
-    def set_adam(self, first: npt.ArrayLike, second: npt.ArrayLike, steps: int) -> None:
+    def set_adam(self, adam_m: npt.ArrayLike, adam_v: npt.ArrayLike, steps: int) -> None:
         """Set what `adam` returns."""
     @property
     def draws(self) -> int:
@@ -1373,7 +1373,7 @@ class Terms:
         """Return the nearest other drones of each drone's env, (N, count, 7), the nearest first.
 
         Each has its position (3, m) and velocity (3, m/s) relative to the drone, in the body frame, and 1. If there are
-        fewer, the rest is 0. Poses are those of the pose sensor. Removed and resting drones are no neighbours.
+        fewer, the rest is 0. Poses are those of the pose sensor. Removed and finished drones are no neighbours.
 
         Parameters
         ----------
@@ -1778,7 +1778,7 @@ class Batch:
 
         A batch that has grown has the same bits as one that was made with its final size. Snapshots of another size are
         refused. With a task, the batch cannot grow, and the drones of an env begin their episodes together: the slots
-        must include every drone of the env that is active or rests. With ``episodes="each"`` they may be any: these
+        must include every drone of the env that is active or has finished. With ``episodes="each"`` they may be any: these
         drones begin their next episodes, and their envs go on.
 
         Returns
@@ -1971,7 +1971,7 @@ class Batch:
     def waiting(self) -> _Bool:
         """(R,), a new array: True if the row takes no part in the next step.
 
-        Either that step only begins the row's next episode, or the drone rests, with ``episodes="last"``.
+        Either that step only begins the row's next episode, or the drone has finished, with ``episodes="last"``.
         """
 
     @property

@@ -166,10 +166,10 @@ void register_learner(py::module_& module) {
                              })
       .def(
           "set_adam",
-          [](Learner& learner, const py::object& first, const py::object& second, std::int64_t steps) {
-            learner.set_adam(floats(first, "first", {-1}), floats(second, "second", {-1}), steps);
+          [](Learner& learner, const py::object& adam_m, const py::object& adam_v, std::int64_t steps) {
+            learner.set_adam(floats(adam_m, "adam_m", {-1}), floats(adam_v, "adam_v", {-1}), steps);
           },
-          py::arg("first"), py::arg("second"), py::arg("steps"))
+          py::arg("adam_m"), py::arg("adam_v"), py::arg("steps"))
       .def_property("draws", &Learner::draws, &Learner::set_draws)
       .def_property_readonly("observation_moments",
                              [](const Learner& learner) { return moments_of(learner.observation_moments()); })

@@ -75,6 +75,7 @@ py::tuple names_of(std::span<const Named> all) {
 
 void register_recipe(py::module_& module) {
   py::class_<Recipe> cls(module, "Recipe", "Everything that a batch is built from, as one value that converts to and from JSON.");
+  suggest_attributes(cls);
   cls.def(py::init(&recipe_for), py::arg("task") = py::none())
       .def_static("from_json", &Recipe::from_json, py::arg("text"))
       .def("to_json", &Recipe::to_json)

@@ -162,7 +162,7 @@ class Formation(flockstep.Task):
     action_space = spaces.Box(-1, 1, (3,), np.float32)
     reward_terms = ("place", "crash", "near", "change")
     worlds = "arena/hall"
-    meet = "both"
+    interaction = "both"
     max_episode_steps = 300
 
     def __init__(self, config: flockstep.FormationConfig, lidar: flockstep.LidarConfig) -> None:

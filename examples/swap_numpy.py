@@ -23,7 +23,7 @@ class Swap(flockstep.Task):
     action_space = spaces.Box(-1, 1, (2,), np.float32)
     reward_terms = ("progress", "goal", "crash", "near", "time")
     worlds = "arena/hall"
-    meet = "touched"
+    interaction = "collide"
     max_episode_steps = 300
 
     def __init__(self, config: flockstep.SwapConfig) -> None:

@@ -97,7 +97,7 @@ class SteppedEnv(Protocol):
     def _last_infos(self, ended: npt.NDArray[np.intp]) -> dict[str, Any]:
         """Return the episode statistics of ``ended``: all envs whose episode ended in the last step."""
 
-    def _resting(self) -> BoolArray | None:
+    def _finished(self) -> BoolArray | None:
         """Return a mask of the rows that did not fly in the last step, with episodes="last", otherwise None."""
 
 
@@ -133,9 +133,9 @@ def results(env: SteppedEnv) -> tuple[Observation, Array, BoolArray, BoolArray, 
     terminated, truncated = batch.terminated, batch.truncated
     ended = terminated | truncated
     infos = infos_of(env, ended) if np.count_nonzero(ended) else {}
-    resting = env._resting()
-    if resting is not None and np.count_nonzero(resting):
-        infos |= _masked({"resting": resting}, resting)
+    finished = env._finished()
+    if finished is not None and np.count_nonzero(finished):
+        infos |= _masked({"finished": finished}, finished)
     if env.copy:
         return returned(env, observation), reward.copy(), terminated.copy(), truncated.copy(), infos
     return observation, reward, terminated, truncated, infos

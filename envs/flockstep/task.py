@@ -68,8 +68,8 @@ class Task:
     bodies, max_bodies
         Bodies in every env when an episode begins, one `BodyConfig` or a sequence, and the number of slots for bodies;
         see `Bodies`. Default: none.
-    meet
-        How the drones of an env interact: ``"never"``, ``"seen"``, ``"touched"`` or ``"both"``; see `Batch`.
+    interaction
+        How the drones of an env interact: ``"none"``, ``"sense"``, ``"collide"`` or ``"both"``; see `Batch`.
     lights
         Lights of which each episode of an env draws one, a `Light` or a sequence. Default: the lights of the worlds.
     worlds
@@ -121,7 +121,7 @@ class Task:
     camera: CameraConfig | Sequence[CameraConfig] | None = None
     bodies: BodyConfig | Sequence[BodyConfig] | None = None
     max_bodies: int = 0
-    meet: Literal["never", "seen", "touched", "both"] = "never"
+    interaction: Literal["none", "sense", "collide", "both"] = "none"
     lights: Light | Sequence[Light] | None = None
     worlds: WorldsLike | WorldPool | None = None
     drone: DroneLike | None = None

@@ -80,10 +80,13 @@ def _is_near(name: str, value: Any, meant: str) -> bool:
     return sorted(a) == sorted(b) or (a[:1] == b[:1] and difflib.SequenceMatcher(None, a, b).ratio() > 0.88)
 
 
-#: Names that other packages give to attributes of tasks.
-_OTHER_NAMES = dict.fromkeys(
-    ("episode_length", "max_episode_length", "max_ep_len", "time_limit", "horizon"), "max_episode_steps"
-)
+#: Names that other packages, or earlier versions, give to attributes of tasks.
+_OTHER_NAMES = {
+    **dict.fromkeys(
+        ("episode_length", "max_episode_length", "max_ep_len", "time_limit", "horizon"), "max_episode_steps"
+    ),
+    "meet": "interaction",
+}
 
 
 def _has_words_of(name: str, meant: str) -> bool:

@@ -154,7 +154,7 @@ class DroneVectorEnv(VectorEnv[Observation, Array, Array], SharedAttributes):
     an array of length N, with a mask of the ended episodes under the key with a leading underscore. ``episode_terms``
     is a dict of such arrays and masks, with the sum of each reward term. With same-step autoreset these are inside
     ``final_info``, beside ``final_obs``. With autoreset disabled, a finished env repeats its flags and infos until it
-    is reset. With ``episodes="last"``, ``resting`` is a mask of the rows that did not fly in the step: ignore them when
+    is reset. With ``episodes="last"``, ``finished`` is a mask of the rows that did not fly in the step: ignore them when
     learning. ``episode_end`` is the reason for the end, a value of `EpisodeEnd`. An episode ends with ``bad_state`` if
     a target, a reward or an observation was not finite; ``batch.bad_states`` counts these episodes.
 
@@ -212,7 +212,7 @@ class DroneVectorEnv(VectorEnv[Observation, Array, Array], SharedAttributes):
         recipe.num_envs = self.num_groups
         if drone is not None:
             recipe.drone = drone
-        if recipe.meet in ("seen", "both"):  # otherwise only pictures show it
+        if recipe.interaction in ("sense", "both"):  # otherwise only pictures show it
             recipe._set(drone_mesh=drone_mesh)
         if worlds is None:
             worlds = self.task.worlds if isinstance(self.task, Task) else recipe.worlds
@@ -442,7 +442,7 @@ class DroneVectorEnv(VectorEnv[Observation, Array, Array], SharedAttributes):
     def _last_infos(self, ended: npt.NDArray[np.intp]) -> dict[str, Any]:
         return self.episode_infos(ended)
 
-    def _resting(self) -> BoolArray | None:
+    def _finished(self) -> BoolArray | None:
         return ~self.batch.flying if self._has_rests else None
 
     def _waiting(self) -> BoolArray:

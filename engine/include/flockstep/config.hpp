@@ -13,9 +13,9 @@
 #include "flockstep/export.hpp"
 #include "flockstep/fields.hpp"
 #include "flockstep/imu.hpp"
+#include "flockstep/interaction.hpp"
 #include "flockstep/lidar.hpp"
 #include "flockstep/light.hpp"
-#include "flockstep/meet.hpp"
 #include "flockstep/pose_sensor.hpp"
 
 namespace flockstep {
@@ -30,7 +30,7 @@ struct EnumNames<TracerKind> {
 struct BatchConfig {
   int num_envs = 1;
   int drones_per_env = 1;
-  Meet meet = Meet::never;
+  Interaction interaction = Interaction::none;
   std::shared_ptr<const World> drone_mesh;
   int num_threads = 0;
   int block_size = 0;
@@ -61,17 +61,16 @@ struct BatchConfig {
               {.about = "Number of drones in each env, M. They share a world. A batch without a task may begin with no drone in "
                         "its envs.",
                .limits = between(0, kMaxDrones)}),
-        field("meet", &C::meet,
+        field("interaction", &C::interaction,
               {.about =
-                   "How the drones of an env interact. ``\"never\"``: not at all. ``\"seen\"``: their LiDARs detect the hulls of "
-                   "the others, and their cameras see their meshes. ``\"touched\"``: they hit each other with their "
-                   "hulls. ``\"both\"``: both. Unless it is ``\"never\"``, an env has at most 4096 drones."}),
-        field(
-            "drone_mesh", &C::drone_mesh,
-            {.about =
-                 "World whose triangles, materials and textures show the drones to the cameras of the others, in the body "
-                 "frame, like the mesh of a `BodyConfig`. Only if ``meet`` is ``\"seen\"`` or ``\"both\"``. None: their hull, in "
-                 "grey."}),
+                   "How the drones of an env interact. ``\"none\"``: not at all. ``\"sense\"``: their LiDARs detect the hulls of "
+                   "the others, and their cameras see their meshes. ``\"collide\"``: they hit each other with their "
+                   "hulls. ``\"both\"``: both. Unless it is ``\"none\"``, an env has at most 4096 drones."}),
+        field("drone_mesh", &C::drone_mesh,
+              {.about = "World whose triangles, materials and textures show the drones to the cameras of the others, in the body "
+                        "frame, like the mesh of a `BodyConfig`. Only if ``interaction`` is ``\"sense\"`` or ``\"both\"``. None: "
+                        "their hull, in "
+                        "grey."}),
         field("num_threads", &C::num_threads,
               {.about = "Number of threads, at most four per processor; a larger number gives these, with a warning. 0: the "
                         "physical cores that this process may run on. No result depends on it.",

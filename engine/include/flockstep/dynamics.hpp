@@ -99,7 +99,7 @@ struct DynamicsConfig {
         field("gyroscopic", &C::gyroscopic, {.about = "Gyroscopic torques of the rotors on a turning body."}),
         field("ground_effect", &C::ground_effect, {.about = "More thrust near surfaces below."}),
         field("downwash", &C::downwash,
-              {.about = "Less thrust in the wash of other drones of the env; independent of ``meet``."}),
+              {.about = "Less thrust in the wash of other drones of the env; independent of ``interaction``."}),
         field("wind", &C::wind, {.about = "Wind; none by default."}),
         field("max_speed_mps", &C::max_speed_mps, {.about = "Speed limit of the controller.", .unit = "m/s", .limits = above(0)}),
         field("max_acceleration_mps2", &C::max_acceleration_mps2,

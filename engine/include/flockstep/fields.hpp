@@ -97,15 +97,15 @@ consteval bool takes(std::index_sequence<I...>) {
 }  // namespace detail
 
 // Returns the number of fields of an aggregate without base classes: the length of the longest initialiser list that compiles.
-template <class T, std::size_t kMost = 32>
+template <class T, std::size_t kMax = 32>
 consteval std::size_t count_fields() {
   static_assert(std::is_aggregate_v<T>);
-  if constexpr (kMost == 0) {
+  if constexpr (kMax == 0) {
     return 0;
-  } else if constexpr (detail::takes<T>(std::make_index_sequence<kMost>())) {
-    return kMost;
+  } else if constexpr (detail::takes<T>(std::make_index_sequence<kMax>())) {
+    return kMax;
   } else {
-    return count_fields<T, kMost - 1>();
+    return count_fields<T, kMax - 1>();
   }
 }
 

@@ -197,7 +197,7 @@ class FLOCKSTEP_API Learner {
   std::vector<float> second_moments() const;                  // of Adam
   std::int64_t adam_steps() const;                            // number of minibatches that Adam has taken
   // Sets the moments of Adam and its number of steps.
-  void set_adam(std::span<const float> first, std::span<const float> second, std::int64_t steps);
+  void set_adam(std::span<const float> adam_m, std::span<const float> adam_v, std::int64_t steps);
   std::uint64_t draws() const;                        // number of draws so far, which is the state of the random numbers
   void set_draws(std::uint64_t draws);                // sets the state of the random numbers
   const RunningMoments& observation_moments() const;  // moments of all observations that actions were drawn from

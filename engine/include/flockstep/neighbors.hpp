@@ -20,7 +20,7 @@ inline constexpr std::size_t kNeighborSize = 7;
 
 // Writes the drones of the same env that are nearest to a drone, the nearest first: kNeighborSize numbers for each, as many
 // neighbours as `out` has room for. If there are fewer, the others are 0. Of equally distant drones, the one with the lower
-// number comes first. Removed and resting drones are no neighbours, and have none. Poses are those that the pose sensor read
+// number comes first. Removed and finished drones are no neighbours, and have none. Poses are those that the pose sensor read
 // last. velocity: (N, 3) m/s, world frame, such as state.flight.velocity; empty: relative velocities are 0.
 inline void write_neighbors(const State& state, const PoseReadings& sensed, std::size_t drones_per_env, DroneIndex drone,
                             std::span<const float> velocity, std::span<float> out) {

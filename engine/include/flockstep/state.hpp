@@ -186,7 +186,7 @@ struct FlightState {
 // Otherwise both arrays are empty. Only batch/episodes.cpp writes them.
 struct OwnEpisodes {
   std::vector<std::int64_t> own_episodes;
-  FlagArray resting;
+  FlagArray finished;
 
   static constexpr auto fields() {
     using C = OwnEpisodes;
@@ -197,7 +197,7 @@ struct OwnEpisodes {
                .writer = kWriter,
                .about = "episodes that the drone began without its teammates under the env's seed. The number of the drone's "
                         "episode is the sum of this and `episode`. Empty unless `episodes` is \"each\" or \"last\""}),
-        array("resting", &C::resting,
+        array("finished", &C::finished,
               {.values = Values::flag,
                .writer = kWriter,
                .about = "True if the drone is inactive because its episode has ended, and those of its teammates go on. Empty "
@@ -233,7 +233,7 @@ struct State {
         array("active", &C::active,
               {.values = Values::flag,
                .writer = "spawn() and remove(); the step with episodes=\"last\"",
-               .about = "True if the drone is there; False if it was removed or rests, see `resting`"}),
+               .about = "True if the drone is there; False if it was removed or has finished, see `finished`"}),
         array("world_index", &C::world_index,
               {.rows = Rows::env,
                .writer = "resets, set_world()",

@@ -20,8 +20,8 @@
 #include "flockstep/dynamics.hpp"
 #include "flockstep/episode.hpp"
 #include "flockstep/index.hpp"
+#include "flockstep/interaction.hpp"
 #include "flockstep/lidar.hpp"
-#include "flockstep/meet.hpp"
 #include "flockstep/pose.hpp"
 #include "flockstep/readings.hpp"
 #include "flockstep/state.hpp"
@@ -48,15 +48,15 @@ struct TaskSpec {
 
 // Defaults of an environment with this task, for values that the caller does not give.
 struct TaskDefaults {
-  std::string worlds = "train";       // a set of scenes, or a single scene
-  std::vector<LidarConfig> lidars;    // LiDARs of each drone
-  std::vector<CameraConfig> cameras;  // cameras of each drone
-  int max_episode_steps = 3000;       // 0: no limit
-  std::string drone;                  // a bundled airframe; empty: DroneModel::quadrotor650()
-  DynamicsConfig dynamics;            // motion model and control
-  ClockConfig clock;                  // rates
-  int drones_per_env = 1;             // drones of an env
-  Meet meet = Meet::never;            // how they interact
+  std::string worlds = "train";                 // a set of scenes, or a single scene
+  std::vector<LidarConfig> lidars;              // LiDARs of each drone
+  std::vector<CameraConfig> cameras;            // cameras of each drone
+  int max_episode_steps = 3000;                 // 0: no limit
+  std::string drone;                            // a bundled airframe; empty: DroneModel::quadrotor650()
+  DynamicsConfig dynamics;                      // motion model and control
+  ClockConfig clock;                            // rates
+  int drones_per_env = 1;                       // drones of an env
+  Interaction interaction = Interaction::none;  // how they interact
 };
 
 // Access of a task to the batch. Only place(), place_body() and remove_body() write. Indices are not checked.

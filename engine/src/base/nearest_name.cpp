@@ -1,6 +1,7 @@
 #include "base/nearest_name.hpp"
 
 #include <algorithm>
+#include <array>
 #include <cstddef>
 #include <utility>
 #include <vector>
@@ -55,6 +56,18 @@ double path_similarity(std::string_view known, std::string_view name) {
   return std::max(whole, name_similarity(last_part(known), last_part(name)));
 }
 
+// Public names that were renamed, with the present ones: a message suggests these, however little they resemble the former.
+constexpr std::array<std::pair<std::string_view, std::string_view>, 10> kRenamed{{{"meet", "interaction"},
+                                                                                  {"never", "none"},
+                                                                                  {"seen", "sense"},
+                                                                                  {"touched", "collide"},
+                                                                                  {"resting", "finished"},
+                                                                                  {"LidarSettings", "flockstep.LidarConfig"},
+                                                                                  {"CameraSettings", "flockstep.CameraConfig"},
+                                                                                  {"LightSettings", "flockstep.Light"},
+                                                                                  {"Mounting", "flockstep.ImuConfig"},
+                                                                                  {"imu_mountings", "imu_configs"}}};
+
 }  // namespace
 
 double name_similarity(std::string_view a, std::string_view b) {
@@ -63,6 +76,10 @@ double name_similarity(std::string_view a, std::string_view b) {
 }
 
 std::string_view nearest_name(std::string_view name, std::span<const std::string_view> known) {
+  for (const auto& [former, present] : kRenamed) {
+    if (former != name) continue;
+    if (const auto found = std::ranges::find(known, present); found != known.end()) return *found;
+  }
   std::string_view nearest;
   double most = kSimilar;
   if (name.size() > kLongest) return nearest;

@@ -101,7 +101,7 @@ void put_velocity(Simulation& sim, DroneIndex drone, std::size_t row, std::span<
 void mark_absent(Simulation& sim, DroneIndex drone) {
   sim.state.active[drone] = 0;
   if (sim.episodes_mode() == Episodes::last) {
-    sim.state.own.resting[drone] = 0;
+    sim.state.own.finished[drone] = 0;
     end_rest(sim, sim.env_of(drone));
   }
   clear_contact(sim.state, drone);
@@ -319,7 +319,7 @@ std::vector<std::int64_t> Batch::spawn(std::span<const std::int64_t> indices, st
     state.active[drone] = 1;
     for (const auto& sensor : sim.suite) sensor->use_default_settings(drone);  // not those of the drone before
     for (std::size_t camera = 0; camera < sim.cameras.size(); ++camera) sim.cameras[camera].use_default_settings(drone);
-    if (!state.own.resting.empty()) state.own.resting[drone] = 0;
+    if (!state.own.finished.empty()) state.own.finished[drone] = 0;
     if (begins[env]) {
       forget_readings(sim, env);
       if (sim.bodies) sim.bodies->begin(env);

@@ -115,7 +115,7 @@ void Batch::reset_drones(DroneMask mask) {
     return;
   }
   std::vector<std::uint8_t> begins(sim.num_envs());
-  std::vector<DroneIndex> rests;
+  std::vector<DroneIndex> finished;
   for (std::size_t i = 0; i < sim.num_envs(); ++i) {
     const EnvIndex env(i);
     bool all = true, any = false, goes_on = false;
@@ -125,18 +125,18 @@ void Batch::reset_drones(DroneMask mask) {
       const bool chosen = mask.selects(drone);
       any |= chosen;
       all &= chosen;
-      goes_on |= chosen && !sim.state.own.resting[drone];
-      if (chosen && sim.state.own.resting[drone]) rests.push_back(drone);
+      goes_on |= chosen && !sim.state.own.finished[drone];
+      if (chosen && sim.state.own.finished[drone]) finished.push_back(drone);
     }
     begins[env] = any && (all || sim.episodes.done[env * sim.rows_per_env()]);
     require(begins[env] || !goes_on, "mask", "all drones of env " + std::to_string(i) + ", or some whose episodes have ended",
             "one whose episode goes on");
   }
-  std::erase_if(rests, [&](DroneIndex drone) { return begins[sim.env_of(drone)]; });
+  std::erase_if(finished, [&](DroneIndex drone) { return begins[sim.env_of(drone)]; });
   const EnvMask envs(begins);
   list_selected(sim, envs, &Block::resetting);
   reset_listed(sim, {});
-  for (const DroneIndex drone : rests) {
+  for (const DroneIndex drone : finished) {
     sim.outputs.forget_final(drone, 1);
     sim.outputs.rest(sim.task_state->spec(), drone);
   }

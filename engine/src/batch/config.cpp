@@ -105,9 +105,10 @@ void BatchConfig::validate() const {
           "None for kinematic motion (it has no accelerations: give motion=\"rotors\")", "an ImuConfig");
   require(max_bodies == 0 || max_bodies >= static_cast<int>(bodies.size()), "max_bodies",
           "at least the number of bodies (" + std::to_string(bodies.size()) + "), or 0", max_bodies);
-  require(meet == Meet::never || drones_per_env <= kMaxBodies, "drones_per_env",
-          "at most " + std::to_string(kMaxBodies) + " unless meet is \"never\"", drones_per_env);
-  require(drone_mesh == nullptr || is_seen(meet), "drone_mesh", "None unless meet is \"seen\" or \"both\"", "a world");
+  require(interaction == Interaction::none || drones_per_env <= kMaxBodies, "drones_per_env",
+          "at most " + std::to_string(kMaxBodies) + " unless interaction is \"none\"", drones_per_env);
+  require(drone_mesh == nullptr || senses(interaction), "drone_mesh", "None unless interaction is \"sense\" or \"both\"",
+          "a world");
   if (drone_mesh != nullptr) require_mesh(*drone_mesh, "drone_mesh");
   require(lights.size() <= kMaxLights, "lights", "at most 4096", lights.size());
   for_each_field(*this, [&](const auto& entry, const auto& value) { check_sensors(entry.name, value, clock); });

@@ -225,16 +225,16 @@ void end_env(Simulation& sim, EnvIndex env) {
   std::fill_n(sim.episodes.done.data() + env * rows, rows, std::uint8_t{1});
 }
 
-// Ends the rest of an env's drones.
-void wake(Simulation& sim, EnvIndex env) {
+// Reactivates the env's finished drones.
+void reactivate(Simulation& sim, EnvIndex env) {
   for (std::size_t member = 0; member < sim.drones_per_env(); ++member) {
     const DroneIndex drone = sim.drone_of(env, member);
-    if (std::exchange(sim.state.own.resting[drone], std::uint8_t{0})) sim.set_active(drone, true);
+    if (std::exchange(sim.state.own.finished[drone], std::uint8_t{0})) sim.set_active(drone, true);
   }
 }
 
-// Writes the row of a drone that rests during a step.
-void skip_resting(Simulation& sim, DroneIndex drone) {
+// Writes the row of a drone that is finished during a step.
+void skip_finished(Simulation& sim, DroneIndex drone) {
   if (sim.episodes.flying[drone]) {  // its first step of rest
     clear_contact(sim.state, drone);
     for (const auto& sensor : sim.suite) sensor->clear(drone);
@@ -295,7 +295,7 @@ bool touches(const Simulation& sim, std::size_t row) {
 bool waits(const Simulation& sim, std::size_t row) {
   const Episodes mode = sim.episodes_mode();
   if (mode == Episodes::each && !sim.state.active[row]) return true;
-  return sim.episodes.done[row] || (mode == Episodes::last && sim.state.own.resting[row]);
+  return sim.episodes.done[row] || (mode == Episodes::last && sim.state.own.finished[row]);
 }
 
 void end_rows(Simulation& sim, EnvIndex env) {
@@ -314,7 +314,7 @@ void end_rows(Simulation& sim, EnvIndex env) {
       if (mode == Episodes::each) sim.episodes.done[row] = 1;
       if (mode == Episodes::last) {
         sim.set_active(DroneIndex(row), false);
-        sim.state.own.resting[row] = 1;
+        sim.state.own.finished[row] = 1;
       }
     }
   }
@@ -327,7 +327,7 @@ void end_rows(Simulation& sim, EnvIndex env) {
 void end_rest(Simulation& sim, EnvIndex env) {
   if (sim.episodes_mode() != Episodes::last || is_any(sim.state.active.data() + sim.drone_of(env, 0), sim.drones_per_env()))
     return;
-  wake(sim, env);
+  reactivate(sim, env);
   end_env(sim, env);
 }
 
@@ -422,7 +422,7 @@ void start_next_episode(Simulation& sim, DroneIndex drone) {
 
 void open_episode(Simulation& sim, EnvIndex env, Scratch& scratch) {
   State& state = sim.state;
-  if (sim.episodes_mode() == Episodes::last) wake(sim, env);
+  if (sim.episodes_mode() == Episodes::last) reactivate(sim, env);
   forget_readings(sim, env);
   if (sim.config.episode.random_world && !sim.pool) {
     const double u = uniform01(draw(state, RandomKey::of(env), Stream::world, 0)[0]);
@@ -498,7 +498,7 @@ void select_envs(Simulation& sim, Block& block) {
       for (std::size_t row = env * rows; row < (env + 1) * rows; ++row) {
         if (!flies && resets) sim.outputs.clear(row);
         if (!flies && !resets) sim.outputs.carry_over(row);
-        if (flies && waits(sim, row)) skip_resting(sim, DroneIndex(row));
+        if (flies && waits(sim, row)) skip_finished(sim, DroneIndex(row));
         sim.episodes.flying[row] = !waits(sim, row);
       }
       if (flies) {
@@ -565,11 +565,11 @@ void initial_readings(Simulation& sim, Block& block, Scratch& scratch) {
   for (const DroneIndex drone : sim.drones_of(block.resetting, scratch)) clear_contact(sim.state, drone);
 }
 
-void show_resting(Simulation& sim, Block& block) {
+void show_finished(Simulation& sim, Block& block) {
   for (const EnvIndex env : block.flown) {
     for (std::size_t member = 0; member < sim.drones_per_env(); ++member) {
       const DroneIndex drone = sim.drone_of(env, member);
-      if (sim.state.own.resting[drone]) sim.outputs.show_absent(sim.task_state->spec(), drone);
+      if (sim.state.own.finished[drone]) sim.outputs.show_absent(sim.task_state->spec(), drone);
     }
   }
 }

@@ -51,6 +51,6 @@ void advance_episodes(Simulation& sim, Block& block, Scratch& scratch);
 // Prepares the first readings of a new episode, after its drones have been placed.
 void initial_readings(Simulation& sim, Block& block, Scratch& scratch);
 // With Episodes::last and same-step autoreset, shows the observation of an absent drone in the rows that have begun to rest.
-void show_resting(Simulation& sim, Block& block);
+void show_finished(Simulation& sim, Block& block);
 
 }  // namespace flockstep

@@ -27,8 +27,8 @@ dynamics::FlightContext flight_context(Simulation& sim, const Block& block, Scra
 
 // Moves a drone by a tick, or lets bodies push it if it has a contact.
 void move_tick(Simulation& sim, const MoveRequest& move, Scratch& scratch);
-// Moves drones of one env, sorted, by a tick; the others stand. Drones may touch each other if BatchConfig::meet says so, and
-// bodies may push them.
+// Moves drones of one env, sorted, by a tick; the others stand. Drones may touch each other if BatchConfig::interaction says so,
+// and bodies may push them.
 void move_tick(Simulation& sim, EnvIndex env, std::span<const MoveRequest> moves, Scratch& scratch);
 
 // Draws the initial gusts of an episode.

@@ -23,7 +23,7 @@ std::string below(std::size_t end) { return "an integer in [0, " + std::to_strin
 // Drones per env of a batch that needs at least this many. Doubled, so that drones that come one by one rarely move the arrays.
 std::size_t grown_drones_per_env(const Simulation& sim, std::size_t needed) {
   std::size_t most = kMax / std::max<std::size_t>(sim.num_envs(), 1);
-  if (sim.config.meet != Meet::never) most = std::min<std::size_t>(most, kMaxBodies);
+  if (sim.config.interaction != Interaction::none) most = std::min<std::size_t>(most, kMaxBodies);
   return std::max(needed, std::min(std::max<std::size_t>(2 * sim.drones_per_env(), 2), most));
 }
 

@@ -26,10 +26,10 @@ struct SpawnPlan {
 SpawnPlan plan_spawn(const Simulation& sim, std::span<const std::int64_t> indices, std::span<const std::int64_t> envs,
                      std::size_t count);
 
-// Returns true if a slot is not in use. A resting drone is inactive, but keeps its slot.
+// Returns true if a slot is not in use. A finished drone is inactive, but keeps its slot.
 inline bool is_removed(const Simulation& sim, DroneIndex drone) {
-  const FlagArray& resting = sim.state.own.resting;
-  return !sim.state.active[drone] && (resting.empty() || !resting[drone]);
+  const FlagArray& finished = sim.state.own.finished;
+  return !sim.state.active[drone] && (finished.empty() || !finished[drone]);
 }
 
 // Returns a simulation with another configuration and the state of this one. num_envs and drones_per_env may be larger, and

@@ -187,7 +187,7 @@ Simulation::Simulation(BatchConfig config_in, Batch::Worlds worlds_in, std::uniq
     for (std::size_t env = 0; env < num_envs(); ++env) bodies->begin(EnvIndex(env));
     cameras.set_bodies(bodies->visible(), bodies_per_env);
   }
-  if (is_seen(config.meet)) {
+  if (senses(config.interaction)) {
     seen_drones.emplace(state, drone_model, config.drone_mesh, !config.cameras.empty());
     if (!config.cameras.empty()) cameras.set_drones(drones_per_env() > 1 ? seen_drones->visible() : render::VisibleBodies());
   }

@@ -1,4 +1,4 @@
-// Meetings: motion of drones that touch each other, if BatchConfig::meet says so.
+// Meetings: motion of drones that touch each other, if BatchConfig::interaction says so.
 //
 // Drones move as if the others were not there, and the courses that they take show which of them may have touched, and in which
 // tick. From this tick on, these drones move as a Crowd, tick by tick. A drone that one of them may touch in a tick joins them in

@@ -30,7 +30,7 @@ class OutputSlots {
   void forget_final(std::size_t first, std::size_t count);
   // Call it after the current slot has been overwritten, as by a snapshot.
   void restored();
-  // Clears the row of a resting drone in the current slot, and shows the observation of an absent one.
+  // Clears the row of a finished drone in the current slot, and shows the observation of an absent one.
   void rest(const TaskSpec& spec, std::size_t row);
   // Shows the observation of an absent drone in the current slot.
   void show_absent(const TaskSpec& spec, std::size_t row);

@@ -87,7 +87,7 @@ struct Simulation {
     state.active[drone] = is_active;
     if (seen_drones) seen_drones->update(drone);
   }
-  bool drones_touch() const { return is_touched(config.meet) && config.drones_per_env > 1; }
+  bool drones_touch() const { return collides(config.interaction) && config.drones_per_env > 1; }
   std::size_t drones_per_env() const { return static_cast<std::size_t>(config.drones_per_env); }
   std::size_t num_drones() const { return static_cast<std::size_t>(config.num_drones()); }
   EnvIndex env_of(DroneIndex drone) const {  // no division for single drones

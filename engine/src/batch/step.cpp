@@ -276,7 +276,7 @@ void begin_program(Simulation& sim, Executor& executor, bool place) {
 }
 
 void keep(Simulation& sim, Block& block, Scratch&) { keep_final(sim, block); }
-void show_rest(Simulation& sim, Block& block, Scratch&) { show_resting(sim, block); }
+void show_rest(Simulation& sim, Block& block, Scratch&) { show_finished(sim, block); }
 
 // Lets the pilot choose the actions of a block.
 void pilot_block(Simulation& sim, Block& block, Scratch& scratch, Pilot& pilot) {

@@ -21,9 +21,9 @@ class BodySearch : public Search {
   BodySearch(const Hull& hull, const Pose& from, const Pose& to, double begin, double end)
       : Search(hull, from, to), begin_(begin), end_(end) {}
 
-  using Search::meet;
+  using Search::test;
 
-  void meet(const MovingSolid& body) {
+  void test(const MovingSolid& body) {
     const Vec3d start = body.position(begin_);
     const Vec3d advance = (end_ - begin_) * body.path().velocity;
     const Vec3d from = from_.position.cast<double>();

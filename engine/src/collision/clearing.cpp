@@ -20,7 +20,7 @@ class Nearest {
   // Returns the way (m) to the standoff from the nearest obstacle, 0 if the hull keeps it from all.
   Vec3d way() const { return is_found_ ? Vec3d((margins_.standoff - gap_) * normal_) : Vec3d(Vec3d::Zero()); }
 
-  void meet(const Room& room) {
+  void test(const Room& room) {
     for (int axis = 0; axis < 3; ++axis) {
       for (const bool low : {true, false}) {
         const Plane wall = wall_plane(room, axis, low);
@@ -29,7 +29,7 @@ class Nearest {
     }
   }
 
-  void meet(const Convex& obstacle) {
+  void test(const Convex& obstacle) {
     const double reach = static_cast<double>(hull_.radius()) + margins_.standoff;
     const Vec3d apart = path_.start - closest_point(obstacle, path_.start);
     if (apart.squaredNorm() > reach * reach) return;
@@ -66,10 +66,10 @@ Pose cleared(const Obstacles& obstacles, std::span<const MovingSolid> bodies, co
   for (int move = 0; move < kMaxMoves && moved.norm() < most; ++move) {
     Nearest nearest(hull, pose, moved);
     const Vec3 center = pose.position + moved.cast<float>();
-    for (const Room& room : obstacles.rooms()) nearest.meet(room);
+    for (const Room& room : obstacles.rooms()) nearest.test(room);
     obstacles.for_each_near(center, hull.radius() + static_cast<float>(Margins(pose, pose).resting()),
-                            [&](std::uint32_t element) { nearest.meet(obstacles.convex(element)); });
-    for (const MovingSolid& body : bodies) nearest.meet(body.at(time));
+                            [&](std::uint32_t element) { nearest.test(obstacles.convex(element)); });
+    for (const MovingSolid& body : bodies) nearest.test(body.at(time));
     const Vec3d way = nearest.way();
     if (way.isZero()) break;
     moved += way;

@@ -1,4 +1,4 @@
-// MovingBodies: the solid bodies of one env during a tick, as drones meet them.
+// MovingBodies: the solid bodies of one env during a tick, as drones hit them.
 #pragma once
 
 #include <cstddef>
@@ -82,7 +82,7 @@ struct MovingBodies {
 // Returns true if the hull, standing at a pose after the tick, overlaps one of the bodies.
 bool overlaps_body(const MovingBodies& bodies, const Obstacles& obstacles, const Hull& hull, const Pose& pose);
 
-// The bodies that one drone may meet.
+// The bodies that one drone may hit.
 class NearSolids {
  public:
   // Takes those that reach into the ball of range_m around the origin. Their indices are their numbers in `bodies`; the parts of

@@ -29,12 +29,12 @@ constexpr double kBeyond = 0.01;         // m; far enough from a body to find it
 
 // Meets everything near the hull's way, except some bodies.
 template <class IsSkipped>
-void meet_all(BodySearch& search, const Obstacles& obstacles, std::span<const MovingSolid> bodies, const IsSkipped& is_skipped) {
-  for (const Room& room : obstacles.rooms()) search.meet(room);
+void test_all(BodySearch& search, const Obstacles& obstacles, std::span<const MovingSolid> bodies, const IsSkipped& is_skipped) {
+  for (const Room& room : obstacles.rooms()) search.test(room);
   obstacles.for_each_near(search.middle(), search.reach(),
-                          [&](std::uint32_t element) { search.meet(obstacles.convex(element), element); });
+                          [&](std::uint32_t element) { search.test(obstacles.convex(element), element); });
   for (const MovingSolid& body : bodies) {
-    if (!is_skipped(body)) search.meet(body);
+    if (!is_skipped(body)) search.test(body);
   }
 }
 
@@ -139,7 +139,7 @@ class Pushed {
   bool move() {
     for (int push = 0; push < kMaxPushes; ++push) {
       BodySearch search(hull_, pose_, pose_, time_, 1.0);
-      for (const MovingSolid& body : bodies_) search.meet(body);
+      for (const MovingSolid& body : bodies_) search.test(body);
       const Touch& touch = search.end_of_motion();
       if (!touch.hit) return true;
       time_ += touch.time * (1.0 - time_);
@@ -159,7 +159,7 @@ class Pushed {
       if (!way) return false;
       const Pose target{(pose_.position.cast<double>() + *way).cast<float>(), pose_.rotation};
       BodySearch search(hull_, pose_, target, time_, end);
-      meet_all(search, obstacles_, bodies_, [&supports](const MovingSolid& body) { return supports.has(body); });
+      test_all(search, obstacles_, bodies_, [&supports](const MovingSolid& body) { return supports.has(body); });
       const Touch& touch = search.end_of_motion();
       if (!touch.hit) {
         move_to(target);
@@ -302,13 +302,13 @@ MovingContact contact_of(const BodySearch& search, double begin) {
 MovingContact first_contact(const Obstacles& obstacles, std::span<const MovingSolid> bodies, const Hull& hull, const Pose& from,
                             const Pose& to, double begin) {
   BodySearch search(hull, from, to, begin, 1.0);
-  meet_all(search, obstacles, bodies, [](const MovingSolid&) { return false; });
+  test_all(search, obstacles, bodies, [](const MovingSolid&) { return false; });
   return contact_of(search, begin);
 }
 
 MovingContact first_contact(const MovingSolid& body, const Hull& hull, const Pose& from, const Pose& to) {
   BodySearch search(hull, from, to, 0.0, 1.0);
-  search.meet(body);
+  search.test(body);
   return contact_of(search, 0.0);
 }
 

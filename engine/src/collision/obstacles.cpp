@@ -66,12 +66,12 @@ float Obstacles::distance(const Vec3& point, float most) const {
     const Vec3d high = room.inside.max.cast<double>() - search.point;
     search.least = std::clamp(low.cwiseMin(high).minCoeff(), 0.0, search.least);
   }
-  const auto meet = [](void* context, std::uint32_t element) {
+  const auto test = [](void* context, std::uint32_t element) {
     auto& s = *static_cast<Search*>(context);
     s.least = std::min(s.least, (closest_point(s.obstacles.convex(element), s.point) - s.point).norm());
     return std::nextafter(static_cast<float>(s.least), std::numeric_limits<float>::max());
   };
-  scene_->for_each_nearer(point, static_cast<float>(search.least), meet, &search);
+  scene_->for_each_nearer(point, static_cast<float>(search.least), test, &search);
   return static_cast<float>(search.least);
 }
 

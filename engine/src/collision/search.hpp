@@ -54,24 +54,24 @@ class Search {
   const Vec3& middle() const { return middle_; }
   float reach() const { return reach_; }
 
-  void meet(const Room& room) {
+  void test(const Room& room) {
     const Vec3 away = Vec3::Constant(hull_.radius() + static_cast<float>(margins_.resting()));
     const Vec3 low = from_.position.cwiseMin(to_.position) - away;
     const Vec3 high = from_.position.cwiseMax(to_.position) + away;
     for (int axis = 0; axis < 3; ++axis) {
-      if (low[axis] <= room.inside.min[axis]) meet(wall_plane(room, axis, true), room.element);
-      if (high[axis] >= room.inside.max[axis]) meet(wall_plane(room, axis, false), room.element);
+      if (low[axis] <= room.inside.min[axis]) test(wall_plane(room, axis, true), room.element);
+      if (high[axis] >= room.inside.max[axis]) test(wall_plane(room, axis, false), room.element);
     }
   }
 
-  void meet(const Convex& obstacle, std::uint32_t element) {
+  void test(const Convex& obstacle, std::uint32_t element) {
     const std::optional<Approach> approach = approach_of_ball(obstacle);
     if (!approach) return;
     const std::optional<Clearance> start = clearance_at_start(mover(), obstacle, *approach);
     if (start) take(touch(mover(), obstacle, *start, first_.time), element);
   }
 
-  // Tests for a contact as meet() does, but computes neither the contact point nor the way out of an obstacle.
+  // Tests for a contact as test() does, but computes neither the contact point nor the way out of an obstacle.
   bool is_touched(const Convex& obstacle) {
     const std::optional<Approach> approach = approach_of_ball(obstacle);
     if (!approach) return false;
@@ -139,7 +139,7 @@ class Search {
     return {mover.first_touch(start, clearance, margins_, limit)};
   }
 
-  void meet(const Plane& wall, std::uint32_t element) {
+  void test(const Plane& wall, std::uint32_t element) {
     const auto clearance = [this, &wall](double time, const Vec3d&) {
       return Clearance{false, wall, mover().gap(wall, time), Vec3d::Zero()};
     };

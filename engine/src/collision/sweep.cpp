@@ -17,16 +17,16 @@ Pose interpolate(const Pose& from, const Pose& to, float fraction) {
 
 Contact sweep(const Obstacles& obstacles, const Hull& hull, const Pose& from, const Pose& to) {
   Search search(hull, from, to);
-  for (const Room& room : obstacles.rooms()) search.meet(room);
+  for (const Room& room : obstacles.rooms()) search.test(room);
   obstacles.for_each_near(search.middle(), search.reach(),
-                          [&](std::uint32_t element) { search.meet(obstacles.convex(element), element); });
+                          [&](std::uint32_t element) { search.test(obstacles.convex(element), element); });
   return search.contact();
 }
 
 bool is_clear(const Obstacles& obstacles, std::span<const std::uint32_t> elements, const Hull& hull, const Pose& from,
               const Pose& to) {
   Search search(hull, from, to);
-  for (const Room& room : obstacles.rooms()) search.meet(room);
+  for (const Room& room : obstacles.rooms()) search.test(room);
   return !search.has_contact() && std::none_of(elements.begin(), elements.end(), [&](std::uint32_t element) {
     return search.is_touched(obstacles.convex(element));
   });

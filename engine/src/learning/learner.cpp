@@ -163,15 +163,15 @@ void Learner::set_parameters(std::span<const float> values) {
   parts_->prepare();
 }
 
-void Learner::set_adam(std::span<const float> first, std::span<const float> second, std::int64_t steps) {
+void Learner::set_adam(std::span<const float> adam_m, std::span<const float> adam_v, std::int64_t steps) {
   const SingleCaller::Call call(parts_->callers);
-  require_size(first.size(), parts_->network.num_parameters, "first");
-  require_size(second.size(), parts_->network.num_parameters, "second");
-  for (const float value : first) require(std::isfinite(value), "first", "finite numbers", value);
-  for (const float value : second) require(std::isfinite(value) && value >= 0.0F, "second", "finite numbers >= 0", value);
+  require_size(adam_m.size(), parts_->network.num_parameters, "adam_m");
+  require_size(adam_v.size(), parts_->network.num_parameters, "adam_v");
+  for (const float value : adam_m) require(std::isfinite(value), "adam_m", "finite numbers", value);
+  for (const float value : adam_v) require(std::isfinite(value) && value >= 0.0F, "adam_v", "finite numbers >= 0", value);
   require(steps >= 0, "steps", "an integer >= 0", steps);
-  parts_->network.unpack(first, parts_->adam_m);
-  parts_->network.unpack(second, parts_->adam_v);
+  parts_->network.unpack(adam_m, parts_->adam_m);
+  parts_->network.unpack(adam_v, parts_->adam_v);
   parts_->adam_steps = steps;
 }
 

@@ -121,7 +121,7 @@ void Recipe::take(const TaskDefaults& defaults) {
   batch.dynamics = defaults.dynamics;
   batch.clock = defaults.clock;
   batch.drones_per_env = defaults.drones_per_env;
-  batch.meet = defaults.meet;
+  batch.interaction = defaults.interaction;
 }
 
 std::string Recipe::to_json() const {

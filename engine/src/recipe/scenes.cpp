@@ -55,7 +55,7 @@ constexpr std::array<SceneGenerator, 12> kGenerators{
                    [](std::uint64_t seed) { return warehouse({.seed = seed, .waypoints = true, .forklifts = 6}); }, 200},
 };
 
-constexpr std::uint64_t kMostSeeds = 100'000;  // seeds in a range
+constexpr std::uint64_t kMaxSeeds = 100'000;  // seeds in a range
 
 // Parses a number of 1 to 18 digits.
 std::optional<std::uint64_t> number_of(std::string_view text) {
@@ -121,8 +121,8 @@ std::vector<std::string> expand_scene_name(std::string_view name) {
   }
   const auto range = seeded(name);
   if (!range) return {std::string(name)};
-  require(range->first <= range->last && range->last - range->first < kMostSeeds, "worlds",
-          "a range of 1 to " + std::to_string(kMostSeeds) + " seeds", '"' + std::string(name) + '"');
+  require(range->first <= range->last && range->last - range->first < kMaxSeeds, "worlds",
+          "a range of 1 to " + std::to_string(kMaxSeeds) + " seeds", '"' + std::string(name) + '"');
   std::vector<std::string> names;
   for (std::uint64_t seed = range->first; seed <= range->last; ++seed) {
     names.push_back(std::string(range->generator->name) + "/seed-" + std::to_string(seed));

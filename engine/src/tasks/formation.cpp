@@ -63,7 +63,7 @@ class Formation final : public Task {
             .lidars = {LidarConfig{.beams = 36, .hfov_deg = 360.0F, .max_range_m = 4.0F}},
             .max_episode_steps = 300,
             .drones_per_env = 4,
-            .meet = Meet::both};
+            .interaction = Interaction::both};
   }
 
   std::string identity() const override {

@@ -54,7 +54,7 @@ class Swap final : public Task {
   const TaskSpec& spec() const override { return spec_; }
 
   TaskDefaults defaults() const override {
-    return {.worlds = "arena/hall", .max_episode_steps = 300, .drones_per_env = 8, .meet = Meet::touched};
+    return {.worlds = "arena/hall", .max_episode_steps = 300, .drones_per_env = 8, .interaction = Interaction::collide};
   }
 
   std::string identity() const override {

@@ -62,7 +62,7 @@ std::size_t select_seen(std::span<const Candidate> candidates, std::size_t max_s
 
 // Intersects one vector of rays with a candidate.
 template <bool kNumbered>
-HWY_INLINE void meet(const Candidate& candidate, const Rays3& direction, Rays near, Nearest<Rays, kNumbered>& nearest) {
+HWY_INLINE void intersect(const Candidate& candidate, const Rays3& direction, Rays near, Nearest<Rays, kNumbered>& nearest) {
   const Shape& shape = *candidate.shape;
   const auto& local = candidate.local_origin;
   const Rays3 o{local[0], local[1], local[2]};
@@ -74,21 +74,21 @@ HWY_INLINE void meet(const Candidate& candidate, const Rays3& direction, Rays ne
   if (candidate.hint == OriginHint::beside_cylinder) {
     nearest.meet_cylinder_side(o, dir, shape.half_extents[0], shape.half_extents[2], candidate.element);
   } else if (candidate.hint == OriginHint::outside_marker) {
-    nearest.meet_front(sphere_interval(o, dir, shape.half_extents[0]), candidate.element, near);
+    nearest.intersect_front(sphere_interval(o, dir, shape.half_extents[0]), candidate.element, near);
   } else {
-    nearest.meet(interval(shape, o, dir), candidate.element, near);
+    nearest.intersect(interval(shape, o, dir), candidate.element, near);
   }
 }
 
 // kNearer: only hits nearer than t_hit count.
 template <bool kNumbered, bool kNearer>
-void meet_all(std::span<const Candidate* const> seen, RayBundle& rays) {
+void intersect_all(std::span<const Candidate* const> seen, RayBundle& rays) {
   const Rays near = rays.near, range = rays.range;
   for (std::size_t i = 0; i < rays.count; i += Rays::kCount) {
     const Rays3 direction = rotate(rays.rotation, Rays3::load_unaligned(rays.x + i, rays.y + i, rays.z + i));
     Nearest<Rays, kNumbered> nearest;
     if constexpr (kNearer) nearest = {Rays::load(rays.t_hit + i), Rays::Int::load(rays.element + i)};
-    for (const Candidate* const candidate : seen) meet(*candidate, direction, near, nearest);
+    for (const Candidate* const candidate : seen) intersect(*candidate, direction, near, nearest);
     store(nearest, range, rays.t_hit + i, rays.element + i);
   }
 }
@@ -103,7 +103,7 @@ HWY_INLINE bool trace_seen(std::span<const Candidate> candidates, std::size_t ma
     count = select_seen(candidates, max_seen, rays, seen);
     if (count > max_seen) return false;
   }
-  rays.numbered ? meet_all<true, kNearer>({seen, count}, rays) : meet_all<false, kNearer>({seen, count}, rays);
+  rays.numbered ? intersect_all<true, kNearer>({seen, count}, rays) : intersect_all<false, kNearer>({seen, count}, rays);
   return true;
 }
 
@@ -127,7 +127,7 @@ HWY_INLINE void trace_block(std::span<const NumberedShape> shapes, RayBlock& ray
     Nearest<Rays> nearest(Rays::load(rays.t_hit + i), Rays::Int::load(rays.element + i));
     for (const auto& [shape, element] : shapes) {
       const Interval<Rays> inside = world_interval(shape, origin, direction);
-      kFront ? nearest.meet_front(inside, element, near) : nearest.meet(inside, element, near);
+      kFront ? nearest.intersect_front(inside, element, near) : nearest.intersect(inside, element, near);
     }
     store(nearest, Rays::load(rays.range + i), rays.t_hit + i, rays.element + i);
   }

@@ -50,8 +50,8 @@ class SeenPlanes {
     back_ = (count == 64 ? ~std::uint64_t{0} : (std::uint64_t{1} << count) - 1) & ~front_;
   }
 
-  HWY_INLINE void meet(const HullRays3& direction, std::int32_t number, HullRays near, HullRays range, float* t_hit,
-                       std::int32_t* element) const {
+  HWY_INLINE void intersect(const HullRays3& direction, std::int32_t number, HullRays near, HullRays range, float* t_hit,
+                            std::int32_t* element) const {
     const HullRays before = HullRays::load(t_hit);
     HullRays enter = kNoHit, leave = 0.0F;  // inverse distances
     for (std::uint64_t left = front_; left != 0; left &= left - 1) enter = min(enter, along(left, direction));
@@ -142,7 +142,7 @@ void meet_hulls(std::span<const PosedHull> hulls, RayBundle& rays) {
   WorldDirections directions;
   SeenPlanes planes;
   bool has_directions = false;
-  const auto meet = [&](const PosedHull& hull) HWY_ATTR {
+  const auto intersect = [&](const PosedHull& hull) HWY_ATTR {
     const Vec3 center = hull.position - rays.origin;
     const float rounding = kHullRounding * (hull.radius + center.cwiseAbs().sum());  // m
     const float radius = hull.radius * 1.0001F + rounding;
@@ -169,20 +169,20 @@ void meet_hulls(std::span<const PosedHull> hulls, RayBundle& rays) {
     planes.see(*hull.turned, -center);
     for (std::size_t i = 0; i < num_close; ++i) {
       const std::size_t first = close[i];
-      planes.meet(HullRays3::load(directions.x + first, directions.y + first, directions.z + first), hull.element, near, range,
-                  rays.t_hit + first, rays.element + first);
+      planes.intersect(HullRays3::load(directions.x + first, directions.y + first, directions.z + first), hull.element, near,
+                       range, rays.t_hit + first, rays.element + first);
     }
   };
   constexpr std::size_t kCullThreshold = 4;
   if (hulls.size() <= kCullThreshold) {
-    for (const PosedHull& hull : hulls) meet(hull);
+    for (const PosedHull& hull : hulls) intersect(hull);
     return;
   }
   const FrustumSides sides(normal, reach);
   for (std::size_t first = 0; first < hulls.size(); first += FrustumSides::kCount) {
     const auto some = hulls.subspan(first, std::min(FrustumSides::kCount, hulls.size() - first));
     for (std::uint32_t left = sides.find_inside(some, rays.origin); left != 0; left &= left - 1) {
-      meet(some[static_cast<std::size_t>(std::countr_zero(left))]);
+      intersect(some[static_cast<std::size_t>(std::countr_zero(left))]);
     }
   }
 }

@@ -41,25 +41,25 @@ struct Fraction {
   friend HWY_INLINE Fraction max(const Fraction& a, const Fraction& b) { return select(a < b, b, a); }
 };
 
-// The part of a ray's line inside a shape, as distances along the ray. It is empty if `meets` is false or enter > exit.
+// The part of a ray's line inside a shape, as distances along the ray. It is empty if `hits` is false or enter > exit.
 template <class F>
 struct Interval {
   Fraction<F> enter, exit;
-  typename F::Mask meets;
+  typename F::Mask hits;
 };
 
 template <class F>
 HWY_INLINE Interval<F> intersection(const Interval<F>& a, const Interval<F>& b) {
-  return {max(a.enter, b.enter), min(a.exit, b.exit), a.meets & b.meets};
+  return {max(a.enter, b.enter), min(a.exit, b.exit), a.hits & b.hits};
 }
 
 // The smallest interval that contains both.
 template <class F>
 HWY_INLINE Interval<F> hull(const Interval<F>& a, const Interval<F>& b) {
-  const auto only_b = ~a.meets;
-  const auto b_first = b.meets & (only_b | (b.enter < a.enter));
-  const auto b_last = b.meets & (only_b | (a.exit < b.exit));
-  return {select(b_first, b.enter, a.enter), select(b_last, b.exit, a.exit), a.meets | b.meets};
+  const auto only_b = ~a.hits;
+  const auto b_first = b.hits & (only_b | (b.enter < a.enter));
+  const auto b_last = b.hits & (only_b | (a.exit < b.exit));
+  return {select(b_first, b.enter, a.enter), select(b_last, b.exit, a.exit), a.hits | b.hits};
 }
 
 // Returns the distance at which a ray that starts within [-half, half] leaves it: at the face that it moves towards.
@@ -88,16 +88,16 @@ HWY_INLINE Interval<F> box_interval(const Wide3<F>& o, const Wide3<F>& dir, cons
 
 // Returns the interval of t with |o + t d| <= r: the roots (-o.d -+ sqrt(r^2 d.d - |o x d|^2)) / d.d of a quadratic. The
 // distance of the line from the centre comes from a cross product instead of o.o - (o.d)^2 / d.d. That avoids a difference of
-// two large squares and keeps thin, distant primitives exact. `meets` is false if the ball is missed or entirely behind the
+// two large squares and keeps thin, distant primitives exact. `hits` is false if the ball is missed or entirely behind the
 // origin.
 template <class F>
 HWY_INLINE Interval<F> ball(F o_dot_d, F d_dot_d, F cross_squared, float radius) {
   const F square = radius * radius * d_dot_d - cross_squared;
   const auto ahead = (o_dot_d < 0.0F) | (square >= o_dot_d * o_dot_d);
-  const auto meets = (square >= 0.0F) & ahead;
-  if (none(meets)) return {{0.0F, d_dot_d}, {0.0F, d_dot_d}, meets};
+  const auto hits = (square >= 0.0F) & ahead;
+  if (none(hits)) return {{0.0F, d_dot_d}, {0.0F, d_dot_d}, hits};
   const F half_chord = sqrt(max(square, 0.0F));
-  return {{-o_dot_d - half_chord, d_dot_d}, {half_chord - o_dot_d, d_dot_d}, meets};
+  return {{-o_dot_d - half_chord, d_dot_d}, {half_chord - o_dot_d, d_dot_d}, hits};
 }
 
 template <class F>
@@ -112,13 +112,13 @@ HWY_INLINE Interval<F> cylinder_interval(const Wide3<F>& o, const Wide3<F>& dir,
   const F cross = o.x * dir.y - o.y * dir.x;
   const F d_dot_d = dir.x * dir.x + dir.y * dir.y;
   Interval<F> circle = ball(o.x * dir.x + o.y * dir.y, d_dot_d, cross * cross, radius);
-  if (none(circle.meets)) return circle;
+  if (none(circle.hits)) return circle;
   // A ray parallel to the axis is always or never inside the circle. A deviation below 1e-12 rad counts as parallel: it moves
   // the ray by at most 1e-6 m over 1000 km, and radius^2 d.d of the smallest radius, 1e-6 m, would soon be flushed to 0.
   const auto parallel = d_dot_d <= 1e-24F;
   circle.enter = select(parallel, {-kInfinity, 1.0F}, circle.enter);
   circle.exit = select(parallel, {kInfinity, 1.0F}, circle.exit);
-  circle.meets = circle.meets & (~parallel | (o.x * o.x + o.y * o.y <= radius * radius));
+  circle.hits = circle.hits & (~parallel | (o.x * o.x + o.y * o.y <= radius * radius));
   return intersection(circle, slab(o.z, dir.z, half_height));
 }
 
@@ -127,7 +127,7 @@ template <class F>
 HWY_INLINE Interval<F> capsule_interval(const Wide3<F>& o, const Wide3<F>& dir, float radius, float half_height) {
   const float middle = half_height - radius;
   Interval<F> body = cylinder_interval(o, dir, radius, middle);
-  body.meets = without(body.meets, body.exit < body.enter);
+  body.hits = without(body.hits, body.exit < body.enter);
   return hull(hull(body, sphere_interval<F>({o.x, o.y, o.z - middle}, dir, radius)),
               sphere_interval<F>({o.x, o.y, o.z + middle}, dir, radius));
 }
@@ -168,15 +168,15 @@ struct Nearest {
   }
 
   // Hits the surface of a solid, from outside or inside, at a distance of at least `near` >= 0.
-  HWY_INLINE void meet(const Interval<F>& inside, std::int32_t number, F near) {
-    const M valid = without(inside.meets & (inside.exit >= near), inside.exit < inside.enter);
+  HWY_INLINE void intersect(const Interval<F>& inside, std::int32_t number, F near) {
+    const M valid = without(inside.hits & (inside.exit >= near), inside.exit < inside.enter);
     if (none(valid)) return;
     take(select(inside.enter >= near, inside.enter, inside.exit), valid, number);
   }
 
   // The same, from outside only.
-  HWY_INLINE void meet_front(const Interval<F>& inside, std::int32_t number, F near) {
-    const M valid = without(inside.meets & (inside.enter >= near), inside.exit < inside.enter);
+  HWY_INLINE void intersect_front(const Interval<F>& inside, std::int32_t number, F near) {
+    const M valid = without(inside.hits & (inside.enter >= near), inside.exit < inside.enter);
     if (!none(valid)) take(inside.enter, valid, number);
   }
 

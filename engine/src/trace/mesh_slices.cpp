@@ -91,7 +91,7 @@ class SliceTrace {
     return std::abs(axis[0]) * half.x + std::abs(axis[1]) * half.y + std::abs(axis[2]) * half.z;
   }
 
-  // Returns which of a node's boxes are in range and meet the plane.
+  // Returns which of a node's boxes are in range and intersect the plane.
   HWY_INLINE M boxes_in_reach(const MeshNode& node, Boxes& b) const {
     const F half_x = F::load(node.half[0]);
     b.center = F3::load(node.center[0], node.center[1], node.center[2]) - F3{origin_[0], origin_[1], origin_[2]};
@@ -103,7 +103,7 @@ class SliceTrace {
            (reach(axis_[2], b.half) >= abs(along(axis_[2], b.center)));
   }
 
-  // Returns which of a node's boxes also meet the sector.
+  // Returns which of a node's boxes also intersect the sector.
   HWY_INLINE Lanes boxes_in_sector(const MeshNode& node) const {
     Boxes b;
     const M met = boxes_in_reach(node, b);
@@ -154,7 +154,7 @@ class SliceTrace {
 
   struct Entry {
     std::uint32_t child;
-    std::uint16_t begin, end;  // rays that may meet it
+    std::uint16_t begin, end;  // rays that may hit it
     float distance2;
   };
 
@@ -179,13 +179,13 @@ class SliceTrace {
     return bits(last > first);
   }
 
-  // Returns true if all rays that may meet a box have nearer hits.
+  // Returns true if all rays that may hit a box have nearer hits.
   HWY_INLINE bool is_beyond(const Entry& entry) const {
     if (entry.begin == entry.end) return true;
     const std::size_t begin = entry.begin, last = entry.end - std::size_t{1};
     const auto is_nearer = [&entry](float t) { return kBeyond * t * t < entry.distance2; };
     const float farthest = std::max(t_[begin], t_[last]);
-    if (last - begin <= 3) {  // one by one, as in meet()
+    if (last - begin <= 3) {  // one by one, as in intersect()
       return is_nearer(std::max(farthest, std::max(t_[std::min(begin + 1, last)], t_[std::min(begin + 2, last)])));
     }
     if (!is_nearer(farthest)) return false;
@@ -217,7 +217,7 @@ class SliceTrace {
       Lanes met = bits(boxes_in_reach(node, boxes));
       if (met == 0) continue;
       alignas(64) std::int32_t begin[16], end[16];
-      const Lanes known = rays_meeting(boxes, met, begin, end);
+      const Lanes known = rays_hitting(boxes, met, begin, end);
       if (met == 0) continue;
       // The farthest goes first onto the stack: the place of a child is the number of nearer ones, from the end.
       const F distances2 = numbered_by_lane(max(boxes.distance2, FLT_MIN));
@@ -240,8 +240,8 @@ class SliceTrace {
   // Replaces the last four bits of each number by its lane, so that no two are equal.
   static HWY_INLINE F numbered_by_lane(F a) { return bit_cast<F>((bit_cast<I>(a) & ~15) | I::iota()); }
 
-  // Removes boxes that no ray meets. Writes the cells of the rays that may meet the others, and returns for which they are known.
-  HWY_INLINE Lanes rays_meeting(const Boxes& b, Lanes& met, std::int32_t* begin, std::int32_t* end) const {
+  // Removes boxes that no ray hits. Writes the cells of the rays that may hit the others, and returns for which they are known.
+  HWY_INLINE Lanes rays_hitting(const Boxes& b, Lanes& met, std::int32_t* begin, std::int32_t* end) const {
     // The box in the plane, along the fan's axes; the corners at which it begins and ends.
     const F x = along(axis_[0], b.center), y = along(axis_[1], b.center);
     const F wide = reach(axis_[0], b.half), high = reach(axis_[1], b.half);
@@ -291,14 +291,14 @@ class SliceTrace {
     qx.store(s.qx);
     qy.store(s.qy);
     const Lanes seen = cells_between(min(p_angle, q_angle), max(p_angle, q_angle), s.begin, s.end);
-    // Segments that meet the negative first axis, or touch the origin.
+    // Segments that cross the negative first axis, or touch the origin.
     const Lanes around = crossing & ~bits((kMaxAngle > abs(p_angle - q_angle)) & (kMaxAngle > max(abs(p_angle), abs(q_angle))));
     for (crossing &= seen | around; crossing != 0; crossing &= crossing - 1) {
       const auto i = static_cast<std::size_t>(std::countr_zero(crossing));
       if ((around >> i & 1U) != 0) {
-        meet(s, i, leaf.triangle[i], 0, fan_.count);
+        intersect(s, i, leaf.triangle[i], 0, fan_.count);
       } else {
-        meet(s, i, leaf.triangle[i], fan_.first[s.begin[i]], fan_.first[s.end[i]]);
+        intersect(s, i, leaf.triangle[i], fan_.first[s.begin[i]], fan_.first[s.end[i]]);
       }
     }
   }
@@ -310,8 +310,8 @@ class SliceTrace {
     alignas(64) std::int32_t begin[16], end[16];
   };
 
-  // Few rays are met one by one: vectors would have to wait for hits that have just been stored.
-  HWY_INLINE void meet(const Segments& s, std::size_t i, std::int32_t id, std::size_t begin, std::size_t end) {
+  // Few rays are tested one by one: vectors would have to wait for hits that have just been stored.
+  HWY_INLINE void intersect(const Segments& s, std::size_t i, std::int32_t id, std::size_t begin, std::size_t end) {
     if (end - begin <= kRayThreshold) {
       meet_by<WideUpTo<1>>(s, i, id, begin, end);
     } else {

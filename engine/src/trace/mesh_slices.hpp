@@ -1,9 +1,9 @@
 // Traces fans against triangles. A fan's rays share origin and plane, so they can hit only a slice of the world: a picture in
 // two dimensions.
 //
-// The tree is walked once for the whole fan, past boxes that the plane, the range or the fan's sector do not meet. The plane
+// The tree is walked once for the whole fan, past boxes that the plane, the range or the fan's sector do not intersect. The plane
 // cuts the triangles of a leaf, sixteen at once, into segments. In the plane, a segment covers an interval of angles; a table
-// leads to the rays in it, and each of these is met with the segment.
+// leads to the rays in it, and each of these is tested against the segment.
 //
 // A ray's result has the same bits on every target and beside any other rays of a fan in the same frame. It depends only on the
 // frame, the origin, the ray and the triangles:
@@ -59,7 +59,7 @@ Fan make_fan(std::span<const Eigen::Vector3d> directions, const Eigen::Matrix3d&
 enum class SliceWalk : std::uint8_t {
   automatic,  // listed for few leaves, else ordered
   listed,     // collects the leaves, then cuts them
-  ordered     // nearest first, past boxes that no ray meets before its hit
+  ordered     // nearest first, past boxes that no ray hits before its hit
 };
 
 // Keeps hits that are nearer than the bundle's t_hit. A hit gets the element first_element + its triangle. rays: all of the

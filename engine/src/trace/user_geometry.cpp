@@ -24,8 +24,8 @@ HWY_INLINE void intersect_lanes(const RTCIntersectFunctionNArguments* args, cons
   const auto load = [&](std::size_t field) HWY_ATTR { return F::load_unaligned(rays + field * n); };
 
   Nearest<F> found;
-  found.meet(world_interval<F>(shape, {load(org_x), load(org_y), load(org_z)}, {load(dir_x), load(dir_y), load(dir_z)}), 0,
-             load(t_near));
+  found.intersect(world_interval<F>(shape, {load(org_x), load(org_y), load(org_z)}, {load(dir_x), load(dir_y), load(dir_z)}), 0,
+                  load(t_near));
   const F distance = found.metres();
   // If two primitives are at the same distance, the lower index wins, in any order of Embree's visits.
   const F nearest = load(t_far);

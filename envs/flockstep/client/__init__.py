@@ -34,7 +34,6 @@ from flockstep.client.results import (
     TimedArrays,
     WorldInfo,
 )
-from flockstep.client.results import no_attribute as _no_attribute
 from flockstep.client.streams import AsyncStream, Stream
 from flockstep.client.sync_client import Client, connect
 from flockstep.client.vector_env import RemoteVectorEnv
@@ -69,4 +68,8 @@ __all__ = [
 if not _TYPE_CHECKING:
 
     def __getattr__(name: str) -> None:
-        raise _no_attribute(f"module {__name__!r}", name, __all__)
+        import flockstep
+        from flockstep.nearest_name import did_you_mean
+
+        known = [*__all__, *(f"flockstep.{public}" for public in flockstep.__all__)]
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}{did_you_mean(name, known)}")

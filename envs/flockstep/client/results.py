@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Literal, NamedTuple, TypeAlias
 
@@ -14,20 +14,7 @@ from flockstep.client.frames import Arrays
 from flockstep.nearest_name import did_you_mean
 
 _F32: TypeAlias = npt.NDArray[np.float32]
-#: What to use instead of names of version 1 of the protocol.
-_REPLACED = {
-    **{f"{kind}Settings": f"flockstep.{kind}Config" for kind in ("Lidar", "Camera")},
-    "LightSettings": "flockstep.Light",
-    "Mounting": "flockstep.ImuConfig",
-    "imu_mountings": "imu_configs",
-}
 CaptureMode: TypeAlias = Literal["every_step", "on_movement", "on_demand"]
-
-
-def no_attribute(owner: str, name: str, known: Iterable[str]) -> AttributeError:
-    """Return the error for a name that a module or an object does not have, with what to use instead."""
-    hint = f": use {_REPLACED[name]}" if name in _REPLACED else did_you_mean(name, known)
-    return AttributeError(f"{owner} has no attribute {name!r}{hint}")
 
 
 class Angles(NamedTuple):
@@ -343,7 +330,8 @@ class ServerInfo:
     if not TYPE_CHECKING:
 
         def __getattr__(self, name: str) -> None:
-            raise no_attribute("ServerInfo", name, type(self).__dataclass_fields__)
+            hint = did_you_mean(name, type(self).__dataclass_fields__)
+            raise AttributeError(f"ServerInfo has no attribute {name!r}{hint}")
 
     @property
     def num_drones(self) -> int:

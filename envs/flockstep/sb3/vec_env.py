@@ -46,8 +46,8 @@ def make_vec(
     return DroneVecEnv(make_same_step("make_vec", env, num_envs, **kwargs))
 
 
-#: Info of a row that rests; all such rows share it.
-_RESTING = {"resting": True}
+#: Info of a finished row; all such rows share it.
+_FINISHED = {"finished": True}
 
 
 class DroneVecEnv(VecEnv):
@@ -61,7 +61,7 @@ class DroneVecEnv(VecEnv):
     ``episode`` in the format of `Monitor`: return ``r``, length ``l``, and ``t``, seconds since this object was made.
     Further infos are ``episode_end``, a value of `EpisodeEnd`; ``crashed``; ``bad_state``; ``episode_terms``, the sum
     of each reward term by name; and the values that a `Task` names in its ``info_names``. `LogTerms` logs means of the
-    terms and of chosen infos. With ``episodes="last"`` a row that rests has the info ``resting``, reward 0, the
+    terms and of chosen infos. With ``episodes="last"`` a finished row has the info ``finished``, reward 0, the
     observation of an absent drone, and is not done again.
     """
 
@@ -122,10 +122,10 @@ class DroneVecEnv(VecEnv):
         done = batch.terminated | truncated
         going_on: dict[str, Any] = {}
         infos = [going_on] * self.num_envs
-        resting = self.env._resting()
-        if resting is not None:
-            for row in np.flatnonzero(resting).tolist():
-                infos[row] = _RESTING
+        finished = self.env._finished()
+        if finished is not None:
+            for row in np.flatnonzero(finished).tolist():
+                infos[row] = _FINISHED
         if np.count_nonzero(done):
             seconds = round(time.perf_counter() - self._created, 6)
             ended = np.flatnonzero(done)

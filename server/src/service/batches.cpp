@@ -53,7 +53,7 @@ std::vector<std::size_t> shape_of(const Field& field, std::size_t rows) {
 }
 
 // True if the drones of an env end their episodes without each other.
-bool ends_separately(const Batch& batch) { return !batch.state().own.resting.empty(); }
+bool ends_separately(const Batch& batch) { return !batch.state().own.finished.empty(); }
 
 // Adds the observations, and the rows that take no part in the next step.
 void add_observation(protocol::FrameWriter& writer, const Batch& batch) {

@@ -41,10 +41,10 @@ std::shared_ptr<const World> meeting_hall() {
 }
 
 struct Many : BatchConfig {
-  Many(int envs, int drones, Meet touched = Meet::touched) {
+  Many(int envs, int drones, Interaction touched = Interaction::collide) {
     num_envs = envs;
     drones_per_env = drones;
-    meet = touched;
+    interaction = touched;
     num_threads = 1;
   }
   Many& by_rotors(OnContact on_contact) {
@@ -351,7 +351,7 @@ TEST(Meetings, DronesThatStayApartFlyAsIfTheyWereAlone) {
   Random random(7);
   for (const Many& config : kinds_of_meetings(3, 4)) {
     Many never = config;
-    never.meet = Meet::never;
+    never.interaction = Interaction::none;
     Batch first(config, {meeting_hall()}), second(never, {meeting_hall()});
     std::vector<float> position, quat;
     for (int i = 0; i < 12; ++i) {
@@ -418,14 +418,14 @@ TEST(Meetings, ManyTicksAreLikeManyCallsOfOne) {
 
 // Two drones fly towards each other and stop 0.1 mm apart.
 TEST(Meetings, AContactNamesBothDrones) {
-  for (const Meet meet : {Meet::never, Meet::seen, Meet::touched, Meet::both}) {
-    Batch batch(Many(1, 3, meet), {meeting_hall()});
+  for (const Interaction interaction : {Interaction::none, Interaction::sense, Interaction::collide, Interaction::both}) {
+    Batch batch(Many(1, 3, interaction), {meeting_hall()});
     const std::vector<float> start{-2, -1, 0, 0, -1, 0, 2, 2, 0};
     batch.set_pose(start, {});
     const std::vector<float> target{0, -1, 0, -2, -1, 0, 2, 2, 0};
     batch.move(target, {});
     const ContactState& contact = batch.state().contact;
-    if (!is_touched(meet)) {
+    if (!collides(interaction)) {
       EXPECT_EQ(std::count(contact.hit.begin(), contact.hit.end(), 1), 0);
       EXPECT_EQ(batch.state().position, target);
       continue;
@@ -479,8 +479,8 @@ TEST(Meetings, ADroneThatHoldsStillIsInTheWay) {
 
 // A body pushes a drone that holds still. It does so in the same way near a drone that it does not touch.
 TEST(Meetings, ABodyPushesADroneThatHoldsStill) {
-  for (const Meet meet : {Meet::never, Meet::touched}) {
-    Many config(1, 2, meet);
+  for (const Interaction interaction : {Interaction::none, Interaction::collide}) {
+    Many config(1, 2, interaction);
     config.by_rotors(OnContact::bounce);
     BodyConfig body;
     body.position_m = {-2.2F, -1, 0};
@@ -517,7 +517,7 @@ TEST(Meetings, BodiesPushDronesThatDoNotTouchAsIfTheyCouldNot) {
       body.motion.box_max_m = {0.0F, 0.0F, 0.4F};
       config.bodies = {body, body};
       Many never = config;
-      never.meet = Meet::never;
+      never.interaction = Interaction::none;
       Batch first(config, {meeting_hall()}), second(never, {meeting_hall()});
       const std::vector<float> start{-1, -1, 0, -1, -1, 0.5F};  // one above the other, nearer than their length
       const auto seed = static_cast<std::uint64_t>(trial);
@@ -665,7 +665,7 @@ TEST(Meetings, RemovedDronesAreNotThere) {
 
 TEST(Meetings, TooManyDronesAreRefused) {
   EXPECT_EQ(testing::message_of([] { Batch(Many(1, 10000), {meeting_hall()}); }),
-            "drones_per_env: expected at most 4096 unless meet is \"never\", got 10000");
+            "drones_per_env: expected at most 4096 unless interaction is \"none\", got 10000");
 }
 
 }  // namespace

@@ -53,12 +53,12 @@ std::shared_ptr<const World> arrow() {
   return builder.build();
 }
 
-BatchConfig flock_of(int num_envs, int drones_per_env, Meet meet = Meet::seen) {
+BatchConfig flock_of(int num_envs, int drones_per_env, Interaction interaction = Interaction::sense) {
   BatchConfig config;
   config.num_envs = num_envs;
   config.drones_per_env = drones_per_env;
   config.num_threads = 1;
-  config.meet = meet;
+  config.interaction = interaction;
   LidarConfig lidar;
   lidar.channels = 5;
   lidar.beams = 60;
@@ -214,7 +214,7 @@ TEST(SeenDrones, LidarsDetectTheSameAmongMany) {
 
 TEST(SeenDrones, ADroneDoesNotSeeItselfNorDronesOfOtherEnvs) {
   for (const int per_env : {1, 2}) {
-    BatchConfig config = flock_of(4 / per_env, per_env), never = flock_of(4 / per_env, per_env, Meet::never);
+    BatchConfig config = flock_of(4 / per_env, per_env), never = flock_of(4 / per_env, per_env, Interaction::none);
     config.cameras = never.cameras = {camera_of()};
     Batch seen(config, {hall()}), unseen(never, {hall()});
     const std::vector<std::int64_t> second{1, 3};
@@ -243,10 +243,10 @@ std::vector<std::int64_t> seen_actions(std::size_t step, std::size_t num_drones)
   return actions;
 }
 
-testing::NavigationBatch flying_flock(int num_envs, Meet meet = Meet::seen) {
+testing::NavigationBatch flying_flock(int num_envs, Interaction interaction = Interaction::sense) {
   testing::NavigationBatch config = testing::navigation_batch(num_envs);
   config.drones_per_env = 6;
-  config.meet = meet;
+  config.interaction = interaction;
   config.navigation.random_start = true;
   config.episode.max_episode_steps = 25;
   config.episode.autoreset_mode = AutoresetMode::same_step;
@@ -259,7 +259,7 @@ TEST(SeenDrones, ResultsDoNotDependOnThreadsBlocksOrOtherEnvs) {
   small_blocks.num_threads = 3;
   small_blocks.block_size = 3;
   Batch few = few_config.make({world}), many = flying_flock(40).make({world}), others = small_blocks.make({world});
-  Batch unseen = flying_flock(40, Meet::never).make({world});
+  Batch unseen = flying_flock(40, Interaction::none).make({world});
   for (Batch* const batch : {&few, &many, &others, &unseen}) batch->reset({});
   std::size_t nearer = 0;
   for (std::size_t step = 0; step < 60; ++step) {
@@ -393,7 +393,7 @@ TEST_P(SeenDronesBy, CamerasShowThemAsBodiesWithTheirMesh) {
   config.num_envs = 1;
   config.drones_per_env = 5;
   config.num_threads = 1;
-  config.meet = Meet::both;
+  config.interaction = Interaction::both;
   config.camera_backend = backend;
   config.cameras = {camera_of()};
   if (has_mesh) config.drone_mesh = arrow();
@@ -411,7 +411,7 @@ TEST_P(SeenDronesBy, CamerasShowThemAsBodiesWithTheirMesh) {
   BatchConfig one = config;
   one.drones_per_env = 1;
   one.num_envs = 5;
-  one.meet = Meet::never;
+  one.interaction = Interaction::none;
   one.drone_mesh = nullptr;
   one.max_bodies = 4;
   BodyConfig body;
@@ -473,7 +473,7 @@ TEST(SeenDrones, TheBackendsAgree) {
   BatchConfig config;
   config.drones_per_env = 5;
   config.num_threads = 1;
-  config.meet = Meet::seen;
+  config.interaction = Interaction::sense;
   config.cameras = {camera_of()};
   config.drone_mesh = arrow();
   Batch traced(config, {hall()});
@@ -506,7 +506,7 @@ TEST(SeenDrones, CastShadowsForTheOthers) {
     BatchConfig config;
     config.drones_per_env = 2;
     config.num_threads = 1;
-    config.meet = Meet::seen;
+    config.interaction = Interaction::sense;
     config.camera_backend = backend;
     config.cameras = {camera_of()};
     config.cameras[0].quat_wxyz = {0.70710678F, 0, 0.70710678F, 0};  // down
@@ -524,7 +524,7 @@ TEST(SeenDrones, CastShadowsForTheOthers) {
     };
     const int lit = middle_of_first(5.0F), shaded = middle_of_first(0.0F);
     EXPECT_LT(shaded, lit - 20);
-    config.meet = Meet::never;
+    config.interaction = Interaction::none;
     Batch unseen(config, {world});
     unseen.set_pose(std::vector<float>{0, 0, 2, 5, 0, 4}, {});
     unseen.sense();
@@ -533,16 +533,16 @@ TEST(SeenDrones, CastShadowsForTheOthers) {
 }
 
 TEST(SeenDrones, BadConfigurationsAreRefused) {
-  BatchConfig config = flock_of(1, 2, Meet::touched);
+  BatchConfig config = flock_of(1, 2, Interaction::collide);
   config.drone_mesh = arrow();
-  EXPECT_REFUSED(config.validate(), "drone_mesh: expected None unless meet is \"seen\" or \"both\", got a world");
-  config.meet = Meet::both;
+  EXPECT_REFUSED(config.validate(), "drone_mesh: expected None unless interaction is \"sense\" or \"both\", got a world");
+  config.interaction = Interaction::both;
   config.validate();
   config.drone_mesh = hall();
   EXPECT_REFUSED(config.validate(), "drone_mesh: expected a world with triangles, got a world without any");
   config = flock_of(1, 4097);
   EXPECT_REFUSED(config.validate(), "drones_per_env: expected at most 4096");
-  config.meet = Meet::never;
+  config.interaction = Interaction::none;
   config.validate();
 }
 

@@ -92,7 +92,7 @@ struct Tumble {
     if (onto == Onto::each_other) {
       config.num_envs = kDrones / 2;
       config.drones_per_env = 2;
-      config.meet = Meet::touched;
+      config.interaction = Interaction::collide;
     }
     ticks = static_cast<int>(hz * 0.5F);
     batch = std::make_unique<Batch>(config, Batch::Worlds{world_of(onto)}, nullptr, DroneModel::load(frame));

@@ -166,7 +166,8 @@ TEST(ConfigJson, RefusesInvalidConfigs) {
        "episode.frame_skp: expected one of autoreset_mode, episodes, max_episode_steps, frame_skip, stagger_first_episode, "
        "random_world, "
        "got frame_skp. Did you mean frame_skip?"},
-      {R"({"quite_another": 2})", "quite_another: expected one of num_envs, drones_per_env, meet, drone_mesh, num_threads, bl"},
+      {R"({"quite_another": 2})",
+       "quite_another: expected one of num_envs, drones_per_env, interaction, drone_mesh, num_threads, bl"},
       {R"([])", "configuration: expected an object, got []"},
       {R"({"episode": 3})", "episode: expected an object, got 3"},
       {R"({"episode": null})", "episode: expected an object, got null"},

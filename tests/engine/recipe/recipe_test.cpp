@@ -75,7 +75,7 @@ TEST(Recipe, HasTheDefaultsOfItsTask) {
   EXPECT_EQ(hover.batch.clock.policy_hz, defaults.clock.policy_hz);
   const Recipe swap = Recipe::from_json(R"({"task": {"name": "swap"}})");
   EXPECT_EQ(swap.batch.drones_per_env, make_task(SwapConfig{})->defaults().drones_per_env);
-  EXPECT_EQ(swap.batch.meet, Meet::touched);
+  EXPECT_EQ(swap.batch.interaction, Interaction::collide);
   const Recipe pixels = Recipe::from_json(R"({"task": {"name": "navigation", "observation": "pixels"}})");
   EXPECT_EQ(pixels.worlds, std::vector<std::string>{"camera-train"});
   EXPECT_EQ(pixels.batch.cameras.size(), 1U);

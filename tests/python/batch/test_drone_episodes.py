@@ -100,7 +100,7 @@ def test_the_first_of_each_equals_the_single_env(mode: str, keywords: dict[str, 
     assert env.batch.own_episodes[::M].tolist() == single.batch.episode.tolist()
     assert min(single.batch.episode) >= 2
     assert not env.batch.episode.any(), "the env goes on"
-    assert env.batch.active.all() and not env.batch.resting.any()
+    assert env.batch.active.all() and not env.batch.finished.any()
 
 
 NOISY: dict[str, Any] = {
@@ -221,14 +221,14 @@ def test_drones_that_begin_together_are_spawned_together() -> None:
     env.reset(seed=0)
     for action in actions_of(env, 100, M):
         env.step(action)
-        if env.batch.resting.any():
+        if env.batch.finished.any():
             break
-    flying, resting = np.flatnonzero(env.batch.active), np.flatnonzero(env.batch.resting)
+    flying, resting = np.flatnonzero(env.batch.active), np.flatnonzero(env.batch.finished)
     for some in (flying, resting):
         with pytest.raises(ValueError, match="expected all drones of an env"):
             env.batch.spawn(some, env.batch.position[some])
     env.batch.spawn(np.arange(M), env.batch.position)
-    assert env.batch.active.all() and not env.batch.resting.any()
+    assert env.batch.active.all() and not env.batch.finished.any()
     assert env.batch.steps.tolist() == [0] * M
 
 
@@ -306,10 +306,10 @@ def test_ended_drones_rest_until_the_last_has_ended(mode: str) -> None:
         np.testing.assert_array_equal(env.batch.flying, flat["flying"])
         is_over = over.all(axis=1, keepdims=True)
         np.testing.assert_array_equal(env.batch.active.reshape(E, M), ~over | is_over)
-        np.testing.assert_array_equal(env.batch.resting.reshape(E, M), over & ~is_over)
-        assert ("resting" in infos) == (~flat["flying"]).any()
-        if "resting" in infos:
-            np.testing.assert_array_equal(infos["resting"], ~flat["flying"])
+        np.testing.assert_array_equal(env.batch.finished.reshape(E, M), over & ~is_over)
+        assert ("finished" in infos) == (~flat["flying"]).any()
+        if "finished" in infos:
+            np.testing.assert_array_equal(infos["finished"], ~flat["flying"])
         if ended.any():
             stats = infos["final_info"] if mode == "same_step" else infos
             np.testing.assert_array_equal(stats["_episode_return"], ended)
@@ -344,17 +344,17 @@ def test_a_resting_drone_is_not_sensed_and_a_reset_wakes_it() -> None:
     env = envs(2, episodes="last", max_episode_steps=60)
     env.reset(seed=0)
     actions = iter(actions_of(env, 300, 2 * M))
-    while not env.batch.resting.any():
+    while not env.batch.finished.any():
         env.step(next(actions))
-    row = int(np.flatnonzero(env.batch.resting)[0])
+    row = int(np.flatnonzero(env.batch.finished)[0])
     env.step(next(actions))
-    assert env.batch.resting[row] and not env.batch.active[row]
+    assert env.batch.finished[row] and not env.batch.active[row]
     assert np.isinf(env.batch.lidar().ranges[row]).all()
     position = env.batch.position[row].copy()
     env.step(next(actions))
     np.testing.assert_array_equal(env.batch.position[row], position)
     env.reset()
-    assert env.batch.active.all() and not env.batch.resting.any()
+    assert env.batch.active.all() and not env.batch.finished.any()
     assert np.isfinite(env.batch.observation).all() and env.batch.lidar().ranges[row].min() < 3
 
 
@@ -372,7 +372,7 @@ def test_removing_the_last_flying_drone_ends_the_episode() -> None:
     for step in range(40):
         crash[2::M] = step % 2  # forward and back
         batch.step(crash)
-    assert batch.resting.tolist() == [True, True, False] * 2
+    assert batch.finished.tolist() == [True, True, False] * 2
     batch.remove([2])
     assert batch.active[:3].tolist() == [True, True, False]
     batch.step(crash)
@@ -446,7 +446,7 @@ def test_one_drone_is_the_same_in_all_modes(mode: str, episodes: str) -> None:
     for each in ("team", episodes):
         env = flockstep.DroneVectorEnv(N, autoreset_mode=mode, episodes=each, **TASKS["navigation"])
         runs.append(history(env, 80))
-        assert len(env.batch.resting) == 0
+        assert len(env.batch.finished) == 0
     assert_same(*runs)
 
 
@@ -465,8 +465,8 @@ def test_snapshots_continue(kind: str, mode: str, episodes: str) -> None:
         blob = env.snapshot()
         observation = env.observation()
         np.testing.assert_array_equal(other.restore(blob), observation)
-        rests += int(env.batch.resting.any())
-        for name in ("terminated", "truncated", "episode_end", "active", "resting", "steps", "final_observation"):
+        rests += int(env.batch.finished.any())
+        for name in ("terminated", "truncated", "episode_end", "active", "finished", "steps", "final_observation"):
             np.testing.assert_array_equal(getattr(other.batch, name), getattr(env.batch, name), err_msg=name)
         if before % 8 == 0:  # goes on for some steps in the copy
             copy = pickle.loads(pickle.dumps(env))
@@ -739,7 +739,7 @@ def test_stable_baselines3_gets_each_end_once() -> None:
                     assert infos[row]["episode"]["r"] == infos[row]["episode"]["l"] == length
                     np.testing.assert_allclose(infos[row]["terminal_observation"], [length / 10, 1])
                 else:
-                    assert infos[row] == ({"resting": True} if flown >= length else {})
+                    assert infos[row] == ({"finished": True} if flown >= length else {})
                 rests_next = episodes == "last" and length - 1 <= flown < 3 * M - 1
                 begins = (flown + 1) % (length if episodes == "each" else 3 * M) == 0
                 expected = absent if rests_next else first[row] if begins else np.array([(flown + 1) / 10, 1])

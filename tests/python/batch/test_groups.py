@@ -162,9 +162,9 @@ def test_a_bad_state_ends_the_episode_of_its_env_only() -> None:
     assert env.batch.bad_states.tolist() == [0] * 4 + [1] + [0] * 7
 
 
-@pytest.mark.parametrize("meet", ["never", "touched"])
+@pytest.mark.parametrize("interaction", ["none", "collide"])
 @pytest.mark.parametrize("lost", [0, 4])
-def test_a_lost_drone_of_a_team_row_leaves_the_others_as_in_any_other_number_of_envs(meet: str, lost: int) -> None:
+def test_a_lost_drone_of_a_team_row_leaves_the_others_as_in_any_other_number_of_envs(interaction: str, lost: int) -> None:
     """The sixteen drones that fly together belong to different envs if there are more."""
     members = 5
 
@@ -198,7 +198,7 @@ def test_a_lost_drone_of_a_team_row_leaves_the_others_as_in_any_other_number_of_
     )
     observations = []
     for num_envs in (1, 7):
-        env = flockstep.DroneVectorEnv(num_envs, task=Runaway, drones_per_env=members, worlds=world, meet=meet)
+        env = flockstep.DroneVectorEnv(num_envs, task=Runaway, drones_per_env=members, worlds=world, interaction=interaction)
         env.reset(seed=0)
         observation, _, terminated, _, infos = env.step(np.zeros((num_envs, 4), np.float32))
         assert terminated.all()
@@ -406,7 +406,7 @@ def test_a_mask_that_splits_an_env_is_refused() -> None:
 @pytest.mark.parametrize("episodes", ["team", "each", "last"])
 @pytest.mark.parametrize("action", ["discrete", "displacement"])
 def test_an_action_too_few_or_too_many_changes_nothing(action: str, episodes: str) -> None:
-    env = envs(action=action, episodes=episodes, meet="both")
+    env = envs(action=action, episodes=episodes, interaction="both")
     env.reset(seed=0)
     env.step(env.action_space.sample())
     before = env.snapshot()
@@ -422,14 +422,14 @@ def test_an_action_too_few_or_too_many_changes_nothing(action: str, episodes: st
     assert env.snapshot() == before
 
 
-@pytest.mark.parametrize("meet", ["seen", "touched", "both"])
+@pytest.mark.parametrize("interaction", ["sense", "collide", "both"])
 @pytest.mark.parametrize(
     "task", [None, flockstep.HoverConfig(), flockstep.DodgeConfig()], ids=["goal", "hover", "dodge"]
 )
-def test_a_single_drone_meets_nobody(task: Any, meet: str) -> None:
-    """With one drone in each env all values of ``meet`` are the same, although all begin at one point."""
+def test_a_single_drone_meets_nobody(task: Any, interaction: str) -> None:
+    """With one drone in each env all values of ``interaction`` are the same, although all begin at one point."""
     worlds = "playground/train-1"
-    runs = [flockstep.DroneVectorEnv(5, task=task, worlds=worlds, meet=kind) for kind in ("never", meet)]
+    runs = [flockstep.DroneVectorEnv(5, task=task, worlds=worlds, interaction=kind) for kind in ("none", interaction)]
     for env in runs:
         env.reset(seed=2)
         env.action_space.seed(0)
@@ -441,26 +441,26 @@ def test_a_single_drone_meets_nobody(task: Any, meet: str) -> None:
     assert (runs[1].batch.contact.drone == -1).all()
 
 
-@pytest.mark.parametrize("meet", ["seen", "touched", "both"])
-def test_too_many_drones_that_meet_are_refused(meet: str) -> None:
-    message = 'drones_per_env: expected at most 4096 unless meet is "never", got 10000'
+@pytest.mark.parametrize("interaction", ["sense", "collide", "both"])
+def test_too_many_drones_that_meet_are_refused(interaction: str) -> None:
+    message = 'drones_per_env: expected at most 4096 unless interaction is "none", got 10000'
     with pytest.raises(ValueError, match=message):
-        flockstep.DroneVectorEnv(1, drones_per_env=10_000, meet=meet)
+        flockstep.DroneVectorEnv(1, drones_per_env=10_000, interaction=interaction)
     with pytest.raises(ValueError, match=message):
-        flockstep.Batch(flockstep.scenes.load("train"), 10_000, drones_per_env=10_000, meet=meet)
+        flockstep.Batch(flockstep.scenes.load("train"), 10_000, drones_per_env=10_000, interaction=interaction)
 
 
 @pytest.mark.parametrize("motion", ["kinematic", "rotors"])
 def test_many_drones_at_one_point_and_in_a_cubic_metre(motion: str) -> None:
-    """10,000 that do not meet fly as one does; 60 that do all report each other, and all numbers are finite."""
+    """10,000 that do not interact fly as one does; 60 that do all report each other, and all numbers are finite."""
     world = flockstep.World.from_dict({"flockstep_scene": 1, "room": {"min": [-2, -2, -2], "max": [2, 2, 2]}})
     dynamics = flockstep.DynamicsConfig(motion=motion, **({"control": "velocity"} if motion == "rotors" else {}))
 
-    def batch_of(count: int, meet: str) -> flockstep.Batch:
+    def batch_of(count: int, interaction: str) -> flockstep.Batch:
         lidar = flockstep.LidarConfig()
-        return flockstep.Batch([world], count, drones_per_env=count, meet=meet, dynamics=dynamics, lidar=lidar)
+        return flockstep.Batch([world], count, drones_per_env=count, interaction=interaction, dynamics=dynamics, lidar=lidar)
 
-    free, met, alone = batch_of(10_000, "never"), batch_of(60, "both"), batch_of(1, "never")
+    free, met, alone = batch_of(10_000, "none"), batch_of(60, "both"), batch_of(1, "none")
     for cube in (np.zeros((10_000, 3)), np.random.default_rng(0).uniform(-0.5, 0.5, (10_000, 3))):
         ways = np.random.default_rng(1).uniform(-0.5, 0.5, (10_000, 4))
         for batch in (free, met, alone):

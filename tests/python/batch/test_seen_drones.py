@@ -30,14 +30,14 @@ def flock(room, **keywords):
     """Return three drones in a row along +x, 2 m apart, with a LiDAR and a camera."""
     lidar = LidarConfig(beams=4, hfov_deg=360, max_range_m=20)
     camera = CameraConfig(width_px=64, height_px=48, outputs=OUTPUTS)
-    batch = Batch(room, 3, drones_per_env=3, lidar=lidar, cameras=[camera], **{"meet": "seen", **keywords})
+    batch = Batch(room, 3, drones_per_env=3, lidar=lidar, cameras=[camera], **{"interaction": "sense", **keywords})
     batch.set_pose(np.float32([[0, 0, 2], [2, 0, 2], [4, 0, 2]]))
     batch.sense()
     return batch
 
 
 def test_lidars_and_cameras_detect_the_others(room):
-    unseen, seen, meshes = flock(room, meet="never"), flock(room), flock(room, drone_mesh=RED, meet="both")
+    unseen, seen, meshes = flock(room, interaction="none"), flock(room), flock(room, drone_mesh=RED, interaction="both")
     ranges = [batch.lidar().ranges[:, 0] for batch in (unseen, seen, meshes)]
     backwards, _, forwards, _ = range(4)  # beams from -180 degrees on
     np.testing.assert_allclose(ranges[0][:, forwards], [6, 4, 2], rtol=1e-6)
@@ -63,28 +63,28 @@ def test_a_world_is_the_same_mesh(room):
 
 
 def test_bad_keywords_are_refused(room):
-    with pytest.raises(ValueError, match="meet"):
-        flock(room, meet="sometimes")
+    with pytest.raises(ValueError, match="interaction"):
+        flock(room, interaction="sometimes")
     with pytest.raises(
         TypeError, match=r"drone_mesh: expected a flockstep\.DroneMesh, a flockstep\.World or None, got 3"
     ):
         flock(room, drone_mesh=3)
-    with pytest.raises(ValueError, match='drone_mesh: expected None unless meet is "seen" or "both"'):
-        flock(room, drone_mesh=RED, meet="touched")
+    with pytest.raises(ValueError, match='drone_mesh: expected None unless interaction is "sense" or "both"'):
+        flock(room, drone_mesh=RED, interaction="collide")
     with pytest.raises(ValueError, match="drone_mesh: expected a world with triangles"):
         flock(room, drone_mesh=room)
     with pytest.raises(ValueError, match="drones_per_env: expected at most 4096"):
-        Batch(room, 4097, drones_per_env=4097, meet="seen")
+        Batch(room, 4097, drones_per_env=4097, interaction="sense")
 
 
 def test_environments_accept_copy_pickle_and_describe_them(room):
     camera = CameraConfig(width_px=32, height_px=24, outputs=OUTPUTS)
-    keywords = {"worlds": room, "drones_per_env": 3, "meet": "seen", "drone_mesh": RED, "camera": camera}
+    keywords = {"worlds": room, "drones_per_env": 3, "interaction": "sense", "drone_mesh": RED, "camera": camera}
     envs = gymnasium.make_vec("flockstep/LidarNavigation-v0", 2, **keywords)
-    assert (envs.unwrapped.recipe.meet, envs.unwrapped.recipe.drone_mesh.name) == ("seen", "arrow")
+    assert (envs.unwrapped.recipe.interaction, envs.unwrapped.recipe.drone_mesh.name) == ("sense", "arrow")
     recipe = flockstep.Recipe.from_json(envs.unwrapped.recipe.to_json())
     assert recipe == envs.unwrapped.recipe
-    assert json.loads(recipe.to_json())["meet"] == "seen"
+    assert json.loads(recipe.to_json())["interaction"] == "sense"
     spec = gymnasium.envs.registration.EnvSpec.from_json(envs.unwrapped.spec.to_json())
     again = flockstep.DroneVectorEnv.from_recipe(recipe, worlds=room)
     images = []
@@ -104,7 +104,7 @@ def test_a_task_declares_it(room):
     class Idle(flockstep.Task):
         observation_space = gymnasium.spaces.Box(0, 100, (4,), np.float32)
         lidar = LidarConfig(beams=4, hfov_deg=360, max_range_m=20)
-        meet = "seen"
+        interaction = "sense"
 
         def reset(self, batch, mask):
             batch.set_pose(np.tile(np.float32([[0, 0, 2], [2, 0, 2]]), (batch.num_envs, 1)), mask=mask)
@@ -117,7 +117,7 @@ def test_a_task_declares_it(room):
 
     observation, _ = flockstep.DroneVectorEnv(2, drones_per_env=2, task=Idle, worlds=room).reset(seed=1)
     np.testing.assert_allclose(observation[:, 2], [2 - 0.465, 4] * 2, rtol=1e-6)
-    alone, _ = flockstep.DroneVectorEnv(2, drones_per_env=2, task=Idle, worlds=room, meet="never").reset(seed=1)
+    alone, _ = flockstep.DroneVectorEnv(2, drones_per_env=2, task=Idle, worlds=room, interaction="none").reset(seed=1)
     np.testing.assert_allclose(alone[:, 2], [6, 4] * 2, rtol=1e-6)
 
 
@@ -125,9 +125,9 @@ def test_pictures_show_each_drone_once(room):
     """Views from outside draw drones themselves; what the drones see of each other does not change them."""
     keywords = {"worlds": room, "drones_per_env": 2, "render_mode": "rgb_array", "drone_mesh": RED}
     pictures = []
-    for meet in ("never", "seen"):
+    for interaction in ("none", "sense"):
         envs = flockstep.DroneVectorEnv(
-            1, **keywords, meet=meet, render_view=((-3, 0, 3), (1, 0, 2)), render_size=(80, 60)
+            1, **keywords, interaction=interaction, render_view=((-3, 0, 3), (1, 0, 2)), render_size=(80, 60)
         )
         envs.reset(seed=1)
         envs.batch.set_pose(np.float32([[0, 0, 2], [1.5, 1, 3]]))  # the second is above the beams
@@ -143,7 +143,7 @@ def test_the_camera_view_shows_the_others(room):
         "drones_per_env": 2,
         "render_mode": "rgb_array",
         "render_view": "camera",
-        "meet": "seen",
+        "interaction": "sense",
     }
     envs = flockstep.DroneVectorEnv(1, **keywords, camera=camera, drone_mesh=RED)
     envs.reset(seed=1)

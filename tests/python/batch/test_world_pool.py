@@ -405,7 +405,7 @@ def test_snapshots_of_separate_ends_continue_in_their_worlds(episodes, mode):
         np.testing.assert_array_equal(other.restore(blob), envs.observation())
         np.testing.assert_array_equal(other.batch.world_index, envs.batch.world_index)
         assert other.snapshot() == blob
-        rests += envs.batch.resting.any()
+        rests += envs.batch.finished.any()
         actions = np.full((5 * M, 3), 0.9, np.float32)
         one, two = pickle.loads(pickle.dumps(envs)), other
         for _ in range(12):

@@ -289,10 +289,10 @@ class TestInvariance:
         with pytest.raises(ValueError, match="snapshot"):
             self.begun(2, downwash=False).restore(batch.snapshot())
 
-    @pytest.mark.parametrize("meet", ["never", "seen", "touched", "both"])
-    def test_drones_apart_may_meet(self, meet):
+    @pytest.mark.parametrize("interaction", ["none", "sense", "collide", "both"])
+    def test_drones_apart_may_meet(self, interaction):
         """Downwash does not depend on what else the drones are to each other."""
-        expected, found = self.begun(2), self.begun(2, meet=meet)
+        expected, found = self.begun(2), self.begun(2, interaction=interaction)
         apart = np.tile(np.c_[np.zeros((9, 2)), 3.0 * np.arange(9)], (2, 1))
         for batch in (expected, found):
             placed(batch, apart, np.tile([1.0, 0, 0, 0], (18, 1)))

@@ -222,13 +222,13 @@ def test_a_flight_that_is_lost_is_reported():
     batch.fly([[500] * 4] * 3)  # not reported again
 
 
-def two(meet, on_contact="terminate", **keywords):
+def two(interaction, on_contact="terminate", **keywords):
     """Two drones of one env, close together; uneven thrusts turn their tiny inertia too fast at once."""
     batch = flockstep.Batch(
         [OPEN],
         2,
         drones_per_env=2,
-        meet=meet,
+        interaction=interaction,
         drone=flockstep.DroneModel.from_dict(plain("x500", inertia_kgm2=[1e-9] * 3)),
         dynamics=flockstep.DynamicsConfig(motion="rotors", control="rotor_speeds", on_contact=on_contact),
         clock=flockstep.ClockConfig(policy_hz=10, physics_hz=500),
@@ -245,11 +245,11 @@ FAR = flockstep.BodyConfig(shape="sphere", position_m=(100, 0, 0))
 @pytest.mark.parametrize(
     "keywords",
     [
-        {"meet": "never"},
-        {"meet": "touched"},  # they are near each other, and fly tick by tick
-        {"meet": "touched", "on_contact": "bounce"},
-        {"meet": "never", "bodies": [FAR]},  # all drones fly tick by tick
-        {"meet": "touched", "bodies": [FAR]},
+        {"interaction": "none"},
+        {"interaction": "collide"},  # they are near each other, and fly tick by tick
+        {"interaction": "collide", "on_contact": "bounce"},
+        {"interaction": "none", "bodies": [FAR]},  # all drones fly tick by tick
+        {"interaction": "collide", "bodies": [FAR]},
     ],
 )
 @pytest.mark.parametrize("ticks", [1, 50, 2500])
@@ -268,13 +268,13 @@ def test_a_lost_drone_is_counted_once_and_rests(keywords, ticks):
 def test_a_drone_that_is_stopped_before_it_is_lost_is_not_lost():
     """Alone, it would soon spin too fast. The other one hits it first, after which it stays until the next call."""
 
-    def flown(meet):
+    def flown(interaction):
         drone = flockstep.DroneModel.from_dict(plain("x500", inertia_kgm2=[5e-6] * 3))
         batch = flockstep.Batch(
             [OPEN],
             2,
             drones_per_env=2,
-            meet=meet,
+            interaction=interaction,
             drone=drone,
             dynamics=flockstep.DynamicsConfig(motion="rotors", control="rotor_speeds"),
             clock=flockstep.ClockConfig(policy_hz=10, physics_hz=500),
@@ -285,8 +285,8 @@ def test_a_drone_that_is_stopped_before_it_is_lost_is_not_lost():
         return batch
 
     with pytest.warns(RuntimeWarning, match=r"fly\(\): 1 drone \(first: 1\) moved faster"):
-        flown("never")
-    met = flown("touched")
+        flown("none")
+    met = flown("collide")
     assert met.contact.hit.tolist() == [True, True]
     assert np.linalg.norm(met.position[1] - [0.4, 0, 0]) < 0.1
 

@@ -195,7 +195,7 @@ def test_the_file_of_a_still_camera_follows_every_change(room, connect):
     """The server keeps the files of pictures that stand still."""
     camera = flockstep.CameraConfig(name="eye", width_px=16, height_px=12, capture_mode="on_demand")
     body = flockstep.BodyConfig(size_m=(0.5, 0.5, 0.5), position_m=(4, 3.5, 2))
-    batch = flockstep.Batch([room], 4, drones_per_env=4, meet="seen", cameras=[camera], max_bodies=1)
+    batch = flockstep.Batch([room], 4, drones_per_env=4, interaction="sense", cameras=[camera], max_bodies=1)
     batch.set_pose(START)
     snapshots = []
     with flockstep.serve(batch, port=0) as server, connect(server.address) as client:
@@ -314,7 +314,7 @@ def test_spawning_and_removing(client, batch):
 
 
 def test_drones_that_collide_begin_at_free_places(room, connect):
-    batch = flockstep.Batch([room], 0, drones_per_env=0, meet="touched")
+    batch = flockstep.Batch([room], 0, drones_per_env=0, interaction="collide")
     with flockstep.serve(batch, port=0) as server, connect(server.address) as client:
         drones = [client.spawn_drone() for _ in range(6)]
         places = [drone.get_location() for drone in drones]
@@ -327,7 +327,7 @@ def test_drones_that_collide_begin_at_free_places(room, connect):
 
 
 def test_places_inside_something_are_refused(room, connect):
-    touched = flockstep.Batch([room], 2, meet="touched", drones_per_env=2)
+    touched = flockstep.Batch([room], 2, interaction="collide", drones_per_env=2)
     touched.set_pose([[2, 4, 2], [6, 6, 3]])
     batch = flockstep.Batch([room], 4, lidar=LIDAR)
     offices = flockstep.Batch("bench/complex", 0, drones_per_env=0)

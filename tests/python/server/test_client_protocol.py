@@ -325,13 +325,23 @@ def test_keywords_that_change_a_configuration_are_shown():
     assert "\n        fog_visibility_m\n            Distance at which fog" in AsyncClient.set_light.__doc__
 
 
-def test_names_of_version_1_have_a_hint():
-    with pytest.raises(AttributeError, match=r"no attribute 'LidarSettings': use flockstep\.LidarConfig$"):
-        flockstep.client.LidarSettings  # noqa: B018
-    with pytest.raises(AttributeError, match=r"no attribute 'imu_mountings': use imu_configs$"):
+@pytest.mark.parametrize(
+    ("name", "hint"),
+    [
+        ("LidarSettings", "flockstep.LidarConfig"),
+        ("CameraSettings", "flockstep.CameraConfig"),
+        ("LightSettings", "flockstep.Light"),
+        ("Mounting", "flockstep.ImuConfig"),
+        ("Imapct", "Impact"),
+    ],
+)
+def test_former_and_misspelt_names_have_a_hint(name, hint):
+    with pytest.raises(AttributeError, match=rf"'flockstep.client' has no attribute '{name}'. Did you mean '{hint}'"):
+        getattr(flockstep.client, name)
+    with pytest.raises(
+        AttributeError, match=r"ServerInfo has no attribute 'imu_mountings'. Did you mean 'imu_configs'"
+    ):
         object.__new__(flockstep.client.ServerInfo).imu_mountings  # noqa: B018
-    with pytest.raises(AttributeError, match=r"no attribute 'Imapct'\. Did you mean 'Impact'\?$"):
-        flockstep.client.Imapct  # noqa: B018
 
 
 def test_a_list_with_another_statement_is_refused():

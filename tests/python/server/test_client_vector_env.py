@@ -84,7 +84,7 @@ class Walk(flockstep.Task):
 
 TEAMS = {
     "goal": {"action": "displacement", "random_start": True},
-    "hover": {"task": flockstep.HoverConfig(), "meet": "touched"},
+    "hover": {"task": flockstep.HoverConfig(), "interaction": "collide"},
     "own": {"task": Walk, "random_world": True},
 }
 
@@ -108,7 +108,7 @@ def test_episodes_of_several_drones_are_the_same_as_in_process(kind, episodes, a
             assert_equal(a, b)
             np.testing.assert_array_equal(remote._waiting(), local.batch.waiting)
             ended = a[2] | a[3]
-            rests += np.count_nonzero(a[4].get("resting", False))
+            rests += np.count_nonzero(a[4].get("finished", False))
             resets = ended if autoreset_mode == "disabled" else mask & (episodes == "each")
             partial += len(set(np.count_nonzero(resets.reshape(4, 3), axis=1)) - {0, 3})
             if resets.any():

@@ -223,7 +223,7 @@ class TestRoom:
             # At a waypoint a path may turn back, and the drones of a column then come near each other.
             for world in (generated, generated.with_markers(start=generated.start, goal=generated.goal)):
                 config = flockstep.FormationConfig(route="path", jitter_m=0)
-                envs = make(1, config, worlds=world, meet="never", max_episode_steps=5000)
+                envs = make(1, config, worlds=world, interaction="none", max_episode_steps=5000)
                 checked = flockstep.Batch([world], 4)
                 observation, ended, nearest = envs.observation().copy(), False, np.inf
                 while not ended:
@@ -257,7 +257,7 @@ class TestObservation:
     def test_the_task_has_its_defaults(self):
         envs = make(2)
         assert (envs.num_groups, envs.drones_per_env, envs.num_envs) == (2, 4, 8)
-        assert envs.recipe.meet == "both"
+        assert envs.recipe.interaction == "both"
         assert (envs.batch.lidar().ranges < 4).any()  # drones see each other
 
 

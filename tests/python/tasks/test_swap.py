@@ -97,8 +97,8 @@ class TestObservation:
     def test_the_task_has_its_defaults(self):
         envs = flockstep.DroneVectorEnv(3, task=flockstep.SwapConfig())
         assert (envs.num_groups, envs.drones_per_env, envs.num_envs) == (3, 8, 24)
-        assert envs.recipe.meet == "touched"
-        assert flockstep.DroneVectorEnv(1, task=flockstep.SwapConfig(), meet="never").recipe.meet == "never"
+        assert envs.recipe.interaction == "collide"
+        assert flockstep.DroneVectorEnv(1, task=flockstep.SwapConfig(), interaction="none").recipe.interaction == "none"
 
     def test_rotor_driven_drones_fly_too(self):
         envs = flockstep.DroneVectorEnv(2, task=flockstep.SwapConfig(), motion="rotors", drone="x500")
