@@ -14,18 +14,15 @@
 #include <span>
 #include <string>
 
+#include "arguments.hpp"
 #include "array_views.hpp"
 #include "arrays.hpp"
 #include "base/array_shape.hpp"
 #include "base/require.hpp"
-#include "config.hpp"
 #include "convert.hpp"
 #include "flockstep/recipe.hpp"
-#include "memory.hpp"
-#include "named.hpp"
+#include "flockstep/world_pool.hpp"
 #include "released.hpp"
-#include "task.hpp"
-#include "world_pool.hpp"
 
 namespace flockstep::bindings {
 namespace {
@@ -40,6 +37,41 @@ void hold_interpreter(Batch& batch) {
     const py::gil_scoped_acquire acquire;
     move();
   });
+}
+
+// Worlds that the threads of flockstep.world_pool.Builds build. The wait for a world is in Python, so that Ctrl-C can end it.
+class Builds final : public WorldSource {
+ public:
+  explicit Builds(py::object builds)
+      : builds_(new py::object(std::move(builds)), [](py::object* object) {
+          const py::gil_scoped_acquire acquire;
+          std::default_delete<py::object>()(object);
+        }) {}
+
+  std::shared_ptr<const World> get(std::int32_t number) override {
+    const py::gil_scoped_acquire acquire;
+    return builds_->attr("get")(number).cast<std::shared_ptr<World>>();
+  }
+
+  void want(std::span<const std::int32_t> numbers) override {
+    const py::gil_scoped_acquire acquire;
+    py::list list;
+    for (const std::int32_t number : numbers) list.append(number);
+    builds_->attr("want")(list);
+  }
+
+ private:
+  std::shared_ptr<py::object> builds_;
+};
+
+// Returns the pool that a flockstep.WorldPool describes, for a batch with this configuration; nothing for other objects.
+std::optional<WorldPool> world_pool(const py::object& worlds, const BatchConfig& config) {
+  const auto module = py::module_::import("flockstep.world_pool");
+  if (!py::isinstance(worlds, module.attr("WorldPool"))) return std::nullopt;
+  const py::cpp_function prepare([config](const World& world) { released([&] { build_ahead(world, config); }); });
+  WorldPool pool{.size = worlds.attr("size").cast<std::int32_t>(), .fresh = worlds.attr("fresh").cast<double>()};
+  pool.source = std::make_shared<Builds>(module.attr("Builds")(worlds, config.num_envs, prepare));
+  return pool;
 }
 
 // Takes all arguments as py::object, because pybind11's error for a wrong argument names every other one as well.

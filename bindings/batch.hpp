@@ -3,10 +3,12 @@
 
 #include <pybind11/pybind11.h>
 
+#include <cstdint>
 #include <memory>
 #include <string>
 
 #include "flockstep/batch.hpp"
+#include "flockstep/served_batch.hpp"
 
 namespace flockstep::bindings {
 
@@ -31,6 +33,18 @@ inline pybind11::ssize_t num_drones(const Batch& batch) { return batch.config().
 inline pybind11::ssize_t num_envs(const Batch& batch) { return batch.config().num_envs; }
 inline std::string counted(std::int64_t count, const std::string& noun) {
   return std::to_string(count) + " " + noun + (count == 1 ? "" : "s");
+}
+
+// The memory of a batch's arrays, as an object that views keep alive.
+// The batch itself if it has a task: its arrays never move. Otherwise they may move while views of them exist.
+inline pybind11::object memory_of(const pybind11::object& owner) {
+  using Memory = std::shared_ptr<const void>;
+  const auto& batch = owner.cast<const Batch&>();
+  if (batch.task() != nullptr) return owner;
+  auto memory = std::make_unique<Memory>(ServedBatch::memory(batch));
+  pybind11::capsule capsule(memory.get(), [](void* held) { delete static_cast<Memory*>(held); });
+  static_cast<void>(memory.release());
+  return capsule;
 }
 
 }  // namespace flockstep::bindings

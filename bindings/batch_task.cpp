@@ -10,6 +10,7 @@
 #include <string>
 #include <vector>
 
+#include "arguments.hpp"
 #include "array_views.hpp"
 #include "arrays.hpp"
 #include "base/array_shape.hpp"
@@ -17,7 +18,6 @@
 #include "batch.hpp"
 #include "convert.hpp"
 #include "released.hpp"
-#include "task.hpp"
 
 namespace flockstep::bindings {
 namespace {

@@ -11,7 +11,6 @@
 #include "arrays.hpp"
 #include "batch.hpp"
 #include "convert.hpp"
-#include "memory.hpp"
 #include "released.hpp"
 
 namespace flockstep::bindings {

@@ -1,5 +1,5 @@
 // Python classes for the configurations, generated from their lists of fields.
-#include "config.hpp"
+#include "flockstep/config.hpp"
 
 #include <pybind11/numpy.h>
 #include <pybind11/pybind11.h>
@@ -17,11 +17,11 @@
 #include <typeinfo>
 #include <vector>
 
+#include "arguments.hpp"
 #include "base/field_offsets.hpp"
 #include "convert.hpp"
 #include "documents.hpp"
 #include "flockstep/color.hpp"
-#include "flockstep/config.hpp"
 #include "flockstep/generators.hpp"
 #include "flockstep/learner.hpp"
 #include "flockstep/server.hpp"

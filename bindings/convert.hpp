@@ -17,11 +17,11 @@
 #include <utility>
 #include <vector>
 
+#include "arrays.hpp"
 #include "base/nearest_name.hpp"
 #include "flockstep/camera.hpp"
 #include "flockstep/fields.hpp"
 #include "flockstep/world.hpp"
-#include "masked.hpp"
 
 namespace flockstep::bindings {
 

@@ -21,7 +21,6 @@ void register_drone_model(pybind11::module_& module);
 void register_world(pybind11::module_& module);
 void register_world_builder(pybind11::module_& module);
 void register_survey(pybind11::module_& module);
-void register_plan(pybind11::module_& module);
 void register_color_blob(pybind11::module_& module);
 void register_task(pybind11::module_& module);
 void register_batch(pybind11::module_& module);
@@ -66,7 +65,6 @@ PYBIND11_MODULE(_core, module) {
   flockstep::bindings::register_world(module);
   flockstep::bindings::register_world_builder(module);
   flockstep::bindings::register_survey(module);
-  flockstep::bindings::register_plan(module);
   flockstep::bindings::register_color_blob(module);
   flockstep::bindings::register_task(module);
   flockstep::bindings::register_recipe(module);

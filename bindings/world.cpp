@@ -8,11 +8,11 @@
 #include <string_view>
 #include <vector>
 
+#include "arguments.hpp"
 #include "arrays.hpp"
 #include "convert.hpp"
 #include "flockstep/generators.hpp"
 #include "flockstep/raycast.hpp"
-#include "named.hpp"
 #include "released.hpp"
 #include "world/scene_keys.hpp"
 
