@@ -71,5 +71,6 @@ if not _TYPE_CHECKING:
         import flockstep
         from flockstep.nearest_name import did_you_mean
 
-        known = [*__all__, *(f"flockstep.{public}" for public in flockstep.__all__)]
-        raise AttributeError(f"module {__name__!r} has no attribute {name!r}{did_you_mean(name, known)}")
+        known = [*__all__, "ServerInfo.imu_configs", *(f"flockstep.{public}" for public in flockstep.__all__)]
+        hint = did_you_mean(name, known) or did_you_mean(name.replace("Settings", "Config"), known)  # a former name
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}{hint}")

@@ -179,8 +179,9 @@ def _of_field(field: schema.Field) -> Callable[[str, Any], Any]:
     if field.kind in SCHEMA.enums:
         return lambda name, value: choice(name, value, getattr(pb, field.kind))
     if "int" in field.kind:
-        is_list = field.label == "repeated"
-        return lambda name, value: [*map(index, value)] if is_list else index(value)
+        if field.label == "repeated":
+            return lambda name, values: [*map(index, values)]
+        return lambda name, value: index(value)
     return {"Vector3": vector, "Quaternion": quaternion}.get(field.kind, _as_it_is)
 
 

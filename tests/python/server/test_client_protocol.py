@@ -331,7 +331,7 @@ def test_keywords_that_change_a_configuration_are_shown():
         ("LidarSettings", "flockstep.LidarConfig"),
         ("CameraSettings", "flockstep.CameraConfig"),
         ("LightSettings", "flockstep.Light"),
-        ("Mounting", "flockstep.ImuConfig"),
+        ("Mounting", "ServerInfo.imu_configs"),
         ("Imapct", "Impact"),
     ],
 )
