@@ -1,5 +1,6 @@
 """Messages of the client as bytes, and its addresses."""
 
+import inspect
 import re
 import struct
 
@@ -302,7 +303,7 @@ def test_each_kind_of_stream_is_the_field_of_its_operation():
     operations = {f.name: f.message_type.name for f in pb.Request.DESCRIPTOR.oneofs_by_name["operation"].fields}
     assert {stream: operations[operation] for operation, stream in STREAMED.items()} == fields
     with pytest.raises(ValueError, match="rate_hz: expected a number above 0, got nan"):
-        Subscription(call("get_fps", "fps", nothing), float("nan"), False).request()
+        Subscription(call("get_fps", nothing), float("nan"), False).request()
 
 
 def test_both_clients_have_the_same_operations():
@@ -313,6 +314,34 @@ def test_both_clients_have_the_same_operations():
         assert names - {"vector_env"} == {name for name in dir(other) if not name.startswith("_")}
         for name in names - {"vector_env"}:
             assert getattr(blocking, name).__doc__, name
+
+
+def test_keywords_that_change_a_configuration_are_shown():
+    from flockstep.client import AsyncClient, Drone, changes
+
+    shown = inspect.signature(Drone.set_camera_config).parameters
+    assert set(changes.CameraChanges.__annotations__) == set(shown) - {"self", "camera"}
+    assert (shown["width_px"].annotation, shown["width_px"].default) == ("int | None", None)
+    assert "\n        fog_visibility_m\n            Distance at which fog" in AsyncClient.set_light.__doc__
+
+
+@pytest.mark.parametrize(
+    ("name", "hint"),
+    [
+        ("LidarSettings", "flockstep.LidarConfig"),
+        ("CameraSettings", "flockstep.CameraConfig"),
+        ("LightSettings", "flockstep.Light"),
+        ("Mounting", "ServerInfo.imu_configs"),
+        ("Imapct", "Impact"),
+    ],
+)
+def test_former_and_misspelt_names_have_a_hint(name, hint):
+    with pytest.raises(AttributeError, match=rf"'flockstep.client' has no attribute '{name}'. Did you mean '{hint}'"):
+        getattr(flockstep.client, name)
+    with pytest.raises(
+        AttributeError, match=r"ServerInfo has no attribute 'imu_mountings'. Did you mean 'imu_configs'"
+    ):
+        object.__new__(flockstep.client.ServerInfo).imu_mountings  # noqa: B018
 
 
 def test_a_list_with_another_statement_is_refused():
