@@ -32,6 +32,8 @@ RESULTS = {
     "Configs": "BodyConfigs",
 }
 MANY_FIELDS = 3
+#: Messages that the client returns as structs with the same fields.
+MIRRORED = ("Drone", "Fps", "Rotation", "Time", "World", "Field", "Task")
 
 
 @dataclass(frozen=True)
@@ -214,11 +216,65 @@ def declared(method: Method) -> list[str]:
     ]
 
 
+def results_of(schema: Schema) -> str:
+    """Return the header of the structs that mirror messages."""
+    lines = [RESULTS_TOP]
+    for name in MIRRORED:
+        message = schema.messages[name]
+        members = [f"  {result_member(schema, field)};  // {field.note}" for field in message.fields]
+        lines += [*(f"// {line}" for line in message.text), f"struct {name} {{", *members, "};", ""]
+    return "\n".join([*lines, "}  // namespace flockstep::client"]) + "\n"
+
+
+def result_member(schema: Schema, field: Field) -> str:
+    """Return the declaration of a member of a result."""
+    kind = {"string": "std::string"}.get(field.kind) or SCALARS.get(field.kind, field.kind)
+    if field.label == "repeated":
+        return f"std::vector<{'std::size_t' if field.kind == 'uint64' else kind}> {field.name}"
+    if field.label == "optional":
+        return f"std::optional<{kind}> {field.name}"
+    usual = {"DType": "DType::float32", "Quaternion": "{1.0F, 0.0F, 0.0F, 0.0F}"}
+    return f"{kind} {field.name}{{{usual.get(field.kind, '').strip('{}')}}}"
+
+
+def result_value(schema: Schema, field: Field) -> str:
+    """Return the value of a member of a result, from the message."""
+    value = f"message.{field.name}"
+    if field.label == "repeated":
+        return (
+            f"values_of<{field.kind}>({value})"
+            if field.kind in schema.messages
+            else f"{{{value}.begin(), {value}.end()}}"
+        )
+    if field.kind in schema.messages:
+        return f"value_of({value})" if field.label else f'value_of(required({value}, "{field.name}"))'
+    return f"static_cast<{field.kind}>({value})" if field.kind in schema.enums else value
+
+
+def readers(schema: Schema) -> list[str]:
+    """Return the functions that read results: declared, or defined for structs that mirror messages."""
+    converted = ("Angles", *MIRRORED)
+    lines = [*(f"{name} value_of(const protocol::{name}& message);" for name in converted), VALUES_OF]
+    for name in converted:
+        values = ", ".join(f".{field.name} = {result_value(schema, field)}" for field in schema.messages[name].fields)
+        lines += [f"{name} value_of(const protocol::{name}& message) {{ return {{{values}}}; }}"]
+    messages = {method.result: method.entry.result for method in methods(schema)}
+    for result, name in messages.items():
+        (field, *others) = schema.messages[name].fields or (None,)
+        lines += ["template <>", f"{result} read<{result}>(Call& call)"]
+        if result in MIRRORED:
+            lines += [f"{{ return value_of(ReplyOf<protocol::{name}>(call).message()); }}"]
+        elif field is not None and not others and field.kind in MIRRORED:
+            value = f"ReplyOf<protocol::{name}>(call).message().{field.name}"
+            lines += [f"{{ return values_of<{field.kind}>({value}); }}"]
+        else:
+            lines[-1] += ";"
+    return lines
+
+
 def definitions(schema: Schema) -> str:
     """Return the definitions of the methods."""
-    lines = [BODY_TOP]
-    results = dict.fromkeys(method.result for method in methods(schema))
-    lines += ["namespace detail {", *(f"template <>\n{result} read<{result}>(Call& call);" for result in results), "}"]
+    lines = [BODY_TOP, "namespace detail {", *readers(schema), "}"]
     streams = {field.kind: field.name for field in schema.messages["Subscribe"].fields if field.oneof}
     for name, _, is_of_drone in CLASSES:
         for method in methods(schema):
@@ -254,6 +310,18 @@ CLASSES = (
     ("GameModeOperations", "The operations on the simulation: its drones, time, worlds and task.", False),
     ("DroneOperations", "The operations on one drone.", True),
 )
+RESULTS_TOP = """// Results that the server sends as messages with the same fields, which client.hpp includes.
+// server/generate.py makes this file from flockstep.proto.
+#pragma once
+
+namespace flockstep::client {
+"""
+VALUES_OF = """template <class T, class Message>
+std::vector<T> values_of(const std::vector<Message>& messages) {
+  std::vector<T> values;
+  for (const Message& message : messages) values.push_back(value_of(message));
+  return values;
+}"""
 HEADER_TOP = """// The operations of the client, which client.hpp includes.
 // server/generate.py makes this file from flockstep.proto.
 #pragma once

@@ -263,3 +263,12 @@ void wait(Call& call) { call.link().wait(call); }
 bool wait_for(Call& call, std::chrono::nanoseconds timeout) { return call.link().wait_for(call, timeout); }
 
 }  // namespace flockstep::client::detail
+
+namespace flockstep::client {
+
+Connection::Connection(const Options& options) : link_(std::make_shared<detail::Link>(options)) { link_->introduce(); }
+
+const ServerInfo& Connection::server() const { return link_->server(); }
+bool Connection::is_open() const { return link_->is_open(); }
+
+}  // namespace flockstep::client

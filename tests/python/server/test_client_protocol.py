@@ -1,5 +1,6 @@
 """Messages of the client as bytes, and its addresses."""
 
+import inspect
 import re
 import struct
 
@@ -12,7 +13,7 @@ from websockets.protocol import Protocol, Side
 from websockets.utils import accept_key
 
 import flockstep
-from flockstep.client import AsyncClient, AsyncDrone, Client, Drone, schema
+from flockstep.client import AsyncClient, AsyncDrone, Client, Drone, changes, schema
 from flockstep.client import protocol as pb
 from flockstep.client.address import parse_address
 from flockstep.client.call import STREAMED, Subscription, call, nothing
@@ -308,7 +309,31 @@ def test_each_kind_of_stream_is_the_field_of_its_operation():
     operations = {f.name: f.message_type.name for f in pb.Request.DESCRIPTOR.oneofs_by_name["operation"].fields}
     assert {stream: operations[operation] for operation, stream in STREAMED.items()} == fields
     with refused(ValueError, "rate_hz", "nan"):
-        Subscription(call("get_fps", "fps", nothing), float("nan"), False).request()
+        Subscription(call("get_fps", nothing), float("nan"), False).request()
+
+
+def test_keywords_that_change_a_configuration_are_shown():
+    shown = inspect.signature(Drone.set_camera_config).parameters
+    assert set(changes.CameraChanges.__annotations__) == set(shown) - {"self", "camera"}
+    assert (shown["width_px"].annotation, shown["width_px"].default) == ("int | None", None)
+    assert "\n        fog_visibility_m\n            Distance at which fog" in AsyncClient.set_light.__doc__
+
+
+@pytest.mark.parametrize(
+    ("name", "hint"),
+    [
+        ("LidarSettings", "flockstep.LidarConfig"),
+        ("CameraSettings", "flockstep.CameraConfig"),
+        ("LightSettings", "flockstep.Light"),
+        ("Mounting", "ServerInfo.imu_configs"),
+        ("Imapct", "Impact"),
+    ],
+)
+def test_former_and_misspelt_names_have_a_hint(name, hint):
+    with refused(AttributeError, "'flockstep.client' has no attribute", name, hint):
+        getattr(flockstep.client, name)
+    with refused(AttributeError, "ServerInfo has no attribute", "imu_mountings", "imu_configs"):
+        object.__new__(flockstep.client.ServerInfo).imu_mountings  # noqa: B018
 
 
 def test_a_list_with_another_statement_is_refused():
