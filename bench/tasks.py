@@ -17,6 +17,7 @@ import numpy as np
 
 import flockstep
 from flockstep.trainings import TRAININGS, UNSEEN_SEEDS, Verdict, best_of, judge, train
+from timing import Measured, in_turns, timed
 
 ROOT = Path(__file__).resolve().parent.parent
 sys.path.append(str(ROOT))
@@ -28,8 +29,6 @@ BENCHES = {
     "formation": (("trained", "formation", (0, 1, 2)),),
 }
 UNITS = {"contacts_per_minute": "1/min", "seconds": "s", "training_s": "s"}
-
-Measured = tuple[str, float, str, int]  # name, value, unit, runs
 
 
 def measure(bench: str) -> Iterator[Measured]:
@@ -119,13 +118,11 @@ def measure_race() -> Iterator[Measured]:
 
     for ticks in TICKS:
         replays = {name: Replay(is_solid, ticks) for name, is_solid in (("solid", True), ("open", False))}
-        times: dict[str, list[float]] = {name: [] for name in replays}
-        for _ in range(RUNS):
-            for name, replay in replays.items():
-                times[name].append(replay.seconds() / (STEPS * DRONES))
+        timers = {name: timed(replay.step, STEPS, before=replay.restart) for name, replay in replays.items()}
+        times = in_turns(timers, RUNS)
         for name, replay in replays.items():
             subject = f"race/{name}_gates/{ticks}_ticks"
-            yield f"{subject}/step", 1e6 * statistics.median(times[name]), "us", RUNS
+            yield f"{subject}/step", 1e6 * statistics.median(times[name]) / DRONES, "us", RUNS
             yield f"{subject}/episodes_per_step", replay.ended, "1", 1
     bound = race_bound.Args()
     lap_s = race_bound.lap_s(flockstep.World.load("race/figure-8"), bound.thrust_to_weight, bound.parts)
@@ -163,10 +160,11 @@ class Replay:
             ended += int((terminated | truncated).sum())
         self.ended = ended / (STEPS * DRONES)
 
-    def seconds(self) -> float:
-        """Fly the recorded steps again; return the processor time."""
+    def restart(self) -> None:
+        """Go back to the first of the recorded steps."""
         self.envs.restore(self.snapshot)
-        before = time.process_time()
-        for actions in self.actions:
-            self.envs.step(actions)
-        return time.process_time() - before
+        self.turns = iter(self.actions)
+
+    def step(self) -> None:
+        """Fly the next one again."""
+        self.envs.step(next(self.turns))

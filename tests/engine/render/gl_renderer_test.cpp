@@ -16,13 +16,13 @@
 #include "allocation_counter.hpp"
 #include "batch_helpers.hpp"
 #include "faulty_driver.hpp"
-#include "numbers.hpp"
 #include "picture_oracle.hpp"
 #include "prepared/prepared_world.hpp"
 #include "random.hpp"
 #include "ray_oracle.hpp"
 #include "render/appearance.hpp"
 #include "render/gl/renderer.hpp"
+#include "standard.hpp"
 
 #if !defined(_WIN32)
 #include <sys/wait.h>
