@@ -29,10 +29,10 @@ class EnvKeywords(TypedDict, total=False):
     ----------
     drones_per_env
         Number of drones in each env, M. They share a world. A batch without a task may begin with no drone in its envs.
-    meet
-        How the drones of an env interact. ``"never"``: not at all. ``"seen"``: their LiDARs detect the hulls of the
-        others, and their cameras see their meshes. ``"touched"``: they hit each other with their hulls. ``"both"``:
-        both. Unless it is ``"never"``, an env has at most 4096 drones.
+    interaction
+        How the drones of an env interact. ``"none"``: not at all. ``"sense"``: their LiDARs detect the hulls of the
+        others, and their cameras see their meshes. ``"collide"``: they hit each other with their hulls. ``"both"``:
+        both. Unless it is ``"none"``, an env has at most 4096 drones.
     num_threads
         Number of threads, at most four per processor; a larger number gives these, with a warning. 0: the physical
         cores that this process may run on. No result depends on it.
@@ -113,7 +113,7 @@ class EnvKeywords(TypedDict, total=False):
     """
 
     drones_per_env: int | None
-    meet: Literal["never", "seen", "touched", "both"] | None
+    interaction: Literal["none", "sense", "collide", "both"] | None
     num_threads: int | None
     block_size: int | None
     lidar: LidarConfig | Sequence[LidarConfig] | None

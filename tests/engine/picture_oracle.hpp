@@ -2,21 +2,9 @@
 // struct Light. It shares no code with the engine's rendering, tracing or tables.
 #pragma once
 
-#include <gtest/gtest.h>
-
-#include <algorithm>
-#include <array>
-#include <cmath>
-#include <cstdint>
-#include <cstdlib>
-#include <memory>
-#include <numbers>
 #include <set>
-#include <utility>
-#include <vector>
 
 #include "batch_helpers.hpp"
-#include "flockstep/batch.hpp"
 #include "ray_oracle.hpp"
 
 namespace flockstep::oracle {

@@ -1,20 +1,6 @@
 // Bodies in camera images. A body must look like a solid of the world that stands at its place.
-#include <gtest/gtest.h>
 
-#include <algorithm>
-#include <array>
-#include <cmath>
-#include <cstddef>
-#include <cstdint>
-#include <cstdlib>
-#include <cstring>
-#include <memory>
-#include <numbers>
-#include <span>
-#include <string>
 #include <tuple>
-#include <utility>
-#include <vector>
 
 #include "allocation_counter.hpp"
 #include "base/workers.hpp"
@@ -23,7 +9,6 @@
 #include "bundles.hpp"
 #include "flockstep/body.hpp"
 #include "prepared/prepared_world.hpp"
-#include "random.hpp"
 #include "render/appearance.hpp"
 #include "render/move_line.hpp"
 #include "render/pinhole_camera.hpp"
@@ -34,10 +19,7 @@
 namespace flockstep::render {
 namespace {
 
-using testing::facing;
-using testing::primitive;
-using testing::Random;
-using testing::soup;
+using namespace testing;
 
 constexpr std::uint16_t kSemantic = 500;  // of the first body
 
@@ -93,7 +75,7 @@ Primitive random_solid_of(Random& random, PrimitiveKind kind, float reach) {
   const float angle = random.within(-3.0F, 3.0F);
   if (kind == PrimitiveKind::sphere || turn == 0) return solid;
   solid.rotation = turn == 1 ? Quat(std::cos(angle), 0.0F, 0.0F, std::sin(angle)) : random.rotation();
-  solid.rotation = testing::make_world({solid})->primitives()[0].rotation;  // a world normalises it
+  solid.rotation = make_world({solid})->primitives()[0].rotation;  // a world normalises it
   return solid;
 }
 
@@ -269,7 +251,7 @@ class BodyImagesOf : public ::testing::TestWithParam<CameraBackend> {
 };
 
 TEST_P(BodyImagesOf, EachShapeHasItsDepthAndItsIds) {
-  worlds_.push_back(testing::make_world({primitive(PrimitiveKind::room, {0, 0, 0}, {8, 8, 8})}));
+  worlds_.push_back(make_world({primitive(PrimitiveKind::room, {0, 0, 0}, {8, 8, 8})}));
   const Quat turned = facing({0, 0, 1}, {1, 0, 0});
   const std::vector<std::pair<Primitive, float>> cases{
       {primitive(PrimitiveKind::box, {4, 0, 0}, {0.5F, 1, 2}), 3.5F},
@@ -294,7 +276,7 @@ TEST_P(BodyImagesOf, EachShapeHasItsDepthAndItsIds) {
 }
 
 TEST_P(BodyImagesOf, TheNearestSurfaceHidesTheOthers) {
-  worlds_.push_back(testing::make_world({primitive(PrimitiveKind::box, {4, 0, 0}, {0.1F, 3, 3})}));
+  worlds_.push_back(make_world({primitive(PrimitiveKind::box, {4, 0, 0}, {0.1F, 3, 3})}));
   Crowd crowd;
   crowd.add(primitive(PrimitiveKind::sphere, {6, 0, 0}, {1, 1, 1}));  // behind the wall
   Shot shot(camera_with(false, 1));
@@ -316,7 +298,7 @@ TEST_P(BodyImagesOf, TheNearestSurfaceHidesTheOthers) {
 }
 
 TEST_P(BodyImagesOf, ABodyThatReachesThroughTheNearPlaneShowsItsInside) {
-  worlds_.push_back(testing::make_world({primitive(PrimitiveKind::room, {0, 0, 0}, {8, 8, 8})}));
+  worlds_.push_back(make_world({primitive(PrimitiveKind::room, {0, 0, 0}, {8, 8, 8})}));
   for (const PrimitiveKind kind : {PrimitiveKind::box, PrimitiveKind::cylinder, PrimitiveKind::sphere, PrimitiveKind::capsule}) {
     Crowd crowd;
     crowd.add(primitive(kind, {0, 0, 0}, {1.5F, 1.5F, kind == PrimitiveKind::capsule ? 3.0F : 1.5F}));
@@ -718,15 +700,15 @@ TEST(BodyImages, ASecondFrameAllocatesNothing) {
   for (int i = 0; i < 20; ++i) {
     for (float& value : crowd.position) value += random.within(-0.2F, 0.2F);
     const RenderRequest request = shot.request(world, Vec3::Zero(), random.rotation().toRotationMatrix(), crowd.view());
-    const std::uint64_t before = testing::allocations();
+    const std::uint64_t before = allocations();
     shot.take(renderer, workers, request);
-    EXPECT_EQ(testing::allocations() - before, 0U);
+    EXPECT_EQ(allocations() - before, 0U);
   }
 }
 
 TEST(LinePainter, BodiesHideLines) {
   Workers workers(1);
-  const auto world = testing::make_world({primitive(PrimitiveKind::room, {0, 0, 0}, {8, 8, 8})});
+  const auto world = make_world({primitive(PrimitiveKind::room, {0, 0, 0}, {8, 8, 8})});
   Crowd crowd;
   crowd.add(primitive(PrimitiveKind::sphere, {3, 0, 0}, {0.5F, 0.5F, 0.5F}));
   Shot shot(camera_with(false, 1));

@@ -21,6 +21,7 @@
 #include "random.hpp"
 #include "render/gl/renderer.hpp"
 #include "render/renderer.hpp"
+#include "standard.hpp"
 
 #if !defined(_WIN32)
 #include <sys/wait.h>

@@ -1,42 +1,29 @@
 #include "render/renderer.hpp"
 
-#include <gtest/gtest.h>
-
-#include <algorithm>
 #include <chrono>
-#include <cstdlib>
-#include <memory>
-#include <optional>
-#include <string>
-#include <vector>
 
 #include "batch_helpers.hpp"
 #include "faulty_driver.hpp"
 #include "prepared/prepared_world.hpp"
-#include "random.hpp"
 
 namespace flockstep::render {
 namespace {
 
-using flockstep::testing::FaultyDriver;
+using namespace testing;
+using namespace flockstep::testing;
 
 // Some images of a playground, with their buffers.
 struct PlaygroundAlbum {
   static constexpr std::size_t kBytes = 32 * 24 * 3;
 
-  std::shared_ptr<const World> world = flockstep::testing::playground("camera-train-1");
-  CameraConfig camera = [] {
-    CameraConfig config;
-    config.width_px = 32;
-    config.height_px = 24;
-    return config;
-  }();
+  std::shared_ptr<const World> world = playground("camera-train-1");
+  CameraConfig camera{.width_px = 32, .height_px = 24};
   PinholeCamera pinhole = make_pinhole_camera(camera);
   std::vector<std::uint8_t> rgb = std::vector<std::uint8_t>(4 * kBytes);
   std::vector<RenderRequest> requests;
 
   PlaygroundAlbum() {
-    flockstep::testing::Random random(3);
+    Random random(3);
     for (std::size_t i = 0; i < 4; ++i) {
       requests.push_back({.world = world.get(),
                           .scene = &prepared(*world).scene(),

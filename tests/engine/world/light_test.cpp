@@ -1,38 +1,19 @@
 // Sunlight in images, compared with the oracle.
-
-#include <gtest/gtest.h>
-
-#include <algorithm>
-#include <array>
-#include <cmath>
-#include <cstddef>
-#include <cstdint>
-#include <memory>
-#include <string>
-#include <utility>
-#include <vector>
-
+#include "batch_helpers.hpp"
+#include "flockstep/generators.hpp"
 #include "on_target.hpp"
 #include "picture_oracle.hpp"
+#include "prepared/prepared_world.hpp"
+#include "render/raycast/shading.hpp"
 
 namespace flockstep {
 namespace {
 
-using testing::camera_batch;
-using testing::Compared;
-using testing::expect_picture;
-using testing::kAllOutputs;
-using testing::primitive;
+using namespace testing;
 using enum PrimitiveKind;
 
 CameraConfig camera_of(bool shadows, float hfov_deg = 90.0F) {
-  CameraConfig camera;
-  camera.width_px = 96;
-  camera.height_px = 72;
-  camera.hfov_deg = hfov_deg;
-  camera.outputs = kAllOutputs;
-  camera.shadows = shadows;
-  return camera;
+  return {.width_px = 96, .height_px = 72, .hfov_deg = hfov_deg, .outputs = kAllOutputs, .shadows = shadows};
 }
 
 struct View {
@@ -190,8 +171,8 @@ TEST_F(LitPictures, OfSeveralWorldsThatGlow) {
   SceneDescription glowing = colored;
   colored.mesh.colors = {{1, 0, 0}, {0, 1, 0}, {0, 0, 1}};
   glowing.materials[0].emissive = {0.2F, 0, 0.1F};
-  const Batch::Worlds worlds{std::make_shared<const World>(glowing), lamps(), testing::closet(),
-                             std::make_shared<const World>(colored), std::make_shared<const World>(glowing)};
+  const Batch::Worlds worlds{std::make_shared<const World>(glowing), lamps(), closet(), std::make_shared<const World>(colored),
+                             std::make_shared<const World>(glowing)};
   const auto batch = pictures(worlds, camera_of(true), std::vector<View>(5, {{0, 0, 1}, {3, 0, 1}}));
   for (std::size_t drone = 0; drone < 5; ++drone) EXPECT_GT(expect_picture(*batch, drone, 0, 5).clear, 1000U);
 }
@@ -251,7 +232,7 @@ TEST_F(LitPictures, FogBeforeLampsAndColoursOfVertices) {
 
 // Worlds without fog show the same bits beside others with fog.
 TEST_F(LitPictures, OfWorldsWithAndWithoutFog) {
-  const Batch::Worlds worlds{exhibition(), foggy(exhibition(), 6.0F), lamps(), foggy(testing::closet(), 2.0F), exhibition()};
+  const Batch::Worlds worlds{exhibition(), foggy(exhibition(), 6.0F), lamps(), foggy(closet(), 2.0F), exhibition()};
   const View view{{0, 0, 1}, {3, 0, 1}};
   const auto batch = pictures(worlds, camera_of(true), std::vector<View>(5, view));
   for (std::size_t drone = 0; drone < 5; ++drone) EXPECT_GT(expect_picture(*batch, drone, 0, 5).clear, 1000U);
@@ -271,7 +252,7 @@ TEST(Light, EverySimdTargetShowsTheSameBits) {
   for (const auto& world : {lamps(), std::make_shared<const World>(sky), foggy(exhibition(), 9.0F), foggy(lamps(), 3.0F)}) {
     std::vector<std::uint8_t> first;
     for (const std::int64_t target : hwy::SupportedAndGeneratedTargets()) {
-      const testing::OnTarget on(target);
+      const OnTarget on(target);
       const auto batch = testing::look(world, camera_of(true), {0, 0, 2});
       const auto& rgb = batch->images(0).rgb;
       if (first.empty()) first.assign(rgb.begin(), rgb.end());
@@ -315,21 +296,150 @@ TEST(Light, BadValuesAreRefused) {
   const auto refusal = [&](const auto& spoil) {
     SceneDescription scene = good;
     spoil(scene);
-    return testing::message_of([&] { World world(std::move(scene)); });
+    return testing::refusal([&] { World world(std::move(scene)); });
   };
-  EXPECT_EQ(refusal([](auto&) {}), "nothing was thrown");
-  EXPECT_EQ(refusal([](auto& s) { s.mesh.colors.pop_back(); }), "mesh.colors: expected one per vertex (3), got 2");
-  EXPECT_EQ(refusal([](auto& s) { s.mesh.colors[1][2] = std::nanf(""); }), "mesh.colors[1]: expected numbers in [0, 1], got nan");
-  EXPECT_EQ(refusal([](auto& s) { s.mesh.colors[2][0] = 1.5F; }), "mesh.colors[2]: expected numbers in [0, 1], got 1.500000");
-  EXPECT_EQ(refusal([](auto& s) { s.materials[0].emissive[1] = -1.0F; }),
-            "materials[0].emissive: expected numbers in [0, 100], got -1.000000");
-  EXPECT_EQ(refusal([](auto& s) { s.light.sun_radius_deg = 0.05F; }),
-            "light.sun_radius_deg: expected 0 or a number in [0.1, 45], got 0.05");
-  EXPECT_EQ(refusal([](auto& s) { s.light.fog_visibility_m = 0.05F; }),
-            "light.fog_visibility_m: expected 0 or a number in [0.1, 1000000], got 0.05");
-  EXPECT_EQ(refusal([](auto& s) { s.light.fog_visibility_m = -1.0F; }),
-            "light.fog_visibility_m: expected 0 or a number in [0.1, 1000000], got -1");
-  EXPECT_EQ(refusal([](auto& s) { s.light.sun_glow = std::nanf(""); }), "light.sun_glow: expected a number in [0, 1], got nan");
+  EXPECT_EQ(refusal([](auto&) {}), "accepted");
+  EXPECT_TRUE(names(refusal([](auto& s) { s.mesh.colors.pop_back(); }), "mesh.colors: ... (3) ... 2"));
+  EXPECT_TRUE(names(refusal([](auto& s) { s.mesh.colors[1][2] = std::nanf(""); }), "mesh.colors[1]: ... [0, 1] ... nan"));
+  EXPECT_TRUE(names(refusal([](auto& s) { s.mesh.colors[2][0] = 1.5F; }), "mesh.colors[2]: ... [0, 1] ... 1.500000"));
+  EXPECT_TRUE(
+      names(refusal([](auto& s) { s.materials[0].emissive[1] = -1.0F; }), "materials[0].emissive: ... [0, 100] ... -1.000000"));
+  EXPECT_TRUE(
+      names(refusal([](auto& s) { s.light.sun_radius_deg = 0.05F; }), "light.sun_radius_deg: ... 0 ... [0.1, 45] ... 0.05"));
+  EXPECT_TRUE(names(refusal([](auto& s) { s.light.fog_visibility_m = 0.05F; }),
+                    "light.fog_visibility_m: ... 0 ... [0.1, 1000000] ... 0.05"));
+  EXPECT_TRUE(names(refusal([](auto& s) { s.light.fog_visibility_m = -1.0F; }),
+                    "light.fog_visibility_m: ... 0 ... [0.1, 1000000] ... -1"));
+  EXPECT_TRUE(names(refusal([](auto& s) { s.light.sun_glow = std::nanf(""); }), "light.sun_glow: ... [0, 1] ... nan"));
+}
+
+// -- Worlds with the same geometry in different light.
+
+using Shared = std::shared_ptr<const World>;
+
+// Primitives of several kinds, triangles with a partly transparent texture, and triangles without a texture.
+SceneDescription scene() {
+  SceneDescription scene;
+  scene.materials = {{"grey", {0.5F, 0.5F, 0.5F}}, {"red", {0.9F, 0.1F, 0.1F}}, {"pattern", {1, 1, 1}}};
+  scene.textures = {{"checks", 2, 2, {250, 200, 90, 255, 40, 60, 80, 0, 90, 90, 200, 255, 255, 255, 255, 255}}};
+  scene.materials[2].texture = 0;
+  scene.materials[2].alpha_cutoff = 0.5F;
+  scene.primitives = {primitive(box, {3, 1, 0.5F}, {0.5F, 0.5F, 0.5F}), primitive(cylinder, {4, -1, 0.5F}, {0.4F, 0.4F, 0.5F}),
+                      primitive(sphere, {5, 0.3F, 1}, {0.4F, 0.4F, 0.4F}), primitive(plane, {5, 0, 0}, {6, 6, 0})};
+  scene.primitives[1].material = 1;
+  scene.mesh.vertices = {{6, -2, 0}, {6, 2, 0}, {6, 2, 3}, {6, -2, 3}, {2, -1, 0.1F}, {3, -1, 0.1F}, {3, 0, 1}};
+  scene.mesh.triangles = {{0, 1, 2}, {0, 2, 3}, {4, 5, 6}};
+  scene.mesh.materials = {2, 2, 1};
+  scene.mesh.objects = {0, 0, 1};
+  scene.mesh.uv = {{0, 0}, {3, 0}, {3, 2}, {0, 2}, {0, 0}, {0, 0}, {0, 0}};
+  scene.markers.goal = Vec3(4, 0.5F, 1.5F);
+  return scene;
+}
+
+Lighting evening() {
+  Lighting lighting;
+  lighting.light.sun_direction = {-0.9F, 0.4F, 0.3F};
+  lighting.light.sun_color = {0.7F, 0.4F, 0.2F};
+  lighting.light.sky_ambient = {0.2F, 0.25F, 0.4F};
+  lighting.light.horizon_color = {0.9F, 0.5F, 0.3F};
+  lighting.light.sun_radius_deg = 2.0F;
+  lighting.tint = {{1, 0.8F, 0.6F}, {2, 1, 1}, {0.7F, 0.9F, 1}};
+  return lighting;
+}
+
+CameraConfig camera() { return {.width_px = 64, .height_px = 48, .outputs = kAllOutputs, .shadows = true}; }
+
+void expect_same_pictures(const Batch& a, const Batch& b) {
+  const CameraImages &x = a.images(0), &y = b.images(0);
+  EXPECT_EQ(x.rgb, y.rgb);
+  EXPECT_EQ(x.depth, y.depth);
+  EXPECT_EQ(x.semantic, y.semantic);
+  EXPECT_EQ(x.normal, y.normal);
+}
+
+TEST(Lighting, EqualThoseOfAWorldMadeWithThem) {
+  SceneDescription made = scene();
+  made.light = evening().light;
+  made.materials[0].base_color = {0.5F, 0.5F * 0.8F, 0.5F * 0.6F};
+  made.materials[1].base_color = {1, 0.1F, 0.1F};  // red is clamped to 1
+  made.materials[2].base_color = {0.7F, 0.9F, 1};
+  const World expected(made);
+  const World world(std::make_shared<const World>(scene()), evening());  // keeps the original world alive
+  EXPECT_EQ(world.to_json(), expected.to_json());
+  EXPECT_EQ(world.content_hash(), expected.content_hash());
+  EXPECT_EQ(world.mesh().vertices.size(), expected.mesh().vertices.size());
+  const auto pictures = [](const World& of) { return testing::look(Shared(Shared(), &of), camera(), Vec3(0, 0, 1)); };
+  expect_same_pictures(*pictures(world), *pictures(expected));
+  const auto before = testing::look(std::make_shared<const World>(scene()), camera(), Vec3(0, 0, 1));
+  EXPECT_NE(pictures(world)->images(0).rgb, before->images(0).rgb);
+  EXPECT_EQ(pictures(world)->images(0).depth, before->images(0).depth);
+}
+
+TEST(Lighting, ShareSceneObstaclesAndTextures) {
+  const Shared world = std::make_shared<const World>(scene());
+  const World evening_world(world, evening()), again(std::make_shared<const World>(world, evening()), Lighting());
+  for (const World* other : {&evening_world, &again}) {
+    EXPECT_EQ(&prepared(*other).scene(), &prepared(*world).scene());
+    EXPECT_EQ(&prepared(*other).obstacles(), &prepared(*world).obstacles());
+    EXPECT_EQ(other->triangles().vertices.data(), world->triangles().vertices.data());
+    EXPECT_EQ(other->textures().data(), world->textures().data());
+    EXPECT_EQ(other->original(), world.get());
+  }
+  EXPECT_NE(&prepared(evening_world).shading(), &prepared(*world).shading());
+  // A world with other markers has another shape, but keeps the lighting.
+  const Shared marked = evening_world.with_markers({});
+  EXPECT_EQ(marked->original(), nullptr);
+  EXPECT_EQ(marked->light().sun_color, evening().light.sun_color);
+  EXPECT_EQ(marked->triangles().vertices, world->triangles().vertices);
+}
+
+TEST(Lighting, AreRefusedWithTheNameOfTheField) {
+  const Shared world = std::make_shared<const World>(scene());
+  Lighting lighting;
+  lighting.tint = {{1, 1, 1}};
+  EXPECT_REFUSED((void)World(world, lighting), "tint: ... 3");
+  lighting.tint = {{1, 1, 1}, {1, kNan, 1}, {1, 1, 1}};
+  EXPECT_REFUSED((void)World(world, lighting), "tint[1]");
+  lighting.tint = {};
+  lighting.light.sun_direction = {0, 0, 0};
+  EXPECT_REFUSED((void)World(world, lighting), "light.sun_direction");
+}
+
+// Each episode draws its lighting from its env's stream. The drones' behaviour is the same in every lighting.
+TEST(Lighting, AreDrawnByEpisodesAndSetByEnv) {
+  const Shared world = flockstep::playground({.seed = 3, .pillars = 4});
+  const auto made = [&](std::size_t count) {
+    NavigationBatch config = navigation_batch(6);
+    config.episode.random_world = true;
+    config.episode.max_episode_steps = 5;
+    config.cameras = {{.width_px = 16, .height_px = 12, .outputs = {.rgb = true, .depth = true}}};
+    Batch::Worlds worlds{world};
+    for (std::size_t i = 1; i < count; ++i) {
+      Lighting lighting;
+      lighting.light.ground_ambient = lighting.light.sky_ambient = {0.1F * static_cast<float>(i), 0.3F, 0.2F};
+      worlds.push_back(std::make_shared<const World>(world, lighting));
+    }
+    return config.make(worlds);
+  };
+  Batch many = made(5), again = made(5), one = made(1);
+  for (Batch* batch : {&many, &again, &one}) batch->reset(std::vector<std::uint64_t>{1, 2, 3, 4, 5, 6});
+  std::vector<std::int32_t> seen;
+  for (int step = 0; step < 30; ++step) {
+    const std::vector<std::int64_t> actions(6, step % 4);
+    for (Batch* batch : {&many, &again, &one}) batch->step(actions);
+    ASSERT_EQ(many.outputs().reward, one.outputs().reward);
+    ASSERT_EQ(many.images(0).depth, one.images(0).depth);
+    ASSERT_EQ(many.images(0).rgb, again.images(0).rgb);
+    seen.insert(seen.end(), many.state().world_index.begin(), many.state().world_index.end());
+  }
+  std::sort(seen.begin(), seen.end());
+  seen.erase(std::unique(seen.begin(), seen.end()), seen.end());
+  EXPECT_EQ(seen.size(), 5U);
+  EXPECT_NE(many.images(0).rgb, one.images(0).rgb);
+  many.set_world(std::vector<std::int32_t>(6, 0));
+  many.sense();
+  one.sense();
+  EXPECT_EQ(many.images(0).rgb, one.images(0).rgb);
 }
 
 }  // namespace

@@ -5,7 +5,6 @@ import re
 import shutil
 import subprocess
 import sys
-from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import numpy as np
@@ -101,20 +100,6 @@ def test_the_python_package_says_that_it_has_no_library(tmp_path: Path) -> None:
     done = subprocess.run(command, capture_output=True, text=True, check=False)
     assert done.returncode != 0
     assert "the Python package has headers only" in " ".join(done.stderr.split())
-
-
-def test_every_public_header_compiles_alone(tmp_path: Path) -> None:
-    eigen = run("pkg-config", "--cflags", "eigen3").split()
-
-    def compile_alone(header: Path) -> Path:
-        name = header.relative_to(ROOT / "engine" / "include").as_posix()
-        source = tmp_path / f"{name.replace('/', '-')}.cpp"
-        source.write_text(f'#include "{name}"\n#include "{name}"\n')
-        run("g++", "-std=c++20", "-fsyntax-only", *WARNINGS, f"-I{flockstep.include_dir()}", *eigen, source)
-        return header
-
-    with ThreadPoolExecutor(os.cpu_count()) as pool:
-        assert list(pool.map(compile_alone, HEADERS)) == HEADERS
 
 
 def defined(library: Path) -> set[str]:
