@@ -1847,14 +1847,7 @@ class Batch:
         self,
         mask: npt.ArrayLike | None = None,
         lidar: str | None = None,
-        *,
-        max_range_m: float | None = None,
-        hfov_deg: float | None = None,
-        vfov_deg: float | None = None,
-        offset_m: Sequence[float] | None = None,
-        quat_wxyz: Sequence[float] | None = None,
-        beams: int | None = None,
-        channels: int | None = None,
+        **fields: Changes[LidarConfig],
     ) -> None:
         """Change a LiDAR of some drones from the next `sense` on; None leaves a value unchanged.
 
@@ -1882,13 +1875,7 @@ class Batch:
         self,
         mask: npt.ArrayLike | None = None,
         camera: str | None = None,
-        *,
-        hfov_deg: float | None = None,
-        vfov_deg: float | None = None,
-        offset_m: Sequence[float] | None = None,
-        quat_wxyz: Sequence[float] | None = None,
-        width_px: int | None = None,
-        height_px: int | None = None,
+        **fields: Changes[CameraConfig],
     ) -> None:
         """Change one camera of some drones; None leaves a value unchanged.
 

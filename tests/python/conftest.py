@@ -104,3 +104,16 @@ def connect(request: pytest.FixtureRequest) -> Iterator[Callable[..., Any]]:
     yield connected
     loop.run_until_complete(loop.shutdown_asyncgens())
     loop.close()
+
+
+@pytest.fixture
+def server(batch: flockstep.Batch) -> Iterator[flockstep.Server]:
+    """A server of the batch of a module."""
+    with flockstep.serve(batch, port=0) as server:
+        yield server
+
+
+@pytest.fixture
+def client(server: flockstep.Server) -> Iterator[flockstep.client.Client]:
+    with flockstep.connect(server.address) as client:
+        yield client

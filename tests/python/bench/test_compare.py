@@ -7,6 +7,7 @@ import sys
 from pathlib import Path
 
 import pytest
+from messages import message, refused
 
 import compare
 import compare_rows
@@ -62,28 +63,27 @@ def test_a_name_selects_a_family_a_row_or_a_group_of_rows():
 
 
 @pytest.mark.parametrize(
-    ("arguments", "match"),
+    ("arguments", "said"),
     [
-        (["--against", ".", "stepp"], "NAME: expected step, lidar, .* got 'stepp'"),
-        (["--against", ".", "step/n2"], "NAME: expected .* got 'step/n2'"),
-        (["step"], "--against: expected the folder of the other checkout, got none"),
-        (["--against", ".", "--repeats", "0"], "--repeats: expected at least 1, got 0"),
+        (["--against", ".", "stepp"], ("NAME", "stepp")),
+        (["--against", ".", "step/n2"], ("NAME", "step/n2")),
+        (["step"], ("--against", "none")),
+        (["--against", ".", "--repeats", "0"], ("--repeats", 0)),
     ],
 )
-def test_bad_arguments_are_refused(arguments, match, capsys):
+def test_bad_arguments_are_refused(arguments, said, capsys):
     with pytest.raises(SystemExit) as exit_:
         compare.main(arguments)
     assert exit_.value.code == 2
-    assert re.search(match, " ".join(capsys.readouterr().err.split()))
+    error = " ".join(capsys.readouterr().err.split()).partition("error: ")[2]
+    assert re.match(message(*said), error)
 
 
 def test_a_folder_without_an_installed_package_is_refused(tmp_path):
-    (tmp_path / "pyproject.toml").write_text('name = "flockstep"\n')
-    with pytest.raises(SystemExit, match=r"expected \.venv with flockstep installed"):
-        compare.main(["--against", str(tmp_path)])
-    (tmp_path / "pyproject.toml").write_text("")
-    with pytest.raises(SystemExit, match=r"expected a pyproject\.toml"):
-        compare.main(["--against", str(tmp_path)])
+    for text, missing in (('name = "flockstep"\n', ".venv"), ("", "pyproject.toml")):
+        (tmp_path / "pyproject.toml").write_text(text)
+        with refused(SystemExit, missing):
+            compare.main(["--against", str(tmp_path)])
 
 
 @pytest.mark.parametrize(
@@ -101,15 +101,12 @@ def test_a_low_mean_or_a_row_that_is_slower_in_every_repeat_fails(run, rows, sta
     assert run(rows) == status
 
 
-def test_the_table_names_the_slower_rows(run, capsys):
+def test_the_table_names_the_slower_rows_and_those_that_cannot_run(run, capsys):
     assert run({"step/a": [1.2, 1.2, 1.2], "step/b": [0.92, 0.929, 0.8]}) == 1
     lines = capsys.readouterr().out.splitlines()
     (slow,) = (line for line in lines if "in every repeat" in line)
-    assert slow.split() == ["step/b", "0.920", "0.929", "0.800", "0.920", "below", "0.93", "in", "every", "repeat"]
+    assert slow.split()[:6] == ["step/b", "0.920", "0.929", "0.800", "0.920", "below"]
     assert "geometric mean of 2 rows: 1.051" in lines[-1]
-
-
-def test_a_row_that_cannot_run_is_reported(run, capsys):
     assert run({"step/a": [1.0, 1.0, 1.0]}, cannot_run=["step/b"]) == 2
     assert "step/b: cannot be run: no such call" in capsys.readouterr().out
 
@@ -119,11 +116,8 @@ def test_a_build_may_take_a_twentieth_more(run, capsys, ours_s, status):
     assert run({}, "build", build_s=(ours_s, 100)) == status
     assert f"{100 / ours_s:6.3f}" in capsys.readouterr().out
     assert run({"step/a": [1.0] * 3}, build_s=None) == 0  # only if named
-
-
-def test_the_build_is_not_part_of_the_mean(run, capsys):
-    assert run({"step/a": [1.0, 1.0, 1.0]}, "build", "step", build_s=(50, 100)) == 0
-    assert "geometric mean of 1 rows: 1.000" in capsys.readouterr().out
+    assert run({"step/a": [1.0] * 3}, "build", "step", build_s=(50, 100)) == 0
+    assert "geometric mean of 1 rows: 1.000" in capsys.readouterr().out  # without it
 
 
 def test_a_worker_times_rows_and_says_what_it_cannot_run():
@@ -157,7 +151,7 @@ class Answering(compare.Checkout):
 def test_a_row_that_one_checkout_refuses_leaves_no_answer_of_the_other():
     seconds = [{"seconds": 0.02}] * 3
     this, other = Answering("here", [{"error": "no such call"}, *seconds]), Answering("there", [*seconds, *seconds])
-    with pytest.raises(compare.CannotRunError, match="here: no such call"):
+    with refused(compare.CannotRunError, "here", "no such call"):
         compare.row_ratio(this, other, "step/n1")
     assert len(this.answers) == 3 and len(other.answers) == 5
 
@@ -169,7 +163,7 @@ def test_each_row_of_a_process_that_has_ended_is_reported(tmp_path):
     with this:
         this.process.wait()
         for row in ("step/n1", "step/n16"):
-            with pytest.raises(compare.CannotRunError, match="its process has ended"):
+            with refused(compare.CannotRunError, "ended"):
                 compare.row_ratio(this, this, row)
 
 
@@ -204,5 +198,5 @@ def test_builds_are_timed_with_all_their_processes(tmp_path):
 
 def test_a_build_that_fails_is_reported_with_the_end_of_its_log(tmp_path):
     this, other = building(tmp_path / "this", 0, 0), building(tmp_path / "other", 0, 3)
-    with pytest.raises(compare.CannotRunError, match=r"other: pip wheel failed with status 3:\n1 at a time"):
+    with refused(compare.CannotRunError, "other", "status 3", "1 at a time"):
         compare.build_seconds(this, other)

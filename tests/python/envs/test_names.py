@@ -5,7 +5,8 @@ from pathlib import Path
 import gymnasium
 import numpy as np
 import pytest
-from gymnasium import spaces
+from messages import refused
+from simple_tasks import Still
 
 import flockstep
 
@@ -20,16 +21,6 @@ WORLDS = [
     ([ONE, flockstep.World.load("playground/train-2")], TRAIN[:2]),
     (("train", ONE), [*TRAIN, ONE]),
 ]
-
-
-class Still(flockstep.Task):
-    observation_space = spaces.Box(-np.inf, np.inf, (3,), np.float32)
-
-    def step(self, batch):
-        return np.zeros(batch.num_drones), batch.contact.hit
-
-    def observe(self, batch):
-        return batch.position
 
 
 @pytest.mark.parametrize(("worlds", "names"), WORLDS)
@@ -74,9 +65,9 @@ def test_calls_for_one_world():
     taken = flockstep.render(world, world.start, camera=camera)["rgb"]
     np.testing.assert_array_equal(flockstep.render(ONE, world.start, camera=camera)["rgb"], taken)
     for call in (lambda: flockstep.plan("train", [0, 0, 0], [[1, 1, 1]]), lambda: flockstep.render("train", [0, 0, 0])):
-        with pytest.raises(ValueError, match=r"^world: expected one world, got 5 \('train'\)"):
+        with refused(ValueError, "world", "5 ('train')"):
             call()
-    with pytest.raises(TypeError, match=r"^drone: expected a flockstep.DroneModel, the name or path of one, or None"):
+    with refused(TypeError, "drone"):
         flockstep.plan(world, world.start, [world.goal], drone=3)
 
 
@@ -110,5 +101,5 @@ def test_a_field_changes_the_flight_and_not_the_configuration_given():
     assert task == flockstep.HoverConfig()
     single = gymnasium.make("flockstep/Hover-v0", start_tilt_deg=0)
     assert single.reset(seed=0)[0][8] == pytest.approx(1)
-    with pytest.raises(ValueError, match=r"^task\.start_tilt_deg: expected a number in \[0, 180\], got 200"):
+    with refused(ValueError, "task.start_tilt_deg", 200):
         flockstep.DroneVectorEnv(task=task, start_tilt_deg=200)

@@ -10,6 +10,8 @@ import gymnasium
 import numpy as np
 import pytest
 from gymnasium.vector import AutoresetMode
+from messages import refused
+from simple_tasks import Still
 
 import flockstep
 from flockstep import _core, scenes
@@ -27,15 +29,11 @@ ENVS: dict[str, dict[str, Any]] = {
 }
 
 
-class Rise(flockstep.Task):
+class Rise(Still):
     """Fly upwards."""
 
-    observation_space = gymnasium.spaces.Box(-np.inf, np.inf, (1,), np.float32)
     worlds = "validation"
     max_episode_steps = 9
-
-    def observe(self, batch: flockstep.Batch) -> Any:
-        return batch.position[:, 2:]
 
     def step(self, batch: flockstep.Batch) -> Any:
         return batch.position[:, 2], batch.contact.hit
@@ -91,11 +89,9 @@ def test_a_task_of_your_own_stands_in_it_as_its_registered_id() -> None:
     again = flockstep.DroneVectorEnv.from_recipe(text)
     assert isinstance(again.task, Rise)
     assert digest(again.batch) == digest(envs.batch)
-    with pytest.raises(
-        ValueError, match=r"task\.name: expected .*\"recipes/Rise-v0\": only the program that registered"
-    ):
+    with refused(ValueError, "task.name", "recipes/Rise-v0"):
         flockstep.Batch.from_recipe(flockstep.Recipe.from_json(text))
-    with pytest.raises(ValueError, match=r"task\.name: expected an id registered by flockstep.register_task"):
+    with refused(ValueError, "task.name"):
         flockstep.DroneVectorEnv.from_recipe('{"task": {"name": "recipes/Other-v0"}, "worlds": ["train"]}')
 
 
@@ -110,10 +106,9 @@ def test_files_are_opened_only_if_the_caller_allows_it(field: str, tmp_path: Pat
     value = [str(path)] if field == "worlds" else str(path)
     text = json.dumps({"task": {"name": "hover"}, field: value})
     recipe = flockstep.Recipe.from_json(text)
-    with pytest.raises(ValueError, match=f"{field}: this recipe may only use bundled"):
-        flockstep.Batch.from_recipe(recipe)
-    with pytest.raises(ValueError, match=f"{field}: this recipe may only use bundled"):
-        flockstep.DroneVectorEnv.from_recipe(text)
+    for build in (flockstep.Batch.from_recipe, flockstep.DroneVectorEnv.from_recipe):
+        with refused(ValueError, field, "allow_files=True"):
+            build(recipe)
     assert flockstep.DroneVectorEnv.from_recipe(text, allow_files=True).num_envs == 1
     assert flockstep.Batch.from_recipe(recipe, allow_files=True).num_drones == 1
 
@@ -122,29 +117,29 @@ def test_a_recipe_from_outside_builds_a_limited_number_of_worlds() -> None:
     text = '{"task": null, "worlds": ["playground/seed-1", "city/seed-0..99999"], "num_envs": 100000}'
     recipe = flockstep.Recipe.from_json(text)
     for build in (flockstep.Batch.from_recipe, flockstep.DroneVectorEnv.from_recipe):
-        with pytest.raises(ValueError, match=r"worlds: expected at most 10000 worlds \(max_worlds\), each forest"):
+        with refused(ValueError, "worlds"):
             build(recipe)
     recipe.worlds, recipe.num_envs = ["playground/seed-0..2"], 3
-    with pytest.raises(ValueError, match=r"worlds: expected at most 2 worlds \(max_worlds\)"):
+    with refused(ValueError, "worlds"):
         flockstep.Batch.from_recipe(recipe, max_worlds=2, allow_files=True)
     assert len(flockstep.Batch.from_recipe(recipe, max_worlds=3).worlds) == 3
     assert len(flockstep.DroneVectorEnv(1, worlds="playground/seed-0..1").batch.worlds) == 2
 
 
 @pytest.mark.parametrize(
-    ("text", "message"),
+    ("text", "said"),
     [
-        ('{"taks": null}', "Did you mean task?"),
-        ('{"clock": {"policy_hx": 5}}', r"clock\..*Did you mean policy_hz?"),
-        ('{"num_envs": 1.5}', "num_envs"),
-        ('{"flockstep_recipe": 2, "fog": 1}', r"/flockstep_recipe: expected version 1, got 2 \(.*newer flockstep"),
-        ('{"flockstep_recipe": "1"}', 'expected version 1, got "1"'),
-        ('{"task": {"name": "hover"}', "recipe"),
-        ("", "recipe"),
+        ('{"taks": null}', ("recipe", "taks", "Did you mean task?")),
+        ('{"clock": {"policy_hx": 5}}', ("clock.policy_hx", "policy_hz")),
+        ('{"num_envs": 1.5}', ("num_envs", 1.5)),
+        ('{"flockstep_recipe": 2, "fog": 1}', ("recipe: /flockstep_recipe", 1, 2, "newer flockstep")),
+        ('{"flockstep_recipe": "1"}', ("recipe: /flockstep_recipe", '"1"')),
+        ('{"task": {"name": "hover"}', ("recipe",)),
+        ("", ("recipe",)),
     ],
 )
-def test_mistakes_are_refused_by_their_place(text: str, message: str) -> None:
-    with pytest.raises(ValueError, match=message.replace("?", r"\?")):
+def test_mistakes_are_refused_by_their_place(text: str, said: tuple[Any, ...]) -> None:
+    with refused(ValueError, *said):
         flockstep.Recipe.from_json(text)
 
 
@@ -152,14 +147,14 @@ def test_worlds_given_as_objects_are_not_in_the_recipe() -> None:
     world = scenes.load_one("playground/train-1")
     envs = flockstep.DroneVectorEnv(2, worlds=world)
     assert envs.recipe.worlds == []
-    with pytest.raises(ValueError, match="worlds: expected at least one"):
+    with refused(ValueError, "worlds"):
         flockstep.Batch.from_recipe(envs.recipe)
 
 
 def test_every_name_of_a_scene_is_known_to_the_engine() -> None:
     bundled = [name for members in scenes.SETS.values() for name in members if "/seed-" not in name]
     assert set(bundled) <= set(scenes.names())
-    with pytest.raises(ValueError, match="worlds: unknown scene"):
+    with refused(ValueError, "worlds", "unknown scene"):
         _core.load_scene("no/such", scenes.directory())
     for name in bundled:
         _core.load_scene(name, scenes.directory())

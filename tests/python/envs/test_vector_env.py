@@ -12,6 +12,7 @@ from gymnasium.utils.env_checker import check_env
 from gymnasium.vector import AutoresetMode
 from gymnasium.wrappers import vector as wrappers
 from messages import refused
+from simple_tasks import Still
 
 import flockstep
 from flockstep.testing import check_vector_env
@@ -75,10 +76,8 @@ class TestSingle:
         env.close()
 
     def test_is_the_batch_of_one(self, closet):
-        env, envs = (
-            gymnasium.make(ID, worlds=closet),
-            make(closet, 1, autoreset_mode="disabled", max_episode_steps=3000),
-        )
+        env = gymnasium.make(ID, worlds=closet)
+        envs = make(closet, 1, autoreset_mode="disabled", max_episode_steps=3000)
         rng = np.random.default_rng(0)
         np.testing.assert_array_equal(env.reset(seed=5)[0], envs.reset(seed=5)[0][0])
         for _ in range(200):
@@ -88,18 +87,11 @@ class TestSingle:
             np.testing.assert_array_equal(observation, batched[0][0])
             assert (reward, terminated, truncated) == (batched[1][0], batched[2][0], batched[3][0])
             if terminated or truncated:
-                batch_info = {
-                    key: value[0] for key, value in batched[4].items() if key in info and key != "episode_terms"
-                }
+                of_info = {key: value[0] for key, value in batched[4].items() if key in info and key != "episode_terms"}
                 terms = {key: value[0] for key, value in batched[4]["episode_terms"].items() if not key.startswith("_")}
-                assert info == {**batch_info, "episode_terms": terms}
+                assert info == {**of_info, "episode_terms": terms}
                 assert set(info) == INFOS
                 np.testing.assert_array_equal(env.reset()[0], envs.reset()[0][0])
-
-    def test_closes_twice(self, room):
-        env = gymnasium.make(ID, worlds=room)
-        env.close()
-        env.close()
 
 
 class TestWrappers:
@@ -145,8 +137,11 @@ class TestWrappers:
         with warnings.catch_warnings():
             warnings.simplefilter("error")
             envs.reset(seed=0)
-            for step in fly(envs, 30):
-                assert len(step) == 5
+            steps = list(fly(envs, 60))
+        assert all(len(step) == 5 for step in steps)
+        if wrap is wrappers.DictInfoToList:
+            infos = [info for step in steps for info in step[4] if info]
+            assert infos and all(set(info) == INFOS for info in infos)
         envs.close()
 
     def test_clip_and_rescale_action(self, closet):
@@ -158,51 +153,8 @@ class TestWrappers:
         envs.step(np.full((4, 3), 1.0, np.float32))
         np.testing.assert_allclose(envs.unwrapped.batch.position - before, 0.05, atol=1e-6)
 
-    def test_dict_info_to_list(self, closet):
-        envs = wrappers.DictInfoToList(make(closet))
-        envs.reset(seed=0)
-        infos = [info for step in fly(envs, 60) for info in step[4] if info]
-        assert infos
-        assert all(set(i) == INFOS for i in infos)
-
-    def test_record_video(self, closet, tmp_path, monkeypatch):
-        written = []
-        try:
-            import moviepy  # noqa: F401
-        except ImportError:  # the frames that RecordVideo collects are tested anyway
-            import sys
-            from types import ModuleType
-
-            class Clip:
-                def __init__(self, frames, fps):
-                    written.append((len(frames), frames[0].shape, fps))
-
-                def write_videofile(self, path, logger):
-                    with open(path, "w"):
-                        pass
-
-            for name in ("moviepy", "moviepy.video", "moviepy.video.io", "moviepy.video.io.ImageSequenceClip"):
-                monkeypatch.setitem(sys.modules, name, ModuleType(name))
-            sys.modules["moviepy.video.io.ImageSequenceClip"].ImageSequenceClip = Clip
-        envs = make(closet, render_mode="rgb_array")
-        envs = wrappers.RecordVideo(envs, str(tmp_path / "video"), step_trigger=lambda s: s == 0, video_length=5)
-        envs.reset(seed=0)
-        list(fly(envs, 10))
-        envs.close()
-        assert [p.suffix for p in (tmp_path / "video").iterdir()] == [".mp4"]
-        assert written in ([], [(6, (512, 512, 3), 10)], [(5, (512, 512, 3), 10)])
-
 
 class TestReset:
-    def test_env_i_of_a_batch_seeded_s_is_the_env_seeded_s_plus_i(self, room):
-        noise = flockstep.PoseSensorConfig(position_noise_std_m=0.01)
-        envs = make(room, 4, random_start=True, pose_sensor=noise)
-        observation, _ = envs.reset(seed=40)
-        for i in range(4):
-            alone, _ = make(room, 1, random_start=True, pose_sensor=noise).reset(seed=40 + i)
-            np.testing.assert_array_equal(alone[0], observation[i])
-        np.testing.assert_array_equal(envs.reset(seed=[40, 43, 42, 41])[0], observation[[0, 3, 2, 1]])
-
     def test_without_a_seed_the_next_episode_follows(self, room):
         envs = make(room, random_start=True)
         first, _ = envs.reset(seed=1)
@@ -211,11 +163,9 @@ class TestReset:
         np.testing.assert_array_equal(envs.reset(seed=1)[0], first)
         np.testing.assert_array_equal(envs.reset()[0], second)
 
-    def test_never_seeded_envs_differ(self, room):
+    def test_never_seeded_envs_differ_and_np_random_seeds_them(self, room):
         a, b = make(room, random_start=True), make(room, random_start=True)
         assert (a.reset()[0] != b.reset()[0]).any()
-
-    def test_np_random_seeds_the_first_reset(self, room):
         a, b = make(room, random_start=True), make(room, random_start=True)
         a.np_random, b.np_random = np.random.default_rng(3), np.random.default_rng(3)
         np.testing.assert_array_equal(a.reset()[0], b.reset()[0])
@@ -236,39 +186,29 @@ class TestReset:
         np.testing.assert_array_equal(after[mask], expected[mask])
 
     @pytest.mark.parametrize(
-        ("mask", "match"),
+        ("mask", "said"),
         [
             ([True] * 4, "list"),
-            (np.ones(3, bool), r"bool \(3,\)"),
+            (np.ones(3, bool), "bool (3,)"),
             (np.ones(4, int), "int64"),
             (np.zeros(4, bool), "at least one"),
         ],
     )
-    def test_bad_masks(self, room, mask, match):
+    def test_bad_masks(self, room, mask, said):
         envs = make(room)
         envs.reset(seed=0)
-        with pytest.raises(ValueError, match=f"reset_mask.*{match}"):
+        with refused(ValueError, "options['reset_mask']", said):
             envs.reset(options={"reset_mask": mask})
-
-    @pytest.mark.parametrize("seed", [-1, 1 << 64, [1, 2], [0, 1, 2, -3]])
-    def test_bad_seeds(self, room, seed):
-        with pytest.raises(ValueError, match="seed"):
-            make(room).reset(seed=seed)
-
-    def test_the_greatest_seed(self, room):
-        make(room).reset(seed=(1 << 64) - 4)
 
     def test_a_partial_first_reset_needs_a_seed(self, room):
         mask = np.array([True, False, False, False])
         envs = make(room)
         with pytest.raises(ResetNeeded):
             envs.reset(options={"reset_mask": mask})
+        with pytest.raises(ResetNeeded):
+            envs.step([0] * 4)
         envs.reset(seed=0, options={"reset_mask": mask})
         envs.step([0, 0, 0, 0])
-
-    def test_step_before_reset(self, room):
-        with pytest.raises(ResetNeeded):
-            make(room).step([0] * 4)
 
 
 class TestCopies:
@@ -354,7 +294,7 @@ class TestEpisodes:
 
     @pytest.mark.parametrize("scale", [0, -1.0, np.nan, np.inf, "large", None])
     def test_bad_reward_scales(self, closet, scale):
-        with refused("reward_scale", "above 0", scale):
+        with refused(ValueError, "reward_scale", scale):
             make(closet, reward_scale=scale)
 
     def test_a_reward_scale_of_one_env(self, closet):
@@ -363,68 +303,14 @@ class TestEpisodes:
         rewards = [(env.reset(seed=0), env.step(0))[1][1] for env in (plain, scaled)]
         assert rewards[1] == 0.5 * rewards[0] != 0
 
-    def test_a_finished_env_holds_still_with_autoreset_disabled(self, closet):
-        envs = make(closet, 8, autoreset_mode="disabled")
-        envs.reset(seed=0)
-        rng = np.random.default_rng(0)
-        last = envs.step(rng.integers(6, size=8))
-        for _ in range(30):
-            ended = last[2] | last[3]
-            pose = envs.batch.position[ended]
-            step = envs.step(rng.integers(6, size=8))
-            np.testing.assert_array_equal(step[0][ended], last[0][ended])
-            np.testing.assert_array_equal(step[1][ended], 0)
-            np.testing.assert_array_equal(step[2][ended], last[2][ended])
-            np.testing.assert_array_equal(step[3][ended], last[3][ended])
-            np.testing.assert_array_equal(envs.batch.position[ended], pose)
-            if ended.any():
-                for key in ("episode_return", "episode_length", "success", "crashed", "bad_state"):
-                    np.testing.assert_array_equal(step[4][key][ended], last[4][key][ended])
-            last = step
-        assert (last[2] | last[3]).all()
-
     def test_time_limit(self, room):
         envs = make(room, 2, max_episode_steps=3, autoreset_mode="same_step")
         envs.reset(seed=0)
         truncated = [envs.step([0, 1])[3].tolist() for _ in range(6)]
         assert truncated == [[False] * 2, [False] * 2, [True] * 2] * 2
 
-    def test_no_time_limit(self, room):
-        envs = make(room, 1, max_episode_steps=0)
-        envs.reset(seed=0)
-        for i in range(3500):
-            assert not envs.step([4 + i % 2])[3][0]
-
-    def test_staggered_first_episodes(self, room):
-        envs = make(room, 64, max_episode_steps=20, stagger_first_episode=True, autoreset_mode="same_step")
-        envs.reset(seed=0)
-        lengths: list[list[int]] = [[] for _ in range(64)]
-        for i in range(60):
-            infos = envs.step(np.full(64, 4 + i % 2))[4]
-            for k in np.flatnonzero(infos.get("_final_obs", [])):
-                lengths[k].append(int(infos["final_info"]["episode_length"][k]))
-        assert len({row[0] for row in lengths}) > 10
-        assert {length for row in lengths for length in row[1:]} == {20}
-
 
 class TestActions:
-    def test_discrete_ones_move_along_the_axes(self, room):
-        envs = make(room, 6)
-        envs.reset(seed=0)
-        before = envs.batch.position.copy()
-        envs.step(np.arange(6))
-        moved = envs.batch.position - before
-        expected = 0.1 * np.array([[1, 0, 0], [-1, 0, 0], [0, 1, 0], [0, -1, 0], [0, 0, 1], [0, 0, -1]])
-        np.testing.assert_allclose(moved, expected, atol=1e-6)
-
-    def test_displacements_are_clipped_and_follow_the_heading(self, room):
-        envs = make(room, 1, action="displacement_yaw", yaw_step_deg=90.0)
-        envs.reset(seed=0)
-        envs.step(np.float32([[0, 0, 0, 1]]))
-        before = envs.batch.position.copy()
-        envs.step(np.float32([[5, 0, 0, 0]]))
-        np.testing.assert_allclose(envs.batch.position - before, [[0, 0.1, 0]], atol=1e-6)
-
     def test_refused_actions_change_nothing(self, closet):
         a, b = make(closet, action="displacement"), make(closet, action="displacement")
         a.reset(seed=0)
@@ -432,39 +318,35 @@ class TestActions:
         for step in range(5):
             actions = np.full((4, 3), 0.1 * step, np.float32)
             for bad in (np.full((4, 3), np.nan), np.zeros((3, 3)), np.zeros((4, 4)), None, "up"):
-                with pytest.raises(ValueError, match="actions"):
+                with refused(ValueError, "actions"):
                     b.step(bad)
             for x, y in zip(a.step(actions)[:4], b.step(actions)[:4], strict=True):
                 np.testing.assert_array_equal(x, y)
 
 
 class TestMaking:
-    def test_metadata_is_an_instances_own(self, room):
+    def test_metadata_and_counts(self, room, closet):
         assert make(room, autoreset_mode="same_step").metadata["autoreset_mode"] is AutoresetMode.SAME_STEP
-        assert make(room).metadata["autoreset_mode"] is AutoresetMode.NEXT_STEP
+        assert make(room).metadata["autoreset_mode"] is AutoresetMode.NEXT_STEP  # an instance's own
         assert make(room, autoreset_mode=AutoresetMode.DISABLED).autoreset_mode is AutoresetMode.DISABLED
-
-    def test_env_i_is_in_world_i_modulo_w(self, room, closet):
         assert make([room, closet], 5).batch.world_index.tolist() == [0, 1, 0, 1, 0]
-
-    def test_is_a_direct_subclass(self):
+        envs = flockstep.DroneVectorEnv(2, worlds=room, drones_per_env=4, random_start=True)
+        assert (envs.num_groups, envs.num_rows, envs.num_envs) == (2, 8, 8)
         assert flockstep.DroneVectorEnv.__base__ is gymnasium.vector.VectorEnv
 
     @pytest.mark.parametrize(
-        ("arguments", "error", "match"),
+        ("arguments", "said"),
         [
-            ({"autoreset_mode": "never"}, ValueError, "autoreset_mode.*never"),
-            ({"render_mode": "human"}, ValueError, "render_mode.*human"),
-            ({"action": "jump"}, ValueError, "jump"),
-            ({"num_envs": 0}, ValueError, "num_envs: expected an integer >= 1, got 0"),
-            ({"max_episode_steps": -1}, ValueError, "max_episode_steps"),
-            ({"colour": "red"}, TypeError, "colour"),
-            ({"task": object()}, TypeError, "task"),
-            ({"worlds": "playground/none"}, ValueError, "playground/none"),
+            ({"render_mode": "human"}, ("render_mode", "human")),
+            ({"action": "jump"}, ("action", "jump")),
+            ({"max_episode_steps": -1}, ("max_episode_steps", -1)),
+            ({"colour": "red"}, ("DroneVectorEnv.__init__()", "colour")),
+            ({"task": object()}, ("task",)),
+            ({"worlds": "playground/none"}, ("unknown scene", "playground/none")),
         ],
     )
-    def test_bad_arguments(self, room, arguments, error, match):
-        with pytest.raises(error, match=match):
+    def test_bad_arguments(self, room, arguments, said):
+        with refused((ValueError, TypeError), *said):
             flockstep.DroneVectorEnv(**{"worlds": room, **arguments})
 
     def test_attributes_per_env(self, room):
@@ -474,7 +356,7 @@ class TestMaking:
         assert [frame.shape for frame in envs.call("render")] == [(256, 256, 3)] * 3
         envs.set_attr("reward_scale", [2, 2, 2])
         assert envs.get_attr("reward_scale") == (2, 2, 2)
-        with pytest.raises(ValueError, match="reward_scale"):
+        with refused(ValueError, "reward_scale"):
             envs.set_attr("reward_scale", [1, 2, 3])
 
     def test_a_closed_env_says_so(self, room):
@@ -484,13 +366,13 @@ class TestMaking:
         envs.close()
         for call in (envs.reset, envs.render, envs.snapshot, lambda: envs.step([0] * 4)):
             for error in (RuntimeError, gymnasium.error.ClosedEnvironmentError):
-                with pytest.raises(error, match="closed"):
+                with refused(error, "closed"):
                     call()
 
     def test_pictures_without_a_render_mode_warn(self, room):
         for envs in (make(room), gymnasium.make(ID, worlds=room).unwrapped):
             envs.reset(seed=0)
-            with pytest.warns(UserWarning, match=r"render\(\) returns None: for pictures, make the env with"):
+            with refused(UserWarning, "render() returns None"):
                 assert envs.render() is None
 
     def test_the_navigation_task_may_be_given(self, room):
@@ -506,12 +388,8 @@ class TestMaking:
         assert made.single_action_space == same.single_action_space
         pixels = flockstep.NavigationConfig.observing("pixels")
         assert set(flockstep.DroneVectorEnv(2, worlds=room, task=pixels).observation_space) == {"image", "ranges"}
-        with refused("observation", "own observation"):
+        with refused(TypeError, "observation", "NavigationConfig"):
             flockstep.DroneVectorEnv(2, worlds=room, task=config, observation="pixels")
-
-    def test_the_counts_of_envs_and_rows(self, room):
-        envs = flockstep.DroneVectorEnv(2, worlds=room, drones_per_env=4, random_start=True)
-        assert (envs.num_groups, envs.num_rows, envs.num_envs) == (2, 8, 8)
 
 
 class TestLimits:
@@ -531,19 +409,14 @@ class TestLimits:
 
     @pytest.mark.parametrize("name", IDS)
     def test_the_spec_has_the_limit_of_the_engine(self, name):
-        limit = gymnasium.spec(f"flockstep/{name}-v0").max_episode_steps
-        for limit_or_none, keywords in (
-            (limit, {}),
-            (7, {"max_episode_steps": 7}),
-            (9999, {"max_episode_steps": 9999}),
-        ):
+        default = gymnasium.spec(f"flockstep/{name}-v0").max_episode_steps
+        for limit, keywords in ((default, {}), (7, {"max_episode_steps": 7}), (9999, {"max_episode_steps": 9999})):
             env = gymnasium.make(f"flockstep/{name}-v0", **keywords)
             envs = gymnasium.make_vec(f"flockstep/{name}-v0", 1, **keywords)
-            assert env.spec.max_episode_steps == limit_or_none
-            for batch in (env.unwrapped.batch, envs.batch):
-                assert isinstance(batch, flockstep.Batch)
-            assert env.unwrapped.envs._arguments.get("max_episode_steps") == limit_or_none
-            assert envs._arguments.get("max_episode_steps") == limit_or_none
+            assert env.spec.max_episode_steps == limit
+            for each in (env.unwrapped.envs, envs):
+                assert isinstance(each.batch, flockstep.Batch)
+                assert each._arguments.get("max_episode_steps") == limit
         assert flockstep.DroneVectorEnv(1)._arguments.get("max_episode_steps") is None
 
     @pytest.mark.parametrize("limit", [3, 310])  # the task's own limit is 300
@@ -565,32 +438,18 @@ class TestLimits:
         assert self.length(env, 2)[:2] == (2, True)
 
     def test_a_registered_task(self, room):
-        class Wait(flockstep.Task):
-            observation_space = gymnasium.spaces.Box(0, 9, (1,), np.float32)
-            max_episode_steps = 4
-
-            def step(self, batch):
-                return np.zeros(batch.num_drones), np.zeros(batch.num_drones, bool)
-
-            def observe(self, batch):
-                return batch.position[:, :1]
-
+        wait = type("Wait", (Still,), {"max_episode_steps": 4})
         for version, (keywords, limit) in enumerate([({}, 4), ({"max_episode_steps": 2}, 2)]):
             name = f"tests/Wait-v{version}"
-            flockstep.register_task(name, Wait, worlds=room, **keywords)
+            flockstep.register_task(name, wait, worlds=room, **keywords)
             assert gymnasium.spec(name).max_episode_steps == limit
             assert self.length(gymnasium.make(name), np.zeros(3))[0] == limit
             assert self.length(gymnasium.make(name, max_episode_steps=6), np.zeros(3))[0] == 6
             assert gymnasium.make_vec(name, 1)._arguments.get("max_episode_steps") == limit
-        flockstep.register_task("tests/Wait-v9", Wait, worlds=room, max_episode_steps=0)
+        flockstep.register_task("tests/Wait-v9", wait, worlds=room, max_episode_steps=0)
         assert gymnasium.spec("tests/Wait-v9").max_episode_steps is None
         assert gymnasium.make("tests/Wait-v9").unwrapped.envs.task.max_episode_steps == 0
         assert gymnasium.make_vec("tests/Wait-v9", 1).task.max_episode_steps == 0
-
-    def test_wrappers_that_need_a_limit(self):
-        env = gymnasium.wrappers.TimeAwareObservation(gymnasium.make("flockstep/Hover-v0"))
-        env.reset(seed=0)
-        assert env.step(np.zeros(4, np.float32))[0].shape == (17,)
 
     def test_sync_vectorization(self, room):
         alike = {"worlds": room, "max_episode_steps": 5}
@@ -621,7 +480,7 @@ def test_numpy_to_torch(closet):
     ],
 )
 def test_a_window_is_a_wrapper(make_it, wrapper):
-    with pytest.raises(ValueError, match=rf"render_mode='rgb_array' in {wrapper}"):
+    with refused(ValueError, "render_mode", f"render_mode='rgb_array' in {wrapper}"):
         make_it()
     found = gymnasium.wrappers
     for part in wrapper.split(".")[2:]:
@@ -630,5 +489,5 @@ def test_a_window_is_a_wrapper(make_it, wrapper):
 
 
 def test_an_id_belongs_to_gymnasium():
-    with pytest.raises(ValueError, match=r"call gymnasium.make_vec\('flockstep/Hover-v0', num_envs=...\)"):
+    with refused(ValueError, "num_envs", "gymnasium.make_vec('flockstep/Hover-v0', num_envs=...)"):
         flockstep.DroneVectorEnv("flockstep/Hover-v0")

@@ -6,6 +6,7 @@ import gymnasium
 import numpy as np
 import pytest
 from gymnasium.vector import AutoresetMode
+from messages import refused
 
 import flockstep
 from flockstep.client import RemoteVectorEnv, ServerError
@@ -34,6 +35,14 @@ class Served(RemoteVectorEnv):
         self.stack.close()
 
 
+@contextlib.contextmanager
+def both(num_envs, **keywords):
+    """The same env in this process and of a server."""
+    local = flockstep.DroneVectorEnv(num_envs, **keywords)
+    with contextlib.closing(local), contextlib.closing(Served(num_envs, **keywords)) as remote:
+        yield local, remote
+
+
 def assert_equal(a, b):
     assert difference_between(a, b) is None
 
@@ -42,8 +51,7 @@ def assert_equal(a, b):
 @pytest.mark.parametrize("autoreset_mode", ["next_step", "same_step", "disabled"])
 def test_the_same_as_in_process(kind, autoreset_mode, closet):
     keywords = {**KINDS[kind], "worlds": closet, "max_episode_steps": 15, "autoreset_mode": autoreset_mode}
-    local = flockstep.DroneVectorEnv(5, **keywords, reward_scale=0.5)
-    with contextlib.closing(Served(5, **keywords, reward_scale=0.5)) as remote:
+    with both(5, **keywords, reward_scale=0.5) as (local, remote):
         for name in ("num_envs", "num_groups", "drones_per_env", "autoreset_mode", "observation_space", "action_space"):
             assert getattr(remote, name) == getattr(local, name), name
         assert remote.single_observation_space == local.single_observation_space
@@ -66,7 +74,6 @@ def test_the_same_as_in_process(kind, autoreset_mode, closet):
         seeds = [5, 4, 3, 2, 1]
         assert_equal(local.reset(seed=seeds), remote.reset(seed=seeds))
         assert remote.np_random_seed == local.np_random_seed
-    local.close()
 
 
 class Walk(flockstep.Task):
@@ -96,10 +103,9 @@ def test_episodes_of_several_drones_are_the_same_as_in_process(kind, episodes, a
     """Ended rows are reset if autoreset is disabled, and with "each" any rows now and then."""
     keywords = {"worlds": closet, "drones_per_env": 3, "max_episode_steps": 15, **TEAMS[kind]}
     keywords |= {"episodes": episodes, "autoreset_mode": autoreset_mode}
-    local = flockstep.DroneVectorEnv(4, **keywords)
-    masks = np.random.default_rng(0).random((80, 12)) < 0.2
-    partial = rests = 0
-    with contextlib.closing(Served(4, **keywords)) as remote:
+    with both(4, **keywords) as (local, remote):
+        masks = np.random.default_rng(0).random((80, 12)) < 0.2
+        partial = rests = 0
         assert_equal(local.reset(seed=3), remote.reset(seed=3))
         local.action_space.seed(1)
         for mask in masks:
@@ -122,7 +128,6 @@ def test_episodes_of_several_drones_are_the_same_as_in_process(kind, episodes, a
         for step in expected:
             assert_equal(remote.step(actions), step)
             assert_equal(local.step(actions), step)
-    local.close()
 
 
 def test_masks_of_many_drones(closet):
@@ -138,8 +143,7 @@ def test_masks_of_many_drones(closet):
 @pytest.mark.parametrize("episodes", ["team", "each", "last"])
 def test_masks_of_drones_are_refused_as_in_process(episodes, closet):
     keywords = {"worlds": closet, "drones_per_env": 3, "episodes": episodes, "autoreset_mode": "disabled"}
-    local = flockstep.DroneVectorEnv(2, **keywords)
-    with contextlib.closing(Served(2, **keywords)) as remote:
+    with both(2, **keywords) as (local, remote):
         for env in (local, remote):
             env.reset(seed=0)
             observation, *_ = env.step(np.zeros(6, np.int64))
@@ -150,10 +154,9 @@ def test_masks_of_drones_are_refused_as_in_process(episodes, closet):
                 expected = "together" if episodes == "team" else "or some whose episodes have ended"
                 with pytest.raises(ValueError, match=f"mask'?]?: expected all .*{expected}"):
                     env.reset(options=first)
-            with pytest.raises(ValueError, match=r"expected all 3 drones of an env or none, since they begin"):
+            with refused(ValueError, "options['reset_mask']", "all 3 drones"):
                 env.reset(seed=1, options=first)
         assert remote.served.batch.steps.tolist() == ([1, 0, 1, 1, 1, 1] if episodes == "each" else [1] * 6)
-    local.close()
 
 
 @pytest.mark.parametrize("episodes", ["each", "last"])
@@ -163,11 +166,9 @@ def test_ppo_learns_the_same_from_a_server(episodes, autoreset_mode, closet):
     keywords |= {"episodes": episodes, "autoreset_mode": autoreset_mode}
     settings = {"n_steps": 40, "batch_size": 60, "n_epochs": 1, "seed": 0, "normalize_observations": True}
     trained = []
-    local = flockstep.DroneVectorEnv(4, **keywords)
-    with contextlib.closing(Served(4, **keywords)) as remote:
+    with both(4, **keywords) as (local, remote):
         for env in (local, remote):
             trained.append(flockstep.PPO("MlpPolicy", env, **settings).learn(2 * 40 * env.num_envs).learner)
-    local.close()
     np.testing.assert_array_equal(trained[0].parameters, trained[1].parameters)
     for a, b in zip(trained[0].observation_moments, trained[1].observation_moments, strict=True):
         np.testing.assert_array_equal(a, b)
@@ -196,9 +197,8 @@ def test_gymnasium_wrappers(closet):
 @pytest.mark.parametrize("kind", KINDS)
 def test_a_snapshot_continues(kind, closet):
     keywords = {**KINDS[kind], "worlds": closet, "max_episode_steps": 15}
-    local = flockstep.DroneVectorEnv(4, **keywords)
-    local.action_space.seed(2)
-    with contextlib.closing(Served(4, **keywords)) as remote:
+    with both(4, **keywords) as (local, remote):
+        local.action_space.seed(2)
         with pytest.raises(gymnasium.error.ResetNeeded):
             remote.snapshot()
         local.reset(seed=5)
@@ -213,17 +213,15 @@ def test_a_snapshot_continues(kind, closet):
         assert_equal(remote.restore(blob), local.restore(blob))
         for action, step in zip(actions[10:], expected, strict=True):
             assert_equal(remote.step(action), step)
-        with pytest.raises(ValueError, match="snapshot"):
+        with refused(ValueError, "snapshot"):
             remote.restore(b"nothing")
-    with pytest.raises(RuntimeError, match="closed"):
+    with refused(RuntimeError, "closed"):
         remote.restore(blob)
-    local.close()
 
 
 def test_statistics_of_some_of_the_ended_episodes(closet):
     keywords = {"worlds": closet, "max_episode_steps": 5, "autoreset_mode": "same_step"}
-    local = flockstep.DroneVectorEnv(6, **keywords)
-    with contextlib.closing(Served(6, **keywords)) as remote:
+    with both(6, **keywords) as (local, remote):
         local.reset(seed=1)
         remote.reset(seed=1)
         ended = np.zeros(6, bool)
@@ -238,9 +236,8 @@ def test_statistics_of_some_of_the_ended_episodes(closet):
         assert_equal(remote.episode_infos(), remote.episode_infos(indices))
         local.step(np.zeros(6, np.int64))
         remote.step(np.zeros(6, np.int64))
-        with pytest.raises(ValueError, match="indices: expected rows whose episodes have ended"):
+        with refused(ValueError, "indices"):
             remote.episode_infos(np.array([0]))
-    local.close()
 
 
 def test_arrays_belong_to_the_caller(closet):
@@ -263,17 +260,17 @@ def test_bad_actions_change_nothing(closet):
             remote.step(np.zeros(3, np.int64))
         remote.reset(seed=0)
         for bad in (np.zeros(2, np.int64), np.zeros(3), [[0], [1, 2]], None, "up", [0, 1, 99], [0, -1, 0]):
-            with pytest.raises(ValueError, match="action"):
+            with refused(ValueError, "actions"):
                 remote.step(bad)
         assert remote.served.batch.steps.tolist() == [0, 0, 0]
         remote.step([0, 1, 2])
         remote.step(np.array([0, 1, 2], np.uint8))
         for seed, error in ((-1, ValueError), ("a", ValueError), (1.5, TypeError), ([1, 2], ValueError)):
-            with pytest.raises(error, match="seed"):
+            with refused(error, "seed"):
                 remote.reset(seed=seed)
-        with pytest.raises(ValueError, match="reset_mask"):
+        with refused(ValueError, "options['reset_mask']"):
             remote.reset(options={"reset_mask": np.zeros(3, bool)})
-    with pytest.raises(RuntimeError, match="this env is closed"):
+    with refused(RuntimeError, "this env is closed"):
         remote.reset()
 
 
@@ -295,7 +292,7 @@ def test_a_client_may_outlive_its_env(closet):
         remote.close()
         client.ping()
         assert client.vector_env().reset(seed=0)[0].shape == (3, 38)
-        with pytest.raises(ValueError, match="reward_scale: expected a finite number above 0, got 0"):
+        with refused(ValueError, "reward_scale", 0):
             client.vector_env(reward_scale=0)
         assert client.vector_env().autoreset_mode is AutoresetMode.NEXT_STEP
 
@@ -304,7 +301,7 @@ def test_a_batch_without_a_task(room):
     with (
         flockstep.serve(flockstep.Batch([room], 2), port=0) as server,
         flockstep.connect(server.address) as client,
-        pytest.raises(ServerError, match="task") as caught,
+        refused(ServerError, "task") as caught,
     ):
         client.vector_env()
     assert caught.value.code == "FAILED_PRECONDITION"

@@ -5,8 +5,9 @@ import json
 
 import numpy as np
 import pytest
+from messages import refused
+from raw_client import Raw
 from test_client_vector_env import Served
-from test_server import Raw
 
 import flockstep
 from flockstep import BodyConfig, BodyMotion
@@ -36,15 +37,16 @@ def make(room, num_drones=4, bodies=(DOOR,), max_bodies=3, **keywords):
     return batch
 
 
+@contextlib.contextmanager
+def served(batch, connect):
+    """A client of a server of this batch."""
+    with flockstep.serve(batch, port=0) as server, connect(server.address) as client:
+        yield client
+
+
 @pytest.fixture
 def batch(room):
     return make(room)
-
-
-@pytest.fixture
-def server(batch):
-    with flockstep.serve(batch, port=0) as server:
-        yield server
 
 
 @pytest.fixture
@@ -132,7 +134,7 @@ def test_a_mesh(room, connect):
     builder.mesh(corners, [[0, 2, 1], [0, 1, 3], [1, 2, 3], [2, 0, 3]], material)
     wedge = BodyConfig(shape="mesh", mesh=builder.build(), position_m=[5, 5, 1])
     batch = make(room)
-    with flockstep.serve(batch, port=0) as server, connect(server.address) as client:
+    with served(batch, connect) as client:
         client.spawn_bodies(wedge)
         assert batch.bodies.config(0, 1) == wedge
         assert client.get_body_configs()[0][1] == wedge
@@ -148,10 +150,7 @@ def test_the_server_tells_the_rows_of_arrays(client, room, connect):
         assert array.shape[: len(expected)] == expected, name
     assert rows["position"] == "drone"
     assert rows["body_position"] == "body"
-    with (
-        flockstep.serve(make(room, bodies=(), max_bodies=0), port=0) as server,
-        connect(server.address) as without,
-    ):
+    with served(make(room, bodies=(), max_bodies=0), connect) as without:
         assert without.info.bodies_per_env == 0
         assert not any(name.startswith("body_") for name in without.info.array_names)
 
@@ -166,56 +165,47 @@ def test_bad_values_change_nothing(client, batch, room):
     far, nan = np.zeros((4, 3, 3)), np.zeros((4, 3))
     far[2, 1, 0] = 2e6
     nan[1, 2] = np.nan
-    for remote, local in (
-        (lambda: client.spawn_bodies(BALL), lambda: twin.bodies.spawn(BALL)),
-        (lambda: client.spawn_bodies(BALL, nan), lambda: twin.bodies.spawn(BALL, nan)),
-        (lambda: client.set_body_poses(far), lambda: twin.bodies.set_pose(far)),
-        (
-            lambda: client.set_body_poses(quat_wxyz=np.zeros((4, 3, 4))),
-            lambda: twin.bodies.set_pose(quat_wxyz=np.zeros((4, 3, 4))),
-        ),
-        (lambda: client.set_body_velocities(far), lambda: twin.bodies.set_velocity(far)),
-        (
-            lambda: client.set_body_velocities(angular_velocity=far),
-            lambda: twin.bodies.set_velocity(angular_velocity=far),
-        ),
+    zeros = np.zeros((4, 3, 4))
+    for remote, local, arguments, keywords in (
+        (client.spawn_bodies, twin.bodies.spawn, (BALL,), {}),
+        (client.spawn_bodies, twin.bodies.spawn, (BALL, nan), {}),
+        (client.set_body_poses, twin.bodies.set_pose, (), {"position": far}),
+        (client.set_body_poses, twin.bodies.set_pose, (), {"quat_wxyz": zeros}),
+        (client.set_body_velocities, twin.bodies.set_velocity, (), {"velocity": far}),
+        (client.set_body_velocities, twin.bodies.set_velocity, (), {"angular_velocity": far}),
     ):
-        with pytest.raises(ValueError, match="env") as expected:
-            local()
-        with pytest.raises(ServerError) as refused:
-            remote()
-        assert refused.value.code == "INVALID_ARGUMENT"
-        assert str(expected.value) in str(refused.value)
-    for call in (
-        lambda: client.get_body_configs([4]),
-        lambda: client.get_body_configs([-1]),
-        lambda: client.get_body_configs([0] * 5),
-        lambda: client.set_body_poses(np.zeros((4, 2, 3))),
-        lambda: client.set_body_velocities(np.zeros((3, 3, 3))),
-        lambda: client.spawn_bodies(BALL, np.zeros((3, 3))),
-        lambda: client.remove_bodies([True]),
-        lambda: client.remove_bodies(np.ones((4, 2), bool)),
+        with refused(ValueError, "env") as expected:
+            local(*arguments, **keywords)
+        with pytest.raises(ServerError) as caught:
+            remote(*arguments, **keywords)
+        assert caught.value.code == "INVALID_ARGUMENT"
+        assert str(expected.value) in str(caught.value)
+    for call, arguments, error, field in (
+        (client.get_body_configs, ([4],), ServerError, "env"),
+        (client.get_body_configs, ([-1],), ServerError, "env"),
+        (client.get_body_configs, ([0] * 5,), ServerError, "envs"),
+        (client.get_body_configs, ([],), ValueError, "envs"),
+        (client.set_body_poses, (np.zeros((4, 2, 3)),), ServerError, "position"),
+        (client.set_body_poses, (np.zeros((12, 3)),), ValueError, "position"),
+        (client.set_body_velocities, (np.zeros((3, 3, 3)),), ServerError, "velocity"),
+        (client.spawn_bodies, (BALL, np.zeros((3, 3))), ServerError, "position"),
+        (client.spawn_bodies, (BALL, [1, 2, 3]), ValueError, "position"),
+        (client.spawn_bodies, (BALL, "here"), TypeError, "position"),
+        (client.spawn_bodies, ({"name": "ball"},), TypeError, "body"),
+        (client.remove_bodies, ([True],), ServerError, "mask"),
+        (client.remove_bodies, (np.ones((4, 2), bool),), ServerError, "mask"),
+        (client.remove_bodies, ([1, 0, 0, 0],), ValueError, "mask"),
     ):
-        with pytest.raises(ServerError, match="expected") as refused:
-            call()
-        assert refused.value.code == "INVALID_ARGUMENT"
-    for wrong, call in (
-        (TypeError, lambda: client.spawn_bodies({"name": "ball"})),
-        (TypeError, lambda: client.spawn_bodies(BALL, "here")),
-        (ValueError, lambda: client.spawn_bodies(BALL, [1, 2, 3])),
-        (ValueError, lambda: client.set_body_poses(np.zeros((12, 3)))),
-        (ValueError, lambda: client.remove_bodies([1, 0, 0, 0])),
-        (ValueError, lambda: client.get_body_configs([])),
-    ):
-        with pytest.raises(wrong, match=r"body: |position: |mask: |envs: "):
-            call()
+        with refused(error, field) as caught:
+            call(*arguments)
+        assert getattr(caught.value, "code", "INVALID_ARGUMENT") == "INVALID_ARGUMENT"
     assert batch.snapshot() == before
     np.testing.assert_array_equal(batch.bodies.position, places)
 
 
 def test_a_batch_without_bodies_refuses_all(room, connect):
     batch = make(room, bodies=(), max_bodies=0)
-    with flockstep.serve(batch, port=0) as server, connect(server.address) as client:
+    with served(batch, connect) as client:
         for call in (
             lambda: client.spawn_bodies(BALL, np.zeros((4, 3)), mask=[True] * 4),
             lambda: client.remove_bodies([True] * 4),
@@ -223,9 +213,9 @@ def test_a_batch_without_bodies_refuses_all(room, connect):
             lambda: client.set_body_velocities(),
             lambda: client.get_body_configs(),
         ):
-            with pytest.raises(ServerError, match="no slots for bodies: make it with max_bodies=1 or more") as refused:
+            with refused(ServerError, "no slots for bodies", "max_bodies=1") as caught:
                 call()
-            assert refused.value.code == "INVALID_ARGUMENT"
+            assert caught.value.code == "INVALID_ARGUMENT"
         client.ping()
 
 
@@ -259,43 +249,21 @@ def test_configurations_are_checked(server, batch, text, message):
 
 
 def test_messages_are_checked(server):
-    for request, arrays, text in (
-        (
-            {"spawn_bodies": pb.SpawnBodies(config_json="{}")},
-            {"places": np.zeros((4, 3), np.float32)},
-            "arrays: expected",
-        ),
-        (
-            {"spawn_bodies": pb.SpawnBodies(config_json="{}")},
-            {"mask": np.ones((4, 1), np.bool_)},
-            "mask: expected shape",
-        ),
-        ({"remove_bodies": pb.RemoveBodies()}, {"mask": np.ones((4, 3, 1), np.bool_)}, "mask: expected shape (4, 3)"),
-        ({"remove_bodies": pb.RemoveBodies()}, {"mask": np.ones((4, 3), np.uint8)}, "mask: expected values of type"),
-        (
-            {"remove_bodies": pb.RemoveBodies()},
-            {"mask": np.full(4, 2, np.uint8).view(np.bool_)},
-            "mask: expected flags",
-        ),
-        (
-            {"set_body_poses": pb.SetBodyPoses()},
-            {"velocity": np.ones((4, 3, 3), np.float32)},
-            "arrays: expected position",
-        ),
-        (
-            {"set_body_poses": pb.SetBodyPoses()},
-            {"position": np.ones((12, 3), np.float32)},
-            "position: expected shape (4, 3, 3)",
-        ),
-        (
-            {"set_body_velocities": pb.SetBodyVelocities()},
-            {"velocity": np.ones((4, 3, 3))},
-            "velocity: expected values",
-        ),
-        ({"get_body_configs": pb.GetBodyConfigs()}, {"mask": np.ones(4, np.bool_)}, "arrays: expected"),
+    spawn, remove = {"spawn_bodies": pb.SpawnBodies(config_json="{}")}, {"remove_bodies": pb.RemoveBodies()}
+    poses, velocities = {"set_body_poses": pb.SetBodyPoses()}, {"set_body_velocities": pb.SetBodyVelocities()}
+    for request, name, array, text in (
+        (spawn, "places", np.zeros((4, 3), np.float32), "arrays: expected"),
+        (spawn, "mask", np.ones((4, 1), np.bool_), "mask: expected shape"),
+        (remove, "mask", np.ones((4, 3, 1), np.bool_), "mask: expected shape (4, 3)"),
+        (remove, "mask", np.ones((4, 3), np.uint8), "mask: expected values of type"),
+        (remove, "mask", np.full(4, 2, np.uint8).view(np.bool_), "mask: expected flags"),
+        (poses, "velocity", np.ones((4, 3, 3), np.float32), "arrays: expected position"),
+        (poses, "position", np.ones((12, 3), np.float32), "position: expected shape (4, 3, 3)"),
+        (velocities, "velocity", np.ones((4, 3, 3)), "velocity: expected values"),
+        ({"get_body_configs": pb.GetBodyConfigs()}, "mask", np.ones(4, np.bool_), "arrays: expected"),
     ):
         with Raw(server) as raw:
-            error = raw.ask(Request(id=2, **request), **arrays).error
+            error = raw.ask(Request(id=2, **request), **{name: array}).error
             assert text in error.text, error.text
     with Raw(server) as raw:
         error = raw.ask(Request(id=2, set_body_poses=pb.SetBodyPoses()), position=np.zeros((9, 3, 9), np.float32)).error
@@ -305,7 +273,7 @@ def test_messages_are_checked(server):
     with Raw(server) as raw:  # not UTF-8
         message = Request(id=2, spawn_bodies=pb.SpawnBodies(config_json='{"name": "?"}')).SerializeToString()
         message = message.replace(b"?", b"\xff")
-        raw.send(len(message).to_bytes(4, "little") + message)
+        raw.send_header(message)
         error = raw.reply().error
         assert error.code == pb.Code.INVALID_ARGUMENT
         assert "config_json: expected UTF-8" in error.text
@@ -338,9 +306,9 @@ def test_ownership(room, connect):
             lambda: other.set_body_poses(np.ones((4, 3, 3)), mask=bodies),
             lambda: other.set_body_velocities(np.ones((4, 3, 3)), mask=[True, True, False, False]),
         ):
-            with pytest.raises(ServerError, match="drone 3 is claimed by client") as refused:
+            with refused(ServerError, "drone 3 is claimed") as caught:
                 call()
-            assert refused.value.code == "PERMISSION_DENIED"
+            assert caught.value.code == "PERMISSION_DENIED"
         others = [True, False, True, True]
         assert other.spawn_bodies(BALL, mask=others).tolist() == [2, -1, 2, 2]
         other.set_body_poses(np.ones((4, 3, 3)), mask=~bodies & np.array(others)[:, None])
@@ -356,7 +324,7 @@ def test_cameras_see_a_change(room, connect, capture_mode):
     camera = flockstep.CameraConfig(**camera, capture_mode=capture_mode)
     batch = make(room, 1, bodies=(), max_bodies=1, cameras=[camera])
     wall = BodyConfig(size_m=[0.5, 2, 2], position_m=[3, 4, 2])
-    with flockstep.serve(batch, port=0) as server, connect(server.address) as client:
+    with served(batch, connect) as client:
 
         def depth():
             if capture_mode != "on_demand":
@@ -395,7 +363,7 @@ def test_a_batch_that_grows(client, batch):
     client.set_body_poses(np.full((5, 3, 3), 3), mask=np.ones((5, 3), bool))
     np.testing.assert_array_equal(batch.bodies.position[:, :2], np.full((5, 2, 3), 3))
     assert client.get_body_configs([4]) == [[DOOR, BALL, None]]
-    with pytest.raises(ServerError, match=r"position: expected shape \(5, 3, 3\)"):
+    with refused(ServerError, "position"):
         client.set_body_poses(np.zeros((4, 3, 3)))
 
 
@@ -417,7 +385,7 @@ def test_the_batch_of_a_remote_env(closet):
             assert [bodies.config(0, body) for body in range(2)] == [None, ROUTE]
             first = np.array([True, False, False])
             assert bodies.spawn(BALL, mask=first).tolist() == [0, -1, -1]
-            with pytest.raises(ValueError, match="env 0: expected a free slot"):
+            with refused(ValueError, "env 0"):
                 bodies.spawn(BALL, mask=first)
             for place in ((3, 0), (0, 2), (-1, 0), (0, -1)):
                 with pytest.raises(ValueError, match=r"expected an integer in \[0, "):

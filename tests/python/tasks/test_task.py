@@ -204,7 +204,7 @@ class TestWhatATaskReports:
     @pytest.mark.parametrize("names", [("success",), ("_hidden",), ("two words",)])
     def test_names_that_are_taken(self, room, names):
         task = type("Taken", (Climb,), {"info_names": names})
-        with refused("Taken.info_names", "taken name", names[0]):
+        with refused(ValueError, "Taken.info_names", "taken", names[0]):
             flockstep.DroneVectorEnv(1, worlds=room, task=task)
 
     @pytest.mark.parametrize(("info", "match"), [({"lops": np.zeros(2)}, "expected top, laps.*got lops"), (3, "shape")])
@@ -342,21 +342,21 @@ class TestMistakes:
     def test_reward_of_a_wrong_shape(self, room):
         env = self.env(room, step=lambda self, batch: (np.zeros(3), np.zeros(2, bool)))
         env.reset(seed=0)
-        with refused("Broken.step", "shape of", "reward", (2,), (3,)):
+        with refused(ValueError, "Broken.step", "reward", (2,), (3,)):
             env.step(np.zeros((2, 3)))
 
     def test_a_step_that_returns_no_pair(self, room):
         task = type("Half", (Climb,), {"step": lambda self, batch: {"reward": np.zeros(2)}})
         env = flockstep.DroneVectorEnv(2, worlds=room, task=task)
         env.reset(seed=0)
-        with refused("Half.step", "pair", "dict"):
+        with refused(ValueError, "Half.step", "pair", "dict"):
             env.step(np.zeros((2, 3), np.float32))
 
     @pytest.mark.parametrize(("returned", "got"), [((0, 1, 2, 3), "a tuple of 4"), (None, "None")])
     def test_a_step_that_returns_another_number(self, room, returned, got):
         env = self.env(room, step=lambda self, batch: returned)
         env.reset(seed=0)
-        with refused("Broken.step", "pair", got):
+        with refused(ValueError, "Broken.step", "pair", got):
             env.step(np.zeros((2, 3), np.float32))
 
     @pytest.mark.parametrize(
@@ -366,27 +366,27 @@ class TestMistakes:
             (lambda batch: (batch.position,), "a tuple of 1"),
             (lambda batch: None, "None"),
             (lambda batch: (None, batch.quat_wxyz), "a tuple of 2"),
-            (lambda batch: np.zeros((2, 4)), "shape (2, 4): control is 'pose'; for commands ... control=...)"),
+            (lambda batch: np.zeros((2, 4)), "shape (2, 4): control is 'pose'; for commands"),
         ],
     )
     def test_an_act_that_returns_no_target(self, room, returned, got):
         env = self.env(room, act=lambda self, batch, actions: returned(batch))
         env.reset(seed=0)
-        with refused("Broken.act", "target", got):
+        with refused(ValueError, "Broken.act", "positions", got):
             env.step(np.zeros((2, 3), np.float32))
 
     def test_an_act_that_returns_no_commands(self, room):
         flying = {"drone": "crazyflie", "dynamics": flockstep.DynamicsConfig(motion="rotors", control="velocity")}
         env = self.env(room, act=lambda self, batch, actions: None, **flying)
         env.reset(seed=0)
-        with refused("Broken.act", "commands", None):
+        with refused(ValueError, "Broken.act", "commands", None):
             env.step(np.zeros((2, 3), np.float32))
-        with refused("Broken.act", "default act", "velocity"):
+        with refused(TypeError, "Broken.act", "default act", "velocity"):
             self.env(room, **flying)
 
     @pytest.mark.parametrize("space", [spaces.Box(-1, 1, (4,)), spaces.Box(-1, 1, (2,)), spaces.Discrete(6)])
     def test_actions_that_the_default_act_does_not_take(self, room, space):
-        with refused("Broken.action_space", "default action"):
+        with refused(TypeError, "Broken.action_space", "default act"):
             self.env(room, action_space=space)
         self.env(room, action_space=space, act=lambda self, batch, actions: batch.position)
 
@@ -407,7 +407,7 @@ class TestMistakes:
     )
     def test_keywords_of_the_env_on_the_class(self, room, declared, advice):
         name = next(iter(declared))
-        with refused(f"Broken.{name}", "on a task", advice):
+        with refused(TypeError, f"Broken.{name}", advice):
             self.env(room, **declared)
 
     def test_own_names_that_are_keywords_elsewhere(self, room):
@@ -439,7 +439,7 @@ class TestMistakes:
     def test_an_observation_that_would_be_cut(self, room, dtype, got):
         space = spaces.Box(0, 9, (4,), dtype)
         task = type("Cut", (Climb,), {"observation_space": space, "observe": lambda self, batch: np.ones((2, 4), got)})
-        with refused("Cut.observe", "type", space.dtype, np.dtype(got)):
+        with refused(ValueError, "Cut.observe", space.dtype, np.dtype(got)):
             flockstep.DroneVectorEnv(2, worlds=room, task=task).reset(seed=0)
 
     def test_a_limit_of_the_env_reaches_the_task(self, room):
@@ -448,11 +448,11 @@ class TestMistakes:
 
     def test_a_type_that_no_observation_has(self, room):
         space = spaces.Dict(ids=spaces.Box(0, 9, (4,), np.uint16))
-        with refused("observation_space: ids", "no type", "uint16"):
+        with refused(TypeError, "observation_space: ids", "uint16"):
             flockstep.DroneVectorEnv(2, worlds=room, task=type("Ids", (Climb,), {"observation_space": space}))
 
     def test_observation_of_a_wrong_shape(self, room):
-        with refused("Broken.observe", "shape", (2, 4), (2, 3)):
+        with refused(ValueError, "Broken.observe", (2, 4), (2, 3)):
             self.env(room, observe=lambda self, batch: batch.position).reset(seed=0)
 
     def test_no_observation_space(self, room):
@@ -466,29 +466,29 @@ class TestMistakes:
 
     @pytest.mark.parametrize("field", ["reward_terms", "info_names", "markers"])
     def test_names_are_a_tuple_of_different_names(self, room, field):
-        with refused(f"Broken.{field}", "a text", "goal"):
+        with refused(TypeError, f"Broken.{field}", "goal"):
             self.env(room, **{field: ("goal")})
         for no_names in (3, None, {"goal"}, ("goal", 3)):
-            with refused(f"Broken.{field}", "no names"):
+            with refused(TypeError, f"Broken.{field}", "tuple of names"):
                 self.env(room, **{field: no_names})
-        with refused(f"Broken.{field}", "same name", "goal"):
+        with refused(ValueError, f"Broken.{field}", "twice", "goal"):
             self.env(room, **{field: ["goal", "start", "goal"]})
 
     def test_invalid_names(self, room):
-        with refused("Broken.reward_terms", "no name"):
+        with refused(ValueError, "Broken.reward_terms", ()):
             self.env(room, reward_terms=())
-        with refused("Broken.markers", "another name", "start", "home"):
+        with refused(ValueError, "Broken.markers", "start", "home"):
             self.env(room, markers=("start", "home"))
 
     @pytest.mark.parametrize("field", ["observation_space", "action_space"])
     def test_a_box_without_values(self, room, field):
         act = {"act": lambda self, batch, actions: batch.position}
-        with refused({"action_space": "Broken.action_space"}.get(field, field), "no box", (3, 0)):
+        with refused(ValueError, {"action_space": "Broken.action_space"}.get(field, field), "Box", (3, 0)):
             self.env(room, **{field: spaces.Box(-1, 1, (3, 0))}, **act)
 
     @pytest.mark.parametrize("limit", [2**31, 2**40, -1, True, 2.0, "9"])
     def test_an_invalid_limit(self, room, limit):
-        with refused("max_episode_steps", "range", 0, 2**31 - 1, limit):
+        with refused(ValueError, "max_episode_steps", 0, 2**31 - 1, limit):
             self.env(room, max_episode_steps=limit)
 
     def returned_by_step(self, room, reward, terminated):
@@ -506,27 +506,27 @@ class TestMistakes:
         ],
     )
     def test_an_invalid_reward(self, room, reward, got):
-        with refused("Broken.step", "reward", got):
+        with refused(ValueError, "Broken.step", "reward", got):
             self.returned_by_step(room, reward, np.zeros(2, bool))
 
     def test_arrays_with_a_mask(self, room):
         masked = np.ma.array(np.zeros((2, 4)), mask=True)
-        with refused("Broken.step: reward", "mask"):
+        with refused(ValueError, "Broken.step: reward", "mask"):
             self.returned_by_step(room, masked[:, 0], np.zeros(2, bool))
-        with refused("Broken.step: terminated", "mask"):
+        with refused(ValueError, "Broken.step: terminated", "mask"):
             self.returned_by_step(room, np.zeros(2), masked[:, 0] > 0)
-        with refused("Broken.observe", "mask"):
+        with refused(ValueError, "Broken.observe", "mask"):
             self.env(room, observe=lambda self, batch: masked).reset(seed=0)
         for target in (masked[:, :3], (np.zeros((2, 3)), masked)):
             env = self.env(room, act=lambda self, batch, actions, target=target: target)
             env.reset(seed=0)
-            with refused("Broken.act", "mask"):
+            with refused(ValueError, "Broken.act", "mask"):
                 env.step(np.zeros((2, 3), np.float32))
 
     @pytest.mark.parametrize("given", [[0.0, 1.0], [0, 0.5], np.array([0, 1], np.float32), [0, 1], [np.nan, 0]])
     def test_flags_as_numbers(self, room, given):
         dtype = np.asarray(given).dtype
-        with refused("Broken.step", "flag", "terminated", dtype):
+        with refused(ValueError, "Broken.step", bool, "terminated", dtype):
             self.returned_by_step(room, np.zeros(2), given)
 
     @pytest.mark.parametrize("given", [[False, True], np.array([False, True])])
@@ -544,7 +544,7 @@ class TestMistakes:
         env = self.env(room, observation_space=spaces.Box(0, 1, (4,)), observe=observe)
         env.reset(seed=0)
         actions = np.zeros((2, 3), np.float32)
-        with refused("Broken.observe", "outside", 0.0, 1.0, 2.5, 1, [3]):
+        with refused(RuntimeWarning, "Broken.observe", 0.0, 1.0, 2.5, 1, [3]):
             env.step(actions)
         env.step(actions)  # not compared
         assert not beyond
@@ -558,7 +558,7 @@ class TestMistakes:
 
         env = self.env(room, step=step)
         env.reset(seed=0)
-        with refused("Broken.step", "shape of", name, (2,), np.shape(value)):
+        with refused(ValueError, "Broken.step", name, (2,), np.shape(value)):
             env.step(np.zeros((2, 3), np.float32))
 
     @pytest.mark.parametrize(("dtype", "value"), [(np.int32, 2**40), (np.int32, -(2**31) - 1), (np.int64, 2**63)])
@@ -566,7 +566,7 @@ class TestMistakes:
         given = np.full((2, 4), value, np.uint64 if value > 2**62 else np.int64)
         space = spaces.Box(0, 9, (4,), dtype)
         env = self.env(room, observation_space=space, observe=lambda self, batch: given)
-        with refused("Broken.observe", "integers", space.dtype, value):
+        with refused(ValueError, "Broken.observe", space.dtype, value):
             env.reset(seed=0)
         fitting = np.array([[0, 1, 2**31 - 1, -(2**31)]] * 2)
         space = spaces.Box(-(2**31), 2**31 - 1, (4,), np.int32)
@@ -683,7 +683,7 @@ class TestMisspeltNames:
         else:
             members["__init__"] = lambda self: setattr(self, name, 3)
         task = type("Odd", (flockstep.Task,), members)
-        with refused(f"Odd.{name}", "misspelt", meant):
+        with refused(TypeError, f"Odd.{name}", meant):
             flockstep.DroneVectorEnv(2, worlds=room, task=task)
 
     @pytest.mark.parametrize(
@@ -702,7 +702,7 @@ class TestMisspeltNames:
     def test_methods(self, room, name, method, meant):
         members = {"observation_space": Climb.observation_space, "step": Climb.step, "observe": Climb.observe}
         task = type("Odd", (flockstep.Task,), {**members, name: method})
-        with refused(f"Odd.{name}", "misspelt", meant):
+        with refused(TypeError, f"Odd.{name}", meant):
             flockstep.DroneVectorEnv(2, worlds=room, task=task)
 
     def test_names_of_its_own(self, room):
@@ -746,7 +746,7 @@ class TestMisspeltNames:
 
         assert flockstep.DroneVectorEnv(2, worlds=room, task=Wide(2.0)).task.goal_radius == 2
         wrong = dataclasses.make_dataclass("Wrong", [("reward_term", str, "a")], bases=(Climb,), eq=False)
-        with refused("Wrong.reward_term", "misspelt", "reward_terms"):
+        with refused(TypeError, "Wrong.reward_term", "reward_terms"):
             flockstep.DroneVectorEnv(2, worlds=room, task=wrong())
 
 
@@ -957,7 +957,7 @@ class TestPromises:
             observation_space = Climb.observation_space
 
         env = flockstep.DroneVectorEnv(2, worlds=room, task=Nothing())
-        with refused("Nothing.observe", "missing"):
+        with refused(NotImplementedError, "Nothing.observe"):
             env.reset(seed=0)
 
     def test_actions_beyond_the_space_are_clipped(self, room):
@@ -1026,7 +1026,7 @@ class TestBadStates:
     @pytest.mark.parametrize("bad", [{"reward": np.nan}, {"observation": np.inf}, {"observation": np.nan}])
     def test_a_reward_or_an_observation(self, room, mode, bad):
         which = {"reward": "step: reward term 'bonus'", "observation": "observe: 'observation'"}[next(iter(bad))]
-        with refused(f"Wild.{which}", "not finite", next(iter(bad.values())), 1):
+        with refused(RuntimeWarning, f"Wild.{which}", next(iter(bad.values())), 1):
             env, steps = self.fly(room, mode, **bad)
         _, reward, terminated, truncated, infos = steps[2]
         assert terminated.tolist() == [False, True, False]
@@ -1046,7 +1046,7 @@ class TestBadStates:
             position[1, 2] = np.where(batch.steps[1] == 3, target, position[1, 2])
             return position
 
-        with refused("Wild.act: target", "not finite", target, 1):
+        with refused(RuntimeWarning, "Wild.act: target", target, 1):
             env, steps = self.fly(room, "next_step", act=act)
         assert [step[2].tolist() for step in steps] == [[False, i == 2, False] for i in range(5)]
         assert env.batch.bad_states.tolist() == [0, 1, 0]

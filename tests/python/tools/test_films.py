@@ -1,14 +1,22 @@
-"""The table of films: each row flies in an unseen world and writes its film."""
+"""The films and pictures of the documents: what they show is where it is drawn, and each is written."""
 
 import numpy as np
 import pytest
+from conftest import ROOT
+from messages import refused
 from PIL import Image
 
 import flockstep
+from flockstep.pictures import third_person_view
+from flockstep.pictures.beams import beams_of
 from flockstep.trainings import UNSEEN_SEEDS
-from tools import films
+from tools import films, flight_film, race_film, stills
+from tools.film import FINER
+from tools.slice_picture import LIDAR, PLACE, Slice, draw
+from training.evaluate import MAX_STEPS, fly, greedy
 from training.forest_flight import ForestFlight
 from training.rotor_navigation import RotorNavigation
+from training.tasks import load_policy
 
 FOREST = flockstep.World.forest(0, trees=20, size_m=(30, 20))
 PLAYGROUND = flockstep.World.load("playground/train-1")
@@ -41,9 +49,16 @@ def test_near_is_bright_and_pixels_stay_sharp():
 
 @pytest.mark.parametrize(
     ("name", "pictures", "size"),
-    [("dodge", 4, (64, 36)), ("swap", None, (64, 64)), ("formation", 2, None), ("street", 2, (64, 36))],
+    [
+        ("dodge", 4, (64, 36)),
+        ("swap", None, (64, 64)),
+        ("formation", 2, None),
+        ("street", 2, (64, 36)),
+        ("flight", 3, (64, 36)),
+        ("race", 3, (64, 36)),
+    ],
 )
-def test_other_films_are_written(name, pictures, size, tmp_path, monkeypatch):
+def test_other_films_are_written(name, pictures, size, tmp_path, monkeypatch, capsys):
     out = tmp_path / "film.webp"
     monkeypatch.setattr(films.formation_film, "EVERY", 1)
     films.main(films.Args(name, out=out, width_px=64, film_s=0.1))
@@ -51,10 +66,19 @@ def test_other_films_are_written(name, pictures, size, tmp_path, monkeypatch):
         assert pictures is None or film.n_frames == pictures
         assert size is None or film.size == size
         assert film.info["loop"] == 0
+    assert name not in ("flight", "race") or "success" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize("name", ["flight", "race"])
+def test_the_film_of_a_page_is_small(name):
+    path = ROOT / "docs" / f"{name}.webp"
+    assert path.stat().st_size < 1_000_000
+    with Image.open(path) as film:
+        assert (film.size, film.info["loop"]) == ((800, 450), 0)
 
 
 def test_unknown_films_are_refused():
-    with pytest.raises(SystemExit, match=r"NAME: expected one of dodge, swap, .*, got 'dodgem'"):
+    with refused(SystemExit, "NAME", "dodgem"):
         films.main(films.Args("dodgem"))
 
 
@@ -66,3 +90,176 @@ def test_still_pictures_are_written_to_a_folder(tmp_path, monkeypatch, capsys):
         *("forest.jpg", "office.jpg", "warehouse.jpg", "city.jpg"),
     }
     assert "worlds: in" in capsys.readouterr().out
+
+
+# --- the flight through a playground
+
+
+@pytest.fixture(scope="module")
+def playground():
+    return flockstep.World.playground(films.FILMS["flight"].seed, pillars=flight_film.PILLARS)
+
+
+@pytest.fixture(scope="module")
+def flight(playground):
+    (one,) = fly(greedy(load_policy(ROOT / "policies" / "lidar.zip")), [playground], MAX_STEPS)
+    return one
+
+
+@pytest.fixture(scope="module")
+def content(playground, flight):
+    return flight_film.shown(playground, flight.trail.astype(float))
+
+
+def test_the_flight_succeeds_and_the_film_stays_close_to_it(playground, flight, content):
+    assert flight.outcome == "success"
+    gaps = np.linalg.norm(content.position[:, None] - flight.trail[None], axis=2)
+    assert gaps.min(axis=1).max() < 0.2
+    assert gaps.min(axis=0).max() < 0.2
+    assert content.smoothed_m < 0.2
+    assert (np.diff(content.reached) >= 0).all()
+    assert content.reached[[0, -2, -1]].tolist() == [0, len(playground.waypoints), len(playground.waypoints) + 1]
+
+
+def test_a_path_that_is_not_free_is_refused(playground):
+    pillar = np.array(next(p for p in playground.primitives if p["kind"] == "cylinder")["center"])
+    trail = pillar + np.linspace([-2, 0, 0], [2, 0, 0], 41)
+    with refused(RuntimeError, "trail"):
+        flight_film.shown(playground, trail)
+
+
+def test_the_drone_is_where_it_projects_to(playground, content):
+    scene = flight_film.Scene(playground, content.position, (400, 225))
+    index = 60
+    picture = np.asarray(scene.picture(content, index), int)
+    moved = np.asarray(scene.picture(content, 0), int)
+    rgb = np.zeros((225 * FINER, 400 * FINER, 3), np.uint8)
+    canvas = flight_film.DepthCanvas(
+        rgb, np.zeros(rgb.shape[:2], np.float32), scene.camera, scene.viewer, scene.turn, flight_film.LIGHT
+    )
+    x, y, _ = canvas.project(content.position[[index]])[0] / FINER
+    red, green, blue = picture.transpose(2, 0, 1)
+    front = (red > 180) & (red > green + 60) & (green > blue + 30) & (picture != moved).any(axis=-1)
+    rows, columns = np.nonzero(front)
+    near = np.hypot(columns - x, rows - y) < 25
+    assert near.sum() > 40  # the rotors in front
+    assert columns[near].mean() > x + 2  # it faces +x, which is to the right
+
+
+# --- the race
+
+
+@pytest.fixture(scope="module")
+def raced():
+    return race_film.flown(flockstep.PPO.load(ROOT / "policies" / "race.zip"), UNSEEN_SEEDS.start)
+
+
+def test_the_policy_flies_three_laps(raced):
+    gates = flockstep.World.load(race_film.TRACK).gates
+    assert raced.success
+    assert raced.passed[-1] == 3 * len(gates)
+    start = raced.position[0] - gates[0]["center"]  # behind the first gate
+    assert 0 < np.linalg.norm(start) < 2
+    by_positions = 50 * np.linalg.norm(np.diff(raced.position, axis=0), axis=1)
+    assert by_positions.max() == pytest.approx(raced.speed_mps.max(), rel=0.05)
+    ends = race_film.lap_ends(raced, len(gates))
+    assert len(ends) == 3
+    assert [raced.passed[end] for end in ends] == [7, 14, 21]
+    assert [raced.passed[end - 1] for end in ends] == [6, 13, 20]
+    assert ends[-1] == len(raced.position) - 1
+
+
+def test_a_flight_that_crashes_is_shown():
+    class Falls:
+        def predict(self, observation, deterministic):
+            return np.float32([[-1, 0, 0, 0]]), None
+
+    flight = race_film.flown(Falls(), UNSEEN_SEEDS.start)
+    assert not flight.success
+    assert race_film.lap_ends(flight, 7) == []
+    scene = race_film.Scene((640, 360))
+    last = len(flight.position) - 1
+    before, after = (np.asarray(race_film.captioned(scene, flight, step), int) for step in (last - 1, last))
+    corners = [picture[:80, :160] for picture in (before, after)]
+    alarms = [((corner[..., 0] > 200) & (corner[..., 1] < 150)).any() for corner in corners]
+    assert alarms == [False, True]
+
+
+def test_colours_of_speeds():
+    assert race_film.speed_color(0.0) == race_film.speed_color(race_film.SLOW_MPS) == (60, 110, 255)
+    assert race_film.speed_color(99.0) == (255, 80, 40)
+    assert race_film.speed_color(race_film.SLOW_MPS + (race_film.FAST_MPS - race_film.SLOW_MPS) / 3) == (40, 220, 230)
+
+
+def test_the_drone_and_the_next_gate_are_where_they_project_to(raced):
+    scene = race_film.Scene((640, 360))
+    step = 60
+    picture = np.asarray(scene.picture(raced, step), int)
+    following = (raced.first + int(raced.passed[step])) % len(scene.gates)
+    canvas = scene.canvas(following)
+    empty = np.asarray(Image.fromarray(canvas.rgb).reduce(FINER), int)
+    (x, y, _), (gate_x, gate_y, _) = canvas.project(np.array([raced.position[step], scene.gates[following]["center"]]))
+    rows, columns = np.nonzero((picture != empty).any(axis=-1))
+    assert np.hypot(columns - x / FINER, rows - y / FINER).min() < 4
+    red, green, blue = empty.transpose(2, 0, 1)
+    rows, columns = np.nonzero((green > red + 60) & (green > blue + 20))
+    assert len(rows) > 50
+    assert np.hypot(columns.mean() - gate_x / FINER, rows.mean() - gate_y / FINER) < 8
+
+
+# --- stills
+
+
+@pytest.mark.parametrize("name", ["forest", "office"])
+def test_the_drone_is_shown_on_its_way(name, monkeypatch):
+    """The trail is blue, and the rest of the picture does not depend on it."""
+    image = stills.fly(stills.FLIGHTS[name], (160, 90)).astype(int)
+    monkeypatch.setattr(third_person_view.ThirdPersonView, "_draw_trail", lambda *_: None)
+    without = stills.fly(stills.FLIGHTS[name], (160, 90)).astype(int)
+    trail = (image != without).any(axis=-1)
+    assert trail.any()
+    r, g, b = np.median(image[trail], axis=0)
+    assert b > max(r, g)
+
+
+# --- a fan as a slice: what is drawn agrees with what the LiDAR measures
+
+
+@pytest.fixture(scope="module")
+def scan():
+    return Slice.scan()
+
+
+def distances_along(origin, directions, segments):
+    """Return the distance (K,) of the first segment (S, 2, 2) that each ray meets, inf if none."""
+    p, q = segments[:, 0] - origin, segments[:, 1] - origin
+    x, y = directions[:, None, 0], directions[:, None, 1]
+    p_side, q_side = x * p[:, 1] - y * p[:, 0], x * q[:, 1] - y * q[:, 0]
+    p_along, q_along = x * p[:, 0] + y * p[:, 1], x * q[:, 0] + y * q[:, 1]
+    with np.errstate(divide="ignore", invalid="ignore"):
+        t = p_along + (q_along - p_along) * p_side / (p_side - q_side)
+    return np.where(((p_side >= 0) != (q_side >= 0)) & (t >= 0), t, np.inf).min(axis=1)
+
+
+def test_the_hits_are_where_beams_meet_the_slice(scan):
+    origin, ends, hit = beams_of(scan.batch, 0)
+    ranges = np.where(hit, np.linalg.norm(ends - origin, axis=1), np.inf)
+    directions = (ends - origin) / np.linalg.norm(ends - origin, axis=1)[:, None]
+    first = distances_along(origin[:2], directions[:, :2], scan.cut)
+    first[first > LIDAR.max_range_m] = np.inf
+    np.testing.assert_allclose(ranges, first, atol=1e-4)
+    assert 20 < hit.sum() < len(hit)
+
+
+def test_no_box_within_range_and_sector_is_skipped(scan):
+    kept = {tuple(segment.ravel()) for segment in scan.cut}
+    skipped = np.array([segment for segment in scan.all_cut if tuple(segment.ravel()) not in kept])
+    middle = skipped.mean(axis=1) - PLACE[:2]
+    angle = (np.arctan2(middle[:, 1], middle[:, 0]) - scan.turns.mean() + np.pi) % (2 * np.pi) - np.pi
+    inside = abs(angle) < np.deg2rad(LIDAR.hfov_deg) / 2
+    assert np.linalg.norm(middle[inside], axis=1).min() > LIDAR.max_range_m
+
+
+def test_it_is_drawn(tmp_path, scan):
+    draw(tmp_path / "slice.webp", scan)
+    assert (tmp_path / "slice.webp").stat().st_size > 50_000
