@@ -282,7 +282,7 @@ TEST(GeneratedPlayground, BadConfigsAreRefused) {
       {{.pillar_radius_m = 1.5F}, "pillar_radius_m: ... 1 ... 1.5"},
       {{.pillar_radius_m = kNan}, "pillar_radius_m: ... >= 0.01 ... nan"},
   };
-  for (const auto& [config, message] : cases) EXPECT_REFUSED(playground(config), "playground: " + message);
+  for (const auto& tried : cases) EXPECT_REFUSED(playground(tried.first), "playground: " + tried.second);
 }
 
 TEST(GeneratedPlayground, TooManyPillarsAreRefused) {

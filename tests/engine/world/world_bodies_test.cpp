@@ -177,9 +177,7 @@ TEST(WorldBodies, BadFilesAreRefused) {
   EXPECT_TRUE(names(message(R"([{"motion": {"period_s": "x"}}])"), "scene: bodies[0].motion.period_s: expected a number"));
   EXPECT_TRUE(names(message(R"([{"motion": {"period_s": 0}}])"), "scene: bodies[0].motion.period_s:"));
   EXPECT_TRUE(names(message(R"([{"shape": "cube"}])"), "scene: bodies[0].shape: ... cylinder"));
-  const std::string unknown = message(R"([{"motoin": {}}])");
-  EXPECT_EQ(unknown.rfind("scene: bodies[0].motoin: ... shape", 0), 0U) << unknown;
-  EXPECT_NE(unknown.find("id you mean"), std::string::npos) << unknown;
+  EXPECT_TRUE(names(message(R"([{"motoin": {}}])"), "scene: bodies[0].motoin: ... shape ... motion?"));
   EXPECT_TRUE(names(message(R"([{"motion": {"kind": "orbit", "axis": [0, 0, 0]}}])"), "bodies[0].motion.axis: ... 1e-06 ... 0"));
 }
 
