@@ -1,4 +1,4 @@
-"""What the benchmarks share: figures, and calls that take turns, so that a busy moment slows all of them."""
+"""Code that the benchmarks share: figures, and calls that take turns, so that a busy moment slows all of them."""
 
 from __future__ import annotations
 

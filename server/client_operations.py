@@ -32,8 +32,10 @@ RESULTS = {
     "Configs": "BodyConfigs",
 }
 MANY_FIELDS = 3
-#: Messages that the client returns as structs with the same fields.
-MIRRORED = ("Drone", "Fps", "Rotation", "Time", "World", "Field", "Task")
+#: Structs of the client with the fields of messages, and the messages.
+MIRRORED = {name: name for name in ("Drone", "Fps", "Rotation", "Time", "World", "Field", "Task")}
+MIRRORED["ServerInfo"] = "Welcome"
+OTHER_MEMBERS = {"imu_config_json": "imu_configs", "protocol": ""}  # names in the structs; empty: none
 
 
 @dataclass(frozen=True)
@@ -219,22 +221,27 @@ def declared(method: Method) -> list[str]:
 def results_of(schema: Schema) -> str:
     """Return the header of the structs that mirror messages."""
     lines = [RESULTS_TOP]
-    for name in MIRRORED:
-        message = schema.messages[name]
-        members = [f"  {result_member(schema, field)};  // {field.note}" for field in message.fields]
-        lines += [*(f"// {line}" for line in message.text), f"struct {name} {{", *members, "};", ""]
+    for name, of in MIRRORED.items():
+        members = [f"  {result_member(field, member)};  // {field.note}" for field, member in members_of(schema, of)]
+        lines += [*(f"// {line}" for line in schema.messages[of].text), f"struct {name} {{", *members, "};", ""]
     return "\n".join([*lines, "}  // namespace flockstep::client"]) + "\n"
 
 
-def result_member(schema: Schema, field: Field) -> str:
+def members_of(schema: Schema, message: str) -> list[tuple[Field, str]]:
+    """Return the fields of a message that a struct has, with the names of its members."""
+    named = ((field, OTHER_MEMBERS.get(field.name, field.name)) for field in schema.messages[message].fields)
+    return [(field, name) for field, name in named if name]
+
+
+def result_member(field: Field, name: str) -> str:
     """Return the declaration of a member of a result."""
     kind = {"string": "std::string"}.get(field.kind) or SCALARS.get(field.kind, field.kind)
     if field.label == "repeated":
-        return f"std::vector<{'std::size_t' if field.kind == 'uint64' else kind}> {field.name}"
+        return f"std::vector<{'std::size_t' if field.kind == 'uint64' else kind}> {name}"
     if field.label == "optional":
-        return f"std::optional<{kind}> {field.name}"
-    usual = {"DType": "DType::float32", "Quaternion": "{1.0F, 0.0F, 0.0F, 0.0F}"}
-    return f"{kind} {field.name}{{{usual.get(field.kind, '').strip('{}')}}}"
+        return f"std::optional<{kind}> {name}"
+    usual = {"DType": "DType::float32", "Quaternion": "1.0F, 0.0F, 0.0F, 0.0F"}
+    return f"{kind} {name}{{{usual.get(field.kind, '')}}}"
 
 
 def result_value(schema: Schema, field: Field) -> str:
@@ -253,11 +260,11 @@ def result_value(schema: Schema, field: Field) -> str:
 
 def readers(schema: Schema) -> list[str]:
     """Return the functions that read results: declared, or defined for structs that mirror messages."""
-    converted = ("Angles", *MIRRORED)
-    lines = [*(f"{name} value_of(const protocol::{name}& message);" for name in converted), VALUES_OF]
-    for name in converted:
-        values = ", ".join(f".{field.name} = {result_value(schema, field)}" for field in schema.messages[name].fields)
-        lines += [f"{name} value_of(const protocol::{name}& message) {{ return {{{values}}}; }}"]
+    converted = {"Angles": "Angles"} | MIRRORED
+    lines = [*(f"{name} value_of(const protocol::{of}& message);" for name, of in converted.items()), VALUES_OF]
+    for name, of in converted.items():
+        values = ", ".join(f".{name} = {result_value(schema, field)}" for field, name in members_of(schema, of))
+        lines += [f"{name} value_of(const protocol::{of}& message) {{ return {{{values}}}; }}"]
     messages = {method.result: method.entry.result for method in methods(schema)}
     for result, name in messages.items():
         (field, *others) = schema.messages[name].fields or (None,)

@@ -1,4 +1,4 @@
-"""What every peer gets, a quadrotor or rays, and what it returns."""
+"""The input of every peer, a quadrotor or rays, and its results."""
 
 from __future__ import annotations
 

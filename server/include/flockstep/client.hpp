@@ -126,6 +126,12 @@ struct Array {
 
 using Arrays = std::map<std::string, Array, std::less<>>;  // arrays by name
 
+}  // namespace flockstep::client
+
+#include "flockstep/client_results.hpp"
+
+namespace flockstep::client {
+
 // ------------------------------------------------------------------------------------------------------------- a connection
 
 // Parameters of a connection.
@@ -138,25 +144,6 @@ struct Options {
   std::string host_name;        // that the certificate must name; empty: the host of the address
   std::string program = "C++";  // name of this program, for messages of the server
   std::size_t max_message_bytes = std::size_t{1} << 30;  // a longer reply ends the connection
-};
-
-// The server that a connection leads to.
-struct ServerInfo {
-  std::string version;                   // of flockstep
-  std::uint32_t client = 0;              // number of this client, as in Drone::owner
-  std::int64_t num_envs = 0;             // E
-  std::int64_t drones_per_env = 0;       // slots for drones in each env: the batch has N = E * drones_per_env of them
-  std::int64_t generation = 0;           // counts how often the arrays of the batch changed their shapes
-  std::vector<std::string> lidars;       // names
-  std::vector<std::string> cameras;      // names
-  std::vector<std::string> imus;         // names
-  std::vector<std::string> imu_configs;  // ImuConfig of each IMU, as JSON
-  bool flies_by_rotors = false;          // otherwise drones move kinematically
-  bool has_task = false;                 // otherwise get_task(), reset_envs() and step_envs() are refused
-  double step_s = 0.0;                   // simulated time of a step
-  std::vector<std::string> array_names;  // of get_arrays(), without those of sensors
-  std::vector<std::string> array_rows;   // kind of the rows of each: "drone", "env", "task", or "body": B bodies of each env
-  std::int64_t bodies_per_env = 0;       // slots for bodies in each env, B
 };
 
 namespace detail {
@@ -240,12 +227,6 @@ class Stream {
   std::shared_ptr<detail::Call> call_;
   T (*read_)(detail::Call&);
 };
-
-}  // namespace flockstep::client
-
-#include "flockstep/client_results.hpp"
-
-namespace flockstep::client {
 
 // ------------------------------------------------------------------------------------------------------------------- results
 

@@ -133,6 +133,9 @@ Quaternion value_of(const protocol::Quaternion& q);
 Array value_of(const protocol::ReceivedArray& array);
 std::optional<Vector3> value_of(const std::optional<protocol::Vector3>& v);
 std::optional<Quaternion> value_of(const std::optional<protocol::Quaternion>& q);
+// These are made, like those of other results: see server/generate.py.
+ServerInfo value_of(const protocol::Welcome& message);
+Time value_of(const protocol::Time& message);
 // A field that replies always have.
 template <class T>
 const T& required(const std::optional<T>& message, const char* field) {

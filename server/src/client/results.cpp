@@ -11,8 +11,6 @@ static_assert(static_cast<int>(CaptureMode::on_demand) == static_cast<int>(proto
 
 }  // namespace
 
-Time value_of(const protocol::Time& message);  // operations.cpp, like the readers of other results
-
 template <>
 void read<void>(Call& call) {
   ReplyOf<protocol::Done> reply(call);
