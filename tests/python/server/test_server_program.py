@@ -299,9 +299,9 @@ with flockstep.serve(batch, port=0) as server:
     threading.excepthook = lambda _: None
     threading.Thread(target=fly, daemon=True).start()
     time.sleep(0.3)
-    threading.Timer(0.3, lambda: os.kill(os.getpid(), signal.SIGINT)).start()
     started = time.monotonic()
     try:
+        threading.Timer(0.3, lambda: os.kill(os.getpid(), signal.SIGINT)).start()
         batch.sense()
     except KeyboardInterrupt:
         print("interrupted")
