@@ -16,9 +16,6 @@ imaging cost of colour detection, HSV and smaller images, in our kernels and in 
 race    steps of Race, with gates that are solid and with gates that are not
 bodies  scans, steps and frames among bodies and beside the same solids in the static world; ticks of scripts
 meetings  steps and scans of drones that see and touch each other, and of the same drones in separate envs
-dodge   trainings of Dodge with three seeds among bodies and one without them; only if named
-swap    trainings of Swap with three seeds; only if named
-formation   trainings of Formation with three seeds; only if named
 workers start of a trainer's worker: import, worlds, first scan, step and frame, memory; by spawn, by fork, by pickle
 engines steps of DDP, TorchRL's collectors and RLlib with 1, 2, 4, ... processes: rate, time, bytes; only if named
 plan    paths from start to goal in every bundled world and twenty of each generator: processor time and length
@@ -27,6 +24,9 @@ dynamics  rotor flight: the kernel against a bare one, every controller and term
 dynamics_accuracy  errors of rotor flight against double precision, and quality of the controller
 dynamics_peers  comparison with other simulators, which pip downloads into out/peers/; only if named
 mesh_peers  comparison with other ray casters on the same triangles, also downloaded; only if named
+
+The name of a task whose row in flockstep/trainings/table.py has a bench: its trainings beside flyers without a policy;
+only if named.
 """
 
 from __future__ import annotations
@@ -372,9 +372,7 @@ BENCHES: dict[str, Callable[[], list[Figure]]] = {
     "race": of(tasks.measure_race),
     "bodies": of(bodies.measure),
     "meetings": of(meetings.measure),
-    "dodge": of(tasks.measure, "dodge"),
-    "swap": of(tasks.measure, "swap"),
-    "formation": of(tasks.measure, "formation"),
+    **{name: of(tasks.measure, name) for name in tasks.BENCHES},
     "workers": of(workers.measure),
     "engines": of(engines.measure),
     "server": of(server.measure),
@@ -385,8 +383,8 @@ BENCHES: dict[str, Callable[[], list[Figure]]] = {
 }
 #: Benchmarks that run only if named.
 APART = (
-    *("board", "camera_train", "pixels_train", "dodge", "swap", "formation"),
-    *("engines", "scaling", "dynamics_peers", "mesh_peers"),
+    *tasks.BENCHES,
+    *("board", "camera_train", "pixels_train", "engines", "scaling", "dynamics_peers", "mesh_peers"),
 )
 
 

@@ -22,25 +22,25 @@ from timing import Measured, in_turns, timed
 ROOT = Path(__file__).resolve().parent.parent
 sys.path.append(str(ROOT))
 
-#: Trainings by bench: the name of their figures, the row of the table, and the seeds.
-BENCHES = {
-    "dodge": (("living", "dodge", (0, 1, 2)), ("still", "dodge_still", (0,))),
-    "swap": (("trained", "swap", (0, 1, 2)),),
-    "formation": (("trained", "formation", (0, 1, 2)),),
-}
+#: Rows of trainings by bench.
+BENCHES: dict[str, list[str]] = {}
+for row, training in TRAININGS.items():
+    if training.bench is not None:
+        BENCHES.setdefault(training.bench[0], []).append(row)
 UNITS = {"contacts_per_minute": "1/min", "seconds": "s", "training_s": "s"}
 
 
 def measure(bench: str) -> Iterator[Measured]:
     """Judge the flyers and the trainings of a bench."""
-    first = TRAININGS[BENCHES[bench][0][1]]
+    first = TRAININGS[BENCHES[bench][0]]
     for flyer, candidates in first.baselines.items():
         yield from figures(
             f"{bench}/{flyer}", judge(first, best_of(first, candidates), first.flights, FIRST), first.flights
         )
-    for label, row, seeds in BENCHES[bench]:
-        for seed in seeds:
-            training, before = TRAININGS[row], time.perf_counter()
+    for training in (TRAININGS[row] for row in BENCHES[bench]):
+        _, label, seeds = training.bench or ("", "", 0)
+        for seed in range(seeds):
+            before = time.perf_counter()
             model = train(training, "flockstep", seed, 2)
             seconds = time.perf_counter() - before
             name = f"{bench}/{label}/{seed}"
@@ -52,8 +52,7 @@ FIRST = UNSEEN_SEEDS.start
 
 
 def figures(name: str, verdict: Verdict, flights: int) -> Iterator[Measured]:
-    if name.startswith("dodge/"):
-        yield f"{name}/success", verdict.success, "1", flights
+    yield f"{name}/success", verdict.success, "1", flights
     for what, value in verdict.more.items():
         yield f"{name}/{what}", value, UNITS.get(what, "m" if what.endswith("_m") else "1"), flights
 
