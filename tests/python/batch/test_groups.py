@@ -164,9 +164,7 @@ def test_a_bad_state_ends_the_episode_of_its_env_only() -> None:
 
 @pytest.mark.parametrize("interaction", ["none", "collide"])
 @pytest.mark.parametrize("lost", [0, 4])
-def test_a_lost_drone_of_a_team_row_leaves_the_others_as_in_any_other_number_of_envs(
-    interaction: str, lost: int
-) -> None:
+def test_a_lost_drone_of_a_team_row_leaves_the_others_as_in_any_other_number_of_envs(interaction: str, lost: int) -> None:
     """The sixteen drones that fly together belong to different envs if there are more."""
     members = 5
 
@@ -200,9 +198,7 @@ def test_a_lost_drone_of_a_team_row_leaves_the_others_as_in_any_other_number_of_
     )
     observations = []
     for num_envs in (1, 7):
-        env = flockstep.DroneVectorEnv(
-            num_envs, task=Runaway, drones_per_env=members, worlds=world, interaction=interaction
-        )
+        env = flockstep.DroneVectorEnv(num_envs, task=Runaway, drones_per_env=members, worlds=world, interaction=interaction)
         env.reset(seed=0)
         observation, _, terminated, _, infos = env.step(np.zeros((num_envs, 4), np.float32))
         assert terminated.all()
@@ -462,9 +458,7 @@ def test_many_drones_at_one_point_and_in_a_cubic_metre(motion: str) -> None:
 
     def batch_of(count: int, interaction: str) -> flockstep.Batch:
         lidar = flockstep.LidarConfig()
-        return flockstep.Batch(
-            [world], count, drones_per_env=count, interaction=interaction, dynamics=dynamics, lidar=lidar
-        )
+        return flockstep.Batch([world], count, drones_per_env=count, interaction=interaction, dynamics=dynamics, lidar=lidar)
 
     free, met, alone = batch_of(10_000, "none"), batch_of(60, "both"), batch_of(1, "none")
     for cube in (np.zeros((10_000, 3)), np.random.default_rng(0).uniform(-0.5, 0.5, (10_000, 3))):

@@ -6,13 +6,13 @@ import sys
 import warnings
 from typing import Any
 
-import gymnasium
 import numpy as np
 import pytest
 from gymnasium.error import ResetNeeded
 from messages import refused
 from pettingzoo.test import parallel_api_test, parallel_seed_test, render_test
 from pettingzoo.utils import parallel_to_aec
+from simple_tasks import Still
 
 import flockstep
 
@@ -155,17 +155,13 @@ def test_copies_continue() -> None:
 
 
 def test_your_own_task() -> None:
-    class Walk(flockstep.Task):
-        observation_space = gymnasium.spaces.Box(-40, 40, (3,), np.float32)
+    class Walk(Still):
         worlds = "playground/train-1"
         info_names = ("way",)
 
         def step(self, batch: flockstep.Batch) -> Any:
             self.info["way"] = self.steps.astype(float)
             return batch.position[:, 0], self.steps == 2 + np.arange(batch.num_drones)
-
-        def observe(self, batch: flockstep.Batch) -> Any:
-            return batch.position
 
     env = flockstep.parallel_env(Walk, num_drones=2)
     env.reset(seed=0)

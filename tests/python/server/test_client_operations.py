@@ -101,9 +101,8 @@ def test_rotations(client, batch):
     impact = drone.set_rotation(Angles(yaw_deg=90, pitch_deg=10, roll_deg=-20))
     expected = rotations.quat_from_rpy(np.deg2rad([-20, 10, 90]))
     np.testing.assert_allclose(impact.quat_wxyz, expected, atol=1e-6)
-    rotation = drone.get_rotation()
-    np.testing.assert_array_equal(rotation.quat_wxyz, batch.quat_wxyz[3])
-    np.testing.assert_allclose(rotation.angles, (-20, 10, 90), atol=1e-4)
+    np.testing.assert_array_equal(drone.get_rotation().quat_wxyz, batch.quat_wxyz[3])
+    np.testing.assert_allclose(drone.get_rotation().angles, (-20, 10, 90), atol=1e-4)
     drone.set_rotation((2, 0, 0, 0), teleport=True)  # of any length
     np.testing.assert_array_equal(batch.quat_wxyz[3], [1, 0, 0, 0])
     impact = drone.set_location_and_rotation((6, 6, 2), expected)
