@@ -1,4 +1,4 @@
-// What holds for the episodes of every task: an env of many equals that env alone, and autoreset modes agree.
+// Checks of the episodes of every task: an env of many equals that env alone, and autoreset modes agree.
 #pragma once
 
 #include <map>
@@ -61,7 +61,7 @@ void expect_many_equal_single(NavigationBatch config, const Batch::Worlds& world
   for (const char* const kind : {"crashed", "success", "truncated"}) EXPECT_GT(ends[kind], 0) << kind;
 }
 
-// What an env returns for the begin of an episode, or for a step.
+// The results of an env for the begin of an episode, or for a step.
 struct EpisodeRow {
   std::vector<std::byte> observation;
   float reward = 0.0F;

@@ -1,4 +1,4 @@
-// What nearly every test needs: GoogleTest, headers of the standard library (precompiled), looks at refusals, folders
+// Headers for nearly every test: GoogleTest, headers of the standard library (precompiled), looks at refusals, folders
 // and constants.
 #pragma once
 

@@ -1,4 +1,4 @@
-// What runs the operations of the server: workload, executor, its end, and a load of clients.
+// The parts that run the operations of the server: workload, executor, its end, and a load of clients.
 #include "service/executor.hpp"
 
 #include <sys/resource.h>

@@ -41,7 +41,7 @@ def restored(**keywords: Any) -> None:
     made(**keywords).restore(envs.snapshot())
 
 
-#: Of the calls.
+#: Names that the calls use.
 NAMES = {**vars(flockstep), "gymnasium": gymnasium, "np": np, "spaces": spaces, "connect": flockstep.connect}
 NAMES |= {"sb3": flockstep.sb3, "HOME": HOME, "ROOM": ROOM, "Still": Still}
 NAMES |= {"made": made, "stepped": stepped, "restored": restored}

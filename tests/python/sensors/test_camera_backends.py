@@ -81,7 +81,7 @@ def gems() -> flockstep.World:
 
 
 def is_close(ours: npt.NDArray[np.float32], theirs: npt.NDArray[np.float32]) -> npt.NDArray[np.bool_]:
-    """Whether depths are as close as the backends promise: within 1 mm and 0.1 %."""
+    """Return whether depths are as close as the backends promise: within 1 mm and 0.1 %."""
     return np.isclose(theirs, ours, rtol=1e-3, atol=1e-3)
 
 

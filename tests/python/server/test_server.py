@@ -339,7 +339,7 @@ def test_the_command_serves_until_ctrl_c():
 
 
 def test_the_command_refuses_in_one_line():
-    """What the server refuses is tested above."""
+    """The refusals of the server itself are tested above."""
     for arguments, text in ((["--outputs", "colour"], "outputs"), (["missing.json"], "missing.json")):
         with run_command(*arguments) as process:
             output, _ = process.communicate(timeout=60)

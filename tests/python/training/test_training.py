@@ -266,7 +266,7 @@ def test_the_command_line_knows_each_tasks_defaults(monkeypatch):
 
 @pytest.fixture
 def said_of(monkeypatch, capsys):
-    """What the command line says of arguments that it refuses, in one line."""
+    """The command line refuses arguments in one line."""
 
     def said_of(*arguments):
         monkeypatch.setattr("sys.argv", ["train_ppo.py", *arguments])
