@@ -72,7 +72,6 @@ inline Query make_query(bool coherent) {
   query.flags = coherent ? RTC_RAY_QUERY_FLAG_COHERENT : RTC_RAY_QUERY_FLAG_INCOHERENT;
   return query;
 }
-inline void trace_ray(RTCScene scene, RTCRayHit& ray, Query& query) { rtcIntersect1(scene, &ray, &query); }
 inline void trace_packet(RTCScene scene, const int* valid, RTCRayHit8& packet, Query& query) {
   rtcIntersect8(valid, scene, &packet, &query);
 }
@@ -87,7 +86,6 @@ inline Query make_query(bool coherent) {
   query.flags = coherent ? RTC_INTERSECT_CONTEXT_FLAG_COHERENT : RTC_INTERSECT_CONTEXT_FLAG_INCOHERENT;
   return query;
 }
-inline void trace_ray(RTCScene scene, RTCRayHit& ray, Query& query) { rtcIntersect1(scene, &query, &ray); }
 inline void trace_packet(RTCScene scene, const int* valid, RTCRayHit8& packet, Query& query) {
   rtcIntersect8(valid, scene, &query, &packet);
 }

@@ -5,17 +5,17 @@ One thread, in processor time. The variants that are compared alternate.
 
 from __future__ import annotations
 
+import itertools
 import statistics
-import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from typing import Any
 
 import numpy as np
 
 import flockstep
 from flockstep import BodyConfig, BodyMotion
+from timing import RUNS, Measured, Timer, in_turns, median_ratio, timed
 
-RUNS = 7
 DRONES, STEPS = 1024, 60
 ENVS, BODIES = 64, 64  # of the ticks of scripts
 TICKS = 100
@@ -23,8 +23,6 @@ SIDE = 8  # SIDE x SIDE solids
 CAMERAS, FRAMES = 64, 10  # drones with a camera, and frames of each in a run
 RINGS = 50  # of a torus of 2 RINGS x RINGS triangles
 TILT_RAD = -0.7  # of the torus about y, which shows its hole to the cameras
-
-Measured = tuple[str, float, str, int]  # name, value, unit, runs
 
 
 def measure() -> Iterator[Measured]:
@@ -34,10 +32,13 @@ def measure() -> Iterator[Measured]:
     yield from scripts()
 
 
-def seconds(call: Callable[[], object]) -> float:
-    before = time.process_time()
-    call()
-    return time.process_time() - before
+def compared(name: str, rate: str, count: int, timers: dict[str, Timer]) -> Iterator[Measured]:
+    """Return the rate of each variant, and its ratio to that of the same solids in the static world."""
+    times = in_turns(timers, warm_up=True)
+    for variant, seconds in times.items():
+        yield f"bodies/{name}/{variant}/{rate}", count / statistics.median(seconds), "1/s", RUNS
+        if variant != "static":
+            yield f"bodies/{name}/{variant}/ratio_to_static", median_ratio(times["static"], seconds), "1", RUNS
 
 
 def hall(**more: Any) -> flockstep.World:
@@ -100,37 +101,23 @@ def scans() -> Iterator[Measured]:
         for _ in range(7):  # the bodies leave their initial places
             batch.move(places)
         batch.set_pose(places)
-    times: dict[str, list[float]] = {name: [] for name in batches}
-    for run in range(RUNS + 1):
-        for name, batch in batches.items():
-            took = seconds(lambda batch=batch: [batch.sense() for _ in range(STEPS)])
-            if run > 0:  # the first one warms up
-                times[name].append(took / STEPS)
-    for name in batches:
-        yield f"bodies/scans/{name}/scans_per_second", DRONES / statistics.median(times[name]), "1/s", RUNS
-    for name in ("none", "moving"):
-        ratio = statistics.median(a / b for a, b in zip(times["static"], times[name], strict=True))
-        yield f"bodies/scans/{name}/ratio_to_static", ratio, "1", RUNS
+    yield from compared(
+        "scans", "scans_per_second", DRONES, {name: timed(batch.sense, STEPS) for name, batch in batches.items()}
+    )
 
 
 def lidar_task() -> Iterator[Measured]:
     """Step the task under random actions, in steady state, including resets."""
     worlds = {"none": hall(), "static": standing(), "still": with_bodies(0.0), "moving": with_bodies(0.3)}
     actions = np.random.default_rng(0).integers(0, 6, (STEPS, DRONES))
-    envs = {name: flockstep.DroneVectorEnv(DRONES, worlds=world, num_threads=1) for name, world in worlds.items()}
-    for each in envs.values():
-        each.reset(seed=0)
-        for i in range(1000):  # until drones are spread out and episodes end at a steady rate
-            each.step(actions[i % STEPS])
-    times: dict[str, list[float]] = {name: [] for name in envs}
-    for _ in range(RUNS):
-        for name, each in envs.items():
-            times[name].append(seconds(lambda each=each: [each.step(told) for told in actions]) / STEPS)
-    for name in envs:
-        yield f"bodies/lidar_task/{name}/steps_per_second", DRONES / statistics.median(times[name]), "1/s", RUNS
-    for name in ("none", "still", "moving"):
-        ratio = statistics.median(a / b for a, b in zip(times["static"], times[name], strict=True))
-        yield f"bodies/lidar_task/{name}/ratio_to_static", ratio, "1", RUNS
+    timers = {}
+    for name, world in worlds.items():
+        envs, turns = flockstep.DroneVectorEnv(DRONES, worlds=world, num_threads=1), itertools.cycle(actions)
+        envs.reset(seed=0)
+        for _ in range(1000):  # until drones are spread out and episodes end at a steady rate
+            envs.step(next(turns))
+        timers[name] = timed(lambda envs=envs, turns=turns: envs.step(next(turns)), STEPS)
+    yield from compared("lidar_task", "steps_per_second", DRONES, timers)
 
 
 def torus(center_m: tuple[float, float, float] | None = None) -> flockstep.World:
@@ -170,18 +157,15 @@ def cameras() -> Iterator[Measured]:
         "moving": flockstep.Batch([room], CAMERAS, bodies=[BodyConfig(**body, motion=spin)], **settings),
     }
     places = np.array([0, 0, 3]) + np.random.default_rng(0).uniform(-0.3, 0.3, (CAMERAS, 3))
-    times: dict[str, list[float]] = {name: [] for name in batches}
-    for run in range(RUNS + 1):
-        for name, batch in batches.items():
-            batch.set_pose(places)
-            took = seconds(lambda batch=batch: [(batch.move(places), batch.sense()) for _ in range(FRAMES)])
-            if run > 0:  # the first one warms up
-                times[name].append(took / (CAMERAS * FRAMES))
-    for name in batches:
-        yield f"bodies/cameras/{name}/frames_per_second", 1 / statistics.median(times[name]), "1/s", RUNS
-    for name in ("none", "still", "moving"):
-        ratio = statistics.median(a / b for a, b in zip(times["static"], times[name], strict=True))
-        yield f"bodies/cameras/{name}/ratio_to_static", ratio, "1", RUNS
+    timers = {
+        name: timed(
+            lambda batch=batch: (batch.move(places), batch.sense()),
+            FRAMES,
+            before=lambda batch=batch: batch.set_pose(places),
+        )
+        for name, batch in batches.items()
+    }
+    yield from compared("cameras", "frames_per_second", CAMERAS, timers)
 
 
 def motions() -> dict[str, BodyMotion]:
@@ -208,12 +192,8 @@ def scripts() -> Iterator[Measured]:
     for name, motion in motions().items():
         body = BodyConfig(position_m=[20, 0, 5], motion=motion)
         batches[name] = flockstep.Batch([bare], ENVS, bodies=[body] * BODIES, clock=clock, num_threads=1)
-    times: dict[str, list[float]] = {name: [] for name in batches}
-    for run in range(RUNS + 1):
-        for name, batch in batches.items():
-            took = seconds(lambda batch=batch: batch.move(batch.position))
-            if run > 0:  # the first one warms up
-                times[name].append(took)
+    timers = {name: timed(lambda batch=batch: batch.move(batch.position)) for name, batch in batches.items()}
+    times = in_turns(timers, warm_up=True)
     for name in motions():
         added = statistics.median(a - b for a, b in zip(times[name], times["none"], strict=True))
         yield f"bodies/script/{name}/ns_per_tick", 1e9 * added / (TICKS * ENVS * BODIES), "ns", RUNS

@@ -8,12 +8,15 @@ import subprocess
 import sys
 import tempfile
 import time
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 import flockstep
+from compare_rows import somewhere
+from timing import Measured, in_turns, timed
 
 RUNS = 5
 DRONES = 256
@@ -24,140 +27,29 @@ LIDARS = {
 }
 SIZES_PX = {"camera64x64": ((64, 64), DRONES), "camera640x480": ((640, 480), 4)}
 
-Measured = tuple[str, float, str, int]  # name, value, unit, runs
 
-
-def seconds_per_sense(batch: flockstep.Batch, at_least_s: float = 0.1) -> float:
-    count, before = 0, time.perf_counter()
-    while (elapsed := time.perf_counter() - before) < at_least_s:
-        batch.sense()
-        count += 1
-    return elapsed / count
-
-
-def turned(count: int) -> Any:
-    """Return quaternions of evenly spaced yaws."""
-    half = np.linspace(0, np.pi, count, dtype=np.float32)
-    zero = np.zeros_like(half)
-    return np.stack([np.cos(half), zero, zero, np.sin(half)], axis=1)
-
-
-def sensing(world: flockstep.World, places: Any, **sensors: Any) -> flockstep.Batch:
-    """Return a batch of drones at given positions, each with a different yaw."""
-    batch = flockstep.Batch([world], len(places), num_threads=1, **sensors)
-    batch.set_pose(places, turned(len(places)))
-    batch.sense()
-    return batch
-
-
-def measure() -> list[Measured]:
+def measure() -> Iterator[Measured]:
     """Time LiDAR scans and frames with depth on one thread, at random positions in free space."""
-    found: list[Measured] = []
     for name in flockstep.scenes.names():
         (world,) = flockstep.scenes.load(name)
-        places = world.free_places(DRONES, seed=0)
-        batches = {sensor: sensing(world, places, lidar=lidar) for sensor, lidar in LIDARS.items()}
+        batches = {sensor: somewhere(flockstep, [world], DRONES, lidar=lidar) for sensor, lidar in LIDARS.items()}
         for sensor, ((width, height), count) in SIZES_PX.items():
             camera = flockstep.CameraConfig(
                 width_px=width, height_px=height, hfov_deg=90.0, far_m=1000.0, outputs=("rgb", "depth")
             )
-            batches[sensor] = sensing(world, places[:count], cameras=[camera])
-        times: dict[str, list[float]] = {sensor: [] for sensor in batches}
-        for _ in range(RUNS):
-            for sensor, batch in batches.items():
-                times[sensor].append(seconds_per_sense(batch))
-        found.append((f"worlds/{name}/triangles", float(world.check()["triangles"]), "1", 1))
-        for sensor, batch in batches.items():
-            rate = batch.num_drones / statistics.median(times[sensor])
+            batches[sensor] = somewhere(flockstep, [world], count, cameras=[camera])
+        timers = {
+            sensor: timed(batch.sense, at_least_s=0.1, clock=time.perf_counter) for sensor, batch in batches.items()
+        }
+        yield f"worlds/{name}/triangles", float(world.check()["triangles"]), "1", 1
+        for sensor, seconds in in_turns(timers, RUNS, warm_up=True).items():
+            batch = batches[sensor]
             packets = batch.embree_packets
             batch.sense()
-            found += [
-                (f"worlds/{name}/{sensor}_per_second", rate, "1/s", RUNS),
-                (f"worlds/{name}/{sensor}_embree_packets", (batch.embree_packets - packets) / batch.num_drones, "1", 1),
-            ]
-    return found
-
-
-def measure_steps() -> list[Measured]:
-    """Time whole steps of examples/depth_to_goal.py, 64 x 48 pixels of depth, and the share of rendering.
-
-    It runs on one thread under random actions from positions all over the worlds. Whole steps and rendering alternate.
-    """
-    sys.path.append(str(Path(__file__).resolve().parent.parent / "examples"))
-    from depth_to_goal import DepthToGoal  # type: ignore[import-not-found]
-
-    found: list[Measured] = []
-    for name in ("indoor/office", "outdoor/forest"):
-        (world,) = flockstep.scenes.load(name)
-        places = world.free_places(DRONES, seed=0)
-
-        class FromAllOver(DepthToGoal):  # type: ignore[misc] # module without types
-            def reset(self, batch: flockstep.Batch, mask: Any) -> None:
-                super().reset(batch, mask)
-                batch.set_pose(places, turned(DRONES), mask)  # noqa: B023 - used only in this iteration
-                self.last_distance[mask] = batch.terms.goal_distance()[mask]
-
-        envs = flockstep.DroneVectorEnv(DRONES, worlds=world, task=FromAllOver(), num_threads=1, copy=False)
-        envs.reset(seed=0)
-        actions = np.random.default_rng(0).uniform(-1, 1, (300, *envs.action_space.shape)).astype(np.float32)
-        times: dict[str, list[float]] = {"step": [], "sense": []}
-        for run in range(RUNS + 1):  # drones are spread out before the first measured run
-            before = time.perf_counter()
-            for told in actions:
-                envs.step(told)
-            took = (time.perf_counter() - before) / len(actions)
-            if run > 0:
-                times["step"].append(took)
-                times["sense"].append(seconds_per_sense(envs.batch))
-        shares = [sense / step for sense, step in zip(times["sense"], times["step"], strict=True)]
-        rate = DRONES / statistics.median(times["step"])
-        found += [
-            (f"worlds/{name}/depth64x48_steps_per_second", rate, "1/s", RUNS),
-            (f"worlds/{name}/depth64x48_share_of_rendering", statistics.median(shares), "1", RUNS),
-        ]
-    return found
-
-
-#: Costs of images of one world, with and without features that make them realistic.
-LOOKS_IN = "outdoor/city"
-LOOKS: dict[str, tuple[tuple[str, ...], dict[str, Any]]] = {  # features removed from the world, settings of the camera
-    "as_it_is": ((), {}),
-    "shadows": ((), {"shadows": True}),
-    "four_samples": ((), {"samples_per_pixel": 4}),
-    "no_textures": (("textures",), {}),
-    "no_disc_of_the_sun": (("sun",), {}),
-}
-
-
-def plainer(world: flockstep.World, without: tuple[str, ...]) -> flockstep.World:
-    """Return the world without its textures, or without the sun in its sky."""
-    data = world.to_dict()
-    if "textures" in without:
-        del data["textures"]
-        for material in data["materials"].values():
-            material.pop("texture", None)
-    if "sun" in without:
-        data["light"].update(sun_radius_deg=0.0, sun_glow=0.0)
-    return flockstep.World.from_dict(data)
-
-
-def measure_looks() -> list[Measured]:
-    """Time frames of 320 x 240 on one thread, by both backends, with and without features that make them realistic."""
-    (world,) = flockstep.scenes.load(LOOKS_IN)
-    places = world.free_places(8, seed=0)
-    batches = {}
-    for backend in ("raycast", "gl"):
-        for look, (without, settings) in LOOKS.items():
-            camera = flockstep.CameraConfig(width_px=320, height_px=240, hfov_deg=90.0, far_m=1000.0, **settings)
-            batches[backend, look] = sensing(plainer(world, without), places, cameras=[camera], camera_backend=backend)
-    times: dict[tuple[str, str], list[float]] = {key: [] for key in batches}
-    for _ in range(RUNS):
-        for key, batch in batches.items():
-            times[key].append(seconds_per_sense(batch, 0.3) / batch.num_drones)
-    return [
-        (f"looks/{backend}/{look}/ms_per_frame", 1e3 * statistics.median(times[backend, look]), "ms", RUNS)
-        for backend, look in batches
-    ]
+            packets = batch.embree_packets - packets
+            rate = batch.num_drones / statistics.median(seconds)
+            yield f"worlds/{name}/{sensor}_per_second", rate, "1/s", RUNS
+            yield f"worlds/{name}/{sensor}_embree_packets", packets / batch.num_drones, "1", 1
 
 
 def ground(rows: int, texture_px: int, path: Path, **markers: Any) -> int:
@@ -191,9 +83,8 @@ print(json.dumps([loaded - before, scanned - before, memory("VmRSS") - before_by
 """
 
 
-def measure_loading() -> list[Measured]:
+def measure_loading() -> Iterator[Measured]:
     """Load a million triangles, and two million with a texture of 8,192 x 8,192 pixels, up to the first scan."""
-    found: list[Measured] = []
     for name, rows, texture_px in (("gltf1M", 708, 0), ("scan2M_8k", 1001, 8192)):
         with tempfile.TemporaryDirectory() as folder:
             path = Path(folder) / "ground.glb"
@@ -203,15 +94,10 @@ def measure_loading() -> list[Measured]:
                 program: list[str | Path] = [sys.executable, "-c", LOAD, path]
                 runs.append(json.loads(subprocess.run(program, check=True, stdout=subprocess.PIPE).stdout))
             load_s, scan_s, resident, peak = np.median(runs, axis=0).tolist()
-        found += [
-            (f"load/{name}/seconds", load_s, "s", 3),
-            (f"load/{name}/seconds_to_first_scan", scan_s, "s", 3),
-            (f"load/{name}/resident_megabytes", resident / 1e6, "MB", 3),
-            (f"load/{name}/peak_megabytes", peak / 1e6, "MB", 3),
-        ]
+        yield f"load/{name}/seconds", load_s, "s", 3
+        yield f"load/{name}/seconds_to_first_scan", scan_s, "s", 3
+        yield f"load/{name}/resident_megabytes", resident / 1e6, "MB", 3
+        yield f"load/{name}/peak_megabytes", peak / 1e6, "MB", 3
         if not texture_px:
-            found += [
-                (f"load/{name}/bytes_per_triangle", resident / triangles, "B", 3),
-                (f"load/{name}/peak_bytes_per_triangle", peak / triangles, "B", 3),
-            ]
-    return found
+            yield f"load/{name}/bytes_per_triangle", resident / triangles, "B", 3
+            yield f"load/{name}/peak_bytes_per_triangle", peak / triangles, "B", 3

@@ -258,11 +258,10 @@ std::shared_ptr<const World> office_of_triangles() {
 // Returns the least advantage of slices in several meshes, with the processor's best instructions and with AVX2, because the
 // thresholds are the same for all processors. Embree has its best instructions in both cases.
 double least_slices_advantage(int beams, float between_m) {
-  static const std::array<std::pair<const char*, std::shared_ptr<const World>>, 5> meshes{
+  static const std::array<std::pair<const char*, std::shared_ptr<const World>>, 4> meshes{
       {{"hills1k", bench::mesh_world(20, 20.0F)},
        {"hills100k", bench::mesh_world(200, 60.0F)},
        {"hills1M", bench::mesh_world(640, 180.0F)},
-       {"rooms", bench::triangles_of(*bench::furnished_rooms(), 0.01F)},
        {"office", office_of_triangles()}}};
   const std::int64_t all = hwy::SupportedTargets(), older = all & ~(HWY_AVX2 - 1);
   double least = std::numeric_limits<double>::infinity();

@@ -1,9 +1,9 @@
-// Compares the cameras with bare renderers that produce the same images from the same poses, on one thread.
+// Compares the cameras with a bare renderer that produces the same images from the same poses, on one thread.
 //
 // Bare Embree: for each camera, packets of neighbouring pixels are traced through the world's triangles (primitives tessellated
 // to 16-gons). They are shaded from Embree's normals with the engine's formula, and colour and depth are stored. The best of
-// packets of 4 x 2 and 4 x 4 rays, coherent or incoherent, counts. Bare OpenGL: bare_gl.hpp. Engine: Batch::capture. All
-// variants run in turns. Prints a JSON list of figures.
+// packets of 4 x 2 and 4 x 4 rays, coherent or incoherent, counts. Engine: Batch::capture. All variants run in turns. Prints a
+// JSON list of figures.
 #undef HWY_TARGET_INCLUDE
 #define HWY_TARGET_INCLUDE "camera.cpp"
 #include <hwy/foreach_target.h>
@@ -89,7 +89,6 @@ HWY_AFTER_NAMESPACE();
 #include <cstdio>
 #include <cstring>
 #include <functional>
-#include <limits>
 #include <memory>
 #include <numbers>
 #include <random>
@@ -97,7 +96,6 @@ HWY_AFTER_NAMESPACE();
 #include <utility>
 #include <vector>
 
-#include "bare_gl.hpp"
 #include "base/platform.hpp"
 #include "bench.hpp"
 #include "flockstep/batch.hpp"
@@ -120,7 +118,6 @@ constexpr int kRuns = 7;
 // A world's triangles with one colour each, including its markers, for the bare loop.
 struct BareWorld {
   std::unique_ptr<bench::BareScene> scene;
-  flockstep::TriangleMesh mesh;
   bench::Paint paint;
 
   explicit BareWorld(const flockstep::World& world) {
@@ -139,7 +136,7 @@ struct BareWorld {
     if (world.markers().goal) add_marker(*world.markers().goal, flockstep::render::kGoalColor);
     const flockstep::World solid(std::move(description));
     scene = bench::triangle_scene(solid);
-    mesh = solid.mesh(bench::chord_error(solid));
+    const flockstep::TriangleMesh mesh = solid.mesh(bench::chord_error(solid));
     for (const std::uint16_t material : mesh.materials) paint.colors.push_back(solid.materials()[material].base_color);
     paint.light = world.light();
     for (std::size_t i = 0; i < paint.levels.size(); ++i) {
@@ -281,13 +278,9 @@ void bench_case(const std::string& name, const std::shared_ptr<const flockstep::
   cameras.depth.resize(pixels);
 
   const auto gl = make_batch(world, poses, camera, flockstep::CameraBackend::gl);
-  bench::BareGl bare_gl(bare.mesh, bare.paint.colors, bare.paint.light, camera.near_m);
-  bare_gl.make_atlas(width, height, num_drones);
   const std::vector<bench::Variant> variants{
       {"raycast", [&] { batch->capture(0); }},
       {"gl", [&] { gl->capture(0); }},
-      {"bare OpenGL", [&] { bare_gl.render(cameras.position, cameras.rotation, cameras.fx, cameras.fy, false); }},
-      {"bare OpenGL culled", [&] { bare_gl.render(cameras.position, cameras.rotation, cameras.fx, cameras.fy, true); }},
       {"bare Embree 4x2 coherent", [&] { render_bare<RTCRayHit8, 2>(bare, cameras, true); }},
       {"bare Embree 4x2 incoherent", [&] { render_bare<RTCRayHit8, 2>(bare, cameras, false); }},
       {"bare Embree 4x4 coherent", [&] { render_bare<RTCRayHit16, 4>(bare, cameras, true); }},
@@ -295,46 +288,39 @@ void bench_case(const std::string& name, const std::shared_ptr<const flockstep::
       {"through Embree", [&] { embree->capture(0); }}};
   const flockstep::FlushDenormals flush;
   const bench::Times times = bench::interleave(variants, kRuns);
-  constexpr std::size_t kFirstGl = 2, kFirstEmbree = 4, kThroughEmbree = 8;
-  const auto fastest = [&](std::size_t first, std::size_t last) {
-    std::size_t best = first;
-    for (std::size_t v = first; v < last; ++v) {
-      if (bench::median(times[v]) < bench::median(times[best])) best = v;
-    }
-    return best;
-  };
-  const std::size_t best_gl = fastest(kFirstGl, kFirstEmbree), best_embree = fastest(kFirstEmbree, kThroughEmbree);
+  constexpr std::size_t kFirstBare = 2, kThroughEmbree = 6;
+  std::size_t best = kFirstBare;
+  for (std::size_t v = kFirstBare; v < kThroughEmbree; ++v) {
+    if (bench::median(times[v]) < bench::median(times[best])) best = v;
+  }
   for (std::size_t v = 0; v < variants.size(); ++v) {
     std::fprintf(stderr, "  %-12s %-28s %10.1f frames/s\n", name.c_str(), variants[v].label.c_str(),
                  static_cast<double>(n) / bench::median(times[v]));
   }
-  for (float& depth : bare_gl.depth) {
-    if (!(depth <= camera.far_m)) depth = std::numeric_limits<float>::infinity();
-  }
   const std::vector<float>& ours = batch->images(0).depth;
   using Seen = std::pair<const char*, const std::vector<float>*>;
-  for (const auto& [text, depth] : {Seen{"bare Embree", &cameras.depth}, Seen{"bare OpenGL", &bare_gl.depth},
-                                    Seen{"gl", &gl->images(0).depth}, Seen{"Embree", &embree->images(0).depth}}) {
+  for (const auto& [text, depth] :
+       {Seen{"bare Embree", &cameras.depth}, Seen{"gl", &gl->images(0).depth}, Seen{"Embree", &embree->images(0).depth}}) {
     const double share = share_that_differs(ours, *depth);
     if (share < 0.04) continue;
     std::fprintf(stderr, "%s: %s differs in depth from raycast in %.1f %% of the pixels\n", name.c_str(), text, 100.0 * share);
     std::exit(1);
   }
-  const std::string size = size_of(width, height, num_drones);
-  const auto add = [&](const std::string& backend, std::size_t variant, std::size_t bare_variant, const std::string& ratio,
-                       const std::string& bare_name) {
-    const std::string figure = "camera/" + backend + '/' + name + '/' + size + '/';
-    const auto rate = [&](std::size_t v) { return static_cast<double>(n) / bench::median(times[v]); };
-    figures.add(figure + ratio, bench::median_ratio(times[bare_variant], times[variant]), "1", kRuns);
+  const std::string size = name + '/' + size_of(width, height, num_drones) + '/';
+  const auto rate = [&](std::size_t v) { return static_cast<double>(n) / bench::median(times[v]); };
+  const auto add = [&](const std::string& backend, std::size_t variant, const std::string& ratio) {
+    const std::string figure = "camera/" + backend + '/' + size;
+    figures.add(figure + ratio, bench::median_ratio(times[best], times[variant]), "1", kRuns);
     figures.add(figure + "frames_per_second", rate(variant), "1/s", kRuns);
-    figures.add("camera_table/" + name + '/' + size + '/' + backend + "_frames_per_second", rate(variant), "1/s", kRuns);
-    figures.add(figure + bare_name + "_frames_per_second", rate(bare_variant), "1/s", kRuns);
+    figures.add("camera_table/" + size + backend + "_frames_per_second", rate(variant), "1/s", kRuns);
   };
   // On triangles Embree's loop does the same work. On primitives it serves only as a reference.
   const bool meshes = !world->triangles().triangles.empty();
-  add("raycast", 0, best_embree, meshes ? "ratio_to_bare" : "ratio_to_bare_embree", "bare_embree");
-  if (meshes) add("embree", kThroughEmbree, best_embree, "ratio_to_bare", "bare_embree");
-  add("gl", 1, best_gl, "ratio_to_bare", "bare_gl");
+  const std::string ratio = meshes ? "ratio_to_bare" : "ratio_to_bare_embree";
+  add("raycast", 0, ratio);
+  figures.add("camera/raycast/" + size + "bare_embree_frames_per_second", rate(best), "1/s", kRuns);
+  if (meshes) add("embree", kThroughEmbree, ratio);
+  add("gl", 1, "ratio_to_bare_embree");
 }
 
 // Image sizes and batch sizes for the comparison with the bare loops.
@@ -365,52 +351,9 @@ void bench_table(const std::string& name, const std::shared_ptr<const flockstep:
   }
 }
 
-// Measures the cost of the capture modes: sense() with a camera in each mode, for drones at rest and for drones that move
-// before each call, next to sense() without cameras.
-void bench_modes(const std::string& name, const std::shared_ptr<const flockstep::World>& world, bench::Figures& figures) {
-  constexpr int kDrones = 64;
-  const Poses poses(*world, kDrones);
-  std::vector<float> shifted = poses.position;
-  for (std::size_t i = 2; i < shifted.size(); i += 3) shifted[i] += 0.01F;
-  const auto bare = [&] {
-    flockstep::BatchConfig config;
-    config.num_envs = kDrones;
-    config.num_threads = 1;
-    return std::make_unique<flockstep::Batch>(config, flockstep::Batch::Worlds{world});
-  };
-  std::vector<std::pair<std::string, std::unique_ptr<flockstep::Batch>>> batches;
-  for (const auto& [mode, text] : {std::pair{flockstep::CaptureMode::every_step, "every_step"},
-                                   {flockstep::CaptureMode::on_movement, "on_movement"},
-                                   {flockstep::CaptureMode::on_demand, "on_demand"}}) {
-    flockstep::CameraConfig camera = rgb_and_depth(64, 64);
-    camera.capture_mode = mode;
-    batches.emplace_back(text, make_batch(world, poses, camera, flockstep::CameraBackend::raycast));
-  }
-  batches.emplace_back("no_camera", bare());
-  std::vector<bench::Variant> variants;
-  for (const bool moving : {false, true}) {
-    for (const auto& [text, batch] : batches) {
-      flockstep::Batch* const drones = batch.get();
-      variants.push_back({text + (moving ? "/moving" : "/still"), [&, drones, moving, up = false]() mutable {
-                            if (moving) {
-                              drones->set_pose(up ? shifted : poses.position, {});
-                              up = !up;
-                            }
-                            drones->sense();
-                          }});
-    }
-  }
-  const bench::Times times = bench::interleave(variants, kRuns);
-  for (std::size_t v = 0; v < variants.size(); ++v) {
-    const double us = 1e6 * bench::median(times[v]) / kDrones;
-    std::fprintf(stderr, "  %-12s %-24s %10.3f us per drone and step\n", name.c_str(), variants[v].label.c_str(), us);
-    figures.add("camera_modes/" + name + '/' + variants[v].label + "/microseconds_per_drone", us, "us", kRuns);
-  }
-}
-
 }  // namespace
 
-// The argument selects the part to run: "bare", "table" or "modes". Without it all parts run.
+// The argument selects the part to run: "bare" or "table". Without it both run.
 int main(int argc, char** argv) {
   const std::string part = argc > 1 ? argv[1] : "";
   const auto asked = [&](const char* name) { return part.empty() || part == name; };
@@ -427,9 +370,6 @@ int main(int argc, char** argv) {
   }
   for (const auto& [name, world] : worlds) {
     if (asked("table")) bench_table(name, world, figures);
-  }
-  for (const auto& [name, world] : worlds) {
-    if (asked("modes") && (name == "playground" || name == "mesh100k")) bench_modes(name, world, figures);
   }
   figures.print();
 }

@@ -6,12 +6,10 @@ camera    images by both backends, and capture modes that rarely render
 tiles     cameras and LiDARs on triangles, in tiles and slices; ids, normals, textures, shadows, samples, resizing
 dynamics  `Batch.fly` by each controller, with gusts, ground effect and an IMU, in contact; `Batch.move`
 worlds    loading, saving, generating and preparing worlds, world pools, and sensors in the bundled worlds
-stages    the C++ benchmark of that name, stage by stage; only if named, because its timing is coarser
 build     processor time of building the package from scratch; only if named, because it takes minutes
 
 Without a NAME, the first six run. A NAME may also be one row, or a prefix of rows up to a slash. DIR is a checkout
-whose .venv has its package installed, under the name in its pyproject.toml. `stages` also needs its C++ benchmarks to
-be built.
+whose .venv has its package installed, under the name in its pyproject.toml.
 
 Each repeat starts a process in either checkout, with its own Python. Both prepare the same row, then alternate in
 slices of a few hundredths of a second: this, other, other, this, and so on. Other load on the machine thus slows both
@@ -53,8 +51,7 @@ LEAST_PAIRS = 6
 SLICE_S = 0.025
 LEAST_MEAN, LEAST_ROW, LEAST_BUILD = 0.98, 0.93, 1 / 1.05
 FAMILIES = tuple(dict.fromkeys(row.split("/")[0] for row, _ in ROWS))
-ONLY_IF_NAMED = ("stages", "build")
-SECONDS = {"ns": 1e-9, "us": 1e-6, "s": 1.0}
+ONLY_IF_NAMED = ("build",)
 
 Ratios = dict[str, list[float]]  # by row, one ratio per repeat
 
@@ -135,14 +132,6 @@ class Checkout:
             raise CannotRunError(f"{self.root}: {answer['error']}")
         return float(answer["seconds"])
 
-    def stages(self) -> dict[str, float]:
-        """Run the C++ benchmark and return its times in seconds."""
-        program = self.root / "build" / "release" / "bench" / "stages"
-        if not program.exists():
-            raise CannotRunError(f"{program}: not built (cmake -D{self.package.upper()}_BENCH=ON there)")
-        output = subprocess.run([program], check=True, stdout=subprocess.PIPE, text=True).stdout
-        return {f["name"]: f["value"] * SECONDS[f["unit"]] for f in json.loads(output) if f["unit"] in SECONDS}
-
 
 def row_ratio(this: Checkout, other: Checkout, row: str) -> float:
     for checkout in (this, other):
@@ -177,15 +166,6 @@ def repeat(
                 yield row, row_ratio(this, other, row)
             except CannotRunError as error:
                 failures[row] = str(error)
-    if "stages" in names:
-        try:
-            runs = [checkout.stages() for checkout in (this, other, other, this)]
-        except CannotRunError as error:
-            failures["stages"] = str(error)
-            return
-        for row in runs[0]:
-            if row in runs[1]:
-                yield f"stages/{row}", (runs[1][row] + runs[2][row]) / (runs[0][row] + runs[3][row])
 
 
 def build_seconds(this: Checkout, other: Checkout) -> tuple[float, float]:

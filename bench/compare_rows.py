@@ -13,6 +13,7 @@ import math
 import sys
 import tempfile
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -102,10 +103,8 @@ def large_room(package: Any) -> list[Any]:
 
 
 def stepping(n: int, warm_up: int = 300, **settings: Any) -> Setup:
-    def setup(package: Any) -> Call:
-        return stepped(package.DroneVectorEnv(n, **{"worlds": "train", "num_threads": 1} | settings), warm_up)
-
-    return setup
+    told = {"worlds": "train", "num_threads": 1} | settings
+    return lambda package: stepped(package.DroneVectorEnv(n, **told), warm_up)
 
 
 def flying(n: int, task: str, imu: bool = False, in_small_room: bool = False, **settings: Any) -> Setup:
@@ -124,8 +123,12 @@ def flying(n: int, task: str, imu: bool = False, in_small_room: bool = False, **
     return setup
 
 
+NOISES = ("noise_density", "random_walk")
+
+
 def noisy_imu(package: Any, **settings: Any) -> Any:
-    return package.ImuConfig(accelerometer_noise_density=0.02, gyroscope_random_walk=0.01, **settings)
+    noise = {f"{sensor}_{kind}": 0.01 for sensor in ("accelerometer", "gyroscope") for kind in NOISES}
+    return package.ImuConfig(**noise | settings)
 
 
 def example_task(n: int, worlds: str, module: str, task: str, *configs: str) -> Setup:
@@ -139,13 +142,14 @@ def example_task(n: int, worlds: str, module: str, task: str, *configs: str) -> 
     return setup
 
 
-def stepped(envs: Any, warm_up: int) -> Call:
+def stepped(envs: Any, warm_up: int, reach: float = 1.0) -> Call:
+    """Return a function that steps with random actions, those of a box up to `reach`."""
     envs.reset(seed=0)
     rng, space = np.random.default_rng(0), envs.single_action_space
     if hasattr(space, "n"):
         actions = rng.integers(0, space.n, (64, envs.num_envs))
     else:
-        actions = rng.uniform(-1, 1, (64, envs.num_envs, *space.shape)).astype(np.float32)
+        actions = rng.uniform(-reach, reach, (64, envs.num_envs, *space.shape)).astype(np.float32)
     turns = itertools.cycle(actions)
 
     def step() -> None:
@@ -154,15 +158,6 @@ def stepped(envs: Any, warm_up: int) -> Call:
     for _ in range(warm_up):  # until drones are spread out and episodes end at a steady rate
         step()
     return step
-
-
-def resetting(package: Any) -> Call:
-    envs = package.DroneVectorEnv(1024, worlds="train", num_threads=1)
-
-    def reset() -> None:
-        envs.reset(seed=0)
-
-    return reset
 
 
 STEP: list[tuple[str, Setup]] = [
@@ -178,7 +173,10 @@ STEP: list[tuple[str, Setup]] = [
         example_task(1024, "train", "navigation_numpy", "Navigation", "NavigationConfig", "LidarConfig"),
     ),
     ("step/terms_task_n1024", example_task(1024, "train", "navigation_terms", "Navigation")),
-    ("step/reset_n1024", resetting),
+    (
+        "step/reset_n1024",
+        lambda package: partial(package.DroneVectorEnv(1024, worlds="train", num_threads=1).reset, seed=0),
+    ),
     ("step/hover_n1", flying(1, "HoverConfig")),
     ("step/hover_n1024", flying(1024, "HoverConfig")),
     ("step/hover_views_n1024", flying(1024, "HoverConfig", copy=False)),
@@ -198,19 +196,6 @@ STEP: list[tuple[str, Setup]] = [
 # -------------------------------------------------------------------------------- lidar, camera and tiles: sensors only
 
 
-def free_positions(world: Any, count: int) -> Any:
-    """Return positions with half a metre of free space in each of 14 directions, (count, 3) m."""
-    rng = np.random.default_rng(1)
-    corners = np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)], np.float32)
-    directions = np.concatenate([np.eye(3, dtype=np.float32), -np.eye(3, dtype=np.float32), corners])
-    found: list[Any] = []
-    while len(found) < count:
-        points = rng.uniform(world.bounds[0], world.bounds[1], (256, 3)).astype(np.float32)
-        hits = world.raycast(np.repeat(points, len(directions), axis=0), np.tile(directions, (len(points), 1)), 100.0)
-        found.extend(points[hits["t_hit"].reshape(len(points), -1).min(axis=1) > 0.5])
-    return np.array(found[:count])
-
-
 def turned(n: int) -> Any:
     """Return quaternions (n, 4) of random yaws."""
     half_yaw = np.random.default_rng(2).uniform(0, math.pi, n)
@@ -218,44 +203,53 @@ def turned(n: int) -> Any:
     return np.stack([np.cos(half_yaw), zero, zero, np.sin(half_yaw)], axis=1).astype(np.float32)
 
 
-def pose_drones(batch: Any, worlds: list[Any], with_yaw: bool) -> Any:
-    n = batch.num_drones
+def somewhere(package: Any, worlds: list[Any], n: int, **settings: Any) -> Any:
+    """Return a batch of n drones at free positions of their worlds, with random yaws."""
+    batch = package.Batch(worlds, n, **{"num_threads": 1} | settings)
     position = np.zeros((n, 3), np.float32)
-    for i, world in enumerate(worlds):
-        position[i :: len(worlds)] = free_positions(world, len(range(i, n, len(worlds))))
-    batch.set_pose(position, turned(n) if with_yaw else None)
-    return position
+    for i, world in enumerate(worlds[:n]):
+        position[i :: len(worlds)] = world.free_places(len(range(i, n, len(worlds))), seed=0)
+    batch.set_pose(position, turned(n))
+    return batch
 
 
-def scanning(make_worlds: MakeWorlds, n: int, **lidar: Any) -> Setup:
+def sensing(package: Any, make_worlds: MakeWorlds, n: int, **settings: Any) -> Call:
+    sense: Call = somewhere(package, make_worlds(package), n, **settings).sense
+    return sense
+
+
+def measuring(make_worlds: MakeWorlds, n: int, lidar: dict[str, Any], tracer: str = "tiles") -> Setup:
+    return lambda package: sensing(package, make_worlds, n, lidar=package.LidarConfig(**lidar), tracer=tracer)
+
+
+def seeing(
+    make_worlds: MakeWorlds,
+    width: int,
+    height: int,
+    n: int,
+    tracer: str = "tiles",
+    backend: str = "raycast",
+    **camera: Any,
+) -> Setup:
     def setup(package: Any) -> Call:
-        worlds = make_worlds(package)
-        batch = package.Batch(worlds, n, lidar=package.LidarConfig(**lidar), num_threads=1)
-        pose_drones(batch, worlds, with_yaw=False)
-        sense: Call = batch.sense
-        return sense
+        config = package.CameraConfig(width_px=width, height_px=height, hfov_deg=90.0, **camera)
+        return sensing(package, make_worlds, n, cameras=[config], tracer=tracer, camera_backend=backend)
 
     return setup
 
 
 def drawing(backend: str, make_worlds: MakeWorlds, width: int, height: int, n: int) -> Setup:
+    return seeing(make_worlds, width, height, n, "auto", backend, outputs=["rgb", "depth"])
+
+
+def capturing(mode: str | None, moving: bool, make_worlds: MakeWorlds = playground) -> Setup:
+    """Return a setup of `Batch.sense` with a camera in a mode, or without one."""
+
     def setup(package: Any) -> Call:
-        worlds = make_worlds(package)
-        camera = package.CameraConfig(width_px=width, height_px=height, outputs=["rgb", "depth"])
-        batch = package.Batch(worlds, n, cameras=[camera], camera_backend=backend, num_threads=1)
-        pose_drones(batch, worlds, with_yaw=True)
-        capture: Call = batch.capture
-        return capture
-
-    return setup
-
-
-def capturing(mode: str, moving: bool) -> Setup:
-    def setup(package: Any) -> Call:
-        worlds = playground(package)
-        camera = package.CameraConfig(width_px=64, height_px=64, outputs=["rgb", "depth"], capture_mode=mode)
-        batch = package.Batch(worlds, 64, cameras=[camera], num_threads=1)
-        position = pose_drones(batch, worlds, with_yaw=True)
+        settings = {"width_px": 64, "height_px": 64, "outputs": ["rgb", "depth"], "capture_mode": mode}
+        cameras = [package.CameraConfig(**settings)] if mode else []
+        batch = somewhere(package, make_worlds(package), 64, cameras=cameras)
+        position = batch.position.copy()
         positions = [position, position + np.array([0, 0, 0.01], np.float32)]
 
         def sense() -> None:
@@ -269,33 +263,12 @@ def capturing(mode: str, moving: bool) -> Setup:
     return setup
 
 
-def seeing(make_worlds: MakeWorlds, width: int, height: int, n: int, tracer: str = "tiles", **camera: Any) -> Setup:
-    def setup(package: Any) -> Call:
-        config = package.CameraConfig(width_px=width, height_px=height, hfov_deg=90.0, **camera)
-        return sensing(package, make_worlds, n, cameras=[config], tracer=tracer)
-
-    return setup
-
-
-def measuring(make_worlds: MakeWorlds, n: int, lidar: dict[str, Any], tracer: str = "tiles") -> Setup:
-    return lambda package: sensing(package, make_worlds, n, lidar=package.LidarConfig(**lidar), tracer=tracer)
-
-
-def sensing(package: Any, make_worlds: MakeWorlds, n: int, **settings: Any) -> Call:
-    """Return a call that reads the sensors of n drones at free positions of one world."""
-    (world,) = make_worlds(package)
-    batch = package.Batch([world], n, num_threads=1, **settings)
-    batch.set_pose(world.free_places(n, seed=0), turned(n))
-    sense: Call = batch.sense
-    return sense
-
-
 LIDAR: list[tuple[str, Setup]] = [
-    ("lidar/fan35x1024", scanning(train, 1024)),
-    ("lidar/grid16x360x64", scanning(train, 64, **GRID)),
-    ("lidar/forest_fan35x1024", scanning(pillars, 1024)),
-    ("lidar/mesh_fan35x1024", scanning(hills(40), 1024)),
-    ("lidar/mesh_grid16x360x16", scanning(hills(40), 16, **GRID)),
+    ("lidar/fan35x1024", measuring(train, 1024, {}, "auto")),
+    ("lidar/grid16x360x64", measuring(train, 64, GRID, "auto")),
+    ("lidar/forest_fan35x1024", measuring(pillars, 1024, {}, "auto")),
+    ("lidar/mesh_fan35x1024", measuring(hills(40), 1024, {}, "auto")),
+    ("lidar/mesh_grid16x360x16", measuring(hills(40), 16, GRID, "auto")),
 ]
 CAMERA: list[tuple[str, Setup]] = [
     ("camera/raycast/playground/64x64x64", drawing("raycast", playground, 64, 64, 64)),
@@ -346,6 +319,7 @@ def fleet(
     spread_m: float = 5.0,
     n: int = 1024,
     imu: bool = False,
+    senses: bool = False,
     settle: int = 100,
     **dynamics: Any,
 ) -> Setup:
@@ -385,7 +359,7 @@ def fleet(
 
         def fly() -> None:
             batch.fly(command)
-            if imu:
+            if imu or senses:
                 batch.sense()
 
         for _ in range(settle):  # until the drones have arrived at their targets or at an obstacle
@@ -399,9 +373,8 @@ def moving(amplitude_m: float) -> Setup:
     """Return a setup of kinematic moves back and forth in playgrounds; long ones end at pillars and walls."""
 
     def setup(package: Any) -> Call:
-        worlds = train(package)
-        batch = package.Batch(worlds, 1024, num_threads=1)
-        position = pose_drones(batch, worlds, with_yaw=True)
+        batch = somewhere(package, train(package), 1024)
+        position = batch.position.copy()
         away = np.random.default_rng(3).uniform(-amplitude_m, amplitude_m, position.shape).astype(np.float32)
         places, quats = (
             itertools.cycle([position + away, position]),
@@ -428,6 +401,10 @@ def cornered(on_contact: str) -> Setup:
     return fleet("position", 0.25, -1.0, CORNER, BEYOND_CORNER, 0.05, on_contact=on_contact, n=64, settle=200)
 
 
+def inside_pillar(on_contact: str) -> Setup:
+    return fleet("position", HALF_ROOM_M, place=PILLAR[:2], spread_m=0.1, n=64, on_contact=on_contact)
+
+
 DYNAMICS: list[tuple[str, Setup]] = [
     ("dynamics/rotor_speeds_n4096", fleet("rotor_speeds", n=4096)),
     ("dynamics/rotor_speeds_midpoint_n1024", fleet("rotor_speeds", integrator="midpoint")),
@@ -445,10 +422,7 @@ DYNAMICS: list[tuple[str, Setup]] = [
     ("dynamics/ground_effect_far_above_n1024", fleet("position", ground_effect=True)),
     *((f"dynamics/on_floor_{way}_n256", pressed(way)) for way in ("terminate", "stop", "bounce")),
     *((f"dynamics/in_corner_{way}_n64", cornered(way)) for way in ("stop", "bounce")),
-    (
-        "dynamics/inside_pillar_stop_n64",
-        fleet("position", HALF_ROOM_M, place=PILLAR[:2], spread_m=0.1, n=64, on_contact="stop"),
-    ),
+    ("dynamics/inside_pillar_stop_n64", inside_pillar("stop")),
     ("dynamics/move_short_n1024", moving(0.1)),
     ("dynamics/move_long_n1024", moving(3.0)),
 ]
@@ -467,11 +441,7 @@ def file(name: str) -> Path:
 
 
 def loading(write: Callable[[Any], Path]) -> Setup:
-    def setup(package: Any) -> Call:
-        path = write(package)
-        return lambda: package.World.load(path)
-
-    return setup
+    return lambda package: partial(package.World.load, write(package))
 
 
 def json_file(package: Any) -> Path:
@@ -527,22 +497,12 @@ end_header
     return path
 
 
-def reading_dict(package: Any) -> Call:
-    data = FOREST(package)[0].to_dict()
-    return lambda: package.World.from_dict(data)
-
-
 def saving(suffix: str) -> Setup:
-    def setup(package: Any) -> Call:
-        (world,) = FOREST(package)
-        path = file(f"saved{suffix}")
-        return lambda: world.save(path)
-
-    return setup
+    return lambda package: partial(FOREST(package)[0].save, file(f"saved{suffix}"))
 
 
 def generating(name: str, **settings: Any) -> Setup:
-    return lambda package: lambda: getattr(package.World, name)(1, **settings)
+    return lambda package: partial(getattr(package.World, name), 1, **settings)
 
 
 def preparing(write: Callable[[Any], Path], outputs: list[str], tracer: str = "auto") -> Setup:
@@ -582,23 +542,13 @@ def pool_filling(package: Any) -> Call:
     return fill
 
 
-def finding_places(package: Any) -> Call:
-    (world,) = OFFICE(package)
-    return lambda: world.free_places(256, seed=0)
-
-
-def filling_cells(package: Any) -> Call:
-    (world,) = OFFICE(package)
-    return lambda: world.occupancy(0.5)
-
-
 WORLDS: list[tuple[str, Setup]] = [
-    ("worlds/load/playground", lambda package: lambda: package.World.load("playground/train-1")),
+    ("worlds/load/playground", lambda package: partial(package.World.load, "playground/train-1")),
     ("worlds/load/json", loading(json_file)),
     ("worlds/load/glb", loading(glb_file)),
     ("worlds/load/obj", loading(obj_file)),
     ("worlds/load/ply", loading(ply_file)),
-    ("worlds/load/dict", reading_dict),
+    ("worlds/load/dict", lambda package: partial(package.World.from_dict, FOREST(package)[0].to_dict())),
     ("worlds/save/json", saving(".json")),
     ("worlds/save/glb", saving(".glb")),
     ("worlds/generate/playground", generating("playground")),
@@ -612,8 +562,8 @@ WORLDS: list[tuple[str, Setup]] = [
     ("worlds/prepare/obj", preparing(obj_file, ["depth"])),
     ("worlds/pool/episodes_n256", pooled(256, 32)),
     ("worlds/pool/fill_n64", pool_filling),
-    ("worlds/free_places", finding_places),
-    ("worlds/occupancy", filling_cells),
+    ("worlds/free_places", lambda package: partial(OFFICE(package)[0].free_places, 256, seed=0)),
+    ("worlds/occupancy", lambda package: partial(OFFICE(package)[0].occupancy, 0.5)),
     *(
         (f"worlds/{name}/{sensor}", setup)
         for name in ("bench/complex", "bench/simple", "indoor/warehouse", "outdoor/city", "outdoor/forest")

@@ -20,7 +20,6 @@
 #include <cstdlib>
 #include <functional>
 #include <memory>
-#include <optional>
 #include <random>
 #include <string>
 #include <utility>
@@ -30,7 +29,6 @@
 #include "bench.hpp"
 #include "dynamics/flight.hpp"
 #include "flockstep/batch.hpp"
-#include "on_target.hpp"
 
 namespace bench {
 HWY_EXPORT(fly_bare);
@@ -42,9 +40,8 @@ void fly_bare(const Quadrotor& quadrotor, const Flight& flight, flockstep::dynam
 
 namespace {
 
-using flockstep::Airframe, flockstep::Batch, flockstep::BatchConfig, flockstep::Control, flockstep::DroneModel,
-    flockstep::DynamicsConfig, flockstep::Gusts, flockstep::ImuConfig, flockstep::Integrator, flockstep::Motion,
-    flockstep::OnContact, flockstep::Vec3;
+using flockstep::Airframe, flockstep::Control, flockstep::DroneModel, flockstep::DynamicsConfig, flockstep::Integrator,
+    flockstep::Motion, flockstep::Vec3;
 using flockstep::dynamics::Flock, flockstep::dynamics::kLanes, flockstep::dynamics::Physics;
 
 constexpr int kRuns = 51;
@@ -170,7 +167,7 @@ void require_same_flight(const Flock& a, const Flock& b) {
   }
 }
 
-void beside_bare(const std::string& name, Integrator integrator, bool and_fused, bench::Figures& figures) {
+void beside_bare(const std::string& name, Integrator integrator, bench::Figures& figures) {
   const Airframe frame = kingfisher();
   const bench::Quadrotor numbers = numbers_of(frame);
   DynamicsConfig config = without_terms(integrator);
@@ -192,7 +189,7 @@ void beside_bare(const std::string& name, Integrator integrator, bool and_fused,
       {{"engine", [&] { engine(); }}, {"bare", [&] { bare(false); }}, {"bare fused", [&] { bare(true); }}}, kRuns, kSlice);
   const std::string at = "dynamics/" + name;
   figures.add(at + "/ratio_to_bare", bench::median_ratio(times[1], times[0]), "1", kRuns);
-  if (and_fused) figures.add(at + "/ratio_to_bare_fused", bench::median_ratio(times[2], times[0]), "1", kRuns);
+  figures.add(at + "/ratio_to_bare_fused", bench::median_ratio(times[2], times[0]), "1", kRuns);
   figures.add(at + "/million_substeps_per_second", million_per_second(times[0]), "1/s", kRuns);
 }
 
@@ -216,198 +213,30 @@ void controllers(bench::Figures& figures) {
   }
 }
 
-// Named jobs that run in turns. Reports the time of a job, or its difference to another job, in ns per each of `count` parts.
-class Beside {
- public:
-  explicit Beside(double count) : count_(count) {}
-
-  void add(const std::string& name, const std::function<void()>& run) { variants_.push_back({name, run}); }
-  void measure() { times_ = bench::interleave(variants_, kRuns, kSlice); }
-
-  double ns(const std::string& name) const { return 1e9 * bench::median(times_[index(name)]) / count_; }
-  double more(const std::string& name, const std::string& than) const {
-    const auto &a = times_[index(name)], &b = times_[index(than)];
-    std::vector<double> more;
-    for (std::size_t run = 0; run < a.size(); ++run) more.push_back(1e9 * (a[run] - b[run]) / count_);
-    return bench::median(more);
-  }
-
- private:
-  std::size_t index(const std::string& name) const {
-    const auto at = std::find_if(variants_.begin(), variants_.end(), [&](const bench::Variant& v) { return v.label == name; });
-    return static_cast<std::size_t>(at - variants_.begin());
-  }
-
-  double count_;
-  std::vector<bench::Variant> variants_;
-  bench::Times times_;
-};
-
 // Measures the time that each term adds to a flight without terms.
 void terms(bench::Figures& figures) {
-  struct Term {
-    std::string name;
-    Airframe frame = kingfisher();
+  std::vector<bench::Variant> variants{variant("gravity,_thrust_and_lag_alone", kingfisher(), without_terms())};
+  const auto add = [&](const std::string& name, const Airframe& frame, const std::function<void(DynamicsConfig&)>& change) {
     DynamicsConfig config = without_terms();
+    change(config);
+    variants.push_back(variant(name, frame, config));
   };
-  std::vector<Term> terms;
-  const auto add = [&](const std::string& name) -> Term& { return terms.emplace_back(Term{.name = name}); };
-  add("body_drag").config.body_drag = true;
-  Term& drag = add("rotor_drag");
-  drag.config.rotor_drag = true;
-  drag.frame = with_every_term();
-  drag.frame.rotor_lift = 0.0;
-  add("rotor_lift").config.rotor_drag = true;  // the only effect of this switch for a kingfisher
-  Term& gyroscopic = add("gyroscopic");
-  gyroscopic.config.gyroscopic = true;
-  gyroscopic.frame = with_every_term();
-  add("controller_of_rates").config.control = Control::body_rates;
-  add("controller_of_positions").config.control = Control::position;
-
-  const std::string none = "gravity,_thrust_and_lag_alone";
-  Beside flights(kSubsteps);
-  flights.add(none, variant(none, kingfisher(), without_terms()).run);
-  for (const Term& term : terms) flights.add(term.name, variant(term.name, term.frame, term.config).run);
-  flights.measure();
-  figures.add("dynamics/cost/" + none + "/ns_per_substep", flights.ns(none), "ns", kRuns);
-  for (const Term& term : terms) {
-    figures.add("dynamics/cost/" + term.name + "/ns_per_substep", flights.more(term.name, none), "ns", kRuns);
-  }
-}
-
-// ------------------------------------------------------------------------------------------------------- through a batch
-
-constexpr int kDrones = 256;        // keeps a step of the fleet shorter than a time slice
-constexpr float kHalfRoom = 50.0F;  // m
-const Vec3 kPillar(-30.0F, -30.0F, 0.0F);
-
-// Drones near one place in a room with a pillar, flying to position setpoints.
-class Fleet {
- public:
-  Fleet(const DynamicsConfig& dynamics, const Vec3& at, const Vec3& told, const std::optional<ImuConfig>& imu = {},
-        float spread = 5.0F) {
-    BatchConfig config;
-    config.num_envs = kDrones;
-    config.num_threads = 1;
-    config.dynamics = dynamics;
-    config.clock.policy_hz = 100.0F;
-    config.clock.physics_hz = 500.0F;
-    if (imu) config.imus = {*imu};
-    flockstep::SceneDescription room;
-    room.primitives.push_back({.kind = flockstep::PrimitiveKind::room, .half_extents = {kHalfRoom, kHalfRoom, kHalfRoom}});
-    room.primitives.push_back(
-        {.kind = flockstep::PrimitiveKind::cylinder, .center = kPillar, .half_extents = {1.0F, 1.0F, 2.0F}});
-    batch_ = std::make_unique<Batch>(config, Batch::Worlds{std::make_shared<const flockstep::World>(std::move(room))}, nullptr,
-                                     DroneModel::load("kingfisher"));
-    std::vector<float> places;
-    std::mt19937 random(1);
-    std::uniform_real_distribution<float> aside(-spread, spread);
-    for (int i = 0; i < kDrones; ++i) {
-      const float x = aside(random), y = aside(random);
-      places.insert(places.end(), {at.x() + x, at.y() + y, at.z()});
-      command_.insert(command_.end(), {told.x() + x, told.y() + y, told.z(), 0.0F});
+  Airframe without_lift = with_every_term();
+  without_lift.rotor_lift = 0.0;
+  add("body_drag", kingfisher(), [](DynamicsConfig& config) { config.body_drag = true; });
+  add("rotor_drag", without_lift, [](DynamicsConfig& config) { config.rotor_drag = true; });
+  // Lift is the only effect of this switch for a kingfisher.
+  add("rotor_lift", kingfisher(), [](DynamicsConfig& config) { config.rotor_drag = true; });
+  add("gyroscopic", with_every_term(), [](DynamicsConfig& config) { config.gyroscopic = true; });
+  add("controller_of_rates", kingfisher(), [](DynamicsConfig& config) { config.control = Control::body_rates; });
+  add("controller_of_positions", kingfisher(), [](DynamicsConfig& config) { config.control = Control::position; });
+  const bench::Times times = bench::interleave(variants, kRuns, kSlice);
+  for (std::size_t v = 0; v < variants.size(); ++v) {
+    std::vector<double> ns;
+    for (std::size_t run = 0; run < times[v].size(); ++run) {
+      ns.push_back(1e9 * (times[v][run] - (v > 0 ? times[0][run] : 0.0)) / kSubsteps);
     }
-    batch_->set_pose(places, {});
-    for (int step = 0; step < 200; ++step) batch_->fly(command_);  // until they arrive or are blocked
-  }
-
-  void fly() { batch_->fly(command_); }
-  void sense() { batch_->sense(); }
-  bool is_inside() const { return batch_->state().contact.inside[0] != 0; }
-  bool is_in_contact() const {
-    const auto& hit = batch_->state().contact.hit;
-    return std::any_of(hit.begin(), hit.end(), [](auto flag) { return flag != 0; });
-  }
-
- private:
-  std::unique_ptr<Batch> batch_;
-  std::vector<float> command_;
-};
-
-// Commands a height above the floor, starting from another height. Negative heights press the drones onto the floor.
-std::shared_ptr<Fleet> fleet(const DynamicsConfig& config, float from, float told, const std::optional<ImuConfig>& imu = {}) {
-  const float floor = -kHalfRoom + DroneModel::load("kingfisher").extents().max.z();
-  auto made = std::make_shared<Fleet>(config, Vec3(0.0F, 0.0F, floor + from), Vec3(0.0F, 0.0F, floor + told), imu);
-  if (made->is_in_contact() != (told < 0.0F)) {
-    std::fprintf(stderr, "expected contacts only of drones with a commanded height below the floor\n");
-    std::exit(1);
-  }
-  return made;
-}
-
-constexpr float kOpen = 50.0F;  // m above the floor
-
-// Measures the cost of gusts, an IMU and the ground effect.
-void settings(bench::Figures& figures) {
-  constexpr float kLow = 0.5F;
-  const DynamicsConfig plain = by_rotors(Control::position);
-  DynamicsConfig ground = plain, ornstein_uhlenbeck = plain, dryden = plain;
-  ground.ground_effect = true;
-  ornstein_uhlenbeck.wind.gusts = Gusts::ornstein_uhlenbeck;
-  dryden.wind.gusts = Gusts::dryden;
-  ImuConfig imu;  // the MPU-6000 of docs/dynamics.md
-  imu.accelerometer_noise_density = 2.35e-3F;
-  imu.accelerometer_random_walk = 3.5e-4F;
-  imu.gyroscope_noise_density = 8.7e-5F;
-  imu.gyroscope_random_walk = 2.2e-5F;
-  Beside fleets(kDrones);
-  const auto fly = [&](const std::string& name, const DynamicsConfig& config, float height) {
-    fleets.add(name, [flown = fleet(config, height, height)] { flown->fly(); });
-  };
-  fly("open", plain, kOpen);
-  fly("open, ground", ground, kOpen);
-  fly("open, ornstein_uhlenbeck", ornstein_uhlenbeck, kOpen);
-  fly("open, dryden", dryden, kOpen);
-  fly("low", plain, kLow);
-  fly("low, ground", ground, kLow);
-  fleets.add("sense", [flown = fleet(plain, kOpen, kOpen)] { flown->sense(); });
-  fleets.add("sense, imu", [flown = fleet(plain, kOpen, kOpen, imu)] { flown->sense(); });
-  fleets.measure();
-  const auto cost = [&](const std::string& name, double ns) { figures.add("dynamics/cost/" + name, ns, "ns", kRuns); };
-  cost("ground_effect_far_above_ground/ns_per_substep", fleets.more("open, ground", "open") / kTicks);
-  cost("ground_effect_near_ground/ns_per_substep", fleets.more("low, ground", "low") / kTicks);
-  cost("gusts_Ornstein-Uhlenbeck/ns_per_step", fleets.more("open, ornstein_uhlenbeck", "open"));
-  cost("gusts_Dryden/ns_per_step", fleets.more("open, dryden", "open"));
-  cost("IMU/ns_per_reading", fleets.more("sense, imu", "sense"));
-}
-
-// Drones pressed into a corner of the room from slightly different positions.
-std::shared_ptr<Fleet> cornered(const DynamicsConfig& config) {
-  const float wall = kHalfRoom - 0.25F;
-  return std::make_shared<Fleet>(config, Vec3(wall, wall, -wall), Vec3(kHalfRoom + 3.0F, kHalfRoom + 3.0F, -kHalfRoom - 1.0F),
-                                 std::nullopt, 0.05F);
-}
-
-// Drones in the middle of the pillar, commanded to stay there.
-std::shared_ptr<Fleet> deep_inside(const DynamicsConfig& config) {
-  auto made = std::make_shared<Fleet>(config, kPillar, kPillar, std::nullopt, 0.1F);
-  if (!made->is_inside()) {
-    std::fprintf(stderr, "expected drones inside the pillar\n");
-    std::exit(1);
-  }
-  return made;
-}
-
-// Measures the time per substep in the open, near the floor, pressed against it, in a corner, and inside a pillar.
-void contacts(bench::Figures& figures) {
-  DynamicsConfig stop = by_rotors(Control::position), bounce = stop;
-  stop.on_contact = OnContact::stop;
-  bounce.on_contact = OnContact::bounce;
-  const std::vector<std::pair<std::string, std::shared_ptr<Fleet>>> flown{
-      {"in_the_open", fleet(stop, kOpen, kOpen)},
-      {"5_cm_above_a_floor", fleet(stop, 0.05F, 0.05F)},
-      {"pressed_to_a_floor,_terminate", fleet(by_rotors(Control::position), 0.01F, -0.2F)},
-      {"pressed_to_a_floor,_stop", fleet(stop, 0.01F, -0.2F)},
-      {"pressed_to_a_floor,_bounce", fleet(bounce, 0.01F, -0.2F)},
-      {"pressed_into_a_corner,_stop", cornered(stop)},
-      {"pressed_into_a_corner,_bounce", cornered(bounce)},
-      {"deep_inside_a_pillar,_stop", deep_inside(stop)},
-      {"deep_inside_a_pillar,_bounce", deep_inside(bounce)}};
-  for (const auto& [name, drones] : flown) {  // one at a time, because a long one would get the next one interrupted
-    Beside alone(kDrones * kTicks);
-    alone.add(name, [&] { drones->fly(); });
-    alone.measure();
-    figures.add("dynamics/contact/" + name + "/ns_per_substep", alone.ns(name), "ns", kRuns);
+    figures.add("dynamics/cost/" + variants[v].label + "/ns_per_substep", bench::median(ns), "ns", kRuns);
   }
 }
 
@@ -425,20 +254,10 @@ int main(int argc, char** argv) {
     figures.print();
     return 0;
   }
-  // The best target, which a batch uses, comes first. All available targets follow.
-  const auto targets = hwy::SupportedAndGeneratedTargets();
-  const std::pair<std::string, Integrator> integrators[] = {{"midpoint", Integrator::midpoint}, {"rk4", Integrator::rk4}};
-  for (const auto& [name, integrator] : integrators) beside_bare(name, integrator, true, figures);
-  for (const std::int64_t target : targets) {
-    const flockstep::testing::OnTarget on(target);
-    for (const auto& [name, integrator] : integrators) {
-      beside_bare(name + "/" + hwy::TargetName(target), integrator, false, figures);
-    }
-  }
+  beside_bare("midpoint", Integrator::midpoint, figures);
+  beside_bare("rk4", Integrator::rk4, figures);
   controllers(figures);
   terms(figures);
-  settings(figures);
-  contacts(figures);
   figures.print();
 }
 #endif  // HWY_ONCE

@@ -14,7 +14,7 @@ import numpy as np
 
 import flockstep
 
-sys.path.append(str(Path(__file__).resolve().parent.parent / "tests" / "python"))
+sys.path.append(str(Path(__file__).resolve().parent.parent / "tests" / "python" / "support"))
 from rigid_body import (  # type: ignore[import-not-found]
     OPEN,
     Body,

@@ -4,8 +4,6 @@ Each process flies 256 drones, so that more processes fly more drones. The progr
 updates, without their evaluation flights. Time and bytes are counted between updates, over all processes of the
 machine, which should be idle otherwise. The bytes are those of the loopback device: DDP and TorchRL send through it,
 and so does RLlib, whose runners are on another node than its learner.
-
-python bench/engines.py ENGINE...  measures some engines and prints their figures
 """
 
 from __future__ import annotations
@@ -20,13 +18,12 @@ import sys
 import time
 from collections.abc import Iterator, Sequence
 from pathlib import Path
-from typing import Any
+
+from timing import Measured
 
 ROOT = Path(__file__).resolve().parent.parent
 PROGRAMS = ROOT / "examples" / "trainers"
 RAY = ROOT / "build" / "ray" / "bin" / "python"  # `./dev test ray` makes it
-
-Measured = tuple[str, float, str, int]  # name, value, unit, runs
 
 RUNS = 3
 UPDATES, WARM = 8, 2  # of a run; those that are not counted
@@ -137,7 +134,7 @@ def run(engine: str, processes: int) -> dict[str, float]:
     )
     begun = time.time()
     done = subprocess.run(
-        [python, *launcher, __file__, "--inside", engine, str(processes)],
+        [python, *launcher, __file__, engine, str(processes)],
         check=True,
         stdout=subprocess.PIPE,
         text=True,
@@ -161,30 +158,17 @@ def figures(engine: str, processes: int, runs: Sequence[dict[str, float]]) -> It
     yield f"{name}/start_s", median["start_s"], "s", len(runs)
 
 
-def measure(engines: Sequence[str] = ENGINES) -> Iterator[Measured]:
+def measure() -> Iterator[Measured]:
     """Measure each engine with each number of processes; the engines take turns."""
-    if "rllib" in engines:
-        ray_python()  # refuses before anything is measured
+    ray_python()  # refuses before anything is measured
     runs: dict[tuple[str, int], list[dict[str, float]]] = {}
     for _ in range(RUNS):
-        for engine in engines:
+        for engine in ENGINES:
             for processes in counts():
                 runs.setdefault((engine, processes), []).append(run(engine, processes))
     for (engine, processes), found in runs.items():
         yield from figures(engine, processes, found)
 
 
-def main(arguments: list[str]) -> None:
-    match arguments:
-        case "--inside", engine, processes:
-            run_inside(engine, int(processes))
-        case _:
-            found: list[dict[str, Any]] = [
-                {"name": name, "value": float(f"{value:.4g}"), "unit": unit, "runs": runs}
-                for name, value, unit, runs in measure(arguments or ENGINES)
-            ]
-            print(json.dumps(found, indent=1))
-
-
 if __name__ == "__main__":
-    main(sys.argv[1:])
+    run_inside(sys.argv[1], int(sys.argv[2]))

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import statistics
-import time
-from collections.abc import Callable
+from collections.abc import Iterator
 
 import numpy as np
 
 import flockstep
+from timing import RUNS, Call, Measured, in_turns, timed
 
 SIZES = {"64x48": (64, 48, 256), "640x480": (640, 480, 16)}  # width, height, frames
 RANGES = {
@@ -23,9 +23,6 @@ CAMERAS = {
     "depth": {"outputs": ("depth",)},
     "depth, resized to a quarter of width and height": {"outputs": ("depth",), "quarter": True},
 }
-RUNS = 7
-
-Measured = tuple[str, float, str, int]  # name, value, unit, runs
 
 
 def batch_of(width: int, height: int, frames: int, camera: str = "rgb") -> flockstep.Batch:
@@ -41,35 +38,22 @@ def batch_of(width: int, height: int, frames: int, camera: str = "rgb") -> flock
     return batch
 
 
-def microseconds(functions: dict[str, Callable[[], object]], frames: int) -> dict[str, float]:
-    """Return the median processor time per frame; the functions alternate."""
-    times: dict[str, list[float]] = {name: [] for name in functions}
-    for function in functions.values():
-        function()
-    for _ in range(RUNS):
-        for name, function in functions.items():
-            before = time.process_time()
-            function()
-            times[name].append((time.process_time() - before) / frames * 1e6)
-    return {name: statistics.median(taken) for name, taken in times.items()}
+def microseconds(functions: dict[str, Call], frames: int, name: str) -> Iterator[Measured]:
+    """Return the median processor time per frame."""
+    for what, seconds in in_turns({name: timed(call) for name, call in functions.items()}, warm_up=True).items():
+        yield name.format(what), 1e6 * statistics.median(seconds) / frames, "us", RUNS
 
 
-def measure() -> list[Measured]:
-    found: list[Measured] = []
+def measure() -> Iterator[Measured]:
     for size, (width, height, frames) in SIZES.items():
         images = np.array(batch_of(width, height, frames).camera().rgb)
         for color, wanted in RANGES.items():
-            taken = microseconds(
-                {
-                    "color_blob": lambda wanted=wanted, images=images: flockstep.color_blob(images, wanted),
-                    "color_components": lambda wanted=wanted, images=images: [
-                        flockstep.color_components(image, wanted) for image in images
-                    ],
-                },
-                frames,
-            )
-            found += [(f"imaging/colour/{color}/{size}/{name}", us, "us", RUNS) for name, us in taken.items()]
-        batches = {camera: batch_of(width, height, frames, camera) for camera in CAMERAS}
-        for camera, us in microseconds({name: batch.sense for name, batch in batches.items()}, frames).items():
-            found.append((f"imaging/camera/{camera}/{size}/sense", us, "us", RUNS))
-    return found
+            functions: dict[str, Call] = {
+                "color_blob": lambda wanted=wanted, images=images: flockstep.color_blob(images, wanted),
+                "color_components": lambda wanted=wanted, images=images: [
+                    flockstep.color_components(image, wanted) for image in images
+                ],
+            }
+            yield from microseconds(functions, frames, f"imaging/colour/{color}/{size}/{{}}")
+        cameras: dict[str, Call] = {camera: batch_of(width, height, frames, camera).sense for camera in CAMERAS}
+        yield from microseconds(cameras, frames, f"imaging/camera/{{}}/{size}/sense")

@@ -6,7 +6,7 @@ import dataclasses
 import statistics
 import sys
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -21,10 +21,10 @@ from stable_baselines3.common.logger import configure
 
 import flockstep
 from flockstep import _core
-from flockstep.trainings import train
+from timing import Measured, in_turns, median_ratio, timed
 
 sys.path.append(str(Path(__file__).resolve().parent.parent))
-from training.board import TRAININGS, Clock
+from training.board import TRAININGS, training_seconds
 
 Array = npt.NDArray[Any]
 
@@ -34,45 +34,28 @@ TRAINED = ("hover", "lidar")
 SHARE = 8  # of a training's steps, for the gain of a second thread
 
 
-def measure(runs: int) -> dict[str, list[float]]:
-    """Return figures by name, one value per run: microseconds per step of the rollout, and ratios within a run."""
+def measure(runs: int) -> Iterator[Measured]:
+    """Measure microseconds per step of the rollout, their ratios, and the gain of a second thread."""
     torch.set_num_threads(1)
     ours, rollout = ours_and_its_rollout()
-    theirs = {size: sb3(size) for size in MINIBATCHES}
-    found: dict[str, list[float]] = {}
-    for _ in range(runs):
-        found.setdefault("act/microseconds", []).append(per_step(partial(collect, ours, rollout)))
-        for size in MINIBATCHES:
-            config = _core.UpdateConfig(batch_size=size, n_epochs=EPOCHS)
-            update = per_step(partial(ours.update, config))
-            fill(theirs[size], rollout)
-            beside = per_step(theirs[size].train)
-            for name, value in (
-                ("flockstep_microseconds", update),
-                ("sb3_microseconds", beside),
-                ("ratio", update / beside),
-            ):
-                found.setdefault(f"update/minibatch{size}/{name}", []).append(value)
+    walled = partial(timed, clock=time.perf_counter)
+    timers = {"act": walled(partial(collect, ours, rollout))}
+    for size in MINIBATCHES:
+        config, model = _core.UpdateConfig(batch_size=size, n_epochs=EPOCHS), sb3(size)
+        timers[f"flockstep{size}"] = walled(partial(ours.update, config))
+        timers[f"sb3{size}"] = walled(model.train, before=partial(fill, model, rollout))
+    times = in_turns(timers, runs)
+    us = {name: 1e6 * statistics.median(seconds) / (STEPS * ROWS) for name, seconds in times.items()}
+    yield "learner/act/microseconds", us["act"], "us", runs
+    for size in MINIBATCHES:
+        name, both = f"learner/update/minibatch{size}", (f"flockstep{size}", f"sb3{size}")
+        yield f"{name}/flockstep_microseconds", us[both[0]], "us", runs
+        yield f"{name}/sb3_microseconds", us[both[1]], "us", runs
+        yield f"{name}/ratio", median_ratio(times[both[0]], times[both[1]]), "1", runs
     for name in TRAINED:
-        for seed in range(100, 100 + runs):
-            one, two = (training_seconds(name, seed, threads) for threads in (1, 2))
-            found.setdefault(f"threads/{name}/speedup_of_two", []).append(one / two)
-    return found
-
-
-def training_seconds(name: str, seed: int, threads: int) -> float:
-    """Return the time of a shortened training in s, without making the environments."""
-    recipe = dataclasses.replace(TRAININGS[name], steps=TRAININGS[name].steps // SHARE)
-    clock = Clock(recipe, judges=False)
-    train(recipe, "flockstep", seed, threads, [clock])
-    return clock.training_s
-
-
-def per_step(call: Callable[[], object]) -> float:
-    """Return the wall time of a call in us per step of the rollout."""
-    before = time.perf_counter()
-    call()
-    return 1e6 * (time.perf_counter() - before) / (STEPS * ROWS)
+        recipe = dataclasses.replace(TRAININGS[name], steps=TRAININGS[name].steps // SHARE)
+        seconds = [[training_seconds(recipe, 100 + run, threads) for run in range(runs)] for threads in (1, 2)]
+        yield f"learner/threads/{name}/speedup_of_two", median_ratio(*seconds), "1", runs
 
 
 def ours_and_its_rollout() -> tuple[Any, dict[str, Array]]:
@@ -126,9 +109,3 @@ def fill(model: PPO, rollout: dict[str, Array]) -> None:
             starts = rollout["done"][t]
         last = model.policy.predict_values(torch.as_tensor(rollout["observation"][STEPS]))
     buffer.compute_returns_and_advantage(last, starts)
-
-
-def figures(runs: int) -> Iterator[tuple[str, float, str, int]]:
-    """Measure, and return the medians."""
-    for name, values in measure(runs).items():
-        yield f"learner/{name}", statistics.median(values), "us" if name.endswith("microseconds") else "1", len(values)

@@ -5,24 +5,22 @@ One thread, in processor time. The variants that are compared alternate.
 
 from __future__ import annotations
 
+import itertools
 import statistics
-import time
 from collections.abc import Callable, Iterator
 from typing import Any
 
 import numpy as np
 
 import flockstep
+from timing import RUNS, Measured, in_turns, median_ratio, timed
 
-RUNS = 7
 STEPS = 40
 GROUPS = {
     "8 drones in each of 512 envs": (512, 8, 10.0),
     "1,000 drones in one env": (1, 1000, 60.0),
 }  # E, M, side of a hall in m
 INTERACTIONS = ("none", "sense", "collide", "both")
-
-Measured = tuple[str, float, str, int]  # name, value, unit, runs
 
 
 def hall(side_m: float) -> flockstep.World:
@@ -57,23 +55,19 @@ def steps(name: str, envs: int, drones: int, world: flockstep.World, motion: str
     for interaction in INTERACTIONS:
         batches[interaction] = make(world, envs * drones, drones, motion, interaction)
     batches["separate"] = make(world, envs * drones, 1, motion, "never")
-    calls = {each: [call_of(batch, motion, places, i) for i in range(STEPS)] for each, batch in batches.items()}
-    times: dict[str, list[float]] = {each: [] for each in batches}
-    for run in range(RUNS + 1):
-        for each, batch in batches.items():
-            batch.set_pose(places)
-            before = time.process_time()
-            for call in calls[each]:
-                call()
-                batch.sense()
-            if run > 0:  # the first one warms up
-                times[each].append((time.process_time() - before) / (STEPS * len(number)))
-    touched = {each: float((batch.contact.drone >= 0).mean()) for each, batch in batches.items()}
-    for each in batches:
-        yield f"{name}/{each}/us_per_step", 1e6 * statistics.median(times[each]), "µs", RUNS
-        ratio = statistics.median(a / b for a, b in zip(times[each], times["separate"], strict=True))
-        yield f"{name}/{each}/ratio_to_separate", ratio, "1", RUNS
-    yield f"{name}/both/share_in_contact", touched["both"], "1", 1
+    timers = {}
+    for each, batch in batches.items():
+        calls = itertools.cycle([call_of(batch, motion, places, i) for i in range(STEPS)])
+        timers[each] = timed(
+            lambda batch=batch, calls=calls: (next(calls)(), batch.sense()),
+            STEPS,
+            before=lambda batch=batch: batch.set_pose(places),
+        )
+    times = in_turns(timers, warm_up=True)
+    for each, seconds in times.items():
+        yield f"{name}/{each}/us_per_step", 1e6 * statistics.median(seconds) / len(number), "µs", RUNS
+        yield f"{name}/{each}/ratio_to_separate", median_ratio(seconds, times["separate"]), "1", RUNS
+    yield f"{name}/both/share_in_contact", float((batches["both"].contact.drone >= 0).mean()), "1", 1
 
 
 def make(world: flockstep.World, drones: int, per_env: int, motion: str, interaction: str) -> flockstep.Batch:
@@ -101,8 +95,3 @@ def call_of(batch: flockstep.Batch, motion: str, places: Any, number: int) -> Ca
         return lambda: batch.fly(command)
     target = places + 0.3 * way
     return lambda: batch.move(target)
-
-
-if __name__ == "__main__":
-    for measured in measure():
-        print(*measured, flush=True)

@@ -1,4 +1,4 @@
-// Mesh worlds: hills with trees of any size, and rooms full of furniture.
+// Mesh worlds: hills with trees of any size.
 #pragma once
 
 #include <array>
@@ -10,7 +10,6 @@
 #include <utility>
 
 #include "flockstep/world.hpp"
-#include "flockstep/world_builder.hpp"
 
 namespace bench {
 
@@ -75,69 +74,6 @@ inline std::shared_ptr<const flockstep::World> mesh_world(int cells, float side_
   }
   description.name = std::to_string(mesh.triangles.size()) + " triangles";
   return std::make_shared<const flockstep::World>(std::move(description));
-}
-
-// Makes 6 x 4 closed rooms of 5 m with doors between them. Each has four desks with chairs, a bookshelf and a lamp. Most of it
-// is boxes: small objects in front of large walls, as a very simple generator would make them.
-inline std::shared_ptr<const flockstep::World> furnished_rooms() {
-  using flockstep::Vec3;
-  constexpr int kAlong = 6, kAcross = 4;
-  constexpr float kSide = 5.0F, kHigh = 2.8F, kThick = 0.12F, kDoor = 1.0F, kDoorHigh = 2.1F;  // m
-  flockstep::WorldBuilder builder("furnished rooms");
-  const std::uint16_t wall = builder.material({.name = "wall"}), wood = builder.material({.name = "wood"});
-  const auto box = [&](std::uint16_t material, float x, float y, float z, float width, float depth, float height) {
-    builder.box({x, y, z}, {width, depth, height}, material);
-  };
-  const Vec3 size(kSide * kAlong, kSide * kAcross, 0.2F);
-  builder.box({size.x() / 2, size.y() / 2, -0.1F}, size, wall);
-  builder.box({size.x() / 2, size.y() / 2, kHigh + 0.1F}, size, wall);
-  // Adds a room's wall from a corner along x or y. Inner walls, with another room behind them, have a door in the middle.
-  const auto partition = [&](float x, float y, bool along_x, bool is_inner) {
-    const auto piece = [&](float from, float to, float low, float high) {
-      const float middle = (from + to) / 2, length = to - from;
-      box(wall, along_x ? x + middle : x, along_x ? y : y + middle, (low + high) / 2, along_x ? length : kThick,
-          along_x ? kThick : length, high - low);
-    };
-    const float door = is_inner ? kDoor : 0.0F;
-    piece(0.0F, (kSide - door) / 2, 0.0F, kHigh);
-    piece((kSide + door) / 2, kSide, 0.0F, kHigh);
-    if (is_inner) piece((kSide - door) / 2, (kSide + door) / 2, kDoorHigh, kHigh);
-  };
-  std::mt19937 random(3);
-  std::uniform_real_distribution<float> book_height(0.16F, 0.24F);
-  for (int i = 0; i <= kAlong; ++i) {
-    for (int j = 0; j <= kAcross; ++j) {
-      const float x = kSide * static_cast<float>(i), y = kSide * static_cast<float>(j);
-      if (i < kAlong) partition(x, y, true, j > 0 && j < kAcross);
-      if (j < kAcross) partition(x, y, false, i > 0 && i < kAlong);
-      if (i == kAlong || j == kAcross) continue;
-      for (const float side_x : {1.0F, 4.0F}) {
-        for (const bool is_far : {false, true}) {
-          const float desk_x = x + side_x, desk_y = y + (is_far ? 4.2F : 0.8F), to_chair = is_far ? -1.0F : 1.0F;
-          box(wood, desk_x, desk_y, 0.73F, 1.4F, 0.8F, 0.04F);
-          for (const float leg_x : {-0.65F, 0.65F}) {
-            for (const float leg_y : {-0.35F, 0.35F}) box(wood, desk_x + leg_x, desk_y + leg_y, 0.355F, 0.05F, 0.05F, 0.71F);
-          }
-          box(wood, desk_x, desk_y, 1.0F, 0.6F, 0.04F, 0.36F);                       // screen
-          box(wood, desk_x, desk_y, 0.8F, 0.06F, 0.06F, 0.12F);                      // screen stand
-          box(wood, desk_x, desk_y + 0.15F * to_chair, 0.76F, 0.44F, 0.16F, 0.02F);  // keyboard
-          builder.cylinder({desk_x, desk_y + 0.7F * to_chair, 0.475F}, 0.25F, 0.05F, wood);
-          builder.cylinder({desk_x, desk_y + 0.7F * to_chair, 0.25F}, 0.04F, 0.4F, wood);
-          box(wood, desk_x, desk_y + 0.95F * to_chair, 0.8F, 0.44F, 0.04F, 0.5F);
-        }
-      }
-      for (int board = 0; board < 6; ++board) {
-        const float z = 0.2F + 0.35F * static_cast<float>(board);
-        box(wood, x + 2.5F, y + 4.75F, z, 0.8F, 0.3F, 0.03F);
-        for (int book = 0; book < 5; ++book) {
-          const float height = book_height(random);
-          box(wood, x + 2.24F + 0.13F * static_cast<float>(book), y + 4.75F, z + 0.015F + height / 2, 0.06F, 0.2F, height);
-        }
-      }
-      builder.sphere({x + 2.5F, y + 2.5F, 2.5F}, 0.2F, wood);
-    }
-  }
-  return builder.build();
 }
 
 // Returns a world with only the triangles: primitives tessellated, masks dropped. chord_error_m applies to round shapes.

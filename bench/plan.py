@@ -9,11 +9,10 @@ from collections.abc import Callable, Iterator
 import numpy as np
 
 import flockstep
+from timing import Measured
 
 GENERATORS = ("office", "warehouse", "forest", "city", "playground")
 SEEDS = 20
-
-Measured = tuple[str, float, str, int]  # name, value, unit, runs
 
 
 def worlds() -> Iterator[tuple[str, Callable[[], flockstep.World]]]:

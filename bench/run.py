@@ -3,27 +3,19 @@
 lidar   the LiDAR stage against bare Embree and against a bare direct loop
 step    whole steps of the vector environments, stage by stage, and their memory
 camera  cameras against bare Embree and bare OpenGL, by size, world and backend; capture modes; memory
-train   PPO from scratch with several seeds: speed, and success in unseen playgrounds
-camera_train  the same for the camera task, which observes the green blob in an image
-pixels_train  the same for the task that observes the image itself; takes half an hour
-camera_large  the camera task at 640 x 480; takes half an hour
-places_train  the LiDAR task in generated offices and forests
+camera_train  the camera task, which observes the green blob in an image, by train_ppo with five seeds; only if named
+pixels_train  the same for the task that observes the image itself; takes half an hour; only if named
 learner one update of flockstep.PPO beside Stable-Baselines3's, and what a second thread gains; needs an idle machine
 board   the trainings of docs/board.md with five seeds each, also with Stable-Baselines3; only if named, takes hours
 flight_train  Hover and Track by Stable-Baselines3, and the controller only; the LiDAR task's policy with rotors
-tiles   tracing rays against triangles, in tiles, as slices and with Embree; only tracing
-tiles_avx2  the same for fans, without AVX-512
 worlds  LiDARs and cameras in every bundled world, and the share of rays traced by Embree
-busy    the trainings of the README and of docs/first-steps.md while every processor runs a busy loop; only if named
-server  round trips of the clients against bare echoes, a remote vector environment, many clients, streams
+load    time and memory to load files of a million triangles and more
+server  round trips of the clients against a bare echo, a remote vector environment, many clients, streams
 scaling steps, frames and trainings with 1, 2, 4, ... threads, up to one per processor; only if named
 imaging cost of colour detection, HSV and smaller images, in our kernels and in OpenCV
 race    steps of Race, with gates that are solid and with gates that are not
 bodies  scans, steps and frames among bodies and beside the same solids in the static world; ticks of scripts
 meetings  steps and scans of drones that see and touch each other, and of the same drones in separate envs
-dodge   trainings of Dodge with three seeds among bodies and one without them; only if named
-swap    trainings of Swap with three seeds; only if named
-formation   trainings of Formation with three seeds; only if named
 workers start of a trainer's worker: import, worlds, first scan, step and frame, memory; by spawn, by fork, by pickle
 engines steps of DDP, TorchRL's collectors and RLlib with 1, 2, 4, ... processes: rate, time, bytes; only if named
 plan    paths from start to goal in every bundled world and twenty of each generator: processor time and length
@@ -32,25 +24,24 @@ dynamics  rotor flight: the kernel against a bare one, every controller and term
 dynamics_accuracy  errors of rotor flight against double precision, and quality of the controller
 dynamics_peers  comparison with other simulators, which pip downloads into out/peers/; only if named
 mesh_peers  comparison with other ray casters on the same triangles, also downloaded; only if named
+
+The name of a task whose row in flockstep/trainings/table.py has a bench: its trainings beside flyers without a policy;
+only if named.
 """
 
 from __future__ import annotations
 
 import argparse
-import ast
-import itertools
 import json
 import os
 import platform
 import re
-import resource
 import shutil
 import statistics
 import subprocess
 import sys
-import tempfile
 import time
-from collections.abc import Callable, Iterable
+from collections.abc import Callable
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -59,6 +50,7 @@ import numpy as np
 
 import bodies
 import bundled
+import compare_rows
 import dynamics_accuracy
 import dynamics_peers
 import engines
@@ -74,22 +66,12 @@ import table
 import tasks
 import workers
 from flockstep import _core
+from timing import RUNS, Call, Figure, figure, in_turns, median_ratio, of, timed
 
 ROOT = Path(__file__).resolve().parent.parent
 OUT = ROOT / "out" / "bench"
-RUNS = 7
 SIZES = (1, 16, 256, 1024, 4096, 16384)
-
-Figure = dict[str, Any]
-
-
-def figure(name: str, value: float, unit: str, runs: int) -> Figure:
-    return {"name": name, "value": float(f"{value:.4g}"), "unit": unit, "runs": runs}
-
-
-def of(measure: Callable[..., Iterable[tuple[str, float, str, int]]], *args: Any) -> Callable[[], list[Figure]]:
-    """Return a benchmark whose figures are those that a function measures."""
-    return lambda: [figure(*measured) for measured in measure(*args)]
+DRONES = 1024  # of flights whose costs are compared
 
 
 def native(name: str, *args: str) -> list[Figure]:
@@ -100,36 +82,6 @@ def native(name: str, *args: str) -> list[Figure]:
     return figures
 
 
-def bench_tiles() -> list[Figure]:
-    """Trace triangles in tiles and slices, without the stages before and after."""
-    return native("tiles") + steps_with_slices()
-
-
-def steps_with_slices(n: int = 256) -> list[Figure]:
-    """Time whole steps of the LiDAR task in worlds of triangles, with its fan as a slice and through Embree."""
-    figures = []
-    for name in ("office", "warehouse", "city", "forest"):
-        world = getattr(flockstep.World, name)(1)
-        slices, embree = stepping(n, worlds=world), stepping(n, worlds=world, tracer="tiles")
-        times = [(seconds_per_call(slices), seconds_per_call(embree)) for _ in range(RUNS)]
-        ratio = statistics.median(by_embree / as_slice for as_slice, by_embree in times)
-        rate = n / statistics.median(as_slice for as_slice, _ in times)
-        figures.append(figure(f"tiles/{name}/step/ratio_to_embree_fans", ratio, "1", RUNS))
-        figures.append(figure(f"tiles/{name}/step/steps_per_second", rate, "1/s", RUNS))
-    return figures
-
-
-def seconds_per_call(call: Callable[[int], object], at_least_s: float = 0.25) -> float:
-    """Time calls until they have lasted long enough; the argument is the index of the call."""
-    count = 0
-    before = time.perf_counter()
-    while (elapsed := time.perf_counter() - before) < at_least_s:
-        for _ in range(8):
-            call(count)
-            count += 1
-    return elapsed / count
-
-
 def bench_step() -> list[Figure]:
     """Time `DroneVectorEnv.step` of the LiDAR task under random actions, in steady state, including resets.
 
@@ -137,51 +89,50 @@ def bench_step() -> list[Figure]:
     (`ratio_to_bare_lidar`), and once with analytic geometry, for which Embree calls back the engine's own kernels
     (`ratio_to_bare_analytic_lidar`).
     """
-    steps = {n: stepping(n) for n in SIZES}
-    times: dict[int, list[float]] = {n: [] for n in SIZES}
-    ratios, analytic_ratios = [], []
-    for _ in range(RUNS):
-        for n in SIZES:
-            times[n].append(seconds_per_call(steps[n]))
-        bare = {f["name"]: f["value"] for f in native("lidar", "fan")}
-        again = seconds_per_call(steps[1024])
-        rate = 1024 / statistics.mean((times[1024][-1], again))
-        ratios.append(rate / bare["lidar/direct_fan35x1024/bare_embree_scans_per_second"])
-        analytic_ratios.append(rate / bare["lidar/fan35x1024/bare_embree_scans_per_second"])
+    bare: dict[str, list[float]] = {"direct_": [], "": []}
+
+    def trace() -> float:
+        found = {f["name"]: f["value"] for f in native("lidar", "fan")}
+        for kind, rates in bare.items():
+            rates.append(found[f"lidar/{kind}fan35x1024/bare_embree_scans_per_second"])
+        return 0.0
+
+    steps = {n: walled(stepping(n)) for n in SIZES}
+    times = in_turns({**steps, "bare": trace, "again": steps[1024]})
+    rates = [1024 / statistics.mean(both) for both in zip(times[1024], times["again"], strict=True)]
     figures = [figure(f"step/n{n}/steps_per_second", n / statistics.median(times[n]), "1/s", RUNS) for n in SIZES]
-    figures.append(figure("step/n1024/ratio_to_bare_lidar", statistics.median(ratios), "1", RUNS))
-    figures.append(figure("step/n1024/ratio_to_bare_analytic_lidar", statistics.median(analytic_ratios), "1", RUNS))
-    figures.append(figure("step/n1/microseconds", 1e6 * statistics.median(times[1]), "us", RUNS))
-    figures.append(figure("step/bytes_per_drone", bytes_per_drone(), "B", 1))
+    figures += [
+        figure("step/n1024/ratio_to_bare_lidar", median_ratio(rates, bare["direct_"]), "1", RUNS),
+        figure("step/n1024/ratio_to_bare_analytic_lidar", median_ratio(rates, bare[""]), "1", RUNS),
+        figure("step/n1/microseconds", 1e6 * statistics.median(times[1]), "us", RUNS),
+        figure("step/bytes_per_drone", bytes_per_drone(), "B", 1),
+    ]
+    scans = in_turns({n: walled(compare_rows.measuring(compare_rows.train, n, {}, "auto")(flockstep)) for n in SIZES})
+    for n, seconds in scans.items():
+        figures.append(figure(f"step/lidar/n{n}/scans_per_second", n / statistics.median(seconds), "1/s", RUNS))
     return figures + worlds_of_their_own() + tasks_in_python() + native("stages")
+
+
+def walled(call: Call) -> Callable[[], float]:
+    """Return a timer by the wall clock."""
+    return timed(call, 8, 0.25, time.perf_counter)
 
 
 def worlds_of_their_own(n: int = 1024) -> list[Figure]:
     """Compare envs that have one playground each with envs that share one, averaged over some of these playgrounds."""
     worlds = [flockstep.World.playground(seed) for seed in range(n)]
-    apart = stepping(n, worlds=worlds)
-    shared = [stepping(n, worlds=world) for world in worlds[:: n // 8]]
-    ratios, times = [], []
-    for _ in range(RUNS):
-        together_s = statistics.mean(seconds_per_call(step, 0.1) for step in shared)
-        times.append(seconds_per_call(apart))
-        ratios.append(together_s / times[-1])
+    shared = [walled(stepping(n, worlds=world)) for world in worlds[:: n // 8]]
+    apart = walled(stepping(n, worlds=worlds))
+    times = in_turns({"shared": lambda: statistics.mean(timer() for timer in shared), "apart": apart})
     return [
-        figure(f"step/worlds{n}/ratio_to_one_world", statistics.median(ratios), "1", RUNS),
-        figure(f"step/worlds{n}/steps_per_second", n / statistics.median(times), "1/s", RUNS),
+        figure(f"step/worlds{n}/ratio_to_one_world", median_ratio(times["shared"], times["apart"]), "1", RUNS),
+        figure(f"step/worlds{n}/steps_per_second", n / statistics.median(times["apart"]), "1/s", RUNS),
     ]
 
 
-def stepping(
-    n: int, task: flockstep.Task | None = None, worlds: flockstep.scenes.WorldsLike = "train", tracer: str = "auto"
-) -> Callable[[int], object]:
+def stepping(n: int, **settings: Any) -> Call:
     """Return a function that steps the LiDAR task, or another one with the same actions, in steady state."""
-    envs = flockstep.DroneVectorEnv(n, worlds=worlds, task=task, num_threads=1, tracer=tracer)
-    envs.reset(seed=0)
-    actions = np.random.default_rng(0).integers(0, 6, (64, n))
-    for i in range(1000 if n <= 4096 else 300):  # until drones are spread out and episodes end at a steady rate
-        envs.step(actions[i % 64])
-    return lambda i: envs.step(actions[i % 64])
+    return compare_rows.stepping(n, 1000 if n <= 4096 else 300, **settings)(flockstep)
 
 
 def tasks_in_python() -> list[Figure]:
@@ -197,13 +148,9 @@ def tasks_in_python() -> list[Figure]:
             "terms": navigation_terms.Navigation(),
             "numpy": navigation_numpy.Navigation(flockstep.NavigationConfig(), flockstep.LidarConfig()),
         }
-        steps = {name: stepping(n, task) for name, task in tasks.items()}
-        times: dict[str, list[float]] = {name: [] for name in steps}
-        for _ in range(RUNS):
-            for name, step in steps.items():
-                times[name].append(seconds_per_call(step))
+        times = in_turns({name: walled(stepping(n, task=task)) for name, task in tasks.items()})
         for name in ("terms", "numpy"):
-            ratio = statistics.median(a / b for a, b in zip(times[name], times["built_in"], strict=True))
+            ratio = median_ratio(times[name], times["built_in"])
             figures.append(figure(f"step/python_task_{name}_n{n}/times_built_in", ratio, "1", RUNS))
     return figures
 
@@ -232,8 +179,25 @@ def bench_camera() -> list[Figure]:
     """Measure cameras in C++, and the memory of a camera that writes rgb, of which its frame takes 12,288 bytes."""
     return [
         *native("camera"),
+        *capture_modes(),
         figure("camera/bytes_per_64x64_rgb_camera", bytes_per_drone(SMALL_CAMERA, 1 << 14), "B", 1),
     ]
+
+
+def capture_modes() -> list[Figure]:
+    """Measure `Batch.sense` with a camera in each capture mode, for drones at rest and for drones that move."""
+    figures = []
+    modes = {"every_step": "every_step", "on_movement": "on_movement", "on_demand": "on_demand", "no_camera": None}
+    for name, worlds in (("playground", compare_rows.playground), ("hills100k", compare_rows.hills(220))):
+        timers = {
+            f"{label}/{motion}": timed(compare_rows.capturing(mode, motion == "moving", worlds)(flockstep), 8, 0.03)
+            for motion in ("still", "moving")
+            for label, mode in modes.items()
+        }
+        for label, seconds in in_turns(timers, warm_up=True).items():
+            us = 1e6 * statistics.median(seconds) / 64
+            figures.append(figure(f"camera_modes/{name}/{label}/microseconds_per_drone", us, "us", RUNS))
+    return figures
 
 
 def bytes_per_drone(make: str = LIDAR_TASK, count: int = 1 << 17) -> float:
@@ -257,37 +221,53 @@ def bench_dynamics() -> list[Figure]:
     return [
         *native("dynamics"),
         *flown_steps(),
+        *costs(),
         figure("dynamics/bytes_per_drone", bytes_per_drone(FLIGHT, 1 << 16), "B", 1),
     ]
 
 
+def costs() -> list[Figure]:
+    """Measure what gusts, ground effect and an IMU add to `Batch.fly` or `sense`, and ticks near and in contact."""
+    fleet = partial(compare_rows.fleet, "position", n=DRONES)
+    added = {
+        "ground_effect_far_above_ground/ns_per_substep": (fleet(ground_effect=True), fleet()),
+        "ground_effect_near_ground/ns_per_substep": (fleet(0.5, ground_effect=True), fleet(0.5)),
+        "gusts_Ornstein-Uhlenbeck/ns_per_step": (fleet(wind={"gusts": "ornstein_uhlenbeck"}), fleet()),
+        "gusts_Dryden/ns_per_step": (fleet(wind={"gusts": "dryden"}), fleet()),
+        "IMU/ns_per_reading": (fleet(imu=True), fleet(senses=True)),
+    }
+    contacts = {
+        "in_the_open": (DRONES, fleet()),
+        "5_cm_above_a_floor": (DRONES, fleet(0.11)),  # of the centre
+        **{f"pressed_to_a_floor,_{way}": (256, compare_rows.pressed(way)) for way in ("terminate", "stop", "bounce")},
+        **{f"pressed_into_a_corner,_{way}": (64, compare_rows.cornered(way)) for way in ("stop", "bounce")},
+        **{f"deep_inside_a_pillar,_{way}": (64, compare_rows.inside_pillar(way)) for way in ("stop", "bounce")},
+    }
+    figures = []
+    for name, setups in added.items():
+        timers = {i: timed(setup(flockstep), 8, 0.05) for i, setup in enumerate(setups)}
+        more, plain = in_turns(timers, warm_up=True).values()
+        ns = 1e9 * statistics.median(a - b for a, b in zip(more, plain, strict=True)) / DRONES
+        ticks = dynamics_peers.TICKS if name.endswith("substep") else 1
+        figures.append(figure(f"dynamics/cost/{name}", ns / ticks, "ns", RUNS))
+    for name, (n, setup) in contacts.items():
+        (seconds,) = in_turns({name: timed(setup(flockstep), 1, 0.05)}, warm_up=True).values()
+        ns = 1e9 * statistics.median(seconds) / (n * dynamics_peers.TICKS)
+        figures.append(figure(f"dynamics/contact/{name}/ns_per_substep", ns, "ns", RUNS))
+    return figures
+
+
+@server.pinned()  # two processors may differ in speed
 def flown_steps(n: int = dynamics_peers.DRONES) -> list[Figure]:
-    """Time steps under body rate commands against the kernel's time for their substeps, in processor time.
-
-    Everything runs on one processor, because two may differ in speed.
-    """
-    before = os.sched_getaffinity(0)
-    os.sched_setaffinity(0, {max(before)})
-    try:
-        return flown_steps_here(n)
-    finally:
-        os.sched_setaffinity(0, before)
-
-
-def flown_steps_here(n: int) -> list[Figure]:
+    """Time steps under body rate commands against the kernel's time for their substeps, in processor time."""
     dynamics = flockstep.DynamicsConfig(motion="rotors", control="body_rates")
     clock = flockstep.ClockConfig(policy_hz=dynamics_peers.POLICY_HZ, physics_hz=dynamics_peers.PHYSICS_HZ)
     room = flockstep.World.from_dict({"flockstep_scene": 1, "room": {"min": [-100] * 3, "max": [100] * 3}})
     drone = flockstep.DroneModel.load("kingfisher")
     batch = flockstep.Batch([room], n, drone=drone, dynamics=dynamics, clock=clock, num_threads=1)
     command = np.tile(np.float32([9.81, 0, 0, 0]), (n, 1))
-    steps: dict[str, Callable[[], object]] = {"batch_fly": lambda: batch.fly(command)}
-    if envs := dynamics_peers.hovering(n):
-        actions = [envs.action_space.sample() / 10 for _ in range(64)]
-        for i in range(1000):  # until episodes end at a steady rate
-            envs.step(actions[i % 64])
-        turns = itertools.cycle(actions)
-        steps["env_step"] = lambda: envs.step(next(turns))
+    steps: dict[str, Call] = {"batch_fly": lambda: batch.fly(command)}
+    steps["env_step"] = compare_rows.stepped(dynamics_peers.hovering(n), 1000, 0.1)
     rates: dict[str, list[float]] = {name: [] for name in steps}
     ratios: dict[str, list[float]] = {name: [] for name in steps}
     for _ in range(RUNS):
@@ -307,7 +287,7 @@ def flown_steps_here(n: int) -> list[Figure]:
 def bench_trained(name: str) -> list[Figure]:
     import trained  # imports PyTorch, as do the next two
 
-    return trained.measure(name, OUT / "train")
+    return trained.measure(name.removesuffix("_train"), OUT / "train")
 
 
 def bench_board() -> list[Figure]:
@@ -322,96 +302,7 @@ def bench_learner() -> list[Figure]:
     """Compare an update of `flockstep.PPO` with Stable-Baselines3's, and one thread with two."""
     import learner
 
-    return of(learner.figures, RUNS)()
-
-
-def bench_load() -> list[Figure]:
-    """Load scene files of 65,000 objects: with one shared material, and with one material each."""
-    count = 65_000
-    places = np.random.default_rng(0).uniform(-500, 500, (count, 3)).round(3).tolist()
-    figures = []
-    for materials in (1, count):
-        scene = {
-            "flockstep_scene": 1,
-            "materials": {f"m{i}": {"base_color": [0.5, 0.5, 0.5]} for i in range(materials)},
-            "spheres": [
-                {"center": place, "radius": 0.1, "material": f"m{i % materials}"} for i, place in enumerate(places)
-            ],
-        }
-        with tempfile.TemporaryDirectory() as folder:
-            path = Path(folder) / "scene.json"
-            path.write_text(json.dumps(scene))
-            flockstep.World.load(path)
-            times = []
-            for _ in range(RUNS):
-                before = time.perf_counter()
-                flockstep.World.load(path)
-                times.append(time.perf_counter() - before)
-        figures.append(figure(f"load/spheres{count}_materials{materials}/seconds", statistics.median(times), "s", RUNS))
-    return figures + [figure(*measured) for measured in bundled.measure_loading()]
-
-
-def bench_worlds() -> list[Figure]:
-    measured = (*bundled.measure(), *bundled.measure_steps(), *bundled.measure_looks())
-    return [figure(*each) for each in measured]
-
-
-FILM = 'flockstep.record("flight.mp4", model, worlds=unseen[0])\n'
-
-
-def bench_snippet() -> list[Figure]:
-    """Run the README's trainings as published, without the film, with five seeds not used to choose them."""
-    blocks = re.findall(r"```python\n(.*?)```", (ROOT / "README.md").read_text(), re.DOTALL)
-    figures = []
-    for seed in range(20, 25):
-        first = published(blocks[0], {"left}": f'left, "seed": {seed}}}', FILM: ""})
-        both = published(first, {"1_000_000, progress_bar=True": "1"}) + blocks[1]
-        for subject, text in ((f"snippet/seed{seed}", first), (f"snippet/sb3/seed{seed}", both)):
-            before = time.perf_counter()
-            output = subprocess.run([sys.executable, "-c", text], check=True, stdout=subprocess.PIPE, text=True).stdout
-            seconds = time.perf_counter() - before
-            ends = ast.literal_eval(output.splitlines()[-1])
-            figures.append(figure(f"{subject}/success_rate", ends["success"], "1", 100))
-            figures.append(figure(f"{subject}/seconds", seconds, "s", 1))
-    return figures
-
-
-def published(block: str, changes: dict[str, str]) -> str:
-    """Return a block of the README with changes, each of a text that is there once."""
-    for old, new in changes.items():
-        assert block.count(old) == 1, f"README.md: expected {old} once"
-        block = block.replace(old, new)
-    return block
-
-
-BUSY = "while True: pass"
-
-
-def bench_busy() -> list[Figure]:
-    """Run the trainings of the README and of First steps as published, while every processor runs a busy loop."""
-    pages = "".join((ROOT / page).read_text() for page in ("README.md", "docs/first-steps.md"))
-    blocks = re.findall(r"```python\n(.*?)```", pages, re.DOTALL)
-    trainings = [block for block in blocks if "learn(" in block and "import flockstep" in block]
-    figures = []
-    others = [subprocess.Popen([sys.executable, "-c", BUSY]) for _ in range(os.cpu_count() or 1)]
-    try:
-        for name, block in zip(("train", "own_task"), trainings, strict=True):
-            before, spent = time.perf_counter(), resource.getrusage(resource.RUSAGE_CHILDREN)
-            done = subprocess.run([sys.executable, "-c", block], check=True, stdout=subprocess.PIPE, text=True)
-            seconds, used = time.perf_counter() - before, resource.getrusage(resource.RUSAGE_CHILDREN)
-            processor = used.ru_utime + used.ru_stime - spent.ru_utime - spent.ru_stime
-            rates = ast.literal_eval(done.stdout.splitlines()[-1])
-            rate = rates["success"] if "success" in rates else statistics.mean(rates.values())
-            figures += [
-                figure(f"busy/{name}/success_rate", rate, "1", 1),
-                figure(f"busy/{name}/seconds", seconds, "s", 1),
-                figure(f"busy/{name}/processor_seconds", processor, "s", 1),
-            ]
-    finally:
-        for other in others:
-            other.kill()
-            other.wait()
-    return figures
+    return of(learner.measure, RUNS)()
 
 
 #: Programs of examples/trainers/ by the name of their figures, and the format of their last line.
@@ -455,6 +346,7 @@ def bench_trainers() -> list[Figure]:
             found = [
                 figure(f"{subject}/steps_per_second", rate, "1/s", 1),
                 figure(f"{subject}/steps", steps, "1", 1),
+                figure(f"{subject}/seconds", steps / rate, "s", 1),
                 figure(f"{subject}/playgrounds", float(ended[3]), "1", 1),
             ]
             figures += [{**f, "program": program, "version": ended[1], "autoreset_mode": ended[2]} for f in found]
@@ -466,40 +358,34 @@ BENCHES: dict[str, Callable[[], list[Figure]]] = {
     "lidar": partial(native, "lidar"),
     "step": bench_step,
     "camera": bench_camera,
-    "train": partial(bench_trained, "train"),
     "camera_train": partial(bench_trained, "camera_train"),
     "pixels_train": partial(bench_trained, "pixels_train"),
-    "camera_large": partial(bench_trained, "camera_large"),
-    "places_train": partial(bench_trained, "places_train"),
     "flight_train": of(tasks.measure_flights),
     "board": bench_board,
     "trainers": bench_trainers,
-    "snippet": bench_snippet,
-    "busy": bench_busy,
     "learner": bench_learner,
-    "scaling": scaling.measure,
-    "load": bench_load,
-    "worlds": bench_worlds,
+    "scaling": of(scaling.measure),
+    "load": of(bundled.measure_loading),
+    "worlds": of(bundled.measure),
     "imaging": of(imaging.measure),
     "plan": of(plan.measure),
     "race": of(tasks.measure_race),
     "bodies": of(bodies.measure),
     "meetings": of(meetings.measure),
-    "dodge": of(tasks.measure, "dodge"),
-    "swap": of(tasks.measure, "swap"),
-    "formation": of(tasks.measure, "formation"),
+    **{name: of(tasks.measure, name) for name in tasks.BENCHES},
     "workers": of(workers.measure),
     "engines": of(engines.measure),
     "server": of(server.measure),
-    "tiles": bench_tiles,
-    "tiles_avx2": partial(native, "tiles", "all", "fan", "avx2"),
     "dynamics": bench_dynamics,
     "dynamics_accuracy": of(dynamics_accuracy.measure),
     "dynamics_peers": dynamics_peers.measure,
     "mesh_peers": mesh_peers.measure,
 }
 #: Benchmarks that run only if named.
-APART = ("board", "busy", "dodge", "engines", "formation", "scaling", "swap", "dynamics_peers", "mesh_peers")
+APART = (
+    *tasks.BENCHES,
+    *("board", "camera_train", "pixels_train", "engines", "scaling", "dynamics_peers", "mesh_peers"),
+)
 
 
 def machine() -> dict[str, Any]:

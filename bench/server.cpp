@@ -1,19 +1,11 @@
-// Times the server from the outside: round trips of the C++ client beside those of bare echoes, and clients that load a server.
+// Times the server from the outside: round trips of the C++ client beside those of a bare echo, and clients that load a server.
 // Prints a JSON list of figures. bench/server.py starts the servers and runs this program:
 //
-//   server echo tcp|websocket|async                            answers on a free port, which it prints, until it is killed
-//   server round-trips DRONE ARRAYS TCP WEBSOCKET ASYNC CALLS NAME:REQUEST:REPLY...
-//                      addresses of two servers of flockstep, ports of two echoes, calls to time, sizes of messages in bytes
+//   server echo                                                answers on a free port, which it prints, until it is killed
+//   server round-trips DRONE ARRAYS PORT CALLS NAME:REQUEST:REPLY...
+//                      addresses of two servers of flockstep, port of the echo, calls to time, sizes of messages in bytes
 //   server clients ADDRESS COUNT move|scan SECONDS             COUNT clients at once, each with a drone and a thread
-//   server in-process                                          what a scan and a JPEG file cost without a server
 //   server encode IMAGES HZ                                    encodes images of 640 x 480 pixels at a rate, until it is killed
-// clang-format off: Boost 1.74 uses std::exchange without its header
-#include <utility>
-#include <boost/asio.hpp>
-#include <boost/beast/core.hpp>
-#include <boost/beast/websocket.hpp>
-// clang-format on
-
 #include <netinet/in.h>
 #include <netinet/tcp.h>
 #include <sys/socket.h>
@@ -47,15 +39,11 @@
 namespace {
 
 using namespace flockstep;
-namespace asio = boost::asio;
-namespace beast = boost::beast;
-using tcp = asio::ip::tcp;
-using WebSocket = beast::websocket::stream<tcp::socket>;
 
-// Sizes of a request and its reply; the first message on a connection to an echo.
+// Sizes of a request and its reply; the first message on a connection to the echo.
 using Sizes = std::array<std::uint32_t, 2>;
 
-// -------------------------------------------------------------------------------------------------------------------- echoes
+// --------------------------------------------------------------------------------------------------------------------- echo
 
 // Owns a file descriptor.
 class Descriptor {
@@ -103,7 +91,7 @@ void disable_delay(int fd) {
   setsockopt(fd, IPPROTO_TCP, TCP_NODELAY, &on, sizeof(on));
 }
 
-[[noreturn]] void echo_tcp() {
+[[noreturn]] void echo() {
   const int listener = socket(AF_INET, SOCK_STREAM, 0);
   sockaddr_in address = loopback(0);
   socklen_t length = sizeof(address);
@@ -120,77 +108,6 @@ void disable_delay(int fd) {
     if (!receive_all(fd, sizes.data(), sizeof(sizes))) continue;
     std::vector<char> request(sizes[0]), reply(sizes[1], 'x');
     while (receive_all(fd, request.data(), request.size())) send_all(fd, reply.data(), reply.size());
-  }
-}
-
-void set_options(WebSocket& socket) {
-  socket.binary(true);
-  socket.auto_fragment(false);
-  socket.write_buffer_bytes(std::size_t{1} << 16);
-  socket.next_layer().set_option(tcp::no_delay(true));
-}
-
-[[noreturn]] void echo_websocket() {
-  asio::io_context context;
-  tcp::acceptor acceptor(context, {asio::ip::address_v4::loopback(), 0});
-  std::printf("%d\n", acceptor.local_endpoint().port());
-  std::fflush(stdout);
-  for (;;) {
-    WebSocket socket(acceptor.accept());
-    set_options(socket);
-    try {
-      socket.accept();
-      beast::flat_buffer buffer;
-      Sizes sizes{};
-      asio::buffer_copy(asio::buffer(sizes), (socket.read(buffer), buffer.data()));
-      const std::vector<char> reply(sizes[1], 'x');
-      for (;;) {
-        buffer.clear();
-        socket.read(buffer);
-        socket.write(asio::buffer(reply));
-      }
-    } catch (const boost::system::system_error&) {  // the client has closed the connection
-    }
-  }
-}
-
-// As a server of many clients must do it: with the asynchronous operations of Beast, on one thread.
-class AsyncEcho {
- public:
-  explicit AsyncEcho(tcp::socket socket) : socket_(std::move(socket)) {
-    set_options(socket_);
-    socket_.accept();
-    Sizes sizes{};
-    asio::buffer_copy(asio::buffer(sizes), (socket_.read(buffer_), buffer_.data()));
-    reply_.assign(sizes[1], 'x');
-    read();
-  }
-
- private:
-  void read() {
-    buffer_.clear();
-    socket_.async_read(buffer_, [this](beast::error_code error, std::size_t) {
-      if (error) return;
-      socket_.async_write(asio::buffer(reply_), [this](beast::error_code failure, std::size_t) {
-        if (!failure) read();
-      });
-    });
-  }
-
-  WebSocket socket_;
-  beast::flat_buffer buffer_;
-  std::vector<char> reply_;
-};
-
-[[noreturn]] void echo_async() {
-  asio::io_context context;
-  tcp::acceptor acceptor(context, {asio::ip::address_v4::loopback(), 0});
-  std::printf("%d\n", acceptor.local_endpoint().port());
-  std::fflush(stdout);
-  for (;;) {
-    AsyncEcho echo(acceptor.accept());
-    context.restart();
-    context.run();
   }
 }
 
@@ -222,25 +139,6 @@ Times time_tcp(int port, const Sizes& sizes, int calls) {
   });
 }
 
-Times time_websocket(int port, const Sizes& sizes, int calls) {
-  asio::io_context context;
-  WebSocket socket(context);
-  socket.next_layer().connect({asio::ip::address_v4::loopback(), static_cast<std::uint16_t>(port)});
-  set_options(socket);
-  socket.handshake("localhost", "/");
-  socket.write(asio::buffer(sizes));
-  const std::vector<char> request(sizes[0], 'x');
-  beast::flat_buffer reply;
-  Times times = time_calls(calls, [&] {
-    socket.write(asio::buffer(request));
-    reply.clear();
-    socket.read(reply);
-  });
-  beast::error_code ignored;
-  socket.close(beast::websocket::close_code::normal, ignored);
-  return times;
-}
-
 double percentile(const Times& sorted, double percent) {
   return sorted[static_cast<std::size_t>(std::round(percent / 100.0 * static_cast<double>(sorted.size() - 1)))];
 }
@@ -258,11 +156,10 @@ Case read_case(const std::string& text) {
 }
 
 void round_trips(const std::vector<std::string>& arguments) {
-  constexpr std::size_t kFixed = 6;
-  if (arguments.size() <= kFixed) throw std::invalid_argument("round-trips: expected six arguments and cases");
+  constexpr std::size_t kFixed = 4;
+  if (arguments.size() <= kFixed) throw std::invalid_argument("round-trips: expected four arguments and cases");
   const client::Connection to_drone({.address = arguments[0]}), to_arrays({.address = arguments[1]});
-  const int tcp_port = std::stoi(arguments[2]), websocket_port = std::stoi(arguments[3]), async_port = std::stoi(arguments[4]);
-  const int calls = std::stoi(arguments[5]);
+  const int port = std::stoi(arguments[2]), calls = std::stoi(arguments[3]);
   client::DroneController drone(to_drone, 0);
   client::GameModeController arrays(to_arrays);
   client::Vector3 location = drone.get_location();
@@ -281,15 +178,11 @@ void round_trips(const std::vector<std::string>& arguments) {
   bench::Figures figures;
   const auto add = [&](const std::string& name, Times times) {
     std::ranges::sort(times);
-    for (const int percent : {10, 50, 90}) {
-      figures.add(name + "/p" + std::to_string(percent), percentile(times, percent), "us", calls);
-    }
+    figures.add(name + "/p50", percentile(times, 50), "us", calls);
   };
   for (std::size_t i = kFixed; i < arguments.size(); ++i) {
     const auto [name, sizes] = read_case(arguments[i]);
-    add(name + "/tcp", time_tcp(tcp_port, sizes, calls));
-    add(name + "/websocket", time_websocket(websocket_port, sizes, calls));
-    add(name + "/async", time_websocket(async_port, sizes, calls));
+    add(name + "/tcp", time_tcp(port, sizes, calls));
     if (const auto operation = operations.find(name); operation != operations.end()) {
       add(name + "/cpp", time_calls(calls, operation->second));
     }
@@ -359,39 +252,15 @@ void clients(const std::vector<std::string>& arguments) {
 
 constexpr int kQuality = 90;
 
-// A drone with the default LiDAR and a camera of 640 x 480 pixels.
-BatchConfig watched_drone() {
+// Encodes as streams do, to measure their cost for other processes.
+[[noreturn]] void encode(int images, double rate_hz) {
   BatchConfig config;
   config.num_envs = 1;
   config.num_threads = 1;
-  config.lidars = {LidarConfig()};
   CameraConfig camera;
   camera.width_px = 640;
   camera.height_px = 480;
   config.cameras = {camera};
-  return config;
-}
-
-void in_process() {
-  const BatchConfig config = watched_drone();
-  Batch batch(config, {World::load(FLOCKSTEP_SCENES "/playground/train-1.json")});
-  batch.sense();
-  std::vector<float> ranges(static_cast<std::size_t>(config.lidars[0].rows() * config.lidars[0].columns()));
-  const std::vector<std::uint8_t> image = batch.picture(0, 0);
-  constexpr int kRuns = 25;
-  const bench::Times times =
-      bench::interleave({{"scan", [&] { batch.scan(0, ranges); }},
-                         {"jpeg", [&] { render::compress_rgb(image.data(), config.cameras[0], kQuality); }}},
-                        kRuns);
-  bench::Figures figures;
-  figures.add("scan", 1e6 * bench::median(times[0]), "us", kRuns);
-  figures.add("jpeg", 1e6 * bench::median(times[1]), "us", kRuns);
-  figures.print();
-}
-
-// Encodes as streams do, to measure their cost for other processes.
-[[noreturn]] void encode(int images, double rate_hz) {
-  const BatchConfig config = watched_drone();
   Batch batch(config, {World::load(FLOCKSTEP_SCENES "/playground/train-1.json")});
   batch.sense();
   const std::vector<std::uint8_t> image = batch.picture(0, 0);
@@ -409,20 +278,16 @@ void in_process() {
 int main(int argc, char** argv) try {
   const std::string command = argc > 1 ? argv[1] : "";
   const std::vector<std::string> arguments(argv + std::min(argc, 2), argv + argc);
-  if (command == "echo" && arguments == std::vector<std::string>{"tcp"}) echo_tcp();
-  if (command == "echo" && arguments == std::vector<std::string>{"websocket"}) echo_websocket();
-  if (command == "echo" && arguments == std::vector<std::string>{"async"}) echo_async();
-  if (command == "round-trips") {
+  if (command == "echo") {
+    echo();
+  } else if (command == "round-trips") {
     round_trips(arguments);
   } else if (command == "clients") {
     clients(arguments);
-  } else if (command == "in-process") {
-    in_process();
   } else if (command == "encode" && arguments.size() == 2) {
     encode(std::stoi(arguments[0]), std::stod(arguments[1]));
   } else {
-    throw std::invalid_argument(
-        "expected echo tcp, echo websocket, echo async, round-trips, clients, in-process or encode, got \"" + command + '"');
+    throw std::invalid_argument("expected echo, round-trips, clients or encode, got \"" + command + '"');
   }
 } catch (const std::exception& error) {
   std::fprintf(stderr, "server: %s\n", error.what());

@@ -1,6 +1,6 @@
 """Times the server: round trips, steps of a remote vector environment, many clients at once, and camera streams.
 
-Servers are programs of their own, ``python -m flockstep serve``; bench/server.cpp has the echoes and the C++ clients.
+Servers are programs of their own, ``python -m flockstep serve``; bench/server.cpp has the echo and the C++ clients.
 """
 
 from __future__ import annotations
@@ -24,13 +24,11 @@ from typing import Any, NamedTuple
 import numpy as np
 
 import flockstep
+import thesis
 from thesis import BEAMS, COLUMNS
-
-Measured = tuple[str, float, str, int]  # name, value, unit, runs
+from timing import Measured, in_turns, median_ratio, timed
 
 ROUNDS, CALLS = 9, 1000  # of round trips: medians of the rounds; calls in a round
-PERCENTILES = (10, 50, 90)
-ECHOES = ("tcp", "websocket", "async")
 COUNTS = (1, 2, 4, 8, 16, 24, 32, 64, 128)  # clients at once
 LOAD_S, STREAM_S, STEPS_S = 3.0, 5.0, 0.5
 LOADED_HZ = 1000.0  # rate at which a server steps while many clients load it
@@ -42,15 +40,12 @@ CAMERAS, STREAM_HZ = 8, 30.0
 
 def measure() -> Iterator[Measured]:
     """Measure everything. It takes nine minutes, and the machine must have nothing else to do."""
-    scan_us, jpeg_us = (f["value"] for f in native("in-process"))
-    yield "server/in_process/scan", scan_us, "us", 25
-    yield "server/in_process/jpeg", jpeg_us, "us", 25
     for place in (pinned, unpinned):
         with place():
             yield from measure_round_trips(f"server/round_trip/{place.__name__}")
             yield from measure_vector_env(f"server/vector_env/{place.__name__}")
     yield from measure_clients("server/clients")
-    yield from measure_streams("server/streams", jpeg_us)
+    yield from measure_streams("server/streams")
 
 
 # --- programs
@@ -117,21 +112,15 @@ def serving(recipe: dict[str, Any] | str, *options: str) -> Iterator[Served]:
             yield Served(found[1], pid)
 
 
-def processor_s(pid: int) -> float:
-    """Return the processor time that a process has taken."""
-    fields = Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()
-    return (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")
-
-
 # --- round trips
 
 
 def measure_round_trips(prefix: str) -> Iterator[Measured]:
-    """Time one call after the other, by every client in turns with the echoes of messages of the same size."""
+    """Time one call after the other, by every client in turns with the echo of messages of the same size."""
     with contextlib.ExitStack() as stack:
         drone_at = stack.enter_context(serving({**WORLD, "drones_per_env": 1, "lidars": [{}]})).address
         arrays_at = stack.enter_context(serving({**WORLD, "num_envs": DRONES, "lidars": [{"beams": 38}]})).address
-        echoes = [stack.enter_context(running([program(), "echo", kind]))[0] for kind in ECHOES]
+        port = stack.enter_context(running([program(), "echo"]))[0].strip()
         loop = asyncio.new_event_loop()
         stack.callback(loop.close)
         sync = [stack.enter_context(flockstep.connect(address)) for address in (drone_at, arrays_at)]
@@ -143,30 +132,22 @@ def measure_round_trips(prefix: str) -> Iterator[Measured]:
         sizes = {name: message_sizes(sync[name == "get_arrays"], call) for name, call in calls.items()}
         sizes["step_envs"] = step_sizes()
         cases = [f"{name}:{request}:{reply}" for name, (request, reply) in sizes.items()]
-        found: dict[tuple[str, str, int], list[float]] = {}
+        found: dict[tuple[str, str], list[float]] = {}
         for _ in range(ROUNDS):
-            for f in native("round-trips", drone_at, arrays_at, *map(str.strip, echoes), CALLS, *cases):
-                name, by, percent = f["name"].split("/")
-                found.setdefault((name, by, int(percent[1:])), []).append(f["value"])
+            for f in native("round-trips", drone_at, arrays_at, port, CALLS, *cases):
+                name, by, _ = f["name"].split("/")
+                found.setdefault((name, by), []).append(f["value"])
             for name in calls:
-                timed = {
-                    "python": time_calls(calls[name]),
-                    "asyncio": loop.run_until_complete(time_awaited(awaited[name])),
-                }
-                for by, times in timed.items():
-                    for percent in PERCENTILES:
-                        found.setdefault((name, by, percent), []).append(1e6 * float(np.percentile(times, percent)))
+                found.setdefault((name, "python"), []).append(1e6 * time_calls(calls[name]))
+                seconds = loop.run_until_complete(time_awaited(awaited[name]))
+                found.setdefault((name, "asyncio"), []).append(1e6 * seconds)
     for name, (request, reply) in sizes.items():
         yield f"{prefix}/{name}/request", request, "B", 1
         yield f"{prefix}/{name}/reply", reply, "B", 1
-    for (name, by, percent), values in found.items():
-        yield f"{prefix}/{name}/{by}/p{percent}", statistics.median(values), "us", ROUNDS
-        if percent != 50:
-            continue
-        for bare in ECHOES:
-            if by not in ECHOES:
-                ratios = [a / b for a, b in zip(values, found[name, bare, 50], strict=True)]
-                yield f"{prefix}/{name}/{by}/ratio_to_{bare}", statistics.median(ratios), "1", ROUNDS
+    for (name, by), values in found.items():
+        yield f"{prefix}/{name}/{by}/p50", statistics.median(values), "us", ROUNDS
+        if by != "tcp":
+            yield f"{prefix}/{name}/{by}/ratio_to_tcp", median_ratio(values, found[name, "tcp"]), "1", ROUNDS
 
 
 def operations(of_drone: Any, of_arrays: Any) -> dict[str, Callable[[], Any]]:
@@ -207,26 +188,19 @@ def step_sizes() -> tuple[int, int]:
     return DRONES * 8, DRONES * 38 * 4
 
 
-def time_calls(call: Callable[[], object]) -> list[float]:
-    for _ in range(50):
-        call()
-    times = []
-    for _ in range(CALLS):
-        before = time.perf_counter()
-        call()
-        times.append(time.perf_counter() - before)
-    return times
+def time_calls(call: Callable[[], object]) -> float:
+    """Return the median seconds of a call."""
+    once = timed(call, clock=time.perf_counter)
+    return statistics.median([once() for _ in range(50 + CALLS)][50:])
 
 
-async def time_awaited(call: Callable[[], Awaitable[object]]) -> list[float]:
-    for _ in range(50):
-        await call()
+async def time_awaited(call: Callable[[], Awaitable[object]]) -> float:
     times = []
-    for _ in range(CALLS):
+    for _ in range(50 + CALLS):
         before = time.perf_counter()
         await call()
         times.append(time.perf_counter() - before)
-    return times
+    return statistics.median(times[50:])
 
 
 # --- a remote vector environment
@@ -247,19 +221,16 @@ def measure_vector_env(prefix: str) -> Iterator[Measured]:
             env.reset(seed=0)
             for i in range(300):  # until drones are spread out and episodes end at a steady rate
                 env.step(actions[i % 64])
-        rates: dict[str, list[float]] = {name: [] for name in envs}
-        for _ in range(ROUNDS):
-            for name, env in envs.items():
-                steps, before = 0, time.perf_counter()
-                while (elapsed := time.perf_counter() - before) < STEPS_S:
-                    env.step(actions[steps % 64])
-                    steps += 1
-                rates[name].append(steps * DRONES / elapsed)
+        turns = itertools.cycle(actions)
+        timers = {
+            name: timed(lambda env=env: env.step(next(turns)), at_least_s=STEPS_S, clock=time.perf_counter)
+            for name, env in envs.items()
+        }
+        rates = {name: [DRONES / s for s in seconds] for name, seconds in in_turns(timers, ROUNDS).items()}
     for name, values in rates.items():
         yield f"{prefix}/{name}", statistics.median(values), "1/s", ROUNDS
     for name, ratio in (("remote", "ratio"), ("unix", "unix_ratio")):
-        ratios = [remote / here for remote, here in zip(rates[name], rates["in_process"], strict=True)]
-        yield f"{prefix}/{ratio}", statistics.median(ratios), "1", ROUNDS
+        yield f"{prefix}/{ratio}", median_ratio(rates[name], rates["in_process"]), "1", ROUNDS
 
 
 # --- many clients
@@ -286,6 +257,19 @@ def measure_clients(prefix: str) -> Iterator[Measured]:
                 for what in COLUMNS:
                     value = np.percentile(values, int(what[1:])) if what[0] == "p" else getattr(values, what)()
                     yield f"{name}/rate_{what}", float(value), "1/s", len(rates)
+    yield from of_the_thesis(prefix)
+
+
+def of_the_thesis(prefix: str) -> Iterator[Measured]:
+    """Return the figures of the thesis for the same loads, beside which ours stand."""
+    for count in COUNTS:
+        for what, ms, fps in zip(COLUMNS, thesis.MOVE_MS[count], thesis.MOVE_FPS[count], strict=True):
+            yield f"{prefix}/move/{count}/thesis_{what}", ms, "ms", 1
+            yield f"{prefix}/move/{count}/thesis_rate_{what}", fps, "1/s", 1
+        for beams, (mean, std), fps in zip(BEAMS, thesis.SCAN_MS[count], thesis.SCAN_FPS[count], strict=True):
+            yield f"{prefix}/scan{beams}/{count}/thesis_mean", mean, "ms", 1
+            yield f"{prefix}/scan{beams}/{count}/thesis_std", std, "ms", 1
+            yield f"{prefix}/scan{beams}/{count}/thesis_rate_mean", fps, "1/s", 1
 
 
 @contextlib.contextmanager
@@ -313,27 +297,24 @@ def step_rates(client: flockstep.client.Client) -> Iterator[list[float]]:
 # --- streams
 
 
-def measure_streams(prefix: str, jpeg_us: float) -> Iterator[Measured]:
+def measure_streams(prefix: str) -> Iterator[Measured]:
     """Step with cameras as fast as possible.
 
     In turns, nobody watches, a client reads a stream of each camera, and another process encodes as many images.
     """
     camera = {"width_px": 640, "height_px": 480}
     recipe = {**WORLD, "drones_per_env": CAMERAS, "cameras": [camera]}
-    unwatched, watched, lost, images, encoding, reading, beside = [], [], [], [], [], [], []
+    unwatched, watched, lost, images, beside = [], [], [], [], []
     with serving(recipe, "--rate-hz", "10000") as served, flockstep.connect(served.address) as client:
         stepping_rate(client)
         for _ in range(ROUNDS):
             unwatched.append(stepping_rate(client))
             with watching(served.address) as count:
                 stepping_rate(client, 0.5)
-                before, spent, start = count(), time.process_time(), time.perf_counter()
+                before, start = count(), time.perf_counter()
                 watched.append(stepping_rate(client))
-                elapsed = time.perf_counter() - start
-                images.append((count() - before) / elapsed)
-                reading.append((time.process_time() - spent) / elapsed / (os.cpu_count() or 1))
+                images.append((count() - before) / (time.perf_counter() - start))
             lost.append(1 - watched[-1] / unwatched[-1])
-            encoding.append(images[-1] * jpeg_us * 1e-6 / (os.cpu_count() or 1))
             with running([program(), "encode", CAMERAS, STREAM_HZ]):
                 stepping_rate(client, 0.5)
                 beside.append(1 - stepping_rate(client) / unwatched[-1])
@@ -342,8 +323,6 @@ def measure_streams(prefix: str, jpeg_us: float) -> Iterator[Measured]:
     yield f"{prefix}/images_per_second", statistics.median(images), "1/s", ROUNDS
     yield f"{prefix}/steps_lost", statistics.median(lost), "1", ROUNDS
     yield f"{prefix}/steps_lost_beside_encoding", statistics.median(beside), "1", ROUNDS
-    yield f"{prefix}/encoding", statistics.median(encoding), "1", ROUNDS
-    yield f"{prefix}/reading", statistics.median(reading), "1", ROUNDS
 
 
 def stepping_rate(client: flockstep.client.Client, seconds: float = STREAM_S) -> float:

@@ -7,7 +7,6 @@ leaks, or fails a client that has made no mistake.
 
 from __future__ import annotations
 
-import argparse
 import contextlib
 import os
 import random
@@ -202,9 +201,3 @@ def run(seconds: float) -> dict[str, Any]:
     if wrong:
         raise SystemExit(1)
     return found
-
-
-if __name__ == "__main__":
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--seconds", type=float, default=1800.0)
-    run(parser.parse_args().seconds)

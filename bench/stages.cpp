@@ -1,6 +1,5 @@
 // Profiles a step, stage by stage, on one thread. A batch flies a random policy through the training playgrounds, and every few
 // steps each stage is timed separately on the current state. The stages run in turns. Prints a JSON list of figures.
-#include <cmath>
 #include <cstdint>
 #include <cstdio>
 #include <functional>
@@ -16,7 +15,6 @@
 #include "collision/sweep.hpp"
 #include "flockstep/batch.hpp"
 #include "flockstep/tasks.hpp"
-#include "prepared/prepared_world.hpp"
 
 namespace {
 
@@ -151,41 +149,10 @@ void profile(bench::Figures& figures) {
   figures.add("step/n1/microseconds_cpp", 1e6 * seconds_per_step(single, single_policy, 2000), "us", kRuns);
 }
 
-// Measures sweeps with nothing nearby: the walls and pillars of the room are out of the hull's reach.
-void open_space(bench::Figures& figures) {
-  SceneDescription description;
-  description.primitives.push_back({.kind = PrimitiveKind::room, .half_extents = {50, 50, 50}});
-  for (int i = 0; i < 12; ++i) {
-    const float angle = static_cast<float>(i) * 0.5236F;
-    description.primitives.push_back({.kind = PrimitiveKind::cylinder,
-                                      .center = Vec3(20.0F * std::cos(angle), 20.0F * std::sin(angle), 0.0F),
-                                      .half_extents = {0.5F, 0.5F, 50.0F}});
-  }
-  const World world(std::move(description));
-  const collision::Hull hull(DroneModel::quadrotor650());
-  std::vector<Pose> from(kDrones);
-  std::mt19937 random(1);
-  std::uniform_real_distribution<float> place(-5.0F, 5.0F);
-  for (Pose& pose : from) pose.position = Vec3(place(random), place(random), place(random));
-  float sink = 0.0F;
-  std::vector<double> ns;
-  for (int run = 0; run < kRuns; ++run) {
-    ns.push_back(1e9 / kDrones * bench::seconds([&] {
-                   for (const Pose& pose : from) {
-                     const Pose to{pose.position + Vec3(0.1F, 0.0F, 0.0F), pose.rotation};
-                     sink += collision::sweep(prepared(world).obstacles(), hull, pose, to).fraction;
-                   }
-                 }));
-  }
-  figures.add("sweep/open_space", bench::median(ns), "ns", kRuns);
-  if (sink < 0.0F) std::fprintf(stderr, "%f", static_cast<double>(sink));
-}
-
 }  // namespace
 
 int main() {
   bench::Figures figures;
   profile(figures);
-  open_space(figures);
   figures.print();
 }

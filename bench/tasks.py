@@ -17,31 +17,30 @@ import numpy as np
 
 import flockstep
 from flockstep.trainings import TRAININGS, UNSEEN_SEEDS, Verdict, best_of, judge, train
+from timing import Measured, in_turns, timed
 
 ROOT = Path(__file__).resolve().parent.parent
 sys.path.append(str(ROOT))
 
-#: Trainings by bench: the name of their figures, the row of the table, and the seeds.
-BENCHES = {
-    "dodge": (("living", "dodge", (0, 1, 2)), ("still", "dodge_still", (0,))),
-    "swap": (("trained", "swap", (0, 1, 2)),),
-    "formation": (("trained", "formation", (0, 1, 2)),),
-}
+#: Rows of trainings by bench.
+BENCHES: dict[str, list[str]] = {}
+for row, training in TRAININGS.items():
+    if training.bench is not None:
+        BENCHES.setdefault(training.bench[0], []).append(row)
 UNITS = {"contacts_per_minute": "1/min", "seconds": "s", "training_s": "s"}
-
-Measured = tuple[str, float, str, int]  # name, value, unit, runs
 
 
 def measure(bench: str) -> Iterator[Measured]:
     """Judge the flyers and the trainings of a bench."""
-    first = TRAININGS[BENCHES[bench][0][1]]
+    first = TRAININGS[BENCHES[bench][0]]
     for flyer, candidates in first.baselines.items():
         yield from figures(
             f"{bench}/{flyer}", judge(first, best_of(first, candidates), first.flights, FIRST), first.flights
         )
-    for label, row, seeds in BENCHES[bench]:
-        for seed in seeds:
-            training, before = TRAININGS[row], time.perf_counter()
+    for training in (TRAININGS[row] for row in BENCHES[bench]):
+        _, label, seeds = training.bench or ("", "", 0)
+        for seed in range(seeds):
+            before = time.perf_counter()
             model = train(training, "flockstep", seed, 2)
             seconds = time.perf_counter() - before
             name = f"{bench}/{label}/{seed}"
@@ -53,8 +52,7 @@ FIRST = UNSEEN_SEEDS.start
 
 
 def figures(name: str, verdict: Verdict, flights: int) -> Iterator[Measured]:
-    if name.startswith("dodge/"):
-        yield f"{name}/success", verdict.success, "1", flights
+    yield f"{name}/success", verdict.success, "1", flights
     for what, value in verdict.more.items():
         yield f"{name}/{what}", value, UNITS.get(what, "m" if what.endswith("_m") else "1"), flights
 
@@ -119,13 +117,11 @@ def measure_race() -> Iterator[Measured]:
 
     for ticks in TICKS:
         replays = {name: Replay(is_solid, ticks) for name, is_solid in (("solid", True), ("open", False))}
-        times: dict[str, list[float]] = {name: [] for name in replays}
-        for _ in range(RUNS):
-            for name, replay in replays.items():
-                times[name].append(replay.seconds() / (STEPS * DRONES))
+        timers = {name: timed(replay.step, STEPS, before=replay.restart) for name, replay in replays.items()}
+        times = in_turns(timers, RUNS)
         for name, replay in replays.items():
             subject = f"race/{name}_gates/{ticks}_ticks"
-            yield f"{subject}/step", 1e6 * statistics.median(times[name]), "us", RUNS
+            yield f"{subject}/step", 1e6 * statistics.median(times[name]) / DRONES, "us", RUNS
             yield f"{subject}/episodes_per_step", replay.ended, "1", 1
     bound = race_bound.Args()
     lap_s = race_bound.lap_s(flockstep.World.load("race/figure-8"), bound.thrust_to_weight, bound.parts)
@@ -163,10 +159,11 @@ class Replay:
             ended += int((terminated | truncated).sum())
         self.ended = ended / (STEPS * DRONES)
 
-    def seconds(self) -> float:
-        """Fly the recorded steps again; return the processor time."""
+    def restart(self) -> None:
+        """Go back to the first of the recorded steps."""
         self.envs.restore(self.snapshot)
-        before = time.process_time()
-        for actions in self.actions:
-            self.envs.step(actions)
-        return time.process_time() - before
+        self.turns = iter(self.actions)
+
+    def step(self) -> None:
+        """Fly the next one again."""
+        self.envs.step(next(self.turns))

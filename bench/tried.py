@@ -42,43 +42,25 @@ from run import ROOT, commit, machine
 
 OUT = ROOT / "out" / "tried"
 KEPT = ROOT / "bench" / "results" / "tried"
-#: Tests of the C++ engine, their number of parts, and the number of trials in a part as a multiple of the test suite's.
+#: Tests of the C++ engine, their number of parts, the number of trials in a part as a multiple of the test suite's, and
+#: what they count.
 TESTS = {
-    "moves": ("*Creep*", 51, 20),
-    "pushes": ("Contact.Pushed*", 30, 10),
-    "motions": ("SweepAgainstFineStepping*", 10, 10),
-    "encounters": ("Encounters*:MovingSweepAgainstFineStepping*", 10, 20),
-    "shoves": ("Shoves*:Push*", 10, 150),
-    "crushes": ("ContactInACrowd.NoDrone*", 10, 10),
-    "tumbles": ("Tumbles.No*", 10, 8),
-    "meetings": ("Meetings*", 10, 50),
-    "body_rays": ("BodyRays*", 10, 25),
-    "rays": ("Agreement*", 20, 50),
-    "agreement": ("TracerAgreement*", 21, 750),
-    "watertight": ("MeshTiles.NoRay*", 20, 1700),
-    "independence": ("MeshTiles.ARays*", 20, 6000),
-    "slices": ("SlicesAgreement*", 10, 50),
-    "slices_watertight": ("SlicesWatertight*", 10, 25),
-    "slices_independence": ("MeshSlices.ARays*", 10, 80),
-}
-#: Units that differ from the name.
-UNITS = dict.fromkeys(
-    (
-        "agreement",
-        "watertight",
-        "independence",
-        "slices",
-        "slices_watertight",
-        "slices_independence",
-        "body_rays",
-    ),
-    "rays",
-) | {
-    "encounters": "motions",
-    "shoves": "pushes",
-    "crushes": "ticks",
-    "tumbles": "ticks",
-    "meetings": "motions",
+    "moves": ("*Creep*", 51, 20, "moves"),
+    "pushes": ("Contact.Pushed*", 30, 10, "pushes"),
+    "motions": ("SweepAgainstFineStepping*", 10, 10, "motions"),
+    "encounters": ("Encounters*", 10, 20, "motions"),
+    "shoves": ("Shoves*:Push*", 10, 150, "pushes"),
+    "crushes": ("ContactInACrowd.NoDrone*", 10, 10, "ticks"),
+    "tumbles": ("Tumbles.No*", 10, 8, "ticks"),
+    "meetings": ("Meetings*", 10, 50, "motions"),
+    "body_rays": ("BodyRays*", 10, 25, "rays"),
+    "rays": ("Agreement*", 20, 50, "rays"),
+    "agreement": ("TracerAgreement*", 21, 750, "rays"),
+    "watertight": ("MeshTiles.NoRay*", 20, 1700, "rays"),
+    "independence": ("MeshTiles.ARays*", 20, 6000, "rays"),
+    "slices": ("SlicesAgreement*", 10, 50, "rays"),
+    "slices_watertight": ("SlicesWatertight*", 10, 25, "rays"),
+    "slices_independence": ("MeshSlices.ARays*", 10, 80, "rays"),
 }
 #: Generators of worlds, and the cell size (m) with which a planner finds a path in each.
 WORLDS = {"forest": 0.5, "office": 0.5, "warehouse": 0.6}
@@ -91,7 +73,7 @@ RUNS, HOUR_S = 1_000_000, 3600  # limits of a fuzzer, whichever is reached first
 
 def run_part(name: str, part: int) -> int:
     """Run the tests with the seeds of a part and return their count."""
-    tests, _, times = TESTS[name]
+    tests, _, times, _ = TESTS[name]
     report = OUT / f"{name}.xml"
     subprocess.run(
         [ROOT / "build/release/flockstep_tests", f"--gtest_filter={tests}", f"--gtest_output=xml:{report}"],
@@ -112,7 +94,7 @@ def run_tests(name: str) -> None:
         parts.append({"part": number, **source(), "count": run_part(name, number)})
         print(f"{name}: part {number + 1} of {TESTS[name][1]}, {parts[-1]['count']:,} {name}", flush=True)
         count = sum(part["count"] for part in parts)
-        write(name, {**source(), "count": count, "unit": UNITS.get(name, name), "parts": parts})
+        write(name, {**source(), "count": count, "unit": TESTS[name][3], "parts": parts})
 
 
 def run_fuzzer(name: str, runs: int) -> int:

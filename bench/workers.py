@@ -3,15 +3,12 @@
 A worker imports flockstep, loads its worlds, makes a vector environment with a LiDAR, and makes the first scan and the
 first step. Then it renders a frame. ``spawnN`` are N new processes that start together and share only files. ``forkN``
 are N processes forked from one that has already loaded the worlds and made such environments.
-
-python bench/workers.py CASE...  measures some cases and prints JSON lines
 """
 
 from __future__ import annotations
 
 import json
 import multiprocessing
-import os
 import pickle
 import statistics
 import subprocess
@@ -23,7 +20,7 @@ from multiprocessing.connection import Connection
 from pathlib import Path
 from typing import Any
 
-Measured = tuple[str, float, str, int]  # name, value, unit, runs
+from timing import Measured
 
 RUNS = 3
 NUM_ENVS = 64
@@ -32,15 +29,6 @@ PLAYGROUNDS = 1000  # of the LiDAR training of flockstep.trainings
 SCANS = {"scan2M": 0, "scan2M_8k": 8192}  # side of the texture in pixels; 0: no texture
 ROWS = 1001  # vertices along a side of a scan
 CASES = ("playground", "playgrounds1000", "city", *SCANS)
-#: Stages of a start in order, with what belongs to each.
-STAGES = {
-    "import": "importing flockstep",
-    "world": "loading or generating the worlds",
-    "make": "making the environments, with all that they build from the worlds",
-    "first_scan": "the first reset, whose observation is a scan",
-    "first_step": "the first step",
-    "first_frame": "making a batch with a camera of 64 x 64 pixels in the first world, and its first frame",
-}
 
 
 class Worker:
@@ -223,10 +211,10 @@ def pickled(case: str, path: str) -> Iterator[Measured]:
     yield f"workers/{case}/pickle/size_mb", len(text) / 1e6, "MB", 1
 
 
-def measure(cases: Sequence[str] = CASES) -> Iterator[Measured]:
+def measure() -> Iterator[Measured]:
     """Measure every case with 1 and 2 workers that are spawned or forked; medians of the workers of all runs."""
     with tempfile.TemporaryDirectory() as folder:
-        for case in cases:
+        for case in CASES:
             path = source(case, Path(folder))
             for name, start in (("spawn", spawned), ("fork", forked)):
                 for count in COUNTS:
@@ -238,17 +226,9 @@ def measure(cases: Sequence[str] = CASES) -> Iterator[Measured]:
             yield from pickled(case, path)
 
 
-def main(arguments: list[str]) -> None:
-    match arguments:
+if __name__ == "__main__":
+    match sys.argv[1:]:
         case "--worker", case, path:
             work(Worker(case, path), lambda line: print(line, flush=True), sys.stdin.readline)
         case "--parent", case, path, count:
             print(json.dumps(fork_here(case, path, int(count))))
-        case _:
-            for name, value, unit, _ in measure(arguments or CASES):
-                load = os.getloadavg()[0]
-                print(json.dumps({"name": name, "value": round(value, 4), "unit": unit, "load": load}), flush=True)
-
-
-if __name__ == "__main__":
-    main(sys.argv[1:])

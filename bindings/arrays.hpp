@@ -19,12 +19,19 @@
 #include <vector>
 
 #include "flockstep/pose.hpp"
-#include "masked.hpp"
 
 namespace flockstep::bindings {
 
 namespace py = pybind11;
 using Shape = std::vector<py::ssize_t>;
+
+// Throws ValueError for a masked array: its mask would be lost.
+inline void refuse_masked(const py::handle& value, const std::string& field) {
+  PyTypeObject* const array = py::detail::npy_api::get().PyArray_Type_;
+  if (Py_TYPE(value.ptr()) == array || PyObject_TypeCheck(value.ptr(), array) == 0) return;
+  if (!py::isinstance(value, py::module_::import("numpy").attr("ma").attr("MaskedArray"))) return;
+  throw py::value_error(field + ": expected an array without a mask, got a masked array: call filled() first");
+}
 
 inline std::string text_of(const Shape& shape) { return std::string(py::str(py::tuple(py::cast(shape)))); }
 

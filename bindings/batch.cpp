@@ -1,4 +1,4 @@
-#include "flockstep/batch.hpp"
+#include "batch.hpp"
 
 #include <pybind11/stl.h>
 
@@ -14,38 +14,22 @@
 #include <span>
 #include <string>
 
+#include "arguments.hpp"
 #include "array_views.hpp"
 #include "arrays.hpp"
 #include "base/array_shape.hpp"
 #include "base/require.hpp"
-#include "camera.hpp"
-#include "config.hpp"
 #include "convert.hpp"
 #include "flockstep/recipe.hpp"
-#include "lidar.hpp"
-#include "memory.hpp"
-#include "named.hpp"
+#include "flockstep/world_pool.hpp"
 #include "released.hpp"
-#include "task.hpp"
-#include "terms.hpp"
-#include "world_pool.hpp"
 
 namespace flockstep::bindings {
 namespace {
 
 using Worlds = std::vector<std::shared_ptr<World>>;
 
-py::ssize_t num_drones(const Batch& batch) { return batch.config().num_drones(); }
-py::ssize_t num_envs(const Batch& batch) { return batch.config().num_envs; }
 Shape n_by(const Batch& batch, py::ssize_t columns) { return {num_drones(batch), columns}; }
-
-// Releases the interpreter lock, because deleting a batch waits for its threads.
-struct Released {
-  void operator()(Batch* batch) const {
-    const py::gil_scoped_release release;
-    std::default_delete<Batch>()(batch);
-  }
-};
 
 // Lets the arrays move only while the interpreter lock is held. Every reader holds it.
 void hold_interpreter(Batch& batch) {
@@ -53,6 +37,41 @@ void hold_interpreter(Batch& batch) {
     const py::gil_scoped_acquire acquire;
     move();
   });
+}
+
+// Worlds that the threads of flockstep.world_pool.Builds build. The wait for a world is in Python, so that Ctrl-C can end it.
+class Builds final : public WorldSource {
+ public:
+  explicit Builds(py::object builds)
+      : builds_(new py::object(std::move(builds)), [](py::object* object) {
+          const py::gil_scoped_acquire acquire;
+          std::default_delete<py::object>()(object);
+        }) {}
+
+  std::shared_ptr<const World> get(std::int32_t number) override {
+    const py::gil_scoped_acquire acquire;
+    return builds_->attr("get")(number).cast<std::shared_ptr<World>>();
+  }
+
+  void want(std::span<const std::int32_t> numbers) override {
+    const py::gil_scoped_acquire acquire;
+    py::list list;
+    for (const std::int32_t number : numbers) list.append(number);
+    builds_->attr("want")(list);
+  }
+
+ private:
+  std::shared_ptr<py::object> builds_;
+};
+
+// Returns the pool that a flockstep.WorldPool describes, for a batch with this configuration; nothing for other objects.
+std::optional<WorldPool> world_pool(const py::object& worlds, const BatchConfig& config) {
+  const auto module = py::module_::import("flockstep.world_pool");
+  if (!py::isinstance(worlds, module.attr("WorldPool"))) return std::nullopt;
+  const py::cpp_function prepare([config](const World& world) { released([&] { build_ahead(world, config); }); });
+  WorldPool pool{.size = worlds.attr("size").cast<std::int32_t>(), .fresh = worlds.attr("fresh").cast<double>()};
+  pool.source = std::make_shared<Builds>(module.attr("Builds")(worlds, config.num_envs, prepare));
+  return pool;
 }
 
 // Takes all arguments as py::object, because pybind11's error for a wrong argument names every other one as well.
@@ -110,10 +129,6 @@ std::unique_ptr<Batch, Released> batch_from_recipe(const Recipe& recipe, const p
   return batch;
 }
 
-std::string counted(std::int64_t count, const std::string& noun) {
-  return std::to_string(count) + " " + noun + (count == 1 ? "" : "s");
-}
-
 // Contact of a batch's last move. Keeps the batch alive, because its arrays are views.
 struct ContactView {
   py::object owner;
@@ -127,37 +142,6 @@ std::string describe_contact(const ContactView& contact) {
          " hit something>";
 }
 
-// Bodies of a batch. Keeps the batch alive, because its arrays are views.
-struct BodiesView {
-  py::object owner;
-
-  Batch& batch() const { return owner.cast<Batch&>(); }
-  py::ssize_t per_env() const { return static_cast<py::ssize_t>(batch().bodies_per_env()); }
-  Shape rows(py::ssize_t columns) const { return {num_envs(batch()), per_env(), columns}; }
-};
-
-std::string describe_bodies(const BodiesView& view) {
-  const FlagArray& active = view.batch().state().bodies.active;
-  return "<Bodies: " + std::to_string(std::ranges::count(active, 1)) + " in " + counted(num_envs(view.batch()), "env") + " of " +
-         counted(view.per_env(), "slot") + '>';
-}
-
-// Returns a mask of bodies (E, B) as flags. Accepts a mask of envs (E,), which selects all of their bodies.
-std::vector<std::uint8_t> body_mask(const BodiesView& view, const py::object& mask) {
-  const auto envs = static_cast<std::size_t>(num_envs(view.batch())), per_env = static_cast<std::size_t>(view.per_env());
-  if (mask.is_none()) return {};
-  if (py::len(mask) > 0 && py::array(mask).ndim() == 1) {
-    const auto given = flags(mask, "mask", num_envs(view.batch()));
-    const std::span<const std::uint8_t> of_envs = given;
-    std::vector<std::uint8_t> all(envs * per_env);
-    for (std::size_t row = 0; row < all.size(); ++row) all[row] = of_envs[row / per_env];
-    return all;
-  }
-  const Input<std::uint8_t> given(mask, "mask", {num_envs(view.batch()), view.per_env()}, "b", "bool");
-  const std::span<const std::uint8_t> all = given;
-  return {all.begin(), all.end()};
-}
-
 std::string describe_batch(const Batch& batch) {
   const BatchConfig& config = batch.config();
   std::string text = "<Batch: " + counted(config.num_drones(), "drone");
@@ -169,136 +153,6 @@ std::string describe_batch(const Batch& batch) {
   if (!config.cameras.empty()) text += ", " + counted(std::ssize(config.cameras), "camera");
   for (std::size_t i = 0; i < config.imus.size(); ++i) text += ", an IMU";
   return text + (batch.task() == nullptr ? ", no task>" : ", a task>");
-}
-
-const TaskSpec& spec_of(const Batch& batch) {
-  if (batch.task() == nullptr) throw std::runtime_error("this Batch has no task: give it one (task=...)");
-  return batch.task()->spec();
-}
-
-// Returns the number of rows of actions, observations and rewards.
-py::ssize_t num_rows(const Batch& batch) { return spec_of(batch).row == Row::drone ? num_drones(batch) : num_envs(batch); }
-
-// Returns a view of an array whose type is known only at run time.
-py::array typed_view(const py::object& self, const std::byte* data, DType type, const Shape& shape, bool writable = false) {
-  switch (type) {
-    case DType::boolean:
-      return view<bool>(self, reinterpret_cast<const bool*>(data), shape, writable);
-    case DType::uint8:
-      return view<std::uint8_t>(self, reinterpret_cast<const std::uint8_t*>(data), shape, writable);
-    case DType::int32:
-      return view<std::int32_t>(self, reinterpret_cast<const std::int32_t*>(data), shape, writable);
-    case DType::int64:
-      return view<std::int64_t>(self, reinterpret_cast<const std::int64_t*>(data), shape, writable);
-    case DType::float32:
-      return view<float>(self, reinterpret_cast<const float*>(data), shape, writable);
-    default:
-      return view<double>(self, reinterpret_cast<const double*>(data), shape, writable);
-  }
-}
-
-// Returns the observation: the array of its only field, or a dict of arrays if there are several.
-auto observation_view(std::vector<Buffer> Outputs::* member, bool writable = false) {
-  return [member, writable](const py::object& self) -> py::object {
-    const auto& batch = self.cast<const Batch&>();
-    const TaskSpec& spec = spec_of(batch);
-    const std::vector<Buffer>& buffers = batch.outputs().*member;
-    const auto field_view = [&](std::size_t i) {
-      const Field& field = spec.observation[i];
-      Shape shape{num_rows(batch)};
-      shape.insert(shape.end(), field.shape.begin(), field.shape.end());
-      return typed_view(self, buffers[i].bytes().data(), field.type, shape, writable);
-    };
-    if (buffers.size() == 1) return field_view(0);
-    py::dict fields;
-    for (std::size_t i = 0; i < buffers.size(); ++i) fields[py::str(spec.observation[i].name)] = field_view(i);
-    return fields;
-  };
-}
-
-// Collects views of the arrays of the batch's task by name.
-class TaskArrays final : public ArrayVisitor {
- public:
-  explicit TaskArrays(const py::object& owner) : owner_(owner), batch_(owner.cast<const Batch&>()) {}
-  void bytes(std::string_view name, std::span<std::byte> bytes, std::optional<DType> type) override {
-    if (!type) return;
-    const auto count = static_cast<py::ssize_t>(bytes.size() / flockstep::size_of(*type));
-    const py::ssize_t n = num_rows(batch_);
-    // Two-dimensional if the task's rows divide the count.
-    const Shape shape = count == n || count % n != 0 || count == 0 ? Shape{count} : Shape{n, count / n};
-    arrays[py::str(std::string(name))] = typed_view(owner_, bytes.data(), *type, shape);
-  }
-  void blob(std::string_view, std::string&) override {}
-
-  py::dict arrays;
-
- private:
-  py::object owner_;
-  const Batch& batch_;
-};
-
-py::dict task_state(const py::object& self) {
-  TaskArrays arrays(self);
-  const auto& batch = self.cast<const Batch&>();
-  in_turn(batch, [&] { batch.visit_task(arrays); });
-  return arrays.arrays;
-}
-
-void step(Batch& batch, const py::object& actions) {
-  const Field& field = spec_of(batch).action;
-  if (!is_floating(field.type)) {
-    const auto input = integers<std::int64_t>(actions, "actions", {num_rows(batch)});
-    released(batch, [&] { batch.step(std::span<const std::int64_t>(input)); });
-  } else {
-    Shape shape{num_rows(batch)};
-    shape.insert(shape.end(), field.shape.begin(), field.shape.end());
-    const Input<float> input(actions, "actions", shape, "f", "floats");
-    released(batch, [&] { batch.step(std::span<const float>(input)); });
-  }
-}
-
-std::size_t camera_of(const Batch& batch, const std::optional<std::string>& name) {
-  return batch.camera_index(name.value_or(""));
-}
-
-py::array_t<float> path(const Batch& batch) {
-  const std::span<const float> points = batch.path();
-  const auto ticks = static_cast<py::ssize_t>(batch.config().clock.substeps());
-  py::array_t<float> copy({static_cast<py::ssize_t>(batch.config().num_drones()), ticks + 1, py::ssize_t{3}});
-  std::ranges::copy(points, copy.mutable_data());
-  return copy;
-}
-
-// Returns how the episodes of an env's drones belong together.
-Episodes episodes_of(const Batch& batch) {
-  return batch.config().drones_per_env == 1 || batch.task() == nullptr ? Episodes::team : batch.config().episode.episodes;
-}
-
-py::array_t<float> random(const Batch& batch, std::uint32_t stream, int count, const py::object& rows,
-                          const std::string& row_kind) {
-  const auto given = integers<std::int64_t>(rows, "rows", {-1});
-  const bool of_drones = enum_of<Row>(row_kind, "row_kind") == Row::drone;
-  if (!of_drones && episodes_of(batch) == Episodes::each && rows_of_reset(*batch.task())) {
-    refuse("row_kind",
-           "\"drone\" in a reset with episodes=\"each\" (the numbers of an env do not change when one of its drones begins)",
-           "\"env\"");
-  }
-  return in_turn(batch, [&] {  // the number of envs may change until then
-    std::vector<std::int64_t> all;
-    if (!given.given()) {
-      all.resize(static_cast<std::size_t>(of_drones ? num_drones(batch) : num_envs(batch)));
-      std::iota(all.begin(), all.end(), std::int64_t{0});
-    }
-    const std::span<const std::int64_t> chosen = given.given() ? std::span<const std::int64_t>(given) : all;
-    py::array_t<float> numbers({std::ssize(chosen), static_cast<py::ssize_t>(std::max(count, 0))});
-    const std::span<float> out(numbers.mutable_data(), static_cast<std::size_t>(numbers.size()));
-    if (of_drones) {
-      batch.random_of_drones(stream, count, chosen, out);
-    } else {
-      batch.random(stream, count, chosen, out);
-    }
-    return numbers;
-  });
 }
 
 // Returns the drones of a call by their indices; not given for None. Throws ValueError if there is also a mask.
@@ -328,15 +182,6 @@ std::vector<std::uint8_t> env_mask(const Batch& batch, const py::object& envs) {
   return mask;
 }
 
-// Returns the rows whose episodes begin, within a Python task's reset; otherwise all rows.
-py::array_t<std::int64_t> beginning_rows(const Batch& batch) {
-  const py::ssize_t count = num_rows(batch);
-  if (const std::optional<py::array_t<std::int64_t>> rows = rows_of_reset(*batch.task())) return *rows;
-  py::array_t<std::int64_t> all(count);
-  std::iota(all.mutable_data(), all.mutable_data() + count, std::int64_t{0});
-  return all;
-}
-
 // Getters for the arrays' properties.
 Viewed<State> state_arrays(const py::object& self, const char*) { return {self.cast<const Batch&>().state(), memory_of(self)}; }
 Viewed<OwnEpisodes> own_arrays(const py::object& self, const char*) {
@@ -360,15 +205,6 @@ Viewed<ImuReadings> imu_arrays(const py::object& self, const char*) {
   if (batch.config().imus.empty()) throw py::attribute_error("this Batch has no IMU: give it one (imu=...)");
   return {batch.imu_readings(), memory_of(self)};
 }
-Viewed<EpisodeState> episodes_arrays(const py::object& self, const char*) { return {self.cast<const Batch&>().episodes(), self}; }
-Viewed<Outputs> outputs_arrays(const py::object& self, const char*) {
-  const auto& batch = self.cast<const Batch&>();
-  return {batch.outputs(), self, {.sizes = {std::ssize(spec_of(batch).reward_terms), 1}, .dimensions = 1}};
-}
-Viewed<BodyState> bodies_arrays(const py::object& self, const char*) {
-  const auto& view = self.cast<const BodiesView&>();
-  return {view.batch().state().bodies, memory_of(view.owner), {.bodies = {num_envs(view.batch()), view.per_env()}}};
-}
 Viewed<ContactState> contacts_arrays(const py::object& self, const char*) {
   const auto& view = self.cast<const ContactView&>();
   return {view.state(), memory_of(view.owner)};
@@ -382,71 +218,15 @@ void register_batch(py::module_& module) {
   add_arrays<ContactState, &contacts_arrays>(contact);
 
   const auto none = py::none();
-  py::class_<BodiesView> bodies(module, "Bodies", "The bodies of a batch: E envs of B slots.");
-  add_arrays<BodyState, &bodies_arrays>(bodies);
-  bodies.def("__repr__", &describe_bodies)
-      .def("__len__", &BodiesView::per_env)
-      .def(
-          "spawn",
-          [](const BodiesView& view, const py::object& config, const py::object& position, const py::object& quat_wxyz,
-             const py::object& velocity, const py::object& angular_velocity, const py::object& mask) {
-            Batch& batch = view.batch();
-            const auto body = argument<BodyConfig>(config, "body", "a flockstep.BodyConfig");
-            const py::ssize_t n = num_envs(batch);
-            const auto p = floats(position, "position", {n, 3});
-            const auto q = floats(quat_wxyz, "quat_wxyz", {n, 4});
-            const auto v = floats(velocity, "velocity", {n, 3});
-            const auto w = floats(angular_velocity, "angular_velocity", {n, 3});
-            const auto m = flags(mask, "mask", n);
-            const std::vector<std::int64_t> slots = in_turn(batch, [&] { return batch.spawn_bodies(body, p, q, v, w, m); });
-            return py::array_t<std::int64_t>(n, slots.data());
-          },
-          py::arg("body"), py::arg("position") = none, py::arg("quat_wxyz") = none, py::arg("velocity") = none,
-          py::arg("angular_velocity") = none, py::arg("mask") = none)
-      .def(
-          "remove",
-          [](const BodiesView& view, const py::object& mask) {
-            const std::vector<std::uint8_t> m = body_mask(view, mask);
-            in_turn(view.batch(), [&] { view.batch().remove_bodies(m); });
-          },
-          py::arg("mask") = none)
-      .def(
-          "set_pose",
-          [](const BodiesView& view, const py::object& position, const py::object& quat_wxyz, const py::object& mask) {
-            const auto p = floats(position, "position", view.rows(3));
-            const auto q = floats(quat_wxyz, "quat_wxyz", view.rows(4));
-            const std::vector<std::uint8_t> m = body_mask(view, mask);
-            in_turn(view.batch(), [&] { view.batch().set_body_pose(p, q, m); });
-          },
-          py::arg("position") = none, py::arg("quat_wxyz") = none, py::arg("mask") = none)
-      .def(
-          "set_velocity",
-          [](const BodiesView& view, const py::object& velocity, const py::object& angular_velocity, const py::object& mask) {
-            const auto v = floats(velocity, "velocity", view.rows(3));
-            const auto w = floats(angular_velocity, "angular_velocity", view.rows(3));
-            const std::vector<std::uint8_t> m = body_mask(view, mask);
-            in_turn(view.batch(), [&] { view.batch().set_body_velocity(v, w, m); });
-          },
-          py::arg("velocity") = none, py::arg("angular_velocity") = none, py::arg("mask") = none)
-      .def(
-          "config",
-          [](const BodiesView& view, const py::object& env, const py::object& body) -> std::optional<BodyConfig> {
-            const auto e = from_python<std::int64_t>(env, "env"), b = from_python<std::int64_t>(body, "body");
-            const BodyConfig* const found = view.batch().body_config(e, b);
-            return found == nullptr ? std::nullopt : std::optional(*found);
-          },
-          py::arg("env"), py::arg("body"));
-
   py::class_<ServedBatch>(module, "_ServedBatch").def("end", [](ServedBatch& served) { released([&] { served.end(); }); });
-  py::class_<Batch, std::unique_ptr<Batch, Released>> cls(module, "Batch", "N drone slots over W worlds, stepped together.");
+  BatchClass cls(module, "Batch", "N drone slots over W worlds, stepped together.");
   suggest_attributes(cls);
   add_arrays<State, &state_arrays>(cls);
   add_arrays<OwnEpisodes, &own_arrays>(cls);
   add_arrays<FlightState, &flight_arrays>(cls);
   add_arrays<PoseReadings, &poses_arrays>(cls);
   add_arrays<ImuReadings, &imu_arrays>(cls);
-  add_arrays<EpisodeState, &episodes_arrays>(cls);
-  add_arrays<Outputs, &outputs_arrays>(cls);
+  add_task(cls);
   add_arrays<MoveLineState, &move_line_arrays>(cls);
   cls.def(py::init(&make_batch), py::arg("worlds"), py::arg("num_drones") = 1, py::kw_only(), py::arg("task") = none,
           py::arg("drone") = none, py::arg("world_index") = none)
@@ -484,17 +264,8 @@ void register_batch(py::module_& module) {
           },
           py::arg("index"))
       .def_property_readonly("drone", [](const Batch& batch) { return batch.drone(); })
-      .def_property_readonly("bodies", [](const py::object& self) { return BodiesView{self}; })
       .def_property_readonly("contact", [](const py::object& self) { return ContactView{self}; })
-      .def_property_readonly("lidars", [](const Batch& batch) { return batch.config().lidars; })
-      .def_property_readonly("cameras", [](const Batch& batch) { return batch.config().cameras; })
       .def_property_readonly("imus", [](const Batch& batch) { return batch.config().imus; })
-      .def_property_readonly("lidar_name",
-                             [](const Batch& batch) -> std::optional<std::string> {
-                               const auto& lidars = batch.config().lidars;
-                               return lidars.empty() ? std::nullopt : std::optional(lidars[0].name);
-                             })
-      .def("lidar", &lidar_view, py::arg("name") = none)
       .def(
           "set_pose",
           [](Batch& batch, const py::object& position, const py::object& quat_wxyz, const py::object& mask,
@@ -641,19 +412,6 @@ void register_batch(py::module_& module) {
           },
           py::arg("light") = none, py::arg("envs") = none, py::kw_only(), py::arg("world_index") = none, py::arg("tint") = none)
       .def(
-          "set_lidar",
-          [](Batch& batch, const py::object& mask, const std::optional<std::string>& lidar, std::optional<float> max_range_m,
-             std::optional<float> hfov_deg, std::optional<float> vfov_deg, const std::optional<std::array<float, 3>>& offset_m,
-             const std::optional<std::array<float, 4>>& quat_wxyz, std::optional<int> beams, std::optional<int> channels) {
-            const std::size_t index = batch.lidar_index(lidar.value_or(""));
-            const auto m = flags(mask, "mask", num_drones(batch));
-            const LidarChange change{max_range_m, hfov_deg, vfov_deg, offset_m, quat_wxyz, beams, channels};
-            released(batch, [&] { batch.set_lidar(change, m, index); });
-          },
-          py::arg("mask") = none, py::arg("lidar") = none, py::kw_only(), py::arg("max_range_m") = none,
-          py::arg("hfov_deg") = none, py::arg("vfov_deg") = none, py::arg("offset_m") = none, py::arg("quat_wxyz") = none,
-          py::arg("beams") = none, py::arg("channels") = none)
-      .def(
           "sensor",
           [](const py::object& self, const std::string& name) {
             py::dict arrays;
@@ -664,35 +422,6 @@ void register_batch(py::module_& module) {
             return arrays;
           },
           py::arg("name"))
-      .def("camera", &camera_view, py::arg("name") = none)
-      .def(
-          "capture",
-          [](Batch& batch, const py::object& mask, const std::optional<std::string>& camera) {
-            const auto m = flags(mask, "mask", num_drones(batch));
-            const std::size_t index = camera_of(batch, camera);
-            released(batch, [&] { batch.capture(index, m); });
-          },
-          py::arg("mask") = none, py::arg("camera") = none)
-      .def(
-          "set_capture_mode",
-          [](Batch& batch, const std::string& mode, const std::optional<std::string>& camera) {
-            const std::size_t index = camera_of(batch, camera);
-            const auto chosen = enum_of<CaptureMode>(mode, "capture_mode");
-            in_turn(batch, [&] { batch.set_capture_mode(index, chosen); });
-          },
-          py::arg("mode"), py::arg("camera") = none)
-      .def(
-          "set_camera",
-          [](Batch& batch, const py::object& mask, const std::optional<std::string>& camera, std::optional<float> hfov_deg,
-             std::optional<float> vfov_deg, const std::optional<std::array<float, 3>>& offset_m,
-             const std::optional<std::array<float, 4>>& quat_wxyz, std::optional<int> width_px, std::optional<int> height_px) {
-            const std::size_t index = camera_of(batch, camera);
-            const auto m = flags(mask, "mask", num_drones(batch));
-            const CameraChange change{hfov_deg, vfov_deg, offset_m, quat_wxyz, width_px, height_px};
-            released(batch, [&] { batch.set_camera(index, change, m); });
-          },
-          py::arg("mask") = none, py::arg("camera") = none, py::kw_only(), py::arg("hfov_deg") = none, py::arg("vfov_deg") = none,
-          py::arg("offset_m") = none, py::arg("quat_wxyz") = none, py::arg("width_px") = none, py::arg("height_px") = none)
       .def(
           "set_move_line_visible",
           [](Batch& batch, const py::object& visible, const py::object& mask) {
@@ -705,19 +434,6 @@ void register_batch(py::module_& module) {
           "move_line",
           [](const Batch& batch, std::int64_t index) { return rows(in_turn(batch, [&] { return batch.move_line(index); })); },
           py::arg("index"))
-      .def(
-          "picture",
-          [](Batch& batch, std::int64_t index, const std::optional<std::string>& camera) {
-            const std::size_t number = camera_of(batch, camera);
-            std::vector<std::uint8_t> rgb;
-            released(batch, [&] { rgb = batch.picture(number, index); });
-            const CameraConfig& config = batch.camera_config(number);
-            py::array_t<std::uint8_t> picture({config.image_height_px(), config.image_width_px(), 3});
-            std::copy(rgb.begin(), rgb.end(), picture.mutable_data());
-            return picture;
-          },
-          py::arg("index"), py::arg("camera") = none)
-      .def("camera_backend_report", [](const Batch& batch) { return batch.camera_backend_report(); })
       .def(
           "seed",
           [](Batch& batch, const py::object& seeds, const py::object& mask) {
@@ -733,38 +449,6 @@ void register_batch(py::module_& module) {
             in_turn(batch, [&] { batch.begin_episode(m); });
           },
           py::arg("mask") = none)
-      .def("random", &random, py::arg("stream"), py::arg("count"), py::arg("rows") = none, py::arg("row_kind") = "env")
-      .def_property_readonly("rows", &beginning_rows)
-      .def(
-          "reset",
-          [](Batch& batch, const py::object& seeds, const py::object& mask) {
-            const auto s = integers<std::uint64_t>(seeds, "seeds", {num_envs(batch)});
-            if (seeds.is_none() && episodes_of(batch) != Episodes::team && py::hasattr(mask, "__len__") &&
-                static_cast<py::ssize_t>(py::len(mask)) == num_drones(batch)) {
-              const auto drones = flags(mask, "mask", num_drones(batch));
-              return released(batch, [&] { batch.reset_drones(drones); });
-            }
-            const auto m = flags(mask, "mask", num_envs(batch));
-            released(batch, [&] { batch.reset(s, m); });
-          },
-          py::arg("seeds") = none, py::arg("mask") = none)
-      .def("step", &step, py::arg("actions"))
-      .def_property_readonly("waiting",
-                             [](const Batch& batch) {
-                               const FlagArray waiting = in_turn(batch, [&] { return batch.waiting(); });
-                               py::array_t<bool> rows(static_cast<py::ssize_t>(waiting.size()));
-                               std::ranges::copy(waiting, rows.mutable_data());
-                               return rows;
-                             })
-      .def_property_readonly("spec", [](const Batch& batch) { return spec_of(batch); })
-      .def_property_readonly("path", &path)
-      .def_property_readonly("observation", observation_view(&Outputs::observation, true))
-      .def_property_readonly("final_observation", observation_view(&Outputs::final_observation))
-      .def_property_readonly("rotation", [](const Batch& batch) { return rotation_matrices(batch.state().quat_wxyz); })
-      .def_property_readonly("sensed_rotation",
-                             [](const Batch& batch) { return rotation_matrices(batch.pose_readings().quat_wxyz); })
-      .def_property_readonly("terms", &terms_of)
-      .def_property_readonly("task_state", &task_state)
       .def("snapshot",
            [](Batch& batch) {
              std::string blob;
@@ -783,6 +467,10 @@ void register_batch(py::module_& module) {
           "_served", [](Batch& batch) { return released([&] { return std::make_unique<ServedBatch>(batch); }); },
           py::keep_alive<0, 1>())
       .def("__repr__", &describe_batch);
+  add_bodies(module, cls);
+  add_lidars(module, cls);
+  add_cameras(module, cls);
+  add_terms(module, cls);
 }
 
 }  // namespace flockstep::bindings

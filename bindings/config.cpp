@@ -1,5 +1,5 @@
 // Python classes for the configurations, generated from their lists of fields.
-#include "config.hpp"
+#include "flockstep/config.hpp"
 
 #include <pybind11/numpy.h>
 #include <pybind11/pybind11.h>
@@ -17,11 +17,11 @@
 #include <typeinfo>
 #include <vector>
 
+#include "arguments.hpp"
 #include "base/field_offsets.hpp"
 #include "convert.hpp"
 #include "documents.hpp"
 #include "flockstep/color.hpp"
-#include "flockstep/config.hpp"
 #include "flockstep/generators.hpp"
 #include "flockstep/learner.hpp"
 #include "flockstep/server.hpp"
@@ -291,6 +291,19 @@ py::dict words_of(const TaskWords& words) {
                   "view"_a = words.view, "overlay"_a = words.overlay);
 }
 
+// Describes the fields of a change as those of the configuration that it changes.
+template <class Change>
+py::list described_changes(const py::object& config) {
+  py::list all;
+  const Change change;
+  for_each_field(change, [&](const auto& field, const auto&) {
+    for (const py::handle one : config.attr("_fields")) {
+      if (one["name"].cast<std::string_view>() == field.name) all.append(one);
+    }
+  });
+  return all;
+}
+
 // The keyword of a field of BatchConfig: lists of sensors have a short one, because mostly there is one of each. Empty for the
 // number of envs, which every call that makes a batch takes in a form of its own.
 std::string keyword_of(const std::string& field) {
@@ -428,6 +441,11 @@ void register_config(py::module_& module) {
   add("RaceTrackConfig", RaceTrackConfig());
   add("WarehouseConfig", WarehouseConfig());
   module.attr("_other_fields") = others;
+  py::dict changes;
+  changes["LidarConfig"] = described_changes<LidarChange>(module.attr("LidarConfig"));
+  changes["CameraConfig"] = described_changes<CameraChange>(module.attr("CameraConfig"));
+  changes["Light"] = module.attr("Light").attr("_fields");
+  module.attr("_changes") = changes;
   py::dict keywords;
   for (const ConfigField& field : fields_of<BatchConfig, true>()) {
     if (const std::string keyword = keyword_of(field.name); !keyword.empty()) keywords[py::str(keyword)] = field.name;

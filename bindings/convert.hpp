@@ -17,11 +17,11 @@
 #include <utility>
 #include <vector>
 
+#include "arrays.hpp"
 #include "base/nearest_name.hpp"
 #include "flockstep/camera.hpp"
 #include "flockstep/fields.hpp"
 #include "flockstep/world.hpp"
-#include "masked.hpp"
 
 namespace flockstep::bindings {
 
@@ -335,6 +335,26 @@ inline std::string unexpected_keyword(const std::string& callee, const std::stri
   std::string text = callee + "() got an unexpected keyword argument '" + keyword + "'";
   if (!nearest.empty()) text += ". Did you mean '" + std::string(nearest) + "'?";
   return text;
+}
+
+inline void refuse_unknown(const std::string& callee, const py::kwargs& keywords, const std::vector<std::string>& known) {
+  for (const auto& [name, value] : keywords) {
+    const std::string text = py::str(name);
+    if (std::ranges::find(known, text) == known.end()) throw py::type_error(unexpected_keyword(callee, text, known));
+  }
+}
+
+// Returns the fields of a change that a call gives as keywords; None changes nothing.
+template <class Change>
+Change change_of(const pybind11::kwargs& keywords, const std::string& callee) {
+  Change change;
+  std::vector<std::string> known;
+  for_each_field(change, [&]<class Value>(const auto& field, Value& value) {
+    known.emplace_back(field.name);
+    if (keywords.contains(field.name)) value = from_python<Value>(keywords[field.name], field.name);
+  });
+  refuse_unknown(callee, keywords, known);
+  return change;
 }
 
 // Lets the error for a missing attribute of a class suggest the most similar one, or the present name of a renamed one.

@@ -1512,7 +1512,7 @@ class Batch:
         A `World`, the name or path of one, a set of `flockstep.scenes` such as ``"train"``, or a sequence of at least
         one of these; or a `WorldPool`, from which each `reset` and each new episode draws a world. A pool requires a
         task; until their first reset all drones are in world 0 of the pool. With a pool, ``camera_backend="gl"`` is
-        refused and ``"auto"`` uses raycast.
+        refused.
     num_drones
         N, up to 2**20, a multiple of ``drones_per_env``. 0 without a task: the batch begins with no drone, and `spawn`
         adds them. Each then has its own env, or all share one env with ``drones_per_env=0``.
@@ -1847,14 +1847,7 @@ class Batch:
         self,
         mask: npt.ArrayLike | None = None,
         lidar: str | None = None,
-        *,
-        max_range_m: float | None = None,
-        hfov_deg: float | None = None,
-        vfov_deg: float | None = None,
-        offset_m: Sequence[float] | None = None,
-        quat_wxyz: Sequence[float] | None = None,
-        beams: int | None = None,
-        channels: int | None = None,
+        **fields: Changes[LidarConfig],
     ) -> None:
         """Change a LiDAR of some drones from the next `sense` on; None leaves a value unchanged.
 
@@ -1882,13 +1875,7 @@ class Batch:
         self,
         mask: npt.ArrayLike | None = None,
         camera: str | None = None,
-        *,
-        hfov_deg: float | None = None,
-        vfov_deg: float | None = None,
-        offset_m: Sequence[float] | None = None,
-        quat_wxyz: Sequence[float] | None = None,
-        width_px: int | None = None,
-        height_px: int | None = None,
+        **fields: Changes[CameraConfig],
     ) -> None:
         """Change one camera of some drones; None leaves a value unchanged.
 

@@ -43,7 +43,9 @@ void document_function(PyObject* function, std::string_view name, std::string_vi
 
 // Returns the descriptions of the fields of a configuration, which may be none of the module's classes, or of the arguments of a
 // class.
-py::object fields_of(const py::module_& module, const std::string& config) {
+py::object fields_of(const py::module_& module, std::string_view kind, const std::string& config) {
+  const py::dict changes = module.attr("_changes");
+  if (kind == "Changes" && changes.contains(config)) return changes[config.c_str()];
   const py::dict arguments = module.attr("_arguments");
   if (arguments.contains(config)) return arguments[config.c_str()];
   const py::dict others = module.attr("_other_fields");
@@ -62,8 +64,8 @@ std::string parameters(const py::object& fields, bool is_first_required, bool is
 
 // Returns fields as arguments of a signature: "fields" are keywords with their defaults, "changes" are None by default,
 // "arguments" may also be positional, and the first is required.
-std::string arguments(const py::object& fields, std::string_view kind) {
-  std::string text = kind == "Fields" ? "*" : "";
+std::string arguments(const py::object& fields, std::string_view kind, bool begins_keywords) {
+  std::string text = begins_keywords ? "*" : "";
   for (const py::handle field : fields) {
     const bool is_required = kind == "Arguments" && text.empty();
     text += (text.empty() ? "" : ", ") + std::string(py::str(field["name"]));
@@ -80,8 +82,9 @@ void insert_fields(std::string& signature, std::string& text, const py::module_&
   const std::size_t end = signature.find_first_of(",)", start);
   const std::string kind = signature.substr(start + 2, name - start - 2);
   if (kind != "Fields" && kind != "Changes" && kind != "Arguments") return;
-  const py::object fields = fields_of(module, signature.substr(name + 1, end - name - 1));
-  signature.replace(start, end - start, arguments(fields, kind));
+  const py::object fields = fields_of(module, kind, signature.substr(name + 1, end - name - 1));
+  const bool begins_keywords = kind != "Arguments" && signature.find("*,") > start;
+  signature.replace(start, end - start, arguments(fields, kind, begins_keywords));
   if (kind == "Arguments") text += parameters(fields, true);
 }
 
@@ -90,7 +93,7 @@ void document_fields(const py::handle& config) {
   const py::object fields = config.attr("_fields");
   config.attr("__doc__") = std::string(py::str(config.attr("__doc__"))) + parameters(fields, false);
   const py::object init = config.attr("__dict__")["__init__"];
-  const std::string signature = "(self, " + arguments(fields, "Fields") + ')';
+  const std::string signature = "(self, " + arguments(fields, "Fields", true) + ')';
   document_function(function_of(init.ptr()), "__init__", signature, "The class documents the arguments.");
 }
 

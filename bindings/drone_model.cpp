@@ -1,8 +1,8 @@
 #include "flockstep/drone_model.hpp"
 
+#include "arguments.hpp"
 #include "arrays.hpp"
 #include "convert.hpp"
-#include "named.hpp"
 #include "world/drone_doubts.hpp"
 
 namespace flockstep::bindings {

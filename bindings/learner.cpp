@@ -13,8 +13,8 @@
 #include <utility>
 #include <vector>
 
+#include "arguments.hpp"
 #include "arrays.hpp"
-#include "config.hpp"
 #include "released.hpp"
 
 namespace flockstep::bindings {

@@ -14,12 +14,11 @@
 #include <utility>
 #include <vector>
 
-#include "config.hpp"
+#include "arguments.hpp"
 #include "convert.hpp"
 #include "flockstep/scenes.hpp"
 #include "recipe/unknown_scene.hpp"
 #include "released.hpp"
-#include "task.hpp"
 
 namespace flockstep::bindings {
 namespace {

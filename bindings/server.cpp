@@ -7,7 +7,7 @@
 #include <utility>
 #include <vector>
 
-#include "config.hpp"
+#include "arguments.hpp"
 #include "released.hpp"
 
 namespace flockstep::bindings {

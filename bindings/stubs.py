@@ -11,7 +11,7 @@ None by default, and "Arguments[A]" by arguments, of which the first is required
 "# tasks" stands for the type _EngineTask. The parameters of a class in _core._arguments end with these arguments.
 
 Without --stub, it writes the parts of docs/ between "<!-- arrays of A, B -->" and "<!-- end of arrays -->", "<!--
-fields of A -->" and "<!-- end of fields -->", and the whole of envs/flockstep/env_keywords.py.
+fields of A -->" and "<!-- end of fields -->", and the whole of envs/flockstep/env_keywords.py and client/changes.py.
 """
 
 from __future__ import annotations
@@ -31,6 +31,7 @@ _core: Any = importlib.import_module("_core" if "--stub" in sys.argv else "flock
 ROOT = Path(__file__).resolve().parents[1]
 TEMPLATE = ROOT / "bindings" / "core.pyi"
 ENV_KEYWORDS = ROOT / "envs" / "flockstep" / "env_keywords.py"
+CHANGES = ROOT / "envs" / "flockstep" / "client" / "changes.py"
 DOCUMENTS = sorted((ROOT / "docs").rglob("*.md"))
 MARKED_TABLE = re.compile(r"^<!-- arrays of ([\w, ]+) -->\n.*?^<!-- end of arrays -->\n", re.MULTILINE | re.DOTALL)
 MARKED_FIELDS = re.compile(r"^<!-- fields of (\w+) -->\n.*?^<!-- end of fields -->\n", re.MULTILINE | re.DOTALL)
@@ -111,11 +112,13 @@ def array_properties(match: re.Match[str]) -> str:
 def arguments(match: re.Match[str]) -> str:
     """Return the arguments that stand for the fields of a configuration."""
     kind, name = match.groups()
-    listed = ["*"] if kind == "Fields" else []
-    for field in fields_of(name):
+    before = match.string[: match.start()].rpartition("def ")[2]
+    listed = ["*"] if kind != "Arguments" and "*," not in before else []
+    fields = _core._changes.get(name) if kind == "Changes" else None
+    for field in fields or fields_of(name):
         of_type = f"{field['name']}: {field['type']}"
         if kind == "Changes":
-            of_type += " | None = None"
+            of_type = of_type.removesuffix(" | None") + " | None = None"
         elif listed:
             of_type += f" = {field['default']}"
         listed.append(of_type)
@@ -205,6 +208,32 @@ def env_keywords() -> str:
     return ENV_TEXT.format(imports=imports, **parts)
 
 
+CHANGES_TEXT = '''"""The keywords of a client that change configurations; made by bindings/stubs.py."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import TypedDict
+'''
+
+
+def changes() -> str:
+    """Return the module client/changes."""
+    text = CHANGES_TEXT
+    for config, fields in _core._changes.items():
+        name = config.removesuffix("Config") + "Changes"
+        text += f'\n\nclass {name}(TypedDict, total=False):\n    """Fields of `{config}` that change.\n\n'
+        text += "    Parameters\n    ----------\n"
+        for field in fields:
+            about = field["doc"].rpartition(" Default: ")[0]
+            text += f"    {field['name']}\n"
+            text += textwrap.fill(about, 116, initial_indent=" " * 8, subsequent_indent=" " * 8) + "\n"
+        text += '    """\n\n'
+        for field in fields:
+            text += f"    {field['name']}: {field['type'].removesuffix(' | None')} | None\n"
+    return text
+
+
 def array_table(classes: list[type[Any]]) -> list[str]:
     """Return a table of the arrays of some classes."""
     lines = ["| array | type | shape | unit | frame | written by | content |", "|---|---|---|---|---|---|---|"]
@@ -230,6 +259,8 @@ def renewed(path: Path) -> str:
 
     if path == ENV_KEYWORDS:
         return env_keywords()
+    if path == CHANGES:
+        return changes()
     text = path.read_text(encoding="utf-8")
     return MARKED_TABLE.sub(replace_table, MARKED_FIELDS.sub(replace_fields, text))
 
@@ -240,4 +271,4 @@ if __name__ == "__main__":
     else:
         from renew import renew  # beside this file
 
-        renew({path: renewed(path) for path in (ENV_KEYWORDS, *DOCUMENTS)})
+        renew({path: renewed(path) for path in (ENV_KEYWORDS, CHANGES, *DOCUMENTS)})

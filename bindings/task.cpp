@@ -1,6 +1,4 @@
 // Task specifications, tasks written in Python, and tasks from shared libraries.
-#include "task.hpp"
-
 #include <pybind11/functional.h>
 #include <pybind11/native_enum.h>
 #include <pybind11/stl.h>
@@ -13,6 +11,7 @@
 #include <sstream>
 #include <utility>
 
+#include "arguments.hpp"
 #include "arrays.hpp"
 #include "base/finite.hpp"
 #include "base/platform.hpp"

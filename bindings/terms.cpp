@@ -1,5 +1,5 @@
 // The engine's terms for Python tasks. Each term is computed in one pass over the batch's current state.
-#include "terms.hpp"
+#include "tasks/terms.hpp"
 
 #include <Eigen/Core>
 #include <algorithm>
@@ -13,13 +13,12 @@
 
 #include "arrays.hpp"
 #include "base/require.hpp"
+#include "batch.hpp"
 #include "batch/checks.hpp"
 #include "convert.hpp"
-#include "flockstep/batch.hpp"
 #include "flockstep/neighbors.hpp"
 #include "tasks/flight_action.hpp"
 #include "tasks/gates.hpp"
-#include "tasks/terms.hpp"
 
 namespace flockstep::bindings {
 namespace {
@@ -301,10 +300,7 @@ py::array_t<double> free_space(const Terms& terms, double min_clearance) {
       terms, [&](std::size_t drone) { return task::free_space(scans.clearance(drone).sum, scans.rays, min_clearance); });
 }
 
-}  // namespace
-
-py::object terms_of(const py::object& batch) { return py::cast(Terms{batch}); }
-
+// Returns the rotation matrices (R, 3, 3) of quaternions (R, 4): the columns are the body's axes in the world frame.
 py::array_t<float> rotation_matrices(std::span<const float> quat_wxyz) {
   const std::size_t count = quat_wxyz.size() / 4;
   py::array_t<float> matrices({static_cast<py::ssize_t>(count), py::ssize_t{3}, py::ssize_t{3}});
@@ -318,7 +314,9 @@ py::array_t<float> rotation_matrices(std::span<const float> quat_wxyz) {
   return matrices;
 }
 
-void register_terms(py::module_& module) {
+}  // namespace
+
+void add_terms(py::module_& module, BatchClass& cls) {
   const auto none = py::none();
   py::class_<Terms>(module, "Terms",
                     "Reward terms and observations of the engine's own tasks, from the current state of every env.")
@@ -347,6 +345,10 @@ void register_terms(py::module_& module) {
       .def_property_readonly("action_changed", [](const Terms& terms) {
         return view<bool>(terms.owner, terms.batch().episodes().action_changed.data(), {static_cast<py::ssize_t>(terms.size())});
       });
+  cls.def_property_readonly("terms", [](const py::object& batch) { return Terms{batch}; })
+      .def_property_readonly("rotation", [](const Batch& batch) { return rotation_matrices(batch.state().quat_wxyz); })
+      .def_property_readonly("sensed_rotation",
+                             [](const Batch& batch) { return rotation_matrices(batch.pose_readings().quat_wxyz); });
 }
 
 }  // namespace flockstep::bindings

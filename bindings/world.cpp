@@ -8,11 +8,11 @@
 #include <string_view>
 #include <vector>
 
+#include "arguments.hpp"
 #include "arrays.hpp"
 #include "convert.hpp"
 #include "flockstep/generators.hpp"
 #include "flockstep/raycast.hpp"
-#include "named.hpp"
 #include "released.hpp"
 #include "world/scene_keys.hpp"
 
@@ -79,13 +79,6 @@ py::list gates(const World& world) {
     list.append(entry);
   }
   return list;
-}
-
-void refuse_unknown(const std::string& callee, const py::kwargs& keywords, const std::vector<std::string>& known) {
-  for (const auto& [name, value] : keywords) {
-    const std::string text = py::str(name);
-    if (std::ranges::find(known, text) == known.end()) throw py::type_error(unexpected_keyword(callee, text, known));
-  }
 }
 
 py::tuple triple(const std::array<float, 3>& v) { return py::make_tuple(v[0], v[1], v[2]); }

@@ -65,7 +65,8 @@ install_package(library ${package} ${CMAKE_INSTALL_INCLUDEDIR} ${data}/scenes)
 
 install(TARGETS flockstep_client EXPORT flockstepClientTargets COMPONENT client)
 install(EXPORT flockstepClientTargets NAMESPACE flockstep:: DESTINATION ${package} COMPONENT client)
-install(FILES server/include/flockstep/client.hpp ${generated}/flockstep/client_operations.hpp engine/include/flockstep/export.hpp
+install(FILES server/include/flockstep/client.hpp ${generated}/flockstep/client_operations.hpp
+              ${generated}/flockstep/client_results.hpp engine/include/flockstep/export.hpp
         DESTINATION ${CMAKE_INSTALL_INCLUDEDIR}/flockstep COMPONENT client)
 install(FILES LICENSE THIRD_PARTY.md DESTINATION ${data} COMPONENT client)
 install_package(client ${package} ${CMAKE_INSTALL_INCLUDEDIR} ${data}/scenes)

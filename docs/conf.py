@@ -7,7 +7,7 @@ import sys
 from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[1]
-sys.path[:0] = [str(ROOT / "docs" / "site"), str(ROOT / "bindings")]
+sys.path[:0] = [str(ROOT / "docs" / "site"), str(ROOT / "bindings"), str(ROOT / "bench")]
 
 project = author = "flockstep"
 version = re.findall(r'VERSION "([^"]+)"', (ROOT / "engine/include/flockstep/version.hpp").read_text(encoding="utf-8"))[

@@ -32,6 +32,10 @@ RESULTS = {
     "Configs": "BodyConfigs",
 }
 MANY_FIELDS = 3
+#: Structs of the client with the fields of messages, and the messages.
+MIRRORED = {name: name for name in ("Drone", "Fps", "Rotation", "Time", "World", "Field", "Task")}
+MIRRORED["ServerInfo"] = "Welcome"
+OTHER_MEMBERS = {"imu_config_json": "imu_configs", "protocol": ""}  # names in the structs; empty: none
 
 
 @dataclass(frozen=True)
@@ -214,11 +218,70 @@ def declared(method: Method) -> list[str]:
     ]
 
 
+def results_of(schema: Schema) -> str:
+    """Return the header of the structs that mirror messages."""
+    lines = [RESULTS_TOP]
+    for name, of in MIRRORED.items():
+        members = [f"  {result_member(field, member)};  // {field.note}" for field, member in members_of(schema, of)]
+        lines += [*(f"// {line}" for line in schema.messages[of].text), f"struct {name} {{", *members, "};", ""]
+    return "\n".join([*lines, "}  // namespace flockstep::client"]) + "\n"
+
+
+def members_of(schema: Schema, message: str) -> list[tuple[Field, str]]:
+    """Return the fields of a message that a struct has, with the names of its members."""
+    named = ((field, OTHER_MEMBERS.get(field.name, field.name)) for field in schema.messages[message].fields)
+    return [(field, name) for field, name in named if name]
+
+
+def result_member(field: Field, name: str) -> str:
+    """Return the declaration of a member of a result."""
+    kind = {"string": "std::string"}.get(field.kind) or SCALARS.get(field.kind, field.kind)
+    if field.label == "repeated":
+        return f"std::vector<{'std::size_t' if field.kind == 'uint64' else kind}> {name}"
+    if field.label == "optional":
+        return f"std::optional<{kind}> {name}"
+    usual = {"DType": "DType::float32", "Quaternion": "1.0F, 0.0F, 0.0F, 0.0F"}
+    return f"{kind} {name}{{{usual.get(field.kind, '')}}}"
+
+
+def result_value(schema: Schema, field: Field) -> str:
+    """Return the value of a member of a result, from the message."""
+    value = f"message.{field.name}"
+    if field.label == "repeated":
+        return (
+            f"values_of<{field.kind}>({value})"
+            if field.kind in schema.messages
+            else f"{{{value}.begin(), {value}.end()}}"
+        )
+    if field.kind in schema.messages:
+        return f"value_of({value})" if field.label else f'value_of(required({value}, "{field.name}"))'
+    return f"static_cast<{field.kind}>({value})" if field.kind in schema.enums else value
+
+
+def readers(schema: Schema) -> list[str]:
+    """Return the functions that read results: declared, or defined for structs that mirror messages."""
+    converted = {"Angles": "Angles"} | MIRRORED
+    lines = [*(f"{name} value_of(const protocol::{of}& message);" for name, of in converted.items()), VALUES_OF]
+    for name, of in converted.items():
+        values = ", ".join(f".{name} = {result_value(schema, field)}" for field, name in members_of(schema, of))
+        lines += [f"{name} value_of(const protocol::{of}& message) {{ return {{{values}}}; }}"]
+    messages = {method.result: method.entry.result for method in methods(schema)}
+    for result, name in messages.items():
+        (field, *others) = schema.messages[name].fields or (None,)
+        lines += ["template <>", f"{result} read<{result}>(Call& call)"]
+        if result in MIRRORED:
+            lines += [f"{{ return value_of(ReplyOf<protocol::{name}>(call).message()); }}"]
+        elif field is not None and not others and field.kind in MIRRORED:
+            value = f"ReplyOf<protocol::{name}>(call).message().{field.name}"
+            lines += [f"{{ return values_of<{field.kind}>({value}); }}"]
+        else:
+            lines[-1] += ";"
+    return lines
+
+
 def definitions(schema: Schema) -> str:
     """Return the definitions of the methods."""
-    lines = [BODY_TOP]
-    results = dict.fromkeys(method.result for method in methods(schema))
-    lines += ["namespace detail {", *(f"template <>\n{result} read<{result}>(Call& call);" for result in results), "}"]
+    lines = [BODY_TOP, "namespace detail {", *readers(schema), "}"]
     streams = {field.kind: field.name for field in schema.messages["Subscribe"].fields if field.oneof}
     for name, _, is_of_drone in CLASSES:
         for method in methods(schema):
@@ -254,6 +317,18 @@ CLASSES = (
     ("GameModeOperations", "The operations on the simulation: its drones, time, worlds and task.", False),
     ("DroneOperations", "The operations on one drone.", True),
 )
+RESULTS_TOP = """// Results that the server sends as messages with the same fields, which client.hpp includes.
+// server/generate.py makes this file from flockstep.proto.
+#pragma once
+
+namespace flockstep::client {
+"""
+VALUES_OF = """template <class T, class Message>
+std::vector<T> values_of(const std::vector<Message>& messages) {
+  std::vector<T> values;
+  for (const Message& message : messages) values.push_back(value_of(message));
+  return values;
+}"""
 HEADER_TOP = """// The operations of the client, which client.hpp includes.
 // server/generate.py makes this file from flockstep.proto.
 #pragma once

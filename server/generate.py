@@ -4,7 +4,8 @@
   with protozero. libprotobuf is not used, because its global tables conflict with other copies in one process, such as
   those of PyTorch or TensorBoard.
 - ``service/operations.inc``: the declarations of the service's functions, one for each operation.
-- ``flockstep/client_operations.hpp`` and ``client/operations.cpp``: the operations of the C++ client.
+- ``flockstep/client_operations.hpp``, ``flockstep/client_results.hpp`` and ``client/operations.cpp``: the operations of
+  the C++ client, and the structs that some of them return.
 
 The build runs it, so it needs only the standard library.
 """
@@ -17,7 +18,7 @@ from pathlib import Path
 ROOT = Path(__file__).parents[1]
 sys.path.insert(0, str(ROOT / "envs/flockstep/client"))
 
-from client_operations import definitions, header_of  # noqa: E402
+from client_operations import definitions, header_of, results_of  # noqa: E402
 from schema import Field, Message, Schema, read  # noqa: E402
 
 # Type in C++ and default value, by the name of a type of Protocol Buffers, which protozero uses.
@@ -52,6 +53,7 @@ def main() -> None:
         "protocol/messages.cpp": body,
         "service/operations.inc": functions_of(schema),
         "flockstep/client_operations.hpp": header_of(schema),
+        "flockstep/client_results.hpp": results_of(schema),
         "client/operations.cpp": definitions(schema),
     }
     for name, text in files.items():

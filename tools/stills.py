@@ -1,4 +1,4 @@
-"""Still pictures of the documents: what cameras see by every output and backend, and drones on their way in worlds.
+"""Still pictures of the documents: what cameras see by every output, and drones on their way in worlds.
 
 .venv/bin/python -m tools.films camera-sheet
 .venv/bin/python -m tools.films worlds
@@ -6,8 +6,6 @@
 
 from __future__ import annotations
 
-import warnings
-from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -53,48 +51,33 @@ def shown(output: str, frame: npt.NDArray[Any]) -> Image:
     return image
 
 
-def capture(backend: str, world: flockstep.World) -> dict[str, npt.NDArray[Any]] | None:
-    """Return the frames of all poses by output, or None if the backend is not available."""
+def draw_sheet(path: Path) -> None:
+    """Write a sheet of camera frames, with a row for each pose and a column for each output."""
     camera = flockstep.CameraConfig(
         width_px=TILE_PX[0], height_px=TILE_PX[1], outputs=OUTPUTS, samples_per_pixel=4, shadows=True
     )
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", RuntimeWarning)  # raycast replaces gl; the report also says so
-        batch = flockstep.Batch([world], len(POSES), cameras=[camera], camera_backend=backend)
-        positions = np.array([position for position, _ in POSES.values()], np.float32)
-        batch.set_pose(positions, np.stack([facing(position, target) for position, target in POSES.values()]))
-        batch.capture()
-    if not batch.camera_backend_report().startswith(f"{backend}:"):
-        return None
-    return {output: getattr(batch.camera(), output).copy() for output in OUTPUTS}
-
-
-def draw_sheet(path: Path, backends: Sequence[str] = ("raycast", "gl")) -> list[str]:
-    """Write a sheet of camera frames, with a column for each output; return its backends."""
-    world = flockstep.World.load(WORLD)
-    frames = {backend: taken for backend in backends if (taken := capture(backend, world)) is not None}
-    rows = [(pose, backend) for pose in range(len(POSES)) for backend in frames]
-    left, top, gap = 0.62, 0.30, 0.04  # inches, at 100 pixels per inch
+    batch = flockstep.Batch([flockstep.World.load(WORLD)], len(POSES), cameras=[camera])
+    positions = np.array([position for position, _ in POSES.values()], np.float32)
+    batch.set_pose(positions, np.stack([facing(position, target) for position, target in POSES.values()]))
+    batch.capture()
+    left, top, gap = 0.34, 0.30, 0.04  # inches, at 100 pixels per inch
     width, height = TILE_PX[0] / 100, TILE_PX[1] / 100
-    size = (left + len(OUTPUTS) * (width + gap), top + len(rows) * (height + gap))
+    size = (left + len(OUTPUTS) * (width + gap), top + len(POSES) * (height + gap))
     figure = plt.figure(figsize=size)
     for column, output in enumerate(OUTPUTS):
         x = left + column * (width + gap)
         title = f"{output}, 0 to {FAR_M:g} m" if output == "depth" else output
         figure.text((x + width / 2) / size[0], 1 - top / 2 / size[1], title, ha="center", va="center")
-        for row, (pose, backend) in enumerate(rows):
+        for row, pose in enumerate(POSES):
             y = size[1] - top - (row + 1) * (height + gap) + gap
             axes = figure.add_axes((x / size[0], y / size[1], width / size[0], height / size[1]))
-            axes.imshow(shown(output, frames[backend][output][pose]), interpolation="none", aspect="auto")
+            axes.imshow(shown(output, getattr(batch.camera(), output)[row]), interpolation="none", aspect="auto")
             axes.axis("off")
             if column == 0:
-                label = f"{list(POSES)[pose]}\n{backend}"
-                figure.text(
-                    left / 2 / size[0], (y + height / 2) / size[1], label, rotation=90, ha="center", va="center"
-                )
+                place = {"x": left / 2 / size[0], "y": (y + height / 2) / size[1]}
+                figure.text(**place, s=pose, rotation=90, ha="center", va="center")
     figure.savefig(path, dpi=100)
     plt.close(figure)
-    return list(frames)
 
 
 SIZE_PX = (1120, 630)

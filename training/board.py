@@ -10,6 +10,7 @@ making the environments and without the flights that judge. For times that mean 
 
 from __future__ import annotations
 
+import itertools
 import json
 import math
 import sys
@@ -92,6 +93,13 @@ class Clock(BaseCallback):
         self._judging_s += time.perf_counter() - before
 
 
+def training_seconds(recipe: Training, seed: int, threads: int) -> float:
+    """Return the time of a training by `flockstep.PPO` in s, without making the environments."""
+    clock = Clock(recipe, judges=False)
+    train(recipe, "flockstep", seed, threads, [clock])
+    return clock.training_s
+
+
 class TimeLimit(BaseCallback):
     """Ends a training after some minutes; without a limit, never."""
 
@@ -147,6 +155,7 @@ def report(name: str, seeds: int, sb3: bool, out: Path) -> list[Figure]:
                     flockstep.record(film, model, recipe.env, seed=UNSEEN_SEEDS.start, **recipe.film)
         if not np.array_equal(*parameters):
             raise AssertionError(f"{name}: one thread and two gave different policies")
+    figures += comparison(name, figures)
     baseline = judge(recipe, best_of(recipe, next(iter(recipe.baselines.values()))), recipe.flights, UNSEEN_SEEDS.start)
     figures += [
         figure(f"{name}/steps", recipe.steps, "1", 1),
@@ -154,6 +163,30 @@ def report(name: str, seeds: int, sb3: bool, out: Path) -> list[Figure]:
         *(figure(f"{name}/baseline/{what}", value, "", recipe.flights) for what, value in baseline.more.items()),
     ]
     return figures
+
+
+def comparison(name: str, figures: list[Figure]) -> list[Figure]:
+    """Return the mean over each learning curve, and the p values of the difference of the two learners' seeds."""
+    judged = [each for each in figures if "curve" in each]
+    means = [
+        figure(each["name"].removeprefix("board/").replace("success", "curve_mean"), mean, "1", CURVE_POINTS)
+        for each in judged
+        for mean in [float(np.mean([success for *_, success in each["curve"]]))]
+    ]
+    found = means.copy()
+    for what, each in (("curves", means), ("success", judged)):
+        ours, theirs = ([f["value"] for f in each if f"/{learner}_1/" in f["name"]] for learner in NAMES)
+        if theirs:
+            found.append(figure(f"{name}/p_of_{what}", permutation_p(ours, theirs), "1", len(each)))
+    return found
+
+
+def permutation_p(first: list[float], second: list[float]) -> float:
+    """Return the p value of the exact two-sided permutation test of the difference of two means."""
+    both, size = np.array([*first, *second]), len(first)
+    chosen = np.array([both[list(rows)].mean() for rows in itertools.combinations(range(len(both)), size)])
+    others = (both.sum() - size * chosen) / len(second)
+    return float(np.mean(abs(chosen - others) >= abs(np.mean(first) - np.mean(second)) - 1e-12))
 
 
 def plot(figures: list[Figure], path: Path) -> None:

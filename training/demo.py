@@ -135,7 +135,7 @@ def main(args: Args) -> None:
     film = args.out / "flight.mp4"
     flockstep.record(film, policy, worlds=worlds[shown], steps=MAX_STEPS, fps=FILM_FPS, render_size=FILM_PX)
     plot_curve(clock, args.out / "curve.png")
-    draw_sheet(args.out / "camera-sheet.png", ("raycast",))
+    draw_sheet(args.out / "camera-sheet.png")
     unseen = Setup().generated(UNSEEN_SEEDS, UNSEEN_WORLDS)
     rate, untrained = summary(fly(policy, unseen, MAX_STEPS))["success_rate"], baselines(unseen, Setup())
     print_summary(args, clock, flights, rate, untrained)

@@ -2,7 +2,7 @@
 
 On GitHub a link such as ``[x](../examples/x.py)`` opens the file. The site has no such file: there it becomes a link to
 the address "Repository" of pyproject.toml, or the path as code while there is none. The file, and the heading after #,
-must exist.
+must exist. A link to the kept results becomes links to their tables, which are written for the site.
 """
 
 from __future__ import annotations
@@ -14,6 +14,8 @@ from typing import Any
 from sphinx.application import Sphinx
 from sphinx.util import logging
 
+import table
+
 try:
     import tomllib
 except ImportError:  # Python 3.10
@@ -22,6 +24,7 @@ except ImportError:  # Python 3.10
 ROOT = Path(__file__).resolve().parents[2]
 LINK = re.compile(r"\[([^\]]+)\]\((\.\./[^)#\s]+)(#[^)\s]*)?\)")
 NAMED = re.compile(r"\[([\w-]+\.md)\]\(\1(#[^)\s]*)?\)")  # a link whose text is the name of the file
+CSV = ROOT / "build" / "docs" / "results"
 logger = logging.getLogger(__name__)
 
 
@@ -45,6 +48,9 @@ def replaced(match: re.Match[str], page: str, address: str) -> str:
         logger.warning("a link leads nowhere: %s%s", match[2], anchor, location=page)
     if path.is_relative_to(ROOT / "docs"):
         return match[0]
+    if path == table.KEPT:
+        files = (f"[{file.stem}](../{file.relative_to(ROOT).as_posix()})" for file in sorted(CSV.glob("*.csv")))
+        return f"{text} ({', '.join(files)})"
     name = path.relative_to(ROOT).as_posix()
     if address:
         return f"[{text}]({address}/{'tree' if path.is_dir() else 'blob'}/main/{name}{anchor})"
@@ -60,5 +66,6 @@ def replace_links(app: Sphinx, page: str, source: list[str]) -> None:
 
 def setup(app: Sphinx) -> dict[str, Any]:
     """Register the extension with Sphinx."""
+    table.write_csv(CSV, table.read(table.KEPT))
     app.connect("source-read", replace_links)
     return {"parallel_read_safe": True, "parallel_write_safe": True}

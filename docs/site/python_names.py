@@ -10,6 +10,7 @@ from __future__ import annotations
 import ast
 import re
 import shutil
+import textwrap
 from pathlib import Path
 from typing import Any
 
@@ -48,8 +49,10 @@ def copy_package(app: Sphinx) -> None:
     shutil.copytree(ROOT / "envs" / "flockstep", COPY, ignore=shutil.ignore_patterns("__pycache__", "*.so", "*.json"))
     stub = COPY / "_core.pyi"
     stub.write_text(copied(stub.read_text(encoding="utf-8")), encoding="utf-8")
+    changes = ast.parse((COPY / "client" / "changes.py").read_text(encoding="utf-8"))
+    fields = {node.name: ast.get_docstring(node) or "" for node in changes.body if isinstance(node, ast.ClassDef)}
     for operations in (COPY / "client" / "operations.py", COPY / "client" / "bodies.py"):
-        operations.write_text(in_both_forms(operations.read_text(encoding="utf-8")), encoding="utf-8")
+        operations.write_text(in_both_forms(operations.read_text(encoding="utf-8"), fields), encoding="utf-8")
     client = COPY / "client" / "async_client.py"
     text = client.read_text(encoding="utf-8").replace(
         "import AsyncDrone, Operations", "import AsyncDrone, AsyncOperations"
@@ -70,8 +73,15 @@ def copy_package(app: Sphinx) -> None:
     package.write_text(text.replace(assignment, "from flockstep.registration import register_task"), encoding="utf-8")
 
 
-def in_both_forms(text: str) -> str:
-    """Return the module of operations with a class for each form, as `flockstep.client.forms` makes them."""
+def in_both_forms(text: str, fields: dict[str, str]) -> str:
+    """Return the module of operations with a class for each form, as `flockstep.client.forms` makes them.
+
+    ``fields`` has the docstrings of the keywords that stand for ``**fields``.
+    """
+    for name, about in fields.items():
+        listed = textwrap.indent(about.partition("----------\n")[2], " " * 8)
+        head, found, rest = text.partition(f"Unpack[{name}]")
+        text = head + found + re.sub(r"        \*\*fields\n.*\n", lambda _, to=listed: f"{to}\n", rest, count=1)
     text = re.sub(r"(?<=-> )(?:Call|Subscription)\[(.+)\](?=:\n)", r"\1", text)
     for name in re.findall(r"^class (\w*Operations)\b", text, re.M):
         listed = re.search(rf"^class {name}\b.*?(?=^\S)", text[text.index(f"class {name}") :], re.M | re.S)
@@ -81,7 +91,7 @@ def in_both_forms(text: str) -> str:
         streams = re.compile(r"    @stream\n((?:.*\n)*?.*-> )(.+)(?=:\n)")
         awaiting = re.sub(r"@operation\n    def", "async def", listed[0]).replace("_Drone", "AsyncDrone")
         both = streams.sub(r"\1Stream[\2]", plain)
-        awaiting = awaiting.replace("(BodyOperations", "(AsyncBodyOperations")
+        awaiting = re.sub(r"(?<=[(, ])(Body|Sensor)(?=Operations\b)", r"Async\1", awaiting)
         both += streams.sub(r"\1AsyncStream[\2]", awaiting).replace(f"class {name}", f"class Async{name}")
         text = text.replace(listed[0], both)
     text = text.replace("import BlockingBodies", "import AsyncBodyOperations, BlockingBodies")

@@ -29,10 +29,10 @@ class EnvKeywords(TypedDict, total=False):
     ----------
     drones_per_env
         Number of drones in each env, M. They share a world. A batch without a task may begin with no drone in its envs.
-    meet
-        How the drones of an env interact. ``"never"``: not at all. ``"seen"``: their LiDARs detect the hulls of the
-        others, and their cameras see their meshes. ``"touched"``: they hit each other with their hulls. ``"both"``:
-        both. Unless it is ``"never"``, an env has at most 4096 drones.
+    interaction
+        How the drones of an env interact. ``"none"``: not at all. ``"sense"``: their LiDARs detect the hulls of the
+        others, and their cameras see their meshes. ``"collide"``: they hit each other with their hulls. ``"both"``:
+        both. Unless it is ``"none"``, an env has at most 4096 drones.
     num_threads
         Number of threads, at most four per processor; a larger number gives these, with a warning. 0: the physical
         cores that this process may run on. No result depends on it.
@@ -45,8 +45,8 @@ class EnvKeywords(TypedDict, total=False):
         drones.
     camera_backend
         Renderer of cameras. ``"raycast"``: the engine's own tracing, which needs no GPU and is bitwise reproducible.
-        ``"gl"``: OpenGL 4.5 through EGL, headless; if it is missing, raycast with a warning. ``"auto"``: the faster of
-        the two on the batch's worlds, timed when the batch is made.
+        ``"gl"``: OpenGL 4.5 through EGL, headless: the same geometry, without shadows and fog; if it is missing,
+        raycast with a warning. ``"auto"``: raycast.
     tracer
         Method that traces rays against triangles. ``"auto"``: the fastest for each sensor. LiDAR channels whose beams
         lie in a plane and close together (fans) are traced in a slice of the world; neighbouring rays of cameras and of
@@ -113,7 +113,7 @@ class EnvKeywords(TypedDict, total=False):
     """
 
     drones_per_env: int | None
-    meet: Literal["never", "seen", "touched", "both"] | None
+    interaction: Literal["none", "sense", "collide", "both"] | None
     num_threads: int | None
     block_size: int | None
     lidar: LidarConfig | Sequence[LidarConfig] | None

@@ -241,14 +241,19 @@ def autoreset_name(mode: str | AutoresetMode) -> str:
 def show_keywords(env: type) -> tuple[str, ...]:
     """Show the fields among the keywords of an env in its signature and docstring; return the names of the others."""
     init: Any = env.__init__  # type: ignore[misc] # of the class, on purpose
-    signature = inspect.signature(init)
-    *own, _ = signature.parameters.values()
-    fields = [
-        inspect.Parameter(name, inspect.Parameter.KEYWORD_ONLY, default=None, annotation=kind.__forward_arg__)
-        for name, kind in EnvKeywords.__annotations__.items()
-    ]
-    init.__signature__ = signature.replace(parameters=[*own, *fields])
-    if env.__doc__ and EnvKeywords.__doc__:
-        about = EnvKeywords.__doc__.partition("----------\n")[2].rstrip()
+    own = len(inspect.signature(init).parameters) - 1
+    init.__signature__, about = with_keywords(inspect.signature(init), EnvKeywords)
+    if env.__doc__:
         env.__doc__ = env.__doc__.replace("\n\n    Attributes\n", f"\n{about}\n\n    Attributes\n", 1)
-    return tuple(parameter.name for parameter in own[1:])
+    return tuple(init.__signature__.parameters)[1:own]
+
+
+def with_keywords(signature: inspect.Signature, keywords: type[Any]) -> tuple[inspect.Signature, str]:
+    """Return a signature with the keywords of a `TypedDict` in place of its last parameter, and their descriptions."""
+    *own, _ = signature.parameters.values()
+    named = [
+        inspect.Parameter(name, inspect.Parameter.KEYWORD_ONLY, default=None, annotation=kind.__forward_arg__)
+        for name, kind in keywords.__annotations__.items()
+    ]
+    about = (keywords.__doc__ or "").partition("----------\n")[2].rstrip()  # empty with python -OO
+    return signature.replace(parameters=[*own, *named]), about

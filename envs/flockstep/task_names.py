@@ -81,10 +81,9 @@ def _is_near(name: str, value: Any, meant: str) -> bool:
 
 
 #: Names that other packages, or earlier versions, give to attributes of tasks.
-_OTHER_NAMES = {
-    **dict.fromkeys(("episode_length", "max_episode_length", "max_ep_len", "time_limit", "horizon"), "max_episode_steps"),
-    "meet": "interaction",
-}
+_OTHER_NAMES = {"meet": "interaction"} | dict.fromkeys(
+    ("episode_length", "max_episode_length", "max_ep_len", "time_limit", "horizon"), "max_episode_steps"
+)
 
 
 def _has_words_of(name: str, meant: str) -> bool:

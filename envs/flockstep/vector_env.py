@@ -154,9 +154,9 @@ class DroneVectorEnv(VectorEnv[Observation, Array, Array], SharedAttributes):
     an array of length N, with a mask of the ended episodes under the key with a leading underscore. ``episode_terms``
     is a dict of such arrays and masks, with the sum of each reward term. With same-step autoreset these are inside
     ``final_info``, beside ``final_obs``. With autoreset disabled, a finished env repeats its flags and infos until it
-    is reset. With ``episodes="last"``, ``finished`` is a mask of the rows that did not fly in the step: ignore them when
-    learning. ``episode_end`` is the reason for the end, a value of `EpisodeEnd`. An episode ends with ``bad_state`` if
-    a target, a reward or an observation was not finite; ``batch.bad_states`` counts these episodes.
+    is reset. With ``episodes="last"``, ``finished`` is a mask of the rows that did not fly in the step: ignore them
+    when learning. ``episode_end`` is the reason for the end, a value of `EpisodeEnd`. An episode ends with
+    ``bad_state`` if a target, a reward or an observation was not finite; ``batch.bad_states`` counts these episodes.
 
     Raises
     ------

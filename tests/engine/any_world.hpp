@@ -1,18 +1,10 @@
 // AnyWorld: random worlds that use every feature of a scene except gates and bodies, for tests of formats.
 #pragma once
 
-#include <algorithm>
-#include <array>
-#include <cmath>
-#include <cstddef>
-#include <cstdint>
-#include <limits>
 #include <random>
-#include <string>
-#include <utility>
-#include <vector>
 
 #include "flockstep/world.hpp"
+#include "standard.hpp"
 #include "world/scene_description.hpp"
 
 namespace flockstep::testing {

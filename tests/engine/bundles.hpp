@@ -1,16 +1,9 @@
 // Helpers for tests of direct tracing: sets of directions with their frustum, and bundles of them.
 #pragma once
 
-#include <cmath>
-#include <cstddef>
-#include <memory>
-#include <numbers>
-#include <span>
-#include <utility>
-#include <vector>
-
 #include "flockstep/world.hpp"
 #include "random.hpp"
+#include "standard.hpp"
 #include "trace/frustum.hpp"
 #include "trace/ray_block.hpp"
 

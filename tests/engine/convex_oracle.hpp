@@ -3,13 +3,10 @@
 #pragma once
 
 #include <Eigen/Dense>
-#include <algorithm>
-#include <cmath>
-#include <functional>
-#include <vector>
 
 #include "flockstep/drone_model.hpp"
 #include "flockstep/world.hpp"
+#include "standard.hpp"
 
 namespace flockstep::oracle {
 
@@ -129,6 +126,54 @@ inline Distance distance(const Support& a, const Support& b) {
     }
   }
   return result;
+}
+
+// Returns the distance of a convex set from a solid, or from the walls of the room around it. Not positive if they overlap.
+inline double distance_from(const Support& hull, const Primitive& primitive) {
+  if (primitive.kind != PrimitiveKind::room) return distance(hull, solid(primitive)).lower;
+  double least = std::numeric_limits<double>::infinity();
+  for (int axis = 0; axis < 3; ++axis) {
+    const Vec3d d = Vec3d::Unit(axis);
+    const auto center = static_cast<double>(primitive.center[axis]), half = static_cast<double>(primitive.half_extents[axis]);
+    least = std::min({least, center + half - hull(d)[axis], hull(-d)[axis] - (center - half)});
+  }
+  return least;
+}
+
+// A motion in double precision: the position along the segment and the rotation along the shortest arc.
+struct Way {
+  Pose from, to;
+
+  Vec3d position(double time) const { return (1.0 - time) * from.position.cast<double>() + time * to.position.cast<double>(); }
+  Eigen::Quaterniond rotation(double time) const {
+    return from.rotation.cast<double>().normalized().slerp(time, to.rotation.cast<double>().normalized());
+  }
+  Vec3d shift() const { return (to.position - from.position).cast<double>(); }
+  double turn() const {
+    return from.rotation.cast<double>().normalized().angularDistance(to.rotation.cast<double>().normalized());
+  }
+};
+
+// Returns the first time from 0 to 1 at which distance(time) is at most `gap` (m), or 2 if there is none. Steps by 20 um or by
+// the current distance, whichever is larger. speed: m per motion, at least that of any point.
+template <class Distance>
+double first_time_within(double gap, double speed, const Distance& distance) {
+  for (double time = 0.0; time <= 1.0;) {
+    const double beyond = distance(time) - gap;
+    if (beyond <= 0.0) return time;
+    time = time < 1.0 ? std::min(1.0, time + std::max(beyond, 2e-5) / speed) : 2.0;
+  }
+  return 2.0;
+}
+
+inline std::vector<Vec3> corners_of_box(const Vec3& half) {
+  std::vector<Vec3> corners;
+  for (const float x : {-1.0F, 1.0F}) {
+    for (const float y : {-1.0F, 1.0F}) {
+      for (const float z : {-1.0F, 1.0F}) corners.emplace_back(Vec3(x, y, z).cwiseProduct(half));
+    }
+  }
+  return corners;
 }
 
 }  // namespace flockstep::oracle

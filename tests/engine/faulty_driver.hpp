@@ -4,8 +4,8 @@
 #include <epoxy/gl.h>
 
 #include <condition_variable>
-#include <mutex>
-#include <utility>
+
+#include "standard.hpp"
 
 namespace flockstep::testing {
 

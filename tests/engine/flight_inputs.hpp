@@ -1,14 +1,10 @@
 // Control modes, commands and airframes for tests of flight.
 #pragma once
 
-#include <array>
-#include <span>
-#include <string>
-#include <vector>
-
 #include "flockstep/drone_model.hpp"
 #include "flockstep/dynamics.hpp"
 #include "random.hpp"
+#include "standard.hpp"
 
 namespace flockstep::testing {
 

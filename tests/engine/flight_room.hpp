@@ -1,22 +1,11 @@
 // FlightRoom: drones with simulated rotors in a room, without a batch.
 #pragma once
 
-#include <gtest/gtest.h>
-
-#include <algorithm>
-#include <cstddef>
-#include <cstdint>
-#include <memory>
-#include <span>
-#include <string>
-#include <vector>
-
 #include "batch_helpers.hpp"
 #include "collision/hull.hpp"
 #include "dynamics/rotor_motion.hpp"
 #include "flight_state.hpp"
 #include "prepared/prepared_world.hpp"
-#include "random.hpp"
 
 namespace flockstep::testing {
 
@@ -90,23 +79,9 @@ class FlightRoom {
 };
 
 inline DynamicsConfig room_dynamics(OnContact on_contact, Control control) {
-  DynamicsConfig config;
-  config.motion = Motion::rotors;
-  config.control = control;
-  config.on_contact = on_contact;
-  config.ground_effect = true;
+  DynamicsConfig config{.motion = Motion::rotors, .control = control, .on_contact = on_contact, .ground_effect = true};
   config.wind.mean_mps = {1.0F, 0.5F, 0.0F};
   return config;
-}
-
-// Calls f(name, values, others) for every float array of two states.
-template <class F>
-void for_each_float_array(const State& a, const State& b, const F& f) {
-  for_each_float_array(a, [&](const std::string& name, const std::vector<float>& values) {
-    for_each_float_array(b, [&](const std::string& other, const std::vector<float>& others) {
-      if (name == other) f(name, values, others);
-    });
-  });
 }
 
 }  // namespace flockstep::testing

@@ -1,17 +1,13 @@
 // A State for drones with simulated rotors without a batch, and access to its arrays by name.
 #pragma once
 
-#include <algorithm>
-#include <cstddef>
-#include <string>
-#include <string_view>
 #include <type_traits>
-#include <vector>
 
 #include "dynamics/wind.hpp"
 #include "flockstep/airframe.hpp"
 #include "flockstep/fields.hpp"
 #include "flockstep/state.hpp"
+#include "standard.hpp"
 
 namespace flockstep::testing {
 
@@ -48,6 +44,16 @@ void for_each_float_array(T& arrays, const F& f) {
     } else if constexpr (std::is_same_v<Value, std::vector<float>>) {
       f(std::string(field.name), value);
     }
+  });
+}
+
+// Calls f(name, values, others) for every float array of two states.
+template <class F>
+void for_each_float_array(const State& a, const State& b, const F& f) {
+  for_each_float_array(a, [&](const std::string& name, const std::vector<float>& values) {
+    for_each_float_array(b, [&](const std::string& other, const std::vector<float>& others) {
+      if (name == other) f(name, values, others);
+    });
   });
 }
 

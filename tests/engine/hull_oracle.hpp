@@ -3,14 +3,10 @@
 #pragma once
 
 #include <Eigen/Dense>
-#include <algorithm>
-#include <cmath>
-#include <cstddef>
-#include <span>
-#include <vector>
 
 #include "flockstep/pose.hpp"
 #include "ray_oracle.hpp"
+#include "standard.hpp"
 
 namespace flockstep::oracle {
 

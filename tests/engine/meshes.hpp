@@ -1,15 +1,7 @@
 // Triangle meshes and primitives for tests of tracing.
 #pragma once
 
-#include <array>
-#include <cmath>
-#include <cstddef>
-#include <cstdint>
-#include <vector>
-
 #include "batch_helpers.hpp"
-#include "flockstep/world.hpp"
-#include "random.hpp"
 
 namespace flockstep::testing {
 

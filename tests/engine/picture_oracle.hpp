@@ -2,21 +2,9 @@
 // struct Light. It shares no code with the engine's rendering, tracing or tables.
 #pragma once
 
-#include <gtest/gtest.h>
-
-#include <algorithm>
-#include <array>
-#include <cmath>
-#include <cstdint>
-#include <cstdlib>
-#include <memory>
-#include <numbers>
 #include <set>
-#include <utility>
-#include <vector>
 
 #include "batch_helpers.hpp"
-#include "flockstep/batch.hpp"
 #include "ray_oracle.hpp"
 
 namespace flockstep::oracle {
@@ -507,19 +495,6 @@ inline bool is_near(const std::array<int, 3>& a, const std::array<int, 3>& b) {
   return true;
 }
 
-// Returns whether the centre of a pixel sees the same element if an edge moves by the grid of a rasterizer's corners: 1/256 of a
-// pixel on the GPUs and software that were tried.
-inline bool is_clear_on_grid(const World& world, const CameraConfig& config, const oracle::Eye& eye, const oracle::Seen& seen,
-                             std::size_t column, std::size_t row) {
-  constexpr double kGrid = 1.0 / 256;
-  for (const auto& [x, y] : {std::pair{-kGrid, -kGrid}, {-kGrid, kGrid}, {kGrid, -kGrid}, {kGrid, kGrid}}) {
-    const oracle::Vec3d direction =
-        oracle::direction_through(config, eye, static_cast<double>(column) + 0.5 + x, static_cast<double>(row) + 0.5 + y);
-    if (oracle::see(world, config, eye.origin, direction).element != seen.element) return false;
-  }
-  return true;
-}
-
 // Checks all outputs of a drone's camera against the oracle. The drone must not have moved since the capture. Compares the
 // clear ones among every stride-th pixel. With several samples per pixel, colours are not compared.
 inline Compared expect_picture(const Batch& batch, std::size_t drone = 0, std::size_t camera = 0, std::size_t stride = 1) {
@@ -530,7 +505,6 @@ inline Compared expect_picture(const Batch& batch, std::size_t drone = 0, std::s
   const oracle::Eye eye =
       oracle::eye_of(config, oracle::vector_of(&state.position[3 * drone]), oracle::matrix_of(&state.quat_wxyz[4 * drone]));
   const CameraOutputs& outputs = config.outputs;
-  const bool rasterized = batch.config().camera_backend != CameraBackend::raycast;
   const auto width = static_cast<std::size_t>(config.width_px);
   const auto height = static_cast<std::size_t>(config.height_px);
   std::vector<std::vector<oracle::TexelGrid>> images;
@@ -553,7 +527,6 @@ inline Compared expect_picture(const Batch& batch, std::size_t drone = 0, std::s
         oracle::direction_through(config, eye, static_cast<double>(column) + 0.5, static_cast<double>(row) + 0.5);
     const oracle::Seen seen = oracle::see(world, config, eye.origin, direction);
     if (!oracle::is_clear(world, config, seen, eye.origin, direction)) continue;
-    if (rasterized && !is_clear_on_grid(world, config, eye, seen, column, row)) continue;
     const Pixel is = pixel(batch, row, column, drone, camera);
     oracle::Surface surface{Vec3d::Zero(), 0, 0};
     bool colors_are_clear = config.samples_per_pixel == 1;

@@ -1,9 +1,11 @@
-// Random: reproducible random numbers, positions and rotations for tests. facing(): the rotation between two directions.
+// Random: reproducible random numbers, positions and rotations for tests, and how many trials there are. facing(): the rotation
+// between two directions.
 #pragma once
 
 #include <random>
 
 #include "flockstep/pose.hpp"
+#include "standard.hpp"
 
 namespace flockstep::testing {
 
@@ -39,5 +41,25 @@ class Random {
   std::uniform_real_distribution<float> unit_{0.0F, 1.0F};
   std::normal_distribution<float> normal_;
 };
+
+// The suite runs some thousand trials of randomised tests; ./dev try multiplies them by FLOCKSTEP_TRY.
+
+// Returns count times FLOCKSTEP_TRY, or count if it is not set.
+inline long times_tried(long count) {
+  const char* const factor = std::getenv("FLOCKSTEP_TRY");
+  return factor == nullptr ? count : count * std::max(1L, std::atol(factor));
+}
+
+// Returns the index of the part to try, FLOCKSTEP_TRY_PART, which defaults to 0. Parts have different seeds, so their counts
+// add up.
+inline unsigned part_tried() {
+  const char* const part = std::getenv("FLOCKSTEP_TRY_PART");
+  return part == nullptr ? 0U : static_cast<unsigned>(std::max(0L, std::atol(part)));
+}
+
+// Records the number of trials in the test report, where bench/tried.py reads it.
+inline void tried(const std::string& what, long count) {
+  ::testing::Test::RecordProperty("tried_" + what, std::to_string(count));
+}
 
 }  // namespace flockstep::testing

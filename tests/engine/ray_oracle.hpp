@@ -3,11 +3,9 @@
 #pragma once
 
 #include <Eigen/Dense>
-#include <algorithm>
-#include <cmath>
-#include <limits>
 
 #include "flockstep/world.hpp"
+#include "standard.hpp"
 
 namespace flockstep::oracle {
 

@@ -1,112 +1,18 @@
 // The client against the server, in one process. Twins of the batch, which the test calls directly, give the expected values.
 #include "flockstep/client.hpp"
 
-#include <gtest/gtest.h>
-#include <openssl/evp.h>
-#include <openssl/pem.h>
-#include <openssl/x509v3.h>
-#include <unistd.h>
-
-#include <algorithm>
-#include <array>
-#include <chrono>
-#include <cmath>
-#include <cstdint>
-#include <cstdio>
-#include <filesystem>
-#include <memory>
-#include <nlohmann/json.hpp>
-#include <optional>
-#include <span>
-#include <stdexcept>
-#include <string>
-#include <thread>
-#include <vector>
-
-#include "batch_helpers.hpp"
-#include "flockstep/batch.hpp"
-#include "flockstep/server.hpp"
-#include "flockstep/survey.hpp"
-#include "flockstep/tasks.hpp"
-#include "flockstep/version.hpp"
-#include "recipe/config_json.hpp"
+#include "server/served.hpp"
 
 namespace flockstep {
 namespace {
 
-using namespace std::chrono_literals;
-using client::Connection;
-using client::DroneController;
-using client::ErrorCode;
-using client::GameModeController;
-using client::later;
-using client::Vector3;
-
-constexpr std::array<const char*, 1> kPosition{"position"};
+using namespace serving;
 
 template <class Config>
 Config config_of(const std::string& fields) {
   Config config;
   read_config(nlohmann::json::parse(fields), "", config);
   return config;
-}
-
-std::shared_ptr<const World> room() {
-  return testing::make_world({testing::primitive(PrimitiveKind::room, {0, 0, 2}, {5, 4, 2}),
-                              testing::primitive(PrimitiveKind::box, {3, 0, 1}, {0.5F, 0.5F, 1})},
-                             {.start = Vec3(-1, 0, 1), .goal = Vec3(4, 1, 1)});
-}
-
-// Two envs with a drone and a free slot each, a LiDAR and a camera.
-BatchConfig kinematic() {
-  BatchConfig config = testing::lidar_batch(2, {.beams = 35, .max_range_m = 20});
-  config.drones_per_env = 2;
-  CameraConfig camera;
-  camera.width_px = 32;
-  camera.height_px = 24;
-  camera.outputs.depth = true;
-  config.cameras = {camera};
-  return config;
-}
-
-BatchConfig rotors() {
-  BatchConfig config = testing::lidar_batch(2);
-  config.dynamics.motion = Motion::rotors;
-  config.dynamics.control = Control::velocity;
-  return config;
-}
-
-std::unique_ptr<Batch> make(const BatchConfig& config) {
-  auto batch = std::make_unique<Batch>(config, Batch::Worlds{room(), testing::closet()}, nullptr, DroneModel::quadrotor650(),
-                                       std::vector<std::int32_t>{0, 0});
-  return batch;
-}
-
-// A served batch, and its twin.
-struct Served {
-  explicit Served(const BatchConfig& config, ServerConfig server_config = {})
-      : batch(make(config)), twin(make(config)), server(*batch, with_any_port(std::move(server_config))) {}
-
-  static ServerConfig with_any_port(ServerConfig config) {
-    config.port = 0;
-    return config;
-  }
-  Connection connect(std::string token = {}) const {
-    return Connection({.address = server.address(), .token = std::move(token)});
-  }
-
-  std::unique_ptr<Batch> batch, twin;
-  Server server;
-};
-
-template <class Call>
-client::Error error_of(const Call& call) {
-  try {
-    call();
-  } catch (const client::Error& error) {
-    return error;
-  }
-  return {ErrorCode::internal, "no error"};
 }
 
 std::vector<float> poses(const Batch& batch) { return {batch.state().position.begin(), batch.state().position.end()}; }
@@ -159,8 +65,8 @@ TEST(Client, MovesADrone) {
     EXPECT_EQ(impact.fraction, contact.fraction[2]);
     EXPECT_EQ(impact.location, location(*served.twin, 2));
     if (impact.hit) {
-      EXPECT_TRUE(testing::same_bits(impact.point, testing::row(contact.point, 2, 3)));
-      EXPECT_TRUE(testing::same_bits(impact.normal, testing::row(contact.normal, 2, 3)));
+      EXPECT_TRUE(same_bits(impact.point, testing::row(contact.point, 2, 3)));
+      EXPECT_TRUE(same_bits(impact.normal, testing::row(contact.normal, 2, 3)));
     }
     EXPECT_EQ(drone.get_location(), impact.location);
   }
@@ -242,14 +148,14 @@ TEST(Client, TakesPictures) {
   const std::string expected = served.twin->jpeg(0, 0, 90);
   EXPECT_EQ(jpeg.width_px, 32);
   EXPECT_EQ(jpeg.height_px, 24);
-  EXPECT_TRUE(testing::same_bits(jpeg.image.values<std::uint8_t>(), expected));
+  EXPECT_TRUE(same_bits(jpeg.image.values<std::uint8_t>(), expected));
   const client::CameraData png = drone.get_camera_data({.camera = "front", .format = client::ImageFormat::png});
   EXPECT_EQ(png.image.values<std::uint8_t>()[1], 'P');
   EXPECT_EQ(error_of([&] { drone.get_camera_data({.quality = 101}); }).code(), ErrorCode::invalid_argument);
   const client::CameraData depth = drone.get_camera_data({.format = client::ImageFormat::raw, .output = "depth"});
   EXPECT_EQ(depth.image.shape[0], 24U);
   EXPECT_EQ(depth.image.shape[1], 32U);
-  EXPECT_TRUE(testing::same_bits(depth.image.values<float>(), testing::row(served.twin->images(0).depth, 0, 32 * 24)));
+  EXPECT_TRUE(same_bits(depth.image.values<float>(), testing::row(served.twin->images(0).depth, 0, 32 * 24)));
   EXPECT_EQ(error_of([&] { static_cast<void>(depth.image.values<std::uint8_t>()); }).code(), ErrorCode::invalid_argument);
 
   EXPECT_EQ(simulation.get_camera_capture_mode(), client::CaptureMode::every_step);
@@ -305,26 +211,25 @@ TEST(Client, MovesAllDronesAtOnce) {
   const std::vector<std::uint8_t> mask{1, 1, 1, 0};
   const client::Readings moved = simulation.set_poses({.position = position, .mask = mask});
   served.twin->move(position, {}, DroneMask(mask));
-  EXPECT_TRUE(testing::same_bits(moved.values<float>("position"), served.twin->state().position));
-  EXPECT_TRUE(testing::same_bits(moved.values<bool>("hit"), served.twin->state().contact.hit));
+  EXPECT_TRUE(same_bits(moved.values<float>("position"), served.twin->state().position));
+  EXPECT_TRUE(same_bits(moved.values<bool>("hit"), served.twin->state().contact.hit));
   EXPECT_TRUE(moved.values<bool>("hit")[2]);  // the box
   EXPECT_EQ(moved.array("position").shape, (std::vector<std::size_t>{4, 3}));
-  EXPECT_TRUE(testing::same_bits(simulation.get_array("position").values<float>("position"), served.twin->state().position));
+  EXPECT_TRUE(same_bits(simulation.get_array("position").values<float>("position"), served.twin->state().position));
   const std::vector<std::string> names{"position", "quat_wxyz", "active"};
   const client::Readings arrays = simulation.get_arrays(names);
   EXPECT_EQ(arrays.arrays.size(), 3U);
-  EXPECT_TRUE(testing::same_bits(arrays.values<float>("quat_wxyz"), served.twin->state().quat_wxyz));
+  EXPECT_TRUE(same_bits(arrays.values<float>("quat_wxyz"), served.twin->state().quat_wxyz));
   EXPECT_EQ(error_of([&] { simulation.get_array("nothing"); }).code(), ErrorCode::invalid_argument);
   EXPECT_EQ(error_of([&] { static_cast<void>(arrays.array("hit")); }).code(), ErrorCode::not_found);
 
   simulation.sense();
   served.twin->sense();
-  EXPECT_TRUE(
-      testing::same_bits(simulation.get_array("ranges", "lidar").values<float>("ranges"), served.twin->lidar_readings().ranges));
+  EXPECT_TRUE(same_bits(simulation.get_array("ranges", "lidar").values<float>("ranges"), served.twin->lidar_readings().ranges));
 
   const std::vector<float> quat{1, 0, 0, 0, 0, 0, 0, 1, 1, 0, 0, 0, 1, 0, 0, 0};
   const client::Readings placed = simulation.set_poses({.position = position, .quat_wxyz = quat}, true);
-  EXPECT_TRUE(testing::same_bits(placed.values<float>("position"), position));
+  EXPECT_TRUE(same_bits(placed.values<float>("position"), position));
 }
 
 TEST(Client, SpawnsAndMovesBodies) {
@@ -344,11 +249,11 @@ TEST(Client, SpawnsAndMovesBodies) {
                                          "body_angular_velocity"};
     const client::Readings got = simulation.get_arrays(names);
     EXPECT_EQ(got.array("body_quat_wxyz").shape, (std::vector<std::size_t>{2, 3, 4}));
-    EXPECT_TRUE(testing::same_bits(got.values<bool>("body_active"), twin.active));
-    EXPECT_TRUE(testing::same_bits(got.values<float>("body_position"), twin.position));
-    EXPECT_TRUE(testing::same_bits(got.values<float>("body_quat_wxyz"), twin.quat_wxyz));
-    EXPECT_TRUE(testing::same_bits(got.values<float>("body_velocity"), twin.velocity));
-    EXPECT_TRUE(testing::same_bits(got.values<float>("body_angular_velocity"), twin.angular_velocity));
+    EXPECT_TRUE(same_bits(got.values<bool>("body_active"), twin.active));
+    EXPECT_TRUE(same_bits(got.values<float>("body_position"), twin.position));
+    EXPECT_TRUE(same_bits(got.values<float>("body_quat_wxyz"), twin.quat_wxyz));
+    EXPECT_TRUE(same_bits(got.values<float>("body_velocity"), twin.velocity));
+    EXPECT_TRUE(same_bits(got.values<float>("body_angular_velocity"), twin.angular_velocity));
   };
   expect_the_same();
   const BodyConfig ball{.name = "ball", .shape = BodyShape::sphere, .size_m = {0.5F, 0.5F, 0.5F}};
@@ -394,14 +299,14 @@ TEST(Client, StepsAndRestores) {
   const std::vector<float> command{1, 0, 0, 0, 0, 1, 0, 0};
   EXPECT_EQ(simulation.fly({.command = command}).step, 0);
   served.twin->fly(command);
-  EXPECT_TRUE(testing::same_bits(simulation.get_array("position").values<float>("position"), served.twin->state().position));
+  EXPECT_TRUE(same_bits(simulation.get_array("position").values<float>("position"), served.twin->state().position));
   const std::vector<std::uint8_t> snapshot = simulation.snapshot();
   simulation.fly({.command = command}, 7, "velocity");
   served.twin->fly(command, 7);
-  EXPECT_TRUE(testing::same_bits(simulation.get_array("position").values<float>("position"), served.twin->state().position));
+  EXPECT_TRUE(same_bits(simulation.get_array("position").values<float>("position"), served.twin->state().position));
   simulation.restore(snapshot);
   served.twin->restore(std::string(snapshot.begin(), snapshot.end()));
-  EXPECT_TRUE(testing::same_bits(simulation.get_array("position").values<float>("position"), served.twin->state().position));
+  EXPECT_TRUE(same_bits(simulation.get_array("position").values<float>("position"), served.twin->state().position));
   EXPECT_EQ(error_of([&] { simulation.restore(std::vector<std::uint8_t>(100)); }).code(), ErrorCode::invalid_argument);
 
   simulation.set_command({.command = command});
@@ -409,27 +314,13 @@ TEST(Client, StepsAndRestores) {
   const client::Time time = simulation.step();
   EXPECT_EQ(time.step, 1);
   served.twin->fly(std::vector<float>{1, 0, 0, 0, 0, 0, 1, 0});
-  EXPECT_TRUE(testing::same_bits(simulation.get_array("position").values<float>("position"), served.twin->state().position));
+  EXPECT_TRUE(same_bits(simulation.get_array("position").values<float>("position"), served.twin->state().position));
 
   simulation.set_clock(500);
   EXPECT_EQ(error_of([&] { simulation.step(); }).code(), ErrorCode::failed_precondition);
   while (simulation.get_array("position").time.step < 5) std::this_thread::sleep_for(1ms);
   EXPECT_GT(simulation.get_fps().fps, 0.0);
   simulation.set_clock(0);
-}
-
-TEST(Client, StepsInLockstep) {
-  Served served(rotors());
-  GameModeController first(served.connect()), second(served.connect());
-  first.join_lockstep();
-  second.join_lockstep();
-  auto step = first.step(later);
-  EXPECT_FALSE(step.get_for(20ms));
-  EXPECT_EQ(second.step().step, 1);
-  EXPECT_EQ(step.get().step, 1);
-  step = first.step(later);
-  second.leave_lockstep();
-  EXPECT_EQ(step.get().step, 2);
 }
 
 TEST(Client, ReadsWorlds) {
@@ -440,7 +331,7 @@ TEST(Client, ReadsWorlds) {
   const World& world = *served.twin->worlds()[0];
   EXPECT_EQ(worlds[0].content_hash, world.content_hash());
   EXPECT_EQ(worlds[0].start, (Vector3{-1, 0, 1}));
-  EXPECT_TRUE(testing::same_bits(worlds[0].max, std::span(world.bounds().max.data(), 3)));
+  EXPECT_TRUE(same_bits(worlds[0].max, std::span(world.bounds().max.data(), 3)));
 
   const client::Mesh mesh = simulation.get_mesh();
   std::vector<std::int32_t> of_object;
@@ -476,223 +367,6 @@ TEST(Client, ReadsWorlds) {
   simulation.set_world(1, 1);
   EXPECT_EQ(simulation.get_array("world_index").values<std::int32_t>("world_index")[1], 1);
   EXPECT_EQ(error_of([&] { simulation.set_world(0, 2); }).code(), ErrorCode::not_found);
-}
-
-TEST(Client, Streams) {
-  Served served(kinematic());
-  const Connection connection = served.connect();
-  GameModeController simulation(connection);
-  DroneController drone(connection, 0);
-  const std::vector<std::string> names(kPosition.begin(), kPosition.end());
-  auto arrays = simulation.stream_arrays(200, names, {}, true);
-  ASSERT_TRUE(arrays.next(5s));
-  EXPECT_FALSE(arrays.next(30ms));  // nothing has changed
-  drone.set_location({0, 1, 1}, true);
-  const auto changed = arrays.next(5s);
-  ASSERT_TRUE(changed);
-  EXPECT_EQ(changed->values<float>("position")[1], 1.0F);
-  auto scans = drone.stream_lidar(500);
-  auto pictures = drone.stream_camera(100, {.format = client::ImageFormat::png});
-  auto speeds = simulation.stream_fps(100);
-  for (int i = 0; i < 5; ++i) {
-    EXPECT_EQ(scans.next(5s).value().ranges.size(), 35U);
-    EXPECT_EQ(pictures.next(5s).value().width_px, 32);
-    EXPECT_TRUE(speeds.next(5s));
-    EXPECT_EQ(drone.get_location(), (Vector3{0, 1, 1}));
-  }
-  {
-    auto ended = std::move(scans);
-  }
-  EXPECT_EQ(error_of([&] { drone.stream_lidar(-1).next(5s); }).code(), ErrorCode::invalid_argument);
-  drone.ping();
-}
-
-TEST(Client, StepsTheTask) {
-  testing::NavigationBatch config = testing::navigation_batch(3);
-  config.navigation.action = ActionKind::displacement;
-  Batch batch = config.make({room()}), twin = config.make({room()});
-  Server server(batch, {.port = 0});
-  const Connection connection({.address = server.address()});
-  GameModeController simulation(connection);
-  EXPECT_TRUE(connection.server().has_task);
-  const client::Task task = simulation.get_task();
-  const TaskSpec& spec = twin.task()->spec();
-  EXPECT_EQ(task.num_rows, 3);
-  EXPECT_EQ(task.reward_terms, spec.reward_terms);
-  EXPECT_EQ(task.action.shape, std::vector<std::size_t>{3});
-  ASSERT_EQ(task.observation.size(), spec.observation.size());
-  EXPECT_EQ(task.observation[0].name, spec.observation[0].name);
-  EXPECT_EQ(error_of([&] { simulation.step_envs(client::Array::of<float>({3, 3}, std::vector<float>(9))); }).code(),
-            ErrorCode::failed_precondition);
-
-  const std::vector<std::uint64_t> seeds{5, 6, 7};
-  const client::Readings begin = simulation.reset_envs({.seeds = seeds});
-  twin.reset(seeds);
-  const auto check = [&](const client::Readings& readings) {
-    for (std::size_t i = 0; i < spec.observation.size(); ++i) {
-      const client::Array& array = readings.array("observation/" + spec.observation[i].name);
-      EXPECT_TRUE(testing::same_bits(array.bytes, twin.outputs().observation[i].bytes())) << spec.observation[i].name;
-    }
-  };
-  check(begin);
-  for (int i = 0; i < 40; ++i) {
-    const std::vector<float> actions(9, i % 2 == 0 ? 1.0F : 0.5F);
-    const client::Readings step = simulation.step_envs(client::Array::of({3, 3}, actions));
-    twin.step(actions);
-    check(step);
-    EXPECT_TRUE(testing::same_bits(step.values<float>("reward"), twin.outputs().reward));
-    EXPECT_TRUE(testing::same_bits(step.values<bool>("terminated"), twin.outputs().terminated));
-  }
-  const client::Readings again = simulation.reset_envs({.mask = std::vector<std::uint8_t>{0, 1, 0}});
-  twin.reset({}, EnvMask(std::vector<std::uint8_t>{0, 1, 0}));
-  check(again);
-}
-
-TEST(Client, StepsDronesWhoseEpisodesEndSeparately) {
-  for (const Episodes episodes : {Episodes::each, Episodes::last}) {
-    testing::NavigationBatch config = testing::navigation_batch(2);
-    config.drones_per_env = 3;
-    config.episode.episodes = episodes;
-    config.episode.autoreset_mode = AutoresetMode::disabled;
-    config.episode.max_episode_steps = 40;
-    Batch batch = config.make({room()}), twin = config.make({room()});
-    Server server(batch, {.port = 0});
-    const Connection connection({.address = server.address()});
-    GameModeController simulation(connection);
-    EXPECT_EQ(simulation.get_task().episodes, episodes == Episodes::each ? "each" : "last");
-    const std::string observation = "observation/" + twin.task()->spec().observation[0].name;
-    const std::vector<std::uint64_t> seeds{5, 6};
-    simulation.reset_envs({.seeds = seeds});
-    twin.reset(seeds);
-    int waited = 0;
-    for (std::int64_t i = 0; i < 100; ++i) {
-      std::vector<std::int64_t> actions(6);
-      for (std::size_t drone = 0; drone < 6; ++drone) actions[drone] = drone % 3 == 0 ? 0 : i % 2;  // one of three flies ahead
-      const client::Readings step = simulation.step_envs(client::Array::of({6}, actions));
-      twin.step(actions);
-      EXPECT_TRUE(testing::same_bits(step.values<bool>("terminated"), twin.outputs().terminated));
-      EXPECT_TRUE(testing::same_bits(step.values<bool>("waiting"), twin.waiting()));
-      std::vector<std::uint8_t> ended(6);
-      for (std::size_t drone = 0; drone < 6; ++drone) {
-        ended[drone] = twin.outputs().terminated[drone] | twin.outputs().truncated[drone];
-      }
-      if (std::ranges::count(ended, 1) == 0) continue;
-      const client::Readings reset = simulation.reset_envs({.mask = ended});
-      twin.reset_drones(DroneMask(ended));
-      EXPECT_TRUE(testing::same_bits(reset.values<bool>("waiting"), twin.waiting()));
-      EXPECT_TRUE(testing::same_bits(reset.array(observation).bytes, twin.outputs().observation[0].bytes()));
-      waited += static_cast<int>(std::ranges::count(twin.waiting(), 1));
-    }
-    EXPECT_EQ(waited > 0, episodes == Episodes::last);
-    const std::vector<std::uint8_t> five(5, 1);
-    EXPECT_EQ(error_of([&] { simulation.reset_envs({.mask = five}); }).code(), ErrorCode::invalid_argument);
-    const client::Error refused =
-        error_of([&] { simulation.reset_envs({.seeds = seeds, .mask = std::vector<std::uint8_t>(6, 1)}); });
-    EXPECT_EQ(refused.code(), ErrorCode::invalid_argument) << refused.what();
-  }
-}
-
-// -------------------------------------------------------------------------------------------------------- ways to the server
-
-TEST(Client, ConnectsByAUnixSocket) {
-  const std::string path = "/tmp/flockstep-client-test-" + std::to_string(getpid());
-  {
-    Served served(kinematic(), {.address = "unix:" + path});
-    const Connection connection({.address = "unix:" + path});
-    EXPECT_EQ(DroneController(connection, 0).get_location(), (Vector3{-1, 0, 1}));
-  }
-  EXPECT_FALSE(std::filesystem::exists(path));
-}
-
-TEST(Client, NeedsTheToken) {
-  const Served served(kinematic(), {.token = "secret"});
-  GameModeController(served.connect("secret")).ping();
-  for (const char* const token : {"", "secre", "secrets", "Secret"}) {
-    const client::Error refused = error_of([&] { served.connect(token); });
-    EXPECT_EQ(refused.code(), ErrorCode::unauthenticated) << refused.what();
-  }
-}
-
-TEST(Client, HearsThatTheServerStops) {
-  Served served(kinematic());
-  const Connection connection = served.connect();
-  DroneController drone(connection, 0);
-  drone.ping();
-  served.server.stop();
-  const client::Error error = error_of([&] {
-    for (;;) drone.ping();
-  });
-  EXPECT_EQ(error.code(), ErrorCode::unavailable);
-  EXPECT_NE(std::string(error.what()).find("the server stops"), std::string::npos) << error.what();
-  EXPECT_FALSE(connection.is_open());
-}
-
-// Writes a self-signed certificate for localhost and its key, and removes the files in the end.
-class Certificate {
- public:
-  Certificate() : folder_(std::filesystem::temp_directory_path() / ("flockstep-tls-" + std::to_string(getpid()))) {
-    std::filesystem::create_directories(folder_);
-    const std::unique_ptr<EVP_PKEY, decltype(&EVP_PKEY_free)> key(EVP_EC_gen("P-256"), EVP_PKEY_free);
-    const std::unique_ptr<X509, decltype(&X509_free)> x509(X509_new(), X509_free);
-    X509_set_version(x509.get(), 2);
-    ASN1_INTEGER_set(X509_get_serialNumber(x509.get()), 1);
-    X509_gmtime_adj(X509_getm_notBefore(x509.get()), -3600);
-    X509_gmtime_adj(X509_getm_notAfter(x509.get()), 86400);
-    X509_set_pubkey(x509.get(), key.get());
-    X509_NAME* const name = X509_get_subject_name(x509.get());
-    X509_NAME_add_entry_by_txt(name, "CN", MBSTRING_ASC, reinterpret_cast<const unsigned char*>("flockstep"), -1, -1, 0);
-    X509_set_issuer_name(x509.get(), name);
-    X509_EXTENSION* const names = X509V3_EXT_conf_nid(nullptr, nullptr, NID_subject_alt_name, "DNS:drones.example,IP:127.0.0.1");
-    X509_add_ext(x509.get(), names, -1);
-    X509_EXTENSION_free(names);
-    X509_sign(x509.get(), key.get(), EVP_sha256());
-    std::FILE* file = std::fopen(certificate().c_str(), "w");
-    PEM_write_X509(file, x509.get());
-    std::fclose(file);
-    file = std::fopen(private_key().c_str(), "w");
-    PEM_write_PrivateKey(file, key.get(), nullptr, nullptr, 0, nullptr, nullptr);
-    std::fclose(file);
-  }
-  ~Certificate() { std::filesystem::remove_all(folder_); }
-  Certificate(const Certificate&) = delete;
-  Certificate& operator=(const Certificate&) = delete;
-
-  std::string certificate() const { return folder_ / "certificate.pem"; }
-  std::string private_key() const { return folder_ / "key.pem"; }
-
- private:
-  std::filesystem::path folder_;
-};
-
-TEST(Client, ConnectsByTls) {
-  const Certificate files;
-  Served served(kinematic(), {.certificate_file = files.certificate(), .private_key_file = files.private_key()});
-  const client::Options options{.address = served.server.address(), .timeout = 5s, .tls = true, .ca_file = files.certificate()};
-  const Connection connection(options);
-  GameModeController simulation(connection);
-  const std::vector<std::uint8_t> snapshot = simulation.snapshot();
-  for (int i = 0; i < 20; ++i) {
-    EXPECT_EQ(DroneController(connection, 0).get_lidar_data().ranges.size(), 35U);
-    simulation.restore(snapshot);
-  }
-  auto stream = simulation.stream_fps(100);
-  EXPECT_TRUE(stream.next(5s));
-
-  client::Options named = options;
-  named.host_name = "drones.example";
-  GameModeController(Connection(named)).ping();
-  named.host_name = "other.example";
-  const client::Error other = error_of([&] { Connection refused(named); });
-  EXPECT_EQ(other.code(), ErrorCode::unavailable);
-  EXPECT_NE(std::string(other.what()).find("ostname mismatch"), std::string::npos) << other.what();
-
-  client::Options untrusting = options;
-  untrusting.ca_file.clear();
-  const client::Error refused = error_of([&] { Connection none(untrusting); });
-  EXPECT_NE(std::string(refused.what()).find("is not trusted"), std::string::npos) << refused.what();
-
-  const client::Error plain = error_of([&] { Connection none({.address = served.server.address()}); });
-  EXPECT_NE(std::string(plain.what()).find("set Options::tls"), std::string::npos) << plain.what();
 }
 
 }  // namespace

@@ -2,22 +2,14 @@
 #pragma once
 
 // clang-format off: Boost 1.74 uses std::exchange without its header
-#include <utility>
 #include <boost/asio.hpp>
 #include <boost/beast/core.hpp>
 #include <boost/beast/websocket.hpp>
 // clang-format on
 
-#include <atomic>
-#include <cstdint>
-#include <functional>
-#include <mutex>
-#include <string>
-#include <string_view>
-#include <thread>
-
 #include "protocol/frame.hpp"
 #include "protocol/messages.hpp"
+#include "standard.hpp"
 
 namespace flockstep::testing {
 

@@ -2,7 +2,6 @@
 #pragma once
 
 #include <cstdint>
-#include <functional>
 #include <memory>
 #include <optional>
 #include <span>
@@ -276,14 +275,11 @@ class FLOCKSTEP_API Batch {
  private:
   friend class BatchLock;
   friend class ServedBatch;
-  class ServedBatch;
 
   void replace(std::shared_ptr<Simulation> next);
 
   std::unique_ptr<CallLock> lock_;  // of the calls; outlives sim_
   std::shared_ptr<Simulation> sim_;
-  std::int64_t generation_ = 0;
-  std::function<void(const std::function<void()>&)> run_moves_;
 };
 
 }  // namespace flockstep

@@ -86,8 +86,8 @@ struct BatchConfig {
                         "over all drones."}),
         field("camera_backend", &C::camera_backend,
               {.about = "Renderer of cameras. ``\"raycast\"``: the engine's own tracing, which needs no GPU and is bitwise "
-                        "reproducible. ``\"gl\"``: OpenGL 4.5 through EGL, headless; if it is missing, raycast with a warning. "
-                        "``\"auto\"``: the faster of the two on the batch's worlds, timed when the batch is made.",
+                        "reproducible. ``\"gl\"``: OpenGL 4.5 through EGL, headless: the same geometry, without shadows "
+                        "and fog; if it is missing, raycast with a warning. ``\"auto\"``: raycast.",
                .affects_hash = AffectsHash::no}),
         field("tracer", &C::tracer,
               {.about =

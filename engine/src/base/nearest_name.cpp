@@ -57,8 +57,14 @@ double path_similarity(std::string_view known, std::string_view name) {
 }
 
 // Public names that were renamed, with the present ones: a message suggests these, however little they resemble the former.
-constexpr std::array<std::pair<std::string_view, std::string_view>, 5> kRenamed{
-    {{"meet", "interaction"}, {"never", "none"}, {"seen", "sense"}, {"touched", "collide"}, {"resting", "finished"}}};
+constexpr std::array<std::pair<std::string_view, std::string_view>, 8> kRenamed{{{"meet", "interaction"},
+                                                                                 {"never", "none"},
+                                                                                 {"seen", "sense"},
+                                                                                 {"touched", "collide"},
+                                                                                 {"resting", "finished"},
+                                                                                 {"LightSettings", "flockstep.Light"},
+                                                                                 {"Mounting", "ServerInfo.imu_configs"},
+                                                                                 {"imu_mountings", "imu_configs"}}};
 
 }  // namespace
 

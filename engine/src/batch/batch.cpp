@@ -2,7 +2,6 @@
 
 #include <algorithm>
 #include <array>
-#include <functional>
 #include <utility>
 
 #include "base/interrupt.hpp"
@@ -22,12 +21,6 @@
 
 namespace flockstep {
 namespace {
-
-bool selects_all(const Simulation& sim, EnvMask mask) {
-  bool all = true;
-  for_each_selected(sim, EnvMask(), [&](EnvIndex env) { all &= mask.selects(env); });
-  return all;
-}
 
 // The pose given by a row. A missing position or quaternion keeps its current value; quaternions are normalised.
 Pose requested_pose(const Simulation& sim, DroneIndex drone, std::size_t row, std::span<const float> position,
@@ -123,12 +116,6 @@ void mark_absent(Simulation& sim, DroneIndex drone) {
   score.terminated[row] = score.truncated[row] = score.success[row] = score.left_area[row] = 0;
 }
 
-// Returns true if a slot is not in use. A finished drone is inactive, but keeps its slot.
-bool is_removed(const Simulation& sim, DroneIndex drone) {
-  const FlagArray& finished = sim.state.own.finished;
-  return !sim.state.active[drone] && (finished.empty() || !finished[drone]);
-}
-
 // Makes the move lines of removed drones invisible.
 void hide_absent(Simulation& sim) {
   std::vector<DroneIndex> absent;
@@ -136,12 +123,6 @@ void hide_absent(Simulation& sim) {
     if (is_removed(sim, drone)) absent.push_back(drone);
   }
   sim.move_lines.set_visible(false, absent);
-}
-
-// Lets the episodes of an env's drones have the number of the env's episode.
-void forget_own_episodes(Simulation& sim, EnvIndex env) {
-  if (sim.state.own.own_episodes.empty()) return;
-  std::fill_n(sim.state.own.own_episodes.data() + sim.drone_of(env, 0), sim.drones_per_env(), std::int64_t{0});
 }
 
 // Restarts the clock of an env, clears its readings and draws light and gusts from its seed and episode.
@@ -152,84 +133,20 @@ void begin_time(Simulation& sim, EnvIndex env) {
   if (sim.bodies) sim.bodies->begin(env);
 }
 
-// Begins episodes in the envs of Block::resetting. seeds: (E,); empty: the next episode of each env.
-void reset_listed(Simulation& sim, std::span<const std::uint64_t> seeds) {
-  if (sim.pool) {
-    PoolState& pool = *sim.pool;
-    pool.moves.clear();
-    for (const Block& block : sim.schedule.blocks()) {
-      for (const EnvIndex env : block.resetting) {
-        const bool goes_on = seeds.empty();
-        const std::uint64_t seed = goes_on ? sim.state.seed[env] : seeds[env];
-        pool.moves.push_back({env, pool.pool.number_of(seed, goes_on ? next_episode(sim, env) : 0), nullptr});
-      }
-    }
-    fetch_worlds(sim);
-    sim.is_cut_short = true;  // until all envs have moved
-    move_envs(sim);
-  }
-  sim.is_cut_short = false;
-  sim.outputs.turn_and_copy();
-  std::vector<EnvIndex> begun;
-  for (const Block& block : sim.schedule.blocks()) {
-    for (const EnvIndex env : block.resetting) {
-      if (seeds.empty()) {
-        start_next_episode(sim, env, *sim.scratches[0]);
-      } else {
-        sim.state.seed[env] = seeds[env];
-        sim.state.episode[env] = 0;
-        forget_own_episodes(sim, env);
-        open_episode(sim, env, *sim.scratches[0]);
-      }
-      const std::size_t rows = sim.rows_per_env(), first = env * rows;
-      for (std::size_t row = first; row < first + rows; ++row) sim.outputs.clear(row);
-      sim.outputs.forget_final(first, rows);
-      begun.push_back(env);
-    }
-  }
-  begin_episodes(sim, true);
-  if (sim.move_lines.visible().empty()) return;
-  std::ranges::sort(begun);
-  for (const DroneIndex drone : sim.move_lines.visible()) {
-    if (std::ranges::binary_search(begun, sim.env_of(drone))) sim.move_lines.begin(drone);
-  }
-}
-
-// Begins the next episodes of the selected drones in the envs of Block::resetting, with Episodes::each.
-void reset_listed_drones(Simulation& sim, DroneMask mask) {
-  sim.outputs.turn_and_copy();
-  for (const Block& block : sim.schedule.blocks()) {
-    for (const EnvIndex env : block.resetting) {
-      for (std::size_t member = 0; member < sim.drones_per_env(); ++member) {
-        const DroneIndex drone = sim.drone_of(env, member);
-        sim.begins[drone] = is_selected(sim, mask, drone);
-        if (!sim.begins[drone]) continue;
-        start_next_episode(sim, drone);
-        sim.outputs.clear(drone);
-        sim.outputs.forget_final(drone, 1);
-      }
-    }
-  }
-  begin_episodes(sim, true);
-  for (const DroneIndex drone : sim.move_lines.visible()) {
-    if (is_selected(sim, mask, drone)) sim.move_lines.begin(drone);
-  }
-}
-
 }  // namespace
 
 Batch::Batch(BatchConfig config, Worlds worlds, std::unique_ptr<Task> task, DroneModel drone,
              std::span<const std::int32_t> world_index)
     : lock_(std::make_unique<CallLock>()),
       sim_(std::make_shared<Simulation>(std::move(config), std::move(worlds), std::move(task), std::move(drone), world_index)) {
-  sim_->choose_backend();
+  sim_->cameras.start_backend(sim_->config.camera_backend, sim_->workers);
 }
 
 Batch::Batch(BatchConfig config, WorldPool pool, std::unique_ptr<Task> task, DroneModel drone)
     : lock_(std::make_unique<CallLock>()),
       sim_(std::make_shared<Simulation>(std::move(config), Worlds(), std::move(task), std::move(drone),
                                         std::span<const std::int32_t>(), std::move(pool))) {
-  sim_->choose_backend();
+  sim_->cameras.start_backend(sim_->config.camera_backend, sim_->workers);
 }
 
 Batch::~Batch() = default;
@@ -250,16 +167,10 @@ const State& Batch::state() const { return sim_->state; }
 // ------------------------------------------------------------------------------------------------------------------ growth
 
 void Batch::replace(std::shared_ptr<Simulation> next) {
-  const auto move = [&] {
+  lock_->move_arrays([&] {
     next->take_over(*sim_);
     sim_.swap(next);
-    ++generation_;
-  };
-  if (run_moves_) {
-    run_moves_(std::ref(move));
-  } else {
-    move();
-  }
+  });
 }
 
 // ------------------------------------------------------------------------------------------------------ motion and sensing
@@ -515,130 +426,6 @@ void Batch::random_of_drones(std::uint32_t stream, int count, std::span<const st
   for (std::size_t row = 0; row < drones.size(); ++row) {
     draw_row(sim_->state, sim_->random_key(DroneIndex(drones[row])), stream, out.subspan(row * columns, columns));
   }
-}
-
-// -------------------------------------------------------------------------------------------------------------------- task
-
-const Task* Batch::task() const { return sim_->task_state ? sim_->task_state->task.get() : nullptr; }
-
-void Batch::reset(std::span<const std::uint64_t> seeds, EnvMask mask) {
-  const LongCallGuard guard(*lock_);
-  checks::not_stepping(*sim_, "reset");
-  checks::has_task(*sim_);
-  checks::mask(*sim_, mask);
-  if (!seeds.empty()) checks::size(seeds.size(), sim_->num_envs(), "seeds");
-  if (!selects_all(*sim_, mask)) checks::require_not_interrupted(*sim_);
-  list_selected(*sim_, mask, &Block::resetting);
-  reset_listed(*sim_, seeds);
-}
-
-void Batch::reset_drones(DroneMask mask) {
-  const LongCallGuard guard(*lock_);
-  Simulation& sim = *sim_;
-  checks::not_stepping(sim, "reset_drones");
-  checks::has_task(sim);
-  require(sim.episodes_mode() != Episodes::team, "mask", "a flag for each env (its drones begin their episodes together)",
-          "one for each drone");
-  checks::mask(sim, mask);
-  checks::require_not_interrupted(sim);
-  checks::require_started(sim);
-  if (sim.episodes_mode() == Episodes::each) {
-    list_selected(sim, mask, &Block::resetting);
-    reset_listed_drones(sim, mask);
-    return;
-  }
-  std::vector<std::uint8_t> begins(sim.num_envs());
-  std::vector<DroneIndex> finished;
-  for (std::size_t i = 0; i < sim.num_envs(); ++i) {
-    const EnvIndex env(i);
-    bool all = true, any = false, goes_on = false;
-    for (std::size_t member = 0; member < sim.drones_per_env(); ++member) {
-      const DroneIndex drone = sim.drone_of(env, member);
-      if (is_removed(sim, drone)) continue;
-      const bool chosen = mask.selects(drone);
-      any |= chosen;
-      all &= chosen;
-      goes_on |= chosen && !sim.state.own.finished[drone];
-      if (chosen && sim.state.own.finished[drone]) finished.push_back(drone);
-    }
-    begins[env] = any && (all || sim.episodes.done[env * sim.rows_per_env()]);
-    require(begins[env] || !goes_on, "mask", "all drones of env " + std::to_string(i) + ", or some whose episodes have ended",
-            "one whose episode goes on");
-  }
-  std::erase_if(finished, [&](DroneIndex drone) { return begins[sim.env_of(drone)]; });
-  const EnvMask envs(begins);
-  list_selected(sim, envs, &Block::resetting);
-  reset_listed(sim, {});
-  for (const DroneIndex drone : finished) {
-    sim.outputs.forget_final(drone, 1);
-    sim.outputs.rest(sim.task_state->spec(), drone);
-  }
-}
-
-void Batch::step(std::span<const std::int64_t> actions) {
-  const LongCallGuard guard(*lock_);
-  checks::not_stepping(*sim_, "step");
-  checks::has_task(*sim_);
-  checks::actions(*sim_, actions);
-  checks::require_not_interrupted(*sim_);
-  checks::require_started(*sim_);
-  if (sim_->task_state->actions.type() == DType::int64) {
-    std::copy(actions.begin(), actions.end(), sim_->task_state->next_actions<std::int64_t>());
-  } else {
-    std::transform(actions.begin(), actions.end(), sim_->task_state->next_actions<std::int32_t>(),
-                   [](std::int64_t action) { return static_cast<std::int32_t>(action); });
-  }
-  flockstep::step(*sim_);
-}
-
-void Batch::step(std::span<const float> actions) {
-  const LongCallGuard guard(*lock_);
-  checks::not_stepping(*sim_, "step");
-  checks::has_task(*sim_);
-  checks::actions(*sim_, actions);
-  checks::require_not_interrupted(*sim_);
-  checks::require_started(*sim_);
-  std::copy(actions.begin(), actions.end(), sim_->task_state->next_actions<float>());
-  flockstep::step(*sim_);
-}
-void Batch::step(Pilot& pilot) {
-  const LongCallGuard guard(*lock_);
-  checks::not_stepping(*sim_, "step");
-  checks::has_task(*sim_);
-  checks::require_not_interrupted(*sim_);
-  checks::require_started(*sim_);
-  std::swap(sim_->task_state->actions, sim_->task_state->actions_before);  // rows of removed drones keep older ones
-  flockstep::step(*sim_, &pilot);
-}
-
-const EpisodeState& Batch::episodes() const {
-  checks::has_task(*sim_);
-  return sim_->episodes;
-}
-
-FlagArray Batch::waiting() const {
-  const CallGuard guard(*lock_);
-  checks::has_task(*sim_);
-  FlagArray rows(sim_->num_rows());
-  for (std::size_t row = 0; row < rows.size(); ++row) rows[row] = waits(*sim_, row);
-  return rows;
-}
-
-std::span<const float> Batch::path() const {
-  checks::has_task(*sim_);
-  if (sim_->task_state->path.empty()) {
-    throw std::logic_error("path: this task does not record it (declare records_path, in Python an attribute of the class)");
-  }
-  return sim_->task_state->path;
-}
-
-const Outputs& Batch::outputs() const { return sim_->outputs.now(); }
-Outputs& Batch::outputs() { return sim_->outputs.now(); }
-
-void Batch::visit_task(ArrayVisitor& visitor) const {
-  const CallGuard guard(*lock_);
-  checks::has_task(*sim_);
-  sim_->task_state->task->visit(visitor);
 }
 
 // --------------------------------------------------------------------------------------------------------------- snapshots

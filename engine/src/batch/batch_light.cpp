@@ -27,13 +27,9 @@ void Batch::set_light(std::int64_t world_index, const Lighting& lighting) {
           "an integer in [0, " + std::to_string(count) + ")", world_index);
   const auto index = static_cast<std::size_t>(world_index);
   auto relit = std::make_shared<const World>(sim_->worlds[index], lighting);
+  checks::drawable(sim_->config, relit->light());
   build_ahead(*relit, sim_->config);
   // The copy has the scene and the obstacles of the world that it replaces, so those tables stay.
-  if (sim_->cameras.keeps_worlds()) sim_->replaced_worlds.push_back(sim_->worlds[index]);
-  if (sensors::CameraRig::has_many_unused(sim_->replaced_worlds.size(), count)) {
-    sim_->cameras.forget_worlds();
-    sim_->replaced_worlds.clear();
-  }
   sim_->world_pointers[index] = relit.get();
   sim_->worlds[index] = std::move(relit);
   sim_->cameras.mark_world_stale(static_cast<std::int32_t>(world_index));
@@ -48,12 +44,15 @@ void Batch::set_light(std::span<const Light> lights, EnvMask mask) {
   require(lights.size() == 1 || lights.size() == count, "lights", "one, or " + std::to_string(count) + " for the envs",
           lights.size());
   std::vector<Light> checked(lights.begin(), lights.end());
-  for (Light& light : checked) check_light(light);
+  for (Light& light : checked) {
+    check_light(light);
+    checks::drawable(sim_->config, light);
+  }
   for_each_selected(*sim_, mask, [&](EnvIndex env) {
     sim_->lights.set(env, checked[checked.size() == 1 ? 0 : std::size_t{env}]);
     sim_->cameras.mark_stale(env);
   });
-  sim_->cameras.free_unused_worlds();
+  sim_->lights.free_unused();
 }
 
 void Batch::use_world_light(EnvMask mask) {
@@ -65,7 +64,7 @@ void Batch::use_world_light(EnvMask mask) {
     sim_->lights.clear(env);
     sim_->cameras.mark_stale(env);
   });
-  sim_->cameras.free_unused_worlds();
+  sim_->lights.free_unused();
 }
 
 }  // namespace flockstep

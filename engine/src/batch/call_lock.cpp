@@ -33,6 +33,14 @@ void CallLock::unshare() {
   is_shared_.store(false, std::memory_order_relaxed);
 }
 
+void CallLock::move_arrays(const std::function<void()>& move) {
+  const std::function<void()> moved = [&] {
+    move();
+    ++generation_;
+  };
+  run_moves_ ? run_moves_(moved) : moved();
+}
+
 bool CallLock::wait() {
   constexpr std::chrono::milliseconds kPause{50};  // between two polls for interrupts
   const Waiter self = std::this_thread::get_id();
@@ -112,12 +120,12 @@ void ServedBatch::end() {
 }
 
 bool ServedBatch::is_served(const Batch& batch) { return batch.lock_->is_shared(); }
-std::int64_t ServedBatch::generation(const Batch& batch) { return batch.generation_; }
+std::int64_t ServedBatch::generation(const Batch& batch) { return batch.lock_->generation(); }
 std::shared_ptr<const void> ServedBatch::memory(const Batch& batch) { return batch.sim_; }
 
 void ServedBatch::run_moves_with(Batch& batch, std::function<void(const std::function<void()>&)> run) {
   const CallGuard guard(*batch.lock_);
-  batch.run_moves_ = std::move(run);
+  batch.lock_->run_moves_with(std::move(run));
 }
 
 }  // namespace flockstep

@@ -1,5 +1,5 @@
 // CallLock: admits the calls on a batch of one thread at a time. Nested calls on that thread, such as from its task, are
-// allowed.
+// allowed. It also knows what other threads have to be told of: long calls, and arrays that move.
 #pragma once
 
 #include <atomic>
@@ -10,6 +10,7 @@
 #include <mutex>
 #include <optional>
 #include <thread>
+#include <utility>
 
 namespace flockstep {
 
@@ -48,12 +49,16 @@ class CallLock {
   std::uint64_t turns() const { return turns_.load(std::memory_order_acquire); }
 
   bool is_shared() const { return is_shared_.load(std::memory_order_relaxed); }
-  // The next three need the lock.
+  // The next six need the lock.
   void share(std::function<void()> before_long_call);
   void unshare();
   void announce_long_call() const {
     if (before_long_call_) before_long_call_();
   }
+  // See ServedBatch.
+  void run_moves_with(std::function<void(const std::function<void()>&)> run) { run_moves_ = std::move(run); }
+  std::int64_t generation() const { return generation_; }
+  void move_arrays(const std::function<void()>& move);  // runs `move`, which moves the arrays of the batch
 
   // Number of calls that the holder is in, one within the other.
   int num_calls() const { return num_calls_; }
@@ -90,6 +95,8 @@ class CallLock {
   std::condition_variable turn_;         // the lock was released, or a waiting thread left the queue
   std::deque<Waiter> queue_;             // threads that wait, first come first
   std::function<void()> before_long_call_;
+  std::function<void(const std::function<void()>&)> run_moves_;
+  std::int64_t generation_ = 0;
   int num_calls_ = 0;
   const long owner_;  // process that made the batch
 };
@@ -126,7 +133,7 @@ class CallGuard {
 };
 
 // The guard of a call that may take long and changes the state. Create it before anything of the batch is read: the function
-// given to Batch::share() may change the batch first.
+// given to ServedBatch may change the batch first.
 class LongCallGuard : public CallGuard {
  public:
   explicit LongCallGuard(CallLock& lock) : CallGuard(lock, true) {}

@@ -62,6 +62,11 @@ void turn_within_ticks(double turn_radps, const ClockConfig& clock, const std::s
   refuse("angular_velocity" + where, expected.str(), turn_radps);
 }
 
+void drawable(const BatchConfig& config, const Light& light) {
+  require(config.camera_backend != CameraBackend::gl || config.cameras.empty() || light.fog_visibility_m == 0.0F,
+          "fog_visibility_m", "0 with camera_backend=\"gl\", which draws no fog", light.fog_visibility_m);
+}
+
 void memory(double bytes) {
   constexpr double kGibibyte = 1024.0 * 1024.0 * 1024.0;
   const double available = physical_memory();

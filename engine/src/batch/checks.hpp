@@ -21,6 +21,9 @@ void size(std::size_t size, std::size_t expected, std::string_view field);
 // using the arrays would kill the process.
 void memory(double bytes);
 
+// Checks that the camera backend can draw this light, which is valid.
+void drawable(const BatchConfig& config, const Light& light);
+
 // Checks that the bodies of a world and of the configuration fit into the slots of an env, and body_within_ticks().
 void bodies_of_world(const World& world, const BatchConfig& config, std::size_t slots, float hull_radius);
 // Checks that contacts see the whole motion of a body with this script. hull_radius: m, of the drones.

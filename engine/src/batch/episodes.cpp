@@ -389,6 +389,11 @@ void clear_contact(State& state, DroneIndex drone) {
   std::fill_n(state.contact.surface_velocity.data() + 3 * drone, 3, 0.0F);
 }
 
+void forget_own_episodes(Simulation& sim, EnvIndex env) {
+  if (sim.state.own.own_episodes.empty()) return;
+  std::fill_n(sim.state.own.own_episodes.data() + sim.drone_of(env, 0), sim.drones_per_env(), std::int64_t{0});
+}
+
 void forget_readings(Simulation& sim, EnvIndex env) {
   sim.state.tick[env] = 0;
   sim.state.sensed[env] = -1;

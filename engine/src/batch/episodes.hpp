@@ -32,6 +32,8 @@ void start_counts(Simulation& sim, std::size_t first, std::size_t count);  // th
 void forget_readings(Simulation& sim, EnvIndex env);                       // resets the env's clock and readings
 void forget_readings(Simulation& sim, DroneIndex drone);                   // resets the readings of one drone only
 
+void forget_own_episodes(Simulation& sim, EnvIndex env);  // the episodes of its drones get the number of its own
+
 // --- for one drone, with Episodes::each
 void start_next_episode(Simulation& sim, DroneIndex drone);
 

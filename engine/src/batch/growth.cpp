@@ -199,11 +199,7 @@ std::shared_ptr<Simulation> resized(Simulation& sim, BatchConfig config) {
   config.num_threads = sim.workers.num_threads();  // the renderer has memory for these; the default may have changed meanwhile
   const auto next =
       std::make_shared<Simulation>(std::move(config), sim.worlds, nullptr, sim.drone_model, std::span<const std::int32_t>());
-  if (sim.cameras.awaits_drones()) {
-    next->choose_backend();
-  } else {
-    next->cameras.prepare(next->workers);  // take_over() brings the renderer
-  }
+  next->cameras.prepare(next->workers);  // take_over() brings the renderer
   const RowCopy copy{sim.num_envs(), sim.drones_per_env(), next->num_envs(), next->drones_per_env()};
   // Envs come first: the gusts of a new slot depend on the seed and the episode of its env.
   State& state = next->state;

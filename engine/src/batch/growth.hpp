@@ -26,6 +26,12 @@ struct SpawnPlan {
 SpawnPlan plan_spawn(const Simulation& sim, std::span<const std::int64_t> indices, std::span<const std::int64_t> envs,
                      std::size_t count);
 
+// Returns true if a slot is not in use. A finished drone is inactive, but keeps its slot.
+inline bool is_removed(const Simulation& sim, DroneIndex drone) {
+  const FlagArray& finished = sim.state.own.finished;
+  return !sim.state.active[drone] && (finished.empty() || !finished[drone]);
+}
+
 // Returns a simulation with another configuration and the state of this one. num_envs and drones_per_env may be larger, and
 // LiDARs and cameras may have other resolutions. New slots are inactive, at the start of their env's world. Sensors with
 // another resolution have not read yet. `sim` itself does not change.

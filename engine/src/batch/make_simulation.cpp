@@ -52,15 +52,19 @@ BatchConfig validated(BatchConfig config, const Task* task) {
           "\"rotors\", which this task needs", "\"kinematic\"");
   set_default_physics_rate(config);
   config.validate();
+  for (const Light& light : config.lights) checks::drawable(config, light);
   require(task == nullptr || config.num_drones() > 0, "num_drones = num_envs x drones_per_env",
           "at least one drone with a task (its arrays cannot grow)", config.num_drones());
   checks::memory(sensor_bytes(config));
   return config;
 }
 
-Batch::Worlds validated(Batch::Worlds worlds) {
+Batch::Worlds validated(Batch::Worlds worlds, const BatchConfig& config) {
   require(!worlds.empty(), "worlds", "at least one world", "none");
-  for (const auto& world : worlds) require(world != nullptr, "worlds", "worlds", "a null pointer");
+  for (const auto& world : worlds) {
+    require(world != nullptr, "worlds", "worlds", "a null pointer");
+    checks::drawable(config, world->light());
+  }
   return worlds;
 }
 
@@ -114,7 +118,7 @@ Simulation::Simulation(BatchConfig config_in, Batch::Worlds worlds_in, std::uniq
                        std::span<const std::int32_t> world_index, std::optional<WorldPool> pool_in)
     : config(validated(std::move(config_in), task.get())),
       pool(pool_in ? std::optional(validated(std::move(*pool_in), config, task != nullptr, !world_index.empty())) : std::nullopt),
-      worlds(pool ? first_world(*pool) : validated(std::move(worlds_in))),
+      worlds(pool ? first_world(*pool) : validated(std::move(worlds_in), config)),
       world_pointers(pointers(worlds)),
       drone_model(std::move(drone)),
       hull(drone_model),
@@ -201,19 +205,9 @@ Simulation::Simulation(BatchConfig config_in, Batch::Worlds worlds_in, std::uniq
   if (task) begin_task(*this, std::move(task));
 }
 
-void Simulation::choose_backend() {
-  std::vector<DroneIndex> drones;  // in block order: drones of one world are consecutive
-  for (const Block& block : schedule.blocks()) {
-    for (const DroneIndex drone : drones_of(block.envs, Part::active, scratches[0]->drones)) drones.push_back(drone);
-  }
-  // The worlds of a pool come and go, but the OpenGL backend keeps each world that it draws.
-  cameras.choose_backend(pool ? CameraBackend::raycast : config.camera_backend, drones, workers);
-}
-
 void Simulation::take_over(Simulation& other) noexcept {
   cameras.take_renderer(other.cameras);
   warning = std::move(other.warning);
-  replaced_worlds.swap(other.replaced_worlds);
   lights.take_worlds(other.lights);
   other.scratches.clear();
   other.workers.close();

@@ -160,8 +160,6 @@ struct Simulation {
     return lidar < suite.lidars().size() ? suite.lidars()[lidar]->readings() : none;
   }
   void warn_of_lost_drones();
-  // Chooses the camera backend; call it once before the first frame.
-  void choose_backend();
   // Takes the renderer and the pending warnings of a simulation that this one replaces, and leaves it only the memory that
   // views need.
   void take_over(Simulation& other) noexcept;
@@ -179,7 +177,6 @@ struct Simulation {
   // With a pool, free slots are null.
   Batch::Worlds worlds;
   std::vector<const World*> world_pointers;
-  Batch::Worlds replaced_worlds;  // replaced by set_light(); kept for a renderer that identifies worlds by their addresses
   std::vector<const trace::Scene*> scenes;
   std::vector<const collision::Obstacles*> obstacles;
   std::vector<bodies::Models> body_models;  // of World::bodies()

@@ -297,7 +297,7 @@ void put(Simulation& sim, std::string_view body) {
   visit(sim, reader);
   reader.apply();
   if (sim.bodies) sim.bodies->restored();
-  sim.lights.restored();
+  sim.lights.restored([&](const Light& light) { checks::drawable(sim.config, light); });
   for_each_sensor(sim, [](sensors::Sensor& sensor) { sensor.restored(); });
   sim.outputs.restored();
   if (sim.task_state) sim.task_state->task->restored();

@@ -18,10 +18,8 @@ namespace flockstep::render {
 
 class Renderer {
  public:
-  // typical: requests that represent the batch. The automatic choice times them, and may write their frames. See also
-  // keeps_worlds(). gl_patience: see GlRenderer.
-  Renderer(CameraBackend backend, std::span<const RenderRequest> typical, Workers& workers,
-           std::chrono::milliseconds gl_patience = GlRenderer::kPatience);
+  // See GlRenderer for worlds of past requests and for gl_patience.
+  Renderer(CameraBackend backend, const Workers& workers, std::chrono::milliseconds gl_patience = GlRenderer::kPatience);
 
   // The selected backend, and the reason.
   const std::string& report() const { return report_; }
@@ -30,9 +28,6 @@ class Renderer {
   std::string take_warning() { return std::exchange(warning_, std::string()); }
 
   trace::EmbreeUse embree_use() const;  // by the raycast backend
-  // True if the worlds of past requests must live until forget_worlds() or the renderer's end.
-  bool keeps_worlds() const { return gl_ != nullptr; }
-  void forget_worlds();  // between frames: the worlds of past requests may now be destroyed
 
   // Between start() and finish(), OpenGL already renders on its own thread; the requests must not change meanwhile.
   void start(std::span<const RenderRequest> requests);
@@ -40,7 +35,6 @@ class Renderer {
 
  private:
   void raycast(std::span<const RenderRequest> requests, Workers& workers);
-  void choose(std::span<const RenderRequest> typical, Workers& workers);
   void give_up_gl(const std::string& why);
 
   std::unique_ptr<GlRenderer> gl_;                                  // null if raycast renders

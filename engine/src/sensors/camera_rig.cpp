@@ -11,10 +11,6 @@
 namespace flockstep::sensors {
 namespace {
 
-// Backends are timed with this many requests per camera, or fewer if frames have many pixels.
-constexpr std::size_t kTypicalRequests = 64;
-constexpr std::size_t kTypicalPixels = 16 * 640 * 480;
-
 // Instance ids have 16 bits.
 void require_instances(const World& world) {
   const auto& objects = world.triangles().objects;
@@ -79,23 +75,10 @@ void CameraRig::take_renderer(CameraRig& other) noexcept {
   if (!renderer_) renderer_ = std::move(other.renderer_);
 }
 
-void CameraRig::choose_backend(CameraBackend backend, std::span<const DroneIndex> typical, Workers& workers) {
+void CameraRig::start_backend(CameraBackend backend, Workers& workers) {
   if (empty()) return;
-  clear_requests();
-  for (const auto& camera : cameras_) {
-    if (backend != CameraBackend::automatic) break;
-    const std::size_t most = std::max<std::size_t>(kTypicalPixels / camera->pixels(), 1);
-    const std::size_t count = std::min({typical.size(), kTypicalRequests, most});
-    for (std::size_t i = 0; i < count; ++i) {
-      const DroneIndex drone = typical[i * typical.size() / count];
-      requests_.push_back(camera->take(drone, world_of(drone), *state_, 0));
-      camera->mark_stale(drone);
-    }
-  }
-  awaits_drones_ = backend == CameraBackend::automatic && typical.empty();
-  renderer_.emplace(awaits_drones_ ? CameraBackend::raycast : backend, requests_, workers);
+  renderer_.emplace(backend, workers);
   prepare(workers);
-  clear_requests();
 }
 
 void CameraRig::mark_stale(DroneIndex drone) {
@@ -163,19 +146,7 @@ render::RenderRequest CameraRig::retake(std::size_t camera, DroneIndex drone) co
 void CameraRig::clear_requests() {
   requests_.clear();
   conversions_.clear();
-  if (!lights_->empty()) free_unused_worlds();
-}
-
-void CameraRig::free_unused_worlds() {
-  if (keeps_worlds()) {
-    if (!has_many_unused(lights_->num_unused(), lights_->num_used())) return;
-    forget_worlds();
-  }
-  lights_->free_unused();
-}
-
-void CameraRig::forget_worlds() {
-  if (renderer_) renderer_->forget_worlds();
+  if (!lights_->empty()) lights_->free_unused();
 }
 
 void CameraRig::start() {
@@ -200,8 +171,6 @@ void CameraRig::finish(Workers& workers) {
 
 const std::string& CameraRig::report() const {
   static const std::string none = "this Batch has no cameras";
-  static const std::string awaiting = "raycast: until there are drones, whose frames will time the backends";
-  if (awaits_drones_) return awaiting;
   return renderer_ ? renderer_->report() : none;
 }
 

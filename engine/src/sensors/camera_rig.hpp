@@ -42,13 +42,8 @@ class CameraRig {
   // Throws std::invalid_argument if a camera cannot show the world.
   void require_world(const World& world) const;
 
-  // Chooses the rendering backend; call it after all drones have been placed. typical: drones spread over the batch, used to
-  // time the backends. Without any, raycast is used until another rig, with drones, chooses.
-  void choose_backend(CameraBackend backend, std::span<const DroneIndex> typical, Workers& workers);
-  // True if the backends could not be timed, because there were no drones.
-  bool awaits_drones() const { return awaits_drones_; }
-  // Instead of choosing a backend: prepare(), then take the renderer of a rig that this one replaces. Does nothing if this rig
-  // has chosen.
+  void start_backend(CameraBackend backend, Workers& workers);  // call it after all drones have been placed
+  // Instead: prepare(), then take the renderer of a rig that this one replaces.
   void prepare(Workers& workers);
   void take_renderer(CameraRig& other) noexcept;
 
@@ -83,12 +78,6 @@ class CameraRig {
   // The chosen backend with the reason, and warnings that have not been reported yet.
   const std::string& report() const;
   std::string take_warning();
-  bool keeps_worlds() const { return renderer_ && renderer_->keeps_worlds(); }  // see Renderer
-  // True if the renderer should forget all worlds, because more of them are unused than used. Copying the used ones to the
-  // device again then takes no longer than the copies since the last time did.
-  static bool has_many_unused(std::size_t unused, std::size_t used) { return unused > used + 4; }
-  void forget_worlds();       // between frames: no world of a past request is needed any more
-  void free_unused_worlds();  // between frames: copies of worlds in lights that no env has any more
   trace::EmbreeUse embree_use() const { return renderer_ ? renderer_->embree_use() : trace::EmbreeUse{}; }
   // Returns a JPEG file of one frame; quality in [1, 100].
   std::string jpeg(std::size_t camera, DroneIndex drone, int quality) const;
@@ -126,8 +115,7 @@ class CameraRig {
   std::size_t drones_per_env_;
   std::size_t num_drones_;
   std::vector<std::unique_ptr<Camera>> cameras_;
-  std::optional<render::Renderer> renderer_;  // set by choose_backend()
-  bool awaits_drones_ = false;
+  std::optional<render::Renderer> renderer_;  // set by start_backend()
   bool sees_drones_ = false;
   std::vector<render::RenderRequest> requests_;  // grouped by camera
   struct Conversion {

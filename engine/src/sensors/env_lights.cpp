@@ -66,21 +66,6 @@ std::shared_ptr<const World> EnvLights::world(EnvIndex env, std::size_t slot) {
   return copy->world;
 }
 
-std::size_t EnvLights::num_unused() const {
-  const std::lock_guard lock(mutex_);
-  return count_unused();
-}
-
-std::size_t EnvLights::num_used() const {
-  const std::lock_guard lock(mutex_);
-  return copies_.size() - count_unused();
-}
-
-std::size_t EnvLights::count_unused() const {
-  if (!may_have_unused_) return 0;
-  return static_cast<std::size_t>(std::ranges::count_if(copies_, [](const auto& entry) { return is_unused(entry.second); }));
-}
-
 void EnvLights::free_unused() {
   const std::lock_guard lock(mutex_);
   if (!std::exchange(may_have_unused_, false)) return;
@@ -109,7 +94,7 @@ void EnvLights::visit(ArrayVisitor& visitor) {
   visitor.blob("env_lights", blob_);
 }
 
-void EnvLights::restored() {
+void EnvLights::restored(const std::function<void(const Light&)>& check) {
   require(blob_.size() % sizeof(SavedLight) == 0, "snapshot: env_lights",
           "a multiple of " + std::to_string(sizeof(SavedLight)) + " bytes", blob_.size());
   std::vector<SavedLight> saved(blob_.size() / sizeof(SavedLight));
@@ -121,6 +106,7 @@ void EnvLights::restored() {
     next = entry.env + 1;
     try {
       check_light(entry.light);
+      check(entry.light);
     } catch (const std::invalid_argument& error) {
       throw std::invalid_argument(std::string("snapshot: ") + error.what());
     }

@@ -3,6 +3,7 @@
 
 #include <array>
 #include <cstddef>
+#include <functional>
 #include <map>
 #include <memory>
 #include <mutex>
@@ -34,17 +35,15 @@ class EnvLights {
   // Returns the world of a slot in the light of the env. Thread-safe.
   std::shared_ptr<const World> world(EnvIndex env, std::size_t slot);
 
-  // Copies that no env uses any more. They stay valid until they are freed, since renderers may still refer to them.
-  std::size_t num_unused() const;
-  std::size_t num_used() const;
-  void free_unused();
+  void free_unused();  // copies that no env uses any more, between frames
 
   void copy(const EnvLights& other);            // the lights of a smaller batch
   void take_worlds(EnvLights& other) noexcept;  // the copies of a batch that is used no more
 
   // A snapshot holds the lights, as one blob.
   void visit(ArrayVisitor& visitor);
-  void restored();  // throws std::invalid_argument if the restored lights are not valid
+  // Throws std::invalid_argument if the restored lights are not valid, or what `check` throws for one of them.
+  void restored(const std::function<void(const Light&)>& check);
 
  private:
   using Values = std::array<float, sizeof(Light) / sizeof(float)>;
@@ -59,12 +58,11 @@ class EnvLights {
   };
 
   void drop(Env& env);
-  std::size_t count_unused() const;
 
   const Worlds& worlds_;
   std::size_t num_envs_;
   std::vector<Env> envs_;  // (E,), or empty
-  mutable std::mutex mutex_;
+  std::mutex mutex_;
   std::map<Key, std::shared_ptr<const Copy>> copies_;
   bool may_have_unused_ = false;
   std::string blob_;  // during a snapshot

@@ -41,24 +41,6 @@ OrderedJson keys_as_json(std::span<const SceneKey> keys) {
 
 }  // namespace
 
-std::string as_json(const std::string& text) { return OrderedJson(text).dump(); }
-
-std::string as_json(float value) { return OrderedJson(json::shortest(value)).dump(); }
-
-std::string as_json(const std::array<float, 3>& values) {
-  return '[' + as_json(values[0]) + ',' + as_json(values[1]) + ',' + as_json(values[2]) + ']';
-}
-
-std::string as_json(const std::array<TextureWrap, 2>& wrap) {
-  OrderedJson names = OrderedJson::array();
-  for (const TextureWrap one : wrap) names.push_back(EnumNames<TextureWrap>::kNames[static_cast<std::size_t>(one)]);
-  return names.dump();
-}
-
-std::string as_json(GateShape shape) {
-  return as_json(std::string(EnumNames<GateShape>::kNames[static_cast<std::size_t>(shape)]));
-}
-
 std::string scene_keys_as_json() { return keys_as_json(keys::kSceneKeys).dump(); }
 
 std::string text_of_values(const SceneKey& key) {

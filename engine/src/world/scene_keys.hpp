@@ -13,6 +13,7 @@
 #include <type_traits>
 #include <utility>
 
+#include "base/config_values.hpp"
 #include "flockstep/fields.hpp"
 #include "flockstep/limits.hpp"
 #include "flockstep/pose.hpp"
@@ -63,12 +64,13 @@ struct SceneKey {
 
 inline constexpr int kSceneVersion = 1;
 
-// Formats values for SceneKey::usual.
-std::string as_json(const std::string& text);
-std::string as_json(float value);
-std::string as_json(const std::array<float, 3>& values);
-std::string as_json(const std::array<TextureWrap, 2>& wrap);
-std::string as_json(GateShape shape);
+// Returns the default of a member of a struct, as JSON.
+template <class Struct, class Value>
+Struct struct_of(Value Struct::*);
+template <auto kMember>
+std::string default_of() {
+  return config_values::written(decltype(struct_of(kMember))().*kMember, "").dump();
+}
 
 // Returns all keys as a JSON array of objects.
 std::string scene_keys_as_json();
@@ -121,8 +123,9 @@ constexpr SceneKey alternative(std::uint8_t number, SceneKey key) {
   key.alternative = number;
   return key;
 }
-constexpr SceneKey usually(std::string (*usual)(), SceneKey key) {
-  key.usual = usual;
+template <auto kMember>
+constexpr SceneKey usually(SceneKey key) {
+  key.usual = &default_of<kMember>;
   return key;
 }
 
@@ -153,11 +156,9 @@ inline constexpr SceneKey kTextureFile =
     alternative(1, required(value(ValueKind::text, "file", "Path of a PNG or JPEG file, relative to the scene.")));
 inline constexpr SceneKey kTextureBytes =
     alternative(2, required(value(ValueKind::text, "png_base64", "The bytes of such a file, in base64.")));
-inline constexpr SceneKey kWrap = usually(
-    [] { return as_json(Texture().wrap); },
-    choice("wrap",
-           "How the image continues beyond its edges, horizontally and vertically: repeated, mirrored, or clamped to the edge.",
-           EnumNames<TextureWrap>::kNames, 2));
+inline constexpr SceneKey kWrap = usually<&Texture::wrap>(choice(
+    "wrap", "How the image continues beyond its edges, horizontally and vertically: repeated, mirrored, or clamped to the edge.",
+    EnumNames<TextureWrap>::kNames, 2));
 inline constexpr std::array kTextureKeys{kTextureFile, kTextureBytes, kWrap};
 
 // Materials
@@ -167,17 +168,14 @@ inline constexpr SceneKey kSemantic = value(
     between(1, kSemanticStart - 1));
 inline constexpr SceneKey kTexture = value(
     ValueKind::text, "texture", "A name listed in textures. Its colours are multiplied by base_color; only triangles show it.");
-inline constexpr SceneKey kEmissive =
-    usually([] { return as_json(Material().emissive); },
-            numbers(3, "emissive",
-                    "Linear red, green, blue, shown in any light and added to the lit colour. On triangles it is multiplied by "
-                    "texture and colors.",
-                    Light::kBrightness));
-inline constexpr SceneKey kAlphaCutoff = usually(
-    [] { return as_json(Material().alpha_cutoff); },
-    number("alpha_cutoff",
-           "Cameras see through triangles, and the sun shines through, if the texture's alpha, from 0 to 1, is below this.",
-           kShares));
+inline constexpr SceneKey kEmissive = usually<&Material::emissive>(
+    numbers(3, "emissive",
+            "Linear red, green, blue, shown in any light and added to the lit colour. On triangles it is multiplied by "
+            "texture and colors.",
+            Light::kBrightness));
+inline constexpr SceneKey kAlphaCutoff = usually<&Material::alpha_cutoff>(number(
+    "alpha_cutoff",
+    "Cameras see through triangles, and the sun shines through, if the texture's alpha, from 0 to 1, is below this.", kShares));
 inline constexpr std::array kMaterialKeys{kBaseColor, kSemantic, kTexture, kEmissive, kAlphaCutoff};
 
 // Solids
@@ -200,12 +198,11 @@ inline constexpr std::array kPlaneKeys{kCenter, kPlaneSize, kRotation, kMaterial
 inline constexpr std::array kDiscKeys{kCenter, kRadius, kRotation, kMaterial, kVisible, kSolid};
 
 // Gates
-inline constexpr SceneKey kGateShape = usually(
-    [] { return as_json(Gate().shape); }, choice("shape", "Shape of the opening and the frame.", EnumNames<GateShape>::kNames));
-inline constexpr SceneKey kGateSize = usually(
-    [] { return as_json(Gate().size); }, number("size", "Inside width of a square, inside diameter of a ring.", kLengths, "m"));
-inline constexpr SceneKey kGateBar =
-    usually([] { return as_json(Gate().bar); }, number("bar", "Thickness of the frame's bars.", kLengths, "m"));
+inline constexpr SceneKey kGateShape =
+    usually<&Gate::shape>(choice("shape", "Shape of the opening and the frame.", EnumNames<GateShape>::kNames));
+inline constexpr SceneKey kGateSize =
+    usually<&Gate::size>(number("size", "Inside width of a square, inside diameter of a ring.", kLengths, "m"));
+inline constexpr SceneKey kGateBar = usually<&Gate::bar>(number("bar", "Thickness of the frame's bars.", kLengths, "m"));
 inline constexpr std::array kGateKeys{kGateShape, kCenter, kRotation, kGateSize, kGateBar, kMaterial, kVisible, kSolid};
 
 // Meshes
@@ -235,9 +232,11 @@ inline constexpr SceneKey kColors = alternative(
                     kShares)));
 inline constexpr SceneKey kPosition =
     numbers(3, "position", "Position of the mesh's origin. Default: the world's origin.", kCoordinates, "m");
-inline constexpr SceneKey kScale =
-    usually([] { return std::string("1"); },
-            number("scale", "Factor of all coordinates of the mesh, before rotation and position.", kSizes));
+inline constexpr SceneKey kScale = [] {
+  SceneKey key = number("scale", "Factor of all coordinates of the mesh, before rotation and position.", kSizes);
+  key.usual = [] { return std::string("1"); };
+  return key;
+}();
 inline constexpr SceneKey kMeshMaterial =
     value(ValueKind::text_or_texts, "material", "One name for all triangles, or an array with a name for each.");
 inline constexpr std::array kMeshKeys{kMeshFile, kVertices, kTriangles,    kUv,      kColors, kPosition,
@@ -245,7 +244,7 @@ inline constexpr std::array kMeshKeys{kMeshFile, kVertices, kTriangles,    kUv, 
 
 // Markers
 inline constexpr SceneKey kMarkerRadius =
-    usually([] { return as_json(Markers().radius); }, number("radius", "Radius at which markers are drawn.", kSizes, "m"));
+    usually<&Markers::radius>(number("radius", "Radius at which markers are drawn.", kSizes, "m"));
 inline constexpr SceneKey kStart = numbers(3, "start", "x, y, z.", kCoordinates, "m");
 inline constexpr SceneKey kWaypoints =
     list_of(numbers(3, "waypoints", "x, y, z of each, in the order of flight.", kCoordinates, "m"));
@@ -263,7 +262,7 @@ constexpr SceneKey light_key() {
   return {.name = kField.name,
           .info = kField.info,
           .size = std::is_same_v<decltype(kField.member), float Light::*> ? 0U : 3U,
-          .usual = [] { return as_json(Light().*std::get<kIndex>(kFields<Light>).member); }};
+          .usual = &default_of<kField.member>};
 }
 inline constexpr auto kLightKeys = []<std::size_t... kIndex>(std::index_sequence<kIndex...>) {
   return std::array{light_key<kIndex>()...};
@@ -273,7 +272,7 @@ inline constexpr auto kLightKeys = []<std::size_t... kIndex>(std::index_sequence
 inline constexpr SceneKey kVersion = required(value(ValueKind::version, "flockstep_scene", "Version of the format."));
 inline constexpr SceneKey kSchema = value(ValueKind::anything, "$schema", "Address of the schema, for editors.");
 inline constexpr SceneKey kName =
-    usually([] { return as_json(SceneDescription().name); }, value(ValueKind::text, "name", "Shown in messages and pictures."));
+    usually<&SceneDescription::name>(value(ValueKind::text, "name", "Shown in messages and pictures."));
 inline constexpr SceneKey kTextures =
     by_name(object("textures", "Images by name. They colour triangles.", kTextureKeys), kMaxTextures);
 inline constexpr SceneKey kMaterials = by_name(object("materials", "Materials by name.", kMaterialKeys), kMaxMaterials);

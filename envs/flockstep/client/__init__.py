@@ -13,6 +13,8 @@ except ImportError as _error:
     _needed = f"flockstep.client needs protobuf and websockets: pip install 'flockstep[client]' ({_error})"
     raise type(_error)(_needed, name=_error.name) from _error
 
+from typing import TYPE_CHECKING as _TYPE_CHECKING
+
 from flockstep.client.async_client import AsyncClient, connect_async
 from flockstep.client.errors import ServerError
 from flockstep.client.operations import AsyncDrone, Drone
@@ -62,3 +64,13 @@ __all__ = [
     "connect",
     "connect_async",
 ]
+
+if not _TYPE_CHECKING:
+
+    def __getattr__(name: str) -> None:
+        import flockstep
+        from flockstep.nearest_name import did_you_mean
+
+        known = [*__all__, "ServerInfo.imu_configs", *(f"flockstep.{public}" for public in flockstep.__all__)]
+        hint = did_you_mean(name, known) or did_you_mean(name.replace("Settings", "Config"), known)  # a former name
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}{hint}")

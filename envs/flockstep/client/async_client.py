@@ -74,18 +74,7 @@ class AsyncClient(Operations[AsyncDrone], Awaits):
         return f"<AsyncClient of {self._address.text}{'' if reason is None else f': {reason}'}>"
 
     async def reconnect(self, *, retry_s: float = 0.0) -> None:
-        """Connect again, for instance to a server that was restarted. Earlier claims and streams have ended.
-
-        Parameters
-        ----------
-        retry_s
-            Wait for this long for a server that does not listen yet, in s.
-
-        Raises
-        ------
-        ConnectionError, ServerError, TimeoutError
-            As for `connect`.
-        """
+        """Connect again, as `Client.reconnect` does."""
         end = time.monotonic() + retry_s
         while True:
             self._connection.close()

@@ -11,10 +11,11 @@ import numpy.typing as npt
 
 from flockstep._core import BodyConfig
 from flockstep.client import readers
-from flockstep.client.call import Call, call, flags, floats, given
+from flockstep.client.call import Call, call
 from flockstep.client.configs import body_configs, body_json
 from flockstep.client.errors import refusals
 from flockstep.client.forms import Waits, operation
+from flockstep.client.frames import ArrayProperty
 from flockstep.client.results import Time
 
 
@@ -51,19 +52,21 @@ class BodyOperations:
         slots
             (E,) The slots; -1 for other envs.
         """
-        arrays = given(
-            position=floats("position", position, -1, 3),
-            quat_wxyz=floats("quat_wxyz", quat_wxyz, -1, 4),
-            velocity=floats("velocity", velocity, -1, 3),
-            angular_velocity=floats("angular_velocity", angular_velocity, -1, 3),
-            mask=flags("mask", mask, "E", "B"),
+        return call(
+            "spawn_bodies",
+            lambda reply, arrays: arrays["slot"],
+            config_json=body_json(body),
+            position=position,
+            quat_wxyz=quat_wxyz,
+            velocity=velocity,
+            angular_velocity=angular_velocity,
+            mask=mask,
         )
-        return call("spawn_bodies", lambda reply, arrays: arrays["slot"], arrays, config_json=body_json(body))
 
     @operation
     def remove_bodies(self, mask: npt.ArrayLike | None = None) -> Call[Time]:
         """Remove bodies until the next episode: those of the mask (E, B), or all of the envs of a mask (E,), or all."""
-        return call("remove_bodies", readers.time, given(mask=flags("mask", mask, "E", "B")))
+        return call("remove_bodies", readers.time, mask=mask)
 
     @operation
     def set_body_poses(
@@ -82,12 +85,7 @@ class BodyOperations:
         mask
             (E, B) bool: the bodies, or (E,) for all bodies of envs. Default: all. Free slots are skipped.
         """
-        arrays = given(
-            position=floats("position", position, -1, -1, 3),
-            quat_wxyz=floats("quat_wxyz", quat_wxyz, -1, -1, 4),
-            mask=flags("mask", mask, "E", "B"),
-        )
-        return call("set_body_poses", readers.time, arrays)
+        return call("set_body_poses", readers.time, position=position, quat_wxyz=quat_wxyz, mask=mask)
 
     @operation
     def set_body_velocities(
@@ -106,12 +104,8 @@ class BodyOperations:
         mask
             As for `set_body_poses`.
         """
-        arrays = given(
-            velocity=floats("velocity", velocity, -1, -1, 3),
-            angular_velocity=floats("angular_velocity", angular_velocity, -1, -1, 3),
-            mask=flags("mask", mask, "E", "B"),
-        )
-        return call("set_body_velocities", readers.time, arrays)
+        arrays = {"velocity": velocity, "angular_velocity": angular_velocity, "mask": mask}
+        return call("set_body_velocities", readers.time, **arrays)
 
     @operation
     def get_body_configs(self, envs: Iterable[int] | None = None) -> Call[list[list[BodyConfig | None]]]:
@@ -196,32 +190,9 @@ class RemoteBodies:
             read = self._client._call(call("get_arrays", readers.timed_arrays, names=[f"body_{name}"]))
             return read[f"body_{name}"]
 
-    @property
-    def active(self) -> npt.NDArray[np.bool_]:
-        """Flags (E, B): the slot holds a body."""
-        return self._array("active")
-
-    @property
-    def position(self) -> npt.NDArray[np.float32]:
-        """Positions (E, B, 3) m, world frame."""
-        return self._array("position")
-
-    @property
-    def quat_wxyz(self) -> npt.NDArray[np.float32]:
-        """Rotations (E, B, 4) from body to world."""
-        return self._array("quat_wxyz")
-
-    @property
-    def velocity(self) -> npt.NDArray[np.float32]:
-        """Velocities (E, B, 3) m/s, world frame."""
-        return self._array("velocity")
-
-    @property
-    def angular_velocity(self) -> npt.NDArray[np.float32]:
-        """Angular velocities (E, B, 3) rad/s, body frame."""
-        return self._array("angular_velocity")
-
-    @property
-    def scripted(self) -> npt.NDArray[np.bool_]:
-        """Flags (E, B): the body's script moves it."""
-        return self._array("scripted")
+    active = ArrayProperty("Flags (E, B): the slot holds a body.")
+    position = ArrayProperty("Positions (E, B, 3) m, world frame.")
+    quat_wxyz = ArrayProperty("Rotations (E, B, 4) from body to world.")
+    velocity = ArrayProperty("Velocities (E, B, 3) m/s, world frame.")
+    angular_velocity = ArrayProperty("Angular velocities (E, B, 3) rad/s, body frame.")
+    scripted = ArrayProperty("Flags (E, B): the body's script moves it.")

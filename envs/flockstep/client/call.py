@@ -6,15 +6,18 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from enum import IntEnum
 from math import isfinite
-from typing import Any, Generic, TypeVar, overload
+from operator import index
+from typing import Any, Generic, TypeVar
 
 import numpy as np
 import numpy.typing as npt
 
 from flockstep.arrays import refuse_masked
+from flockstep.client import protocol as pb
+from flockstep.client import schema
 from flockstep.client.errors import ServerError
 from flockstep.client.frames import Arrays
-from flockstep.client.protocol import RESULTS, Code, Reply, Request, Subscribe
+from flockstep.client.protocol import RESULTS, SCHEMA, Code, Reply, Request, Subscribe
 from flockstep.client.readers import server_info
 from flockstep.client.results import ServerInfo
 
@@ -67,15 +70,22 @@ class Call(Generic[T]):
         raise ConnectionError(f"{self.operation}: the server answered {kind!r}, expected {self.result!r}")
 
 
-def call(
-    operation: str,
-    read: Callable[[Reply, Arrays], T],
-    arrays: Mapping[str, npt.NDArray[Any]] | None = None,
-    /,
-    **fields: Any,
-) -> Call[T]:
-    """Return the call of an operation by its name, with the fields of its message that are not None."""
-    return Call(Request(**{operation: fields}), RESULTS[operation], read, arrays or {})
+def call(operation: str, read: Callable[[Reply, Arrays], T], /, **values: Any) -> Call[T]:
+    """Return the call of an operation by its name, with the fields and arrays of its request that are not None.
+
+    Their types in flockstep.proto say how a value becomes that of a message.
+    """
+    fields: dict[str, Any] = {}
+    arrays: dict[str, npt.NDArray[Any]] = {}
+    of_array, of_field = _CONVERTERS[operation]
+    for name, value in values.items():
+        if value is None:
+            continue
+        if name in of_array:
+            arrays[name] = of_array[name](name, value)
+        else:
+            fields[name] = of_field[name](name, value)
+    return Call(Request(**{operation: fields}), RESULTS[operation], read, arrays)
 
 
 @dataclass(slots=True)
@@ -100,14 +110,8 @@ class Subscription(Generic[T]):
 STREAMED = {"get_arrays": "arrays", "get_lidar_data": "lidar", "get_camera_data": "camera", "get_fps": "fps"}
 
 
-@overload
-def floats(name: str, values: npt.ArrayLike, *shape: int) -> npt.NDArray[np.float32]: ...
-@overload
-def floats(name: str, values: npt.ArrayLike | None, *shape: int) -> npt.NDArray[np.float32] | None: ...
-def floats(name: str, values: npt.ArrayLike | None, *shape: int) -> npt.NDArray[np.float32] | None:
-    """Return numbers of the given shape, in which -1 is any size, as float32; None for None."""
-    if values is None:
-        return None
+def floats(name: str, values: npt.ArrayLike, *shape: int) -> npt.NDArray[np.float32]:
+    """Return numbers of the given shape, in which -1 is any size, as float32."""
     refuse_masked(name, values)
     try:
         array = np.asarray(values, np.float32)
@@ -134,13 +138,10 @@ def finite(name: str, values: npt.ArrayLike, size: int) -> list[float]:
     return numbers
 
 
-def flags(name: str, values: npt.ArrayLike | None, *sizes: str) -> npt.NDArray[np.bool_] | None:
-    """Return flags, which must be bool, of one dimension, or of as many as ``sizes`` names at most; None for None."""
-    if values is None:
-        return None
+def flags(name: str, values: npt.ArrayLike, *sizes: str) -> npt.NDArray[np.bool_]:
+    """Return flags, which must be bool, of one dimension, or of as many as ``sizes`` names at most."""
     refuse_masked(name, values)
     array = np.asarray(values)
-    sizes = sizes or ("N",)
     if array.dtype != np.bool_ or not 1 <= array.ndim <= len(sizes):
         shapes = [f"({', '.join(sizes[: n + 1])}{',' * (n == 0)})" for n in range(len(sizes))]
         raise ValueError(f"{name}: expected bools of shape {' or '.join(shapes)}, got {array.dtype} {array.shape}")
@@ -155,9 +156,50 @@ def choice(name: str, value: str, choices: type[IntEnum]) -> int:
     return numbers[value]
 
 
-def given(**values: Any) -> dict[str, Any]:
-    """Return the values that are not None."""
-    return {name: value for name, value in values.items() if value is not None}
+def vector(name: str, values: npt.ArrayLike) -> pb.Vector3:
+    """Return three numbers as a message."""
+    x, y, z = finite(name, values, 3)
+    return pb.Vector3(x=x, y=y, z=z)
+
+
+def quaternion(name: str, values: npt.ArrayLike | pb.Quaternion) -> pb.Quaternion:
+    """Return four numbers as a message, which may be one already."""
+    if isinstance(values, pb.Quaternion):
+        return values
+    w, x, y, z = finite(name, values, 4)
+    return pb.Quaternion(w=w, x=x, y=y, z=z)
+
+
+def _as_it_is(name: str, value: Any) -> Any:
+    return value
+
+
+def _of_field(field: schema.Field) -> Callable[[str, Any], Any]:
+    """Return the function that makes the value of a field."""
+    if field.kind in SCHEMA.enums:
+        return lambda name, value: choice(name, value, getattr(pb, field.kind))
+    if "int" in field.kind:
+        if field.label == "repeated":
+            return lambda name, values: [*map(index, values)]
+        return lambda name, value: index(value)
+    return {"Vector3": vector, "Quaternion": quaternion}.get(field.kind, _as_it_is)
+
+
+def _of_array(array: schema.Array) -> Callable[[str, Any], npt.NDArray[Any]]:
+    """Return the function that makes an array."""
+    if array.dtype == "bool":
+        return lambda name, values: flags(name, values, *array.shape)
+    shape = [int(size) if size.isdigit() else -1 for size in array.shape]
+    return (lambda name, values: floats(name, values, *shape)) if array.dtype == "float32" else _as_it_is
+
+
+_CONVERTERS = {
+    name: (
+        {array.name: _of_array(array) for array in operation.request.arrays},
+        {field.name: _of_field(field) for field in operation.request.fields},
+    )
+    for name, operation in SCHEMA.operations.items()
+}
 
 
 def unsubscription(stream: int) -> Call[None]:

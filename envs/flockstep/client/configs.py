@@ -19,20 +19,22 @@ _T = TypeVar("_T")
 _GLB_URI = "data:model/gltf-binary;base64,"  # begins a mesh in JSON
 
 
-def change_json(kind: type[Any], fields: Mapping[str, Any]) -> str:
+def change_json(kind: type[Any], known: type[Any], fields: Mapping[str, Any]) -> str:
     """Return fields of a configuration as JSON; empty if there are none. What is None does not change.
 
     Raises
     ------
     TypeError
-        The configuration has no such field.
+        ``known``, a `TypedDict`, has no such field, or the value has another type.
     """
-    known = kind.__match_args__
+    names, config = known.__annotations__, kind()
     for name in fields:
-        if name not in known:
-            raise TypeError(f"{name}: expected a field of {kind.__name__}{did_you_mean(name, known)}")
-    changes = {name: _plain(value) for name, value in fields.items() if value is not None}
+        if name not in names:
+            raise TypeError(f"{name}: expected a field of {kind.__name__}{did_you_mean(name, names)}")
+    changes = {name: value for name, value in fields.items() if value is not None}
     for name, value in changes.items():
+        setattr(config, name, value)  # which checks its type
+        changes[name] = value = _plain(value)
         if not all(map(isfinite, (part for part in np.ravel(value) if isinstance(part, (int, float))))):
             raise ValueError(f"{name}: expected finite numbers, got {value}")
     return json.dumps(changes) if changes else ""

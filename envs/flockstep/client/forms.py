@@ -7,12 +7,16 @@ are also `Waits` or `Awaits` get the method that carries the call out, with the 
 from __future__ import annotations
 
 import inspect
+import re
+import textwrap
 from collections.abc import Callable, Coroutine
 from functools import update_wrapper
 from typing import Any, Concatenate, Generic, ParamSpec, TypeVar, overload
 
+from flockstep.client import changes
 from flockstep.client.call import Call, Subscription
 from flockstep.client.streams import AsyncStream, Stream
+from flockstep.keywords import with_keywords
 
 P = ParamSpec("P")
 T = TypeVar("T")
@@ -99,10 +103,14 @@ class Awaits(_Form):
 
 def _like(make: Callable[..., Any], method: Callable[..., Any], result: str, is_async: bool) -> Callable[..., Any]:
     """Return a method with the name, text and signature of the function that makes its call."""
-    signature = inspect.signature(make)
+    signature, text = inspect.signature(make), make.__doc__ or ""
+    if found := re.fullmatch(r"Unpack\[(\w+)\]", str([*signature.parameters.values()][-1].annotation)):
+        signature, about = with_keywords(signature, getattr(changes, found[1]))
+        text = text.partition("        **fields\n")[0] + textwrap.indent(about, "    ") + "\n        "
     inner = str(signature.return_annotation).partition("[")[2].removesuffix("]")  # T of Call[T]
     inner = inner.replace("_Drone", "AsyncDrone" if is_async else "Drone")
     method.__signature__ = signature.replace(return_annotation=result.format(inner))  # type: ignore[attr-defined]
     update_wrapper(method, make).__annotations__ = {}
+    method.__doc__ = text
     del method.__wrapped__  # type: ignore[attr-defined]
     return method

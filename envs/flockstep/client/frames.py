@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from math import prod
-from typing import Any, TypeAlias
+from typing import Any, TypeAlias, cast
 
 import numpy as np
 import numpy.typing as npt
@@ -12,6 +12,20 @@ import numpy.typing as npt
 from flockstep.client.protocol import Array, DecodeError, DType, Reply, Request
 
 Arrays: TypeAlias = dict[str, npt.NDArray[Any]]
+
+
+class ArrayProperty:
+    """A property with the array of its name, which its object's ``_array`` returns."""
+
+    def __init__(self, about: str) -> None:
+        self.__doc__ = about
+
+    def __set_name__(self, owner: type[Any], name: str) -> None:
+        self._name = name
+
+    def __get__(self, of: Any, owner: type[Any] | None = None) -> npt.NDArray[Any]:
+        return cast("npt.NDArray[Any]", self if of is None else of._array(self._name))
+
 
 #: NumPy's type of each `DType`.
 _TYPES: dict[int, np.dtype[Any]] = {

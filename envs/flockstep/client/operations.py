@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from operator import index
-from typing import Any, Generic, Literal, TypeAlias, TypeVar
+from typing import TYPE_CHECKING, Any, Generic, Literal, TypeAlias, TypeVar
 
 import numpy as np
 import numpy.typing as npt
@@ -13,7 +13,8 @@ from flockstep._core import CameraConfig, LidarConfig, Light
 from flockstep.client import protocol as pb
 from flockstep.client import readers
 from flockstep.client.bodies import BlockingBodies, BodyOperations
-from flockstep.client.call import Call, Subscription, call, choice, finite, flags, floats, given, nothing
+from flockstep.client.call import Call, Subscription, call, floats, nothing, quaternion
+from flockstep.client.changes import CameraChanges, LidarChanges, LightChanges
 from flockstep.client.configs import change_json, config_of
 from flockstep.client.forms import Awaits, Waits, operation, stream
 from flockstep.client.results import (
@@ -33,15 +34,55 @@ from flockstep.client.results import (
     TimedArrays,
     WorldInfo,
 )
-from flockstep.client.streams import AsyncStream, Stream
 
-_T = TypeVar("_T")
+if TYPE_CHECKING:
+    from typing_extensions import Unpack
+
 _Drone = TypeVar("_Drone")  # kind of the handles of drones
 _Format: TypeAlias = Literal["jpeg", "png", "raw"]
-_ALL = -1  # in place of a drone's index
 
 
-class Operations(BodyOperations, Generic[_Drone]):
+class SensorOperations:
+    """The operations that change sensors: of a drone, or with a client of all drones."""
+
+    index: int = -1  # all drones
+
+    @operation
+    def set_lidar_config(self, /, lidar: str = "", **fields: Unpack[LidarChanges]) -> Call[None]:
+        """Change a LiDAR of this drone, or of all drones.
+
+        If ``channels`` or ``beams`` is given, everything that is given changes for all drones, and arrays have other
+        shapes.
+
+        Parameters
+        ----------
+        lidar
+            Name of the LiDAR. Default: the first.
+        **fields
+            Fields of `LidarConfig` that change.
+        """
+        text = change_json(LidarConfig, LidarChanges, fields)
+        return call("set_lidar_config", nothing, drone=self.index, lidar=lidar, config_json=text)
+
+    @operation
+    def set_camera_config(self, /, camera: str = "", **fields: Unpack[CameraChanges]) -> Call[None]:
+        """Change a camera of this drone, or of all drones.
+
+        If ``width_px`` or ``height_px`` is given, everything that is given changes for all drones, and arrays have
+        other shapes. If one field of view is given, the other is set for square pixels.
+
+        Parameters
+        ----------
+        camera
+            Name of the camera. Default: the only camera.
+        **fields
+            Fields of `CameraConfig` that change.
+        """
+        text = change_json(CameraConfig, CameraChanges, fields)
+        return call("set_camera_config", nothing, drone=self.index, camera=camera, config_json=text)
+
+
+class Operations(SensorOperations, BodyOperations, Generic[_Drone]):
     """The operations of a server. Each raises `ServerError` if the server refuses it.
 
     Units are SI. The world frame is right-handed: x east, y north, z up. The body frame is x forward, y left, z up.
@@ -74,12 +115,12 @@ class Operations(BodyOperations, Generic[_Drone]):
         ServerError
             ``"PERMISSION_DENIED"``: another client has claimed one of them; none is claimed.
         """
-        return call("claim", nothing, drones=map(index, drones))
+        return call("claim", nothing, drones=drones)
 
     @operation
     def release(self, drones: Iterable[int]) -> Call[None]:
         """End this client's claims of drones; others are ignored."""
-        return call("release", nothing, drones=map(index, drones))
+        return call("release", nothing, drones=drones)
 
     # --- the simulation
 
@@ -118,16 +159,16 @@ class Operations(BodyOperations, Generic[_Drone]):
         return call(
             "spawn_drone",
             lambda reply, arrays: self._handle_of(reply.drone),
-            location=None if location is None else _vector("location", location),
-            rotation=None if quat_wxyz is None else _quaternion("quat_wxyz", quat_wxyz),
-            env=None if env is None else index(env),
+            location=location,
+            rotation=None if quat_wxyz is None else quaternion("quat_wxyz", quat_wxyz),
+            env=env,
             claim=claim,
         )
 
     @operation
     def remove_drone(self, drone: int) -> Call[None]:
         """Remove a drone: the simulation skips it, and its index may be given to a new one."""
-        return call("remove_drone", nothing, drone=index(drone))
+        return call("remove_drone", nothing, drone=drone)
 
     @operation
     def get_camera_capture_mode(self, camera: str = "") -> Call[CaptureMode]:
@@ -145,41 +186,12 @@ class Operations(BodyOperations, Generic[_Drone]):
         camera
             Name of the camera. Default: the only camera.
         """
-        return call("set_camera_capture_mode", nothing, camera=camera, mode=choice("mode", mode, pb.CaptureModeName))
+        return call("set_camera_capture_mode", nothing, camera=camera, mode=mode)
 
     @operation
     def get_fps(self) -> Call[Fps]:
         """Return the speed of the simulation."""
         return _get_fps()
-
-    @operation
-    def set_lidar_config(self, /, lidar: str = "", **fields: Any) -> Call[None]:
-        """Change a LiDAR of all drones.
-
-        Parameters
-        ----------
-        lidar
-            Name of the LiDAR. Default: the first.
-        **fields
-            Fields of `LidarConfig` that change: ``channels``, ``beams``, ``hfov_deg``, ``vfov_deg``, ``max_range_m``,
-            ``offset_m``, ``quat_wxyz``. ``channels`` and ``beams`` change the shapes of arrays.
-        """
-        return _set_lidar_config(_ALL, lidar, fields)
-
-    @operation
-    def set_camera_config(self, /, camera: str = "", **fields: Any) -> Call[None]:
-        """Change a camera of all drones.
-
-        Parameters
-        ----------
-        camera
-            Name of the camera. Default: the only camera.
-        **fields
-            Fields of `CameraConfig` that change: ``width_px``, ``height_px``, ``hfov_deg``, ``vfov_deg``, ``offset_m``,
-            ``quat_wxyz``. ``width_px`` and ``height_px`` change the shapes of arrays. If one field of view is given,
-            the other is set for square pixels.
-        """
-        return _set_camera_config(_ALL, camera, fields)
 
     # --- many drones at once
 
@@ -218,12 +230,8 @@ class Operations(BodyOperations, Generic[_Drone]):
         teleport
             Place the drones there without a collision check.
         """
-        arrays = given(
-            position=floats("position", position, -1, 3),
-            quat_wxyz=floats("quat_wxyz", quat_wxyz, -1, 4),
-            mask=flags("mask", mask),
-        )
-        return call("set_poses", readers.impacts, arrays, teleport=teleport)
+        arrays = {"position": position, "quat_wxyz": quat_wxyz, "mask": mask}
+        return call("set_poses", readers.impacts, **arrays, teleport=teleport)
 
     @operation
     def fly(
@@ -242,16 +250,14 @@ class Operations(BodyOperations, Generic[_Drone]):
         mask
             (N,) bool: the drones to fly. Default: all.
         """
-        arrays = given(command=floats("command", command, -1, 4), mask=flags("mask", mask))
-        return call("fly", readers.time, arrays, ticks=index(ticks), control=control)
+        return call("fly", readers.time, command=command, control=control, ticks=ticks, mask=mask)
 
     @operation
     def set_command(
         self, command: npt.ArrayLike, *, control: str = "", mask: npt.ArrayLike | None = None
     ) -> Call[None]:
         """Set the commands (N, 4) that later steps fly. See `fly` for the parameters."""
-        arrays = given(command=floats("command", command, -1, 4), mask=flags("mask", mask))
-        return call("set_command", nothing, arrays, control=control)
+        return call("set_command", nothing, command=command, control=control, mask=mask)
 
     # --- time
 
@@ -295,8 +301,7 @@ class Operations(BodyOperations, Generic[_Drone]):
     @operation
     def restore(self, snapshot: bytes) -> Call[None]:
         """Go back to a snapshot."""
-        arrays = {"snapshot": np.frombuffer(snapshot, np.uint8)}
-        return call("restore", nothing, arrays)
+        return call("restore", nothing, snapshot=np.frombuffer(snapshot, np.uint8))
 
     # --- worlds
 
@@ -308,16 +313,17 @@ class Operations(BodyOperations, Generic[_Drone]):
     @operation
     def set_world(self, env: int, world: int) -> Call[None]:
         """Put an env into another world. Its drones keep their poses."""
-        return call("set_world", nothing, env=index(env), world=index(world))
+        return call("set_world", nothing, env=env, world=world)
 
     @operation
     def get_light(self, world: int = 0, *, env: int | None = None) -> Call[Light]:
         """Return the light of an env, or without one that of a world."""
-        of = {"world": index(world)} if env is None else {"env": index(env)}
-        return call("get_light", config_of(Light), **of)
+        return call("get_light", config_of(Light), env=env, world=world if env is None else None)
 
     @operation
-    def set_light(self, /, world: int = 0, *, envs: Iterable[int] | None = None, **fields: Any) -> Call[None]:
+    def set_light(
+        self, /, world: int = 0, *, envs: Iterable[int] | None = None, **fields: Unpack[LightChanges]
+    ) -> Call[None]:
         """Change the light of some envs, or that of a world, for all envs in it that have no light of their own.
 
         Parameters
@@ -333,23 +339,23 @@ class Operations(BodyOperations, Generic[_Drone]):
         chosen = None if envs is None else [*map(index, envs)]
         if chosen == []:
             raise ValueError("envs: expected at least one index, got none")
-        of: dict[str, Any] = {"envs": chosen} if chosen else {"world": index(world)}
-        return call("set_light", nothing, config_json=change_json(Light, fields), **of)
+        text = change_json(Light, LightChanges, fields)
+        return call("set_light", nothing, config_json=text, envs=chosen, world=None if chosen else world)
 
     @operation
     def get_mesh(self, world: int = 0) -> Call[Mesh]:
         """Return the geometry of a world as triangles."""
-        return call("get_mesh", readers.mesh, world=index(world))
+        return call("get_mesh", readers.mesh, world=world)
 
     @operation
     def get_point_cloud(self, world: int = 0, *, spacing_m: float = 0.1) -> Call[PointCloud]:
         """Return points on the surfaces of a world, about ``spacing_m`` apart."""
-        return call("get_point_cloud", readers.point_cloud, world=index(world), spacing_m=spacing_m)
+        return call("get_point_cloud", readers.point_cloud, world=world, spacing_m=spacing_m)
 
     @operation
     def get_boxes(self, world: int = 0) -> Call[Boxes]:
         """Return the smallest box around each object of a world."""
-        return call("get_boxes", readers.boxes, world=index(world))
+        return call("get_boxes", readers.boxes, world=world)
 
     # --- streams
 
@@ -381,7 +387,7 @@ class Operations(BodyOperations, Generic[_Drone]):
         return Subscription(_get_fps(), rate_hz, False)
 
 
-class DroneOperations:
+class DroneOperations(SensorOperations):
     """The operations of a drone."""
 
     def __init__(self, client: Any, index: int, env: int | None = None, owner: int | None = None) -> None:
@@ -392,6 +398,12 @@ class DroneOperations:
 
     def __repr__(self) -> str:
         return f"<{type(self).__name__} {self.index}>"
+
+    def _call(self, call: Call[Any]) -> Any:
+        return self._client._call(call)
+
+    def _subscribe(self, subscription: Subscription[Any]) -> Any:
+        return self._client._subscribe(subscription)
 
     @operation
     def get_location(self) -> Call[npt.NDArray[np.float32]]:
@@ -409,13 +421,7 @@ class DroneOperations:
         teleport
             Place the drone there without a collision check.
         """
-        return call(
-            "set_location",
-            readers.impact,
-            drone=self.index,
-            location=_vector("location", location),
-            teleport=teleport,
-        )
+        return call("set_location", readers.impact, drone=self.index, location=location, teleport=teleport)
 
     @operation
     def get_rotation(self) -> Call[Rotation]:
@@ -444,7 +450,7 @@ class DroneOperations:
             "set_location_and_rotation",
             readers.impact,
             drone=self.index,
-            location=_vector("location", location),
+            location=location,
             teleport=teleport,
             **_rotation(rotation),
         )
@@ -490,25 +496,9 @@ class DroneOperations:
         return call("get_lidar_config", config_of(LidarConfig), drone=self.index, lidar=lidar)
 
     @operation
-    def set_lidar_config(self, /, lidar: str = "", **fields: Any) -> Call[None]:
-        """Change a LiDAR of this drone. The parameters are those of the client's ``set_lidar_config``.
-
-        If ``channels`` or ``beams`` is given, everything that is given changes for all drones.
-        """
-        return _set_lidar_config(self.index, lidar, fields)
-
-    @operation
     def get_camera_config(self, camera: str = "") -> Call[CameraConfig]:
         """Return the settings of a camera. Default: the only camera."""
         return call("get_camera_config", config_of(CameraConfig), drone=self.index, camera=camera)
-
-    @operation
-    def set_camera_config(self, /, camera: str = "", **fields: Any) -> Call[None]:
-        """Change a camera of this drone. The parameters are those of the client's ``set_camera_config``.
-
-        If ``width_px`` or ``height_px`` is given, everything that is given changes for all drones.
-        """
-        return _set_camera_config(self.index, camera, fields)
 
     @operation
     def get_move_line_visible(self) -> Call[bool]:
@@ -531,13 +521,8 @@ class DroneOperations:
         control
             Name of the control, such as ``"velocity"``. Default: that of the batch.
         """
-        return call(
-            "set_command",
-            nothing,
-            {"command": floats("command", command, 4)[None]},
-            drone=self.index,
-            control=control,
-        )
+        row = floats("command", command, 4)[None]
+        return call("set_command", nothing, command=row, control=control, drone=self.index)
 
     @operation
     def claim(self) -> Call[None]:
@@ -590,12 +575,6 @@ class Drone(DroneOperations, Waits):
         Number of the client that had claimed it when the object was made, or 0; None if the object comes from `drone`.
     """
 
-    def _call(self, call: Call[_T]) -> _T:
-        return self._client._call(call)  # type: ignore[no-any-return]
-
-    def _subscribe(self, subscription: Subscription[_T]) -> Stream[_T]:
-        return self._client._subscribe(subscription)  # type: ignore[no-any-return]
-
 
 class BlockingOperations(Operations[Drone], BlockingBodies):
     """The operations of a server, which wait for their replies."""
@@ -606,12 +585,6 @@ class BlockingOperations(Operations[Drone], BlockingBodies):
 
 class AsyncDrone(DroneOperations, Awaits):
     """A drone of a server, for asyncio. See `Drone`."""
-
-    async def _call(self, call: Call[_T]) -> _T:
-        return await self._client._call(call)  # type: ignore[no-any-return]
-
-    def _subscribe(self, subscription: Subscription[_T]) -> AsyncStream[_T]:
-        return self._client._subscribe(subscription)  # type: ignore[no-any-return]
 
 
 # --- calls of several operations
@@ -635,8 +608,8 @@ def _get_camera_data(drone: int, camera: str, format: _Format, quality: int, out
         readers.camera_data,
         drone=drone,
         camera=camera,
-        format=choice("format", format, pb.ImageFormat),
-        quality=index(quality),
+        format=format,
+        quality=quality,
         output=output,
     )
 
@@ -645,30 +618,10 @@ def _get_lidar_data(drone: int, lidar: str, directions: bool) -> Call[LidarData]
     return call("get_lidar_data", readers.lidar_data, drone=drone, lidar=lidar, without_directions=not directions)
 
 
-def _set_lidar_config(drone: int, lidar: str, fields: dict[str, Any]) -> Call[None]:
-    text = change_json(LidarConfig, fields)
-    return call("set_lidar_config", nothing, drone=drone, lidar=lidar, config_json=text)
-
-
-def _set_camera_config(drone: int, camera: str, fields: dict[str, Any]) -> Call[None]:
-    text = change_json(CameraConfig, fields)
-    return call("set_camera_config", nothing, drone=drone, camera=camera, config_json=text)
-
-
 # --- arguments to messages
-
-
-def _vector(name: str, values: npt.ArrayLike) -> pb.Vector3:
-    x, y, z = finite(name, values, 3)
-    return pb.Vector3(x=x, y=y, z=z)
-
-
-def _quaternion(name: str, values: npt.ArrayLike) -> pb.Quaternion:
-    w, x, y, z = finite(name, values, 4)
-    return pb.Quaternion(w=w, x=x, y=y, z=z)
 
 
 def _rotation(rotation: npt.ArrayLike | Angles) -> dict[str, Any]:
     if isinstance(rotation, Angles):
         return {"angles": pb.Angles(**rotation._asdict())}
-    return {"quaternion": _quaternion("rotation", rotation)}
+    return {"quaternion": quaternion("rotation", rotation)}

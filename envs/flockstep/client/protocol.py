@@ -17,12 +17,12 @@ from google.protobuf.message_factory import GetMessageClass
 from flockstep.client.schema import Message, Schema, read
 
 PACKAGE = "flockstep.v2"
-_SCHEMA = read()
+SCHEMA = read()
 #: Field of `Reply` for the result of each operation.
 RESULTS = {
     operation.name: field.name
-    for operation in _SCHEMA.operations.values()
-    for field in _SCHEMA.messages["Reply"].fields
+    for operation in SCHEMA.operations.values()
+    for field in SCHEMA.messages["Reply"].fields
     if field.kind == operation.result and field.oneof
 }
 
@@ -60,9 +60,9 @@ def _describe(message: Message, schema: Schema, file: FileDescriptorProto) -> No
 
 
 _POOL = DescriptorPool()
-_POOL.AddSerializedFile(described(_SCHEMA).SerializeToString())
-globals().update({name: IntEnum(name, values, module=__name__) for name, values in _SCHEMA.enums.items()})
-globals().update({name: GetMessageClass(_POOL.FindMessageTypeByName(f"{PACKAGE}.{name}")) for name in _SCHEMA.messages})
+_POOL.AddSerializedFile(described(SCHEMA).SerializeToString())
+globals().update({name: IntEnum(name, values, module=__name__) for name, values in SCHEMA.enums.items()})
+globals().update({name: GetMessageClass(_POOL.FindMessageTypeByName(f"{PACKAGE}.{name}")) for name in SCHEMA.messages})
 
 
 def __getattr__(name: str) -> Any:

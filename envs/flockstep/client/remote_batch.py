@@ -11,9 +11,9 @@ import numpy.typing as npt
 from flockstep.arrays import refuse_masked
 from flockstep.client import protocol as pb
 from flockstep.client.bodies import RemoteBodies
-from flockstep.client.call import call, given
+from flockstep.client.call import call
 from flockstep.client.errors import refusals
-from flockstep.client.frames import Arrays, numpy_type
+from flockstep.client.frames import ArrayProperty, Arrays, numpy_type
 from flockstep.client.operations import BlockingOperations
 
 _OBSERVATION, _FINAL_OBSERVATION = "observation", "final_observation"
@@ -72,7 +72,7 @@ class RemoteBatch:
         If the episodes of an env's drones end separately, the mask may be (N,) if there are no seeds.
         """
         with refusals():
-            self._arrays = self._client._call(call("reset_envs", _arrays, given(seeds=seeds, mask=mask)))
+            self._arrays = self._client._call(call("reset_envs", _arrays, seeds=seeds, mask=mask))
 
     def step(self, actions: npt.ArrayLike) -> None:
         """Fly one step.
@@ -98,9 +98,8 @@ class RemoteBatch:
         ValueError
             The snapshot belongs to another configuration; nothing has changed.
         """
-        arrays = {"snapshot": np.frombuffer(blob, np.uint8)}
         with refusals():
-            self._arrays = self._client._call(call("restore", _arrays, arrays))
+            self._arrays = self._client._call(call("restore", _arrays, snapshot=np.frombuffer(blob, np.uint8)))
 
     def rows_of(self, indices: npt.NDArray[np.intp] | None) -> npt.NDArray[np.intp] | slice:
         """Return where the arrays of episodes have the rows ``indices``, whose episodes must have ended; None: all.
@@ -149,60 +148,20 @@ class RemoteBatch:
         """Last observations of the episodes that ended in this step: arrays (K, ...)."""
         return self._observation(_FINAL_OBSERVATION)
 
-    @property
-    def reward(self) -> npt.NDArray[Any]:
-        """Rewards (N,) float32."""
-        return self._arrays["reward"]
+    def _array(self, name: str) -> npt.NDArray[Any]:
+        return self._arrays[name]
 
-    @property
-    def terminated(self) -> npt.NDArray[Any]:
-        """Flags (N,): the episode ended in a terminal state."""
-        return self._arrays["terminated"]
-
-    @property
-    def truncated(self) -> npt.NDArray[Any]:
-        """Flags (N,): the episode was cut off."""
-        return self._arrays["truncated"]
-
-    @property
-    def waiting(self) -> npt.NDArray[np.bool_]:
-        """Flags (N,): the row takes no part in the next step."""
-        return self._arrays["waiting"]
-
-    @property
-    def episode_return(self) -> npt.NDArray[Any]:
-        """Sums of the rewards (K,)."""
-        return self._arrays["episode_return"]
-
-    @property
-    def episode_terms(self) -> npt.NDArray[Any]:
-        """Sums of the reward terms (K, terms)."""
-        return self._arrays["episode_terms"]
-
-    @property
-    def episode_length(self) -> npt.NDArray[Any]:
-        """Numbers of steps (K,)."""
-        return self._arrays["episode_length"]
-
-    @property
-    def success(self) -> npt.NDArray[Any]:
-        """Flags (K,)."""
-        return self._arrays["success"]
-
-    @property
-    def crashed(self) -> npt.NDArray[Any]:
-        """Flags (K,)."""
-        return self._arrays["crashed"]
-
-    @property
-    def bad_state(self) -> npt.NDArray[Any]:
-        """Flags (K,)."""
-        return self._arrays["bad_state"]
-
-    @property
-    def episode_end(self) -> npt.NDArray[Any]:
-        """Reasons (K,), values of `EpisodeEnd`."""
-        return self._arrays["episode_end"]
+    reward = ArrayProperty("Rewards (N,) float32.")
+    terminated = ArrayProperty("Flags (N,): the episode ended in a terminal state.")
+    truncated = ArrayProperty("Flags (N,): the episode was cut off.")
+    waiting = ArrayProperty("Flags (N,): the row takes no part in the next step.")
+    episode_return = ArrayProperty("Sums of the rewards (K,).")
+    episode_terms = ArrayProperty("Sums of the reward terms (K, terms).")
+    episode_length = ArrayProperty("Numbers of steps (K,).")
+    success = ArrayProperty("Flags (K,).")
+    crashed = ArrayProperty("Flags (K,).")
+    bad_state = ArrayProperty("Flags (K,).")
+    episode_end = ArrayProperty("Reasons (K,), values of `EpisodeEnd`.")
 
 
 def _arrays(reply: pb.Reply, arrays: Arrays) -> Arrays:

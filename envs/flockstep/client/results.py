@@ -4,13 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
-from typing import Any, Literal, NamedTuple, TypeAlias
+from typing import TYPE_CHECKING, Any, Literal, NamedTuple, TypeAlias
 
 import numpy as np
 import numpy.typing as npt
 
 from flockstep._core import ImuConfig
 from flockstep.client.frames import Arrays
+from flockstep.nearest_name import did_you_mean
 
 _F32: TypeAlias = npt.NDArray[np.float32]
 CaptureMode: TypeAlias = Literal["every_step", "on_movement", "on_demand"]
@@ -325,6 +326,12 @@ class ServerInfo:
     imu_configs: Mapping[str, ImuConfig]
     array_rows: Mapping[str, str]
     bodies_per_env: int
+
+    if not TYPE_CHECKING:
+
+        def __getattr__(self, name: str) -> None:
+            hint = did_you_mean(name, type(self).__dataclass_fields__)
+            raise AttributeError(f"ServerInfo has no attribute {name!r}{hint}")
 
     @property
     def num_drones(self) -> int:

@@ -68,12 +68,9 @@ class Stream(Generic[T]):
 
 
 class AsyncStream(Generic[T]):
-    """An asynchronous iterator with the newest values of a subscription.
+    """An asynchronous iterator with the newest values of a subscription, like `Stream`.
 
-    A value that is not fetched before the next is dropped.
-
-    The iteration ends after `close`, and by an error if the server ends the stream or the connection is lost. Leaving
-    an ``async with`` block closes the stream.
+    Leaving an ``async with`` block closes it.
     """
 
     def __init__(self, receive: Callable[[float | None], Awaitable[T]], close: Callable[[], Awaitable[None]]) -> None:
@@ -95,15 +92,7 @@ class AsyncStream(Generic[T]):
             raise
 
     async def receive(self, timeout_s: float | None = None) -> T:
-        """Wait for the next value and return it.
-
-        Raises
-        ------
-        TimeoutError
-            Nothing came within ``timeout_s``. Default: wait without limit.
-        ValueError
-            The stream is closed.
-        """
+        """Wait for the next value and return it. Raises the errors of `Stream.receive`."""
         if self._is_closed:
             raise ValueError("the stream is closed")
         return await self._receive(timeout_s)

@@ -126,7 +126,7 @@ class RemoteVectorEnv(VectorEnv[Observation, Array, Array]):
         observation: Observation = self.batch.observation
         return observation
 
-    def _resting(self) -> BoolArray | None:
+    def _finished(self) -> BoolArray | None:
         return self._waited
 
     def _waiting(self) -> BoolArray:

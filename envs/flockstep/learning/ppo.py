@@ -29,7 +29,7 @@ Schedule: TypeAlias = float | Callable[[float], float]
 Array = npt.NDArray[Any]
 _Self = TypeVar("_Self", bound="PPO")
 
-_SCHEDULES = ("learning_rate", "clip_range", "clip_range_vf")
+_SCHEDULES = sb3_models.SCHEDULES
 _ARRAYS = (
     "parameters",
     "adam_first",
@@ -446,26 +446,11 @@ class PPO:
         self.logger.dump(step=self.num_timesteps)
 
     def _rollout_config(self) -> RolloutConfig:
-        return RolloutConfig(
-            n_steps=self.n_steps,
-            gamma=self.gamma,
-            gae_lambda=self.gae_lambda,
-            normalize_observations=self.normalize_observations,
-            normalize_rewards=self.normalize_rewards,
-        )
+        return RolloutConfig(**{name: getattr(self, name) for name in RolloutConfig.__match_args__})
 
     def _update_config(self, progress_remaining: float) -> UpdateConfig:
-        scheduled: dict[str, Any] = {name: _value(getattr(self, name), progress_remaining) for name in _SCHEDULES}
-        return UpdateConfig(
-            batch_size=self.batch_size,
-            n_epochs=self.n_epochs,
-            normalize_advantage=self.normalize_advantage,
-            ent_coef=self.ent_coef,
-            vf_coef=self.vf_coef,
-            max_grad_norm=self.max_grad_norm,
-            target_kl=self.target_kl,
-            **scheduled,
-        )
+        names = UpdateConfig.__match_args__
+        return UpdateConfig(**{name: _value(getattr(self, name), progress_remaining) for name in names})
 
     def _check(self) -> None:
         """Raise ValueError or TypeError that names a hyperparameter with an invalid value."""
@@ -732,7 +717,7 @@ def _threads_of(source: Source | None) -> int:
     return int(getattr(batch, "num_threads", 0))
 
 
-def _value(schedule: Any, progress_remaining: float) -> float | None:
+def _value(schedule: Any, progress_remaining: float) -> Any:
     return float(schedule(progress_remaining)) if callable(schedule) else schedule
 
 

@@ -8,22 +8,18 @@ import numpy as np
 import numpy.typing as npt
 from gymnasium import spaces
 
+from flockstep._core import RolloutConfig, UpdateConfig
 from flockstep.learning.networks import FEATURES
 
 _FLAT = "FlattenExtractor"
 
-#: Hyperparameters that both have under the same names.
-SHARED = (
-    "n_steps",
-    "batch_size",
-    "n_epochs",
-    "gamma",
-    "gae_lambda",
-    "normalize_advantage",
-    "ent_coef",
-    "vf_coef",
-    "max_grad_norm",
-    "target_kl",
+#: Hyperparameters that may be functions of the remaining training.
+SCHEDULES = ("learning_rate", "clip_range", "clip_range_vf")
+#: Other hyperparameters that both have under the same names.
+SHARED = tuple(
+    name
+    for name in (*RolloutConfig.__match_args__, *UpdateConfig.__match_args__)
+    if name not in (*SCHEDULES, "normalize_observations", "normalize_rewards")
 )
 
 

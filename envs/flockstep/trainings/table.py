@@ -226,6 +226,7 @@ TRAININGS: dict[str, Training] = {
         },
         baselines={"straight": [flyers.straight_in_dodge]},
         film={"steps": 400},
+        bench=("dodge", "living", 3),
     ),
     "swap": Training(
         env="flockstep/Swap-v0",
@@ -249,6 +250,7 @@ TRAININGS: dict[str, Training] = {
         | {"seconds": ("", "seconds")},
         baselines={"straight": [flyers.straight_in_swap]},
         film={"steps": 300},
+        bench=("swap", "trained", 3),
     ),
     "formation": Training(
         env="flockstep/Formation-v0",
@@ -279,12 +281,14 @@ TRAININGS: dict[str, Training] = {
         baselines={"ahead": [flyers.ahead_of_place], "straight": [flyers.to_place]},
         film={"steps": 300},
         flights=500,
+        bench=("formation", "trained", 3),
     ),
 }
 #: The same worlds without bodies, for comparison; the flights that judge have them all the same.
 TRAININGS["dodge_still"] = replace(
     TRAININGS["dodge"],
     learns=lambda: {**TRAININGS["dodge"].learns(), "worlds": [_still(world) for world in _dodge_worlds()]},
+    bench=("dodge", "still", 1),
 )
 TRAININGS["race_unseen"] = replace(
     TRAININGS["race"],

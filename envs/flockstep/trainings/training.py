@@ -80,3 +80,5 @@ class Training:
     """Entropy bonus at the start; it falls to zero over the first 80 % of the steps."""
     flights: int = 1000
     """Flights of the report, of each kind."""
+    bench: tuple[str, str, int] | None = None
+    """The bench in which it trains, the name of its figures there, and the number of seeds."""

@@ -126,6 +126,12 @@ struct Array {
 
 using Arrays = std::map<std::string, Array, std::less<>>;  // arrays by name
 
+}  // namespace flockstep::client
+
+#include "flockstep/client_results.hpp"
+
+namespace flockstep::client {
+
 // ------------------------------------------------------------------------------------------------------------- a connection
 
 // Parameters of a connection.
@@ -138,25 +144,6 @@ struct Options {
   std::string host_name;        // that the certificate must name; empty: the host of the address
   std::string program = "C++";  // name of this program, for messages of the server
   std::size_t max_message_bytes = std::size_t{1} << 30;  // a longer reply ends the connection
-};
-
-// The server that a connection leads to.
-struct ServerInfo {
-  std::string version;                   // of flockstep
-  std::uint32_t client = 0;              // number of this client, as in Drone::owner
-  std::int64_t num_envs = 0;             // E
-  std::int64_t drones_per_env = 0;       // slots for drones in each env: the batch has N = E * drones_per_env of them
-  std::int64_t generation = 0;           // counts how often the arrays of the batch changed their shapes
-  std::vector<std::string> lidars;       // names
-  std::vector<std::string> cameras;      // names
-  std::vector<std::string> imus;         // names
-  std::vector<std::string> imu_configs;  // ImuConfig of each IMU, as JSON
-  bool flies_by_rotors = false;          // otherwise drones move kinematically
-  bool has_task = false;                 // otherwise get_task(), reset_envs() and step_envs() are refused
-  double step_s = 0.0;                   // simulated time of a step
-  std::vector<std::string> array_names;  // of get_arrays(), without those of sensors
-  std::vector<std::string> array_rows;   // kind of the rows of each: "drone", "env", "task", or "body": B bodies of each env
-  std::int64_t bodies_per_env = 0;       // slots for bodies in each env, B
 };
 
 namespace detail {
@@ -243,27 +230,8 @@ class Stream {
 
 // ------------------------------------------------------------------------------------------------------------------- results
 
-// An active drone.
-struct Drone {
-  std::int64_t drone = 0;   // index in the batch
-  std::int64_t env = 0;     // index of its env
-  std::uint32_t owner = 0;  // number of the client that has claimed it, or 0
-};
-
 // When cameras render.
 enum class CaptureMode { every_step, on_movement, on_demand };
-
-// Speed of the simulation over the last seconds.
-struct Fps {
-  double fps = 0.0;               // steps per second of wall time
-  double real_time_factor = 0.0;  // simulated time over wall time
-};
-
-// A rotation that the server sends, in both forms.
-struct Rotation {
-  Quaternion quaternion{1.0F, 0.0F, 0.0F, 0.0F};  // unit
-  Angles angles;                                  // the same rotation
-};
 
 // Result of a motion.
 struct Impact {
@@ -299,14 +267,6 @@ struct LidarData {
   FLOCKSTEP_API std::vector<Vector3> points() const;
 };
 
-// A moment of the simulation.
-struct Time {
-  std::int64_t step = 0;        // steps of clients and of the server's clock since the server started
-  double time_s = 0.0;          // simulated time of these steps
-  std::int64_t num_envs = 0;    // of the batch
-  std::int64_t generation = 0;  // counts how often the arrays of the batch changed their shapes
-};
-
 // Arrays of one moment.
 struct Readings {
   Time time;      // the moment
@@ -325,16 +285,6 @@ struct Readings {
 struct BodyConfigs {
   std::vector<std::string> configs;   // the different ones: JSON objects with the fields of BodyConfig
   std::vector<std::int32_t> numbers;  // (K, B): index in `configs`; -1 for a free slot
-};
-
-// A world of the server.
-struct World {
-  std::string name;                // as in its file
-  std::uint64_t content_hash = 0;  // equal for equal worlds
-  Vector3 min{};                   // m, of all geometry
-  Vector3 max{};                   // m, of all geometry
-  std::optional<Vector3> start;    // m
-  std::optional<Vector3> goal;     // m
 };
 
 // All surfaces of a world as triangles.
@@ -357,28 +307,6 @@ struct Boxes {
   std::vector<Vector3> min;             // m
   std::vector<Vector3> max;             // m
   std::vector<std::int32_t> materials;  // material of each object
-};
-
-// An array that a task takes or gives.
-struct Field {
-  std::string name;                // as in Readings
-  DType dtype = DType::float32;    // type of the values
-  std::vector<std::size_t> shape;  // of a row
-  std::vector<double> low;         // lowest value: one for all, or one for each
-  std::vector<double> high;        // highest value
-};
-
-// The task of the batch.
-struct Task {
-  Field action;                           // of each row
-  std::vector<Field> observation;         // of each row
-  std::vector<std::string> reward_terms;  // names
-  std::int64_t num_rows = 0;              // of actions, observations and rewards
-  bool row_is_env = false;                // otherwise a row is a drone
-  std::string autoreset_mode;             // as in Gymnasium
-  double policy_hz = 0.0;                 // actions per second of simulated time
-  int frame_skip = 0;                     // steps of the simulation for each action
-  std::string episodes;                   // how those of an env's drones belong together: "team", "each" or "last"
 };
 
 // --------------------------------------------------------------------------------------------------------------- controllers

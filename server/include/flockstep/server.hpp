@@ -70,7 +70,7 @@ struct ServerConfig {
 class FLOCKSTEP_API Server {
  public:
   // Throws std::invalid_argument if the configuration is invalid, and std::runtime_error if the port is taken or a file cannot be
-  // read. Begins to share the batch: see Batch::share().
+  // read. Begins to share the batch: see ServedBatch.
   Server(Batch& batch, ServerConfig config = {});
   ~Server();
   Server(const Server&) = delete;

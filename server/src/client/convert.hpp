@@ -133,11 +133,14 @@ Quaternion value_of(const protocol::Quaternion& q);
 Array value_of(const protocol::ReceivedArray& array);
 std::optional<Vector3> value_of(const std::optional<protocol::Vector3>& v);
 std::optional<Quaternion> value_of(const std::optional<protocol::Quaternion>& q);
-// Values of fields that replies always have.
+// These are made, like those of other results: see server/generate.py.
+ServerInfo value_of(const protocol::Welcome& message);
+Time value_of(const protocol::Time& message);
+// A field that replies always have.
 template <class T>
-auto required(const std::optional<T>& message, const char* field) {
+const T& required(const std::optional<T>& message, const char* field) {
   if (!message) refuse_reply(std::string("a reply lacks ") + field);
-  return value_of(*message);
+  return *message;
 }
 
 // Returns the result of a call. results.cpp defines one for each type.

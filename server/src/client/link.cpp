@@ -55,31 +55,17 @@ void Link::introduce() {
   const std::shared_ptr<Call> call = send(std::move(request));
   wait(*call);
   const std::unique_ptr<ReceivedReply> reply = take(*call);
-  auto* const answer = std::get_if<protocol::Welcome>(&reply->header.result);
+  const auto* const answer = std::get_if<protocol::Welcome>(&reply->header.result);
   if (answer == nullptr)
     throw Error(ErrorCode::bad_reply, "no flockstep server at " + options_.address + ": it does not answer Hello");
-  protocol::Welcome& welcome = *answer;
+  const protocol::Welcome& welcome = *answer;
   if (welcome.protocol != protocol::kVersion) {
     throw Error(ErrorCode::failed_precondition, "protocol: expected version " + std::to_string(protocol::kVersion) +
                                                     ", which this client has, got " + std::to_string(welcome.protocol) +
                                                     " of the server (flockstep " + welcome.version +
                                                     "); install the same version on both sides");
   }
-  server_ = {.version = std::move(welcome.version),
-             .client = welcome.client,
-             .num_envs = welcome.num_envs,
-             .drones_per_env = welcome.drones_per_env,
-             .generation = welcome.generation,
-             .lidars = std::move(welcome.lidars),
-             .cameras = std::move(welcome.cameras),
-             .imus = std::move(welcome.imus),
-             .imu_configs = std::move(welcome.imu_config_json),
-             .flies_by_rotors = welcome.flies_by_rotors,
-             .has_task = welcome.has_task,
-             .step_s = welcome.step_s,
-             .array_names = std::move(welcome.array_names),
-             .array_rows = std::move(welcome.array_rows),
-             .bodies_per_env = welcome.bodies_per_env};
+  server_ = value_of(welcome);
 }
 
 bool Link::is_open() const {
@@ -263,3 +249,12 @@ void wait(Call& call) { call.link().wait(call); }
 bool wait_for(Call& call, std::chrono::nanoseconds timeout) { return call.link().wait_for(call, timeout); }
 
 }  // namespace flockstep::client::detail
+
+namespace flockstep::client {
+
+Connection::Connection(const Options& options) : link_(std::make_shared<detail::Link>(options)) { link_->introduce(); }
+
+const ServerInfo& Connection::server() const { return link_->server(); }
+bool Connection::is_open() const { return link_->is_open(); }
+
+}  // namespace flockstep::client

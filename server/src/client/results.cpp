@@ -9,24 +9,6 @@ namespace {
 
 static_assert(static_cast<int>(CaptureMode::on_demand) == static_cast<int>(protocol::CaptureModeName::kOnDemand));
 
-Angles value_of(const protocol::Angles& angles) {
-  return {.roll_deg = angles.roll_deg, .pitch_deg = angles.pitch_deg, .yaw_deg = angles.yaw_deg};
-}
-
-Drone value_of(const protocol::Drone& drone) { return {.drone = drone.drone, .env = drone.env, .owner = drone.owner}; }
-
-Field value_of(protocol::Field& field) {
-  return {.name = std::move(field.name),
-          .dtype = static_cast<DType>(field.dtype),
-          .shape = {field.shape.begin(), field.shape.end()},
-          .low = std::move(field.low),
-          .high = std::move(field.high)};
-}
-
-Time value_of(const protocol::Time& time) {
-  return {.step = time.step, .time_s = time.time_s, .num_envs = time.num_envs, .generation = time.generation};
-}
-
 }  // namespace
 
 template <>
@@ -37,12 +19,6 @@ void read<void>(Call& call) {
 template <>
 std::string read<std::string>(Call& call) {
   return std::move(ReplyOf<protocol::Config>(call).message().config_json);
-}
-
-template <>
-Time read<Time>(Call& call) {
-  ReplyOf<protocol::Time> reply(call);
-  return value_of(reply.message());
 }
 
 template <>
@@ -60,8 +36,8 @@ Impact read<Impact>(Call& call) {
   const protocol::Impact& impact = reply.message();
   return {.hit = impact.hit,
           .fraction = impact.fraction,
-          .location = required(impact.location, "location"),
-          .rotation = required(impact.rotation, "rotation"),
+          .location = value_of(required(impact.location, "location")),
+          .rotation = value_of(required(impact.rotation, "rotation")),
           .point = value_of(impact.point).value_or(Vector3{}),
           .normal = value_of(impact.normal).value_or(Vector3{})};
 }
@@ -95,15 +71,9 @@ LidarData read<LidarData>(Call& call) {
     }
     data.directions = directions.values<Vector3>();
   }
-  data.origin = required(reply.message().origin, "origin");
-  data.rotation = required(reply.message().rotation, "rotation");
+  data.origin = value_of(required(reply.message().origin, "origin"));
+  data.rotation = value_of(required(reply.message().rotation, "rotation"));
   return data;
-}
-
-template <>
-Fps read<Fps>(Call& call) {
-  ReplyOf<protocol::Fps> reply(call);
-  return {.fps = reply.message().fps, .real_time_factor = reply.message().real_time_factor};
 }
 
 template <>
@@ -112,28 +82,8 @@ Vector3 read<Vector3>(Call& call) {
 }
 
 template <>
-Rotation read<Rotation>(Call& call) {
-  ReplyOf<protocol::Rotation> reply(call);
-  if (!reply.message().angles) refuse_reply("a reply lacks angles");
-  return {.quaternion = required(reply.message().quaternion, "quaternion"), .angles = value_of(*reply.message().angles)};
-}
-
-template <>
 bool read<bool>(Call& call) {
   return ReplyOf<protocol::MoveLineVisible>(call).message().visible;
-}
-
-template <>
-Drone read<Drone>(Call& call) {
-  return value_of(ReplyOf<protocol::Drone>(call).message());
-}
-
-template <>
-std::vector<Drone> read<std::vector<Drone>>(Call& call) {
-  ReplyOf<protocol::Drones> reply(call);
-  std::vector<Drone> drones;
-  for (const protocol::Drone& drone : reply.message().drones) drones.push_back(value_of(drone));
-  return drones;
 }
 
 template <>
@@ -144,21 +94,6 @@ CaptureMode read<CaptureMode>(Call& call) {
 template <>
 Snapshot read<Snapshot>(Call& call) {
   return ReplyOf<protocol::Done>(call).values<std::uint8_t>("snapshot");
-}
-
-template <>
-std::vector<World> read<std::vector<World>>(Call& call) {
-  ReplyOf<protocol::Worlds> reply(call);
-  std::vector<World> worlds;
-  for (protocol::World& world : reply.message().worlds) {
-    worlds.push_back({.name = std::move(world.name),
-                      .content_hash = world.content_hash,
-                      .min = required(world.min, "min"),
-                      .max = required(world.max, "max"),
-                      .start = value_of(world.start),
-                      .goal = value_of(world.goal)});
-  }
-  return worlds;
 }
 
 template <>
@@ -200,24 +135,6 @@ Boxes read<Boxes>(Call& call) {
     refuse_reply("the arrays of boxes have different sizes");
   }
   return boxes;
-}
-
-template <>
-Task read<Task>(Call& call) {
-  ReplyOf<protocol::Task> reply(call);
-  protocol::Task& message = reply.message();
-  if (!message.action) refuse_reply("a reply lacks action");
-  Task task{.action = value_of(*message.action),
-            .observation = {},
-            .reward_terms = std::move(message.reward_terms),
-            .num_rows = message.num_rows,
-            .row_is_env = message.row_is_env,
-            .autoreset_mode = std::move(message.autoreset_mode),
-            .policy_hz = message.policy_hz,
-            .frame_skip = message.frame_skip,
-            .episodes = std::move(message.episodes)};
-  for (protocol::Field& field : message.observation) task.observation.push_back(value_of(field));
-  return task;
 }
 
 template <>

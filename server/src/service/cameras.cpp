@@ -6,7 +6,6 @@
 #include "flockstep/batch_lock.hpp"
 #include "formats/image.hpp"
 #include "render/jpeg.hpp"
-#include "service/guard.hpp"
 #include "service/service.hpp"
 
 namespace flockstep::server {
@@ -122,11 +121,11 @@ std::optional<Picture> Service::copy_frame(Call& call, const ArraySource& arrays
 bool Service::take_published_frame(Call& call, std::optional<Picture>& picture) {
   const auto& get = std::get<protocol::GetCameraData>(call.request.operation);
   const auto now = shape();
-  const auto known = get.camera.empty() && now->cameras.size() == 1
-                         ? now->cameras.begin()
-                         : std::ranges::find(now->cameras, get.camera, &CameraConfig::name);
+  const auto known = get.camera.empty() && now->camera_configs.size() == 1
+                         ? now->camera_configs.begin()
+                         : std::ranges::find(now->camera_configs, get.camera, &CameraConfig::name);
   // Only a frame that the camera takes by itself. A copy has no move lines.
-  if (known == now->cameras.end() || known->capture_mode == CaptureMode::on_demand || has_lines_ || get.quality > 100)
+  if (known == now->camera_configs.end() || known->capture_mode == CaptureMode::on_demand || has_lines_ || get.quality > 100)
     return false;
   const auto copy = publisher_.read(batch_, known->name);
   if (!copy || get.drone < 0 || get.drone >= copy->num_drones) return false;

@@ -13,7 +13,6 @@
 #include "flockstep/version.hpp"
 #include "recipe/config_json.hpp"
 #include "service/convert.hpp"
-#include "service/guard.hpp"
 
 namespace flockstep::server {
 namespace {
@@ -53,7 +52,6 @@ Service::Service(Batch& batch, const ServerConfig& config, Post post, Post run_a
       run_aside_(std::move(run_aside)),
       run_compression_(std::move(run_compression)),
       workload_(workload),
-      flies_by_rotors_(!batch.config().dynamics.is_kinematic()),
       step_s_(1.0 / static_cast<double>(batch.config().clock.policy_hz)),
       executor_(std::move(post)),
       rate_hz_(config.rate_hz) {
@@ -79,6 +77,11 @@ void Service::refresh_shape() {
   const bool has_grown = !shape_ || shape_->generation != ServedBatch::generation(batch_);
   if (shape_ && shape_->drones_per_env != config.drones_per_env) renumber(config.drones_per_env);
   auto next = std::make_shared<Shape>();
+  next->protocol = protocol::kVersion;
+  next->version = FLOCKSTEP_VERSION;
+  next->flies_by_rotors = !config.dynamics.is_kinematic();
+  next->has_task = task_ != nullptr;
+  next->step_s = step_s_;
   next->num_envs = config.num_envs;
   next->drones_per_env = config.drones_per_env;
   next->bodies_per_env = static_cast<std::int64_t>(batch_.bodies_per_env());
@@ -86,9 +89,12 @@ void Service::refresh_shape() {
   for (const LidarConfig& lidar : config.lidars) next->lidars.push_back(lidar.name);
   for (const ImuConfig& imu : config.imus) {
     next->imus.push_back(imu.name);
-    next->imu_configs.push_back(json_of(imu).dump());
+    next->imu_config_json.push_back(json_of(imu).dump());
   }
-  for (std::size_t camera = 0; camera < config.cameras.size(); ++camera) next->cameras.push_back(batch_.camera_config(camera));
+  for (std::size_t camera = 0; camera < config.cameras.size(); ++camera) {
+    next->camera_configs.push_back(batch_.camera_config(camera));
+    next->cameras.push_back(next->camera_configs.back().name);
+  }
   next->worlds = batch_.worlds();
   std::size_t bytes = 0, rays = 0;
   const auto count = [&](const ArrayView& view) { bytes += view.size * view.value_size; };
@@ -140,24 +146,8 @@ void Service::welcome(Call& call) {
       const std::scoped_lock lock(owners_mutex_);
       call.client->number = ++last_client_;
     }
-    auto& welcome = call.result<protocol::Welcome>();
-    welcome.protocol = protocol::kVersion;
-    welcome.version = FLOCKSTEP_VERSION;
+    auto& welcome = call.result<protocol::Welcome>() = *shape();
     welcome.client = call.client->number;
-    const auto now = shape();
-    welcome.num_envs = now->num_envs;
-    welcome.drones_per_env = now->drones_per_env;
-    welcome.generation = now->generation;
-    welcome.lidars = now->lidars;
-    for (const CameraConfig& camera : now->cameras) welcome.cameras.push_back(camera.name);
-    welcome.imus = now->imus;
-    welcome.imu_config_json = now->imu_configs;
-    welcome.flies_by_rotors = flies_by_rotors_;
-    welcome.has_task = task_ != nullptr;
-    welcome.step_s = step_s_;
-    welcome.array_names = now->array_names;
-    welcome.array_rows = now->array_rows;
-    welcome.bodies_per_env = now->bodies_per_env;
   });
 }
 
@@ -293,8 +283,8 @@ void Service::leave(const std::shared_ptr<Client>& client) {
 
 void Service::follow_program() {
   bool has_changed = ServedBatch::generation(batch_) != shape_->generation || batch_.worlds() != shape_->worlds;
-  for (std::size_t camera = 0; camera < shape_->cameras.size(); ++camera) {
-    has_changed |= batch_.camera_config(camera).capture_mode != shape_->cameras[camera].capture_mode;
+  for (std::size_t camera = 0; camera < shape_->camera_configs.size(); ++camera) {
+    has_changed |= batch_.camera_config(camera).capture_mode != shape_->camera_configs[camera].capture_mode;
   }
   if (has_changed) refresh_shape();
 }
@@ -487,7 +477,7 @@ void Service::require_sensor(const std::string& name) const {
   const auto now = shape();
   const bool is_known = std::ranges::find(now->lidars, name) != now->lidars.end() ||
                         std::ranges::find(now->imus, name) != now->imus.end() ||
-                        std::ranges::find(now->cameras, name, &CameraConfig::name) != now->cameras.end();
+                        std::ranges::find(now->cameras, name) != now->cameras.end();
   require(is_known, "sensor", "the name of a sensor of this batch", '"' + name + '"');
 }
 

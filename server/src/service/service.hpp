@@ -86,11 +86,9 @@ class Service {
     std::optional<Workload::Mark> mark_;
   };
 
-  // A copy of some properties of the batch, which needs no lock.
-  struct Shape {
-    std::int64_t num_envs = 0, drones_per_env = 0, bodies_per_env = 0, generation = -1;
-    std::vector<std::string> array_names, array_rows, lidars, imus, imu_configs;
-    std::vector<CameraConfig> cameras;  // with their current capture modes
+  // A copy of some properties of the batch, which needs no lock: what clients are told, and more.
+  struct Shape : protocol::Welcome {
+    std::vector<CameraConfig> camera_configs;  // with their current capture modes
     Batch::Worlds worlds;
     std::size_t max_snapshot_bytes = 0;  // of a snapshot to restore; see also largest_snapshot_
     std::int64_t num_drones() const { return num_envs * drones_per_env; }
@@ -161,7 +159,6 @@ class Service {
   const ServerConfig config_;
   const Post run_aside_, run_compression_;
   Workload& workload_;
-  const bool flies_by_rotors_;
   const double step_s_;
   std::function<void()> on_new_rate_;
   std::function<void(const std::string&)> on_clock_failure_;

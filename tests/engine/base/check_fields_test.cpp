@@ -1,24 +1,15 @@
 #include "base/check_fields.hpp"
 
-#include <gtest/gtest.h>
-
-#include <array>
-#include <cmath>
-#include <cstdint>
-#include <functional>
-#include <limits>
-#include <optional>
-#include <string>
 #include <type_traits>
-#include <utility>
-#include <vector>
 
 #include "flockstep/config.hpp"
 #include "flockstep/tasks.hpp"
-#include "refusal.hpp"
+#include "standard.hpp"
 
 namespace flockstep {
 namespace {
+
+using namespace testing;
 
 struct Leg {
   float length_m = 1.0F;
@@ -63,7 +54,6 @@ struct Robot {
 };
 
 TEST(CheckFields, NamesFieldExpectedAndGot) {
-  constexpr float kNan = std::numeric_limits<float>::quiet_NaN();
   const std::vector<std::pair<std::function<void(Robot&)>, std::string>> cases{
       {[](Robot&) {}, "accepted"},
       {[](Robot& r) { r.name = "r 2"; }, "robot.name: expected letters, digits, _ and -, got \"r 2\""},
@@ -93,7 +83,7 @@ TEST(CheckFields, NamesFieldExpectedAndGot) {
   for (const auto& [change, expected] : cases) {
     Robot robot;
     change(robot);
-    EXPECT_EQ(testing::refusal([&] { check_fields(robot, "robot."); }), expected);
+    EXPECT_EQ(refusal([&] { check_fields(robot, "robot."); }), expected);
   }
 }
 
@@ -131,7 +121,7 @@ int count_refused(const std::string& prefix) {
       if (!std::isfinite(beyond) || limits.num_choices > 0) continue;
       Config config;
       if (!set(config.*(field.member), beyond)) continue;
-      const std::string message = testing::refusal([&] { config.validate(); });
+      const std::string message = refusal([&] { config.validate(); });
       EXPECT_EQ(message.substr(0, name.size()), name) << beyond << ": " << message;
       ++refused;
     }
@@ -159,13 +149,13 @@ TEST(CheckFields, IsDoneToTheConfigurationsOfABatch) {
   BatchConfig config;
   config.cameras.resize(1);
   config.cameras[0].width_px = 0;
-  EXPECT_EQ(testing::refusal([&] { config.validate(); }), "camera.width_px: expected an integer in [1, 8192], got 0");
+  EXPECT_EQ(refusal([&] { config.validate(); }), "camera.width_px: expected an integer in [1, 8192], got 0");
   config.cameras.clear();
   config.num_threads = 5000;
-  EXPECT_EQ(testing::refusal([&] { config.validate(); }), "num_threads: expected an integer in [0, 4096], got 5000");
+  EXPECT_EQ(refusal([&] { config.validate(); }), "num_threads: expected an integer in [0, 4096], got 5000");
   config.num_threads = 0;
   config.dynamics.wind.height_m = 2.0F;
-  EXPECT_EQ(testing::refusal([&] { config.validate(); }), "wind.height_m: expected a number in [3, 300], got 2");
+  EXPECT_EQ(refusal([&] { config.validate(); }), "wind.height_m: expected a number in [3, 300], got 2");
 }
 
 }  // namespace

@@ -1,13 +1,9 @@
 #include "base/interrupt.hpp"
 
-#include <gtest/gtest.h>
-
 #include <chrono>
-#include <memory>
-#include <string>
-#include <thread>
-#include <vector>
 
+#include "base/platform.hpp"
+#include "base/workers.hpp"
 #include "batch_helpers.hpp"
 #include "flockstep/generators.hpp"
 #include "flockstep/planning.hpp"
@@ -18,9 +14,7 @@
 namespace flockstep {
 namespace {
 
-using testing::closet;
-using testing::lidar_batch;
-using testing::make_world;
+using namespace testing;
 
 struct Stopped {};
 
@@ -108,11 +102,10 @@ TEST(Interrupt, EndsTheWorkOfABatch) {
       EXPECT_THROW(batch.sense(), Stopped);
     }
     // Some envs have been stepped and others not, so the batch is unusable until it is reset or restored as a whole.
-    const auto refusal = [](const auto& call) { return testing::message_of(call); };
-    for (const std::string& message : {refusal([&] { batch.step(actions); }), refusal([&] { batch.snapshot(); }),
-                                       refusal([&] { batch.reset({}, std::vector<std::uint8_t>(64, 0)); }),
-                                       refusal([&] { batch.spawn(std::vector<std::int64_t>{3}, {}, {}, {}); })}) {
-      EXPECT_NE(message.find("interrupted"), std::string::npos) << message;
+    for (const std::string& message : {message_of([&] { batch.step(actions); }), message_of([&] { batch.snapshot(); }),
+                                       message_of([&] { batch.reset({}, std::vector<std::uint8_t>(64, 0)); }),
+                                       message_of([&] { batch.spawn(std::vector<std::int64_t>{3}, {}, {}, {}); })}) {
+      EXPECT_TRUE(names(message, "interrupted"));
     }
     batch.restore(before);
     batch.step(actions);
@@ -129,12 +122,61 @@ TEST(Interrupt, EndsTheWorkOfABatch) {
 }
 
 TEST(Interrupt, EndsPlanning) {
-  const auto world = testing::playground("train-1");
+  const auto world = playground("train-1");
   const auto goals = std::vector<Vec3>{*world->markers().goal};
   EXPECT_TRUE(plan(*world, DroneModel::quadrotor650(), *world->markers().start, goals, 0.2F));
   const Stop stop;
   EXPECT_THROW(plan(*world, DroneModel::quadrotor650(), *world->markers().start, goals, 0.2F), Stopped);
   EXPECT_THROW(flockstep::playground({.seed = 1}), Stopped);
+}
+
+TEST(Workers, HaveTheRequestedNumber) {
+  for (const int threads : {2, 8, 5, 8}) {
+    Workers workers(threads);
+    const auto count = static_cast<std::size_t>(threads);
+    std::vector<std::atomic<int>> seen(count);
+    std::atomic<int> inside{0};
+    const auto end = std::chrono::steady_clock::now() + std::chrono::seconds(30);
+    workers.run(count, [&](std::size_t, std::size_t thread) {
+      ++inside;
+      ++seen.at(thread);
+      while (inside < threads && std::chrono::steady_clock::now() < end) std::this_thread::yield();  // waits for all
+    });
+    for (const auto& times : seen) EXPECT_EQ(times, 1);
+  }
+}
+
+TEST(Workers, AreAtMostFourPerProcessor) {
+  EXPECT_EQ(thread_count(1), 1);
+  EXPECT_EQ(thread_count(3), 3);
+  EXPECT_EQ(thread_count(0), physical_cores());
+  EXPECT_EQ(thread_count(1 << 20), 4 * logical_processors());
+}
+
+TEST(Workers, RethrowExceptionsAndStayUsable) {
+  for (const int threads : {1, 3}) {
+    Workers workers(threads);
+    EXPECT_THROW(workers.run(100,
+                             [](std::size_t i, std::size_t) {
+                               if (i == 7) throw std::runtime_error("seven");
+                             }),
+                 std::runtime_error);
+    std::atomic<int> calls{0};
+    workers.run(100, [&](std::size_t, std::size_t) { ++calls; });
+    EXPECT_EQ(calls, 100);
+  }
+}
+
+TEST(Workers, AllCallsEndSoonOnceTheCallerIsInterrupted) {
+  struct Stopped {};
+  Workers workers(2);
+  const Interrupt interrupt([] { throw Stopped(); });
+  const auto begun = std::chrono::steady_clock::now();
+  const auto poll_for_long = [&](std::size_t, std::size_t) {
+    while (std::chrono::steady_clock::now() - begun < std::chrono::seconds(20)) Interrupt::poll();
+  };
+  EXPECT_THROW(workers.run(2, poll_for_long), Stopped);
+  EXPECT_LT(std::chrono::steady_clock::now() - begun, std::chrono::seconds(10));
 }
 
 }  // namespace

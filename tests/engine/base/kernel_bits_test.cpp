@@ -1,17 +1,8 @@
 // The SIMD kernels give the same bits on every target. Their results for random rays are compared with constants in this file,
 // not with another run. Worlds and rays use only integers and correctly rounded operations in an order that no library chooses,
 // so they also have the same bits everywhere. Triangles are not covered, because Embree traces those.
-#include <gtest/gtest.h>
 
 #include <bit>
-#include <cmath>
-#include <cstddef>
-#include <cstdint>
-#include <limits>
-#include <memory>
-#include <span>
-#include <utility>
-#include <vector>
 
 #include "base/platform.hpp"
 #include "base/random.hpp"
@@ -26,6 +17,8 @@
 
 namespace flockstep {
 namespace {
+
+using namespace testing;
 
 constexpr std::size_t kRays = trace::kMaxRays;  // per block and per bundle
 
@@ -92,7 +85,7 @@ class Exact {
 
   // Makes a world with primitives of every kind, about half of them rotated.
   std::shared_ptr<const World> world(int count) {
-    std::vector<Primitive> primitives{testing::primitive(PrimitiveKind::room, point(0.5F), {7.0F, 7.0F, 6.0F})};
+    std::vector<Primitive> primitives{primitive(PrimitiveKind::room, point(0.5F), {7.0F, 7.0F, 6.0F})};
     for (int i = 0; i < count; ++i) {
       const auto kind = static_cast<PrimitiveKind>(1 + i % 6);
       const Vec3 center = point(5.0F);
@@ -104,9 +97,9 @@ class Exact {
       if (kind == PrimitiveKind::plane) half = {r, s, 0.0F};
       if (kind == PrimitiveKind::disc) half.z() = 0.0F;
       const bool turned = kind != PrimitiveKind::sphere && word() % 2 == 0;
-      primitives.push_back(testing::primitive(kind, center, half, turned ? rotation() : Quat::Identity()));
+      primitives.push_back(primitive(kind, center, half, turned ? rotation() : Quat::Identity()));
     }
-    return testing::make_world(std::move(primitives));
+    return make_world(std::move(primitives));
   }
 
  private:

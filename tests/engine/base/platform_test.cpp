@@ -1,17 +1,12 @@
 #include "base/platform.hpp"
 
-#include <gtest/gtest.h>
 #if defined(__linux__)
 #include <sys/mman.h>
 #endif
 
-#include <cstddef>
-#include <cstdint>
-#include <fstream>
-#include <memory>
 #include <new>
-#include <sstream>
-#include <string>
+
+#include "standard.hpp"
 
 namespace flockstep {
 namespace {

@@ -3,21 +3,13 @@
 #define HWY_TARGET_INCLUDE "base/wide_test.cpp"
 #include <hwy/foreach_target.h>
 // Highway's headers must come after foreach_target.
-#include <gtest/gtest.h>
 #include <hwy/highway.h>
 
-#include <algorithm>
-#include <array>
 #include <bit>
-#include <cmath>
-#include <cstddef>
-#include <cstdint>
-#include <cstring>
-#include <limits>
-#include <vector>
 
 #include "base/wide-inl.hpp"
-#include "on_target.hpp"
+#include "every_target.hpp"
+#include "standard.hpp"
 
 #ifndef FLOCKSTEP_WIDE_TEST_COMMON
 #define FLOCKSTEP_WIDE_TEST_COMMON
@@ -134,6 +126,8 @@ HWY_AFTER_NAMESPACE();
 namespace flockstep::wide_test {
 namespace {
 
+using namespace testing;
+
 HWY_EXPORT(compute_in_one_number);
 HWY_EXPORT(compute_in_vectors);
 HWY_EXPORT(compute_in_fours);
@@ -212,9 +206,7 @@ TEST(Wide, EveryLaneIsAsOneNumberOnEveryTarget) {
                   {1, -2, 3, 400, 5, -6000, 7, 8, -9, 10, 11000, 12, 13, -14, 15, 16777217},
                   {-1, 2, 3, 4, 50, -7000, 7, -8, 9, 1000, 11, -12, 13, 14, 1 << 20, 0}};
   const Outputs want = expected(in);
-  for (const std::int64_t target : hwy::SupportedAndGeneratedTargets()) {
-    const testing::OnTarget on(target);
-    SCOPED_TRACE(hwy::TargetName(target));
+  on_every_target([&] {
     Outputs one, vectors, fours;
     HWY_DYNAMIC_DISPATCH(compute_in_one_number)(in, one);
     HWY_DYNAMIC_DISPATCH(compute_in_vectors)(in, vectors);
@@ -222,7 +214,7 @@ TEST(Wide, EveryLaneIsAsOneNumberOnEveryTarget) {
     expect_equal(one, want);
     expect_equal(vectors, want);
     expect_equal(fours, want);
-  }
+  });
 }
 
 }  // namespace

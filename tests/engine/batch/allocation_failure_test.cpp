@@ -1,15 +1,6 @@
 // Lets every single allocation of loading, batch construction, snapshot and restore fail in turn.
-#include <gtest/gtest.h>
 
-#include <cstdint>
-#include <cstdlib>
 #include <exception>
-#include <filesystem>
-#include <fstream>
-#include <memory>
-#include <string>
-#include <utility>
-#include <vector>
 
 #if defined(__SANITIZE_ADDRESS__)
 #include <sanitizer/lsan_interface.h>
@@ -23,7 +14,7 @@
 namespace flockstep {
 namespace {
 
-using testing::closet;
+using namespace testing;
 
 // Runs f with its first, second, ... allocation failing, until f needs fewer allocations. Returns how many runs threw. f must
 // free everything it allocates. A run may succeed if the code can do without the memory, as std::stable_sort does.
@@ -34,9 +25,9 @@ std::uint64_t fail_each(const F& f, Kept kept = Kept::nothing) {
   f();
   std::uint64_t thrown = 0;
   for (std::uint64_t n = 1;; ++n) {
-    const std::int64_t before = testing::live_allocations();
+    const std::int64_t before = live_allocations();
     {
-      const testing::FailingAllocation failing(n);
+      const FailingAllocation failing(n);
       try {
         f();
       } catch (const std::exception&) {
@@ -45,14 +36,14 @@ std::uint64_t fail_each(const F& f, Kept kept = Kept::nothing) {
       if (!failing.has_failed()) return thrown;
     }
     if (kept == Kept::nothing) {
-      EXPECT_EQ(testing::live_allocations(), before) << "after allocation " << n;
+      EXPECT_EQ(live_allocations(), before) << "after allocation " << n;
     }
     if (::testing::Test::HasFailure()) return thrown;
   }
 }
 
 BatchConfig small_batch() {
-  BatchConfig config = testing::lidar_batch(3, {.beams = 5});
+  BatchConfig config = lidar_batch(3, {.beams = 5});
   config.pose_sensor.position_noise_std_m = 0.01F;
   config.cameras = {{.width_px = 8, .height_px = 6, .outputs = {.depth = true}}};
   return config;
@@ -61,9 +52,9 @@ BatchConfig small_batch() {
 class AllocationFailure : public ::testing::Test {
  protected:
   void SetUp() override {
-    const std::uint64_t before = testing::allocations();
+    const std::uint64_t before = allocations();
     ::operator delete(::operator new(1));
-    if (testing::allocations() == before) GTEST_SKIP() << "the thread sanitizer keeps its own operator new";
+    if (allocations() == before) GTEST_SKIP() << "the thread sanitizer keeps its own operator new";
   }
 };
 
@@ -83,14 +74,14 @@ void fail_trees() {
   TriangleMesh mesh;
   mesh.vertices = {{0, 0, 0}, {1, 0, 0}, {0, 1, 0}, {0, 0, 1}};
   mesh.triangles = {{0, 1, 2}, {0, 1, 3}};
-  const auto kept = testing::make_world({}, {}, mesh);
+  const auto kept = make_world({}, {}, mesh);
   prepared(*kept).scene();  // keeps Embree's device alive
   // Embree 3.13 leaks some blocks if memory runs out within rtcCommitScene. If it runs out while a thread joins the scene's
   // allocator, a thread-local pointer dangles. Therefore this test runs in a separate process.
 #if defined(__SANITIZE_ADDRESS__)
   const __lsan::ScopedDisabler not_ours;
 #endif
-  EXPECT_GT(fail_each([&] { prepared(*testing::make_world({}, {}, mesh)).scene(); }, Kept::by_embree), 10U);
+  EXPECT_GT(fail_each([&] { prepared(*make_world({}, {}, mesh)).scene(); }, Kept::by_embree), 10U);
   std::_Exit(::testing::Test::HasFailure() ? 1 : 0);
 }
 

@@ -1,35 +1,18 @@
 #include "batch/bad_states.hpp"
 
-#include <gtest/gtest.h>
-
-#include <cmath>
-#include <cstdint>
-#include <functional>
-#include <limits>
-#include <memory>
-#include <string>
-#include <utility>
-#include <vector>
-
 #include "batch_helpers.hpp"
-#include "numbers.hpp"
-#include "random.hpp"
 
 namespace flockstep {
 namespace {
 
-using testing::closet;
-using testing::kInfinity;
-using testing::same_drone;
-
-constexpr float kNaN = std::numeric_limits<float>::quiet_NaN();
+using namespace testing;
 
 enum class What : std::uint8_t { nothing, position, rotation, reward, observation, first_observation, place };
 
 // A single fault in one env, in a step of its first episode or at the start of its second.
 struct Fault {
   What what = What::nothing;
-  float value = kNaN;
+  float value = kNan;
   std::uint32_t env = 1;
   std::int64_t step = 3;
 };
@@ -98,9 +81,7 @@ class Drift final : public Task {
 };
 
 std::unique_ptr<Batch> make(const Fault& fault, AutoresetMode mode, int max_steps = 5) {
-  BatchConfig config;
-  config.num_envs = 3;
-  config.num_threads = 1;
+  BatchConfig config{.num_envs = 3, .num_threads = 1};
   config.episode.autoreset_mode = mode;
   config.episode.max_episode_steps = max_steps;
   static const auto world = closet();  // one world for all, so that drones can be compared
@@ -119,10 +100,10 @@ bool all_declared(const std::vector<Buffer>& observation, std::size_t env) {
 
 TEST(BadStates, OneOfAFlownStepEndsItsEpisodeAndTouchesNoOther) {
   const std::vector<Fault> faults{
-      {What::position, kNaN},      {What::position, kInfinity},     {What::position, 2e6F},         {What::rotation, kNaN},
-      {What::rotation, kInfinity}, {What::rotation, 3.0F},          {What::reward, kNaN},           {What::reward, -kInfinity},
-      {What::observation, kNaN},   {What::observation, -kNaN},      {What::observation, kInfinity}, {What::observation, kNaN, 0},
-      {What::reward, kNaN, 2, 5},  {What::observation, kNaN, 2, 5},
+      {What::position, kNan},      {What::position, kInfinity},     {What::position, 2e6F},         {What::rotation, kNan},
+      {What::rotation, kInfinity}, {What::rotation, 3.0F},          {What::reward, kNan},           {What::reward, -kInfinity},
+      {What::observation, kNan},   {What::observation, -kNan},      {What::observation, kInfinity}, {What::observation, kNan, 0},
+      {What::reward, kNan, 2, 5},  {What::observation, kNan, 2, 5},
   };
   for (const AutoresetMode mode : {AutoresetMode::next_step, AutoresetMode::same_step, AutoresetMode::disabled}) {
     for (const Fault& fault : faults) {
@@ -168,7 +149,7 @@ TEST(BadStates, OneAtTheBeginningOfAnEpisodeEndsItInItsFirstStep) {
   for (const What what : {What::first_observation, What::place}) {
     for (const AutoresetMode mode : {AutoresetMode::next_step, AutoresetMode::same_step}) {
       SCOPED_TRACE(std::to_string(static_cast<int>(what)) + " mode " + std::to_string(static_cast<int>(mode)));
-      const auto batch = make({what, kNaN, 1}, mode);
+      const auto batch = make({what, kNan, 1}, mode);
       bool seen = false;
       for (int step = 0; step < 22; ++step) {
         const bool first = batch->state().episode[1] == 1 && batch->episodes().steps[1] == 0;
@@ -190,7 +171,7 @@ TEST(BadStates, OneAtTheBeginningOfAnEpisodeEndsItInItsFirstStep) {
 }
 
 TEST(BadStates, ASnapshotHoldsThem) {
-  const auto batch = make({What::first_observation, kNaN, 1}, AutoresetMode::same_step);
+  const auto batch = make({What::first_observation, kNan, 1}, AutoresetMode::same_step);
   for (int step = 0; step < 5; ++step) fly(*batch);  // env 1 is now in its second episode, which began with a fault
   const std::string blob = batch->snapshot();
   fly(*batch);
@@ -203,12 +184,10 @@ TEST(BadStates, ASnapshotHoldsThem) {
 }
 
 TEST(BadStates, AFrameSkipEndsThere) {
-  BatchConfig config;
-  config.num_envs = 3;
-  config.num_threads = 1;
+  BatchConfig config{.num_envs = 3, .num_threads = 1};
   config.episode.frame_skip = 4;
   config.episode.max_episode_steps = 100;
-  Batch batch(config, {closet()}, std::make_unique<Drift>(Fault{What::reward, kNaN, 1, 2}));
+  Batch batch(config, {closet()}, std::make_unique<Drift>(Fault{What::reward, kNan, 1, 2}));
   batch.reset(std::vector<std::uint64_t>{0, 1, 2});
   fly(batch);
   EXPECT_EQ(batch.outputs().bad_state, (FlagArray{0, 1, 0}));

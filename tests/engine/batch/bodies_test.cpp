@@ -1,40 +1,31 @@
 // Bodies in a batch: they move with the time of their env, and cost no allocation.
-#include <gtest/gtest.h>
-
-#include <cmath>
-#include <cstdint>
-#include <memory>
-#include <numeric>
 #include <random>
-#include <span>
-#include <string>
-#include <vector>
 
 #include "allocation_counter.hpp"
 #include "batch_helpers.hpp"
-#include "flockstep/batch.hpp"
+#include "flockstep/body.hpp"
+#include "flockstep/generators.hpp"
 
 namespace flockstep {
 namespace {
 
+using namespace testing;
+
 Batch::Worlds five_playgrounds() {
   Batch::Worlds worlds;
-  for (int i = 1; i <= 5; ++i) worlds.push_back(testing::playground("train-" + std::to_string(i)));
+  for (int i = 1; i <= 5; ++i) worlds.push_back(playground("train-" + std::to_string(i)));
   return worlds;
 }
 
 BodyConfig body_at(const std::array<float, 3>& position, const std::array<float, 3>& velocity, BodyShape shape) {
-  BodyConfig body;
-  body.shape = shape;
-  body.size_m = {0.5F, 0.5F, shape == BodyShape::sphere ? 0.5F : 1.5F};
-  body.position_m = position;
+  BodyConfig body{.shape = shape, .size_m = {0.5F, 0.5F, shape == BodyShape::sphere ? 0.5F : 1.5F}, .position_m = position};
   body.motion.velocity_mps = velocity;
   body.motion.turn_rate_dps = {0.0F, 20.0F, 45.0F};
   return body;
 }
 
-testing::NavigationBatch among_bodies(int num_envs) {
-  testing::NavigationBatch config = testing::navigation_batch(num_envs);
+NavigationBatch among_bodies(int num_envs) {
+  NavigationBatch config = navigation_batch(num_envs);
   config.episode.max_episode_steps = 60;
   config.episode.autoreset_mode = AutoresetMode::same_step;
   config.episode.random_world = true;
@@ -55,7 +46,7 @@ std::vector<std::int64_t> actions_of(std::size_t step, std::size_t num_envs) {
 
 TEST(Bodies, AStepAmongThemAllocatesNothing) {
   for (const int substeps : {1, 4}) {
-    testing::NavigationBatch config = among_bodies(128);
+    NavigationBatch config = among_bodies(128);
     config.block_size = 16;
     config.episode.autoreset_mode = AutoresetMode::next_step;  // contacts stay until the next step
     config.clock.policy_hz = 10.0F;
@@ -66,18 +57,18 @@ TEST(Bodies, AStepAmongThemAllocatesNothing) {
     for (std::size_t step = 0; step < 300; ++step) actions.push_back(actions_of(step, 128));
     for (std::size_t step = 0; step < 100; ++step) batch.step(std::span<const std::int64_t>(actions[step]));
     int met = 0;
-    const std::uint64_t before = testing::allocations();
+    const std::uint64_t before = allocations();
     for (std::size_t step = 100; step < actions.size(); ++step) {
       batch.step(std::span<const std::int64_t>(actions[step]));
       for (const std::int32_t body : batch.state().contact.body) met += body >= 0;
     }
-    EXPECT_EQ(testing::allocations() - before, 0U);
+    EXPECT_EQ(allocations() - before, 0U);
     EXPECT_GT(met, 10) << "drones should meet bodies";
   }
 }
 
 TEST(Bodies, EnvsDoNotDependOnOthers) {
-  testing::NavigationBatch few_config = among_bodies(20);
+  NavigationBatch few_config = among_bodies(20);
   few_config.block_size = 3;
   few_config.num_threads = 4;
   const Batch::Worlds worlds = five_playgrounds();
@@ -88,7 +79,7 @@ TEST(Bodies, EnvsDoNotDependOnOthers) {
   for (std::size_t step = 0; step < 150; ++step) {
     few.step(std::span<const std::int64_t>(actions_of(step, 20)));
     many.step(std::span<const std::int64_t>(actions_of(step, 200)));
-    for (std::size_t env = 0; env < 20; ++env) ASSERT_TRUE(testing::same_drone(few, env, many, env)) << "step " << step;
+    for (std::size_t env = 0; env < 20; ++env) ASSERT_TRUE(same_drone(few, env, many, env)) << "step " << step;
   }
 }
 
@@ -99,28 +90,128 @@ TEST(Bodies, ManyMovesOfOneTickAreOneMoveOfManyTicks) {
   BatchConfig many = one;
   many.clock.policy_hz = one.clock.policy_hz / 5.0F;
   const std::vector<float> at{1.9F, 1.0F, 0.75F};
-  Batch a(one, {testing::closet()}), b(many, {testing::closet()});
+  Batch a(one, {closet()}), b(many, {closet()});
   a.set_pose(at, {});
   b.set_pose(at, {});
   for (int i = 0; i < 5; ++i) a.move(at, {});
   b.move(at, {});
-  EXPECT_TRUE(testing::same_bits(a.state().bodies.position, b.state().bodies.position));
-  EXPECT_TRUE(testing::same_bits(a.state().bodies.quat_wxyz, b.state().bodies.quat_wxyz));
-  EXPECT_TRUE(testing::same_bits(a.state().position, b.state().position));
+  EXPECT_TRUE(same_bits(a.state().bodies.position, b.state().bodies.position));
+  EXPECT_TRUE(same_bits(a.state().bodies.quat_wxyz, b.state().bodies.quat_wxyz));
+  EXPECT_TRUE(same_bits(a.state().position, b.state().position));
 }
 
 // The drones of an env are pushed whether the call moves them or not.
 TEST(Bodies, PushDronesThatACallDoesNotMove) {
-  BatchConfig config;
-  config.drones_per_env = 2;
-  config.bodies = {body_at({1, 1, 0.75F}, {2, 0, 0}, BodyShape::sphere)};
-  Batch batch(config, {testing::closet()});
+  BatchConfig config{.drones_per_env = 2, .bodies = {body_at({1, 1, 0.75F}, {2, 0, 0}, BodyShape::sphere)}};
+  Batch batch(config, {closet()});
   batch.set_pose(std::vector<float>{0.2F, 0.2F, 0.75F, 1.7F, 1.0F, 0.75F}, {});
   const float before = batch.state().position[3];
   batch.move({}, {}, std::vector<std::uint8_t>{1, 0});
   EXPECT_EQ(batch.state().contact.body[0], -1);
   EXPECT_EQ(batch.state().contact.body[1], 0);
   EXPECT_GT(batch.state().position[3], before);
+}
+
+// -- Models of the bodies that calls spawn: a batch keeps those that its slots hold.
+
+BodyConfig ball_of(float diameter) { return {.shape = BodyShape::sphere, .size_m = {diameter, diameter, diameter}}; }
+
+TEST(BodyModels, SpawningForeverDoesNotGrowTheSnapshot) {
+  BatchConfig config{.num_envs = 2, .bodies = {ball_of(5.0F)}, .max_bodies = 4};
+  Batch batch(config, {closet()});
+  batch.spawn_bodies(ball_of(0.125F));  // stays in slot 1 of both envs
+  std::size_t after_a_hundred = 0;
+  for (int i = 0; i < 3000; ++i) {
+    const float diameter = 0.2F + 1e-4F * static_cast<float>(i);
+    const std::vector<std::int64_t> slots = batch.spawn_bodies(ball_of(diameter));
+    ASSERT_EQ(slots, (std::vector<std::int64_t>{2, 2}));
+    ASSERT_EQ(batch.body_config(1, 0)->size_m[0], 5.0F);
+    ASSERT_EQ(batch.body_config(1, 1)->size_m[0], 0.125F);
+    ASSERT_EQ(batch.body_config(1, 2)->size_m[0], diameter);
+    if (i == 2999) break;
+    batch.remove_bodies(std::vector<std::uint8_t>{0, 0, 1, 0, 0, 0, 1, 0});
+    if (i == 100) after_a_hundred = batch.snapshot().size();
+  }
+  const std::string blob = batch.snapshot();
+  EXPECT_LT(blob.size(), 2 * after_a_hundred);
+  Batch twin(config, {closet()});
+  twin.restore(blob);
+  EXPECT_EQ(twin.body_config(0, 0)->size_m[0], 5.0F);
+  EXPECT_EQ(twin.body_config(0, 1)->size_m[0], 0.125F);
+  EXPECT_EQ(twin.body_config(1, 2)->size_m[0], 0.2F + 1e-4F * 2999.0F);
+  EXPECT_EQ(twin.snapshot(), blob);
+}
+
+// -- Batches in worlds with bodies: steps allocate nothing, and no env depends on others.
+
+// Worlds with 2, 3, ... bodies.
+Batch::Worlds four_playgrounds() {
+  Batch::Worlds worlds;
+  for (int i = 0; i < 4; ++i) worlds.push_back(flockstep::playground({.seed = static_cast<std::uint64_t>(i), .movers = 2 + i}));
+  return worlds;
+}
+
+NavigationBatch in_living_worlds(int num_envs) {
+  NavigationBatch config = navigation_batch(num_envs);
+  config.episode.max_episode_steps = 20;
+  config.episode.autoreset_mode = AutoresetMode::same_step;
+  config.episode.random_world = true;
+  config.bodies = {BodyConfig()};
+  config.bodies[0].position_m = {-50, 0, 0};  // outside of the room
+  return config;
+}
+
+void step(Batch& batch, std::size_t number, std::vector<std::int64_t>& actions) {
+  for (std::size_t env = 0; env < actions.size(); ++env) {
+    actions[env] = static_cast<std::int64_t>(std::mt19937(static_cast<unsigned>(1000 * env + number))() % 6);
+  }
+  batch.step(std::span<const std::int64_t>(actions));
+}
+
+TEST(BatchInWorldsWithBodies, AStepAllocatesNothing) {
+  Batch batch = in_living_worlds(64).make(four_playgrounds());
+  EXPECT_EQ(batch.bodies_per_env(), 6U);
+  batch.reset({});
+  std::vector<std::int64_t> actions(64);
+  for (std::size_t i = 0; i < 50; ++i) step(batch, i, actions);
+  const std::uint64_t before = allocations();
+  for (std::size_t i = 50; i < 150; ++i) step(batch, i, actions);
+  EXPECT_EQ(allocations() - before, 0U);
+}
+
+TEST(BatchInWorldsWithBodies, EveryEnvHasThoseOfItsWorldAndTheConfiguration) {
+  Batch batch = in_living_worlds(64).make(four_playgrounds());
+  batch.reset({});
+  std::vector<std::int64_t> actions(64);
+  for (std::size_t i = 0; i < 60; ++i) {
+    step(batch, i, actions);
+    for (std::size_t env = 0; env < 64; ++env) {
+      const auto of_world = static_cast<std::size_t>(2 + batch.state().world_index[env]);
+      for (std::size_t body = 0; body < 6; ++body) {
+        ASSERT_EQ(batch.state().bodies.active[6 * env + body] != 0, body <= of_world) << "step " << i << ", env " << env;
+      }
+      ASSERT_EQ(batch.state().bodies.position[3 * (6 * env + of_world)], -50.0F);
+    }
+  }
+}
+
+TEST(BatchInWorldsWithBodies, EnvsDoNotDependOnOthers) {
+  NavigationBatch few_config = in_living_worlds(10);
+  few_config.block_size = 3;
+  few_config.num_threads = 4;
+  const Batch::Worlds worlds = four_playgrounds();
+  Batch few = few_config.make(worlds), many = in_living_worlds(50).make(worlds);
+  few.reset({});
+  many.reset({});
+  std::vector<std::int64_t> few_actions(10), many_actions(50);
+  for (std::size_t i = 0; i < 80; ++i) {
+    step(few, i, few_actions);
+    step(many, i, many_actions);
+    for (std::size_t env = 0; env < 10; ++env) ASSERT_TRUE(same_drone(few, env, many, env)) << "step " << i;
+    for (std::size_t row = 0; row < std::size_t{3} * 6 * 10; ++row) {
+      ASSERT_EQ(few.state().bodies.position[row], many.state().bodies.position[row]) << "step " << i;
+    }
+  }
 }
 
 }  // namespace

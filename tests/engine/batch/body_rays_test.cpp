@@ -1,29 +1,15 @@
 // LiDAR beams and camera pixels of a batch against every body and the static world, in double precision. Bodies of all shapes
 // and poses, 1 mm to 100 m large, most of them where a ray hits or just misses them.
-#include <gtest/gtest.h>
-
-#include <algorithm>
-#include <array>
-#include <cmath>
-#include <cstddef>
-#include <cstdint>
-#include <memory>
-#include <sstream>
-#include <utility>
-#include <vector>
 
 #include "batch_helpers.hpp"
-#include "flockstep/batch.hpp"
 #include "picture_oracle.hpp"
-#include "random.hpp"
 #include "ray_oracle.hpp"
-#include "tried.hpp"
 
 namespace flockstep {
 namespace {
 
 using oracle::Vec3d;
-using testing::Random;
+using namespace testing;
 
 constexpr int kRayEnvs = 4, kRayBodies = 12;
 
@@ -169,7 +155,7 @@ BodyConfig body_of_any_size(Random& random) {
   body.shape = static_cast<BodyShape>(random.generator()() % 5);
   const float size = log_uniform(random, 1e-3F, 100.0F);
   if (body.shape == BodyShape::mesh) {
-    body.mesh = testing::make_world({}, {}, triangles_within(random, 12, 0.3F * size, 0.2F * size));
+    body.mesh = make_world({}, {}, triangles_within(random, 12, 0.3F * size, 0.2F * size));
     return body;
   }
   const auto side = [&] { return std::clamp(size * log_uniform(random, 0.1F, 1.0F), 1e-3F, 100.0F); };
@@ -195,8 +181,8 @@ PrimitiveKind kind_of(BodyShape shape) {
 std::shared_ptr<const World> world_around(Random& random) {
   std::vector<Primitive> primitives;
   if (random.generator()() % 2 == 0) {
-    primitives.push_back(testing::primitive(PrimitiveKind::room, random.point(1.0F),
-                                            Vec3(log_uniform(random, 4, 80), log_uniform(random, 4, 80), 40)));
+    primitives.push_back(
+        primitive(PrimitiveKind::room, random.point(1.0F), Vec3(log_uniform(random, 4, 80), log_uniform(random, 4, 80), 40)));
   }
   const unsigned count = std::array{1U, 5U, 60U}[random.generator()() % 3];
   for (unsigned i = 0; i < count; ++i) {
@@ -206,11 +192,11 @@ std::shared_ptr<const World> world_around(Random& random) {
     if (shape == BodyShape::sphere) half.z() = half.x();
     if (shape == BodyShape::capsule) half.z() += half.x();
     const Quat turn = shape == BodyShape::sphere ? Quat::Identity() : random.rotation();
-    primitives.push_back(testing::primitive(kind_of(shape), random.point(12.0F), half, turn));
+    primitives.push_back(primitive(kind_of(shape), random.point(12.0F), half, turn));
   }
   TriangleMesh mesh;
   if (random.generator()() % 3 == 0) mesh = triangles_within(random, 20, 8.0F, 1.5F);
-  return testing::make_world(std::move(primitives), {}, std::move(mesh));
+  return make_world(std::move(primitives), {}, std::move(mesh));
 }
 
 // One drone among bodies in each env, with a LiDAR and a camera.
@@ -240,10 +226,7 @@ class RayScene {
 
  private:
   BatchConfig config() {
-    BatchConfig config;
-    config.num_envs = kRayEnvs;
-    config.num_threads = 1;
-    config.max_bodies = kRayBodies;
+    BatchConfig config{.num_envs = kRayEnvs, .num_threads = 1, .max_bodies = kRayBodies};
     LidarConfig lidar;
     lidar.channels = random_.generator()() % 2 == 0 ? 1 : 9;
     lidar.beams = lidar.channels == 1 ? 140 : 16;
@@ -269,9 +252,9 @@ class RayScene {
   }
 
   void place() {
-    const testing::Poses drones = testing::random_poses(random_, kRayEnvs, Vec3::Constant(random_.within(0.1F, 6.0F)));
+    const Poses drones = random_poses(random_, kRayEnvs, Vec3::Constant(random_.within(0.1F, 6.0F)));
     batch_.set_pose(drones.position, drones.quat_wxyz);
-    testing::Poses bodies = testing::random_poses(random_, kRayEnvs * kRayBodies, Vec3::Constant(1.0F));
+    Poses bodies = random_poses(random_, kRayEnvs * kRayBodies, Vec3::Constant(1.0F));
     std::vector<float> beams(kRayEnvs * rays() * 3);
     batch_.lidar_directions(beams);
     for (std::size_t row = 0; row < kRayEnvs * kRayBodies; ++row) {
@@ -369,9 +352,9 @@ TEST(BodyRays, HitWhatClosedFormsHit) {
 #else  // sanitizers and debug builds are slow
   constexpr long kRays = 8'000;
 #endif
-  const long wanted = testing::times_tried(kRays);
+  const long wanted = times_tried(kRays);
   RayTally tally;
-  for (unsigned seed = testing::part_tried() << 24U; tally.rays < wanted; ++seed) {
+  for (unsigned seed = part_tried() << 24U; tally.rays < wanted; ++seed) {
     SCOPED_TRACE(seed);
     Random random(seed);
     RayScene scene(random);

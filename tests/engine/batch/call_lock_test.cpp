@@ -1,19 +1,7 @@
 // Batches that threads share.
 #include "batch/call_lock.hpp"
 
-#include <gtest/gtest.h>
-
-#include <algorithm>
-#include <atomic>
 #include <chrono>
-#include <cstdint>
-#include <memory>
-#include <optional>
-#include <stdexcept>
-#include <string>
-#include <thread>
-#include <utility>
-#include <vector>
 
 #include "base/interrupt.hpp"
 #include "batch_helpers.hpp"
@@ -23,17 +11,13 @@
 namespace flockstep {
 namespace {
 
+using namespace testing;
 using namespace std::chrono_literals;
 
 // Returns the message of the std::runtime_error that the call throws.
 template <class Call>
 std::string error_of(const Call& call) {
-  try {
-    call();
-  } catch (const std::runtime_error& error) {
-    return error.what();
-  }
-  return "accepted";
+  return refusal<std::runtime_error>(call);
 }
 
 constexpr int kFlockSize = 8;
@@ -41,9 +25,9 @@ const std::vector<float> kFlockPositions(3 * kFlockSize, 1.0F);
 
 // Eight drones that share an env, so that every move() changes the same clock.
 std::unique_ptr<Batch> flock() {
-  BatchConfig config = testing::lidar_batch(1);
+  BatchConfig config = lidar_batch(1);
   config.drones_per_env = kFlockSize;
-  return std::make_unique<Batch>(config, Batch::Worlds{testing::closet()});
+  return std::make_unique<Batch>(config, Batch::Worlds{closet()});
 }
 
 DroneMask only(std::vector<std::uint8_t>& flags, std::size_t drone) {

@@ -1,19 +1,12 @@
 #include "batch/schedule.hpp"
 
-#include <gtest/gtest.h>
-
-#include <algorithm>
-#include <cstdint>
-#include <numeric>
-#include <vector>
-
 #include "allocation_counter.hpp"
 #include "random.hpp"
 
 namespace flockstep {
 namespace {
 
-using testing::Random;
+using namespace testing;
 
 struct Envs {
   std::vector<std::int32_t> world_index;
@@ -94,9 +87,9 @@ TEST(Schedule, RebuildingAllocatesNothing) {
   Schedule schedule(100, 30, 4);
   std::vector<Envs> all;
   for (int i = 0; i < 20; ++i) all.push_back(random_envs(random, 100, 30, 0.1F * static_cast<float>(i % 11)));
-  const std::uint64_t before = testing::allocations();
+  const std::uint64_t before = allocations();
   for (const Envs& envs : all) schedule.rebuild(envs.world_index, envs.active);
-  EXPECT_EQ(testing::allocations() - before, 0U);
+  EXPECT_EQ(allocations() - before, 0U);
 }
 
 TEST(Schedule, ListsHoldTheirWholeBlockAndAreApart) {

@@ -1,37 +1,16 @@
 #include "batch/snapshot.hpp"
 
-#include <gtest/gtest.h>
-
-#include <algorithm>
-#include <cstddef>
-#include <cstdint>
-#include <cstring>
-#include <functional>
-#include <memory>
-#include <numeric>
-#include <stdexcept>
-#include <string>
-#include <string_view>
-#include <utility>
-#include <vector>
-
 #include "batch_helpers.hpp"
-#include "flockstep/batch.hpp"
-#include "random.hpp"
 
 namespace flockstep {
 namespace {
 
-using testing::lidar_batch;
-using testing::mended;
-using testing::NavigationBatch;
-using testing::Random;
-using testing::same_drones;
+using namespace testing;
 
 constexpr std::size_t kDrones = 24;
 
 NavigationBatch lively(AutoresetMode mode) {
-  NavigationBatch config = testing::navigation_batch(kDrones);
+  NavigationBatch config = navigation_batch(kDrones);
   config.pose_sensor = {.position_noise_std_m = 0.01F, .orientation_noise_std_deg = 0.5F};
   config.navigation.action = ActionKind::displacement_yaw;
   config.navigation.step_m = 0.3F;
@@ -44,7 +23,7 @@ NavigationBatch lively(AutoresetMode mode) {
 }
 
 const Batch::Worlds& worlds() {
-  static const Batch::Worlds shared{testing::playground("train-1"), testing::playground("validation-1"), testing::closet()};
+  static const Batch::Worlds shared{playground("train-1"), playground("validation-1"), closet()};
   return shared;
 }
 
@@ -146,7 +125,7 @@ TEST(Snapshot, ARestoredBatchRepeatsItsFlight) {
     for (std::size_t step = 0; step < 120; ++step) {
       pilot.step({&batch});
       for (std::size_t drone = 0; drone < kDrones; ++drone) {
-        const auto bytes = testing::bytes_of(batch, drone);
+        const auto bytes = bytes_of(batch, drone);
         if (round == 0) {
           first.push_back(bytes);
         } else {
@@ -190,8 +169,7 @@ TEST(Snapshot, WithoutATask) {
       batch->sense();
     }
   };
-  std::vector<std::uint64_t> seeds(kDrones);
-  std::iota(seeds.begin(), seeds.end(), std::uint64_t{100});
+  const std::vector<std::uint64_t> seeds = seeds_from(100, kDrones);
   one.seed(seeds);
   for (int i = 0; i < 5; ++i) move({&one});
   one.begin_episode(every(2));
@@ -223,9 +201,9 @@ class SnapshotRefusal : public ::testing::Test {
   // Returns the offset of an array in a snapshot, which starts with its length.
   std::size_t offset_of(std::string_view array) const {
     std::vector<std::string> names{"config"};  // then the arrays of the state, in order
-    testing::for_each_array(batch_.state(), [&](const std::string& name, const auto&) { names.push_back(name); });
+    for_each_array(batch_.state(), [&](const std::string& name, const auto&) { names.push_back(name); });
     names.insert(names.end(), {"env_lights", "lidar_ranges", "lidar_settings", "sensed_position", "sensed_quat_wxyz"});
-    std::size_t at = sizeof(testing::SnapshotHeader);
+    std::size_t at = sizeof(SnapshotHeader);
     for (const std::string& name : names) {
       if (name == array) return at;
       std::uint64_t length = 0;
@@ -247,7 +225,7 @@ TEST_F(SnapshotRefusal, AcceptsAValidSnapshot) {
 TEST_F(SnapshotRefusal, ATruncatedOne) {
   const auto expect_refused_at = [&](std::size_t length) {
     expect_refused(blob_.substr(0, length));
-    if (length >= sizeof(testing::SnapshotHeader)) expect_refused(mended(blob_.substr(0, length)));
+    if (length >= sizeof(SnapshotHeader)) expect_refused(mended(blob_.substr(0, length)));
   };
   for (std::size_t length = 0; length < blob_.size(); length += length < 64 ? 1 : 97) expect_refused_at(length);
   for (std::size_t missing = 1; missing <= 16; ++missing) expect_refused_at(blob_.size() - missing);
@@ -261,33 +239,30 @@ TEST_F(SnapshotRefusal, TrailingBytes) {
 }
 
 TEST_F(SnapshotRefusal, AFlippedBitOfTheHeader) {
-  for (std::size_t byte = 0; byte < sizeof(testing::SnapshotHeader); ++byte) {
+  for (std::size_t byte = 0; byte < sizeof(SnapshotHeader); ++byte) {
     for (const int bit : {0, 7}) {
       std::string damaged = blob_;
       damaged[byte] = static_cast<char>(damaged[byte] ^ (1 << bit));
       expect_refused(damaged);
       // With length and checksum updated, the other header fields are checked separately.
-      if (byte < offsetof(testing::SnapshotHeader, length)) expect_refused(mended(damaged));
+      if (byte < offsetof(SnapshotHeader, length)) expect_refused(mended(damaged));
     }
   }
 }
 
 TEST_F(SnapshotRefusal, AnotherFormatIsNamed) {
-  testing::SnapshotHeader header{};
+  SnapshotHeader header{};
   std::memcpy(&header, blob_.data(), sizeof(header));
   const std::string ours = std::to_string(header.format);
   const std::string next = std::to_string(++header.format);
   std::string newer = blob_;
   std::memcpy(newer.data(), &header, sizeof(header));
   for (const std::string& blob : {newer, mended(newer)}) {
-    expect_refused(
-        blob, "snapshot: expected format " + ours + ", got " + next + " (restore it with the version of flockstep that made it)");
+    expect_refused(blob, "snapshot: ... format " + ours + " ... " + next);
   }
 }
 
-TEST_F(SnapshotRefusal, OtherBytesAreNamed) {
-  expect_refused(std::string(1000, 'x'), "snapshot: expected the bytes of Batch.snapshot(), got other bytes");
-}
+TEST_F(SnapshotRefusal, OtherBytesAreNamed) { expect_refused(std::string(1000, 'x'), "snapshot: ... snapshot"); }
 
 TEST_F(SnapshotRefusal, AnArrayOfAnotherLength) {
   for (const char* array : {"position", "sensed"}) {
@@ -322,10 +297,10 @@ TEST_F(SnapshotRefusal, AnInvalidLidar) {
 
 // Changes any byte to any other value.
 TEST(Snapshot, AnyByteThatChangedIsRefused) {
-  NavigationBatch config = testing::navigation_batch(2, {.azimuth_deg = {0, 90, 180}, .elevation_deg = {0, 0, 0}});
+  NavigationBatch config = navigation_batch(2, {.azimuth_deg = {0, 90, 180}, .elevation_deg = {0, 0, 0}});
   config.pose_sensor.position_noise_std_m = 0.01F;
   config.cameras = {{.width_px = 2, .height_px = 2}};
-  Batch batch = config.make({testing::closet()});
+  Batch batch = config.make({closet()});
   batch.reset({});
   const std::vector<std::int64_t> actions{0, 1};
   for (int i = 0; i < 3; ++i) batch.step(actions);

@@ -1,17 +1,14 @@
 #include "flockstep/world_pool.hpp"
 
-#include <gtest/gtest.h>
-
-#include <algorithm>
-#include <limits>
 #include <map>
-#include <stdexcept>
 
 #include "allocation_counter.hpp"
 #include "batch_helpers.hpp"
 
 namespace flockstep {
 namespace {
+
+using namespace testing;
 
 // Closets made on demand. Higher numbers are wider.
 class Closets final : public WorldSource {
@@ -20,8 +17,8 @@ class Closets final : public WorldSource {
     if (number == broken) throw std::runtime_error("no such closet");
     ++asked;
     const float half = 0.7F + 0.01F * static_cast<float>(number % 50);
-    const auto world = testing::make_world({testing::primitive(PrimitiveKind::room, {1, 1, 0.75F}, {half, 1.25F, 0.75F})},
-                                           {.start = Vec3(1, 1, 0.75F), .goal = Vec3(1, 1.4F, 0.75F)});
+    const auto world = make_world({primitive(PrimitiveKind::room, {1, 1, 0.75F}, {half, 1.25F, 0.75F})},
+                                  {.start = Vec3(1, 1, 0.75F), .goal = Vec3(1, 1.4F, 0.75F)});
     made.push_back(world);
     return world;
   }
@@ -41,7 +38,7 @@ struct Pool {
   std::shared_ptr<Closets> source = std::make_shared<Closets>();
 
   Batch make(int num_envs, std::int32_t size, double fresh, AutoresetMode mode = AutoresetMode::same_step) const {
-    BatchConfig config = testing::lidar_batch(num_envs);
+    BatchConfig config = lidar_batch(num_envs);
     config.episode.autoreset_mode = mode;
     config.episode.max_episode_steps = 3;
     return Batch(config, {.source = source, .size = size, .fresh = fresh}, make_task(NavigationConfig{}));
@@ -115,9 +112,9 @@ void expect_no_allocation(AutoresetMode mode) {
   for (int i = 0; i < 20; ++i) step(batch);
   const std::int64_t before = batch.state().episode[0];
   const std::vector<std::int64_t> actions(64, 4);
-  const std::uint64_t allocations = testing::allocations();
+  const std::uint64_t allocated = allocations();
   for (int i = 0; i < 100; ++i) batch.step(std::span<const std::int64_t>(actions));
-  EXPECT_EQ(testing::allocations() - allocations, 0U);
+  EXPECT_EQ(allocations() - allocated, 0U);
   EXPECT_GT(batch.state().episode[0], before + 10);
   EXPECT_EQ(pool.source->asked, 1);
 }
@@ -168,7 +165,7 @@ TEST(WorldPool, IsValidated) {
   refused({.source = source, .size = (1 << 24) + 1});
   refused({.source = source, .fresh = -1.0});
   refused({.source = source, .fresh = std::numeric_limits<double>::quiet_NaN()});
-  EXPECT_THROW(Batch(testing::lidar_batch(1), WorldPool{.source = source}, nullptr), std::invalid_argument);
+  EXPECT_THROW(Batch(lidar_batch(1), WorldPool{.source = source}, nullptr), std::invalid_argument);
 }
 
 }  // namespace

@@ -1,31 +1,23 @@
 // Scripts of bodies, against closed forms written down here, finite differences and statistics.
 #include "bodies/body_script.hpp"
 
-#include <gtest/gtest.h>
-
-#include <algorithm>
-#include <array>
-#include <cmath>
-#include <cstdint>
-#include <numbers>
-#include <vector>
-
 #include "allocation_counter.hpp"
 #include "flockstep/body.hpp"
+#include "standard.hpp"
 
 namespace flockstep::bodies {
 namespace {
 
+using namespace testing;
 using Eigen::Quaterniond;
 using Eigen::Vector3d;
 using Points = std::vector<std::array<float, 3>>;
 
 constexpr double kPi = std::numbers::pi;
+const Quaterniond kTurned(0.5, 0.5, -0.5, 0.5);
 
 BodyConfig body_with(BodyMotionKind kind) {
-  BodyConfig body;
-  body.position_m = {3.0F, 1.0F, 2.0F};
-  body.quat_wxyz = {0.5F, 0.5F, -0.5F, 0.5F};
+  BodyConfig body{.position_m = {3.0F, 1.0F, 2.0F}, .quat_wxyz = {0.5F, 0.5F, -0.5F, 0.5F}};
   body.motion.kind = kind;
   return body;
 }
@@ -36,6 +28,13 @@ BodyConfig on_route(const Points& points, BodyRoute route, float corner_radius_m
   body.motion.route = route;
   body.motion.corner_radius_m = corner_radius_m;
   body.motion.speed_mps = speed_mps;
+  return body;
+}
+
+BodyConfig facing_route(const Points& points, BodyRoute route, float corner_radius_m = 0.0F) {
+  BodyConfig body = on_route(points, route, corner_radius_m);
+  body.quat_wxyz = {1, 0, 0, 0};
+  body.motion.faces_travel = true;
   return body;
 }
 
@@ -54,6 +53,14 @@ Vector3d x_axis_at(const BodyConfig& body, double time_s) {
 
 void expect_near(const Vector3d& got, const Vector3d& expected, double tolerance, const char* what = "") {
   EXPECT_LT((got - expected).norm(), tolerance) << what << ": expected " << expected.transpose() << ", got " << got.transpose();
+}
+
+void expect_places(const BodyConfig& body, const std::vector<std::pair<double, Vector3d>>& places) {
+  for (const auto& [time_s, place] : places) expect_near(position_at(body, time_s), place, 1e-6);
+}
+
+void expect_x_axes(const BodyConfig& body, const std::vector<std::pair<double, Vector3d>>& axes) {
+  for (const auto& [time_s, axis] : axes) expect_near(x_axis_at(body, time_s), axis, 1e-6);
 }
 
 void expect_same_rotation(const Quat& got, const Quaterniond& expected, double tolerance) {
@@ -87,12 +94,11 @@ BodyConfig orbiting(float period_s) {
 
 TEST(BodyScript, OrbitsInACircle) {
   const BodyConfig body = orbiting(8.0F);
-  const Quaterniond first(0.5, 0.5, -0.5, 0.5);
   for (double time = 0.0; time < 20.0; time += 0.37) {
     const double angle = 2.0 * kPi * time / 8.0;
     const Moment moment = at(body, time);
     expect_near(moment.pose.position.cast<double>(), {1.0 + 2.0 * std::cos(angle), 1.0 + 2.0 * std::sin(angle), 2.0}, 1e-6);
-    expect_same_rotation(moment.pose.rotation, Quaterniond(std::cos(angle / 2), 0, 0, std::sin(angle / 2)) * first, 1e-6);
+    expect_same_rotation(moment.pose.rotation, Quaterniond(std::cos(angle / 2), 0, 0, std::sin(angle / 2)) * kTurned, 1e-6);
     const double speed = 2.0 * kPi * 2.0 / 8.0;
     expect_near(moment.velocity.linear.cast<double>(), {-speed * std::sin(angle), speed * std::cos(angle), 0.0}, 1e-6);
     expect_near(moment.pose.rotation.cast<double>() * moment.velocity.angular.cast<double>(), {0, 0, 2.0 * kPi / 8.0}, 1e-6);
@@ -105,21 +111,17 @@ TEST(BodyScript, AnOrbitWithoutARadiusSpins) {
   const Moment moment = at(body, 1.0);
   expect_near(moment.pose.position.cast<double>(), {3, 1, 2}, 1e-12);
   expect_near(moment.velocity.linear.cast<double>(), {0, 0, 0}, 1e-12);
-  expect_same_rotation(moment.pose.rotation, Quaterniond(std::sqrt(0.5), 0, 0, std::sqrt(0.5)) * Quaterniond(0.5, 0.5, -0.5, 0.5),
-                       1e-6);
+  expect_same_rotation(moment.pose.rotation, Quaterniond(std::sqrt(0.5), 0, 0, std::sqrt(0.5)) * kTurned, 1e-6);
 }
 
 TEST(BodyScript, AHingeOpensAndCloses) {
   BodyConfig body = orbiting(6.0F);
   body.motion.kind = BodyMotionKind::hinge;
   body.motion.angle_deg = 90.0F;
-  expect_near(position_at(body, 0.0), {3, 1, 2}, 1e-6);
-  expect_near(position_at(body, 1.5), {1.0 + std::sqrt(2.0), 1.0 + std::sqrt(2.0), 2.0}, 1e-6);
-  expect_near(position_at(body, 3.0), {1, 3, 2}, 1e-6);
+  const double angle = 0.25 * kPi * (1.0 - std::cos(2.0 * kPi / 6.0)), root = std::sqrt(2.0);
+  expect_places(body, {{0.0, {3, 1, 2}}, {1.5, {1.0 + root, 1.0 + root, 2.0}}, {3.0, {1, 3, 2}}, {6.0, {3, 1, 2}}});
+  expect_places(body, {{7.0, {1.0 + 2.0 * std::cos(angle), 1.0 + 2.0 * std::sin(angle), 2.0}}});
   expect_near(at(body, 3.0).velocity.linear.cast<double>(), {0, 0, 0}, 1e-6);
-  expect_near(position_at(body, 6.0), {3, 1, 2}, 1e-6);
-  const double angle = 0.25 * kPi * (1.0 - std::cos(2.0 * kPi / 6.0));
-  expect_near(position_at(body, 7.0), {1.0 + 2.0 * std::cos(angle), 1.0 + 2.0 * std::sin(angle), 2.0}, 1e-6);
 }
 
 TEST(BodyScript, ASliderGoesAndReturns) {
@@ -130,7 +132,7 @@ TEST(BodyScript, ASliderGoesAndReturns) {
     const double part = (1.0 - std::cos(2.0 * kPi * time / 5.0)) / 2.0;
     const Moment moment = at(body, time);
     expect_near(moment.pose.position.cast<double>(), {3.0, 1.0 + 4.0 * part, 2.0 - 2.0 * part}, 1e-6);
-    expect_same_rotation(moment.pose.rotation, Quaterniond(0.5, 0.5, -0.5, 0.5), 1e-9);
+    expect_same_rotation(moment.pose.rotation, kTurned, 1e-9);
     expect_near(moment.velocity.linear.cast<double>(), Vector3d(0, 4, -2) * (kPi / 5.0 * std::sin(2.0 * kPi * time / 5.0)), 1e-6);
   }
 }
@@ -155,19 +157,14 @@ const Points kSquare{{0, 0, 1}, {4, 0, 1}, {4, 4, 1}, {0, 4, 1}};
 
 TEST(BodyScript, FollowsALoop) {
   const BodyConfig body = on_route(kSquare, BodyRoute::loop, 0.0F, 2.0F);
-  expect_near(position_at(body, 0.0), {0, 0, 1}, 1e-6);
-  expect_near(position_at(body, 1.0), {2, 0, 1}, 1e-6);
-  expect_near(position_at(body, 3.0), {4, 2, 1}, 1e-6);
-  expect_near(position_at(body, 7.5), {0, 1, 1}, 1e-6);
-  expect_near(position_at(body, 9.0), {2, 0, 1}, 1e-6);
+  expect_places(body, {{0.0, {0, 0, 1}}, {1.0, {2, 0, 1}}, {3.0, {4, 2, 1}}, {7.5, {0, 1, 1}}, {9.0, {2, 0, 1}}});
   expect_near(at(body, 7.5).velocity.linear.cast<double>(), {0, -2, 0}, 1e-6);
 }
 
 TEST(BodyScript, ReturnsTheSameWay) {
   const BodyConfig body = on_route({{0, 0, 1}, {4, 0, 1}, {4, 2, 1}}, BodyRoute::back_and_forth);
-  const std::array<Vector3d, 7> expected{{{0, 0, 1}, {2, 0, 1}, {4, 0, 1}, {4, 2, 1}, {4, 0, 1}, {2, 0, 1}, {0, 0, 1}}};
-  const std::array<double, 7> times{0, 2, 4, 6, 8, 10, 12};
-  for (std::size_t i = 0; i < times.size(); ++i) expect_near(position_at(body, times[i]), expected[i], 1e-6);
+  expect_places(
+      body, {{0, {0, 0, 1}}, {2, {2, 0, 1}}, {4, {4, 0, 1}}, {6, {4, 2, 1}}, {8, {4, 0, 1}}, {10, {2, 0, 1}}, {12, {0, 0, 1}}});
   expect_near(at(body, 10.0).velocity.linear.cast<double>(), {-1, 0, 0}, 1e-6);
   BodyConfig halfway = body;
   halfway.motion.phase = 0.5F;
@@ -190,12 +187,9 @@ TEST(BodyScript, RoundsCorners) {
   // Legs of 4 m with arcs of radius 1: a way of 4 x 2 + 2 pi. The loop starts where the arc of the first point ends.
   const BodyConfig body = on_route(kSquare, BodyRoute::loop, 1.0F);
   const double lap = 8.0 + 2.0 * kPi;
-  expect_near(position_at(body, 0.0), {1, 0, 1}, 1e-6);
-  expect_near(position_at(body, 2.0), {3, 0, 1}, 1e-6);
-  const double half = std::sqrt(0.5);
-  expect_near(position_at(body, 2.0 + kPi / 4.0), {3.0 + half, 1.0 - half, 1.0}, 1e-6);
-  expect_near(at(body, 2.0 + kPi / 4.0).velocity.linear.cast<double>(), {half, half, 0}, 1e-6);
-  expect_near(position_at(body, 2.0 + kPi / 2.0), {4, 1, 1}, 1e-6);
+  const double half = std::sqrt(0.5), middle = 2.0 + kPi / 4.0;  // of an arc
+  expect_places(body, {{0, {1, 0, 1}}, {2, {3, 0, 1}}, {middle, {3 + half, 1 - half, 1}}, {2.0 + kPi / 2.0, {4, 1, 1}}});
+  expect_near(at(body, middle).velocity.linear.cast<double>(), {half, half, 0}, 1e-6);
   for (const double time : {0.3, 2.5, 9.9}) expect_near(position_at(body, time + 3.0 * lap), position_at(body, time), 1e-5);
 }
 
@@ -207,31 +201,24 @@ TEST(BodyScript, AnArcUsesAtMostHalfOfEachLeg) {
   }
   // The short leg limits the arc of the corner: with 90 degrees the radius is half of 1 m.
   const BodyConfig uneven = on_route({{0, 0, 0}, {10, 0, 0}, {10, 1, 0}}, BodyRoute::once, 3.0F);
-  expect_near(position_at(uneven, 9.5), {9.5, 0, 0}, 1e-6);
-  expect_near(position_at(uneven, 9.5 + kPi / 4.0), {10, 0.5, 0}, 1e-6);
+  expect_places(uneven, {{9.5, {9.5, 0, 0}}, {9.5 + kPi / 4.0, {10, 0.5, 0}}});
 }
 
 TEST(BodyScript, FacesItsTravel) {
-  BodyConfig body = on_route(kSquare, BodyRoute::loop, 1.0F);
-  body.quat_wxyz = {1, 0, 0, 0};
-  body.motion.faces_travel = true;
+  const BodyConfig body = facing_route(kSquare, BodyRoute::loop, 1.0F);
   const double half = std::sqrt(0.5);
-  expect_near(x_axis_at(body, 1.0), {1, 0, 0}, 1e-6);
-  expect_near(x_axis_at(body, 2.0 + kPi / 4.0), {half, half, 0}, 1e-6);
-  expect_near(x_axis_at(body, 2.0 + kPi / 2.0 + 1.0), {0, 1, 0}, 1e-6);
+  expect_x_axes(body, {{1.0, {1, 0, 0}}, {2.0 + kPi / 4.0, {half, half, 0}}, {2.0 + kPi / 2.0 + 1.0, {0, 1, 0}}});
   expect_near(at(body, 2.5).velocity.angular.cast<double>(), {0, 0, 1}, 1e-6);
   expect_near(at(body, 1.0).velocity.angular.cast<double>(), {0, 0, 0}, 1e-9);
   BodyConfig leaning = body;
   leaning.quat_wxyz = {0.5F, 0.5F, -0.5F, 0.5F};
   const Quaterniond yaw(std::cos(kPi / 8), 0, 0, std::sin(kPi / 8));
-  expect_same_rotation(at(leaning, 2.0 + kPi / 4.0).pose.rotation, yaw * Quaterniond(0.5, 0.5, -0.5, 0.5), 1e-6);
+  expect_same_rotation(at(leaning, 2.0 + kPi / 4.0).pose.rotation, yaw * kTurned, 1e-6);
 }
 
 TEST(BodyScript, KeepsItsHeadingOnVerticalLegs) {
   for (const float radius : {0.0F, 0.5F}) {
-    BodyConfig body = on_route({{0, 0, 0}, {0, 4, 0}, {0, 4, 4}, {4, 4, 4}, {4, 4, 8}}, BodyRoute::once, radius);
-    body.quat_wxyz = {1, 0, 0, 0};
-    body.motion.faces_travel = true;
+    const BodyConfig body = facing_route({{0, 0, 0}, {0, 4, 0}, {0, 4, 4}, {4, 4, 4}, {4, 4, 8}}, BodyRoute::once, radius);
     const BodyScript script(body);
     for (double time = 0.0; time < 16.0; time += 0.01) {
       const Vector3d x = script.at(time, {}).pose.rotation.cast<double>() * Vector3d::UnitX();
@@ -241,31 +228,22 @@ TEST(BodyScript, KeepsItsHeadingOnVerticalLegs) {
     }
   }
   // A route that begins upwards faces its first horizontal leg; one that only goes up keeps its initial rotation.
-  BodyConfig up = on_route({{0, 0, 0}, {0, 0, 4}, {0, -4, 4}}, BodyRoute::once);
-  up.quat_wxyz = {1, 0, 0, 0};
-  up.motion.faces_travel = true;
+  const BodyConfig up = facing_route({{0, 0, 0}, {0, 0, 4}, {0, -4, 4}}, BodyRoute::once);
   expect_near(x_axis_at(up, 1.0), {0, -1, 0}, 1e-6);
   BodyConfig lift = on_route({{0, 0, 0}, {0, 0, 4}}, BodyRoute::back_and_forth);
   lift.motion.faces_travel = true;
-  for (const double time : {1.0, 5.0}) expect_same_rotation(at(lift, time).pose.rotation, Quaterniond(0.5, 0.5, -0.5, 0.5), 1e-6);
+  for (const double time : {1.0, 5.0}) expect_same_rotation(at(lift, time).pose.rotation, kTurned, 1e-6);
   // A loop that begins upwards has the heading of its last leg there.
-  BodyConfig loop = on_route({{0, 0, 0}, {0, 0, 4}, {4, 0, 4}, {4, 0, 0}}, BodyRoute::loop);
-  loop.quat_wxyz = {1, 0, 0, 0};
-  loop.motion.faces_travel = true;
-  expect_near(x_axis_at(loop, 2.0), {-1, 0, 0}, 1e-6);
-  expect_near(x_axis_at(loop, 10.0), {1, 0, 0}, 1e-6);
-  expect_near(x_axis_at(loop, 14.0), {-1, 0, 0}, 1e-6);
+  const BodyConfig loop = facing_route({{0, 0, 0}, {0, 0, 4}, {4, 0, 4}, {4, 0, 0}}, BodyRoute::loop);
+  expect_x_axes(loop, {{2.0, {-1, 0, 0}}, {10.0, {1, 0, 0}}, {14.0, {-1, 0, 0}}});
 }
 
 TEST(BodyScript, TurnsBackSharplyAndPassesCollinearPoints) {
   for (const float radius : {0.0F, 1.0F}) {
-    BodyConfig body = on_route({{0, 0, 0}, {1, 0, 0}, {4, 0, 0}}, BodyRoute::loop, radius);  // both ends are reversals
-    body.quat_wxyz = {1, 0, 0, 0};
-    body.motion.faces_travel = true;
+    const BodyConfig body = facing_route({{0, 0, 0}, {1, 0, 0}, {4, 0, 0}}, BodyRoute::loop, radius);  // both ends are reversals
     for (const double time : {0.0, 0.5, 1.0, 3.9}) expect_near(position_at(body, time), {time, 0, 0}, 1e-6);
     for (const double time : {4.0, 4.1, 7.9}) expect_near(position_at(body, time), {8.0 - time, 0, 0}, 1e-6);
-    expect_near(x_axis_at(body, 1.0), {1, 0, 0}, 1e-6);
-    expect_near(x_axis_at(body, 5.0), {-1, 0, 0}, 1e-6);
+    expect_x_axes(body, {{1.0, {1, 0, 0}}, {5.0, {-1, 0, 0}}});
   }
 }
 
@@ -280,9 +258,9 @@ TEST(BodyScript, ARouteNeedsNoSpeed) {
 }
 
 TEST(BodyScript, RoutesOfAnySizeHaveFinitePoses) {
-  const std::vector<Points> routes{
-      {{0, 0, 0}, {1e-30F, 0, 0}}, {{-1e6F, 0, 0}, {1e6F, 0, 0}, {1e6F, 1e-3F, 0}}, {{0, 0, 0}, {1, 0, 0}, {0, 1e-6F, 0}}};
-  for (const Points& points : routes) {
+  for (const Points& points : {Points{{0, 0, 0}, {1e-30F, 0, 0}},
+                               {{-1e6F, 0, 0}, {1e6F, 0, 0}, {1e6F, 1e-3F, 0}},
+                               {{0, 0, 0}, {1, 0, 0}, {0, 1e-6F, 0}}}) {
     for (const BodyRoute route : {BodyRoute::loop, BodyRoute::back_and_forth, BodyRoute::once}) {
       BodyConfig body = on_route(points, route, 2.0F, 1e4F);
       body.motion.faces_travel = true;
@@ -389,9 +367,9 @@ TEST(BodyScript, TheSameArgumentsGiveTheSameBitsWithoutAllocation) {
     const BodyScript script(body), other(body);
     for (const double time : {0.0, 1.7, 1e6}) {
       const ScriptKey key{.seed = 9, .episode = 4, .body = 7};
-      const std::uint64_t before = testing::allocations_of_this_thread();
+      const std::uint64_t before = allocations_of_this_thread();
       const Moment a = script.at(time, key);
-      EXPECT_EQ(testing::allocations_of_this_thread(), before);
+      EXPECT_EQ(allocations_of_this_thread(), before);
       const Moment b = other.at(time, key);
       EXPECT_EQ(a.pose.position, b.pose.position);
       EXPECT_EQ(a.pose.rotation.coeffs(), b.pose.rotation.coeffs());
@@ -408,9 +386,8 @@ TEST(BodyScript, SaysIfItMoves) {
   for (const auto kind : {BodyMotionKind::velocity, BodyMotionKind::hinge, BodyMotionKind::slider, BodyMotionKind::random_walk}) {
     still.motion.kind = kind;
     EXPECT_FALSE(BodyScript(still).moves());
-    const Moment early = at(still, 0.0), late = at(still, 77.7);
-    EXPECT_EQ(early.pose.position, late.pose.position);
-    EXPECT_EQ(early.pose.rotation.coeffs(), late.pose.rotation.coeffs());
+    EXPECT_EQ(at(still, 0.0).pose.position, at(still, 77.7).pose.position);
+    EXPECT_EQ(at(still, 0.0).pose.rotation.coeffs(), at(still, 77.7).pose.rotation.coeffs());
   }
 }
 
@@ -458,27 +435,22 @@ TEST(BodyScript, PointsOfARandomWalkAreUniform) {
     EXPECT_NEAR(mean[axis], 0.0, 0.01);
     EXPECT_NEAR(square[axis], 1.0 / 12.0, 0.003);
   }
-  EXPECT_NEAR(product, 0.0, 0.003);
-  EXPECT_NEAR(after, 0.0, 0.003);
+  for (const double correlation : {product, after}) EXPECT_NEAR(correlation, 0.0, 0.003);
 }
 
 TEST(BodyScript, WaysBeyond32BitsDiffer) {
   BodyConfig body = wandering();
   body.motion.period_s = 1e-3F;
-  const double period = static_cast<double>(body.motion.period_s);
   const BodyScript script(body);
-  const double later = 4294967296.0 * period;  // 2^32 ways
+  const double later = 4294967296.0 * static_cast<double>(body.motion.period_s);  // 2^32 ways
   EXPECT_GT((script.at(0.0, {}).pose.position - script.at(later, {}).pose.position).norm(), 0.1F);
 }
 
 TEST(BodyScript, PhasesAndSpeedsAreDrawnPerEpisodeEnvAndBody) {
   constexpr int kDraws = 20000;
-  BodyConfig body = body_with(BodyMotionKind::waypoints);
-  body.motion.points_m = {{0, 0, 0}, {1000, 0, 0}};
-  body.motion.route = BodyRoute::once;
+  BodyConfig body = on_route({{0, 0, 0}, {1000, 0, 0}}, BodyRoute::once, 0.0F, 2.0F);
   body.motion.random_phase = true;
   body.motion.speed_spread = 0.5F;
-  body.motion.speed_mps = 2.0F;
   body.motion.phase = 0.9F;  // replaced
   const BodyScript script(body);
   std::vector<double> phases, speeds;

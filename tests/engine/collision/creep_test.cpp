@@ -1,26 +1,16 @@
 // A hull at rest against an obstacle: repeated pushes and turns bring it no closer, and it can always leave.
-#include <gtest/gtest.h>
-
-#include <algorithm>
-#include <cmath>
-#include <functional>
-#include <limits>
-#include <memory>
-#include <string>
-#include <vector>
 
 #include "collide.hpp"
 #include "collision/sweep.hpp"
 #include "convex_oracle.hpp"
 #include "prepared/prepared_world.hpp"
 #include "random.hpp"
-#include "tried.hpp"
 
 namespace flockstep::collision {
 namespace {
 
 using oracle::Vec3d;
-using testing::Random;
+using namespace testing;
 
 // An obstacle in +x direction from a point.
 struct Obstacle {
@@ -88,7 +78,7 @@ Quat small_turn(Random& random, float least_rad, float most_rad) {
 }
 
 oracle::Support hull_of(const Pose& pose) {
-  return oracle::hull_at(testing::quadrotor(), pose.position.cast<double>(), pose.rotation.cast<double>());
+  return oracle::hull_at(quadrotor(), pose.position.cast<double>(), pose.rotation.cast<double>());
 }
 
 // Moves like Batch::move().
@@ -102,15 +92,15 @@ class Creep : public ::testing::TestWithParam<float> {};
 // Moves mainly towards the obstacle, with steps and turns of all sizes and some sideways steps.
 TEST_P(Creep, PushesAndTurnsDoNotErodeTheGap) {
   const Vec3 point = GetParam() * Vec3(0.6F, -0.48F, 0.64F);
-  const Hull hull(testing::quadrotor());
+  const Hull hull(quadrotor());
   const std::vector<Obstacle> all = obstacles_at(point);
 #if defined(NDEBUG)
   constexpr long kMoves = 100'000;
 #else  // sanitizers and debug builds are slow
   constexpr long kMoves = 10'000;
 #endif
-  const long moves = testing::times_tried(kMoves) / 6 / static_cast<long>(all.size());  // six places
-  Random random(static_cast<unsigned>(GetParam()) + 1U + 100'000U * testing::part_tried());
+  const long moves = times_tried(kMoves) / 6 / static_cast<long>(all.size());  // six places
+  Random random(static_cast<unsigned>(GetParam()) + 1U + 100'000U * part_tried());
   for (const Obstacle& obstacle : all) {
     SCOPED_TRACE(obstacle.name);
     const World world(obstacle.scene);
@@ -152,7 +142,7 @@ TEST(Creep, AHullBesideATriangleThatIsHardToMeasureIsNotInside) {
   const Pose to{{0x1.562dfcp+4F, -0x1.cccc92p+3F, 0x1.33334ep+4F},
                 {-0x1.fc6122p-8F, 0x1.517424p-2F, 0x1.d82658p-1F, -0x1.9e6bdap-3F}};
   EXPECT_NEAR(triangles.distance(hull_of(from)), 9.11e-5, 1e-6);
-  EXPECT_FALSE(sweep(prepared(world).obstacles(), Hull(testing::quadrotor()), from, to).inside);
+  EXPECT_FALSE(sweep(prepared(world).obstacles(), Hull(quadrotor()), from, to).inside);
 }
 
 // Penetration depth of the hull.
@@ -168,7 +158,7 @@ TEST(Inside, MayMoveOutNeverDeeper) {
 #else
   constexpr int kRounds = 16;
 #endif
-  const Hull hull(testing::quadrotor());
+  const Hull hull(quadrotor());
   for (const bool in_room : {true, false}) {
     SCOPED_TRACE(in_room);
     const auto all = obstacles_at(Vec3::Zero());

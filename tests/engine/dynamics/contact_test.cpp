@@ -1,16 +1,6 @@
 // Contacts of rotor drones with bodies that move: closed forms, and random crowds with an independent distance.
 #include "dynamics/contact.hpp"
 
-#include <gtest/gtest.h>
-
-#include <algorithm>
-#include <cmath>
-#include <cstddef>
-#include <cstdint>
-#include <memory>
-#include <utility>
-#include <vector>
-
 #include "base/pose_access.hpp"
 #include "batch_helpers.hpp"
 #include "collide.hpp"
@@ -19,17 +9,13 @@
 #include "dynamics/rotor_motion.hpp"
 #include "flight_state.hpp"
 #include "prepared/prepared_world.hpp"
-#include "random.hpp"
-#include "tried.hpp"
 
 namespace flockstep {
 namespace {
 
 using dynamics::ContactResult;
 using dynamics::TickMotion;
-using testing::primitive;
-using testing::quadrotor;
-using testing::Random;
+using namespace testing;
 
 constexpr float kTick = 0.002F;          // s
 constexpr float kNear = 5e-3F;           // m, more than the standoff
@@ -82,14 +68,7 @@ class Bodies {
 
 double distance(const Pose& drone, const Primitive& solid) {
   const oracle::Support hull = oracle::hull_at(quadrotor(), drone.position.cast<double>(), drone.rotation.cast<double>());
-  if (solid.kind != PrimitiveKind::room) return oracle::distance(hull, oracle::solid(solid)).lower;
-  double least = 1e9;
-  for (int axis = 0; axis < 3; ++axis) {
-    const Eigen::Vector3d d = Eigen::Vector3d::Unit(axis);
-    const auto half = static_cast<double>(solid.half_extents[axis]);
-    least = std::min({least, half - hull(d)[axis], half + hull(-d)[axis]});
-  }
-  return least;
+  return oracle::distance_from(hull, solid);
 }
 
 double distance(const Pose& drone, const Bodies& bodies) {
@@ -105,17 +84,13 @@ float bottom() {
 }
 
 DynamicsConfig config_of(OnContact on_contact, float restitution = 0.3F) {
-  DynamicsConfig config;
-  config.motion = Motion::rotors;
-  config.on_contact = on_contact;
-  config.restitution = restitution;
-  return config;
+  return {.motion = Motion::rotors, .on_contact = on_contact, .restitution = restitution};
 }
 
 class Yard {
  public:
   explicit Yard(const std::vector<Primitive>& statics = {primitive(PrimitiveKind::room, Vec3::Zero(), {50, 50, 50})})
-      : world_(testing::make_world(statics)), obstacles_(prepared(*world_).obstacles()), hull_(quadrotor()) {}
+      : world_(make_world(statics)), obstacles_(prepared(*world_).obstacles()), hull_(quadrotor()) {}
 
   // The drone moves at a constant velocity for one tick.
   ContactResult meet(const Bodies& bodies, const DynamicsConfig& config, const Pose& from, const Vec3& velocity) {
@@ -278,7 +253,7 @@ class Crowds {
   static constexpr std::size_t kDrones = 16, kBodies = 8;
 
   Crowds(const DynamicsConfig& config, unsigned seed, std::size_t far = 0)
-      : config_(config), per_env_(kBodies + far), random_(seed), state(testing::flight_state(kDrones, 1)) {
+      : config_(config), per_env_(kBodies + far), random_(seed), state(flight_state(kDrones, 1)) {
     for (std::size_t env = 0; env < kDrones; ++env) {
       fleet.start(state, DroneIndex(env), {});
       drones_.emplace_back(env);
@@ -351,7 +326,7 @@ class Crowds {
 
  private:
   collision::Hull hull_{quadrotor()};
-  std::shared_ptr<const World> world_ = testing::make_world({room});
+  std::shared_ptr<const World> world_ = make_world({room});
   std::vector<DroneIndex> drones_;
   std::vector<Vec3> speeds_;
   std::vector<float> command_ = std::vector<float>(4 * kDrones);
@@ -365,12 +340,12 @@ class Crowds {
 };
 
 TEST(ContactInACrowd, NoDroneIsInsideAnythingUnlessItSaysSo) {
-  const long ticks = testing::times_tried(2100);
+  const long ticks = times_tried(2100);
   long flown = 0, hits = 0, inside = 0;
   for (const OnContact on_contact : {OnContact::terminate, OnContact::stop, OnContact::bounce}) {
     DynamicsConfig config = config_of(on_contact);
     config.control = Control::velocity;
-    Crowds crowds(config, 5U + 10U * testing::part_tried() + static_cast<unsigned>(on_contact));
+    Crowds crowds(config, 5U + 10U * part_tried() + static_cast<unsigned>(on_contact));
     for (long tick = 0; tick < ticks; ++tick) {
       const bool is_new_episode = tick % 300 == 0;
       for (std::size_t drone = 0; drone < Crowds::kDrones; ++drone) {
@@ -408,9 +383,9 @@ TEST(ContactInACrowd, DoesNotDependOnBodiesFarAway) {
     many.tick();
   }
   EXPECT_GT(std::ranges::count(few.state.contact.hit, 1), 3);
-  EXPECT_TRUE(testing::same_bits(few.state.position, many.state.position));
-  EXPECT_TRUE(testing::same_bits(few.state.quat_wxyz, many.state.quat_wxyz));
-  EXPECT_TRUE(testing::same_bits(few.state.flight.velocity, many.state.flight.velocity));
+  EXPECT_TRUE(same_bits(few.state.position, many.state.position));
+  EXPECT_TRUE(same_bits(few.state.quat_wxyz, many.state.quat_wxyz));
+  EXPECT_TRUE(same_bits(few.state.flight.velocity, many.state.flight.velocity));
   EXPECT_EQ(few.state.contact.body, many.state.contact.body);
 }
 

@@ -2,18 +2,9 @@
 // without collision checks, and contacts. tests/python/dynamics/test_dynamics.py has a reference implementation of the equations.
 #include "dynamics/flight.hpp"
 
-#include <gtest/gtest.h>
 #include <hwy/targets.h>
 
-#include <algorithm>
-#include <array>
 #include <bit>
-#include <cmath>
-#include <cstring>
-#include <limits>
-#include <memory>
-#include <string>
-#include <vector>
 
 #include "allocation_counter.hpp"
 #include "batch_helpers.hpp"
@@ -21,11 +12,8 @@
 #include "collision/sweep.hpp"
 #include "dynamics/impact.hpp"
 #include "flight_inputs.hpp"
-#include "flockstep/tasks.hpp"
 #include "on_target.hpp"
 #include "prepared/prepared_world.hpp"
-#include "random.hpp"
-#include "tried.hpp"
 
 namespace flockstep {
 namespace {
@@ -33,18 +21,9 @@ namespace {
 using dynamics::Flock;
 using dynamics::kLanes;
 using dynamics::Physics;
-using testing::OnTarget;
-using testing::primitive;
-using testing::Random;
-using testing::same_bits;
+using namespace testing;
 
-DynamicsConfig config_of(Control control) {
-  DynamicsConfig config;
-  config.motion = Motion::rotors;
-  config.control = control;
-  config.ground_effect = true;
-  return config;
-}
+DynamicsConfig config_of(Control control) { return {.motion = Motion::rotors, .control = control, .ground_effect = true}; }
 
 BatchConfig batch_of(int num_envs, Control control) {
   BatchConfig config;
@@ -92,9 +71,9 @@ std::vector<dynamics::ContactPoint> with_normal(std::span<const Vec3> points, co
 bool same(const Flock& a, const Flock& b) { return std::memcmp(&a, &b, sizeof a) == 0; }
 
 TEST(Flight, OfADroneIsTheSameBesideOtherAirframes) {
-  const std::vector<Airframe> frames = testing::different_airframes();
+  const std::vector<Airframe> frames = different_airframes();
   ASSERT_GE(frames.size(), 8U);
-  for (const Control control : testing::kFlightControls) {
+  for (const Control control : kFlightControls) {
     for (const Integrator integrator : {Integrator::midpoint, Integrator::rk4}) {
       SCOPED_TRACE(::testing::Message() << "control " << static_cast<int>(control) << ", integrator "
                                         << static_cast<int>(integrator));
@@ -139,7 +118,7 @@ TEST(Flight, OfADroneIsTheSameBesideOtherAirframes) {
 TEST(Flight, HasTheSameBitsOnEveryTarget) {
   const DroneModel model = DroneModel::load("hummingbird");
   int compared = 0;
-  for (const Control control : testing::kFlightControls) {
+  for (const Control control : kFlightControls) {
     for (const Integrator integrator : {Integrator::midpoint, Integrator::rk4}) {
       DynamicsConfig config = config_of(control);
       config.integrator = integrator;
@@ -162,12 +141,12 @@ TEST(Flight, HasTheSameBitsOnEveryTarget) {
       }
     }
   }
-  EXPECT_GE(compared, 2 * static_cast<int>(testing::kFlightControls.size()));
+  EXPECT_GE(compared, 2 * static_cast<int>(kFlightControls.size()));
 }
 
 TEST(Flight, OfALaneDependsOnlyOnThatLane) {
   const DroneModel model = DroneModel::load("kingfisher");
-  for (const Control control : testing::kFlightControls) {
+  for (const Control control : kFlightControls) {
     const Physics physics(*model.airframe(), config_of(control), 0.002, 1);
     const Flock start = random_flock(3, physics.stage);
     Flock together = start;
@@ -198,13 +177,13 @@ TEST(Flight, OfALaneDependsOnlyOnThatLane) {
 // Compares open space with obstacles on both sides. They are close enough to be checked in every tick, but far enough to never
 // be hit.
 TEST(Flight, PastObstaclesIsThatInTheOpen) {
-  const auto open = testing::make_world({primitive(PrimitiveKind::room, {0, 0, 0}, {500, 500, 500})});
+  const auto open = make_world({primitive(PrimitiveKind::room, {0, 0, 0}, {500, 500, 500})});
   std::vector<Primitive> beside{primitive(PrimitiveKind::room, {0, 0, 0}, {500, 500, 500})};
   for (const float z : {-6.0F, 6.0F}) beside.push_back(primitive(PrimitiveKind::box, {0, 0, z}, {400, 400, 0.5F}));
-  const auto between = testing::make_world(std::move(beside));
+  const auto between = make_world(std::move(beside));
   const DroneModel model = DroneModel::load("kingfisher").scaled(12.0, 1000.0);  // large, so its checks reach far
   constexpr std::size_t kDrones = 40;
-  for (const Control control : testing::kFlightControls) {
+  for (const Control control : kFlightControls) {
     BatchConfig config = batch_of(kDrones, control);
     config.dynamics.ground_effect = false;
     std::vector<float> position;
@@ -214,21 +193,13 @@ TEST(Flight, PastObstaclesIsThatInTheOpen) {
     Batch careful(config, {between}, nullptr, model);
     for (Batch* const batch : {&free, &careful}) batch->set_pose(position, {});
     for (int step = 0; step < 10; ++step) {
-      const std::vector<float> command = testing::flight_commands(random, control, std::vector(kDrones, *model.airframe()));
+      const std::vector<float> command = flight_commands(random, control, std::vector(kDrones, *model.airframe()));
       for (Batch* const batch : {&free, &careful}) batch->fly(command);
     }
     for (std::size_t i = 0; i < kDrones; ++i) ASSERT_FALSE(careful.state().contact.hit[i]);
     EXPECT_TRUE(same_bits(free.state().position, careful.state().position));
     EXPECT_TRUE(same_bits(free.state().quat_wxyz, careful.state().quat_wxyz));
-    testing::for_each_array(free.state().flight, [&](const std::string& name, const auto& values) {
-      testing::for_each_array(careful.state().flight, [&](const std::string& other, const auto& others) {
-        if constexpr (std::is_same_v<decltype(values), decltype(others)>) {
-          if (name == other) {
-            EXPECT_TRUE(same_bits(values, others)) << name;
-          }
-        }
-      });
-    });
+    EXPECT_TRUE(same_arrays(free.state().flight, careful.state().flight));
   }
 }
 
@@ -246,15 +217,15 @@ std::shared_ptr<const World> clutter(const Vec3& at) {
     mesh.vertices.push_back(at + corner);
   }
   mesh.triangles = {{0, 1, 3}, {1, 2, 3}, {2, 0, 3}, {0, 2, 1}};
-  return testing::make_world(std::move(primitives), {}, std::move(mesh));
+  return make_world(std::move(primitives), {}, std::move(mesh));
 }
 
 // Covers contacts that bounce, gusts, an IMU, a LiDAR between ticks, and resets.
 void expect_no_allocation(int drones_per_env) {
   constexpr std::size_t kDrones = 64;
-  const auto room = testing::make_world({primitive(PrimitiveKind::room, Vec3::Zero(), {2.0F, 2.0F, 1.5F}),
-                                         primitive(PrimitiveKind::cylinder, {1.2F, 0.4F, 0.0F}, {0.2F, 0.2F, 1.5F})},
-                                        {.goal = Vec3::Zero()});
+  const auto room = make_world({primitive(PrimitiveKind::room, Vec3::Zero(), {2.0F, 2.0F, 1.5F}),
+                                primitive(PrimitiveKind::cylinder, {1.2F, 0.4F, 0.0F}, {0.2F, 0.2F, 1.5F})},
+                               {.goal = Vec3::Zero()});
   BatchConfig config = batch_of(static_cast<int>(kDrones) / drones_per_env, Control::body_rates);
   config.drones_per_env = drones_per_env;
   config.dynamics.on_contact = OnContact::bounce;
@@ -273,14 +244,14 @@ void expect_no_allocation(int drones_per_env) {
   }
   for (std::size_t i = 0; i < 2 * actions.size(); ++i) batch.step(std::span<const float>(actions[i % actions.size()]));
   std::size_t hits = 0, ends = 0;
-  const std::uint64_t before = testing::allocations();
+  const std::uint64_t before = allocations();
   for (const auto& step : actions) {
     batch.step(std::span<const float>(step));
     for (const auto hit : batch.state().contact.hit) hits += hit;
     for (const auto ended : batch.outputs().truncated) ends += ended;
     for (const auto ended : batch.outputs().terminated) ends += ended;
   }
-  EXPECT_EQ(testing::allocations() - before, 0U);
+  EXPECT_EQ(allocations() - before, 0U);
   EXPECT_GT(hits, 10U);
   EXPECT_GT(ends, 10U);
 }
@@ -296,7 +267,7 @@ TEST(Contact, PushedAgainstWallsAndCornersNothingGetsInside) {
 #else  // sanitizers and debug builds are slow
   constexpr long kSteps = 60;
 #endif
-  const long steps = testing::times_tried(kSteps);
+  const long steps = times_tried(kSteps);
   long ticks = 0;
   for (const float far : {0.0F, 300.0F}) {
     const auto world = clutter({far, -far, far});
@@ -308,7 +279,7 @@ TEST(Contact, PushedAgainstWallsAndCornersNothingGetsInside) {
         config.dynamics.on_contact = on_contact;
         config.dynamics.max_speed_mps = 20.0F;
         Batch batch(config, {world}, nullptr, model);
-        Random random(5U + 100U * testing::part_tried());
+        Random random(5U + 100U * part_tried());
         std::vector<float> position;
         for (std::size_t i = 0; i < kDrones; ++i) {
           const Vec3 at = Vec3(far, -far, far) + Vec3(random.within(-0.3F, 0.3F), random.within(-0.3F, 0.3F), 0.5F);
@@ -319,7 +290,7 @@ TEST(Contact, PushedAgainstWallsAndCornersNothingGetsInside) {
         long hits = 0;
         for (long step = 0; step < steps; ++step) {
           if (step % 50 == 0) {
-            command = testing::flight_commands(random, control, std::vector(kDrones, *model.airframe()));
+            command = flight_commands(random, control, std::vector(kDrones, *model.airframe()));
             if (control == Control::velocity) {
               for (float& value : command) value *= 5.0F;
             }
@@ -342,9 +313,9 @@ TEST(Contact, PushedAgainstWallsAndCornersNothingGetsInside) {
 }
 
 TEST(Contact, NoWallIsThinEnoughToBeFlownThrough) {
-  const auto world = testing::make_world({primitive(PrimitiveKind::room, {0, 0, 0}, {900, 900, 900}),
-                                          primitive(PrimitiveKind::plane, {50, 0, 0}, {20, 20, 0},
-                                                    Quat(Eigen::AngleAxisf(std::numbers::pi_v<float> / 2, Vec3::UnitY())))});
+  const auto world = make_world({primitive(PrimitiveKind::room, {0, 0, 0}, {900, 900, 900}),
+                                 primitive(PrimitiveKind::plane, {50, 0, 0}, {20, 20, 0},
+                                           Quat(Eigen::AngleAxisf(std::numbers::pi_v<float> / 2, Vec3::UnitY())))});
   for (const float speed : {30.0F, 300.0F, 9000.0F}) {
     BatchConfig config = batch_of(1, Control::rotor_speeds);
     config.dynamics.body_drag = config.dynamics.rotor_drag = false;

@@ -1,29 +1,13 @@
 // Drones with simulated rotors that tumble onto things with still rotors: none freezes, gets inside or gains energy. Drones that
 // begin inside something get out.
-#include <gtest/gtest.h>
-
-#include <algorithm>
-#include <array>
-#include <cmath>
-#include <cstddef>
-#include <cstdint>
-#include <memory>
-#include <numeric>
-#include <string>
-#include <vector>
 
 #include "batch_helpers.hpp"
-#include "flockstep/batch.hpp"
 #include "meshes.hpp"
-#include "random.hpp"
-#include "tried.hpp"
 
 namespace flockstep {
 namespace {
 
-using testing::make_world;
-using testing::primitive;
-using testing::Random;
+using namespace testing;
 
 constexpr int kStill = 20;  // ticks
 
@@ -49,7 +33,7 @@ std::shared_ptr<const World> world_of(Onto onto) {
       return make_world({primitive(PrimitiveKind::cylinder, {0, 0, 0}, {0.1F, 0.1F, 0.5F})});
     case Onto::mesh: {
       TriangleMesh mesh;
-      testing::add_box(mesh, Vec3::Zero(), {0.4F, 0.3F, 0.2F}, Quat(0.8F, 0.36F, 0.48F, 0.0F));
+      add_box(mesh, Vec3::Zero(), {0.4F, 0.3F, 0.2F}, Quat(0.8F, 0.36F, 0.48F, 0.0F));
       return make_world({}, {}, mesh);
     }
     default:
@@ -76,9 +60,7 @@ struct Tumble {
   Tumble(Random& random, const std::string& frame, Onto place)
       : onto(place), airframe(*DroneModel::load(frame).airframe()), radius(DroneModel::load(frame).radius()) {
     constexpr std::array kRates{100.0F, 250.0F, 500.0F, 1000.0F};
-    BatchConfig config;
-    config.num_envs = kDrones;
-    config.num_threads = 1;
+    BatchConfig config{.num_envs = kDrones, .num_threads = 1};
     const float hz = kRates[static_cast<std::size_t>(random.within(0.0F, 3.999F))];
     config.clock.policy_hz = hz;
     config.clock.physics_hz = hz;
@@ -153,10 +135,10 @@ struct Tumble {
 
 // A drone that has not moved by a bit in 20 ticks must be at rest, and then also stay there if it is lifted by a millimetre.
 TEST(Tumbles, NoDroneFreezesInTheAirOrGainsEnergy) {
-  Random random(47 + testing::part_tried());
+  Random random(47 + part_tried());
   const std::vector<std::string> frames = DroneModel::names();
   const std::vector<float> still(Tumble::kDrones * kRotors, 0.0F);
-  const auto rounds = static_cast<std::size_t>(testing::times_tried(static_cast<long>(frames.size() * kAll.size())));
+  const auto rounds = static_cast<std::size_t>(times_tried(static_cast<long>(frames.size() * kAll.size())));
   long contacts = 0;  // ticks in which a drone touches something
   for (std::size_t round = 0; round < rounds; ++round) {
     Tumble tumble(random, frames[round % frames.size()], kAll[round / frames.size() % kAll.size()]);
@@ -219,7 +201,7 @@ TEST(Tumbles, WhatBeginsInsideGetsOut) {
   Random random(48);
   const auto wall = [] { return primitive(PrimitiveKind::room, {0, 0, 0}, {20, 20, 20}); };
   TriangleMesh mesh;
-  testing::add_box(mesh, Vec3::Zero(), Vec3::Constant(0.5F));
+  add_box(mesh, Vec3::Zero(), Vec3::Constant(0.5F));
   BodyConfig body;
   const std::vector<std::shared_ptr<const World>> worlds{
       make_world({wall(), primitive(PrimitiveKind::box, Vec3::Zero(), Vec3::Constant(0.5F))}),
@@ -229,10 +211,7 @@ TEST(Tumbles, WhatBeginsInsideGetsOut) {
   for (std::size_t place = 0; place < worlds.size(); ++place) {
     for (const OnContact on_contact : {OnContact::stop, OnContact::bounce}) {
       for (const float hz : {100.0F, 500.0F}) {
-        BatchConfig config;
-        config.num_envs = 20;
-        config.num_threads = 1;
-        config.clock = {.policy_hz = 50.0F, .physics_hz = hz};
+        BatchConfig config{.num_envs = 20, .num_threads = 1, .clock = {.policy_hz = 50.0F, .physics_hz = hz}};
         config.dynamics.motion = Motion::rotors;
         config.dynamics.control = Control::velocity;
         config.dynamics.on_contact = on_contact;

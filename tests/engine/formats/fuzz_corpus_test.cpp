@@ -1,13 +1,9 @@
 // Replays the inputs that the fuzzers found, tests/fuzz/corpus/TARGET/*. `./dev fuzz TARGET` searches for more.
-#include <gtest/gtest.h>
 
-#include <cstdint>
-#include <filesystem>
-#include <fstream>
 #include <iterator>
-#include <vector>
 
 #include "fuzz/targets.hpp"
+#include "standard.hpp"
 
 namespace flockstep::fuzz {
 namespace {

@@ -1,28 +1,19 @@
-#include <gtest/gtest.h>
-
-#include <cmath>
-#include <cstring>
-#include <filesystem>
-#include <fstream>
-#include <functional>
-#include <limits>
 #include <map>
-#include <memory>
 #include <nlohmann/json.hpp>
 #include <random>
-#include <string>
-#include <vector>
 
 #include "any_world.hpp"
 #include "flockstep/generators.hpp"
 #include "formats/gltf.hpp"
+#include "formats/packed_world.hpp"
 #include "formats/scene_json.hpp"
-#include "refusal.hpp"
+#include "standard.hpp"
 #include "world/scene_description.hpp"
 
 namespace flockstep {
 namespace {
 
+using namespace testing;
 using Json = nlohmann::json;
 
 GltfFile read_back(const std::string& bytes, const LoadOptions& options = {}) {
@@ -54,7 +45,7 @@ void expect_equal_world(const World& world, GltfForm form) {
 TEST(GltfWriter, AnyWorldComesBackEqual) {
   for (unsigned seed = 0; seed < 300; ++seed) {
     SCOPED_TRACE(seed);
-    expect_equal_world(testing::AnyWorld(seed).make(), seed % 2 == 0 ? GltfForm::binary : GltfForm::text);
+    expect_equal_world(AnyWorld(seed).make(), seed % 2 == 0 ? GltfForm::binary : GltfForm::text);
     if (HasFailure()) break;
   }
 }
@@ -68,7 +59,7 @@ TEST(GltfWriter, ShippedAndGeneratedWorldsComeBackEqual) {
     ++count;
   }
   EXPECT_GE(count, 10U);
-  for (std::uint64_t seed = 0; seed < 5; ++seed) expect_equal_world(*playground({.seed = seed}), GltfForm::binary);
+  for (std::uint64_t seed = 0; seed < 5; ++seed) expect_equal_world(*flockstep::playground({.seed = seed}), GltfForm::binary);
   expect_equal_world(*forest({.seed = 1, .trees = 10, .size_m = {20.0F, 20.0F}}), GltfForm::binary);
 }
 
@@ -121,7 +112,7 @@ std::string edited(const Edit& edit) {
 GltfFile read_edited(const Edit& edit, const LoadOptions& options = {}) { return read_back(edited(edit), options); }
 
 std::string edit_refusal(const Edit& edit) {
-  return testing::refusal([&] { read_edited(edit); });
+  return refusal([&] { read_edited(edit); });
 }
 
 void expect_close(const Vec3& a, const Vec3& b) { EXPECT_LT((a - b).norm(), 2e-5F) << a.transpose() << " and " << b.transpose(); }
@@ -235,52 +226,44 @@ TEST(GltfWriter, BadExtrasAreRefused) {
     return edit_refusal([&](Json& json) { json["nodes"][node]["extras"]["flockstep"] = ours; });
   };
   const std::string at_1 = "x.glb: /nodes/1/extras/flockstep", at_4 = "x.glb: /nodes/4/extras/flockstep";
-  EXPECT_EQ(of_node(1, 3), at_1 + ": expected an object, got 3");
-  EXPECT_EQ(of_node(1, {{"primitive", "cube"}}),
-            at_1 + R"(/primitive: expected "room", "box", "cylinder", "sphere", "capsule", "plane" or "disc", got "cube")");
-  EXPECT_EQ(of_node(1, {{"primitive", "box"}, {"radius", 1}}), at_1 + "/radius: unknown field; expected one of primitive");
-  EXPECT_EQ(of_node(1, {{"shape", "box"}}),
-            at_1 + "/shape: unknown field; expected one of primitive, radius, height, gate, object, order");
-  EXPECT_EQ(of_node(1, Json::object()), at_1 + ": expected a field \"object\", found none");
-  EXPECT_EQ(of_node(4, {{"primitive", "capsule"}, {"radius", 1}}), at_4 + ": expected a field \"height\", found none");
-  EXPECT_EQ(of_node(4, {{"primitive", "capsule"}, {"radius", 0}, {"height", 3}}),
-            at_4 + "/radius: expected a number in [1e-06, 1e+06], got 0");
-  EXPECT_EQ(of_node(4, {{"primitive", "capsule"}, {"radius", 2}, {"height", 3}}),
-            at_4 + "/height: expected a number >= twice the radius, got 3");
-  EXPECT_EQ(of_node(5, {{"object", 65536}}),
-            "x.glb: /nodes/5/extras/flockstep/object: expected an integer in [0, 65535], got 65536");
-  EXPECT_EQ(of_node(5, {{"object", 0}, {"order", {0}}}),
-            "x.glb: /nodes/5/extras/flockstep/order: expected two integers for each run of triangles, got 1");
-  EXPECT_EQ(of_node(5, {{"object", 0}, {"order", {0, -1}}}),
-            "x.glb: /nodes/5/extras/flockstep/order/1: expected an integer in [0, 4294967295], got -1");
+  EXPECT_TRUE(names(of_node(1, 3), at_1 + ": ... 3"));
+  EXPECT_TRUE(names(of_node(1, {{"primitive", "cube"}}),
+                    at_1 + R"(/primitive: ... "room" ... "box" ... "cylinder" ... "sphere" ... "cube")"));
+  EXPECT_TRUE(names(of_node(1, {{"primitive", "box"}, {"radius", 1}}), at_1 + "/radius: unknown field"));
+  EXPECT_TRUE(names(of_node(1, {{"shape", "box"}}), at_1 + "/shape: unknown field"));
+  EXPECT_TRUE(names(of_node(1, Json::object()), at_1 + R"(: ... "object")"));
+  EXPECT_TRUE(names(of_node(4, {{"primitive", "capsule"}, {"radius", 1}}), at_4 + R"(: ... "height")"));
+  EXPECT_TRUE(
+      names(of_node(4, {{"primitive", "capsule"}, {"radius", 0}, {"height", 3}}), at_4 + "/radius: ... [1e-06, 1e+06] ... 0"));
+  EXPECT_TRUE(names(of_node(4, {{"primitive", "capsule"}, {"radius", 2}, {"height", 3}}), at_4 + "/height: ... >= ... 3"));
+  EXPECT_TRUE(names(of_node(5, {{"object", 65536}}), "x.glb: /nodes/5/extras/flockstep/object: ... [0, 65535] ... 65536"));
+  EXPECT_TRUE(names(of_node(5, {{"object", 0}, {"order", {0}}}), "x.glb: /nodes/5/extras/flockstep/order: ... 1"));
+  EXPECT_TRUE(names(of_node(5, {{"object", 0}, {"order", {0, -1}}}),
+                    "x.glb: /nodes/5/extras/flockstep/order/1: ... [0, 4294967295] ... -1"));
   EXPECT_EQ(of_node(5, {{"object", 0}, {"order", {7, 1}}}), "accepted");  // ignored: belongs to another mesh
   EXPECT_EQ(of_node(5, {{"object", 0}, {"order", {0, 4294967295U}}}), "accepted");
-  EXPECT_EQ(of_node(6, {{"primitive", "box"}}),
-            "x.glb: /nodes/6/extras: expected a mesh on the node, for \"flockstep\" to describe, found none");
-  EXPECT_EQ(edit_refusal([](Json& json) { json["nodes"][1]["scale"] = {1e7, 1, 1}; }),
-            "x.glb: /nodes/1: expected a primitive within +-1e+06 m, of sizes >= 1e-06 m, got (1, 2, 3)");
+  EXPECT_TRUE(names(of_node(6, {{"primitive", "box"}}), R"(x.glb: /nodes/6/extras: ... "flockstep")"));
+  EXPECT_TRUE(names(edit_refusal([](Json& json) { json["nodes"][1]["scale"] = {1e7, 1, 1}; }),
+                    "x.glb: /nodes/1: ... +-1e+06 ... >= 1e-06 ... (1, 2, 3)"));
   EXPECT_EQ(edit_refusal([](Json& json) { json["nodes"][1]["extras"] = "anything"; }), "accepted");
 
   const auto of_scene = [](const Json& ours) {
     return edit_refusal([&](Json& json) { json["scenes"][0]["extras"]["flockstep"] = ours; });
   };
   const std::string scene = "x.glb: /scenes/0/extras/flockstep";
-  EXPECT_EQ(of_scene({{"boxes", 1}}),
-            scene + "/boxes: unknown field; expected one of light, markers, bodies. Did you mean bodies?");
-  EXPECT_EQ(of_scene({{"bodies", 1}}), scene + "/bodies: expected an array, got 1");
-  EXPECT_EQ(of_scene({{"bodies", {{{"size_m", {1, 1}}}}}}), "x.glb: bodies[0].size_m: expected an array of 3, got [1,1]");
-  EXPECT_EQ(of_scene({{"light", {{"gamma", 9}}}}), scene + "/light/gamma: expected a number in [1, 4], got 9");
-  EXPECT_EQ(of_scene({{"markers", {{"start", {0, 0, 0}}}}}),
-            scene + "/markers/start: unknown field; expected one of radius, spawn_box");
-  EXPECT_EQ(of_scene({{"markers", {{"spawn_box", {{"min", {0, 0, "x"}}, {"max", {1, 1, 1}}}}}}}),
-            scene + "/markers/spawn_box/min/2: expected a number, got \"x\"");
+  EXPECT_TRUE(names(of_scene({{"boxes", 1}}), scene + "/boxes: unknown field ... bodies?"));
+  EXPECT_TRUE(names(of_scene({{"bodies", 1}}), scene + "/bodies: ... 1"));
+  EXPECT_TRUE(names(of_scene({{"bodies", {{{"size_m", {1, 1}}}}}}), "x.glb: bodies[0].size_m: ... 3 ... [1,1]"));
+  EXPECT_TRUE(names(of_scene({{"light", {{"gamma", 9}}}}), scene + "/light/gamma: ... [1, 4] ... 9"));
+  EXPECT_TRUE(names(of_scene({{"markers", {{"start", {0, 0, 0}}}}}), scene + "/markers/start: unknown field"));
+  EXPECT_TRUE(names(of_scene({{"markers", {{"spawn_box", {{"min", {0, 0, "x"}}, {"max", {1, 1, 1}}}}}}}),
+                    scene + R"(/markers/spawn_box/min/2: ... "x")"));
 }
 
 // ---------------------------------------------------------------------------------------------------------------- files
 
 TEST(GltfWriter, FilesAreSavedBySuffixWholeOrNotAtAll) {
-  const std::filesystem::path folder = std::filesystem::path(::testing::TempDir()) / "flockstep_gltf_writer";
-  std::filesystem::create_directories(folder);
+  const TempFolder folder;
   const World world = small_world();
   for (const char* const name : {"a.glb", "a.gltf", "a.json", "B.GLB"}) {
     world.save(folder / name);
@@ -289,17 +272,8 @@ TEST(GltfWriter, FilesAreSavedBySuffixWholeOrNotAtAll) {
     EXPECT_EQ(read->name(), "small");
   }
   EXPECT_EQ(std::distance(std::filesystem::directory_iterator(folder), {}), 4);  // no temporary files remain
-  const auto message = [&](const std::filesystem::path& path) -> std::string {
-    try {
-      world.save(path);
-    } catch (const std::invalid_argument& error) {
-      return error.what();
-    }
-    return "saved";
-  };
-  EXPECT_EQ(message("/nowhere/a.glb"), "/nowhere/a.glb: cannot write a glTF file: No such file or directory");
-  EXPECT_EQ(message("/nowhere/a.obj"), "/nowhere/a.obj: expected a file ending in .json, .gltf or .glb, got \".obj\"");
-  std::filesystem::remove_all(folder);
+  EXPECT_REFUSED(world.save("/nowhere/a.glb"), "/nowhere/a.glb: cannot write a glTF file: No such file or directory");
+  EXPECT_REFUSED(world.save("/nowhere/a.obj"), R"(/nowhere/a.obj: ... ".obj")");
 }
 
 TEST(GltfWriter, TooLargeWorldsAreRefused) {
@@ -310,14 +284,59 @@ TEST(GltfWriter, TooLargeWorldsAreRefused) {
     const std::size_t size = write_gltf(scene, form, "x").size();
     EXPECT_EQ(write_gltf(scene, form, "x", size).size(), size);
     for (const std::size_t less : {size - 1, size / 2, std::size_t{0}}) {
-      try {
-        write_gltf(scene, form, "x", less);
-        ADD_FAILURE() << less;
-      } catch (const std::invalid_argument& error) {
-        EXPECT_EQ(error.what(),
-                  "x: expected a world that fits in a glTF file of " + std::to_string(less) + " bytes, got a larger one");
-      }
+      EXPECT_REFUSED(write_gltf(scene, form, "x", less), "x: ... " + std::to_string(less));
     }
+  }
+}
+
+void expect_equal(const World& world) {
+  const auto again = World::from_bytes(world.to_bytes());
+  EXPECT_EQ(again->content_hash(), world.content_hash());
+  EXPECT_EQ(again->name(), world.name());
+  EXPECT_EQ(again->to_bytes(), world.to_bytes());
+}
+
+TEST(PackedWorld, AnyWorldComesBackEqual) {
+  for (unsigned seed = 0; seed < 300; ++seed) {
+    SCOPED_TRACE(seed);
+    expect_equal(AnyWorld(seed).make());
+    if (HasFailure()) break;
+  }
+}
+
+TEST(PackedWorld, OnlyTrianglesComeBackEqual) {
+  SceneDescription scene;
+  scene.mesh.vertices = {{0, 0, 0}, {1, 0, 0}, {0, 1, 0}};
+  scene.mesh.triangles = {{0, 1, 2}};
+  const World world(scene);
+  expect_equal(world);
+  EXPECT_TRUE(World::from_bytes(world.to_bytes())->primitives().empty());
+}
+
+TEST(PackedWorld, GatesAndOtherLightComeBackEqual) {
+  const auto track = race_track({.seed = 1});
+  expect_equal(*track);
+  EXPECT_EQ(World::from_bytes(track->to_bytes())->gates().size(), track->gates().size());
+  Lighting lighting{.light = track->light()};
+  lighting.light.gamma = 1.5F;
+  expect_equal(World(track, lighting));
+}
+
+TEST(PackedWorld, DamagedBytesAreRefused) {
+  const std::string bytes = AnyWorld(1).make().to_bytes();
+  ASSERT_GT(World::from_bytes(bytes)->textures().size(), 0U);
+  const std::string expected = "world: expected the bytes of a packed world of this version, got others";
+  for (std::size_t size = 0; size < bytes.size(); ++size) {
+    const std::string message = refusal([&] { World::from_bytes(std::string_view(bytes).substr(0, size)); });
+    ASSERT_NE(message, "accepted") << size;
+  }
+  std::string other = bytes;
+  other[8 + std::string_view("flockstep packed world ").size()] = '0';
+  EXPECT_EQ(refusal([&] { World::from_bytes(other); }), expected);
+  for (std::size_t i = 0; i < bytes.size(); ++i) {  // accepted or refused, without a crash
+    std::string spoilt = bytes;
+    spoilt[i] = static_cast<char>(~spoilt[i]);
+    refusal([&] { World::from_bytes(spoilt); });
   }
 }
 

@@ -1,31 +1,18 @@
-#include <gtest/gtest.h>
-
-#include <algorithm>
-#include <array>
-#include <filesystem>
-#include <fstream>
-#include <memory>
-#include <stdexcept>
-#include <string>
-#include <vector>
-
 #include "flockstep/world.hpp"
 #include "formats/image.hpp"
 #include "formats/mesh_files.hpp"
+#include "standard.hpp"
 #include "world/scene_description.hpp"
 
 namespace flockstep {
 namespace {
 
+using namespace testing;
 using Color = std::array<float, 3>;
 
 class Mtl : public ::testing::Test {
  protected:
-  Mtl() {
-    std::filesystem::remove_all(folder_);
-    std::filesystem::create_directories(folder_ / "below");
-  }
-  ~Mtl() override { std::filesystem::remove_all(folder_); }
+  Mtl() { std::filesystem::create_directories(folder_ / "below"); }
 
   std::filesystem::path write(const std::string& name, const std::string& text) const {
     std::ofstream(folder_ / name, std::ios::binary) << text;
@@ -47,17 +34,12 @@ class Mtl : public ::testing::Test {
   }
 
   std::string message_of(const std::string& mtl) const {
-    try {
-      load(mtl, {"a"});
-    } catch (const std::invalid_argument& error) {
-      const std::string path = (folder_ / "a.mtl").string(), what = error.what();
-      EXPECT_EQ(what.rfind(path, 0), 0U) << what;
-      return what.substr(std::min(path.size(), what.size()));
-    }
-    return "accepted";
+    const std::string what = refusal([&] { load(mtl, {"a"}); }), path = (folder_ / "a.mtl").string();
+    EXPECT_TRUE(what == "accepted" || what.starts_with(path)) << what;
+    return what.starts_with(path) ? what.substr(path.size()) : what;
   }
 
-  std::filesystem::path folder_ = std::filesystem::path(::testing::TempDir()) / "flockstep_mtl_test";
+  const TempFolder folder_;
 };
 
 std::vector<std::string> ignored_of(const World& world) { return {world.ignored().begin(), world.ignored().end()}; }
@@ -180,24 +162,19 @@ TEST_F(Mtl, FilesOutsideAreReadIfAllowed) {
 
 TEST_F(Mtl, BadFilesAreRefusedWithTheLine) {
   const std::string begin = "newmtl a\n";
-  EXPECT_EQ(message_of(begin + "Kd 1 x 0\n"), ":2: expected three numbers in [0, 1] after Kd, got \"Kd 1 x 0\"");
-  EXPECT_EQ(message_of(begin + "Kd 1 0\n"), ":2: expected three numbers in [0, 1] after Kd, got \"Kd 1 0\"");
-  EXPECT_EQ(message_of(begin + "Kd\n"), ":2: expected three numbers in [0, 1] after Kd, got \"Kd\"");
-  EXPECT_EQ(message_of(begin + "Kd 1 0 1.5\n"), ":2: expected three numbers in [0, 1] after Kd, got \"Kd 1 0 1.5\"");
-  EXPECT_EQ(message_of(begin + "Ke 1 -1 1\n"), ":2: expected three numbers in [0, 100] after Ke, got \"Ke 1 -1 1\"");
-  EXPECT_EQ(message_of(begin + "\nd nan\n"), ":3: expected a number after d or Tr, got \"d nan\"");
-  EXPECT_EQ(message_of(begin + "Tr\n"), ":2: expected a number after d or Tr, got \"Tr\"");
+  EXPECT_TRUE(names(message_of(begin + "Kd 1 x 0\n"), R"(:2: ... [0, 1] ... "Kd 1 x 0")"));
+  EXPECT_TRUE(names(message_of(begin + "Kd 1 0\n"), R"(:2: ... [0, 1] ... "Kd 1 0")"));
+  EXPECT_TRUE(names(message_of(begin + "Kd\n"), R"(:2: ... [0, 1] ... "Kd")"));
+  EXPECT_TRUE(names(message_of(begin + "Kd 1 0 1.5\n"), R"(:2: ... [0, 1] ... "Kd 1 0 1.5")"));
+  EXPECT_TRUE(names(message_of(begin + "Ke 1 -1 1\n"), R"(:2: ... [0, 100] ... "Ke 1 -1 1")"));
+  EXPECT_TRUE(names(message_of(begin + "\nd nan\n"), R"(:3: ... "d nan")"));
+  EXPECT_TRUE(names(message_of(begin + "Tr\n"), R"(:2: ... "Tr")"));
   EXPECT_EQ(message_of(begin + "d -halo 0.5\nKd +1 0 0\nmap_Kd\nmap_d -s\nKe 1e2 0 0\nunknown \xFF\n"), "accepted");
   std::string many;
   for (int i = 0; i < 65533; ++i) many += begin;
-  EXPECT_EQ(message_of(many), ":65533: expected at most 65532 materials in all, got more");
+  EXPECT_TRUE(names(message_of(many), ":65533: ... 65532"));
   write("bad.png", "no image");
-  try {
-    load("newmtl a\nmap_Kd bad.png\n", {"a"});
-    FAIL() << "accepted";
-  } catch (const std::invalid_argument& error) {
-    EXPECT_NE(std::string(error.what()).find("bad.png: expected a PNG or JPEG"), std::string::npos) << error.what();
-  }
+  EXPECT_REFUSED(load("newmtl a\nmap_Kd bad.png\n", {"a"}), "bad.png: ... JPEG");
 }
 
 TEST_F(Mtl, PlacesAndDropsTrianglesAsGltfDoes) {

@@ -1,23 +1,13 @@
-#include <gtest/gtest.h>
-
-#include <algorithm>
-#include <array>
 #include <bit>
-#include <cstdint>
-#include <cstring>
-#include <filesystem>
-#include <fstream>
-#include <stdexcept>
-#include <string>
-#include <vector>
 
 #include "flockstep/world.hpp"
 #include "formats/mesh_files.hpp"
-#include "refusal.hpp"
+#include "standard.hpp"
 
 namespace flockstep {
 namespace {
 
+using namespace testing;
 using Color = std::array<float, 3>;
 using Triangles = std::vector<std::array<std::int32_t, 3>>;
 
@@ -30,7 +20,7 @@ std::string text_file(const std::string& header, const std::string& body) {
 }
 
 std::string ply_refusal(const std::string& bytes) {
-  return testing::refusal([&] { parse_ply(bytes, "x"); });
+  return refusal([&] { parse_ply(bytes, "x"); });
 }
 
 // Builds the values of a binary file.
@@ -147,50 +137,42 @@ TEST(Ply, IgnoredPartsAreNamed) {
 
 TEST(Ply, BadFilesAreRefused) {
   const auto with = [](const std::string& header, const std::string& body = "") { return ply_refusal(text_file(header, body)); };
-  EXPECT_EQ(ply_refusal(""), "x: expected a PLY file, which begins with a line ply, got \"\"");
-  EXPECT_EQ(ply_refusal("solid"), "x: expected a PLY file, which begins with a line ply, got \"solid\"");
-  EXPECT_EQ(ply_refusal("ply"), "x: expected a header that ends with end_header, got a truncated one");
-  EXPECT_EQ(ply_refusal("ply\nformat ascii 1.0\n"), "x: expected a header that ends with end_header, got a truncated one");
-  EXPECT_EQ(ply_refusal("ply\nend_header\n"), "x: header: expected a format line, got none");
-  EXPECT_EQ(ply_refusal("ply\nformat ascii 2.0\nend_header\n"),
-            "x: header: expected format ascii, binary_little_endian or binary_big_endian, and 1.0, got \"format ascii 2.0\"");
-  EXPECT_EQ(with("element vertex\n"), "x: header: expected a name and a count after element, got \"element vertex\"");
-  EXPECT_EQ(with("element vertex -1\n"), "x: header: expected a name and a count after element, got \"element vertex -1\"");
-  EXPECT_EQ(with("property float x\n"),
-            "x: header: expected format, comment, element and property, and end_header, got \"property float x\"");
-  EXPECT_EQ(with("element a 1\nproperty half x\n"),
-            "x: header: expected property, a type such as float or uchar, a name, got \"property half x\"");
-  EXPECT_EQ(with("element a 1\nproperty list float int x\n"),
-            "x: header: expected property list, an integer type, a type, a name, got \"property list float int x\"");
-  EXPECT_EQ(with(kFaces, "3 0 0 0"), "x: header: expected one element vertex and one element face, got none");
-  EXPECT_EQ(with(kVertices + kVertices, kPoints + kPoints),
-            "x: header: expected one element vertex and one element face, got several");
-  EXPECT_EQ(with(kVertices, kPoints), "x: expected at least one face, got a point cloud");
-  EXPECT_EQ(with(kVertices + "element face 0\nproperty list uchar int vertex_indices\n", kPoints),
-            "x: expected at least one face, got a point cloud");
-  EXPECT_EQ(with(kVertices + "element tristrips 1\nproperty list int int vertex_indices\n", kPoints + "4 0 1 2 3"),
-            "x: element tristrips: expected faces, got triangle strips, which are not supported");
-  EXPECT_EQ(with("element vertex 999999999\nproperty float x\nproperty float y\nproperty float z\n" + kFaces, kPoints),
-            "x: element vertex: expected a file that holds 999999999, got 24 bytes");
-  EXPECT_EQ(with("element vertex 3\nproperty float x\nproperty float y\n" + kFaces, kPoints),
-            "x: element vertex: expected one property x, one y and one z, got others");
-  EXPECT_EQ(with(kVertices + "element face 1\nproperty list uchar int corners\n", kPoints + "3 0 1 2"),
-            "x: element face: expected a list vertex_indices, got none");
-  EXPECT_EQ(with(kVertices + kFaces, "0 0 0 1 0 zero 1 1 0 0 1 0 3 0 1 2"), "x: element vertex: expected a number, got \"zero\"");
-  EXPECT_EQ(with(kVertices + kFaces, "0 0 0 1 0 nan 1 1 0 0 1 0 3 0 1 2"),
-            "x: vertex 1: expected finite coordinates within +-1e+06 m, got nan");
-  EXPECT_EQ(with(kVertices + kFaces, "0 0 0 1 0 0 1 1 0 0 1 2e6 3 0 1 2"),
-            "x: vertex 3: expected finite coordinates within +-1e+06 m, got 2e+06");
-  EXPECT_EQ(with(kVertices + kFaces, kPoints + "2 0 1"), "x: face 0: expected 3 to 1000 corners, got 2");
-  EXPECT_EQ(with(kVertices + kFaces, kPoints + "1.5 0 1 2"), "x: element face: expected a length within the file, got 1.5");
-  EXPECT_EQ(with(kVertices + kFaces, kPoints + "-3 0 1 2"), "x: element face: expected a length within the file, got -3");
-  EXPECT_EQ(with(kVertices + kFaces, kPoints + "3 0 1 2.5"), "x: face 0: expected indices of vertices, got 2.5");
-  EXPECT_EQ(with(kVertices + kFaces, kPoints + "3 0 1 -1"), "x: face 0: expected indices of vertices, got -1");
-  EXPECT_EQ(with(kVertices + kFaces, kPoints + "3 0 1 4"), "x: element face: expected indices of 4 vertices, got 4");
-  EXPECT_EQ(with(kVertices + kFaces, kPoints + "3 0 1"), "x: element face: expected a number, got the end of the file");
+  EXPECT_TRUE(names(ply_refusal(""), R"(x: ... "")"));
+  EXPECT_TRUE(names(ply_refusal("solid"), R"(x: ... "solid")"));
+  EXPECT_TRUE(names(ply_refusal("ply"), "x: ... end_header"));
+  EXPECT_TRUE(names(ply_refusal("ply\nformat ascii 1.0\n"), "x: ... end_header"));
+  EXPECT_TRUE(names(ply_refusal("ply\nend_header\n"), "x: header: ... format"));
+  EXPECT_TRUE(names(ply_refusal("ply\nformat ascii 2.0\nend_header\n"), R"(x: header: ... 1.0 ... "format ascii 2.0")"));
+  EXPECT_TRUE(names(with("element vertex\n"), R"(x: header: ... "element vertex")"));
+  EXPECT_TRUE(names(with("element vertex -1\n"), R"(x: header: ... "element vertex -1")"));
+  EXPECT_TRUE(names(with("property float x\n"), R"(x: header: ... "property float x")"));
+  EXPECT_TRUE(names(with("element a 1\nproperty half x\n"), R"(x: header: ... "property half x")"));
+  EXPECT_TRUE(names(with("element a 1\nproperty list float int x\n"), R"(x: header: ... "property list float int x")"));
+  EXPECT_TRUE(names(with(kFaces, "3 0 0 0"), "x: header: ... element"));
+  EXPECT_TRUE(names(with(kVertices + kVertices, kPoints + kPoints), "x: header: ... element"));
+  EXPECT_TRUE(names(with(kVertices, kPoints), "x: ... face"));
+  EXPECT_TRUE(names(with(kVertices + "element face 0\nproperty list uchar int vertex_indices\n", kPoints), "x: ... face"));
+  EXPECT_TRUE(names(with(kVertices + "element tristrips 1\nproperty list int int vertex_indices\n", kPoints + "4 0 1 2 3"),
+                    "x: element tristrips: ... faces"));
+  EXPECT_TRUE(names(with("element vertex 999999999\nproperty float x\nproperty float y\nproperty float z\n" + kFaces, kPoints),
+                    "x: element vertex: ... 999999999 ... 24 bytes"));
+  EXPECT_TRUE(
+      names(with("element vertex 3\nproperty float x\nproperty float y\n" + kFaces, kPoints), "x: element vertex: ... property"));
+  EXPECT_TRUE(names(with(kVertices + "element face 1\nproperty list uchar int corners\n", kPoints + "3 0 1 2"),
+                    "x: element face: ... vertex_indices"));
+  EXPECT_TRUE(names(with(kVertices + kFaces, "0 0 0 1 0 zero 1 1 0 0 1 0 3 0 1 2"), R"(x: element vertex: ... "zero")"));
+  EXPECT_TRUE(names(with(kVertices + kFaces, "0 0 0 1 0 nan 1 1 0 0 1 0 3 0 1 2"), "x: vertex 1: ... +-1e+06 ... nan"));
+  EXPECT_TRUE(names(with(kVertices + kFaces, "0 0 0 1 0 0 1 1 0 0 1 2e6 3 0 1 2"), "x: vertex 3: ... +-1e+06 ... 2e+06"));
+  EXPECT_TRUE(names(with(kVertices + kFaces, kPoints + "2 0 1"), "x: face 0: ... 3 ... 1000 ... 2"));
+  EXPECT_TRUE(names(with(kVertices + kFaces, kPoints + "1.5 0 1 2"), "x: element face: ... 1.5"));
+  EXPECT_TRUE(names(with(kVertices + kFaces, kPoints + "-3 0 1 2"), "x: element face: ... -3"));
+  EXPECT_TRUE(names(with(kVertices + kFaces, kPoints + "3 0 1 2.5"), "x: face 0: ... 2.5"));
+  EXPECT_TRUE(names(with(kVertices + kFaces, kPoints + "3 0 1 -1"), "x: face 0: ... -1"));
+  EXPECT_TRUE(names(with(kVertices + kFaces, kPoints + "3 0 1 4"), "x: element face: ... 4 ... 4"));
+  EXPECT_TRUE(names(with(kVertices + kFaces, kPoints + "3 0 1"), "x: element face: ... number"));
   std::string many;
   for (int i = 0; i < 1001; ++i) many += "element a 0\n";
-  EXPECT_EQ(with(many), "x: header: expected at most 1000 elements and properties, got more");
+  EXPECT_TRUE(names(with(many), "x: header: ... 1000"));
   EXPECT_NE(with("element e\xFF 1\nproperty \xFF x\n").find("\"property ? x\""), std::string::npos);
 }
 
@@ -201,8 +183,7 @@ TEST(Ply, NothingIsSkippedAtOnce) {
 }
 
 TEST(Ply, IsAWorldOrPartOfOne) {
-  const std::filesystem::path folder = std::filesystem::path(::testing::TempDir()) / "flockstep_ply_test";
-  std::filesystem::create_directories(folder);
+  const TempFolder folder;
   std::ofstream(folder / "a.PLY") << text_file(kVertices + kFaces, kPoints + "4 0 1 2 3\n");
   const std::string colors = "property uchar red\nproperty uchar green\nproperty uchar blue\n";
   std::ofstream(folder / "b.ply") << text_file("element vertex 4\nproperty float x\nproperty float y\nproperty float z\n" +
@@ -226,7 +207,6 @@ TEST(Ply, IsAWorldOrPartOfOne) {
   const auto scene = World::load(folder / "scene.json");
   EXPECT_EQ(scene->bounds().max, Vec3(1, 1, 4));
   EXPECT_EQ(scene->triangles().materials, (std::vector<std::uint16_t>{0, 0, 1, 1}));
-  std::filesystem::remove_all(folder);
 }
 
 }  // namespace

@@ -1,26 +1,21 @@
 #include "formats/scene_json.hpp"
 
-#include <gtest/gtest.h>
-
-#include <cstring>
-#include <filesystem>
-#include <fstream>
 #include <random>
-#include <string>
-#include <vector>
 
-#include "refusal.hpp"
+#include "standard.hpp"
 #include "world/scene_description.hpp"
 
 namespace flockstep {
 namespace {
+
+using namespace testing;
 
 std::string scene(const std::string& fields) { return R"({"flockstep_scene": 1, )" + fields + "}"; }
 
 const std::string kRoom = R"("room": {"min": [0, 0, 0], "max": [4, 6, 2]})";
 
 std::string scene_refusal(const std::string& text) {
-  return testing::refusal([&] { parse_scene(text, "x.json", {}); });
+  return refusal([&] { parse_scene(text, "x.json", {}); });
 }
 
 template <class T>
@@ -28,48 +23,10 @@ void expect_same_bits(const T& a, const T& b, const std::string& what) {
   EXPECT_EQ(std::memcmp(&a, &b, sizeof(T)), 0) << what;
 }
 
+// The hash is of every byte but the name, which content_hash_test.cpp shows.
 void expect_same(const World& a, const World& b) {
   EXPECT_EQ(a.name(), b.name());
-  ASSERT_EQ(a.materials().size(), b.materials().size());
-  for (std::size_t i = 0; i < a.materials().size(); ++i) {
-    EXPECT_EQ(a.materials()[i].name, b.materials()[i].name);
-    EXPECT_EQ(a.materials()[i].base_color, b.materials()[i].base_color);
-    EXPECT_EQ(a.materials()[i].semantic, b.materials()[i].semantic);
-    EXPECT_EQ(a.materials()[i].emissive, b.materials()[i].emissive);
-    EXPECT_EQ(a.materials()[i].alpha_cutoff, b.materials()[i].alpha_cutoff);
-  }
-  ASSERT_EQ(a.primitives().size(), b.primitives().size());
-  for (std::size_t i = 0; i < a.primitives().size(); ++i) {
-    const std::string what = "primitive " + std::to_string(i);
-    const Primitive& p = a.primitives()[i];
-    const Primitive& q = b.primitives()[i];
-    EXPECT_EQ(p.kind, q.kind) << what;
-    EXPECT_EQ(p.material, q.material) << what;
-    expect_same_bits(p.center, q.center, what);
-    expect_same_bits(p.rotation.coeffs(), q.rotation.coeffs(), what);
-    expect_same_bits(p.half_extents, q.half_extents, what);
-  }
-  EXPECT_EQ(a.triangles().triangles, b.triangles().triangles);
-  EXPECT_EQ(a.triangles().materials, b.triangles().materials);
-  EXPECT_EQ(a.triangles().objects, b.triangles().objects);
-  EXPECT_EQ(a.triangles().colors, b.triangles().colors);
-  ASSERT_EQ(a.triangles().vertices.size(), b.triangles().vertices.size());
-  for (std::size_t i = 0; i < a.triangles().vertices.size(); ++i) {
-    expect_same_bits(a.triangles().vertices[i], b.triangles().vertices[i], "vertex " + std::to_string(i));
-  }
-  const Markers& m = a.markers();
-  const Markers& n = b.markers();
-  EXPECT_EQ(m.radius, n.radius);
-  EXPECT_EQ(m.start, n.start);
-  EXPECT_EQ(m.waypoints, n.waypoints);
-  EXPECT_EQ(m.goal, n.goal);
-  ASSERT_EQ(m.spawn_box.has_value(), n.spawn_box.has_value());
-  if (m.spawn_box) {
-    EXPECT_EQ(m.spawn_box->min, n.spawn_box->min);
-    EXPECT_EQ(m.spawn_box->max, n.spawn_box->max);
-  }
-  static_assert(sizeof(Light) == 22 * sizeof(float), "padding would be compared as well");
-  expect_same_bits(a.light(), b.light(), "light");
+  EXPECT_EQ(a.content_hash(), b.content_hash());
 }
 
 TEST(SceneJson, ReadsEveryKindOfThing) {
@@ -220,200 +177,133 @@ TEST(SceneJson, QuaternionsNearUnitAreNormalised) {
   EXPECT_NEAR(rotation("[0.6, 0.8004, 0, 0]").norm(), 1.0F, 1e-7F);
 }
 
-struct BadScene {
-  const char* what;
-  std::string text;
-  std::string message;
-};
-
 TEST(SceneJson, BadScenesAreRefusedWithFieldExpectedAndGot) {
-  const std::vector<BadScene> cases{
-      {"not an object", "[]", "x.json: expected an object, got []"},
-      {"no version", "{" + kRoom + "}", "x.json: expected a field \"flockstep_scene\", found none: add \"flockstep_scene\": 1"},
-      {"the key of another name of this format", R"({"other_scene": 1, )" + kRoom + "}",
-       "x.json: /other_scene: expected the key \"flockstep_scene\" instead (only the format's name has changed: "
-       "rename the key)"},
-      {"another version", R"({"flockstep_scene": 2})",
-       "x.json: /flockstep_scene: expected version 1, got 2 (written for a newer flockstep: install that one)"},
-      {"another version with fields of its own", R"({"flockstep_scene": 2, "fog": {}})",
-       "x.json: /flockstep_scene: expected version 1, got 2 (written for a newer flockstep: install that one)"},
-      {"an older version", R"({"flockstep_scene": 0})", "x.json: /flockstep_scene: expected version 1, got 0"},
-      {"a version that is no number", R"({"flockstep_scene": "1"})", "x.json: /flockstep_scene: expected version 1, got \"1\""},
-      {"empty scene", R"({"flockstep_scene": 1})",
-       "x.json: expected at least one of room, pillars, cylinders, boxes, spheres, capsules, planes, discs, gates, meshes, got "
-       "an empty "
-       "scene"},
-      {"empty lists", scene(R"("boxes": [])"),
-       "x.json: expected at least one of room, pillars, cylinders, boxes, spheres, capsules, planes, discs, gates, meshes, got "
-       "an empty "
-       "scene"},
-      {"unknown field at the top", scene(R"("rooms": {})"),
-       "x.json: /rooms: unknown field; expected one of flockstep_scene, $schema, name, textures, materials, room, pillars, "
-       "cylinders, boxes, spheres, capsules, planes, discs, gates, meshes, bodies, markers, light. Did you mean room?"},
-      {"unknown field inside", scene(kRoom + R"(, "pillars": [{"center": [1, 1], "raduis": 1}])"),
-       "x.json: /pillars/0/raduis: unknown field; expected one of center, radius, z, material, visible, solid. Did you mean "
-       "radius?"},
-      {"unknown field that needs escaping", scene(kRoom + R"(, "markers": {"a/b~c": 1})"),
-       "x.json: /markers/a~1b~0c: unknown field; expected one of radius, start, waypoints, goal, spawn_box"},
-      {"field given twice", scene(kRoom + ", " + kRoom), "x.json: expected each field once, got \"room\" twice in one object"},
-      {"name that is no string", scene(R"("name": 3)"), "x.json: /name: expected a string, got 3"},
-      {"field missing", scene(kRoom + R"(, "pillars": [{"center": [1, 1]}])"),
-       "x.json: /pillars/0: expected a field \"radius\", found none"},
-      {"negative radius", scene(kRoom + R"(, "pillars": [{"center": [1, 1], "radius": 1}, {"center": [1, 1], "radius": -1}])"),
-       "x.json: /pillars/1/radius: expected a number > 0, got -1"},
-      {"zero radius", scene(R"("spheres": [{"center": [1, 1, 1], "radius": 0}])"),
-       "x.json: /spheres/0/radius: expected a number > 0, got 0"},
-      {"vanishing radius", scene(R"("spheres": [{"center": [1, 1, 1], "radius": 1e-30}])"),
-       "x.json: /spheres/0/radius: expected a number >= 1e-06, got 1e-30"},
-      {"text for a number", scene(R"("spheres": [{"center": [1, 1, 1], "radius": "1"}])"),
-       "x.json: /spheres/0/radius: expected a number, got \"1\""},
-      {"true for a number", scene(R"("spheres": [{"center": [1, true, 1], "radius": 1}])"),
-       "x.json: /spheres/0/center/1: expected a number, got true"},
-      {"beyond float32", scene(R"("spheres": [{"center": [1, 1, 1e39], "radius": 1}])"),
-       "x.json: /spheres/0/center/2: expected a number within +-1e+06, got 1e+39"},
-      {"two coordinates", scene(R"("spheres": [{"center": [1, 1], "radius": 1}])"),
-       "x.json: /spheres/0/center: expected an array of 3 numbers, got [1,1]"},
-      {"three coordinates of a pillar", scene(kRoom + R"(, "pillars": [{"center": [1, 1, 1], "radius": 1}])"),
-       "x.json: /pillars/0/center: expected an array of 2 numbers (x, y), got [1,1,1]"},
-      {"list that is none", scene(R"("boxes": {"center": [1, 1, 1], "size": [1, 1, 1]})"),
-       "x.json: /boxes: expected an array, got {\"center\":[1,1,1],\"size\":[1,1,1]}"},
-      {"element that is no object", scene(R"("boxes": [3])"), "x.json: /boxes/0: expected an object, got 3"},
-      {"flat box", scene(R"("boxes": [{"center": [1, 1, 1], "size": [1, 0, 1]}])"),
-       "x.json: /boxes/0/size/1: expected a number > 0, got 0"},
-      {"negative height", scene(R"("cylinders": [{"center": [1, 1, 1], "radius": 1, "height": -2}])"),
-       "x.json: /cylinders/0/height: expected a number > 0, got -2"},
-      {"capsule shorter than its caps", scene(R"("capsules": [{"center": [1, 1, 1], "radius": 1, "height": 1.9}])"),
-       "x.json: /capsules/0/height: expected a number >= twice the radius, got 1.9"},
-      {"capsule without a height", scene(R"("capsules": [{"center": [1, 1, 1], "radius": 1}])"),
-       "x.json: /capsules/0: expected a field \"height\", found none"},
-      {"zero radius of a capsule", scene(R"("capsules": [{"center": [1, 1, 1], "radius": 0, "height": 1}])"),
-       "x.json: /capsules/0/radius: expected a number > 0, got 0"},
-      {"plane of three sizes", scene(R"("planes": [{"center": [1, 1, 1], "size": [1, 1, 1]}])"),
-       "x.json: /planes/0/size: expected an array of 2 numbers (along local x, y), got [1,1,1]"},
-      {"plane of one size", scene(R"("planes": [{"center": [1, 1, 1], "size": 2}])"),
-       "x.json: /planes/0/size: expected an array of 2 numbers (along local x, y), got 2"},
-      {"plane of no width", scene(R"("planes": [{"center": [1, 1, 1], "size": [1, 0]}])"),
-       "x.json: /planes/0/size/1: expected a number > 0, got 0"},
-      {"plane with a thickness", scene(R"("planes": [{"center": [1, 1, 1], "size": [1, 1], "thickness": 0.1}])"),
-       "x.json: /planes/0/thickness: unknown field; expected one of center, size, quat_wxyz, material, visible, solid"},
-      {"zero radius of a disc", scene(R"("discs": [{"center": [1, 1, 1], "radius": 0}])"),
-       "x.json: /discs/0/radius: expected a number > 0, got 0"},
-      {"disc with a height", scene(R"("discs": [{"center": [1, 1, 1], "radius": 1, "height": 1}])"),
-       "x.json: /discs/0/height: unknown field; expected one of center, radius, quat_wxyz, material, visible, solid"},
-      {"disc turned by no rotation", scene(R"("discs": [{"center": [1, 1, 1], "radius": 1, "quat_wxyz": [0, 0, 0, 0]}])"),
-       "x.json: /discs/0/quat_wxyz: expected a quaternion (w, x, y, z) of norm 1, got [0,0,0,0]"},
-      {"room inside out", scene(R"("room": {"min": [0, 0, 0], "max": [1, -1, 1]})"),
-       "x.json: /room: expected min < max, got {\"max\":[1,-1,1],\"min\":[0,0,0]}"},
-      {"pillar without a height", scene(R"("pillars": [{"center": [1, 1], "radius": 1}])"),
-       "x.json: /pillars/0: expected a field \"z\" (the scene has no room to take the height from), found none"},
-      {"pillar upside down", scene(R"("pillars": [{"center": [1, 1], "radius": 1, "z": [2, 1]}])"),
-       "x.json: /pillars/0/z: expected low < high, got [2,1]"},
-      {"zero quaternion", scene(R"("boxes": [{"center": [1, 1, 1], "size": [1, 1, 1], "quat_wxyz": [0, 0, 0, 0]}])"),
-       "x.json: /boxes/0/quat_wxyz: expected a quaternion (w, x, y, z) of norm 1, got [0,0,0,0]"},
-      {"quaternion far from unit", scene(R"("boxes": [{"center": [1, 1, 1], "size": [1, 1, 1], "quat_wxyz": [1.01, 0, 0, 0]}])"),
-       "x.json: /boxes/0/quat_wxyz: expected a quaternion (w, x, y, z) of norm 1, got [1.01,0,0,0]"},
-      {"short quaternion", scene(R"("boxes": [{"center": [1, 1, 1], "size": [1, 1, 1], "quat_wxyz": [1, 0, 0]}])"),
-       "x.json: /boxes/0/quat_wxyz: expected an array of 4 numbers (w, x, y, z), got [1,0,0]"},
-      {"unlisted material", scene(R"("room": {"min": [0, 0, 0], "max": [1, 1, 1], "material": "red"})"),
-       "x.json: /room/material: expected a name listed in /materials, got \"red\""},
-      {"material that is no name", scene(R"("room": {"min": [0, 0, 0], "max": [1, 1, 1], "material": 0})"),
-       "x.json: /room/material: expected the name of a material, got 0"},
-      {"colour out of range", scene(R"("materials": {"a/b": {"base_color": [0, 2, 0]}})"),
-       "x.json: /materials/a~1b/base_color: expected 3 numbers in [0, 1], got [0,2,0]"},
-      {"unknown field of a material", scene(R"("materials": {"a": {"base_color": [0, 0, 0], "class": 1}})"),
-       "x.json: /materials/a/class: unknown field; expected one of base_color, semantic, texture, emissive, alpha_cutoff"},
-      {"cutoff out of range", scene(R"("materials": {"a": {"base_color": [0, 0, 0], "alpha_cutoff": 1.5}})"),
-       "x.json: /materials/a/alpha_cutoff: expected a number in [0, 1], got 1.5"},
-      {"cutoff that is no number", scene(R"("materials": {"a": {"base_color": [0, 0, 0], "alpha_cutoff": "MASK"}})"),
-       "x.json: /materials/a/alpha_cutoff: expected a number, got \"MASK\""},
-      {"semantic below the least", scene(R"("materials": {"a": {"base_color": [0, 0, 0], "semantic": 0}})"),
-       "x.json: /materials/a/semantic: expected an integer in [1, 65532], got 0"},
-      {"negative semantic", scene(R"("materials": {"a": {"base_color": [0, 0, 0], "semantic": -1}})"),
-       "x.json: /materials/a/semantic: expected an integer in [1, 65532], got -1"},
-      {"semantic of a marker", scene(R"("materials": {"a": {"base_color": [0, 0, 0], "semantic": 65533}})"),
-       "x.json: /materials/a/semantic: expected an integer in [1, 65532], got 65533"},
-      {"fractional semantic", scene(R"("materials": {"a": {"base_color": [0, 0, 0], "semantic": 1.5}})"),
-       "x.json: /materials/a/semantic: expected an integer in [1, 65532], got 1.5"},
-      {"semantic that is no number", scene(R"("materials": {"a": {"base_color": [0, 0, 0], "semantic": "wall"}})"),
-       "x.json: /materials/a/semantic: expected an integer in [1, 65532], got \"wall\""},
-      {"semantic that is true", scene(R"("materials": {"a": {"base_color": [0, 0, 0], "semantic": true}})"),
-       "x.json: /materials/a/semantic: expected an integer in [1, 65532], got true"},
-      {"materials as a list", scene(R"("materials": [])"), "x.json: /materials: expected an object, got []"},
-      {"index out of range", scene(R"("meshes": [{"vertices": [[0,0,0],[1,0,0],[0,1,0]], "triangles": [[0,1,3]]}])"),
-       "x.json: /meshes/0/triangles/0/2: expected a vertex index in [0, 3), got 3"},
-      {"negative index", scene(R"("meshes": [{"vertices": [[0,0,0],[1,0,0],[0,1,0]], "triangles": [[0,1,-1]]}])"),
-       "x.json: /meshes/0/triangles/0/2: expected a vertex index in [0, 3), got -1"},
-      {"fractional index", scene(R"("meshes": [{"vertices": [[0,0,0],[1,0,0],[0,1,0]], "triangles": [[0,1,1.5]]}])"),
-       "x.json: /meshes/0/triangles/0/2: expected a vertex index in [0, 3), got 1.5"},
-      {"quad", scene(R"("meshes": [{"vertices": [[0,0,0],[1,0,0],[0,1,0]], "triangles": [[0,1,2,0]]}])"),
-       "x.json: /meshes/0/triangles/0: expected an array of 3 vertex indices, got [0,1,2,0]"},
-      {"corner used twice", scene(R"("meshes": [{"vertices": [[0,0,0],[1,0,0],[0,1,0]], "triangles": [[0,1,2],[0,1,1]]}])"),
-       "x.json: /meshes/0/triangles/1: expected a triangle with an area, got a degenerate one"},
-      {"corners on a line", scene(R"("meshes": [{"vertices": [[0,0,0],[0.1,0.1,0.1],[0.3,0.3,0.3]], "triangles": [[0,1,2]]}])"),
-       "x.json: /meshes/0/triangles/0: expected a triangle with an area, got a degenerate one"},
-      {"neither file nor vertices", scene(R"("meshes": [{"scale": 1}])"),
-       "x.json: /meshes/0: expected either \"file\" or \"vertices\" and \"triangles\""},
-      {"file and vertices", scene(R"("meshes": [{"file": "a.obj", "vertices": []}])"),
-       "x.json: /meshes/0: expected either \"file\" or \"vertices\" and \"triangles\""},
-      {"missing mesh file", scene(R"("meshes": [{"file": "no-such.obj"}])"),
+  const std::vector<std::array<std::string, 2>> cases{
+      {"[]", "x.json: ... object ... []"},
+      {"{" + kRoom + "}", R"(x.json: ... "flockstep_scene")"},
+      {R"({"other_scene": 1, )" + kRoom + "}", R"(x.json: /other_scene: ... "flockstep_scene")"},
+      {R"({"flockstep_scene": 2})", "x.json: /flockstep_scene: ... 1 ... 2"},
+      {R"({"flockstep_scene": 2, "fog": {}})", "x.json: /flockstep_scene: ... 1 ... 2"},
+      {R"({"flockstep_scene": 0})", "x.json: /flockstep_scene: ... 1 ... 0"},
+      {R"({"flockstep_scene": "1"})", R"(x.json: /flockstep_scene: ... 1 ... "1")"},
+      {R"({"flockstep_scene": 1})", "x.json: ... cylinders"},
+      {scene(R"("boxes": [])"), "x.json: ... cylinders"},
+      {scene(R"("rooms": {})"), "x.json: /rooms: unknown field ... room?"},
+      {scene(kRoom + R"(, "pillars": [{"center": [1, 1], "raduis": 1}])"),
+       "x.json: /pillars/0/raduis: unknown field ... radius?"},
+      {scene(kRoom + R"(, "markers": {"a/b~c": 1})"), "x.json: /markers/a~1b~0c: unknown field"},
+      {scene(kRoom + ", " + kRoom), R"(x.json: ... "room")"},
+      {scene(R"("name": 3)"), "x.json: /name: ... 3"},
+      {scene(kRoom + R"(, "pillars": [{"center": [1, 1]}])"), R"(x.json: /pillars/0: ... "radius")"},
+      {scene(kRoom + R"(, "pillars": [{"center": [1, 1], "radius": 1}, {"center": [1, 1], "radius": -1}])"),
+       "x.json: /pillars/1/radius: ... 0 ... -1"},
+      {scene(R"("spheres": [{"center": [1, 1, 1], "radius": 0}])"), "x.json: /spheres/0/radius: ... 0 ... 0"},
+      {scene(R"("spheres": [{"center": [1, 1, 1], "radius": 1e-30}])"), "x.json: /spheres/0/radius: ... >= 1e-06 ... 1e-30"},
+      {scene(R"("spheres": [{"center": [1, 1, 1], "radius": "1"}])"), R"(x.json: /spheres/0/radius: ... "1")"},
+      {scene(R"("spheres": [{"center": [1, true, 1], "radius": 1}])"), "x.json: /spheres/0/center/1: ... number"},
+      {scene(R"("spheres": [{"center": [1, 1, 1e39], "radius": 1}])"), "x.json: /spheres/0/center/2: ... +-1e+06 ... 1e+39"},
+      {scene(R"("spheres": [{"center": [1, 1], "radius": 1}])"), "x.json: /spheres/0/center: ... 3 ... [1,1]"},
+      {scene(kRoom + R"(, "pillars": [{"center": [1, 1, 1], "radius": 1}])"), "x.json: /pillars/0/center: ... 2 ... [1,1,1]"},
+      {scene(R"("boxes": {"center": [1, 1, 1], "size": [1, 1, 1]})"), R"(x.json: /boxes: ... {"center":[1,1,1],"size":[1,1,1]})"},
+      {scene(R"("boxes": [3])"), "x.json: /boxes/0: ... 3"},
+      {scene(R"("boxes": [{"center": [1, 1, 1], "size": [1, 0, 1]}])"), "x.json: /boxes/0/size/1: ... 0 ... 0"},
+      {scene(R"("cylinders": [{"center": [1, 1, 1], "radius": 1, "height": -2}])"), "x.json: /cylinders/0/height: ... 0 ... -2"},
+      {scene(R"("capsules": [{"center": [1, 1, 1], "radius": 1, "height": 1.9}])"), "x.json: /capsules/0/height: ... >= ... 1.9"},
+      {scene(R"("capsules": [{"center": [1, 1, 1], "radius": 1}])"), R"(x.json: /capsules/0: ... "height")"},
+      {scene(R"("capsules": [{"center": [1, 1, 1], "radius": 0, "height": 1}])"), "x.json: /capsules/0/radius: ... 0 ... 0"},
+      {scene(R"("planes": [{"center": [1, 1, 1], "size": [1, 1, 1]}])"), "x.json: /planes/0/size: ... 2 ... [1,1,1]"},
+      {scene(R"("planes": [{"center": [1, 1, 1], "size": 2}])"), "x.json: /planes/0/size: ... 2 ... 2"},
+      {scene(R"("planes": [{"center": [1, 1, 1], "size": [1, 0]}])"), "x.json: /planes/0/size/1: ... 0 ... 0"},
+      {scene(R"("planes": [{"center": [1, 1, 1], "size": [1, 1], "thickness": 0.1}])"),
+       "x.json: /planes/0/thickness: unknown field"},
+      {scene(R"("discs": [{"center": [1, 1, 1], "radius": 0}])"), "x.json: /discs/0/radius: ... 0 ... 0"},
+      {scene(R"("discs": [{"center": [1, 1, 1], "radius": 1, "height": 1}])"), "x.json: /discs/0/height: unknown field"},
+      {scene(R"("discs": [{"center": [1, 1, 1], "radius": 1, "quat_wxyz": [0, 0, 0, 0]}])"),
+       "x.json: /discs/0/quat_wxyz: ... 1 ... [0,0,0,0]"},
+      {scene(R"("room": {"min": [0, 0, 0], "max": [1, -1, 1]})"), R"(x.json: /room: ... {"max":[1,-1,1],"min":[0,0,0]})"},
+      {scene(R"("pillars": [{"center": [1, 1], "radius": 1}])"), R"(x.json: /pillars/0: ... "z")"},
+      {scene(R"("pillars": [{"center": [1, 1], "radius": 1, "z": [2, 1]}])"), "x.json: /pillars/0/z: ... [2,1]"},
+      {scene(R"("boxes": [{"center": [1, 1, 1], "size": [1, 1, 1], "quat_wxyz": [0, 0, 0, 0]}])"),
+       "x.json: /boxes/0/quat_wxyz: ... 1 ... [0,0,0,0]"},
+      {scene(R"("boxes": [{"center": [1, 1, 1], "size": [1, 1, 1], "quat_wxyz": [1.01, 0, 0, 0]}])"),
+       "x.json: /boxes/0/quat_wxyz: ... 1 ... [1.01,0,0,0]"},
+      {scene(R"("boxes": [{"center": [1, 1, 1], "size": [1, 1, 1], "quat_wxyz": [1, 0, 0]}])"),
+       "x.json: /boxes/0/quat_wxyz: ... 4 ... [1,0,0]"},
+      {scene(R"("room": {"min": [0, 0, 0], "max": [1, 1, 1], "material": "red"})"), R"(x.json: /room/material: ... "red")"},
+      {scene(R"("room": {"min": [0, 0, 0], "max": [1, 1, 1], "material": 0})"), "x.json: /room/material: ... 0"},
+      {scene(R"("materials": {"a/b": {"base_color": [0, 2, 0]}})"),
+       "x.json: /materials/a~1b/base_color: ... 3 ... [0, 1] ... [0,2,0]"},
+      {scene(R"("materials": {"a": {"base_color": [0, 0, 0], "class": 1}})"), "x.json: /materials/a/class: unknown field"},
+      {scene(R"("materials": {"a": {"base_color": [0, 0, 0], "alpha_cutoff": 1.5}})"),
+       "x.json: /materials/a/alpha_cutoff: ... [0, 1] ... 1.5"},
+      {scene(R"("materials": {"a": {"base_color": [0, 0, 0], "alpha_cutoff": "MASK"}})"),
+       R"(x.json: /materials/a/alpha_cutoff: ... "MASK")"},
+      {scene(R"("materials": {"a": {"base_color": [0, 0, 0], "semantic": 0}})"),
+       "x.json: /materials/a/semantic: ... [1, 65532] ... 0"},
+      {scene(R"("materials": {"a": {"base_color": [0, 0, 0], "semantic": -1}})"),
+       "x.json: /materials/a/semantic: ... [1, 65532] ... -1"},
+      {scene(R"("materials": {"a": {"base_color": [0, 0, 0], "semantic": 65533}})"),
+       "x.json: /materials/a/semantic: ... [1, 65532] ... 65533"},
+      {scene(R"("materials": {"a": {"base_color": [0, 0, 0], "semantic": 1.5}})"),
+       "x.json: /materials/a/semantic: ... [1, 65532] ... 1.5"},
+      {scene(R"("materials": {"a": {"base_color": [0, 0, 0], "semantic": "wall"}})"),
+       R"(x.json: /materials/a/semantic: ... [1, 65532] ... "wall")"},
+      {scene(R"("materials": {"a": {"base_color": [0, 0, 0], "semantic": true}})"),
+       "x.json: /materials/a/semantic: ... [1, 65532]"},
+      {scene(R"("materials": [])"), "x.json: /materials: ... object ... []"},
+      {scene(R"("meshes": [{"vertices": [[0,0,0],[1,0,0],[0,1,0]], "triangles": [[0,1,3]]}])"),
+       "x.json: /meshes/0/triangles/0/2: ... [0, 3) ... 3"},
+      {scene(R"("meshes": [{"vertices": [[0,0,0],[1,0,0],[0,1,0]], "triangles": [[0,1,-1]]}])"),
+       "x.json: /meshes/0/triangles/0/2: ... [0, 3) ... -1"},
+      {scene(R"("meshes": [{"vertices": [[0,0,0],[1,0,0],[0,1,0]], "triangles": [[0,1,1.5]]}])"),
+       "x.json: /meshes/0/triangles/0/2: ... [0, 3) ... 1.5"},
+      {scene(R"("meshes": [{"vertices": [[0,0,0],[1,0,0],[0,1,0]], "triangles": [[0,1,2,0]]}])"),
+       "x.json: /meshes/0/triangles/0: ... 3 ... [0,1,2,0]"},
+      {scene(R"("meshes": [{"vertices": [[0,0,0],[1,0,0],[0,1,0]], "triangles": [[0,1,2],[0,1,1]]}])"),
+       "x.json: /meshes/0/triangles/1: ... triangle"},
+      {scene(R"("meshes": [{"vertices": [[0,0,0],[0.1,0.1,0.1],[0.3,0.3,0.3]], "triangles": [[0,1,2]]}])"),
+       "x.json: /meshes/0/triangles/0: ... triangle"},
+      {scene(R"("meshes": [{"scale": 1}])"), R"(x.json: /meshes/0: ... "file" ... "vertices" ... "triangles")"},
+      {scene(R"("meshes": [{"file": "a.obj", "vertices": []}])"),
+       R"(x.json: /meshes/0: ... "file" ... "vertices" ... "triangles")"},
+      {scene(R"("meshes": [{"file": "no-such.obj"}])"),
        "x.json: /meshes/0/file: no-such.obj: cannot read an OBJ file: No such file or directory"},
-      {"mesh moved out of range",
-       scene(R"("meshes": [{"vertices": [[0,0,0],[1e6,0,0],[0,1,0]], "triangles": [[0,1,2]], "scale": 2}])"),
-       "x.json: /meshes/0: expected all vertices within +-1e+06 m of the origin"},
-      {"materials of too few triangles", scene(R"("materials": {"a": {"base_color": [0,0,0]}},
+      {scene(R"("meshes": [{"vertices": [[0,0,0],[1e6,0,0],[0,1,0]], "triangles": [[0,1,2]], "scale": 2}])"),
+       "x.json: /meshes/0: ... +-1e+06"},
+      {scene(R"("materials": {"a": {"base_color": [0,0,0]}},
                 "meshes": [{"vertices": [[0,0,0],[1,0,0],[0,1,0]], "triangles": [[0,1,2]], "material": ["a", "a"]}])"),
-       "x.json: /meshes/0/material: expected one name, or one per triangle (1), got 2"},
-      {"light that is none", scene(kRoom + R"(, "light": [1, 1, 1])"), "x.json: /light: expected an object, got [1,1,1]"},
-      {"unknown field of the light", scene(kRoom + R"(, "light": {"sun": [1, 1, 1]})"),
-       "x.json: /light/sun: unknown field; expected one of sun_direction, sun_color, sky_ambient, ground_ambient, zenith_color, "
-       "horizon_color, gamma, sun_radius_deg, sun_glow, fog_visibility_m"},
-      {"no direction", scene(kRoom + R"(, "light": {"sun_direction": [0, -0.0, 0.0]})"),
-       "x.json: /light/sun_direction: expected a direction that is not 0, got [0,-0.0,0.0]"},
-      {"two coordinates of a direction", scene(kRoom + R"(, "light": {"sun_direction": [0, 1]})"),
-       "x.json: /light/sun_direction: expected an array of 3 numbers, got [0,1]"},
-      {"long direction", scene(kRoom + R"(, "light": {"sun_direction": [0, 0, 2e6]})"),
-       "x.json: /light/sun_direction/2: expected a number within +-1e+06, got 2000000.0"},
-      {"sun below black", scene(kRoom + R"(, "light": {"sun_color": [1, -0.1, 1]})"),
-       "x.json: /light/sun_color: expected 3 numbers in [0, 100], got [1,-0.1,1]"},
-      {"sky too bright", scene(kRoom + R"(, "light": {"sky_ambient": [1, 1, 100.1]})"),
-       "x.json: /light/sky_ambient: expected 3 numbers in [0, 100], got [1,1,100.1]"},
-      {"ground of text", scene(kRoom + R"(, "light": {"ground_ambient": [1, 1, "1"]})"),
-       "x.json: /light/ground_ambient/2: expected a number, got \"1\""},
-      {"one number for a colour", scene(kRoom + R"(, "light": {"zenith_color": 1})"),
-       "x.json: /light/zenith_color: expected an array of 3 numbers, got 1"},
-      {"colour with an alpha", scene(kRoom + R"(, "light": {"horizon_color": [1, 1, 1, 1]})"),
-       "x.json: /light/horizon_color: expected an array of 3 numbers, got [1,1,1,1]"},
-      {"gamma too small", scene(kRoom + R"(, "light": {"gamma": 0.99})"),
-       "x.json: /light/gamma: expected a number in [1, 4], got 0.99"},
-      {"gamma too large", scene(kRoom + R"(, "light": {"gamma": 4.01})"),
-       "x.json: /light/gamma: expected a number in [1, 4], got 4.01"},
-      {"gamma that is no number", scene(kRoom + R"(, "light": {"gamma": null})"),
-       "x.json: /light/gamma: expected a number, got null"},
-      {"start that is no point", scene(kRoom + R"(, "markers": {"start": [1, 2, null]})"),
-       "x.json: /markers/start/2: expected a number, got null"},
-      {"waypoints that are no list", scene(kRoom + R"(, "markers": {"waypoints": 3})"),
-       "x.json: /markers/waypoints: expected an array of (x, y, z), got 3"},
-      {"spawn box inside out", scene(kRoom + R"(, "markers": {"spawn_box": {"min": [1, 1, 1], "max": [2, 2, 0]}})"),
-       "x.json: /markers/spawn_box: expected min <= max, got {\"max\":[2,2,0],\"min\":[1,1,1]}"},
-      {"long values are shortened", scene(R"("name": [)" + std::string(200, '1') + "]"),
-       "x.json: /name: expected a string, got [" /* and so on */},
+       "x.json: /meshes/0/material: ... (1) ... 2"},
+      {scene(kRoom + R"(, "light": [1, 1, 1])"), "x.json: /light: ... [1,1,1]"},
+      {scene(kRoom + R"(, "light": {"sun": [1, 1, 1]})"), "x.json: /light/sun: unknown field"},
+      {scene(kRoom + R"(, "light": {"sun_direction": [0, -0.0, 0.0]})"), "x.json: /light/sun_direction: ... 0 ... [0,-0.0,0.0]"},
+      {scene(kRoom + R"(, "light": {"sun_direction": [0, 1]})"), "x.json: /light/sun_direction: ... 3 ... [0,1]"},
+      {scene(kRoom + R"(, "light": {"sun_direction": [0, 0, 2e6]})"),
+       "x.json: /light/sun_direction/2: ... +-1e+06 ... 2000000.0"},
+      {scene(kRoom + R"(, "light": {"sun_color": [1, -0.1, 1]})"), "x.json: /light/sun_color: ... 3 ... [0, 100] ... [1,-0.1,1]"},
+      {scene(kRoom + R"(, "light": {"sky_ambient": [1, 1, 100.1]})"),
+       "x.json: /light/sky_ambient: ... 3 ... [0, 100] ... [1,1,100.1]"},
+      {scene(kRoom + R"(, "light": {"ground_ambient": [1, 1, "1"]})"), R"(x.json: /light/ground_ambient/2: ... "1")"},
+      {scene(kRoom + R"(, "light": {"zenith_color": 1})"), "x.json: /light/zenith_color: ... 3 ... 1"},
+      {scene(kRoom + R"(, "light": {"horizon_color": [1, 1, 1, 1]})"), "x.json: /light/horizon_color: ... 3 ... [1,1,1,1]"},
+      {scene(kRoom + R"(, "light": {"gamma": 0.99})"), "x.json: /light/gamma: ... [1, 4] ... 0.99"},
+      {scene(kRoom + R"(, "light": {"gamma": 4.01})"), "x.json: /light/gamma: ... [1, 4] ... 4.01"},
+      {scene(kRoom + R"(, "light": {"gamma": null})"), "x.json: /light/gamma: ... number"},
+      {scene(kRoom + R"(, "markers": {"start": [1, 2, null]})"), "x.json: /markers/start/2: ... number"},
+      {scene(kRoom + R"(, "markers": {"waypoints": 3})"), "x.json: /markers/waypoints: ... 3"},
+      {scene(kRoom + R"(, "markers": {"spawn_box": {"min": [1, 1, 1], "max": [2, 2, 0]}})"),
+       R"(x.json: /markers/spawn_box: ... <= ... {"max":[2,2,0],"min":[1,1,1]})"},
   };
-  for (const BadScene& bad : cases) {
-    const std::string message = scene_refusal(bad.text);
-    if (bad.what == std::string("long values are shortened")) {
-      EXPECT_EQ(message.rfind("x.json: ", 0), 0U) << message;
-      EXPECT_LT(message.size(), 150U) << message;
-    } else {
-      EXPECT_EQ(message, bad.message) << bad.what;
-    }
-  }
+  for (const auto& [text, message] : cases) EXPECT_TRUE(names(scene_refusal(text), message)) << text;
+  const std::string message = scene_refusal(scene(R"("name": [)" + std::string(200, '1') + "]"));
+  EXPECT_TRUE(names(message, "x.json: /name: ... ["));
+  EXPECT_LT(message.size(), 150U) << message;
 }
 
 TEST(SceneJson, MoreMeshesThanNumbersAreRefused) {
   std::string meshes = "0";
   for (int i = 1; i < 65536; ++i) meshes += ",0";
-  EXPECT_EQ(scene_refusal(scene(R"("meshes": [)" + meshes + ",0]")), "x.json: /meshes: expected at most 65536 meshes, got 65537");
-  EXPECT_EQ(scene_refusal(scene(R"("meshes": [)" + meshes + "]")), "x.json: /meshes/0: expected an object, got 0");
+  EXPECT_TRUE(names(scene_refusal(scene(R"("meshes": [)" + meshes + ",0]")), "x.json: /meshes: ... 65536 ... 65537"));
+  EXPECT_TRUE(names(scene_refusal(scene(R"("meshes": [)" + meshes + "]")), "x.json: /meshes/0: ... 0"));
 }
 
 TEST(SceneJson, InvalidJsonIsRefusedWithThePlace) {
@@ -432,7 +322,7 @@ TEST(SceneJson, InvalidJsonIsRefusedWithThePlace) {
 TEST(SceneJson, TruncatedAnywhereIsRefused) {
   const std::string whole = scene(kRoom + R"(, "pillars": [{"center": [1.5, 1], "radius": 0.25}])");
   for (std::size_t length = 0; length < whole.size(); ++length) {
-    EXPECT_EQ(scene_refusal(whole.substr(0, length)).rfind("x.json: not valid JSON: parse error at line 1", 0), 0U) << length;
+    EXPECT_TRUE(names(scene_refusal(whole.substr(0, length)), "x.json: not valid JSON: parse error at line 1"));
   }
   EXPECT_EQ(scene_refusal(whole), "accepted");
 }
@@ -440,12 +330,11 @@ TEST(SceneJson, TruncatedAnywhereIsRefused) {
 TEST(SceneJson, NestingIsBounded) {
   for (const std::size_t depth : {33U, 100000U}) {
     const std::string open(depth, '[');
-    EXPECT_EQ(scene_refusal(open), "x.json: expected at most 32 levels of arrays and objects, got more");
-    EXPECT_EQ(scene_refusal(scene(R"("name": )" + open + std::string(depth, ']'))),
-              "x.json: expected at most 32 levels of arrays and objects, got more");
+    EXPECT_TRUE(names(scene_refusal(open), "x.json: ... 32"));
+    EXPECT_TRUE(names(scene_refusal(scene(R"("name": )" + open + std::string(depth, ']'))), "x.json: ... 32"));
   }
-  EXPECT_EQ(scene_refusal(scene(R"("name": )" + std::string(31, '[') + std::string(31, ']'))),
-            "x.json: /name: expected a string, got " + std::string(31, '[') + std::string(29, ']') + "...");
+  EXPECT_TRUE(names(scene_refusal(scene(R"("name": )" + std::string(31, '[') + std::string(31, ']'))),
+                    "x.json: /name: ... " + std::string(31, '[') + std::string(29, ']') + "..."));
 }
 
 TEST(SceneJson, MessagesAreShortForLongInput) {
@@ -480,7 +369,7 @@ TEST(SceneJson, ManyThingsAndManyNames) {
   EXPECT_EQ(world.materials().front().name, "material 65000");
   EXPECT_EQ(world.primitives().back().material, kCount - 1);
   expect_same(world, *World::from_json(world.to_json()));
-  EXPECT_NE(scene_refusal(scene(unknown)).find("unknown field; expected one of"), std::string::npos);
+  EXPECT_TRUE(names(scene_refusal(scene(unknown)), "unknown field; expected one of"));
 }
 
 TEST(SceneJson, TheLargestAndTheSmallestComeBack) {
@@ -584,30 +473,21 @@ TEST(SceneJson, SolidsAreVisibleOrSolidOrBoth) {
   expect(R"(, "visible": true, "solid": true)", Visibility::full);
   expect(R"(, "visible": false)", Visibility::solid);
   expect(R"(, "solid": false)", Visibility::visual);
-  EXPECT_EQ(scene_refusal(scene(R"("spheres": [{"center": [0, 0, 0], "radius": 1, "solid": 0}])")),
-            "x.json: /spheres/0/solid: expected true or false, got 0");
-  EXPECT_EQ(scene_refusal(scene(R"("spheres": [{"center": [0, 0, 0], "radius": 1, "solid": false, "visible": false}])")),
-            "x.json: /spheres/0: expected one of \"visible\" and \"solid\" to be true, got neither");
+  EXPECT_TRUE(names(scene_refusal(scene(R"("spheres": [{"center": [0, 0, 0], "radius": 1, "solid": 0}])")),
+                    "x.json: /spheres/0/solid: ... 0"));
+  EXPECT_TRUE(names(scene_refusal(scene(R"("spheres": [{"center": [0, 0, 0], "radius": 1, "solid": false, "visible": false}])")),
+                    R"(x.json: /spheres/0: ... "visible" ... "solid")"));
 }
 
 TEST(SceneJson, MeshFilesAreFoundBesideTheScene) {
-  const std::filesystem::path folder = std::filesystem::path(::testing::TempDir()) / "flockstep_scene_json_test";
-  std::filesystem::create_directories(folder);
+  const TempFolder folder;
   std::ofstream(folder / "a.obj") << "v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n";
   std::ofstream(folder / "flat.obj") << "v 0 0 0\nv 1 0 0\nv 2 0 0\nf 1 2 3\n";
   std::ofstream(folder / "a.json") << scene(R"("meshes": [{"file": "a.obj", "position": [0, 0, 5]}])");
   EXPECT_EQ(World::load(folder / "a.json")->bounds().max, Vec3(1, 1, 5));
 
   std::ofstream(folder / "b.json") << scene(R"("meshes": [{"file": "flat.obj"}])");
-  try {
-    World::load(folder / "b.json");
-    FAIL() << "accepted";
-  } catch (const std::invalid_argument& error) {
-    EXPECT_EQ(std::string(error.what()), (folder / "b.json").string() +
-                                             ": /meshes/0/file: expected a triangle with an area, got a degenerate one "
-                                             "(triangle 0 of the file)");
-  }
-  std::filesystem::remove_all(folder);
+  EXPECT_REFUSED(World::load(folder / "b.json"), (folder / "b.json").string() + ": /meshes/0/file: ... triangle ... (triangle 0");
 }
 
 }  // namespace

@@ -1,15 +1,6 @@
 // Downsampling, compared with brute force and OpenCV, and colour spaces.
 #include "imaging/resample.hpp"
 
-#include <gtest/gtest.h>
-
-#include <algorithm>
-#include <cmath>
-#include <cstdint>
-#include <limits>
-#include <utility>
-#include <vector>
-
 #include "allocation_counter.hpp"
 #include "imaging/opencv.hpp"
 #include "random.hpp"
@@ -17,7 +8,7 @@
 namespace flockstep::imaging {
 namespace {
 
-using testing::Random;
+using namespace testing;
 
 struct Sizes {
   int from_width, from_height, to_width, to_height;
@@ -144,9 +135,9 @@ TEST(Imaging, AllocatesNothingAfterTheFirstCall) {
     rgb_to_hsv(rgb.data(), 640, 480, ImageLayout::chw, hsv.data(), hsv_scratch);
   };
   all();
-  const auto before = testing::allocations();
+  const auto before = allocations();
   all();
-  EXPECT_EQ(testing::allocations(), before);
+  EXPECT_EQ(allocations(), before);
 }
 
 }  // namespace

@@ -1,22 +1,18 @@
 #include "learning/dense.hpp"
 
-#include <gtest/gtest.h>
 #include <hwy/targets.h>
 
-#include <algorithm>
-#include <cmath>
-#include <cstddef>
-#include <cstdint>
 #include <random>
-#include <string>
 #include <tuple>
-#include <vector>
 
+#include "every_target.hpp"
 #include "flockstep/aligned.hpp"
-#include "on_target.hpp"
+#include "standard.hpp"
 
 namespace flockstep::learning {
 namespace {
+
+using namespace testing;
 
 constexpr double kTolerance = 2e-6;  // relative to the sum of the products' magnitudes, or to 1
 
@@ -71,7 +67,7 @@ class Dense : public ::testing::Test {
   template <class F>
   static void on_every_target(const F& f) {
     for (const std::int64_t target : hwy::SupportedAndGeneratedTargets()) {
-      const testing::OnTarget on(target);
+      const OnTarget on(target);
       for (const auto& [in, out, rows] : kSizes) {
         SCOPED_TRACE(std::string(hwy::TargetName(target)) + ", " + std::to_string(in) + " to " + std::to_string(out) + ", rows " +
                      std::to_string(rows));
@@ -175,9 +171,7 @@ TEST_F(Dense, BackwardEqualsSumsInDouble) {
 }
 
 TEST_F(Dense, TanhIsExactToFewUnitsInTheLastPlace) {
-  for (const std::int64_t target : hwy::SupportedAndGeneratedTargets()) {
-    SCOPED_TRACE(hwy::TargetName(target));
-    const testing::OnTarget on(target);
+  testing::on_every_target([&] {
     const Layer layer = layer_of(1, 1, After::tanh);
     AlignedVector<float> parameters(layer.bias + kPad);
     parameters[layer.weight] = 1.0F;
@@ -190,13 +184,11 @@ TEST_F(Dense, TanhIsExactToFewUnitsInTheLastPlace) {
       ASSERT_NEAR(static_cast<double>(y[0]), expected, 3e-7 * std::abs(expected) + 1e-12) << x[0];
       ASSERT_LE(std::abs(y[0]), 1.0F) << x[0];
     }
-  }
+  });
 }
 
 TEST_F(Dense, AdamStepsAsItsFormulaInDouble) {
-  for (const std::int64_t target : hwy::SupportedAndGeneratedTargets()) {
-    SCOPED_TRACE(hwy::TargetName(target));
-    const testing::OnTarget on(target);
+  testing::on_every_target([&] {
     constexpr std::size_t kCount = 5 * kPad;
     AlignedVector<float> parameter = random_rows(5, kPad), adam_m(kCount), adam_v(kCount);
     std::vector<double> expected(parameter.begin(), parameter.end()), m(kCount), v(kCount);
@@ -215,7 +207,7 @@ TEST_F(Dense, AdamStepsAsItsFormulaInDouble) {
         ASSERT_NEAR(static_cast<double>(parameter[i]), expected[i], 2e-6) << time;
       }
     }
-  }
+  });
 }
 
 }  // namespace

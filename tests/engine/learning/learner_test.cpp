@@ -1,27 +1,11 @@
 #include "flockstep/learner.hpp"
 
-#include <gtest/gtest.h>
-
-#include <atomic>
-#include <cmath>
-#include <cstddef>
-#include <cstdint>
-#include <limits>
-#include <memory>
-#include <span>
-#include <stdexcept>
-#include <string>
-#include <thread>
-#include <vector>
-
 #include "batch_helpers.hpp"
-#include "refusal.hpp"
 
 namespace flockstep {
 namespace {
 
-using testing::closet;
-using testing::refusal;
+using namespace testing;
 
 constexpr int kEnvs = 37;
 constexpr double kInfinity = std::numeric_limits<double>::infinity();
@@ -77,9 +61,7 @@ class Echo final : public Task {
 };
 
 std::unique_ptr<Batch> make_batch(int threads, AutoresetMode mode, bool is_infinite = false) {
-  BatchConfig config;
-  config.num_envs = kEnvs;
-  config.num_threads = threads;
+  BatchConfig config{.num_envs = kEnvs, .num_threads = threads};
   config.episode.autoreset_mode = mode;
   auto batch = std::make_unique<Batch>(config, Batch::Worlds{closet()}, std::make_unique<Echo>(is_infinite));
   std::vector<std::uint64_t> seeds(kEnvs);
@@ -88,14 +70,7 @@ std::unique_ptr<Batch> make_batch(int threads, AutoresetMode mode, bool is_infin
   return batch;
 }
 
-NetworkConfig network() {
-  NetworkConfig config;
-  config.observation_size = 4;
-  config.action_size = 2;
-  config.actor_layers = {9};
-  config.critic_layers = {17, 5};
-  return config;
-}
+NetworkConfig network() { return {.observation_size = 4, .action_size = 2, .actor_layers = {9}, .critic_layers = {17, 5}}; }
 
 // Flies two rollouts and learns from them. Returns the parameters.
 std::vector<float> train(int threads, AutoresetMode mode) {
@@ -145,12 +120,7 @@ TEST(Learner, ReadsFieldsInTheOrderOfTheirNames) {
 
 template <class Call>
 std::string bad_number(const Call& call) {
-  try {
-    call();
-  } catch (const NotFiniteError& error) {
-    return error.what();
-  }
-  return "accepted";
+  return testing::refusal<NotFiniteError>(call);
 }
 
 TEST(Learner, RefusesInfiniteObservationsOfABatch) {
@@ -162,8 +132,7 @@ TEST(Learner, RefusesInfiniteObservationsOfABatch) {
     learner.begin(config, kEnvs);
     learner.fly(0, *batch);
     const std::string message = bad_number([&] { learner.fly(1, *batch); });
-    EXPECT_EQ(message,
-              std::string("observation: expected finite numbers, got ") + (normalizes ? "inf" : "others") + " in row 20");
+    EXPECT_TRUE(testing::names(message, std::string("observation: ... ") + (normalizes ? "inf" : "others") + " in row 20"));
     for (const double mean : learner.observation_moments().mean) EXPECT_TRUE(std::isfinite(mean));
     batch->step(std::vector<float>(2 * kEnvs));  // which still flies
   }
@@ -174,17 +143,17 @@ TEST(Learner, RefusesOtherBatches) {
   Learner learner(network(), 1, 0);
   EXPECT_NE(refusal([&] { learner.fly(0, *batch); }), "accepted");  // no rollout
   learner.begin({}, kEnvs - 1);
-  EXPECT_EQ(refusal([&] { learner.fly(0, *batch); }), "batch: expected 36 rows, got 37");
+  EXPECT_REFUSED(learner.fly(0, *batch), "batch: ... 36 ... 37");
   NetworkConfig other = network();
   other.is_discrete = true;
   Learner discrete(other, 1, 0);
   discrete.begin({}, kEnvs);
-  EXPECT_EQ(refusal([&] { discrete.fly(0, *batch); }), "batch: expected discrete actions, got actions of numbers");
+  EXPECT_REFUSED(discrete.fly(0, *batch), "batch: ... discrete");
   other = network();
   other.observation_size = 5;
   Learner larger(other, 1, 0);
   larger.begin({}, kEnvs);
-  EXPECT_EQ(refusal([&] { larger.fly(0, *batch); }), "batch: expected observations of 5 numbers, got 4");
+  EXPECT_REFUSED(larger.fly(0, *batch), "batch: ... 5 ... 4");
 }
 
 TEST(Learner, AdmitsOneThreadAtATime) {

@@ -1,13 +1,6 @@
 #include "prepared/prepared_world.hpp"
 
-#include <gtest/gtest.h>
-
-#include <cstddef>
-#include <memory>
 #include <memory_resource>
-#include <stdexcept>
-#include <thread>
-#include <vector>
 
 #include "base/near_memory.hpp"
 #include "batch_helpers.hpp"
@@ -19,11 +12,11 @@
 namespace flockstep {
 namespace {
 
-using testing::closet;
+using namespace testing;
 
 // The data that a step reads should lie in few memory pages. This fails if a class grows too much.
 TEST(PreparedWorld, SceneAndObstaclesOfAPlaygroundLieSideBySide) {
-  const auto world = playground({});
+  const auto world = flockstep::playground({});
   const PreparedWorld& all = prepared(*world);
   const auto* const scene = reinterpret_cast<const std::byte*>(&all.scene());
   const auto* const shape = reinterpret_cast<const std::byte*>(&all.scene().shape(0));

@@ -1,20 +1,6 @@
 // Bodies in camera images. A body must look like a solid of the world that stands at its place.
-#include <gtest/gtest.h>
 
-#include <algorithm>
-#include <array>
-#include <cmath>
-#include <cstddef>
-#include <cstdint>
-#include <cstdlib>
-#include <cstring>
-#include <memory>
-#include <numbers>
-#include <span>
-#include <string>
 #include <tuple>
-#include <utility>
-#include <vector>
 
 #include "allocation_counter.hpp"
 #include "base/workers.hpp"
@@ -23,7 +9,6 @@
 #include "bundles.hpp"
 #include "flockstep/body.hpp"
 #include "prepared/prepared_world.hpp"
-#include "random.hpp"
 #include "render/appearance.hpp"
 #include "render/move_line.hpp"
 #include "render/pinhole_camera.hpp"
@@ -34,10 +19,7 @@
 namespace flockstep::render {
 namespace {
 
-using testing::facing;
-using testing::primitive;
-using testing::Random;
-using testing::soup;
+using namespace testing;
 
 constexpr std::uint16_t kSemantic = 500;  // of the first body
 
@@ -93,7 +75,7 @@ Primitive random_solid_of(Random& random, PrimitiveKind kind, float reach) {
   const float angle = random.within(-3.0F, 3.0F);
   if (kind == PrimitiveKind::sphere || turn == 0) return solid;
   solid.rotation = turn == 1 ? Quat(std::cos(angle), 0.0F, 0.0F, std::sin(angle)) : random.rotation();
-  solid.rotation = testing::make_world({solid})->primitives()[0].rotation;  // a world normalises it
+  solid.rotation = make_world({solid})->primitives()[0].rotation;  // a world normalises it
   return solid;
 }
 
@@ -208,7 +190,7 @@ bool same_bytes(const std::vector<T>& a, const std::vector<T>& b) {
 TEST(BodyImages, RaycastShowsBodiesAsStandingSolids) {
   Random random(391);
   Workers workers(1);
-  Renderer renderer(CameraBackend::raycast, {}, workers);
+  Renderer renderer(CameraBackend::raycast, workers);
   std::size_t shown = 0, shadowed = 0, whole = 0;
   for (const SceneDescription& scene : sceneries(random)) {
     for (const std::size_t count : {1U, 6U, 40U}) {
@@ -253,7 +235,7 @@ TEST(BodyImages, RaycastShowsBodiesAsStandingSolids) {
 class BodyImagesOf : public ::testing::TestWithParam<CameraBackend> {
  protected:
   void SetUp() override {
-    renderer_ = std::make_unique<Renderer>(GetParam(), std::span<const RenderRequest>(), workers_);
+    renderer_ = std::make_unique<Renderer>(GetParam(), workers_);
     if (GetParam() == CameraBackend::raycast) return;
     if (lacks_gl(*renderer_)) GTEST_SKIP() << renderer_->report();
     ASSERT_EQ(renderer_->report().substr(0, 3), "gl:") << renderer_->report();
@@ -269,7 +251,7 @@ class BodyImagesOf : public ::testing::TestWithParam<CameraBackend> {
 };
 
 TEST_P(BodyImagesOf, EachShapeHasItsDepthAndItsIds) {
-  worlds_.push_back(testing::make_world({primitive(PrimitiveKind::room, {0, 0, 0}, {8, 8, 8})}));
+  worlds_.push_back(make_world({primitive(PrimitiveKind::room, {0, 0, 0}, {8, 8, 8})}));
   const Quat turned = facing({0, 0, 1}, {1, 0, 0});
   const std::vector<std::pair<Primitive, float>> cases{
       {primitive(PrimitiveKind::box, {4, 0, 0}, {0.5F, 1, 2}), 3.5F},
@@ -294,7 +276,7 @@ TEST_P(BodyImagesOf, EachShapeHasItsDepthAndItsIds) {
 }
 
 TEST_P(BodyImagesOf, TheNearestSurfaceHidesTheOthers) {
-  worlds_.push_back(testing::make_world({primitive(PrimitiveKind::box, {4, 0, 0}, {0.1F, 3, 3})}));
+  worlds_.push_back(make_world({primitive(PrimitiveKind::box, {4, 0, 0}, {0.1F, 3, 3})}));
   Crowd crowd;
   crowd.add(primitive(PrimitiveKind::sphere, {6, 0, 0}, {1, 1, 1}));  // behind the wall
   Shot shot(camera_with(false, 1));
@@ -316,7 +298,7 @@ TEST_P(BodyImagesOf, TheNearestSurfaceHidesTheOthers) {
 }
 
 TEST_P(BodyImagesOf, ABodyThatReachesThroughTheNearPlaneShowsItsInside) {
-  worlds_.push_back(testing::make_world({primitive(PrimitiveKind::room, {0, 0, 0}, {8, 8, 8})}));
+  worlds_.push_back(make_world({primitive(PrimitiveKind::room, {0, 0, 0}, {8, 8, 8})}));
   for (const PrimitiveKind kind : {PrimitiveKind::box, PrimitiveKind::cylinder, PrimitiveKind::sphere, PrimitiveKind::capsule}) {
     Crowd crowd;
     crowd.add(primitive(kind, {0, 0, 0}, {1.5F, 1.5F, kind == PrimitiveKind::capsule ? 3.0F : 1.5F}));
@@ -333,7 +315,9 @@ TEST_P(BodyImagesOf, ABodyThatReachesThroughTheNearPlaneShowsItsInside) {
   }
 }
 
-TEST_P(BodyImagesOf, BodiesCastShadowsAndReceiveThem) {
+class BodyShadows : public BodyImagesOf {};
+
+TEST_P(BodyShadows, OfSolids) {
   SceneDescription scene;
   scene.materials = {{"chalk", {0.7F, 0.7F, 0.6F}, 0}};
   scene.primitives = {primitive(PrimitiveKind::plane, {4, 0, -1}, {4, 4, 0})};
@@ -377,8 +361,7 @@ struct Differences {
   std::size_t inner = 0;  // pixels within a face of a body in both images: those around them show the same face
   std::size_t deep = 0, turned = 0, different = 0;  // inner pixels of another depth, normal, colour
 
-  // of_meshes: a body may have many faces.
-  void add(const Shot& a, const Shot& b, bool of_meshes) {
+  void add(const Shot& a, const Shot& b) {
     const auto width = static_cast<std::size_t>(a.camera.width_px), height = static_cast<std::size_t>(a.camera.height_px);
     const auto cosine = [](const Shot& x, std::size_t i, const Shot& y, std::size_t j) {
       float sum = 0.0F;
@@ -394,7 +377,7 @@ struct Differences {
       for (const std::size_t other : {pixel - width - 1, pixel - width, pixel - width + 1, pixel - 1, pixel, pixel + 1,
                                       pixel + width - 1, pixel + width, pixel + width + 1}) {
         is_inner &= a.instance[other] == a.instance[pixel] && b.instance[other] == a.instance[pixel];
-        if (of_meshes) is_inner &= cosine(a, pixel, a, other) > 0.9999F && cosine(b, pixel, b, other) > 0.9999F;
+        is_inner &= cosine(a, pixel, a, other) > 0.9999F && cosine(b, pixel, b, other) > 0.9999F;
       }
       if (!is_inner || !a.shows_body(pixel)) continue;
       ++inner;
@@ -413,7 +396,7 @@ struct Differences {
 // modulo their number.
 Differences between_backends(Random& random, Renderer& raycast, Renderer& gl, Workers& workers,
                              const std::vector<std::shared_ptr<const World>>& worlds, const std::vector<Crowd>& crowds,
-                             const CameraConfig& camera, bool of_meshes) {
+                             const CameraConfig& camera) {
   std::vector<Shot> ours, theirs;
   std::vector<RenderRequest> of_raycast, of_gl;
   constexpr std::size_t kFrames = 60;
@@ -440,32 +423,8 @@ Differences between_backends(Random& random, Renderer& raycast, Renderer& gl, Wo
   gl.finish(of_gl, workers);
   EXPECT_EQ(gl.take_warning(), "");
   Differences differences;
-  for (std::size_t i = 0; i < kFrames; ++i) differences.add(ours[i], theirs[i], of_meshes);
+  for (std::size_t i = 0; i < kFrames; ++i) differences.add(ours[i], theirs[i]);
   return differences;
-}
-
-// Envs with different bodies, an env without any, several drones in each env, and all shapes.
-TEST(BodyImages, GlShowsWhatRaycastShows) {
-  Random random(392);
-  Workers workers(2);
-  std::vector<std::shared_ptr<const World>> worlds;
-  for (const SceneDescription& scene : sceneries(random)) worlds.push_back(std::make_shared<const World>(scene));
-  Renderer raycast(CameraBackend::raycast, {}, workers), gl(CameraBackend::gl, {}, workers);
-  if (lacks_gl(gl)) GTEST_SKIP() << gl.report();
-  ASSERT_EQ(gl.report().substr(0, 3), "gl:") << gl.report();
-  std::vector<Crowd> crowds;
-  for (const std::size_t count : {20U, 0U, 40U, 3U}) crowds.push_back(random_crowd(random, count, 3.5F));
-  for (const bool shadows : {false, true}) {
-    for (const int samples : {1, 4}) {
-      const Differences seen =
-          between_backends(random, raycast, gl, workers, worlds, crowds, camera_with(shadows, samples), false);
-      EXPECT_GT(seen.inner, 5'000U);
-      EXPECT_EQ(seen.deep, 0U);
-      EXPECT_GE(static_cast<double>(seen.same_ids), 0.995 * static_cast<double>(seen.pixels));
-      EXPECT_LE(static_cast<double>(seen.turned), 0.01 * static_cast<double>(seen.inner));     // at edges of boxes and cylinders
-      EXPECT_LE(static_cast<double>(seen.different), 0.01 * static_cast<double>(seen.inner));  // there, and at edges of shadows
-    }
-  }
 }
 
 // A texture of random colours. holes: a quarter of its texels is transparent.
@@ -608,7 +567,7 @@ void add_standing_mesh(SceneDescription& scene, const World& mesh, const Crowd& 
 }
 
 // The mesh of a body looks like the same triangles as a part of the world.
-TEST_P(BodyImagesOf, MeshesLookLikeStandingTriangles) {
+TEST_P(BodyShadows, MeshesLookLikeStandingTriangles) {
   Random random(395);
   const auto models = mesh_models(random);
   Differences seen;
@@ -631,7 +590,7 @@ TEST_P(BodyImagesOf, MeshesLookLikeStandingTriangles) {
           if (body >= 0 && body < 100) beside.instance[pixel] = static_cast<std::uint16_t>(kFirstBodyInstance + body);
           if (body < 0 || body >= 100) beside.instance[pixel] = with.shows_body(pixel) ? 0 : with.instance[pixel];
         }
-        seen.add(with, beside, true);
+        seen.add(with, beside);
       }
     }
   }
@@ -644,7 +603,7 @@ TEST_P(BodyImagesOf, MeshesLookLikeStandingTriangles) {
 }
 
 // The sun shines through the holes of a mesh and past its edge.
-TEST_P(BodyImagesOf, MeshesCastShadowsAndReceiveThem) {
+TEST_P(BodyShadows, OfMeshes) {
   SceneDescription floor;
   floor.materials = {{"chalk", {0.7F, 0.7F, 0.6F}, 0}};
   floor.primitives = {primitive(PrimitiveKind::plane, {3, 0, -1}, {4, 4, 0})};
@@ -700,65 +659,32 @@ TEST_P(BodyImagesOf, MeshesCastShadowsAndReceiveThem) {
   EXPECT_LT(look_down(under_panel).first, sunny.first - 20);
 }
 
-// Meshes are copied to the device again after it has discarded all worlds, also if the world has been replaced by another one.
-TEST_P(BodyImagesOf, MeshesReturnAfterWorldsAreForgotten) {
-  Random random(397);
-  const auto models = mesh_models(random);
-  const std::vector<SceneDescription> scenes = sceneries(random);
-  Crowd crowd;
-  for (std::size_t i = 0; i < 8; ++i) crowd.add_mesh(*models[i % models.size()], random.point(3.0F), random.rotation());
-  const Vec3 position(-5, 0, 1);
-  const Mat3 rotation = facing({1, 0, 0}, -position).toRotationMatrix();
-  const auto look_at = [&](const World& world) {
-    Shot shot(camera_with(true, 1));
-    shot.take(*renderer_, workers_, shot.request(world, position, rotation, crowd.view()));
-    return shot;
-  };
-  std::vector<Shot> before;
-  for (const SceneDescription& scene : scenes) {
-    before.push_back(look_at(*worlds_.emplace_back(std::make_shared<const World>(scene))));
-  }
-  EXPECT_FALSE(same_bytes(before[0].rgb, before[2].rgb));
-  for (int i = 0; i < 3; ++i) {
-    renderer_->forget_worlds();
-    worlds_.clear();
-    for (const std::size_t number : {2U, 0U, 3U, 1U}) {
-      const Shot after = look_at(*worlds_.emplace_back(std::make_shared<const World>(scenes[number])));
-      EXPECT_TRUE(same_bytes(after.rgb, before[number].rgb)) << i << ' ' << number;
-      EXPECT_TRUE(same_bytes(after.depth, before[number].depth)) << i << ' ' << number;
-      EXPECT_TRUE(same_bytes(after.instance, before[number].instance)) << i << ' ' << number;
-    }
-  }
-  EXPECT_EQ(renderer_->take_warning(), "");
-}
-
 INSTANTIATE_TEST_SUITE_P(Backends, BodyImagesOf, ::testing::Values(CameraBackend::raycast, CameraBackend::gl));
+INSTANTIATE_TEST_SUITE_P(Raycast, BodyShadows, ::testing::Values(CameraBackend::raycast));
 
-TEST(BodyImages, GlShowsMeshesAsRaycastDoes) {
+// Envs with different bodies of all shapes, an env without any, and several drones in each env.
+TEST(BodyImages, GlShowsWhatRaycastShows) {
   Random random(394);
   Workers workers(2);
   std::vector<std::shared_ptr<const World>> worlds;
-  for (const auto& scene : clear_and_foggy_sceneries(random)) worlds.push_back(std::make_shared<const World>(scene));
-  Renderer raycast(CameraBackend::raycast, {}, workers), gl(CameraBackend::gl, {}, workers);
+  for (const auto& scene : sceneries(random)) worlds.push_back(std::make_shared<const World>(scene));
+  Renderer raycast(CameraBackend::raycast, workers), gl(CameraBackend::gl, workers);
   if (lacks_gl(gl)) GTEST_SKIP() << gl.report();
   ASSERT_EQ(gl.report().substr(0, 3), "gl:") << gl.report();
   const auto models = mesh_models(random);
   std::vector<Crowd> crowds;
   for (const std::size_t count : {12U, 0U, 30U, 3U}) crowds.push_back(crowd_with_meshes(random, models, count));
   crowds[2].radius[4] = -1.0F;  // not visible
-  // The first two worlds have no triangles, masks and fog. They are also drawn without the others, by simpler shaders.
+  // The first two worlds have no triangles and masks. They are also drawn without the others, by simpler shaders.
   for (const std::size_t count : {std::size_t{2}, worlds.size()}) {
     const std::vector<std::shared_ptr<const World>> chosen(worlds.begin(), worlds.begin() + static_cast<std::ptrdiff_t>(count));
-    for (const bool shadows : {false, true}) {
-      for (const int samples : {1, 4}) {
-        const Differences seen =
-            between_backends(random, raycast, gl, workers, chosen, crowds, camera_with(shadows, samples), true);
-        EXPECT_GT(seen.inner, 5'000U);
-        EXPECT_GE(static_cast<double>(seen.same_ids), 0.995 * static_cast<double>(seen.pixels));
-        EXPECT_LE(static_cast<double>(seen.deep), 0.001 * static_cast<double>(seen.inner));
-        EXPECT_LE(static_cast<double>(seen.turned), 0.001 * static_cast<double>(seen.inner));
-        EXPECT_LE(static_cast<double>(seen.different), 0.01 * static_cast<double>(seen.inner));
-      }
+    for (const int samples : {1, 4}) {
+      const Differences seen = between_backends(random, raycast, gl, workers, chosen, crowds, camera_with(false, samples));
+      EXPECT_GT(seen.inner, 5'000U);
+      EXPECT_GE(static_cast<double>(seen.same_ids), 0.995 * static_cast<double>(seen.pixels));
+      EXPECT_LE(static_cast<double>(seen.deep), 0.001 * static_cast<double>(seen.inner));
+      EXPECT_LE(static_cast<double>(seen.turned), 0.001 * static_cast<double>(seen.inner));
+      EXPECT_LE(static_cast<double>(seen.different), 0.01 * static_cast<double>(seen.inner));
     }
   }
 }
@@ -766,7 +692,7 @@ TEST(BodyImages, GlShowsMeshesAsRaycastDoes) {
 TEST(BodyImages, ASecondFrameAllocatesNothing) {
   Random random(393);
   Workers workers(1);
-  Renderer renderer(CameraBackend::raycast, {}, workers);
+  Renderer renderer(CameraBackend::raycast, workers);
   const World world(sceneries(random)[0]);
   Crowd crowd = random_crowd(random, 40, 3.0F);
   Shot shot(camera_with(true, 1));
@@ -774,15 +700,15 @@ TEST(BodyImages, ASecondFrameAllocatesNothing) {
   for (int i = 0; i < 20; ++i) {
     for (float& value : crowd.position) value += random.within(-0.2F, 0.2F);
     const RenderRequest request = shot.request(world, Vec3::Zero(), random.rotation().toRotationMatrix(), crowd.view());
-    const std::uint64_t before = testing::allocations();
+    const std::uint64_t before = allocations();
     shot.take(renderer, workers, request);
-    EXPECT_EQ(testing::allocations() - before, 0U);
+    EXPECT_EQ(allocations() - before, 0U);
   }
 }
 
 TEST(LinePainter, BodiesHideLines) {
   Workers workers(1);
-  const auto world = testing::make_world({primitive(PrimitiveKind::room, {0, 0, 0}, {8, 8, 8})});
+  const auto world = make_world({primitive(PrimitiveKind::room, {0, 0, 0}, {8, 8, 8})});
   Crowd crowd;
   crowd.add(primitive(PrimitiveKind::sphere, {3, 0, 0}, {0.5F, 0.5F, 0.5F}));
   Shot shot(camera_with(false, 1));

@@ -1,13 +1,7 @@
 #include "render/pinhole_camera.hpp"
 
-#include <gtest/gtest.h>
-
-#include <algorithm>
-#include <cmath>
-#include <cstddef>
-#include <vector>
-
 #include "flockstep/config.hpp"
+#include "standard.hpp"
 #include "trace/ray_block.hpp"
 
 namespace flockstep::render {

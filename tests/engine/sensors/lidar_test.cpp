@@ -1,34 +1,13 @@
 #include "sensors/lidar.hpp"
 
-#include <gtest/gtest.h>
-
-#include <algorithm>
-#include <array>
-#include <cmath>
-#include <limits>
-#include <memory>
-#include <numbers>
-#include <vector>
-
 #include "batch_helpers.hpp"
-#include "flockstep/batch.hpp"
-#include "numbers.hpp"
-#include "random.hpp"
 #include "ray_oracle.hpp"
 
 namespace flockstep {
 namespace {
 
 using oracle::Vec3d;
-using testing::kInfinity;
-using testing::lidar_batch;
-using testing::make_world;
-using testing::Poses;
-using testing::primitive;
-using testing::Random;
-using testing::random_poses;
-using testing::row;
-using testing::same_bits;
+using namespace testing;
 
 // -- Beams as defined by the conventions, in double precision.
 
@@ -362,12 +341,11 @@ TEST(LidarChange, IsRefusedEvenIfNoDroneIsSelected) {
   Batch batch(lidar_batch(2), {make_world(a_few())});
   batch.remove(std::vector<std::int64_t>{1});
   const std::string before = batch.snapshot();
-  const float nan = std::numeric_limits<float>::quiet_NaN();
   for (const std::vector<std::uint8_t>& mask : {std::vector<std::uint8_t>{}, {1, 0}, {0, 1}, {0, 0}}) {
     EXPECT_REFUSED(batch.set_lidar({.max_range_m = -1.0F}, mask), "lidar.max_range_m");
     EXPECT_REFUSED(batch.set_lidar({.max_range_m = 1.0F, .hfov_deg = 361.0F}, mask), "lidar.hfov_deg");
     EXPECT_REFUSED(batch.set_lidar({.vfov_deg = -1.0F}, mask), "lidar.vfov_deg");
-    EXPECT_REFUSED(batch.set_lidar({.offset_m = {{0, nan, 0}}}, mask), "lidar.offset_m");
+    EXPECT_REFUSED(batch.set_lidar({.offset_m = {{0, kNan, 0}}}, mask), "lidar.offset_m");
     EXPECT_REFUSED(batch.set_lidar({.quat_wxyz = {{0, 0, 0, 0}}}, mask), "lidar.quat_wxyz");
   }
   EXPECT_REFUSED(batch.set_lidar({.max_range_m = 1.0F}, std::vector<std::uint8_t>{1}), "mask");
@@ -390,7 +368,7 @@ TEST(LidarChange, NeedsALidar) {
 // -- The same bits with any neighbours.
 
 TEST(LidarBits, AreTheSameForAnyBlocksThreadsAndNeighbours) {
-  const Batch::Worlds worlds{crowded_world(), make_world(a_few()), testing::playground("train-1")};
+  const Batch::Worlds worlds{crowded_world(), make_world(a_few()), playground("train-1")};
   // A fan fills a part of a block of rays, a grid more than one block.
   for (const LidarConfig& lidar :
        {LidarConfig(), LidarConfig{.channels = 8, .beams = 50, .hfov_deg = 360.0F, .vfov_deg = 40.0F, .max_range_m = 8.0F}}) {

@@ -1,16 +1,4 @@
-#include <gtest/gtest.h>
-
-#include <cmath>
-#include <cstdint>
-#include <limits>
-#include <memory>
-#include <optional>
-#include <span>
-#include <string>
-#include <vector>
-
 #include "batch_helpers.hpp"
-#include "flockstep/batch.hpp"
 #include "sensors/sensor.hpp"
 
 namespace flockstep {
@@ -18,9 +6,7 @@ namespace {
 
 using sensors::is_due;
 using sensors::period_in_ticks;
-using testing::NavigationBatch;
-using testing::primitive;
-using testing::same_bits;
+using namespace testing;
 
 // Returns a clock with ticks of dt_s and `substeps` ticks per step.
 ClockConfig clock_of(float dt_s, int substeps) {
@@ -50,14 +36,13 @@ TEST(Rate, ItsPeriodIsCountedInTicks) {
 }
 
 TEST(Rate, RefusesOneThatTheClockCannotKeep) {
-  EXPECT_REFUSED(period(20.0F, 0.1F),
-                 "lidar.rate_hz: expected a rate that divides the clock's 10.000000 ticks per second, got 20");
-  EXPECT_REFUSED(period(3.0F, 0.1F), "lidar.rate_hz: expected a rate that divides");
-  EXPECT_REFUSED(period(9.99F, 0.1F), "lidar.rate_hz: expected a rate that divides");
-  EXPECT_REFUSED(period(15.0F, 0.1F, 4), "lidar.rate_hz: expected a rate that divides");
-  EXPECT_REFUSED(period(1e-12F, 0.1F), "lidar.rate_hz: expected a rate that divides");
-  for (const float nonsense : {0.0F, -5.0F, std::numeric_limits<float>::infinity(), std::numeric_limits<float>::quiet_NaN()}) {
-    EXPECT_REFUSED(period(nonsense, 0.1F), "lidar.rate_hz: expected a finite number > 0");
+  EXPECT_REFUSED(period(20.0F, 0.1F), "lidar.rate_hz: ... 10.000000 ... 20");
+  EXPECT_REFUSED(period(3.0F, 0.1F), "lidar.rate_hz: ... divides");
+  EXPECT_REFUSED(period(9.99F, 0.1F), "lidar.rate_hz: ... divides");
+  EXPECT_REFUSED(period(15.0F, 0.1F, 4), "lidar.rate_hz: ... divides");
+  EXPECT_REFUSED(period(1e-12F, 0.1F), "lidar.rate_hz: ... divides");
+  for (const float nonsense : {0.0F, -5.0F, std::numeric_limits<float>::infinity(), kNan}) {
+    EXPECT_REFUSED(period(nonsense, 0.1F), "lidar.rate_hz: ... 0");
   }
 }
 
@@ -67,15 +52,13 @@ TEST(Clock, RefusesRatesThatDoNotDivide) {
   };
   EXPECT_NO_THROW(clock(50.0F, 500.0F, 100.0F).validate());
   EXPECT_NO_THROW(clock(1.0F / 3.0F, 1000.0F / 3.0F, std::nullopt).validate());
-  EXPECT_REFUSED(clock(60.0F, 500.0F, std::nullopt).validate(),
-                 "physics_hz: expected a multiple of policy_hz (60 Hz), at most 1000 times it, got 500 Hz");
+  EXPECT_REFUSED(clock(60.0F, 500.0F, std::nullopt).validate(), "physics_hz: ... (60 Hz) ... 1000 ... 500 Hz");
   EXPECT_REFUSED(clock(50.0F, 25.0F, std::nullopt).validate(), "physics_hz");
   EXPECT_REFUSED(clock(1.0F, 1001.0F, std::nullopt).validate(), "physics_hz");
-  EXPECT_REFUSED(clock(50.0F, 500.0F, 200.0F).validate(), "controller_hz: expected a divisor of physics_hz (500 Hz), got 200 Hz");
-  EXPECT_REFUSED(clock(100.0F, 500.0F, 250.0F).validate(),
-                 "controller_hz: expected a multiple of policy_hz (100 Hz), got 250 Hz");
+  EXPECT_REFUSED(clock(50.0F, 500.0F, 200.0F).validate(), "controller_hz: ... (500 Hz) ... 200 Hz");
+  EXPECT_REFUSED(clock(100.0F, 500.0F, 250.0F).validate(), "controller_hz: ... (100 Hz) ... 250 Hz");
   EXPECT_REFUSED(clock(50.0F, 500.0F, 25.0F).validate(), "controller_hz");
-  for (const float nonsense : {0.0F, -5.0F, std::numeric_limits<float>::infinity(), std::numeric_limits<float>::quiet_NaN()}) {
+  for (const float nonsense : {0.0F, -5.0F, std::numeric_limits<float>::infinity(), kNan}) {
     EXPECT_REFUSED(clock(nonsense, std::nullopt, std::nullopt).validate(), "policy_hz");
     EXPECT_REFUSED(clock(50.0F, nonsense, std::nullopt).validate(), "physics_hz");
     EXPECT_REFUSED(clock(50.0F, 500.0F, nonsense).validate(), "controller_hz");
@@ -83,8 +66,8 @@ TEST(Clock, RefusesRatesThatDoNotDivide) {
 }
 
 TEST(Rate, OfABatchIsCheckedForEverySensor) {
-  const Batch::Worlds worlds{testing::closet()};
-  BatchConfig config = testing::lidar_batch(1, {.rate_hz = 3.0F});
+  const Batch::Worlds worlds{closet()};
+  BatchConfig config = lidar_batch(1, {.rate_hz = 3.0F});
   EXPECT_REFUSED(Batch(config, worlds), "lidar.rate_hz");
   config.clock.policy_hz = 3.0F;
   EXPECT_NO_THROW(Batch(config, worlds));
@@ -112,12 +95,11 @@ constexpr int kSubsteps = 4;
 const Vec3 kStart(4, 10, 5);
 
 std::shared_ptr<const World> open_hall() {
-  return testing::make_world({primitive(PrimitiveKind::room, {10, 10, 5}, {10, 10, 5})},
-                             {.start = kStart, .goal = Vec3(10, 2, 5)});
+  return make_world({primitive(PrimitiveKind::room, {10, 10, 5}, {10, 10, 5})}, {.start = kStart, .goal = Vec3(10, 2, 5)});
 }
 
 NavigationBatch flying() {
-  NavigationBatch config = testing::navigation_batch(1, {.max_range_m = 30.0F});
+  NavigationBatch config = navigation_batch(1, {.max_range_m = 30.0F});
   config.navigation.step_m = 0.5F;
   config.clock = clock_of(0.1F, kSubsteps);
   return config;
@@ -141,7 +123,7 @@ TEST(Rate, ALidarHoldsItsReadingsBetweenScans) {
     NavigationBatch config = flying();
     config.lidars[0].rate_hz = rate_of(ticks);
     Batch batch = config.make({open_hall()});
-    Batch by_hand(testing::lidar_batch(1, flying().lidars[0]), {open_hall()});
+    Batch by_hand(lidar_batch(1, flying().lidars[0]), {open_hall()});
     const auto read = [&](std::int64_t tick) {
       by_hand.set_pose(place_after(tick), {});
       by_hand.sense();
@@ -169,7 +151,7 @@ TEST(Rate, ALidarHoldsItsReadingsBetweenScans) {
 
 TEST(Rate, ALidarWithoutOneReadsAfterEveryStep) {
   Batch batch = flying().make({open_hall()});
-  Batch by_hand(testing::lidar_batch(1, flying().lidars[0]), {open_hall()});
+  Batch by_hand(lidar_batch(1, flying().lidars[0]), {open_hall()});
   batch.reset({});
   for (int steps = 1; steps <= 5; ++steps) {
     step(batch);
@@ -228,7 +210,7 @@ TEST(Rate, ACameraTakesAFrameAtTheEndOfAStepInWhichOneIsDue) {
 
 // sense() and capture() request a reading now, at any rate.
 TEST(Rate, ByHandASensorReadsAtOnce) {
-  BatchConfig config = testing::lidar_batch(1, {.max_range_m = 30.0F, .azimuth_deg = {0}, .elevation_deg = {0}, .rate_hz = 0.5F});
+  BatchConfig config = lidar_batch(1, {.max_range_m = 30.0F, .azimuth_deg = {0}, .elevation_deg = {0}, .rate_hz = 0.5F});
   config.pose_sensor.rate_hz = 0.5F;
   Batch batch(config, {open_hall()});
   for (int i = 0; i < 5; ++i) {
@@ -243,7 +225,7 @@ TEST(Rate, ByHandASensorReadsAtOnce) {
 
 TEST(Substeps, EndWhereOneStepEnds) {
   for (const int substeps : {2, 3, 4, 10}) {
-    NavigationBatch config = testing::navigation_batch(1);
+    NavigationBatch config = navigation_batch(1);
     config.navigation.action = ActionKind::displacement_yaw;
     config.navigation.step_m = 0.3F;
     config.episode.autoreset_mode = AutoresetMode::disabled;
@@ -261,7 +243,7 @@ TEST(Substeps, EndWhereOneStepEnds) {
 }
 
 TEST(Substeps, AnObstacleStopsTheDroneUntilTheNextStep) {
-  NavigationBatch config = testing::navigation_batch(1);
+  NavigationBatch config = navigation_batch(1);
   config.navigation.step_m = 0.5F;
   config.episode.autoreset_mode = AutoresetMode::disabled;
   Batch whole = config.make({open_hall()});

@@ -1,26 +1,15 @@
 #include "sensors/sensor_suite.hpp"
 
-#include <gtest/gtest.h>
-
-#include <algorithm>
-#include <cmath>
-#include <memory>
-#include <stdexcept>
-#include <string>
-#include <vector>
-
 #include "batch_helpers.hpp"
-#include "flockstep/batch.hpp"
+#include "sensors/pose_sensor.hpp"
 
 namespace flockstep {
 namespace {
 
-using testing::same_bits;
+using namespace testing;
 
 BatchConfig flying(std::vector<ImuConfig> imus, std::vector<LidarConfig> lidars = {}) {
-  BatchConfig config;
-  config.num_envs = 3;
-  config.num_threads = 1;
+  BatchConfig config{.num_envs = 3, .num_threads = 1};
   config.dynamics.motion = Motion::rotors;
   config.dynamics.control = Control::velocity;
   config.imus = std::move(imus);
@@ -53,13 +42,13 @@ std::vector<float> fly(Batch& batch) {
 TEST(SensorSuite, ReadsSeveralLidarsLikeSingleOnes) {
   const LidarConfig ahead{.name = "ahead", .beams = 9, .hfov_deg = 90.0F, .max_range_m = 5.0F};
   const LidarConfig grid{.name = "grid", .channels = 8, .beams = 32, .hfov_deg = 180.0F, .vfov_deg = 60.0F, .max_range_m = 7.0F};
-  const auto world = testing::closet();
-  BatchConfig config = testing::lidar_batch(2, ahead);
+  const auto world = closet();
+  BatchConfig config = lidar_batch(2, ahead);
   config.lidars.push_back(grid);
   Batch both(config, {world});
   both.sense();
   for (std::size_t i = 0; i < 2; ++i) {
-    Batch one(testing::lidar_batch(2, config.lidars[i]), {world});
+    Batch one(lidar_batch(2, config.lidars[i]), {world});
     one.sense();
     EXPECT_TRUE(same_bits(both.lidar_readings(i).ranges, one.lidar_readings().ranges));
     EXPECT_TRUE(std::ranges::any_of(one.lidar_readings().ranges, [](float range) { return std::isfinite(range); }));
@@ -75,8 +64,8 @@ TEST(SensorSuite, ReadsSeveralLidarsLikeSingleOnes) {
 }
 
 TEST(SensorSuite, GivesEachImuItsOwnNoise) {
-  Batch two(flying({named(kNoisy, "a"), named(kNoisy, "b")}), {testing::closet()});
-  Batch one(flying({named(kNoisy, "only")}), {testing::closet()});
+  Batch two(flying({named(kNoisy, "a"), named(kNoisy, "b")}), {closet()});
+  Batch one(flying({named(kNoisy, "only")}), {closet()});
   fly(two);
   fly(one);
   EXPECT_TRUE(same_bits(two.imu_readings(0).accelerometer, one.imu_readings().accelerometer));
@@ -94,7 +83,7 @@ TEST(SensorSuite, PublishesTheTruthItselfWithoutErrors) {
   apart.allocate({.num_drones = 2}, true);
   EXPECT_EQ(&same.truth(), &same.published());
   EXPECT_NE(&apart.truth(), &apart.published());
-  Batch a(exact, {testing::closet()}), b(noisy, {testing::closet()});
+  Batch a(exact, {closet()}), b(noisy, {closet()});
   fly(a);
   fly(b);
   EXPECT_TRUE(same_bits(a.state().position, b.state().position));
@@ -104,13 +93,13 @@ TEST(SensorSuite, PublishesTheTruthItselfWithoutErrors) {
 TEST(SensorSuite, RestoresSeveralSensorsOfAKind) {
   BatchConfig config =
       flying({named(kNoisy, "a"), named(kNoisy, "b")}, {{.name = "low", .beams = 5}, {.name = "high", .beams = 6}});
-  Batch batch(config, {testing::closet()});
+  Batch batch(config, {closet()});
   fly(batch);
   batch.set_lidar({.hfov_deg = 45.0F}, {}, 1);
   const std::string blob = batch.snapshot();
   fly(batch);
   const std::vector<float> accelerometer = batch.imu_readings(1).accelerometer, ranges = batch.lidar_readings(1).ranges;
-  Batch other(config, {testing::closet()});
+  Batch other(config, {closet()});
   other.restore(blob);
   EXPECT_EQ(other.lidar_config(0, 1).hfov_deg, 45.0F);
   EXPECT_EQ(other.lidar_config(0, 0).hfov_deg, 270.0F);
@@ -120,20 +109,12 @@ TEST(SensorSuite, RestoresSeveralSensorsOfAKind) {
 }
 
 TEST(SensorSuite, RefusesTwoSensorsOfAKindWithOneName) {
-  const auto expect_refused = [](const BatchConfig& config, const std::string& field) {
-    try {
-      const Batch batch(config, {testing::closet()});
-      FAIL() << field;
-    } catch (const std::invalid_argument& error) {
-      EXPECT_EQ(std::string(error.what()).substr(0, field.size()), field);
-    }
-  };
-  expect_refused(flying({ImuConfig{}, ImuConfig{}}), "imu.name: expected a name that no other imu has");
-  expect_refused(flying({}, {LidarConfig{}, LidarConfig{}}), "lidar.name: expected a name that no other lidar has");
+  EXPECT_REFUSED(Batch(flying({ImuConfig{}, ImuConfig{}}), {closet()}), "imu.name: ... other");
+  EXPECT_REFUSED(Batch(flying({}, {LidarConfig{}, LidarConfig{}}), {closet()}), "lidar.name: ... other");
 }
 
 TEST(SensorSuite, ListsTheArraysOfASensorByItsName) {
-  Batch batch(flying({named(kNoisy, "b")}, {{.name = "low", .channels = 2, .beams = 5}}), {testing::closet()});
+  Batch batch(flying({named(kNoisy, "b")}, {{.name = "low", .channels = 2, .beams = 5}}), {closet()});
   fly(batch);
   const std::vector<ArrayView> imu = batch.sensor_arrays("b"), lidar = batch.sensor_arrays("low");
   ASSERT_EQ(imu.size(), 2U);
@@ -143,8 +124,74 @@ TEST(SensorSuite, ListsTheArraysOfASensorByItsName) {
   EXPECT_EQ(lidar[0].items.sizes, (std::array<std::int64_t, 2>{2, 5}));
   EXPECT_EQ(batch.sensor_arrays("pose")[0].data, batch.pose_readings().position.data());
   EXPECT_THROW(batch.sensor_arrays("sonar"), std::invalid_argument);
-  const Batch twins(flying({named(kNoisy, "same")}, {{.name = "same"}}), {testing::closet()});
+  const Batch twins(flying({named(kNoisy, "same")}, {{.name = "same"}}), {closet()});
   EXPECT_THROW(twins.sensor_arrays("same"), std::invalid_argument) << "of the LiDAR or of the IMU";
+}
+
+constexpr int kDrones = 4000;
+
+BatchConfig noisy(int num_drones, float position_std_m, float orientation_std_deg) {
+  BatchConfig config;
+  config.num_envs = num_drones;
+  config.num_threads = 1;
+  config.pose_sensor = {.position_noise_std_m = position_std_m, .orientation_noise_std_deg = orientation_std_deg};
+  return config;
+}
+
+Batch::Worlds hall() { return {make_world({primitive(PrimitiveKind::room, {0, 0, 0}, {10, 10, 10})})}; }
+
+double correlation(const std::vector<double>& a, const std::vector<double>& b) {
+  return std::inner_product(a.begin(), a.end(), b.begin(), 0.0) / static_cast<double>(a.size());
+}
+
+// Returns the errors of a scan, divided by their standard deviation: three axes of the position, three of the rotation vector.
+std::array<std::vector<double>, 6> errors_of(const Batch& batch, const Quat& rotation) {
+  std::array<std::vector<double>, 6> errors;
+  const State& state = batch.state();
+  const double tilt_rad = static_cast<double>(batch.config().pose_sensor.orientation_noise_std_deg) * std::numbers::pi / 180.0;
+  for (std::size_t i = 0; i < static_cast<std::size_t>(batch.config().num_drones()); ++i) {
+    const float* const q = batch.pose_readings().quat_wxyz.data() + 4 * i;
+    const Eigen::AngleAxisd turn(rotation.conjugate().cast<double>() * Eigen::Quaterniond(q[0], q[1], q[2], q[3]));
+    for (std::size_t axis = 0; axis < 3; ++axis) {
+      const double off =
+          static_cast<double>(batch.pose_readings().position[3 * i + axis]) - static_cast<double>(state.position[3 * i + axis]);
+      errors[axis].push_back(off / static_cast<double>(batch.config().pose_sensor.position_noise_std_m));
+      errors[3 + axis].push_back(turn.angle() * turn.axis()[static_cast<Eigen::Index>(axis)] / tilt_rad);
+    }
+  }
+  return errors;
+}
+
+TEST(PoseSensor, IsExactWithoutNoise) {
+  Batch batch(noisy(3, 0.0F, 0.0F), hall());
+  batch.set_pose(std::vector<float>{1, 2, 3, 4, 5, 6, 7, 8, 9}, {});
+  batch.sense();
+  EXPECT_EQ(batch.pose_readings().position, batch.state().position);
+  EXPECT_EQ(batch.pose_readings().quat_wxyz, batch.state().quat_wxyz);
+}
+
+TEST(PoseSensor, NoiseIsNormalAndIndependentInEveryAxisAndScan) {
+  Batch batch(noisy(kDrones, 0.125F, 5.0F), hall());
+  const Quat rotation(0.5F, 0.5F, -0.5F, 0.5F);
+  std::vector<float> quats;
+  for (int i = 0; i < kDrones; ++i) quats.insert(quats.end(), {0.5F, 0.5F, -0.5F, 0.5F});
+  batch.set_pose({}, quats);
+  batch.sense();
+  const auto first = errors_of(batch, rotation);
+  batch.sense();
+  const auto second = errors_of(batch, rotation);
+  const double bound = 5.0 / std::sqrt(kDrones);  // five standard deviations
+  for (std::size_t a = 0; a < 6; ++a) {
+    SCOPED_TRACE(a);
+    EXPECT_NEAR(std::accumulate(first[a].begin(), first[a].end(), 0.0) / kDrones, 0.0, bound);
+    EXPECT_NEAR(correlation(first[a], first[a]), 1.0, std::sqrt(2.0) * bound);  // variance
+    for (std::size_t b = 0; b < 6; ++b) {
+      EXPECT_NEAR(correlation(first[a], second[b]), 0.0, bound) << b;
+      if (a != b) {
+        EXPECT_NEAR(correlation(first[a], first[b]), 0.0, bound) << b;
+      }
+    }
+  }
 }
 
 }  // namespace

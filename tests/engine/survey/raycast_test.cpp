@@ -1,21 +1,10 @@
 #include "flockstep/raycast.hpp"
 
-#include <gtest/gtest.h>
-
-#include <algorithm>
-#include <array>
-#include <cmath>
-#include <limits>
-#include <memory>
-#include <numeric>
 #include <random>
-#include <vector>
 
 #include "base/platform.hpp"
 #include "batch_helpers.hpp"
-#include "numbers.hpp"
 #include "prepared/prepared_world.hpp"
-#include "random.hpp"
 #include "ray_oracle.hpp"
 #include "trace/scene.hpp"
 #include "trace/tracer.hpp"
@@ -24,11 +13,7 @@ namespace flockstep {
 namespace {
 
 using oracle::Vec3d;
-using testing::kInfinity;
-using testing::make_world;
-using testing::primitive;
-using testing::Random;
-using testing::same_bits;
+using namespace testing;
 
 // -- Random worlds and rays.
 
@@ -181,7 +166,7 @@ TEST(Raycast, FindsTheNearestOfPrimitivesAndTriangles) {
 }
 
 TEST(Raycast, RangeReachesThePlaygroundsWallsAndPillars) {
-  const auto world = testing::playground("train-1");
+  const auto world = playground("train-1");
   Random random(30);
   Rays rays;
   for (int i = 0; i < 3000; ++i) {
@@ -367,17 +352,16 @@ TEST(Raycast, DirectionsNeedNotBeUnit) {
 
 TEST(Raycast, RefusesBadInput) {
   const auto world = make_world({primitive(PrimitiveKind::sphere, {5, 0, 0}, {1, 1, 1})});
-  const float nan = std::numeric_limits<float>::quiet_NaN();
   const std::vector<float> origin{0, 0, 0};
   const std::vector<float> ahead{1, 0, 0};
-  EXPECT_REFUSED(raycast(*world, std::vector<float>{0, nan, 0}, ahead, 1.0F), "origins");
+  EXPECT_REFUSED(raycast(*world, std::vector<float>{0, kNan, 0}, ahead, 1.0F), "origins");
   EXPECT_REFUSED(raycast(*world, std::vector<float>{0, kInfinity, 0}, ahead, 1.0F), "origins");
-  EXPECT_REFUSED(raycast(*world, origin, std::vector<float>{nan, 0, 0}, 1.0F), "directions");
+  EXPECT_REFUSED(raycast(*world, origin, std::vector<float>{kNan, 0, 0}, 1.0F), "directions");
   EXPECT_REFUSED(raycast(*world, origin, std::vector<float>{kInfinity, 0, 0}, 1.0F), "directions");
   EXPECT_REFUSED(raycast(*world, origin, std::vector<float>{0, 0, 0}, 1.0F), "directions");
   EXPECT_REFUSED(raycast(*world, origin, std::vector<float>{1, 0, 0, 1, 0, 0}, 1.0F), "directions");
   EXPECT_REFUSED(raycast(*world, std::vector<float>{0, 0}, std::vector<float>{1, 0}, 1.0F), "directions");
-  for (const float range : {0.0F, -1.0F, nan}) EXPECT_REFUSED(raycast(*world, origin, ahead, range), "max_range_m");
+  for (const float range : {0.0F, -1.0F, kNan}) EXPECT_REFUSED(raycast(*world, origin, ahead, range), "max_range_m");
   EXPECT_TRUE(raycast(*world, {}, {}, 1.0F).t_hit.empty());
 }
 

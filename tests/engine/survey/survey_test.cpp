@@ -1,20 +1,15 @@
 // Surveys, places and reports in small worlds. tests/python/worlds/test_survey.py has the oracles.
 #include "flockstep/survey.hpp"
 
-#include <gtest/gtest.h>
-
-#include <algorithm>
-#include <cmath>
-#include <string>
-#include <vector>
-
 #include "flockstep/planning.hpp"
 #include "flockstep/world_report.hpp"
 #include "planning/reach.hpp"
-#include "refusal.hpp"
+#include "standard.hpp"
 
 namespace flockstep {
 namespace {
+
+using namespace testing;
 
 // Two rooms of 5 x 4 x 3 m, separated by a wall with an opening of the given width. A triangle hangs in the first room.
 SceneDescription two_rooms(float door) {
@@ -59,8 +54,7 @@ TEST(Survey, TooManyPointsAreRefusedBeforeTheirTrianglesAreMade) {
   SceneDescription scene;
   scene.primitives.push_back({PrimitiveKind::sphere, {0, 0, 0}, Quat::Identity(), {100, 100, 100}});
   const World world(scene);
-  const std::string refused = testing::refusal([&] { point_cloud(world, 1e-4F); });
-  EXPECT_TRUE(refused.starts_with("spacing_m: expected a number that makes at most 50,000,000 points")) << refused;
+  EXPECT_REFUSED(point_cloud(world, 1e-4F), "spacing_m: ... 50,000,000");
 }
 
 TEST(Survey, GridsCoverTheWorld) {

@@ -1,33 +1,13 @@
 // Navigation tasks that observe a camera, and frame skip.
-#include <gtest/gtest.h>
-
-#include <algorithm>
-#include <cmath>
-#include <cstdint>
-#include <map>
-#include <numeric>
-#include <string>
-#include <utility>
-#include <vector>
 
 #include "allocation_counter.hpp"
-#include "batch_helpers.hpp"
-#include "flockstep/batch.hpp"
-#include "random.hpp"
+#include "episodes.hpp"
 #include "tasks/color_blob.hpp"
 
 namespace flockstep {
 namespace {
 
-using testing::make_world;
-using testing::navigation_batch;
-using testing::NavigationBatch;
-using testing::primitive;
-using testing::Random;
-using testing::row;
-using testing::same_bits;
-using testing::same_drone;
-using testing::same_drones;
+using namespace testing;
 
 constexpr std::size_t kRays = 20;
 
@@ -45,16 +25,13 @@ std::shared_ptr<const World> parlour(float pillar_y) {
 }
 
 Batch::Worlds parlours() {
-  static const Batch::Worlds worlds{parlour(0.75F), parlour(3.25F), testing::playground("camera-train-1")};
+  static const Batch::Worlds worlds{parlour(0.75F), parlour(3.25F), playground("camera-train-1")};
   return worlds;
 }
 
 NavigationBatch camera_batch(int num_envs, ObservationKind observation, AutoresetMode mode = AutoresetMode::same_step) {
   NavigationBatch config = navigation_batch(num_envs, {.beams = kRays, .hfov_deg = 180.0F});
-  CameraConfig camera;
-  camera.width_px = 32;
-  camera.height_px = 24;
-  camera.layout = ImageLayout::chw;
+  CameraConfig camera{.width_px = 32, .height_px = 24, .layout = ImageLayout::chw};
   config.cameras = {camera};
   config.navigation.action = ActionKind::discrete_forward;
   config.navigation.observation = observation;
@@ -68,7 +45,6 @@ NavigationBatch camera_batch(int num_envs, ObservationKind observation, Autorese
 
 constexpr std::size_t kImage = 3 * 32 * 24;
 constexpr ObservationKind kKinds[] = {ObservationKind::blob, ObservationKind::pixels};
-constexpr AutoresetMode kModes[] = {AutoresetMode::next_step, AutoresetMode::same_step, AutoresetMode::disabled};
 
 // Mainly forward, with more left than right turns, so that drones reach goals, overshoot and hit walls.
 std::int64_t action_of(Random& random) {
@@ -76,20 +52,10 @@ std::int64_t action_of(Random& random) {
   return number < 5 ? 0 : number < 8 ? 1 : 2;
 }
 
-std::vector<std::uint64_t> seeds_from(std::uint64_t first, std::size_t count) {
-  std::vector<std::uint64_t> seeds(count);
-  std::iota(seeds.begin(), seeds.end(), first);
-  return seeds;
-}
-
-// Returns a row of all fields of an observation as bytes.
-std::vector<std::byte> row_of(const std::vector<Buffer>& observation, std::size_t env) {
-  std::vector<std::byte> bytes;
-  for (const Buffer& field : observation) {
-    const auto values = row(field.bytes(), env, field.row_bytes());
-    bytes.insert(bytes.end(), values.begin(), values.end());
-  }
-  return bytes;
+std::vector<std::int64_t> actions_of(Random& random, std::size_t count) {
+  std::vector<std::int64_t> actions(count);
+  for (auto& action : actions) action = action_of(random);
+  return actions;
 }
 
 bool same_observations(const Batch& a, const Batch& b) {
@@ -104,7 +70,7 @@ bool same_observations(const Batch& a, const Batch& b) {
 TEST(CameraNavigation, ForwardActionsAreThree) {
   NavigationBatch config = camera_batch(1, ObservationKind::blob);
   config.navigation.random_start = false;
-  Batch batch = config.make({testing::playground("camera-train-1")});
+  Batch batch = config.make({playground("camera-train-1")});
   batch.reset({});
   const Vec3 start(batch.state().position.data());
   const Vec3 along[] = {{0.1F, 0, 0}, {0, 0.1F, 0}, {0, -0.1F, 0}};
@@ -192,7 +158,7 @@ TEST(CameraNavigation, PixelsAreTheCamerasImage) {
     batch.step(std::span<const std::int64_t>(actions));
     EXPECT_TRUE(same_bits(image(), rgb()));
     EXPECT_TRUE(same_bits(previous, std::span(there, previous.size()))) << "the previous images were written";
-    const std::vector<float> ranges = testing::values_of(batch.outputs().observation[1]);
+    const std::vector<float> ranges = values_of(batch.outputs().observation[1]);
     for (std::size_t k = 0; k < 6 * kRays; ++k)
       EXPECT_FLOAT_EQ(ranges[k], std::min(batch.lidar_readings().ranges[k] / 3.0F, 1.0F));
   }
@@ -212,9 +178,8 @@ TEST(CameraNavigation, TheLastImageOfAnEpisodeIsKeptBesideTheResetsOne) {
     std::size_t ended = 0;
     std::vector<std::uint8_t> over(kDrones, 0);
     for (int step = 0; step < 60; ++step) {
-      for (auto& action : actions) action = action_of(random);
-      kept.step(std::span<const std::int64_t>(actions));
-      batch.step(std::span<const std::int64_t>(actions));
+      actions = actions_of(random, actions.size());
+      for (Batch* each : {&kept, &batch}) each->step(std::span<const std::int64_t>(actions));
       for (std::size_t i = 0; i < kDrones; ++i) {
         if (over[i] || !(batch.outputs().terminated[i] || batch.outputs().truncated[i])) continue;
         over[i] = 1;
@@ -230,118 +195,27 @@ TEST(CameraNavigation, TheLastImageOfAnEpisodeIsKeptBesideTheResetsOne) {
 // -- The same bits with any neighbours.
 
 TEST(CameraNavigation, AnEnvOfManyEqualsASingleEnv) {
-  constexpr std::size_t kDrones = 11;
   for (const ObservationKind kind : kKinds) {
-    for (const AutoresetMode mode : kModes) {
+    for (const AutoresetMode mode : kAutoresetModes) {
       for (const int frame_skip : {1, 3}) {
         SCOPED_TRACE("observation " + std::to_string(static_cast<int>(kind)) + ", mode " +
                      std::to_string(static_cast<int>(mode)) + ", frame skip " + std::to_string(frame_skip));
-        NavigationBatch config = camera_batch(kDrones, kind, mode);
+        NavigationBatch config = camera_batch(11, kind, mode);
         config.episode.random_world = true;
         config.episode.frame_skip = frame_skip;
-        config.block_size = 4;
-        config.num_threads = 2;
-        Batch many = config.make(parlours());
-        const auto seeds = seeds_from(77, kDrones);
-        many.reset(seeds);
-        config.num_envs = config.num_threads = 1;
-        config.block_size = 64;
-        std::vector<std::unique_ptr<Batch>> alone;
-        for (std::size_t i = 0; i < kDrones; ++i) {
-          alone.push_back(std::make_unique<Batch>(config, parlours(), make_task(config.navigation)));
-          alone[i]->reset(std::span(seeds).subspan(i, 1));
-        }
-        Random random(2);
-        std::vector<std::int64_t> actions(kDrones);
-        std::map<std::string, int> ends;
-        for (int step = 0; step < 80; ++step) {
-          for (auto& action : actions) action = action_of(random);
-          many.step(std::span<const std::int64_t>(actions));
-          std::vector<std::uint8_t> mask(kDrones, 0);
-          for (std::size_t i = 0; i < kDrones; ++i) {
-            alone[i]->step(std::span<const std::int64_t>(actions).subspan(i, 1));
-            ASSERT_TRUE(same_drone(many, i, *alone[i], 0)) << "step " << step;
-            ends["crashed"] += many.outputs().crashed[i];
-            ends["success"] += many.outputs().success[i];
-            ends["truncated"] += many.outputs().truncated[i];
-            mask[i] = step % 7 == 6 && (many.outputs().terminated[i] || many.outputs().truncated[i]);
-          }
-          if (mode != AutoresetMode::disabled || std::find(mask.begin(), mask.end(), 1) == mask.end()) continue;
-          many.reset({}, mask);
-          for (std::size_t i = 0; i < kDrones; ++i) {
-            if (mask[i]) alone[i]->reset({});
-            ASSERT_TRUE(same_drone(many, i, *alone[i], 0)) << "reset in step " << step;
-          }
-        }
-        for (const char* end : {"crashed", "success", "truncated"}) EXPECT_GT(ends[end], 0) << end;
+        const auto own = [](std::size_t) { return parlours(); };
+        expect_many_equal_single(config, parlours(), own, 80, [](Random& random) { return actions_of(random, 11); });
       }
     }
   }
 }
 
 TEST(CameraNavigation, ModesAgreeExceptInResetRows) {
-  constexpr std::size_t kDrones = 8;
-  struct Row {
-    std::vector<std::byte> observation;
-    float reward;
-    std::uint8_t terminated, truncated;
-    bool operator==(const Row&) const = default;
-  };
   for (const ObservationKind kind : kKinds) {
-    const auto live = [kind](AutoresetMode mode) {
-      NavigationBatch config = camera_batch(kDrones, kind, mode);
-      config.episode.frame_skip = 2;
-      Batch batch = config.make(parlours());
-      batch.reset(seeds_from(5, kDrones));
-      std::vector<std::vector<Row>> rows(kDrones);
-      std::vector<std::uint64_t> episode(kDrones, 0);
-      std::vector<std::uint64_t> step(kDrones, 0);
-      std::vector<std::uint8_t> ended(kDrones, 0);
-      std::vector<std::int64_t> actions(kDrones);
-      const auto add = [&](std::size_t i, bool final, float reward, std::uint8_t terminated, std::uint8_t truncated) {
-        const Outputs& out = batch.outputs();
-        rows[i].push_back({row_of(final ? out.final_observation : out.observation, i), reward, terminated, truncated});
-      };
-      for (std::size_t i = 0; i < kDrones; ++i) add(i, false, 0, 0, 0);
-      for (int time = 0; time < 80; ++time) {
-        for (std::size_t i = 0; i < kDrones; ++i) {
-          const std::uint64_t number = i * 31 + episode[i] * 17 + step[i] * step[i] * 7 + step[i] / 3;
-          actions[i] = number % 5 < 3 ? 0 : number % 5 == 3 ? 1 : 2;
-        }
-        batch.step(std::span<const std::int64_t>(actions));
-        const Outputs& out = batch.outputs();
-        for (std::size_t i = 0; i < kDrones; ++i) {
-          if (mode == AutoresetMode::next_step && ended[i]) {  // reset row
-            add(i, false, 0, 0, 0);
-            ended[i] = 0;
-            continue;
-          }
-          ended[i] = out.terminated[i] || out.truncated[i];
-          const bool was_reset = ended[i] && mode == AutoresetMode::same_step;
-          add(i, was_reset, out.reward[i], out.terminated[i], out.truncated[i]);
-          ++step[i];
-          if (!ended[i]) continue;
-          ++episode[i];
-          step[i] = 0;
-          if (was_reset) add(i, false, 0, 0, 0);
-        }
-        if (mode != AutoresetMode::disabled || std::find(ended.begin(), ended.end(), 1) == ended.end()) continue;
-        batch.reset({}, ended);
-        for (std::size_t i = 0; i < kDrones; ++i) {
-          if (ended[i]) add(i, false, 0, 0, 0);
-        }
-      }
-      return rows;
-    };
-    const auto next_step = live(AutoresetMode::next_step);
-    for (const AutoresetMode mode : {AutoresetMode::same_step, AutoresetMode::disabled}) {
-      const auto other = live(mode);
-      for (std::size_t i = 0; i < kDrones; ++i) {
-        const std::size_t count = std::min(next_step[i].size(), other[i].size());
-        ASSERT_GT(count, 75U);
-        for (std::size_t k = 0; k < count; ++k) ASSERT_EQ(next_step[i][k], other[i][k]) << "env " << i << ", row " << k;
-      }
-    }
+    NavigationBatch config = camera_batch(8, kind);
+    config.episode.frame_skip = 2;
+    const auto action_of = [](std::uint64_t number) { return number % 5 < 3 ? 0 : number % 5 == 3 ? 1 : 2; };
+    expect_modes_agree(config, parlours(), 80, action_of, 76, 0);
   }
 }
 
@@ -357,9 +231,8 @@ TEST(CameraNavigation, ASnapshotBringsTheImagesBack) {
     other.restore(blob);
     EXPECT_TRUE(same_drones(batch, other));
     for (int step = 0; step < 30; ++step) {
-      for (auto& action : actions) action = action_of(random);
-      batch.step(std::span<const std::int64_t>(actions));
-      other.step(std::span<const std::int64_t>(actions));
+      actions = actions_of(random, actions.size());
+      for (Batch* each : {&batch, &other}) each->step(std::span<const std::int64_t>(actions));
       ASSERT_TRUE(same_drones(batch, other)) << step;
     }
   }
@@ -421,7 +294,7 @@ TEST(FrameSkip, CountsFlownStepsTowardsTheLimit) {
   config.navigation.random_start = config.episode.stagger_first_episode = false;
   config.episode.frame_skip = 4;
   config.episode.max_episode_steps = 10;
-  Batch batch = config.make({testing::playground("camera-train-1")});
+  Batch batch = config.make({playground("camera-train-1")});
   batch.reset({});
   const std::int64_t action = 1;
   for (const std::int64_t length : {4, 8, 10}) {
@@ -436,7 +309,7 @@ TEST(FrameSkip, OnlyTheFirstOfAnActionIsAChange) {
   NavigationBatch config = camera_batch(1, ObservationKind::goal, AutoresetMode::disabled);
   config.navigation.random_start = false;
   config.episode.frame_skip = 4;
-  Batch batch = config.make({testing::playground("camera-train-1")});
+  Batch batch = config.make({playground("camera-train-1")});
   batch.reset({});
   const std::pair<std::int64_t, float> flights[] = {{1, -1.0F}, {1, 0.0F}, {2, -1.0F}};
   for (const auto& [action, change] : flights) {
@@ -449,7 +322,7 @@ TEST(FrameSkip, OnlyTheFirstOfAnActionIsAChange) {
 
 TEST(CameraNavigation, AStepAllocatesNothing) {
   for (const ObservationKind kind : kKinds) {
-    for (const AutoresetMode mode : kModes) {
+    for (const AutoresetMode mode : kAutoresetModes) {
       NavigationBatch config = camera_batch(24, kind, mode);
       config.episode.frame_skip = 2;
       Batch batch = config.make(parlours());
@@ -463,9 +336,9 @@ TEST(CameraNavigation, AStepAllocatesNothing) {
         }
       };
       fly(40);
-      const std::uint64_t before = testing::allocations();
+      const std::uint64_t before = allocations();
       fly(40);
-      EXPECT_EQ(testing::allocations() - before, 0U);
+      EXPECT_EQ(allocations() - before, 0U);
     }
   }
 }
@@ -499,9 +372,9 @@ TEST(CameraNavigation, AStepWithConvertedImagesAllocatesNothingAndHasTheSameBits
         }
       };
       fly(40, false);
-      const std::uint64_t before = testing::allocations();
+      const std::uint64_t before = allocations();
       fly(40, false);
-      EXPECT_EQ(testing::allocations() - before, 0U) << threads;
+      EXPECT_EQ(allocations() - before, 0U) << threads;
       fly(40, true);
       observed.push_back(seen);
       images.push_back(batch.images(0));
@@ -553,9 +426,8 @@ TEST(CameraNavigation, OnMovementIsEveryStepToTheBit) {
     Random random(6);
     std::vector<std::int64_t> actions(8);
     for (int step = 0; step < 60; ++step) {
-      for (auto& action : actions) action = action_of(random);
-      every.step(std::span<const std::int64_t>(actions));
-      moving.step(std::span<const std::int64_t>(actions));
+      actions = actions_of(random, actions.size());
+      for (Batch* each : {&every, &moving}) each->step(std::span<const std::int64_t>(actions));
       EXPECT_TRUE(same_observations(every, moving));
     }
   }
@@ -567,12 +439,12 @@ TEST(CameraNavigation, ASnapshotWithAModeTheTaskRefusesChangesNothing) {
   std::string damaged = batch.snapshot();
   batch.set_capture_mode(0, CaptureMode::on_movement);
   const std::string blob = batch.snapshot();
-  const auto body = static_cast<std::ptrdiff_t>(sizeof(testing::SnapshotHeader));
+  const auto body = static_cast<std::ptrdiff_t>(sizeof(SnapshotHeader));
   const auto [mode, other] = std::mismatch(damaged.begin() + body, damaged.end(), blob.begin() + body);
   ASSERT_TRUE(mode != damaged.end());
   ASSERT_EQ(*mode, static_cast<char>(CaptureMode::every_step));
   *mode = static_cast<char>(CaptureMode::on_demand);
-  EXPECT_REFUSED(batch.restore(testing::mended(damaged)), "capture_mode");
+  EXPECT_REFUSED(batch.restore(mended(damaged)), "capture_mode");
   EXPECT_TRUE(batch.snapshot() == blob);
 }
 

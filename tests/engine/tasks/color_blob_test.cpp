@@ -1,30 +1,18 @@
 #include "tasks/color_blob.hpp"
 
-#include <gtest/gtest.h>
-#include <hwy/targets.h>
-
-#include <algorithm>
-#include <array>
-#include <cmath>
-#include <cstddef>
 #include <iterator>
-#include <stdexcept>
-#include <string>
-#include <thread>
-#include <vector>
 
 #include "allocation_counter.hpp"
+#include "every_target.hpp"
 #include "flockstep/world.hpp"
 #include "imaging/color_components.hpp"
-#include "on_target.hpp"
 #include "random.hpp"
 #include "render/appearance.hpp"
 
 namespace flockstep::task {
 namespace {
 
-using testing::Random;
-
+using namespace testing;
 using Color = std::array<float, 3>;   // linear
 using Pixel = std::array<double, 3>;  // sRGB levels before rounding
 constexpr Color kGoal = render::kGoalColor;
@@ -268,11 +256,7 @@ void agrees_with_brute_force() {
 }
 
 TEST(GreenBlob, AgreesWithBruteForceOnEveryTarget) {
-  for (const std::int64_t target : hwy::SupportedAndGeneratedTargets()) {
-    SCOPED_TRACE(hwy::TargetName(target));
-    const testing::OnTarget on(target);
-    agrees_with_brute_force();
-  }
+  on_every_target([&] { agrees_with_brute_force(); });
 }
 
 TEST(GreenBlob, EveryTripleOfChannelsNearTheThreshold) {
@@ -372,11 +356,7 @@ void agrees_with_opencv(int frames) {
 TEST(ColorBlob, AgreesWithOpenCvOnTenThousandFrames) { agrees_with_opencv(10000); }
 
 TEST(ColorBlob, AgreesWithOpenCvOnEveryTarget) {
-  for (const std::int64_t target : hwy::SupportedAndGeneratedTargets()) {
-    SCOPED_TRACE(hwy::TargetName(target));
-    const testing::OnTarget on(target);
-    agrees_with_opencv(500);
-  }
+  on_every_target([&] { agrees_with_opencv(500); });
 }
 
 TEST(ColorBlob, GreenByItsRangeIsGreenByItsOwnKernel) {
@@ -428,19 +408,19 @@ TEST(GreenBlob, AllocatesNothingAfterTheFirstCall) {
     ColorBlobScratch scratch;
     large.blob(scratch);
     small.blob(scratch);
-    const auto before = testing::allocations();
+    const auto before = allocations();
     for (int i = 0; i < 10; ++i) {
       small.blob(scratch);
       large.blob(scratch);
     }
-    EXPECT_EQ(testing::allocations(), before);
+    EXPECT_EQ(allocations(), before);
     const auto all_ranges = [&] {
       for (const ColorRange& range : kRanges) find_color(large.bytes, 640, 480, layout, range, scratch);
     };
     all_ranges();
-    const auto warm = testing::allocations();
+    const auto warm = allocations();
     all_ranges();
-    EXPECT_EQ(testing::allocations(), warm);
+    EXPECT_EQ(allocations(), warm);
   }
 }
 

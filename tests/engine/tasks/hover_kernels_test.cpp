@@ -1,25 +1,16 @@
 #include "tasks/hover_kernels.hpp"
 
-#include <gtest/gtest.h>
-#include <hwy/targets.h>
-
-#include <array>
 #include <bit>
-#include <cmath>
-#include <cstddef>
-#include <cstdint>
-#include <vector>
 
+#include "every_target.hpp"
 #include "flockstep/pose.hpp"
-#include "on_target.hpp"
 #include "random.hpp"
 
 namespace flockstep::task {
 namespace {
 
 using dynamics::kLanes;
-using testing::OnTarget;
-using testing::Random;
+using namespace testing;
 using Vec3d = Eigen::Vector3d;
 
 constexpr float kSpinUnit = 10.0F;
@@ -134,11 +125,7 @@ TEST(HoverKernels, GiveTheSameBitsOnEverySimdTarget) {
   for (unsigned seed = 0; seed < 50; ++seed) {
     const Flights flights(seed);
     const Result best = run(flights.rows());
-    for (const std::int64_t target : hwy::SupportedAndGeneratedTargets()) {
-      SCOPED_TRACE(hwy::TargetName(target));
-      const OnTarget on(target);
-      expect_same_bits(best, run(flights.rows()));
-    }
+    on_every_target([&] { expect_same_bits(best, run(flights.rows())); });
   }
 }
 

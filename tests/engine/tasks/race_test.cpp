@@ -1,30 +1,13 @@
 // The race task: its crossings, its start rule and its curriculum, for any number of threads.
-#include <gtest/gtest.h>
-
-#include <algorithm>
-#include <cstddef>
-#include <cstdint>
-#include <memory>
-#include <span>
-#include <string>
-#include <utility>
-#include <vector>
 
 #include "batch_helpers.hpp"
-#include "flockstep/batch.hpp"
 #include "flockstep/drone_model.hpp"
 #include "flockstep/generators.hpp"
-#include "flockstep/tasks.hpp"
-#include "random.hpp"
-#include "refusal.hpp"
 
 namespace flockstep {
 namespace {
 
-using testing::Random;
-using testing::row;
-using testing::same_bits;
-using testing::task_array;
+using namespace testing;
 
 // Two gates in a row, 4 m apart, along x.
 std::shared_ptr<const World> lane(Visibility visibility = Visibility::full, GateShape shape = GateShape::square) {
@@ -36,12 +19,7 @@ std::shared_ptr<const World> lane(Visibility visibility = Visibility::full, Gate
 
 BatchConfig race_batch(int num_envs, int num_threads = 1) {
   const TaskDefaults defaults = make_task(RaceConfig())->defaults();
-  BatchConfig config;
-  config.num_envs = num_envs;
-  config.num_threads = num_threads;
-  config.dynamics = defaults.dynamics;
-  config.clock = defaults.clock;
-  return config;
+  return {.num_envs = num_envs, .num_threads = num_threads, .clock = defaults.clock, .dynamics = defaults.dynamics};
 }
 
 const DroneModel& racer() {
@@ -79,65 +57,44 @@ class Lane {
   std::unique_ptr<Batch> batch_;
 };
 
-struct Crossing {
-  std::int64_t passed;
-  bool ended;
-  EpisodeEnd end;
-};
-Crossing cross(Lane lane, const Vec3& position, const Vec3& velocity) {
-  lane.place(position, velocity);
-  const Batch& batch = lane.step();
-  return {lane.passed(), batch.outputs().terminated[0] != 0, static_cast<EpisodeEnd>(batch.outputs().episode_end[0])};
-}
-
-TEST(Race, AGateIsPassedInItsOpening) {
-  for (const float y : {0.0F, 0.7F, -0.7F}) {
-    const Crossing crossing = cross(Lane(lane(Visibility::visual)), {-0.1F, y, 5}, {10, 0, 0});
-    EXPECT_EQ(crossing.passed, 1) << y;
-    EXPECT_FALSE(crossing.ended) << y;
+// Crosses the first gate in one step.
+TEST(Race, GatesArePassedInTheirOpeningsAndMissedBesideThem) {
+  constexpr auto kVisual = Visibility::visual, kFull = Visibility::full;
+  constexpr auto kRing = GateShape::ring, kSquare = GateShape::square;
+  constexpr auto kTask = EpisodeEnd::task, kContact = EpisodeEnd::contact, kNone = EpisodeEnd::none;
+  struct Case {
+    const char* what;
+    Visibility visibility;
+    GateShape shape;
+    Vec3 position, velocity;
+    std::int64_t passed;
+    EpisodeEnd end;
+  };
+  for (const Case& one : std::vector<Case>{
+           {"in the middle", kVisual, kSquare, {-0.1F, 0, 5}, {10, 0, 0}, 1, kNone},
+           {"at the left end", kVisual, kSquare, {-0.1F, 0.7F, 5}, {10, 0, 0}, 1, kNone},
+           {"at the right end", kVisual, kSquare, {-0.1F, -0.7F, 5}, {10, 0, 0}, 1, kNone},
+           {"left of it", kVisual, kSquare, {-0.1F, 0.8F, 5}, {10, 0, 0}, 0, kTask},
+           {"right of it", kVisual, kSquare, {-0.1F, -0.8F, 5}, {10, 0, 0}, 0, kTask},
+           {"farther left", kVisual, kSquare, {-0.1F, 2.9F, 5}, {10, 0, 0}, 0, kTask},
+           {"beyond miss_m", kVisual, kSquare, {-0.1F, 3.1F, 5}, {10, 0, 0}, 0, kNone},
+           {"in a corner of a square", kVisual, kSquare, {-0.1F, 0.6F, 5.6F}, {10, 0, 0}, 1, kNone},
+           {"outside of a ring, where a square has a corner", kVisual, kRing, {-0.1F, 0.6F, 5.6F}, {10, 0, 0}, 0, kTask},
+           {"backwards", kVisual, kSquare, {0.1F, 0, 5}, {-10, 0, 0}, 0, kNone},
+           {"backwards, beside it", kVisual, kSquare, {0.1F, 1, 5}, {-10, 0, 0}, 0, kNone},
+           // At 60 m/s a step is 1.2 m long. The place of the crossing counts, and not that after the step.
+           {"within, and on to a place beside it", kVisual, kSquare, {-0.1F, 0, 5}, {60, 60, 0}, 1, kNone},
+           {"beside it, at y = 0.9, and on to y = 0", kVisual, kSquare, {-0.3F, 1.2F, 5}, {60, -60, 0}, 0, kTask},
+           {"into a solid frame", kFull, kSquare, {-0.3F, 0.75F, 5}, {20, 0, 0}, 0, kContact},
+           {"through a solid frame", kFull, kSquare, {-0.3F, 0, 5}, {20, 0, 0}, 1, kNone}}) {
+    SCOPED_TRACE(one.what);
+    Lane flight(lane(one.visibility, one.shape));
+    flight.place(one.position, one.velocity);
+    const Outputs& outputs = flight.step().outputs();
+    EXPECT_EQ(flight.passed(), one.passed);
+    EXPECT_EQ(outputs.terminated[0] != 0, one.end != kNone);
+    EXPECT_EQ(static_cast<EpisodeEnd>(outputs.episode_end[0]), one.end);
   }
-}
-
-TEST(Race, AGateIsMissedBesideItsOpening) {
-  for (const float y : {0.8F, -0.8F, 2.9F}) {
-    const Crossing crossing = cross(Lane(lane(Visibility::visual)), {-0.1F, y, 5}, {10, 0, 0});
-    EXPECT_EQ(crossing.passed, 0) << y;
-    EXPECT_TRUE(crossing.ended) << y;
-    EXPECT_EQ(crossing.end, EpisodeEnd::task) << y;
-  }
-  EXPECT_FALSE(cross(Lane(lane(Visibility::visual)), {-0.1F, 3.1F, 5}, {10, 0, 0}).ended) << "beyond miss_m";
-}
-
-TEST(Race, TheCornersOfASquareAreOutsideOfARing) {
-  EXPECT_EQ(cross(Lane(lane(Visibility::visual)), {-0.1F, 0.6F, 5.6F}, {10, 0, 0}).passed, 1);
-  const Crossing ring = cross(Lane(lane(Visibility::visual, GateShape::ring)), {-0.1F, 0.6F, 5.6F}, {10, 0, 0});
-  EXPECT_EQ(ring.passed, 0);
-  EXPECT_TRUE(ring.ended);
-}
-
-TEST(Race, BackwardsIsNeitherAPassNorAMiss) {
-  for (const float y : {0.0F, 1.0F}) {
-    const Crossing crossing = cross(Lane(lane(Visibility::visual)), {0.1F, y, 5}, {-10, 0, 0});
-    EXPECT_EQ(crossing.passed, 0) << y;
-    EXPECT_FALSE(crossing.ended) << y;
-  }
-}
-
-// At 60 m/s a step is 1.2 m long. The place after the step is far outside of the opening, but the crossing is inside.
-TEST(Race, ThePlaceOfTheCrossingCountsAndNotThatAfterTheStep) {
-  const Crossing oblique = cross(Lane(lane(Visibility::visual)), {-0.1F, 0, 5}, {60, 60, 0});
-  EXPECT_EQ(oblique.passed, 1);
-  EXPECT_FALSE(oblique.ended);
-  const Crossing inwards = cross(Lane(lane(Visibility::visual)), {-0.3F, 1.2F, 5}, {60, -60, 0});
-  EXPECT_EQ(inwards.passed, 0) << "it crosses the plane at y = 0.9 and ends at y = 0";
-  EXPECT_TRUE(inwards.ended);
-}
-
-TEST(Race, SolidFramesEndTheEpisodeByContact) {
-  const Crossing solid = cross(Lane(lane()), {-0.3F, 0.75F, 5}, {20, 0, 0});
-  EXPECT_TRUE(solid.ended);
-  EXPECT_EQ(solid.end, EpisodeEnd::contact);
-  EXPECT_EQ(cross(Lane(lane()), {-0.3F, 0.0F, 5}, {20, 0, 0}).passed, 1);
 }
 
 TEST(Race, LapsEndInSuccess) {
@@ -211,7 +168,7 @@ RaceFlight fly_race(Batch& batch, unsigned seed, int steps) {
       actions.insert(actions.end(), {random.within(-0.5F, 0.7F), random.within(-1, 1), random.within(-1, 1), 0.1F});
     }
     batch.step(actions);
-    const std::vector<float> seen = testing::values_of(batch.outputs().observation[0]);
+    const std::vector<float> seen = values_of(batch.outputs().observation[0]);
     flight.observations.insert(flight.observations.end(), seen.begin(), seen.end());
     flight.rewards.insert(flight.rewards.end(), batch.outputs().reward.begin(), batch.outputs().reward.end());
   }
@@ -251,17 +208,16 @@ TEST(Race, WorldsAndConfigurationsThatCannotBeFlownAreRefused) {
     return testing::refusal([&] { begun(race_batch(1), race, {std::move(world)}); });
   };
   EXPECT_EQ(refusal(lane()), "accepted");
-  EXPECT_EQ(refusal(testing::closet()), "world \"unnamed\": gates: expected at least 2, got 0");
+  EXPECT_TRUE(names(refusal(closet()), R"(world "unnamed": gates: ... 2 ... 0)"));
   SceneDescription blocked;
   blocked.primitives = {{.kind = PrimitiveKind::box, .center = {5, 0, 2}, .half_extents = {0.1F, 0.1F, 0.1F}}};
   blocked.gates = {{.center = {0, 0, 2}}, {.center = {5, 0, 2}}};
   EXPECT_TRUE(refusal(std::make_shared<const World>(blocked)).find("gates[1]") != std::string::npos);
-  EXPECT_EQ(refusal(lane(), {.speed_cap_mps = {9.0F, 8.0F}}).substr(0, 18), "task.speed_cap_mps");
-  EXPECT_EQ(refusal(lane(), {.laps = 0}), "task.laps: expected an integer in [1, 1000], got 0");
+  EXPECT_TRUE(names(refusal(lane(), {.speed_cap_mps = {9.0F, 8.0F}}), "task.speed_cap_mps"));
+  EXPECT_TRUE(names(refusal(lane(), {.laps = 0}), "task.laps: ... [1, 1000] ... 0"));
   BatchConfig config = race_batch(1);
   config.dynamics.control = Control::velocity;
-  EXPECT_EQ(testing::refusal([&] { begun(config, {}, {lane()}); }),
-            "control: expected a control that this task takes (\"body_rates\"), got \"velocity\"");
+  EXPECT_REFUSED(begun(config, {}, {lane()}), R"(control: ... "body_rates" ... "velocity")");
 }
 
 }  // namespace

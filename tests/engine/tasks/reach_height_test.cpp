@@ -1,45 +1,25 @@
 // An external task, tests/tasks/reach_height.cpp, in a batch.
 #include "../tasks/reach_height.cpp"
 
-#include <gtest/gtest.h>
-
-#include <algorithm>
-#include <cmath>
-#include <cstdint>
-#include <memory>
-#include <numeric>
-#include <span>
-#include <string>
-#include <vector>
-
 #include "batch_helpers.hpp"
-#include "flockstep/batch.hpp"
-#include "random.hpp"
 
 namespace flockstep {
 namespace {
 
-using testing::primitive;
-using testing::Random;
-using testing::row;
-using testing::same_drone;
-using testing::same_drones;
-using testing::task_array;
+using namespace testing;
 
 constexpr std::size_t kEnvs = 10;
 
 // Two shafts of different heights. A flight may end at any of their sides.
 Batch::Worlds shafts() {
   static const Batch::Worlds worlds{
-      testing::make_world({primitive(PrimitiveKind::room, {0, 0, 2}, {1.5F, 1.5F, 2})}, {.start = Vec3(0, 0, 1)}),
-      testing::make_world({primitive(PrimitiveKind::room, {0, 0, 4}, {1.25F, 1.25F, 4})}, {.start = Vec3(0.25F, 0, 2)})};
+      make_world({primitive(PrimitiveKind::room, {0, 0, 2}, {1.5F, 1.5F, 2})}, {.start = Vec3(0, 0, 1)}),
+      make_world({primitive(PrimitiveKind::room, {0, 0, 4}, {1.25F, 1.25F, 4})}, {.start = Vec3(0.25F, 0, 2)})};
   return worlds;
 }
 
 BatchConfig config_of(std::size_t num_envs, AutoresetMode mode = AutoresetMode::disabled) {
-  BatchConfig config;
-  config.num_envs = static_cast<int>(num_envs);
-  config.num_threads = 1;
+  BatchConfig config{.num_envs = static_cast<int>(num_envs), .num_threads = 1};
   config.episode.autoreset_mode = mode;
   return config;
 }
@@ -70,12 +50,12 @@ TEST(ReachHeight, SaysWhatItIs) {
 TEST(ReachHeight, ClimbingArrives) {
   Batch batch = make(config_of(1));
   batch.reset({});
-  EXPECT_EQ(testing::values_of(batch.outputs().observation[0]), (std::vector<float>{2, 1}));
+  EXPECT_EQ(values_of(batch.outputs().observation[0]), (std::vector<float>{2, 1}));
   for (int step = 1; step <= 8; ++step) {
     EXPECT_FALSE(batch.outputs().terminated[0]);
     batch.step(std::vector<float>{0, 0, 1});
     const float risen = 0.25F * static_cast<float>(step);
-    EXPECT_EQ(testing::values_of(batch.outputs().observation[0]), (std::vector<float>{2 - risen, 1 + risen}));
+    EXPECT_EQ(values_of(batch.outputs().observation[0]), (std::vector<float>{2 - risen, 1 + risen}));
     EXPECT_EQ(batch.outputs().reward_terms, (AlignedVector<float>{0.25F, step == 8 ? 1.0F : 0.0F}));
   }
   EXPECT_TRUE(batch.outputs().terminated[0]);
@@ -172,8 +152,7 @@ TEST(ReachHeight, AnEnvOfManyEqualsASingleEnv) {
   config.episode.frame_skip = 2;
   config.clock.physics_hz = 3.0F * config.clock.policy_hz;
   Batch many = make(config);
-  std::vector<std::uint64_t> seeds(kEnvs);
-  std::iota(seeds.begin(), seeds.end(), std::uint64_t{40});
+  const std::vector<std::uint64_t> seeds = seeds_from(40, kEnvs);
   many.reset(seeds);
   config.num_envs = config.num_threads = 1;
   std::vector<std::unique_ptr<Batch>> alone;
@@ -206,7 +185,7 @@ TEST(ReachHeight, RestoredIsUninterrupted) {
     EXPECT_TRUE(other.snapshot() == blob);
     for (const char* array : {"target", "last"}) {
       ASSERT_EQ(task_array<float>(one, array).size(), kEnvs);
-      EXPECT_TRUE(testing::same_bits(task_array<float>(one, array), task_array<float>(other, array)));
+      EXPECT_TRUE(same_bits(task_array<float>(one, array), task_array<float>(other, array)));
     }
     for (int step = 0; step < 60; ++step) {
       const std::vector<float> actions = random_actions(random, kEnvs);
@@ -235,9 +214,9 @@ TEST(ReachHeight, InvalidInputIsRefused) {
   EXPECT_THROW(batch.step(std::vector<float>(6)), std::logic_error) << "before the first reset";
   batch.reset({});
   const std::string before = batch.snapshot();
-  EXPECT_REFUSED(batch.step(std::vector<std::int64_t>{0, 1}), "actions: expected floating-point numbers, got integers");
-  EXPECT_REFUSED(batch.step(std::vector<float>(5)), "actions: expected 6 numbers, got 5");
-  EXPECT_REFUSED(batch.step(std::vector<float>{0, 0, 0, 0, std::nanf(""), 0}), "actions (row 1): expected finite numbers");
+  EXPECT_REFUSED(batch.step(std::vector<std::int64_t>{0, 1}), "actions: ... floating-point");
+  EXPECT_REFUSED(batch.step(std::vector<float>(5)), "actions: ... 6 ... 5");
+  EXPECT_REFUSED(batch.step(std::vector<float>{0, 0, 0, 0, std::nanf(""), 0}), "actions (row 1): ... numbers");
   EXPECT_REFUSED(batch.restore(Batch(config_of(2), shafts()).snapshot()), "one of a batch with the same configuration");
   EXPECT_TRUE(batch.snapshot() == before);
 }

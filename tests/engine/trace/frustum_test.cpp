@@ -1,13 +1,5 @@
 #include "trace/frustum.hpp"
 
-#include <gtest/gtest.h>
-
-#include <algorithm>
-#include <array>
-#include <cmath>
-#include <memory>
-#include <vector>
-
 #include "bundles.hpp"
 #include "random.hpp"
 #include "trace/calibrated.hpp"
@@ -16,11 +8,7 @@
 namespace flockstep::trace {
 namespace {
 
-using testing::cone;
-using testing::Directions;
-using testing::everywhere;
-using testing::fan;
-using testing::Random;
+using namespace testing;
 
 // Returns sets from a single ray to all around: narrow, wide, thin, tilted, and sets whose mean is undefined because they have
 // too few or opposite directions.

@@ -1,32 +1,15 @@
 #include "trace/mesh_tiles.hpp"
 
-#include <gtest/gtest.h>
-
-#include <algorithm>
-#include <array>
-#include <cmath>
-#include <cstddef>
-#include <limits>
-#include <memory>
-#include <vector>
-
 #include "base/platform.hpp"
 #include "batch_helpers.hpp"
 #include "meshes.hpp"
-#include "numbers.hpp"
-#include "random.hpp"
 #include "ray_oracle.hpp"
 #include "trace/mesh_tree.hpp"
-#include "tried.hpp"
 
 namespace flockstep::trace {
 namespace {
 
-using testing::add_slivers;
-using testing::ball;
-using testing::cube;
-using testing::kInfinity;
-using testing::Random;
+using namespace testing;
 
 struct Device {
   std::unique_ptr<RTCDeviceTy, decltype(&rtcReleaseDevice)> device{rtcNewDevice(nullptr), &rtcReleaseDevice};
@@ -76,7 +59,7 @@ TEST(MeshTiles, AgreeWithAnOracleInDoublePrecision) {
   std::size_t compared = 0, hits = 0;
   for (const int rings : {3, 8, 30}) {
     const TriangleMesh mesh = ball(rings, 2 * rings, 0.5F, random);
-    const auto shared = testing::make_world({}, {}, mesh);
+    const auto shared = make_world({}, {}, mesh);
     const World& world = *shared;
     const MeshTree tree = device.tree(mesh);
     Tile tile;
@@ -117,9 +100,9 @@ TEST(MeshTiles, AgreeWithAnOracleInDoublePrecision) {
 // Rays from inside a closed mesh towards its vertices and edges, some of them a few ulps off.
 TEST(MeshTiles, NoRaySlipsBetweenTriangles) {
   const Device device;
-  Random random(2 + (testing::part_tried() << 24U));
+  Random random(2 + (part_tried() << 24U));
   long rays = 0;
-  for (long round = 0; round < testing::times_tried(3); ++round) {
+  for (long round = 0; round < times_tried(3); ++round) {
     const int rings = std::array{4, 12, 40}[static_cast<std::size_t>(round % 3)];
     const TriangleMesh mesh = ball(rings, 2 * rings, rings == 12 ? 1.0F : 0.0F, random);
     const MeshTree tree = device.tree(mesh);
@@ -182,9 +165,9 @@ TEST(MeshTiles, NoRaySlipsThroughAFloorSeenEdgeOn) {
 // Neighbouring rays and the order of traversal must not change any bit: rays with one origin and frame, shuffled.
 TEST(MeshTiles, ARaysResultDoesNotDependOnTheRaysBesideIt) {
   const Device device;
-  Random random(3 + (testing::part_tried() << 24U));
+  Random random(3 + (part_tried() << 24U));
   constexpr long kPosesOfAMesh = 10;
-  const long poses = testing::times_tried(4 * kPosesOfAMesh);
+  const long poses = times_tried(4 * kPosesOfAMesh);
   const long of_a_mesh = std::max(kPosesOfAMesh, poses / 40);
   long rays = 0, hits = 0;
   Tile tile, shuffled, alone;

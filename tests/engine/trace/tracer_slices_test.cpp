@@ -1,42 +1,20 @@
 // LiDARs whose fans are traced as slices, in batches: compared with closed forms and all triangles in double precision, and with
 // Embree. Which patterns have fans.
-#include <gtest/gtest.h>
-
-#include <algorithm>
-#include <array>
-#include <cmath>
-#include <cstddef>
-#include <initializer_list>
-#include <limits>
-#include <memory>
-#include <numbers>
-#include <numeric>
-#include <optional>
-#include <span>
-#include <utility>
-#include <vector>
 
 #include "base/platform.hpp"
-#include "batch_helpers.hpp"
-#include "meshes.hpp"
 #include "on_target.hpp"
 #include "prepared/prepared_world.hpp"
-#include "random.hpp"
-#include "ray_oracle.hpp"
 #include "sensors/beams.hpp"
 #include "trace/calibrated.hpp"
+#include "trace/hills.hpp"
 #include "trace/mesh_slices.hpp"
 #include "trace/scene.hpp"
 #include "trace/tracer.hpp"
-#include "tried.hpp"
 
 namespace flockstep {
 namespace {
 
-using testing::make_world;
-using testing::primitive;
-using testing::Random;
-using testing::same_bits;
+using namespace testing;
 
 constexpr int kFanDrones = 6;
 
@@ -75,13 +53,6 @@ std::vector<LidarConfig> fans() {
   return all;
 }
 
-testing::Poses fan_poses(unsigned seed = 7) {
-  Random random(seed);
-  testing::Poses poses = testing::random_poses(random, kFanDrones, {9, 9, 2});
-  for (std::size_t drone = 0; drone < kFanDrones; ++drone) poses.position[3 * drone + 2] += 3.0F;
-  return poses;
-}
-
 std::unique_ptr<Batch> sense_by(const std::shared_ptr<const World>& world, TracerKind tracer, std::vector<LidarConfig> lidars,
                                 int threads = 1, int block_size = 64, unsigned seed = 7) {
   BatchConfig config;
@@ -91,62 +62,14 @@ std::unique_ptr<Batch> sense_by(const std::shared_ptr<const World>& world, Trace
   config.lidars = std::move(lidars);
   config.tracer = tracer;
   auto batch = std::make_unique<Batch>(config, Batch::Worlds{world});
-  const testing::Poses poses = fan_poses(seed);
+  const Poses poses = poses_over_hills(kFanDrones, seed);
   batch->set_pose(poses.position, poses.quat_wxyz);
   batch->sense();
   return batch;
 }
 
-// Spheres over hills, with markers in the drones' way. Few spheres are traced directly; for many, all primitives go through
-// Embree.
-std::shared_ptr<const World> hills_under(int spheres, bool with_markers = true) {
-  Random random(3);
-  std::vector<Primitive> primitives;
-  for (int i = 0; i < spheres; ++i) {
-    primitives.push_back(primitive(
-        PrimitiveKind::sphere, {random.within(-11, 11), random.within(-11, 11), random.within(0.5F, 5)}, Vec3::Constant(0.2F)));
-  }
-  Markers markers;
-  if (with_markers)
-    markers = {.radius = 3.0F, .start = Vec3(0, 0, 3), .waypoints = {{5, -5, 3}, {-5, 5, 3}}, .goal = Vec3(8, 8, 3)};
-  return make_world(std::move(primitives), std::move(markers), testing::hills(24));
-}
-
-// Compares one in `every` rays of batches with the oracle.
-struct FanTally {
-  std::size_t rays = 0, compared = 0, hits = 0;
-
-  void compare(const World& world, std::initializer_list<const Batch*> batches, std::size_t every) {
-    const Batch& first = **batches.begin();
-    for (std::size_t number = 0; number < first.config().lidars.size(); ++number) {
-      const LidarConfig& lidar = first.config().lidars[number];
-      const std::size_t per_drone = static_cast<std::size_t>(lidar.rows()) * static_cast<std::size_t>(lidar.columns());
-      std::vector<float> directions(3 * per_drone * kFanDrones);
-      first.lidar_directions(directions, number);
-      const double range = static_cast<double>(lidar.max_range_m);
-      for (std::size_t ray = number; ray < per_drone * kFanDrones; ray += every) {
-        ++rays;
-        const Pose pose = pose_of(first.state(), DroneIndex(ray / per_drone));
-        const Eigen::Quaterniond rotation = pose.rotation.cast<double>().normalized();
-        const Eigen::Vector3d offset(lidar.offset_m[0], lidar.offset_m[1], lidar.offset_m[2]);
-        const Eigen::Vector3d origin = pose.position.cast<double>() + rotation * offset;
-        const float* const d = &directions[3 * ray];
-        const Eigen::Vector3d direction = rotation * Eigen::Vector3d(d[0], d[1], d[2]);
-        const oracle::Hit hit = oracle::nearest(world, origin, direction, range);
-        const double steep = oracle::steepness(world, hit, origin, direction, range);
-        if (steep > 5.0) continue;
-        ++compared;
-        hits += hit.element >= 0;
-        for (const Batch* const batch : batches) {
-          const float found = batch->lidar_readings(number).ranges[ray];
-          ASSERT_EQ(std::isinf(found), hit.element < 0) << lidar.name << ", ray " << ray;
-          if (hit.element < 0) continue;
-          ASSERT_NEAR(found, hit.t, 1e-6 * (20.0 + hit.t) * std::max(steep, 1.0)) << lidar.name << ", ray " << ray;
-        }
-      }
-    }
-  }
-};
+// In the drones' way.
+const Markers kMarkers{.radius = 3.0F, .start = Vec3(0, 0, 3), .waypoints = {{5, -5, 3}, {-5, 5, 3}}, .goal = Vec3(8, 8, 3)};
 
 // Returns true if both are misses, or hits at the same distance up to rounding.
 bool is_close(float a, float b) { return std::isinf(a) == std::isinf(b) && (a == b || std::abs(a - b) <= 1e-4F * (1.0F + b)); }
@@ -154,9 +77,9 @@ bool is_close(float a, float b) { return std::isinf(a) == std::isinf(b) && (a ==
 class TracerSlices : public ::testing::TestWithParam<int> {};  // number of spheres
 
 TEST_P(TracerSlices, AgreeWithAnOracleAndEmbree) {
-  const auto world = hills_under(GetParam());
+  const auto world = hills_under(GetParam(), kMarkers);
   const auto slices = sense_by(world, TracerKind::slices, fans()), embree = sense_by(world, TracerKind::embree, fans());
-  FanTally tally;
+  ScanTally tally;
   tally.compare(*world, {slices.get(), embree.get()}, 5);
   EXPECT_GT(tally.compared, 3 * tally.rays / 4);
   EXPECT_GT(tally.hits, tally.compared / 4);
@@ -169,15 +92,15 @@ TEST_P(TracerSlices, AgreeWithAnOracleAndEmbree) {
 }
 
 TEST_P(TracerSlices, DoNotSeeMarkers) {
-  const auto seen = sense_by(hills_under(GetParam()), TracerKind::slices, fans());
-  const auto expected = sense_by(hills_under(GetParam(), false), TracerKind::slices, fans());
+  const auto seen = sense_by(hills_under(GetParam(), kMarkers), TracerKind::slices, fans());
+  const auto expected = sense_by(hills_under(GetParam()), TracerKind::slices, fans());
   for (std::size_t lidar = 0; lidar < fans().size(); ++lidar) {
     EXPECT_TRUE(same_bits(seen->lidar_readings(lidar).ranges, expected->lidar_readings(lidar).ranges)) << fans()[lidar].name;
   }
 }
 
 TEST_P(TracerSlices, SameBitsInAnyBatch) {
-  const auto world = hills_under(GetParam());
+  const auto world = hills_under(GetParam(), kMarkers);
   const auto batch = sense_by(world, TracerKind::slices, fans());
   for (const auto& [threads, block_size] : {std::pair{2, 1}, std::pair{1, 3}}) {
     const auto other = sense_by(world, TracerKind::slices, fans(), threads, block_size);
@@ -187,7 +110,7 @@ TEST_P(TracerSlices, SameBitsInAnyBatch) {
   }
   BatchConfig config = batch->config();
   config.num_envs = 1;
-  const testing::Poses poses = fan_poses();
+  const Poses poses = poses_over_hills(kFanDrones);
   for (std::size_t lidar = 0; lidar < fans().size(); ++lidar) {
     config.lidars = {fans()[lidar]};
     Batch alone(config, {world});
@@ -202,7 +125,7 @@ TEST_P(TracerSlices, SameBitsInAnyBatch) {
 }
 
 TEST_P(TracerSlices, NoRayGoesThroughEmbreeForTriangles) {
-  const auto world = hills_under(GetParam());
+  const auto world = hills_under(GetParam(), kMarkers);
   EXPECT_EQ(sense_by(world, TracerKind::slices, fans())->embree_rays(), 0);
   EXPECT_GT(sense_by(world, TracerKind::embree, fans())->embree_rays(), 0);
 }
@@ -214,7 +137,7 @@ LidarConfig enough_beams() { return spaced_fan("enough", kEnough, 0.9F * trace::
 LidarConfig sparse_beams() { return spaced_fan("sparse", kEnough, 1.1F * trace::kWidestInSlice); }
 
 TEST_P(TracerSlices, AutoUsesThemForEnoughBeams) {
-  const auto world = hills_under(GetParam());
+  const auto world = hills_under(GetParam(), kMarkers);
   const std::vector few{few_beams()}, enough{enough_beams()}, sparse{sparse_beams()};
   EXPECT_GT(sense_by(world, TracerKind::automatic, few)->embree_rays(), 0);
   EXPECT_GT(sense_by(world, TracerKind::automatic, sparse)->embree_rays(), 0);
@@ -228,15 +151,11 @@ TEST_P(TracerSlices, AutoUsesThemForEnoughBeams) {
 INSTANTIATE_TEST_SUITE_P(FewAndMany, TracerSlices, ::testing::Values(0, 5, 700));
 
 TEST(SlicesAgreement, InWorldsOfPrimitivesAndTriangles) {
-  const long wanted = testing::times_tried(4000);
-  FanTally tally;
-  for (unsigned seed = testing::part_tried() << 24U; static_cast<long>(tally.rays) < wanted; ++seed) {
+  const long wanted = times_tried(4000);
+  ScanTally tally;
+  for (unsigned seed = part_tried() << 24U; static_cast<long>(tally.rays) < wanted; ++seed) {
     SCOPED_TRACE(seed);
-    Random random(seed);
-    std::vector<Primitive> primitives = testing::room_or_shapes(seed, random);
-    const auto world =
-        make_world(std::move(primitives), {},
-                   seed % 2 == 0 ? testing::hills(6 + static_cast<int>(seed % 7)) : testing::loose_triangles(70, random));
+    const auto world = hills_or_shapes(seed);
     tally.compare(*world,
                   {sense_by(world, TracerKind::slices, fans(), 1, 64, seed).get(),
                    sense_by(world, TracerKind::embree, fans(), 1, 64, seed).get()},
@@ -253,7 +172,7 @@ TEST(SlicesAgreement, InWorldsOfPrimitivesAndTriangles) {
 // A hilly ball of radius 3 m, far too many triangles for the leaves of a slice to be listed, with a small cube in it.
 TriangleMesh dense_ball(Random& random) {
   TriangleMesh mesh = testing::ball(120, 240, 0.1F, random);
-  testing::add_box(mesh, Vec3(1, 0, 0), Vec3::Constant(0.3F));
+  add_box(mesh, Vec3(1, 0, 0), Vec3::Constant(0.3F));
   return mesh;
 }
 
@@ -346,7 +265,7 @@ TEST(TracerSlicesOf, OneChannelOfThreeAgreeWithAnOracle) {
   three[0].channels = 3;
   three[0].vfov_deg = 40.0F;
   const auto slices = sense_by(world, TracerKind::slices, three), tiles = sense_by(world, TracerKind::tiles, three);
-  FanTally tally;
+  ScanTally tally;
   tally.compare(*world, {slices.get(), tiles.get()}, 1);
   EXPECT_GT(tally.hits, tally.rays / 4);
   EXPECT_GT(slices->embree_rays(), 0);
@@ -365,7 +284,7 @@ TEST(TracerSlicesOf, HaveTheSameBitsOnEverySimdTarget) {
   ASSERT_GT(targets.size(), 1U);
   for (const std::int64_t target : targets) {
     SCOPED_TRACE(hwy::TargetName(target));
-    const testing::OnTarget on(target);
+    const OnTarget on(target);
     const auto same = sense_by(world, TracerKind::slices, fans());
     for (std::size_t lidar = 0; lidar < fans().size(); ++lidar) {
       EXPECT_TRUE(same_bits(first->lidar_readings(lidar).ranges, same->lidar_readings(lidar).ranges)) << fans()[lidar].name;

@@ -1,63 +1,18 @@
 // The choice of tracer in a batch: cameras and LiDARs traced by tiles, compared with closed forms in double precision and with
 // Embree.
-#include <gtest/gtest.h>
 
-#include <algorithm>
-#include <array>
-#include <cmath>
-#include <cstddef>
-#include <initializer_list>
-#include <limits>
-#include <memory>
-#include <numbers>
-#include <utility>
-#include <vector>
-
-#include "batch_helpers.hpp"
-#include "meshes.hpp"
 #include "on_target.hpp"
 #include "prepared/prepared_world.hpp"
-#include "random.hpp"
-#include "ray_oracle.hpp"
 #include "sensors/beams.hpp"
+#include "trace/hills.hpp"
 #include "trace/scene.hpp"
-#include "tried.hpp"
 
 namespace flockstep {
 namespace {
 
-using testing::hills;
-using testing::loose_triangles;
-using testing::make_world;
-using testing::primitive;
-using testing::Random;
-using testing::same_bits;
-
-// A world with spheres over hills. Few spheres are traced directly, many through Embree.
-std::shared_ptr<const World> hills_and_spheres(int spheres) {
-  Random random(3);
-  std::vector<Primitive> primitives;
-  for (int i = 0; i < spheres; ++i) {
-    primitives.push_back(primitive(
-        PrimitiveKind::sphere, {random.within(-11, 11), random.within(-11, 11), random.within(0.5F, 4)}, Vec3::Constant(0.2F)));
-  }
-  return make_world(std::move(primitives), {.start = Vec3(0, 0, 3), .goal = Vec3(8, 8, 3)}, hills(24));
-}
+using namespace testing;
 
 constexpr int kDrones = 8;
-
-struct Poses {
-  std::vector<float> position, quat_wxyz;
-
-  explicit Poses(unsigned seed = 7) {
-    Random random(seed);
-    for (int i = 0; i < kDrones; ++i) {
-      position.insert(position.end(), {random.within(-9, 9), random.within(-9, 9), random.within(1.5F, 5)});
-      const Quat q = random.rotation();
-      quat_wxyz.insert(quat_wxyz.end(), {q.w(), q.x(), q.y(), q.z()});
-    }
-  }
-};
 
 CameraConfig camera() {
   CameraConfig config;
@@ -89,7 +44,7 @@ std::unique_ptr<Batch> make_batch(const std::shared_ptr<const World>& world, Tra
   config.lidars = {grid()};
   config.tracer = tracer;
   auto batch = std::make_unique<Batch>(config, Batch::Worlds{world});
-  const Poses poses;
+  const Poses poses = poses_over_hills(kDrones);
   batch->set_pose(poses.position, poses.quat_wxyz);
   batch->sense();
   batch->capture(0);
@@ -104,65 +59,27 @@ constexpr std::size_t kEvery = 41;
 
 class TracerTiles : public ::testing::TestWithParam<int> {};  // number of spheres
 
-// Compares one in `every` rays with the oracle, for batches that differ only in their tracer.
-struct Tally {
-  std::size_t rays = 0, compared = 0, hits = 0;
-
-  void compare(const World& world, std::initializer_list<const Batch*> batches, std::size_t every) {
-    const Batch& first = **batches.begin();
-    const LidarConfig lidar = grid();
-    const std::size_t per_drone = static_cast<std::size_t>(lidar.channels) * static_cast<std::size_t>(lidar.beams);
-    std::vector<float> directions(3 * per_drone * kDrones);
-    first.lidar_directions(directions);
-    for (std::size_t drone = 0; drone < kDrones; ++drone) {
-      const Pose pose = pose_of(first.state(), DroneIndex(drone));
-      const Eigen::Quaterniond rotation = pose.rotation.cast<double>().normalized();
-      const Eigen::Vector3d origin =
-          pose.position.cast<double>() + rotation * Eigen::Vector3d(lidar.offset_m[0], lidar.offset_m[1], lidar.offset_m[2]);
-      for (std::size_t ray = drone % every; ray < per_drone; ray += every) {
-        ++rays;
-        const float* const d = &directions[3 * (drone * per_drone + ray)];
-        const Eigen::Vector3d direction = rotation * Eigen::Vector3d(d[0], d[1], d[2]);
-        const oracle::Hit hit = oracle::nearest(world, origin, direction, lidar.max_range_m);
-        if (!oracle::is_clear_cut(world, hit, origin, direction, lidar.max_range_m)) continue;
-        ++compared;
-        hits += !std::isinf(hit.t);
-        const double steep = oracle::steepness(world, hit, origin, direction, lidar.max_range_m);
-        for (const Batch* const batch : batches) {
-          const float range = batch->lidar_readings().ranges[drone * per_drone + ray];
-          ASSERT_EQ(std::isinf(range), std::isinf(hit.t)) << "drone " << drone << " ray " << ray;
-          if (std::isinf(hit.t)) continue;
-          ASSERT_NEAR(range, hit.t, 2e-6 * (20.0 + hit.t) * std::max(steep, 1.0)) << "drone " << drone << " ray " << ray;
-        }
-      }
-    }
-  }
-};
-
 TEST_P(TracerTiles, LidarsAgreeWithAnOracle) {
-  const auto world = hills_and_spheres(GetParam());
-  Tally tally;
-  tally.compare(*world, {make_batch(world, TracerKind::tiles).get()}, kEvery);
+  const auto world = hills_under(GetParam());
+  ScanTally tally;
+  tally.compare(*world, {make_batch(world, TracerKind::tiles).get()}, kEvery, 2e-6);
   EXPECT_GT(tally.compared, 3 * tally.rays / 4);
   EXPECT_GT(tally.hits, tally.compared / 4);
 }
 
 TEST(TracerAgreement, OfTilesPacketsAndClosedForms) {
-  const long wanted = testing::times_tried(20'000 / static_cast<long>(kEvery));
-  Tally tally;
-  for (unsigned seed = testing::part_tried() << 24U; static_cast<long>(tally.rays) < wanted; ++seed) {
+  const long wanted = times_tried(20'000 / static_cast<long>(kEvery));
+  ScanTally tally;
+  for (unsigned seed = part_tried() << 24U; static_cast<long>(tally.rays) < wanted; ++seed) {
     SCOPED_TRACE(seed);
-    Random random(seed);
-    std::vector<Primitive> primitives = testing::room_or_shapes(seed, random);
-    const auto world = make_world(std::move(primitives), {},
-                                  seed % 2 == 0 ? hills(6 + static_cast<int>(seed % 7)) : loose_triangles(70, random));
+    const auto world = hills_or_shapes(seed);
     const auto tiles = make_batch(world, TracerKind::tiles), embree = make_batch(world, TracerKind::embree);
-    Poses poses(seed);
+    const Poses poses = poses_over_hills(kDrones, seed);
     for (Batch* const batch : {tiles.get(), embree.get()}) {
       batch->set_pose(poses.position, poses.quat_wxyz);
       batch->sense();
     }
-    tally.compare(*world, {tiles.get(), embree.get()}, kEvery);
+    tally.compare(*world, {tiles.get(), embree.get()}, kEvery, 2e-6);
     ASSERT_FALSE(HasFailure());
   }
   EXPECT_GT(tally.compared, tally.rays / 2);
@@ -171,7 +88,7 @@ TEST(TracerAgreement, OfTilesPacketsAndClosedForms) {
 }
 
 TEST_P(TracerTiles, CamerasAgreeWithEmbree) {
-  const auto world = hills_and_spheres(GetParam());
+  const auto world = hills_under(GetParam());
   const auto tiles = make_batch(world, TracerKind::tiles), embree = make_batch(world, TracerKind::embree);
   const CameraImages &a = tiles->images(0), &b = embree->images(0);
   const std::size_t pixels = a.depth.size();
@@ -199,19 +116,17 @@ TEST_P(TracerTiles, CamerasAgreeWithEmbree) {
 }
 
 TEST_P(TracerTiles, SameBitsBesideAnyRays) {
-  const auto world = hills_and_spheres(GetParam());
+  const auto world = hills_under(GetParam());
   const auto batch = make_batch(world, TracerKind::tiles);
   for (const auto& [threads, block_size] : {std::pair{2, 1}, std::pair{1, 3}}) {
     const auto other = make_batch(world, TracerKind::tiles, threads, block_size);
     EXPECT_TRUE(same_bits(batch->lidar_readings().ranges, other->lidar_readings().ranges));
-    EXPECT_TRUE(same_bits(batch->images(0).rgb, other->images(0).rgb));
-    EXPECT_TRUE(same_bits(batch->images(0).depth, other->images(0).depth));
-    EXPECT_TRUE(same_bits(batch->images(0).normal, other->images(0).normal));
+    EXPECT_TRUE(same_arrays(batch->images(0), other->images(0)));
   }
   BatchConfig config = batch->config();
   config.num_envs = 1;
   Batch alone(config, {world});
-  const Poses poses;
+  const Poses poses = poses_over_hills(kDrones);
   const std::size_t rays = batch->lidar_readings().ranges.size() / kDrones, pixels = batch->images(0).depth.size() / kDrones;
   for (std::size_t drone = 0; drone < kDrones; ++drone) {
     alone.set_pose(std::span(poses.position).subspan(3 * drone, 3), std::span(poses.quat_wxyz).subspan(4 * drone, 4));
@@ -223,27 +138,24 @@ TEST_P(TracerTiles, SameBitsBesideAnyRays) {
 }
 
 TEST_P(TracerTiles, NoTriangleGoesThroughEmbree) {
-  const auto world = hills_and_spheres(GetParam());
+  const auto world = hills_under(GetParam());
   EXPECT_EQ(make_batch(world, TracerKind::tiles)->embree_rays(), 0);
   EXPECT_GT(make_batch(world, TracerKind::embree)->embree_rays(), 0);
 }
 
 TEST_P(TracerTiles, AutoUsesThemIfTheyAreFaster) {
-  const auto world = hills_and_spheres(GetParam());
+  const auto world = hills_under(GetParam());
   const auto tiles = make_batch(world, TracerKind::tiles), by_itself = make_batch(world, TracerKind::automatic);
   EXPECT_TRUE(same_bits(tiles->lidar_readings().ranges, by_itself->lidar_readings().ranges));
-  EXPECT_TRUE(same_bits(tiles->images(0).rgb, by_itself->images(0).rgb));
-  EXPECT_TRUE(same_bits(tiles->images(0).depth, by_itself->images(0).depth));
+  EXPECT_TRUE(same_arrays(tiles->images(0), by_itself->images(0)));
 }
 
 INSTANTIATE_TEST_SUITE_P(FewAndMany, TracerTiles, ::testing::Values(0, 5, 700));
 
 // A few rays go through Embree, even if other batches of the world have prepared tiles.
 TEST(TracerTilesOf, SmallCamerasDoNotUseThem) {
-  const auto world = hills_and_spheres(5);
-  BatchConfig config;
-  config.num_threads = 1;
-  config.cameras = {camera()};
+  const auto world = hills_under(5);
+  BatchConfig config{.num_threads = 1, .cameras = {camera()}};
   config.cameras[0].width_px = config.cameras[0].height_px = 15;
   const auto rays_through_embree = [&](TracerKind tracer) {
     config.tracer = tracer;
@@ -260,7 +172,7 @@ TEST(TracerTilesOf, SmallCamerasDoNotUseThem) {
 // With TracerKind::embree, primitives also go through Embree, even if they are few enough for direct tracing.
 TEST(TracerTilesOf, EmbreeAgreesOnPrimitives) {
   for (const int spheres : {5, 700}) {
-    const auto world = hills_and_spheres(spheres);
+    const auto world = hills_under(spheres);
     const auto direct = make_batch(world, TracerKind::tiles), embree = make_batch(world, TracerKind::embree);
     const auto &a = direct->images(0).depth, &b = embree->images(0).depth;
     std::size_t differ = 0;
@@ -292,25 +204,22 @@ TEST(TracerTilesOf, WorldsWithoutTrianglesDoNotUseThem) {
 }
 
 TEST(TracerTilesOf, HaveTheSameBitsOnEverySimdTarget) {
-  const auto world = hills_and_spheres(5);
+  const auto world = hills_under(5);
   const auto first = make_batch(world, TracerKind::tiles);
   const std::vector<std::int64_t> targets = hwy::SupportedAndGeneratedTargets();
   ASSERT_GT(targets.size(), 1U);
   for (const std::int64_t target : targets) {
     SCOPED_TRACE(hwy::TargetName(target));
-    const testing::OnTarget on(target);
+    const OnTarget on(target);
     // A separate world, because the shading data of its triangles is computed once per world.
-    const auto same = make_batch(hills_and_spheres(5), TracerKind::tiles);
+    const auto same = make_batch(hills_under(5), TracerKind::tiles);
     EXPECT_TRUE(same_bits(first->lidar_readings().ranges, same->lidar_readings().ranges));
-    EXPECT_TRUE(same_bits(first->images(0).rgb, same->images(0).rgb));
-    EXPECT_TRUE(same_bits(first->images(0).depth, same->images(0).depth));
-    EXPECT_TRUE(same_bits(first->images(0).normal, same->images(0).normal));
-    EXPECT_TRUE(same_bits(first->images(0).instance, same->images(0).instance));
+    EXPECT_TRUE(same_arrays(first->images(0), same->images(0)));
   }
 }
 
 TEST(TracerTilesOf, SeveralBatchesShareATree) {
-  const auto world = hills_and_spheres(5);
+  const auto world = hills_under(5);
   const auto first = make_batch(world, TracerKind::tiles);
   const auto* const tree = prepared(*world).scene().tiles();
   ASSERT_NE(tree, nullptr);

@@ -1,13 +1,6 @@
 // Elements that are only visual or only solid. Rays see only the visual ones, drones hit only the solid ones.
-#include <gtest/gtest.h>
 
-#include <cstdint>
-#include <limits>
 #include <random>
-#include <stdexcept>
-#include <string>
-#include <utility>
-#include <vector>
 
 #include "collision/obstacles.hpp"
 #include "flockstep/raycast.hpp"
@@ -16,10 +9,13 @@
 #include "flockstep/world_builder.hpp"
 #include "formats/gltf.hpp"
 #include "prepared/prepared_world.hpp"
+#include "standard.hpp"
 #include "world/scene_description.hpp"
 
 namespace flockstep {
 namespace {
+
+using namespace testing;
 
 // A world, and the part of it with only visual or only solid elements. kept: element numbers of the part in the whole world.
 struct Parts {
@@ -158,22 +154,15 @@ TEST(Visibility, DescriptionsAreNormalised) {
             (std::vector<Visibility>{Visibility::full, Visibility::full, Visibility::full, Visibility::visual}));
   EXPECT_NE(World(scene).content_hash(), plain);
 
-  const auto message_of = [](const SceneDescription& description) -> std::string {
-    try {
-      canonical(description);
-    } catch (const std::invalid_argument& error) {
-      return error.what();
-    }
-    return "accepted";
-  };
+  const auto refusal_of = [](const SceneDescription& description) { return refusal([&] { canonical(description); }); };
   scene.mesh.visibility[0] = Visibility::visual;
-  EXPECT_EQ(message_of(scene), "scene: expected at least one primitive or triangle that is solid, got none");
+  EXPECT_TRUE(names(refusal_of(scene), "scene: ... primitive"));
   scene.primitives = {{.kind = PrimitiveKind::sphere, .visibility = Visibility::solid}};
-  EXPECT_EQ(message_of(scene), "accepted");
+  EXPECT_EQ(refusal_of(scene), "accepted");
   scene.primitives[0].visibility = static_cast<Visibility>(3);
-  EXPECT_EQ(message_of(scene), "primitives[0].visibility: expected a Visibility, got 3");
+  EXPECT_TRUE(names(refusal_of(scene), "primitives[0].visibility: ... 3"));
   scene.primitives = {{.kind = PrimitiveKind::room, .visibility = Visibility::solid}};
-  EXPECT_EQ(message_of(scene), "primitives[0].visibility: expected Visibility::full for a room, got another");
+  EXPECT_TRUE(names(refusal_of(scene), "primitives[0].visibility: ... Visibility"));
 }
 
 TEST(Visibility, BuildersSetIt) {

@@ -1,15 +1,12 @@
-#include <gtest/gtest.h>
-
-#include <cstddef>
 #include <set>
-#include <thread>
-#include <vector>
 
 #include "batch_helpers.hpp"
 #include "world/scene_description.hpp"
 
 namespace flockstep {
 namespace {
+
+using namespace testing;
 
 // A scene with a value in every field.
 SceneDescription full() {
@@ -201,7 +198,7 @@ TEST(ContentHash, DistinguishesTextures) {
 }
 
 TEST(ContentHash, IsTheSameFromAnyThreadAndOnAnyDay) {
-  const auto world = testing::closet();
+  const auto world = closet();
   std::vector<std::uint64_t> seen(8);
   std::vector<std::thread> threads;
   for (std::uint64_t& slot : seen) threads.emplace_back([&world, &slot] { slot = world->content_hash(); });

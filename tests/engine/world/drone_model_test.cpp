@@ -1,25 +1,14 @@
 #include "flockstep/drone_model.hpp"
 
-#include <gtest/gtest.h>
-
-#include <algorithm>
-#include <cmath>
-#include <limits>
-#include <stdexcept>
-#include <string>
-#include <utility>
-#include <vector>
+#include "standard.hpp"
 
 namespace flockstep {
 namespace {
 
-std::string refusal(std::vector<Vec3> hull) {
-  try {
-    DroneModel model(std::move(hull));
-  } catch (const std::invalid_argument& error) {
-    return error.what();
-  }
-  return "";
+using namespace testing;
+
+std::string hull_refusal(const std::vector<Vec3>& hull) {
+  return testing::refusal([&] { DroneModel model(hull); });
 }
 
 TEST(DroneModel, DefaultHasItsDocumentedExtents) {
@@ -72,19 +61,18 @@ TEST(DroneModel, RefusesHullsWithoutAVolume) {
   const Vec3 y(0, 1, 0);
   const Vec3 z(0, 0, 1);
   const Vec3 o(0, 0, 0);
-  EXPECT_EQ(refusal({o, x, y, z}), "");
-  EXPECT_NE(refusal({o, x, y}).find("4 to 32"), std::string::npos);
-  EXPECT_NE(refusal(std::vector<Vec3>(33, x)).find("4 to 32"), std::string::npos);
-  EXPECT_NE(refusal({o, x, y, x + y}).find("volume"), std::string::npos);
-  EXPECT_NE(refusal({o, x, 2 * x, 3 * x}).find("volume"), std::string::npos);
-  EXPECT_NE(refusal({o, o, o, o}).find("volume"), std::string::npos);
+  EXPECT_EQ(hull_refusal({o, x, y, z}), "accepted");
+  EXPECT_TRUE(names(hull_refusal({o, x, y}), "4 to 32"));
+  EXPECT_TRUE(names(hull_refusal(std::vector<Vec3>(33, x)), "4 to 32"));
+  EXPECT_TRUE(names(hull_refusal({o, x, y, x + y}), "volume"));
+  EXPECT_TRUE(names(hull_refusal({o, x, 2 * x, 3 * x}), "volume"));
+  EXPECT_TRUE(names(hull_refusal({o, o, o, o}), "volume"));
 }
 
 TEST(DroneModel, RefusesPointsThatAreNotFinite) {
-  const float nan = std::numeric_limits<float>::quiet_NaN();
   const float inf = std::numeric_limits<float>::infinity();
-  for (const float bad : {nan, inf, 1e30F}) {
-    EXPECT_NE(refusal({{0, 0, 0}, {1, 0, 0}, {0, bad, 0}, {0, 0, 1}}).find("hull[2]"), std::string::npos);
+  for (const float bad : {kNan, inf, 1e30F}) {
+    EXPECT_TRUE(names(hull_refusal({{0, 0, 0}, {1, 0, 0}, {0, bad, 0}, {0, 0, 1}}), "hull[2]"));
   }
 }
 

@@ -134,7 +134,7 @@ def test_lidars_and_cameras_change_their_resolution(room):
     assert batch.generation == 2
 
 
-def test_gl_goes_on_rendering_and_auto_chooses_once(room):
+def test_gl_goes_on_rendering(room):
     camera = flockstep.CameraConfig(width_px=32, height_px=24, outputs=("rgb", "depth"))
     at = np.array([[2.0, 4.0, 2.0], [1.0, 3.0, 1.5], [2.5, 5.0, 1.0]])
     grown, whole = (flockstep.Batch([room], n, cameras=[camera], camera_backend="gl", num_threads=1) for n in (1, 3))
@@ -144,13 +144,6 @@ def test_gl_goes_on_rendering_and_auto_chooses_once(room):
     assert grown.camera_backend_report().startswith("gl")
     np.testing.assert_array_equal(grown.camera().rgb, whole.camera().rgb)
     np.testing.assert_array_equal(grown.camera().depth, whole.camera().depth)
-    auto = empty(room, cameras=[camera], camera_backend="auto")
-    assert auto.camera_backend_report() == "raycast: until there are drones, whose frames will time the backends"
-    auto.spawn([0], at[:1])
-    report = auto.camera_backend_report()
-    assert "the faster on 1 frames" in report
-    auto.spawn([1, 2], at[1:])
-    assert auto.camera_backend_report() == report  # with its times: they were not taken again
 
 
 def test_a_batch_with_a_task_does_not_grow():

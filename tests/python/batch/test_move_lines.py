@@ -309,13 +309,12 @@ class TestPicture:
         sure = ~border
         expect_drawn(picture[sure], frame[sure], share[sure])
 
-    @pytest.mark.parametrize("backend", ["raycast", "gl"])
     @pytest.mark.parametrize("scene", ["playground/train-1", "outdoor/forest", "indoor/office"])
-    def test_scenes_hide_lines_as_their_depth_says(self, scene, backend):
+    def test_scenes_hide_lines_as_their_depth_says(self, scene):
         """In whole scenes, with markers, meshes and masked leaves: a line shows where it is nearer than the frame."""
         world = flockstep.World.load(scene)
         camera = flockstep.CameraConfig(width_px=320, height_px=240, outputs=["rgb", "depth"])
-        batch = flockstep.Batch([world], 2, drones_per_env=2, cameras=[camera], camera_backend=backend)
+        batch = flockstep.Batch([world], 2, drones_per_env=2, cameras=[camera])
         places = world.free_places(40, seed=2)
         rng = np.random.default_rng(0)
         hidden = shown = 0

@@ -1,70 +1,170 @@
 """The tables of figures: each comes from one commit and one processor, and names both."""
 
+import csv
 import json
 import subprocess
 
 import pytest
 from messages import refused
 
+import charts
 import table
 
-MACHINE = {"cpu": "Fast One", "logical_processors": 2, "simd": "AVX3", "embree": "3", "python": "3.11"}
+MACHINE = {"cpu": "Fast One", "logical_processors": 2, "simd": "AVX-512", "embree": "3", "python": "3.11"}
 COMMIT = "0123456789abcdef0123456789abcdef01234567"
-NOTE = {"note": "Of easy worlds only."}
-FIGURES = [
-    {"name": "train/a/seed0/success_rate", "value": 0.98, "unit": "1", "runs": 7, **NOTE},
-    {"name": "train/a/seed0/seconds", "value": 31.25, "unit": "s", "runs": 1},
-    {"name": "train/a/random_policy/success_rate", "value": 0.0, "unit": "1", "runs": 7, **NOTE},
-]
+SOURCE = "Fast One, 2 logical processors, AVX-512; commit 0123456, 2026-11-24"
 
 
-def result(**changes):
-    return {"machine": MACHINE, "commit": COMMIT, "commit_date": "2026-11-24", "figures": FIGURES, **changes}
+def result(figures=(), **changes):
+    """Return a result with figures (name, value, unit, more)."""
+    made = [{"name": name, "value": value, "unit": unit, "runs": 1, **more} for name, value, unit, more in figures]
+    return {"machine": MACHINE, "commit": COMMIT, "commit_date": "2026-11-24", "figures": made, **changes}
 
 
-def results(bench, *figures):
-    """Results of a bench, with its figures as (name, value, more keys)."""
-    about = {"unit": "1", "runs": 1}
-    return {
-        bench: result(
-            figures=[{"name": f"{bench}/{name}", "value": value, **about, **more} for name, value, more in figures]
-        )
-    }
+def written(spec, *figures, by_source=False, **changes):
+    """Return the lines of the tables that are not empty."""
+    results = {figures[0][0].split("/")[0]: result(figures, **changes)} if figures else {}
+    return [line for line in table.tables(spec, by_source, results).splitlines() if line]
 
 
-def test_a_table_names_its_source_and_says_its_notes_once():
-    written = table.table({name: result() for name in table.NAMES})
-    first = written.split("**step**")[0]
-    assert first.startswith(
-        "**lidar**: Fast One, 2 logical processors, AVX3, Embree 3, Python 3.11; commit 0123456789ab"
-    )
-    assert "| `train/a/seed0` | 0.98 | 31.25 s |" in first
-    assert "| `train/a/random_policy` | 0 |  |" in first  # beside the figures to compare with
-    assert first.count("`success_rate`: Of easy worlds only.") == 1
-    assert "Not measured" not in written
-
-
-def test_results_are_read_in_plain_units(tmp_path):
-    measured = results("step", ("AVX3/microseconds", 2.5, {"unit": "us"}))["step"]
-    (tmp_path / "step.json").write_text(json.dumps(measured))
-    written = table.table(table.read(tmp_path))
-    assert "| `step/AVX-512/microseconds` | 2.5 µs |" in written
-    assert "2 logical processors, AVX-512, Embree" in written
-
-
-def test_the_headline_names_threads_processor_commit_and_remark_of_each_row():
-    step = results("step", ("n1/microseconds", 2.5, {"unit": "s"}))
-    board = results("board", ("lidar/seed0/flockstep_2/seconds", 2.5, {"unit": "s"}))
-    board["board"] |= {"machine": MACHINE | {"simd": "AVX2"}, "remark": "By old code."}
-    written = table.headline(step | board)
-    rows = [[cell.strip() for cell in line.strip("|").split("|")] for line in written.splitlines() if " 2.5 s " in line]
-    assert [row[2:] for row in rows] == [
-        ["1", "Fast One, 2 logical, AVX3", "0123456, 2026-11-24"],
-        ["2", "Fast One, 2 logical, AVX2", "0123456, 2026-11-24 ¹"],
+def test_a_table_has_its_source_and_its_figures_by_row_and_column():
+    spec = "# steps\nrace/{kind}_gates/{ticks}_ticks -> {ticks} ticks | {kind} | .2f\nopen = not solid\n"
+    figures = [("race/open_gates/10_ticks", 0.354, "us", {}), ("race/solid_gates/5_ticks", 0.2986, "us", {})]
+    assert written(spec, *figures, ("race/other", 1.0, "us", {})) == [
+        SOURCE,
+        "| steps | not solid | solid |",
+        "|---|---:|---:|",
+        "| 5 ticks |  | 0.30 µs |",  # in the order of their numbers
+        "| 10 ticks | 0.35 µs |  |",
     ]
-    assert written.endswith("\n\n¹ By old code.\n")
-    assert written.count("not measured yet") == len(table.HEADLINE) - 2
-    assert table.source(board["board"]).endswith("; commit 0123456789ab. By old code.")
+    assert written(spec) == ["Not measured yet."]
+
+
+@pytest.mark.parametrize(
+    ("value", "unit", "form", "text"),
+    [
+        (3303456.0, "1/s", "", "3,300,000"),
+        (0.00004178, "°", "2", "0.000042°"),
+        (12.0, "ms", "", "12 ms"),
+        (0.0, "B", "", "0 B"),
+        (0.98123, "1", ".1%", "98.1 %"),
+        (4.4051, "", ".2f s", "4.41 s"),
+        (1.5, "us", "", "1.5 µs"),
+    ],
+)
+def test_numbers_are_written_for_people(value, unit, form, text):
+    assert table.shown([value], unit, form) == text
+
+
+def test_several_figures_of_a_cell_become_median_least_and_greatest():
+    figures = [(f"train/seed{i}/success", value, "1", {}) for i, value in enumerate((0.5, 0.9, 0.7))]
+    assert written("train/seed{}/success -> all | success | .0%", *figures)[-1] == "| all | 70 (50 to 90) % |"
+    assert table.shown([6, 6, 6], "1", "") == "6"
+
+
+def test_words_hold_for_all_tables_if_they_stand_before_the_first():
+    spec = "a = one\nb = two\n# first\nt/{x}/f -> {x} | f\nb = other\n# second\nt/{x}/f -> {x} | f\n"
+    lines = written(spec, ("t/a/f", 1, "1", {}), ("t/b/f", 2, "1", {}))
+    assert [line for line in lines if line[2:5] in ("one", "two", "oth")] == [
+        "| one | 1 |",
+        "| other | 2 |",
+        "| one | 1 |",
+        "| two | 2 |",
+    ]
+    (row,) = (line for line in written("t/{name}/f -> `{name}` | f\n_ = _", ("t/a_b/f", 1, "1", {})) if "a_b" in line)
+    assert row == "| `a_b` | 1 |"
+
+
+def test_a_cell_may_be_a_text_with_other_keys_of_its_figure():
+    figures = [
+        ("peers/slow/lag: euler/mm", 4.729, "mm", {"version": "1.2", "reason": "of first order"}),
+        ("peers/gone/measured", 0.0, "1", {"error": "no such package"}),
+        ("peers/flockstep/lag: euler/mm", 1.0, "mm", {"version": "0.1", "reason": ""}),
+    ]
+    spec = (
+        "peers/{peer:(?!flock)[^/]+}/{mode}/mm -> {peer} {version}, {mode} | away | 2\n"
+        "peers/{peer:(?!flock)[^/]+}/{mode}/mm -> {peer} {version}, {mode} | because | {reason}\n"
+        "peers/{peer}/measured -> {peer} | away | not measured: {error}\n"
+    )
+    assert written(spec, *figures)[3:] == [
+        "| slow 1.2, lag: euler | 4.7 mm | of first order |",
+        "| gone | not measured: no such package |  |",
+    ]
+
+
+def test_each_row_of_a_table_by_source_names_its_own():
+    spec = "step/n1 -> a step |\nboard/race/s -> a race | | .0%\nboard/hover/s -> hover |\nload/s -> loading |\n"
+    parts = [{"what": "race and race_unseen", "commit": "f" * 40}]
+    board = result(
+        [("board/race/s", 1.0, "1", {}), ("board/hover/s", 2.0, "s", {})], parts=parts, remark="By old code."
+    )
+    results = {"step": result([("step/n1", 3.0, "us", {})]), "board": board}
+    rows = [
+        [cell.strip() for cell in line.strip("|").split("|")] for line in table.tables(spec, True, results).split("\n")
+    ]
+    processor = "Fast One, 2 logical processors, AVX-512"
+    assert rows[2:-1] == [
+        ["a step", "3 µs", processor, "0123456"],
+        ["a race", "100 %", processor, "fffffff: By old code."],
+        ["hover", "2 s", processor, "0123456: By old code."],
+        ["loading", "not measured yet", "", ""],
+    ]
+    assert table.source(board) == f"{SOURCE}, race and race_unseen: fffffff. By old code."
+
+
+def test_a_line_that_is_none_is_refused():
+    with refused(SystemExit, "race/step"):
+        table.tables("race/step\n", False, {})
+
+
+def test_a_document_changes_only_where_its_comments_say_so():
+    spec = "<!-- table\nt/f -> f | value\n-->\n"
+    text = f"before\n{spec}old\n<!-- end of table -->\nafter <!-- tried moves -->?<!-- /tried --> that\n"
+    trials = {"moves": {"count": 1500, "unit": "moves", "remark": "by old code"}}
+    made = table.document(text, {"t": result([("t/f", 1.0, "1", {})])}, trials)
+    assert made.startswith(
+        f"before\n{spec}{SOURCE}\n\n|  | value |\n|---|---:|\n| f | 1 |\n<!-- end of table -->\nafter"
+    )
+    assert made.endswith("<!-- tried moves -->1,500 moves (by old code)<!-- /tried --> that\n")
+    assert table.document(made, {"t": result([("t/f", 1.0, "1", {})])}, trials) == made
+    assert "Not measured yet." in table.document(text, {}, {}) and "-->not yet<!--" in table.document(text, {}, {})
+
+
+def test_all_marks_of_the_documents_are_complete():
+    for path in (table.ROOT / "README.md", *(table.ROOT / "docs").rglob("*.md")):
+        text = path.read_text(encoding="utf-8")
+        assert text.count("<!-- table") == text.count("<!-- end of table -->") == len(table.TABLE.findall(text)), path
+        assert text.count("<!-- tried ") == len(table.TRIED.findall(text)), path
+        assert "Not measured yet." not in text and "not measured yet" not in text, path
+
+
+def test_kept_results_have_a_line_for_each_figure_and_a_file_for_readers(tmp_path):
+    for path in sorted(table.KEPT.rglob("*.json")):
+        assert path.read_text() == table.lines_of(json.loads(path.read_text())), path.name
+    results = table.read(table.KEPT)
+    table.write_csv(tmp_path, results)
+    assert {path.stem for path in tmp_path.iterdir()} == set(results)
+    for name, kept in results.items():
+        with (tmp_path / f"{name}.csv").open(encoding="utf-8") as file:
+            rows = list(csv.DictReader(file))
+        assert [(row["name"], row["value"]) for row in rows] == [(f["name"], str(f["value"])) for f in kept["figures"]]
+        assert {row["commit"] for row in rows} == {kept["commit"]}
+        assert {row["cpu"] for row in rows} == {kept["machine"]["cpu"]}
+
+
+def test_charts_are_drawn_if_their_points_change(tmp_path):
+    results = {"step": result([(f"step/n{n}/steps_per_second", 1000.0 * n, "1/s", {}) for n in (1, 16)])}
+    results["scaling"] = result([(f"scaling/steps_per_second/lidar4096/threads{n}", n, "1/s", {}) for n in (1, 2)])
+    with pytest.raises(SystemExit, match=r"speed-drones\.svg: its figures are out of date"):
+        charts.draw(results, tmp_path, is_check=True)
+    charts.draw(results, tmp_path, is_check=False)
+    charts.draw(results, tmp_path, is_check=True)
+    drawn = (tmp_path / "speed-drones.svg").read_text(encoding="utf-8")
+    assert "steps of lidar" in drawn and charts.PAPER in drawn and drawn.count("var(--ink)") > 5
+    assert "prefers-color-scheme:dark" in drawn
+    results["step"]["figures"][0]["value"] = 2.0
+    with pytest.raises(SystemExit, match=r"speed-drones\.svg"):
+        charts.draw(results, tmp_path, is_check=True)
 
 
 @pytest.fixture
@@ -88,12 +188,13 @@ def history(tmp_path, monkeypatch):
 
 def test_commits_that_the_history_lacks_are_refused(history):
     first, second = history
-    table.refuse_lost_commits({"train": result(commit=first)})
+    table.refuse_unknown_sources({"train": result(commit=first)})
     for lost in (second, COMMIT):
         with refused(SystemExit, "train", lost):
-            table.refuse_lost_commits({"train": result(commit=lost, remark="By old code.")})
+            table.refuse_unknown_sources({"train": result(commit=lost, remark="By old code.")})
+        trial = {"cpu": "Fast One", "commit": first, "parts": [{"commit": first}, {"commit": lost}]}
         with refused(SystemExit, "pushes", lost):
-            table.refuse_lost_commits({"pushes": {"commit": first, "parts": [{"commit": first}, {"commit": lost}]}})
+            table.refuse_unknown_sources({"pushes": trial})
 
 
 def test_a_shallow_clone_and_a_folder_without_git_know_no_commits(history, tmp_path, monkeypatch):
@@ -102,26 +203,7 @@ def test_a_shallow_clone_and_a_folder_without_git_know_no_commits(history, tmp_p
     (tmp_path / "archive").mkdir()  # unpacked within a repository
     for folder in (shallow, tmp_path / "archive", "/"):
         monkeypatch.setattr(table, "ROOT", folder)
-        table.refuse_lost_commits({"train": result()})
-
-
-def test_kept_results_have_a_line_for_each_figure():
-    made = result(remark="By old code.", parts=[{"commit": COMMIT, "count": 1}])
-    written = table.lines_of(made)
-    assert json.loads(written) == made
-    assert {json.dumps(figure) for figure in FIGURES} <= {line.strip(" ,") for line in written.splitlines()}
-    for path in sorted(table.KEPT.rglob("*.json")):
-        assert path.read_text() == table.lines_of(json.loads(path.read_text())), path.name
-
-
-def test_counts_of_trials_have_their_remark(tmp_path, monkeypatch):
-    monkeypatch.setattr(table, "KEPT", tmp_path)
-    (tmp_path / "tried").mkdir()
-    kept = {"commit": COMMIT, "count": 1500, "unit": "moves", "remark": "by old code"}
-    (tmp_path / "tried" / "moves.json").write_text(json.dumps(kept))
-    assert table.tried("a <!-- tried moves -->?<!-- /tried --> b") == (
-        "a <!-- tried moves -->1,500 moves (by old code)<!-- /tried --> b"
-    )
+        table.refuse_unknown_sources({"train": result()})
 
 
 @pytest.mark.parametrize(
@@ -139,43 +221,3 @@ def test_figures_of_no_or_several_sources_are_refused(changes, got, monkeypatch)
     table.refuse_unknown_sources({"train": result()})
     with refused(SystemExit, "train", got):
         table.refuse_unknown_sources({"train": result(**changes)})
-
-
-#: A table: how it is written, the results that it is of, and rows that must be in it.
-
-
-def test_the_table_of_trainers_has_the_medians_of_its_seeds():
-    def figures(program, steps, flown):
-        about = {"program": program, "version": "lib 1.0", "autoreset_mode": "same_step"}
-        rows = {"steps_per_second": [3000, 1000, 2000], "steps": steps, "playgrounds": flown}
-        return [(f"{program}/seed{i}/{name}", row[i], about) for name, row in rows.items() for i in range(3)]
-
-    slow, never = figures("slow.py", [5000, 9000, 4000], [7, 5, 6]), figures("never.py", [9000, 9000, 4000], [0, 5, 6])
-    written = table.trainers(results("trainers", *slow, *never))
-    assert written.startswith("Fast One, ")
-    assert "| `slow.py` | lib 1.0 | same_step | 2,000 | 5,000 (2 of 3 seeds) |" in written
-    assert "| `never.py` | lib 1.0 | same_step | 2,000 | more than 9,000 (1 of 3 seeds) |" in written
-
-
-def test_the_table_of_peers_has_what_could_not_be_measured():
-    about = {"version": "1.2", "mode": "euler"}
-    written = table.peers(
-        results(
-            "dynamics_peers",
-            ("slow/simulator/euler/per_second", 12345.0, about),
-            ("slow/simulator/euler/ours_over_it", 98.76, about),
-            ("slow/flight/lag: euler/mm", 4.729, {**about, "unit": "mm"}),
-            ("gone/measured", 0.0, {"error": "no such package"}),
-        )
-    )
-    assert "| slow 1.2, simulator: euler | 12,345 | 99 |" in written
-    assert "| gone | not measured: no such package |  |" in written
-    assert "| slow, lag: euler | 4.7 mm |" in written
-
-
-@pytest.mark.parametrize(
-    "name", ["stages", "frames", "costs", "server_clients", "mesh_peers", "races", "bodies", "board"]
-)
-def test_what_is_not_measured_is_no_error(name):
-    """What the tables of the documents show of the kept results is compared by `./dev lint`."""
-    assert getattr(table, name)({}) == "Not measured yet.\n"

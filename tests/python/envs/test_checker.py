@@ -121,7 +121,7 @@ def test_gymnasiums_own_envs_pass_except_for_two_known_faults(mode):
 
     check_vector_env(make, skip={"reset_mask"})
     if mode is DISABLED:
-        with pytest.raises(AssertionError, match="changed the options"):
+        with refused(AssertionError, "changed the options"):
             check_vector_env(make)
 
 
@@ -147,6 +147,16 @@ def on_step(change, base=Counter):
 
 def with_infos(key, value):
     return on_step(lambda self, o, r, t, u, i: (o, r, t, u, {**i, key: value(self)}))
+
+
+def returning(part, change, base=Counter):
+    """An env whose step returns another observation, reward, terminated, truncated or infos."""
+
+    def changed(self, *step):
+        step = dict(zip(("observation", "reward", "terminated", "truncated", "infos"), step, strict=True))
+        return tuple((step | {part: change(step[part])}).values())
+
+    return on_step(changed, base)
 
 
 def with_final(change):
@@ -255,33 +265,25 @@ FAULTS = {
         (broken(autoreset_mode=SAME), "attribute autoreset_mode"),
     ],
     "values": [
-        (on_step(lambda s, o, r, t, u, i: (o.astype(float), r, t, u, i)), "observation.*float32.*float64"),
+        (returning("observation", lambda o: o.astype(float)), "observation.*float32.*float64"),
         (
-            on_step(lambda s, o, r, t, u, i: (o + np.float32([0, 200]) * (np.arange(4) > 1)[:, None], r, t, u, i)),
+            returning("observation", lambda o: o + np.float32([0, 200]) * (np.arange(4) > 1)[:, None]),
             r"^step 0: observation is not in the observation space: expected numbers in \[0.0, 100.0\], "
             r"got 20\d.0 in env 2 at index \[1\]; 2 of 8 lie outside$",
         ),
         (
-            on_step(
-                lambda s, o, r, t, u, i: (
-                    o * np.where(np.arange(4) == 3, np.nan, 1)[:, None].astype(o.dtype),
-                    r,
-                    t,
-                    u,
-                    i,
-                )
-            ),
+            returning("observation", lambda o: o * np.where(np.arange(4) == 3, np.nan, 1)[:, None].astype(o.dtype)),
             r"got nan in env 3 at index \[0\]; 2 of 8 lie outside$",
         ),
-        (on_step(lambda s, o, r, t, u, i: (o, r.astype(int), t, u, i)), "reward.*int64"),
+        (returning("reward", lambda r: r.astype(int)), "reward.*int64"),
         (
-            on_step(lambda s, o, r, t, u, i: (o, np.where(np.arange(4) % 2, np.inf, r).astype(r.dtype), t, u, i)),
+            returning("reward", lambda r: np.where(np.arange(4) % 2, np.inf, r).astype(r.dtype)),
             "reward: expected finite numbers, got inf in env 1; 2 of 4 are not$",
         ),
-        (on_step(lambda s, o, r, t, u, i: (o, r[:1], t, u, i)), r"reward.*shape"),
-        (on_step(lambda s, o, r, t, u, i: (o, r, t.astype(int), u, i)), "terminated.*bool"),
-        (on_step(lambda s, o, r, t, u, i: (o, r, t, list(u), i)), "truncated.*list"),
-        (on_step(lambda s, o, r, t, u, i: (o, r, t, u, [])), "infos.*dict"),
+        (returning("reward", lambda r: r[:1]), r"reward.*shape"),
+        (returning("terminated", lambda t: t.astype(int)), "terminated.*bool"),
+        (returning("truncated", list), "truncated.*list"),
+        (returning("infos", lambda i: []), "infos.*dict"),
         (with_infos("total", lambda s: 3), "infos.*total.*length 4"),
         (with_infos("total", lambda s: np.zeros(3)), "infos.*total.*length 4"),
         (with_infos("_total", lambda s: np.zeros(4, bool)), "mask belongs to no key"),
@@ -293,14 +295,11 @@ FAULTS = {
     "seed_offset": [(SameSeedForAll, r"seeded s \+ 3")],
     "autoreset": [
         (on_step(lambda s, o, r, t, u, i: (o, r, t & False, u, {})), "no episode ended"),
-        (on_step(lambda s, o, r, t, u, i: (o, r + 1, t, u, i)), "reward of the step after"),
+        (returning("reward", lambda r: r + 1), "reward of the step after"),
         (ActsOnResetRows, "should be ignored"),
-        (on_step(lambda s, o, r, t, u, i: (o, r, t, u, {}), SameStepCounter), "no 'final_obs'"),
+        (returning("infos", lambda i: {}, SameStepCounter), "no 'final_obs'"),
         (
-            on_step(
-                lambda s, o, r, t, u, i: (o, r, t, u, i and {**i, "_final_obs": ~t}),
-                SameStepCounter,
-            ),
+            returning("infos", lambda i: i and {**i, "_final_obs": ~i["_final_obs"]}, SameStepCounter),
             "_final_obs.*terminated",
         ),
         (
@@ -370,14 +369,16 @@ def test_the_checker_reports_errors_of_the_draw_method(room, keywords):
 
     check(Named)
     line = DrawsInPink.draw.__code__.co_firstlineno + 1
-    with pytest.raises(AssertionError, match=rf"^DrawsInPink\.draw, line {line}, raised ValueError.*'pink'.* a reset$"):
+    with refused(AssertionError, f"DrawsInPink.draw, line {line}", "ValueError", "pink", "after a reset"):
         check(DrawsInPink)
 
 
 def test_a_part_of_an_observation_beyond_its_bounds_is_named(room):
     found = type("Beyond", (Named,), {"beyond": 1.5})
-    said = r"^reset: observation\['up'\] is not in .* expected numbers in \[0.0, 1.0\], got 1.5 in env 0; 4 of 4 lie"
-    with pytest.raises(AssertionError, match=said), refused(RuntimeWarning, "Beyond.observe", "up: expected"):
+    with (
+        refused(AssertionError, "reset: observation['up']", 1.5, "env 0"),
+        refused(RuntimeWarning, "Beyond.observe", "up", 1.5),
+    ):
         check_vector_env(lambda n: flockstep.DroneVectorEnv(n, worlds=room, task=found))
 
 
@@ -391,26 +392,20 @@ class Keeps(Named):
         return super().step(batch)
 
 
-@pytest.mark.parametrize(
-    "kept",
-    [
+def test_a_view_of_the_batch_that_a_task_keeps_is_named(room):
+    def check(task):
+        check_vector_env(lambda n: flockstep.DroneVectorEnv(n, worlds=room, task=task, lidar=flockstep.LidarConfig()))
+
+    check(Keeps)
+    for kept in (
         lambda batch: batch.position,
         lambda batch: batch.position[:, 2:],
         lambda batch: batch.contact.hit,
         lambda batch: {"last": [batch.quat_wxyz, 3]},
         lambda batch: batch.lidar().ranges.reshape(-1),
-    ],
-)
-def test_a_view_of_the_batch_that_a_task_keeps_is_named(room, kept):
-    def check(task):
-        check_vector_env(lambda n: flockstep.DroneVectorEnv(n, worlds=room, task=task, lidar=flockstep.LidarConfig()))
-
-    check(Keeps)
-    task = type("Trap", (Keeps,), {"kept": staticmethod(kept)})
-    with pytest.raises(
-        AssertionError, match=r"^Trap\.before is a view of the batch, .* keep a copy, such as self\.before ="
     ):
-        check(task)
+        with refused(AssertionError, "Trap.before is a view of the batch", "self.before ="):
+            check(type("Trap", (Keeps,), {"kept": staticmethod(kept)}))
 
 
 class Turning(Named):
@@ -431,7 +426,7 @@ class Turning(Named):
 
 
 def test_the_attitude_that_a_reset_forgets_is_named(room):
-    with pytest.raises(AssertionError, match=r"the drones have another rotation \(batch\.rotation, rows"):
+    with refused(AssertionError, "the drones have another rotation", "batch.rotation"):
         check_vector_env(lambda n: flockstep.DroneVectorEnv(n, worlds=room, task=Turning))
 
 
@@ -440,8 +435,7 @@ def test_several_worlds_differ_by_design_and_the_check_says_so(room, closet):
         make = lambda n: flockstep.DroneVectorEnv(n, task=Named, **keywords)  # noqa: E731
         check_vector_env(make, skip=set(CHECKS) - {"seed_offset"})
 
-    advice = r"give one world, random_world=True or skip=\('seed_offset',\)"
-    with pytest.raises(AssertionError, match=rf"s \+ 3 \(unless envs take several worlds in turn: {advice}\)"):
+    with refused(AssertionError, "s + 3", "random_world=True", "skip=('seed_offset',)"):
         check(worlds=[room, closet])
     check(worlds=[room, closet], random_world=True)
     check(worlds=room)
@@ -450,7 +444,7 @@ def test_several_worlds_differ_by_design_and_the_check_says_so(room, closet):
         (Named,),
         {"observe": lambda self, b: {**Named.observe(self, b), "up": np.arange(b.num_drones, dtype="f") / 9}},
     )
-    with pytest.raises(AssertionError, match=r"seeded s \+ 3, but"):
+    with refused(AssertionError, "seeded s + 3, but"):
         check_vector_env(
             lambda n: flockstep.DroneVectorEnv(n, worlds=room, task=uneven), skip=set(CHECKS) - {"seed_offset"}
         )

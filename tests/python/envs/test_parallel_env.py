@@ -6,13 +6,13 @@ import sys
 import warnings
 from typing import Any
 
-import gymnasium
 import numpy as np
 import pytest
 from gymnasium.error import ResetNeeded
 from messages import refused
 from pettingzoo.test import parallel_api_test, parallel_seed_test, render_test
 from pettingzoo.utils import parallel_to_aec
+from simple_tasks import Still
 
 import flockstep
 
@@ -81,9 +81,7 @@ def test_seed_s_is_env_s_of_the_batch() -> None:
             rests += len(agents) < M
     assert rests > 20 and not any(env.agents for env in singles)
     assert singles[0].step({}) == ({}, {}, {}, {}, {})
-    with pytest.raises(
-        ValueError, match="expected none, since all episodes are over: call reset, got one for 'drone_1'"
-    ):
+    with refused(ValueError, "actions", "reset", "drone_1"):
         singles[0].step({"drone_1": 0})
     singles[1].reset()
     assert singles[1].batch.episode.tolist() == [1] and len(singles[1].agents) == M
@@ -91,7 +89,7 @@ def test_seed_s_is_env_s_of_the_batch() -> None:
 
 def test_wrong_actions_change_nothing() -> None:
     env = make(max_episode_steps=0)
-    with pytest.raises(ResetNeeded, match="call reset before step"):
+    with pytest.raises(ResetNeeded):
         env.step({})
     env.reset(seed=1)
     actions = {"drone_0": 5, "drone_1": 0, "drone_2": 0}  # the first one flies to the ground
@@ -101,17 +99,14 @@ def test_wrong_actions_change_nothing() -> None:
         step += 1
     before = env.envs.snapshot()
     good = {"drone_1": 0, "drone_2": 1}
-    expected = "actions: expected one for each of drone_1, drone_2, got"
-    for wrong, message in (
-        ({"drone_1": 0}, f"{expected} none for 'drone_2'"),
-        ({}, f"{expected} none for 'drone_1'"),
-        ({**good, "drone_0": 0}, f"{expected} one for 'drone_0', whose episode has ended"),
-        ({**good, "drone_7": 0}, f"{expected} one for 'drone_7', which is not an agent"),
-        ({**good, "drone_1": 6}, r"actions\['drone_1'\]: expected one in Discrete\(6\), got 6"),
-        ({**good, "drone_1": 0.5}, r"actions\['drone_1'\]: expected one in Discrete\(6\), got 0.5"),
-        ({**good, "drone_1": [1, 2]}, r"actions\['drone_1'\]: expected one in Discrete\(6\), got \[1, 2\]"),
+    for wrong, *said in (
+        ({"drone_1": 0}, "actions", "none for 'drone_2'"),
+        ({}, "actions", "none for 'drone_1'"),
+        ({**good, "drone_0": 0}, "actions", "'drone_0', whose episode has ended"),
+        ({**good, "drone_7": 0}, "actions", "'drone_7', which is not an agent"),
+        *(({**good, "drone_1": bad}, "actions['drone_1']", "Discrete(6)", bad) for bad in (6, 0.5, [1, 2])),
     ):
-        with pytest.raises(ValueError, match=message):
+        with refused(ValueError, *said):
             env.step(wrong)
     with refused(TypeError, "actions", "list"):
         env.step([0, 1])
@@ -119,10 +114,9 @@ def test_wrong_actions_change_nothing() -> None:
     env.step(good)
     hover = make("hover")
     hover.reset(seed=0)
-    for value, message in ((np.nan, "finite numbers"), (np.zeros(3), r"one in Box\(.*\)"), ("up", "one in Box")):
-        wrong = {**sampled(hover), "drone_1": np.full(4, value) if value is np.nan else value}
-        with pytest.raises(ValueError, match=rf"actions\['drone_1'\]: expected {message}"):
-            hover.step(wrong)
+    for value, said in ((np.full(4, np.nan), "finite numbers"), (np.zeros(3), "Box"), ("up", "Box")):
+        with refused(ValueError, "actions['drone_1']", said):
+            hover.step({**sampled(hover), "drone_1": value})
 
 
 def test_state_and_picture() -> None:
@@ -138,7 +132,7 @@ def test_state_and_picture() -> None:
         last |= env.step(sampled(env))[0]
         np.testing.assert_array_equal(env.state(), np.concatenate([last[agent] for agent in env.possible_agents]))
     assert env.render().shape == (60, 80, 3)
-    with pytest.warns(UserWarning, match="for pictures, make the env with"):
+    with refused(UserWarning, "render() returns None"):
         assert make().render() is None
     pixels = make("pixels")
     pixels.reset(seed=0)
@@ -161,17 +155,13 @@ def test_copies_continue() -> None:
 
 
 def test_your_own_task() -> None:
-    class Walk(flockstep.Task):
-        observation_space = gymnasium.spaces.Box(-40, 40, (3,), np.float32)
+    class Walk(Still):
         worlds = "playground/train-1"
         info_names = ("way",)
 
         def step(self, batch: flockstep.Batch) -> Any:
             self.info["way"] = self.steps.astype(float)
             return batch.position[:, 0], self.steps == 2 + np.arange(batch.num_drones)
-
-        def observe(self, batch: flockstep.Batch) -> Any:
-            return batch.position
 
     env = flockstep.parallel_env(Walk, num_drones=2)
     env.reset(seed=0)
@@ -184,13 +174,13 @@ def test_your_own_task() -> None:
 
 def test_errors(monkeypatch: pytest.MonkeyPatch) -> None:
     for name, value in (("num_envs", 2), ("episodes", "each"), ("copy", False)):
-        with pytest.raises(TypeError, match=f"parallel_env: {name} cannot be chosen"):
+        with refused(TypeError, "parallel_env", name):
             make(**{name: value})
     with refused(ValueError, "num_drones", 0):
         flockstep.parallel_env(num_drones=0)
     with refused(ValueError, "render_mode", "human"):
         make(render_mode="human")
-    with pytest.raises(TypeError, match=r"unexpected keyword argument 'drones'"):
+    with refused(TypeError, "unexpected keyword argument 'drones'"):
         make(drones=2)
     real = builtins.__import__
 
@@ -201,7 +191,7 @@ def test_errors(monkeypatch: pytest.MonkeyPatch) -> None:
 
     monkeypatch.delitem(sys.modules, "flockstep.multi_agent")
     monkeypatch.setattr(builtins, "__import__", without)
-    with pytest.raises(ImportError, match=r"needs PettingZoo: pip install 'flockstep\[pettingzoo\]'"):
+    with refused(ImportError, "pip install 'flockstep[pettingzoo]'"):
         _ = flockstep.parallel_env
 
 

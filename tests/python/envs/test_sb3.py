@@ -18,6 +18,8 @@ from stable_baselines3.common.monitor import Monitor
 from stable_baselines3.common.vec_env import VecEnv, VecMonitor, VecNormalize
 
 import flockstep
+from flockstep.sb3 import DroneVecEnv
+from flockstep.sb3.side_by_side import SideBySide
 
 ID = "flockstep/LidarNavigation-v0"
 
@@ -425,3 +427,34 @@ def test_progress_prints_the_end_of_a_training_shorter_than_its_interval(make, c
     assert terminal.getvalue().endswith("\n")
     with refused(ValueError, "interval_s", float("nan")):
         flockstep.sb3.Progress(interval_s=float("nan"))
+
+
+def swaps(envs: int, drones: int, **config: float) -> DroneVecEnv:
+    task = flockstep.SwapConfig(**config)
+    return DroneVecEnv(flockstep.DroneVectorEnv(envs, task=task, drones_per_env=drones, autoreset_mode="same_step"))
+
+
+def test_side_by_side_has_the_rows_of_its_environments():
+    together, apart = SideBySide([swaps(3, 2), swaps(2, 4)]), [swaps(3, 2), swaps(2, 4)]
+    assert together.num_envs == 14
+    together.seed(5)
+    apart[0].seed(5)
+    apart[1].seed(11)
+    np.testing.assert_array_equal(together.reset(), np.concatenate([env.reset() for env in apart]))
+    rng = np.random.default_rng(0)
+    ended = 0
+    for _ in range(80):
+        actions = rng.uniform((0.5, -0.1), (1.0, 0.1), (14, 2)).astype(np.float32)  # towards the middle
+        *arrays, infos = together.step(actions)
+        first, second = apart[0].step(actions[:6]), apart[1].step(actions[6:])
+        for array, one, other in zip(arrays, first[:3], second[:3], strict=True):
+            np.testing.assert_array_equal(array, np.concatenate([one, other]))
+        assert [set(info) for info in infos] == [set(info) for info in (*first[3], *second[3])]
+        ended += int(arrays[2].sum())
+    assert ended > 0
+    together.close()
+
+
+def test_side_by_side_refuses_other_spaces():
+    with refused(ValueError, "envs"):
+        SideBySide([swaps(2, 2), swaps(2, 2, neighbors=3)])

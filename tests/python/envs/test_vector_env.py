@@ -76,10 +76,8 @@ class TestSingle:
         env.close()
 
     def test_is_the_batch_of_one(self, closet):
-        env, envs = (
-            gymnasium.make(ID, worlds=closet),
-            make(closet, 1, autoreset_mode="disabled", max_episode_steps=3000),
-        )
+        env = gymnasium.make(ID, worlds=closet)
+        envs = make(closet, 1, autoreset_mode="disabled", max_episode_steps=3000)
         rng = np.random.default_rng(0)
         np.testing.assert_array_equal(env.reset(seed=5)[0], envs.reset(seed=5)[0][0])
         for _ in range(200):
@@ -89,18 +87,11 @@ class TestSingle:
             np.testing.assert_array_equal(observation, batched[0][0])
             assert (reward, terminated, truncated) == (batched[1][0], batched[2][0], batched[3][0])
             if terminated or truncated:
-                batch_info = {
-                    key: value[0] for key, value in batched[4].items() if key in info and key != "episode_terms"
-                }
+                of_info = {key: value[0] for key, value in batched[4].items() if key in info and key != "episode_terms"}
                 terms = {key: value[0] for key, value in batched[4]["episode_terms"].items() if not key.startswith("_")}
-                assert info == {**batch_info, "episode_terms": terms}
+                assert info == {**of_info, "episode_terms": terms}
                 assert set(info) == INFOS
                 np.testing.assert_array_equal(env.reset()[0], envs.reset()[0][0])
-
-    def test_closes_twice(self, room):
-        env = gymnasium.make(ID, worlds=room)
-        env.close()
-        env.close()
 
 
 class TestWrappers:
@@ -172,11 +163,9 @@ class TestReset:
         np.testing.assert_array_equal(envs.reset(seed=1)[0], first)
         np.testing.assert_array_equal(envs.reset()[0], second)
 
-    def test_never_seeded_envs_differ(self, room):
+    def test_never_seeded_envs_differ_and_np_random_seeds_them(self, room):
         a, b = make(room, random_start=True), make(room, random_start=True)
         assert (a.reset()[0] != b.reset()[0]).any()
-
-    def test_np_random_seeds_the_first_reset(self, room):
         a, b = make(room, random_start=True), make(room, random_start=True)
         a.np_random, b.np_random = np.random.default_rng(3), np.random.default_rng(3)
         np.testing.assert_array_equal(a.reset()[0], b.reset()[0])
@@ -211,23 +200,15 @@ class TestReset:
         with refused(ValueError, "options['reset_mask']", said):
             envs.reset(options={"reset_mask": mask})
 
-    @pytest.mark.parametrize("seed", [-1, 1 << 64, [1, 2], [0, 1, 2, -3]])
-    def test_bad_seeds(self, room, seed):
-        with refused(ValueError, "seed"):
-            make(room).reset(seed=seed)
-        make(room).reset(seed=(1 << 64) - 4)  # the greatest
-
     def test_a_partial_first_reset_needs_a_seed(self, room):
         mask = np.array([True, False, False, False])
         envs = make(room)
         with pytest.raises(ResetNeeded):
             envs.reset(options={"reset_mask": mask})
+        with pytest.raises(ResetNeeded):
+            envs.step([0] * 4)
         envs.reset(seed=0, options={"reset_mask": mask})
         envs.step([0, 0, 0, 0])
-
-    def test_step_before_reset(self, room):
-        with pytest.raises(ResetNeeded):
-            make(room).step([0] * 4)
 
 
 class TestCopies:
@@ -469,11 +450,6 @@ class TestLimits:
         assert gymnasium.spec("tests/Wait-v9").max_episode_steps is None
         assert gymnasium.make("tests/Wait-v9").unwrapped.envs.task.max_episode_steps == 0
         assert gymnasium.make_vec("tests/Wait-v9", 1).task.max_episode_steps == 0
-
-    def test_wrappers_that_need_a_limit(self):
-        env = gymnasium.wrappers.TimeAwareObservation(gymnasium.make("flockstep/Hover-v0"))
-        env.reset(seed=0)
-        assert env.step(np.zeros(4, np.float32))[0].shape == (17,)
 
     def test_sync_vectorization(self, room):
         alike = {"worlds": room, "max_episode_steps": 5}

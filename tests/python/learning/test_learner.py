@@ -406,19 +406,3 @@ def test_flying_equals_acting_stepping_and_recording(mode, task):
         np.testing.assert_array_equal(getattr(flown, name), getattr(stepped, name), err_msg=name)
     np.testing.assert_array_equal(flown.observation_moments[0], stepped.observation_moments[0])
     np.testing.assert_array_equal(flown.return_moments[1], stepped.return_moments[1])
-
-
-@pytest.mark.parametrize("is_discrete", [False, True], ids=["gaussian", "categorical"])
-def test_threads_do_not_change_the_bits(is_discrete):
-    def result(threads):
-        learner = make_learner(threads, is_discrete)
-        assert learner.num_threads == threads
-        observation = random_rollout(learner, 20, 150, normalize_observations=True, normalize_rewards=True)[0]
-        learner.update(_core.UpdateConfig(batch_size=1100, n_epochs=3))
-        sampled = learner.sample(observation[0])
-        return [learner.parameters, learner.advantages, learner.actions, learner.predict(observation[0]), sampled]
-
-    one = result(1)
-    for threads in (2, 7):
-        for expected, got in zip(one, result(threads), strict=True):
-            np.testing.assert_array_equal(got, expected)

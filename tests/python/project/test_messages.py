@@ -11,6 +11,7 @@ import gymnasium
 import numpy as np
 import pytest
 from gymnasium import spaces
+from messages import message
 from simple_tasks import Still
 
 import flockstep
@@ -40,7 +41,7 @@ def restored(**keywords: Any) -> None:
     made(**keywords).restore(envs.snapshot())
 
 
-#: Of the calls.
+#: Names that the calls use.
 NAMES = {**vars(flockstep), "gymnasium": gymnasium, "np": np, "spaces": spaces, "connect": flockstep.connect}
 NAMES |= {"sb3": flockstep.sb3, "HOME": HOME, "ROOM": ROOM, "Still": Still}
 NAMES |= {"made": made, "stepped": stepped, "restored": restored}
@@ -223,3 +224,27 @@ def test_a_message_has_these_words(call: str, said: str) -> None:
 
 def test_every_message_is_read() -> None:
     assert len(ROWS) == len(re.findall(r"^\S", MESSAGES, re.MULTILINE)) > 60
+
+
+SAID = "lidar.channels: expected an integer in [1, 4], got 10"
+
+
+@pytest.mark.parametrize(
+    ("said", "asked", "is_found"),
+    [
+        (SAID, ("lidar.channels", 10), True),
+        (SAID, ("lidar", 10), False),  # a field of it
+        (SAID, ("channels", 10), False),
+        (SAID, ("integer",), False),  # not the field
+        (SAID, ("lidar.channels", 0), False),  # a part of the number
+        (SAID, ("lidar.channels", "4"), True),
+        ("x: got -0.5", ("x", 0.5), False),
+        ("x: got -0.5", ("x", -0.5), True),
+        ("x: got 'up'", ("x", "up"), True),
+        ("x['a']: got nan", ("x['a']", float("nan")), True),
+        ("the server at a:1 is gone: start one", ("is gone", "one"), True),
+        ("the servers are gone", ("server",), False),
+    ],
+)
+def test_the_helper_of_other_tests_tells_messages_apart(said: str, asked: tuple[Any, ...], is_found: bool) -> None:
+    assert bool(re.search(message(*asked), said)) == is_found

@@ -12,6 +12,7 @@ import gymnasium
 import numpy as np
 import pytest
 from conftest import WITHOUT
+from messages import refused
 
 import flockstep
 from flockstep import doctor
@@ -21,11 +22,6 @@ def run(code: str) -> str:
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=120, check=False)
     assert done.returncode == 0, done.stderr
     return done.stdout.strip()
-
-
-def test_every_exported_name_is_there():
-    for name in set(flockstep.__all__) - {"rllib"}:  # Ray needs a separate environment: tests/ray/
-        assert getattr(flockstep, name) is not None
 
 
 def test_the_doctor_reports_available_and_missing_parts(monkeypatch, capsys):
@@ -72,32 +68,22 @@ def test_the_doctor_imports_what_it_names(monkeypatch):
     assert found["scipy"] == doctor.version_of("scipy")
 
 
-def test_sb3_names_the_extra_it_needs():
-    code = WITHOUT.format(names=["stable_baselines3", "torch"]) + (
-        "import flockstep\n"
-        "try:\n"
-        "    flockstep.sb3\n"
-        "except ModuleNotFoundError as error:\n"
-        "    print(error, error.name)\n"
+@pytest.mark.parametrize(
+    ("attribute", "missing", "extra"),
+    [
+        ("sb3", "stable_baselines3", "sb3"),
+        ("connect", "google", "client"),
+        ("connect", "websockets", "client"),
+        ("rllib", "ray", "rllib"),
+    ],
+)
+def test_what_needs_an_extra_names_it(attribute, missing, extra):
+    code = (
+        f"import flockstep\ntry:\n    flockstep.{attribute}\nexcept ImportError as error:\n    print(error, error.name)"
     )
-    printed = run(code)
-    assert "pip install 'flockstep[sb3]'" in printed
-    assert printed.endswith(" stable_baselines3")
-
-
-def test_connect_names_the_extra_it_needs():
-    code = "import flockstep\ntry:\n    flockstep.connect\nexcept ImportError as error:\n    print(error, error.name)"
-    for missing in ("google", "websockets"):
-        printed = run(WITHOUT.format(names=[missing]) + code)
-        assert "pip install 'flockstep[client]'" in printed
-        assert missing in printed.rpartition(" ")[2]
-
-
-def test_rllib_names_the_extra_it_needs():
-    code = "import flockstep\ntry:\n    flockstep.rllib\nexcept ImportError as error:\n    print(error, error.name)"
-    printed = run(WITHOUT.format(names=["ray"]) + code)
-    assert "pip install 'flockstep[rllib]'" in printed
-    assert printed.endswith(" ray")
+    printed = run(WITHOUT.format(names=[missing]) + code)
+    assert f"pip install 'flockstep[{extra}]'" in printed
+    assert missing in printed.rpartition(" ")[2]
 
 
 def test_names_that_dir_lists():
@@ -105,28 +91,21 @@ def test_names_that_dir_lists():
     public = [name for name in listed if not name.startswith("__")]
     assert sorted([*public, "__version__"]) == sorted(flockstep.__all__)
     assert {"client", "connect", "rllib", "sb3", "testing"} < set(public)
-
-
-def test_an_unknown_name_is_an_attribute_error():
-    with pytest.raises(AttributeError, match="no attribute 'nothing'"):
+    for name in set(flockstep.__all__) - {"rllib"}:  # Ray needs a separate environment: tests/ray/
+        assert getattr(flockstep, name) is not None
+    assert flockstep.__version__.count(".") == 2
+    with refused(AttributeError, "no attribute 'nothing'"):
         flockstep.nothing  # noqa: B018
 
 
-def test_import_needs_no_optional_package():
-    code = (
-        "import sys, flockstep; "
-        "optional = ('torch', 'stable_baselines3', 'OpenGL', 'matplotlib', 'PIL', 'google.protobuf', 'websockets', "
-        "'ray'); "
-        "print([m for m in optional if m in sys.modules])"
-    )
-    assert run(code) == "[]"
-
-
-def test_import_loads_neither_opengl_nor_what_opencv_would_bring():
-    code = (
-        "import flockstep; maps = open('/proc/self/maps').read(); "
-        "print([name for name in ('libGL', 'libX11', 'libblas.so', 'liblapack.so', 'libopencv') if name in maps])"
-    )
+def test_import_loads_neither_optional_packages_nor_opengl_nor_what_opencv_would_bring():
+    optional = ("torch", "stable_baselines3", "OpenGL", "matplotlib", "PIL", "google.protobuf", "websockets", "ray")
+    libraries = ("libGL", "libX11", "libblas.so", "liblapack.so", "libopencv")
+    code = f"""
+import sys, flockstep
+maps = open('/proc/self/maps').read()
+print([name for name in {optional} if name in sys.modules] + [name for name in {libraries} if name in maps])
+"""
     assert run(code) == "[]"
 
 
@@ -139,10 +118,8 @@ def test_envs_are_registered_by_import():
 @pytest.mark.parametrize(
     "config",
     [
-        flockstep.LidarConfig(beams=7, offset_m=(0.1, 0, 0)),
-        flockstep.LidarConfig(azimuth_deg=[0, 10], elevation_deg=[0, -10]),
+        flockstep.LidarConfig(azimuth_deg=[0, 10], elevation_deg=[0, -10], offset_m=(0.1, 0, 0)),
         flockstep.PoseSensorConfig(orientation_noise_std_deg=2.0),
-        flockstep.NavigationReward(crash_weight=0.5),
         flockstep.NavigationConfig(action="displacement", reward=flockstep.NavigationReward(step_scale=7.0)),
     ],
 )
@@ -197,7 +174,3 @@ def test_worlds_can_be_copied_into_a_spec(room):
     spec = gymnasium.make("flockstep/LidarNavigation-v0", worlds=room, lidar=flockstep.LidarConfig(beams=9)).spec
     assert spec is not None
     assert gymnasium.make(spec).observation_space.shape == (12,)
-
-
-def test_version():
-    assert flockstep.__version__.count(".") == 2

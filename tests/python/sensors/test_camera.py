@@ -351,7 +351,7 @@ class TestJpeg:
 
 
 class TestGolden:
-    """Reference images of both backends, checked by eye. After an intended change renew them and check them again.
+    """Reference images, checked by eye. After an intended change renew them and check them again.
 
     FLOCKSTEP_RENEW_GOLDEN=1 ./dev test python -k golden
     """
@@ -359,18 +359,18 @@ class TestGolden:
     FOLDER = ROOT / "tests" / "golden"
 
     @staticmethod
-    def shoot(backend, world, position, quat_wxyz, **fields):
+    def shoot(world, position, quat_wxyz, **fields):
         config = camera_of(**{"width_px": 96, "height_px": 72, "outputs": tuple(OUTPUTS), **fields})
-        batch = batch_of([world], cameras=[config], camera_backend=backend)
+        batch = batch_of([world], cameras=[config])
         batch.set_pose([position], [np.asarray(quat_wxyz) / np.linalg.norm(quat_wxyz)])
         batch.capture()
         return batch.camera()
 
     @classmethod
     @functools.cache
-    def pictures(cls, backend):
+    def pictures(cls):
         """The images in their saved form: 8 bits, three times 8, or 16."""
-        shoot = functools.partial(cls.shoot, backend)
+        shoot = cls.shoot
         hall = shoot(
             flockstep.World.from_dict(ROUND), [3.6, -3.8, 2.6], (0.42, 0.05, 0.1, 0.9), hfov_deg=80, samples_per_pixel=4
         )
@@ -396,10 +396,9 @@ class TestGolden:
     @pytest.mark.parametrize(
         "name", ["hall-rgb", "hall-depth", "hall-normal", "hall-instance", "hall-grey", "yard-rgb", "flight-rgb"]
     )
-    @pytest.mark.parametrize("backend", ["raycast", "gl"])
-    def test_golden(self, backend, name):
-        path, picture = self.FOLDER / f"{name}.png", self.pictures(backend)[name]
-        if os.environ.get("FLOCKSTEP_RENEW_GOLDEN") and backend == "raycast":
+    def test_golden(self, name):
+        path, picture = self.FOLDER / f"{name}.png", self.pictures()[name]
+        if os.environ.get("FLOCKSTEP_RENEW_GOLDEN"):
             self.FOLDER.mkdir(exist_ok=True)
             Image.fromarray(picture).save(path, optimize=True)
         assert path.stat().st_size < 20_000

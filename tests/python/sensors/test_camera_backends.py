@@ -1,4 +1,4 @@
-"""The two camera backends: the same images, and the behaviour if OpenGL is missing or fails."""
+"""The camera backend ``gl``: it shows what raycast shows, refuses the rest, and raycast replaces it if OpenGL fails."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ import pytest
 import flockstep
 
 OUTPUTS = ("rgb", "depth", "semantic", "instance", "normal", "grey")
-POSES = 400
+POSES = 200
 
 
 def random_poses(
@@ -79,9 +79,16 @@ def gems() -> flockstep.World:
     )
 
 
-@pytest.mark.parametrize("name", [*flockstep.scenes.names(), "gems"])
+def is_close(ours: npt.NDArray[np.float32], theirs: npt.NDArray[np.float32]) -> npt.NDArray[np.bool_]:
+    """Return whether depths are as close as the backends promise: within 1 mm and 0.1 %."""
+    return np.isclose(theirs, ours, rtol=1e-3, atol=1e-3)
+
+
+@pytest.mark.parametrize(
+    "name", ["gems", "playground/camera-train-1", "outdoor/forest", "outdoor/city", "indoor/office"]
+)
 def test_backends_agree(name: str) -> None:
-    world = gems() if name == "gems" else flockstep.scenes.load(name)[0]
+    world = gems() if name == "gems" else flockstep.scenes.load(name)[0].with_light(fog_visibility_m=0)
     poses = random_poses(world, POSES, np.random.default_rng(0))
     size = {"width_px": 40, "height_px": 30}
     raycast, gl = (pictures(backend, world, poses, **size) for backend in ("raycast", "gl"))
@@ -92,19 +99,52 @@ def test_backends_agree(name: str) -> None:
     ours, theirs = (camera.depth[:, 1:-1, 1:-1][inner] for camera in (raycast, gl))
     np.testing.assert_array_equal(np.isfinite(ours), np.isfinite(theirs))
     seen = np.isfinite(ours)
-    apart = np.abs(ours[seen] / theirs[seen] - 1) >= 1e-3
     # A tree and a gate's frame occlude themselves, so there are silhouettes within their ids.
-    assert apart.mean() <= (1e-4 if name in flockstep.scenes.GENERATED or world.gates else 0)
+    assert (~is_close(ours, theirs)).mean() <= (1e-4 if name in flockstep.scenes.GENERATED or world.gates else 0)
     for output in ("rgb", "grey"):
         ours, theirs = (getattr(camera, output)[:, 1:-1, 1:-1][inner].astype(int) for camera in (raycast, gl))
         assert np.abs(ours - theirs).mean() < 2
     turned = (raycast.normal * gl.normal).sum(-1)[:, 1:-1, 1:-1][inner]
-    assert (turned[seen] > 0.999).mean() > 0.99  # except at edges between the walls of a room, which are one instance
+    assert (turned[seen] > 0.995).mean() > 0.99  # except at edges between the walls of a room, which are one instance
 
 
-@pytest.mark.parametrize("autoreset_mode", ["next_step", "same_step"])
+@pytest.mark.parametrize("fields", [{"samples_per_pixel": 9}, {"layout": "chw", "depth_kind": "range"}])
+def test_options_agree(fields: dict[str, object]) -> None:
+    world = flockstep.World.from_dict(
+        {
+            "flockstep_scene": 1,
+            "materials": {"clay": {"base_color": [0.6, 0.3, 0.2]}, "sand": {"base_color": [0.7, 0.6, 0.4]}},
+            "planes": [{"center": [0, 0, 0], "size": [20, 20], "material": "sand"}],
+            "boxes": [
+                {"center": [2, 0, 0.5], "size": [1, 1, 1], "quat_wxyz": [0.9239, 0, 0, 0.3827], "material": "clay"}
+            ],
+            "spheres": [{"center": [3, 2, 1], "radius": 0.7, "material": "clay"}],
+            "capsules": [{"center": [3, -2, 1.2], "radius": 0.3, "height": 2, "material": "clay"}],
+            "meshes": [{"vertices": [[4, -1, 0], [4, 1, 0], [4, 0, 2]], "triangles": [[0, 1, 2]], "material": "clay"}],
+        }
+    )
+    rng = np.random.default_rng(1)
+    angle = rng.uniform(-0.4, 0.4, 50)
+    poses = (
+        rng.uniform([-3, -2, 0.5], [-1, 2, 2.5], (50, 3)).astype(np.float32),
+        np.stack([np.cos(angle / 2), 0 * angle, 0 * angle, np.sin(angle / 2)], 1).astype(np.float32),
+    )
+    raycast, gl = (
+        pictures(backend, world, poses, width_px=64, height_px=48, **fields) for backend in ("raycast", "gl")
+    )
+    assert (raycast.instance == gl.instance).mean() >= 0.995
+    inner = off_silhouettes(raycast.instance, gl.instance)
+    axis = 1 if "layout" in fields else 3
+    difference = np.abs(raycast.rgb.astype(int) - gl.rgb).max(axis=axis)[:, 1:-1, 1:-1][inner]
+    assert difference.mean() < 2
+    ours, theirs = raycast.depth[:, 1:-1, 1:-1][inner], gl.depth[:, 1:-1, 1:-1][inner]
+    seen = np.isfinite(ours) & np.isfinite(theirs)
+    assert seen.mean() > 0.3
+    assert is_close(ours[seen], theirs[seen]).all()
+
+
 @pytest.mark.parametrize("capture_mode", ["every_step", "on_movement"])
-def test_envs_fly_by_gl_as_by_raycast(autoreset_mode: str, capture_mode: str) -> None:
+def test_envs_fly_by_gl_as_by_raycast(capture_mode: str) -> None:
     """With a LiDAR, across episode ends, and with frames of which only some are due."""
     raycast, gl = (
         flockstep.DroneVectorEnv(
@@ -112,7 +152,6 @@ def test_envs_fly_by_gl_as_by_raycast(autoreset_mode: str, capture_mode: str) ->
             observation="pixels",
             camera=flockstep.CameraConfig(width_px=32, height_px=24, layout="chw", capture_mode=capture_mode),
             camera_backend=backend,
-            autoreset_mode=autoreset_mode,
             max_episode_steps=7,
             stagger_first_episode=True,
         )
@@ -134,12 +173,10 @@ def test_envs_fly_by_gl_as_by_raycast(autoreset_mode: str, capture_mode: str) ->
     assert ended > 16
 
 
-def test_auto_reports_both_speeds() -> None:
+def test_auto_is_raycast() -> None:
     world = flockstep.scenes.load("playground/camera-train-1")[0]
-    camera = flockstep.CameraConfig(width_px=32, height_px=24)
-    report = flockstep.Batch([world], 4, cameras=[camera], camera_backend="auto").camera_backend_report()
-    assert report.startswith(("raycast: the faster on 4 frames", "gl: the faster on 4 frames"))
-    assert "raycast " in report and "gl " in report and "frames/s" in report
+    batch = flockstep.Batch([world], 4, cameras=[flockstep.CameraConfig()], camera_backend="auto")
+    assert batch.camera_backend_report() == "raycast: the choice of auto"
 
 
 def run(code: str, **environment: str) -> subprocess.CompletedProcess[str]:
@@ -160,9 +197,8 @@ def run(code: str, **environment: str) -> subprocess.CompletedProcess[str]:
     )
 
 
-@pytest.mark.parametrize("backend", ["gl", "auto"])
 @pytest.mark.parametrize("trouble", ["missing", "failing"])
-def test_without_opengl_raycast_renders_with_one_warning(backend: str, trouble: str) -> None:
+def test_without_opengl_raycast_renders_with_one_warning(trouble: str) -> None:
     # libepoxy calls OpenGL through function pointers: the error after each readback is replaced by getpid().
     fail = (
         "import ctypes\n"
@@ -172,7 +208,7 @@ def test_without_opengl_raycast_renders_with_one_warning(backend: str, trouble: 
     result = run(
         (fail if trouble == "failing" else "") + "with warnings.catch_warnings(record=True) as caught:\n"
         "    warnings.simplefilter('always')\n"
-        f"    batch = make({backend!r})\n"
+        "    batch = make('gl')\n"
         "    batch.sense(); batch.sense()\n"
         "reference = make('raycast'); reference.sense()\n"
         "assert np.array_equal(batch.camera().rgb, reference.camera().rgb)\n"

@@ -51,12 +51,10 @@ def client(batch, connect):
 
 def test_what_the_server_tells_of_itself(batch, client):
     info = client.info
-    assert info.version == flockstep.__version__
-    assert (info.num_envs, info.drones_per_env, info.num_drones) == (4, 1, 4)
+    assert (info.version, info.num_envs, info.drones_per_env, info.num_drones) == (flockstep.__version__, 4, 1, 4)
     assert (info.lidars, info.cameras, info.imus) == (("scan",), ("eye",), ())
-    assert (info.flies_by_rotors, info.has_task) == (False, False)
+    assert (info.flies_by_rotors, info.has_task, info.client > 0) == (False, False, True)
     assert info.step_s == pytest.approx(1 / batch.clock.policy_hz)
-    assert info.client > 0
     assert {"position", "quat_wxyz", "active"} <= set(info.array_names)
     client.ping()
 
@@ -103,9 +101,8 @@ def test_rotations(client, batch):
     impact = drone.set_rotation(Angles(yaw_deg=90, pitch_deg=10, roll_deg=-20))
     expected = rotations.quat_from_rpy(np.deg2rad([-20, 10, 90]))
     np.testing.assert_allclose(impact.quat_wxyz, expected, atol=1e-6)
-    rotation = drone.get_rotation()
-    np.testing.assert_array_equal(rotation.quat_wxyz, batch.quat_wxyz[3])
-    np.testing.assert_allclose(rotation.angles, (-20, 10, 90), atol=1e-4)
+    np.testing.assert_array_equal(drone.get_rotation().quat_wxyz, batch.quat_wxyz[3])
+    np.testing.assert_allclose(drone.get_rotation().angles, (-20, 10, 90), atol=1e-4)
     drone.set_rotation((2, 0, 0, 0), teleport=True)  # of any length
     np.testing.assert_array_equal(batch.quat_wxyz[3], [1, 0, 0, 0])
     impact = drone.set_location_and_rotation((6, 6, 2), expected)
@@ -125,6 +122,7 @@ def test_bad_arguments_are_refused(client, batch):
         (drone.set_rotation, {"rotation": (1, 2, 3)}, ValueError, ("rotation", (4,))),
         (drone.set_rotation, {"rotation": (0, 0, 0, 0)}, ServerError, ("rotation",)),
         (client.drone(9).get_location, {}, ServerError, ("drone", 9)),
+        (client.claim, {"drones": [99]}, ServerError, ("drones", 4, 99)),
         (client.set_camera_capture_mode, {"mode": "never"}, ValueError, ("mode", "every_step", "never")),
         (drone.get_camera_data, {"format": "gif"}, ValueError, ("format", "jpeg", "png", "raw", "gif")),
         (drone.get_camera_data, {"quality": 0}, ValueError, ("quality", 1, 100, 0)),
@@ -140,7 +138,8 @@ def test_bad_arguments_are_refused(client, batch):
         (client.set_poses, {"position": START[:2]}, ServerError, ("position",)),
         (client.set_lidar_config, {"max_range_m": -1}, ServerError, ("lidar.max_range_m", -1)),
         (client.set_lidar_config, {"max_range": 1}, TypeError, ("max_range", "max_range_m")),
-        (client.set_lidar_config, {"name": "other"}, ServerError, ("lidar.name", "max_range_m")),
+        (drone.set_lidar_config, {"name": "other"}, TypeError, ("name",)),
+        (drone.set_lidar_config, {"beams": "many"}, TypeError, ("beams", "many")),
         (client.set_clock, {"rate_hz": -1}, ServerError, ("rate_hz", -1)),
         (client.restore, {"snapshot": batch.snapshot()[:100]}, ServerError, ("snapshot",)),
         (client.get_mesh, {"world": 1}, ServerError, ("world", 1)),
@@ -151,12 +150,12 @@ def test_bad_arguments_are_refused(client, batch):
         (client.set_light, {"envs": []}, ValueError, ("envs",)),
         (client.set_light, {"envs": [0], "gamma": 0.5}, ServerError, ("light.gamma", 0.5)),
         (client.set_light, {"envs": [0], "gamma": np.nan}, ValueError, ("gamma",)),
-        (client.set_light, {"envs": [0], "sun_glow": "much"}, ServerError, ("light.sun_glow", 0, 1, "much")),
+        (client.set_light, {"envs": [0], "sun_glow": "much"}, TypeError, ("sun_glow", "much")),
         (client.set_light, {"envs": [0], "sun_direction": (0, 0, 0)}, ServerError, ("light.sun_direction",)),
     ):
         with refused(error, *said) as caught:
             operation(**arguments)
-        if said[0] in ("drone", "world"):
+        if said[0] in ("drone", "drones", "world"):
             assert caught.value.code == "NOT_FOUND"
     np.testing.assert_array_equal(batch.position, before)
     assert batch.world_of(0) is batch.worlds[0]  # whose light is not its own
@@ -221,8 +220,7 @@ def test_camera_settings(client, batch):
     assert client.get_camera_capture_mode("eye") == "every_step"
     settings = client.drone(0).get_camera_config()
     assert (settings.width_px, settings.height_px, [*settings.outputs]) == (16, 12, ["rgb", "depth"])
-    assert settings.hfov_deg == pytest.approx(90)
-    assert (settings.near_m, settings.far_m) == pytest.approx((CAMERA.near_m, CAMERA.far_m))
+    assert (settings.hfov_deg, settings.near_m, settings.far_m) == pytest.approx((90, CAMERA.near_m, CAMERA.far_m))
     client.drone(1).set_camera_config(hfov_deg=50, offset_m=(0.1, 0, 0), quat_wxyz=(0.5, 0.5, 0.5, 0.5))
     assert client.drone(0).get_camera_config().hfov_deg == settings.hfov_deg
     changed = client.drone(1).get_camera_config("eye")
@@ -230,6 +228,8 @@ def test_camera_settings(client, batch):
     np.testing.assert_allclose(mounting, [50, 0.1, 0, 0, 0.5, 0.5, 0.5, 0.5])
     client.set_camera_config(hfov_deg=70)
     assert [client.drone(i).get_camera_config().hfov_deg for i in range(4)] == pytest.approx([70] * 4)
+    client.drone(0).set_camera_config(width_px=20, height_px=10)
+    assert client.drone(2).get_camera_data(format="raw").image.shape[:2] == (10, 20)
 
 
 def test_lidar_data(client, batch):
@@ -239,8 +239,7 @@ def test_lidar_data(client, batch):
     np.testing.assert_array_equal(data.ranges, ranges)
     assert data.directions.shape == (2, 9, 3)
     np.testing.assert_allclose(np.linalg.norm(data.directions, axis=-1), 1, atol=1e-6)
-    np.testing.assert_array_equal(data.origin, START[2])
-    np.testing.assert_array_equal(data.quat_wxyz, [1, 0, 0, 0])
+    np.testing.assert_array_equal([*data.origin, *data.quat_wxyz], [*START[2], 1, 0, 0, 0])
     world = batch.worlds[0]
     hits = world.raycast(np.broadcast_to(data.origin, (18, 3)), data.directions.reshape(-1, 3), max_range_m=5)
     np.testing.assert_allclose(hits["t_hit"], ranges.ravel(), rtol=1e-5)
@@ -258,13 +257,8 @@ def test_lidar_settings(client, batch):
     np.testing.assert_allclose(mounting, [3, 0, 0, 0.1, 0, 0, 0, 1])
     client.set_lidar_config("scan", hfov_deg=90)
     assert [client.drone(i).get_lidar_config().hfov_deg for i in range(4)] == [90] * 4
-
-
-def test_resizing_sensors(client, batch):
     client.set_lidar_config(channels=3, beams=4)
     assert client.drone(2).get_lidar_data().ranges.shape == (3, 4)
-    client.drone(0).set_camera_config(width_px=20, height_px=10)
-    assert client.drone(2).get_camera_data(format="raw").image.shape[:2] == (10, 20)
 
 
 def test_move_lines(client, batch):
@@ -283,8 +277,7 @@ def test_spawning_and_removing(client, batch):
         client.drone(1).get_location()
     drone = client.spawn_drone((3, 4, 1), (0, 0, 0, 1), env=3, claim=True)
     assert (drone.index, drone.env, drone.owner) == (3, 3, client.info.client)
-    np.testing.assert_array_equal(batch.position[3], [3, 4, 1])
-    np.testing.assert_array_equal(batch.quat_wxyz[3], [0, 0, 0, 1])
+    np.testing.assert_array_equal([*batch.position[3], *batch.quat_wxyz[3]], [3, 4, 1, 0, 0, 0, 1])
     start = client.spawn_drone()
     np.testing.assert_array_equal(start.get_location(), [2, 4, 2])
     assert start.owner == 0
@@ -300,8 +293,7 @@ def test_drones_that_collide_begin_at_free_places(room, connect):
         assert all(np.linalg.norm(place - room.start) < 16 * np.sqrt(3) for place in places)
         client.drone(0).remove()
         np.testing.assert_array_equal(client.spawn_drone().get_location(), room.start)
-    inside = flockstep.World.from_dict(ROOM | {"markers": {"start": PILLAR}})
-    batch = flockstep.Batch([inside], 0, drones_per_env=0)
+    batch = flockstep.Batch([flockstep.World.from_dict(ROOM | {"markers": {"start": PILLAR}})], 0, drones_per_env=0)
     with served(batch, connect) as client:
         client.spawn_drone()
         assert batch.is_free(batch.position)[batch.active].all()
@@ -328,7 +320,6 @@ def test_places_inside_something_are_refused(room, connect):
 def test_arrays(client, batch):
     arrays = client.get_arrays(["position", "active", "tick"])
     assert sorted(arrays) == ["active", "position", "tick"]
-    assert len(arrays) == 3
     for name in arrays:
         np.testing.assert_array_equal(arrays[name], getattr(batch, name))
         assert arrays[name].dtype == getattr(batch, name).dtype
@@ -350,8 +341,6 @@ def test_poses(client, batch, room):
     quats = np.tile(np.float32([0, 0, 0, 1]), (4, 1))
     client.set_poses(quat_wxyz=quats, mask=[True, False, True, False], teleport=True)
     np.testing.assert_array_equal(batch.quat_wxyz[:, 0], [0, 1, 0, 1])
-    client.set_poses(START, quats, teleport=True)
-    np.testing.assert_array_equal(batch.position, START)
 
 
 def test_steps_and_time(client, batch):
@@ -364,9 +353,8 @@ def test_steps_and_time(client, batch):
     np.testing.assert_array_equal(fresh.reshape(4, -1), batch.lidar("scan").ranges.reshape(4, -1))
     assert client.set_clock(200).step >= 2
     eventually(lambda: client.get_arrays(["position"]).time.step >= 12)
-    with refused(ServerError, "steps by itself") as caught:
+    with refused(ServerError, "steps by itself"):
         client.step()
-    assert caught.value.code == "FAILED_PRECONDITION"
     assert client.get_fps().fps > 0
     client.set_clock(0)
     stopped = client.get_arrays(["position"]).time.step
@@ -375,7 +363,6 @@ def test_steps_and_time(client, batch):
 
 
 def test_lockstep(client):
-    """With two members in test_server_program."""
     client.join_lockstep()
     assert client.step().step == 1
     client.leave_lockstep()
@@ -406,7 +393,6 @@ def test_flying_by_rotors(room, connect):
         command[2] = (0, 0, -0.5, 0)
         batches[1].fly(command, control="velocity")
         check()
-        client.set_command(command, control="velocity", mask=[True] * 4)
         with refused(ServerError, "control"):
             client.fly(command, control="telepathy")
         with refused(ServerError, "rotors"):
@@ -485,8 +471,7 @@ def test_light_of_envs(client, batch):
         light = client.get_light(env=env)
         np.testing.assert_array_equal(light.sun_color, expected[env % 2])
         np.testing.assert_array_equal(batch.world_of(env).light["sun_color"], expected[env % 2])
-        assert light.fog_visibility_m == 16
-        assert light.gamma == (1.5 if env == 3 else batch.worlds[0].light["gamma"])
+        assert (light.fog_visibility_m, light.gamma) == (16, 1.5 if env == 3 else batch.worlds[0].light["gamma"])
     client.set_light(envs=[1])
     assert batch.world_of(1) is batch.worlds[0]
 

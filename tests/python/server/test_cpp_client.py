@@ -191,7 +191,7 @@ def test_a_prefix_has_what_was_installed(prefix: Path, tmp_path: Path) -> None:
 def test_the_header_needs_only_the_standard_library(prefix: Path, tmp_path: Path) -> None:
     (tmp_path / "program.cpp").write_text('#include "flockstep/client.hpp"\n#include "flockstep/client.hpp"\n')
     headers = sorted(path.name for path in (prefix / "include").rglob("*.hpp"))
-    assert headers == ["client.hpp", "client_operations.hpp", "export.hpp"]
+    assert headers == ["client.hpp", "client_operations.hpp", "client_results.hpp", "export.hpp"]
     for compiler in COMPILERS:
         listed = run(compiler, "-std=c++20", *WARNINGS, "-M", "-I", prefix / "include", tmp_path / "program.cpp")
         other = [name for name in ("boost", "eigen", "protozero", "openssl") if name in listed.lower()]

@@ -8,11 +8,11 @@ import sys
 import time
 from typing import ClassVar
 
-import gymnasium
 import numpy as np
 import pytest
 from messages import refused
 from raw_client import Raw, eventually, in_thread, repeated
+from simple_tasks import Still
 
 import flockstep
 from flockstep.client import ServerError
@@ -228,19 +228,15 @@ def test_a_batch_has_one_server_at_a_time(batch):
         thread.join()
 
 
-class EndOfServers(flockstep.Task):
+class EndOfServers(Still):
     """Calls a function of the list of servers in each step."""
 
-    observation_space = gymnasium.spaces.Box(-np.inf, np.inf, (3,), np.float32)
     servers: ClassVar[list] = []
     end = staticmethod(list.clear)
 
     def step(self, batch):
         type(self).end(self.servers)
-        return batch.position[:, 2], batch.contact.hit
-
-    def observe(self, batch):
-        return batch.position
+        return super().step(batch)
 
 
 def test_a_task_cannot_stop_its_server(monkeypatch):
@@ -299,9 +295,9 @@ with flockstep.serve(batch, port=0) as server:
     threading.excepthook = lambda _: None
     threading.Thread(target=fly, daemon=True).start()
     time.sleep(0.3)
-    threading.Timer(0.3, lambda: os.kill(os.getpid(), signal.SIGINT)).start()
     started = time.monotonic()
     try:
+        threading.Timer(0.3, lambda: os.kill(os.getpid(), signal.SIGINT)).start()
         batch.sense()
     except KeyboardInterrupt:
         print("interrupted")
@@ -437,8 +433,9 @@ def test_the_clock_steps_in_real_time(client):
     fps = client.get_fps()
     assert 30 <= fps.fps <= 110
     assert fps.real_time_factor == pytest.approx(fps.fps * client.info.step_s, rel=0.01)
-    with refused(ServerError, "steps by itself"):
+    with refused(ServerError, "steps by itself") as refusal:
         client.step()
+    assert refusal.value.code == "FAILED_PRECONDITION"
     client.set_clock(0)
     client.step()
 

@@ -1,4 +1,4 @@
-"""What tests say about a message: the field it refuses and the values it holds, not its words.
+"""Checks of messages by tests: the field it refuses and the values it holds, not its words.
 
     with refused(ValueError, "lidar.num_channels", 0):
         ...

@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pytest
 from websockets.exceptions import ConnectionClosed
 from websockets.frames import Frame
 from websockets.server import ServerProtocol
@@ -57,10 +58,14 @@ class Script:
         self.send(request.id, reply, **arrays)
         return request
 
+    def wait_for_close(self) -> None:
+        with pytest.raises(ConnectionClosed):
+            self.receive()
+
 
 @contextmanager
 def serving(
-    script: Callable[[Script], None], path: Path | None = None, tls: ssl.SSLContext | None = None
+    script: Callable[[Script], None], path: Path | None = None, tls: ssl.SSLContext | None = None, port: int = 0
 ) -> Iterator[str]:
     """Run a script for each client, and yield the server's address. A script's failure fails the test."""
     failures: list[BaseException] = []
@@ -75,7 +80,9 @@ def serving(
 
     options: dict[str, Any] = {"max_size": None, "compression": None}
     server = (
-        serve(handle, "127.0.0.1", 0, ssl=tls, **options) if path is None else unix_serve(handle, str(path), **options)
+        serve(handle, "127.0.0.1", port, ssl=tls, **options)
+        if path is None
+        else unix_serve(handle, str(path), **options)
     )
     thread = threading.Thread(target=server.serve_forever)
     thread.start()
@@ -86,6 +93,17 @@ def serving(
         thread.join()
     if failures:
         raise failures[0]
+
+
+def greeted(script: Callable[[Script], object] = lambda _: None) -> Callable[[Script], None]:
+    """Return a script that welcomes the client, then does this, and then waits until the connection is closed."""
+
+    def whole(s: Script) -> None:
+        s.answer(WELCOME)
+        script(s)
+        s.wait_for_close()
+
+    return whole
 
 
 @contextmanager

@@ -1,4 +1,4 @@
-"""The board: recipes, reports, curves and the tables made of them."""
+"""The board: recipes, reports, and curves."""
 
 import dataclasses
 import json
@@ -11,7 +11,6 @@ from messages import refused
 import flockstep
 
 pytest.importorskip("stable_baselines3")
-import table
 from flockstep.trainings import CHOOSING_SEEDS, UNSEEN_SEEDS, Verdict, train
 from training import board, demo, evaluate
 
@@ -103,7 +102,7 @@ def test_different_policies_of_one_thread_and_two_are_an_error(small, monkeypatc
     small("hover")
     seeds = iter(range(9))
     monkeypatch.setattr(board, "train", lambda recipe, learner, seed, *rest: train(recipe, learner, next(seeds), *rest))
-    with pytest.raises(AssertionError, match="hover: one thread and two gave different policies"):
+    with refused(AssertionError, "hover", "different policies"):
         board.report("hover", 1, False, tmp_path)
 
 
@@ -142,39 +141,20 @@ def run_of(name, seed, run, success, seconds, curve):
     ]
 
 
-def test_the_tables_have_medians_worst_seeds_and_p_values():
-    machine = {"cpu": "Fast One", "logical_processors": 2, "simd": "AVX3", "embree": "3", "python": "3.11"}
-    figures = [{"name": "board/hover/baseline/success", "value": 0.077, "unit": "1", "runs": 9}]
+def test_the_seeds_of_two_learners_are_compared():
+    figures = []
     for seed in range(5):
         figures += run_of("hover", seed, "flockstep_1", 0.99 - 0.01 * seed, 7.0 + seed, 0.5 + 0.01 * seed)
         figures += run_of("hover", seed, "sb3_1", 0.98, 40.0, 0.6 + 0.01 * seed)
-        figures.append({"name": f"board/hover/seed{seed}/flockstep_2/seconds", "value": 4.0, "unit": "s", "runs": 1})
-    results = {"board": {"machine": machine, "commit": "0" * 40, "figures": figures}}
-    row = table.board(results).splitlines()[-1]
-    assert row == (
-        "| hover: within 5 cm after a throw | 97.0 % (95.0 %) | 7.7 % | 4.0 s (4.0 s) | 9.0 s (11.0 s) "
-        "| 98.0 % (98.0 %) | 40 s (40 s) |"
-    )
-    assert "| hover, `flockstep.PPO` | 99.0 %, 7.0 s | 98.0 %, 8.0 s |" in table.board_seeds(results)
-    assert table.board_curves(results).splitlines()[-1] == "| hover | 52.0 % (50.0 %) | 62.0 % (60.0 %) | 0.01 | 0.33 |"
-    assert set(table.TRAININGS) >= set(board.TRAININGS)
-
-
-def test_the_table_of_races_has_laps_and_speeds():
-    machine = {"cpu": "Fast One", "logical_processors": 2, "simd": "AVX3", "embree": "3", "python": "3.11"}
-    figures = []
-    for seed, lap in enumerate((5.0, 4.5, 6.0)):
-        figures += run_of("race", seed, "flockstep_1", 0.99, 16.0, 0.5)
-        path = f"board/race/seed{seed}/flockstep_1"
-        figures.append({"name": f"{path}/lap_s", "value": lap, "unit": "", "runs": 9})
-        figures.append({"name": f"{path}/speed_mps", "value": 48 / lap, "unit": "", "runs": 9})
-    figures.append({"name": "board/race/baseline/success", "value": 1.0, "unit": "1", "runs": 9})
-    written = table.race_board({"board": {"machine": machine, "commit": "0" * 40, "figures": figures}})
-    assert "| `race/figure-8`: policy | 99.0 % (99.0 %) | 5.00 s (6.00 s) | 9.6 m/s (8.0 m/s) |" in written
-    assert "| `race/figure-8`: controller | 100.0 % |  |  |" in written
+    found = {figure["name"]: figure["value"] for figure in board.comparison("hover", figures)}
+    assert found["board/hover/seed4/flockstep_1/curve_mean"] == 0.54
+    assert found["board/hover/seed1/sb3_1/curve_mean"] == 0.61
+    assert found["board/hover/p_of_curves"] == pytest.approx(2 / 252, rel=1e-3)
+    assert found["board/hover/p_of_success"] == pytest.approx(0.33, abs=0.005)
+    assert not any("/p_of" in each["name"] for each in board.comparison("hover", figures[:2]))
 
 
 def test_a_permutation_test_by_hand():
     """Four numbers split into pairs in six ways; two have a difference as large as that of 1, 2 and 3, 4."""
-    assert table.permutation_p([1, 2], [3, 4]) == pytest.approx(2 / 6)
-    assert table.permutation_p([1, 4], [2, 3]) == 1
+    assert board.permutation_p([1, 2], [3, 4]) == pytest.approx(2 / 6)
+    assert board.permutation_p([1, 4], [2, 3]) == 1

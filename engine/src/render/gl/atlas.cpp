@@ -50,14 +50,11 @@ GlAtlas::GlAtlas(const AtlasSize& size, const Attachments& attachments) : size_(
   }
 }
 
-void GlAtlas::clear(const Attachments& which) const {
-  constexpr std::array<float, 4> kZero{};
-  constexpr std::array<GLuint, 4> kNothing{};
+void GlAtlas::clear() const {
   const GLuint name = framebuffer_.name();
-  if (attachments_.color && which.color) glClearNamedFramebufferfv(name, GL_COLOR, 0, kZero.data());
-  if (attachments_.ids && which.ids) glClearNamedFramebufferuiv(name, GL_COLOR, 1, kNothing.data());
-  if (attachments_.normal && which.normal) glClearNamedFramebufferfv(name, GL_COLOR, 2, kZero.data());
-  glClearNamedFramebufferfv(name, GL_DEPTH, 0, kZero.data());
+  if (attachments_.ids) glClearNamedFramebufferuiv(name, GL_COLOR, 1, std::array<GLuint, 4>{}.data());
+  if (attachments_.normal) glClearNamedFramebufferfv(name, GL_COLOR, 2, std::array<float, 4>{}.data());
+  glClearNamedFramebufferfv(name, GL_DEPTH, 0, std::array<float, 4>{}.data());
 }
 
 GlReadback::~GlReadback() {

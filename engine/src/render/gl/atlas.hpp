@@ -32,8 +32,7 @@ class GlAtlas {
   GLuint framebuffer() const { return framebuffer_.name(); }
   GLuint color() const { return textures_[0].name(); }
 
-  // Clears the depth buffer and these attachments to 0, which means that nothing was hit.
-  void clear(const Attachments& which) const;
+  void clear() const;  // to 0, which means that nothing was hit
 
  private:
   AtlasSize size_;

@@ -12,15 +12,15 @@
 
 namespace flockstep::render {
 
-// The context belongs to a separate thread. Not thread-safe: only one caller at a time. Each world is copied to the device on
-// first use and is then identified by its address, so worlds must live until forget_worlds() or the renderer's end. In a forked
-// child, all members but the destructor throw GlUnavailable, and the destructor does nothing.
+// The context belongs to a separate thread. Not thread-safe: only one caller at a time. The geometry of each world is copied to
+// the device on first use and then identified by the address of the world that has it (World::original()), so this world must
+// live as long as the renderer. Shadows and fog are not drawn: Batch refuses them. In a forked child, all members but the
+// destructor throw GlUnavailable, and the destructor does nothing.
 //
 // The environment variable FLOCKSTEP_EGL selects the devices that may be used; see EglDevices.
 class GlRenderer {
  public:
-  // Drivers compile shaders at the first image. With shadows, Mesa 25 needs six seconds of CPU time, and longer in real time
-  // on a busy machine.
+  // Drivers compile shaders at the first image.
   static constexpr std::chrono::milliseconds kPatience{120'000};
 
   // patience: longest time without progress while the device draws. Throws GlUnavailable.
@@ -33,8 +33,6 @@ class GlRenderer {
 
   // Starts rendering. The requests and the objects they point to must not change until finish().
   void start(std::span<const RenderRequest> requests);
-  // Discards the copies of all worlds, between finish() and start(). Throws as finish() does.
-  void forget_worlds();
   // Writes all frames as they arrive. Throws GlUnavailable if the device fails or does not answer in time. The frames are
   // then undefined, and the renderer must not be used again.
   void finish(Workers& workers);

@@ -219,17 +219,8 @@ struct GlWorker::Device {
         if (s.stop) return;
         done = s.started;
       }
-      if (std::exchange(s.task.forgets_models, false)) painter.forget_models();
       for (const GlModel& model : s.task.models) {
         painter.add(model);
-        s.give_sign();
-      }
-      for (const GlModelGrid& grid : s.task.grids) {
-        painter.add(grid.model, grid.grid);
-        s.give_sign();
-      }
-      for (const GlModelTree& tree : s.task.trees) {
-        painter.add(tree.model, tree.tree);
         s.give_sign();
       }
       const std::size_t count = s.task.rounds.size();
@@ -252,23 +243,22 @@ struct GlWorker::Device {
   }
 
   void draw(const GlRound& round, GlReadback& readback) {
-    const auto cameras =
-        std::span<const TileCamera>(s.task.cameras).subspan(round.first_camera, static_cast<std::size_t>(round.count));
-    const GlAtlas& atlas = atlases.get(round.size, round.pass.traits.writes);
-    GlPass pass = round.pass;
-    if (pass.samples == 1) {
-      painter.paint(atlas, cameras, s.task.bodies, pass);
+    const GlScene& scene = s.task.scene;
+    const auto cameras = std::span(scene.cameras).subspan(round.first_camera, static_cast<std::size_t>(round.count));
+    const GlAtlas& atlas = atlases.get(round.size, round.pass.writes);
+    if (const int side = round.pass.samples; side == 1) {
+      painter.paint(atlas, scene, cameras, round.pass);
     } else {  // only colours use several samples
-      const AtlasSize large{round.size.width * pass.samples, round.size.height * pass.samples, round.size.tiles};
+      const AtlasSize large{round.size.width * side, round.size.height * side, round.size.tiles};
       const GlAtlas& samples = atlases.get(large, {.color = true});
-      GlPass colors = pass;
-      colors.traits.writes = {.color = true};
-      painter.paint(samples, cameras, s.task.bodies, colors);
-      pass.traits.writes.color = false;
-      pass.traits.shadows = false;
+      GlPass pass = round.pass;
+      pass.writes = {.color = true};
+      painter.paint(samples, scene, cameras, pass);
+      pass.writes = round.pass.writes;
+      pass.writes.color = false;
       pass.samples = 1;
-      if (pass.traits.writes != Attachments{}) painter.paint(atlas, cameras, s.task.bodies, pass);
-      painter.resolve(samples, atlas, round.pass.samples, round.count);
+      if (pass.writes != Attachments{}) painter.paint(atlas, scene, cameras, pass);
+      painter.resolve(samples, atlas, side, round.count);
     }
     readback.start(atlas, round.count);
   }

@@ -12,37 +12,20 @@
 #include "render/gl/atlas.hpp"
 #include "render/gl/model.hpp"
 #include "render/gl/painter.hpp"
-#include "render/gl/sun_grid.hpp"
 
 namespace flockstep::render {
 
 // Tiles that are drawn and read back together.
 struct GlRound {
   AtlasSize size;  // has room for at least `count` tiles
-  GlPass pass;     // its traits select what is read back
+  GlPass pass;     // what it writes is read back
   std::size_t first_camera = 0;
   int count = 0;
 };
 
-// The sun grid of a model.
-struct GlModelGrid {
-  std::uint32_t model;
-  GlSunGrid grid;
-};
-
-// The caster tree of the model of a mesh body.
-struct GlModelTree {
-  std::uint32_t model;
-  GlCasterTree tree;
-};
-
 struct GlTask {
-  bool forgets_models = false;     // those of earlier tasks; cleared by the thread
-  std::vector<GlModel> models;     // added first
-  std::vector<GlModelGrid> grids;  // added after the models
-  std::vector<GlModelTree> trees;  // added after the models
-  GlBodies bodies;                 // bodies in the cameras' envs
-  std::vector<TileCamera> cameras;
+  std::vector<GlModel> models;  // added first
+  GlScene scene;
   std::vector<GlRound> rounds;
 };
 

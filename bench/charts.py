@@ -1,0 +1,82 @@
+"""The charts of docs/benchmarks.md, which `bench/table.py` draws from the kept results, for light and dark."""
+
+from __future__ import annotations
+
+import json
+import sys
+from pathlib import Path
+from typing import Any
+
+import matplotlib.pyplot as plt
+
+import table
+
+#: Charts by file: title, axes, and the figures of each line, whose names have the position on the x axis.
+CHARTS: dict[str, tuple[str, str, str, dict[str, str]]] = {
+    "speed-drones": (
+        "One thread",
+        "drones",
+        "per second",
+        {
+            "steps of lidar": "step/n{x}/steps_per_second",
+            "scans of 35 beams": "step/lidar/n{x}/scans_per_second",
+            "frames of 64 x 64": "camera: camera_table/playground/64x64x{x}/raycast_frames_per_second",
+        },
+    ),
+    "speed-threads": (
+        "One to sixteen threads",
+        "threads",
+        "per second",
+        {
+            "steps of lidar": "scaling/steps_per_second/lidar4096/threads{x}",
+            "steps of race": "scaling/steps_per_second/race4096/threads{x}",
+            "training of lidar": "scaling/training_steps_per_second/lidar/threads{x}",
+            "frames of 64 x 64 in a playground": "scaling/frames_per_second/playground_camera-train-1/threads{x}",
+            "frames in an office": "scaling/frames_per_second/indoor_office/threads{x}",
+            "steps of forest, with depth": "scaling/steps_per_second/forest512/threads{x}",
+        },
+    ),
+}
+INK, PAPER = "#1f2329", "#ffffff"  # in the light; the file replaces them in the dark
+STYLE = (
+    f"<style>:root{{--ink:{INK};--paper:{PAPER}}}"
+    "@media(prefers-color-scheme:dark){:root{--ink:#e4e8ee;--paper:#14181e}}</style>"
+)
+SETTINGS: Any = {
+    "svg.fonttype": "none",  # text stays text
+    "svg.hashsalt": "flockstep",  # the same file each time
+    "font.family": "sans-serif",
+    **dict.fromkeys(("text.color", "axes.edgecolor", "axes.labelcolor", "xtick.color", "ytick.color"), INK),
+    **dict.fromkeys(("figure.facecolor", "axes.facecolor"), PAPER),
+}
+
+
+def draw(results: dict[str, Any], folder: Path, is_check: bool) -> None:
+    """Draw the charts whose points have changed, or exit if there is one."""
+    for name, (title, x_label, y_label, patterns) in CHARTS.items():
+        lines = {
+            label: points
+            for label, pattern in patterns.items()
+            if (points := sorted((int(at["x"]), figure["value"]) for _, figure, at in table.found(pattern, results)))
+        }
+        path, told = folder / f"{name}.svg", json.dumps([title, x_label, y_label, lines])
+        if path.exists() and told in path.read_text(encoding="utf-8"):
+            continue
+        if is_check:
+            sys.exit(f"{path.name}: its figures are out of date: run python bench/table.py")
+        with plt.rc_context(SETTINGS):
+            chart, axes = plt.subplots(figsize=(7, 3.6), layout="constrained")
+            for label, line in lines.items():
+                axes.plot(*zip(*line, strict=True), marker="o", markersize=4, label=label)
+            axes.set(title=title, xlabel=x_label, ylabel=y_label, xscale="log", yscale="log")
+            axes.set_xticks([x for x, _ in next(iter(lines.values()))], minor=False)
+            for axis in (axes.xaxis, axes.yaxis):
+                axis.set_major_formatter("{x:,.0f}")
+            axes.minorticks_off()
+            axes.grid(alpha=0.3)
+            chart.legend(loc="outside right center", frameon=False)
+            chart.savefig(path, metadata={"Date": None, "Creator": None})
+            plt.close(chart)
+        drawn = path.read_text(encoding="utf-8").replace(INK, "var(--ink)").replace(PAPER, "var(--paper)")
+        head, _, rest = drawn.partition("<defs>")
+        path.write_text(f"{head}<!-- {told} -->\n {STYLE}\n <defs>{rest}", encoding="utf-8")

@@ -1,0 +1,50 @@
+// The class Batch, whose members several files add.
+#pragma once
+
+#include <pybind11/pybind11.h>
+
+#include <cstdint>
+#include <memory>
+#include <string>
+
+#include "flockstep/batch.hpp"
+#include "flockstep/served_batch.hpp"
+
+namespace flockstep::bindings {
+
+// Releases the interpreter lock, because deleting a batch waits for its threads.
+struct Released {
+  void operator()(Batch* batch) const {
+    const pybind11::gil_scoped_release release;
+    std::default_delete<Batch>()(batch);
+  }
+};
+
+using BatchClass = pybind11::class_<Batch, std::unique_ptr<Batch, Released>>;
+
+// Each adds members of Batch, and the classes that they return.
+void add_bodies(pybind11::module_& module, BatchClass& cls);
+void add_cameras(pybind11::module_& module, BatchClass& cls);
+void add_lidars(pybind11::module_& module, BatchClass& cls);
+void add_task(BatchClass& cls);
+void add_terms(pybind11::module_& module, BatchClass& cls);
+
+inline pybind11::ssize_t num_drones(const Batch& batch) { return batch.config().num_drones(); }
+inline pybind11::ssize_t num_envs(const Batch& batch) { return batch.config().num_envs; }
+inline std::string counted(std::int64_t count, const std::string& noun) {
+  return std::to_string(count) + " " + noun + (count == 1 ? "" : "s");
+}
+
+// The memory of a batch's arrays, as an object that views keep alive.
+// The batch itself if it has a task: its arrays never move. Otherwise they may move while views of them exist.
+inline pybind11::object memory_of(const pybind11::object& owner) {
+  using Memory = std::shared_ptr<const void>;
+  const auto& batch = owner.cast<const Batch&>();
+  if (batch.task() != nullptr) return owner;
+  auto memory = std::make_unique<Memory>(ServedBatch::memory(batch));
+  pybind11::capsule capsule(memory.get(), [](void* held) { delete static_cast<Memory*>(held); });
+  static_cast<void>(memory.release());
+  return capsule;
+}
+
+}  // namespace flockstep::bindings
