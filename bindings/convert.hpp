@@ -360,7 +360,11 @@ Change change_of(const pybind11::kwargs& keywords, const std::string& callee) {
 // Lets the error for a missing attribute of a class suggest the most similar one, or the present name of a renamed one.
 inline void suggest_attributes(const py::object& cls) {
   const auto missing = [](const py::handle& self, const std::string& name) -> py::object {
-    const auto known = py::module_::import("builtins").attr("dir")(py::type::of(self)).cast<std::vector<std::string>>();
+    const auto builtins = py::module_::import("builtins");
+    const auto known = builtins.attr("dir")(py::type::of(self)).cast<std::vector<std::string>>();
+    if (std::find(known.begin(), known.end(), name) != known.end()) {  // a property, which says why it has no value
+      return builtins.attr("object").attr("__getattribute__")(self, name);
+    }
     throw py::attribute_error(py::str(py::type::of(self).attr("__name__")).cast<std::string>() + " has no attribute '" + name +
                               "'" + did_you_mean(name, std::vector<std::string_view>(known.begin(), known.end())));
   };

@@ -6,6 +6,7 @@ import re
 
 import pytest
 from conftest import ROOT
+from messages import refused
 
 import flockstep
 
@@ -254,42 +255,30 @@ def test_estimates_are_within_the_factors_that_the_helper_states(name):
 
 def test_estimates_refuse_what_cannot_be():
     sheet = {"mass_kg": 0.62, "wheelbase_m": 0.25, "propeller_m": 0.127, "max_thrust_n": 12.4}
-    with pytest.raises(ValueError, match=r"propeller_m: expected at most 0\.177, so that .* got 5"):
+    with refused(ValueError, "propeller_m", "0.177", 5):
         flockstep.estimate_airframe(**sheet | {"propeller_m": 5})
-    with pytest.raises(ValueError, match=r"max_speed_radps: expected a finite number > 0, got 0"):
+    with refused(ValueError, "max_speed_radps", 0):
         flockstep.estimate_airframe(**sheet, max_speed_radps=0)
 
 
 @pytest.mark.parametrize(
     ("field", "value", "said"),
     [
-        (
-            "inertia_kgm2",
-            [14, 22, 33],
-            r"inertia_kgm2: expected moments in kg m\^2 .* of at most 0\.0\d+, got 33: .*g cm\^2",
-        ),
-        (
-            "max_thrust_n",
-            1260,
-            r"rotors max_thrust_n: expected a thrust-to-weight of at most 20, got 828\.\d+: .*grams",
-        ),
-        (
-            "max_speed_radps",
-            24500,
-            r"rotors max_speed_radps: expected propeller tips in m/s of at most 340, got 1555.*: .*rpm",
-        ),
+        ("inertia_kgm2", [14, 22, 33], ("inertia_kgm2", 33)),
+        ("max_thrust_n", 1260, ("rotors max_thrust_n", 20, "828.")),
+        ("max_speed_radps", 24500, ("rotors max_speed_radps", 340, 1555.75)),
     ],
 )
 def test_numbers_in_another_unit_are_doubted(tmp_path, field, value, said):
     data = flockstep.estimate_airframe(mass_kg=0.62, wheelbase_m=0.25, propeller_m=0.127, max_thrust_n=12.4)
     (data if field in data else data["rotors"])[field] = value
-    with pytest.warns(UserWarning, match=said) as caught:
+    with refused(UserWarning, *said) as caught:
         flockstep.DroneModel.from_dict(data)
     assert len(caught) == 1
     assert len(str(caught[0].message)) <= 200
     (tmp_path / "quad.json").write_text(json.dumps(data))
-    with pytest.warns(UserWarning, match=said):
+    with refused(UserWarning, *said):
         flockstep.plan(flockstep.World.load("arena/hall"), (0, 0, 2), [(1, 0, 2)], drone=str(tmp_path / "quad.json"))
     del data["rotors"]["radius_m"]  # then the distance between the rotors tells
-    with pytest.warns(UserWarning, match=said.split(":")[0]):
+    with refused(UserWarning, said[0]):
         flockstep.DroneModel.from_dict(data)

@@ -11,6 +11,7 @@ import gymnasium
 import numpy as np
 import PIL.Image
 import pytest
+from messages import refused
 from scipy.spatial import ConvexHull, cKDTree
 
 import flockstep
@@ -217,7 +218,7 @@ def test_a_box_stays_as_it_is(tmp_path):
     assert mesh.triangles_in_file == len(mesh.triangles) == 12
     assert {tuple(corner) for corner in mesh.hull().tolist()} == {tuple(corner) for corner in BOX.tolist()}
     np.testing.assert_allclose(mesh.colors, 0.8, atol=1e-6)
-    with pytest.raises(ValueError, match="read-only"):
+    with refused(ValueError, "read-only"):
         mesh.vertices[0] = 0
 
 
@@ -297,12 +298,10 @@ def test_flat_sheets_do_not_vanish_and_have_no_hull(tmp_path):
     a, b, c = mesh.vertices[mesh.triangles].transpose(1, 0, 2)
     assert np.linalg.norm(np.cross(b - a, c - a), axis=1).sum() / 2 == pytest.approx(0.24, rel=0.02)
     for flat in (mesh, flockstep.DroneMesh.load(path)):
-        with pytest.raises(
-            ValueError, match=r"'sheet\.ply'.*at least 0\.0001 m thick in every direction.*got one of 0 m"
-        ):
+        with refused(ValueError, "sheet.ply", "0.0001", "one of 0 m"):
             flat.hull()
     thin = flockstep.DroneMesh(BOX * [1, 1, 5e-4], [[0, 1, 3], [4, 6, 7], [5, 2, 0]])
-    with pytest.raises(ValueError, match="got one of 5e-05 m"):
+    with refused(ValueError, "<DroneMesh", "0.0001 m", "5e-05 m"):
         thin.hull()
 
 
@@ -346,61 +345,61 @@ def test_many_loose_parts_are_simplified_too(tmp_path):
 @pytest.mark.parametrize(
     ("keywords", "message"),
     [
-        ({"triangles": 3}, "triangles: expected an integer >= 4, got 3"),
-        ({"triangles": 5e3}, r"triangles: expected an integer >= 4, got 5000\.0"),
-        ({"triangles": True}, "triangles: expected an integer >= 4, got True"),
-        ({"yaw_deg": np.nan}, "yaw_deg: expected a finite number, got nan"),
-        ({"yaw_deg": "left"}, "yaw_deg: expected a finite number, got 'left'"),
-        ({"scale": 0}, "scale: expected a number"),
-        ({"up": "x"}, 'up: expected "y" or "z", got "x"'),
-        ({"origin": (1e9, 0, 0)}, "origin: expected finite coordinates"),
+        ({"triangles": 3}, ("triangles", 4, 3)),
+        ({"triangles": 5e3}, ("triangles", 4, "5000.0")),
+        ({"triangles": True}, ("triangles", 4, "True")),
+        ({"yaw_deg": np.nan}, ("yaw_deg", "nan")),
+        ({"yaw_deg": "left"}, ("yaw_deg", "left")),
+        ({"scale": 0}, ("scale",)),
+        ({"up": "x"}, ("up", "y", "z", "x")),
+        ({"origin": (1e9, 0, 0)}, ("origin",)),
     ],
 )
 def test_arguments_that_make_no_sense(tmp_path, keywords, message):
-    with pytest.raises(ValueError, match=message):
+    with refused(ValueError, *message):
         flockstep.DroneMesh.load(write_box(tmp_path / "box.obj"), **keywords)
 
 
 def test_invalid_files(tmp_path):
-    with pytest.raises(ValueError, match=r"path: expected a name that ends with \.gltf, .*, got 'indoor/office'"):
+    with refused(ValueError, "path", "indoor/office"):
         flockstep.DroneMesh.load("indoor/office")
-    with pytest.raises(FileNotFoundError, match=r"nowhere\.glb"):
+    with refused(FileNotFoundError, "nowhere.glb"):
         flockstep.DroneMesh.load(tmp_path / "nowhere.glb")
     (tmp_path / "broken.ply").write_text("ply\n")
-    with pytest.raises(ValueError, match=r"broken\.ply: "):
+    with refused(ValueError, "broken.ply"):
         flockstep.DroneMesh.load(tmp_path / "broken.ply")
-    with pytest.raises(ValueError, match="points: expected an integer from 4 to 32, got 33"):
+    with refused(ValueError, "points", 4, 32, 33):
         flockstep.DroneMesh.load(write_box(tmp_path / "box.obj")).hull(33)
 
 
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        (([[0, 0]], [[0, 0, 0]]), r"vertices: expected numbers of shape \(V, 3\), got int64 \(1, 2\)"),
-        (([[0, 0, np.inf]], [[0, 0, 0]]), "vertices: expected finite coordinates"),
-        ((BOX, np.zeros((0, 3), int)), r"triangles: expected integers of shape \(T, 3\), got int64 \(0, 3\)"),
-        ((BOX, [[0, 1, 2.0]]), "triangles: expected integers"),
-        ((BOX, [[0, 1, 8]]), "triangles: expected indices of 8 vertices, got 8"),
-        ((BOX, [[0, 1, -1]]), "triangles: expected indices of 8 vertices, got -1"),
-        ((BOX, [[0, 1, 2]], [[1, 1]]), r"colors: expected numbers of shape \(1, 3\) or \(3,\), got int64 \(1, 2\)"),
-        ((BOX, [[0, 1, 2]], [0, 0, 255]), r"colors: expected linear RGB in \[0, 1\]"),
-        ((BOX, [[0, 1, 2]], [0, 0, np.nan]), r"colors: expected linear RGB in \[0, 1\]"),
+        (([[0, 0]], [[0, 0, 0]]), ("vertices", 3, 1, 2)),
+        (([[0, 0, np.inf]], [[0, 0, 0]]), ("vertices",)),
+        ((BOX, np.zeros((0, 3), int)), ("triangles", 3, 0)),
+        ((BOX, [[0, 1, 2.0]]), ("triangles",)),
+        ((BOX, [[0, 1, 8]]), ("triangles", 8)),
+        ((BOX, [[0, 1, -1]]), ("triangles", 8, -1)),
+        ((BOX, [[0, 1, 2]], [[1, 1]]), ("colors", 1, 3, 2)),
+        ((BOX, [[0, 1, 2]], [0, 0, 255]), ("colors", 0, 1)),
+        ((BOX, [[0, 1, 2]], [0, 0, np.nan]), ("colors", 0, 1)),
     ],
 )
 def test_invalid_arrays(arguments, message):
-    with pytest.raises(ValueError, match=message):
+    with refused(ValueError, *message):
         flockstep.DroneMesh(*arguments)
 
 
 def test_without_the_extra_it_says_what_to_install(bumpy, tmp_path, monkeypatch):
     path, _, mesh = bumpy
-    advice = r"which is not installed: pip install 'flockstep\[mesh\]'"
+    advice = "pip install 'flockstep[mesh]'"
     monkeypatch.setitem(sys.modules, "fast_simplification", None)
-    with pytest.raises(ModuleNotFoundError, match=f"DroneMesh.load needs fast-simplification, {advice}"):
+    with refused(ModuleNotFoundError, "DroneMesh.load", "fast-simplification", advice):
         flockstep.DroneMesh.load(path)
     flockstep.DroneMesh.load(write_box(tmp_path / "box.obj"))  # requires none of them
     monkeypatch.setitem(sys.modules, "scipy.spatial", None)
-    with pytest.raises(ModuleNotFoundError, match=f"DroneMesh.hull needs scipy, {advice}"):
+    with refused(ModuleNotFoundError, "DroneMesh.hull", "scipy", advice):
         mesh.hull()
 
 
@@ -424,9 +423,7 @@ def test_envs_accept_copy_pickle_and_describe_it(bumpy, room):
     for name in ("vertices", "triangles", "colors"):
         np.testing.assert_array_equal(getattr(again, name), getattr(mesh, name))
     np.testing.assert_array_equal(again.hull(), mesh.hull())
-    with pytest.raises(
-        TypeError, match=r"drone_mesh: expected a flockstep\.DroneMesh, a World or None, got 'drone\.glb'"
-    ):
+    with refused(TypeError, "drone_mesh", "drone.glb"):
         flockstep.DroneVectorEnv(1, worlds=room, drone_mesh="drone.glb")
 
 

@@ -5,6 +5,7 @@ import math
 import numpy as np
 import pytest
 from gymnasium import spaces
+from messages import refused
 from rigid_body import FRAMES, OPEN, batch_of, frame, plain
 
 import flockstep
@@ -12,8 +13,8 @@ import flockstep
 NAN, INF = math.nan, math.inf
 
 
-def refused(call, match, error=ValueError):
-    with pytest.raises(error, match=f"(?s){match}"):
+def refuses(call, *said, error=ValueError):
+    with refused(error, *said):
         call()
 
 
@@ -29,73 +30,51 @@ def made(dynamics=None, clock=None, drone=None):
 
 
 @pytest.mark.parametrize(
-    ("field", "value", "match"),
+    ("field", "value", "named"),
     [
-        ("motion", "hover", 'motion: expected "kinematic" or "rotors", got "hover"'),
-        ("control", "speed", 'control: expected "pose", "rotor_speeds".*got "speed"'),
-        ("integrator", "euler", 'integrator: expected "automatic", "midpoint" or "rk4", got "euler"'),
-        ("on_contact", "crash", 'on_contact: expected "terminate", "stop" or "bounce", got "crash"'),
-        *(("restitution", bad, r"restitution: expected a number in \[0, 1\], got") for bad in (-0.1, 1.1, NAN)),
-        *(("friction", bad, r"friction: expected a number in \[0, 10\], got") for bad in (-0.1, 11, NAN)),
-        *(("max_tilt_deg", bad, r"max_tilt_deg: expected a number in \(0, 89\], got") for bad in (0, 90, NAN)),
+        ("motion", "hover", ("kinematic", "rotors")),
+        ("control", "speed", ("pose", "rotor_speeds")),
+        ("integrator", "euler", ("automatic", "midpoint", "rk4")),
+        ("on_contact", "crash", ("terminate", "stop", "bounce")),
+        *(("restitution", bad, (0, 1)) for bad in (-0.1, 1.1, NAN)),
+        *(("friction", bad, (0, 10)) for bad in (-0.1, 11, NAN)),
+        *(("max_tilt_deg", bad, (0, 89)) for bad in (0, 90, NAN)),
         *(
-            (field, bad, f"{field}: expected a finite number > 0, got")
+            (field, bad, (0,))
             for field in ("max_speed_mps", "max_acceleration_mps2", "max_rate_dps", "max_yaw_rate_dps")
             for bad in (0, -1, NAN, INF)
         ),
     ],
 )
-def test_dynamics_config(field, value, match):
-    refused(lambda: made({field: value}), match)
+def test_dynamics_config(field, value, named):
+    refuses(lambda: made({field: value}), field, value, *named)
 
 
 @pytest.mark.parametrize(
-    ("field", "value", "match"),
-    [
-        ("rotor_lag", "yes", "rotor_lag: expected a bool, got 'yes'"),
-        ("max_speed_mps", "5", "max_speed_mps: expected a number, got '5'"),
-        ("speed", 3, "unexpected keyword argument 'speed'"),
-        *(("rotor_lag", bad, "rotor_lag: expected a bool, got") for bad in (None, 2, "no", 1.0, [])),
-    ],
+    ("field", "value"), [("max_speed_mps", "5"), *(("rotor_lag", bad) for bad in ("yes", None, 2, "no", 1.0, []))]
 )
-def test_dynamics_config_of_wrong_types(field, value, match):
-    refused(lambda: made({field: value}), match, TypeError)
+def test_dynamics_config_of_wrong_types(field, value):
+    refuses(lambda: made({field: value}), field, value, error=TypeError)
 
 
 def test_kinematic_motion_takes_only_poses():
-    refused(lambda: made({"motion": "kinematic"}), 'control: expected "pose" .*motion="rotors".*got velocity')
+    refuses(lambda: made({"motion": "kinematic"}), "control", "pose", "rotors", "velocity")
 
 
 @pytest.mark.parametrize(
-    ("rates", "match"),
+    ("field", "bad", "others", "limits"),
     [
-        *(({"policy_hz": bad}, r"policy_hz: expected a number in \[0.001, 100000\], got") for bad in (0, -1, NAN, INF)),
-        *(
-            ({"physics_hz": bad}, r"physics_hz: expected a multiple of policy_hz \(50 Hz\), at most 1000 times it, got")
-            for bad in (25, 75, 1e6)
-        ),
-        *(
-            ({"physics_hz": 500} | {name: bad}, f"{name}: expected a finite number > 0, got")
-            for name in ("physics_hz", "controller_hz")
-            for bad in (0, -50, NAN)
-        ),
-        ({"policy_hz": 10, "physics_hz": 40}, "physics_hz: expected at least 50 Hz for motion by rotors.*got 40"),
-        *(
-            (
-                {"physics_hz": 500, "controller_hz": bad},
-                r"controller_hz: expected a divisor of physics_hz \(500 Hz\)",
-            )
-            for bad in (75, 200, 1000)
-        ),
-        ({"policy_hz": 0.1}, "policy_hz: expected at least 0.5 Hz for motion by rotors.*got 0.1"),
-        (
-            {"physics_hz": 500, "controller_hz": 125},
-            r"controller_hz: expected a multiple of policy_hz \(50 Hz\), got 125 Hz",
-        ),
+        *(("policy_hz", bad, {}, (0.001, 100_000)) for bad in (0, -1, NAN, INF)),
+        *(("physics_hz", bad, {}, (50, 1000)) for bad in (25, 75)),
+        *((name, bad, {}, (0,)) for name in ("physics_hz", "controller_hz") for bad in (0, -50, NAN)),
+        ("physics_hz", 40, {"policy_hz": 10}, (50,)),
+        *(("controller_hz", bad, {}, (500,)) for bad in (75, 200, 1000)),
+        ("policy_hz", 0.1, {"physics_hz": None}, (0.5,)),
+        ("controller_hz", 125, {}, (50,)),
     ],
 )
-def test_clock_config(rates, match):
-    refused(lambda: made(clock=rates), match)
+def test_clock_config(field, bad, others, limits):
+    refuses(lambda: made(clock={"physics_hz": 500} | others | {field: bad}), field, bad, *limits)
 
 
 @pytest.fixture
@@ -111,35 +90,31 @@ def rows(values):
 
 
 @pytest.mark.parametrize(
-    ("arguments", "match"),
+    ("arguments", "said"),
     [
-        *(
-            ({"command": rows([0, bad, 0, 0])}, r"command \(row 1\): expected finite")
-            for bad in (NAN, INF, -INF, 2.1e6)
-        ),
-        ({"command": [[0] * 4]}, r"command: expected shape \(2, 4\), got shape \(1, 4\)"),
-        ({"command": [[0] * 3] * 2}, r"command: expected shape \(2, 4\), got shape \(2, 3\)"),
-        ({"command": [["a"] * 4] * 2}, "command: expected an array of real numbers"),
-        ({"command": None}, r"command: expected an array \(N, 4\), got None"),
-        ({"command": [[0] * 4] * 2, "ticks": 0}, "ticks: expected an integer >= 1, got 0"),
-        ({"command": [[0] * 4] * 2, "ticks": -1}, "ticks: expected an integer >= 1, got -1"),
-        ({"command": [[0] * 4] * 2, "ticks": 10**7}, r"ticks: expected an integer in .*1000000\], got 10000000"),
-        ({"command": [[0] * 4] * 2, "mask": [1, 0]}, "mask: expected an array of bool"),
-        ({"command": [[0] * 4] * 2, "mask": [True]}, r"mask: expected shape \(2,\)"),
+        *(({"command": rows([0, bad, 0, 0])}, ("command (row 1)", bad)) for bad in (NAN, INF, -INF)),
+        ({"command": rows([0, 2.1e6, 0, 0])}, ("command (row 1)",)),
+        ({"command": [[0] * 4]}, ("command", (2, 4), (1, 4))),
+        ({"command": [[0] * 3] * 2}, ("command", (2, 4), (2, 3))),
+        ({"command": [["a"] * 4] * 2}, ("command",)),
+        ({"command": None}, ("command", None)),
+        *(({"command": [[0] * 4] * 2, "ticks": bad}, ("ticks", bad)) for bad in (0, -1, 10**7)),
+        ({"command": [[0] * 4] * 2, "mask": [1, 0]}, ("mask", bool)),
+        ({"command": [[0] * 4] * 2, "mask": [True]}, ("mask", (2,))),
     ],
 )
-def test_fly(batch, arguments, match):
+def test_fly(batch, arguments, said):
     before = batch.snapshot()
-    refused(lambda: batch.fly(**arguments), match)
+    refuses(lambda: batch.fly(**arguments), *said)
     assert batch.snapshot() == before
 
 
 @pytest.mark.parametrize(
     ("control", "column", "most", "named"),
     [
-        ("attitude", 1, math.pi, r"a roll within \+-pi rad \(not degrees\)"),
-        ("attitude", 2, math.pi, r"a pitch within \+-pi rad \(not degrees\)"),
-        *((control, 3, 1e4, r"a yaw within \+-10000 rad") for control in ("attitude", "acceleration", "position")),
+        ("attitude", 1, math.pi, "roll"),
+        ("attitude", 2, math.pi, "pitch"),
+        *((control, 3, 1e4, "yaw") for control in ("attitude", "acceleration", "position")),
     ],
 )
 def test_angles(control, column, most, named):
@@ -147,14 +122,13 @@ def test_angles(control, column, most, named):
     before = batch.snapshot()
     command = [9.81 if control == "attitude" else 0, 0, 0, 0]
     for command[column] in (45.0, -90.0) if most < 4 else (2e4, -3e4):
-        match = rf"command \(row 1\): expected {named}, got {command[column]:g}"
-        refused(lambda: batch.fly(rows(command)), match)
+        refuses(lambda: batch.fly(rows(command)), "command (row 1)", named, f"{command[column]:g}")
     assert batch.snapshot() == before
     command[column] = -most if most < 4 else -12
     batch.fly(rows(command))
     if most > 4:
         command[column] = -most
-        with pytest.warns(RuntimeWarning, match=r"^command \(row 1\): a yaw of -10000 rad is more than two turns"):
+        with refused(RuntimeWarning, "command (row 1)", -10000):
             batch.fly(rows(command))
 
 
@@ -164,32 +138,20 @@ def test_invalid_angles(control):
 
 
 @pytest.mark.parametrize(
-    ("arguments", "match"),
+    ("arguments", "said"),
     [
-        *(
-            ({"velocity": rows([0, 0, bad])}, r"velocity \(row 1\): expected finite numbers")
-            for bad in (NAN, INF, -1.1e4)
-        ),
-        *(
-            (
-                {"angular_velocity": rows([0, 0, bad])},
-                r"angular_velocity \(row 1\): expected at most 1570.* rad/s, half a turn",
-            )
-            for bad in (NAN, INF, -1600)
-        ),
-        *(
-            ({"rotor_speed": rows([0, 0, 0, bad])}, r"rotor_speed \(row 1\): expected numbers in \[0, 2332")
-            for bad in (NAN, -1, 2333)
-        ),
-        ({"velocity": [[0, 0]] * 2}, r"velocity: expected shape \(2, 3\), got shape \(2, 2\)"),
-        ({"rotor_speed": [[0, 0, 0]] * 2}, r"rotor_speed: expected shape \(2, 4\), got shape \(2, 3\)"),
+        *(({"velocity": rows([0, 0, bad])}, ("velocity (row 1)",)) for bad in (NAN, INF, -1.1e4)),
+        *(({"angular_velocity": rows([0, 0, bad])}, ("angular_velocity (row 1)",)) for bad in (NAN, INF, -1600)),
+        *(({"rotor_speed": rows([0, 0, 0, bad])}, ("rotor_speed (row 1)", bad)) for bad in (NAN, -1, 2333)),
+        ({"velocity": [[0, 0]] * 2}, ("velocity", (2, 3), (2, 2))),
+        ({"rotor_speed": [[0, 0, 0]] * 2}, ("rotor_speed", (2, 4), (2, 3))),
         # A good field before a bad one is not set either.
-        ({"velocity": [[1, 1, 1]] * 2, "rotor_speed": [[-1] * 4] * 2}, "rotor_speed"),
+        ({"velocity": [[1, 1, 1]] * 2, "rotor_speed": [[-1] * 4] * 2}, ("rotor_speed (row 0)", -1)),
     ],
 )
-def test_set_velocity(batch, arguments, match):
+def test_set_velocity(batch, arguments, said):
     before = batch.snapshot()
-    refused(lambda: batch.set_velocity(**arguments), match)
+    refuses(lambda: batch.set_velocity(**arguments), *said)
     assert batch.snapshot() == before
 
 
@@ -202,7 +164,7 @@ STIFF = {
 
 @pytest.mark.parametrize("why", STIFF)
 def test_an_airframe_too_stiff_for_the_tick_is_refused(why):
-    refused(lambda: batch_of(STIFF[why]()), "drone: expected .* at most 1000 1/s.*physics_hz of at least")
+    refuses(lambda: batch_of(STIFF[why]()), "drone", 1000, 1)
 
 
 def test_every_shipped_frame_flies_at_the_usual_tick_and_twice_of_it():
@@ -214,7 +176,7 @@ def test_a_flight_that_is_lost_is_reported():
     """A tiny inertia without drag: the first thrust turns the body faster than one tick can represent."""
     batch = batch_of(plain("x500", inertia_kgm2=[1e-9] * 3), 3)
     before = batch.position.copy()
-    with pytest.warns(RuntimeWarning, match=r"fly\(\): 2 drones \(first: 1\) moved faster .* half a turn in a tick"):
+    with refused(RuntimeWarning, "fly()", 2, 1):
         batch.fly([[500] * 4, [500, 600, 500, 500], [500, 600, 500, 500]])
     assert (batch.velocity[1:] == 0).all()
     assert (batch.position[1:] == before[1:]).all()
@@ -256,7 +218,7 @@ FAR = flockstep.BodyConfig(shape="sphere", position_m=(100, 0, 0))
 def test_a_lost_drone_is_counted_once_and_rests(keywords, ticks):
     batch = two(**keywords)
     before = batch.position.copy()
-    with pytest.warns(RuntimeWarning, match=r"fly\(\): 1 drone \(first: 1\) moved faster"):
+    with refused(RuntimeWarning, "fly()", 1):
         batch.fly(ONE_SPINS, ticks=ticks)
     np.testing.assert_array_equal(batch.position[1], before[1])
     np.testing.assert_array_equal(batch.velocity[1], 0)
@@ -284,7 +246,7 @@ def test_a_drone_that_is_stopped_before_it_is_lost_is_not_lost():
         batch.fly(ONE_SPINS, ticks=50)
         return batch
 
-    with pytest.warns(RuntimeWarning, match=r"fly\(\): 1 drone \(first: 1\) moved faster"):
+    with refused(RuntimeWarning, "fly()", 1):
         flown("none")
     met = flown("collide")
     assert met.contact.hit.tolist() == [True, True]
@@ -315,101 +277,91 @@ def test_fast_turns_stay_unit_quaternions(control):
 
 def test_each_motion_has_its_calls(batch):
     before = batch.snapshot()
-    refused(lambda: batch.move([[0, 0, 0]] * 2), r"move\(\) is for kinematic motion.*fly\(\)", RuntimeError)
+    refuses(lambda: batch.move([[0, 0, 0]] * 2), "move() is for kinematic motion", error=RuntimeError)
     assert batch.snapshot() == before
     kinematic = flockstep.Batch([OPEN], 1)
     before = kinematic.snapshot()
-    refused(lambda: kinematic.fly([[0] * 4]), r"fly\(\) is for motion by rotors", RuntimeError)
-    refused(lambda: kinematic.set_velocity([[0] * 3]), r"set_velocity\(\) is for motion by rotors", RuntimeError)
+    refuses(lambda: kinematic.fly([[0] * 4]), "fly() is for motion by rotors", error=RuntimeError)
+    refuses(lambda: kinematic.set_velocity([[0] * 3]), "set_velocity() is for motion by rotors", error=RuntimeError)
     for name in ("velocity", "angular_velocity", "acceleration", "angular_acceleration", "rotor_speed"):
-        refused(lambda name=name: getattr(kinematic, name), 'motion="rotors"', AttributeError)
+        refuses(lambda name=name: getattr(kinematic, name), 'motion="rotors"', error=AttributeError)
     assert kinematic.snapshot() == before
-    refused(lambda: made({"control": "pose"}).fly([[0] * 4]), 'fly.*control="pose"', RuntimeError)
+    refuses(lambda: made({"control": "pose"}).fly([[0] * 4]), "fly", "pose", error=RuntimeError)
 
 
 def test_a_drone_without_an_airframe_cannot_fly_by_rotors():
     hull = flockstep.DroneModel(frame()["hull_m"])
-    refused(lambda: made(drone=hull), "drone: expected one with an airframe.*got only a hull")
-    refused(lambda: hull.mass_kg, "only a hull", AttributeError)
-    refused(lambda: hull.scaled(size=2), "drone: expected one with an airframe.*got only a hull")
+    refuses(lambda: made(drone=hull), "drone", "only a hull")
+    refuses(lambda: hull.mass_kg, "only a hull", error=AttributeError)
+    refuses(lambda: hull.scaled(size=2), "drone", "only a hull")
 
 
 LEFT_OUT = object()
 
 
 @pytest.mark.parametrize(
-    ("place", "value", "match"),
+    ("place", "value", "said"),
     [
-        *(("mass_kg", bad, r"mass_kg: expected a number in \[0.0001, 10000\], got") for bad in (-1, 0, 1e5)),
-        ("mass_kg", "heavy", 'mass_kg: expected a number, got "heavy"'),
-        ("mass_kg", None, "mass_kg: expected a number, got null"),
-        ("mass_kg", NAN, "mass_kg"),
-        ("mass_kg", 4.0, "rotors: expected a thrust-to-weight above 1, to hover, got 0.866"),
-        ("inertia_kgm2", [-1, 1, 1], r"inertia_kgm2\[0\]: expected a number in \[1e-12, 1000000000\], got -1"),
-        ("inertia_kgm2", [1, 1, 0], r"inertia_kgm2\[2\]: expected a number in \[1e-12, 1000000000\], got 0"),
+        *(("mass_kg", bad, ("mass_kg", 0.0001, 10000)) for bad in (-1, 0, 1e5)),
+        ("mass_kg", "heavy", ("mass_kg", "heavy")),
+        ("mass_kg", None, ("mass_kg", "null")),
+        ("mass_kg", 4.0, ("rotors", 1, "0.866192")),
+        ("inertia_kgm2", [-1, 1, 1], ("inertia_kgm2[0]", "1e-12", 1000000000, -1)),
+        ("inertia_kgm2", [1, 1, 0], ("inertia_kgm2[2]", "1e-12", 1000000000, 0)),
         (
             "inertia_kgm2",
             [1.43e-5, 1.43e-5, 2.89e-5],  # from a published table
-            r"inertia_kgm2: expected moments.*sum of the other two, got 1.43e-05, 1.43e-05, 2.89e-05 "
-            r"\(lower inertia_kgm2\[2\] to 2.86e-05, or raise the others\)",
+            ("inertia_kgm2", "1.43e-05, 1.43e-05, 2.89e-05", "inertia_kgm2[2] to 2.86e-05"),
         ),
-        ("inertia_kgm2", [3, 1, 1], r"got 3, 1, 1 \(lower inertia_kgm2\[0\] to 2"),
-        ("inertia_kgm2", [1, 1], "inertia_kgm2: expected an array of 3 numbers"),
-        ("inertia_kgm2", 0.1, "inertia_kgm2: expected an array of 3 numbers"),
-        ("rotors", [], "rotors: expected an object"),
-        ("rotors/spin", ["ccw"] * 4, "rotors: expected positions and spins that can turn the body"),
-        ("rotors/spin", ["ccw", "left", "cw", "cw"], 'spin/1: expected "ccw" or "cw".*got "left"'),
-        ("rotors/spin", ["ccw"], 'spin: expected four of "ccw" and "cw"'),
-        ("rotors/position_m", [[0, 0, 0]] * 4, "rotors: expected positions and spins that can turn the body"),
-        ("rotors/position_m", [[0.1, 0.1, 0]] * 3, "position_m: expected four positions"),
-        ("rotors/position_m", [[0.1, 0.1]] * 4, "position_m/0: expected an array of 3 numbers"),
-        ("rotors/position_m", [[1000, 0.1, 0]] * 4, r"position_m\[0\]\[0\]: expected a number within \+-100, got 1000"),
-        ("rotors/thrust_n", [0, 0, 1e-7], "rotors: expected a thrust-to-weight above 1"),
-        ("rotors/thrust_n", [0, 0, -1e-6], r"thrust_n\[2\]: expected a number >= 0"),
-        ("rotors/thrust_n", [0, 0, 0], "thrust_n: expected a positive thrust at full speed"),
-        ("rotors/thrust_n", [1.0, -0.001, 1.6e-6], "thrust_n: expected a thrust that grows with the speed"),
-        ("rotors/thrust_n", [0, 0], "thrust_n: expected an array of 3 numbers"),
-        ("rotors/max_thrust_n", 8.0, 'rotors: expected either "thrust_n" or "max_thrust_n", found both'),
-        ("rotors/max_speed_radps", 0, r"max_speed_radps: expected a number in \[0.001, 100000\], got 0"),
-        ("rotors/min_speed_radps", -1, "min_speed_radps: expected a finite number >= 0, got -1"),
-        ("rotors/min_speed_radps", 3000, "min_speed_radps: expected a number below max_speed_radps"),
-        (
-            "rotors/min_speed_radps",
-            2000,
-            "min_speed_radps: expected a speed at which the thrust is below the weight, got 2000",
-        ),
-        ("rotors/torque_ratio_m", 0, "torque_ratio_m: expected a number in"),
-        ("rotors/lag_up_s", -0.1, r"lag_up_s: expected a number in \[0, 10\], got -0.1"),
-        ("rotors/lag_down_s", 11, r"lag_down_s: expected a number in \[0, 10\], got 11"),
-        ("rotors/radius_m", -1, "radius_m: expected a number in"),
-        ("rotors/inertia_kgm2", -1, r"rotors inertia_kgm2: expected a number in \[0, 1000000\], got -1"),
-        (
-            "rotors/drag_n_per_radps_mps",
-            [0, -1, 0],
-            r"drag_n_per_radps_mps\[1\]: expected a number in \[0, 1000000\], got -1",
-        ),
-        ("rotors/lift_n_per_mps2", -1, r"lift_n_per_mps2: expected a number in \[0, 1000000\], got -1"),
-        ("drag/linear_n_per_mps", [0, 0, -1], r"linear_n_per_mps\[2\]: expected a number in \[0, 1000000\], got -1"),
-        ("drag/quadratic_n_per_mps2", [0, 0], "quadratic_n_per_mps2: expected an array of 3 numbers"),
-        ("drag/cubic", [0, 0, 0], "drag/cubic: unknown field; expected one of linear_n_per_mps"),
-        ("rotors/colour", "red", "rotors/colour: unknown field"),
-        ("wings", 2, "wings: unknown field"),
-        ("name", 3, "name: expected a string, got 3"),
-        ("like", "x501", 'expected one of crazyflie.*got "x501"'),
-        ("scaled", {"size": 2}, 'scaled: allowed only beside "like"'),
-        ("flockstep_drone", 2, "flockstep_drone: expected version 1, got 2"),
+        ("inertia_kgm2", [3, 1, 1], ("inertia_kgm2", "3, 1, 1", "inertia_kgm2[0] to 2")),
+        ("inertia_kgm2", [1, 1], ("inertia_kgm2", 3)),
+        ("inertia_kgm2", 0.1, ("inertia_kgm2", 3)),
+        ("rotors", [], ("rotors",)),
+        ("rotors/spin", ["ccw"] * 4, ("rotors",)),
+        ("rotors/spin", ["ccw", "left", "cw", "cw"], ("spin/1", "ccw", "cw", "left")),
+        ("rotors/spin", ["ccw"], ("spin", "ccw", "cw")),
+        ("rotors/position_m", [[0, 0, 0]] * 4, ("rotors",)),
+        ("rotors/position_m", [[0.1, 0.1, 0]] * 3, ("position_m",)),
+        ("rotors/position_m", [[0.1, 0.1]] * 4, ("position_m/0", 3)),
+        ("rotors/position_m", [[1000, 0.1, 0]] * 4, ("position_m[0][0]", "+-100", 1000)),
+        ("rotors/thrust_n", [0, 0, 1e-7], ("rotors", 1)),
+        ("rotors/thrust_n", [0, 0, -1e-6], ("thrust_n[2]", 0)),
+        ("rotors/thrust_n", [0, 0, 0], ("thrust_n",)),
+        ("rotors/thrust_n", [1.0, -0.001, 1.6e-6], ("thrust_n",)),
+        ("rotors/thrust_n", [0, 0], ("thrust_n", 3)),
+        ("rotors/max_thrust_n", 8.0, ("rotors", "thrust_n", "max_thrust_n")),
+        ("rotors/max_speed_radps", 0, ("max_speed_radps", "0.001", 100000, 0)),
+        ("rotors/min_speed_radps", -1, ("min_speed_radps", 0, -1)),
+        ("rotors/min_speed_radps", 3000, ("min_speed_radps",)),
+        ("rotors/min_speed_radps", 2000, ("min_speed_radps", 2000)),
+        ("rotors/torque_ratio_m", 0, ("torque_ratio_m",)),
+        ("rotors/lag_up_s", -0.1, ("lag_up_s", 0, 10, "-0.1")),
+        ("rotors/lag_down_s", 11, ("lag_down_s", 0, 10, 11)),
+        ("rotors/radius_m", -1, ("radius_m",)),
+        ("rotors/inertia_kgm2", -1, ("rotors inertia_kgm2", 0, 1000000, -1)),
+        ("rotors/drag_n_per_radps_mps", [0, -1, 0], ("drag_n_per_radps_mps[1]", 0, 1000000, -1)),
+        ("rotors/lift_n_per_mps2", -1, ("lift_n_per_mps2", 0, 1000000, -1)),
+        ("drag/linear_n_per_mps", [0, 0, -1], ("linear_n_per_mps[2]", 0, 1000000, -1)),
+        ("drag/quadratic_n_per_mps2", [0, 0], ("quadratic_n_per_mps2", 3)),
+        ("drag/cubic", [0, 0, 0], ("drag/cubic",)),
+        ("rotors/colour", "red", ("rotors/colour",)),
+        ("wings", 2, ("wings",)),
+        ("name", 3, ("name", 3)),
+        ("like", "x501", ("crazyflie", "x501")),
+        ("scaled", {"size": 2}, ("scaled", "like")),
+        ("flockstep_drone", 2, ("flockstep_drone", 1, 2)),
         *(
-            (field, LEFT_OUT, f'expected a field "{field.rpartition("/")[2]}".*found none')
+            (field, LEFT_OUT, (field.rpartition("/")[2],))
             for field in (
                 *("flockstep_drone", "mass_kg", "inertia_kgm2", "rotors", "rotors/position_m", "rotors/spin"),
                 *("rotors/thrust_n", "rotors/max_speed_radps", "rotors/torque_ratio_m"),
             )
         ),
-        ("hull_m", LEFT_OUT, 'expected a field "size_m", found none'),
-        ("hull_m", [[0, 0, 0]] * 5, "hull: expected a body with a volume"),
+        ("hull_m", LEFT_OUT, ("size_m",)),
+        ("hull_m", [[0, 0, 0]] * 5, ("hull",)),
     ],
 )
-def test_drone_data(place, value, match):
+def test_drone_data(place, value, said):
     data = frame()
     *groups, field = place.split("/")
     home = data[groups[0]] if groups else data
@@ -417,24 +369,25 @@ def test_drone_data(place, value, match):
         del home[field]
     else:
         home[field] = value
-    refused(lambda: flockstep.DroneModel.from_dict(data), match)
+    refuses(lambda: flockstep.DroneModel.from_dict(data), "drone", *said)
 
 
 @pytest.mark.parametrize("data", [None, [], "x"])
 def test_drone_data_of_wrong_types(data):
-    refused(lambda: flockstep.DroneModel.from_dict(data), "data: dict", TypeError)
+    refuses(lambda: flockstep.DroneModel.from_dict(frame() | {"mass_kg": NAN}), "data['mass_kg']")
+    refuses(lambda: flockstep.DroneModel.from_dict(data), "data", error=TypeError)
 
 
 @pytest.mark.parametrize("factor", ["size", "mass"])
 @pytest.mark.parametrize("value", [0, -1, NAN, INF])
 def test_scaled(factor, value):
     model = flockstep.DroneModel.load("x500")
-    refused(lambda: model.scaled(**{factor: value}), f"{factor}: expected a finite number > 0, got")
+    refuses(lambda: model.scaled(**{factor: value}), factor, 0, value)
 
 
 def test_unknown_frames():
-    refused(lambda: flockstep.DroneModel.load("x501"), 'expected one of crazyflie.*path of a file.*got "x501"')
-    refused(lambda: flockstep.DroneModel.load("none.json"), "none.json: cannot read a drone file")
+    refuses(lambda: flockstep.DroneModel.load("x501"), "drone", "crazyflie", "x501")
+    refuses(lambda: flockstep.DroneModel.load("none.json"), "none.json")
 
 
 def test_a_drone_is_placed_level_unless_an_attitude_is_given():
@@ -472,15 +425,14 @@ def test_one_row_places_all_drones():
     batch.set_velocity([1, 0, 0])
     np.testing.assert_array_equal(batch.velocity, [[1, 0, 0]] * 3)
     for wrong in ([1, 2], [[[1, 2, 3]]], [[1, 2, 3]] * 2, []):
-        refused(lambda wrong=wrong: batch.set_pose(wrong), r"position: expected shape \(3, 3\), got shape")
+        refuses(lambda wrong=wrong: batch.set_pose(wrong), "position", 3, "shape")
 
 
 def test_a_yaw_that_may_be_in_degrees_warns_once():
     batch = made({"control": "attitude"})
     batch.set_pose([0, 0, 5])
     batch.fly([[9.81, 0, 0, -12]])  # an accumulated yaw
-    said = r"^command \(row 0\): a yaw of 45 rad is more than two turns: is it in degrees\?$"
-    with pytest.warns(RuntimeWarning, match=said):
+    with refused(RuntimeWarning, "command (row 0)", "yaw", 45):
         batch.fly([[9.81, 0, 0, 45]])
     batch.fly([[9.81, 0, 0, 45]])
 
@@ -506,6 +458,6 @@ class Attitude(flockstep.Task):
 def test_a_yaw_that_a_task_returns_in_degrees_warns_once():
     envs = flockstep.DroneVectorEnv(2, task=Attitude, worlds=OPEN)
     envs.reset(seed=0)
-    with pytest.warns(RuntimeWarning, match=r"^act: command \(row 0\): a yaw of 90 rad is more than two turns"):
+    with refused(RuntimeWarning, "act", 0, 90):
         envs.step(np.zeros((2, 3), np.float32))
     envs.step(np.zeros((2, 3), np.float32))

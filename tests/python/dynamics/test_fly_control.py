@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from messages import refused
 from rigid_body import OPEN, batch_of, frame, rows_of
 
 import flockstep
@@ -124,20 +125,20 @@ def test_the_other_controls_reset_the_integral(between):
 @pytest.mark.parametrize(
     ("command", "control", "match"),
     [
-        ([10, 90, 0, 0], "attitude", r'command of control "attitude" \(row 1\): expected a roll within .* got 90'),
-        ([10, 0, -90, 0], "attitude", r'command of control "attitude" \(row 1\): expected a pitch within .* got -90'),
-        ([0, 0, 0, 2e4], "position", r'command of control "position" \(row 1\): expected a yaw within .* got 20000'),
-        ([0, 0, 3e6, 0], "velocity", r'command of control "velocity" \(row 1\): expected finite numbers within'),
-        ([np.nan, 0, 0, 0], "rotor_speeds", r'command of control "rotor_speeds" \(row 1\): expected finite numbers'),
-        ([0, 0, 0, 0], "pose", 'control: expected a control other than "pose"'),
-        ([0, 0, 0, 0], "velocty", 'control: expected "pose".*got "velocty".*velocity'),
+        ([10, 90, 0, 0], "attitude", ('command of control "attitude" (row 1)', 90)),
+        ([10, 0, -90, 0], "attitude", ('command of control "attitude" (row 1)', -90)),
+        ([0, 0, 0, 2e4], "position", ('command of control "position" (row 1)', 20000)),
+        ([0, 0, 3e6, 0], "velocity", ('command of control "velocity" (row 1)',)),
+        ([np.nan, 0, 0, 0], "rotor_speeds", ('command of control "rotor_speeds" (row 1)',)),
+        ([0, 0, 0, 0], "pose", ("control", "pose")),
+        ([0, 0, 0, 0], "velocty", ("control", "pose", "velocty")),
     ],
 )
 @pytest.mark.parametrize("usual", ["body_rates", "velocity"])
 def test_refusals(usual, command, control, match):
     batch = batch_of(frame(), 2, control=usual)
     before = batch.snapshot()
-    with pytest.raises(ValueError, match=f"(?s){match}"):
+    with refused(ValueError, *match):
         batch.fly([[0, 0, 0, 0], command], control=control)
     assert batch.snapshot() == before
 
@@ -151,9 +152,9 @@ def test_the_limits_are_those_of_the_control_of_the_call():
 
 def test_wrong_types_and_motions():
     batch = batch_of(frame(), 2)
-    with pytest.raises(TypeError, match="control: expected a string, got 3"):
+    with refused(TypeError, "control", 3):
         batch.fly(np.zeros((2, 4)), control=3)
-    with pytest.raises(RuntimeError, match="motion by rotors"):
+    with refused(RuntimeError, "motion by rotors"):
         flockstep.Batch([OPEN], 2).fly(np.zeros((2, 4)), control="velocity")
-    with pytest.raises(RuntimeError, match='control="pose"'):
+    with refused(RuntimeError, 'control="pose"'):
         made("pose").fly(np.zeros((DRONES, 4)))

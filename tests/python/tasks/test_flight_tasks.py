@@ -1,12 +1,11 @@
 """Hover and track: the engine's tasks against their NumPy twins, closed forms and hand-computed numbers."""
 
 import copy
-import math
-import pickle
 
 import gymnasium
 import numpy as np
 import pytest
+from messages import refused
 from rigid_body import CONTROLS, OPEN
 from scipy.spatial.transform import Rotation
 
@@ -226,31 +225,6 @@ class TestHover:
                 assert truncated[0]
                 assert infos["success"][0] == (limit == steps)
 
-    def test_terms_by_hand(self):
-        config = flockstep.HoverConfig(
-            hold_m=0.1,
-            near_weight=2.0,
-            hold_weight=3.0,
-            speed_weight=5.0,
-            spin_weight=7.0,
-            change_weight=11.0,
-            crash_weight=13.0,
-        )
-        batch = make(config).batch
-        assert batch.spec.reward_terms == ["near", "hold", "speed", "spin", "change", "crash"]
-        level(batch, np.add(GOAL, [0.12, 0, 0.16]))  # 0.2 m away
-        batch.step(np.float32([[0.5, -0.5, 3.0, 0]]))
-        near, hold, speed, spin, change, crash = batch.reward_terms[0]
-        assert near == pytest.approx(2 * math.exp(-0.4), rel=1e-3)
-        assert hold == pytest.approx(3 / 2, rel=1e-2)
-        assert speed == pytest.approx(-5 * np.linalg.norm(batch.velocity), rel=1e-5) != 0
-        assert spin == pytest.approx(-0.7 * np.linalg.norm(batch.angular_velocity), rel=1e-5) != 0
-        assert change == pytest.approx(-11 * (0.25 + 0.25 + 1) / 4)
-        assert crash == 0
-        assert batch.reward[0] == pytest.approx(batch.reward_terms[0].sum(), rel=1e-6)
-        batch.step(np.float32([[0.5, -0.5, 1.0, 0]]))
-        assert batch.reward_terms[0, 4] == 0  # 3 was clipped to 1
-
 
 class TestTrack:
     def paths(self, batch, points, observation):
@@ -283,13 +257,6 @@ class TestTrack:
         farthest = seen[:, 0, 0].argmax()  # a is nearly 0 here
         assert batch.velocity[farthest, 1] > 0
 
-    @pytest.mark.parametrize("path", ["figure8", "random"])
-    def test_velocity_is_that_of_the_path(self, path):
-        batch, seen = self.begun(500, path=path, points=2, ahead_s=0.01, start_offset_m=0.0)
-        flown = (seen[:, 1] - seen[:, 0]) / 0.01
-        np.testing.assert_allclose(flown, batch.velocity, atol=0.15)  # allows acceleration times 5 ms
-        np.testing.assert_allclose(flown.mean(axis=0), batch.velocity.mean(axis=0), atol=0.01)
-
     def test_random_paths(self):
         batch, seen = self.begun(20_000, path="random", size_m=1.3, speed_mps=2.0, points=2, ahead_s=50.0)
         for moment in range(2):
@@ -312,38 +279,6 @@ class TestTrack:
         np.testing.assert_allclose(batch.quat_wxyz, quat, atol=1e-5)
         np.testing.assert_allclose(batch.observation[:, -2:], np.tile([0, 1], (20_000, 1)), atol=1e-5)
         np.testing.assert_array_equal(batch.angular_velocity, 0)
-
-    def test_missing_yaw_is_how_far_to_turn_left(self):
-        envs = make(flockstep.TrackConfig(yaw="fixed", yaw_weight=1.0), 3)
-        turned = np.radians([40.0, -100.0, 175.0])
-        quat = np.stack([np.cos(turned / 2), 0 * turned, 0 * turned, np.sin(turned / 2)], axis=1)
-        envs.batch.set_pose(path_of(envs.batch), quat)
-        observation, *_ = envs.step(np.zeros((3, 4), np.float32))
-        np.testing.assert_allclose(np.arctan2(observation[:, -2], observation[:, -1]), -turned, atol=0.01)
-        np.testing.assert_allclose(envs.batch.reward_terms[:, 2], -np.abs(turned), atol=0.01)
-
-    def test_terms_by_hand(self):
-        config = flockstep.TrackConfig(
-            close_m=0.1,
-            near_weight=2.0,
-            close_weight=3.0,
-            yaw_weight=5.0,
-            spin_weight=7.0,
-            change_weight=11.0,
-            crash_weight=13.0,
-        )
-        batch = make(config).batch
-        assert batch.spec.reward_terms == ["near", "close", "yaw", "spin", "change", "crash"]
-        batch.set_pose(np.add(path_of(batch, 1), [0.12, 0, 0.16]), [[math.cos(0.2), 0, 0, math.sin(0.2)]])  # 0.2 m away
-        batch.step(np.float32([[0.5, -0.5, 3.0, 0]]))
-        near, close, yaw, spin, change, crash = batch.reward_terms[0]
-        assert near == pytest.approx(2 * math.exp(-0.4), rel=1e-3)
-        assert close == pytest.approx(3 / 5, rel=1e-2)
-        assert yaw == pytest.approx(-5 * 0.4, rel=1e-2)
-        assert spin == pytest.approx(-0.7 * np.linalg.norm(batch.angular_velocity), rel=1e-5) != 0
-        assert change == pytest.approx(-11 * (0.25 + 0.25 + 1) / 4)
-        assert crash == 0
-        assert batch.reward[0] == pytest.approx(batch.reward_terms[0].sum(), rel=1e-6)
 
     def test_success_is_a_small_root_mean_square(self):
         """Distances alternate between 0 m and d, with a root mean square of d over the root of 2."""
@@ -390,95 +325,6 @@ class TestActions:
         np.testing.assert_allclose(observation[0, :6], [0, 0, 0, 0, 0, 0], atol=0.01)
         np.testing.assert_allclose(observation[0, 6:], [0, 0, 1, *[0] * 7], atol=0.01)
 
-    def commands(self, control, frame, limits, yaw, place):
-        """Commands for -1, 0 and 1, (3, 4)."""
-        mass, rotors = frame.mass_kg, frame.to_dict()["rotors"]
-        slowest, fastest = rotors["min_speed_radps"], rotors["max_speed_radps"]
-        idle_n = np.polyval(rotors["thrust_n"][::-1], slowest)
-        thrust = [4 * idle_n / mass, 9.81, 4 * frame.max_thrust_n / mass]
-        rate, yaw_rate = np.radians(limits["max_rate_dps"]), np.radians(limits["max_yaw_rate_dps"])
-        tilt = np.radians(limits["max_tilt_deg"])
-        a, v = limits["max_acceleration_mps2"], limits["max_speed_mps"]
-
-        def about(middle, most):
-            return [middle - most, middle, middle + most]
-
-        columns = {
-            "rotor_speeds": [[slowest, frame.hover_speed_radps, fastest]] * 4,
-            "rotor_thrusts": [[idle_n, mass * 9.81 / 4, frame.max_thrust_n]] * 4,
-            "body_rates": [thrust, about(0, rate), about(0, rate), about(0, yaw_rate)],
-            "attitude": [thrust, about(0, tilt), about(0, tilt), about(yaw, np.pi)],
-            "acceleration": [about(0, a)] * 3 + [about(yaw, np.pi)],
-            "velocity": [about(0, v)] * 3 + [about(0, yaw_rate)],
-            "heading_velocity": [about(0, v)] * 3 + [about(0, yaw_rate)],
-            "position": [*(about(x, 1) for x in place), about(yaw, np.pi)],
-        }
-        return np.array(columns[control]).T
-
-    @pytest.mark.parametrize("control", CONTROLS)
-    def test_one_is_the_limit(self, control):
-        """A step of the task equals a step with commands computed by hand from the limits."""
-        limits = {
-            "max_speed_mps": 3.0,
-            "max_acceleration_mps2": 5.0,
-            "max_tilt_deg": 30.0,
-            "max_rate_dps": 300.0,
-            "max_yaw_rate_dps": 100.0,
-        }
-        envs = self.env(control, 60, drone="kingfisher", **limits)
-        batch = flockstep.Batch(
-            [OPEN],
-            60,
-            drone=flockstep.DroneModel.load("kingfisher"),
-            dynamics=flockstep.DynamicsConfig(motion="rotors", control=control, **limits),
-            clock=flockstep.ClockConfig(policy_hz=100),
-        )
-        yaw, place = 0.7, np.array([2.0, -1.0, 5.0])
-        for each in (envs.batch, batch):
-            each.set_pose(np.tile(place, (60, 1)), np.tile([math.cos(yaw / 2), 0, 0, math.sin(yaw / 2)], (60, 1)))
-        low, middle, high = self.commands(control, batch.drone, limits, yaw, place)
-        rng = np.random.default_rng(0)
-        levels = rng.choice([-1.0, 0.0, 1.0], (60, 4))  # every level in every column, in combinations
-        levels[30:] = rng.uniform(-1, 1, (30, 4))
-        if control in ("attitude", "acceleration", "position"):
-            levels[:, 3] = rng.uniform(-0.99, 0.99, 60)  # half a turn to the left equals one to the right
-        command = middle + levels * np.where(levels < 0, middle - low, high - middle)
-        actions = np.where(np.abs(levels) == 1, 3 * levels, levels)  # values beyond 1 are clipped
-        envs.step(actions.astype(np.float32))
-        batch.fly(command)
-        for name in ("position", "quat_wxyz", "velocity", "angular_velocity", "rotor_speed"):
-            np.testing.assert_allclose(getattr(envs.batch, name), getattr(batch, name), rtol=1e-4, atol=1e-5)
-        assert np.ptp(batch.rotor_speed, axis=0).min() > 10
-
-    @pytest.mark.parametrize("control", ["rotor_speeds", "rotor_thrusts"])
-    def test_rotors_reach_their_limits(self, control):
-        envs = self.env(control, 2)
-        for _ in range(150):  # ten times their lag
-            observation, *_ = envs.step(np.float32([[1] * 4, [-1] * 4]))
-        rotors = envs.batch.drone.to_dict()["rotors"]
-        np.testing.assert_allclose(envs.batch.rotor_speed[0], rotors["max_speed_radps"], rtol=1e-3)
-        np.testing.assert_allclose(envs.batch.rotor_speed[1], rotors["min_speed_radps"], rtol=1e-3)
-        np.testing.assert_allclose(observation[:, -4:], [[1] * 4, [-1] * 4], atol=1e-3)
-
-    def test_speed_reaches_its_limit(self):
-        envs = self.env("velocity", 2, drone="x500", max_speed_mps=2.0)
-        for _ in range(1000):
-            envs.step(np.float32([[1, 0, 0, 0], [0, 0, -1, 0]]))
-        np.testing.assert_allclose(envs.batch.velocity, [[2, 0, 0], [0, 0, -2]], atol=0.1)
-
-    def test_rates_and_tilt_reach_their_limits(self):
-        envs = self.env("body_rates", 3, drone="x500", max_rate_dps=120.0, max_yaw_rate_dps=60.0)
-        for _ in range(100):
-            envs.step(np.float32([[0, 1, 0, 0], [0, 0, -1, 0], [0, 0, 0, 1]]))
-        rates = np.degrees(np.diag(envs.batch.angular_velocity))
-        np.testing.assert_allclose(rates, [120, -120, 60], rtol=0.1)
-        envs = self.env("attitude", 2, drone="x500", max_tilt_deg=25.0)
-        for _ in range(150):
-            observation, *_ = envs.step(np.float32([[0, 1, 0, 0], [0, 0, -1, 0]]))
-        np.testing.assert_allclose(np.degrees(np.arccos(observation[:, 8])), 25, atol=1)
-        assert observation[0, 7] > 0.4  # rolled to the right: up points to the left
-        assert observation[1, 6] > 0.4  # nose up: up points ahead
-
     @pytest.mark.parametrize("control", ["attitude", "acceleration", "position"])
     def test_yaw_is_from_the_present_heading(self, control):
         envs = self.env(control, 2, drone="x500")
@@ -493,7 +339,7 @@ class TestActions:
         envs = make(config, 2)
         before = envs.snapshot()
         for bad, expected in [(np.zeros((2, 3)), "shape"), (np.full((2, 4), np.nan), "finite")]:
-            with pytest.raises(ValueError, match=f"actions.*{expected}"):
+            with refused(ValueError, "actions", expected):
                 envs.step(bad.astype(np.float32))
         assert envs.snapshot() == before
 
@@ -506,7 +352,7 @@ class TestBadInput:
             if isinstance(value, float):
                 broken = copy.copy(config)
                 setattr(broken, name, bad)
-                with pytest.raises(ValueError, match=rf"task\.{name}: expected .*number.*, got"):
+                with refused(ValueError, f"task.{name}"):
                     flockstep.DroneVectorEnv(1, task=broken)
 
     @pytest.mark.parametrize(
@@ -527,25 +373,24 @@ class TestBadInput:
         ],
     )
     def test_out_of_range(self, kind, field, bad):
-        with pytest.raises(ValueError, match=rf"task\.{field}: expected an? .*(number|integer).*, got {bad}"):
+        with refused(ValueError, f"task.{field}", bad):
             flockstep.DroneVectorEnv(1, task=kind(**{field: bad}))
 
-    @pytest.mark.parametrize(("field", "known"), [("path", "figure8.*random"), ("yaw", "fixed.*along")])
+    @pytest.mark.parametrize(("field", "known"), [("path", ("figure8", "random")), ("yaw", ("fixed", "along"))])
     def test_names(self, field, known):
-        with pytest.raises(ValueError, match=f'{field}: expected .*{known}.*, got "straight"'):
+        with refused(ValueError, field, *known, "straight"):
             flockstep.TrackConfig(**{field: "straight"})
 
     @BOTH
     def test_drones_must_fly(self, config):
         for control in ({}, {"control": "pose"}, {"control": "velocity"}):  # kinematic motion supports none of these
-            with pytest.raises(ValueError, match=r'^motion: expected "rotors", which this task needs, got "kinematic"'):
+            with refused(ValueError, "motion", "rotors", "kinematic"):
                 flockstep.DroneVectorEnv(1, task=config, motion="kinematic", **control)
-        controls = ", ".join(f'"{control}"' for control in CONTROLS)
-        with pytest.raises(ValueError, match=rf'^control: expected a control .* takes \({controls}\), got "pose"'):
+        with refused(ValueError, "control", *CONTROLS, "pose"):
             flockstep.DroneVectorEnv(1, task=config, control="pose")
-        with pytest.raises(ValueError, match=r"drone: .*airframe"):
+        with refused(ValueError, "drone"):
             flockstep.DroneVectorEnv(1, task=config, drone=flockstep.DroneModel(flockstep.DroneModel().hull))
-        with pytest.raises(TypeError, match="random_start"):
+        with refused(TypeError, "random_start"):
             flockstep.DroneVectorEnv(1, task=config, random_start=True)
 
 
@@ -556,38 +401,38 @@ BLOCK = {"boxes": [{"center": [4, 4, 2], "size": [2, 2, 2]}]}
 class TestWorlds:
     """Worlds in which no episode can be flown."""
 
-    def refused(self, config, scene, message, **keywords):
+    def refuses(self, config, scene, *said, **keywords):
         world = flockstep.World.from_dict({**HALL, **scene})
-        with pytest.raises(ValueError, match=f'^world "odd": {message}'):
+        with refused(ValueError, 'world "odd"', *said):
             flockstep.DroneVectorEnv(1, task=config, worlds=world, **keywords)
 
     @BOTH
     def test_a_middle_that_is_solid(self, config):
-        expected = r"expected room for the drone, got \(.*\), where it touches an obstacle"
-        self.refused(config, BLOCK, rf"the middle \(markers.goal sets another point\): {expected}")
+        expected = "room for the drone", "where it touches an obstacle"
+        self.refuses(config, BLOCK, "the middle (markers.goal sets another point)", *expected)
         marked = {"markers": {"goal": [3.2, 4, 2]}}
-        self.refused(config, {**BLOCK, **marked}, rf"markers.goal: {expected}")
+        self.refuses(config, {**BLOCK, **marked}, "markers.goal", *expected)
         beside = flockstep.World.from_dict({**HALL, **BLOCK, "markers": {"goal": [1.5, 1.5, 2]}})
         make(config, worlds=beside)
 
     @BOTH
     def test_a_room_that_the_hull_does_not_fit(self, config):
         small = {"room": {"min": [0, 0, 0], "max": [0.4, 0.4, 0.4]}}
-        self.refused(config, small, "the middle .*: expected room for the drone", drone="t650")
-        self.refused(config, {"markers": {"goal": [4, 4, 5]}}, "markers.goal: expected a point within the world")
+        self.refuses(config, small, "the middle", "room for the drone", drone="t650")
+        self.refuses(config, {"markers": {"goal": [4, 4, 5]}}, "markers.goal", "within the world")
 
     def test_a_path_that_leaves_the_room_or_meets_an_obstacle(self):
         eight = flockstep.TrackConfig(size_m=1.5)
-        path = r"the path about its middle \(task.size_m sets its size\): expected"
-        self.refused(eight, {"room": {"min": [0, 0, 0], "max": [2.5, 9, 4]}}, f"{path} a point within the world")
+        path = "the path about its middle (task.size_m sets its size)"
+        self.refuses(eight, {"room": {"min": [0, 0, 0], "max": [2.5, 9, 4]}}, path, "within the world")
         pillar = {"pillars": [{"center": [5.5, 4], "radius": 0.2}]}
-        self.refused(eight, pillar, f"{path} room for the drone")
+        self.refuses(eight, pillar, path, "room for the drone")
         make(flockstep.TrackConfig(size_m=1.0), worlds=flockstep.World.from_dict({**HALL, **pillar}))
 
     def test_random_paths_that_leave_the_room(self):
         world = flockstep.World.from_dict(HALL)
         make(flockstep.TrackConfig(path="random", size_m=3.9), worlds=world)
-        with pytest.raises(ValueError, match=r'^task.size_m: expected paths that stay within the room of world "odd"'):
+        with refused(ValueError, "task.size_m", "odd"):
             make(flockstep.TrackConfig(path="random", size_m=4.1), worlds=world)
 
     @BOTH
@@ -626,30 +471,6 @@ class TestRepeats:
         other = shaken(config)
         other.restore(blob)
         np.testing.assert_array_equal(flown(other, 30, 20), expected)
-
-    @BOTH
-    def test_a_snapshot_of_another_configuration_is_refused(self, config):
-        for name, value in fields_of(config).items():
-            changed = copy.copy(config)
-            other = {"figure8": "random", "fixed": "along"}.get(value) if isinstance(value, str) else value + 1
-            setattr(changed, name, other)
-            with pytest.raises(ValueError, match="snapshot"):
-                shaken(config, 1).restore(shaken(changed, 1).snapshot())
-
-    @BOTH
-    @pytest.mark.parametrize("keywords", [{"num_threads": 2}, {"num_envs": 70}])
-    def test_for_any_threads_and_number_of_envs(self, config, keywords):
-        one = flown(shaken(config, num_threads=1), 40)
-        other = flown(shaken(config, **{"num_threads": 1, **keywords}), 40)
-        np.testing.assert_array_equal(one, other[:, :6])
-
-    @pytest.mark.parametrize("config", [HOVER, tracking("random", "along")], ids=["hover", "track"])
-    def test_after_pickling(self, config):
-        assert pickle.loads(pickle.dumps(config)) == config
-        envs = shaken(config, drone="x500", control="velocity")
-        flown(envs, 20)
-        other = pickle.loads(pickle.dumps(envs))
-        np.testing.assert_array_equal(flown(other, 20, 20), flown(envs, 20, 20))
 
     @pytest.mark.parametrize(
         ("name", "config"), [("Hover", HOVER), ("Track", tracking("random", "along"))], ids=["hover", "track"]

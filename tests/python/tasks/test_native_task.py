@@ -11,6 +11,7 @@ import gymnasium
 import numpy as np
 import pytest
 from conftest import ROOT
+from messages import refused
 
 import flockstep
 from flockstep.testing import check_vector_env
@@ -84,23 +85,23 @@ def test_a_snapshot_has_its_state(env_id):
 
 def test_other_files_than_libraries_are_refused(tmp_path):
     for given in (tmp_path, str(tmp_path)):
-        with pytest.raises(ValueError, match=f"path: expected a shared library, got '{tmp_path}' .not a regular file"):
+        with refused(ValueError, "path", tmp_path):
             flockstep.NativeTask(given)
     for error in (FileNotFoundError, ValueError):
-        with pytest.raises(error, match=r"no such shared library: 'none\.so'"):
+        with refused(error, "no such shared library", "none.so"):
             flockstep.NativeTask("none.so")
     text = tmp_path / "text.so"
     text.write_text("no library, though as long as the header of one is: " + 64 * ".")
-    with pytest.raises(ValueError, match="not a 64-bit ELF file"):
+    with refused(ValueError, "path", "ELF"):
         flockstep.NativeTask(text)
-    with pytest.raises(ValueError, match=r"ends with FLOCKSTEP_EXPORT_TASK.*exports no flockstep_task_version"):
+    with refused(ValueError, "path", "FLOCKSTEP_EXPORT_TASK", "flockstep_task_version"):
         flockstep.NativeTask(flockstep._core.__file__)
 
 
 @pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="this system has no FIFOs")
 def test_a_fifo_is_refused_at_once(tmp_path):
     os.mkfifo(tmp_path / "fifo.so")
-    with pytest.raises(ValueError, match="not a regular file"):
+    with refused(ValueError, "path", "not a regular file"):
         flockstep.NativeTask(tmp_path / "fifo.so")
 
 
@@ -111,7 +112,7 @@ def test_a_part_of_a_library_is_refused(library, tmp_path):
     lengths = {0, 1, 16, 63, 64, 100, 4095, 4096, len(whole) // 2, len(whole) - 1}
     for length in sorted(lengths | {len(whole) * tenth // 10 for tenth in range(10)}):
         part.write_bytes(whole[:length])
-        with pytest.raises(ValueError, match="the file is truncated" if length >= 64 else "not an ELF file"):
+        with refused(ValueError, "path", "truncated" if length >= 64 else "not an ELF file"):
             flockstep.NativeTask(part)
     part.write_bytes(whole)
     assert flockstep.NativeTask(part).path == str(part)
@@ -124,7 +125,7 @@ def test_offsets_beyond_the_file_are_refused(library, tmp_path):
         damaged = bytearray(library.read_bytes())
         damaged[at : at + size] = b"\xff" * size
         part.write_bytes(damaged)
-        with pytest.raises(ValueError, match="the file is truncated"):
+        with refused(ValueError, "path", "truncated"):
             flockstep.NativeTask(part)
 
 
@@ -145,8 +146,7 @@ def test_a_library_for_another_version_is_refused_and_not_loaded(tmp_path):
     struct Loaded {{ Loaded() {{ std::fclose(std::fopen("{loaded}", "w")); }} }} loaded;
     {EXPORT} const char flockstep_task_version[] = "flockstep 0.0.9, Eigen aligned to 16 bytes";
     {EXPORT} void* flockstep_make_task() {{ return nullptr; }}"""
-    ours = r"task format \d+, Eigen alignment \d+ \(build it again with the headers"
-    with pytest.raises(ValueError, match=rf"path: expected a library built for {ours}.*, built for flockstep 0.0.9"):
+    with refused(ValueError, "path", "task format", "flockstep 0.0.9"):
         flockstep.NativeTask(build(tmp_path / "old.cpp", text))
     assert not loaded.exists(), "code of the library has run"
 
@@ -156,5 +156,5 @@ def test_a_library_that_makes_no_task_is_refused(tmp_path, library):
     text = f"""{EXPORT} const char flockstep_task_version[] = "{version}";
     {EXPORT} void* flockstep_make_task() {{ return nullptr; }}"""
     made = build(tmp_path / "none.cpp", text)
-    with pytest.raises(ValueError, match="returned no task"):
+    with refused(ValueError, "returned no task"):
         flockstep.DroneVectorEnv(1, worlds=HALL, task=flockstep.NativeTask(made))

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from messages import refused
 
 import flockstep
 from flockstep.rotations import rotate
@@ -108,70 +109,6 @@ class TestByHand:
         assert reward[0] == pytest.approx(100 * (before - after) + free - 0 - 1, abs=1e-3)
         np.testing.assert_allclose(env.batch.reward_terms[0], [100 * (before - after), 0, free, 0, -1, 0], atol=1e-3)
 
-    def test_the_same_action_again_is_no_change_and_steps_are_counted_from_zero(self, env):
-        env.step([0])
-        env.step([0])
-        assert env.batch.reward_terms[0, 3] == pytest.approx(-1 / 3000)
-        assert env.batch.reward_terms[0, 4] == 0
-
-    def test_a_waypoint_and_the_switch(self, room):
-        for carry_over_distance in (False, True):
-            reward = flockstep.NavigationReward(carry_over_distance=carry_over_distance)
-            env = flockstep.DroneVectorEnv(1, worlds=room, reward=reward)
-            env.reset(seed=0)
-            env.batch.set_pose([[3.55, 2.5, 2]])
-            env.step([0])  # to 0.35 m before the waypoint (4, 2.5)
-            assert env.batch.task_state["goal_index"][0] == 1
-            assert env.batch.reward_terms[0, 0] == pytest.approx(1000)
-            observation = env.step([0])[0][0]
-            to_goal = np.array([6 - 3.75, 1.5, 0])
-            np.testing.assert_allclose(observation[:3], to_goal / np.linalg.norm(to_goal), atol=1e-5)
-            last = 0.35 if carry_over_distance else np.hypot(6 - 3.65, 1.5)
-            expected = 100 * (last - np.hypot(6 - 3.75, 1.5))
-            assert env.batch.reward_terms[0, 0] == pytest.approx(expected, abs=1e-3)
-
-    def test_the_goal(self, env):
-        env.batch.set_pose([[3.55, 2.5, 2]])
-        env.step([0])
-        env.batch.set_pose([[5.45, 4, 2]])
-        _, _, terminated, truncated, infos = env.step([0])
-        assert terminated[0]
-        assert not truncated[0]
-        assert infos["success"][0]
-        assert not infos["crashed"][0]
-        assert env.batch.reward_terms[0, 0] == 10000
-
-    def test_a_crash(self, env):
-        env.batch.set_pose([[7.5, 4, 2]])
-        _, _, terminated, _, infos = env.step([0])
-        assert terminated[0]
-        assert infos["crashed"][0]
-        assert env.batch.reward_terms[0, 1] == -10000
-
-    def test_too_near(self, env):
-        env.batch.set_pose([[7.4, 4, 2]])
-        env.step([1])
-        assert env.batch.reward_terms[0, 1] == pytest.approx((8 - 7.3) / 3 - 0.2 if 0.7 / 3 < 0.2 else 0, abs=1e-5)
-        env.step([0])
-        env.step([5])
-        assert env.batch.reward_terms[0, 1] == pytest.approx(0, abs=1e-5)
-        env.batch.set_pose([[7.5, 4, 2]])
-        env.step([2])
-        assert env.batch.reward_terms[0, 1] == pytest.approx(0.5 / 3 - 0.2, abs=1e-5)
-
-    def test_overshooting_the_goal(self, room):
-        scene = room.to_dict()
-        scene["markers"]["waypoints"] = []
-        world = flockstep.World.from_dict(scene)
-        env = flockstep.DroneVectorEnv(1, worlds=world, reward=OVERSHOOT)
-        env.reset(seed=0)
-        env.batch.set_pose([[6.45, 6, 2]])
-        _, _, terminated, _, infos = env.step([0])
-        assert terminated[0]
-        assert not infos["success"][0]
-        assert not infos["crashed"][0]
-        assert env.batch.reward_terms[0, 5] == -1000
-
 
 def test_the_thesis_rewards_come_about_with_its_switch(playgrounds):
     """A flight along a shortest path earns about the reward in the thesis: 11,435.5 on train-3."""
@@ -246,7 +183,7 @@ def test_the_engines_terms_are_those_of_the_twin(room, playgrounds, example):
         np.testing.assert_allclose(terms.free_space(0.2), free, rtol=1e-5)
     np.testing.assert_allclose(terms.goal(), [world.goal for world in np.array(batch.worlds)[batch.world_index]])
     np.testing.assert_array_equal(terms.start(), [world.start for world in np.array(batch.worlds)[batch.world_index]])
-    with pytest.raises(ValueError, match="goal_index"):
+    with refused(ValueError, "goal_index"):
         terms.goal(np.full(40, -1))
-    with pytest.raises(ValueError, match="LiDAR"):
+    with refused(ValueError, "LiDAR"):
         flockstep.Batch([room]).terms.clearance()

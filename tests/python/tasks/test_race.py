@@ -1,10 +1,9 @@
 """Race: the engine's task against its NumPy twin, crossings by hand, the shipped tracks and the generator."""
 
-import pickle
-
 import gymnasium
 import numpy as np
 import pytest
+from messages import refused
 from scipy.spatial.transform import Rotation
 
 import flockstep
@@ -206,33 +205,6 @@ class TestEpisodes:
             envs.batch.step(still())
             assert envs.batch.reward_terms[0, 0] == pytest.approx(rewarded * STEP_S, rel=0.03)
 
-    def test_the_path_is_that_of_the_last_flown_step(self):
-        envs = make(3, worlds="race/split-s")
-        for _ in range(20):
-            before = envs.batch.position.copy()
-            envs.batch.step(np.random.default_rng(0).uniform(-1, 1, (3, 4)).astype(np.float32))
-            flown = envs.batch.flying
-            path = envs.batch.path
-            assert path.shape == (3, 11, 3)
-            np.testing.assert_array_equal(path[flown, 0], before[flown])
-            goes_on = flown & (envs.batch.steps > 0)
-            np.testing.assert_array_equal(path[goes_on, -1], envs.batch.position[goes_on])
-            assert (np.linalg.norm(np.diff(path, axis=1), axis=2) < 0.1).all()
-
-    def test_a_task_without_the_path_has_none(self):
-        envs = flockstep.DroneVectorEnv(1, task=flockstep.HoverConfig())
-        with pytest.raises(RuntimeError, match=r"path: this task does not record it"):
-            _ = envs.batch.path
-
-    def test_farther_than_the_limit_ends_the_episode(self):
-        envs = before_first_gate(worlds=OPEN, max_distance_m=6.0)
-        level(envs.batch, (-5.9, 0, 5))
-        assert not envs.step(still())[2][0]
-        level(envs.batch, (-6.1, 0, 5))
-        _, _, terminated, _, infos = envs.step(still())
-        assert terminated[0]
-        assert infos["episode_end"][0] == flockstep.EpisodeEnd.left_area
-
     def test_the_thrust_is_limited(self):
         for most, expected in ((4.0, 4.0), (2.0, 2.0), (100.0, None)):
             envs = make(worlds=OPEN, max_thrust_to_weight=most, max_distance_m=1e4, autoreset_mode="disabled")
@@ -253,26 +225,6 @@ class TestEpisodes:
                 envs.step(action)
             rate = np.degrees(envs.batch.angular_velocity[0, axis])
             assert 0.85 * limit < rate < 1.02 * limit  # yaw has little authority
-
-    def test_the_observation(self):
-        envs = make(50, worlds=OPEN, gates_ahead=3)
-        batch, rng = envs.batch, np.random.default_rng(0)
-        quat = Rotation.random(50, random_state=1).as_quat(scalar_first=True)
-        batch.set_pose(np.add(rng.uniform(-3, -1, (50, 3)), [0, 0, 8]), quat)
-        batch.set_velocity(rng.uniform(-1, 1, (50, 3)), rng.uniform(-1, 1, (50, 3)))
-        actions = rng.uniform(-0.2, 0.2, (50, 4)).astype(np.float32)
-        seen, *_ = envs.step(actions)
-        turn, target = batch.quat_wxyz.astype(float), batch.task_state["target"]
-        for i in range(3):
-            center = np.array([[0, 0, 5], [8, 0, 5]])[(target + i) % 2]
-            offset = rotate(turn, seen[:, 6 * i : 6 * i + 3].astype(float)) / 0.2
-            np.testing.assert_allclose(batch.position + offset, center, atol=1e-4)
-            ahead = rotate(turn, seen[:, 6 * i + 3 : 6 * i + 6].astype(float))
-            np.testing.assert_allclose(ahead, np.tile([1, 0, 0], (50, 1)), atol=1e-5)
-        np.testing.assert_allclose(rotate(turn, seen[:, 18:21].astype(float)) / 0.2, batch.velocity, atol=1e-5)
-        np.testing.assert_allclose(rotate(turn, seen[:, 21:24].astype(float)), np.tile([0, 0, 1], (50, 1)), atol=1e-5)
-        np.testing.assert_allclose(seen[:, 24:27] / 0.2, batch.angular_velocity, atol=1e-5)
-        np.testing.assert_allclose(seen[:, 27:], actions)
 
 
 class TestStarts:
@@ -390,19 +342,12 @@ class TestCurriculum:
 
 
 def test_bad_configurations_are_refused():
-    with pytest.raises(ValueError, match=r"task\.speed_cap_mps: expected a first cap that is at most the last"):
+    with refused(ValueError, "task.speed_cap_mps"):
         make(speed_cap_mps=(5.0, 4.0))
-    with pytest.raises(ValueError, match=r'world "arena/hall": gates: expected at least 2, got 0'):
+    with refused(ValueError, 'world "arena/hall"', 2, 0):
         make(worlds="arena/hall")
-    with pytest.raises(ValueError, match=r'control: expected a control that this task takes \("body_rates"\)'):
+    with refused(ValueError, "control", "body_rates"):
         make(control="attitude")
-
-
-def test_the_configuration_pickles():
-    config = flockstep.RaceConfig(laps=5, start="gate")
-    again = pickle.loads(pickle.dumps(config))
-    assert again.laps == 5
-    assert again.start == "gate"
 
 
 def frames(world):
@@ -411,19 +356,6 @@ def frames(world):
     quats = np.array([gate["quat_wxyz"] for gate in gates])
     centers = np.array([gate["center"] for gate in gates], float)
     return centers, rotate(quats, np.array([1.0, 0, 0])), np.array([gate["size_m"] for gate in gates])
-
-
-def test_gates_of_a_world():
-    square, ring = OPEN.gates
-    assert square["shape"] == "square"
-    assert ring["shape"] == "ring"
-    assert ring["center"].tolist() == [8, 0, 5]
-    assert square["quat_wxyz"] == (1, 0, 0, 0)
-    assert (square["size_m"], square["bar_m"]) == (1.5, pytest.approx(0.1))
-    assert (square["visible"], square["solid"], square["material"]) == (True, True, "default")
-    assert len(OPEN.primitives) == 4 + 16
-    again = flockstep.World.from_dict(OPEN.to_dict())
-    assert again.to_dict() == OPEN.to_dict()
 
 
 def test_the_builder_adds_gates():
@@ -435,7 +367,7 @@ def test_the_builder_adds_gates():
     assert first["size_m"] == 1.5
     assert second["quat_wxyz"] == (0, 0, 0, 1)
     assert (second["shape"], second["size_m"], second["solid"]) == ("ring", 2, False)
-    with pytest.raises(ValueError, match="shape: expected"):
+    with refused(ValueError, "shape"):
         builder.gate((0, 0, 2), material, shape="oval")
 
 
@@ -507,17 +439,17 @@ class TestGenerator:
         np.testing.assert_allclose(centers.astype(float).sum(axis=0), CENTERS_OF_SEED_3, atol=1e-4)
 
     @pytest.mark.parametrize(
-        ("fields", "message"),
+        ("fields", "said"),
         [
-            ({"gates": 3}, r"gates: expected an integer in \[4, 20\], got 3"),
-            ({"rings": 1.5}, r"rings: expected a number in \[0, 1\], got 1.5"),
-            ({"gate_size_m": 1.0}, r"gate_size_m: expected a number in \[1.2, 2\], got 1"),
-            ({"size_m": (11, 20, 8)}, r"size_m\[0\]: expected a number in \[12, 200\], got 11"),
-            ({"size_m": (12, 12, 4), "gates": 20}, r"gates: expected few enough for a hall of 12 x 12 x 4 m, got 20"),
+            ({"gates": 3}, ("gates", 4, 20, 3)),
+            ({"rings": 1.5}, ("rings", 0, 1, 1.5)),
+            ({"gate_size_m": 1.0}, ("gate_size_m", 1.2, 2, 1)),
+            ({"size_m": (11, 20, 8)}, ("size_m[0]", 12, 200, 11)),
+            ({"size_m": (12, 12, 4), "gates": 20}, ("gates", "12 x 12 x 4 m", 20)),
         ],
     )
-    def test_bad_arguments_are_refused(self, fields, message):
-        with pytest.raises(ValueError, match=f"race_track: {message}"):
+    def test_bad_arguments_are_refused(self, fields, said):
+        with refused(ValueError, "race_track", *said):
             flockstep.World.race_track(0, **fields)
 
 

@@ -4,6 +4,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 import pytest
+from messages import refused
 
 import flockstep
 
@@ -148,47 +149,47 @@ NAN = float("nan")
 
 
 @pytest.mark.parametrize(
-    ("name", "arguments", "match"),
+    ("name", "arguments", "said"),
     [
-        ("city", {"blocks": (0, 1)}, r"blocks\[0\]: expected an integer in \[1, 8\], got 0"),
-        ("city", {"blocks": (3, 9)}, r"blocks\[1\]"),
-        ("city", {"height_m": 11}, r"height_m: expected a number in \[12, 200\], got 11"),
-        ("city", {"height_m": NAN}, "height_m"),
-        ("forest", {"trees": -1}, r"trees: expected an integer in \[0, 5000\], got -1"),
-        ("forest", {"trees": 5001}, "trees"),
-        ("forest", {"size_m": (11, 40)}, r"size_m\[0\]: expected a number in \[12, 500\], got 11"),
-        ("forest", {"size_m": (60, NAN)}, r"size_m\[1\]"),
-        ("forest", {"relief_m": 51}, r"relief_m: expected a number in \[0, 50\], got 51"),
-        ("forest", {"trees": 5000, "size_m": (12, 12)}, "trees: expected few enough for a free path through 12 x 12 m"),
-        ("office", {"size_m": (19, 20)}, r"size_m\[0\]: expected a number in \[20, 200\], got 19"),
-        ("office", {"size_m": (36, 13)}, r"size_m\[1\]: expected a number in \[14, 200\], got 13"),
-        ("office", {"size_m": (36, NAN)}, r"size_m\[1\]"),
-        ("office", {"furniture": 1.5}, r"furniture: expected a number in \[0, 1\], got 1.5"),
-        ("office", {"furniture": NAN}, "furniture"),
-        ("warehouse", {"size_m": (25, 30)}, r"size_m\[0\]: expected a number in \[26, 200\], got 25"),
-        ("warehouse", {"size_m": (48, 15)}, r"size_m\[1\]: expected a number in \[16, 200\], got 15"),
-        ("warehouse", {"size_m": (48, NAN)}, r"size_m\[1\]"),
-        ("warehouse", {"height_m": 4.5}, r"height_m: expected a number in \[5, 20\], got 4.5"),
-        ("warehouse", {"height_m": NAN}, "height_m"),
+        ("city", {"blocks": (0, 1)}, ("blocks[0]", 1, 8, 0)),
+        ("city", {"blocks": (3, 9)}, ("blocks[1]",)),
+        ("city", {"height_m": 11}, ("height_m", 12, 200, 11)),
+        ("city", {"height_m": NAN}, ("height_m",)),
+        ("forest", {"trees": -1}, ("trees", 0, 5000, -1)),
+        ("forest", {"trees": 5001}, ("trees",)),
+        ("forest", {"size_m": (11, 40)}, ("size_m[0]", 12, 500, 11)),
+        ("forest", {"size_m": (60, NAN)}, ("size_m[1]",)),
+        ("forest", {"relief_m": 51}, ("relief_m", 0, 50, 51)),
+        ("forest", {"trees": 5000, "size_m": (12, 12)}, ("trees", "12 x 12 m")),
+        ("office", {"size_m": (19, 20)}, ("size_m[0]", 20, 200, 19)),
+        ("office", {"size_m": (36, 13)}, ("size_m[1]", 14, 200, 13)),
+        ("office", {"size_m": (36, NAN)}, ("size_m[1]",)),
+        ("office", {"furniture": 1.5}, ("furniture", 0, 1, "1.5")),
+        ("office", {"furniture": NAN}, ("furniture",)),
+        ("warehouse", {"size_m": (25, 30)}, ("size_m[0]", 26, 200, 25)),
+        ("warehouse", {"size_m": (48, 15)}, ("size_m[1]", 16, 200, 15)),
+        ("warehouse", {"size_m": (48, NAN)}, ("size_m[1]",)),
+        ("warehouse", {"height_m": 4.5}, ("height_m", 5, 20, "4.5")),
+        ("warehouse", {"height_m": NAN}, ("height_m",)),
     ],
 )
-def test_bad_arguments(name, arguments, match):
-    with pytest.raises(ValueError, match=f"{name}: {match}"):
+def test_bad_arguments(name, arguments, said):
+    with refused(ValueError, name, *said):
         getattr(World, name)(1, **arguments)
 
 
 @pytest.mark.parametrize(
     ("positional", "keywords", "message"),
     [
-        ((), {}, "missing 1 required positional argument: 'seed'"),
-        ((1, 150), {"trees": 3}, "multiple values for argument 'trees'"),
-        ((1, 150, (60, 40), 4, 5), {}, "takes at most 4 arguments, got 5"),
-        ((1,), {"tree": 3}, "unexpected keyword argument 'tree'. Did you mean 'trees'"),
-        ((1, "many"), {}, "trees: expected an integer, got 'many'"),
+        ((), {}, ("missing 1 required positional argument", "seed")),
+        ((1, 150), {"trees": 3}, ("multiple values for argument 'trees'",)),
+        ((1, 150, (60, 40), 4, 5), {}, ("takes at most 4 arguments, got 5",)),
+        ((1,), {"tree": 3}, ("unexpected keyword argument 'tree'. Did you mean 'trees'",)),
+        ((1, "many"), {}, ("trees", "many")),
     ],
 )
 def test_arguments_are_the_fields_of_the_configuration(positional, keywords, message):
-    with pytest.raises(TypeError, match=message):
+    with refused(TypeError, *message):
         World.forest(*positional, **keywords)
     assert World.forest(1, 9).to_dict() == World.forest(seed=1, trees=9).to_dict()
 

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 import scipy.spatial
 import trimesh
+from messages import refused
 
 import flockstep
 
@@ -135,6 +136,6 @@ def test_what_is_shared_is_written_once(tmp_path):
 
 
 def test_other_suffixes_are_refused(tmp_path):
-    with pytest.raises(ValueError, match=r"world\.stl: expected a file ending in \.json, \.gltf or \.glb"):
+    with refused(ValueError, "world.stl"):
         random_world(0).save(tmp_path / "world.stl")
     assert not list(tmp_path.iterdir())

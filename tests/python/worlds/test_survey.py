@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 import trimesh
+from messages import refused
 from scipy.spatial import cKDTree
 
 import flockstep
@@ -175,12 +176,10 @@ class TestPointCloud:
     def test_is_the_same_each_time_and_bounded(self, solids, blobs):
         for name, array in blobs.point_cloud(0.1).items():
             np.testing.assert_array_equal(array, blobs.point_cloud(0.1)[name])
-        with pytest.raises(
-            ValueError, match=r"spacing_m: expected .* at most 50,000,000 points, got 0\.001 m, which makes 2"
-        ):
+        with refused(ValueError, "spacing_m", "50,000,000", 0.001):
             solids.point_cloud(1e-3)
         for bad in (0, -1, np.nan, np.inf):
-            with pytest.raises(ValueError, match="spacing_m: expected"):
+            with refused(ValueError, "spacing_m"):
                 solids.point_cloud(bad)
 
 
@@ -248,19 +247,16 @@ class TestGrids:
     @pytest.mark.parametrize(
         ("arguments", "match"),
         [
-            ({"cell_m": 0}, "cell_m: expected a number in"),
-            ({"cell_m": np.nan}, "cell_m"),
-            (
-                {"cell_m": 0.001},
-                r"cell_m: expected .* at most 134,217,728 cells, got 0\.001 m, which makes 8000 x 6000 x 4000",
-            ),
-            ({"cell_m": 1, "box": [[0, 0, 0], [1, -1, 1]]}, "box: expected min <= max along each axis"),
-            ({"cell_m": 1, "box": [[0, 0, 0], [1, np.inf, 1]]}, "box: expected finite"),
-            ({"cell_m": 1, "box": [0, 1]}, r"box: expected shape \(2, 3\)"),
+            ({"cell_m": 0}, ("cell_m",)),
+            ({"cell_m": np.nan}, ("cell_m",)),
+            ({"cell_m": 0.001}, ("cell_m", "134,217,728", "0.001", 8000, 6000, 4000)),
+            ({"cell_m": 1, "box": [[0, 0, 0], [1, -1, 1]]}, ("box",)),
+            ({"cell_m": 1, "box": [[0, 0, 0], [1, np.inf, 1]]}, ("box",)),
+            ({"cell_m": 1, "box": [0, 1]}, ("box", 2, 3)),
         ],
     )
     def test_refuse_invalid_arguments(self, solids, name, arguments, match):
-        with pytest.raises(ValueError, match=match):
+        with refused(ValueError, *match):
             getattr(solids, name)(**arguments)
 
 
@@ -320,20 +316,16 @@ class TestFreePlaces:
             spheres=[{"center": [0, 0, 0], "radius": 0.1}], planes=[{"center": [50, 0, 0], "size": [0.01, 0.01]}]
         )
         for world, arguments, match in [
-            (
-                solids,
-                {"clearance_m": 2.5},
-                r"free places: .* 2\.5 m from everything .*, got none in 100\d+ draws .*too close",
-            ),
-            (sky, {"box": [[1, -1, -1], [40, 1, 1]]}, r"box: .*: 100\d+ with nothing below, 0 behind"),
-            (solids, {"clearance_m": -1}, "clearance_m: expected"),
-            (solids, {"max_height_m": 0}, "max_height_m: expected"),
-            (solids, {"cell_m": np.nan}, "cell_m: expected"),
-            (solids, {"box": [[0, 0, 1], [0, 0, 0]]}, "box: expected min <= max along each axis"),
-            (solids, {"reachable_from": CENTER}, "reachable_from: expected room for the drone"),
-            (solids, {"reachable_from": [0, 0, np.nan]}, "reachable_from: expected finite"),
+            (solids, {"clearance_m": 2.5}, ("box", "2.5 m", "clearance_m", "none in 100032")),
+            (sky, {"box": [[1, -1, -1], [40, 1, 1]]}, ("box", "none in 100032", "100032 with nothing below")),
+            (solids, {"clearance_m": -1}, ("clearance_m",)),
+            (solids, {"max_height_m": 0}, ("max_height_m",)),
+            (solids, {"cell_m": np.nan}, ("cell_m",)),
+            (solids, {"box": [[0, 0, 1], [0, 0, 0]]}, ("box",)),
+            (solids, {"reachable_from": CENTER}, ("reachable_from",)),
+            (solids, {"reachable_from": [0, 0, np.nan]}, ("reachable_from",)),
         ]:
-            with pytest.raises(ValueError, match=match):
+            with refused(ValueError, *match):
                 world.free_places(1, **arguments)
 
 
@@ -347,9 +339,9 @@ class TestMarkers:
         bare = world.with_markers()
         assert bare.start is bare.goal is bare.spawn_box is None
         assert room.with_markers(waypoints=[[1, 2, 3]]).waypoints.tolist() == [[1, 2, 3]]
-        with pytest.raises(ValueError, match=r"markers\.goal: expected finite"):
+        with refused(ValueError, "markers.goal"):
             room.with_markers(goal=[0, 0, np.inf])
-        with pytest.raises(ValueError, match=r"start: expected shape \(3,\)"):
+        with refused(ValueError, "start", 3):
             room.with_markers(start=[[0, 0, 0]])
 
     def test_drawn_ones_can_be_flown(self):
@@ -373,7 +365,7 @@ class TestMarkers:
             np.testing.assert_array_equal(guided.waypoints, path[1:-1])
         assert through >= 3
         assert drawn.start.tolist() == world.with_drawn_markers(11, distance_m=4).start.tolist()
-        with pytest.raises(ValueError, match=r"distance_m: expected .*, got 11 m: none of 1000 pairs"):
+        with refused(ValueError, "distance_m", "11 m: none of 1000 pairs"):
             world.with_drawn_markers(distance_m=11)
 
     def test_a_foreign_file_becomes_an_environment(self, tmp_path):
@@ -430,7 +422,7 @@ class TestCheck:
         corners = np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0], [1, 1, 0]], float)
         flat = trimesh.Trimesh(corners, [[0, 1, 2], [1, 3, 2], [0, 1, 1]], process=False)
         flat.export(tmp_path / "flat.glb")
-        with pytest.warns(UserWarning, match="without an area"):
+        with refused(UserWarning, "flat.glb", 1):
             world = flockstep.World.load(tmp_path / "flat.glb")
         assert world.check()["not_read"] == ["1 triangle without an area"]
         assert world.with_markers(start=[0, 0, 0]).check()["not_read"] == ["1 triangle without an area"]

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from messages import refused
 
 import flockstep
 
@@ -136,28 +137,22 @@ def test_a_built_world_does_not_change_later():
 @pytest.mark.parametrize(
     ("call", "match"),
     [
-        (lambda b: b.box([0, 0], [1, 1, 1], 0), r"center: expected shape \(3,\), got shape \(2,\)"),
-        (lambda b: b.start(None), "place: expected 3 numbers, got None"),
-        (lambda b: b.texture("t", RED.astype(float)), r"pixels: expected an array \(height, width, 3 or 4\) of uint8"),
-        (lambda b: b.texture("t", RED, ("repeat", "tile")), 'wrap: expected "repeat", "mirror" or "clamp", got "tile"'),
-        (lambda b: b.mesh([[0, 0, 0]], [[0, 0, 1]], 0), r"triangles: expected vertex indices in \[0, 1\), got 1"),
-        (lambda b: b.mesh([[0, 0, 0]], [[0, 0, -1]], 0), "triangles: expected vertex indices"),
-        (lambda b: b.mesh(np.eye(3), [[0, 1, 2]], 0, [[0, 0]]), r"uv: expected one per vertex \(3\), or none, got 1"),
-        (
-            lambda b: b.mesh(np.eye(3), [[0, 1, 2]], 0, colors=[[0, 0, 0]]),
-            r"colors: expected one per vertex \(3\), or none",
-        ),
-        (lambda b: b.heightfield([[0.0]], 0), r"heightfield: columns: expected an integer in \[2, 32768\], got 1"),
-        (lambda b: b.heightfield([[0, 0], [0, 0]], 0, cell_m=0), "heightfield: cell_m: expected a number > 0, got 0"),
-        (lambda b: b.build(), "scene: expected at least one primitive or triangle, got an empty scene"),
-        (
-            lambda b: (b.sphere([0, 0, 0], 1, 3), b.build()),
-            r"primitives\[0\].material: expected an index below 1, got 3",
-        ),
-        (lambda b: (b.sphere([0, 0, 0], -1, 0), b.build()), r"primitives\[0\].half_extents: expected sizes >= 1e-06"),
-        (lambda b: (b.material("a"), b.material("a"), b.sphere([0, 0, 0], 1, 0), b.build()), r"materials\[1\].name"),
+        (lambda b: b.box([0, 0], [1, 1, 1], 0), ("center", 3, 2)),
+        (lambda b: b.start(None), ("place", 3, "None")),
+        (lambda b: b.texture("t", RED.astype(float)), ("pixels", 3, 4)),
+        (lambda b: b.texture("t", RED, ("repeat", "tile")), ("wrap", "repeat", "mirror", "clamp", "tile")),
+        (lambda b: b.mesh([[0, 0, 0]], [[0, 0, 1]], 0), ("triangles", 0, 1)),
+        (lambda b: b.mesh([[0, 0, 0]], [[0, 0, -1]], 0), ("triangles",)),
+        (lambda b: b.mesh(np.eye(3), [[0, 1, 2]], 0, [[0, 0]]), ("uv", 3, 1)),
+        (lambda b: b.mesh(np.eye(3), [[0, 1, 2]], 0, colors=[[0, 0, 0]]), ("colors", 3)),
+        (lambda b: b.heightfield([[0.0]], 0), ("heightfield", 2, 32768, 1)),
+        (lambda b: b.heightfield([[0, 0], [0, 0]], 0, cell_m=0), ("heightfield", 0)),
+        (lambda b: b.build(), ("scene", "empty scene")),
+        (lambda b: (b.sphere([0, 0, 0], 1, 3), b.build()), ("primitives[0].material", 1, 3)),
+        (lambda b: (b.sphere([0, 0, 0], -1, 0), b.build()), ("primitives[0].half_extents", "1e-06")),
+        (lambda b: (b.material("a"), b.material("a"), b.sphere([0, 0, 0], 1, 0), b.build()), ("materials[1].name",)),
     ],
 )
 def test_mistakes(call, match):
-    with pytest.raises(ValueError, match=match):
+    with refused(ValueError, *match):
         call(flockstep.WorldBuilder())
