@@ -8,6 +8,7 @@ from pathlib import Path
 
 import pytest
 from conftest import ROOT
+
 from flockstep._core import engine_tasks
 
 ENGINE = ROOT / "engine"
