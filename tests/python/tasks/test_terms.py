@@ -345,23 +345,17 @@ class TestCommand:
         np.testing.assert_allclose(batch.terms.rotor_levels(), actions, atol=1e-6)
 
     def test_refusals(self):
-        batch = self.batch("body_rates")
-        for call, match in (
-            (lambda: batch.terms.command(None), ("actions", 4, "None")),
-            (lambda: batch.terms.command(np.zeros((50, 3))), ("actions", 50, 4, 3)),
-            (lambda: batch.terms.command(np.zeros((50, 4)), max_thrust_to_weight=1), ("max_thrust_to_weight", 1)),
-            (
-                lambda: batch.terms.command(np.zeros((50, 4)), max_thrust_to_weight=np.nan),
-                ("max_thrust_to_weight", 1, "nan"),
-            ),
-            (
-                lambda: self.batch("velocity").terms.command(np.zeros((50, 4)), max_thrust_to_weight=2),
-                ("max_thrust_to_weight", "number"),
-            ),
-            (lambda: self.batch("pose").terms.command(np.zeros((50, 4))), ("control", "pose")),
+        for control, actions, most, said in (
+            ("body_rates", None, None, ("actions", None)),
+            ("body_rates", np.zeros((50, 3)), None, ("actions", (50, 4), (50, 3))),
+            ("body_rates", np.zeros((50, 4)), 1, ("max_thrust_to_weight", "got 1")),
+            ("body_rates", np.zeros((50, 4)), np.nan, ("max_thrust_to_weight", np.nan)),
+            ("velocity", np.zeros((50, 4)), 2, ("max_thrust_to_weight", "commands no thrust")),
+            ("pose", np.zeros((50, 4)), None, ("control", "pose")),
         ):
-            with refused(ValueError, *match):
-                call()
+            terms = self.batch(control).terms
+            with refused(ValueError, *said):
+                terms.command(actions, max_thrust_to_weight=most)
         for name, match in (("command", "commands"), ("rotor_levels", "rotors")):
             call = getattr(flockstep.Batch([HALL]).terms, name)
             with refused(AttributeError, "kinematic motion", match):
