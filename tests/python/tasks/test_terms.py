@@ -363,6 +363,28 @@ class TestCommand:
 
 
 class TestNeighbors:
+    @pytest.mark.parametrize("count", [1, 7])
+    def test_are_those_of_a_sort(self, count):
+        batch = flockstep.Batch([HALL], 12, drones_per_env=4, pose_sensor=NOISE)
+        random_poses(batch)
+        batch.remove([5])
+        velocity = np.random.default_rng(1).normal(size=(12, 3)).astype(np.float32)
+        found = batch.terms.neighbors(count, velocity)
+        assert found.shape == (12, count, 7)
+        position, quat = batch.sensed_position.astype(float), batch.sensed_quat_wxyz.astype(float)
+        for drone in range(12):
+            others = [i for i in range(drone // 4 * 4, drone // 4 * 4 + 4) if i not in (drone, 5) and drone != 5]
+            others.sort(key=lambda i: np.linalg.norm(position[i] - position[drone]))
+            expected = np.zeros((count, 7))
+            for k, other in enumerate(others[:count]):
+                apart, moving = position[other] - position[drone], (velocity[other] - velocity[drone]).astype(float)
+                expected[k] = [
+                    *rotate(quat[drone], apart, inverse=True),
+                    *rotate(quat[drone], moving, inverse=True),
+                    1,
+                ]
+            np.testing.assert_allclose(found[drone], expected, atol=1e-4)
+
     def test_have_the_velocities_of_rotor_driven_drones(self):
         dynamics = flockstep.DynamicsConfig(motion="rotors", control="velocity")
         batch = flockstep.Batch([HALL], 2, drones_per_env=2, drone=flockstep.DroneModel.load("x500"), dynamics=dynamics)
