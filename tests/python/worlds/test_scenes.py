@@ -243,7 +243,7 @@ class TestSchemaAndLoader:
         ],
     )
     def test_accept(self, scene):
-        """What was read is saved, by the same schema."""
+        """The schema also accepts a scene that was read and saved."""
         scene = {"flockstep_scene": 1, **scene}
         jsonschema.validate(scene, SCHEMA)
         saved = flockstep.World.from_dict(scene).to_dict()

@@ -56,7 +56,8 @@ int pieces(int length, int most) { return (length + most - 1) / most; }
 
 }  // namespace
 
-// Shapes of bodies and markers. Each is a solid of size 1, at kLevels finenesses, each of which halves the distance of its chords.
+// Shapes of bodies and markers. Each is a solid of size 1, at kLevels finenesses, each of which halves the distance of its
+// chords.
 constexpr std::array kSolids{PrimitiveKind::box, PrimitiveKind::cylinder, PrimitiveKind::sphere, PrimitiveKind::capsule};
 constexpr std::size_t kLevels = 9;
 
