@@ -2,12 +2,14 @@
 
 The names come from the real registries. `places.json` lists those that stand in more files than a new one may. It may
 only shrink; `PYTHONPATH=tests/python:tests/python/support python tests/python/project/test_places.py` lowers it. null:
-a common word, such as "name", which is not counted.
+a common word, such as "name", which is not counted. The same holds for files that are too long and folders that are too
+full.
 """
 
 import json
 import re
 import subprocess
+from collections import Counter
 from functools import cache
 from pathlib import Path
 
@@ -22,6 +24,8 @@ CODE = ("engine", "bindings", "envs", "server", "training", "tools", "bench", "s
 MADE = re.compile(r"env_keywords|client/changes|core\.pyi$")
 #: How many files may name a new one.
 BUDGET = {"task": 6, "sensor": 5, "operation": 3, "field": 2}
+MOST_LINES, MOST_FILES = 500, 40
+DATA = ("bench/results", "tests/fuzz/corpus")  # folders of which nobody reads a list
 
 
 @cache
@@ -106,6 +110,24 @@ def test_a_new_one_stands_in_few_files(kind: str) -> None:
         )
 
 
+def sizes() -> dict[str, int]:
+    """Return the lines of each file and the files of each folder that are over their limit."""
+    listed = subprocess.run(["git", "ls-files"], cwd=ROOT, capture_output=True, text=True, check=True).stdout.split()
+    code = [name for name in listed if name.endswith((".hpp", ".cpp", ".py")) and (ROOT / name).exists()]
+    lines = {name: (ROOT / name).read_text(encoding="utf-8").count("\n") for name in code}
+    folders = Counter(str(Path(name).parent) for name in listed if not name.startswith(DATA))
+    over = {name: count for name, count in lines.items() if count > MOST_LINES}
+    return over | {name: count for name, count in folders.items() if count > MOST_FILES}
+
+
+def test_files_and_folders_are_small() -> None:
+    found = sizes()
+    grown = {name: count for name, count in found.items() if count > KEPT["size"].get(name, 0)}
+    assert not grown, f"at most {MOST_LINES} lines in a file and {MOST_FILES} files in a folder: {grown}"
+    assert KEPT["size"].keys() <= found.keys(), "gone: run this file, which lowers the list"
+    assert len(KEPT["size"]) <= 20
+
+
 @pytest.mark.parametrize("kind", BUDGET)
 def test_the_list_only_shrinks(kind: str) -> None:
     assert KEPT[kind].keys() <= places(kind).keys(), "gone: run this file, which lowers the list"
@@ -126,5 +148,6 @@ def lowered(kind: str) -> dict[str, int | None]:
 
 
 if __name__ == "__main__":
-    text = json.dumps({kind: lowered(kind) for kind in BUDGET}, indent=2)
+    large = {name: min(count, KEPT["size"].get(name, 0)) for name, count in sizes().items()}
+    text = json.dumps({kind: lowered(kind) for kind in BUDGET} | {"size": large}, indent=2)
     Path(__file__).with_name("places.json").write_text(f"{text}\n", encoding="utf-8")
