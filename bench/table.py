@@ -277,6 +277,7 @@ def main() -> None:
         if args.check:
             sys.exit(f"{path.name}: its figures are out of date: run python bench/table.py")
         path.write_text(written, encoding="utf-8")
+    sys.path.append(str(Path(__file__).parent))  # not there after `python -m bench.table`
     import charts  # imports matplotlib
 
     charts.draw(results, ROOT / "docs", args.check)
