@@ -86,7 +86,8 @@ std::vector<std::vector<EpisodeRow>> episode_rows(const NavigationBatch& config,
   for (std::size_t i = 0; i < count; ++i) observe(i);
   for (int time = 0; time < steps; ++time) {
     for (std::size_t i = 0; i < count; ++i) {
-      actions[i] = action_of(i * 31 + episode[i] * 17 + step[i] * step[i] * 7 + step[i] / 3);
+      const std::uint64_t number = i * 31 + episode[i] * 17 + step[i] * step[i] * 7 + step[i] / 3;
+      actions[i] = static_cast<std::int64_t>(action_of(number));
     }
     batch.step(std::span<const std::int64_t>(actions));
     const Outputs& out = batch.outputs();

@@ -204,7 +204,9 @@ void GlPainter::paint(const GlAtlas& atlas, const GlScene& scene, std::span<cons
   draw(0, num_two_sided);
   glEnable(GL_CULL_FACE);
   draw(num_two_sided, commands.size() - num_two_sided);
-  for (const GLenum state : {GL_CULL_FACE, GL_DEPTH_TEST, GL_CLIP_DISTANCE0, GL_CLIP_DISTANCE1}) glDisable(state);
+  for (const auto state : {GL_CULL_FACE, GL_DEPTH_TEST, GL_CLIP_DISTANCE0, GL_CLIP_DISTANCE1}) {
+    glDisable(static_cast<GLenum>(state));
+  }
 }
 
 // Adds the views and draw commands of what a camera sees.
