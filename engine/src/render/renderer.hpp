@@ -18,7 +18,7 @@ namespace flockstep::render {
 
 class Renderer {
  public:
-  // See GlRenderer for worlds of past requests and for gl_patience.
+  // gl_patience: see GlRenderer.
   Renderer(CameraBackend backend, const Workers& workers, std::chrono::milliseconds gl_patience = GlRenderer::kPatience);
 
   // The selected backend, and the reason.
