@@ -115,7 +115,7 @@ def source(result: Result) -> str:
     """Describe the machine and the commits of a result."""
     parts = "".join(f", {part['what']}: {part['commit'][:7]}" for part in result.get("parts", ()))
     remark = f". {result['remark']}" if "remark" in result else ""
-    return f"{processor_of(result)}; commit {result['commit'][:7]}, {result['commit_date']}{parts}{remark}"
+    return f"{processor_of(result)}, commit {result['commit'][:7]}, {result['commit_date']}{parts}{remark}"
 
 
 def commit_of(result: Result, figure: dict[str, Any]) -> str:

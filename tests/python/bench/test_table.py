@@ -12,7 +12,7 @@ import table
 
 MACHINE = {"cpu": "Fast One", "logical_processors": 2, "simd": "AVX-512", "embree": "3", "python": "3.11"}
 COMMIT = "0123456789abcdef0123456789abcdef01234567"
-SOURCE = "Fast One, 2 logical processors, AVX-512; commit 0123456, 2026-11-24"
+SOURCE = "Fast One, 2 logical processors, AVX-512, commit 0123456, 2026-11-24"
 
 
 def result(figures=(), **changes):
