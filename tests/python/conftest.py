@@ -13,7 +13,7 @@ from types import ModuleType
 from typing import Any
 
 import pytest
-from both_clients import Blocking
+from clients import Blocking
 
 import flockstep
 

@@ -6,6 +6,5 @@
 - `frames`: a camera's frames as PNG files, `Camera.save_frames`.
 - `stage`, `depth_canvas`: the world behind a drone, and lines and solids drawn into it with hidden surfaces removed.
 - `flight_overlay`: additions to pictures of Hover and Track: the target point, the line to it, the height.
-- `move_lines`: the visible move lines of drones.
-- `beams`, `trail`: start and end points of LiDAR beams, and past positions of drones.
+- `lines`: LiDAR beams, the visible move lines and the trails of drones.
 """

@@ -7,10 +7,10 @@ import time
 
 import numpy as np
 import pytest
+from clients import eventually
 from conftest import ROOM
 from messages import refused
 from PIL import Image
-from raw_client import eventually
 
 import flockstep
 from flockstep import rotations

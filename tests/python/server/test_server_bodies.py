@@ -5,8 +5,8 @@ import json
 
 import numpy as np
 import pytest
+from clients import Raw
 from messages import refused
-from raw_client import Raw
 from test_client_vector_env import both
 
 import flockstep
