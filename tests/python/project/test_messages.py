@@ -64,6 +64,8 @@ made(hold_m=3)
   TypeError: hold_m: a keyword of the hover task, but another task is given
 made(task=HoverConfig(), step_m=3)
   TypeError: step_m: a keyword of the navigation, dodge, swap and formation tasks, but another task is given
+made(task=HoverConfig(), hold_x=3)
+  TypeError: DroneVectorEnv.__init__() got an unexpected keyword argument 'hold_x'. Did you mean 'hold_s'?
 made(rate_hz=3)
   TypeError: rate_hz: a field of a configuration: give it as pose_sensor=flockstep.PoseSensorConfig(rate_hz=...)
 made(policy_hz=30, clock=ClockConfig(policy_hz=20))
@@ -89,6 +91,9 @@ made(camera=3)
 Batch([HOME], lidar={"beams": 10})
   TypeError: lidar: expected a flockstep.LidarConfig, None or a sequence of flockstep.LidarConfig objects, got
   {'beams': 10}: write flockstep.LidarConfig(beams=10)
+made(lidar={})
+  TypeError: lidar: expected a flockstep.LidarConfig, None or a sequence of flockstep.LidarConfig objects, got {}: write
+  flockstep.LidarConfig()
 DynamicsConfig(wind={"gusts": 3})
   TypeError: wind: expected a flockstep.WindConfig, got {'gusts': 3}: write flockstep.WindConfig(gusts=3)
 made(lights="noon")
