@@ -305,7 +305,7 @@ def test_worlds_that_cannot_be_navigated(closet, markers, field):
         ([[0, 0, 0]], ["hull", 4, 32, 1]),
         (np.random.default_rng(0).normal(size=(33, 3)), ["hull", 4, 32, 33]),
         ([[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, np.nan]], ["hull[3]", "finite", 100]),
-        ([[0, 0]], ["hull", (1, 2)]),
+        ([[0, 0]], ["hull", "(N, 3)", (1, 2)]),
     ],
 )
 def test_hulls(hull, said):
@@ -320,7 +320,7 @@ def test_hulls(hull, said):
         (["directions", np.nan, 0], {"directions": [[np.nan, 0, 0]]}),
         (["directions", 3, 6], {"directions": [[1, 0, 0]] * 2}),
         (["origins", np.inf, 0], {"origins": [[0, 0, np.inf]]}),
-        (["origins", (3,)], {"origins": [0, 0, 1]}),
+        (["origins", "(N, 3)", (3,)], {"origins": [0, 0, 1]}),
         (["max_range_m", 0, -1], {"max_range_m": -1.0}),
         (["max_range_m", 0, np.nan], {"max_range_m": np.nan}),
     ],
@@ -359,7 +359,7 @@ def masked(*shape, dtype=np.float32):
         (lambda b: b.set_light(sun_color=(0.5, 0.5, 0.5), envs=masked(2, dtype=bool)), "envs"),
         (lambda b: flockstep.LidarConfig(offset_m=masked(3)), "offset_m"),
         (lambda b: flockstep.LidarConfig(azimuth_deg=masked(3)), "azimuth_deg"),
-        (lambda b: flockstep.color_blob(masked(8, 8, 3, dtype=np.uint8), flockstep.ColorRange()), "images"),
+        (lambda b: flockstep.color_blob(masked(8, 8, 3, dtype=np.uint8), flockstep.ColorRange()), "image"),
         (lambda b: flockstep.rotations.yaw_of(masked(4)), "quat_wxyz"),
         (lambda b: flockstep.rotations.quat_from_rpy(masked(3)), "rpy"),
     ],

@@ -69,9 +69,9 @@ def test_a_light_of_ones_own() -> None:
     ("arguments", "said"),
     [
         ({"tint": np.ones((5, 3))}, ["tint", 2, 5]),
-        ({"tint": (1, -1, 1)}, ["tint[0]", "-1.000000"]),
-        ({"tint": (1, np.nan, 1)}, ["tint[0]", np.nan]),
-        ({"tint": (1, 2)}, ["tint", (1, 2)]),
+        ({"tint": (1, -1, 1)}, ["tint[1]", 0, 10, -1]),
+        ({"tint": (1, np.nan, 1)}, ["tint[1]", np.nan]),
+        ({"tint": (1, 2)}, ["tint", "(N, 3)", (1, 2)]),
         ({"gamma": 0.5}, ["light.gamma", 1, 4, 0.5]),
         ({"sun_direction": (0, 0, 0)}, ["light.sun_direction", (0, 0, 0)]),
         ({"sun_color": (np.inf, 0, 0)}, ["light.sun_color[0]", 100, np.inf]),
@@ -206,7 +206,7 @@ def test_snapshots():
         (0, {"gamma": 0}, ["light.gamma", 1, 4, 0]),
         (0, {"sun_direction": (0, 0, 0)}, ["light.sun_direction", (0, 0, 0)]),
         (1, {"sun_color": (-1, 0, 0)}, ["light.sun_color[0]", 100, -1]),
-        (1, {"tint": (11, 1, 1)}, ["tint[0]", "11.000000"]),
+        (1, {"tint": (11, 1, 1)}, ["tint[0]", 11]),
         (1, {"tint": [[1, 1, 1]] * 2}, ["tint", 6, 2]),
     ],
 )

@@ -58,6 +58,8 @@ LidarConfig(beam=3)
   TypeError: LidarConfig.__init__() got an unexpected keyword argument 'beam'. Did you mean 'beams'?
 Batch([], num_drone=3)
   TypeError: Batch.__init__() got an unexpected keyword argument 'num_drone'. Did you mean 'num_drones'?
+color_blob(images=np.zeros((4, 4, 3), np.uint8), color=ColorRange())
+  TypeError: color_blob() got an unexpected keyword argument 'images'. Did you mean 'image'?
 PPO("MlpPolicy", None, lr=1e-3)
   TypeError: PPO.__init__() got an unexpected keyword argument 'lr'. Did you mean 'learning_rate'?
 made(hold_m=3)

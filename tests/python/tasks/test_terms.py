@@ -128,7 +128,7 @@ class TestRandom:
             ([-1], ("rows (row 0)", 0, 5, -1)),
             ([0.0], ("rows", "dtype float64")),
             (np.ones(5, bool), ("rows", "dtype bool")),
-            ([[0]], ("rows", -1, 1)),
+            ([[0]], ("rows", "(N,)", (1, 1))),
         ):
             with refused(ValueError, *match):
                 batch.random(0, 1, rows=rows)
@@ -250,7 +250,7 @@ class TestBodyFrame:
         for points, match in (
             (None, ("points", 3, "None")),
             (np.zeros((39, 3)), ("points", 40, 3, 39)),
-            (np.zeros((40, 2, 4)), ("points", 40, -1, 3, 2, 4)),
+            (np.zeros((40, 2, 4)), ("points", "(40, K, 3)", (40, 2, 4))),
             (np.zeros((40, 3), bool), ("points", "dtype bool")),
             (np.full((40, 3), 1e300), ("points", "finite", 1e300)),
             ("here", ("points", "<U4")),
