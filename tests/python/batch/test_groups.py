@@ -213,12 +213,17 @@ def test_a_lost_drone_of_a_team_row_leaves_the_others_as_in_any_other_number_of_
 
 def test_make_vec_and_wrappers_take_it(tmp_path: Any) -> None:
     env: Any = gymnasium.make_vec(
-        "flockstep/LidarNavigation-v0", num_envs=2, drones_per_env=M, max_episode_steps=10, render_mode="rgb_array"
+        "flockstep/LidarNavigation-v0",
+        num_envs=2,
+        drones_per_env=M,
+        max_episode_steps=5,
+        render_mode="rgb_array",
+        render_size=(96, 64),
     )
     assert (env.num_envs, env.num_groups, env.drones_per_env) == (2 * M, 2, M)
     env = RecordEpisodeStatistics(RecordVideo(env, str(tmp_path / "films"), episode_trigger=lambda _: True))
     env.reset(seed=[3, 4])
-    for _ in range(25):
+    for _ in range(13):  # two episodes and the beginning of a third
         env.step(env.action_space.sample())
     env.close()
     assert list(tmp_path.rglob("*.mp4"))
