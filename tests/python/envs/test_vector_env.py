@@ -488,11 +488,6 @@ def test_a_window_is_a_wrapper(make_it, wrapper):
     assert issubclass(found, gymnasium.Wrapper | gymnasium.vector.VectorWrapper)
 
 
-def test_a_single_env_is_of_one_drone():
-    with refused(TypeError, "drones_per_env", 1, 2):
-        flockstep.DroneEnv(drones_per_env=2)
-
-
 def test_an_id_belongs_to_gymnasium():
     with refused(ValueError, "num_envs", "gymnasium.make_vec('flockstep/Hover-v0', num_envs=...)"):
         flockstep.DroneVectorEnv("flockstep/Hover-v0")
