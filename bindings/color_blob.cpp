@@ -128,13 +128,6 @@ Seen green_blob(const py::array& given, const std::string& layout) {
 }  // namespace
 
 void register_color_blob(py::module_& module) {
-  // Overloads that name an unknown keyword.
-  for (const char* const name : {"color_blob", "color_components"}) {
-    module.def(name, [name](const py::args&, const py::kwargs& keywords) {
-      refuse_unknown(name, keywords, {"image", "color", "layout"});
-      throw py::reference_cast_error();
-    });
-  }
   py::class_<Seen>(module, "GreenBlob", "The green part of an image.")
       .def_property_readonly("found", [](const Seen& seen) { return seen.blob.found; })
       .def_property_readonly("x", [](const Seen& seen) { return seen.blob.x; })
@@ -171,6 +164,13 @@ void register_color_blob(py::module_& module) {
         return color_components(image, argument<ColorRange>(color, "color", "a flockstep.ColorRange"), layout);
       },
       py::arg("image"), py::arg("color"), py::arg("layout") = "hwc");
+  // Other calls get here: name an unknown keyword.
+  for (const char* const name : {"color_blob", "color_components"}) {
+    module.def(name, [name](const py::args&, const py::kwargs& keywords) {
+      refuse_unknown(name, keywords, {"image", "color", "layout"});
+      throw py::reference_cast_error();
+    });
+  }
 }
 
 }  // namespace flockstep::bindings
