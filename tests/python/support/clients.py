@@ -133,3 +133,10 @@ class Blocking:
             return self._loop.run_until_complete(self._client.__anext__())
         except StopAsyncIteration:
             raise StopIteration from None
+
+
+@contextlib.contextmanager
+def served(batch, connect):
+    """A client of a server of this batch."""
+    with flockstep.serve(batch, port=0) as server, connect(server.address) as client:
+        yield client
