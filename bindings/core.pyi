@@ -2114,21 +2114,21 @@ def formation_places(shape: str, count: int, spacing_m: float = 1.5) -> _F32:
         the places are farther apart.
     """
 
-def color_blob(images: npt.NDArray[np.uint8], color: ColorRange, layout: str = "hwc") -> ColorBlob:
+def color_blob(image: npt.NDArray[np.uint8], color: ColorRange, layout: str = "hwc") -> ColorBlob:
     """Find a colour in images, as the camera task does: the box around all pixels of this colour.
 
     Parameters
     ----------
-    images
+    image
         rgb, uint8 of shape (..., height, width, 3), or (..., 3, height, width) with the layout ``"chw"``: one image, or
-        ``batch.camera().rgb``.
+        many, as ``batch.camera().rgb``.
     color
         The colour.
 
     Raises
     ------
     ValueError
-        The images have another dtype or shape, the layout is unknown, or the range is outside [0, 255].
+        The image has another dtype or shape, the layout is unknown, or the range is outside [0, 255].
     """
 
 @final

@@ -1,9 +1,11 @@
-"""The asyncio client as an ordinary one, so that one test serves both clients."""
+"""The asyncio client as an ordinary one, so that one test serves both clients, and a client of a batch."""
 
 from __future__ import annotations
 
 import asyncio
+import contextlib
 
+import flockstep
 from flockstep.client import AsyncClient, AsyncDrone, AsyncStream
 
 
@@ -49,3 +51,10 @@ class Blocking:
             return self._loop.run_until_complete(self._client.__anext__())
         except StopAsyncIteration:
             raise StopIteration from None
+
+
+@contextlib.contextmanager
+def served(batch, connect):
+    """A client of a server of this batch."""
+    with flockstep.serve(batch, port=0) as server, connect(server.address) as client:
+        yield client
