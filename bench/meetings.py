@@ -54,7 +54,7 @@ def steps(name: str, envs: int, drones: int, world: flockstep.World, motion: str
     batches: dict[str, flockstep.Batch] = {}
     for interaction in INTERACTIONS:
         batches[interaction] = make(world, envs * drones, drones, motion, interaction)
-    batches["separate"] = make(world, envs * drones, 1, motion, "never")
+    batches["separate"] = make(world, envs * drones, 1, motion, "none")
     timers = {}
     for each, batch in batches.items():
         calls = itertools.cycle([call_of(batch, motion, places, i) for i in range(STEPS)])

@@ -7,7 +7,7 @@ encounters   motions among moving bodies against fine stepping with an independe
 shoves       pushes by bodies among walls and other bodies: no drone is inside anything unless it is reported
 crushes      ticks of rotor-driven drones among bodies that push them: none is inside anything unless it is reported
 tumbles      ticks of drones that tumble onto solids, meshes, bodies and each other: none freezes, or gains energy
-meetings     motions of drones that touch each other, kinematic and by rotors, among bodies: none is inside another one
+contact_groups  motions of drones that touch each other, kinematic and by rotors, among bodies: none is inside another
 body_rays    LiDAR beams and camera pixels among bodies of 1 mm to 100 m, against closed forms in double precision
 rays     rays traced directly, through Embree, and by closed forms in double precision
 agreement     LiDAR rays in worlds of primitives and triangles, in tiles, through Embree, and by closed forms
@@ -50,7 +50,7 @@ TESTS = {
     "shoves": ("Shoves*:Push*", 10, 150, "pushes"),
     "crushes": ("ContactInACrowd.NoDrone*", 10, 10, "ticks"),
     "tumbles": ("Tumbles.No*", 10, 8, "ticks"),
-    "meetings": ("Meetings*", 10, 50, "motions"),
+    "contact_groups": ("ContactGroups*", 10, 50, "motions"),
     "body_rays": ("BodyRays*", 10, 25, "rays"),
     "rays": ("Agreement*", 20, 50, "rays"),
     "agreement": ("TracerAgreement*", 21, 750, "rays"),

@@ -19,6 +19,7 @@ class FlightRoom {
   FlightRoom(const DynamicsConfig& config, const DroneModel& model, std::span<const Airframe> airframes,
              std::span<const std::int32_t> airframe_index, std::size_t drones_per_env = 1)
       : hull_(model),
+        corners_(model.hull()),
         state(flight_state(kRoomDrones / drones_per_env, drones_per_env)),
         fleet(airframes, airframe_index, config, kRoomClock, drones_per_env),
         slots_(kRoomDrones / drones_per_env) {
@@ -26,6 +27,7 @@ class FlightRoom {
   }
   FlightRoom(const DynamicsConfig& config, const DroneModel& model, std::size_t drones_per_env = 1)
       : hull_(model),
+        corners_(model.hull()),
         state(flight_state(kRoomDrones / drones_per_env, drones_per_env)),
         fleet(*model.airframe(), config, kRoomClock, drones_per_env, kRoomDrones),
         slots_(kRoomDrones / drones_per_env) {
@@ -64,6 +66,7 @@ class FlightRoom {
   std::shared_ptr<const World> world_ = make_world({primitive(PrimitiveKind::room, Vec3::Zero(), {2.0F, 2.0F, 1.0F}),
                                                     primitive(PrimitiveKind::cylinder, {1.2F, 0.4F, 0.0F}, {0.3F, 0.3F, 1.0F})});
   collision::Hull hull_;
+  collision::Corners corners_;
 
  public:
   State state;
@@ -75,7 +78,7 @@ class FlightRoom {
   std::vector<const trace::Scene*> scenes_{&prepared(*world_).scene()};
   std::vector<const collision::Obstacles*> obstacles_{&prepared(*world_).obstacles()};
   std::unique_ptr<trace::Tracer> tracer_ = std::make_unique<trace::Tracer>();
-  std::unique_ptr<dynamics::FlightScratch> scratch_ = std::make_unique<dynamics::FlightScratch>();
+  std::unique_ptr<dynamics::FlightScratch> scratch_ = std::make_unique<dynamics::FlightScratch>(hull_, corners_);
 };
 
 inline DynamicsConfig room_dynamics(OnContact on_contact, Control control) {

@@ -8,7 +8,6 @@
 #include "batch/bad_states.hpp"
 #include "batch/episodes.hpp"
 #include "batch/selected.hpp"
-#include "collision/moving_sweep.hpp"
 #include "collision/sweep.hpp"
 #include "dynamics/contact.hpp"
 #include "dynamics/rotor_motion.hpp"
@@ -22,6 +21,17 @@ const collision::Obstacles& obstacles_of(const Simulation& sim, DroneIndex drone
 
 collision::MovingBodies bodies_of(const Simulation& sim, DroneIndex drone) {
   return sim.bodies->moving().of_env(sim.env_of(drone), sim.bodies->per_env());
+}
+
+// Moves a drone by a tick of the moving objects, which may push it. If it has a contact, it keeps that one.
+float move_among_bodies(Simulation& sim, DroneIndex drone, const Pose& target, bool has_contact, Scratch& scratch) {
+  dynamics::GroupMember& member = scratch.flight.member;
+  member.motion = {pose_of(sim.state, drone), target, {}, {}, sim.config.clock.dt_s()};
+  member.has_contact = has_contact;
+  member.is_fixed = true;
+  scratch.flight.contacts.resolve(member, obstacles_of(sim, drone), bodies_of(sim, drone), sim.config.dynamics);
+  write_moved(sim, drone, member);
+  return member.reach;
 }
 
 // True if several drones share a row of the task.
@@ -66,17 +76,9 @@ void begin_gusts(Simulation& sim, DroneIndex drone) {
 }
 
 float sweep_to(Simulation& sim, DroneIndex drone, const Pose& target, Scratch& scratch) {
+  if (sim.bodies) return move_among_bodies(sim, drone, target, false, scratch);
   const Pose from = pose_of(sim.state, drone);
-  const collision::Obstacles& obstacles = obstacles_of(sim, drone);
-  if (sim.bodies) {
-    const collision::MovingBodies bodies = bodies_of(sim, drone);
-    const collision::MovingSweep swept = dynamics::sweep_among(obstacles, {bodies, scratch.flight.near}, sim.hull, from, target);
-    set_pose_of(sim.state, drone, swept.end.pose);
-    dynamics::write_contact(sim.state, drone, swept.contact, sim.config.clock.dt_s());
-    if (swept.end.jammed) sim.state.contact.inside[drone] = 1;
-    return (target.position - from.position).norm() + swept.end.farthest;
-  }
-  const collision::Contact contact = collision::sweep(obstacles, sim.hull, from, target);
+  const collision::Contact contact = collision::sweep(obstacles_of(sim, drone), sim.hull, from, target);
   set_pose_of(sim.state, drone, contact.hit ? collision::interpolate(from, target, contact.fraction) : target);
   dynamics::write_contact(sim.state, drone, contact);
   return (target.position - from.position).norm();
@@ -84,13 +86,16 @@ float sweep_to(Simulation& sim, DroneIndex drone, const Pose& target, Scratch& s
 
 float give_way(Simulation& sim, DroneIndex drone, Scratch& scratch) {
   if (!sim.bodies) return 0.0F;
-  const Pose pose = pose_of(sim.state, drone);
-  if (!sim.state.contact.hit[drone]) return sweep_to(sim, drone, pose, scratch);
-  const collision::MovingBodies bodies = bodies_of(sim, drone);
-  const collision::Push push = dynamics::push_standing(obstacles_of(sim, drone), {bodies, scratch.flight.near}, sim.hull, pose);
-  set_pose_of(sim.state, drone, push.pose);
-  if (push.jammed) sim.state.contact.inside[drone] = 1;
-  return push.farthest;
+  return move_among_bodies(sim, drone, pose_of(sim.state, drone), sim.state.contact.hit[drone] != 0, scratch);
+}
+
+void write_moved(Simulation& sim, DroneIndex drone, const dynamics::GroupMember& member) {
+  set_pose_of(sim.state, drone, member.pose);
+  if (!member.has_contact) {
+    dynamics::write_contact(sim.state, drone, member);
+  } else if (member.contact.inside) {
+    sim.state.contact.inside[drone] = 1;
+  }
 }
 
 void move_tick(Simulation& sim, const MoveRequest& move, Scratch& scratch) {
@@ -102,7 +107,7 @@ void move_tick(Simulation& sim, const MoveRequest& move, Scratch& scratch) {
 }
 
 void move_tick(Simulation& sim, EnvIndex env, std::span<const MoveRequest> moves, Scratch& scratch) {
-  if (sim.drones_touch()) return move_meeting(sim, env, moves, scratch);
+  if (sim.drones_touch()) return move_in_groups(sim, env, moves, scratch);
   for (const MoveRequest& move : moves) move_tick(sim, move, scratch);
   if (!sim.bodies || moves.size() == sim.drones_per_env()) return;
   std::size_t next = 0;
@@ -127,7 +132,7 @@ void fly_by_rotors(Simulation& sim, const Block& block, std::span<const DroneInd
     for (const DroneIndex drone : drones) sim.lost[drone] = sim.episodes.bad[sim.row_of(drone)];
   }
   if (sim.drones_touch()) {
-    fly_meeting(sim, block, drones, commands, first_tick, ticks, scratch);
+    fly_in_groups(sim, block, drones, commands, first_tick, ticks, scratch);
   } else {
     dynamics::fly(flight_context(sim, block, scratch), drones, commands, first_tick, ticks);
   }

@@ -42,6 +42,9 @@ float sweep_to(Simulation& sim, DroneIndex drone, const Pose& target, Scratch& s
 // Returns its largest distance from the beginning.
 float give_way(Simulation& sim, DroneIndex drone, Scratch& scratch);
 
+// Writes the pose and contact of a drone that moved kinematically, or that stands.
+void write_moved(Simulation& sim, DroneIndex drone, const dynamics::GroupMember& member);
+
 // The next three functions are for rotor-driven drones of one block.
 
 // Sets the initial accelerations of an episode: those of the current state with constant rotor speeds.

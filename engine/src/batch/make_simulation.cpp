@@ -140,14 +140,14 @@ Simulation::Simulation(BatchConfig config_in, Batch::Worlds worlds_in, std::uniq
                    : "more threads make it slower");
   }
   for (int i = 0; i < workers.num_threads(); ++i) {
-    scratches.push_back(std::make_unique<Scratch>());
+    scratches.push_back(std::make_unique<Scratch>(hull, corners));
     scratches.back()->thread = static_cast<std::size_t>(i);
     for (auto* const drones : {&scratches.back()->flying, &scratches.back()->drones}) {
       drones->reserve(schedule.block_size() * drones_per_env());
     }
     scratches.back()->envs.reserve(schedule.block_size());
     if (!drones_touch()) continue;
-    scratches.back()->meetings = std::make_unique<Meetings>(hull, corners);
+    scratches.back()->contact_groups = std::make_unique<ContactGroups>();
     if (fleet) scratches.back()->flight.path.resize(static_cast<std::size_t>(this->config.clock.substeps()));
   }
   sorts_by_world = config.tracer == TracerKind::embree;
@@ -174,7 +174,7 @@ Simulation::Simulation(BatchConfig config_in, Batch::Worlds worlds_in, std::uniq
   if (fleet) allocate(state.flight, sizes);
   if (fleet) lost.resize(num_drones());
   if (drones_touch()) unplaced.resize(num_drones());
-  if (fleet && drones_touch()) bend.resize(num_drones());
+  if (fleet && drones_touch()) deviation.resize(num_drones());
   std::fill(state.active.begin(), state.active.end(), std::uint8_t{1});
   std::fill(state.sensed.begin(), state.sensed.end(), std::int64_t{-1});
   std::iota(state.seed.begin(), state.seed.end(), std::uint64_t{0});

@@ -16,7 +16,7 @@
 #include "base/near_memory.hpp"
 #include "base/random.hpp"
 #include "base/workers.hpp"
-#include "batch/meetings.hpp"
+#include "batch/contact_groups.hpp"
 #include "batch/move_lines.hpp"
 #include "batch/outputs.hpp"
 #include "batch/pool_state.hpp"
@@ -36,17 +36,19 @@ namespace flockstep {
 
 // Working memory of a thread that steps a block; made once.
 struct Scratch {
+  Scratch(const collision::Hull& hull, const collision::Corners& corners) : flight(hull, corners) {}
+
   trace::Tracer tracer;
   trace::BallSlices slices;  // drones of one env
   std::size_t thread = 0;    // its number
   dynamics::FlightScratch flight;
-  std::vector<DroneIndex> flying;      // drones of Block::flying during a step
-  std::vector<DroneIndex> drones;      // drones of some envs
-  std::vector<EnvIndex> envs;          // envs of a block
-  std::vector<Pose> poses;             // start and target of some drones
-  bool moved_world = false;            // an env has moved to another world
-  std::unique_ptr<Meetings> meetings;  // null unless drones touch each other
-  std::vector<MoveRequest> moves;      // of one env
+  std::vector<DroneIndex> flying;                 // drones of Block::flying during a step
+  std::vector<DroneIndex> drones;                 // drones of some envs
+  std::vector<EnvIndex> envs;                     // envs of a block
+  std::vector<Pose> poses;                        // start and target of some drones
+  bool moved_world = false;                       // an env has moved to another world
+  std::unique_ptr<ContactGroups> contact_groups;  // null unless drones touch each other
+  std::vector<MoveRequest> moves;                 // of one env
 };
 
 // The task of a batch, and the data that it exchanges with the episode machine.
@@ -188,8 +190,8 @@ struct Simulation {
 
   State state;
   std::optional<bodies::BodyTable> bodies;  // nothing if the envs have no slots for bodies
-  FlagArray unplaced;       // (N,) the drone begins an episode and has no place yet; empty unless drones touch each other
-  std::vector<float> bend;  // (N,) see FlightContext::bend; empty unless rotor-driven drones touch each other
+  FlagArray unplaced;            // (N,) the drone begins an episode and has no place yet; empty unless drones touch each other
+  std::vector<float> deviation;  // (N,) see FlightContext::deviation; empty unless rotor-driven drones touch each other
   std::optional<bodies::SeenDrones> seen_drones;  // nothing if drones do not see each other
   sensors::SensorSuite suite;
   sensors::EnvLights lights;

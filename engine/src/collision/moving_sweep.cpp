@@ -316,17 +316,4 @@ Push push(const Obstacles& obstacles, std::span<const MovingSolid> bodies, const
   return Pushed(obstacles, bodies, hull, pose, begin).run();
 }
 
-MovingSweep sweep(const Obstacles& obstacles, std::span<const MovingSolid> bodies, const Hull& hull, const Pose& from,
-                  const Pose& to) {
-  MovingSweep result{first_contact(obstacles, bodies, hull, from, to), {.pose = to}};
-  const MovingContact& contact = result.contact;
-  if (!contact.hit) return result;
-  if (contact.fraction == 1.0F) {  // it began inside
-    result.end.jammed = Pushed(obstacles, bodies, hull, to, 1.0).overlaps_body();
-  } else {
-    result.end = push(obstacles, bodies, hull, interpolate(from, to, contact.fraction), static_cast<double>(contact.fraction));
-  }
-  return result;
-}
-
 }  // namespace flockstep::collision

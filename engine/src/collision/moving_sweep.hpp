@@ -49,12 +49,4 @@ struct Push {
 Push push(const Obstacles& obstacles, std::span<const MovingSolid> bodies, const Hull& hull, const Pose& pose,
           double begin = 0.0);
 
-// A whole motion: first_contact(), and from the contact on, push().
-struct MovingSweep {
-  MovingContact contact;
-  Push end;
-};
-MovingSweep sweep(const Obstacles& obstacles, std::span<const MovingSolid> bodies, const Hull& hull, const Pose& from,
-                  const Pose& to);
-
 }  // namespace flockstep::collision

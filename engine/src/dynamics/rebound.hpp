@@ -8,17 +8,30 @@
 #include <limits>
 #include <span>
 
-#include "collision/clearing.hpp"
 #include "collision/hull.hpp"
 #include "collision/moving_bodies.hpp"
 #include "collision/path.hpp"
 #include "collision/sweep.hpp"
-#include "dynamics/contact.hpp"
 #include "dynamics/impact.hpp"
+#include "flockstep/airframe.hpp"
 #include "flockstep/dynamics.hpp"
 #include "flockstep/pose.hpp"
 
 namespace flockstep::dynamics {
+
+// A distance (m) larger than the standoff that a sweep keeps at this coordinate, plus a few float32 steps of the coordinate.
+inline float margin(float coordinate) {
+  constexpr float kClearance = 1e-3F;  // m
+  constexpr float kFloatSteps = 0x1p-18F;
+  return kClearance + kFloatSteps * coordinate;
+}
+
+// The motion of a drone in a tick without any contact.
+struct TickMotion {
+  Pose from, to;
+  Velocity begin, end;
+  double duration_s;
+};
 
 static_assert(kMaxPoints == 2 * (2 * kMaxHullVertices + 1));
 
@@ -127,16 +140,6 @@ inline bool is_same(const Pose& a, const Pose& b) {
 // Returns an upper bound of how far (m) a point of the hull moves.
 inline double largest_move(const collision::Hull& hull, const Pose& from, const Pose& to) {
   return collision::Path(from, to).fastest(static_cast<double>(hull.radius()));
-}
-
-// Returns the pose at the end of a tick that impulses cannot finish, instead of `to`. A face that turns about an edge while it
-// slides along it comes nearer to the edge by the second order of time, though the point of contact does not: the surface moves
-// the drone aside, by no more than that.
-inline Pose moved_aside(const collision::Obstacles& obstacles, std::span<const collision::MovingSolid> solids,
-                        const collision::Hull& hull, const Pose& from, const Pose& to) {
-  const collision::Path path(from, to);
-  const double most = path.angle * path.fastest(static_cast<double>(hull.radius())) + collision::kStandoff;
-  return collision::cleared(obstacles, solids, hull, to, 1.0, most);
 }
 
 // Kinetic energy, J/kg.

@@ -56,7 +56,7 @@ class GroupFlight {
   void fly(const Commands& commands, int first_tick, int ticks) {
     for (std::size_t lane = 0; lane < kLanes; ++lane) {
       is_done_[lane] = !group_.is_listed(lane) || is_held(lane);
-      if (has_bend() && group_.is_listed(lane)) context_.bend[group_[lane]] = 0.0F;
+      if (has_deviation() && group_.is_listed(lane)) context_.deviation[group_[lane]] = 0.0F;
     }
     if (has_bodies()) push_held(first_tick);
     if (is_done()) return;
@@ -69,17 +69,17 @@ class GroupFlight {
     const Lanes<3> began = flock_.origin;
     LaneFlags flies{};
     for (std::size_t lane = 0; lane < kLanes; ++lane) flies[lane] = !is_done_[lane];
-    for (int tick = first_tick; tick < first_tick + ticks && (has_bend() || !is_done()); ++tick) {
+    for (int tick = first_tick; tick < first_tick + ticks && (has_deviation() || !is_done()); ++tick) {
       if (!is_done()) {
         Interrupt::poll();  // between ticks the state is consistent
         fly_tick(tick);
       }
-      if (has_bend()) record_positions(began, tick - first_tick);
+      if (has_deviation()) record_positions(began, tick - first_tick);
     }
-    if (has_bend()) write_bends(flies, ticks);
+    if (has_deviation()) write_deviations(flies, ticks);
   }
 
-  void record(const Commands& commands, int tick, const NeighborTable& table) {
+  void record(const Commands& commands, int tick, const MemberTable& table) {
     for (std::size_t lane = 0; lane < kLanes; ++lane) is_done_[lane] = !group_.is_listed(lane) || is_held(lane);
     if (is_done()) return;
     load();
@@ -94,10 +94,10 @@ class GroupFlight {
         give_up(lane);
         continue;
       }
-      Neighbor& neighbor = table.neighbors[group_[lane] - table.first];
-      neighbor.motion = motion_of(lane);
-      neighbor.holds = false;
-      neighbor.is_open = !(has_bodies() && is_near_body(lane)) && (is_open_[lane] != 0 || find_open_space(lane));
+      GroupMember& member = table.members[group_[lane] - table.first];
+      member.motion = motion_of(lane);
+      member.is_fixed = false;
+      member.is_open = !(has_bodies() && is_near_body(lane)) && (is_open_[lane] != 0 || find_open_space(lane));
     }
     group_.store(flies, flock_, state_);
   }
@@ -188,29 +188,26 @@ class GroupFlight {
     return (fleet_.config.on_contact == OnContact::terminate && state_.contact.hit[group_[lane]]) || context_.bad[group_[lane]];
   }
 
-  bool has_bend() const { return !context_.bend.empty(); }
+  bool has_deviation() const { return !context_.deviation.empty(); }
   bool has_bodies() const { return context_.bodies.count != 0; }
   collision::MovingBodies bodies(std::size_t lane) const { return context_.bodies.of_env(env_of(lane), context_.bodies_per_env); }
 
   // Lets bodies push a drone that stays in place.
   void push(std::size_t lane, int tick) {
     const DroneIndex drone = group_[lane];
-    const collision::MovingBodies all = bodies(lane);
-    const Pose pose = pose_of(state_, drone);
-    const collision::Push result = push_standing(obstacles(lane), {all, context_.scratch.near}, context_.hull, pose);
-    note_detour(lane, result.farthest);
-    if (result.jammed && state_.contact.hit[drone]) state_.contact.inside[drone] = 1;
-    if (!result.pushed) return;
-    set_pose_of(state_, drone, {result.pose.position, pose.rotation});
-    std::fill_n(state_.flight.remainder.data() + 3 * drone, 3, 0.0F);
-    store_rest_of_path(lane, tick);
+    GroupMember& member = context_.scratch.member;
+    member.motion = standing(pose_of(state_, drone), fleet_.clock.dt_s());
+    member.has_contact = member.is_fixed = true;
+    context_.scratch.contacts.resolve(member, obstacles(lane), bodies(lane), fleet_.config);
+    note_detour(lane, member.reach);
+    if (member.is_deflected) write_result(context_, drone, member, tick);
   }
 
   void push_held(int tick) {
     for (std::size_t lane = 0; lane < kLanes; ++lane) {
       if (!group_.is_listed(lane) || !is_held(lane)) continue;
       push(lane, tick);
-      if (has_bend()) context_.bend[group_[lane]] = 2.0F * detour_[lane];
+      if (has_deviation()) context_.deviation[group_[lane]] = 2.0F * detour_[lane];
     }
   }
 
@@ -224,24 +221,24 @@ class GroupFlight {
       set(vec3(state_.position, group_[lane]) - vec3(began, lane), lane, travelled);
   }
 
-  // Writes the bends of drones whose leg has been recorded.
-  void write_bends(const LaneFlags& lanes, int ticks) {
+  // Writes the deviations of drones whose leg has been recorded.
+  void write_deviations(const LaneFlags& lanes, int ticks) {
     const std::span<const Lanes<3>> path = std::span(context_.scratch.path).first(static_cast<std::size_t>(ticks));
     const Lanes<3>& whole = path.back();
-    Lane bend2{};
+    Lane deviation2{};
     for (std::size_t tick = 0; tick < path.size(); ++tick) {
       const float share = static_cast<float>(tick + 1) / static_cast<float>(ticks);
       for (std::size_t lane = 0; lane < kLanes; ++lane) {
         const float x = path[tick][0][lane] - share * whole[0][lane], y = path[tick][1][lane] - share * whole[1][lane],
                     z = path[tick][2][lane] - share * whole[2][lane];
-        bend2[lane] = std::max(bend2[lane], x * x + y * y + z * z);
+        deviation2[lane] = std::max(deviation2[lane], x * x + y * y + z * z);
       }
     }
     for (std::size_t lane = 0; lane < kLanes; ++lane) {
       if (!lanes[lane]) continue;
-      float bend = std::sqrt(bend2[lane]);
-      if (detour_[lane] > 0.0F) bend += detour_[lane] + vec3(whole, lane).norm() / static_cast<float>(ticks);
-      context_.bend[group_[lane]] = bend;
+      float deviation = std::sqrt(deviation2[lane]);
+      if (detour_[lane] > 0.0F) deviation += detour_[lane] + vec3(whole, lane).norm() / static_cast<float>(ticks);
+      context_.deviation[group_[lane]] = deviation;
     }
   }
 
@@ -258,12 +255,12 @@ class GroupFlight {
           is_good(lane) && !(has_bodies() && is_near_body(lane)) && (is_open_[lane] != 0 || find_open_space(lane));
       if (flies[lane] && !context_.path.empty()) store_path(lane, first_tick, ticks);
     }
-    if (has_bend()) write_bends(flies, ticks);
+    if (has_deviation()) write_deviations(flies, ticks);
     group_.store(flies, flock_, state_);
   }
 
   // Memory for the path of a leg; null if it is not recorded.
-  Lanes<3>* path_of_leg() { return context_.path.empty() && !has_bend() ? nullptr : context_.scratch.path.data(); }
+  Lanes<3>* path_of_leg() { return context_.path.empty() && !has_deviation() ? nullptr : context_.scratch.path.data(); }
 
   float* path_of(std::size_t lane, int tick) {
     const std::size_t row = context_.path.size() / fleet_.open.world.size();
@@ -358,37 +355,30 @@ class GroupFlight {
     };
   }
 
-  // Resolves the contacts of one tick and writes the last one.
-  ContactResult resolve(std::size_t lane, const TickMotion& motion) {
-    const DroneIndex drone = group_[lane];
-    const Body body{context_.hull, fleet_.airframe_of(drone)};
-    const collision::MovingBodies all = bodies(lane);
-    const ContactResult result =
-        has_bodies() ? resolve_contacts(obstacles(lane), {all, context_.scratch.near}, body, fleet_.config, motion)
-                     : resolve_contacts(obstacles(lane), body, fleet_.config, motion);
-    if (result.contact.hit) write_contact(state_, drone, result.contact, motion.duration_s);
-    return result;
-  }
-
   void end_tick(std::size_t lane) {
-    const TickMotion motion = motion_of(lane);
-    const ContactResult result = resolve(lane, motion);
-    if (result.is_deflected) {
-      note_detour(lane, result.farthest);
-      set(result.pose.position, lane, flock_.position);
-      set(result.pose.rotation, lane, flock_.rotation);
-      set(result.velocity.linear, lane, flock_.velocity);
-      set(result.velocity.angular, lane, flock_.turn);
+    const DroneIndex drone = group_[lane];
+    GroupMember& member = context_.scratch.member;
+    member.airframe = &fleet_.airframe_of(drone);
+    member.motion = motion_of(lane);
+    member.has_contact = member.is_fixed = false;
+    context_.scratch.contacts.resolve(member, obstacles(lane), bodies(lane), fleet_.config);
+    if (member.contact.hit) write_contact(state_, drone, member);
+    if (member.is_deflected) {
+      note_detour(lane, member.reach);
+      set(member.pose.position, lane, flock_.position);
+      set(member.pose.rotation, lane, flock_.rotation);
+      set(member.velocity.linear, lane, flock_.velocity);
+      set(member.velocity.angular, lane, flock_.turn);
       for (Lanes<3>* const lanes : {&flock_.remainder, &flock_.acceleration, &flock_.angular_acceleration}) {
         set(Vec3::Zero(), lane, *lanes);
       }
     }
     group_.store(lane, flock_, state_);
-    if (!result.is_deflected) return;
+    if (!member.is_deflected) return;
     if (fleet_.config.on_contact == OnContact::terminate) {
       is_done_[lane] = true;
     } else {
-      move_origin(lane, result.pose.position);
+      move_origin(lane, member.pose.position);
     }
   }
 
@@ -443,7 +433,7 @@ void fly(const FlightContext& context, std::span<const DroneIndex> drones, const
 }
 
 void record_motions(const FlightContext& context, std::span<const DroneIndex> drones, const Commands& commands, int tick,
-                    const NeighborTable& table) {
+                    const MemberTable& table) {
   const auto record_with = [&](const Physics& physics) {
     while (!drones.empty()) GroupFlight(context, physics, drones).record(commands, tick, table);
   };
@@ -455,21 +445,21 @@ void record_motions(const FlightContext& context, std::span<const DroneIndex> dr
   }
 }
 
-void write_result(const FlightContext& context, DroneIndex drone, const Neighbor& neighbor, int tick) {
+void write_result(const FlightContext& context, DroneIndex drone, const GroupMember& member, int tick) {
   State& state = context.state;
-  if (neighbor.is_deflected) {
-    set_pose_of(state, drone, neighbor.pose);
+  if (member.is_deflected) {
+    set_pose_of(state, drone, member.pose);
     std::fill_n(state.flight.remainder.data() + 3 * drone, 3, 0.0F);
   }
-  if (neighbor.is_deflected && !neighbor.holds) {
-    std::copy_n(neighbor.velocity.linear.data(), 3, state.flight.velocity.data() + 3 * drone);
-    std::copy_n(neighbor.velocity.angular.data(), 3, state.flight.angular_velocity.data() + 3 * drone);
+  if (member.is_deflected && !member.is_fixed) {
+    std::copy_n(member.velocity.linear.data(), 3, state.flight.velocity.data() + 3 * drone);
+    std::copy_n(member.velocity.angular.data(), 3, state.flight.angular_velocity.data() + 3 * drone);
     std::fill_n(state.flight.acceleration.data() + 3 * drone, 3, 0.0F);
     std::fill_n(state.flight.angular_acceleration.data() + 3 * drone, 3, 0.0F);
   }
-  if (neighbor.contact.hit) {
-    write_contact(state, drone, neighbor);
-  } else if (neighbor.contact.inside && state.contact.hit[drone]) {
+  if (member.contact.hit) {
+    write_contact(state, drone, member);
+  } else if (member.contact.inside && state.contact.hit[drone]) {
     state.contact.inside[drone] = 1;
   }
   if (context.path.empty()) return;

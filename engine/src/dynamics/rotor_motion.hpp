@@ -10,7 +10,7 @@
 #include "collision/hull.hpp"
 #include "collision/moving_bodies.hpp"
 #include "collision/obstacles.hpp"
-#include "dynamics/crowd.hpp"
+#include "dynamics/contact.hpp"
 #include "dynamics/downwash.hpp"
 #include "dynamics/fleet.hpp"
 #include "dynamics/flight.hpp"
@@ -26,12 +26,16 @@ namespace flockstep::dynamics {
 
 // Working memory of a thread; made once.
 struct FlightScratch {
+  FlightScratch(const collision::Hull& hull, const collision::Corners& corners) : contacts(hull, corners) {}
+
   Flock flock;
   // For a fleet with several airframes: the coefficients of the last group's lanes and their airframe rows; -1: no group yet.
   LaneNumbers numbers;
-  AlignedVector<Lanes<3>> path;  // the current leg, one entry per tick; empty if neither paths nor bends are recorded
+  AlignedVector<Lanes<3>> path;  // the current leg, one entry per tick; empty if neither paths nor deviations are recorded
   std::array<std::int32_t, kLanes> airframes{-1};
   collision::NearSolids near;
+  ContactResolver contacts;
+  GroupMember member;  // a drone that can touch no other one
   Downwash downwash;
 };
 
@@ -53,13 +57,13 @@ struct FlightContext {
   std::size_t bodies_per_env = 0;
   // (N,) m, of each listed drone: its largest distance from a point that moves uniformly from where the drone begins the call to
   // where it ends; empty: not recorded.
-  std::span<float> bend = {};
+  std::span<float> deviation = {};
 };
 
 // Drones of one env that may touch each other, for record_motions().
-struct NeighborTable {
-  DroneIndex first;               // drone 0 of the env
-  std::span<Neighbor> neighbors;  // (M,)
+struct MemberTable {
+  DroneIndex first;                // drone 0 of the env
+  std::span<GroupMember> members;  // (M,)
 };
 
 // Sets the accelerations of drones for their current state, assuming constant rotor speeds.
@@ -69,12 +73,12 @@ void update_accelerations(const FlightContext& context, std::span<const DroneInd
 // OnContact::terminate, drones that hit something in this step stay in place, unless bodies push them. With bodies, ticks is 1.
 void fly(const FlightContext& context, std::span<const DroneIndex> drones, const Commands& commands, int first_tick, int ticks);
 
-// Flies drones of one env for one tick without any contact, and writes the motion, is_open and holds of their neighbours. Those
-// of drones that stay in place are not changed.
+// Flies drones of one env for one tick without any contact, and writes the motion, is_open and is_fixed of the members. Those of
+// drones that stay in place are not changed.
 void record_motions(const FlightContext& context, std::span<const DroneIndex> drones, const Commands& commands, int tick,
-                    const NeighborTable& table);
+                    const MemberTable& table);
 
-// Writes the result of a crowd to a drone that record_motions() has flown, or that stays in place.
-void write_result(const FlightContext& context, DroneIndex drone, const Neighbor& neighbor, int tick);
+// Writes the result of a contact group to a drone that record_motions() has flown, or that stays in place.
+void write_result(const FlightContext& context, DroneIndex drone, const GroupMember& member, int tick);
 
 }  // namespace flockstep::dynamics

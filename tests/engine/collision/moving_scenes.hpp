@@ -64,6 +64,21 @@ inline double distance_at(const MovingBody& body, double time, const Pose& pose,
   return distance_at(body, time, pose.position.cast<double>(), pose.rotation.cast<double>(), enough);
 }
 
+// A whole motion: first_contact(), and from the contact on, push().
+struct MovingSweep {
+  MovingContact contact;
+  Push end;
+};
+inline MovingSweep sweep(const Obstacles& obstacles, std::span<const MovingSolid> bodies, const Hull& hull, const Pose& from,
+                         const Pose& to) {
+  MovingSweep result{first_contact(obstacles, bodies, hull, from, to), {.pose = to}};
+  const float fraction = result.contact.fraction;
+  if (result.contact.hit) {
+    result.end = push(obstacles, bodies, hull, interpolate(from, to, fraction), static_cast<double>(fraction));
+  }
+  return result;
+}
+
 inline bool same_bits(const Contact& a, const Contact& b) {
   return a.hit == b.hit && a.inside == b.inside && a.fraction == b.fraction && a.point == b.point && a.normal == b.normal;
 }

@@ -13,7 +13,7 @@
 namespace flockstep {
 namespace {
 
-using dynamics::ContactResult;
+using dynamics::GroupMember;
 using dynamics::TickMotion;
 using namespace testing;
 
@@ -93,22 +93,29 @@ class Yard {
       : world_(make_world(statics)), obstacles_(prepared(*world_).obstacles()), hull_(quadrotor()) {}
 
   // The drone moves at a constant velocity for one tick.
-  ContactResult meet(const Bodies& bodies, const DynamicsConfig& config, const Pose& from, const Vec3& velocity) {
-    const TickMotion motion{
+  GroupMember hit(const Bodies& bodies, const DynamicsConfig& config, const Pose& from, const Vec3& velocity) {
+    GroupMember drone;
+    drone.airframe = &*quadrotor().airframe();
+    drone.motion = {
         from, {from.position + kTick * velocity, from.rotation}, {velocity, Vec3::Zero()}, {velocity, Vec3::Zero()}, kTick};
-    const collision::MovingBodies view = bodies.view();
-    return dynamics::resolve_contacts(obstacles_, {view, near_}, {hull_, *quadrotor().airframe()}, config, motion);
+    contacts_.resolve(drone, obstacles_, bodies.view(), config);
+    return drone;
   }
-  collision::Push push(const Bodies& bodies, const Pose& pose) {
-    const collision::MovingBodies view = bodies.view();
-    return dynamics::push_standing(obstacles_, {view, near_}, hull_, pose);
+  // The drone stands, with an earlier contact.
+  GroupMember push(const Bodies& bodies, const Pose& pose) {
+    GroupMember drone;
+    drone.motion = dynamics::standing(pose, kTick);
+    drone.has_contact = drone.is_fixed = true;
+    contacts_.resolve(drone, obstacles_, bodies.view(), {});
+    return drone;
   }
 
  private:
   std::shared_ptr<const World> world_;
   const collision::Obstacles& obstacles_;
   collision::Hull hull_;
-  collision::NearSolids near_;
+  collision::Corners corners_{quadrotor().hull()};
+  dynamics::ContactResolver contacts_{hull_, corners_};
 };
 
 const Pose kOrigin{Vec3::Zero(), Quat::Identity()};
@@ -122,11 +129,11 @@ TEST(ContactWithABody, ThrowsTheDroneBackRelativeToTheSurface) {
       SCOPED_TRACE(::testing::Message() << restitution << ' ' << plate << ' ' << drone);
       Bodies bodies;
       bodies.add_plate({0, 0, bottom() - 0.05F}, {0, 0, plate});
-      const ContactResult result = yard.meet(bodies, config_of(OnContact::bounce, restitution), kOrigin, {0, 0, drone});
+      const GroupMember result = yard.hit(bodies, config_of(OnContact::bounce, restitution), kOrigin, {0, 0, drone});
       ASSERT_TRUE(result.contact.hit);
       EXPECT_EQ(result.contact.body, 0);
       EXPECT_FALSE(result.contact.inside);
-      EXPECT_NEAR(result.contact.velocity.z() / kTick, plate, 1e-3F);
+      EXPECT_NEAR(result.contact.velocity.z(), plate, 1e-3F);
       EXPECT_NEAR(result.velocity.linear.z(), plate - restitution * (drone - plate), 0.05F);
       EXPECT_GT(distance(result.pose, bodies), 0.0);
       EXPECT_GT(result.pose.position.z(), bodies.pose(0).position.z()) << "it is still above";
@@ -143,7 +150,7 @@ TEST(ContactWithABody, StopsOnAPlateThatCarriesTheDrone) {
   Vec3 velocity = Vec3::Zero();
   for (int tick = 0; tick < 100; ++tick) {
     if (tick > 0) bodies.go_on(kTick * speed);
-    const ContactResult result = yard.meet(bodies, config_of(OnContact::stop), pose, velocity - Vec3(0, 0, 0.02F));
+    const GroupMember result = yard.hit(bodies, config_of(OnContact::stop), pose, velocity - Vec3(0, 0, 0.02F));
     ASSERT_TRUE(result.contact.hit) << tick;
     ASSERT_FALSE(result.contact.inside) << tick;
     pose = result.pose;
@@ -163,15 +170,15 @@ TEST(ContactWithABody, PushesADroneThatIsHeld) {
   Pose pose = kOrigin;
   for (int tick = 0; tick < 50; ++tick) {
     if (tick > 0) bodies.go_on({0, 0, 10 * kTick});
-    const collision::Push push = yard.push(bodies, pose);
-    ASSERT_FALSE(push.jammed);
+    const GroupMember push = yard.push(bodies, pose);
+    ASSERT_FALSE(push.contact.inside);
     pose = push.pose;
     ASSERT_GT(distance(pose, bodies), 0.0);
   }
   EXPECT_NEAR(pose.position.z(), bodies.pose(0).position.z() + 0.0025F - bottom(), kNear);
   Bodies away;
   away.add_plate({0, 0, bottom() - 0.05F}, {0, 0, -10});
-  EXPECT_FALSE(yard.push(away, kOrigin).pushed);
+  EXPECT_FALSE(yard.push(away, kOrigin).is_deflected);
 }
 
 TEST(ContactWithABody, IsReportedAsInsideBetweenPlates) {
@@ -180,7 +187,7 @@ TEST(ContactWithABody, IsReportedAsInsideBetweenPlates) {
     Bodies bodies;
     bodies.add_plate({0, 0, -0.5F}, {0, 0, 240});
     bodies.add_plate({0, 0, 0.5F}, {0, 0, -240});
-    const ContactResult result = yard.meet(bodies, config_of(on_contact), kOrigin, Vec3::Zero());
+    const GroupMember result = yard.hit(bodies, config_of(on_contact), kOrigin, Vec3::Zero());
     EXPECT_TRUE(result.contact.hit);
     EXPECT_TRUE(result.contact.inside);
     EXPECT_EQ(result.velocity.linear, Vec3(Vec3::Zero()));
@@ -203,7 +210,7 @@ TEST(ContactWithABody, ADoorSweepsTheDroneAside) {
     int hits = 0;
     for (int tick = 0; tick < 12; ++tick) {
       bodies.move(0, bodies.pose(0), door(6.0F * static_cast<float>(tick + 1)));
-      const ContactResult result = yard.meet(bodies, config_of(on_contact), pose, velocity);
+      const GroupMember result = yard.hit(bodies, config_of(on_contact), pose, velocity);
       if (!result.is_deflected) {
         pose.position += kTick * velocity;
       } else {
@@ -227,9 +234,9 @@ TEST(ContactWithABody, TheFarthestPointIsWhereTheDroneTurnsBack) {
   Bodies bodies;
   const Pose from{{-length - gap - 0.05F, 0, 0}, Quat::Identity()}, to{from.position + Vec3(way, 0, 0), Quat::Identity()};
   bodies.add(PrimitiveKind::box, {0.05F, 1, 1}, from, to);
-  const ContactResult result = yard.meet(bodies, config_of(OnContact::bounce, 1.0F), kOrigin, Vec3::Zero());
+  const GroupMember result = yard.hit(bodies, config_of(OnContact::bounce, 1.0F), kOrigin, Vec3::Zero());
   const float to_wall = 1.0F - length;
-  EXPECT_NEAR(result.farthest, to_wall, 1e-3F);
+  EXPECT_NEAR(result.reach, to_wall, 1e-3F);
   EXPECT_NEAR(result.pose.position.x(), to_wall - (2.0F * (way - gap) - to_wall), 2e-3F);
   EXPECT_EQ(result.contact.body, -1);
 }
@@ -241,7 +248,7 @@ TEST(ContactWithABody, NeverPushesTheDroneThroughAWall) {
   Bodies bodies;
   bodies.add_plate({0, 0, 0.5F}, {0, 0, -700});
   for (const OnContact on_contact : {OnContact::terminate, OnContact::stop, OnContact::bounce}) {
-    const ContactResult result = yard.meet(bodies, config_of(on_contact), kOrigin, Vec3::Zero());
+    const GroupMember result = yard.hit(bodies, config_of(on_contact), kOrigin, Vec3::Zero());
     EXPECT_GT(distance(result.pose, room), 0.0);
     EXPECT_TRUE(result.contact.inside);
   }
@@ -326,6 +333,7 @@ class Crowds {
 
  private:
   collision::Hull hull_{quadrotor()};
+  collision::Corners corners_{quadrotor().hull()};
   std::shared_ptr<const World> world_ = make_world({room});
   std::vector<DroneIndex> drones_;
   std::vector<Vec3> speeds_;
@@ -335,7 +343,7 @@ class Crowds {
   std::vector<const trace::Scene*> scenes_{&prepared(*world_).scene()};
   std::vector<const collision::Obstacles*> obstacles_{&prepared(*world_).obstacles()};
   std::unique_ptr<trace::Tracer> tracer_ = std::make_unique<trace::Tracer>();
-  std::unique_ptr<dynamics::FlightScratch> scratch_ = std::make_unique<dynamics::FlightScratch>();
+  std::unique_ptr<dynamics::FlightScratch> scratch_ = std::make_unique<dynamics::FlightScratch>(hull_, corners_);
   int tick_ = 0;
 };
 

@@ -2,11 +2,11 @@
 #pragma once
 
 #include "base/interrupt.hpp"
-#include "batch/meetings.hpp"
+#include "batch/contact_groups.hpp"
 #include "batch_helpers.hpp"
 #include "convex_oracle.hpp"
 
-namespace flockstep::meetings {
+namespace flockstep::touching {
 
 using namespace testing;
 
@@ -156,9 +156,9 @@ inline void expect_same(const Batch& batch, const Copy& copy) {
   });
 }
 
-inline std::vector<Many> kinds_of_meetings(int envs, int drones) {
+inline std::vector<Many> kinds_of_contacts(int envs, int drones) {
   return {Many(envs, drones), Many(envs, drones).by_rotors(OnContact::bounce),
           Many(envs, drones).by_rotors(OnContact::terminate)};
 }
 
-}  // namespace flockstep::meetings
+}  // namespace flockstep::touching

@@ -1,15 +1,15 @@
 // Drones of one env that touch each other, in a batch: no drone ends inside another one, and results depend neither on threads
 // nor on other envs nor on the order of the drones.
-#include "batch/meetings.hpp"
+#include "batch/contact_groups.hpp"
 
-#include "batch/meeting_drones.hpp"
+#include "batch/touching_drones.hpp"
 
 namespace flockstep {
 namespace {
 
-using namespace meetings;
+using namespace touching;
 
-TEST(Meetings, KinematicDronesNeverEndInsideEachOther) {
+TEST(ContactGroups, KinematicDronesNeverEndInsideEachOther) {
   Random random(1 + 100U * part_tried());
   long moves = 0, contacts = 0;
   const long wanted = times_tried(40000);
@@ -29,10 +29,10 @@ TEST(Meetings, KinematicDronesNeverEndInsideEachOther) {
     }
   }
   EXPECT_GT(contacts, moves / 20);
-  testing::tried("meetings", moves);
+  testing::tried("contact_groups", moves);
 }
 
-TEST(Meetings, RotorDronesNeverEndInsideEachOther) {
+TEST(ContactGroups, RotorDronesNeverEndInsideEachOther) {
   Random random(2 + 100U * part_tried());
   long moves = 0, contacts = 0;
   const long wanted = times_tried(150000);
@@ -54,10 +54,10 @@ TEST(Meetings, RotorDronesNeverEndInsideEachOther) {
     }
   }
   EXPECT_GT(contacts, moves / 5000);
-  testing::tried("meetings", moves);
+  testing::tried("contact_groups", moves);
 }
 
-TEST(Meetings, BodiesPushNoDroneIntoAnother) {
+TEST(ContactGroups, BodiesPushNoDroneIntoAnother) {
   Random random(3 + 100U * part_tried());
   long moves = 0, pushes = 0;
   const long wanted = times_tried(50000);
@@ -95,11 +95,11 @@ TEST(Meetings, BodiesPushNoDroneIntoAnother) {
     }
   }
   EXPECT_GT(pushes, 100);
-  testing::tried("meetings", moves);
+  testing::tried("contact_groups", moves);
 }
 
 // Two drones fly towards each other and stop 0.1 mm apart.
-TEST(Meetings, AContactNamesBothDrones) {
+TEST(ContactGroups, AContactNamesBothDrones) {
   for (const Interaction interaction : {Interaction::none, Interaction::sense, Interaction::collide, Interaction::both}) {
     Batch batch(Many(1, 3, interaction), {meeting_hall()});
     const std::vector<float> start{-2, -1, 0, 0, -1, 0, 2, 2, 0};
@@ -132,7 +132,7 @@ TEST(Meetings, AContactNamesBothDrones) {
 }
 
 // A drone that a mask leaves out is in the way of the others.
-TEST(Meetings, ADroneThatHoldsStillIsInTheWay) {
+TEST(ContactGroups, ADroneThatHoldsStillIsInTheWay) {
   const std::vector<float> start{-2, -1, 0, -0.9F, -1, 0};
   const std::vector<std::uint8_t> first{1, 0};
   Batch kinematic(Many(1, 2), {meeting_hall()});
@@ -160,7 +160,7 @@ TEST(Meetings, ADroneThatHoldsStillIsInTheWay) {
 }
 
 // A body pushes a drone that holds still. It does so in the same way near a drone that it does not touch.
-TEST(Meetings, ABodyPushesADroneThatHoldsStill) {
+TEST(ContactGroups, ABodyPushesADroneThatHoldsStill) {
   for (const Interaction interaction : {Interaction::none, Interaction::collide}) {
     Many config(1, 2, interaction);
     config.by_rotors(OnContact::bounce);
@@ -169,7 +169,7 @@ TEST(Meetings, ABodyPushesADroneThatHoldsStill) {
     body.motion.velocity_mps = {1, 0, 0};
     config.bodies = {body};
     Batch batch(config, {meeting_hall()});
-    const std::vector<float> start{-0.9F, -1, 0, 0.35F, -1, 0};  // so near that they form a crowd
+    const std::vector<float> start{-0.9F, -1, 0, 0.35F, -1, 0};  // so near that they form a group
     batch.set_pose(start, {});
     const std::vector<std::uint8_t> second{0, 1};
     for (int step = 0; step < 6; ++step) {
@@ -184,7 +184,7 @@ TEST(Meetings, ABodyPushesADroneThatHoldsStill) {
 }
 
 // Bodies move drones that are near each other but do not touch, in the same way as if they could not touch.
-TEST(Meetings, BodiesPushDronesThatDoNotTouchAsIfTheyCouldNot) {
+TEST(ContactGroups, BodiesPushDronesThatDoNotTouchAsIfTheyCouldNot) {
   Random random(10);
   int contacts = 0, ticks = 0;
   for (const OnContact on_contact : {OnContact::bounce, OnContact::stop, OnContact::terminate}) {
@@ -229,7 +229,7 @@ TEST(Meetings, BodiesPushDronesThatDoNotTouchAsIfTheyCouldNot) {
 }
 
 // A drone that has been hit by another one flies into a wall later, in another leg of the call.
-TEST(Meetings, AContactWithAWallReplacesThatWithADrone) {
+TEST(ContactGroups, AContactWithAWallReplacesThatWithADrone) {
   for (const bool has_bodies : {false, true}) {
     Many config = Many(1, 2).by_rotors(OnContact::bounce);
     if (has_bodies) {
@@ -258,7 +258,7 @@ TEST(Meetings, AContactWithAWallReplacesThatWithADrone) {
 }
 
 // At first, drones fly as if the others were not there. An interrupt leaves none of them inside another one all the same.
-TEST(Meetings, AnInterruptedFlightLeavesNoDroneInsideAnother) {
+TEST(ContactGroups, AnInterruptedFlightLeavesNoDroneInsideAnother) {
   struct Stopped {};
   static int polls;
   constexpr int kPairs = 32;
@@ -288,7 +288,7 @@ TEST(Meetings, AnInterruptedFlightLeavesNoDroneInsideAnother) {
 }
 
 // A motion that takes seconds can be interrupted. It has then moved no drone into another one.
-TEST(Meetings, ACrowdCanBeInterrupted) {
+TEST(ContactGroups, AGroupCanBeInterrupted) {
   struct Stopped {};
   constexpr int kDrones = 150;
   Batch batch(Many(1, kDrones), {meeting_hall()});
@@ -311,8 +311,8 @@ TEST(Meetings, ACrowdCanBeInterrupted) {
 }
 
 // Drones at one point may leave each other, but come no nearer; nothing hangs.
-TEST(Meetings, DronesAtOnePointSeparate) {
-  for (const Many& config : kinds_of_meetings(1, 6)) {
+TEST(ContactGroups, DronesAtOnePointSeparate) {
+  for (const Many& config : kinds_of_contacts(1, 6)) {
     Batch batch(config, {meeting_hall()});
     std::vector<float> position;
     for (int i = 0; i < 6; ++i) position.insert(position.end(), {-1, -1, 0});
@@ -331,7 +331,7 @@ TEST(Meetings, DronesAtOnePointSeparate) {
   }
 }
 
-TEST(Meetings, RemovedDronesAreNotThere) {
+TEST(ContactGroups, RemovedDronesAreNotThere) {
   Batch batch(Many(1, 2), {meeting_hall()});
   const std::vector<float> start{-2, -1, 0, -0.5F, -1, 0};
   batch.set_pose(start, {});
@@ -343,7 +343,7 @@ TEST(Meetings, RemovedDronesAreNotThere) {
   EXPECT_FALSE(batch.state().contact.hit[0]);
 }
 
-TEST(Meetings, TooManyDronesAreRefused) {
+TEST(ContactGroups, TooManyDronesAreRefused) {
   EXPECT_REFUSED(Batch(Many(1, 10000), {meeting_hall()}), R"(drones_per_env: ... 4096 ... "none" ... 10000)");
 }
 

@@ -1,10 +1,9 @@
 // Drones that touch each other during a tick: closed forms of bounces, conservation laws, and independence of their order.
-#include "dynamics/crowd.hpp"
-
 #include <initializer_list>
 
 #include "batch_helpers.hpp"
 #include "convex_oracle.hpp"
+#include "dynamics/contact.hpp"
 #include "dynamics/lane_group.hpp"
 #include "flight_state.hpp"
 #include "prepared/prepared_world.hpp"
@@ -12,8 +11,8 @@
 namespace flockstep {
 namespace {
 
-using dynamics::Crowd;
-using dynamics::Neighbor;
+using dynamics::ContactResolver;
+using dynamics::GroupMember;
 using namespace testing;
 using Vec3d = Eigen::Vector3d;
 
@@ -54,8 +53,8 @@ const collision::Obstacles& nothing() {
 }
 
 // A drone that flies uniformly through a tick.
-Neighbor flying(std::uint32_t number, const Pose& from, const Velocity& velocity, const Airframe* frame) {
-  Neighbor drone;
+GroupMember flying(std::uint32_t number, const Pose& from, const Velocity& velocity, const Airframe* frame) {
+  GroupMember drone;
   drone.number = number;
   drone.airframe = frame;
   Quat rotation = from.rotation;
@@ -66,11 +65,11 @@ Neighbor flying(std::uint32_t number, const Pose& from, const Velocity& velocity
   return drone;
 }
 
-void resolve(Crowd& crowd, std::vector<Neighbor>& drones, const DynamicsConfig& config,
+void resolve(ContactResolver& resolver, std::vector<GroupMember>& drones, const DynamicsConfig& config,
              const collision::Obstacles& obstacles = nothing()) {
-  std::vector<Neighbor*> pointers;
-  for (Neighbor& drone : drones) pointers.push_back(&drone);
-  crowd.resolve(pointers, obstacles, {}, config);
+  std::vector<GroupMember*> pointers;
+  for (GroupMember& drone : drones) pointers.push_back(&drone);
+  resolver.resolve(pointers, obstacles, {}, config);
 }
 
 struct Totals {
@@ -79,10 +78,10 @@ struct Totals {
 };
 
 // linear: velocity and place of the centres; places: those at the contact.
-Totals totals_of(const std::vector<Neighbor>& drones, const std::array<Pose, 2>& places, bool after) {
+Totals totals_of(const std::vector<GroupMember>& drones, const std::array<Pose, 2>& places, bool after) {
   Totals totals;
   for (std::size_t i = 0; i < 2; ++i) {
-    const Neighbor& drone = drones[i];
+    const GroupMember& drone = drones[i];
     const Velocity& velocity = after ? drone.velocity : drone.motion.end;
     const Vec3d v = velocity.linear.cast<double>(), w = velocity.angular.cast<double>();
     const Vec3d inertia(drone.airframe->inertia_kgm2[0], drone.airframe->inertia_kgm2[1], drone.airframe->inertia_kgm2[2]);
@@ -95,25 +94,25 @@ Totals totals_of(const std::vector<Neighbor>& drones, const std::array<Pose, 2>&
   return totals;
 }
 
-TEST(Crowd, ACentralBounceFollowsTheClosedForm) {
+TEST(ContactGroup, ACentralBounceFollowsTheClosedForm) {
   for (const float restitution : {0.0F, 0.3F, 1.0F}) {
     for (const double mass : {0.5, 1.0, 4.0}) {
       const Airframe light = frame_of(1.0), other = frame_of(mass);
       const float gap = 0.004F, v1 = 3.0F, v2 = -1.0F;
-      std::vector<Neighbor> drones{
+      std::vector<GroupMember> drones{
           flying(0, {{0, 0, 0}, Quat::Identity()}, {{v1, 0, 0}, Vec3::Zero()}, &light),
           flying(1, {{0.6F + gap, 0, 0}, Quat::Identity()}, {{v2, 0, 0}, Vec3::Zero()}, &other),
       };
       const collision::Hull hull(pointed_drone());
       const collision::Corners corners(pointed_drone().hull());
-      Crowd crowd(hull, corners);
-      resolve(crowd, drones, contact_config(OnContact::bounce, restitution));
+      ContactResolver resolver(hull, corners);
+      resolve(resolver, drones, contact_config(OnContact::bounce, restitution));
       const double m1 = 1.0, m2 = mass, e = static_cast<double>(restitution);
       const double after1 = ((m1 - e * m2) * 3.0 + (1 + e) * m2 * -1.0) / (m1 + m2);
       const double after2 = ((m2 - e * m1) * -1.0 + (1 + e) * m1 * 3.0) / (m1 + m2);
       EXPECT_NEAR(drones[0].velocity.linear.x(), after1, 1e-5);
       EXPECT_NEAR(drones[1].velocity.linear.x(), after2, 1e-5);
-      for (const Neighbor& drone : drones) {
+      for (const GroupMember& drone : drones) {
         EXPECT_TRUE(drone.contact.hit);
         EXPECT_EQ(drone.other, 1 - static_cast<std::int32_t>(drone.number));
         EXPECT_EQ(drone.contact.body, -1);
@@ -133,7 +132,17 @@ TEST(Crowd, ACentralBounceFollowsTheClosedForm) {
   }
 }
 
-TEST(Crowd, BouncesConserveMomentumAndAddNoEnergy) {
+// Distance (m) in a direction at which two drones may just touch.
+float touching_distance(const DroneModel& model, const std::array<Quat, 2>& turns, const Vec3& towards) {
+  float first = 0.0F, second = 0.0F;
+  for (const Vec3& point : model.hull()) {
+    first = std::max(first, towards.dot(turns[0] * point));
+    second = std::max(second, -towards.dot(turns[1] * point));
+  }
+  return first + second;
+}
+
+TEST(ContactGroup, BouncesConserveMomentumAndAddNoEnergy) {
   Random random(1);
   int bounces = 0;
   for (int i = 0; i < 30000; ++i) {
@@ -143,14 +152,9 @@ TEST(Crowd, BouncesConserveMomentumAndAddNoEnergy) {
     const Vec3 at = random.point(i % 7 == 0 ? 500.0F : 2.0F), towards = random.direction().normalized();
     std::array<Quat, 2> turns{random.rotation(), random.rotation()};
     if (i % 4 == 0) turns = {Quat::Identity(), Quat::Identity()};  // faces and edges lie flat
-    const auto support = [&](const Quat& rotation, const Vec3& direction) {
-      float reach = 0.0F;
-      for (const Vec3& point : model.hull()) reach = std::max(reach, direction.dot(rotation * point));
-      return reach;
-    };
-    const float apart = support(turns[0], towards) + support(turns[1], Vec3(-towards)) + random.within(0.001F, 0.01F);
+    const float apart = touching_distance(model, turns, towards) + random.within(0.001F, 0.01F);
     const Vec3 aside = random.point(i % 4 == 0 ? 0.0F : 0.02F);
-    std::vector<Neighbor> drones;
+    std::vector<GroupMember> drones;
     for (std::uint32_t k = 0; k < 2; ++k) {
       const float speed = (k == 0 ? 1.0F : -1.0F) * random.within(0.0F, 8.0F);
       drones.push_back(flying(k, {k == 0 ? at : Vec3(at + apart * towards + aside), turns[k]},
@@ -158,8 +162,8 @@ TEST(Crowd, BouncesConserveMomentumAndAddNoEnergy) {
     }
     const collision::Hull hull(model);
     const collision::Corners corners(model.hull());
-    Crowd crowd(hull, corners);
-    resolve(crowd, drones, contact_config(OnContact::bounce, restitution, friction));
+    ContactResolver resolver(hull, corners);
+    resolve(resolver, drones, contact_config(OnContact::bounce, restitution, friction));
     if (!drones[0].contact.hit) {
       EXPECT_FALSE(drones[1].contact.hit);
       continue;
@@ -185,34 +189,97 @@ TEST(Crowd, BouncesConserveMomentumAndAddNoEnergy) {
   EXPECT_GT(bounces, 1000);
 }
 
-TEST(Crowd, ADroneThatHoldsIsAWall) {
+// However often two drones hit each other in a tick, also if impulses cannot part them.
+TEST(ContactGroup, PairsKeepTheirMomentum) {
+  Random random(3);
+  const collision::Hull hull(box_drone());
+  const collision::Corners corners(box_drone().hull());
+  ContactResolver resolver(hull, corners);
+  int pairs = 0;
+  for (int i = 0; i < 30000; ++i) {
+    const Airframe frames[] = {frame_of(static_cast<double>(random.within(0.03F, 1))), frame_of(0.5)};
+    const Vec3 towards = random.direction().normalized();
+    const std::array<Quat, 2> turns{random.rotation(), i % 4 == 0 ? Quat::Identity() : random.rotation()};
+    const float apart = touching_distance(box_drone(), turns, towards) + random.within(0.0003F, 0.003F);
+    std::vector<GroupMember> drones;
+    for (std::uint32_t k = 0; k < 2; ++k) {
+      const Velocity velocity{(k == 0 ? 1.0F : -1.0F) * random.within(0, 8) * towards + random.point(2), random.point(20)};
+      drones.push_back(flying(k, {k == 0 ? Vec3(Vec3::Zero()) : Vec3(apart * towards), turns[k]}, velocity, &frames[k]));
+    }
+    resolve(resolver, drones, contact_config(OnContact::bounce, i % 3 == 0 ? 0.0F : random.within(0, 1), random.within(0, 1)));
+    if (!drones[0].contact.hit || drones[0].contact.inside || drones[1].contact.inside) continue;
+    ++pairs;
+    Vec3d change = Vec3d::Zero();  // kg m/s
+    for (const GroupMember& drone : drones) {
+      change += drone.airframe->mass_kg * (drone.velocity.linear - drone.motion.begin.linear).cast<double>();
+    }
+    ASSERT_LT(change.norm(), 1e-5) << "pair " << i;
+  }
+  EXPECT_GT(pairs, 1000);
+}
+
+// A drone that can touch no other one is resolved in a shorter way, with the same bits.
+TEST(ContactGroup, ADroneFarFromOthersMovesAsIfAlone) {
+  Random random(4);
+  const auto world = make_world({primitive(PrimitiveKind::room, Vec3::Zero(), Vec3(1, 1, 0.6F)),
+                                 primitive(PrimitiveKind::box, {0.8F, 0, 0}, Vec3(0.2F, 0.2F, 1))});
+  const collision::Obstacles& obstacles = prepared(*world).obstacles();
+  const collision::Hull hull(box_drone());
+  const collision::Corners corners(box_drone().hull());
+  ContactResolver resolver(hull, corners);
+  const Airframe frame = frame_of(0.5);
+  int contacts = 0;
+  for (const OnContact on_contact : {OnContact::terminate, OnContact::bounce, OnContact::stop}) {
+    for (int i = 0; i < 1000; ++i) {
+      std::vector<GroupMember> drones{
+          flying(0, {random.point(0.7F), random.rotation()}, {random.point(60), random.point(30)}, &frame),
+          flying(1, {Vec3(-50, 0, 0), Quat::Identity()}, {}, &frame)};
+      drones[1].is_open = true;
+      GroupMember alone = drones[0];
+      resolve(resolver, drones, contact_config(on_contact), obstacles);
+      resolver.resolve(alone, obstacles, {}, contact_config(on_contact));
+      contacts += alone.contact.hit;
+      ASSERT_EQ(alone.is_deflected, drones[0].is_deflected);
+      ASSERT_EQ(alone.pose.position, drones[0].pose.position);
+      ASSERT_EQ(alone.pose.rotation.coeffs(), drones[0].pose.rotation.coeffs());
+      ASSERT_EQ(alone.velocity.linear, drones[0].velocity.linear);
+      ASSERT_EQ(alone.velocity.angular, drones[0].velocity.angular);
+      ASSERT_EQ(alone.contact.inside, drones[0].contact.inside);
+      ASSERT_EQ(alone.contact.fraction, drones[0].contact.fraction);
+      ASSERT_EQ(alone.contact.point, drones[0].contact.point);
+    }
+  }
+  EXPECT_GT(contacts, 500);
+}
+
+TEST(ContactGroup, ADroneThatHoldsIsAWall) {
   const Airframe frame = frame_of(1.0);
-  std::vector<Neighbor> drones{
+  std::vector<GroupMember> drones{
       flying(0, {{0, 0, 0}, Quat::Identity()}, {{3, 0, 0}, Vec3::Zero()}, &frame),
       flying(1, {{0.603F, 0, 0}, Quat::Identity()}, {}, &frame),
   };
-  drones[1].holds = true;
+  drones[1].is_fixed = true;
   const collision::Hull hull(pointed_drone());
   const collision::Corners corners(pointed_drone().hull());
-  Crowd crowd(hull, corners);
-  resolve(crowd, drones, contact_config(OnContact::bounce, 0.5F));
+  ContactResolver resolver(hull, corners);
+  resolve(resolver, drones, contact_config(OnContact::bounce, 0.5F));
   EXPECT_NEAR(drones[0].velocity.linear.x(), -1.5F, 1e-5);
   EXPECT_FALSE(drones[1].is_deflected);
   EXPECT_EQ(drones[1].pose.position, Vec3(0.603F, 0, 0));
   EXPECT_TRUE(drones[1].contact.hit);
 }
 
-TEST(Crowd, DronesStopTogetherAtAContactThatTerminates) {
+TEST(ContactGroup, DronesStopTogetherAtAContactThatTerminates) {
   const Airframe frame = frame_of(1.0);
-  std::vector<Neighbor> drones{
+  std::vector<GroupMember> drones{
       flying(0, {{0, 0, 0}, Quat::Identity()}, {{3, 0, 0}, Vec3::Zero()}, &frame),
       flying(1, {{0.604F, 0, 0}, Quat::Identity()}, {{-1, 0, 0}, Vec3::Zero()}, &frame),
       flying(2, {{1.2F, 0.1F, 0}, Quat::Identity()}, {}, &frame),
   };
   const collision::Hull hull(pointed_drone());
   const collision::Corners corners(pointed_drone().hull());
-  Crowd crowd(hull, corners);
-  resolve(crowd, drones, contact_config(OnContact::terminate));
+  ContactResolver resolver(hull, corners);
+  resolve(resolver, drones, contact_config(OnContact::terminate));
   EXPECT_NEAR(drones[1].pose.position.x() - drones[0].pose.position.x(), 0.6001, 2e-6);
   EXPECT_NEAR(drones[0].pose.position.x() / (0.604F - drones[1].pose.position.x()), 3.0, 1e-2);
   EXPECT_TRUE(drones[0].is_deflected && drones[1].is_deflected);
@@ -220,9 +287,9 @@ TEST(Crowd, DronesStopTogetherAtAContactThatTerminates) {
 }
 
 // A row of drones at rest that one hits from the left: the last one flies off, as in Newton's cradle.
-TEST(Crowd, ImpulsesPassThroughARow) {
+TEST(ContactGroup, ImpulsesPassThroughARow) {
   const Airframe frame = frame_of(1.0);
-  std::vector<Neighbor> drones;
+  std::vector<GroupMember> drones;
   constexpr std::uint32_t kCount = 4;
   for (std::uint32_t i = 0; i < kCount; ++i) {
     drones.push_back(flying(i, {{0.6015F * static_cast<float>(i), 0, 0}, Quat::Identity()},
@@ -230,36 +297,36 @@ TEST(Crowd, ImpulsesPassThroughARow) {
   }
   const collision::Hull hull(pointed_drone());
   const collision::Corners corners(pointed_drone().hull());
-  Crowd crowd(hull, corners);
-  resolve(crowd, drones, contact_config(OnContact::bounce, 1.0F));
+  ContactResolver resolver(hull, corners);
+  resolve(resolver, drones, contact_config(OnContact::bounce, 1.0F));
   for (std::uint32_t i = 0; i < kCount; ++i) {
     EXPECT_NEAR(drones[i].velocity.linear.x(), i + 1 == kCount ? 6.0F : 0.0F, 1e-4) << i;
   }
 }
 
-TEST(Crowd, TheOrderOfTheDronesDoesNotMatter) {
+TEST(ContactGroup, TheOrderOfTheDronesDoesNotMatter) {
   Random random(2);
   const auto world = make_world({primitive(PrimitiveKind::room, Vec3::Zero(), Vec3(2, 2, 1)),
                                  primitive(PrimitiveKind::box, {0.5F, 0, 0}, Vec3(0.2F, 0.2F, 1))});
   const collision::Obstacles& obstacles = prepared(*world).obstacles();
   const collision::Hull hull(box_drone());
   const collision::Corners corners(box_drone().hull());
-  Crowd crowd(hull, corners);
+  ContactResolver resolver(hull, corners);
   int contacts = 0;
   for (const OnContact on_contact : {OnContact::terminate, OnContact::bounce, OnContact::stop}) {
     for (int i = 0; i < 100; ++i) {
       const Airframe frames[] = {frame_of(0.5), frame_of(2.0)};
-      std::vector<Neighbor> drones;
+      std::vector<GroupMember> drones;
       for (std::uint32_t k = 0; k < 12; ++k) {
         const Vec3 place(random.within(-1.6F, 1.6F), random.within(-1.6F, 1.6F), random.within(-0.6F, 0.6F));
         drones.push_back(flying(k, {place, random.rotation()}, {random.point(60.0F), random.point(30.0F)}, &frames[k % 2]));
       }
-      std::vector<Neighbor> shuffled(drones);
+      std::vector<GroupMember> shuffled(drones);
       std::ranges::shuffle(shuffled, random.generator());
-      resolve(crowd, drones, contact_config(on_contact, 0.6F, 0.4F), obstacles);
-      resolve(crowd, shuffled, contact_config(on_contact, 0.6F, 0.4F), obstacles);
-      for (const Neighbor& drone : shuffled) {
-        const Neighbor& same = drones[drone.number];
+      resolve(resolver, drones, contact_config(on_contact, 0.6F, 0.4F), obstacles);
+      resolve(resolver, shuffled, contact_config(on_contact, 0.6F, 0.4F), obstacles);
+      for (const GroupMember& drone : shuffled) {
+        const GroupMember& same = drones[drone.number];
         contacts += drone.other >= 0;
         ASSERT_EQ(drone.pose.position, same.pose.position);
         ASSERT_EQ(drone.pose.rotation.coeffs(), same.pose.rotation.coeffs());

@@ -1,4 +1,4 @@
-#include "batch/meetings.hpp"
+#include "batch/contact_groups.hpp"
 
 #include <algorithm>
 #include <cmath>
@@ -38,9 +38,9 @@ float distance_of_segments(const Vec3& p, const Vec3& way_p, const Vec3& q, cons
   return (apart + s * way_p - t * way_q).norm();
 }
 
-// Returns the share of their time at which two drones on courses may first come nearer than near_m; above 1: never. Both move at
+// Returns the share of their time at which two drones on paths may first come nearer than near_m; above 1: never. Both move at
 // the same time, so one moves uniformly past the other.
-float first_time_near(const Course& a, const Course& b, float near_m) {
+float first_time_near(const LinearPath& a, const LinearPath& b, float near_m) {
   constexpr float kEarlier = 1e-3F;  // more than the rounding
   constexpr float kNever = 2.0F;
   const Vec3 apart = a.from - b.from, way = a.way - b.way;
@@ -52,16 +52,17 @@ float first_time_near(const Course& a, const Course& b, float near_m) {
 }
 
 // The drones of one env.
-class EnvMeeting {
+class EnvGroup {
  public:
-  EnvMeeting(Simulation& sim, EnvIndex env, Meetings& work) : sim_(sim), env_(env), work_(work), count_(sim.drones_per_env()) {
-    work_.is_in_crowd.assign(count_, 0);
-    work_.courses.assign(count_, {});
+  EnvGroup(Simulation& sim, EnvIndex env, Scratch& scratch)
+      : sim_(sim), env_(env), work_(*scratch.contact_groups), contacts_(scratch.flight.contacts), count_(sim.drones_per_env()) {
+    work_.is_in_group.assign(count_, 0);
+    work_.paths.assign(count_, {});
     work_.centers.resize(3 * count_);
     work_.radii.resize(count_);
     work_.found.resize(count_ + trace::BallColumns::kPadding);
-    work_.neighbors.resize(count_);
-    work_.crowd_of_env.reserve(count_);
+    work_.members.resize(count_);
+    work_.group.reserve(count_);
     work_.movers.reserve(count_);
     work_.joining.reserve(count_);
   }
@@ -76,102 +77,103 @@ class EnvMeeting {
     return 2.0F * sim_.hull.radius() + dynamics::margin(p.cwiseAbs().maxCoeff() + q.cwiseAbs().maxCoeff());
   }
 
-  // Calls f(a, b, near_m) for each pair of active drones that may touch on their courses; near_m includes the bends.
+  // Calls f(a, b, near_m) for each pair of active drones that may touch on their paths; near_m includes the deviations.
   template <class F>
   void for_each_near_pair(const F& f) {
     for (std::size_t member = 0; member < count_; ++member) {
-      const Course& course = work_.courses[member];
-      const Vec3 center = course.from + 0.5F * course.way;
+      const LinearPath& path = work_.paths[member];
+      const Vec3 center = path.from + 0.5F * path.way;
       Vec3::Map(work_.centers.data() + 3 * member) = center;
-      work_.radii[member] = is_active(member) ? sim_.hull.radius() + 0.5F * course.way.norm() + course.bend +
+      work_.radii[member] = is_active(member) ? sim_.hull.radius() + 0.5F * path.way.norm() + path.deviation +
                                                     dynamics::margin(center.cwiseAbs().maxCoeff())
                                               : -1.0F;
     }
     work_.balls.sort({work_.centers.data(), work_.radii.data(), count_});
     work_.balls.for_each_pair([&](std::size_t a, std::size_t b) {
-      const Course &first = work_.courses[a], &second = work_.courses[b];
-      f(a, b, near_m(first.from, second.from) + (first.bend + second.bend));
+      const LinearPath &first = work_.paths[a], &second = work_.paths[b];
+      f(a, b, near_m(first.from, second.from) + (first.deviation + second.deviation));
     });
   }
 
-  // Takes all drones into the crowd that may touch another one, if each may stop anywhere on its course. Returns false if none is
+  // Takes all drones into the group that may touch another one, if each may stop anywhere on its path. Returns false if none is
   // new.
   bool gather() {
     bool is_new = false;
     for_each_near_pair([&](std::size_t a, std::size_t b, float near) {
-      const Course &first = work_.courses[a], &second = work_.courses[b];
-      if (work_.is_in_crowd[a] && work_.is_in_crowd[b]) return;
+      const LinearPath &first = work_.paths[a], &second = work_.paths[b];
+      if (work_.is_in_group[a] && work_.is_in_group[b]) return;
       if (distance_of_segments(first.from, first.way, second.from, second.way) > near) return;
-      work_.is_in_crowd[a] = work_.is_in_crowd[b] = 1;
+      work_.is_in_group[a] = work_.is_in_group[b] = 1;
       is_new = true;
     });
     return is_new;
   }
 
-  // Adds a drone to the neighbours of the crowd. It stands.
+  // Adds a drone to the group. It stands.
   void prepare(std::size_t member) {
     const DroneIndex d = drone(member);
-    dynamics::Neighbor& neighbor = work_.neighbors[member];
+    dynamics::GroupMember& each = work_.members[member];
     const Pose pose = pose_of(sim_.state, d);
-    neighbor.number = static_cast<std::uint32_t>(member);
-    neighbor.airframe = sim_.fleet ? &sim_.fleet->airframe_of(d) : nullptr;
-    neighbor.motion = {pose, pose, {}, {}, sim_.config.clock.dt_s()};
-    neighbor.is_open = neighbor.has_contact = false;
-    neighbor.holds = true;
-    work_.crowd_of_env.push_back(&neighbor);
+    each.number = static_cast<std::uint32_t>(member);
+    each.airframe = sim_.fleet ? &sim_.fleet->airframe_of(d) : nullptr;
+    each.motion = dynamics::standing(pose, sim_.config.clock.dt_s());
+    each.is_open = each.has_contact = false;
+    each.is_fixed = true;
+    work_.group.push_back(&each);
   }
 
   void resolve() {
-    work_.crowd.resolve(work_.crowd_of_env, *sim_.obstacles[sim_.slot_of(env_)],
-                        sim_.bodies ? sim_.bodies->moving().of_env(env_, sim_.bodies->per_env()) : collision::MovingBodies(),
-                        sim_.config.dynamics);
+    contacts_.resolve(work_.group, *sim_.obstacles[sim_.slot_of(env_)],
+                      sim_.bodies ? sim_.bodies->moving().of_env(env_, sim_.bodies->per_env()) : collision::MovingBodies(),
+                      sim_.config.dynamics);
   }
 
  private:
   Simulation& sim_;
   EnvIndex env_;
-  Meetings& work_;
+  ContactGroups& work_;
+  dynamics::ContactResolver& contacts_;
   std::size_t count_;
 };
 
-// Drones of one env that have flown a leg, some of which fly again as a crowd.
-class CrowdFlight {
+// Drones of one env that have flown a leg, some of which fly again as a contact group.
+class ContactFlight {
  public:
   // drones: those of the env that have flown. copy: of drone 0. context: for drones in any order.
-  CrowdFlight(Simulation& sim, EnvIndex env, std::span<const DroneIndex> drones, std::size_t copy,
-              const dynamics::FlightContext& context, const dynamics::Commands& commands, int first_tick, int ticks,
-              Meetings& work)
+  ContactFlight(Simulation& sim, EnvIndex env, std::span<const DroneIndex> drones, std::size_t copy,
+                const dynamics::FlightContext& context, const dynamics::Commands& commands, int first_tick, int ticks,
+                Scratch& scratch)
       : sim_(sim),
-        meeting_(sim, env, work),
+        group_(sim, env, scratch),
         drones_(drones),
         copy_(copy),
         context_(context),
         commands_(commands),
         first_tick_(first_tick),
         ticks_(ticks),
-        work_(work) {}
+        work_(*scratch.contact_groups) {}
 
   void fly() {
     if (!find_first_near()) return;
     for (int tick = *std::ranges::min_element(work_.first_near); tick < ticks_; ++tick) {
-      work_.crowd_of_env.clear();
+      work_.group.clear();
       work_.movers.clear();
       work_.joining.clear();
-      for (std::size_t member = 0; member < meeting_.count(); ++member) {
-        if (work_.is_in_crowd[member]) {
+      for (std::size_t member = 0; member < group_.count(); ++member) {
+        if (work_.is_in_group[member]) {
           prepare(member);
         } else if (work_.first_near[member] <= tick) {
-          work_.is_in_crowd[member] = 1;
+          work_.is_in_group[member] = 1;
           work_.joining.push_back(static_cast<std::uint32_t>(member));
         }
       }
       record(tick);
       do {
         join(tick);
-        meeting_.resolve();
+        group_.resolve();
       } while (find_joining(tick));
-      for (const dynamics::Neighbor* const neighbor : work_.crowd_of_env) {
-        dynamics::write_result(context_, meeting_.drone(neighbor->number), *neighbor, first_tick_ + tick);
+      for (const dynamics::GroupMember* const each : work_.group) {
+        dynamics::write_result(context_, group_.drone(each->number), *each, first_tick_ + tick);
       }
     }
   }
@@ -179,15 +181,15 @@ class CrowdFlight {
  private:
   // Returns false if no drones may have touched.
   bool find_first_near() {
-    for (std::size_t member = 0; member < meeting_.count(); ++member) {
+    for (std::size_t member = 0; member < group_.count(); ++member) {
       const Vec3 from = work_.saved.position(copy_ + member);
-      const DroneIndex drone = meeting_.drone(member);
-      work_.courses[member] = {from, Vec3::Map(sim_.state.position.data() + 3 * drone) - from, sim_.bend[drone]};
+      const DroneIndex drone = group_.drone(member);
+      work_.paths[member] = {from, Vec3::Map(sim_.state.position.data() + 3 * drone) - from, sim_.deviation[drone]};
     }
-    work_.first_near.assign(meeting_.count(), ticks_);
+    work_.first_near.assign(group_.count(), ticks_);
     bool is_any = false;
-    meeting_.for_each_near_pair([&](std::size_t a, std::size_t b, float near) {
-      const float time = first_time_near(work_.courses[a], work_.courses[b], near);
+    group_.for_each_near_pair([&](std::size_t a, std::size_t b, float near) {
+      const float time = first_time_near(work_.paths[a], work_.paths[b], near);
       if (time > 1.0F) return;
       const int tick = std::clamp(static_cast<int>(std::floor(time * static_cast<float>(ticks_))), 0, ticks_ - 1);
       for (const std::size_t member : {a, b}) work_.first_near[member] = std::min(work_.first_near[member], tick);
@@ -197,24 +199,24 @@ class CrowdFlight {
   }
 
   void prepare(std::size_t member) {
-    meeting_.prepare(member);
-    const DroneIndex drone = meeting_.drone(member);
+    group_.prepare(member);
+    const DroneIndex drone = group_.drone(member);
     const bool is_mover = std::ranges::binary_search(drones_, drone);
     const bool keeps_contact = !is_mover || sim_.config.dynamics.on_contact == OnContact::terminate;
-    work_.neighbors[member].has_contact = keeps_contact && sim_.state.contact.hit[drone];
+    work_.members[member].has_contact = keeps_contact && sim_.state.contact.hit[drone];
     if (is_mover) work_.movers.push_back(drone);
   }
 
   // Flies the prepared drones through a tick, without contacts with each other.
   void record(int tick) {
-    dynamics::record_motions(context_, work_.movers, commands_, first_tick_ + tick, {meeting_.drone(0), work_.neighbors});
+    dynamics::record_motions(context_, work_.movers, commands_, first_tick_ + tick, {group_.drone(0), work_.members});
     work_.movers.clear();
   }
 
   // Puts the joining drones back and flies them until the tick, and through it.
   void join(int tick) {
     for (const std::uint32_t member : work_.joining) {
-      const DroneIndex drone = meeting_.drone(member);
+      const DroneIndex drone = group_.drone(member);
       work_.saved.restore(sim_.state, drone, copy_ + member);
       if (std::ranges::binary_search(drones_, drone)) work_.movers.push_back(drone);
     }
@@ -224,21 +226,21 @@ class CrowdFlight {
     record(tick);
   }
 
-  // Finds the drones that one of the crowd may touch in this tick, but that do not belong to it.
+  // Finds the drones that one of the group may touch in this tick, but that do not belong to it.
   bool find_joining(int tick) {
     const float per_tick = 1.0F / static_cast<float>(ticks_);
     work_.joining.clear();
-    for (const dynamics::Neighbor* const neighbor : work_.crowd_of_env) {
-      const Vec3& from = neighbor->motion.from.position;
-      const float range = sim_.hull.radius() + neighbor->reach + dynamics::margin(from.cwiseAbs().maxCoeff());
+    for (const dynamics::GroupMember* const each : work_.group) {
+      const Vec3& from = each->motion.from.position;
+      const float range = sim_.hull.radius() + each->reach + dynamics::margin(from.cwiseAbs().maxCoeff());
       const std::size_t count = work_.balls.find(from, range, work_.found.data());
       for (const std::uint32_t member : std::span(work_.found).first(count)) {
-        if (work_.is_in_crowd[member]) continue;
-        const Course& course = work_.courses[member];
-        const Vec3 there = course.from + (static_cast<float>(tick) + 0.5F) * per_tick * course.way;
-        const float near = meeting_.near_m(from, there) + neighbor->reach + course.bend + 0.5F * per_tick * course.way.norm();
+        if (work_.is_in_group[member]) continue;
+        const LinearPath& path = work_.paths[member];
+        const Vec3 there = path.from + (static_cast<float>(tick) + 0.5F) * per_tick * path.way;
+        const float near = group_.near_m(from, there) + each->reach + path.deviation + 0.5F * per_tick * path.way.norm();
         if ((from - there).norm() > near) continue;
-        work_.is_in_crowd[member] = 1;
+        work_.is_in_group[member] = 1;
         work_.joining.push_back(member);
       }
     }
@@ -247,13 +249,13 @@ class CrowdFlight {
   }
 
   Simulation& sim_;
-  EnvMeeting meeting_;
+  EnvGroup group_;
   std::span<const DroneIndex> drones_;
   std::size_t copy_;
   const dynamics::FlightContext& context_;
   const dynamics::Commands& commands_;
   int first_tick_, ticks_;
-  Meetings& work_;
+  ContactGroups& work_;
 };
 
 }  // namespace
@@ -290,75 +292,69 @@ Vec3 SavedDrones::position(std::size_t copy) const {
   return position;
 }
 
-void move_meeting(Simulation& sim, EnvIndex env, std::span<const MoveRequest> moves, Scratch& scratch) {
-  Meetings& work = *scratch.meetings;
-  EnvMeeting meeting(sim, env, work);
-  for (std::size_t member = 0; member < meeting.count(); ++member) {
-    work.courses[member].from = pose_of(sim.state, meeting.drone(member)).position;
+void move_in_groups(Simulation& sim, EnvIndex env, std::span<const MoveRequest> moves, Scratch& scratch) {
+  ContactGroups& work = *scratch.contact_groups;
+  EnvGroup group(sim, env, scratch);
+  for (std::size_t member = 0; member < group.count(); ++member) {
+    work.paths[member].from = pose_of(sim.state, group.drone(member)).position;
   }
   // Without bodies, which push, a drone stays on the segment to its target, whenever it stops. With them it must be moved to find
   // out how far it comes.
-  bool is_met = false;
+  bool is_touching = false;
   work.saved.clear();
   if (sim.bodies) {
-    work.saved.save(sim.state, meeting.drone(0), meeting.count());
+    work.saved.save(sim.state, group.drone(0), group.count());
   } else {
     for (const MoveRequest& move : moves) {
-      Course& course = work.courses[meeting.member_of(move.drone)];
-      if (!move.has_contact) course.way = move.target.position - course.from;
+      LinearPath& path = work.paths[group.member_of(move.drone)];
+      if (!move.has_contact) path.way = move.target.position - path.from;
     }
-    is_met = meeting.gather();
+    is_touching = group.gather();
   }
   std::size_t next = 0;
-  for (std::size_t member = 0; member < meeting.count(); ++member) {
-    const DroneIndex drone = meeting.drone(member);
-    float& bend = work.courses[member].bend;
+  for (std::size_t member = 0; member < group.count(); ++member) {
+    const DroneIndex drone = group.drone(member);
+    float& deviation = work.paths[member].deviation;
     if (next < moves.size() && moves[next].drone == drone) {
       const MoveRequest& move = moves[next++];
       sim.state.contact.drone[drone] = move.has_contact ? sim.state.contact.drone[drone] : -1;
-      if (work.is_in_crowd[member]) continue;
+      if (work.is_in_group[member]) continue;
       const float reach = move.has_contact ? give_way(sim, drone, scratch) : sweep_to(sim, drone, move.target, scratch);
-      if (sim.bodies) bend = reach;
+      if (sim.bodies) deviation = reach;
     } else if (sim.bodies && sim.state.active[drone]) {
-      bend = give_way(sim, drone, scratch);
+      deviation = give_way(sim, drone, scratch);
     }
   }
-  if (sim.bodies) is_met = meeting.gather();
-  while (is_met) {
-    work.crowd_of_env.clear();
-    for (std::size_t member = 0; member < meeting.count(); ++member) {
-      if (!work.is_in_crowd[member]) continue;
-      if (sim.bodies) work.saved.restore(sim.state, meeting.drone(member), member);
-      meeting.prepare(member);
-      work.neighbors[member].has_contact = sim.state.contact.hit[meeting.drone(member)] != 0;
+  if (sim.bodies) is_touching = group.gather();
+  while (is_touching) {
+    work.group.clear();
+    for (std::size_t member = 0; member < group.count(); ++member) {
+      if (!work.is_in_group[member]) continue;
+      if (sim.bodies) work.saved.restore(sim.state, group.drone(member), member);
+      group.prepare(member);
+      work.members[member].has_contact = sim.state.contact.hit[group.drone(member)] != 0;
     }
     for (const MoveRequest& move : moves) {
-      dynamics::Neighbor& neighbor = work.neighbors[meeting.member_of(move.drone)];
-      neighbor.has_contact = move.has_contact;
-      if (!move.has_contact) neighbor.motion.to = move.target;
+      dynamics::GroupMember& each = work.members[group.member_of(move.drone)];
+      each.has_contact = move.has_contact;
+      if (!move.has_contact) each.motion.to = move.target;
     }
-    meeting.resolve();
-    for (const dynamics::Neighbor* const neighbor : work.crowd_of_env) {
-      const DroneIndex drone = meeting.drone(neighbor->number);
-      set_pose_of(sim.state, drone, neighbor->pose);
-      if (neighbor->has_contact) {
-        if (neighbor->contact.inside) sim.state.contact.inside[drone] = 1;
-      } else {
-        dynamics::write_contact(sim.state, drone, *neighbor);
-      }
-      if (sim.bodies) work.courses[neighbor->number].bend = neighbor->reach;
+    group.resolve();
+    for (const dynamics::GroupMember* const each : work.group) {
+      write_moved(sim, group.drone(each->number), *each);
+      if (sim.bodies) work.paths[each->number].deviation = each->reach;
     }
-    is_met = sim.bodies && meeting.gather();
+    is_touching = sim.bodies && group.gather();
   }
 }
 
-void fly_meeting(Simulation& sim, const Block& block, std::span<const DroneIndex> drones, const dynamics::Commands& commands,
-                 int first_tick, int ticks, Scratch& scratch) {
+void fly_in_groups(Simulation& sim, const Block& block, std::span<const DroneIndex> drones, const dynamics::Commands& commands,
+                   int first_tick, int ticks, Scratch& scratch) {
   constexpr std::size_t kTogether = 64;  // drones that fly together, at least one env
-  Meetings& work = *scratch.meetings;
+  ContactGroups& work = *scratch.contact_groups;
   const std::size_t count = sim.drones_per_env();
   dynamics::FlightContext context = flight_context(sim, block, scratch);
-  const dynamics::DroneRange own = context.own;  // the drones of a crowd do not follow each other
+  const dynamics::DroneRange own = context.own;  // the drones of a group do not follow each other
   while (!drones.empty()) {
     // Some whole envs of the list
     std::size_t taken = 0;
@@ -376,13 +372,13 @@ void fly_meeting(Simulation& sim, const Block& block, std::span<const DroneIndex
     const auto together = drones.first(taken);
     drones = drones.subspan(taken);
     for (const EnvIndex env : work.envs) {
-      std::fill_n(sim.bend.data() + sim.drone_of(env, 0), count, 0.0F);
+      std::fill_n(sim.deviation.data() + sim.drone_of(env, 0), count, 0.0F);
     }
     try {
-      context.bend = sim.bend;
+      context.deviation = sim.deviation;
       context.own = own;
       dynamics::fly(context, together, commands, first_tick, ticks);
-      context.bend = {};
+      context.deviation = {};
       context.own = {};
       std::size_t copy = 0;
       for_each_env(sim, together, [&](EnvIndex env, std::span<const DroneIndex> listed) {
@@ -390,10 +386,10 @@ void fly_meeting(Simulation& sim, const Block& block, std::span<const DroneIndex
           for (std::size_t member = 0; member < count; ++member) {
             const DroneIndex drone = sim.drone_of(env, member);
             if (!sim.state.active[drone] || std::ranges::binary_search(listed, drone)) continue;
-            sim.bend[drone] = 2.0F * give_way(sim, drone, scratch);
+            sim.deviation[drone] = 2.0F * give_way(sim, drone, scratch);
           }
         }
-        CrowdFlight(sim, env, listed, copy, context, commands, first_tick, ticks, work).fly();
+        ContactFlight(sim, env, listed, copy, context, commands, first_tick, ticks, scratch).fly();
         copy += count;
       });
     } catch (...) {  // an interrupt: some drones may have flown through others

@@ -1,10 +1,10 @@
 // Collisions of drones do not depend on their order, threads, blocks and ticks.
-#include "batch/meeting_drones.hpp"
+#include "batch/touching_drones.hpp"
 
 namespace flockstep {
 namespace {
 
-using namespace meetings;
+using namespace touching;
 
 // Flies or moves a batch and its copies.
 void act(Batch& batch, Random& random, const std::vector<Copy>& copies, float length = 0.6F) {
@@ -23,9 +23,9 @@ void act(Batch& batch, Random& random, const std::vector<Copy>& copies, float le
   for (const Copy& copy : copies) copy.batch.fly(rows_for(copy, command, 4));
 }
 
-TEST(Meetings, TheOrderOfTheDronesDoesNotMatter) {
+TEST(ContactGroups, TheOrderOfTheDronesDoesNotMatter) {
   Random random(4);
-  for (const Many& config : kinds_of_meetings(1, 8)) {
+  for (const Many& config : kinds_of_contacts(1, 8)) {
     Batch first(config, {meeting_hall()}), second(config, {meeting_hall()});
     scatter(first, random, true);
     const Copy copy{second, in_order(8)};
@@ -48,9 +48,9 @@ TEST(Meetings, TheOrderOfTheDronesDoesNotMatter) {
   }
 }
 
-TEST(Meetings, ThreadsBlocksAndOtherEnvsDoNotMatter) {
+TEST(ContactGroups, ThreadsBlocksAndOtherEnvsDoNotMatter) {
   Random random(5);
-  for (const Many& config : kinds_of_meetings(6, 5)) {
+  for (const Many& config : kinds_of_contacts(6, 5)) {
     Many other = config, single = config;
     other.num_threads = 3;
     other.block_size = 2;
@@ -70,9 +70,9 @@ TEST(Meetings, ThreadsBlocksAndOtherEnvsDoNotMatter) {
   }
 }
 
-TEST(Meetings, ASnapshotContinuesInTheMiddle) {
+TEST(ContactGroups, ASnapshotContinuesInTheMiddle) {
   Random random(6);
-  for (const Many& config : kinds_of_meetings(2, 6)) {
+  for (const Many& config : kinds_of_contacts(2, 6)) {
     Batch first(config, {meeting_hall()}), second(config, {meeting_hall()});
     scatter(first, random, true);
     for (int round = 0; round < 6; ++round) {
@@ -85,9 +85,9 @@ TEST(Meetings, ASnapshotContinuesInTheMiddle) {
   }
 }
 
-TEST(Meetings, DronesThatStayApartFlyAsIfTheyWereAlone) {
+TEST(ContactGroups, DronesThatStayApartFlyAsIfTheyWereAlone) {
   Random random(7);
-  for (const Many& config : kinds_of_meetings(3, 4)) {
+  for (const Many& config : kinds_of_contacts(3, 4)) {
     Many never = config;
     never.interaction = Interaction::none;
     Batch first(config, {meeting_hall()}), second(never, {meeting_hall()});
@@ -115,7 +115,7 @@ TEST(Meetings, DronesThatStayApartFlyAsIfTheyWereAlone) {
 
 // In a call of many ticks, drones fly freely until the tick in which they may first touch. In calls of one tick there is nothing
 // to find. Positions differ by rounding, because free drones add up the way of a whole call.
-TEST(Meetings, ManyTicksAreLikeManyCallsOfOne) {
+TEST(ContactGroups, ManyTicksAreLikeManyCallsOfOne) {
   Random random(9);
   const auto world = make_world({primitive(PrimitiveKind::room, Vec3::Zero(), Vec3(60, 60, 60))});
   int contacts = 0, rows = 0;
