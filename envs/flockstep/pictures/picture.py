@@ -55,11 +55,9 @@ def render(
         quat_wxyz = facing(position, look_at)
     config = CameraConfig(far_m=FARTHEST_M) if camera is None else camera
     shown = load_one(world)
-    batch = Batch(shown, cameras=[config], max_bodies=max(len(shown.bodies), len(bodies or ())))
+    batch = Batch(shown, cameras=[config], bodies=list(bodies or ()))
     if bodies is not None and len(batch.bodies) > 0:
-        batch.bodies.remove()
-        for body in bodies:
-            batch.bodies.spawn(body)
+        batch.bodies.remove(np.arange(len(batch.bodies))[None] < len(shown.bodies))
     batch.set_pose(_row("position", position, 3), None if quat_wxyz is None else _row("quat_wxyz", quat_wxyz, 4))
     batch.capture()
     taken = batch.camera(config.name)
