@@ -58,7 +58,7 @@ class DepthCanvas:
         self._finer = finer
         self._size = finer * np.array([camera.width_px, camera.height_px])  # in samples
         self._position = np.asarray(position, float)
-        self._quat_wxyz = np.asarray(quat_wxyz, float)
+        self._axes = rotate(np.asarray(quat_wxyz, float), np.eye(3))  # the camera's, as rows
         self._light = {name: np.asarray(value, float) for name, value in light.items()}
         self._near = camera.near_m
         self._focal = finer * np.array([camera.fx, camera.fy])
@@ -114,7 +114,7 @@ class DepthCanvas:
         enter = (b - np.sqrt(np.maximum(discriminant, 0))) / a
         row, column = np.nonzero((discriminant > 0) & (enter >= self._near))
         depth = enter[row, column]
-        normals = rotate(self._quat_wxyz, (depth[:, None] * rays[row, column] - local) / radius_m)
+        normals = (depth[:, None] * rays[row, column] - local) / radius_m @ self._axes
         linear = (np.array(color) / 255) ** float(self._light["gamma"])
         self._cover(top + row, left + column, depth, self._shaded(normals, linear), opacity(depth), bias=False)
 
@@ -123,7 +123,7 @@ class DepthCanvas:
         half, offsets = size_m / 2, centers - self._position
         corners = self._to_camera(centers[:, None] + half * _SQUARE)
         # Position of a sample's ray relative to the camera at planar depth 1: along x, along y, above.
-        rays = rotate(self._quat_wxyz, self._rays(np.s_[: self._size[1], : self._size[0]]))
+        rays = self._rays(np.s_[: self._size[1], : self._size[0]]) @ self._axes
         surface = self.depth.repeat(self._finer, axis=0).repeat(self._finer, axis=1) * (1 + _BIAS) + _BIAS_M
         last = np.full(surface.shape, -1)  # index of the last cell at each sample
         for index, (x, y, z) in enumerate(offsets):
@@ -173,7 +173,8 @@ class DepthCanvas:
         return np.rint(values).astype(np.uint8)
 
     def _to_camera(self, points: Floats) -> Floats:
-        return rotate(self._quat_wxyz, np.asarray(points, float) - self._position, inverse=True)
+        local: Floats = (np.asarray(points, float) - self._position) @ self._axes.T
+        return local
 
     def _project(self, local: Floats) -> Floats:
         pixels = self._center - local[:, 1:] / local[:, :1] * self._focal

@@ -11,9 +11,9 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from flockstep._core import BodyConfig, CameraConfig, World
+from flockstep._core import BodyConfig, Camera, CameraConfig, World
 from flockstep.pictures.depth_canvas import Color, DepthCanvas, Floats, Image, Ints
-from flockstep.pictures.picture import FARTHEST_M, facing, render
+from flockstep.pictures.picture import FARTHEST_M, facing, take
 from flockstep.rotations import rotate
 from flockstep.task import MARKERS
 
@@ -128,7 +128,7 @@ class Stage:
         """Return a canvas of the world seen from a position (3,) m towards another."""
         turn = facing(viewer, target).astype(float)
         world = self._with_markers(range(len(self._markers)))
-        return self._canvas(self._take(world, viewer, turn, bodies, ("rgb", "depth")), viewer, turn)
+        return self._canvas(take(world, viewer, turn, self._camera(), bodies), viewer, turn)
 
     def set(
         self,
@@ -152,61 +152,54 @@ class Stage:
 
         radius = self.world.marker_radius_m
         depths = [float(rotate(turn, place - viewer, inverse=True)[0]) for _, place in self._markers]
-        near = [-radius < depth < cut + radius for depth in depths]
-        world = self._with_markers([index for index, is_near in enumerate(near) if not is_near])
-        picture = self._take(world, viewer, turn, bodies, self._outputs)
-        rgb, depth = picture["rgb"].reshape(-1, 3), picture["depth"].reshape(-1)
+        is_near = [-radius < depth < cut + radius for depth in depths]
+        world = self._with_markers([index for index, hides in enumerate(is_near) if not hides])
+        picture = take(world, viewer, turn, self._camera(outputs=self._outputs), bodies)
+        canvas = self._canvas(picture, viewer, turn)
+        rgb, depth = canvas.rgb.reshape(-1, 3), canvas.depth.reshape(-1)
         at = np.flatnonzero(self._dissolving(picture, position) & (depth < cut))
         markers = [
-            (place, _MARKER_COLORS[name]) for (name, place), is_near in zip(self._markers, near, strict=True) if is_near
+            (place, _MARKER_COLORS[name]) for (name, place), hides in zip(self._markers, is_near, strict=True) if hides
         ]
         faded = Faded(at, rgb[at], depth[at], markers, radius, opacity)
         if len(at):  # show what is behind: everything beyond the drone, and what does not fade, such as the drone
-            behind = [
-                self._take(each, viewer, turn, bodies, ("rgb", "depth"), near_m=near_m, samples=1)
+            beyond, lasting = (
+                take(each, viewer, turn, self._camera(near_m=near_m, samples_per_pixel=1, shadows=False), bodies)
                 for each, near_m in ((world, cut), (self._lasting, _NEAR_M))
-            ]
-            surfaces = np.stack([each["depth"].reshape(-1)[at] for each in behind])
-            nearest, which = surfaces.argmin(axis=0), np.arange(len(at))
-            rgb[at] = np.stack([each["rgb"].reshape(-1, 3)[at] for each in behind])[nearest, which]
-            depth[at] = surfaces[nearest, which]
-        return self._canvas(picture, viewer, turn), faded
+            )
+            is_beyond = beyond.depth.reshape(-1)[at] < lasting.depth.reshape(-1)[at]
+            for picture, where in ((beyond, at[is_beyond]), (lasting, at[~is_beyond])):
+                depth[where] = picture.depth.reshape(-1)[where]
+                rgb[where] = picture.rgb.reshape(-1, 3)[where]
+        return canvas, faded
 
-    def _dissolving(self, picture: dict[str, npt.NDArray[Any]], position: Floats) -> npt.NDArray[np.bool_]:
+    def _dissolving(self, picture: Camera, position: Floats) -> npt.NDArray[np.bool_]:
         """Return which pixels (H * W,) show an obstacle that fades if it is nearer than the drone."""
-        if "instance" not in picture:
-            return np.zeros(picture["depth"].size, bool)
+        if "instance" not in self._outputs:
+            return np.zeros(picture.depth.size, bool)
         # Primitives below the drone do not hide it from a viewer above: the ground stays whole.
         dissolves = self._dissolves.copy()
         dissolves[1 : 1 + len(self._top)] &= self._top > position[2]
-        dissolving: npt.NDArray[np.bool_] = dissolves[picture["instance"].reshape(-1)]
+        dissolving: npt.NDArray[np.bool_] = dissolves[picture.instance.reshape(-1)]
         return dissolving
-
-    def _take(
-        self,
-        world: World,
-        viewer: Floats,
-        turn: Floats,
-        bodies: Sequence[BodyConfig],
-        outputs: Sequence[str],
-        *,
-        near_m: float = _NEAR_M,
-        samples: int | None = None,
-    ) -> dict[str, npt.NDArray[Any]]:
-        camera = self._camera(outputs=outputs, near_m=near_m, samples_per_pixel=samples or self._samples)
-        return render(world, viewer, turn, camera=camera, bodies=bodies)
 
     def _camera(self, **fields: Any) -> CameraConfig:
         width, height = self._size_px
-        return CameraConfig(
-            width_px=width, height_px=height, hfov_deg=_HFOV_DEG, far_m=FARTHEST_M, shadows=True, **fields
-        )
+        usual: dict[str, Any] = {
+            "width_px": width,
+            "height_px": height,
+            "hfov_deg": _HFOV_DEG,
+            "near_m": _NEAR_M,
+            "far_m": FARTHEST_M,
+            "outputs": ("rgb", "depth"),
+            "samples_per_pixel": self._samples,
+            "shadows": True,
+        }
+        return CameraConfig(**usual | fields)
 
-    def _canvas(self, picture: dict[str, npt.NDArray[Any]], viewer: Floats, turn: Floats) -> DepthCanvas:
-        finer = isqrt(self._samples)
-        return DepthCanvas(
-            picture["rgb"], picture["depth"], self._camera(near_m=_NEAR_M), viewer, turn, self.world.light, finer
-        )
+    def _canvas(self, picture: Camera, viewer: Floats, turn: Floats) -> DepthCanvas:
+        rgb, depth = picture.rgb[0].copy(), picture.depth[0].copy()
+        return DepthCanvas(rgb, depth, self._camera(), viewer, turn, self.world.light, isqrt(self._samples))
 
 
 def top_of(primitive: dict[str, Any]) -> float:
