@@ -20,10 +20,11 @@ import flockstep
 from flockstep.pictures.body import Body
 from flockstep.pictures.depth_canvas import DepthCanvas
 from flockstep.pictures.picture import facing, render
+from flockstep.pictures.style import DARK_LIGHT
 from flockstep.rotations import rotate
 from flockstep.trainings.table import LAPS
 from tools.film import FINER, Color, Frame, Shot, steps_of
-from tools.flight_film import LIGHT, beside
+from tools.flight_film import beside
 
 Array = npt.NDArray[Any]
 
@@ -128,7 +129,7 @@ class Scene:
 
     def _drawn(self, following: int) -> flockstep.World:
         builder = flockstep.WorldBuilder("film")
-        builder.light(**LIGHT)
+        builder.light(**DARK_LIGHT)
         m = {name: builder.material(name, color, emissive=glow(name, color)) for name, color in COLORS.items()}
         (left, near, _), (right, far, _) = np.asarray(self.world.bounds, float)
         builder.box((0, 0, -0.1), (right - left, far - near, 0.2), m["floor"])

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from itertools import combinations
 from typing import TypeAlias
 
@@ -9,14 +10,12 @@ import numpy as np
 
 from flockstep._core import BodyConfig, DroneModel, World
 from flockstep.drone_mesh import DroneMesh, Floats
+from flockstep.pictures.style import STYLES
 
 _Rgb: TypeAlias = tuple[float, float, float]  # linear, like materials
 _Solid: TypeAlias = tuple[Floats, Floats, _Rgb]  # corners (V, 3), indices of triangles (T, 3), and their colour
 
-_MIDDLE: _Rgb = (0.05, 0.06, 0.08)
-_ARM: _Rgb = (0.12, 0.13, 0.16)
 _FRONT: _Rgb = (0.85, 0.22, 0.05)  # rotors, to show the heading
-_REAR: _Rgb = (0.08, 0.18, 0.5)
 _HULL: _Rgb = (0.03, 0.09, 0.42)
 _PALE = np.array([0.6, 0.7, 0.85])
 
@@ -32,10 +31,12 @@ class Body:
         The model. With rotors it is a quadrotor with orange front rotors, otherwise its hull.
     mesh
         Shown instead of the model. None: the model.
+    style
+        A name of `STYLES`.
     """
 
-    def __init__(self, drone: DroneModel, mesh: DroneMesh | None = None) -> None:
-        self._mesh = _mesh_of(drone) if mesh is None else mesh
+    def __init__(self, drone: DroneModel, mesh: DroneMesh | None = None, style: str = "bright") -> None:
+        self._mesh = _mesh_of(drone, STYLES[style].drone) if mesh is None else mesh
         hull = np.asarray(drone.hull, float)
         #: Points (K, 3) m, body frame, that the hull and the mesh lie between.
         self.corners = hull if mesh is None else np.concatenate([hull, mesh.vertices])
@@ -57,12 +58,12 @@ class Body:
         )
 
 
-def _mesh_of(drone: DroneModel) -> DroneMesh:
+def _mesh_of(drone: DroneModel, colors: Mapping[str, _Rgb]) -> DroneMesh:
     rotors = drone.to_dict().get("rotors")
     if rotors is None:
         solids = [_hull(np.asarray(drone.hull, float))]
     else:
-        solids = _quadrotor(np.asarray(rotors["position_m"], float), float(rotors["radius_m"]))
+        solids = _quadrotor(np.asarray(rotors["position_m"], float), float(rotors["radius_m"]), colors)
     starts = np.cumsum([0, *(len(corners) for corners, _, _ in solids)])
     return DroneMesh(
         np.concatenate([corners for corners, _, _ in solids]),
@@ -71,23 +72,23 @@ def _mesh_of(drone: DroneModel) -> DroneMesh:
     )
 
 
-def _quadrotor(hubs: Floats, radius_m: float) -> list[_Solid]:
+def _quadrotor(hubs: Floats, radius_m: float, colors: Mapping[str, _Rgb]) -> list[_Solid]:
     radius = radius_m if radius_m > 0 else 0.6 * float(np.linalg.norm(hubs[:, :2], axis=1).max())
     angle = np.linspace(0, 2 * np.pi, _DISC_SIDES, endpoint=False)
     disc = radius * np.stack([np.cos(angle), np.sin(angle)], axis=1)
     square = radius * np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]])
     # Arms are level and begin inside the middle, at any height of the hubs.
     low, high = min(hubs[:, 2].min() - 0.15 * radius, -0.3 * radius), max(hubs[:, 2].max() + 0.1 * radius, 0.3 * radius)
-    solids = [_slab(0.6 * square, low, high, _MIDDLE)]
+    solids = [_slab(0.6 * square, low, high, colors["middle"])]
     for x, y, z in hubs:
         hub, length = np.array([x, y]), np.hypot(x, y)
         if length > 0.6 * radius:  # otherwise the middle covers it
             across = 0.12 * radius / length * np.array([-y, x])
             arm = np.array([-across, hub - across, hub + across, across])
-            solids.append(_slab(arm, z - 0.15 * radius, z + 0.1 * radius, _ARM))
+            solids.append(_slab(arm, z - 0.15 * radius, z + 0.1 * radius, colors["arm"]))
         solids += [
-            _slab(hub + 0.1 * square, z - 0.25 * radius, z + 0.4 * radius, _ARM),
-            _slab(hub + disc, z + 0.3 * radius, z + 0.36 * radius, _FRONT if x > 0 else _REAR),
+            _slab(hub + 0.1 * square, z - 0.25 * radius, z + 0.4 * radius, colors["arm"]),
+            _slab(hub + disc, z + 0.3 * radius, z + 0.36 * radius, _FRONT if x > 0 else colors["rear"]),
         ]
     return solids
 

@@ -25,6 +25,7 @@ _AHEAD = 0.5  # distance of the point to look at, ahead of the drone
 
 _HFOV_DEG = 75.0
 _NEAR_M = 0.05
+_OUTPUTS = ("rgb", "depth")
 _NUMBERED = 1 << 15  # more primitives than this are not faded: cameras may have no instance numbers for them
 _DISSOLVED = 0.3  # final opacity of an obstacle or a marker nearer than the drone
 #: Colours of markers, as cameras render them.
@@ -98,10 +99,10 @@ class Stage:
         self._top = np.array([top_of(primitive) for primitive in primitives])
         # Indexed by instance. Meshes are not faded, because the floor may be one.
         self._dissolves = np.zeros(1 << 16, bool)
-        self._outputs = ["rgb", "depth"]
+        self._outputs: Sequence[str] = _OUTPUTS
         if len(primitives) <= _NUMBERED:
             self._dissolves[1 : 1 + len(primitives)] = self._solid
-            self._outputs += ["instance"]
+            self._outputs = (*_OUTPUTS, "instance")
 
     def _with_markers(self, shown: Sequence[int]) -> World:
         """Return the world with some of its markers, of these numbers."""
@@ -154,7 +155,7 @@ class Stage:
         depths = [float(rotate(turn, place - viewer, inverse=True)[0]) for _, place in self._markers]
         is_near = [-radius < depth < cut + radius for depth in depths]
         world = self._with_markers([index for index, hides in enumerate(is_near) if not hides])
-        picture = take(world, viewer, turn, self._camera(outputs=self._outputs), bodies)
+        picture = take(world, viewer, turn, self._camera(self._outputs), bodies)
         canvas = self._canvas(picture, viewer, turn)
         rgb, depth = canvas.rgb.reshape(-1, 3), canvas.depth.reshape(-1)
         at = np.flatnonzero(self._dissolving(picture, position) & (depth < cut))
@@ -164,7 +165,7 @@ class Stage:
         faded = Faded(at, rgb[at], depth[at], markers, radius, opacity)
         if len(at):  # show what is behind: everything beyond the drone, and what does not fade, such as the drone
             beyond, lasting = (
-                take(each, viewer, turn, self._camera(near_m=near_m, samples_per_pixel=1, shadows=False), bodies)
+                take(each, viewer, turn, self._camera(near_m=near_m, fast=True), bodies)
                 for each, near_m in ((world, cut), (self._lasting, _NEAR_M))
             )
             is_beyond = beyond.depth.reshape(-1)[at] < lasting.depth.reshape(-1)[at]
@@ -183,19 +184,20 @@ class Stage:
         dissolving: npt.NDArray[np.bool_] = dissolves[picture.instance.reshape(-1)]
         return dissolving
 
-    def _camera(self, **fields: Any) -> CameraConfig:
+    def _camera(
+        self, outputs: Sequence[str] = _OUTPUTS, *, near_m: float = _NEAR_M, fast: bool = False
+    ) -> CameraConfig:
         width, height = self._size_px
-        usual: dict[str, Any] = {
-            "width_px": width,
-            "height_px": height,
-            "hfov_deg": _HFOV_DEG,
-            "near_m": _NEAR_M,
-            "far_m": FARTHEST_M,
-            "outputs": ("rgb", "depth"),
-            "samples_per_pixel": self._samples,
-            "shadows": True,
-        }
-        return CameraConfig(**usual | fields)
+        return CameraConfig(
+            width_px=width,
+            height_px=height,
+            hfov_deg=_HFOV_DEG,
+            near_m=near_m,
+            far_m=FARTHEST_M,
+            outputs=outputs,
+            samples_per_pixel=1 if fast else self._samples,
+            shadows=not fast,
+        )
 
     def _canvas(self, picture: Camera, viewer: Floats, turn: Floats) -> DepthCanvas:
         rgb, depth = picture.rgb[0].copy(), picture.depth[0].copy()

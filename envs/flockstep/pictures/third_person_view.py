@@ -11,23 +11,19 @@ from flockstep._core import Batch, BodyConfig, CameraConfig, World
 from flockstep.drone_mesh import DroneMesh
 from flockstep.pictures.beams import beams_of
 from flockstep.pictures.body import Body
-from flockstep.pictures.depth_canvas import Color, DepthCanvas, Floats, Image, Ints
+from flockstep.pictures.depth_canvas import DepthCanvas, Floats, Image, Ints
 from flockstep.pictures.drawing import Drawing, Overlay, line_px
 from flockstep.pictures.move_lines import draw_move_lines, drones_of_env
 from flockstep.pictures.posed_bodies import posed_bodies
 from flockstep.pictures.stage import Stage
+from flockstep.pictures.style import STYLES
 from flockstep.pictures.trail import Trail
 from flockstep.rotations import rotate
 from flockstep.task import MARKERS
 
-_TRAIL: Color = (35, 90, 210)
-_BEAM: Color = (250, 130, 70)
-_HIT: Color = (200, 50, 20)
-_FRUSTUM: Color = (130, 40, 170)
-
 _FRUSTUM_LENGTH = 1.1  # length of the drawn camera frustums, in drone lengths
 _MAX_BEAMS = 256  # more would hide the world
-_SAMPLES = 4  # per pixel, for smooth edges
+SAMPLES = 4  # per pixel, for smooth edges
 _MOST_BODIES = 4096  # of a picture
 _SAME = 0.01  # distance at which two drones are in the same place, in drone lengths
 _WORLDS = 64  # maximum number of cached worlds
@@ -64,6 +60,8 @@ class ThirdPersonView:
         Mesh of the drones. None: drawn from their model.
     samples
         Samples per pixel: 1, 4, 9 or 16.
+    style
+        A name of `STYLES`.
     """
 
     def __init__(
@@ -79,14 +77,16 @@ class ThirdPersonView:
         markers: Sequence[str] = MARKERS,
         overlay: Overlay | None = None,
         mesh: DroneMesh | None = None,
-        samples: int = _SAMPLES,
+        samples: int = SAMPLES,
+        style: str = "bright",
     ) -> None:
         self._batch = batch
         self._cameras = [batch.camera(name) for name in cameras]
         self._trail = trail
         self._beams = beams
         self._others = others
-        self._body = Body(batch.drone, mesh)
+        self._style = STYLES[style]
+        self._body = Body(batch.drone, mesh, style)
         self._length = float(np.ptp(self._body.corners, axis=0).max())
         self._size_px = size_px or (640, 480)
         self._samples = samples
@@ -102,7 +102,8 @@ class ThirdPersonView:
         if world not in self._stages:
             if len(self._stages) >= _WORLDS:
                 self._stages.clear()
-            stage = Stage(world, self._length, self._size_px, self._samples, self._markers)
+            styled = self._style.applied_to(world)
+            stage = Stage(styled, self._length, self._size_px, self._samples, self._markers)
             self._stages[world] = stage
         position = np.asarray(self._batch.position[env], float)
         quat_wxyz = np.asarray(self._batch.quat_wxyz[env], float)
@@ -161,7 +162,7 @@ class ThirdPersonView:
         if self._place is None:  # older parts would cross the picture again and again
             left_m = np.cumsum(np.linalg.norm(np.diff(path[::-1], axis=0), axis=1))[::-1]
             path = path[int((left_m > _RECENT * self._length).sum()) :]
-        canvas.lines(path[:-1], path[1:], _TRAIL, width_px=2 * self._line_px)
+        canvas.lines(path[:-1], path[1:], self._style.trail, width_px=2 * self._line_px)
 
     def _draw_cameras(self, canvas: DepthCanvas, env: int, position: Floats, quat_wxyz: Floats) -> None:
         for camera in self._cameras:
@@ -169,15 +170,23 @@ class ThirdPersonView:
                 quat_wxyz, frustum(camera.config_of(env), _FRUSTUM_LENGTH * self._length)
             )
             for corner, following in zip(corners, corners[1:] + corners[:1], strict=True):
-                canvas.lines(np.array([apex, corner]), np.array([corner, following]), _FRUSTUM, width_px=self._line_px)
+                sides = np.array([apex, corner]), np.array([corner, following])
+                canvas.lines(*sides, self._style.frustum, width_px=self._line_px)
 
     def _draw_beams(self, canvas: DepthCanvas, env: int) -> None:
         if not self._beams:
             return
         origin, ends, hit = beams_of(self._batch, env)
         some = np.arange(0, len(ends), max(-(-len(ends) // _MAX_BEAMS), 1))
-        canvas.lines(np.broadcast_to(origin, ends[some].shape), ends[some], _BEAM, width_px=self._line_px, opacity=0.6)
-        canvas.dots(ends[hit], _HIT, size_px=3 * self._line_px)
+        style, (missing, reaching) = self._style, (ends[some][~hit[some]], ends[some][hit[some]])
+        parts = len(style.beam_opacity)
+        for part, opacity in enumerate(style.beam_opacity):
+            starts, stops = (origin + (missing - origin) * (at / parts) for at in (part, part + 1))
+            if part == 0:
+                starts = np.concatenate([starts, np.broadcast_to(origin, reaching.shape)])
+                stops = np.concatenate([stops, reaching])
+            canvas.lines(starts, stops, style.beam, width_px=self._line_px, opacity=opacity)
+        canvas.dots(ends[hit], style.hit, size_px=3 * self._line_px)
 
 
 def smoothed(path: Floats, most_m: float) -> Floats:

@@ -11,6 +11,7 @@ from PIL import Image
 import flockstep
 from flockstep.pictures import third_person_view
 from flockstep.pictures.beams import beams_of
+from flockstep.pictures.style import DARK_LIGHT
 from flockstep.trainings import UNSEEN_SEEDS
 from tools import films, flight_film, race_film, stills
 from tools.film import FINER
@@ -137,7 +138,7 @@ def test_the_drone_is_where_it_projects_to(playground, content):
     moved = np.asarray(scene.picture(content, 0), int)
     rgb = np.zeros((225 * FINER, 400 * FINER, 3), np.uint8)
     canvas = flight_film.DepthCanvas(
-        rgb, np.zeros(rgb.shape[:2], np.float32), scene.camera, scene.viewer, scene.turn, flight_film.LIGHT
+        rgb, np.zeros(rgb.shape[:2], np.float32), scene.camera, scene.viewer, scene.turn, DARK_LIGHT
     )
     x, y, _ = canvas.project(content.position[[index]])[0] / FINER
     red, green, blue = picture.transpose(2, 0, 1)
