@@ -1,5 +1,7 @@
-// The distance between the hull and a convex obstacle, by a library's GJK (see "How the convex distance was
-// chosen" in docs/architecture.md).
+// The distance between the hull and a convex obstacle, by Bullet's GJK: it takes half the time of FCL's, allocates nothing, and
+// never reported a gap between overlapping bodies. Far from round obstacles it is coarse (up to 0.2 mm), so the sweep uses the
+// plane that the search found instead: the hull's gap to that plane is a valid lower bound even if the search ended early. Two
+// bounds that disagree reveal that, and the search restarts.
 #pragma once
 
 #include "collision/convex.hpp"
