@@ -145,15 +145,15 @@ class Stage:
         """
         anchor = position if anchor is None else anchor
         viewer, turn = _viewpoint(self.world, self._solid, position, quat_wxyz, self._length, anchor)
-        cut = max(float(rotate(turn, position - viewer, inverse=True)[0]), 2 * _NEAR_M)
+        ahead = rotate(turn, np.array([1.0, 0.0, 0.0]))
+        cut = max(float(ahead @ (position - viewer)), 2 * _NEAR_M)
 
         def opacity(depth: Floats) -> Floats:
             faded: Floats = np.clip(1 - (cut - depth) / (self._length * _FADE) * (1 - _DISSOLVED), _DISSOLVED, 1)
             return faded
 
         radius = self.world.marker_radius_m
-        depths = [float(rotate(turn, place - viewer, inverse=True)[0]) for _, place in self._markers]
-        is_near = [-radius < depth < cut + radius for depth in depths]
+        is_near = [-radius < ahead @ (place - viewer) < cut + radius for _, place in self._markers]
         world = self._with_markers([index for index, hides in enumerate(is_near) if not hides])
         picture = take(world, viewer, turn, self._camera(self._outputs), bodies)
         canvas = self._canvas(picture, viewer, turn)
