@@ -66,12 +66,16 @@ def take(
     bodies: Sequence[BodyConfig] | None,
 ) -> Camera:
     """Take a picture as `render` does; return the camera with its images."""
-    batch = Batch(world, cameras=[camera], bodies=list(bodies or ()))
-    if bodies is not None and len(batch.bodies) > 0:
-        batch.bodies.remove(np.arange(len(batch.bodies))[None] < len(world.bodies))
+    shown = world if bodies is None else without_bodies(world)
+    batch = Batch(shown, cameras=[camera], bodies=list(bodies or ()))
     batch.set_pose(_row("position", position, 3), None if quat_wxyz is None else _row("quat_wxyz", quat_wxyz, 4))
     batch.capture()
     return batch.camera(camera.name)
+
+
+def without_bodies(world: World) -> World:
+    """Return a world without its bodies; the same object if it has none."""
+    return world.with_bodies(None) if world.bodies else world
 
 
 def facing(position: npt.ArrayLike, target: npt.ArrayLike) -> npt.NDArray[np.float32]:

@@ -13,7 +13,7 @@ import numpy.typing as npt
 
 from flockstep._core import BodyConfig, Camera, CameraConfig, World
 from flockstep.pictures.depth_canvas import Color, DepthCanvas, Floats, Image, Ints
-from flockstep.pictures.picture import FARTHEST_M, facing, take
+from flockstep.pictures.picture import FARTHEST_M, facing, take, without_bodies
 from flockstep.rotations import rotate
 from flockstep.task import MARKERS
 
@@ -79,6 +79,7 @@ class Stage:
         samples: int = 1,
         markers: Sequence[str] = MARKERS,
     ) -> None:
+        world = without_bodies(world)  # pictures show those of the env
         self._length = length
         self._size_px = size_px
         self._samples = samples
