@@ -23,7 +23,7 @@ from tqdm import tqdm
 import flockstep
 from flockstep.pictures.body import Body
 from flockstep.pictures.drawing import Drawing
-from flockstep.pictures.stage import Stage, with_markers
+from flockstep.pictures.stage import Stage
 from flockstep.registration import make_by_id
 from flockstep.rotations import rotate
 from flockstep.sb3 import Progress
@@ -120,15 +120,16 @@ class Scene:
     """The hall, the point and the drone, drawn in pictures of one size."""
 
     def __init__(self, size_px: tuple[int, int]) -> None:
-        batch, (width, height) = make_by_id("flockstep/Hover-v0", 1).batch, size_px
+        batch = make_by_id("flockstep/Hover-v0", 1).batch
         world = batch.worlds[0]
         self.point = np.asarray(world.goal, float)
         self._body = Body(batch.drone)
-        self._stage = Stage(with_markers(world, ()), 0.1, (FINER * width, FINER * height))
+        self._stage = Stage(world, 0.1, size_px, FINER**2, markers=())
 
     def picture(self, viewer: Array, target: Array, throw: Flight, step: int) -> Image.Image:
         """Return the drone after this many steps, and its path until then."""
-        canvas = self._stage.seen_from(viewer, target)
+        path = throw.position[: step + 1]
+        canvas = self._stage.seen_from(viewer, target, [self._body.at(path[-1], throw.quat_wxyz[step])])
         drawing = Drawing(canvas, FINER)
         angle = np.linspace(0, 2 * np.pi, 49)
         ring = CLOSE_M * np.stack([np.cos(angle), np.sin(angle), np.zeros(49)], axis=1)
@@ -136,11 +137,9 @@ class Scene:
             circle = self.point + ring[:, order]
             drawing.lines(circle[:-1], circle[1:], POINT, 1)
         drawing.spheres(self.point, 0.006, POINT)
-        path = throw.position[: step + 1]
         if step > 0:
             drawing.lines(path[:-1], path[1:], PATH, 2)
-        self._body.draw(canvas, path[-1], throw.quat_wxyz[step])
-        return Image.fromarray(canvas.rgb).reduce(FINER)
+        return Image.fromarray(canvas.rgb)
 
 
 class Panel:

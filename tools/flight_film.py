@@ -26,6 +26,7 @@ import flockstep
 from flockstep.pictures.depth_canvas import DepthCanvas
 from flockstep.pictures.lines import beams_of
 from flockstep.pictures.picture import facing, render
+from flockstep.pictures.style import DARK_LIGHT
 from tools.film import FINER, Frame, Shot
 from training.evaluate import MAX_STEPS, fly, greedy
 
@@ -67,7 +68,6 @@ COLORS: dict[str, Linear] = {
 DRONE_COLORS, MARKER_COLORS = ("body", "arm", "front", "rear"), ("waypoint", "reached", "goal")
 MISS_LEVELS, HIT_LEVEL = (130, 115, 100, 85, 70, 55, 40, 25), 240  # opacity of beams, of 255
 BEAM, HIT, TRAIL = np.array([255, 120, 50]), np.array([255, 215, 120]), np.array([70, 190, 255])
-DARK: Linear = (0.02, 0.026, 0.04)
 
 
 @dataclass
@@ -183,7 +183,7 @@ class Scene:
         for surfaces, factor in ((depth, 1.0), (np.full_like(depth, np.inf), ghost)):
             if factor > 0:
                 level = np.zeros_like(rgb)
-                draw(DepthCanvas(level, surfaces.copy(), self.camera, self.viewer, self.turn, LIGHT))
+                draw(DepthCanvas(level, surfaces.copy(), self.camera, self.viewer, self.turn, DARK_LIGHT))
                 alpha = np.maximum(alpha, factor / 255 * level[..., 0])
         drawn = (alpha > 0) & where
         blend(rgb, drawn, color, alpha[drawn][:, None])
@@ -240,20 +240,10 @@ class Scene:
                 builder.disc(disc, self.radius, color)
 
 
-LIGHT: dict[str, Any] = {
-    "sun_direction": (-0.35, -0.45, 1.0),
-    "sun_color": (1.0, 0.97, 0.9),
-    "sky_ambient": (0.55, 0.6, 0.7),
-    "ground_ambient": (0.25, 0.27, 0.3),
-    "zenith_color": DARK,
-    "horizon_color": DARK,
-}
-
-
 def begun() -> tuple[flockstep.WorldBuilder, dict[str, int]]:
     """Return a world to build, with its light, and its materials by name."""
     builder = flockstep.WorldBuilder("film")
-    builder.light(**LIGHT)
+    builder.light(**DARK_LIGHT)
     materials = {}
     for name, color in COLORS.items():
         glow = tuple(0.35 * channel if name in MARKER_COLORS else 0.0 for channel in color)

@@ -117,15 +117,16 @@ class Behind:
             near_m=0.1,
             far_m=FARTHEST_M,
             outputs=("rgb", "depth"),
+            samples_per_pixel=FINER**2,
             shadows=True,
         )
-        taken = flockstep.render(self.world, viewer, turn, camera=camera)
-        canvas = DepthCanvas(taken["rgb"], taken["depth"], camera, viewer, turn, self.world.light)
+        drones = [self.body.at(*pose) for pose in zip(flight.position[step], flight.quat_wxyz[step], strict=True)]
+        taken = flockstep.render(self.world, viewer, turn, camera=camera, bodies=drones)
+        canvas = DepthCanvas(taken["rgb"], taken["depth"], camera, viewer, turn, self.world.light, FINER)
         recent = self.way[: step + 1] > self.way[step] - TRAIL_M
         for m, ink in enumerate(self.inks):
             trail = flight.position[: step + 1, m][recent]
             canvas.lines(trail[:-1], trail[1:], ink, width_px=2 * FINER)
-            self.body.draw(canvas, flight.position[step, m], flight.quat_wxyz[step, m], line_px=FINER)
             canvas.sphere(flight.position[step, m] + [0, 0, 0.1], 0.12, ink)
         return Image.fromarray(canvas.rgb)
 
@@ -152,7 +153,7 @@ def frames(shot: Shot) -> Iterator[Frame]:
     )
     down = np.array([0.5, -0.5, 0.5, 0.5])
     ground = Image.fromarray(flockstep.render(flight.world, [*middle, MAP_FROM_M], down, camera=camera)["rgb"])
-    behind = Behind(flight, inks, (width, height))
+    behind = Behind(flight, inks, (width // FINER, height // FINER))
     radius = float(np.linalg.norm(flight.drone.hull[:, :2], axis=1).max())
 
     def pixels(points: Array) -> list[tuple[float, float]]:
@@ -167,9 +168,9 @@ def frames(shot: Shot) -> Iterator[Frame]:
         for m, ink in enumerate(inks):
             draw.circle(pixels(flight.place[step, m][None])[0], 1.8 * radius * scale, outline=ink, width=FINER)
             draw.circle(pixels(flight.position[step, m][None])[0], radius * scale, fill=ink)
-        picture = Image.new("RGB", (width + map_width, height))
-        picture.paste(behind.frame(step), (0, 0))
-        picture.paste(above, (width, 0))
-        picture = picture.reduce(FINER)
+        seen, above = behind.frame(step), above.reduce(FINER)
+        picture = Image.new("RGB", (seen.width + above.width, seen.height))
+        picture.paste(seen, (0, 0))
+        picture.paste(above, (seen.width, 0))
         write_captions(picture, [(6, 15, f"{step * STEP_MS / 1000:.0f} s", INK)])
         yield picture, HOLD_MS if step == last else STEP_MS

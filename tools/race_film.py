@@ -20,10 +20,11 @@ import flockstep
 from flockstep.pictures.body import Body
 from flockstep.pictures.depth_canvas import DepthCanvas
 from flockstep.pictures.picture import facing, render
+from flockstep.pictures.style import DARK_LIGHT
 from flockstep.rotations import rotate
 from flockstep.trainings.table import LAPS
 from tools.film import FINER, Color, Frame, Shot, steps_of
-from tools.flight_film import LIGHT, beside
+from tools.flight_film import beside
 
 Array = npt.NDArray[Any]
 
@@ -93,14 +94,19 @@ class Scene:
         self.turn = facing(VIEWER_M, TARGET_M).astype(float)
         width, height = size_px
         self.camera = flockstep.CameraConfig(
-            width_px=FINER * width, height_px=FINER * height, hfov_deg=HFOV_DEG, outputs=("rgb", "depth"), shadows=True
+            width_px=width,
+            height_px=height,
+            hfov_deg=HFOV_DEG,
+            outputs=("rgb", "depth"),
+            samples_per_pixel=FINER**2,
+            shadows=True,
         )
         self.body = Body(enlarged(batch.drone))
-        self.stills: dict[int, DepthCanvas] = {}  # by the index of the next gate
+        self.worlds: dict[int, flockstep.World] = {}  # by the index of the next gate
 
     def picture(self, flight: Flight, step: int) -> Image.Image:
         """Return the drone after this many steps, and its trail."""
-        canvas = self.canvas((flight.first + int(flight.passed[step])) % len(self.gates))
+        canvas = self.canvas(flight, step)
         shadow = flight.position[max(0, step - round(SHADOW_S * POLICY_HZ)) : step + 1] * [1, 1, 0] + [0, 0, 0.02]
         canvas.lines(shadow[:-1], shadow[1:], SHADOW, width_px=4 * FINER)
         begin = max(0, step - round(TRAIL_S * POLICY_HZ))
@@ -110,22 +116,20 @@ class Scene:
             color = speed_color(flight.speed_mps[begin + index])
             width_px = round(FINER * (4 - 2.5 * age))
             canvas.lines(trail[index], trail[index + 1], color, width_px=width_px, opacity=1 - 0.75 * age)
-        self.body.draw(canvas, flight.position[step], flight.quat_wxyz[step], line_px=FINER)
-        return Image.fromarray(canvas.rgb).reduce(FINER)
+        return Image.fromarray(canvas.rgb)
 
-    def canvas(self, following: int) -> DepthCanvas:
-        """Return the track to draw into, with the next gate in green."""
-        if following not in self.stills:
-            drawn = self._drawn(following)
-            taken = render(drawn, VIEWER_M, self.turn, camera=self.camera)
-            self.stills[following] = DepthCanvas(
-                taken["rgb"], taken["depth"], self.camera, VIEWER_M, self.turn, drawn.light
-            )
-        return self.stills[following].copy()
+    def canvas(self, flight: Flight, step: int) -> DepthCanvas:
+        """Return the track with the drone to draw into, with the next gate in green."""
+        following = (flight.first + int(flight.passed[step])) % len(self.gates)
+        if following not in self.worlds:
+            self.worlds[following] = self._drawn(following)
+        world, drone = self.worlds[following], self.body.at(flight.position[step], flight.quat_wxyz[step])
+        taken = render(world, VIEWER_M, self.turn, camera=self.camera, bodies=[drone])
+        return DepthCanvas(taken["rgb"], taken["depth"], self.camera, VIEWER_M, self.turn, world.light, FINER)
 
     def _drawn(self, following: int) -> flockstep.World:
         builder = flockstep.WorldBuilder("film")
-        builder.light(**LIGHT)
+        builder.light(**DARK_LIGHT)
         m = {name: builder.material(name, color, emissive=glow(name, color)) for name, color in COLORS.items()}
         (left, near, _), (right, far, _) = np.asarray(self.world.bounds, float)
         builder.box((0, 0, -0.1), (right - left, far - near, 0.2), m["floor"])

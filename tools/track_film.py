@@ -20,7 +20,7 @@ from tqdm import tqdm
 import flockstep
 from flockstep.pictures.body import Body
 from flockstep.pictures.drawing import Drawing
-from flockstep.pictures.stage import Stage, with_markers
+from flockstep.pictures.stage import Stage
 from flockstep.registration import make_by_id
 from flockstep.trainings import TRAININGS, UNSEEN_SEEDS, Flyer, Verdict, judge
 from flockstep.trainings.flyers import CLOSE_M, velocity_control
@@ -66,25 +66,25 @@ class Scene:
     """The hall, the path and the drone, drawn in pictures of one size."""
 
     def __init__(self, path: Array, size_px: tuple[int, int]) -> None:
-        batch, (width, height) = make_by_id("flockstep/Track-v0", 1).batch, size_px
+        batch = make_by_id("flockstep/Track-v0", 1).batch
         world = batch.worlds[0]
         self._body = Body(batch.drone)
         middle = np.asarray(world.goal, float)
-        stage = Stage(with_markers(world, ()), 0.1, (FINER * width, FINER * height))
-        self._still = stage.seen_from(middle + FROM_M, middle + TOWARDS_M)
-        Drawing(self._still, FINER).lines(path[:-1], path[1:], POINT, 1.5)
+        self._stage = Stage(world, 0.1, size_px, FINER**2, markers=())
+        self._path = path
+        self._view = (middle + FROM_M, middle + TOWARDS_M)
 
     def picture(self, flight: Flight, step: int) -> Image.Image:
         """Return the drone after this many steps, its trail, the point, and the line between them."""
-        canvas = self._still.copy()
-        drawing = Drawing(canvas, FINER)
         trail = flight.position[: step + 1]
+        canvas = self._stage.seen_from(*self._view, [self._body.at(trail[-1], flight.quat_wxyz[step])])
+        drawing = Drawing(canvas, FINER)
+        drawing.lines(self._path[:-1], self._path[1:], POINT, 1.5)
         if step > 0:
             drawing.lines(trail[:-1], trail[1:], PATH, 2.5)
         drawing.lines(trail[-1], flight.point[step], ALARM, 2)
         drawing.spheres(flight.point[step], 0.02, POINT)
-        self._body.draw(canvas, trail[-1], flight.quat_wxyz[step])
-        return Image.fromarray(canvas.rgb).reduce(FINER)
+        return Image.fromarray(canvas.rgb)
 
 
 class Panel:

@@ -98,6 +98,11 @@ class DroneVectorEnv(VectorEnv[Observation, Array, Array], SharedAttributes):
         ``"camera"``, otherwise 640 x 480. With ``"camera"``, frames are scaled if the size is not the camera's own.
     render_camera
         The name of the camera that ``render_view="camera"`` shows. Default: the first.
+    render_style
+        ``"bright"``, or ``"dark"``: perspective views in dark colours, with shining beams and trails.
+    render_samples
+        Samples per pixel of perspective views, 1, 4, 9 or 16: with 1, edges are jagged and a picture takes a third of
+        the time.
     drone_mesh
         A `DroneMesh`, or a `World` of triangles, that shows the drones in perspective views, from behind and from a
         fixed point, and to the cameras of other drones, if these see each other. Default: in views a shape made from
@@ -188,6 +193,8 @@ class DroneVectorEnv(VectorEnv[Observation, Array, Array], SharedAttributes):
         render_view: str | npt.ArrayLike | None = None,
         render_size: tuple[int, int] | None = None,
         render_camera: str | None = None,
+        render_style: str = "bright",
+        render_samples: int = 4,
         drone_mesh: DroneMesh | World | None = None,
         **keywords: Unpack[EnvKeywords],
     ) -> None:
@@ -222,7 +229,7 @@ class DroneVectorEnv(VectorEnv[Observation, Array, Array], SharedAttributes):
         recipe.worlds = names_of_worlds(worlds)
         words = getattr(recipe.task, "_words", {})  # only a task of the engine has them
         view = words.get("view", "top") if render_view is None else render_view
-        shown = choice.choose(view, render_size, render_camera)
+        shown = choice.choose(view, render_size, render_camera, render_style, render_samples)
         self._recipe = recipe
         self.copy = copy
         self.drones_per_env = recipe.drones_per_env

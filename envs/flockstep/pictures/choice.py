@@ -12,20 +12,24 @@ import numpy.typing as npt
 from flockstep.errors import did_you_mean
 
 NAMES = ("top", "camera", "third_person", "fleet")
+STYLES = ("bright", "dark")
+SAMPLES = (1, 4, 9, 16)
 _MAX_PX = 8192
 
 
 @dataclass(frozen=True)
 class Choice:
-    """The checked keywords ``render_view``, ``render_size`` and ``render_camera``."""
+    """The checked keywords that begin with ``render_``, except ``render_mode``."""
 
     view: str | tuple[npt.NDArray[np.float64], npt.NDArray[np.float64]]  # a name, or viewer and target positions
     size_px: tuple[int, int] | None  # width and height; None: the view's default
     camera: str | None  # a name; None: the first
+    style: str
+    samples: int
 
 
-def choose(view: Any, size: Any, camera: Any) -> Choice:
-    """Check the three keywords.
+def choose(view: Any, size: Any, camera: Any, style: Any = "bright", samples: Any = 4) -> Choice:
+    """Check the keywords.
 
     Raises
     ------
@@ -47,7 +51,15 @@ def choose(view: Any, size: Any, camera: Any) -> Choice:
         size = (int(pair[0]), int(pair[1]))
     if camera is not None and view != "camera":
         raise ValueError(f"render_camera: expected None unless render_view='camera', got {camera!r}")
-    return Choice(view, size, camera)
+    if not isinstance(style, str) or style not in STYLES:
+        expected, hint = ", ".join(map(repr, STYLES)), did_you_mean(style, STYLES) if isinstance(style, str) else ""
+        raise ValueError(f"render_style: expected one of {expected}, got {style!r}{hint}")
+    if not _is_count(samples) or samples not in SAMPLES:
+        raise ValueError(f"render_samples: expected one of {', '.join(map(str, SAMPLES))}, got {samples!r}")
+    for name, value, usual in (("style", style, "bright"), ("samples", samples, 4)):
+        if value != usual and view in ("top", "camera"):
+            raise ValueError(f"render_{name}: expected {usual!r} for render_view={view!r}, got {value!r}")
+    return Choice(view, size, camera, style, int(samples))
 
 
 def _is_count(value: Any) -> bool:

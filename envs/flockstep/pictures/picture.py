@@ -8,7 +8,7 @@ from typing import Any, TypeAlias
 import numpy as np
 import numpy.typing as npt
 
-from flockstep._core import Batch, BodyConfig, CameraConfig
+from flockstep._core import Batch, BodyConfig, Camera, CameraConfig, World
 from flockstep.scenes import WorldLike, load_one
 
 Array: TypeAlias = npt.NDArray[Any]
@@ -54,16 +54,28 @@ def render(
             raise ValueError("look_at: expected look_at or quat_wxyz, got both")
         quat_wxyz = facing(position, look_at)
     config = CameraConfig(far_m=FARTHEST_M) if camera is None else camera
-    shown = load_one(world)
-    batch = Batch(shown, cameras=[config], max_bodies=max(len(shown.bodies), len(bodies or ())))
-    if bodies is not None and len(batch.bodies) > 0:
-        batch.bodies.remove()
-        for body in bodies:
-            batch.bodies.spawn(body)
+    taken = take(load_one(world), position, quat_wxyz, config, bodies)
+    return {output: getattr(taken, output)[0].copy() for output in config.outputs}
+
+
+def take(
+    world: World,
+    position: npt.ArrayLike,
+    quat_wxyz: npt.ArrayLike | None,
+    camera: CameraConfig,
+    bodies: Sequence[BodyConfig] | None,
+) -> Camera:
+    """Take a picture as `render` does; return the camera with its images."""
+    shown = world if bodies is None else without_bodies(world)
+    batch = Batch(shown, cameras=[camera], bodies=list(bodies or ()))
     batch.set_pose(_row("position", position, 3), None if quat_wxyz is None else _row("quat_wxyz", quat_wxyz, 4))
     batch.capture()
-    taken = batch.camera(config.name)
-    return {output: getattr(taken, output)[0].copy() for output in config.outputs}
+    return batch.camera(camera.name)
+
+
+def without_bodies(world: World) -> World:
+    """Return a world without its bodies; the same object if it has none."""
+    return world.with_bodies(None) if world.bodies else world
 
 
 def facing(position: npt.ArrayLike, target: npt.ArrayLike) -> npt.NDArray[np.float32]:

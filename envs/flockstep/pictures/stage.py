@@ -2,17 +2,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import cached_property
+from math import isqrt
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
-from flockstep._core import BodyConfig, CameraConfig, World
-from flockstep.pictures.depth_canvas import DepthCanvas, Floats, Image, Ints
-from flockstep.pictures.picture import FARTHEST_M, facing, render
+from flockstep._core import BodyConfig, Camera, CameraConfig, World
+from flockstep.pictures.depth_canvas import Color, DepthCanvas, Floats, Image, Ints
+from flockstep.pictures.picture import FARTHEST_M, facing, take, without_bodies
 from flockstep.rotations import rotate
+from flockstep.task import MARKERS
 
 # In drone lengths:
 _BACK = np.array([-3.4, 1.4, 0.0])  # position of the viewer: behind the drone and to its left,
@@ -22,31 +25,39 @@ _AHEAD = 0.5  # distance of the point to look at, ahead of the drone
 
 _HFOV_DEG = 75.0
 _NEAR_M = 0.05
+_OUTPUTS = ("rgb", "depth")
 _NUMBERED = 1 << 15  # more primitives than this are not faded: cameras may have no instance numbers for them
 _DISSOLVED = 0.3  # final opacity of an obstacle or a marker nearer than the drone
-_MARKERS = 65533  # least semantic id of a marker
+#: Colours of markers, as cameras render them.
+_MARKER_COLORS: dict[str, Color] = {"start": (230, 52, 43), "waypoints": (237, 202, 43), "goal": (43, 202, 65)}
+#: Keys of primitives in scene files.
+_SHAPES = ("pillars", "cylinders", "boxes", "spheres", "capsules", "planes", "discs", "gates")
 _FADE = 0.5  # distance in front of the drone, in drone lengths, at which that opacity is reached
 
 
 @dataclass
-class Obstacles:
-    """Obstacles and markers to fade, pixel by pixel."""
+class Faded:
+    """Obstacles, pixel by pixel, and markers that are nearer than the drone, to draw last."""
 
-    at: Ints  # (K,) indices of the frame's pixels
+    at: Ints  # (K,) indices of the picture's pixels
     rgb: Image  # (K, 3)
     depth: npt.NDArray[np.float32]  # (K,) m
-    opacity: npt.NDArray[np.float32]  # (K,)
+    markers: list[tuple[Floats, Color]]  # (3,) m
+    marker_m: float  # radius of markers
+    opacity: Callable[[Floats], Floats]  # of depths
 
     def draw(self, canvas: DepthCanvas) -> None:
-        """Draw the obstacles over the surfaces behind them."""
+        """Draw them over the surfaces behind them."""
+        for place, color in self.markers:
+            canvas.sphere(place, self.marker_m, color, self.opacity)
         rgb = canvas.rgb.reshape(-1, 3)
-        opacity = np.where(canvas.depth.reshape(-1)[self.at] < self.depth, np.float32(0), self.opacity)
+        opacity = np.where(canvas.depth.reshape(-1)[self.at] < self.depth, 0, self.opacity(self.depth))
         behind = rgb[self.at].astype(np.float32)
-        rgb[self.at] = behind + opacity[:, None] * (self.rgb - behind) + np.float32(0.5)
+        rgb[self.at] = behind + opacity[:, None].astype(np.float32) * (self.rgb - behind) + np.float32(0.5)
 
 
 class Stage:
-    """Takes pictures of one world.
+    """Takes pictures of one world with drones and other bodies in it.
 
     Parameters
     ----------
@@ -54,80 +65,129 @@ class Stage:
         Length of the drone in m; the viewer keeps a few lengths of distance.
     size_px
         Width and height of the pictures.
+    samples
+        Samples per pixel: 1, 4, 9 or 16.
+    markers
+        The markers of the world to show.
     """
 
-    def __init__(self, world: World, length: float, size_px: tuple[int, int]) -> None:
-        self.world = world
+    def __init__(
+        self,
+        world: World,
+        length: float,
+        size_px: tuple[int, int],
+        samples: int = 1,
+        markers: Sequence[str] = MARKERS,
+    ) -> None:
+        world = without_bodies(world)  # pictures show those of the env
         self._length = length
         self._size_px = size_px
+        self._samples = samples
+        places = {
+            "start": [] if world.start is None else [world.start],
+            "waypoints": list(world.waypoints),
+            "goal": [] if world.goal is None else [world.goal],
+        }
+        self._markers = [
+            (name, np.asarray(place, float)) for name in MARKERS if name in markers for place in places[name]
+        ]
+        self._shown: dict[tuple[int, ...], World] = {}  # the world by the markers that are shown
+        if len(self._markers) == sum(map(len, places.values())):
+            self._shown[tuple(range(len(self._markers)))] = world
+        self.world = world
         primitives = world.primitives
         self._solid = np.array([primitive["kind"] != "room" for primitive in primitives], bool)
         self._top = np.array([top_of(primitive) for primitive in primitives])
         # Indexed by instance. Meshes are not faded, because the floor may be one.
         self._dissolves = np.zeros(1 << 16, bool)
-        self._outputs = ["rgb", "depth", "semantic"]
+        self._outputs: Sequence[str] = _OUTPUTS
         if len(primitives) <= _NUMBERED:
             self._dissolves[1 : 1 + len(primitives)] = self._solid
-            self._outputs += ["instance"]
-        self._bodies: Sequence[BodyConfig] = ()
-        self._bare = world.with_markers()
-        self._emptied = _emptied(world)
+            self._outputs = (*_OUTPUTS, "instance")
 
-    def show_bodies(self, bodies: Sequence[BodyConfig]) -> None:
-        """Set the bodies of the next canvases."""
-        self._bodies = bodies
+    def _with_markers(self, shown: Sequence[int]) -> World:
+        """Return the world with some of its markers, of these numbers."""
+        if tuple(shown) not in self._shown:
+            places: dict[str, list[Floats]] = {name: [] for name in MARKERS}
+            for index in shown:
+                name, place = self._markers[index]
+                places[name].append(place)
+            one = {name: places[name][0] for name in ("start", "goal") if places[name]}
+            self._shown[tuple(shown)] = self.world.with_markers(waypoints=places["waypoints"] or None, **one)
+        return self._shown[tuple(shown)]
 
-    def seen_from(self, viewer: Floats, target: Floats) -> DepthCanvas:
+    @cached_property
+    def _lasting(self) -> World:
+        """The world without markers and what may fade."""
+        scene = self.world.to_dict()
+        for kind in (*_SHAPES, "markers", "bodies"):
+            scene.pop(kind, None)
+        if not scene.keys() & {"room", "meshes"}:  # a world cannot be empty
+            scene["boxes"] = [{"center": [0, 0, 0], "size": [0.001] * 3, "visibility": "solid"}]
+        return World.from_dict(scene)
+
+    def seen_from(self, viewer: Floats, target: Floats, bodies: Sequence[BodyConfig] = ()) -> DepthCanvas:
         """Return a canvas of the world seen from a position (3,) m towards another."""
         turn = facing(viewer, target).astype(float)
-        picture = self._take(self.world, viewer, turn, "rgb", "depth")
-        return DepthCanvas(picture["rgb"], picture["depth"], self._camera(), viewer, turn, self.world.light)
+        world = self._with_markers(range(len(self._markers)))
+        return self._canvas(take(world, viewer, turn, self._camera(), bodies), viewer, turn)
 
-    def set(self, position: Floats, quat_wxyz: Floats, anchor: Floats | None = None) -> tuple[DepthCanvas, Obstacles]:
-        """Return a canvas on which to draw a drone at a pose, and the obstacles, which are to be drawn last.
+    def set(
+        self,
+        position: Floats,
+        quat_wxyz: Floats,
+        anchor: Floats | None = None,
+        bodies: Sequence[BodyConfig] = (),
+    ) -> tuple[DepthCanvas, Faded]:
+        """Return a canvas for a drone at a pose, and what is nearer than it, which is to be drawn last.
 
-        The viewer keeps its distance from the anchor (3,) m near the drone; by default from the drone itself.
+        The viewer keeps its distance from the anchor (3,) m near the drone; by default from the drone itself. The drone
+        is one of the bodies.
         """
         anchor = position if anchor is None else anchor
         viewer, turn = _viewpoint(self.world, self._solid, position, quat_wxyz, self._length, anchor)
-        picture = self._take(self.world, viewer, turn, *self._outputs)
-        rgb, depth = picture["rgb"].reshape(-1, 3), picture["depth"].reshape(-1)
-        canvas = DepthCanvas(picture["rgb"], picture["depth"], self._camera(), viewer, turn, self.world.light)
+        ahead = rotate(turn, np.array([1.0, 0.0, 0.0]))
+        cut = max(float(ahead @ (position - viewer)), 2 * _NEAR_M)
 
-        cut = max(float(rotate(turn, position - viewer, inverse=True)[0]), 2 * _NEAR_M)
-        dissolves = self._dissolving(picture, position)
-        at = np.flatnonzero(dissolves & (depth < cut))
-        if len(at):  # the background: everything beyond the drone, plus nearer walls
-            behind = self._take(self.world, viewer, turn, "rgb", "depth", near_m=cut)
-            behind_rgb, behind_depth = behind["rgb"].reshape(-1, 3)[at], behind["depth"].reshape(-1)[at]
-            kept = [] if self._emptied is None else [(self._take(self._emptied, viewer, turn, "rgb", "depth"), at >= 0)]
-            is_marker = picture["semantic"].reshape(-1)[at] >= _MARKERS
-            if is_marker.any():  # behind a marker also nearer surfaces that do not fade
-                bare = self._take(self._bare, viewer, turn, *self._outputs)
-                kept.append((bare, is_marker & ~self._dissolving(bare, position)[at]))
-            for surfaces, where in kept:
-                surface_depth = surfaces["depth"].reshape(-1)[at]
-                nearer = where & (surface_depth < behind_depth)
-                behind_rgb[nearer] = surfaces["rgb"].reshape(-1, 3)[at[nearer]]
-                behind_depth = np.where(nearer, surface_depth, behind_depth)
-            opacity = np.maximum(1 - (cut - depth[at]) / (self._length * _FADE) * (1 - _DISSOLVED), _DISSOLVED)
-            obstacles = Obstacles(at, rgb[at], depth[at], opacity.astype(np.float32))
-            rgb[at], depth[at] = behind_rgb, behind_depth
-        else:
-            obstacles = Obstacles(at, rgb[at], depth[at], np.zeros(0, np.float32))
-        return canvas, obstacles
+        def opacity(depth: Floats) -> Floats:
+            faded: Floats = np.clip(1 - (cut - depth) / (self._length * _FADE) * (1 - _DISSOLVED), _DISSOLVED, 1)
+            return faded
 
-    def _dissolving(self, picture: dict[str, npt.NDArray[Any]], position: Floats) -> npt.NDArray[np.bool_]:
-        """Return which pixels (H * W,) show a marker or an obstacle that fades if it is nearer than the drone."""
-        dissolving: npt.NDArray[np.bool_] = picture["semantic"].reshape(-1) >= _MARKERS
-        if "instance" in picture:
-            # Primitives below the drone do not hide it from a viewer above: the ground stays whole.
-            dissolves = self._dissolves.copy()
-            dissolves[1 : 1 + len(self._top)] &= self._top > position[2]
-            dissolving |= dissolves[picture["instance"].reshape(-1)]
+        radius = self.world.marker_radius_m
+        is_near = [-radius < ahead @ (place - viewer) < cut + radius for _, place in self._markers]
+        world = self._with_markers([index for index, hides in enumerate(is_near) if not hides])
+        picture = take(world, viewer, turn, self._camera(self._outputs), bodies)
+        canvas = self._canvas(picture, viewer, turn)
+        rgb, depth = canvas.rgb.reshape(-1, 3), canvas.depth.reshape(-1)
+        at = np.flatnonzero(self._dissolving(picture, position) & (depth < cut))
+        markers = [
+            (place, _MARKER_COLORS[name]) for (name, place), hides in zip(self._markers, is_near, strict=True) if hides
+        ]
+        faded = Faded(at, rgb[at], depth[at], markers, radius, opacity)
+        if len(at):  # show what is behind: everything beyond the drone, and what does not fade, such as the drone
+            beyond, lasting = (
+                take(each, viewer, turn, self._camera(near_m=near_m, fast=True), bodies)
+                for each, near_m in ((world, cut), (self._lasting, _NEAR_M))
+            )
+            is_beyond = beyond.depth.reshape(-1)[at] < lasting.depth.reshape(-1)[at]
+            for picture, where in ((beyond, at[is_beyond]), (lasting, at[~is_beyond])):
+                depth[where] = picture.depth.reshape(-1)[where]
+                rgb[where] = picture.rgb.reshape(-1, 3)[where]
+        return canvas, faded
+
+    def _dissolving(self, picture: Camera, position: Floats) -> npt.NDArray[np.bool_]:
+        """Return which pixels (H * W,) show an obstacle that fades if it is nearer than the drone."""
+        if "instance" not in self._outputs:
+            return np.zeros(picture.depth.size, bool)
+        # Primitives below the drone do not hide it from a viewer above: the ground stays whole.
+        dissolves = self._dissolves.copy()
+        dissolves[1 : 1 + len(self._top)] &= self._top > position[2]
+        dissolving: npt.NDArray[np.bool_] = dissolves[picture.instance.reshape(-1)]
         return dissolving
 
-    def _camera(self, near_m: float = _NEAR_M, outputs: tuple[str, ...] = ("rgb",)) -> CameraConfig:
+    def _camera(
+        self, outputs: Sequence[str] = _OUTPUTS, *, near_m: float = _NEAR_M, fast: bool = False
+    ) -> CameraConfig:
         width, height = self._size_px
         return CameraConfig(
             width_px=width,
@@ -136,25 +196,13 @@ class Stage:
             near_m=near_m,
             far_m=FARTHEST_M,
             outputs=outputs,
-            shadows=True,
+            samples_per_pixel=1 if fast else self._samples,
+            shadows=not fast,
         )
 
-    def _take(
-        self, world: World, viewer: Floats, turn: Floats, *outputs: str, near_m: float = _NEAR_M
-    ) -> dict[str, npt.NDArray[Any]]:
-        bodies = () if world is self._emptied else self._bodies
-        return render(world, viewer, turn, camera=self._camera(near_m, outputs), bodies=bodies)
-
-
-def with_markers(world: World, markers: Sequence[str]) -> World:
-    """Return a world with only these of its markers; the same object if it has no others."""
-    found = {"start": world.start is not None, "waypoints": len(world.waypoints) > 0, "goal": world.goal is not None}
-    dropped = [name for name in found if found[name] and name not in markers]
-    if not dropped:
-        return world
-    scene = world.to_dict()
-    scene["markers"] = {name: value for name, value in scene["markers"].items() if name not in dropped}
-    return World.from_dict(scene)
+    def _canvas(self, picture: Camera, viewer: Floats, turn: Floats) -> DepthCanvas:
+        rgb, depth = picture.rgb[0].copy(), picture.depth[0].copy()
+        return DepthCanvas(rgb, depth, self._camera(), viewer, turn, self.world.light, isqrt(self._samples))
 
 
 def top_of(primitive: dict[str, Any]) -> float:
@@ -162,27 +210,6 @@ def top_of(primitive: dict[str, Any]) -> float:
     half = np.asarray(primitive["half_extents"], float)
     axes = [rotate(np.asarray(primitive["quat_wxyz"], float), axis) for axis in np.eye(3)]
     return float(primitive["center"][2] + sum(abs(axis[2]) * size for axis, size in zip(axes, half, strict=True)))
-
-
-def _emptied(world: World) -> World | None:
-    """Return the empty room, or None if there is no room."""
-    rooms = [primitive for primitive in world.primitives if primitive["kind"] == "room"]
-    if not rooms:
-        return None
-    center, half = np.asarray(rooms[0]["center"], float), np.asarray(rooms[0]["half_extents"], float)
-    return World.from_dict(
-        {
-            "flockstep_scene": 1,
-            "name": world.name,
-            "materials": {m["name"]: {k: m[k] for k in ("base_color", "emissive")} for m in world.materials},
-            "room": {
-                "min": (center - half).tolist(),
-                "max": (center + half).tolist(),
-                "material": rooms[0]["material"],
-            },
-            "light": world.light,
-        }
-    )
 
 
 def _viewpoint(

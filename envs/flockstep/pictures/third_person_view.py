@@ -3,28 +3,27 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from math import isqrt
 
 import numpy as np
 
-from flockstep._core import Batch, CameraConfig, World
+from flockstep._core import Batch, BodyConfig, CameraConfig, World
 from flockstep.drone_mesh import DroneMesh
 from flockstep.pictures.body import Body
-from flockstep.pictures.depth_canvas import Color, DepthCanvas, Floats, Image
+from flockstep.pictures.depth_canvas import DepthCanvas, Floats, Image, Ints
 from flockstep.pictures.drawing import Drawing, Overlay, line_px
 from flockstep.pictures.lines import Trail, beams_of, draw_move_lines, drones_of_env
 from flockstep.pictures.posed_bodies import posed_bodies
-from flockstep.pictures.stage import Obstacles, Stage, with_markers
+from flockstep.pictures.stage import Stage
+from flockstep.pictures.style import STYLES
 from flockstep.rotations import rotate
 from flockstep.task import MARKERS
 
-_TRAIL: Color = (35, 90, 210)
-_BEAM: Color = (250, 130, 70)
-_HIT: Color = (200, 50, 20)
-_FRUSTUM: Color = (130, 40, 170)
-
 _FRUSTUM_LENGTH = 1.1  # length of the drawn camera frustums, in drone lengths
 _MAX_BEAMS = 256  # more would hide the world
-_FINER = 2  # supersampling factor, for smooth edges
+SAMPLES = 4  # per pixel, for smooth edges
+_MOST_BODIES = 4096  # of a picture
+_SAME = 0.01  # distance at which two drones are in the same place, in drone lengths
 _WORLDS = 64  # maximum number of cached worlds
 _FOLLOWED, _LAG = 12, 0.5  # steps whose mean position the viewer follows; maximum lag in drone lengths
 _MEAN, _OFF = 4, 0.25  # steps before and after that smooth a trail; maximum distance to it in drone lengths
@@ -57,6 +56,10 @@ class ThirdPersonView:
         A `Task` or a `FlightOverlay`, whose `draw` adds to the pictures. None: no additions.
     mesh
         Mesh of the drones. None: drawn from their model.
+    samples
+        Samples per pixel: 1, 4, 9 or 16.
+    style
+        A name of `STYLES`.
     """
 
     def __init__(
@@ -72,69 +75,76 @@ class ThirdPersonView:
         markers: Sequence[str] = MARKERS,
         overlay: Overlay | None = None,
         mesh: DroneMesh | None = None,
+        samples: int = SAMPLES,
+        style: str = "bright",
     ) -> None:
         self._batch = batch
         self._cameras = [batch.camera(name) for name in cameras]
         self._trail = trail
         self._beams = beams
         self._others = others
-        self._body = Body(batch.drone, mesh)
-        corners = [np.asarray(batch.drone.hull, float)] + ([] if mesh is None else [mesh.vertices])
-        self._length = float(max(np.ptp(points, axis=0).max() for points in corners))
-        width, height = size_px or (640, 480)
-        self._size_px = (width * _FINER, height * _FINER)
-        self._line_px = _FINER * line_px(width)
+        self._style = STYLES[style]
+        self._body = Body(batch.drone, mesh, style)
+        self._length = float(np.ptp(self._body.corners, axis=0).max())
+        self._size_px = size_px or (640, 480)
+        self._samples = samples
+        self._line_px = isqrt(samples) * line_px(self._size_px[0])
         self._place = place
         self._markers = tuple(markers)
         self._overlay = overlay
         self._stages: dict[World, Stage] = {}  # by the world that `Batch.world_of` returns, in its light
-        self._still: dict[World, DepthCanvas] = {}  # for a fixed place
 
     def frame(self, env: int) -> Image:
         """Return the picture of one env, (height, width, 3) uint8, a new array."""
-        world_index = np.repeat(self._batch.world_index, self._batch.drones_per_env)
         world = self._batch.world_of(env)
         if world not in self._stages:
             if len(self._stages) >= _WORLDS:
                 self._stages.clear()
-                self._still.clear()
-            self._stages[world] = Stage(with_markers(world, self._markers), self._length, self._size_px)
+            styled = self._style.applied_to(world)
+            stage = Stage(styled, self._length, self._size_px, self._samples, self._markers)
+            self._stages[world] = stage
         position = np.asarray(self._batch.position[env], float)
         quat_wxyz = np.asarray(self._batch.quat_wxyz[env], float)
-        canvas, obstacles = self._canvas(world, env, position, quat_wxyz)
+        others = self._others_of(env)
+        bodies = posed_bodies(self._batch, env // self._batch.drones_per_env)
+        bodies += self._drones(env, others[: _MOST_BODIES - 1 - len(bodies)])
+        faded = None
+        if self._place is None:
+            canvas, faded = self._stages[world].set(position, quat_wxyz, self._anchor(env, position), bodies)
+        else:
+            canvas = self._stages[world].seen_from(*self._place, bodies)
         if self._batch.active[env]:
-            self._body.draw(canvas, position, quat_wxyz, line_px=self._line_px)
             self._draw_trail(canvas, env)
             draw_move_lines(canvas, self._batch, drones_of_env(self._batch, env), 2 * self._line_px)
             self._draw_cameras(canvas, env, position, quat_wxyz)
             if self._overlay is not None:
                 self._overlay.draw(self._batch, env, Drawing(canvas, self._line_px))
             self._draw_beams(canvas, env)  # last, because they are transparent
-        if self._others:
-            for other in np.flatnonzero(self._batch.active & (world_index == world_index[env])):
-                if other != env:
-                    pose = self._batch.position[other].astype(float), self._batch.quat_wxyz[other].astype(float)
-                    self._body.draw(canvas, *pose, pale=True, line_px=self._line_px)
-                    if other not in drones_of_env(self._batch, env):
-                        draw_move_lines(canvas, self._batch, [int(other)], 2 * self._line_px)
-        if obstacles is not None:
-            obstacles.draw(canvas)
-        return _averaged(canvas.rgb)
+        of_other_envs = [int(other) for other in others if other not in drones_of_env(self._batch, env)]
+        draw_move_lines(canvas, self._batch, of_other_envs, 2 * self._line_px)
+        if faded is not None:
+            faded.draw(canvas)
+        return canvas.rgb
 
-    def _canvas(
-        self, world: World, env: int, position: Floats, quat_wxyz: Floats
-    ) -> tuple[DepthCanvas, Obstacles | None]:
-        """Return the world to draw into, and the obstacles to draw last."""
-        stage = self._stages[world]
-        bodies = posed_bodies(self._batch, env // self._batch.drones_per_env)
-        stage.show_bodies(bodies)
-        if self._place is None:
-            return stage.set(position, quat_wxyz, self._anchor(env, position))
-        if bodies:
-            return stage.seen_from(*self._place), None
-        if world not in self._still:
-            self._still[world] = stage.seen_from(*self._place)
-        return self._still[world].copy(), None
+    def _others_of(self, env: int) -> Ints:
+        """Return the other drones of the same world to draw, the nearest first, without those within the drone."""
+        if not self._others:
+            return np.zeros(0, int)
+        world_index = np.repeat(self._batch.world_index, self._batch.drones_per_env)
+        others = np.flatnonzero(self._batch.active & (world_index == world_index[env]))
+        others = others[others != env]
+        apart = np.linalg.norm(self._batch.position[others] - self._batch.position[env], axis=1)
+        if self._batch.active[env]:
+            others, apart = others[apart > _SAME * self._length], apart[apart > _SAME * self._length]
+        nearest: Ints = others[np.argsort(apart, kind="stable")]
+        return nearest
+
+    def _drones(self, env: int, others: Ints) -> list[BodyConfig]:
+        position, quat_wxyz = self._batch.position, self._batch.quat_wxyz
+        drones = [self._body.at(position[other], quat_wxyz[other], pale=True) for other in others]
+        if self._batch.active[env]:
+            drones.append(self._body.at(position[env], quat_wxyz[env]))
+        return drones
 
     def _anchor(self, env: int, position: Floats) -> Floats:
         """Return the point that the viewer follows: the drone's mean position over the last steps."""
@@ -150,7 +160,7 @@ class ThirdPersonView:
         if self._place is None:  # older parts would cross the picture again and again
             left_m = np.cumsum(np.linalg.norm(np.diff(path[::-1], axis=0), axis=1))[::-1]
             path = path[int((left_m > _RECENT * self._length).sum()) :]
-        canvas.lines(path[:-1], path[1:], _TRAIL, width_px=2 * self._line_px)
+        canvas.lines(path[:-1], path[1:], self._style.trail, width_px=2 * self._line_px)
 
     def _draw_cameras(self, canvas: DepthCanvas, env: int, position: Floats, quat_wxyz: Floats) -> None:
         for camera in self._cameras:
@@ -158,15 +168,23 @@ class ThirdPersonView:
                 quat_wxyz, frustum(camera.config_of(env), _FRUSTUM_LENGTH * self._length)
             )
             for corner, following in zip(corners, corners[1:] + corners[:1], strict=True):
-                canvas.lines(np.array([apex, corner]), np.array([corner, following]), _FRUSTUM, width_px=self._line_px)
+                sides = np.array([apex, corner]), np.array([corner, following])
+                canvas.lines(*sides, self._style.frustum, width_px=self._line_px)
 
     def _draw_beams(self, canvas: DepthCanvas, env: int) -> None:
         if not self._beams:
             return
         origin, ends, hit = beams_of(self._batch, env)
         some = np.arange(0, len(ends), max(-(-len(ends) // _MAX_BEAMS), 1))
-        canvas.lines(np.broadcast_to(origin, ends[some].shape), ends[some], _BEAM, width_px=self._line_px, opacity=0.6)
-        canvas.dots(ends[hit], _HIT, size_px=3 * self._line_px)
+        style, (missing, reaching) = self._style, (ends[some][~hit[some]], ends[some][hit[some]])
+        parts = len(style.beam_opacity)
+        for part, opacity in enumerate(style.beam_opacity):
+            starts, stops = (origin + (missing - origin) * (at / parts) for at in (part, part + 1))
+            if part == 0:
+                starts = np.concatenate([starts, np.broadcast_to(origin, reaching.shape)])
+                stops = np.concatenate([stops, reaching])
+            canvas.lines(starts, stops, style.beam, width_px=self._line_px, opacity=opacity)
+        canvas.dots(ends[hit], style.hit, size_px=3 * self._line_px)
 
 
 def smoothed(path: Floats, most_m: float) -> Floats:
@@ -193,13 +211,3 @@ def frustum(camera: CameraConfig, length_m: float) -> Floats:
     top, bottom = camera.cy / camera.fy, (camera.cy - camera.height_px) / camera.fy
     local = np.array([[0, 0, 0], [1, left, top], [1, right, top], [1, right, bottom], [1, left, bottom]]) * length_m
     return np.asarray(camera.offset_m, float) + rotate(np.asarray(camera.quat_wxyz, float), local)
-
-
-def _averaged(fine: Image) -> Image:
-    rows = fine[::_FINER].astype(np.uint16)
-    for i in range(1, _FINER):
-        rows += fine[i::_FINER]
-    total = rows[:, ::_FINER].copy()
-    for j in range(1, _FINER):
-        total += rows[:, j::_FINER]
-    return ((total + _FINER * _FINER // 2) // (_FINER * _FINER)).astype(np.uint8)

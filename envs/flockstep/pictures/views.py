@@ -95,6 +95,8 @@ def make(
         markers=markers,
         overlay=drawn,
         mesh=DroneMesh._of_world(mesh) if isinstance(mesh, World) else mesh,
+        samples=choice.samples,
+        style=choice.style,
     )
     return view, trail
 

@@ -11,23 +11,19 @@ BOX = [[x, y, z] for x in (-0.3, 0.3) for y in (-0.2, 0.2) for z in (-0.1, 0.1)]
 
 
 def pictured(drone, mesh=None, **how):
-    """The picture of a drone from above, and its pixels."""
+    """The picture of a drone from above, and its pixels, without its shadow."""
     room = flockstep.World.from_dict(
         {"flockstep_scene": 1, "name": "room", "room": {"min": [-5, -5, -5], "max": [5, 5, 5]}}
     )
-    stage = Stage(room, 1.0, (320, 240))
-    canvas = stage.seen_from(np.array([0.0, 0.0, 2.0]), np.zeros(3))
-    before = canvas.rgb.copy()
-    Body(drone, mesh).draw(canvas, np.zeros(3), np.array([1.0, 0, 0, 0]), **how)
-    return canvas, (canvas.rgb != before).any(axis=-1)
+    stage, view = Stage(room, 1.0, (320, 240)), (np.array([0.0, 0.0, 2.0]), np.zeros(3))
+    canvas = stage.seen_from(*view, [Body(drone, mesh).at(np.zeros(3), np.array([1.0, 0, 0, 0]), **how)])
+    return canvas, canvas.depth != stage.seen_from(*view).depth
 
 
-def assert_solid(parts):
-    """Assert that each part is a body: its normals are unit, its corners are inside, and every face touches some."""
-    for part in parts:
-        np.testing.assert_allclose(np.linalg.norm(part.normals, axis=1), 1)
-        beyond = part.normals @ part.corners.T - part.offsets[:, None]
-        np.testing.assert_allclose(beyond.max(axis=1), 0, atol=1e-12)
+def corners_of(drone):
+    """The corners of a drone's shape. They are all used, and by triangles that face away from the middle of a part."""
+    mesh = Body(drone).at(np.zeros(3), np.array([1.0, 0, 0, 0])).mesh.mesh()
+    return mesh["vertices"].astype(float)
 
 
 @pytest.mark.parametrize("name", flockstep.DroneModel.names())
@@ -35,11 +31,9 @@ def test_a_drone_is_drawn_as_large_as_it_is(name):
     drone = flockstep.DroneModel.load(name)
     rotors = drone.to_dict()["rotors"]
     assert rotors["radius_m"] > 0
-    parts = Body(drone)._parts
-    assert_solid(parts)
-    corners = np.concatenate([part.corners for part in parts])
+    corners = corners_of(drone)
     tips = np.abs(rotors["position_m"])[:, :2].max(axis=0) + rotors["radius_m"]
-    np.testing.assert_allclose(np.abs(corners[:, :2]).max(axis=0), tips)
+    np.testing.assert_allclose(np.abs(corners[:, :2]).max(axis=0), tips, rtol=1e-6)
 
 
 @pytest.mark.parametrize("radius_m", [0, 0.1])
@@ -48,14 +42,14 @@ def test_rotors_may_be_anywhere(rear, radius_m):
     """Two rotors above each other, and one high in the middle; rotors without a radius are also drawn."""
     rotors = {"position_m": [[0.2, -0.2, 0], [0.2, 0.2, 0], *rear], "spin": ["ccw", "cw"] * 2, "radius_m": radius_m}
     x500 = flockstep.DroneModel.load("x500").to_dict()
-    parts = Body(flockstep.DroneModel.from_dict({**x500, "rotors": {**x500["rotors"], **rotors}}))._parts
-    assert_solid(parts)
-    corners = np.concatenate([part.corners for part in parts])
+    drone = flockstep.DroneModel.from_dict({**x500, "rotors": {**x500["rotors"], **rotors}})
+    corners = corners_of(drone)
     reach = 0.2 + (radius_m or 0.6 * np.hypot(0.2, 0.2))
-    np.testing.assert_allclose([corners[:, 0].max(), np.abs(corners[:, 1]).max()], reach)
-    middle = parts[0].corners
-    assert middle[:, 2].min() <= min(z for _, _, z in rotors["position_m"])
-    assert middle[:, 2].max() >= max(z for _, _, z in rotors["position_m"])
+    np.testing.assert_allclose([corners[:, 0].max(), np.abs(corners[:, 1]).max()], reach, rtol=1e-6)
+    # The middle reaches from the lowest to the highest hub.
+    canvas, _ = pictured(drone)
+    assert canvas.depth[120, 160] <= 2 - max(z for _, _, z in rotors["position_m"])
+    assert corners[:, 2].min() <= min(z for _, _, z in rotors["position_m"])
 
 
 @pytest.mark.parametrize("pale", [False, True])
@@ -70,15 +64,39 @@ def test_rotors_are_discs_at_their_places_the_front_ones_orange(pale):
     assert not seen[0].any()
 
 
-def test_without_rotors_a_drone_is_its_hull_with_edges():
+def test_without_rotors_a_drone_is_its_hull():
     canvas, seen = pictured(flockstep.DroneModel(BOX))
     ((left, top, _), (right, bottom, _)) = canvas.project(np.array([[0.3, 0.2, 0.1], [-0.3, -0.2, 0.1]]))
     rows, columns = np.nonzero(seen)
     found = sorted([columns.min(), columns.max()]) + sorted([rows.min(), rows.max()])
     expected = sorted([left, right]) + sorted([top, bottom])
     np.testing.assert_allclose(found, expected, atol=2)
-    colors = {tuple(color) for color in canvas.rgb[seen]}
-    assert (20, 40, 110) in colors
+    (color,) = {tuple(color) for color in canvas.rgb[seen]}
+    assert color[2] > 1.6 * color[0]
+    np.testing.assert_allclose(canvas.depth[seen], 1.9, rtol=1e-5)
+
+
+def test_a_hull_is_closed_and_all_its_faces_are_outside():
+    """A line from the middle leaves the default hull where a line from outside enters it."""
+    drone = flockstep.DroneModel()
+    shape = flockstep.World.from_dict(
+        {
+            "flockstep_scene": 1,
+            "meshes": [
+                {name: mesh[name].tolist() for name in ("vertices", "triangles")}
+                for mesh in [
+                    Body(flockstep.DroneModel(drone.hull)).at(np.zeros(3), np.array([1.0, 0, 0, 0])).mesh.mesh()
+                ]
+            ],
+        }
+    )
+    ways = np.random.default_rng(0).normal(size=(300, 3))
+    ways /= np.linalg.norm(ways, axis=1, keepdims=True)
+    inner = shape.raycast(np.zeros((300, 3)), ways, 10.0)["t_hit"]
+    outer = 10 - shape.raycast(10 * ways, -ways, 20.0)["t_hit"]
+    assert np.isfinite(inner).all()
+    np.testing.assert_allclose(inner, outer, atol=1e-4)
+    assert inner.max() <= np.linalg.norm(drone.hull, axis=1).max() + 1e-6
 
 
 def test_a_mesh_is_drawn_in_its_colours_instead():

@@ -5,7 +5,6 @@ import pytest
 
 import flockstep
 from flockstep.pictures.depth_canvas import DepthCanvas
-from flockstep.rotations import rotate
 
 INK = (250, 10, 10)
 # fx = fy = 20 px: a point 2 m ahead moves 10 pixels per metre.
@@ -123,68 +122,6 @@ def test_width_and_opacity():
     assert inked(dot) == {(row, column) for row in range(13, 16) for column in range(18, 21)}
 
 
-BOX_NORMALS = np.array([[1, 0, 0], [-1, 0, 0], [0, 1, 0], [0, -1, 0], [0, 0, 1], [0, 0, -1]], float)
-BOX_COLORS = np.array([INK, INK, (1, 2, 3), (4, 5, 6), (7, 8, 9), (10, 11, 12)], np.uint8)
-
-
-def box(drawn, center, half):
-    center, half = np.asarray(center, float), np.asarray(half, float)
-    corners = center + half * np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)])
-    drawn.solid(BOX_NORMALS, np.abs(BOX_NORMALS) @ half + BOX_NORMALS @ center, corners, BOX_COLORS)
-
-
-def test_a_solids_pixels_and_depth():
-    drawn = canvas()
-    box(drawn, (3, 0, 0), (1, 0.5, 0.4))  # its front, 2 m away, is 10 by 8 pixels
-    assert inked(drawn) == {(row, column) for row in range(11, 19) for column in range(15, 25)}
-    np.testing.assert_allclose(drawn.depth[11:19, 15:25], 2)
-    assert np.isfinite(drawn.depth).sum() == 80
-
-
-def test_a_solid_is_hidden_by_and_hides():
-    drawn = canvas(wall_m=1.5)
-    box(drawn, (3, 0, 0), (1, 0.5, 0.4))
-    assert not inked(drawn)
-    drawn = canvas()
-    box(drawn, (3, 0, 0), (1, 0.5, 0.4))
-    drawn.lines(np.array([[2.5, 1, 0]]), np.array([[2.5, -1, 0]]), (0, 0, 200))
-    assert (drawn.rgb[15, 15:25] == INK).all()
-    assert (drawn.rgb[15, 12:15] == (0, 0, 200)).all()
-
-
-def test_a_solid_agrees_with_the_engines_box():
-    """The same box in a world: the same pixels at the same depth."""
-    half = np.array([0.6, 0.4, 0.25])
-    turn = np.array([0.9, 0.1, 0.3, 0.3])
-    turn /= np.linalg.norm(turn)
-    scene = {
-        "flockstep_scene": 1,
-        "name": "box",
-        "boxes": [{"center": [2, 0.3, -0.2], "size": (2 * half).tolist(), "quat_wxyz": turn.tolist()}],
-    }
-    camera = flockstep.CameraConfig(width_px=160, height_px=120, outputs=("rgb", "depth"))
-    expected = flockstep.render(flockstep.World.from_dict(scene), (0, 0, 0), camera=camera)["depth"]
-    rgb, depth = np.zeros((120, 160, 3), np.uint8), np.full((120, 160), np.inf, np.float32)
-    normals = rotate(turn, BOX_NORMALS)
-    center = np.array([2, 0.3, -0.2])
-    corners = center + rotate(turn, half * np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)]))
-    DepthCanvas(rgb, depth, camera, np.zeros(3), LEVEL, LIGHT).solid(
-        normals, np.abs(BOX_NORMALS) @ half + normals @ center, corners, BOX_COLORS
-    )
-    assert (np.isfinite(depth) != np.isfinite(expected)).sum() <= 3
-    both = np.isfinite(depth) & np.isfinite(expected)
-    assert both.sum() > 1000
-    np.testing.assert_allclose(depth[both], expected[both], rtol=1e-4)
-
-
-def test_a_solid_around_or_behind_the_viewer_is_not_seen():
-    drawn = canvas()
-    box(drawn, (0, 0, 0), (1, 1, 1))
-    box(drawn, (-3, 0, 0), (1, 1, 1))
-    box(drawn, (2, 9, 0), (1, 1, 1))
-    assert not drawn.rgb.any()
-
-
 def test_a_spheres_pixels_depth_and_shade():
     """Compare with the equation of the sphere, pixel by pixel, and with the formula of the light."""
     drawn = canvas()
@@ -250,84 +187,32 @@ def test_a_turned_viewer():
     np.testing.assert_allclose(drawn.project(np.array([[1 - 1, 2 + 2, 3 + 1.0]])), [[10, 5, 2]], atol=1e-9)
 
 
-def brute_force(drawn, corners):
-    """(H, W) depth and triangle index, by intersecting each pixel's ray with each triangle in double precision."""
-    depth, which = np.full(drawn.depth.shape, np.inf), np.full(drawn.depth.shape, -1)
-    for row in range(30):
-        for column in range(40):
-            ray = np.array([1, (20 - column - 0.5) / 20, (15 - row - 0.5) / 20])
-            for index, (a, b, c) in enumerate(corners):
-                matrix = np.stack([a - b, a - c, ray], axis=1)
-                if abs(np.linalg.det(matrix)) < 1e-12:
-                    continue
-                u, v, distance = np.linalg.solve(matrix, a)
-                if u >= 0 and v >= 0 and u + v <= 1 and 0.1 <= distance < depth[row, column]:
-                    depth[row, column], which[row, column] = distance, index
-    return depth, which
+CENTERS = np.array([[4.0, x, -1] for x in np.arange(-2, 2, 0.5)])
+STROKES = {
+    "lines": lambda drawn: drawn.lines(np.array([[2, 1.3, 0.9]]), np.array([[9, -4.0, -1]]), INK, width_px=3),
+    "glass": lambda drawn: drawn.lines(
+        np.zeros((5, 3)), np.array([[3.0, y, y / 2] for y in range(5)]), INK, opacity=0.6
+    ),
+    "dots": lambda drawn: drawn.dots(np.array([[2, 0.33, 0.2], [3, 9, 9.0]]), INK, size_px=5),
+    "sphere": lambda drawn: drawn.sphere(np.array([3, 0.4, -0.3]), 0.8, INK),
+    "cells": lambda drawn: drawn.cells(CENTERS, 0.5, np.arange(24, dtype=np.uint8).reshape(8, 3) * 10),
+    "stamp": lambda drawn: drawn.stamp(np.array([3, 0.4, -0.3]), np.full((7, 9, 4), 200, np.uint8)),
+}
 
 
-@pytest.mark.parametrize("nearest", [0.5, -1.0])
-def test_triangles_pixels_and_depth(nearest):
-    """Random triangles that intersect each other and, in the second case, also the near plane and the viewer."""
-    rng = np.random.default_rng(4)
-    corners = rng.uniform([nearest, -1.5, -1.5], [4, 1.5, 1.5], (25, 3, 3))
-    colors = rng.integers(1, 255, (25, 3)).astype(np.uint8)
-    drawn = canvas()
-    drawn.triangles(corners, colors)
-    depth, which = brute_force(drawn, corners)
-    seen = np.isfinite(depth)
-    assert 300 < seen.sum() < 1200
-    np.testing.assert_array_equal(np.isfinite(drawn.depth), seen)
-    np.testing.assert_allclose(drawn.depth[seen], depth[seen], rtol=1e-5)
-    np.testing.assert_array_equal(drawn.rgb[seen], colors[which[seen]])
-    assert not drawn.rgb[~seen].any()
-
-
-def test_triangles_that_share_their_sides_leave_no_gap():
-    """A fan of slivers around a point fills the frame at any rotation: every pixel is drawn exactly once."""
-    angle = np.linspace(0, 2 * np.pi, 200)
-    rim = np.stack([np.full(200, 2.0), 4 * np.cos(angle), 4 * np.sin(angle)], axis=1)
-    fan = np.stack([np.broadcast_to([2.0, 0.013, 0.021], (199, 3)), rim[:-1], rim[1:]], axis=1)
-    drawn = canvas()
-    drawn.triangles(fan, np.full((199, 3), 9, np.uint8))
-    np.testing.assert_allclose(drawn.depth, 2, rtol=1e-6)
-    assert (drawn.rgb == 9).all()
-
-
-def test_triangles_hide_and_are_hidden():
-    square = np.array([[[2, 1, -1], [2, -1, -1], [2, 1, 1]], [[2, -1, -1], [2, -1, 1], [2, 1, 1]]], float)
-    ink = np.tile(np.array([INK], np.uint8), (2, 1))
-    wall = canvas(wall_m=1.9)
-    wall.triangles(square, ink)
-    assert not inked(wall)
-    drawn = canvas(wall_m=2.1)
-    drawn.triangles(square, ink)
-    assert inked(drawn) == {(row, column) for row in range(5, 25) for column in range(10, 30)}
-    drawn.lines(np.array([[3.0, 2, 0]]), np.array([[3.0, -2, 0]]), (0, 0, 200))  # also behind the wall
-    assert len(inked(drawn)) == 400
-    box(drawn, (1.5, 0, 0), (0.2, 0.1, 0.1))
-    assert drawn.depth[15, 20] == pytest.approx(1.3)
-    drawn.triangles(square, ink)
-    assert drawn.depth[15, 20] == pytest.approx(1.3)
-    behind = canvas()
-    behind.triangles(square - np.array([5, 0, 0]), ink)
-    behind.triangles(square + np.array([0, 9, 0]), ink)
-    behind.triangles(square[:0], ink[:0])
-    assert not inked(behind)
-
-
-def test_triangles_agree_with_the_engines_mesh():
-    """The same mesh in a world: the same pixels at the same depth."""
-    rng = np.random.default_rng(0)
-    corners = rng.uniform([1, -1, -1], [4, 1, 1], (40, 3, 3)).astype(np.float32)
-    mesh = {"vertices": corners.reshape(-1, 3).tolist(), "triangles": np.arange(120).reshape(-1, 3).tolist()}
-    camera = flockstep.CameraConfig(width_px=160, height_px=120, outputs=("rgb", "depth"))
-    world = flockstep.World.from_dict({"flockstep_scene": 1, "name": "mesh", "meshes": [mesh]})
-    expected = flockstep.render(world, (0, 0, 0), camera=camera)["depth"]
-    rgb, depth = np.zeros((120, 160, 3), np.uint8), np.full((120, 160), np.inf, np.float32)
-    drawn = DepthCanvas(rgb, depth, camera, np.zeros(3), LEVEL, LIGHT)
-    drawn.triangles(corners.astype(float), np.full((40, 3), 99, np.uint8))
-    both = np.isfinite(depth) & np.isfinite(expected)
-    assert (np.isfinite(depth) != np.isfinite(expected)).sum() <= 10
-    assert both.sum() > 4000
-    assert (np.abs(depth[both] - expected[both]) > 1e-4 * expected[both]).sum() <= 10  # at edges that one just misses
+@pytest.mark.parametrize("stroke", STROKES)
+def test_finer_samples_are_the_mean_of_a_finer_picture(stroke):
+    """Drawn once into a picture with 2 x 2 samples in a pixel, and once into one with four times as many pixels."""
+    wide = flockstep.CameraConfig(width_px=80, height_px=60, hfov_deg=90)
+    whole = DepthCanvas(
+        np.full((60, 80, 3), 50, np.uint8), np.full((60, 80), np.inf, np.float32), wide, np.zeros(3), LEVEL, LIGHT
+    )
+    drawn = DepthCanvas(
+        np.full((30, 40, 3), 50, np.uint8), np.full((30, 40), np.inf, np.float32), CAMERA, np.zeros(3), LEVEL, LIGHT, 2
+    )
+    STROKES[stroke](whole)
+    STROKES[stroke](drawn)
+    expected = whole.rgb.reshape(30, 2, 40, 2, 3).mean(axis=(1, 3))
+    assert (expected != 50).any()
+    np.testing.assert_allclose(drawn.rgb, expected, atol=1)
+    np.testing.assert_allclose(drawn.depth, whole.depth.reshape(30, 2, 40, 2).min(axis=(1, 3)), rtol=1e-6)

@@ -104,6 +104,46 @@ def test_the_camera_is_chosen(room):
         flockstep.DroneVectorEnv(1, **keywords, render_view="camera", render_camera="behind")
 
 
+def shown(room, **keywords):
+    """A picture of an env from a corner of the room, after a step."""
+    view = ((0.5, 0.5, 3.5), (5, 6, 1))
+    keywords = {"render_view": view, "render_size": (160, 120), "render_mode": "rgb_array", **keywords}
+    envs = flockstep.DroneVectorEnv(1, worlds=room, **keywords)
+    envs.reset(seed=0)
+    envs.step([0])
+    (image,) = envs.render()
+    envs.close()
+    return image
+
+
+def test_the_dark_style_is_dark_with_bright_drones(room):
+    bright, dark = (shown(room, render_style=style).astype(int) for style in ("bright", "dark"))
+    assert bright.mean() > 140
+    assert dark.mean() < 70
+    assert (dark.max(axis=-1) > 200).sum() > 10
+    # The same world from the same place: what is lit in one picture is not somewhere else in the other.
+    edges = [np.abs(np.diff(image.mean(axis=-1), axis=1)) > 4 for image in (bright, dark)]
+    assert (edges[0] & edges[1]).sum() > 0.3 * edges[1].sum()
+
+
+def test_more_samples_smooth_edges_only(room):
+    one, four, sixteen = (shown(room, render_samples=samples).astype(int) for samples in (1, 4, 16))
+    np.testing.assert_array_equal(four, shown(room))
+    apart = [np.abs(image - sixteen).max(axis=-1) for image in (one, four)]
+    assert apart[1].mean() < 0.6 * apart[0].mean()
+    assert (apart[0] > 8).mean() < 0.2
+
+
+def test_odd_places_and_sizes_are_sane_pictures(room):
+    """One pixel, a viewer inside the pillar, and one outside the room."""
+    assert shown(room, render_size=(1, 1)).shape == (1, 1, 3)
+    assert shown(room, render_size=(1, 1), render_view="third_person", render_samples=16).shape == (1, 1, 3)
+    inside = shown(room, render_view=((4, 4.5, 2), (8, 4.5, 2)))
+    assert inside.any()
+    outside = shown(room, render_view=((-30, -30, 20), (4, 4, 2)))
+    assert outside.any()
+
+
 @pytest.mark.parametrize(
     ("keywords", "said"),
     [
@@ -112,6 +152,11 @@ def test_the_camera_is_chosen(room):
         ({"render_size": (100.5, 10)}, ["render_size", (100.5, 10)]),
         ({"render_size": (True, 10)}, ["render_size", (True, 10)]),
         ({"render_camera": "eye"}, ["render_camera", "eye"]),
+        ({"render_view": "fleet", "render_style": "drak"}, ["render_style", "bright", "dark", "drak"]),
+        ({"render_view": "fleet", "render_style": 7}, ["render_style", 7]),
+        ({"render_view": "top", "render_style": "dark"}, ["render_style", "top", "dark"]),
+        ({"render_view": "fleet", "render_samples": 2}, ["render_samples", 1, 4, 9, 16, 2]),
+        ({"render_view": "fleet", "render_samples": True}, ["render_samples", True]),
         ({"render_view": "side"}, ["render_view", "side"]),
         ({"render_view": ((0, 0, 0),)}, ["render_view", "two points"]),
         ({"render_view": ((0, 0, 0), (0, 0, 0))}, ["render_view", "two points"]),

@@ -12,6 +12,7 @@ from PIL import Image
 import flockstep
 from flockstep.pictures import third_person_view
 from flockstep.pictures.lines import beams_of
+from flockstep.pictures.style import DARK_LIGHT
 from flockstep.rotations import rotate
 from flockstep.trainings import TRAININGS, UNSEEN_SEEDS, judge
 from tools import catch_film, films, flight_film, race_film, stills, track_film
@@ -139,7 +140,7 @@ def test_the_drone_is_where_it_projects_to(playground, content):
     moved = np.asarray(scene.picture(content, 0), int)
     rgb = np.zeros((225 * FINER, 400 * FINER, 3), np.uint8)
     canvas = flight_film.DepthCanvas(
-        rgb, np.zeros(rgb.shape[:2], np.float32), scene.camera, scene.viewer, scene.turn, flight_film.LIGHT
+        rgb, np.zeros(rgb.shape[:2], np.float32), scene.camera, scene.viewer, scene.turn, DARK_LIGHT
     )
     x, y, _ = canvas.project(content.position[[index]])[0] / FINER
     red, green, blue = picture.transpose(2, 0, 1)
@@ -200,15 +201,16 @@ def test_the_drone_and_the_next_gate_are_where_they_project_to(raced):
     step = 60
     picture = np.asarray(scene.picture(raced, step), int)
     following = (raced.first + int(raced.passed[step])) % len(scene.gates)
-    canvas = scene.canvas(following)
-    empty = np.asarray(Image.fromarray(canvas.rgb).reduce(FINER), int)
+    canvas = scene.canvas(raced, step)
+    elsewhere = replace(raced, position=raced.position + np.array([0, 0, 50]))
+    empty = scene.canvas(elsewhere, step).rgb.astype(int)
     (x, y, _), (gate_x, gate_y, _) = canvas.project(np.array([raced.position[step], scene.gates[following]["center"]]))
-    rows, columns = np.nonzero((picture != empty).any(axis=-1))
-    assert np.hypot(columns - x / FINER, rows - y / FINER).min() < 4
+    rows, columns = np.nonzero((canvas.rgb != empty).any(axis=-1) & (picture != empty).any(axis=-1))
+    assert np.hypot(columns - x, rows - y).min() < 4
     red, green, blue = empty.transpose(2, 0, 1)
     rows, columns = np.nonzero((green > red + 60) & (green > blue + 20))
     assert len(rows) > 50
-    assert np.hypot(columns.mean() - gate_x / FINER, rows.mean() - gate_y / FINER) < 8
+    assert np.hypot(columns.mean() - gate_x, rows.mean() - gate_y) < 8
 
 
 # --- stills

@@ -37,32 +37,46 @@ bool is_behind(const Aabb& room, const Vec3& point, const Vec3& sun) {
   return enter > 0.0F && enter <= leave;
 }
 
+// Floats of all rays of a tile, in vectors of the processor.
+using RayArray = Eigen::Array<float, Eigen::Dynamic, 1, Eigen::ColMajor, static_cast<Eigen::Index>(trace::kMaxRays)>;
+using RayView = Eigen::Map<Eigen::ArrayXf>;
+
 // Finds the hits that lie in shadow: traces a ray from each hit towards the sun.
 void find_shadows(const RenderRequest& request, const trace::RayBundle& rays, RaycastScratch& scratch) {
   trace::RayBlock& block = scratch.tracer.block();
   const Vec3 sun = to_sun(request);
   constexpr float kFar = std::numeric_limits<float>::max();
-  Aabb hits{Vec3::Constant(kFar), Vec3::Constant(-kFar)};
+  const auto count = static_cast<Eigen::Index>(rays.count);
+  const auto view = [count](const float* values) { return Eigen::Map<const Eigen::ArrayXf>(values, count); };
+  const auto hit = Eigen::Map<const Eigen::ArrayXi>(rays.element, count) >= 0;
+  const RayArray distance = hit.select(view(rays.t_hit), 0.0F);
   block.count = rays.count;
   block.near = 0.0F;
-  for (std::size_t i = 0; i < rays.count; ++i) {
-    const bool hit = rays.element[i] >= 0;
-    const Vec3 direction = rays.direction(i);
-    Vec3 point = hit ? Vec3(rays.origin + rays.t_hit[i] * direction) : rays.origin;
-    // Moves away from the surface: back along the ray, and towards the sun.
-    const float lift = kLift * (1.0F + point.cwiseAbs().maxCoeff());
-    point += lift * (sun - direction.normalized());
-    block.org_x[i] = point.x();
-    block.org_y[i] = point.y();
-    block.org_z[i] = point.z();
-    block.dir_x[i] = sun.x();
-    block.dir_y[i] = sun.y();
-    block.dir_z[i] = sun.z();
-    block.range[i] = hit ? kFar : 0.0F;
-    if (!hit) continue;
-    hits.min = hits.min.cwiseMin(point);
-    hits.max = hits.max.cwiseMax(point);
+  float* const origins[3] = {block.org_x, block.org_y, block.org_z};
+  RayArray directions[3];
+  RayArray farthest = RayArray::Zero(count);  // largest coordinate
+  for (Eigen::Index axis = 0; axis < 3; ++axis) {
+    const auto m = rays.rotation.row(axis);
+    RayArray& direction = directions[axis];
+    direction = m[0] * view(rays.x) + (m[1] * view(rays.y) + m[2] * view(rays.z));
+    RayView(origins[axis], count) = rays.origin[axis] + distance * direction;
+    farthest = farthest.max(view(origins[axis]).abs());
   }
+  RayArray length = directions[0].square() + (directions[1].square() + directions[2].square());
+  for (float& value : length) value = std::sqrt(value);  // exactly, unlike Eigen's
+  // Moves away from the surface: back along the ray, and towards the sun.
+  const RayArray lift = kLift * (1.0F + farthest);
+  float* const towards[3] = {block.dir_x, block.dir_y, block.dir_z};
+  const RayArray missed = hit.select(RayArray::Zero(count), kFar);  // moves other rays out of the box around all hits
+  Aabb hits;
+  for (Eigen::Index axis = 0; axis < 3; ++axis) {
+    RayView origin(origins[axis], count);
+    origin += lift * (sun[axis] - directions[axis] / length);
+    RayView(towards[axis], count) = sun[axis];
+    hits.min[axis] = (origin + missed).minCoeff();
+    hits.max[axis] = (origin - missed).maxCoeff();
+  }
+  RayView(block.range, count) = kFar - missed;
   const bool has_casters = !scratch.casters.empty() && hits.min.x() <= hits.max.x();
   if (has_casters) {
     scratch.tracer.trace_shadows(*request.scene, scratch.casters.above(hits), scratch.casters.meshes_above(hits));
@@ -71,7 +85,8 @@ void find_shadows(const RenderRequest& request, const trace::RayBundle& rays, Ra
   }
   for (std::size_t i = 0; i < rays.count; ++i) scratch.shaded[i] = std::isfinite(block.t_hit[i]);
   const std::optional<Aabb>& room = request.shading->room();
-  for (std::size_t i = 0; room && i < rays.count; ++i) {
+  const bool outside = room && !((room->min.array() <= hits.min.array()).all() && (hits.max.array() <= room->max.array()).all());
+  for (std::size_t i = 0; outside && i < rays.count; ++i) {
     const Vec3 point(block.org_x[i], block.org_y[i], block.org_z[i]);
     if (rays.element[i] >= 0 && is_behind(*room, point, sun)) scratch.shaded[i] = 1;
   }
