@@ -189,8 +189,8 @@ double tiles_advantage(int side, int triangles) {
     return batch;
   };
   const auto tiles = make_batch(TracerKind::tiles), embree = make_batch(TracerKind::embree);
-  const bench::Times times =
-      bench::interleave({{"tiles", [&] { tiles->capture(0); }}, {"embree", [&] { embree->capture(0); }}}, kRuns, 0.01);
+  const bench::Times times = bench::interleave(
+      {{"tiles", [&] { tiles->camera(0).capture(); }}, {"embree", [&] { embree->camera(0).capture(); }}}, kRuns, 0.01);
   return bench::median_ratio(times[1], times[0]);
 }
 

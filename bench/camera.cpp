@@ -279,13 +279,13 @@ void bench_case(const std::string& name, const std::shared_ptr<const flockstep::
 
   const auto gl = make_batch(world, poses, camera, flockstep::CameraBackend::gl);
   const std::vector<bench::Variant> variants{
-      {"raycast", [&] { batch->capture(0); }},
-      {"gl", [&] { gl->capture(0); }},
+      {"raycast", [&] { batch->camera(0).capture(); }},
+      {"gl", [&] { gl->camera(0).capture(); }},
       {"bare Embree 4x2 coherent", [&] { render_bare<RTCRayHit8, 2>(bare, cameras, true); }},
       {"bare Embree 4x2 incoherent", [&] { render_bare<RTCRayHit8, 2>(bare, cameras, false); }},
       {"bare Embree 4x4 coherent", [&] { render_bare<RTCRayHit16, 4>(bare, cameras, true); }},
       {"bare Embree 4x4 incoherent", [&] { render_bare<RTCRayHit16, 4>(bare, cameras, false); }},
-      {"through Embree", [&] { embree->capture(0); }}};
+      {"through Embree", [&] { embree->camera(0).capture(); }}};
   const flockstep::FlushDenormals flush;
   const bench::Times times = bench::interleave(variants, kRuns);
   constexpr std::size_t kFirstBare = 2, kThroughEmbree = 6;
@@ -297,10 +297,10 @@ void bench_case(const std::string& name, const std::shared_ptr<const flockstep::
     std::fprintf(stderr, "  %-12s %-28s %10.1f frames/s\n", name.c_str(), variants[v].label.c_str(),
                  static_cast<double>(n) / bench::median(times[v]));
   }
-  const std::vector<float>& ours = batch->images(0).depth;
+  const std::vector<float>& ours = batch->camera(0).images().depth;
   using Seen = std::pair<const char*, const std::vector<float>*>;
-  for (const auto& [text, depth] :
-       {Seen{"bare Embree", &cameras.depth}, Seen{"gl", &gl->images(0).depth}, Seen{"Embree", &embree->images(0).depth}}) {
+  for (const auto& [text, depth] : {Seen{"bare Embree", &cameras.depth}, Seen{"gl", &gl->camera(0).images().depth},
+                                    Seen{"Embree", &embree->camera(0).images().depth}}) {
     const double share = share_that_differs(ours, *depth);
     if (share < 0.04) continue;
     std::fprintf(stderr, "%s: %s differs in depth from raycast in %.1f %% of the pixels\n", name.c_str(), text, 100.0 * share);
@@ -338,8 +338,8 @@ void bench_table(const std::string& name, const std::shared_ptr<const flockstep:
       const flockstep::CameraConfig camera = rgb_and_depth(width, height);
       const auto raycast = make_batch(world, poses, camera, flockstep::CameraBackend::raycast);
       const auto gl = make_batch(world, poses, camera, flockstep::CameraBackend::gl);
-      const bench::Times times =
-          bench::interleave({{"raycast", [&] { raycast->capture(0); }}, {"gl", [&] { gl->capture(0); }}}, kTableRuns);
+      const bench::Times times = bench::interleave(
+          {{"raycast", [&] { raycast->camera(0).capture(); }}, {"gl", [&] { gl->camera(0).capture(); }}}, kTableRuns);
       const std::string size = size_of(width, height, num_drones);
       for (std::size_t v = 0; v < 2; ++v) {
         const char* const backend = v == 0 ? "raycast" : "gl";

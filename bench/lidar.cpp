@@ -199,7 +199,7 @@ void bench_case(const std::string& name, const flockstep::LidarConfig& lidar, in
 
   const std::size_t per_drone = static_cast<std::size_t>(lidar.rows()) * static_cast<std::size_t>(lidar.columns());
   std::vector<float> directions(3 * n * per_drone);
-  batch.lidar_directions(directions);  // level drones: body and world frame are aligned
+  batch.lidar().directions(directions);  // level drones: body and world frame are aligned
   std::vector<Rays> rays(worlds.size());
   std::vector<std::unique_ptr<BareScene>> analytic, triangles;
   std::vector<BareDirect> direct;
@@ -235,7 +235,8 @@ void bench_case(const std::string& name, const flockstep::LidarConfig& lidar, in
                         }});
   };
   variants.push_back({"engine", [&batch] { batch.sense(); }});
-  if (has_primitives) add("bare direct", [&](std::size_t w) { direct[w].scan(beams, per_drone, lidar.max_range_m); });
+  if (has_primitives)
+    add("bare direct", [&](std::size_t w) { direct[w].lidar(lidar.max_range_m).scan(DroneIndex(beams), per_drone); });
   const std::size_t first_analytic = variants.size();
   std::size_t first_triangles = first_analytic;
   for (const bool tessellated : {false, true}) {

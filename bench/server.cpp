@@ -263,7 +263,7 @@ constexpr int kQuality = 90;
   config.cameras = {camera};
   Batch batch(config, {World::load(FLOCKSTEP_SCENES "/playground/train-1.json")});
   batch.sense();
-  const std::vector<std::uint8_t> image = batch.picture(0, 0);
+  const std::vector<std::uint8_t> image = batch.camera(0).picture(DroneIndex(0));
   std::puts("encoding");
   std::fflush(stdout);
   const auto start = std::chrono::steady_clock::now();

@@ -195,7 +195,7 @@ Viewed<FlightState> flight_arrays(const py::object& self, const char*) {
   return {batch.state().flight, memory_of(self)};
 }
 Viewed<MoveLineState> move_line_arrays(const py::object& self, const char*) {
-  return {self.cast<const Batch&>().move_lines(), memory_of(self)};
+  return {self.cast<const Batch&>().move_lines().state(), memory_of(self)};
 }
 Viewed<PoseReadings> poses_arrays(const py::object& self, const char*) {
   return {self.cast<const Batch&>().pose_readings(), memory_of(self)};
@@ -203,7 +203,7 @@ Viewed<PoseReadings> poses_arrays(const py::object& self, const char*) {
 Viewed<ImuReadings> imu_arrays(const py::object& self, const char*) {
   const auto& batch = self.cast<const Batch&>();
   if (batch.config().imus.empty()) throw py::attribute_error("this Batch has no IMU: give it one (imu=...)");
-  return {batch.imu_readings(), memory_of(self)};
+  return {batch.imu().readings(), memory_of(self)};
 }
 Viewed<ContactState> contacts_arrays(const py::object& self, const char*) {
   const auto& view = self.cast<const ContactView&>();
@@ -237,8 +237,8 @@ void register_batch(py::module_& module) {
       .def_property_readonly("num_drones", [](const Batch& batch) { return batch.config().num_drones(); })
       .def_property_readonly("generation", [](const Batch& batch) { return ServedBatch::generation(batch); })
       .def_property_readonly("num_threads", [](const Batch& batch) { return batch.num_threads(); })
-      .def_property_readonly("embree_rays", [](const Batch& batch) { return batch.embree_rays(); })
-      .def_property_readonly("embree_packets", [](const Batch& batch) { return batch.embree_packets(); })
+      .def_property_readonly("embree_rays", [](const Batch& batch) { return batch.embree().rays; })
+      .def_property_readonly("embree_packets", [](const Batch& batch) { return batch.embree().packets; })
       .def_property_readonly("dynamics", [](const Batch& batch) { return batch.config().dynamics; })
       .def_property_readonly("clock", [](const Batch& batch) { return batch.config().clock; })
       .def_property_readonly(
@@ -275,7 +275,7 @@ void register_batch(py::module_& module) {
             const auto p = row_floats(position, "position", n, 3);
             const auto q = row_floats(quat_wxyz, "quat_wxyz", n, 4);
             const auto m = flags(mask, "mask", num_drones(batch));
-            in_turn(batch, [&] { r.given() ? batch.set_poses(r, p, q) : batch.set_pose(p, q, m); });
+            in_turn(batch, [&] { r.given() ? batch.set_pose(r, p, q) : batch.set_pose(p, q, m); });
           },
           py::arg("position") = none, py::arg("quat_wxyz") = none, py::arg("mask") = none, py::kw_only(), py::arg("rows") = none)
       .def(
@@ -314,7 +314,7 @@ void register_batch(py::module_& module) {
             const auto w = row_floats(angular_velocity, "angular_velocity", n, 3);
             const auto r = row_floats(rotor_speed, "rotor_speed", n, py::ssize_t{kRotors});
             const auto m = flags(mask, "mask", num_drones(batch));
-            in_turn(batch, [&] { drones.given() ? batch.set_velocities(drones, v, w, r) : batch.set_velocity(v, w, r, m); });
+            in_turn(batch, [&] { drones.given() ? batch.set_velocity(drones, v, w, r) : batch.set_velocity(v, w, r, m); });
           },
           py::arg("velocity") = none, py::arg("angular_velocity") = none, py::arg("rotor_speed") = none, py::arg("mask") = none,
           py::kw_only(), py::arg("rows") = none)
@@ -427,12 +427,14 @@ void register_batch(py::module_& module) {
           [](Batch& batch, const py::object& visible, const py::object& mask) {
             const bool shown = from_python<bool>(visible, "visible");
             const auto m = flags(mask, "mask", num_drones(batch));
-            in_turn(batch, [&] { batch.set_move_line_visible(shown, m); });
+            in_turn(batch, [&] { batch.move_lines().set_visible(shown, m); });
           },
           py::arg("visible"), py::arg("mask") = none)
       .def(
           "move_line",
-          [](const Batch& batch, std::int64_t index) { return rows(in_turn(batch, [&] { return batch.move_line(index); })); },
+          [](const Batch& batch, std::int64_t index) {
+            return rows(in_turn(batch, [&] { return batch.move_lines().path(drone_at(batch, index)); }));
+          },
           py::arg("index"))
       .def(
           "seed",

@@ -7,6 +7,7 @@
 #include <memory>
 #include <string>
 
+#include "base/require.hpp"
 #include "flockstep/batch.hpp"
 #include "flockstep/served_batch.hpp"
 
@@ -31,6 +32,14 @@ void add_terms(pybind11::module_& module, BatchClass& cls);
 
 inline pybind11::ssize_t num_drones(const Batch& batch) { return batch.config().num_drones(); }
 inline pybind11::ssize_t num_envs(const Batch& batch) { return batch.config().num_envs; }
+
+// Returns a number of Python's as the index of a drone.
+inline DroneIndex drone_at(const Batch& batch, std::int64_t index) {
+  const std::int64_t end = num_drones(batch);
+  require(index >= 0 && index < end, "index", "an integer in [0, " + std::to_string(end) + ")", index);
+  return DroneIndex(index);
+}
+
 inline std::string counted(std::int64_t count, const std::string& noun) {
   return std::to_string(count) + " " + noun + (count == 1 ? "" : "s");
 }

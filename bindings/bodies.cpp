@@ -21,7 +21,7 @@ struct BodiesView {
   py::object owner;
 
   Batch& batch() const { return owner.cast<Batch&>(); }
-  py::ssize_t per_env() const { return static_cast<py::ssize_t>(batch().bodies_per_env()); }
+  py::ssize_t per_env() const { return static_cast<py::ssize_t>(batch().bodies().per_env()); }
   Shape rows(py::ssize_t columns) const { return {num_envs(batch()), per_env(), columns}; }
 };
 
@@ -72,7 +72,7 @@ void add_bodies(py::module_& module, BatchClass& cls) {
             const auto v = floats(velocity, "velocity", {n, 3});
             const auto w = floats(angular_velocity, "angular_velocity", {n, 3});
             const auto m = flags(mask, "mask", n);
-            const std::vector<std::int64_t> slots = in_turn(batch, [&] { return batch.spawn_bodies(body, p, q, v, w, m); });
+            const std::vector<std::int64_t> slots = in_turn(batch, [&] { return batch.bodies().spawn(body, p, q, v, w, m); });
             return py::array_t<std::int64_t>(n, slots.data());
           },
           py::arg("body"), py::arg("position") = none, py::arg("quat_wxyz") = none, py::arg("velocity") = none,
@@ -81,7 +81,7 @@ void add_bodies(py::module_& module, BatchClass& cls) {
           "remove",
           [](const BodiesView& view, const py::object& mask) {
             const std::vector<std::uint8_t> m = body_mask(view, mask);
-            in_turn(view.batch(), [&] { view.batch().remove_bodies(m); });
+            in_turn(view.batch(), [&] { view.batch().bodies().remove(m); });
           },
           py::arg("mask") = none)
       .def(
@@ -90,7 +90,7 @@ void add_bodies(py::module_& module, BatchClass& cls) {
             const auto p = floats(position, "position", view.rows(3));
             const auto q = floats(quat_wxyz, "quat_wxyz", view.rows(4));
             const std::vector<std::uint8_t> m = body_mask(view, mask);
-            in_turn(view.batch(), [&] { view.batch().set_body_pose(p, q, m); });
+            in_turn(view.batch(), [&] { view.batch().bodies().set_pose(p, q, m); });
           },
           py::arg("position") = none, py::arg("quat_wxyz") = none, py::arg("mask") = none)
       .def(
@@ -99,14 +99,19 @@ void add_bodies(py::module_& module, BatchClass& cls) {
             const auto v = floats(velocity, "velocity", view.rows(3));
             const auto w = floats(angular_velocity, "angular_velocity", view.rows(3));
             const std::vector<std::uint8_t> m = body_mask(view, mask);
-            in_turn(view.batch(), [&] { view.batch().set_body_velocity(v, w, m); });
+            in_turn(view.batch(), [&] { view.batch().bodies().set_velocity(v, w, m); });
           },
           py::arg("velocity") = none, py::arg("angular_velocity") = none, py::arg("mask") = none)
       .def(
           "config",
           [](const BodiesView& view, const py::object& env, const py::object& body) -> std::optional<BodyConfig> {
-            const auto e = from_python<std::int64_t>(env, "env"), b = from_python<std::int64_t>(body, "body");
-            const BodyConfig* const found = view.batch().body_config(e, b);
+            const auto at = [](const py::object& number, const char* name, std::int64_t end) {
+              const auto index = from_python<std::int64_t>(number, name);
+              require(index >= 0 && index < end, name, "an integer in [0, " + std::to_string(end) + ")", index);
+              return static_cast<std::size_t>(index);
+            };
+            const EnvIndex e(at(env, "env", num_envs(view.batch())));
+            const BodyConfig* const found = view.batch().bodies().config(e, at(body, "body", view.per_env()));
             return found == nullptr ? std::nullopt : std::optional(*found);
           },
           py::arg("env"), py::arg("body"));

@@ -23,27 +23,23 @@ struct LidarView {
   std::size_t index;
 
   const Batch& batch() const { return owner.cast<const Batch&>(); }
-  const Batch& scanned() const {
-    batch().require_scan(index);
-    return batch();
-  }
+  const Batch::Lidar facet() const { return batch().lidar(index); }
   const LidarConfig& config() const { return batch().config().lidars[index]; }
   Shape shape() const { return {batch().config().num_drones(), config().rows(), config().columns()}; }
 };
 
 Viewed<LidarReadings> readings_of(const py::object& self, const char* name) {
   const auto& lidar = self.cast<const LidarView&>();
-  const Batch& batch = name == std::string_view("ranges") ? lidar.scanned() : lidar.batch();
-  return {batch.lidar_readings(lidar.index), memory_of(lidar.owner), items_of(lidar.config())};
+  if (name == std::string_view("ranges")) lidar.facet().require_scan();
+  return {lidar.facet().readings(), memory_of(lidar.owner), items_of(lidar.config())};
 }
 
-py::array_t<float> per_ray(const LidarView& lidar, void (Batch::*fill)(std::span<float>, std::size_t) const) {
-  const Batch& batch = lidar.batch();
-  return in_turn(batch, [&] {  // the shape may change until then
+py::array_t<float> per_ray(const LidarView& lidar, void (Batch::Lidar::*fill)(std::span<float>) const) {
+  return in_turn(lidar.batch(), [&] {  // the shape may change until then
     Shape shape = lidar.shape();
     shape.push_back(3);
     py::array_t<float> array(shape);
-    (batch.*fill)({array.mutable_data(), static_cast<std::size_t>(array.size())}, lidar.index);
+    (lidar.facet().*fill)({array.mutable_data(), static_cast<std::size_t>(array.size())});
     return array;
   });
 }
@@ -54,7 +50,8 @@ struct CameraView {
   std::size_t index;
 
   Batch& batch() const { return owner.cast<Batch&>(); }
-  const CameraConfig& config() const { return batch().camera_config(index); }
+  Batch::Camera facet() const { return batch().camera(index); }
+  const CameraConfig& config() const { return facet().config(); }
 };
 
 Viewed<CameraImages> images_of(const py::object& self, const char* name) {
@@ -65,11 +62,11 @@ Viewed<CameraImages> images_of(const py::object& self, const char* name) {
     throw py::value_error("camera \"" + config.name + "\": expected \"" + name + "\" among its outputs, got " +
                           std::string(py::repr(py::cast(config).attr("outputs"))));
   });
-  return {camera.batch().images(camera.index), memory_of(camera.owner), items_of(config)};
+  return {camera.facet().images(), memory_of(camera.owner), items_of(config)};
 }
 
 std::size_t camera_of(const Batch& batch, const std::optional<std::string>& name) {
-  return batch.camera_index(name.value_or(""));
+  return batch.camera(name.value_or("")).index();
 }
 
 }  // namespace
@@ -81,14 +78,18 @@ void add_lidars(py::module_& module, BatchClass& batch_cls) {
       .def(
           "config_of",
           [](const LidarView& lidar, std::int64_t index) {
-            const Batch& batch = lidar.batch();
-            return in_turn(batch, [&] { return batch.lidar_config(index, lidar.index); });
+            return in_turn(lidar.batch(), [&] { return lidar.facet().config(drone_at(lidar.batch(), index)); });
           },
           py::arg("index"))
-      .def_property_readonly("directions", [](const LidarView& lidar) { return per_ray(lidar, &Batch::lidar_directions); })
+      .def_property_readonly("directions",
+                             [](const LidarView& lidar) {
+                               const auto all =
+                                   static_cast<void (Batch::Lidar::*)(std::span<float>) const>(&Batch::Lidar::directions);
+                               return per_ray(lidar, all);
+                             })
       .def_property_readonly("points", [](const LidarView& lidar) {
-        lidar.scanned();
-        return per_ray(lidar, &Batch::lidar_points);
+        lidar.facet().require_scan();
+        return per_ray(lidar, &Batch::Lidar::points);
       });
   batch_cls.def_property_readonly("lidars", [](const Batch& batch) { return batch.config().lidars; })
       .def_property_readonly("lidar_name",
@@ -99,16 +100,16 @@ void add_lidars(py::module_& module, BatchClass& batch_cls) {
       .def(
           "lidar",
           [](const py::object& batch, const std::optional<std::string>& name) {
-            return LidarView{batch, batch.cast<const Batch&>().lidar_index(name.value_or(""))};
+            return LidarView{batch, batch.cast<const Batch&>().lidar(name.value_or("")).index()};
           },
           py::arg("name") = py::none())
       .def(
           "set_lidar",
           [](Batch& batch, const py::object& mask, const std::optional<std::string>& lidar, const py::kwargs& fields) {
-            const std::size_t index = batch.lidar_index(lidar.value_or(""));
+            const std::size_t index = batch.lidar(lidar.value_or("")).index();
             const auto m = flags(mask, "mask", num_drones(batch));
             const auto change = change_of<LidarChange>(fields, "set_lidar");
-            released(batch, [&] { batch.set_lidar(change, m, index); });
+            released(batch, [&] { batch.lidar(index).set(change, m); });
           },
           py::arg("mask") = py::none(), py::arg("lidar") = py::none());
 }
@@ -120,15 +121,14 @@ void add_cameras(py::module_& module, BatchClass& batch_cls) {
       .def(
           "config_of",
           [](const CameraView& camera, std::int64_t index) {
-            const Batch& batch = camera.batch();
-            return in_turn(batch, [&] { return batch.camera_config(camera.index, index); });
+            return in_turn(camera.batch(), [&] { return camera.facet().config(drone_at(camera.batch(), index)); });
           },
           py::arg("index"))
       .def(
           "jpeg",
           [](const CameraView& camera, std::int64_t index, int quality) {
             std::string file;
-            released(camera.batch(), [&] { file = camera.batch().jpeg(camera.index, index, quality); });
+            released(camera.batch(), [&] { file = camera.facet().jpeg(drone_at(camera.batch(), index), quality); });
             return py::bytes(file);
           },
           py::arg("index"), py::arg("quality") = 90)
@@ -150,7 +150,7 @@ void add_cameras(py::module_& module, BatchClass& batch_cls) {
           [](Batch& batch, const py::object& mask, const std::optional<std::string>& camera) {
             const auto m = flags(mask, "mask", num_drones(batch));
             const std::size_t index = camera_of(batch, camera);
-            released(batch, [&] { batch.capture(index, m); });
+            released(batch, [&] { batch.camera(index).capture(m); });
           },
           py::arg("mask") = py::none(), py::arg("camera") = py::none())
       .def(
@@ -158,7 +158,7 @@ void add_cameras(py::module_& module, BatchClass& batch_cls) {
           [](Batch& batch, const std::string& mode, const std::optional<std::string>& camera) {
             const std::size_t index = camera_of(batch, camera);
             const auto chosen = enum_of<CaptureMode>(mode, "capture_mode");
-            in_turn(batch, [&] { batch.set_capture_mode(index, chosen); });
+            in_turn(batch, [&] { batch.camera(index).set_capture_mode(chosen); });
           },
           py::arg("mode"), py::arg("camera") = py::none())
       .def(
@@ -167,7 +167,7 @@ void add_cameras(py::module_& module, BatchClass& batch_cls) {
             const std::size_t index = camera_of(batch, camera);
             const auto m = flags(mask, "mask", num_drones(batch));
             const auto change = change_of<CameraChange>(fields, "set_camera");
-            released(batch, [&] { batch.set_camera(index, change, m); });
+            released(batch, [&] { batch.camera(index).set(change, m); });
           },
           py::arg("mask") = py::none(), py::arg("camera") = py::none())
       .def(
@@ -175,8 +175,8 @@ void add_cameras(py::module_& module, BatchClass& batch_cls) {
           [](Batch& batch, std::int64_t index, const std::optional<std::string>& camera) {
             const std::size_t number = camera_of(batch, camera);
             std::vector<std::uint8_t> rgb;
-            released(batch, [&] { rgb = batch.picture(number, index); });
-            const CameraConfig& config = batch.camera_config(number);
+            released(batch, [&] { rgb = batch.camera(number).picture(drone_at(batch, index)); });
+            const CameraConfig& config = batch.camera(number).config();
             py::array_t<std::uint8_t> picture({config.image_height_px(), config.image_width_px(), 3});
             std::copy(rgb.begin(), rgb.end(), picture.mutable_data());
             return picture;

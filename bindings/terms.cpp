@@ -73,11 +73,11 @@ py::array_t<T> per_drone(const Terms& terms, const F& f) {
 // LiDAR scans, one row of rays for each drone.
 struct Scans {
   explicit Scans(const Batch& batch) {
-    batch.require_scan();
+    batch.lidar().require_scan();
     const LidarConfig& lidar = batch.config().lidars[0];
     rays = static_cast<std::size_t>(lidar.rows()) * static_cast<std::size_t>(lidar.columns());
-    all = batch.lidar_readings().ranges;
-    max_range_m = batch.lidar_readings().max_range_m;
+    all = batch.lidar().readings().ranges;
+    max_range_m = batch.lidar().readings().max_range_m;
   }
   std::span<const float> of(std::size_t drone) const { return all.subspan(drone * rays, rays); }
   task::Clearance clearance(std::size_t drone) const { return task::clearance_of(of(drone), max_range_m[drone]); }

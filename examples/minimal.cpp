@@ -27,7 +27,7 @@ int main() {
   batch.step(std::vector<float>{1, 0, 0, -1, 0, 0, 0, 1, 0, 0, -1, 0});
 
   // Ranges have the shape (drones, channels, beams), in m; inf means no hit.
-  const std::vector<float>& ranges = batch.lidar_readings().ranges;
+  const std::vector<float>& ranges = batch.lidar().readings().ranges;
   for (std::size_t drone = 0; drone < 4; ++drone) {
     std::printf("drone %zu:", drone);
     for (std::size_t beam = 0; beam < 8; ++beam) std::printf(" %5.2f", static_cast<double>(ranges[8 * drone + beam]));

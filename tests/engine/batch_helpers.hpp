@@ -161,7 +161,7 @@ inline std::vector<NamedRow> rows_of(const Batch& batch, std::size_t env) {
   for_each_array(batch.state(), [&](const std::string& name, const auto& array) {
     if (name != "world_index") add(name, std::as_bytes(std::span(array)));
   });
-  add("lidar_ranges", std::as_bytes(std::span(batch.lidar_readings().ranges)));
+  add("lidar_ranges", std::as_bytes(std::span(batch.lidar().readings().ranges)));
   add("sensed_position", std::as_bytes(std::span(batch.pose_readings().position)));
   add("sensed_quat_wxyz", std::as_bytes(std::span(batch.pose_readings().quat_wxyz)));
   if (batch.task() == nullptr) return rows;

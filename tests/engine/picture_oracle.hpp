@@ -453,7 +453,7 @@ struct Pixel {
 
 inline Pixel pixel(const Batch& batch, std::size_t row, std::size_t column, std::size_t drone = 0, std::size_t camera = 0) {
   const CameraConfig& config = batch.config().cameras[camera];
-  const CameraImages& images = batch.images(camera);
+  const CameraImages& images = batch.camera(camera).images();
   const auto width = static_cast<std::size_t>(config.width_px);
   const auto plane = width * static_cast<std::size_t>(config.height_px);
   const std::size_t place = row * width + column;
@@ -499,7 +499,7 @@ inline bool is_near(const std::array<int, 3>& a, const std::array<int, 3>& b) {
 // clear ones among every stride-th pixel. With several samples per pixel, colours are not compared.
 inline Compared expect_picture(const Batch& batch, std::size_t drone = 0, std::size_t camera = 0, std::size_t stride = 1) {
   using oracle::Vec3d;
-  const CameraConfig config = batch.camera_config(camera, static_cast<std::int64_t>(drone));
+  const CameraConfig config = batch.camera(camera).config(DroneIndex(static_cast<std::int64_t>(drone)));
   const State& state = batch.state();
   const World& world = *batch.worlds()[static_cast<std::size_t>(state.world_index[drone])];
   const oracle::Eye eye =

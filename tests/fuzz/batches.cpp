@@ -100,7 +100,7 @@ void require_sane(const Batch& batch) {
     const float* const q = state.bodies.quat_wxyz.data() + 4 * row;
     if (!(std::abs(std::hypot(std::hypot(q[0], q[1]), std::hypot(q[2], q[3])) - 1.0F) < 0.02F)) std::abort();
   }
-  for (const float range : batch.lidar_readings().ranges) {
+  for (const float range : batch.lidar().readings().ranges) {
     if (!(range >= 0.0F)) std::abort();
   }
 }
@@ -222,7 +222,7 @@ void calls(Bytes input) {
         }
         case 10: {
           const LidarChange change{.max_range_m = optional(50.0F), .hfov_deg = optional(400.0F), .vfov_deg = optional(200.0F)};
-          batch->set_lidar(change, mask());
+          batch->lidar().set(change, mask());
           break;
         }
         case 11:
@@ -237,7 +237,7 @@ void calls(Bytes input) {
           break;
         }
         case 14:
-          batch->capture(0, mask());
+          batch->camera(0).capture(mask());
           break;
         case 15: {
           BodyConfig body;
@@ -258,7 +258,7 @@ void calls(Bytes input) {
             *value = stream.number(2.0F);
           }
           const std::vector<float> at = stream.flag() ? position() : std::vector<float>();
-          batch->spawn_bodies(body, at, {}, {}, {}, mask());
+          batch->bodies().spawn(body, at, {}, {}, {}, mask());
           break;
         }
         case 20: {
@@ -275,22 +275,22 @@ void calls(Bytes input) {
           break;
         }
         case 16:
-          batch->remove_bodies(stream.list<std::uint8_t>(kDrones * kBodies, [&] { return stream.flag(); }));
+          batch->bodies().remove(stream.list<std::uint8_t>(kDrones * kBodies, [&] { return stream.flag(); }));
           break;
         case 17:
         case 18: {
           const auto to = stream.list<float>(3 * kDrones * kBodies, [&] { return stream.number(3.0F); });
           const auto mask_of_bodies = stream.list<std::uint8_t>(kDrones * kBodies, [&] { return stream.flag(); });
           if (stream.flag()) {
-            batch->set_body_pose(to, {}, mask_of_bodies);
+            batch->bodies().set_pose(to, {}, mask_of_bodies);
           } else {
-            batch->set_body_velocity(to, to, mask_of_bodies);
+            batch->bodies().set_velocity(to, to, mask_of_bodies);
           }
           break;
         }
         default: {
           const CameraChange change{.hfov_deg = optional(200.0F), .vfov_deg = optional(200.0F)};  // braces evaluate in order
-          batch->set_camera(0, change, mask());
+          batch->camera(0).set(change, mask());
           break;
         }
       }

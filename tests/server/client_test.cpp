@@ -100,8 +100,8 @@ TEST(Client, ScansWithTheLidar) {
   std::ranges::copy(q, quat.begin() + 4);
   served.twin->set_pose(position, quat);
   std::vector<float> ranges(35), directions(3 * 35);
-  served.twin->scan(1, ranges);
-  served.twin->lidar_directions(1, directions);
+  served.twin->lidar().scan(DroneIndex(1), ranges);
+  served.twin->lidar().directions(DroneIndex(1), directions);
   EXPECT_EQ(scan.channels, 1);
   EXPECT_EQ(scan.beams, 35);
   EXPECT_EQ(scan.ranges, ranges);
@@ -111,7 +111,7 @@ TEST(Client, ScansWithTheLidar) {
 
   served.twin->sense();
   std::vector<float> points(4 * 3 * 35);
-  served.twin->lidar_points(points);
+  served.twin->lidar().points(points);
   const std::vector<float> got = flat(scan.points());
   ASSERT_EQ(got.size(), 3U * 35U);  // all beams hit the room
   for (std::size_t i = 0; i < got.size(); ++i) EXPECT_NEAR(got[i], points[3 * 35 + i], 1e-4) << i;
@@ -145,7 +145,7 @@ TEST(Client, TakesPictures) {
   GameModeController simulation(connection);
   const client::CameraData jpeg = drone.get_camera_data();
   served.twin->sense();
-  const std::string expected = served.twin->jpeg(0, 0, 90);
+  const std::string expected = served.twin->camera(0).jpeg(DroneIndex(0), 90);
   EXPECT_EQ(jpeg.width_px, 32);
   EXPECT_EQ(jpeg.height_px, 24);
   EXPECT_TRUE(same_bits(jpeg.image.values<std::uint8_t>(), expected));
@@ -155,7 +155,7 @@ TEST(Client, TakesPictures) {
   const client::CameraData depth = drone.get_camera_data({.format = client::ImageFormat::raw, .output = "depth"});
   EXPECT_EQ(depth.image.shape[0], 24U);
   EXPECT_EQ(depth.image.shape[1], 32U);
-  EXPECT_TRUE(same_bits(depth.image.values<float>(), testing::row(served.twin->images(0).depth, 0, 32 * 24)));
+  EXPECT_TRUE(same_bits(depth.image.values<float>(), testing::row(served.twin->camera(0).images().depth, 0, 32 * 24)));
   EXPECT_EQ(error_of([&] { static_cast<void>(depth.image.values<std::uint8_t>()); }).code(), ErrorCode::invalid_argument);
 
   EXPECT_EQ(simulation.get_camera_capture_mode(), client::CaptureMode::every_step);
@@ -225,7 +225,7 @@ TEST(Client, MovesAllDronesAtOnce) {
 
   simulation.sense();
   served.twin->sense();
-  EXPECT_TRUE(same_bits(simulation.get_array("ranges", "lidar").values<float>("ranges"), served.twin->lidar_readings().ranges));
+  EXPECT_TRUE(same_bits(simulation.get_array("ranges", "lidar").values<float>("ranges"), served.twin->lidar().readings().ranges));
 
   const std::vector<float> quat{1, 0, 0, 0, 0, 0, 0, 1, 1, 0, 0, 0, 1, 0, 0, 0};
   const client::Readings placed = simulation.set_poses({.position = position, .quat_wxyz = quat}, true);
@@ -261,18 +261,18 @@ TEST(Client, SpawnsAndMovesBodies) {
   const std::vector<std::uint8_t> second{0, 1};
   const std::string text = R"({"name": "ball", "shape": "sphere", "size_m": [0.5, 0.5, 0.5]})";
   EXPECT_EQ(simulation.spawn_bodies(text, {.position = at, .quat_wxyz = turn, .velocity = at, .angular_velocity = at}),
-            served.twin->spawn_bodies(ball, at, turn, at, at));
+            served.twin->bodies().spawn(ball, at, turn, at, at));
   EXPECT_EQ(simulation.spawn_bodies(text, {.mask = second}), (std::vector<std::int64_t>{-1, 2}));
-  served.twin->spawn_bodies(ball, {}, {}, {}, {}, EnvMask(second));
+  served.twin->bodies().spawn(ball, {}, {}, {}, {}, EnvMask(second));
   expect_the_same();
   std::vector<float> places(18), quats(24, 0.5F);
   for (std::size_t i = 0; i < places.size(); ++i) places[i] = static_cast<float>(i) / 8.0F;
   const std::vector<std::uint8_t> some{1, 0, 0, 0, 1, 1};
   simulation.set_body_poses({.position = places, .quat_wxyz = quats, .mask = some});
-  served.twin->set_body_pose(places, quats, some);
+  served.twin->bodies().set_pose(places, quats, some);
   expect_the_same();
   simulation.set_body_velocities({.velocity = places, .angular_velocity = places, .mask = some});
-  served.twin->set_body_velocity(places, places, some);
+  served.twin->bodies().set_velocity(places, places, some);
   expect_the_same();
   const client::BodyConfigs configs = simulation.get_body_configs();
   EXPECT_EQ(configs.numbers, (std::vector<std::int32_t>{0, 1, -1, 0, 1, 1}));
@@ -280,7 +280,7 @@ TEST(Client, SpawnsAndMovesBodies) {
   EXPECT_NE(configs.configs[1].find(R"("name":"ball")"), std::string::npos);
   EXPECT_EQ(simulation.get_body_configs(std::array<std::int64_t, 1>{0}).numbers, (std::vector<std::int32_t>{0, 1, -1}));
   simulation.remove_bodies(some);
-  served.twin->remove_bodies(some);
+  served.twin->bodies().remove(some);
   expect_the_same();
   EXPECT_EQ(error_of([&] { simulation.spawn_bodies("{}", {.mask = std::array<std::uint8_t, 3>{}}); }).code(),
             ErrorCode::invalid_argument);

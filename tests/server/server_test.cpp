@@ -171,7 +171,7 @@ void during_a_call(Batch& batch, const std::function<void()>& function) {
     was_called = true;
     move();
   });
-  batch.set_camera(0, {.width_px = 64});
+  batch.camera(0).set({.width_px = 64});
   ServedBatch::run_moves_with(batch, {});
   ASSERT_TRUE(was_called);
 }
@@ -182,7 +182,7 @@ TEST(Server, ReadsAPublishedFrameInTheSizeThatItHas) {
   GameModeController other(served.connect());
   served.batch.sense();
   ask_for_published_frames(served, connection, other);
-  served.batch.set_camera(0, {.width_px = 8, .height_px = 6});
+  served.batch.camera(0).set({.width_px = 8, .height_px = 6});
   served.batch.sense();
   during_a_call(served.batch, [&] {
     const client::CameraData frame = DroneController(connection, 7).get_camera_data({.format = client::ImageFormat::png});
@@ -197,7 +197,7 @@ TEST(Server, PublishesNoFramesOfACameraThatTheProgramSetsOnDemand) {
   GameModeController other(served.connect());
   served.batch.sense();
   ask_for_published_frames(served, connection, other);
-  served.batch.set_capture_mode(0, CaptureMode::on_demand);
+  served.batch.camera(0).set_capture_mode(CaptureMode::on_demand);
   std::optional<client::Future<client::CameraData>> frame;
   during_a_call(served.batch, [&] {
     frame.emplace(DroneController(connection, 7).get_camera_data(later));

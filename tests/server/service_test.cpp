@@ -75,7 +75,7 @@ TEST(BatchArrays, RowOfBodiesIsAnEnv) {
   BatchConfig config = lidar_batch(3);
   config.max_bodies = 2;
   Batch batch(config, Batch::Worlds{closet()}, nullptr, DroneModel::quadrotor650());
-  batch.spawn_bodies(BodyConfig{.size_m = {0.1F, 0.1F, 0.1F}}, std::vector<float>{1, 2, 3, 4, 5, 6, 7, 8, 9});
+  batch.bodies().spawn(BodyConfig{.size_m = {0.1F, 0.1F, 0.1F}}, std::vector<float>{1, 2, 3, 4, 5, 6, 7, 8, 9});
   const std::optional<ArrayView> array = LiveArrays(batch).find("", "body_position");
   ASSERT_TRUE(array);
   protocol::FrameWriter writer;

@@ -85,6 +85,12 @@ class ServedBatch;
 class CallLock;
 struct Simulation;
 
+// Work that Embree's triangle trees did for LiDARs and cameras, shadows included.
+struct EmbreeCounts {
+  std::int64_t rays = 0;
+  std::int64_t packets = 0;
+};
+
 // All methods check their input before they change anything. They throw std::invalid_argument naming the field, the expected
 // value and the actual one. An empty mask selects every active drone or env; an env is active if one of its drones is.
 // One thread at a time: a call while another thread is in one throws std::runtime_error, or waits if the batch is served: see
@@ -92,6 +98,11 @@ struct Simulation;
 class FLOCKSTEP_API Batch {
  public:
   using Worlds = std::vector<std::shared_ptr<const World>>;  // the worlds of a batch, by index
+  class Bodies;                                              // facets: they refer to the batch and must not outlive it
+  class Imu;
+  class Lidar;
+  class Camera;
+  class MoveLines;
 
   // world_index: (E,), the world of each env; if empty, env i is in world i mod W. Drones start at the start marker of their
   // world, or at the centre of its bounds if it has none. Without a task, reset() and step() are not available; everything else
@@ -113,26 +124,23 @@ class FLOCKSTEP_API Batch {
   const World& unlit_world_of(EnvIndex env) const;
   const DroneModel& drone() const;  // body and flight model of all drones
   int num_threads() const;          // actual number, also if num_threads = 0
-  // Number of LiDAR and camera rays, shadow rays included, traced through Embree's triangle trees since the batch was made, and
-  // the number of packets they were traced in.
-  std::int64_t embree_rays() const;
-  std::int64_t embree_packets() const;  // see embree_rays()
-  const State& state() const;  // poses, contacts and clocks; valid until the batch is destroyed or grows, see ServedBatch
+  EmbreeCounts embree() const;      // of rays against triangles, since the batch was made
+  const State& state() const;       // poses, contacts and clocks; valid until the batch is destroyed or grows, see ServedBatch
 
   // --- motion and sensing; positions (N, 3) m, quaternions (N, 4) wxyz; an empty span leaves the value unchanged
   // Places drones without a collision check, at rest. Without quaternions, drones with rotors are level and face +x.
   void set_pose(std::span<const float> position, std::span<const float> quat_wxyz, DroneMask mask = {});
-  // set_pose() for some drones: their indices (K,), positions (K, 3), quaternions (K, 4).
-  void set_poses(std::span<const std::int64_t> drones, std::span<const float> position, std::span<const float> quat_wxyz);
+  // The same for some drones: their indices (K,), positions (K, 3), quaternions (K, 4).
+  void set_pose(std::span<const std::int64_t> drones, std::span<const float> position, std::span<const float> quat_wxyz);
   void move(std::span<const float> position, std::span<const float> quat_wxyz,
             DroneMask mask = {});  // with collision check; sets state().contact
   // Rotor motion only: velocities (N, 3) in m/s, world frame; angular velocities (N, 3) in rad/s, body frame; rotor speeds (N,
   // 4) in rad/s. After set_pose() a drone is at rest with its rotors at hover speed.
   void set_velocity(std::span<const float> velocity, std::span<const float> angular_velocity, std::span<const float> rotor_speed,
                     DroneMask mask = {});
-  // set_velocity() for some drones: their indices (K,), and K rows of each array.
-  void set_velocities(std::span<const std::int64_t> drones, std::span<const float> velocity,
-                      std::span<const float> angular_velocity, std::span<const float> rotor_speed);
+  // The same for some drones: their indices (K,), and K rows of each array.
+  void set_velocity(std::span<const std::int64_t> drones, std::span<const float> velocity,
+                    std::span<const float> angular_velocity, std::span<const float> rotor_speed);
   // Flies a command (N, 4) for a number of ticks in [0, 1000000]; 0 means one step. control: the meaning of this command, by
   // default config().dynamics.control; not Control::pose. Rotor motion only; use move() for kinematic motion.
   void fly(std::span<const float> command, int ticks = 0, DroneMask mask = {}, std::optional<Control> control = {});
@@ -162,79 +170,34 @@ class FLOCKSTEP_API Batch {
   void set_light(const Light& light, EnvMask mask = {}) { set_light(std::span(&light, 1), mask); }
   void use_world_light(EnvMask mask = {});  // the envs show the lights of their worlds again
 
-  // --- bodies, E envs of B slots; state().bodies has their arrays. A body that a call has placed, moved or given a velocity
-  // moves with constant velocity until the next episode, which begins with the bodies of the configuration and no others. A mask
-  // of bodies has E B flags; an empty one selects all. Slots without a body are skipped. All but bodies_per_env() throw
-  // std::invalid_argument if B is 0. Sensors see a change at their next reading.
-  std::size_t bodies_per_env() const;  // B
-  // Puts a body into the first free slot of each selected env; returns the slots (E,), -1 for other envs. position (E, 3) m,
-  // quat_wxyz (E, 4), velocity (E, 3) m/s, world frame, and angular_velocity (E, 3) rad/s, body frame, replace those of the
-  // configuration; without all of them its script moves the body. Refused if a selected env has no free slot.
-  std::vector<std::int64_t> spawn_bodies(const BodyConfig& config, std::span<const float> position = {},
-                                         std::span<const float> quat_wxyz = {}, std::span<const float> velocity = {},
-                                         std::span<const float> angular_velocity = {}, EnvMask mask = {});
-  void remove_bodies(std::span<const std::uint8_t> mask);  // until the next episode
-  // position (E, B, 3) m, quat_wxyz (E, B, 4); an empty span leaves the value unchanged. Bodies may be put onto drones: these are
-  // then inside an obstacle, which they may only leave.
-  void set_body_pose(std::span<const float> position, std::span<const float> quat_wxyz, std::span<const std::uint8_t> mask = {});
-  // velocity (E, B, 3) m/s, world frame, at most 10000; angular_velocity (E, B, 3) rad/s, body frame, at most 1000.
-  void set_body_velocity(std::span<const float> velocity, std::span<const float> angular_velocity,
-                         std::span<const std::uint8_t> mask = {});
   // Tests poses of drones: writes 1 to out (K,) if the drone would touch nothing there, neither its world nor a body. drones (K,)
   // are their indices; empty: all drones, K = N. position (K, 3) m; quat_wxyz (K, 4), or empty: level, facing +x.
   void is_free(std::span<const std::int64_t> drones, std::span<const float> position, std::span<const float> quat_wxyz,
                std::span<std::uint8_t> out) const;
   bool is_free(EnvIndex env, const Pose& pose) const;  // the same for a new drone of an env
-  // Configuration of a body, valid until the body is removed or the batch is restored or destroyed; null for a free slot.
-  const BodyConfig* body_config(std::int64_t env, std::int64_t body) const;
+  Bodies bodies();                                     // the moving objects
+  const Bodies bodies() const;                         // the same, for reading
 
-  // --- sensor readings; all arrays are empty for a sensor that the batch does not have
-  const PoseReadings& pose_readings() const;                         // of the pose sensor
-  const ImuReadings& imu_readings(std::size_t imu = 0) const;        // index into config().imus
-  const LidarReadings& lidar_readings(std::size_t lidar = 0) const;  // index into config().lidars
+  // --- sensors, by their index in config() or by name. Without a name: the first one, or the only camera. Throws
+  // std::invalid_argument for an unknown name; the calls of the facet check an index.
+  const PoseReadings& pose_readings() const;  // of the pose sensor; empty arrays without one
+  Imu imu(std::size_t index = 0) const;
+  Imu imu(std::string_view name) const;
+  Lidar lidar(std::size_t index = 0);
+  Lidar lidar(std::string_view name);
+  const Lidar lidar(std::size_t index = 0) const;
+  const Lidar lidar(std::string_view name) const;
+  Camera camera(std::size_t index);
+  Camera camera(std::string_view name);
+  const Camera camera(std::size_t index) const;
+  const Camera camera(std::string_view name) const;
   // Returns the arrays that the sensor of this name publishes. Throws std::invalid_argument if there is none, or if sensors of
   // two kinds have this name.
   std::vector<ArrayView> sensor_arrays(std::string_view name) const;
-
-  // --- LiDARs and IMUs; std::invalid_argument if there is no such sensor
-  std::size_t imu_index(std::string_view name) const;    // empty: the first
-  std::size_t lidar_index(std::string_view name) const;  // empty: the first
-  void require_scan(std::size_t lidar = 0) const;        // std::logic_error before the first scan, while all ranges are inf
-  // From the next scan on. With beams or channels, the mask must select all drones; ranges are inf until that scan. A LiDAR that
-  // was made without fans (BatchConfig::tracer) does not get any.
-  void set_lidar(const LidarChange& change, DroneMask mask = {}, std::size_t lidar = 0);
-  LidarConfig lidar_config(std::int64_t index, std::size_t lidar = 0) const;  // of one drone, run-time changes included
-  void lidar_directions(std::span<float> out, std::size_t lidar = 0) const;   // (N, channels, beams, 3) unit, body frame
-  void lidar_directions(std::int64_t index, std::span<float> out, std::size_t lidar = 0) const;  // of one drone
-  // Scans from the current pose of one drone and returns its ranges, (channels, beams) m; the readings stay unchanged.
-  void scan(std::int64_t index, std::span<float> out, std::size_t lidar = 0) const;
-  void lidar_points(std::span<float> out, std::size_t lidar = 0) const;  // (N, channels, beams, 3) m, world frame, inf on a miss
-
-  // --- cameras, by index into config().cameras; std::invalid_argument if there is no such camera
-  std::size_t camera_index(std::string_view name) const;                     // empty: the only one
-  const CameraConfig& camera_config(std::size_t camera) const;               // with the current capture mode
-  const CameraImages& images(std::size_t camera) const;                      // latest frames of all drones
-  CameraConfig camera_config(std::size_t camera, std::int64_t index) const;  // of one drone, run-time changes included
-  void capture(std::size_t camera, DroneMask mask = {});                     // renders now, whatever the capture mode is
-  void set_capture_mode(std::size_t camera, CaptureMode mode);               // not on_demand if the task observes the camera
-  // Marks the frames stale. With width_px or height_px, the mask must select all drones.
-  void set_camera(std::size_t camera, const CameraChange& change, DroneMask mask = {});
   const std::string& camera_backend_report() const;  // the backend in use and the reason for it
   std::string take_warning();                        // a warning not reported yet, e.g. that OpenGL failed; usually empty
-  // Returns a JPEG file of one drone's rgb frame, or of its grey frame if it has no rgb. The frame must not be stale. quality:
-  // [1, 100].
-  std::string jpeg(std::size_t camera, std::int64_t index, int quality) const;
-
-  // --- move lines: the paths of drones, recorded after every motion while they are visible; not part of a snapshot
-  // Making a line visible begins it at the drone's position; making it invisible discards it.
-  void set_move_line_visible(bool visible, DroneMask mask = {});
-  const MoveLineState& move_lines() const;  // the drones whose lines are visible
-  // Returns the recorded positions of a drone (K, 3) in m, world frame, oldest first; K is at most 4096. A row of NaN separates
-  // two pieces: a new one begins when the drone is placed by set_pose(), a reset, spawn() or restore().
-  std::vector<Vec3> move_line(std::int64_t index) const;
-  // Returns one drone's frame as jpeg() does, uncompressed, with the visible move lines of the drones of its env drawn in green:
-  // (height, width, 3) sRGB.
-  std::vector<std::uint8_t> picture(std::size_t camera, std::int64_t index) const;
+  MoveLines move_lines();
+  const MoveLines move_lines() const;
 
   // --- random numbers, keyed by (env seed, episode, stream); drawing does not change any state
   void seed(std::span<const std::uint64_t> seeds, EnvMask mask = {});        // (E,); sets the episode counters to 0
@@ -280,6 +243,115 @@ class FLOCKSTEP_API Batch {
 
   std::unique_ptr<CallLock> lock_;  // of the calls; outlives sim_
   std::shared_ptr<Simulation> sim_;
+};
+
+// The moving objects, E envs of B slots; state().bodies has their arrays. An object that a call has placed, moved or given a
+// velocity moves with constant velocity until the next episode, which begins with those of the configuration and no others. A
+// mask has E B flags; an empty one selects all. Slots without an object are skipped. All but per_env() throw
+// std::invalid_argument if B is 0. Sensors see a change at their next reading.
+class FLOCKSTEP_API Batch::Bodies {
+ public:
+  std::size_t per_env() const;  // B
+  // Puts an object into the first free slot of each selected env; returns the slots (E,), -1 for other envs. position (E, 3) m,
+  // quat_wxyz (E, 4), velocity (E, 3) m/s, world frame, and angular_velocity (E, 3) rad/s, body frame, replace those of the
+  // configuration; without all of them its script moves the object. Refused if a selected env has no free slot.
+  std::vector<std::int64_t> spawn(const BodyConfig& config, std::span<const float> position = {},
+                                  std::span<const float> quat_wxyz = {}, std::span<const float> velocity = {},
+                                  std::span<const float> angular_velocity = {}, EnvMask mask = {});
+  void remove(std::span<const std::uint8_t> mask);  // until the next episode
+  // position (E, B, 3) m, quat_wxyz (E, B, 4); an empty span leaves the value unchanged. An object may be put onto a drone, which
+  // is then inside an obstacle that it may only leave.
+  void set_pose(std::span<const float> position, std::span<const float> quat_wxyz, std::span<const std::uint8_t> mask = {});
+  // velocity (E, B, 3) m/s, world frame, at most 10000; angular_velocity (E, B, 3) rad/s, body frame, at most 1000.
+  void set_velocity(std::span<const float> velocity, std::span<const float> angular_velocity,
+                    std::span<const std::uint8_t> mask = {});
+  // Valid until the object is removed or the batch is restored or destroyed; null for a free slot.
+  const BodyConfig* config(EnvIndex env, std::size_t body) const;
+
+ private:
+  friend class Batch;
+  explicit Bodies(Batch& batch) : batch_(&batch) {}
+
+  Batch* batch_;
+};
+
+// An IMU of all drones.
+class FLOCKSTEP_API Batch::Imu {
+ public:
+  std::size_t index() const { return index_; }  // into config().imus
+  const ImuReadings& readings() const;          // empty arrays if there is no such IMU
+
+ private:
+  friend class Batch;
+  Imu(const Batch& batch, std::size_t index) : batch_(&batch), index_(index) {}
+
+  const Batch* batch_;
+  std::size_t index_;
+};
+
+// A LiDAR of all drones. All calls but readings() throw std::invalid_argument if there is no such LiDAR.
+class FLOCKSTEP_API Batch::Lidar {
+ public:
+  std::size_t index() const { return index_; }  // into config().lidars
+  const LidarReadings& readings() const;        // empty arrays if there is no such LiDAR
+  void require_scan() const;                    // std::logic_error before the first scan, while all ranges are inf
+  LidarConfig config(DroneIndex drone) const;   // of one drone, run-time changes included
+  void directions(std::span<float> out) const;  // (N, channels, beams, 3) unit, body frame
+  void directions(DroneIndex drone, std::span<float> out) const;  // of one drone
+  void points(std::span<float> out) const;                        // (N, channels, beams, 3) m, world frame, inf on a miss
+  // Scans from the current pose of one drone and returns its ranges, (channels, beams) m; the readings stay unchanged.
+  void scan(DroneIndex drone, std::span<float> out) const;
+  // From the next scan on. With beams or channels, the mask must select all drones; ranges are inf until that scan. A LiDAR that
+  // was made without fans (BatchConfig::tracer) does not get any.
+  void set(const LidarChange& change, DroneMask mask = {});
+
+ private:
+  friend class Batch;
+  Lidar(Batch& batch, std::size_t index) : batch_(&batch), index_(index) {}
+
+  Batch* batch_;
+  std::size_t index_;
+};
+
+// A camera of all drones. All calls throw std::invalid_argument if there is no such camera.
+class FLOCKSTEP_API Batch::Camera {
+ public:
+  std::size_t index() const { return index_; }  // into config().cameras
+  const CameraConfig& config() const;           // with the current capture mode
+  CameraConfig config(DroneIndex drone) const;  // of one drone, run-time changes included
+  const CameraImages& images() const;           // the latest of all drones
+  void capture(DroneMask mask = {});            // renders now, whatever the capture mode is
+  void set_capture_mode(CaptureMode mode);      // not on_demand if the task observes the camera
+  // Marks the images stale. With width_px or height_px, the mask must select all drones.
+  void set(const CameraChange& change, DroneMask mask = {});
+  // Returns a JPEG file of one drone's rgb image, or of its grey image if it has no rgb. The image must not be stale. quality:
+  // [1, 100].
+  std::string jpeg(DroneIndex drone, int quality) const;
+  // Returns the same image uncompressed, (height, width, 3) sRGB, with the visible move lines of the drones of its env in green.
+  std::vector<std::uint8_t> picture(DroneIndex drone) const;
+
+ private:
+  friend class Batch;
+  Camera(Batch& batch, std::size_t index) : batch_(&batch), index_(index) {}
+
+  Batch* batch_;
+  std::size_t index_;
+};
+
+// The paths of drones, recorded after every motion while they are visible; not part of a snapshot.
+class FLOCKSTEP_API Batch::MoveLines {
+ public:
+  void set_visible(bool visible, DroneMask mask = {});  // begins a line at the drone's position; false discards it
+  const MoveLineState& state() const;                   // the drones whose lines are visible
+  // Returns the recorded positions of a drone (K, 3) in m, world frame, oldest first; K is at most 4096. A row of NaN separates
+  // two pieces: a new one begins when the drone is placed by set_pose(), a reset, spawn() or restore().
+  std::vector<Vec3> path(DroneIndex drone) const;
+
+ private:
+  friend class Batch;
+  explicit MoveLines(Batch& batch) : batch_(&batch) {}
+
+  Batch* batch_;
 };
 
 }  // namespace flockstep

@@ -160,8 +160,7 @@ const World& Batch::unlit_world_of(EnvIndex env) const { return *sim_->world_poi
 std::shared_ptr<const World> Batch::world_of(EnvIndex env) const { return sim_->lights.world(env, sim_->slot_of(env)); }
 const DroneModel& Batch::drone() const { return sim_->drone_model; }
 int Batch::num_threads() const { return sim_->workers.num_threads(); }
-std::int64_t Batch::embree_rays() const { return sim_->embree_use().rays; }
-std::int64_t Batch::embree_packets() const { return sim_->embree_use().packets; }
+EmbreeCounts Batch::embree() const { return {.rays = sim_->embree_use().rays, .packets = sim_->embree_use().packets}; }
 const State& Batch::state() const { return sim_->state; }
 
 // ------------------------------------------------------------------------------------------------------------------ growth
@@ -183,7 +182,7 @@ void Batch::set_pose(std::span<const float> position, std::span<const float> qua
                     [&](DroneIndex drone) { put_drone(*sim_, drone, placed_pose(*sim_, drone, drone, position, quat_wxyz)); });
 }
 
-void Batch::set_poses(std::span<const std::int64_t> drones, std::span<const float> position, std::span<const float> quat_wxyz) {
+void Batch::set_pose(std::span<const std::int64_t> drones, std::span<const float> position, std::span<const float> quat_wxyz) {
   const CallGuard guard(*lock_);
   checks::indices(drones, sim_->num_drones(), "rows");
   checks::poses(position, quat_wxyz, drones.size());
@@ -224,8 +223,8 @@ void Batch::set_velocity(std::span<const float> velocity, std::span<const float>
                     [&](DroneIndex drone) { put_velocity(*sim_, drone, drone, velocity, angular_velocity, rotor_speed); });
 }
 
-void Batch::set_velocities(std::span<const std::int64_t> drones, std::span<const float> velocity,
-                           std::span<const float> angular_velocity, std::span<const float> rotor_speed) {
+void Batch::set_velocity(std::span<const std::int64_t> drones, std::span<const float> velocity,
+                         std::span<const float> angular_velocity, std::span<const float> rotor_speed) {
   const CallGuard guard(*lock_);
   checks::flies_by_rotors(*sim_, "set_velocity");
   checks::indices(drones, sim_->num_drones(), "rows");

@@ -116,13 +116,16 @@ void change(Simulation& sim, const BodyRows& rows, std::span<const std::uint8_t>
 
 }  // namespace
 
-std::size_t Batch::bodies_per_env() const { return sim_->bodies ? sim_->bodies->per_env() : 0; }
+Batch::Bodies Batch::bodies() { return Bodies(*this); }
+const Batch::Bodies Batch::bodies() const { return Bodies(const_cast<Batch&>(*this)); }
 
-std::vector<std::int64_t> Batch::spawn_bodies(const BodyConfig& config, std::span<const float> position,
-                                              std::span<const float> quat_wxyz, std::span<const float> velocity,
-                                              std::span<const float> angular_velocity, EnvMask mask) {
-  const CallGuard guard(*lock_);
-  Simulation& sim = *sim_;
+std::size_t Batch::Bodies::per_env() const { return batch_->sim_->bodies ? batch_->sim_->bodies->per_env() : 0; }
+
+std::vector<std::int64_t> Batch::Bodies::spawn(const BodyConfig& config, std::span<const float> position,
+                                               std::span<const float> quat_wxyz, std::span<const float> velocity,
+                                               std::span<const float> angular_velocity, EnvMask mask) {
+  const CallGuard guard(*batch_->lock_);
+  Simulation& sim = *batch_->sim_;
   bodies::BodyTable& table = table_of(sim);
   config.validate();
   checks::body_within_ticks(config, sim.config.clock, sim.hull.radius());
@@ -154,22 +157,33 @@ std::vector<std::int64_t> Batch::spawn_bodies(const BodyConfig& config, std::spa
   return slots;
 }
 
-void Batch::remove_bodies(std::span<const std::uint8_t> mask) {
-  const CallGuard guard(*lock_);
-  bodies::BodyTable& table = table_of(*sim_);
-  if (!mask.empty()) checks::size(mask.size(), sim_->state.bodies.active.size(), "mask");
-  for_each_body(*sim_, mask, [&](EnvIndex env, std::size_t body, std::size_t) { table.remove(env, body); });
+void Batch::Bodies::remove(std::span<const std::uint8_t> mask) {
+  const CallGuard guard(*batch_->lock_);
+  bodies::BodyTable& table = table_of(*batch_->sim_);
+  if (!mask.empty()) checks::size(mask.size(), batch_->sim_->state.bodies.active.size(), "mask");
+  for_each_body(*batch_->sim_, mask, [&](EnvIndex env, std::size_t body, std::size_t) { table.remove(env, body); });
 }
 
-void Batch::set_body_pose(std::span<const float> position, std::span<const float> quat_wxyz, std::span<const std::uint8_t> mask) {
-  const CallGuard guard(*lock_);
-  change(*sim_, {.position = position, .quat_wxyz = quat_wxyz, .velocity = {}, .angular_velocity = {}}, mask);
+void Batch::Bodies::set_pose(std::span<const float> position, std::span<const float> quat_wxyz,
+                             std::span<const std::uint8_t> mask) {
+  const CallGuard guard(*batch_->lock_);
+  change(*batch_->sim_, {.position = position, .quat_wxyz = quat_wxyz, .velocity = {}, .angular_velocity = {}}, mask);
 }
 
-void Batch::set_body_velocity(std::span<const float> velocity, std::span<const float> angular_velocity,
-                              std::span<const std::uint8_t> mask) {
-  const CallGuard guard(*lock_);
-  change(*sim_, {.position = {}, .quat_wxyz = {}, .velocity = velocity, .angular_velocity = angular_velocity}, mask);
+void Batch::Bodies::set_velocity(std::span<const float> velocity, std::span<const float> angular_velocity,
+                                 std::span<const std::uint8_t> mask) {
+  const CallGuard guard(*batch_->lock_);
+  change(*batch_->sim_, {.position = {}, .quat_wxyz = {}, .velocity = velocity, .angular_velocity = angular_velocity}, mask);
+}
+
+const BodyConfig* Batch::Bodies::config(EnvIndex env, std::size_t body) const {
+  const CallGuard guard(*batch_->lock_);
+  const bodies::BodyTable& table = table_of(*batch_->sim_);
+  const std::size_t envs = batch_->sim_->num_envs();
+  require(env < envs, "env", "an integer in [0, " + std::to_string(envs) + ")", std::size_t{env});
+  require(body < table.per_env(), "body", "an integer in [0, " + std::to_string(table.per_env()) + ")", body);
+  const bodies::BodyModel* const model = table.model_of(env, body);
+  return model == nullptr ? nullptr : &model->config;
 }
 
 bool Batch::is_free(EnvIndex env, const Pose& pose) const {
@@ -195,18 +209,6 @@ void Batch::is_free(std::span<const std::int64_t> drones, std::span<const float>
     }
     out[row] = sim.context->is_free(DroneIndex(drones.empty() ? row : static_cast<std::size_t>(drones[row])), pose);
   }
-}
-
-const BodyConfig* Batch::body_config(std::int64_t env, std::int64_t body) const {
-  const CallGuard guard(*lock_);
-  const bodies::BodyTable& table = table_of(*sim_);
-  const auto check = [](const char* name, std::int64_t index, std::size_t end) {
-    require(index >= 0 && static_cast<std::size_t>(index) < end, name, "an integer in [0, " + std::to_string(end) + ")", index);
-  };
-  check("env", env, sim_->num_envs());
-  check("body", body, table.per_env());
-  const bodies::BodyModel* const model = table.model_of(EnvIndex(env), static_cast<std::size_t>(body));
-  return model == nullptr ? nullptr : &model->config;
 }
 
 }  // namespace flockstep

@@ -62,8 +62,6 @@ const sensors::Lidar& lidar_of(const Simulation& sim, std::size_t lidar) {
 }  // namespace
 
 const PoseReadings& Batch::pose_readings() const { return sim_->suite.pose().readings(); }
-const ImuReadings& Batch::imu_readings(std::size_t imu) const { return sim_->imu_readings(imu); }
-const LidarReadings& Batch::lidar_readings(std::size_t lidar) const { return sim_->lidar_readings(lidar); }
 
 std::vector<ArrayView> Batch::sensor_arrays(std::string_view name) const {
   std::vector<ArrayView> arrays;
@@ -81,158 +79,204 @@ std::vector<ArrayView> Batch::sensor_arrays(std::string_view name) const {
   return arrays;
 }
 
-std::size_t Batch::lidar_index(std::string_view name) const {
-  return index_of(sim_->config.lidars, name, "lidar", "this Batch has no LiDAR: give it one (lidar=...; a Task declares lidar)");
+// --- IMUs
+
+Batch::Imu Batch::imu(std::size_t index) const { return {*this, index}; }
+Batch::Imu Batch::imu(std::string_view name) const {
+  return imu(index_of(sim_->config.imus, name, "imu", "this Batch has no IMU: give it one (imu=...)"));
 }
 
-std::size_t Batch::imu_index(std::string_view name) const {
-  return index_of(sim_->config.imus, name, "imu", "this Batch has no IMU: give it one (imu=...)");
+const ImuReadings& Batch::Imu::readings() const { return batch_->sim_->imu_readings(index_); }
+
+// --- LiDARs. A facet for reading is const, and none of its calls changes the batch that it was made from.
+
+Batch::Lidar Batch::lidar(std::size_t index) { return {*this, index}; }
+const Batch::Lidar Batch::lidar(std::size_t index) const { return {const_cast<Batch&>(*this), index}; }
+Batch::Lidar Batch::lidar(std::string_view name) { return {*this, std::as_const(*this).lidar(name).index()}; }
+const Batch::Lidar Batch::lidar(std::string_view name) const {
+  return lidar(
+      index_of(sim_->config.lidars, name, "lidar", "this Batch has no LiDAR: give it one (lidar=...; a Task declares lidar)"));
 }
 
-void Batch::require_scan(std::size_t lidar) const { checks::has_scanned(lidar_of(*sim_, lidar)); }
+const LidarReadings& Batch::Lidar::readings() const { return batch_->sim_->lidar_readings(index_); }
 
-void Batch::set_lidar(const LidarChange& change, DroneMask mask, std::size_t lidar) {
+void Batch::Lidar::require_scan() const { checks::has_scanned(lidar_of(*batch_->sim_, index_)); }
+
+void Batch::Lidar::set(const LidarChange& change, DroneMask mask) {
   if (!change.beams && !change.channels) {
-    const CallGuard guard(*lock_);
-    checks::mask(*sim_, mask);
-    checks::has_lidar(*sim_, lidar);
-    sim_->suite.lidars()[lidar]->change(change, selected_list(*sim_, mask));
+    const CallGuard guard(*batch_->lock_);
+    checks::mask(*batch_->sim_, mask);
+    checks::has_lidar(*batch_->sim_, index_);
+    batch_->sim_->suite.lidars()[index_]->change(change, selected_list(*batch_->sim_, mask));
     return;
   }
-  const LongCallGuard guard(*lock_);
-  checks::mask(*sim_, mask);
-  checks::has_lidar(*sim_, lidar);
+  const LongCallGuard guard(*batch_->lock_);
+  checks::mask(*batch_->sim_, mask);
+  checks::has_lidar(*batch_->sim_, index_);
   const char* const field = change.beams ? "beams" : "channels";
   const int got = change.beams ? *change.beams : *change.channels;
-  BatchConfig config = sim_->config;
-  LidarConfig& of_all = config.lidars[lidar];
+  BatchConfig config = batch_->sim_->config;
+  LidarConfig& of_all = config.lidars[index_];
   require(!of_all.has_pattern(), field, "None for a LiDAR with a beam pattern", got);
-  checks::concerns_all(*sim_, mask, field);
-  checks::has_no_task(*sim_, field, got);
-  checks::can_grow(*lock_, "set_lidar");
+  checks::concerns_all(*batch_->sim_, mask, field);
+  checks::has_no_task(*batch_->sim_, field, got);
+  checks::can_grow(*batch_->lock_, "set_lidar");
   of_all.beams = change.beams.value_or(of_all.beams);
   of_all.channels = change.channels.value_or(of_all.channels);
-  std::shared_ptr<Simulation> next = resized(*sim_, std::move(config));
-  next->suite.lidars()[lidar]->change(change, selected_list(*next, mask));
-  replace(std::move(next));
+  std::shared_ptr<Simulation> next = resized(*batch_->sim_, std::move(config));
+  next->suite.lidars()[index_]->change(change, selected_list(*next, mask));
+  batch_->replace(std::move(next));
 }
 
-LidarConfig Batch::lidar_config(std::int64_t index, std::size_t lidar) const {
-  const CallGuard guard(*lock_);
-  const sensors::Lidar& found = lidar_of(*sim_, lidar);
-  checks::index(*sim_, index);
-  return found.config_of(DroneIndex(index));
+LidarConfig Batch::Lidar::config(DroneIndex drone) const {
+  const CallGuard guard(*batch_->lock_);
+  const sensors::Lidar& found = lidar_of(*batch_->sim_, index_);
+  checks::index(*batch_->sim_, drone);
+  return found.config_of(drone);
 }
 
-void Batch::lidar_directions(std::span<float> out, std::size_t lidar) const {
-  const CallGuard guard(*lock_);
-  const sensors::Lidar& found = lidar_of(*sim_, lidar);
-  checks::size(out.size(), 3 * sim_->num_drones() * found.rays_per_drone(), "out");
+void Batch::Lidar::directions(std::span<float> out) const {
+  const CallGuard guard(*batch_->lock_);
+  const sensors::Lidar& found = lidar_of(*batch_->sim_, index_);
+  checks::size(out.size(), 3 * batch_->sim_->num_drones() * found.rays_per_drone(), "out");
   found.write_directions(out);
 }
 
-void Batch::lidar_directions(std::int64_t index, std::span<float> out, std::size_t lidar) const {
-  const CallGuard guard(*lock_);
-  const sensors::Lidar& found = lidar_of(*sim_, lidar);
-  checks::index(*sim_, index);
+void Batch::Lidar::directions(DroneIndex drone, std::span<float> out) const {
+  const CallGuard guard(*batch_->lock_);
+  const sensors::Lidar& found = lidar_of(*batch_->sim_, index_);
+  checks::index(*batch_->sim_, drone);
   checks::size(out.size(), 3 * found.rays_per_drone(), "out");
-  found.write_directions(DroneIndex(index), out);
+  found.write_directions(drone, out);
 }
 
-void Batch::scan(std::int64_t index, std::span<float> out, std::size_t lidar) const {
-  const CallGuard guard(*lock_);
-  checks::not_stepping(*sim_, "scan");
-  const sensors::Lidar& found = lidar_of(*sim_, lidar);
-  checks::index(*sim_, index);
+void Batch::Lidar::scan(DroneIndex drone, std::span<float> out) const {
+  const CallGuard guard(*batch_->lock_);
+  checks::not_stepping(*batch_->sim_, "scan");
+  const sensors::Lidar& found = lidar_of(*batch_->sim_, index_);
+  checks::index(*batch_->sim_, drone);
   checks::size(out.size(), found.rays_per_drone(), "out");
-  const DroneIndex drone(index);
-  trace::Tracer& tracer = sim_->scratches[0]->tracer;
-  const EnvIndex env = sim_->env_of(drone);
-  const trace::Bodies bodies = sim_->bodies ? sim_->bodies->shapes().of_env(env, sim_->bodies->per_env()) : trace::Bodies();
-  found.scan(*sim_->scenes[sim_->slot_of(env)], bodies, sim_->hulls().seen_by(drone, sim_->drones_per_env()),
-             pose_of(sim_->state, drone), drone, out.data(), tracer);
+  trace::Tracer& tracer = batch_->sim_->scratches[0]->tracer;
+  const EnvIndex env = batch_->sim_->env_of(drone);
+  const trace::Bodies bodies =
+      batch_->sim_->bodies ? batch_->sim_->bodies->shapes().of_env(env, batch_->sim_->bodies->per_env()) : trace::Bodies();
+  found.scan(*batch_->sim_->scenes[batch_->sim_->slot_of(env)], bodies,
+             batch_->sim_->hulls().seen_by(drone, batch_->sim_->drones_per_env()), pose_of(batch_->sim_->state, drone), drone,
+             out.data(), tracer);
   tracer.finish();
 }
 
-void Batch::lidar_points(std::span<float> out, std::size_t lidar) const {
-  const CallGuard guard(*lock_);
-  const sensors::Lidar& found = lidar_of(*sim_, lidar);
-  checks::size(out.size(), 3 * sim_->num_drones() * found.rays_per_drone(), "out");
-  found.write_points(sim_->state, out);
+void Batch::Lidar::points(std::span<float> out) const {
+  const CallGuard guard(*batch_->lock_);
+  const sensors::Lidar& found = lidar_of(*batch_->sim_, index_);
+  checks::size(out.size(), 3 * batch_->sim_->num_drones() * found.rays_per_drone(), "out");
+  found.write_points(batch_->sim_->state, out);
 }
 
-std::size_t Batch::camera_index(std::string_view name) const {
+// --- cameras
+
+Batch::Camera Batch::camera(std::size_t index) { return {*this, index}; }
+const Batch::Camera Batch::camera(std::size_t index) const { return {const_cast<Batch&>(*this), index}; }
+Batch::Camera Batch::camera(std::string_view name) { return {*this, std::as_const(*this).camera(name).index()}; }
+const Batch::Camera Batch::camera(std::string_view name) const {
   const auto& cameras = sim_->config.cameras;
   if (cameras.empty()) {
     throw std::invalid_argument("this Batch has no camera: give it one (cameras=[...]; a Task declares camera)");
   }
-  if (name.empty() && cameras.size() == 1) return 0;
+  if (name.empty() && cameras.size() == 1) return camera(0);
   const auto found = std::ranges::find(cameras, name, &CameraConfig::name);
   if (found == cameras.end()) refuse_name("camera", name, names_of(cameras));
-  return static_cast<std::size_t>(found - cameras.begin());
+  return camera(static_cast<std::size_t>(found - cameras.begin()));
 }
 
-const CameraConfig& Batch::camera_config(std::size_t camera) const {
-  checks::has_camera(*sim_, camera);
-  return sim_->cameras[camera].config();
+const CameraConfig& Batch::Camera::config() const {
+  checks::has_camera(*batch_->sim_, index_);
+  return batch_->sim_->cameras[index_].config();
 }
 
-const CameraImages& Batch::images(std::size_t camera) const {
-  checks::has_camera(*sim_, camera);
-  return sim_->cameras[camera].images();
+const CameraImages& Batch::Camera::images() const {
+  checks::has_camera(*batch_->sim_, index_);
+  return batch_->sim_->cameras[index_].images();
 }
 
-CameraConfig Batch::camera_config(std::size_t camera, std::int64_t index) const {
-  const CallGuard guard(*lock_);
-  checks::has_camera(*sim_, camera);
-  checks::index(*sim_, index);
-  return sim_->cameras[camera].config_of(DroneIndex(index));
+CameraConfig Batch::Camera::config(DroneIndex drone) const {
+  const CallGuard guard(*batch_->lock_);
+  checks::has_camera(*batch_->sim_, index_);
+  checks::index(*batch_->sim_, drone);
+  return batch_->sim_->cameras[index_].config_of(drone);
 }
 
-void Batch::capture(std::size_t camera, DroneMask mask) {
-  const LongCallGuard guard(*lock_);
-  checks::has_camera(*sim_, camera);
-  checks::mask(*sim_, mask);
-  std::vector<DroneIndex>& drones = sim_->captured;  // in block order: drones of one world are consecutive
+void Batch::Camera::capture(DroneMask mask) {
+  const LongCallGuard guard(*batch_->lock_);
+  checks::has_camera(*batch_->sim_, index_);
+  checks::mask(*batch_->sim_, mask);
+  std::vector<DroneIndex>& drones = batch_->sim_->captured;  // in block order: drones of one world are consecutive
   drones.clear();
-  for (const Block& block : sim_->schedule.blocks()) {
-    for (const DroneIndex drone : selected_drones(*sim_, block.envs, Part::active, mask, *sim_->scratches[0]))
+  for (const Block& block : batch_->sim_->schedule.blocks()) {
+    for (const DroneIndex drone : selected_drones(*batch_->sim_, block.envs, Part::active, mask, *batch_->sim_->scratches[0]))
       drones.push_back(drone);
   }
-  sim_->cameras.ask_now(camera, drones);
-  sim_->cameras.start();
-  sim_->cameras.finish(sim_->workers);
+  batch_->sim_->cameras.ask_now(index_, drones);
+  batch_->sim_->cameras.start();
+  batch_->sim_->cameras.finish(batch_->sim_->workers);
 }
 
-void Batch::set_capture_mode(std::size_t camera, CaptureMode mode) {
-  const CallGuard guard(*lock_);
-  checks::has_camera(*sim_, camera);
-  checks::capture_mode(*sim_, camera, mode);
-  sim_->cameras[camera].set_capture_mode(mode);
+void Batch::Camera::set_capture_mode(CaptureMode mode) {
+  const CallGuard guard(*batch_->lock_);
+  checks::has_camera(*batch_->sim_, index_);
+  checks::capture_mode(*batch_->sim_, index_, mode);
+  batch_->sim_->cameras[index_].set_capture_mode(mode);
 }
 
-void Batch::set_camera(std::size_t camera, const CameraChange& change, DroneMask mask) {
+void Batch::Camera::set(const CameraChange& change, DroneMask mask) {
   if (!change.width_px && !change.height_px) {
-    const CallGuard guard(*lock_);
-    checks::has_camera(*sim_, camera);
-    checks::mask(*sim_, mask);
-    sim_->cameras[camera].change(change, selected_list(*sim_, mask));
+    const CallGuard guard(*batch_->lock_);
+    checks::has_camera(*batch_->sim_, index_);
+    checks::mask(*batch_->sim_, mask);
+    batch_->sim_->cameras[index_].change(change, selected_list(*batch_->sim_, mask));
     return;
   }
-  const LongCallGuard guard(*lock_);
-  checks::has_camera(*sim_, camera);
-  checks::mask(*sim_, mask);
+  const LongCallGuard guard(*batch_->lock_);
+  checks::has_camera(*batch_->sim_, index_);
+  checks::mask(*batch_->sim_, mask);
   const char* const field = change.width_px ? "width_px" : "height_px";
-  checks::concerns_all(*sim_, mask, field);
-  checks::has_no_task(*sim_, field, change.width_px ? *change.width_px : *change.height_px);
-  checks::can_grow(*lock_, "set_camera");
-  BatchConfig config = sim_->config;
-  CameraConfig& of_all = config.cameras[camera];
+  checks::concerns_all(*batch_->sim_, mask, field);
+  checks::has_no_task(*batch_->sim_, field, change.width_px ? *change.width_px : *change.height_px);
+  checks::can_grow(*batch_->lock_, "set_camera");
+  BatchConfig config = batch_->sim_->config;
+  CameraConfig& of_all = config.cameras[index_];
   of_all.width_px = change.width_px.value_or(of_all.width_px);
   of_all.height_px = change.height_px.value_or(of_all.height_px);
-  std::shared_ptr<Simulation> next = resized(*sim_, std::move(config));
-  next->cameras[camera].change(change, selected_list(*next, mask));
-  replace(std::move(next));
+  std::shared_ptr<Simulation> next = resized(*batch_->sim_, std::move(config));
+  next->cameras[index_].change(change, selected_list(*next, mask));
+  batch_->replace(std::move(next));
+}
+
+std::string Batch::Camera::jpeg(DroneIndex drone, int quality) const {
+  const CallGuard guard(*batch_->lock_);
+  checks::has_camera(*batch_->sim_, index_);
+  checks::index(*batch_->sim_, drone);
+  return batch_->sim_->cameras.jpeg(index_, drone, quality);
+}
+
+std::vector<std::uint8_t> Batch::Camera::picture(DroneIndex drone) const {
+  const CallGuard guard(*batch_->lock_);
+  checks::not_stepping(*batch_->sim_, "picture");  // its frames and tracers may be in use
+  checks::has_camera(*batch_->sim_, index_);
+  checks::index(*batch_->sim_, drone);
+  std::vector<std::uint8_t> rgb = batch_->sim_->cameras.rgb(index_, drone);
+  if (!batch_->sim_->move_lines.is_any_visible()) return rgb;
+  // A line in the current world does not belong into the frame of another.
+  if (batch_->sim_->cameras[index_].taken_world(drone) != batch_->sim_->state.world_index[batch_->sim_->env_of(drone)])
+    return rgb;
+  const render::RenderRequest view = batch_->sim_->cameras.retake(index_, drone);
+  const CameraConfig& config = batch_->sim_->cameras[index_].config();
+  render::LinePainter painter(view, config.image_width_px(), config.image_height_px(), batch_->sim_->scratches[0]->tracer);
+  for (std::size_t member = 0; member < batch_->sim_->drones_per_env(); ++member) {
+    painter.add(batch_->sim_->move_lines.rows(batch_->sim_->drone_of(batch_->sim_->env_of(drone), member)));
+  }
+  painter.draw(rgb);
+  return rgb;
 }
 
 const std::string& Batch::camera_backend_report() const { return sim_->cameras.report(); }
@@ -243,50 +287,24 @@ std::string Batch::take_warning() {
   return sim_->warning.empty() ? sim_->cameras.take_warning() : std::exchange(sim_->warning, std::string());
 }
 
-std::string Batch::jpeg(std::size_t camera, std::int64_t index, int quality) const {
-  const CallGuard guard(*lock_);
-  checks::has_camera(*sim_, camera);
-  checks::index(*sim_, index);
-  return sim_->cameras.jpeg(camera, DroneIndex(index), quality);
+// --- move lines
+
+Batch::MoveLines Batch::move_lines() { return MoveLines(*this); }
+const Batch::MoveLines Batch::move_lines() const { return MoveLines(const_cast<Batch&>(*this)); }
+
+void Batch::MoveLines::set_visible(bool visible, DroneMask mask) {
+  const CallGuard guard(*batch_->lock_);
+  checks::mask(*batch_->sim_, mask);
+  batch_->sim_->move_lines.set_visible(visible, selected_list(*batch_->sim_, mask));
 }
 
-// --- move lines and pictures
+const MoveLineState& Batch::MoveLines::state() const { return batch_->sim_->move_lines.flags(); }
 
-void Batch::set_move_line_visible(bool visible, DroneMask mask) {
-  const CallGuard guard(*lock_);
-  checks::mask(*sim_, mask);
-  std::vector<DroneIndex> drones;
-  for_each_selected(*sim_, mask, [&](DroneIndex drone) { drones.push_back(drone); });
-  sim_->move_lines.set_visible(visible, drones);
-}
-
-const MoveLineState& Batch::move_lines() const { return sim_->move_lines.flags(); }
-
-std::vector<Vec3> Batch::move_line(std::int64_t index) const {
-  const CallGuard guard(*lock_);
-  checks::index(*sim_, index);
-  const std::span<const Vec3> rows = sim_->move_lines.rows(DroneIndex(index));
+std::vector<Vec3> Batch::MoveLines::path(DroneIndex drone) const {
+  const CallGuard guard(*batch_->lock_);
+  checks::index(*batch_->sim_, drone);
+  const std::span<const Vec3> rows = batch_->sim_->move_lines.rows(drone);
   return {rows.begin(), rows.end()};
-}
-
-std::vector<std::uint8_t> Batch::picture(std::size_t camera, std::int64_t index) const {
-  const CallGuard guard(*lock_);
-  checks::not_stepping(*sim_, "picture");  // its frames and tracers may be in use
-  checks::has_camera(*sim_, camera);
-  checks::index(*sim_, index);
-  const DroneIndex drone(index);
-  std::vector<std::uint8_t> rgb = sim_->cameras.rgb(camera, drone);
-  if (!sim_->move_lines.is_any_visible()) return rgb;
-  // A line in the current world does not belong into the frame of another.
-  if (sim_->cameras[camera].taken_world(drone) != sim_->state.world_index[sim_->env_of(drone)]) return rgb;
-  const render::RenderRequest view = sim_->cameras.retake(camera, drone);
-  const CameraConfig& config = sim_->cameras[camera].config();
-  render::LinePainter painter(view, config.image_width_px(), config.image_height_px(), sim_->scratches[0]->tracer);
-  for (std::size_t member = 0; member < sim_->drones_per_env(); ++member) {
-    painter.add(sim_->move_lines.rows(sim_->drone_of(sim_->env_of(drone), member)));
-  }
-  painter.draw(rgb);
-  return rgb;
 }
 
 }  // namespace flockstep

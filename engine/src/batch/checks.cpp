@@ -249,9 +249,9 @@ void require_started(const Simulation& sim) {
   }
 }
 
-void index(const Simulation& sim, std::int64_t index) {
-  if (index >= 0 && static_cast<std::size_t>(index) < sim.num_drones()) return;
-  refuse("index", "an integer in [0, " + std::to_string(sim.num_drones()) + ")", index);
+void index(const Simulation& sim, DroneIndex drone) {
+  if (drone < sim.num_drones()) return;
+  refuse("index", "an integer in [0, " + std::to_string(sim.num_drones()) + ")", std::size_t{drone});
 }
 
 void indices(const Simulation& sim, std::span<const std::int64_t> numbers) { indices(numbers, sim.num_drones(), "indices"); }

@@ -53,7 +53,7 @@ void spec(const TaskSpec& spec);                      // fields that a task decl
 void require_not_interrupted(const Simulation& sim);  // no step or reset was cut short
 void require_started(const Simulation& sim);          // every active env is in an episode
 
-void index(const Simulation& sim, std::int64_t index);
+void index(const Simulation& sim, DroneIndex drone);
 void indices(const Simulation& sim, std::span<const std::int64_t> indices);
 // Checks that each number of a field is an index below `end`.
 void indices(std::span<const std::int64_t> indices, std::size_t end, std::string_view field);

@@ -34,8 +34,8 @@ void list_arrays(const Batch& batch, std::string_view sensor, const std::functio
   }
   list_all(batch.state(), {}, list);
   list_all(batch.state().contact, {}, list);
-  if (batch.bodies_per_env() > 0) {
-    list_all(batch.state().bodies, {.bodies = {batch.config().num_envs, std::int64_t(batch.bodies_per_env())}}, list);
+  if (batch.bodies().per_env() > 0) {
+    list_all(batch.state().bodies, {.bodies = {batch.config().num_envs, std::int64_t(batch.bodies().per_env())}}, list);
   }
   if (!batch.config().dynamics.is_kinematic()) list_all(batch.state().flight, {}, list);
   list_all(batch.pose_readings(), {}, list);
@@ -105,7 +105,7 @@ bool LiveArrays::list(std::string_view sensor, const std::function<void(const Ar
   return true;
 }
 
-const CameraConfig* LiveArrays::camera(std::string_view name) const { return &batch_.camera_config(batch_.camera_index(name)); }
+const CameraConfig* LiveArrays::camera(std::string_view name) const { return &batch_.camera(name).config(); }
 
 void CopiedArrays::keep_only(const std::vector<std::string>& sensors) {
   std::erase_if(sensors_, [&](const auto& entry) { return std::ranges::find(sensors, entry.first) == sensors.end(); });
@@ -128,7 +128,7 @@ void CopiedArrays::copy(const Batch& batch, std::string_view sensor) {
   const auto& cameras = batch.config().cameras;
   const auto camera = std::ranges::find(cameras, sensor, &CameraConfig::name);
   found->second.camera.reset();
-  if (camera != cameras.end()) found->second.camera = batch.camera_config(static_cast<std::size_t>(camera - cameras.begin()));
+  if (camera != cameras.end()) found->second.camera = batch.camera(static_cast<std::size_t>(camera - cameras.begin())).config();
 }
 
 bool CopiedArrays::list(std::string_view sensor, const std::function<void(const ArrayView&)>& list) const {

@@ -23,13 +23,13 @@ std::span<const float> values_of(const std::optional<std::vector<float>>& array)
 }  // namespace
 
 void Service::require_bodies() const {
-  if (batch_.bodies_per_env() == 0) {
+  if (batch_.bodies().per_env() == 0) {
     throw std::invalid_argument("the batch of this server has no slots for bodies: make it with max_bodies=1 or more");
   }
 }
 
 std::vector<std::uint8_t> Service::body_mask(const Call& call) const {
-  const auto envs = static_cast<std::size_t>(batch_.config().num_envs), per_env = batch_.bodies_per_env();
+  const auto envs = static_cast<std::size_t>(batch_.config().num_envs), per_env = batch_.bodies().per_env();
   const auto is_of_envs = [](const protocol::Array& array) { return array.name == "mask" && array.shape.size() == 1; };
   if (!std::ranges::any_of(call.request.arrays, is_of_envs)) {
     return call.flags("mask", {static_cast<std::int64_t>(envs), static_cast<std::int64_t>(per_env)})
@@ -67,7 +67,7 @@ void Service::locked(Call& call, const protocol::SpawnBodies& spawn) {
   require_may_change_envs(call, mask);
   begin_change();
   const std::vector<std::int64_t> slots =
-      batch_.spawn_bodies(config, values_of(position), values_of(quat), values_of(velocity), values_of(angular_velocity), mask);
+      batch_.bodies().spawn(config, values_of(position), values_of(quat), values_of(velocity), values_of(angular_velocity), mask);
   call.writer.add("slot", std::span<const std::int64_t>(slots), {slots.size()});
   write_time(call);
 }
@@ -77,31 +77,31 @@ void Service::locked(Call& call, const protocol::RemoveBodies&) {
   const std::vector<std::uint8_t> mask = body_mask(call);
   require_may_change_envs(call, mask);
   begin_change();
-  batch_.remove_bodies(mask);
+  batch_.bodies().remove(mask);
   write_time(call);
 }
 
 void Service::locked(Call& call, const protocol::SetBodyPoses&) {
   require_bodies();
-  const auto envs = std::int64_t{batch_.config().num_envs}, bodies = static_cast<std::int64_t>(batch_.bodies_per_env());
+  const auto envs = std::int64_t{batch_.config().num_envs}, bodies = static_cast<std::int64_t>(batch_.bodies().per_env());
   const auto position = call.array<float>("position", {envs, bodies, 3});
   const auto quat = call.array<float>("quat_wxyz", {envs, bodies, 4});
   const std::vector<std::uint8_t> mask = body_mask(call);
   require_may_change_envs(call, mask);
   begin_change();
-  batch_.set_body_pose(values_of(position), values_of(quat), mask);
+  batch_.bodies().set_pose(values_of(position), values_of(quat), mask);
   write_time(call);
 }
 
 void Service::locked(Call& call, const protocol::SetBodyVelocities&) {
   require_bodies();
-  const auto envs = std::int64_t{batch_.config().num_envs}, bodies = static_cast<std::int64_t>(batch_.bodies_per_env());
+  const auto envs = std::int64_t{batch_.config().num_envs}, bodies = static_cast<std::int64_t>(batch_.bodies().per_env());
   const auto velocity = call.array<float>("velocity", {envs, bodies, 3});
   const auto angular_velocity = call.array<float>("angular_velocity", {envs, bodies, 3});
   const std::vector<std::uint8_t> mask = body_mask(call);
   require_may_change_envs(call, mask);
   begin_change();
-  batch_.set_body_velocity(values_of(velocity), values_of(angular_velocity), mask);
+  batch_.bodies().set_velocity(values_of(velocity), values_of(angular_velocity), mask);
   write_time(call);
 }
 
@@ -123,10 +123,10 @@ void Service::locked(Call& call, const protocol::GetBodyConfigs& get) {
     return entry->second = text->second;
   };
   std::vector<std::int32_t> numbers;
-  const std::size_t per_env = batch_.bodies_per_env();
+  const std::size_t per_env = batch_.bodies().per_env();
   for (const std::int64_t env : envs) {
     for (std::size_t body = 0; body < per_env; ++body) {
-      numbers.push_back(number_of(batch_.body_config(env, static_cast<std::int64_t>(body))));
+      numbers.push_back(number_of(batch_.bodies().config(EnvIndex(env), body)));
     }
   }
   call.writer.add("config", std::span<const std::int32_t>(numbers), {envs.size(), per_env});

@@ -78,15 +78,16 @@ void Service::handle(const std::shared_ptr<Call>& call, const protocol::GetCamer
 
 std::optional<Picture> Service::take_frame(Call& call) {
   const auto& get = std::get<protocol::GetCameraData>(call.request.operation);
-  const std::size_t drone = require_drone(get.drone), camera = batch_.camera_index(get.camera);
+  const std::size_t drone = require_drone(get.drone), camera = batch_.camera(get.camera).index();
   require(get.quality <= 100, "quality", "a number in [0, 100]", get.quality);
-  if (batch_.camera_config(camera).capture_mode == CaptureMode::on_demand || batch_.images(camera).frame_step[drone] < 0) {
+  if (batch_.camera(camera).config().capture_mode == CaptureMode::on_demand ||
+      batch_.camera(camera).images().frame_step[drone] < 0) {
     publisher_.publish(batch_, steps());  // no begin_change(): the same pose gives the same frame again
-    batch_.capture(camera, only(drone));
+    batch_.camera(camera).capture(only(drone));
   }
-  std::optional<Picture> picture = copy_frame(call, LiveArrays(batch_), batch_.camera_config(camera).name, drone);
-  const bool has_lines = std::ranges::count(batch_.move_lines().move_line_visible, 1) > 0;
-  if (picture && get.output.empty() && has_lines) picture->rgb = batch_.picture(camera, get.drone);
+  std::optional<Picture> picture = copy_frame(call, LiveArrays(batch_), batch_.camera(camera).config().name, drone);
+  const bool has_lines = std::ranges::count(batch_.move_lines().state().move_line_visible, 1) > 0;
+  if (picture && get.output.empty() && has_lines) picture->rgb = batch_.camera(camera).picture(DroneIndex(get.drone));
   return picture;
 }
 

@@ -164,12 +164,12 @@ void Service::locked(Call& call, const protocol::RemoveDrone& remove) {
 }
 
 void Service::locked(Call& call, const protocol::GetCameraCaptureMode& get) {
-  call.result<protocol::CaptureMode>().mode = message_of(batch_.camera_config(batch_.camera_index(get.camera)).capture_mode);
+  call.result<protocol::CaptureMode>().mode = message_of(batch_.camera(get.camera).config().capture_mode);
 }
 
 void Service::locked(Call& call, const protocol::SetCameraCaptureMode& set) {
   require_may_change(call, std::span<const std::uint8_t>());
-  batch_.set_capture_mode(batch_.camera_index(set.camera), static_cast<CaptureMode>(set.mode));
+  batch_.camera(set.camera).set_capture_mode(static_cast<CaptureMode>(set.mode));
   refresh_shape();
 }
 
@@ -242,15 +242,15 @@ void Service::move(Call& call, std::int64_t index, const std::optional<protocol:
 // --------------------------------------------------------------------------------------------------------------------- sensors
 
 void Service::locked(Call& call, const protocol::GetLidarData& get) {
-  const std::size_t drone = require_drone(get.drone), lidar = batch_.lidar_index(get.lidar);
-  const LidarConfig config = batch_.lidar_config(get.drone, lidar);
+  const std::size_t drone = require_drone(get.drone), lidar = batch_.lidar(get.lidar).index();
+  const LidarConfig config = batch_.lidar(lidar).config(DroneIndex(get.drone));
   const auto rows = static_cast<std::size_t>(config.rows()), columns = static_cast<std::size_t>(config.columns());
   ranges_.resize(rows * columns);
-  batch_.scan(get.drone, ranges_, lidar);
+  batch_.lidar(lidar).scan(DroneIndex(get.drone), ranges_);
   call.writer.add("ranges", std::span<const float>(ranges_), {rows, columns});
   if (!get.without_directions) {
     directions_.resize(3 * rows * columns);
-    batch_.lidar_directions(get.drone, directions_, lidar);
+    batch_.lidar(lidar).directions(DroneIndex(get.drone), directions_);
     call.writer.add("directions", std::span<const float>(directions_), {rows, columns, std::size_t{3}});
   }
   const Pose pose = pose_of(batch_.state(), DroneIndex(drone));
@@ -261,7 +261,7 @@ void Service::locked(Call& call, const protocol::GetLidarData& get) {
 
 void Service::locked(Call& call, const protocol::GetLidarConfig& get) {
   require_drone(get.drone);
-  call.result<protocol::Config>().config_json = json_of(batch_.lidar_config(get.drone, batch_.lidar_index(get.lidar))).dump();
+  call.result<protocol::Config>().config_json = json_of(batch_.lidar(get.lidar).config(DroneIndex(get.drone))).dump();
 }
 
 DroneMask Service::require_drones(const Call& call, std::int64_t index, bool concerns_all) {
@@ -279,13 +279,13 @@ void Service::locked(Call& call, const protocol::SetLidarConfig& set) {
   read_json(set.config_json, "lidar", change);
   const DroneMask mask = require_drones(call, set.drone, change.beams || change.channels);
   begin_change();
-  batch_.set_lidar(change, mask, batch_.lidar_index(set.lidar));
+  batch_.lidar(set.lidar).set(change, mask);
   refresh_shape();
 }
 
 void Service::locked(Call& call, const protocol::GetCameraConfig& get) {
   require_drone(get.drone);
-  CameraConfig config = batch_.camera_config(batch_.camera_index(get.camera), get.drone);
+  CameraConfig config = batch_.camera(get.camera).config(DroneIndex(get.drone));
   const float half_width = static_cast<float>(config.width_px) / 2.0F, half_height = static_cast<float>(config.height_px) / 2.0F;
   const float hfov_deg = 2.0F * std::atan(half_width / config.fx()) / kDegree;
   config.vfov_deg = 2.0F * std::atan(half_height / config.fy()) / kDegree;
@@ -298,19 +298,19 @@ void Service::locked(Call& call, const protocol::SetCameraConfig& set) {
   read_json(set.config_json, "camera", change);
   const DroneMask mask = require_drones(call, set.drone, change.width_px || change.height_px);
   begin_change();
-  batch_.set_camera(batch_.camera_index(set.camera), change, mask);
+  batch_.camera(set.camera).set(change, mask);
   refresh_shape();
 }
 
 void Service::locked(Call& call, const protocol::GetMoveLineVisible& get) {
-  call.result<protocol::MoveLineVisible>().visible = batch_.move_lines().move_line_visible[require_drone(get.drone)] != 0;
+  call.result<protocol::MoveLineVisible>().visible = batch_.move_lines().state().move_line_visible[require_drone(get.drone)] != 0;
 }
 
 void Service::locked(Call& call, const protocol::SetMoveLineVisible& set) {
   const std::size_t drone = require_drone(set.drone);
   require_may_change(call, set.drone);
   has_lines_ = has_lines_ || set.visible;
-  batch_.set_move_line_visible(set.visible, only(drone));
+  batch_.move_lines().set_visible(set.visible, only(drone));
 }
 
 }  // namespace flockstep::server

@@ -84,7 +84,7 @@ void Service::refresh_shape() {
   next->step_s = step_s_;
   next->num_envs = config.num_envs;
   next->drones_per_env = config.drones_per_env;
-  next->bodies_per_env = static_cast<std::int64_t>(batch_.bodies_per_env());
+  next->bodies_per_env = static_cast<std::int64_t>(batch_.bodies().per_env());
   next->generation = ServedBatch::generation(batch_);
   for (const LidarConfig& lidar : config.lidars) next->lidars.push_back(lidar.name);
   for (const ImuConfig& imu : config.imus) {
@@ -92,7 +92,7 @@ void Service::refresh_shape() {
     next->imu_config_json.push_back(json_of(imu).dump());
   }
   for (std::size_t camera = 0; camera < config.cameras.size(); ++camera) {
-    next->camera_configs.push_back(batch_.camera_config(camera));
+    next->camera_configs.push_back(batch_.camera(camera).config());
     next->cameras.push_back(next->camera_configs.back().name);
   }
   next->worlds = batch_.worlds();
@@ -284,7 +284,7 @@ void Service::leave(const std::shared_ptr<Client>& client) {
 void Service::follow_program() {
   bool has_changed = ServedBatch::generation(batch_) != shape_->generation || batch_.worlds() != shape_->worlds;
   for (std::size_t camera = 0; camera < shape_->camera_configs.size(); ++camera) {
-    has_changed |= batch_.camera_config(camera).capture_mode != shape_->camera_configs[camera].capture_mode;
+    has_changed |= batch_.camera(camera).config().capture_mode != shape_->camera_configs[camera].capture_mode;
   }
   if (has_changed) refresh_shape();
 }

@@ -100,7 +100,7 @@ TEST(Batch, DirectTracingAndEmbreeAgree) {
   batch.set_pose(position, {});
   batch.sense();
   std::vector<float> directions(3 * 50 * 35);
-  batch.lidar_directions(directions);
+  batch.lidar().directions(directions);
   for (std::size_t drone = 0; drone < 50; ++drone) {
     std::vector<float> origins;
     for (int ray = 0; ray < 35; ++ray) {
@@ -111,7 +111,7 @@ TEST(Batch, DirectTracingAndEmbreeAgree) {
         raycast(*worlds[drone % 5], origins, std::span(directions).subspan(3 * 35 * drone, std::size_t{3} * 35), 3.0F);
     for (std::size_t ray = 0; ray < 35; ++ray) {
       // raycast() normalises the directions again, which can change the last bit of a beam.
-      const float range = batch.lidar_readings().ranges[35 * drone + ray];
+      const float range = batch.lidar().readings().ranges[35 * drone + ray];
       if (range == hits.t_hit[ray]) continue;
       ASSERT_NEAR(range, hits.t_hit[ray], 2e-6F) << drone << ' ' << ray;
     }
@@ -197,7 +197,7 @@ TEST(MoveLines, AStepWithVisibleLinesAllocatesNothing) {
   config.episode.max_episode_steps = 100;
   Batch batch = config.make({playground("train-1")});
   batch.reset({});
-  batch.set_move_line_visible(true);
+  batch.move_lines().set_visible(true);
   std::vector<std::int64_t> actions(20);
   const auto step = [&](int i) {
     for (std::size_t k = 0; k < actions.size(); ++k) actions[k] = (i / 7 + static_cast<int>(k)) % 3;
@@ -207,7 +207,7 @@ TEST(MoveLines, AStepWithVisibleLinesAllocatesNothing) {
   const std::uint64_t before = allocations();
   for (int i = 0; i < 5000; ++i) step(i);
   EXPECT_EQ(allocations() - before, 0U);
-  EXPECT_GT(batch.move_line(0).size(), MoveLine::kMaxRows / 3);
+  EXPECT_GT(batch.move_lines().path(DroneIndex(0)).size(), MoveLine::kMaxRows / 3);
 }
 
 }  // namespace

@@ -119,26 +119,26 @@ BodyConfig ball_of(float diameter) { return {.shape = BodyShape::sphere, .size_m
 TEST(BodyModels, SpawningForeverDoesNotGrowTheSnapshot) {
   BatchConfig config{.num_envs = 2, .bodies = {ball_of(5.0F)}, .max_bodies = 4};
   Batch batch(config, {closet()});
-  batch.spawn_bodies(ball_of(0.125F));  // stays in slot 1 of both envs
+  batch.bodies().spawn(ball_of(0.125F));  // stays in slot 1 of both envs
   std::size_t after_a_hundred = 0;
   for (int i = 0; i < 3000; ++i) {
     const float diameter = 0.2F + 1e-4F * static_cast<float>(i);
-    const std::vector<std::int64_t> slots = batch.spawn_bodies(ball_of(diameter));
+    const std::vector<std::int64_t> slots = batch.bodies().spawn(ball_of(diameter));
     ASSERT_EQ(slots, (std::vector<std::int64_t>{2, 2}));
-    ASSERT_EQ(batch.body_config(1, 0)->size_m[0], 5.0F);
-    ASSERT_EQ(batch.body_config(1, 1)->size_m[0], 0.125F);
-    ASSERT_EQ(batch.body_config(1, 2)->size_m[0], diameter);
+    ASSERT_EQ(batch.bodies().config(EnvIndex(1), 0)->size_m[0], 5.0F);
+    ASSERT_EQ(batch.bodies().config(EnvIndex(1), 1)->size_m[0], 0.125F);
+    ASSERT_EQ(batch.bodies().config(EnvIndex(1), 2)->size_m[0], diameter);
     if (i == 2999) break;
-    batch.remove_bodies(std::vector<std::uint8_t>{0, 0, 1, 0, 0, 0, 1, 0});
+    batch.bodies().remove(std::vector<std::uint8_t>{0, 0, 1, 0, 0, 0, 1, 0});
     if (i == 100) after_a_hundred = batch.snapshot().size();
   }
   const std::string blob = batch.snapshot();
   EXPECT_LT(blob.size(), 2 * after_a_hundred);
   Batch twin(config, {closet()});
   twin.restore(blob);
-  EXPECT_EQ(twin.body_config(0, 0)->size_m[0], 5.0F);
-  EXPECT_EQ(twin.body_config(0, 1)->size_m[0], 0.125F);
-  EXPECT_EQ(twin.body_config(1, 2)->size_m[0], 0.2F + 1e-4F * 2999.0F);
+  EXPECT_EQ(twin.bodies().config(EnvIndex(0), 0)->size_m[0], 5.0F);
+  EXPECT_EQ(twin.bodies().config(EnvIndex(0), 1)->size_m[0], 0.125F);
+  EXPECT_EQ(twin.bodies().config(EnvIndex(1), 2)->size_m[0], 0.2F + 1e-4F * 2999.0F);
   EXPECT_EQ(twin.snapshot(), blob);
 }
 
@@ -170,7 +170,7 @@ void step(Batch& batch, std::size_t number, std::vector<std::int64_t>& actions) 
 
 TEST(BatchInWorldsWithBodies, AStepAllocatesNothing) {
   Batch batch = in_living_worlds(64).make(four_playgrounds());
-  EXPECT_EQ(batch.bodies_per_env(), 6U);
+  EXPECT_EQ(batch.bodies().per_env(), 6U);
   batch.reset({});
   std::vector<std::int64_t> actions(64);
   for (std::size_t i = 0; i < 50; ++i) step(batch, i, actions);

@@ -181,8 +181,8 @@ void meet_bodies(unsigned seed, long motions, float length, float most_degrees) 
         }
       }
       envs.batch.set_pose(start, start_quat);
-      envs.batch.set_body_pose(envs.position, envs.quat);
-      envs.batch.set_body_velocity(envs.velocity, envs.turning);
+      envs.batch.bodies().set_pose(envs.position, envs.quat);
+      envs.batch.bodies().set_velocity(envs.velocity, envs.turning);
       std::vector<std::vector<Mover>> movers;
       for (std::size_t env = 0; env < envs.envs; ++env) movers.push_back(envs.solids(env));
       envs.batch.move(target, target_quat);

@@ -143,7 +143,7 @@ class BodyEnvs {
       for (std::size_t env = 0; env < envs; ++env) {
         std::vector<std::uint8_t> only(envs, 0);
         only[env] = 1;
-        batch.spawn_bodies(make(), {}, {}, {}, {}, only);
+        batch.bodies().spawn(make(), {}, {}, {}, {}, only);
       }
     }
   }
@@ -151,7 +151,7 @@ class BodyEnvs {
   Pose drone(std::size_t env) const { return pose_at(batch.state().position, batch.state().quat_wxyz, env); }
   Pose body(std::size_t row) const { return pose_at(batch.state().bodies.position, batch.state().bodies.quat_wxyz, row); }
   const BodyConfig& config_of(std::size_t row) const {
-    return *batch.body_config(static_cast<std::int64_t>(row / slots), static_cast<std::int64_t>(row % slots));
+    return *batch.bodies().config(EnvIndex(static_cast<std::int64_t>(row / slots)), static_cast<std::int64_t>(row % slots));
   }
 
   // The solids that a drone may meet, with bodies that stand at their current poses.

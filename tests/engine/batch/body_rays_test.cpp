@@ -207,7 +207,7 @@ class RayScene {
       for (int env = 0; env < kRayEnvs; ++env) {
         std::vector<std::uint8_t> only(kRayEnvs, 0);
         only[static_cast<std::size_t>(env)] = 1;
-        if (random_.generator()() % 8 != 0) batch_.spawn_bodies(body_of_any_size(random_), {}, {}, {}, {}, only);
+        if (random_.generator()() % 8 != 0) batch_.bodies().spawn(body_of_any_size(random_), {}, {}, {}, {}, only);
       }
     }
   }
@@ -216,7 +216,7 @@ class RayScene {
   void look(RayTally& tally) {
     place();
     batch_.sense();
-    batch_.capture(0);
+    batch_.camera(0).capture();
     for (std::size_t env = 0; env < kRayEnvs; ++env) {
       const RayTargets targets = targets_of(env);
       check_beams(env, targets, tally);
@@ -256,10 +256,10 @@ class RayScene {
     batch_.set_pose(drones.position, drones.quat_wxyz);
     Poses bodies = random_poses(random_, kRayEnvs * kRayBodies, Vec3::Constant(1.0F));
     std::vector<float> beams(kRayEnvs * rays() * 3);
-    batch_.lidar_directions(beams);
+    batch_.lidar().directions(beams);
     for (std::size_t row = 0; row < kRayEnvs * kRayBodies; ++row) {
       const std::size_t env = row / kRayBodies;
-      const BodyConfig* const body = batch_.body_config(static_cast<std::int64_t>(env), row % kRayBodies);
+      const BodyConfig* const body = batch_.bodies().config(EnvIndex(static_cast<std::int64_t>(env)), row % kRayBodies);
       if (body == nullptr) continue;
       const Pose drone = pose_of(drones.position, drones.quat_wxyz, env);
       const std::size_t beam = random_.generator()() % rays();
@@ -279,7 +279,7 @@ class RayScene {
         std::copy_n(level.data(), 4, bodies.quat_wxyz.begin() + static_cast<std::ptrdiff_t>(4 * row));
       }
     }
-    batch_.set_body_pose(bodies.position, bodies.quat_wxyz);
+    batch_.bodies().set_pose(bodies.position, bodies.quat_wxyz);
   }
 
   std::size_t rays() const {
@@ -292,7 +292,8 @@ class RayScene {
     const BodyState& state = batch_.state().bodies;
     for (std::size_t slot = 0; slot < kRayBodies; ++slot) {
       const std::size_t row = env * kRayBodies + slot;
-      const BodyConfig* const body = batch_.body_config(static_cast<std::int64_t>(env), static_cast<std::int64_t>(slot));
+      const BodyConfig* const body =
+          batch_.bodies().config(EnvIndex(static_cast<std::int64_t>(env)), static_cast<std::int64_t>(slot));
       EXPECT_EQ(body != nullptr, state.active[row] != 0);
       if (body == nullptr || body->visibility == Visibility::solid) continue;
       const Pose pose = pose_of(state.position, state.quat_wxyz, row);
@@ -310,7 +311,7 @@ class RayScene {
 
   void check_beams(std::size_t env, const RayTargets& targets, RayTally& tally) const {
     std::vector<float> directions(kRayEnvs * rays() * 3);
-    batch_.lidar_directions(directions);
+    batch_.lidar().directions(directions);
     const State& state = batch_.state();
     const Pose drone = pose_of(state.position, state.quat_wxyz, env);
     const Eigen::Matrix3d rotation = drone.rotation.cast<double>().normalized().toRotationMatrix();
@@ -318,7 +319,7 @@ class RayScene {
       const Vec3d local = Eigen::Vector3f(directions.data() + 3 * (env * rays() + beam)).cast<double>();
       const Ray ray{drone.position.cast<double>(), (rotation * local).normalized(), 0.0,
                     static_cast<double>(batch_.config().lidars[0].max_range_m)};
-      check_ray(targets, ray, batch_.lidar_readings().ranges[env * rays() + beam], nullptr, tally);
+      check_ray(targets, ray, batch_.lidar().readings().ranges[env * rays() + beam], nullptr, tally);
     }
   }
 
@@ -333,10 +334,10 @@ class RayScene {
         const Ray ray{eye.origin, oracle::direction_through(camera, eye, column + 0.5, row + 0.5),
                       static_cast<double>(camera.near_m), static_cast<double>(camera.far_m)};
         const auto pixel = static_cast<std::size_t>((static_cast<int>(env) * camera.height_px + row) * camera.width_px + column);
-        const int instance = batch_.images(0).instance[pixel];
+        const int instance = batch_.camera(0).images().instance[pixel];
         int element = instance >= kFirstBodyInstance ? kFirstBodyInstance - instance - 2 : instance - 1;
         const bool is_mesh = element >= instances_of_statics;  // all triangles are one instance
-        check_ray(targets, ray, batch_.images(0).depth[pixel], is_mesh ? nullptr : &element, tally);
+        check_ray(targets, ray, batch_.camera(0).images().depth[pixel], is_mesh ? nullptr : &element, tally);
       }
     }
   }

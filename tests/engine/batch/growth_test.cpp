@@ -103,9 +103,9 @@ class Calls {
     }
   }
   void widen() {
-    batch_.set_lidar({.max_range_m = 2.0F, .hfov_deg = 90.0F, .offset_m = {{0.1F, 0.0F, 0.0F}}});
-    batch_.set_camera(0, {.hfov_deg = 60.0F});
-    batch_.set_capture_mode(1, CaptureMode::every_step);
+    batch_.lidar().set({.max_range_m = 2.0F, .hfov_deg = 90.0F, .offset_m = {{0.1F, 0.0F, 0.0F}}});
+    batch_.camera(0).set({.hfov_deg = 60.0F});
+    batch_.camera(1).set_capture_mode(CaptureMode::every_step);
     batch_.sense();
   }
 
@@ -124,11 +124,11 @@ void expect_same(Batch& grown, Batch& whole) {
   ASSERT_EQ(grown.config().drones_per_env, whole.config().drones_per_env);
   EXPECT_TRUE(grown.snapshot() == whole.snapshot());
   for (std::size_t lidar = 0; lidar < grown.config().lidars.size(); ++lidar) {
-    EXPECT_TRUE(same_bits(grown.lidar_readings(lidar).ranges, whole.lidar_readings(lidar).ranges));
-    EXPECT_TRUE(same_bits(grown.lidar_readings(lidar).max_range_m, whole.lidar_readings(lidar).max_range_m));
+    EXPECT_TRUE(same_bits(grown.lidar(lidar).readings().ranges, whole.lidar(lidar).readings().ranges));
+    EXPECT_TRUE(same_bits(grown.lidar(lidar).readings().max_range_m, whole.lidar(lidar).readings().max_range_m));
   }
   for (std::size_t camera = 0; camera < grown.config().cameras.size(); ++camera) {
-    EXPECT_TRUE(same_arrays(grown.images(camera), whole.images(camera)));
+    EXPECT_TRUE(same_arrays(grown.camera(camera).images(), whole.camera(camera).images()));
   }
   EXPECT_TRUE(same_bits(grown.state().active, whole.state().active));
 }
@@ -140,7 +140,7 @@ void compare(const BatchConfig& config, int num_envs, int drones_per_env, const 
   Calls calls(*grown);
   calls.play(script);
   EXPECT_GT(ServedBatch::generation(*grown), 0);
-  EXPECT_EQ(grown->embree_rays() > 0, grown->config().num_envs > 1);
+  EXPECT_EQ(grown->embree().rays > 0, grown->config().num_envs > 1);
   const auto whole = batch_of(config, grown->config().num_envs, grown->config().drones_per_env);
   Indices all(static_cast<std::size_t>(whole->config().num_drones()));
   std::iota(all.begin(), all.end(), 0);
@@ -149,8 +149,8 @@ void compare(const BatchConfig& config, int num_envs, int drones_per_env, const 
   same.play(script);
   EXPECT_EQ(ServedBatch::generation(*whole), 0);
   expect_same(*grown, *whole);
-  EXPECT_EQ(grown->embree_rays(), whole->embree_rays());
-  EXPECT_EQ(grown->embree_packets(), whole->embree_packets());
+  EXPECT_EQ(grown->embree().rays, whole->embree().rays);
+  EXPECT_EQ(grown->embree().packets, whole->embree().packets);
 }
 
 class Growth : public ::testing::TestWithParam<std::pair<Motion, int>> {
@@ -173,19 +173,19 @@ TEST_P(Growth, WithOtherResolutionsHasTheBitsOfABatchThatWasMadeWithThem) {
   Calls calls(*changed);
   calls.widen();
   calls.fly();
-  changed->set_lidar({.beams = 17, .channels = 3});
-  changed->set_camera(0, {.width_px = 10, .height_px = 5});
+  changed->lidar().set({.beams = 17, .channels = 3});
+  changed->camera(0).set({.width_px = 10, .height_px = 5});
   EXPECT_EQ(ServedBatch::generation(*changed), 2);
-  EXPECT_THROW(changed->require_scan(0), std::logic_error);
-  changed->require_scan(1);
-  EXPECT_EQ(changed->lidar_readings(0).ranges.size(), 3U * 3U * 17U);
-  EXPECT_TRUE(std::ranges::all_of(changed->lidar_readings(0).ranges, [](float range) { return std::isinf(range); }));
-  EXPECT_TRUE(std::ranges::all_of(changed->images(0).frame_step, [](std::int64_t step) { return step == -1; }));
-  EXPECT_TRUE(std::ranges::all_of(changed->images(1).frame_step, [](std::int64_t step) { return step >= 0; }));
-  EXPECT_EQ(changed->lidar_config(2).hfov_deg, 90.0F);
-  EXPECT_EQ(changed->lidar_config(2).beams, 17);
-  EXPECT_EQ(changed->camera_config(0, 1).hfov_deg, 60.0F);
-  EXPECT_EQ(changed->camera_config(1).capture_mode, CaptureMode::every_step);
+  EXPECT_THROW(changed->lidar(0).require_scan(), std::logic_error);
+  changed->lidar(1).require_scan();
+  EXPECT_EQ(changed->lidar(0).readings().ranges.size(), 3U * 3U * 17U);
+  EXPECT_TRUE(std::ranges::all_of(changed->lidar(0).readings().ranges, [](float range) { return std::isinf(range); }));
+  EXPECT_TRUE(std::ranges::all_of(changed->camera(0).images().frame_step, [](std::int64_t step) { return step == -1; }));
+  EXPECT_TRUE(std::ranges::all_of(changed->camera(1).images().frame_step, [](std::int64_t step) { return step >= 0; }));
+  EXPECT_EQ(changed->lidar().config(DroneIndex(2)).hfov_deg, 90.0F);
+  EXPECT_EQ(changed->lidar().config(DroneIndex(2)).beams, 17);
+  EXPECT_EQ(changed->camera(0).config(DroneIndex(1)).hfov_deg, 60.0F);
+  EXPECT_EQ(changed->camera(1).config().capture_mode, CaptureMode::every_step);
   calls.fly();
   small.lidars[0].beams = 17;
   small.lidars[0].channels = 3;
@@ -210,22 +210,22 @@ TEST(GrowthOfBatches, WithoutDronesEverythingWorks) {
       EXPECT_EQ(batch->config().num_drones(), 0);
       batch->sense();
       batch->set_pose({}, {});
-      batch->capture(0);
+      batch->camera(0).capture();
       if (motion == Motion::kinematic) batch->move({}, {});
       if (motion == Motion::rotors) batch->fly({}, 3);
       batch->begin_episode();
-      batch->set_lidar({.hfov_deg = 80.0F});
-      batch->set_camera(0, {.hfov_deg = 80.0F});
+      batch->lidar().set({.hfov_deg = 80.0F});
+      batch->camera(0).set({.hfov_deg = 80.0F});
       std::vector<float> numbers(2 * static_cast<std::size_t>(num_envs));
       batch->random(0, 2, numbers);
       batch->restore(batch->snapshot());
       EXPECT_EQ(batch->spawn({}, {}, {}, {}), Indices());
       EXPECT_REFUSED(batch->remove(Indices{0}), "indices (row 0): ... [0, 0) ... 0");
-      batch->set_lidar({.beams = 5});
-      batch->set_camera(1, {.width_px = 9});
+      batch->lidar().set({.beams = 5});
+      batch->camera(1).set({.width_px = 9});
       EXPECT_EQ(ServedBatch::generation(*batch), 2);
       EXPECT_EQ(batch->spawn({}, std::vector<float>{1, 1, 0.75F}, {}, {}), Indices{0});
-      EXPECT_EQ(batch->lidar_readings().ranges.size(), 10U * static_cast<std::size_t>(batch->config().num_drones()));
+      EXPECT_EQ(batch->lidar().readings().ranges.size(), 10U * static_cast<std::size_t>(batch->config().num_drones()));
     }
   }
 }
@@ -273,7 +273,7 @@ TEST(GrowthOfBatches, KeepsTheOldArraysForThoseWhoHoldTheirMemory) {
   std::shared_ptr<const void> memory = ServedBatch::memory(*batch);
   const std::weak_ptr<const void> watched = memory;
   const std::vector<float>& position = batch->state().position;
-  const std::vector<float>& ranges = batch->lidar_readings().ranges;
+  const std::vector<float>& ranges = batch->lidar().readings().ranges;
   const std::vector<float> before = position, ranges_before = ranges;
   batch->spawn(Indices{1}, position, {}, {});  // a span of the memory that moves
   EXPECT_TRUE(same_bits(std::span(batch->state().position).subspan(3), before));
@@ -289,21 +289,21 @@ TEST(GrowthOfBatches, KeepsTheOldArraysForThoseWhoHoldTheirMemory) {
 TEST(GrowthOfBatches, KeepsMoveLines) {
   Batch batch({.num_envs = 2, .drones_per_env = 2}, {closet()});
   const std::vector<std::uint8_t> mask{0, 0, 0, 1};
-  batch.set_move_line_visible(true, mask);
+  batch.move_lines().set_visible(true, mask);
   std::vector<float> position = batch.state().position;
   position[3 * 3] += 0.25F;
   batch.move(position, {}, mask);
-  const std::vector<Vec3> line = batch.move_line(3);
+  const std::vector<Vec3> line = batch.move_lines().path(DroneIndex(3));
   ASSERT_EQ(line.size(), 2U);
 
   const std::vector<std::int64_t> envs{0};
   batch.spawn({}, {}, {}, {}, envs);  // drone 1 of env 1 is now drone 5
-  EXPECT_EQ(batch.move_line(5), line);
-  EXPECT_EQ(batch.move_lines().move_line_visible, (FlagArray{0, 0, 0, 0, 0, 1, 0, 0}));
+  EXPECT_EQ(batch.move_lines().path(DroneIndex(5)), line);
+  EXPECT_EQ(batch.move_lines().state().move_line_visible, (FlagArray{0, 0, 0, 0, 0, 1, 0, 0}));
   position = batch.state().position;
   position[3 * 5] += 0.25F;
   batch.move(position, {}, std::vector<std::uint8_t>{0, 0, 0, 0, 0, 1, 0, 0});
-  EXPECT_EQ(batch.move_line(5).size(), 3U);
+  EXPECT_EQ(batch.move_lines().path(DroneIndex(5)).size(), 3U);
 }
 
 TEST(GrowthOfBatches, MovesItsArraysOnlyInsideTheGivenFunction) {
@@ -339,15 +339,15 @@ TEST(GrowthOfBatches, RefusesBadCallsBeforeAnythingChanges) {
   EXPECT_REFUSED(batch->spawn(Indices{5}, at, {}, {}, Indices{0}), "env: ... 1 of them");
   EXPECT_REFUSED(batch->spawn({}, at, {}, {}, Indices{2}), "env (row 0): ... [0, 2) ... 2");
   EXPECT_REFUSED(batch->spawn({}, at, {}, {}, Indices{-1}), "env (row 0): ... [0, 2) ... -1");
-  EXPECT_REFUSED(batch->set_lidar({.beams = 0}), "lidar.beams: ... [1, 262144] ... 0");
-  EXPECT_REFUSED(batch->set_lidar({.beams = 1 << 18}), "lidar.channels x lidar.beams");
-  EXPECT_REFUSED(batch->set_lidar({.hfov_deg = -1.0F, .channels = 4}), "lidar.hfov_deg");
-  EXPECT_REFUSED(batch->set_lidar({.channels = 4}, {}, 2), "lidar: ... 2 ... 2");
-  EXPECT_REFUSED(batch->set_lidar({.beams = 4}, std::vector<std::uint8_t>{1, 0}), "mask: ... none for drone 1");
-  EXPECT_REFUSED(batch->set_camera(0, {.width_px = 0}), "camera.width_px");
-  EXPECT_REFUSED(batch->set_camera(1, {.height_px = 3}), "camera.resize");
-  EXPECT_REFUSED(batch->set_camera(0, {.hfov_deg = 179.5F, .height_px = 8}), "camera.hfov_deg");
-  EXPECT_REFUSED(batch->set_camera(0, {.height_px = 8}, std::vector<std::uint8_t>{0, 1}), "mask: ... none for drone 0");
+  EXPECT_REFUSED(batch->lidar().set({.beams = 0}), "lidar.beams: ... [1, 262144] ... 0");
+  EXPECT_REFUSED(batch->lidar().set({.beams = 1 << 18}), "lidar.channels x lidar.beams");
+  EXPECT_REFUSED(batch->lidar().set({.hfov_deg = -1.0F, .channels = 4}), "lidar.hfov_deg");
+  EXPECT_REFUSED(batch->lidar(2).set({.channels = 4}), "lidar: ... 2 ... 2");
+  EXPECT_REFUSED(batch->lidar().set({.beams = 4}, std::vector<std::uint8_t>{1, 0}), "mask: ... none for drone 1");
+  EXPECT_REFUSED(batch->camera(0).set({.width_px = 0}), "camera.width_px");
+  EXPECT_REFUSED(batch->camera(1).set({.height_px = 3}), "camera.resize");
+  EXPECT_REFUSED(batch->camera(0).set({.hfov_deg = 179.5F, .height_px = 8}), "camera.hfov_deg");
+  EXPECT_REFUSED(batch->camera(0).set({.height_px = 8}, std::vector<std::uint8_t>{0, 1}), "mask: ... none for drone 0");
   EXPECT_EQ(ServedBatch::memory(*batch).get(), memory);
   EXPECT_EQ(ServedBatch::generation(*batch), 0);
   EXPECT_TRUE(batch->snapshot() == before);
@@ -357,13 +357,13 @@ TEST(GrowthOfBatches, RefusesAResolutionThatTheFieldOfViewOfADroneDoesNotAllow) 
   BatchConfig config;
   config.cameras = {{.width_px = 8, .height_px = 8}};
   const auto batch = batch_of(config, 2, 1);
-  batch->set_camera(0, {.hfov_deg = 178.0F}, std::vector<std::uint8_t>{0, 1});
-  EXPECT_NE(refusal([&] { batch->set_camera(0, {.height_px = 64}); }), "accepted");
+  batch->camera(0).set({.hfov_deg = 178.0F}, std::vector<std::uint8_t>{0, 1});
+  EXPECT_NE(refusal([&] { batch->camera(0).set({.height_px = 64}); }), "accepted");
   EXPECT_EQ(ServedBatch::generation(*batch), 0);
-  batch->set_camera(0, {.hfov_deg = 90.0F});
-  batch->set_camera(0, {.height_px = 64});
+  batch->camera(0).set({.hfov_deg = 90.0F});
+  batch->camera(0).set({.height_px = 64});
   EXPECT_EQ(ServedBatch::generation(*batch), 1);
-  EXPECT_EQ(batch->camera_config(0).height_px, 64);
+  EXPECT_EQ(batch->camera(0).config().height_px, 64);
 }
 
 TEST(GrowthOfBatches, RefusesSnapshotsOfOtherSizes) {
@@ -383,7 +383,7 @@ TEST(GrowthOfBatches, RefusesToGrowWithATask) {
   EXPECT_REFUSED(batch.spawn(Indices{2}, {}, {}, {}), "indices (row 0): ... [0, 2) ... 2");
   EXPECT_REFUSED(batch.spawn({}, {}, {}, {}, Indices{0}), "env (row 0): ... 0");
   EXPECT_REFUSED(batch.spawn({}, std::vector<float>{1, 1, 1}, {}, {}), "position: ... 1");
-  EXPECT_REFUSED(batch.set_lidar({.beams = 4}), "beams: ... 4");
+  EXPECT_REFUSED(batch.lidar().set({.beams = 4}), "beams: ... 4");
   for (const auto& [num_envs, drones_per_env] : {std::pair(0, 1), std::pair(1, 0)}) {
     config.num_envs = num_envs;
     config.drones_per_env = drones_per_env;
@@ -397,8 +397,8 @@ TEST(GrowthOfBatches, RefusesToGrowWithATask) {
 TEST(GrowthOfBatches, OfABeamPatternIsRefused) {
   BatchConfig config = lidar_batch(1, {.azimuth_deg = {0, 90}, .elevation_deg = {0, 0}});
   const auto batch = batch_of(config, 1, 1);
-  EXPECT_REFUSED(batch->set_lidar({.beams = 4}), "beams: ... 4");
-  EXPECT_REFUSED(batch->set_lidar({.channels = 4}), "channels: ... 4");
+  EXPECT_REFUSED(batch->lidar().set({.beams = 4}), "beams: ... 4");
+  EXPECT_REFUSED(batch->lidar().set({.channels = 4}), "channels: ... 4");
 }
 
 TEST(GrowthOfBatches, WorksInABatchLockAndInTheAnnouncementOfACall) {
@@ -409,10 +409,10 @@ TEST(GrowthOfBatches, WorksInABatchLockAndInTheAnnouncementOfACall) {
   });
   batch->sense();  // reads the two drones that the announcement spawned
   EXPECT_EQ(batch->config().num_drones(), 2);
-  batch->require_scan();
+  batch->lidar().require_scan();
   const BatchLock lock(*batch);
   batch->spawn(Indices{2}, {}, {}, {});
-  batch->set_lidar({.beams = 5});
+  batch->lidar().set({.beams = 5});
   EXPECT_EQ(ServedBatch::generation(*batch), 3);
 }
 
@@ -421,35 +421,35 @@ TEST(SpawnedDrones, HaveTheSensorSettingsOfTheConfiguration) {
   batch->remove(Indices{2});
   batch->sense();
   const auto readings = [&] {
-    std::vector<float> ranges(batch->lidar_readings().ranges.size());
-    std::ranges::copy(batch->lidar_readings().ranges, ranges.begin());
+    std::vector<float> ranges(batch->lidar().readings().ranges.size());
+    std::ranges::copy(batch->lidar().readings().ranges, ranges.begin());
     return ranges;
   };
   const std::vector<float> before = readings();
-  const float range = batch->lidar_readings().max_range_m[1];
+  const float range = batch->lidar().readings().max_range_m[1];
   const std::vector<std::uint8_t> second{0, 1, 0};
-  batch->set_lidar({.max_range_m = 0.5F, .hfov_deg = 90.0F, .offset_m = {{0.1F, 0.0F, 0.0F}}, .quat_wxyz = {{0, 0, 0, 1}}},
-                   second);
-  batch->set_camera(0, {.hfov_deg = 60.0F, .offset_m = {{0.1F, 0.0F, 0.0F}}, .quat_wxyz = {{0, 0, 0, 1}}}, second);
+  batch->lidar().set({.max_range_m = 0.5F, .hfov_deg = 90.0F, .offset_m = {{0.1F, 0.0F, 0.0F}}, .quat_wxyz = {{0, 0, 0, 1}}},
+                     second);
+  batch->camera(0).set({.hfov_deg = 60.0F, .offset_m = {{0.1F, 0.0F, 0.0F}}, .quat_wxyz = {{0, 0, 0, 1}}}, second);
   batch->sense();
   EXPECT_FALSE(readings() == before);
   batch->remove(Indices{1});
   const std::vector<float> place(batch->state().position.begin(), batch->state().position.begin() + 3);
   EXPECT_EQ(batch->spawn({}, place, {}, {}), Indices{1});
   for (const std::int64_t drone : {0, 1}) {
-    const LidarConfig lidar = batch->lidar_config(drone);
+    const LidarConfig lidar = batch->lidar().config(DroneIndex(drone));
     EXPECT_EQ(lidar.max_range_m, batch->config().lidars[0].max_range_m);
     EXPECT_EQ(lidar.hfov_deg, batch->config().lidars[0].hfov_deg);
     EXPECT_EQ(lidar.offset_m, batch->config().lidars[0].offset_m);
     EXPECT_EQ(lidar.quat_wxyz, batch->config().lidars[0].quat_wxyz);
-    const CameraConfig camera = batch->camera_config(0, drone);
+    const CameraConfig camera = batch->camera(0).config(DroneIndex(drone));
     EXPECT_EQ(camera.hfov_deg, batch->config().cameras[0].hfov_deg);
     EXPECT_EQ(camera.offset_m, batch->config().cameras[0].offset_m);
     EXPECT_EQ(camera.quat_wxyz, batch->config().cameras[0].quat_wxyz);
   }
-  EXPECT_EQ(batch->lidar_readings().max_range_m[1], range);
+  EXPECT_EQ(batch->lidar().readings().max_range_m[1], range);
   EXPECT_TRUE(readings() == before);  // those of both drones, which are at one place
-  const auto& rgb = batch->images(0).rgb;
+  const auto& rgb = batch->camera(0).images().rgb;
   const std::size_t width = rgb.size() / 3;
   EXPECT_TRUE(std::equal(rgb.begin(), rgb.begin() + static_cast<std::ptrdiff_t>(width),
                          rgb.begin() + static_cast<std::ptrdiff_t>(width)));
@@ -470,7 +470,7 @@ TEST(GrowthOfBatches, ThreadsSpawnIntoASharedBatch) {
         const BatchLock lock(*batch);
         EXPECT_EQ(batch->state().position[3 * static_cast<std::size_t>(index[0]) + 1], at[1]);
         EXPECT_EQ(batch->state().position.size(), 3U * static_cast<std::size_t>(batch->config().num_drones()));
-        EXPECT_FALSE(std::isnan(batch->lidar_readings().ranges[0]));
+        EXPECT_FALSE(std::isnan(batch->lidar().readings().ranges[0]));
       }
     });
   }

@@ -92,9 +92,9 @@ struct RayCounts {
 // Checks the ranges of all drones against the nearest hit of each ray.
 void check_ranges(const World& world, const DroneModel& model, const Batch& batch, const Poses& poses, RayCounts& counts) {
   const oracle::Hull hull(model.hull());
-  const std::vector<float>& ranges = batch.lidar_readings().ranges;
+  const std::vector<float>& ranges = batch.lidar().readings().ranges;
   std::vector<float> directions(3 * ranges.size());
-  batch.lidar_directions(directions);
+  batch.lidar().directions(directions);
   const std::size_t per_drone = ranges.size() / static_cast<std::size_t>(batch.config().num_drones());
   for (std::size_t ray = 0; ray < ranges.size(); ++ray) {
     const std::size_t drone = ray / per_drone;
@@ -168,18 +168,18 @@ TEST(SeenDrones, LidarsDetectTheSameAmongMany) {
       poses.position[3 * 20] = 400.0F;  // one is far from the others
       batch.set_pose(poses.position, poses.quat_wxyz);
       batch.sense();
-      const std::vector<float> ranges = batch.lidar_readings().ranges;
+      const std::vector<float> ranges = batch.lidar().readings().ranges;
       if (per_env == 60) check_ranges(*world, model, batch, poses, counts);
       std::vector<float> one(16);
       for (std::size_t drone = 0; drone < 2 * drones; ++drone) {
         if (!batch.state().active[drone]) continue;
-        batch.scan(static_cast<std::int64_t>(drone), one);
+        batch.lidar().scan(DroneIndex(static_cast<std::int64_t>(drone)), one);
         ASSERT_TRUE(same_bits(one, testing::row(ranges, drone, 16))) << drone;
       }
       std::vector<std::uint8_t> few(2 * drones);
       few[3] = few[drones + 1] = few[drones + 2] = 1;
       batch.sense(few);
-      ASSERT_TRUE(same_bits(ranges, batch.lidar_readings().ranges));
+      ASSERT_TRUE(same_bits(ranges, batch.lidar().readings().ranges));
     }
   }
   EXPECT_GT(counts.rays, 5'000U);
@@ -200,8 +200,8 @@ TEST(SeenDrones, ADroneDoesNotSeeItselfNorDronesOfOtherEnvs) {
       batch->set_pose(poses.position, poses.quat_wxyz);
       batch->sense();
     }
-    EXPECT_TRUE(same_bits(seen.lidar_readings().ranges, unseen.lidar_readings().ranges)) << per_env;
-    EXPECT_TRUE(same_arrays(seen.images(0), unseen.images(0))) << per_env;
+    EXPECT_TRUE(same_bits(seen.lidar().readings().ranges, unseen.lidar().readings().ranges)) << per_env;
+    EXPECT_TRUE(same_arrays(seen.camera(0).images(), unseen.camera(0).images())) << per_env;
   }
 }
 
@@ -235,13 +235,13 @@ TEST(SeenDrones, ResultsDoNotDependOnThreadsBlocksOrOtherEnvs) {
   for (std::size_t step = 0; step < 60; ++step) {
     few.step(std::span<const std::int64_t>(seen_actions(step, 24)));
     for (Batch* const batch : {&many, &others, &unseen}) batch->step(std::span<const std::int64_t>(seen_actions(step, 240)));
-    ASSERT_TRUE(same_bits(many.lidar_readings().ranges, others.lidar_readings().ranges)) << step;
-    const auto first = std::span(many.lidar_readings().ranges).first(few.lidar_readings().ranges.size());
-    ASSERT_TRUE(same_bits(few.lidar_readings().ranges, first)) << step;
+    ASSERT_TRUE(same_bits(many.lidar().readings().ranges, others.lidar().readings().ranges)) << step;
+    const auto first = std::span(many.lidar().readings().ranges).first(few.lidar().readings().ranges.size());
+    ASSERT_TRUE(same_bits(few.lidar().readings().ranges, first)) << step;
     ASSERT_TRUE(same_bits(many.state().position, unseen.state().position));  // what they see does not move them
-    for (std::size_t ray = 0; ray < many.lidar_readings().ranges.size(); ++ray) {
-      ASSERT_LE(many.lidar_readings().ranges[ray], unseen.lidar_readings().ranges[ray]);
-      nearer += many.lidar_readings().ranges[ray] < unseen.lidar_readings().ranges[ray] ? 1 : 0;
+    for (std::size_t ray = 0; ray < many.lidar().readings().ranges.size(); ++ray) {
+      ASSERT_LE(many.lidar().readings().ranges[ray], unseen.lidar().readings().ranges[ray]);
+      nearer += many.lidar().readings().ranges[ray] < unseen.lidar().readings().ranges[ray] ? 1 : 0;
     }
   }
   EXPECT_GT(nearer, 10'000U);
@@ -268,7 +268,7 @@ TEST(SeenDrones, TheirOrderDoesNotMatter) {
   a.sense();
   b.set_pose(permuted.position, permuted.quat_wxyz);
   b.sense();
-  const std::vector<float>&x = a.lidar_readings().ranges, &y = b.lidar_readings().ranges;
+  const std::vector<float>&x = a.lidar().readings().ranges, &y = b.lidar().readings().ranges;
   for (std::size_t i = 0; i < 6; ++i) EXPECT_TRUE(same_bits(row(x, order[i], 300), row(y, i, 300)));
 }
 
@@ -283,19 +283,19 @@ TEST(SeenDrones, ASnapshotBringsTheSameBitsBack) {
   batch.remove(std::array<std::int64_t, 1>{2});
   batch.set_pose(second.position, second.quat_wxyz, std::vector<std::uint8_t>{0, 1, 0, 0, 0, 0, 0, 0});  // frames are old now
   const std::string blob = batch.snapshot();
-  const CameraImages images = batch.images(0);
-  const std::vector<float> ranges = batch.lidar_readings().ranges;
+  const CameraImages images = batch.camera(0).images();
+  const std::vector<float> ranges = batch.lidar().readings().ranges;
   batch.sense();
-  const CameraImages next = batch.images(0);
-  const std::vector<float> next_ranges = batch.lidar_readings().ranges;
+  const CameraImages next = batch.camera(0).images();
+  const std::vector<float> next_ranges = batch.lidar().readings().ranges;
   Batch other(config, {hall()});
   other.restore(blob);
-  EXPECT_TRUE(same_arrays(other.images(0), images));
-  EXPECT_TRUE(same_bits(other.lidar_readings().ranges, ranges));
+  EXPECT_TRUE(same_arrays(other.camera(0).images(), images));
+  EXPECT_TRUE(same_bits(other.lidar().readings().ranges, ranges));
   other.sense();
-  EXPECT_TRUE(same_arrays(other.images(0), next));
+  EXPECT_TRUE(same_arrays(other.camera(0).images(), next));
   EXPECT_FALSE(same_bits(images.depth, next.depth));
-  EXPECT_TRUE(same_bits(other.lidar_readings().ranges, next_ranges));
+  EXPECT_TRUE(same_bits(other.lidar().readings().ranges, next_ranges));
 }
 
 TEST(SeenDrones, DronesThatComeAreSeen) {
@@ -304,21 +304,21 @@ TEST(SeenDrones, DronesThatComeAreSeen) {
   Batch batch(config, {hall()});
   const std::vector<float> at{0, 0, 0, 1, 0, 0, 2, 0, 0};
   batch.spawn({}, std::span(at).first(3), {}, {}, {});
-  const auto ahead = [&] { return batch.lidar_readings().ranges[2 * 60 + 30]; };  // of the first drone
+  const auto ahead = [&] { return batch.lidar().readings().ranges[2 * 60 + 30]; };  // of the first drone
   EXPECT_FLOAT_EQ(ahead(), 5.0F);
   batch.spawn({}, std::span(at).subspan(3), {}, {}, {});
   batch.sense();
   EXPECT_FLOAT_EQ(ahead(), 1.0F - 0.465F);
   const std::size_t middle = 24 * 64 + 32;
-  EXPECT_EQ(batch.images(0).instance[middle], kFirstDroneInstance + 1);
-  EXPECT_EQ(batch.images(0).semantic[middle], kSemanticDrone);
-  EXPECT_FLOAT_EQ(batch.images(0).depth[middle], 1.0F - 0.465F);
+  EXPECT_EQ(batch.camera(0).images().instance[middle], kFirstDroneInstance + 1);
+  EXPECT_EQ(batch.camera(0).images().semantic[middle], kSemanticDrone);
+  EXPECT_FLOAT_EQ(batch.camera(0).images().depth[middle], 1.0F - 0.465F);
   batch.remove(std::array<std::int64_t, 1>{1});
   batch.sense();
   EXPECT_FLOAT_EQ(ahead(), 2.0F - 0.465F);
-  EXPECT_EQ(batch.images(0).instance[middle], kFirstDroneInstance + 2);
+  EXPECT_EQ(batch.camera(0).images().instance[middle], kFirstDroneInstance + 2);
   std::vector<float> one(300);
-  batch.scan(0, one);
+  batch.lidar().scan(DroneIndex(0), one);
   EXPECT_FLOAT_EQ(one[2 * 60 + 30], 2.0F - 0.465F);
 }
 
@@ -331,7 +331,7 @@ TEST(SeenDrones, AFrameIsStaleWhenADroneHasMovedThatItMayShow) {
   batch.sense();
   const auto is_drawn_again = [&](std::size_t drone) {
     const std::size_t first = drone * 64 * 48;
-    std::vector<float>& depth = const_cast<std::vector<float>&>(batch.images(0).depth);
+    std::vector<float>& depth = const_cast<std::vector<float>&>(batch.camera(0).images().depth);
     std::fill_n(depth.begin() + static_cast<std::ptrdiff_t>(first), 64 * 48, -1.0F);
     return [&depth, first] { return depth[first] != -1.0F; };
   };
@@ -387,12 +387,12 @@ TEST_P(SeenDronesBy, CamerasShowThemAsBodiesWithTheirMesh) {
     for (std::size_t other = 0; other < 5; ++other) {
       if (other == env) continue;
       const Poses pose = rows_of(poses, std::array{other, other, other, other, other});  // for the envs
-      bodies.spawn_bodies(body, pose.position, pose.quat_wxyz, {}, {}, only);
+      bodies.bodies().spawn(body, pose.position, pose.quat_wxyz, {}, {}, only);
     }
   }
   batch.sense();
   bodies.sense();
-  const CameraImages &got = batch.images(0), &expected = bodies.images(0);
+  const CameraImages &got = batch.camera(0).images(), &expected = bodies.camera(0).images();
   std::size_t of_drones = 0, different = 0, ids = 0;
   const std::size_t pixels = got.depth.size();
   for (std::size_t pixel = 0; pixel < pixels; ++pixel) {
@@ -433,7 +433,7 @@ TEST(SeenDrones, CastShadowsForTheOthers) {
   const auto middle_of_first = [&](float above) {
     batch.set_pose(std::vector<float>{0, 0, 2, above, 0, 4}, {});
     batch.sense();
-    return int{batch.images(0).grey[24 * 64 + 32]};
+    return int{batch.camera(0).images().grey[24 * 64 + 32]};
   };
   const int lit = middle_of_first(5.0F), shaded = middle_of_first(0.0F);
   EXPECT_LT(shaded, lit - 20);
@@ -441,7 +441,7 @@ TEST(SeenDrones, CastShadowsForTheOthers) {
   Batch unseen(config, {world});
   unseen.set_pose(std::vector<float>{0, 0, 2, 5, 0, 4}, {});
   unseen.sense();
-  EXPECT_EQ(lit, int{unseen.images(0).grey[24 * 64 + 32]});
+  EXPECT_EQ(lit, int{unseen.camera(0).images().grey[24 * 64 + 32]});
 }
 
 TEST(SeenDrones, BadConfigurationsAreRefused) {

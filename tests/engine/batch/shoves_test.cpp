@@ -44,9 +44,9 @@ class Shoving {
       put(envs.quat, row, solid.way.to.rotation);
       body_mask[row] = 1;
     }
-    batch().set_body_pose(envs.position, envs.quat, body_mask);
+    batch().bodies().set_pose(envs.position, envs.quat, body_mask);
     for (std::size_t slot = 0; slot < envs.slots; ++slot) turn_back(env * envs.slots + slot);
-    batch().set_body_velocity(envs.velocity, envs.turning, body_mask);
+    batch().bodies().set_velocity(envs.velocity, envs.turning, body_mask);
     was_inside_[env] = false;
     age_[env] = 0;
   }
@@ -57,7 +57,7 @@ class Shoving {
       const Vec3 at = envs.body(row).position;
       if (at.cwiseAbs().maxCoeff() > 1.8F || random_.generator()() % 64 == 0) turn_back(row);
     }
-    batch().set_body_velocity(envs.velocity, envs.turning);
+    batch().bodies().set_velocity(envs.velocity, envs.turning);
   }
 
   // Call it after each motion.
@@ -230,8 +230,8 @@ class Plates {
       put(envs.turning, env, Vec3(rate * random.direction().normalized()));
     }
     envs.batch.set_pose(position, quat);
-    envs.batch.set_body_pose(envs.position, envs.quat);
-    envs.batch.set_body_velocity(envs.velocity, envs.turning);
+    envs.batch.bodies().set_pose(envs.position, envs.quat);
+    envs.batch.bodies().set_velocity(envs.velocity, envs.turning);
   }
 
   // Normal of the face that is towards the drone.

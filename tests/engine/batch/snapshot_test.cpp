@@ -75,8 +75,8 @@ TEST(Snapshot, RestoredIsUninterrupted) {
     one.reset({});
     Pilot pilot(1);
     fly(one, pilot, 50);
-    one.set_lidar({.max_range_m = 1.5F, .offset_m = {{0.1F, 0, 0.2F}}}, every(2));
-    one.set_lidar({.hfov_deg = 360.0F, .quat_wxyz = {{0.6F, 0, 0, 0.8F}}}, every(3));
+    one.lidar().set({.max_range_m = 1.5F, .offset_m = {{0.1F, 0, 0.2F}}}, every(2));
+    one.lidar().set({.hfov_deg = 360.0F, .quat_wxyz = {{0.6F, 0, 0, 0.8F}}}, every(3));
     one.remove(std::vector<std::int64_t>{4, 9});
     fly(one, pilot, 51);
 
@@ -85,7 +85,7 @@ TEST(Snapshot, RestoredIsUninterrupted) {
     config.num_threads = 2;
     Batch fresh = config.make(worlds());
     Batch lived = config.make(worlds());
-    lived.set_lidar({.max_range_m = 2.5F}, every(4));
+    lived.lidar().set({.max_range_m = 2.5F}, every(4));
     lived.reset({});
     Pilot other(2);
     fly(lived, other, 30);
@@ -95,8 +95,8 @@ TEST(Snapshot, RestoredIsUninterrupted) {
       batch->restore(blob);
       EXPECT_TRUE(same_bytes(batch->snapshot(), blob));
       ASSERT_TRUE(same_drones(one, *batch));
-      EXPECT_TRUE(std::equal(one.lidar_readings().max_range_m.begin(), one.lidar_readings().max_range_m.end(),
-                             batch->lidar_readings().max_range_m.begin()));
+      EXPECT_TRUE(std::equal(one.lidar().readings().max_range_m.begin(), one.lidar().readings().max_range_m.end(),
+                             batch->lidar().readings().max_range_m.begin()));
     }
     int ends = 0;
     for (int step = 0; step < 300; ++step) {
@@ -134,7 +134,7 @@ TEST(Snapshot, ARestoredBatchRepeatsItsFlight) {
       }
     }
     // Restoring undoes these changes.
-    batch.set_lidar({.max_range_m = 0.5F});
+    batch.lidar().set({.max_range_m = 0.5F});
     batch.remove(std::vector<std::int64_t>{round});
     batch.restore(blob);
   }
@@ -188,7 +188,7 @@ class SnapshotRefusal : public ::testing::Test {
     batch_.reset({});
     Pilot pilot(6);
     fly(batch_, pilot, 20);
-    batch_.set_lidar({.max_range_m = 1.25F}, every(2));
+    batch_.lidar().set({.max_range_m = 1.25F}, every(2));
     blob_ = batch_.snapshot();
     fly(batch_, pilot, 20);
     before_ = batch_.snapshot();

@@ -84,7 +84,7 @@ inline void scatter(Batch& batch, Random& random, bool level) {
     for (int attempt = 0; attempt < 1000; ++attempt) {
       std::vector<float> position(3), quat(4);
       put(any_pose(random, level), 0, position, quat);
-      batch.set_poses({&row, 1}, position, quat);
+      batch.set_pose({&row, 1}, position, quat);
       bool is_apart = true;
       for (std::size_t other = drone / m * m; other < drone && is_apart; ++other) is_apart = are_apart(batch, drone, other);
       if (is_apart) break;

@@ -73,7 +73,7 @@ TEST(Textures, ColoursDoNotDependOnOtherOutputs) {
   const auto all = testing::look(world, camera, {-4, 0, 1.5F});
   camera.outputs = {.rgb = true};
   const auto alone = testing::look(world, camera, {-4, 0, 1.5F});
-  const auto &expected = all->images(0).rgb, &found = alone->images(0).rgb;
+  const auto &expected = all->camera(0).images().rgb, &found = alone->camera(0).images().rgb;
   EXPECT_TRUE(std::equal(expected.begin(), expected.end(), found.begin(), found.end()));
 }
 
@@ -105,7 +105,7 @@ TEST(Textures, EverySimdTargetShowsTheSameBits) {
   for (const std::int64_t target : hwy::SupportedAndGeneratedTargets()) {
     const OnTarget on(target);
     const auto batch = testing::look(world, camera_of(true), {-4, 0, 1.5F});
-    const auto& rgb = batch->images(0).rgb;
+    const auto& rgb = batch->camera(0).images().rgb;
     pictures.emplace_back(rgb.begin(), rgb.end());
     EXPECT_EQ(pictures.back(), pictures.front()) << hwy::TargetName(target);
   }

@@ -82,19 +82,19 @@ TEST(CaptureOnDemand, OnlyByCapture) {
   batch.sense();
   batch.sense();
   EXPECT_EQ(frame_step(batch), (Steps{-1, -1, -1}));
-  batch.capture(0, Flags{0, 1, 0});
+  batch.camera(0).capture(Flags{0, 1, 0});
   EXPECT_EQ(shown(batch), (std::vector<float>{kInfinity, 2, kInfinity}));
   EXPECT_EQ(frame_step(batch), (Steps{-1, 1, -1})) << "the step of the last sense";
   put(batch, {4, 5, 6});
   batch.sense();
   EXPECT_EQ(shown(batch), (std::vector<float>{kInfinity, 2, kInfinity}));
   EXPECT_EQ(frame_step(batch), (Steps{-1, 1, -1})) << "it shows that step still";
-  batch.capture(0);
+  batch.camera(0).capture();
   EXPECT_EQ(shown(batch), (std::vector<float>{4, 5, 6}));
   EXPECT_EQ(frame_step(batch), (Steps{2, 2, 2}));
   batch.begin_episode(Flags{0, 0, 1});
   EXPECT_EQ(frame_step(batch), (Steps{2, 2, -1}));
-  batch.capture(0, Flags{0, 0, 1});
+  batch.camera(0).capture(Flags{0, 0, 1});
   EXPECT_EQ(frame_step(batch), (Steps{2, 2, 0})) << "before the episode's first sense";
 }
 
@@ -106,7 +106,7 @@ TEST(Capture, RendersNowInEveryMode) {
     batch.sense();
     smear(batch);
     put(batch, {3, 2});
-    batch.capture(0);
+    batch.camera(0).capture();
     EXPECT_EQ(shown(batch), (std::vector<float>{3, 2}));
     EXPECT_EQ(frame_step(batch), (Steps{1, 1}));
   }
@@ -116,20 +116,20 @@ TEST(Capture, TheModeChangesAtRunTime) {
   Batch batch(probes(1, CaptureMode::every_step), {halls()[0]});
   put(batch, {1});
   batch.sense();
-  batch.set_capture_mode(0, CaptureMode::on_demand);
-  EXPECT_EQ(batch.camera_config(0).capture_mode, CaptureMode::on_demand);
-  EXPECT_EQ(batch.camera_config(0, 0).capture_mode, CaptureMode::on_demand);
+  batch.camera(0).set_capture_mode(CaptureMode::on_demand);
+  EXPECT_EQ(batch.camera(0).config().capture_mode, CaptureMode::on_demand);
+  EXPECT_EQ(batch.camera(0).config(DroneIndex(0)).capture_mode, CaptureMode::on_demand);
   put(batch, {2});
   batch.sense();
   EXPECT_EQ(shown(batch)[0], 1.0F);
-  batch.set_capture_mode(0, CaptureMode::on_movement);
+  batch.camera(0).set_capture_mode(CaptureMode::on_movement);
   EXPECT_EQ(shown(batch)[0], 1.0F);
   batch.sense();
   EXPECT_EQ(shown(batch)[0], 2.0F) << "it moved since its frame was taken";
   EXPECT_EQ(frame_step(batch), (Steps{2}));
   batch.sense();
   EXPECT_EQ(frame_step(batch), (Steps{2}));
-  batch.set_capture_mode(0, CaptureMode::every_step);
+  batch.camera(0).set_capture_mode(CaptureMode::every_step);
   batch.sense();
   EXPECT_EQ(frame_step(batch), (Steps{4}));
 }
@@ -141,12 +141,12 @@ TEST(CaptureSlots, ARemovedOneSeesNothingAndASpawnedOneRenders) {
     Batch batch(camera_batch(camera, 3), halls(), nullptr, DroneModel::quadrotor650(), std::vector<std::int32_t>(3, 0));
     put(batch, {1, 2, 3});
     batch.sense();
-    batch.capture(0);
-    const CameraImages before = batch.images(0);
+    batch.camera(0).capture();
+    const CameraImages before = batch.camera(0).images();
     ASSERT_EQ(before.instance, std::vector<std::uint16_t>(45, 1));
     batch.remove(std::vector<std::int64_t>{1});
     for (int time = 0; time < 3; ++time) {  // immediately, after a scan, after a capture
-      const CameraImages& images = batch.images(0);
+      const CameraImages& images = batch.camera(0).images();
       const auto all_are = [](const auto& values, auto value) {
         return std::all_of(values.begin(), values.end(), [&](auto each) { return each == value; });
       };
@@ -162,16 +162,16 @@ TEST(CaptureSlots, ARemovedOneSeesNothingAndASpawnedOneRenders) {
         EXPECT_TRUE(same_bits(row(images.depth, other, 15), row(before.depth, other, 15)));
       }
       if (time == 0) batch.sense();
-      if (time == 1) batch.capture(0);
+      if (time == 1) batch.camera(0).capture();
     }
     batch.spawn(std::vector<std::int64_t>{1}, std::vector<float>{4, 0, 0}, {}, std::vector<std::int32_t>{1});
     const bool at_once = mode != CaptureMode::on_demand;
     EXPECT_EQ(frame_step(batch)[1], at_once ? 0 : -1);
-    EXPECT_EQ(batch.images(0).depth[22], at_once ? 2 * kWall - 4 : kInfinity);
+    EXPECT_EQ(batch.camera(0).images().depth[22], at_once ? 2 * kWall - 4 : kInfinity);
     EXPECT_EQ(frame_step(batch)[0], 1) << "no other drone is sensed";
-    batch.capture(0, Flags{0, 1, 0});
+    batch.camera(0).capture(Flags{0, 1, 0});
     EXPECT_EQ(frame_step(batch)[1], 0);
-    EXPECT_EQ(batch.images(0).depth[22], 2 * kWall - 4);
+    EXPECT_EQ(batch.camera(0).images().depth[22], 2 * kWall - 4);
   }
 }
 
@@ -185,35 +185,35 @@ TEST(CaptureCameras, EachHasItsSizeItsOutputsAndItsMode) {
                             .outputs = {.rgb = false, .depth = true, .semantic = true},
                             .capture_mode = CaptureMode::on_demand});
   Batch batch(config, {halls()[0]});
-  EXPECT_EQ(batch.camera_index("front"), 0U);
-  EXPECT_EQ(batch.camera_index("down"), 1U);
-  EXPECT_REFUSED((void)batch.camera_index(""), R"(camera: ... "front" ... "down")");
-  EXPECT_EQ(Batch(probes(1, CaptureMode::every_step), halls()).camera_index(""), 0U) << "the only one needs no name";
-  EXPECT_EQ(batch.images(1).depth.size(), 2U * 33U * 9U);
-  EXPECT_TRUE(batch.images(0).semantic.empty());
+  EXPECT_EQ(batch.camera("front").index(), 0U);
+  EXPECT_EQ(batch.camera("down").index(), 1U);
+  EXPECT_REFUSED((void)batch.camera("").index(), R"(camera: ... "front" ... "down")");
+  EXPECT_EQ(Batch(probes(1, CaptureMode::every_step), halls()).camera("").index(), 0U) << "the only one needs no name";
+  EXPECT_EQ(batch.camera(1).images().depth.size(), 2U * 33U * 9U);
+  EXPECT_TRUE(batch.camera(0).images().semantic.empty());
   put(batch, {1, 2});
   batch.sense();
   EXPECT_EQ(frame_step(batch, 0), (Steps{0, 0}));
   EXPECT_EQ(frame_step(batch, 1), (Steps{-1, -1}));
   smear(batch);
   put(batch, {3, 4});
-  batch.capture(1);
+  batch.camera(1).capture();
   EXPECT_TRUE(is_smeared(batch, 0));
-  EXPECT_EQ(batch.images(1).depth[0], kWall + 3);
-  EXPECT_EQ(batch.images(1).depth[33 * 9], kWall + 4);
+  EXPECT_EQ(batch.camera(1).images().depth[0], kWall + 3);
+  EXPECT_EQ(batch.camera(1).images().depth[33 * 9], kWall + 4);
   EXPECT_EQ(frame_step(batch, 1), (Steps{0, 0}));
-  batch.set_capture_mode(1, CaptureMode::every_step);
-  batch.set_capture_mode(0, CaptureMode::on_demand);
+  batch.camera(1).set_capture_mode(CaptureMode::every_step);
+  batch.camera(0).set_capture_mode(CaptureMode::on_demand);
   put(batch, {5, 6});
   batch.sense();
   EXPECT_TRUE(is_smeared(batch, 0));
-  EXPECT_EQ(batch.images(1).depth[0], kWall + 5);
+  EXPECT_EQ(batch.camera(1).images().depth[0], kWall + 5);
   for (std::size_t drone = 0; drone < 2; ++drone) EXPECT_EQ(expect_picture(batch, drone, 1).clear, 33U * 9U);
 }
 
 bool same_frame(const Batch& a, const Batch& b, std::size_t drone) {
-  return same_bits(row(a.images(0).rgb, drone, 3 * 63), row(b.images(0).rgb, drone, 3 * 63)) &&
-         same_bits(row(a.images(0).depth, drone, 63), row(b.images(0).depth, drone, 63));
+  return same_bits(row(a.camera(0).images().rgb, drone, 3 * 63), row(b.camera(0).images().rgb, drone, 3 * 63)) &&
+         same_bits(row(a.camera(0).images().depth, drone, 63), row(b.camera(0).images().depth, drone, 63));
 }
 
 TEST(CaptureTask, FramesAreAsOldAsTheirModeAllows) {
@@ -248,7 +248,7 @@ TEST(CaptureTask, FramesAreAsOldAsTheirModeAllows) {
           }
         }
       }
-      truth.capture(0);
+      truth.camera(0).capture();
       const State& state = truth.state();
       for (std::size_t i = 0; i < kEnvs; ++i) {
         SCOPED_TRACE("step " + std::to_string(step) + ", drone " + std::to_string(i));
@@ -274,7 +274,7 @@ TEST(CaptureTask, FramesAreAsOldAsTheirModeAllows) {
         ASSERT_EQ(frame_step(demand)[i], demanded[i]);
         ASSERT_GE(frame_step(moving)[i], 0);
         if (demanded[i] >= 0) {
-          ASSERT_TRUE(same_bits(row(demand.images(0).depth, i, 63), kept[i]));
+          ASSERT_TRUE(same_bits(row(demand.camera(0).images().depth, i, 63), kept[i]));
         }
       }
       last_position = state.position;
@@ -282,13 +282,13 @@ TEST(CaptureTask, FramesAreAsOldAsTheirModeAllows) {
       if (step % 4 != 1) continue;
       Flags some(kEnvs);
       for (std::size_t i = 0; i < kEnvs; ++i) some[i] = random.generator()() % 2;
-      demand.capture(0, some);
+      demand.camera(0).capture(some);
       for (std::size_t i = 0; i < kEnvs; ++i) {
         if (!some[i]) continue;
         demanded[i] = state.sensed[i];
         ASSERT_EQ(frame_step(demand)[i], demanded[i]);
         ASSERT_TRUE(same_frame(demand, truth, i));
-        const auto depths = row(demand.images(0).depth, i, 63);
+        const auto depths = row(demand.camera(0).images().depth, i, 63);
         kept[i].assign(depths.begin(), depths.end());
       }
     }
@@ -343,7 +343,7 @@ void expect_no_allocation(int num_threads) {
   const auto step = [&] {
     for (std::int64_t& action : actions) action = random.generator()() % 6;
     batch.step(std::span<const std::int64_t>(actions));
-    batch.capture(2);
+    batch.camera(2).capture();
   };
   for (int i = 0; i < 100; ++i) step();
   int ends = 0;

@@ -173,7 +173,7 @@ TEST(CameraBits, AreTheSameOnEverySimdTarget) {
         camera.samples_per_pixel = samples;
         camera.shadows = samples == 4;
         camera.depth_kind = samples == 4 ? DepthKind::range : DepthKind::planar;
-        pictures.push_back(look(world, camera, random.point(0.5F) + Vec3(0, 0, 0.6F), random.rotation())->images(0));
+        pictures.push_back(look(world, camera, random.point(0.5F) + Vec3(0, 0, 0.6F), random.rotation())->camera(0).images());
       }
     }
     return pictures;
@@ -228,8 +228,8 @@ TEST(CameraBits, OfAPictureDoNotDependOnTheOneBefore) {
         batch->set_pose(testing::row(poses.position, drone, 3), testing::row(poses.quat_wxyz, drone, 4));
         batch->sense();
       }
-      ASSERT_EQ(alone.images(0).depth.size(), pixels);
-      different += !same_arrays(after.images(1), alone.images(0));
+      ASSERT_EQ(alone.camera(0).images().depth.size(), pixels);
+      different += !same_arrays(after.camera(1).images(), alone.camera(0).images());
     }
     EXPECT_EQ(different, 0U) << "of 15 pictures of " << width << " x " << height;
   }
@@ -252,7 +252,7 @@ TEST(CameraBits, AreTheSameForAnyBlocksThreadsAndNeighbours) {
       Batch batch(config, worlds);
       batch.set_pose(poses.position, poses.quat_wxyz);
       batch.sense();
-      return batch.images(0);
+      return batch.camera(0).images();
     };
     const CameraImages images = shoot(64, 1);
     EXPECT_TRUE(same_arrays(images, shoot(1, 1)));
@@ -263,7 +263,7 @@ TEST(CameraBits, AreTheSameForAnyBlocksThreadsAndNeighbours) {
       Batch alone(camera_batch(camera), {worlds[drone % 4]});
       alone.set_pose(testing::row(poses.position, drone, 3), testing::row(poses.quat_wxyz, drone, 4));
       alone.sense();
-      const CameraImages& expected = alone.images(0);
+      const CameraImages& expected = alone.camera(0).images();
       EXPECT_TRUE(same_bits(testing::row(images.rgb, drone, 3 * pixels), expected.rgb)) << drone;
       EXPECT_TRUE(same_bits(testing::row(images.depth, drone, pixels), expected.depth)) << drone;
       EXPECT_TRUE(same_bits(testing::row(images.semantic, drone, pixels), expected.semantic)) << drone;

@@ -40,7 +40,7 @@ TEST(CameraIds, ALidarSeesNoMarkers) {
   const Markers marker{.goal = Vec3(4, 0, 0)};
   Batch batch(config, {make_world({primitive(room, {0, 0, 0}, {9, 9, 9})}, marker)});
   batch.sense();
-  EXPECT_EQ(batch.lidar_readings().ranges[0], 9.0F);
+  EXPECT_EQ(batch.lidar().readings().ranges[0], 9.0F);
   EXPECT_EQ(pixel(batch, 0, 0).depth, 3.75F);
 }
 
@@ -134,8 +134,8 @@ TEST(CameraColors, GreyIsTheWeightedMeanOfRgb) {
     const double mean = 0.299 * is.rgb[0] + 0.587 * is.rgb[1] + 0.114 * is.rgb[2];
     ASSERT_EQ(is.grey, static_cast<int>(std::floor(mean + 0.5 + 1e-9))) << mean;
   }
-  EXPECT_EQ(both->images(0).grey, alone->images(0).grey);
-  EXPECT_GT((std::set<std::uint8_t>(alone->images(0).grey.begin(), alone->images(0).grey.end()).size()), 10U);
+  EXPECT_EQ(both->camera(0).images().grey, alone->camera(0).images().grey);
+  EXPECT_GT((std::set<std::uint8_t>(alone->camera(0).images().grey.begin(), alone->camera(0).images().grey.end()).size()), 10U);
 }
 
 TEST(CameraColors, SamplesAreTheMeanOfAPictureOfSmallerPixels) {
@@ -211,9 +211,9 @@ TEST(CameraShadows, OfACrowdAreTheSame) {
   const Quat facing = testing::facing(Vec3::UnitX(), Vec3(1, -1, -1));
   const auto few = look(alone, camera, {-3, 3, 4}, facing);
   const auto many = look(std::make_shared<const World>(description), camera, {-3, 3, 4}, facing);
-  EXPECT_EQ(few->images(0).rgb, many->images(0).rgb);
+  EXPECT_EQ(few->camera(0).images().rgb, many->camera(0).images().rgb);
   camera.shadows = false;
-  EXPECT_NE(look(alone, camera, {-3, 3, 4}, facing)->images(0).rgb, few->images(0).rgb);
+  EXPECT_NE(look(alone, camera, {-3, 3, 4}, facing)->camera(0).images().rgb, few->camera(0).images().rgb);
 }
 
 TEST(CameraShadows, AreNotCastIntoRoomsByTheirWallsNorByMarkers) {
@@ -331,8 +331,8 @@ TEST(CameraLayout, ChannelFirstIsChannelLastTurned) {
       const auto first = shoot(ImageLayout::chw);
       const auto w = static_cast<std::size_t>(width);
       const auto plane_size = w * static_cast<std::size_t>(height);
-      const CameraImages& a = last->images(0);
-      const CameraImages& b = first->images(0);
+      const CameraImages& a = last->camera(0).images();
+      const CameraImages& b = first->camera(0).images();
       ASSERT_EQ(a.rgb.size(), 2 * 3 * plane_size);
       ASSERT_EQ(b.rgb.size(), a.rgb.size());
       for (std::size_t drone = 0; drone < 2; ++drone) {
@@ -358,11 +358,11 @@ TEST(CameraOutputs, EachAloneEqualsItselfAmongAll) {
     CameraConfig camera = camera_of(33, 47);
     camera.samples_per_pixel = samples;
     const auto all = look(things.world, camera, {0.3F, 0.2F, 0});
-    const CameraImages& every = all->images(0);
+    const CameraImages& every = all->camera(0).images();
     const auto alone = [&](const CameraOutputs& outputs) {
       camera.outputs = outputs;
       const auto batch = look(things.world, camera, {0.3F, 0.2F, 0});
-      const CameraImages& images = batch->images(0);
+      const CameraImages& images = batch->camera(0).images();
       EXPECT_TRUE(images.rgb.empty() == !outputs.rgb && images.depth.empty() == !outputs.depth);
       EXPECT_TRUE(images.semantic.empty() == !outputs.semantic && images.instance.empty() == !outputs.instance);
       EXPECT_TRUE(images.normal.empty() == !outputs.normal && images.grey.empty() == !outputs.grey);

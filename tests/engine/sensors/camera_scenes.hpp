@@ -34,7 +34,7 @@ inline void add_square(TriangleMesh& mesh, float x, float half, std::uint16_t ma
 
 // Returns the number of pixels with an instance id.
 inline std::size_t count_of(const Batch& batch, int instance) {
-  const auto& all = batch.images(0).instance;
+  const auto& all = batch.camera(0).images().instance;
   return static_cast<std::size_t>(std::count(all.begin(), all.end(), instance));
 }
 

@@ -37,26 +37,26 @@ TEST(CameraChange, EqualsASensorMadeThatWay) {
     mask[drone] = 1;
     return mask;
   };
-  batch.set_camera(0, {.hfov_deg = 100.0F}, only(1));
-  batch.set_camera(0, {.vfov_deg = 30.0F}, only(2));
-  batch.set_camera(0, {.hfov_deg = 40.0F, .vfov_deg = 80.0F}, only(3));
-  batch.set_camera(0, {.offset_m = moved.offset_m}, only(4));
-  batch.set_camera(0, {.quat_wxyz = turned.quat_wxyz}, only(5));
+  batch.camera(0).set({.hfov_deg = 100.0F}, only(1));
+  batch.camera(0).set({.vfov_deg = 30.0F}, only(2));
+  batch.camera(0).set({.hfov_deg = 40.0F, .vfov_deg = 80.0F}, only(3));
+  batch.camera(0).set({.offset_m = moved.offset_m}, only(4));
+  batch.camera(0).set({.quat_wxyz = turned.quat_wxyz}, only(5));
   // Changed, then changed back.
-  batch.set_camera(0, {.hfov_deg = 20.0F, .offset_m = {{1, 1, 1}}, .quat_wxyz = {{0, 1, 0, 0}}}, only(6));
-  batch.set_camera(0, {.hfov_deg = 70.0F, .vfov_deg = 50.0F, .offset_m = {{0, 0, 0}}, .quat_wxyz = {{1, 0, 0, 0}}}, only(6));
-  batch.set_camera(0, {.vfov_deg = 33.0F}, only(7));  // sets vfov_deg; the next call resets it
-  batch.set_camera(0, {.hfov_deg = 100.0F}, only(7));
+  batch.camera(0).set({.hfov_deg = 20.0F, .offset_m = {{1, 1, 1}}, .quat_wxyz = {{0, 1, 0, 0}}}, only(6));
+  batch.camera(0).set({.hfov_deg = 70.0F, .vfov_deg = 50.0F, .offset_m = {{0, 0, 0}}, .quat_wxyz = {{1, 0, 0, 0}}}, only(6));
+  batch.camera(0).set({.vfov_deg = 33.0F}, only(7));  // sets vfov_deg; the next call resets it
+  batch.camera(0).set({.hfov_deg = 100.0F}, only(7));
   const std::vector<float> pose{0.5F, 0.25F, -0.5F};
   std::vector<float> poses;
   for (int i = 0; i < 8; ++i) poses.insert(poses.end(), pose.begin(), pose.end());
   batch.set_pose(poses, {});
   batch.sense();
-  const CameraImages& images = batch.images(0);
+  const CameraImages& images = batch.camera(0).images();
   const std::size_t pixels = std::size_t{24} * 18;
   for (std::size_t drone = 0; drone < 8; ++drone) {
     SCOPED_TRACE(drone);
-    const CameraConfig is = batch.camera_config(0, static_cast<std::int64_t>(drone));
+    const CameraConfig is = batch.camera(0).config(DroneIndex(static_cast<std::int64_t>(drone)));
     EXPECT_EQ(is.hfov_deg, configs[drone].hfov_deg);
     EXPECT_EQ(is.vfov_deg, configs[drone].vfov_deg);
     EXPECT_EQ(is.offset_m, configs[drone].offset_m);
@@ -64,9 +64,9 @@ TEST(CameraChange, EqualsASensorMadeThatWay) {
     Batch made_so(camera_batch(configs[drone]), {gallery()});
     made_so.set_pose(pose, {});
     made_so.sense();
-    EXPECT_TRUE(same_bits(row(images.rgb, drone, 3 * pixels), made_so.images(0).rgb));
-    EXPECT_TRUE(same_bits(row(images.depth, drone, pixels), made_so.images(0).depth));
-    EXPECT_TRUE(same_bits(row(images.normal, drone, 3 * pixels), made_so.images(0).normal));
+    EXPECT_TRUE(same_bits(row(images.rgb, drone, 3 * pixels), made_so.camera(0).images().rgb));
+    EXPECT_TRUE(same_bits(row(images.depth, drone, pixels), made_so.camera(0).images().depth));
+    EXPECT_TRUE(same_bits(row(images.normal, drone, 3 * pixels), made_so.camera(0).images().normal));
     EXPECT_GT(expect_picture(batch, drone, 0, 3).clear, 100U);
     // Each change must be visible, otherwise the comparison proves nothing.
     EXPECT_EQ(same_bits(row(images.depth, drone, pixels), row(images.depth, 0, pixels)), drone == 0 || drone == 6);
@@ -78,8 +78,8 @@ TEST(CameraChange, MarksFramesStaleAndRendersThemWhenTheyAreDue) {
     Batch batch(probes(3, mode), {halls()[0]});
     put(batch, {1, 2, 3});
     batch.sense();
-    batch.capture(0);
-    batch.set_camera(0, {.offset_m = {{0.5F, 0, 0}}}, Flags{0, 1, 0});
+    batch.camera(0).capture();
+    batch.camera(0).set({.offset_m = {{0.5F, 0, 0}}}, Flags{0, 1, 0});
     EXPECT_EQ(frame_step(batch), (Steps{0, -1, 0}));
     smear(batch);
     batch.sense();
@@ -88,7 +88,7 @@ TEST(CameraChange, MarksFramesStaleAndRendersThemWhenTheyAreDue) {
     EXPECT_EQ(frame_step(batch), (Steps{every ? 1 : 0, demand ? -1 : 1, every ? 1 : 0}));
     EXPECT_EQ(is_smeared(batch, 0), !every);
     EXPECT_EQ(is_smeared(batch, 1), demand);
-    batch.capture(0);
+    batch.camera(0).capture();
     EXPECT_EQ(shown(batch), (std::vector<float>{1, 2.5F, 3}));
   }
 }
@@ -96,10 +96,10 @@ TEST(CameraChange, MarksFramesStaleAndRendersThemWhenTheyAreDue) {
 TEST(CameraChange, ARemovedDroneKeepsItsCamera) {
   Batch batch(probes(2, CaptureMode::every_step), {halls()[0]});
   batch.remove(std::vector<std::int64_t>{1});
-  batch.set_camera(0, {.offset_m = {{0.5F, 0, 0}}});
+  batch.camera(0).set({.offset_m = {{0.5F, 0, 0}}});
   batch.spawn(std::vector<std::int64_t>{1}, std::vector<float>{2, 0, 0}, {}, {});
   EXPECT_EQ(shown(batch)[1], 2.0F);
-  EXPECT_EQ(batch.camera_config(0, 0).offset_m[0], 0.5F);
+  EXPECT_EQ(batch.camera(0).config(DroneIndex(0)).offset_m[0], 0.5F);
 }
 
 // -- Bad input.
@@ -168,7 +168,7 @@ TEST(CameraRefusal, OfMoreInstancesThanHaveNumbers) {
   // The last instance id is used.
   camera.quat_wxyz = {0, 0, 0, 1};
   const auto batch = testing::look(full, camera, {65534.5F, 0, 0});
-  EXPECT_EQ(batch->images(0).instance[0], 65535);
+  EXPECT_EQ(batch->camera(0).images().instance[0], 65535);
   camera.outputs.instance = false;
   EXPECT_NO_THROW(Batch(camera_batch(camera), {over}));
 }
@@ -182,37 +182,36 @@ TEST(CameraRefusal, ChangesNothing) {
   Batch batch(config, {gallery()});
   batch.sense();
   const std::string before = batch.snapshot();
-  const CameraImages frames = batch.images(0);
+  const CameraImages frames = batch.camera(0).images();
   for (const Flags& mask : {Flags{}, Flags{1, 0}, Flags{0, 0}}) {
-    EXPECT_REFUSED(batch.set_camera(0, {.hfov_deg = 0.0F}, mask), "camera.hfov_deg");
-    EXPECT_REFUSED(batch.set_camera(0, {.hfov_deg = 60.0F, .vfov_deg = 180.0F}, mask), "camera.vfov_deg");
-    EXPECT_REFUSED(batch.set_camera(0, {.vfov_deg = 178.9F}, mask), "camera.vfov_deg");  // hfov_deg would exceed its limit
-    EXPECT_REFUSED(batch.set_camera(0, {.hfov_deg = 60.0F, .offset_m = {{0, kNan, 0}}}, mask), "camera.offset_m");
-    EXPECT_REFUSED(batch.set_camera(0, {.quat_wxyz = {{0, 0, 0, 0}}}, mask), "camera.quat_wxyz");
-    EXPECT_REFUSED(batch.set_camera(2, {.hfov_deg = 60.0F}, mask), "camera: ... 2 ... 2");
-    EXPECT_REFUSED(batch.capture(2, mask), "camera: ... 2 ... 2");
+    EXPECT_REFUSED(batch.camera(0).set({.hfov_deg = 0.0F}, mask), "camera.hfov_deg");
+    EXPECT_REFUSED(batch.camera(0).set({.hfov_deg = 60.0F, .vfov_deg = 180.0F}, mask), "camera.vfov_deg");
+    EXPECT_REFUSED(batch.camera(0).set({.vfov_deg = 178.9F}, mask), "camera.vfov_deg");  // hfov_deg would exceed its limit
+    EXPECT_REFUSED(batch.camera(0).set({.hfov_deg = 60.0F, .offset_m = {{0, kNan, 0}}}, mask), "camera.offset_m");
+    EXPECT_REFUSED(batch.camera(0).set({.quat_wxyz = {{0, 0, 0, 0}}}, mask), "camera.quat_wxyz");
+    EXPECT_REFUSED(batch.camera(2).set({.hfov_deg = 60.0F}, mask), "camera: ... 2 ... 2");
+    EXPECT_REFUSED(batch.camera(2).capture(mask), "camera: ... 2 ... 2");
   }
-  EXPECT_REFUSED(batch.set_camera(0, {.hfov_deg = 60.0F}, Flags{1}), "mask: ... 2 ... 1");
-  EXPECT_REFUSED(batch.capture(0, Flags{1, 0, 1}), "mask: ... 2 ... 3");
-  EXPECT_REFUSED(batch.set_capture_mode(7, CaptureMode::on_demand), "camera: ... 2 ... 7");
-  EXPECT_REFUSED((void)batch.images(2), "camera: ... 2 ... 2");
-  EXPECT_REFUSED((void)batch.camera_config(2, 0), "camera: ... 2 ... 2");
-  EXPECT_REFUSED((void)batch.camera_config(0, 2), "index: ... [0, 2) ... 2");
-  EXPECT_REFUSED((void)batch.camera_index("back"), R"(camera: ... "front" ... "depth" ... "back")");
-  EXPECT_REFUSED((void)batch.jpeg(2, 0, 90), "camera: ... 2 ... 2");
-  EXPECT_REFUSED((void)batch.jpeg(1, 0, 90), R"(camera: ... "depth")");
-  EXPECT_REFUSED((void)batch.jpeg(0, -1, 90), "index: ... [0, 2) ... -1");
-  EXPECT_REFUSED((void)batch.jpeg(0, 2, 90), "index: ... [0, 2) ... 2");
-  EXPECT_REFUSED((void)batch.jpeg(0, 0, 0), "quality: ... [1, 100] ... 0");
-  EXPECT_REFUSED((void)batch.jpeg(0, 0, 101), "quality: ... [1, 100] ... 101");
+  EXPECT_REFUSED(batch.camera(0).set({.hfov_deg = 60.0F}, Flags{1}), "mask: ... 2 ... 1");
+  EXPECT_REFUSED(batch.camera(0).capture(Flags{1, 0, 1}), "mask: ... 2 ... 3");
+  EXPECT_REFUSED(batch.camera(7).set_capture_mode(CaptureMode::on_demand), "camera: ... 2 ... 7");
+  EXPECT_REFUSED((void)batch.camera(2).images(), "camera: ... 2 ... 2");
+  EXPECT_REFUSED((void)batch.camera(2).config(DroneIndex(0)), "camera: ... 2 ... 2");
+  EXPECT_REFUSED((void)batch.camera(0).config(DroneIndex(2)), "index: ... [0, 2) ... 2");
+  EXPECT_REFUSED((void)batch.camera("back").index(), R"(camera: ... "front" ... "depth" ... "back")");
+  EXPECT_REFUSED((void)batch.camera(2).jpeg(DroneIndex(0), 90), "camera: ... 2 ... 2");
+  EXPECT_REFUSED((void)batch.camera(1).jpeg(DroneIndex(0), 90), R"(camera: ... "depth")");
+  EXPECT_REFUSED((void)batch.camera(0).jpeg(DroneIndex(2), 90), "index: ... [0, 2) ... 2");
+  EXPECT_REFUSED((void)batch.camera(0).jpeg(DroneIndex(0), 0), "quality: ... [1, 100] ... 0");
+  EXPECT_REFUSED((void)batch.camera(0).jpeg(DroneIndex(0), 101), "quality: ... [1, 100] ... 101");
   EXPECT_TRUE(batch.snapshot() == before);
-  EXPECT_EQ(batch.images(0).rgb, frames.rgb);
-  EXPECT_EQ(batch.images(0).frame_step, frames.frame_step);
+  EXPECT_EQ(batch.camera(0).images().rgb, frames.rgb);
+  EXPECT_EQ(batch.camera(0).images().frame_step, frames.frame_step);
 
   Batch blind(lidar_batch(1), {gallery()});
-  EXPECT_REFUSED((void)blind.camera_index("front"),
+  EXPECT_REFUSED((void)blind.camera("front").index(),
                  "this Batch has no camera: give it one (cameras=[...]; a Task declares camera)");
-  EXPECT_REFUSED((void)blind.images(0), "camera");
+  EXPECT_REFUSED((void)blind.camera(0).images(), "camera");
   EXPECT_EQ(blind.camera_backend_report(), "this Batch has no cameras");
 }
 
@@ -222,10 +221,10 @@ TEST(CameraJpeg, EncodesTheFrame) {
   for (const bool grey : {false, true}) {
     CameraConfig camera{.width_px = 50, .height_px = 30, .outputs = {.rgb = !grey, .grey = grey}};
     const auto batch = testing::look(gallery(), camera, {0, 0, 0});
-    const std::string fine = batch->jpeg(0, 0, 95);
+    const std::string fine = batch->camera(0).jpeg(DroneIndex(0), 95);
     EXPECT_EQ(fine.substr(0, 2), "\xFF\xD8");
     EXPECT_EQ(fine.substr(fine.size() - 2), "\xFF\xD9");
-    EXPECT_GT(fine.size(), batch->jpeg(0, 0, 20).size());
+    EXPECT_GT(fine.size(), batch->camera(0).jpeg(DroneIndex(0), 20).size());
     // The frame header: SOF0, length, precision, height, width, number of components.
     const std::size_t header = fine.find("\xFF\xC0");
     ASSERT_NE(header, std::string::npos);
@@ -239,17 +238,17 @@ TEST(CameraJpeg, EncodesTheFrame) {
 TEST(CameraJpeg, OfAStaleFrameIsRefused) {
   Batch batch(camera_batch({.width_px = 8, .height_px = 8, .capture_mode = CaptureMode::on_demand}, 2), halls());
   const std::string message = "index: ... 1";
-  EXPECT_REFUSED((void)batch.jpeg(0, 1, 90), message);
-  batch.capture(0, Flags{1, 0});
-  EXPECT_NO_THROW((void)batch.jpeg(0, 0, 90));
-  EXPECT_REFUSED((void)batch.jpeg(0, 1, 90), message);
+  EXPECT_REFUSED((void)batch.camera(0).jpeg(DroneIndex(1), 90), message);
+  batch.camera(0).capture(Flags{1, 0});
+  EXPECT_NO_THROW((void)batch.camera(0).jpeg(DroneIndex(0), 90));
+  EXPECT_REFUSED((void)batch.camera(0).jpeg(DroneIndex(1), 90), message);
 }
 
 TEST(CameraJpeg, OfEitherLayoutIsTheSame) {
   CameraConfig camera{.width_px = 33, .height_px = 17};
-  const std::string last = testing::look(gallery(), camera, {0, 0, 0})->jpeg(0, 0, 90);
+  const std::string last = testing::look(gallery(), camera, {0, 0, 0})->camera(0).jpeg(DroneIndex(0), 90);
   camera.layout = ImageLayout::chw;
-  EXPECT_EQ(testing::look(gallery(), camera, {0, 0, 0})->jpeg(0, 0, 90), last);
+  EXPECT_EQ(testing::look(gallery(), camera, {0, 0, 0})->camera(0).jpeg(DroneIndex(0), 90), last);
 }
 
 // -- Snapshots.
@@ -272,15 +271,15 @@ NavigationBatch two_cameras(CaptureMode mode) {
 // Compares the valid frames bit for bit, and which frames are valid.
 ::testing::AssertionResult same_frames(const Batch& a, const Batch& b) {
   for (std::size_t camera = 0; camera < a.config().cameras.size(); ++camera) {
-    const CameraImages& x = a.images(camera);
-    const CameraImages& y = b.images(camera);
-    const CameraConfig& config = a.camera_config(camera);
-    if (config.capture_mode != b.camera_config(camera).capture_mode) return ::testing::AssertionFailure() << "another mode";
+    const CameraImages& x = a.camera(camera).images();
+    const CameraImages& y = b.camera(camera).images();
+    const CameraConfig& config = a.camera(camera).config();
+    if (config.capture_mode != b.camera(camera).config().capture_mode) return ::testing::AssertionFailure() << "another mode";
     if (x.frame_step != y.frame_step) return ::testing::AssertionFailure() << "camera " << camera << ": other ages";
     const auto pixels = static_cast<std::size_t>(config.width_px * config.height_px);
     for (std::size_t i = 0; i < x.frame_step.size(); ++i) {
-      const CameraConfig mine = a.camera_config(camera, static_cast<std::int64_t>(i));
-      const CameraConfig other = b.camera_config(camera, static_cast<std::int64_t>(i));
+      const CameraConfig mine = a.camera(camera).config(DroneIndex(static_cast<std::int64_t>(i)));
+      const CameraConfig other = b.camera(camera).config(DroneIndex(static_cast<std::int64_t>(i)));
       if (mine.hfov_deg != other.hfov_deg || mine.vfov_deg != other.vfov_deg || mine.offset_m != other.offset_m ||
           mine.quat_wxyz != other.quat_wxyz || mine.capture_mode != other.capture_mode) {
         return ::testing::AssertionFailure() << "camera " << camera << " of drone " << i << " is set otherwise";
@@ -311,19 +310,19 @@ TEST(CameraSnapshot, RestoredIsUninterrupted) {
         for (auto& flag : some) flag = random.generator()() % 4 == 0;
         for (Batch* batch : batches) {
           batch->step(std::span<const float>(actions));
-          batch->capture(1, some);
+          batch->camera(1).capture(some);
         }
       }
     };
     one.reset({});
     fly({&one}, 20);
-    one.capture(0);
-    one.set_camera(0, {.hfov_deg = 50.0F, .offset_m = {{0.1F, 0, 0.05F}}}, Flags{0, 1, 0, 1, 0, 0, 0, 0, 0, 0, 0, 0});
-    one.set_camera(1, {.vfov_deg = 60.0F, .quat_wxyz = {{0.6F, 0, 0.8F, 0}}}, Flags{0, 1, 1, 0, 0, 0, 0, 0, 0, 0, 0, 0});
+    one.camera(0).capture();
+    one.camera(0).set({.hfov_deg = 50.0F, .offset_m = {{0.1F, 0, 0.05F}}}, Flags{0, 1, 0, 1, 0, 0, 0, 0, 0, 0, 0, 0});
+    one.camera(1).set({.vfov_deg = 60.0F, .quat_wxyz = {{0.6F, 0, 0.8F, 0}}}, Flags{0, 1, 1, 0, 0, 0, 0, 0, 0, 0, 0, 0});
     one.remove(std::vector<std::int64_t>{5});
     fly({&one}, 3);
-    one.set_camera(0, {.hfov_deg = 100.0F}, Flags{0, 0, 0, 0, 0, 0, 1, 0, 0, 0, 0, 0});  // stale
-    one.set_capture_mode(1, CaptureMode::on_movement);
+    one.camera(0).set({.hfov_deg = 100.0F}, Flags{0, 0, 0, 0, 0, 0, 1, 0, 0, 0, 0, 0});  // stale
+    one.camera(1).set_capture_mode(CaptureMode::on_movement);
     std::vector<std::int32_t> swapped(one.state().world_index);
     swapped[7] = 1 - swapped[7];
     one.set_world(swapped);  // the frame still shows its old world
@@ -335,15 +334,15 @@ TEST(CameraSnapshot, RestoredIsUninterrupted) {
     Batch fresh = config.make(worlds);
     Batch lived = config.make(worlds);
     lived.reset({});
-    lived.set_camera(0, {.hfov_deg = 33.0F});
-    lived.set_capture_mode(0, CaptureMode::on_demand);
+    lived.camera(0).set({.hfov_deg = 33.0F});
+    lived.camera(0).set_capture_mode(CaptureMode::on_demand);
     lived.remove(std::vector<std::int64_t>{1, 5});
     for (Batch* batch : {&fresh, &lived}) {
       batch->restore(blob);
       EXPECT_TRUE(same_frames(one, *batch));
       EXPECT_TRUE(batch->snapshot() == blob);
       // A removed drone has an empty frame, no matter what was there before.
-      for (const float depth : row(batch->images(0).depth, 5, 63)) EXPECT_EQ(depth, kInfinity);
+      for (const float depth : row(batch->camera(0).images().depth, 5, 63)) EXPECT_EQ(depth, kInfinity);
     }
     const auto counting =
         std::count_if(frame_step(one, 1).begin(), frame_step(one, 1).end(), [](auto step) { return step >= 0; });
@@ -360,16 +359,16 @@ TEST(CameraSnapshot, RestoredIsUninterrupted) {
 
 TEST(CameraSnapshot, RestoresItsMode) {
   Batch batch(probes(1, CaptureMode::every_step), {halls()[0]});
-  batch.set_capture_mode(0, CaptureMode::on_movement);
+  batch.camera(0).set_capture_mode(CaptureMode::on_movement);
   const std::string blob = batch.snapshot();
-  batch.set_capture_mode(0, CaptureMode::on_demand);
+  batch.camera(0).set_capture_mode(CaptureMode::on_demand);
   batch.restore(blob);
-  EXPECT_EQ(batch.camera_config(0, 0).capture_mode, CaptureMode::on_movement);
-  EXPECT_EQ(batch.camera_config(0).capture_mode, CaptureMode::on_movement);
+  EXPECT_EQ(batch.camera(0).config(DroneIndex(0)).capture_mode, CaptureMode::on_movement);
+  EXPECT_EQ(batch.camera(0).config().capture_mode, CaptureMode::on_movement);
   // The capture mode is not part of the configuration that a snapshot must match.
   Batch other(probes(1, CaptureMode::on_demand), {halls()[0]});
   other.restore(blob);
-  EXPECT_EQ(other.camera_config(0).capture_mode, CaptureMode::on_movement);
+  EXPECT_EQ(other.camera(0).config().capture_mode, CaptureMode::on_movement);
 }
 
 TEST(CameraSnapshot, OfAnotherCameraIsRefused) {

@@ -271,7 +271,8 @@ TEST(CameraNear, LeavesNothingNearerInAnyPixel) {
     camera.near_m = 0.6F;
     camera.far_m = 5.0F;
     const auto batch = look(make_world(primitives), camera, {0, 0, 0}, random.rotation());
-    for (const float depth : batch->images(0).depth) ASSERT_TRUE(depth >= 0.6F && (depth <= 5.0F || depth == kInfinity)) << depth;
+    for (const float depth : batch->camera(0).images().depth)
+      ASSERT_TRUE(depth >= 0.6F && (depth <= 5.0F || depth == kInfinity)) << depth;
     expect_picture(*batch, 0, 0, 3);
   }
 }

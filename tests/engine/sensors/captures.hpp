@@ -34,18 +34,18 @@ inline void put(Batch& batch, const std::vector<float>& x, const Flags& mask = {
 // Returns the drones' x at the capture, in the first world; inf before the first capture.
 inline std::vector<float> shown(const Batch& batch, std::size_t camera = 0) {
   std::vector<float> x;
-  for (const float depth : batch.images(camera).depth) x.push_back(depth == kInfinity ? kInfinity : kWall - depth);
+  for (const float depth : batch.camera(camera).images().depth) x.push_back(depth == kInfinity ? kInfinity : kWall - depth);
   return x;
 }
 
-inline const Steps& frame_step(const Batch& batch, std::size_t camera = 0) { return batch.images(camera).frame_step; }
+inline const Steps& frame_step(const Batch& batch, std::size_t camera = 0) { return batch.camera(camera).images().frame_step; }
 
 // Overwrites all frames, so that frames without a new capture are recognised.
 inline void smear(const Batch& batch, std::size_t camera = 0) {
-  for (const float& depth : batch.images(camera).depth) const_cast<float&>(depth) = -1.0F;
+  for (const float& depth : batch.camera(camera).images().depth) const_cast<float&>(depth) = -1.0F;
 }
 
-inline bool is_smeared(const Batch& batch, std::size_t drone) { return batch.images(0).depth[drone] == -1.0F; }
+inline bool is_smeared(const Batch& batch, std::size_t drone) { return batch.camera(0).images().depth[drone] == -1.0F; }
 
 // -- Captures by the task: in every autoreset mode, no frame is older than its capture mode allows.
 

@@ -88,7 +88,7 @@ TEST(EnvLights, ManyLightsOfAWorldDoNotGrowABatch) {
     EXPECT_LE(most, 1);
     made.set_light(batch.worlds()[0]->light());
     made.sense();
-    EXPECT_EQ(batch.images(0).rgb, made.images(0).rgb);
+    EXPECT_EQ(batch.camera(0).images().rgb, made.camera(0).images().rgb);
   }
 }
 

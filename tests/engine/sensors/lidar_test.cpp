@@ -53,7 +53,7 @@ Vec3d direction_of(const LidarConfig& config, const Beam& beam) {
 std::vector<Vec3d> directions_of(const Batch& batch, std::size_t drone = 0) {
   const auto rays = static_cast<std::size_t>(batch.config().lidars[0].rows() * batch.config().lidars[0].columns());
   std::vector<float> all(batch.state().active.size() * rays * 3);
-  batch.lidar_directions(all);
+  batch.lidar().directions(all);
   std::vector<Vec3d> directions;
   for (std::size_t ray = 0; ray < rays; ++ray) {
     directions.push_back(Eigen::Vector3f(all.data() + 3 * (drone * rays + ray)).cast<double>());
@@ -188,7 +188,7 @@ void expect_scan(const Batch& batch, std::size_t drone, const LidarConfig& confi
   const Eigen::Vector4d wxyz = Eigen::Vector4f(state.quat_wxyz.data() + 4 * drone).cast<double>();
   const Vec3d origin = position + rotated(wxyz, Eigen::Vector3f(config.offset_m.data()).cast<double>());
   const std::vector<Beam> beams = beams_of(config);
-  const auto ranges = row(batch.lidar_readings().ranges, drone, beams.size());
+  const auto ranges = row(batch.lidar().readings().ranges, drone, beams.size());
   const double max_range = config.max_range_m;
   std::size_t compared = 0;
   for (std::size_t ray = 0; ray < beams.size(); ++ray) {
@@ -220,7 +220,7 @@ TEST(LidarRanges, AgreeWithTheOracleInRandomPoses) {
     batch.set_pose(poses.position, poses.quat_wxyz);
     batch.sense();
     for (std::size_t drone = 0; drone < 24; ++drone) expect_scan(batch, drone, config);
-    const auto& ranges = batch.lidar_readings().ranges;
+    const auto& ranges = batch.lidar().readings().ranges;
     const auto misses = std::count(ranges.begin(), ranges.end(), kInfinity);
     EXPECT_GT(misses, 0);
     EXPECT_LT(misses, static_cast<std::ptrdiff_t>(ranges.size()) / 2);
@@ -254,10 +254,10 @@ TEST(LidarRanges, AHitAtTheRangeItselfIsAHit) {
   for (const auto& world : {make_world(alone), make_world(crowd)}) {
     Batch batch(lidar_batch(3, ahead), {world});
     batch.set_pose(std::vector<float>(9, 0.0F), {});
-    batch.set_lidar({.max_range_m = std::nextafter(2.0F, 0.0F)}, std::vector<std::uint8_t>{0, 1, 0});
-    batch.set_lidar({.max_range_m = 8.0F}, std::vector<std::uint8_t>{0, 0, 1});
+    batch.lidar().set({.max_range_m = std::nextafter(2.0F, 0.0F)}, std::vector<std::uint8_t>{0, 1, 0});
+    batch.lidar().set({.max_range_m = 8.0F}, std::vector<std::uint8_t>{0, 0, 1});
     batch.sense();
-    EXPECT_EQ(batch.lidar_readings().ranges, (std::vector<float>{2, kInfinity, kInfinity, kInfinity, 2, 8}));
+    EXPECT_EQ(batch.lidar().readings().ranges, (std::vector<float>{2, kInfinity, kInfinity, kInfinity, 2, 8}));
   }
 }
 
@@ -270,13 +270,13 @@ TEST(LidarRanges, PointsLieWhereTheRangesSay) {
   batch.set_pose(poses.position, poses.quat_wxyz);
   batch.sense();
   std::vector<float> points(9 * 70 * 3);
-  batch.lidar_points(points);
+  batch.lidar().points(points);
   const std::vector<Beam> beams = beams_of(config);
   for (std::size_t drone = 0; drone < 9; ++drone) {
     const Eigen::Vector4d wxyz = Eigen::Vector4f(batch.state().quat_wxyz.data() + 4 * drone).cast<double>();
     for (std::size_t ray = 0; ray < 70; ++ray) {
       const Vec3 point(points.data() + 3 * (70 * drone + ray));
-      const float range = batch.lidar_readings().ranges[70 * drone + ray];
+      const float range = batch.lidar().readings().ranges[70 * drone + ray];
       if (range == kInfinity) {
         EXPECT_EQ(point, Vec3::Constant(kInfinity));
         continue;
@@ -313,26 +313,27 @@ TEST(LidarChange, EqualsASensorMadeThatWay) {
     mask[drone] = 1;
     return mask;
   };
-  batch.set_lidar({.max_range_m = shorter.max_range_m}, only(1));
-  batch.set_lidar({.hfov_deg = wider.hfov_deg, .vfov_deg = wider.vfov_deg}, only(2));
-  batch.set_lidar({.offset_m = moved.offset_m}, only(3));
-  batch.set_lidar({.quat_wxyz = turned.quat_wxyz}, only(4));
+  batch.lidar().set({.max_range_m = shorter.max_range_m}, only(1));
+  batch.lidar().set({.hfov_deg = wider.hfov_deg, .vfov_deg = wider.vfov_deg}, only(2));
+  batch.lidar().set({.offset_m = moved.offset_m}, only(3));
+  batch.lidar().set({.quat_wxyz = turned.quat_wxyz}, only(4));
   // Changed, then changed back.
-  batch.set_lidar({.max_range_m = 1.0F, .hfov_deg = 10.0F, .offset_m = {{1, 1, 1}}, .quat_wxyz = {{0, 1, 0, 0}}}, only(5));
-  batch.set_lidar({.max_range_m = 4.0F, .hfov_deg = 200.0F, .offset_m = {{0, 0, 0}}, .quat_wxyz = {{1, 0, 0, 0}}}, only(5));
+  batch.lidar().set({.max_range_m = 1.0F, .hfov_deg = 10.0F, .offset_m = {{1, 1, 1}}, .quat_wxyz = {{0, 1, 0, 0}}}, only(5));
+  batch.lidar().set({.max_range_m = 4.0F, .hfov_deg = 200.0F, .offset_m = {{0, 0, 0}}, .quat_wxyz = {{1, 0, 0, 0}}}, only(5));
   batch.set_pose(poses.position, poses.quat_wxyz);
   batch.sense();
   for (std::size_t drone = 0; drone < 6; ++drone) {
     SCOPED_TRACE(drone);
-    EXPECT_EQ(batch.lidar_readings().max_range_m[drone], configs[drone].max_range_m);
+    EXPECT_EQ(batch.lidar().readings().max_range_m[drone], configs[drone].max_range_m);
     Batch made_so(lidar_batch(1, configs[drone]), worlds);
     made_so.set_pose(row(poses.position, drone, 3), row(poses.quat_wxyz, drone, 4));
     made_so.sense();
-    EXPECT_TRUE(same_bits(row(batch.lidar_readings().ranges, drone, 40), made_so.lidar_readings().ranges));
+    EXPECT_TRUE(same_bits(row(batch.lidar().readings().ranges, drone, 40), made_so.lidar().readings().ranges));
     EXPECT_EQ(directions_of(batch, drone), directions_of(made_so));
     expect_scan(batch, drone, configs[drone]);
     // Each change must be visible, otherwise the comparison proves nothing.
-    const bool is_changed = !same_bits(row(batch.lidar_readings().ranges, drone, 40), row(batch.lidar_readings().ranges, 0, 40));
+    const bool is_changed =
+        !same_bits(row(batch.lidar().readings().ranges, drone, 40), row(batch.lidar().readings().ranges, 0, 40));
     EXPECT_EQ(is_changed, drone != 0);
   }
 }
@@ -342,27 +343,27 @@ TEST(LidarChange, IsRefusedEvenIfNoDroneIsSelected) {
   batch.remove(std::vector<std::int64_t>{1});
   const std::string before = batch.snapshot();
   for (const std::vector<std::uint8_t>& mask : {std::vector<std::uint8_t>{}, {1, 0}, {0, 1}, {0, 0}}) {
-    EXPECT_REFUSED(batch.set_lidar({.max_range_m = -1.0F}, mask), "lidar.max_range_m");
-    EXPECT_REFUSED(batch.set_lidar({.max_range_m = 1.0F, .hfov_deg = 361.0F}, mask), "lidar.hfov_deg");
-    EXPECT_REFUSED(batch.set_lidar({.vfov_deg = -1.0F}, mask), "lidar.vfov_deg");
-    EXPECT_REFUSED(batch.set_lidar({.offset_m = {{0, kNan, 0}}}, mask), "lidar.offset_m");
-    EXPECT_REFUSED(batch.set_lidar({.quat_wxyz = {{0, 0, 0, 0}}}, mask), "lidar.quat_wxyz");
+    EXPECT_REFUSED(batch.lidar().set({.max_range_m = -1.0F}, mask), "lidar.max_range_m");
+    EXPECT_REFUSED(batch.lidar().set({.max_range_m = 1.0F, .hfov_deg = 361.0F}, mask), "lidar.hfov_deg");
+    EXPECT_REFUSED(batch.lidar().set({.vfov_deg = -1.0F}, mask), "lidar.vfov_deg");
+    EXPECT_REFUSED(batch.lidar().set({.offset_m = {{0, kNan, 0}}}, mask), "lidar.offset_m");
+    EXPECT_REFUSED(batch.lidar().set({.quat_wxyz = {{0, 0, 0, 0}}}, mask), "lidar.quat_wxyz");
   }
-  EXPECT_REFUSED(batch.set_lidar({.max_range_m = 1.0F}, std::vector<std::uint8_t>{1}), "mask");
+  EXPECT_REFUSED(batch.lidar().set({.max_range_m = 1.0F}, std::vector<std::uint8_t>{1}), "mask");
   EXPECT_EQ(batch.snapshot(), before);
 
   const LidarConfig pattern{.azimuth_deg = {0}, .elevation_deg = {0}};
   Batch patterned(lidar_batch(1, pattern), {make_world(a_few())});
-  EXPECT_REFUSED(patterned.set_lidar({.hfov_deg = 90.0F}, std::vector<std::uint8_t>{0}), "hfov_deg");
+  EXPECT_REFUSED(patterned.lidar().set({.hfov_deg = 90.0F}, std::vector<std::uint8_t>{0}), "hfov_deg");
 }
 
 TEST(LidarChange, NeedsALidar) {
   BatchConfig config;
   config.num_threads = 1;
   Batch batch(config, {make_world(a_few())});
-  EXPECT_THROW(batch.set_lidar({.max_range_m = 1.0F}), std::logic_error);
-  EXPECT_THROW(batch.lidar_config(0), std::logic_error);
-  EXPECT_TRUE(batch.lidar_readings().max_range_m.empty());
+  EXPECT_THROW(batch.lidar().set({.max_range_m = 1.0F}), std::logic_error);
+  EXPECT_THROW(batch.lidar().config(DroneIndex(0)), std::logic_error);
+  EXPECT_TRUE(batch.lidar().readings().max_range_m.empty());
 }
 
 // -- The same bits with any neighbours.
@@ -383,7 +384,7 @@ TEST(LidarBits, AreTheSameForAnyBlocksThreadsAndNeighbours) {
       Batch batch(config, worlds);
       batch.set_pose(poses.position, poses.quat_wxyz);
       batch.sense();
-      return batch.lidar_readings().ranges;
+      return batch.lidar().readings().ranges;
     };
     const std::vector<float> ranges = scan(64, 1);
     EXPECT_TRUE(same_bits(ranges, scan(1, 1)));
@@ -393,7 +394,7 @@ TEST(LidarBits, AreTheSameForAnyBlocksThreadsAndNeighbours) {
       Batch alone(lidar_batch(1, lidar), {worlds[drone % 3]});
       alone.set_pose(row(poses.position, drone, 3), row(poses.quat_wxyz, drone, 4));
       alone.sense();
-      EXPECT_TRUE(same_bits(row(ranges, drone, rays), alone.lidar_readings().ranges)) << drone;
+      EXPECT_TRUE(same_bits(row(ranges, drone, rays), alone.lidar().readings().ranges)) << drone;
     }
   }
 }
@@ -404,9 +405,9 @@ TEST(LidarBits, AMaskScansOnlyItsDrones) {
   const Poses poses = random_poses(random, 4, {4.5F, 3.5F, 2.5F});
   batch.set_pose(poses.position, poses.quat_wxyz);
   batch.sense(std::vector<std::uint8_t>{0, 1, 0, 1});
-  const std::vector<float> some = batch.lidar_readings().ranges;
+  const std::vector<float> some = batch.lidar().readings().ranges;
   batch.sense();
-  const std::vector<float>& all = batch.lidar_readings().ranges;
+  const std::vector<float>& all = batch.lidar().readings().ranges;
   for (std::size_t drone = 0; drone < 4; ++drone) {
     const auto ranges = row(some, drone, 35);
     if (drone % 2 == 1) {
@@ -427,13 +428,13 @@ TEST(LidarSlots, ARemovedOneReadsInfAndASpawnedOneScans) {
   Batch batch(lidar_batch(5, lidar), worlds);
   batch.set_pose(poses.position, poses.quat_wxyz);
   batch.sense();
-  const std::vector<float> before = batch.lidar_readings().ranges;
+  const std::vector<float> before = batch.lidar().readings().ranges;
   const auto is_absent = [&](std::size_t drone) {
-    const auto ranges = row(batch.lidar_readings().ranges, drone, 120);
+    const auto ranges = row(batch.lidar().readings().ranges, drone, 120);
     return std::all_of(ranges.begin(), ranges.end(), [](float r) { return r == kInfinity; });
   };
   const auto reads_as_before = [&](std::size_t drone) {
-    return same_bits(row(batch.lidar_readings().ranges, drone, 120), row(before, drone, 120));
+    return same_bits(row(batch.lidar().readings().ranges, drone, 120), row(before, drone, 120));
   };
 
   batch.remove(std::vector<std::int64_t>{1, 3});
@@ -441,7 +442,7 @@ TEST(LidarSlots, ARemovedOneReadsInfAndASpawnedOneScans) {
     for (const std::size_t drone : {1U, 3U}) EXPECT_TRUE(is_absent(drone)) << drone;
     for (const std::size_t drone : {0U, 2U, 4U}) EXPECT_TRUE(reads_as_before(drone)) << drone;
     std::vector<float> points(5 * 120 * 3);
-    batch.lidar_points(points);
+    batch.lidar().points(points);
     EXPECT_EQ(std::count(points.begin() + 360, points.begin() + 720, kInfinity), 360);
     batch.sense();
   }
@@ -452,11 +453,11 @@ TEST(LidarSlots, ARemovedOneReadsInfAndASpawnedOneScans) {
   Batch other(lidar_batch(1, lidar), {worlds[0]});
   other.set_pose(row(poses.position, 1, 3), row(poses.quat_wxyz, 1, 4));
   other.sense();
-  EXPECT_TRUE(same_bits(row(batch.lidar_readings().ranges, 1, 120), other.lidar_readings().ranges));
+  EXPECT_TRUE(same_bits(row(batch.lidar().readings().ranges, 1, 120), other.lidar().readings().ranges));
   EXPECT_FALSE(reads_as_before(1));
-  const std::vector<float> spawned = batch.lidar_readings().ranges;
+  const std::vector<float> spawned = batch.lidar().readings().ranges;
   batch.sense();
-  EXPECT_TRUE(same_bits(batch.lidar_readings().ranges, spawned));
+  EXPECT_TRUE(same_bits(batch.lidar().readings().ranges, spawned));
 }
 
 }  // namespace

@@ -127,10 +127,10 @@ TEST(Rate, ALidarHoldsItsReadingsBetweenScans) {
     const auto read = [&](std::int64_t tick) {
       by_hand.set_pose(place_after(tick), {});
       by_hand.sense();
-      return by_hand.lidar_readings().ranges;
+      return by_hand.lidar().readings().ranges;
     };
     batch.reset({});
-    EXPECT_TRUE(same_bits(batch.lidar_readings().ranges, read(0))) << "the first moment of an episode is always read";
+    EXPECT_TRUE(same_bits(batch.lidar().readings().ranges, read(0))) << "the first moment of an episode is always read";
     int held = 0;
     for (int steps = 1; steps <= 13; ++steps) {
       step(batch);
@@ -138,14 +138,14 @@ TEST(Rate, ALidarHoldsItsReadingsBetweenScans) {
       ASSERT_EQ(batch.state().tick[0], tick);
       ASSERT_EQ(batch.state().position, place_after(tick));
       const std::int64_t last = tick - tick % ticks;
-      EXPECT_TRUE(same_bits(batch.lidar_readings().ranges, read(last))) << "after step " << steps;
-      held += last < tick && !same_bits(batch.lidar_readings().ranges, read(tick));
+      EXPECT_TRUE(same_bits(batch.lidar().readings().ranges, read(last))) << "after step " << steps;
+      held += last < tick && !same_bits(batch.lidar().readings().ranges, read(tick));
     }
     EXPECT_EQ(held > 0, kSubsteps % ticks != 0);
     // The next episode starts with a new reading.
     batch.reset({});
     EXPECT_EQ(batch.state().tick[0], 0);
-    EXPECT_TRUE(same_bits(batch.lidar_readings().ranges, read(0)));
+    EXPECT_TRUE(same_bits(batch.lidar().readings().ranges, read(0)));
   }
 }
 
@@ -157,7 +157,7 @@ TEST(Rate, ALidarWithoutOneReadsAfterEveryStep) {
     step(batch);
     by_hand.set_pose(place_after(kSubsteps * steps), {});
     by_hand.sense();
-    EXPECT_TRUE(same_bits(batch.lidar_readings().ranges, by_hand.lidar_readings().ranges));
+    EXPECT_TRUE(same_bits(batch.lidar().readings().ranges, by_hand.lidar().readings().ranges));
   }
 }
 
@@ -202,8 +202,8 @@ TEST(Rate, ACameraTakesAFrameAtTheEndOfAStepInWhichOneIsDue) {
       if (steps > 0) step(batch);
       const std::int64_t tick = kSubsteps * steps;
       if (tick / ticks != kSubsteps * frame / ticks) frame = steps;
-      EXPECT_EQ(batch.images(0).frame_step[0], frame);
-      EXPECT_FLOAT_EQ(batch.images(0).depth[0], 20.0F - place_after(kSubsteps * frame)[0]);
+      EXPECT_EQ(batch.camera(0).images().frame_step[0], frame);
+      EXPECT_FLOAT_EQ(batch.camera(0).images().depth[0], 20.0F - place_after(kSubsteps * frame)[0]);
     }
   }
 }
@@ -217,7 +217,7 @@ TEST(Rate, ByHandASensorReadsAtOnce) {
     batch.move(place_after(i), {});
     batch.sense();
     EXPECT_EQ(batch.pose_readings().position, place_after(i));
-    EXPECT_FLOAT_EQ(batch.lidar_readings().ranges[0], 20.0F - place_after(i)[0]);
+    EXPECT_FLOAT_EQ(batch.lidar().readings().ranges[0], 20.0F - place_after(i)[0]);
   }
 }
 

@@ -50,17 +50,17 @@ TEST(SensorSuite, ReadsSeveralLidarsLikeSingleOnes) {
   for (std::size_t i = 0; i < 2; ++i) {
     Batch one(lidar_batch(2, config.lidars[i]), {world});
     one.sense();
-    EXPECT_TRUE(same_bits(both.lidar_readings(i).ranges, one.lidar_readings().ranges));
-    EXPECT_TRUE(std::ranges::any_of(one.lidar_readings().ranges, [](float range) { return std::isfinite(range); }));
+    EXPECT_TRUE(same_bits(both.lidar(i).readings().ranges, one.lidar().readings().ranges));
+    EXPECT_TRUE(std::ranges::any_of(one.lidar().readings().ranges, [](float range) { return std::isfinite(range); }));
   }
-  EXPECT_EQ(both.lidar_index("grid"), 1U);
-  EXPECT_EQ(both.lidar_index(""), 0U);
-  EXPECT_THROW(both.lidar_index("back"), std::invalid_argument);
-  const std::vector<float> before = both.lidar_readings(0).ranges;
-  both.set_lidar({.max_range_m = 0.1F}, {}, 1);
+  EXPECT_EQ(both.lidar("grid").index(), 1U);
+  EXPECT_EQ(both.lidar("").index(), 0U);
+  EXPECT_THROW(both.lidar("back").index(), std::invalid_argument);
+  const std::vector<float> before = both.lidar(0).readings().ranges;
+  both.lidar(1).set({.max_range_m = 0.1F});
   both.sense();
-  EXPECT_TRUE(same_bits(both.lidar_readings(0).ranges, before));
-  EXPECT_EQ(std::ranges::count(both.lidar_readings(1).max_range_m, 0.1F), 2);
+  EXPECT_TRUE(same_bits(both.lidar(0).readings().ranges, before));
+  EXPECT_EQ(std::ranges::count(both.lidar(1).readings().max_range_m, 0.1F), 2);
 }
 
 TEST(SensorSuite, GivesEachImuItsOwnNoise) {
@@ -68,10 +68,10 @@ TEST(SensorSuite, GivesEachImuItsOwnNoise) {
   Batch one(flying({named(kNoisy, "only")}), {closet()});
   fly(two);
   fly(one);
-  EXPECT_TRUE(same_bits(two.imu_readings(0).accelerometer, one.imu_readings().accelerometer));
-  EXPECT_TRUE(same_bits(two.imu_readings(0).gyroscope, one.imu_readings().gyroscope));
-  for (std::size_t i = 0; i < two.imu_readings(0).gyroscope.size(); ++i) {
-    EXPECT_NE(two.imu_readings(0).gyroscope[i], two.imu_readings(1).gyroscope[i]);
+  EXPECT_TRUE(same_bits(two.imu(0).readings().accelerometer, one.imu().readings().accelerometer));
+  EXPECT_TRUE(same_bits(two.imu(0).readings().gyroscope, one.imu().readings().gyroscope));
+  for (std::size_t i = 0; i < two.imu(0).readings().gyroscope.size(); ++i) {
+    EXPECT_NE(two.imu(0).readings().gyroscope[i], two.imu(1).readings().gyroscope[i]);
   }
 }
 
@@ -87,7 +87,7 @@ TEST(SensorSuite, PublishesTheTruthItselfWithoutErrors) {
   fly(a);
   fly(b);
   EXPECT_TRUE(same_bits(a.state().position, b.state().position));
-  EXPECT_FALSE(same_bits(a.imu_readings().accelerometer, b.imu_readings().accelerometer));
+  EXPECT_FALSE(same_bits(a.imu().readings().accelerometer, b.imu().readings().accelerometer));
 }
 
 TEST(SensorSuite, RestoresSeveralSensorsOfAKind) {
@@ -95,17 +95,17 @@ TEST(SensorSuite, RestoresSeveralSensorsOfAKind) {
       flying({named(kNoisy, "a"), named(kNoisy, "b")}, {{.name = "low", .beams = 5}, {.name = "high", .beams = 6}});
   Batch batch(config, {closet()});
   fly(batch);
-  batch.set_lidar({.hfov_deg = 45.0F}, {}, 1);
+  batch.lidar(1).set({.hfov_deg = 45.0F});
   const std::string blob = batch.snapshot();
   fly(batch);
-  const std::vector<float> accelerometer = batch.imu_readings(1).accelerometer, ranges = batch.lidar_readings(1).ranges;
+  const std::vector<float> accelerometer = batch.imu(1).readings().accelerometer, ranges = batch.lidar(1).readings().ranges;
   Batch other(config, {closet()});
   other.restore(blob);
-  EXPECT_EQ(other.lidar_config(0, 1).hfov_deg, 45.0F);
-  EXPECT_EQ(other.lidar_config(0, 0).hfov_deg, 270.0F);
+  EXPECT_EQ(other.lidar(1).config(DroneIndex(0)).hfov_deg, 45.0F);
+  EXPECT_EQ(other.lidar(0).config(DroneIndex(0)).hfov_deg, 270.0F);
   fly(other);
-  EXPECT_TRUE(same_bits(other.imu_readings(1).accelerometer, accelerometer));
-  EXPECT_TRUE(same_bits(other.lidar_readings(1).ranges, ranges));
+  EXPECT_TRUE(same_bits(other.imu(1).readings().accelerometer, accelerometer));
+  EXPECT_TRUE(same_bits(other.lidar(1).readings().ranges, ranges));
 }
 
 TEST(SensorSuite, RefusesTwoSensorsOfAKindWithOneName) {
@@ -119,8 +119,8 @@ TEST(SensorSuite, ListsTheArraysOfASensorByItsName) {
   const std::vector<ArrayView> imu = batch.sensor_arrays("b"), lidar = batch.sensor_arrays("low");
   ASSERT_EQ(imu.size(), 2U);
   EXPECT_STREQ(imu[1].name, "gyroscope");
-  EXPECT_EQ(imu[1].data, batch.imu_readings().gyroscope.data());
-  EXPECT_EQ(lidar[0].data, batch.lidar_readings().ranges.data());
+  EXPECT_EQ(imu[1].data, batch.imu().readings().gyroscope.data());
+  EXPECT_EQ(lidar[0].data, batch.lidar().readings().ranges.data());
   EXPECT_EQ(lidar[0].items.sizes, (std::array<std::int64_t, 2>{2, 5}));
   EXPECT_EQ(batch.sensor_arrays("pose")[0].data, batch.pose_readings().position.data());
   EXPECT_THROW(batch.sensor_arrays("sonar"), std::invalid_argument);

@@ -102,12 +102,12 @@ TEST(CameraNavigation, BlobAndRangesAreObserved) {
       batch.step(std::span<const std::int64_t>(actions));
       for (std::size_t i = 0; i < 6; ++i) {
         const auto observation = batch.outputs().observation[0].row<float>(i);
-        const auto blob = task::find_color(row(batch.images(0).rgb, i, kImage), 32, 24, layout, ColorRange(), scratch);
+        const auto blob = task::find_color(row(batch.camera(0).images().rgb, i, kImage), 32, 24, layout, ColorRange(), scratch);
         EXPECT_EQ(observation[0], blob.offset);
         EXPECT_EQ(observation[1], blob.area);
         seen += blob.found;
         for (std::size_t k = 0; k < kRays; ++k) {
-          EXPECT_FLOAT_EQ(observation[2 + k], std::min(batch.lidar_readings().ranges[i * kRays + k] / 3.0F, 1.0F));
+          EXPECT_FLOAT_EQ(observation[2 + k], std::min(batch.lidar().readings().ranges[i * kRays + k] / 3.0F, 1.0F));
         }
       }
     }
@@ -146,7 +146,7 @@ TEST(CameraNavigation, PixelsAreTheCamerasImage) {
   EXPECT_EQ(fields[1].name, "ranges");
   EXPECT_EQ(fields[1].shape, (std::vector<std::int64_t>{kRays}));
   const auto image = [&]() -> const AlignedVector<std::byte>& { return batch.outputs().observation[0].bytes(); };
-  const auto rgb = [&] { return std::as_bytes(std::span(batch.images(0).rgb)); };
+  const auto rgb = [&] { return std::as_bytes(std::span(batch.camera(0).images().rgb)); };
   batch.reset({});
   EXPECT_TRUE(same_bits(image(), rgb()));
   Random random(1);
@@ -160,7 +160,7 @@ TEST(CameraNavigation, PixelsAreTheCamerasImage) {
     EXPECT_TRUE(same_bits(previous, std::span(there, previous.size()))) << "the previous images were written";
     const std::vector<float> ranges = values_of(batch.outputs().observation[1]);
     for (std::size_t k = 0; k < 6 * kRays; ++k)
-      EXPECT_FLOAT_EQ(ranges[k], std::min(batch.lidar_readings().ranges[k] / 3.0F, 1.0F));
+      EXPECT_FLOAT_EQ(ranges[k], std::min(batch.lidar().readings().ranges[k] / 3.0F, 1.0F));
   }
 }
 
@@ -279,7 +279,7 @@ TEST(FrameSkip, IsThatManyStepsOfTheSameAction) {
       EXPECT_EQ(a.episode_return, b.episode_return);
       EXPECT_EQ(skipping.state().position, single.state().position);
       EXPECT_EQ(skipping.state().sensed, single.state().sensed);
-      EXPECT_EQ(skipping.images(0).frame_step, single.images(0).frame_step);
+      EXPECT_EQ(skipping.camera(0).images().frame_step, single.camera(0).images().frame_step);
       for (std::size_t i = 0; i < kDrones; ++i) EXPECT_NEAR(a.reward[i], reward[i], 1e-6 * std::max(1.0, std::abs(reward[i])));
       for (std::size_t j = 0; j < terms.size(); ++j) {
         EXPECT_NEAR(a.reward_terms[j], terms[j], 1e-6 * std::max(1.0, std::abs(terms[j])));
@@ -377,10 +377,10 @@ TEST(CameraNavigation, AStepWithConvertedImagesAllocatesNothingAndHasTheSameBits
       EXPECT_EQ(allocations() - before, 0U) << threads;
       fly(40, true);
       observed.push_back(seen);
-      images.push_back(batch.images(0));
+      images.push_back(batch.camera(0).images());
       EXPECT_EQ(images.back().hsv.size(), std::size_t{24 * 3 * 20 * 18});
-      EXPECT_EQ(batch.images(1).hsv.size(), std::size_t{24 * 3 * 16 * 12});
-      EXPECT_TRUE(batch.images(1).rgb.empty());
+      EXPECT_EQ(batch.camera(1).images().hsv.size(), std::size_t{24 * 3 * 16 * 12});
+      EXPECT_TRUE(batch.camera(1).images().rgb.empty());
     }
     EXPECT_EQ(observed[0], observed[1]);
     EXPECT_EQ(images[0].hsv, images[1].hsv);
@@ -407,9 +407,9 @@ TEST(CameraNavigation, RefusesABatchItCannotObserve) {
     EXPECT_REFUSED(with([](NavigationBatch& c) { c.lidars.clear(); }).make(worlds), "lidar");
     EXPECT_REFUSED(with([](NavigationBatch& c) { c.episode.frame_skip = 0; }).make(worlds), "frame_skip");
     Batch batch = camera_batch(1, kind).make(worlds);
-    EXPECT_REFUSED(batch.set_capture_mode(0, CaptureMode::on_demand), "capture_mode");
-    EXPECT_EQ(batch.camera_config(0).capture_mode, CaptureMode::every_step);
-    batch.set_capture_mode(0, CaptureMode::on_movement);
+    EXPECT_REFUSED(batch.camera(0).set_capture_mode(CaptureMode::on_demand), "capture_mode");
+    EXPECT_EQ(batch.camera(0).config().capture_mode, CaptureMode::every_step);
+    batch.camera(0).set_capture_mode(CaptureMode::on_movement);
   }
   NavigationBatch config = camera_batch(1, ObservationKind::pixels);
   config.cameras[0].layout = ImageLayout::hwc;
@@ -437,7 +437,7 @@ TEST(CameraNavigation, ASnapshotWithAModeTheTaskRefusesChangesNothing) {
   Batch batch = camera_batch(2, ObservationKind::blob).make(parlours());
   batch.reset({});
   std::string damaged = batch.snapshot();
-  batch.set_capture_mode(0, CaptureMode::on_movement);
+  batch.camera(0).set_capture_mode(CaptureMode::on_movement);
   const std::string blob = batch.snapshot();
   const auto body = static_cast<std::ptrdiff_t>(sizeof(SnapshotHeader));
   const auto [mode, other] = std::mismatch(damaged.begin() + body, damaged.end(), blob.begin() + body);

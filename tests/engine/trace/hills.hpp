@@ -45,7 +45,7 @@ struct ScanTally {
       const LidarConfig& lidar = first.config().lidars[number];
       const std::size_t per_drone = static_cast<std::size_t>(lidar.rows()) * static_cast<std::size_t>(lidar.columns());
       std::vector<float> directions(3 * per_drone * drones);
-      first.lidar_directions(directions, number);
+      first.lidar(number).directions(directions);
       const double range = static_cast<double>(lidar.max_range_m);
       for (std::size_t ray = number; ray < per_drone * drones; ray += every) {
         ++rays;
@@ -61,7 +61,7 @@ struct ScanTally {
         ++compared;
         hits += hit.element >= 0;
         for (const Batch* const batch : batches) {
-          const float found = batch->lidar_readings(number).ranges[ray];
+          const float found = batch->lidar(number).readings().ranges[ray];
           ASSERT_EQ(std::isinf(found), hit.element < 0) << lidar.name << ", ray " << ray;
           if (hit.element < 0) continue;
           ASSERT_NEAR(found, hit.t, tolerance * (20.0 + hit.t) * std::max(steep, 1.0)) << lidar.name << ", ray " << ray;

@@ -187,9 +187,9 @@ TEST(Masks, LidarsAndRaysIgnoreThem) {
     Batch batch(config, {std::make_shared<const World>(grid_before_a_wall())});
     batch.set_pose(std::vector<float>{0, 0, 0}, {});
     batch.sense();
-    const std::vector<float>& ranges = batch.lidar_readings().ranges;
+    const std::vector<float>& ranges = batch.lidar().readings().ranges;
     std::vector<float> beams(3 * ranges.size());
-    batch.lidar_directions(beams);
+    batch.lidar().directions(beams);
     std::size_t met = 0;
     for (std::size_t i = 0; i < ranges.size(); ++i) {
       if (beams[3 * i] <= 0.7F) continue;
@@ -213,7 +213,7 @@ TEST(Masks, EverySimdTargetThreadAndNeighbourGivesTheSameBits) {
     batch.set_pose(places, {});
     batch.sense();
     std::vector<std::uint8_t> bytes;
-    const CameraImages& images = batch.images(0);
+    const CameraImages& images = batch.camera(0).images();
     const auto add = [&](const auto& array) {
       const auto part = std::as_bytes(std::span(array)).first(sizeof(array[0]) * array.size() / static_cast<std::size_t>(drones));
       for (const std::byte byte : part) bytes.push_back(static_cast<std::uint8_t>(byte));

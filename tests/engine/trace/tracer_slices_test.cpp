@@ -84,7 +84,7 @@ TEST_P(TracerSlices, AgreeWithAnOracleAndEmbree) {
   EXPECT_GT(tally.compared, 3 * tally.rays / 4);
   EXPECT_GT(tally.hits, tally.compared / 4);
   for (std::size_t lidar = 0; lidar < fans().size(); ++lidar) {
-    const auto &a = slices->lidar_readings(lidar).ranges, &b = embree->lidar_readings(lidar).ranges;
+    const auto &a = slices->lidar(lidar).readings().ranges, &b = embree->lidar(lidar).readings().ranges;
     std::size_t differ = 0;
     for (std::size_t i = 0; i < a.size(); ++i) differ += !is_close(a[i], b[i]);
     EXPECT_LE(differ, a.size() / 500) << fans()[lidar].name;  // at edges and at grazing angles
@@ -95,7 +95,7 @@ TEST_P(TracerSlices, DoNotSeeMarkers) {
   const auto seen = sense_by(hills_under(GetParam(), kMarkers), TracerKind::slices, fans());
   const auto expected = sense_by(hills_under(GetParam()), TracerKind::slices, fans());
   for (std::size_t lidar = 0; lidar < fans().size(); ++lidar) {
-    EXPECT_TRUE(same_bits(seen->lidar_readings(lidar).ranges, expected->lidar_readings(lidar).ranges)) << fans()[lidar].name;
+    EXPECT_TRUE(same_bits(seen->lidar(lidar).readings().ranges, expected->lidar(lidar).readings().ranges)) << fans()[lidar].name;
   }
 }
 
@@ -105,7 +105,7 @@ TEST_P(TracerSlices, SameBitsInAnyBatch) {
   for (const auto& [threads, block_size] : {std::pair{2, 1}, std::pair{1, 3}}) {
     const auto other = sense_by(world, TracerKind::slices, fans(), threads, block_size);
     for (std::size_t lidar = 0; lidar < fans().size(); ++lidar) {
-      EXPECT_TRUE(same_bits(batch->lidar_readings(lidar).ranges, other->lidar_readings(lidar).ranges)) << fans()[lidar].name;
+      EXPECT_TRUE(same_bits(batch->lidar(lidar).readings().ranges, other->lidar(lidar).readings().ranges)) << fans()[lidar].name;
     }
   }
   BatchConfig config = batch->config();
@@ -114,11 +114,11 @@ TEST_P(TracerSlices, SameBitsInAnyBatch) {
   for (std::size_t lidar = 0; lidar < fans().size(); ++lidar) {
     config.lidars = {fans()[lidar]};
     Batch alone(config, {world});
-    const auto& ranges = batch->lidar_readings(lidar).ranges;
+    const auto& ranges = batch->lidar(lidar).readings().ranges;
     for (std::size_t drone = 0; drone < kFanDrones; ++drone) {
       alone.set_pose(testing::row(poses.position, drone, 3), testing::row(poses.quat_wxyz, drone, 4));
       alone.sense();
-      EXPECT_TRUE(same_bits(alone.lidar_readings().ranges, testing::row(ranges, drone, ranges.size() / kFanDrones)))
+      EXPECT_TRUE(same_bits(alone.lidar().readings().ranges, testing::row(ranges, drone, ranges.size() / kFanDrones)))
           << fans()[lidar].name << ", drone " << drone;
     }
   }
@@ -126,8 +126,8 @@ TEST_P(TracerSlices, SameBitsInAnyBatch) {
 
 TEST_P(TracerSlices, NoRayGoesThroughEmbreeForTriangles) {
   const auto world = hills_under(GetParam(), kMarkers);
-  EXPECT_EQ(sense_by(world, TracerKind::slices, fans())->embree_rays(), 0);
-  EXPECT_GT(sense_by(world, TracerKind::embree, fans())->embree_rays(), 0);
+  EXPECT_EQ(sense_by(world, TracerKind::slices, fans())->embree().rays, 0);
+  EXPECT_GT(sense_by(world, TracerKind::embree, fans())->embree().rays, 0);
 }
 
 // The largest fan that has too few beams for a slice, the smallest that has enough, and one whose beams are too far apart.
@@ -139,13 +139,13 @@ LidarConfig sparse_beams() { return spaced_fan("sparse", kEnough, 1.1F * trace::
 TEST_P(TracerSlices, AutoUsesThemForEnoughBeams) {
   const auto world = hills_under(GetParam(), kMarkers);
   const std::vector few{few_beams()}, enough{enough_beams()}, sparse{sparse_beams()};
-  EXPECT_GT(sense_by(world, TracerKind::automatic, few)->embree_rays(), 0);
-  EXPECT_GT(sense_by(world, TracerKind::automatic, sparse)->embree_rays(), 0);
-  EXPECT_EQ(sense_by(world, TracerKind::slices, few)->embree_rays(), 0);
-  EXPECT_GT(sense_by(world, TracerKind::tiles, enough)->embree_rays(), 0);
+  EXPECT_GT(sense_by(world, TracerKind::automatic, few)->embree().rays, 0);
+  EXPECT_GT(sense_by(world, TracerKind::automatic, sparse)->embree().rays, 0);
+  EXPECT_EQ(sense_by(world, TracerKind::slices, few)->embree().rays, 0);
+  EXPECT_GT(sense_by(world, TracerKind::tiles, enough)->embree().rays, 0);
   const auto by_itself = sense_by(world, TracerKind::automatic, enough), slices = sense_by(world, TracerKind::slices, enough);
-  EXPECT_EQ(by_itself->embree_rays(), 0);
-  EXPECT_TRUE(same_bits(by_itself->lidar_readings().ranges, slices->lidar_readings().ranges));
+  EXPECT_EQ(by_itself->embree().rays, 0);
+  EXPECT_TRUE(same_bits(by_itself->lidar().readings().ranges, slices->lidar().readings().ranges));
 }
 
 INSTANTIATE_TEST_SUITE_P(FewAndMany, TracerSlices, ::testing::Values(0, 5, 700));
@@ -268,9 +268,9 @@ TEST(TracerSlicesOf, OneChannelOfThreeAgreeWithAnOracle) {
   ScanTally tally;
   tally.compare(*world, {slices.get(), tiles.get()}, 1);
   EXPECT_GT(tally.hits, tally.rays / 4);
-  EXPECT_GT(slices->embree_rays(), 0);
-  EXPECT_LT(slices->embree_rays(), tiles->embree_rays());
-  const auto &a = slices->lidar_readings().ranges, &b = tiles->lidar_readings().ranges;
+  EXPECT_GT(slices->embree().rays, 0);
+  EXPECT_LT(slices->embree().rays, tiles->embree().rays);
+  const auto &a = slices->lidar().readings().ranges, &b = tiles->lidar().readings().ranges;
   for (std::size_t i = 0; i < a.size(); ++i) {
     if (i / 60 % 3 == 1) continue;
     ASSERT_TRUE(same_bits(std::span(&a[i], 1), std::span(&b[i], 1))) << "ray " << i;
@@ -287,7 +287,7 @@ TEST(TracerSlicesOf, HaveTheSameBitsOnEverySimdTarget) {
     const OnTarget on(target);
     const auto same = sense_by(world, TracerKind::slices, fans());
     for (std::size_t lidar = 0; lidar < fans().size(); ++lidar) {
-      EXPECT_TRUE(same_bits(first->lidar_readings(lidar).ranges, same->lidar_readings(lidar).ranges)) << fans()[lidar].name;
+      EXPECT_TRUE(same_bits(first->lidar(lidar).readings().ranges, same->lidar(lidar).readings().ranges)) << fans()[lidar].name;
     }
   }
 }
@@ -298,7 +298,7 @@ TEST(TracerSlicesOf, WorldsWithoutTrianglesDoNotUseThem) {
   const auto slices = sense_by(world, TracerKind::slices, fans()), tiles = sense_by(world, TracerKind::tiles, fans());
   EXPECT_EQ(prepared(*world).scene().tiles(), nullptr);
   for (std::size_t lidar = 0; lidar < fans().size(); ++lidar) {
-    EXPECT_TRUE(same_bits(slices->lidar_readings(lidar).ranges, tiles->lidar_readings(lidar).ranges)) << fans()[lidar].name;
+    EXPECT_TRUE(same_bits(slices->lidar(lidar).readings().ranges, tiles->lidar(lidar).readings().ranges)) << fans()[lidar].name;
   }
 }
 
@@ -308,9 +308,9 @@ TEST(TracerSlicesOf, ChangedLidarsEqualThoseMadeThatWay) {
   const std::vector before{fan_of("lidar", 35, 270.0F, 8.0F)};
   const auto expect = [&](const LidarChange& change, const LidarConfig& after) {
     const auto changed = sense_by(world, TracerKind::slices, before), made = sense_by(world, TracerKind::slices, {after});
-    changed->set_lidar(change);
+    changed->lidar().set(change);
     changed->sense();
-    EXPECT_TRUE(same_bits(changed->lidar_readings().ranges, made->lidar_readings().ranges));
+    EXPECT_TRUE(same_bits(changed->lidar().readings().ranges, made->lidar().readings().ranges));
   };
   LidarConfig after = before[0];
   after.hfov_deg = 360.0F;

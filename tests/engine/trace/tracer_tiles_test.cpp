@@ -47,7 +47,7 @@ std::unique_ptr<Batch> make_batch(const std::shared_ptr<const World>& world, Tra
   const Poses poses = poses_over_hills(kDrones);
   batch->set_pose(poses.position, poses.quat_wxyz);
   batch->sense();
-  batch->capture(0);
+  batch->camera(0).capture();
   return batch;
 }
 
@@ -90,7 +90,7 @@ TEST(TracerAgreement, OfTilesPacketsAndClosedForms) {
 TEST_P(TracerTiles, CamerasAgreeWithEmbree) {
   const auto world = hills_under(GetParam());
   const auto tiles = make_batch(world, TracerKind::tiles), embree = make_batch(world, TracerKind::embree);
-  const CameraImages &a = tiles->images(0), &b = embree->images(0);
+  const CameraImages &a = tiles->camera(0).images(), &b = embree->camera(0).images();
   const std::size_t pixels = a.depth.size();
   std::size_t hits = 0, other_depth = 0, other_ids = 0, other_color = 0, other_normal = 0;
   for (std::size_t i = 0; i < pixels; ++i) {
@@ -120,34 +120,35 @@ TEST_P(TracerTiles, SameBitsBesideAnyRays) {
   const auto batch = make_batch(world, TracerKind::tiles);
   for (const auto& [threads, block_size] : {std::pair{2, 1}, std::pair{1, 3}}) {
     const auto other = make_batch(world, TracerKind::tiles, threads, block_size);
-    EXPECT_TRUE(same_bits(batch->lidar_readings().ranges, other->lidar_readings().ranges));
-    EXPECT_TRUE(same_arrays(batch->images(0), other->images(0)));
+    EXPECT_TRUE(same_bits(batch->lidar().readings().ranges, other->lidar().readings().ranges));
+    EXPECT_TRUE(same_arrays(batch->camera(0).images(), other->camera(0).images()));
   }
   BatchConfig config = batch->config();
   config.num_envs = 1;
   Batch alone(config, {world});
   const Poses poses = poses_over_hills(kDrones);
-  const std::size_t rays = batch->lidar_readings().ranges.size() / kDrones, pixels = batch->images(0).depth.size() / kDrones;
+  const std::size_t rays = batch->lidar().readings().ranges.size() / kDrones,
+                    pixels = batch->camera(0).images().depth.size() / kDrones;
   for (std::size_t drone = 0; drone < kDrones; ++drone) {
     alone.set_pose(std::span(poses.position).subspan(3 * drone, 3), std::span(poses.quat_wxyz).subspan(4 * drone, 4));
     alone.sense();
-    alone.capture(0);
-    EXPECT_TRUE(same_bits(alone.lidar_readings().ranges, testing::row(batch->lidar_readings().ranges, drone, rays)));
-    EXPECT_TRUE(same_bits(alone.images(0).depth, testing::row(batch->images(0).depth, drone, pixels)));
+    alone.camera(0).capture();
+    EXPECT_TRUE(same_bits(alone.lidar().readings().ranges, testing::row(batch->lidar().readings().ranges, drone, rays)));
+    EXPECT_TRUE(same_bits(alone.camera(0).images().depth, testing::row(batch->camera(0).images().depth, drone, pixels)));
   }
 }
 
 TEST_P(TracerTiles, NoTriangleGoesThroughEmbree) {
   const auto world = hills_under(GetParam());
-  EXPECT_EQ(make_batch(world, TracerKind::tiles)->embree_rays(), 0);
-  EXPECT_GT(make_batch(world, TracerKind::embree)->embree_rays(), 0);
+  EXPECT_EQ(make_batch(world, TracerKind::tiles)->embree().rays, 0);
+  EXPECT_GT(make_batch(world, TracerKind::embree)->embree().rays, 0);
 }
 
 TEST_P(TracerTiles, AutoUsesThemIfTheyAreFaster) {
   const auto world = hills_under(GetParam());
   const auto tiles = make_batch(world, TracerKind::tiles), by_itself = make_batch(world, TracerKind::automatic);
-  EXPECT_TRUE(same_bits(tiles->lidar_readings().ranges, by_itself->lidar_readings().ranges));
-  EXPECT_TRUE(same_arrays(tiles->images(0), by_itself->images(0)));
+  EXPECT_TRUE(same_bits(tiles->lidar().readings().ranges, by_itself->lidar().readings().ranges));
+  EXPECT_TRUE(same_arrays(tiles->camera(0).images(), by_itself->camera(0).images()));
 }
 
 INSTANTIATE_TEST_SUITE_P(FewAndMany, TracerTiles, ::testing::Values(0, 5, 700));
@@ -160,8 +161,8 @@ TEST(TracerTilesOf, SmallCamerasDoNotUseThem) {
   const auto rays_through_embree = [&](TracerKind tracer) {
     config.tracer = tracer;
     Batch batch(config, {world});
-    batch.capture(0);
-    return batch.embree_rays();
+    batch.camera(0).capture();
+    return batch.embree().rays;
   };
   EXPECT_EQ(rays_through_embree(TracerKind::tiles), 0);
   EXPECT_GT(rays_through_embree(TracerKind::automatic), 0);
@@ -174,7 +175,7 @@ TEST(TracerTilesOf, EmbreeAgreesOnPrimitives) {
   for (const int spheres : {5, 700}) {
     const auto world = hills_under(spheres);
     const auto direct = make_batch(world, TracerKind::tiles), embree = make_batch(world, TracerKind::embree);
-    const auto &a = direct->images(0).depth, &b = embree->images(0).depth;
+    const auto &a = direct->camera(0).images().depth, &b = embree->camera(0).images().depth;
     std::size_t differ = 0;
     for (std::size_t i = 0; i < a.size(); ++i) differ += !(a[i] == b[i] || std::abs(a[i] - b[i]) < 1e-4F * a[i]);
     EXPECT_LT(differ, a.size() / 1000);
@@ -184,8 +185,8 @@ TEST(TracerTilesOf, EmbreeAgreesOnPrimitives) {
   const auto before = make_batch(only_spheres, TracerKind::automatic);
   const auto embree = make_batch(only_spheres, TracerKind::embree);
   const auto after = make_batch(only_spheres, TracerKind::automatic);
-  EXPECT_TRUE(same_bits(before->lidar_readings().ranges, after->lidar_readings().ranges));
-  const auto ranges = before->lidar_readings().ranges, by_embree = embree->lidar_readings().ranges;
+  EXPECT_TRUE(same_bits(before->lidar().readings().ranges, after->lidar().readings().ranges));
+  const auto ranges = before->lidar().readings().ranges, by_embree = embree->lidar().readings().ranges;
   for (std::size_t i = 0; i < ranges.size(); ++i) {
     if (std::isinf(ranges[i]) != std::isinf(by_embree[i])) continue;  // at an outline
     if (!std::isinf(ranges[i])) {
@@ -199,8 +200,8 @@ TEST(TracerTilesOf, WorldsWithoutTrianglesDoNotUseThem) {
                                  primitive(PrimitiveKind::sphere, {3, 1, 2}, Vec3::Constant(0.5F))});
   const auto tiles = make_batch(world, TracerKind::tiles), by_itself = make_batch(world, TracerKind::automatic);
   EXPECT_EQ(prepared(*world).scene().tiles(), nullptr);
-  EXPECT_TRUE(same_bits(tiles->lidar_readings().ranges, by_itself->lidar_readings().ranges));
-  EXPECT_TRUE(same_bits(tiles->images(0).rgb, by_itself->images(0).rgb));
+  EXPECT_TRUE(same_bits(tiles->lidar().readings().ranges, by_itself->lidar().readings().ranges));
+  EXPECT_TRUE(same_bits(tiles->camera(0).images().rgb, by_itself->camera(0).images().rgb));
 }
 
 TEST(TracerTilesOf, HaveTheSameBitsOnEverySimdTarget) {
@@ -213,8 +214,8 @@ TEST(TracerTilesOf, HaveTheSameBitsOnEverySimdTarget) {
     const OnTarget on(target);
     // A separate world, because the shading data of its triangles is computed once per world.
     const auto same = make_batch(hills_under(5), TracerKind::tiles);
-    EXPECT_TRUE(same_bits(first->lidar_readings().ranges, same->lidar_readings().ranges));
-    EXPECT_TRUE(same_arrays(first->images(0), same->images(0)));
+    EXPECT_TRUE(same_bits(first->lidar().readings().ranges, same->lidar().readings().ranges));
+    EXPECT_TRUE(same_arrays(first->camera(0).images(), same->camera(0).images()));
   }
 }
 

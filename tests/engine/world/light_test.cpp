@@ -100,7 +100,7 @@ TEST_F(LitPictures, OfWorldsWithAndWithoutASunInTheSky) {
   const std::vector<View> views(3, {{0, 0, 0}, {3, 0.5F, 0.5F}});
   const auto batch = pictures(worlds, camera_of(false), views);
   for (std::size_t drone = 0; drone < 3; ++drone) EXPECT_GT(expect_picture(*batch, drone, 0, 3).sky, 1000U);
-  const auto& rgb = batch->images(0).rgb;
+  const auto& rgb = batch->camera(0).images().rgb;
   const auto size = static_cast<std::ptrdiff_t>(rgb.size() / 3);
   EXPECT_TRUE(std::equal(rgb.begin(), rgb.begin() + size, rgb.begin() + 2 * size)) << "no sun, no disc";
   EXPECT_FALSE(std::equal(rgb.begin(), rgb.begin() + size, rgb.begin() + size));
@@ -237,9 +237,9 @@ TEST_F(LitPictures, OfWorldsWithAndWithoutFog) {
   const auto batch = pictures(worlds, camera_of(true), std::vector<View>(5, view));
   for (std::size_t drone = 0; drone < 5; ++drone) EXPECT_GT(expect_picture(*batch, drone, 0, 5).clear, 1000U);
   const auto only = pictures({exhibition()}, camera_of(true), {view});
-  const auto& rgb = batch->images(0).rgb;
-  EXPECT_TRUE(std::equal(only->images(0).rgb.begin(), only->images(0).rgb.end(), rgb.begin()));
-  EXPECT_TRUE(std::equal(only->images(0).rgb.begin(), only->images(0).rgb.end(),
+  const auto& rgb = batch->camera(0).images().rgb;
+  EXPECT_TRUE(std::equal(only->camera(0).images().rgb.begin(), only->camera(0).images().rgb.end(), rgb.begin()));
+  EXPECT_TRUE(std::equal(only->camera(0).images().rgb.begin(), only->camera(0).images().rgb.end(),
                          rgb.begin() + 4 * static_cast<std::ptrdiff_t>(rgb.size() / 5)));
 }
 
@@ -254,7 +254,7 @@ TEST(Light, EverySimdTargetShowsTheSameBits) {
     for (const std::int64_t target : hwy::SupportedAndGeneratedTargets()) {
       const OnTarget on(target);
       const auto batch = testing::look(world, camera_of(true), {0, 0, 2});
-      const auto& rgb = batch->images(0).rgb;
+      const auto& rgb = batch->camera(0).images().rgb;
       if (first.empty()) first.assign(rgb.begin(), rgb.end());
       EXPECT_TRUE(std::equal(first.begin(), first.end(), rgb.begin())) << hwy::TargetName(target);
     }
@@ -350,7 +350,7 @@ Lighting evening() {
 CameraConfig camera() { return {.width_px = 64, .height_px = 48, .outputs = kAllOutputs, .shadows = true}; }
 
 void expect_same_pictures(const Batch& a, const Batch& b) {
-  const CameraImages &x = a.images(0), &y = b.images(0);
+  const CameraImages &x = a.camera(0).images(), &y = b.camera(0).images();
   EXPECT_EQ(x.rgb, y.rgb);
   EXPECT_EQ(x.depth, y.depth);
   EXPECT_EQ(x.semantic, y.semantic);
@@ -371,8 +371,8 @@ TEST(Lighting, EqualThoseOfAWorldMadeWithThem) {
   const auto pictures = [](const World& of) { return testing::look(Shared(Shared(), &of), camera(), Vec3(0, 0, 1)); };
   expect_same_pictures(*pictures(world), *pictures(expected));
   const auto before = testing::look(std::make_shared<const World>(scene()), camera(), Vec3(0, 0, 1));
-  EXPECT_NE(pictures(world)->images(0).rgb, before->images(0).rgb);
-  EXPECT_EQ(pictures(world)->images(0).depth, before->images(0).depth);
+  EXPECT_NE(pictures(world)->camera(0).images().rgb, before->camera(0).images().rgb);
+  EXPECT_EQ(pictures(world)->camera(0).images().depth, before->camera(0).images().depth);
 }
 
 TEST(Lighting, ShareSceneObstaclesAndTextures) {
@@ -430,18 +430,18 @@ TEST(Lighting, AreDrawnByEpisodesAndSetByEnv) {
     const std::vector<std::int64_t> actions(6, step % 4);
     for (Batch* batch : {&many, &again, &one}) batch->step(actions);
     ASSERT_EQ(many.outputs().reward, one.outputs().reward);
-    ASSERT_EQ(many.images(0).depth, one.images(0).depth);
-    ASSERT_EQ(many.images(0).rgb, again.images(0).rgb);
+    ASSERT_EQ(many.camera(0).images().depth, one.camera(0).images().depth);
+    ASSERT_EQ(many.camera(0).images().rgb, again.camera(0).images().rgb);
     seen.insert(seen.end(), many.state().world_index.begin(), many.state().world_index.end());
   }
   std::sort(seen.begin(), seen.end());
   seen.erase(std::unique(seen.begin(), seen.end()), seen.end());
   EXPECT_EQ(seen.size(), 5U);
-  EXPECT_NE(many.images(0).rgb, one.images(0).rgb);
+  EXPECT_NE(many.camera(0).images().rgb, one.camera(0).images().rgb);
   many.set_world(std::vector<std::int32_t>(6, 0));
   many.sense();
   one.sense();
-  EXPECT_EQ(many.images(0).rgb, one.images(0).rgb);
+  EXPECT_EQ(many.camera(0).images().rgb, one.camera(0).images().rgb);
 }
 
 }  // namespace
