@@ -19,8 +19,8 @@
 
 #include "arrays.hpp"
 #include "base/nearest_name.hpp"
-#include "flockstep/camera.hpp"
 #include "flockstep/fields.hpp"
+#include "flockstep/sensors/camera.hpp"
 #include "flockstep/world.hpp"
 
 namespace flockstep::bindings {

@@ -29,7 +29,7 @@ PARAMETERS = re.compile(r"^Parameters\n-+\n(.*?)(?:\n\n\w+\n-+\n|\Z)", re.MULTIL
 @cache
 def comments(header: str) -> list[str]:
     """Return the comments of a public header, each on one line. Successive lines of text are one comment."""
-    (path,) = ROOT.glob(f"*/include/flockstep/{header}")
+    (path,) = ROOT.glob(f"*/include/flockstep/**/{header}")
     blocks: list[list[str]] = []
     continues = False
     for line in path.read_text(encoding="utf-8").splitlines():

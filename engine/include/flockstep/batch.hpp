@@ -16,7 +16,7 @@
 #include "flockstep/export.hpp"
 #include "flockstep/move_line.hpp"
 #include "flockstep/pilot.hpp"
-#include "flockstep/readings.hpp"
+#include "flockstep/sensors/readings.hpp"
 #include "flockstep/state.hpp"
 #include "flockstep/task.hpp"
 #include "flockstep/world.hpp"

@@ -7,16 +7,16 @@
 #include <vector>
 
 #include "flockstep/body.hpp"
-#include "flockstep/camera.hpp"
 #include "flockstep/dynamics.hpp"
 #include "flockstep/episode.hpp"
 #include "flockstep/export.hpp"
 #include "flockstep/fields.hpp"
-#include "flockstep/imu.hpp"
 #include "flockstep/interaction.hpp"
-#include "flockstep/lidar.hpp"
 #include "flockstep/light.hpp"
-#include "flockstep/pose_sensor.hpp"
+#include "flockstep/sensors/camera.hpp"
+#include "flockstep/sensors/imu.hpp"
+#include "flockstep/sensors/lidar.hpp"
+#include "flockstep/sensors/pose_sensor.hpp"
 
 namespace flockstep {
 

@@ -9,7 +9,7 @@
 
 #include "flockstep/index.hpp"
 #include "flockstep/pose.hpp"
-#include "flockstep/readings.hpp"
+#include "flockstep/sensors/readings.hpp"
 #include "flockstep/state.hpp"
 #include "flockstep/task.hpp"
 

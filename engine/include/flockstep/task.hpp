@@ -15,15 +15,15 @@
 
 #include "flockstep/array_visitor.hpp"
 #include "flockstep/buffer.hpp"
-#include "flockstep/camera.hpp"
 #include "flockstep/drone_model.hpp"
 #include "flockstep/dynamics.hpp"
 #include "flockstep/episode.hpp"
 #include "flockstep/index.hpp"
 #include "flockstep/interaction.hpp"
-#include "flockstep/lidar.hpp"
 #include "flockstep/pose.hpp"
-#include "flockstep/readings.hpp"
+#include "flockstep/sensors/camera.hpp"
+#include "flockstep/sensors/lidar.hpp"
+#include "flockstep/sensors/readings.hpp"
 #include "flockstep/state.hpp"
 #include "flockstep/world.hpp"
 

@@ -9,7 +9,7 @@
 #include "base/json_document.hpp"
 #include "base/nearest_name.hpp"
 #include "base/require.hpp"
-#include "flockstep/lidar.hpp"
+#include "flockstep/sensors/lidar.hpp"
 
 namespace flockstep::config_values {
 namespace {

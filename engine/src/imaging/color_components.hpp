@@ -6,8 +6,8 @@
 #include <span>
 #include <vector>
 
-#include "flockstep/camera.hpp"
 #include "flockstep/color.hpp"
+#include "flockstep/sensors/camera.hpp"
 
 namespace flockstep::imaging {
 

@@ -7,7 +7,7 @@
 #include <cstdint>
 #include <vector>
 
-#include "flockstep/camera.hpp"
+#include "flockstep/sensors/camera.hpp"
 
 namespace flockstep::imaging {
 

@@ -12,7 +12,7 @@
 #include "base/in_world.hpp"
 #include "base/pose_access.hpp"
 #include "base/require.hpp"
-#include "flockstep/camera.hpp"
+#include "flockstep/sensors/camera.hpp"
 #include "prepared/prepared_world.hpp"
 #include "trace/ray_block.hpp"
 

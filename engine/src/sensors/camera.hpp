@@ -11,10 +11,10 @@
 
 #include "flockstep/array_visitor.hpp"
 #include "flockstep/arrays.hpp"
-#include "flockstep/camera.hpp"
 #include "flockstep/episode.hpp"
 #include "flockstep/pose.hpp"
-#include "flockstep/readings.hpp"
+#include "flockstep/sensors/camera.hpp"
+#include "flockstep/sensors/readings.hpp"
 #include "flockstep/state.hpp"
 #include "flockstep/world.hpp"
 #include "imaging/resample.hpp"

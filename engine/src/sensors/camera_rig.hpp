@@ -10,8 +10,8 @@
 #include <vector>
 
 #include "base/workers.hpp"
-#include "flockstep/camera.hpp"
 #include "flockstep/episode.hpp"
+#include "flockstep/sensors/camera.hpp"
 #include "flockstep/state.hpp"
 #include "flockstep/world.hpp"
 #include "render/renderer.hpp"

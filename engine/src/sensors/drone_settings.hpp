@@ -14,9 +14,9 @@
 #include <vector>
 
 #include "flockstep/array_visitor.hpp"
-#include "flockstep/camera.hpp"
 #include "flockstep/index.hpp"
-#include "flockstep/lidar.hpp"
+#include "flockstep/sensors/camera.hpp"
+#include "flockstep/sensors/lidar.hpp"
 
 namespace flockstep::sensors {
 

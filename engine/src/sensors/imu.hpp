@@ -8,9 +8,9 @@
 #include <span>
 #include <vector>
 
-#include "flockstep/imu.hpp"
 #include "flockstep/pose.hpp"
-#include "flockstep/readings.hpp"
+#include "flockstep/sensors/imu.hpp"
+#include "flockstep/sensors/readings.hpp"
 #include "flockstep/state.hpp"
 #include "sensors/sensor.hpp"
 

@@ -7,7 +7,7 @@
 
 #include "base/check_fields.hpp"
 #include "base/require.hpp"
-#include "flockstep/lidar.hpp"
+#include "flockstep/sensors/lidar.hpp"
 
 namespace flockstep {
 

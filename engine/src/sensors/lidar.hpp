@@ -9,8 +9,8 @@
 #include <span>
 #include <string>
 
-#include "flockstep/lidar.hpp"
-#include "flockstep/readings.hpp"
+#include "flockstep/sensors/lidar.hpp"
+#include "flockstep/sensors/readings.hpp"
 #include "flockstep/state.hpp"
 #include "sensors/beams.hpp"
 #include "sensors/drone_settings.hpp"

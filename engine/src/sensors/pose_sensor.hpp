@@ -6,8 +6,8 @@
 #include <memory>
 #include <span>
 
-#include "flockstep/pose_sensor.hpp"
-#include "flockstep/readings.hpp"
+#include "flockstep/sensors/pose_sensor.hpp"
+#include "flockstep/sensors/readings.hpp"
 #include "flockstep/state.hpp"
 #include "sensors/sensor.hpp"
 

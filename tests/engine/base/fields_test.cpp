@@ -7,7 +7,7 @@
 #include "flockstep/array_visitor.hpp"
 #include "flockstep/arrays.hpp"
 #include "flockstep/batch.hpp"
-#include "flockstep/readings.hpp"
+#include "flockstep/sensors/readings.hpp"
 #include "flockstep/state.hpp"
 #include "flockstep/tasks.hpp"
 #include "standard.hpp"

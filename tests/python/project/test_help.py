@@ -124,7 +124,7 @@ def test_docstrings_say_nothing_that_headers_say(monkeypatch):
     monkeypatch.syspath_prepend(ROOT / "bindings")
     documents = importlib.import_module("documents")
     said = set()
-    for header in ROOT.glob("*/include/flockstep/*.hpp"):
+    for header in ROOT.glob("*/include/flockstep/**/*.hpp"):
         text = header.read_text(encoding="utf-8")
         said |= runs(" ".join(re.findall(r"//+ ?(.*)", text)))
         said |= runs(" ".join(re.findall(r'"((?:\\.|[^"\\])*)"', re.sub(r'"\s*"', "", text))))

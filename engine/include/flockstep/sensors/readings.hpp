@@ -5,9 +5,9 @@
 #include <vector>
 
 #include "flockstep/arrays.hpp"
-#include "flockstep/camera.hpp"
 #include "flockstep/fields.hpp"
-#include "flockstep/lidar.hpp"
+#include "flockstep/sensors/camera.hpp"
+#include "flockstep/sensors/lidar.hpp"
 
 namespace flockstep {
 

@@ -7,7 +7,7 @@
 
 #include "flockstep/export.hpp"
 #include "flockstep/fields.hpp"
-#include "flockstep/sensor_fields.hpp"
+#include "flockstep/sensors/sensor_fields.hpp"
 
 namespace flockstep {
 
