@@ -51,7 +51,7 @@ def copy_package(app: Sphinx) -> None:
     stub.write_text(copied(stub.read_text(encoding="utf-8")), encoding="utf-8")
     changes = ast.parse((COPY / "client" / "changes.py").read_text(encoding="utf-8"))
     fields = {node.name: ast.get_docstring(node) or "" for node in changes.body if isinstance(node, ast.ClassDef)}
-    for operations in (COPY / "client" / "operations.py", COPY / "client" / "bodies.py"):
+    for operations in (COPY / "client" / f"{name}.py" for name in ("operations", "drones", "bodies")):
         operations.write_text(in_both_forms(operations.read_text(encoding="utf-8"), fields), encoding="utf-8")
     client = COPY / "client" / "async_client.py"
     text = client.read_text(encoding="utf-8").replace(
@@ -95,6 +95,7 @@ def in_both_forms(text: str, fields: dict[str, str]) -> str:
         both += streams.sub(r"\1AsyncStream[\2]", awaiting).replace(f"class {name}", f"class Async{name}")
         text = text.replace(listed[0], both)
     text = text.replace("import BlockingBodies", "import AsyncBodyOperations, BlockingBodies")
+    text = text.replace("import Drone, SensorOperations", "import AsyncSensorOperations, Drone, SensorOperations")
     text = text.replace("class AsyncDrone(DroneOperations", "class AsyncDrone(AsyncDroneOperations")
     return text
 

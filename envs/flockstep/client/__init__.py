@@ -16,8 +16,8 @@ except ImportError as _error:
 from typing import TYPE_CHECKING as _TYPE_CHECKING
 
 from flockstep.client.async_client import AsyncClient, connect_async
+from flockstep.client.drones import AsyncDrone, Drone
 from flockstep.client.errors import ServerError
-from flockstep.client.operations import AsyncDrone, Drone
 from flockstep.client.results import (
     Angles,
     Boxes,

@@ -10,9 +10,10 @@ from typing import TYPE_CHECKING, TypeVar
 
 from flockstep.client.address import Address, ended, parse_address
 from flockstep.client.call import Call, Subscription, hello, unsubscription
+from flockstep.client.drones import AsyncDrone
 from flockstep.client.forms import Awaits
 from flockstep.client.frames import Arrays, decode, encode
-from flockstep.client.operations import AsyncDrone, Operations
+from flockstep.client.operations import Operations
 from flockstep.client.protocol import Reply
 from flockstep.client.session import Session
 from flockstep.client.streams import AsyncStream
