@@ -7,6 +7,7 @@
 #include <span>
 #include <string>
 #include <string_view>
+#include <typeinfo>
 #include <vector>
 
 #include "flockstep/aligned.hpp"
@@ -190,14 +191,17 @@ class FLOCKSTEP_API Batch {
 
   // --- sensor readings; all arrays are empty for a sensor that the batch does not have
   const PoseReadings& pose_readings() const;                         // of the pose sensor
-  const ImuReadings& imu_readings(std::size_t imu = 0) const;        // index into config().imus
   const LidarReadings& lidar_readings(std::size_t lidar = 0) const;  // index into config().lidars
+  // Of the other sensors by the type of their readings, such as ImuReadings, and the index into their list in config().
+  template <HasFields Arrays>
+  const Arrays& readings(std::size_t index = 0) const {
+    return or_empty<Arrays>(find_readings(typeid(Arrays), index));
+  }
   // Returns the arrays that the sensor of this name publishes. Throws std::invalid_argument if there is none, or if sensors of
   // two kinds have this name.
   std::vector<ArrayView> sensor_arrays(std::string_view name) const;
 
-  // --- LiDARs and IMUs; std::invalid_argument if there is no such sensor
-  std::size_t imu_index(std::string_view name) const;    // empty: the first
+  // --- LiDARs; std::invalid_argument if there is no such LiDAR
   std::size_t lidar_index(std::string_view name) const;  // empty: the first
   void require_scan(std::size_t lidar = 0) const;        // std::logic_error before the first scan, while all ranges are inf
   // From the next scan on. With beams or channels, the mask must select all drones; ranges are inf until that scan. A LiDAR that
@@ -277,6 +281,7 @@ class FLOCKSTEP_API Batch {
   friend class ServedBatch;
 
   void replace(std::shared_ptr<Simulation> next);
+  const void* find_readings(const std::type_info& type, std::size_t index) const;
 
   std::unique_ptr<CallLock> lock_;  // of the calls; outlives sim_
   std::shared_ptr<Simulation> sim_;

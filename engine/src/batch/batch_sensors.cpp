@@ -38,16 +38,6 @@ std::vector<std::string_view> names_of(const std::vector<Config>& configs) {
   return names;
 }
 
-// The index of the sensor with this name; an empty name selects the first sensor.
-template <class Config>
-std::size_t index_of(const std::vector<Config>& configs, std::string_view name, const char* kind, const char* none) {
-  if (configs.empty()) throw std::invalid_argument(none);
-  if (name.empty()) return 0;
-  const auto found = std::ranges::find(configs, name, &Config::name);
-  if (found == configs.end()) refuse_name(kind, name, names_of(configs));
-  return static_cast<std::size_t>(found - configs.begin());
-}
-
 std::vector<DroneIndex> selected_list(const Simulation& sim, DroneMask mask) {
   std::vector<DroneIndex> drones;
   for_each_selected(sim, mask, [&](DroneIndex drone) { drones.push_back(drone); });
@@ -62,8 +52,10 @@ const sensors::Lidar& lidar_of(const Simulation& sim, std::size_t lidar) {
 }  // namespace
 
 const PoseReadings& Batch::pose_readings() const { return sim_->suite.pose().readings(); }
-const ImuReadings& Batch::imu_readings(std::size_t imu) const { return sim_->imu_readings(imu); }
 const LidarReadings& Batch::lidar_readings(std::size_t lidar) const { return sim_->lidar_readings(lidar); }
+const void* Batch::find_readings(const std::type_info& type, std::size_t index) const {
+  return sim_->suite.find_readings(type, index);
+}
 
 std::vector<ArrayView> Batch::sensor_arrays(std::string_view name) const {
   std::vector<ArrayView> arrays;
@@ -82,11 +74,12 @@ std::vector<ArrayView> Batch::sensor_arrays(std::string_view name) const {
 }
 
 std::size_t Batch::lidar_index(std::string_view name) const {
-  return index_of(sim_->config.lidars, name, "lidar", "this Batch has no LiDAR: give it one (lidar=...; a Task declares lidar)");
-}
-
-std::size_t Batch::imu_index(std::string_view name) const {
-  return index_of(sim_->config.imus, name, "imu", "this Batch has no IMU: give it one (imu=...)");
+  const auto& lidars = sim_->config.lidars;
+  if (lidars.empty()) throw std::invalid_argument("this Batch has no LiDAR: give it one (lidar=...; a Task declares lidar)");
+  if (name.empty()) return 0;
+  const auto found = std::ranges::find(lidars, name, &LidarConfig::name);
+  if (found == lidars.end()) refuse_name("lidar", name, names_of(lidars));
+  return static_cast<std::size_t>(found - lidars.begin());
 }
 
 void Batch::require_scan(std::size_t lidar) const { checks::has_scanned(lidar_of(*sim_, lidar)); }
