@@ -51,6 +51,14 @@ std::optional<pybind11::array_t<std::int64_t>> rows_of_reset(const Task& task);
 // beginning.
 void add_batch_fields(const pybind11::object& cls, const std::type_info& type, std::ptrdiff_t offset);
 
+// A list of sensors of one kind, as BatchConfig has them.
+template <class Value>
+concept SensorList = requires(const Value& list) { list.front().rate_hz; };
+
+// The keyword of a field of BatchConfig: lists of sensors have a short one, because mostly there is one of each. Empty for the
+// number of envs, which every call that makes a batch takes in a form of its own.
+std::string keyword_of(const std::string& field);
+
 // Sets the fields of a batch that a call gives as keywords; None changes nothing. Throws TypeError that names `callee`
 // for a keyword that is neither such a field nor among the `others` that the call has.
 void set_batch_fields(BatchConfig& config, const pybind11::kwargs& keywords, const char* callee,

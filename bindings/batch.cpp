@@ -147,12 +147,7 @@ std::string describe_batch(const Batch& batch) {
   std::string text = "<Batch: " + counted(config.num_drones(), "drone");
   text += batch.worlds().empty() ? " in worlds of a WorldPool" : " in " + counted(std::ssize(batch.worlds()), "world");
   text += ", motion \"" + std::string(name_of(config.dynamics.motion)) + '"';
-  for (const LidarConfig& lidar : config.lidars) {
-    text += ", a LiDAR of " + counted(std::int64_t{lidar.rows()} * lidar.columns(), "ray");
-  }
-  if (!config.cameras.empty()) text += ", " + counted(std::ssize(config.cameras), "camera");
-  for (std::size_t i = 0; i < config.imus.size(); ++i) text += ", an IMU";
-  return text + (batch.task() == nullptr ? ", no task>" : ", a task>");
+  return text + describe_sensors(config) + (batch.task() == nullptr ? ", no task>" : ", a task>");
 }
 
 // Returns the drones of a call by their indices; not given for None. Throws ValueError if there is also a mask.
@@ -200,11 +195,6 @@ Viewed<MoveLineState> move_line_arrays(const py::object& self, const char*) {
 Viewed<PoseReadings> poses_arrays(const py::object& self, const char*) {
   return {self.cast<const Batch&>().pose_readings(), memory_of(self)};
 }
-Viewed<ImuReadings> imu_arrays(const py::object& self, const char*) {
-  const auto& batch = self.cast<const Batch&>();
-  if (batch.config().imus.empty()) throw py::attribute_error("this Batch has no IMU: give it one (imu=...)");
-  return {batch.imu().readings(), memory_of(self)};
-}
 Viewed<ContactState> contacts_arrays(const py::object& self, const char*) {
   const auto& view = self.cast<const ContactView&>();
   return {view.state(), memory_of(view.owner)};
@@ -225,7 +215,7 @@ void register_batch(py::module_& module) {
   add_arrays<OwnEpisodes, &own_arrays>(cls);
   add_arrays<FlightState, &flight_arrays>(cls);
   add_arrays<PoseReadings, &poses_arrays>(cls);
-  add_arrays<ImuReadings, &imu_arrays>(cls);
+  add_sensors(cls);
   add_task(cls);
   add_arrays<MoveLineState, &move_line_arrays>(cls);
   cls.def(py::init(&make_batch), py::arg("worlds"), py::arg("num_drones") = 1, py::kw_only(), py::arg("task") = none,
@@ -265,7 +255,6 @@ void register_batch(py::module_& module) {
           py::arg("index"))
       .def_property_readonly("drone", [](const Batch& batch) { return batch.drone(); })
       .def_property_readonly("contact", [](const py::object& self) { return ContactView{self}; })
-      .def_property_readonly("imus", [](const Batch& batch) { return batch.config().imus; })
       .def(
           "set_pose",
           [](Batch& batch, const py::object& position, const py::object& quat_wxyz, const py::object& mask,

@@ -27,8 +27,13 @@ using BatchClass = pybind11::class_<Batch, std::unique_ptr<Batch, Released>>;
 void add_bodies(pybind11::module_& module, BatchClass& cls);
 void add_cameras(pybind11::module_& module, BatchClass& cls);
 void add_lidars(pybind11::module_& module, BatchClass& cls);
+// Adds the configurations of all sensors, and the arrays of those that have no class of their own.
+void add_sensors(BatchClass& cls);
 void add_task(BatchClass& cls);
 void add_terms(pybind11::module_& module, BatchClass& cls);
+
+// Lists the sensors of a batch: ", a LiDAR of 32 rays, an IMU".
+std::string describe_sensors(const BatchConfig& config);
 
 inline pybind11::ssize_t num_drones(const Batch& batch) { return batch.config().num_drones(); }
 inline pybind11::ssize_t num_envs(const Batch& batch) { return batch.config().num_envs; }

@@ -250,7 +250,7 @@ constexpr bool is_one_word(std::string_view name) {
   return !name.empty() && std::ranges::all_of(name, [](char c) { return c >= 'a' && c <= 'z'; });
 }
 
-// Returns the class name of a task's configuration: "HoverConfig" for the task "hover".
+// Returns the class name of a task's configuration: its name, in upper case, and "Config".
 template <class Config>
 std::string class_name_of() {
   static_assert(is_one_word(Config::kName));
@@ -304,14 +304,6 @@ py::list described_changes(const py::object& config) {
   return all;
 }
 
-// The keyword of a field of BatchConfig: lists of sensors have a short one, because mostly there is one of each. Empty for the
-// number of envs, which every call that makes a batch takes in a form of its own.
-std::string keyword_of(const std::string& field) {
-  if (field == "num_envs") return "";
-  const bool is_sensor = field == "lidars" || field == "cameras" || field == "imus";
-  return is_sensor ? field.substr(0, field.size() - 1) : field;
-}
-
 // Describes the keywords of calls that make a batch, from the descriptions of its fields: one configuration stands for a list of
 // one, and sensors may also be given by the names of the fields.
 py::list described_keywords(const py::list& fields) {
@@ -343,6 +335,19 @@ py::list described_keywords(const py::list& fields) {
 }
 
 }  // namespace
+
+std::string keyword_of(const std::string& field) {
+  if (field == "num_envs") return "";
+  static const std::vector<std::string> lists = [] {
+    std::vector<std::string> names;
+    const BatchConfig fields;
+    for_each_field(fields, [&]<class Value>(const auto& listed, const Value&) {
+      if constexpr (SensorList<Value>) names.emplace_back(listed.name);
+    });
+    return names;
+  }();
+  return std::ranges::find(lists, field) != lists.end() ? field.substr(0, field.size() - 1) : field;
+}
 
 void set_batch_fields(BatchConfig& config, const py::kwargs& keywords, const char* callee,
                       std::initializer_list<const char*> others) {
@@ -393,7 +398,13 @@ void register_config(py::module_& module) {
       "A range of colours: a pixel matches if each channel is in [low, high]. The default matches the green of "
       "the goal.");
   register_fields<PoseSensorConfig>(module, "PoseSensorConfig", "Exact pose, with optional Gaussian noise.");
-  register_fields<ImuConfig>(module, "ImuConfig");
+  register_fields<ImuConfig>(
+      module, "ImuConfig",
+      "An inertial measurement unit. It requires ``motion=\"rotors\"``.\n\n"
+      "The accelerometer measures all acceleration except gravity: +9.81 m/s^2 along the body's z at rest and in hover, 0\n"
+      "in free fall. It does not measure impacts. In a tick with a contact it reads only gravity and, if it is mounted off\n"
+      "the centre, the centripetal acceleration. The noise follows Kalibr's model: white noise, given by its density, and a\n"
+      "bias that drifts from 0 in each episode.");
   register_fields<BodyMotion>(module, "BodyMotion",
                               "The script that moves a body. Its pose is a function of the time since the episode began.");
   register_fields<BodyConfig>(module, "BodyConfig",

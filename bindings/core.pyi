@@ -88,18 +88,6 @@ class CameraConfig:
     def image_size_px(self) -> tuple[int, int]:
         """Size (width, height) of the written images: ``resize`` if set, otherwise ``(width_px, height_px)``."""
 
-@final
-class ImuConfig:
-    """An inertial measurement unit. It requires ``motion="rotors"``.
-
-    The accelerometer measures all acceleration except gravity: +9.81 m/s^2 along the body's z at rest and in hover, 0
-    in free fall. It does not measure impacts. In a tick with a contact it reads only gravity and, if it is mounted off
-    the centre, the centripetal acceleration. {imu.hpp: The noise follows ... its density}, and a bias that drifts from
-    0 in each episode.
-    """
-
-    # fields of ImuConfig
-
 class Server:
     """{server.hpp: Lets other processes}.
 
@@ -1636,9 +1624,7 @@ class Batch:
     def cameras(self) -> list[CameraConfig]:
         """Configurations of the cameras of each drone; copies. `Camera.config_of` has the changes for one drone."""
 
-    @property
-    def imus(self) -> list[ImuConfig]:
-        """Configurations of the IMUs of each drone; copies."""
+    # lists of sensors
 
     @property
     def lidar_name(self) -> str | None:
@@ -1650,7 +1636,7 @@ class Batch:
     def sensor(self, name: str) -> dict[str, Any]:
         """Return the arrays that a sensor publishes: read-only views by their names, such as ``"accelerometer"``.
 
-        LiDARs, IMUs and cameras have the name of their configuration; the pose sensor is ``"pose"``.
+        Sensors have the name of their configuration; the pose sensor is ``"pose"``.
         """
 
     def set_pose(

@@ -1,4 +1,4 @@
-// Batch.lidar and Batch.camera: the sensors of all drones.
+// Batch.lidar and Batch.camera, and the other sensors: those of all drones.
 
 #include <pybind11/stl.h>
 
@@ -6,8 +6,11 @@
 #include <optional>
 #include <string>
 #include <string_view>
+#include <tuple>
+#include <type_traits>
 #include <vector>
 
+#include "arguments.hpp"
 #include "array_views.hpp"
 #include "arrays.hpp"
 #include "batch.hpp"
@@ -69,7 +72,59 @@ std::size_t camera_of(const Batch& batch, const std::optional<std::string>& name
   return batch.camera(name.value_or("")).index();
 }
 
+// A list of sensors whose first one has its arrays as attributes of the batch. The LiDARs and cameras have classes of their own.
+template <class Value>
+concept HasFirstArrays = SensorList<Value> && requires { typename Value::value_type::Readings; };
+
+// The word for such a sensor, which writes its arrays.
+template <HasFirstArrays List>
+std::string noun_of() {
+  return std::get<0>(List::value_type::Readings::fields()).info.writer;
+}
+
+// The arrays of the first sensor of a list.
+template <HasFirstArrays List>
+Viewed<typename List::value_type::Readings> first_arrays(const py::object& self, const char*) {
+  const auto& batch = self.cast<const Batch&>();
+  for_each_field(batch.config(), [&]<class Value>(const auto& field, const Value& list) {
+    if constexpr (std::is_same_v<Value, List>) {
+      if (!list.empty()) return;
+      throw py::attribute_error("this Batch has no " + noun_of<List>() + ": give it one (" + keyword_of(field.name) + "=...)");
+    }
+  });
+  return {batch.readings<typename List::value_type::Readings>(), memory_of(self)};
+}
+
 }  // namespace
+
+void add_sensors(BatchClass& cls) {
+  const BatchConfig fields;
+  for_each_field(fields, [&]<class Value>(const auto& field, const Value&) {
+    if constexpr (SensorList<Value>) {
+      const std::string_view about = field.info.about;  // "The IMUs of each drone, with different names."
+      const std::string doc = "Configurations of the" + std::string(about.substr(3, about.find_first_of(",.") - 3)) + "; copies.";
+      const auto configs = [member = field.member](const Batch& batch) { return batch.config().*member; };
+      cls.def_property_readonly(field.name, configs, doc.c_str());
+    }
+    if constexpr (HasFirstArrays<Value>) add_arrays<typename Value::value_type::Readings, &first_arrays<Value>>(cls);
+  });
+}
+
+std::string describe_sensors(const BatchConfig& config) {
+  std::string text;
+  for (const LidarConfig& lidar : config.lidars) {
+    text += ", a LiDAR of " + counted(std::int64_t{lidar.rows()} * lidar.columns(), "ray");
+  }
+  if (!config.cameras.empty()) text += ", " + counted(std::ssize(config.cameras), "camera");
+  for_each_field(config, [&]<class Value>(const auto&, const Value& list) {
+    if constexpr (HasFirstArrays<Value>) {
+      const std::string noun = noun_of<Value>();
+      const bool is_vowel = std::string_view("AEIOaeio").find(noun[0]) != std::string_view::npos;
+      for (std::size_t i = 0; i < list.size(); ++i) text += (is_vowel ? ", an " : ", a ") + noun;
+    }
+  });
+  return text;
+}
 
 void add_lidars(py::module_& module, BatchClass& batch_cls) {
   py::class_<LidarView> cls(module, "Lidar", "One LiDAR of every drone of a batch.");
@@ -91,7 +146,7 @@ void add_lidars(py::module_& module, BatchClass& batch_cls) {
         lidar.facet().require_scan();
         return per_ray(lidar, &Batch::Lidar::points);
       });
-  batch_cls.def_property_readonly("lidars", [](const Batch& batch) { return batch.config().lidars; })
+  batch_cls
       .def_property_readonly("lidar_name",
                              [](const Batch& batch) -> std::optional<std::string> {
                                const auto& lidars = batch.config().lidars;
@@ -138,7 +193,7 @@ void add_cameras(py::module_& module, BatchClass& batch_cls) {
             return py::module_::import("flockstep.pictures.frames").attr("save_frames")(camera, folder, indices, outputs);
           },
           py::arg("folder"), py::arg("indices") = py::none(), py::arg("outputs") = py::none());
-  batch_cls.def_property_readonly("cameras", [](const Batch& batch) { return batch.config().cameras; })
+  batch_cls
       .def(
           "camera",
           [](const py::object& batch, const std::optional<std::string>& name) {

@@ -9,7 +9,8 @@ arrays of A" by properties, "**fields: Fields[A]" by keywords with their default
 None by default, and "Arguments[A]" by arguments, of which the first is required. documents.py replaces marks such as
 "{planning.hpp: Each place has}".
 
-"# tasks" stands for the type _EngineTask. The parameters of a class in _core._arguments end with these arguments.
+"# tasks" stands for the type _EngineTask, "# lists of sensors" for properties of a batch with the configurations of
+sensors that it defines no property for. The parameters of a class in _core._arguments end with these arguments.
 
 Without --stub, it writes the parts of docs/ between "<!-- arrays of A, B -->" and "<!-- end of arrays -->", "<!--
 fields of A -->" and "<!-- end of fields -->", and the whole of envs/flockstep/env_keywords.py and client/changes.py.
@@ -112,6 +113,17 @@ def array_properties(match: re.Match[str]) -> str:
     )
 
 
+def sensor_lists(template: str) -> str:
+    """Return the properties of a batch with the configurations of its sensors, unless the template has them."""
+    batch = template.partition("\nclass Batch:\n")[2].partition("\nclass ")[0]
+    lists = {field["name"]: field["type"].replace("Sequence", "list") for field in fields_of("BatchConfig")}
+    return "\n".join(
+        f'    @property\n    def {name}(self) -> {kind}:\n        """{inspect.getdoc(getattr(_core.Batch, name))}"""\n'
+        for name, kind in lists.items()
+        if kind.startswith("list[") and hasattr(_core.Batch, name) and f"    def {name}(" not in batch
+    )
+
+
 def arguments(match: re.Match[str]) -> str:
     """Return the arguments that stand for the fields of a configuration."""
     kind, name = match.groups()
@@ -148,6 +160,7 @@ def stub_text() -> str:
     made = "".join(f"@final\nclass {name}:\n    # fields of {name}\n\n" for name in classes)
     tasks = " | ".join(config.__name__ for config in _core.engine_tasks.values())
     template = template.replace("# tasks\n", f"_EngineTask: TypeAlias = {tasks}\n")
+    template = template.replace("    # lists of sensors\n", sensor_lists(template))
     text = FIELDS.sub(class_body, template.replace("# configurations\n\n", made))
     return STAND_INS.sub(arguments, with_docstrings(ARRAYS.sub(array_properties, text)))
 

@@ -40,7 +40,7 @@ CONFIGS: dict[str, Any] = {
 }
 
 #: Fields of configurations that are keywords of an env. The list only shrinks: a new field goes by its configuration,
-#: as in ``dynamics=DynamicsConfig(...)`` or ``task=HoverConfig(...)``.
+#: as in ``dynamics=DynamicsConfig(...)``, or by the task's, as in ``task=...``.
 FLAT = frozenset(
     """
     action ahead_s autoreset_mode body_drag cap_episodes cap_rise_mps cap_success change_weight close_m close_weight

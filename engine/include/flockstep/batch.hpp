@@ -7,6 +7,7 @@
 #include <span>
 #include <string>
 #include <string_view>
+#include <typeinfo>
 #include <vector>
 
 #include "flockstep/aligned.hpp"
@@ -99,7 +100,6 @@ class FLOCKSTEP_API Batch {
  public:
   using Worlds = std::vector<std::shared_ptr<const World>>;  // the worlds of a batch, by index
   class Bodies;                                              // facets: they refer to the batch and must not outlive it
-  class Imu;
   class Lidar;
   class Camera;
   class MoveLines;
@@ -181,8 +181,6 @@ class FLOCKSTEP_API Batch {
   // --- sensors, by their index in config() or by name. Without a name: the first one, or the only camera. Throws
   // std::invalid_argument for an unknown name; the calls of the facet check an index.
   const PoseReadings& pose_readings() const;  // of the pose sensor; empty arrays without one
-  Imu imu(std::size_t index = 0) const;
-  Imu imu(std::string_view name) const;
   Lidar lidar(std::size_t index = 0);
   Lidar lidar(std::string_view name);
   const Lidar lidar(std::size_t index = 0) const;
@@ -191,6 +189,11 @@ class FLOCKSTEP_API Batch {
   Camera camera(std::string_view name);
   const Camera camera(std::size_t index) const;
   const Camera camera(std::string_view name) const;
+  // Of the other sensors by the type of their readings, such as ImuReadings, and the index into their list in config().
+  template <HasFields Arrays>
+  const Arrays& readings(std::size_t index = 0) const {
+    return or_empty<Arrays>(find_readings(typeid(Arrays), index));
+  }
   // Returns the arrays that the sensor of this name publishes. Throws std::invalid_argument if there is none, or if sensors of
   // two kinds have this name.
   std::vector<ArrayView> sensor_arrays(std::string_view name) const;
@@ -240,6 +243,7 @@ class FLOCKSTEP_API Batch {
   friend class ServedBatch;
 
   void replace(std::shared_ptr<Simulation> next);
+  const void* find_readings(const std::type_info& type, std::size_t index) const;
 
   std::unique_ptr<CallLock> lock_;  // of the calls; outlives sim_
   std::shared_ptr<Simulation> sim_;
@@ -273,20 +277,6 @@ class FLOCKSTEP_API Batch::Bodies {
   explicit Bodies(Batch& batch) : batch_(&batch) {}
 
   Batch* batch_;
-};
-
-// An IMU of all drones.
-class FLOCKSTEP_API Batch::Imu {
- public:
-  std::size_t index() const { return index_; }  // into config().imus
-  const ImuReadings& readings() const;          // empty arrays if there is no such IMU
-
- private:
-  friend class Batch;
-  Imu(const Batch& batch, std::size_t index) : batch_(&batch), index_(index) {}
-
-  const Batch* batch_;
-  std::size_t index_;
 };
 
 // A LiDAR of all drones. All calls but readings() throw std::invalid_argument if there is no such LiDAR.

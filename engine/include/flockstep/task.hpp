@@ -11,6 +11,7 @@
 #include <optional>
 #include <span>
 #include <string>
+#include <typeinfo>
 #include <vector>
 
 #include "flockstep/array_visitor.hpp"
@@ -84,9 +85,14 @@ class TaskContext {
   virtual const std::vector<LidarConfig>& lidars() const = 0;
   virtual const std::vector<CameraConfig>& cameras() const = 0;                  // by index
   virtual const PoseReadings& pose_readings() const = 0;                         // of the pose sensor
-  virtual const ImuReadings& imu_readings(std::size_t imu = 0) const = 0;        // by index
   virtual const LidarReadings& lidar_readings(std::size_t lidar = 0) const = 0;  // by index
   virtual const CameraImages& images(std::size_t camera) const = 0;              // by index
+  // Readings of the other sensors by their type, such as ImuReadings, and their index in the batch's list.
+  template <HasFields Arrays>
+  const Arrays& readings(std::size_t index = 0) const {
+    return or_empty<Arrays>(find_readings(typeid(Arrays), index));
+  }
+  virtual const void* find_readings(const std::type_info& type, std::size_t index) const = 0;  // null if there are none
   // Returns the pose of a drone as the pose sensor read it last.
   Pose sensed_pose(DroneIndex drone) const {
     const PoseReadings& readings = pose_readings();
@@ -219,7 +225,7 @@ class Task {
 // Version of the binary interface between a task library and the engine. Increase it if a change to a header that this file
 // includes changes a layout, a virtual function or the meaning of a value; tests/python/project/test_compatibility.py notices
 // changes.
-#define FLOCKSTEP_TASK_FORMAT 4
+#define FLOCKSTEP_TASK_FORMAT 5
 
 // Version string on which a task library and the engine that loads it must agree: the interface and the layout of Eigen's types,
 // which options such as -march=native change.

@@ -46,8 +46,7 @@ enum class Stream : std::uint32_t {
   world,
   time_limit,
   gust,
-  imu_noise,
-  light,
+  light = 0x80000007U,  // the number before it belongs to a sensor, which has it beside its noise
 };
 
 // Returns the stream of an instrument that is not listed above: a hash of its name (FNV-1a) with the top bit set.

@@ -38,16 +38,6 @@ std::vector<std::string_view> names_of(const std::vector<Config>& configs) {
   return names;
 }
 
-// The index of the sensor with this name; an empty name selects the first sensor.
-template <class Config>
-std::size_t index_of(const std::vector<Config>& configs, std::string_view name, const char* kind, const char* none) {
-  if (configs.empty()) throw std::invalid_argument(none);
-  if (name.empty()) return 0;
-  const auto found = std::ranges::find(configs, name, &Config::name);
-  if (found == configs.end()) refuse_name(kind, name, names_of(configs));
-  return static_cast<std::size_t>(found - configs.begin());
-}
-
 std::vector<DroneIndex> selected_list(const Simulation& sim, DroneMask mask) {
   std::vector<DroneIndex> drones;
   for_each_selected(sim, mask, [&](DroneIndex drone) { drones.push_back(drone); });
@@ -62,6 +52,9 @@ const sensors::Lidar& lidar_of(const Simulation& sim, std::size_t lidar) {
 }  // namespace
 
 const PoseReadings& Batch::pose_readings() const { return sim_->suite.pose().readings(); }
+const void* Batch::find_readings(const std::type_info& type, std::size_t index) const {
+  return sim_->suite.find_readings(type, index);
+}
 
 std::vector<ArrayView> Batch::sensor_arrays(std::string_view name) const {
   std::vector<ArrayView> arrays;
@@ -79,23 +72,18 @@ std::vector<ArrayView> Batch::sensor_arrays(std::string_view name) const {
   return arrays;
 }
 
-// --- IMUs
-
-Batch::Imu Batch::imu(std::size_t index) const { return {*this, index}; }
-Batch::Imu Batch::imu(std::string_view name) const {
-  return imu(index_of(sim_->config.imus, name, "imu", "this Batch has no IMU: give it one (imu=...)"));
-}
-
-const ImuReadings& Batch::Imu::readings() const { return batch_->sim_->imu_readings(index_); }
-
 // --- LiDARs. A facet for reading is const, and none of its calls changes the batch that it was made from.
 
 Batch::Lidar Batch::lidar(std::size_t index) { return {*this, index}; }
 const Batch::Lidar Batch::lidar(std::size_t index) const { return {const_cast<Batch&>(*this), index}; }
 Batch::Lidar Batch::lidar(std::string_view name) { return {*this, std::as_const(*this).lidar(name).index()}; }
 const Batch::Lidar Batch::lidar(std::string_view name) const {
-  return lidar(
-      index_of(sim_->config.lidars, name, "lidar", "this Batch has no LiDAR: give it one (lidar=...; a Task declares lidar)"));
+  const auto& lidars = sim_->config.lidars;
+  if (lidars.empty()) throw std::invalid_argument("this Batch has no LiDAR: give it one (lidar=...; a Task declares lidar)");
+  if (name.empty()) return lidar(0);
+  const auto found = std::ranges::find(lidars, name, &LidarConfig::name);
+  if (found == lidars.end()) refuse_name("lidar", name, names_of(lidars));
+  return lidar(static_cast<std::size_t>(found - lidars.begin()));
 }
 
 const LidarReadings& Batch::Lidar::readings() const { return batch_->sim_->lidar_readings(index_); }

@@ -73,15 +73,17 @@ namespace {
 template <class T>
 concept SensorConfig = requires(const T& config) { config.rate_hz; };
 
-// Checks the rates and names of the sensors in a field of BatchConfig, which holds one or a list. Ignores other fields.
+// Checks the rates and names of the sensors in a field of BatchConfig, which holds one or a list, and whether they can read what
+// its motion has. Ignores other fields.
 template <class Value>
-void check_sensors(const std::string& field, const Value& value, const ClockConfig& clock) {
+void check_sensors(const std::string& field, const Value& value, const BatchConfig& batch) {
   if constexpr (SensorConfig<Value>) {
-    sensors::period_in_ticks(value.rate_hz, clock, field + ".rate_hz");
+    sensors::period_in_ticks(value.rate_hz, batch.clock, field + ".rate_hz");
   } else if constexpr (requires { requires SensorConfig<typename Value::value_type>; }) {
     const std::string kind = field.substr(0, field.size() - 1);  // "lidars" becomes "lidar"
     for (auto config = value.begin(); config != value.end(); ++config) {
-      sensors::period_in_ticks(config->rate_hz, clock, kind + ".rate_hz");
+      if constexpr (requires { config->check_motion(batch.dynamics); }) config->check_motion(batch.dynamics);
+      sensors::period_in_ticks(config->rate_hz, batch.clock, kind + ".rate_hz");
       const auto same = [&](const auto& other) { return other.name == config->name; };
       require(std::none_of(value.begin(), config, same), kind + ".name", "a name that no other " + kind + " has",
               '"' + config->name + '"');
@@ -101,8 +103,6 @@ void BatchConfig::validate() const {
           "None for kinematic motion (it has no controller: give motion=\"rotors\")", clock.controller_hz.value_or(0.0F));
   require(dynamics.is_kinematic() || clock.ticks_hz() >= kMinPhysicsHz, "physics_hz",
           "at least 50 Hz for motion by rotors (500 is usual)", clock.ticks_hz());
-  require(imus.empty() || !dynamics.is_kinematic(), "imu",
-          "None for kinematic motion (it has no accelerations: give motion=\"rotors\")", "an ImuConfig");
   require(max_bodies == 0 || max_bodies >= static_cast<int>(bodies.size()), "max_bodies",
           "at least the number of bodies (" + std::to_string(bodies.size()) + "), or 0", max_bodies);
   require(interaction == Interaction::none || drones_per_env <= kMaxBodies, "drones_per_env",
@@ -111,7 +111,7 @@ void BatchConfig::validate() const {
           "a world");
   if (drone_mesh != nullptr) require_mesh(*drone_mesh, "drone_mesh");
   require(lights.size() <= kMaxLights, "lights", "at most 4096", lights.size());
-  for_each_field(*this, [&](const auto& entry, const auto& value) { check_sensors(entry.name, value, clock); });
+  for_each_field(*this, [&](const auto& entry, const auto& value) { check_sensors(entry.name, value, *this); });
   for (const LidarConfig& lidar : lidars) {
     const long long rays = static_cast<long long>(num_drones()) * lidar.rows() * lidar.columns();
     require(rays <= (1LL << 31), "num_drones x lidar rays", "at most 2147483648 rays", rays);

@@ -153,10 +153,6 @@ struct Simulation {
     return use;
   }
   // Empty if there is no such sensor.
-  const ImuReadings& imu_readings(std::size_t imu) const {
-    static const ImuReadings none;
-    return imu < suite.imus().size() ? suite.imus()[imu]->readings() : none;
-  }
   const LidarReadings& lidar_readings(std::size_t lidar) const {
     static const LidarReadings none;
     return lidar < suite.lidars().size() ? suite.lidars()[lidar]->readings() : none;

@@ -29,8 +29,10 @@ class Context final : public TaskContext {
   const std::vector<CameraConfig>& cameras() const override { return sim_.config.cameras; }
   const CameraImages& images(std::size_t camera) const override { return sim_.cameras[camera].images(); }
   const PoseReadings& pose_readings() const override { return sim_.suite.pose().readings(); }
-  const ImuReadings& imu_readings(std::size_t imu) const override { return sim_.imu_readings(imu); }
   const LidarReadings& lidar_readings(std::size_t lidar) const override { return sim_.lidar_readings(lidar); }
+  const void* find_readings(const std::type_info& type, std::size_t index) const override {
+    return sim_.suite.find_readings(type, index);
+  }
 
   std::size_t bodies_per_env() const override { return sim_.bodies ? sim_.bodies->per_env() : 0; }
   void place_body(EnvIndex env, std::size_t body, const Pose& pose, const Velocity& velocity) override {

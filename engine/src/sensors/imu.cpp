@@ -1,19 +1,36 @@
-#include "sensors/imu.hpp"
+#include "flockstep/imu.hpp"
 
 #include <algorithm>
 #include <array>
 #include <cmath>
+#include <cstddef>
+#include <cstdint>
+#include <memory>
+#include <span>
+#include <vector>
 
 #include "base/check_fields.hpp"
 #include "base/random.hpp"
+#include "base/require.hpp"
 #include "flockstep/airframe.hpp"
+#include "flockstep/pose.hpp"
+#include "flockstep/state.hpp"
+#include "sensors/sensor.hpp"
 
 namespace flockstep {
 
 void ImuConfig::validate() const { check_fields(*this, "imu."); }
 
+void ImuConfig::check_motion(const DynamicsConfig& dynamics) const {
+  require(!dynamics.is_kinematic(), "imu", "None for kinematic motion (it has no accelerations: give motion=\"rotors\")",
+          "an ImuConfig");
+}
+
 namespace sensors {
 namespace {
+
+// Stream of the noise, in the numbers of Stream.
+constexpr auto kNoiseStream = static_cast<Stream>(0x80000006U);
 
 Vec3 of_row(const std::vector<float>& values, DroneIndex drone) {
   return {values[3 * drone], values[3 * drone + 1], values[3 * drone + 2]};
@@ -27,7 +44,63 @@ double seconds_between(std::int64_t period, const ClockConfig& clock) {
   return period == 0 ? clock.step_s() : static_cast<double>(period) * clock.dt_s();
 }
 
-}  // namespace
+// An accelerometer and a gyroscope on each drone.
+class Imu final : public SensorOf<ImuReadings> {
+ public:
+  Imu(const ImuConfig& config, const SensorSetup& setup);
+
+  // Sets the biases of the drone to 0 at the current tick of its env.
+  void begin(DroneIndex drone, const State& state) override;
+  void visit(ArrayVisitor& visitor) override;
+
+ private:
+  void measure(std::span<const DroneIndex> drones, const Surroundings& surroundings) override;
+  // A drone's noise is a function of its env's seed and episode, its number in the env, and the number of the reading. The
+  // biases walk with the time since the last reading, so a second reading in the same tick has the same biases.
+  void add_errors(std::span<const DroneIndex> drones, const State& state) override;
+  bool has_errors() const { return !accelerometer_.is_none() || !gyroscope_.is_none(); }
+
+  struct Bias {
+    std::vector<float> accelerometer;
+    std::vector<float> gyroscope;
+    std::vector<std::int64_t> tick;  // tick of the last update
+
+    static constexpr auto fields() {
+      using C = Bias;
+      constexpr auto info = [](int columns, const char* about) {
+        return ArrayInfo{.columns = columns, .access = Access::internal, .writer = "IMU", .about = about};
+      };
+      return field_list(array("accelerometer_bias", &C::accelerometer, info(3, "bias of the accelerometer, m/s^2")),
+                        array("gyroscope_bias", &C::gyroscope, info(3, "bias of the gyroscope, rad/s")),
+                        array("bias_tick", &C::tick, info(0, "tick of the episode at which they were last advanced")));
+    }
+  };
+  // Change of a bias over a time span: the bias is multiplied by `keep`, then noise of standard deviation `gain` is added.
+  struct Walk {
+    float keep = 1.0F;
+    float gain = 0.0F;
+  };
+  // Noise of one of the two instruments.
+  struct Noise {
+    Noise(float density, float random_walk, float bias_time_s, double interval_s);
+    Walk walk_over(double seconds) const;
+    bool is_none() const { return white == 0.0F && random_walk == 0.0; }
+
+    double random_walk;
+    double bias_time_s;
+    float white;        // standard deviation of a reading
+    Walk per_interval;  // walk between two regular readings
+  };
+
+  std::uint32_t number_;   // number among the drone's IMUs; each has its own noise
+  std::int64_t interval_;  // ticks between regular readings
+  double dt_s_;            // s, length of a tick
+  std::size_t drones_per_env_;
+  Vec3 offset_;
+  Mat3 to_sensor_;  // rotation, body to sensor
+  Noise accelerometer_, gyroscope_;
+  Bias bias_;
+};
 
 // White noise of density s has the standard deviation s / sqrt(d) in readings that are d seconds apart.
 Imu::Noise::Noise(float density, float walk, float time, double d)
@@ -45,7 +118,7 @@ Imu::Walk Imu::Noise::walk_over(double d) const {
 }
 
 Imu::Imu(const ImuConfig& config, const SensorSetup& setup)
-    : BlockSensor("imu", config.name, config.rate_hz, setup.clock),
+    : SensorOf("imu", config.name, config.rate_hz, setup.clock),
       number_(setup.number),
       interval_(period() == 0 ? setup.clock.substeps() : period()),
       dt_s_(setup.clock.dt_s()),
@@ -61,10 +134,6 @@ Imu::Imu(const ImuConfig& config, const SensorSetup& setup)
                  seconds_between(period(), setup.clock)) {
   readings_.allocate({.num_drones = setup.num_drones}, has_errors());
   allocate(bias_, {.num_drones = setup.num_drones});
-}
-
-std::unique_ptr<BlockSensor> make_sensor(const ImuConfig& config, const SensorSetup& setup) {
-  return std::make_unique<Imu>(config, setup);
 }
 
 void Imu::begin(DroneIndex drone, const State& state) {
@@ -105,7 +174,7 @@ void Imu::add_errors(std::span<const DroneIndex> drones, const State& state) {
     const std::uint32_t index = kDraws * reading;
     std::array<float, 2 * kDraws> n;
     for (std::uint32_t k = 0; k < kDraws; ++k) {
-      const auto [first, second] = normal_pair(draw(state, key, Stream::imu_noise, index + k, number_));
+      const auto [first, second] = normal_pair(draw(state, key, kNoiseStream, index + k, number_));
       n[2 * k] = first;
       n[2 * k + 1] = second;
     }
@@ -125,6 +194,12 @@ void Imu::add_errors(std::span<const DroneIndex> drones, const State& state) {
     put(disturbed(gyroscope_, n.data() + 6, bias_.gyroscope, of_row(truth.gyroscope, drone)), published.gyroscope, drone);
     bias_.tick[drone] = state.tick[env];
   }
+}
+
+}  // namespace
+
+std::unique_ptr<BlockSensor> make_sensor(const ImuConfig& config, const SensorSetup& setup) {
+  return std::make_unique<Imu>(config, setup);
 }
 
 }  // namespace sensors

@@ -55,7 +55,7 @@ trace::TracePolicy policy_of(const LidarConfig& config, TracerKind tracer) {
 }  // namespace
 
 Lidar::Lidar(const LidarConfig& config, const SensorSetup& setup)
-    : BlockSensor("lidar", config.name, config.rate_hz, setup.clock),
+    : SensorOf("lidar", config.name, config.rate_hz, setup.clock),
       config_(config),
       policy_(policy_of(config, setup.tracer)),
       rays_(static_cast<std::size_t>(config.rows()) * static_cast<std::size_t>(config.columns())),

@@ -19,12 +19,11 @@
 
 namespace flockstep::sensors {
 
-class Lidar final : public BlockSensor {
+class Lidar final : public SensorOf<LidarReadings> {
  public:
   Lidar(const LidarConfig& config, const SensorSetup& setup);
 
   std::size_t rays_per_drone() const { return rays_; }
-  const LidarReadings& readings() const { return readings_.published(); }
   // True after any drone has been scanned; until then the ranges are inf.
   bool has_scanned() const { return has_scanned_.load(std::memory_order_relaxed); }
 
@@ -52,7 +51,6 @@ class Lidar final : public BlockSensor {
   void visit(ArrayVisitor& visitor) override;
   void check_bytes(std::span<const std::byte> settings) const override { settings_.check_bytes(settings); }
   void restored() override;
-  void check() const override { readings_.check(); }
 
  private:
   // Consecutive drones in the same world share the ray packets that go through Embree.
@@ -64,7 +62,6 @@ class Lidar final : public BlockSensor {
   trace::TracePolicy policy_;
   std::size_t rays_;
   DroneSettings<LidarConfig, BeamPattern> settings_;
-  Readings<LidarReadings> readings_;
   std::atomic<bool> has_scanned_{false};
 };
 

@@ -15,7 +15,7 @@ void PoseSensorConfig::validate() const { check_fields(*this, "pose_sensor."); }
 namespace sensors {
 
 PoseSensor::PoseSensor(const PoseSensorConfig& config, const SensorSetup& setup)
-    : BlockSensor("pose_sensor", "pose", config.rate_hz, setup.clock), config_(config), drones_per_env_(setup.drones_per_env) {
+    : SensorOf("pose_sensor", "pose", config.rate_hz, setup.clock), config_(config), drones_per_env_(setup.drones_per_env) {
   readings_.allocate({.num_drones = setup.num_drones}, !config.is_exact());
 }
 

@@ -2,7 +2,6 @@
 #pragma once
 
 #include <cstddef>
-#include <functional>
 #include <memory>
 #include <span>
 
@@ -13,18 +12,12 @@
 
 namespace flockstep::sensors {
 
-class PoseSensor final : public BlockSensor {
+class PoseSensor final : public SensorOf<PoseReadings> {
  public:
   PoseSensor(const PoseSensorConfig& config, const SensorSetup& setup);
 
-  const PoseReadings& readings() const { return readings_.published(); }
-
   // Sets the readings of all drones to their true poses, for use before the first reading.
   void assume_truth(const State& state);
-
-  void list_arrays(const std::function<void(const ArrayView&)>& list) const override { for_each_view(readings(), {}, list); }
-  void visit(ArrayVisitor& visitor) override { readings_.visit(visitor); }
-  void check() const override { readings_.check(); }
 
  private:
   void measure(std::span<const DroneIndex> drones, const Surroundings& surroundings) override;
@@ -33,7 +26,6 @@ class PoseSensor final : public BlockSensor {
 
   PoseSensorConfig config_;
   std::size_t drones_per_env_;
-  Readings<PoseReadings> readings_;
 };
 
 std::unique_ptr<BlockSensor> make_sensor(const PoseSensorConfig& config, const SensorSetup& setup);

@@ -9,6 +9,7 @@
 #include <optional>
 #include <span>
 #include <string>
+#include <typeinfo>
 #include <utility>
 
 #include "base/require.hpp"
@@ -122,6 +123,8 @@ class BlockSensor : public Sensor {
     add_errors(drones, surroundings.state);
     // No sensor has a delay, so readings are published immediately.
   }
+  // Returns the published arrays if they are of this type, otherwise null.
+  virtual const void* readings_of(const std::type_info& type) const = 0;
 
  private:
   // Writes the true values.
@@ -159,6 +162,22 @@ class Readings {
  private:
   Arrays truth_;
   std::optional<Arrays> published_;
+};
+
+// A sensor with the published arrays of one struct. Snapshots have them; a sensor with more to save overrides visit().
+template <HasFields Arrays>
+class SensorOf : public BlockSensor {
+ public:
+  using BlockSensor::BlockSensor;
+
+  const Arrays& readings() const { return readings_.published(); }
+  const void* readings_of(const std::type_info& type) const final { return type == typeid(Arrays) ? &readings() : nullptr; }
+  void list_arrays(const std::function<void(const ArrayView&)>& list) const override { for_each_view(readings(), {}, list); }
+  void visit(ArrayVisitor& visitor) override { readings_.visit(visitor); }
+  void check() const override { readings_.check(); }
+
+ protected:
+  Readings<Arrays> readings_;
 };
 
 }  // namespace flockstep::sensors

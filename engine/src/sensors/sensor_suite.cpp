@@ -31,8 +31,15 @@ SensorSuite::SensorSuite(const BatchConfig& config) {
     reads_between_ticks_ |= sensor->period() > 0;
     if (auto* const pose = dynamic_cast<PoseSensor*>(sensor.get())) pose_ = pose;
     if (auto* const lidar = dynamic_cast<Lidar*>(sensor.get())) lidars_.push_back(lidar);
-    if (auto* const imu = dynamic_cast<Imu*>(sensor.get())) imus_.push_back(imu);
   }
+}
+
+const void* SensorSuite::find_readings(const std::type_info& type, std::size_t index) const {
+  for (const auto& sensor : all_) {
+    const void* const found = sensor->readings_of(type);
+    if (found != nullptr && index-- == 0) return found;
+  }
+  return nullptr;
 }
 
 }  // namespace flockstep::sensors

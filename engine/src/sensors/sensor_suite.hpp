@@ -3,10 +3,10 @@
 
 #include <cstddef>
 #include <memory>
+#include <typeinfo>
 #include <vector>
 
 #include "flockstep/config.hpp"
-#include "sensors/imu.hpp"
 #include "sensors/lidar.hpp"
 #include "sensors/pose_sensor.hpp"
 #include "sensors/sensor.hpp"
@@ -25,13 +25,13 @@ class SensorSuite {
 
   PoseSensor& pose() const { return *pose_; }
   const std::vector<Lidar*>& lidars() const { return lidars_; }
-  const std::vector<Imu*>& imus() const { return imus_; }
+  // Returns the published readings of this type of a sensor, by its number among those that have them; null if there is none.
+  const void* find_readings(const std::type_info& type, std::size_t index) const;
 
  private:
   std::vector<std::unique_ptr<BlockSensor>> all_;  // in the order of BatchConfig
   PoseSensor* pose_ = nullptr;
   std::vector<Lidar*> lidars_;
-  std::vector<Imu*> imus_;
   bool reads_between_ticks_ = false;
 };
 

@@ -9,9 +9,9 @@
 #include <utility>
 #include <variant>
 
+#include "base/config_values.hpp"
 #include "base/require.hpp"
 #include "flockstep/version.hpp"
-#include "recipe/config_json.hpp"
 #include "service/convert.hpp"
 
 namespace flockstep::server {
@@ -89,7 +89,7 @@ void Service::refresh_shape() {
   for (const LidarConfig& lidar : config.lidars) next->lidars.push_back(lidar.name);
   for (const ImuConfig& imu : config.imus) {
     next->imus.push_back(imu.name);
-    next->imu_config_json.push_back(json_of(imu).dump());
+    next->imu_config_json.push_back(config_values::written(imu, "").dump());
   }
   for (std::size_t camera = 0; camera < config.cameras.size(); ++camera) {
     next->camera_configs.push_back(batch_.camera(camera).config());

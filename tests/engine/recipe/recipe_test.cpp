@@ -311,12 +311,17 @@ TEST(ConfigJson, EachDefaultComesBack) {
     EXPECT_EQ(config_to_json(config_from_json<Config>("{}", "x")), config_to_json(Config()));
   };
   comes_back(BatchConfig());
+  BatchConfig with_imu{.imus = {ImuConfig()}};
+  with_imu.dynamics.motion = Motion::rotors;
+  with_imu.clock.physics_hz = 500.0F;
+  comes_back(with_imu);
+  const std::string given = R"({"imus": [{}], "dynamics": {"motion": "rotors"}, "clock": {"physics_hz": 500}})";
+  EXPECT_EQ(config_to_json(config_from_json<BatchConfig>(given, "x")), config_to_json(with_imu));
   comes_back(CameraConfig());
   comes_back(ClockConfig());
   comes_back(ColorRange());
   comes_back(DynamicsConfig());
   comes_back(EpisodeConfig());
-  comes_back(ImuConfig());
   comes_back(LidarConfig());
   comes_back(NavigationReward());
   comes_back(PoseSensorConfig());

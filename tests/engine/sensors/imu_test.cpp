@@ -1,4 +1,4 @@
-#include "sensors/imu.hpp"
+#include "flockstep/imu.hpp"
 
 #include "batch_helpers.hpp"
 
@@ -40,15 +40,15 @@ TEST(Imu, ReadsGravityUpwardsAtRestAndNothingInFreeFall) {
   Batch batch = make(with_imu(1, {}));
   const auto hovering = static_cast<float>(batch.drone().airframe()->hover_speed());
   batch.sense();
-  EXPECT_TRUE(vector_at(batch.imu().readings().accelerometer, 0).isApprox(Vec3(0, 0, kG), 1e-5F)) << "before it flies";
+  EXPECT_TRUE(vector_at(batch.readings<ImuReadings>().accelerometer, 0).isApprox(Vec3(0, 0, kG), 1e-5F)) << "before it flies";
   batch.fly(all(1, hovering));
   batch.sense();
-  EXPECT_TRUE(vector_at(batch.imu().readings().accelerometer, 0).isApprox(Vec3(0, 0, kG), 1e-4F)) << "hovering";
+  EXPECT_TRUE(vector_at(batch.readings<ImuReadings>().accelerometer, 0).isApprox(Vec3(0, 0, kG), 1e-4F)) << "hovering";
   batch.set_velocity({}, {}, all(1, 0.0F));
   batch.fly(all(1, 0.0F));
   batch.sense();
-  EXPECT_LT(vector_at(batch.imu().readings().accelerometer, 0).norm(), 1e-4F) << "falling";
-  EXPECT_TRUE(vector_at(batch.imu().readings().gyroscope, 0).isZero(1e-6F));
+  EXPECT_LT(vector_at(batch.readings<ImuReadings>().accelerometer, 0).norm(), 1e-4F) << "falling";
+  EXPECT_TRUE(vector_at(batch.readings<ImuReadings>().gyroscope, 0).isZero(1e-6F));
 }
 
 TEST(Imu, MeasuresInItsOwnFrame) {
@@ -58,8 +58,9 @@ TEST(Imu, MeasuresInItsOwnFrame) {
   batch.set_pose({}, std::vector<float>{turned.w(), turned.x(), turned.y(), turned.z()});
   batch.set_velocity({}, std::vector<float>{0, 0, 2}, {});
   batch.sense();  // before it flies, only its support accelerates it
-  EXPECT_TRUE(vector_at(batch.imu().readings().accelerometer, 0).isApprox((turned * mount).conjugate() * Vec3(0, 0, kG), 1e-5F));
-  EXPECT_TRUE(vector_at(batch.imu().readings().gyroscope, 0).isApprox(mount.conjugate() * Vec3(0, 0, 2), 1e-5F));
+  EXPECT_TRUE(
+      vector_at(batch.readings<ImuReadings>().accelerometer, 0).isApprox((turned * mount).conjugate() * Vec3(0, 0, kG), 1e-5F));
+  EXPECT_TRUE(vector_at(batch.readings<ImuReadings>().gyroscope, 0).isApprox(mount.conjugate() * Vec3(0, 0, 2), 1e-5F));
 }
 
 // Two sensors on one body differ by the effect of rotation: w' x r + w x (w x r). The reference uses the sensor's positions.
@@ -79,7 +80,7 @@ TEST(Imu, OffTheCentreMeasuresTheRotation) {
     places.push_back((pose.position + pose.rotation * offset).cast<double>());
     if (tick == 20) {
       batch.sense();
-      reading = vector_at(batch.imu().readings().accelerometer, 0);
+      reading = vector_at(batch.readings<ImuReadings>().accelerometer, 0);
       rotation = pose.rotation;
     }
   }
@@ -127,8 +128,8 @@ TEST(Imu, NoiseHasTheAllanVarianceOfItsDensities) {
     batch.sense();
     for (std::size_t drone = 0; drone < kDrones; ++drone) {
       white[drone].push_back(
-          static_cast<double>(batch.imu().readings().accelerometer[3 * drone]));  // along x, where hovering has no effect
-      walk[drone].push_back(static_cast<double>(batch.imu().readings().gyroscope[3 * drone + 1]));
+          static_cast<double>(batch.readings<ImuReadings>().accelerometer[3 * drone]));  // along x, where hovering has no effect
+      walk[drone].push_back(static_cast<double>(batch.readings<ImuReadings>().gyroscope[3 * drone + 1]));
     }
   }
   for (const std::size_t k : {1U, 16U, 64U}) {
@@ -159,7 +160,7 @@ TEST(Imu, ACorrelatedBiasKeepsItsVariance) {
   }
   std::vector<double> biases;
   for (std::size_t drone = 0; drone < kDrones; ++drone)
-    biases.push_back(static_cast<double>(batch.imu().readings().accelerometer[3 * drone]));
+    biases.push_back(static_cast<double>(batch.readings<ImuReadings>().accelerometer[3 * drone]));
   const double expected = 0.1 * 0.1 * 0.5 / 2.0;
   EXPECT_NEAR(moments(biases).variance / expected, 1.0, 5.0 * std::sqrt(2.0 / kDrones));
 }
@@ -179,9 +180,10 @@ TEST(Imu, BiasWalksByTimeNotByReadings) {
           batch.fly(hover, 1);
         }
         batch.sense();
-        const std::vector<float> first(batch.imu().readings().gyroscope.begin(), batch.imu().readings().gyroscope.end());
+        const std::vector<float> first(batch.readings<ImuReadings>().gyroscope.begin(),
+                                       batch.readings<ImuReadings>().gyroscope.end());
         batch.sense();
-        EXPECT_TRUE(same_bits(batch.imu().readings().gyroscope, first)) << "no time has passed";
+        EXPECT_TRUE(same_bits(batch.readings<ImuReadings>().gyroscope, first)) << "no time has passed";
         std::vector<double> biases;
         for (std::size_t drone = 0; drone < kDrones; ++drone) biases.push_back(static_cast<double>(first[3 * drone]));
         const double t = static_cast<double>(bias_time);
@@ -197,10 +199,10 @@ TEST(Imu, BiasOfAnEpisodeBeginsAtZero) {
   const std::vector<float> hover = all(1, static_cast<float>(batch.drone().airframe()->hover_speed()));
   batch.fly(hover, 500);
   batch.sense();
-  EXPECT_GT(vector_at(batch.imu().readings().gyroscope, 0).norm(), 1e-3F);
+  EXPECT_GT(vector_at(batch.readings<ImuReadings>().gyroscope, 0).norm(), 1e-3F);
   batch.begin_episode();
   batch.sense();
-  EXPECT_LT(vector_at(batch.imu().readings().gyroscope, 0).norm(), 1e-5F);
+  EXPECT_LT(vector_at(batch.readings<ImuReadings>().gyroscope, 0).norm(), 1e-5F);
 }
 
 TEST(Imu, OfAnEnvIsTheSameInAnyBatchAndAfterARestore) {
@@ -224,13 +226,16 @@ TEST(Imu, OfAnEnvIsTheSameInAnyBatchAndAfterARestore) {
   for (int i = 0; i < 10; ++i) fly(many), fly(alone);
   const std::string blob = alone.snapshot();
   for (int i = 0; i < 10; ++i) fly(many), fly(alone);
-  EXPECT_TRUE(same_bits(alone.imu().readings().accelerometer, std::span(many.imu().readings().accelerometer).subspan(6, 3)));
-  EXPECT_TRUE(same_bits(alone.imu().readings().gyroscope, std::span(many.imu().readings().gyroscope).subspan(6, 3)));
+  EXPECT_TRUE(same_bits(alone.readings<ImuReadings>().accelerometer,
+                        std::span(many.readings<ImuReadings>().accelerometer).subspan(6, 3)));
+  EXPECT_TRUE(
+      same_bits(alone.readings<ImuReadings>().gyroscope, std::span(many.readings<ImuReadings>().gyroscope).subspan(6, 3)));
   EXPECT_TRUE(same_bits(alone.state().flight.wind, std::span(many.state().flight.wind).subspan(6, 3)));
-  const std::vector<float> reading(alone.imu().readings().accelerometer.begin(), alone.imu().readings().accelerometer.end());
+  const std::vector<float> reading(alone.readings<ImuReadings>().accelerometer.begin(),
+                                   alone.readings<ImuReadings>().accelerometer.end());
   alone.restore(blob);
   for (int i = 0; i < 10; ++i) fly(alone);
-  EXPECT_TRUE(same_bits(alone.imu().readings().accelerometer, reading));
+  EXPECT_TRUE(same_bits(alone.readings<ImuReadings>().accelerometer, reading));
 }
 
 TEST(Imu, IsRefusedForKinematicMotion) {

@@ -68,10 +68,10 @@ TEST(SensorSuite, GivesEachImuItsOwnNoise) {
   Batch one(flying({named(kNoisy, "only")}), {closet()});
   fly(two);
   fly(one);
-  EXPECT_TRUE(same_bits(two.imu(0).readings().accelerometer, one.imu().readings().accelerometer));
-  EXPECT_TRUE(same_bits(two.imu(0).readings().gyroscope, one.imu().readings().gyroscope));
-  for (std::size_t i = 0; i < two.imu(0).readings().gyroscope.size(); ++i) {
-    EXPECT_NE(two.imu(0).readings().gyroscope[i], two.imu(1).readings().gyroscope[i]);
+  EXPECT_TRUE(same_bits(two.readings<ImuReadings>(0).accelerometer, one.readings<ImuReadings>().accelerometer));
+  EXPECT_TRUE(same_bits(two.readings<ImuReadings>(0).gyroscope, one.readings<ImuReadings>().gyroscope));
+  for (std::size_t i = 0; i < two.readings<ImuReadings>(0).gyroscope.size(); ++i) {
+    EXPECT_NE(two.readings<ImuReadings>(0).gyroscope[i], two.readings<ImuReadings>(1).gyroscope[i]);
   }
 }
 
@@ -87,7 +87,7 @@ TEST(SensorSuite, PublishesTheTruthItselfWithoutErrors) {
   fly(a);
   fly(b);
   EXPECT_TRUE(same_bits(a.state().position, b.state().position));
-  EXPECT_FALSE(same_bits(a.imu().readings().accelerometer, b.imu().readings().accelerometer));
+  EXPECT_FALSE(same_bits(a.readings<ImuReadings>().accelerometer, b.readings<ImuReadings>().accelerometer));
 }
 
 TEST(SensorSuite, RestoresSeveralSensorsOfAKind) {
@@ -98,13 +98,14 @@ TEST(SensorSuite, RestoresSeveralSensorsOfAKind) {
   batch.lidar(1).set({.hfov_deg = 45.0F});
   const std::string blob = batch.snapshot();
   fly(batch);
-  const std::vector<float> accelerometer = batch.imu(1).readings().accelerometer, ranges = batch.lidar(1).readings().ranges;
+  const std::vector<float> accelerometer = batch.readings<ImuReadings>(1).accelerometer,
+                           ranges = batch.lidar(1).readings().ranges;
   Batch other(config, {closet()});
   other.restore(blob);
   EXPECT_EQ(other.lidar(1).config(DroneIndex(0)).hfov_deg, 45.0F);
   EXPECT_EQ(other.lidar(0).config(DroneIndex(0)).hfov_deg, 270.0F);
   fly(other);
-  EXPECT_TRUE(same_bits(other.imu(1).readings().accelerometer, accelerometer));
+  EXPECT_TRUE(same_bits(other.readings<ImuReadings>(1).accelerometer, accelerometer));
   EXPECT_TRUE(same_bits(other.lidar(1).readings().ranges, ranges));
 }
 
@@ -119,7 +120,7 @@ TEST(SensorSuite, ListsTheArraysOfASensorByItsName) {
   const std::vector<ArrayView> imu = batch.sensor_arrays("b"), lidar = batch.sensor_arrays("low");
   ASSERT_EQ(imu.size(), 2U);
   EXPECT_STREQ(imu[1].name, "gyroscope");
-  EXPECT_EQ(imu[1].data, batch.imu().readings().gyroscope.data());
+  EXPECT_EQ(imu[1].data, batch.readings<ImuReadings>().gyroscope.data());
   EXPECT_EQ(lidar[0].data, batch.lidar().readings().ranges.data());
   EXPECT_EQ(lidar[0].items.sizes, (std::array<std::int64_t, 2>{2, 5}));
   EXPECT_EQ(batch.sensor_arrays("pose")[0].data, batch.pose_readings().position.data());

@@ -83,9 +83,10 @@ def tasks() -> dict[str, list[str]]:
 REGISTRIES = {"task": tasks, "sensor": sensors, "operation": operations, "field": fields}
 
 
-#: Folders in which a name counts: those of the surfaces. Of a task also the scripts that are its own.
+#: Folders in which a name counts: those of the surfaces. Of a task also the scripts that are its own, but not benches
+#: and worlds, which choose among all tasks.
 WHERE = {
-    "task": CODE,
+    "task": ("engine/", "bindings/", "envs/", "server/", "training/", "tools/"),
     "sensor": ("engine/", "bindings/", "envs/", "server/"),
     "operation": ("server/", "envs/flockstep/client/"),
     "field": ("bindings/", "envs/"),

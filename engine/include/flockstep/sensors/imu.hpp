@@ -1,18 +1,46 @@
-// ImuConfig: an inertial measurement unit. It requires rotor motion.
+// ImuConfig: an inertial measurement unit, and its readings. It requires rotor motion.
 #pragma once
 
 #include <array>
+#include <memory>
 #include <optional>
 #include <string>
+#include <vector>
 
+#include "flockstep/arrays.hpp"
+#include "flockstep/dynamics.hpp"
 #include "flockstep/export.hpp"
 #include "flockstep/fields.hpp"
 #include "flockstep/sensors/sensor_fields.hpp"
 
 namespace flockstep {
 
+// Readings of one IMU.
+struct ImuReadings {
+  std::vector<float> accelerometer;
+  std::vector<float> gyroscope;
+
+  static constexpr auto fields() {
+    using C = ImuReadings;
+    return field_list(array("accelerometer", &C::accelerometer,
+                            {.columns = 3,
+                             .unit = "m/s^2",
+                             .frame = Frame::sensor,
+                             .writer = "IMU",
+                             .about = "latest reading of the specific force"}),
+                      array("gyroscope", &C::gyroscope,
+                            {.columns = 3,
+                             .unit = "rad/s",
+                             .frame = Frame::sensor,
+                             .writer = "IMU",
+                             .about = "latest reading of the angular velocity"}));
+  }
+};
+
 // An accelerometer and a gyroscope. The noise follows Kalibr's model: white noise, given by its density, and a drifting bias.
 struct ImuConfig {
+  using Readings = ImuReadings;
+
   std::string name = "imu";
   float accelerometer_noise_density = 0.0F;
   float accelerometer_random_walk = 0.0F;
@@ -48,6 +76,12 @@ struct ImuConfig {
   }
 
   FLOCKSTEP_API void validate() const;
+  FLOCKSTEP_API void check_motion(const DynamicsConfig& dynamics) const;  // refuses kinematic motion
 };
+
+namespace sensors {
+// Makes the sensor of a batch.
+std::unique_ptr<BlockSensor> make_sensor(const ImuConfig& config, const SensorSetup& setup);
+}  // namespace sensors
 
 }  // namespace flockstep

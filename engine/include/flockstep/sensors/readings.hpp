@@ -1,4 +1,5 @@
-// Readings: the arrays that the sensors of a batch publish for tasks and users.
+// Readings: the arrays that the sensors of a batch publish for tasks and users. Those of other sensors are beside their
+// configurations.
 #pragma once
 
 #include <cstdint>
@@ -30,28 +31,6 @@ struct PoseReadings {
                              .frame = Frame::world,
                              .writer = "pose sensor",
                              .about = "latest reading of the orientation, body to world"}));
-  }
-};
-
-// Readings of one IMU.
-struct ImuReadings {
-  std::vector<float> accelerometer;
-  std::vector<float> gyroscope;
-
-  static constexpr auto fields() {
-    using C = ImuReadings;
-    return field_list(array("accelerometer", &C::accelerometer,
-                            {.columns = 3,
-                             .unit = "m/s^2",
-                             .frame = Frame::sensor,
-                             .writer = "IMU",
-                             .about = "latest reading of the specific force"}),
-                      array("gyroscope", &C::gyroscope,
-                            {.columns = 3,
-                             .unit = "rad/s",
-                             .frame = Frame::sensor,
-                             .writer = "IMU",
-                             .about = "latest reading of the angular velocity"}));
   }
 };
 
@@ -128,6 +107,13 @@ struct CameraImages {
                .about = "number of the reading that the frame shows, 0 at the reset; -1: stale"}));
   }
 };
+
+// Returns the arrays that a search for readings of a type has found; empty ones if it has found none.
+template <HasFields Arrays>
+const Arrays& or_empty(const void* found) {
+  static const Arrays kNone;
+  return found == nullptr ? kNone : *static_cast<const Arrays*>(found);
+}
 
 // Shape of a LiDAR's scans and of a camera's images.
 inline ItemShape items_of(const LidarConfig& config) { return {.sizes = {config.rows(), config.columns()}, .dimensions = 2}; }

@@ -1,4 +1,4 @@
-// Fields that all sensors share: the mounting pose and the rate.
+// Fields that all sensors share, the mounting pose and the rate, and names with which a make_sensor() is declared.
 #pragma once
 
 #include "flockstep/fields.hpp"
@@ -21,5 +21,10 @@ inline constexpr FieldInfo kSensorRate{
         "reading after every flown step.",
     .unit = "Hz",
     .limits = above(0)};
+
+namespace sensors {
+class BlockSensor;
+struct SensorSetup;
+}  // namespace sensors
 
 }  // namespace flockstep
